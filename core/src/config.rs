@@ -1,0 +1,230 @@
+//! The station's configuration: what a person writes (through the host's TOML reader), validated once.
+//!
+//! The same structure reaches the recorder as a postcard blob; [`StationConfig::hash`] identifies it in telemetry.
+
+use crate::block::CHANNELS;
+use crate::geometry::{Geometry, GeometryError};
+use serde::{Deserialize, Serialize};
+
+/// Longest station name, in bytes.
+pub const NAME_BYTES: usize = 24;
+
+/// One recorder, as configured. Angles in degrees here because this is the person's side; plans hold radians.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StationConfig {
+    /// Number of the station, reported in telemetry.
+    pub id: u16,
+    /// Name of the station.
+    pub name: heapless::String<NAME_BYTES>,
+    /// Latitude and longitude in degrees, where known.
+    pub lat_lon_deg: Option<(f64, f64)>,
+    /// Local East and North in metres, where given.
+    pub local_east_north_m: Option<(f64, f64)>,
+    /// Depth of the station below the surface in metres.
+    pub depth_m: f64,
+    /// Azimuth of the array's own "North", clockwise from true North, degrees.
+    pub orientation_deg: f64,
+    /// Speed of sound at the station, m/s.
+    pub sound_speed_m_s: f64,
+    /// Samples a second of every channel.
+    pub rate_hz: f64,
+    /// Full scale of the converter as a code (2^23 for 24 bits); codes at or beyond ±(full_scale − 1) are clipped.
+    pub full_scale: i32,
+    /// What kind of recorder.
+    pub kind: Kind,
+    /// Tracker settings.
+    pub tracking: Tracking,
+}
+
+/// The kinds of recorder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Kind {
+    /// Four hydrophones, compact array.
+    Array(ArrayConfig),
+    /// Hydrophone and three-component seismometer.
+    Obs(ObsConfig),
+    /// A uniform line of sensors (host only).
+    Line(LineConfig),
+}
+
+/// The compact array.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ArrayConfig {
+    /// East, North, Up of each hydrophone in metres, before orientation.
+    pub hydrophones_m: [[f64; 3]; CHANNELS],
+    /// Recorder channel of each hydrophone.
+    pub channels: [u8; CHANNELS],
+    /// Sensitivity of each hydrophone, dB re 1 V/µPa.
+    pub sensitivity_db_re_1v_upa: [f64; CHANNELS],
+    /// Range for which delays are expected, metres; infinite means a plane wave.
+    pub reference_range_m: f64,
+    /// Band used for bearings, Hz.
+    pub band_hz: (f64, f64),
+    /// Length of one bearing's data, seconds.
+    pub segment_s: f64,
+    /// Time from one bearing to the next, seconds.
+    pub step_s: f64,
+    /// Lowest and highest elevation searched, degrees.
+    pub elevation_deg: (f64, f64),
+    /// Bearings allowed from noise alone, per hour (sets the detection threshold).
+    pub false_alarms_per_hour: f64,
+}
+
+/// The ocean-bottom station.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObsConfig {
+    /// True azimuth of the "north" component, degrees.
+    pub orientation_of_north_deg: f64,
+    /// Whether active intensity points away from the source (the physical sign) or towards it.
+    pub intensity_towards: bool,
+    /// The paper's own choices instead of ours, for comparison.
+    pub paper_compatibility: bool,
+}
+
+/// The uniform line array.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LineConfig {
+    /// Number of sensors.
+    pub sensors: u8,
+    /// Distance between neighbours, metres.
+    pub spacing_m: f64,
+}
+
+/// What the track fit may assume.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tracking {
+    /// Mean speed of vessels here, m/s (training fleet of paper M: 7.3).
+    pub speed_m_s: f64,
+    /// Standard deviation of that speed, m/s (paper M: 2.3); 0 means known.
+    pub speed_sd_m_s: f64,
+    /// Standard deviation of a bearing's error beyond what the estimator reports, degrees (propagation, model).
+    pub bearing_sd_deg: f64,
+    /// Correlation time of that error, seconds (first-order Gauss-Markov).
+    pub bearing_tau_s: f64,
+    /// Nearest and farthest closest-point range considered, metres.
+    pub range_m: (f64, f64),
+}
+
+impl Default for Tracking {
+    fn default() -> Self {
+        Self {
+            speed_m_s: 7.3,
+            speed_sd_m_s: 2.3,
+            bearing_sd_deg: 0.5,
+            bearing_tau_s: 5.0,
+            range_m: (20.0, 5000.0),
+        }
+    }
+}
+
+/// What is wrong with a configuration; the host adds file and line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ConfigError {
+    /// A value outside its range: name of the key, what was given, least and greatest allowed.
+    OutOfRange(&'static str, f64, f64, f64),
+    /// The hydrophones make bearings impossible.
+    Geometry(GeometryError),
+    /// `channels` is not a permutation of 0, 1, 2, 3.
+    Channels,
+}
+
+impl StationConfig {
+    /// Checks every value; a configuration that passes can be planned without further errors.
+    ///
+    /// # Errors
+    /// The first key found wrong.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        fn within(key: &'static str, x: f64, lo: f64, hi: f64) -> Result<(), ConfigError> {
+            if x >= lo && x <= hi { Ok(()) } else { Err(ConfigError::OutOfRange(key, x, lo, hi)) }
+        }
+        within("sound_speed_m_s", self.sound_speed_m_s, 1300.0, 1700.0)?;
+        within("orientation_deg", self.orientation_deg, -360.0, 360.0)?;
+        within("depth_m", self.depth_m, -1.0, 12_000.0)?;
+        if let Some((lat, lon)) = self.lat_lon_deg {
+            within("lat_deg", lat, -90.0, 90.0)?;
+            within("lon_deg", lon, -180.0, 360.0)?;
+        }
+        within("full_scale", f64::from(self.full_scale), 128.0, 2_147_483_647.0)?;
+        let t = &self.tracking;
+        within("speed_m_s", t.speed_m_s, 0.1, 40.0)?;
+        within("speed_sd_m_s", t.speed_sd_m_s, 0.0, 20.0)?;
+        within("bearing_sd_deg", t.bearing_sd_deg, 0.0, 45.0)?;
+        within("bearing_tau_s", t.bearing_tau_s, 0.0, 3600.0)?;
+        within("range_min_m", t.range_m.0, 1.0, 1e5)?;
+        within("range_max_m", t.range_m.1, t.range_m.0 * 1.5, 2e5)?;
+        match &self.kind {
+            Kind::Array(a) => {
+                within("rate_hz", self.rate_hz, 4000.0, 200_000.0)?;
+                within("band_hz[0]", a.band_hz.0, 0.0, self.rate_hz / 2.0)?;
+                within("band_hz[1]", a.band_hz.1, a.band_hz.0 + 100.0, self.rate_hz / 2.0)?;
+                within("segment_s", a.segment_s, 0.1, 10.0)?;
+                within("step_s", a.step_s, 0.05, a.segment_s)?;
+                within("elevation_deg[0]", a.elevation_deg.0, -90.0, 89.0)?;
+                within("elevation_deg[1]", a.elevation_deg.1, a.elevation_deg.0 + 1.0, 90.0)?;
+                within("false_alarms_per_hour", a.false_alarms_per_hour, 1e-6, 1000.0)?;
+                if !(a.reference_range_m >= 5.0) {
+                    return Err(ConfigError::OutOfRange(
+                        "reference_range_m",
+                        a.reference_range_m,
+                        5.0,
+                        f64::INFINITY,
+                    ));
+                }
+                for s in a.sensitivity_db_re_1v_upa {
+                    within("sensitivity_db_re_1v_upa", s, -260.0, -60.0)?;
+                }
+                let mut seen = [false; CHANNELS];
+                for c in a.channels {
+                    match seen.get_mut(usize::from(c)) {
+                        Some(s) if !*s => *s = true,
+                        _ => return Err(ConfigError::Channels),
+                    }
+                }
+                self.geometry().map(|_| ()).map_err(ConfigError::Geometry)
+            }
+            Kind::Obs(o) => {
+                within("rate_hz", self.rate_hz, 20.0, 500.0)?;
+                within("orientation_of_north_deg", o.orientation_of_north_deg, -360.0, 360.0)
+            }
+            Kind::Line(l) => {
+                within("sensors", f64::from(l.sensors), 3.0, 32.0)?;
+                within("spacing_m", l.spacing_m, 0.001, 1000.0)
+            }
+        }
+    }
+
+    /// The array's geometry in the true frame.
+    ///
+    /// # Errors
+    /// As [`Geometry::new`]; a station that is no array has [`GeometryError::NotFinite`].
+    pub fn geometry(&self) -> Result<Geometry, GeometryError> {
+        match &self.kind {
+            Kind::Array(a) => Geometry::new(
+                &a.hydrophones_m,
+                self.orientation_deg * crate::angle::RAD_PER_DEG,
+                self.sound_speed_m_s,
+            ),
+            _ => Err(GeometryError::NotFinite),
+        }
+    }
+
+    /// Identifies the configuration: FNV-1a of its postcard bytes (64 bits). Equal configurations have equal hashes.
+    pub fn hash(&self) -> u64 {
+        let mut buffer = [0u8; 1024];
+        match postcard::to_slice(self, &mut buffer) {
+            Ok(bytes) => fnv1a(bytes),
+            Err(_) => 0,
+        }
+    }
+}
+
+/// The 64-bit FNV-1a hash (Fowler, Noll, Vo; offset basis and prime of the published algorithm).
+pub const fn fnv1a(bytes: &[u8]) -> u64 {
+    let mut hash = 0xcbf2_9ce4_8422_2325u64;
+    let mut i = 0;
+    while i < bytes.len() {
+        hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
+        i += 1;
+    }
+    hash
+}

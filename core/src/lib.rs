@@ -1,0 +1,22 @@
+//! The recorder core of seabearing: from four-channel samples to bearings, ranges and tracks, in fixed memory.
+//!
+//! The same code runs in the firmware and on the host, and gives the same bytes on both. It performs no I/O,
+//! reads no clock, allocates nothing and cannot panic. Samples come in as [`block::Block`]s; records leave as
+//! [`wire::Message`]s through a sink the caller supplies.
+//!
+//! Modules, in the order data flows:
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod angle;
+pub mod math;
+
+pub mod config;
+pub mod geometry;
+
+pub mod block;
+pub mod health;
+
+pub mod wire;

@@ -1,0 +1,300 @@
+//! Frames: `COBS( sequence:u16le | postcard(message) | crc32le ) 0x00`.
+//!
+//! The CRC is CRC-32/ISO-HDLC over sequence and message. The sequence number counts every frame of a session, so a
+//! receiver counts what it lost. COBS (Cheshire & Baker, IEEE/ACM Trans. Networking 7(2), 1999) leaves 0x00 for the
+//! delimiter only, so the next zero byte always ends the damage. The decoder is our own: the crate's keeps a panic path.
+
+use super::message::Message;
+use serde::{Serialize, de::DeserializeOwned};
+
+/// Longest message in postcard bytes.
+pub const MESSAGE_BYTES: usize = 160;
+/// Longest frame before COBS.
+const PLAIN_BYTES: usize = MESSAGE_BYTES + 6;
+/// Longest frame on the wire, its delimiter included (COBS adds one byte in 254, and one).
+pub const FRAME_BYTES: usize = PLAIN_BYTES + PLAIN_BYTES / 254 + 2;
+
+static CRC: crc::Crc<u32, crc::Table<1>> = crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
+
+/// Makes frames; the state is the sequence number.
+#[derive(Clone, Debug)]
+pub struct Encoder {
+    sequence: u16,
+    frames: u32,
+    buffer: [u8; FRAME_BYTES],
+}
+
+impl Default for Encoder {
+    fn default() -> Self {
+        Self { sequence: 0, frames: 0, buffer: [0; FRAME_BYTES] }
+    }
+}
+
+impl Encoder {
+    /// Frames made so far.
+    pub fn frames(&self) -> u32 {
+        self.frames
+    }
+
+    /// The frame of one message (or command), delimiter included. Empty if it does not fit, which no message of
+    /// this version does (tested).
+    pub fn frame<T: Serialize>(&mut self, message: &T) -> &[u8] {
+        let mut plain = [0u8; PLAIN_BYTES];
+        let mut used = 0usize;
+        if let Some((head, rest)) = plain.split_first_chunk_mut::<2>() {
+            *head = self.sequence.to_le_bytes();
+            match rest.split_at_mut_checked(MESSAGE_BYTES) {
+                Some((body, _)) => match postcard::to_slice(message, body) {
+                    Ok(bytes) => used = 2 + bytes.len(),
+                    Err(_) => return &[],
+                },
+                None => return &[],
+            }
+        }
+        let Some(crc) = plain.get(..used).map(|b| CRC.checksum(b)) else { return &[] };
+        for (to, from) in plain.iter_mut().skip(used).zip(crc.to_le_bytes()) {
+            *to = from;
+        }
+        self.sequence = self.sequence.wrapping_add(1);
+        self.frames = self.frames.wrapping_add(1);
+        let n = stuff(plain.get(..used + 4).unwrap_or(&[]), &mut self.buffer);
+        self.buffer.get(..n).unwrap_or(&[])
+    }
+}
+
+/// COBS with its closing zero; returns the length written (0 if it does not fit).
+fn stuff(plain: &[u8], out: &mut [u8]) -> usize {
+    let mut code_at = 0usize;
+    let mut code = 1u8;
+    let mut at = 1usize;
+    for &byte in plain {
+        if byte != 0 {
+            match out.get_mut(at) {
+                Some(o) => *o = byte,
+                None => return 0,
+            }
+            at += 1;
+            code += 1;
+        }
+        if byte == 0 || code == 0xff {
+            match out.get_mut(code_at) {
+                Some(o) => *o = code,
+                None => return 0,
+            }
+            code = 1;
+            code_at = at;
+            at += 1;
+        }
+    }
+    match out.get_mut(code_at) {
+        Some(o) => *o = code,
+        None => return 0,
+    }
+    match out.get_mut(at) {
+        Some(o) => *o = 0,
+        None => return 0,
+    }
+    at + 1
+}
+
+/// What the decoder counted. Every byte received is in a good frame or in `bytes_discarded`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DecoderCounters {
+    /// Frames decoded.
+    pub frames: u64,
+    /// Frames that the sequence numbers say were lost (damaged ones included).
+    pub lost: u64,
+    /// Frames discarded as damaged: too long, bad COBS, bad CRC, unknown message.
+    pub damaged: u64,
+    /// Frames whose CRC was right and whose message this version does not know.
+    pub unknown: u64,
+    /// Bytes that belonged to no good frame.
+    pub bytes_discarded: u64,
+}
+
+/// One frame received.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Received<T = Message> {
+    /// Its sequence number.
+    pub sequence: u16,
+    /// Its message.
+    pub message: T,
+}
+
+/// Turns bytes into messages; resynchronises at the next delimiter whatever happened before.
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    buffer: [u8; FRAME_BYTES],
+    used: usize,
+    overlong: bool,
+    raw: u64,
+    last: Option<u16>,
+    counters: DecoderCounters,
+}
+
+impl Default for Decoder {
+    fn default() -> Self {
+        Self {
+            buffer: [0; FRAME_BYTES],
+            used: 0,
+            overlong: false,
+            raw: 0,
+            last: None,
+            counters: DecoderCounters::default(),
+        }
+    }
+}
+
+impl Decoder {
+    /// What was counted so far.
+    pub fn counters(&self) -> DecoderCounters {
+        self.counters
+    }
+
+    /// Bytes of an unfinished frame (a stream that ends with some was cut).
+    pub fn pending(&self) -> usize {
+        self.raw as usize
+    }
+
+    /// Takes one byte; a message when it completes a good frame.
+    pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Received<T>> {
+        self.raw += 1;
+        if byte != 0 {
+            match self.buffer.get_mut(self.used) {
+                Some(slot) => {
+                    *slot = byte;
+                    self.used += 1;
+                }
+                None => self.overlong = true,
+            }
+            return None;
+        }
+        let (raw, used, overlong) = (self.raw, self.used, self.overlong);
+        self.raw = 0;
+        self.used = 0;
+        self.overlong = false;
+        if used == 0 && !overlong {
+            // A lone delimiter is allowed anywhere: senders use it to flush line noise.
+            self.counters.bytes_discarded += raw;
+            return None;
+        }
+        let plain = if overlong { None } else { self.unstuff(used) };
+        let result = plain.and_then(|n| self.open::<T>(n));
+        match result {
+            Some(Ok(received)) => {
+                self.counters.frames += 1;
+                Some(received)
+            }
+            Some(Err(())) => {
+                self.counters.unknown += 1;
+                self.counters.bytes_discarded += raw;
+                None
+            }
+            None => {
+                self.counters.damaged += 1;
+                self.counters.bytes_discarded += raw;
+                None
+            }
+        }
+    }
+
+    /// Undoes COBS in place; the plain length.
+    fn unstuff(&mut self, used: usize) -> Option<usize> {
+        let mut read = 0usize;
+        let mut write = 0usize;
+        while read < used {
+            let code = usize::from(*self.buffer.get(read)?);
+            read += 1;
+            if code == 0 || read + code - 1 > used {
+                return None;
+            }
+            for _ in 1..code {
+                let byte = *self.buffer.get(read)?;
+                *self.buffer.get_mut(write)? = byte;
+                read += 1;
+                write += 1;
+            }
+            if code != 0xff && read < used {
+                *self.buffer.get_mut(write)? = 0;
+                write += 1;
+            }
+        }
+        Some(write)
+    }
+
+    /// Checks and opens a plain frame: `None` if damaged, `Err` if whole but unknown.
+    fn open<T: DeserializeOwned>(&mut self, n: usize) -> Option<Result<Received<T>, ()>> {
+        let (body, tail) = self.buffer.get(..n)?.split_last_chunk::<4>()?;
+        if CRC.checksum(body) != u32::from_le_bytes(*tail) {
+            return None;
+        }
+        let (head, message) = body.split_first_chunk::<2>()?;
+        let sequence = u16::from_le_bytes(*head);
+        if let Some(last) = self.last {
+            self.counters.lost += u64::from(sequence.wrapping_sub(last).wrapping_sub(1));
+        }
+        self.last = Some(sequence);
+        match postcard::take_from_bytes::<T>(message) {
+            Ok((message, [])) => Some(Ok(Received { sequence, message })),
+            _ => Some(Err(())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::message::{End, Reply};
+    use super::*;
+    use std::vec::Vec;
+
+    fn decode(decoder: &mut Decoder, bytes: &[u8]) -> Vec<Received> {
+        bytes.iter().filter_map(|b| decoder.push(*b)).collect()
+    }
+
+    #[test]
+    fn golden_bytes() {
+        // Sequence 0, message 8, token 9, status 1, CRC-32 (computed independently), COBS, delimiter.
+        let mut encoder = Encoder::default();
+        let frame = encoder.frame(&Message::Reply(Reply { token: 9, status: 1 })).to_vec();
+        assert_eq!(frame, [1, 1, 8, 8, 9, 1, 122, 45, 244, 110, 0]);
+    }
+
+    #[test]
+    fn damage_costs_only_the_frames_it_hits_and_is_counted() {
+        let mut encoder = Encoder::default();
+        let mut stream = Vec::new();
+        for i in 0..50u64 {
+            stream.extend_from_slice(encoder.frame(&Message::End(End { index: i * 1000, frames: 3 })));
+        }
+        let clean = stream.len();
+        stream[clean / 2] ^= 0x40;
+        let mut decoder = Decoder::default();
+        let got = decode(&mut decoder, &stream);
+        let c = decoder.counters();
+        assert!(got.len() >= 48, "{c:?}");
+        assert_eq!(c.frames + c.lost, 50, "{c:?}");
+        assert!(c.damaged >= 1 && c.bytes_discarded > 0);
+    }
+
+    #[test]
+    fn noise_yields_nothing_and_the_next_frame_is_found() {
+        let mut decoder = Decoder::default();
+        let noise: Vec<u8> = (0..5000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+        assert!(decode(&mut decoder, &noise).is_empty());
+        let mut encoder = Encoder::default();
+        let mut stream = std::vec![0u8];
+        stream.extend_from_slice(encoder.frame(&Message::End(End { index: 5, frames: 0 })));
+        assert_eq!(decode(&mut decoder, &stream).len(), 1);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn cobs_round_trip(plain in proptest::collection::vec(proptest::num::u8::ANY, 1..160)) {
+            let mut d = Decoder::default();
+            let n = stuff(&plain, &mut d.buffer);
+            proptest::prop_assert!(d.buffer[..n - 1].iter().all(|b| *b != 0));
+            let m = d.unstuff(n - 1).unwrap();
+            proptest::prop_assert_eq!(&d.buffer[..m], &plain[..]);
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! The messages of the recorder. One `enum`, append-only: a variant keeps its number and its fields for ever.
+//!
+//! Angles are radians, times are sample indices or seconds since sample 0, lengths metres, speeds m/s.
+//! A standard deviation of infinity means "not observable". No NaN is ever sent.
+
+use crate::health::LOSS_CAUSES;
+use serde::{Deserialize, Serialize};
+
+/// Version of the framing and of this enum's meaning; goes up only when old decoders would misread.
+pub const WIRE_VERSION: u8 = 1;
+
+/// The schema as text: the same lines stand in `docs/wire.md`. Its hash travels in [`Hello`].
+pub const SCHEMA: &str = include_str!("schema.txt");
+
+/// Identifies [`SCHEMA`].
+pub const SCHEMA_HASH: u64 = crate::config::fnv1a(SCHEMA.as_bytes());
+
+/// Everything a recorder says.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Message {
+    /// Who is speaking; the first frame of every session, repeated on request.
+    Hello(Hello),
+    /// A direction from the compact array.
+    Bearing(Bearing),
+    /// A vessel's motion.
+    Track(Track),
+    /// Counters and margins.
+    Health(Health),
+    /// A direction from the ocean-bottom station.
+    Azimuth(Azimuth),
+    /// A range from the ocean-bottom station.
+    Range(Range),
+    /// A vessel's presence as an interval of time.
+    Segment(Segment),
+    /// Something went wrong, and when.
+    Fault(Fault),
+    /// Answer to a command.
+    Reply(Reply),
+    /// The end of the input: final totals follow in a `Health` before it.
+    End(End),
+}
+
+/// Identity of recorder, software and configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Hello {
+    /// [`WIRE_VERSION`].
+    pub wire_version: u8,
+    /// [`SCHEMA_HASH`].
+    pub schema_hash: u64,
+    /// [`crate::config::StationConfig::hash`].
+    pub config_hash: u64,
+    /// Software version: major, minor, patch.
+    pub version: (u8, u8, u8),
+    /// Number of the station.
+    pub station: u16,
+    /// 0 array, 1 ocean bottom.
+    pub kind: u8,
+    /// Samples a second.
+    pub rate_hz: f32,
+    /// Why the recorder last started: 0 power, 1 watchdog, 2 software, 3 pin, 4 brown-out, 255 unknown.
+    pub reset_cause: u8,
+}
+
+/// A direction of arrival with its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bearing {
+    /// Sample index of the middle of the data used.
+    pub index: u64,
+    /// Azimuth, radians clockwise from true North, [0, 2π).
+    pub azimuth: f32,
+    /// Elevation, radians.
+    pub elevation: f32,
+    /// Variance of azimuth, rad².
+    pub var_azimuth: f32,
+    /// Variance of elevation, rad².
+    pub var_elevation: f32,
+    /// Covariance of both, rad².
+    pub cov: f32,
+    /// Signal-to-noise ratio of the directional part in the band, dB.
+    pub snr_db: f32,
+    /// 0 (useless) to 1 (delays agree with one direction as well as noise allows).
+    pub quality: f32,
+    /// Root-mean-square closure of the pair delays, seconds.
+    pub closure_s: f32,
+    /// Detection statistic in units of its threshold (1 = at the stated false-alarm rate).
+    pub statistic: f32,
+    /// Frequency band: 0 the whole band, 1.. sub-bands.
+    pub band: u8,
+    /// Bit 0 clipping in the segment, bit 1 a gap in the segment, bit 2 shortened segment, bit 3 a channel left out.
+    pub flags: u8,
+}
+
+/// The closest point of approach and motion of a vessel, as known at `index`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Track {
+    /// Number of the track; one vessel keeps its number.
+    pub id: u16,
+    /// 0 running estimate, 1 end-of-passage solution.
+    pub stage: u8,
+    /// Sample index of the newest data used.
+    pub index: u64,
+    /// Time of the closest point of approach, seconds since sample 0 (may lie ahead).
+    pub cpa_time_s: f64,
+    /// Its range, metres.
+    pub cpa_range_m: f32,
+    /// Azimuth of the closest point, radians.
+    pub cpa_azimuth: f32,
+    /// Heading, radians clockwise from true North.
+    pub heading: f32,
+    /// Speed, m/s.
+    pub speed_m_s: f32,
+    /// True if the array lies on the vessel's starboard side.
+    pub starboard: bool,
+    /// Standard deviation of the time of closest approach, s.
+    pub sd_cpa_time_s: f32,
+    /// Standard deviation of its range, m.
+    pub sd_cpa_range_m: f32,
+    /// Standard deviation of heading, rad.
+    pub sd_heading: f32,
+    /// Standard deviation of speed, m/s.
+    pub sd_speed_m_s: f32,
+    /// East of the station at `index`, metres.
+    pub x_m: f32,
+    /// North of the station at `index`, metres.
+    pub y_m: f32,
+    /// Variance of `x_m`, m².
+    pub var_x_m2: f32,
+    /// Variance of `y_m`, m².
+    pub var_y_m2: f32,
+    /// Covariance of both, m².
+    pub cov_xy_m2: f32,
+    /// Whether the data say anything about range.
+    pub range_observable: bool,
+    /// Measurements used.
+    pub n: u16,
+}
+
+/// Counters since start and margins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Health {
+    /// Sample index this report is about.
+    pub index: u64,
+    /// Sample instants used.
+    pub processed: u64,
+    /// Sample instants lost, by [`crate::health::LossCause`].
+    pub lost: [u64; LOSS_CAUSES],
+    /// Bit c: channel c dead or stuck now; bit 4+c: channel c clipping now.
+    pub channels: u8,
+    /// Level of each hydrophone, dB re full scale, in half decibels (0 = full scale).
+    pub level_half_db: [i8; 4],
+    /// Records sent so far (bearings or azimuths and ranges).
+    pub records: u32,
+    /// Telemetry frames the recorder had to drop because the link was full.
+    pub frames_dropped: u32,
+}
+
+/// Several weighted directions of one window are sent as several of these with the same index.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Azimuth {
+    /// Sample index of the window's centre.
+    pub index: u64,
+    /// Azimuth, radians clockwise from true North.
+    pub azimuth: f32,
+    /// Spread of the posterior about it, rad.
+    pub sd: f32,
+    /// Natural logarithm of the presence ratio.
+    pub log_presence: f32,
+    /// Share of the posterior in this mode, 0 to 1.
+    pub weight: f32,
+    /// Presence ratio above its threshold.
+    pub detected: bool,
+    /// 0 tonal, 1 impulsive.
+    pub kind: u8,
+}
+
+/// Several weighted modes of one window are sent as several of these with the same index.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Range {
+    /// Sample index of the window's centre.
+    pub index: u64,
+    /// Range, metres.
+    pub range_m: f32,
+    /// Spread of the mode, m.
+    pub sd_range_m: f32,
+    /// Radial speed, m/s, positive when leaving.
+    pub speed_m_s: f32,
+    /// Spread of the radial speed, m/s.
+    pub sd_speed_m_s: f32,
+    /// Natural logarithm of the presence ratio.
+    pub log_presence: f32,
+    /// Share of the posterior in this mode, 0 to 1.
+    pub weight: f32,
+    /// Presence ratio above its threshold.
+    pub detected: bool,
+}
+
+/// An interval in which a vessel is present.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Segment {
+    /// Number of the segment.
+    pub id: u16,
+    /// Sample index of its start.
+    pub start: u64,
+    /// Sample index of its end.
+    pub end: u64,
+    /// Sample index of the change from approaching to leaving, where there was one.
+    pub turn: Option<u64>,
+    /// 0 general, 1 approaching, 2 leaving.
+    pub kind: u8,
+    /// Mean log evidence a minute.
+    pub log_evidence: f32,
+}
+
+/// A fault or a notable event.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fault {
+    /// What.
+    pub code: FaultCode,
+    /// Sample index where it was noticed.
+    pub index: u64,
+    /// Number that goes with the code (length of a gap, channel, count).
+    pub value: i64,
+}
+
+/// Faults, append-only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FaultCode {
+    /// Samples missing: how many.
+    Gap,
+    /// Samples repeated or time gone back: how many.
+    Overlap,
+    /// Invalid samples: how many.
+    Invalid,
+    /// A channel does not move: which.
+    DeadChannel,
+    /// A channel lives again: which.
+    ChannelBack,
+    /// A channel is at the converter's limit: which.
+    Clipping,
+    /// Delays do not close to a direction (swapped channels, wrong geometry): segments so far.
+    Inconsistent,
+    /// An estimator met a value it cannot use and started afresh.
+    Restarted,
+    /// A command could not be decoded.
+    BadCommand,
+}
+
+/// Answer to a command.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reply {
+    /// Number the command carried.
+    pub token: u8,
+    /// 0 done, 1 refused, 2 unknown.
+    pub status: u8,
+}
+
+/// The recorder has stopped.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct End {
+    /// Sample index after the last sample seen.
+    pub index: u64,
+    /// Frames sent before this one.
+    pub frames: u32,
+}
+
+/// What a base station may ask.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Command {
+    /// Send `Hello` and `Health`.
+    Identify {
+        /// Returned in the reply.
+        token: u8,
+    },
+    /// Send health every so many seconds of samples (0: only on request).
+    HealthEvery {
+        /// Returned in the reply.
+        token: u8,
+        /// Seconds.
+        seconds: u16,
+    },
+    /// Stop after the current block.
+    Stop {
+        /// Returned in the reply.
+        token: u8,
+    },
+}

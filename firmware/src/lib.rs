@@ -1,0 +1,2 @@
+//! The recorder application, generic over its board.
+#![no_std]

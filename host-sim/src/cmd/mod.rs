@@ -1,0 +1,67 @@
+//! The subcommands, one file each.
+
+pub mod ais;
+pub mod base;
+pub mod bearing;
+pub mod config;
+pub mod locate;
+pub mod orient;
+pub mod process;
+pub mod propagation;
+pub mod reproduce;
+pub mod simulate;
+pub mod track;
+pub mod twin;
+
+/// What the command line asks for.
+#[derive(clap::Subcommand)]
+#[allow(clippy::large_enum_variant)]
+pub enum Command {
+    /// Write simulated recordings, their truth and the station file
+    Simulate(simulate::Args),
+    /// Run the recorder core over recordings; results as JSON Lines
+    Process(process::Args),
+    /// Bearings from measured arrival-time differences
+    Bearing(bearing::Args),
+    /// Motion of a vessel from bearings of one array
+    Track(track::Args),
+    /// Positions from a network of arrays
+    Locate(locate::Args),
+    /// Station orientation from a vessel of known track
+    Orient(orient::Args),
+    /// Run the firmware in QEMU and the host over the same input and compare their telemetry
+    Twin(twin::Args),
+    /// The base station: receive, store, show and export telemetry
+    Base(base::Args),
+    /// Monte Carlo reproductions of the papers' figures and tables
+    Reproduce(reproduce::Args),
+    /// The interference table of an ocean-bottom station
+    Propagation(propagation::Args),
+    /// Check a station file
+    Config(config::Args),
+    /// Statistics of vessel traffic from AIS files
+    Ais(ais::Args),
+}
+
+impl Command {
+    /// Does it.
+    ///
+    /// # Errors
+    /// One line for a person: what is wrong, where, and what to do.
+    pub fn run(self) -> anyhow::Result<()> {
+        match self {
+            Self::Simulate(args) => simulate::run(args),
+            Self::Process(args) => process::run(args),
+            Self::Bearing(args) => bearing::run(args),
+            Self::Track(args) => track::run(args),
+            Self::Locate(args) => locate::run(args),
+            Self::Orient(args) => orient::run(args),
+            Self::Twin(args) => twin::run(args),
+            Self::Base(args) => base::run(args),
+            Self::Reproduce(args) => reproduce::run(args),
+            Self::Propagation(args) => propagation::run(args),
+            Self::Config(args) => config::run(args),
+            Self::Ais(args) => ais::run(args),
+        }
+    }
+}

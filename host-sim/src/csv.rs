@@ -1,0 +1,137 @@
+//! Reading small CSV files with a header; a bad row is named by its line.
+
+use anyhow::{Context, Result, bail};
+use std::path::Path;
+
+/// A parsed CSV file: named columns, one row a record, with the line each row came from.
+#[derive(Debug, Clone)]
+pub struct Table {
+    header: Vec<String>,
+    rows: Vec<(usize, Vec<String>)>,
+    name: String,
+}
+
+impl Table {
+    /// Reads a file. Blank lines and lines that start with `#` are skipped.
+    ///
+    /// # Errors
+    /// The file cannot be read, or has no header.
+    pub fn read(path: &Path) -> Result<Self> {
+        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let text = String::from_utf8(bytes)
+            .map_err(|_| anyhow::anyhow!("{}: not a text file (CSV expected)", path.display()))?;
+        Self::parse(&text, &path.display().to_string())
+    }
+
+    /// Parses text; `name` stands in messages.
+    ///
+    /// # Errors
+    /// There is no header.
+    pub fn parse(text: &str, name: &str) -> Result<Self> {
+        let mut lines = text
+            .trim_start_matches('\u{feff}')
+            .lines()
+            .enumerate()
+            .map(|(i, l)| (i + 1, l.trim()))
+            .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
+        let Some((_, first)) = lines.next() else { bail!("{name}: empty file, a CSV header was expected") };
+        let split = |l: &str| l.split(',').map(|c| c.trim().trim_matches('"').to_owned()).collect::<Vec<_>>();
+        let header = split(first);
+        let rows = lines.map(|(n, l)| (n, split(l))).collect();
+        Ok(Self { header, rows, name: name.to_owned() })
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Whether a column is there.
+    pub fn has(&self, column: &str) -> bool {
+        self.header.iter().any(|h| h == column)
+    }
+
+    /// Index of a column that must be there.
+    ///
+    /// # Errors
+    /// It is not.
+    pub fn column(&self, column: &str) -> Result<usize> {
+        self.header.iter().position(|h| h == column).with_context(|| {
+            format!("{}: no column `{column}`; the header is `{}`", self.name, self.header.join(","))
+        })
+    }
+
+    /// Every row as the numbers of the named columns, in file order; bad rows (missing or non-finite numbers) come
+    /// back as errors that name the line, so that the caller can keep the good ones.
+    ///
+    /// # Errors
+    /// A column is missing from the header.
+    pub fn numbers<const N: usize>(&self, columns: [&str; N]) -> Result<Vec<(usize, Result<[f64; N]>)>> {
+        let mut index = [0usize; N];
+        for (slot, column) in index.iter_mut().zip(columns) {
+            *slot = self.column(column)?;
+        }
+        Ok(self
+            .rows
+            .iter()
+            .map(|(line, cells)| {
+                let mut out = [0.0; N];
+                for ((slot, i), column) in out.iter_mut().zip(index).zip(columns) {
+                    match number(cells.get(i).map(String::as_str), column) {
+                        Ok(x) => *slot = x,
+                        Err(e) => return (*line, Err(e.context(format!("{}, line {line}", self.name)))),
+                    }
+                }
+                (*line, Ok(out))
+            })
+            .collect())
+    }
+
+    /// A cell as text (`None` where the row is too short).
+    pub fn text(&self, row: usize, column: usize) -> Option<&str> {
+        self.rows.get(row).and_then(|(_, c)| c.get(column)).map(String::as_str)
+    }
+}
+
+/// Splits rows into good ones and complaints: each bad row is named on stderr and skipped.
+///
+/// # Errors
+/// No row is good.
+pub fn good_rows<T>(name: &str, rows: Vec<(usize, Result<T>)>) -> Result<Vec<T>> {
+    let total = rows.len();
+    let mut good = Vec::with_capacity(total);
+    let mut bad = 0usize;
+    for (_, row) in rows {
+        match row {
+            Ok(r) => good.push(r),
+            Err(e) => {
+                bad += 1;
+                if bad <= 10 {
+                    eprintln!("seabearing: skipped {e:#}");
+                }
+            }
+        }
+    }
+    if bad > 10 {
+        eprintln!("seabearing: skipped {} more bad rows of {name}", bad - 10);
+    }
+    if good.is_empty() {
+        bail!("{name}: no usable row in {total}");
+    }
+    Ok(good)
+}
+
+fn number(cell: Option<&str>, column: &str) -> Result<f64> {
+    let Some(cell) = cell else { bail!("no value for `{column}`") };
+    let x: f64 =
+        cell.parse().map_err(|_| anyhow::anyhow!("`{column}` is `{cell}`, a number was expected"))?;
+    if !x.is_finite() {
+        bail!("`{column}` is `{cell}`, a finite number was expected");
+    }
+    Ok(x)
+}

@@ -1,0 +1,9 @@
+//! Everything around the recorder core that needs an operating system: the station file, recordings, the simulator,
+//! the base station, plots and reproductions. The command `seabearing` is a thin layer over this library.
+
+pub mod cmd;
+pub mod csv;
+pub mod progress;
+pub mod record;
+pub mod reproduce;
+pub mod station;

@@ -1,0 +1,42 @@
+//! The command `seabearing`.
+
+use clap::Parser;
+use seabearing::cmd::Command;
+
+/// Find, follow and report vessels with underwater recorders: simulate, replay, receive, reproduce.
+#[derive(Parser)]
+#[command(name = "seabearing", version, propagate_version = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+fn main() -> std::process::ExitCode {
+    match Cli::parse().command.run() {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        // The reader of our output has gone (`seabearing … | head`): nothing is wrong.
+        Err(error) if is_broken_pipe(&error) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("seabearing: {}", one_line(&error));
+            std::process::ExitCode::FAILURE
+        }
+    }
+}
+
+/// The whole chain of causes on one line.
+fn one_line(error: &anyhow::Error) -> String {
+    let mut parts: Vec<String> = Vec::new();
+    for cause in error.chain() {
+        let text = cause.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        if !parts.iter().any(|p| p.contains(&text)) {
+            parts.push(text);
+        }
+    }
+    parts.join(": ")
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+    })
+}

@@ -1,0 +1,33 @@
+//! Monte Carlo reproductions of the papers' figures and tables, and of the project's own stated figures.
+//!
+//! Each experiment is one file with one function; it writes CSV and plots into the output folder and prints its
+//! table. Seeds are stated in the output.
+
+use anyhow::Result;
+use std::path::PathBuf;
+
+/// What every experiment is told.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Folder for CSV and plots (made if missing).
+    pub out: PathBuf,
+    /// Monte Carlo runs, where the experiment's default is not wanted.
+    pub runs: Option<usize>,
+    /// Seed.
+    pub seed: u64,
+    /// Print JSON Lines instead of a table.
+    pub json: bool,
+}
+
+/// One experiment.
+pub struct Experiment {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// One line about it.
+    pub about: &'static str,
+    /// Runs it.
+    pub run: fn(&Options) -> Result<()>,
+}
+
+/// All experiments, in the order `reproduce all` runs them.
+pub const EXPERIMENTS: &[Experiment] = &[];

@@ -1,0 +1,428 @@
+//! The station file (TOML): unknown or wrong keys are errors that name the key and the line.
+
+use anyhow::{Context, Result, anyhow, bail};
+use seabearing_core::config::{
+    ArrayConfig, ConfigError, Kind, LineConfig, ObsConfig, StationConfig, Tracking,
+};
+use seabearing_core::geometry::GeometryError;
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// Sensitivity where none is given: a hydrophone of −165 dB re 1 V/µPa (paper M, section IV-B).
+const DEFAULT_SENSITIVITY_DB: f64 = -165.0;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    station: StationTable,
+    sampling: Option<Sampling>,
+    array: Option<Array>,
+    obs: Option<Obs>,
+    line: Option<Line>,
+    tracking: Option<TrackingTable>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NetworkFile {
+    stations: Vec<StationTable>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StationTable {
+    id: Option<u16>,
+    name: Option<String>,
+    kind: Option<String>,
+    position: Option<Position>,
+    #[serde(default)]
+    orientation_deg: f64,
+    #[serde(default = "default_sound_speed")]
+    sound_speed_m_s: f64,
+}
+
+fn default_sound_speed() -> f64 {
+    1484.0
+}
+
+#[derive(Deserialize, Clone)]
+#[serde(deny_unknown_fields)]
+struct Position {
+    lat_deg: Option<f64>,
+    lon_deg: Option<f64>,
+    depth_m: Option<f64>,
+    local_m: Option<[f64; 3]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sampling {
+    rate_hz: f64,
+    #[serde(default = "default_full_scale")]
+    full_scale: i32,
+}
+
+fn default_full_scale() -> i32 {
+    1 << 23
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Array {
+    hydrophones_m: Vec<[f64; 3]>,
+    #[serde(default = "default_channels")]
+    channels: Vec<u8>,
+    #[serde(default = "default_sensitivity")]
+    sensitivity_db_re_1v_upa: Vec<f64>,
+    #[serde(default = "default_reference_range")]
+    reference_range_m: f64,
+    #[serde(default = "default_band")]
+    band_hz: [f64; 2],
+    #[serde(default = "default_segment")]
+    segment_s: f64,
+    #[serde(default = "default_step")]
+    step_s: f64,
+    #[serde(default = "default_elevation")]
+    elevation_deg: [f64; 2],
+    #[serde(default = "default_false_alarms")]
+    false_alarms_per_hour: f64,
+}
+
+fn default_channels() -> Vec<u8> {
+    vec![0, 1, 2, 3]
+}
+fn default_sensitivity() -> Vec<f64> {
+    vec![DEFAULT_SENSITIVITY_DB; 4]
+}
+fn default_reference_range() -> f64 {
+    500.0
+}
+fn default_band() -> [f64; 2] {
+    [50.0, 25_000.0] // paper M, section IV-B
+}
+fn default_segment() -> f64 {
+    1.0
+}
+fn default_step() -> f64 {
+    0.5
+}
+fn default_elevation() -> [f64; 2] {
+    [-90.0, 90.0]
+}
+fn default_false_alarms() -> f64 {
+    0.5
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Obs {
+    components: Option<Components>,
+    #[serde(default)]
+    orientation_of_north_deg: f64,
+    #[serde(default = "default_intensity")]
+    intensity: String,
+    propagation: Option<PathBuf>,
+    compatibility: Option<String>,
+}
+
+fn default_intensity() -> String {
+    "away".into()
+}
+
+/// Channel code of each component of an ocean-bottom station.
+#[derive(Deserialize, Clone, Debug, PartialEq, Eq)]
+#[serde(deny_unknown_fields)]
+pub struct Components {
+    /// The hydrophone.
+    pub pressure: String,
+    /// First horizontal.
+    pub north: String,
+    /// Second horizontal, 90° clockwise of the first.
+    pub east: String,
+    /// Vertical, positive up.
+    pub vertical: String,
+}
+
+impl Default for Components {
+    fn default() -> Self {
+        Self { pressure: "BDH".into(), north: "BH1".into(), east: "BH2".into(), vertical: "BHZ".into() }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Line {
+    sensors: u8,
+    spacing_m: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct TrackingTable {
+    speed_m_s: f64,
+    speed_sd_m_s: f64,
+    bearing_sd_deg: f64,
+    bearing_tau_s: f64,
+    range_m: [f64; 2],
+}
+
+impl Default for TrackingTable {
+    fn default() -> Self {
+        let d = Tracking::default();
+        Self {
+            speed_m_s: d.speed_m_s,
+            speed_sd_m_s: d.speed_sd_m_s,
+            bearing_sd_deg: d.bearing_sd_deg,
+            bearing_tau_s: d.bearing_tau_s,
+            range_m: [d.range_m.0, d.range_m.1],
+        }
+    }
+}
+
+/// A station file as read.
+#[derive(Debug, Clone)]
+pub struct Station {
+    /// The validated configuration.
+    pub config: StationConfig,
+    /// Channel codes of an ocean-bottom station.
+    pub components: Components,
+    /// The propagation table of an ocean-bottom station, resolved against the station file's folder.
+    pub propagation: Option<PathBuf>,
+}
+
+impl Station {
+    /// Reads and validates a station file.
+    ///
+    /// # Errors
+    /// One line: file, line, key, and what is allowed.
+    pub fn read(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read station file {}", path.display()))?;
+        Self::parse(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new(".")))
+    }
+
+    /// Parses and validates text; `name` stands in messages, `folder` resolves relative paths.
+    ///
+    /// # Errors
+    /// As [`Station::read`].
+    pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Self> {
+        let file: File = toml::from_str(text).map_err(|e| toml_error(&e, text, name))?;
+        let here = |key: &str| located(text, name, key);
+        let kind = match file.station.kind.as_deref() {
+            Some(k) => k.to_owned(),
+            None => bail!("{}: missing key `kind` in [station]: array, obs or line", here("station")),
+        };
+        let sampling = file.sampling;
+        let rate_hz = match (&sampling, kind.as_str()) {
+            (Some(s), _) => s.rate_hz,
+            (None, "line") => 0.0,
+            (None, _) => bail!("{name}: missing table [sampling] with `rate_hz`"),
+        };
+        let mut components = Components::default();
+        let mut propagation = None;
+        let kind = match kind.as_str() {
+            "array" => {
+                let Some(a) = file.array else { bail!("{name}: kind = \"array\" needs a table [array]") };
+                Kind::Array(ArrayConfig {
+                    hydrophones_m: four(&a.hydrophones_m, &here("hydrophones_m"), "hydrophones_m")?,
+                    channels: four(&a.channels, &here("channels"), "channels")?,
+                    sensitivity_db_re_1v_upa: four(
+                        &a.sensitivity_db_re_1v_upa,
+                        &here("sensitivity_db_re_1v_upa"),
+                        "sensitivity_db_re_1v_upa",
+                    )?,
+                    reference_range_m: a.reference_range_m,
+                    band_hz: (a.band_hz[0], a.band_hz[1].min(rate_hz / 2.0)),
+                    segment_s: a.segment_s,
+                    step_s: a.step_s,
+                    elevation_deg: (a.elevation_deg[0], a.elevation_deg[1]),
+                    false_alarms_per_hour: a.false_alarms_per_hour,
+                })
+            }
+            "obs" => {
+                let Some(o) = file.obs else { bail!("{name}: kind = \"obs\" needs a table [obs]") };
+                components = o.components.unwrap_or_default();
+                propagation = o.propagation.map(|p| folder.join(p));
+                Kind::Obs(ObsConfig {
+                    orientation_of_north_deg: o.orientation_of_north_deg,
+                    intensity_towards: match o.intensity.as_str() {
+                        "away" => false,
+                        "towards" => true,
+                        other => bail!("{}: intensity = \"{other}\"; away or towards", here("intensity")),
+                    },
+                    paper_compatibility: match o.compatibility.as_deref() {
+                        None => false,
+                        Some("paper") => true,
+                        Some(other) => {
+                            bail!("{}: compatibility = \"{other}\"; only \"paper\"", here("compatibility"))
+                        }
+                    },
+                })
+            }
+            "line" => {
+                let Some(l) = file.line else { bail!("{name}: kind = \"line\" needs a table [line]") };
+                Kind::Line(LineConfig { sensors: l.sensors, spacing_m: l.spacing_m })
+            }
+            other => bail!("{}: kind = \"{other}\"; array, obs or line", here("kind")),
+        };
+        let tracking = file.tracking.unwrap_or_default();
+        let config = StationConfig {
+            rate_hz,
+            full_scale: sampling.as_ref().map_or(default_full_scale(), |s| s.full_scale),
+            kind,
+            tracking: Tracking {
+                speed_m_s: tracking.speed_m_s,
+                speed_sd_m_s: tracking.speed_sd_m_s,
+                bearing_sd_deg: tracking.bearing_sd_deg,
+                bearing_tau_s: tracking.bearing_tau_s,
+                range_m: (tracking.range_m[0], tracking.range_m[1]),
+            },
+            ..base(&file.station, name)?
+        };
+        config.validate().map_err(|e| explain(e, text, name))?;
+        Ok(Self { config, components, propagation })
+    }
+
+    /// Reads a network file: a list of `[[stations]]`.
+    ///
+    /// # Errors
+    /// As [`Station::read`].
+    pub fn read_network(path: &Path) -> Result<Vec<StationConfig>> {
+        let name = path.display().to_string();
+        let text =
+            std::fs::read_to_string(path).with_context(|| format!("cannot read network file {name}"))?;
+        let file: NetworkFile = toml::from_str(&text).map_err(|e| toml_error(&e, &text, &name))?;
+        if file.stations.is_empty() {
+            bail!("{name}: no [[stations]]");
+        }
+        file.stations.iter().map(|s| base(s, &name)).collect()
+    }
+}
+
+/// The part every station has; the kind is a placeholder for the caller to replace.
+fn base(s: &StationTable, name: &str) -> Result<StationConfig> {
+    let station_name = s.name.clone().unwrap_or_else(|| format!("station-{}", s.id.unwrap_or(0)));
+    let position = s.position.clone();
+    let (lat_lon_deg, local, depth_m) = match position {
+        None => (None, None, 0.0),
+        Some(p) => {
+            let lat_lon = match (p.lat_deg, p.lon_deg) {
+                (Some(a), Some(b)) => Some((a, b)),
+                (None, None) => None,
+                _ => bail!("{name}: position needs both `lat_deg` and `lon_deg`"),
+            };
+            let depth = p.depth_m.or(p.local_m.map(|l| -l[2])).unwrap_or(0.0);
+            (lat_lon, p.local_m.map(|l| (l[0], l[1])), depth)
+        }
+    };
+    Ok(StationConfig {
+        id: s.id.unwrap_or(0),
+        name: heapless::String::try_from(station_name.as_str())
+            .map_err(|_| anyhow!("{name}: station name `{station_name}` is longer than 24 bytes"))?,
+        lat_lon_deg,
+        local_east_north_m: local,
+        depth_m,
+        orientation_deg: s.orientation_deg,
+        sound_speed_m_s: s.sound_speed_m_s,
+        rate_hz: 0.0,
+        full_scale: default_full_scale(),
+        kind: Kind::Line(LineConfig { sensors: 3, spacing_m: 1.0 }),
+        tracking: Tracking::default(),
+    })
+}
+
+fn four<T: Copy>(values: &[T], here: &str, key: &str) -> Result<[T; 4]> {
+    <[T; 4]>::try_from(values)
+        .map_err(|_| anyhow!("{here}: `{key}` has {} entries, four are needed", values.len()))
+}
+
+/// `file:line` of the first line that mentions a key, or just the file.
+fn located(text: &str, name: &str, key: &str) -> String {
+    match text.lines().position(|l| {
+        let l = l.trim_start();
+        l.starts_with(key) || l.starts_with(&format!("[{key}")) || l.contains(&format!("{key} ="))
+    }) {
+        Some(i) => format!("{name}, line {}", i + 1),
+        None => name.to_owned(),
+    }
+}
+
+fn toml_error(e: &toml::de::Error, text: &str, name: &str) -> anyhow::Error {
+    let line = e.span().map(|s| text[..s.start.min(text.len())].lines().count().max(1));
+    // A span that starts at a line's first byte counts that line's predecessor only.
+    let line = line.map(|l| match e.span() {
+        Some(s) if s.start > 0 && text.as_bytes().get(s.start - 1) == Some(&b'\n') => l + 1,
+        _ => l,
+    });
+    match line {
+        Some(l) => anyhow!("{name}, line {l}: {}", e.message()),
+        None => anyhow!("{name}: {}", e.message()),
+    }
+}
+
+fn explain(e: ConfigError, text: &str, name: &str) -> anyhow::Error {
+    match e {
+        ConfigError::OutOfRange(key, x, lo, hi) => {
+            let bare = key.split('[').next().unwrap_or(key);
+            anyhow!("{}: `{key}` is {x}; allowed {lo} to {hi}", located(text, name, bare))
+        }
+        ConfigError::Channels => {
+            anyhow!("{}: `channels` must name each of 0, 1, 2, 3 once", located(text, name, "channels"))
+        }
+        ConfigError::Geometry(g) => {
+            let what = match g {
+                GeometryError::NotFinite => "a coordinate is not a number".to_owned(),
+                GeometryError::Coincident(i, j) => {
+                    format!("hydrophones {i} and {j} are at the same place: check for a copied row")
+                }
+                GeometryError::Coplanar => {
+                    "the four hydrophones lie in one plane: elevation would be ambiguous".to_owned()
+                }
+            };
+            anyhow!("{}: {what}", located(text, name, "hydrophones_m"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"
+[station]
+id = 1
+name = "east"
+kind = "array"
+position = { lat_deg = 49.04, lon_deg = -123.32, depth_m = 168.0 }
+
+[sampling]
+rate_hz = 64000
+
+[array]
+hydrophones_m = [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38], [0.0, 0.0, 1.13]]
+"#;
+
+    fn parse(text: &str) -> Result<Station> {
+        Station::parse(text, "s.toml", Path::new("."))
+    }
+
+    #[test]
+    fn a_good_file_reads_and_hashes_stably() {
+        let a = parse(GOOD).unwrap().config;
+        let b = parse(GOOD).unwrap().config;
+        assert_eq!(a.hash(), b.hash());
+        assert_ne!(a.hash(), parse(&GOOD.replace("168", "169")).unwrap().config.hash());
+    }
+
+    #[test]
+    fn wrong_files_name_key_and_line() {
+        let e = parse(&GOOD.replace("rate_hz", "rate_khz")).unwrap_err().to_string();
+        assert!(e.contains("rate_khz") && e.contains("line 9"), "{e}");
+        let e = parse(&GOOD.replace("1.13", "-0.38")).unwrap_err().to_string();
+        assert!(e.contains("one plane") && e.contains("line 12"), "{e}");
+        let e = parse(&GOOD.replace("64000", "64")).unwrap_err().to_string();
+        assert!(e.contains("rate_hz") && e.contains("line 9"), "{e}");
+        let e = parse(&GOOD.replace("kind = \"array\"\n", "")).unwrap_err().to_string();
+        assert!(e.contains("kind"), "{e}");
+    }
+}
