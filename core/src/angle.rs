@@ -13,7 +13,7 @@ pub fn wrap_tau(a: f64) -> f64 {
         return 0.0;
     }
     let t = a - math::f64::TAU * math::f64::floor(a / math::f64::TAU);
-    if t >= math::f64::TAU || t < 0.0 { 0.0 } else { t }
+    if (0.0..math::f64::TAU).contains(&t) { t } else { 0.0 }
 }
 
 /// An angle brought into (−π, π]. Non-finite input gives 0.

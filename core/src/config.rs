@@ -162,7 +162,7 @@ impl StationConfig {
                 within("elevation_deg[0]", a.elevation_deg.0, -90.0, 89.0)?;
                 within("elevation_deg[1]", a.elevation_deg.1, a.elevation_deg.0 + 1.0, 90.0)?;
                 within("false_alarms_per_hour", a.false_alarms_per_hour, 1e-6, 1000.0)?;
-                if !(a.reference_range_m >= 5.0) {
+                if a.reference_range_m.is_nan() || a.reference_range_m < 5.0 {
                     return Err(ConfigError::OutOfRange(
                         "reference_range_m",
                         a.reference_range_m,
