@@ -1,8 +1,10 @@
 //! Everything around the recorder core that needs an operating system: the station file, recordings, the simulator,
 //! the base station, plots and reproductions. The command `seabearing` is a thin layer over this library.
 
+pub mod atomic;
 pub mod cmd;
 pub mod csv;
+pub mod plot;
 pub mod progress;
 pub mod record;
 pub mod reproduce;
