@@ -20,6 +20,7 @@ const TITLE: i32 = 34;
 const LEGEND: i32 = 20;
 const GREY: RGBColor = RGBColor(110, 110, 110);
 
+type Point = (f64, f64);
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Axis, Axis>>;
 
@@ -271,7 +272,7 @@ fn runs(points: &[(f64, f64)], x: Axis, y: Axis) -> Vec<Vec<(f64, f64)>> {
 }
 
 /// A segment clipped to the axes (Liang and Barsky, 1984), and whether its end stayed where it was.
-fn clip(a: (f64, f64), b: (f64, f64), x: Axis, y: Axis) -> Option<((f64, f64), (f64, f64), bool)> {
+fn clip(a: Point, b: Point, x: Axis, y: Axis) -> Option<(Point, Point, bool)> {
     let (ax, ay, bx, by) = (x.share(a.0)?, y.share(a.1)?, x.share(b.0)?, y.share(b.1)?);
     let (mut from, mut to) = (0.0f64, 1.0f64);
     for (start, delta) in [(ax, bx - ax), (ay, by - ay)] {
