@@ -20,3 +20,6 @@ pub mod block;
 pub mod health;
 
 pub mod wire;
+
+#[cfg(feature = "obs")]
+pub mod obs;
