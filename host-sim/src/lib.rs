@@ -7,5 +7,6 @@ pub mod csv;
 pub mod plot;
 pub mod progress;
 pub mod record;
+pub mod recording;
 pub mod reproduce;
 pub mod station;
