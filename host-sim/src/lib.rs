@@ -4,6 +4,7 @@
 pub mod atomic;
 pub mod cmd;
 pub mod csv;
+pub mod orientation;
 pub mod plot;
 pub mod progress;
 pub mod record;

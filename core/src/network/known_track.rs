@@ -1,0 +1,93 @@
+//! A vessel whose track is known (GPS or AIS): its position at any time between the given ones.
+
+use crate::math::f64 as m;
+
+/// One known position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackPoint {
+    /// Time, seconds.
+    pub t_s: f64,
+    /// East, North, Up, metres, in the frame of the station.
+    pub position_m: [f64; 3],
+}
+
+/// Why a track cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrackError {
+    /// Fewer than two positions.
+    TooShort,
+    /// A time or coordinate is not a finite number.
+    NotFinite,
+    /// Times do not increase at this index.
+    NotIncreasing(usize),
+}
+
+/// Checks a track.
+///
+/// # Errors
+/// [`TrackError`] says what is wrong.
+pub fn check(track: &[TrackPoint]) -> Result<(), TrackError> {
+    if track.len() < 2 {
+        return Err(TrackError::TooShort);
+    }
+    let finite = |p: &TrackPoint| p.t_s.is_finite() && p.position_m.iter().all(|x| x.is_finite());
+    if !track.iter().all(finite) {
+        return Err(TrackError::NotFinite);
+    }
+    for (i, (a, b)) in track.iter().zip(track.iter().skip(1)).enumerate() {
+        if b.t_s <= a.t_s {
+            return Err(TrackError::NotIncreasing(i + 1));
+        }
+    }
+    Ok(())
+}
+
+/// Position at a time by straight interpolation; `None` outside the track or across a gap longer than `gap_s`.
+pub fn position_at(track: &[TrackPoint], t_s: f64, gap_s: f64) -> Option<[f64; 3]> {
+    let after = track.partition_point(|p| p.t_s < t_s);
+    let b = track.get(after)?;
+    if b.t_s == t_s {
+        return Some(b.position_m);
+    }
+    let a = track.get(after.checked_sub(1)?)?;
+    let span = b.t_s - a.t_s;
+    if !(span > 0.0) || span > gap_s {
+        return None;
+    }
+    let f = (t_s - a.t_s) / span;
+    let mut out = a.position_m;
+    for (o, (p, q)) in out.iter_mut().zip(a.position_m.iter().zip(&b.position_m)) {
+        *o = p + f * (q - p);
+    }
+    if out.iter().all(|x| x.is_finite()) && !m::abs(f).is_nan() { Some(out) } else { None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn track() -> [TrackPoint; 3] {
+        [(0.0, 0.0), (10.0, 100.0), (100.0, 1000.0)]
+            .map(|(t_s, x)| TrackPoint { t_s, position_m: [x, -x, 0.0] })
+    }
+
+    #[test]
+    fn positions_between_and_outside() {
+        let t = track();
+        assert_eq!(check(&t), Ok(()));
+        assert_eq!(position_at(&t, 5.0, 60.0), Some([50.0, -50.0, 0.0]));
+        assert_eq!(position_at(&t, 10.0, 60.0), Some([100.0, -100.0, 0.0]));
+        assert_eq!(position_at(&t, 50.0, 60.0), None);
+        assert_eq!(position_at(&t, -0.1, 60.0), None);
+        assert_eq!(position_at(&t, 100.1, 600.0), None);
+        assert_eq!(position_at(&t, f64::NAN, 600.0), None);
+    }
+
+    #[test]
+    fn bad_tracks_are_named() {
+        let mut t = track();
+        t[2].t_s = 5.0;
+        assert_eq!(check(&t), Err(TrackError::NotIncreasing(2)));
+        assert_eq!(check(&t[..1]), Err(TrackError::TooShort));
+    }
+}

@@ -1,0 +1,71 @@
+//! Positions from a network of compact arrays that share no clock (paper N).
+//!
+//! In: per array its position and one azimuth and (where it has one) elevation with their standard deviations.
+//! Out: the maximum-likelihood position inside a bounded search region, its covariance, and which arrays it rests
+//! on; or a named reason why there is none.
+//!
+//! Model [N 3, 4]: `α_n = atan2(x − x_n, y − y_n)`, `β_n = atan2(z − z_n, d_n)`, independent Gaussian errors.
+//!
+//! - [`model`]: bearings, their derivatives, rectangular and polar coordinates [N 1, 3, 15, 16];
+//! - [`region`]: the admissible set, which is part of the problem;
+//! - [`bound`]: Cramér-Rao bounds with and without a known depth [N 11-18];
+//! - [`search`]: the estimators [N 8, 9, 10];
+//! - [`locate`]: a fix or a refusal, robust to one bad array;
+//! - [`common_time`]: bearings of different instants brought to one instant by their own rates;
+//! - [`known_track`], [`align`]: a vessel with a known track and the antenna-to-propeller shift [N 22];
+//! - [`joint`]: straight motion from bearings of several arrays over time, without any speed prior.
+//!
+//! Assumes straight horizontal sound paths (constant sound speed) and arrays whose positions and orientations are
+//! right: an orientation error is a bias this module cannot see with two arrays.
+
+pub mod align;
+pub mod bound;
+pub mod common_time;
+pub mod joint;
+pub mod known_track;
+pub mod locate;
+pub mod matrix;
+pub mod model;
+pub mod region;
+pub mod search;
+
+pub use bound::{PolarBound, RectangularBound, polar_bound, rectangular_bound};
+pub use locate::{Fix, Settings, locate};
+pub use model::Sighting;
+pub use region::Region;
+
+/// Most arrays in one network: with sixteen, the all-pairs starting points (120) still fit a few kilobytes.
+pub const MAX_ARRAYS: usize = 16;
+
+/// Why there is no position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NetworkError {
+    /// No bearing was given.
+    NoBearings,
+    /// More than [`MAX_ARRAYS`] arrays.
+    TooManyArrays,
+    /// A coordinate, angle or standard deviation is not a finite number, or a standard deviation is not positive.
+    NotFinite,
+    /// The search region is empty.
+    EmptyRegion,
+    /// The bearings do not determine the position: a single array without known depth, a source on the line through
+    /// the arrays, or a source so far that its range is not resolved.
+    NotObservable,
+    /// The likelihood is greatest at the edge of the search region: the source is probably outside it.
+    OutsideRegion,
+}
+
+impl core::fmt::Display for NetworkError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::NoBearings => "no bearing",
+            Self::TooManyArrays => "more than 16 arrays",
+            Self::NotFinite => "a bearing, position or standard deviation is not a usable number",
+            Self::EmptyRegion => "the search region is empty",
+            Self::NotObservable => "not observable: the bearings do not determine the position",
+            Self::OutsideRegion => "the most likely position is at the edge of the search region",
+        })
+    }
+}
+
+impl core::error::Error for NetworkError {}
