@@ -32,7 +32,7 @@ pub struct Set {
 
 /// Gathers rows into sets: a set begins with the earliest row not yet used and takes every row within
 /// [`SAME_SET_S`] of it; of two rows of one station the earlier begins the next set. `rows` are sorted by time.
-pub fn gather(rows: &mut Vec<Row>, arrays_m: &[[f64; 3]], sd: (f64, f64)) -> Vec<Set> {
+pub fn gather(rows: &mut [Row], arrays_m: &[[f64; 3]], sd: (f64, f64)) -> Vec<Set> {
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     let mut of_station: Vec<(Vec<Timed>, Vec<Timed>)> = vec![(Vec::new(), Vec::new()); arrays_m.len()];
     for r in rows.iter() {
