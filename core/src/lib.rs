@@ -19,6 +19,8 @@ pub mod geometry;
 pub mod block;
 pub mod health;
 
+pub mod motion;
+
 pub mod network;
 
 pub mod wire;

@@ -1,0 +1,140 @@
+//! What a fit says about the vessel: closest point, heading, speed, side, positions, each with its spread.
+//!
+//! In: a fitted line and the covariance of its parameters. Out: a [`Solution`] by first-order propagation. Range
+//! inherits the spread of speed, `σ_r²/r² = var(ln v − ln|q|)`, which is the speed-error term `x0² σ_k²` of [M 20, 22].
+
+use super::model::{Limits, Line, PARAMETERS};
+use super::normal::{Matrix, Normal, quadratic};
+use crate::angle::wrap_tau;
+use crate::math::f64 as m;
+
+/// The range counts as observable while its own relative spread (speed aside) is below this; beyond it the Gaussian
+/// spread no longer describes the long tail towards infinity.
+pub const OBSERVABLE_RELATIVE_SD: f64 = 0.5;
+/// A heading spread beyond this (radians) is no knowledge: a uniform circle has 1.8.
+pub const OBSERVABLE_HEADING_SD: f64 = 1.2;
+
+/// A vessel's motion as estimated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution {
+    /// The fitted line.
+    pub line: Line,
+    /// Covariance of its parameters.
+    pub covariance: Matrix,
+    /// Time of the closest point of approach, s (may lie ahead).
+    pub cpa_time_s: f64,
+    /// Its range, m (meaningful only with `range_observable`).
+    pub cpa_range_m: f64,
+    /// Azimuth of the closest point, radians.
+    pub cpa_azimuth_rad: f64,
+    /// Heading, radians.
+    pub heading_rad: f64,
+    /// Speed, m/s.
+    pub speed_m_s: f64,
+    /// True if the array lies on the vessel's starboard side.
+    pub starboard: bool,
+    /// Standard deviation of the time of closest approach, s.
+    pub sd_cpa_time_s: f64,
+    /// Standard deviation of its range, m, spread of speed included; infinite where not observable.
+    pub sd_cpa_range_m: f64,
+    /// Standard deviation of its azimuth, radians.
+    pub sd_cpa_azimuth_rad: f64,
+    /// Standard deviation of heading, radians; infinite where the bearings do not turn.
+    pub sd_heading_rad: f64,
+    /// Standard deviation of speed, m/s.
+    pub sd_speed_m_s: f64,
+    /// Time of the first bearing, s.
+    pub t0_s: f64,
+    /// East and North at `t0_s`, m.
+    pub position0_m: [f64; 2],
+    /// Variances of both and covariance, m²: `[xx, yy, xy]`.
+    pub covariance0_m2: [f64; 3],
+    /// Time of the newest bearing, s.
+    pub t1_s: f64,
+    /// East and North at `t1_s`, m.
+    pub position1_m: [f64; 2],
+    /// Variances of both and covariance, m²: `[xx, yy, xy]`.
+    pub covariance1_m2: [f64; 3],
+    /// Whether the bearings say anything about range (given speed).
+    pub range_observable: bool,
+    /// Bearings used.
+    pub n: u32,
+    /// Weighted squared residual per degree of freedom: near 1 when the error model and the straight track hold.
+    pub consistency: f64,
+}
+
+/// Position at `t_s` and its covariance `[xx, yy, xy]`.
+pub fn position(line: &Line, covariance: &Matrix, t_s: f64) -> ([f64; 2], [f64; 3]) {
+    let (at, d) = line.position(t_s);
+    let c = |a: usize, b: usize| quadratic(&d[a], covariance, &d[b]);
+    (at, [c(0, 0), c(1, 1), c(0, 1)])
+}
+
+/// Information every fit has from its limits alone: a uniform spread over the searched interval.
+pub fn floor(limits: &Limits, speed_m_s: f64) -> [f64; PARAMETERS] {
+    let uniform = |width: f64| 12.0 / (width * width).max(1e-12);
+    let times = limits.times_s.1 - limits.times_s.0 + 2.0 * limits.range_m.1 / speed_m_s;
+    [uniform(m::TAU), uniform(times), uniform(m::ln(limits.range_m.1 / limits.range_m.0)), 1e-3, 1e-3]
+}
+
+/// Builds the solution of a converged fit over `n` bearings; `None` if its matrix has no inverse.
+pub fn solution(
+    line: &Line,
+    normal: &Normal,
+    free: &[bool; PARAMETERS],
+    limits: &Limits,
+    n: u32,
+    measurements: f64,
+) -> Option<Solution> {
+    let covariance = normal.covariance(free, &floor(limits, line.speed_m_s()))?;
+    let unknowns = free.iter().filter(|f| **f).count() as f64;
+    let consistency = normal.cost() / (measurements - unknowns).max(1.0);
+    from_covariance(line, &covariance, limits, n, consistency)
+}
+
+/// Builds the solution from a line and any covariance of its parameters (the sandwich one, for a wrong error model).
+pub fn from_covariance(
+    line: &Line,
+    covariance: &Matrix,
+    limits: &Limits,
+    n: u32,
+    consistency: f64,
+) -> Option<Solution> {
+    let sd = |k: usize| m::sqrt(covariance[k][k].max(0.0));
+    let (position0_m, covariance0_m2) = position(line, covariance, limits.times_s.0);
+    let (position1_m, covariance1_m2) = position(line, covariance, limits.times_s.1);
+    let by_range = [0.0, 0.0, -1.0, 1.0, 0.0];
+    let relative = m::sqrt(quadratic(&by_range, covariance, &by_range).max(0.0));
+    let range_m = line.cpa_range_m();
+    // Speed's own spread is known and reported; the flag is about what the measurements add.
+    let own = if covariance[2][3] == 0.0 { sd(2) } else { relative.min(sd(2)) };
+    let far = line.at_limit(limits) > 0;
+    let range_observable = own < OBSERVABLE_RELATIVE_SD && !far;
+    let heading_known = sd(0) < OBSERVABLE_HEADING_SD;
+    let out = Solution {
+        line: *line,
+        covariance: *covariance,
+        cpa_time_s: line.p[1],
+        cpa_range_m: range_m,
+        cpa_azimuth_rad: wrap_tau(line.p[0]),
+        heading_rad: line.heading_rad(),
+        speed_m_s: line.speed_m_s(),
+        starboard: line.sense > 0.0,
+        sd_cpa_time_s: sd(1),
+        sd_cpa_range_m: if range_observable { range_m * relative } else { f64::INFINITY },
+        sd_cpa_azimuth_rad: sd(0),
+        sd_heading_rad: if heading_known { sd(0) } else { f64::INFINITY },
+        sd_speed_m_s: line.speed_m_s() * sd(3),
+        t0_s: limits.times_s.0,
+        position0_m,
+        covariance0_m2,
+        t1_s: limits.times_s.1,
+        position1_m,
+        covariance1_m2,
+        range_observable,
+        n,
+        consistency,
+    };
+    let finite = position0_m.iter().chain(&position1_m).chain(&covariance0_m2).chain(&covariance1_m2);
+    (finite.chain(&[out.cpa_time_s, range_m, consistency]).all(|x| x.is_finite())).then_some(out)
+}
