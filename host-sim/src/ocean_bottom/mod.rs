@@ -1,0 +1,3 @@
+//! The host side of an ocean-bottom station: its propagation table for the core, its simulator, its pictures.
+
+pub mod table;
