@@ -4,8 +4,8 @@
 pub mod atomic;
 pub mod cmd;
 pub mod csv;
-pub mod orientation;
 pub mod ocean_bottom;
+pub mod orientation;
 pub mod plot;
 pub mod progress;
 pub mod propagation;
