@@ -139,7 +139,7 @@ pub struct Update {
 }
 
 /// The filter's memory.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct State {
     ring: Ring,
     points: [Option<Point>; HYPOTHESES],
@@ -152,7 +152,28 @@ pub struct State {
     refused: u16,
 }
 
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl State {
+    /// Nothing seen yet.
+    pub const fn new() -> Self {
+        Self {
+            ring: Ring::new(),
+            points: [None; HYPOTHESES],
+            seen: 0,
+            next_seeding: 0,
+            elevations: 0,
+            first_t_s: 0.0,
+            last_t_s: 0.0,
+            mean_nis: 0.0,
+            refused: 0,
+        }
+    }
+
     /// Bearings used.
     pub fn seen(&self) -> u32 {
         self.seen

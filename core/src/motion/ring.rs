@@ -34,21 +34,27 @@ pub struct Ring {
     len: usize,
 }
 
+/// What fills unused places: zeros, so that a recorder in a `static` costs no flash. Never read.
 const EMPTY: Node = Node {
     t_s: 0.0,
     azimuth: 0.0,
-    colour: Colour { later: 0.0, earlier: 0.0, own: 0.0, white: 1.0 },
-    elevation: (0.0, f32::INFINITY),
+    colour: Colour { later: 0.0, earlier: 0.0, own: 0.0, white: 0.0 },
+    elevation: (0.0, 0.0),
     span_s: (0.0, 0.0),
 };
 
 impl Default for Ring {
     fn default() -> Self {
-        Self { nodes: [EMPTY; CAPACITY], len: 0 }
+        Self::new()
     }
 }
 
 impl Ring {
+    /// An empty ring.
+    pub const fn new() -> Self {
+        Self { nodes: [EMPTY; CAPACITY], len: 0 }
+    }
+
     /// The nodes in order of time.
     pub fn nodes(&self) -> &[Node] {
         self.nodes.get(..self.len).unwrap_or(&[])
