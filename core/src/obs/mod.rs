@@ -1,5 +1,30 @@
 //! The ocean-bottom station: azimuth, range and track of vessels from one hydrophone and seismometer [O].
 //!
-//! Modules, in the order data flows:
+//! Four-component samples come in as blocks; once a minute a set of records leaves. [`Plan`] is immutable, [`State`]
+//! persists, [`Scratch`] is work space. Modules, in the order data flows:
 
+pub mod limits;
 pub mod table;
+
+pub mod decimate;
+pub mod plan;
+pub mod travel;
+
+pub mod intake;
+
+pub mod azigram;
+
+pub mod ambient;
+pub mod tonal;
+
+pub mod cepstrum;
+pub mod clutter;
+pub mod interference;
+pub mod presence;
+pub mod radial;
+
+pub mod station;
+
+pub use plan::{Plan, PlanError};
+pub use station::{Scratch, State, finish, push};
+pub use table::Table;

@@ -1,0 +1,89 @@
+//! Ambient directions: how often each bin points where when nothing is near, learned over hours.
+//!
+//! Enters: azigram rows. Leaves: for the frames of a bin, the log ratio of the learned density to uniform, the tonal
+//! detector's third way of being no vessel. Distant shipping, surf and a shaking frame prefer directions; a detector
+//! that believes noise uniform takes them for vessels. Sectors of 22.5 degrees, read linearly between centres; half of
+//! the density stays uniform, so a passing vessel can never be learned away. Memory 1024 frames (3 h).
+
+use super::azigram::{NO_DIRECTION, Row};
+use super::limits::{AZIMUTH_BINS, CIRCLE};
+use crate::math;
+
+/// Sectors of the circle.
+const SECTORS: usize = 16;
+
+/// Codes of one sector.
+const WIDTH: usize = CIRCLE / SECTORS;
+
+/// Frames after which an observation has faded to 1/e, as a power of two.
+const MEMORY: u32 = 10;
+
+/// Full scale of a stored share: a sector that is always pointed at.
+const ONE: u32 = 1 << 16;
+
+/// Learned shares of every sector in every bin.
+#[derive(Clone, Debug)]
+pub struct Ambient {
+    share: [[u16; SECTORS]; AZIMUTH_BINS],
+}
+
+impl Default for Ambient {
+    fn default() -> Self {
+        Self { share: [[(ONE / SECTORS as u32) as u16; SECTORS]; AZIMUTH_BINS] }
+    }
+}
+
+impl Ambient {
+    /// Learns one frame.
+    pub fn learn(&mut self, row: &Row) {
+        for (share, code) in self.share.iter_mut().zip(&row.azimuth) {
+            if *code == NO_DIRECTION {
+                continue;
+            }
+            let hit = usize::from(*code) / WIDTH;
+            for (k, s) in share.iter_mut().enumerate() {
+                // Rounding up keeps an unvisited sector from sinking to nothing.
+                let faded = u32::from(*s) - (u32::from(*s) >> MEMORY);
+                let gain = if k == hit { ONE >> MEMORY } else { 0 };
+                *s = (faded + gain).min(ONE - 1) as u16;
+            }
+        }
+    }
+
+    /// ln of the product over frames of (learned density / uniform).
+    pub fn log_ratio(&self, bin: usize, codes: impl Iterator<Item = u16>) -> f32 {
+        let Some(share) = self.share.get(bin) else { return 0.0 };
+        let total: u32 = share.iter().map(|s| u32::from(*s)).sum();
+        let scale = SECTORS as f32 / total.max(1) as f32;
+        let density = |k: usize| f32::from(share.get(k % SECTORS).copied().unwrap_or(0)) * scale;
+        codes
+            .map(|c| {
+                let x = usize::from(c) + CIRCLE - WIDTH / 2;
+                let (k, part) = (x / WIDTH, (x % WIDTH) as f32 / WIDTH as f32);
+                let d = density(k) * (1.0 - part) + density(k + 1) * part;
+                math::f32::ln(0.5 + 0.5 * d)
+            })
+            .sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn learns_a_direction_and_stays_bounded() {
+        let mut a = Ambient::default();
+        assert!(a.log_ratio(0, [5, 900].into_iter()).abs() < 1e-3);
+        let mut row = Row::EMPTY;
+        for k in 0..5000u16 {
+            row.azimuth[3] = if k % 2 == 0 { 100 } else { (k * 37) % 1024 };
+            a.learn(&row);
+        }
+        let towards = a.log_ratio(3, [100].into_iter());
+        let elsewhere = a.log_ratio(3, [600].into_iter());
+        assert!(towards > 1.0 && towards < 2.2, "{towards}");
+        assert!(elsewhere < -0.1 && elsewhere > -0.7, "{elsewhere}");
+        assert!(a.log_ratio(4, [600].into_iter()).abs() < 1e-3);
+    }
+}

@@ -1,0 +1,47 @@
+//! The cepstrum of a frame of pressure [O 14]: the inverse transform of ln|P| along frequency.
+//!
+//! Enters: ln|P| of bins 0 to 512. Leaves: C at quefrency k/fs. Noise alone gives a Gaussian of standard deviation
+//! σ(q) = (0.625 + 0.2 cos(π q / q_max)) / √1024 [O 15]; paths that interfere draw a pulse at the delay between them.
+//! ln|P| is real and even, so its inverse transform is the real part of the forward one over 1024. Cost: one transform.
+
+use super::limits::{FRAME, HOP, QUEFRENCIES};
+use crate::math;
+
+/// Standard deviation of the cepstrum of noise at quefrency index `k` [O 15]; not valid at k = 0.
+pub fn noise_sd(k: usize) -> f32 {
+    let x = core::f32::consts::PI * k as f32 / HOP as f32;
+    (0.625 + 0.2 * math::f32::cos(x)) / 32.0
+}
+
+/// Transforms ln|P| (bins 0 to 512), using `buffer`; `out` receives quefrencies 0 to [`QUEFRENCIES`] − 1.
+pub fn transform(log_pressure: &[f32; HOP + 1], buffer: &mut [f32; FRAME], out: &mut [f32; QUEFRENCIES]) {
+    buffer.iter_mut().zip(log_pressure).for_each(|(b, l)| *b = *l);
+    // Bin 1024 − k mirrors bin k; bins 0 and 512 stand alone.
+    buffer.iter_mut().rev().zip(log_pressure.iter().skip(1)).take(HOP - 1).for_each(|(b, l)| *b = *l);
+    let spectrum = microfft::real::rfft_1024(buffer);
+    out.iter_mut().zip(spectrum.iter()).for_each(|(c, z)| *c = z.re * (1.0 / FRAME as f32));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ripple_in_the_spectrum_becomes_a_pulse_at_its_quefrency() {
+        let mut log = [0f32; HOP + 1];
+        for (k, l) in log.iter_mut().enumerate() {
+            *l = 2.0 + 0.3 * math::f32::cos(math::f32::TAU * 100.0 * k as f32 / FRAME as f32);
+        }
+        let (mut buffer, mut out) = ([0f32; FRAME], [0f32; QUEFRENCIES]);
+        transform(&log, &mut buffer, &mut out);
+        assert!((out[0] - 2.0).abs() < 1e-5);
+        assert!((out[100] - 0.15).abs() < 1e-5);
+        assert!(out.iter().enumerate().all(|(k, c)| k == 0 || k == 100 || c.abs() < 1e-5));
+    }
+
+    #[test]
+    fn noise_sd_is_the_paper_s() {
+        assert!((noise_sd(1) - 0.825 / 32.0).abs() < 1e-5);
+        assert!((noise_sd(256) - 0.625 / 32.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,224 @@
+//! The interference model: the log-likelihood ratio of a vessel at each range, from one cepstrum.
+//!
+//! Enters: a clutter-filtered cepstrum y. Leaves, for each model range r, `Σ_q μ(r,q)/σ²(q) · (y(q) − μ(r,q)/2)`
+//! [O 19] with μ the sum of all branches [O 17], cross terms included. The second term does not depend on data and is
+//! computed once. The first is linear in y: one complex envelope Z(τ), the correlation of y/σ² with a pulse at delay
+//! τ, is computed on a fine grid of delays and read by every branch at every range:
+//! `a Re(exp(−i(2π f0 τ + φ)) Z(τ))`. Cost: 90 k instructions a cepstrum; memory 24 KiB.
+
+use super::cepstrum::noise_sd;
+use super::limits::{MODEL_RANGES, QUEFRENCIES, RANGE_STEP_M};
+use super::table::{MAX_BRANCHES, Table};
+use crate::math;
+use microfft::Complex32;
+
+/// Delays between two quefrencies at which the envelope is computed: the envelope then bends so little between
+/// them that a straight line errs by less than 0.5 %.
+const FINE: usize = 4;
+
+/// Longest half pulse in quefrencies: 3 Δτ fs at 62.5 Hz.
+const HALF: usize = 10;
+
+/// Number of fine delays.
+const DELAYS: usize = FINE * QUEFRENCIES;
+
+/// Delays are stored in steps of this, s.
+const DELAY_UNIT_S: f32 = 1e-4;
+
+/// Strengths are stored in steps of this.
+const STRENGTH_UNIT: f32 = 1.0 / 32_768.0;
+
+/// Delays shorter than this (s) lie under the spectrum's smooth shape and are left out.
+const SHORTEST_DELAY_S: f32 = 0.25;
+
+/// A branch at a range: where its pulse lies and how the envelope projects on it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pulse {
+    delay: u16,
+    re: i16,
+    im: i16,
+}
+
+/// The model.
+#[derive(Clone, Debug)]
+pub struct Interference {
+    pulses: [[Pulse; MODEL_RANGES]; MAX_BRANCHES],
+    /// Half the energy of the summed μ over σ².
+    half_energy: [f32; MODEL_RANGES],
+    kernel: [[f32; 2 * HALF + 1]; FINE],
+    carrier: [Complex32; QUEFRENCIES],
+    inverse_variance: [f32; QUEFRENCIES],
+    branches: usize,
+    delays_a_second: f32,
+    max_range_m: f32,
+}
+
+/// Envelope of one cepstrum.
+#[derive(Clone, Debug)]
+pub struct Envelope {
+    weighted: [Complex32; QUEFRENCIES],
+    z: [Complex32; DELAYS],
+}
+
+impl Default for Envelope {
+    fn default() -> Self {
+        let zero = Complex32::new(0.0, 0.0);
+        Self { weighted: [zero; QUEFRENCIES], z: [zero; DELAYS] }
+    }
+}
+
+impl Interference {
+    /// Takes what it needs from the table, for quefrencies in steps of 1/`rate_hz`.
+    pub fn new(table: &Table<'_>, rate_hz: f32) -> Self {
+        let header = table.header();
+        let zero = Complex32::new(0.0, 0.0);
+        let mut out = Self {
+            pulses: [[Pulse::default(); MODEL_RANGES]; MAX_BRANCHES],
+            half_energy: [0.0; MODEL_RANGES],
+            kernel: [[0.0; 2 * HALF + 1]; FINE],
+            carrier: [zero; QUEFRENCIES],
+            inverse_variance: [0.0; QUEFRENCIES],
+            branches: table.branches(),
+            delays_a_second: FINE as f32 * rate_hz,
+            max_range_m: table.max_range_m().min(RANGE_STEP_M * (MODEL_RANGES - 1) as f32),
+        };
+        for (k, (c, v)) in out.carrier.iter_mut().zip(&mut out.inverse_variance).enumerate() {
+            let turn = math::f32::TAU * header.f0_hz * k as f32 / rate_hz;
+            *c = Complex32::new(math::f32::cos(turn), math::f32::sin(turn));
+            *v = 1.0 / (noise_sd(k) * noise_sd(k));
+        }
+        for (s, kernel) in out.kernel.iter_mut().enumerate() {
+            for (d, w) in kernel.iter_mut().enumerate() {
+                let q = (d as f32 - HALF as f32 - s as f32 / FINE as f32) / rate_hz / header.width_s;
+                *w = if q.abs() < 3.0 { math::f32::exp(-q * q) } else { 0.0 };
+            }
+        }
+        let longest = (QUEFRENCIES - 2 * HALF) as f32 / rate_hz;
+        for (b, pulses) in out.pulses.iter_mut().enumerate().take(table.branches()) {
+            for (j, pulse) in pulses.iter_mut().enumerate() {
+                let Some((delay, phase, strength)) = table.branch(b, RANGE_STEP_M * j as f32) else {
+                    continue;
+                };
+                if !(SHORTEST_DELAY_S..=longest).contains(&delay) {
+                    continue;
+                }
+                let angle = math::f32::TAU * header.f0_hz * delay + phase;
+                let code = |x: f32| (strength.min(0.99) * x / STRENGTH_UNIT) as i16;
+                *pulse = Pulse {
+                    delay: math::f32::round(delay / DELAY_UNIT_S) as u16,
+                    re: code(math::f32::cos(angle)),
+                    im: code(math::f32::sin(angle)),
+                };
+            }
+        }
+        for j in 0..MODEL_RANGES {
+            let energy = out.energy(j, header.f0_hz, header.width_s, rate_hz);
+            if let Some(e) = out.half_energy.get_mut(j) {
+                *e = 0.5 * energy;
+            }
+        }
+        out
+    }
+
+    /// `Σ_q μ²/σ²` at model range `j`, all branches summed before squaring.
+    fn energy(&self, j: usize, f0_hz: f32, width_s: f32, rate_hz: f32) -> f32 {
+        let pulse = |b: usize| self.pulses.get(b).and_then(|p| p.get(j)).copied().filter(|p| p.delay > 0);
+        let mut total = 0.0;
+        for b in 0..self.branches {
+            let Some(p) = pulse(b) else { continue };
+            let centre = f32::from(p.delay) * DELAY_UNIT_S * rate_hz;
+            let first = (centre as usize).saturating_sub(HALF);
+            for k in first..first + 2 * HALF + 2 {
+                let own = mu(p, k, f0_hz, width_s, rate_hz);
+                // Every pair is met twice, once from either pulse.
+                let all: f32 =
+                    (0..self.branches).filter_map(pulse).map(|p| mu(p, k, f0_hz, width_s, rate_hz)).sum();
+                total += own * all * self.inverse_variance.get(k).copied().unwrap_or(0.0);
+            }
+        }
+        total.max(0.0)
+    }
+
+    /// Farthest range modelled, m.
+    pub fn max_range_m(&self) -> f32 {
+        self.max_range_m
+    }
+
+    /// Number of branches.
+    pub fn branches(&self) -> usize {
+        self.branches
+    }
+
+    /// Computes the envelope of a cepstrum.
+    pub fn envelope(&self, y: impl Iterator<Item = f32>, out: &mut Envelope) {
+        let weights = self.carrier.iter().zip(&self.inverse_variance);
+        for ((w, y), (c, v)) in out.weighted.iter_mut().zip(y).zip(weights) {
+            let x = y * v;
+            *w = Complex32::new(c.re * x, c.im * x);
+        }
+        let centres = out.weighted.windows(2 * HALF + 1);
+        for (span, z) in centres.zip(out.z.chunks_exact_mut(FINE).skip(HALF)) {
+            for (z, kernel) in z.iter_mut().zip(&self.kernel) {
+                let (mut re, mut im) = (0f32, 0f32);
+                for (w, k) in span.iter().zip(kernel) {
+                    re += w.re * k;
+                    im += w.im * k;
+                }
+                *z = Complex32::new(re, im);
+            }
+        }
+    }
+
+    /// Adds the log-likelihood ratio at every range to `out`: all branches summed, or one alone with its own energy.
+    pub fn log_ratio(&self, envelope: &Envelope, only: Option<usize>, out: &mut [f32; MODEL_RANGES]) {
+        out.iter_mut().for_each(|g| *g = 0.0);
+        let scale = DELAY_UNIT_S * self.delays_a_second;
+        for (b, pulses) in self.pulses.iter().enumerate().take(self.branches) {
+            if only.is_some_and(|o| o != b) {
+                continue;
+            }
+            for (g, p) in out.iter_mut().zip(pulses) {
+                if p.delay == 0 {
+                    continue;
+                }
+                let x = f32::from(p.delay) * scale;
+                let i = x as usize;
+                let part = x - i as f32;
+                if let Some([a, b]) = envelope.z.get(i..).and_then(|z| z.first_chunk::<2>()) {
+                    let re = a.re + (b.re - a.re) * part;
+                    let im = a.im + (b.im - a.im) * part;
+                    *g += STRENGTH_UNIT * (f32::from(p.re) * re + f32::from(p.im) * im);
+                }
+            }
+        }
+        match only {
+            None => out.iter_mut().zip(&self.half_energy).for_each(|(g, e)| *g -= e),
+            Some(b) => {
+                let Some(pulses) = self.pulses.get(b) else { return };
+                for (g, p) in out.iter_mut().zip(pulses) {
+                    *g -= self.half_energy_alone(*p);
+                }
+            }
+        }
+    }
+
+    /// Half the energy of one pulse: the kernel's own square, half of it since the carrier turns many times.
+    fn half_energy_alone(&self, p: Pulse) -> f32 {
+        let k = (f32::from(p.delay) * DELAY_UNIT_S * self.delays_a_second / FINE as f32) as usize;
+        let square: f32 = self.kernel.first().map_or(0.0, |k| k.iter().map(|w| w * w).sum());
+        let (re, im) = (f32::from(p.re) * STRENGTH_UNIT, f32::from(p.im) * STRENGTH_UNIT);
+        0.25 * (re * re + im * im) * square * self.inverse_variance.get(k).copied().unwrap_or(0.0)
+    }
+}
+
+/// The pulse's value at quefrency index `k`.
+fn mu(p: Pulse, k: usize, f0_hz: f32, width_s: f32, rate_hz: f32) -> f32 {
+    let q = k as f32 / rate_hz;
+    let x = (q - f32::from(p.delay) * DELAY_UNIT_S) / width_s;
+    if x.abs() >= 3.0 {
+        return 0.0;
+    }
+    let turn = math::f32::TAU * f0_hz * q;
+    let (re, im) = (f32::from(p.re) * STRENGTH_UNIT, f32::from(p.im) * STRENGTH_UNIT);
+    (re * math::f32::cos(turn) + im * math::f32::sin(turn)) * math::f32::exp(-x * x)
+}

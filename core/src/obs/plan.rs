@@ -1,0 +1,159 @@
+//! The immutable plan of an ocean-bottom station: everything computed once from configuration and table.
+//!
+//! Enters: [`StationConfig`] and [`Table`]. Leaves: window, band, orientation, tables of the wrapped-Cauchy law and
+//! of the interference model. Cost: about 36 KiB and, once, a few million instructions.
+
+use super::decimate::Decimator;
+use super::interference::Interference;
+use super::limits::{AZIMUTH_BINS, FRAME, MAX_INNER_RATE_HZ};
+use super::table::{Table, TableError};
+use super::tonal::WrappedCauchy;
+use super::travel::TravelTime;
+use crate::angle::RAD_PER_DEG;
+use crate::config::{ConfigError, Kind, StationConfig};
+use crate::math;
+
+/// Why a station cannot be planned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PlanError {
+    /// The configuration is of another kind of recorder.
+    NotAnOceanBottomStation,
+    /// The configuration is wrong.
+    Config(ConfigError),
+    /// The propagation table is wrong.
+    Table(TableError),
+    /// The table ends before the nearest range worth searching: its last range, and the range wanted, m.
+    TableTooShort(f32, f32),
+    /// The sampling rate leaves nothing of the band of vessels' tones (11 Hz and up): the rate, Hz.
+    RateTooLow(f64),
+}
+
+impl core::fmt::Display for PlanError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NotAnOceanBottomStation => write!(f, "the station is not of kind \"obs\""),
+            Self::Config(e) => write!(f, "configuration: {e:?}"),
+            Self::Table(e) => write!(f, "{e}"),
+            Self::TableTooShort(have, want) => {
+                write!(f, "propagation table ends at {have} m, at least {want} m is needed")
+            }
+            Self::RateTooLow(rate) => {
+                write!(f, "rate_hz = {rate} leaves no band above 11 Hz; at least 24 Hz")
+            }
+        }
+    }
+}
+
+impl core::error::Error for PlanError {}
+
+/// Least range a table must reach, m: nearer than that there is hardly any interference to range with.
+pub const LEAST_TABLE_RANGE_M: f32 = 15_000.0;
+
+/// Band of tones, Hz [O, III B]: outside it the direction of an ocean-bottom seismometer is poor.
+pub const TONE_BAND_HZ: (f64, f64) = (11.0, 24.0);
+
+/// Seconds from one record set to the next.
+pub const STEP_S: f64 = 60.0;
+
+/// Half the length of the azimuth window, seconds.
+pub const HALF_WINDOW_S: f64 = 90.0;
+
+/// Everything computed once.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Rate of the recording, Hz.
+    pub(super) rate_hz: f64,
+    /// Rate after decimation, Hz.
+    pub(super) inner_rate_hz: f64,
+    pub(super) decimator: Decimator,
+    /// Periodic Hann divided by its sum.
+    pub(super) window: [f32; FRAME],
+    /// First bin of the tone band.
+    pub(super) first_bin: usize,
+    /// Number of bins of the tone band.
+    pub(super) bins: usize,
+    /// True azimuth of the north component, plus half a turn where intensity points away from the source, radians.
+    pub(super) turn: f32,
+    /// Codes at or beyond this are clipped.
+    pub(super) clip: i32,
+    pub(super) paper: bool,
+    pub(super) tones: WrappedCauchy,
+    pub(super) interference: Interference,
+    pub(super) travel: TravelTime,
+}
+
+impl Plan {
+    /// Validates and computes.
+    ///
+    /// # Errors
+    /// The first thing found wrong.
+    pub fn new(config: &StationConfig, table: &Table<'_>) -> Result<Self, PlanError> {
+        let Kind::Obs(obs) = &config.kind else { return Err(PlanError::NotAnOceanBottomStation) };
+        config.validate().map_err(PlanError::Config)?;
+        if table.max_range_m() < LEAST_TABLE_RANGE_M {
+            return Err(PlanError::TableTooShort(table.max_range_m(), LEAST_TABLE_RANGE_M));
+        }
+        let rate_hz = config.rate_hz;
+        let factor = math::f64::ceil(rate_hz / MAX_INNER_RATE_HZ) as usize;
+        let inner_rate_hz = rate_hz / factor as f64;
+        let per_hz = FRAME as f64 / inner_rate_hz;
+        // The top 4 % of the band below Nyquist belongs to the recorder's anti-alias filter.
+        let top_hz = TONE_BAND_HZ.1.min(0.48 * inner_rate_hz);
+        let first_bin = math::f64::ceil(TONE_BAND_HZ.0 * per_hz - 1e-9) as usize;
+        let last_bin = math::f64::floor(top_hz * per_hz + 1e-9) as usize;
+        if last_bin < first_bin + 16 {
+            return Err(PlanError::RateTooLow(rate_hz));
+        }
+        let mut window = [0f32; FRAME];
+        for (n, w) in window.iter_mut().enumerate() {
+            let turn = math::f64::TAU * n as f64 / FRAME as f64;
+            *w = ((0.5 - 0.5 * math::f64::cos(turn)) / (FRAME as f64 / 2.0)) as f32;
+        }
+        let away = if obs.intensity_towards { 0.0 } else { math::f64::PI };
+        Ok(Self {
+            rate_hz,
+            inner_rate_hz,
+            decimator: Decimator::new(factor),
+            window,
+            first_bin,
+            bins: (last_bin - first_bin + 1).min(AZIMUTH_BINS),
+            turn: (obs.orientation_of_north_deg * RAD_PER_DEG + away) as f32,
+            clip: config.full_scale.saturating_sub(1),
+            paper: obs.paper_compatibility,
+            tones: WrappedCauchy::new(obs.paper_compatibility),
+            interference: Interference::new(table, inner_rate_hz as f32),
+            travel: TravelTime::new(table, obs.paper_compatibility),
+        })
+    }
+
+    /// Samples a second of the recording.
+    pub fn rate_hz(&self) -> f64 {
+        self.rate_hz
+    }
+
+    /// Rate the transforms run at, Hz.
+    pub fn inner_rate_hz(&self) -> f64 {
+        self.inner_rate_hz
+    }
+
+    /// Lowest and highest frequency searched for tones, Hz.
+    pub fn tone_band_hz(&self) -> (f64, f64) {
+        let df = self.inner_rate_hz / FRAME as f64;
+        (self.first_bin as f64 * df, (self.first_bin + self.bins - 1) as f64 * df)
+    }
+
+    /// Farthest range the interference model covers, m.
+    pub fn max_range_m(&self) -> f32 {
+        self.interference.max_range_m()
+    }
+
+    /// The interference model made from the table.
+    pub fn interference(&self) -> &Interference {
+        &self.interference
+    }
+
+    /// Travel times made from the table.
+    pub fn travel(&self) -> &TravelTime {
+        &self.travel
+    }
+}

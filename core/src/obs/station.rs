@@ -1,0 +1,315 @@
+//! The ocean-bottom recorder's estimators in order: blocks in, one set of records a minute out.
+//!
+//! Enters: [`Block`]s in channel order pressure, north, east, vertical. Leaves, through the sink: `Azimuth`, `Range`,
+//! `Segment`, `Track` and `Fault` messages. Frame m of a run covers samples 512 m to 512 m + 1023 and carries the time
+//! of sample 512 (m + 1). Records stand on whole minutes t0 of the sample count; a window holds the frames within 90 s of
+//! t0, a minute's range those within 30 s. Records of t0 leave when the first frame beyond t0 + 90 s is complete.
+//! Directions and ranges are those of the vessel when its sound left it.
+
+use super::ambient::Ambient;
+use super::azigram::{self, Row, Spectra};
+use super::cepstrum;
+use super::clutter::Clutter;
+use super::intake::{Event, Hop, Intake};
+use super::limits::{QUEFRENCIES, RANGE_CELLS, WINDOW_FRAMES};
+use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
+use super::presence::{Presence, RangePresence};
+use super::radial::RadialScratch;
+use super::tonal::{Directions, LOG_THRESHOLD, TonalScratch};
+use crate::block::{Block, CHANNELS};
+use crate::health::Accounting;
+use crate::wire::{Azimuth, Message, Range};
+
+/// Steps of a stored cepstrum.
+const CEPSTRUM_UNIT: f32 = 1.0 / 32_768.0;
+
+/// Longest silence worked through minute by minute, minutes; after a longer one the station starts afresh.
+const LONGEST_SILENCE: u64 = 30;
+
+/// One frame, kept for a window.
+#[derive(Clone, Debug)]
+struct Kept {
+    /// Sample index of the frame's time label; 0 frames are told by `used`.
+    label: u64,
+    used: bool,
+    row: Row,
+    cepstrum: [i16; QUEFRENCIES],
+}
+
+const NOT_KEPT: Kept = Kept { label: 0, used: false, row: Row::EMPTY, cepstrum: [0; QUEFRENCIES] };
+
+/// Everything that persists.
+#[derive(Clone, Debug)]
+pub struct State {
+    intake: Intake,
+    kept: [Kept; WINDOW_FRAMES],
+    next_kept: usize,
+    ambient: Ambient,
+    clutter: Clutter,
+    presence: Presence,
+    /// Number of the next minute to report; `None` before the first sample.
+    minute: Option<u64>,
+}
+
+/// Work space; its content means nothing between calls.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    spectra: Spectra,
+    tonal: TonalScratch,
+    radial: RadialScratch,
+    columns: [[f32; RANGE_CELLS]; 3],
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self {
+            spectra: Spectra::default(),
+            tonal: TonalScratch::default(),
+            radial: RadialScratch::default(),
+            columns: [[0.0; RANGE_CELLS]; 3],
+        }
+    }
+}
+
+impl State {
+    /// A station that has heard nothing yet.
+    pub fn new(plan: &Plan) -> Self {
+        Self {
+            intake: Intake::default(),
+            kept: [NOT_KEPT; WINDOW_FRAMES],
+            next_kept: 0,
+            ambient: Ambient::default(),
+            clutter: Clutter::default(),
+            presence: Presence::new(plan.max_range_m()),
+            minute: None,
+        }
+    }
+
+    /// Every instant seen or missed so far.
+    pub fn accounting(&self) -> Accounting {
+        self.intake.accounting
+    }
+
+    /// Index of the instant after the last seen.
+    pub fn next_index(&self) -> u64 {
+        self.intake.next_index()
+    }
+
+    /// Bit c: channel c dead; bit 4 + c: channel c clipped, as of the last half-frame.
+    pub fn channel_flags(&self) -> u8 {
+        let conditions = self.intake.condition.iter().enumerate();
+        conditions.fold(0, |f, (c, x)| f | u8::from(x.dead) << c | u8::from(x.clipped) << (4 + c))
+    }
+
+    /// Level of each channel in the last half-frame, half decibels re full scale.
+    pub fn level_half_db(&self) -> [i8; CHANNELS] {
+        self.intake.level_half_db
+    }
+}
+
+/// Takes a block.
+pub fn push(
+    plan: &Plan,
+    state: &mut State,
+    scratch: &mut Scratch,
+    block: Block<'_>,
+    sink: &mut dyn FnMut(Message),
+) {
+    let (repeated, set_back) = state.intake.arrive(plan, &block, sink);
+    if set_back {
+        state.restart();
+    }
+    if state.minute.is_none() {
+        state.minute = Some(minute_after(plan, block.first_index));
+    }
+    if !block.frames.is_empty() {
+        state.catch_up(plan, scratch, block.first_index, sink);
+    }
+    for frame in block.frames.iter().skip(repeated) {
+        if state.intake.take(plan, frame, sink) == Event::Hop && state.intake.pair() {
+            // Records of a minute must not contain a frame later than its window.
+            state.catch_up(plan, scratch, state.intake.old.end, sink);
+            state.frame(plan, scratch);
+        }
+    }
+}
+
+/// Reports what is still pending at the end of the recording.
+pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut dyn FnMut(Message)) {
+    let end = state.intake.next_index();
+    state.catch_up(plan, scratch, end, sink);
+    // Minutes whose window the recording's end cuts are reported while their centre was recorded.
+    while let Some(k) = state.minute
+        && centre(plan, k) <= end
+        && end > 0
+    {
+        state.minute = Some(k + 1);
+        state.report(plan, scratch, k, sink);
+    }
+    state.intake.end_run();
+}
+
+/// Sample index of minute `k`.
+fn centre(plan: &Plan, k: u64) -> u64 {
+    crate::math::f64::round(STEP_S * k as f64 * plan.rate_hz) as u64
+}
+
+/// The first whole minute after a sample.
+fn minute_after(plan: &Plan, index: u64) -> u64 {
+    crate::math::f64::floor(index as f64 / plan.rate_hz / STEP_S) as u64 + 1
+}
+
+impl State {
+    fn restart(&mut self) {
+        for k in &mut self.kept {
+            k.used = false;
+        }
+        self.presence.restart();
+        self.minute = None;
+    }
+
+    /// Reports every minute whose window ends before `index`.
+    fn catch_up(&mut self, plan: &Plan, scratch: &mut Scratch, index: u64, sink: &mut dyn FnMut(Message)) {
+        let half = (HALF_WINDOW_S * plan.rate_hz) as u64;
+        let mut silent = 0;
+        while let Some(k) = self.minute
+            && centre(plan, k) + half < index
+        {
+            if silent > LONGEST_SILENCE {
+                self.restart();
+                self.minute = Some(minute_after(plan, index));
+                return;
+            }
+            self.minute = Some(k + 1);
+            let heard = self.report(plan, scratch, k, sink);
+            silent = if heard { 0 } else { silent + 1 };
+        }
+    }
+
+    /// Analyses the frame of the two newest hops.
+    fn frame(&mut self, plan: &Plan, scratch: &mut Scratch) {
+        let (old, new) = (&self.intake.old, &self.intake.new);
+        let usable = |c: usize| {
+            let ok = |h: &Hop| h.condition.get(c).is_some_and(|x| x.usable());
+            ok(old) && ok(new)
+        };
+        if !usable(0) {
+            return;
+        }
+        let directional = usable(1) && usable(2);
+        let Some(kept) = self.kept.get_mut(self.next_kept) else { return };
+        azigram::analyse(plan, &mut scratch.spectra, &old.samples, &new.samples, directional, &mut kept.row);
+        kept.label = old.end;
+        kept.used = true;
+        self.ambient.learn(&kept.row);
+        let mut c = [0f32; QUEFRENCIES];
+        cepstrum::transform(&scratch.spectra.log_pressure, &mut scratch.spectra.buffer, &mut c);
+        self.clutter.filter(&mut c);
+        kept.cepstrum
+            .iter_mut()
+            .zip(&c)
+            .for_each(|(k, c)| *k = (c / CEPSTRUM_UNIT).clamp(-32_767.0, 32_767.0) as i16);
+        self.next_kept = (self.next_kept + 1) % WINDOW_FRAMES;
+        self.intake.used();
+    }
+
+    /// Makes the records of minute `k`; whether there was anything to hear.
+    fn report(&mut self, plan: &Plan, scratch: &mut Scratch, k: u64, sink: &mut dyn FnMut(Message)) -> bool {
+        self.intake.reported = 0;
+        let index = centre(plan, k);
+        let offset_s = |label: u64| (label as f64 - index as f64) / plan.rate_hz;
+        let within = |half_s: f64| {
+            move |kept: &&Kept| kept.used && crate::math::f64::abs(offset_s(kept.label)) <= half_s + 1e-6
+        };
+        let rows = self.kept.iter().filter(within(HALF_WINDOW_S)).map(|k| &k.row);
+        let directions = plan.tones.search(plan.bins, &self.ambient, &mut scratch.tonal, rows);
+        scratch.radial.clear();
+        // A frame exactly between two minutes belongs to the later one.
+        let block = self.kept.iter().filter(|k| k.used);
+        for kept in block {
+            let t = offset_s(kept.label);
+            if (-0.5 * STEP_S..0.5 * STEP_S).contains(&t) {
+                let y = kept.cepstrum.iter().map(|c| f32::from(*c) * CEPSTRUM_UNIT);
+                scratch.radial.add(&plan.interference, y, None, t as f32);
+            }
+        }
+        self.presence.predict(&mut scratch.columns);
+        let ranges = if scratch.radial.frames() > 0 {
+            scratch.radial.fill();
+            self.presence.update(&scratch.radial.grid)
+        } else {
+            self.presence.blind()
+        };
+        let heard = directions.frames > 0;
+        if heard {
+            send(index, &directions, &ranges, plan.paper, sink);
+        }
+        heard
+    }
+}
+
+/// Sends the records of a minute.
+fn send(
+    index: u64,
+    directions: &Directions,
+    ranges: &RangePresence,
+    paper: bool,
+    sink: &mut dyn FnMut(Message),
+) {
+    let threshold = if paper { 0.0 } else { LOG_THRESHOLD };
+    let total = directions.modes.iter().flatten().count().max(1) as f32;
+    let mut none = true;
+    for m in directions.modes.iter().flatten() {
+        none = false;
+        sink(Message::Azimuth(Azimuth {
+            index,
+            azimuth: m.azimuth,
+            sd: m.sd,
+            log_presence: m.log_presence,
+            weight: 1.0 / total,
+            detected: m.log_presence > threshold,
+            kind: 0,
+        }));
+    }
+    if none {
+        sink(Message::Azimuth(Azimuth {
+            index,
+            azimuth: 0.0,
+            sd: f32::INFINITY,
+            log_presence: directions.log_presence,
+            weight: 0.0,
+            detected: false,
+            kind: 0,
+        }));
+    }
+    let detected = ranges.log_odds > 0.0;
+    let mut sent = false;
+    for m in ranges.modes.iter().flatten().filter(|m| detected && m.weight >= LEAST_WEIGHT).take(2) {
+        sent = true;
+        sink(Message::Range(Range {
+            index,
+            range_m: m.range_m,
+            sd_range_m: m.sd_range_m,
+            speed_m_s: m.speed_m_s,
+            sd_speed_m_s: m.sd_speed_m_s,
+            log_presence: ranges.log_odds,
+            weight: m.weight,
+            detected,
+        }));
+    }
+    if !sent {
+        sink(Message::Range(Range {
+            index,
+            range_m: 0.0,
+            sd_range_m: f32::INFINITY,
+            speed_m_s: 0.0,
+            sd_speed_m_s: f32::INFINITY,
+            log_presence: ranges.log_odds,
+            weight: 0.0,
+            detected: false,
+        }));
+    }
+}
+
+/// Modes lighter than this are not worth their bytes.
+const LEAST_WEIGHT: f32 = 0.1;
