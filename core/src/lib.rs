@@ -14,6 +14,7 @@ pub mod angle;
 pub mod math;
 
 pub mod config;
+pub mod config_blob;
 pub mod geometry;
 
 pub mod block;
@@ -27,3 +28,6 @@ pub mod wire;
 
 #[cfg(feature = "obs")]
 pub mod obs;
+pub mod port;
+pub mod run;
+pub mod sbraw;

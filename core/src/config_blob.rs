@@ -1,0 +1,189 @@
+//! The configuration as one blob of bytes: how a station reaches the recorder's flash.
+//!
+//! ```text
+//! blob    = "SBCF" version:u8=1 section*
+//! section = tag:[u8;4] length:u32le crc:u32le body:[u8;length]
+//! ```
+//! The CRC is CRC-32/ISO-HDLC of the body. Section `STAT` is the postcard form of [`StationConfig`] and must be
+//! there; `PROP` is an ocean-bottom station's propagation table. Unknown sections are skipped.
+
+use crate::config::{ConfigError, StationConfig};
+
+/// First bytes of every blob: magic and version.
+pub const HEADER: [u8; 5] = *b"SBCF\x01";
+/// Tag of the station's section.
+pub const STATION: [u8; 4] = *b"STAT";
+/// Tag of the propagation table's section.
+pub const PROPAGATION: [u8; 4] = *b"PROP";
+/// Bytes of a section before its body.
+const SECTION_HEAD: usize = 12;
+
+static CRC: crc::Crc<u32, crc::Table<1>> = crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
+
+/// What is wrong with a blob.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BlobError {
+    /// It does not begin with [`HEADER`]: not a configuration, or one of another version.
+    Header,
+    /// It ends within a section, or a section's length cannot be.
+    Truncated,
+    /// The CRC of this section is wrong.
+    Crc([u8; 4]),
+    /// The section asked for is not there.
+    Missing([u8; 4]),
+    /// The section cannot be decoded: made by another version.
+    Decode([u8; 4]),
+    /// It decodes to a configuration that is not valid.
+    Invalid(ConfigError),
+    /// The buffer to write into is too small.
+    Full,
+}
+
+/// The body of the first section with this tag, its CRC checked.
+///
+/// # Errors
+/// What is wrong with the blob.
+pub fn section(blob: &[u8], tag: [u8; 4]) -> Result<&[u8], BlobError> {
+    let mut rest = blob.strip_prefix(&HEADER).ok_or(BlobError::Header)?;
+    while let Some((name, after)) = rest.split_first_chunk::<4>() {
+        let (length, after) = after.split_first_chunk::<4>().ok_or(BlobError::Truncated)?;
+        let (crc, after) = after.split_first_chunk::<4>().ok_or(BlobError::Truncated)?;
+        let length = u32::from_le_bytes(*length) as usize;
+        let (body, next) = after.split_at_checked(length).ok_or(BlobError::Truncated)?;
+        if *name == tag {
+            let whole = CRC.checksum(body) == u32::from_le_bytes(*crc);
+            return if whole { Ok(body) } else { Err(BlobError::Crc(tag)) };
+        }
+        rest = next;
+    }
+    Err(BlobError::Missing(tag))
+}
+
+/// The station's configuration, decoded and validated.
+///
+/// # Errors
+/// What is wrong with the blob or with the configuration in it.
+pub fn station(blob: &[u8]) -> Result<StationConfig, BlobError> {
+    let body = section(blob, STATION)?;
+    let config: StationConfig = postcard::from_bytes(body).map_err(|_| BlobError::Decode(STATION))?;
+    config.validate().map_err(BlobError::Invalid)?;
+    Ok(config)
+}
+
+/// Writes a blob section by section into a caller's buffer.
+#[derive(Debug)]
+pub struct Writer<'a> {
+    buffer: &'a mut [u8],
+    used: usize,
+}
+
+impl<'a> Writer<'a> {
+    /// Begins a blob.
+    ///
+    /// # Errors
+    /// [`BlobError::Full`] if not even the header fits.
+    pub fn new(buffer: &'a mut [u8]) -> Result<Self, BlobError> {
+        let head = buffer.first_chunk_mut().ok_or(BlobError::Full)?;
+        *head = HEADER;
+        Ok(Self { buffer, used: HEADER.len() })
+    }
+
+    /// Adds a section whose body `fill` writes, returning its length.
+    ///
+    /// # Errors
+    /// [`BlobError::Full`] if it does not fit.
+    pub fn section(
+        &mut self,
+        tag: [u8; 4],
+        fill: impl FnOnce(&mut [u8]) -> Option<usize>,
+    ) -> Result<(), BlobError> {
+        let free = self.buffer.get_mut(self.used..).ok_or(BlobError::Full)?;
+        let (head, body) = free.split_first_chunk_mut::<SECTION_HEAD>().ok_or(BlobError::Full)?;
+        let length = fill(body).ok_or(BlobError::Full)?;
+        let crc = CRC.checksum(body.get(..length).ok_or(BlobError::Full)?);
+        let words = [tag, (length as u32).to_le_bytes(), crc.to_le_bytes()];
+        for (to, from) in head.iter_mut().zip(words.iter().flatten()) {
+            *to = *from;
+        }
+        self.used += SECTION_HEAD + length;
+        Ok(())
+    }
+
+    /// Adds the station's section.
+    ///
+    /// # Errors
+    /// [`BlobError::Full`] if it does not fit.
+    pub fn station(&mut self, config: &StationConfig) -> Result<(), BlobError> {
+        self.section(STATION, |body| postcard::to_slice(config, body).ok().map(|b| b.len()))
+    }
+
+    /// The finished blob's length.
+    pub fn finish(self) -> usize {
+        self.used
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Kind, LineConfig, Tracking};
+    use std::vec::Vec;
+
+    fn config() -> StationConfig {
+        StationConfig {
+            id: 3,
+            name: "east".try_into().unwrap(),
+            lat_lon_deg: None,
+            local_east_north_m: Some((4.5, -21.2)),
+            depth_m: 168.0,
+            orientation_deg: 0.0,
+            sound_speed_m_s: 1484.0,
+            rate_hz: 64000.0,
+            full_scale: 1 << 23,
+            kind: Kind::Line(LineConfig { sensors: 23, spacing_m: 0.75 }),
+            tracking: Tracking::default(),
+        }
+    }
+
+    fn blob() -> Vec<u8> {
+        let mut buffer = std::vec![0u8; 512];
+        let mut writer = Writer::new(&mut buffer).unwrap();
+        writer
+            .section(*b"XTRA", |b| {
+                b[..3].copy_from_slice(b"abc");
+                Some(3)
+            })
+            .unwrap();
+        writer.station(&config()).unwrap();
+        let n = writer.finish();
+        buffer.truncate(n);
+        buffer
+    }
+
+    #[test]
+    fn what_was_written_is_read_and_unknown_sections_are_skipped() {
+        assert_eq!(station(&blob()), Ok(config()));
+        assert_eq!(section(&blob(), *b"XTRA"), Ok(&b"abc"[..]));
+        assert_eq!(section(&blob(), PROPAGATION), Err(BlobError::Missing(PROPAGATION)));
+    }
+
+    #[test]
+    fn damage_and_truncation_are_named() {
+        let good = blob();
+        assert_eq!(station(&[]), Err(BlobError::Header));
+        for cut in HEADER.len() + 1..good.len() {
+            assert!(station(&good[..cut]).is_err(), "cut at {cut}");
+        }
+        let mut bad = good.clone();
+        *bad.last_mut().unwrap() ^= 1;
+        assert_eq!(station(&bad), Err(BlobError::Crc(STATION)));
+        let mut invalid = config();
+        invalid.sound_speed_m_s = 1.0;
+        let mut buffer = [0u8; 512];
+        let mut writer = Writer::new(&mut buffer).unwrap();
+        writer.station(&invalid).unwrap();
+        let n = writer.finish();
+        assert!(matches!(station(&buffer[..n]), Err(BlobError::Invalid(_))));
+        assert_eq!(Writer::new(&mut [0u8; 9]).unwrap().station(&config()), Err(BlobError::Full));
+    }
+}

@@ -1,0 +1,64 @@
+//! The hardware boundary: what a board (or the host) must offer for a recorder to run.
+//!
+//! The estimators never call these; [`crate::run::run`] does, and it is the same code on the target and on the host.
+
+use crate::block::Frame;
+
+/// What a [`SampleSource`] has for now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chunk {
+    /// The first `count` frames of the buffer were filled; the first has this sample index.
+    Frames {
+        /// Sample index of the first frame.
+        first_index: u64,
+        /// Number of frames, at most the buffer's length.
+        count: usize,
+    },
+    /// Nothing yet; ask again after the supervisor has idled.
+    Idle,
+    /// The input has ended.
+    End,
+}
+
+/// Samples in.
+pub trait SampleSource {
+    /// Fills the front of `frames` with samples that follow each other without a gap.
+    fn read(&mut self, frames: &mut [Frame]) -> Chunk;
+}
+
+/// Telemetry out and commands in: a serial line.
+pub trait Link {
+    /// Sends one whole frame, or none of it: `false` if the line cannot take it now.
+    fn send(&mut self, frame: &[u8]) -> bool;
+
+    /// The next byte received, if there is one.
+    fn receive(&mut self) -> Option<u8>;
+}
+
+/// A free-running counter for measuring work; it never influences a result.
+pub trait Clock {
+    /// Ticks since some moment, wrapping.
+    fn ticks(&mut self) -> u32;
+}
+
+/// Watchdog, idling, and the reason of the last start.
+pub trait Supervisor {
+    /// The loop is alive: called once a block, and while idle.
+    fn feed(&mut self);
+
+    /// Waits until something may have happened.
+    fn idle(&mut self);
+
+    /// Why the recorder last started, as in [`crate::wire::Hello::reset_cause`].
+    fn reset_cause(&self) -> u8;
+}
+
+/// A clock that stands still, for where nothing is measured.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoClock;
+
+impl Clock for NoClock {
+    fn ticks(&mut self) -> u32 {
+        0
+    }
+}

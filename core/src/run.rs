@@ -1,0 +1,230 @@
+//! The recorder's main loop: samples to messages to frames, commands back; the same code on the target and on the host.
+//!
+//! Enters: a [`SampleSource`], a [`Link`], a [`Clock`] and a [`Supervisor`]. Leaves: frames on the link. What the loop
+//! adds to the recorder's own messages is the count of frames the link refused ([`Health::frames_dropped`]) and the
+//! closing [`End`]. The clock measures work and influences nothing.
+
+use crate::block::{Block, Frame};
+use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
+use crate::wire::{Command, Decoder, Encoder, End, Health, Message};
+
+/// Sample instants handled at a time: 8 ms at 64 kHz, which is short against the shortest bearing segment and long
+/// against the loop's own work.
+pub const BLOCK_FRAMES: usize = 512;
+
+/// What the loop drives: blocks and commands in, messages out.
+pub trait Application {
+    /// Called once before the first block, with the reason of the start.
+    fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message));
+
+    /// Takes consecutive samples.
+    fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message));
+
+    /// Carries out a command; the loop itself stops on [`Command::Stop`].
+    fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message));
+
+    /// The input has ended: everything still held is said.
+    fn finish(&mut self, sink: &mut impl FnMut(&Message));
+}
+
+/// Work done, in the clock's ticks, and what the link did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Summary {
+    /// Sample index after the last sample seen.
+    pub index: u64,
+    /// Sample instants seen.
+    pub instants: u64,
+    /// Ticks spent in the application and in framing.
+    pub busy_ticks: u64,
+    /// Most ticks one block took.
+    pub worst_block_ticks: u32,
+    /// Frames the link took.
+    pub frames: u32,
+    /// Frames the link refused.
+    pub frames_dropped: u32,
+}
+
+/// Sends messages as frames and counts those the link refuses.
+struct Outlet<'a, L> {
+    link: &'a mut L,
+    encoder: Encoder,
+    dropped: u32,
+}
+
+impl<L: Link> Outlet<'_, L> {
+    fn say(&mut self, message: &Message) {
+        let frame = match message {
+            Message::Health(health) => {
+                self.encoder.frame(&Message::Health(Health { frames_dropped: self.dropped, ..*health }))
+            }
+            other => self.encoder.frame(other),
+        };
+        if !self.link.send(frame) {
+            self.dropped = self.dropped.saturating_add(1);
+        }
+    }
+}
+
+/// Runs until the input ends or a stop is commanded.
+pub fn run(
+    application: &mut impl Application,
+    source: &mut impl SampleSource,
+    link: &mut impl Link,
+    clock: &mut impl Clock,
+    supervisor: &mut impl Supervisor,
+    frames: &mut [Frame; BLOCK_FRAMES],
+) -> Summary {
+    let mut summary = Summary::default();
+    let mut commands = Decoder::default();
+    let mut outlet = Outlet { link, encoder: Encoder::default(), dropped: 0 };
+    application.start(supervisor.reset_cause(), &mut |m| outlet.say(m));
+    let mut running = true;
+    while running {
+        supervisor.feed();
+        while let Some(byte) = outlet.link.receive() {
+            if let Some(received) = commands.push::<Command>(byte) {
+                running &= !matches!(received.message, Command::Stop { .. });
+                application.command(received.message, &mut |m| outlet.say(m));
+            }
+        }
+        match source.read(frames) {
+            Chunk::Frames { first_index, count } => {
+                let begun = clock.ticks();
+                let block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
+                application.push(block, &mut |m| outlet.say(m));
+                let ticks = clock.ticks().wrapping_sub(begun);
+                summary.busy_ticks = summary.busy_ticks.saturating_add(u64::from(ticks));
+                summary.worst_block_ticks = summary.worst_block_ticks.max(ticks);
+                summary.index = first_index.saturating_add(count as u64);
+                summary.instants = summary.instants.saturating_add(count as u64);
+            }
+            Chunk::Idle => supervisor.idle(),
+            Chunk::End => running = false,
+        }
+    }
+    application.finish(&mut |m| outlet.say(m));
+    let sent = outlet.encoder.frames();
+    outlet.say(&Message::End(End { index: summary.index, frames: sent }));
+    summary.frames_dropped = outlet.dropped;
+    summary.frames = outlet.encoder.frames().saturating_sub(outlet.dropped);
+    summary
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::port::NoClock;
+    use crate::wire::Reply;
+    use std::vec::Vec;
+
+    struct Counting(u64);
+
+    impl Application for Counting {
+        fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {
+            sink(&Message::Reply(Reply { token: reset_cause, status: 0 }));
+        }
+        fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
+            self.0 += block.frames.len() as u64;
+            sink(&Message::Health(Health {
+                index: block.first_index,
+                processed: self.0,
+                ..Health::default()
+            }));
+        }
+        fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
+            if let Command::Stop { token } = command {
+                sink(&Message::Reply(Reply { token, status: 0 }));
+            }
+        }
+        fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
+            sink(&Message::Health(Health { processed: self.0, ..Health::default() }));
+        }
+    }
+
+    struct Ramp {
+        next: u64,
+        end: u64,
+        idle: bool,
+    }
+
+    impl SampleSource for Ramp {
+        fn read(&mut self, frames: &mut [Frame]) -> Chunk {
+            self.idle = !self.idle;
+            let count = frames.len().min((self.end - self.next) as usize);
+            match (count, self.idle) {
+                (0, _) => Chunk::End,
+                (_, true) => Chunk::Idle,
+                _ => {
+                    self.next += count as u64;
+                    Chunk::Frames { first_index: self.next - count as u64, count }
+                }
+            }
+        }
+    }
+
+    #[derive(Default)]
+    struct Line {
+        sent: Vec<u8>,
+        offered: u32,
+        refuse: Option<u32>,
+        to_receive: Vec<u8>,
+    }
+
+    impl Link for Line {
+        fn send(&mut self, frame: &[u8]) -> bool {
+            self.offered += 1;
+            if self.refuse == Some(self.offered) {
+                return false;
+            }
+            self.sent.extend_from_slice(frame);
+            true
+        }
+        fn receive(&mut self) -> Option<u8> {
+            if self.to_receive.is_empty() { None } else { Some(self.to_receive.remove(0)) }
+        }
+    }
+
+    struct Idle;
+
+    impl Supervisor for Idle {
+        fn feed(&mut self) {}
+        fn idle(&mut self) {}
+        fn reset_cause(&self) -> u8 {
+            3
+        }
+    }
+
+    fn go(link: &mut Line) -> (Summary, Vec<Message>) {
+        let mut source = Ramp { next: 0, end: 1300, idle: false };
+        let mut frames = [[0; 4]; BLOCK_FRAMES];
+        let summary = run(&mut Counting(0), &mut source, link, &mut NoClock, &mut Idle, &mut frames);
+        let mut decoder = Decoder::default();
+        (summary, link.sent.iter().filter_map(|b| decoder.push(*b).map(|r| r.message)).collect())
+    }
+
+    #[test]
+    fn every_sample_is_pushed_and_the_end_closes_the_session() {
+        let (summary, messages) = go(&mut Line::default());
+        assert_eq!((summary.instants, summary.index, summary.frames), (1300, 1300, 6));
+        assert!(matches!(messages[0], Message::Reply(Reply { token: 3, .. })));
+        assert!(matches!(messages[4], Message::Health(Health { processed: 1300, .. })));
+        assert_eq!(messages[5], Message::End(End { index: 1300, frames: 5 }));
+    }
+
+    #[test]
+    fn a_refused_frame_is_counted_in_the_next_health() {
+        let (summary, messages) = go(&mut Line { refuse: Some(2), ..Line::default() });
+        assert_eq!(summary.frames_dropped, 1);
+        let dropped = |m: &Message| matches!(m, Message::Health(h) if h.frames_dropped == 1);
+        assert_eq!(messages.iter().filter(|m| dropped(m)).count(), 3);
+    }
+
+    #[test]
+    fn a_stop_ends_the_run() {
+        let to_receive = Encoder::default().frame(&Command::Stop { token: 9 }).to_vec();
+        let (summary, messages) = go(&mut Line { to_receive, ..Line::default() });
+        assert_eq!(summary.instants, 0);
+        assert!(messages.contains(&Message::Reply(Reply { token: 9, status: 0 })));
+        assert!(matches!(messages.last(), Some(Message::End(_))));
+    }
+}
