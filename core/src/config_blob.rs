@@ -1,11 +1,12 @@
 //! The configuration as one blob of bytes: how a station reaches the recorder's flash.
 //!
 //! ```text
-//! blob    = "SBCF" version:u8=1 section*
+//! blob    = "SBCF" version:u8=1 length:u32le section*      (length: bytes of all sections)
 //! section = tag:[u8;4] length:u32le crc:u32le body:[u8;length]
 //! ```
 //! The CRC is CRC-32/ISO-HDLC of the body. Section `STAT` is the postcard form of [`StationConfig`] and must be
-//! there; `PROP` is an ocean-bottom station's propagation table. Unknown sections are skipped.
+//! there; `PROP` is an ocean-bottom station's propagation table. Unknown sections are skipped, and so is whatever
+//! follows the blob, so that a whole page of flash may be given to the reader.
 
 use crate::config::{ConfigError, StationConfig};
 
@@ -17,6 +18,8 @@ pub const STATION: [u8; 4] = *b"STAT";
 pub const PROPAGATION: [u8; 4] = *b"PROP";
 /// Bytes of a section before its body.
 const SECTION_HEAD: usize = 12;
+/// Bytes before the first section.
+const HEAD: usize = HEADER.len() + 4;
 
 static CRC: crc::Crc<u32, crc::Table<1>> = crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
 
@@ -44,7 +47,12 @@ pub enum BlobError {
 /// # Errors
 /// What is wrong with the blob.
 pub fn section(blob: &[u8], tag: [u8; 4]) -> Result<&[u8], BlobError> {
-    let mut rest = blob.strip_prefix(&HEADER).ok_or(BlobError::Header)?;
+    let (total, rest) = blob
+        .strip_prefix(&HEADER)
+        .ok_or(BlobError::Header)?
+        .split_first_chunk::<4>()
+        .ok_or(BlobError::Truncated)?;
+    let mut rest = rest.get(..u32::from_le_bytes(*total) as usize).ok_or(BlobError::Truncated)?;
     while let Some((name, after)) = rest.split_first_chunk::<4>() {
         let (length, after) = after.split_first_chunk::<4>().ok_or(BlobError::Truncated)?;
         let (crc, after) = after.split_first_chunk::<4>().ok_or(BlobError::Truncated)?;
@@ -83,9 +91,10 @@ impl<'a> Writer<'a> {
     /// # Errors
     /// [`BlobError::Full`] if not even the header fits.
     pub fn new(buffer: &'a mut [u8]) -> Result<Self, BlobError> {
-        let head = buffer.first_chunk_mut().ok_or(BlobError::Full)?;
+        let (head, rest) = buffer.split_first_chunk_mut().ok_or(BlobError::Full)?;
         *head = HEADER;
-        Ok(Self { buffer, used: HEADER.len() })
+        rest.first_chunk_mut::<4>().ok_or(BlobError::Full)?.fill(0);
+        Ok(Self { buffer, used: HEAD })
     }
 
     /// Adds a section whose body `fill` writes, returning its length.
@@ -119,6 +128,10 @@ impl<'a> Writer<'a> {
 
     /// The finished blob's length.
     pub fn finish(self) -> usize {
+        let length = (self.used.saturating_sub(HEAD) as u32).to_le_bytes();
+        for (to, from) in self.buffer.iter_mut().skip(HEADER.len()).zip(length) {
+            *to = from;
+        }
         self.used
     }
 }
@@ -163,6 +176,7 @@ mod tests {
     #[test]
     fn what_was_written_is_read_and_unknown_sections_are_skipped() {
         assert_eq!(station(&blob()), Ok(config()));
+        assert_eq!(station(&[blob(), std::vec![0xff; 100]].concat()), Ok(config()));
         assert_eq!(section(&blob(), *b"XTRA"), Ok(&b"abc"[..]));
         assert_eq!(section(&blob(), PROPAGATION), Err(BlobError::Missing(PROPAGATION)));
     }
@@ -177,6 +191,7 @@ mod tests {
         let mut bad = good.clone();
         *bad.last_mut().unwrap() ^= 1;
         assert_eq!(station(&bad), Err(BlobError::Crc(STATION)));
+        assert_eq!(station(&good[..HEADER.len()]), Err(BlobError::Truncated));
         let mut invalid = config();
         invalid.sound_speed_m_s = 1.0;
         let mut buffer = [0u8; 512];
@@ -184,6 +199,6 @@ mod tests {
         writer.station(&invalid).unwrap();
         let n = writer.finish();
         assert!(matches!(station(&buffer[..n]), Err(BlobError::Invalid(_))));
-        assert_eq!(Writer::new(&mut [0u8; 9]).unwrap().station(&config()), Err(BlobError::Full));
+        assert_eq!(Writer::new(&mut [0u8; 24]).unwrap().station(&config()), Err(BlobError::Full));
     }
 }

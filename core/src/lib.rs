@@ -31,3 +31,4 @@ pub mod obs;
 pub mod port;
 pub mod run;
 pub mod sbraw;
+pub mod standin;

@@ -51,6 +51,10 @@ pub trait Supervisor {
 
     /// Why the recorder last started, as in [`crate::wire::Hello::reset_cause`].
     fn reset_cause(&self) -> u8;
+
+    /// Where the software had panicked before this start, if it had: the value of
+    /// [`crate::wire::FaultCode::Panicked`].
+    fn last_panic(&mut self) -> Option<i64>;
 }
 
 /// A clock that stands still, for where nothing is measured.

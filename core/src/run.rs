@@ -6,7 +6,7 @@
 
 use crate::block::{Block, Frame};
 use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
-use crate::wire::{Command, Decoder, Encoder, End, Health, Message};
+use crate::wire::{Command, Decoder, Encoder, End, Fault, FaultCode, Health, Message};
 
 /// Sample instants handled at a time: 8 ms at 64 kHz, which is short against the shortest bearing segment and long
 /// against the loop's own work.
@@ -78,6 +78,9 @@ pub fn run(
     let mut commands = Decoder::default();
     let mut outlet = Outlet { link, encoder: Encoder::default(), dropped: 0 };
     application.start(supervisor.reset_cause(), &mut |m| outlet.say(m));
+    if let Some(value) = supervisor.last_panic() {
+        outlet.say(&Message::Fault(Fault { code: FaultCode::Panicked, index: 0, value }));
+    }
     let mut running = true;
     while running {
         supervisor.feed();
@@ -191,6 +194,9 @@ mod tests {
         fn idle(&mut self) {}
         fn reset_cause(&self) -> u8 {
             3
+        }
+        fn last_panic(&mut self) -> Option<i64> {
+            None
         }
     }
 

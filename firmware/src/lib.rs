@@ -1,2 +1,14 @@
-//! The recorder application, generic over its board.
+//! The recorder's firmware: boards under the core's main loop.
+//!
+//! * `mps2_an500`: the emulated board (QEMU); samples by semihosting, telemetry and commands on UART0.
+//!
+//! Everything a board offers the loop implements a trait of [`seabearing_core::port`].
 #![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod fault;
+
+#[cfg(feature = "mps2-an500")]
+pub mod mps2_an500;

@@ -1,2 +1,55 @@
-//! Project automation: `cargo xtask demo`, `cargo xtask test`.
-fn main() {}
+//! Project automation: set-up, firmware, emulation, tests and budgets. `cargo xtask help` lists the tasks.
+
+mod firmware;
+mod process;
+mod toolchain;
+
+use anyhow::{Result, bail};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const HELP: &str = "\
+cargo xtask TASK
+
+  demo            build the firmware, boot it in QEMU, stream a vessel pass into it, show its track beside the truth
+  test            set up and run every test, the emulated ones included
+  setup           install what is missing: the Rust target (or a compiler that can build it) and QEMU
+  build-firmware  [--board mps2-an500|stm32h743|all] [--station STATION.toml]
+  panic-free      link the recorder with a panic handler that cannot be linked
+  check           format, lints and documentation, warnings as errors
+
+`demo` and `test` take --host-only: leave the firmware out and run the host's twin of it instead.
+";
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match run(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("xtask: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &[String]) -> Result<()> {
+    let (task, options) = match arguments.split_first() {
+        Some((task, options)) => (task.as_str(), options),
+        None => ("help", arguments),
+    };
+    match task {
+        "setup" => toolchain::set_up().map(|_| ()),
+        "build-firmware" => firmware::command(options),
+        "check" => process::check(),
+        "help" | "-h" | "--help" => {
+            print!("{HELP}");
+            Ok(())
+        }
+        other => bail!("there is no task `{other}`; `cargo xtask help` lists them"),
+    }
+}
+
+/// The workspace's folder.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().map(Path::to_path_buf).unwrap_or_default()
+}

@@ -243,6 +243,8 @@ pub enum FaultCode {
     Restarted,
     /// A command could not be decoded.
     BadCommand,
+    /// The software had panicked before this start: low 32 bits the line, high 31 bits of a hash of the file.
+    Panicked,
 }
 
 /// Answer to a command.

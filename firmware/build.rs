@@ -1,0 +1,25 @@
+//! Tells the linker which of `memory.x`'s regions the image runs in, and which scripts to use.
+
+use std::{env, fs, path::PathBuf};
+
+fn main() {
+    println!("cargo:rerun-if-changed=../memory.x");
+    println!("cargo:rerun-if-changed=build.rs");
+    if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
+        return;
+    }
+    let board = if env::var_os("CARGO_FEATURE_STM32H743").is_some() {
+        "REGION_ALIAS(\"FLASH\", H743_FLASH);\nREGION_ALIAS(\"RAM\", H743_AXI);\n"
+    } else {
+        "REGION_ALIAS(\"FLASH\", AN500_CODE);\nREGION_ALIAS(\"RAM\", AN500_DATA);\n"
+    };
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    fs::write(out.join("board.x"), board).expect("OUT_DIR is writable");
+    fs::copy("../memory.x", out.join("memory.x")).expect("memory.x stands beside the workspace's Cargo.toml");
+    println!("cargo:rustc-link-search={}", out.display());
+    println!("cargo:rustc-link-arg-bins=--nmagic");
+    println!("cargo:rustc-link-arg-bins=-Tlink.x");
+    if env::var_os("CARGO_FEATURE_DEFMT").is_some() {
+        println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
+    }
+}

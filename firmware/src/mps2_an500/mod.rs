@@ -1,0 +1,93 @@
+//! The emulated board: ARM MPS2+ with the AN500 image (Cortex-M7) as QEMU models it.
+//!
+//! The configuration blob stands in PSRAM as it would in flash (the host loads it there before the start). Samples
+//! come from the file or FIFO `samples.sbraw` of QEMU's working directory by semihosting, telemetry and commands go
+//! over UART0, and the work done is left in `summary.bin`. The exit status is 0, or 1 with a reason on the console.
+
+#![allow(unsafe_code)]
+
+pub mod clock;
+pub mod host;
+pub mod uart;
+
+use crate::fault::Record;
+use core::mem::MaybeUninit;
+use cortex_m::peripheral::SCB;
+use seabearing_core::port::Supervisor;
+
+/// Start and size of the memory the configuration blob is loaded into.
+const BLOB: (*const u8, usize) = (0x6000_0000 as *const u8, 1 << 20);
+
+/// The configuration blob and the zeros behind it.
+pub fn blob() -> &'static [u8] {
+    // SAFETY: PSRAM is plain memory that nothing in this image writes.
+    unsafe { core::slice::from_raw_parts(BLOB.0, BLOB.1) }
+}
+
+#[unsafe(link_section = ".uninit.fault")]
+static mut FAULT: MaybeUninit<Record> = MaybeUninit::uninit();
+
+/// Takes the record of the panic before this start, if there was one.
+fn take_fault() -> Option<Record> {
+    let kept = &raw mut FAULT;
+    // SAFETY: one core, no interrupt uses it; every bit pattern is a `Record`.
+    unsafe {
+        let record = kept.cast::<Record>().read_volatile();
+        kept.cast::<Record>().write_volatile(Record::none());
+        record.valid()
+    }
+}
+
+/// Keeps the record of a panic and starts again.
+pub fn record_and_reset(info: &core::panic::PanicInfo<'_>) -> ! {
+    let place = info.location();
+    let record = place.map_or(Record::new("?", 0), |l| Record::new(l.file(), l.line()));
+    let kept = &raw mut FAULT;
+    // SAFETY: as in `take_fault`.
+    unsafe { kept.cast::<Record>().write_volatile(record) };
+    SCB::sys_reset()
+}
+
+/// Bytes of stack there are, and the most that was used: start-up code paints the stack, use wipes the paint off.
+pub fn stack_use() -> (u32, u32) {
+    const PAINT: u32 = 0xcccc_cccc;
+    unsafe extern "C" {
+        static _stack_end: u32;
+        static _stack_start: u32;
+    }
+    let (low, high) = (&raw const _stack_end, &raw const _stack_start);
+    let mut at = low;
+    // SAFETY: reads words of the stack's own memory, from its far end up to the first one used.
+    unsafe {
+        while at < high && at.read_volatile() == PAINT {
+            at = at.add(1);
+        }
+    }
+    ((high as u32) - (low as u32), (high as u32) - (at as u32))
+}
+
+/// The emulated board has no watchdog; the reason of a start is known from the panic record.
+pub struct Board(Option<Record>);
+
+impl Board {
+    /// The board as it started.
+    pub fn new() -> Self {
+        Self(take_fault())
+    }
+}
+
+impl Supervisor for Board {
+    fn feed(&mut self) {}
+
+    fn idle(&mut self) {}
+
+    fn reset_cause(&self) -> u8 {
+        const POWER: u8 = 0;
+        const SOFTWARE: u8 = 2;
+        if self.0.is_some() { SOFTWARE } else { POWER }
+    }
+
+    fn last_panic(&mut self) -> Option<i64> {
+        self.0.map(Record::value)
+    }
+}

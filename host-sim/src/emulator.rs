@@ -1,0 +1,264 @@
+//! The firmware under QEMU: samples through a FIFO, telemetry and commands through a socket, costs from its summary.
+//!
+//! QEMU runs in a temporary folder that holds the FIFO `samples.sbraw`, the socket and the summary; the configuration
+//! blob is loaded into the emulated board's memory before the start. Nothing is lost at the end: the firmware waits
+//! for its transmitter, and the socket is read until QEMU closes it.
+
+use anyhow::{Context, Result, bail};
+use std::io::{BufWriter, ErrorKind, Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Where the configuration blob is loaded: PSRAM of the emulated board.
+const BLOB_ADDRESS: &str = "0x60000000";
+/// Instructions per tick of the emulated core clock with `-icount shift=0` (1 ns an instruction, 40 ns a tick).
+pub const INSTRUCTIONS_PER_TICK: u64 = 40;
+/// Silence after which the emulated firmware is taken for dead.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// How to run.
+#[derive(Debug, Clone)]
+pub struct Emulator {
+    /// The firmware image (ELF).
+    pub firmware: PathBuf,
+    /// Count instructions instead of following the wall clock.
+    pub count_instructions: bool,
+}
+
+/// What the firmware leaves behind: see `docs/firmware.md`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Summary {
+    /// Sample index after the last sample seen.
+    pub index: u64,
+    /// Sample instants seen.
+    pub instants: u64,
+    /// Ticks spent in the recorder and in framing.
+    pub busy_ticks: u64,
+    /// Most ticks one block took.
+    pub worst_block_ticks: u64,
+    /// Frames sent.
+    pub frames: u64,
+    /// Frames dropped.
+    pub frames_dropped: u64,
+    /// Bytes of stack there were.
+    pub stack_bytes: u64,
+    /// Most bytes of stack used.
+    pub stack_used: u64,
+}
+
+impl Summary {
+    fn read(path: &Path) -> Option<Self> {
+        let bytes = std::fs::read(path).ok()?;
+        let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|w| u64::from_le_bytes(*w)).collect();
+        let [
+            index,
+            instants,
+            busy_ticks,
+            worst_block_ticks,
+            frames,
+            frames_dropped,
+            stack_bytes,
+            stack_used,
+        ] = words[..]
+        else {
+            return None;
+        };
+        Some(Self {
+            index,
+            instants,
+            busy_ticks,
+            worst_block_ticks,
+            frames,
+            frames_dropped,
+            stack_bytes,
+            stack_used,
+        })
+    }
+}
+
+/// The firmware image of a checkout, or the reason why there is none.
+///
+/// # Errors
+/// Says how to build it.
+pub fn firmware(path: Option<PathBuf>) -> Result<PathBuf> {
+    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../target/firmware/images/mps2-an500.elf");
+    let path = path.unwrap_or_else(|| PathBuf::from(default));
+    match path.canonicalize() {
+        Ok(path) => Ok(path),
+        Err(_) => {
+            bail!("no firmware image at {}: run `cargo xtask build-firmware`", path.display())
+        }
+    }
+}
+
+/// Stops QEMU however the run ends.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Emulator {
+    /// Runs the firmware to its end. `feed` writes the `.sbraw` stream; `heard` gets telemetry as it comes and may
+    /// write commands back.
+    ///
+    /// # Errors
+    /// One line: QEMU missing or failing, the firmware's own reason, or silence.
+    pub fn run(
+        &self,
+        blob: &[u8],
+        feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
+        mut heard: impl FnMut(&[u8], &mut dyn Write) -> Result<()>,
+    ) -> Result<Summary> {
+        let folder = tempfile::Builder::new().prefix("seabearing-").tempdir().context("a temporary folder")?;
+        let fifo = folder.path().join("samples.sbraw");
+        let made = Command::new("mkfifo").arg(&fifo).status().context("cannot run mkfifo")?;
+        if !made.success() {
+            bail!("cannot make a FIFO in {}", folder.path().display());
+        }
+        std::fs::write(folder.path().join("station.sbcf"), blob)?;
+        let listener = UnixListener::bind(folder.path().join("uart0"))?;
+        let mut qemu = Running(self.start(folder.path())?);
+        let mut uart = accept(&listener, &mut qemu.0, folder.path())?;
+        uart.set_read_timeout(Some(Duration::from_millis(500)))?;
+
+        let fed = AtomicU64::new(0);
+        let (fifo, fed) = (fifo.as_path(), &fed);
+        std::thread::scope(|scope| {
+            let feeder = scope.spawn(move || -> Result<()> {
+                let file = std::fs::OpenOptions::new().write(true).open(fifo)?;
+                let mut out = BufWriter::with_capacity(1 << 16, Counted { file, fed });
+                feed(&mut out)?;
+                Ok(out.flush()?)
+            });
+            let listened = listen(&mut uart, fed, &mut heard);
+            if listened.is_err() {
+                let _ = qemu.0.kill();
+            }
+            let status = qemu.0.wait().context("waiting for QEMU");
+            // A feeder whose reader has gone is let go: opening both ways never waits, closing breaks the pipe.
+            drop(std::fs::OpenOptions::new().read(true).write(true).open(fifo));
+            let feeding = feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"));
+            listened?;
+            let status = status?;
+            match feeding {
+                Err(error) if !is_broken_pipe(&error) => return Err(error),
+                _ => {}
+            }
+            if !status.success() {
+                bail!("the firmware has failed: {}", console(folder.path(), &status));
+            }
+            Summary::read(&folder.path().join("summary.bin")).context("the firmware left no summary")
+        })
+    }
+
+    fn start(&self, folder: &Path) -> Result<Child> {
+        let mut command = Command::new("qemu-system-arm");
+        command.args(["-M", "mps2-an500", "-display", "none", "-monitor", "none", "-parallel", "none"]);
+        command.args(["-semihosting-config", "enable=on,target=native", "-serial", "unix:uart0"]);
+        command.arg("-device").arg(format!("loader,file=station.sbcf,addr={BLOB_ADDRESS},force-raw=on"));
+        command.arg("-kernel").arg(&self.firmware);
+        if self.count_instructions {
+            command.args(["-icount", "shift=0"]);
+        }
+        let console = std::fs::File::create(folder.join("console"))?;
+        command.current_dir(folder).stdin(Stdio::null());
+        command.stdout(console.try_clone()?).stderr(console);
+        command.spawn().map_err(|e| match e.kind() {
+            ErrorKind::NotFound => {
+                anyhow::anyhow!("no qemu-system-arm on the search path: run `cargo xtask setup`")
+            }
+            _ => anyhow::anyhow!("cannot start qemu-system-arm: {e}"),
+        })
+    }
+}
+
+/// Counts what has gone into the FIFO: a sign of life.
+struct Counted<'a> {
+    file: std::fs::File,
+    fed: &'a AtomicU64,
+}
+
+impl Write for Counted<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let n = self.file.write(bytes)?;
+        self.fed.fetch_add(n as u64, Ordering::Relaxed);
+        Ok(n)
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// Waits for QEMU to connect its serial port.
+fn accept(listener: &UnixListener, qemu: &mut Child, folder: &Path) -> Result<UnixStream> {
+    listener.set_nonblocking(true)?;
+    let begun = Instant::now();
+    loop {
+        match listener.accept() {
+            Ok((stream, _)) => {
+                stream.set_nonblocking(false)?;
+                return Ok(stream);
+            }
+            Err(e) if e.kind() == ErrorKind::WouldBlock => {}
+            Err(e) => return Err(e).context("waiting for QEMU's serial port"),
+        }
+        if let Some(status) = qemu.try_wait()? {
+            bail!("QEMU did not start: {}", console(folder, &status));
+        }
+        if begun.elapsed() > PATIENCE {
+            bail!("QEMU did not connect its serial port within {} s", PATIENCE.as_secs());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Reads telemetry until QEMU closes the line.
+fn listen(
+    uart: &mut UnixStream,
+    fed: &AtomicU64,
+    heard: &mut impl FnMut(&[u8], &mut dyn Write) -> Result<()>,
+) -> Result<()> {
+    let mut commands = uart.try_clone()?;
+    let mut buffer = vec![0u8; 1 << 14];
+    let (mut life, mut alive) = (0, Instant::now());
+    loop {
+        match uart.read(&mut buffer) {
+            Ok(0) => return Ok(()),
+            Ok(n) => {
+                alive = Instant::now();
+                heard(&buffer[..n], &mut commands)?;
+            }
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Err(e) if e.kind() == ErrorKind::Interrupted => {}
+            Err(e) if e.kind() == ErrorKind::ConnectionReset => return Ok(()),
+            Err(e) => return Err(e).context("reading the emulated serial port"),
+        }
+        let now = fed.load(Ordering::Relaxed);
+        if now != life {
+            (life, alive) = (now, Instant::now());
+        }
+        if alive.elapsed() > PATIENCE {
+            bail!("the firmware has neither taken samples nor sent anything for {} s", PATIENCE.as_secs());
+        }
+    }
+}
+
+/// The last line on the emulator's console, or the status where there is none.
+fn console(folder: &Path, status: &std::process::ExitStatus) -> String {
+    let text = std::fs::read(folder.join("console")).unwrap_or_default();
+    let text = String::from_utf8_lossy(&text);
+    text.lines().map(str::trim).rfind(|l| !l.is_empty()).map_or(status.to_string(), str::to_owned)
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .any(|c| c.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe))
+}
