@@ -31,7 +31,11 @@ impl Application for StandIn {
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         self.seen.processed += block.frames.len() as u64;
         if block.first_index % 65536 == 0 {
-            sink(&Message::Health(Health { index: block.first_index, processed: self.seen.processed, ..Health::default() }));
+            sink(&Message::Health(Health {
+                index: block.first_index,
+                processed: self.seen.processed,
+                ..Health::default()
+            }));
         }
     }
     fn command(&mut self, _: Command, _: &mut impl FnMut(&Message)) {}

@@ -53,16 +53,8 @@ impl Summary {
     fn read(path: &Path) -> Option<Self> {
         let bytes = std::fs::read(path).ok()?;
         let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|w| u64::from_le_bytes(*w)).collect();
-        let [
-            index,
-            instants,
-            busy_ticks,
-            worst_block_ticks,
-            frames,
-            frames_dropped,
-            stack_bytes,
-            stack_used,
-        ] = words[..]
+        let [index, instants, busy_ticks, worst_block_ticks, frames, frames_dropped, stack_bytes, stack_used] =
+            words[..]
         else {
             return None;
         };
@@ -116,7 +108,8 @@ impl Emulator {
         feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
         mut heard: impl FnMut(&[u8], &mut dyn Write) -> Result<()>,
     ) -> Result<Summary> {
-        let folder = tempfile::Builder::new().prefix("seabearing-").tempdir().context("a temporary folder")?;
+        let folder =
+            tempfile::Builder::new().prefix("seabearing-").tempdir().context("a temporary folder")?;
         let fifo = folder.path().join("samples.sbraw");
         let made = Command::new("mkfifo").arg(&fifo).status().context("cannot run mkfifo")?;
         if !made.success() {

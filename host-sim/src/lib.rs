@@ -4,6 +4,7 @@
 pub mod atomic;
 pub mod cmd;
 pub mod csv;
+pub mod emulator;
 pub mod ocean_bottom;
 pub mod orientation;
 pub mod plot;
@@ -13,3 +14,4 @@ pub mod record;
 pub mod recording;
 pub mod reproduce;
 pub mod station;
+pub mod twin;

@@ -1,5 +1,6 @@
 //! Building firmware images. Finished ones are copied to `target/firmware/images`.
 
+use crate::elf::Elf;
 use crate::process::{run, say};
 use crate::root;
 use crate::toolchain::{TARGET, Toolchain};
@@ -55,7 +56,7 @@ pub fn command(options: &[String]) -> Result<()> {
         [] => &[&EMULATED],
         [flag, board] if flag == "--board" => match board.as_str() {
             "mps2-an500" => &[&EMULATED],
-            "all" => &[&EMULATED],
+            "all" => &[&EMULATED, &EMULATED_ARRAY, &EMULATED_OBS],
             other => bail!("there is no board `{other}`: mps2-an500, stm32h743 or all"),
         },
         _ => bail!("build-firmware takes --board mps2-an500, stm32h743 or all"),
@@ -63,7 +64,10 @@ pub fn command(options: &[String]) -> Result<()> {
     let toolchain = Toolchain::find()?;
     for image in images {
         let path = build(&toolchain, image)?;
-        say(&format!("built {}", path.strip_prefix(root()).unwrap_or(&path).display()));
+        let elf = Elf::read(&path)?;
+        let (flash, statics) = (elf.flash(), elf.statics());
+        let path = path.strip_prefix(root()).unwrap_or(&path).display();
+        say(&format!("built {path}: {flash} bytes of flash, {statics} of statics"));
     }
     Ok(())
 }

@@ -1,6 +1,8 @@
 //! Project automation: set-up, firmware, emulation, tests and budgets. `cargo xtask help` lists the tasks.
 
+mod elf;
 mod firmware;
+mod panic_free;
 mod process;
 mod toolchain;
 
@@ -40,6 +42,7 @@ fn run(arguments: &[String]) -> Result<()> {
     match task {
         "setup" => toolchain::set_up().map(|_| ()),
         "build-firmware" => firmware::command(options),
+        "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
         "check" => process::check(),
         "help" | "-h" | "--help" => {
             print!("{HELP}");

@@ -36,7 +36,9 @@ impl Toolchain {
             return Ok(Self::Target);
         }
         if let Some(rustup) = find("rustup") {
-            say(&format!("installing the Rust target {TARGET} with rustup: the firmware runs on a Cortex-M7"));
+            say(&format!(
+                "installing the Rust target {TARGET} with rustup: the firmware runs on a Cortex-M7"
+            ));
             let added = run(Command::new(rustup).args(["target", "add", TARGET]), "rustup target add");
             if added.is_ok() && has_target() {
                 return Ok(Self::Target);

@@ -1,6 +1,7 @@
 //! The recorder on the emulated board.
 #![no_std]
 #![no_main]
+#![allow(unsafe_code)]
 
 use core::panic::PanicInfo;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
@@ -9,7 +10,9 @@ use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::sbraw::{Ending, Reader};
 use seabearing_core::standin::StandIn;
 use seabearing_core::{config_blob, health::Accounting};
-use seabearing_firmware::mps2_an500::{Board, blob, clock::CoreTicks, host, record_and_reset, stack_use, uart::Uart0};
+use seabearing_firmware::mps2_an500::{
+    Board, blob, clock::CoreTicks, host, record_and_reset, stack_use, uart::Uart0,
+};
 
 #[entry]
 fn main() -> ! {

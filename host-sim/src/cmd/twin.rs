@@ -1,13 +1,106 @@
 //! `seabearing twin`: run the firmware in QEMU and the host over the same input and compare their telemetry.
 
+use crate::emulator::{self, Emulator};
+use crate::progress;
+use crate::station::Station;
+use crate::{recording, twin};
+use anyhow::{Context, Result};
+use seabearing_core::sbraw;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
 /// Arguments of `seabearing twin`.
 #[derive(clap::Args)]
-pub struct Args {}
+#[command(after_help = "Example:\n  cargo xtask build-firmware\n  \
+    seabearing twin --station out/station.toml out/east.wav\n\n\
+    RECORDING is what `process` takes, or one .sbraw stream (docs/firmware.md).")]
+pub struct Args {
+    /// Station file
+    #[arg(long, value_name = "STATION.toml")]
+    station: PathBuf,
+    /// Firmware image [default: target/firmware/images/mps2-an500.elf of the checkout]
+    #[arg(long, value_name = "ELF")]
+    firmware: Option<PathBuf>,
+    /// Count instructions (slower; the cost is printed)
+    #[arg(long)]
+    count_instructions: bool,
+    /// Keep the firmware's telemetry in this file
+    #[arg(long, value_name = "FILE")]
+    keep: Option<PathBuf>,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+    /// Recordings
+    #[arg(required = true, value_name = "RECORDING")]
+    input: Vec<PathBuf>,
+}
 
 /// Runs the command.
 ///
 /// # Errors
 /// One line for a person.
-pub fn run(_args: Args) -> anyhow::Result<()> {
-    anyhow::bail!("`twin` is not built yet")
+pub fn run(args: Args) -> Result<()> {
+    let station = Station::read(&args.station)?;
+    let firmware = emulator::firmware(args.firmware)?;
+    let emulator = Emulator { firmware, count_instructions: args.count_instructions };
+    let blob = twin::blob(&station.config)?;
+    let raw = args.input.len() == 1 && args.input[0].extension().is_some_and(|e| e == "sbraw");
+    let feed = |out: &mut dyn Write| match &args.input[..] {
+        [path] if raw => copy(path, out),
+        paths => convert(paths, &station, out),
+    };
+    // Complaints about the input are heard before QEMU starts.
+    if !raw {
+        recording::open(&args.input, &station, None)?;
+    }
+    let twins = twin::both(&emulator, &blob, feed)?;
+    if let Some(path) = &args.keep {
+        crate::atomic::write(path, &twins.firmware)?;
+    }
+    let messages = twins.agree(station.config.rate_hz)?;
+    let seconds = twins.summary.instants as f64 / station.config.rate_hz;
+    let work = twins.summary.busy_ticks as f64 * emulator::INSTRUCTIONS_PER_TICK as f64 / seconds.max(1e-9);
+    let work = args.count_instructions.then_some(work / 1e6);
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        let record = serde_json::json!({
+            "type": "twin", "identical": true, "bytes": twins.host.len(), "messages": messages.len(), "seconds": seconds,
+            "million_instructions_per_s": work, "stack_bytes": twins.summary.stack_used,
+        });
+        writeln!(out, "{record}")?;
+    } else {
+        let (bytes, count) = (twins.host.len(), messages.len());
+        writeln!(out, "identical: {bytes} bytes, {count} messages over {seconds:.1} s of samples")?;
+        if let Some(work) = work {
+            writeln!(out, "work: {work:.2} million instructions per second of samples")?;
+        }
+    }
+    Ok(())
+}
+
+/// A ready stream goes as it is.
+fn copy(path: &Path, out: &mut dyn Write) -> Result<()> {
+    let name = || format!("cannot read {}", path.display());
+    let mut file = std::fs::File::open(path).with_context(name)?;
+    let mut magic = [0u8; sbraw::MAGIC.len()];
+    let read = std::io::Read::read(&mut file, &mut magic).with_context(name)?;
+    if read != magic.len() || magic != sbraw::MAGIC {
+        anyhow::bail!("{}: not an .sbraw stream (docs/firmware.md)", path.display());
+    }
+    out.write_all(&magic)?;
+    std::io::copy(&mut file, out)?;
+    Ok(())
+}
+
+/// Recordings become a stream.
+fn convert(paths: &[PathBuf], station: &Station, out: &mut dyn Write) -> Result<()> {
+    let mut source = recording::open(paths, station, None)?;
+    let bar = progress::bar(source.expected_end().unwrap_or(0), "samples");
+    out.write_all(&sbraw::MAGIC)?;
+    while let Some(block) = source.next_block()? {
+        bar.set_position(block.first_index + block.frames.len() as u64);
+        twin::write_block(out, block)?;
+    }
+    bar.finish_and_clear();
+    Ok(())
 }

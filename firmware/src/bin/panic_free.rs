@@ -1,0 +1,103 @@
+//! The recorder linked with a panic handler that cannot be linked: the link fails while any panic is reachable.
+//!
+//! Samples come from a register the optimiser knows nothing about and telemetry goes to another, so that no path is
+//! optimised away. The image is linked, never run. With the feature `seeded-panic` one panic is reachable, and the
+//! link must fail: that the check notices is checked too.
+#![no_std]
+#![no_main]
+#![allow(unsafe_code)]
+
+use core::panic::PanicInfo;
+use cortex_m_rt::entry;
+use seabearing_core::block::Frame;
+use seabearing_core::config_blob;
+use seabearing_core::port::{Clock, Link, Supervisor};
+use seabearing_core::run::{BLOCK_FRAMES, run};
+use seabearing_core::sbraw::{ReadBytes, Reader};
+use seabearing_core::standin::StandIn;
+
+/// A device register: whatever is read there, the optimiser cannot know.
+const REGISTER: *mut u32 = 0x4000_0000 as *mut u32;
+
+struct Device;
+
+impl Device {
+    fn word(&self) -> u32 {
+        // SAFETY: this image is never run.
+        unsafe { REGISTER.read_volatile() }
+    }
+}
+
+impl ReadBytes for Device {
+    fn read(&mut self, bytes: &mut [u8]) -> usize {
+        bytes.fill_with(|| self.word() as u8);
+        self.word() as usize
+    }
+}
+
+impl Link for Device {
+    fn send(&mut self, frame: &[u8]) -> bool {
+        for byte in frame {
+            // SAFETY: this image is never run.
+            unsafe { REGISTER.write_volatile(u32::from(*byte)) };
+        }
+        self.word() != 0
+    }
+
+    fn receive(&mut self) -> Option<u8> {
+        Some(self.word() as u8)
+    }
+}
+
+impl Clock for Device {
+    fn ticks(&mut self) -> u32 {
+        self.word()
+    }
+}
+
+impl Supervisor for Device {
+    fn feed(&mut self) {}
+
+    fn idle(&mut self) {}
+
+    fn reset_cause(&self) -> u8 {
+        self.word() as u8
+    }
+
+    fn last_panic(&mut self) -> Option<i64> {
+        Some(i64::from(self.word()))
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
+
+    // SAFETY: this image is never run.
+    let blob = unsafe { core::slice::from_raw_parts(0x6000_0000 as *const u8, 1 << 20) };
+    if let Ok(config) = config_blob::station(blob) {
+        let mut application = StandIn { config, seen: Default::default() };
+        let mut samples = Reader::new(Device);
+        run(&mut application, &mut samples, &mut Device, &mut Device, &mut Device, FRAMES);
+    }
+    #[cfg(feature = "seeded-panic")]
+    {
+        let at = Device.word() as usize;
+        FRAMES[at][0] = 1;
+        Device.send(&[FRAMES[at / 2][1] as u8]);
+    }
+    loop {
+        Device.word();
+    }
+}
+
+unsafe extern "C" {
+    /// Defined nowhere.
+    fn a_panic_is_reachable() -> !;
+}
+
+#[panic_handler]
+fn panic(_info: &PanicInfo<'_>) -> ! {
+    // SAFETY: cannot be linked.
+    unsafe { a_panic_is_reachable() }
+}

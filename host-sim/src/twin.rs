@@ -1,0 +1,178 @@
+//! The twin: the firmware in QEMU and the same loop on the host over the same samples, telemetry compared.
+
+use crate::emulator::{Emulator, Summary};
+use crate::record::Recorder as Records;
+use anyhow::{Context, Result, anyhow, bail};
+use seabearing_core::block::{Block, Frame};
+use seabearing_core::config::StationConfig;
+use seabearing_core::config_blob::{self, Writer};
+use seabearing_core::port::{Link, NoClock, Supervisor};
+use seabearing_core::run::{BLOCK_FRAMES, run};
+use seabearing_core::sbraw::{self, ReadBytes, Reader};
+use seabearing_core::standin::StandIn;
+use seabearing_core::wire::{Decoder, Message};
+use std::io::{BufReader, Read, Write};
+use std::os::unix::net::UnixStream;
+
+/// Room for the blob of a station, its propagation table included.
+const BLOB_BYTES: usize = 1 << 20;
+
+/// The configuration blob of a station: what is flashed beside the firmware.
+///
+/// # Errors
+/// It does not fit.
+pub fn blob(config: &StationConfig) -> Result<Vec<u8>> {
+    let mut bytes = vec![0u8; BLOB_BYTES];
+    let mut writer = Writer::new(&mut bytes).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
+    writer.station(config).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
+    let length = writer.finish();
+    bytes.truncate(length);
+    Ok(bytes)
+}
+
+/// Writes one block as a record of an `.sbraw` stream.
+///
+/// # Errors
+/// The reader has gone.
+pub fn write_block(out: &mut dyn Write, block: Block<'_>) -> std::io::Result<()> {
+    out.write_all(&sbraw::record_head(block.first_index, block.frames.len() as u32))?;
+    block.frames.iter().try_for_each(|frame| out.write_all(&sbraw::frame_bytes(frame)))
+}
+
+struct Bytes<R>(R);
+
+impl<R: Read> ReadBytes for Bytes<R> {
+    fn read(&mut self, bytes: &mut [u8]) -> usize {
+        let mut got = 0;
+        while got < bytes.len() {
+            match self.0.read(&mut bytes[got..]) {
+                Ok(0) => break,
+                Ok(n) => got += n,
+                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(_) => break,
+            }
+        }
+        got
+    }
+}
+
+struct Collected(Vec<u8>);
+
+impl Link for Collected {
+    fn send(&mut self, frame: &[u8]) -> bool {
+        self.0.extend_from_slice(frame);
+        true
+    }
+    fn receive(&mut self) -> Option<u8> {
+        None
+    }
+}
+
+struct Host;
+
+impl Supervisor for Host {
+    fn feed(&mut self) {}
+    fn idle(&mut self) {}
+    fn reset_cause(&self) -> u8 {
+        0
+    }
+    fn last_panic(&mut self) -> Option<i64> {
+        None
+    }
+}
+
+/// The telemetry the host's own loop makes of a stream.
+///
+/// # Errors
+/// The configuration blob or the stream is not valid.
+pub fn host_telemetry(
+    blob: &[u8],
+    feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
+) -> Result<Vec<u8>> {
+    let config = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
+    let (near, far) = UnixStream::pair()?;
+    std::thread::scope(|scope| {
+        let feeder = scope.spawn(move || {
+            let mut out = std::io::BufWriter::with_capacity(1 << 16, near);
+            feed(&mut out)?;
+            Ok(out.flush()?)
+        });
+        let mut reader = Reader::new(Bytes(BufReader::with_capacity(1 << 16, far)));
+        let mut link = Collected(Vec::new());
+        let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
+        let mut application = StandIn { config, seen: Default::default() };
+        run(&mut application, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
+        drop(reader);
+        feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"))?;
+        Ok(link.0)
+    })
+}
+
+/// Both telemetries and what the firmware's run cost.
+#[derive(Debug, Clone)]
+pub struct Twins {
+    /// The host's bytes.
+    pub host: Vec<u8>,
+    /// The firmware's bytes.
+    pub firmware: Vec<u8>,
+    /// What the firmware left behind.
+    pub summary: Summary,
+}
+
+/// Runs both over the same stream, which `feed` writes twice.
+///
+/// # Errors
+/// One of them cannot run.
+pub fn both(
+    emulator: &Emulator,
+    blob: &[u8],
+    feed: impl Fn(&mut dyn Write) -> Result<()> + Send + Sync,
+) -> Result<Twins> {
+    let mut firmware = Vec::new();
+    let summary = emulator.run(blob, &feed, |bytes, _| {
+        firmware.extend_from_slice(bytes);
+        Ok(())
+    })?;
+    let host = host_telemetry(blob, &feed).context("the host's run")?;
+    Ok(Twins { host, firmware, summary })
+}
+
+impl Twins {
+    /// Messages of the host, if both sent the same bytes.
+    ///
+    /// # Errors
+    /// Where they first differ, with the messages there.
+    pub fn agree(&self, rate_hz: f64) -> Result<Vec<Message>> {
+        let (host, firmware) = (frames(&self.host), frames(&self.firmware));
+        if self.host == self.firmware {
+            return Ok(host.into_iter().filter_map(|f| f.1).collect());
+        }
+        let byte = self.host.iter().zip(&self.firmware).take_while(|(a, b)| a == b).count();
+        let at = host.iter().zip(&firmware).take_while(|(a, b)| a.0 == b.0).count();
+        let records = Records { rate_hz, start: None };
+        let show = |f: Option<&Framed>| match f {
+            Some((_, Some(message))) => records.json(message).to_string(),
+            Some((bytes, None)) => format!("{} undecodable bytes", bytes.len()),
+            None => "nothing (ended)".into(),
+        };
+        bail!(
+            "telemetry differs from byte {byte}, frame {at} (host {} bytes, firmware {} bytes): host says {} | firmware \
+             says {} | before it both said {}",
+            self.host.len(),
+            self.firmware.len(),
+            show(host.get(at)),
+            show(firmware.get(at)),
+            show(at.checked_sub(1).and_then(|i| host.get(i))),
+        )
+    }
+}
+
+/// A frame's bytes and what they say.
+type Framed = (Vec<u8>, Option<Message>);
+
+/// The frames of a telemetry stream.
+pub fn frames(bytes: &[u8]) -> Vec<Framed> {
+    let mut decoder = Decoder::default();
+    let mut decode = |frame: &[u8]| frame.iter().filter_map(|b| decoder.push(*b)).last().map(|r| r.message);
+    bytes.split_inclusive(|b| *b == 0).map(|f| (f.to_vec(), decode(f))).collect()
+}
