@@ -30,7 +30,7 @@ impl Application for StandIn {
     }
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         self.seen.processed += block.frames.len() as u64;
-        if block.first_index % 65536 == 0 {
+        if block.first_index.is_multiple_of(65536) {
             sink(&Message::Health(Health {
                 index: block.first_index,
                 processed: self.seen.processed,
