@@ -15,3 +15,4 @@ pub mod recording;
 pub mod reproduce;
 pub mod station;
 pub mod twin;
+pub mod world;

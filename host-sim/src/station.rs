@@ -337,7 +337,7 @@ fn four<T: Copy>(values: &[T], here: &str, key: &str) -> Result<[T; 4]> {
 }
 
 /// `file:line` of the first line that mentions a key, or just the file.
-fn located(text: &str, name: &str, key: &str) -> String {
+pub(crate) fn located(text: &str, name: &str, key: &str) -> String {
     match text.lines().position(|l| {
         let l = l.trim_start();
         l.starts_with(key) || l.starts_with(&format!("[{key}")) || l.contains(&format!("{key} ="))
@@ -347,7 +347,7 @@ fn located(text: &str, name: &str, key: &str) -> String {
     }
 }
 
-fn toml_error(e: &toml::de::Error, text: &str, name: &str) -> anyhow::Error {
+pub(crate) fn toml_error(e: &toml::de::Error, text: &str, name: &str) -> anyhow::Error {
     let line = e.span().map(|s| text[..s.start.min(text.len())].lines().count().max(1));
     // A span that starts at a line's first byte counts that line's predecessor only.
     let line = line.map(|l| match e.span() {

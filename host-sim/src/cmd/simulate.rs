@@ -1,13 +1,41 @@
 //! `seabearing simulate`: write simulated recordings, their truth and the station file.
 
+use crate::world::{self, Scenario, scenario};
+use anyhow::Result;
+use std::path::PathBuf;
+
 /// Arguments of `seabearing simulate`.
 #[derive(clap::Args)]
-pub struct Args {}
+#[command(after_help = "Example:\n  seabearing simulate scenarios/pass.toml --out out/pass\n  \
+                        seabearing process --station out/pass/station.toml out/pass/*.wav")]
+pub struct Args {
+    /// What to simulate (TOML; `docs/simulate.md` describes every key).
+    scenario: PathBuf,
+    /// Folder for recordings, truth.csv and station.toml (made if missing).
+    #[arg(long)]
+    out: PathBuf,
+    /// What was written, as JSON Lines.
+    #[arg(long)]
+    json: bool,
+}
 
 /// Runs the command.
 ///
 /// # Errors
 /// One line for a person.
-pub fn run(_args: Args) -> anyhow::Result<()> {
-    anyhow::bail!("`simulate` is not built yet")
+pub fn run(args: Args) -> Result<()> {
+    if scenario::kind(&args.scenario)? == "obs" {
+        anyhow::bail!("{}: scenarios of kind obs are not built yet", args.scenario.display());
+    }
+    let scenario = Scenario::read(&args.scenario)?;
+    let written = world::write(&scenario, &args.out)?;
+    let all = written.recordings.iter().map(|p| ("recording", p));
+    for (kind, path) in all.chain([("truth", &written.truth), ("station", &written.station)]) {
+        if args.json {
+            println!("{}", serde_json::json!({ "type": kind, "path": path }));
+        } else {
+            println!("{kind:9} {}", path.display());
+        }
+    }
+    Ok(())
 }
