@@ -5,7 +5,6 @@
 //! left out in turn. An array is set aside only if the rest then agree and no other choice explains them nearly as
 //! well; otherwise all are kept, the fix is marked inconsistent and its covariance grows by the misfit.
 
-use super::bound::horizontal;
 use super::matrix::{self, Square};
 use super::model::Sighting;
 use super::search::{Maximum, maximum};
@@ -31,7 +30,7 @@ pub struct Settings {
 /// A position with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fix {
-    /// East, North, Up, metres.
+    /// East, North, Up, metres: the likelihood's maximum less its second-order bias.
     pub position_m: [f64; 3],
     /// Covariance of (x, y, z), square metres; the z row and column are zero where the depth is known.
     pub covariance_m2: Square<3>,
@@ -74,12 +73,7 @@ fn outlier(sightings: &[Sighting], region: &Region, unknowns: u32) -> Option<(us
     let mut best: Option<(usize, Maximum)> = None;
     let mut second = f64::INFINITY;
     for index in 0..sightings.len() {
-        let mut rest: heapless::Vec<Sighting, MAX_ARRAYS> = heapless::Vec::new();
-        for (_, s) in sightings.iter().enumerate().filter(|(i, _)| *i != index) {
-            if rest.push(*s).is_err() {
-                return None;
-            }
-        }
+        let rest = without(sightings, Some(index))?;
         if angles(&rest, None) <= unknowns {
             continue;
         }
@@ -100,12 +94,21 @@ fn outlier(sightings: &[Sighting], region: &Region, unknowns: u32) -> Option<(us
     (found.misfit <= misfit_limit(freedom) && alone).then_some((index, found))
 }
 
+/// The sightings but one.
+fn without(sightings: &[Sighting], index: Option<usize>) -> Option<heapless::Vec<Sighting, MAX_ARRAYS>> {
+    let mut rest = heapless::Vec::new();
+    for (_, s) in sightings.iter().enumerate().filter(|(i, _)| Some(*i) != index) {
+        rest.push(*s).ok()?;
+    }
+    Some(rest)
+}
+
 /// Number of measured angles, without one sighting.
-fn angles(sightings: &[Sighting], without: Option<usize>) -> u32 {
+fn angles(sightings: &[Sighting], left_out: Option<usize>) -> u32 {
     sightings
         .iter()
         .enumerate()
-        .filter(|(i, _)| Some(*i) != without)
+        .filter(|(i, _)| Some(*i) != left_out)
         .map(|(_, s)| 1 + u32::from(s.elevation.is_some()))
         .sum()
 }
@@ -126,12 +129,16 @@ fn fix(
     unknowns: u32,
 ) -> Result<Fix, NetworkError> {
     let freedom = angles(sightings, rejected).saturating_sub(unknowns);
-    let mut covariance_m2 = if region.depth_known() {
-        let [[xx, xy], [yx, yy]] =
-            matrix::inverse(&horizontal(&found.information)).ok_or(NetworkError::NotObservable)?;
-        [[xx, xy, 0.0], [yx, yy, 0.0], [0.0; 3]]
+    let known = region.depth_known();
+    let first_order =
+        super::curvature::covariance(&found.information, known).ok_or(NetworkError::NotObservable)?;
+    let inside = !found.at_edge.iter().any(|e| *e);
+    let (position_m, mut covariance_m2) = if inside {
+        let used = without(sightings, rejected).ok_or(NetworkError::TooManyArrays)?;
+        let noise = if freedom > 0 { found.misfit / f64::from(freedom) } else { 0.0 };
+        super::curvature::corrected(&used, &found.position_m, &first_order, known, noise)
     } else {
-        matrix::inverse(&found.information).ok_or(NetworkError::NotObservable)?
+        (found.position_m, first_order)
     };
     let consistent = freedom == 0 || found.misfit <= misfit_limit(freedom);
     if !consistent {
@@ -146,11 +153,11 @@ fn fix(
         return Err(NetworkError::OutsideRegion);
     }
     let largest = m::sqrt(matrix::largest_eigenvalue(&covariance_m2));
-    if !(largest <= LARGEST_RELATIVE_SD * median_distance_m(sightings, rejected, &found.position_m)) {
+    if !(largest <= LARGEST_RELATIVE_SD * median_distance_m(sightings, rejected, &position_m)) {
         return Err(NetworkError::NotObservable);
     }
     Ok(Fix {
-        position_m: found.position_m,
+        position_m,
         covariance_m2,
         misfit: found.misfit,
         freedom,
@@ -161,9 +168,9 @@ fn fix(
 }
 
 /// Median slant distance from the arrays used to a position, metres.
-fn median_distance_m(sightings: &[Sighting], without: Option<usize>, position_m: &[f64; 3]) -> f64 {
+fn median_distance_m(sightings: &[Sighting], left_out: Option<usize>, position_m: &[f64; 3]) -> f64 {
     let mut distances: heapless::Vec<f64, MAX_ARRAYS> = heapless::Vec::new();
-    for (_, s) in sightings.iter().enumerate().filter(|(i, _)| Some(*i) != without) {
+    for (_, s) in sightings.iter().enumerate().filter(|(i, _)| Some(*i) != left_out) {
         let [x, y, z] = super::model::difference(position_m, &s.array_m);
         // Never more than MAX_ARRAYS sightings pass the check.
         let _ = distances.push(m::sqrt(x * x + y * y + z * z));

@@ -3,6 +3,9 @@
 //! Each experiment is one file with one function; it writes CSV and plots into the output folder and prints its
 //! table. Seeds are stated in the output.
 
+mod network;
+mod report;
+
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -30,4 +33,4 @@ pub struct Experiment {
 }
 
 /// All experiments, in the order `reproduce all` runs them.
-pub const EXPERIMENTS: &[Experiment] = &[];
+pub const EXPERIMENTS: &[Experiment] = &[network::FIGURE_2, network::FIGURE_3];

@@ -1,0 +1,108 @@
+//! A table of results: printed for people or as JSON Lines, and kept as CSV.
+
+use super::Options;
+use anyhow::Result;
+use serde_json::{Map, Value, json};
+use std::fmt::Write as _;
+
+/// Rows of named numbers; a number that is not finite is blank (`null` in JSON).
+#[derive(Debug, Clone)]
+pub struct Report {
+    name: String,
+    columns: Vec<String>,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Report {
+    /// An empty table; `name` is that of the CSV file and of the JSON records' `experiment`.
+    pub fn new(name: &str, columns: &[&str]) -> Self {
+        let columns = columns.iter().map(|c| (*c).to_owned()).collect();
+        Self { name: name.to_owned(), columns, rows: Vec::new() }
+    }
+
+    /// Adds a row, one number a column.
+    pub fn row(&mut self, values: &[f64]) {
+        self.rows.push(values.to_vec());
+    }
+
+    /// Prints the table and writes `NAME.csv` into the output folder.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn finish(&self, options: &Options) -> Result<()> {
+        if options.json {
+            for row in &self.rows {
+                println!("{}", self.record(row));
+            }
+        } else {
+            print!("{}", self.text());
+        }
+        crate::atomic::write(&options.out.join(format!("{}.csv", self.name)), self.csv().as_bytes())
+    }
+
+    fn record(&self, row: &[f64]) -> Value {
+        let mut map = Map::new();
+        map.insert("experiment".into(), self.name.as_str().into());
+        for (column, x) in self.columns.iter().zip(row) {
+            map.insert(column.clone(), if x.is_finite() { json!(x) } else { Value::Null });
+        }
+        Value::Object(map)
+    }
+
+    fn text(&self) -> String {
+        let mut out = String::new();
+        let width = |c: &String| c.chars().count().max(9);
+        for c in &self.columns {
+            let _ = write!(out, " {c:>w$}", w = width(c));
+        }
+        out.push('\n');
+        for row in &self.rows {
+            for (c, x) in self.columns.iter().zip(row) {
+                let _ = write!(out, " {:>w$}", short(*x), w = width(c));
+            }
+            out.push('\n');
+        }
+        out
+    }
+
+    fn csv(&self) -> String {
+        let mut out = self.columns.join(",");
+        out.push('\n');
+        for row in &self.rows {
+            let cells: Vec<_> =
+                row.iter().map(|x| if x.is_finite() { x.to_string() } else { String::new() }).collect();
+            out.push_str(&cells.join(","));
+            out.push('\n');
+        }
+        out
+    }
+}
+
+/// Four significant digits; whole numbers as they are.
+fn short(x: f64) -> String {
+    if !x.is_finite() {
+        return "-".into();
+    }
+    if x == x.trunc() && x.abs() < 1e7 {
+        return format!("{x}");
+    }
+    let digits = (3 - x.abs().log10().floor() as i32).clamp(0, 6) as usize;
+    format!("{x:.digits$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_four_digits_and_blanks_stay_blank() {
+        assert_eq!(short(0.012345), "0.01235");
+        assert_eq!(short(1234.5), "1234");
+        assert_eq!(short(1000.0), "1000");
+        assert_eq!(short(f64::NAN), "-");
+        let mut r = Report::new("x", &["a", "b"]);
+        r.row(&[1.5, f64::INFINITY]);
+        assert_eq!(r.csv(), "a,b\n1.5,\n");
+        assert_eq!(r.record(&r.rows[0])["b"], Value::Null);
+    }
+}
