@@ -12,6 +12,7 @@ pub mod progress;
 pub mod propagation;
 pub mod record;
 pub mod recording;
+pub mod replay;
 pub mod reproduce;
 pub mod station;
 pub mod twin;

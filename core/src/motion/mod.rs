@@ -7,6 +7,7 @@ pub mod chain;
 pub mod model;
 pub mod normal;
 pub mod recursive;
+pub mod report;
 pub mod ring;
 pub mod solution;
 pub mod start;

@@ -1,0 +1,182 @@
+//! Greeting, health reports and answers to commands, the same for every kind of recorder.
+
+use crate::config::StationConfig;
+use crate::health::Accounting;
+use crate::wire::{Command, Health, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
+
+/// Seconds of samples between health reports unless a command says otherwise.
+const HEALTH_EVERY_S: u16 = 60;
+
+/// What a chain reports about itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Condition {
+    /// Where every sample went.
+    pub accounting: Accounting,
+    /// Bit c: channel c dead or stuck; bit 4+c: channel c clipping.
+    pub channels: u8,
+    /// Level of each hydrophone or component, half decibels re full scale.
+    pub level_half_db: [i8; 4],
+}
+
+/// Decides when to report and what to answer.
+#[derive(Clone, Debug)]
+pub struct Reporter {
+    rate_hz: f64,
+    config_hash: u64,
+    station: u16,
+    kind: u8,
+    every_s: u16,
+    next: u64,
+    records: u32,
+}
+
+impl Reporter {
+    /// A reporter that has nothing to report yet.
+    pub const fn new() -> Self {
+        Self {
+            rate_hz: 1.0,
+            config_hash: 0,
+            station: 0,
+            kind: 0,
+            every_s: HEALTH_EVERY_S,
+            next: u64::MAX,
+            records: 0,
+        }
+    }
+
+    /// Takes the identity of the station; `kind` is 0 for an array, 1 for an ocean-bottom station.
+    pub fn configure(&mut self, config: &StationConfig, kind: u8) {
+        *self = Self {
+            rate_hz: config.rate_hz,
+            config_hash: config.hash(),
+            station: config.id,
+            kind,
+            ..Self::new()
+        };
+        self.schedule(0);
+    }
+
+    /// Who is speaking.
+    pub fn hello(&self, reset_cause: u8) -> Message {
+        Message::Hello(Hello {
+            wire_version: WIRE_VERSION,
+            schema_hash: SCHEMA_HASH,
+            config_hash: self.config_hash,
+            version: VERSION,
+            station: self.station,
+            kind: self.kind,
+            rate_hz: self.rate_hz as f32,
+            reset_cause,
+        })
+    }
+
+    /// Counts a record on its way out.
+    pub fn count(&mut self, message: &Message) {
+        if matches!(message, Message::Bearing(_) | Message::Azimuth(_) | Message::Range(_)) {
+            self.records = self.records.saturating_add(1);
+        }
+    }
+
+    /// A health report, if one is due at `index`.
+    pub fn due(&mut self, index: u64, condition: &Condition) -> Option<Message> {
+        if index < self.next {
+            return None;
+        }
+        self.schedule(index);
+        Some(self.health(index, condition))
+    }
+
+    /// A health report now.
+    pub fn health(&self, index: u64, condition: &Condition) -> Message {
+        Message::Health(Health {
+            index,
+            processed: condition.accounting.processed,
+            lost: condition.accounting.lost,
+            channels: condition.channels,
+            level_half_db: condition.level_half_db,
+            records: self.records,
+            frames_dropped: 0, // counted and filled in by the loop that owns the link
+        })
+    }
+
+    /// Carries out a command.
+    pub fn command(
+        &mut self,
+        command: Command,
+        index: u64,
+        condition: &Condition,
+        sink: &mut impl FnMut(&Message),
+    ) {
+        let token = match command {
+            Command::Identify { token } => {
+                sink(&self.hello(RESET_UNKNOWN));
+                sink(&self.health(index, condition));
+                token
+            }
+            Command::HealthEvery { token, seconds } => {
+                self.every_s = seconds;
+                self.schedule(index);
+                token
+            }
+            Command::Stop { token } => token, // the loop stops
+        };
+        sink(&Message::Reply(Reply { token, status: 0 }));
+    }
+
+    fn schedule(&mut self, index: u64) {
+        let period = (self.rate_hz * f64::from(self.every_s)) as u64;
+        self.next = if period == 0 { u64::MAX } else { (index / period + 1).saturating_mul(period) };
+    }
+}
+
+impl Default for Reporter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// `Hello::reset_cause` when only the board would know.
+pub const RESET_UNKNOWN: u8 = 255;
+
+/// Version of the package, from its manifest.
+const VERSION: (u8, u8, u8) = (
+    decimal(env!("CARGO_PKG_VERSION_MAJOR")),
+    decimal(env!("CARGO_PKG_VERSION_MINOR")),
+    decimal(env!("CARGO_PKG_VERSION_PATCH")),
+);
+
+const fn decimal(text: &str) -> u8 {
+    let bytes = text.as_bytes();
+    let mut value = 0u8;
+    let mut i = 0;
+    while i < bytes.len() {
+        value = value.wrapping_mul(10).wrapping_add(bytes[i].wrapping_sub(b'0'));
+        i += 1;
+    }
+    value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reports_fall_on_whole_periods_whatever_the_blocks() {
+        let mut r = Reporter { rate_hz: 100.0, ..Reporter::new() };
+        r.schedule(0);
+        let c = Condition::default();
+        assert!(r.due(5999, &c).is_none());
+        assert!(r.due(6007, &c).is_some());
+        assert!(r.due(11_999, &c).is_none());
+        assert!(r.due(12_000, &c).is_some());
+    }
+
+    #[test]
+    fn commands_are_answered_with_their_token() {
+        let mut r = Reporter::new();
+        let mut out = std::vec::Vec::new();
+        r.command(Command::Identify { token: 9 }, 0, &Condition::default(), &mut |m| out.push(*m));
+        assert!(matches!(out[0], Message::Hello(_)) && matches!(out[1], Message::Health(_)));
+        assert_eq!(out[2], Message::Reply(Reply { token: 9, status: 0 }));
+    }
+}

@@ -1,0 +1,182 @@
+//! The recorder's state machine: blocks of samples and commands in, messages out.
+//!
+//! [`ArrayRecorder`] and [`ObsRecorder`] own the memory of their chain; [`Memory`] holds both, for a `static`, and gives the
+//! [`Recorder`] the configuration asks for. What they do at intervals (health, the end of a silent passage) happens
+//! at multiples of [`GRID`] of the sample index, so that how the samples are cut into blocks changes nothing.
+
+mod health;
+
+#[cfg(feature = "array")]
+mod array;
+#[cfg(feature = "obs")]
+mod obs;
+
+#[cfg(feature = "array")]
+pub use array::ArrayRecorder;
+pub use health::{Condition, Reporter};
+#[cfg(feature = "obs")]
+pub use obs::{ObsRecorder, SetupError as ObsSetupError};
+
+use crate::block::Block;
+use crate::config::{Kind, StationConfig};
+use crate::run::Application;
+use crate::wire::{Command, Message};
+
+/// Sample instants between the moments at which a recorder looks at the time: 8 ms at 64 kHz, 10 s at 50 Hz.
+pub const GRID: u64 = 512;
+
+/// Cuts a block at multiples of [`GRID`]; with each piece comes the multiple it ends on, if it does.
+fn pieces(block: Block<'_>) -> impl Iterator<Item = (Block<'_>, Option<u64>)> {
+    let mut rest = block;
+    core::iter::from_fn(move || {
+        if rest.frames.is_empty() {
+            return None;
+        }
+        let room = GRID - rest.first_index % GRID;
+        let (now, later) = rest.frames.split_at_checked(room as usize).unwrap_or((rest.frames, &[]));
+        let piece = Block { first_index: rest.first_index, frames: now };
+        let end = rest.first_index.saturating_add(now.len() as u64);
+        rest = Block { first_index: end, frames: later };
+        Some((piece, end.is_multiple_of(GRID).then_some(end)))
+    })
+}
+
+/// Why a configuration cannot be run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SetupError {
+    /// The array's plan cannot be made.
+    #[cfg(feature = "array")]
+    Array(crate::array::PlanError),
+    /// The ocean-bottom station's plan cannot be made.
+    #[cfg(feature = "obs")]
+    Obs(obs::SetupError),
+    /// This software holds no recorder for this kind of station.
+    Kind,
+}
+
+impl core::fmt::Display for SetupError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            #[cfg(feature = "array")]
+            Self::Array(e) => e.fmt(f),
+            #[cfg(feature = "obs")]
+            Self::Obs(e) => e.fmt(f),
+            Self::Kind => f.write_str("this software holds no recorder for this kind of station"),
+        }
+    }
+}
+
+impl core::error::Error for SetupError {}
+
+/// Memory for every kind of recorder this software holds.
+#[derive(Debug, Default)]
+pub struct Memory {
+    /// The compact array's.
+    #[cfg(feature = "array")]
+    pub array: ArrayRecorder,
+    /// The ocean-bottom station's.
+    #[cfg(feature = "obs")]
+    pub obs: ObsRecorder,
+}
+
+impl Memory {
+    /// Unconfigured; all zeros, so that a `static` of it costs no flash.
+    pub const fn new() -> Self {
+        Self {
+            #[cfg(feature = "array")]
+            array: ArrayRecorder::new(),
+            #[cfg(feature = "obs")]
+            obs: ObsRecorder::new(),
+        }
+    }
+
+    /// The recorder a configuration asks for, configured and started afresh. `table` is the propagation table of an
+    /// ocean-bottom station.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn configure(
+        &mut self,
+        config: &StationConfig,
+        table: Option<&[u8]>,
+    ) -> Result<Recorder<'_>, SetupError> {
+        #[cfg(not(feature = "obs"))]
+        let _ = table; // only that kind has one
+        match &config.kind {
+            #[cfg(feature = "array")]
+            Kind::Array(_) => {
+                self.array.configure(config).map_err(SetupError::Array)?;
+                Ok(Recorder::Array(&mut self.array))
+            }
+            #[cfg(feature = "obs")]
+            Kind::Obs(_) => {
+                self.obs.configure(config, table).map_err(SetupError::Obs)?;
+                Ok(Recorder::Obs(&mut self.obs))
+            }
+            _ => Err(SetupError::Kind),
+        }
+    }
+}
+
+/// A configured recorder.
+#[derive(Debug)]
+pub enum Recorder<'a> {
+    /// Compact array.
+    #[cfg(feature = "array")]
+    Array(&'a mut ArrayRecorder),
+    /// Ocean-bottom station.
+    #[cfg(feature = "obs")]
+    Obs(&'a mut ObsRecorder),
+}
+
+impl Application for Recorder<'_> {
+    fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {
+        match self {
+            #[cfg(feature = "array")]
+            Self::Array(r) => r.start(reset_cause, sink),
+            #[cfg(feature = "obs")]
+            Self::Obs(r) => r.start(reset_cause, sink),
+        }
+    }
+
+    fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
+        match self {
+            #[cfg(feature = "array")]
+            Self::Array(r) => r.push(block, sink),
+            #[cfg(feature = "obs")]
+            Self::Obs(r) => r.push(block, sink),
+        }
+    }
+
+    fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
+        match self {
+            #[cfg(feature = "array")]
+            Self::Array(r) => r.command(command, sink),
+            #[cfg(feature = "obs")]
+            Self::Obs(r) => r.command(command, sink),
+        }
+    }
+
+    fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
+        match self {
+            #[cfg(feature = "array")]
+            Self::Array(r) => r.finish(sink),
+            #[cfg(feature = "obs")]
+            Self::Obs(r) => r.finish(sink),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pieces_cover_the_block_and_end_on_the_grid() {
+        let frames = [[0; 4]; 1500];
+        let block = Block { first_index: 1000, frames: &frames };
+        let cuts: std::vec::Vec<_> =
+            pieces(block).map(|(p, e)| (p.first_index, p.frames.len(), e)).collect();
+        assert_eq!(cuts, [(1000, 24, Some(1024)), (1024, 512, Some(1536)), (1536, 512, Some(2048)), (2048, 452, None)]);
+    }
+}

@@ -1,0 +1,110 @@
+//! The ocean-bottom recorder: blocks to azimuths, ranges, segments and tracks, and health.
+
+use super::health::{Condition, Reporter};
+use super::pieces;
+use crate::block::Block;
+use crate::config::StationConfig;
+use crate::obs::{self, PlanError, Table};
+use crate::run::Application;
+use crate::wire::{Command, Message};
+
+/// Everything the ocean-bottom recorder needs, in one place; meant for a `static`.
+#[derive(Debug, Default)]
+pub struct ObsRecorder {
+    plan: Option<obs::Plan>,
+    state: Option<obs::State>,
+    scratch: Option<obs::Scratch>,
+    reporter: Reporter,
+}
+
+impl ObsRecorder {
+    /// A recorder without a configuration: it accounts for nothing and says nothing but hello.
+    pub const fn new() -> Self {
+        Self { plan: None, state: None, scratch: None, reporter: Reporter::new() }
+    }
+
+    /// Takes a configuration and the bytes of its propagation table, and starts afresh.
+    ///
+    /// # Errors
+    /// What is wrong with either; the recorder is left as it was.
+    pub fn configure(&mut self, config: &StationConfig, table: Option<&[u8]>) -> Result<(), SetupError> {
+        let table = Table::parse(table.ok_or(SetupError::NoTable)?).map_err(SetupError::Table)?;
+        let plan = obs::Plan::new(config, &table).map_err(SetupError::Plan)?;
+        self.state = Some(obs::State::new(&plan));
+        self.scratch = Some(obs::Scratch::default());
+        self.plan = Some(plan);
+        self.reporter.configure(config, 1);
+        Ok(())
+    }
+
+    fn condition(&self) -> Condition {
+        self.state.as_ref().map_or_else(Condition::default, |state| Condition {
+            accounting: state.accounting(),
+            channels: state.channel_flags(),
+            level_half_db: state.level_half_db(),
+        })
+    }
+
+    fn index(&self) -> u64 {
+        self.state.as_ref().map_or(0, obs::State::next_index)
+    }
+}
+
+/// Why an ocean-bottom configuration cannot be run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SetupError {
+    /// There is no propagation table.
+    NoTable,
+    /// It is not one.
+    Table(obs::table::TableError),
+    /// No plan can be made.
+    Plan(PlanError),
+}
+
+impl core::fmt::Display for SetupError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NoTable => f.write_str("an ocean-bottom station needs a propagation table (key `propagation`)"),
+            Self::Table(e) => e.fmt(f),
+            Self::Plan(e) => e.fmt(f),
+        }
+    }
+}
+
+impl Application for ObsRecorder {
+    fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {
+        sink(&self.reporter.hello(reset_cause));
+    }
+
+    fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
+        for (piece, boundary) in pieces(block) {
+            let Self { plan: Some(plan), state: Some(state), scratch: Some(scratch), reporter } = self else { return };
+            obs::push(plan, state, scratch, piece, &mut |message| {
+                reporter.count(&message);
+                sink(&message);
+            });
+            if let Some(index) = boundary {
+                let condition = self.condition();
+                if let Some(message) = self.reporter.due(index, &condition) {
+                    sink(&message);
+                }
+            }
+        }
+    }
+
+    fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
+        let condition = self.condition();
+        self.reporter.command(command, self.index(), &condition, sink);
+    }
+
+    fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
+        if let Self { plan: Some(plan), state: Some(state), scratch: Some(scratch), reporter } = self {
+            obs::finish(plan, state, scratch, &mut |message| {
+                reporter.count(&message);
+                sink(&message);
+            });
+        }
+        let condition = self.condition();
+        sink(&self.reporter.health(self.index(), &condition));
+    }
+}

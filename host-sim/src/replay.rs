@@ -1,0 +1,63 @@
+//! Recordings through the recorder core, exactly as the recorder would: blocks in, messages out.
+
+use crate::recording::Source;
+use anyhow::{Result, anyhow};
+use seabearing_core::config::StationConfig;
+use seabearing_core::recorder::Memory;
+use seabearing_core::run::Application;
+use seabearing_core::wire::{End, Message};
+use std::time::{Duration, Instant};
+
+/// What a replay did.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Summary {
+    /// Sample instants fed.
+    pub instants: u64,
+    /// Index after the last sample.
+    pub index: u64,
+    /// Time spent in the core alone.
+    pub core: Duration,
+    /// Time spent in all, reading and writing included.
+    pub wall: Duration,
+}
+
+/// Feeds a recording to the recorder the station asks for; `heard` gets every message in order and may fail.
+/// `table` is the propagation table of an ocean-bottom station as its binary blob.
+///
+/// # Errors
+/// The configuration cannot be run, the source is lost, or what `heard` says.
+pub fn replay(
+    config: &StationConfig,
+    table: Option<&[u8]>,
+    source: &mut dyn Source,
+    mut heard: impl FnMut(&Message) -> Result<()>,
+) -> Result<Summary> {
+    let begun = Instant::now();
+    let mut summary = Summary::default();
+    // The recorder's memory is large: it is built in place, on the heap.
+    let mut memory: Box<Memory> = Box::default();
+    let mut recorder = memory.configure(config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
+    let mut messages = Vec::new();
+    let mut frames = 0u32;
+    let mut deliver = |messages: &mut Vec<Message>| -> Result<()> {
+        frames = frames.wrapping_add(messages.len() as u32);
+        messages.drain(..).try_for_each(|m| heard(&m))
+    };
+    recorder.start(0, &mut |m| messages.push(*m));
+    deliver(&mut messages)?;
+    while let Some(block) = source.next_block()? {
+        let before = Instant::now();
+        recorder.push(block, &mut |m| messages.push(*m));
+        summary.core += before.elapsed();
+        summary.instants += block.frames.len() as u64;
+        summary.index = block.first_index + block.frames.len() as u64;
+        deliver(&mut messages)?;
+    }
+    let before = Instant::now();
+    recorder.finish(&mut |m| messages.push(*m));
+    summary.core += before.elapsed();
+    deliver(&mut messages)?;
+    heard(&Message::End(End { index: summary.index, frames }))?;
+    summary.wall = begun.elapsed();
+    Ok(summary)
+}
