@@ -20,15 +20,19 @@ pub mod geometry;
 pub mod block;
 pub mod health;
 
+#[cfg(feature = "array")]
+pub mod array;
+#[cfg(feature = "obs")]
+pub mod obs;
+
 pub mod motion;
 
 pub mod network;
 
 pub mod wire;
 
-#[cfg(feature = "obs")]
-pub mod obs;
 pub mod port;
+pub mod recorder;
 pub mod run;
 pub mod sbraw;
 pub mod standin;

@@ -7,7 +7,7 @@ use crate::block::Block;
 use crate::config::StationConfig;
 use crate::motion::{Solution, recursive, report};
 use crate::run::Application;
-use crate::wire::{Bearing, Command, Message, Track};
+use crate::wire::{Bearing, Command, Message};
 use micromath::F32Ext;
 
 /// Seconds of samples between running track reports.

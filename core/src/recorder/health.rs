@@ -125,7 +125,8 @@ impl Reporter {
 
     fn schedule(&mut self, index: u64) {
         let period = (self.rate_hz * f64::from(self.every_s)) as u64;
-        self.next = if period == 0 { u64::MAX } else { (index / period + 1).saturating_mul(period) };
+        // Every 0 seconds means on request only.
+        self.next = index.checked_div(period).map_or(u64::MAX, |n| (n + 1).saturating_mul(period));
     }
 }
 

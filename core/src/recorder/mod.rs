@@ -175,8 +175,10 @@ mod tests {
     fn pieces_cover_the_block_and_end_on_the_grid() {
         let frames = [[0; 4]; 1500];
         let block = Block { first_index: 1000, frames: &frames };
-        let cuts: std::vec::Vec<_> =
-            pieces(block).map(|(p, e)| (p.first_index, p.frames.len(), e)).collect();
-        assert_eq!(cuts, [(1000, 24, Some(1024)), (1024, 512, Some(1536)), (1536, 512, Some(2048)), (2048, 452, None)]);
+        let cuts: std::vec::Vec<_> = pieces(block).map(|(p, e)| (p.first_index, p.frames.len(), e)).collect();
+        assert_eq!(
+            cuts,
+            [(1000, 24, Some(1024)), (1024, 512, Some(1536)), (1536, 512, Some(2048)), (2048, 452, None)]
+        );
     }
 }

@@ -64,7 +64,9 @@ pub enum SetupError {
 impl core::fmt::Display for SetupError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::NoTable => f.write_str("an ocean-bottom station needs a propagation table (key `propagation`)"),
+            Self::NoTable => {
+                f.write_str("an ocean-bottom station needs a propagation table (key `propagation`)")
+            }
             Self::Table(e) => e.fmt(f),
             Self::Plan(e) => e.fmt(f),
         }
@@ -78,7 +80,9 @@ impl Application for ObsRecorder {
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         for (piece, boundary) in pieces(block) {
-            let Self { plan: Some(plan), state: Some(state), scratch: Some(scratch), reporter } = self else { return };
+            let Self { plan: Some(plan), state: Some(state), scratch: Some(scratch), reporter } = self else {
+                return;
+            };
             obs::push(plan, state, scratch, piece, &mut |message| {
                 reporter.count(&message);
                 sink(&message);

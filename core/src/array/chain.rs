@@ -1,0 +1,284 @@
+//! The chain: blocks in, bearings and faults out.
+
+use super::estimate::{self, Memory};
+use super::intake::{Alignment, Intake};
+use super::plan::{FRAME, HOP, Plan};
+use super::search::SearchWork;
+use super::spectra::{FrameWork, Spectra};
+use crate::block::{Block, CHANNELS};
+use crate::health::{Accounting, LossCause};
+use crate::wire::{Fault, FaultCode, Message};
+
+/// Samples of one frame that may be clipped before the frame is left out: 1 in 50 distorts the spectrum by less than
+/// the ambient noise of a usable segment.
+const CLIPPED_TOLERATED: usize = FRAME / 50;
+
+/// Everything the chain remembers (about 45 KiB).
+#[derive(Clone, Debug)]
+pub struct State {
+    intake: Intake,
+    current: Spectra,
+    previous: Spectra,
+    memory: Memory,
+    dead: u8,
+    clipping: u8,
+    clipping_this_step: u8,
+    level: [f32; CHANNELS],
+}
+
+/// Work space without memory between calls (about 34 KiB).
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    pub(crate) frame: FrameWork,
+    pub(crate) search: SearchWork,
+    pub(crate) spectrum: estimate::SpectrumWork,
+}
+
+impl Scratch {
+    /// Empty work space.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            frame: [[0.0; FRAME]; CHANNELS],
+            search: SearchWork::new(),
+            spectrum: estimate::SpectrumWork::new(),
+        }
+    }
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl State {
+    /// A chain that has seen nothing.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            intake: Intake::new(),
+            current: Spectra::new(),
+            previous: Spectra::new(),
+            memory: Memory::new(),
+            dead: 0,
+            clipping: 0,
+            clipping_this_step: 0,
+            level: [0.0; CHANNELS],
+        }
+    }
+
+    /// Sample instants by what became of them; totals every instant seen or known missing once frames are full
+    /// (up to one frame is still waiting until [`finish`]).
+    #[must_use]
+    pub fn accounting(&self) -> Accounting {
+        self.intake.accounting
+    }
+
+    /// Index after the last sample seen.
+    #[must_use]
+    pub fn next_index(&self) -> u64 {
+        self.intake.next_index()
+    }
+
+    /// Bit c: recorder channel c is dead, stuck or a copy of another; bit 4 + c: it is clipping.
+    #[must_use]
+    pub fn channels(&self) -> u8 {
+        self.dead | (self.clipping << CHANNELS)
+    }
+
+    /// Mean square of each hydrophone's signal in the band over full scale squared (a power ratio), last full step.
+    #[must_use]
+    pub fn level(&self) -> [f32; CHANNELS] {
+        self.level
+    }
+
+    /// Tells the chain the source's range where a tracker knows it; `None` returns to the reference range.
+    /// Ranges that are not finite or below 5 m are taken as unknown.
+    pub fn set_range_m(&mut self, range_m: Option<f32>) {
+        self.memory.range_m = range_m.filter(|r| r.is_finite() && *r >= 5.0);
+    }
+
+    /// Tells the chain how fast the bearing turns (radians a second) where a tracker knows it; `None` leaves it to
+    /// the chain's own last bearings. Fast turning shortens the segment.
+    pub fn set_turn_rate(&mut self, rad_s: Option<f32>) {
+        self.memory.turn_rate_told = rad_s.filter(|r| r.is_finite());
+    }
+}
+
+/// Takes a block of samples; records go to the sink in the order of their time.
+pub fn push(
+    plan: &Plan,
+    state: &mut State,
+    scratch: &mut Scratch,
+    block: Block<'_>,
+    sink: &mut impl FnMut(Message),
+) {
+    let mut frames = block.frames;
+    match state.intake.align(block.first_index, frames.len()) {
+        Alignment::Continues => {}
+        Alignment::Gap(n) => fault(sink, FaultCode::Gap, block.first_index, n as i64),
+        Alignment::Overlap(n) => {
+            fault(sink, FaultCode::Overlap, state.intake.next_index(), n as i64);
+            frames = frames.get(n as usize..).unwrap_or(&[]);
+        }
+        Alignment::Restart(n) => {
+            close_step(plan, state, scratch, sink);
+            state.current.begin(0);
+            state.previous.begin(0);
+            state.memory.forget();
+            fault(sink, FaultCode::Restarted, block.first_index, n as i64);
+        }
+    }
+    while !frames.is_empty() {
+        let taken = state.intake.take(frames);
+        frames = frames.get(taken..).unwrap_or(&[]);
+        if state.intake.full() {
+            frame(plan, state, scratch, sink);
+        } else {
+            let missing = state.intake.skip_missing(frames);
+            if missing > 0 {
+                fault(sink, FaultCode::Invalid, state.intake.next_index(), missing as i64);
+            }
+            frames = frames.get(missing..).unwrap_or(&[]);
+        }
+    }
+}
+
+/// The end of the input: the last segment is estimated and the last samples are accounted for.
+pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
+    state.intake.end_run();
+    close_step(plan, state, scratch, sink);
+}
+
+fn fault(sink: &mut impl FnMut(Message), code: FaultCode, index: u64, value: i64) {
+    sink(Message::Fault(Fault { code, index, value }));
+}
+
+/// Uses the full frame of the intake, or loses it to a cause.
+fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
+    let index = state.intake.frame_index();
+    let centre = index.saturating_add(FRAME as u64 / 2);
+    let step = centre / plan.step_samples;
+    if state.current.frames == 0 && state.current.step != step {
+        // Nothing is in the current step: it becomes this one, and the previous stays what it was.
+        if state.current.step.saturating_add(1) != step {
+            state.previous.begin(0);
+        }
+        state.current.begin(step);
+    } else if state.current.step != step {
+        close_step(plan, state, scratch, sink);
+        core::mem::swap(&mut state.previous, &mut state.current);
+        state.current.begin(step);
+        roll_channel_flags(state);
+    }
+    let found = inspect(&state.intake.codes, plan.clip_code);
+    note_channels(state, &found, index, sink);
+    let lost = if found.dead != 0 {
+        Some(LossCause::DeadChannel)
+    } else if found.clipped.iter().any(|n| *n > CLIPPED_TOLERATED) {
+        Some(LossCause::Clipped)
+    } else {
+        None
+    };
+    if lost.is_none() {
+        state.current.add(plan, &state.intake.codes, &mut scratch.frame);
+        let start = step.saturating_mul(plan.step_samples.get());
+        state.current.centres = state.current.centres.saturating_add(centre.saturating_sub(start));
+    }
+    state.current.clipped |= found.clipped.iter().any(|n| *n > 0);
+    state.intake.advance(lost);
+}
+
+/// What a frame's codes show of the channels.
+struct Inspection {
+    /// Bit per channel: constant, or the same as an earlier channel.
+    dead: u8,
+    /// Clipped samples of each channel.
+    clipped: [usize; CHANNELS],
+}
+
+/// Looks at the codes: constant, copied, clipped. Only frames that may hold clipped codes are counted sample by sample.
+fn inspect(codes: &[[i32; FRAME]; CHANNELS], clip_code: i32) -> Inspection {
+    let mut found = Inspection { dead: 0, clipped: [0; CHANNELS] };
+    for (c, (channel, clipped)) in codes.iter().zip(&mut found.clipped).enumerate() {
+        let first = channel[0];
+        let (mut differs, mut magnitude) = (0i32, 0i32);
+        for x in channel {
+            differs |= x ^ first;
+            magnitude |= x ^ (x >> 31);
+        }
+        if differs == 0 {
+            found.dead |= 1 << c;
+        } else if magnitude >= clip_code {
+            *clipped = channel.iter().filter(|x| **x >= clip_code || **x <= -clip_code).count();
+        }
+        let copied = codes.iter().take(c).any(|earlier| earlier[1] == channel[1] && earlier == channel);
+        if copied {
+            found.dead |= 1 << c;
+        }
+    }
+    found
+}
+
+/// Turns what one frame shows into flags and faults (a fault when a state begins, not while it lasts).
+fn note_channels(state: &mut State, found: &Inspection, index: u64, sink: &mut impl FnMut(Message)) {
+    for (c, clipped) in found.clipped.iter().enumerate() {
+        let bit = 1u8 << c;
+        let was_dead = state.dead & bit != 0;
+        let is_dead = found.dead & bit != 0;
+        if is_dead != was_dead {
+            state.dead ^= bit;
+            let code = if is_dead { FaultCode::DeadChannel } else { FaultCode::ChannelBack };
+            fault(sink, code, index, c as i64);
+        }
+        if *clipped > 0 {
+            if state.clipping & bit == 0 {
+                fault(sink, FaultCode::Clipping, index, c as i64);
+            }
+            state.clipping |= bit;
+            state.clipping_this_step |= bit;
+        }
+    }
+}
+
+/// A channel clips no longer once a whole step went by without.
+fn roll_channel_flags(state: &mut State) {
+    state.clipping = state.clipping_this_step;
+    state.clipping_this_step = 0;
+}
+
+/// Estimates the segment that ends with the current step. Afterwards `previous` is spent; `current` stays whole.
+fn close_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
+    if state.current.frames == 0 {
+        return;
+    }
+    note_level(plan, state);
+    let joins = plan.steps_per_segment == 2
+        && state.previous.frames > 0
+        && state.previous.step.saturating_add(1) == state.current.step;
+    let shortened = plan.steps_per_segment == 2 && state.memory.turns_fast(plan);
+    if joins && !shortened {
+        state.previous.join(&state.current, plan.step_samples.get());
+    } else {
+        state.previous.clone_from(&state.current);
+    }
+    estimate::segment(plan, &mut state.memory, &mut state.previous, scratch, shortened, sink);
+}
+
+/// Band level of each hydrophone by Parseval's theorem from the step's auto-spectra.
+fn note_level(plan: &Plan, state: &mut State) {
+    let frames = state.current.frames.max(1) as f32;
+    let scale = 2.0 / (plan.window_power * frames * plan.full_scale * plan.full_scale);
+    for (level, auto) in state.level.iter_mut().zip(&state.current.auto) {
+        *level = scale * auto.iter().take(plan.high).skip(plan.low).sum::<f32>();
+    }
+}
+
+const _: () = assert!(HOP < FRAME && CHANNELS == 4);

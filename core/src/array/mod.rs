@@ -1,0 +1,24 @@
+//! The compact array: from four hydrophones' samples to bearings with their covariance.
+//!
+//! Enters: [`crate::block::Block`]s of converter codes. Leaves: [`crate::wire::Message::Bearing`] and
+//! [`crate::wire::Message::Fault`]. In the order data flows: `intake` (continuity and accounting), `spectra` (windowed
+//! transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
+//! cross-spectra, covariance), `detect` (is there a source at all), `estimate` (one segment, all of these), `chain` (the
+//! calls a recorder makes). Beside them: `tdoa` (bearings from measured delays) and `limit` (what no estimator beats).
+//!
+//! Assumptions: one dominant source, noise of similar level at all hydrophones, known positions and speed of sound.
+//! Relative sensitivities matter for levels and unweighted correlation only: whitening divides them out.
+
+mod chain;
+mod detect;
+mod estimate;
+mod intake;
+pub mod limit;
+mod plan;
+mod refine;
+mod search;
+mod spectra;
+pub mod wavefront;
+
+pub use chain::{Scratch, State, finish, push};
+pub use plan::{FRAME, HOP, MAX_DELAY, Plan, PlanError, Weighting};

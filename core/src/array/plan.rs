@@ -1,0 +1,267 @@
+//! The array chain's plan: everything that follows from the configuration, computed once and never changed.
+
+use super::detect;
+use crate::block::CHANNELS;
+use crate::config::{ConfigError, Kind, StationConfig};
+use crate::geometry::Geometry;
+use crate::math::{f32 as m, f64 as md};
+
+/// Length of one transform, samples. Short frames suffice: a delay of 80 samples still overlaps by 84 %, and the
+/// joint estimator loses nothing against 4096 points (METHODS section 2).
+pub const FRAME: usize = 512;
+/// Samples from one frame to the next: the tapers (64 samples each side) overlap.
+pub const HOP: usize = 448;
+/// Bins of one spectrum (the Nyquist bin is not used).
+pub const BINS: usize = FRAME / 2;
+/// Longest delay across the array, samples: a quarter of a frame, beyond which frames of two hydrophones share
+/// too little of one signal.
+pub const MAX_DELAY: usize = FRAME / 4;
+
+/// How cross-spectra are weighted when pair delays and bearings are refined.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Weighting {
+    /// `S/(N(N+4S))`: maximum likelihood for four sensors with one signal spectrum and one noise spectrum.
+    #[default]
+    Joint,
+    /// Hannan-Thomson `C/(|G|(1−C))`, pair by pair.
+    HannanThomson,
+    /// Phase transform `1/|G|`.
+    Phat,
+    /// Plain cross-correlation.
+    None,
+}
+
+/// Why no plan can be made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PlanError {
+    /// The station is not a compact array.
+    NotAnArray,
+    /// The configuration is not valid.
+    Config(ConfigError),
+    /// `segment_s` must be `step_s` or twice `step_s`; a step must hold at least four frames.
+    Steps,
+    /// The array is too large for its sampling rate: longest delay and greatest allowed, samples.
+    TooLarge(f32, f32),
+    /// Fewer than four bins lie in the band.
+    Band,
+}
+
+impl core::fmt::Display for PlanError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NotAnArray => f.write_str("the station is not a compact array (kind = \"array\")"),
+            Self::Config(e) => write!(f, "the configuration is not valid: {e:?}"),
+            Self::Steps => {
+                f.write_str("segment_s must be step_s or twice step_s, and step_s hold four frames")
+            }
+            Self::TooLarge(is, most) => {
+                write!(f, "sound needs {is:.0} samples across the array, at most {most:.0} can be handled")
+            }
+            Self::Band => f.write_str("band_hz holds fewer than four frequency bins"),
+        }
+    }
+}
+
+impl core::error::Error for PlanError {}
+
+/// The immutable plan of the array chain (about 2.5 KiB).
+#[derive(Clone, Debug)]
+pub struct Plan {
+    pub(crate) geometry: Geometry,
+    pub(crate) inv_c: f32,
+    /// 1/reference range, 1/m.
+    pub(crate) curvature: f32,
+    pub(crate) rate_hz: f32,
+    pub(crate) window: [f32; FRAME],
+    /// Transform of the window over its bin 0, bins 1 to 3: what a constant offset leaks into them.
+    pub(crate) offset_leak: [f32; 3],
+    /// Frames times this is the number of independent snapshots of a bin.
+    pub(crate) snapshots_per_frame: f32,
+    /// Mean square of the window times FRAME².
+    pub(crate) window_power: f32,
+    /// First bin of the band.
+    pub(crate) low: usize,
+    /// One past the last bin of the band.
+    pub(crate) high: usize,
+    /// First bin that detection and search use: ambient noise is coherent across the array below it.
+    pub(crate) incoherent: usize,
+    /// Angular frequency of bin 1, rad/s.
+    pub(crate) bin_rad_s: f32,
+    pub(crate) step_samples: core::num::NonZeroU64,
+    pub(crate) steps_per_segment: u8,
+    /// Frames of a full segment.
+    pub(crate) nominal_frames: f32,
+    pub(crate) channels: [u8; CHANNELS],
+    pub(crate) relative_gain: [f32; CHANNELS],
+    /// Codes at or beyond ± this are clipped.
+    pub(crate) clip_code: i32,
+    pub(crate) full_scale: f32,
+    /// Sines of the elevations searched.
+    pub(crate) elevation: (f32, f32),
+    /// Distance of each pair over the speed of sound, seconds.
+    pub(crate) crossing_s: [f32; 6],
+    /// Standardised statistic that noise exceeds at the configured rate.
+    pub(crate) threshold: f32,
+    /// Angle over which the steered response falls off, radians.
+    pub(crate) resolution: f32,
+    pub(crate) weighting: Weighting,
+}
+
+impl Plan {
+    /// Makes the plan of a configuration.
+    ///
+    /// # Errors
+    /// [`PlanError`] names what cannot be done.
+    pub fn new(config: &StationConfig) -> Result<Self, PlanError> {
+        let Kind::Array(array) = &config.kind else { return Err(PlanError::NotAnArray) };
+        config.validate().map_err(PlanError::Config)?;
+        let geometry = config.geometry().map_err(|e| PlanError::Config(ConfigError::Geometry(e)))?;
+        let rate = config.rate_hz;
+
+        let steps = md::round(array.segment_s / array.step_s);
+        let exact = md::abs(steps * array.step_s - array.segment_s) < 1e-6 * array.segment_s;
+        let step_samples = core::num::NonZeroU64::new(md::round(array.step_s * rate) as u64);
+        let (Some(step_samples), true) = (step_samples, exact && (steps == 1.0 || steps == 2.0)) else {
+            return Err(PlanError::Steps);
+        };
+        if step_samples.get() < (4 * FRAME) as u64 {
+            return Err(PlanError::Steps);
+        }
+
+        let mut crossing_s = [0.0f32; 6];
+        for (p, t) in crossing_s.iter_mut().enumerate() {
+            *t = geometry.separation_m(p) / geometry.sound_speed_m_s;
+        }
+        let longest = crossing_s.iter().fold(0.0f32, |a, b| a.max(*b));
+        let longest_samples = longest * rate as f32;
+        if longest_samples > (MAX_DELAY - 4) as f32 {
+            return Err(PlanError::TooLarge(longest_samples, (MAX_DELAY - 4) as f32));
+        }
+
+        let bin_hz = rate / FRAME as f64;
+        let low = (md::ceil(array.band_hz.0 / bin_hz) as usize).max(1);
+        let high = (md::floor(array.band_hz.1 / bin_hz) as usize + 1).min(BINS);
+        if high < low + 4 {
+            return Err(PlanError::Band);
+        }
+        // Half a wavelength across the longest pair: above it a diffuse field is nearly incoherent. A band that
+        // lies mostly below keeps all its bins; the diffuse mean is subtracted in any case.
+        let knee = md::ceil(0.5 / f64::from(longest) / bin_hz) as usize;
+        let incoherent = if knee.saturating_sub(low) * 4 < high - low { knee.max(low) } else { low };
+
+        let window = tukey();
+        let bin_rad_s = (md::TAU * bin_hz) as f32;
+        let (mut sum2, mut sum4) = (0.0f32, 0.0f32);
+        for w in &window {
+            sum2 += w * w;
+            sum4 += w * w * w * w;
+        }
+        // Circular correlations of windowed white noise vary FRAME·Σw⁴/(Σw²)² times more than of FRAME
+        // independent samples; the overlap of frames adds their tapers' share.
+        let mut overlap = 0.0f32;
+        for (a, b) in window.iter().zip(window.iter().skip(HOP)) {
+            overlap += a * b;
+        }
+        overlap /= sum2;
+        let snapshots_per_frame = sum2 * sum2 / (FRAME as f32 * sum4) / (1.0 + 2.0 * overlap * overlap);
+
+        let mean_sensitivity = array.sensitivity_db_re_1v_upa.iter().sum::<f64>() / CHANNELS as f64;
+        let relative_gain =
+            array.sensitivity_db_re_1v_upa.map(|s| md::powf(10.0, (mean_sensitivity - s) / 20.0) as f32);
+
+        let shape = detect::shape(&geometry, incoherent, high, bin_rad_s);
+        let tests_per_hour = 3600.0 / array.step_s;
+        let threshold = detect::threshold(array.false_alarms_per_hour / tests_per_hour, shape.area_in_cells);
+
+        Ok(Self {
+            inv_c: 1.0 / geometry.sound_speed_m_s,
+            curvature: (1.0 / array.reference_range_m) as f32,
+            rate_hz: rate as f32,
+            offset_leak: offset_leak(&window),
+            window,
+            snapshots_per_frame,
+            window_power: sum2 * FRAME as f32,
+            low,
+            high,
+            incoherent,
+            bin_rad_s,
+            step_samples,
+            steps_per_segment: steps as u8,
+            nominal_frames: (array.segment_s * rate / HOP as f64) as f32,
+            channels: array.channels,
+            relative_gain,
+            clip_code: config.full_scale.saturating_sub(1),
+            full_scale: config.full_scale as f32,
+            elevation: (
+                md::sin(array.elevation_deg.0 * crate::angle::RAD_PER_DEG) as f32,
+                md::sin(array.elevation_deg.1 * crate::angle::RAD_PER_DEG) as f32,
+            ),
+            crossing_s,
+            threshold: threshold as f32,
+            resolution: shape.resolution as f32,
+            weighting: Weighting::default(),
+            geometry,
+        })
+    }
+
+    /// The same plan with another weighting, for comparison.
+    #[must_use]
+    pub fn with_weighting(mut self, weighting: Weighting) -> Self {
+        self.weighting = weighting;
+        self
+    }
+
+    /// The array in the true frame.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// Samples a second.
+    pub fn rate_hz(&self) -> f32 {
+        self.rate_hz
+    }
+
+    /// The standardised detection statistic that noise alone exceeds at the configured rate.
+    pub fn threshold(&self) -> f32 {
+        self.threshold
+    }
+
+    /// The angle (radians) over which the response to a broadband source falls off: one radian of phase at the
+    /// band's root-mean-square frequency.
+    pub fn resolution_rad(&self) -> f32 {
+        self.resolution
+    }
+
+    /// Lowest and highest frequency used, Hz.
+    pub fn band_hz(&self) -> (f32, f32) {
+        let bin = self.rate_hz / FRAME as f32;
+        (self.low as f32 * bin, (self.high - 1) as f32 * bin)
+    }
+}
+
+/// Tukey window whose tapers take a quarter of its length (periodic form).
+fn tukey() -> [f32; FRAME] {
+    let taper = FRAME / 8;
+    let mut window = [1.0f32; FRAME];
+    for (n, w) in window.iter_mut().enumerate() {
+        let edge = n.min(FRAME - n);
+        if edge < taper {
+            *w = 0.5 - 0.5 * m::cos(m::PI * edge as f32 / taper as f32);
+        }
+    }
+    window
+}
+
+/// Transform of the window at bins 1 to 3 over that at bin 0; real, because the periodic window is even about FRAME/2.
+fn offset_leak(window: &[f32; FRAME]) -> [f32; 3] {
+    let total: f32 = window.iter().sum();
+    let mut leak = [0.0f32; 3];
+    for (k, leak) in (1..).zip(&mut leak) {
+        let mut sum = 0.0;
+        for (n, w) in window.iter().enumerate() {
+            sum += w * m::cos(m::TAU * (k as f32) * (n as f32) / FRAME as f32);
+        }
+        *leak = sum / total;
+    }
+    leak
+}
