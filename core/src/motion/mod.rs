@@ -3,7 +3,12 @@
 //! In: bearings with their errors. Out: time, range and azimuth of the closest point of approach, heading, speed,
 //! side and positions, with their spreads. See `docs/motion.md` for what each estimator assumes and when it fails.
 
+pub mod bound;
 pub mod chain;
+pub mod covariance;
+pub mod errors;
+mod factor;
+pub mod ml;
 pub mod model;
 pub mod normal;
 pub mod recursive;
@@ -11,6 +16,7 @@ pub mod report;
 pub mod ring;
 pub mod solution;
 pub mod start;
+pub mod whiten;
 
 pub use model::{Limits, Line, Medium};
 pub use solution::Solution;

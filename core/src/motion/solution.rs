@@ -108,7 +108,10 @@ pub fn from_covariance(
     let range_m = line.cpa_range_m();
     // Speed's own spread is known and reported; the flag is about what the measurements add.
     let own = if covariance[2][3] == 0.0 { sd(2) } else { relative.min(sd(2)) };
-    let far = line.at_limit(limits) > 0;
+    let limit = line.at_limit(limits);
+    let far = limit > 0;
+    // At the near limit the vessel may have passed anywhere inside it.
+    let sd_range_m = (range_m * relative).max(if limit < 0 { limits.range_m.0 } else { 0.0 });
     let range_observable = own < OBSERVABLE_RELATIVE_SD && !far;
     let heading_known = sd(0) < OBSERVABLE_HEADING_SD;
     let out = Solution {
@@ -121,7 +124,7 @@ pub fn from_covariance(
         speed_m_s: line.speed_m_s(),
         starboard: line.sense > 0.0,
         sd_cpa_time_s: sd(1),
-        sd_cpa_range_m: if range_observable { range_m * relative } else { f64::INFINITY },
+        sd_cpa_range_m: if range_observable { sd_range_m } else { f64::INFINITY },
         sd_cpa_azimuth_rad: sd(0),
         sd_heading_rad: if heading_known { sd(0) } else { f64::INFINITY },
         sd_speed_m_s: line.speed_m_s() * sd(3),

@@ -1,0 +1,314 @@
+//! Maximum-likelihood fit of a straight track to all bearings of a passage at once [M 9, 10].
+//!
+//! In: bearings (with elevations where the height of the vessel above the array is known), an error model, a prior of
+//! speed. Out: the minimum of `(α̂ − α(θ))ᵀ C⁻¹ (α̂ − α(θ))` with wrapped residuals, found by damped Gauss-Newton from
+//! several starting hypotheses of both passing sides, and its covariance; a profile-likelihood interval of range.
+//! Assumes constant speed and heading and Gaussian errors of known covariance. Cost at K = 401 with the linear model:
+//! about 10 evaluations of the short way of [`super::whiten`].
+
+use super::covariance::Model;
+use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
+use super::normal::{COLUMNS, Normal, Point, Progress, descend};
+use super::recursive::add_priors;
+use super::solution::{Solution, solution};
+use super::start::{emitted, starts};
+use super::whiten::{Plan, WhitenError, Workspace};
+use crate::angle::wrap_pi;
+use crate::math::f64 as m;
+
+/// What is assumed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Correlation of the azimuths' errors.
+    pub model: Model,
+    /// Correlation interval, s.
+    pub tau_s: f64,
+    /// Known speed, mean of the prior, or (with an infinite `speed_sd_m_s`) only a starting value, m/s.
+    pub speed_m_s: f64,
+    /// 0: known; finite: standard deviation of the prior or measurement; infinite: unknown (needs elevations).
+    pub speed_sd_m_s: f64,
+    /// Nearest and farthest closest-point range considered, m.
+    pub range_m: (f64, f64),
+    /// Travel time and height above the array.
+    pub medium: Medium,
+    /// Standard deviation of a bias common to all elevations (multipath), radians; 0: none.
+    pub elevation_bias_sd_rad: f64,
+}
+
+impl Config {
+    fn free(&self) -> [bool; PARAMETERS] {
+        let elevations = self.medium.height_m > 0.0;
+        [true, true, true, self.speed_sd_m_s > 0.0, elevations && self.elevation_bias_sd_rad > 0.0]
+    }
+}
+
+/// One bearing of the batch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Time of reception, s.
+    pub t_s: f64,
+    /// Azimuth, radians.
+    pub azimuth_rad: f64,
+    /// Standard deviation of its error, radians: `[C]_ij = σ_i σ_j ρ(t_i − t_j)`.
+    pub sd_rad: f32,
+    /// Elevation and the standard deviation of its (independent) error, radians; infinite where there is none.
+    pub elevation_rad: (f32, f32),
+}
+
+impl Sample {
+    /// An azimuth alone.
+    pub fn azimuth(t_s: f64, azimuth_rad: f64, sd_rad: f64) -> Self {
+        Self { t_s, azimuth_rad, sd_rad: sd_rad as f32, elevation_rad: (0.0, f32::INFINITY) }
+    }
+}
+
+/// A finished fit.
+#[derive(Clone, Copy, Debug)]
+pub struct Fit {
+    /// What it says about the vessel.
+    pub solution: Solution,
+    /// Normal equations at the minimum.
+    pub normal: Normal,
+    /// How the errors were whitened; its `nugget` is above zero where the model was nearly singular.
+    pub plan: Plan,
+}
+
+/// Why there is no fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FitError {
+    /// Fewer than five bearings.
+    TooFew,
+    /// Not finite, a standard deviation that is not positive, or nonsense in the configuration; index of the sample.
+    BadSample(usize),
+    /// Speed is unknown and there are no elevations.
+    NoRange,
+    /// The errors cannot be whitened.
+    Whiten(WhitenError),
+    /// No starting hypothesis led to a minimum.
+    NoMinimum,
+}
+
+/// Steps from each start over a thinned record, and at most over all bearings.
+const ROUGH_STEPS: usize = 12;
+const FINE_STEPS: usize = 40;
+/// Bearings of the thinned record.
+const THINNED: usize = 48;
+
+/// Fits the track. `dense` is memory for irregular times with the linear, sinc and Gaussian models (may be empty).
+///
+/// # Errors
+/// [`FitError`].
+pub fn fit<const N: usize>(
+    config: &Config,
+    samples: &[Sample],
+    work: &mut Workspace<N>,
+    dense: &mut [f64],
+) -> Result<Fit, FitError> {
+    let limits = check(config, samples)?;
+    let times = samples.iter().map(|s| s.t_s);
+    let plan = Plan::new(config.model, config.tau_s, times, work, dense).map_err(FitError::Whiten)?;
+    let free = config.free();
+    let stride = samples.len().div_ceil(THINNED).max(1);
+    let white = Plan { method: super::whiten::Method::Chain, model: Model::White, ..plan };
+    let pairs = samples.iter().map(|s| (s.t_s, s.azimuth_rad));
+    let mut best: Option<Point> = None;
+    for start in starts(pairs, samples.len(), config.speed_m_s, &limits).iter().flatten() {
+        let line = emitted(&start.line, &config.medium);
+        let rough =
+            |line: &Line| evaluate(config, &white, samples.iter().step_by(stride), line, &mut *work, &[]);
+        let Some(line) = minimise(line, &free, &limits, ROUGH_STEPS, rough).map(|p| p.line) else { continue };
+        let Some(normal) = evaluate(config, &plan, samples.iter(), &line, work, dense) else { continue };
+        if best.is_none_or(|b| normal.cost() < b.normal.cost()) {
+            best = Some(Point { line, normal, damping: 1e-6 });
+        }
+    }
+    let line = best.ok_or(FitError::NoMinimum)?.line;
+    let point = minimise(line, &free, &limits, FINE_STEPS, |line| {
+        evaluate(config, &plan, samples.iter(), line, &mut *work, dense)
+    })
+    .ok_or(FitError::NoMinimum)?;
+    finished(config, samples, &limits, &plan, &point).ok_or(FitError::NoMinimum)
+}
+
+/// Fits from a given line alone, with a plan made before for the same times: for many records of the same geometry.
+pub fn refit<const N: usize>(
+    config: &Config,
+    samples: &[Sample],
+    start: &Line,
+    plan: &Plan,
+    work: &mut Workspace<N>,
+    dense: &[f64],
+) -> Option<Fit> {
+    let limits = check(config, samples).ok()?;
+    let point = minimise(*start, &config.free(), &limits, FINE_STEPS, |line| {
+        evaluate(config, plan, samples.iter(), line, &mut *work, dense)
+    })?;
+    finished(config, samples, &limits, plan, &point)
+}
+
+/// Normal equations of the samples about `line`, priors included.
+pub fn evaluate<'a, const N: usize>(
+    config: &Config,
+    plan: &Plan,
+    samples: impl Iterator<Item = &'a Sample> + Clone,
+    line: &Line,
+    work: &mut Workspace<N>,
+    dense: &[f64],
+) -> Option<Normal> {
+    let elevations = config.medium.height_m > 0.0;
+    let mut of_elevations = Normal::default();
+    let mut rows = samples.clone();
+    let mut normal = plan.normal(samples.map(|s| s.t_s), work, dense, |_, t| {
+        let mut row = [0.0; COLUMNS];
+        let Some(sample) = rows.next() else { return row };
+        let e = line.expected(&config.medium, t);
+        let scale = 1.0 / f64::from(sample.sd_rad);
+        for (x, d) in row.iter_mut().zip(&e.d_azimuth) {
+            *x = d * scale;
+        }
+        row[PARAMETERS] = wrap_pi(sample.azimuth_rad - e.azimuth) * scale;
+        if elevations && sample.elevation_rad.1.is_finite() {
+            let mut extra = [0.0; COLUMNS];
+            for (x, d) in extra.iter_mut().zip(&e.d_elevation) {
+                *x = *d;
+            }
+            extra[PARAMETERS] = f64::from(sample.elevation_rad.0) - e.elevation;
+            let sd = f64::from(sample.elevation_rad.1);
+            of_elevations.add(&extra, 1.0 / (sd * sd));
+        }
+        row
+    })?;
+    for (a, b) in normal.gram.iter_mut().flatten().zip(of_elevations.gram.iter().flatten()) {
+        *a += b;
+    }
+    add_priors(&mut normal, line, config.speed_m_s, config.speed_sd_m_s, config.elevation_bias_sd_rad);
+    normal.is_finite().then_some(normal)
+}
+
+fn check(config: &Config, samples: &[Sample]) -> Result<Limits, FitError> {
+    let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Err(FitError::TooFew) };
+    if samples.len() < PARAMETERS {
+        return Err(FitError::TooFew);
+    }
+    for (i, s) in samples.iter().enumerate() {
+        let sane = s.t_s.is_finite() && s.azimuth_rad.is_finite() && s.sd_rad.is_finite() && s.sd_rad > 0.0;
+        if !sane || !s.elevation_rad.0.is_finite() || s.elevation_rad.1.is_nan() || s.elevation_rad.1 <= 0.0 {
+            return Err(FitError::BadSample(i));
+        }
+    }
+    let seen = config.medium.height_m > 0.0 && samples.iter().any(|s| s.elevation_rad.1.is_finite());
+    if config.speed_sd_m_s == f64::INFINITY && !seen {
+        return Err(FitError::NoRange);
+    }
+    Ok(Limits { range_m: config.range_m, ln_speed: LN_SPEED, times_s: (first.t_s, last.t_s) })
+}
+
+fn minimise(
+    line: Line,
+    free: &[bool; PARAMETERS],
+    limits: &Limits,
+    steps: usize,
+    mut evaluate: impl FnMut(&Line) -> Option<Normal>,
+) -> Option<Point> {
+    let line = line.moved(&[0.0; PARAMETERS], limits);
+    let mut point = Point { line, normal: evaluate(&line)?, damping: 1e-6 };
+    for _ in 0..steps {
+        if descend(&mut point, free, limits, &mut evaluate) == Progress::Converged {
+            break;
+        }
+    }
+    Some(point)
+}
+
+fn finished(config: &Config, samples: &[Sample], limits: &Limits, plan: &Plan, point: &Point) -> Option<Fit> {
+    let elevations = if config.medium.height_m > 0.0 {
+        samples.iter().filter(|s| s.elevation_rad.1.is_finite()).count()
+    } else {
+        0
+    };
+    let measurements = (samples.len() + elevations) as f64;
+    let n = samples.len() as u32;
+    let solution = solution(&point.line, &point.normal, &config.free(), limits, n, measurements)?;
+    Some(Fit { solution, normal: point.normal, plan: *plan })
+}
+
+/// An interval of the closest-point range; an end that reaches the configured limit is open.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// Lower end, m.
+    pub low_m: f64,
+    /// Whether the interval goes on below the nearest range considered.
+    pub low_open: bool,
+    /// Upper end, m.
+    pub high_m: f64,
+    /// Whether it goes on beyond the farthest range considered.
+    pub high_open: bool,
+}
+
+/// Profile-likelihood interval of the closest-point range: all ranges at which the least squared residual over all
+/// other parameters is within `quantile` (3.84 for 95 %) of the minimum. The speed prior takes part.
+pub fn range_interval<const N: usize>(
+    config: &Config,
+    samples: &[Sample],
+    fit: &Fit,
+    quantile: f64,
+    work: &mut Workspace<N>,
+    dense: &[f64],
+) -> Option<Interval> {
+    let limits = check(config, samples).ok()?;
+    let free = config.free();
+    let least = fit.normal.cost();
+    let centre = m::ln(fit.solution.cpa_range_m);
+    // The profile at a given ln range: a stiff pseudo-measurement pins it, its own residual is taken off again.
+    let mut profile = |from: &Line, ln_range: f64| -> Option<(Line, f64)> {
+        let stiff = 1e8;
+        let mut start = *from;
+        start.p[2] = start.p[3] - ln_range;
+        let point = minimise(start, &free, &limits, FINE_STEPS, |line| {
+            let mut normal = evaluate(config, &fit.plan, samples.iter(), line, &mut *work, dense)?;
+            let off = ln_range - (line.p[3] - line.p[2]);
+            normal.add(&[0.0, 0.0, -1.0, 1.0, 0.0, off], stiff);
+            Some(normal)
+        })?;
+        let off = ln_range - (point.line.p[3] - point.line.p[2]);
+        Some((point.line, point.normal.cost() - stiff * off * off - least))
+    };
+    let mut end = |sign: f64, limit: f64| -> Option<(f64, bool)> {
+        let relative = fit.solution.sd_cpa_range_m / fit.solution.cpa_range_m;
+        let mut step = if relative.is_finite() { relative.max(1e-4) } else { 0.3 };
+        let (mut inside, mut line) = (centre, fit.solution.line);
+        let mut outside = None;
+        for _ in 0..40 {
+            let at = centre + sign * step;
+            if sign * (at - limit) >= 0.0 {
+                let (_, rise) = profile(&line, limit)?;
+                if rise <= quantile {
+                    return Some((m::exp(limit), true));
+                }
+                outside = Some(limit);
+                break;
+            }
+            let (there, rise) = profile(&line, at)?;
+            if rise > quantile {
+                outside = Some(at);
+                break;
+            }
+            (inside, line) = (at, there);
+            step *= 1.5;
+        }
+        let mut outside = outside?;
+        for _ in 0..14 {
+            let at = 0.5 * (inside + outside);
+            let (there, rise) = profile(&line, at)?;
+            if rise > quantile {
+                outside = at;
+            } else {
+                (inside, line) = (at, there);
+            }
+        }
+        Some((m::exp(0.5 * (inside + outside)), false))
+    };
+    let (low_m, low_open) = end(-1.0, m::ln(config.range_m.0))?;
+    let (high_m, high_open) = end(1.0, m::ln(config.range_m.1))?;
+    Some(Interval { low_m, low_open, high_m, high_open })
+}
