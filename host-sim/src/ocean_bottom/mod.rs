@@ -1,3 +1,16 @@
 //! The host side of an ocean-bottom station: its propagation table for the core, its simulator, its pictures.
+//!
+//! [`simulate::Simulator`] makes four-channel recordings of vessels ([`passage`]: what arrives of what [`source`]
+//! radiates along a [`course`]), of other sounds ([`event`]) and of the sea ([`ambient`]), as a [`scenario`] says.
 
+pub mod ambient;
+pub mod course;
+pub mod event;
+pub mod passage;
+pub mod run;
+pub mod scenario;
+pub mod score;
+pub mod simulate;
+pub mod source;
+pub mod station;
 pub mod table;

@@ -84,6 +84,29 @@ impl Profile {
         Ok(Self { points })
     }
 
+    /// The open ocean of the subtropics: warm water over a sound channel at about 1200 m.
+    ///
+    /// # Errors
+    /// As [`Profile::new`]; depths from 1500 to 6000 m are fine.
+    pub fn subtropical(depth_m: f64) -> Result<Self> {
+        let points = [
+            (0.0, 1535.5),
+            (60.0, 1535.5),
+            (150.0, 1528.0),
+            (300.0, 1517.0),
+            (600.0, 1501.5),
+            (900.0, 1489.5),
+            (1200.0, 1486.0),
+            (1600.0, 1487.0),
+            (2200.0, 1494.0),
+            (3000.0, 1506.5),
+            (4000.0, 1523.5),
+            (5000.0, 1541.0),
+            (6000.0, 1559.0),
+        ];
+        Self::new(points.to_vec(), depth_m)
+    }
+
     /// Depth of the floor, m.
     pub fn depth_m(&self) -> f64 {
         self.points[self.points.len() - 1].0

@@ -1,0 +1,115 @@
+//! Where a vessel is at a time: a straight course, or fixes joined by straight legs.
+
+/// East and North of the station, metres.
+pub type Place = (f64, f64);
+
+/// How a vessel moves.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Course {
+    /// Straight and steady.
+    Straight {
+        /// Time of the closest point, s.
+        cpa_time_s: f64,
+        /// Place at that time, m.
+        closest_m: Place,
+        /// East and North speed, m/s.
+        velocity_m_s: (f64, f64),
+    },
+    /// Time and place of fixes, in order of time; at rest nowhere outside them (the vessel is not there).
+    Fixes(Vec<(f64, Place)>),
+}
+
+impl Course {
+    /// A straight course by its closest point; `starboard` if the station lies on the vessel's starboard side.
+    pub fn by_cpa(
+        cpa_time_s: f64,
+        cpa_range_m: f64,
+        heading_rad: f64,
+        speed_m_s: f64,
+        starboard: bool,
+    ) -> Self {
+        let (s, c) = heading_rad.sin_cos();
+        // To starboard of heading (s, c) lies (c, −s): a station there sees the vessel on the other side.
+        let side = if starboard { -cpa_range_m } else { cpa_range_m };
+        Self::Straight {
+            cpa_time_s,
+            closest_m: (side * c, -side * s),
+            velocity_m_s: (speed_m_s * s, speed_m_s * c),
+        }
+    }
+
+    /// The vessel's place; `None` where fixes do not tell.
+    pub fn at(&self, t_s: f64) -> Option<Place> {
+        match self {
+            Self::Straight { cpa_time_s, closest_m, velocity_m_s } => {
+                let dt = t_s - cpa_time_s;
+                Some((closest_m.0 + velocity_m_s.0 * dt, closest_m.1 + velocity_m_s.1 * dt))
+            }
+            Self::Fixes(fixes) => {
+                let after = fixes.partition_point(|f| f.0 <= t_s);
+                if after == 0 || after == fixes.len() {
+                    return fixes.last().filter(|f| f.0 == t_s).map(|f| f.1);
+                }
+                let ((t0, a), (t1, b)) = (fixes[after - 1], fixes[after]);
+                let w = (t_s - t0) / (t1 - t0);
+                Some((a.0 + (b.0 - a.0) * w, a.1 + (b.1 - a.1) * w))
+            }
+        }
+    }
+
+    /// The straight course that fits best in the least-squares sense: itself, or a line through the fixes.
+    pub fn straightened(&self) -> Option<Self> {
+        let Self::Fixes(fixes) = self else { return Some(self.clone()) };
+        let n = fixes.len() as f64;
+        if fixes.len() < 2 {
+            return None;
+        }
+        let mean = |f: &dyn Fn(&(f64, Place)) -> f64| fixes.iter().map(f).sum::<f64>() / n;
+        let (t, x, y) = (mean(&|f| f.0), mean(&|f| f.1.0), mean(&|f| f.1.1));
+        let power = fixes.iter().map(|f| (f.0 - t).powi(2)).sum::<f64>();
+        let slope = |g: &dyn Fn(&(f64, Place)) -> f64, m: f64| {
+            fixes.iter().map(|f| (f.0 - t) * (g(f) - m)).sum::<f64>() / power
+        };
+        let (vx, vy) = (slope(&|f| f.1.0, x), slope(&|f| f.1.1, y));
+        let cpa = t - (x * vx + y * vy) / (vx * vx + vy * vy);
+        let closest = (x + vx * (cpa - t), y + vy * (cpa - t));
+        cpa.is_finite().then_some(Self::Straight {
+            cpa_time_s: cpa,
+            closest_m: closest,
+            velocity_m_s: (vx, vy),
+        })
+    }
+}
+
+/// Range (m) and azimuth (rad, clockwise from North, 0 to 2π) of a place.
+pub fn polar(place: Place) -> (f64, f64) {
+    let azimuth = place.0.atan2(place.1);
+    (place.0.hypot(place.1), azimuth.rem_euclid(std::f64::consts::TAU))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn closest_point_side_and_heading() {
+        // Heading East with the station to starboard (south of the vessel): the vessel passes to the north.
+        let c = Course::by_cpa(100.0, 5000.0, std::f64::consts::FRAC_PI_2, 7.0, true);
+        let (x, y) = c.at(100.0).unwrap();
+        assert!(x.abs() < 1e-9 && (y - 5000.0).abs() < 1e-9);
+        let (x, y) = c.at(110.0).unwrap();
+        assert!((x - 70.0).abs() < 1e-9 && (y - 5000.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn fixes_join_and_straighten() {
+        let truth = Course::by_cpa(500.0, 8000.0, 1.0, 6.0, false);
+        let fixes = (0..20).map(|i| 100.0 * f64::from(i)).map(|t| (t, truth.at(t).unwrap())).collect();
+        let c = Course::Fixes(fixes);
+        let (a, b) = (c.at(650.0).unwrap(), truth.at(650.0).unwrap());
+        assert!((a.0 - b.0).hypot(a.1 - b.1) < 1e-6);
+        assert_eq!(c.at(-1.0), None);
+        let Some(Course::Straight { cpa_time_s, closest_m, .. }) = c.straightened() else { panic!() };
+        assert!((cpa_time_s - 500.0).abs() < 1e-6 && (closest_m.0.hypot(closest_m.1) - 8000.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,38 @@
+//! The station file that goes with a simulated recording.
+
+use super::scenario::Scenario;
+use crate::station::Station;
+use anyhow::Result;
+use seabearing_core::config::StationConfig;
+use std::fmt::Write as _;
+
+/// The station file of a scenario; `table` is the propagation table's name beside it, `paper` asks for the paper's
+/// own choices.
+pub fn text(scenario: &Scenario, table: &str, paper: bool) -> String {
+    let mut out = format!(
+        "[station]\nid = 1\nname = {:?}\nkind = \"obs\"\nsound_speed_m_s = 1500.0\n",
+        scenario.name.to_lowercase()
+    );
+    if let Some([lat, lon]) = scenario.lat_lon_deg {
+        let _ = writeln!(out, "position = {{ lat_deg = {lat:?}, lon_deg = {lon:?} }}");
+    }
+    let _ = write!(
+        out,
+        "\n[sampling]\nrate_hz = {:?}\n\n[obs]\n\
+         components = {{ pressure = \"BDH\", north = \"BH1\", east = \"BH2\", vertical = \"BHZ\" }}\n\
+         orientation_of_north_deg = {:?}\nintensity = {:?}\npropagation = {table:?}\n",
+        scenario.rate_hz, scenario.orientation_of_north_deg, scenario.intensity
+    );
+    if paper {
+        out += "compatibility = \"paper\"\n";
+    }
+    out
+}
+
+/// The configuration the same text gives.
+///
+/// # Errors
+/// A value of the scenario that a station may not have.
+pub fn config(scenario: &Scenario, paper: bool) -> Result<StationConfig> {
+    Ok(Station::parse(&text(scenario, "table.toml", paper), "station.toml", std::path::Path::new("."))?.config)
+}
