@@ -121,7 +121,9 @@ pub fn detections(
                 let truth = truths(table, paths, vessels, r.index as f64 / rate_hz);
                 let nearest = truth
                     .iter()
-                    .map(|(v, t)| (*v, f64::from(r.range_m) - t.range_m, f64::from(r.speed_m_s) - t.radial_m_s))
+                    .map(|(v, t)| {
+                        (*v, f64::from(r.range_m) - t.range_m, f64::from(r.speed_m_s) - t.radial_m_s)
+                    })
                     .min_by(|x, y| x.1.abs().total_cmp(&y.1.abs()));
                 match nearest {
                     Some((v, e, s)) if e.abs() < WRONG_BRANCH_M => {

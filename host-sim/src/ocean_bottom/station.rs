@@ -34,5 +34,6 @@ pub fn text(scenario: &Scenario, table: &str, paper: bool) -> String {
 /// # Errors
 /// A value of the scenario that a station may not have.
 pub fn config(scenario: &Scenario, paper: bool) -> Result<StationConfig> {
-    Ok(Station::parse(&text(scenario, "table.toml", paper), "station.toml", std::path::Path::new("."))?.config)
+    Ok(Station::parse(&text(scenario, "table.toml", paper), "station.toml", std::path::Path::new("."))?
+        .config)
 }

@@ -4,6 +4,8 @@
 //! table. Seeds are stated in the output.
 
 mod network;
+mod obs_one_ship;
+mod obs_world;
 mod report;
 
 use anyhow::Result;
@@ -33,4 +35,4 @@ pub struct Experiment {
 }
 
 /// All experiments, in the order `reproduce all` runs them.
-pub const EXPERIMENTS: &[Experiment] = &[network::FIGURE_2, network::FIGURE_3];
+pub const EXPERIMENTS: &[Experiment] = &[network::FIGURE_2, network::FIGURE_3, obs_one_ship::ONE_SHIP];

@@ -3,14 +3,21 @@
 //! Closest point 5 to 15 km, 4 to 10 m/s, wideband noise at 0 dB and six lines at +20 dB at 20 km (what that means
 //! stands in [`crate::ocean_bottom::scenario`]), five paths, no fade. One seed a vessel.
 
-use super::Options;
 use super::obs_world::{Case, station_table};
+use super::{Experiment, Options};
 use crate::ocean_bottom::scenario::{Scenario, Ship};
 use crate::ocean_bottom::score::{Detections, smad, track};
 use anyhow::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use seabearing_core::wire::Message;
+
+/// The experiment.
+pub const ONE_SHIP: Experiment = Experiment {
+    name: "obs-one-ship",
+    about: "one vessel past an ocean-bottom station, six hours: every error against its bar",
+    run,
+};
 
 /// Vessels where the command line names no number.
 const RUNS: usize = 4;
@@ -30,11 +37,7 @@ pub fn ship(seed: u64) -> Ship {
     }
 }
 
-/// Runs it.
-///
-/// # Errors
-/// The core refuses the table, or a file cannot be written.
-pub fn run(options: &Options) -> Result<()> {
+fn run(options: &Options) -> Result<()> {
     let table = station_table()?;
     let mut all = Detections::default();
     let mut rows = String::from(
@@ -46,13 +49,15 @@ pub fn run(options: &Options) -> Result<()> {
         let scenario = Scenario { ship: vec![ship.clone()], ..super::obs_world::quiet(seed, 21_600.0) };
         let case = Case::run(scenario, &table, Vec::new(), false)?;
         let d = case.detections().remove(0);
-        let tracks: Vec<_> =
-            case.messages.iter().filter_map(|m| if let Message::Track(t) = m { Some(*t) } else { None }).collect();
+        let tracks: Vec<_> = case
+            .messages
+            .iter()
+            .filter_map(|m| if let Message::Track(t) = m { Some(*t) } else { None })
+            .collect();
         let best = tracks.iter().rev().find(|t| t.stage == 1).or(tracks.last());
         let e = best.and_then(|t| track(t, &case.vessels[0].course));
-        let cells = e.map_or([f64::NAN; 4], |e| {
-            [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]
-        });
+        let cells =
+            e.map_or([f64::NAN; 4], |e| [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]);
         rows += &format!(
             "{seed},{:.0},{:.2},{},{},{:.2},{},{},{:.0},{:.3},{:.1},{:.0},{:.2},{:.3}\n",
             ship.cpa_range_m,

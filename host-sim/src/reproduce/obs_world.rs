@@ -15,7 +15,8 @@ const RR03_DEPTH_M: f64 = 4340.0;
 
 /// The folder of the papers' data, where it is: `SEABEARING_DATA`, or `../shared/data`.
 pub fn data() -> Option<PathBuf> {
-    let dir = std::env::var_os("SEABEARING_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
+    let dir =
+        std::env::var_os("SEABEARING_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
     dir.is_dir().then_some(dir)
 }
 
@@ -65,8 +66,6 @@ pub struct Case {
     pub messages: Vec<Message>,
     /// The vessels that were there.
     pub vessels: Vec<Vessel>,
-    /// Other sounds that were there.
-    pub heard: Vec<crate::ocean_bottom::event::Heard>,
     table: Propagation,
     paths: usize,
     rate_hz: f64,
@@ -82,10 +81,9 @@ impl Case {
         let (paths, rate_hz) = (scenario.paths, scenario.rate_hz);
         let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
         let vessels = simulator.vessels.clone();
-        let heard = simulator.heard();
         let mut messages = Vec::new();
         run::run(&config, table, &mut simulator, &mut |m| messages.push(m))?;
-        Ok(Self { messages, vessels, heard, table: table.clone(), paths, rate_hz })
+        Ok(Self { messages, vessels, table: table.clone(), paths, rate_hz })
     }
 
     /// Errors of detections, one entry a vessel.
