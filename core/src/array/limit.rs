@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_regular_tetrahedron_of_1_85_m_has_the_limits_of_the_methods_page() {
+    fn a_regular_tetrahedron_is_equally_good_everywhere() {
         let edge = 1.85;
         let r = edge / 3f64.sqrt();
         let h = edge * (2f64 / 3.0).sqrt();
@@ -92,12 +92,16 @@ mod tests {
             [0.0, 0.0, 0.75 * h],
         ];
         let g = Geometry::new(&sensors, 0.0, 1484.0).unwrap();
-        for (snr_db, elevation_deg) in [(20.0, 0.0013), (10.0, 0.0041), (0.0, 0.020), (-10.0, 0.16)] {
-            let s = 10f64.powf(snr_db / 10.0);
-            let info = arrival_information(4, (50.0, 25_000.0), 1.0, |_| s, 1000);
-            let l = angle_limit(&g, 1.0, 0.3, 0.0, info).unwrap();
-            let sd = l.var_elevation.sqrt().to_degrees();
-            assert!(sd < elevation_deg * 1.3 && sd > elevation_deg * 0.4, "{snr_db} dB: {sd}");
+        // Isotropic: GᵀPG = 2 (edge/c)² I for every direction.
+        let info = arrival_information(4, (50.0, 25_000.0), 1.0, |_| 1.0, 1000);
+        let closed = 1.0 / (info * 2.0 * (edge / 1484.0) * (edge / 1484.0));
+        for (azimuth, elevation) in [(1.0, 0.3), (4.0, -0.8)] {
+            let l = angle_limit(&g, azimuth, elevation, 0.0, info).unwrap();
+            let cos = elevation.cos();
+            assert!((l.var_elevation / closed - 1.0).abs() < 1e-4);
+            assert!((l.var_azimuth * cos * cos / closed - 1.0).abs() < 1e-4);
+            assert!(l.cov.abs() < 1e-4 * closed);
         }
+        assert!(angle_limit(&g, 0.0, m::FRAC_PI_2, 0.0, info).is_none());
     }
 }

@@ -3,6 +3,8 @@
 //! Each experiment is one file with one function; it writes CSV and plots into the output folder and prints its
 //! table. Seeds are stated in the output.
 
+pub mod bearing_limit;
+pub mod bearing_limit_source;
 mod network;
 mod obs_one_ship;
 mod obs_world;
@@ -35,4 +37,5 @@ pub struct Experiment {
 }
 
 /// All experiments, in the order `reproduce all` runs them.
-pub const EXPERIMENTS: &[Experiment] = &[network::FIGURE_2, network::FIGURE_3, obs_one_ship::ONE_SHIP];
+pub const EXPERIMENTS: &[Experiment] =
+    &[network::FIGURE_2, network::FIGURE_3, obs_one_ship::ONE_SHIP, bearing_limit::EXPERIMENT];

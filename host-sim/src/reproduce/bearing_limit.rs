@@ -1,0 +1,183 @@
+//! `reproduce bearing-limit`: how near the array chain comes to the physical limit, whether its stated uncertainty is
+//! honest, and how often noise alone makes a bearing.
+//!
+//! Static sources at random azimuths and elevations, 500 m away (spherical delays, exact), source and ambient noise of
+//! one falling spectrum. Everything is measured on what the recorder's own code emits for converter codes.
+
+use super::bearing_limit_source::{Ambient, Sounder, exact_arrivals};
+use super::{Experiment, Options};
+use anyhow::Result;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
+use seabearing_core::angle::wrap_pi;
+use seabearing_core::array::{self, Plan, Scratch, State, limit};
+use seabearing_core::block::{Block, Frame};
+use seabearing_core::config::{ArrayConfig, Kind, StationConfig, Tracking};
+use seabearing_core::wire::{Bearing, Message};
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "bearing-limit",
+    about: "bearing errors against the physical limit, honesty of the ellipses, false alarms",
+    run,
+};
+
+/// Signal-to-noise ratios of the table, dB.
+const SNR_DB: [f64; 4] = [20.0, 10.0, 0.0, -10.0];
+/// Range of the sources, metres.
+const RANGE_M: f64 = 500.0;
+/// Samples of one record: 8.2 s.
+const RECORD: usize = 1 << 19;
+/// Noise level in codes: far above quantisation, far below clipping of 24 bits.
+const NOISE_CODES: f64 = 2e4;
+
+/// The station of the experiments: a tetrahedron of 1.85 m edges at 64 kHz.
+pub fn station() -> StationConfig {
+    let (r, h) = (1.85 / 3f64.sqrt(), 1.85 * (2f64 / 3.0).sqrt());
+    let side = r * 0.75f64.sqrt();
+    StationConfig {
+        id: 1,
+        name: heapless::String::new(),
+        lat_lon_deg: None,
+        local_east_north_m: None,
+        depth_m: 168.0,
+        orientation_deg: 0.0,
+        sound_speed_m_s: 1484.0,
+        rate_hz: 64_000.0,
+        full_scale: 1 << 23,
+        kind: Kind::Array(ArrayConfig {
+            hydrophones_m: [
+                [0.0, r, -0.25 * h],
+                [side, -0.5 * r, -0.25 * h],
+                [-side, -0.5 * r, -0.25 * h],
+                [0.0, 0.0, 0.75 * h],
+            ],
+            channels: [0, 1, 2, 3],
+            sensitivity_db_re_1v_upa: [-165.0; 4],
+            reference_range_m: RANGE_M,
+            band_hz: (50.0, 25_000.0),
+            segment_s: 1.0,
+            step_s: 0.5,
+            elevation_deg: (-90.0, 90.0),
+            false_alarms_per_hour: 0.5,
+        }),
+        tracking: Tracking::default(),
+    }
+}
+
+/// All bearings the chain emits for a record.
+pub fn bearings(plan: &Plan, frames: &[Frame]) -> Vec<Bearing> {
+    let mut state = State::new();
+    let mut scratch = Scratch::new();
+    let mut out = Vec::new();
+    let mut sink = |m: Message| {
+        if let Message::Bearing(b) = m {
+            out.push(b);
+        }
+    };
+    for (n, part) in frames.chunks(4096).enumerate() {
+        let block = Block { first_index: (n * 4096) as u64, frames: part };
+        array::push(plan, &mut state, &mut scratch, block, &mut sink);
+    }
+    array::finish(plan, &mut state, &mut scratch, &mut sink);
+    out
+}
+
+/// Errors of one direction's bearings.
+#[derive(Default, Clone)]
+struct Errors {
+    n: usize,
+    expected: usize,
+    azimuth2: f64,
+    elevation2: f64,
+    limit_azimuth2: f64,
+    limit_elevation2: f64,
+    stated_azimuth2: f64,
+    beyond_5_deg: usize,
+    within_ellipse: usize,
+}
+
+impl Errors {
+    fn add(mut self, o: Self) -> Self {
+        self.n += o.n;
+        self.expected += o.expected;
+        self.azimuth2 += o.azimuth2;
+        self.elevation2 += o.elevation2;
+        self.limit_azimuth2 += o.limit_azimuth2;
+        self.limit_elevation2 += o.limit_elevation2;
+        self.stated_azimuth2 += o.stated_azimuth2;
+        self.beyond_5_deg += o.beyond_5_deg;
+        self.within_ellipse += o.within_ellipse;
+        self
+    }
+}
+
+/// Runs the experiment.
+///
+/// # Errors
+/// The configuration cannot be planned, or an output cannot be written.
+pub fn run(options: &Options) -> Result<()> {
+    let config = station();
+    let plan = Plan::new(&config)?;
+    let sounder = Sounder::new(plan.geometry(), config.rate_hz, RECORD, Ambient::Independent);
+    let directions = options.runs.unwrap_or(30);
+    for snr_db in SNR_DB {
+        let errors = (0..directions)
+            .into_par_iter()
+            .map(|n| one_direction(&plan, &sounder, options.seed * 1_000_003 + n as u64, snr_db))
+            .reduce(Errors::default, Errors::add);
+        let n = errors.n.max(1) as f64;
+        let deg = |x: f64| (x / n).sqrt().to_degrees();
+        println!(
+            "{snr_db:5} dB n {} of {}: azimuth {:.4} limit {:.4} ratio {:.3} stated {:.4}; elevation {:.4} limit {:.4} ratio {:.3}; >5 deg {}; in ellipse {:.2} %",
+            errors.n,
+            errors.expected,
+            deg(errors.azimuth2),
+            deg(errors.limit_azimuth2),
+            (errors.azimuth2 / errors.limit_azimuth2).sqrt(),
+            deg(errors.stated_azimuth2),
+            deg(errors.elevation2),
+            deg(errors.limit_elevation2),
+            (errors.elevation2 / errors.limit_elevation2).sqrt(),
+            errors.beyond_5_deg,
+            100.0 * errors.within_ellipse as f64 / n
+        );
+    }
+    Ok(())
+}
+
+fn one_direction(plan: &Plan, sounder: &Sounder, seed: u64, snr_db: f64) -> Errors {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let azimuth = rng.random_range(0.0..std::f64::consts::TAU);
+    let elevation = rng.random_range(-20f64..70.0).to_radians();
+    let arrivals = exact_arrivals(plan.geometry(), azimuth, elevation, RANGE_M);
+    let frames = sounder.record(seed ^ 0x5eab_0000, NOISE_CODES, Some((snr_db, arrivals)));
+    let band = plan.band_hz();
+    let band = (f64::from(band.0), f64::from(band.1));
+    let snr = 10f64.powf(snr_db / 10.0);
+    let information = limit::arrival_information(4, band, 1.0, |_| snr, 400);
+    let mut errors = Errors { expected: (sounder.seconds() / 0.5) as usize - 1, ..Errors::default() };
+    let Some(bound) = limit::angle_limit(plan.geometry(), azimuth, elevation, 1.0 / RANGE_M, information)
+    else {
+        return errors;
+    };
+    // Whole segments only: the limit is for one second.
+    for b in bearings(plan, &frames).iter().filter(|b| b.flags & 2 == 0) {
+        let da = wrap_pi(f64::from(b.azimuth) - azimuth);
+        let de = f64::from(b.elevation) - elevation;
+        let (va, ve, c) = (f64::from(b.var_azimuth), f64::from(b.var_elevation), f64::from(b.cov));
+        let chi2 = (ve * da * da - 2.0 * c * da * de + va * de * de) / (va * ve - c * c);
+        errors.n += 1;
+        errors.azimuth2 += da * da;
+        errors.elevation2 += de * de;
+        errors.limit_azimuth2 += bound.var_azimuth;
+        errors.limit_elevation2 += bound.var_elevation;
+        errors.stated_azimuth2 += va;
+        errors.beyond_5_deg += usize::from((da * elevation.cos()).hypot(de) > 5f64.to_radians());
+        // 95 % of a two-dimensional normal lie within −2 ln 0.05 = 5.991.
+        errors.within_ellipse += usize::from(chi2 <= 5.991);
+    }
+    errors
+}

@@ -1,0 +1,213 @@
+//! Signals for the bearing experiments: a static source with exact fractional delays, and ambient noise with a given
+//! coherence between hydrophones. Everything is made in the frequency domain as one period of a long record.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
+use seabearing_core::block::Frame;
+use seabearing_core::geometry::{Geometry, PAIRS};
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// How ambient noise is related between hydrophones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ambient {
+    /// Independent at every hydrophone.
+    Independent,
+    /// Isotropic: plane waves from all directions, coherence `sinc(2fd/c)`.
+    Isotropic,
+    /// Made at the surface: density `4 sin⁺β` over elevation (dipoles on a plane; Cron and Sherman 1962).
+    Surface,
+}
+
+/// Makes records of one length for one array.
+pub struct Sounder {
+    samples: usize,
+    rate_hz: f64,
+    geometry: Geometry,
+    inverse: Arc<dyn realfft::ComplexToReal<f32>>,
+    /// Root of the spectral density shared by source and noise, per bin (mean square one over the band).
+    shape: Vec<f32>,
+    /// Lower triangles (by row) of the noise's coherence roots, per bin group.
+    mixing: Option<(usize, Vec<[[Complex<f32>; 4]; 4]>)>,
+}
+
+impl Sounder {
+    /// A maker of records of `samples` (a power of two) at a rate. The spectrum falls as a ship's: by 6 dB per octave
+    /// above 300 Hz, level below.
+    pub fn new(geometry: &Geometry, rate_hz: f64, samples: usize, ambient: Ambient) -> Self {
+        let bins = samples / 2 + 1;
+        let mut shape: Vec<f32> = (0..bins)
+            .map(|k| {
+                let f = k as f64 * rate_hz / samples as f64;
+                if f < 10.0 { 0.0 } else { (1.0 / (1.0 + (f / 300.0).powi(2))).sqrt() as f32 }
+            })
+            .collect();
+        // Two normal numbers a bin, and both halves of the spectrum.
+        let power: f32 = shape.iter().map(|a| a * a).sum::<f32>() * 4.0;
+        for a in &mut shape {
+            *a /= power.sqrt();
+        }
+        let inverse = RealFftPlanner::<f32>::new().plan_fft_inverse(samples);
+        let mixing = (ambient != Ambient::Independent).then(|| {
+            // Coherence varies over hundreds of hertz (the time across the array is about a millisecond).
+            let group = ((8.0 * samples as f64 / rate_hz) as usize).max(1);
+            let roots = (0..=bins / group)
+                .map(|g| {
+                    let f = ((g * group) as f64 + 0.5 * group as f64) * rate_hz / samples as f64;
+                    cholesky(&coherence_matrix(geometry, f, ambient))
+                })
+                .collect();
+            (group, roots)
+        });
+        Self { samples, rate_hz, geometry: *geometry, inverse, shape, mixing }
+    }
+
+    /// Seconds of one record.
+    pub fn seconds(&self) -> f64 {
+        self.samples as f64 / self.rate_hz
+    }
+
+    /// One record as converter codes: noise of `rms_codes`, and a source stronger by `snr_db` with the given arrival
+    /// times in seconds.
+    pub fn record(&self, seed: u64, rms_codes: f64, source: Option<(f64, [f64; 4])>) -> Vec<Frame> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let bins = self.shape.len();
+        let mut spectra = vec![vec![Complex::new(0.0f32, 0.0); bins]; 4];
+        let amplitude = rms_codes as f32;
+        for k in 1..bins - 1 {
+            let a = self.shape[k] * amplitude;
+            let mut white = [Complex::new(0.0f32, 0.0); 4];
+            for w in &mut white {
+                *w = normal_pair(&mut rng) * a;
+            }
+            match &self.mixing {
+                None => {
+                    for (s, w) in spectra.iter_mut().zip(white) {
+                        s[k] = w;
+                    }
+                }
+                Some((group, roots)) => {
+                    let root = &roots[k / group];
+                    for (i, s) in spectra.iter_mut().enumerate() {
+                        s[k] = (0..=i).map(|j| root[i][j] * white[j]).sum();
+                    }
+                }
+            }
+        }
+        if let Some((snr_db, arrivals)) = source {
+            let gain = amplitude * 10f64.powf(snr_db / 20.0) as f32;
+            let turn: Vec<Complex<f64>> = arrivals
+                .iter()
+                .map(|t| Complex::from_polar(1.0, -TAU * t * self.rate_hz / self.samples as f64))
+                .collect();
+            let mut phase = [Complex::new(1.0f64, 0.0); 4];
+            for k in 1..bins - 1 {
+                let s = normal_pair(&mut rng) * (self.shape[k] * gain);
+                for (c, spectrum) in spectra.iter_mut().enumerate() {
+                    phase[c] *= turn[c];
+                    spectrum[k] += s * Complex::new(phase[c].re as f32, phase[c].im as f32);
+                }
+            }
+        }
+        let mut frames = vec![[0i32; 4]; self.samples];
+        let mut out = vec![0.0f32; self.samples];
+        for (c, spectrum) in spectra.iter_mut().enumerate() {
+            if self.inverse.process(spectrum, &mut out).is_err() {
+                unreachable!("lengths are the planner's own");
+            }
+            for (frame, x) in frames.iter_mut().zip(&out) {
+                frame[c] = x.round().clamp(-8_388_607.0, 8_388_607.0) as i32;
+            }
+        }
+        frames
+    }
+
+    /// The array the records are for.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+}
+
+/// Exact arrival times (seconds) of a spherical wave from azimuth, elevation (radians) and range.
+pub fn exact_arrivals(geometry: &Geometry, azimuth: f64, elevation: f64, range_m: f64) -> [f64; 4] {
+    let source = [
+        range_m * azimuth.sin() * elevation.cos(),
+        range_m * azimuth.cos() * elevation.cos(),
+        range_m * elevation.sin(),
+    ];
+    geometry.position_m.map(|h| {
+        let d: f64 = (0..3).map(|k| (source[k] - f64::from(h[k])).powi(2)).sum();
+        (d.sqrt() - range_m) / f64::from(geometry.sound_speed_m_s)
+    })
+}
+
+/// Two independent normal numbers (Box-Muller), as one complex of mean square two.
+fn normal_pair(rng: &mut ChaCha8Rng) -> Complex<f32> {
+    let u: f32 = 1.0 - rng.random::<f32>();
+    let (s, c) = (std::f32::consts::TAU * rng.random::<f32>()).sin_cos();
+    let r = (-2.0 * u.ln()).sqrt();
+    Complex::new(r * c, r * s)
+}
+
+/// Coherence `E X_i X_j*` of the ambient noise at a frequency.
+fn coherence_matrix(geometry: &Geometry, f: f64, ambient: Ambient) -> [[Complex<f64>; 4]; 4] {
+    let k = TAU * f / f64::from(geometry.sound_speed_m_s);
+    let mut m = [[Complex::new(0.0, 0.0); 4]; 4];
+    for (i, row) in m.iter_mut().enumerate() {
+        row[i] = Complex::new(1.0 + 1e-6, 0.0);
+    }
+    for (i, j) in PAIRS {
+        let d: Vec<f64> = (0..3)
+            .map(|a| f64::from(geometry.position_m[j][a]) - f64::from(geometry.position_m[i][a]))
+            .collect();
+        let length = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+        // γ = E X_i* X_j.
+        let gamma = match ambient {
+            Ambient::Independent => Complex::new(0.0, 0.0),
+            Ambient::Isotropic => {
+                let x = k * length;
+                Complex::new(if x > 1e-9 { x.sin() / x } else { 1.0 }, 0.0)
+            }
+            Ambient::Surface => {
+                // Integral over the sine of elevation; the azimuths give a Bessel function, here a ring sum.
+                let horizontal = d[0].hypot(d[1]);
+                let n = 64 + (k * length) as usize * 2;
+                (0..n)
+                    .map(|step| {
+                        let z = (step as f64 + 0.5) / n as f64;
+                        let ring = bessel_j0(k * horizontal * (1.0 - z * z).sqrt());
+                        Complex::from_polar(2.0 * z * ring / n as f64, k * d[2] * z)
+                    })
+                    .sum()
+            }
+        };
+        m[j][i] = gamma;
+        m[i][j] = gamma.conj();
+    }
+    m
+}
+
+/// Bessel function J0 by its integral over a quarter circle.
+fn bessel_j0(x: f64) -> f64 {
+    let n = 16 + (x / 2.0) as usize;
+    (0..n).map(|i| (x * (std::f64::consts::FRAC_PI_2 * (i as f64 + 0.5) / n as f64).sin()).cos()).sum::<f64>()
+        / n as f64
+}
+
+/// Lower root L of a Hermitian matrix, `L Lᴴ = M`.
+fn cholesky(m: &[[Complex<f64>; 4]; 4]) -> [[Complex<f32>; 4]; 4] {
+    let mut l = [[Complex::new(0.0f64, 0.0); 4]; 4];
+    for i in 0..4 {
+        for j in 0..=i {
+            let mut sum = m[i][j];
+            for k in 0..j {
+                sum -= l[i][k] * l[j][k].conj();
+            }
+            l[i][j] = if i == j { Complex::new(sum.re.max(1e-9).sqrt(), 0.0) } else { sum / l[j][j].re };
+        }
+    }
+    l.map(|row| row.map(|x| Complex::new(x.re as f32, x.im as f32)))
+}
