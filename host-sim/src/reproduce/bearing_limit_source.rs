@@ -22,6 +22,9 @@ pub enum Ambient {
     Surface,
 }
 
+/// A lower triangle by row.
+type Root = [[Complex<f32>; 4]; 4];
+
 /// Makes records of one length for one array.
 pub struct Sounder {
     samples: usize,
@@ -31,7 +34,7 @@ pub struct Sounder {
     /// Root of the spectral density shared by source and noise, per bin (mean square one over the band).
     shape: Vec<f32>,
     /// Lower triangles (by row) of the noise's coherence roots, per bin group.
-    mixing: Option<(usize, Vec<[[Complex<f32>; 4]; 4]>)>,
+    mixing: Option<(usize, Vec<Root>)>,
 }
 
 impl Sounder {
@@ -198,7 +201,7 @@ fn bessel_j0(x: f64) -> f64 {
 }
 
 /// Lower root L of a Hermitian matrix, `L Lᴴ = M`.
-fn cholesky(m: &[[Complex<f64>; 4]; 4]) -> [[Complex<f32>; 4]; 4] {
+fn cholesky(m: &[[Complex<f64>; 4]; 4]) -> Root {
     let mut l = [[Complex::new(0.0f64, 0.0); 4]; 4];
     for i in 0..4 {
         for j in 0..=i {
