@@ -1,0 +1,130 @@
+//! The recorder as a whole: what it says must not depend on how the samples are cut into blocks, every sample must
+//! be accounted for whatever happens to the stream, and the configuration must be what telemetry says it is.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use seabearing::station::Station;
+use seabearing_core::block::{Block, Frame, MISSING};
+use seabearing_core::recorder::Memory;
+use seabearing_core::run::Application;
+use seabearing_core::wire::{Command, FaultCode, Message};
+use std::path::Path;
+
+const STATION: &str = r#"
+[station]
+id = 7
+kind = "array"
+position = { lat_deg = 49.04, lon_deg = -123.32, depth_m = 168.0 }
+[sampling]
+rate_hz = 16000
+[array]
+hydrophones_m = [[0.0, 1.062, -0.376], [0.92, -0.531, -0.376], [-0.92, -0.531, -0.376], [0.0, 0.0, 1.127]]
+"#;
+
+fn station() -> Station {
+    Station::parse(STATION, "station", Path::new(".")).unwrap()
+}
+
+/// White noise on every hydrophone and one white source due east at the horizontal, in whole-sample delays.
+fn recording(seconds: usize) -> Vec<Frame> {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+    let n = seconds * 16_000;
+    let source: Vec<f64> = (0..n + 64).map(|_| normal()).collect();
+    let east = [0.0, 0.92, -0.92, 0.0];
+    let delay = east.map(|x: f64| (32.0 - x / 1484.0 * 16_000.0).round() as usize);
+    (0..n).map(|i| delay.map(|d| ((source[i + 64 - d] * 2.0 + normal()) * 20_000.0) as i32)).collect()
+}
+
+/// Runs the recorder over runs of samples, each with its first index, in blocks of at most `block`.
+fn listen(runs: &[(u64, &[Frame])], mut block: impl FnMut() -> usize) -> Vec<Message> {
+    let mut memory = Box::<Memory>::default();
+    let mut recorder = memory.configure(&station().config, None).unwrap();
+    let mut heard = Vec::new();
+    let mut sink = |m: &Message| heard.push(*m);
+    recorder.start(0, &mut sink);
+    for (first, frames) in runs {
+        let mut at = 0;
+        while at < frames.len() {
+            let n = block().clamp(1, frames.len() - at);
+            recorder.push(Block { first_index: first + at as u64, frames: &frames[at..at + n] }, &mut sink);
+            at += n;
+        }
+    }
+    recorder.finish(&mut sink);
+    heard
+}
+
+fn last_health(messages: &[Message]) -> seabearing_core::wire::Health {
+    messages.iter().rev().find_map(|m| if let Message::Health(h) = m { Some(*h) } else { None }).unwrap()
+}
+
+#[test]
+fn a_source_due_east_is_found_and_the_blocks_do_not_matter() {
+    let samples = recording(8);
+    let whole = listen(&[(0, &samples)], || usize::MAX);
+    let bearings: Vec<_> =
+        whole.iter().filter_map(|m| if let Message::Bearing(b) = m { Some(*b) } else { None }).collect();
+    assert!(bearings.len() >= 8, "{} bearings in 8 s", bearings.len());
+    for b in bearings.iter().filter(|b| b.band == 0) {
+        // Whole-sample delays at 16 kHz are up to half a sample (46 µm/s · c = 4.6 cm) off on a 1.84 m base.
+        assert!((f64::from(b.azimuth).to_degrees() - 90.0).abs() < 2.5, "{b:?}");
+        assert!(b.var_azimuth > 0.0 && b.var_azimuth.is_finite() && (0.0..=1.0).contains(&b.quality));
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    assert_eq!(whole, listen(&[(0, &samples)], || 512));
+    assert_eq!(whole, listen(&[(0, &samples)], || rng.random_range(1..3000)));
+    assert_eq!(whole, listen(&[(0, &samples[..777]), (777, &samples[777..])], || 100_000));
+}
+
+#[test]
+fn every_sample_is_processed_or_in_one_bucket() {
+    let mut samples = recording(6);
+    for frame in &mut samples[40_000..40_050] {
+        frame[2] = MISSING;
+    }
+    for frame in &mut samples[60_000..63_000] {
+        frame[1] = (1 << 23) - 1;
+    }
+    let jump = 12_345;
+    let (a, b) = samples.split_at(30_001);
+    let heard = listen(&[(0, a), (a.len() as u64 + jump, b)], || 640);
+    let health = last_health(&heard);
+    let total = health.processed + health.lost.iter().sum::<u64>();
+    assert_eq!(total, samples.len() as u64 + jump, "{health:?}");
+    assert_eq!(health.lost[0], jump);
+    assert!(health.lost[2] >= 50, "{health:?}");
+    assert!(heard.iter().any(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::Gap)));
+}
+
+#[test]
+fn a_dead_channel_is_named_and_gives_no_bearing() {
+    let mut samples = recording(4);
+    for frame in &mut samples {
+        frame[3] = 0;
+    }
+    let heard = listen(&[(0, &samples)], || 1000);
+    assert!(
+        heard
+            .iter()
+            .any(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::DeadChannel && f.value == 3))
+    );
+    assert!(!heard.iter().any(|m| matches!(m, Message::Bearing(_))));
+    assert_eq!(last_health(&heard).channels & 0b1000, 0b1000);
+}
+
+#[test]
+fn telemetry_names_the_configuration_it_ran_with() {
+    let config = station().config;
+    let mut memory = Box::<Memory>::default();
+    let mut recorder = memory.configure(&config, None).unwrap();
+    let mut heard = Vec::new();
+    recorder.start(1, &mut |m| heard.push(*m));
+    recorder.command(Command::Identify { token: 5 }, &mut |m| heard.push(*m));
+    let hellos: Vec<_> =
+        heard.iter().filter_map(|m| if let Message::Hello(h) = m { Some(*h) } else { None }).collect();
+    assert_eq!(hellos.len(), 2);
+    assert!(hellos.iter().all(|h| h.config_hash == config.hash() && h.station == 7));
+    assert!(heard.iter().any(|m| matches!(m, Message::Reply(r) if r.token == 5 && r.status == 0)));
+}
