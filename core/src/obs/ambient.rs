@@ -19,43 +19,56 @@ const WIDTH: usize = CIRCLE / SECTORS;
 const MEMORY: u32 = 10;
 
 /// Full scale of a stored share: a sector that is always pointed at.
-const ONE: u32 = 1 << 16;
+const ONE: i32 = 1 << 15;
 
 /// Learned shares of every sector in every bin.
+///
+/// Each share is kept as a difference from uniform, so that nothing learned is all zeros.
 #[derive(Clone, Debug)]
 pub struct Ambient {
-    share: [[u16; SECTORS]; AZIMUTH_BINS],
+    excess: [[i16; SECTORS]; AZIMUTH_BINS],
 }
+
+/// A uniform share.
+const UNIFORM: i32 = ONE / SECTORS as i32;
+
+/// Memory as a factor.
+const FADE: i32 = 1 << MEMORY;
 
 impl Default for Ambient {
     fn default() -> Self {
-        Self { share: [[(ONE / SECTORS as u32) as u16; SECTORS]; AZIMUTH_BINS] }
+        Self::new()
     }
 }
 
 impl Ambient {
+    /// Nothing learned.
+    pub const fn new() -> Self {
+        Self { excess: [[0; SECTORS]; AZIMUTH_BINS] }
+    }
+
     /// Learns one frame.
     pub fn learn(&mut self, row: &Row) {
-        for (share, code) in self.share.iter_mut().zip(&row.azimuth) {
+        for (excess, code) in self.excess.iter_mut().zip(&row.azimuth) {
             if *code == NO_DIRECTION {
                 continue;
             }
             let hit = usize::from(*code) / WIDTH;
-            for (k, s) in share.iter_mut().enumerate() {
-                // Rounding up keeps an unvisited sector from sinking to nothing.
-                let faded = u32::from(*s) - (u32::from(*s) >> MEMORY);
-                let gain = if k == hit { ONE >> MEMORY } else { 0 };
-                *s = (faded + gain).min(ONE - 1) as u16;
+            for (k, x) in excess.iter_mut().enumerate() {
+                let target = if k == hit { ONE - UNIFORM } else { -UNIFORM };
+                // Rounded to the nearest: an unvisited sector keeps a quarter of its uniform share.
+                let step = (target - i32::from(*x) + (FADE / 2)).div_euclid(FADE);
+                *x = (i32::from(*x) + step) as i16;
             }
         }
     }
 
     /// ln of the product over frames of (learned density / uniform).
     pub fn log_ratio(&self, bin: usize, codes: impl Iterator<Item = u16>) -> f32 {
-        let Some(share) = self.share.get(bin) else { return 0.0 };
-        let total: u32 = share.iter().map(|s| u32::from(*s)).sum();
-        let scale = SECTORS as f32 / total.max(1) as f32;
-        let density = |k: usize| f32::from(share.get(k % SECTORS).copied().unwrap_or(0)) * scale;
+        let Some(excess) = self.excess.get(bin) else { return 0.0 };
+        let density = |k: usize| {
+            (1.0 + f32::from(excess.get(k % SECTORS).copied().unwrap_or(0)) / UNIFORM as f32).max(0.0)
+        };
         codes
             .map(|c| {
                 let x = usize::from(c) + CIRCLE - WIDTH / 2;
@@ -76,8 +89,8 @@ mod tests {
         let mut a = Ambient::default();
         assert!(a.log_ratio(0, [5, 900].into_iter()).abs() < 1e-3);
         let mut row = Row::EMPTY;
-        for k in 0..5000u16 {
-            row.azimuth[3] = if k % 2 == 0 { 100 } else { (k * 37) % 1024 };
+        for k in 0..5000u32 {
+            row.azimuth[3] = if k % 2 == 0 { 100 } else { (k * 37 % 1024) as u16 };
             a.learn(&row);
         }
         let towards = a.log_ratio(3, [100].into_iter());

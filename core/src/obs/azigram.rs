@@ -28,6 +28,9 @@ pub struct Row {
 impl Row {
     /// A row without directions.
     pub const EMPTY: Self = Self { azimuth: [NO_DIRECTION; AZIMUTH_BINS], phase: [0; AZIMUTH_BINS] };
+
+    /// A row that is all zeros, for memory not yet used.
+    pub const ZERO: Self = Self { azimuth: [0; AZIMUTH_BINS], phase: [0; AZIMUTH_BINS] };
 }
 
 /// Work space of the transforms.
@@ -42,7 +45,14 @@ pub struct Spectra {
 
 impl Default for Spectra {
     fn default() -> Self {
-        let zero = Complex32::new(0.0, 0.0);
+        Self::new()
+    }
+}
+
+impl Spectra {
+    /// All zeros.
+    pub const fn new() -> Self {
+        let zero = Complex32 { re: 0.0, im: 0.0 };
         Self {
             buffer: [0.0; FRAME],
             pressure: [zero; HOP],

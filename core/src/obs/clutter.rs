@@ -29,6 +29,13 @@ pub struct Clutter {
 
 impl Default for Clutter {
     fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Clutter {
+    /// Nothing learned; all zeros.
+    pub const fn new() -> Self {
         Self {
             mean: [0.0; QUEFRENCIES],
             axis: [[0.0; QUEFRENCIES]; DIMENSIONS],
@@ -36,9 +43,7 @@ impl Default for Clutter {
             frames: 0,
         }
     }
-}
 
-impl Clutter {
     /// Filters one cepstrum in place and learns from it.
     pub fn filter(&mut self, c: &mut [f32; QUEFRENCIES]) {
         if self.frames == 0 {

@@ -32,6 +32,13 @@ pub struct DecimatorState {
 
 impl Default for DecimatorState {
     fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl DecimatorState {
+    /// Empty; all zeros.
+    pub const fn new() -> Self {
         Self { history: [[0.0; TAPS]; USED_CHANNELS], next: 0, filled: 0, phase: 0 }
     }
 }
@@ -105,7 +112,7 @@ mod tests {
 
     fn gain(factor: usize, cycles_per_low_sample: f64) -> f64 {
         let d = Decimator::new(factor);
-        let mut s = DecimatorState::default();
+        let mut s = DecimatorState::new();
         let (mut power, mut n) = (0.0, 0);
         for i in 0..factor * 400 {
             let x = math::f64::sin(math::f64::TAU * cycles_per_low_sample / factor as f64 * i as f64) as f32;

@@ -44,10 +44,9 @@ struct Watch {
     n: u32,
 }
 
-impl Default for Watch {
-    fn default() -> Self {
-        Self { low: i32::MAX, high: i32::MIN, clipped: 0, square: 0.0, n: 0 }
-    }
+impl Watch {
+    const NEW: Self = Self { low: i32::MAX, high: i32::MIN, clipped: 0, square: 0.0, n: 0 };
+    const ZERO: Self = Self { low: 0, high: 0, clipped: 0, square: 0.0, n: 0 };
 }
 
 /// What the caller must do after a sample.
@@ -60,7 +59,7 @@ pub enum Event {
 }
 
 /// State of the intake.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Intake {
     decimator: DecimatorState,
     /// The hop before the newest.
@@ -74,8 +73,7 @@ pub struct Intake {
     /// Level of each channel in the last hop, half decibels re full scale.
     pub(super) level_half_db: [i8; CHANNELS],
     next_index: Option<u64>,
-    /// Index of the first instant of the run, and instants taken since.
-    run_start: u64,
+    /// Instants taken since the run began.
     run_length: u64,
     /// Instants since the last hop ended.
     since_hop: u64,
@@ -101,19 +99,41 @@ pub struct Hop {
     counted: bool,
 }
 
-impl Default for Hop {
+impl Hop {
+    const NEW: Self = Self {
+        samples: [[0.0; HOP]; USED_CHANNELS],
+        condition: [Condition { clipped: false, dead: false }; CHANNELS],
+        end: 0,
+        instants: 0,
+        counted: false,
+    };
+}
+
+impl Default for Intake {
     fn default() -> Self {
-        Self {
-            samples: [[0.0; HOP]; USED_CHANNELS],
-            condition: [Condition::default(); CHANNELS],
-            end: 0,
-            instants: 0,
-            counted: true,
-        }
+        Self::new()
     }
 }
 
 impl Intake {
+    /// Nothing seen; all zeros.
+    pub const fn new() -> Self {
+        Self {
+            decimator: DecimatorState::new(),
+            old: Hop::NEW,
+            new: Hop::NEW,
+            fill: 0,
+            watch: [Watch::ZERO; CHANNELS],
+            condition: [Condition { clipped: false, dead: false }; CHANNELS],
+            level_half_db: [0; CHANNELS],
+            next_index: None,
+            run_length: 0,
+            since_hop: 0,
+            accounting: Accounting { processed: 0, lost: [0; crate::health::LOSS_CAUSES] },
+            reported: 0,
+        }
+    }
+
     /// Index of the instant after the last seen.
     pub fn next_index(&self) -> u64 {
         self.next_index.unwrap_or(0)
@@ -162,12 +182,11 @@ impl Intake {
 
     fn begin(&mut self, index: u64) {
         self.next_index = Some(index);
-        self.run_start = index;
         self.run_length = 0;
         self.since_hop = 0;
         self.fill = 0;
-        self.watch = Default::default();
-        self.decimator = DecimatorState::default();
+        self.watch = [Watch::NEW; CHANNELS];
+        self.decimator = DecimatorState::new();
     }
 
     /// Closes the run: its last hop and what did not fill one are accounted for.
@@ -276,7 +295,7 @@ impl Intake {
             let full = plan.clip as f32;
             let db = math::db(w.square / (w.n.max(1) as f32 * full * full));
             *level = (2.0 * db).clamp(-128.0, 0.0) as i8;
-            *w = Watch::default();
+            *w = Watch::NEW;
         }
         self.new.condition = self.condition;
     }

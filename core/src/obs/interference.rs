@@ -62,7 +62,14 @@ pub struct Envelope {
 
 impl Default for Envelope {
     fn default() -> Self {
-        let zero = Complex32::new(0.0, 0.0);
+        Self::new()
+    }
+}
+
+impl Envelope {
+    /// All zeros.
+    pub const fn new() -> Self {
+        let zero = Complex32 { re: 0.0, im: 0.0 };
         Self { weighted: [zero; QUEFRENCIES], z: [zero; DELAYS] }
     }
 }

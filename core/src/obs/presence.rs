@@ -81,19 +81,27 @@ fn range_of(i: usize) -> f32 {
     CELL_M * (i as f32 + 0.25)
 }
 
+impl Default for Presence {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Presence {
-    /// Nothing known, up to `max_range_m`.
-    pub fn new(max_range_m: f32) -> Self {
-        let cells = ((max_range_m / CELL_M) as usize).clamp(1, RANGE_CELLS);
-        let total: f32 = (0..cells).map(range_of).sum::<f32>() * SPEEDS as f32;
-        let mut out =
-            Self { density: [[0; RANGE_CELLS]; SPEEDS], present: CHANGE, prior_scale: 1.0 / total, cells };
-        out.restart();
-        out
+    /// Not yet started; all zeros.
+    pub const fn new() -> Self {
+        Self { density: [[0; RANGE_CELLS]; SPEEDS], present: 0.0, prior_scale: 0.0, cells: 0 }
     }
 
-    /// Forgets everything.
-    pub fn restart(&mut self) {
+    /// Nothing known, up to `max_range_m`.
+    pub fn start(&mut self, max_range_m: f32) {
+        self.cells = ((max_range_m / CELL_M) as usize).clamp(1, RANGE_CELLS);
+        self.prior_scale = 1.0 / ((0..self.cells).map(range_of).sum::<f32>() * SPEEDS as f32);
+        self.restart();
+    }
+
+    /// Forgets everything learned.
+    fn restart(&mut self) {
         self.present = CHANGE;
         let (scale, cells) = (self.prior_scale, self.cells);
         for column in &mut self.density {

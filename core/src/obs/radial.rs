@@ -33,13 +33,20 @@ pub struct RadialScratch {
 
 impl Default for RadialScratch {
     fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl RadialScratch {
+    /// All zeros.
+    pub const fn new() -> Self {
         Self {
             rows: [[0; MODEL_RANGES]; WINDOW_FRAMES],
             offset_s: [0.0; WINDOW_FRAMES],
             frames: 0,
             sum: [0.0; MODEL_RANGES],
             smooth: [0.0; MODEL_RANGES],
-            envelope: Envelope::default(),
+            envelope: Envelope::new(),
             grid: [[0.0; RANGE_CELLS]; SPEEDS],
         }
     }

@@ -36,7 +36,7 @@ struct Kept {
     cepstrum: [i16; QUEFRENCIES],
 }
 
-const NOT_KEPT: Kept = Kept { label: 0, used: false, row: Row::EMPTY, cepstrum: [0; QUEFRENCIES] };
+const NOT_KEPT: Kept = Kept { label: 0, used: false, row: Row::ZERO, cepstrum: [0; QUEFRENCIES] };
 
 /// Everything that persists.
 #[derive(Clone, Debug)]
@@ -62,25 +62,38 @@ pub struct Scratch {
 
 impl Default for Scratch {
     fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Scratch {
+    /// All zeros.
+    pub const fn new() -> Self {
         Self {
-            spectra: Spectra::default(),
-            tonal: TonalScratch::default(),
-            radial: RadialScratch::default(),
+            spectra: Spectra::new(),
+            tonal: TonalScratch::new(),
+            radial: RadialScratch::new(),
             columns: [[0.0; RANGE_CELLS]; 3],
         }
     }
 }
 
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl State {
-    /// A station that has heard nothing yet.
-    pub fn new(plan: &Plan) -> Self {
+    /// A station that has heard nothing yet; all zeros, so that a static costs no flash.
+    pub const fn new() -> Self {
         Self {
-            intake: Intake::default(),
+            intake: Intake::new(),
             kept: [NOT_KEPT; WINDOW_FRAMES],
             next_kept: 0,
-            ambient: Ambient::default(),
-            clutter: Clutter::default(),
-            presence: Presence::new(plan.max_range_m()),
+            ambient: Ambient::new(),
+            clutter: Clutter::new(),
+            presence: Presence::new(),
             minute: None,
         }
     }
@@ -117,9 +130,10 @@ pub fn push(
 ) {
     let (repeated, set_back) = state.intake.arrive(plan, &block, sink);
     if set_back {
-        state.restart();
+        state.restart(plan);
     }
     if state.minute.is_none() {
+        state.restart(plan);
         state.minute = Some(minute_after(plan, block.first_index));
     }
     if !block.frames.is_empty() {
@@ -160,11 +174,11 @@ fn minute_after(plan: &Plan, index: u64) -> u64 {
 }
 
 impl State {
-    fn restart(&mut self) {
+    fn restart(&mut self, plan: &Plan) {
         for k in &mut self.kept {
             k.used = false;
         }
-        self.presence.restart();
+        self.presence.start(plan.max_range_m());
         self.minute = None;
     }
 
@@ -176,7 +190,7 @@ impl State {
             && centre(plan, k) + half < index
         {
             if silent > LONGEST_SILENCE {
-                self.restart();
+                self.restart(plan);
                 self.minute = Some(minute_after(plan, index));
                 return;
             }

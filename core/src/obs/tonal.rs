@@ -76,6 +76,13 @@ pub struct TonalScratch {
 
 impl Default for TonalScratch {
     fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl TonalScratch {
+    /// All zeros.
+    pub const fn new() -> Self {
         Self {
             profile: [0.0; AZIMUTHS],
             sum: [0.0; AZIMUTHS],

@@ -30,8 +30,8 @@ impl ObsRecorder {
     pub fn configure(&mut self, config: &StationConfig, table: Option<&[u8]>) -> Result<(), SetupError> {
         let table = Table::parse(table.ok_or(SetupError::NoTable)?).map_err(SetupError::Table)?;
         let plan = obs::Plan::new(config, &table).map_err(SetupError::Plan)?;
-        self.state = Some(obs::State::new(&plan));
-        self.scratch = Some(obs::Scratch::default());
+        self.state = Some(obs::State::new());
+        self.scratch = Some(obs::Scratch::new());
         self.plan = Some(plan);
         self.reporter.configure(config, 1);
         Ok(())

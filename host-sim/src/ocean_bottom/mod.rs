@@ -4,6 +4,7 @@
 //! radiates along a [`course`]), of other sounds ([`event`]) and of the sea ([`ambient`]), as a [`scenario`] says.
 
 pub mod ambient;
+pub mod batch;
 pub mod course;
 pub mod event;
 pub mod passage;

@@ -21,7 +21,7 @@ pub fn run(
     let bytes = blob(table, &table.name)?;
     let view = Table::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
     let plan = Box::new(Plan::new(config, &view).map_err(|e| anyhow!("{e}"))?);
-    let (mut state, mut scratch) = (Box::new(State::new(&plan)), Box::<Scratch>::default());
+    let (mut state, mut scratch) = (Box::new(State::new()), Box::<Scratch>::default());
     while let Some(block) = source.next_block()? {
         push(&plan, &mut state, &mut scratch, block, said);
     }
