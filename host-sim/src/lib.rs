@@ -2,6 +2,7 @@
 //! the base station, plots and reproductions. The command `seabearing` is a thin layer over this library.
 
 pub mod atomic;
+pub mod base;
 pub mod cmd;
 pub mod csv;
 pub mod emulator;

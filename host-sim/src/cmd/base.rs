@@ -1,13 +1,222 @@
-//! `seabearing base`: the base station: receive, store, show and export telemetry.
+//! `seabearing base`: the base station: receive telemetry, store, show, export.
+
+use crate::base::link::{Event, Link, Origin};
+use crate::base::store::Store;
+use crate::base::{Base, export, view};
+use crate::plot::result;
+use crate::station::Station;
+use anyhow::{Context, Result, bail};
+use seabearing_core::wire::{Command, Encoder};
+use serde_json::Value;
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// How often the terminal view is drawn.
+const DRAW: Duration = Duration::from_millis(250);
+/// How often exports are written while telemetry comes in.
+const EXPORT: Duration = Duration::from_secs(10);
 
 /// Arguments of `seabearing base`.
 #[derive(clap::Args)]
-pub struct Args {}
+#[command(
+    after_help = "Examples:\n  seabearing base telemetry.bin --station station.toml --export tracks.kml\n  \
+    seabearing base --serial /dev/ttyACM0 --baud 115200 --store out/base\n  \
+    seabearing base --listen 0.0.0.0:4500 --json | jq 'select(.type == \"track\")'"
+)]
+#[command(group(clap::ArgGroup::new("origin").required(true).args(["input", "serial", "tcp", "listen"])))]
+pub struct Args {
+    /// File with telemetry, or - for standard input
+    input: Option<PathBuf>,
+    /// Serial device
+    #[arg(long, value_name = "DEVICE")]
+    serial: Option<String>,
+    /// Speed of the serial device
+    #[arg(long, default_value_t = 115_200)]
+    baud: u32,
+    /// Connect to a recorder or a serial server
+    #[arg(long, value_name = "HOST:PORT")]
+    tcp: Option<String>,
+    /// Wait for connections
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    listen: Option<String>,
+    /// Wait for more at the end of a file
+    #[arg(long)]
+    follow: bool,
+    /// Stop when a connection ends instead of waiting for the next
+    #[arg(long)]
+    once: bool,
+    /// Ask the recorder who it is when a connection begins
+    #[arg(long)]
+    identify: bool,
+    /// Station file: position for exports, sample rate until the recorder tells it
+    #[arg(long, value_name = "STATION.toml")]
+    station: Option<PathBuf>,
+    /// UTC of sample 0, RFC 3339
+    #[arg(long, value_name = "TIME")]
+    start: Option<String>,
+    /// Folder that keeps raw bytes and records; a base station started again goes on from there
+    #[arg(long, value_name = "DIR")]
+    store: Option<PathBuf>,
+    /// File for the tracks, .csv, .geojson or .kml (may be given several times)
+    #[arg(long, value_name = "FILE")]
+    export: Vec<PathBuf>,
+    /// Folder for pictures of bearings and tracks
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+    /// Records as JSON Lines on standard output instead of the view
+    #[arg(long)]
+    json: bool,
+}
+
+impl Args {
+    fn origin(&self) -> Origin {
+        match (&self.input, &self.serial, &self.tcp, &self.listen) {
+            (Some(path), ..) if path.as_os_str() == "-" => Origin::Stdin,
+            (Some(path), ..) => Origin::File { path: path.clone(), follow: self.follow },
+            (_, Some(device), ..) => Origin::Serial { device: device.clone(), baud: self.baud },
+            (_, _, Some(to), _) => Origin::Connect(to.clone()),
+            (_, _, _, at) => Origin::Listen(at.clone().unwrap_or_default()),
+        }
+    }
+}
 
 /// Runs the command.
 ///
 /// # Errors
-/// One line for a person.
-pub fn run(_args: Args) -> anyhow::Result<()> {
-    anyhow::bail!("`base` is not built yet")
+/// One line for a person: the origin or the store cannot be used, or no telemetry was in it.
+pub fn run(args: Args) -> Result<()> {
+    let station = args.station.as_deref().map(Station::read).transpose()?;
+    let position = station.as_ref().and_then(|s| s.config.lat_lon_deg);
+    let start = args
+        .start
+        .as_deref()
+        .map(|s| {
+            time::OffsetDateTime::parse(s, &time::format_description::well_known::Rfc3339)
+                .map_err(|_| anyhow::anyhow!("--start {s}: not a time; 2024-05-01T09:00:00Z was expected"))
+        })
+        .transpose()?;
+    let mut base = Base::new(station.as_ref().map(|s| s.config.rate_hz), start);
+    for path in &args.export {
+        // A wrong ending or a missing position is better known now than after the deployment.
+        export::check(path, position)?;
+    }
+    let origin = args.origin();
+    let mut store = args.store.as_deref().map(|folder| Store::open(folder, &mut base)).transpose()?;
+    if let Some(store) = store.as_ref().filter(|s| s.resumed() > 0) {
+        eprintln!("seabearing: going on after {} records", store.resumed());
+    }
+    let before = base.counters();
+    let mut link = Link::open(origin.clone(), args.once)?;
+    if let Some(address) = link.listening() {
+        eprintln!("seabearing: listening at {address}");
+    }
+    let mut desk = Desk { args: &args, position, drawn: None, exported: Instant::now() };
+    let mut buffer = vec![0u8; 1 << 16];
+    let mut records: Vec<Value> = Vec::new();
+    let mut commands = Encoder::default();
+    // A stream begins with the link; bytes stored before it may have been cut off anywhere.
+    let mut begins = true;
+    loop {
+        let event = if begins { Event::Began } else { link.read(&mut buffer)? };
+        begins = false;
+        records.clear();
+        let bytes = match event {
+            Event::Began => {
+                if args.identify {
+                    link.send(commands.frame(&Command::Identify { token: 1 }));
+                }
+                if base.counters().bytes > 0 { &Base::BEGIN[..] } else { &[] }
+            }
+            Event::Bytes(n) => &buffer[..n],
+            Event::Idle | Event::End => &[],
+        };
+        base.push(bytes, &mut records);
+        if let Some(store) = store.as_mut().filter(|_| !bytes.is_empty()) {
+            store.append(bytes, &records)?;
+        }
+        desk.show(&mut base, &records, event == Event::End)?;
+        if event == Event::End {
+            break;
+        }
+    }
+    if let Some(store) = &mut store {
+        store.sync()?;
+    }
+    let after = base.counters();
+    let fresh = after.bytes - before.bytes;
+    if after.frames == before.frames {
+        match fresh {
+            0 | 1 => bail!("{origin}: no telemetry came"),
+            n => bail!(
+                "{origin}: no telemetry frame in {n} bytes: is this a recorder's stream, at the right speed?"
+            ),
+        }
+    }
+    Ok(())
+}
+
+/// What a person sees and the files written besides the store.
+struct Desk<'a> {
+    args: &'a Args,
+    position: Option<(f64, f64)>,
+    drawn: Option<Instant>,
+    exported: Instant,
+}
+
+impl Desk<'_> {
+    fn show(&mut self, base: &mut Base, records: &[Value], last: bool) -> Result<()> {
+        for warning in base.warnings() {
+            eprintln!("seabearing: {warning}");
+        }
+        let mut out = std::io::stdout().lock();
+        if self.args.json {
+            for record in records {
+                writeln!(out, "{record}")?;
+            }
+            out.flush()?;
+            if last {
+                let c = base.counters();
+                eprintln!(
+                    "seabearing: {} frames, {} lost, {} damaged, {} unknown; {} bytes, {} discarded",
+                    c.frames, c.lost, c.damaged, c.unknown, c.bytes, c.bytes_discarded
+                );
+            }
+        } else if last || (out.is_terminal() && self.drawn.is_none_or(|d| d.elapsed() > DRAW)) {
+            if out.is_terminal() {
+                // Home, draw, and clear what is left of the picture before.
+                write!(out, "\x1b[H{}\x1b[J", view::text(base).replace('\n', "\x1b[K\n"))?;
+            } else {
+                write!(out, "{}", view::text(base))?;
+            }
+            out.flush()?;
+            self.drawn = Some(Instant::now());
+        }
+        if last || self.exported.elapsed() > EXPORT {
+            for path in &self.args.export {
+                export::write(path, base, self.position)?;
+            }
+            if let Some(folder) = &self.args.plot {
+                pictures(base, folder).with_context(|| format!("cannot plot into {}", folder.display()))?;
+            }
+            self.exported = Instant::now();
+        }
+        Ok(())
+    }
+}
+
+/// Bearings against time and tracks on a map, of the last session.
+fn pictures(base: &Base, folder: &std::path::Path) -> Result<()> {
+    let session = base.counters().sessions;
+    let rate = base.clock().rate_hz;
+    let bearings: Vec<_> = base.bearings().filter(|(s, _)| *s == session).map(|(_, b)| *b).collect();
+    let tracks: Vec<_> = base
+        .tracks()
+        .iter()
+        .filter(|((s, _), _)| *s == session)
+        .flat_map(|(_, history)| history)
+        .copied()
+        .collect();
+    result::bearings(&bearings, rate, &[]).write(&folder.join("bearings.svg"))?;
+    result::tracks(&tracks, rate, &[]).write(&folder.join("tracks.svg"))
 }

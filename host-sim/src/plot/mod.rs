@@ -19,6 +19,8 @@ mod axis;
 mod colour;
 mod draw;
 
+pub mod result;
+
 pub use axis::{Axis, Scale};
 pub use colour::{ColourMap, PALETTE, TRUTH};
 pub use plotters::style::RGBColor;
@@ -186,7 +188,7 @@ impl Figure {
         variances: (f64, f64, f64),
         probability: f64,
     ) -> &mut Self {
-        self.add(name, 1.6, Shape::Outline(ellipse(centre, variances, probability)))
+        self.add(name, 1.6, Shape::Outline(ellipse_outline(centre, variances, probability)))
     }
 
     /// Gives the last series this colour instead of the next of the palette; the palette does not move on.
@@ -267,7 +269,11 @@ pub fn cut_at_wraps(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 }
 
 /// Outline of the ellipse of a Gaussian: `P(χ²₂ < k²) = 1 − exp(−k²/2)`.
-fn ellipse(centre: (f64, f64), (vx, vy, cxy): (f64, f64, f64), probability: f64) -> Vec<(f64, f64)> {
+pub fn ellipse_outline(
+    centre: (f64, f64),
+    (vx, vy, cxy): (f64, f64, f64),
+    probability: f64,
+) -> Vec<(f64, f64)> {
     let k = (-2.0 * (1.0 - probability.clamp(0.0, 0.999_999)).ln()).sqrt();
     // Lower Cholesky factor of the covariance turns the unit circle into the ellipse.
     let a = vx.max(0.0).sqrt();
@@ -287,7 +293,7 @@ mod tests {
 
     #[test]
     fn the_ellipse_has_the_extent_of_its_marginals() {
-        let points = ellipse((10.0, 20.0), (9.0, 4.0, -3.0), 0.95);
+        let points = ellipse_outline((10.0, 20.0), (9.0, 4.0, -3.0), 0.95);
         let k = 5.991_464_547f64.sqrt(); // 95 % point of chi-square with two degrees of freedom
         let x = points.iter().map(|p| p.0).fold(f64::MIN, f64::max);
         let y = points.iter().map(|p| p.1).fold(f64::MIN, f64::max);

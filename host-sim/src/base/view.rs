@@ -1,0 +1,153 @@
+//! The base station's picture for a person: status, latest tracks, health and losses as text.
+
+use super::Base;
+use seabearing_core::wire::Track;
+use std::fmt::Write;
+
+/// Tracks shown.
+const SHOWN: usize = 8;
+
+/// The whole view, line by line, without escape codes.
+pub fn text(base: &Base) -> String {
+    let mut out = String::new();
+    // Writing into a string cannot fail.
+    let _ = fill(base, &mut out);
+    out
+}
+
+fn fill(base: &Base, out: &mut String) -> std::fmt::Result {
+    let c = base.counters();
+    let rate = base.clock().rate_hz;
+    let at = |index: u64| time_s(index as f64 / rate);
+    match base.hello() {
+        Some(h) => writeln!(
+            out,
+            "station {}  {}  {} Hz  firmware {}.{}.{}  configuration {:016x}  session {}{}",
+            h.station,
+            if h.kind == 0 { "array" } else { "ocean bottom" },
+            h.rate_hz,
+            h.version.0,
+            h.version.1,
+            h.version.2,
+            h.config_hash,
+            c.sessions,
+            if base.ended() { "  ended" } else { "" }
+        )?,
+        None => writeln!(out, "station unknown (no Hello heard yet)")?,
+    }
+    writeln!(
+        out,
+        "stream   {} frames, {} lost, {} damaged, {} unknown; {} bytes, {} discarded",
+        c.frames, c.lost, c.damaged, c.unknown, c.bytes, c.bytes_discarded
+    )?;
+    if let Some((_, b)) = base.bearings().next_back() {
+        writeln!(
+            out,
+            "bearing  {} azimuth {}° elevation {}° SNR {:.1} dB quality {:.2}",
+            at(b.index),
+            with_sd(deg(b.azimuth), deg(b.var_azimuth.sqrt())),
+            with_sd(deg(b.elevation), deg(b.var_elevation.sqrt())),
+            b.snr_db,
+            b.quality
+        )?;
+    }
+    if !base.tracks().is_empty() {
+        writeln!(
+            out,
+            "{:>7} {:8} {:>10}  {:>16}  {:>15}  {:>14}  {:>12}  {:10}",
+            "track", "state", "time", "CPA time (s)", "CPA range (m)", "heading (°)", "speed (m/s)", "side"
+        )?;
+    }
+    for ((session, id), history) in base.tracks().iter().rev().take(SHOWN) {
+        let Some(t) = history.last() else { continue };
+        writeln!(
+            out,
+            "{:>7} {:8} {:>10}  {:>16}  {:>15}  {:>14}  {:>12}  {:10}",
+            format!("{session}.{id}"),
+            if t.stage == 0 { "running" } else { "final" },
+            at(t.index),
+            with_sd(t.cpa_time_s, t.sd_cpa_time_s.into()),
+            range(t),
+            with_sd(deg(t.heading), deg(t.sd_heading)),
+            with_sd(t.speed_m_s.into(), t.sd_speed_m_s.into()),
+            if t.starboard { "starboard" } else { "port" }
+        )?;
+    }
+    if let Some(h) = base.health() {
+        let seconds = |n: u64| time_s(n as f64 / rate);
+        let names = ["gaps", "overlaps", "invalid", "clipped", "dead channel", "remainders"];
+        let losses: Vec<String> = names
+            .iter()
+            .zip(h.lost)
+            .filter(|(_, n)| *n > 0)
+            .map(|(name, n)| format!("{name} {}", seconds(n)))
+            .collect();
+        let losses = if losses.is_empty() { "nothing".to_owned() } else { losses.join(", ") };
+        let levels: Vec<String> =
+            h.level_half_db.iter().map(|l| format!("{:.1}", f64::from(*l) / 2.0)).collect();
+        writeln!(
+            out,
+            "health   {} processed, lost {losses}; level {} dB re full scale; {} records, {} frames dropped",
+            seconds(h.processed),
+            levels.join(" "),
+            h.records,
+            h.frames_dropped
+        )?;
+        for channel in 0..4 {
+            if h.channels >> channel & 1 == 1 {
+                writeln!(out, "         channel {channel} is dead or stuck")?;
+            }
+            if h.channels >> (4 + channel) & 1 == 1 {
+                writeln!(out, "         channel {channel} clips")?;
+            }
+        }
+    }
+    if c.faults > 0 {
+        let last: Vec<String> =
+            base.faults().map(|f| format!("{:?} {} at {}", f.code, f.value, at(f.index))).collect();
+        writeln!(out, "faults   {} in all; last: {}", c.faults, last.join(", "))?;
+    }
+    Ok(())
+}
+
+fn range(t: &Track) -> String {
+    if t.range_observable {
+        with_sd(t.cpa_range_m.into(), t.sd_cpa_range_m.into())
+    } else {
+        "not observable".to_owned()
+    }
+}
+
+fn deg(x: f32) -> f64 {
+    f64::from(x).to_degrees()
+}
+
+/// A value with its standard deviation, to the digits that mean something.
+pub fn with_sd(x: f64, sd: f64) -> String {
+    if !x.is_finite() {
+        return "unknown".to_owned();
+    }
+    if !sd.is_finite() {
+        return format!("{x:.1}±∞");
+    }
+    let decimals = if sd > 0.0 { (1.0 - sd.log10().floor()).clamp(0.0, 4.0) as usize } else { 1 };
+    format!("{x:.decimals$}±{sd:.decimals$}")
+}
+
+fn time_s(t: f64) -> String {
+    if t.is_finite() { format!("{t:.1} s") } else { "unknown".to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_follow_the_uncertainty() {
+        assert_eq!(with_sd(123.456_78, 0.031), "123.457±0.031");
+        assert_eq!(with_sd(498.3, 12.2), "498±12");
+        assert_eq!(with_sd(7.0, 0.0), "7.0±0.0");
+        assert_eq!(with_sd(7.0, f64::INFINITY), "7.0±∞");
+        assert_eq!(with_sd(f64::NAN, 1.0), "unknown");
+    }
+}

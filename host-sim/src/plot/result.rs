@@ -1,0 +1,160 @@
+//! Pictures of what a recorder reports: bearings against time, tracks on a map, correlations of the pairs.
+
+use super::{Figure, Scale, cut_at_wraps};
+use seabearing_core::geometry::PAIRS;
+use seabearing_core::wire::{Bearing, Track};
+use std::collections::BTreeMap;
+
+/// Half the width of a 95 % interval of a Gaussian, in standard deviations.
+const Z95: f64 = 1.959_964;
+
+/// Where a vessel really was: one row of `truth.csv`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Truth {
+    /// Seconds of the recorder's clock.
+    pub t_s: f64,
+    /// East of the station, m.
+    pub x_m: f64,
+    /// North of the station, m.
+    pub y_m: f64,
+    /// Azimuth the sound arrives from, degrees.
+    pub arrival_azimuth_deg: f64,
+}
+
+impl Truth {
+    /// Reads `truth.csv`, vessel by vessel, in the order of their first rows.
+    ///
+    /// # Errors
+    /// The file cannot be read or a column is missing.
+    pub fn read(path: &std::path::Path) -> anyhow::Result<Vec<(String, Vec<Self>)>> {
+        let table = crate::csv::Table::read(path)?;
+        let vessel = table.column("vessel")?;
+        let rows = table.numbers(["t_s", "x_m", "y_m", "arrival_azimuth_deg"])?;
+        let mut out: Vec<(String, Vec<Self>)> = Vec::new();
+        for (i, (_, row)) in rows.into_iter().enumerate() {
+            let [t_s, x_m, y_m, arrival_azimuth_deg] = row?;
+            let name = table.text(i, vessel).unwrap_or("");
+            let truth = Self { t_s, x_m, y_m, arrival_azimuth_deg };
+            match out.iter_mut().find(|(n, _)| n == name) {
+                Some((_, rows)) => rows.push(truth),
+                None => out.push((name.to_owned(), vec![truth])),
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// Azimuths against time with their 95 % band, and the truth where known.
+pub fn bearings(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Figure {
+    let mut figure = Figure::new("Bearings of the recorder", "time (s)", "azimuth (°)");
+    figure.y_scale(Scale::Degrees);
+    let at = |b: &Bearing| b.index as f64 / rate_hz;
+    let deg = |x: f32| f64::from(x).to_degrees();
+    let mut band = Vec::new();
+    let mut points = Vec::new();
+    let mut last: Option<(f64, f64)> = None;
+    // Time between bearings, to notice where there were none.
+    let mut steps: Vec<f64> = bearings.windows(2).map(|w| at(&w[1]) - at(&w[0])).collect();
+    steps.sort_by(f64::total_cmp);
+    let usual = steps.get(steps.len() / 2).copied().unwrap_or(1.0);
+    for b in bearings {
+        let (t, azimuth) = (at(b), deg(b.azimuth));
+        let half = Z95 * deg(b.var_azimuth.max(0.0).sqrt());
+        if last.is_some_and(|(t0, a0)| t - t0 > 4.0 * usual || (azimuth - a0).abs() > 90.0) {
+            band.push((t, f64::NAN, f64::NAN));
+        }
+        band.push((t, azimuth - half, azimuth + half));
+        points.push((t, azimuth));
+        last = Some((t, azimuth));
+    }
+    figure.band("95 % band", &band).points("bearings", &points).same_colour();
+    for (name, rows) in truth {
+        let line: Vec<_> = rows.iter().map(|r| (r.t_s, r.arrival_azimuth_deg)).collect();
+        figure.truth(&format!("truth: {name}"), &cut_at_wraps(&line));
+    }
+    figure
+}
+
+/// Error of each azimuth against the nearest vessel's truth, with the 95 % band the recorder states.
+pub fn bearing_errors(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Figure {
+    let mut figure = Figure::new("Errors of the bearings", "time (s)", "azimuth error (°)");
+    let mut band = Vec::new();
+    let mut errors = Vec::new();
+    for b in bearings {
+        let t = b.index as f64 / rate_hz;
+        let azimuth = f64::from(b.azimuth).to_degrees();
+        let nearest = truth
+            .iter()
+            .filter_map(|(_, rows)| truth_at(rows, t))
+            .map(|a| (azimuth - a + 540.0).rem_euclid(360.0) - 180.0)
+            .min_by(|a, b| a.abs().total_cmp(&b.abs()));
+        if let Some(error) = nearest {
+            let half = Z95 * f64::from(b.var_azimuth.max(0.0).sqrt()).to_degrees();
+            band.push((t, -half, half));
+            errors.push((t, error));
+        }
+    }
+    figure.band("95 % band as reported", &band).points("error", &errors);
+    figure
+}
+
+/// Azimuth of arrival at a time, between two rows.
+fn truth_at(rows: &[Truth], t_s: f64) -> Option<f64> {
+    let after = rows.partition_point(|r| r.t_s <= t_s);
+    let (a, b) = (rows.get(after.checked_sub(1)?)?, rows.get(after)?);
+    let turn = (b.arrival_azimuth_deg - a.arrival_azimuth_deg + 540.0).rem_euclid(360.0) - 180.0;
+    Some(a.arrival_azimuth_deg + turn * (t_s - a.t_s) / (b.t_s - a.t_s))
+}
+
+/// Tracks on a map: the positions as reported, 95 % ellipses of the last, and the truth where known.
+pub fn tracks(reports: &[Track], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Figure {
+    let mut figure = Figure::map("Tracks");
+    for (name, rows) in truth {
+        let line: Vec<_> = rows.iter().map(|r| (r.x_m, r.y_m)).collect();
+        figure.truth(&format!("truth: {name}"), &line);
+    }
+    let mut by_id: BTreeMap<u16, Vec<&Track>> = BTreeMap::new();
+    for report in reports {
+        by_id.entry(report.id).or_default().push(report);
+    }
+    for (id, reports) in by_id {
+        let placed = |t: &&Track| t.range_observable && t.x_m.is_finite() && t.y_m.is_finite();
+        let line: Vec<_> = reports
+            .iter()
+            .filter(|t| placed(t) && t.stage == 0)
+            .map(|t| (f64::from(t.x_m), f64::from(t.y_m)))
+            .collect();
+        figure.points(&format!("track {id} as it was reported"), &line);
+        let Some(last) = reports.iter().rev().find(|t| placed(t)) else { continue };
+        let variances = (last.var_x_m2.into(), last.var_y_m2.into(), last.cov_xy_m2.into());
+        if last.stage == 1 {
+            figure.line(&format!("track {id}, final"), &fitted(last, &reports, rate_hz)).same_colour();
+        }
+        figure.ellipse("95 % ellipse", (last.x_m.into(), last.y_m.into()), variances, 0.95).same_colour();
+    }
+    figure
+}
+
+/// The straight course of a final solution, from the time of the first report to that of the last.
+fn fitted(last: &Track, reports: &[&Track], rate_hz: f64) -> [(f64, f64); 2] {
+    let (x, y) = (f64::from(last.x_m), f64::from(last.y_m));
+    let (s, c) = f64::from(last.heading).sin_cos();
+    let first = reports.first().map_or(last.index, |t| t.index.min(last.index));
+    let back = (last.index - first) as f64 / rate_hz * f64::from(last.speed_m_s);
+    [(x - back * s, y - back * c), (x, y)]
+}
+
+/// Cross-correlations of the six pairs against lag: `lags_s` and one curve a pair, in the order of [`PAIRS`]; the
+/// delays found are marked.
+pub fn correlations(lags_s: &[f64], curves: &[Vec<f64>; 6], delays_s: &[f64; 6]) -> [Figure; 6] {
+    std::array::from_fn(|p| {
+        let (i, j) = PAIRS[p];
+        let mut figure = Figure::new(&format!("Hydrophones {i} and {j}"), "lag (ms)", "correlation");
+        figure.size(420, 300);
+        let points: Vec<_> = lags_s.iter().zip(&curves[p]).map(|(l, v)| (l * 1e3, *v)).collect();
+        let (lo, hi) = points.iter().fold((0.0f64, 0.0f64), |(a, b), p| (a.min(p.1), b.max(p.1)));
+        let lag = delays_s[p] * 1e3;
+        figure.line("correlation", &points).dashed("delay", &[(lag, lo), (lag, hi)]);
+        figure
+    })
+}
