@@ -8,6 +8,8 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod acquisition;
+pub mod converter;
 pub mod fault;
 
 #[cfg(feature = "mps2-an500")]
