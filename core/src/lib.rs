@@ -35,4 +35,3 @@ pub mod port;
 pub mod recorder;
 pub mod run;
 pub mod sbraw;
-pub mod standin;

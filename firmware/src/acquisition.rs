@@ -35,7 +35,8 @@ impl Pacer {
     /// that conversions were missed.
     pub fn index(&mut self, ticks: u32) -> u32 {
         let since = self.last.map_or(self.period_ticks, |last| ticks.wrapping_sub(last));
-        let missed = (since.saturating_add(self.period_ticks / 2) / self.period_ticks.max(1)).saturating_sub(1);
+        let missed =
+            (since.saturating_add(self.period_ticks / 2) / self.period_ticks.max(1)).saturating_sub(1);
         let index = self.next.wrapping_add(missed);
         self.last = Some(ticks);
         self.next = index.wrapping_add(1);

@@ -61,14 +61,9 @@ pub enum Rate {
 impl Rate {
     /// The rate a station asks for.
     pub fn of(rate_hz: f64) -> Option<Self> {
-        [
-            (64e3, Self::Hz64000),
-            (32e3, Self::Hz32000),
-            (16e3, Self::Hz16000),
-            (8e3, Self::Hz8000),
-        ]
-        .into_iter()
-        .find_map(|(hz, rate)| (hz == rate_hz).then_some(rate))
+        [(64e3, Self::Hz64000), (32e3, Self::Hz32000), (16e3, Self::Hz16000), (8e3, Self::Hz8000)]
+            .into_iter()
+            .find_map(|(hz, rate)| (hz == rate_hz).then_some(rate))
     }
 
     /// The clock register.
@@ -169,9 +164,10 @@ fn crc16(bytes: &[u8]) -> u16 {
         }
         table
     };
-    bytes.iter().flat_map(|b| [b >> 4, b & 15]).fold(0xffff, |crc, nibble| {
-        crc << 4 ^ TABLE[usize::from((crc >> 12) as u8 ^ nibble)]
-    })
+    bytes
+        .iter()
+        .flat_map(|b| [b >> 4, b & 15])
+        .fold(0xffff, |crc, nibble| crc << 4 ^ TABLE[usize::from((crc >> 12) as u8 ^ nibble)])
 }
 
 #[cfg(test)]

@@ -2,14 +2,14 @@
 
 use crate::emulator::{Emulator, Summary};
 use crate::record::Recorder as Records;
+use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::block::{Block, Frame};
-use seabearing_core::config::StationConfig;
-use seabearing_core::config_blob::{self, Writer};
+use seabearing_core::config_blob::{self, BlobError, PROPAGATION, Writer};
 use seabearing_core::port::{Link, NoClock, Supervisor};
+use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::sbraw::{self, ReadBytes, Reader};
-use seabearing_core::standin::StandIn;
 use seabearing_core::wire::{Decoder, Message};
 use std::io::{BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -20,14 +20,26 @@ const BLOB_BYTES: usize = 1 << 20;
 /// The configuration blob of a station: what is flashed beside the firmware.
 ///
 /// # Errors
-/// It does not fit.
-pub fn blob(config: &StationConfig) -> Result<Vec<u8>> {
+/// The propagation table cannot be read, or it does not fit.
+pub fn blob(station: &Station) -> Result<Vec<u8>> {
     let mut bytes = vec![0u8; BLOB_BYTES];
-    let mut writer = Writer::new(&mut bytes).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
-    writer.station(config).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
-    let length = writer.finish();
+    let table = station.propagation_blob()?;
+    let length = write_blob(&mut bytes, station, table.as_deref())
+        .map_err(|_| anyhow!("the configuration takes more than {BLOB_BYTES} bytes"))?;
     bytes.truncate(length);
     Ok(bytes)
+}
+
+fn write_blob(bytes: &mut [u8], station: &Station, table: Option<&[u8]>) -> Result<usize, BlobError> {
+    let mut writer = Writer::new(bytes)?;
+    writer.station(&station.config)?;
+    if let Some(table) = table {
+        writer.section(PROPAGATION, |body| {
+            body.get_mut(..table.len())?.copy_from_slice(table);
+            Some(table.len())
+        })?;
+    }
+    Ok(writer.finish())
 }
 
 /// Writes one block as a record of an `.sbraw` stream.
@@ -100,8 +112,11 @@ pub fn host_telemetry(
         let mut reader = Reader::new(Bytes(BufReader::with_capacity(1 << 16, far)));
         let mut link = Collected(Vec::new());
         let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
-        let mut application = StandIn { config, seen: Default::default() };
-        run(&mut application, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
+        let table = config_blob::section(blob, PROPAGATION).ok();
+        // The recorder's memory is large: it is built in place, on the heap.
+        let mut memory: Box<Memory> = Box::default();
+        let mut recorder = memory.configure(&config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
+        run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
         drop(reader);
         feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"))?;
         Ok(link.0)

@@ -6,10 +6,10 @@
 use core::panic::PanicInfo;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use seabearing_core::block::Frame;
+use seabearing_core::config_blob::{self, PROPAGATION};
+use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::sbraw::{Ending, Reader};
-use seabearing_core::standin::StandIn;
-use seabearing_core::{config_blob, health::Accounting};
 use seabearing_firmware::mps2_an500::{
     Board, blob, clock::CoreTicks, host, record_and_reset, stack_use, uart::Uart0,
 };
@@ -17,6 +17,7 @@ use seabearing_firmware::mps2_an500::{
 #[entry]
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
+    static mut MEMORY: Memory = Memory::new();
 
     let Some(peripherals) = cortex_m::Peripherals::take() else { fail(c"started twice\n") };
     let Ok(config) = config_blob::station(blob()) else { fail(c"no valid configuration at 0x60000000\n") };
@@ -24,8 +25,11 @@ fn main() -> ! {
     let mut samples = Reader::new(file);
     let mut uart = Uart0::new();
     let mut clock = CoreTicks::new(peripherals.SYST);
-    let mut app = StandIn { config, seen: Accounting::default() };
-    let summary = run(&mut app, &mut samples, &mut uart, &mut clock, &mut Board::new(), FRAMES);
+    let table = config_blob::section(blob(), PROPAGATION).ok();
+    let Ok(mut recorder) = MEMORY.configure(&config, table) else {
+        fail(c"this image holds no recorder for this configuration\n")
+    };
+    let summary = run(&mut recorder, &mut samples, &mut uart, &mut clock, &mut Board::new(), FRAMES);
     uart.flush();
     if !host::leave_summary(&summary, stack_use()) {
         fail(c"cannot write summary.bin\n");

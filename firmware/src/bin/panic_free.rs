@@ -10,11 +10,11 @@
 use core::panic::PanicInfo;
 use cortex_m_rt::entry;
 use seabearing_core::block::Frame;
-use seabearing_core::config_blob;
+use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::port::{Clock, Link, Supervisor};
+use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::sbraw::{ReadBytes, Reader};
-use seabearing_core::standin::StandIn;
 
 /// A device register: whatever is read there, the optimiser cannot know.
 const REGISTER: *mut u32 = 0x4000_0000 as *mut u32;
@@ -45,7 +45,7 @@ impl Link for Device {
     }
 
     fn receive(&mut self) -> Option<u8> {
-        Some(self.word() as u8)
+        (self.word() != 0).then(|| self.word() as u8)
     }
 }
 
@@ -65,20 +65,23 @@ impl Supervisor for Device {
     }
 
     fn last_panic(&mut self) -> Option<i64> {
-        Some(i64::from(self.word()))
+        (self.word() != 0).then(|| i64::from(self.word()))
     }
 }
 
 #[entry]
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
+    static mut MEMORY: Memory = Memory::new();
 
     // SAFETY: this image is never run.
     let blob = unsafe { core::slice::from_raw_parts(0x6000_0000 as *const u8, 1 << 20) };
     if let Ok(config) = config_blob::station(blob) {
-        let mut application = StandIn { config, seen: Default::default() };
-        let mut samples = Reader::new(Device);
-        run(&mut application, &mut samples, &mut Device, &mut Device, &mut Device, FRAMES);
+        let table = config_blob::section(blob, PROPAGATION).ok();
+        if let Ok(mut recorder) = MEMORY.configure(&config, table) {
+            let mut samples = Reader::new(Device);
+            run(&mut recorder, &mut samples, &mut Device, &mut Device, &mut Device, FRAMES);
+        }
     }
     #[cfg(feature = "seeded-panic")]
     {

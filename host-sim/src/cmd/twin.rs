@@ -43,7 +43,7 @@ pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
     let firmware = emulator::firmware(args.firmware)?;
     let emulator = Emulator { firmware, count_instructions: args.count_instructions };
-    let blob = twin::blob(&station.config)?;
+    let blob = twin::blob(&station)?;
     let raw = args.input.len() == 1 && args.input[0].extension().is_some_and(|e| e == "sbraw");
     let feed = |out: &mut dyn Write| match &args.input[..] {
         [path] if raw => copy(path, out),
