@@ -204,7 +204,7 @@ pub(crate) fn refine(
         if *bend > 0.0 {
             // Half a sample is as far as a single Newton step can be trusted.
             let most = 0.5 / plan.rate_hz;
-            *delay -= (slope / bend).clamp(-most, most);
+            *delay -= (slope / bend).max(-most).min(most);
         }
     }
     direction.iter().all(|x| x.is_finite()).then_some(Refined { direction, pair_delay })

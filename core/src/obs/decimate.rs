@@ -95,8 +95,8 @@ impl Decimator {
         due.then(|| {
             let mut out = [0f32; USED_CHANNELS];
             for (out, h) in out.iter_mut().zip(&state.history) {
-                let (newer, older) =
-                    h.get(..self.taps).unwrap_or_default().split_at(state.next.min(self.taps));
+                let taps = h.get(..self.taps).unwrap_or_default();
+                let (newer, older) = taps.split_at_checked(state.next).unwrap_or((taps, &[]));
                 // The filter is symmetric, so oldest-first or newest-first is the same.
                 let ordered = older.iter().chain(newer);
                 *out = ordered.zip(&self.coefficients).map(|(x, c)| x * c).sum();
