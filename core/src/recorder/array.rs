@@ -50,11 +50,20 @@ impl ArrayRecorder {
     /// # Errors
     /// What is wrong with the configuration; the recorder is left as it was.
     pub fn configure(&mut self, config: &StationConfig) -> Result<(), array::PlanError> {
-        self.plan = Some(array::Plan::new(config)?);
-        self.state = array::State::new();
+        let plan = array::Plan::new(config)?;
+        if self.plan.is_some() {
+            self.forget();
+        }
+        self.plan = Some(plan);
         self.passage.configure(config);
         self.reporter.configure(config, 0);
         Ok(())
+    }
+
+    /// Back to nothing heard. Apart, because the new state passes over the stack; a recorder just started needs none.
+    #[inline(never)]
+    fn forget(&mut self) {
+        self.state = array::State::new();
     }
 
     fn condition(&self) -> Condition {

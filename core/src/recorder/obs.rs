@@ -9,18 +9,24 @@ use crate::run::Application;
 use crate::wire::{Command, Message};
 
 /// Everything the ocean-bottom recorder needs, in one place; meant for a `static`.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct ObsRecorder {
     plan: Option<obs::Plan>,
-    state: Option<obs::State>,
-    scratch: Option<obs::Scratch>,
+    state: obs::State,
+    scratch: obs::Scratch,
     reporter: Reporter,
+}
+
+impl Default for ObsRecorder {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl ObsRecorder {
     /// A recorder without a configuration: it accounts for nothing and says nothing but hello.
     pub const fn new() -> Self {
-        Self { plan: None, state: None, scratch: None, reporter: Reporter::new() }
+        Self { plan: None, state: obs::State::new(), scratch: obs::Scratch::new(), reporter: Reporter::new() }
     }
 
     /// Takes a configuration and the bytes of its propagation table, and starts afresh.
@@ -30,23 +36,30 @@ impl ObsRecorder {
     pub fn configure(&mut self, config: &StationConfig, table: Option<&[u8]>) -> Result<(), SetupError> {
         let table = Table::parse(table.ok_or(SetupError::NoTable)?).map_err(SetupError::Table)?;
         let plan = obs::Plan::new(config, &table).map_err(SetupError::Plan)?;
-        self.state = Some(obs::State::new());
-        self.scratch = Some(obs::Scratch::new());
+        if self.plan.is_some() {
+            self.forget();
+        }
         self.plan = Some(plan);
         self.reporter.configure(config, 1);
         Ok(())
     }
 
+    /// Back to nothing heard. Apart, because the new state passes over the stack; a recorder just started needs none.
+    #[inline(never)]
+    fn forget(&mut self) {
+        self.state = obs::State::new();
+    }
+
     fn condition(&self) -> Condition {
-        self.state.as_ref().map_or_else(Condition::default, |state| Condition {
-            accounting: state.accounting(),
-            channels: state.channel_flags(),
-            level_half_db: state.level_half_db(),
-        })
+        Condition {
+            accounting: self.state.accounting(),
+            channels: self.state.channel_flags(),
+            level_half_db: self.state.level_half_db(),
+        }
     }
 
     fn index(&self) -> u64 {
-        self.state.as_ref().map_or(0, obs::State::next_index)
+        self.state.next_index()
     }
 }
 
@@ -80,7 +93,7 @@ impl Application for ObsRecorder {
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         for (piece, boundary) in pieces(block) {
-            let Self { plan: Some(plan), state: Some(state), scratch: Some(scratch), reporter } = self else {
+            let Self { plan: Some(plan), state, scratch, reporter } = self else {
                 return;
             };
             obs::push(plan, state, scratch, piece, &mut |message| {
@@ -102,7 +115,7 @@ impl Application for ObsRecorder {
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
-        if let Self { plan: Some(plan), state: Some(state), scratch: Some(scratch), reporter } = self {
+        if let Self { plan: Some(plan), state, scratch, reporter } = self {
             obs::finish(plan, state, scratch, &mut |message| {
                 reporter.count(&message);
                 sink(&message);
