@@ -24,6 +24,7 @@ pub mod health;
 pub mod array;
 #[cfg(feature = "obs")]
 pub mod obs;
+pub mod demon;
 
 pub mod motion;
 

@@ -1,0 +1,197 @@
+//! Shaft or blade rate from the envelope of broadband noise (DEMON: detection of envelope modulation on noise).
+//!
+//! Propeller cavitation is louder each time a blade passes the hull's wake, so the *power* of a vessel's broadband
+//! noise swings at the blade rate (and, as no two blades are alike, at the shaft rate). In: sample [`Block`]s. Out:
+//! every few seconds a [`Report`]: a [`Rate`] with its uncertainty and false-alarm bound, or the reason why not.
+//!
+//! Chain: one-pole high-pass (which also whitens the sea's falling spectrum) → square → sum over a cell of about
+//! 1/1365 s → logarithm (a modulation of the power becomes a sum, one click cannot dominate) → decimating low-pass to
+//! about 68 Hz → 30 s Hann periodogram → local noise floor → comb search ([`comb`]).
+//!
+//! Assumptions: the rate is steady within about 1/30 Hz over 30 s; the modulated band lies above the high-pass
+//! corner. Anything else that repeats (a pinging sonar, a pump) is a comb as well. When it fails: `docs/shaft-rate.md`.
+//!
+//! Cost: about 8 instructions a sample and channel; 5 multiply-adds and a logarithm a cell (0.06 M instructions a
+//! second); a 2048-point FFT and the comb search a report (about 1.5 M instructions, 0.3 M a second at 5 s).
+//! Memory: [`State`] 4.2 KiB, [`Scratch`] 8 KiB (lives only within a call, so may be shared), [`Config`] 0.5 KiB.
+
+pub mod comb;
+mod envelope;
+mod spectrum;
+pub mod speed;
+
+pub use comb::{Rate, Reading};
+pub use envelope::{CELLS_PER_OUTPUT, WINDOW};
+pub use speed::{Speed, SpeedCurve};
+
+use crate::block::Block;
+use comb::Search;
+use envelope::Envelope;
+
+/// What a person chooses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Samples a second of every channel, Hz (3 kHz or more).
+    pub rate_hz: f64,
+    /// Channels used: bit c for channel c. Their powers are added; each costs the same again.
+    pub channels: u8,
+    /// Corner of the high-pass before squaring, Hz.
+    pub high_pass_hz: f64,
+    /// Lowest and highest rate searched, Hz (0.5 to 25).
+    pub search_hz: (f64, f64),
+    /// Time between reports, seconds (0.5 to 600).
+    pub update_s: f64,
+    /// Rates allowed from unmodulated noise, per hour (an upper bound, see [`comb`]).
+    pub false_rates_per_hour: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            rate_hz: 64_000.0,
+            channels: 1,
+            high_pass_hz: 3000.0,
+            search_hz: (1.0, 15.5),
+            update_s: 5.0,
+            false_rates_per_hour: 0.01,
+        }
+    }
+}
+
+/// A setting that cannot work: its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SettingError(pub &'static str);
+
+/// The immutable plan made from [`Settings`].
+#[derive(Clone, Debug)]
+pub struct Config {
+    envelope: envelope::Plan,
+    search: Search,
+    update: u32,
+    output_hz: f64,
+}
+
+impl Config {
+    /// Checks the settings and works out filters and thresholds.
+    ///
+    /// # Errors
+    /// [`SettingError`] names the first setting outside its range.
+    pub fn new(settings: &Settings) -> Result<Self, SettingError> {
+        let s = settings;
+        let within = |name, x: f64, lo: f64, hi: f64| {
+            if x >= lo && x <= hi { Ok(()) } else { Err(SettingError(name)) }
+        };
+        within("rate_hz", s.rate_hz, 3000.0, 1e6)?;
+        within("channels", f64::from(s.channels), 1.0, 15.0)?;
+        within("high_pass_hz", s.high_pass_hz, 1.0, 0.3 * s.rate_hz)?;
+        within("update_s", s.update_s, 0.5, 600.0)?;
+        within("search_hz[0]", s.search_hz.0, 0.5, 24.0)?;
+        within("search_hz[1]", s.search_hz.1, s.search_hz.0 + 0.1, 25.0)?;
+        within("false_rates_per_hour", s.false_rates_per_hour, 1e-6, 100.0)?;
+        let envelope = envelope::Plan::new(s);
+        let output_hz = envelope.output_hz(s.rate_hz);
+        let tests_per_hour = 3600.0 / s.update_s;
+        Ok(Self {
+            search: Search::new(s.search_hz, output_hz, s.false_rates_per_hour / tests_per_hour),
+            update: (s.update_s * output_hz) as u32,
+            envelope,
+            output_hz,
+        })
+    }
+
+    /// Spacing of the demodulated spectrum's bins, Hz (about 1/30).
+    pub fn bin_hz(&self) -> f64 {
+        self.output_hz / WINDOW as f64
+    }
+}
+
+/// What is remembered between blocks.
+#[derive(Clone, Debug)]
+pub struct State {
+    envelope: Envelope,
+    since_report: u32,
+}
+
+impl State {
+    /// Nothing heard yet.
+    pub const fn new() -> Self {
+        Self { envelope: Envelope::new(), since_report: 0 }
+    }
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Working memory of one report. After a report it holds the demodulated spectrum, see [`Scratch::spectrum`].
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    buffer: [f32; WINDOW],
+}
+
+impl Scratch {
+    /// Empty.
+    pub const fn new() -> Self {
+        Self { buffer: [0.0; WINDOW] }
+    }
+
+    /// Power of each bin over the local noise floor (1 = noise), from 0 Hz up in steps of [`Config::bin_hz`].
+    pub fn spectrum(&self) -> impl Iterator<Item = f32> + '_ {
+        self.buffer.chunks_exact(2).map(|pair| pair.first().copied().unwrap_or(0.0))
+    }
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Why there is no rate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoRate {
+    /// Less than four fifths of the window is there (start, gaps).
+    NotEnoughData,
+    /// No comb rises above the noise at the stated false-alarm bound.
+    Unmodulated,
+}
+
+/// The answer for the 30 s that end at `index`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// Sample index after the newest sample used.
+    pub index: u64,
+    /// The rate, or why there is none.
+    pub rate: Result<Rate, NoRate>,
+}
+
+/// Takes a block; calls `sink` once for each report that falls due in it.
+///
+/// A jump of the index forward is a gap (its cells are left out of the spectrum); samples heard before are skipped; a
+/// jump back by more than a window starts afresh.
+pub fn process(
+    config: &Config,
+    state: &mut State,
+    scratch: &mut Scratch,
+    block: &Block<'_>,
+    sink: &mut dyn FnMut(Report),
+) {
+    let State { envelope, since_report } = state;
+    envelope.process(&config.envelope, block, &mut |envelope, index| {
+        *since_report += 1;
+        if *since_report >= config.update {
+            *since_report = 0;
+            let rate = if spectrum::demodulated(envelope, &mut scratch.buffer) {
+                config.search.best(&scratch.buffer).ok_or(NoRate::Unmodulated)
+            } else {
+                Err(NoRate::NotEnoughData)
+            };
+            sink(Report { index, rate });
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests;
