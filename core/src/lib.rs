@@ -22,9 +22,9 @@ pub mod health;
 
 #[cfg(feature = "array")]
 pub mod array;
+pub mod demon;
 #[cfg(feature = "obs")]
 pub mod obs;
-pub mod demon;
 
 pub mod motion;
 

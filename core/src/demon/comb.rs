@@ -9,8 +9,9 @@
 //! one window: a union bound, so the true rate of false alarms is lower.
 //!
 //! The rate then is the weighted mean of the lines' own frequencies (two-bin interpolation, exact for a Hann window).
-//! A line with power P over the floor has frequency variance 0.237/P bins² (maximum of a Hann periodogram:
-//! `2.34 × 6/((2π)² 1.5 P)`, 2.34 being the window's loss against the Cramér-Rao bound); lines that disagree widen it.
+//! A line with power P over the floor has frequency variance 0.32/P bins²: the maximum of a Hann periodogram would
+//! have `2.34 × 6/((2π)² 1.5 P) = 0.237/P`, 2.34 being the window's loss against the Cramér-Rao bound, and using two
+//! bins only loses another third (`reproduce shaft-rate`). Lines that disagree widen it.
 
 use super::envelope::WINDOW;
 use super::spectrum::{BINS, FLOOR_DEGREES};
@@ -24,6 +25,8 @@ const TRIALS_PER_BIN: u32 = 16;
 const PENALTY: f64 = 3.0;
 /// Power over the floor from which a line counts as present (noise: once in 8000 bins).
 const PRESENT: f32 = 9.0;
+/// Frequency variance of a line of power 1 over the floor, bins².
+const VAR_LINE: f64 = 0.32;
 /// Highest line used as a fraction of the Nyquist frequency (the decimator's fold lies above).
 const HIGHEST: f64 = 0.9;
 /// Numbers of blades a propeller may have.
@@ -234,9 +237,8 @@ fn refine(spectrum: &[f32; WINDOW], comb: &Comb) -> Option<(f64, f64, u8)> {
         return Some((spacing, spread * spread / 12.0, 0));
     }
     let rate = moment / weight;
-    let var_line = 0.237;
-    let misfit = (square - rate * moment).max(0.0) / (var_line * f64::from(count.max(2) - 1));
-    Some((rate, var_line / weight * misfit.max(1.0), present))
+    let misfit = (square - rate * moment).max(0.0) / (VAR_LINE * f64::from(count.max(2) - 1));
+    Some((rate, VAR_LINE / weight * misfit.max(1.0), present))
 }
 
 /// The shaft rate below a blade rate: number of blades whose other lines are no noise at `ln_allowed`.

@@ -51,7 +51,7 @@ impl Default for Settings {
             rate_hz: 64_000.0,
             channels: 1,
             high_pass_hz: 3000.0,
-            search_hz: (1.0, 15.5),
+            search_hz: (0.7, 16.0),
             update_s: 5.0,
             false_rates_per_hour: 0.01,
         }

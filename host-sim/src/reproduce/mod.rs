@@ -9,6 +9,7 @@ mod network;
 mod obs_one_ship;
 mod obs_world;
 mod report;
+mod shaft_rate;
 
 use anyhow::Result;
 use std::path::PathBuf;
@@ -37,5 +38,10 @@ pub struct Experiment {
 }
 
 /// All experiments, in the order `reproduce all` runs them.
-pub const EXPERIMENTS: &[Experiment] =
-    &[network::FIGURE_2, network::FIGURE_3, obs_one_ship::ONE_SHIP, bearing_limit::EXPERIMENT];
+pub const EXPERIMENTS: &[Experiment] = &[
+    network::FIGURE_2,
+    network::FIGURE_3,
+    obs_one_ship::ONE_SHIP,
+    bearing_limit::EXPERIMENT,
+    shaft_rate::EXPERIMENT,
+];
