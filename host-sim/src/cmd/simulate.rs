@@ -25,12 +25,34 @@ pub struct Args {
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     if scenario::kind(&args.scenario)? == "obs" {
-        anyhow::bail!("{}: scenarios of kind obs are not built yet", args.scenario.display());
+        return ocean_bottom(&args);
     }
     let scenario = Scenario::read(&args.scenario)?;
     let written = world::write(&scenario, &args.out)?;
     let all = written.recordings.iter().map(|p| ("recording", p));
     for (kind, path) in all.chain([("truth", &written.truth), ("station", &written.station)]) {
+        if args.json {
+            println!("{}", serde_json::json!({ "type": kind, "path": path }));
+        } else {
+            println!("{kind:9} {}", path.display());
+        }
+    }
+    Ok(())
+}
+
+/// The same for an ocean-bottom station.
+fn ocean_bottom(args: &Args) -> Result<()> {
+    use crate::ocean_bottom::{scenario::Scenario, simulate::Simulator, write::write};
+    let scenario = Scenario::read(&args.scenario)?;
+    let table = crate::propagation::file::read(&scenario.propagation)?;
+    let written = write(&mut Simulator::new(scenario, table, Vec::new())?, &args.out)?;
+    let rest = [
+        ("truth", &written.truth),
+        ("tracks", &written.tracks),
+        ("station", &written.station),
+        ("table", &written.table),
+    ];
+    for (kind, path) in written.recordings.iter().map(|p| ("recording", p)).chain(rest) {
         if args.json {
             println!("{}", serde_json::json!({ "type": kind, "path": path }));
         } else {

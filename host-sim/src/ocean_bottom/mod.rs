@@ -15,3 +15,4 @@ pub mod simulate;
 pub mod source;
 pub mod station;
 pub mod table;
+pub mod write;

@@ -1,4 +1,4 @@
-//! Recordings: four-channel WAV and FLAC files as blocks of 24-bit codes, and writing them.
+//! Recordings: four-channel WAV and FLAC files, and miniSEED, as blocks of 24-bit codes, and writing them.
 //!
 //! Enters: files or folders, in any order. Leaves: [`Source::next_block`], blocks whose sample index counts from the
 //! first sample of the first file. Conventions:
@@ -17,6 +17,8 @@
 //! Cost: 24-bit WAV decodes about a thousand million samples a second on a desktop core.
 
 mod flac;
+mod mseed;
+pub(crate) mod mseed_record;
 mod sequence;
 pub mod stamp;
 mod wav;
@@ -109,8 +111,11 @@ pub fn open(paths: &[PathBuf], station: &Station, start: Option<OffsetDateTime>)
     if !seismic.is_empty() && !audio.is_empty() {
         bail!("{}: give either miniSEED or WAV and FLAC files, not both", seismic[0].display());
     }
-    if let Some(path) = seismic.first() {
-        bail!("{}: miniSEED recordings cannot be read yet", path.display());
+    if !seismic.is_empty() {
+        for complaint in complaints {
+            eprintln!("seabearing: left out {complaint}");
+        }
+        return Ok(Box::new(mseed::MiniSeed::open(seismic, station)?));
     }
     Ok(Box::new(sequence::Sequence::open(audio, &station.config, start, complaints)?))
 }

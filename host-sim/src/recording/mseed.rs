@@ -1,0 +1,299 @@
+//! miniSEED recordings of an ocean-bottom station: several files, or one with several channels, as four-channel blocks.
+//!
+//! A first pass finds every record's place, time and length; samples are decoded when they are due, so memory stays
+//! small. Sample 0 is the earliest sample of any component. A component that has no data somewhere has
+//! [`MISSING`] there; where none has, the index jumps. Records follow one another when their times agree with the count
+//! within half a sample; what overlaps is used once. Every irregularity is named once on stderr.
+
+use super::Source;
+use super::mseed_record::{self, Record};
+use crate::station::Station;
+use anyhow::{Context, Result, bail};
+use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
+use std::collections::BTreeMap;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::PathBuf;
+use time::OffsetDateTime;
+
+/// Frames of one block.
+const BLOCK: usize = 4096;
+
+/// Least step from one possible record to the next, when looking for one after damage.
+const RESYNC: usize = 64;
+
+/// Where a record's samples are.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    file: usize,
+    offset: u64,
+    bytes: usize,
+    start_ns: i128,
+    /// Index of its first sample (after [`place`]) and number of samples.
+    first: i64,
+    samples: usize,
+}
+
+#[derive(Default)]
+struct Channel {
+    pieces: Vec<Piece>,
+    rates_hz: Vec<f64>,
+    stations: Vec<String>,
+}
+
+/// One component being read.
+struct Reader {
+    pieces: std::vec::IntoIter<Piece>,
+    /// Index of the first held sample, and the held samples not yet used.
+    first: i64,
+    held: std::collections::VecDeque<i32>,
+}
+
+/// A miniSEED recording.
+pub(super) struct MiniSeed {
+    files: Vec<PathBuf>,
+    readers: [Reader; CHANNELS],
+    start: OffsetDateTime,
+    next: i64,
+    end: i64,
+    frames: Vec<Frame>,
+}
+
+fn complain(what: &str) {
+    eprintln!("seabearing: {what}");
+}
+
+impl MiniSeed {
+    /// Finds the station's components in files.
+    ///
+    /// # Errors
+    /// No pressure component, components of unlike rate or of a rate other than the station's, several stations.
+    pub(super) fn open(files: Vec<PathBuf>, station: &Station) -> Result<Self> {
+        let mut channels: BTreeMap<String, Channel> = BTreeMap::new();
+        for (number, path) in files.iter().enumerate() {
+            if let Err(e) = scan(path, number, &mut channels) {
+                complain(&format!("left out {e:#}"));
+            }
+        }
+        let c = &station.components;
+        let wanted =
+            [("pressure", &c.pressure), ("north", &c.north), ("east", &c.east), ("vertical", &c.vertical)];
+        let there = channels.keys().cloned().collect::<Vec<_>>().join(", ");
+        let mut chosen: Vec<Channel> = Vec::new();
+        for (role, code) in wanted {
+            let channel = channels.remove(code.as_str()).unwrap_or_default();
+            if channel.pieces.is_empty() && role == "pressure" {
+                bail!(
+                    "no component {code} (pressure) in the miniSEED files, they hold: {}",
+                    if there.is_empty() { "nothing" } else { &there }
+                );
+            }
+            if channel.pieces.is_empty() {
+                complain(&format!("component {code} ({role}) is missing; the files hold: {there}"));
+            }
+            if channel.stations.len() > 1 {
+                bail!(
+                    "component {code} comes from several stations ({}): give one station's files",
+                    channel.stations.join(", ")
+                );
+            }
+            for &rate in &channel.rates_hz {
+                // Rates are written as ratios of 16-bit numbers: allow their rounding.
+                if (rate / station.config.rate_hz - 1.0).abs() > 1e-4 {
+                    bail!(
+                        "component {code} has {rate} samples a second, the station file says rate_hz = {}",
+                        station.config.rate_hz
+                    );
+                }
+            }
+            chosen.push(channel);
+        }
+        let rate = station.config.rate_hz;
+        let Some(zero) = chosen.iter().flat_map(|c| &c.pieces).map(|p| p.start_ns).min() else {
+            bail!("no sample in the miniSEED files");
+        };
+        let mut end = 0;
+        let mut starts = Vec::new();
+        for ((_, code), channel) in wanted.iter().zip(&mut chosen) {
+            let report = place(&mut channel.pieces, zero, rate);
+            if report.overlapping > 0 {
+                complain(&format!(
+                    "component {code}: {} samples overlap (repeated data or a clock set back), used once",
+                    report.overlapping
+                ));
+            }
+            if let Some(p) = channel.pieces.first() {
+                starts.push((*code, p.start_ns));
+            }
+            end = end.max(channel.pieces.iter().map(|p| p.first + p.samples as i64).max().unwrap_or(0));
+        }
+        for (code, start_ns) in &starts {
+            let late = (start_ns - zero) as f64 * 1e-9;
+            let fraction = (late * rate - (late * rate).round()).abs();
+            if late > 0.0 {
+                complain(&format!("component {code} starts {late:.3} s after the first"));
+            }
+            if fraction > 0.05 {
+                complain(&format!(
+                    "component {code} is sampled {:.1} ms beside the first: directions will suffer",
+                    fraction / rate * 1e3
+                ));
+            }
+        }
+        let start =
+            OffsetDateTime::from_unix_timestamp_nanos(zero).context("the recording's start is no time")?;
+        let mut chosen = chosen.into_iter();
+        let readers = std::array::from_fn(|_| Reader {
+            pieces: chosen.next().unwrap_or_default().pieces.into_iter(),
+            first: 0,
+            held: Default::default(),
+        });
+        Ok(Self { files, readers, start, next: 0, end, frames: Vec::new() })
+    }
+}
+
+/// What [`place`] found.
+struct Placed {
+    overlapping: u64,
+}
+
+/// Sorts records by time and gives each its sample index.
+fn place(pieces: &mut [Piece], zero_ns: i128, rate_hz: f64) -> Placed {
+    pieces.sort_by_key(|p| p.start_ns);
+    let mut expected: Option<i64> = None;
+    let mut overlapping = 0;
+    for p in pieces {
+        let exact = (p.start_ns - zero_ns) as f64 * 1e-9 * rate_hz;
+        p.first = match expected {
+            Some(e) if (exact - e as f64).abs() <= 0.5 => e,
+            _ => exact.round() as i64,
+        };
+        let after = p.first + p.samples as i64;
+        if let Some(e) = expected {
+            overlapping += (e.min(after) - p.first).max(0) as u64;
+        }
+        expected = Some(expected.map_or(after, |e| e.max(after)));
+    }
+    Placed { overlapping }
+}
+
+/// Finds the records of a file.
+fn scan(path: &std::path::Path, number: usize, channels: &mut BTreeMap<String, Channel>) -> Result<()> {
+    let data = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let (mut at, mut damaged, mut found) = (0, 0usize, 0usize);
+    let mut reason = String::new();
+    while at < data.len() {
+        match mseed_record::read(&data[at..]) {
+            Ok(r) => {
+                found += 1;
+                let Record { channel, station, rate_hz, start_ns, samples, bytes } = r;
+                let c = channels.entry(channel).or_default();
+                if !samples.is_empty() {
+                    if !c.stations.contains(&station) {
+                        c.stations.push(station);
+                    }
+                    if !c.rates_hz.contains(&rate_hz) {
+                        c.rates_hz.push(rate_hz);
+                    }
+                    c.pieces.push(Piece {
+                        file: number,
+                        offset: at as u64,
+                        bytes,
+                        start_ns,
+                        first: 0,
+                        samples: samples.len(),
+                    });
+                }
+                at += bytes.max(RESYNC);
+            }
+            Err(e) => {
+                if reason.is_empty() {
+                    reason = format!("at byte {at}: {e}");
+                }
+                damaged += RESYNC.min(data.len() - at);
+                at += RESYNC;
+            }
+        }
+    }
+    if found == 0 {
+        bail!("{}: no readable miniSEED record ({reason})", path.display());
+    }
+    if damaged > 0 {
+        complain(&format!(
+            "{}: {damaged} bytes are damaged or cut, the rest is used ({reason})",
+            path.display()
+        ));
+    }
+    Ok(())
+}
+
+impl Reader {
+    /// Makes the next samples available; the index of the first, or `None` at the end.
+    fn ready(&mut self, files: &[PathBuf]) -> Option<i64> {
+        while self.held.is_empty() {
+            let p = self.pieces.next()?;
+            let samples = load(&files[p.file], &p).unwrap_or_else(|e| {
+                complain(&format!("{}: lost a record: {e:#}", files[p.file].display()));
+                Vec::new()
+            });
+            // What was used already is not used again.
+            let used = (self.first - p.first).clamp(0, samples.len() as i64);
+            self.first = self.first.max(p.first);
+            self.held = samples.into_iter().skip(used as usize).collect();
+        }
+        Some(self.first)
+    }
+
+    /// The sample at an index, if it is there.
+    fn take(&mut self, index: i64, files: &[PathBuf]) -> Option<i32> {
+        if self.ready(files)? > index {
+            return None;
+        }
+        self.first += 1;
+        self.held.pop_front()
+    }
+}
+
+fn load(path: &std::path::Path, p: &Piece) -> Result<Vec<i32>> {
+    let mut file = std::fs::File::open(path)?;
+    file.seek(SeekFrom::Start(p.offset))?;
+    let mut raw = vec![0; p.bytes];
+    file.read_exact(&mut raw)?;
+    Ok(mseed_record::read(&raw)?.samples)
+}
+
+impl Source for MiniSeed {
+    fn start(&self) -> Option<OffsetDateTime> {
+        Some(self.start)
+    }
+
+    fn expected_end(&self) -> Option<u64> {
+        u64::try_from(self.end).ok()
+    }
+
+    fn next_block(&mut self) -> Result<Option<Block<'_>>> {
+        let files = &self.files;
+        let Some(first) = self.readers.iter_mut().filter_map(|r| r.ready(files)).min() else {
+            return Ok(None);
+        };
+        // Where nothing is, the index jumps.
+        self.next = self.next.max(first);
+        self.frames.clear();
+        let start = self.next;
+        while self.frames.len() < BLOCK {
+            let mut frame = [MISSING; CHANNELS];
+            let mut any = false;
+            for (slot, reader) in frame.iter_mut().zip(&mut self.readers) {
+                if let Some(x) = reader.take(self.next, files) {
+                    *slot = x;
+                    any = true;
+                }
+            }
+            if !any {
+                break;
+            }
+            self.frames.push(frame);
+            self.next += 1;
+        }
+        Ok(Some(Block { first_index: start.max(0) as u64, frames: &self.frames }))
+    }
+}

@@ -1,0 +1,122 @@
+//! miniSEED: what the simulator writes is what is read back, faults included; bad input is named; a real file reads.
+
+use seabearing::ocean_bottom::scenario::Scenario;
+use seabearing::ocean_bottom::simulate::Simulator;
+use seabearing::ocean_bottom::write::write;
+use seabearing::propagation::{Propagation, bottom::Bottom, file, profile::Profile, trace};
+use seabearing::recording::{self, Source};
+use seabearing::station::Station;
+use seabearing_core::block::{Frame, MISSING};
+use std::path::{Path, PathBuf};
+
+fn table() -> Propagation {
+    let profile = Profile::subtropical(4340.0).unwrap();
+    trace::trace("t", &profile, &Bottom::default(), 350.0, 200, || ())
+}
+
+fn scenario(folder: &Path, faults: &str) -> Scenario {
+    file::write(&table(), &folder.join("t.toml")).unwrap();
+    let text = format!(
+        "kind = \"obs\"\nseed = 3\nduration_s = 900.0\npropagation = \"t.toml\"\norientation_of_north_deg = 77.0\n\
+         [[ship]]\ncpa_time_s = 400.0\ncpa_range_m = 8000.0\nheading_deg = 30.0\nspeed_m_s = 8.0\n\
+         [[fin_whale]]\nazimuth_deg = 120.0\nrange_m = 6000.0\nstart_s = 10.0\nduration_s = 500.0\n\
+         interval_s = 13.0\nlevel_db = 20.0\n[faults]\n{faults}\n"
+    );
+    std::fs::write(folder.join("s.toml"), text).unwrap();
+    Scenario::read(&folder.join("s.toml")).unwrap()
+}
+
+/// All samples by index.
+fn all(source: &mut dyn Source) -> Vec<(u64, Frame)> {
+    let mut out = Vec::new();
+    while let Some(b) = source.next_block().unwrap() {
+        out.extend(b.frames.iter().enumerate().map(|(i, f)| (b.first_index + i as u64, *f)));
+    }
+    out
+}
+
+fn written(folder: &Path, s: &Scenario) -> (Station, Vec<PathBuf>) {
+    let mut simulator = Simulator::new(s.clone(), table(), Vec::new()).unwrap();
+    let w = write(&mut simulator, &folder.join("out")).unwrap();
+    (Station::read(&w.station).unwrap(), w.recordings)
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let s = scenario(
+        dir.path(),
+        "gaps = [[100.0, 33.0], [500.0, 0.5]]\nclock_steps = [[700.0, 12.0]]\ndead = [[2, 200.0, 60.0]]",
+    );
+    let (station, files) = written(dir.path(), &s);
+    let mut source = recording::open(&files, &station, None).unwrap();
+    assert_eq!(source.start(), Some(s.start_utc().unwrap()));
+    let got = all(source.as_mut());
+    let want = all(&mut Simulator::new(s, table(), Vec::new()).unwrap());
+    assert_eq!(got.len(), want.len());
+    assert_eq!(got.len(), 45_000 - 33 * 50 - 25);
+    assert_eq!(got, want);
+    assert_eq!(got.last().unwrap().0, 45_000 + 12 * 50 - 1);
+}
+
+#[test]
+fn one_file_with_all_channels_reads_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let s = scenario(dir.path(), "");
+    let (station, files) = written(dir.path(), &s);
+    let want = all(recording::open(&files, &station, None).unwrap().as_mut());
+    let mut joined = Vec::new();
+    for f in files.iter().rev() {
+        joined.extend(std::fs::read(f).unwrap());
+    }
+    let one = dir.path().join("all.mseed");
+    std::fs::write(&one, &joined).unwrap();
+    assert_eq!(all(recording::open(&[one.clone()], &station, None).unwrap().as_mut()), want);
+    // Twice the same file: everything overlaps and is used once.
+    assert_eq!(all(recording::open(&[one.clone(), one.clone()], &station, None).unwrap().as_mut()), want);
+    // Damage in the middle costs one record of one component and nothing else.
+    joined[10_000..10_040].fill(0x55);
+    joined[8192..8200].fill(0);
+    std::fs::write(&one, &joined).unwrap();
+    let got = all(recording::open(&[one], &station, None).unwrap().as_mut());
+    assert_eq!(got.len(), want.len());
+    let differ = got.iter().zip(&want).filter(|(a, b)| a != b).count();
+    assert!((1..=1010).contains(&differ), "{differ}");
+    assert!(got.iter().zip(&want).all(|(a, b)| a == b || a.1.contains(&MISSING)));
+}
+
+#[test]
+fn a_missing_component_is_missing_and_bad_input_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let s = scenario(dir.path(), "missing = [3]");
+    let (station, files) = written(dir.path(), &s);
+    assert_eq!(files.len(), 3);
+    let got = all(recording::open(&files, &station, None).unwrap().as_mut());
+    assert!(got.iter().all(|(_, f)| f[3] == MISSING && f[0] != MISSING));
+    let error = |files: &[PathBuf], station: &Station| {
+        recording::open(files, station, None).map(|_| ()).unwrap_err().to_string()
+    };
+    let e = error(&files[1..], &station);
+    assert!(e.contains("BDH") && e.contains("BH1"), "{e}");
+    let mut other = station.clone();
+    other.config.rate_hz = 62.5;
+    let e = error(&files, &other);
+    assert!(e.contains("50") && e.contains("62.5"), "{e}");
+    let cut = dir.path().join("cut.mseed");
+    std::fs::write(&cut, &std::fs::read(&files[0]).unwrap()[..4000]).unwrap();
+    assert!(error(&[cut], &station).contains("BDH"));
+}
+
+#[test]
+fn a_real_hydrophone_record_reads() {
+    let Some(data) = seabearing_tests::shared_data("a_real_hydrophone_record_reads") else { return };
+    let path = data.join("real/hydrophone_mseed_1T_MONN/1T_MONN_00_EDH.mseed");
+    let text = "[station]\nkind = \"obs\"\n[sampling]\nrate_hz = 125\n[obs]\ncomponents = { pressure = \"EDH\", \
+                north = \"EH1\", east = \"EH2\", vertical = \"EHZ\" }\n";
+    let station = Station::parse(text, "s.toml", Path::new(".")).unwrap();
+    let got = all(recording::open(&[path], &station, None).unwrap().as_mut());
+    // The file's own README: Steim-1, 125 Hz, 7501 samples.
+    assert_eq!(got.len(), 7501);
+    assert_eq!(got.last().unwrap().0, 7500);
+    assert!(got.iter().all(|(_, f)| f[0] != MISSING && f[1] == MISSING));
+}
