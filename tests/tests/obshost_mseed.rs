@@ -71,7 +71,7 @@ fn one_file_with_all_channels_reads_the_same() {
     }
     let one = dir.path().join("all.mseed");
     std::fs::write(&one, &joined).unwrap();
-    assert_eq!(all(recording::open(&[one.clone()], &station, None).unwrap().as_mut()), want);
+    assert_eq!(all(recording::open(std::slice::from_ref(&one), &station, None).unwrap().as_mut()), want);
     // Twice the same file: everything overlaps and is used once.
     assert_eq!(all(recording::open(&[one.clone(), one.clone()], &station, None).unwrap().as_mut()), want);
     // Damage in the middle costs one record of one component and nothing else.
