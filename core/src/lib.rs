@@ -29,6 +29,7 @@ pub mod obs;
 pub mod motion;
 
 pub mod network;
+pub mod orient;
 
 pub mod wire;
 

@@ -178,7 +178,10 @@ fn figure_2(options: &Options) -> Result<()> {
     report.finish(options)?;
     let panel = |title: &str, unit: &str, column: usize| {
         let mut f = Figure::new(title, "horizontal range (m)", unit);
-        f.size(520, 360).y_scale(Scale::Log);
+        f.size(520, 360);
+        if unit == "error (m)" {
+            f.y_scale(Scale::Log);
+        }
         for (curve, n) in curves.iter().zip([2, 3]) {
             let pick = |i: usize| curve.iter().map(|r| (r[0], r[i])).collect::<Vec<_>>();
             f.points(&format!("RMSE, N = {n}"), &pick(column));

@@ -1,0 +1,393 @@
+//! Orientation of a linear array from a vessel of known track.
+//!
+//! With the vessel at azimuth φ, the array's axis at azimuth a and a common elevation ψ, `η = cos ψ`, the processor
+//! gives `ξ = η cos(φ − a)` [L 3, 14-16]. For a given clock shift that is linear in `(η cos a, η sin a)`, so orientation
+//! and η follow from a 2×2 system, whichever side the vessel is on and however often it changes sides; only the shift
+//! is searched. The bearing stamped t belongs to the track's t − shift. The fit is robust (Huber's, then Tukey's weights on
+//! the median absolute deviation), its uncertainty a jackknife over blocks in time, because successive bearings of an
+//! averaged covariance have common errors.
+//!
+//! Fails (says so) where the vessel's bearing hardly turns: shift, η and orientation then trade against each other.
+//! Cost: 241 plain fits for the noise, 2 × 280 robust ones, and 20 × 65 for the jackknife; a fit is six rounds over the
+//! bearings.
+
+use super::{MAD_TO_SD, OrientError, huber_weight, quantile, tukey_loss, tukey_weight};
+use crate::angle::{wrap_pi, wrap_tau};
+use crate::math::f64 as m;
+use crate::network::known_track::{TrackPoint, position_at};
+
+/// Fewest bearings for three unknowns and a jackknife.
+pub const LEAST_BEARINGS: usize = 8;
+/// Blocks of the jackknife.
+const BLOCKS: usize = 20;
+/// Steps of the shift's grid.
+const GRID: u32 = 240;
+/// Rounds of reweighting, half with either weight: they settle to 1e-3 in three.
+const ROUNDS: u32 = 6;
+/// Smallest noise of ξ the robust scale assumes, so that exact data do not divide by zero.
+const LEAST_SCALE: f64 = 1e-9;
+/// Largest standard deviation of an orientation that is one, radians (20°).
+const LARGEST_SD: f64 = 0.35;
+
+/// One bearing of the linear array.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineBearing {
+    /// Time by the array's clock, seconds.
+    pub t_s: f64,
+    /// Sine of the bearing from broadside, positive towards rising sensor numbers.
+    pub sine: f64,
+}
+
+/// What is searched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineSettings {
+    /// Least and greatest time shift, seconds; equal limits fix it.
+    pub shift_s: (f64, f64),
+    /// Least and greatest η; equal limits fix it. Above one is no cosine but a model error [L, section 4].
+    pub eta: (f64, f64),
+    /// Longest gap of the track that is interpolated, seconds.
+    pub gap_s: f64,
+}
+
+/// Orientation of a linear array.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineOrientation {
+    /// Azimuth of the direction of rising sensor numbers, radians in [0, 2π).
+    pub orientation: f64,
+    /// Its standard deviation (jackknife), radians.
+    pub sd: f64,
+    /// How late the array's clock is, seconds.
+    pub time_shift_s: f64,
+    /// Standard deviation of the shift (jackknife), seconds.
+    pub sd_time_shift_s: f64,
+    /// Cosine of the common elevation.
+    pub eta: f64,
+    /// Standard deviation of η (jackknife).
+    pub sd_eta: f64,
+    /// Mean angle between true and computed positions, Δ [L 13], radians.
+    pub mean_error: f64,
+    /// Bearings used.
+    pub n: usize,
+}
+
+/// Finds the orientation; the track is in the array's frame (array at the origin).
+///
+/// # Errors
+/// [`OrientError`].
+pub fn orient(
+    bearings: &[LineBearing],
+    track: &[TrackPoint],
+    settings: &LineSettings,
+) -> Result<LineOrientation, OrientError> {
+    check(bearings, settings)?;
+    crate::network::known_track::check(track).map_err(|_| OrientError::NotFinite)?;
+    let all = Data { bearings, track, settings, skip: None };
+    let whole = (settings.shift_s, GRID);
+    let first = all.search(whole, all.least_scale()?)?;
+    let scale = all.scale(first.shift_s, first.components());
+    let best = all.search(whole, scale)?;
+    let (mut n, mut error) = (0usize, 0.0);
+    for (azimuth, b) in all.pairs(best.shift_s) {
+        error += computed_error(azimuth, b.sine / best.eta, best.orientation);
+        n += 1;
+    }
+    if n < LEAST_BEARINGS {
+        return Err(OrientError::TooFew);
+    }
+    // Delete-a-block jackknife: variance (B − 1)/B · Σ (θ_b − θ̄)².
+    // The shift is searched again within a twentieth of its limits, in which no second minimum fits.
+    let near = 0.05 * (settings.shift_s.1 - settings.shift_s.0);
+    let window = ((best.shift_s - near, best.shift_s + near), GRID / 10);
+    let (mut count, mut sum, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
+    for block in 0..BLOCKS {
+        let Ok(part) = (Data { skip: Some(block), ..all }).search(window, scale) else { continue };
+        let change =
+            [wrap_pi(part.orientation - best.orientation), part.shift_s - best.shift_s, part.eta - best.eta];
+        count += 1.0;
+        for ((s, q), d) in sum.iter_mut().zip(&mut squares).zip(&change) {
+            *s += d;
+            *q += d * d;
+        }
+    }
+    if count < 0.5 * BLOCKS as f64 {
+        return Err(OrientError::TooFew);
+    }
+    let mut sd = [0.0; 3];
+    for ((x, s), q) in sd.iter_mut().zip(&sum).zip(&squares) {
+        *x = m::sqrt(((count - 1.0) / count * (q - s * s / count)).max(0.0));
+    }
+    let [sd, sd_time_shift_s, sd_eta] = sd;
+    if !(sd <= LARGEST_SD) {
+        return Err(OrientError::NotObservable);
+    }
+    Ok(LineOrientation {
+        orientation: wrap_tau(best.orientation),
+        sd,
+        time_shift_s: best.shift_s,
+        sd_time_shift_s,
+        eta: best.eta,
+        sd_eta,
+        mean_error: error / n as f64,
+        n,
+    })
+}
+
+pub(super) fn check(bearings: &[LineBearing], settings: &LineSettings) -> Result<(), OrientError> {
+    if bearings.len() < LEAST_BEARINGS {
+        return Err(OrientError::TooFew);
+    }
+    let (s0, s1) = settings.shift_s;
+    let (e0, e1) = settings.eta;
+    let limits = s0.is_finite() && s1.is_finite() && s0 <= s1 && e0 > 0.0 && e0 <= e1 && e1.is_finite();
+    let finite = bearings.iter().all(|b| b.t_s.is_finite() && b.sine.is_finite());
+    if limits && finite && settings.gap_s > 0.0 { Ok(()) } else { Err(OrientError::NotFinite) }
+}
+
+/// Angle between the true azimuth and the one computed from a sine, on the side that fits.
+pub(super) fn computed_error(azimuth: f64, sine: f64, orientation: f64) -> f64 {
+    let off_axis = m::acos(sine.clamp(-1.0, 1.0));
+    let from_axis = wrap_pi(azimuth - orientation);
+    m::abs(m::abs(from_axis) - off_axis)
+}
+
+/// One fit.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    cost: f64,
+    n: usize,
+    orientation: f64,
+    eta: f64,
+    shift_s: f64,
+}
+
+impl Candidate {
+    /// (η cos a, η sin a).
+    fn components(&self) -> (f64, f64) {
+        let (s, c) = m::sin_cos(self.orientation);
+        (self.eta * c, self.eta * s)
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Data<'a> {
+    bearings: &'a [LineBearing],
+    track: &'a [TrackPoint],
+    settings: &'a LineSettings,
+    skip: Option<usize>,
+}
+
+impl<'a> Data<'a> {
+    /// True azimuth and bearing of every bearing on the track at a shift.
+    fn pairs(&self, shift_s: f64) -> impl Iterator<Item = (f64, &'a LineBearing)> + Clone + use<'a> {
+        let (track, gap_s, skip) = (self.track, self.settings.gap_s, self.skip);
+        let total = self.bearings.len();
+        self.bearings.iter().enumerate().filter_map(move |(i, b)| {
+            if Some(i * BLOCKS / total.max(1)) == skip {
+                return None;
+            }
+            let [x, y, _] = position_at(track, b.t_s - shift_s, gap_s)?;
+            Some((m::atan2(x, y), b))
+        })
+    }
+
+    /// Noise of ξ about the best unweighted fit of any shift: it scales the robust loss for all shifts alike.
+    fn least_scale(&self) -> Result<f64, OrientError> {
+        let mut least: Option<f64> = None;
+        let (lo, hi) = self.settings.shift_s;
+        for k in 0..=GRID {
+            let shift_s = lo + (hi - lo) * f64::from(k) / f64::from(GRID);
+            if let Some(c) = self.fit(shift_s, f64::INFINITY) {
+                let scale = self.scale(shift_s, c.components());
+                least = Some(least.map_or(scale, |l| l.min(scale)));
+            }
+            if hi <= lo {
+                break;
+            }
+        }
+        least.ok_or(if self.pairs(0.5 * (lo + hi)).count() < LEAST_BEARINGS {
+            OrientError::TooFew
+        } else {
+            OrientError::NotObservable
+        })
+    }
+
+    /// Best shift on a grid of so many steps between two limits, then sections about it.
+    fn search(&self, ((lo, hi), grid): ((f64, f64), u32), scale: f64) -> Result<Candidate, OrientError> {
+        let at = |k: u32| lo + (hi - lo) * f64::from(k) / f64::from(grid);
+        let most = (0..=grid).map(|k| self.pairs(at(k)).count()).max().unwrap_or(0);
+        if most < LEAST_BEARINGS {
+            return Err(OrientError::TooFew);
+        }
+        let mut best: Option<(u32, Candidate)> = None;
+        for k in 0..=grid {
+            let Some(c) = self.fit(at(k), scale) else { continue };
+            // A shift that pushes a fifth of the bearings off the track is not comparable with one that keeps them.
+            if 5 * c.n >= 4 * most && best.is_none_or(|(_, b)| c.cost < b.cost) {
+                best = Some((k, c));
+            }
+            if hi <= lo {
+                break;
+            }
+        }
+        let (k, mut best) = best.ok_or(OrientError::NotObservable)?;
+        if hi > lo {
+            let (mut a, mut b) = (at(k.saturating_sub(1)), at((k + 1).min(grid)));
+            for _ in 0..20 {
+                let (p, q) = (a + 0.382 * (b - a), a + 0.618 * (b - a));
+                let (Some(cp), Some(cq)) = (self.fit(p, scale), self.fit(q, scale)) else { break };
+                let better = if cp.cost <= cq.cost {
+                    b = q;
+                    cp
+                } else {
+                    a = p;
+                    cq
+                };
+                if better.cost < best.cost && better.n == best.n {
+                    best = better;
+                }
+            }
+        }
+        Ok(best)
+    }
+
+    /// Robust fit of orientation and η at a shift, for a noise of ξ (infinite: plain least squares).
+    fn fit(&self, shift_s: f64, scale: f64) -> Option<Candidate> {
+        let mut state: Option<(f64, f64)> = None;
+        let rounds = if scale.is_finite() { ROUNDS } else { 1 };
+        for round in 0..rounds {
+            // Huber's weights find the neighbourhood from anywhere, Tukey's then leave wrong bearings out.
+            let weight = if 2 * round < rounds { huber_weight } else { tukey_weight };
+            let (mut cc, mut cs, mut ss, mut cx, mut sx) = (0.0, 0.0, 0.0, 0.0, 0.0);
+            for (azimuth, b) in self.pairs(shift_s) {
+                let (s, c) = m::sin_cos(azimuth);
+                let w = state.map_or(1.0, |(p, q)| weight((b.sine - p * c - q * s) / scale));
+                cc += w * c * c;
+                cs += w * c * s;
+                ss += w * s * s;
+                cx += w * c * b.sine;
+                sx += w * s * b.sine;
+            }
+            let determinant = cc * ss - cs * cs;
+            // The two directions cos φ and sin φ must both vary: a bearing that never turns has determinant zero.
+            if !(determinant > 1e-12 * cc.max(ss) * cc.max(ss)) {
+                return None;
+            }
+            let p = (cx * ss - sx * cs) / determinant;
+            let q = (sx * cc - cx * cs) / determinant;
+            state = Some(self.bounded(p, q, (cc, cs, ss), (cx, sx)));
+        }
+        let (p, q) = state?;
+        let (mut cost, mut n) = (0.0, 0usize);
+        for (azimuth, b) in self.pairs(shift_s) {
+            let (s, c) = m::sin_cos(azimuth);
+            cost += tukey_loss((b.sine - p * c - q * s) / scale);
+            n += 1;
+        }
+        (n >= LEAST_BEARINGS).then(|| Candidate {
+            cost: cost / n as f64,
+            n,
+            orientation: m::atan2(q, p),
+            eta: m::sqrt(p * p + q * q),
+            shift_s,
+        })
+    }
+
+    /// Brings η inside its limits: the least squares on the circle of that radius, by Newton steps in the angle.
+    fn bounded(&self, p: f64, q: f64, (cc, cs, ss): (f64, f64, f64), (cx, sx): (f64, f64)) -> (f64, f64) {
+        let eta = m::sqrt(p * p + q * q);
+        let (lo, hi) = self.settings.eta;
+        let radius = eta.clamp(lo, hi.max(lo));
+        if radius == eta {
+            return (p, q);
+        }
+        let mut a = m::atan2(q, p);
+        for _ in 0..20 {
+            let (s, c) = m::sin_cos(a);
+            let (p, q) = (radius * c, radius * s);
+            let (gp, gq) = (cc * p + cs * q - cx, cs * p + ss * q - sx);
+            let slope = -gp * q + gq * p;
+            let bend = cc * q * q - 2.0 * cs * p * q + ss * p * p - gp * p - gq * q;
+            if !(m::abs(bend) > 0.0) {
+                break;
+            }
+            a -= (slope / m::abs(bend)).clamp(-0.3, 0.3);
+        }
+        let (s, c) = m::sin_cos(a);
+        (radius * c, radius * s)
+    }
+
+    /// Robust standard deviation of ξ about a fit.
+    fn scale(&self, shift_s: f64, (p, q): (f64, f64)) -> f64 {
+        let residuals = self.pairs(shift_s).map(move |(azimuth, b)| {
+            let (s, c) = m::sin_cos(azimuth);
+            m::abs(b.sine - p * c - q * s)
+        });
+        (MAD_TO_SD * quantile(residuals, 0.5)).max(LEAST_SCALE)
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::angle::RAD_PER_DEG;
+    use std::vec::Vec;
+
+    pub const SETTINGS: LineSettings = LineSettings { shift_s: (-6.0, 6.0), eta: (0.85, 1.05), gap_s: 60.0 };
+
+    /// Nine positions ten seconds apart, as in the paper; the vessel crosses the array's axis.
+    pub fn track() -> Vec<TrackPoint> {
+        (0..9)
+            .map(|k| {
+                let t_s = 10.0 * f64::from(k);
+                TrackPoint { t_s, position_m: [-150.0 + 5.0 * t_s, 300.0 + 2.0 * t_s, 0.0] }
+            })
+            .collect()
+    }
+
+    /// 87 bearings, one a second, of an array at −35.1° with η = 0.976 whose clock is 2 s late.
+    pub fn bearings(noise: f64) -> Vec<LineBearing> {
+        let track = track();
+        (0..87)
+            .filter_map(|k| {
+                let t_s = f64::from(k);
+                let [x, y, _] = position_at(&track, t_s - 2.0, 60.0)?;
+                let e = noise * 1.4 * (2.1 * t_s + 0.3 * t_s * t_s).sin();
+                Some(LineBearing { t_s, sine: 0.976 * (x.atan2(y) + 35.1 * RAD_PER_DEG).cos() + e })
+            })
+            .collect()
+    }
+
+    #[test]
+    fn exact_bearings_give_the_exact_answer() {
+        let found = orient(&bearings(0.0), &track(), &SETTINGS).unwrap();
+        assert!(wrap_pi(found.orientation + 35.1 * RAD_PER_DEG).abs() < 1e-4, "{found:?}");
+        assert!((found.time_shift_s - 2.0).abs() < 1e-2 && (found.eta - 0.976).abs() < 1e-4, "{found:?}");
+        assert!(found.mean_error < 1e-3 && found.sd < 1e-3);
+    }
+
+    #[test]
+    fn noise_and_wrong_bearings_are_survived() {
+        let mut b = bearings(0.004);
+        for (i, x) in b.iter_mut().enumerate() {
+            if i % 11 == 3 {
+                x.sine = 0.9 - x.sine;
+            }
+        }
+        let found = orient(&b, &track(), &SETTINGS).unwrap();
+        let error = wrap_pi(found.orientation + 35.1 * RAD_PER_DEG).abs();
+        assert!(error < 0.3 * RAD_PER_DEG && error < 4.0 * found.sd, "{found:?}");
+        assert!((found.time_shift_s - 2.0).abs() < 1.0, "{found:?}");
+    }
+
+    #[test]
+    fn a_bearing_that_never_turns_is_refused() {
+        let track: Vec<_> = (0..9)
+            .map(|k| TrackPoint { t_s: 10.0 * f64::from(k), position_m: [0.0, 500.0 + f64::from(k), 0.0] })
+            .collect();
+        let b: Vec<_> =
+            (0..80).map(|k| LineBearing { t_s: f64::from(k), sine: 0.3 + 0.01 * f64::from(k % 3) }).collect();
+        let e = orient(&b, &track, &SETTINGS);
+        assert!(matches!(e, Err(OrientError::NotObservable | OrientError::TooFew)), "{e:?}");
+        assert_eq!(orient(&b[..3], &track, &SETTINGS), Err(OrientError::TooFew));
+    }
+}
