@@ -4,3 +4,4 @@
 
 pub mod local_frame;
 pub mod sets;
+pub mod track_file;
