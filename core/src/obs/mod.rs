@@ -23,6 +23,13 @@ pub mod interference;
 pub mod presence;
 pub mod radial;
 
+pub mod course;
+pub mod evidence;
+pub mod fit;
+pub mod search;
+pub mod segment;
+pub mod tracks;
+
 pub mod station;
 
 pub use plan::{Plan, PlanError};

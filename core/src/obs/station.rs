@@ -10,12 +10,15 @@ use super::ambient::Ambient;
 use super::azigram::{self, Row, Spectra};
 use super::cepstrum;
 use super::clutter::Clutter;
+use super::evidence::{Evidence, Minute};
 use super::intake::{Event, Hop, Intake};
 use super::limits::{QUEFRENCIES, RANGE_CELLS, WINDOW_FRAMES};
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
 use super::presence::{Presence, RangePresence};
 use super::radial::RadialScratch;
+use super::segment::Segmenter;
 use super::tonal::{Directions, LOG_THRESHOLD, TonalScratch};
+use super::tracks::Tracker;
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
 use crate::wire::{Azimuth, Message, Range};
@@ -47,6 +50,9 @@ pub struct State {
     ambient: Ambient,
     clutter: Clutter,
     presence: Presence,
+    evidence: Evidence,
+    segmenter: Segmenter,
+    tracker: Tracker,
     /// Number of the next minute to report; `None` before the first sample.
     minute: Option<u64>,
 }
@@ -94,6 +100,9 @@ impl State {
             ambient: Ambient::new(),
             clutter: Clutter::new(),
             presence: Presence::new(),
+            evidence: Evidence::new(),
+            segmenter: Segmenter::new(),
+            tracker: Tracker::new(),
             minute: None,
         }
     }
@@ -160,6 +169,9 @@ pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut 
         state.minute = Some(k + 1);
         state.report(plan, scratch, k, sink);
     }
+    if let Some(k) = state.minute {
+        state.close(plan, k.saturating_sub(1), sink);
+    }
     state.intake.end_run();
 }
 
@@ -179,7 +191,14 @@ impl State {
             k.used = false;
         }
         self.presence.start(plan.max_range_m());
+        self.evidence.clear();
         self.minute = None;
+    }
+
+    /// Closes segments and tracks as of minute `k`.
+    fn close(&mut self, plan: &Plan, k: u64, sink: &mut dyn FnMut(Message)) {
+        self.segmenter.close(&|k| centre(plan, u64::from(k)), sink);
+        self.tracker.finish(plan, &self.evidence, k as u32, sink);
     }
 
     /// Reports every minute whose window ends before `index`.
@@ -190,6 +209,7 @@ impl State {
             && centre(plan, k) + half < index
         {
             if silent > LONGEST_SILENCE {
+                self.close(plan, k, sink);
                 self.restart(plan);
                 self.minute = Some(minute_after(plan, index));
                 return;
@@ -257,7 +277,11 @@ impl State {
         let heard = directions.frames > 0;
         if heard {
             send(index, &directions, &ranges, plan.paper, sink);
+            self.evidence.push(Minute::new(k as u32, &directions, &ranges));
+            let index_of = |k: u32| centre(plan, u64::from(k));
+            self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
         }
+        self.tracker.minute(plan, &self.evidence, k as u32, sink);
         heard
     }
 }

@@ -60,6 +60,8 @@ pub struct Mode {
     pub bins: u16,
     /// Azimuth step, for other detectors on the same grid.
     pub step: u16,
+    /// Short sounds rich in frequency, not tones: a whale, not a vessel.
+    pub impulsive: bool,
 }
 
 /// Work space.
@@ -310,6 +312,7 @@ impl WrappedCauchy {
             log_presence,
             bins: used,
             step: step as u16,
+            impulsive: false,
         })
     }
 }

@@ -1,0 +1,188 @@
+//! What each minute said, kept compactly: the modes of azimuth and range, not their grids.
+//!
+//! Enters: the modes of a minute. Leaves: a ring of the last [`MINUTES`] minutes for search and fit of tracks. A minute
+//! takes 44 bytes; a track's likelihood is then a sum over minutes of the logarithm of a mixture of a few Gaussians
+//! and a uniform floor.
+
+use super::limits::{AZIMUTH_MODES, RANGE_MODES};
+use super::presence::RangePresence;
+use super::tonal::Directions;
+use crate::angle::wrap_tau_f32;
+use crate::math;
+
+/// Minutes kept: eight hours, the time a vessel of 4 m/s is within 50 km.
+pub const MINUTES: usize = 480;
+
+/// A direction: azimuth in 2π/65536, standard deviation in 10⁻⁴ rad (0: none).
+#[derive(Clone, Copy, Debug, Default)]
+struct AzimuthMark {
+    azimuth: u16,
+    sd: u16,
+}
+
+/// A range: metres, standard deviation in 8 m (0: none), speed and its deviation in 1/8 m/s, weight in 1/255.
+#[derive(Clone, Copy, Debug, Default)]
+struct RangeMark {
+    range: u16,
+    sd: u8,
+    speed: i8,
+    sd_speed: u8,
+    weight: u8,
+}
+
+impl AzimuthMark {
+    fn view(&self) -> Direction {
+        Direction {
+            azimuth: f64::from(self.azimuth) * (math::f64::TAU / 65_536.0),
+            sd: f64::from(self.sd) * 1e-4,
+        }
+    }
+}
+
+impl RangeMark {
+    fn view(&self) -> Distance {
+        Distance {
+            range_m: f64::from(self.range),
+            sd_m: f64::from(self.sd) * 8.0,
+            speed_m_s: f64::from(self.speed) / 8.0,
+            sd_speed_m_s: f64::from(self.sd_speed) / 8.0,
+            weight: f64::from(self.weight) / 255.0,
+        }
+    }
+}
+
+/// One minute.
+#[derive(Clone, Copy, Debug)]
+pub struct Minute {
+    /// Number of the minute.
+    pub number: u32,
+    azimuth: [AzimuthMark; AZIMUTH_MODES],
+    range: [RangeMark; RANGE_MODES],
+}
+
+/// A direction as the fit sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Direction {
+    /// Azimuth, rad.
+    pub azimuth: f64,
+    /// Standard deviation, rad.
+    pub sd: f64,
+}
+
+/// A range as the fit sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Distance {
+    /// Range, m.
+    pub range_m: f64,
+    /// Standard deviation, m.
+    pub sd_m: f64,
+    /// Radial speed, m/s.
+    pub speed_m_s: f64,
+    /// Standard deviation, m/s.
+    pub sd_speed_m_s: f64,
+    /// Share of that minute's posterior.
+    pub weight: f64,
+}
+
+impl Minute {
+    const NONE: Self = Self {
+        number: 0,
+        azimuth: [AzimuthMark { azimuth: 0, sd: 0 }; AZIMUTH_MODES],
+        range: [RangeMark { range: 0, sd: 0, speed: 0, sd_speed: 0, weight: 0 }; RANGE_MODES],
+    };
+
+    /// Keeps the modes of a minute; `impulsive` directions are no vessel's and are left out.
+    pub fn new(number: u32, directions: &Directions, ranges: &RangePresence) -> Self {
+        let mut out = Self { number, ..Self::NONE };
+        for (mark, mode) in
+            out.azimuth.iter_mut().zip(directions.modes.iter().flatten().filter(|m| !m.impulsive))
+        {
+            let turns = wrap_tau_f32(mode.azimuth) / math::f32::TAU;
+            *mark = AzimuthMark {
+                azimuth: (turns * 65_536.0) as u32 as u16,
+                sd: (mode.sd * 1e4).clamp(1.0, 65_535.0) as u16,
+            };
+        }
+        for (mark, mode) in out.range.iter_mut().zip(ranges.modes.iter().flatten()) {
+            *mark = RangeMark {
+                range: mode.range_m.clamp(0.0, 65_535.0) as u16,
+                sd: (mode.sd_range_m / 8.0 + 0.5).clamp(1.0, 255.0) as u8,
+                speed: math::f32::round(mode.speed_m_s * 8.0).clamp(-127.0, 127.0) as i8,
+                sd_speed: math::f32::round(mode.sd_speed_m_s * 8.0).clamp(1.0, 255.0) as u8,
+                weight: (mode.weight * 255.0).clamp(1.0, 255.0) as u8,
+            };
+        }
+        out
+    }
+
+    /// The same without the modes for which the tests say true.
+    pub fn without(
+        mut self,
+        direction: impl Fn(&Direction) -> bool,
+        distance: impl Fn(&Distance) -> bool,
+    ) -> Self {
+        for mark in &mut self.azimuth {
+            if mark.sd > 0 && direction(&mark.view()) {
+                mark.sd = 0;
+            }
+        }
+        for mark in &mut self.range {
+            if mark.sd > 0 && distance(&mark.view()) {
+                mark.sd = 0;
+            }
+        }
+        self
+    }
+
+    /// Its directions.
+    pub fn directions(&self) -> impl Iterator<Item = Direction> + '_ {
+        self.azimuth.iter().filter(|m| m.sd > 0).map(AzimuthMark::view)
+    }
+
+    /// Its ranges.
+    pub fn distances(&self) -> impl Iterator<Item = Distance> + '_ {
+        self.range.iter().filter(|m| m.sd > 0).map(RangeMark::view)
+    }
+}
+
+/// The ring.
+#[derive(Clone, Debug)]
+pub struct Evidence {
+    minutes: [Minute; MINUTES],
+    next: usize,
+    held: usize,
+}
+
+impl Default for Evidence {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Evidence {
+    /// Empty; all zeros.
+    pub const fn new() -> Self {
+        Self { minutes: [Minute::NONE; MINUTES], next: 0, held: 0 }
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.held = 0;
+    }
+
+    /// Adds a minute; the oldest goes.
+    pub fn push(&mut self, minute: Minute) {
+        if let Some(slot) = self.minutes.get_mut(self.next) {
+            *slot = minute;
+        }
+        self.next = (self.next + 1) % MINUTES;
+        self.held = (self.held + 1).min(MINUTES);
+    }
+
+    /// Minutes from number `from` to `to`, both included, oldest first.
+    pub fn between(&self, from: u32, to: u32) -> impl Iterator<Item = Minute> + Clone + '_ {
+        let (newer, older) = self.minutes.split_at(self.next.min(MINUTES));
+        let skip = MINUTES - self.held;
+        older.iter().chain(newer).skip(skip).filter(move |m| (from..=to).contains(&m.number)).copied()
+    }
+}

@@ -1,0 +1,83 @@
+//! The first guess of a course: pairs of minutes whose modes make it.
+//!
+//! Enters: minutes of modes. Leaves: the course with the best score among those that pass through a direction and a range
+//! of one minute and a direction and a range of another. Any speed and any part of a passage can be found, which a grid
+//! about an assumed closest point cannot; the radial speeds of both modes reject most pairs before they are scored.
+//! Cost: at most 45 pairs × (12 × 12) cheap tests, a few hundred scores.
+
+use super::course::Course;
+use super::evidence::{Direction, Distance, Minute};
+use super::fit::{Score, score};
+use super::travel::TravelTime;
+use crate::math;
+
+/// Minutes used as ends of a pair.
+const ANCHORS: usize = 10;
+
+/// Least and greatest speed of a vessel, m/s.
+const SPEED_M_S: (f64, f64) = (0.3, 18.0);
+
+/// Least time between the two minutes of a pair, minutes: below it the velocity is too uncertain.
+const APART: u32 = 12;
+
+/// The best course through two minutes, with its score over all `minutes`.
+pub fn search<I>(travel: &TravelTime, step_s: f64, minutes: I) -> Option<(Course, Score)>
+where
+    I: Iterator<Item = Minute> + Clone,
+{
+    let usable =
+        minutes.clone().filter(|m| m.directions().next().is_some() && m.distances().next().is_some());
+    let count = usable.clone().count();
+    let mut anchors: [Option<Minute>; ANCHORS] = [None; ANCHORS];
+    if count < 2 {
+        return None;
+    }
+    for (k, slot) in anchors.iter_mut().enumerate() {
+        *slot = usable.clone().nth(k * (count - 1) / (ANCHORS - 1));
+    }
+    // Scores of candidates look at every nth minute only, at most 60 of them.
+    let stride = minutes.clone().count() / 60 + 1;
+    let mut best: Option<(Course, Score)> = None;
+    for (i, a) in anchors.iter().flatten().enumerate() {
+        for b in anchors.iter().flatten().skip(i + 1) {
+            if b.number < a.number + APART {
+                continue;
+            }
+            for (first, second) in ends(a).flat_map(|x| ends(b).map(move |y| (x, y))) {
+                let Some(course) = join(travel, step_s, a, &first, b, &second) else { continue };
+                let s = score(&course, travel, step_s, minutes.clone().step_by(stride));
+                if best.as_ref().is_none_or(|(_, most)| s.log > most.log) {
+                    best = Some((course, s));
+                }
+            }
+        }
+    }
+    best.map(|(course, _)| (course, score(&course, travel, step_s, minutes)))
+}
+
+/// Every direction with every range of a minute.
+fn ends(m: &Minute) -> impl Iterator<Item = (Direction, Distance)> + '_ {
+    m.directions().flat_map(|d| m.distances().map(move |r| (d, r)))
+}
+
+/// The course through two ends, if its speeds are possible.
+fn join(
+    travel: &TravelTime,
+    step_s: f64,
+    a: &Minute,
+    first: &(Direction, Distance),
+    b: &Minute,
+    second: &(Direction, Distance),
+) -> Option<Course> {
+    let place = |m: &Minute, (d, r): &(Direction, Distance)| {
+        let (s, c) = math::f64::sin_cos(d.azimuth);
+        (step_s * f64::from(m.number) - travel.at(r.range_m), (r.range_m * s, r.range_m * c))
+    };
+    let course = Course::through(place(a, first), place(b, second))?;
+    let v = course.speed_m_s();
+    let fits = |m: &Minute, r: &Distance| {
+        let seen = course.seen(travel, step_s * f64::from(m.number));
+        math::f64::abs(seen.speed_m_s - r.speed_m_s) < 1.0 + 2.5 * r.sd_speed_m_s
+    };
+    ((SPEED_M_S.0..SPEED_M_S.1).contains(&v) && fits(a, &first.1) && fits(b, &second.1)).then_some(course)
+}

@@ -1,0 +1,168 @@
+//! When a vessel is there: general presence, and within it the approaching and the leaving part.
+//!
+//! Enters: each minute's log presence in azimuth and range and the share of the posterior that approaches. Leaves:
+//! `Segment` messages when a presence ends. In place of the paper's centred means over one or two hours, which know
+//! nothing near the ends of a record, the log terms `ln(1 − Pd + Pd M)` [O 24] are summed from where they last turned
+//! positive and the sum is held between 0 and a ceiling: presence begins where the sum left 0 for good and ends where
+//! it last rose. A gap adds nothing. A change from leaving to approaching splits a segment: another vessel.
+
+use super::presence::RangePresence;
+use super::tonal::Directions;
+use crate::math;
+use crate::wire::{Message, Segment};
+
+/// Probabilities of detection in azimuth and range [O, III D].
+const DETECTION: (f32, f32) = (0.9, 0.6);
+
+/// One minute cannot say more than this, or a whale's e⁶⁰ would outweigh hours of silence.
+const MOST: f32 = 3.0;
+
+/// Sum at which presence is believed, and the ceiling; ten minutes of both detectors, and as much silence to end it.
+const OPEN: f32 = 30.0;
+const CEILING: f32 = 60.0;
+
+/// Shortest segment reported, minutes.
+const SHORTEST: u32 = 15;
+
+/// Weight of a minute in the running balance of approaching and leaving (memory 8 minutes), and the balance believed.
+const PHASE_SHARE: f32 = 0.12;
+const PHASE_CLEAR: f32 = 0.4;
+
+/// State.
+#[derive(Clone, Debug)]
+pub struct Segmenter {
+    sum: f32,
+    /// First minute since the sum was 0, last minute it rose.
+    from: u32,
+    to: u32,
+    open: bool,
+    /// Running mean of (leaving − approaching), its sign when last clear, and the change seen.
+    balance: f32,
+    phase: i8,
+    turn: Option<u32>,
+    evidence: f32,
+    id: u16,
+}
+
+impl Default for Segmenter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// `ln(1 − Pd + Pd M)`, bounded.
+fn term(pd: f32, log_presence: f32) -> f32 {
+    let m = math::f32::exp(log_presence.min(20.0));
+    math::f32::ln(1.0 - pd + pd * m).min(MOST)
+}
+
+impl Segmenter {
+    /// Nothing yet.
+    pub const fn new() -> Self {
+        Self {
+            sum: 0.0,
+            from: 0,
+            to: 0,
+            open: false,
+            balance: 0.0,
+            phase: 0,
+            turn: None,
+            evidence: 0.0,
+            id: 0,
+        }
+    }
+
+    /// Whether a presence is believed now.
+    pub fn open(&self) -> bool {
+        self.open
+    }
+
+    /// Takes a minute; `index_of` gives the sample index of a minute.
+    pub fn minute(
+        &mut self,
+        now: u32,
+        directions: &Directions,
+        ranges: &RangePresence,
+        index_of: impl Fn(u32) -> u64,
+        sink: &mut dyn FnMut(Message),
+    ) {
+        let tonal = directions.modes.iter().flatten().filter(|m| !m.impulsive).map(|m| m.log_presence);
+        let azimuth = tonal.fold(f32::NEG_INFINITY, f32::max);
+        let gain = term(DETECTION.0, azimuth) + term(DETECTION.1, ranges.log_evidence);
+        if self.sum <= 0.0 {
+            self.begin(now);
+        }
+        self.sum = (self.sum + gain).clamp(0.0, CEILING);
+        if gain > 0.0 {
+            self.to = now;
+        }
+        if self.sum <= 0.0 {
+            self.close(&index_of, sink);
+            return;
+        }
+        self.evidence += gain;
+        self.open |= self.sum >= OPEN;
+        if ranges.log_odds > 0.0 {
+            let lean = 1.0 - 2.0 * ranges.approaching;
+            self.balance += PHASE_SHARE * (lean - self.balance);
+            let phase = match self.balance {
+                b if b > PHASE_CLEAR => 1,
+                b if b < -PHASE_CLEAR => -1,
+                _ => self.phase,
+            };
+            match (self.phase, phase) {
+                (-1, 1) => self.turn = Some(now),
+                (1, -1) if self.open => {
+                    self.to = now;
+                    self.close(&index_of, sink);
+                    self.begin(now);
+                    self.sum = OPEN;
+                    self.open = true;
+                }
+                _ => {}
+            }
+            self.phase = phase;
+        }
+    }
+
+    fn begin(&mut self, now: u32) {
+        self.from = now;
+        self.to = now;
+        self.open = false;
+        self.turn = None;
+        self.evidence = 0.0;
+        self.phase = 0;
+        self.balance = 0.0;
+    }
+
+    /// Reports the presence that just ended, if it was one.
+    pub fn close(&mut self, index_of: &impl Fn(u32) -> u64, sink: &mut dyn FnMut(Message)) {
+        let length = self.to.saturating_sub(self.from);
+        if self.open && length >= SHORTEST {
+            let turn = self.turn.filter(|t| *t < self.to && *t > self.from);
+            let mut send = |kind, from: u32, to: u32, turn: Option<u32>| {
+                sink(Message::Segment(Segment {
+                    id: self.id,
+                    start: index_of(from),
+                    end: index_of(to),
+                    turn: turn.map(&index_of),
+                    kind,
+                    log_evidence: self.evidence / (length + 1) as f32,
+                }));
+            };
+            send(0, self.from, self.to, turn);
+            match (turn, self.phase) {
+                (Some(t), _) => {
+                    send(1, self.from, t, None);
+                    send(2, t, self.to, None);
+                }
+                (None, -1) => send(1, self.from, self.to, None),
+                (None, 1) => send(2, self.from, self.to, None),
+                _ => {}
+            }
+            self.id = self.id.wrapping_add(1);
+        }
+        self.open = false;
+        self.sum = 0.0;
+    }
+}

@@ -1,0 +1,247 @@
+//! Tracks of the vessels present: found, refined while they pass, closed with the best course over their whole stay.
+//!
+//! Enters: the ring of evidence, once a minute. Leaves: `Track` messages, stage 0 every five minutes while a vessel
+//! passes, stage 1 once when it has gone or the record ends. Several vessels are several tracks: what one explains is
+//! hidden from the search for the next. A track is abandoned for a better course whenever one is found, which undoes
+//! early locks on a wrong branch. Cost: below 40 M instructions every five minutes, none between.
+
+use super::course::{Course, Matrix};
+use super::evidence::{Evidence, MINUTES, Minute};
+use super::fit::{self, Score};
+use super::plan::{Plan, STEP_S};
+use super::search::search;
+use super::travel::TravelTime;
+use crate::angle::wrap_tau;
+use crate::math;
+use crate::wire::{Message, Track};
+
+/// Vessels followed at once.
+pub const LIVE: usize = 3;
+
+/// Minutes between looks.
+const EVERY: u32 = 5;
+
+/// Minutes searched for a new vessel.
+const SEARCHED: u32 = 120;
+
+/// Minutes without support after which a track is closed.
+const SILENCE: u32 = 45;
+
+/// What a course must have explained to be a vessel: log score, minutes with direction, minutes with range.
+const ACCEPT: (f64, u16, u16) = (60.0, 15, 10);
+
+/// Log score by which another course must be better to take a track over.
+const BETTER: f64 = 6.0;
+
+/// Most times the standard deviation of the closest range may exceed the range searched, m, for a track to be sent.
+const LEAST_KNOWN_M: f64 = 5_000.0;
+
+/// One vessel.
+#[derive(Clone, Copy, Debug)]
+struct Live {
+    id: u16,
+    course: Course,
+    covariance: Matrix,
+    score: Score,
+    /// First and last minute it explains.
+    from: u32,
+    to: u32,
+}
+
+/// All tracks.
+#[derive(Clone, Debug)]
+pub struct Tracker {
+    live: [Option<Live>; LIVE],
+    next_id: u16,
+}
+
+impl Default for Tracker {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Tracker {
+    /// None yet.
+    pub const fn new() -> Self {
+        Self { live: [None; LIVE], next_id: 0 }
+    }
+
+    /// Looks at the evidence up to minute `now`.
+    pub fn minute(&mut self, plan: &Plan, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
+        if !now.is_multiple_of(EVERY) {
+            return;
+        }
+        let travel = &plan.travel;
+        for k in 0..LIVE {
+            let others = self.courses(Some(k));
+            let Some(live) = self.live.get_mut(k).and_then(Option::as_mut) else { continue };
+            live.improve(travel, evidence, &others, now);
+            if now > live.to + SILENCE {
+                live.send(plan, 1, sink);
+                if let Some(slot) = self.live.get_mut(k) {
+                    *slot = None;
+                }
+            } else if now < live.to + EVERY + 2 {
+                live.send(plan, 0, sink);
+            }
+        }
+        if self.live.iter().any(Option::is_none) {
+            let others = self.courses(None);
+            let from = now.saturating_sub(SEARCHED);
+            if let Some(mut found) = find(travel, evidence, &others, from, now) {
+                found.id = self.next_id;
+                if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
+                    self.next_id = self.next_id.wrapping_add(1);
+                    found.send(plan, 0, sink);
+                    *slot = Some(found);
+                }
+            }
+        }
+    }
+
+    /// Closes every track.
+    pub fn finish(&mut self, plan: &Plan, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
+        for k in 0..LIVE {
+            let others = self.courses(Some(k));
+            if let Some(mut live) = self.live.get_mut(k).and_then(Option::take) {
+                live.improve(&plan.travel, evidence, &others, now);
+                live.send(plan, 1, sink);
+            }
+        }
+    }
+
+    /// Courses of all tracks but one.
+    fn courses(&self, but: Option<usize>) -> [Option<Course>; LIVE] {
+        let mut out = [None; LIVE];
+        for (k, (slot, live)) in out.iter_mut().zip(&self.live).enumerate() {
+            *slot = live.as_ref().filter(|_| but != Some(k)).map(|l| l.course);
+        }
+        out
+    }
+}
+
+/// The minutes of a stretch without what other vessels explain.
+fn unexplained<'a>(
+    travel: &'a TravelTime,
+    evidence: &'a Evidence,
+    others: &'a [Option<Course>; LIVE],
+    from: u32,
+    to: u32,
+) -> impl Iterator<Item = Minute> + Clone + 'a {
+    evidence.between(from, to).map(move |m| {
+        others.iter().flatten().fold(m, |m, course| {
+            let s = course.seen(travel, STEP_S * f64::from(m.number));
+            m.without(
+                |d| fit::explains_direction(d, s.azimuth),
+                |d| fit::explains_distance(d, s.range_m, s.speed_m_s),
+            )
+        })
+    })
+}
+
+/// A vessel in the minutes from `from` to `to` that no other track explains.
+fn find(
+    travel: &TravelTime,
+    evidence: &Evidence,
+    others: &[Option<Course>; LIVE],
+    from: u32,
+    to: u32,
+) -> Option<Live> {
+    let minutes = unexplained(travel, evidence, others, from, to);
+    let (course, first) = search(travel, STEP_S, minutes.clone())?;
+    if first.directions < ACCEPT.1 / 2 || first.distances < ACCEPT.2 / 2 {
+        return None;
+    }
+    let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes.clone())?;
+    let mut live = Live { id: 0, course, covariance, score: Score::default(), from, to };
+    live.bound(travel, evidence, others, to);
+    let s = live.score;
+    (s.log >= ACCEPT.0 && s.directions >= ACCEPT.1 && s.distances >= ACCEPT.2).then_some(live)
+}
+
+impl Live {
+    /// Finds the stretch the course explains: from where, and to where, its terms add up to most.
+    fn bound(&mut self, travel: &TravelTime, evidence: &Evidence, others: &[Option<Course>; LIVE], now: u32) {
+        let minutes = || unexplained(travel, evidence, others, now.saturating_sub(MINUTES as u32), now);
+        // Largest sum of a contiguous stretch.
+        let (mut sum, mut start, mut best) = (0.0, None, 0.0);
+        for m in minutes() {
+            let (a, r) = fit::minute_terms(&self.course, travel, STEP_S, &m);
+            if sum <= 0.0 {
+                sum = 0.0;
+                start = Some(m.number);
+            }
+            sum += a + r;
+            if sum > best {
+                best = sum;
+                self.from = start.unwrap_or(m.number);
+                self.to = m.number;
+            }
+        }
+        let (from, to) = (self.from, self.to);
+        let inside = minutes().filter(move |m| (from..=to).contains(&m.number));
+        self.score = fit::score(&self.course, travel, STEP_S, inside);
+    }
+
+    /// Refines over its stretch, and takes over a better course if there is one.
+    fn improve(
+        &mut self,
+        travel: &TravelTime,
+        evidence: &Evidence,
+        others: &[Option<Course>; LIVE],
+        now: u32,
+    ) {
+        let from = self.from.saturating_sub(30);
+        let refine = |live: &mut Self| {
+            let minutes = unexplained(travel, evidence, others, live.from, now);
+            if let Some((course, covariance)) = fit::refine(&live.course, travel, STEP_S, minutes) {
+                (live.course, live.covariance) = (course, covariance);
+            }
+            live.bound(travel, evidence, others, now);
+        };
+        refine(self);
+        if let Some(mut other) = find(travel, evidence, others, from, now) {
+            refine(&mut other);
+            if other.score.log > self.score.log + BETTER {
+                *self = Self { id: self.id, ..other };
+            }
+        }
+    }
+
+    /// Sends the track as known now.
+    fn send(&self, plan: &Plan, stage: u8, sink: &mut dyn FnMut(Message)) {
+        let Some((c, s)) = self.course.closest(&self.covariance) else { return };
+        let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
+        let sd = |x: f64| math::f64::sqrt(x.max(0.0));
+        if !(sd(rr) < LEAST_KNOWN_M) {
+            return;
+        }
+        let t_s = STEP_S * f64::from(self.to);
+        let (x, y) = self.course.at(t_s);
+        let (xx, yy, xy) = self.course.place_covariance(&self.covariance, t_s);
+        let side = if c.range_m > 0.0 { -math::f64::FRAC_PI_2 } else { math::f64::FRAC_PI_2 };
+        sink(Message::Track(Track {
+            id: self.id,
+            stage,
+            index: math::f64::round(t_s * plan.rate_hz) as u64,
+            cpa_time_s: c.time_s,
+            cpa_range_m: math::f64::abs(c.range_m) as f32,
+            cpa_azimuth: wrap_tau(c.heading + side) as f32,
+            heading: c.heading as f32,
+            speed_m_s: c.speed_m_s as f32,
+            starboard: c.range_m > 0.0,
+            sd_cpa_time_s: sd(tt) as f32,
+            sd_cpa_range_m: sd(rr) as f32,
+            sd_heading: sd(hh) as f32,
+            sd_speed_m_s: sd(vv) as f32,
+            x_m: x as f32,
+            y_m: y as f32,
+            var_x_m2: xx as f32,
+            var_y_m2: yy as f32,
+            cov_xy_m2: xy as f32,
+            range_observable: true,
+            n: self.score.directions + self.score.distances,
+        }));
+    }
+}
