@@ -10,6 +10,7 @@
 //! Relative sensitivities matter for levels and unweighted correlation only: whitening divides them out.
 
 mod chain;
+pub mod continuity;
 mod detect;
 mod estimate;
 mod intake;
@@ -18,6 +19,7 @@ mod plan;
 mod refine;
 mod search;
 mod spectra;
+pub mod tdoa;
 pub mod wavefront;
 
 pub use chain::{Scratch, State, finish, push};

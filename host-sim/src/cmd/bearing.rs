@@ -1,13 +1,169 @@
 //! `seabearing bearing`: bearings from measured arrival-time differences.
 
+use crate::csv::{Table, good_rows};
+use crate::station::Station;
+use anyhow::{Result, anyhow, bail};
+use seabearing_core::array::continuity::Continuity;
+use seabearing_core::array::tdoa::{Solution, Solver};
+use seabearing_core::config::{Kind, StationConfig};
+use seabearing_core::geometry::PAIRS;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Columns of the input.
+pub const COLUMNS: [&str; 7] =
+    ["t_s", "tdoa01_s", "tdoa02_s", "tdoa03_s", "tdoa12_s", "tdoa13_s", "tdoa23_s"];
+
 /// Arguments of `seabearing bearing`.
 #[derive(clap::Args)]
-pub struct Args {}
+#[command(after_help = "Example:\n  \
+    seabearing bearing --station east.toml tdoa.csv --json\n\n\
+    TDOA.csv has the header t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s; tdoaIJ is the arrival time at \
+    hydrophone J minus that at hydrophone I, in seconds. `accepted` is the outlier test: residual, length of the \
+    solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`).")]
+pub struct Args {
+    /// Arrival-time differences: t_s,tdoa01_s,...,tdoa23_s.
+    tdoa: PathBuf,
+    /// Station file (kind = "array").
+    #[arg(long)]
+    station: PathBuf,
+    /// Greatest root-mean-square residual of an accepted set, microseconds; default 2.25 % of the time sound takes
+    /// across the array.
+    #[arg(long)]
+    tolerance_us: Option<f64>,
+    /// Print accepted sets only.
+    #[arg(long)]
+    accepted_only: bool,
+    /// Results as JSON Lines.
+    #[arg(long)]
+    json: bool,
+}
+
+/// One set's result; `None` where its delays give no direction at all.
+#[derive(Debug, Clone, Copy)]
+pub struct SetResult {
+    /// Time of the set, seconds.
+    pub t_s: f64,
+    /// What came of it.
+    pub solution: Option<Solution>,
+}
+
+/// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out.
+///
+/// # Errors
+/// The station is no array, a column is missing, or no row is usable.
+pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> Result<Vec<SetResult>> {
+    let Kind::Array(array) = &config.kind else {
+        bail!("the station file is not of a compact array (kind = \"array\")");
+    };
+    let geometry =
+        config.geometry().map_err(|e| anyhow!("the station's hydrophones give no bearings: {e:?}"))?;
+    let solver = Solver::new(&geometry, array.reference_range_m, tolerance_s, array.elevation_deg);
+    let name = tdoa.display().to_string();
+    let mut rows = good_rows(&name, Table::read(tdoa)?.numbers(COLUMNS)?)?;
+    rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut continuity = Continuity::new();
+    Ok(rows
+        .into_iter()
+        .map(|[t_s, delays @ ..]| SetResult {
+            t_s,
+            solution: solver.solve(&mut continuity, t_s, &delays.map(|d| d as f32)),
+        })
+        .collect())
+}
 
 /// Runs the command.
 ///
 /// # Errors
 /// One line for a person.
-pub fn run(_args: Args) -> anyhow::Result<()> {
-    anyhow::bail!("`bearing` is not built yet")
+pub fn run(args: Args) -> Result<()> {
+    if let Some(t) = args.tolerance_us
+        && (t <= 0.0 || !t.is_finite())
+    {
+        bail!("--tolerance-us is {t}; a number above zero was expected");
+    }
+    let station = Station::read(&args.station)?;
+    let results = solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
+    let mut out = std::io::stdout().lock();
+    if !args.json {
+        writeln!(
+            out,
+            "{:>12} {:>9} {:>9} {:>7} {:>7} {:>8} accepted dropped",
+            "t_s", "azimuth", "elevation", "sd_az", "sd_el", "quality"
+        )?;
+    }
+    let mut accepted = 0usize;
+    for r in &results {
+        let ok = r.solution.is_some_and(|s| s.accepted);
+        accepted += usize::from(ok);
+        if args.accepted_only && !ok {
+            continue;
+        }
+        if args.json {
+            writeln!(out, "{}", record(r))?;
+        } else {
+            writeln!(out, "{}", line(r))?;
+        }
+    }
+    if !args.json {
+        eprintln!("{accepted} of {} sets accepted", results.len());
+    }
+    if accepted == 0 {
+        bail!(
+            "{}: none of {} sets gives a consistent bearing; check signs, pair order and the hydrophone positions",
+            args.tdoa.display(),
+            results.len()
+        );
+    }
+    Ok(())
+}
+
+/// Names of the pairs left out.
+fn dropped(s: &Solution) -> Vec<String> {
+    PAIRS
+        .iter()
+        .enumerate()
+        .filter(|(p, _)| s.dropped >> p & 1 == 1)
+        .map(|(_, (i, j))| format!("{i}{j}"))
+        .collect()
+}
+
+fn degrees(x: f32) -> f64 {
+    f64::from(x).to_degrees()
+}
+
+/// The record of one set, as `process` gives bearings; `null` directions where there is none.
+pub fn record(r: &SetResult) -> Value {
+    match &r.solution {
+        Some(s) => json!({
+            "type": "bearing", "t_s": r.t_s,
+            "azimuth_deg": degrees(s.azimuth), "elevation_deg": degrees(s.elevation),
+            "sd_azimuth_deg": degrees(s.var_azimuth.sqrt()), "sd_elevation_deg": degrees(s.var_elevation.sqrt()),
+            "cov_deg2": f64::from(s.cov) * 1f64.to_degrees().powi(2), "snr_db": null,
+            "quality": f64::from(s.quality), "accepted": s.accepted, "closure_s": f64::from(s.closure_s),
+            "residual_s": f64::from(s.residual_s), "dropped": dropped(s),
+        }),
+        None => json!({
+            "type": "bearing", "t_s": r.t_s, "azimuth_deg": null, "elevation_deg": null,
+            "quality": 0.0, "accepted": false,
+        }),
+    }
+}
+
+fn line(r: &SetResult) -> String {
+    match &r.solution {
+        Some(s) => format!(
+            "{:12.3} {:9.3} {:9.3} {:7.3} {:7.3} {:8.3} {:>8} {}",
+            r.t_s,
+            degrees(s.azimuth),
+            degrees(s.elevation),
+            degrees(s.var_azimuth.sqrt()),
+            degrees(s.var_elevation.sqrt()),
+            s.quality,
+            if s.accepted { "yes" } else { "no" },
+            dropped(s).join("+")
+        ),
+        None => format!("{:12.3} {:>9} {:>9} {:>7} {:>7} {:>8} {:>8}", r.t_s, "-", "-", "-", "-", "0", "no"),
+    }
 }

@@ -8,6 +8,7 @@ pub mod bearing_limit_source;
 mod network;
 mod obs_one_ship;
 mod obs_world;
+pub mod real_ship_ee;
 mod report;
 mod shaft_rate;
 
@@ -44,4 +45,5 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_one_ship::ONE_SHIP,
     bearing_limit::EXPERIMENT,
     shaft_rate::EXPERIMENT,
+    real_ship_ee::EXPERIMENT,
 ];

@@ -1,0 +1,388 @@
+//! Bearings from measured arrival-time differences: least squares over the six pairs, wrong peaks left out.
+//!
+//! Enters: six delays `τ_ij = t_j − t_i` in seconds, with their time. Leaves: a direction with covariance, closure,
+//! residual and quality, and whether it is accepted.
+//!
+//! `(α, β) = argmin Σ (τ_ij − τ_ij(α, β))²` [M 31, N 21] by Gauss-Newton from the linear solution of the unconstrained
+//! slowness vector; its length (in units of 1/c) should be one and is tested. One or two pairs whose correlation peak was
+//! a wrong one are found by leaving them out; the recent accepted bearings say which of the consistent solutions is the
+//! vessel's ([`Continuity`]). Before continuity is established only solutions from five or six pairs count.
+//!
+//! Assumptions: one source; errors of the pairs alike and independent apart from wrong peaks. Fails when most pairs are
+//! wrong in the same way (a multipath that hits all hydrophones alike) for longer than continuity remembers.
+//! Cost: about 40 000 instructions a set.
+
+use super::continuity::Continuity;
+use super::estimate::closure;
+use super::wavefront::{self, Direction, PAIR_COUNT};
+use crate::geometry::{Geometry, PAIRS};
+use crate::math::f32 as m;
+
+/// Root-mean-square residual of a consistent set, as a share of the time across the array: about 1.3° of direction.
+/// With 10 µs steps on a 1 m array this is 15 µs (METHODS section 2).
+pub const RESIDUAL_SHARE: f32 = 0.0225;
+/// How far the length of the unconstrained solution may be from one.
+pub const LENGTH_TOLERANCE: f32 = 0.05;
+/// Gauss-Newton steps: the problem is nearly linear.
+const STEPS: usize = 4;
+/// What leaving out one more pair must gain, in units of the squared residual tolerance: the residual of six honest
+/// pairs falls by about a sixth with every pair left out.
+const DROP_COST: f32 = 0.35;
+
+/// What is needed to turn delays into directions.
+#[derive(Clone, Debug)]
+pub struct Solver {
+    geometry: Geometry,
+    curvature: f32,
+    /// Greatest root-mean-square residual of a consistent set, s.
+    tolerance_s: f32,
+    /// Range of sines of elevation admitted.
+    elevation: (f32, f32),
+}
+
+/// One set's direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution {
+    /// Unit vector towards the source.
+    pub direction: Direction,
+    /// Azimuth, radians clockwise from North.
+    pub azimuth: f32,
+    /// Elevation, radians.
+    pub elevation: f32,
+    /// Variance of azimuth, rad².
+    pub var_azimuth: f32,
+    /// Variance of elevation, rad².
+    pub var_elevation: f32,
+    /// Covariance, rad².
+    pub cov: f32,
+    /// Root-mean-square residual of the pairs used, s.
+    pub residual_s: f32,
+    /// Root-mean-square closure of the four triangles of all pairs, s.
+    pub closure_s: f32,
+    /// Length of the unconstrained solution (one for a perfect set).
+    pub length: f32,
+    /// Pairs left out, bit p for pair p.
+    pub dropped: u8,
+    /// 0 (useless) to 1 (all pairs agree exactly).
+    pub quality: f32,
+    /// Passed residual, length and continuity tests.
+    pub accepted: bool,
+}
+
+/// A fit to a subset of the pairs.
+#[derive(Clone, Copy, Debug)]
+struct Fit {
+    used: u8,
+    direction: Direction,
+    residual_s: f32,
+    length: f32,
+    /// Inverse of JᵀJ in the tangent plane: first, cross, second.
+    inverse: (f32, f32, f32),
+}
+
+impl Solver {
+    /// A solver for an array; `range_m` infinite means plane waves. `tolerance_s` replaces the default residual limit
+    /// ([`RESIDUAL_SHARE`] of the time across the array) where given.
+    pub fn new(
+        geometry: &Geometry,
+        range_m: f64,
+        tolerance_s: Option<f64>,
+        elevation_deg: (f64, f64),
+    ) -> Self {
+        let mut longest = 0.0f32;
+        for p in 0..PAIR_COUNT {
+            longest = longest.max(geometry.separation_m(p) / geometry.sound_speed_m_s);
+        }
+        let sine = |deg: f64| crate::math::f64::sin(deg * crate::angle::RAD_PER_DEG) as f32;
+        Self {
+            geometry: *geometry,
+            curvature: (1.0 / range_m) as f32,
+            tolerance_s: tolerance_s.map_or(RESIDUAL_SHARE * longest, |t| t as f32),
+            elevation: (sine(elevation_deg.0), sine(elevation_deg.1)),
+        }
+    }
+
+    /// The residual limit in use, s.
+    pub fn tolerance_s(&self) -> f32 {
+        self.tolerance_s
+    }
+
+    /// Solves one set of delays at time `t_s` (seconds, rising). `None` where the delays are not finite or no subset of
+    /// the pairs gives a direction at all.
+    pub fn solve(
+        &self,
+        continuity: &mut Continuity,
+        t_s: f64,
+        delays_s: &[f32; PAIR_COUNT],
+    ) -> Option<Solution> {
+        if delays_s.iter().any(|d| !d.is_finite()) {
+            return None;
+        }
+        let predicted = continuity.predict(t_s);
+        let mut best: Option<(f32, Fit)> = None;
+        let mut whole: Option<Fit> = None;
+        for used in 1u8..64 {
+            let count = used.count_ones();
+            if count < 4 && !(count == 3 && predicted.is_some() && spans(used)) {
+                continue;
+            }
+            let start = predicted.map(|p| p.direction);
+            let Some(fit) = self.fit(used, delays_s, start) else { continue };
+            if count == 6 {
+                whole = Some(fit);
+            }
+            if !self.consistent(&fit) {
+                continue;
+            }
+            let misfit = fit.residual_s / self.tolerance_s;
+            let mut cost = misfit * misfit + DROP_COST * (6 - count) as f32;
+            match predicted {
+                Some(p) => {
+                    let off = wavefront::dot(&p.direction, &fit.direction).clamp(-1.0, 1.0);
+                    let off = m::acos(off) / p.gate;
+                    if off > 1.0 && count < 5 {
+                        continue;
+                    }
+                    cost += (off * off).min(4.0);
+                }
+                None if count < 5 => continue,
+                None => {}
+            }
+            if best.is_none_or(|(least, _)| cost < least) {
+                best = Some((cost, fit));
+            }
+        }
+        let closure_s = closure(delays_s);
+        match best {
+            Some((_, fit)) => {
+                let accepted = continuity.judge(t_s, &fit.direction);
+                if accepted {
+                    let off = predicted
+                        .map(|p| m::acos(wavefront::dot(&p.direction, &fit.direction).clamp(-1.0, 1.0)));
+                    let spread = fit.inverse.0 + fit.inverse.2;
+                    continuity.learn_scatter(
+                        fit.residual_s,
+                        fit.used.count_ones(),
+                        off.map(|off| off * off / spread),
+                    );
+                }
+                Some(self.solution(&fit, closure_s, accepted, continuity))
+            }
+            None => whole.map(|fit| self.solution(&fit, closure_s, false, continuity)),
+        }
+    }
+
+    fn consistent(&self, fit: &Fit) -> bool {
+        fit.residual_s <= self.tolerance_s
+            && m::abs(fit.length - 1.0) <= LENGTH_TOLERANCE
+            && fit.direction[2] >= self.elevation.0
+            && fit.direction[2] <= self.elevation.1
+    }
+
+    /// Least squares over the pairs in `used`.
+    fn fit(&self, used: u8, delays: &[f32; PAIR_COUNT], start: Option<Direction>) -> Option<Fit> {
+        let linear = self.linear(used, delays);
+        let (mut direction, length) = match (linear, start) {
+            (Some(s), _) => {
+                let length = m::sqrt(wavefront::dot(&s, &s));
+                if length < 1e-3 {
+                    return None;
+                }
+                (s.map(|x| x / length), length)
+            }
+            // Three pairs do not fix the length; continuity says on which side of their plane the source is.
+            (None, Some(start)) => (start, 1.0),
+            (None, None) => return None,
+        };
+        let mut inverse = (0.0, 0.0, 0.0);
+        for _ in 0..STEPS {
+            let (rows, normal) = self.linearised(used, delays, &direction);
+            let determinant = normal.0 * normal.2 - normal.1 * normal.1;
+            // A ratio of eigenvalues beyond a thousand: the pairs leave one tangent undetermined here.
+            if determinant <= 1e-3 * normal.0 * normal.2 || determinant.is_nan() {
+                return None;
+            }
+            inverse = (normal.2 / determinant, -normal.1 / determinant, normal.0 / determinant);
+            let a = inverse.0 * rows.0 + inverse.1 * rows.1;
+            let b = inverse.1 * rows.0 + inverse.2 * rows.1;
+            let e = wavefront::tangents(&direction);
+            direction = wavefront::stepped(&direction, &e, a.clamp(-0.5, 0.5), b.clamp(-0.5, 0.5));
+        }
+        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, &direction, self.curvature));
+        let mut square = 0.0;
+        for (p, (d, t)) in delays.iter().zip(&tau).enumerate() {
+            if used >> p & 1 == 1 {
+                square += (d - t) * (d - t);
+            }
+        }
+        let residual_s = m::sqrt(square / used.count_ones().max(1) as f32);
+        direction.iter().chain([&residual_s]).all(|x| x.is_finite()).then_some(Fit {
+            used,
+            direction,
+            residual_s,
+            length,
+            inverse,
+        })
+    }
+
+    /// Right-hand side and normal matrix of the tangent-plane step.
+    fn linearised(
+        &self,
+        used: u8,
+        delays: &[f32; PAIR_COUNT],
+        u: &Direction,
+    ) -> ((f32, f32), (f32, f32, f32)) {
+        let e = wavefront::tangents(u);
+        let g1 = wavefront::pair_delays(&wavefront::gradient(&self.geometry, u, &e.0, self.curvature));
+        let g2 = wavefront::pair_delays(&wavefront::gradient(&self.geometry, u, &e.1, self.curvature));
+        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, u, self.curvature));
+        let (mut b, mut n) = ((0.0, 0.0), (0.0, 0.0, 0.0));
+        for (p, ((a1, a2), (d, t))) in g1.iter().zip(&g2).zip(delays.iter().zip(&tau)).enumerate() {
+            if used >> p & 1 == 1 {
+                let r = d - t;
+                b = (b.0 + a1 * r, b.1 + a2 * r);
+                n = (n.0 + a1 * a1, n.1 + a1 * a2, n.2 + a2 * a2);
+            }
+        }
+        (b, n)
+    }
+
+    /// The unconstrained plane-wave solution `c·slowness` with `τ_ij = (h_i − h_j)·s/c`; `None` where the pairs do not
+    /// span space.
+    fn linear(&self, used: u8, delays: &[f32; PAIR_COUNT]) -> Option<[f32; 3]> {
+        let c = self.geometry.sound_speed_m_s;
+        let mut n = [[0.0f32; 3]; 3];
+        let mut b = [0.0f32; 3];
+        for (p, ((i, j), tau)) in PAIRS.into_iter().zip(delays).enumerate() {
+            if used >> p & 1 == 0 {
+                continue;
+            }
+            let (hi, hj) = (self.geometry.position_m.get(i)?, self.geometry.position_m.get(j)?);
+            let d = [hi[0] - hj[0], hi[1] - hj[1], hi[2] - hj[2]];
+            for r in 0..3 {
+                b[r] += d[r] * tau * c;
+                for k in 0..3 {
+                    n[r][k] += d[r] * d[k];
+                }
+            }
+        }
+        let cross = |a: &[f32; 3], b: &[f32; 3]| {
+            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+        };
+        let [r0, r1, r2] = &n;
+        let (c0, c1, c2) = (cross(r1, r2), cross(r2, r0), cross(r0, r1));
+        let determinant = wavefront::dot(r0, &c0);
+        let scale = r0[0] + r1[1] + r2[2];
+        if determinant <= 1e-4 * scale * scale * scale || determinant.is_nan() {
+            return None;
+        }
+        // The matrix is symmetric, so its cofactor rows are its inverse's columns.
+        let mut s = [0.0; 3];
+        for (k, s) in s.iter_mut().enumerate() {
+            *s = (c0[k] * b[0] + c1[k] * b[1] + c2[k] * b[2]) / determinant;
+        }
+        Some(s)
+    }
+
+    fn solution(&self, fit: &Fit, closure_s: f32, accepted: bool, continuity: &Continuity) -> Solution {
+        let (azimuth, elevation) = wavefront::angles(&fit.direction);
+        let own = fit.residual_s * fit.residual_s * fit.used.count_ones() as f32
+            / (fit.used.count_ones() as f32 - 2.0).max(1.0);
+        // A single set's few residuals say little about its variance: the mean over accepted sets does.
+        let variance = own.max(continuity.scatter_s2());
+        let horizontal = m::sqrt(fit.direction[0] * fit.direction[0] + fit.direction[1] * fit.direction[1]);
+        let widen = 1.0 / horizontal.max(1e-3);
+        let most = m::PI * m::PI / 3.0;
+        let misfit = fit.residual_s / self.tolerance_s;
+        let length_misfit = (fit.length - 1.0) / LENGTH_TOLERANCE;
+        Solution {
+            direction: fit.direction,
+            azimuth,
+            elevation,
+            var_azimuth: (variance * fit.inverse.0 * widen * widen).min(most),
+            var_elevation: (variance * fit.inverse.2).min(most),
+            cov: (variance * fit.inverse.1 * widen).clamp(-most, most),
+            residual_s: fit.residual_s,
+            closure_s,
+            length: fit.length,
+            dropped: !fit.used & 0x3f,
+            quality: fit.used.count_ones() as f32
+                / 6.0
+                / (1.0 + misfit * misfit + 0.25 * length_misfit * length_misfit),
+            accepted,
+        }
+    }
+}
+
+/// Whether three pairs belong to at least three hydrophones in a way that fixes two tangents (no repeated direction):
+/// the four triangles do not count (their third delay repeats the other two), the trees of four hydrophones do.
+fn spans(used: u8) -> bool {
+    let mut seen = 0u8;
+    for (p, (i, j)) in PAIRS.into_iter().enumerate() {
+        if used >> p & 1 == 1 {
+            seen |= 1 << i | 1 << j;
+        }
+    }
+    seen == 0b1111
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::unit_vector;
+
+    fn solver() -> Solver {
+        let h = [[0.0, 0.0, 0.0], [0.52, -0.12, -0.81], [-0.46, -0.36, -0.8], [-0.14, 0.61, -0.77]];
+        Solver::new(&Geometry::new(&h, 0.4, 1488.0).unwrap(), 500.0, None, (-90.0, 90.0))
+    }
+
+    fn delays(s: &Solver, azimuth: f32, elevation: f32) -> [f32; 6] {
+        let u = unit_vector(azimuth, elevation);
+        wavefront::pair_delays(&wavefront::arrivals(&s.geometry, &u, s.curvature))
+    }
+
+    #[test]
+    fn exact_delays_give_their_direction() {
+        let s = solver();
+        for n in 0..60 {
+            let (az, el) = (n as f32 * 0.104, -1.2 + n as f32 * 0.04);
+            let got = s.solve(&mut Continuity::new(), 0.0, &delays(&s, az, el)).unwrap();
+            let off = wavefront::dot(&got.direction, &unit_vector(az, el));
+            assert!(off > 1.0 - 1e-6, "{az} {el}");
+            assert!(got.residual_s < 1e-8 && got.closure_s < 1e-8 && got.dropped == 0);
+        }
+    }
+
+    #[test]
+    fn a_wrong_pair_is_left_out_and_continuity_carries_two() {
+        let s = solver();
+        let mut c = Continuity::new();
+        for n in 0..40 {
+            let az = 1.0 + 0.004 * n as f32;
+            let mut d = delays(&s, az, 0.6);
+            if n >= 5 {
+                d[n % 6] += 9e-5;
+            }
+            if n >= 20 {
+                d[(n + 2) % 6] -= 13e-5;
+            }
+            let got = s.solve(&mut c, n as f64, &d).unwrap();
+            let off = m::acos(wavefront::dot(&got.direction, &unit_vector(az, 0.6)).min(1.0));
+            assert_eq!(got.accepted, n >= 2, "set {n}");
+            assert!(off < 0.002, "set {n} errs by {off}");
+            assert_eq!(got.dropped.count_ones(), u32::from(n >= 5) + u32::from(n >= 20), "set {n}");
+        }
+    }
+
+    #[test]
+    fn nonsense_is_not_accepted() {
+        let s = solver();
+        let mut c = Continuity::new();
+        assert!(s.solve(&mut c, 0.0, &[f32::NAN; 6]).is_none());
+        for n in 0..50u32 {
+            let mix = |k: u32| ((n * 7919 + k * 104_729) % 1000) as f32 * 1e-6 - 5e-4;
+            let d = [mix(1), mix(2), mix(3), mix(4), mix(5), mix(6)];
+            assert!(!s.solve(&mut c, f64::from(n), &d).is_some_and(|b| b.accepted));
+        }
+    }
+}
