@@ -1,0 +1,175 @@
+//! `docs/wire.md` says what the code does: its schema is the code's, and its example frames, computed by an independent
+//! implementation of the page, are what the encoder makes and the decoder reads.
+
+use seabearing_core::wire::*;
+
+const PAGE: &str = include_str!("../../docs/wire.md");
+
+/// The example frame of a name, from the page.
+fn example(name: &str) -> Vec<u8> {
+    let line = PAGE
+        .lines()
+        .find(|l| l.split_whitespace().next() == Some(name) && l.trim_end().ends_with(" 00"))
+        .unwrap_or_else(|| panic!("docs/wire.md has no example of {name}"));
+    line.split_whitespace().skip(1).map(|h| u8::from_str_radix(h, 16).expect("hexadecimal bytes")).collect()
+}
+
+fn messages() -> Vec<(&'static str, Message)> {
+    let pow = |e: i32| 2f32.powi(e);
+    vec![
+        (
+            "Hello",
+            Message::Hello(Hello {
+                wire_version: 1,
+                schema_hash: 0x1122_3344_5566_7788,
+                config_hash: 0x0102_0304_0506_0708,
+                version: (0, 1, 0),
+                station: 300,
+                kind: 0,
+                rate_hz: 64_000.0,
+                reset_cause: 1,
+            }),
+        ),
+        (
+            "Bearing",
+            Message::Bearing(Bearing {
+                index: 96_000,
+                azimuth: 1.5,
+                elevation: 0.25,
+                var_azimuth: pow(-13),
+                var_elevation: pow(-12),
+                cov: -pow(-15),
+                snr_db: 12.5,
+                quality: 0.875,
+                closure_s: pow(-20),
+                statistic: 3.5,
+                band: 0,
+                flags: 1,
+            }),
+        ),
+        (
+            "Track",
+            Message::Track(Track {
+                id: 1,
+                stage: 1,
+                index: 6_400_000,
+                cpa_time_s: 100.25,
+                cpa_range_m: 500.0,
+                cpa_azimuth: 5.25,
+                heading: 0.5,
+                speed_m_s: 7.0,
+                starboard: true,
+                sd_cpa_time_s: 0.5,
+                sd_cpa_range_m: f32::INFINITY,
+                sd_heading: pow(-7),
+                sd_speed_m_s: 0.25,
+                x_m: -250.0,
+                y_m: 430.5,
+                var_x_m2: 100.0,
+                var_y_m2: 64.0,
+                cov_xy_m2: -12.0,
+                range_observable: false,
+                n: 200,
+            }),
+        ),
+        (
+            "Health",
+            Message::Health(Health {
+                index: 640_000,
+                processed: 639_000,
+                lost: [500, 0, 0, 448, 0, 52],
+                channels: 0x24,
+                level_half_db: [-90, -91, -127, -1],
+                records: 19,
+                frames_dropped: 0,
+            }),
+        ),
+        (
+            "Azimuth",
+            Message::Azimuth(Azimuth {
+                index: 3000,
+                azimuth: 3.0,
+                sd: 0.125,
+                log_presence: 4.5,
+                weight: 0.75,
+                detected: true,
+                kind: 0,
+            }),
+        ),
+        (
+            "Range",
+            Message::Range(Range {
+                index: 3000,
+                range_m: 4300.0,
+                sd_range_m: 150.0,
+                speed_m_s: -5.5,
+                sd_speed_m_s: 0.5,
+                log_presence: 2.25,
+                weight: 0.5,
+                detected: true,
+            }),
+        ),
+        (
+            "Segment",
+            Message::Segment(Segment {
+                id: 2,
+                start: 1000,
+                end: 90_000,
+                turn: Some(45_000),
+                kind: 0,
+                log_evidence: 1.25,
+            }),
+        ),
+        ("Fault", Message::Fault(Fault { code: FaultCode::DeadChannel, index: 128_000, value: 2 })),
+        ("Reply", Message::Reply(Reply { token: 9, status: 1 })),
+        ("End", Message::End(End { index: 12_800_000, frames: 421 })),
+    ]
+}
+
+#[test]
+fn the_page_holds_the_schema_word_for_word() {
+    assert!(
+        PAGE.contains(&format!("```text\n{SCHEMA}```")),
+        "copy core/src/wire/schema.txt into docs/wire.md"
+    );
+    assert!(PAGE.contains(&format!("it is {WIRE_VERSION}.")));
+}
+
+#[test]
+fn every_message_of_the_schema_has_an_example_and_a_meaning() {
+    let variants = SCHEMA.lines().filter(|l| !l.starts_with("command"));
+    let names: Vec<&str> = variants.filter_map(|l| l.split_whitespace().nth(1)).collect();
+    assert_eq!(names, messages().iter().map(|(n, _)| *n).collect::<Vec<_>>());
+    for name in names {
+        assert!(PAGE.contains(&format!("**{name}**")), "docs/wire.md does not explain {name}");
+    }
+}
+
+#[test]
+fn the_examples_are_what_the_encoder_makes_and_the_decoder_reads() {
+    let mut encoder = Encoder::default();
+    let mut decoder = Decoder::default();
+    for (name, message) in messages() {
+        let bytes = example(name);
+        assert_eq!(encoder.frame(&message), bytes, "{name}");
+        let got = bytes.iter().find_map(|b| decoder.push::<Message>(*b)).unwrap_or_else(|| panic!("{name}"));
+        assert_eq!(got.message, message);
+    }
+    assert_eq!(decoder.counters().lost, 0);
+}
+
+#[test]
+fn the_examples_of_commands_too() {
+    let commands = [
+        ("Identify", Command::Identify { token: 1 }),
+        ("HealthEvery", Command::HealthEvery { token: 2, seconds: 600 }),
+        ("Stop", Command::Stop { token: 3 }),
+    ];
+    let mut encoder = Encoder::default();
+    let mut decoder = Decoder::default();
+    for (name, command) in commands {
+        let bytes = example(name);
+        assert_eq!(encoder.frame(&command), bytes, "{name}");
+        assert_eq!(bytes.iter().find_map(|b| decoder.push::<Command>(*b)).map(|r| r.message), Some(command));
+    }
+}
