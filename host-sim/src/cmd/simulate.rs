@@ -45,7 +45,8 @@ fn ocean_bottom(args: &Args) -> Result<()> {
     use crate::ocean_bottom::{scenario::Scenario, simulate::Simulator, write::write};
     let scenario = Scenario::read(&args.scenario)?;
     let table = crate::propagation::file::read(&scenario.propagation)?;
-    let written = write(&mut Simulator::new(scenario, table, Vec::new())?, &args.out)?;
+    let extra = crate::ocean_bottom::ais::extras(&scenario)?;
+    let written = write(&mut Simulator::new(scenario, table, extra)?, &args.out)?;
     let rest = [
         ("truth", &written.truth),
         ("tracks", &written.tracks),

@@ -3,6 +3,7 @@
 //! [`simulate::Simulator`] makes four-channel recordings of vessels ([`passage`]: what arrives of what [`source`]
 //! radiates along a [`course`]), of other sounds ([`event`]) and of the sea ([`ambient`]), as a [`scenario`] says.
 
+pub mod ais;
 pub mod ambient;
 pub mod batch;
 pub mod course;

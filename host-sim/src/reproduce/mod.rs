@@ -6,7 +6,11 @@
 pub mod bearing_limit;
 pub mod bearing_limit_source;
 mod network;
+mod obs_appendix_b;
+mod obs_noise_week;
 mod obs_one_ship;
+mod obs_table1;
+mod obs_two_ships;
 mod obs_world;
 pub mod real_ship_ee;
 mod report;
@@ -43,6 +47,10 @@ pub const EXPERIMENTS: &[Experiment] = &[
     network::FIGURE_2,
     network::FIGURE_3,
     obs_one_ship::ONE_SHIP,
+    obs_two_ships::TWO_SHIPS,
+    obs_noise_week::NOISE_WEEK,
+    obs_appendix_b::APPENDIX_B,
+    obs_table1::TABLE_1,
     bearing_limit::EXPERIMENT,
     shaft_rate::EXPERIMENT,
     real_ship_ee::EXPERIMENT,

@@ -1,6 +1,7 @@
 //! What the ocean-bottom experiments share: the station's table, a quiet sea, the chain over a simulated record.
 
 use super::Options;
+use crate::ocean_bottom::event::Heard;
 use crate::ocean_bottom::scenario::Scenario;
 use crate::ocean_bottom::score::{Detections, detections};
 use crate::ocean_bottom::simulate::{Extra, Simulator, Vessel};
@@ -66,6 +67,8 @@ pub struct Case {
     pub messages: Vec<Message>,
     /// The vessels that were there.
     pub vessels: Vec<Vessel>,
+    /// Other sounds that were there.
+    pub heard: Vec<Heard>,
     table: Propagation,
     paths: usize,
     rate_hz: f64,
@@ -81,9 +84,10 @@ impl Case {
         let (paths, rate_hz) = (scenario.paths, scenario.rate_hz);
         let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
         let vessels = simulator.vessels.clone();
+        let heard = simulator.heard();
         let mut messages = Vec::new();
         run::run(&config, table, &mut simulator, &mut |m| messages.push(m))?;
-        Ok(Self { messages, vessels, table: table.clone(), paths, rate_hz })
+        Ok(Self { messages, vessels, heard, table: table.clone(), paths, rate_hz })
     }
 
     /// Errors of detections, one entry a vessel.
