@@ -62,8 +62,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     export: Vec<PathBuf>,
     /// Folder for pictures of bearings and tracks
-    #[arg(long, value_name = "DIR")]
-    plot: Option<PathBuf>,
+    #[arg(long, alias = "plot", value_name = "DIR")]
+    plots: Option<PathBuf>,
     /// Records as JSON Lines on standard output instead of the view
     #[arg(long)]
     json: bool,
@@ -196,7 +196,7 @@ impl Desk<'_> {
             for path in &self.args.export {
                 export::write(path, base, self.position)?;
             }
-            if let Some(folder) = &self.args.plot {
+            if let Some(folder) = &self.args.plots {
                 pictures(base, folder).with_context(|| format!("cannot plot into {}", folder.display()))?;
             }
             self.exported = Instant::now();

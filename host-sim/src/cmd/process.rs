@@ -1,12 +1,14 @@
 //! `seabearing process`: recordings through the recorder core, exactly as the recorder would.
 
+use crate::plot::result::{self, Truth};
 use crate::progress;
 use crate::recording::{self, Source};
 use crate::replay::{Summary, replay};
 use crate::station::Station;
 use crate::{atomic, record};
 use anyhow::{Context, Result, bail};
-use seabearing_core::block::Block;
+use seabearing_core::block::{Block, Frame};
+use seabearing_core::config::Kind;
 use seabearing_core::wire::{Encoder, Message};
 use std::io::Write;
 use std::path::PathBuf;
@@ -29,6 +31,12 @@ pub struct Args {
     /// Also write the telemetry the recorder would have sent, byte for byte.
     #[arg(long)]
     telemetry: Option<PathBuf>,
+    /// Write pictures into this folder: bearings and errors against time, tracks on a map, correlations (arrays).
+    #[arg(long, alias = "plot", value_name = "DIR")]
+    plots: Option<PathBuf>,
+    /// Truth to draw beside the results: the truth.csv of a simulation.
+    #[arg(long, requires = "plots", value_name = "TRUTH.csv")]
+    truth: Option<PathBuf>,
     /// Print how much was processed, how fast, and what was lost, on standard error.
     #[arg(long)]
     stats: bool,
@@ -49,6 +57,7 @@ pub fn run(args: Args) -> Result<()> {
             format!("--start is `{text}`; a time like 2016-02-21T13:05:00Z was expected")
         })?),
     };
+    let truth = args.truth.as_deref().map(Truth::read).transpose()?.unwrap_or_default();
     let table = station.propagation_blob()?;
     let source = recording::open(&args.input, &station, start)?;
     let records = record::Recorder { rate_hz: station.config.rate_hz, start: source.start() };
@@ -61,12 +70,16 @@ pub fn run(args: Args) -> Result<()> {
     let mut encoder = Encoder::default();
     let mut telemetry = Vec::new();
     let mut last_health = None;
+    let (mut bearings, mut tracks) = (Vec::new(), Vec::new());
     let summary = replay(&station.config, table.as_deref(), &mut source, |message| {
         if args.telemetry.is_some() {
             telemetry.extend_from_slice(encoder.frame(message));
         }
-        if let Message::Health(health) = message {
-            last_health = Some(*health);
+        match message {
+            Message::Health(health) => last_health = Some(*health),
+            Message::Bearing(b) if args.plots.is_some() => bearings.push(*b),
+            Message::Track(t) if args.plots.is_some() => tracks.push(*t),
+            _ => {}
         }
         serde_json::to_writer(&mut out, &records.json(message))?;
         Ok(out.write_all(b"\n")?)
@@ -75,6 +88,17 @@ pub fn run(args: Args) -> Result<()> {
     source.bar.finish_and_clear();
     if let Some(path) = &args.telemetry {
         atomic::write(path, &telemetry)?;
+    }
+    if let Some(folder) = args.plots.as_deref().filter(|_| matches!(station.config.kind, Kind::Array(_))) {
+        // The clearest bearing shows best what the correlations look like.
+        let clearest = bearings.iter().max_by(|a, b| a.snr_db.total_cmp(&b.snr_db));
+        let segment = match clearest {
+            Some(b) => Some((b, segment(&args.input, &station, b.index)?)),
+            None => None,
+        };
+        let segment =
+            segment.as_ref().map(|(b, frames)| (*b, frames.as_slice())).filter(|s| s.1.len() > 4096);
+        result::write_all(folder, &station.config, (&bearings, &tracks), &truth, segment)?;
     }
     if args.stats {
         eprintln!("{}", stats(&summary, station.config.rate_hz));
@@ -94,6 +118,22 @@ pub fn run(args: Args) -> Result<()> {
         ),
         None => bail!("the recording holds no samples"),
     }
+}
+
+/// The second of samples about an index, as far as it was recorded without a gap.
+fn segment(input: &[PathBuf], station: &Station, middle: u64) -> Result<Vec<Frame>> {
+    let half = (station.config.rate_hz / 2.0) as u64;
+    let (from, to) = (middle.saturating_sub(half), middle + half);
+    let mut source = recording::open(input, station, None)?;
+    let mut frames = Vec::new();
+    while let Some(block) = source.next_block()? {
+        if block.first_index >= to {
+            break;
+        }
+        let indexed = (block.first_index..).zip(block.frames);
+        frames.extend(indexed.filter(|(i, _)| (from..to).contains(i)).map(|(_, f)| *f));
+    }
+    Ok(frames)
 }
 
 /// One line about speed: seconds of data over seconds of work, of the core alone and of all.

@@ -17,6 +17,7 @@
 
 mod axis;
 mod colour;
+pub mod correlation;
 mod draw;
 
 pub mod result;

@@ -1,6 +1,10 @@
 //! Pictures of what a recorder reports: bearings against time, tracks on a map, correlations of the pairs.
 
+use super::correlation::Correlations;
 use super::{Figure, Scale, cut_at_wraps};
+use anyhow::{Result, anyhow};
+use seabearing_core::block::Frame;
+use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::geometry::PAIRS;
 use seabearing_core::wire::{Bearing, Track};
 use std::collections::BTreeMap;
@@ -26,7 +30,7 @@ impl Truth {
     ///
     /// # Errors
     /// The file cannot be read or a column is missing.
-    pub fn read(path: &std::path::Path) -> anyhow::Result<Vec<(String, Vec<Self>)>> {
+    pub fn read(path: &std::path::Path) -> Result<Vec<(String, Vec<Self>)>> {
         let table = crate::csv::Table::read(path)?;
         let vessel = table.column("vessel")?;
         let rows = table.numbers(["t_s", "x_m", "y_m", "arrival_azimuth_deg"])?;
@@ -144,17 +148,63 @@ fn fitted(last: &Track, reports: &[&Track], rate_hz: f64) -> [(f64, f64); 2] {
     [(x - back * s, y - back * c), (x, y)]
 }
 
-/// Cross-correlations of the six pairs against lag: `lags_s` and one curve a pair, in the order of [`PAIRS`]; the
-/// delays found are marked.
-pub fn correlations(lags_s: &[f64], curves: &[Vec<f64>; 6], delays_s: &[f64; 6]) -> [Figure; 6] {
+/// Cross-correlations of the six pairs against lag, in the order of [`PAIRS`]; the delays of a bearing are marked.
+pub fn correlations(found: &Correlations, delays_s: &[f64; 6]) -> [Figure; 6] {
     std::array::from_fn(|p| {
         let (i, j) = PAIRS[p];
         let mut figure = Figure::new(&format!("Hydrophones {i} and {j}"), "lag (ms)", "correlation");
         figure.size(420, 300);
-        let points: Vec<_> = lags_s.iter().zip(&curves[p]).map(|(l, v)| (l * 1e3, *v)).collect();
+        let points: Vec<_> = found.lags_s.iter().zip(&found.curves[p]).map(|(l, v)| (l * 1e3, *v)).collect();
         let (lo, hi) = points.iter().fold((0.0f64, 0.0f64), |(a, b), p| (a.min(p.1), b.max(p.1)));
         let lag = delays_s[p] * 1e3;
-        figure.line("correlation", &points).dashed("delay", &[(lag, lo), (lag, hi)]);
+        figure.line("correlation (PHAT)", &points).dashed("delay of the bearing", &[(lag, lo), (lag, hi)]);
         figure
     })
+}
+
+/// Delays of the six pairs, s, for sound from a direction (radians) at the station's reference range: positive where the
+/// second hydrophone hears later.
+///
+/// # Errors
+/// The station is no array.
+pub fn delays(config: &StationConfig, azimuth: f64, elevation: f64) -> Result<[f64; 6]> {
+    let geometry = config.geometry().map_err(|e| anyhow!("{e:?}"))?;
+    let Kind::Array(array) = &config.kind else { return Err(anyhow!("delays need a station of kind array")) };
+    // Half the Earth's circumference away is as good as infinitely far.
+    let range = array.reference_range_m.min(2e7);
+    let (sa, ca) = azimuth.sin_cos();
+    let (se, ce) = elevation.sin_cos();
+    let source = [range * sa * ce, range * ca * ce, range * se];
+    let arrival = geometry.position_m.map(|h| {
+        let d: f64 = source.iter().zip(h).map(|(s, h)| (s - f64::from(h)).powi(2)).sum();
+        d.sqrt() / f64::from(geometry.sound_speed_m_s)
+    });
+    Ok(PAIRS.map(|(i, j)| arrival[j] - arrival[i]))
+}
+
+/// All pictures of one array recording: `bearings.svg`, `tracks.svg`, with truth `errors.svg`, and with the samples of a
+/// segment about a bearing `correlations.svg`.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn write_all(
+    folder: &std::path::Path,
+    config: &StationConfig,
+    (found, reports): (&[Bearing], &[Track]),
+    truth: &[(String, Vec<Truth>)],
+    segment: Option<(&Bearing, &[Frame])>,
+) -> Result<()> {
+    bearings(found, config.rate_hz, truth).write(&folder.join("bearings.svg"))?;
+    tracks(reports, config.rate_hz, truth).write(&folder.join("tracks.svg"))?;
+    if !truth.is_empty() {
+        bearing_errors(found, config.rate_hz, truth).write(&folder.join("errors.svg"))?;
+    }
+    if let Some((bearing, frames)) = segment {
+        let curves = super::correlation::correlations(frames, config)?;
+        let delays = delays(config, bearing.azimuth.into(), bearing.elevation.into())?;
+        let figures = correlations(&curves, &delays);
+        let all: Vec<&Figure> = figures.iter().collect();
+        super::write_panels(&folder.join("correlations.svg"), &all, 3)?;
+    }
+    Ok(())
 }
