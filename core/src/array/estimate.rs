@@ -51,6 +51,15 @@ impl SpectrumWork {
     }
 }
 
+impl SpectrumWork {
+    /// Brings the measured coherence up to the field's.
+    fn restore(&mut self, shared: f32) {
+        for c in &mut self.raw {
+            *c /= shared;
+        }
+    }
+}
+
 impl Memory {
     pub(crate) const fn new() -> Self {
         Self {
@@ -138,11 +147,14 @@ pub(crate) fn segment(
     let work = &mut scratch.spectrum;
 
     // Weights from the coherence seen in this direction, own and remembered.
-    refine::coherence(plan, spectra, &delays(&found.direction), &mut work.raw);
+    let tau = delays(&found.direction);
+    refine::coherence(plan, spectra, &tau, &mut work.raw);
+    work.restore(refine::shared_signal(plan, &tau));
     memory.expected_or_own(&found.direction, plan, &mut work.raw);
     refine::smoothed(plan, &work.raw, &mut work.smooth);
     refine::weights(plan, &work.smooth, &mut work.weight);
     if plan.weighting != Weighting::Joint {
+        refine::coherence(plan, spectra, &tau, &mut work.raw);
         refine::reweight(plan, spectra);
     }
     let Some(refined) = refine::refine(plan, spectra, &work.weight, &found.direction, curvature) else {
@@ -172,10 +184,9 @@ pub(crate) fn segment(
     if statistic <= 1.0 {
         return;
     }
+    work.restore(refine::shared_signal(plan, &tau));
     memory.accept(plan, &refined.direction, index, &work.raw);
-    let own = work.raw;
-    memory.expected(&mut work.raw);
-    refine::smoothed(plan, &work.raw, &mut work.smooth);
+    refine::smoothed(plan, &memory.coherence, &mut work.smooth);
     let Some(variance) = refine::arrival_variance(plan, &work.smooth, &work.weight, snapshots) else {
         return;
     };
@@ -222,7 +233,7 @@ pub(crate) fn segment(
     let expected = m::sqrt(variance.pair + floor * floor);
     let misfit = m::sqrt(residual / PAIR_COUNT as f32) / expected;
     let agreeing = if inconsistent { 0.1 } else { 1.0 };
-    let mean = own.iter().take(plan.high).skip(plan.incoherent).sum::<f32>() / bins;
+    let mean = work.raw.iter().take(plan.high).skip(plan.incoherent).sum::<f32>() / bins;
     let mean = mean.clamp(1e-6, 1.0 - 1e-6);
     sink(Message::Bearing(Bearing {
         index,

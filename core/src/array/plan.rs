@@ -17,6 +17,11 @@ pub const BINS: usize = FRAME / 2;
 /// too little of one signal.
 pub const MAX_DELAY: usize = FRAME / 4;
 
+/// Delays (samples) between entries of the table of shared signal.
+pub(crate) const SHARE_STRIDE: usize = 8;
+/// Entries of that table: up to [`MAX_DELAY`].
+pub(crate) const SHARES: usize = MAX_DELAY / SHARE_STRIDE + 1;
+
 /// How cross-spectra are weighted when pair delays and bearings are refined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Weighting {
@@ -77,6 +82,9 @@ pub struct Plan {
     pub(crate) offset_leak: [f32; 3],
     /// Frames times this is the number of independent snapshots of a bin.
     pub(crate) snapshots_per_frame: f32,
+    /// Autocorrelation of the window at multiples of [`SHARE_STRIDE`] samples: the share of a delayed signal that frames
+    /// of two hydrophones have in common.
+    pub(crate) shared: [f32; SHARES],
     /// Mean square of the window times FRAME².
     pub(crate) window_power: f32,
     /// First bin of the band.
@@ -178,6 +186,7 @@ impl Plan {
             curvature: (1.0 / array.reference_range_m) as f32,
             rate_hz: rate as f32,
             offset_leak: offset_leak(&window),
+            shared: shared(&window),
             window,
             snapshots_per_frame,
             window_power: sum2 * FRAME as f32,
@@ -264,4 +273,15 @@ fn offset_leak(window: &[f32; FRAME]) -> [f32; 3] {
         *leak = sum / total;
     }
     leak
+}
+
+/// Autocorrelation of the window over its power, at multiples of [`SHARE_STRIDE`] samples.
+fn shared(window: &[f32; FRAME]) -> [f32; SHARES] {
+    let power: f32 = window.iter().map(|w| w * w).sum();
+    let mut shared = [0.0f32; SHARES];
+    for (n, share) in shared.iter_mut().enumerate() {
+        let products = window.iter().zip(window.iter().skip(n * SHARE_STRIDE)).map(|(a, b)| a * b);
+        *share = products.sum::<f32>() / power;
+    }
+    shared
 }

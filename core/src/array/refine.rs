@@ -9,7 +9,7 @@
 //! `σ_t² = Σ W²ω² n(n+4c) / (2K (Σ Wω²c)²)`, which for these weights is the physical limit of METHODS section 2.
 //! Cost: about 30 000 instructions a pass over the six pairs; seven passes a segment.
 
-use super::plan::{BINS, Plan, Weighting};
+use super::plan::{BINS, Plan, SHARE_STRIDE, SHARES, Weighting};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
@@ -70,6 +70,19 @@ pub(crate) fn coherence(plan: &Plan, g: &Spectra, tau: &[f32; PAIR_COUNT], out: 
     for c in out.iter_mut() {
         *c *= 1.0 / PAIR_COUNT as f32;
     }
+}
+
+/// Mean over pairs of the share of the signal that frames have in common at these delays: the measured coherence is
+/// lower than the field's by this factor, though the estimate hardly suffers (what leaves one frame enters the next).
+pub(crate) fn shared_signal(plan: &Plan, tau: &[f32; PAIR_COUNT]) -> f32 {
+    let mut sum = 0.0;
+    for tau in tau {
+        let at = m::abs(*tau) * plan.rate_hz / SHARE_STRIDE as f32;
+        let n = (at as usize).min(SHARES - 2);
+        let part = (at - n as f32).min(1.0);
+        sum += plan.shared[n] + part * (plan.shared[n + 1] - plan.shared[n]);
+    }
+    sum / PAIR_COUNT as f32
 }
 
 /// Average over neighbouring bins within the band.
