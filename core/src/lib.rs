@@ -28,6 +28,7 @@ pub mod obs;
 
 pub mod motion;
 
+pub mod line;
 pub mod network;
 pub mod orient;
 

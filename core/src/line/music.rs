@@ -1,0 +1,482 @@
+//! MUSIC and root-MUSIC: plan, state, scratch and one step from snapshots to bearings.
+//!
+//! Null spectrum `D(z) = aᴴ(z) E_n E_nᴴ a(z)`, `a(z) = [1, z, …, z^{m−1}]ᵀ`, `z = e^{iω}`, `ω = 2π d f ξ/c`. As a Laurent
+//! polynomial its coefficients are the sums of the diagonals of the noise projector; MUSIC takes its minima on the unit
+//! circle, root-MUSIC the roots inside it that lie closest to it.
+//!
+//! Error of ω for a source of signal-to-noise ratio S per sensor and N independent snapshots, to first order: the phase
+//! errors of the sensors (variance 1/(2NS)) pass through the weights `v = c ∗ 1_K / (K Σ c²)`, c the centred sensor numbers
+//! of a subarray: `var ω = Σ v²/(2NS) · (1 + 1/(mS)) · h₁/h`, where `h₁/h` is what other sources take away (h = the noise
+//! part of the steering vector's derivative, h₁ = m(m²−1)/12 for a single source).
+
+use super::complex::Complex;
+use super::covariance::{smooth, update};
+use super::hermitian::{Matrix, eigen};
+use super::roots::{MAX_COEFFICIENTS, roots};
+use super::{MAX_SENSORS, MAX_SOURCES};
+use crate::math::f64 as m;
+
+/// Points of the search on the unit circle: a subarray of 32 has a main lobe of 2π/16, sixteen points wide.
+const GRID: usize = 512;
+
+/// How the noise subspace is searched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// Minima of the null spectrum.
+    Spectrum,
+    /// Roots of its polynomial.
+    Root,
+}
+
+/// What is wrong with a line's settings, or why there is no bearing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LineError {
+    /// 3 to 32 sensors, subarrays longer than the number of sources, 1 to 4 sources, positive lengths.
+    Settings,
+    /// Sensors more than half a wavelength apart: bearings would be ambiguous.
+    Aliased,
+    /// No usable snapshot yet.
+    NoSnapshot,
+    /// The covariance could not be decomposed.
+    Singular,
+}
+
+/// Settings of a line in one band, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LinePlan {
+    sensors: usize,
+    subarrays: usize,
+    sources: usize,
+    forgetting: f64,
+    /// `ω/ξ`, radians: the phase from one sensor to the next at endfire.
+    phase: f64,
+}
+
+/// Covariance so far.
+#[derive(Clone, Debug)]
+pub struct State {
+    covariance: Matrix,
+    /// Effective number of independent snapshots in it.
+    snapshots: f64,
+}
+
+/// Working memory of a step.
+#[derive(Clone, Debug)]
+pub struct Scratch {
+    matrix: Matrix,
+    vectors: Matrix,
+    roots: [Complex; MAX_COEFFICIENTS],
+}
+
+/// One source.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Arrival {
+    /// Sine of the bearing from broadside, positive towards rising sensor numbers.
+    pub sine: f64,
+    /// Its standard deviation.
+    pub sd: f64,
+    /// Signal-to-noise ratio of one sensor and snapshot, a power ratio.
+    pub snr: f64,
+}
+
+impl State {
+    /// Nothing seen yet.
+    pub const fn new() -> Self {
+        Self { covariance: [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS], snapshots: 0.0 }
+    }
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Scratch {
+    /// Empty.
+    pub const fn new() -> Self {
+        let empty = [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS];
+        Self { matrix: empty, vectors: empty, roots: [Complex::ZERO; MAX_COEFFICIENTS] }
+    }
+}
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl LinePlan {
+    /// Checks settings: number of sensors, their spacing (m), the band's frequency (Hz), sound speed (m/s), number of
+    /// overlapping subarrays (paper L: 5), share of the past in the covariance (paper L: 0.4), number of sources.
+    ///
+    /// # Errors
+    /// [`LineError::Settings`], [`LineError::Aliased`].
+    pub fn new(
+        sensors: usize,
+        spacing_m: f64,
+        frequency_hz: f64,
+        sound_speed_m_s: f64,
+        subarrays: usize,
+        forgetting: f64,
+        sources: usize,
+    ) -> Result<Self, LineError> {
+        let phase = m::TAU * spacing_m * frequency_hz / sound_speed_m_s;
+        let lengths = spacing_m > 0.0 && frequency_hz > 0.0 && sound_speed_m_s > 0.0 && phase.is_finite();
+        let counts = (3..=MAX_SENSORS).contains(&sensors)
+            && (1..=MAX_SOURCES).contains(&sources)
+            && subarrays >= 1
+            && subarrays < sensors
+            && sensors + 1 - subarrays > sources + 1;
+        if !lengths || !counts || !(0.0..1.0).contains(&forgetting) {
+            return Err(LineError::Settings);
+        }
+        if phase > m::PI {
+            return Err(LineError::Aliased);
+        }
+        Ok(Self { sensors, subarrays, sources, forgetting, phase })
+    }
+
+    /// Takes in snapshots and finds the bearings; the first so many of `arrivals` are set, strongest match first.
+    ///
+    /// # Errors
+    /// [`LineError::NoSnapshot`], [`LineError::Singular`].
+    pub fn step(
+        &self,
+        state: &mut State,
+        scratch: &mut Scratch,
+        snapshots: &[[Complex; MAX_SENSORS]],
+        method: Method,
+        arrivals: &mut [Arrival; MAX_SOURCES],
+    ) -> Result<usize, LineError> {
+        let share = if state.snapshots > 0.0 { self.forgetting } else { 0.0 };
+        let used = update(&mut state.covariance, self.sensors, share, snapshots) as f64;
+        if used > 0.0 {
+            // Weights μ^k(1 − μ)/n of independent snapshots: 1/N = μ²/N_old + (1 − μ)²/n.
+            let past = if share > 0.0 { share * share / state.snapshots } else { 0.0 };
+            state.snapshots = 1.0 / (past + (1.0 - share) * (1.0 - share) / used);
+        }
+        if !(state.snapshots > 0.0) {
+            return Err(LineError::NoSnapshot);
+        }
+        let length = smooth(&state.covariance, self.sensors, self.subarrays, &mut scratch.matrix);
+        if !eigen(&mut scratch.matrix, length, &mut scratch.vectors) {
+            return Err(LineError::Singular);
+        }
+        let signal = self.signal_columns(&scratch.matrix, length);
+        let noise = self.noise_power(&scratch.matrix, length, &signal);
+        let coefficients = projector(&scratch.vectors, length, &signal);
+        let count = match method {
+            Method::Spectrum => self.minima(&coefficients, length, arrivals),
+            Method::Root => self.nearest_roots(&coefficients, length, &mut scratch.roots, arrivals),
+        };
+        for arrival in arrivals.iter_mut().take(count) {
+            let (sd, snr) = self.accuracy(arrival.sine, scratch, length, &signal, noise, state.snapshots);
+            arrival.sd = sd;
+            arrival.snr = snr;
+        }
+        Ok(count)
+    }
+
+    /// Which columns of the eigenvectors belong to the largest eigenvalues.
+    fn signal_columns(&self, values: &Matrix, length: usize) -> [bool; MAX_SENSORS] {
+        let mut signal = [false; MAX_SENSORS];
+        for _ in 0..self.sources {
+            let mut best: Option<(usize, f64)> = None;
+            for (k, row) in values.iter().enumerate().take(length) {
+                let value = row.get(k).map_or(0.0, |x| x.re);
+                let taken = signal.get(k).copied().unwrap_or(true);
+                if !taken && best.is_none_or(|(_, b)| value > b) {
+                    best = Some((k, value));
+                }
+            }
+            if let Some(slot) = best.and_then(|(k, _)| signal.get_mut(k)) {
+                *slot = true;
+            }
+        }
+        signal
+    }
+
+    /// Mean of the other eigenvalues.
+    fn noise_power(&self, values: &Matrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
+        let sum: f64 = values
+            .iter()
+            .zip(signal)
+            .enumerate()
+            .take(length)
+            .filter(|(_, (_, s))| !**s)
+            .map(|(k, (row, _))| row.get(k).map_or(0.0, |x| x.re))
+            .sum();
+        (sum / (length - self.sources.min(length - 1)) as f64).max(0.0)
+    }
+
+    /// Deepest minima of the null spectrum on the unit circle.
+    fn minima(
+        &self,
+        coefficients: &[Complex; MAX_SENSORS],
+        length: usize,
+        arrivals: &mut [Arrival; MAX_SOURCES],
+    ) -> usize {
+        let at = |k: usize| self.phase * (2.0 * k as f64 / GRID as f64 - 1.0);
+        let mut found: [(f64, f64); MAX_SOURCES] = [(f64::INFINITY, 0.0); MAX_SOURCES];
+        let (mut before, mut here) = (f64::INFINITY, null(coefficients, length, at(0)));
+        for k in 0..=GRID {
+            let after = if k < GRID { null(coefficients, length, at(k + 1)) } else { f64::INFINITY };
+            if here <= before && here < after {
+                let w = self.refine(coefficients, length, at(k.saturating_sub(1)), at((k + 1).min(GRID)));
+                let mut entry = (null(coefficients, length, w), w);
+                for slot in &mut found {
+                    if entry.0 < slot.0 {
+                        core::mem::swap(slot, &mut entry);
+                    }
+                }
+            }
+            (before, here) = (here, after);
+        }
+        let mut count = 0;
+        for (arrival, (depth, w)) in arrivals.iter_mut().zip(&found).take(self.sources) {
+            if depth.is_finite() {
+                *arrival = Arrival { sine: w / self.phase, sd: 0.0, snr: 0.0 };
+                count += 1;
+            }
+        }
+        count
+    }
+
+    /// Golden sections between two phases.
+    fn refine(&self, coefficients: &[Complex; MAX_SENSORS], length: usize, mut lo: f64, mut hi: f64) -> f64 {
+        for _ in 0..60 {
+            let (a, b) = (lo + 0.382 * (hi - lo), lo + 0.618 * (hi - lo));
+            if null(coefficients, length, a) <= null(coefficients, length, b) {
+                hi = b;
+            } else {
+                lo = a;
+            }
+        }
+        0.5 * (lo + hi)
+    }
+
+    /// Roots inside the unit circle closest to it, among those a direction can give.
+    fn nearest_roots(
+        &self,
+        coefficients: &[Complex; MAX_SENSORS],
+        length: usize,
+        found: &mut [Complex; MAX_COEFFICIENTS],
+        arrivals: &mut [Arrival; MAX_SOURCES],
+    ) -> usize {
+        let mut polynomial = [Complex::ZERO; MAX_COEFFICIENTS];
+        let centre = length - 1;
+        for (k, c) in coefficients.iter().enumerate().take(length) {
+            if let Some(x) = polynomial.get_mut(centre + k) {
+                *x = *c;
+            }
+            if let Some(x) = polynomial.get_mut(centre - k) {
+                *x = c.conj();
+            }
+        }
+        let used = polynomial.get(..2 * length - 1).unwrap_or(&[]);
+        let n = roots(used, found);
+        let mut best: [(f64, f64); MAX_SOURCES] = [(f64::INFINITY, 0.0); MAX_SOURCES];
+        for z in found.iter().take(n) {
+            let size = z.norm();
+            let sine = z.phase() / self.phase;
+            // The pair 1/z* outside is the same direction; a root on the circle is both.
+            if size <= 1.0 + 1e-9 && m::abs(sine) <= 1.0 {
+                let mut entry = (m::abs(1.0 - size), sine);
+                for slot in &mut best {
+                    if entry.0 < slot.0 {
+                        core::mem::swap(slot, &mut entry);
+                    }
+                }
+            }
+        }
+        let mut count = 0;
+        for (arrival, (distance, sine)) in arrivals.iter_mut().zip(&best).take(self.sources) {
+            if distance.is_finite() {
+                *arrival = Arrival { sine: *sine, sd: 0.0, snr: 0.0 };
+                count += 1;
+            }
+        }
+        count
+    }
+
+    /// Standard deviation of the sine, and signal-to-noise ratio.
+    fn accuracy(
+        &self,
+        sine: f64,
+        scratch: &Scratch,
+        length: usize,
+        signal: &[bool; MAX_SENSORS],
+        noise: f64,
+        snapshots: f64,
+    ) -> (f64, f64) {
+        let w = self.phase * sine;
+        let middle = 0.5 * (length as f64 - 1.0);
+        let (mut inverse_power, mut lost) = (0.0, 0.0);
+        for (column, _) in signal.iter().enumerate().filter(|(_, s)| **s) {
+            let value = scratch.matrix.get(column).and_then(|r| r.get(column)).map_or(0.0, |x| x.re);
+            // Projections of the steering vector and its centred derivative on the signal eigenvector.
+            let (mut a, mut d) = (Complex::ZERO, Complex::ZERO);
+            for (k, row) in scratch.vectors.iter().enumerate().take(length) {
+                let e = row.get(column).copied().unwrap_or(Complex::ZERO);
+                let x = Complex::unit(w * k as f64).conj() * e;
+                a = a + x;
+                d = d + x.scale(k as f64 - middle);
+            }
+            inverse_power += a.norm_squared() / (value - noise).max(1e-300);
+            lost += d.norm_squared();
+        }
+        let n = length as f64;
+        let alone = n * (n * n - 1.0) / 12.0;
+        let left = (alone - lost).max(1e-9 * alone);
+        let power = if inverse_power > 0.0 { 1.0 / inverse_power } else { 0.0 };
+        if !(noise > 0.0) {
+            return (0.0, f64::MAX);
+        }
+        let snr = power / noise;
+        let variance =
+            self.weight_sum(length) / (2.0 * snapshots * snr) * (1.0 + 1.0 / (n * snr)) * alone / left;
+        let sd = m::sqrt(variance) / self.phase;
+        (if sd.is_finite() { sd.min(1.0) } else { 1.0 }, snr)
+    }
+
+    /// `Σ v²` of the module's error formula.
+    fn weight_sum(&self, length: usize) -> f64 {
+        let n = length as f64;
+        let squares = n * (n * n - 1.0) / 12.0;
+        let (middle, mut sum) = (0.5 * (n - 1.0), 0.0);
+        for sensor in 0..self.sensors {
+            let mut v = 0.0;
+            for k in 0..self.subarrays {
+                if let Some(place) = sensor.checked_sub(k)
+                    && place < length
+                {
+                    v += place as f64 - middle;
+                }
+            }
+            v /= self.subarrays as f64 * squares;
+            sum += v * v;
+        }
+        sum
+    }
+}
+
+/// Sums of the diagonals of the noise projector `I − E_s E_sᴴ`: coefficients 0 to m − 1 of the Laurent polynomial (the
+/// negative ones are conjugates).
+fn projector(vectors: &Matrix, length: usize, signal: &[bool; MAX_SENSORS]) -> [Complex; MAX_SENSORS] {
+    let mut out = [Complex::ZERO; MAX_SENSORS];
+    if let Some(first) = out.first_mut() {
+        first.re = length as f64;
+    }
+    for (column, _) in signal.iter().enumerate().filter(|(_, s)| **s) {
+        for (lag, c) in out.iter_mut().enumerate().take(length) {
+            for (low, high) in vectors.iter().zip(vectors.iter().skip(lag)).take(length - lag) {
+                let (Some(a), Some(b)) = (low.get(column), high.get(column)) else { continue };
+                // aᴴ P a = Σ P_ij z^{j−i}: the element (i, i + lag) goes with z^lag.
+                *c = *c - *a * b.conj();
+            }
+        }
+    }
+    out
+}
+
+/// Null spectrum at a phase.
+fn null(coefficients: &[Complex; MAX_SENSORS], length: usize, w: f64) -> f64 {
+    let z = Complex::unit(w);
+    let mut sum = Complex::ZERO;
+    for c in coefficients.iter().take(length).skip(1).rev() {
+        sum = (sum + *c) * z;
+    }
+    coefficients.first().map_or(0.0, |c| c.re) + 2.0 * sum.re
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(sources: usize) -> LinePlan {
+        LinePlan::new(23, 0.75, 702.0, 1484.0, 5, 0.4, sources).unwrap()
+    }
+
+    /// Snapshots of plane waves with unit power each and pseudo-random phases, and weak noise.
+    fn snapshots(sines: &[f64], coherent: bool, noise: f64) -> std::vec::Vec<[Complex; MAX_SENSORS]> {
+        let mut seed = 12345u32;
+        let mut random = move || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(seed >> 8) / f64::from(1u32 << 24)
+        };
+        (0..40)
+            .map(|_| {
+                let common = random() * m::TAU;
+                let mut x = [Complex::ZERO; MAX_SENSORS];
+                for s in sines {
+                    let phase = if coherent { common + s } else { random() * m::TAU };
+                    for (k, v) in x.iter_mut().enumerate().take(23) {
+                        *v = *v + Complex::unit(phase + plan(1).phase * s * k as f64);
+                    }
+                }
+                for v in x.iter_mut().take(23) {
+                    *v = *v + Complex::unit(random() * m::TAU).scale(noise);
+                }
+                x
+            })
+            .collect()
+    }
+
+    fn find(sines: &[f64], coherent: bool, noise: f64, method: Method) -> std::vec::Vec<Arrival> {
+        let mut arrivals = [Arrival::default(); MAX_SOURCES];
+        let n = plan(sines.len())
+            .step(
+                &mut State::new(),
+                &mut Scratch::new(),
+                &snapshots(sines, coherent, noise),
+                method,
+                &mut arrivals,
+            )
+            .unwrap();
+        let mut out = arrivals[..n].to_vec();
+        out.sort_by(|a, b| a.sine.total_cmp(&b.sine));
+        out
+    }
+
+    #[test]
+    fn one_wave_without_noise_is_found_exactly() {
+        for method in [Method::Spectrum, Method::Root] {
+            for sine in [-0.93, -0.2, 0.0, 0.573] {
+                let found = find(&[sine], false, 0.0, method);
+                assert!((found[0].sine - sine).abs() < 1e-6, "{method:?} {sine} {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn two_waves_are_told_apart_even_if_coherent() {
+        for method in [Method::Spectrum, Method::Root] {
+            for coherent in [false, true] {
+                let found = find(&[0.1, 0.25], coherent, 0.1, method);
+                assert_eq!(found.len(), 2);
+                assert!((found[0].sine - 0.1).abs() < 0.01, "{method:?} {coherent} {found:?}");
+                assert!((found[1].sine - 0.25).abs() < 0.01, "{method:?} {coherent} {found:?}");
+                assert!(found[0].sd > 0.0 && found[0].sd < 0.01);
+            }
+        }
+    }
+
+    #[test]
+    fn the_signal_to_noise_ratio_is_seen() {
+        let found = find(&[0.3], false, 10f64.powf(-0.5), Method::Root);
+        assert!((10.0 * found[0].snr.log10() - 10.0).abs() < 0.7, "{found:?}");
+    }
+
+    #[test]
+    fn settings_are_checked() {
+        let new =
+            |sensors, spacing, subarrays| LinePlan::new(sensors, spacing, 702.0, 1484.0, subarrays, 0.4, 1);
+        assert_eq!(new(23, 1.2, 5), Err(LineError::Aliased));
+        assert_eq!(new(33, 0.75, 5), Err(LineError::Settings));
+        assert_eq!(new(5, 0.75, 4), Err(LineError::Settings));
+        let mut arrivals = [Arrival::default(); MAX_SOURCES];
+        let none = plan(1).step(&mut State::new(), &mut Scratch::new(), &[], Method::Root, &mut arrivals);
+        assert_eq!(none, Err(LineError::NoSnapshot));
+    }
+}
