@@ -4,7 +4,7 @@
 //! gives `ξ = η cos(φ − a)` [L 3, 14-16]. For a given clock shift that is linear in `(η cos a, η sin a)`, so orientation
 //! and η follow from a 2×2 system, whichever side the vessel is on and however often it changes sides; only the shift
 //! is searched. The bearing stamped t belongs to the track's t − shift. The fit is robust (Huber's, then Tukey's weights on
-//! the median absolute deviation), its uncertainty a jackknife over blocks in time, because successive bearings of an
+//! the median absolute deviation), its uncertainty (that of the free shift) a jackknife over blocks in time, because successive bearings of an
 //! averaged covariance have common errors.
 //!
 //! Fails (says so) where the vessel's bearing hardly turns: shift, η and orientation then trade against each other.
@@ -26,6 +26,9 @@ const GRID: u32 = 240;
 const ROUNDS: u32 = 6;
 /// Smallest noise of ξ the robust scale assumes, so that exact data do not divide by zero.
 const LEAST_SCALE: f64 = 1e-9;
+/// Loss a whole shift may cost: two standard deviations (2.0), doubled because successive bearings of an averaged
+/// covariance share their errors.
+const LARGEST_LOSS: f64 = 4.0;
 /// Largest standard deviation of an orientation that is one, radians (20°).
 const LARGEST_SD: f64 = 0.35;
 
@@ -47,6 +50,9 @@ pub struct LineSettings {
     pub eta: (f64, f64),
     /// Longest gap of the track that is interpolated, seconds.
     pub gap_s: f64,
+    /// Clocks that are set by whole seconds or blocks are wrong by whole ones: a shift of a multiple of this is preferred
+    /// where the data do not contradict it (paper L searches whole bearings only), seconds; zero: no preference.
+    pub whole_s: f64,
 }
 
 /// Orientation of a linear array.
@@ -85,7 +91,8 @@ pub fn orient(
     let whole = (settings.shift_s, GRID);
     let first = all.search(whole, all.least_scale()?)?;
     let scale = all.scale(first.shift_s, first.components());
-    let best = all.search(whole, scale)?;
+    let free = all.search(whole, scale)?;
+    let best = all.whole_shift(&free, scale).unwrap_or(free);
     let (mut n, mut error) = (0usize, 0.0);
     for (azimuth, b) in all.pairs(best.shift_s) {
         error += computed_error(azimuth, b.sine / best.eta, best.orientation);
@@ -97,7 +104,7 @@ pub fn orient(
     // Delete-a-block jackknife: variance (B − 1)/B · Σ (θ_b − θ̄)².
     // The shift is searched again within a twentieth of its limits, in which no second minimum fits.
     let near = 0.05 * (settings.shift_s.1 - settings.shift_s.0);
-    let window = ((best.shift_s - near, best.shift_s + near), GRID / 10);
+    let window = ((free.shift_s - near, free.shift_s + near), GRID / 10);
     let (mut count, mut sum, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
     for block in 0..BLOCKS {
         let Ok(part) = (Data { skip: Some(block), ..all }).search(window, scale) else { continue };
@@ -250,6 +257,21 @@ impl<'a> Data<'a> {
         Ok(best)
     }
 
+    /// The better of the two whole shifts about a free one, if the bearings do not speak against it.
+    fn whole_shift(&self, free: &Candidate, scale: f64) -> Option<Candidate> {
+        let step = self.settings.whole_s;
+        if !(step > 0.0) {
+            return None;
+        }
+        let below = step * m::floor(free.shift_s / step);
+        let whole = [below, below + step]
+            .into_iter()
+            .filter(|s| *s >= self.settings.shift_s.0 && *s <= self.settings.shift_s.1)
+            .filter_map(|s| self.fit(s, scale))
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+        (free.n as f64 * (whole.cost - free.cost) <= LARGEST_LOSS).then_some(whole)
+    }
+
     /// Robust fit of orientation and η at a shift, for a noise of ξ (infinite: plain least squares).
     fn fit(&self, shift_s: f64, scale: f64) -> Option<Candidate> {
         let mut state: Option<(f64, f64)> = None;
@@ -332,7 +354,8 @@ pub(super) mod tests {
     use crate::angle::RAD_PER_DEG;
     use std::vec::Vec;
 
-    pub const SETTINGS: LineSettings = LineSettings { shift_s: (-6.0, 6.0), eta: (0.85, 1.05), gap_s: 60.0 };
+    pub const SETTINGS: LineSettings =
+        LineSettings { shift_s: (-6.0, 6.0), eta: (0.85, 1.05), gap_s: 60.0, whole_s: 0.0 };
 
     /// Nine positions ten seconds apart, as in the paper; the vessel crosses the array's axis.
     pub fn track() -> Vec<TrackPoint> {
@@ -377,6 +400,11 @@ pub(super) mod tests {
         let error = wrap_pi(found.orientation + 35.1 * RAD_PER_DEG).abs();
         assert!(error < 0.3 * RAD_PER_DEG && error < 4.0 * found.sd, "{found:?}");
         assert!((found.time_shift_s - 2.0).abs() < 1.0, "{found:?}");
+        let whole = orient(&b, &track(), &LineSettings { whole_s: 1.0, ..SETTINGS }).unwrap();
+        assert_eq!(whole.time_shift_s, 2.0);
+        // Exact bearings do speak against a shift that is not a multiple.
+        let free = orient(&bearings(0.0), &track(), &LineSettings { whole_s: 1.5, ..SETTINGS }).unwrap();
+        assert!((free.time_shift_s - 2.0).abs() < 1e-2, "{free:?}");
     }
 
     #[test]

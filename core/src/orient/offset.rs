@@ -18,8 +18,8 @@ pub const LEAST_RESIDUALS: usize = 5;
 pub const MAX_PASSES: usize = 64;
 /// Degrees of freedom of the Student-t errors.
 const FREEDOM: f64 = 3.0;
-/// Least scale, radians: bearings written in whole degrees have at least that rounding error.
-const LEAST_SCALE: f64 = 0.3 * crate::angle::RAD_PER_DEG;
+/// Least scale, radians: bearings come in whole degrees, and a handful may agree by chance.
+const LEAST_SCALE: f64 = 1.0 * crate::angle::RAD_PER_DEG;
 /// Blocks of the jackknife.
 const BLOCKS: usize = 10;
 /// Share of the residuals that must lie within three scales for the offset to mean something.

@@ -47,6 +47,9 @@ pub struct Args {
     /// record].
     #[arg(long)]
     max_shift_s: Option<f64>,
+    /// Line: do not prefer shifts of whole bearings where the data allow them.
+    #[arg(long)]
+    free_shift: bool,
     /// Line: limits of eta, the cosine of the sound's common elevation.
     #[arg(long, default_values_t = [0.85, 1.05], num_args = 2, value_names = ["LEAST", "GREATEST"])]
     eta: Vec<f64>,
@@ -121,6 +124,7 @@ fn line(args: &Args, table: &Table, track: &[TrackPoint]) -> Result<Value> {
         shift_s: (-most, most),
         eta: (args.eta[0].min(args.eta[1]), args.eta[0].max(args.eta[1])),
         gap_s: args.max_gap_s,
+        whole_s: if args.free_shift { 0.0 } else { interval },
     };
     let refused = |e| anyhow!("{name}: {e}");
     let fit = orient(&bearings, track, &settings).map_err(refused)?;

@@ -5,6 +5,7 @@
 
 pub mod bearing_limit;
 pub mod bearing_limit_source;
+mod line;
 mod network;
 mod obs_appendix_b;
 mod obs_noise_week;
@@ -46,6 +47,7 @@ pub struct Experiment {
 pub const EXPERIMENTS: &[Experiment] = &[
     network::FIGURE_2,
     network::FIGURE_3,
+    line::ORIENTATION,
     obs_one_ship::ONE_SHIP,
     obs_two_ships::TWO_SHIPS,
     obs_noise_week::NOISE_WEEK,
