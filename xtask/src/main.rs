@@ -4,6 +4,7 @@ mod elf;
 mod firmware;
 mod panic_free;
 mod process;
+mod suite;
 mod toolchain;
 
 use anyhow::{Result, bail};
@@ -44,6 +45,7 @@ fn run(arguments: &[String]) -> Result<()> {
         "build-firmware" => firmware::command(options),
         "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
         "check" => process::check(),
+        "test" => suite::command(options),
         "help" | "-h" | "--help" => {
             print!("{HELP}");
             Ok(())
