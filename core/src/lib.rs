@@ -27,6 +27,7 @@ pub mod demon;
 pub mod obs;
 
 pub mod motion;
+pub mod traffic;
 
 pub mod line;
 pub mod network;

@@ -94,13 +94,13 @@ impl Config {
         Self::new(&station.tracking, station.sound_speed_m_s)
     }
 
-    fn free(&self) -> [bool; PARAMETERS] {
+    pub(crate) fn free(&self) -> [bool; PARAMETERS] {
         let elevations = self.medium.height_m > 0.0;
         [true, true, true, self.speed_sd_m_s > 0.0, elevations && self.elevation_bias_sd_rad > 0.0]
     }
 
     /// Coloured variance, correlation time, and variance to count as white.
-    fn errors(&self) -> (f64, f64, f64) {
+    pub(crate) fn errors(&self) -> (f64, f64, f64) {
         let variance = self.extra_sd_rad * self.extra_sd_rad;
         if self.extra_tau_s > 0.0 { (variance, self.extra_tau_s, 0.0) } else { (0.0, 0.0, variance) }
     }
@@ -407,7 +407,7 @@ fn evaluate(config: &Config, ring: &Ring, line: &Line) -> Option<Normal> {
 }
 
 /// Adds the priors of speed (Gaussian in v) and elevation bias; a standard deviation of 0 or infinity adds nothing.
-pub(super) fn add_priors(
+pub(crate) fn add_priors(
     normal: &mut Normal,
     line: &Line,
     speed_m_s: f64,

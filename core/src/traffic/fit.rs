@@ -1,0 +1,344 @@
+//! One vessel's straight-track fit in 2 KiB: averaged bearings in single precision, lines, the best line's covariance.
+//!
+//! The model, the whitening and the descent are those of [`crate::motion`]; what differs from its own recursive filter
+//! is what is kept: the normal equations live only within a call, and a bearing's errors are worked out from the span
+//! it averages instead of being stored. The lines take one damped Gauss-Newton step every [`REFRESH_S`], not with every
+//! bearing: between steps the vessel is predicted by the line as it stands.
+
+use crate::angle::{wrap_pi, wrap_tau};
+use crate::math::f64 as m;
+use crate::motion::chain::{Chain, Colour};
+use crate::motion::model::{LN_SPEED, Limits, Line, PARAMETERS};
+use crate::motion::normal::{COLUMNS, Matrix, Normal, Point, Progress, descend, quadratic};
+use crate::motion::recursive::{Config, add_priors};
+use crate::motion::solution::{Solution, floor, solution};
+use crate::motion::start::{STARTS, emitted, starts};
+
+/// Averaged bearings kept: a 200 s passage at two bearings a second is held in spans of about 3 s.
+pub(super) const NODES: usize = 64;
+/// Lines kept at once (both passing sides and one more arc).
+const LINES: usize = 3;
+/// A line this much worse in squared residual than the best is dropped (odds of 3 million to one).
+const DEAD: f64 = 30.0;
+/// Bearings before the first lines.
+const FIRST_SEEDING: u32 = 6;
+/// Steps of a fresh line when seeded, and of the end-of-passage solution at most.
+const SEED_STEPS: usize = 6;
+const FINAL_STEPS: usize = 25;
+/// Time between steps of the lines, seconds; every bearing takes one while there are fewer than [`EAGER`].
+const REFRESH_S: f64 = 2.0;
+const EAGER: u32 = 24;
+/// An average over more correlation times than this counts as independent of its neighbours.
+const MEMORY_SPANS: f64 = 16.0;
+/// Nothing is known better than this (a hundredth of a degree).
+const LEAST_VARIANCE: f64 = 3e-8;
+
+/// An averaged bearing.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Node {
+    /// Weighted mean time, seconds after the fit's origin.
+    pub(super) t_s: f32,
+    /// Weighted mean azimuth, radians.
+    pub(super) azimuth: f32,
+    /// White variance of the mean, rad².
+    pub(super) white: f32,
+    /// From the first to the last bearing averaged, seconds.
+    span_s: f32,
+    /// Bearings averaged.
+    count: u32,
+}
+
+impl Node {
+    /// Error of the mean: the coloured part of an average over `span_s` of a Gauss-Markov process.
+    fn colour(&self, tau_s: f64) -> Colour {
+        let white = f64::from(self.white);
+        let y = if tau_s > 0.0 { f64::from(self.span_s) / tau_s } else { 0.0 };
+        if y < 1e-3 {
+            return Colour::single(1.0, white);
+        }
+        let own = 2.0 * (y - 1.0 + m::exp(-y)) / (y * y);
+        if y > MEMORY_SPANS {
+            return Colour { later: 0.0, earlier: 0.0, own, white };
+        }
+        let factor = (m::exp(0.5 * y) - m::exp(-0.5 * y)) / y;
+        Colour { later: factor, earlier: factor, own, white }
+    }
+}
+
+/// A prediction of azimuth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Prediction {
+    /// Azimuth, radians.
+    pub(super) azimuth: f64,
+    /// Variance of the line's prediction, rad².
+    pub(super) line_variance: f64,
+    /// Variance of the bearings' own coloured error, rad².
+    pub(super) coloured_variance: f64,
+}
+
+impl Prediction {
+    /// Variance of a new bearing about the prediction, its white part aside.
+    pub(super) fn variance(&self) -> f64 {
+        self.line_variance + self.coloured_variance
+    }
+}
+
+/// A line with what is known about it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Known {
+    pub(super) line: Line,
+    pub(super) covariance: Matrix,
+}
+
+impl Known {
+    /// Azimuth at a time of reception and the variance the line's uncertainty gives it.
+    pub(super) fn azimuth(&self, config: &Config, t_s: f64) -> (f64, f64) {
+        let e = self.line.expected(&config.medium, t_s);
+        (e.azimuth, quadratic(&e.d_azimuth, &self.covariance, &e.d_azimuth))
+    }
+}
+
+/// The memory of one vessel's fit.
+#[derive(Clone, Debug)]
+pub(super) struct Fit {
+    origin_s: f64,
+    last_s: f64,
+    refreshed_s: f64,
+    nodes: [Node; NODES],
+    len: usize,
+    seen: u32,
+    next_seeding: u32,
+    lines: [Option<Line>; LINES],
+    best: Option<Known>,
+}
+
+impl Fit {
+    pub(super) const fn new() -> Self {
+        const EMPTY: Node = Node { t_s: 0.0, azimuth: 0.0, white: 0.0, span_s: 0.0, count: 0 };
+        Self {
+            origin_s: 0.0,
+            last_s: 0.0,
+            refreshed_s: 0.0,
+            nodes: [EMPTY; NODES],
+            len: 0,
+            seen: 0,
+            next_seeding: 0,
+            lines: [None; LINES],
+            best: None,
+        }
+    }
+
+    /// Bearings used.
+    pub(super) fn seen(&self) -> u32 {
+        self.seen
+    }
+
+    /// Time of the first bearing, seconds.
+    pub(super) fn origin_s(&self) -> f64 {
+        self.origin_s
+    }
+
+    pub(super) fn nodes(&self) -> &[Node] {
+        self.nodes.get(..self.len).unwrap_or(&[])
+    }
+
+    /// The best line, if there is one.
+    pub(super) fn best(&self) -> Option<&Known> {
+        self.best.as_ref()
+    }
+
+    /// Takes a bearing that belongs to this vessel (times in order).
+    pub(super) fn push(&mut self, config: &Config, t_s: f64, azimuth: f64, variance: f64) {
+        if self.seen == 0 {
+            self.origin_s = t_s;
+            self.refreshed_s = t_s;
+            self.next_seeding = FIRST_SEEDING;
+        }
+        self.last_s = t_s;
+        self.seen = self.seen.saturating_add(1);
+        if self.len >= NODES {
+            self.merge();
+        }
+        if let Some(slot) = self.nodes.get_mut(self.len) {
+            let white = (variance + config.errors().2).max(LEAST_VARIANCE) as f32;
+            let t_s = (t_s - self.origin_s) as f32;
+            *slot = Node { t_s, azimuth: wrap_tau(azimuth) as f32, white, span_s: 0.0, count: 1 };
+            self.len += 1;
+        }
+        if self.seen >= self.next_seeding {
+            self.next_seeding = self.seen.saturating_add(self.seen / 2);
+            self.refreshed_s = t_s;
+            self.improve(config, true, SEED_STEPS);
+        } else if self.seen < EAGER || t_s - self.refreshed_s >= REFRESH_S {
+            self.refreshed_s = t_s;
+            self.improve(config, false, 1);
+        }
+    }
+
+    /// Azimuth expected at a time of reception. Before there is a line: the newest bearing, turning by no more than a
+    /// few degrees a second.
+    pub(super) fn predict(&self, config: &Config, t_s: f64) -> Option<Prediction> {
+        let coloured_variance = config.errors().0;
+        if let Some(best) = &self.best {
+            let (azimuth, line_variance) = best.azimuth(config, t_s);
+            let known = azimuth.is_finite() && line_variance.is_finite();
+            return known.then_some(Prediction { azimuth, line_variance, coloured_variance });
+        }
+        let last = self.nodes().last()?;
+        let drift = 0.03 * (t_s - self.last_s).max(0.0);
+        let line_variance = f64::from(last.white) + drift * drift;
+        Some(Prediction { azimuth: f64::from(last.azimuth), line_variance, coloured_variance })
+    }
+
+    /// The running estimate.
+    pub(super) fn solution(&self, config: &Config) -> Option<Solution> {
+        let line = self.best.as_ref()?.line;
+        let normal = self.evaluate(config, &line)?;
+        let limits = self.limits(config);
+        solution(&line, &normal, &config.free(), &limits, self.seen, self.len as f64)
+    }
+
+    /// The end-of-passage solution: from all lines and fresh starts, to convergence.
+    pub(super) fn finish(&mut self, config: &Config) -> Option<Solution> {
+        self.improve(config, true, FINAL_STEPS);
+        self.solution(config)
+    }
+
+    /// Cuts at a time: what is older stays here, what is newer is returned as a fit of its own.
+    pub(super) fn split(&mut self, config: &Config, t_s: f64) -> Self {
+        let cut = (t_s - self.origin_s) as f32;
+        let keep = self.nodes().iter().filter(|n| n.t_s < cut).count();
+        let mut newer = Self::new();
+        for node in self.nodes.iter().take(self.len).skip(keep) {
+            let t_s = self.origin_s + f64::from(node.t_s);
+            if newer.len == 0 {
+                newer.origin_s = t_s;
+            }
+            if let Some(slot) = newer.nodes.get_mut(newer.len) {
+                *slot = Node { t_s: (t_s - newer.origin_s) as f32, ..*node };
+                newer.len += 1;
+                newer.seen += node.count;
+                newer.last_s = t_s;
+            }
+        }
+        newer.refreshed_s = newer.last_s;
+        newer.next_seeding = newer.seen.max(FIRST_SEEDING);
+        newer.improve(config, true, SEED_STEPS);
+        self.len = keep;
+        self.seen = self.nodes().iter().map(|n| n.count).sum();
+        self.last_s = self.nodes().last().map_or(self.origin_s, |n| self.origin_s + f64::from(n.t_s));
+        newer
+    }
+
+    fn limits(&self, config: &Config) -> Limits {
+        Limits { range_m: config.range_m, ln_speed: LN_SPEED, times_s: (self.origin_s, self.last_s) }
+    }
+
+    /// Normal equations of a line over all nodes, the speed's prior included.
+    fn evaluate(&self, config: &Config, line: &Line) -> Option<Normal> {
+        let (variance, tau_s, _) = config.errors();
+        let mut chain = Chain::new(variance, tau_s);
+        for node in self.nodes() {
+            let t_s = self.origin_s + f64::from(node.t_s);
+            let e = line.expected(&config.medium, t_s);
+            let mut row = [0.0; COLUMNS];
+            let (derivatives, residual) = row.split_at_mut(PARAMETERS);
+            derivatives.copy_from_slice(&e.d_azimuth);
+            if let [r] = residual {
+                *r = wrap_pi(f64::from(node.azimuth) - e.azimuth);
+            }
+            chain.push(t_s, &node.colour(tau_s), &row);
+        }
+        add_priors(&mut chain.normal, line, config.speed_m_s, config.speed_sd_m_s, 0.0);
+        chain.normal.is_finite().then_some(chain.normal)
+    }
+
+    /// Lets the lines (and fresh ones, if asked) take up to `steps` steps and keeps the best few that differ.
+    fn improve(&mut self, config: &Config, fresh: bool, steps: usize) {
+        let limits = self.limits(config);
+        let free = config.free();
+        let bearings = self.nodes().iter().map(|n| (self.origin_s + f64::from(n.t_s), f64::from(n.azimuth)));
+        let new = if fresh { starts(bearings, self.len, config.speed_m_s, &limits) } else { [None; STARTS] };
+        let mut pool: [Option<Point>; LINES + STARTS] = [None; LINES + STARTS];
+        let old = self.lines.iter().copied();
+        let all = old.chain(new.iter().map(|s| s.map(|s| emitted(&s.line, &config.medium))));
+        for (slot, line) in pool.iter_mut().zip(all) {
+            let Some(line) = line else { continue };
+            let Some(normal) = self.evaluate(config, &line) else { continue };
+            let mut point = Point { line, normal, damping: 1e-3 };
+            for _ in 0..steps {
+                let progress = descend(&mut point, &free, &limits, |line| self.evaluate(config, line));
+                if progress == Progress::Converged {
+                    break;
+                }
+            }
+            *slot = Some(point);
+        }
+        self.lines = [None; LINES];
+        let mut least = f64::INFINITY;
+        for (rank, slot) in self.lines.iter_mut().enumerate() {
+            let chosen = pool.iter().flatten().min_by(|a, b| a.normal.cost().total_cmp(&b.normal.cost()));
+            let Some(chosen) = chosen.copied() else { break };
+            if rank == 0 {
+                least = chosen.normal.cost();
+                let floor = floor(&limits, chosen.line.speed_m_s());
+                let covariance = chosen.normal.covariance(&free, &floor);
+                self.best = covariance.map(|covariance| Known { line: chosen.line, covariance });
+            }
+            if chosen.normal.cost() > least + DEAD {
+                break;
+            }
+            *slot = Some(chosen.line);
+            for p in &mut pool {
+                if p.is_some_and(|p| same(&p.line, &chosen.line)) {
+                    *p = None;
+                }
+            }
+        }
+    }
+
+    /// Merges the pair of neighbours whose average loses least: an average over a span `D` errs by `α̈ D²/24`.
+    fn merge(&mut self) {
+        let line = self.best.as_ref().map(|b| b.line);
+        let q = line.map_or(0.0, |l| m::exp(l.p[2]));
+        let t_c = line.map_or(0.0, |l| l.p[1]) - self.origin_s;
+        let mut best = (f64::INFINITY, 0usize);
+        for (i, pair) in self.nodes().windows(2).enumerate() {
+            let [a, b] = pair else { continue };
+            let span = f64::from(b.t_s - a.t_s + 0.5 * (a.span_s + b.span_s));
+            let x = q * (0.5 * f64::from(a.t_s + b.t_s) - t_c);
+            let g = q / (1.0 + x * x);
+            let loss = span * span * (g * g * (1.0 + 2.0 * m::abs(x)) + 1e-9);
+            if loss < best.0 {
+                best = (loss, i);
+            }
+        }
+        let i = best.1;
+        let (Some(a), Some(b)) = (self.nodes.get(i).copied(), self.nodes.get(i + 1).copied()) else { return };
+        if let Some(slot) = self.nodes.get_mut(i) {
+            let w = a.white / (a.white + b.white);
+            *slot = Node {
+                t_s: a.t_s + w * (b.t_s - a.t_s),
+                azimuth: wrap_tau(f64::from(a.azimuth + w * crate::angle::wrap_pi_f32(b.azimuth - a.azimuth)))
+                    as f32,
+                white: w * b.white,
+                span_s: b.t_s - a.t_s + 0.5 * (a.span_s + b.span_s),
+                count: a.count.saturating_add(b.count),
+            };
+        }
+        for k in i + 1..NODES - 1 {
+            if let Some(next) = self.nodes.get(k + 1).copied()
+                && let Some(slot) = self.nodes.get_mut(k)
+            {
+                *slot = next;
+            }
+        }
+        self.len = self.len.saturating_sub(1);
+    }
+}
+
+/// Whether two lines have run into the same minimum.
+fn same(a: &Line, b: &Line) -> bool {
+    let d = |k: usize| m::abs(a.p[k] - b.p[k]);
+    a.sense == b.sense && m::abs(wrap_pi(a.p[0] - b.p[0])) < 1e-3 && d(2) < 1e-2 && d(1) < 0.5
+}

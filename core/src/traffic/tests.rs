@@ -1,0 +1,128 @@
+use super::*;
+use crate::angle::{RAD_PER_DEG, wrap_pi, wrap_tau};
+use crate::config::Tracking;
+use std::vec::Vec;
+
+const RATE_HZ: f64 = 64_000.0;
+
+fn config() -> Config {
+    Config {
+        motion: recursive::Config::new(
+            &Tracking { speed_m_s: 7.0, speed_sd_m_s: 0.0, ..Tracking::default() },
+            1484.0,
+        ),
+        rate_hz: RATE_HZ,
+        gate_sd: 4.5,
+        merge_rad: 3.0 * RAD_PER_DEG,
+        silence_s: 45.0,
+        crossing_s: 90.0,
+        report_s: 5.0,
+        report_after: 20,
+    }
+}
+
+fn gaussian(seed: &mut u64) -> f64 {
+    let draws = (0..12).map(|_| {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 11) as f64 / (1u64 << 53) as f64
+    });
+    draws.sum::<f64>() - 6.0
+}
+
+fn message(t_s: f64, azimuth: f64, sd: f64, band: u8) -> Bearing {
+    Bearing {
+        index: (t_s * RATE_HZ) as u64,
+        azimuth: wrap_tau(azimuth) as f32,
+        elevation: 0.0,
+        var_azimuth: (sd * sd) as f32,
+        var_elevation: 1e-4,
+        cov: 0.0,
+        snr_db: 10.0,
+        quality: 1.0,
+        closure_s: 0.0,
+        statistic: 2.0,
+        band,
+        flags: 0,
+    }
+}
+
+/// Azimuth received from a straight track: CPA at `t_c`, range `r_c`, azimuth `a_c`, turning clockwise.
+fn azimuth(t_s: f64, t_c: f64, r_c: f64, a_c: f64) -> f64 {
+    let emitted = |t: f64| t - m::hypot(r_c, 7.0 * (t - t_c)) / 1484.0;
+    a_c + m::atan(7.0 * (emitted(t_s) - t_c) / r_c)
+}
+
+fn tracks(messages: &[Message], stage: u8) -> Vec<crate::wire::Track> {
+    let mut out = Vec::new();
+    for message in messages {
+        if let Message::Track(t) = message
+            && t.stage == stage
+        {
+            out.push(*t);
+        }
+    }
+    out
+}
+
+#[test]
+fn one_pass_is_one_track_with_one_solution() {
+    let config = config();
+    for sd_deg in [0.1, 0.5, 2.0] {
+        let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 7);
+        for k in 0..600 {
+            let t = 0.5 * f64::from(k);
+            let sd = sd_deg * RAD_PER_DEG;
+            let a = azimuth(t, 150.0, 500.0, 6.0) + sd * gaussian(&mut seed);
+            bearing(&config, &mut state, &message(t, a, sd, 0), &mut |m| out.push(m));
+            advance(&config, &mut state, ((t + 0.4) * RATE_HZ) as u64, &mut |m| out.push(m));
+        }
+        advance(&config, &mut state, (350.0 * RATE_HZ) as u64, &mut |m| out.push(m));
+        let last = tracks(&out, 1);
+        assert_eq!(last.len(), 1, "{sd_deg}");
+        assert!(out.len() > 50 && tracks(&out, 0).iter().all(|t| t.id == last[0].id));
+        let t = &last[0];
+        assert!((t.cpa_range_m - 500.0).abs() < 4.0 * t.sd_cpa_range_m + 1.0, "{t:?}");
+        assert!(t.sd_cpa_range_m < 40.0 && (t.cpa_time_s - 150.0).abs() < 5.0 && t.starboard);
+        assert!(wrap_pi(f64::from(t.heading) - 6.0 - core::f64::consts::FRAC_PI_2).abs() < 0.1);
+        finish(&config, &mut state, &mut |m| out.push(m));
+        assert_eq!((tracks(&out, 1).len(), state.vessels()), (1, 0));
+    }
+}
+
+#[test]
+fn sub_bands_of_one_vessel_are_one_track_and_a_quiet_vessel_in_one_band_another() {
+    let config = config();
+    let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 3);
+    let sd = 0.01;
+    for k in 0..400 {
+        let t = 0.5 * f64::from(k);
+        for (band, t_c, a_c) in [(0, 100.0, 1.0), (1, 100.0, 1.0), (2, 60.0, 3.5), (3, 100.0, 1.0)] {
+            let a = azimuth(t, t_c, 400.0, a_c) + sd * gaussian(&mut seed);
+            bearing(&config, &mut state, &message(t, a, sd, band), &mut |m| out.push(m));
+        }
+    }
+    assert_eq!(state.vessels(), 2);
+    finish(&config, &mut state, &mut |m| out.push(m));
+    assert_eq!(tracks(&out, 1).len(), 2);
+}
+
+#[test]
+fn scattered_bearings_and_nonsense_are_no_vessel() {
+    let config = config();
+    let (mut state, mut seed) = (State::new(), 11u64);
+    let mut sink = |_| panic!("no track is due");
+    for k in 0..2000 {
+        let a = 100.0 * gaussian(&mut seed);
+        bearing(&config, &mut state, &message(0.5 * f64::from(k), a, 0.02, 0), &mut sink);
+    }
+    for (a, v) in [(f32::NAN, 1e-4), (1.0, f32::INFINITY), (1.0, -1.0)] {
+        let nonsense = Bearing { azimuth: a, var_azimuth: v, ..message(2000.0, 0.0, 0.01, 0) };
+        bearing(&config, &mut state, &nonsense, &mut sink);
+    }
+    finish(&config, &mut state, &mut sink);
+}
+
+#[test]
+fn memory_stays_within_its_budget() {
+    assert!(size_of::<State>() <= 24 * 1024, "{}", size_of::<State>());
+}
