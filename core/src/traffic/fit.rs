@@ -204,6 +204,19 @@ impl Fit {
         self.solution(config)
     }
 
+    /// How much better two lines, one until `t_s` and one from then on, explain the bearings than a single one: the fall
+    /// of the weighted squared residual. Both sides are fitted from all lines and fresh starts.
+    pub(super) fn gain_of_split(&self, config: &Config, t_s: f64) -> f64 {
+        let mut older = self.clone();
+        let whole = older.improve(config, true, FINAL_STEPS);
+        let mut newer = older.split(config, t_s);
+        let parts = [older.improve(config, true, SEED_STEPS), newer.improve(config, true, FINAL_STEPS)];
+        match (whole, parts) {
+            (Some(whole), [Some(older), Some(newer)]) => whole - older - newer,
+            _ => 0.0,
+        }
+    }
+
     /// Cuts at a time: what is older stays here, what is newer is returned as a fit of its own.
     pub(super) fn split(&mut self, config: &Config, t_s: f64) -> Self {
         let cut = (t_s - self.origin_s) as f32;
@@ -253,8 +266,9 @@ impl Fit {
         chain.normal.is_finite().then_some(chain.normal)
     }
 
-    /// Lets the lines (and fresh ones, if asked) take up to `steps` steps and keeps the best few that differ.
-    fn improve(&mut self, config: &Config, fresh: bool, steps: usize) {
+    /// Lets the lines (and fresh ones, if asked) take up to `steps` steps and keeps the best few that differ. Returns
+    /// the least weighted squared residual.
+    fn improve(&mut self, config: &Config, fresh: bool, steps: usize) -> Option<f64> {
         let limits = self.limits(config);
         let free = config.free();
         let bearings = self.nodes().iter().map(|n| (self.origin_s + f64::from(n.t_s), f64::from(n.azimuth)));
@@ -275,17 +289,17 @@ impl Fit {
             *slot = Some(point);
         }
         self.lines = [None; LINES];
-        let mut least = f64::INFINITY;
+        let mut least = None;
         for (rank, slot) in self.lines.iter_mut().enumerate() {
             let chosen = pool.iter().flatten().min_by(|a, b| a.normal.cost().total_cmp(&b.normal.cost()));
             let Some(chosen) = chosen.copied() else { break };
             if rank == 0 {
-                least = chosen.normal.cost();
+                least = Some(chosen.normal.cost());
                 let floor = floor(&limits, chosen.line.speed_m_s());
                 let covariance = chosen.normal.covariance(&free, &floor);
                 self.best = covariance.map(|covariance| Known { line: chosen.line, covariance });
             }
-            if chosen.normal.cost() > least + DEAD {
+            if least.is_some_and(|least| chosen.normal.cost() > least + DEAD) {
                 break;
             }
             *slot = Some(chosen.line);
@@ -295,6 +309,7 @@ impl Fit {
                 }
             }
         }
+        least
     }
 
     /// Merges the pair of neighbours whose average loses least: an average over a span `D` errs by `α̈ D²/24`.

@@ -3,8 +3,10 @@
 //! In: each bearing of a track. Out: since when the vessel is off its line, if it is. The bearings are compared with a
 //! *reference*: the fit as it stood 20 to 40 s ago, which a turn since then cannot have bent. Their residuals are
 //! averaged exponentially over [`MEMORY_S`]; the average's standard deviation follows from the bearings' white and
-//! coloured errors and the reference's own uncertainty. More than [`LIMIT_SD`] of them for [`SUSTAINED_S`] is a
-//! manoeuvre. Assumes the bearings' errors are as large as reported; a track shorter than [`LEAST_S`] is not tested.
+//! coloured errors and the reference's own uncertainty. More than [`SUSPECT_SD`] of them for [`SUSTAINED_S`] is a
+//! suspicion. It is a manoeuvre only if two lines, before and after, explain all bearings better than any single line by
+//! [`LEAST_GAIN`]: the reference may have been the wrong one of two arcs. Assumes the bearings' errors are as large as
+//! reported; a track shorter than [`LEAST_S`] is not tested.
 
 use super::fit::{Fit, Known};
 use crate::angle::wrap_pi;
@@ -15,8 +17,13 @@ use crate::motion::recursive::Config;
 const REFERENCE_S: f64 = 20.0;
 /// Memory of the mean residual, seconds.
 const MEMORY_S: f64 = 8.0;
-/// Standard deviations of the mean residual.
-const LIMIT_SD: f64 = 5.0;
+/// Standard deviations of the mean residual that raise a suspicion.
+const SUSPECT_SD: f64 = 3.5;
+/// Fall of the weighted squared residual that proves it. Three more parameters and the time of the cut lower it by about
+/// 5 by chance; 30 happens once in 10⁵.
+const LEAST_GAIN: f64 = 30.0;
+/// Time until a refuted suspicion may be raised again, seconds.
+const RESPITE_S: f64 = 5.0;
 /// Seconds for which they must be exceeded.
 const SUSTAINED_S: f64 = 2.0;
 /// Length of track below which a reference says too little, seconds.
@@ -32,6 +39,7 @@ pub(super) struct Manoeuvre {
     mean: f64,
     white: f64,
     since_s: Option<f64>,
+    respite_s: f64,
 }
 
 impl Manoeuvre {
@@ -44,6 +52,7 @@ impl Manoeuvre {
             mean: 0.0,
             white: 0.0,
             since_s: None,
+            respite_s: 0.0,
         }
     }
 
@@ -76,12 +85,17 @@ impl Manoeuvre {
         let (coloured, tau_s, extra) = config.errors();
         self.white = (1.0 - gain) * (1.0 - gain) * self.white + gain * gain * (variance + extra);
         let spread = self.white + coloured * tau_s / (tau_s + MEMORY_S) + line_variance;
-        if self.mean * self.mean < LIMIT_SD * LIMIT_SD * spread {
+        if self.mean * self.mean < SUSPECT_SD * SUSPECT_SD * spread {
             self.since_s = None;
             return None;
         }
         let since_s = *self.since_s.get_or_insert(t_s);
-        (t_s - since_s >= SUSTAINED_S).then(|| onset(config, reference, fit, t_s))
+        if t_s - since_s < SUSTAINED_S || t_s < self.respite_s {
+            return None;
+        }
+        let onset_s = onset(config, reference, fit, t_s);
+        self.respite_s = t_s + RESPITE_S;
+        (fit.gain_of_split(config, onset_s) > LEAST_GAIN).then_some(onset_s)
     }
 
     /// Mean residual and its white variance as they would stand had the new reference been used all along.

@@ -58,9 +58,14 @@ pub struct Config {
 impl Config {
     /// From a validated station configuration.
     pub fn new(station: &StationConfig) -> Self {
+        Self::with(recursive::Config::of_station(station), station.rate_hz)
+    }
+
+    /// From the motion fit's settings and the sample rate, everything else as usual.
+    pub fn with(motion: recursive::Config, rate_hz: f64) -> Self {
         Self {
-            motion: recursive::Config::of_station(station),
-            rate_hz: station.rate_hz,
+            motion,
+            rate_hz,
             gate_sd: 4.5,
             merge_rad: 3.0 * crate::angle::RAD_PER_DEG,
             silence_s: 45.0,

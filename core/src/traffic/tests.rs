@@ -6,19 +6,8 @@ use std::vec::Vec;
 const RATE_HZ: f64 = 64_000.0;
 
 fn config() -> Config {
-    Config {
-        motion: recursive::Config::new(
-            &Tracking { speed_m_s: 7.0, speed_sd_m_s: 0.0, ..Tracking::default() },
-            1484.0,
-        ),
-        rate_hz: RATE_HZ,
-        gate_sd: 4.5,
-        merge_rad: 3.0 * RAD_PER_DEG,
-        silence_s: 45.0,
-        crossing_s: 90.0,
-        report_s: 5.0,
-        report_after: 20,
-    }
+    let tracking = Tracking { speed_m_s: 7.0, speed_sd_m_s: 0.0, ..Tracking::default() };
+    Config::with(recursive::Config::new(&tracking, 1484.0), RATE_HZ)
 }
 
 fn gaussian(seed: &mut u64) -> f64 {

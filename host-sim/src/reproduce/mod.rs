@@ -15,6 +15,7 @@ mod obs_two_ships;
 mod obs_world;
 pub mod real_ship_ee;
 mod report;
+mod several_vessels;
 mod shaft_rate;
 
 use anyhow::Result;
@@ -56,4 +57,5 @@ pub const EXPERIMENTS: &[Experiment] = &[
     bearing_limit::EXPERIMENT,
     shaft_rate::EXPERIMENT,
     real_ship_ee::EXPERIMENT,
+    several_vessels::EXPERIMENT,
 ];

@@ -1,0 +1,425 @@
+//! Several vessels at once: are tracks kept apart through crossings, and are manoeuvres (and only they) noticed?
+//!
+//! Four vessels pass one array within 300 s on random straight tracks (closest points 200 to 1500 m, 5 to 10 m/s), drawn
+//! until exactly two pairs of bearings cross between 60 and 240 s and all are more than 6° apart at both ends. Every
+//! 0.5 s each gives a bearing with probability 0.85: white error of 0.9° and Gauss-Markov error of 0.5° and 5 s; vessels
+//! within 3° of each other give one bearing between them, weighted by level; one instant in twenty has a false bearing
+//! anywhere. Then single vessels, half of which turn by 40° at 1 degree a second.
+
+use super::{Experiment, Options};
+use crate::plot::{Figure, cut_at_wraps, write_panels};
+use crate::progress;
+use anyhow::Result;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use seabearing_core::angle::{RAD_PER_DEG, wrap_pi, wrap_tau};
+use seabearing_core::config::Tracking;
+use seabearing_core::motion::recursive;
+use seabearing_core::traffic::{self, Config, State};
+use seabearing_core::wire::{Bearing, Message, Track};
+use serde_json::json;
+use std::collections::BTreeSet;
+use std::f64::consts::TAU;
+use std::fmt::Write as _;
+
+/// `seabearing reproduce several-vessels`.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "several-vessels",
+    about: "four vessels with two crossings: swaps and lost tracks; manoeuvres noticed",
+    run,
+};
+
+const RATE_HZ: f64 = 64_000.0;
+const STEP_S: f64 = 0.5;
+const DURATION_S: f64 = 300.0;
+const VESSELS: usize = 4;
+const DETECTION: f64 = 0.85;
+const FALSE_BEARING: f64 = 0.05;
+const MERGE_DEG: f64 = 3.0;
+const WHITE_DEG: f64 = 0.9;
+const COLOURED_DEG: f64 = 0.5;
+const TAU_S: f64 = 5.0;
+const SOUND_M_S: f64 = 1484.0;
+const TURN_DEG: f64 = 40.0;
+const TURN_RATE_DEG_S: f64 = 1.0;
+
+/// A vessel: straight, or with one turn.
+#[derive(Clone, Copy, Debug)]
+struct Vessel {
+    cpa_m: f64,
+    cpa_s: f64,
+    cpa_azimuth: f64,
+    /// +1 clockwise, −1 anticlockwise.
+    sense: f64,
+    speed_m_s: f64,
+    /// Start of the turn and its sign.
+    turn: Option<(f64, f64)>,
+}
+
+impl Vessel {
+    fn random(rng: &mut impl Rng, cpa_m: (f64, f64)) -> Self {
+        Self {
+            cpa_m: rng.random_range(cpa_m.0..cpa_m.1),
+            cpa_s: rng.random_range(0.2 * DURATION_S..0.8 * DURATION_S),
+            cpa_azimuth: rng.random_range(0.0..TAU),
+            sense: if rng.random::<bool>() { 1.0 } else { -1.0 },
+            speed_m_s: rng.random_range(5.0..10.0),
+            turn: None,
+        }
+    }
+
+    fn position(&self, t_s: f64) -> (f64, f64) {
+        let (s, c) = self.cpa_azimuth.sin_cos();
+        let straight = |t: f64| {
+            let along = self.sense * self.speed_m_s * (t - self.cpa_s);
+            (self.cpa_m * s + along * c, self.cpa_m * c - along * s)
+        };
+        let Some((start_s, sign)) = self.turn.filter(|turn| t_s > turn.0) else { return straight(t_s) };
+        // An arc of constant rate, then straight on.
+        let rate = sign * TURN_RATE_DEG_S * RAD_PER_DEG;
+        let turning_s = (t_s - start_s).min(TURN_DEG / TURN_RATE_DEG_S);
+        let heading = self.cpa_azimuth + self.sense * std::f64::consts::FRAC_PI_2;
+        let (x, y) = straight(start_s);
+        let new = heading + rate * turning_s;
+        let radius = self.speed_m_s / rate;
+        let on = self.speed_m_s * (t_s - start_s - turning_s);
+        (
+            x + radius * (heading.cos() - new.cos()) + on * new.sin(),
+            y + radius * (new.sin() - heading.sin()) + on * new.cos(),
+        )
+    }
+
+    fn range(&self, t_s: f64) -> f64 {
+        let (x, y) = self.position(t_s);
+        x.hypot(y)
+    }
+
+    /// Azimuth received at `t_s`.
+    fn azimuth(&self, t_s: f64) -> f64 {
+        let mut emitted_s = t_s;
+        for _ in 0..4 {
+            emitted_s = t_s - self.range(emitted_s) / SOUND_M_S;
+        }
+        let (x, y) = self.position(emitted_s);
+        wrap_tau(x.atan2(y))
+    }
+}
+
+/// Times and bearings of one run, in order.
+type Bearings = Vec<(f64, f64)>;
+
+fn apart(a: &Vessel, b: &Vessel, t_s: f64) -> f64 {
+    wrap_pi(a.azimuth(t_s) - b.azimuth(t_s))
+}
+
+/// Times at which bearings of any two vessels cross.
+fn crossings(vessels: &[Vessel]) -> Vec<f64> {
+    let mut out = Vec::new();
+    for (i, a) in vessels.iter().enumerate() {
+        for b in &vessels[..i] {
+            let mut last = apart(a, b, 0.0);
+            for k in 1..=DURATION_S as u32 {
+                let now = apart(a, b, f64::from(k));
+                if last * now < 0.0 && (last - now).abs() < 1.0 {
+                    out.push(f64::from(k));
+                }
+                last = now;
+            }
+        }
+    }
+    out
+}
+
+/// Four vessels as the module's header says.
+fn traffic_of_four(rng: &mut impl Rng) -> Vec<Vessel> {
+    loop {
+        let vessels: Vec<Vessel> = (0..VESSELS).map(|_| Vessel::random(rng, (200.0, 1500.0))).collect();
+        let times = crossings(&vessels);
+        let clear = |t: f64| {
+            vessels
+                .iter()
+                .enumerate()
+                .all(|(i, a)| vessels[..i].iter().all(|b| apart(a, b, t).abs() > 6.0 * RAD_PER_DEG))
+        };
+        let inside = times.iter().all(|t| (60.0..240.0).contains(t));
+        if times.len() == 2 && inside && clear(0.0) && clear(DURATION_S) {
+            return vessels;
+        }
+    }
+}
+
+/// What the array would report of these vessels.
+fn listen(vessels: &[Vessel], rng: &mut ChaCha8Rng, false_bearing: f64) -> Bearings {
+    let mut normal = {
+        let mut rng = ChaCha8Rng::seed_from_u64(rng.random());
+        move || -> f64 { StandardNormal.sample(&mut rng) }
+    };
+    let keep = (-STEP_S / TAU_S).exp();
+    let mut coloured: Vec<f64> = vessels.iter().map(|_| COLOURED_DEG * normal()).collect();
+    let mut out = Vec::new();
+    for k in 0..(DURATION_S / STEP_S) as u32 {
+        let t_s = STEP_S * f64::from(k);
+        // Sorted by azimuth, vessels close together form groups that give one bearing.
+        let mut heard: Vec<(f64, f64)> = Vec::new();
+        for (vessel, coloured) in vessels.iter().zip(&mut coloured) {
+            *coloured = keep * *coloured + (1.0 - keep * keep).sqrt() * COLOURED_DEG * normal();
+            let azimuth = vessel.azimuth(t_s) + *coloured * RAD_PER_DEG;
+            let level = vessel.range(t_s).powi(-2);
+            let near = heard.iter_mut().find(|(a, _)| wrap_pi(azimuth - *a).abs() < MERGE_DEG * RAD_PER_DEG);
+            if let Some((a, l)) = near {
+                *a += level / (level + *l) * wrap_pi(azimuth - *a);
+                *l += level;
+            } else {
+                heard.push((azimuth, level));
+            }
+        }
+        for (azimuth, _) in heard {
+            if rng.random::<f64>() < DETECTION {
+                out.push((t_s, wrap_tau(azimuth + WHITE_DEG * RAD_PER_DEG * normal())));
+            }
+        }
+        if rng.random::<f64>() < false_bearing {
+            out.push((t_s, rng.random_range(0.0..TAU)));
+        }
+    }
+    out
+}
+
+fn config() -> Config {
+    let tracking = Tracking { bearing_sd_deg: COLOURED_DEG, bearing_tau_s: TAU_S, ..Tracking::default() };
+    Config::with(recursive::Config::new(&tracking, SOUND_M_S), RATE_HZ)
+}
+
+fn message(t_s: f64, azimuth: f64) -> Bearing {
+    let variance = (WHITE_DEG * RAD_PER_DEG).powi(2) as f32;
+    Bearing {
+        index: (t_s * RATE_HZ) as u64,
+        azimuth: azimuth as f32,
+        elevation: 0.0,
+        var_azimuth: variance,
+        var_elevation: variance,
+        cov: 0.0,
+        snr_db: 10.0,
+        quality: 1.0,
+        closure_s: 0.0,
+        statistic: 2.0,
+        band: 0,
+        flags: 0,
+    }
+}
+
+/// Runs the tracker; returns its track records, and for each bearing the number of the track it lies on.
+fn track(bearings: &Bearings) -> (Vec<Track>, Vec<Option<u16>>) {
+    let config = config();
+    let mut state = State::new();
+    let (mut records, mut on) = (Vec::new(), Vec::new());
+    let mut sink = |m| {
+        if let Message::Track(t) = m {
+            records.push(t);
+        }
+    };
+    for &(t_s, azimuth) in bearings {
+        let bearing = message(t_s, azimuth);
+        traffic::bearing(&config, &mut state, &bearing, &mut sink);
+        traffic::advance(&config, &mut state, bearing.index, &mut sink);
+        on.push(state.nearest(&config, &bearing));
+    }
+    traffic::finish(&config, &mut state, &mut sink);
+    (records, on)
+}
+
+/// What happened to the tracks of one run.
+#[derive(Clone, Debug, Default)]
+struct Verdict {
+    swapped: bool,
+    lost: bool,
+    extra: bool,
+}
+
+fn verdict(vessels: &[Vessel], records: &[Track]) -> Verdict {
+    let mut of_vessel = vec![BTreeSet::new(); vessels.len()];
+    let mut of_track = std::collections::BTreeMap::<u16, BTreeSet<usize>>::new();
+    let mut newest = vec![0.0f64; vessels.len()];
+    for record in records.iter().filter(|r| r.stage == 0) {
+        let t_s = record.index as f64 / RATE_HZ;
+        let azimuth = f64::from(record.x_m).atan2(f64::from(record.y_m));
+        let mut distances: Vec<(f64, usize)> =
+            vessels.iter().enumerate().map(|(i, v)| (wrap_pi(azimuth - v.azimuth(t_s)).abs(), i)).collect();
+        distances.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (nearest, vessel) = distances[0];
+        let clear = vessels
+            .iter()
+            .enumerate()
+            .all(|(i, v)| i == vessel || apart(v, &vessels[vessel], t_s).abs() > 5.0 * RAD_PER_DEG);
+        if clear && nearest < 3.0 * RAD_PER_DEG {
+            of_vessel[vessel].insert(record.id);
+            of_track.entry(record.id).or_default().insert(vessel);
+            newest[vessel] = newest[vessel].max(t_s);
+        }
+    }
+    let finals = records.iter().filter(|r| r.stage == 1).count();
+    Verdict {
+        swapped: of_track.values().any(|v| v.len() > 1),
+        lost: of_vessel.iter().any(|ids| ids.len() != 1) || newest.iter().any(|t| *t < DURATION_S - 25.0),
+        extra: finals != vessels.len(),
+    }
+}
+
+fn seeds(options: &Options, runs: usize, what: u64) -> Vec<u64> {
+    (0..runs as u64)
+        .map(|run| options.seed.wrapping_mul(1_000_003).wrapping_add(what * 100_000 + run))
+        .collect()
+}
+
+fn run(options: &Options) -> Result<()> {
+    let runs = options.runs.unwrap_or(100);
+    let bar = progress::bar(2 * runs as u64, "several vessels");
+    let verdicts: Vec<(u64, Verdict)> = seeds(options, runs, 1)
+        .into_par_iter()
+        .map(|seed| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let vessels = traffic_of_four(&mut rng);
+            let (records, _) = track(&listen(&vessels, &mut rng, FALSE_BEARING));
+            bar.inc(1);
+            (seed, verdict(&vessels, &records))
+        })
+        .collect();
+    let turns: Vec<Turn> = seeds(options, runs, 2)
+        .into_par_iter()
+        .map(|seed| {
+            bar.inc(1);
+            Turn::of(seed)
+        })
+        .collect();
+    bar.finish_and_clear();
+    let count = |f: fn(&Verdict) -> bool| verdicts.iter().filter(|(_, v)| f(v)).count();
+    let good = count(|v| !(v.swapped || v.lost || v.extra));
+    let (swapped, lost, extra) = (count(|v| v.swapped), count(|v| v.lost), count(|v| v.extra));
+    let mut delays: Vec<f64> = turns.iter().filter_map(|t| t.delay_s).collect();
+    delays.sort_by(f64::total_cmp);
+    let at = |share: f64| {
+        delays.get(((delays.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(f64::NAN)
+    };
+    let false_splits = turns.iter().filter(|t| t.straight_split).count();
+    let early = turns.iter().filter(|t| t.early).count();
+
+    let mut csv = String::from("seed,swapped,lost,extra\n");
+    for (seed, v) in &verdicts {
+        writeln!(csv, "{seed},{},{},{}", v.swapped, v.lost, v.extra)?;
+    }
+    crate::atomic::write(&options.out.join("several_vessels_runs.csv"), csv.as_bytes())?;
+    picture(options)?;
+    if options.json {
+        let record = json!({
+            "experiment": "several-vessels", "seed": options.seed, "runs": runs, "good": good, "swapped": swapped,
+            "lost": lost, "extra": extra, "turns_noticed": delays.len(), "median_delay_s": at(0.5),
+            "delay_90_s": at(0.9), "split_before_turn": early, "straight_split": false_splits,
+        });
+        println!("{record}");
+        return Ok(());
+    }
+    println!("four vessels, two crossings, {runs} runs");
+    println!("  no swap, no lost track, none too many   {good}   (bar 95 of 100)");
+    println!(
+        "  runs with a swap {swapped}, a lost or broken track {lost}, another number of solutions {extra}"
+    );
+    println!("one vessel turning by {TURN_DEG}° at {TURN_RATE_DEG_S} °/s, {runs} runs");
+    println!(
+        "  noticed                                 {} ({early} had split before the turn)",
+        delays.len()
+    );
+    println!(
+        "  after its start: median {:.0} s, 90 % within {:.0} s, slowest {:.0} s",
+        at(0.5),
+        at(0.9),
+        at(1.0)
+    );
+    println!("one vessel going straight, {runs} runs");
+    println!("  split                                   {false_splits}   (bar 0)");
+    println!("written: several_vessels_runs.csv, several_vessels.csv and .svg in {}", options.out.display());
+    Ok(())
+}
+
+/// One vessel that turns, and the same one going straight on.
+struct Turn {
+    /// From the start of the turn to the end-of-passage record of the track before it.
+    delay_s: Option<f64>,
+    early: bool,
+    straight_split: bool,
+}
+
+impl Turn {
+    fn of(seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (vessel, bearings) = turning(&mut rng);
+        let start_s = vessel.turn.map_or(0.0, |t| t.0);
+        let (records, _) = track(&bearings);
+        // The old track's final record comes when the new one starts: the time of the first other number.
+        let first = records.first().map_or(0, |r| r.id);
+        let switched = records.iter().find(|r| r.id != first).map(|r| r.index as f64 / RATE_HZ);
+        let straight = Vessel { turn: None, ..vessel };
+        let (records, _) = track(&listen(&[straight], &mut rng, 0.0));
+        let ids: BTreeSet<u16> = records.iter().map(|r| r.id).collect();
+        Self {
+            delay_s: switched.filter(|t| *t >= start_s).map(|t| t - start_s),
+            early: switched.is_some_and(|t| t < start_s),
+            straight_split: ids.len() != 1,
+        }
+    }
+}
+
+/// A vessel that turns between 100 and 160 s, near its closest point, and its bearings.
+fn turning(rng: &mut ChaCha8Rng) -> (Vessel, Bearings) {
+    let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
+    let turn = Some((rng.random_range(100.0..160.0), sign));
+    let vessel = Vessel { turn, cpa_s: 150.0, ..Vessel::random(rng, (300.0, 800.0)) };
+    let bearings = listen(&[vessel], rng, 0.0);
+    (vessel, bearings)
+}
+
+/// Bearings of the first run and of a turning vessel, coloured by track, over the truth.
+fn picture(options: &Options) -> Result<()> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seeds(options, 1, 1)[0]);
+    let four = traffic_of_four(&mut rng);
+    let bearings = listen(&four, &mut rng, FALSE_BEARING);
+    let (_, on) = track(&bearings);
+    let mut csv = String::from("t_s,azimuth_deg,track,truth0_deg,truth1_deg,truth2_deg,truth3_deg\n");
+    for ((t_s, azimuth), id) in bearings.iter().zip(&on) {
+        write!(csv, "{t_s:.1},{:.3},{}", azimuth.to_degrees(), id.map_or(String::new(), |i| i.to_string()))?;
+        for vessel in &four {
+            write!(csv, ",{:.3}", vessel.azimuth(*t_s).to_degrees())?;
+        }
+        csv.push('\n');
+    }
+    crate::atomic::write(&options.out.join("several_vessels.csv"), csv.as_bytes())?;
+    let mut rng = ChaCha8Rng::seed_from_u64(seeds(options, 1, 2)[0]);
+    let (turning, turned) = turning(&mut rng);
+    let (_, turned_on) = track(&turned);
+    let first = figure("Four vessels, two crossings", &four, &bearings, &on);
+    let second = figure("One vessel turning by 40°", &[turning], &turned, &turned_on);
+    write_panels(&options.out.join("several_vessels.svg"), &[&first, &second], 1)
+}
+
+fn figure(title: &str, vessels: &[Vessel], bearings: &Bearings, on: &[Option<u16>]) -> Figure {
+    let mut figure = Figure::new(title, "time (s)", "azimuth (°)");
+    figure.size(900, 480).x_range(0.0, DURATION_S).y_scale(crate::plot::Scale::Degrees).y_range(0.0, 360.0);
+    let ids: BTreeSet<u16> = on.iter().flatten().copied().collect();
+    for id in ids {
+        let mine = bearings.iter().zip(on).filter(|(_, o)| **o == Some(id));
+        let points: Vec<(f64, f64)> = mine.map(|((t, a), _)| (*t, a.to_degrees())).collect();
+        figure.points(&format!("track {id}"), &points);
+    }
+    let none = bearings.iter().zip(on).filter(|(_, o)| o.is_none());
+    let points: Vec<(f64, f64)> = none.map(|((t, a), _)| (*t, a.to_degrees())).collect();
+    figure.points("no track", &points).coloured(crate::plot::RGBColor(150, 150, 150));
+    for (i, vessel) in vessels.iter().enumerate() {
+        let curve: Vec<(f64, f64)> = (0..=600)
+            .map(|k| f64::from(k) * DURATION_S / 600.0)
+            .map(|t| (t, vessel.azimuth(t).to_degrees()))
+            .collect();
+        figure.truth(if i == 0 { "truth" } else { "" }, &cut_at_wraps(&curve));
+    }
+    figure
+}
