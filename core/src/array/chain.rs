@@ -209,12 +209,9 @@ fn inspect(codes: &[[i32; FRAME]; CHANNELS], clip_code: i32) -> Inspection {
     let mut found = Inspection { dead: 0, clipped: [0; CHANNELS] };
     for (c, (channel, clipped)) in codes.iter().zip(&mut found.clipped).enumerate() {
         let first = channel[0];
-        let (mut differs, mut magnitude) = (0i32, 0i32);
-        for x in channel {
-            differs |= x ^ first;
-            magnitude |= x ^ (x >> 31);
-        }
-        if differs == 0 {
+        let magnitude = channel.iter().fold(0, |m, x| m | (x ^ (x >> 31)));
+        // A live channel differs within its first samples.
+        if channel.iter().all(|x| *x == first) {
             found.dead |= 1 << c;
         } else if magnitude >= clip_code {
             *clipped = channel.iter().filter(|x| **x >= clip_code || **x <= -clip_code).count();

@@ -9,6 +9,9 @@ use super::wavefront::PAIR_COUNT;
 use crate::block::CHANNELS;
 use microfft::Complex32;
 
+/// Values handled at a time: a fixed number, so that the loops' own work is shared among them.
+const RUN: usize = 8;
+
 /// Work space of one frame: windowed samples, transformed in place (8 KiB).
 pub(crate) type FrameWork = [[f32; FRAME]; CHANNELS];
 
@@ -75,8 +78,11 @@ impl Spectra {
         for (work, channel) in work.iter_mut().zip(plan.channels) {
             // The plan's channels are a permutation of 0..4; the fallback is never taken.
             let Some(codes) = codes.get(usize::from(channel)) else { continue };
-            for ((x, code), w) in work.iter_mut().zip(codes).zip(&plan.window) {
-                *x = *code as f32 * w;
+            let (work, codes) = (work.as_chunks_mut::<RUN>().0, codes.as_chunks::<RUN>().0);
+            for ((x, codes), w) in work.iter_mut().zip(codes).zip(plan.window.as_chunks::<RUN>().0) {
+                for ((x, code), w) in x.iter_mut().zip(codes).zip(w) {
+                    *x = *code as f32 * w;
+                }
             }
         }
         let [w0, w1, w2, w3] = work;
@@ -95,9 +101,7 @@ impl Spectra {
         cross(&x1[..bins], &x3[..bins], &mut r13[..bins], &mut i13[..bins]);
         cross(&x2[..bins], &x3[..bins], &mut r23[..bins], &mut i23[..bins]);
         for (x, a) in [(x0, a0), (x1, a1), (x2, a2), (x3, a3)] {
-            for (x, a) in x[..bins].iter().zip(&mut a[..bins]) {
-                *a += x.re * x.re + x.im * x.im;
-            }
+            power(&x[..bins], &mut a[..bins]);
         }
         self.frames = self.frames.saturating_add(1);
     }
@@ -118,8 +122,33 @@ fn transform<'a>(samples: &'a mut [f32; FRAME], plan: &Plan) -> &'a [Complex32; 
 /// Adds `X_i* X_j`.
 #[inline]
 fn cross(a: &[Complex32], b: &[Complex32], re: &mut [f32], im: &mut [f32]) {
-    for (((a, b), re), im) in a.iter().zip(b).zip(re).zip(im) {
-        *re += a.re * b.re + a.im * b.im;
-        *im += a.re * b.im - a.im * b.re;
+    #[inline(always)]
+    fn run(a: &[Complex32], b: &[Complex32], re: &mut [f32], im: &mut [f32]) {
+        for (((a, b), re), im) in a.iter().zip(b).zip(re).zip(im) {
+            *re += a.re * b.re + a.im * b.im;
+            *im += a.re * b.im - a.im * b.re;
+        }
     }
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<RUN>(), b.as_chunks::<RUN>());
+    let ((re, re_rest), (im, im_rest)) = (re.as_chunks_mut::<RUN>(), im.as_chunks_mut::<RUN>());
+    for (((a, b), re), im) in a.iter().zip(b).zip(re).zip(im) {
+        run(a, b, re, im);
+    }
+    run(a_rest, b_rest, re_rest, im_rest);
+}
+
+/// Adds `|X|²`.
+#[inline]
+fn power(x: &[Complex32], sum: &mut [f32]) {
+    #[inline(always)]
+    fn run(x: &[Complex32], sum: &mut [f32]) {
+        for (x, sum) in x.iter().zip(sum) {
+            *sum += x.re * x.re + x.im * x.im;
+        }
+    }
+    let ((x, x_rest), (sum, sum_rest)) = (x.as_chunks::<RUN>(), sum.as_chunks_mut::<RUN>());
+    for (x, sum) in x.iter().zip(sum) {
+        run(x, sum);
+    }
+    run(x_rest, sum_rest);
 }
