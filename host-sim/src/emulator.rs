@@ -5,6 +5,7 @@
 //! for its transmitter, and the socket is read until QEMU closes it.
 
 use anyhow::{Context, Result, bail};
+use seabearing_core::wire::{Decoder, FaultCode, Message, Received};
 use std::io::{BufWriter, ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
@@ -130,6 +131,16 @@ impl Emulator {
                 feed(&mut out)?;
                 Ok(out.flush()?)
             });
+            let mut decoder = Decoder::default();
+            let mut panicked = None;
+            let mut heard = |bytes: &[u8], commands: &mut dyn Write| {
+                for byte in bytes {
+                    if let Some(Received { message: Message::Fault(fault), .. }) = decoder.push(*byte) {
+                        panicked = panicked.or((fault.code == FaultCode::Panicked).then_some(fault.value));
+                    }
+                }
+                heard(bytes, commands)
+            };
             let listened = listen(&mut uart, fed, &mut heard);
             if listened.is_err() {
                 let _ = qemu.0.kill();
@@ -140,6 +151,9 @@ impl Emulator {
             let feeding = feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"));
             listened?;
             let status = status?;
+            if let Some(value) = panicked {
+                bail!("the firmware panicked at line {} of file {:08x}", value as u32, value >> 32 << 1);
+            }
             match feeding {
                 Err(error) if !is_broken_pipe(&error) => return Err(error),
                 _ => {}

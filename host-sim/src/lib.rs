@@ -5,6 +5,7 @@ pub mod atomic;
 pub mod base;
 pub mod cmd;
 pub mod csv;
+pub mod demo;
 pub mod emulator;
 pub mod ocean_bottom;
 pub mod orientation;

@@ -68,12 +68,18 @@ impl<R: Read> ReadBytes for Bytes<R> {
     }
 }
 
-struct Collected(Vec<u8>);
+/// A line whose other end is a function.
+struct Heard<F> {
+    listener: F,
+    failed: Option<anyhow::Error>,
+}
 
-impl Link for Collected {
+impl<F: FnMut(&[u8]) -> Result<()>> Link for Heard<F> {
     fn send(&mut self, frame: &[u8]) -> bool {
-        self.0.extend_from_slice(frame);
-        true
+        if self.failed.is_none() {
+            self.failed = (self.listener)(frame).err();
+        }
+        self.failed.is_none()
     }
     fn receive(&mut self) -> Option<u8> {
         None
@@ -93,14 +99,15 @@ impl Supervisor for Host {
     }
 }
 
-/// The telemetry the host's own loop makes of a stream.
+/// Runs the host's own loop over a stream; `heard` gets the telemetry frame by frame.
 ///
 /// # Errors
-/// The configuration blob or the stream is not valid.
-pub fn host_telemetry(
+/// The configuration blob or the stream is not valid, or what `heard` says.
+pub fn host(
     blob: &[u8],
     feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
-) -> Result<Vec<u8>> {
+    heard: impl FnMut(&[u8]) -> Result<()>,
+) -> Result<()> {
     let config = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
     let (near, far) = UnixStream::pair()?;
     std::thread::scope(|scope| {
@@ -110,7 +117,7 @@ pub fn host_telemetry(
             Ok(out.flush()?)
         });
         let mut reader = Reader::new(Bytes(BufReader::with_capacity(1 << 16, far)));
-        let mut link = Collected(Vec::new());
+        let mut link = Heard { listener: heard, failed: None };
         let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
         let table = config_blob::section(blob, PROPAGATION).ok();
         // The recorder's memory is large: it is built in place, on the heap.
@@ -119,7 +126,7 @@ pub fn host_telemetry(
         run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
         drop(reader);
         feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"))?;
-        Ok(link.0)
+        link.failed.map_or(Ok(()), Err)
     })
 }
 
@@ -148,8 +155,13 @@ pub fn both(
         firmware.extend_from_slice(bytes);
         Ok(())
     })?;
-    let host = host_telemetry(blob, &feed).context("the host's run")?;
-    Ok(Twins { host, firmware, summary })
+    let mut telemetry = Vec::new();
+    host(blob, &feed, |frame| {
+        telemetry.extend_from_slice(frame);
+        Ok(())
+    })
+    .context("the host's run")?;
+    Ok(Twins { host: telemetry, firmware, summary })
 }
 
 impl Twins {

@@ -3,7 +3,9 @@
 pub mod ais;
 pub mod base;
 pub mod bearing;
+pub mod blob;
 pub mod config;
+pub mod demo;
 pub mod locate;
 pub mod orient;
 pub mod process;
@@ -33,6 +35,10 @@ pub enum Command {
     Twin(twin::Args),
     /// The base station: receive, store, show and export telemetry
     Base(base::Args),
+    /// A simulated pass through the emulated firmware (`cargo xtask demo`)
+    Demo(demo::Args),
+    /// The configuration of a station as the firmware stores it
+    Blob(blob::Args),
     /// Monte Carlo reproductions of the papers' figures and tables
     Reproduce(reproduce::Args),
     /// The interference table of an ocean-bottom station
@@ -58,6 +64,8 @@ impl Command {
             Self::Orient(args) => orient::run(args),
             Self::Twin(args) => twin::run(args),
             Self::Base(args) => base::run(args),
+            Self::Demo(args) => demo::run(args),
+            Self::Blob(args) => blob::run(args),
             Self::Reproduce(args) => reproduce::run(args),
             Self::Propagation(args) => propagation::run(args),
             Self::Config(args) => config::run(args),

@@ -1,0 +1,27 @@
+//! `seabearing blob`: the configuration of a station as the firmware stores it.
+
+use crate::station::Station;
+use crate::{atomic, twin};
+use anyhow::Result;
+use std::path::PathBuf;
+
+/// Arguments of `seabearing blob`.
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  seabearing blob --station east.toml --out east.sbcf")]
+pub struct Args {
+    /// Station file
+    #[arg(long, value_name = "STATION.toml")]
+    station: PathBuf,
+    /// File to write (docs/firmware.md describes it)
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One line for a person.
+pub fn run(args: Args) -> Result<()> {
+    let station = Station::read(&args.station)?;
+    atomic::write(&args.out, &twin::blob(&station)?)
+}
