@@ -198,8 +198,8 @@ impl Received {
             self.bearings.iter().map(|b| (time(b), f64::from(b.azimuth).to_degrees())).collect();
         let mut bearing = Figure::new("Bearing of the passing vessel", "time (s)", "azimuth (°)");
         bearing.y_scale(Scale::Degrees);
-        bearing.truth("truth (at the hydrophones)", &cut_at_wraps(&truth));
         bearing.points("firmware", &measured);
+        bearing.truth("truth (at the hydrophones)", &cut_at_wraps(&truth));
         let mut error = Figure::new("Its error", "time (s)", "error (°)");
         let at = |b: &Bearing| self.truth_at(time(b)).arrival_azimuth_deg;
         let spread = |b: &Bearing| 1.96 * f64::from(b.var_azimuth).sqrt().to_degrees();
