@@ -216,10 +216,10 @@ impl Received {
         let path: Vec<_> = self.truth.iter().map(|t| (t.x_m, t.y_m)).collect();
         map.truth("truth", &path);
         let place = |t: &Track| (f64::from(t.x_m), f64::from(t.y_m));
-        let seen = self.tracks.iter().filter(|t| t.range_observable && t.stage == 0);
+        let mut seen = self.tracks.iter().filter(|t| t.range_observable && t.stage == 0);
         let running: Vec<_> = seen.clone().map(place).collect();
         map.points("running estimate", &running);
-        if let Some(track) = seen.last().or(self.tracks.last()) {
+        if let Some(track) = seen.next_back().or(self.tracks.last()) {
             let variances =
                 (f64::from(track.var_x_m2), f64::from(track.var_y_m2), f64::from(track.cov_xy_m2));
             map.ellipse("95 % of the last", place(track), variances, 0.95);

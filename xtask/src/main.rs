@@ -41,6 +41,7 @@ fn run(arguments: &[String]) -> Result<()> {
         None => ("help", arguments),
     };
     match task {
+        "demo" => demo(options),
         "setup" => toolchain::set_up().map(|_| ()),
         "build-firmware" => firmware::command(options),
         "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
@@ -52,6 +53,18 @@ fn run(arguments: &[String]) -> Result<()> {
         }
         other => bail!("there is no task `{other}`; `cargo xtask help` lists them"),
     }
+}
+
+/// The demonstration; its work is done by `seabearing demo`.
+fn demo(options: &[String]) -> Result<()> {
+    let host_only = options.iter().any(|o| o == "--host-only");
+    if !host_only {
+        let toolchain = toolchain::set_up()?;
+        firmware::build(&toolchain, &firmware::EMULATED)?;
+    }
+    process::say("building the host's command, then a pass of 200 s through the recorder");
+    let arguments: Vec<&str> = std::iter::once("demo").chain(options.iter().map(String::as_str)).collect();
+    process::run(&mut process::host(&arguments), "the demonstration")
 }
 
 /// The workspace's folder.

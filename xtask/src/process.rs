@@ -41,6 +41,13 @@ pub fn cargo() -> Command {
     Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
 
+/// The command `seabearing` of this checkout, built if need be.
+pub fn host(arguments: &[&str]) -> Command {
+    let mut command = cargo();
+    command.args(["run", "--quiet", "--package", "seabearing", "--"]).args(arguments).current_dir(root());
+    command
+}
+
 /// Format, lints and documentation, warnings as errors.
 pub fn check() -> Result<()> {
     say("format");
