@@ -86,15 +86,26 @@ impl Base {
     /// Takes bytes; the records of the messages they completed are appended to `out`.
     pub fn push(&mut self, bytes: &[u8], out: &mut Vec<Value>) {
         self.counters.bytes += bytes.len() as u64;
+        let before = self.decoder.counters();
         for byte in bytes {
             if let Some(received) = self.decoder.push::<Message>(*byte) {
                 self.take(received.sequence, &received.message, out);
             }
         }
-        let c = self.decoder.counters();
-        self.counters.damaged = c.damaged;
-        self.counters.unknown = c.unknown;
-        self.counters.bytes_discarded = c.bytes_discarded;
+        let after = self.decoder.counters();
+        self.counters.damaged += after.damaged - before.damaged;
+        self.counters.unknown += after.unknown - before.unknown;
+        self.counters.bytes_discarded += after.bytes_discarded - before.bytes_discarded;
+    }
+
+    /// The stream has ended for good: bytes of an unfinished frame are damage.
+    pub fn end_stream(&mut self) {
+        let cut = self.decoder.pending() as u64;
+        if cut > 0 {
+            self.counters.damaged += 1;
+            self.counters.bytes_discarded += cut;
+            self.decoder = Decoder::default();
+        }
     }
 
     fn take(&mut self, sequence: u16, message: &Message, out: &mut Vec<Value>) {
@@ -280,6 +291,10 @@ mod tests {
         base.push(&Base::BEGIN, &mut out);
         base.push(&session(1), &mut out);
         assert_eq!((out.len(), base.counters().damaged), (4, 1));
+        base.push(&whole[..5], &mut out);
+        base.end_stream();
+        base.end_stream();
+        assert_eq!((base.counters().damaged, base.counters().bytes), (2, 2 * whole.len() as u64 - 9));
     }
 
     #[test]

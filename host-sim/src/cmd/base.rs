@@ -135,6 +135,9 @@ pub fn run(args: Args) -> Result<()> {
         if let Some(store) = store.as_mut().filter(|_| !bytes.is_empty()) {
             store.append(bytes, &records)?;
         }
+        if event == Event::End {
+            base.end_stream();
+        }
         desk.show(&mut base, &records, event == Event::End)?;
         if event == Event::End {
             break;
