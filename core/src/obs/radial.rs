@@ -27,8 +27,8 @@ pub struct RadialScratch {
     sum: [f32; MODEL_RANGES],
     smooth: [f32; MODEL_RANGES],
     envelope: Envelope,
-    /// Result of [`minute`] or [`window_of_branch`].
-    pub(super) grid: Grid,
+    /// What [`RadialScratch::fill`] made.
+    pub grid: Grid,
 }
 
 impl Default for RadialScratch {

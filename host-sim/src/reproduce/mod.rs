@@ -8,6 +8,7 @@ pub mod bearing_limit_source;
 mod line;
 mod network;
 mod obs_appendix_b;
+mod obs_core_clutter;
 mod obs_noise_week;
 mod obs_one_ship;
 mod obs_table1;
@@ -50,6 +51,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     network::FIGURE_3,
     line::ORIENTATION,
     obs_one_ship::ONE_SHIP,
+    obs_core_clutter::CLUTTER,
     obs_two_ships::TWO_SHIPS,
     obs_noise_week::NOISE_WEEK,
     obs_appendix_b::APPENDIX_B,
