@@ -113,20 +113,6 @@ fn detect(
             weight: m.weight,
             detected: true,
         }));
-        if std::env::var("D").is_ok() {
-            if let Some(t) = crate::ocean_bottom::score::then(table, paths, &vessels[0], 60.0 * k as f64) {
-                let j = ((t.range_m / 140.0) as usize).min(357);
-                let kv = ((t.radial_m_s + 13.0).round() as usize).min(26);
-                let at = (j.saturating_sub(1)..=(j + 1).min(357))
-                    .map(|j| scratch.grid[kv][j])
-                    .fold(f32::MIN, f32::max);
-                let top = scratch.grid.iter().flatten().fold(f32::MIN, |a, b| a.max(*b));
-                println!(
-                    "{k:4} true {:6.0} {:5.1} est {:6.0} {:5.1} w {:.2} L {at:.1} top {top:.1} odds {:.1}",
-                    t.range_m, t.radial_m_s, m.range_m, m.speed_m_s, m.weight, r.log_odds
-                );
-            }
-        }
     }
     detections(&messages, table, paths, RATE_HZ, vessels).remove(0)
 }
