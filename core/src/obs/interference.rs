@@ -31,6 +31,18 @@ const STRENGTH_UNIT: f32 = 1.0 / 32_768.0;
 /// Delays shorter than this (s) lie under the spectrum's smooth shape and are left out.
 const SHORTEST_DELAY_S: f32 = 0.25;
 
+/// Ranges at which the plain delays are kept, beyond the model too: 0 to 100 km.
+const FAR_RANGES: usize = 201;
+
+/// Step of those, m; delays bend so slowly that a straight line between them errs by less than a millisecond.
+const FAR_STEP_M: f32 = 500.0;
+
+/// Delays closer than this draw pulses that cannot be told apart, s.
+const SAME_DELAY_S: f32 = 0.07;
+
+/// Ranges closer than this are one place, m.
+const SAME_PLACE_M: f32 = 1500.0;
+
 /// A branch at a range: where its pulse lies and how the envelope projects on it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pulse {
@@ -45,6 +57,8 @@ pub struct Interference {
     pulses: [[Pulse; MODEL_RANGES]; MAX_BRANCHES],
     /// Half the energy of the summed μ over σ².
     half_energy: [f32; MODEL_RANGES],
+    /// Delays of each branch against range in [`DELAY_UNIT_S`]; 0: none.
+    far_delay: [[u16; FAR_RANGES]; MAX_BRANCHES],
     kernel: [[f32; 2 * HALF + 1]; FINE],
     carrier: [Complex32; QUEFRENCIES],
     inverse_variance: [f32; QUEFRENCIES],
@@ -82,6 +96,7 @@ impl Interference {
         let mut out = Self {
             pulses: [[Pulse::default(); MODEL_RANGES]; MAX_BRANCHES],
             half_energy: [0.0; MODEL_RANGES],
+            far_delay: [[0; FAR_RANGES]; MAX_BRANCHES],
             kernel: [[0.0; 2 * HALF + 1]; FINE],
             carrier: [zero; QUEFRENCIES],
             inverse_variance: [0.0; QUEFRENCIES],
@@ -118,6 +133,14 @@ impl Interference {
                 };
             }
         }
+        for (b, delays) in out.far_delay.iter_mut().enumerate() {
+            for (j, d) in delays.iter_mut().enumerate() {
+                let known = table.branch(b, FAR_STEP_M * j as f32);
+                *d = known.map_or(0, |(delay, ..)| {
+                    math::f32::round(delay / DELAY_UNIT_S).clamp(0.0, 65_535.0) as u16
+                });
+            }
+        }
         for j in 0..MODEL_RANGES {
             let energy = out.energy(j, header.f0_hz, header.width_s, rate_hz);
             if let Some(e) = out.half_energy.get_mut(j) {
@@ -149,6 +172,36 @@ impl Interference {
     /// Farthest range modelled, m.
     pub fn max_range_m(&self) -> f32 {
         self.max_range_m
+    }
+
+    /// Delay of a branch at any range up to 100 km, s.
+    fn delay_s(&self, branch: usize, range_m: f32) -> Option<f32> {
+        let x = (range_m / FAR_STEP_M).max(0.0);
+        let j = x as usize;
+        let delays = self.far_delay.get(branch)?;
+        let (a, b) = (*delays.get(j)?, *delays.get(j + 1)?);
+        if a == 0 || b == 0 {
+            return None;
+        }
+        Some(DELAY_UNIT_S * (f32::from(a) + (f32::from(b) - f32::from(a)) * (x - j as f32)))
+    }
+
+    /// Whether the strongest pulse of a vessel at `range_m` would lie where a vessel known to be at `known_m` draws one:
+    /// the same echo read as another pair of paths.
+    pub fn mistakes(&self, range_m: f32, known_m: f32) -> bool {
+        if math::f32::abs(range_m - known_m) < SAME_PLACE_M {
+            return false;
+        }
+        let j = (range_m / RANGE_STEP_M) as usize;
+        let size = |b: usize| {
+            let p = self.pulses.get(b).and_then(|p| p.get(j)).copied().unwrap_or_default();
+            i32::from(p.re) * i32::from(p.re) + i32::from(p.im) * i32::from(p.im)
+        };
+        let strongest = (0..self.branches).fold(0, |best, b| if size(b) > size(best) { b } else { best });
+        let Some(delay) = self.delay_s(strongest, range_m) else { return false };
+        let near =
+            |b: usize| self.delay_s(b, known_m).is_some_and(|d| math::f32::abs(d - delay) < SAME_DELAY_S);
+        (0..self.branches).any(near)
     }
 
     /// Number of branches.

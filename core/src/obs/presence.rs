@@ -6,7 +6,8 @@
 //! ambiguous. Minutes use frames once, so successive likelihoods are independent.
 //! The posterior is stored as the upper halves of f32 (0.4 %): 19 KiB. Cost: 1 M instructions a minute.
 
-use super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEEDS};
+use super::interference::Interference;
+use super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEED_STEP_M_S, SPEEDS};
 use super::radial::{Grid, speed_of};
 use crate::math;
 
@@ -18,6 +19,9 @@ const CHANGE: f32 = 1.0 / 180.0;
 
 /// Share of the posterior spread anew over the prior each minute, so that a wrong branch is left again.
 const AFRESH: f32 = 0.02;
+
+/// Share of the posterior kept where a track expects its vessel.
+const EXPECTED: f32 = 0.2;
 
 /// Share of each speed that moves to either neighbour in a minute (turning rates near the closest point).
 const SPEED_SPREAD: f32 = 0.1;
@@ -57,6 +61,25 @@ pub struct RangePresence {
     pub approaching: f32,
     /// Modes, heaviest first.
     pub modes: [Option<RangeMode>; RANGE_MODES],
+}
+
+/// Range within which a mode is the vessel a track expects, m.
+const EXPECTED_WITHIN_M: f32 = 1500.0;
+
+impl RangePresence {
+    /// Puts the modes of tracked vessels first and drops those that only read a tracked vessel's echoes as another
+    /// pair of paths.
+    pub fn prefer(&mut self, model: &Interference, expected: &[Option<(f32, f32)>]) {
+        let own = |m: &RangeMode| {
+            expected.iter().flatten().any(|(r, _)| math::f32::abs(m.range_m - r) < EXPECTED_WITHIN_M)
+        };
+        let mistaken = |m: &RangeMode| expected.iter().flatten().any(|(r, _)| model.mistakes(m.range_m, *r));
+        let old = self.modes;
+        let first = old.iter().flatten().filter(|m| own(m));
+        let rest = old.iter().flatten().filter(|m| !own(m) && !mistaken(m));
+        self.modes = [None; RANGE_MODES];
+        self.modes.iter_mut().zip(first.chain(rest)).for_each(|(slot, m)| *slot = Some(*m));
+    }
 }
 
 /// The posterior.
@@ -136,6 +159,25 @@ impl Presence {
             }
             core::mem::swap(below, here);
             core::mem::swap(here, above);
+        }
+    }
+
+    /// Keeps at least [`EXPECTED`] of the posterior where a track says its vessel is: `(range, radial speed)`.
+    pub fn expect(&mut self, range_m: f32, speed_m_s: f32) {
+        let i = (range_m / CELL_M) as usize;
+        let k = math::f32::round((speed_m_s - speed_of(0)) / SPEED_STEP_M_S);
+        if i >= self.cells || k < 0.0 || k as usize >= SPEEDS {
+            return;
+        }
+        let k = k as usize;
+        for d in self.density.iter_mut().flat_map(|c| c.iter_mut().take(self.cells)) {
+            *d = pack((1.0 - EXPECTED) * unpack(*d));
+        }
+        let share = EXPECTED / 15.0;
+        for column in self.density.iter_mut().skip(k.saturating_sub(1)).take(3) {
+            for d in column.iter_mut().take(self.cells).skip(i.saturating_sub(2)).take(5) {
+                *d = pack(unpack(*d) + share);
+            }
         }
     }
 

@@ -14,11 +14,11 @@ use super::evidence::{Evidence, Minute};
 use super::intake::{Event, Hop, Intake};
 use super::limits::{QUEFRENCIES, RANGE_CELLS, WINDOW_FRAMES};
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
-use super::presence::{Presence, RangePresence};
+use super::presence::{Presence, RangeMode, RangePresence};
 use super::radial::RadialScratch;
 use super::segment::Segmenter;
 use super::tonal::{Directions, LOG_THRESHOLD, TonalScratch};
-use super::tracks::Tracker;
+use super::tracks::{LIVE, Tracker};
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
 use crate::wire::{Azimuth, Message, Range};
@@ -268,7 +268,9 @@ impl State {
             }
         }
         self.presence.predict(&mut scratch.columns);
-        let ranges = if scratch.radial.frames() > 0 {
+        let expected = if plan.paper { [None; LIVE] } else { self.tracker.expected(plan, k as u32) };
+        expected.iter().flatten().for_each(|(r, v)| self.presence.expect(*r, *v));
+        let mut ranges = if scratch.radial.frames() > 0 {
             scratch.radial.fill();
             self.presence.update(&scratch.radial.grid)
         } else {
@@ -276,8 +278,10 @@ impl State {
         };
         let heard = directions.frames > 0;
         if heard {
+            let minute = Minute::new(k as u32, &directions, &ranges);
+            ranges.prefer(&plan.interference, &expected);
             send(index, &directions, &ranges, plan.paper, sink);
-            self.evidence.push(Minute::new(k as u32, &directions, &ranges));
+            self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
         }
@@ -322,7 +326,8 @@ fn send(
     }
     let detected = ranges.log_odds > 0.0;
     let mut sent = false;
-    for m in ranges.modes.iter().flatten().filter(|m| detected && m.weight >= LEAST_WEIGHT).take(2) {
+    let worth = |k: usize, m: &RangeMode| detected && (k == 0 || m.weight >= LEAST_WEIGHT);
+    for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(2) {
         sent = true;
         sink(Message::Range(Range {
             index,

@@ -111,6 +111,14 @@ impl Tracker {
         }
     }
 
+    /// Where each vessel is expected to be seen in a minute: range and radial speed.
+    pub fn expected(&self, plan: &Plan, minute: u32) -> [Option<(f32, f32)>; LIVE] {
+        self.courses(None).map(|course| {
+            let s = course?.seen(&plan.travel, STEP_S * f64::from(minute));
+            Some((s.range_m as f32, s.speed_m_s as f32))
+        })
+    }
+
     /// Courses of all tracks but one.
     fn courses(&self, but: Option<usize>) -> [Option<Course>; LIVE] {
         let mut out = [None; LIVE];
