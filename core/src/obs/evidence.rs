@@ -179,6 +179,11 @@ impl Evidence {
         self.held = (self.held + 1).min(MINUTES);
     }
 
+    /// Removes what a vessel that has gone explains, so that it is not found again.
+    pub fn forget(&mut self, explained: impl Fn(Minute) -> Minute) {
+        self.minutes.iter_mut().for_each(|m| *m = explained(*m));
+    }
+
     /// Minutes from number `from` to `to`, both included, oldest first.
     pub fn between(&self, from: u32, to: u32) -> impl Iterator<Item = Minute> + Clone + '_ {
         let (newer, older) = self.minutes.split_at(self.next.min(MINUTES));

@@ -35,6 +35,16 @@ const MODE_HALF: usize = 4;
 /// Natural logarithm of how much better than the prior a mode must be.
 const MODE_LOG_RATIO: f32 = 4.0;
 
+/// Log ratio this minute's own data must give a mode: what is only remembered, or lies where the model says nothing
+/// (nearer than 7 km), is no measurement.
+const LEAST_SUPPORT: f32 = 3.0;
+
+/// The best of a minute's log ratios at and next to a cell.
+fn support(grid: &Grid, i: usize, k: usize) -> f32 {
+    let near = grid.iter().skip(k.saturating_sub(1)).take(3);
+    near.flat_map(|g| g.iter().skip(i.saturating_sub(1)).take(3)).fold(f32::NEG_INFINITY, |a, b| a.max(*b))
+}
+
 /// One mode of the posterior.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RangeMode {
@@ -241,7 +251,7 @@ impl Presence {
         for d in self.density.iter_mut().flat_map(|c| c.iter_mut().take(cells)) {
             *d = pack(unpack(*d) * scale);
         }
-        let modes = self.modes(log_evidence);
+        let modes = self.modes(log_evidence, grid);
         RangePresence { log_odds, log_evidence, approaching: approaching * scale, modes }
     }
 
@@ -260,12 +270,13 @@ impl Presence {
     }
 
     /// The highest peaks over range that are better than the prior by [`MODE_LOG_RATIO`].
-    fn modes(&self, log_evidence: f32) -> [Option<RangeMode>; RANGE_MODES] {
+    fn modes(&self, log_evidence: f32, grid: &Grid) -> [Option<RangeMode>; RANGE_MODES] {
         let mut found = [(0usize, 0usize, 0f32); RANGE_MODES];
         for i in 0..self.cells {
             let (k, p) = self.best(i);
             let prior = range_of(i) * self.prior_scale;
-            if p <= 1e-36 || math::f32::ln(p / prior) + log_evidence < MODE_LOG_RATIO {
+            let unlikely = p <= 1e-36 || math::f32::ln(p / prior) + log_evidence < MODE_LOG_RATIO;
+            if unlikely || support(grid, i, k) < LEAST_SUPPORT {
                 continue;
             }
             // A peak close to a higher one already found is part of it; a lower one close by gives way.

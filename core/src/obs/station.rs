@@ -285,7 +285,7 @@ impl State {
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
         }
-        self.tracker.minute(plan, &self.evidence, k as u32, sink);
+        self.tracker.minute(plan, &mut self.evidence, k as u32, sink);
         heard
     }
 }

@@ -30,6 +30,9 @@ const SILENCE: u32 = 45;
 /// What a course must have explained to be a vessel: log score, minutes with direction, minutes with range.
 const ACCEPT: (f64, u16, u16) = (60.0, 15, 10);
 
+/// Slower than this nothing is called a vessel under way, m/s.
+const LEAST_SPEED_M_S: f64 = 0.3;
+
 /// Log score by which another course must be better to take a track over.
 const BETTER: f64 = 6.0;
 
@@ -68,7 +71,7 @@ impl Tracker {
     }
 
     /// Looks at the evidence up to minute `now`.
-    pub fn minute(&mut self, plan: &Plan, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
+    pub fn minute(&mut self, plan: &Plan, evidence: &mut Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
         if !now.is_multiple_of(EVERY) {
             return;
         }
@@ -79,6 +82,8 @@ impl Tracker {
             live.improve(travel, evidence, &others, now);
             if now > live.to + SILENCE {
                 live.send(plan, 1, sink);
+                let course = live.course;
+                evidence.forget(|m| without(travel, &course, m));
                 if let Some(slot) = self.live.get_mut(k) {
                     *slot = None;
                 }
@@ -137,15 +142,18 @@ fn unexplained<'a>(
     from: u32,
     to: u32,
 ) -> impl Iterator<Item = Minute> + Clone + 'a {
-    evidence.between(from, to).map(move |m| {
-        others.iter().flatten().fold(m, |m, course| {
-            let s = course.seen(travel, STEP_S * f64::from(m.number));
-            m.without(
-                |d| fit::explains_direction(d, s.azimuth),
-                |d| fit::explains_distance(d, s.range_m, s.speed_m_s),
-            )
-        })
-    })
+    evidence
+        .between(from, to)
+        .map(move |m| others.iter().flatten().fold(m, |m, course| without(travel, course, m)))
+}
+
+/// A minute without what one vessel explains.
+fn without(travel: &TravelTime, course: &Course, m: Minute) -> Minute {
+    let s = course.seen(travel, STEP_S * f64::from(m.number));
+    m.without(
+        |d| fit::explains_direction(d, s.azimuth),
+        |d| fit::explains_distance(d, s.range_m, s.speed_m_s),
+    )
 }
 
 /// A vessel in the minutes from `from` to `to` that no other track explains.
@@ -165,7 +173,8 @@ fn find(
     let mut live = Live { id: 0, course, covariance, score: Score::default(), from, to };
     live.bound(travel, evidence, others, to);
     let s = live.score;
-    (s.log >= ACCEPT.0 && s.directions >= ACCEPT.1 && s.distances >= ACCEPT.2).then_some(live)
+    let moves = live.course.speed_m_s() >= LEAST_SPEED_M_S;
+    (moves && s.log >= ACCEPT.0 && s.directions >= ACCEPT.1 && s.distances >= ACCEPT.2).then_some(live)
 }
 
 impl Live {
