@@ -420,7 +420,7 @@ fn draw(samples: &[Sample], args: &Args, s: &Solution, path: &std::path::Path) -
     let mut map = Figure::map("Track about the array");
     let at = |t: f64| position(&s.line, &s.covariance, t);
     let track: Vec<_> = times.iter().map(|t| at(*t).0).map(|[x, y]| (x, y)).collect();
-    map.points("array", &[(0.0, 0.0)]).line("track", &track);
+    map.line("track", &track);
     for (i, t) in [s.t0_s, s.cpa_time_s, s.t1_s].into_iter().enumerate() {
         let ([x, y], [xx, yy, xy]) = at(t);
         map.ellipse(if i == 0 { "95 % of position" } else { "" }, (x, y), (xx, yy, xy), 0.95);

@@ -6,6 +6,9 @@
 pub mod bearing_limit;
 pub mod bearing_limit_source;
 mod line;
+mod motion;
+mod motion_checks;
+mod motion_figures;
 mod network;
 mod obs_appendix_b;
 mod obs_core_clutter;
@@ -60,4 +63,10 @@ pub const EXPERIMENTS: &[Experiment] = &[
     shaft_rate::EXPERIMENT,
     real_ship_ee::EXPERIMENT,
     several_vessels::EXPERIMENT,
+    motion_figures::FIGURE_1,
+    motion_figures::FIGURE_2,
+    motion_figures::FIGURE_3,
+    motion_figures::FLEET,
+    motion_checks::ELEVATION,
+    motion_checks::COVERAGE,
 ];

@@ -1,0 +1,259 @@
+//! What the experiments of paper M share: passes, bearing errors, repeated fits, and their comparison with the bounds.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use seabearing_core::angle::wrap_pi;
+use seabearing_core::motion::bound::{self, Bounds};
+use seabearing_core::motion::covariance::Model;
+use seabearing_core::motion::ml::{self, Config, Sample};
+use seabearing_core::motion::whiten::{Plan, Workspace};
+use seabearing_core::motion::{Line, Medium};
+
+/// Time between bearings, s [M section IV-B].
+pub const STEP_S: f64 = 0.5;
+/// Bearings of the longest window: 400 s.
+pub const POSITIONS: usize = 801;
+/// Speed of the simulated vessel [M section IV-A], m/s.
+pub const SPEED_M_S: f64 = 7.0;
+/// Its heading, degrees.
+pub const HEADING_DEG: f64 = 45.0;
+
+/// How bearing errors are drawn.
+#[derive(Clone, Copy, Debug)]
+pub enum Noise {
+    /// By the linear model exactly: the sum of τ/step equal impulses.
+    Linear,
+    /// First-order Gauss-Markov.
+    Markov,
+    /// White noise through a sixth-order Butterworth low-pass with cut-off `1/(2π τ_α)`, as the paper does; its
+    /// correlation is near the sinc model's.
+    Butterworth(Butterworth),
+}
+
+/// One geometry: constant speed, CPA in the middle of the window at time 0, array to starboard.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene {
+    /// Range of CPA, m.
+    pub range_m: f64,
+    /// Length of the window, s.
+    pub window_s: f64,
+    /// Standard deviation of errors, radians.
+    pub sd_rad: f64,
+    /// Correlation interval, s.
+    pub tau_s: f64,
+    /// True speed, m/s.
+    pub speed_m_s: f64,
+}
+
+impl Scene {
+    /// The true line.
+    pub fn line(&self) -> Line {
+        let cpa = (HEADING_DEG - 90.0).to_radians();
+        Line { p: [cpa, 0.0, (self.speed_m_s / self.range_m).ln(), self.speed_m_s.ln(), 0.0], sense: 1.0 }
+    }
+
+    /// Number of bearings.
+    pub fn count(&self) -> usize {
+        (self.window_s / STEP_S).round() as usize + 1
+    }
+
+    /// Bearings with these errors (radians).
+    pub fn samples(&self, medium: &Medium, errors: &[f64]) -> Vec<Sample> {
+        let line = self.line();
+        errors
+            .iter()
+            .enumerate()
+            .map(|(k, e)| {
+                let t = -0.5 * self.window_s + STEP_S * k as f64;
+                Sample::azimuth(t, wrap_pi(line.azimuth(medium, t) + e), self.sd_rad)
+            })
+            .collect()
+    }
+
+    /// Errors of one run, radians.
+    pub fn errors(&self, noise: &Noise, rng: &mut ChaCha8Rng) -> Vec<f64> {
+        let n = self.count();
+        let mut gauss = || -> f64 { StandardNormal.sample(rng) };
+        let steps = (self.tau_s / STEP_S).round() as usize;
+        if steps == 0 {
+            return (0..n).map(|_| self.sd_rad * gauss()).collect();
+        }
+        match noise {
+            Noise::Linear => {
+                let w: Vec<f64> = (0..n + steps).map(|_| gauss()).collect();
+                let mut sum: f64 = w[..steps].iter().sum();
+                let scale = self.sd_rad / (steps as f64).sqrt();
+                (0..n)
+                    .map(|k| {
+                        let e = sum;
+                        sum += w[k + steps] - w[k];
+                        scale * e
+                    })
+                    .collect()
+            }
+            Noise::Markov => {
+                let keep = (-STEP_S / self.tau_s).exp();
+                let mut e = gauss();
+                (0..n)
+                    .map(|_| {
+                        let now = e;
+                        e = keep * e + (1.0 - keep * keep).sqrt() * gauss();
+                        self.sd_rad * now
+                    })
+                    .collect()
+            }
+            Noise::Butterworth(filter) => {
+                let mut filter = *filter;
+                for _ in 0..12 * steps {
+                    filter.step(gauss());
+                }
+                (0..n).map(|_| self.sd_rad * filter.step(gauss())).collect()
+            }
+        }
+    }
+}
+
+/// Sixth-order Butterworth low-pass as three biquads, scaled to unit variance for white input.
+#[derive(Clone, Copy, Debug)]
+pub struct Butterworth {
+    sections: [[f64; 3]; 3],
+    state: [[f64; 2]; 3],
+    gain: f64,
+}
+
+impl Butterworth {
+    /// Correlation interval in samples: cut-off `1/(2π τ)` cycles a sample, bilinear transform with prewarping.
+    pub fn new(tau: f64) -> Self {
+        let w = (0.5 / tau).tan();
+        let sections = [1.0, 3.0, 5.0].map(|k: f64| {
+            let damping = 2.0 * (k * std::f64::consts::PI / 12.0).sin();
+            let norm = 1.0 / (1.0 + damping * w + w * w);
+            [w * w * norm, 2.0 * (w * w - 1.0) * norm, (1.0 - damping * w + w * w) * norm]
+        });
+        let mut filter = Self { sections, state: [[0.0; 2]; 3], gain: 1.0 };
+        let length = (20.0 * tau) as usize + 100;
+        let energy: f64 = (0..length).map(|k| filter.step(f64::from(u8::from(k == 0))).powi(2)).sum();
+        Self { sections, state: [[0.0; 2]; 3], gain: 1.0 / energy.sqrt() }
+    }
+
+    fn step(&mut self, input: f64) -> f64 {
+        let mut x = input;
+        for ([b, a1, a2], s) in self.sections.iter().zip(&mut self.state) {
+            let y = b * x + s[0];
+            s[0] = 2.0 * b * x - a1 * y + s[1];
+            s[1] = b * x - a2 * y;
+            x = y;
+        }
+        self.gain * x
+    }
+}
+
+/// The fit's assumptions for a scene.
+pub fn config(model: Model, tau_s: f64, speed_m_s: f64) -> Config {
+    Config {
+        model,
+        tau_s,
+        speed_m_s,
+        speed_sd_m_s: 0.0,
+        range_m: (20.0, 20_000.0),
+        medium: Medium::of_sound_speed(f64::INFINITY),
+        elevation_bias_sd_rad: 0.0,
+    }
+}
+
+/// Root-mean-square errors of range (m) and heading (degrees) over runs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rmse {
+    /// Range of CPA, m.
+    pub range_m: f64,
+    /// Heading, degrees.
+    pub heading_deg: f64,
+}
+
+/// A random generator for one run of one point.
+pub fn generator(seed: u64, point: u64, run: usize) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(point));
+    rng.set_stream(run as u64);
+    rng
+}
+
+/// Fits `runs` noisy passes with each of the models over the same errors. `speeds` gives a run's true and assumed
+/// speed.
+pub fn repeat(
+    scene: &Scene,
+    models: &[Model],
+    noise: &Noise,
+    runs: usize,
+    seed: (u64, u64),
+    speeds: impl Fn(&mut ChaCha8Rng) -> (f64, f64) + Sync,
+) -> Vec<Rmse> {
+    let zero = || vec![(0.0, 0.0); models.len()];
+    let sums = (0..runs)
+        .into_par_iter()
+        .map_init(
+            || Box::new(Workspace::<POSITIONS>::new()),
+            |work, run| {
+                let mut rng = generator(seed.0, seed.1, run);
+                let (truth, assumed) = speeds(&mut rng);
+                let scene = Scene { speed_m_s: truth, ..*scene };
+                let errors = scene.errors(noise, &mut rng);
+                let heading = scene.line().heading_rad();
+                models
+                    .iter()
+                    .map(|model| {
+                        let c = config(*model, scene.tau_s, assumed);
+                        let s = scene.samples(&c.medium, &errors);
+                        match ml::fit(&c, &s, work, &mut []) {
+                            Ok(f) => {
+                                let dr = f.solution.cpa_range_m - scene.range_m;
+                                let dh = wrap_pi(f.solution.heading_rad - heading).to_degrees();
+                                (dr * dr, dh * dh)
+                            }
+                            // A fit that fails counts as an error of the whole range and a right angle.
+                            Err(_) => (scene.range_m * scene.range_m, 8100.0),
+                        }
+                    })
+                    .collect::<Vec<_>>()
+            },
+        )
+        .reduce(zero, |a, b| a.iter().zip(&b).map(|(a, b)| (a.0 + b.0, a.1 + b.1)).collect());
+    let n = runs.max(1) as f64;
+    sums.iter().map(|s| Rmse { range_m: (s.0 / n).sqrt(), heading_deg: (s.1 / n).sqrt() }).collect()
+}
+
+/// Bounds of the estimator with the right (linear) model, and true spread of the one with the diagonal matrix.
+pub fn limits(scene: &Scene) -> Option<(Bounds, Bounds)> {
+    let mut work = Box::new(Workspace::<POSITIONS>::new());
+    let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
+    let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
+    let plan = Plan::new(c.model, c.tau_s, s.iter().map(|s| s.t_s), &mut work, &mut []).ok()?;
+    let best = bound::cramer_rao(&c, &s, &scene.line(), &plan, &mut work, &[])?;
+    let diagonal = bound::sandwich(&c, &s, &scene.line(), Model::Linear, scene.tau_s)?;
+    Some((best, diagonal))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drawn_errors_have_the_stated_variance_and_correlation() {
+        let scene = Scene { range_m: 500.0, window_s: 40.0, sd_rad: 1.0, tau_s: 10.0, speed_m_s: 7.0 };
+        for (noise, at_half) in [
+            (Noise::Linear, 0.5),
+            (Noise::Markov, (-0.5f64).exp()),
+            (Noise::Butterworth(Butterworth::new(20.0)), 0.5f64.sin() / 0.5),
+        ] {
+            let (mut own, mut cross) = (0.0, 0.0);
+            for run in 0..1500 {
+                let e = scene.errors(&noise, &mut generator(3, 1, run));
+                own += e[40] * e[40] / 1500.0;
+                cross += e[40] * e[50] / 1500.0;
+            }
+            assert!((own - 1.0).abs() < 0.12, "{noise:?} {own}");
+            assert!((cross - at_half).abs() < 0.12, "{noise:?} {cross}");
+        }
+    }
+}
