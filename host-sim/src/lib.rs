@@ -1,6 +1,7 @@
 //! Everything around the recorder core that needs an operating system: the station file, recordings, the simulator,
 //! the base station, plots and reproductions. The command `seabearing` is a thin layer over this library.
 
+pub mod ais;
 pub mod atomic;
 pub mod base;
 pub mod cmd;

@@ -37,6 +37,8 @@ pub struct Chain {
     state: [f64; COLUMNS],
     explained: f64,
     last_t_s: Option<f64>,
+    // Decay over the last step: most records are regular, and `exp` is the dearest part.
+    decay: (f64, f64),
     /// What has been accumulated.
     pub normal: Normal,
 }
@@ -51,6 +53,7 @@ impl Chain {
             state: [0.0; COLUMNS],
             explained: 0.0,
             last_t_s: None,
+            decay: (0.0, 1.0),
             normal: Normal::default(),
         }
     }
@@ -88,7 +91,11 @@ impl Chain {
 
     fn advance(&mut self, t_s: f64) {
         if let Some(last) = self.last_t_s {
-            let keep = m::exp(-(t_s - last).max(0.0) * self.rate_hz);
+            let step = (t_s - last).max(0.0);
+            if step != self.decay.0 {
+                self.decay = (step, m::exp(-step * self.rate_hz));
+            }
+            let keep = self.decay.1;
             for s in &mut self.state {
                 *s *= keep;
             }

@@ -89,10 +89,10 @@ pub enum FitError {
 }
 
 /// Steps from each start over a thinned record, and at most over all bearings.
-const ROUGH_STEPS: usize = 12;
+const ROUGH_STEPS: usize = 8;
 const FINE_STEPS: usize = 40;
 /// Bearings of the thinned record.
-const THINNED: usize = 48;
+const THINNED: usize = 32;
 
 /// Fits the track. `dense` is memory for irregular times with the linear, sinc and Gaussian models (may be empty).
 ///
@@ -158,10 +158,11 @@ pub fn evaluate<'a, const N: usize>(
     let elevations = config.medium.height_m > 0.0;
     let mut of_elevations = Normal::default();
     let mut rows = samples.clone();
+    let view = line.view(&config.medium);
     let mut normal = plan.normal(samples.map(|s| s.t_s), work, dense, |_, t| {
         let mut row = [0.0; COLUMNS];
         let Some(sample) = rows.next() else { return row };
-        let e = line.expected(&config.medium, t);
+        let e = view.expected(t);
         let scale = 1.0 / f64::from(sample.sd_rad);
         for (x, d) in row.iter_mut().zip(&e.d_azimuth) {
             *x = d * scale;

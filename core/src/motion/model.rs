@@ -76,47 +76,19 @@ impl Line {
 
     /// Angles expected at time of reception `t_s`, and derivatives.
     pub fn expected(&self, medium: &Medium, t_s: f64) -> Expected {
+        self.view(medium).expected(t_s)
+    }
+
+    /// What all times of one fit share.
+    pub fn view(&self, medium: &Medium) -> View {
         let q = m::exp(self.p[2]);
         let v = m::exp(self.p[3]);
         let r_c = v / q;
-        let s = t_s - self.p[1];
-        // Emission time u and its derivatives by s, ln|q| and ln v.
-        let mach = v * medium.slowness_s_m;
-        let mach2 = mach * mach;
-        let one = 1.0 - mach2;
-        let h2 = medium.height_m * medium.height_m;
-        let rc2 = r_c * r_c * medium.slowness_s_m * medium.slowness_s_m;
-        let rho2 = rc2 + h2 * medium.slowness_s_m * medium.slowness_s_m;
-        let root = m::sqrt(mach2 * s * s + one * rho2);
-        let (u, du_ds, du_dlnq, du_dlnv) = if root > 1e-12 {
-            let u = (s - root) / one;
-            let d_root = (mach2 * s * s - mach2 * rho2 + one * rc2) / root;
-            (u, (1.0 - mach2 * s / root) / one, rc2 / root, (-d_root + (s - root) * 2.0 * mach2 / one) / one)
-        } else {
-            (s, 1.0, 0.0, 0.0)
-        };
-        let x = q * u;
-        let g = 1.0 / (1.0 + x * x);
-        let dx = [0.0, -q * du_ds, x + q * du_dlnq, q * du_dlnv, 0.0];
-        let turn = self.sense * g;
-        let mut d_azimuth = [1.0, turn * dx[1], turn * dx[2], turn * dx[3], 0.0];
-        // A parameter far outside its scale must not poison the fit.
-        for d in &mut d_azimuth {
-            if !d.is_finite() {
-                *d = 0.0;
-            }
-        }
-        let azimuth = self.p[0] + self.sense * m::atan(x);
-        let (mut elevation, mut d_elevation) = (0.0, [0.0; PARAMETERS]);
-        if medium.height_m > 0.0 {
-            let r = r_c * m::sqrt(1.0 + x * x);
-            elevation = m::atan2(medium.height_m, r) + self.p[4];
-            let by_ln_r = -medium.height_m * r / (r * r + h2);
-            let xg = x * g;
-            d_elevation =
-                [0.0, by_ln_r * xg * dx[1], by_ln_r * (xg * dx[2] - 1.0), by_ln_r * (xg * dx[3] + 1.0), 1.0];
-        }
-        Expected { azimuth, d_azimuth, elevation, d_elevation }
+        let slowness2 = medium.slowness_s_m * medium.slowness_s_m;
+        let height2 = medium.height_m * medium.height_m;
+        let mach2 = v * v * slowness2;
+        let rc2 = r_c * r_c * slowness2;
+        View { line: *self, q, r_c, mach2, rc2, rho2: rc2 + height2 * slowness2, height_m: medium.height_m }
     }
 
     /// East and North of the array at the vessel's own time `t_s`, metres, and their derivatives by the parameters.
@@ -161,6 +133,58 @@ impl Line {
         } else {
             0
         }
+    }
+}
+
+/// A line seen through a medium, its exponentials taken once.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    line: Line,
+    q: f64,
+    r_c: f64,
+    mach2: f64,
+    rc2: f64,
+    rho2: f64,
+    height_m: f64,
+}
+
+impl View {
+    /// Angles expected at time of reception `t_s`, and derivatives.
+    pub fn expected(&self, t_s: f64) -> Expected {
+        let Self { line, q, r_c, mach2, rc2, rho2, height_m } = *self;
+        let s = t_s - line.p[1];
+        // Emission time u and its derivatives by s, ln|q| and ln v.
+        let one = 1.0 - mach2;
+        let root = m::sqrt(mach2 * s * s + one * rho2);
+        let (u, du_ds, du_dlnq, du_dlnv) = if root > 1e-12 {
+            let u = (s - root) / one;
+            let d_root = (mach2 * s * s - mach2 * rho2 + one * rc2) / root;
+            (u, (1.0 - mach2 * s / root) / one, rc2 / root, (-d_root + (s - root) * 2.0 * mach2 / one) / one)
+        } else {
+            (s, 1.0, 0.0, 0.0)
+        };
+        let x = q * u;
+        let g = 1.0 / (1.0 + x * x);
+        let dx = [0.0, -q * du_ds, x + q * du_dlnq, q * du_dlnv, 0.0];
+        let turn = line.sense * g;
+        let mut d_azimuth = [1.0, turn * dx[1], turn * dx[2], turn * dx[3], 0.0];
+        // A parameter far outside its scale must not poison the fit.
+        for d in &mut d_azimuth {
+            if !d.is_finite() {
+                *d = 0.0;
+            }
+        }
+        let azimuth = line.p[0] + line.sense * m::atan(x);
+        let (mut elevation, mut d_elevation) = (0.0, [0.0; PARAMETERS]);
+        if height_m > 0.0 {
+            let r = r_c * m::sqrt(1.0 + x * x);
+            elevation = m::atan2(height_m, r) + line.p[4];
+            let by_ln_r = -height_m * r / (r * r + height_m * height_m);
+            let xg = x * g;
+            d_elevation =
+                [0.0, by_ln_r * xg * dx[1], by_ln_r * (xg * dx[2] - 1.0), by_ln_r * (xg * dx[3] + 1.0), 1.0];
+        }
+        Expected { azimuth, d_azimuth, elevation, d_elevation }
     }
 }
 

@@ -256,7 +256,8 @@ pub fn measure(config: &Config, state: &mut State, measurement: &Measurement) ->
         _ => (0.0, f32::INFINITY),
     };
     let colour = Colour::single(extra_scale, white);
-    let node = Node { t_s, azimuth: azimuth_rad, colour, elevation, span_s: (0.0, 0.0) };
+    let total = white + config.errors().0 * extra_scale * extra_scale;
+    let node = Node { t_s, azimuth: azimuth_rad, colour, weight: 1.0 / total, elevation, span_s: (0.0, 0.0) };
     let line = state.best().map(|p| p.line);
     state.ring.push(node, line.as_ref(), config.errors().1);
     out.accepted = true;
@@ -380,8 +381,9 @@ fn prune(state: &mut State) {
 fn chain(config: &Config, ring: &Ring, line: &Line) -> Chain {
     let (variance, tau_s, _) = config.errors();
     let mut chain = Chain::new(variance, tau_s);
+    let view = line.view(&config.medium);
     for node in ring.nodes() {
-        let e = line.expected(&config.medium, node.t_s);
+        let e = view.expected(node.t_s);
         let mut row = [0.0; COLUMNS];
         let (derivatives, residual) = row.split_at_mut(PARAMETERS);
         derivatives.copy_from_slice(&e.d_azimuth);

@@ -21,6 +21,8 @@ pub struct Node {
     pub azimuth: f64,
     /// Its error.
     pub colour: Colour,
+    /// Its weight in averages: sum of the inverse variances (white and coloured) of what was averaged, rad⁻².
+    pub weight: f64,
     /// Mean elevation, radians, and the variance of its error, rad²; infinite where there is none.
     pub elevation: (f32, f32),
     /// First and last time averaged, as offsets from `t_s`.
@@ -39,6 +41,7 @@ const EMPTY: Node = Node {
     t_s: 0.0,
     azimuth: 0.0,
     colour: Colour { later: 0.0, earlier: 0.0, own: 0.0, white: 0.0 },
+    weight: 0.0,
     elevation: (0.0, 0.0),
     span_s: (0.0, 0.0),
 };
@@ -109,10 +112,8 @@ const MEMORY_SPANS: f64 = 16.0;
 
 /// The weighted average of two neighbours, with the exact covariance of its error.
 fn average(a: &Node, b: &Node, tau_s: f64) -> Node {
-    // Weights by what each is worth; the coloured part keeps a white variance of zero from taking all.
-    let worth = |n: &Node| 1.0 / (n.colour.white + 1e-4 * n.colour.own + 1e-18);
-    let (na, nb) = (worth(a), worth(b));
-    let (wa, wb) = (na / (na + nb), nb / (na + nb));
+    let weight = a.weight + b.weight;
+    let (wa, wb) = (a.weight / weight, b.weight / weight);
     let t_s = wa * a.t_s + wb * b.t_s;
     let azimuth = wrap_tau(a.azimuth + wb * wrap_pi(b.azimuth - a.azimuth));
     let span_s = ((a.t_s + f64::from(a.span_s.0) - t_s) as f32, (b.t_s + f64::from(b.span_s.1) - t_s) as f32);
@@ -130,7 +131,14 @@ fn average(a: &Node, b: &Node, tau_s: f64) -> Node {
             wa * ca.earlier * m::exp((t_s - a.t_s) * rate) + wb * cb.earlier * m::exp((t_s - b.t_s) * rate),
         )
     };
-    Node { t_s, azimuth, colour: Colour { later, earlier, own, white }, elevation: elevation(a, b), span_s }
+    Node {
+        t_s,
+        azimuth,
+        colour: Colour { later, earlier, own, white },
+        weight,
+        elevation: elevation(a, b),
+        span_s,
+    }
 }
 
 fn elevation(a: &Node, b: &Node) -> (f32, f32) {
@@ -159,7 +167,14 @@ mod tests {
             let t = 0.5 * k as f64;
             let colour = Colour::single(1.0, white);
             full.push(t, &colour, &row);
-            let node = Node { t_s: t, azimuth: 1.0, colour, elevation: (0.1, 0.04), span_s: (0.0, 0.0) };
+            let node = Node {
+                t_s: t,
+                azimuth: 1.0,
+                colour,
+                weight: 1.0,
+                elevation: (0.1, 0.04),
+                span_s: (0.0, 0.0),
+            };
             ring.push(node, None, tau);
         }
         let mut merged = Chain::new(var, tau);

@@ -1,13 +1,177 @@
 //! `seabearing ais`: statistics of vessel traffic from AIS files.
 
+use crate::ais::{Pass, Selection, passes, read};
+use crate::plot::{ColourMap, Figure, HeatMap, write_panels};
+use anyhow::{Result, bail};
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
 /// Arguments of `seabearing ais`.
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Speeds of passing vessels: mean, spread, and histograms of speed and heading against CPA distance
+    Speeds(Speeds),
+}
+
+/// Arguments of `seabearing ais speeds`.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  seabearing ais speeds traffic.csv --lat-deg 50.75 --lon-deg -1.25 --out out/ais\n\n\
+    Writes passes.csv, speed_cpa.csv, heading_cpa.csv and fleet.svg. The mean and spread printed are what\n\
+    `seabearing track --speed MEAN --speed-sd SPREAD` and the station file's [tracking] want."
+)]
+struct Speeds {
+    /// AIS files (MarineTraffic, CLS or plain layout).
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Latitude of the station, degrees.
+    #[arg(long, allow_negative_numbers = true)]
+    lat_deg: f64,
+    /// Longitude of the station, degrees.
+    #[arg(long, allow_negative_numbers = true)]
+    lon_deg: f64,
+    /// Farthest closest point that counts, metres.
+    #[arg(long, default_value_t = 3000.0)]
+    max_range_m: f64,
+    /// Least speed that counts, m/s.
+    #[arg(long, default_value_t = 1.0)]
+    min_speed: f64,
+    /// Longest gap between reports bridged by a straight leg, seconds.
+    #[arg(long, default_value_t = 900.0)]
+    max_gap_s: f64,
+    /// Folder for tables and plot (default: none written).
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Result as a JSON line.
+    #[arg(long)]
+    json: bool,
+}
 
 /// Runs the command.
 ///
 /// # Errors
 /// One line for a person.
-pub fn run(_args: Args) -> anyhow::Result<()> {
-    anyhow::bail!("`ais` is not built yet")
+pub fn run(args: Args) -> Result<()> {
+    let What::Speeds(args) = args.what;
+    if !(-90.0..=90.0).contains(&args.lat_deg) || !(-180.0..=360.0).contains(&args.lon_deg) {
+        bail!("--lat-deg {} --lon-deg {}: no place on Earth", args.lat_deg, args.lon_deg);
+    }
+    if !(args.max_range_m > 0.0 && args.max_range_m.is_finite()) {
+        bail!("--max-range-m is {}, it must be above 0", args.max_range_m);
+    }
+    let mut reports = Vec::new();
+    for file in &args.files {
+        let (good, bad) = read(file)?;
+        for line in bad.iter().take(5) {
+            eprintln!("seabearing: skipped {line}");
+        }
+        if bad.len() > 5 {
+            eprintln!("seabearing: skipped {} more bad rows of {}", bad.len() - 5, file.display());
+        }
+        reports.extend(good);
+    }
+    let selection = Selection {
+        lat_lon_deg: (args.lat_deg, args.lon_deg),
+        max_range_m: args.max_range_m,
+        min_speed_m_s: args.min_speed,
+        max_gap_s: args.max_gap_s,
+    };
+    let found = passes(&reports, &selection);
+    if found.len() < 2 {
+        bail!(
+            "{} pass(es) within {} m in {} reports; a wider --max-range-m or --max-gap-s may find more",
+            found.len(),
+            args.max_range_m,
+            reports.len()
+        );
+    }
+    let n = found.len() as f64;
+    let mean = found.iter().map(|p| p.speed_m_s).sum::<f64>() / n;
+    let sd = (found.iter().map(|p| (p.speed_m_s - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+    let mut speeds: Vec<f64> = found.iter().map(|p| p.speed_m_s).collect();
+    speeds.sort_by(f64::total_cmp);
+    let quantile = |f: f64| speeds[((n - 1.0) * f).round() as usize];
+    let mut vessels: Vec<u64> = found.iter().map(|p| p.mmsi).collect();
+    vessels.dedup();
+    if args.json {
+        println!(
+            "{}",
+            json!({
+                "type": "fleet", "passes": found.len(), "vessels": vessels.len(), "mean_speed_m_s": mean,
+                "sd_speed_m_s": sd, "median_speed_m_s": quantile(0.5), "speed_05_m_s": quantile(0.05),
+                "speed_95_m_s": quantile(0.95), "max_range_m": args.max_range_m,
+            })
+        );
+    } else {
+        println!(
+            "passes           {} of {} vessels within {} m",
+            found.len(),
+            vessels.len(),
+            args.max_range_m
+        );
+        println!("speed            {mean:.2} ± {sd:.2} m/s (mean, standard deviation)");
+        println!("median, 5..95 %  {:.2}, {:.2} to {:.2} m/s", quantile(0.5), quantile(0.05), quantile(0.95));
+    }
+    match &args.out {
+        Some(out) => write(&found, args.max_range_m, out),
+        None => Ok(()),
+    }
+}
+
+/// Distance bins, speed bins (1 m/s) and heading bins (30°).
+const DISTANCES: usize = 12;
+const HEADINGS: usize = 12;
+
+fn write(found: &[Pass], max_range_m: f64, out: &std::path::Path) -> Result<()> {
+    let mut text = String::from("mmsi,unix_s,cpa_m,speed_m_s,heading_deg\n");
+    for p in found {
+        let _ =
+            writeln!(text, "{},{:.1},{:.1},{:.3},{:.1}", p.mmsi, p.t_s, p.cpa_m, p.speed_m_s, p.heading_deg);
+    }
+    crate::atomic::write(&out.join("passes.csv"), text.as_bytes())?;
+    let fastest = found.iter().map(|p| p.speed_m_s).fold(1.0, f64::max).ceil();
+    let mut figures = Vec::new();
+    for (file, column, label, top, rows, value) in [
+        (
+            "speed_cpa.csv",
+            "speed_m_s",
+            "speed (m/s)",
+            fastest,
+            fastest as usize,
+            (|p| p.speed_m_s) as fn(&Pass) -> f64,
+        ),
+        ("heading_cpa.csv", "heading_deg", "heading (°)", 360.0, HEADINGS, |p| p.heading_deg),
+    ] {
+        let mut counts = vec![0.0f64; DISTANCES * rows];
+        for p in found {
+            let bin = |x: f64, end: f64, bins: usize| ((x / end * bins as f64) as usize).min(bins - 1);
+            counts[bin(value(p), top, rows) * DISTANCES + bin(p.cpa_m, max_range_m, DISTANCES)] += 1.0;
+        }
+        let mut text = format!("cpa_from_m,cpa_to_m,{column}_from,{column}_to,passes\n");
+        for (i, count) in counts.iter().enumerate() {
+            let (d, r) = ((i % DISTANCES) as f64, (i / DISTANCES) as f64);
+            let (w, h) = (max_range_m / DISTANCES as f64, top / rows as f64);
+            let _ = writeln!(text, "{},{},{},{},{count}", d * w, (d + 1.0) * w, r * h, (r + 1.0) * h);
+        }
+        crate::atomic::write(&out.join(file), text.as_bytes())?;
+        let mut figure = Figure::new(&format!("{} passes", found.len()), "CPA distance (m)", label);
+        figure.heat(HeatMap {
+            x: (0.0, max_range_m),
+            y: (0.0, top),
+            columns: DISTANCES,
+            values: counts.into_iter().map(|c| if c > 0.0 { c } else { f64::NAN }).collect(),
+            range: None,
+            map: ColourMap::Amount,
+            label: "passes".into(),
+        });
+        figures.push(figure);
+    }
+    write_panels(&out.join("fleet.svg"), &figures.iter().collect::<Vec<_>>(), 1)
 }

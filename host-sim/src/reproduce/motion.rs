@@ -234,6 +234,70 @@ pub fn limits(scene: &Scene) -> Option<(Bounds, Bounds)> {
     Some((best, diagonal))
 }
 
+/// The second-order (Bhattacharyya) bounds of CPA range (m) and heading (degrees) for an unbiased estimator: what
+/// curvature adds to the Cramér-Rao bound. With the scores of first and second order as a basis,
+/// `B = [F, ⟨J_k, μ_ij⟩; ·, F_ik F_jl + F_il F_jk + ⟨μ_ij, μ_kl⟩]`, the bound of `g(θ)` is `[g_i, g_ij] B⁻¹ [g_i, g_ij]ᵀ`.
+pub fn second_order(scene: &Scene) -> Option<Rmse> {
+    const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+    let mut work = Box::new(Workspace::<POSITIONS>::new());
+    let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
+    let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
+    let line = scene.line();
+    let times = || s.iter().map(|s| s.t_s);
+    let plan = Plan::new(c.model, c.tau_s, times(), &mut work, &mut []).ok()?;
+    // Steps for second derivatives: small parts of a radian, of the passage, of ln q.
+    let h = [1e-4, 1e-4 * scene.range_m / scene.speed_m_s, 1e-4];
+    let moved = |k: usize, sign: f64| {
+        let mut l = line;
+        l.p[k] += sign * h[k];
+        l
+    };
+    // All nine derivatives of the bearing at a time: three of first, six of second order.
+    let derivatives = |t: f64| {
+        let mut d = [0.0; 9];
+        d[..3].copy_from_slice(&line.expected(&c.medium, t).d_azimuth[..3]);
+        for (n, (i, j)) in PAIRS.into_iter().enumerate() {
+            let up = moved(j, 1.0).expected(&c.medium, t).d_azimuth[i];
+            let down = moved(j, -1.0).expected(&c.medium, t).d_azimuth[i];
+            d[3 + n] = (up - down) / (2.0 * h[j]);
+        }
+        d.map(|x| x / scene.sd_rad)
+    };
+    let mut inner = [[0.0; 9]; 9];
+    for (a, b) in [(0, 3), (0, 6), (3, 6)] {
+        let normal = plan.normal(times(), &mut work, &[], |_, t| {
+            let d = derivatives(t);
+            [d[a], d[a + 1], d[a + 2], d[b], d[b + 1], d[b + 2]]
+        })?;
+        let place = |k: usize| if k < 3 { a + k } else { b + k - 3 };
+        for i in 0..6 {
+            for j in i..6 {
+                inner[place(i)][place(j)] = normal.gram[i][j];
+                inner[place(j)][place(i)] = normal.gram[i][j];
+            }
+        }
+    }
+    let f = inner;
+    for (m, (i, j)) in PAIRS.into_iter().enumerate() {
+        for (n, (k, l)) in PAIRS.into_iter().enumerate() {
+            inner[3 + m][3 + n] += f[i][k] * f[j][l] + f[i][l] * f[j][k];
+        }
+    }
+    // Range is exp(ln v − ln q): its derivatives by ln q are −r and r; heading is the first parameter.
+    let mut range = [0.0; 9];
+    (range[2], range[8]) = (-scene.range_m, scene.range_m);
+    let mut heading = [0.0; 9];
+    heading[0] = 1.0;
+    let scale: Vec<f64> = (0..9).map(|i| 1.0 / inner[i][i].sqrt()).collect();
+    let b = nalgebra::SMatrix::<f64, 9, 9>::from_fn(|i, j| inner[i][j] * scale[i] * scale[j]);
+    let factor = b.cholesky()?;
+    let bound = |g: &[f64; 9]| {
+        let v = nalgebra::SVector::<f64, 9>::from_fn(|i, _| g[i] * scale[i]);
+        v.dot(&factor.solve(&v)).sqrt()
+    };
+    Some(Rmse { range_m: bound(&range), heading_deg: bound(&heading).to_degrees() })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -28,6 +28,8 @@ pub const COVERAGE: Experiment = Experiment {
 };
 
 const RUNS: usize = 1000;
+/// The recursive filter takes 401 updates a run.
+const COVERAGE_RUNS: usize = 400;
 /// Array at 168 m, propeller at 5 m.
 const HEIGHT_M: f64 = 163.0;
 
@@ -152,7 +154,7 @@ fn standardise(s: &Solution, scene: &Scene) -> Standard {
 const ELLIPSE_95: f64 = 5.991_464_547_107_98;
 
 fn coverage(options: &Options) -> Result<()> {
-    let runs = options.runs.unwrap_or(RUNS);
+    let runs = options.runs.unwrap_or(COVERAGE_RUNS);
     let mut report = Report::new(
         "motion-coverage",
         &[
@@ -176,10 +178,8 @@ fn coverage(options: &Options) -> Result<()> {
     let cases = [
         (0.1, 0.0, 500.0, 0.0),
         (2.0, 0.0, 500.0, 0.0),
-        (2.0, 0.0, 1000.0, 0.0),
         (0.5, 5.0, 500.0, 0.0),
         (0.5, 5.0, 200.0, 2.3),
-        (0.5, 5.0, 1500.0, 2.3),
         (2.0, 50.0, 500.0, 0.0),
         (2.0, 50.0, 1000.0, 0.0),
     ];

@@ -1,0 +1,269 @@
+//! Vessel reports from AIS files, and the passes of vessels by a point that they contain.
+//!
+//! Three layouts are known by their headers: MarineTraffic exports (`MMSI,STATUS,SPEED,...`, speed in tenths of a
+//! knot), CLS exports (`mmsi;source;locDate;...`, knots) and plain ones (`Time,MMSI,Latitude_degrees,...`, knots).
+
+use anyhow::{Context, Result, bail};
+use std::collections::BTreeMap;
+use std::path::Path;
+use time::macros::format_description;
+use time::{Date, PrimitiveDateTime, Time};
+
+/// Metres a second in a knot.
+pub const KNOT_M_S: f64 = 1852.0 / 3600.0;
+/// Mean radius of the Earth, m: positions within some tens of kilometres are projected onto the tangent plane.
+const EARTH_M: f64 = 6_371_000.0;
+/// Faster than any vessel, m/s: a leg that needs more joins wrong positions.
+const IMPOSSIBLE_M_S: f64 = 40.0;
+
+/// One position report.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// Vessel's number.
+    pub mmsi: u64,
+    /// Seconds since 1970 UTC.
+    pub t_s: f64,
+    /// Latitude and longitude, degrees.
+    pub lat_lon_deg: (f64, f64),
+    /// Speed over ground, m/s, where given.
+    pub speed_m_s: Option<f64>,
+}
+
+/// One vessel going by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pass {
+    /// Vessel's number.
+    pub mmsi: u64,
+    /// Time of the closest point, seconds since 1970 UTC.
+    pub t_s: f64,
+    /// Distance there, m.
+    pub cpa_m: f64,
+    /// Speed there, m/s.
+    pub speed_m_s: f64,
+    /// Heading there, degrees.
+    pub heading_deg: f64,
+}
+
+/// Which passes count.
+#[derive(Clone, Copy, Debug)]
+pub struct Selection {
+    /// Latitude and longitude of the point, degrees.
+    pub lat_lon_deg: (f64, f64),
+    /// Farthest closest point, m.
+    pub max_range_m: f64,
+    /// Least speed, m/s: moored and drifting vessels are no passes.
+    pub min_speed_m_s: f64,
+    /// Longest gap between reports that a straight leg may bridge, s.
+    pub max_gap_s: f64,
+}
+
+/// Reads a file. Rows that cannot be read are counted, the first ones named by line.
+///
+/// # Errors
+/// The file cannot be read, its layout is unknown, or no row is good.
+pub fn read(path: &Path) -> Result<(Vec<Report>, Vec<String>)> {
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
+    if bytes.starts_with(&[0xfd, b'7', b'z', b'X', b'Z']) {
+        bail!("{name}: compressed with xz; unpack it first (xz -dk {name})");
+    }
+    let text = String::from_utf8(bytes).ok().with_context(|| format!("{name}: not a text file"))?;
+    parse(&text, &name)
+}
+
+/// Parses text; `name` stands in messages.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
+    let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate();
+    let header = lines.next().map_or("", |(_, l)| l);
+    let delimiter = if header.contains(';') { ';' } else { ',' };
+    let columns: Vec<String> = header.split(delimiter).map(|c| c.trim().to_lowercase()).collect();
+    let find = |names: &[&str]| columns.iter().position(|c| names.contains(&c.as_str()));
+    let (Some(mmsi), Some(lat), Some(lon)) =
+        (find(&["mmsi"]), find(&["lat", "latitude_degrees"]), find(&["lon", "longitude_degrees"]))
+    else {
+        bail!(
+            "{name}: unknown AIS layout; columns for MMSI, latitude and longitude are needed, the header is `{header}`"
+        );
+    };
+    let (knots, scale) = if let Some(i) = find(&["sog", "sog_knots"]) {
+        (Some(i), KNOT_M_S)
+    } else {
+        (find(&["speed"]), 0.1 * KNOT_M_S)
+    };
+    let whole = find(&["time", "timestamp utc"]);
+    let parts = find(&["locdate"]).zip(find(&["loctime"]));
+    if whole.is_none() && parts.is_none() {
+        bail!("{name}: unknown AIS layout; a column for the time is needed, the header is `{header}`");
+    }
+    let (mut reports, mut bad) = (Vec::new(), Vec::new());
+    for (i, line) in lines.filter(|(_, l)| !l.trim().is_empty()) {
+        let cells: Vec<&str> = line.split(delimiter).map(str::trim).collect();
+        let cell = |k: usize| cells.get(k).copied().unwrap_or("");
+        let number = |k: usize, lo: f64, hi: f64| -> Option<f64> {
+            cell(k).parse::<f64>().ok().filter(|x| (lo..=hi).contains(x))
+        };
+        let t_s = match (whole, parts) {
+            (Some(k), _) => seconds(cell(k)),
+            (_, Some((d, t))) => seconds_of_parts(cell(d), cell(t)),
+            _ => None,
+        };
+        let report = (|| {
+            Some(Report {
+                mmsi: cell(mmsi).parse().ok()?,
+                t_s: t_s?,
+                lat_lon_deg: (number(lat, -90.0, 90.0)?, number(lon, -180.0, 360.0)?),
+                speed_m_s: knots.and_then(|k| number(k, 0.0, 1022.0)).map(|v| v * scale),
+            })
+        })();
+        match report {
+            Some(r) => reports.push(r),
+            None => bad.push(format!("{name}, line {}: no MMSI, time or position in `{line}`", i + 1)),
+        }
+    }
+    if reports.is_empty() {
+        bail!("{name}: no usable report in {} rows", bad.len());
+    }
+    Ok((reports, bad))
+}
+
+/// `2012-10-29 00:04` with optional seconds.
+fn seconds(text: &str) -> Option<f64> {
+    let long = format_description!("[year]-[month]-[day] [hour]:[minute]:[second]");
+    let short = format_description!("[year]-[month]-[day] [hour]:[minute]");
+    let text = text.replace('T', " ");
+    let (head, fraction) = text.split_once('.').unwrap_or((&text, "0"));
+    let at =
+        PrimitiveDateTime::parse(head, &long).or_else(|_| PrimitiveDateTime::parse(head, &short)).ok()?;
+    let part: f64 = format!("0.{}", fraction.trim_end_matches('Z')).parse().ok()?;
+    Some(at.assume_utc().unix_timestamp() as f64 + part)
+}
+
+/// `05/12/2012` and `19:32:09`.
+fn seconds_of_parts(date: &str, clock: &str) -> Option<f64> {
+    let date = Date::parse(date, &format_description!("[day]/[month]/[year]")).ok()?;
+    let clock = Time::parse(clock, &format_description!("[hour]:[minute]:[second]")).ok()?;
+    Some(PrimitiveDateTime::new(date, clock).assume_utc().unix_timestamp() as f64)
+}
+
+/// The passes in the reports, in order of vessel and time. A pass is one stretch of legs within the range whose
+/// closest point lies inside it.
+pub fn passes(reports: &[Report], selection: &Selection) -> Vec<Pass> {
+    let mut vessels: BTreeMap<u64, Vec<&Report>> = BTreeMap::new();
+    for r in reports {
+        vessels.entry(r.mmsi).or_default().push(r);
+    }
+    let (lat0, lon0) = selection.lat_lon_deg;
+    let plane = |r: &Report| {
+        let turn = (r.lat_lon_deg.1 - lon0 + 540.0).rem_euclid(360.0) - 180.0;
+        (
+            turn.to_radians() * lat0.to_radians().cos() * EARTH_M,
+            (r.lat_lon_deg.0 - lat0).to_radians() * EARTH_M,
+        )
+    };
+    let mut out = Vec::new();
+    for (mmsi, mut track) in vessels {
+        track.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        track.dedup_by(|b, a| b.t_s == a.t_s);
+        // The nearest point of the current stretch, whether a later leg has moved away from it, and whether the
+        // stretch began with a leg that came nearer.
+        let mut held: Option<Pass> = None;
+        let mut last_interior = false;
+        let mut flush = |held: &mut Option<Pass>, interior: bool| {
+            if let Some(p) = held.take()
+                && interior
+                && p.speed_m_s >= selection.min_speed_m_s
+            {
+                out.push(p);
+            }
+        };
+        for pair in track.windows(2) {
+            let [a, b] = pair else { continue };
+            let ((xa, ya), (xb, yb)) = (plane(a), plane(b));
+            let (dx, dy, dt) = (xb - xa, yb - ya, b.t_s - a.t_s);
+            let length2 = dx * dx + dy * dy;
+            if dt > selection.max_gap_s || length2.sqrt() > IMPOSSIBLE_M_S * dt {
+                flush(&mut held, last_interior);
+                continue;
+            }
+            let f = if length2 > 0.0 { (-(xa * dx + ya * dy) / length2).clamp(0.0, 1.0) } else { 0.0 };
+            let cpa_m = (xa + f * dx).hypot(ya + f * dy);
+            if cpa_m > selection.max_range_m {
+                flush(&mut held, last_interior);
+                continue;
+            }
+            let over_ground = length2.sqrt() / dt;
+            let speed_m_s = match (a.speed_m_s, b.speed_m_s) {
+                (Some(u), Some(v)) => u + f * (v - u),
+                (Some(u), None) | (None, Some(u)) => u,
+                (None, None) => over_ground,
+            };
+            let heading_deg = dx.atan2(dy).to_degrees().rem_euclid(360.0);
+            let pass = Pass { mmsi, t_s: a.t_s + f * dt, cpa_m, speed_m_s, heading_deg };
+            match &held {
+                None => {
+                    held = Some(pass);
+                    last_interior = f > 0.0 && f < 1.0;
+                }
+                Some(p) if cpa_m < p.cpa_m => {
+                    held = Some(pass);
+                    last_interior = f < 1.0;
+                }
+                // Moving away again: the nearest point lay at the end of the leg before.
+                Some(_) => last_interior = true,
+            }
+        }
+        flush(&mut held, last_interior);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HERE: Selection =
+        Selection { lat_lon_deg: (50.0, -1.0), max_range_m: 3000.0, min_speed_m_s: 1.0, max_gap_s: 600.0 };
+
+    #[test]
+    fn layouts_agree() {
+        let plain = "Time,MMSI,Latitude_degrees,Longitude_degrees,COG_degrees,SOG_knots\n\
+            2012-12-05 19:32:09.500,7,50.01,-1.0,180,10\n";
+        let cls = "mmsi;source;locDate;locTime;lon;lat;sog\n7;ASS;05/12/2012;19:32:09;-1.0;50.01;10\n";
+        let marine = "MMSI,STATUS,SPEED,COURSE,HEADING,LAT,LON,TIMESTAMP UTC,STATION\n\
+            7,0,100,180,180,50.01,-1.0,2012-12-05 19:32,TER\nx,,,\n";
+        let all: Vec<_> = [plain, cls, marine].iter().map(|t| parse(t, "x").unwrap()).collect();
+        for (r, _) in &all {
+            assert_eq!((r[0].mmsi, r[0].lat_lon_deg), (7, (50.01, -1.0)));
+            assert!(
+                (r[0].speed_m_s.unwrap() - 5.1444).abs() < 1e-3 && (r[0].t_s - 1_354_735_929.0).abs() < 10.0
+            );
+        }
+        assert_eq!(all[2].1, ["x, line 3: no MMSI, time or position in `x,,,`"]);
+        assert!(parse("a,b\n1,2\n", "x").is_err());
+    }
+
+    #[test]
+    fn a_pass_is_found_where_it_is_nearest() {
+        // Due south along a meridian 1000 m to the east, a report every 60 s at 10 m/s.
+        let east = (1000.0f64 / (EARTH_M * 50f64.to_radians().cos())).to_degrees();
+        let reports: Vec<_> = (-7..=7)
+            .map(|k| Report {
+                mmsi: 1,
+                t_s: 60.0 * f64::from(k) + 20.0,
+                lat_lon_deg: (50.0 - (600.0 * f64::from(k) / EARTH_M).to_degrees(), -1.0 + east),
+                speed_m_s: None,
+            })
+            .collect();
+        let found = passes(&reports, &HERE);
+        assert_eq!(found.len(), 1);
+        assert!((found[0].cpa_m - 1000.0).abs() < 1.0 && (found[0].speed_m_s - 10.0).abs() < 0.01);
+        assert!((found[0].t_s - 20.0).abs() < 0.1 && (found[0].heading_deg - 180.0).abs() < 0.1, "{found:?}");
+        // Half a pass is none; a moored vessel is none.
+        assert!(passes(&reports[..6], &HERE).is_empty());
+        let moored: Vec<_> = reports.iter().map(|r| Report { lat_lon_deg: (50.001, -1.0), ..*r }).collect();
+        assert!(passes(&moored, &HERE).is_empty());
+    }
+}
