@@ -14,6 +14,7 @@ pub mod normal;
 pub mod recursive;
 pub mod report;
 pub mod ring;
+pub mod settings;
 pub mod solution;
 pub mod start;
 pub mod whiten;

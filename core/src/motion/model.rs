@@ -47,6 +47,8 @@ pub struct Expected {
     pub azimuth: f64,
     /// Its derivatives.
     pub d_azimuth: [f64; PARAMETERS],
+    /// Its second derivative by time, rad/s² (travel time left out).
+    pub curvature: f64,
     /// Elevation with bias, radians (0 where the height is 0).
     pub elevation: f64,
     /// Its derivatives.
@@ -184,7 +186,8 @@ impl View {
             d_elevation =
                 [0.0, by_ln_r * xg * dx[1], by_ln_r * (xg * dx[2] - 1.0), by_ln_r * (xg * dx[3] + 1.0), 1.0];
         }
-        Expected { azimuth, d_azimuth, elevation, d_elevation }
+        let curvature = -2.0 * line.sense * q * q * x * g * g;
+        Expected { azimuth, d_azimuth, curvature, elevation, d_elevation }
     }
 }
 
@@ -225,6 +228,9 @@ mod tests {
                 let ([x, y], _) = l.position(te);
                 let e = l.expected(&medium, t);
                 assert!(wrap_pi(e.azimuth - m::atan2(x, y)).abs() < 1e-9);
+                let second =
+                    (l.azimuth(&medium, t + 0.1) + l.azimuth(&medium, t - 0.1) - 2.0 * e.azimuth) / 0.01;
+                assert!((second - e.curvature).abs() < 1e-5, "{second} {e:?}");
                 assert!((e.elevation - 0.01 - m::atan2(150.0, m::hypot(x, y))).abs() < 1e-9);
             }
         }

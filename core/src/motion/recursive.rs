@@ -25,13 +25,13 @@
 //! ```
 
 use super::chain::{Chain, Colour};
-use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
+use super::model::{LN_SPEED, Limits, Line, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, Progress, descend, quadratic};
 use super::ring::{Node, Ring};
+pub use super::settings::Config;
 use super::solution::{Solution, floor, solution as solution_of};
 use super::start::{STARTS, emitted, starts};
 use crate::angle::wrap_pi;
-use crate::config::{StationConfig, Tracking};
 
 /// Hypotheses alive at once.
 pub const HYPOTHESES: usize = 4;
@@ -46,65 +46,6 @@ const FINAL_STEPS: usize = 25;
 const LOST_AFTER: u16 = 8;
 /// Memory of the running mean of normalised innovations, bearings.
 const INNOVATION_MEMORY: f64 = 20.0;
-
-/// What the filter assumes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Mean speed of vessels here, or the known speed, m/s.
-    pub speed_m_s: f64,
-    /// Its standard deviation, m/s; 0 means known.
-    pub speed_sd_m_s: f64,
-    /// Nearest and farthest closest-point range considered, m.
-    pub range_m: (f64, f64),
-    /// Standard deviation of the bearings' error beyond the reported one, radians.
-    pub extra_sd_rad: f64,
-    /// Its correlation time, s (first-order Gauss-Markov; 0: independent).
-    pub extra_tau_s: f64,
-    /// Travel time and height of the vessel above the array.
-    pub medium: Medium,
-    /// Standard deviation of a bias common to all elevations (multipath), radians.
-    pub elevation_bias_sd_rad: f64,
-    /// Innovations beyond this many standard deviations are refused (infinite: none).
-    pub gate_sd: f64,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self::new(&Tracking::default(), 1484.0)
-    }
-}
-
-impl Config {
-    /// From the station's tracking settings and sound speed.
-    pub fn new(t: &Tracking, sound_speed_m_s: f64) -> Self {
-        Self {
-            speed_m_s: t.speed_m_s,
-            speed_sd_m_s: t.speed_sd_m_s,
-            range_m: t.range_m,
-            extra_sd_rad: t.bearing_sd_deg * crate::angle::RAD_PER_DEG,
-            extra_tau_s: t.bearing_tau_s,
-            medium: Medium::of_sound_speed(sound_speed_m_s),
-            elevation_bias_sd_rad: 0.0,
-            gate_sd: 5.0,
-        }
-    }
-
-    /// From a validated station configuration.
-    pub fn of_station(station: &StationConfig) -> Self {
-        Self::new(&station.tracking, station.sound_speed_m_s)
-    }
-
-    pub(crate) fn free(&self) -> [bool; PARAMETERS] {
-        let elevations = self.medium.height_m > 0.0;
-        [true, true, true, self.speed_sd_m_s > 0.0, elevations && self.elevation_bias_sd_rad > 0.0]
-    }
-
-    /// Coloured variance, correlation time, and variance to count as white.
-    pub(crate) fn errors(&self) -> (f64, f64, f64) {
-        let variance = self.extra_sd_rad * self.extra_sd_rad;
-        if self.extra_tau_s > 0.0 { (variance, self.extra_tau_s, 0.0) } else { (0.0, 0.0, variance) }
-    }
-}
 
 /// One measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -257,7 +198,15 @@ pub fn measure(config: &Config, state: &mut State, measurement: &Measurement) ->
     };
     let colour = Colour::single(extra_scale, white);
     let total = white + config.errors().0 * extra_scale * extra_scale;
-    let node = Node { t_s, azimuth: azimuth_rad, colour, weight: 1.0 / total, elevation, span_s: (0.0, 0.0) };
+    let node = Node {
+        t_s,
+        azimuth: azimuth_rad,
+        colour,
+        weight: 1.0 / total,
+        elevation,
+        time_variance: 0.0,
+        span_s: (0.0, 0.0),
+    };
     let line = state.best().map(|p| p.line);
     state.ring.push(node, line.as_ref(), config.errors().1);
     out.accepted = true;
@@ -388,7 +337,7 @@ fn chain(config: &Config, ring: &Ring, line: &Line) -> Chain {
         let (derivatives, residual) = row.split_at_mut(PARAMETERS);
         derivatives.copy_from_slice(&e.d_azimuth);
         if let [r] = residual {
-            *r = wrap_pi(node.azimuth - e.azimuth);
+            *r = wrap_pi(node.azimuth - e.azimuth - 0.5 * e.curvature * node.time_variance);
         }
         chain.push(node.t_s, &node.colour, &row);
         if node.elevation.1.is_finite() {

@@ -1,8 +1,9 @@
 //! The bounded memory of a passage: bearings, averaged where the bearing turns least once the memory is full.
 //!
 //! In: bearings in order of time. Out: at most [`CAPACITY`] nodes, each an average with the exact covariance
-//! structure of its error ([`Colour`]). An average over a span `D` errs by `α̈ D²/24` from the bearing at its mean
-//! time; the pair merged is the one for which that is least, so a 200 s passage at 500 m loses under 10⁻⁴ rad.
+//! structure of its error ([`Colour`]). An average differs from the bearing at its mean
+//! time by half the curvature times the variance of its times, which the fit allows for; the pair merged is the one for
+//! which that is least.
 
 use super::chain::Colour;
 use super::model::Line;
@@ -25,6 +26,9 @@ pub struct Node {
     pub weight: f64,
     /// Mean elevation, radians, and the variance of its error, rad²; infinite where there is none.
     pub elevation: (f32, f32),
+    /// Variance of the averaged times about `t_s`, s²: the average of a curved bearing lies off by half the curvature
+    /// times this.
+    pub time_variance: f64,
     /// First and last time averaged, as offsets from `t_s`.
     pub span_s: (f32, f32),
 }
@@ -43,6 +47,7 @@ const EMPTY: Node = Node {
     colour: Colour { later: 0.0, earlier: 0.0, own: 0.0, white: 0.0 },
     weight: 0.0,
     elevation: (0.0, 0.0),
+    time_variance: 0.0,
     span_s: (0.0, 0.0),
 };
 
@@ -116,6 +121,8 @@ fn average(a: &Node, b: &Node, tau_s: f64) -> Node {
     let (wa, wb) = (a.weight / weight, b.weight / weight);
     let t_s = wa * a.t_s + wb * b.t_s;
     let azimuth = wrap_tau(a.azimuth + wb * wrap_pi(b.azimuth - a.azimuth));
+    let step = b.t_s - a.t_s;
+    let time_variance = wa * a.time_variance + wb * b.time_variance + wa * wb * step * step;
     let span_s = ((a.t_s + f64::from(a.span_s.0) - t_s) as f32, (b.t_s + f64::from(b.span_s.1) - t_s) as f32);
     let rate = if tau_s > 0.0 { 1.0 / tau_s } else { 0.0 };
     let memory = m::exp(-(b.t_s - a.t_s) * rate);
@@ -137,6 +144,7 @@ fn average(a: &Node, b: &Node, tau_s: f64) -> Node {
         colour: Colour { later, earlier, own, white },
         weight,
         elevation: elevation(a, b),
+        time_variance,
         span_s,
     }
 }
@@ -173,6 +181,7 @@ mod tests {
                 colour,
                 weight: 1.0,
                 elevation: (0.1, 0.04),
+                time_variance: 0.0,
                 span_s: (0.0, 0.0),
             };
             ring.push(node, None, tau);

@@ -1,0 +1,107 @@
+//! `seabearing track` and `seabearing ais speeds` as a person runs them.
+
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn seabearing(args: &[&str]) -> Option<Output> {
+    // The binary beside this test's own.
+    let dir = std::env::current_exe().ok()?.parent()?.parent()?.to_path_buf();
+    let binary = dir.join(format!("seabearing{}", std::env::consts::EXE_SUFFIX));
+    if !binary.is_file() {
+        println!("skipped: {} is not built (cargo build -p seabearing)", binary.display());
+        return None;
+    }
+    Command::new(binary).args(args).output().ok()
+}
+
+/// 500 m to the north-west of a vessel on 45° at 7 m/s, without noise, travel time included.
+fn write(path: &Path, keep: impl Fn(i32) -> bool, extra: &str) {
+    let mut text = String::from("t_s,azimuth_deg\n");
+    for k in (0..=400).filter(|k| keep(*k)) {
+        let t = 0.5 * f64::from(k);
+        let (s, c) = 45f64.to_radians().sin_cos();
+        let mut te = t;
+        let mut at = (0.0f64, 0.0f64);
+        for _ in 0..20 {
+            let along = 7.0 * (te - 100.0);
+            at = (-500.0 * c + s * along, 500.0 * s + c * along);
+            te = t - at.0.hypot(at.1) / 1484.0;
+        }
+        let _ = writeln!(text, "{t},{}", at.0.atan2(at.1).to_degrees().rem_euclid(360.0));
+    }
+    text.push_str(extra);
+    std::fs::write(path, text).unwrap();
+}
+
+#[test]
+fn track_gives_the_record_of_the_interface_with_every_estimator_and_model() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("b.csv");
+    let name = file.to_str().unwrap();
+    write(&file, |k| k % 13 != 5, "");
+    for options in [
+        &["--speed", "7"][..],
+        &["--speed", "7", "--tau-s", "50", "--sigma-deg", "2"],
+        &["--speed", "7", "--tau-s", "5", "--model", "sinc"],
+        &["--speed", "7", "--tau-s", "5", "--model", "gaussian"],
+        &["--speed", "7", "--tau-s", "5", "--model", "markov"],
+        &["--speed", "7", "--tau-s", "5", "--estimator", "recursive"],
+        &["--speed", "7", "--estimator", "recursive"],
+    ] {
+        let Some(out) = seabearing(&[&["track", name, "--json"], options].concat()) else { return };
+        assert!(out.status.success(), "{options:?}: {}", String::from_utf8_lossy(&out.stderr));
+        let r: Value = serde_json::from_slice(&out.stdout).unwrap();
+        let near = |key: &str, x: f64, off: f64| {
+            let got = r[key].as_f64().unwrap_or_else(|| panic!("{key} in {r}"));
+            assert!((got - x).abs() < off, "{options:?}: {key} {got}");
+        };
+        near("cpa_time_s", 100.0, 0.05);
+        near("cpa_range_m", 500.0, 0.5);
+        near("heading_deg", 45.0, 0.05);
+        near("speed_m_s", 7.0, 1e-9);
+        near("x0_m", -353.553 - 494.975, 1.0);
+        near("y0_m", 353.553 - 494.975, 1.0);
+        near("n", 370.0, 1.0);
+        for key in ["sd_cpa_time_s", "sd_cpa_range_m", "sd_heading_deg"] {
+            assert!(r[key].as_f64().unwrap() > 0.0);
+        }
+        assert_eq!(
+            (&r["type"], &r["side"], &r["range_observable"]),
+            (&"track".into(), &"starboard".into(), &true.into())
+        );
+    }
+    // No speed given: the fleet's.
+    let out = seabearing(&["track", name, "--json"]).unwrap();
+    let r: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert!((r["cpa_range_m"].as_f64().unwrap() - 500.0 * 7.3 / 7.0).abs() < 3.0, "{r}");
+    assert!((r["sd_cpa_range_m"].as_f64().unwrap() - 500.0 * 2.3 / 7.0).abs() < 10.0, "{r}");
+}
+
+#[test]
+fn bad_input_is_one_line_and_good_rows_are_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("b.csv");
+    let name = file.to_str().unwrap();
+    write(&file, |_| true, "200.5,nonsense\n201,\n");
+    let Some(out) = seabearing(&["track", name, "--speed", "7", "--json"]) else { return };
+    assert!(out.status.success());
+    let complaint = String::from_utf8_lossy(&out.stderr).to_string();
+    assert!(complaint.contains("line 403") && complaint.contains("line 404"), "{complaint}");
+    write(&file, |k| k < 3, "");
+    for (args, word) in [
+        (vec!["track", name], "at least 5"),
+        (vec!["track", name, "--sigma-deg", "-1"], "sigma-deg"),
+        (vec!["track", name, "--speed-sd", "inf"], "elevation"),
+        (vec!["track", "no-such-file.csv"], "no-such-file.csv"),
+        (vec!["ais", "speeds", name, "--lat-deg", "50", "--lon-deg", "0"], "AIS layout"),
+    ] {
+        let out = seabearing(&args).unwrap();
+        let text = String::from_utf8_lossy(&out.stderr).to_string();
+        assert!(
+            !out.status.success() && text.contains(word) && text.trim_end().lines().count() == 1,
+            "{args:?}: {text}"
+        );
+    }
+}
