@@ -92,7 +92,7 @@ fn bad_input_is_one_line_and_good_rows_are_kept() {
     write(&file, |k| k < 3, "");
     for (args, word) in [
         (vec!["track", name], "at least 5"),
-        (vec!["track", name, "--sigma-deg", "-1"], "sigma-deg"),
+        (vec!["track", name, "--sigma-deg=-1"], "sigma-deg"),
         (vec!["track", name, "--speed-sd", "inf"], "elevation"),
         (vec!["track", "no-such-file.csv"], "no-such-file.csv"),
         (vec!["ais", "speeds", name, "--lat-deg", "50", "--lon-deg", "0"], "AIS layout"),
