@@ -72,11 +72,17 @@ pub fn bearings(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>
         last = Some((t, azimuth));
     }
     figure.band("95 % band", &band).points("bearings", &points).same_colour();
-    for (name, rows) in truth {
+    for (i, (_, rows)) in truth.iter().enumerate() {
         let line: Vec<_> = rows.iter().map(|r| (r.t_s, r.arrival_azimuth_deg)).collect();
-        figure.truth(&format!("truth: {name}"), &cut_at_wraps(&line));
+        figure.truth(&legend(truth, i), &cut_at_wraps(&line));
     }
     figure
+}
+
+/// One entry for all vessels: their lines look alike.
+fn legend(truth: &[(String, Vec<Truth>)], i: usize) -> String {
+    let names: Vec<&str> = truth.iter().map(|(n, _)| n.as_str()).collect();
+    if i == 0 { format!("truth: {}", names.join(", ")) } else { String::new() }
 }
 
 /// Error of each azimuth against the nearest vessel's truth, with the 95 % band the recorder states.
@@ -113,9 +119,9 @@ fn truth_at(rows: &[Truth], t_s: f64) -> Option<f64> {
 /// Tracks on a map: the positions as reported, 95 % ellipses of the last, and the truth where known.
 pub fn tracks(reports: &[Track], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Figure {
     let mut figure = Figure::map("Tracks");
-    for (name, rows) in truth {
+    for (i, (_, rows)) in truth.iter().enumerate() {
         let line: Vec<_> = rows.iter().map(|r| (r.x_m, r.y_m)).collect();
-        figure.truth(&format!("truth: {name}"), &line);
+        figure.truth(&legend(truth, i), &line);
     }
     let mut by_id: BTreeMap<u16, Vec<&Track>> = BTreeMap::new();
     for report in reports {
