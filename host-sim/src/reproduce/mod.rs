@@ -14,6 +14,7 @@ mod obs_appendix_b;
 mod obs_core_clutter;
 mod obs_noise_week;
 mod obs_one_ship;
+mod obs_pictures;
 mod obs_table1;
 mod obs_two_ships;
 mod obs_world;
@@ -59,6 +60,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_noise_week::NOISE_WEEK,
     obs_appendix_b::APPENDIX_B,
     obs_table1::TABLE_1,
+    obs_pictures::PICTURES,
     bearing_limit::EXPERIMENT,
     shaft_rate::EXPERIMENT,
     real_ship_ee::EXPERIMENT,

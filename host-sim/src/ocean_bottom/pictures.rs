@@ -1,0 +1,356 @@
+//! Pictures of an ocean-bottom recording: the counterparts of figures 2, 3 and 5 to 8 of [O].
+//!
+//! Each is one SVG: spectrogram, azigram (cyclic colours), azimuth log-likelihood with detections, cepstrogram before and
+//! after the clutter filter, range log-likelihood with detections, presence with segments, tracks on a map with circles at
+//! 50 and 100 km; [`model`] draws the interference model against range. Times are hours from the recording's start.
+
+use super::course::Place;
+use super::stages::{
+    AZIMUTHS, BINS, Frame, RANGE_STEP_M, RANGES, azimuth_likelihood, frames, minutes, range_likelihood,
+};
+use crate::plot::{ColourMap, Figure, HeatMap, RGBColor, cut_at_wraps, write_panels};
+use crate::propagation::Propagation;
+use crate::recording::Source;
+use anyhow::Result;
+use seabearing_core::config::StationConfig;
+use seabearing_core::wire::{Message, Track};
+use std::path::{Path, PathBuf};
+
+/// Columns a picture has at most: more cannot be seen.
+const COLUMNS: usize = 480;
+
+/// What a vessel really did, for comparison.
+#[derive(Clone, Debug)]
+pub struct TruthCurve {
+    /// Its name.
+    pub name: String,
+    /// Time (s), azimuth (rad) and range (m) as they could be heard.
+    pub heard: Vec<(f64, f64, f64)>,
+    /// East and North along its way, m.
+    pub places: Vec<Place>,
+}
+
+/// Draws everything; the files written.
+///
+/// # Errors
+/// The recording is lost, holds no whole frame, or a file cannot be written.
+pub fn draw(
+    dir: &Path,
+    source: &mut dyn Source,
+    config: &StationConfig,
+    table: &Propagation,
+    messages: &[Message],
+    truth: &[TruthCurve],
+) -> Result<Vec<PathBuf>> {
+    let rate = config.rate_hz;
+    let all = frames(source, config)?;
+    if all.len() < 20 {
+        anyhow::bail!("{} frames of 20 s are too few for pictures", all.len());
+    }
+    let when = minutes(&all);
+    let mut written = Vec::new();
+    let mut keep = |name: &str, figures: &[&Figure]| -> Result<()> {
+        let path = dir.join(format!("{name}.svg"));
+        write_panels(&path, figures, 1)?;
+        written.push(path);
+        Ok(())
+    };
+    keep("spectrogram", &[&spectrogram(&all)])?;
+    keep("azigram", &[&azigram(&all)])?;
+    let mut azimuth = heat(
+        "Azimuth: log-likelihood ratio",
+        "azimuth (°)",
+        &when,
+        &azimuth_likelihood(&all, &when),
+        (0.0, 360.0),
+        (0.0, 60.0),
+        "ln likelihood ratio",
+    );
+    azimuth.points("detections", &azimuths(messages, rate)).coloured(RGBColor(255, 255, 255));
+    for t in truth {
+        let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (h.0 / 3600.0, h.1.to_degrees())).collect();
+        azimuth.truth(&t.name, &cut_at_wraps(&points));
+    }
+    keep("azimuth", &[&azimuth])?;
+    let before =
+        cepstrogram("Cepstrogram", &all, &|f: &Frame, k: usize| f.raw.get(k).copied().unwrap_or(f32::NAN));
+    let after = cepstrogram("Cepstrogram after the clutter filter", &all, &|f, k| {
+        f.filtered.get(k).copied().unwrap_or(f32::NAN)
+    });
+    keep("cepstrogram", &[&before, &after])?;
+    let mut range = heat(
+        "Range: log-likelihood ratio",
+        "range (km)",
+        &when,
+        &range_likelihood(&all, &when, table),
+        (0.0, RANGE_STEP_M * RANGES as f64 / 1e3),
+        (0.0, 40.0),
+        "ln likelihood ratio",
+    );
+    range.points("detections", &ranges(messages, rate)).coloured(RGBColor(255, 255, 255));
+    for t in truth {
+        let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (h.0 / 3600.0, h.2 / 1e3)).collect();
+        range.truth(&t.name, &points);
+    }
+    range.y_range(0.0, 50.0);
+    keep("range", &[&range])?;
+    let hours = (all[0].t_s / 3600.0, all[all.len() - 1].t_s / 3600.0);
+    let panels = presence(messages, rate, hours);
+    keep("presence", &panels.iter().collect::<Vec<_>>())?;
+    keep("map", &[&map(messages, truth)])?;
+    Ok(written)
+}
+
+/// Columns averaged down to what can be seen: `value(frames of a column, row)`.
+fn columns(all: &[Frame], rows: usize, value: &dyn Fn(&[Frame], usize) -> f64) -> (usize, Vec<f64>) {
+    let per = all.len().div_ceil(COLUMNS);
+    let groups: Vec<&[Frame]> = all.chunks(per).collect();
+    let mut out = Vec::with_capacity(rows * groups.len());
+    for row in 0..rows {
+        out.extend(groups.iter().map(|g| value(g, row)));
+    }
+    (groups.len(), out)
+}
+
+fn span(all: &[Frame]) -> (f64, f64) {
+    (all[0].t_s / 3600.0, all[all.len() - 1].t_s / 3600.0)
+}
+
+/// Level of pressure against time and frequency (figure 2).
+fn spectrogram(all: &[Frame]) -> Figure {
+    let rows = BINS / 2;
+    let (n, values) = columns(all, rows, &|g, row| {
+        let sum: f64 = g
+            .iter()
+            .flat_map(|f| &f.log_pressure[2 * row..2 * row + 2])
+            .map(|l| f64::from(2.0 * l).exp())
+            .sum();
+        10.0 * (sum / (2.0 * g.len() as f64)).log10()
+    });
+    let mut sorted = values.clone();
+    sorted.sort_by(f64::total_cmp);
+    let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
+    let mut f = Figure::new("Spectrogram of pressure", "time (h)", "frequency (Hz)");
+    f.heat(HeatMap {
+        x: span(all),
+        y: (0.0, 25.0),
+        columns: n,
+        values: values.clone(),
+        range: Some((at(0.02), at(0.995))),
+        map: ColourMap::Amount,
+        label: "level (dB re 1 count²)".into(),
+    });
+    f
+}
+
+/// Azimuth of active intensity against time and frequency (figure 3b).
+fn azigram(all: &[Frame]) -> Figure {
+    let rows = BINS / 2;
+    let (n, values) = columns(all, rows, &|g, row| {
+        let (mut s, mut c) = (0.0, 0.0);
+        for a in g.iter().flat_map(|f| &f.azimuth[2 * row..2 * row + 2]) {
+            s += f64::from(a.sin());
+            c += f64::from(a.cos());
+        }
+        s.atan2(c).to_degrees().rem_euclid(360.0)
+    });
+    let mut f = Figure::new("Azigram", "time (h)", "frequency (Hz)");
+    f.heat(HeatMap {
+        x: span(all),
+        y: (0.0, 25.0),
+        columns: n,
+        values,
+        range: Some((0.0, 360.0)),
+        map: ColourMap::Cyclic,
+        label: "azimuth of the source (°)".into(),
+    });
+    f
+}
+
+fn cepstrogram(title: &str, all: &[Frame], at: &dyn Fn(&Frame, usize) -> f32) -> Figure {
+    // Quefrencies 0.4 to 7 s in rows of two: the branches' span; nearer zero lies the spectrum's own shape.
+    let (from, rows) = (20, 165);
+    let (n, values) = columns(all, rows, &|g, row| {
+        let cells = g.iter().flat_map(|f| [at(f, from + 2 * row), at(f, from + 2 * row + 1)]);
+        let (sum, count) = cells.filter(|c| c.is_finite()).fold((0.0, 0), |(s, k), c| (s + c.abs(), k + 1));
+        if count > 0 { f64::from(sum) / f64::from(count) } else { f64::NAN }
+    });
+    let mut f = Figure::new(title, "time (h)", "quefrency (s)");
+    f.heat(HeatMap {
+        x: span(all),
+        y: (0.4, 7.0),
+        columns: n,
+        values,
+        range: Some((0.0, 0.08)),
+        map: ColourMap::Amount,
+        label: "|cepstrum|".into(),
+    });
+    f
+}
+
+fn heat(
+    title: &str,
+    y_label: &str,
+    when: &[f64],
+    likelihood: &[Vec<f32>],
+    y: (f64, f64),
+    range: (f64, f64),
+    label: &str,
+) -> Figure {
+    let per = when.len().div_ceil(COLUMNS);
+    let groups: Vec<&[Vec<f32>]> = likelihood.chunks(per).collect();
+    let rows = likelihood.first().map_or(0, Vec::len);
+    // Neighbouring rows share a cell where there are more than can be seen.
+    let merge = rows.div_ceil(AZIMUTHS);
+    let mut values = Vec::new();
+    for row in (0..rows).step_by(merge) {
+        values.extend(groups.iter().map(|g| {
+            let cells = g.iter().flat_map(|m| &m[row..(row + merge).min(rows)]);
+            f64::from(cells.fold(f32::NEG_INFINITY, |a, b| a.max(*b)))
+        }));
+    }
+    let mut f = Figure::new(title, "time (h)", y_label);
+    let (first, last) = (when.first().copied().unwrap_or(0.0), when.last().copied().unwrap_or(60.0));
+    f.heat(HeatMap {
+        x: ((first - 30.0) / 3600.0, (last + 30.0) / 3600.0),
+        y,
+        columns: groups.len(),
+        values,
+        range: Some(range),
+        map: ColourMap::Amount,
+        label: label.to_owned(),
+    });
+    f
+}
+
+fn azimuths(messages: &[Message], rate: f64) -> Vec<(f64, f64)> {
+    let one = |m: &Message| match m {
+        Message::Azimuth(a) if a.detected => {
+            Some((a.index as f64 / rate / 3600.0, f64::from(a.azimuth).to_degrees().rem_euclid(360.0)))
+        }
+        _ => None,
+    };
+    messages.iter().filter_map(one).collect()
+}
+
+fn ranges(messages: &[Message], rate: f64) -> Vec<(f64, f64)> {
+    let one = |m: &Message| match m {
+        Message::Range(r) if r.detected => Some((r.index as f64 / rate / 3600.0, f64::from(r.range_m) / 1e3)),
+        _ => None,
+    };
+    messages.iter().filter_map(one).collect()
+}
+
+/// Presence of azimuth and range, and the segments (figure 7).
+fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Figure> {
+    let hour = |index: u64| index as f64 / rate / 3600.0;
+    let mut evidence = Figure::new("Presence and segments", "time (h)", "ln presence ratio");
+    let mut tops = [Vec::<(f64, f64)>::new(), Vec::new()];
+    for m in messages {
+        let (slot, index, value) = match m {
+            Message::Azimuth(a) => (0, a.index, a.log_presence),
+            Message::Range(r) => (1, r.index, r.log_presence),
+            _ => continue,
+        };
+        let point = (hour(index), f64::from(value).clamp(-20.0, 60.0));
+        match tops[slot].last_mut().filter(|l| l.0 == point.0) {
+            Some(l) => l.1 = l.1.max(point.1),
+            None => tops[slot].push(point),
+        }
+    }
+    // The last word on each segment counts.
+    let mut segments = std::collections::BTreeMap::new();
+    for m in messages {
+        if let Message::Segment(s) = m {
+            segments.insert((s.id, s.kind), *s);
+        }
+    }
+    for kind in 0..3u8 {
+        let name = ["segment", "approaching", "leaving"][usize::from(kind)];
+        let height = [(-20.0, -16.0), (-16.0, -13.0), (-16.0, -13.0)][usize::from(kind)];
+        for (n, s) in segments.values().filter(|s| s.kind == kind).enumerate() {
+            let band = [(hour(s.start), height.0, height.1), (hour(s.end), height.0, height.1)];
+            evidence.band(if n == 0 { name } else { "" }, &band);
+            if n > 0 {
+                evidence.same_colour();
+            }
+        }
+    }
+    evidence.line("azimuth", &tops[0]).line("range", &tops[1]);
+    evidence.x_range(hours.0, hours.1).y_range(-21.0, 62.0);
+    let mut azimuth = Figure::new("Azimuth detections", "time (h)", "azimuth (°)");
+    azimuth.points("azimuth", &azimuths(messages, rate)).x_range(hours.0, hours.1).y_range(0.0, 360.0);
+    let mut range = Figure::new("Range detections", "time (h)", "range (km)");
+    range.points("range", &ranges(messages, rate)).x_range(hours.0, hours.1).y_range(0.0, 50.0);
+    for f in [&mut evidence, &mut azimuth, &mut range] {
+        f.size(900, 300);
+    }
+    vec![azimuth, evidence, range]
+}
+
+/// Tracks on a map with circles at 50 and 100 km (figure 8).
+fn map(messages: &[Message], truth: &[TruthCurve]) -> Figure {
+    let mut f = Figure::map("Tracks");
+    f.range_circles(&[50_000.0, 100_000.0]);
+    for t in truth {
+        f.truth(&t.name, &t.places);
+    }
+    let mut last: std::collections::BTreeMap<u16, Track> = std::collections::BTreeMap::new();
+    for m in messages {
+        if let Message::Track(t) = m {
+            last.insert(t.id, *t);
+        }
+    }
+    for t in last.values() {
+        let (s, c) = f64::from(t.heading).sin_cos();
+        let (sa, ca) = f64::from(t.cpa_azimuth).sin_cos();
+        let range = f64::from(t.cpa_range_m);
+        let half = (110_000f64.powi(2) - range * range).max(0.0).sqrt();
+        let at = |along: f64| (range * sa + along * s, range * ca + along * c);
+        f.line(&format!("track {}", t.id), &[at(-half), at(half)]);
+        let now = (f64::from(t.x_m), f64::from(t.y_m));
+        let spread = (f64::from(t.var_x_m2), f64::from(t.var_y_m2), f64::from(t.cov_xy_m2));
+        f.ellipse("", now, spread, 0.95).same_colour();
+    }
+    f.points("station", &[(0.0, 0.0)]);
+    f
+}
+
+/// The interference model against range: envelope of the pulses, and the branches' delays (figure 5b).
+///
+/// # Errors
+/// The file cannot be written.
+pub fn model(path: &Path, table: &Propagation) -> Result<()> {
+    let (columns, rows) = (250usize, 165usize);
+    let mut values = vec![0.0f64; columns * rows];
+    let mut f = Figure::new("Interference model against range", "range (km)", "delay (s)");
+    let names = ["13", "35", "57", "79", "9 11", "11 13"];
+    let mut curves = Vec::new();
+    for (b, strength) in table.strengths.iter().enumerate() {
+        let mut curve = Vec::new();
+        for c in 0..columns {
+            let range = 50_000.0 * (c as f64 + 0.5) / columns as f64;
+            let Some((tau, _)) = table.branch(b, (range / table.step_m).round() as usize) else { continue };
+            curve.push((range / 1e3, tau));
+            for (r, row) in values.chunks_mut(columns).enumerate() {
+                let q = 0.4 + 6.6 * (r as f64 + 0.5) / rows as f64;
+                row[c] += strength.at(range) * (-((q - tau) / table.width_s).powi(2)).exp();
+            }
+        }
+        curves.push((names.get(b).copied().unwrap_or("farther"), curve));
+    }
+    f.heat(HeatMap {
+        x: (0.0, 50.0),
+        y: (0.4, 7.0),
+        columns,
+        values,
+        range: None,
+        map: ColourMap::Amount,
+        label: "height of the pulse".into(),
+    });
+    for (name, curve) in &curves {
+        f.dashed(name, curve);
+    }
+    f.y_range(0.4, 7.0);
+    f.write(path)
+}
