@@ -10,6 +10,7 @@ pub mod locate;
 pub mod orient;
 pub mod process;
 pub mod propagation;
+pub mod propagation_fit;
 pub mod reproduce;
 pub mod simulate;
 pub mod track;

@@ -17,6 +17,8 @@ use std::path::PathBuf;
                   crossings, toa_s_n, amp_re_n, amp_im_n (metres, seconds, convention exp(-i w t))."
 )]
 pub struct Args {
+    #[command(subcommand)]
+    fit: Option<Tool>,
     /// Ray-trace through this sound-speed profile (CSV: depth_m,speed_m_s).
     #[arg(long, conflicts_with = "ray_table", requires = "depth_m")]
     profile: Option<PathBuf>,
@@ -61,11 +63,21 @@ pub struct Args {
     json: bool,
 }
 
+/// Tools beside making a table.
+#[derive(clap::Subcommand)]
+enum Tool {
+    /// Measure the strengths of interferences from vessels of known track
+    Fit(super::propagation_fit::Args),
+}
+
 /// Runs the command.
 ///
 /// # Errors
 /// One line: which file or option, and what is wrong with it.
 pub fn run(args: Args) -> Result<()> {
+    if let Some(Tool::Fit(fit)) = args.fit {
+        return super::propagation_fit::run(fit);
+    }
     let Some(out) = &args.out else { bail!("--out TABLE is missing: where should the table be written?") };
     let mut table = match (&args.profile, &args.ray_table) {
         (Some(profile), None) => traced(&args, profile)?,

@@ -8,6 +8,7 @@ pub mod ambient;
 pub mod batch;
 pub mod course;
 pub mod event;
+pub mod orient;
 pub mod passage;
 pub mod pictures;
 pub mod run;

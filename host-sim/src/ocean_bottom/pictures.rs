@@ -16,8 +16,11 @@ use seabearing_core::config::StationConfig;
 use seabearing_core::wire::{Message, Track};
 use std::path::{Path, PathBuf};
 
+/// Detections on dark cells: seen there and in the legend.
+const DETECTION: RGBColor = RGBColor(232, 70, 70);
+
 /// Columns a picture has at most: more cannot be seen.
-const COLUMNS: usize = 480;
+const COLUMNS: usize = 360;
 
 /// What a vessel really did, for comparison.
 #[derive(Clone, Debug)]
@@ -66,7 +69,7 @@ pub fn draw(
         (0.0, 60.0),
         "ln likelihood ratio",
     );
-    azimuth.points("detections", &azimuths(messages, rate)).coloured(RGBColor(255, 255, 255));
+    azimuth.points("detections", &azimuths(messages, rate)).coloured(DETECTION);
     for t in truth {
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (h.0 / 3600.0, h.1.to_degrees())).collect();
         azimuth.truth(&t.name, &cut_at_wraps(&points));
@@ -87,7 +90,7 @@ pub fn draw(
         (0.0, 40.0),
         "ln likelihood ratio",
     );
-    range.points("detections", &ranges(messages, rate)).coloured(RGBColor(255, 255, 255));
+    range.points("detections", &ranges(messages, rate)).coloured(DETECTION);
     for t in truth {
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (h.0 / 3600.0, h.2 / 1e3)).collect();
         range.truth(&t.name, &points);
@@ -295,9 +298,13 @@ fn map(messages: &[Message], truth: &[TruthCurve]) -> Figure {
     for t in truth {
         f.truth(&t.name, &t.places);
     }
+    let finished = messages.iter().any(|m| matches!(m, Message::Track(t) if t.stage == 1));
     let mut last: std::collections::BTreeMap<u16, Track> = std::collections::BTreeMap::new();
     for m in messages {
-        if let Message::Track(t) = m {
+        // The end-of-passage solution stands for a track's running estimates, once there is one.
+        if let Message::Track(t) = m
+            && (t.stage == 1 || !finished)
+        {
             last.insert(t.id, *t);
         }
     }

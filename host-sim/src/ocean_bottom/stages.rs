@@ -32,9 +32,9 @@ const R: f32 = 0.99;
 pub const AZIMUTHS: usize = 180;
 
 /// Step of the range likelihood, m, and its number of ranges.
-pub const RANGE_STEP_M: f64 = 140.0;
+pub const RANGE_STEP_M: f64 = 70.0;
 /// Number of ranges of the likelihood: to 50 km.
-pub const RANGES: usize = 358;
+pub const RANGES: usize = 716;
 
 /// One frame.
 pub struct Frame {
@@ -187,8 +187,8 @@ pub fn azimuth_likelihood(frames: &[Frame], minutes: &[f64]) -> Vec<Vec<f32>> {
         .collect()
 }
 
-/// Log-likelihood ratio of range at each minute, radial speeds from −12 to 12 m/s averaged: [`RANGES`] values [O 19].
-pub fn range_likelihood(frames: &[Frame], minutes: &[f64], table: &Propagation) -> Vec<Vec<f32>> {
+/// Log-likelihood ratio of range of each single frame: [`RANGES`] values [O 19, one frame].
+pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<Vec<f32>> {
     // Pulses of every branch at every range: first quefrency, heights over variance, half the energy.
     let pulses: Vec<Vec<(usize, Vec<f32>, f32)>> = (0..RANGES)
         .map(|j| {
@@ -216,7 +216,7 @@ pub fn range_likelihood(frames: &[Frame], minutes: &[f64], table: &Propagation) 
                 .collect()
         })
         .collect();
-    let per_frame: Vec<Vec<f32>> = frames
+    frames
         .par_iter()
         .map(|f| {
             pulses
@@ -232,7 +232,12 @@ pub fn range_likelihood(frames: &[Frame], minutes: &[f64], table: &Propagation) 
                 })
                 .collect()
         })
-        .collect();
+        .collect()
+}
+
+/// Log-likelihood ratio of range at each minute, radial speeds from −12 to 12 m/s averaged: [`RANGES`] values [O 19].
+pub fn range_likelihood(frames: &[Frame], minutes: &[f64], table: &Propagation) -> Vec<Vec<f32>> {
+    let per_frame = range_evidence(frames, table);
     minutes
         .par_iter()
         .map(|&t| {

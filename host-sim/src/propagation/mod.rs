@@ -10,6 +10,7 @@
 pub mod bottom;
 pub mod convert;
 pub mod file;
+pub mod fit;
 pub mod profile;
 pub mod strength;
 pub mod trace;

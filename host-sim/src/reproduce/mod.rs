@@ -14,6 +14,7 @@ mod obs_appendix_b;
 mod obs_core_clutter;
 mod obs_noise_week;
 mod obs_one_ship;
+mod obs_orient;
 mod obs_pictures;
 mod obs_table1;
 mod obs_two_ships;
@@ -60,6 +61,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_noise_week::NOISE_WEEK,
     obs_appendix_b::APPENDIX_B,
     obs_table1::TABLE_1,
+    obs_orient::ORIENT,
     obs_pictures::PICTURES,
     bearing_limit::EXPERIMENT,
     shaft_rate::EXPERIMENT,

@@ -1,0 +1,164 @@
+//! `seabearing propagation fit`: strengths of interferences from vessels of known track.
+
+use crate::csv::Table;
+use crate::ocean_bottom::course::{Course, Place};
+use crate::ocean_bottom::stages::frames;
+use crate::plot::{Figure, write_panels};
+use crate::propagation::fit::{Branch, fit};
+use crate::propagation::{Propagation, file};
+use crate::station::Station;
+use crate::{atomic, recording};
+use anyhow::{Context, Result, bail};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `seabearing propagation fit`.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example:\n  seabearing propagation fit --station station.toml --tracks truth.csv --out fitted.toml *.mseed\n\
+                        TRACKS.csv has the columns t_s,x_m,y_m (East and North of the station) and, for several\n\
+                        vessels, source. Beside TABLE, TABLE.csv and TABLE.svg show measured and fitted strengths."
+)]
+pub struct Args {
+    /// Station file; its propagation table gives the delays.
+    #[arg(long)]
+    station: PathBuf,
+    /// Where the vessels were (CSV).
+    #[arg(long)]
+    tracks: PathBuf,
+    /// The table to write: the station's with the fitted strengths.
+    #[arg(long)]
+    out: PathBuf,
+    /// Recordings (miniSEED or WAV) or folders of them.
+    #[arg(required = true)]
+    input: Vec<PathBuf>,
+    /// Print one JSON record a branch.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One line: what is missing, or that nothing could be fitted.
+pub fn run(args: Args) -> Result<()> {
+    let station = Station::read(&args.station)?;
+    let Some(path) = &station.propagation else {
+        bail!("{}: no `propagation` in [obs]: the fit needs a table for the delays", args.station.display());
+    };
+    let mut table = file::read(path)?;
+    let courses = courses(&args.tracks)?;
+    let mut source = recording::open(&args.input, &station, None)?;
+    let frames = frames(source.as_mut(), &station.config)?;
+    let fitted = fit(&frames, &courses, &table);
+    if fitted.iter().all(|b| b.law.is_none()) {
+        bail!(
+            "{} frames and {} tracks gave no strength of any branch: do recording and tracks cover the same time?",
+            frames.len(),
+            courses.len()
+        );
+    }
+    report(&args, &fitted);
+    let csv = csv(&fitted);
+    for (slot, branch) in table.strengths.iter_mut().zip(&fitted) {
+        if let Some(law) = branch.law {
+            *slot = law;
+        }
+    }
+    file::write(&table, &args.out)?;
+    atomic::write(&args.out.with_extension("csv"), csv.as_bytes())?;
+    draw(&args.out.with_extension("svg"), &fitted, &table)
+}
+
+const NAMES: [&str; 6] = ["13", "35", "57", "79", "9-11", "11-13"];
+
+fn report(args: &Args, fitted: &[Branch]) {
+    for (name, b) in NAMES.iter().zip(fitted) {
+        let residual = b.law.map(|l| {
+            let sum: f64 = b.cells.iter().map(|c| (c.envelope - l.at(c.range_m)).powi(2)).sum();
+            (sum / b.cells.len().max(1) as f64).sqrt()
+        });
+        if args.json {
+            println!(
+                "{}",
+                serde_json::json!({"type": "strength", "branch": name, "cells": b.cells.len(),
+                    "k_m": b.law.map(|l| l.k_m), "shape": b.law.map(|l| l.shape),
+                    "location_m": b.law.map(|l| l.location_m), "scale_m": b.law.map(|l| l.scale_m),
+                    "rms_residual": residual})
+            );
+        } else if let (Some(l), Some(r)) = (b.law, residual) {
+            println!(
+                "branch {name}: k {:.0} m, shape {:.1}, location {:.1} km, scale {:.1} km; {} cells, rms residual {r:.4}",
+                l.k_m,
+                l.shape,
+                l.location_m / 1e3,
+                l.scale_m / 1e3,
+                b.cells.len()
+            );
+        } else {
+            println!("branch {name}: not measured ({} cells with data), kept as it was", b.cells.len());
+        }
+    }
+}
+
+fn csv(fitted: &[Branch]) -> String {
+    let mut out = String::from("branch,range_m,frames,strength,sd,fitted,residual\n");
+    for (name, b) in NAMES.iter().zip(fitted) {
+        for c in &b.cells {
+            let law = b.law.map_or(f64::NAN, |l| l.at(c.range_m));
+            out += &format!(
+                "{name},{:.0},{},{:.5},{:.5},{law:.5},{:.5}\n",
+                c.range_m,
+                c.frames,
+                c.envelope,
+                c.sd,
+                c.envelope - law
+            );
+        }
+    }
+    out
+}
+
+fn draw(path: &Path, fitted: &[Branch], table: &Propagation) -> Result<()> {
+    let mut top = Figure::new("Strength of interferences", "range (km)", "envelope of the cepstrum");
+    let mut bottom = Figure::new("Residuals", "range (km)", "measured − fitted");
+    for ((name, b), law) in NAMES.iter().zip(fitted).zip(&table.strengths) {
+        if b.law.is_none() {
+            continue;
+        }
+        let points = |f: &dyn Fn(&crate::propagation::fit::Cell) -> f64| -> Vec<(f64, f64)> {
+            b.cells.iter().map(|c| (c.range_m / 1e3, f(c))).collect()
+        };
+        top.points(&format!("{name} measured"), &points(&|c| c.envelope));
+        let curve: Vec<(f64, f64)> =
+            (0..=200).map(|i| 0.25 * f64::from(i)).map(|km| (km, law.at(1e3 * km))).collect();
+        top.line(&format!("{name} fitted"), &curve).same_colour();
+        bottom.line(name, &points(&|c| c.envelope - law.at(c.range_m)));
+    }
+    write_panels(path, &[&top, &bottom], 1)
+}
+
+/// Courses of a track file: one a `source`, or one in all. Rows of other kinds of source (no x, y) are passed over.
+pub fn courses(path: &Path) -> Result<Vec<Course>> {
+    let table = Table::read(path)?;
+    let source = table.has("source").then(|| table.column("source")).transpose()?;
+    let mut by_vessel: BTreeMap<String, Vec<(f64, Place)>> = BTreeMap::new();
+    for (row, (_, numbers)) in table.numbers(["t_s", "x_m", "y_m"])?.into_iter().enumerate() {
+        let name = source.and_then(|c| table.text(row, c)).unwrap_or("").to_owned();
+        if let Ok([t, x, y]) = numbers {
+            by_vessel.entry(name).or_default().push((t, (x, y)));
+        }
+    }
+    let courses: Vec<Course> = by_vessel
+        .into_values()
+        .filter(|f| f.len() >= 2)
+        .map(|mut fixes| {
+            fixes.sort_by(|a, b| a.0.total_cmp(&b.0));
+            fixes.dedup_by_key(|f| f.0);
+            Course::Fixes(fixes)
+        })
+        .collect();
+    (!courses.is_empty())
+        .then_some(courses)
+        .with_context(|| format!("{}: no vessel with two or more rows of t_s, x_m, y_m", path.display()))
+}

@@ -1,0 +1,85 @@
+//! Orientation and place of an ocean-bottom station from vessels of known track, both unknown at first.
+//!
+//! The station lies 350 m east and 50 m north of its nominal position, its first horizontal points to 77° and is taken to
+//! point to 60°. Vessels pass one after the other, six hours apart; `--runs` is their number.
+
+use super::obs_world::{judge, print, quiet, station_table};
+use super::{Experiment, Options};
+use crate::ocean_bottom::course::Course;
+use crate::ocean_bottom::orient::{orientation, place};
+use crate::ocean_bottom::scenario::{Scenario, Ship};
+use crate::ocean_bottom::simulate::Simulator;
+use crate::ocean_bottom::{stages, station};
+use anyhow::{Context, Result};
+
+/// The experiment.
+pub const ORIENT: Experiment = Experiment {
+    name: "obs-orient",
+    about: "orientation and place of an ocean-bottom station from vessels of known track",
+    run,
+};
+
+/// Passages where the command line names no number.
+const RUNS: usize = 6;
+/// Where the station is against where it is thought to be, m.
+const OFFSET_M: (f64, f64) = (350.0, 50.0);
+/// Where its first horizontal is thought to point, degrees; in truth 77.
+const ASSUMED_DEG: f64 = 60.0;
+const PASSAGE_S: f64 = 21_600.0;
+
+fn run(options: &Options) -> Result<()> {
+    let table = station_table()?;
+    let n = options.runs.unwrap_or(RUNS).max(1);
+    let ship: Vec<Ship> = (0..n)
+        .map(|i| {
+            let mut s = super::obs_one_ship::ship(options.seed + i as u64);
+            s.cpa_time_s += PASSAGE_S * i as f64;
+            // Each sounds for its own six hours only, as neighbours would else overlap.
+            s.active_s = [PASSAGE_S * i as f64, PASSAGE_S * (i + 1) as f64];
+            s
+        })
+        .collect();
+    let scenario = Scenario { ship, ..quiet(options.seed, PASSAGE_S * n as f64) };
+    let assumed = Scenario { orientation_of_north_deg: ASSUMED_DEG, ..scenario.clone() };
+    let mut simulator = Simulator::new(scenario.clone(), table.clone(), Vec::new())?;
+    let courses: Vec<Course> = simulator
+        .vessels
+        .iter()
+        .map(|v| {
+            let (from, to) = v.active_s;
+            let steps = ((to - from) / 60.0) as u64;
+            let fixes = (0..=steps).map(|k| from + 60.0 * k as f64).filter_map(|t| {
+                let (x, y) = v.course.at(t)?;
+                Some((t, (x + OFFSET_M.0, y + OFFSET_M.1)))
+            });
+            Course::Fixes(fixes.collect())
+        })
+        .collect();
+    let frames = stages::frames(&mut simulator, &station::config(&assumed, false)?)?;
+    let at = place(&frames, &courses, &table).context("too few frames with a vessel near")?;
+    let tones = 226..492;
+    let turn = orientation(&frames, &courses, &table, (at.east_m, at.north_m), tones)
+        .context("no usable passage")?;
+    let true_deg = scenario.orientation_of_north_deg;
+    let found_deg = ASSUMED_DEG + turn.correction.to_degrees();
+    let mut csv = String::from("quantity,true,found,sd\n");
+    csv += &format!("orientation deg,{true_deg:.2},{found_deg:.2},{:.2}\n", turn.sd.to_degrees());
+    csv += &format!("east m,{:.0},{:.0},{:.0}\n", OFFSET_M.0, at.east_m, at.sd_m.0);
+    csv += &format!("north m,{:.0},{:.0},{:.0}\n", OFFSET_M.1, at.north_m, at.sd_m.1);
+    for (i, e) in turn.each.iter().enumerate() {
+        csv += &format!("passage {} deg,{true_deg:.2},{:.2},\n", i + 1, ASSUMED_DEG + e.to_degrees());
+    }
+    print(options, "obs-orient", &csv)?;
+    judge(
+        options,
+        &[
+            (
+                "orientation error in standard deviations",
+                (found_deg - true_deg).abs() / turn.sd.to_degrees(),
+                3.0,
+            ),
+            ("place error, m", (at.east_m - OFFSET_M.0).hypot(at.north_m - OFFSET_M.1), 50.0),
+        ],
+    );
+    Ok(())
+}
