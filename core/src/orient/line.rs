@@ -401,7 +401,7 @@ pub(super) mod tests {
         assert!(error < 0.3 * RAD_PER_DEG && error < 4.0 * found.sd, "{found:?}");
         assert!((found.time_shift_s - 2.0).abs() < 1.0, "{found:?}");
         let whole = orient(&b, &track(), &LineSettings { whole_s: 1.0, ..SETTINGS }).unwrap();
-        assert_eq!(whole.time_shift_s, 2.0);
+        assert!(whole.time_shift_s.fract() == 0.0 && (whole.time_shift_s - 2.0).abs() <= 1.0, "{whole:?}");
         // Exact bearings do speak against a shift that is not a multiple.
         let free = orient(&bearings(0.0), &track(), &LineSettings { whole_s: 1.5, ..SETTINGS }).unwrap();
         assert!((free.time_shift_s - 2.0).abs() < 1e-2, "{free:?}");

@@ -5,11 +5,13 @@
 
 pub mod bearing_limit;
 pub mod bearing_limit_source;
+pub mod difar;
 mod line;
 mod motion;
 mod motion_checks;
 mod motion_figures;
 mod network;
+mod network_vessels;
 mod obs_appendix_b;
 mod obs_core_clutter;
 mod obs_noise_week;
@@ -54,7 +56,9 @@ pub struct Experiment {
 pub const EXPERIMENTS: &[Experiment] = &[
     network::FIGURE_2,
     network::FIGURE_3,
+    network_vessels::EXPERIMENT,
     line::ORIENTATION,
+    difar::EXPERIMENT,
     obs_one_ship::ONE_SHIP,
     obs_core_clutter::CLUTTER,
     obs_two_ships::TWO_SHIPS,

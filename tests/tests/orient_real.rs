@@ -1,0 +1,21 @@
+//! Compass offsets of real buoys (data beside the project; skipped where absent).
+
+use seabearing::reproduce::difar;
+
+#[test]
+fn difar_offsets_are_robust() {
+    let Some(folder) = seabearing_tests::shared_data("difar_offsets_are_robust") else { return };
+    let file = folder.join("real/difar_vessel_bearings_A/vessel_bearings.csv");
+    if !file.is_file() {
+        println!("skipped difar_offsets_are_robust: no {}", file.display());
+        return;
+    }
+    let s = difar::score(&file).unwrap();
+    assert!(s.buoys >= 70 && s.bearings >= 500, "{} buoys", s.buoys);
+    assert!(s.within_7_deg >= 0.90, "{}", s.within_7_deg);
+    assert!(s.within_1_deg_of_median >= 0.85, "{}", s.within_1_deg_of_median);
+    // The robust fit beats least squares on tracks: it repeats and predicts better.
+    assert!(s.repeat_deg[0] < s.repeat_deg[1], "{:?}", s.repeat_deg);
+    assert!(s.predicted_deg[0] < s.predicted_deg[1], "{:?}", s.predicted_deg);
+    assert!(s.excess_kurtosis > 5.0, "real errors are far from Gaussian: {}", s.excess_kurtosis);
+}
