@@ -209,11 +209,13 @@ fn inspect(codes: &[[i32; FRAME]; CHANNELS], clip_code: i32) -> Inspection {
     let mut found = Inspection { dead: 0, clipped: [0; CHANNELS] };
     for (c, (channel, clipped)) in codes.iter().zip(&mut found.clipped).enumerate() {
         let first = channel[0];
-        let magnitude = channel.iter().fold(0, |m, x| m | (x ^ (x >> 31)));
-        // A live channel differs within its first samples.
+        // Ends at the second sample of a living channel.
         if channel.iter().all(|x| *x == first) {
             found.dead |= 1 << c;
-        } else if magnitude >= clip_code {
+            continue;
+        }
+        let magnitude = channel.iter().fold(0i32, |bits, x| bits | (x ^ (x >> 31)));
+        if magnitude >= clip_code {
             *clipped = channel.iter().filter(|x| **x >= clip_code || **x <= -clip_code).count();
         }
         let copied = codes.iter().take(c).any(|earlier| earlier[1] == channel[1] && earlier == channel);

@@ -16,8 +16,14 @@ const AVERAGED_SEGMENTS: f32 = 16.0;
 const LEAST_SHARE: f32 = 0.25;
 /// Share below which the bearing carries the gap flag (a whole segment has it to within one frame).
 const WHOLE_SHARE: f32 = 0.95;
-/// Segments in a row whose pairs disagree before the fault is raised: 2 s at the usual step.
-const DISAGREEING_SEGMENTS: u32 = 4;
+/// Segments in a row whose pairs contradict the direction before the fault is raised: 2 s at the usual step.
+const CONTRADICTING_SEGMENTS: u32 = 4;
+/// Segments from one search for a second source to the next: it costs as much as the first, and others move slowly.
+const SECOND_EVERY: u32 = 4;
+/// A second source nearer than this to the first, in resolution cells, is what is left of the first.
+const SECOND_APART_CELLS: f32 = 6.0;
+/// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
+const OTHER_SOURCE_CELLS: f32 = 10.0;
 /// Least standard deviation of a pair delay assumed when quality is judged, samples: calibration and multipath.
 const DELAY_FLOOR_SAMPLES: f32 = 0.02;
 
@@ -34,20 +40,23 @@ pub(crate) struct Memory {
     turn_rate: [f32; 2],
     pub(crate) turn_rate_told: Option<f32>,
     pub(crate) range_m: Option<f32>,
-    disagreeing: u32,
+    contradicting: u32,
+    /// Segments with a bearing so far.
+    segments: u32,
 }
 
-/// Work space over bins (3 KiB).
+/// Work space over bins (4 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct SpectrumWork {
     raw: [f32; BINS],
+    measured: [f32; BINS],
     smooth: [f32; BINS],
     weight: [f32; BINS],
 }
 
 impl SpectrumWork {
     pub(crate) const fn new() -> Self {
-        Self { raw: [0.0; BINS], smooth: [0.0; BINS], weight: [0.0; BINS] }
+        Self { raw: [0.0; BINS], measured: [0.0; BINS], smooth: [0.0; BINS], weight: [0.0; BINS] }
     }
 }
 
@@ -69,7 +78,8 @@ impl Memory {
             turn_rate: [0.0; 2],
             turn_rate_told: None,
             range_m: None,
-            disagreeing: 0,
+            contradicting: 0,
+            segments: 0,
         }
     }
 
@@ -103,7 +113,7 @@ impl Memory {
             }
         }
         // Another source, or the same after a long silence: its spectrum is learnt afresh.
-        if turned > 10.0 * plan.resolution {
+        if turned > OTHER_SOURCE_CELLS * plan.resolution {
             self.averaged = 0.0;
         }
         self.averaged = (self.averaged + 1.0).min(AVERAGED_SEGMENTS);
@@ -114,12 +124,52 @@ impl Memory {
         self.last = Some((*direction, index));
     }
 
-    /// The coherence to weight this segment with: its own joined to the average.
-    fn expected(&self, own: &mut [f32; BINS]) {
+    /// Joins the remembered coherence to a segment's own where the direction is the one remembered.
+    fn join_expected(&self, direction: &Direction, plan: &Plan, own: &mut [f32; BINS]) {
+        let same = self.last.is_some_and(|(last, _)| {
+            wavefront::dot(&last, direction) > m::cos(OTHER_SOURCE_CELLS * plan.resolution)
+        });
+        if !same {
+            return;
+        }
         let n = self.averaged.min(AVERAGED_SEGMENTS - 1.0);
         for (own, mean) in own.iter_mut().zip(&self.coherence) {
             *own = (*own + n * mean) / (n + 1.0);
         }
+    }
+}
+
+/// A source found in a segment; the coherence it was found with is in the work space.
+struct Found {
+    refined: refine::Refined,
+    tau: [f32; PAIR_COUNT],
+    statistic: f32,
+    /// Mean coherence over the detection band.
+    mean: f32,
+}
+
+/// What the steps of one segment share.
+struct Context<'a> {
+    plan: &'a Plan,
+    curvature: f32,
+    snapshots: f32,
+    index: u64,
+    flags: u8,
+}
+
+impl Context<'_> {
+    fn delays(&self, u: &Direction) -> [f32; PAIR_COUNT] {
+        wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, u, self.curvature))
+    }
+
+    /// Bins of the detection band.
+    fn bins(&self) -> f32 {
+        self.plan.high.saturating_sub(self.plan.incoherent).max(1) as f32
+    }
+
+    /// Standard deviation of the sum over `terms` whitened, steered cross-spectra under noise alone.
+    fn deviation(&self, terms: f32) -> f32 {
+        m::sqrt(0.5 * terms / self.snapshots.max(1.0))
     }
 }
 
@@ -137,130 +187,172 @@ pub(crate) fn segment(
         return;
     }
     let start = spectra.step.saturating_mul(plan.step_samples.get());
-    let index = start.saturating_add(spectra.centres / u64::from(spectra.frames.max(1)));
-    let curvature = memory.range_m.map_or(plan.curvature, |r| 1.0 / r);
-    let snapshots = spectra.frames as f32 * plan.snapshots_per_frame;
-    let delays = |u: &Direction| wavefront::pair_delays(&wavefront::arrivals(&plan.geometry, u, curvature));
-
+    let context = Context {
+        plan,
+        curvature: memory.range_m.map_or(plan.curvature, |r| 1.0 / r),
+        snapshots: spectra.frames as f32 * plan.snapshots_per_frame,
+        index: start.saturating_add(spectra.centres / u64::from(spectra.frames.max(1))),
+        flags: u8::from(spectra.clipped) | (u8::from(share < WHOLE_SHARE) << 1) | (u8::from(shortened) << 2),
+    };
     refine::whiten(spectra, &mut scratch.frame);
-    let found = scratch.search.best(plan, spectra, curvature);
-    let work = &mut scratch.spectrum;
+    let Some(first) = find(&context, Some(&*memory), spectra, scratch) else { return };
+    scratch.spectrum.measured = scratch.spectrum.raw;
+    scratch.spectrum.restore(refine::shared_signal(plan, &first.tau));
+    memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
+    refine::smoothed(plan, &memory.coherence, &mut scratch.spectrum.smooth);
+    let agreeing = agreement(&context, memory, &first, scratch, sink);
+    if let Some(bearing) = bearing(&context, &first, &scratch.spectrum, agreeing, 0) {
+        sink(Message::Bearing(bearing));
+    }
+    memory.segments = memory.segments.wrapping_add(1);
+    if memory.segments % SECOND_EVERY == 0 && plan.weighting == Weighting::Joint {
+        second(&context, &first, spectra, scratch, sink);
+    }
+}
 
-    // Weights from the coherence seen in this direction, own and remembered.
-    let tau = delays(&found.direction);
-    refine::coherence(plan, spectra, &tau, &mut work.raw);
-    work.restore(refine::shared_signal(plan, &tau));
-    memory.expected_or_own(&found.direction, plan, &mut work.raw);
+/// Looks for another source in what the first leaves: its expected cross-spectra are taken out and the search repeated.
+/// The first source's fluctuations count as noise of the second.
+fn second(
+    context: &Context<'_>,
+    first: &Found,
+    spectra: &mut Spectra,
+    scratch: &mut Scratch,
+    sink: &mut impl FnMut(Message),
+) {
+    let plan = context.plan;
+    refine::remove(plan, spectra, &first.tau, &scratch.spectrum.measured);
+    let Some(other) = find(context, None, spectra, scratch) else { return };
+    let near = m::cos(SECOND_APART_CELLS * plan.resolution);
+    if wavefront::dot(&other.refined.direction, &first.refined.direction) > near {
+        return;
+    }
+    scratch.spectrum.restore(refine::shared_signal(plan, &other.tau));
+    let work = &mut scratch.spectrum;
     refine::smoothed(plan, &work.raw, &mut work.smooth);
-    refine::weights(plan, &work.smooth, &mut work.weight);
+    if let Some(bearing) = bearing(context, &other, &scratch.spectrum, 1.0, 1) {
+        sink(Message::Bearing(bearing));
+    }
+}
+
+/// Searches, refines and tests: the strongest source of whitened spectra, if there is one.
+fn find(
+    context: &Context<'_>,
+    memory: Option<&Memory>,
+    spectra: &mut Spectra,
+    scratch: &mut Scratch,
+) -> Option<Found> {
+    let plan = context.plan;
+    let start = scratch.search.best(plan, spectra, context.curvature);
+    let work = &mut scratch.spectrum;
+    // Weights from the coherence seen in this direction, own and remembered.
+    let tau = context.delays(&start.direction);
+    refine::coherence(plan, spectra, &tau, &mut work.raw);
     if plan.weighting != Weighting::Joint {
-        refine::coherence(plan, spectra, &tau, &mut work.raw);
+        work.measured = work.raw;
         refine::reweight(plan, spectra);
     }
-    let Some(refined) = refine::refine(plan, spectra, &work.weight, &found.direction, curvature) else {
-        return;
-    };
-    let tau = delays(&refined.direction);
+    work.restore(refine::shared_signal(plan, &tau));
+    if let Some(memory) = memory {
+        memory.join_expected(&start.direction, plan, &mut work.raw);
+    }
+    refine::smoothed(plan, &work.raw, &mut work.smooth);
+    refine::weights(plan, &work.smooth, &mut work.weight);
+    let refined = refine::refine(plan, spectra, &work.weight, &start.direction, context.curvature)?;
+    let tau = context.delays(&refined.direction);
     if plan.weighting == Weighting::Joint {
         refine::coherence(plan, spectra, &tau, &mut work.raw);
+    } else {
+        work.raw = work.measured;
     }
-
-    // Detection.
-    let bins = plan.high.saturating_sub(plan.incoherent).max(1) as f32;
+    let bins = context.bins();
+    let terms = PAIR_COUNT as f32 * bins;
     let sum = PAIR_COUNT as f32 * work.raw.iter().take(plan.high).skip(plan.incoherent).sum::<f32>();
-    let deviation = m::sqrt(0.5 * PAIR_COUNT as f32 * bins / snapshots.max(1.0));
-    if sum <= plan.threshold * deviation || sum.is_nan() {
-        return;
+    let level = plan.threshold * context.deviation(terms);
+    if sum <= level || sum.is_nan() {
+        return None;
     }
-    let diffuse = detect::diffuse_mean(
-        &plan.geometry,
-        &plan.crossing_s,
-        &tau,
-        plan.incoherent,
-        plan.high,
-        plan.bin_rad_s,
-    );
-    let statistic = (sum - diffuse) / (plan.threshold * deviation);
-    if statistic <= 1.0 {
-        return;
-    }
-    work.restore(refine::shared_signal(plan, &tau));
-    memory.accept(plan, &refined.direction, index, &work.raw);
-    refine::smoothed(plan, &memory.coherence, &mut work.smooth);
-    let Some(variance) = refine::arrival_variance(plan, &work.smooth, &work.weight, snapshots) else {
-        return;
-    };
+    let (low, high) = (plan.incoherent, plan.high);
+    let diffuse = detect::diffuse_mean(&plan.geometry, &plan.crossing_s, &tau, low, high, plan.bin_rad_s);
+    let statistic = (sum - diffuse) / level;
+    (statistic > 1.0).then_some(Found { refined, tau, statistic, mean: sum / terms })
+}
 
-    // Disagreement of pairs with the common direction.
-    let strong = 8.0 * m::sqrt(0.5 * bins / snapshots.max(1.0));
-    let mut disagreeing = 0;
-    for (p, tau) in tau.iter().enumerate() {
+/// Whether the pairs' own correlation peaks agree with the common direction: 1, or 0.1 where at least three contradict it
+/// (swapped channels, a wrong geometry). Lasting contradiction is a fault.
+fn agreement(
+    context: &Context<'_>,
+    memory: &mut Memory,
+    found: &Found,
+    scratch: &Scratch,
+    sink: &mut impl FnMut(Message),
+) -> f32 {
+    let plan = context.plan;
+    let strong = 8.0 * context.deviation(context.bins());
+    let mut contradicting = 0;
+    for (p, tau) in found.tau.iter().enumerate() {
         let (delay, peak) = scratch.search.pair_peak(plan, p);
-        let apart = (delay - tau).abs() * plan.rate_hz > 3.0;
+        let apart = m::abs(delay - tau) * plan.rate_hz > 3.0;
         if apart && peak > strong && peak > 1.5 * scratch.search.pair_value(plan, p, *tau) {
-            disagreeing += 1;
+            contradicting += 1;
         }
     }
-    let inconsistent = disagreeing >= 3;
-    memory.disagreeing = if inconsistent { memory.disagreeing.saturating_add(1) } else { 0 };
-    if memory.disagreeing == DISAGREEING_SEGMENTS {
-        sink(Message::Fault(Fault {
-            code: FaultCode::Inconsistent,
-            index,
-            value: i64::from(memory.disagreeing),
-        }));
+    if contradicting < 3 {
+        memory.contradicting = 0;
+        return 1.0;
     }
+    memory.contradicting = memory.contradicting.saturating_add(1);
+    if memory.contradicting == CONTRADICTING_SEGMENTS {
+        let value = i64::from(memory.contradicting);
+        sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
+    }
+    0.1
+}
 
-    let e = wavefront::tangents(&refined.direction);
-    let g1 = wavefront::gradient(&plan.geometry, &refined.direction, &e.0, curvature);
-    let g2 = wavefront::gradient(&plan.geometry, &refined.direction, &e.1, curvature);
+/// The record of a found source, with the covariance that its smoothed coherence gives; `None` where there is none.
+fn bearing(
+    context: &Context<'_>,
+    found: &Found,
+    work: &SpectrumWork,
+    agreeing: f32,
+    band: u8,
+) -> Option<Bearing> {
+    let plan = context.plan;
+    let direction = &found.refined.direction;
+    let variance = refine::arrival_variance(plan, &work.smooth, &work.weight, context.snapshots)?;
+    let e = wavefront::tangents(direction);
+    let g1 = wavefront::gradient(&plan.geometry, direction, &e.0, context.curvature);
+    let g2 = wavefront::gradient(&plan.geometry, direction, &e.1, context.curvature);
     let (i11, i12, i22) = wavefront::information(&g1, &g2);
     let determinant = i11 * i22 - i12 * i12;
-    if determinant <= 0.0 {
-        return;
+    if determinant <= 0.0 || determinant.is_nan() {
+        return None;
     }
     let scale = variance.arrival / determinant;
-    let (azimuth, elevation) = wavefront::angles(&refined.direction);
+    let (azimuth, elevation) = wavefront::angles(direction);
     // A step along the horizontal tangent turns the azimuth by 1/cos β; at the zenith azimuth means nothing.
     let widen = 1.0 / e.1[2].max(1e-3);
     let most = m::PI * m::PI / 3.0;
 
-    let mut residual = 0.0;
-    for (own, tau) in refined.pair_delay.iter().zip(&tau) {
-        residual += (own - tau) * (own - tau);
-    }
+    let residual = found.refined.pair_delay.iter().zip(&found.tau);
+    let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>();
     let floor = DELAY_FLOOR_SAMPLES / plan.rate_hz;
-    let expected = m::sqrt(variance.pair + floor * floor);
-    let misfit = m::sqrt(residual / PAIR_COUNT as f32) / expected;
-    let agreeing = if inconsistent { 0.1 } else { 1.0 };
-    let mean = work.raw.iter().take(plan.high).skip(plan.incoherent).sum::<f32>() / bins;
-    let mean = mean.clamp(1e-6, 1.0 - 1e-6);
-    sink(Message::Bearing(Bearing {
-        index,
+    let misfit = m::sqrt(residual / PAIR_COUNT as f32 / (variance.pair + floor * floor));
+    let mean = found.mean.clamp(1e-6, 1.0 - 1e-6);
+    Some(Bearing {
+        index: context.index,
         azimuth,
         elevation,
         var_azimuth: (scale * i22 * widen * widen).min(most),
         var_elevation: (scale * i11).min(most),
         cov: (-scale * i12 * widen).clamp(-most, most),
         snr_db: math::db(mean / (1.0 - mean)),
+        // A misfit of half as much again as noise explains costs nothing.
         quality: agreeing * (1.5 / misfit.max(1.5)),
-        closure_s: closure(&refined.pair_delay),
-        statistic,
-        band: 0,
-        flags: u8::from(spectra.clipped) | (u8::from(share < WHOLE_SHARE) << 1) | (u8::from(shortened) << 2),
-    }));
-}
-
-impl Memory {
-    /// Joins the remembered coherence to the segment's own where the direction is the one remembered.
-    fn expected_or_own(&self, direction: &Direction, plan: &Plan, own: &mut [f32; BINS]) {
-        let same = self
-            .last
-            .is_some_and(|(last, _)| wavefront::dot(&last, direction) > m::cos(10.0 * plan.resolution));
-        if same {
-            self.expected(own);
-        }
-    }
+        closure_s: closure(&found.refined.pair_delay),
+        statistic: found.statistic,
+        band,
+        flags: context.flags,
+    })
 }
 
 /// Root-mean-square closure of the four triangles of pair delays, seconds.

@@ -72,17 +72,34 @@ pub(crate) fn coherence(plan: &Plan, g: &Spectra, tau: &[f32; PAIR_COUNT], out: 
     }
 }
 
-/// Mean over pairs of the share of the signal that frames have in common at these delays: the measured coherence is
-/// lower than the field's by this factor, though the estimate hardly suffers (what leaves one frame enters the next).
+/// Share of the signal that frames of two hydrophones have in common at a delay.
+fn share(plan: &Plan, tau: f32) -> f32 {
+    let at = m::abs(tau) * plan.rate_hz / SHARE_STRIDE as f32;
+    let n = (at as usize).min(SHARES - 2);
+    let part = (at - n as f32).min(1.0);
+    plan.shared[n] + part * (plan.shared[n + 1] - plan.shared[n])
+}
+
+/// Mean of that share over the pairs: the measured coherence is lower than the field's by this factor, though the
+/// estimate hardly suffers (what leaves one frame enters the next).
 pub(crate) fn shared_signal(plan: &Plan, tau: &[f32; PAIR_COUNT]) -> f32 {
-    let mut sum = 0.0;
-    for tau in tau {
-        let at = m::abs(*tau) * plan.rate_hz / SHARE_STRIDE as f32;
-        let n = (at as usize).min(SHARES - 2);
-        let part = (at - n as f32).min(1.0);
-        sum += plan.shared[n] + part * (plan.shared[n + 1] - plan.shared[n]);
+    tau.iter().map(|tau| share(plan, *tau)).sum::<f32>() / PAIR_COUNT as f32
+}
+
+/// Takes a source of delays `tau` and measured coherence out of whitened cross-spectra.
+pub(crate) fn remove(plan: &Plan, g: &mut Spectra, tau: &[f32; PAIR_COUNT], coherence: &[f32; BINS]) {
+    let mean = shared_signal(plan, tau);
+    for ((re, im), tau) in g.re.iter_mut().zip(&mut g.im).zip(tau) {
+        let scale = share(plan, *tau) / mean;
+        let (ds, dc) = m::sin_cos(plan.bin_rad_s * tau);
+        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * plan.low as f32);
+        for ((re, im), power) in re.iter_mut().zip(im).zip(coherence).take(plan.high).skip(plan.low) {
+            let power = power.max(0.0) * scale;
+            *re -= power * c;
+            *im += power * s;
+            (s, c) = (s * dc + c * ds, c * dc - s * ds);
+        }
     }
-    sum / PAIR_COUNT as f32
 }
 
 /// Average over neighbouring bins within the band.
