@@ -68,20 +68,16 @@ impl SearchWork {
         best
     }
 
-    /// The pair's own highest correlation: its delay in seconds and value.
+    /// The pair's own highest correlation over all lags kept, also those longer than its distance allows (a sign of
+    /// swapped channels): its delay in seconds and value.
     pub(crate) fn pair_peak(&self, plan: &Plan, pair: usize) -> (f32, f32) {
         let (mut best, mut at) = (f32::MIN, 0);
-        let reach = plan.crossing_s.get(pair).map_or(0.0, |t| t * plan.rate_hz * 2.0 + 2.0) as usize;
-        let centre = LAGS / 2;
-        if let Some(table) = self.lags.get(pair) {
-            let first = centre.saturating_sub(reach);
-            for (n, r) in table.iter().enumerate().skip(first).take(2 * reach + 1) {
-                if *r > best {
-                    (best, at) = (*r, n);
-                }
+        for (n, r) in self.lags.get(pair).into_iter().flatten().enumerate() {
+            if *r > best {
+                (best, at) = (*r, n);
             }
         }
-        ((at as f32 - centre as f32) / (2.0 * plan.rate_hz), best)
+        ((at as f32 - (LAGS / 2) as f32) / (2.0 * plan.rate_hz), best)
     }
 
     /// The pair's correlation at a delay in seconds.
