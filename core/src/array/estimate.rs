@@ -205,7 +205,7 @@ pub(crate) fn segment(
         sink(Message::Bearing(bearing));
     }
     memory.segments = memory.segments.wrapping_add(1);
-    if memory.segments % SECOND_EVERY == 0 && plan.weighting == Weighting::Joint {
+    if memory.segments.is_multiple_of(SECOND_EVERY) && plan.weighting == Weighting::Joint {
         second(&context, &first, spectra, scratch, sink);
     }
 }
