@@ -447,6 +447,7 @@ mod tests {
         }
         let s = finish(&config, &state).unwrap();
         assert!(!s.range_observable && s.sd_cpa_range_m.is_infinite(), "{s:?}");
+        assert!(s.sd_heading_rad.is_infinite(), "{s:?}");
     }
 
     #[test]

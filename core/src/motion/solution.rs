@@ -3,7 +3,7 @@
 //! In: a fitted line and the covariance of its parameters. Out: a [`Solution`] by first-order propagation. Range
 //! inherits the spread of speed, `σ_r²/r² = var(ln v − ln|q|)`, which is the speed-error term `x0² σ_k²` of [M 20, 22].
 
-use super::model::{Limits, Line, PARAMETERS};
+use super::model::{Limits, Line, Medium, PARAMETERS};
 use super::normal::{Matrix, Normal, quadratic};
 use crate::angle::wrap_tau;
 use crate::math::f64 as m;
@@ -13,6 +13,8 @@ use crate::math::f64 as m;
 pub const OBSERVABLE_RELATIVE_SD: f64 = 0.5;
 /// A heading spread beyond this (radians) is no knowledge: a uniform circle has 1.8.
 pub const OBSERVABLE_HEADING_SD: f64 = 1.2;
+/// The bearing has turned if it did so by more than this many standard deviations of the turn (chance of less: 0.3 %).
+pub const TURN_SD: f64 = 3.0;
 
 /// A vessel's motion as estimated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,8 +114,18 @@ pub fn from_covariance(
     let far = limit > 0;
     // At the near limit the vessel may have passed anywhere inside it.
     let sd_range_m = (range_m * relative).max(if limit < 0 { limits.range_m.0 } else { 0.0 });
-    let range_observable = own < OBSERVABLE_RELATIVE_SD && !far;
-    let heading_known = sd(0) < OBSERVABLE_HEADING_SD;
+    // A bearing that stands still fits a vessel coming straight on as well as one going straight away.
+    let still = Medium { slowness_s_m: 0.0, height_m: 0.0 };
+    let first = line.expected(&still, limits.times_s.0);
+    let last = line.expected(&still, limits.times_s.1);
+    let mut by_turn = last.d_azimuth;
+    for (d, f) in by_turn.iter_mut().zip(&first.d_azimuth) {
+        *d -= f;
+    }
+    let turn = last.azimuth - first.azimuth;
+    let turning = turn * turn > TURN_SD * TURN_SD * quadratic(&by_turn, covariance, &by_turn);
+    let range_observable = own < OBSERVABLE_RELATIVE_SD && !far && turning;
+    let heading_known = turning && sd(0) < OBSERVABLE_HEADING_SD;
     let out = Solution {
         line: *line,
         covariance: *covariance,

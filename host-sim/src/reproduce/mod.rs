@@ -77,4 +77,5 @@ pub const EXPERIMENTS: &[Experiment] = &[
     motion_figures::FLEET,
     motion_checks::ELEVATION,
     motion_checks::COVERAGE,
+    motion_checks::COST,
 ];

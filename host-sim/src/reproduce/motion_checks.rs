@@ -11,7 +11,7 @@ use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::motion::covariance::Model;
 use seabearing_core::motion::ml::{self, Config};
 use seabearing_core::motion::recursive::{self, Measurement, State};
-use seabearing_core::motion::whiten::{Plan, Workspace};
+use seabearing_core::motion::whiten::{Method, Plan, Workspace};
 use seabearing_core::motion::{Medium, Solution, bound, solution::position};
 
 /// Elevations joined into the fit.
@@ -25,6 +25,13 @@ pub const COVERAGE: Experiment = Experiment {
     name: "motion-coverage",
     about: "motion: standardised errors, 95 % ellipses, recursive against batch",
     run: coverage,
+};
+
+/// What a fit costs.
+pub const COST: Experiment = Experiment {
+    name: "motion-cost",
+    about: "motion: time of one fit of 401 bearings on this machine, each error model, and its memory",
+    run: cost,
 };
 
 const RUNS: usize = 1000;
@@ -271,5 +278,53 @@ fn coverage(options: &Options) -> Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
+    report.finish(options)
+}
+
+/// Rows: model 0 white, 1 linear, 2 sinc, 3 Gaussian, 4 Markov; 5 the recursive filter's 401 updates.
+fn cost(options: &Options) -> Result<()> {
+    let runs = options.runs.unwrap_or(20);
+    let mut report = Report::new("motion-cost", &["model", "tau_s", "levinson", "fit_ms", "memory_kib"]);
+    let scene = |tau_s| Scene { range_m: 500.0, window_s: 200.0, sd_rad: 0.03, tau_s, speed_m_s: 7.0 };
+    let cases = [
+        (0, Model::White, 0.0),
+        (1, Model::Linear, 50.0),
+        (1, Model::Linear, 50.3),
+        (2, Model::Sinc, 50.0),
+        (3, Model::Gaussian, 50.0),
+        (4, Model::Markov, 50.0),
+    ];
+    // A full window of 401 bearings, in the memory a recorder would have.
+    let mut work = Box::new(Workspace::<401>::new());
+    let kib = (size_of::<Workspace<401>>() + 401 * size_of::<ml::Sample>()) as f64 / 1024.0;
+    let draw = |tau_s: f64, run: usize| {
+        let scene = scene(tau_s);
+        let medium = Medium::of_sound_speed(1484.0);
+        scene.samples(&medium, &scene.errors(&Noise::Linear, &mut generator(options.seed, 600, run)))
+    };
+    for (number, model, tau_s) in cases {
+        let c = Config { medium: Medium::of_sound_speed(1484.0), ..config(model, tau_s, 7.0) };
+        let records: Vec<_> = (0..runs).map(|run| draw(tau_s, run)).collect();
+        let mut levinson = false;
+        let start = std::time::Instant::now();
+        for s in &records {
+            if let Ok(f) = ml::fit(&c, s, &mut work, &mut []) {
+                levinson = matches!(f.plan.method, Method::Levinson { .. });
+            }
+        }
+        let ms = start.elapsed().as_secs_f64() * 1e3 / runs as f64;
+        report.row(&[f64::from(number), tau_s, f64::from(u8::from(levinson)), ms, kib]);
+    }
+    let filter = recursive::Config { speed_m_s: 7.0, speed_sd_m_s: 0.0, ..recursive::Config::default() };
+    let records: Vec<_> = (0..runs).map(|run| draw(0.0, run)).collect();
+    let start = std::time::Instant::now();
+    for s in &records {
+        let mut state = State::new();
+        for b in s {
+            recursive::update(&filter, &mut state, b.t_s, b.azimuth_rad, 0.0);
+        }
+    }
+    let ms = start.elapsed().as_secs_f64() * 1e3 / runs as f64;
+    report.row(&[5.0, 5.0, 0.0, ms, size_of::<State>() as f64 / 1024.0]);
     report.finish(options)
 }
