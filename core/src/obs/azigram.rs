@@ -23,14 +23,17 @@ pub struct Row {
     pub azimuth: [u16; AZIMUTH_BINS],
     /// Phase between pressure and velocity in steps of π/[`PHASES`] from −π/2.
     pub phase: [u8; AZIMUTH_BINS],
+    /// Greatest burst of pressure over its mean, in eighths (see `impulsive`).
+    pub uneven: u8,
 }
 
 impl Row {
     /// A row without directions.
-    pub const EMPTY: Self = Self { azimuth: [NO_DIRECTION; AZIMUTH_BINS], phase: [0; AZIMUTH_BINS] };
+    pub const EMPTY: Self =
+        Self { azimuth: [NO_DIRECTION; AZIMUTH_BINS], phase: [0; AZIMUTH_BINS], uneven: 0 };
 
     /// A row that is all zeros, for memory not yet used.
-    pub const ZERO: Self = Self { azimuth: [0; AZIMUTH_BINS], phase: [0; AZIMUTH_BINS] };
+    pub const ZERO: Self = Self { azimuth: [0; AZIMUTH_BINS], phase: [0; AZIMUTH_BINS], uneven: 0 };
 }
 
 /// Work space of the transforms.

@@ -5,6 +5,7 @@
 //! its hop is counted as remainder and frames begin anew after it. Cost: about 40 instructions a sample instant.
 
 use super::decimate::DecimatorState;
+use super::impulsive::Unevenness;
 use super::limits::{HOP, USED_CHANNELS};
 use super::plan::Plan;
 use crate::block::{Block, CHANNELS, Frame, MISSING};
@@ -68,6 +69,7 @@ pub struct Intake {
     pub(super) new: Hop,
     fill: usize,
     watch: [Watch; CHANNELS],
+    unevenness: Unevenness,
     /// Condition of each channel, last known.
     pub(super) condition: [Condition; CHANNELS],
     /// Level of each channel in the last hop, half decibels re full scale.
@@ -94,6 +96,8 @@ pub struct Hop {
     pub(super) condition: [Condition; CHANNELS],
     /// Index of the instant after its last.
     pub(super) end: u64,
+    /// Greatest burst of pressure over its mean, in eighths.
+    pub(super) uneven: u8,
     /// Instants it stands for; 0 where there is no hop.
     instants: u64,
     counted: bool,
@@ -104,6 +108,7 @@ impl Hop {
         samples: [[0.0; HOP]; USED_CHANNELS],
         condition: [Condition { clipped: false, dead: false }; CHANNELS],
         end: 0,
+        uneven: 0,
         instants: 0,
         counted: false,
     };
@@ -124,6 +129,7 @@ impl Intake {
             new: Hop::NEW,
             fill: 0,
             watch: [Watch::ZERO; CHANNELS],
+            unevenness: Unevenness::new(),
             condition: [Condition { clipped: false, dead: false }; CHANNELS],
             level_half_db: [0; CHANNELS],
             next_index: None,
@@ -137,6 +143,11 @@ impl Intake {
     /// Index of the instant after the last seen.
     pub fn next_index(&self) -> u64 {
         self.next_index.unwrap_or(0)
+    }
+
+    /// Whether a run is about to begin.
+    pub fn begins(&self) -> bool {
+        self.run_length == 0
     }
 
     /// Whether the two hops are neighbours and make a frame.
@@ -186,6 +197,7 @@ impl Intake {
         self.since_hop = 0;
         self.fill = 0;
         self.watch = [Watch::NEW; CHANNELS];
+        self.unevenness = Unevenness::new();
         self.decimator = DecimatorState::new();
     }
 
@@ -252,6 +264,8 @@ impl Intake {
         let Some(x) = plan.decimator.push(&mut self.decimator, [p as f32, n as f32, e as f32]) else {
             return Event::None;
         };
+        let [pressure, ..] = x;
+        self.unevenness.push(&plan.calls, pressure);
         if self.fill == 0 {
             // The hop before becomes the older one; the one before that is done with.
             self.retire(LossCause::Remainder);
@@ -268,6 +282,7 @@ impl Intake {
             return Event::None;
         }
         self.fill = 0;
+        self.new.uneven = self.unevenness.end_hop();
         self.new.instants = self.since_hop;
         self.new.counted = false;
         self.new.end = index + 1 - (plan.decimator.lag() as u64).min(index);

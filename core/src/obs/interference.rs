@@ -229,14 +229,11 @@ impl Interference {
         }
     }
 
-    /// Adds the log-likelihood ratio at every range to `out`: all branches summed, or one alone with its own energy.
-    pub fn log_ratio(&self, envelope: &Envelope, only: Option<usize>, out: &mut [f32; MODEL_RANGES]) {
+    /// Writes the log-likelihood ratio at every range to `out`, all branches summed.
+    pub fn log_ratio(&self, envelope: &Envelope, out: &mut [f32; MODEL_RANGES]) {
         out.iter_mut().for_each(|g| *g = 0.0);
         let scale = DELAY_UNIT_S * self.delays_a_second;
-        for (b, pulses) in self.pulses.iter().enumerate().take(self.branches) {
-            if only.is_some_and(|o| o != b) {
-                continue;
-            }
+        for pulses in self.pulses.iter().take(self.branches) {
             for (g, p) in out.iter_mut().zip(pulses) {
                 if p.delay == 0 {
                     continue;
@@ -251,23 +248,7 @@ impl Interference {
                 }
             }
         }
-        match only {
-            None => out.iter_mut().zip(&self.half_energy).for_each(|(g, e)| *g -= e),
-            Some(b) => {
-                let Some(pulses) = self.pulses.get(b) else { return };
-                for (g, p) in out.iter_mut().zip(pulses) {
-                    *g -= self.half_energy_alone(*p);
-                }
-            }
-        }
-    }
-
-    /// Half the energy of one pulse: the kernel's own square, half of it since the carrier turns many times.
-    fn half_energy_alone(&self, p: Pulse) -> f32 {
-        let k = (f32::from(p.delay) * DELAY_UNIT_S * self.delays_a_second / FINE as f32) as usize;
-        let square: f32 = self.kernel.first().map_or(0.0, |k| k.iter().map(|w| w * w).sum());
-        let (re, im) = (f32::from(p.re) * STRENGTH_UNIT, f32::from(p.im) * STRENGTH_UNIT);
-        0.25 * (re * re + im * im) * square * self.inverse_variance.get(k).copied().unwrap_or(0.0)
+        out.iter_mut().zip(&self.half_energy).for_each(|(g, e)| *g -= e);
     }
 }
 

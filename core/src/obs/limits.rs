@@ -18,6 +18,9 @@ pub const MAX_DECIMATION: usize = 8;
 /// Frames in a three-minute window: 180 s / 8.192 s + 2 at 62.5 Hz (17 or 18 at 50 Hz).
 pub const WINDOW_FRAMES: usize = 24;
 
+/// Frames in one minute's range: 60 s / 8.192 s + 1 at 62.5 Hz.
+pub const MINUTE_FRAMES: usize = 9;
+
 /// Bins between 11 and 24 Hz: 266 at 50 Hz, never more at another rate.
 pub const AZIMUTH_BINS: usize = 272;
 

@@ -15,6 +15,7 @@ pub mod intake;
 pub mod azigram;
 
 pub mod ambient;
+pub mod impulsive;
 pub mod tonal;
 
 pub mod cepstrum;
@@ -31,6 +32,8 @@ pub mod segment;
 pub mod tracks;
 
 pub mod station;
+#[cfg(test)]
+mod station_tests;
 
 pub use plan::{Plan, PlanError};
 pub use station::{Scratch, State, finish, push};

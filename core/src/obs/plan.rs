@@ -4,6 +4,7 @@
 //! of the interference model. Cost: about 36 KiB and, once, a few million instructions.
 
 use super::decimate::Decimator;
+use super::impulsive::Calls;
 use super::interference::Interference;
 use super::limits::{AZIMUTH_BINS, FRAME, MAX_INNER_RATE_HZ};
 use super::table::{Table, TableError};
@@ -78,6 +79,7 @@ pub struct Plan {
     pub(super) clip: i32,
     pub(super) paper: bool,
     pub(super) tones: WrappedCauchy,
+    pub(super) calls: Calls,
     pub(super) interference: Interference,
     pub(super) travel: TravelTime,
 }
@@ -121,6 +123,7 @@ impl Plan {
             clip: config.full_scale.saturating_sub(1),
             paper: obs.paper_compatibility,
             tones: WrappedCauchy::new(obs.paper_compatibility),
+            calls: Calls::new(inner_rate_hz),
             interference: Interference::new(table, inner_rate_hz as f32),
             travel: TravelTime::new(table, obs.paper_compatibility),
         })

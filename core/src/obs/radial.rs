@@ -3,12 +3,11 @@
 //! Enters: the interference model's log ratios of each frame. Leaves: their sum over the frames along
 //! `r + v (t_m − t0)`, on cells of 140 m × 1 m/s. Between model ranges the ratio is read by Lagrange's cubic, since it
 //! oscillates with a period of about 300 m. A cell holds the better of its two model ranges, less 0.4 (between the
-//! mean and the maximum of two). The paper's variant adds branches after each was smoothed over range.
-//! Cost: 27 × 716 × 6 frames × 8 instructions = 1 M a minute; three times that per branch for the paper's variant.
+//! mean and the maximum of two). Cost: 27 × 716 × 6 frames × 8 instructions = 1 M a minute.
 
 use super::interference::{Envelope, Interference};
 use super::limits::{
-    MAX_SPEED_M_S, MODEL_RANGES, RANGE_CELLS, RANGE_STEP_M, SPEED_STEP_M_S, SPEEDS, WINDOW_FRAMES,
+    MAX_SPEED_M_S, MINUTE_FRAMES, MODEL_RANGES, RANGE_CELLS, RANGE_STEP_M, SPEED_STEP_M_S, SPEEDS,
 };
 use crate::math;
 
@@ -21,11 +20,10 @@ pub type Grid = [[f32; RANGE_CELLS]; SPEEDS];
 /// Work space.
 #[derive(Clone, Debug)]
 pub struct RadialScratch {
-    rows: [[i16; MODEL_RANGES]; WINDOW_FRAMES],
-    offset_s: [f32; WINDOW_FRAMES],
+    rows: [[i16; MODEL_RANGES]; MINUTE_FRAMES],
+    offset_s: [f32; MINUTE_FRAMES],
     frames: usize,
     sum: [f32; MODEL_RANGES],
-    smooth: [f32; MODEL_RANGES],
     envelope: Envelope,
     /// What [`RadialScratch::fill`] made.
     pub grid: Grid,
@@ -41,11 +39,10 @@ impl RadialScratch {
     /// All zeros.
     pub const fn new() -> Self {
         Self {
-            rows: [[0; MODEL_RANGES]; WINDOW_FRAMES],
-            offset_s: [0.0; WINDOW_FRAMES],
+            rows: [[0; MODEL_RANGES]; MINUTE_FRAMES],
+            offset_s: [0.0; MINUTE_FRAMES],
             frames: 0,
             sum: [0.0; MODEL_RANGES],
-            smooth: [0.0; MODEL_RANGES],
             envelope: Envelope::new(),
             grid: [[0.0; RANGE_CELLS]; SPEEDS],
         }
@@ -68,16 +65,10 @@ impl RadialScratch {
         self.frames
     }
 
-    /// Adds a frame, `offset_s` after the time the result is for; `only` restricts the model to one branch.
-    pub fn add(
-        &mut self,
-        model: &Interference,
-        cepstrum: impl Iterator<Item = f32>,
-        only: Option<usize>,
-        offset_s: f32,
-    ) {
+    /// Adds a frame, `offset_s` after the time the result is for.
+    pub fn add(&mut self, model: &Interference, cepstrum: impl Iterator<Item = f32>, offset_s: f32) {
         model.envelope(cepstrum, &mut self.envelope);
-        model.log_ratio(&self.envelope, only, &mut self.sum);
+        model.log_ratio(&self.envelope, &mut self.sum);
         if let (Some(row), Some(t)) = (self.rows.get_mut(self.frames), self.offset_s.get_mut(self.frames)) {
             row.iter_mut()
                 .zip(&self.sum)
@@ -122,39 +113,6 @@ impl RadialScratch {
                 for (cell, pair) in row.iter_mut().zip(self.sum.chunks_exact(2)) {
                     *cell = pair.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b)) - 0.4;
                 }
-            }
-        }
-    }
-
-    /// Adds one branch the paper's way: each speed's likelihood smoothed over range by a Gaussian of 140 m.
-    pub fn add_smoothed(&mut self, into: &mut Grid) {
-        // exp(−d²/2/2²) for distances of 0 to 8 steps [METHODS: sd 2 bins, cut at 8].
-        let weight = |d: usize| math::f32::exp(-((d * d) as f32) / 8.0);
-        let mut kernel = [0f32; 9];
-        kernel.iter_mut().enumerate().for_each(|(d, w)| *w = weight(d));
-        let norm: f32 = kernel.iter().sum::<f32>() * 2.0 - 1.0;
-        for (k, into) in into.iter_mut().enumerate() {
-            self.along(speed_of(k));
-            let top = self.sum.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
-            self.sum.iter_mut().for_each(|g| *g = math::f32::exp(*g - top));
-            let at = |i: isize| {
-                let last = MODEL_RANGES as isize - 1;
-                let i = if i < 0 { -i - 1 } else { i };
-                let i = if i > last { 2 * last + 1 - i } else { i };
-                self.sum.get(i.unsigned_abs()).copied().unwrap_or(0.0)
-            };
-            for (j, s) in self.smooth.iter_mut().enumerate() {
-                let mut total = 0.0;
-                for (d, w) in kernel.iter().enumerate() {
-                    let both =
-                        at(j as isize - d as isize) + if d > 0 { at(j as isize + d as isize) } else { 0.0 };
-                    total += w * both;
-                }
-                *s = total / norm;
-            }
-            for (cell, pair) in into.iter_mut().zip(self.smooth.chunks_exact(2)) {
-                let mean = 0.5 * pair.iter().sum::<f32>();
-                *cell += top + math::f32::ln(mean.max(1e-37));
             }
         }
     }

@@ -11,6 +11,7 @@ use super::azigram::{self, Row, Spectra};
 use super::cepstrum;
 use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
+use super::impulsive::Call;
 use super::intake::{Event, Hop, Intake};
 use super::limits::{QUEFRENCIES, RANGE_CELLS, WINDOW_FRAMES};
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
@@ -145,7 +146,8 @@ pub fn push(
         state.restart(plan);
         state.minute = Some(minute_after(plan, block.first_index));
     }
-    if !block.frames.is_empty() {
+    // Within a run the frames themselves say when a minute is complete, whatever the blocks' lengths.
+    if !block.frames.is_empty() && state.intake.begins() {
         state.catch_up(plan, scratch, block.first_index, sink);
     }
     for frame in block.frames.iter().skip(repeated) {
@@ -233,6 +235,7 @@ impl State {
         let directional = usable(1) && usable(2);
         let Some(kept) = self.kept.get_mut(self.next_kept) else { return };
         azigram::analyse(plan, &mut scratch.spectra, &old.samples, &new.samples, directional, &mut kept.row);
+        kept.row.uneven = old.uneven.max(new.uneven);
         kept.label = old.end;
         kept.used = true;
         self.ambient.learn(&kept.row);
@@ -256,7 +259,11 @@ impl State {
             move |kept: &&Kept| kept.used && crate::math::f64::abs(offset_s(kept.label)) <= half_s + 1e-6
         };
         let rows = self.kept.iter().filter(within(HALF_WINDOW_S)).map(|k| &k.row);
-        let directions = plan.tones.search(plan.bins, &self.ambient, &mut scratch.tonal, rows);
+        let call = if plan.paper { None } else { plan.calls.search(plan.bins, rows.clone()) };
+        let mut directions = plan.tones.search(plan.bins, &self.ambient, &mut scratch.tonal, rows);
+        if let Some(call) = &call {
+            directions.attribute(call.azimuth, plan.bins);
+        }
         scratch.radial.clear();
         // A frame exactly between two minutes belongs to the later one.
         let block = self.kept.iter().filter(|k| k.used);
@@ -264,7 +271,7 @@ impl State {
             let t = offset_s(kept.label);
             if (-0.5 * STEP_S..0.5 * STEP_S).contains(&t) {
                 let y = kept.cepstrum.iter().map(|c| f32::from(*c) * CEPSTRUM_UNIT);
-                scratch.radial.add(&plan.interference, y, None, t as f32);
+                scratch.radial.add(&plan.interference, y, t as f32);
             }
         }
         self.presence.predict(&mut scratch.columns);
@@ -280,7 +287,7 @@ impl State {
         if heard {
             let minute = Minute::new(k as u32, &directions, &ranges);
             ranges.prefer(&plan.interference, &expected);
-            send(index, &directions, &ranges, plan.paper, sink);
+            send(index, &directions, call, &ranges, plan.paper, sink);
             self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
@@ -294,15 +301,15 @@ impl State {
 fn send(
     index: u64,
     directions: &Directions,
+    call: Option<Call>,
     ranges: &RangePresence,
     paper: bool,
     sink: &mut dyn FnMut(Message),
 ) {
     let threshold = if paper { 0.0 } else { LOG_THRESHOLD };
-    let total = directions.modes.iter().flatten().count().max(1) as f32;
-    let mut none = true;
-    for m in directions.modes.iter().flatten() {
-        none = false;
+    let tonal = || directions.modes.iter().flatten().filter(|m| !m.impulsive);
+    let total = tonal().count() as f32;
+    for m in tonal() {
         sink(Message::Azimuth(Azimuth {
             index,
             azimuth: m.azimuth,
@@ -313,7 +320,18 @@ fn send(
             kind: 0,
         }));
     }
-    if none {
+    if let Some(c) = call {
+        let Call { azimuth, sd, log_presence } = c;
+        sink(Message::Azimuth(Azimuth {
+            index,
+            azimuth,
+            sd,
+            log_presence,
+            weight: 1.0,
+            detected: true,
+            kind: 1,
+        }));
+    } else if total == 0.0 {
         sink(Message::Azimuth(Azimuth {
             index,
             azimuth: 0.0,

@@ -107,6 +107,19 @@ pub struct Directions {
     pub frames: usize,
 }
 
+/// A call fills at least this share of the band's bins, the inverse of it; a vessel's tones fewer.
+const CALL_BINS: usize = 8;
+
+impl Directions {
+    /// Gives the modes that are a call's (its direction, and many bins) to the call.
+    pub fn attribute(&mut self, azimuth: f32, bins: usize) {
+        for m in self.modes.iter_mut().flatten() {
+            let near = math::f32::abs(crate::angle::wrap_pi_f32(m.azimuth - azimuth)) < 0.35;
+            m.impulsive = near && CALL_BINS * usize::from(m.bins) >= bins;
+        }
+    }
+}
+
 /// Density ratio of the wrapped Cauchy law to uniform at `angle` from its centre.
 fn ratio(r: f64, angle: f64) -> f64 {
     (1.0 - r * r) / (1.0 - 2.0 * r * math::f64::cos(angle) + r * r)

@@ -96,7 +96,7 @@ fn detect(
         for (m, c) in cepstra.iter().enumerate() {
             let t = HOP as f64 * (m + 1) as f64 / RATE_HZ - centre;
             if (-30.0..30.0).contains(&t) {
-                scratch.add(plan.interference(), c.iter().copied(), None, t as f32);
+                scratch.add(plan.interference(), c.iter().copied(), t as f32);
             }
         }
         scratch.fill();

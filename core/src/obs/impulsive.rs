@@ -1,0 +1,239 @@
+//! Impulsive directions: calls of whales, short and rich in frequency, kept apart from vessels.
+//!
+//! Enters: the azigram rows of a window and how uneven in time each frame's pressure was. Leaves: at most one direction.
+//! A call fills many bins of a few frames, so a frame's evidence for azimuth a is the product of w(u, a) over frequency
+//! (square root, since Hann's bins go in pairs; R = 0.9; whole band or either half), and a window's is the product over
+//! frames of `1 − Pd + Pd · evidence`: a call need not be in every frame. A vessel's noise near by is also rich in
+//! frequency but steady; only frames whose energy in 0.64 s bursts stands out of its mean may hold a call.
+//! Cost: 80 k instructions for each frame that may.
+
+use super::azigram::{NO_DIRECTION, Row};
+use super::limits::{CIRCLE, HOP};
+use super::tonal::log_sum;
+use crate::math;
+
+/// Azimuths searched.
+const AZIMUTHS: usize = 64;
+
+/// Codes of one azimuth step.
+const STEP: usize = CIRCLE / AZIMUTHS;
+
+/// Resultant length of a call's directions across frequency.
+const RESULTANT: f64 = 0.9;
+
+/// Probability that a frame which may hold a call does.
+const DETECTION: f32 = 0.3;
+
+/// One frame cannot say more than this.
+const MOST: f32 = 15.0;
+
+/// Natural logarithm of the presence ratio wanted, as for tones.
+const LOG_THRESHOLD: f32 = 9.21;
+
+/// Samples of a burst.
+pub const BURST: usize = 32;
+
+/// Greatest burst energy over the mean, in eighths, from which on a frame may hold a call: noise alone
+/// exceeds it in one half-frame of twelve, which costs work but no false call.
+pub const UNEVEN: u8 = 22;
+
+/// Tables and filter.
+#[derive(Clone, Debug)]
+pub struct Calls {
+    /// Half of ln w by difference of codes.
+    half_log_ratio: [f32; CIRCLE],
+    /// Second-order band-pass about the tone band: gain, and the two recursive coefficients.
+    gain: f32,
+    feedback: [f32; 2],
+}
+
+/// One direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Call {
+    /// Azimuth, rad.
+    pub azimuth: f32,
+    /// Its standard deviation, rad.
+    pub sd: f32,
+    /// Natural logarithm of the presence ratio.
+    pub log_presence: f32,
+}
+
+/// Filter memory and burst energies of the hop being filled.
+#[derive(Clone, Debug)]
+pub struct Unevenness {
+    /// Two sections: two past inputs and outputs each.
+    past: [[f32; 4]; 2],
+    energy: f32,
+    samples: usize,
+    most: f32,
+    total: f32,
+}
+
+impl Default for Unevenness {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Unevenness {
+    /// All zeros.
+    pub const fn new() -> Self {
+        Self { past: [[0.0; 4]; 2], energy: 0.0, samples: 0, most: 0.0, total: 0.0 }
+    }
+
+    /// Takes a pressure sample.
+    pub fn push(&mut self, calls: &Calls, x: f32) {
+        let [a1, a2] = calls.feedback;
+        let mut x = x;
+        for [x1, x2, y1, y2] in &mut self.past {
+            let y = calls.gain * (x - *x2) - a1 * *y1 - a2 * *y2;
+            (*x2, *x1, *y2, *y1) = (*x1, x, *y1, y);
+            x = y;
+        }
+        self.energy += x * x;
+        self.samples += 1;
+        if self.samples == BURST {
+            self.most = self.most.max(self.energy);
+            self.total += self.energy;
+            self.energy = 0.0;
+            self.samples = 0;
+        }
+    }
+
+    /// Greatest burst over the mean of the hop that just ended, in eighths; the next begins.
+    pub fn end_hop(&mut self) -> u8 {
+        let mean = self.total / (HOP / BURST) as f32;
+        let ratio = if mean > 0.0 { 8.0 * self.most / mean } else { 0.0 };
+        self.most = 0.0;
+        self.total = 0.0;
+        ratio.clamp(0.0, 255.0) as u8
+    }
+}
+
+impl Calls {
+    /// Tables for transforms at `rate_hz`.
+    pub fn new(rate_hz: f64) -> Self {
+        let mut half_log_ratio = [0f32; CIRCLE];
+        for (d, l) in half_log_ratio.iter_mut().enumerate() {
+            let cos = math::f64::cos(math::f64::TAU * d as f64 / CIRCLE as f64);
+            let w = (1.0 - RESULTANT * RESULTANT) / (1.0 - 2.0 * RESULTANT * cos + RESULTANT * RESULTANT);
+            *l = (0.5 * math::f64::ln(w)) as f32;
+        }
+        // Band-pass of centre 16 Hz and width 13 Hz by the bilinear transform (constant 0 dB peak).
+        let centre = math::f64::TAU * 16.2f64.min(0.4 * rate_hz) / rate_hz;
+        let alpha = math::f64::sin(centre) / (2.0 * 1.25);
+        let norm = 1.0 / (1.0 + alpha);
+        let feedback = [-2.0 * math::f64::cos(centre) * norm, (1.0 - alpha) * norm].map(|x| x as f32);
+        Self { half_log_ratio, gain: (alpha * norm) as f32, feedback }
+    }
+
+    /// Searches the frames of a window.
+    pub fn search<'a>(&self, bins: usize, rows: impl Iterator<Item = &'a Row>) -> Option<Call> {
+        let mut total = [0f32; AZIMUTHS];
+        let mut frames = 0;
+        for row in rows.filter(|r| r.uneven >= UNEVEN) {
+            frames += 1;
+            let (mut low, mut high) = ([0f32; AZIMUTHS], [0f32; AZIMUTHS]);
+            for (f, code) in row.azimuth.iter().enumerate().take(bins) {
+                if *code == NO_DIRECTION {
+                    continue;
+                }
+                let half = if 2 * f < bins { &mut low } else { &mut high };
+                let first = CIRCLE - usize::from(*code) % CIRCLE;
+                for (a, sum) in half.iter_mut().enumerate() {
+                    *sum += self.half_log_ratio.get((first + a * STEP) % CIRCLE).copied().unwrap_or(0.0);
+                }
+            }
+            for (t, (l, h)) in total.iter_mut().zip(low.iter().zip(&high)) {
+                // The mean over the three bands a call may fill is near its greatest term.
+                let evidence = (l.max(*h).max(l + h) - 1.1).min(MOST);
+                *t += log_sum(math::f32::ln(1.0 - DETECTION), math::f32::ln(DETECTION) + evidence);
+            }
+        }
+        if frames == 0 {
+            return None;
+        }
+        let (best, top) = total
+            .iter()
+            .enumerate()
+            .fold((0, f32::NEG_INFINITY), |b, (i, x)| if *x > b.1 { (i, *x) } else { b });
+        let sum: f32 = total.iter().map(|t| math::f32::exp(t - top)).sum();
+        let log_presence = top + math::f32::ln(sum / AZIMUTHS as f32);
+        if log_presence <= LOG_THRESHOLD {
+            return None;
+        }
+        // Circular mean and spread of the posterior about its top.
+        let step = math::f32::TAU / AZIMUTHS as f32;
+        let (mut mean, mut square) = (0f32, 0f32);
+        for (i, t) in total.iter().enumerate() {
+            let d = crate::angle::wrap_pi_f32((i as f32 - best as f32) * step);
+            let p = math::f32::exp(t - top) / sum;
+            mean += p * d;
+            square += p * d * d;
+        }
+        let variance = (square - mean * mean).max(0.0) + step * step / 12.0;
+        Some(Call {
+            azimuth: crate::angle::wrap_tau_f32(best as f32 * step + mean),
+            sd: math::f32::sqrt(variance),
+            log_presence,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_call_in_few_frames_is_found_and_a_steady_source_is_not() {
+        let calls = Calls::new(50.0);
+        let mut seed = 7u32;
+        let mut random = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (seed >> 22) as u16
+        };
+        let mut rows: std::vec::Vec<Row> = (0..18)
+            .map(|_| {
+                let mut row = Row::EMPTY;
+                row.azimuth.iter_mut().for_each(|a| *a = random());
+                row.uneven = 40;
+                row
+            })
+            .collect();
+        assert_eq!(calls.search(266, rows.iter()), None);
+        for k in [3, 9, 15] {
+            rows[k].azimuth.iter_mut().skip(140).for_each(|a| *a = 300 + random() / 20);
+        }
+        let call = calls.search(266, rows.iter()).unwrap();
+        let degrees = call.azimuth.to_degrees();
+        assert!((degrees - 114.5).abs() < 5.0, "{degrees}");
+        rows.iter_mut().for_each(|r| r.uneven = 14);
+        assert_eq!(calls.search(266, rows.iter()), None);
+    }
+
+    #[test]
+    fn a_burst_is_uneven_and_noise_is_not() {
+        let calls = Calls::new(50.0);
+        let mut u = Unevenness::new();
+        let mut seed = 3u32;
+        let mut noise = || {
+            let mut sum = 0.0;
+            for _ in 0..6 {
+                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                sum += (seed >> 8) as f32 / 8_388_608.0 - 1.0;
+            }
+            sum
+        };
+        let mut steady = 0;
+        for _ in 0..200 {
+            (0..HOP).for_each(|_| u.push(&calls, noise()));
+            steady += usize::from(u.end_hop() >= UNEVEN);
+        }
+        assert!(steady <= 30, "{steady}");
+        (0..HOP).for_each(|i| {
+            let tone = if (100..150).contains(&i) { 6.0 * math::f32::sin(i as f32 * 2.4) } else { 0.0 };
+            u.push(&calls, noise() + tone);
+        });
+        assert!(u.end_hop() >= UNEVEN);
+    }
+}

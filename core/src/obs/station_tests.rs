@@ -1,0 +1,155 @@
+//! The whole chain on small records: accounting, faults, independence of block lengths, memory.
+
+use super::plan::Plan;
+use super::station::{Scratch, State, finish, push};
+use super::table::{BranchColumns, Header, Table, blob_bytes, encode};
+use crate::block::{Block, Frame, MISSING};
+use crate::config::{Kind, ObsConfig, StationConfig, Tracking};
+use crate::math;
+use crate::wire::Message;
+use std::boxed::Box;
+use std::vec::Vec;
+use std::{format, vec};
+
+fn config(rate_hz: f64) -> StationConfig {
+    StationConfig {
+        id: 3,
+        name: heapless::String::new(),
+        lat_lon_deg: None,
+        local_east_north_m: None,
+        depth_m: 4340.0,
+        orientation_deg: 0.0,
+        sound_speed_m_s: 1500.0,
+        rate_hz,
+        full_scale: 1 << 23,
+        kind: Kind::Obs(ObsConfig {
+            orientation_of_north_deg: 77.0,
+            intensity_towards: false,
+            paper_compatibility: false,
+        }),
+        tracking: Tracking::default(),
+    }
+}
+
+/// Image paths under 1500 m/s at 4340 m: first and second crossing only.
+fn plan(rate_hz: f64) -> Box<Plan> {
+    let slant = |j: usize, n: f32| math::f32::hypot(70.0 * j as f32, 4340.0 * n) / 1500.0;
+    let toa: Vec<f32> = (0..716).map(|j| slant(j, 1.0)).collect();
+    let delay: Vec<f32> = (0..716).map(|j| slant(j, 3.0) - slant(j, 1.0)).collect();
+    let (phase, strength) = (vec![0.0; 716], vec![0.05; 716]);
+    let c = BranchColumns { delay_s: &delay, phase_rad: &phase, strength: &strength };
+    let mut blob = vec![0; blob_bytes(1, 716)];
+    encode(&Header { step_m: 70.0, f0_hz: 16.5, width_s: 0.05 }, &toa, &[c], &mut blob).unwrap();
+    Box::new(Plan::new(&config(rate_hz), &Table::parse(&blob).unwrap()).unwrap())
+}
+
+/// Noise, with a tone at 15 Hz from `azimuth` (seen in pressure and, away from it, in velocity).
+fn record(n: usize, rate_hz: f64, azimuth_deg: f64, tone: f64) -> Vec<Frame> {
+    let mut seed = 12_345u32;
+    let mut noise = move || {
+        let mut sum = 0.0;
+        for _ in 0..6 {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            sum += f64::from(seed >> 8) / 8_388_608.0 - 1.0;
+        }
+        1000.0 * sum
+    };
+    // Components: north at 77 degrees true, velocity away from the source.
+    let relative = (azimuth_deg - 77.0 + 180.0).to_radians();
+    (0..n)
+        .map(|i| {
+            let s = tone * math::f64::sin(math::f64::TAU * 15.03 * i as f64 / rate_hz);
+            let (sin, cos) = math::f64::sin_cos(relative);
+            [noise() + s, noise() + s * cos, noise() + s * sin, noise()].map(|x| x as i32)
+        })
+        .collect()
+}
+
+fn run(plan: &Plan, pieces: &[(u64, &[Frame])]) -> (Vec<Message>, Box<State>) {
+    let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
+    let mut out = Vec::new();
+    let mut sink = |m| out.push(m);
+    for (first_index, frames) in pieces {
+        push(plan, &mut state, &mut scratch, Block { first_index: *first_index, frames }, &mut sink);
+    }
+    finish(plan, &mut state, &mut scratch, &mut sink);
+    (out, state)
+}
+
+fn azimuths(messages: &[Message]) -> Vec<f32> {
+    let detected = |m: &Message| match m {
+        Message::Azimuth(a) if a.detected && a.kind == 0 => Some(a.azimuth.to_degrees()),
+        _ => None,
+    };
+    messages.iter().filter_map(detected).collect()
+}
+
+#[test]
+fn a_tone_is_found_where_it_comes_from_at_every_rate() {
+    for rate in [50.0, 62.5, 200.0] {
+        let frames = record((rate * 420.0) as usize, rate, 200.0, 1500.0);
+        let (messages, _) = run(&plan(rate), &[(0, &frames)]);
+        let a = azimuths(&messages);
+        assert!(a.len() >= 4, "{rate}: {a:?}");
+        assert!(a.iter().all(|a| (a - 200.0).abs() < 3.0), "{rate}: {a:?}");
+    }
+}
+
+#[test]
+fn noise_and_silence_say_nothing() {
+    let frames = record(30_000, 50.0, 0.0, 0.0);
+    let (messages, _) = run(&plan(50.0), &[(0, &frames)]);
+    assert!(azimuths(&messages).is_empty());
+    let (messages, state) = run(&plan(50.0), &[(0, &vec![[0; 4]; 30_000])]);
+    assert!(azimuths(&messages).is_empty());
+    assert_eq!(state.channel_flags() & 0xf, 0xf, "every channel is dead");
+}
+
+#[test]
+fn the_length_of_blocks_does_not_matter() {
+    let p = plan(50.0);
+    let frames = record(20_000, 50.0, 120.0, 1500.0);
+    let whole = run(&p, &[(0, &frames)]).0;
+    let mut pieces: Vec<(u64, &[Frame])> = Vec::new();
+    let mut at = 0;
+    while at < frames.len() {
+        let n = (7 + at % 613).min(frames.len() - at);
+        pieces.push((at as u64, &frames[at..at + n]));
+        at += n;
+    }
+    assert_eq!(format!("{whole:?}"), format!("{:?}", run(&p, &pieces).0));
+}
+
+#[test]
+fn every_instant_is_accounted_for() {
+    let p = plan(50.0);
+    let mut frames = record(30_000, 50.0, 120.0, 1500.0);
+    frames[9_000] = [MISSING; 4];
+    frames[12_000..14_000].iter_mut().for_each(|f| f[0] = 1 << 23);
+    frames[15_000..17_000].iter_mut().for_each(|f| f[0] = 77);
+    // A gap of 1000 instants, and 500 that come twice.
+    let pieces = [(0u64, &frames[..20_000]), (21_000, &frames[21_000..25_000]), (24_500, &frames[24_500..])];
+    let (messages, state) = run(&p, &pieces);
+    let a = state.accounting();
+    assert_eq!(a.total(), 30_000 + 500, "{a:?}");
+    assert!(a.lost.iter().all(|n| *n > 0), "{a:?}");
+    assert!(messages.iter().filter(|m| matches!(m, Message::Fault(_))).count() >= 5);
+    assert!(azimuths(&messages).iter().all(|a| (a - 120.0).abs() < 3.0));
+}
+
+#[test]
+fn a_clock_set_back_or_far_ahead_is_survived() {
+    let p = plan(50.0);
+    let frames = record(20_000, 50.0, 120.0, 1500.0);
+    let pieces = [(5_000_000u64, &frames[..]), (0, &frames[..]), (900_000_000, &frames[..])];
+    let (messages, _) = run(&p, &pieces);
+    let a = azimuths(&messages);
+    assert!(a.len() >= 9 && a.iter().all(|a| (a - 120.0).abs() < 3.0), "{a:?}");
+}
+
+#[test]
+fn everything_fits_the_recorder() {
+    let (state, scratch, plan) = (size_of::<State>(), size_of::<Scratch>(), size_of::<Plan>());
+    std::println!("state {state} B, scratch {scratch} B, plan {plan} B");
+    assert!(state + scratch + plan <= 240 * 1024, "{state} + {scratch} + {plan}");
+}
