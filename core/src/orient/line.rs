@@ -26,9 +26,9 @@ const GRID: u32 = 240;
 const ROUNDS: u32 = 6;
 /// Smallest noise of ξ the robust scale assumes, so that exact data do not divide by zero.
 const LEAST_SCALE: f64 = 1e-9;
-/// Loss a whole shift may cost: two standard deviations (2.0), doubled because successive bearings of an averaged
-/// covariance share their errors.
-const LARGEST_LOSS: f64 = 4.0;
+/// Loss a whole shift may cost: three standard deviations (4.5) times (1 + μ)/(1 − μ) = 2.33, by which the errors of
+/// bearings from a covariance with forgetting factor μ = 0.4 widen the loss's own scatter.
+const LARGEST_LOSS: f64 = 10.5;
 /// Largest standard deviation of an orientation that is one, radians (20°).
 const LARGEST_SD: f64 = 0.35;
 

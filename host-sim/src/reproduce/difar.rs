@@ -223,6 +223,7 @@ fn run(options: &Options) -> Result<()> {
         &[
             "buoys",
             "bearings",
+            "shift_s",
             "within_1deg",
             "largest_deg",
             "within_7deg",

@@ -43,7 +43,7 @@ const BEARINGS: u32 = 87;
 const RATE_HZ: f64 = 2048.0;
 const FRAME: usize = 128;
 const FRAMES_A_SECOND: usize = 16;
-const RUNS: usize = 40;
+const RUNS: usize = 20;
 
 /// The vessel: 6 m/s, closest 330 m away, its bearing turning by about 50°.
 fn vessel(t_s: f64) -> [f64; 2] {
@@ -154,7 +154,7 @@ fn run(options: &Options) -> Result<()> {
         "line-orientation",
         &[
             "root_music",
-            "closed_form",
+            "estimator",
             "rmse_deg",
             "largest_deg",
             "claimed_sd_deg",
