@@ -270,7 +270,7 @@ fn standing_out(spectrum: &[f32; WINDOW], comb: &Comb, present: u8) -> Option<u8
         .take(comb.harmonics)
         .zip(1u8..)
         .max_by(|a, b| over_floor(spectrum, a.0).total_cmp(&over_floor(spectrum, b.0)))
-        .map_or(1, |(_, h)| h);
+        .map_or(1, |(_, h)| h.max(1));
     let others = (1u8..).take(comb.harmonics).any(|h| h % strongest != 0 && present >> (h - 1) & 1 == 1);
     (BLADES.contains(&strongest) && strongest > 2 && others).then_some(strongest)
 }
