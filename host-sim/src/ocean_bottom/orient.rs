@@ -71,7 +71,7 @@ fn alone(courses: &[Course], t_s: f64) -> Option<(usize, &Course)> {
 /// The station's place; `None` where too few frames have a lone vessel near.
 pub fn place(frames: &[Frame], courses: &[Course], table: &Propagation) -> Option<Offset> {
     let evidence = range_evidence(frames, table);
-    let used: Vec<(f64, &Course, &Vec<f32>)> = frames
+    let used: Vec<Used<'_>> = frames
         .iter()
         .zip(&evidence)
         .filter_map(|(f, e)| {
@@ -83,6 +83,36 @@ pub fn place(frames: &[Frame], courses: &[Course], table: &Propagation) -> Optio
     if used.len() < LEAST_FRAMES {
         return None;
     }
+    let best = climb(&used, table, (0.0, 0.0), &[(SEARCH_M, 75.0), (100.0, 20.0), (30.0, 4.0)]);
+    // Model errors are common to neighbouring frames: the scatter of interleaved parts tells more than the curvature.
+    let parts: Vec<Place> = (0..PARTS)
+        .map(|part| {
+            let some: Vec<Used<'_>> =
+                used.iter().filter(|u| (u.0 / PART_S) as usize % PARTS == part).copied().collect();
+            climb(&some, table, best, &[(240.0, 40.0), (40.0, 8.0)])
+        })
+        .collect();
+    let sd = |f: &dyn Fn(&Place) -> f64| {
+        let n = PARTS as f64;
+        let mean = parts.iter().map(f).sum::<f64>() / n;
+        (parts.iter().map(|p| (f(p) - mean).powi(2)).sum::<f64>() / (n - 1.0) / n).sqrt()
+    };
+    let sd_m = (sd(&|p| p.0).max(LEAST_SD_M), sd(&|p| p.1).max(LEAST_SD_M));
+    Some(Offset { east_m: best.0, north_m: best.1, sd_m, frames: used.len() })
+}
+
+/// A frame that is used: its time, the vessel, its evidence of range.
+type Used<'a> = (f64, &'a Course, &'a Vec<f32>);
+
+/// Interleaved parts of the frames whose scatter gives the uncertainty, and the length of a part's pieces, s.
+const PARTS: usize = 6;
+const PART_S: f64 = 1200.0;
+
+/// The last step of the search: no uncertainty is below it.
+const LEAST_SD_M: f64 = 4.0;
+
+/// The most likely offset on grids (reach and step, m) of falling size about a start.
+fn climb(used: &[Used<'_>], table: &Propagation, start: Place, grids: &[(f64, f64)]) -> Place {
     let score = |offset: Place| -> f64 {
         used.iter()
             .map(|(t, course, e)| {
@@ -100,8 +130,8 @@ pub fn place(frames: &[Frame], courses: &[Course], table: &Propagation) -> Optio
             })
             .sum()
     };
-    let mut best = (0.0, 0.0);
-    for (reach, step) in [(SEARCH_M, 75.0), (100.0, 20.0), (30.0, 4.0)] {
+    let mut best = start;
+    for &(reach, step) in grids {
         let n = (reach / step) as i32;
         let cells: Vec<Place> = (-n..=n)
             .flat_map(|i| (-n..=n).map(move |j| (i, j)))
@@ -110,20 +140,7 @@ pub fn place(frames: &[Frame], courses: &[Course], table: &Propagation) -> Optio
         let scored: Vec<(f64, Place)> = cells.into_par_iter().map(|c| (score(c), c)).collect();
         best = scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(best, |x| x.1);
     }
-    // Curvature over a step at which the score has fallen clearly; overlapping frames count half.
-    let h = 30.0;
-    let middle = score(best);
-    let bend = |d: Place| {
-        let fall = 2.0 * middle - score((best.0 + d.0, best.1 + d.1)) - score((best.0 - d.0, best.1 - d.1));
-        fall / (h * h) / 2.0
-    };
-    let sd = |curvature: f64| if curvature > 0.0 { curvature.sqrt().recip() } else { f64::INFINITY };
-    Some(Offset {
-        east_m: best.0,
-        north_m: best.1,
-        sd_m: (sd(bend((h, 0.0))), sd(bend((0.0, h)))),
-        frames: used.len(),
-    })
+    best
 }
 
 /// The orientation, with the station at an offset from where courses are counted; `None` where no passage is usable.
