@@ -1,5 +1,6 @@
 //! Project automation: set-up, firmware, emulation, tests and budgets. `cargo xtask help` lists the tasks.
 
+mod budget;
 mod elf;
 mod firmware;
 mod panic_free;
@@ -18,6 +19,7 @@ cargo xtask TASK
   test            set up and run every test, the emulated ones included
   setup           install what is missing: the Rust target (or a compiler that can build it) and QEMU
   build-firmware  [--board mps2-an500|stm32h743|all] [--station STATION.toml]
+  budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
   panic-free      link the recorder with a panic handler that cannot be linked
   check           format, lints and documentation, warnings as errors
 
@@ -44,6 +46,11 @@ fn run(arguments: &[String]) -> Result<()> {
         "demo" => demo(options),
         "setup" => toolchain::set_up().map(|_| ()),
         "build-firmware" => firmware::command(options),
+        "budget" => match options {
+            [] => budget::check(&toolchain::Toolchain::find()?),
+            [flag] if flag == "--bless" => budget::bless(&toolchain::Toolchain::find()?),
+            _ => bail!("budget takes nothing, or --bless"),
+        },
         "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
         "check" => process::check(),
         "test" => suite::command(options),

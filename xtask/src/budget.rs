@@ -1,0 +1,184 @@
+//! Budgets: work, stack, memory and flash of the target, against their bars and against a committed snapshot.
+//!
+//! Work is counted, not timed: QEMU's `-icount shift=0` makes one tick of the emulated 25 MHz core clock 40
+//! instructions. They are instructions, not cycles of the hardware.
+
+use crate::elf::Elf;
+use crate::firmware::{self, EMULATED_ARRAY, EMULATED_OBS, Image};
+use crate::process::{host, say};
+use crate::root;
+use crate::toolchain::{Toolchain, emulator};
+use anyhow::{Context, Result, bail};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// The snapshot, beside the documentation.
+const SNAPSHOT: &str = "docs/budget.txt";
+/// Difference to the snapshot that is an ordinary change of compiler or code.
+const TOLERANCE: f64 = 0.03;
+
+/// One kind of recorder and what it may cost.
+struct Recorder {
+    name: &'static str,
+    image: &'static Image,
+    scenario: &'static str,
+    /// Million instructions per second of samples.
+    work: f64,
+    /// Statics and stack, bytes.
+    memory: f64,
+    /// Flash, bytes.
+    flash: f64,
+}
+
+const RECORDERS: [Recorder; 2] = [
+    Recorder {
+        name: "array",
+        image: &EMULATED_ARRAY,
+        scenario: "scenarios/demo.toml",
+        work: 25.0,
+        memory: 131_072.0,
+        flash: 262_144.0,
+    },
+    Recorder {
+        name: "obs",
+        image: &EMULATED_OBS,
+        scenario: "scenarios/obs.toml",
+        work: 1.0,
+        memory: 262_144.0,
+        flash: 262_144.0,
+    },
+];
+
+/// One line of the snapshot.
+struct Figure {
+    name: String,
+    value: f64,
+    bar: Option<f64>,
+}
+
+/// Measures, prints, and compares with the snapshot.
+pub fn check(toolchain: &Toolchain) -> Result<()> {
+    let (figures, _) = figures(toolchain)?;
+    let kept = std::fs::read_to_string(root().join(SNAPSHOT))
+        .with_context(|| format!("{SNAPSHOT}: run with --bless"))?;
+    let moved: Vec<String> = figures.iter().filter_map(|f| moved(f, &kept)).collect();
+    if moved.is_empty() {
+        say("budget: as in the snapshot");
+        return Ok(());
+    }
+    bail!("the budget has moved (`cargo xtask budget --bless` accepts it): {}", moved.join("; "))
+}
+
+/// Measures, prints, and rewrites the snapshot.
+pub fn bless(toolchain: &Toolchain) -> Result<()> {
+    let (_, text) = figures(toolchain)?;
+    std::fs::write(root().join(SNAPSHOT), text).context(SNAPSHOT)
+}
+
+/// The figures, printed, and the snapshot they make.
+fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
+    emulator()?;
+    let mut figures = Vec::new();
+    for recorder in &RECORDERS {
+        let image = firmware::build(toolchain, recorder.image)?;
+        figures.extend(measure(recorder, &image)?);
+    }
+    let mut text = format!(
+        "# Budgets of the target: `cargo xtask budget` measures, `--bless` rewrites; tolerance {} %.\n\
+         # Instructions are counted by QEMU over the scenario named; they are not cycles.\n",
+        TOLERANCE * 100.0
+    );
+    for figure in &figures {
+        let bar = figure.bar.map_or(String::new(), |bar| {
+            format!("  (bar {bar}: {})", if figure.value <= bar { "met" } else { "MISSED" })
+        });
+        writeln!(text, "{:38} {:>10}{bar}", figure.name, figure.value)?;
+    }
+    print!("{text}");
+    Ok((figures, text))
+}
+
+/// The number of a key in a line of JSON.
+fn number(json: &str, key: &str) -> Option<f64> {
+    let (_, rest) = json.split_once(&format!("\"{key}\":"))?;
+    rest.split([',', '}']).next()?.trim().parse().ok()
+}
+
+/// What differs from the snapshot by more than the tolerance.
+fn moved(figure: &Figure, snapshot: &str) -> Option<String> {
+    let line = snapshot.lines().find(|l| l.starts_with(&figure.name));
+    let rest = line.and_then(|l| l.get(figure.name.len()..));
+    let was: Option<f64> = rest.and_then(|r| r.split_whitespace().next()).and_then(|w| w.parse().ok());
+    match was {
+        Some(was) if (figure.value - was).abs() <= TOLERANCE * was => None,
+        Some(was) => Some(format!("{} was {was}, is {}", figure.name, figure.value)),
+        None => Some(format!("{} is new: {}", figure.name, figure.value)),
+    }
+}
+
+fn measure(recorder: &Recorder, image: &Path) -> Result<Vec<Figure>> {
+    let name = |what: &str| format!("{} {what}", recorder.name);
+    let elf = Elf::read(image)?;
+    let (flash, statics) = (f64::from(elf.flash()), f64::from(elf.statics()));
+    let mut figures = vec![
+        Figure { name: name("flash, bytes"), value: flash, bar: Some(recorder.flash) },
+        Figure { name: name("statics, bytes"), value: statics, bar: None },
+    ];
+    if !root().join(recorder.scenario).is_file() {
+        figures.push(Figure {
+            name: name("statics alone, bytes"),
+            value: statics,
+            bar: Some(recorder.memory),
+        });
+        return Ok(figures);
+    }
+    let (station, recordings) = recording(recorder.scenario)?;
+    say(&format!("counting the instructions of the {} recorder over {}", recorder.name, recorder.scenario));
+    let arguments = ["twin", "--json", "--count-instructions"];
+    let mut command = host(&arguments);
+    command.arg("--firmware").arg(image).arg("--station").arg(station).args(recordings);
+    let output = command.output().context("seabearing twin")?;
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    if !output.status.success() {
+        bail!("{}", String::from_utf8_lossy(&output.stderr).trim());
+    }
+    let get = |key: &str| number(&said, key).with_context(|| format!("`seabearing twin` told no {key}"));
+    let work = (get("million_instructions_per_s")? * 1000.0).round() / 1000.0;
+    let stack = get("stack_bytes")?;
+    figures.push(Figure { name: name("stack used, bytes"), value: stack, bar: None });
+    let memory = statics + stack;
+    figures.push(Figure {
+        name: name("statics and stack, bytes"),
+        value: memory,
+        bar: Some(recorder.memory),
+    });
+    figures.push(Figure {
+        name: name("work, million instructions/s"),
+        value: work,
+        bar: Some(recorder.work),
+    });
+    Ok(figures)
+}
+
+/// The station file and recordings of a scenario, simulated once into `target/scenarios`.
+fn recording(scenario: &str) -> Result<(PathBuf, Vec<PathBuf>)> {
+    let stem = Path::new(scenario).file_stem().unwrap_or_default();
+    let folder = root().join("target/scenarios").join(stem);
+    let station = folder.join("station.toml");
+    let fresh = || -> Option<bool> {
+        let made = std::fs::metadata(&station).ok()?.modified().ok()?;
+        Some(made > std::fs::metadata(root().join(scenario)).ok()?.modified().ok()?)
+    };
+    if fresh() != Some(true) {
+        say(&format!("simulating {scenario}"));
+        let _ = std::fs::remove_dir_all(&folder);
+        crate::process::run(host(&["simulate", scenario, "--out"]).arg(&folder), "seabearing simulate")?;
+    }
+    let mut recordings: Vec<PathBuf> = std::fs::read_dir(&folder)?
+        .flatten()
+        .map(|f| f.path())
+        .filter(|p| p.extension().is_some_and(|e| e == "wav" || e == "mseed"))
+        .collect();
+    recordings.sort();
+    Ok((station, recordings))
+}
