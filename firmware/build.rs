@@ -8,6 +8,7 @@ fn main() {
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
+    println!("cargo:rerun-if-env-changed=SEABEARING_STATION_BLOB");
     let board = if env::var_os("CARGO_FEATURE_STM32H743").is_some() {
         "REGION_ALIAS(\"FLASH\", H743_FLASH);\nREGION_ALIAS(\"RAM\", H743_AXI);\n"
     } else {

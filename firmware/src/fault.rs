@@ -45,6 +45,41 @@ fn check(line: u32, file: u32) -> u32 {
     !(MAGIC ^ line.rotate_left(7) ^ file.rotate_left(13))
 }
 
+#[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]
+mod kept {
+    #![allow(unsafe_code)]
+
+    use super::Record;
+    use core::mem::MaybeUninit;
+
+    #[unsafe(link_section = ".uninit.fault")]
+    static mut FAULT: MaybeUninit<Record> = MaybeUninit::uninit();
+
+    /// Takes the record of the panic before this start, if there was one.
+    pub fn take() -> Option<Record> {
+        let kept = &raw mut FAULT;
+        // SAFETY: one core, no interrupt uses it; every bit pattern is a `Record`.
+        unsafe {
+            let record = kept.cast::<Record>().read_volatile();
+            kept.cast::<Record>().write_volatile(Record::none());
+            record.valid()
+        }
+    }
+
+    /// Keeps the record of a panic and starts again.
+    pub fn record_and_reset(info: &core::panic::PanicInfo<'_>) -> ! {
+        let place = info.location();
+        let record = place.map_or(Record::new("?", 0), |l| Record::new(l.file(), l.line()));
+        let kept = &raw mut FAULT;
+        // SAFETY: as in `take`; nothing runs after it.
+        unsafe { kept.cast::<Record>().write_volatile(record) };
+        cortex_m::peripheral::SCB::sys_reset()
+    }
+}
+
+#[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]
+pub use kept::{record_and_reset, take};
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,7 @@
 //! The recorder's firmware: boards under the core's main loop.
 //!
 //! * `mps2_an500`: the emulated board (QEMU); samples by semihosting, telemetry and commands on UART0.
+//! * `stm32h743`: the hardware board; samples from the converter over SPI. It builds and links; it has never run.
 //!
 //! Everything a board offers the loop implements a trait of [`seabearing_core::port`].
 #![no_std]
@@ -14,3 +15,6 @@ pub mod fault;
 
 #[cfg(feature = "mps2-an500")]
 pub mod mps2_an500;
+
+#[cfg(feature = "stm32h743")]
+pub mod stm32h743;

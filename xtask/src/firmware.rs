@@ -1,11 +1,12 @@
 //! Building firmware images. Finished ones are copied to `target/firmware/images`.
 
 use crate::elf::Elf;
-use crate::process::{run, say};
+use crate::process::{find, host, run, say};
 use crate::root;
 use crate::toolchain::{TARGET, Toolchain};
 use anyhow::{Context, Result, bail};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// One image.
 pub struct Image {
@@ -27,6 +28,12 @@ pub const EMULATED_ARRAY: Image =
 pub const EMULATED_OBS: Image =
     Image { name: "mps2-an500-obs.elf", bin: "mps2-an500", features: "mps2-an500,obs" };
 
+/// The hardware board with everything.
+pub const HARDWARE: Image =
+    Image { name: "stm32h743.elf", bin: "stm32h743", features: "stm32h743,array,obs" };
+/// The station an image for hardware holds unless another is given.
+const DEFAULT_STATION: &str = "scenarios/demo-station.toml";
+
 /// Where an image is once built.
 pub fn path(image: &Image) -> PathBuf {
     root().join("target/firmware/images").join(image.name)
@@ -37,12 +44,28 @@ pub fn cargo_path(bin: &str) -> PathBuf {
     root().join("target/firmware").join(TARGET).join("firmware").join(bin)
 }
 
+/// Builds the image for hardware, which holds its station's configuration.
+pub fn build_hardware(toolchain: &Toolchain, station: Option<&str>) -> Result<PathBuf> {
+    let station = station.unwrap_or(DEFAULT_STATION);
+    let blob = root().join("target/firmware/station.sbcf");
+    say(&format!("writing the configuration of {station} for the image"));
+    run(host(&["blob", "--station", station, "--out"]).arg(&blob), "seabearing blob")?;
+    build_with(toolchain, &HARDWARE, Some(&blob))
+}
+
 /// Builds an image.
 pub fn build(toolchain: &Toolchain, image: &Image) -> Result<PathBuf> {
+    build_with(toolchain, image, None)
+}
+
+fn build_with(toolchain: &Toolchain, image: &Image, blob: Option<&Path>) -> Result<PathBuf> {
     say(&format!("building firmware {} ({})", image.name, image.features));
     let mut cargo = toolchain.cargo("build");
     cargo.args(["--quiet", "--package", "seabearing-firmware", "--profile", "firmware"]);
     cargo.args(["--features", image.features, "--bin", image.bin]);
+    if let Some(blob) = blob {
+        cargo.env("SEABEARING_STATION_BLOB", blob);
+    }
     run(&mut cargo, &format!("building {}", image.name))?;
     let to = path(image);
     std::fs::create_dir_all(root().join("target/firmware/images")).context("target/firmware/images")?;
@@ -50,24 +73,63 @@ pub fn build(toolchain: &Toolchain, image: &Image) -> Result<PathBuf> {
     Ok(to)
 }
 
+/// Options of the tasks that build for a board.
+struct Options<'a> {
+    board: &'a str,
+    station: Option<&'a str>,
+}
+
+impl<'a> Options<'a> {
+    fn read(options: &'a [String], board: &'a str) -> Result<Self> {
+        let mut read = Self { board, station: None };
+        let mut rest = options.iter();
+        while let Some(flag) = rest.next() {
+            let value = rest.next().with_context(|| format!("{flag} needs a value"))?;
+            match flag.as_str() {
+                "--board" => read.board = value,
+                "--station" => read.station = Some(value),
+                other => bail!("there is no option `{other}`: --board and --station"),
+            }
+        }
+        Ok(read)
+    }
+}
+
 /// `cargo xtask build-firmware`.
 pub fn command(options: &[String]) -> Result<()> {
-    let images: &[&Image] = match options {
-        [] => &[&EMULATED],
-        [flag, board] if flag == "--board" => match board.as_str() {
-            "mps2-an500" => &[&EMULATED],
-            "all" => &[&EMULATED, &EMULATED_ARRAY, &EMULATED_OBS],
-            other => bail!("there is no board `{other}`: mps2-an500, stm32h743 or all"),
-        },
-        _ => bail!("build-firmware takes --board mps2-an500, stm32h743 or all"),
+    let options = Options::read(options, "mps2-an500")?;
+    let emulated: &[&Image] = match options.board {
+        "mps2-an500" => &[&EMULATED],
+        "stm32h743" => &[],
+        "all" => &[&EMULATED, &EMULATED_ARRAY, &EMULATED_OBS],
+        other => bail!("there is no board `{other}`: mps2-an500, stm32h743 or all"),
     };
     let toolchain = Toolchain::find()?;
-    for image in images {
-        let path = build(&toolchain, image)?;
-        let elf = Elf::read(&path)?;
-        let (flash, statics) = (elf.flash(), elf.statics());
-        let path = path.strip_prefix(root()).unwrap_or(&path).display();
-        say(&format!("built {path}: {flash} bytes of flash, {statics} of statics"));
+    for image in emulated {
+        report(&build(&toolchain, image)?)?;
     }
+    if options.board != "mps2-an500" {
+        report(&build_hardware(&toolchain, options.station)?)?;
+    }
+    Ok(())
+}
+
+/// `cargo xtask flash`: builds for the hardware board, writes it and attaches, where probe-rs is installed.
+pub fn flash(options: &[String]) -> Result<()> {
+    let options = Options::read(options, "stm32h743")?;
+    let probe = find("probe-rs").context(
+        "probe-rs is not installed: `cargo install probe-rs-tools --locked`, then connect the board and run this again",
+    )?;
+    let image = build_hardware(&Toolchain::find()?, options.station)?;
+    say("flashing; the board's reset and faults are shown until interrupted");
+    run(Command::new(probe).args(["run", "--chip", "STM32H743ZITx"]).arg(image), "probe-rs")
+}
+
+/// One line about what an image takes.
+fn report(path: &Path) -> Result<()> {
+    let elf = Elf::read(path)?;
+    let (flash, statics) = (elf.flash(), elf.statics());
+    let path = path.strip_prefix(root()).unwrap_or(path).display();
+    say(&format!("built {path}: {flash} bytes of flash, {statics} of statics"));
     Ok(())
 }

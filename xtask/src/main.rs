@@ -51,6 +51,7 @@ fn run(arguments: &[String]) -> Result<()> {
             [flag] if flag == "--bless" => budget::bless(&toolchain::Toolchain::find()?),
             _ => bail!("budget takes nothing, or --bless"),
         },
+        "flash" => firmware::flash(options),
         "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
         "check" => process::check(),
         "test" => suite::command(options),

@@ -2,6 +2,7 @@
 
 use super::health::{Condition, Reporter};
 use super::pieces;
+use super::slot::Slot;
 use crate::array;
 use crate::block::Block;
 use crate::config::StationConfig;
@@ -20,7 +21,7 @@ struct Plan {
 /// Everything the array recorder needs, in one place; meant for a `static`.
 #[derive(Debug)]
 pub struct ArrayRecorder {
-    plan: Option<Plan>,
+    plan: Slot<Plan>,
     state: array::State,
     scratch: array::Scratch,
     vessels: traffic::State,
@@ -37,7 +38,7 @@ impl ArrayRecorder {
     /// A recorder without a configuration: it accounts for nothing and says nothing but hello.
     pub const fn new() -> Self {
         Self {
-            plan: None,
+            plan: Slot::Empty,
             state: array::State::new(),
             scratch: array::Scratch::new(),
             vessels: traffic::State::new(),
@@ -51,10 +52,10 @@ impl ArrayRecorder {
     /// What is wrong with the configuration; the recorder is left as it was.
     pub fn configure(&mut self, config: &StationConfig) -> Result<(), array::PlanError> {
         let plan = Plan { array: array::Plan::new(config)?, traffic: traffic::Config::new(config) };
-        if self.plan.is_some() {
+        if self.plan.is_full() {
             self.forget();
         }
-        self.plan = Some(plan);
+        self.plan = Slot::Full(plan);
         self.reporter.configure(config, 0);
         Ok(())
     }
@@ -89,7 +90,7 @@ impl Application for ArrayRecorder {
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         for (piece, boundary) in pieces(block) {
-            let Self { plan: Some(plan), state, scratch, vessels, reporter } = self else { return };
+            let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self else { return };
             array::push(&plan.array, state, scratch, piece, &mut |message| {
                 reporter.count(&message);
                 sink(&message);
@@ -111,7 +112,7 @@ impl Application for ArrayRecorder {
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
-        if let Self { plan: Some(plan), state, scratch, vessels, reporter } = self {
+        if let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self {
             array::finish(&plan.array, state, scratch, &mut |message| {
                 reporter.count(&message);
                 sink(&message);

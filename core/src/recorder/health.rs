@@ -33,15 +33,7 @@ pub struct Reporter {
 impl Reporter {
     /// A reporter that has nothing to report yet.
     pub const fn new() -> Self {
-        Self {
-            rate_hz: 1.0,
-            config_hash: 0,
-            station: 0,
-            kind: 0,
-            every_s: HEALTH_EVERY_S,
-            next: u64::MAX,
-            records: 0,
-        }
+        Self { rate_hz: 0.0, config_hash: 0, station: 0, kind: 0, every_s: 0, next: 0, records: 0 }
     }
 
     /// Takes the identity of the station; `kind` is 0 for an array, 1 for an ocean-bottom station.
@@ -51,6 +43,7 @@ impl Reporter {
             config_hash: config.hash(),
             station: config.id,
             kind,
+            every_s: HEALTH_EVERY_S,
             ..Self::new()
         };
         self.schedule(0);

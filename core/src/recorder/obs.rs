@@ -2,6 +2,7 @@
 
 use super::health::{Condition, Reporter};
 use super::pieces;
+use super::slot::Slot;
 use crate::block::Block;
 use crate::config::StationConfig;
 use crate::obs::{self, PlanError, Table};
@@ -11,7 +12,7 @@ use crate::wire::{Command, Message};
 /// Everything the ocean-bottom recorder needs, in one place; meant for a `static`.
 #[derive(Debug)]
 pub struct ObsRecorder {
-    plan: Option<obs::Plan>,
+    plan: Slot<obs::Plan>,
     state: obs::State,
     scratch: obs::Scratch,
     reporter: Reporter,
@@ -26,7 +27,12 @@ impl Default for ObsRecorder {
 impl ObsRecorder {
     /// A recorder without a configuration: it accounts for nothing and says nothing but hello.
     pub const fn new() -> Self {
-        Self { plan: None, state: obs::State::new(), scratch: obs::Scratch::new(), reporter: Reporter::new() }
+        Self {
+            plan: Slot::Empty,
+            state: obs::State::new(),
+            scratch: obs::Scratch::new(),
+            reporter: Reporter::new(),
+        }
     }
 
     /// Takes a configuration and the bytes of its propagation table, and starts afresh.
@@ -36,10 +42,10 @@ impl ObsRecorder {
     pub fn configure(&mut self, config: &StationConfig, table: Option<&[u8]>) -> Result<(), SetupError> {
         let table = Table::parse(table.ok_or(SetupError::NoTable)?).map_err(SetupError::Table)?;
         let plan = obs::Plan::new(config, &table).map_err(SetupError::Plan)?;
-        if self.plan.is_some() {
+        if self.plan.is_full() {
             self.forget();
         }
-        self.plan = Some(plan);
+        self.plan = Slot::Full(plan);
         self.reporter.configure(config, 1);
         Ok(())
     }
@@ -93,7 +99,7 @@ impl Application for ObsRecorder {
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         for (piece, boundary) in pieces(block) {
-            let Self { plan: Some(plan), state, scratch, reporter } = self else {
+            let Self { plan: Slot::Full(plan), state, scratch, reporter } = self else {
                 return;
             };
             obs::push(plan, state, scratch, piece, &mut |message| {
@@ -115,7 +121,7 @@ impl Application for ObsRecorder {
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
-        if let Self { plan: Some(plan), state, scratch, reporter } = self {
+        if let Self { plan: Slot::Full(plan), state, scratch, reporter } = self {
             obs::finish(plan, state, scratch, &mut |message| {
                 reporter.count(&message);
                 sink(&message);

@@ -10,9 +10,7 @@ use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::sbraw::{Ending, Reader};
-use seabearing_firmware::mps2_an500::{
-    Board, blob, clock::CoreTicks, host, record_and_reset, stack_use, uart::Uart0,
-};
+use seabearing_firmware::mps2_an500::{Board, blob, clock::CoreTicks, host, stack_use, uart::Uart0};
 
 #[entry]
 fn main() -> ! {
@@ -53,5 +51,5 @@ unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
-    record_and_reset(info)
+    seabearing_firmware::fault::record_and_reset(info)
 }

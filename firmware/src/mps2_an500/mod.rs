@@ -10,9 +10,7 @@ pub mod clock;
 pub mod host;
 pub mod uart;
 
-use crate::fault::Record;
-use core::mem::MaybeUninit;
-use cortex_m::peripheral::SCB;
+use crate::fault::{self, Record};
 use seabearing_core::port::Supervisor;
 
 /// Start and size of the memory the configuration blob is loaded into.
@@ -22,30 +20,6 @@ const BLOB: (*const u8, usize) = (0x6000_0000 as *const u8, 1 << 20);
 pub fn blob() -> &'static [u8] {
     // SAFETY: PSRAM is plain memory that nothing in this image writes.
     unsafe { core::slice::from_raw_parts(BLOB.0, BLOB.1) }
-}
-
-#[unsafe(link_section = ".uninit.fault")]
-static mut FAULT: MaybeUninit<Record> = MaybeUninit::uninit();
-
-/// Takes the record of the panic before this start, if there was one.
-fn take_fault() -> Option<Record> {
-    let kept = &raw mut FAULT;
-    // SAFETY: one core, no interrupt uses it; every bit pattern is a `Record`.
-    unsafe {
-        let record = kept.cast::<Record>().read_volatile();
-        kept.cast::<Record>().write_volatile(Record::none());
-        record.valid()
-    }
-}
-
-/// Keeps the record of a panic and starts again.
-pub fn record_and_reset(info: &core::panic::PanicInfo<'_>) -> ! {
-    let place = info.location();
-    let record = place.map_or(Record::new("?", 0), |l| Record::new(l.file(), l.line()));
-    let kept = &raw mut FAULT;
-    // SAFETY: as in `take_fault`.
-    unsafe { kept.cast::<Record>().write_volatile(record) };
-    SCB::sys_reset()
 }
 
 /// Bytes of stack there are, and the most that was used: start-up code paints the stack, use wipes the paint off.
@@ -72,7 +46,7 @@ pub struct Board(Option<Record>);
 impl Board {
     /// The board as it started.
     pub fn new() -> Self {
-        Self(take_fault())
+        Self(fault::take())
     }
 }
 

@@ -1,0 +1,18 @@
+//! A place for what the configuration makes: like `Option`, but empty is all zeros, so that a `static` costs no flash.
+
+/// Empty, or full. The explicit tag keeps the compiler from marking "empty" with a non-zero value inside `T`.
+#[derive(Debug)]
+#[repr(u8)]
+pub(super) enum Slot<T> {
+    /// Nothing configured.
+    Empty = 0,
+    /// What was made.
+    Full(T) = 1,
+}
+
+impl<T> Slot<T> {
+    /// Whether something is there.
+    pub(super) fn is_full(&self) -> bool {
+        matches!(self, Self::Full(_))
+    }
+}

@@ -1,0 +1,78 @@
+//! Telemetry by DMA from a pipe, commands by DMA into a ring; frames enter the pipe whole or not at all.
+
+use core::future::Future;
+use embassy_stm32::mode::Async;
+use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use seabearing_core::port::Link;
+
+/// Bytes waiting for the line: a second of the densest telemetry (20 bearings a second of 70 bytes, and tracks).
+const PIPE_BYTES: usize = 4096;
+/// Bytes a command link may bring between two looks.
+pub const RING_BYTES: usize = 256;
+
+static OUTBOX: Pipe<CriticalSectionRawMutex, PIPE_BYTES> = Pipe::new();
+
+/// Sends what is in the pipe, for ever.
+#[embassy_executor::task]
+pub async fn transmit(mut uart: UartTx<'static, Async>) -> ! {
+    let mut buffer = [0u8; 256];
+    loop {
+        let n = OUTBOX.read(&mut buffer).await;
+        // A framing or DMA error loses these bytes; the receiver counts the frames they were.
+        let _counted_by_the_receiver = uart.write(&buffer[..n]).await;
+    }
+}
+
+/// The main loop's end of the line.
+pub struct Serial {
+    inbox: RingBufferedUartRx<'static>,
+    waiting: [u8; 16],
+    from: usize,
+    to: usize,
+}
+
+impl Serial {
+    /// Begins to receive.
+    pub fn new(inbox: RingBufferedUartRx<'static>) -> Self {
+        Self { inbox, waiting: [0; 16], from: 0, to: 0 }
+    }
+}
+
+impl Link for Serial {
+    fn send(&mut self, frame: &[u8]) -> bool {
+        if OUTBOX.free_capacity() < frame.len() {
+            return false;
+        }
+        let mut rest = frame;
+        while let Ok(n) = OUTBOX.try_write(rest) {
+            rest = rest.get(n..).unwrap_or_default();
+            if rest.is_empty() {
+                return true;
+            }
+        }
+        false
+    }
+
+    fn receive(&mut self) -> Option<u8> {
+        if self.from == self.to {
+            // An overrun or a line error empties the ring; the frames it held fail their CRC.
+            self.to = arrived(&mut self.inbox, &mut self.waiting);
+            self.from = 0;
+        }
+        let byte = self.waiting.get(self.from).copied().filter(|_| self.from < self.to)?;
+        self.from += 1;
+        Some(byte)
+    }
+}
+
+/// Bytes that have arrived, without waiting.
+fn arrived(inbox: &mut RingBufferedUartRx<'static>, buffer: &mut [u8]) -> usize {
+    let read = core::pin::pin!(inbox.read(buffer));
+    let mut context = core::task::Context::from_waker(core::task::Waker::noop());
+    match read.poll(&mut context) {
+        core::task::Poll::Ready(Ok(n)) => n,
+        _ => 0,
+    }
+}

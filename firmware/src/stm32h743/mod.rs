@@ -1,0 +1,125 @@
+//! The hardware board: STM32H743 (NUCLEO-H743ZI2 class) with an ADS131M04 on SPI1.
+//!
+//! Built and linked in every test run; **never run on silicon**. Wiring: SPI1 SCK PA5, MISO PA6, MOSI PB5, chip select
+//! PD14, data ready PE9; telemetry and commands on USART3 (PD8, PD9: the board's debugger shows it as a serial port),
+//! 921 600 baud. The core runs at 480 MHz with the instruction cache on and the data cache off (DMA buffers need no
+//! care then). Conversions are read in an interrupt-driven task; the recorder's loop runs below it.
+
+#![allow(unsafe_code)]
+
+pub mod link;
+pub mod sampling;
+
+use crate::fault::{self, Record};
+use embassy_stm32::Config;
+use embassy_stm32::pac;
+use embassy_stm32::peripherals::IWDG1;
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, HSIPrescaler, Pll, PllDiv, PllMul, PllPreDiv, PllSource,
+};
+use embassy_stm32::rcc::{Sysclk, VoltageScale};
+use embassy_stm32::wdg::IndependentWatchdog;
+use seabearing_core::port::{Clock, Supervisor};
+
+/// Frequency of the core.
+pub const CORE_HZ: u32 = 480_000_000;
+/// The recorder feeds the watchdog once a block (8 ms at 64 kHz, 10 s at 50 Hz would be too long: it feeds while idle
+/// too), so two seconds without is a hang.
+pub const WATCHDOG_US: u32 = 2_000_000;
+
+/// Clocks: 64 MHz internal oscillator, first phase-locked loop to 480 MHz, buses at 120 MHz.
+pub fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.hsi = Some(HSIPrescaler::DIV1);
+    config.rcc.csi = true;
+    config.rcc.pll1 = Some(Pll {
+        source: PllSource::HSI,
+        prediv: PllPreDiv::DIV4,
+        mul: PllMul::MUL60,
+        fracn: None,
+        divp: Some(PllDiv::DIV2),
+        divq: Some(PllDiv::DIV8),
+        divr: None,
+    });
+    config.rcc.sys = Sysclk::PLL1_P;
+    config.rcc.ahb_pre = AHBPrescaler::DIV2;
+    config.rcc.apb1_pre = APBPrescaler::DIV2;
+    config.rcc.apb2_pre = APBPrescaler::DIV2;
+    config.rcc.apb3_pre = APBPrescaler::DIV2;
+    config.rcc.apb4_pre = APBPrescaler::DIV2;
+    config.rcc.voltage_scale = VoltageScale::Scale0;
+    config
+}
+
+/// Why the core last started, as on the wire; forgets it afterwards.
+pub fn reset_cause() -> u8 {
+    let flags = pac::RCC.rsr().read();
+    pac::RCC.rsr().modify(|r| r.set_rmvf(true));
+    if flags.iwdg1rstf() {
+        1
+    } else if flags.sftrstf() {
+        2
+    } else if flags.borrstf() && !flags.porrstf() {
+        4
+    } else if flags.porrstf() {
+        0
+    } else if flags.pinrstf() {
+        3
+    } else {
+        255
+    }
+}
+
+/// Watchdog, idling, and what was before this start.
+pub struct Board {
+    watchdog: IndependentWatchdog<'static, IWDG1>,
+    cause: u8,
+    fault: Option<Record>,
+}
+
+impl Board {
+    /// Starts the watchdog.
+    pub fn new(mut watchdog: IndependentWatchdog<'static, IWDG1>) -> Self {
+        watchdog.unleash();
+        Self { watchdog, cause: reset_cause(), fault: fault::take() }
+    }
+}
+
+impl Supervisor for Board {
+    fn feed(&mut self) {
+        self.watchdog.pet();
+    }
+
+    fn idle(&mut self) {
+        // The next conversion, or the next byte, wakes the core.
+        cortex_m::asm::wfi();
+        self.watchdog.pet();
+    }
+
+    fn reset_cause(&self) -> u8 {
+        self.cause
+    }
+
+    fn last_panic(&mut self) -> Option<i64> {
+        self.fault.map(Record::value)
+    }
+}
+
+/// The core's cycle counter.
+pub struct Cycles;
+
+impl Cycles {
+    /// Starts the counter.
+    pub fn start(dcb: &mut cortex_m::peripheral::DCB, dwt: &mut cortex_m::peripheral::DWT) -> Self {
+        dcb.enable_trace();
+        cortex_m::peripheral::DWT::unlock();
+        dwt.enable_cycle_counter();
+        Self
+    }
+}
+
+impl Clock for Cycles {
+    fn ticks(&mut self) -> u32 {
+        cortex_m::peripheral::DWT::cycle_count()
+    }
+}
