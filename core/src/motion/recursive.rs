@@ -8,7 +8,7 @@
 //! Gauss-Markov plus white ([`super::chain`]); speed has a prior; bearings belong to the time of emission.
 //!
 //! Assumes a straight track at constant speed. A bearing beyond the gate is refused; a run of refusals means that the
-//! vessel has turned or is another one ([`Update::lost`]). Cost on the Cortex-M7: two evaluations of a full ring a
+//! vessel has turned or is another one ([`Update::lost`]); a young track begins afresh instead. Cost on the Cortex-M7: two evaluations of a full ring a
 //! hypothesis, about 10⁵ instructions; a seeding, about 10⁶, at the 6th, 9th, 13th, ... bearing.
 //!
 //! ```
@@ -44,6 +44,10 @@ const SEED_STEPS: usize = 6;
 const FINAL_STEPS: usize = 25;
 /// Refusals in a row that mean the track no longer explains the bearings.
 const LOST_AFTER: u16 = 8;
+/// A track of fewer bearings than this may have begun with a wrong one, or run into a wrong arc: it begins afresh after
+/// so many refusals in a row.
+const YOUNG: u32 = 40;
+const RESTART_AFTER: u16 = 3;
 /// Memory of the running mean of normalised innovations, bearings.
 const INNOVATION_MEMORY: f64 = 20.0;
 
@@ -177,7 +181,11 @@ pub fn measure(config: &Config, state: &mut State, measurement: &Measurement) ->
         if nis > gate {
             state.refused = state.refused.saturating_add(1);
             out.lost = state.refused >= LOST_AFTER;
-            return out;
+            if state.seen >= YOUNG || state.refused < RESTART_AFTER {
+                return out;
+            }
+            // Too few bearings to say which were wrong: begin again with this one.
+            *state = State::new();
         }
     }
     state.refused = 0;
@@ -448,6 +456,24 @@ mod tests {
         let s = finish(&config, &state).unwrap();
         assert!(!s.range_observable && s.sd_cpa_range_m.is_infinite(), "{s:?}");
         assert!(s.sd_heading_rad.is_infinite(), "{s:?}");
+    }
+
+    #[test]
+    fn no_passage_is_shut_out_by_its_first_bearings() {
+        let config = Config { speed_m_s: 7.0, speed_sd_m_s: 0.0, extra_sd_rad: 0.0, ..Config::default() };
+        let truth = Line { p: [5.5, 100.0, m::ln(7.0 / 500.0), m::ln(7.0), 0.0], sense: 1.0 };
+        let mut seed = 21;
+        for run in 0..60 {
+            let mut state = State::new();
+            for k in 0..120 {
+                let t = 0.5 * f64::from(k);
+                // In every third passage one of the first bearings is a wrong peak.
+                let wrong = if run % 3 == 0 && k == run / 10 { 1.0 } else { 0.0 };
+                let a = truth.azimuth(&config.medium, t) + 0.0017 * noise(&mut seed) + wrong;
+                update(&config, &mut state, t, a, 3e-6);
+            }
+            assert!(state.seen() > 90, "{run}: {}", state.seen());
+        }
     }
 
     #[test]
