@@ -170,6 +170,63 @@ fn a_truncated_file_and_a_foreign_one_do_not_stop_the_rest() {
     assert!(records.contains(r#""code":"Gap""#), "{records}");
 }
 
+#[test]
+fn a_bad_channel_is_reported_and_the_time_before_it_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("station.toml"), STATION).unwrap();
+    for (name, fault, code) in [
+        ("dead", "kind = \"dead\"\nchannel = 1", "DeadChannel"),
+        ("stuck", "kind = \"stuck\"\nchannel = 3", "DeadChannel"),
+        ("nan", "kind = \"nan\"\nchannel = 0", "Invalid"),
+        ("loud", "kind = \"loud\"\nchannel = 2\ngain_db = 90.0", "Clipping"),
+    ] {
+        let longer = SCENARIO.replace("4.0", "16.0").replace("file_s = 2.0", "encoding = \"float\"");
+        std::fs::write(dir.path().join("s.toml"), format!("{longer}[[faults]]\n{fault}\nfrom_s = 6.0\n"))
+            .unwrap();
+        assert!(run(&["simulate", "s.toml", "--out", name], dir.path()).status.success());
+        let out = run(&["process", "--station", "station.toml", name], dir.path());
+        assert!(out.status.success(), "{name}: {}", text(&out.stderr));
+        let records: Vec<serde_json::Value> =
+            text(&out.stdout).lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        let of = |kind: &str| records.iter().filter(move |r| r["type"] == kind).cloned().collect::<Vec<_>>();
+        let early = of("bearing").iter().filter(|b| b["t_s"].as_f64().unwrap() < 5.5).count();
+        assert!(early >= 8, "{name}: {early} bearings before the fault");
+        let faults = of("fault");
+        assert!(
+            faults.iter().any(|f| f["code"] == code && f["t_s"].as_f64().unwrap() > 5.5),
+            "{name}: {faults:?}"
+        );
+        // Every instant is accounted for: processed, or in exactly one loss bucket.
+        let health = of("health").pop().unwrap();
+        let sum: u64 = [
+            "processed",
+            "lost_gap",
+            "lost_overlap",
+            "lost_invalid",
+            "lost_clipped",
+            "lost_dead_channel",
+            "lost_remainder",
+        ]
+        .iter()
+        .map(|k| health[*k].as_u64().unwrap())
+        .sum();
+        assert_eq!(sum, 16 * 16_000, "{name}: {health}");
+    }
+}
+
+#[test]
+fn a_recording_without_a_usable_sample_is_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("station.toml"), STATION).unwrap();
+    std::fs::write(
+        dir.path().join("s.toml"),
+        format!("{SCENARIO}[[faults]]\nkind = \"dead\"\nchannel = 1\n"),
+    )
+    .unwrap();
+    assert!(run(&["simulate", "s.toml", "--out", "out"], dir.path()).status.success());
+    fails(&["process", "--station", "station.toml", "out"], dir.path(), &["no sample", "dead channel"]);
+}
+
 /// A session of a recorder: Hello, then frames a second of samples apart.
 fn session(frames: u64) -> Vec<u8> {
     let mut encoder = Encoder::default();

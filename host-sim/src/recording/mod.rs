@@ -14,7 +14,8 @@
 //! - A damaged, foreign or wrongly sampled file among good ones is left out with one line on stderr; what is whole of a
 //!   truncated file is used. It is an error only when nothing is left.
 //!
-//! Cost: 24-bit WAV decodes about a thousand million samples a second on a desktop core.
+//! Cost: blocks of 16384 frames are decoded in bulk; `cargo bench -p seabearing --bench recording` prints how fast, beside
+//! `hound`'s sample by sample.
 
 mod flac;
 mod mseed;
