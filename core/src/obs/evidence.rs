@@ -186,7 +186,7 @@ impl Evidence {
 
     /// Minutes from number `from` to `to`, both included, oldest first.
     pub fn between(&self, from: u32, to: u32) -> impl Iterator<Item = Minute> + Clone + '_ {
-        let (newer, older) = self.minutes.split_at(self.next.min(MINUTES));
+        let (newer, older) = self.minutes.split_at_checked(self.next).unwrap_or_default();
         let skip = MINUTES - self.held;
         older.iter().chain(newer).skip(skip).filter(move |m| (from..=to).contains(&m.number)).copied()
     }

@@ -294,11 +294,14 @@ impl Presence {
                 *f = (i, k, p);
             }
         }
-        found.sort_unstable_by(|a, b| b.2.total_cmp(&a.2));
         let mut out = [None; RANGE_MODES];
-        for (slot, (i, k, p)) in out.iter_mut().zip(found) {
-            if p > 0.0 {
-                *slot = Some(self.moments(i, k));
+        for slot in &mut out {
+            let highest = found.iter_mut().max_by(|a, b| a.2.total_cmp(&b.2));
+            if let Some((i, k, p)) = highest
+                && *p > 0.0
+            {
+                *slot = Some(self.moments(*i, *k));
+                *p = 0.0;
             }
         }
         out
