@@ -17,8 +17,8 @@ pub const MAGIC: [u8; 8] = *b"SBRAW1\0\0";
 pub const FRAME_BYTES: usize = CHANNELS * 4;
 /// Bytes of a record before its frames.
 pub const RECORD_HEAD: usize = 12;
-/// Frames converted at a time (4 KiB of bytes: one page of a FIFO).
-const BATCH: usize = 256;
+/// Frames converted at a time: 1 KiB of the emulated recorder's stack.
+const BATCH: usize = 64;
 
 /// Bytes in: a file or a FIFO.
 pub trait ReadBytes {

@@ -2,7 +2,7 @@
 
 use crate::firmware::{self, EMULATED};
 use crate::process::{cargo, run, say};
-use crate::{panic_free, root, toolchain};
+use crate::{budget, panic_free, root, toolchain};
 use anyhow::{Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -66,6 +66,8 @@ fn emulated(suite: &mut Suite) -> Result<()> {
     suite.step("twin: a pass of 200 s, byte for byte", || twin("demo"));
     suite.step("twin: gaps, dead and clipped channels, byte for byte", || twin("faults"));
     suite.step("panic freedom", || panic_free::check(&toolchain));
+    suite.step("budget of the target, as in the snapshot", || budget::check(&toolchain));
+    suite.step("stm32h743 links within memory.x", || firmware::build_hardware(&toolchain, None).map(|_| ()));
     Ok(())
 }
 
