@@ -12,6 +12,7 @@ pub mod process;
 pub mod propagation;
 pub mod propagation_fit;
 pub mod reproduce;
+pub mod shaft_rate;
 pub mod simulate;
 pub mod track;
 pub mod twin;
@@ -28,6 +29,8 @@ pub enum Command {
     Bearing(bearing::Args),
     /// Motion of a vessel from bearings of one array
     Track(track::Args),
+    /// Propeller rate and speed of a vessel from the envelope of its noise
+    ShaftRate(shaft_rate::Args),
     /// Positions from a network of arrays
     Locate(locate::Args),
     /// Station orientation from a vessel of known track
@@ -61,6 +64,7 @@ impl Command {
             Self::Process(args) => process::run(args),
             Self::Bearing(args) => bearing::run(args),
             Self::Track(args) => track::run(args),
+            Self::ShaftRate(args) => shaft_rate::run(args),
             Self::Locate(args) => locate::run(args),
             Self::Orient(args) => orient::run(args),
             Self::Twin(args) => twin::run(args),
