@@ -205,6 +205,7 @@ struct Inspection {
 }
 
 /// Looks at the codes: constant, copied, clipped. Only frames that may hold clipped codes are counted sample by sample.
+#[inline(never)]
 fn inspect(codes: &[[i32; FRAME]; CHANNELS], clip_code: i32) -> Inspection {
     let mut found = Inspection { dead: 0, clipped: [0; CHANNELS] };
     for (c, (channel, clipped)) in codes.iter().zip(&mut found.clipped).enumerate() {
