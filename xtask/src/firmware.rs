@@ -62,7 +62,7 @@ fn build_with(toolchain: &Toolchain, image: &Image, blob: Option<&Path>) -> Resu
     say(&format!("building firmware {} ({})", image.name, image.features));
     let mut cargo = toolchain.cargo("build");
     cargo.args(["--quiet", "--package", "seabearing-firmware", "--profile", "firmware"]);
-    cargo.args(["--features", image.features, "--bin", image.bin]);
+    cargo.args(["--no-default-features", "--features", image.features, "--bin", image.bin]);
     if let Some(blob) = blob {
         cargo.env("SEABEARING_STATION_BLOB", blob);
     }

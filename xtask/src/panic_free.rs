@@ -47,7 +47,7 @@ pub fn check(toolchain: &Toolchain) -> Result<()> {
 fn link(toolchain: &Toolchain, features: &str, linker: &[&str]) -> Result<Result<(), String>> {
     let mut cargo = toolchain.cargo("rustc");
     cargo.args(["--quiet", "--package", "seabearing-firmware", "--profile", "firmware"]);
-    cargo.args(["--features", features, "--bin", BIN, "--"]);
+    cargo.args(["--no-default-features", "--features", features, "--bin", BIN, "--"]);
     for argument in linker {
         cargo.args(["-C", &format!("link-arg={argument}")]);
     }
