@@ -65,10 +65,29 @@ fn emulated(suite: &mut Suite) -> Result<()> {
     suite.step("firmware for the emulated board", || firmware::build(&toolchain, &EMULATED).map(|_| ()));
     suite.step("twin: a pass of 200 s, byte for byte", || twin("demo"));
     suite.step("twin: gaps, dead and clipped channels, byte for byte", || twin("faults"));
+    suite.step("twin: six hours at the ocean bottom, byte for byte", ocean_bottom);
     suite.step("panic freedom", || panic_free::check(&toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(&toolchain));
     suite.step("stm32h743 links within memory.x", || firmware::build_hardware(&toolchain, None).map(|_| ()));
     Ok(())
+}
+
+/// Traces the ocean-bottom station's table, which its scenario needs, and compares the twins over it.
+fn ocean_bottom() -> Result<()> {
+    let mut trace = seabearing();
+    trace.args([
+        "propagation",
+        "--profile",
+        "scenarios/ocean-profile.csv",
+        "--depth-m",
+        "4340",
+        "--rows",
+        "720",
+    ]);
+    trace.args(["--out", "out/ocean-table.toml"]);
+    std::fs::create_dir_all(root().join("out"))?;
+    run(&mut trace, "seabearing propagation")?;
+    twin("ocean-bottom")
 }
 
 /// Simulates a scenario and compares the telemetry of firmware and host.

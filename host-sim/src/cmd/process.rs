@@ -1,5 +1,6 @@
 //! `seabearing process`: recordings through the recorder core, exactly as the recorder would.
 
+use crate::ocean_bottom::pictures;
 use crate::plot::result::{self, Truth};
 use crate::progress;
 use crate::recording::{self, Source};
@@ -31,7 +32,8 @@ pub struct Args {
     /// Also write the telemetry the recorder would have sent, byte for byte.
     #[arg(long)]
     telemetry: Option<PathBuf>,
-    /// Write pictures into this folder: bearings and errors against time, tracks on a map, correlations (arrays).
+    /// Write pictures into this folder: bearings and errors against time, tracks on a map, correlations
+    /// (array); spectrogram, azigram, likelihoods, cepstrograms, presence, map (ocean bottom).
     #[arg(long, alias = "plot", value_name = "DIR")]
     plots: Option<PathBuf>,
     /// Truth to draw beside the results: the truth.csv of a simulation.
@@ -69,6 +71,7 @@ pub fn run(args: Args) -> Result<()> {
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     let mut encoder = Encoder::default();
     let mut telemetry = Vec::new();
+    let mut messages = Vec::new();
     let mut last_health = None;
     let (mut bearings, mut tracks) = (Vec::new(), Vec::new());
     let summary = replay(&station.config, table.as_deref(), &mut source, |message| {
@@ -80,6 +83,9 @@ pub fn run(args: Args) -> Result<()> {
             Message::Bearing(b) if args.plots.is_some() => bearings.push(*b),
             Message::Track(t) if args.plots.is_some() => tracks.push(*t),
             _ => {}
+        }
+        if args.plots.is_some() && table.is_some() {
+            messages.push(*message);
         }
         serde_json::to_writer(&mut out, &records.json(message))?;
         Ok(out.write_all(b"\n")?)
@@ -99,6 +105,14 @@ pub fn run(args: Args) -> Result<()> {
         let segment =
             segment.as_ref().map(|(b, frames)| (*b, frames.as_slice())).filter(|s| s.1.len() > 4096);
         result::write_all(folder, &station.config, (&bearings, &tracks), &truth, segment)?;
+    }
+    if let (Some(folder), Some(path)) =
+        (&args.plots, station.propagation.as_ref().filter(|_| table.is_some()))
+    {
+        // The pictures show intermediate stages, which the records do not carry: a second pass makes them again.
+        let mut again = recording::open(&args.input, &station, start)?;
+        let interference = crate::propagation::file::read(path)?;
+        pictures::draw(folder, &mut *again, &station.config, &interference, &messages, &[])?;
     }
     if args.stats {
         eprintln!("{}", stats(&summary, station.config.rate_hz));
