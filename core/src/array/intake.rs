@@ -1,6 +1,6 @@
 //! Continuity: blocks of any length become frames of [`FRAME`] samples; every sample instant ends in one bucket.
 //!
-//! Enters: [`Block`]s. Leaves: full frames of channel-major codes, with the index of their first sample. Index jumps,
+//! Enters: `Block`s. Leaves: full frames of channel-major codes, with the index of their first sample. Index jumps,
 //! repeats and [`MISSING`] codes end a run; the next frame starts afresh after them, so no frame spans a break.
 //! Cost: about 20 instructions a sample instant.
 

@@ -1,7 +1,7 @@
 //! Starting hypotheses for the track fit, both passing sides.
 //!
 //! In: bearings in order of time. Out: up to [`STARTS`] lines, best first. The bearings are averaged into a sketch of
-//! at most [`SKETCH`] points and unwrapped; the total turn `Δ` leaves a one-dimensional family of lines, indexed by the
+//! at most `SKETCH` points and unwrapped; the total turn `Δ` leaves a one-dimensional family of lines, indexed by the
 //! direction in mid-window relative to CPA, which is scanned on a grid for the least squared residual.
 //! Assumes a bearing every time the vessel turns by less than half a circle. Cost: under 120 candidates of 24 `atan`.
 

@@ -10,7 +10,7 @@
 //! - [`region`]: the admissible set, which is part of the problem;
 //! - [`bound`]: Cramér-Rao bounds with and without a known depth [N 11-18];
 //! - [`search`]: the estimators [N 8, 9, 10];
-//! - [`locate`]: a fix or a refusal, robust to one bad array, less the second-order bias of the likelihood;
+//! - [`fn@locate`]: a fix or a refusal, robust to one bad array, less the second-order bias of the likelihood;
 //! - [`common_time`]: bearings of different instants brought to one instant by their own rates;
 //! - [`known_track`], [`align`]: a vessel with a known track and the antenna-to-propeller shift [N 22];
 //! - [`joint`]: straight motion from bearings of several arrays over time, without any speed prior.

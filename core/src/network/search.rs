@@ -28,7 +28,7 @@ const STARTS: usize = 2 + 2 * GRID_HEIGHTS as usize;
 const FIRST_STEPS: u32 = 6;
 const LAST_STEPS: u32 = 80;
 
-/// The most likely position in the region, resolved or not: [`super::locate`] decides whether it is a fix.
+/// The most likely position in the region, resolved or not: [`fn@super::locate`] decides whether it is a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Maximum {
     /// East, North, Up, metres.

@@ -1,7 +1,7 @@
 //! Decimation by a whole number, for recordings faster than the transforms run.
 //!
 //! Enters: samples of the used channels at the recording's rate. Leaves: one in `factor`, low-passed by a
-//! Blackman-windowed sinc of [`TAPS_PER_PHASE`] × factor + 1 taps (cut-off 0.46 of the new rate, 74 dB beyond 0.54).
+//! Blackman-windowed sinc of `TAPS_PER_PHASE` × factor + 1 taps (cut-off 0.46 of the new rate, 74 dB beyond 0.54).
 //! The filter is symmetric: an output stands for the middle of its taps. Cost: taps × 3 multiplications an output.
 
 use super::limits::{MAX_DECIMATION, USED_CHANNELS};

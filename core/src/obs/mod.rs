@@ -1,4 +1,4 @@
-//! The ocean-bottom station: azimuth, range and track of vessels from one hydrophone and seismometer [O].
+//! The ocean-bottom station: azimuth, range and track of vessels from one hydrophone and seismometer \[O\].
 //!
 //! Four-component samples come in as blocks; once a minute a set of records leaves. [`Plan`] is immutable, [`State`]
 //! persists, [`Scratch`] is work space. Modules, in the order data flows:

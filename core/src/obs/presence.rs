@@ -172,7 +172,7 @@ impl Presence {
         }
     }
 
-    /// Keeps at least [`EXPECTED`] of the posterior where a track says its vessel is: `(range, radial speed)`.
+    /// Keeps at least `EXPECTED` of the posterior where a track says its vessel is: `(range, radial speed)`.
     pub fn expect(&mut self, range_m: f32, speed_m_s: f32) {
         let i = (range_m / CELL_M) as usize;
         let k = math::f32::round((speed_m_s - speed_of(0)) / SPEED_STEP_M_S);

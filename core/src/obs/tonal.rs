@@ -4,7 +4,7 @@
 //! its presence ratio. A tone fills one bin in every frame, so a bin's evidence for azimuth a is the product over
 //! frames of `w(u, a) = WC(u; a, R) / uniform`, and a window's is the mean of that over bins [O 11] and azimuths [O 12].
 //!
-//! Beyond [O], unless paper compatibility is asked for:
+//! Beyond \[O\], unless paper compatibility is asked for:
 //! - R is unknown: w is a mixture of three R and a little uniform, so noise costs bounded evidence. Each factor keeps
 //!   mean one in noise, therefore P(ratio > x) ≤ 1/x there and the threshold x = 10⁴ bounds false detections.
 //! - A second way to be no vessel: motion of the instrument along an axis, unrelated to pressure, points either way

@@ -18,7 +18,7 @@ pub struct TravelTime {
 }
 
 impl TravelTime {
-    /// From the table; where it is silent, straight on at 1500 m/s. `ignored` gives zero everywhere [O].
+    /// From the table; where it is silent, straight on at 1500 m/s. `ignored` gives zero everywhere \[O\].
     pub fn new(table: &Table<'_>, ignored: bool) -> Self {
         let mut toa_s = [0f32; KNOTS];
         if !ignored {

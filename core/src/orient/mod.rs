@@ -3,7 +3,7 @@
 //! In: what the station measured (sines of bearings, azimuths, elevations, arrival-time differences) and where the
 //! vessel was. Out: the orientation with its uncertainty, or a named reason why the data do not give it.
 //!
-//! - [`line`]: a linear array; orientation, clock shift and mean elevation by robust least squares in ξ;
+//! - [`mod@line`]: a linear array; orientation, clock shift and mean elevation by robust least squares in ξ;
 //! - [`closed_form`]: the same by the paper's closed form and grids [L 9-19];
 //! - [`rotation`]: the three angles of a compact array from its bearings;
 //! - [`hydrophones`]: positions of a compact array's hydrophones from arrival-time differences;

@@ -2,8 +2,8 @@
 //!
 //! In: [`Bearing`]s (whole band and sub-bands, several of one index). Out: [`Message::Track`], running every few
 //! seconds and once, with stage 1, at the end of each passage. Chain: bearings of one index are judged together
-//! ([`assign`]: gates, crossings); those that fit a track feed its fit ([`fit`]) and its manoeuvre test
-//! ([`manoeuvre`]); the rest may be a new vessel ([`candidate`]).
+//! (`assign`: gates, crossings); those that fit a track feed its fit (`fit`) and its manoeuvre test
+//! (`manoeuvre`); the rest may be a new vessel (`candidate`).
 //!
 //! * Birth: 8 agreeing bearings no more than 4 s apart. Death: [`Config::silence_s`] without a bearing.
 //! * Crossing: within [`Config::merge_rad`] (and the doubt of both predictions) neither track is moved.

@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Bearings: t_s,station,azimuth_deg,elevation_deg.
     bearings: PathBuf,
-    /// Network file: a list of [[stations]].
+    /// Network file: a list of `[[stations]]`.
     #[arg(long)]
     stations: PathBuf,
     /// Standard deviation of azimuths, degrees.

@@ -2,7 +2,7 @@
 //!
 //! Two formats are read, told apart by their header (also packed with xz): terrestrial (`MMSI,STATUS,…`, comma) and
 //! satellite (`mmsi;source;locDate;…`, semicolon). Kept are merchant vessels under way by engine (status 0; satellite:
-//! ship types 70 to 89), as [O] did. A passage is a run of a vessel's positions without a gap of 24 h, within 100 km,
+//! ship types 70 to 89), as \[O\] did. A passage is a run of a vessel's positions without a gap of 24 h, within 100 km,
 //! whose closest point is within 25 km. The projection is azimuthal equidistant about the station.
 
 use super::course::{Course, Place};

@@ -1,4 +1,4 @@
-//! Pictures of an ocean-bottom recording: the counterparts of figures 2, 3 and 5 to 8 of [O].
+//! Pictures of an ocean-bottom recording: the counterparts of figures 2, 3 and 5 to 8 of \[O\].
 //!
 //! Each is one SVG: spectrogram, azigram (cyclic colours), azimuth log-likelihood with detections, cepstrogram before and
 //! after the clutter filter, range log-likelihood with detections, presence with segments, tracks on a map with circles at

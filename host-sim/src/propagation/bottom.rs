@@ -23,7 +23,7 @@ pub struct Bottom {
 }
 
 impl Default for Bottom {
-    /// The floor of [O]; the density is the one that gives the RR03 table's 0.447 at normal incidence.
+    /// The floor of \[O\]; the density is the one that gives the RR03 table's 0.447 at normal incidence.
     fn default() -> Self {
         Self { compressional_m_s: 2000.0, shear_m_s: 500.0, density_kg_m3: 2000.0 }
     }

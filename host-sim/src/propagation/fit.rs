@@ -16,7 +16,7 @@ use seabearing_core::obs::cepstrum::noise_sd;
 
 /// Width of a cell of range, m.
 pub const CELL_M: f64 = 1_000.0;
-/// Number of cells: beyond 50 km no interference is seen [O].
+/// Number of cells: beyond 50 km no interference is seen \[O\].
 pub const CELLS: usize = 50;
 /// Fewest frames of a cell that count.
 const LEAST: usize = 8;

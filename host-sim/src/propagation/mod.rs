@@ -4,7 +4,7 @@
 //! brings from one horizontal range: travel time and complex pressure amplitude, in the convention `exp(−iωt)` (its
 //! conjugate multiplies an ordinary FFT). A *branch* is the interference of two neighbouring paths: 13, 35, 57, 79;
 //! its strength is the height of the pulse it draws in the cepstrum [O 17], a skew-normal function of range [O D1].
-//! [`Propagation`] holds all of it; [`file`] reads and writes it, [`trace`] computes it from a sound-speed profile,
+//! [`Propagation`] holds all of it; [`mod@file`] reads and writes it, [`trace`] computes it from a sound-speed profile,
 //! [`convert`] takes a ready table.
 
 pub mod bottom;

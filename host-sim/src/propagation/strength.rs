@@ -17,7 +17,7 @@ pub struct SkewNormal {
     pub scale_m: f64,
 }
 
-/// Table II of [O] for branches 13, 35 and 57; the fourth, 79, is extended from them: its second path begins to be
+/// Table II of \[O\] for branches 13, 35 and 57; the fourth, 79, is extended from them: its second path begins to be
 /// totally reflected near 9/7 of the range at which branch 57's does, so location and height follow the row
 /// (heights 0.083, 0.059, 0.035: ratios 0.71, 0.59, taken on as 0.55).
 pub const RR03: [SkewNormal; 4] = [

@@ -1,4 +1,4 @@
-//! Appendix B of [O] by Monte Carlo: the law of azimuths of a strong source, and the law of the cepstrum's bins.
+//! Appendix B of \[O\] by Monte Carlo: the law of azimuths of a strong source, and the law of the cepstrum's bins.
 //!
 //! Azimuths: a Gaussian source and independent Gaussian noise on pressure and both velocities; the paper takes a
 //! wrapped Cauchy law with circular variance 1 − R = 1/√SNR. Here R is fitted by maximum likelihood and both the fit

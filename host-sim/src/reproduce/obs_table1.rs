@@ -1,4 +1,4 @@
-//! Table I of [O] in form: detections and tracks of the vessels of six days, on synthetic records.
+//! Table I of \[O\] in form: detections and tracks of the vessels of six days, on synthetic records.
 //!
 //! The recording of the paper's test week is not at hand, and the AIS files that are end before it; so the six days of
 //! 2012 with the most vessels after the paper's own rule (within 100 km, closest point within 25 km), eleven at most,

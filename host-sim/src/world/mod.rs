@@ -1,6 +1,6 @@
 //! The simulated sea around an array: vessels, their sound, ambient noise and a recorder with its faults.
 //!
-//! Enters: a [`Scenario`]. Leaves: an iterator over frames ([`Array`]), or files ([`write`]). Physical levels
+//! Enters: a [`Scenario`]. Leaves: an iterator over frames ([`Array`]), or files ([`fn@write`]). Physical levels
 //! throughout: pressures are µPa, densities µPa²/Hz. Assumed: a homogeneous ocean (straight rays), a flat surface, no
 //! absorption (1 dB/km at 10 kHz: 2 dB at the ranges of interest), point sources. `docs/simulate.md` has the details.
 
