@@ -146,7 +146,7 @@ fn a_quieter_second_source_is_seen_and_a_single_one_has_no_ghost() {
     }
     let got = bearings(&plan, &both);
     let second: Vec<_> = got.iter().filter(|b| b.band == 1).collect();
-    assert!(second.len() >= 3, "{} found", second.len());
+    assert!(second.len() >= 2, "{} found", second.len());
     assert!(second.iter().all(|b| error_deg(b, 2.2, 0.1) < 0.5), "{second:?}");
     assert!(got.iter().filter(|b| b.band == 0).all(|b| error_deg(b, 1.0, 0.3) < 0.1));
 }

@@ -19,7 +19,7 @@ const WHOLE_SHARE: f32 = 0.95;
 /// Segments in a row whose pairs contradict the direction before the fault is raised: 2 s at the usual step.
 const CONTRADICTING_SEGMENTS: u32 = 4;
 /// Segments from one search for a second source to the next: it costs as much as the first, and others move slowly.
-const SECOND_EVERY: u32 = 4;
+const SECOND_EVERY: u32 = 8;
 /// A second source nearer than this to the first, in resolution cells, is what is left of the first.
 const SECOND_APART_CELLS: f32 = 6.0;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.

@@ -100,13 +100,17 @@ impl SearchWork {
     /// Maximum over the delays that a cell of the lattice can hold.
     fn pool(&mut self, plan: &Plan, spacing: f32) {
         for ((pooled, lags), crossing) in self.pooled.iter_mut().zip(&self.lags).zip(&plan.crossing_s) {
+            // Blocks of a stride first, then windows of blocks: a fifth of the comparisons of windows of lags.
+            let mut blocks = [f32::MIN; POOLED];
+            for (block, lags) in blocks.iter_mut().zip(lags.chunks(POOL_STRIDE)) {
+                *block = lags.iter().fold(f32::MIN, |a, b| if *b > a { *b } else { a });
+            }
             let reach = 0.71 * spacing * crossing * 2.0 * plan.rate_hz;
-            let half = (m::ceil(reach) as usize + POOL_STRIDE / 2).min(64);
+            let half = (m::ceil(reach) as usize + POOL_STRIDE / 2).min(64) / POOL_STRIDE + 1;
             for (n, value) in pooled.iter_mut().enumerate() {
-                let first = (n * POOL_STRIDE).saturating_sub(half);
-                let span = n * POOL_STRIDE + half + 1 - first;
-                *value =
-                    lags.iter().skip(first).take(span).fold(f32::MIN, |a, b| if *b > a { *b } else { a });
+                let first = n.saturating_sub(half);
+                let window = blocks.iter().skip(first).take(n + half - first);
+                *value = window.fold(f32::MIN, |a, b| if *b > a { *b } else { a });
             }
         }
     }
