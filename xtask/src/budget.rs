@@ -6,11 +6,11 @@
 use crate::elf::Elf;
 use crate::firmware::{self, EMULATED_ARRAY, EMULATED_OBS, Image};
 use crate::process::{host, say};
-use crate::root;
 use crate::toolchain::{Toolchain, emulator};
+use crate::{root, scenario};
 use anyhow::{Context, Result, bail};
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The snapshot, beside the documentation.
 const SNAPSHOT: &str = "docs/budget.txt";
@@ -34,7 +34,7 @@ const RECORDERS: [Recorder; 2] = [
     Recorder {
         name: "array",
         image: &EMULATED_ARRAY,
-        scenario: "scenarios/demo.toml",
+        scenario: "demo",
         work: 25.0,
         memory: 131_072.0,
         flash: 262_144.0,
@@ -42,7 +42,7 @@ const RECORDERS: [Recorder; 2] = [
     Recorder {
         name: "obs",
         image: &EMULATED_OBS,
-        scenario: "scenarios/obs.toml",
+        scenario: "ocean-bottom",
         work: 1.0,
         memory: 262_144.0,
         flash: 262_144.0,
@@ -124,19 +124,14 @@ fn measure(recorder: &Recorder, image: &Path) -> Result<Vec<Figure>> {
         Figure { name: name("flash, bytes"), value: flash, bar: Some(recorder.flash) },
         Figure { name: name("statics, bytes"), value: statics, bar: None },
     ];
-    if !root().join(recorder.scenario).is_file() {
-        figures.push(Figure {
-            name: name("statics alone, bytes"),
-            value: statics,
-            bar: Some(recorder.memory),
-        });
-        return Ok(figures);
-    }
-    let (station, recordings) = recording(recorder.scenario)?;
-    say(&format!("counting the instructions of the {} recorder over {}", recorder.name, recorder.scenario));
+    let recording = scenario::simulate(recorder.scenario)?;
+    say(&format!(
+        "counting the instructions of the {} recorder over scenarios/{}.toml",
+        recorder.name, recorder.scenario
+    ));
     let arguments = ["twin", "--json", "--count-instructions"];
     let mut command = host(&arguments);
-    command.arg("--firmware").arg(image).arg("--station").arg(station).args(recordings);
+    command.arg("--firmware").arg(image).arg("--station").arg(recording.station).args(recording.files);
     let output = command.output().context("seabearing twin")?;
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     if !output.status.success() {
@@ -158,27 +153,4 @@ fn measure(recorder: &Recorder, image: &Path) -> Result<Vec<Figure>> {
         bar: Some(recorder.work),
     });
     Ok(figures)
-}
-
-/// The station file and recordings of a scenario, simulated once into `target/scenarios`.
-fn recording(scenario: &str) -> Result<(PathBuf, Vec<PathBuf>)> {
-    let stem = Path::new(scenario).file_stem().unwrap_or_default();
-    let folder = root().join("target/scenarios").join(stem);
-    let station = folder.join("station.toml");
-    let fresh = || -> Option<bool> {
-        let made = std::fs::metadata(&station).ok()?.modified().ok()?;
-        Some(made > std::fs::metadata(root().join(scenario)).ok()?.modified().ok()?)
-    };
-    if fresh() != Some(true) {
-        say(&format!("simulating {scenario}"));
-        let _ = std::fs::remove_dir_all(&folder);
-        crate::process::run(host(&["simulate", scenario, "--out"]).arg(&folder), "seabearing simulate")?;
-    }
-    let mut recordings: Vec<PathBuf> = std::fs::read_dir(&folder)?
-        .flatten()
-        .map(|f| f.path())
-        .filter(|p| p.extension().is_some_and(|e| e == "wav" || e == "mseed"))
-        .collect();
-    recordings.sort();
-    Ok((station, recordings))
 }

@@ -5,6 +5,7 @@ mod elf;
 mod firmware;
 mod panic_free;
 mod process;
+mod scenario;
 mod suite;
 mod toolchain;
 

@@ -44,12 +44,16 @@ impl DecimatorState {
 }
 
 impl Decimator {
+    /// No filter yet; all zeros.
+    pub const EMPTY: Self = Self { factor: 0, taps: 0, coefficients: [0.0; TAPS] };
+
     /// A filter that keeps one sample in `factor` (1: all of them, unfiltered).
-    pub fn new(factor: usize) -> Self {
+    pub fn fill(&mut self, factor: usize) {
         let factor = factor.clamp(1, MAX_DECIMATION);
         let taps = TAPS_PER_PHASE * factor + 1;
         let half = (taps - 1) as f64 / 2.0;
-        let mut coefficients = [0f32; TAPS];
+        let coefficients = &mut self.coefficients;
+        coefficients.fill(0.0);
         let cutoff = 0.5 / factor as f64;
         let mut sum = 0.0;
         for (n, c) in coefficients.iter_mut().take(taps).enumerate() {
@@ -62,7 +66,8 @@ impl Decimator {
             sum += window * sinc;
         }
         coefficients.iter_mut().for_each(|c| *c = (f64::from(*c) / sum) as f32);
-        Self { factor, taps, coefficients }
+        self.factor = factor;
+        self.taps = taps;
     }
 
     /// Samples in for one out.
@@ -111,7 +116,8 @@ mod tests {
     use super::*;
 
     fn gain(factor: usize, cycles_per_low_sample: f64) -> f64 {
-        let d = Decimator::new(factor);
+        let mut d = Decimator::EMPTY;
+        d.fill(factor);
         let mut s = DecimatorState::new();
         let (mut power, mut n) = (0.0, 0);
         for i in 0..factor * 400 {

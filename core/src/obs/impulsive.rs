@@ -111,10 +111,12 @@ impl Unevenness {
 }
 
 impl Calls {
+    /// No table yet; all zeros.
+    pub const EMPTY: Self = Self { half_log_ratio: [0.0; CIRCLE], gain: 0.0, feedback: [0.0; 2] };
+
     /// Tables for transforms at `rate_hz`.
-    pub fn new(rate_hz: f64) -> Self {
-        let mut half_log_ratio = [0f32; CIRCLE];
-        for (d, l) in half_log_ratio.iter_mut().enumerate() {
+    pub fn fill(&mut self, rate_hz: f64) {
+        for (d, l) in self.half_log_ratio.iter_mut().enumerate() {
             let cos = math::f64::cos(math::f64::TAU * d as f64 / CIRCLE as f64);
             let w = (1.0 - RESULTANT * RESULTANT) / (1.0 - 2.0 * RESULTANT * cos + RESULTANT * RESULTANT);
             *l = (0.5 * math::f64::ln(w)) as f32;
@@ -123,8 +125,8 @@ impl Calls {
         let centre = math::f64::TAU * 16.2f64.min(0.4 * rate_hz) / rate_hz;
         let alpha = math::f64::sin(centre) / (2.0 * 1.25);
         let norm = 1.0 / (1.0 + alpha);
-        let feedback = [-2.0 * math::f64::cos(centre) * norm, (1.0 - alpha) * norm].map(|x| x as f32);
-        Self { half_log_ratio, gain: (alpha * norm) as f32, feedback }
+        self.feedback = [-2.0 * math::f64::cos(centre) * norm, (1.0 - alpha) * norm].map(|x| x as f32);
+        self.gain = (alpha * norm) as f32;
     }
 
     /// Searches the frames of a window.
@@ -186,7 +188,8 @@ mod tests {
 
     #[test]
     fn a_call_in_few_frames_is_found_and_a_steady_source_is_not() {
-        let calls = Calls::new(50.0);
+        let mut calls = Calls::EMPTY;
+        calls.fill(50.0);
         let mut seed = 7u32;
         let mut random = || {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -213,7 +216,8 @@ mod tests {
 
     #[test]
     fn a_burst_is_uneven_and_noise_is_not() {
-        let calls = Calls::new(50.0);
+        let mut calls = Calls::EMPTY;
+        calls.fill(50.0);
         let mut u = Unevenness::new();
         let mut seed = 3u32;
         let mut noise = || {

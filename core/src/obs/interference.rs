@@ -44,11 +44,15 @@ const SAME_DELAY_S: f32 = 0.07;
 const SAME_PLACE_M: f32 = 1500.0;
 
 /// A branch at a range: where its pulse lies and how the envelope projects on it.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Pulse {
     delay: u16,
     re: i16,
     im: i16,
+}
+
+impl Pulse {
+    const NONE: Self = Self { delay: 0, re: 0, im: 0 };
 }
 
 /// The model.
@@ -89,21 +93,27 @@ impl Envelope {
 }
 
 impl Interference {
+    /// Nothing known; all zeros.
+    pub const EMPTY: Self = Self {
+        pulses: [[Pulse::NONE; MODEL_RANGES]; MAX_BRANCHES],
+        half_energy: [0.0; MODEL_RANGES],
+        far_delay: [[0; FAR_RANGES]; MAX_BRANCHES],
+        kernel: [[0.0; 2 * HALF + 1]; FINE],
+        carrier: [Complex32 { re: 0.0, im: 0.0 }; QUEFRENCIES],
+        inverse_variance: [0.0; QUEFRENCIES],
+        branches: 0,
+        delays_a_second: 0.0,
+        max_range_m: 0.0,
+    };
+
     /// Takes what it needs from the table, for quefrencies in steps of 1/`rate_hz`.
-    pub fn new(table: &Table<'_>, rate_hz: f32) -> Self {
+    pub fn fill(&mut self, table: &Table<'_>, rate_hz: f32) {
         let header = table.header();
-        let zero = Complex32::new(0.0, 0.0);
-        let mut out = Self {
-            pulses: [[Pulse::default(); MODEL_RANGES]; MAX_BRANCHES],
-            half_energy: [0.0; MODEL_RANGES],
-            far_delay: [[0; FAR_RANGES]; MAX_BRANCHES],
-            kernel: [[0.0; 2 * HALF + 1]; FINE],
-            carrier: [zero; QUEFRENCIES],
-            inverse_variance: [0.0; QUEFRENCIES],
-            branches: table.branches(),
-            delays_a_second: FINE as f32 * rate_hz,
-            max_range_m: table.max_range_m().min(RANGE_STEP_M * (MODEL_RANGES - 1) as f32),
-        };
+        let out = self;
+        out.branches = table.branches();
+        out.delays_a_second = FINE as f32 * rate_hz;
+        out.max_range_m = table.max_range_m().min(RANGE_STEP_M * (MODEL_RANGES - 1) as f32);
+        out.pulses.iter_mut().flatten().for_each(|p| *p = Pulse::NONE);
         for (k, (c, v)) in out.carrier.iter_mut().zip(&mut out.inverse_variance).enumerate() {
             let turn = math::f32::TAU * header.f0_hz * k as f32 / rate_hz;
             *c = Complex32::new(math::f32::cos(turn), math::f32::sin(turn));
@@ -147,7 +157,6 @@ impl Interference {
                 *e = 0.5 * energy;
             }
         }
-        out
     }
 
     /// `Σ_q μ²/σ²` at model range `j`, all branches summed before squaring.
@@ -194,7 +203,7 @@ impl Interference {
         }
         let j = (range_m / RANGE_STEP_M) as usize;
         let size = |b: usize| {
-            let p = self.pulses.get(b).and_then(|p| p.get(j)).copied().unwrap_or_default();
+            let p = self.pulses.get(b).and_then(|p| p.get(j)).copied().unwrap_or(Pulse::NONE);
             i32::from(p.re) * i32::from(p.re) + i32::from(p.im) * i32::from(p.im)
         };
         let strongest = (0..self.branches).fold(0, |best, b| if size(b) > size(best) { b } else { best });

@@ -85,11 +85,38 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Validates and computes.
+    /// Nothing computed; all zeros.
+    pub const EMPTY: Self = Self {
+        rate_hz: 0.0,
+        inner_rate_hz: 0.0,
+        decimator: Decimator::EMPTY,
+        window: [0.0; FRAME],
+        first_bin: 0,
+        bins: 0,
+        turn: 0.0,
+        clip: 0,
+        paper: false,
+        tones: WrappedCauchy::EMPTY,
+        calls: Calls::EMPTY,
+        interference: Interference::EMPTY,
+        travel: TravelTime::EMPTY,
+    };
+
+    /// Validates and computes. For the host: the plan (45 KiB) passes over the stack; a recorder uses [`Plan::fill`].
     ///
     /// # Errors
     /// The first thing found wrong.
     pub fn new(config: &StationConfig, table: &Table<'_>) -> Result<Self, PlanError> {
+        let mut plan = Self::EMPTY;
+        plan.fill(config, table)?;
+        Ok(plan)
+    }
+
+    /// Validates, and computes in place. Nothing is changed where something is wrong.
+    ///
+    /// # Errors
+    /// The first thing found wrong.
+    pub fn fill(&mut self, config: &StationConfig, table: &Table<'_>) -> Result<(), PlanError> {
         let Kind::Obs(obs) = &config.kind else { return Err(PlanError::NotAnOceanBottomStation) };
         config.validate().map_err(PlanError::Config)?;
         if table.max_range_m() < LEAST_TABLE_RANGE_M {
@@ -106,27 +133,24 @@ impl Plan {
         if last_bin < first_bin + 16 {
             return Err(PlanError::RateTooLow(rate_hz));
         }
-        let mut window = [0f32; FRAME];
-        for (n, w) in window.iter_mut().enumerate() {
+        for (n, w) in self.window.iter_mut().enumerate() {
             let turn = math::f64::TAU * n as f64 / FRAME as f64;
             *w = ((0.5 - 0.5 * math::f64::cos(turn)) / (FRAME as f64 / 2.0)) as f32;
         }
         let away = if obs.intensity_towards { 0.0 } else { math::f64::PI };
-        Ok(Self {
-            rate_hz,
-            inner_rate_hz,
-            decimator: Decimator::new(factor),
-            window,
-            first_bin,
-            bins: (last_bin - first_bin + 1).min(AZIMUTH_BINS),
-            turn: (obs.orientation_of_north_deg * RAD_PER_DEG + away) as f32,
-            clip: config.full_scale.saturating_sub(1),
-            paper: obs.paper_compatibility,
-            tones: WrappedCauchy::new(obs.paper_compatibility),
-            calls: Calls::new(inner_rate_hz),
-            interference: Interference::new(table, inner_rate_hz as f32),
-            travel: TravelTime::new(table, obs.paper_compatibility),
-        })
+        self.rate_hz = rate_hz;
+        self.inner_rate_hz = inner_rate_hz;
+        self.decimator.fill(factor);
+        self.first_bin = first_bin;
+        self.bins = (last_bin - first_bin + 1).min(AZIMUTH_BINS);
+        self.turn = (obs.orientation_of_north_deg * RAD_PER_DEG + away) as f32;
+        self.clip = config.full_scale.saturating_sub(1);
+        self.paper = obs.paper_compatibility;
+        self.tones.fill(obs.paper_compatibility);
+        self.calls.fill(inner_rate_hz);
+        self.interference.fill(table, inner_rate_hz as f32);
+        self.travel.fill(table, obs.paper_compatibility);
+        Ok(())
     }
 
     /// Samples a second of the recording.

@@ -126,10 +126,13 @@ fn ratio(r: f64, angle: f64) -> f64 {
 }
 
 impl WrappedCauchy {
+    /// No table yet; all zeros.
+    pub const EMPTY: Self =
+        Self { log_ratio: [[0.0; 2 * AZIMUTHS]; SUB], log_phase: [0.0; PHASES], paper: false };
+
     /// Tables of the mixture, or of the paper's single R = 0.99.
-    pub fn new(paper: bool) -> Self {
-        let mut log_ratio = [[0f32; 2 * AZIMUTHS]; SUB];
-        for (s, table) in log_ratio.iter_mut().enumerate() {
+    pub fn fill(&mut self, paper: bool) {
+        for (s, table) in self.log_ratio.iter_mut().enumerate() {
             for (k, l) in table.iter_mut().enumerate() {
                 let codes = SUB as f64 * (k as f64 - AZIMUTHS as f64) - s as f64;
                 let angle = math::f64::TAU * codes / CIRCLE as f64;
@@ -143,14 +146,13 @@ impl WrappedCauchy {
                 *l = math::f64::ln(w) as f32;
             }
         }
-        let mut log_phase = [0f32; PHASES];
         // Phase lives on half a circle, so its law is the wrapped Cauchy of twice the angle; R = 0.6 is loose.
         let phase = |k: usize| 0.1 + 0.9 * ratio(0.6, math::f64::TAU * k as f64 / PHASES as f64);
         let mean = (0..PHASES).map(phase).sum::<f64>() / PHASES as f64;
-        for (k, l) in log_phase.iter_mut().enumerate() {
+        for (k, l) in self.log_phase.iter_mut().enumerate() {
             *l = math::f64::ln(phase(k) / mean) as f32;
         }
-        Self { log_ratio, log_phase, paper }
+        self.paper = paper;
     }
 
     /// ln w of an observed code against azimuth step `a`.

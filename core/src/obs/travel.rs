@@ -18,9 +18,13 @@ pub struct TravelTime {
 }
 
 impl TravelTime {
+    /// No curve yet; all zeros.
+    pub const EMPTY: Self = Self { toa_s: [0.0; KNOTS] };
+
     /// From the table; where it is silent, straight on at 1500 m/s. `ignored` gives zero everywhere \[O\].
-    pub fn new(table: &Table<'_>, ignored: bool) -> Self {
-        let mut toa_s = [0f32; KNOTS];
+    pub fn fill(&mut self, table: &Table<'_>, ignored: bool) {
+        let toa_s = &mut self.toa_s;
+        toa_s.fill(0.0);
         if !ignored {
             // The first row of a table is often empty: the overhead time then comes from its nearest neighbour.
             let step = table.header().step_m;
@@ -33,7 +37,6 @@ impl TravelTime {
                 *toa = last;
             }
         }
-        Self { toa_s }
     }
 
     /// Travel time from a range, s; beyond 100 km straight on.

@@ -2,7 +2,6 @@
 
 use super::health::{Condition, Reporter};
 use super::pieces;
-use super::slot::Slot;
 use crate::block::Block;
 use crate::config::StationConfig;
 use crate::obs::{self, PlanError, Table};
@@ -12,7 +11,8 @@ use crate::wire::{Command, Message};
 /// Everything the ocean-bottom recorder needs, in one place; meant for a `static`.
 #[derive(Debug)]
 pub struct ObsRecorder {
-    plan: Slot<obs::Plan>,
+    plan: obs::Plan,
+    configured: bool,
     state: obs::State,
     scratch: obs::Scratch,
     reporter: Reporter,
@@ -28,7 +28,8 @@ impl ObsRecorder {
     /// A recorder without a configuration: it accounts for nothing and says nothing but hello.
     pub const fn new() -> Self {
         Self {
-            plan: Slot::Empty,
+            plan: obs::Plan::EMPTY,
+            configured: false,
             state: obs::State::new(),
             scratch: obs::Scratch::new(),
             reporter: Reporter::new(),
@@ -41,11 +42,11 @@ impl ObsRecorder {
     /// What is wrong with either; the recorder is left as it was.
     pub fn configure(&mut self, config: &StationConfig, table: Option<&[u8]>) -> Result<(), SetupError> {
         let table = Table::parse(table.ok_or(SetupError::NoTable)?).map_err(SetupError::Table)?;
-        let plan = obs::Plan::new(config, &table).map_err(SetupError::Plan)?;
-        if self.plan.is_full() {
+        self.plan.fill(config, &table).map_err(SetupError::Plan)?;
+        if self.configured {
             self.forget();
         }
-        self.plan = Slot::Full(plan);
+        self.configured = true;
         self.reporter.configure(config, 1);
         Ok(())
     }
@@ -99,9 +100,7 @@ impl Application for ObsRecorder {
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         for (piece, boundary) in pieces(block) {
-            let Self { plan: Slot::Full(plan), state, scratch, reporter } = self else {
-                return;
-            };
+            let Self { plan, configured: true, state, scratch, reporter } = self else { return };
             obs::push(plan, state, scratch, piece, &mut |message| {
                 reporter.count(&message);
                 sink(&message);
@@ -121,7 +120,7 @@ impl Application for ObsRecorder {
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
-        if let Self { plan: Slot::Full(plan), state, scratch, reporter } = self {
+        if let Self { plan, configured: true, state, scratch, reporter } = self {
             obs::finish(plan, state, scratch, &mut |message| {
                 reporter.count(&message);
                 sink(&message);
