@@ -96,6 +96,10 @@ fn every_sample_is_processed_or_in_one_bucket() {
     assert_eq!(health.lost[0], jump);
     assert!(health.lost[2] >= 50, "{health:?}");
     assert!(heard.iter().any(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::Gap)));
+    let invalid = heard.iter().filter(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::Invalid));
+    assert_eq!(invalid.count(), 1, "one row of invalid samples, one fault");
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    assert_eq!(heard, listen(&[(0, a), (a.len() as u64 + jump, b)], || rng.random_range(1..900)));
 }
 
 #[test]

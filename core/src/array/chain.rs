@@ -24,6 +24,8 @@ pub struct State {
     clipping: u8,
     clipping_this_step: u8,
     level: [f32; CHANNELS],
+    /// Invalid instants in a row so far; told as one fault when the row ends.
+    invalid: u64,
 }
 
 /// Work space without memory between calls (about 34 KiB).
@@ -71,6 +73,7 @@ impl State {
             clipping: 0,
             clipping_this_step: 0,
             level: [0.0; CHANNELS],
+            invalid: 0,
         }
     }
 
@@ -137,15 +140,17 @@ pub fn push(
         }
     }
     while !frames.is_empty() {
+        let index = state.intake.next_index();
         let taken = state.intake.take(frames);
+        if taken > 0 {
+            end_invalid(state, index, sink);
+        }
         frames = frames.get(taken..).unwrap_or(&[]);
         if state.intake.full() {
             frame(plan, state, scratch, sink);
         } else {
             let missing = state.intake.skip_missing(frames);
-            if missing > 0 {
-                fault(sink, FaultCode::Invalid, state.intake.next_index(), missing as i64);
-            }
+            state.invalid = state.invalid.saturating_add(missing as u64);
             frames = frames.get(missing..).unwrap_or(&[]);
         }
     }
@@ -153,8 +158,17 @@ pub fn push(
 
 /// The end of the input: the last segment is estimated and the last samples are accounted for.
 pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
+    end_invalid(state, state.intake.next_index(), sink);
     state.intake.end_run();
     close_step(plan, state, scratch, sink);
+}
+
+/// Tells of a row of invalid instants that ended at `index`.
+fn end_invalid(state: &mut State, index: u64, sink: &mut impl FnMut(Message)) {
+    let n = core::mem::take(&mut state.invalid);
+    if n > 0 {
+        fault(sink, FaultCode::Invalid, index, n.min(i64::MAX as u64) as i64);
+    }
 }
 
 fn fault(sink: &mut impl FnMut(Message), code: FaultCode, index: u64, value: i64) {
