@@ -134,7 +134,7 @@ fn a_known_near_range_removes_the_bias_of_the_reference_range() {
 #[test]
 fn a_quieter_second_source_is_seen_and_a_single_one_has_no_ghost() {
     let plan = configured(|_| {});
-    let sounder = Sounder::new(plan.geometry(), 64_000.0, 1 << 19, Ambient::Independent);
+    let sounder = Sounder::new(plan.geometry(), 64_000.0, 1 << 20, Ambient::Independent);
     let loud = exact_arrivals(plan.geometry(), 1.0, 0.3, 500.0);
     let quiet = exact_arrivals(plan.geometry(), 2.2, 0.1, 500.0);
     let alone = sounder.record(6, 2e4, Some((10.0, loud)));

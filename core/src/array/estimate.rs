@@ -24,6 +24,10 @@ const SECOND_EVERY: u32 = 8;
 const SECOND_APART_CELLS: f32 = 6.0;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
 const OTHER_SOURCE_CELLS: f32 = 10.0;
+/// Farthest a second source moves between two searches, radians: a vessel at 100 m turns by 4° a second.
+const SECOND_MOVES_RAD: f32 = 0.28;
+/// Least quality of a second source's bearing.
+const SECOND_LEAST_QUALITY: f32 = 0.5;
 /// Least standard deviation of a pair delay assumed when quality is judged, samples: calibration and multipath.
 const DELAY_FLOOR_SAMPLES: f32 = 0.02;
 
@@ -43,6 +47,8 @@ pub(crate) struct Memory {
     contradicting: u32,
     /// Segments with a bearing so far.
     segments: u32,
+    /// Direction of the second source the last search for one found.
+    other: Option<Direction>,
 }
 
 /// Work space over bins (4 KiB).
@@ -79,6 +85,7 @@ impl Memory {
             turn_rate_told: None,
             range_m: None,
             contradicting: 0,
+            other: None,
             segments: 0,
         }
     }
@@ -88,6 +95,7 @@ impl Memory {
         self.averaged = 0.0;
         self.last = None;
         self.turn_rate = [0.0; 2];
+        self.other = None;
     }
 
     /// Whether the bearing turns by more than two resolution cells within a full segment.
@@ -206,32 +214,39 @@ pub(crate) fn segment(
     }
     memory.segments = memory.segments.wrapping_add(1);
     if memory.segments.is_multiple_of(SECOND_EVERY) && plan.weighting == Weighting::Joint {
-        second(&context, &first, spectra, scratch, sink);
+        memory.other = second(&context, memory.other, &first, spectra, scratch, sink);
     }
 }
 
 /// Looks for another source in what the first leaves: its expected cross-spectra are taken out and the search repeated.
-/// The first source's fluctuations count as noise of the second.
+/// The first source's fluctuations count as noise of the second. What multipath of the first leaves can look like a source,
+/// but somewhere else each time and with pairs that disagree: a second source is reported only where the search before
+/// found one too (`before`) and the pairs agree. The direction found, for the next search.
 fn second(
     context: &Context<'_>,
+    before: Option<Direction>,
     first: &Found,
     spectra: &mut Spectra,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
-) {
+) -> Option<Direction> {
     let plan = context.plan;
     refine::remove(plan, spectra, &first.tau, &scratch.spectrum.measured);
-    let Some(other) = find(context, None, spectra, scratch) else { return };
+    let other = find(context, None, spectra, scratch)?;
     let near = m::cos(SECOND_APART_CELLS * plan.resolution);
     if wavefront::dot(&other.refined.direction, &first.refined.direction) > near {
-        return;
+        return None;
     }
     scratch.spectrum.restore(refine::shared_signal(plan, &other.tau));
     let work = &mut scratch.spectrum;
     refine::smoothed(plan, &work.raw, &mut work.smooth);
-    if let Some(bearing) = bearing(context, &other, &scratch.spectrum, 1.0, 1) {
+    let lasting =
+        before.is_some_and(|d| wavefront::dot(&d, &other.refined.direction) > m::cos(SECOND_MOVES_RAD));
+    let bearing = bearing(context, &other, &scratch.spectrum, 1.0, 1);
+    if let Some(bearing) = bearing.filter(|b| lasting && b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
     }
+    Some(other.refined.direction)
 }
 
 /// Searches, refines and tests: the strongest source of whitened spectra, if there is one.

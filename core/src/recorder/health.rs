@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn reports_fall_on_whole_periods_whatever_the_blocks() {
-        let mut r = Reporter { rate_hz: 100.0, ..Reporter::new() };
+        let mut r = Reporter { rate_hz: 100.0, every_s: HEALTH_EVERY_S, ..Reporter::new() };
         r.schedule(0);
         let c = Condition::default();
         assert!(r.due(5999, &c).is_none());
