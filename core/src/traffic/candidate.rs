@@ -11,11 +11,16 @@ use crate::math::f64 as m;
 /// Bearings that make a vessel.
 pub(super) const BIRTH: usize = 8;
 /// Longest silence within a candidate, seconds.
-const PATIENCE_S: f64 = 4.0;
+const PATIENCE_S: f64 = 9.0;
 /// Fastest bearing rate of any vessel, rad/s: 40 m/s at 200 m.
 const FASTEST_RAD_S: f64 = 0.2;
 /// Half-width of the gate, standard deviations.
 const GATE_SD: f64 = 3.5;
+/// Largest bend considered, in units of the rate squared: `α″/α′² = −2 tan φ` for `α = α_c + φ`, `tan φ = q (t − t_c)`,
+/// up to φ = 63° from the closest point. A parabola `½α″t²` leaves a root mean square of `α″T²/27` about its line over T.
+const BEND: f64 = 4.0;
+/// Largest `α″T²` allowed for: more would let scattered bearings pass for a turning vessel.
+const MOST_BEND_RAD: f64 = 0.1;
 /// Largest weighted mean square of the residuals about the line (8 bearings, 6 degrees of freedom: 0.3 % exceed it).
 const ROUGHEST: f64 = 3.3;
 
@@ -127,8 +132,13 @@ impl Candidate {
             let r = wrap_pi(a - origin) - azimuth - rate * (t - t_s);
             square += r * r;
         }
-        let mean_square = square / (variance * (n - 2.0).max(1.0));
-        let at = Trend { azimuth: origin + azimuth, variance: variance * stt / determinant, mean_square };
+        // The bearing of a straight track bends, which a line cannot: what that may leave counts as error.
+        let span = (t_s - self.start_s).max(0.0);
+        let bend = (BEND * rate * rate * span * span).min(MOST_BEND_RAD);
+        let (within, beyond) = (bend / 27.0, bend / 4.0);
+        let mean_square = square / ((variance + within * within) * (n - 2.0).max(1.0));
+        let extrapolated = variance * stt / determinant + beyond * beyond;
+        let at = Trend { azimuth: origin + azimuth, variance: extrapolated, mean_square };
         m::abs(at.azimuth).is_finite().then_some(at)
     }
 }
@@ -151,6 +161,6 @@ mod tests {
         }
         assert!(born && candidate.bearings().count() == BIRTH);
         assert!(!candidate.join(3.5, &heard(0.0)), "a second bearing of one instant adds nothing");
-        assert!(candidate.is_idle(10.0));
+        assert!(candidate.is_idle(13.0));
     }
 }

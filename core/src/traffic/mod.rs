@@ -5,7 +5,7 @@
 //! (`assign`: gates, crossings); those that fit a track feed its fit (`fit`) and its manoeuvre test
 //! (`manoeuvre`); the rest may be a new vessel (`candidate`).
 //!
-//! * Birth: 8 agreeing bearings no more than 4 s apart. Death: [`Config::silence_s`] without a bearing.
+//! * Birth: 8 agreeing bearings no more than 9 s apart. Death: [`Config::silence_s`] without a bearing.
 //! * Crossing: within [`Config::merge_rad`] (and the doubt of both predictions) neither track is moved.
 //! * Manoeuvre: the old track ends with the bearings before it; a new one, with its own number, starts with those after.
 //!
