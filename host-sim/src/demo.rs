@@ -176,12 +176,15 @@ impl Received {
         print!("{t_s:6.1} s  {azimuth:6.2}°  ({:6.2}°)", truth.arrival_azimuth_deg);
         match self.tracks.last() {
             Some(track) => println!(
-                "  | {:6.1} ± {:4.1} s ({:5.1})  {:5.0} ± {:3.0} m ({:3.0})  {:5.1} ± {:4.1}° ({:4.1})",
+                "  | {:6.1} ± {:4.1} s ({:5.1})  {} ({:3.0})  {:5.1} ± {:4.1}° ({:4.1})",
                 track.cpa_time_s,
                 track.sd_cpa_time_s,
                 truth.cpa_time_s,
-                track.cpa_range_m,
-                track.sd_cpa_range_m,
+                if track.range_observable {
+                    format!("{:5.0} ± {:3.0} m", track.cpa_range_m, track.sd_cpa_range_m)
+                } else {
+                    "range unknown".to_owned()
+                },
                 truth.cpa_range_m,
                 track.heading.to_degrees(),
                 track.sd_heading.to_degrees(),

@@ -2,6 +2,7 @@
 
 use clap::Parser;
 use seabearing::cmd::Command;
+use std::io::Write;
 
 /// Find, follow and report vessels with underwater recorders: simulate, replay, receive, reproduce.
 #[derive(Parser)]
@@ -17,7 +18,8 @@ fn main() -> std::process::ExitCode {
         // The reader of our output has gone (`seabearing … | head`): nothing is wrong.
         Err(error) if is_broken_pipe(&error) => std::process::ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("seabearing: {}", one_line(&error));
+            // Standard error may be gone too; then there is nobody left to tell.
+            let _ = writeln!(std::io::stderr(), "seabearing: {}", one_line(&error));
             std::process::ExitCode::FAILURE
         }
     }
@@ -37,6 +39,10 @@ fn one_line(error: &anyhow::Error) -> String {
 
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
-        cause.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+        let kind = match cause.downcast_ref::<std::io::Error>() {
+            Some(e) => Some(e.kind()),
+            None => cause.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind),
+        };
+        kind == Some(std::io::ErrorKind::BrokenPipe)
     })
 }
