@@ -89,11 +89,13 @@ fn bad_input_is_one_line_and_good_rows_are_kept() {
     assert!(out.status.success());
     let complaint = String::from_utf8_lossy(&out.stderr).to_string();
     assert!(complaint.contains("line 403") && complaint.contains("line 404"), "{complaint}");
+    let out = seabearing(&["track", name, "--speed-sd", "inf"]).unwrap();
+    let text = String::from_utf8_lossy(&out.stderr).to_string();
+    assert!(!out.status.success() && text.contains("needs elevations"), "{text}");
     write(&file, |k| k < 3, "");
     for (args, word) in [
         (vec!["track", name], "at least 5"),
         (vec!["track", name, "--sigma-deg=-1"], "sigma-deg"),
-        (vec!["track", name, "--speed-sd", "inf"], "elevation"),
         (vec!["track", "no-such-file.csv"], "no-such-file.csv"),
         (vec!["ais", "speeds", name, "--lat-deg", "50", "--lon-deg", "0"], "AIS layout"),
     ] {

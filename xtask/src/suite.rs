@@ -39,7 +39,7 @@ pub fn command(options: &[String]) -> Result<()> {
     let mut suite = Suite { passed: Vec::new(), failed: Vec::new() };
     suite.step("host tests", || {
         let mut tests = cargo();
-        tests.args(["test", "--workspace", "--quiet"]);
+        tests.args(["test", "--workspace", "--quiet", "--no-fail-fast"]);
         run(&mut tests, "cargo test")
     });
     if host_only {
