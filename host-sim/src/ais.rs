@@ -57,18 +57,33 @@ pub struct Selection {
     pub max_gap_s: f64,
 }
 
-/// Reads a file. Rows that cannot be read are counted, the first ones named by line.
+/// Reads a file, packed with xz or not. Rows that cannot be read are counted, the first ones named by line.
 ///
 /// # Errors
 /// The file cannot be read, its layout is unknown, or no row is good.
 pub fn read(path: &Path) -> Result<(Vec<Report>, Vec<String>)> {
-    let name = path.display().to_string();
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
-    if bytes.starts_with(&[0xfd, b'7', b'z', b'X', b'Z']) {
-        bail!("{name}: compressed with xz; unpack it first (xz -dk {name})");
+    parse(&text(path)?, &path.display().to_string())
+}
+
+/// The text of a file, unpacked where it is packed with xz.
+///
+/// # Errors
+/// The file cannot be read, is damaged, or holds no text.
+pub fn text(path: &Path) -> Result<String> {
+    let name = path.display();
+    let mut bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
+    if bytes.starts_with(&[0xfd, b'7', b'z', b'X', b'Z', 0]) {
+        let mut unpacked = Vec::new();
+        if let Err(error) = lzma_rs::xz_decompress(&mut bytes.as_slice(), &mut unpacked) {
+            bail!("{name}: damaged xz file: {error:?}");
+        }
+        bytes = unpacked;
     }
-    let text = String::from_utf8(bytes).ok().with_context(|| format!("{name}: not a text file"))?;
-    parse(&text, &name)
+    if bytes.contains(&0) {
+        bail!("{name}: not a text file");
+    }
+    // Vessels' names may be in any single-byte code; what is read of a file is not.
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// Parses text; `name` stands in messages.
@@ -243,6 +258,21 @@ mod tests {
         }
         assert_eq!(all[2].1, ["x, line 3: no MMSI, time or position in `x,,,`"]);
         assert!(parse("a,b\n1,2\n", "x").is_err());
+    }
+
+    #[test]
+    fn a_packed_file_reads_as_the_plain_one_and_a_damaged_one_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let plain = "mmsi;source;locDate;locTime;lon;lat;sog\n7;ASS;05/12/2012;19:32:09;-1.0;50.01;10\n";
+        let mut packed = Vec::new();
+        lzma_rs::xz_compress(&mut plain.as_bytes(), &mut packed).unwrap();
+        let path = dir.path().join("traffic.csv.xz");
+        std::fs::write(&path, &packed).unwrap();
+        assert_eq!(read(&path).unwrap(), parse(plain, "x").unwrap());
+        std::fs::write(&path, &packed[..packed.len() - 9]).unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("damaged xz file"));
+        std::fs::write(&path, b"RIFF\0\0\0\0WAVE").unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("not a text file"));
     }
 
     #[test]

@@ -28,7 +28,7 @@ enum What {
     `seabearing track --speed MEAN --speed-sd SPREAD` and the station file's [tracking] want."
 )]
 struct Speeds {
-    /// AIS files (MarineTraffic, CLS or plain layout).
+    /// AIS files (MarineTraffic, CLS or plain layout), packed with xz or not.
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Latitude of the station, degrees.

@@ -8,7 +8,7 @@
 use super::course::{Course, Place};
 use super::scenario::{Radiation, Scenario};
 use super::simulate::{Extra, Vessel};
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use std::collections::BTreeMap;
 use std::path::Path;
 use time::{Date, Month, PrimitiveDateTime, Time};
@@ -54,16 +54,7 @@ pub struct Passage {
 /// The file cannot be read, is of neither format, or holds no usable row.
 pub fn read(path: &Path) -> Result<Vec<Report>> {
     let name = path.display();
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
-    let bytes = if bytes.starts_with(b"\xfd7zXZ\0") {
-        let mut out = Vec::new();
-        lzma_rs::xz_decompress(&mut bytes.as_slice(), &mut out)
-            .map_err(|e| anyhow::anyhow!("{name}: damaged xz file: {e:?}"))?;
-        out
-    } else {
-        bytes
-    };
-    let text = String::from_utf8_lossy(&bytes);
+    let text = crate::ais::text(path)?;
     let mut lines = text.lines();
     let header = lines.next().unwrap_or_default();
     let parse: fn(&[&str]) -> Option<Option<Report>> = match header {
