@@ -2,8 +2,26 @@
 //!
 //! In: the station's `[tracking]` and sound speed. Out: a [`Config`] in radians.
 
-use super::model::{Medium, PARAMETERS};
+use super::model::{LN_SPEED, Medium, PARAMETERS};
 use crate::config::{StationConfig, Tracking};
+use crate::math::f64 as m;
+
+/// A vessel's speed measured while it is tracked, from its shaft rate for instance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredSpeed {
+    mean_m_s: f32,
+    sd_m_s: f32,
+}
+
+impl MeasuredSpeed {
+    /// Mean and standard deviation, m/s; `None` unless the mean is one a fit considers (0.2 to 40 m/s) and the standard
+    /// deviation positive and finite.
+    pub fn new(mean_m_s: f32, sd_m_s: f32) -> Option<Self> {
+        let ln = m::ln(f64::from(mean_m_s));
+        let sane = ln >= LN_SPEED.0 && ln <= LN_SPEED.1 && sd_m_s > 0.0 && sd_m_s.is_finite();
+        sane.then_some(Self { mean_m_s, sd_m_s })
+    }
+}
 
 /// What the filter assumes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +70,16 @@ impl Config {
         Self::new(&station.tracking, station.sound_speed_m_s)
     }
 
+    /// With a measurement of this vessel's speed joined to the prior, both Gaussian and independent. A known speed stays
+    /// as it is; of an unknown one (infinite spread) the measurement is all that is known.
+    pub fn with_speed(&self, measured: Option<MeasuredSpeed>) -> Self {
+        let Some(measured) = measured.filter(|_| self.speed_sd_m_s > 0.0) else { return *self };
+        let information = |sd: f64| 1.0 / (sd * sd);
+        let (prior, new) = (information(self.speed_sd_m_s), information(f64::from(measured.sd_m_s)));
+        let mean = (prior * self.speed_m_s + new * f64::from(measured.mean_m_s)) / (prior + new);
+        Self { speed_m_s: mean, speed_sd_m_s: 1.0 / m::sqrt(prior + new), ..*self }
+    }
+
     pub(crate) fn free(&self) -> [bool; PARAMETERS] {
         let elevations = self.medium.height_m > 0.0;
         [true, true, true, self.speed_sd_m_s > 0.0, elevations && self.elevation_bias_sd_rad > 0.0]
@@ -61,5 +89,26 @@ impl Config {
     pub(crate) fn errors(&self) -> (f64, f64, f64) {
         let variance = self.extra_sd_rad * self.extra_sd_rad;
         if self.extra_tau_s > 0.0 { (variance, self.extra_tau_s, 0.0) } else { (0.0, 0.0, variance) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_measured_speed_sharpens_the_prior_and_nonsense_is_none() {
+        let prior = Config { speed_m_s: 7.0, speed_sd_m_s: 2.0, ..Config::default() };
+        let measured = MeasuredSpeed::new(10.0, 1.0);
+        let both = prior.with_speed(measured);
+        assert!((both.speed_m_s - 9.4).abs() < 1e-12 && (both.speed_sd_m_s - m::sqrt(0.8)).abs() < 1e-12);
+        assert_eq!(prior.with_speed(None), prior);
+        let known = Config { speed_sd_m_s: 0.0, ..prior };
+        assert_eq!(known.with_speed(measured), known);
+        let unknown = Config { speed_sd_m_s: f64::INFINITY, ..prior }.with_speed(measured);
+        assert_eq!((unknown.speed_m_s, unknown.speed_sd_m_s), (10.0, 1.0));
+        for (mean, sd) in [(0.0, 1.0), (f32::NAN, 1.0), (50.0, 1.0), (7.0, 0.0), (7.0, f32::INFINITY)] {
+            assert_eq!(MeasuredSpeed::new(mean, sd), None);
+        }
     }
 }

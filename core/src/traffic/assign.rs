@@ -7,7 +7,7 @@
 //! the recorder gives one merged bearing for both: both tracks coast on their own bearing rates through the crossing
 //! and are told apart again behind it by where those rates have taken them.
 
-use super::fit::Prediction;
+use super::known::Prediction;
 use super::{GROUP, Heard, VESSELS};
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;

@@ -5,11 +5,12 @@
 //! it averages instead of being stored. The lines take one damped Gauss-Newton step every [`REFRESH_S`], not with every
 //! bearing: between steps the vessel is predicted by the line as it stands.
 
+use super::known::{Known, Prediction};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
 use crate::motion::chain::{Chain, Colour};
 use crate::motion::model::{LN_SPEED, Limits, Line, PARAMETERS};
-use crate::motion::normal::{COLUMNS, Matrix, Normal, Point, Progress, descend, quadratic};
+use crate::motion::normal::{COLUMNS, Normal, Point, Progress, descend};
 use crate::motion::recursive::{Config, add_priors};
 use crate::motion::solution::{Solution, floor, solution};
 use crate::motion::start::{STARTS, emitted, starts};
@@ -62,39 +63,6 @@ impl Node {
         }
         let factor = (m::exp(0.5 * y) - m::exp(-0.5 * y)) / y;
         Colour { later: factor, earlier: factor, own, white }
-    }
-}
-
-/// A prediction of azimuth.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Prediction {
-    /// Azimuth, radians.
-    pub(super) azimuth: f64,
-    /// Variance of the line's prediction, rad².
-    pub(super) line_variance: f64,
-    /// Variance of the bearings' own coloured error, rad².
-    pub(super) coloured_variance: f64,
-}
-
-impl Prediction {
-    /// Variance of a new bearing about the prediction, its white part aside.
-    pub(super) fn variance(&self) -> f64 {
-        self.line_variance + self.coloured_variance
-    }
-}
-
-/// A line with what is known about it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Known {
-    pub(super) line: Line,
-    pub(super) covariance: Matrix,
-}
-
-impl Known {
-    /// Azimuth at a time of reception and the variance the line's uncertainty gives it.
-    pub(super) fn azimuth(&self, config: &Config, t_s: f64) -> (f64, f64) {
-        let e = self.line.expected(&config.medium, t_s);
-        (e.azimuth, quadratic(&e.d_azimuth, &self.covariance, &e.d_azimuth))
     }
 }
 
@@ -297,7 +265,7 @@ impl Fit {
                 least = Some(chosen.normal.cost());
                 let floor = floor(&limits, chosen.line.speed_m_s());
                 let covariance = chosen.normal.covariance(&free, &floor);
-                self.best = covariance.map(|covariance| Known { line: chosen.line, covariance });
+                self.best = covariance.map(|covariance| Known::new(chosen.line, &covariance));
             }
             if least.is_some_and(|least| chosen.normal.cost() > least + DEAD) {
                 break;

@@ -8,7 +8,8 @@
 //! [`LEAST_GAIN`]: the reference may have been the wrong one of two arcs. Assumes the bearings' errors are as large as
 //! reported; a track shorter than [`LEAST_S`] is not tested.
 
-use super::fit::{Fit, Known};
+use super::fit::Fit;
+use super::known::Known;
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
 use crate::motion::recursive::Config;

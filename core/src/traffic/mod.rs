@@ -11,15 +11,17 @@
 //!
 //! Assumes straight tracks between manoeuvres and bearings whose variance is as reported plus the configured coloured
 //! error. Cost on the Cortex-M7: about 10⁴ instructions a bearing and known vessel, 3·10⁵ every 2 s and vessel for its
-//! fit, some 10⁷ at the end of a passage. Memory: [`State`] below 20 KiB, stack below 8 KiB.
+//! fit, some 10⁷ at the end of a passage. Memory: [`State`] below 17 KiB, stack below 8 KiB.
 
 mod assign;
 mod candidate;
 mod fit;
+mod known;
 mod manoeuvre;
 
 use crate::config::StationConfig;
 use crate::math::f64 as m;
+use crate::motion::settings::MeasuredSpeed;
 use crate::motion::{Solution, recursive, report};
 use crate::wire::{Bearing, Message};
 use assign::{Rules, Verdict};
@@ -102,6 +104,7 @@ struct Track {
     crossing_since_s: Option<f64>,
     next_report_s: f64,
     range_m: Option<f32>,
+    speed: Option<MeasuredSpeed>,
 }
 
 impl Track {
@@ -116,7 +119,13 @@ impl Track {
             crossing_since_s: None,
             next_report_s: 0.0,
             range_m: None,
+            speed: None,
         }
+    }
+
+    /// What its fit assumes: the configured settings with what was measured of this vessel.
+    fn motion(&self, config: &Config) -> recursive::Config {
+        config.motion.with_speed(self.speed)
     }
 }
 
@@ -166,7 +175,7 @@ impl State {
     pub fn nearest(&self, config: &Config, bearing: &Bearing) -> Option<u16> {
         let t_s = config.seconds(bearing.index);
         let distance = |t: &Track| {
-            let p = t.fit.predict(&config.motion, t_s)?;
+            let p = t.fit.predict(&t.motion(config), t_s)?;
             let d = crate::angle::wrap_pi(f64::from(bearing.azimuth) - p.azimuth);
             let square = d * d / (p.variance() + f64::from(bearing.var_azimuth));
             (square < config.gate_sd * config.gate_sd).then_some(square)
@@ -221,11 +230,22 @@ pub fn finish(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message))
 /// Reports the end-of-passage solution of a track worth reporting and frees its place.
 fn end(config: &Config, track: &mut Track, sink: &mut dyn FnMut(Message)) {
     if track.fit.seen() >= config.report_after
-        && let Some(solution) = track.fit.finish(&config.motion)
+        && let Some(solution) = track.fit.finish(&track.motion(config))
     {
         sink(Message::Track(report::track(&solution, track.id, 1, track.index)));
     }
     *track = Track::new();
+}
+
+/// Joins a measurement of a vessel's speed (its shaft rate's, say; mean and standard deviation, m/s) to the configured
+/// prior, from its next bearing on and for as long as it is tracked, also past a manoeuvre. The newest measurement takes
+/// the place of the one before, whose errors it usually shares. False if nothing was changed: no vessel has this number
+/// now, or the speed is none (0.2 to 40 m/s, a positive spread). A configured speed without spread stays as it is.
+pub fn set_speed(state: &mut State, id: u16, mean_m_s: f32, sd_m_s: f32) -> bool {
+    let Some(speed) = MeasuredSpeed::new(mean_m_s, sd_m_s) else { return false };
+    let Some(track) = state.tracks.iter_mut().find(|t| t.id == id && id != 0) else { return false };
+    track.speed = Some(speed);
+    true
 }
 
 /// Judges the bearings gathered for one index.
@@ -241,7 +261,7 @@ fn judge(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
     let mut impatient = 0u8;
     for (i, (slot, track)) in predictions.iter_mut().zip(&state.tracks).enumerate() {
         if track.id != 0 {
-            *slot = track.fit.predict(&config.motion, t_s);
+            *slot = track.fit.predict(&track.motion(config), t_s);
             let waiting_s = track.crossing_since_s.map_or(0.0, |since| t_s - since);
             impatient |= u8::from(waiting_s > config.crossing_s) << i;
         }
@@ -275,13 +295,14 @@ fn serve(
     sink: &mut dyn FnMut(Message),
 ) {
     let Some(track) = state.tracks.get_mut(i) else { return };
-    track.fit.push(&config.motion, t_s, heard.azimuth, heard.variance);
+    let motion = track.motion(config);
+    track.fit.push(&motion, t_s, heard.azimuth, heard.variance);
     (track.index, track.updated_s, track.heard_s) = (state.index, t_s, t_s);
     track.crossing_since_s = None;
-    let turned = track.manoeuvre.test(&config.motion, &track.fit, t_s, heard.azimuth, heard.variance);
+    let turned = track.manoeuvre.test(&motion, &track.fit, t_s, heard.azimuth, heard.variance);
     if let Some(onset_s) = turned {
-        let newer = track.fit.split(&config.motion, onset_s);
-        let (index, updated_s) = (track.index, track.updated_s);
+        let newer = track.fit.split(&motion, onset_s);
+        let (index, updated_s, speed) = (track.index, track.updated_s, track.speed);
         end(config, track, sink);
         state.issued = state.issued.wrapping_add(1).max(1);
         *track = Track {
@@ -291,12 +312,13 @@ fn serve(
             updated_s,
             heard_s: updated_s,
             next_report_s: t_s,
+            speed,
             ..Track::new()
         };
     }
     if t_s >= track.next_report_s && track.fit.seen() >= config.report_after {
         track.next_report_s = t_s + config.report_s;
-        if let Some(solution) = track.fit.solution(&config.motion) {
+        if let Some(solution) = track.fit.solution(&motion) {
             track.range_m = near_range(&solution);
             sink(Message::Track(report::track(&solution, track.id, 0, track.index)));
         }

@@ -96,6 +96,38 @@ fn sub_bands_of_one_vessel_are_one_track_and_a_quiet_vessel_in_one_band_another(
 }
 
 #[test]
+fn a_measured_speed_takes_the_place_of_the_priors_spread() {
+    // Traffic of 9 ± 2.5 m/s, a vessel of 7: bearings alone leave the prior's range, a shaft rate mends it.
+    let tracking = Tracking { speed_m_s: 9.0, speed_sd_m_s: 2.5, ..Tracking::default() };
+    let config = Config::with(recursive::Config::new(&tracking, 1484.0), RATE_HZ);
+    let final_with = |speed: Option<(f32, f32)>| {
+        let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 9);
+        for k in 0..500 {
+            let t = 0.5 * f64::from(k);
+            let a = azimuth(t, 120.0, 500.0, 2.0) + 0.01 * gaussian(&mut seed);
+            bearing(&config, &mut state, &message(t, a, 0.01, 0), &mut |m| out.push(m));
+            if k == 250
+                && let Some((mean, sd)) = speed
+            {
+                let id = tracks(&out, 0)[0].id;
+                assert!(set_speed(&mut state, id, mean, sd));
+                assert!(!set_speed(&mut state, id + 1, mean, sd) && !set_speed(&mut state, 0, mean, sd));
+                assert!(!set_speed(&mut state, id, mean, 0.0));
+            }
+        }
+        finish(&config, &mut state, &mut |m| out.push(m));
+        assert!(!set_speed(&mut state, 1, 7.0, 0.2), "no vessel is left");
+        tracks(&out, 1)[0]
+    };
+    let (without, with) = (final_with(None), final_with(Some((7.1, 0.2))));
+    assert!((without.cpa_range_m - 500.0 * 9.0 / 7.0).abs() < 30.0, "{without:?}");
+    assert!((0.2..0.35).contains(&(without.sd_cpa_range_m / without.cpa_range_m)), "{without:?}");
+    assert!((with.speed_m_s - 7.1).abs() < 0.1 && (with.sd_speed_m_s - 0.2).abs() < 0.02, "{with:?}");
+    assert!((with.cpa_range_m - 500.0).abs() < 25.0 && with.sd_cpa_range_m < 25.0, "{with:?}");
+    assert!(wrap_pi(f64::from(with.heading - without.heading)).abs() < 0.01);
+}
+
+#[test]
 fn scattered_bearings_and_nonsense_are_no_vessel() {
     let config = config();
     let (mut state, mut seed) = (State::new(), 11u64);
@@ -113,5 +145,5 @@ fn scattered_bearings_and_nonsense_are_no_vessel() {
 
 #[test]
 fn memory_stays_within_its_budget() {
-    assert!(size_of::<State>() <= 24 * 1024, "{}", size_of::<State>());
+    assert!(size_of::<State>() <= 17 * 1024, "{}", size_of::<State>());
 }
