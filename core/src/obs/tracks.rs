@@ -2,7 +2,7 @@
 //!
 //! Enters: the ring of evidence, once a minute. Leaves: `Track` messages, stage 0 every five minutes while a vessel
 //! passes, stage 1 once when it has gone or the record ends. Several vessels are several tracks: what one explains is
-//! hidden from the search for the next. A track is abandoned for a better course whenever one is found, which undoes
+//! hidden from the search for the next, the best explained first. A track is abandoned for a better course whenever one is found, which undoes
 //! early locks on a wrong branch. Cost: below 40 M instructions every five minutes, none between.
 
 use super::course::{Course, Matrix};
@@ -29,6 +29,12 @@ const SILENCE: u32 = 45;
 
 /// What a course must have explained to be a vessel: log score, minutes with direction, minutes with range.
 const ACCEPT: (f64, u16, u16) = (60.0, 15, 10);
+
+impl Score {
+    fn is_a_vessel(&self) -> bool {
+        self.log >= ACCEPT.0 && self.directions >= ACCEPT.1 && self.distances >= ACCEPT.2
+    }
+}
 
 /// Slower than this nothing is called a vessel under way, m/s.
 const LEAST_SPEED_M_S: f64 = 0.3;
@@ -76,23 +82,19 @@ impl Tracker {
             return;
         }
         let travel = &plan.travel;
+        self.improve(travel, evidence, now);
         for k in 0..LIVE {
-            let others = self.courses(Some(k));
-            let Some(live) = self.live.get_mut(k).and_then(Option::as_mut) else { continue };
-            live.improve(travel, evidence, &others, now);
+            let Some(live) = self.live.get(k).copied().flatten() else { continue };
             if now > live.to + SILENCE {
                 live.send(plan, 1, sink);
-                let course = live.course;
-                evidence.forget(|m| without(travel, &course, m));
-                if let Some(slot) = self.live.get_mut(k) {
-                    *slot = None;
-                }
+                evidence.forget(|m| without(travel, &live.course, m));
+                self.drop(k);
             } else if now < live.to + EVERY + 2 {
                 live.send(plan, 0, sink);
             }
         }
         if self.live.iter().any(Option::is_none) {
-            let others = self.courses(None);
+            let others = self.courses(|_| true);
             let from = now.saturating_sub(SEARCHED);
             if let Some(mut found) = find(travel, evidence, &others, from, now) {
                 found.id = self.next_id;
@@ -107,28 +109,59 @@ impl Tracker {
 
     /// Closes every track.
     pub fn finish(&mut self, plan: &Plan, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
+        self.improve(&plan.travel, evidence, now);
+        self.live.iter().flatten().for_each(|live| live.send(plan, 1, sink));
+        self.live = [None; LIVE];
+    }
+
+    /// Refines every track on what the others leave, then lets each, the strongest first, take over a better course
+    /// in all that stronger ones leave: the directions of one vessel and the ranges of another, or one vessel at the wrong
+    /// pair of paths, cannot hold on to evidence that a truer course explains better. What no longer is a vessel goes.
+    fn improve(&mut self, travel: &TravelTime, evidence: &Evidence, now: u32) {
         for k in 0..LIVE {
-            let others = self.courses(Some(k));
-            if let Some(mut live) = self.live.get_mut(k).and_then(Option::take) {
-                live.improve(&plan.travel, evidence, &others, now);
-                live.send(plan, 1, sink);
+            let others = self.courses(|other| other != k);
+            if let Some(live) = self.live.get_mut(k).and_then(Option::as_mut) {
+                live.refine(travel, evidence, &others, now);
+            }
+        }
+        let order = self.strongest_first();
+        for (n, k) in order.iter().enumerate() {
+            let stronger = self.courses(|other| order.iter().take(n).any(|s| *s == other));
+            let Some(live) = self.live.get_mut(*k).and_then(Option::as_mut) else { continue };
+            live.take_over(travel, evidence, &stronger, now);
+            if !live.score.is_a_vessel() {
+                self.drop(*k);
             }
         }
     }
 
+    fn drop(&mut self, k: usize) {
+        self.live.iter_mut().skip(k).take(1).for_each(|slot| *slot = None);
+    }
+
+    /// Places in the list of tracks, the best explained first, empty ones last.
+    fn strongest_first(&self) -> [usize; LIVE] {
+        let mut order: [usize; LIVE] = core::array::from_fn(|k| k);
+        let score = |k: &usize| {
+            self.live.get(*k).and_then(Option::as_ref).map_or(f64::NEG_INFINITY, |live| live.score.log)
+        };
+        order.sort_unstable_by(|a, b| score(b).total_cmp(&score(a)).then(a.cmp(b)));
+        order
+    }
+
     /// Where each vessel is expected to be seen in a minute: range and radial speed.
     pub fn expected(&self, plan: &Plan, minute: u32) -> [Option<(f32, f32)>; LIVE] {
-        self.courses(None).map(|course| {
+        self.courses(|_| true).map(|course| {
             let s = course?.seen(&plan.travel, STEP_S * f64::from(minute));
             Some((s.range_m as f32, s.speed_m_s as f32))
         })
     }
 
-    /// Courses of all tracks but one.
-    fn courses(&self, but: Option<usize>) -> [Option<Course>; LIVE] {
+    /// Courses of the tracks in the places wanted.
+    fn courses(&self, wanted: impl Fn(usize) -> bool) -> [Option<Course>; LIVE] {
         let mut out = [None; LIVE];
         for (k, (slot, live)) in out.iter_mut().zip(&self.live).enumerate() {
-            *slot = live.as_ref().filter(|_| but != Some(k)).map(|l| l.course);
+            *slot = live.as_ref().filter(|_| wanted(k)).map(|l| l.course);
         }
         out
     }
@@ -172,9 +205,8 @@ fn find(
     let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes.clone())?;
     let mut live = Live { id: 0, course, covariance, score: Score::default(), from, to };
     live.bound(travel, evidence, others, to);
-    let s = live.score;
     let moves = live.course.speed_m_s() >= LEAST_SPEED_M_S;
-    (moves && s.log >= ACCEPT.0 && s.directions >= ACCEPT.1 && s.distances >= ACCEPT.2).then_some(live)
+    (moves && live.score.is_a_vessel()).then_some(live)
 }
 
 impl Live {
@@ -201,25 +233,33 @@ impl Live {
         self.score = fit::score(&self.course, travel, STEP_S, inside);
     }
 
-    /// Refines over its stretch, and takes over a better course if there is one.
-    fn improve(
+    /// Refines over its stretch.
+    fn refine(
         &mut self,
         travel: &TravelTime,
         evidence: &Evidence,
         others: &[Option<Course>; LIVE],
         now: u32,
     ) {
+        let minutes = unexplained(travel, evidence, others, self.from, now);
+        if let Some((course, covariance)) = fit::refine(&self.course, travel, STEP_S, minutes) {
+            (self.course, self.covariance) = (course, covariance);
+        }
+        self.bound(travel, evidence, others, now);
+    }
+
+    /// Takes over a better course if there is one in what `stronger` tracks leave.
+    fn take_over(
+        &mut self,
+        travel: &TravelTime,
+        evidence: &Evidence,
+        stronger: &[Option<Course>; LIVE],
+        now: u32,
+    ) {
         let from = self.from.saturating_sub(30);
-        let refine = |live: &mut Self| {
-            let minutes = unexplained(travel, evidence, others, live.from, now);
-            if let Some((course, covariance)) = fit::refine(&live.course, travel, STEP_S, minutes) {
-                (live.course, live.covariance) = (course, covariance);
-            }
-            live.bound(travel, evidence, others, now);
-        };
-        refine(self);
-        if let Some(mut other) = find(travel, evidence, others, from, now) {
-            refine(&mut other);
+        self.bound(travel, evidence, stronger, now);
+        if let Some(mut other) = find(travel, evidence, stronger, from, now) {
+            other.refine(travel, evidence, stronger, now);
             if other.score.log > self.score.log + BETTER {
                 *self = Self { id: self.id, ..other };
             }
@@ -260,5 +300,87 @@ impl Live {
             range_observable: true,
             n: self.score.directions + self.score.distances,
         }));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::wrap_pi;
+    use crate::obs::course::N;
+    use crate::obs::presence::{RangeMode, RangePresence};
+    use crate::obs::tonal::{Directions, Mode};
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    /// East, North and velocity at time 0.
+    const VESSELS: [[f64; 4]; 2] = [[-30_000.0, 8_000.0, 5.0, 0.5], [12_000.0, -25_000.0, -0.5, 4.5]];
+
+    /// What both vessels show in a minute: directions always, the range of one of them in turn, and a false range.
+    fn minute(n: u32) -> Minute {
+        let jitter = |k: u32| (f64::from((n * 7919 + k * 104_729) % 1000) / 500.0 - 1.0) as f32;
+        let seen = VESSELS.map(|p| Course { t0_s: 0.0, p }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n)));
+        let mut directions = Directions { modes: [None; 3], log_presence: 20.0, frames: 17 };
+        let mut modes = [None; 4];
+        for (k, (slot, s)) in directions.modes.iter_mut().zip(&seen).enumerate() {
+            *slot = Some(Mode {
+                azimuth: s.azimuth as f32 + 0.02 * jitter(k as u32),
+                sd: 0.02,
+                log_presence: 20.0,
+                bins: 5,
+                step: 0,
+                impulsive: false,
+            });
+        }
+        let own = &seen[(n / 3 % 2) as usize];
+        let mode = |range_m: f32, speed_m_s: f32| {
+            Some(RangeMode { range_m, sd_range_m: 80.0, speed_m_s, sd_speed_m_s: 0.4, weight: 0.5 })
+        };
+        modes[0] = mode(own.range_m as f32 + 60.0 * jitter(2), own.speed_m_s as f32 + 0.3 * jitter(3));
+        // The same echo read as another pair of paths: twice the range at twice the speed.
+        modes[1] = mode(2.0 * own.range_m as f32, 2.0 * own.speed_m_s as f32 + jitter(4));
+        let ranges = RangePresence { log_odds: 5.0, log_evidence: 5.0, approaching: 0.5, modes };
+        Minute::new(n, &directions, &ranges)
+    }
+
+    #[test]
+    fn two_vessels_end_as_two_tracks() {
+        let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+        let mut said = Vec::new();
+        let mut sink = |m: Message| {
+            if let Message::Track(t) = m {
+                said.push(t);
+            }
+        };
+        for n in 1..=180 {
+            evidence.push(minute(n));
+            tracker.minute(&plan, &mut evidence, n, &mut sink);
+        }
+        tracker.finish(&plan, &evidence, 180, &mut sink);
+        let last: Vec<_> = said.iter().filter(|t| t.stage == 1).collect();
+        for p in VESSELS {
+            let (want, _) = Course { t0_s: 0.0, p }.closest(&[[0.0; N]; N]).unwrap();
+            let own = |t: &&&Track| {
+                (f64::from(t.speed_m_s) - want.speed_m_s).abs() < 0.1
+                    && wrap_pi(f64::from(t.heading) - want.heading).abs() < 0.02
+                    && (f64::from(t.cpa_range_m) - want.range_m.abs()).abs() < 150.0
+                    && (t.cpa_time_s - want.time_s).abs() < 30.0
+            };
+            assert_eq!(last.iter().filter(own).count(), 1, "{want:?}: {last:?}");
+        }
+    }
+
+    #[test]
+    fn directions_alone_are_no_vessel() {
+        let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+        let mut said = 0;
+        for n in 1..=120 {
+            evidence.push(minute(n).without(|_| false, |_| true));
+            tracker.minute(&plan, &mut evidence, n, &mut |_| said += 1);
+        }
+        tracker.finish(&plan, &evidence, 120, &mut |_| said += 1);
+        assert_eq!(said, 0);
     }
 }

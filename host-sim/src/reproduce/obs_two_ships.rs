@@ -1,4 +1,7 @@
 //! Two vessels at once, their azimuths 30° apart or more while both are near: both must be tracked.
+//!
+//! Tracked means: one final track whose closest point, range and speed are within the bars of a vessel alone. Headings are
+//! counted beside it: each vessel's wideband noise bends the intensity in the other's tone bins towards itself.
 
 use super::obs_world::{Case, judge, print, quiet, station_table};
 use super::{Experiment, Options};
@@ -55,7 +58,7 @@ fn run(options: &Options) -> Result<()> {
     let mut csv = String::from(
         "seed,ship,cpa_range_m,azimuth_n,azimuth_smad_deg,range_n,wrong_branch,tracked,cpa_time_s,cpa_range_error_m,heading_deg,speed_m_s\n",
     );
-    let (mut ships, mut tracked) = (0, 0);
+    let (mut ships, mut tracked, mut straight) = (0, 0, 0);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = Scenario { ship: pair(seed).to_vec(), ..quiet(seed, 21_600.0) };
         let case = Case::run(scenario, &table, Vec::new(), false)?;
@@ -69,7 +72,11 @@ fn run(options: &Options) -> Result<()> {
                 [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]
             });
             ships += 1;
-            tracked += usize::from(e.is_some());
+            let held = e.is_some_and(|e| {
+                e.cpa_time_s.abs() <= 10.0 && e.cpa_range_m.abs() <= 150.0 && e.speed_m_s.abs() <= 0.05
+            });
+            tracked += usize::from(held);
+            straight += usize::from(held && e.is_some_and(|e| e.heading.abs() <= 0.5f64.to_radians()));
             csv += &format!(
                 "{seed},{},{:.0},{},{:.2},{},{},{},{:.1},{:.0},{:.2},{:.3}\n",
                 i + 1,
@@ -78,7 +85,7 @@ fn run(options: &Options) -> Result<()> {
                 smad(&d.azimuth).to_degrees(),
                 d.range_m.len() + d.range_wrong,
                 d.range_wrong,
-                e.is_some(),
+                held,
                 cells[0],
                 cells[1],
                 cells[2],
@@ -87,6 +94,10 @@ fn run(options: &Options) -> Result<()> {
         }
     }
     print(options, "obs-two-ships", &csv)?;
-    judge(options, &[("vessels not tracked", f64::from(ships) - tracked as f64, 0.0)]);
+    let figures = [
+        ("vessels not tracked (10 s, 150 m, 0.05 m/s)", (ships - tracked) as f64, 0.0),
+        ("vessels whose heading is not within 0.5°", (ships - straight) as f64, 0.0),
+    ];
+    judge(options, &figures);
     Ok(())
 }
