@@ -4,10 +4,12 @@ use super::estimate::{self, Memory};
 use super::intake::{Alignment, Intake};
 use super::plan::{FRAME, HOP, Plan};
 use super::search::SearchWork;
-use super::spectra::{FrameWork, Spectra};
+use super::spectra::Spectra;
+use super::transform::Work;
 use crate::block::{Block, CHANNELS};
 use crate::health::{Accounting, LossCause};
 use crate::wire::{Fault, FaultCode, Message};
+use microfft::Complex32;
 
 /// Samples of one frame that may be clipped before the frame is left out: 1 in 50 distorts the spectrum by less than
 /// the ambient noise of a usable segment.
@@ -28,10 +30,10 @@ pub struct State {
     invalid: u64,
 }
 
-/// Work space without memory between calls (about 34 KiB).
+/// Work space without memory between calls (about 28 KiB).
 #[derive(Clone, Debug)]
 pub struct Scratch {
-    pub(crate) frame: FrameWork,
+    pub(crate) work: Work,
     pub(crate) search: SearchWork,
     pub(crate) spectrum: estimate::SpectrumWork,
 }
@@ -41,7 +43,7 @@ impl Scratch {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            frame: [[0.0; FRAME]; CHANNELS],
+            work: [Complex32::new(0.0, 0.0); 2 * FRAME],
             search: SearchWork::new(),
             spectrum: estimate::SpectrumWork::new(),
         }
@@ -202,7 +204,7 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
         None
     };
     if lost.is_none() {
-        state.current.add(plan, &state.intake.codes, &mut scratch.frame);
+        state.current.add(plan, &state.intake.codes, &mut scratch.work);
         let start = step.saturating_mul(plan.step_samples.get());
         state.current.centres = state.current.centres.saturating_add(centre.saturating_sub(start));
     }

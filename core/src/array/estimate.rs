@@ -6,6 +6,7 @@ use super::plan::{BINS, HOP, Plan, Weighting};
 use super::refine;
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
+use crate::block::CHANNELS;
 use crate::math::{self, f32 as m};
 use crate::wire::{Bearing, Fault, FaultCode, Message};
 
@@ -67,6 +68,11 @@ impl SpectrumWork {
 }
 
 impl SpectrumWork {
+    /// The rows, for other use before a search.
+    fn rows(&mut self) -> [&mut [f32; BINS]; CHANNELS] {
+        [&mut self.raw, &mut self.measured, &mut self.smooth, &mut self.weight]
+    }
+
     /// Brings the measured coherence up to the field's.
     fn restore(&mut self, shared: f32) {
         for c in &mut self.raw {
@@ -202,7 +208,7 @@ pub(crate) fn segment(
         index: start.saturating_add(spectra.centres / u64::from(spectra.frames.max(1))),
         flags: u8::from(spectra.clipped) | (u8::from(share < WHOLE_SHARE) << 1) | (u8::from(shortened) << 2),
     };
-    refine::whiten(spectra, &mut scratch.frame);
+    refine::whiten(spectra, scratch.spectrum.rows());
     let Some(first) = find(&context, Some(&*memory), spectra, scratch) else { return };
     scratch.spectrum.measured = scratch.spectrum.raw;
     scratch.spectrum.restore(refine::shared_signal(plan, &first.tau));
@@ -257,7 +263,7 @@ fn find(
     scratch: &mut Scratch,
 ) -> Option<Found> {
     let plan = context.plan;
-    let start = scratch.search.best(plan, spectra, context.curvature);
+    let start = scratch.search.best(plan, spectra, context.curvature, &mut scratch.work);
     let work = &mut scratch.spectrum;
     // Weights from the coherence seen in this direction, own and remembered.
     let tau = context.delays(&start.direction);

@@ -1,8 +1,8 @@
 //! The compact array: from four hydrophones' samples to bearings with their covariance.
 //!
 //! Enters: [`crate::block::Block`]s of converter codes. Leaves: [`crate::wire::Message::Bearing`] and
-//! [`crate::wire::Message::Fault`]. In the order data flows: `intake` (continuity and accounting), `spectra` (windowed
-//! transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
+//! [`crate::wire::Message::Fault`]. In the order data flows: `intake` (continuity and accounting), `transform` and
+//! `spectra` (windowed transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
 //! cross-spectra, covariance), `detect` (is there a source at all), `estimate` (one segment, all of these), `chain` (the
 //! calls a recorder makes). Beside them: `tdoa` (bearings from measured delays) and `limit` (what no estimator beats).
 //!
@@ -20,6 +20,7 @@ mod refine;
 mod search;
 mod spectra;
 pub mod tdoa;
+mod transform;
 pub mod wavefront;
 
 pub use chain::{Scratch, State, finish, push};

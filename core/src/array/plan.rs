@@ -1,6 +1,7 @@
 //! The array chain's plan: everything that follows from the configuration, computed once and never changed.
 
 use super::detect;
+use super::transform::WINDOW;
 use crate::block::CHANNELS;
 use crate::config::{ConfigError, Kind, StationConfig};
 use crate::geometry::Geometry;
@@ -69,7 +70,7 @@ impl core::fmt::Display for PlanError {
 
 impl core::error::Error for PlanError {}
 
-/// The immutable plan of the array chain (about 2.5 KiB).
+/// The immutable plan of the array chain (about half a KiB).
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub(crate) geometry: Geometry,
@@ -77,7 +78,6 @@ pub struct Plan {
     /// 1/reference range, 1/m.
     pub(crate) curvature: f32,
     pub(crate) rate_hz: f32,
-    pub(crate) window: [f32; FRAME],
     /// Transform of the window over its bin 0, bins 1 to 3: what a constant offset leaks into them.
     pub(crate) offset_leak: [f32; 3],
     /// Frames times this is the number of independent snapshots of a bin.
@@ -157,17 +157,16 @@ impl Plan {
         let knee = md::ceil(0.5 / f64::from(longest) / bin_hz) as usize;
         let incoherent = if knee.saturating_sub(low) * 4 < high - low { knee.max(low) } else { low };
 
-        let window = tukey();
         let bin_rad_s = (md::TAU * bin_hz) as f32;
         let (mut sum2, mut sum4) = (0.0f32, 0.0f32);
-        for w in &window {
+        for w in &WINDOW {
             sum2 += w * w;
             sum4 += w * w * w * w;
         }
         // Circular correlations of windowed white noise vary FRAME·Σw⁴/(Σw²)² times more than of FRAME
         // independent samples; the overlap of frames adds their tapers' share.
         let mut overlap = 0.0f32;
-        for (a, b) in window.iter().zip(window.iter().skip(HOP)) {
+        for (a, b) in WINDOW.iter().zip(WINDOW.iter().skip(HOP)) {
             overlap += a * b;
         }
         overlap /= sum2;
@@ -185,11 +184,11 @@ impl Plan {
             inv_c: 1.0 / geometry.sound_speed_m_s,
             curvature: (1.0 / array.reference_range_m) as f32,
             rate_hz: rate as f32,
-            offset_leak: offset_leak(&window),
-            shared: shared(&window),
-            window,
+            offset_leak: offset_leak(),
+            shared: shared(),
             snapshots_per_frame,
-            window_power: sum2 * FRAME as f32,
+            // Four times, because the table is half the window.
+            window_power: 4.0 * sum2 * FRAME as f32,
             low,
             high,
             incoherent,
@@ -248,26 +247,13 @@ impl Plan {
     }
 }
 
-/// Tukey window whose tapers take a quarter of its length (periodic form).
-fn tukey() -> [f32; FRAME] {
-    let taper = FRAME / 8;
-    let mut window = [1.0f32; FRAME];
-    for (n, w) in window.iter_mut().enumerate() {
-        let edge = n.min(FRAME - n);
-        if edge < taper {
-            *w = 0.5 - 0.5 * m::cos(m::PI * edge as f32 / taper as f32);
-        }
-    }
-    window
-}
-
 /// Transform of the window at bins 1 to 3 over that at bin 0; real, because the periodic window is even about FRAME/2.
-fn offset_leak(window: &[f32; FRAME]) -> [f32; 3] {
-    let total: f32 = window.iter().sum();
+fn offset_leak() -> [f32; 3] {
+    let total: f32 = WINDOW.iter().sum();
     let mut leak = [0.0f32; 3];
     for (k, leak) in (1..).zip(&mut leak) {
         let mut sum = 0.0;
-        for (n, w) in window.iter().enumerate() {
+        for (n, w) in WINDOW.iter().enumerate() {
             sum += w * m::cos(m::TAU * (k as f32) * (n as f32) / FRAME as f32);
         }
         *leak = sum / total;
@@ -276,11 +262,11 @@ fn offset_leak(window: &[f32; FRAME]) -> [f32; 3] {
 }
 
 /// Autocorrelation of the window over its power, at multiples of [`SHARE_STRIDE`] samples.
-fn shared(window: &[f32; FRAME]) -> [f32; SHARES] {
-    let power: f32 = window.iter().map(|w| w * w).sum();
+fn shared() -> [f32; SHARES] {
+    let power: f32 = WINDOW.iter().map(|w| w * w).sum();
     let mut shared = [0.0f32; SHARES];
     for (n, share) in shared.iter_mut().enumerate() {
-        let products = window.iter().zip(window.iter().skip(n * SHARE_STRIDE)).map(|(a, b)| a * b);
+        let products = WINDOW.iter().zip(WINDOW.iter().skip(n * SHARE_STRIDE)).map(|(a, b)| a * b);
         *share = products.sum::<f32>() / power;
     }
     shared

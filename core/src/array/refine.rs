@@ -12,6 +12,7 @@
 use super::plan::{BINS, Plan, SHARE_STRIDE, SHARES, Weighting};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
+use crate::block::CHANNELS;
 use crate::math::f32 as m;
 
 /// Least share of noise assumed (17 dB signal-to-noise ratio): above it multipath limits, not noise.
@@ -38,17 +39,17 @@ pub(crate) struct Refined {
 
 /// Divides the cross-spectra by the geometric mean of their hydrophones' auto-spectra: `ĝ`, of magnitude at most one.
 /// `work` holds the four reciprocal amplitudes.
-pub(crate) fn whiten(spectra: &mut Spectra, work: &mut super::spectra::FrameWork) {
-    for (inverse, auto) in work.iter_mut().zip(&spectra.auto) {
+pub(crate) fn whiten(spectra: &mut Spectra, work: [&mut [f32; BINS]; CHANNELS]) {
+    let [a0, a1, a2, a3] = work;
+    for (inverse, auto) in [&mut *a0, &mut *a1, &mut *a2, &mut *a3].into_iter().zip(&spectra.auto) {
         for (inverse, a) in inverse.iter_mut().zip(auto) {
             *inverse = if *a > 1e-20 { 1.0 / m::sqrt(*a) } else { 0.0 };
         }
     }
-    let [a0, a1, a2, a3] = work;
     let rows = spectra.re.iter_mut().zip(&mut spectra.im);
     let pairs = [(&*a0, &*a1), (&*a0, &*a2), (&*a0, &*a3), (&*a1, &*a2), (&*a1, &*a3), (&*a2, &*a3)];
     for ((re, im), (a, b)) in rows.zip(pairs) {
-        for (((re, im), a), b) in re.iter_mut().zip(im).zip(a.iter()).zip(b.iter()) {
+        for (((re, im), a), b) in re.iter_mut().zip(im).zip(a).zip(b) {
             let scale = a * b;
             *re *= scale;
             *im *= scale;

@@ -9,8 +9,9 @@
 //! cells are then searched finely on the correlations themselves.
 //! Cost at 64 kHz: 280 000 instructions for the transforms, about 400 000 for the lattice, 50 000 for the cells.
 
-use super::plan::{BINS, MAX_DELAY, Plan};
+use super::plan::{BINS, FRAME, MAX_DELAY, Plan};
 use super::spectra::Spectra;
+use super::transform::Work;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
 use microfft::Complex32;
@@ -22,16 +23,15 @@ const POOL_STRIDE: usize = 4;
 /// Entries of a pooled table.
 const POOLED: usize = (LAGS - 1) / POOL_STRIDE + 1;
 /// Transform length: twice the frame, for half-sample lags.
-const LENGTH: usize = 1024;
+const LENGTH: usize = 2 * FRAME;
 /// Coarse cells searched finely. The pooled bound is loose; a true peak at the detection threshold ranks within them.
 const CELLS: usize = 16;
 /// Fine points on each side of a cell's centre.
 const FINE: i32 = 3;
 
-/// Work space of the search (24 KiB).
+/// Work space of the search beside the transform's (15 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct SearchWork {
-    transform: [Complex32; LENGTH],
     lags: [[f32; LAGS]; PAIR_COUNT],
     pooled: [[f32; POOLED]; PAIR_COUNT],
 }
@@ -45,16 +45,18 @@ pub(crate) struct Candidate {
 
 impl SearchWork {
     pub(crate) const fn new() -> Self {
-        Self {
-            transform: [Complex32::new(0.0, 0.0); LENGTH],
-            lags: [[0.0; LAGS]; PAIR_COUNT],
-            pooled: [[0.0; POOLED]; PAIR_COUNT],
-        }
+        Self { lags: [[0.0; LAGS]; PAIR_COUNT], pooled: [[0.0; POOLED]; PAIR_COUNT] }
     }
 
     /// The direction of the highest summed correlation, for wavefronts of this curvature.
-    pub(crate) fn best(&mut self, plan: &Plan, whitened: &Spectra, curvature: f32) -> Candidate {
-        self.correlate(plan, whitened);
+    pub(crate) fn best(
+        &mut self,
+        plan: &Plan,
+        whitened: &Spectra,
+        curvature: f32,
+        work: &mut Work,
+    ) -> Candidate {
+        self.correlate(plan, whitened, work);
         let spacing = (4.0 * plan.resolution).clamp(0.03, 0.14);
         self.pool(plan, spacing);
         let cells = self.coarse(plan, curvature, spacing);
@@ -86,12 +88,11 @@ impl SearchWork {
     }
 
     /// Correlations at half-sample lags: `R(n) = Re Σ_k ĝ(k) e^{+2πikn/1024}`.
-    fn correlate(&mut self, plan: &Plan, whitened: &Spectra) {
+    fn correlate(&mut self, plan: &Plan, whitened: &Spectra, work: &mut Work) {
         let [r01, r02, r03, r12, r13, r23] = &whitened.re;
         let [i01, i02, i03, i12, i13, i23] = &whitened.im;
         let [l01, l02, l03, l12, l13, l23] = &mut self.lags;
         let (low, high) = (plan.incoherent, plan.high);
-        let work = &mut self.transform;
         correlate_two(work, low, high, [(r01, i01), (r02, i02)], [l01, l02]);
         correlate_two(work, low, high, [(r03, i03), (r12, i12)], [l03, l12]);
         correlate_two(work, low, high, [(r13, i13), (r23, i23)], [l13, l23]);
@@ -173,7 +174,7 @@ impl SearchWork {
 
 /// Two pairs' correlations by one complex transform: `Z = ĝ_a + i ĝ_b` on both halves of the spectrum.
 fn correlate_two(
-    work: &mut [Complex32; LENGTH],
+    work: &mut Work,
     low: usize,
     high: usize,
     pairs: [(&[f32; BINS], &[f32; BINS]); 2],

@@ -50,6 +50,8 @@ impl ArrayRecorder {
     ///
     /// # Errors
     /// What is wrong with the configuration; the recorder is left as it was.
+    // Apart, because the new plan passes over the stack, which must not stay taken while samples are worked on.
+    #[inline(never)]
     pub fn configure(&mut self, config: &StationConfig) -> Result<(), array::PlanError> {
         let plan = Plan { array: array::Plan::new(config)?, traffic: traffic::Config::new(config) };
         if self.plan.is_full() {

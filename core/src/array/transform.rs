@@ -1,0 +1,236 @@
+//! Spectra of one frame of all four channels, two channels to one complex transform of 512 points.
+//!
+//! Enters: converter codes and the window. Leaves: `Z = X_a + i X_b` for two pairs of channels, bins in order, and from them
+//! the channels' own spectra a few bins at a time: `X_a(k) = (Z(k) + Z*(−k))/2`, `X_b(k) = (Z(k) − Z*(−k))/2i`.
+//!
+//! 512 = 8³: with `n = 64a + 8b + c` and `k = p + 8q + 64r` three stages of transforms of eight (over a, b, c) with
+//! turns `e^{−2πi bp/64}` and `e^{−2πi c(p+8q)/512}` between them. The first stage reads codes and window, so nothing is
+//! copied or reordered; each later one works in place. This is the work done for every sample: 29 000 instructions a pair of
+//! channels, against 45 000 for two real transforms of radix two; the search uses the library's transform.
+
+use super::plan::FRAME;
+use crate::block::CHANNELS;
+use microfft::Complex32;
+
+/// Bins handled at a time: two bins of four channels fit the registers.
+pub(crate) const RUN: usize = 2;
+
+/// Work space: two transforms of a frame, or one of twice its length (8 KiB).
+pub(crate) type Work = [Complex32; 2 * FRAME];
+
+/// Points of one stage's transforms.
+const RADIX: usize = 8;
+/// One transform, its index cut into three digits; between stages the places of b and c come to hold q and r.
+type Cube = [[[Complex32; RADIX]; RADIX]; RADIX];
+/// A bin's turns, one for each digit summed over.
+type Turns = [Complex32; RADIX];
+
+/// `e^{−2πi bp/64}`, by p and b.
+const INNER: [Turns; RADIX] = turns(64);
+/// `e^{−2πi cm/512}`, by m = p + 8q and c.
+const OUTER: [Turns; RADIX * RADIX] = turns(512);
+
+/// `e^{−2πi mj/n}` for m below `M` and j below eight.
+const fn turns<const M: usize>(n: usize) -> [Turns; M] {
+    let mut table = [[Complex32::new(1.0, 0.0); RADIX]; M];
+    let mut m = 0;
+    while m < M {
+        let mut j = 0;
+        while j < RADIX {
+            // From −π to π, where the series is short; the half turn changes both signs.
+            let angle = core::f64::consts::TAU * ((m * j % n) as f64 / n as f64 - 0.5);
+            table[m][j] = Complex32::new(-series(angle, 0) as f32, series(angle, 1) as f32);
+            j += 1;
+        }
+        m += 1;
+    }
+    table
+}
+
+/// Power series of cosine (`first` 0) or sine (1), at compile time: 30 terms leave 10⁻¹⁵ for angles up to π.
+const fn series(angle: f64, first: u32) -> f64 {
+    let (mut sum, mut term) = (0.0, 1.0);
+    let mut n = 0;
+    while n < 30 {
+        if n % 2 == first {
+            sum += if (n / 2) % 2 == 0 { term } else { -term };
+        }
+        n += 1;
+        term *= angle / n as f64;
+    }
+    sum
+}
+
+/// Half of the Tukey window whose tapers take a quarter of its length (periodic form): two channels share a transform,
+/// and separating them adds two halves.
+pub(crate) static WINDOW: [f32; FRAME] = tukey();
+
+const fn tukey() -> [f32; FRAME] {
+    let taper = FRAME / 8;
+    let mut window = [0.5f32; FRAME];
+    let mut n = 0;
+    while n < taper {
+        let w = 0.25 - 0.25 * series(core::f64::consts::PI * n as f64 / taper as f64, 0);
+        window[n] = w as f32;
+        if n > 0 {
+            window[FRAME - n] = w as f32;
+        }
+        n += 1;
+    }
+    window
+}
+
+/// Transforms of channel pairs (0, 1) and (2, 3) of `codes` under the window, in the two halves of `work`.
+pub(crate) fn transform(codes: [&[i32; FRAME]; CHANNELS], work: &mut Work) {
+    let cubes = work.as_chunks_mut().0.as_chunks_mut().0.as_chunks_mut().0;
+    let [c0, c1, c2, c3] = codes;
+    for ([a, b], cube) in [[c0, c1], [c2, c3]].into_iter().zip(cubes) {
+        first(a, b, cube);
+        second(cube);
+        third(cube);
+    }
+}
+
+/// Over a: `Σ_a x(64a + 8b + c) e^{−2πi ap/8}` to place (c, b, p). Apart, like the others, to have all registers.
+#[inline(never)]
+fn first(a: &[i32; FRAME], b: &[i32; FRAME], cube: &mut Cube) {
+    let mut low = 0;
+    for by_b in 0..RADIX {
+        for plane in cube.iter_mut() {
+            let mut x = [Complex32::new(0.0, 0.0); RADIX];
+            for (high, x) in x.iter_mut().enumerate() {
+                let n = high * (RADIX * RADIX) + (low & (RADIX * RADIX - 1));
+                *x = Complex32::new(a[n] as f32 * WINDOW[n], b[n] as f32 * WINDOW[n]);
+            }
+            plane[by_b] = eight(x);
+            low += 1;
+        }
+    }
+}
+
+/// Over b: `Σ_b A(c, b, p) e^{−2πi bp/64} e^{−2πi bq/8}` to place (c, q, p).
+#[inline(never)]
+fn second(cube: &mut Cube) {
+    for plane in cube {
+        for (p, turns) in INNER.iter().enumerate() {
+            let mut x = [Complex32::new(0.0, 0.0); RADIX];
+            for ((x, row), turn) in x.iter_mut().zip(plane.iter()).zip(turns) {
+                *x = turned(row[p], *turn);
+            }
+            for (row, y) in plane.iter_mut().zip(eight(x)) {
+                row[p] = y;
+            }
+        }
+    }
+}
+
+/// Over c: `Σ_c B(c, p, q) e^{−2πi c(p+8q)/512} e^{−2πi cr/8}` to place (r, q, p), which is bin p + 8q + 64r.
+#[inline(never)]
+fn third(cube: &mut Cube) {
+    for (q, turns) in OUTER.as_chunks::<RADIX>().0.iter().enumerate() {
+        for (p, turns) in turns.iter().enumerate() {
+            let mut x = [Complex32::new(0.0, 0.0); RADIX];
+            for ((x, plane), turn) in x.iter_mut().zip(cube.iter()).zip(turns) {
+                *x = turned(plane[q & 7][p], *turn);
+            }
+            for (plane, y) in cube.iter_mut().zip(eight(x)) {
+                plane[q & 7][p] = y;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn turned(x: Complex32, turn: Complex32) -> Complex32 {
+    Complex32::new(x.re * turn.re - x.im * turn.im, x.re * turn.im + x.im * turn.re)
+}
+
+/// Transform of four: `Σ_j x_j e^{−2πi jk/4}`.
+#[inline(always)]
+fn four(x: [Complex32; 4]) -> [Complex32; 4] {
+    let [x0, x1, x2, x3] = x;
+    let (s02, d02, s13, d13) = (x0 + x2, x0 - x2, x1 + x3, x1 - x3);
+    [
+        s02 + s13,
+        Complex32::new(d02.re + d13.im, d02.im - d13.re),
+        s02 - s13,
+        Complex32::new(d02.re - d13.im, d02.im + d13.re),
+    ]
+}
+
+/// Transform of eight: `Σ_j x_j e^{−2πi jk/8}`.
+#[inline(always)]
+fn eight(x: [Complex32; RADIX]) -> [Complex32; RADIX] {
+    const H: f32 = core::f32::consts::FRAC_1_SQRT_2;
+    let [x0, x1, x2, x3, x4, x5, x6, x7] = x;
+    let [e0, e1, e2, e3] = four([x0, x2, x4, x6]);
+    let [o0, o1, o2, o3] = four([x1, x3, x5, x7]);
+    let o1 = Complex32::new(H * (o1.re + o1.im), H * (o1.im - o1.re));
+    let o2 = Complex32::new(o2.im, -o2.re);
+    let o3 = Complex32::new(H * (o3.im - o3.re), -(H * (o3.re + o3.im)));
+    [e0 + o0, e1 + o1, e2 + o2, e3 + o3, e0 - o0, e1 - o1, e2 - o2, e3 - o3]
+}
+
+/// The two channels' bins `RUN·run` and up, from their common transform under half the window.
+#[inline(always)]
+pub(crate) fn separated(z: &[Complex32; FRAME], run: usize) -> [[Complex32; RUN]; 2] {
+    let mut out = [[Complex32::new(0.0, 0.0); RUN]; 2];
+    let [a, b] = &mut out;
+    for (i, (a, b)) in a.iter_mut().zip(b).enumerate() {
+        let k = (run * RUN + i) & (FRAME - 1);
+        let (z, w) = (z[k], z[(FRAME - k) & (FRAME - 1)]);
+        *a = Complex32::new(z.re + w.re, z.im - w.im);
+        *b = Complex32::new(z.im + w.im, w.re - z.re);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::f64 as m;
+
+    #[test]
+    fn the_window_is_a_raised_cosine_at_its_ends() {
+        for (n, w) in WINDOW.iter().enumerate() {
+            let edge = n.min(FRAME - n).min(64) as f64;
+            let exact = 0.25 - 0.25 * m::cos(m::PI * edge / 64.0);
+            assert!((f64::from(*w) - exact).abs() < 3e-8, "{n}");
+        }
+    }
+
+    #[test]
+    fn channels_come_apart_as_their_own_fourier_sums() {
+        let mut codes = [[0i32; FRAME]; CHANNELS];
+        let mut x = 1u32;
+        for code in codes.iter_mut().flatten() {
+            x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            *code = (x >> 9) as i32 - (1 << 22);
+        }
+        let mut work = [Complex32::new(0.0, 0.0); 2 * FRAME];
+        let [c0, c1, c2, c3] = &codes;
+        transform([c0, c1, c2, c3], &mut work);
+        let halves = work.as_chunks::<FRAME>().0;
+        for bin in [0usize, 1, 7, 8, 63, 100, 255] {
+            let exact = |channel: usize| {
+                let (mut re, mut im) = (0.0, 0.0);
+                for n in 0..FRAME {
+                    let (s, c) = m::sin_cos(-m::TAU * (n * bin % FRAME) as f64 / FRAME as f64);
+                    let x = 2.0 * f64::from(codes[channel][n]) * f64::from(WINDOW[n]);
+                    re += x * c;
+                    im += x * s;
+                }
+                (re, im)
+            };
+            for (half, z) in halves.iter().enumerate() {
+                let pair = separated(z, bin / RUN);
+                for (side, spectrum) in pair.iter().enumerate() {
+                    let (got, want) = (spectrum[bin % RUN], exact(2 * half + side));
+                    let error = m::hypot(f64::from(got.re) - want.0, f64::from(got.im) - want.1);
+                    // Amplitudes are about 5·10⁷; single precision over nine levels keeps 1 in 10⁶.
+                    assert!(error < 60.0, "bin {bin} channel {}: {error}", 2 * half + side);
+                }
+            }
+        }
+    }
+}
