@@ -1,6 +1,7 @@
 //! The command `seabearing`.
 
 use clap::Parser;
+use clap::error::ErrorKind;
 use seabearing::cmd::Command;
 use std::io::Write;
 
@@ -13,7 +14,11 @@ struct Cli {
 }
 
 fn main() -> std::process::ExitCode {
-    match Cli::parse().command.run() {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage(&error),
+    };
+    match cli.command.run() {
         Ok(()) => std::process::ExitCode::SUCCESS,
         // The reader of our output has gone (`seabearing … | head`): nothing is wrong.
         Err(error) if is_broken_pipe(&error) => std::process::ExitCode::SUCCESS,
@@ -23,6 +28,24 @@ fn main() -> std::process::ExitCode {
             std::process::ExitCode::FAILURE
         }
     }
+}
+
+/// Help and version as they are; a mistake in the arguments on one line, exit code 2.
+fn usage(error: &clap::Error) -> std::process::ExitCode {
+    if !error.use_stderr() || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        let _ = error.print();
+        return std::process::ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+    }
+    let text = error.render().to_string();
+    let reason =
+        text.split("\n\nUsage:").next().unwrap_or(&text).split("\n\nFor more").next().unwrap_or(&text);
+    let paragraphs: Vec<String> = reason
+        .trim_start_matches("error:")
+        .split("\n\n")
+        .map(|p| p.split_whitespace().collect::<Vec<_>>().join(" "))
+        .collect();
+    let _ = writeln!(std::io::stderr(), "seabearing: {}; `--help` shows how", paragraphs.join("; "));
+    std::process::ExitCode::from(2)
 }
 
 /// The whole chain of causes on one line.

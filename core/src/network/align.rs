@@ -66,6 +66,23 @@ pub enum AlignError {
     NotObservable,
 }
 
+impl core::fmt::Display for AlignError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Track(TrackError::TooShort) => "the track has fewer than two positions",
+            Self::Track(TrackError::NotIncreasing(_)) => "the track's times do not rise",
+            Self::Track(TrackError::NotFinite) => "a position of the track is not a number",
+            Self::Settings => "a setting is not a positive number",
+            Self::TooFew => "fewer than eight bearings fall on the track",
+            Self::NotObservable => {
+                "not observable: the vessel's direction hardly changes, or the shift is at its limit"
+            }
+        })
+    }
+}
+
+impl core::error::Error for AlignError {}
+
 /// Finds the shift.
 ///
 /// # Errors

@@ -2,22 +2,26 @@
 //! positions.
 //!
 //! The residual `true − measured` azimuth is the offset plus an error whose tails are far from Gaussian (wrong peaks,
-//! other vessels, 180° flips). Per pass the offset is the maximum of a Student-t likelihood on the circle (three
-//! degrees of freedom: the heaviest tails that still have a variance), its scale from the median absolute deviation;
-//! found on a grid of 1°, so that a wrong mode cannot capture it, then refined by reweighting. Over several passes
-//! the median of the passes, with the error of their scatter: the errors of one pass have a common part. With fewer
-//! than three passes, the pooled fit and a jackknife over blocks in time.
+//! other vessels, 180° flips). Per pass the mode is found on a grid of 1° under a Student-t likelihood (three degrees of
+//! freedom, 10° wide), so that a wrong mode cannot capture it; about it the offset is the maximum of Huber's likelihood
+//! (P. J. Huber, Ann. Math. Statist. 35, 1964): Gaussian within [`CORNER`], exponential beyond, as the errors of real
+//! buoys are (`seabearing reproduce difar`). It never lies farther than the corner from the median residual. Over
+//! several passes the median of the passes, with the error of their scatter: the errors of one pass have a common part.
+//! With fewer than three passes, the pooled fit and a jackknife over blocks in time.
 
 use super::{MAD_TO_SD, OrientError, quantile};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
 
-/// Fewest residuals of a pass.
-pub const LEAST_RESIDUALS: usize = 5;
+/// Fewest residuals of a pass: two that agree say nothing of their error.
+pub const LEAST_RESIDUALS: usize = 3;
 /// Most passes kept apart; later ones are left to the next call.
 pub const MAX_PASSES: usize = 64;
-/// Degrees of freedom of the Student-t errors.
+/// Degrees of freedom of the Student-t errors of the grid.
 const FREEDOM: f64 = 3.0;
+/// Where the Gaussian core of the errors ends and the exponential tails begin, radians: the median error of real buoys,
+/// whose bearings come in whole degrees.
+const CORNER: f64 = 1.5 * crate::angle::RAD_PER_DEG;
 /// Least scale, radians: bearings come in whole degrees, and a handful may agree by chance.
 const LEAST_SCALE: f64 = 1.0 * crate::angle::RAD_PER_DEG;
 /// Blocks of the jackknife.
@@ -94,21 +98,17 @@ pub fn offset(residuals: &[Residual]) -> Result<Offset, OrientError> {
     } else {
         (0.0, jackknife(residuals, pooled))
     };
-    // Even without visible scatter an offset is not better known than its residuals' scale allows.
-    let least = scale / m::sqrt(n as f64);
-    Ok(Offset {
-        offset: wrap_tau(pooled + correction),
-        sd: sd.max(least),
-        scale,
-        support,
-        n,
-        passes: passes.max(1),
-    })
+    // Even without visible scatter an offset is not better known than its residuals' scale allows, and a scale from a
+    // handful of residuals is itself uncertain: n/(n − 2) as the variance of a Student-t variable.
+    let few = n as f64 / (n as f64 - 2.0);
+    let least = m::sqrt(m::FRAC_PI_2 / n as f64) * scale;
+    let sd = m::sqrt(few) * sd.max(least);
+    Ok(Offset { offset: wrap_tau(pooled + correction), sd, scale, support, n, passes: passes.max(1) })
 }
 
-/// Student-t location and scale of angles.
+/// Huber location and scale (1.4826 × median absolute deviation) of angles.
 fn fit(angles: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
-    // Coarse: the grid point with the greatest likelihood at a broad scale (10°).
+    // Coarse: the grid point with the greatest Student-t likelihood at a broad scale (10°).
     const COARSE_SCALE: f64 = 10.0 * crate::angle::RAD_PER_DEG;
     let mut best = (f64::INFINITY, 0.0);
     for k in 0..360 {
@@ -124,15 +124,18 @@ fn fit(angles: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
             best = (cost, a);
         }
     }
-    let mut a = best.1;
-    let mut scale = COARSE_SCALE;
-    for _ in 0..50 {
-        let deviations = angles.clone().map(|x| m::abs(wrap_pi(x - a)));
-        scale = (MAD_TO_SD * quantile(deviations, 0.5)).max(LEAST_SCALE);
+    let mode = best.1;
+    let from_mode = angles.map(|x| wrap_pi(x - mode));
+    // Of an even number the middle of both medians: where the two halves are far apart the likelihood is flat between.
+    let above = -quantile(from_mode.clone().map(|x| -x), 0.5);
+    let mut a = 0.5 * (quantile(from_mode.clone(), 0.5) + above);
+    let scale = (MAD_TO_SD * quantile(from_mode.clone().map(|x| m::abs(x - a)), 0.5)).max(LEAST_SCALE);
+    // Reweighting converges by a constant factor a step, slowest where nearly all residuals are in the tails.
+    for _ in 0..500 {
         let (mut sum, mut weights) = (0.0, 0.0);
-        for x in angles.clone() {
-            let d = wrap_pi(x - a);
-            let w = (FREEDOM + 1.0) / (FREEDOM + d * d / (scale * scale));
+        for x in from_mode.clone() {
+            let d = x - a;
+            let w = CORNER / m::abs(d).max(CORNER);
             sum += w * d;
             weights += w;
         }
@@ -145,7 +148,7 @@ fn fit(angles: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
             break;
         }
     }
-    (a, scale)
+    (mode + a, scale)
 }
 
 /// Delete-a-block jackknife of the pooled offset.
@@ -194,9 +197,38 @@ mod tests {
     }
 
     #[test]
+    fn the_offset_stays_by_the_median_and_its_error_is_honest_for_a_handful() {
+        // Errors of exponential size either way (median 1.5°), from a linear congruential generator.
+        let mut state = 1_u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+        };
+        for n in [3, 5, 8, 20] {
+            let (mut within, runs) = (0, 400);
+            for _ in 0..runs {
+                let mut degrees: Vec<f64> = (0..n)
+                    .map(|_| -1.5 / 2.0_f64.ln() * uniform().ln() * if uniform() < 0.5 { -1.0 } else { 1.0 })
+                    .collect();
+                let r: Vec<_> =
+                    degrees.iter().map(|d| Residual { angle: (d - 170.0) * RAD_PER_DEG, pass: 0 }).collect();
+                let Ok(found) = offset(&r) else { continue };
+                let error = wrap_pi(found.offset + 170.0 * RAD_PER_DEG);
+                degrees.sort_by(f64::total_cmp);
+                let middle = [degrees[(n - 1) / 2] - 1.5, degrees[n / 2] + 1.5].map(|d| d * RAD_PER_DEG);
+                assert!(error > middle[0] - 1e-6 && error < middle[1] + 1e-6, "{n} {error} {middle:?}");
+                within += u32::from(error.abs() < 2.0 * found.sd);
+            }
+            let share = f64::from(within) / f64::from(runs);
+            std::println!("{n} {share}");
+            assert!((0.90..=0.99).contains(&share), "{n} residuals: {share} within two standard deviations");
+        }
+    }
+
+    #[test]
     fn directions_all_around_are_refused() {
         let spread: Vec<_> = (0..100).map(|k| Residual { angle: 0.628 * f64::from(k), pass: 0 }).collect();
         assert_eq!(offset(&spread), Err(OrientError::Inconsistent));
-        assert_eq!(offset(&spread[..3]), Err(OrientError::TooFew));
+        assert_eq!(offset(&spread[..2]), Err(OrientError::TooFew));
     }
 }

@@ -7,6 +7,7 @@ pub mod blob;
 pub mod config;
 pub mod demo;
 pub mod locate;
+mod locate_over_time;
 pub mod orient;
 pub mod process;
 pub mod propagation;

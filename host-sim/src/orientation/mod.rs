@@ -3,5 +3,6 @@
 //! The estimators are the core's (`seabearing_core::network`, `orient`, `line`); here is what reads their input.
 
 pub mod local_frame;
+pub mod network_file;
 pub mod sets;
 pub mod track_file;

@@ -97,7 +97,7 @@ pub fn score(file: &Path) -> Result<Score> {
         let away = median(&centred).abs();
         s.within_1_deg_of_median += f64::from(u8::from(away <= 1.0));
         s.largest_from_median_deg = s.largest_from_median_deg.max(away);
-        if centred.len() >= 2 * LEAST_RESIDUALS - 4 {
+        if centred.len() >= 2 * LEAST_RESIDUALS {
             let half = |k: usize| centred.iter().skip(k).step_by(2).copied().collect::<Vec<_>>();
             let (even, odd) = (half(0), half(1));
             halves += 1.0;

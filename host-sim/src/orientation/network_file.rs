@@ -1,0 +1,117 @@
+//! A network file (`[[stations]]`) and the bearings of its arrays.
+
+use super::local_frame::LocalFrame;
+use super::sets::Row;
+use crate::csv::{Table, good_rows};
+use crate::station::Station;
+use anyhow::{Context, Result, anyhow, bail};
+use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
+use seabearing_core::config::StationConfig;
+use seabearing_core::network::MAX_ARRAYS;
+use std::path::Path;
+
+/// The stations in one local frame.
+pub struct Network {
+    /// The stations of the file, in its order.
+    pub stations: Vec<StationConfig>,
+    /// East, North, Up of each, metres.
+    pub arrays_m: Vec<[f64; 3]>,
+    /// The local frame, where the file gives latitudes: its origin is the first station.
+    pub frame: Option<LocalFrame>,
+}
+
+impl Network {
+    /// Reads a network file.
+    ///
+    /// # Errors
+    /// One line that names the file and what is wrong.
+    pub fn read(path: &Path) -> Result<Self> {
+        let stations = Station::read_network(path)?;
+        let name = path.display();
+        if stations.len() > MAX_ARRAYS {
+            bail!("{name}: {} stations; at most {MAX_ARRAYS} make one network", stations.len());
+        }
+        for (i, s) in stations.iter().enumerate() {
+            if stations[..i].iter().any(|o| o.id == s.id && o.name == s.name) {
+                bail!("{name}: two stations have the same id {} and name `{}`", s.id, s.name);
+            }
+        }
+        let local: Option<Vec<_>> = stations
+            .iter()
+            .map(|s| s.local_east_north_m.map(|(east, north)| [east, north, -s.depth_m]))
+            .collect();
+        if let Some(arrays_m) = local {
+            return Ok(Self { stations, arrays_m, frame: None });
+        }
+        let Some((lat, lon)) = stations[0].lat_lon_deg else {
+            bail!("{name}: station `{}` has no position (lat_deg and lon_deg, or local_m)", stations[0].name)
+        };
+        let frame = LocalFrame::new(lat, lon);
+        let arrays_m = stations
+            .iter()
+            .map(|s| {
+                let (lat, lon) = s.lat_lon_deg.with_context(|| {
+                    format!("{name}: station `{}` has no lat_deg and lon_deg as the others have", s.name)
+                })?;
+                let (east, north) = frame.east_north_m(lat, lon);
+                Ok([east, north, -s.depth_m])
+            })
+            .collect::<Result<_>>()?;
+        Ok(Self { stations, arrays_m, frame: Some(frame) })
+    }
+
+    /// Station named in a cell, by id or by name.
+    fn find(&self, cell: &str) -> Result<usize> {
+        let by = |f: &dyn Fn(&StationConfig) -> bool| self.stations.iter().position(f);
+        by(&|s| s.name.as_str() == cell)
+            .or_else(|| cell.parse::<u16>().ok().and_then(|id| by(&|s| s.id == id)))
+            .ok_or_else(|| {
+                let known: Vec<_> =
+                    self.stations.iter().map(|s| format!("{} (`{}`)", s.id, s.name)).collect();
+                anyhow!("station `{cell}` is not in the network; there are {}", known.join(", "))
+            })
+    }
+}
+
+/// Reads `t_s,station,azimuth_deg,elevation_deg`; `relative`: azimuths are from each array's own North. Rows that
+/// cannot be used are named on standard error and left out.
+///
+/// # Errors
+/// The file cannot be read, or no row of it is usable.
+pub fn read_rows(path: &Path, network: &Network, relative: bool) -> Result<Vec<Row>> {
+    let table = Table::read(path)?;
+    let name = path.display().to_string();
+    let station_column = table.column("station")?;
+    let elevation_column = table.column("elevation_deg")?;
+    let rows = table.numbers(["t_s", "azimuth_deg"])?;
+    let rows = rows
+        .into_iter()
+        .enumerate()
+        .map(|(i, (line, numbers))| {
+            let row = numbers.and_then(|[t_s, azimuth_deg]| {
+                let here = || format!("{name}, line {line}");
+                let cell = table.text(i, station_column).unwrap_or("");
+                let station = network.find(cell).with_context(here)?;
+                let elevation = match table.text(i, elevation_column).unwrap_or("") {
+                    "" => None,
+                    text => Some(
+                        text.parse::<f64>()
+                            .ok()
+                            .filter(|e| e.abs() <= 90.0)
+                            .ok_or_else(|| anyhow!("`elevation_deg` is `{text}`; -90 to 90 was expected"))
+                            .with_context(here)?,
+                    ),
+                };
+                let turn = if relative { network.stations[station].orientation_deg } else { 0.0 };
+                Ok(Row {
+                    t_s,
+                    station,
+                    azimuth: wrap_tau((azimuth_deg + turn) * RAD_PER_DEG),
+                    elevation: elevation.map(|e| e * RAD_PER_DEG),
+                })
+            });
+            (line, row)
+        })
+        .collect();
+    good_rows(&name, rows)
+}

@@ -1,0 +1,198 @@
+//! `seabearing locate` and `seabearing orient` as a person runs them.
+
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const ARRAYS_M: [(u16, [f64; 3]); 3] =
+    [(1, [0.0, 100.0, -168.0]), (2, [86.6, -50.0, -168.0]), (3, [-86.6, -50.0, -168.0])];
+const SOUND_SPEED_M_S: f64 = 1484.0;
+
+fn seabearing(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_seabearing")).args(args).output().expect("the command runs")
+}
+
+fn records(args: &[&str]) -> Vec<Value> {
+    let out = seabearing(args);
+    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8(out.stdout).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+}
+
+/// One line on standard error, exit code not zero, nothing on standard output.
+fn refusal(args: &[&str]) -> String {
+    let out = seabearing(args);
+    let text = String::from_utf8(out.stderr).unwrap();
+    assert!(!out.status.success() && out.stdout.is_empty(), "{args:?}");
+    assert_eq!(text.trim_end().lines().count(), 1, "{text}");
+    text
+}
+
+/// A vessel at 5 m depth: 300 m East at time 200 s, heading 20°, 6 m/s.
+fn vessel_m(t_s: f64) -> [f64; 3] {
+    let (s, c) = 20f64.to_radians().sin_cos();
+    [300.0 + 6.0 * s * (t_s - 200.0), 6.0 * c * (t_s - 200.0), -5.0]
+}
+
+/// East, North, Up from an array to the source `behind_s` of the vessel's way behind its antenna, when the sound that
+/// arrives at `t_s` left it.
+fn seen(array_m: [f64; 3], t_s: f64, behind_s: f64) -> [f64; 3] {
+    let mut left_s = t_s;
+    let mut way = [0.0; 3];
+    for _ in 0..20 {
+        let p = vessel_m(left_s - behind_s);
+        way = [0, 1, 2].map(|k| p[k] - array_m[k]);
+        left_s = t_s - way.iter().map(|x| x * x).sum::<f64>().sqrt() / SOUND_SPEED_M_S;
+    }
+    way
+}
+
+/// Network file and bearings of every array, each at its own instants; errors of ±0.5° that alternate.
+fn write(dir: &Path, behind_s: f64, turned: impl Fn(u16) -> f64) -> (PathBuf, PathBuf) {
+    let (stations, bearings) = (dir.join("network.toml"), dir.join("bearings.csv"));
+    let mut network = String::new();
+    let mut rows = String::from("t_s,station,azimuth_deg,elevation_deg\n");
+    for (id, [x, y, z]) in ARRAYS_M {
+        let _ = writeln!(
+            network,
+            "[[stations]]\nid = {id}\nname = \"s{id}\"\nkind = \"array\"\nposition = {{ local_m = [{x:.1}, {y:.1}, {z:.1}] }}"
+        );
+        for k in 0..200 {
+            let t = 2.0 * f64::from(k) + 0.3 * f64::from(id);
+            let [e, n, u] = seen([x, y, z], t, behind_s);
+            let error = if k % 2 == 0 { 0.5 } else { -0.5 };
+            let azimuth = e.atan2(n).to_degrees() + error + turned(id);
+            let _ = writeln!(rows, "{t},s{id},{azimuth},{}", u.atan2(e.hypot(n)).to_degrees() - error);
+        }
+    }
+    std::fs::write(&stations, network).unwrap();
+    std::fs::write(&bearings, rows).unwrap();
+    (stations, bearings)
+}
+
+fn number(r: &Value, key: &str) -> f64 {
+    r[key].as_f64().unwrap_or_else(|| panic!("{key} in {r}"))
+}
+
+#[test]
+fn positions_follow_the_vessel() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stations, bearings) = write(dir.path(), 0.0, |_| 0.0);
+    let (s, b) = (stations.to_str().unwrap(), bearings.to_str().unwrap());
+    let fixes = records(&["locate", "--stations", s, "--depth-m", "5", b, "--json"]);
+    assert!(fixes.len() > 150);
+    for fix in fixes.iter().filter(|f| (150.0..250.0).contains(&number(f, "t_s"))) {
+        assert_eq!(fix["type"], "fix");
+        let p = vessel_m(number(fix, "t_s") - 0.2);
+        let off = (number(fix, "x_m") - p[0]).hypot(number(fix, "y_m") - p[1]);
+        assert!(off < 3.0 * number(fix, "sd_x_m").hypot(number(fix, "sd_y_m")), "{fix}");
+    }
+}
+
+#[test]
+fn one_motion_from_all_arrays_needs_no_speed_and_names_a_turned_array() {
+    let dir = tempfile::tempdir().unwrap();
+    for (turn, rejected) in [(0.0, None), (25.0, Some(3))] {
+        let (stations, bearings) = write(dir.path(), 0.0, |id| if id == 3 { turn } else { 0.0 });
+        let (s, b) = (stations.to_str().unwrap(), bearings.to_str().unwrap());
+        let tracks = records(&["locate", "--stations", s, "--depth-m", "5", "--motion", b, "--json"]);
+        assert_eq!(tracks.len(), 3);
+        for (track, (id, [x, y, _])) in tracks.iter().zip(ARRAYS_M) {
+            assert_eq!((&track["type"], number(track, "station")), (&Value::from("track"), f64::from(id)));
+            assert_eq!(track["rejected"].as_u64(), rejected);
+            // By hand: the course is x = 300 + s τ, y = c τ; the array's distance from that line, and when.
+            let (sine, cosine) = 20f64.to_radians().sin_cos();
+            let (dx, dy) = (300.0 - x, -y);
+            let time = 200.0 - (dx * sine + dy * cosine) / 6.0;
+            let across = dx * cosine - dy * sine;
+            for (key, truth, sd) in [
+                ("cpa_range_m", across.abs(), number(track, "sd_cpa_range_m")),
+                ("cpa_time_s", time, number(track, "sd_cpa_time_s")),
+                ("heading_deg", 20.0, number(track, "sd_heading_deg")),
+                ("speed_m_s", 6.0, number(track, "sd_speed_m_s")),
+            ] {
+                let error = number(track, key) - truth;
+                assert!(sd > 0.0 && error.abs() < 2.0 * sd, "{key}: off by {error}, sd {sd}: {track}");
+            }
+            assert_eq!(track["side"], if across > 0.0 { "port" } else { "starboard" });
+        }
+    }
+}
+
+#[test]
+fn the_sound_source_is_found_behind_the_antenna() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stations, bearings) = write(dir.path(), 9.0, |_| 0.0);
+    let gps = dir.path().join("gps.csv");
+    let mut text = String::from("t_s,x_m,y_m\n");
+    for t in (-50..=450).step_by(10) {
+        let [x, y, _] = vessel_m(f64::from(t));
+        let _ = writeln!(text, "{t},{x},{y}");
+    }
+    std::fs::write(&gps, text).unwrap();
+    let (s, b, g) = (stations.to_str().unwrap(), bearings.to_str().unwrap(), gps.to_str().unwrap());
+    for r in records(&["locate", "--stations", s, "--known-track", g, b, "--json"]) {
+        assert_eq!(r["type"], "alignment");
+        let (shift, sd) = (number(&r, "shift_s"), number(&r, "sd_s"));
+        assert!((shift - 9.0).abs() < 2.0 * sd && sd < 2.0, "{r}");
+    }
+}
+
+#[test]
+fn what_cannot_be_located_is_said_in_one_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stations, bearings) = write(dir.path(), 0.0, |_| 0.0);
+    let (s, b) = (stations.to_str().unwrap(), bearings.to_str().unwrap());
+    let one = dir.path().join("one.csv");
+    let text = std::fs::read_to_string(&bearings).unwrap();
+    let alone = |l: &&str| l.starts_with("t_s") || l.contains(",s1,");
+    let without_elevation = |l: &str| format!("{},\n", l.rsplit_once(',').unwrap().0);
+    let rows: String = text.lines().filter(alone).map(without_elevation).collect();
+    std::fs::write(&one, rows.replacen("azimuth_deg,\n", "azimuth_deg,elevation_deg\n", 1)).unwrap();
+    let said = refusal(&["locate", "--stations", s, "--motion", one.to_str().unwrap()]);
+    assert!(said.contains("one.csv") && said.contains("not observable"), "{said}");
+    assert!(refusal(&["locate", "--stations", s, "--tau-s=-1", b]).contains("--tau-s"));
+    assert!(refusal(&["locate", "--stations", s, "--dept-m", "5", b]).contains("--depth-m"));
+    assert!(refusal(&["locate"]).contains("--stations"));
+    assert!(refusal(&["locate", "--stations", s, "missing.csv"]).contains("missing.csv"));
+    std::fs::write(&one, "t_s,station,azimuth_deg,elevation_deg\n1,s9,10,\n").unwrap();
+    let out = seabearing(&["locate", "--stations", s, one.to_str().unwrap()]);
+    assert!(!out.status.success());
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert!(said.contains("line 2") && said.contains("s9"), "{said}");
+}
+
+#[test]
+fn a_buoy_is_oriented_by_a_ship_of_known_track() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    std::fs::write(
+        path("buoy.toml"),
+        "[station]\nid = 1\nname = \"buoy\"\nkind = \"obs\"\nposition = { local_m = [0.0, 0.0, -20.0] }\n\
+         [sampling]\nrate_hz = 50\n[obs]\norientation_of_north_deg = 30.0\n",
+    )
+    .unwrap();
+    let (mut track, mut bearings) = (String::from("t_s,x_m,y_m\n"), String::from("t_s,azimuth_deg\n"));
+    for k in 0..30 {
+        let t = 10.0 * f64::from(k);
+        let (x, y) = (-900.0 + 6.0 * t, 400.0);
+        let _ = writeln!(track, "{t},{x},{y}");
+        // Its north points to 17.2°, not 30°; whole degrees; one in ten is the opposite direction.
+        let wrong = if k % 10 == 4 { 180.0 } else { 0.0 };
+        let _ =
+            writeln!(bearings, "{t},{}", (x.atan2(y).to_degrees() + 12.8 + wrong).rem_euclid(360.0).round());
+    }
+    std::fs::write(path("ship.csv"), track).unwrap();
+    std::fs::write(path("azimuths.csv"), bearings).unwrap();
+    let found = records(&[
+        "orient",
+        "--station",
+        &path("buoy.toml"),
+        "--track",
+        &path("ship.csv"),
+        &path("azimuths.csv"),
+        "--json",
+    ]);
+    let (turn, sd) = (number(&found[0], "orientation_deg"), number(&found[0], "sd_deg"));
+    assert!(found[0]["type"] == "orientation" && (turn - 17.2).abs() < 3.0 * sd && sd < 1.0, "{found:?}");
+}
