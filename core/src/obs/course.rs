@@ -81,11 +81,11 @@ impl Course {
         let mut left = t_s;
         for _ in 0..2 {
             let (x, y) = self.at(left);
-            left = t_s - travel.at(math::f64::hypot(x, y));
+            left = t_s - travel.at(math::f64::sqrt(x * x + y * y));
         }
         let (x, y) = self.at(left);
         let [_, _, vx, vy] = self.p;
-        let range_m = math::f64::hypot(x, y).max(1.0);
+        let range_m = math::f64::sqrt(x * x + y * y).max(1.0);
         Seen {
             since_s: left - self.t0_s,
             place: (x, y),

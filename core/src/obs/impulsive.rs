@@ -8,8 +8,8 @@
 //! Cost: 80 k instructions for each frame that may.
 
 use super::azigram::{NO_DIRECTION, Row};
+use super::cauchy::log_sum;
 use super::limits::{CIRCLE, HOP};
-use super::tonal::log_sum;
 use crate::math;
 
 /// Azimuths searched.
@@ -130,10 +130,10 @@ impl Calls {
     }
 
     /// Searches the frames of a window.
-    pub fn search<'a>(&self, bins: usize, rows: impl Iterator<Item = &'a Row>) -> Option<Call> {
+    pub fn search(&self, bins: usize, rows: &[&Row]) -> Option<Call> {
         let mut total = [0f32; AZIMUTHS];
         let mut frames = 0;
-        for row in rows.filter(|r| r.uneven >= UNEVEN) {
+        for row in rows.iter().filter(|r| r.uneven >= UNEVEN) {
             frames += 1;
             let (mut low, mut high) = ([0f32; AZIMUTHS], [0f32; AZIMUTHS]);
             for (f, code) in row.azimuth.iter().enumerate().take(bins) {
@@ -203,15 +203,15 @@ mod tests {
                 row
             })
             .collect();
-        assert_eq!(calls.search(266, rows.iter()), None);
+        assert_eq!(calls.search(266, &rows.iter().collect::<std::vec::Vec<_>>()), None);
         for k in [3, 9, 15] {
             rows[k].azimuth.iter_mut().skip(140).for_each(|a| *a = 300 + random() / 20);
         }
-        let call = calls.search(266, rows.iter()).unwrap();
+        let call = calls.search(266, &rows.iter().collect::<std::vec::Vec<_>>()).unwrap();
         let degrees = call.azimuth.to_degrees();
         assert!((degrees - 114.5).abs() < 5.0, "{degrees}");
         rows.iter_mut().for_each(|r| r.uneven = 14);
-        assert_eq!(calls.search(266, rows.iter()), None);
+        assert_eq!(calls.search(266, &rows.iter().collect::<std::vec::Vec<_>>()), None);
     }
 
     #[test]

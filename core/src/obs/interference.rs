@@ -22,7 +22,10 @@ const HALF: usize = 10;
 /// Number of fine delays.
 const DELAYS: usize = FINE * QUEFRENCIES;
 
-/// Delays are stored in steps of this, s.
+/// Steps between two fine delays in which the place of a pulse is stored: 0.16 ms at 50 Hz.
+const PARTS: usize = 32;
+
+/// Plain delays are stored in steps of this, s.
 const DELAY_UNIT_S: f32 = 1e-4;
 
 /// Strengths are stored in steps of this.
@@ -43,7 +46,8 @@ const SAME_DELAY_S: f32 = 0.07;
 /// Ranges closer than this are one place, m.
 const SAME_PLACE_M: f32 = 1500.0;
 
-/// A branch at a range: where its pulse lies and how the envelope projects on it.
+/// A branch at a range: where its pulse lies, in fine delays over [`PARTS`] (0: no pulse), and how the envelope
+/// projects on it.
 #[derive(Clone, Copy, Debug)]
 struct Pulse {
     delay: u16,
@@ -53,6 +57,11 @@ struct Pulse {
 
 impl Pulse {
     const NONE: Self = Self { delay: 0, re: 0, im: 0 };
+
+    /// Where it lies, in quefrencies.
+    fn centre(self) -> f32 {
+        f32::from(self.delay) * (1.0 / (FINE * PARTS) as f32)
+    }
 }
 
 /// The model.
@@ -63,11 +72,13 @@ pub struct Interference {
     half_energy: [f32; MODEL_RANGES],
     /// Delays of each branch against range in [`DELAY_UNIT_S`]; 0: none.
     far_delay: [[u16; FAR_RANGES]; MAX_BRANCHES],
-    kernel: [[f32; 2 * HALF + 1]; FINE],
+    /// The pulse by distance in quefrencies and by fine delay.
+    kernel: [[f32; FINE]; 2 * HALF + 1],
+    /// First quefrency with a pulse, and how many there are to the last.
+    span: (usize, usize),
     carrier: [Complex32; QUEFRENCIES],
     inverse_variance: [f32; QUEFRENCIES],
     branches: usize,
-    delays_a_second: f32,
     max_range_m: f32,
 }
 
@@ -98,11 +109,11 @@ impl Interference {
         pulses: [[Pulse::NONE; MODEL_RANGES]; MAX_BRANCHES],
         half_energy: [0.0; MODEL_RANGES],
         far_delay: [[0; FAR_RANGES]; MAX_BRANCHES],
-        kernel: [[0.0; 2 * HALF + 1]; FINE],
+        kernel: [[0.0; FINE]; 2 * HALF + 1],
+        span: (0, 0),
         carrier: [Complex32 { re: 0.0, im: 0.0 }; QUEFRENCIES],
         inverse_variance: [0.0; QUEFRENCIES],
         branches: 0,
-        delays_a_second: 0.0,
         max_range_m: 0.0,
     };
 
@@ -111,7 +122,6 @@ impl Interference {
         let header = table.header();
         let out = self;
         out.branches = table.branches();
-        out.delays_a_second = FINE as f32 * rate_hz;
         out.max_range_m = table.max_range_m().min(RANGE_STEP_M * (MODEL_RANGES - 1) as f32);
         out.pulses.iter_mut().flatten().for_each(|p| *p = Pulse::NONE);
         for (k, (c, v)) in out.carrier.iter_mut().zip(&mut out.inverse_variance).enumerate() {
@@ -119,8 +129,8 @@ impl Interference {
             *c = Complex32::new(math::f32::cos(turn), math::f32::sin(turn));
             *v = 1.0 / (noise_sd(k) * noise_sd(k));
         }
-        for (s, kernel) in out.kernel.iter_mut().enumerate() {
-            for (d, w) in kernel.iter_mut().enumerate() {
+        for (d, kernel) in out.kernel.iter_mut().enumerate() {
+            for (s, w) in kernel.iter_mut().enumerate() {
                 let q = (d as f32 - HALF as f32 - s as f32 / FINE as f32) / rate_hz / header.width_s;
                 *w = if q.abs() < 3.0 { math::f32::exp(-q * q) } else { 0.0 };
             }
@@ -137,12 +147,16 @@ impl Interference {
                 let angle = math::f32::TAU * header.f0_hz * delay + phase;
                 let code = |x: f32| (strength.min(0.99) * x / STRENGTH_UNIT) as i16;
                 *pulse = Pulse {
-                    delay: math::f32::round(delay / DELAY_UNIT_S) as u16,
+                    delay: math::f32::round(delay * rate_hz * (FINE * PARTS) as f32) as u16,
                     re: code(math::f32::cos(angle)),
                     im: code(math::f32::sin(angle)),
                 };
             }
         }
+        let drawn = out.pulses.iter().flatten().map(|p| usize::from(p.delay) / (FINE * PARTS));
+        let drawn = drawn.filter(|k| *k > 0);
+        let (first, last) = (drawn.clone().min().unwrap_or(0).max(HALF), drawn.max().unwrap_or(0));
+        out.span = (first, (last + 2).saturating_sub(first));
         for (b, delays) in out.far_delay.iter_mut().enumerate() {
             for (j, d) in delays.iter_mut().enumerate() {
                 let known = table.branch(b, FAR_STEP_M * j as f32);
@@ -165,8 +179,7 @@ impl Interference {
         let mut total = 0.0;
         for b in 0..self.branches {
             let Some(p) = pulse(b) else { continue };
-            let centre = f32::from(p.delay) * DELAY_UNIT_S * rate_hz;
-            let first = (centre as usize).saturating_sub(HALF);
+            let first = (p.centre() as usize).saturating_sub(HALF);
             for k in first..first + 2 * HALF + 2 {
                 let own = mu(p, k, f0_hz, width_s, rate_hz);
                 // Every pair is met twice, once from either pulse.
@@ -225,31 +238,26 @@ impl Interference {
             let x = y * v;
             *w = Complex32::new(c.re * x, c.im * x);
         }
-        let centres = out.weighted.windows(2 * HALF + 1);
-        for (span, z) in centres.zip(out.z.chunks_exact_mut(FINE).skip(HALF)) {
-            for (z, kernel) in z.iter_mut().zip(&self.kernel) {
-                let (mut re, mut im) = (0f32, 0f32);
-                for (w, k) in span.iter().zip(kernel) {
-                    re += w.re * k;
-                    im += w.im * k;
-                }
-                *z = Complex32::new(re, im);
+        let (first, count) = self.span;
+        let centres = out.weighted.windows(2 * HALF + 1).skip(first.saturating_sub(HALF)).take(count);
+        for (span, z) in centres.zip(out.z.as_chunks_mut::<FINE>().0.iter_mut().skip(first)) {
+            let (mut re, mut im) = ([0f32; FINE], [0f32; FINE]);
+            for (w, kernel) in span.iter().zip(&self.kernel) {
+                re.iter_mut().zip(kernel).for_each(|(x, k)| *x += w.re * k);
+                im.iter_mut().zip(kernel).for_each(|(x, k)| *x += w.im * k);
             }
+            z.iter_mut().zip(re.iter().zip(&im)).for_each(|(z, (re, im))| *z = Complex32::new(*re, *im));
         }
     }
 
     /// Writes the log-likelihood ratio at every range to `out`, all branches summed.
     pub fn log_ratio(&self, envelope: &Envelope, out: &mut [f32; MODEL_RANGES]) {
         out.iter_mut().for_each(|g| *g = 0.0);
-        let scale = DELAY_UNIT_S * self.delays_a_second;
         for pulses in self.pulses.iter().take(self.branches) {
             for (g, p) in out.iter_mut().zip(pulses) {
-                if p.delay == 0 {
-                    continue;
-                }
-                let x = f32::from(p.delay) * scale;
-                let i = x as usize;
-                let part = x - i as f32;
+                // Where there is no pulse, `re` and `im` are 0.
+                let (i, part) = (usize::from(p.delay) / PARTS, usize::from(p.delay) % PARTS);
+                let part = part as f32 * (1.0 / PARTS as f32);
                 if let Some([a, b]) = envelope.z.get(i..).and_then(|z| z.first_chunk::<2>()) {
                     let re = a.re + (b.re - a.re) * part;
                     let im = a.im + (b.im - a.im) * part;
@@ -264,7 +272,7 @@ impl Interference {
 /// The pulse's value at quefrency index `k`.
 fn mu(p: Pulse, k: usize, f0_hz: f32, width_s: f32, rate_hz: f32) -> f32 {
     let q = k as f32 / rate_hz;
-    let x = (q - f32::from(p.delay) * DELAY_UNIT_S) / width_s;
+    let x = (q - p.centre() / rate_hz) / width_s;
     if x.abs() >= 3.0 {
         return 0.0;
     }

@@ -15,6 +15,7 @@ pub mod intake;
 pub mod azigram;
 
 pub mod ambient;
+pub mod cauchy;
 pub mod impulsive;
 pub mod tonal;
 

@@ -3,12 +3,12 @@
 //! Enters: [`StationConfig`] and [`Table`]. Leaves: window, band, orientation, tables of the wrapped-Cauchy law and
 //! of the interference model. Cost: about 36 KiB and, once, a few million instructions.
 
+use super::cauchy::WrappedCauchy;
 use super::decimate::Decimator;
 use super::impulsive::Calls;
 use super::interference::Interference;
 use super::limits::{AZIMUTH_BINS, FRAME, MAX_INNER_RATE_HZ};
 use super::table::{Table, TableError};
-use super::tonal::WrappedCauchy;
 use super::travel::TravelTime;
 use crate::angle::RAD_PER_DEG;
 use crate::config::{ConfigError, Kind, StationConfig};
@@ -143,7 +143,7 @@ impl Plan {
         self.decimator.fill(factor);
         self.first_bin = first_bin;
         self.bins = (last_bin - first_bin + 1).min(AZIMUTH_BINS);
-        self.turn = (obs.orientation_of_north_deg * RAD_PER_DEG + away) as f32;
+        self.turn = crate::angle::wrap_tau(obs.orientation_of_north_deg * RAD_PER_DEG + away) as f32;
         self.clip = config.full_scale.saturating_sub(1);
         self.paper = obs.paper_compatibility;
         self.tones.fill(obs.paper_compatibility);

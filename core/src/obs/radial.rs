@@ -14,6 +14,9 @@ use crate::math;
 /// Steps of a stored log ratio: 1/256, so that ±127 fits 16 bits (one frame never says more).
 const ROW_UNIT: f32 = 1.0 / 256.0;
 
+/// Ranges read at a time.
+const BLOCK: usize = 64;
+
 /// Log-likelihood ratio on the grid of radial speeds and ranges.
 pub type Grid = [[f32; RANGE_CELLS]; SPEEDS];
 
@@ -96,11 +99,20 @@ impl RadialScratch {
             // First of the four for range 0; ranges whose four are not all in the model get nothing.
             let first = whole as isize - 1;
             let (skip, from) = if first < 0 { (first.unsigned_abs(), 0) } else { (0, first.unsigned_abs()) };
-            let part = |k: usize| row.get(from + k..).unwrap_or_default();
-            let reads = part(0).iter().zip(part(1)).zip(part(2)).zip(part(3));
-            for (sum, (((a, b), c), d)) in self.sum.iter_mut().skip(skip).zip(reads) {
-                *sum +=
-                    w[0] * f32::from(*a) + w[1] * f32::from(*b) + w[2] * f32::from(*c) + w[3] * f32::from(*d);
+            let row = row.get(from..).unwrap_or_default();
+            let sum = self.sum.get_mut(skip..).unwrap_or_default();
+            // In blocks, so that each stored value becomes a float once and not four times.
+            let blocks = sum.chunks_mut(BLOCK).zip(row.chunks(BLOCK)).enumerate();
+            for (n, (sum, _)) in blocks {
+                let stored = row.get(n * BLOCK..).unwrap_or_default();
+                let mut near = [0f32; BLOCK + 3];
+                near.iter_mut().zip(stored).for_each(|(x, r)| *x = f32::from(*r));
+                let ranges = stored.len().min(BLOCK + 3).saturating_sub(3);
+                let part = |k: usize| near.get(k..k + ranges).unwrap_or_default();
+                let reads = part(0).iter().zip(part(1)).zip(part(2)).zip(part(3));
+                for (sum, (((a, b), c), d)) in sum.iter_mut().zip(reads) {
+                    *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
+                }
             }
         }
     }

@@ -40,6 +40,9 @@ struct Kept {
     cepstrum: [i16; QUEFRENCIES],
 }
 
+/// Stands where a window has no more frames.
+static NO_ROW: Row = Row::EMPTY;
+
 const NOT_KEPT: Kept = Kept { label: 0, used: false, row: Row::ZERO, cepstrum: [0; QUEFRENCIES] };
 
 /// Everything that persists.
@@ -258,8 +261,14 @@ impl State {
         let within = |half_s: f64| {
             move |kept: &&Kept| kept.used && crate::math::f64::abs(offset_s(kept.label)) <= half_s + 1e-6
         };
-        let rows = self.kept.iter().filter(within(HALF_WINDOW_S)).map(|k| &k.row);
-        let call = if plan.paper { None } else { plan.calls.search(plan.bins, rows.clone()) };
+        let mut rows = [&NO_ROW; WINDOW_FRAMES];
+        let mut held = 0;
+        for (slot, kept) in rows.iter_mut().zip(self.kept.iter().filter(within(HALF_WINDOW_S))) {
+            *slot = &kept.row;
+            held += 1;
+        }
+        let rows = rows.get(..held).unwrap_or_default();
+        let call = if plan.paper { None } else { plan.calls.search(plan.bins, rows) };
         let mut directions = plan.tones.search(plan.bins, &self.ambient, &mut scratch.tonal, rows);
         if let Some(call) = &call {
             directions.attribute(call.azimuth, plan.bins);

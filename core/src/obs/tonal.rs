@@ -16,17 +16,10 @@
 //! Cost: 0.2 M instructions a window in noise, up to 15 M when every bin carries a vessel.
 
 use super::ambient::Ambient;
-use super::azigram::{NO_DIRECTION, PHASES, Row};
-use super::limits::{AZIMUTH_BINS, AZIMUTH_MODES, AZIMUTHS, CIRCLE, WINDOW_FRAMES};
+use super::azigram::Row;
+use super::cauchy::{Codes, Profile, SPAN, WrappedCauchy, distance, log_sum, step_of};
+use super::limits::{AZIMUTH_BINS, AZIMUTH_MODES, AZIMUTHS, CIRCLE};
 use crate::math;
-
-/// Codes of one azimuth step.
-const SUB: usize = CIRCLE / AZIMUTHS;
-
-/// Resultant lengths of the mixture and of the paper.
-const RESULTANTS: [f64; 3] = [0.99, 0.95, 0.85];
-/// Share of the mixture that is uniform: a frame may be spoilt.
-const SPOILT: f64 = 0.02;
 
 /// Natural logarithm of the presence ratio a mode must exceed: 10⁴, so that noise passes at most once in 10⁴ windows.
 pub const LOG_THRESHOLD: f32 = 9.21;
@@ -36,16 +29,6 @@ const LEAST_FRAMES: usize = 8;
 
 /// Half the width within which bins count as the same vessel, in azimuth steps (15 degrees).
 const SAME_VESSEL: usize = 11;
-
-/// Tables of the law.
-#[derive(Clone, Debug)]
-pub struct WrappedCauchy {
-    /// ln w of the difference 4 (k − 256) − s codes, at `[s][k]`.
-    log_ratio: [[f32; 2 * AZIMUTHS]; SUB],
-    /// ln of the ratio of phase against uniform, by distance in phase steps.
-    log_phase: [f32; PHASES],
-    paper: bool,
-}
 
 /// One direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,9 +50,8 @@ pub struct Mode {
 /// Work space.
 #[derive(Clone, Debug)]
 pub struct TonalScratch {
-    profile: [f32; AZIMUTHS],
-    /// Log evidence against azimuth of the last mode search.
-    pub(super) sum: [f32; AZIMUTHS],
+    profile: Profile,
+    sum: [f32; AZIMUTHS],
     peak: [f32; AZIMUTH_BINS],
     adjust: [f32; AZIMUTH_BINS],
     best: [u16; AZIMUTH_BINS],
@@ -86,7 +68,7 @@ impl TonalScratch {
     /// All zeros.
     pub const fn new() -> Self {
         Self {
-            profile: [0.0; AZIMUTHS],
+            profile: [0.0; SPAN],
             sum: [0.0; AZIMUTHS],
             peak: [0.0; AZIMUTH_BINS],
             adjust: [0.0; AZIMUTH_BINS],
@@ -120,70 +102,16 @@ impl Directions {
     }
 }
 
-/// Density ratio of the wrapped Cauchy law to uniform at `angle` from its centre.
-fn ratio(r: f64, angle: f64) -> f64 {
-    (1.0 - r * r) / (1.0 - 2.0 * r * math::f64::cos(angle) + r * r)
-}
-
 impl WrappedCauchy {
-    /// No table yet; all zeros.
-    pub const EMPTY: Self =
-        Self { log_ratio: [[0.0; 2 * AZIMUTHS]; SUB], log_phase: [0.0; PHASES], paper: false };
-
-    /// Tables of the mixture, or of the paper's single R = 0.99.
-    pub fn fill(&mut self, paper: bool) {
-        for (s, table) in self.log_ratio.iter_mut().enumerate() {
-            for (k, l) in table.iter_mut().enumerate() {
-                let codes = SUB as f64 * (k as f64 - AZIMUTHS as f64) - s as f64;
-                let angle = math::f64::TAU * codes / CIRCLE as f64;
-                let w = if paper {
-                    ratio(RESULTANTS[0], angle)
-                } else {
-                    let mean =
-                        RESULTANTS.iter().map(|r| ratio(*r, angle)).sum::<f64>() / RESULTANTS.len() as f64;
-                    SPOILT + (1.0 - SPOILT) * mean
-                };
-                *l = math::f64::ln(w) as f32;
-            }
-        }
-        // Phase lives on half a circle, so its law is the wrapped Cauchy of twice the angle; R = 0.6 is loose.
-        let phase = |k: usize| 0.1 + 0.9 * ratio(0.6, math::f64::TAU * k as f64 / PHASES as f64);
-        let mean = (0..PHASES).map(phase).sum::<f64>() / PHASES as f64;
-        for (k, l) in self.log_phase.iter_mut().enumerate() {
-            *l = math::f64::ln(phase(k) / mean) as f32;
-        }
-        self.paper = paper;
-    }
-
-    /// ln w of an observed code against azimuth step `a`.
-    fn at(&self, code: u16, a: usize) -> f32 {
-        let (s, q) = (usize::from(code) % SUB, usize::from(code) / SUB);
-        self.log_ratio.get(s).and_then(|t| t.get(AZIMUTHS + a - q.min(AZIMUTHS))).copied().unwrap_or(0.0)
-    }
-
-    /// Adds one observation to a profile over azimuth.
-    fn accumulate(&self, code: u16, profile: &mut [f32; AZIMUTHS]) {
-        let (s, q) = (usize::from(code) % SUB, usize::from(code) / SUB);
-        let from = AZIMUTHS - q.min(AZIMUTHS);
-        if let Some(table) = self.log_ratio.get(s).and_then(|t| t.get(from..from + AZIMUTHS)) {
-            profile.iter_mut().zip(table).for_each(|(p, t)| *p += t);
-        }
-    }
-
     /// Searches a window. `rows` are the frames in it, in any order.
-    pub fn search<'a, I>(&self, bins: usize, ambient: &Ambient, s: &mut TonalScratch, rows: I) -> Directions
-    where
-        I: Iterator<Item = &'a Row> + Clone,
-    {
-        let none =
-            Directions { modes: [None; AZIMUTH_MODES], log_presence: -60.0, frames: rows.clone().count() };
-        if none.frames < LEAST_FRAMES {
-            return none;
+    pub fn search(&self, bins: usize, ambient: &Ambient, s: &mut TonalScratch, rows: &[&Row]) -> Directions {
+        let mut out = Directions { modes: [None; AZIMUTH_MODES], log_presence: -60.0, frames: rows.len() };
+        if out.frames < LEAST_FRAMES {
+            return out;
         }
-        let mut out = none;
-        self.weigh_bins(bins, ambient, s, rows.clone());
+        self.weigh_bins(bins, ambient, s, rows);
         for slot in &mut out.modes {
-            let Some(mode) = self.next_mode(bins, s, rows.clone()) else { break };
+            let Some(mode) = self.next_mode(bins, s, rows) else { break };
             if out.log_presence < mode.log_presence {
                 out.log_presence = mode.log_presence;
             }
@@ -197,68 +125,34 @@ impl WrappedCauchy {
     }
 
     /// Finds the bins worth a full profile, and their peak and correction.
-    fn weigh_bins<'a, I>(&self, bins: usize, ambient: &Ambient, s: &mut TonalScratch, rows: I)
-    where
-        I: Iterator<Item = &'a Row> + Clone,
-    {
+    fn weigh_bins(&self, bins: usize, ambient: &Ambient, s: &mut TonalScratch, rows: &[&Row]) {
         s.free = [false; AZIMUTH_BINS];
-        for f in 0..bins.min(AZIMUTH_BINS) {
-            let codes = rows.clone().filter_map(|r| r.azimuth.get(f).copied()).filter(|c| *c != NO_DIRECTION);
-            if !worth_it(codes.clone()) {
+        let weights = s.peak.iter_mut().zip(&mut s.adjust).zip(&mut s.best).zip(&mut s.free);
+        for (f, (((peak, adjust), best), free)) in weights.enumerate().take(bins) {
+            let codes = Codes::of(rows, f);
+            let (middle, most) = codes.crowd();
+            let frames = codes.azimuths().len();
+            // Two fifths of the frames must point one way, or the bin cannot matter.
+            if frames < LEAST_FRAMES || 5 * most < 2 * frames {
                 continue;
             }
-            s.profile = [0.0; AZIMUTHS];
-            codes.clone().for_each(|c| self.accumulate(c, &mut s.profile));
-            let (best, peak) = top(&s.profile);
-            let adjust = if self.paper {
+            s.profile = [0.0; SPAN];
+            self.accumulate(&codes, middle, &mut s.profile);
+            let (k, top) = top(&s.profile);
+            let step = step_of(middle, k);
+            *adjust = if self.paper {
                 0.0
             } else {
-                let phases = rows
-                    .clone()
-                    .filter_map(|r| Some((*r.azimuth.get(f)?, *r.phase.get(f)?)))
-                    .filter(|(c, _)| *c != NO_DIRECTION)
-                    .map(|(_, p)| p);
-                let noise = ambient.log_ratio(f, codes.clone());
-                let axial = self.log_axial(best, codes);
-                self.log_steady_phase(phases) - log_sum(log_sum(0.0, axial), noise)
+                let noise = ambient.log_ratio(f, codes.azimuths());
+                let axial = self.log_axial(step, &codes);
+                self.log_steady_phase(&codes) - log_sum(log_sum(0.0, axial), noise)
             };
-            if let (Some(p), Some(a), Some(b), Some(free)) =
-                (s.peak.get_mut(f), s.adjust.get_mut(f), s.best.get_mut(f), s.free.get_mut(f))
-            {
-                (*p, *a, *b, *free) = (peak + adjust, adjust, best as u16, true);
-            }
+            (*peak, *best, *free) = (top + *adjust, step as u16, true);
         }
-    }
-
-    /// ln of the evidence for an axis through azimuth step `a`, either end at random in each frame.
-    fn log_axial(&self, a: usize, codes: impl Iterator<Item = u16>) -> f32 {
-        let other = (a + AZIMUTHS / 2) % AZIMUTHS;
-        codes.map(|c| log_sum(self.at(c, a), self.at(c, other)) - core::f32::consts::LN_2).sum()
-    }
-
-    /// ln of the evidence for one steady phase between pressure and velocity, against a random one.
-    fn log_steady_phase(&self, phases: impl Iterator<Item = u8> + Clone) -> f32 {
-        let mut total = f32::NEG_INFINITY;
-        for centre in 0..PHASES {
-            let one: f32 = phases
-                .clone()
-                .map(|p| {
-                    self.log_phase.get((usize::from(p) + PHASES - centre) % PHASES).copied().unwrap_or(0.0)
-                })
-                .sum();
-            total = log_sum(total, one);
-        }
-        total - math::f32::ln(PHASES as f32)
     }
 
     /// The strongest direction among the bins still free; its bins are set aside.
-    fn next_mode<'a, I>(&self, bins: usize, s: &mut TonalScratch, rows: I) -> Option<Mode>
-    where
-        I: Iterator<Item = &'a Row> + Clone,
-    {
-        let codes = |f: usize| {
-            rows.clone().filter_map(move |r| r.azimuth.get(f).copied()).filter(|c| *c != NO_DIRECTION)
-        };
+    fn next_mode(&self, bins: usize, s: &mut TonalScratch, rows: &[&Row]) -> Option<Mode> {
         let top_peak = free_bins(s).map(|(_, p, _)| p).fold(f32::NEG_INFINITY, f32::max);
         if !top_peak.is_finite() {
             return None;
@@ -270,12 +164,15 @@ impl WrappedCauchy {
             if !free || peak < top_peak - 20.0 {
                 continue;
             }
-            s.profile = [0.0; AZIMUTHS];
-            codes(f).for_each(|c| self.accumulate(c, &mut s.profile));
+            let middle = usize::from(get(&s.best, f));
+            s.profile = [0.0; SPAN];
+            self.accumulate(&Codes::of(rows, f), middle, &mut s.profile);
             let shift = adjust - top_peak;
-            for (sum, l) in s.sum.iter_mut().zip(&s.profile) {
+            for (k, l) in s.profile.iter().enumerate() {
                 let x = l + shift;
-                if x > -20.0 {
+                if x > -20.0
+                    && let Some(sum) = s.sum.get_mut(step_of(middle, k))
+                {
                     *sum += math::f32::exp(x);
                 }
             }
@@ -284,7 +181,7 @@ impl WrappedCauchy {
         let (best, _) = top(&s.sum);
         let log_presence = top_peak + math::f32::ln(total.max(1e-30) / (AZIMUTHS * bins.max(1)) as f32);
         // Refine with every bin that agrees, not only the best: their product.
-        s.profile = [0.0; AZIMUTHS];
+        s.profile = [0.0; SPAN];
         let mut used = 0u16;
         for f in 0..bins.min(AZIMUTH_BINS) {
             if !get(&s.free, f) || distance(usize::from(get(&s.best, f)), best) > SAME_VESSEL {
@@ -295,11 +192,11 @@ impl WrappedCauchy {
             }
             if get(&s.peak, f) > 0.0 || self.paper {
                 used += 1;
-                codes(f).for_each(|c| self.accumulate(c, &mut s.profile));
+                self.accumulate(&Codes::of(rows, f), best, &mut s.profile);
             }
         }
-        let (step, place) = if self.paper { (best, best as f32) } else { refine(&s.profile, best) };
-        let azimuth = place * (math::f32::TAU / AZIMUTHS as f32);
+        let (step, part) = if self.paper { (best, 0.0) } else { refine(&s.profile, best) };
+        let azimuth = (step as f32 + part) * (math::f32::TAU / AZIMUTHS as f32);
         // Spread: scatter of the observations that take part, over the number that are independent (a tone fills
         // three bins of the Hann window; half-overlapped frames share a third).
         let (mut square, mut n) = (0f32, 0u32);
@@ -310,8 +207,8 @@ impl WrappedCauchy {
             {
                 continue;
             }
-            for c in codes(f) {
-                let d = crate::angle::wrap_pi_f32(f32::from(c) * (math::f32::TAU / CIRCLE as f32) - azimuth);
+            for c in Codes::of(rows, f).azimuths() {
+                let d = crate::angle::wrap_pi_f32(f32::from(*c) * (math::f32::TAU / CIRCLE as f32) - azimuth);
                 if d.abs() < 0.35 {
                     square += d * d;
                     n += 1;
@@ -344,50 +241,18 @@ fn free_bins(s: &TonalScratch) -> impl Iterator<Item = (usize, f32, u16)> + '_ {
     all.filter(|(_, ((free, _), _))| **free).map(|(f, ((_, p), b))| (f, *p, *b))
 }
 
-/// Steps between two azimuths the short way round.
-pub fn distance(a: usize, b: usize) -> usize {
-    let d = a.abs_diff(b) % AZIMUTHS;
-    d.min(AZIMUTHS - d)
-}
-
-/// ln(eᵃ + eᵇ).
-pub fn log_sum(a: f32, b: f32) -> f32 {
-    let (hi, lo) = if a > b { (a, b) } else { (b, a) };
-    if hi - lo < 20.0 { hi + math::f32::ln_1p(math::f32::exp(lo - hi)) } else { hi }
-}
-
 /// Index and value of the largest.
-fn top(xs: &[f32; AZIMUTHS]) -> (usize, f32) {
+fn top<const M: usize>(xs: &[f32; M]) -> (usize, f32) {
     xs.iter().enumerate().fold((0, f32::NEG_INFINITY), |b, (i, x)| if *x > b.1 { (i, *x) } else { b })
 }
 
-/// Maximum of a joint profile near `start`, with a parabola through its neighbours.
-fn refine(profile: &[f32; AZIMUTHS], start: usize) -> (usize, f32) {
-    let wrap = |i: usize| i % AZIMUTHS;
-    let at = |i: usize| profile.get(wrap(i)).copied().unwrap_or(f32::NEG_INFINITY);
-    let first = start + AZIMUTHS - SAME_VESSEL;
-    let best = (first..=first + 2 * SAME_VESSEL)
-        .fold((start, f32::NEG_INFINITY), |b, i| if at(i) > b.1 { (i, at(i)) } else { b })
-        .0;
-    let (l, c, r) = (at(best + AZIMUTHS - 1), at(best), at(best + 1));
+/// Maximum of a joint profile about `middle`, as a step and a fraction by a parabola through its neighbours.
+fn refine(profile: &Profile, middle: usize) -> (usize, f32) {
+    let near = profile.iter().enumerate().skip(SPAN / 2 - SAME_VESSEL).take(2 * SAME_VESSEL + 1);
+    let (best, c) = near.fold((SPAN / 2, f32::NEG_INFINITY), |b, (i, x)| if *x > b.1 { (i, *x) } else { b });
+    let at = |i: usize| profile.get(i).copied().unwrap_or(f32::NEG_INFINITY);
+    let (l, r) = (at(best - 1), at(best + 1));
     let bend = l - 2.0 * c + r;
     let part = if bend < -1e-6 { (0.5 * (l - r) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-    (wrap(best), wrap(best) as f32 + part)
-}
-
-/// Whether enough frames of a bin point one way: two fifths of them within 28 degrees.
-fn worth_it(codes: impl Iterator<Item = u16>) -> bool {
-    const SECTORS: usize = 64;
-    let mut count = [0u8; SECTORS];
-    let mut n = 0usize;
-    for c in codes.take(WINDOW_FRAMES) {
-        if let Some(slot) = count.get_mut(usize::from(c) * SECTORS / CIRCLE) {
-            *slot += 1;
-            n += 1;
-        }
-    }
-    let most = (0..SECTORS)
-        .map(|k| (0..5).map(|d| usize::from(get(&count, (k + d) % SECTORS))).sum::<usize>())
-        .fold(0, usize::max);
-    n >= LEAST_FRAMES && 5 * most >= 2 * n
+    (step_of(middle, best), part)
 }

@@ -11,6 +11,7 @@ use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
 use time::OffsetDateTime;
@@ -43,9 +44,13 @@ struct Channel {
 /// One component being read.
 struct Reader {
     pieces: std::vec::IntoIter<Piece>,
-    /// Index of the first held sample, and the held samples not yet used.
+    /// Samples of the last record read, and how many of them are used.
+    held: Vec<i32>,
+    used: usize,
+    /// Index of the first not used.
     first: i64,
-    held: std::collections::VecDeque<i32>,
+    /// The file last read, by its number.
+    file: Option<(usize, File)>,
 }
 
 /// A miniSEED recording.
@@ -144,8 +149,10 @@ impl MiniSeed {
         let mut chosen = chosen.into_iter();
         let readers = std::array::from_fn(|_| Reader {
             pieces: chosen.next().unwrap_or_default().pieces.into_iter(),
+            held: Vec::new(),
+            used: 0,
             first: 0,
-            held: Default::default(),
+            file: None,
         });
         Ok(Self { files, readers, start, next: 0, end, frames: Vec::new() })
     }
@@ -229,36 +236,38 @@ fn scan(path: &std::path::Path, number: usize, channels: &mut BTreeMap<String, C
 impl Reader {
     /// Makes the next samples available; the index of the first, or `None` at the end.
     fn ready(&mut self, files: &[PathBuf]) -> Option<i64> {
-        while self.held.is_empty() {
+        while self.used >= self.held.len() {
             let p = self.pieces.next()?;
-            let samples = load(&files[p.file], &p).unwrap_or_else(|e| {
+            self.held = self.load(files, &p).unwrap_or_else(|e| {
                 complain(&format!("{}: lost a record: {e:#}", files[p.file].display()));
                 Vec::new()
             });
             // What was used already is not used again.
-            let used = (self.first - p.first).clamp(0, samples.len() as i64);
+            self.used = (self.first - p.first).clamp(0, self.held.len() as i64) as usize;
             self.first = self.first.max(p.first);
-            self.held = samples.into_iter().skip(used as usize).collect();
         }
         Some(self.first)
     }
 
-    /// The sample at an index, if it is there.
-    fn take(&mut self, index: i64, files: &[PathBuf]) -> Option<i32> {
-        if self.ready(files)? > index {
-            return None;
-        }
-        self.first += 1;
-        self.held.pop_front()
+    /// Takes up to `n` of the samples made available.
+    fn take(&mut self, n: usize) -> &[i32] {
+        let from = self.used;
+        self.used = (from + n).min(self.held.len());
+        self.first += (self.used - from) as i64;
+        &self.held[from..self.used]
     }
-}
 
-fn load(path: &std::path::Path, p: &Piece) -> Result<Vec<i32>> {
-    let mut file = std::fs::File::open(path)?;
-    file.seek(SeekFrom::Start(p.offset))?;
-    let mut raw = vec![0; p.bytes];
-    file.read_exact(&mut raw)?;
-    Ok(mseed_record::read(&raw)?.samples)
+    fn load(&mut self, files: &[PathBuf], p: &Piece) -> Result<Vec<i32>> {
+        let mut file = match self.file.take() {
+            Some((number, file)) if number == p.file => file,
+            _ => File::open(&files[p.file])?,
+        };
+        file.seek(SeekFrom::Start(p.offset))?;
+        let mut raw = vec![0; p.bytes];
+        file.read_exact(&mut raw)?;
+        self.file = Some((p.file, file));
+        Ok(mseed_record::read(&raw)?.samples)
+    }
 }
 
 impl Source for MiniSeed {
@@ -280,19 +289,26 @@ impl Source for MiniSeed {
         self.frames.clear();
         let start = self.next;
         while self.frames.len() < BLOCK {
-            let mut frame = [MISSING; CHANNELS];
-            let mut any = false;
-            for (slot, reader) in frame.iter_mut().zip(&mut self.readers) {
-                if let Some(x) = reader.take(self.next, files) {
-                    *slot = x;
-                    any = true;
-                }
+            // As far as no component begins or ends its samples.
+            let mut run = BLOCK - self.frames.len();
+            let mut there = [false; CHANNELS];
+            for (there, reader) in there.iter_mut().zip(&mut self.readers) {
+                let Some(first) = reader.ready(files) else { continue };
+                *there = first <= self.next;
+                let left =
+                    if *there { reader.held.len() - reader.used } else { (first - self.next) as usize };
+                run = run.min(left);
             }
-            if !any {
+            if !there.contains(&true) {
                 break;
             }
-            self.frames.push(frame);
-            self.next += 1;
+            let from = self.frames.len();
+            self.frames.resize(from + run, [MISSING; CHANNELS]);
+            for (c, reader) in self.readers.iter_mut().enumerate().filter(|(c, _)| there[*c]) {
+                let samples = reader.take(run);
+                self.frames[from..].iter_mut().zip(samples).for_each(|(frame, x)| frame[c] = *x);
+            }
+            self.next += run as i64;
         }
         Ok(Some(Block { first_index: start.max(0) as u64, frames: &self.frames }))
     }
