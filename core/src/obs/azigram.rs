@@ -146,8 +146,8 @@ fn turns(x: f32, y: f32) -> f32 {
     let (a, b) = (math::f32::abs(x), math::f32::abs(y));
     let z = a.min(b) / a.max(b).max(f32::MIN_POSITIVE);
     let q = z * z;
-    let p = ((0.020_835_1 * q - 0.085_133_0) * q + 0.180_141_0) * q - 0.330_299_5;
-    let octant = (p * q + 0.999_866_0) * z * (1.0 / math::f32::TAU);
+    let p = ((0.020_835_1 * q - 0.085_133) * q + 0.180_141) * q - 0.330_299_5;
+    let octant = (p * q + 0.999_866) * z * (1.0 / math::f32::TAU);
     let quadrant = if a > b { 0.25 - octant } else { octant };
     let half = if y < 0.0 { 0.5 - quadrant } else { quadrant };
     if x < 0.0 { -half } else { half }
