@@ -196,3 +196,46 @@ fn a_buoy_is_oriented_by_a_ship_of_known_track() {
     let (turn, sd) = (number(&found[0], "orientation_deg"), number(&found[0], "sd_deg"));
     assert!(found[0]["type"] == "orientation" && (turn - 17.2).abs() < 3.0 * sd && sd < 1.0, "{found:?}");
 }
+
+#[test]
+fn records_of_recorders_with_clocks_of_their_own_start_are_brought_together() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stations, bearings) = write(dir.path(), 0.0, |_| 0.0);
+    let text = std::fs::read_to_string(bearings).unwrap();
+    let mut files = Vec::new();
+    for (id, _) in ARRAYS_M {
+        // Each recorder counts from its own start, a minute after the one before.
+        let late_s = 60.0 * f64::from(id);
+        let mut lines = format!("{{\"type\":\"hello\",\"station\":{id}}}\n");
+        for row in text.lines().filter(|l| l.contains(&format!(",s{id},"))) {
+            let cells: Vec<&str> = row.split(',').collect();
+            let t: f64 = cells[0].parse().unwrap();
+            let (minute, second) = (t as u32 / 60, t % 60.0);
+            let _ = writeln!(
+                lines,
+                "{{\"type\":\"bearing\",\"t_s\":{},\"utc\":\"2026-03-01T10:{minute:02}:{second:06.3}Z\",\
+                 \"azimuth_deg\":{},\"elevation_deg\":{},\"sd_azimuth_deg\":0.5,\"band\":0}}",
+                t - late_s,
+                cells[2],
+                cells[3]
+            );
+            let _ = writeln!(lines, "{{\"type\":\"bearing\",\"t_s\":0,\"azimuth_deg\":1,\"band\":3}}");
+        }
+        let file = dir.path().join(format!("{id}.jsonl"));
+        std::fs::write(&file, lines).unwrap();
+        files.push(file.to_str().unwrap().to_owned());
+    }
+    let s = stations.to_str().unwrap();
+    let f: Vec<&str> = files.iter().map(String::as_str).collect();
+    let fixes = records(&[&["locate", "--stations", s, "--depth-m", "5", "--json"], &f[..]].concat());
+    assert!(fixes.len() > 150);
+    // Time zero is the earliest bearing: 0.3 s.
+    let fix = fixes.iter().find(|f| number(f, "t_s") > 200.0).unwrap();
+    assert_eq!(fix["stations"], serde_json::json!([1, 2, 3]));
+    let p = vessel_m(number(fix, "t_s") + 0.3 - 0.2);
+    assert!((number(fix, "x_m") - p[0]).hypot(number(fix, "y_m") - p[1]) < 10.0, "{fix} {p:?}");
+    assert!(fix["utc"].as_str().unwrap().starts_with("2026-03-01T10:03:2"), "{fix}");
+    let track =
+        records(&[&["locate", "--stations", s, "--depth-m", "5", "--motion", "--json"], &f[..]].concat());
+    assert!((number(&track[0], "speed_m_s") - 6.0).abs() < 0.1, "{track:?}");
+}

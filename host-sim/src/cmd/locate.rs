@@ -2,7 +2,9 @@
 
 use super::locate_over_time;
 use crate::orientation::network_file::{Network, read_rows};
+use crate::orientation::record_file;
 use crate::orientation::sets::{Row, Set, gather};
+use crate::record::Recorder;
 use anyhow::{Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_core::network::{Fix, Region, Settings, locate};
@@ -15,22 +17,25 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:\n  \
     seabearing locate --stations network.toml --depth-m 5 bearings.csv              # a position an instant\n  \
     seabearing locate --stations network.toml --depth-m 5 --motion bearings.csv     # one straight track\n  \
-    seabearing locate --stations network.toml --known-track gps.csv bearings.csv    # antenna to sound source\n\n\
+    seabearing locate --stations network.toml --known-track gps.csv bearings.csv    # antenna to sound source\n  \
+    seabearing locate --stations network.toml east.jsonl west.jsonl                 # records of the recorders\n\n\
     BEARINGS.csv has the header t_s,station,azimuth_deg,elevation_deg; station is an id or a name of the stations \
     file, azimuths are true (clockwise from North), an empty elevation means none was measured. Rows within 1 s of \
-    each other are one measurement set. A set that does not determine a position gives a `no_fix` record with the \
+    each other are one measurement set. Records carry their own errors and, where the recordings had a clock, their \
+    UTC; their bearings of the whole band are used (of one vessel at a time). A set that does not determine a position gives a `no_fix` record with the \
     reason. --motion takes all rows for one vessel on a straight course and needs no speed; it prints a `track` \
     record for each station (x0, y0: at the first bearing's time, in the frame of the network).")]
 pub struct Args {
-    /// Bearings: t_s,station,azimuth_deg,elevation_deg.
-    pub(super) bearings: PathBuf,
+    /// Bearings: one CSV file t_s,station,azimuth_deg,elevation_deg, or records of `process` or `base` (.jsonl).
+    #[arg(required = true)]
+    bearings: Vec<PathBuf>,
     /// Network file: a list of `[[stations]]`.
     #[arg(long)]
     pub(super) stations: PathBuf,
-    /// Standard deviation of azimuths, degrees.
+    /// Standard deviation of azimuths, degrees (joined to what records claim: geometry, multipath).
     #[arg(long, default_value_t = 1.5)]
     pub(super) sigma_azimuth_deg: f64,
-    /// Standard deviation of elevations, degrees.
+    /// Standard deviation of elevations, degrees (likewise).
     #[arg(long, default_value_t = 1.6)]
     pub(super) sigma_elevation_deg: f64,
     /// Depth of the source, where known, metres.
@@ -62,6 +67,13 @@ pub struct Args {
     pub(super) json: bool,
 }
 
+impl Args {
+    /// The files, as a person named them.
+    pub(super) fn name(&self) -> String {
+        self.bearings.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -86,13 +98,19 @@ pub fn run(args: Args) -> Result<()> {
         bail!("--depth-m is {d}; a finite number is needed");
     }
     let network = Network::read(&args.stations)?;
-    let mut rows = read_rows(&args.bearings, &network, args.relative)?;
+    let sd = (args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG);
+    let is_records = |p: &PathBuf| p.extension().is_some_and(|e| e == "jsonl" || e == "json");
+    let (mut rows, clock) = match args.bearings.as_slice() {
+        files if files.iter().all(is_records) => record_file::read(files, &network, sd, args.relative)?,
+        [table] => (read_rows(table, &network, sd, args.relative)?, None),
+        _ => bail!("{}: one CSV file, or records (.jsonl) of any number of stations", args.name()),
+    };
     let records = if args.motion {
         locate_over_time::motion(&args, &network, &mut rows)?
     } else if let Some(track) = &args.known_track {
         locate_over_time::alignment(&args, &network, &rows, track)?
     } else {
-        return positions(&args, &network, &mut rows);
+        return positions(&args, &network, &mut rows, clock);
     };
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     for record in records {
@@ -110,9 +128,14 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 /// A fix, or a reason, for every measurement set.
-fn positions(args: &Args, network: &Network, rows: &mut [Row]) -> Result<()> {
-    let sd = (args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG);
-    let sets = gather(rows, &network.arrays_m, sd);
+fn positions(
+    args: &Args,
+    network: &Network,
+    rows: &mut [Row],
+    clock: Option<time::OffsetDateTime>,
+) -> Result<()> {
+    let sets = gather(rows, &network.arrays_m);
+    let clock = Recorder { rate_hz: 1.0, start: clock };
     let settings = Settings { region: region(network, args)?, robust: !args.keep_outliers };
 
     let bar = crate::progress::bar(sets.len() as u64, "fixes");
@@ -128,13 +151,13 @@ fn positions(args: &Args, network: &Network, rows: &mut [Row]) -> Result<()> {
         let result = locate(&set.sightings, &settings);
         bar.inc(1);
         match (&result, args.json) {
-            (Ok(fix), true) => writeln!(out, "{}", record(network, set, fix))?,
+            (Ok(fix), true) => writeln!(out, "{}", dated(record(network, set, fix), &clock, set))?,
             (Ok(fix), false) => writeln!(out, "{}", line(network, set, fix))?,
             (Err(e), true) => {
                 let record = json!({
                     "type": "no_fix", "t_s": set.t_s, "reason": e.to_string(), "stations": ids(network, set, None),
                 });
-                writeln!(out, "{record}")?;
+                writeln!(out, "{}", dated(record, &clock, set))?;
             }
             (Err(e), false) => writeln!(out, "{:12.3} no fix: {e}", set.t_s)?,
         }
@@ -164,6 +187,14 @@ fn ids(network: &Network, set: &Set, without: Option<usize>) -> Vec<u16> {
         .filter(|(i, _)| Some(*i) != without)
         .map(|(_, s)| network.stations[*s].id)
         .collect()
+}
+
+/// The record with its UTC, where the recordings had a clock.
+fn dated(mut record: Value, clock: &Recorder, set: &Set) -> Value {
+    if let (Some(utc), Some(map)) = (clock.utc(set.t_s), record.as_object_mut()) {
+        map.insert("utc".into(), utc.into());
+    }
+    record
 }
 
 fn record(network: &Network, set: &Set, fix: &Fix) -> Value {

@@ -23,7 +23,6 @@ const TRACK_GAP_S: f64 = 300.0;
 /// The bearings do not determine the motion.
 pub fn motion(args: &Args, network: &Network, rows: &mut [Row]) -> Result<Vec<Value>> {
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-    let name = args.bearings.display();
     // Errors that last over so many bearings weigh like one.
     let shared: Vec<f64> =
         (0..network.stations.len()).map(|i| (args.tau_s / interval_s(rows, i)).max(1.0).sqrt()).collect();
@@ -36,8 +35,8 @@ pub fn motion(args: &Args, network: &Network, rows: &mut [Row]) -> Result<Vec<Va
                 array_m: network.arrays_m[r.station],
                 azimuth: r.azimuth,
                 elevation: r.elevation,
-                sd_azimuth: args.sigma_azimuth_deg * RAD_PER_DEG * shared[r.station],
-                sd_elevation: args.sigma_elevation_deg * RAD_PER_DEG * shared[r.station],
+                sd_azimuth: r.sd.0 * shared[r.station],
+                sd_elevation: r.sd.1 * shared[r.station],
             },
         })
         .collect();
@@ -46,7 +45,7 @@ pub fn motion(args: &Args, network: &Network, rows: &mut [Row]) -> Result<Vec<Va
     let depth_m = args.depth_m.unwrap_or(SOURCE_DEPTH_M);
     let sound_speed_m_s = network.stations[heard[0]].sound_speed_m_s;
     let settings = JointSettings { z_m: -depth_m, sound_speed_m_s, robust: !args.keep_outliers };
-    let found = fit(&bearings, &settings).map_err(|e| anyhow!("{name}: {e}"))?;
+    let found = fit(&bearings, &settings).map_err(|e| anyhow!("{}: {e}", args.name()))?;
     let (speed, sd_speed) = found.speed_m_s();
     let (heading, sd_heading) = found.heading();
     let [x0, y0] = found.position_m(rows[0].t_s);
@@ -55,7 +54,7 @@ pub fn motion(args: &Args, network: &Network, rows: &mut [Row]) -> Result<Vec<Va
         .iter()
         .map(|&i| {
             let [x, y, _] = network.arrays_m[i];
-            let Some(cpa) = found.closest([x, y]) else { bail!("{name}: the vessel does not move") };
+            let Some(cpa) = found.closest([x, y]) else { bail!("{}: the vessel does not move", args.name()) };
             let mut record = json!({
                 "type": "track", "station": network.stations[i].id,
                 "cpa_time_s": cpa.t_s.0, "cpa_range_m": cpa.range_m.0, "heading_deg": heading / RAD_PER_DEG,

@@ -4,5 +4,6 @@
 
 pub mod local_frame;
 pub mod network_file;
+pub mod record_file;
 pub mod sets;
 pub mod track_file;

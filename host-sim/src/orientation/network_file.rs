@@ -61,7 +61,10 @@ impl Network {
     }
 
     /// Station named in a cell, by id or by name.
-    fn find(&self, cell: &str) -> Result<usize> {
+    ///
+    /// # Errors
+    /// There is none such; the known ones are named.
+    pub fn find(&self, cell: &str) -> Result<usize> {
         let by = |f: &dyn Fn(&StationConfig) -> bool| self.stations.iter().position(f);
         by(&|s| s.name.as_str() == cell)
             .or_else(|| cell.parse::<u16>().ok().and_then(|id| by(&|s| s.id == id)))
@@ -74,11 +77,11 @@ impl Network {
 }
 
 /// Reads `t_s,station,azimuth_deg,elevation_deg`; `relative`: azimuths are from each array's own North. Rows that
-/// cannot be used are named on standard error and left out.
+/// cannot be used are named on standard error and left out. `sd`: standard deviations of azimuth and elevation, radians.
 ///
 /// # Errors
 /// The file cannot be read, or no row of it is usable.
-pub fn read_rows(path: &Path, network: &Network, relative: bool) -> Result<Vec<Row>> {
+pub fn read_rows(path: &Path, network: &Network, sd: (f64, f64), relative: bool) -> Result<Vec<Row>> {
     let table = Table::read(path)?;
     let name = path.display().to_string();
     let station_column = table.column("station")?;
@@ -108,6 +111,7 @@ pub fn read_rows(path: &Path, network: &Network, relative: bool) -> Result<Vec<R
                     station,
                     azimuth: wrap_tau((azimuth_deg + turn) * RAD_PER_DEG),
                     elevation: elevation.map(|e| e * RAD_PER_DEG),
+                    sd,
                 })
             });
             (line, row)

@@ -17,6 +17,8 @@ pub struct Row {
     pub azimuth: f64,
     /// Elevation, radians, where given.
     pub elevation: Option<f64>,
+    /// Standard deviations of azimuth and elevation, radians.
+    pub sd: (f64, f64),
 }
 
 /// Sightings of one instant.
@@ -32,7 +34,7 @@ pub struct Set {
 
 /// Gathers rows into sets: a set begins with the earliest row not yet used and takes every row within
 /// [`SAME_SET_S`] of it; of two rows of one station the earlier begins the next set. `rows` are sorted by time.
-pub fn gather(rows: &mut [Row], arrays_m: &[[f64; 3]], sd: (f64, f64)) -> Vec<Set> {
+pub fn gather(rows: &mut [Row], arrays_m: &[[f64; 3]]) -> Vec<Set> {
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     let mut of_station: Vec<(Vec<Timed>, Vec<Timed>)> = vec![(Vec::new(), Vec::new()); arrays_m.len()];
     for r in rows.iter() {
@@ -54,17 +56,12 @@ pub fn gather(rows: &mut [Row], arrays_m: &[[f64; 3]], sd: (f64, f64)) -> Vec<Se
             members.push(*row);
             next += 1;
         }
-        out.push(bring_together(&members, &of_station, arrays_m, sd));
+        out.push(bring_together(&members, &of_station, arrays_m));
     }
     out
 }
 
-fn bring_together(
-    members: &[Row],
-    of_station: &[(Vec<Timed>, Vec<Timed>)],
-    arrays_m: &[[f64; 3]],
-    sd: (f64, f64),
-) -> Set {
+fn bring_together(members: &[Row], of_station: &[(Vec<Timed>, Vec<Timed>)], arrays_m: &[[f64; 3]]) -> Set {
     let first = members[0].t_s;
     let t_s = first + members.iter().map(|m| m.t_s - first).sum::<f64>() / members.len() as f64;
     let sightings = members
@@ -72,16 +69,16 @@ fn bring_together(
         .map(|r| {
             let (azimuths, elevations) = &of_station[r.station];
             let (azimuth, sd_azimuth) =
-                bring_azimuth(&Timed { t_s: r.t_s, angle: r.azimuth }, window(azimuths, r.t_s), t_s, sd.0);
+                bring_azimuth(&Timed { t_s: r.t_s, angle: r.azimuth }, window(azimuths, r.t_s), t_s, r.sd.0);
             let elevation = r
                 .elevation
-                .map(|e| bring(&Timed { t_s: r.t_s, angle: e }, window(elevations, r.t_s), t_s, sd.1));
+                .map(|e| bring(&Timed { t_s: r.t_s, angle: e }, window(elevations, r.t_s), t_s, r.sd.1));
             Sighting {
                 array_m: arrays_m[r.station],
                 azimuth,
                 elevation: elevation.map(|e| e.0),
                 sd_azimuth,
-                sd_elevation: elevation.map_or(sd.1, |e| e.1),
+                sd_elevation: elevation.map_or(r.sd.1, |e| e.1),
             }
         })
         .collect();
@@ -101,13 +98,13 @@ mod tests {
     use super::*;
 
     fn row(t_s: f64, station: usize) -> Row {
-        Row { t_s, station, azimuth: 1.0, elevation: None }
+        Row { t_s, station, azimuth: 1.0, elevation: None, sd: (0.02, 0.02) }
     }
 
     #[test]
     fn rows_within_a_second_are_one_set() {
         let mut rows = vec![row(0.9, 1), row(0.0, 0), row(2.0, 0), row(3.1, 1), row(4.0, 0), row(4.5, 0)];
-        let sets = gather(&mut rows, &[[0.0; 3], [100.0, 0.0, 0.0]], (0.02, 0.02));
+        let sets = gather(&mut rows, &[[0.0; 3], [100.0, 0.0, 0.0]]);
         let stations: Vec<_> = sets.iter().map(|s| s.stations.clone()).collect();
         assert_eq!(stations, [vec![0, 1], vec![0], vec![1, 0], vec![0]]);
         assert!((sets[0].t_s - 0.45).abs() < 1e-12);

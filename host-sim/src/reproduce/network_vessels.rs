@@ -209,7 +209,13 @@ fn judge(track: &[TrackPoint], rng: &mut ChaCha8Rng) -> (Vec<Judged>, Option<f64
             let seen = sight(&[*array_m], &p, rng)[0];
             let wrong =
                 if rng.random::<f64>() < 0.02 { std::f64::consts::TAU * rng.random::<f64>() } else { 0.0 };
-            rows.push(Row { t_s, station, azimuth: seen.azimuth + wrong, elevation: seen.elevation });
+            rows.push(Row {
+                t_s,
+                station,
+                azimuth: seen.azimuth + wrong,
+                elevation: seen.elevation,
+                sd: SIGMA,
+            });
             if station == 0 {
                 heard.push(Heard { t_s, azimuth: Some(seen.azimuth + wrong), elevation: seen.elevation });
             }
@@ -223,7 +229,7 @@ fn judge(track: &[TrackPoint], rng: &mut ChaCha8Rng) -> (Vec<Judged>, Option<f64
     let Ok(found) = found else { return (Vec::new(), None, 0) };
     let settings = Settings { region: Region::at_depth([0.0, 0.0], 2000.0, -DEPTH_M), robust: true };
     let (mut out, mut refused) = (Vec::new(), 0);
-    for set in gather(&mut rows, &TWO, SIGMA).iter().filter(|s| s.sightings.len() == 2) {
+    for set in gather(&mut rows, &TWO).iter().filter(|s| s.sightings.len() == 2) {
         let Some([x, y, _]) = position_at(track, set.t_s - found.shift_s, GAP_S) else { continue };
         match locate(&set.sightings, &settings) {
             Ok(fix) => {
