@@ -7,9 +7,9 @@
 //! about 10 evaluations of the short way of [`super::whiten`].
 
 use super::covariance::Model;
+use super::hypotheses::add_priors;
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, Progress, descend};
-use super::recursive::add_priors;
 use super::solution::{Solution, solution};
 use super::start::{emitted, starts};
 use super::whiten::{Plan, WhitenError, Workspace};

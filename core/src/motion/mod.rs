@@ -8,6 +8,7 @@ pub mod chain;
 pub mod covariance;
 pub mod errors;
 mod factor;
+pub(crate) mod hypotheses;
 pub mod ml;
 pub mod model;
 pub mod normal;

@@ -8,7 +8,9 @@
 //! Gauss-Markov plus white ([`super::chain`]); speed has a prior; bearings belong to the time of emission.
 //!
 //! Assumes a straight track at constant speed. A bearing beyond the gate is refused; a run of refusals means that the
-//! vessel has turned or is another one ([`Update::lost`]); a young track begins afresh instead. Cost on the Cortex-M7: two evaluations of a full ring a
+//! vessel has turned or is another one ([`Update::lost`]). A young track has run into a wrong arc instead, or begun with
+//! a wrong bearing: its lines are searched afresh over all its bearings, those refused too, and only if no line
+//! explains them does it begin again with those refused in a row. Cost on the Cortex-M7: two evaluations of a full ring a
 //! hypothesis, about 10⁵ instructions; a seeding, about 10⁶, at the 6th, 9th, 13th, ... bearing.
 //!
 //! ```
@@ -24,19 +26,16 @@
 //! assert!((track.cpa_range_m - 500.0).abs() < 15.0 && track.starboard);
 //! ```
 
-use super::chain::{Chain, Colour};
-use super::model::{LN_SPEED, Limits, Line, PARAMETERS};
-use super::normal::{COLUMNS, Normal, Point, Progress, descend, quadratic};
+use super::chain::Colour;
+use super::hypotheses::{Hypotheses, chain};
+use super::model::{LN_SPEED, Limits};
+use super::normal::{Point, quadratic};
 use super::ring::{Node, Ring};
-pub use super::settings::Config;
+pub use super::settings::{Config, MeasuredSpeed};
 use super::solution::{Solution, floor, solution as solution_of};
-use super::start::{STARTS, emitted, starts};
 use crate::angle::wrap_pi;
+use crate::math::f64 as m;
 
-/// Hypotheses alive at once.
-pub const HYPOTHESES: usize = 4;
-/// A hypothesis this much worse in squared residual than the best is dropped (odds of 3 million to one).
-const DEAD: f64 = 30.0;
 /// Bearings before the first hypotheses.
 const FIRST_SEEDING: u32 = 6;
 /// Steps a new hypothesis takes when seeded, and the end-of-passage solution at most.
@@ -44,10 +43,12 @@ const SEED_STEPS: usize = 6;
 const FINAL_STEPS: usize = 25;
 /// Refusals in a row that mean the track no longer explains the bearings.
 const LOST_AFTER: u16 = 8;
-/// A track of fewer bearings than this may have begun with a wrong one, or run into a wrong arc: it begins afresh after
-/// so many refusals in a row.
+/// A track of fewer bearings than this may have begun with a wrong one, or run into a wrong arc: each refusal has it
+/// searched afresh, and after so many in a row that no line explains together with the rest it begins again with them.
 const YOUNG: u32 = 40;
-const RESTART_AFTER: u16 = 3;
+const AFRESH_AFTER: usize = 3;
+/// Squared residuals of a right line exceed their number by so many standard deviations once in 10⁴.
+const CHANCE_SD: f64 = 4.0;
 /// Memory of the running mean of normalised innovations, bearings.
 const INNOVATION_MEMORY: f64 = 20.0;
 
@@ -87,10 +88,12 @@ pub struct Update {
 #[derive(Clone, Debug)]
 pub struct State {
     ring: Ring,
-    points: [Option<Point>; HYPOTHESES],
+    lines: Hypotheses,
+    /// What a young track has refused since its newest bearing.
+    held: [Option<Node>; AFRESH_AFTER],
+    speed: Option<MeasuredSpeed>,
     seen: u32,
     next_seeding: u32,
-    elevations: u32,
     first_t_s: f64,
     last_t_s: f64,
     mean_nis: f64,
@@ -108,13 +111,14 @@ impl State {
     pub const fn new() -> Self {
         Self {
             ring: Ring::new(),
-            points: [None; HYPOTHESES],
+            lines: Hypotheses::new(),
+            held: [None; AFRESH_AFTER],
+            speed: None,
             seen: 0,
-            next_seeding: 0,
-            elevations: 0,
+            next_seeding: FIRST_SEEDING,
             first_t_s: 0.0,
             last_t_s: 0.0,
-            mean_nis: 0.0,
+            mean_nis: 1.0,
             refused: 0,
         }
     }
@@ -134,13 +138,28 @@ impl State {
         self.mean_nis
     }
 
-    fn best(&self) -> Option<&Point> {
-        self.points.iter().flatten().min_by(|a, b| a.normal.cost().total_cmp(&b.normal.cost()))
-    }
-
     fn limits(&self, config: &Config) -> Limits {
         Limits { range_m: config.range_m, ln_speed: LN_SPEED, times_s: (self.first_t_s, self.last_t_s) }
     }
+
+    /// Adds a bearing to what is kept; the lines stay as they are.
+    fn keep(&mut self, config: &Config, node: Node) {
+        if self.seen == 0 {
+            self.first_t_s = node.t_s;
+        }
+        self.seen = self.seen.saturating_add(1);
+        self.last_t_s = node.t_s;
+        let line = self.lines.best().map(|p| p.line);
+        self.ring.push(node, line.as_ref(), config.errors().1);
+        (self.held, self.refused) = ([None; AFRESH_AFTER], 0);
+    }
+}
+
+/// Joins a measurement of the vessel's speed (its shaft rate's, say) to the configured prior, from now on; `None` takes
+/// it back. The newest takes the place of the one before, whose errors it usually shares. A configured speed without
+/// spread stays as it is.
+pub fn set_speed(state: &mut State, measured: Option<MeasuredSpeed>) {
+    state.speed = measured;
 }
 
 /// Takes one bearing: time of reception, azimuth, variance its estimator reports.
@@ -154,26 +173,21 @@ pub fn update(config: &Config, state: &mut State, t_s: f64, azimuth_rad: f64, va
 
 /// Takes one measurement.
 pub fn measure(config: &Config, state: &mut State, measurement: &Measurement) -> Update {
-    let Measurement { t_s, azimuth_rad, variance_rad2, extra_scale, elevation } = *measurement;
+    let config = &config.with_speed(state.speed);
     let mut out = Update {
         accepted: false,
         innovation_rad: 0.0,
         nis: None,
         mean_nis: state.mean_nis,
-        hypotheses: state.points.iter().flatten().count() as u8,
+        hypotheses: state.lines.count() as u8,
         lost: state.refused >= LOST_AFTER,
     };
-    let sane =
-        t_s.is_finite() && azimuth_rad.is_finite() && variance_rad2.is_finite() && extra_scale.is_finite();
-    if !sane || variance_rad2 < 0.0 || extra_scale < 0.0 || (state.seen > 0 && t_s < state.last_t_s) {
+    let Some(node) = node(config, measurement).filter(|n| state.seen == 0 || n.t_s >= state.last_t_s) else {
         return out;
-    }
-    let white_extra = config.errors().2 * extra_scale * extra_scale;
-    // Nothing is known better than this (a hundredth of a degree): keeps every matrix regular.
-    let white = (variance_rad2 + white_extra).max(3e-8);
-    if let Some((mean, variance)) = predict(config, state, t_s) {
-        out.innovation_rad = wrap_pi(azimuth_rad - mean);
-        let nis = out.innovation_rad * out.innovation_rad / (variance + white);
+    };
+    if let Some((mean, variance)) = expected(config, state, node.t_s) {
+        out.innovation_rad = wrap_pi(node.azimuth - mean);
+        let nis = out.innovation_rad * out.innovation_rad / (variance + node.colour.white);
         out.nis = Some(nis);
         let gate = config.gate_sd * config.gate_sd;
         state.mean_nis += (nis.min(gate) - state.mean_nis) / INNOVATION_MEMORY;
@@ -181,66 +195,93 @@ pub fn measure(config: &Config, state: &mut State, measurement: &Measurement) ->
         if nis > gate {
             state.refused = state.refused.saturating_add(1);
             out.lost = state.refused >= LOST_AFTER;
-            if state.seen >= YOUNG || state.refused < RESTART_AFTER {
-                return out;
+            if state.seen < YOUNG {
+                out.accepted = reconsider(config, state, node);
+                out.hypotheses = state.lines.count() as u8;
             }
-            // Too few bearings to say which were wrong: begin again with this one.
-            *state = State::new();
+            return out;
         }
     }
-    state.refused = 0;
     out.lost = false;
-    if state.seen == 0 {
-        state.first_t_s = t_s;
-        state.next_seeding = FIRST_SEEDING;
-        state.mean_nis = 1.0;
+    out.accepted = true;
+    state.keep(config, node);
+    let limits = state.limits(config);
+    state.lines.step(config, &state.ring, &limits);
+    if state.seen >= state.next_seeding {
+        state.next_seeding = state.seen.saturating_add(state.seen / 2);
+        state.lines.seed(config, &state.ring, &limits, SEED_STEPS);
     }
-    state.seen = state.seen.saturating_add(1);
-    state.last_t_s = t_s;
+    state.lines.prune();
+    out.hypotheses = state.lines.count() as u8;
+    out
+}
+
+/// A measurement as it enters the ring; `None` if it is nonsense.
+fn node(config: &Config, measurement: &Measurement) -> Option<Node> {
+    let Measurement { t_s, azimuth_rad, variance_rad2, extra_scale, elevation } = *measurement;
+    let sane =
+        t_s.is_finite() && azimuth_rad.is_finite() && variance_rad2.is_finite() && extra_scale.is_finite();
+    if !sane || variance_rad2 < 0.0 || extra_scale < 0.0 {
+        return None;
+    }
+    let (coloured, _, white_extra) = config.errors();
+    let scale2 = extra_scale * extra_scale;
+    // Nothing is known better than this (a hundredth of a degree): keeps every matrix regular.
+    let white = (variance_rad2 + white_extra * scale2).max(3e-8);
     let elevation = match elevation {
-        Some((e, v)) if config.medium.height_m > 0.0 && e.is_finite() && v > 0.0 => {
-            state.elevations = state.elevations.saturating_add(1);
-            (e as f32, v as f32)
-        }
+        Some((e, v)) if config.medium.height_m > 0.0 && e.is_finite() && v > 0.0 => (e as f32, v as f32),
         _ => (0.0, f32::INFINITY),
     };
-    let colour = Colour::single(extra_scale, white);
-    let total = white + config.errors().0 * extra_scale * extra_scale;
-    let node = Node {
+    Some(Node {
         t_s,
         azimuth: azimuth_rad,
-        colour,
-        weight: 1.0 / total,
+        colour: Colour::single(extra_scale, white),
+        weight: 1.0 / (white + coloured * scale2),
         elevation,
         time_variance: 0.0,
         span_s: (0.0, 0.0),
-    };
-    let line = state.best().map(|p| p.line);
-    state.ring.push(node, line.as_ref(), config.errors().1);
-    out.accepted = true;
+    })
+}
 
-    let limits = state.limits(config);
-    let free = config.free();
-    let State { ring, points, .. } = state;
-    for point in points.iter_mut().flatten() {
-        if let Some(normal) = evaluate(config, ring, &point.line) {
-            point.normal = normal;
-        }
-        descend(point, &free, &limits, |line| evaluate(config, ring, line));
+/// A young track has refused another bearing: its lines are searched afresh over all bearings, those refused too. If none
+/// explains them, they are set aside, and after enough in a row only they remain. Answers whether the bearing is used.
+fn reconsider(config: &Config, state: &mut State, node: Node) -> bool {
+    if let Some(place) = state.held.iter_mut().find(|h| h.is_none()) {
+        *place = Some(node);
     }
-    if state.seen >= state.next_seeding {
-        state.next_seeding = state.seen.saturating_add(state.seen / 2);
-        seed(config, state, SEED_STEPS);
+    let held = state.held;
+    let mut all = state.clone();
+    for node in held.into_iter().flatten() {
+        all.keep(config, node);
     }
-    prune(state);
-    out.hypotheses = state.points.iter().flatten().count() as u8;
-    out
+    all.lines = Hypotheses::new();
+    all.lines.seed(config, &all.ring, &all.limits(config), FINAL_STEPS);
+    all.lines.prune();
+    all.mean_nis = 1.0;
+    let freedom = f64::from(all.seen);
+    let most = freedom + CHANCE_SD * m::sqrt(2.0 * freedom);
+    if all.lines.best().is_some_and(|p| p.normal.cost() < most) {
+        *state = all;
+        return true;
+    }
+    if held.iter().any(Option::is_none) {
+        return false;
+    }
+    *state = State { speed: state.speed, ..State::new() };
+    for node in held.into_iter().flatten() {
+        state.keep(config, node);
+    }
+    true
 }
 
 /// Azimuth expected at a time of reception and its variance (rad, rad²), the newest bearing's coloured error carried
 /// along, the measurement's own white variance not included. `None` before there is a hypothesis.
 pub fn predict(config: &Config, state: &State, t_s: f64) -> Option<(f64, f64)> {
-    let best = state.best()?;
+    expected(&config.with_speed(state.speed), state, t_s)
+}
+
+fn expected(config: &Config, state: &State, t_s: f64) -> Option<(f64, f64)> {
+    let best = state.lines.best()?;
     let chain = chain(config, &state.ring, &best.line);
     let limits = state.limits(config);
     let covariance = best.normal.covariance(&config.free(), &floor(&limits, best.line.speed_m_s()))?;
@@ -253,17 +294,16 @@ pub fn predict(config: &Config, state: &State, t_s: f64) -> Option<(f64, f64)> {
 
 /// The running estimate; `None` until a hypothesis stands.
 pub fn solution(config: &Config, state: &State) -> Option<Solution> {
-    let best = state.best()?;
-    report(config, state, best)
+    report(&config.with_speed(state.speed), state, state.lines.best()?)
 }
 
 /// The end-of-passage solution: maximum likelihood over the ring, from all hypotheses and fresh starts, to
 /// convergence. The state is left as it was.
 pub fn finish(config: &Config, state: &State) -> Option<Solution> {
-    let mut last = state.clone();
-    seed(config, &mut last, FINAL_STEPS);
-    let best = *last.best()?;
-    report(config, state, &best)
+    let config = &config.with_speed(state.speed);
+    let mut lines = state.lines.clone();
+    lines.seed(config, &state.ring, &state.limits(config), FINAL_STEPS);
+    report(config, state, lines.best()?)
 }
 
 fn report(config: &Config, state: &State, best: &Point) -> Option<Solution> {
@@ -274,123 +314,10 @@ fn report(config: &Config, state: &State, best: &Point) -> Option<Solution> {
     solution_of(&best.line, &best.normal, &free, &state.limits(config), state.seen, measurements)
 }
 
-/// Puts fresh starting hypotheses beside the living ones and lets all take `steps` steps.
-fn seed(config: &Config, state: &mut State, steps: usize) {
-    let limits = state.limits(config);
-    let free = config.free();
-    let State { ring, points, .. } = state;
-    let nodes = ring.nodes();
-    let fresh = starts(nodes.iter().map(|n| (n.t_s, n.azimuth)), nodes.len(), config.speed_m_s, &limits);
-    let mut pool: [Option<Point>; HYPOTHESES + STARTS] = [None; HYPOTHESES + STARTS];
-    let lines = points
-        .iter()
-        .map(|p| p.map(|p| p.line))
-        .chain(fresh.iter().map(|s| s.map(|s| emitted(&s.line, &config.medium))));
-    for (slot, line) in pool.iter_mut().zip(lines) {
-        let Some(line) = line else { continue };
-        let Some(normal) = evaluate(config, ring, &line) else { continue };
-        let mut point = Point { line, normal, damping: 1e-3 };
-        for _ in 0..steps {
-            if descend(&mut point, &free, &limits, |line| evaluate(config, ring, line)) == Progress::Converged
-            {
-                break;
-            }
-        }
-        *slot = Some(point);
-    }
-    // The best few that differ.
-    *points = [None; HYPOTHESES];
-    for slot in points.iter_mut() {
-        let mut best: Option<usize> = None;
-        for (i, p) in pool.iter().enumerate() {
-            let Some(p) = p else { continue };
-            let held = best.and_then(|b| pool.get(b)).and_then(Option::as_ref);
-            if held.is_none_or(|h| p.normal.cost() < h.normal.cost()) {
-                best = Some(i);
-            }
-        }
-        let Some(chosen) = best.and_then(|b| pool.get(b)).copied().flatten() else { break };
-        *slot = Some(chosen);
-        for p in &mut pool {
-            if p.is_some_and(|p| same(&p.line, &chosen.line)) {
-                *p = None;
-            }
-        }
-    }
-}
-
-/// Whether two hypotheses have run into the same minimum.
-fn same(a: &Line, b: &Line) -> bool {
-    let d = |k: usize| (a.p[k] - b.p[k]).abs();
-    a.sense == b.sense && wrap_pi(a.p[0] - b.p[0]).abs() < 1e-3 && d(2) < 1e-2 && d(1) < 0.5
-}
-
-fn prune(state: &mut State) {
-    let Some(best) = state.best().map(|p| p.normal.cost()) else { return };
-    for slot in &mut state.points {
-        if slot.is_some_and(|p| p.normal.cost() > best + DEAD) {
-            *slot = None;
-        }
-    }
-}
-
-/// The factorisation of the ring's errors with residuals about `line`.
-fn chain(config: &Config, ring: &Ring, line: &Line) -> Chain {
-    let (variance, tau_s, _) = config.errors();
-    let mut chain = Chain::new(variance, tau_s);
-    let view = line.view(&config.medium);
-    for node in ring.nodes() {
-        let e = view.expected(node.t_s);
-        let mut row = [0.0; COLUMNS];
-        let (derivatives, residual) = row.split_at_mut(PARAMETERS);
-        derivatives.copy_from_slice(&e.d_azimuth);
-        if let [r] = residual {
-            *r = wrap_pi(node.azimuth - e.azimuth - 0.5 * e.curvature * node.time_variance);
-        }
-        chain.push(node.t_s, &node.colour, &row);
-        if node.elevation.1.is_finite() {
-            let mut row = [0.0; COLUMNS];
-            row[..PARAMETERS].copy_from_slice(&e.d_elevation);
-            row[PARAMETERS] = f64::from(node.elevation.0) - e.elevation;
-            chain.normal.add(&row, 1.0 / f64::from(node.elevation.1));
-        }
-    }
-    chain
-}
-
-/// Normal equations over the ring, priors included.
-fn evaluate(config: &Config, ring: &Ring, line: &Line) -> Option<Normal> {
-    let mut normal = chain(config, ring, line).normal;
-    add_priors(&mut normal, line, config.speed_m_s, config.speed_sd_m_s, config.elevation_bias_sd_rad);
-    normal.is_finite().then_some(normal)
-}
-
-/// Adds the priors of speed (Gaussian in v) and elevation bias; a standard deviation of 0 or infinity adds nothing.
-pub(crate) fn add_priors(
-    normal: &mut Normal,
-    line: &Line,
-    speed_m_s: f64,
-    speed_sd_m_s: f64,
-    bias_sd_rad: f64,
-) {
-    if speed_sd_m_s > 0.0 && speed_sd_m_s.is_finite() {
-        let mut row = [0.0; COLUMNS];
-        row[3] = line.speed_m_s();
-        row[PARAMETERS] = speed_m_s - line.speed_m_s();
-        normal.add(&row, 1.0 / (speed_sd_m_s * speed_sd_m_s));
-    }
-    if bias_sd_rad > 0.0 && bias_sd_rad.is_finite() {
-        let mut row = [0.0; COLUMNS];
-        row[4] = 1.0;
-        row[PARAMETERS] = -line.p[4];
-        normal.add(&row, 1.0 / (bias_sd_rad * bias_sd_rad));
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::f64 as m;
+    use crate::motion::Line;
 
     fn noise(seed: &mut u64) -> f64 {
         // Sum of twelve uniforms: Gaussian enough for a filter's test.
@@ -443,6 +370,11 @@ mod tests {
         assert!((b.sd_cpa_range_m / 500.0 - 2.0 / 7.0).abs() < 0.03, "{b:?}");
         assert!((a.sd_heading_rad / b.sd_heading_rad - 1.0).abs() < 0.05);
         assert!((b.sd_speed_m_s - 2.0).abs() < 0.1 && a.sd_speed_m_s == 0.0);
+        // Measured on the way: range and its spread are the measurement's.
+        let mut state = pass(&truth, &prior, 0.01, 0, 400, &mut seed);
+        set_speed(&mut state, MeasuredSpeed::new(7.7, 0.1));
+        let c = finish(&prior, &state).unwrap();
+        assert!((c.cpa_range_m / b.cpa_range_m - 1.1).abs() < 0.03 && c.sd_cpa_range_m < 12.0, "{c:?}");
     }
 
     #[test]

@@ -9,9 +9,10 @@ use super::known::{Known, Prediction};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
 use crate::motion::chain::{Chain, Colour};
+use crate::motion::hypotheses::add_priors;
 use crate::motion::model::{LN_SPEED, Limits, Line, PARAMETERS};
 use crate::motion::normal::{COLUMNS, Normal, Point, Progress, descend};
-use crate::motion::recursive::{Config, add_priors};
+use crate::motion::recursive::Config;
 use crate::motion::solution::{Solution, floor, solution};
 use crate::motion::start::{STARTS, emitted, starts};
 
@@ -29,6 +30,13 @@ const FINAL_STEPS: usize = 25;
 /// Time between steps of the lines, seconds; every bearing takes one while there are fewer than [`EAGER`].
 const REFRESH_S: f64 = 2.0;
 const EAGER: u32 = 24;
+/// A track of fewer bearings may have run into a wrong arc. What it refuses within this of its newest bearing, and of
+/// what a vessel's bearing usually turns in the time between, has it searched afresh.
+const YOUNG: u32 = 40;
+const NEAR_RAD: f64 = 0.05;
+const DRIFT_RAD_S: f64 = 0.03;
+/// Squared residuals of a right line exceed their number by so many standard deviations once in 10⁴.
+const CHANCE_SD: f64 = 4.0;
 /// An average over more correlation times than this counts as independent of its neighbours.
 const MEMORY_SPANS: f64 = 16.0;
 /// Nothing is known better than this (a hundredth of a degree).
@@ -117,6 +125,39 @@ impl Fit {
 
     /// Takes a bearing that belongs to this vessel (times in order).
     pub(super) fn push(&mut self, config: &Config, t_s: f64, azimuth: f64, variance: f64) {
+        self.keep(config, t_s, azimuth, variance);
+        if self.seen >= self.next_seeding {
+            self.next_seeding = self.seen.saturating_add(self.seen / 2);
+            self.refreshed_s = t_s;
+            self.improve(config, true, SEED_STEPS);
+        } else if self.seen < EAGER || t_s - self.refreshed_s >= REFRESH_S {
+            self.refreshed_s = t_s;
+            self.improve(config, false, 1);
+        }
+    }
+
+    /// A bearing that a young track's lines do not explain, though it lies where the vessel was: they may have run into a
+    /// wrong arc. They are searched afresh over all bearings, this one too, which is taken (true) if one explains them.
+    pub(super) fn reconsider(&mut self, config: &Config, t_s: f64, azimuth: f64, variance: f64) -> bool {
+        let Some(last) = self.nodes().last().filter(|_| self.seen < YOUNG) else { return false };
+        let step = m::abs(wrap_pi(azimuth - f64::from(last.azimuth)));
+        if self.best.is_none() || step > NEAR_RAD + DRIFT_RAD_S * (t_s - self.last_s).max(0.0) {
+            return false;
+        }
+        let mut all = self.clone();
+        all.lines = [None; LINES];
+        all.keep(config, t_s, azimuth, variance);
+        let freedom = f64::from(all.seen);
+        let most = freedom + CHANCE_SD * m::sqrt(2.0 * freedom);
+        let explained = all.improve(config, true, FINAL_STEPS).is_some_and(|cost| cost < most);
+        if explained {
+            *self = all;
+        }
+        explained
+    }
+
+    /// Adds a bearing to what is kept; the lines stay as they are.
+    fn keep(&mut self, config: &Config, t_s: f64, azimuth: f64, variance: f64) {
         if self.seen == 0 {
             self.origin_s = t_s;
             self.refreshed_s = t_s;
@@ -133,14 +174,6 @@ impl Fit {
             *slot = Node { t_s, azimuth: wrap_tau(azimuth) as f32, white, span_s: 0.0, count: 1 };
             self.len += 1;
         }
-        if self.seen >= self.next_seeding {
-            self.next_seeding = self.seen.saturating_add(self.seen / 2);
-            self.refreshed_s = t_s;
-            self.improve(config, true, SEED_STEPS);
-        } else if self.seen < EAGER || t_s - self.refreshed_s >= REFRESH_S {
-            self.refreshed_s = t_s;
-            self.improve(config, false, 1);
-        }
     }
 
     /// Azimuth expected at a time of reception. Before there is a line: the newest bearing, turning by no more than a
@@ -153,7 +186,7 @@ impl Fit {
             return known.then_some(Prediction { azimuth, line_variance, coloured_variance });
         }
         let last = self.nodes().last()?;
-        let drift = 0.03 * (t_s - self.last_s).max(0.0);
+        let drift = DRIFT_RAD_S * (t_s - self.last_s).max(0.0);
         let line_variance = f64::from(last.white) + drift * drift;
         Some(Prediction { azimuth: f64::from(last.azimuth), line_variance, coloured_variance })
     }

@@ -279,8 +279,14 @@ fn judge(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
                     }
                 }
             }
-            Verdict::Spare => {}
-            Verdict::Free => court(config, state, t_s, heard),
+            Verdict::Spare => {
+                reconsider(config, state, t_s, heard);
+            }
+            Verdict::Free => {
+                if !reconsider(config, state, t_s, heard) {
+                    court(config, state, t_s, heard);
+                }
+            }
         }
     }
 }
@@ -323,6 +329,19 @@ fn serve(
             sink(Message::Track(report::track(&solution, track.id, 0, track.index)));
         }
     }
+}
+
+/// Offers a bearing that no track explains to the young ones without one at this instant; true if one has taken it.
+fn reconsider(config: &Config, state: &mut State, t_s: f64, heard: &Heard) -> bool {
+    let index = state.index;
+    state.tracks.iter_mut().filter(|t| t.id != 0 && t.updated_s < t_s).any(|track| {
+        let motion = track.motion(config);
+        let taken = track.fit.reconsider(&motion, t_s, heard.azimuth, heard.variance);
+        if taken {
+            (track.index, track.updated_s, track.heard_s) = (index, t_s, t_s);
+        }
+        taken
+    })
 }
 
 /// Lets a free bearing join the candidate that expects it most, or begin one; a candidate grown up becomes a track.

@@ -79,6 +79,25 @@ fn one_pass_is_one_track_with_one_solution() {
 }
 
 #[test]
+fn a_passage_of_small_errors_is_not_split_by_its_first_bearings() {
+    let tracking = Tracking { speed_m_s: 7.0, speed_sd_m_s: 0.0, bearing_sd_deg: 0.0, ..Tracking::default() };
+    let config = Config::with(recursive::Config::new(&tracking, 1484.0), RATE_HZ);
+    let (mut seed, sd) = (41, 0.1 * RAD_PER_DEG);
+    for run in 0..100 {
+        let (mut state, mut out) = (State::new(), Vec::new());
+        let (t_c, r_c) = (20.0 + 1.5 * f64::from(run), 200.0 + 12.0 * f64::from(run));
+        for k in 0..300 {
+            let t = 0.5 * f64::from(k);
+            let a = azimuth(t, t_c, r_c, 6.0) + sd * gaussian(&mut seed);
+            bearing(&config, &mut state, &message(t, a, sd, 0), &mut |m| out.push(m));
+        }
+        finish(&config, &mut state, &mut |m| out.push(m));
+        let ends = tracks(&out, 1);
+        assert!(ends.len() == 1 && ends[0].n >= 295, "{run} {ends:?}");
+    }
+}
+
+#[test]
 fn sub_bands_of_one_vessel_are_one_track_and_a_quiet_vessel_in_one_band_another() {
     let config = config();
     let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 3);
