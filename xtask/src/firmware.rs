@@ -27,6 +27,9 @@ pub const EMULATED_ARRAY: Image =
 /// The emulated board as an ocean-bottom recorder only, for its budget.
 pub const EMULATED_OBS: Image =
     Image { name: "mps2-an500-obs.elf", bin: "mps2-an500", features: "mps2-an500,obs" };
+/// One batch motion fit on the emulated board, for its budget.
+pub const EMULATED_FIT: Image =
+    Image { name: "mps2-an500-motion-fit.elf", bin: "motion-fit", features: "mps2-an500,array" };
 
 /// The hardware board with everything.
 pub const HARDWARE: Image =

@@ -1,0 +1,110 @@
+//! What one batch motion fit costs on the emulated board: 401 bearings of a 200 s passage, linear error model.
+//!
+//! Fitted twice: with a correlation interval of whole steps, which has a short way through the whitening, and with one
+//! between two steps, which takes the Levinson recursion. Leaves in `summary.bin` four words `u64le`: ticks of the first
+//! fit, ticks of the second, bytes of stack there were, most used. Fails if a fit is not near the truth.
+#![no_std]
+#![no_main]
+#![allow(unsafe_code)]
+
+use core::panic::PanicInfo;
+use cortex_m_rt::{ExceptionFrame, entry, exception};
+use seabearing_core::math::f64 as m;
+use seabearing_core::motion::covariance::Model;
+use seabearing_core::motion::ml::{self, Config, Sample};
+use seabearing_core::motion::whiten::{Method, Workspace};
+use seabearing_core::motion::{Line, Medium};
+use seabearing_core::port::Clock;
+use seabearing_firmware::mps2_an500::{clock::CoreTicks, host, stack_use};
+
+/// Bearings: two a second for 200 s.
+const BEARINGS: usize = 401;
+/// Standard deviation of their errors, radians (2°), and its correlation interval in steps.
+const SD_RAD: f64 = 0.034_9;
+const STEPS: u32 = 100;
+/// The vessel: closest 500 m away in the middle of the passage, 7 m/s.
+const RANGE_M: f64 = 500.0;
+const SPEED_M_S: f64 = 7.0;
+
+/// Random numbers of mean 0 and variance 1, the same in every run.
+struct Impulses(u32);
+
+impl Impulses {
+    fn next(&mut self) -> f64 {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            sum += f64::from(self.0 >> 8) / f64::from(1 << 24);
+        }
+        sum - 6.0
+    }
+}
+
+/// Bearings whose errors are the running sums of equal impulses, which makes the linear model exact.
+fn observe(samples: &mut [Sample; BEARINGS], medium: &Medium) {
+    let line = Line { p: [-0.7, 100.0, m::ln(SPEED_M_S / RANGE_M), m::ln(SPEED_M_S), 0.0], sense: 1.0 };
+    let (mut first, mut last) = (Impulses(1), Impulses(1));
+    let mut sum: f64 = (0..STEPS).map(|_| last.next()).sum();
+    for (k, sample) in samples.iter_mut().enumerate() {
+        let t_s = 0.5 * k as f64;
+        let error = SD_RAD * sum / m::sqrt(f64::from(STEPS));
+        *sample = Sample::azimuth(t_s, line.azimuth(medium, t_s) + error, SD_RAD);
+        sum += last.next() - first.next();
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    static mut WORK: Workspace<BEARINGS> = Workspace::new();
+    static mut SAMPLES: [Sample; BEARINGS] =
+        [const { Sample { t_s: 0.0, azimuth_rad: 0.0, sd_rad: 0.0, elevation_rad: (0.0, 0.0) } }; BEARINGS];
+
+    let Some(peripherals) = cortex_m::Peripherals::take() else { fail(c"started twice\n") };
+    let mut clock = CoreTicks::new(peripherals.SYST);
+    let medium = Medium::of_sound_speed(1484.0);
+    observe(SAMPLES, &medium);
+    let mut ticks = [0u64; 2];
+    let intervals_s = [0.5 * f64::from(STEPS), 0.5 * f64::from(STEPS) + 0.3];
+    for (tau_s, ticks) in intervals_s.into_iter().zip(&mut ticks) {
+        let config = Config {
+            model: Model::Linear,
+            tau_s,
+            speed_m_s: SPEED_M_S,
+            speed_sd_m_s: 0.0,
+            range_m: (20.0, 20_000.0),
+            medium,
+            elevation_bias_sd_rad: 0.0,
+        };
+        let before = clock.ticks();
+        let fit = ml::fit(&config, SAMPLES, WORK, &mut []);
+        *ticks = u64::from(clock.ticks().wrapping_sub(before));
+        let Ok(fit) = fit else { fail(c"no fit\n") };
+        let short = fit.plan.method == Method::Differences;
+        let error = (fit.solution.cpa_range_m - RANGE_M) / fit.solution.sd_cpa_range_m;
+        if !(m::abs(error) < 4.0) || short != (tau_s == intervals_s[0]) {
+            fail(c"the fit is wrong\n");
+        }
+    }
+    let (stack, used) = stack_use();
+    let words = [ticks[0], ticks[1], u64::from(stack), u64::from(used)];
+    let Some(mut file) = host::File::write_to(c"summary.bin") else { fail(c"cannot write summary.bin\n") };
+    if !words.iter().all(|w| file.write(&w.to_le_bytes())) {
+        fail(c"cannot write summary.bin\n");
+    }
+    host::exit(0)
+}
+
+fn fail(line: &core::ffi::CStr) -> ! {
+    host::say(line);
+    host::exit(1)
+}
+
+#[exception]
+unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
+    fail(c"hard fault\n")
+}
+
+#[panic_handler]
+fn panic(_info: &PanicInfo<'_>) -> ! {
+    fail(c"panicked\n")
+}
