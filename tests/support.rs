@@ -1,6 +1,11 @@
 //! Helpers shared by the cross-crate tests.
 
-use std::path::PathBuf;
+use seabearing::ocean_bottom::{self, scenario::Scenario, simulate::Simulator};
+use seabearing::propagation::{self, bottom::Bottom, profile::Profile, trace};
+use seabearing::recording::Source;
+use seabearing::station::Station;
+use seabearing_core::block::Frame;
+use std::path::{Path, PathBuf};
 
 /// The folder of real recordings and ship positions beside the project (`../shared/data`), if it is there.
 ///
@@ -14,4 +19,37 @@ pub fn shared_data(test: &str) -> Option<PathBuf> {
         println!("skipped {test}: no real data at ../shared/data");
         None
     }
+}
+
+/// A station at the bottom of the ocean and what it records while a ship passes, in blocks.
+pub struct OceanBottom {
+    /// The station.
+    pub station: Station,
+    /// First sample index and samples of each block, in order, without gaps.
+    pub blocks: Vec<(u64, Vec<Frame>)>,
+}
+
+/// Records for a time; files it needs go into `folder`.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn ocean_bottom(folder: &Path, duration_s: f64) -> anyhow::Result<OceanBottom> {
+    let profile = Profile::subtropical(4340.0)?;
+    let table = trace::trace("t", &profile, &Bottom::default(), 350.0, 150, || ());
+    propagation::file::write(&table, &folder.join("table.toml"))?;
+    let scenario = format!(
+        "kind = \"obs\"\nseed = 3\nduration_s = {duration_s:?}\npropagation = \"table.toml\"\n[[ship]]\n\
+         cpa_time_s = {:?}\ncpa_range_m = 6000.0\nheading_deg = 30.0\nspeed_m_s = 8.0\n",
+        0.5 * duration_s
+    );
+    std::fs::write(folder.join("scenario.toml"), scenario)?;
+    let scenario = Scenario::read(&folder.join("scenario.toml"))?;
+    let station = folder.join("station.toml");
+    std::fs::write(&station, ocean_bottom::station::text(&scenario, "table.toml", false))?;
+    let mut simulator = Simulator::new(scenario, table, Vec::new())?;
+    let mut blocks = Vec::new();
+    while let Some(block) = simulator.next_block()? {
+        blocks.push((block.first_index, block.frames.to_vec()));
+    }
+    Ok(OceanBottom { station: Station::read(&station)?, blocks })
 }

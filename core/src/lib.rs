@@ -38,4 +38,5 @@ pub mod wire;
 pub mod port;
 pub mod recorder;
 pub mod run;
+pub mod sample_line;
 pub mod sbraw;

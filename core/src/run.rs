@@ -81,6 +81,7 @@ pub fn run(
     if let Some(value) = supervisor.last_panic() {
         outlet.say(&Message::Fault(Fault { code: FaultCode::Panicked, index: 0, value }));
     }
+    let mut bad_commands = 0;
     let mut running = true;
     while running {
         supervisor.feed();
@@ -88,6 +89,14 @@ pub fn run(
             if let Some(received) = commands.push::<Command>(byte) {
                 running &= !matches!(received.message, Command::Stop { .. });
                 application.command(received.message, &mut |m| outlet.say(m));
+            } else if byte == 0 && bad_commands != commands.bad() {
+                bad_commands = commands.bad();
+                let value = i64::from(bad_commands);
+                outlet.say(&Message::Fault(Fault {
+                    code: FaultCode::BadCommand,
+                    index: summary.index,
+                    value,
+                }));
             }
         }
         match source.read(frames) {
@@ -223,6 +232,25 @@ mod tests {
         assert_eq!(summary.frames_dropped, 1);
         let dropped = |m: &Message| matches!(m, Message::Health(h) if h.frames_dropped == 1);
         assert_eq!(messages.iter().filter(|m| dropped(m)).count(), 3);
+    }
+
+    #[test]
+    fn a_command_that_cannot_be_decoded_is_said_and_the_next_is_carried_out() {
+        let mut encoder = Encoder::default();
+        let mut to_receive = std::vec![0, 0];
+        to_receive.extend_from_slice(encoder.frame(&77u8));
+        let at = to_receive.len() + 3;
+        to_receive.extend_from_slice(encoder.frame(&Command::Stop { token: 8 }));
+        to_receive[at] ^= 2;
+        to_receive.extend_from_slice(encoder.frame(&Command::Stop { token: 9 }));
+        let (_, messages) = go(&mut Line { to_receive, ..Line::default() });
+        let bad = |m: &Message| match m {
+            Message::Fault(Fault { code: FaultCode::BadCommand, value, .. }) => Some(*value),
+            _ => None,
+        };
+        assert!(messages.iter().filter_map(bad).eq([1, 2]), "{messages:?}");
+        assert!(messages.contains(&Message::Reply(Reply { token: 9, status: 0 })));
+        assert!(!messages.contains(&Message::Reply(Reply { token: 8, status: 0 })));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The demonstration: a simulated pass streamed into the firmware under QEMU, its track shown beside the truth.
 
-use crate::emulator::Emulator;
+use crate::emulator::{Emulator, SamplePath};
 use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
 use crate::twin;
 use crate::world::array::Array;
@@ -65,7 +65,9 @@ pub fn run(scenario_path: &Path, out: &Path, emulator: Option<&Emulator>) -> Res
         Some(emulator) => {
             emulator.run(&blob, feed, |bytes, _| received.hear(bytes))?;
         }
-        None => twin::host(&blob, feed, |bytes| received.hear(bytes))?,
+        None => {
+            twin::host(&blob, SamplePath::File, feed, |bytes| received.hear(bytes))?;
+        }
     }
     received.draw(out)?;
     received.conclude()

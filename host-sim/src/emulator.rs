@@ -1,6 +1,7 @@
-//! The firmware under QEMU: samples through a FIFO, telemetry and commands through a socket, costs from its summary.
+//! The firmware under QEMU: samples through a FIFO or a second serial line, telemetry and commands through a socket,
+//! costs from its summary.
 //!
-//! QEMU runs in a temporary folder that holds the FIFO `samples.sbraw`, the socket and the summary; the configuration
+//! QEMU runs in a temporary folder that holds the FIFO `samples.sbraw`, the sockets and the summary; the configuration
 //! blob is loaded into the emulated board's memory before the start. Nothing is lost at the end: the firmware waits
 //! for its transmitter, and the socket is read until QEMU closes it.
 
@@ -20,6 +21,16 @@ pub const INSTRUCTIONS_PER_TICK: u64 = 40;
 /// Silence after which the emulated firmware is taken for dead.
 const PATIENCE: Duration = Duration::from_secs(120);
 
+/// How samples reach the firmware.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SamplePath {
+    /// By semihosting, from a FIFO: an `.sbraw` stream.
+    #[default]
+    File,
+    /// Over UART1: the sample line of `docs/firmware.md`; some 10 kB/s, so for ocean-bottom stations only.
+    Uart,
+}
+
 /// How to run.
 #[derive(Debug, Clone)]
 pub struct Emulator {
@@ -27,6 +38,8 @@ pub struct Emulator {
     pub firmware: PathBuf,
     /// Count instructions instead of following the wall clock.
     pub count_instructions: bool,
+    /// How samples go in.
+    pub samples: SamplePath,
 }
 
 /// What the firmware leaves behind: see `docs/firmware.md`.
@@ -48,14 +61,28 @@ pub struct Summary {
     pub stack_bytes: u64,
     /// Most bytes of stack used.
     pub stack_used: u64,
+    /// Frames of the sample line that were damaged.
+    pub line_damaged: u64,
+    /// Frames of the sample line that were lost, damaged ones included.
+    pub line_lost: u64,
 }
 
 impl Summary {
     fn read(path: &Path) -> Option<Self> {
         let bytes = std::fs::read(path).ok()?;
         let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|w| u64::from_le_bytes(*w)).collect();
-        let [index, instants, busy_ticks, worst_block_ticks, frames, frames_dropped, stack_bytes, stack_used] =
-            words[..]
+        let [
+            index,
+            instants,
+            busy_ticks,
+            worst_block_ticks,
+            frames,
+            frames_dropped,
+            stack_bytes,
+            stack_used,
+            line_damaged,
+            line_lost,
+        ] = words[..]
         else {
             return None;
         };
@@ -68,6 +95,8 @@ impl Summary {
             frames_dropped,
             stack_bytes,
             stack_used,
+            line_damaged,
+            line_lost,
         })
     }
 }
@@ -98,8 +127,8 @@ impl Drop for Running {
 }
 
 impl Emulator {
-    /// Runs the firmware to its end. `feed` writes the `.sbraw` stream; `heard` gets telemetry as it comes and may
-    /// write commands back.
+    /// Runs the firmware to its end. `feed` writes the `.sbraw` stream or the bytes of the sample line; `heard` gets
+    /// telemetry as it comes and may write commands back.
     ///
     /// # Errors
     /// One line: QEMU missing or failing, the firmware's own reason, or silence.
@@ -112,24 +141,43 @@ impl Emulator {
         let folder =
             tempfile::Builder::new().prefix("seabearing-").tempdir().context("a temporary folder")?;
         let fifo = folder.path().join("samples.sbraw");
-        let made = Command::new("mkfifo").arg(&fifo).status().context("cannot run mkfifo")?;
-        if !made.success() {
-            bail!("cannot make a FIFO in {}", folder.path().display());
-        }
+        let lines: &[&str] = match self.samples {
+            SamplePath::File => {
+                make_fifo(&fifo)?;
+                &["uart0"]
+            }
+            SamplePath::Uart => &["uart0", "uart1"],
+        };
         std::fs::write(folder.path().join("station.sbcf"), blob)?;
-        let listener = UnixListener::bind(folder.path().join("uart0"))?;
-        let mut qemu = Running(self.start(folder.path())?);
-        let mut uart = accept(&listener, &mut qemu.0, folder.path())?;
+        let bind = |line: &&str| UnixListener::bind(folder.path().join(line));
+        let listeners = lines.iter().map(bind).collect::<Result<Vec<_>, _>>()?;
+        let mut qemu = Running(self.start(folder.path(), lines)?);
+        let mut sockets = Vec::new();
+        for listener in &listeners {
+            sockets.push(accept(listener, &mut qemu.0, folder.path())?);
+        }
+        let mut sockets = sockets.into_iter();
+        let (Some(mut uart), sample_line) = (sockets.next(), sockets.next()) else {
+            bail!("QEMU connected no serial port");
+        };
         uart.set_read_timeout(Some(Duration::from_millis(500)))?;
+        // QEMU forgets what it has not read of a line that is closed: this end stays open until it has ended.
+        let _open = sample_line.as_ref().map(UnixStream::try_clone).transpose()?;
 
         let fed = AtomicU64::new(0);
         let (fifo, fed) = (fifo.as_path(), &fed);
         std::thread::scope(|scope| {
             let feeder = scope.spawn(move || -> Result<()> {
-                let file = std::fs::OpenOptions::new().write(true).open(fifo)?;
-                let mut out = BufWriter::with_capacity(1 << 16, Counted { file, fed });
-                feed(&mut out)?;
-                Ok(out.flush()?)
+                match sample_line {
+                    // As it comes: whoever feeds a line keeps its time.
+                    Some(line) => feed(&mut Counted { to: line, fed }),
+                    None => {
+                        let to = std::fs::OpenOptions::new().write(true).open(fifo)?;
+                        let mut out = BufWriter::with_capacity(1 << 16, Counted { to, fed });
+                        feed(&mut out)?;
+                        Ok(out.flush()?)
+                    }
+                }
             });
             let mut decoder = Decoder::default();
             let mut panicked = None;
@@ -147,7 +195,9 @@ impl Emulator {
             }
             let status = qemu.0.wait().context("waiting for QEMU");
             // A feeder whose reader has gone is let go: opening both ways never waits, closing breaks the pipe.
-            drop(std::fs::OpenOptions::new().read(true).write(true).open(fifo));
+            if self.samples == SamplePath::File {
+                drop(std::fs::OpenOptions::new().read(true).write(true).open(fifo));
+            }
             let feeding = feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"));
             listened?;
             let status = status?;
@@ -155,7 +205,7 @@ impl Emulator {
                 bail!("the firmware panicked at line {} of file {:08x}", value as u32, value >> 32 << 1);
             }
             match feeding {
-                Err(error) if !is_broken_pipe(&error) => return Err(error),
+                Err(error) if !reader_has_gone(&error) => return Err(error),
                 _ => {}
             }
             if !status.success() {
@@ -165,10 +215,17 @@ impl Emulator {
         })
     }
 
-    fn start(&self, folder: &Path) -> Result<Child> {
+    fn start(&self, folder: &Path, lines: &[&str]) -> Result<Child> {
         let mut command = Command::new("qemu-system-arm");
         command.args(["-M", "mps2-an500", "-display", "none", "-monitor", "none", "-parallel", "none"]);
-        command.args(["-semihosting-config", "enable=on,target=native", "-serial", "unix:uart0"]);
+        let arguments = match self.samples {
+            SamplePath::File => "",
+            SamplePath::Uart => ",arg=samples=uart",
+        };
+        command.arg("-semihosting-config").arg(format!("enable=on,target=native{arguments}"));
+        for line in lines {
+            command.arg("-serial").arg(format!("unix:{line}"));
+        }
         command.arg("-device").arg(format!("loader,file=station.sbcf,addr={BLOB_ADDRESS},force-raw=on"));
         command.arg("-kernel").arg(&self.firmware);
         if self.count_instructions {
@@ -186,20 +243,28 @@ impl Emulator {
     }
 }
 
-/// Counts what has gone into the FIFO: a sign of life.
-struct Counted<'a> {
-    file: std::fs::File,
+fn make_fifo(path: &Path) -> Result<()> {
+    let made = Command::new("mkfifo").arg(path).status().context("cannot run mkfifo")?;
+    if !made.success() {
+        bail!("cannot make the FIFO {}", path.display());
+    }
+    Ok(())
+}
+
+/// Counts what the firmware was given: a sign of life.
+struct Counted<'a, W> {
+    to: W,
     fed: &'a AtomicU64,
 }
 
-impl Write for Counted<'_> {
+impl<W: Write> Write for Counted<'_, W> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        let n = self.file.write(bytes)?;
+        let n = self.to.write(bytes)?;
         self.fed.fetch_add(n as u64, Ordering::Relaxed);
         Ok(n)
     }
     fn flush(&mut self) -> std::io::Result<()> {
-        self.file.flush()
+        self.to.flush()
     }
 }
 
@@ -264,8 +329,8 @@ fn console(folder: &Path, status: &std::process::ExitStatus) -> String {
     text.lines().map(str::trim).rfind(|l| !l.is_empty()).map_or(status.to_string(), str::to_owned)
 }
 
-fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    error
-        .chain()
-        .any(|c| c.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe))
+/// Whether something failed because its reader has gone.
+pub(crate) fn reader_has_gone(error: &anyhow::Error) -> bool {
+    let gone = |e: &std::io::Error| matches!(e.kind(), ErrorKind::BrokenPipe | ErrorKind::ConnectionReset);
+    error.chain().any(|c| c.downcast_ref::<std::io::Error>().is_some_and(gone))
 }

@@ -17,6 +17,7 @@ pub mod record;
 pub mod recording;
 pub mod replay;
 pub mod reproduce;
+pub mod sample_line;
 pub mod station;
 pub mod twin;
 pub mod world;

@@ -1,6 +1,6 @@
 //! The twin: the firmware in QEMU and the same loop on the host over the same samples, telemetry compared.
 
-use crate::emulator::{Emulator, Summary};
+use crate::emulator::{Emulator, SamplePath, Summary, reader_has_gone};
 use crate::record::Recorder as Records;
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
@@ -9,8 +9,9 @@ use seabearing_core::config_blob::{self, BlobError, PROPAGATION, Writer};
 use seabearing_core::port::{Link, NoClock, Supervisor};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
+use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{self, ReadBytes, Reader};
-use seabearing_core::wire::{Decoder, Message};
+use seabearing_core::wire::{Decoder, DecoderCounters, Message};
 use std::io::{BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 
@@ -68,6 +69,13 @@ impl<R: Read> ReadBytes for Bytes<R> {
     }
 }
 
+impl<R: Read> ByteSource for Bytes<R> {
+    fn next(&mut self) -> Arrival {
+        let mut byte = [0];
+        if ReadBytes::read(self, &mut byte) == 1 { Arrival::Byte(byte[0]) } else { Arrival::Closed }
+    }
+}
+
 /// A line whose other end is a function.
 struct Heard<F> {
     listener: F,
@@ -99,15 +107,17 @@ impl Supervisor for Host {
     }
 }
 
-/// Runs the host's own loop over a stream; `heard` gets the telemetry frame by frame.
+/// Runs the host's own loop over what `feed` writes (an `.sbraw` stream or the sample line's bytes); `heard` gets the
+/// telemetry frame by frame. What the sample line counted comes back.
 ///
 /// # Errors
 /// The configuration blob or the stream is not valid, or what `heard` says.
 pub fn host(
     blob: &[u8],
+    samples: SamplePath,
     feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
     heard: impl FnMut(&[u8]) -> Result<()>,
-) -> Result<()> {
+) -> Result<DecoderCounters> {
     let config = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
     let (near, far) = UnixStream::pair()?;
     std::thread::scope(|scope| {
@@ -116,17 +126,31 @@ pub fn host(
             feed(&mut out)?;
             Ok(out.flush()?)
         });
-        let mut reader = Reader::new(Bytes(BufReader::with_capacity(1 << 16, far)));
+        let bytes = Bytes(BufReader::with_capacity(1 << 16, far));
         let mut link = Heard { listener: heard, failed: None };
         let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
         let table = config_blob::section(blob, PROPAGATION).ok();
         // The recorder's memory is large: it is built in place, on the heap.
         let mut memory: Box<Memory> = Box::default();
         let mut recorder = memory.configure(&config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
-        run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
-        drop(reader);
-        feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"))?;
-        link.failed.map_or(Ok(()), Err)
+        let counters = match samples {
+            SamplePath::File => {
+                let mut reader = Reader::new(bytes);
+                run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
+                DecoderCounters::default()
+            }
+            SamplePath::Uart => {
+                let mut reader = sample_line::Reader::new(bytes);
+                run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
+                reader.counters()
+            }
+        };
+        // A sample line is left at its first end; a sender that repeats it is let go.
+        match feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked")) {
+            Err(error) if !reader_has_gone(&error) => return Err(error),
+            _ => {}
+        }
+        link.failed.map_or(Ok(counters), Err)
     })
 }
 
@@ -141,26 +165,44 @@ pub struct Twins {
     pub summary: Summary,
 }
 
+/// For whom a stream is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Listener {
+    /// The firmware, which may want it at the pace of a converter.
+    Firmware,
+    /// The host.
+    Host,
+}
+
 /// Runs both over the same stream, which `feed` writes twice.
 ///
 /// # Errors
-/// One of them cannot run.
+/// One of them cannot run, or they counted the sample line differently.
 pub fn both(
     emulator: &Emulator,
     blob: &[u8],
-    feed: impl Fn(&mut dyn Write) -> Result<()> + Send + Sync,
+    feed: impl Fn(&mut dyn Write, Listener) -> Result<()> + Send + Sync,
 ) -> Result<Twins> {
     let mut firmware = Vec::new();
-    let summary = emulator.run(blob, &feed, |bytes, _| {
-        firmware.extend_from_slice(bytes);
-        Ok(())
-    })?;
+    let summary = emulator.run(
+        blob,
+        |out| feed(out, Listener::Firmware),
+        |bytes, _| {
+            firmware.extend_from_slice(bytes);
+            Ok(())
+        },
+    )?;
     let mut telemetry = Vec::new();
-    host(blob, &feed, |frame| {
+    let feed = |out: &mut dyn Write| feed(out, Listener::Host);
+    let counters = host(blob, emulator.samples, feed, |frame| {
         telemetry.extend_from_slice(frame);
         Ok(())
     })
     .context("the host's run")?;
+    let (host, board) = ((counters.damaged, counters.lost), (summary.line_damaged, summary.line_lost));
+    if host != board {
+        bail!("damaged and lost frames of the sample line: host {host:?}, firmware {board:?}");
+    }
     Ok(Twins { host: telemetry, firmware, summary })
 }
 

@@ -61,6 +61,12 @@ fn emulated(suite: &mut Suite) -> Result<()> {
     suite.step("twin: a pass of 200 s, byte for byte", || twin("demo"));
     suite.step("twin: gaps, dead and clipped channels, byte for byte", || twin("faults"));
     suite.step("twin: six hours at the ocean bottom, byte for byte", || twin("ocean-bottom"));
+    suite.step("samples over the emulated serial line; commands", || {
+        let mut tests = cargo();
+        tests.args(["test", "--quiet", "--package", "seabearing-tests", "--no-fail-fast"]);
+        tests.args(["--test", "emulated_sample_line", "--test", "emulated_commands", "--", "--ignored"]);
+        run(&mut tests, "emulated tests")
+    });
     suite.step("panic freedom", || panic_free::check(&toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(&toolchain));
     suite.step("stm32h743 links within memory.x", || firmware::build_hardware(&toolchain, None).map(|_| ()));

@@ -151,6 +151,11 @@ impl Decoder {
         self.counters
     }
 
+    /// Frames that gave no message, damaged or unknown, modulo 2³².
+    pub fn bad(&self) -> u32 {
+        self.counters.damaged.wrapping_add(self.counters.unknown) as u32
+    }
+
     /// Bytes of an unfinished frame (a stream that ends with some was cut).
     pub fn pending(&self) -> usize {
         self.raw as usize

@@ -241,7 +241,7 @@ pub enum FaultCode {
     Inconsistent,
     /// An estimator met a value it cannot use and started afresh.
     Restarted,
-    /// A command could not be decoded.
+    /// A command could not be decoded: how many so far.
     BadCommand,
     /// The software had panicked before this start: low 32 bits the line, high 31 bits of a hash of the file.
     Panicked,

@@ -11,9 +11,10 @@ use core::panic::PanicInfo;
 use cortex_m_rt::entry;
 use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
-use seabearing_core::port::{Clock, Link, Supervisor};
+use seabearing_core::port::{Chunk, Clock, Link, SampleSource, Supervisor};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
+use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{ReadBytes, Reader};
 
 /// A device register: whatever is read there, the optimiser cannot know.
@@ -32,6 +33,28 @@ impl ReadBytes for Device {
     fn read(&mut self, bytes: &mut [u8]) -> usize {
         bytes.fill_with(|| self.word() as u8);
         self.word() as usize
+    }
+}
+
+impl ByteSource for Device {
+    fn next(&mut self) -> Arrival {
+        match self.word() {
+            0 => Arrival::Nothing,
+            1 => Arrival::Closed,
+            _ => Arrival::Byte(self.word() as u8),
+        }
+    }
+}
+
+/// Either source, as the optimiser cannot know.
+struct Samples {
+    file: Reader<Device>,
+    line: sample_line::Reader<Device>,
+}
+
+impl SampleSource for Samples {
+    fn read(&mut self, frames: &mut [Frame]) -> Chunk {
+        if Device.word() == 0 { self.file.read(frames) } else { self.line.read(frames) }
     }
 }
 
@@ -79,7 +102,7 @@ fn main() -> ! {
     if let Ok(config) = config_blob::station(blob) {
         let table = config_blob::section(blob, PROPAGATION).ok();
         if let Ok(mut recorder) = MEMORY.configure(&config, table) {
-            let mut samples = Reader::new(Device);
+            let mut samples = Samples { file: Reader::new(Device), line: sample_line::Reader::new(Device) };
             run(&mut recorder, &mut samples, &mut Device, &mut Device, &mut Device, FRAMES);
         }
     }

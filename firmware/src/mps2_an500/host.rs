@@ -49,8 +49,19 @@ impl ReadBytes for File {
     }
 }
 
-/// Leaves what the run cost in `summary.bin`: eight words `u64le` as `docs/firmware.md` lists them.
-pub fn leave_summary(summary: &Summary, stack: (u32, u32)) -> bool {
+/// The command line that the emulator was given for the firmware; zeros where there is none or a longer one.
+pub fn command_line() -> [u8; 32] {
+    const GET_COMMAND_LINE: usize = 0x15;
+    let mut line = [0u8; 32];
+    let mut arguments = [line.as_mut_ptr() as usize, line.len()];
+    // SAFETY: SYS_GET_CMDLINE writes at most that many bytes, its zero included, and their number into the argument.
+    unsafe { syscall1(GET_COMMAND_LINE, (&raw mut arguments) as usize) };
+    core::hint::black_box(&mut line);
+    line
+}
+
+/// Leaves what the run cost in `summary.bin`: ten words `u64le` as `docs/firmware.md` lists them.
+pub fn leave_summary(summary: &Summary, stack: (u32, u32), line: (u64, u64)) -> bool {
     let words = [
         summary.index,
         summary.instants,
@@ -60,6 +71,8 @@ pub fn leave_summary(summary: &Summary, stack: (u32, u32)) -> bool {
         u64::from(summary.frames_dropped),
         u64::from(stack.0),
         u64::from(stack.1),
+        line.0,
+        line.1,
     ];
     let Some(mut file) = File::write_to(c"summary.bin") else { return false };
     words.iter().all(|w| file.write(&w.to_le_bytes()))

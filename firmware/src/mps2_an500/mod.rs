@@ -1,13 +1,15 @@
 //! The emulated board: ARM MPS2+ with the AN500 image (Cortex-M7) as QEMU models it.
 //!
 //! The configuration blob stands in PSRAM as it would in flash (the host loads it there before the start). Samples
-//! come from the file or FIFO `samples.sbraw` of QEMU's working directory by semihosting, telemetry and commands go
-//! over UART0, and the work done is left in `summary.bin`. The exit status is 0, or 1 with a reason on the console.
+//! come from the file or FIFO `samples.sbraw` of QEMU's working directory by semihosting, or over UART1 where the
+//! semihosting command line says `samples=uart`; telemetry and commands go over UART0, and the work done is left in
+//! `summary.bin`. The exit status is 0, or 1 with a reason on the console.
 
 #![allow(unsafe_code)]
 
 pub mod clock;
 pub mod host;
+pub mod input;
 pub mod uart;
 
 use crate::fault::{self, Record};
@@ -45,7 +47,7 @@ pub struct Board(Option<Record>);
 
 impl Board {
     /// The board as it started.
-    pub fn new() -> Self {
+    pub fn started() -> Self {
         Self(fault::take())
     }
 }
@@ -53,7 +55,9 @@ impl Board {
 impl Supervisor for Board {
     fn feed(&mut self) {}
 
-    fn idle(&mut self) {}
+    fn idle(&mut self) {
+        uart::sleep();
+    }
 
     fn reset_cause(&self) -> u8 {
         const POWER: u8 = 0;

@@ -1,7 +1,7 @@
 //! `seabearing demo`: a simulated pass through the emulated firmware, with plots; `cargo xtask demo` runs it.
 
 use crate::demo;
-use crate::emulator::{self, Emulator};
+use crate::emulator::{self, Emulator, SamplePath};
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -33,5 +33,6 @@ pub fn run(args: Args) -> Result<()> {
         return demo::run(&args.scenario, &args.out, None);
     }
     let firmware = emulator::firmware(args.firmware)?;
-    demo::run(&args.scenario, &args.out, Some(&Emulator { firmware, count_instructions: false }))
+    let emulator = Emulator { firmware, count_instructions: false, samples: SamplePath::File };
+    demo::run(&args.scenario, &args.out, Some(&emulator))
 }

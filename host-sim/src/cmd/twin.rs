@@ -1,10 +1,14 @@
 //! `seabearing twin`: run the firmware in QEMU and the host over the same input and compare their telemetry.
 
-use crate::emulator::{self, Emulator};
+use crate::emulator::{self, Emulator, SamplePath};
 use crate::progress;
+use crate::sample_line::{Pace, Sender};
 use crate::station::Station;
+use crate::twin::Listener;
 use crate::{recording, twin};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use seabearing_core::block::Block;
+use seabearing_core::config::Kind;
 use seabearing_core::sbraw;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,7 +16,8 @@ use std::path::{Path, PathBuf};
 /// Arguments of `seabearing twin`.
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  cargo xtask build-firmware\n  \
-    seabearing twin --station out/station.toml out/east.wav\n\n\
+    seabearing twin --station out/station.toml out/east.wav\n  \
+    seabearing twin --station out/station.toml --samples uart --speed 1 out/*.mseed   # as a converter would\n\n\
     RECORDING is what `process` takes, or one .sbraw stream (docs/firmware.md).")]
 pub struct Args {
     /// Station file
@@ -24,6 +29,12 @@ pub struct Args {
     /// Count instructions (slower; the cost is printed)
     #[arg(long)]
     count_instructions: bool,
+    /// How samples reach the firmware: by semihosting, or over a second serial line (ocean-bottom stations)
+    #[arg(long, value_enum, default_value = "file")]
+    samples: Samples,
+    /// With --samples uart: so many times real time (1: real time) [default: as fast as the line takes them]
+    #[arg(long, value_name = "FACTOR")]
+    speed: Option<f64>,
     /// Keep the firmware's telemetry in this file
     #[arg(long, value_name = "FILE")]
     keep: Option<PathBuf>,
@@ -35,19 +46,50 @@ pub struct Args {
     input: Vec<PathBuf>,
 }
 
+/// How samples reach the firmware.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Samples {
+    /// An .sbraw stream by semihosting
+    File,
+    /// Frames on UART1, at most about 10 kB/s
+    Uart,
+}
+
 /// Runs the command.
 ///
 /// # Errors
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
-    let firmware = emulator::firmware(args.firmware)?;
-    let emulator = Emulator { firmware, count_instructions: args.count_instructions };
-    let blob = twin::blob(&station)?;
+    let (samples, pace) = match (args.samples, args.speed) {
+        (Samples::File, None) => (SamplePath::File, Pace::Free),
+        (Samples::File, Some(_)) => bail!("--speed goes with --samples uart"),
+        (Samples::Uart, _) if !matches!(station.config.kind, Kind::Obs(_)) => {
+            bail!("--samples uart is for ocean-bottom stations: the line carries no array's samples")
+        }
+        (Samples::Uart, None) => (SamplePath::Uart, Pace::Free),
+        (Samples::Uart, Some(x)) if x > 0.0 && x.is_finite() => (SamplePath::Uart, Pace::Times(x)),
+        (Samples::Uart, Some(x)) => bail!("--speed is {x}; a positive number is needed"),
+    };
     let raw = args.input.len() == 1 && args.input[0].extension().is_some_and(|e| e == "sbraw");
-    let feed = |out: &mut dyn Write| match &args.input[..] {
-        [path] if raw => copy(path, out),
-        paths => convert(paths, &station, out),
+    if raw && samples == SamplePath::Uart {
+        bail!("{}: --samples uart takes recordings, not an .sbraw stream", args.input[0].display());
+    }
+    let firmware = emulator::firmware(args.firmware)?;
+    let emulator = Emulator { firmware, count_instructions: args.count_instructions, samples };
+    let blob = twin::blob(&station)?;
+    let feed = |out: &mut dyn Write, listener| match (&args.input[..], samples) {
+        ([path], SamplePath::File) if raw => copy(path, out),
+        (paths, SamplePath::File) => {
+            out.write_all(&sbraw::MAGIC)?;
+            each_block(paths, &station, |block| Ok(twin::write_block(out, block)?))
+        }
+        (paths, SamplePath::Uart) => {
+            let pace = if listener == Listener::Firmware { pace } else { Pace::Free };
+            let mut sender = Sender::new(out, station.config.rate_hz, pace);
+            each_block(paths, &station, |block| sender.block(block))?;
+            sender.end()
+        }
     };
     // Complaints about the input are heard before QEMU starts.
     if !raw {
@@ -66,6 +108,7 @@ pub fn run(args: Args) -> Result<()> {
         let record = serde_json::json!({
             "type": "twin", "identical": true, "bytes": twins.host.len(), "messages": messages.len(), "seconds": seconds,
             "million_instructions_per_s": work, "stack_bytes": twins.summary.stack_used,
+            "line_damaged": twins.summary.line_damaged, "line_lost": twins.summary.line_lost,
         });
         writeln!(out, "{record}")?;
     } else {
@@ -92,14 +135,17 @@ fn copy(path: &Path, out: &mut dyn Write) -> Result<()> {
     Ok(())
 }
 
-/// Recordings become a stream.
-fn convert(paths: &[PathBuf], station: &Station, out: &mut dyn Write) -> Result<()> {
+/// The blocks of recordings, with a progress bar.
+fn each_block(
+    paths: &[PathBuf],
+    station: &Station,
+    mut send: impl FnMut(Block<'_>) -> Result<()>,
+) -> Result<()> {
     let mut source = recording::open(paths, station, None)?;
     let bar = progress::bar(source.expected_end().unwrap_or(0), "samples");
-    out.write_all(&sbraw::MAGIC)?;
     while let Some(block) = source.next_block()? {
         bar.set_position(block.first_index + block.frames.len() as u64);
-        twin::write_block(out, block)?;
+        send(block)?;
     }
     bar.finish_and_clear();
     Ok(())
