@@ -1,12 +1,12 @@
 //! Where samples come from: a file or FIFO of the host, or the sample line on UART1.
 
-use super::host::{self, File};
+use super::host::File;
 use seabearing_core::block::Frame;
 use seabearing_core::port::{Chunk, SampleSource};
 use seabearing_core::sbraw::{self, Ending};
 
 #[cfg(feature = "obs")]
-use super::uart::Uart;
+use super::{host, uart::Uart};
 #[cfg(feature = "obs")]
 use seabearing_core::sample_line;
 
