@@ -241,7 +241,7 @@ mod tests {
         to_receive.extend_from_slice(encoder.frame(&77u8));
         let at = to_receive.len() + 3;
         to_receive.extend_from_slice(encoder.frame(&Command::Stop { token: 8 }));
-        to_receive[at] ^= 2;
+        to_receive[at] ^= 0x40;
         to_receive.extend_from_slice(encoder.frame(&Command::Stop { token: 9 }));
         let (_, messages) = go(&mut Line { to_receive, ..Line::default() });
         let bad = |m: &Message| match m {
