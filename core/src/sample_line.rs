@@ -139,7 +139,7 @@ mod tests {
     impl ByteSource for Slice<'_> {
         fn next(&mut self) -> Arrival {
             self.1 += 1;
-            if self.1 % 11 == 0 {
+            if self.1.is_multiple_of(11) {
                 return Arrival::Nothing;
             }
             let Some((byte, rest)) = self.0.split_first() else { return Arrival::Closed };
