@@ -5,6 +5,7 @@
 //! wave has that phase near zero or at least steady; pressure and a shaking instrument have it at random.
 //! Assumes: equal gain and phase of north and east. Cost: three transforms (150 k instructions) and 266 × 210.
 
+use super::background::{Background, straightened};
 use super::limits::{AZIMUTH_BINS, CIRCLE, FRAME, HOP, USED_CHANNELS};
 use super::plan::Plan;
 use crate::math;
@@ -41,6 +42,7 @@ impl Row {
 pub struct Spectra {
     pub(super) buffer: [f32; FRAME],
     pressure: [Complex32; HOP],
+    /// Velocity north, then intensity (east, north) in its place.
     north: [Complex32; AZIMUTH_BINS],
     /// ln|P| of bins 0 to 512.
     pub(super) log_pressure: [f32; HOP + 1],
@@ -80,13 +82,24 @@ fn transform<'a>(
 /// Power below which a bin counts as empty (a thousandth of a code, squared).
 const EMPTY_POWER: f32 = 1e-6;
 
-/// Transforms one frame. `directional` is false where a horizontal component cannot be used: the row is then empty.
+/// Which bins of a frame give a direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sources {
+    /// None: a horizontal component cannot be used.
+    None,
+    /// Every bin, also those with noise only: a vessel's wideband noise points to it as its tones do.
+    One,
+    /// Those that stand out: with two vessels about, wideband noise points between them.
+    Several,
+}
+
+/// Transforms one frame.
 pub fn analyse(
     plan: &Plan,
     scratch: &mut Spectra,
     old: &[[f32; HOP]; USED_CHANNELS],
     new: &[[f32; HOP]; USED_CHANNELS],
-    directional: bool,
+    sources: Sources,
     row: &mut Row,
 ) {
     let ([p0, n0, e0], [p1, n1, e1]) = (old, new);
@@ -102,7 +115,7 @@ pub fn analyse(
     *first = log(zero * zero);
     *last = log(nyquist * nyquist);
     *row = Row::EMPTY;
-    if !directional {
+    if sources == Sources::None {
         return;
     }
     let north = transform(plan, &mut scratch.buffer, n0, n1);
@@ -110,20 +123,27 @@ pub fn analyse(
     let east = transform(plan, &mut scratch.buffer, e0, e1);
     // One turn more, so that what is cut to a whole code is never negative.
     let turn = 1.0 + plan.turn * (1.0 / math::f32::TAU);
-    let band = scratch.pressure.iter().zip(east.iter()).skip(plan.first_bin).zip(&scratch.north);
-    let out = row.azimuth.iter_mut().zip(&mut row.phase).take(plan.bins);
-    for (((p, e), n), (azimuth, phase)) in band.zip(out) {
+    let band = scratch.pressure.iter().zip(east.iter()).skip(plan.first_bin).zip(&mut scratch.north);
+    for (((p, e), n), phase) in band.zip(&mut row.phase).take(plan.bins) {
         let re = |v: &Complex32| p.re * v.re + p.im * v.im;
         let im = |v: &Complex32| p.re * v.im - p.im * v.re;
         let (ie, inn) = (re(e), re(n));
         let square = ie * ie + inn * inn;
         let present = square > EMPTY_POWER * EMPTY_POWER * EMPTY_POWER * EMPTY_POWER && square.is_finite();
-        let code = ((turns(ie, inn) + turn) * CIRCLE as f32 + 0.5) as u16 % CIRCLE as u16;
         // Reactive over active intensity, both times the length of the active one.
         let reactive = im(e) * ie + im(n) * inn;
         let step = ((2.0 * turns(reactive, square) + 0.5) * PHASES as f32) as u8;
-        if present {
-            (*azimuth, *phase) = (code, step.min(PHASES as u8 - 1));
+        *phase = if present { step.min(PHASES as u8 - 1) } else { 0 };
+        *n = if present { Complex32::new(ie, inn) } else { Complex32::new(0.0, 0.0) };
+    }
+    let intensity = scratch.north.get(..plan.bins).unwrap_or_default();
+    for ((own, around), azimuth) in intensity.iter().zip(Background::new(intensity)).zip(&mut row.azimuth) {
+        let straight = if plan.paper { None } else { straightened(own, &around) };
+        let counts = straight.is_some() || sources == Sources::One && (own.re != 0.0 || own.im != 0.0);
+        let vector = straight.unwrap_or(*own);
+        let code = ((turns(vector.re, vector.im) + turn) * CIRCLE as f32 + 0.5) as u16 % CIRCLE as u16;
+        if counts {
+            *azimuth = code;
         }
     }
 }

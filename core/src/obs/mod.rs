@@ -13,6 +13,7 @@ pub mod travel;
 pub mod intake;
 
 pub mod azigram;
+pub mod background;
 
 pub mod ambient;
 pub mod cauchy;

@@ -7,7 +7,7 @@
 //! Directions and ranges are those of the vessel when its sound left it.
 
 use super::ambient::Ambient;
-use super::azigram::{self, Row, Spectra};
+use super::azigram::{self, Row, Sources, Spectra};
 use super::cepstrum;
 use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
@@ -57,6 +57,8 @@ pub struct State {
     evidence: Evidence,
     segmenter: Segmenter,
     tracker: Tracker,
+    /// Whether more than one vessel was heard in the last minute.
+    several: bool,
     /// Number of the next minute to report; `None` before the first sample.
     minute: Option<u64>,
 }
@@ -107,6 +109,7 @@ impl State {
             evidence: Evidence::new(),
             segmenter: Segmenter::new(),
             tracker: Tracker::new(),
+            several: false,
             minute: None,
         }
     }
@@ -197,6 +200,7 @@ impl State {
         }
         self.presence.start(plan.max_range_m());
         self.evidence.clear();
+        self.several = false;
         self.minute = None;
     }
 
@@ -235,9 +239,13 @@ impl State {
         if !usable(0) {
             return;
         }
-        let directional = usable(1) && usable(2);
+        let sources = match (usable(1) && usable(2), self.several) {
+            (false, _) => Sources::None,
+            (true, false) => Sources::One,
+            (true, true) => Sources::Several,
+        };
         let Some(kept) = self.kept.get_mut(self.next_kept) else { return };
-        azigram::analyse(plan, &mut scratch.spectra, &old.samples, &new.samples, directional, &mut kept.row);
+        azigram::analyse(plan, &mut scratch.spectra, &old.samples, &new.samples, sources, &mut kept.row);
         kept.row.uneven = old.uneven.max(new.uneven);
         kept.label = old.end;
         kept.used = true;
@@ -293,6 +301,8 @@ impl State {
             self.presence.blind()
         };
         let heard = directions.frames > 0;
+        let tones = directions.modes.iter().flatten().filter(|m| !m.impulsive).count();
+        self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
             let minute = Minute::new(k as u32, &directions, &ranges);
             ranges.prefer(&plan.interference, &expected);
