@@ -85,7 +85,7 @@ impl Iterator for Background<'_> {
 /// A bin's intensity without what bends it; `None` where it does not stand out of the background.
 pub fn straightened(own: &Complex32, background: &Complex32) -> Option<Complex32> {
     (power(own) > STANDS_OUT * power(background))
-        .then(|| Complex32 { re: own.re - TYPICAL * background.re, im: own.im - TYPICAL * background.im })
+        .then_some(Complex32 { re: own.re - TYPICAL * background.re, im: own.im - TYPICAL * background.im })
 }
 
 #[cfg(test)]
