@@ -3,6 +3,7 @@
 //! The same structure reaches the recorder as a postcard blob; [`StationConfig::hash`] identifies it in telemetry.
 
 use crate::block::CHANNELS;
+use crate::demon::SpeedCurve;
 use crate::geometry::{Geometry, GeometryError};
 use serde::{Deserialize, Serialize};
 
@@ -103,6 +104,8 @@ pub struct Tracking {
     pub bearing_tau_s: f64,
     /// Nearest and farthest closest-point range considered, metres.
     pub range_m: (f64, f64),
+    /// Speed of the vessels here from the rate of their shafts, where known.
+    pub shaft_speed: Option<SpeedCurve>,
 }
 
 impl Default for Tracking {
@@ -113,6 +116,7 @@ impl Default for Tracking {
             bearing_sd_deg: 0.5,
             bearing_tau_s: 5.0,
             range_m: (20.0, 5000.0),
+            shaft_speed: None,
         }
     }
 }
@@ -152,6 +156,12 @@ impl StationConfig {
         within("bearing_tau_s", t.bearing_tau_s, 0.0, 3600.0)?;
         within("range_min_m", t.range_m.0, 1.0, 1e5)?;
         within("range_max_m", t.range_m.1, t.range_m.0 * 1.5, 2e5)?;
+        if let Some(curve) = &t.shaft_speed {
+            within("at_zero_m_s", curve.intercept_m_s, -20.0, 20.0)?;
+            within("metres_a_turn", curve.slope_m, 0.01, 100.0)?;
+            within("sd_m_s", curve.sd_m_s, 0.01, 20.0)?;
+            within("blades", f64::from(curve.blades.unwrap_or(2)), 2.0, 7.0)?;
+        }
         match &self.kind {
             Kind::Array(a) => {
                 within("rate_hz", self.rate_hz, 4000.0, 200_000.0)?;

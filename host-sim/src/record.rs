@@ -111,6 +111,16 @@ impl Recorder {
                 ("fault", Some(f.index), json!({ "code": format!("{:?}", f.code), "value": f.value }))
             }
             Message::Reply(r) => ("reply", None, json!({ "token": r.token, "status": r.status })),
+            Message::ShaftRate(s) => (
+                "shaft_rate",
+                Some(s.index),
+                json!({
+                    "rate_hz": num(s.rate_hz), "sd_hz": num(s.sd_hz), "confidence": num(s.confidence),
+                    "ln_false_alarm": num(s.ln_false_alarm), "harmonics": s.harmonics,
+                    "blades": (s.blades > 0).then_some(s.blades), "speed_m_s": num(s.speed_m_s),
+                    "sd_speed_m_s": num(s.sd_speed_m_s), "track": (s.track > 0).then_some(s.track),
+                }),
+            ),
             Message::End(e) => ("end", Some(e.index), json!({ "frames": e.frames })),
         };
         let mut out = Map::new();

@@ -4,6 +4,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::config::{
     ArrayConfig, ConfigError, Kind, LineConfig, ObsConfig, StationConfig, Tracking,
 };
+use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
 use seabearing_core::geometry::GeometryError;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -164,6 +165,17 @@ struct TrackingTable {
     bearing_sd_deg: f64,
     bearing_tau_s: f64,
     range_m: [f64; 2],
+    speed_from_shaft: Option<ShaftTable>,
+}
+
+/// Speed of the vessels here from the rate of their shafts.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ShaftTable {
+    at_zero_m_s: f64,
+    metres_a_turn: f64,
+    sd_m_s: f64,
+    blades: Option<u8>,
 }
 
 impl Default for TrackingTable {
@@ -175,6 +187,7 @@ impl Default for TrackingTable {
             bearing_sd_deg: d.bearing_sd_deg,
             bearing_tau_s: d.bearing_tau_s,
             range_m: [d.range_m.0, d.range_m.1],
+            speed_from_shaft: None,
         }
     }
 }
@@ -276,6 +289,13 @@ impl Station {
                 bearing_sd_deg: tracking.bearing_sd_deg,
                 bearing_tau_s: tracking.bearing_tau_s,
                 range_m: (tracking.range_m[0], tracking.range_m[1]),
+                shaft_speed: tracking.speed_from_shaft.map(|s| SpeedCurve {
+                    intercept_m_s: s.at_zero_m_s,
+                    slope_m: s.metres_a_turn,
+                    sd_m_s: s.sd_m_s,
+                    blades: s.blades,
+                    valid_m_s: VESSEL_SPEEDS_M_S,
+                }),
             },
             ..base(&file.station, name)?
         };
@@ -422,6 +442,16 @@ hydrophones_m = [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38]
         let b = parse(GOOD).unwrap().config;
         assert_eq!(a.hash(), b.hash());
         assert_ne!(a.hash(), parse(&GOOD.replace("168", "169")).unwrap().config.hash());
+    }
+
+    #[test]
+    fn a_speed_curve_is_read_and_checked() {
+        let with = |curve: &str| parse(&format!("{GOOD}\n[tracking]\nspeed_from_shaft = {{ {curve} }}\n"));
+        let curve = with("at_zero_m_s = 0.5, metres_a_turn = 3.1, sd_m_s = 0.6, blades = 4").unwrap();
+        let curve = curve.config.tracking.shaft_speed.unwrap();
+        assert_eq!((curve.slope_m, curve.blades), (3.1, Some(4)));
+        let e = with("at_zero_m_s = 0.5, metres_a_turn = 0.0, sd_m_s = 0.6").unwrap_err().to_string();
+        assert!(e.contains("metres_a_turn") && e.contains("line 15"), "{e}");
     }
 
     #[test]

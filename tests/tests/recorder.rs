@@ -28,19 +28,29 @@ fn station() -> Station {
 
 /// White noise on every hydrophone and one white source due east at the horizontal, in whole-sample delays.
 fn recording(seconds: usize) -> Vec<Frame> {
+    modulated(seconds, 0.0)
+}
+
+/// The same, the source's power swinging by `depth` at 5 Hz.
+fn modulated(seconds: usize, depth: f64) -> Vec<Frame> {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
     let n = seconds * 16_000;
-    let source: Vec<f64> = (0..n + 64).map(|_| normal()).collect();
+    let swing = |i: usize| 1.0 + depth * (std::f64::consts::TAU * 5.0 * i as f64 / 16_000.0).sin();
+    let source: Vec<f64> = (0..n + 64).map(|i| swing(i).sqrt() * normal()).collect();
     let east = [0.0, 0.92, -0.92, 0.0];
     let delay = east.map(|x: f64| (32.0 - x / 1484.0 * 16_000.0).round() as usize);
     (0..n).map(|i| delay.map(|d| ((source[i + 64 - d] * 2.0 + normal()) * 20_000.0) as i32)).collect()
 }
 
 /// Runs the recorder over runs of samples, each with its first index, in blocks of at most `block`.
-fn listen(runs: &[(u64, &[Frame])], mut block: impl FnMut() -> usize) -> Vec<Message> {
+fn listen(runs: &[(u64, &[Frame])], block: impl FnMut() -> usize) -> Vec<Message> {
+    listen_at(&station(), runs, block)
+}
+
+fn listen_at(station: &Station, runs: &[(u64, &[Frame])], mut block: impl FnMut() -> usize) -> Vec<Message> {
     let mut memory = Box::<Memory>::default();
-    let mut recorder = memory.configure(&station().config, None).unwrap();
+    let mut recorder = memory.configure(&station.config, None).unwrap();
     let mut heard = Vec::new();
     let mut sink = |m: &Message| heard.push(*m);
     recorder.start(0, &mut sink);
@@ -76,6 +86,32 @@ fn a_source_due_east_is_found_and_the_blocks_do_not_matter() {
     assert_eq!(whole, listen(&[(0, &samples)], || 512));
     assert_eq!(whole, listen(&[(0, &samples)], || rng.random_range(1..3000)));
     assert_eq!(whole, listen(&[(0, &samples[..777]), (777, &samples[777..])], || 100_000));
+}
+
+#[test]
+fn a_shaft_rate_becomes_the_measured_speed_of_the_only_vessel() {
+    let curve = "[tracking]\nspeed_from_shaft = { at_zero_m_s = 0.5, metres_a_turn = 1.4, sd_m_s = 0.3 }\n";
+    let station = Station::parse(&format!("{STATION}{curve}"), "station", Path::new(".")).unwrap();
+    let samples = modulated(36, 0.5);
+    let heard = listen_at(&station, &[(0, &samples)], || usize::MAX);
+    let rates: Vec<_> =
+        heard.iter().filter_map(|m| if let Message::ShaftRate(s) = m { Some(*s) } else { None }).collect();
+    let rate = rates.last().expect("a rate within 36 s");
+    assert!((rate.rate_hz - 5.0).abs() < 0.01 && rate.confidence > 0.999, "{rate:?}");
+    // 0.5 + 1.4 · 5 m/s; one vessel, so it is that one's.
+    assert!((rate.speed_m_s - 7.5).abs() < 0.05 && (rate.sd_speed_m_s - 0.3).abs() < 0.01, "{rate:?}");
+    let track =
+        heard.iter().rev().find_map(|m| if let Message::Track(t) = m { Some(*t) } else { None }).unwrap();
+    assert_eq!(rate.track, track.id);
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    assert_eq!(heard, listen_at(&station, &[(0, &samples)], || rng.random_range(1..3000)));
+    // Without modulation there is none, and without a curve a rate but no speed.
+    let steady = listen_at(&station, &[(0, &recording(36))], || 4096);
+    assert!(!steady.iter().any(|m| matches!(m, Message::ShaftRate(_))));
+    let plain = listen(&[(0, &samples)], || 4096);
+    assert!(
+        plain.iter().any(|m| matches!(m, Message::ShaftRate(s) if s.speed_m_s.is_infinite() && s.track == 0))
+    );
 }
 
 #[test]

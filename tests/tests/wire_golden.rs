@@ -123,6 +123,21 @@ fn messages() -> Vec<(&'static str, Message)> {
         ("Fault", Message::Fault(Fault { code: FaultCode::DeadChannel, index: 128_000, value: 2 })),
         ("Reply", Message::Reply(Reply { token: 9, status: 1 })),
         ("End", Message::End(End { index: 12_800_000, frames: 421 })),
+        (
+            "ShaftRate",
+            Message::ShaftRate(ShaftRate {
+                index: 1_920_000,
+                rate_hz: 2.125,
+                sd_hz: pow(-10),
+                confidence: 1.0,
+                ln_false_alarm: -24.0,
+                harmonics: 3,
+                blades: 4,
+                speed_m_s: 7.5,
+                sd_speed_m_s: 0.625,
+                track: 2,
+            }),
+        ),
     ]
 }
 

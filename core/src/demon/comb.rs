@@ -13,8 +13,9 @@
 //! have `2.34 × 6/((2π)² 1.5 P) = 0.237/P`, 2.34 being the window's loss against the Cramér-Rao bound, and using two
 //! bins only loses another third (`reproduce shaft-rate`). Lines that disagree widen it.
 
+use super::Scratch;
 use super::envelope::WINDOW;
-use super::spectrum::{BINS, FLOOR_DEGREES};
+use super::periodogram::{BINS, FLOOR_DEGREES};
 use crate::math::f64 as m;
 
 /// Most harmonics in a comb.
@@ -108,8 +109,8 @@ impl Search {
         Self { trials, highest, bin_hz, ln_combs, ln_allowed: m::ln(allowed) }
     }
 
-    /// The best comb of a spectrum (pairs as [`super::spectrum::demodulated`] leaves them), if it is no noise.
-    pub(super) fn best(&self, spectrum: &[f32; WINDOW]) -> Option<Rate> {
+    /// The best comb of a spectrum (pairs as [`super::periodogram::demodulated`] leaves them), if it is no noise.
+    pub(super) fn best(&self, spectrum: &Scratch) -> Option<Rate> {
         let best = self.search(spectrum, self.trials)?;
         if best.ln_q + self.ln_combs > self.ln_allowed {
             return None;
@@ -153,7 +154,7 @@ impl Search {
 
     /// The comb with the least score among trial rates. For one H the score falls with S, so only the largest S of
     /// each H is turned into a probability.
-    fn search(&self, spectrum: &[f32; WINDOW], trials: (u32, u32)) -> Option<Comb> {
+    fn search(&self, spectrum: &Scratch, trials: (u32, u32)) -> Option<Comb> {
         let mut largest = [(0.0f32, 0u32); HARMONICS];
         for trial in trials.0..=trials.1 {
             let mut sum = 0.0;
@@ -182,12 +183,12 @@ fn lines(trial: u32, highest: usize) -> impl Iterator<Item = usize> {
         .take_while(move |&bin| bin <= highest)
 }
 
-fn over_floor(spectrum: &[f32; WINDOW], bin: usize) -> f32 {
-    spectrum.get(2 * bin).copied().unwrap_or(0.0)
+fn over_floor(spectrum: &Scratch, bin: usize) -> f32 {
+    spectrum.get(bin).map_or(0.0, |z| z.re)
 }
 
-fn amplitude(spectrum: &[f32; WINDOW], bin: usize) -> f64 {
-    m::sqrt(f64::from(spectrum.get(2 * bin + 1).copied().unwrap_or(0.0)))
+fn amplitude(spectrum: &Scratch, bin: usize) -> f64 {
+    m::sqrt(f64::from(spectrum.get(bin).map_or(0.0, |z| z.im)))
 }
 
 /// Natural logarithm of the probability that H noise powers over a floor of [`FLOOR_DEGREES`] sum to S or more.
@@ -203,7 +204,7 @@ fn ln_tail(s: f64, harmonics: usize) -> f64 {
 }
 
 /// Rate and its variance in bins from the lines' own frequencies, and which lines are present.
-fn refine(spectrum: &[f32; WINDOW], comb: &Comb) -> Option<(f64, f64, u8)> {
+fn refine(spectrum: &Scratch, comb: &Comb) -> Option<(f64, f64, u8)> {
     let spacing = f64::from(comb.trial) / f64::from(TRIALS_PER_BIN);
     let mut present = 0u8;
     let (mut weight, mut moment, mut square, mut count) = (0.0, 0.0, 0.0, 0u32);
@@ -244,7 +245,7 @@ fn refine(spectrum: &[f32; WINDOW], comb: &Comb) -> Option<(f64, f64, u8)> {
 /// The shaft rate below a blade rate: number of blades whose other lines are no noise at `ln_allowed`.
 ///
 /// A strong comb hides weak lines in a common sum, so the lines between the comb's own are tested by themselves.
-fn blades(spectrum: &[f32; WINDOW], comb: &Comb, highest: usize, ln_allowed: f64) -> Option<u8> {
+fn blades(spectrum: &Scratch, comb: &Comb, highest: usize, ln_allowed: f64) -> Option<u8> {
     let mut best: Option<(f64, u8)> = None;
     for blades in BLADES {
         let shaft = f64::from(comb.trial) / f64::from(TRIALS_PER_BIN) / f64::from(blades);
@@ -265,7 +266,7 @@ fn blades(spectrum: &[f32; WINDOW], comb: &Comb, highest: usize, ln_allowed: f64
 }
 
 /// The blade line of a comb that already has the shaft's spacing.
-fn standing_out(spectrum: &[f32; WINDOW], comb: &Comb, present: u8) -> Option<u8> {
+fn standing_out(spectrum: &Scratch, comb: &Comb, present: u8) -> Option<u8> {
     let strongest = lines(comb.trial, BINS - 1)
         .take(comb.harmonics)
         .zip(1u8..)
@@ -277,6 +278,7 @@ fn standing_out(spectrum: &[f32; WINDOW], comb: &Comb, present: u8) -> Option<u8
 
 #[cfg(test)]
 mod tests {
+    use super::super::EMPTY_SCRATCH;
     use super::*;
 
     #[test]
@@ -289,13 +291,13 @@ mod tests {
 
     #[test]
     fn a_line_between_bins_is_found_to_a_fraction_of_a_bin() {
-        let mut spectrum = [0.0f32; WINDOW];
+        let mut spectrum = EMPTY_SCRATCH;
         // Hann main lobe of a line at bin 200.3: amplitudes sinc(x)/(1 − x²).
         for bin in 190..=210 {
             let x = bin as f64 - 200.3;
             let a = m::sin(m::PI * x) / (m::PI * x) / (1.0 - x * x);
-            spectrum[2 * bin + 1] = (a * a * 1000.0) as f32;
-            spectrum[2 * bin] = spectrum[2 * bin + 1];
+            spectrum[bin].re = (a * a * 1000.0) as f32;
+            spectrum[bin].im = spectrum[bin].re;
         }
         let search = Search::new((1.0, 15.5), 68.0, 1e-6);
         let rate = search.best(&spectrum).unwrap();
@@ -305,10 +307,10 @@ mod tests {
 
     #[test]
     fn an_unequal_comb_shows_shaft_and_blades() {
-        let mut spectrum = [0.0f32; WINDOW];
+        let mut spectrum = EMPTY_SCRATCH;
         for (h, power) in [(1, 40.0), (2, 30.0), (4, 900.0), (8, 200.0)] {
-            spectrum[2 * (60 * h)] = power;
-            spectrum[2 * (60 * h) + 1] = power;
+            spectrum[60 * h].re = power;
+            spectrum[60 * h].im = power;
         }
         let rate = Search::new((1.0, 15.5), 68.0, 1e-6).best(&spectrum).unwrap();
         assert_eq!(rate.reading, Reading::ShaftWithBlades(4));

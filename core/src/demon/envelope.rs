@@ -19,7 +19,7 @@ const OVERLAP: usize = 5;
 const WINDOW_S: f64 = 30.0;
 /// Steps of the stored logarithm a neper: ±32 000 steps span more than any 32-bit power (±36 nepers).
 const STEPS: f32 = 900.0;
-/// The stored value of "not heard".
+/// "Not heard". Values are stored with its bit turned over, so that an empty ring is all zeros and costs no flash.
 const UNHEARD: i16 = i16::MIN;
 /// Added to the power so that silence has a logarithm, codes².
 const SILENCE: f32 = 1e-3;
@@ -77,13 +77,14 @@ struct Accumulator {
 /// Filter memory and the ring of outputs.
 #[derive(Clone, Debug)]
 pub(super) struct Envelope {
+    /// Values with the bit of [`UNHEARD`] turned over.
     ring: [i16; WINDOW],
     /// Where the next output goes (the oldest value).
     next: usize,
     outputs: [Accumulator; OVERLAP],
     low: [f32; CHANNELS],
     power: f32,
-    whole: bool,
+    broken: bool,
     filled: u32,
     phase: usize,
     index: Option<u64>,
@@ -92,12 +93,12 @@ pub(super) struct Envelope {
 impl Envelope {
     pub(super) const fn new() -> Self {
         Self {
-            ring: [UNHEARD; WINDOW],
+            ring: [0; WINDOW],
             next: 0,
             outputs: [Accumulator { sum: 0.0, whole: false }; OVERLAP],
             low: [0.0; CHANNELS],
             power: 0.0,
-            whole: true,
+            broken: false,
             filled: 0,
             phase: 0,
             index: None,
@@ -107,7 +108,7 @@ impl Envelope {
     /// The window, oldest first: natural logarithm of power, `None` where not heard.
     pub(super) fn window(&self) -> impl Iterator<Item = Option<f32>> + '_ {
         let (newer, older) = self.ring.split_at_checked(self.next).unwrap_or((&[], &self.ring));
-        older.iter().chain(newer).map(|&v| (v != UNHEARD).then_some(f32::from(v) / STEPS))
+        older.iter().chain(newer).map(|v| v ^ UNHEARD).map(|v| (v != UNHEARD).then_some(f32::from(v) / STEPS))
     }
 
     /// Takes a block and calls `output` after each new value of the ring, with the sample index behind it.
@@ -125,7 +126,7 @@ impl Envelope {
         let mut left = gap;
         while left > 0 {
             let take = left.min(u64::from(plan.cell.saturating_sub(self.filled)).max(1));
-            self.whole = false;
+            self.broken = true;
             left -= take;
             index += take;
             self.advance(plan, take as u32, index, output);
@@ -142,7 +143,7 @@ impl Envelope {
                 for frame in now {
                     let code = frame.get(c).copied().unwrap_or(MISSING);
                     if code == MISSING {
-                        self.whole = false;
+                        self.broken = true;
                         continue;
                     }
                     let high = code as f32 - l;
@@ -165,12 +166,12 @@ impl Envelope {
         if self.filled < plan.cell {
             return;
         }
-        let whole = self.whole;
+        let broken = self.broken;
         let log = math::f32::ln(self.power / plan.cell as f32 + SILENCE);
-        (self.filled, self.power, self.whole) = (0, 0.0, true);
+        (self.filled, self.power, self.broken) = (0, 0.0, false);
         for (out, taps) in self.outputs.iter_mut().zip(&plan.taps) {
             out.sum += taps.get(self.phase).copied().unwrap_or(0.0) * log;
-            out.whole &= whole;
+            out.whole &= !broken;
         }
         self.phase += 1;
         if self.phase < CELLS_PER_OUTPUT {
@@ -182,8 +183,8 @@ impl Envelope {
         self.outputs[0] = Accumulator { sum: 0.0, whole: true };
         if let Some(slot) = self.ring.get_mut(self.next) {
             // Float to integer saturates: no value can become UNHEARD by overflow before −36 nepers.
-            *slot =
-                if done.whole { math::f32::round(done.sum * STEPS).max(-32_000.0) as i16 } else { UNHEARD };
+            let value = math::f32::round(done.sum * STEPS).max(-32_000.0) as i16;
+            *slot = (if done.whole { value } else { UNHEARD }) ^ UNHEARD;
         }
         self.next = (self.next + 1) % WINDOW;
         output(self, index);

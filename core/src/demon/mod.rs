@@ -13,16 +13,16 @@
 //!
 //! Cost: about 8 instructions a sample and channel; 5 multiply-adds and a logarithm a cell (0.06 M instructions a
 //! second); a 2048-point FFT and the comb search a report (about 1.5 M instructions, 0.3 M a second at 5 s).
-//! Memory: [`State`] 4.2 KiB, [`Scratch`] 8 KiB (lives only within a call, so may be shared), [`Config`] 0.5 KiB.
+//! Memory: [`State`] 4.2 KiB, [`Scratch`] 8 KiB (lives only within a call; the array recorder lends its own), [`Config`] 0.5 KiB.
 
 pub mod comb;
 mod envelope;
-mod spectrum;
+mod periodogram;
 pub mod speed;
 
 pub use comb::{Rate, Reading};
 pub use envelope::{CELLS_PER_OUTPUT, WINDOW};
-pub use speed::{Speed, SpeedCurve};
+pub use speed::{Speed, SpeedCurve, VESSEL_SPEEDS_M_S};
 
 use crate::block::Block;
 use comb::Search;
@@ -125,28 +125,16 @@ impl Default for State {
     }
 }
 
-/// Working memory of one report. After a report it holds the demodulated spectrum, see [`Scratch::spectrum`].
-#[derive(Clone, Debug)]
-pub struct Scratch {
-    buffer: [f32; WINDOW],
-}
+/// Working memory of one report (8 KiB; may be shared, nothing in it lives from call to call). After a report it holds the
+/// demodulated spectrum, see [`spectrum`].
+pub type Scratch = [microfft::Complex32; WINDOW / 2];
 
-impl Scratch {
-    /// Empty.
-    pub const fn new() -> Self {
-        Self { buffer: [0.0; WINDOW] }
-    }
+/// Empty working memory.
+pub const EMPTY_SCRATCH: Scratch = [microfft::Complex32::new(0.0, 0.0); WINDOW / 2];
 
-    /// Power of each bin over the local noise floor (1 = noise), from 0 Hz up in steps of [`Config::bin_hz`].
-    pub fn spectrum(&self) -> impl Iterator<Item = f32> + '_ {
-        self.buffer.chunks_exact(2).map(|pair| pair.first().copied().unwrap_or(0.0))
-    }
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        Self::new()
-    }
+/// Power of each bin over the local noise floor (1 = noise), from 0 Hz up in steps of [`Config::bin_hz`].
+pub fn spectrum(scratch: &Scratch) -> impl Iterator<Item = f32> + '_ {
+    scratch.iter().map(|bin| bin.re)
 }
 
 /// Why there is no rate.
@@ -183,8 +171,8 @@ pub fn process(
         *since_report += 1;
         if *since_report >= config.update {
             *since_report = 0;
-            let rate = if spectrum::demodulated(envelope, &mut scratch.buffer) {
-                config.search.best(&scratch.buffer).ok_or(NoRate::Unmodulated)
+            let rate = if periodogram::demodulated(envelope, scratch) {
+                config.search.best(scratch).ok_or(NoRate::Unmodulated)
             } else {
                 Err(NoRate::NotEnoughData)
             };

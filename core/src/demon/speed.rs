@@ -6,9 +6,13 @@
 
 use super::comb::{Rate, Reading};
 use crate::math::f64 as m;
+use serde::{Deserialize, Serialize};
+
+/// Speeds a vessel can have, m/s: readings of a rate that mean others are left out.
+pub const VESSEL_SPEEDS_M_S: (f64, f64) = (0.2, 30.0);
 
 /// Speed against the shaft rate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SpeedCurve {
     /// Speed at rate zero, m/s (not physical; of the straight line).
     pub intercept_m_s: f64,

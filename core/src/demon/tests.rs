@@ -29,7 +29,7 @@ fn recording(seconds: usize, rate_hz: f64, depth: f64, seed: u64) -> Vec<Frame> 
 
 fn run(config: &Config, state: &mut State, first_index: u64, frames: &[Frame]) -> Vec<Report> {
     let mut reports = Vec::new();
-    let mut scratch = Scratch::new();
+    let mut scratch = EMPTY_SCRATCH;
     for (i, frames) in frames.chunks(777).enumerate() {
         let block = Block { first_index: first_index + 777 * i as u64, frames };
         process(config, state, &mut scratch, &block, &mut |r| reports.push(r));

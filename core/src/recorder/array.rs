@@ -1,7 +1,8 @@
-//! The compact-array recorder: blocks to bearings, bearings to the tracks of up to eight vessels, and health.
+//! The compact-array recorder: blocks to bearings and shaft rates, both to the tracks of up to eight vessels, and health.
 
 use super::health::{Condition, Reporter};
 use super::pieces;
+use super::shaft;
 use super::slot::Slot;
 use crate::array;
 use crate::block::Block;
@@ -16,6 +17,7 @@ use micromath::F32Ext;
 struct Plan {
     array: array::Plan,
     traffic: traffic::Config,
+    shaft: shaft::Plan,
 }
 
 /// Everything the array recorder needs, in one place; meant for a `static`.
@@ -25,6 +27,7 @@ pub struct ArrayRecorder {
     state: array::State,
     scratch: array::Scratch,
     vessels: traffic::State,
+    shaft: shaft::State,
     reporter: Reporter,
 }
 
@@ -42,6 +45,7 @@ impl ArrayRecorder {
             state: array::State::new(),
             scratch: array::Scratch::new(),
             vessels: traffic::State::new(),
+            shaft: shaft::State::new(),
             reporter: Reporter::new(),
         }
     }
@@ -53,7 +57,11 @@ impl ArrayRecorder {
     // Apart, because the new plan passes over the stack, which must not stay taken while samples are worked on.
     #[inline(never)]
     pub fn configure(&mut self, config: &StationConfig) -> Result<(), array::PlanError> {
-        let plan = Plan { array: array::Plan::new(config)?, traffic: traffic::Config::new(config) };
+        let plan = Plan {
+            array: array::Plan::new(config)?,
+            traffic: traffic::Config::new(config),
+            shaft: shaft::Plan::new(config),
+        };
         if self.plan.is_full() {
             self.forget();
         }
@@ -67,6 +75,7 @@ impl ArrayRecorder {
     fn forget(&mut self) {
         self.state = array::State::new();
         self.vessels = traffic::State::new();
+        self.shaft = shaft::State::new();
     }
 
     fn condition(&self) -> Condition {
@@ -92,7 +101,9 @@ impl Application for ArrayRecorder {
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         for (piece, boundary) in pieces(block) {
-            let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self else { return };
+            let Self { plan: Slot::Full(plan), state, scratch, vessels, shaft, reporter } = self else {
+                return;
+            };
             array::push(&plan.array, state, scratch, piece, &mut |message| {
                 reporter.count(&message);
                 sink(&message);
@@ -100,7 +111,9 @@ impl Application for ArrayRecorder {
                     traffic::bearing(&plan.traffic, vessels, bearing, &mut |track| sink(&track));
                 }
             });
+            shaft::push(&plan.shaft, shaft, &mut scratch.work, &piece);
             if let Some(index) = boundary {
+                shaft::tell(&plan.shaft, shaft, vessels, sink);
                 traffic::advance(&plan.traffic, vessels, index, &mut |track| sink(&track));
                 state.set_range_m(vessels.range_m());
                 self.report_if_due(index, sink);
@@ -114,7 +127,7 @@ impl Application for ArrayRecorder {
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
-        if let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self {
+        if let Self { plan: Slot::Full(plan), state, scratch, vessels, shaft, reporter } = self {
             array::finish(&plan.array, state, scratch, &mut |message| {
                 reporter.count(&message);
                 sink(&message);
@@ -122,6 +135,7 @@ impl Application for ArrayRecorder {
                     traffic::bearing(&plan.traffic, vessels, bearing, &mut |track| sink(&track));
                 }
             });
+            shaft::tell(&plan.shaft, shaft, vessels, sink);
             traffic::finish(&plan.traffic, vessels, &mut |track| sink(&track));
         }
         let condition = self.condition();

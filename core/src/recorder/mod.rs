@@ -11,6 +11,8 @@ mod slot;
 mod array;
 #[cfg(feature = "obs")]
 mod obs;
+#[cfg(feature = "array")]
+mod shaft;
 
 #[cfg(feature = "array")]
 pub use array::ArrayRecorder;

@@ -164,6 +164,12 @@ impl State {
         self.tracks.iter().filter(|t| t.id != 0).count()
     }
 
+    /// The number of the only vessel there is; `None` without one and with several.
+    pub fn only_vessel(&self) -> Option<u16> {
+        let mut live = self.tracks.iter().filter(|t| t.id != 0);
+        live.next().filter(|_| live.next().is_none()).map(|t| t.id)
+    }
+
     /// Range of the vessel heard last, metres, where its track knows it well; helps the bearing estimator.
     pub fn range_m(&self) -> Option<f32> {
         let known = self.tracks.iter().filter(|t| t.id != 0);

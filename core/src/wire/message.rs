@@ -38,6 +38,8 @@ pub enum Message {
     Reply(Reply),
     /// The end of the input: final totals follow in a `Health` before it.
     End(End),
+    /// The rate at which a propeller turns.
+    ShaftRate(ShaftRate),
 }
 
 /// Identity of recorder, software and configuration.
@@ -263,6 +265,31 @@ pub struct End {
     pub index: u64,
     /// Frames sent before this one.
     pub frames: u32,
+}
+
+/// A shaft or blade rate found in the envelope of the noise, and what it says about a vessel's speed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ShaftRate {
+    /// Sample index after the newest sample used; the rate is that of the 30 s before.
+    pub index: u64,
+    /// The rate, Hz.
+    pub rate_hz: f32,
+    /// Its standard deviation, Hz.
+    pub sd_hz: f32,
+    /// One minus the bound on the probability that noise alone gives such a rate in one window.
+    pub confidence: f32,
+    /// Natural logarithm of that bound.
+    pub ln_false_alarm: f32,
+    /// Harmonics of the comb found.
+    pub harmonics: u8,
+    /// Blades of the propeller, the rate being the shaft's; 0 where the rate may be the shaft's or the blades'.
+    pub blades: u8,
+    /// Speed by the station's curve, m/s; infinite where there is none or the rate can be read as two speeds.
+    pub speed_m_s: f32,
+    /// Its standard deviation, m/s.
+    pub sd_speed_m_s: f32,
+    /// Number of the track it was given to; 0 where no vessel or more than one was heard.
+    pub track: u16,
 }
 
 /// What a base station may ask.

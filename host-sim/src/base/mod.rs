@@ -147,6 +147,7 @@ impl Base {
             Message::Azimuth(_)
             | Message::Range(_)
             | Message::Segment(_)
+            | Message::ShaftRate(_)
             | Message::Reply(_)
             | Message::End(_) => {}
         }

@@ -4,13 +4,10 @@ use crate::progress;
 use crate::recording;
 use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
-use seabearing_core::demon::{self, NoRate, Reading, Report, SpeedCurve};
+use seabearing_core::demon::{self, NoRate, Reading, Report, SpeedCurve, VESSEL_SPEEDS_M_S};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
-
-/// Speeds a vessel can have; readings that mean others are left out.
-const VESSEL_SPEEDS_M_S: (f64, f64) = (0.2, 30.0);
 
 /// Arguments of `seabearing shaft-rate`.
 #[derive(clap::Args)]
@@ -30,7 +27,8 @@ pub struct Args {
     /// Rates that unmodulated noise may give, per hour.
     #[arg(long, default_value_t = 0.01)]
     false_rates_per_hour: f64,
-    /// Speed of the fleet from its shaft rate: speed at rate zero (m/s), metres a turn, standard deviation (m/s).
+    /// Speed of the fleet from its shaft rate: speed at rate zero (m/s), metres a turn, standard deviation (m/s); instead
+    /// of the station file's `speed_from_shaft`.
     #[arg(long, value_name = "A,B,SD", value_delimiter = ',', num_args = 3)]
     speed_curve: Option<Vec<f64>>,
     /// Blades of the fleet's propellers, where alike.
@@ -68,9 +66,10 @@ pub fn run(args: Args) -> Result<()> {
         }),
         Some(_) => bail!("--speed-curve takes A,B,SD with B above 0 and SD at least 0"),
     };
+    let curve = curve.or(station.config.tracking.shaft_speed);
     let mut source = recording::open(&args.input, &station, None)?;
     let bar = progress::bar(source.expected_end().map_or(0, |n| (n as f64 / rate_hz) as u64), "demodulating");
-    let (mut state, mut scratch) = (demon::State::new(), demon::Scratch::new());
+    let (mut state, mut scratch) = (demon::State::new(), demon::EMPTY_SCRATCH);
     let mut reports = Vec::new();
     while let Some(block) = source.next_block()? {
         demon::process(&config, &mut state, &mut scratch, &block, &mut |report| reports.push(report));

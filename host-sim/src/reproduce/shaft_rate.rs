@@ -13,7 +13,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::block::{Block, Frame};
-use seabearing_core::demon::{Config, Rate, Report, Scratch, Settings, State, process};
+use seabearing_core::demon::{
+    Config, EMPTY_SCRATCH, Rate, Report, Scratch, Settings, State, process, spectrum,
+};
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -44,7 +46,7 @@ fn listen(
     rng: &mut ChaCha8Rng,
     sink: &mut dyn FnMut(Report),
 ) -> Scratch {
-    let (mut state, mut scratch) = (State::new(), Scratch::new());
+    let (mut state, mut scratch) = (State::new(), EMPTY_SCRATCH);
     let mut frames = vec![[0; 4] as Frame; 640];
     for block in 0..(seconds * RATE_HZ / 640.0) as u64 {
         let first_index = block * 640;
@@ -186,8 +188,7 @@ fn picture(options: &Options) -> Result<()> {
         let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
         let mut found = None;
         let scratch = listen(&config, TRIAL_S, powers, &mut rng, &mut |r| found = r.rate.ok());
-        let spectrum: Vec<(f64, f64)> = scratch
-            .spectrum()
+        let spectrum: Vec<(f64, f64)> = spectrum(&scratch)
             .enumerate()
             .skip(4)
             .map(|(k, p)| (k as f64 * config.bin_hz(), 10.0 * f64::from(p).max(1e-2).log10()))

@@ -3,8 +3,10 @@
 //! The floor of each run of 32 bins is the median of the 160 bins about it, over ln 2 (the periodogram of noise is
 //! exponentially distributed), interpolated between runs. Lines occupy few of 160 bins and hardly move a median.
 
+use super::Scratch;
 use super::envelope::{Envelope, WINDOW};
 use crate::math;
+use microfft::Complex32;
 
 /// Bins from 0 Hz to the Nyquist frequency.
 pub(super) const BINS: usize = WINDOW / 2;
@@ -18,8 +20,8 @@ const FIRST: usize = 8;
 /// variance 1/(n ln²2) = 2.08/n, and the Hann window's correlation between neighbours makes 160 bins worth about 85.
 pub(super) const FLOOR_DEGREES: f64 = 40.0;
 
-/// Fills `buffer` with pairs (power over floor, power), one a bin; false where less than four fifths was heard.
-pub(super) fn demodulated(envelope: &Envelope, buffer: &mut [f32; WINDOW]) -> bool {
+/// Fills `bins` with pairs (power over floor, power); false where less than four fifths was heard.
+pub(super) fn demodulated(envelope: &Envelope, bins: &mut Scratch) -> bool {
     // Straight line through what was heard, about the middle of the window and the first value (for precision).
     let first = envelope.window().flatten().next().unwrap_or(0.0);
     let (mut n, mut st, mut stt, mut sx, mut stx) = (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
@@ -38,19 +40,13 @@ pub(super) fn demodulated(envelope: &Envelope, buffer: &mut [f32; WINDOW]) -> bo
     }
     let slope = (n * stx - st * sx) / (n * stt - st * st);
     let level = (sx - slope * st) / n;
-    for ((i, slot), value) in buffer.iter_mut().enumerate().zip(envelope.window()) {
+    let slots = bins.iter_mut().flat_map(|z| [&mut z.re, &mut z.im]);
+    for ((i, slot), value) in slots.enumerate().zip(envelope.window()) {
         let t = time(i);
         let hann = 0.5 + 0.5 * math::f32::cos(math::f32::TAU * t);
         *slot = value.map_or(0.0, |x| (x - first - level - slope * t) * hann);
     }
-    let bins = microfft::real::rfft_2048(buffer);
-    for bin in bins.iter_mut() {
-        *bin = microfft::Complex32::new(0.0, bin.re * bin.re + bin.im * bin.im);
-    }
-    // The slot of 0 Hz also held the Nyquist frequency; neither is a rate.
-    if let Some(dc) = bins.first_mut() {
-        *dc = microfft::Complex32::new(0.0, 0.0);
-    }
+    powers(bins);
     let mut floor = [0.0f32; BINS / RUN];
     for (run, value) in floor.iter_mut().enumerate() {
         let from = (run.saturating_sub(SIDE) * RUN).max(FIRST);
@@ -71,13 +67,33 @@ pub(super) fn demodulated(envelope: &Envelope, buffer: &mut [f32; WINDOW]) -> bo
     true
 }
 
+/// Powers of the spectrum of the real values that stand two by two in `z`, into the imaginary parts; none at 0 Hz.
+///
+/// Even and odd values are one complex transform, `X(±k) = E ± e^{−2πik/2048} O` with `2E = Z(k) + Z*(−k)` and
+/// `2iO = Z(k) − Z*(−k)`.
+fn powers(z: &mut Scratch) {
+    let z = microfft::complex::cfft_1024(z);
+    for k in 1..=BINS / 2 {
+        let (a, b) = (z[k], z[BINS - k].conj());
+        let even = (a + b) * 0.5;
+        let odd = (a - b) * 0.5;
+        let (s, c) = math::f32::sin_cos(math::f32::TAU * k as f32 / WINDOW as f32);
+        // Divided by i and turned by −2πk/2048.
+        let turned = Complex32::new(odd.im * c - odd.re * s, -odd.re * c - odd.im * s);
+        z[k] = Complex32::new(0.0, (even + turned).norm_sqr());
+        z[BINS - k] = Complex32::new(0.0, (even - turned).norm_sqr());
+    }
+    // Neither 0 Hz nor the Nyquist frequency, which shares its place, is a rate.
+    z[0] = Complex32::new(0.0, 0.0);
+}
+
 /// Time within the window, −1/2 to 1/2.
 fn time(i: usize) -> f32 {
     (i as f32 + 0.5) / WINDOW as f32 - 0.5
 }
 
 /// Median of the powers by bisection on their bit patterns (positive floats order as integers): no copy, no sort.
-fn median(bins: &[microfft::Complex32]) -> f32 {
+fn median(bins: &[Complex32]) -> f32 {
     let (mut below, mut above) = (0u32, f32::MAX.to_bits());
     while below < above {
         let middle = below + (above - below) / 2;
@@ -85,4 +101,30 @@ fn median(bins: &[microfft::Complex32]) -> f32 {
         if 2 * count >= bins.len() { above = middle } else { below = middle + 1 }
     }
     f32::from_bits(above)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::f64 as m;
+
+    #[test]
+    fn powers_are_those_of_the_fourier_sum() {
+        let value = |i: usize| ((i * i * 37 + i * 11) % 1009) as f64 / 500.0 - 1.0;
+        let mut z = [Complex32::new(0.0, 0.0); BINS];
+        for (i, z) in z.iter_mut().enumerate() {
+            *z = Complex32::new(value(2 * i) as f32, value(2 * i + 1) as f32);
+        }
+        powers(&mut z);
+        for k in [1, 2, 300, 511, 512, 513, 1023] {
+            let (mut re, mut im) = (0.0, 0.0);
+            for i in 0..WINDOW {
+                let (s, c) = m::sin_cos(m::TAU * (i * k % WINDOW) as f64 / WINDOW as f64);
+                re += value(i) * c;
+                im += value(i) * s;
+            }
+            let exact = re * re + im * im;
+            assert!((f64::from(z[k].im) - exact).abs() < 1e-4 * (exact + 1.0), "{k}: {} {exact}", z[k].im);
+        }
+    }
 }
