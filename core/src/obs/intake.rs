@@ -1,8 +1,9 @@
 //! From blocks of codes to half-frames of samples: index continuity, invalid, clipped and dead channels, accounting.
 //!
 //! Enters: [`Block`]s in recorder channel order pressure, north, east, vertical. Leaves: hops of 512 samples of the three
-//! used channels, with what is wrong with them, and faults. A gap or an invalid sample ends the run: what is left of
-//! its hop is counted as remainder and frames begin anew after it. Cost: about 40 instructions a sample instant.
+//! used channels, with what is wrong with them, and faults. A gap or an invalid pressure sample ends the run: what is left
+//! of its hop is counted as remainder and frames begin anew after it. Another component without samples is a dead channel
+//! while it lasts: ranges need pressure alone. Cost: about 40 instructions a sample instant.
 
 use super::decimate::DecimatorState;
 use super::impulsive::Unevenness;
@@ -24,7 +25,7 @@ const CLOCK_SET_BACK_S: f64 = 600.0;
 pub struct Condition {
     /// At the converter's limit too often.
     pub clipped: bool,
-    /// The same code throughout.
+    /// The same code throughout, or no valid sample somewhere.
     pub dead: bool,
 }
 
@@ -43,11 +44,35 @@ struct Watch {
     clipped: u16,
     square: f32,
     n: u32,
+    /// Last valid code, which stands in for missing ones: no step where they begin.
+    last: i32,
+    missing: bool,
 }
 
 impl Watch {
-    const NEW: Self = Self { low: i32::MAX, high: i32::MIN, clipped: 0, square: 0.0, n: 0 };
-    const ZERO: Self = Self { low: 0, high: 0, clipped: 0, square: 0.0, n: 0 };
+    const NEW: Self =
+        Self { low: i32::MAX, high: i32::MIN, clipped: 0, square: 0.0, n: 0, last: 0, missing: false };
+    const ZERO: Self = Self { low: 0, high: 0, clipped: 0, square: 0.0, n: 0, last: 0, missing: false };
+
+    /// Looks at one code; what to use for it.
+    fn see(&mut self, code: i32, clip: i32) -> i32 {
+        if code == MISSING {
+            self.missing = true;
+            return self.last;
+        }
+        self.last = code;
+        self.low = self.low.min(code);
+        self.high = self.high.max(code);
+        self.clipped = self.clipped.saturating_add(u16::from(code >= clip || code <= -clip));
+        self.square += code as f32 * code as f32;
+        self.n += 1;
+        code
+    }
+
+    /// Ready for the next hop.
+    fn renew(&mut self) {
+        *self = Self { last: self.last, ..Self::NEW };
+    }
 }
 
 /// What the caller must do after a sample.
@@ -242,7 +267,8 @@ impl Intake {
     pub fn take(&mut self, plan: &Plan, frame: &Frame, sink: &mut dyn FnMut(Message)) -> Event {
         let index = self.next_index();
         self.next_index = Some(index + 1);
-        if frame.contains(&MISSING) {
+        let [pressure, ..] = *frame;
+        if pressure == MISSING {
             if self.run_length > 0 {
                 report(&mut self.reported, sink, Fault { code: FaultCode::Invalid, index, value: 1 });
             }
@@ -253,15 +279,12 @@ impl Intake {
         }
         self.run_length += 1;
         self.since_hop += 1;
-        for (w, x) in self.watch.iter_mut().zip(frame) {
-            w.low = w.low.min(*x);
-            w.high = w.high.max(*x);
-            w.clipped = w.clipped.saturating_add(u16::from(*x >= plan.clip || *x <= -plan.clip));
-            w.square += *x as f32 * *x as f32;
-            w.n += 1;
+        let mut used = [0.0; CHANNELS];
+        for ((used, watch), code) in used.iter_mut().zip(&mut self.watch).zip(frame) {
+            *used = watch.see(*code, plan.clip) as f32;
         }
-        let [p, n, e, _] = *frame;
-        let Some(x) = plan.decimator.push(&mut self.decimator, [p as f32, n as f32, e as f32]) else {
+        let [p, n, e, _] = used;
+        let Some(x) = plan.decimator.push(&mut self.decimator, [p, n, e]) else {
             return Event::None;
         };
         let [pressure, ..] = x;
@@ -296,7 +319,8 @@ impl Intake {
         let watched = self.watch.iter_mut().zip(&mut self.condition).zip(&mut self.level_half_db);
         let reported = &mut self.reported;
         for (c, ((w, condition), level)) in watched.enumerate() {
-            let now = Condition { clipped: w.clipped >= CLIPPED_TOO_OFTEN, dead: w.low >= w.high };
+            let now =
+                Condition { clipped: w.clipped >= CLIPPED_TOO_OFTEN, dead: w.missing || w.low >= w.high };
             let mut fault = |code| report(reported, sink, Fault { code, index, value: c as i64 });
             match (condition.dead, now.dead) {
                 (false, true) => fault(FaultCode::DeadChannel),
@@ -310,7 +334,7 @@ impl Intake {
             let full = plan.clip as f32;
             let db = math::db(w.square / (w.n.max(1) as f32 * full * full));
             *level = (2.0 * db).clamp(-128.0, 0.0) as i8;
-            *w = Watch::NEW;
+            w.renew();
         }
         self.new.condition = self.condition;
     }

@@ -6,7 +6,7 @@ use super::table::{BranchColumns, Header, Table, blob_bytes, encode};
 use crate::block::{Block, Frame, MISSING};
 use crate::config::{Kind, ObsConfig, StationConfig, Tracking};
 use crate::math;
-use crate::wire::Message;
+use crate::wire::{FaultCode, Message};
 use std::boxed::Box;
 use std::vec::Vec;
 use std::{format, vec};
@@ -135,6 +135,40 @@ fn every_instant_is_accounted_for() {
     assert!(a.lost.iter().all(|n| *n > 0), "{a:?}");
     assert!(messages.iter().filter(|m| matches!(m, Message::Fault(_))).count() >= 5);
     assert!(azimuths(&messages).iter().all(|a| (a - 120.0).abs() < 3.0));
+}
+
+#[test]
+fn a_component_without_samples_is_a_dead_channel_and_takes_only_its_share_with_it() {
+    let p = plan(50.0);
+    let frames = record(60_000, 50.0, 120.0, 1500.0);
+    let faults = |messages: &[Message], code| {
+        messages.iter().filter(|m| matches!(m, Message::Fault(f) if f.code == code)).count()
+    };
+    let lost = |channel: usize, from: usize, to: usize| {
+        let mut with = frames.clone();
+        with[from..to].iter_mut().for_each(|f| f[channel] = MISSING);
+        let (messages, state) = run(&p, &[(0, &with)]);
+        let hops = state.accounting().processed;
+        (messages, hops)
+    };
+    // The vertical is not used: nothing but the fault.
+    let (all, hops) = run(&p, &[(0, &frames)]);
+    let (without_vertical, same) = lost(3, 0, frames.len());
+    assert_eq!((azimuths(&without_vertical), same), (azimuths(&all), hops.accounting().processed));
+    assert_eq!(faults(&without_vertical, FaultCode::DeadChannel), 1);
+    // A horizontal for a while: fewer azimuths, every instant still used for ranges.
+    let (messages, same) = lost(1, 20_000, 40_000);
+    assert_eq!(same, hops.accounting().processed);
+    let n = azimuths(&messages).len();
+    assert!(n > 0 && n < azimuths(&all).len(), "{n}");
+    assert!(azimuths(&messages).iter().all(|a| (a - 120.0).abs() < 3.0));
+    assert_eq!(
+        (faults(&messages, FaultCode::DeadChannel), faults(&messages, FaultCode::ChannelBack)),
+        (1, 1)
+    );
+    // Pressure: nothing goes on while it is away.
+    let (messages, fewer) = lost(0, 20_000, 40_000);
+    assert!(fewer < hops.accounting().processed - 15_000 && faults(&messages, FaultCode::Invalid) > 0);
 }
 
 #[test]

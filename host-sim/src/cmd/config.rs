@@ -1,9 +1,10 @@
 //! `seabearing config`: check a station file, and say what its geometry can resolve.
 
+use crate::propagation;
 use crate::station::Station;
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use seabearing_core::array::{FRAME, Plan, limit};
-use seabearing_core::config::{ArrayConfig, Kind, LineConfig, StationConfig};
+use seabearing_core::config::{ArrayConfig, Kind, LineConfig, ObsConfig, StationConfig};
 use seabearing_core::geometry::PAIRS;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -40,6 +41,9 @@ const SNR_DB: [f64; 3] = [10.0, 0.0, -10.0];
 /// Elevations for which accuracy is stated, degrees.
 const ELEVATIONS_DEG: [f64; 3] = [0.0, 20.0, 60.0];
 
+/// Ranges for which the interference delays of an ocean-bottom station are shown, metres.
+const RANGES_M: [f64; 4] = [10_000.0, 20_000.0, 35_000.0, 50_000.0];
+
 /// Runs the command.
 ///
 /// # Errors
@@ -56,12 +60,7 @@ pub fn run(args: Args) -> Result<()> {
     let details = match &config.kind {
         Kind::Array(array) => array_details(config, array)?,
         Kind::Line(line) => line_details(config, line),
-        Kind::Obs(obs) => json!({
-            "kind": "obs", "orientation_of_north_deg": obs.orientation_of_north_deg,
-            "intensity": if obs.intensity_towards { "towards" } else { "away" },
-            "ambiguity": "none in azimuth; range by its propagation table",
-            "propagation": station.propagation.as_ref().map(|p| p.display().to_string()),
-        }),
+        Kind::Obs(obs) => obs_details(&station, obs)?,
     };
     if let (Some(record), Value::Object(details)) = (record.as_object_mut(), details) {
         record.extend(details);
@@ -124,6 +123,47 @@ fn array_details(config: &StationConfig, array: &ArrayConfig) -> Result<Value> {
         "ambiguity": "none: the hydrophones span space",
         "expected_accuracy": accuracy,
     }))
+}
+
+fn obs_details(station: &Station, obs: &ObsConfig) -> Result<Value> {
+    let mut details = json!({
+        "kind": "obs", "orientation_of_north_deg": obs.orientation_of_north_deg,
+        "intensity": if obs.intensity_towards { "towards" } else { "away" },
+        "compatibility": if obs.paper_compatibility { "paper" } else { "none" },
+        "ambiguity": "none in azimuth; range by its propagation table",
+        "propagation": station.propagation.as_ref().map(|p| p.display().to_string()),
+    });
+    // The recorder's own form of the table: what cannot be used shall be known before the deployment.
+    station.propagation_blob()?;
+    let Some(path) = &station.propagation else {
+        bail!(
+            "{}: an ocean-bottom recorder needs a propagation table: key `propagation` in [obs]",
+            station.config.name
+        )
+    };
+    if let Some(map) = details.as_object_mut() {
+        let table = propagation::file::read(path)?;
+        let delays: Vec<Value> = RANGES_M
+            .iter()
+            .map(|range_m| {
+                let row = (range_m / table.step_m).round() as usize;
+                let mut at = serde_json::Map::new();
+                at.insert("range_m".into(), json!(range_m));
+                for branch in 0..table.paths.len().saturating_sub(1) {
+                    let crossings = table.paths[branch].crossings;
+                    let key = format!("delay_{}_{}_s", crossings, crossings + 2);
+                    let arrival = |p: usize| table.paths[p].arrivals.get(row).copied().flatten();
+                    let delay = arrival(branch + 1).zip(arrival(branch)).map(|(b, a)| b.toa_s - a.toa_s);
+                    at.insert(key, delay.map_or(Value::Null, |d| json!(d)));
+                }
+                Value::Object(at)
+            })
+            .collect();
+        map.insert("table_depth_m".into(), json!(table.depth_m));
+        map.insert("table_range_m".into(), json!(table.max_range_m()));
+        map.insert("interference".into(), json!(delays));
+    }
+    Ok(details)
 }
 
 fn line_details(config: &StationConfig, line: &LineConfig) -> Value {

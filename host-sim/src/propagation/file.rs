@@ -60,8 +60,9 @@ struct PathTable {
 /// One line: the file, and what is wrong in it.
 pub fn read(path: &std::path::Path) -> Result<Propagation> {
     let name = path.display().to_string();
-    let text =
-        std::fs::read_to_string(path).with_context(|| format!("cannot read propagation table {name}"))?;
+    let text = std::fs::read_to_string(path).with_context(|| {
+        format!("cannot read propagation table {name} (`seabearing propagation` makes one)")
+    })?;
     parse(&text, &name)
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A first pass finds every record's place, time and length; samples are decoded when they are due, so memory stays
 //! small. Sample 0 is the earliest sample of any component. A component that has no data somewhere has
-//! [`MISSING`] there; where none has, the index jumps. Records follow one another when their times agree with the count
+//! [`MISSING`] there (the core takes it for a dead channel); where none has, the index jumps. Records follow one another when their times agree with the count
 //! within half a sample; what overlaps is used once. Every irregularity is named once on stderr.
 
 use super::Source;
