@@ -9,6 +9,7 @@ pub mod demo;
 pub mod locate;
 mod locate_over_time;
 pub mod orient;
+pub mod orient_obs;
 pub mod process;
 pub mod propagation;
 pub mod propagation_fit;
@@ -34,7 +35,7 @@ pub enum Command {
     ShaftRate(shaft_rate::Args),
     /// Positions from a network of arrays
     Locate(locate::Args),
-    /// Station orientation from a vessel of known track
+    /// Station orientation (ocean bottom: and position) from vessels of known track
     Orient(orient::Args),
     /// Run the firmware in QEMU and the host over the same input and compare their telemetry
     Twin(twin::Args),

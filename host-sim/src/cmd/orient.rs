@@ -1,6 +1,8 @@
 //! `seabearing orient`: station orientation from a vessel of known track.
 
+use super::orient_obs;
 use crate::csv::{Table, good_rows};
+use crate::ocean_bottom::place::SEARCH_M;
 use crate::orientation::track_file::{self, heard_at};
 use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
@@ -24,19 +26,25 @@ const PASS_GAP_S: f64 = 600.0;
     seabearing orient --station line.toml --track ship.csv bearings.csv      # t_s,sin_bearing\n  \
     seabearing orient --station array.toml --track ship.csv bearings.csv     # t_s,azimuth_deg,elevation_deg\n  \
     seabearing orient --station array.toml --track ship.csv differences.csv  # t_s,tdoa01_s,...: hydrophone positions\n  \
-    seabearing orient --station obs.toml --track ship.csv azimuths.csv       # t_s,azimuth_deg\n\n\
+    seabearing orient --station obs.toml --track ship.csv azimuths.csv       # t_s,azimuth_deg\n  \
+    seabearing orient --station obs.toml --track a.csv --track b.csv records.jsonl   # orientation and position\n  \
+    seabearing orient --station obs.toml --track a.csv --track b.csv *.mseed         # the same from the recording\n\n\
     TRACK.csv has the header t_s,x_m,y_m (local frame of the station file; the station at the origin where the file \
-    gives no local_m) or t_s,lat,lon. orientation_deg is what belongs into the station file; for arrays and \
+    gives no local_m) or t_s,lat,lon; a vessel each. From the azimuth and range records of `process`, or from the \
+    recording, an ocean-bottom station's position is estimated too; times are seconds from the recording's start. \
+    orientation_deg is what belongs into the station file; for arrays and \
     ocean-bottom stations the bearings are taken as computed with the orientation that stands there now.")]
 pub struct Args {
-    /// What the station measured; the header depends on its kind.
-    bearings: PathBuf,
+    /// What the station measured: CSV, its header depends on the station's kind; records or recordings of an
+    /// ocean-bottom station.
+    #[arg(required = true, value_name = "INPUT")]
+    input: Vec<PathBuf>,
     /// Station file.
     #[arg(long)]
     station: PathBuf,
-    /// Track of the vessel: t_s,x_m,y_m or t_s,lat,lon.
-    #[arg(long)]
-    track: PathBuf,
+    /// Track of a vessel: t_s,x_m,y_m or t_s,lat,lon; repeated for more vessels (ocean-bottom stations).
+    #[arg(long, required = true, value_name = "TRACK.csv")]
+    track: Vec<PathBuf>,
     /// Depth of the vessel's sound source, metres.
     #[arg(long, default_value_t = 5.0)]
     source_depth_m: f64,
@@ -56,6 +64,9 @@ pub struct Args {
     /// Line: `fit` (robust, continuous) or `closed-form` (paper L: shift by whole bearings, eta by 0.001).
     #[arg(long, default_value = "fit")]
     method: String,
+    /// Ocean bottom: farthest the station is looked for from its nominal position, either way, metres.
+    #[arg(long, default_value_t = SEARCH_M)]
+    search_m: f64,
     /// Array: how many successive bearings share one error (1: independent).
     #[arg(long, default_value_t = 2.0)]
     correlated: f64,
@@ -77,21 +88,22 @@ pub fn run(args: Args) -> Result<()> {
     if !(args.source_depth_m.is_finite() && args.correlated >= 1.0 && args.correlated.is_finite()) {
         bail!("--source-depth-m must be finite and --correlated at least 1");
     }
-    let station = Station::read(&args.station)?.config;
-    let track = track_file::read(&args.track, &station, args.source_depth_m)?;
-    let table = Table::read(&args.bearings)?;
-    let record = match &station.kind {
-        Kind::Line(_) => line(&args, &table, &track)?,
-        Kind::Array(_) if table.has("tdoa01_s") => positions(&args, &station, &table, &track)?,
-        Kind::Array(_) => array(&args, &station, &table, &track)?,
-        Kind::Obs(o) => {
-            let configured = o.orientation_of_north_deg;
-            horizontals(&args, &station, configured, &table, &track)?
+    if !(args.search_m >= 100.0 && args.search_m <= 20_000.0) {
+        bail!("--search-m is {}; 100 to 20000 m are possible", args.search_m);
+    }
+    let read = Station::read(&args.station)?;
+    let records = match &read.config.kind {
+        Kind::Obs(_) if !is_table(&args.input) => {
+            let tracks = tracks(&args, &read.config)?;
+            orient_obs::records(&read, &args.input, &tracks, args.max_gap_s, args.search_m)?
         }
+        _ => vec![from_table(&args, &read.config)?],
     };
-    if args.json {
-        println!("{record}");
-    } else {
+    for record in &records {
+        if args.json {
+            println!("{record}");
+            continue;
+        }
         for (key, value) in record.as_object().into_iter().flatten().filter(|(k, _)| *k != "type") {
             println!("{key:24} {value}");
         }
@@ -99,8 +111,34 @@ pub fn run(args: Args) -> Result<()> {
     Ok(())
 }
 
+/// Whether the input is one CSV file, by its name.
+fn is_table(input: &[PathBuf]) -> bool {
+    matches!(input, [one] if one.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")))
+}
+
+/// The vessels' tracks.
+fn tracks(args: &Args, station: &StationConfig) -> Result<Vec<Vec<TrackPoint>>> {
+    args.track.iter().map(|path| track_file::read(path, station, args.source_depth_m)).collect()
+}
+
+/// What a CSV file tells about a station.
+fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
+    let [input] = &args.input[..] else {
+        bail!("one CSV file is needed, {} files were given", args.input.len())
+    };
+    let tracks = tracks(args, station)?;
+    let [track] = &tracks[..] else { bail!("one --track goes with a CSV file, {} were given", tracks.len()) };
+    let table = Table::read(input)?;
+    match &station.kind {
+        Kind::Line(_) => line(args, &table, track),
+        Kind::Array(_) if table.has("tdoa01_s") => positions(args, station, &table, track),
+        Kind::Array(_) => array(args, station, &table, track),
+        Kind::Obs(o) => horizontals(args, station, o.orientation_of_north_deg, &table, track),
+    }
+}
+
 fn file_name(args: &Args) -> String {
-    args.bearings.display().to_string()
+    args.input.first().map_or(String::new(), |p| p.display().to_string())
 }
 
 /// The line array: orientation, clock shift and η.
@@ -236,6 +274,6 @@ fn horizontals(
 }
 
 /// Degrees in (−180, 180].
-fn degrees(angle: f64) -> f64 {
+pub(super) fn degrees(angle: f64) -> f64 {
     wrap_pi(angle) / RAD_PER_DEG
 }

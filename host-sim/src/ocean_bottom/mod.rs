@@ -11,6 +11,8 @@ pub mod event;
 pub mod orient;
 pub mod passage;
 pub mod pictures;
+pub mod place;
+pub mod records;
 pub mod run;
 pub mod scenario;
 pub mod score;

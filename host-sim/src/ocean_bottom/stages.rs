@@ -4,6 +4,7 @@
 //! The recorder keeps none of this; here it is recomputed in the paper's form ([METHODS-OBS 1 to 6]) from the samples,
 //! with the core's own clutter filter. Frames of 20.48 s overlapped by half; 513 bins to 25 Hz whatever the rate.
 
+use super::place::Evidence;
 use crate::propagation::Propagation;
 use crate::recording::Source;
 use anyhow::Result;
@@ -188,7 +189,7 @@ pub fn azimuth_likelihood(frames: &[Frame], minutes: &[f64]) -> Vec<Vec<f32>> {
 }
 
 /// Log-likelihood ratio of range of each single frame: [`RANGES`] values [O 19, one frame].
-pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<Vec<f32>> {
+pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<Evidence> {
     // Pulses of every branch at every range: first quefrency, heights over variance, half the energy.
     let pulses: Vec<Vec<(usize, Vec<f32>, f32)>> = (0..RANGES)
         .map(|j| {
@@ -219,7 +220,7 @@ pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<Vec<f32>> {
     frames
         .par_iter()
         .map(|f| {
-            pulses
+            let log_ratio = pulses
                 .iter()
                 .map(|branches| {
                     branches
@@ -230,7 +231,8 @@ pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<Vec<f32>> {
                         })
                         .sum()
                 })
-                .collect()
+                .collect();
+            Evidence { t_s: f.t_s, log_ratio }
         })
         .collect()
 }
@@ -250,7 +252,7 @@ pub fn range_likelihood(frames: &[Frame], minutes: &[f64], table: &Propagation) 
                         let shift = f64::from(v) * (f.t_s - t) / RANGE_STEP_M;
                         for (j, s) in sum.iter_mut().enumerate() {
                             let at = (j as f64 + shift).round();
-                            *s += g.get(at.max(0.0) as usize).copied().unwrap_or(0.0);
+                            *s += g.log_ratio.get(at.max(0.0) as usize).copied().unwrap_or(0.0);
                         }
                     }
                     sum

@@ -6,7 +6,8 @@
 use super::obs_world::{judge, print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::course::Course;
-use crate::ocean_bottom::orient::{orientation, place};
+use crate::ocean_bottom::orient::orientation;
+use crate::ocean_bottom::place::{SEARCH_M, place};
 use crate::ocean_bottom::scenario::{Scenario, Ship};
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::{stages, station};
@@ -56,16 +57,18 @@ fn run(options: &Options) -> Result<()> {
         })
         .collect();
     let frames = stages::frames(&mut simulator, &station::config(&assumed, false)?)?;
-    let at = place(&frames, &courses, &table).context("too few frames with a vessel near")?;
+    let evidence = stages::range_evidence(&frames, &table);
+    let travel = |range_m: f64| table.travel_time_s((range_m / table.step_m).round() as usize);
+    let at = place(&evidence, &courses, &travel, SEARCH_M)?;
     let tones = 226..492;
-    let turn = orientation(&frames, &courses, &table, (at.east_m, at.north_m), tones)
+    let turn = orientation(&frames, &courses, &travel, (at.east_m, at.north_m), tones)
         .context("no usable passage")?;
     let true_deg = scenario.orientation_of_north_deg;
     let found_deg = ASSUMED_DEG + turn.correction.to_degrees();
     let mut csv = String::from("quantity,true,found,sd\n");
     csv += &format!("orientation deg,{true_deg:.2},{found_deg:.2},{:.2}\n", turn.sd.to_degrees());
-    csv += &format!("east m,{:.0},{:.0},{:.0}\n", OFFSET_M.0, at.east_m, at.sd_m.0);
-    csv += &format!("north m,{:.0},{:.0},{:.0}\n", OFFSET_M.1, at.north_m, at.sd_m.1);
+    csv += &format!("east m,{:.0},{:.0},{:.0}\n", OFFSET_M.0, at.east_m, at.sd_m().0);
+    csv += &format!("north m,{:.0},{:.0},{:.0}\n", OFFSET_M.1, at.north_m, at.sd_m().1);
     for (i, e) in turn.each.iter().enumerate() {
         csv += &format!("passage {} deg,{true_deg:.2},{:.2},\n", i + 1, ASSUMED_DEG + e.to_degrees());
     }
