@@ -103,6 +103,19 @@ impl Envelope {
     }
 }
 
+impl Envelope {
+    /// Projection on a pulse.
+    fn along(&self, p: Pulse) -> f32 {
+        let (i, part) = (usize::from(p.delay) / PARTS, usize::from(p.delay) % PARTS);
+        let part = part as f32 * (1.0 / PARTS as f32);
+        self.z.get(i..).and_then(|z| z.first_chunk::<2>()).map_or(0.0, |[a, b]| {
+            let re = a.re + (b.re - a.re) * part;
+            let im = a.im + (b.im - a.im) * part;
+            STRENGTH_UNIT * (f32::from(p.re) * re + f32::from(p.im) * im)
+        })
+    }
+}
+
 impl Interference {
     /// Nothing known; all zeros.
     pub const EMPTY: Self = Self {
@@ -254,18 +267,28 @@ impl Interference {
     pub fn log_ratio(&self, envelope: &Envelope, out: &mut [f32; MODEL_RANGES]) {
         out.iter_mut().for_each(|g| *g = 0.0);
         for pulses in self.pulses.iter().take(self.branches) {
-            for (g, p) in out.iter_mut().zip(pulses) {
-                // Where there is no pulse, `re` and `im` are 0.
-                let (i, part) = (usize::from(p.delay) / PARTS, usize::from(p.delay) % PARTS);
-                let part = part as f32 * (1.0 / PARTS as f32);
-                if let Some([a, b]) = envelope.z.get(i..).and_then(|z| z.first_chunk::<2>()) {
-                    let re = a.re + (b.re - a.re) * part;
-                    let im = a.im + (b.im - a.im) * part;
-                    *g += STRENGTH_UNIT * (f32::from(p.re) * re + f32::from(p.im) * im);
-                }
-            }
+            // Where there is no pulse, `re` and `im` are 0.
+            out.iter_mut().zip(pulses).for_each(|(g, p)| *g += envelope.along(*p));
         }
         out.iter_mut().zip(&self.half_energy).for_each(|(g, e)| *g -= e);
+    }
+
+    /// Writes the log-likelihood ratio of one branch alone at every range to `out`: 0 where it does not exist [O 19].
+    pub(super) fn branch_log_ratio(&self, branch: usize, envelope: &Envelope, out: &mut [f32; MODEL_RANGES]) {
+        let pulses = self.pulses.get(branch).unwrap_or(&[Pulse::NONE; MODEL_RANGES]);
+        for (g, p) in out.iter_mut().zip(pulses) {
+            let (fine, first) = (usize::from(p.delay) / PARTS, usize::from(p.delay) / (PARTS * FINE));
+            let known = self.carrier.iter().zip(&self.inverse_variance).skip(first.saturating_sub(HALF));
+            let (re, im) = (f32::from(p.re) * STRENGTH_UNIT, f32::from(p.im) * STRENGTH_UNIT);
+            let energy: f32 = known
+                .zip(&self.kernel)
+                .map(|((c, v), k)| {
+                    let mu = (re * c.re + im * c.im) * k.get(fine % FINE).copied().unwrap_or(0.0);
+                    mu * mu * v
+                })
+                .sum();
+            *g = envelope.along(*p) - 0.5 * energy;
+        }
     }
 }
 

@@ -23,6 +23,7 @@ pub mod tonal;
 pub mod cepstrum;
 pub mod clutter;
 pub mod interference;
+mod paper;
 pub mod presence;
 pub mod radial;
 

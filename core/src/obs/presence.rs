@@ -110,7 +110,7 @@ fn unpack(x: u16) -> f32 {
 }
 
 /// Range at the middle of a cell: it holds model ranges 2i and 2i + 1.
-fn range_of(i: usize) -> f32 {
+pub(super) fn range_of(i: usize) -> f32 {
     CELL_M * (i as f32 + 0.25)
 }
 
@@ -131,6 +131,11 @@ impl Presence {
         self.cells = ((max_range_m / CELL_M) as usize).clamp(1, RANGE_CELLS);
         self.prior_scale = 1.0 / ((0..self.cells).map(range_of).sum::<f32>() * SPEEDS as f32);
         self.restart();
+    }
+
+    /// Its memory, for a mode of operation that carries nothing from minute to minute.
+    pub(super) fn lend(&mut self) -> &mut [[u16; RANGE_CELLS]; SPEEDS] {
+        &mut self.density
     }
 
     /// Forgets everything learned.

@@ -8,11 +8,12 @@
 use super::interference::{Envelope, Interference};
 use super::limits::{
     MAX_SPEED_M_S, MINUTE_FRAMES, MODEL_RANGES, RANGE_CELLS, RANGE_STEP_M, SPEED_STEP_M_S, SPEEDS,
+    WINDOW_FRAMES,
 };
 use crate::math;
 
 /// Steps of a stored log ratio: 1/256, so that ±127 fits 16 bits (one frame never says more).
-const ROW_UNIT: f32 = 1.0 / 256.0;
+pub(super) const ROW_UNIT: f32 = 1.0 / 256.0;
 
 /// Ranges read at a time.
 const BLOCK: usize = 64;
@@ -23,11 +24,12 @@ pub type Grid = [[f32; RANGE_CELLS]; SPEEDS];
 /// Work space.
 #[derive(Clone, Debug)]
 pub struct RadialScratch {
-    rows: [[i16; MODEL_RANGES]; MINUTE_FRAMES],
-    offset_s: [f32; MINUTE_FRAMES],
-    frames: usize,
-    sum: [f32; MODEL_RANGES],
-    envelope: Envelope,
+    pub(super) rows: [[i16; MODEL_RANGES]; MINUTE_FRAMES],
+    /// When each frame was, s after the time the result is for.
+    pub(super) window_offset_s: [f32; WINDOW_FRAMES],
+    pub(super) frames: usize,
+    pub(super) sum: [f32; MODEL_RANGES],
+    pub(super) envelope: Envelope,
     /// What [`RadialScratch::fill`] made.
     pub grid: Grid,
 }
@@ -43,7 +45,7 @@ impl RadialScratch {
     pub const fn new() -> Self {
         Self {
             rows: [[0; MODEL_RANGES]; MINUTE_FRAMES],
-            offset_s: [0.0; MINUTE_FRAMES],
+            window_offset_s: [0.0; WINDOW_FRAMES],
             frames: 0,
             sum: [0.0; MODEL_RANGES],
             envelope: Envelope::new(),
@@ -55,6 +57,16 @@ impl RadialScratch {
 /// Radial speed of grid row `k`, m/s.
 pub fn speed_of(k: usize) -> f32 {
     SPEED_STEP_M_S * k as f32 - MAX_SPEED_M_S
+}
+
+/// Weights of values at −1, 0, 1, 2 for the cubic through them, read at `x` between 0 and 1.
+pub(super) fn cubic(x: f32) -> [f32; 4] {
+    [
+        -x * (x - 1.0) * (x - 2.0) / 6.0,
+        (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0,
+        -(x + 1.0) * x * (x - 2.0) / 2.0,
+        (x + 1.0) * x * (x - 1.0) / 6.0,
+    ]
 }
 
 impl RadialScratch {
@@ -72,7 +84,9 @@ impl RadialScratch {
     pub fn add(&mut self, model: &Interference, cepstrum: impl Iterator<Item = f32>, offset_s: f32) {
         model.envelope(cepstrum, &mut self.envelope);
         model.log_ratio(&self.envelope, &mut self.sum);
-        if let (Some(row), Some(t)) = (self.rows.get_mut(self.frames), self.offset_s.get_mut(self.frames)) {
+        if let (Some(row), Some(t)) =
+            (self.rows.get_mut(self.frames), self.window_offset_s.get_mut(self.frames))
+        {
             row.iter_mut()
                 .zip(&self.sum)
                 .for_each(|(r, g)| *r = (g / ROW_UNIT).clamp(-32_767.0, 32_767.0) as i16);
@@ -84,18 +98,11 @@ impl RadialScratch {
     /// Sum over the frames for a radial speed, at every model range, in `self.sum`.
     fn along(&mut self, speed_m_s: f32) {
         self.sum = [0.0; MODEL_RANGES];
-        for (row, t) in self.rows.iter().zip(&self.offset_s).take(self.frames) {
+        for (row, t) in self.rows.iter().zip(&self.window_offset_s).take(self.frames) {
             let shift = speed_m_s * t / RANGE_STEP_M;
             let whole = math::f32::floor(shift);
             let x = shift - whole;
-            // Cubic through the four nearest rows at −1, 0, 1, 2.
-            let w = [
-                -x * (x - 1.0) * (x - 2.0) / 6.0,
-                (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0,
-                -(x + 1.0) * x * (x - 2.0) / 2.0,
-                (x + 1.0) * x * (x - 1.0) / 6.0,
-            ]
-            .map(|w| w * ROW_UNIT);
+            let w = cubic(x).map(|w| w * ROW_UNIT);
             // First of the four for range 0; ranges whose four are not all in the model get nothing.
             let first = whole as isize - 1;
             let (skip, from) = if first < 0 { (first.unsigned_abs(), 0) } else { (0, first.unsigned_abs()) };

@@ -14,6 +14,7 @@ use super::evidence::{Evidence, Minute};
 use super::impulsive::Call;
 use super::intake::{Event, Hop, Intake};
 use super::limits::{QUEFRENCIES, RANGE_CELLS, WINDOW_FRAMES};
+use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
 use super::presence::{Presence, RangeMode, RangePresence};
 use super::radial::RadialScratch;
@@ -22,6 +23,7 @@ use super::tonal::{Directions, LOG_THRESHOLD, TonalScratch};
 use super::tracks::{LIVE, Tracker};
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
+use crate::math;
 use crate::wire::{Azimuth, Message, Range};
 
 /// Steps of a stored cepstrum.
@@ -185,12 +187,12 @@ pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut 
 
 /// Sample index of minute `k`.
 fn centre(plan: &Plan, k: u64) -> u64 {
-    crate::math::f64::round(STEP_S * k as f64 * plan.rate_hz) as u64
+    math::f64::round(STEP_S * k as f64 * plan.rate_hz) as u64
 }
 
 /// The first whole minute after a sample.
 fn minute_after(plan: &Plan, index: u64) -> u64 {
-    crate::math::f64::floor(index as f64 / plan.rate_hz / STEP_S) as u64 + 1
+    math::f64::floor(index as f64 / plan.rate_hz / STEP_S) as u64 + 1
 }
 
 impl State {
@@ -267,7 +269,7 @@ impl State {
         let index = centre(plan, k);
         let offset_s = |label: u64| (label as f64 - index as f64) / plan.rate_hz;
         let within = |half_s: f64| {
-            move |kept: &&Kept| kept.used && crate::math::f64::abs(offset_s(kept.label)) <= half_s + 1e-6
+            move |kept: &&Kept| kept.used && math::f64::abs(offset_s(kept.label)) <= half_s + 1e-6
         };
         let mut rows = [&NO_ROW; WINDOW_FRAMES];
         let mut held = 0;
@@ -281,24 +283,30 @@ impl State {
         if let Some(call) = &call {
             directions.attribute(call.azimuth, plan.bins);
         }
-        scratch.radial.clear();
-        // A frame exactly between two minutes belongs to the later one.
-        let block = self.kept.iter().filter(|k| k.used);
-        for kept in block {
-            let t = offset_s(kept.label);
-            if (-0.5 * STEP_S..0.5 * STEP_S).contains(&t) {
-                let y = kept.cepstrum.iter().map(|c| f32::from(*c) * CEPSTRUM_UNIT);
-                scratch.radial.add(&plan.interference, y, t as f32);
-            }
-        }
-        self.presence.predict(&mut scratch.columns);
         let expected = if plan.paper { [None; LIVE] } else { self.tracker.expected(plan, k as u32) };
-        expected.iter().flatten().for_each(|(r, v)| self.presence.expect(*r, *v));
-        let mut ranges = if scratch.radial.frames() > 0 {
-            scratch.radial.fill();
-            self.presence.update(&scratch.radial.grid)
+        let frames = || {
+            let used = self.kept.iter().filter(|k| k.used);
+            used.map(|k| (offset_s(k.label) as f32, k.cepstrum.iter().map(|c| f32::from(*c) * CEPSTRUM_UNIT)))
+        };
+        let mut ranges = if plan.paper {
+            let window = frames().filter(|(t, _)| math::f32::abs(*t) <= HALF_WINDOW_S as f32);
+            let Scratch { radial, columns, .. } = scratch;
+            paper::window(&plan.interference, radial, self.presence.lend(), columns, window)
         } else {
-            self.presence.blind()
+            scratch.radial.clear();
+            // A frame exactly between two minutes belongs to the later one.
+            let half_s = 0.5 * STEP_S as f32;
+            for (t, cepstrum) in frames().filter(|(t, _)| (-half_s..half_s).contains(t)) {
+                scratch.radial.add(&plan.interference, cepstrum, t);
+            }
+            self.presence.predict(&mut scratch.columns);
+            expected.iter().flatten().for_each(|(r, v)| self.presence.expect(*r, *v));
+            if scratch.radial.frames() > 0 {
+                scratch.radial.fill();
+                self.presence.update(&scratch.radial.grid)
+            } else {
+                self.presence.blind()
+            }
         };
         let heard = directions.frames > 0;
         let tones = directions.modes.iter().flatten().filter(|m| !m.impulsive).count();
