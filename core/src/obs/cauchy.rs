@@ -5,6 +5,7 @@
 //! table look-up a frame. Cost: 17 × 64 additions a profile.
 
 use super::azigram::{NO_DIRECTION, PHASES, Row};
+use super::impulsive::UNEVEN;
 use super::limits::{AZIMUTHS, CIRCLE, WINDOW_FRAMES};
 use crate::math;
 
@@ -15,6 +16,13 @@ const SUB: usize = CIRCLE / AZIMUTHS;
 const RESULTANTS: [f64; 3] = [0.99, 0.95, 0.85];
 /// Share of the mixture that is uniform: a frame may be spoilt.
 const SPOILT: f64 = 0.02;
+
+/// Resultant length of the directions of a short sound in neighbouring bins.
+const NEIGHBOURS_RESULTANT: f64 = 0.9;
+/// Distances, in bins, of neighbours that a tone in the middle does not reach and a call does (0.2 to 0.6 Hz).
+const NEIGHBOURS: core::ops::RangeInclusive<usize> = 4..=12;
+/// Codes of one step of the table of neighbours.
+const NEAR_STEP: usize = 8;
 
 /// Azimuths of a profile, a quarter of the circle about where most frames point: the peak and all that counts beside it.
 pub const SPAN: usize = AZIMUTHS / 4;
@@ -29,6 +37,8 @@ pub struct WrappedCauchy {
     log_ratio: [[f32; 2 * AZIMUTHS]; SUB],
     /// ln of the ratio of phase against uniform, by distance in phase steps, twice round.
     log_phase: [f32; 2 * PHASES],
+    /// Density ratio by the angle between two neighbours, in [`NEAR_STEP`] codes.
+    near: [f32; CIRCLE / 2 / NEAR_STEP + 1],
     /// Whether the choices are the paper's.
     pub(super) paper: bool,
 }
@@ -102,8 +112,12 @@ pub fn step_of(middle: usize, k: usize) -> usize {
 
 impl WrappedCauchy {
     /// No table yet; all zeros.
-    pub const EMPTY: Self =
-        Self { log_ratio: [[0.0; 2 * AZIMUTHS]; SUB], log_phase: [0.0; 2 * PHASES], paper: false };
+    pub const EMPTY: Self = Self {
+        log_ratio: [[0.0; 2 * AZIMUTHS]; SUB],
+        log_phase: [0.0; 2 * PHASES],
+        near: [0.0; CIRCLE / 2 / NEAR_STEP + 1],
+        paper: false,
+    };
 
     /// Tables of the mixture, or of the paper's single R = 0.99.
     pub fn fill(&mut self, paper: bool) {
@@ -126,6 +140,10 @@ impl WrappedCauchy {
         let mean = (0..PHASES).map(phase).sum::<f64>() / PHASES as f64;
         for (k, l) in self.log_phase.iter_mut().enumerate() {
             *l = math::f64::ln(phase(k) / mean) as f32;
+        }
+        for (k, w) in self.near.iter_mut().enumerate() {
+            let angle = math::f64::TAU * (k * NEAR_STEP) as f64 / CIRCLE as f64;
+            *w = ratio(NEIGHBOURS_RESULTANT, angle) as f32;
         }
         self.paper = paper;
     }
@@ -157,6 +175,28 @@ impl WrappedCauchy {
             product *= 1.0 + math::f32::exp(-math::f32::abs(x - y));
         }
         sum + math::f32::ln(product)
+    }
+
+    /// ln of the evidence that short sounds rich in frequency, not a tone, give bin `f` its directions: in a frame whose
+    /// pressure is uneven in time, the density that the bin's neighbours draw.
+    pub fn log_short(&self, rows: &[&Row], f: usize, bins: usize) -> f32 {
+        let mut product = 1f32;
+        for row in rows.iter().filter(|r| r.uneven >= UNEVEN) {
+            let code = |f: usize| row.azimuth.get(f).filter(|c| f < bins && **c != NO_DIRECTION);
+            let Some(own) = code(f) else { continue };
+            // One more neighbour that may point anywhere.
+            let (mut sum, mut n) = (1f32, 1f32);
+            for d in NEIGHBOURS {
+                for other in [f.checked_sub(d), Some(f + d)].into_iter().flatten().filter_map(code) {
+                    let apart = usize::from(own.abs_diff(*other));
+                    let apart = apart.min(CIRCLE.saturating_sub(apart)) / NEAR_STEP;
+                    sum += self.near.get(apart).copied().unwrap_or(0.0);
+                    n += 1.0;
+                }
+            }
+            product *= sum / n;
+        }
+        math::f32::ln(product)
     }
 
     /// ln of the evidence for one steady phase between pressure and velocity, against a random one.

@@ -27,6 +27,9 @@ const DETECTION: f32 = 0.3;
 /// One frame cannot say more than this.
 const MOST: f32 = 15.0;
 
+/// Directions nearer than this to the best are the same caller's, rad.
+const ONE_CALLER: f32 = 0.6;
+
 /// Natural logarithm of the presence ratio wanted, as for tones.
 const LOG_THRESHOLD: f32 = 9.21;
 
@@ -164,15 +167,19 @@ impl Calls {
         if log_presence <= LOG_THRESHOLD {
             return None;
         }
-        // Circular mean and spread of the posterior about its top.
+        // Mean and spread of the posterior about its top: a second caller elsewhere must not draw the mean between both.
         let step = math::f32::TAU / AZIMUTHS as f32;
-        let (mut mean, mut square) = (0f32, 0f32);
+        let (mut mean, mut square, mut share) = (0f32, 0f32, 0f32);
         for (i, t) in total.iter().enumerate() {
             let d = crate::angle::wrap_pi_f32((i as f32 - best as f32) * step);
-            let p = math::f32::exp(t - top) / sum;
-            mean += p * d;
-            square += p * d * d;
+            if math::f32::abs(d) < ONE_CALLER {
+                let p = math::f32::exp(t - top);
+                share += p;
+                mean += p * d;
+                square += p * d * d;
+            }
         }
+        let (mean, square) = (mean / share, square / share);
         let variance = (square - mean * mean).max(0.0) + step * step / 12.0;
         Some(Call {
             azimuth: crate::angle::wrap_tau_f32(best as f32 * step + mean),

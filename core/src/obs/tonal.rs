@@ -10,6 +10,8 @@
 //! - A second way to be no vessel: motion of the instrument along an axis, unrelated to pressure, points either way
 //!   at random. The evidence is divided by 1 + that hypothesis's own ratio.
 //! - A third: ambient noise with a direction, learned in each bin over hours (see `ambient`).
+//! - A fourth: short sounds rich in frequency. In frames whose pressure is uneven in time the bin's neighbours tell what
+//!   directions a call gives it; and since a call lies in both frames that overlap it, such frames count half against it.
 //! - The phase between pressure and velocity must be steady over the window as well.
 //! - Bins that agree with the strongest mode are set aside and the rest searched again: several vessels give several modes.
 //!
@@ -18,6 +20,7 @@
 use super::ambient::Ambient;
 use super::azigram::Row;
 use super::cauchy::{Codes, Profile, SPAN, WrappedCauchy, distance, log_sum, step_of};
+use super::impulsive::UNEVEN;
 use super::limits::{AZIMUTH_BINS, AZIMUTH_MODES, AZIMUTHS, CIRCLE};
 use crate::math;
 
@@ -127,6 +130,9 @@ impl WrappedCauchy {
     /// Finds the bins worth a full profile, and their peak and correction.
     fn weigh_bins(&self, bins: usize, ambient: &Ambient, s: &mut TonalScratch, rows: &[&Row]) {
         s.free = [false; AZIMUTH_BINS];
+        // A short sound lies in both frames that overlap it: against one, uneven frames count half.
+        let bursts = rows.iter().filter(|r| r.uneven >= UNEVEN).count();
+        let share = 1.0 - 0.5 * bursts as f32 / rows.len().max(1) as f32;
         let weights = s.peak.iter_mut().zip(&mut s.adjust).zip(&mut s.best).zip(&mut s.free);
         for (f, (((peak, adjust), best), free)) in weights.enumerate().take(bins) {
             let codes = Codes::of(rows, f);
@@ -145,7 +151,10 @@ impl WrappedCauchy {
             } else {
                 let noise = ambient.log_ratio(f, codes.azimuths());
                 let axial = self.log_axial(step, &codes);
-                self.log_steady_phase(&codes) - log_sum(log_sum(0.0, axial), noise)
+                let phase = self.log_steady_phase(&codes);
+                let short = self.log_short(rows, f, bins);
+                let against_short = share * (top + phase - short) - top;
+                (phase - log_sum(log_sum(0.0, axial), noise)).min(against_short)
             };
             (*peak, *best, *free) = (top + *adjust, step as u16, true);
         }
@@ -255,4 +264,51 @@ fn refine(profile: &Profile, middle: usize) -> (usize, f32) {
     let bend = l - 2.0 * c + r;
     let part = if bend < -1e-6 { (0.5 * (l - r) / bend).clamp(-0.5, 0.5) } else { 0.0 };
     (step_of(middle, best), part)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    /// Frames of random directions; `calls` bins from 100 on scatter about code 300, `tone` bins about code 800.
+    fn window(calls: usize, tone: usize, uneven: u8) -> Vec<Row> {
+        let mut seed = 5u32;
+        let mut random = move |n: u32| {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            ((seed >> 8) % n) as u16
+        };
+        let mut rows = Vec::new();
+        for _ in 0..18 {
+            let mut row = Row::EMPTY;
+            row.uneven = uneven;
+            row.azimuth.iter_mut().for_each(|a| *a = random(1024));
+            row.phase.iter_mut().for_each(|p| *p = random(16) as u8);
+            row.azimuth.iter_mut().skip(100).take(calls).for_each(|a| *a = 260 + random(40) + random(40));
+            row.phase.iter_mut().skip(100).take(calls).for_each(|p| *p = 5 + random(2) as u8);
+            row.azimuth.iter_mut().skip(130).take(tone).for_each(|a| *a = 790 + random(20));
+            row.phase.iter_mut().skip(130).take(tone).for_each(|p| *p = 7 + random(2) as u8);
+            rows.push(row);
+        }
+        rows
+    }
+
+    fn modes(rows: &[Row]) -> Vec<f32> {
+        let mut law = WrappedCauchy::EMPTY;
+        law.fill(false);
+        let rows: Vec<&Row> = rows.iter().collect();
+        let found = law.search(266, &Ambient::new(), &mut TonalScratch::new(), &rows);
+        found.modes.iter().flatten().map(|m| m.azimuth.to_degrees()).collect()
+    }
+
+    #[test]
+    fn calls_are_no_tone_and_hide_none() {
+        assert!(modes(&window(0, 0, 14)).is_empty());
+        assert!(modes(&window(60, 0, 40)).is_empty());
+        // The same directions, steady: a vessel's wideband noise.
+        let steady = modes(&window(60, 0, 14));
+        assert!(steady.len() == 1 && (steady[0] - 105.0).abs() < 3.0, "{steady:?}");
+        let tone = modes(&window(60, 3, 40));
+        assert!(tone.len() == 1 && (tone[0] - 281.0).abs() < 2.0, "{tone:?}");
+    }
 }
