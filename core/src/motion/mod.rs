@@ -15,6 +15,7 @@ pub mod normal;
 pub mod recursive;
 pub mod report;
 pub mod ring;
+pub mod robust;
 pub mod settings;
 pub mod solution;
 pub mod start;

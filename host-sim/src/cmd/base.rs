@@ -138,6 +138,10 @@ pub fn run(args: Args) -> Result<()> {
         if event == Event::End {
             base.end_stream();
         }
+        // Of a stream without a single frame there is nothing to show but the reason, below.
+        if event == Event::End && base.counters().frames == before.frames {
+            break;
+        }
         desk.show(&mut base, &records, event == Event::End)?;
         if event == Event::End {
             break;

@@ -17,6 +17,7 @@ pub mod reproduce;
 pub mod shaft_rate;
 pub mod simulate;
 pub mod track;
+mod track_errors;
 pub mod twin;
 
 /// What the command line asks for.

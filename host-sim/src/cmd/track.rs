@@ -1,27 +1,30 @@
 //! `seabearing track`: motion of a vessel from bearings of one array.
 
+use super::track_errors::error_model;
 use crate::csv::{Table, good_rows};
 use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
 use anyhow::{Result, bail};
 use clap::ValueEnum;
-use seabearing_core::angle::{RAD_PER_DEG, wrap_pi, wrap_tau};
+use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_core::motion::covariance::Model;
 use seabearing_core::motion::ml::{self, FitError, Interval, Sample};
 use seabearing_core::motion::recursive::{self, Measurement, State};
+use seabearing_core::motion::robust::fit_robust;
 use seabearing_core::motion::whiten::{WhitenError, Workspace};
-use seabearing_core::motion::{Medium, Solution, errors, solution::position};
+use seabearing_core::motion::{Medium, Solution, solution::position};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
 /// Positions on a regular grid a batch fit takes: over half an hour at two bearings a second.
-const POSITIONS: usize = 4001;
+pub(super) const POSITIONS: usize = 4001;
 /// Largest lent memory for irregular times: 4000 bearings, 64 MB.
-const DENSE: usize = 4000 * 4001 / 2;
+pub(super) const DENSE: usize = 4000 * 4001 / 2;
 
 /// Arguments of `seabearing track`.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  seabearing track bearings.csv --sigma-deg 2 --tau-s 50 --speed 7\n  \
     seabearing track bearings.csv --estimator recursive --json --plot track.svg\n  \
+    seabearing track bearings.csv --robust --sigma-deg 2     # some bearings are wrong altogether\n  \
     seabearing track bearings.csv --known-track gps.csv      # the error model instead of a track\n\n\
     BEARINGS.csv: t_s,azimuth_deg and optionally sigma_deg, elevation_deg; rows may be missing or irregular. Without\n\
     --speed a vessel's speed is taken as 7.3 ± 2.3 m/s; --speed alone means that it is known. `side` is the vessel's\n\
@@ -37,7 +40,7 @@ pub struct Args {
     tau_s: f64,
     /// Correlation of the errors (default: white if --tau-s is 0, else linear).
     #[arg(long, value_enum)]
-    model: Option<ErrorModel>,
+    pub(super) model: Option<ErrorModel>,
     /// Speed of the vessel, m/s.
     #[arg(long)]
     speed: Option<f64>,
@@ -47,9 +50,12 @@ pub struct Args {
     /// All bearings at once, or one after the other as the recorder does (Gauss-Markov errors).
     #[arg(long, value_enum, default_value_t = Estimator::Ml)]
     estimator: Estimator,
+    /// Heavy tails (Student-t): single wrong bearings hardly pull; --sigma-deg is that of the good ones.
+    #[arg(long)]
+    robust: bool,
     /// Speed of sound for the travel time, m/s; `inf` leaves it out.
     #[arg(long, default_value_t = 1484.0)]
-    sound_speed: f64,
+    pub(super) sound_speed: f64,
     /// Nearest closest-point range considered, metres.
     #[arg(long, default_value_t = 5.0)]
     min_range_m: f64,
@@ -76,11 +82,11 @@ pub struct Args {
     plot: Option<PathBuf>,
     /// Result as a JSON line.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ErrorModel {
+pub(super) enum ErrorModel {
     White,
     Linear,
     Sinc,
@@ -111,6 +117,9 @@ impl Args {
         least("sigma-elevation-deg", self.sigma_elevation_deg, 0.0, true)?;
         least("elevation-bias-deg", self.elevation_bias_deg, 0.0, false)?;
         least("height-m", self.height_m.unwrap_or(1.0), 0.0, true)?;
+        if self.robust && self.estimator == Estimator::Recursive {
+            bail!("--robust is for --estimator ml; the recursive one has --gate-sd");
+        }
         least("gate-sd", self.gate_sd.unwrap_or(1.0), 0.0, true)?;
         if let Some(v) = self.speed
             && !(0.2..=40.0).contains(&v)
@@ -135,7 +144,7 @@ impl Args {
         }
     }
 
-    fn model(&self) -> Model {
+    pub(super) fn model(&self) -> Model {
         match self.model {
             Some(ErrorModel::White) => Model::White,
             Some(ErrorModel::Linear) => Model::Linear,
@@ -244,16 +253,25 @@ fn batch(args: &Args, samples: &[Sample]) -> Result<Answer> {
     };
     let mut work = Box::new(Workspace::<POSITIONS>::new());
     let mut dense = Vec::new();
-    let mut fit = ml::fit(&config, samples, &mut work, &mut dense);
-    if let Err(FitError::Whiten(WhitenError::Memory(needed))) = fit
+    // Robust: the samples with the errors that make the Gaussian likelihood pull as the heavy-tailed one.
+    let mut weighted = samples.to_vec();
+    let mut attempt = |dense: &mut [f64]| {
+        if args.robust {
+            fit_robust(&config, samples, &mut weighted, &mut work, dense).map(|r| (r.fit, r.wrong))
+        } else {
+            ml::fit(&config, samples, &mut work, dense).map(|fit| (fit, 0))
+        }
+    };
+    let mut found = attempt(&mut dense);
+    if let Err(FitError::Whiten(WhitenError::Memory(needed))) = found
         && needed <= DENSE
     {
         dense.resize(needed, 0.0);
-        fit = ml::fit(&config, samples, &mut work, &mut dense);
+        found = attempt(&mut dense);
     }
     let name = args.bearings.display();
-    let fit = match fit {
-        Ok(fit) => fit,
+    let (fit, wrong) = match found {
+        Ok(found) => found,
         Err(FitError::TooFew) => bail!("{name}: {} usable bearings; a track needs at least 5", samples.len()),
         Err(FitError::NoRange) => {
             bail!("speed unknown (--speed-sd inf) needs elevations: a column elevation_deg and --height-m")
@@ -269,8 +287,8 @@ fn batch(args: &Args, samples: &[Sample]) -> Result<Answer> {
         Err(FitError::Whiten(WhitenError::Times)) => bail!("{name}: times are not usable"),
         Err(FitError::NoMinimum) => bail!("{name}: no straight track fits (all bearings at one time?)"),
     };
-    let interval = ml::range_interval(&config, samples, &fit, 3.841, &mut work, &dense);
-    Ok((fit.solution, interval, fit.plan.nugget, 0))
+    let interval = ml::range_interval(&config, &weighted, &fit, 3.841, &mut work, &dense);
+    Ok((fit.solution, interval, fit.plan.nugget, wrong))
 }
 
 fn one_by_one(args: &Args, samples: &[Sample]) -> Result<Answer> {
@@ -318,7 +336,8 @@ fn one_by_one(args: &Args, samples: &[Sample]) -> Result<Answer> {
     }
 }
 
-fn number(x: f64) -> Value {
+/// A number, or null where there is none.
+pub(super) fn number(x: f64) -> Value {
     if x.is_finite() { json!(x) } else { Value::Null }
 }
 
@@ -357,8 +376,8 @@ fn record(args: &Args, s: &Solution, interval: Option<Interval>, nugget: f64, re
     if nugget > 0.0 {
         put("regularised", number(nugget));
     }
-    if refused > 0 {
-        put("refused", refused.into());
+    if refused > 0 || args.robust {
+        put(if args.robust { "wrong" } else { "refused" }, refused.into());
     }
     Value::Object(out)
 }
@@ -371,7 +390,11 @@ fn print_for_people(args: &Args, s: &Solution, interval: Option<Interval>, refus
     println!(
         "bearings             {} used{}",
         s.n,
-        if refused > 0 { format!(", {refused} refused") } else { String::new() }
+        match (refused, args.robust) {
+            (0, _) => String::new(),
+            (n, true) => format!(", {n} of them far from the track"),
+            (n, false) => format!(", {n} refused"),
+        }
     );
     println!("closest approach at  {:.2} s {}", s.cpa_time_s, spread(s.sd_cpa_time_s, " s"));
     if s.range_observable {
@@ -429,61 +452,4 @@ fn draw(samples: &[Sample], args: &Args, s: &Solution, path: &std::path::Path) -
         }
     }
     write_panels(path, &[&angles, &map], 1)
-}
-
-/// Estimates the error model from a known track.
-fn error_model(args: &Args, samples: &[Sample], track: &std::path::Path) -> Result<()> {
-    let name = track.display().to_string();
-    let mut known = good_rows(&name, Table::read(track)?.numbers(["t_s", "x_m", "y_m"])?)?;
-    known.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let at = |t: f64| -> Option<(f64, f64)> {
-        let k = known.partition_point(|r| r[0] < t);
-        let (b, a) = (known.get(k)?, known.get(k.saturating_sub(1))?);
-        let f = if b[0] > a[0] { (t - a[0]) / (b[0] - a[0]) } else { 0.0 };
-        ((0.0..=1.0).contains(&f)).then(|| (a[1] + f * (b[1] - a[1]), a[2] + f * (b[2] - a[2])))
-    };
-    let differences: Vec<(f64, f64)> = samples
-        .iter()
-        .filter_map(|s| {
-            // The bearing received now left the vessel a travel time ago.
-            let (x, y) = at(s.t_s)?;
-            let (x, y) = at(s.t_s - x.hypot(y) / args.sound_speed)?;
-            Some((s.t_s, wrap_pi(s.azimuth_rad - x.atan2(y))))
-        })
-        .collect();
-    let model = if args.model.is_none() { Model::Markov } else { args.model() };
-    let mut work = Box::new(Workspace::<POSITIONS>::new());
-    let mut dense = Vec::new();
-    let mut found = errors::estimate(model, &differences, &mut work, &mut dense);
-    if let Err(WhitenError::Memory(needed)) = found
-        && needed <= DENSE
-    {
-        dense.resize(needed, 0.0);
-        found = errors::estimate(model, &differences, &mut work, &mut dense);
-    }
-    let Ok(e) = found else {
-        bail!(
-            "{name}: {} bearings within the known track do not give an error model (8 are needed)",
-            differences.len()
-        );
-    };
-    let (sd, offset) = (e.sd_rad.to_degrees(), e.offset_rad.0.to_degrees());
-    if args.json {
-        println!(
-            "{}",
-            json!({
-                "type": "error_model", "model": format!("{model:?}").to_lowercase(), "sigma_deg": sd,
-                "sd_sigma_deg": sd * e.sd_relative, "tau_s": e.tau_s, "sd_tau_s": number(e.tau_s * e.sd_ln_tau),
-                "offset_deg": offset, "sd_offset_deg": e.offset_rad.1.to_degrees(),
-                "log_likelihood": e.ln_likelihood, "n": differences.len(),
-            })
-        );
-    } else {
-        println!("error model          {model:?}, {} bearings", differences.len());
-        println!("standard deviation   {sd:.3}° ± {:.3}°", sd * e.sd_relative);
-        println!("correlation interval {:.2} s ± {:.2} s", e.tau_s, e.tau_s * e.sd_ln_tau);
-        println!("offset               {offset:.3}° ± {:.3}°", e.offset_rad.1.to_degrees());
-        println!("log likelihood       {:.2}", e.ln_likelihood);
-    }
-    Ok(())
 }

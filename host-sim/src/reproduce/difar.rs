@@ -7,6 +7,7 @@
 //! of the corrected bearings lies within 7°, how well one half of a ship's track is predicted from the other half, and
 //! how far the tails are from Gaussian.
 
+use super::difar_tracks::tracks;
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::csv::Table;
@@ -258,6 +259,7 @@ fn run(options: &Options) -> Result<()> {
             s.repeat_deg[1]
         );
     }
+    tracks(&s.errors_deg, options)?;
     let mut sizes: Vec<f64> = s.errors_deg.iter().map(|e| e.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     let n = sizes.len() as f64;

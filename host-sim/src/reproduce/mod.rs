@@ -6,6 +6,7 @@
 pub mod bearing_limit;
 pub mod bearing_limit_source;
 pub mod difar;
+mod difar_tracks;
 mod line;
 mod motion;
 mod motion_checks;
