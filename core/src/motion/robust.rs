@@ -8,6 +8,7 @@
 //! weight is judged by its own residual, which is right for wrong bearings upon slow errors. Cost: about ten fits.
 
 use super::ml::{Config, Fit, FitError, Sample, fit, refit};
+use super::model::Expected;
 use super::whiten::Workspace;
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
@@ -60,7 +61,8 @@ pub fn fit_robust<const N: usize>(
     }
     let view = best.solution.line.view(&config.medium);
     let is_wrong = |s: &&Sample| {
-        m::abs(wrap_pi(s.azimuth_rad - view.expected(s.t_s).azimuth)) > WRONG_SD * f64::from(s.sd_rad)
+        let [azimuth, elevation] = residuals(s, &view.expected(s.t_s), 1.0);
+        m::abs(azimuth) > WRONG_SD || m::abs(elevation) > WRONG_SD
     };
     let wrong = samples.iter().filter(is_wrong).count();
     Ok(RobustFit { fit: best, wrong })
@@ -69,10 +71,19 @@ pub fn fit_robust<const N: usize>(
 /// Standard deviations of a Gaussian likelihood that pulls as the Student-t one does at the present residuals.
 fn reweight(fit: &Fit, config: &Config, samples: &[Sample], weighted: &mut [Sample], widening: f64) {
     let view = fit.solution.line.view(&config.medium);
+    let growth = |r: f64| m::sqrt((FREEDOM + r * r) / (FREEDOM + 1.0)) as f32;
     for (w, s) in weighted.iter_mut().zip(samples) {
-        let r = wrap_pi(s.azimuth_rad - view.expected(s.t_s).azimuth) / (widening * f64::from(s.sd_rad));
-        w.sd_rad = s.sd_rad * m::sqrt((FREEDOM + r * r) / (FREEDOM + 1.0)) as f32;
+        let [azimuth, elevation] = residuals(s, &view.expected(s.t_s), widening);
+        w.sd_rad = s.sd_rad * growth(azimuth);
+        w.elevation_rad.1 = s.elevation_rad.1 * growth(elevation);
     }
+}
+
+/// Residuals of azimuth and elevation over their widened standard deviations; zero where there is no elevation.
+fn residuals(s: &Sample, expected: &Expected, widening: f64) -> [f64; 2] {
+    let azimuth = wrap_pi(s.azimuth_rad - expected.azimuth) / (widening * f64::from(s.sd_rad));
+    let (elevation, sd) = s.elevation_rad;
+    [azimuth, (f64::from(elevation) - expected.elevation) / (widening * f64::from(sd))]
 }
 
 #[cfg(test)]

@@ -23,6 +23,7 @@ mod obs_table1;
 mod obs_two_ships;
 mod obs_world;
 pub mod real_ship_ee;
+mod real_ship_track;
 mod report;
 mod several_vessels;
 mod shaft_rate;
@@ -71,6 +72,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     bearing_limit::EXPERIMENT,
     shaft_rate::EXPERIMENT,
     real_ship_ee::EXPERIMENT,
+    real_ship_track::EXPERIMENT,
     several_vessels::EXPERIMENT,
     motion_figures::FIGURE_1,
     motion_figures::FIGURE_2,

@@ -1,0 +1,209 @@
+//! `reproduce real-ship-track`: a real ship tracked from the bearings of one recorder below it, against its GPS.
+//!
+//! Data: as of `reproduce real-ship-ee`. The ship manoeuvres about the recorder, so its way is cut into overlapping legs
+//! of three minutes; those along which GPS finds it on a straight line are fitted from azimuths and elevations, with the
+//! recorder's depth known and nothing assumed of speed, by least squares and robustly. Printed for every leg: errors of
+//! position at its middle, heading and speed, and what the fit claims for them.
+
+use super::real_ship_ee::{Judged, Recording, data};
+use super::report::Report;
+use super::{Experiment, Options};
+use crate::plot::Figure;
+use anyhow::Result;
+use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
+use seabearing_core::motion::covariance::Model;
+use seabearing_core::motion::ml::{Config, Sample, fit};
+use seabearing_core::motion::robust::fit_robust;
+use seabearing_core::motion::solution::position;
+use seabearing_core::motion::whiten::Workspace;
+use seabearing_core::motion::{Medium, Solution};
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "real-ship-track",
+    about: "a real ship: straight legs tracked from azimuths and elevations, no speed assumed, against GPS",
+    run,
+};
+
+/// Length of a leg and step to the next, seconds.
+const LEG_S: f64 = 180.0;
+const STEP_S: f64 = 90.0;
+/// A leg is straight where GPS stays within this of a line run at one speed, metres root mean square.
+const STRAIGHT_M: f64 = 10.0;
+/// Slower, a heading means little, m/s.
+const SLOWEST_M_S: f64 = 0.5;
+/// Fewest accepted bearings of a leg.
+const LEAST_BEARINGS: usize = 60;
+/// Direction error that lasts longer than a leg (geometry, antenna to propeller), degrees; what the scatter of single
+/// bearings does not show.
+const LASTING_DEG: f64 = 0.5;
+/// Standard deviation of one accepted bearing, degrees in space, beside what its residuals say.
+const SINGLE_DEG: f64 = 1.0;
+
+/// Position (m), velocity (m/s) of the ship at the middle of a leg.
+#[derive(Clone, Copy, Debug)]
+struct Leg {
+    middle_s: f64,
+    at_m: [f64; 2],
+    velocity_m_s: [f64; 2],
+}
+
+/// Errors of a fit on one leg with their standard deviations: position (m), heading (degrees), speed (m/s).
+type Errors = [(f64, f64); 3];
+
+fn run(options: &Options) -> Result<()> {
+    let Some(data) = data() else {
+        println!("skipped real-ship-track: no data at ../shared/data/real/harp4_ship_tdoa_EE");
+        return Ok(());
+    };
+    let folder = tempfile::tempdir()?;
+    let recording = Recording::convert(&data, folder.path())?;
+    let judged = recording.judge()?;
+    let height_m = recording.station.config.depth_m;
+    let sound_speed_m_s = recording.station.config.sound_speed_m_s;
+    let mut report = Report::new(
+        "real-ship-track",
+        &[
+            "middle_s",
+            "range_m",
+            "speed_m_s",
+            "bearings",
+            "position_ls",
+            "position_robust",
+            "sd_position",
+            "heading_robust",
+            "sd_heading",
+            "speed_robust",
+            "sd_speed",
+        ],
+    );
+    let mut work = Box::new(Workspace::<1024>::new());
+    let mut scores: Vec<[Errors; 2]> = Vec::new();
+    let mut lines: Vec<Vec<(f64, f64)>> = Vec::new();
+    let last_s = judged.last().map_or(0.0, |j| j.result.t_s);
+    let mut begin_s = 0.0;
+    while begin_s + LEG_S <= last_s {
+        let within: Vec<&Judged> =
+            judged.iter().filter(|j| (begin_s..begin_s + LEG_S).contains(&j.result.t_s)).collect();
+        begin_s += STEP_S;
+        let samples = samples(&within);
+        let Some(leg) = leg(&within, height_m).filter(|_| samples.len() >= LEAST_BEARINGS) else { continue };
+        let config = Config {
+            model: Model::White,
+            tau_s: 0.0,
+            speed_m_s: 3.0,
+            speed_sd_m_s: f64::INFINITY,
+            range_m: (2.0, 3000.0),
+            medium: Medium { height_m, ..Medium::of_sound_speed(sound_speed_m_s) },
+            elevation_bias_sd_rad: LASTING_DEG * RAD_PER_DEG,
+        };
+        let mut copy = samples.clone();
+        let (Ok(squares), Ok(robust)) = (
+            fit(&config, &samples, &mut work, &mut []),
+            fit_robust(&config, &samples, &mut copy, &mut work, &mut []),
+        ) else {
+            continue;
+        };
+        let both = [squares.solution, robust.fit.solution].map(|s| errors(&s, &leg));
+        let [p, h, v] = both[1];
+        report.row(&[
+            leg.middle_s,
+            leg.at_m[0].hypot(leg.at_m[1]),
+            leg.velocity_m_s[0].hypot(leg.velocity_m_s[1]),
+            samples.len() as f64,
+            both[0][0].0,
+            p.0,
+            p.1,
+            h.0,
+            h.1,
+            v.0,
+            v.1,
+        ]);
+        scores.push(both);
+        let s = robust.fit.solution;
+        lines.push(
+            [s.t0_s, s.t1_s].map(|t| position(&s.line, &s.covariance, t).0).map(|[x, y]| (x, y)).to_vec(),
+        );
+    }
+    report.finish(options)?;
+    if !options.json {
+        let median = |estimator: usize, quantity: usize| {
+            let mut all: Vec<f64> = scores.iter().map(|e| e[estimator][quantity].0.abs()).collect();
+            all.sort_by(f64::total_cmp);
+            all.get(all.len() / 2).copied().unwrap_or(f64::NAN)
+        };
+        for (k, name) in ["least squares", "robust"].into_iter().enumerate() {
+            println!(
+                "{name}: median errors {:.0} m, {:.1}°, {:.2} m/s over {} straight legs",
+                median(k, 0),
+                median(k, 1),
+                median(k, 2),
+                scores.len()
+            );
+        }
+    }
+    let way: Vec<(f64, f64)> = judged.iter().map(|j| at_m(j, height_m)).map(|[x, y]| (x, y)).collect();
+    let mut map = Figure::map("A ship above one recorder: GPS and tracked legs");
+    map.truth("GPS", &way);
+    for (i, line) in lines.iter().enumerate() {
+        map.line(if i == 0 { "tracked legs" } else { "" }, line);
+        if i > 0 {
+            map.same_colour();
+        }
+    }
+    map.write(&options.out.join("real-ship-track.svg"))
+}
+
+/// East and North of the ship by GPS, metres.
+fn at_m(j: &Judged, height_m: f64) -> [f64; 2] {
+    let (azimuth, elevation) = (j.truth_deg.0 * RAD_PER_DEG, j.truth_deg.1 * RAD_PER_DEG);
+    let d = height_m / elevation.tan();
+    [d * azimuth.sin(), d * azimuth.cos()]
+}
+
+/// The straight line through the GPS positions of a leg; `None` where they do not lie on one.
+fn leg(within: &[&Judged], height_m: f64) -> Option<Leg> {
+    let n = within.len() as f64;
+    if within.len() < LEAST_BEARINGS {
+        return None;
+    }
+    let middle_s = within.iter().map(|j| j.result.t_s).sum::<f64>() / n;
+    let spread: f64 = within.iter().map(|j| (j.result.t_s - middle_s).powi(2)).sum();
+    let places: Vec<(f64, [f64; 2])> =
+        within.iter().map(|j| (j.result.t_s - middle_s, at_m(j, height_m))).collect();
+    let mean = [0, 1].map(|k| places.iter().map(|(_, p)| p[k]).sum::<f64>() / n);
+    let velocity = [0, 1].map(|k| places.iter().map(|(t, p)| t * p[k]).sum::<f64>() / spread);
+    let off: f64 = places
+        .iter()
+        .map(|(t, p)| [0, 1].map(|k| (p[k] - mean[k] - velocity[k] * t).powi(2)).iter().sum::<f64>())
+        .sum();
+    let straight = (off / n).sqrt() <= STRAIGHT_M && velocity[0].hypot(velocity[1]) >= SLOWEST_M_S;
+    straight.then_some(Leg { middle_s, at_m: mean, velocity_m_s: velocity })
+}
+
+/// The accepted bearings of a leg.
+fn samples(within: &[&Judged]) -> Vec<Sample> {
+    within
+        .iter()
+        .filter_map(|j| {
+            let s = j.result.solution.filter(|s| s.accepted)?;
+            let single = SINGLE_DEG * RAD_PER_DEG;
+            let elevation_sd = single.hypot(f64::from(s.var_elevation).sqrt());
+            // One error in space is a larger one in azimuth, the steeper the bearing.
+            let azimuth_sd = (single / f64::from(s.elevation).cos()).hypot(f64::from(s.var_azimuth).sqrt());
+            let mut sample = Sample::azimuth(j.result.t_s, f64::from(s.azimuth), azimuth_sd);
+            sample.elevation_rad = (s.elevation, elevation_sd as f32);
+            Some(sample)
+        })
+        .collect()
+}
+
+fn errors(s: &Solution, leg: &Leg) -> Errors {
+    let ([x, y], [xx, yy, _]) = position(&s.line, &s.covariance, leg.middle_s);
+    let [vx, vy] = leg.velocity_m_s;
+    [
+        ((x - leg.at_m[0]).hypot(y - leg.at_m[1]), (xx + yy).sqrt()),
+        (wrap_pi(s.heading_rad - vx.atan2(vy)) / RAD_PER_DEG, s.sd_heading_rad / RAD_PER_DEG),
+        (s.speed_m_s - vx.hypot(vy), s.sd_speed_m_s),
+    ]
+}
