@@ -3,6 +3,7 @@
 //! Three layouts are known by their headers: MarineTraffic exports (`MMSI,STATUS,SPEED,...`, speed in tenths of a
 //! knot), CLS exports (`mmsi;source;locDate;...`, knots) and plain ones (`Time,MMSI,Latitude_degrees,...`, knots).
 
+use crate::csv::shown;
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -100,7 +101,8 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
         (find(&["mmsi"]), find(&["lat", "latitude_degrees"]), find(&["lon", "longitude_degrees"]))
     else {
         bail!(
-            "{name}: unknown AIS layout; columns for MMSI, latitude and longitude are needed, the header is `{header}`"
+            "{name}: unknown AIS layout; columns for MMSI, latitude and longitude are needed, the header is `{}`",
+            shown(header)
         );
     };
     let (knots, scale) = if let Some(i) = find(&["sog", "sog_knots"]) {
@@ -111,7 +113,10 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
     let whole = find(&["time", "timestamp utc"]);
     let parts = find(&["locdate"]).zip(find(&["loctime"]));
     if whole.is_none() && parts.is_none() {
-        bail!("{name}: unknown AIS layout; a column for the time is needed, the header is `{header}`");
+        bail!(
+            "{name}: unknown AIS layout; a column for the time is needed, the header is `{}`",
+            shown(header)
+        );
     }
     let (mut reports, mut bad) = (Vec::new(), Vec::new());
     for (i, line) in lines.filter(|(_, l)| !l.trim().is_empty()) {

@@ -1,8 +1,18 @@
 //! Writing output files so that a reader never sees half of one: a temporary file beside it, then a rename.
+//!
+//! An interruption removes the temporary file ([`crate::interrupt`]). One that a run left which was killed outright is
+//! removed by the next run that writes into the folder: the temporary file's name tells the process it belonged to.
 
+use crate::interrupt::{self, Guard};
 use anyhow::{Context, Result};
+use std::collections::BTreeSet;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use tempfile::NamedTempFile;
+
+/// Begins the names of temporary files; the process's number follows.
+const PREFIX: &str = ".seabearing-";
 
 /// Writes a whole file atomically; its folder is made if missing.
 ///
@@ -20,22 +30,104 @@ pub fn write_with(
     path: &Path,
     fill: impl FnOnce(&mut std::io::BufWriter<&std::fs::File>) -> Result<()>,
 ) -> Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let cannot = || format!("cannot write {}", path.display());
-    std::fs::create_dir_all(folder).with_context(cannot)?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".seabearing-");
-    // Temporary files are private by default; results should be as readable as any other file (less the umask).
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let file = builder.tempfile_in(folder).with_context(cannot)?;
+    let file = Unfinished::beside(path)?;
     {
         let mut out = std::io::BufWriter::with_capacity(1 << 16, file.as_file());
-        fill(&mut out)?;
-        out.flush().with_context(cannot)?;
+        fill(&mut out).with_context(|| file.cannot())?;
+        out.flush().with_context(|| file.cannot())?;
     }
-    file.persist(path).map_err(|e| e.error).with_context(cannot)?;
-    Ok(())
+    file.finish()
+}
+
+/// A file that appears under its name when it is finished; dropped or interrupted, it leaves nothing.
+#[derive(Debug)]
+pub struct Unfinished {
+    file: NamedTempFile,
+    path: PathBuf,
+    listed: Guard,
+}
+
+impl Unfinished {
+    /// Begins a file; its folder is made if missing.
+    ///
+    /// # Errors
+    /// The folder cannot be made or written; the line names the path.
+    pub fn beside(path: &Path) -> Result<Self> {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let cannot = || format!("cannot write {}", path.display());
+        if path.is_dir() {
+            anyhow::bail!("cannot write {}: it is a folder", path.display());
+        }
+        std::fs::create_dir_all(folder).with_context(cannot)?;
+        clear_up(folder);
+        let (file, listed) = interrupt::listing(|| {
+            let prefix = format!("{PREFIX}{}-", std::process::id());
+            let mut builder = tempfile::Builder::new();
+            builder.prefix(&prefix);
+            // Temporary files are private by default; results should be as readable as any other file (less the umask).
+            #[cfg(unix)]
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+            let file = builder.tempfile_in(folder)?;
+            let begun = file.path().to_owned();
+            Ok::<_, std::io::Error>((file, Box::new(move || drop(std::fs::remove_file(&begun))) as _))
+        })
+        .with_context(cannot)?;
+        Ok(Self { file, path: path.to_owned(), listed })
+    }
+
+    /// The file to write into.
+    pub fn as_file(&self) -> &std::fs::File {
+        self.file.as_file()
+    }
+
+    /// Gives it its name; a file of that name is replaced.
+    ///
+    /// # Errors
+    /// It cannot be renamed; the line names the path.
+    pub fn finish(self) -> Result<()> {
+        let Self { file, path, listed } = self;
+        file.persist(&path)
+            .map_err(|e| e.error)
+            .with_context(|| format!("cannot write {}", path.display()))?;
+        drop(listed);
+        Ok(())
+    }
+
+    fn cannot(&self) -> String {
+        format!("cannot write {}", self.path.display())
+    }
+}
+
+/// Removes what a process that is no more has left in a folder; once a folder and run.
+fn clear_up(folder: &Path) {
+    static DONE: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    if !DONE.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.to_owned()) {
+        return;
+    }
+    // Whether a process lives is known where there is /proc.
+    if !Path::new("/proc/self").exists() {
+        return;
+    }
+    let left: Vec<PathBuf> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter(|entry| {
+            let name = entry.file_name();
+            let owner =
+                name.to_str().and_then(|n| n.strip_prefix(PREFIX)?.split_once('-')?.0.parse::<u32>().ok());
+            owner.is_some_and(|pid| !Path::new("/proc").join(pid.to_string()).exists())
+        })
+        .map(|entry| entry.path())
+        .filter(|path| std::fs::remove_file(path).is_ok())
+        .collect();
+    if !left.is_empty() {
+        eprintln!(
+            "seabearing: removed {} unfinished file(s) of a killed run in {}",
+            left.len(),
+            folder.display()
+        );
+    }
 }
 
 #[cfg(test)]
@@ -52,5 +144,20 @@ mod tests {
         );
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_a_killed_run_left_is_removed_and_what_a_living_one_writes_is_not() {
+        let dir = tempfile::tempdir().unwrap();
+        // No process has the largest number there could be; this one lives.
+        let dead = dir.path().join(".seabearing-4294967295-abc");
+        let living = dir.path().join(format!(".seabearing-{}-abc", std::process::id()));
+        let other = dir.path().join(".seabearing-notes");
+        for path in [&dead, &living, &other] {
+            std::fs::write(path, b"x").unwrap();
+        }
+        write(&dir.path().join("x.txt"), b"x").unwrap();
+        assert!(!dead.exists() || !Path::new("/proc/self").exists());
+        assert!(living.exists() && other.exists());
     }
 }

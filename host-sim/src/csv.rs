@@ -19,7 +19,9 @@ impl Table {
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         let text = String::from_utf8(bytes)
-            .map_err(|_| anyhow::anyhow!("{}: not a text file (CSV expected)", path.display()))?;
+            .ok()
+            .filter(|text| !text.contains('\0'))
+            .with_context(|| format!("{}: not a text file (CSV expected)", path.display()))?;
         Self::parse(&text, &path.display().to_string())
     }
 
@@ -62,7 +64,7 @@ impl Table {
     /// It is not.
     pub fn column(&self, column: &str) -> Result<usize> {
         self.header.iter().position(|h| h == column).with_context(|| {
-            format!("{}: no column `{column}`; the header is `{}`", self.name, self.header.join(","))
+            format!("{}: no column `{column}`; the header is `{}`", self.name, shown(&self.header.join(",")))
         })
     }
 
@@ -134,4 +136,10 @@ fn number(cell: Option<&str>, column: &str) -> Result<f64> {
         bail!("`{column}` is `{cell}`, a finite number was expected");
     }
     Ok(x)
+}
+/// As much of a header as a message shows.
+pub fn shown(header: &str) -> String {
+    const MOST: usize = 100;
+    let cut = header.chars().count() > MOST;
+    header.chars().take(MOST).chain("…".chars().filter(|_| cut)).collect()
 }

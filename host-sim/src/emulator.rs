@@ -5,13 +5,15 @@
 //! blob is loaded into the emulated board's memory before the start. Nothing is lost at the end: the firmware waits
 //! for its transmitter, and the socket is read until QEMU closes it.
 
+use crate::interrupt::{self, Guard};
 use anyhow::{Context, Result, bail};
 use seabearing_core::wire::{Decoder, FaultCode, Message, Received};
 use std::io::{BufWriter, ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Where the configuration blob is loaded: PSRAM of the emulated board.
@@ -116,14 +118,48 @@ pub fn firmware(path: Option<PathBuf>) -> Result<PathBuf> {
     }
 }
 
-/// Stops QEMU however the run ends.
-struct Running(Child);
+/// Stops QEMU however the run ends, an interruption of this program included.
+struct Running {
+    child: Arc<Mutex<Child>>,
+    _listed: Guard,
+}
+
+impl Running {
+    fn new(child: Child, folder: &Path) -> Result<Self> {
+        let child = Arc::new(Mutex::new(child));
+        let (other, folder) = (Arc::clone(&child), folder.to_owned());
+        let undo = move || {
+            let _ = locked(&other).kill();
+            let _ = std::fs::remove_dir_all(&folder);
+        };
+        let (child, _listed) = interrupt::listing(|| Ok::<_, anyhow::Error>((child, Box::new(undo) as _)))?;
+        Ok(Self { child, _listed })
+    }
+
+    fn kill(&self) {
+        let _ = locked(&self.child).kill();
+    }
+
+    /// Waits for the end without keeping others from killing it.
+    fn wait(&self) -> std::io::Result<ExitStatus> {
+        loop {
+            if let Some(status) = locked(&self.child).try_wait()? {
+                return Ok(status);
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+}
 
 impl Drop for Running {
     fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        self.kill();
+        let _ = locked(&self.child).wait();
     }
+}
+
+fn locked(child: &Mutex<Child>) -> MutexGuard<'_, Child> {
+    child.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Emulator {
@@ -151,10 +187,10 @@ impl Emulator {
         std::fs::write(folder.path().join("station.sbcf"), blob)?;
         let bind = |line: &&str| UnixListener::bind(folder.path().join(line));
         let listeners = lines.iter().map(bind).collect::<Result<Vec<_>, _>>()?;
-        let mut qemu = Running(self.start(folder.path(), lines)?);
+        let qemu = Running::new(self.start(folder.path(), lines)?, folder.path())?;
         let mut sockets = Vec::new();
         for listener in &listeners {
-            sockets.push(accept(listener, &mut qemu.0, folder.path())?);
+            sockets.push(accept(listener, &qemu, folder.path())?);
         }
         let mut sockets = sockets.into_iter();
         let (Some(mut uart), sample_line) = (sockets.next(), sockets.next()) else {
@@ -191,9 +227,9 @@ impl Emulator {
             };
             let listened = listen(&mut uart, fed, &mut heard);
             if listened.is_err() {
-                let _ = qemu.0.kill();
+                qemu.kill();
             }
-            let status = qemu.0.wait().context("waiting for QEMU");
+            let status = qemu.wait().context("waiting for QEMU");
             // A feeder whose reader has gone is let go: opening both ways never waits, closing breaks the pipe.
             if self.samples == SamplePath::File {
                 drop(std::fs::OpenOptions::new().read(true).write(true).open(fifo));
@@ -269,7 +305,7 @@ impl<W: Write> Write for Counted<'_, W> {
 }
 
 /// Waits for QEMU to connect its serial port.
-fn accept(listener: &UnixListener, qemu: &mut Child, folder: &Path) -> Result<UnixStream> {
+fn accept(listener: &UnixListener, qemu: &Running, folder: &Path) -> Result<UnixStream> {
     listener.set_nonblocking(true)?;
     let begun = Instant::now();
     loop {
@@ -281,7 +317,7 @@ fn accept(listener: &UnixListener, qemu: &mut Child, folder: &Path) -> Result<Un
             Err(e) if e.kind() == ErrorKind::WouldBlock => {}
             Err(e) => return Err(e).context("waiting for QEMU's serial port"),
         }
-        if let Some(status) = qemu.try_wait()? {
+        if let Some(status) = locked(&qemu.child).try_wait()? {
             bail!("QEMU did not start: {}", console(folder, &status));
         }
         if begun.elapsed() > PATIENCE {
@@ -323,7 +359,7 @@ fn listen(
 }
 
 /// The last line on the emulator's console, or the status where there is none.
-fn console(folder: &Path, status: &std::process::ExitStatus) -> String {
+fn console(folder: &Path, status: &ExitStatus) -> String {
     let text = std::fs::read(folder.join("console")).unwrap_or_default();
     let text = String::from_utf8_lossy(&text);
     text.lines().map(str::trim).rfind(|l| !l.is_empty()).map_or(status.to_string(), str::to_owned)

@@ -1,6 +1,9 @@
 //! Everything around the recorder core that needs an operating system: the station file, recordings, the simulator,
 //! the base station, plots and reproductions. The command `seabearing` is a thin layer over this library.
 
+#[macro_use]
+pub mod console;
+
 pub mod ais;
 pub mod atomic;
 pub mod base;
@@ -8,6 +11,7 @@ pub mod cmd;
 pub mod csv;
 pub mod demo;
 pub mod emulator;
+pub mod interrupt;
 pub mod ocean_bottom;
 pub mod orientation;
 pub mod plot;

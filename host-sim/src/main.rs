@@ -18,6 +18,7 @@ fn main() -> std::process::ExitCode {
         Ok(cli) => cli,
         Err(error) => return usage(&error),
     };
+    seabearing::interrupt::watch();
     match cli.command.run() {
         Ok(()) => std::process::ExitCode::SUCCESS,
         // The reader of our output has gone (`seabearing … | head`): nothing is wrong.

@@ -34,6 +34,9 @@ pub const EMULATED_FIT: Image =
 /// The hardware board with everything.
 pub const HARDWARE: Image =
     Image { name: "stm32h743.elf", bin: "stm32h743", features: "stm32h743,array,obs" };
+/// The hardware board with deferred logging of its library over the probe.
+pub const HARDWARE_LOGGING: Image =
+    Image { name: "stm32h743-defmt.elf", bin: "stm32h743", features: "stm32h743,array,obs,defmt" };
 /// The station an image for hardware holds unless another is given.
 const DEFAULT_STATION: &str = "scenarios/demo-station.toml";
 
@@ -47,13 +50,13 @@ pub fn cargo_path(bin: &str) -> PathBuf {
     root().join("target/firmware").join(TARGET).join("firmware").join(bin)
 }
 
-/// Builds the image for hardware, which holds its station's configuration.
-pub fn build_hardware(toolchain: &Toolchain, station: Option<&str>) -> Result<PathBuf> {
+/// Builds an image for hardware, which holds its station's configuration.
+pub fn build_hardware(toolchain: &Toolchain, image: &Image, station: Option<&str>) -> Result<PathBuf> {
     let station = station.unwrap_or(DEFAULT_STATION);
     let blob = root().join("target/firmware/station.sbcf");
     say(&format!("writing the configuration of {station} for the image"));
     run(host(&["blob", "--station", station, "--out"]).arg(&blob), "seabearing blob")?;
-    build_with(toolchain, &HARDWARE, Some(&blob))
+    build_with(toolchain, image, Some(&blob))
 }
 
 /// Builds an image.
@@ -112,7 +115,7 @@ pub fn command(options: &[String]) -> Result<()> {
         report(&build(&toolchain, image)?)?;
     }
     if options.board != "mps2-an500" {
-        report(&build_hardware(&toolchain, options.station)?)?;
+        report(&build_hardware(&toolchain, &HARDWARE, options.station)?)?;
     }
     Ok(())
 }
@@ -123,7 +126,7 @@ pub fn flash(options: &[String]) -> Result<()> {
     let probe = find("probe-rs").context(
         "probe-rs is not installed: `cargo install probe-rs-tools --locked`, then connect the board and run this again",
     )?;
-    let image = build_hardware(&Toolchain::find()?, options.station)?;
+    let image = build_hardware(&Toolchain::find()?, &HARDWARE, options.station)?;
     say("flashing; the board's reset and faults are shown until interrupted");
     run(Command::new(probe).args(["run", "--chip", "STM32H743ZITx"]).arg(image), "probe-rs")
 }

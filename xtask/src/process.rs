@@ -55,7 +55,37 @@ pub fn check() -> Result<()> {
     say("lints");
     let lints = ["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"];
     run(cargo().args(lints), "lints")?;
+    board_lints()?;
     say("documentation");
     let doc = ["doc", "--workspace", "--no-deps", "--document-private-items", "--quiet"];
     run(cargo().args(doc).env("RUSTDOCFLAGS", "-D warnings"), "documentation")
+}
+
+/// Every image the firmware is made into, as its binary and features.
+const IMAGES: [(&str, &str); 6] = [
+    ("mps2-an500", "mps2-an500,array,obs"),
+    ("mps2-an500", "mps2-an500,array"),
+    ("mps2-an500", "mps2-an500,obs"),
+    ("stm32h743", "stm32h743,array,obs"),
+    ("stm32h743", "stm32h743,array,obs,defmt"),
+    ("panic-free", "panic-free,array,obs"),
+];
+
+/// Lints of the boards' own code. Checked for the host's processor, for which the lint tool has a core library; what is
+/// particular to the target is behind calls.
+fn board_lints() -> Result<()> {
+    let folder = root().join("target/lint");
+    std::fs::create_dir_all(&folder).context("target/lint")?;
+    // The hardware image holds a configuration; any will do here.
+    let blob = folder.join("station.sbcf");
+    std::fs::write(&blob, b"").context("target/lint/station.sbcf")?;
+    for (bin, features) in IMAGES {
+        say(&format!("lints of the firmware: {features}"));
+        let mut clippy = cargo();
+        clippy.args(["clippy", "--quiet", "--package", "seabearing-firmware", "--profile", "firmware"]);
+        clippy.args(["--no-default-features", "--features", features, "--lib", "--bin", bin, "--target-dir"]);
+        clippy.arg(&folder).args(["--", "-D", "warnings"]);
+        run(clippy.env("SEABEARING_STATION_BLOB", &blob), "lints of the firmware")?;
+    }
+    Ok(())
 }

@@ -1,6 +1,6 @@
 //! `cargo xtask test`: every test, the emulated ones included, one line a step and a count at the end.
 
-use crate::firmware::{self, EMULATED};
+use crate::firmware::{self, EMULATED, HARDWARE, HARDWARE_LOGGING};
 use crate::process::{cargo, host, run, say};
 use crate::{budget, panic_free, scenario, toolchain};
 use anyhow::{Result, bail};
@@ -69,7 +69,12 @@ fn emulated(suite: &mut Suite) -> Result<()> {
     });
     suite.step("panic freedom", || panic_free::check(&toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(&toolchain));
-    suite.step("stm32h743 links within memory.x", || firmware::build_hardware(&toolchain, None).map(|_| ()));
+    for (name, image) in [
+        ("stm32h743 links within memory.x", &HARDWARE),
+        ("stm32h743 with deferred logging links within memory.x", &HARDWARE_LOGGING),
+    ] {
+        suite.step(name, || firmware::build_hardware(&toolchain, image, None).map(|_| ()));
+    }
     Ok(())
 }
 

@@ -3,16 +3,16 @@
 use super::score::then;
 use super::simulate::{Simulator, Vessel};
 use super::station;
+use crate::atomic::{self, Unfinished};
+use crate::progress;
 use crate::propagation::{Propagation, file};
 use crate::recording::mseed_record::nano_time;
-use crate::{atomic, progress};
 use anyhow::{Context, Result, anyhow};
 use miniseed_rs::{EncodingFormat, MseedRecord, Samples, encode};
 use seabearing_core::block::Frame;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
 
 /// Channel codes in the order of a frame.
 const CODES: [&str; 4] = ["BDH", "BH1", "BH2", "BHZ"];
@@ -40,7 +40,7 @@ pub struct Written {
 
 /// One component's file while it grows.
 struct Component {
-    file: NamedTempFile,
+    file: Unfinished,
     path: PathBuf,
     channel: usize,
     first: u64,
@@ -62,7 +62,10 @@ impl Component {
                 .with_samples(Samples::Int(chunk.to_vec()));
             record.sequence_number = format!("{:06}", self.number);
             let bytes = encode(&record).map_err(|e| anyhow!("{e}"))?;
-            self.file.write_all(&bytes).with_context(|| format!("cannot write {}", self.path.display()))?;
+            self.file
+                .as_file()
+                .write_all(&bytes)
+                .with_context(|| format!("cannot write {}", self.path.display()))?;
             self.first += chunk.len() as u64;
         }
         Ok(())
@@ -100,13 +103,8 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     let (start, rate, name) = (scenario.start_utc()?, scenario.rate_hz, scenario.name.to_uppercase());
     let mut components = Vec::new();
     for channel in (0..4).filter(|c| !scenario.faults.missing.contains(c)) {
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".seabearing-");
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file =
-            builder.tempfile_in(folder).with_context(|| format!("cannot write into {}", folder.display()))?;
         let path = folder.join(format!("{name}.{}.mseed", CODES[channel]));
+        let file = Unfinished::beside(&path)?;
         components.push(Component { file, path, channel, first: 0, samples: Vec::new(), number: 0 });
     }
     let bar = progress::bar(simulator.len(), "samples");
@@ -120,7 +118,7 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     let mut recordings = Vec::new();
     for mut c in components {
         c.flush(start, rate, &name)?;
-        c.file.persist(&c.path).with_context(|| format!("cannot write {}", c.path.display()))?;
+        c.file.finish()?;
         recordings.push(c.path);
     }
     let written = Written {

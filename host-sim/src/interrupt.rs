@@ -1,0 +1,107 @@
+//! What is undone when the command is interrupted: unfinished files, temporary folders, programs it started.
+//!
+//! Whoever makes such a thing registers how to undo it; the guard that comes back takes it off the list. On SIGINT,
+//! SIGTERM or SIGHUP (unless the command was started with the signal ignored, as `nohup` does) everything listed is
+//! undone, one line says so, and the command ends by that signal, as a shell expects.
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// How to undo something.
+type Undo = Box<dyn FnMut() + Send>;
+
+/// What is listed, by number.
+static LISTED: Mutex<(u64, BTreeMap<u64, Undo>)> = Mutex::new((0, BTreeMap::new()));
+
+fn listed() -> MutexGuard<'static, (u64, BTreeMap<u64, Undo>)> {
+    LISTED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Something is listed as long as this lives.
+#[must_use]
+#[derive(Debug)]
+pub struct Guard(u64);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        let undo = listed().1.remove(&self.0);
+        // Dropped after the list is free again: it may own what lists or waits itself.
+        drop(undo);
+    }
+}
+
+/// Makes something and lists how to undo it, without an interruption in between.
+///
+/// # Errors
+/// It cannot be made.
+pub fn listing<T, E>(make: impl FnOnce() -> Result<(T, Undo), E>) -> Result<(T, Guard), E> {
+    let mut list = listed();
+    let (made, undo) = make()?;
+    list.0 += 1;
+    let number = list.0;
+    list.1.insert(number, undo);
+    Ok((made, Guard(number)))
+}
+
+/// Waits for interruptions from now on, in a thread of its own.
+pub fn watch() {
+    let ignored = ignored_signals();
+    let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|s| ignored >> (s - 1) & 1 == 0);
+    // Without handlers an interruption still ends the command, and the next run clears up after it.
+    let Ok(mut signals) = signal_hook::iterator::Signals::new(wanted) else { return };
+    std::thread::spawn(move || {
+        if let Some(signal) = signals.forever().next() {
+            let mut list = listed();
+            let unfinished = list.1.len();
+            list.1.values_mut().for_each(|undo| undo());
+            let line = match unfinished {
+                0 => "seabearing: interrupted\n",
+                _ => "seabearing: interrupted; unfinished files are removed\n",
+            };
+            let _ = std::io::stderr().write_all(line.as_bytes());
+            // The list stays locked: nothing new is begun on the way out.
+            let _ = signal_hook::low_level::emulate_default_handler(signal);
+            std::process::exit(128 + signal);
+        }
+    });
+}
+
+/// Ends the command early with a status, everything listed undone.
+pub fn leave(status: i32) -> ! {
+    let mut list = listed();
+    list.1.values_mut().for_each(|undo| undo());
+    std::process::exit(status)
+}
+
+/// The signals this process was started to ignore, a bit each from 1 up; none where that cannot be known.
+fn ignored_signals() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|l| l.strip_prefix("SigIgn:"));
+    mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok()).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    #[test]
+    fn what_is_finished_is_no_longer_listed() {
+        static UNDONE: AtomicU32 = AtomicU32::new(0);
+        let undo = || {
+            Box::new(|| {
+                UNDONE.fetch_add(1, Ordering::Relaxed);
+            }) as Undo
+        };
+        let (value, guard) = listing(|| Ok::<_, ()>((7, undo()))).unwrap();
+        assert_eq!(value, 7);
+        assert!(listed().1.contains_key(&guard.0));
+        let number = guard.0;
+        drop(guard);
+        assert!(!listed().1.contains_key(&number));
+        assert!(listing(|| Err::<((), Undo), _>("no")).is_err());
+        assert_eq!(UNDONE.load(Ordering::Relaxed), 0);
+    }
+}
