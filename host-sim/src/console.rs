@@ -14,12 +14,12 @@ pub fn print(text: Arguments<'_>) {
     crate::interrupt::leave(1)
 }
 
-/// As the standard library's, through [`print`].
+/// As the standard library's, through [`print()`].
 macro_rules! print {
     ($($text:tt)*) => { $crate::console::print(format_args!($($text)*)) };
 }
 
-/// As the standard library's, through [`print`].
+/// As the standard library's, through [`print()`].
 macro_rules! println {
     () => { $crate::console::print(format_args!("\n")) };
     ($($text:tt)*) => { $crate::console::print(format_args!("{}\n", format_args!($($text)*))) };
