@@ -18,6 +18,9 @@ pub fn wrap_tau(a: f64) -> f64 {
 
 /// An angle brought into (−π, π]. Non-finite input gives 0.
 pub fn wrap_pi(a: f64) -> f64 {
+    if a > -math::f64::PI && a <= math::f64::PI {
+        return a;
+    }
     let t = wrap_tau(a);
     if t > math::f64::PI { t - math::f64::TAU } else { t }
 }

@@ -20,7 +20,7 @@ pub mod f32 {
 pub mod f64 {
     pub use core::f64::consts::{FRAC_PI_2, PI, TAU};
     pub use libm::{
-        acos, asin, atan, atan2, ceil, cos, erf, erfc, exp, fabs as abs, floor, hypot, log as ln,
+        acos, asin, atan, atan2, ceil, cos, erf, erfc, exp, fabs as abs, floor, hypot, j0, log as ln,
         log1p as ln_1p, log10, pow as powf, round, sin, sincos as sin_cos, sqrt, tan, tgamma,
     };
 }

@@ -68,7 +68,7 @@ pub fn estimate<const N: usize>(
         let offset = g[0][COLUMNS - 1] / g[0][0];
         let cost = (g[COLUMNS - 1][COLUMNS - 1] - offset * g[0][COLUMNS - 1]).max(1e-300);
         let variance = cost / (n - 1.0);
-        Ok((n * m::ln(variance) + normal.ln_det, variance, offset, 1.0 / g[0][0]))
+        Ok((n * m::ln(variance) + normal.ln_det(), variance, offset, 1.0 / g[0][0]))
     };
     if model == Model::White {
         let (twice, variance, offset, spread) = at(0.0)?;

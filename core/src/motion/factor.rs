@@ -66,12 +66,12 @@ pub(super) fn differences(rows: &mut [[f64; COLUMNS]], lag: usize) -> Normal {
         before = here;
         let variance = (j + 1.0) / (j * lag as f64);
         out.add(row, 1.0 / variance);
-        out.ln_det += m::ln(variance);
+        out.note(variance);
         left -= 1.0 / (lag as f64 * j * (j + 1.0));
     }
     let left = left.max(1e-12);
     out.add(&rest, 1.0 / left);
-    out.ln_det += m::ln(left);
+    out.note(left);
     out
 }
 
@@ -126,7 +126,7 @@ pub(super) fn substitute(rows: &mut [[f64; COLUMNS]], factor: &[f64]) -> Option<
             *x /= pivot;
         }
         out.add(row, 1.0);
-        out.ln_det += 2.0 * m::ln(*pivot);
+        out.note(pivot * pivot);
     }
     Some(out)
 }

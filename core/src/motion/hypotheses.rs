@@ -11,6 +11,7 @@ use super::ring::Ring;
 use super::settings::Config;
 use super::start::{STARTS, emitted, starts};
 use crate::angle::wrap_pi;
+use crate::math::f64 as m;
 
 /// Hypotheses alive at once.
 pub const HYPOTHESES: usize = 4;
@@ -99,9 +100,9 @@ impl Hypotheses {
 }
 
 /// Whether two hypotheses have run into the same minimum.
-fn same(a: &Line, b: &Line) -> bool {
-    let d = |k: usize| (a.p[k] - b.p[k]).abs();
-    a.sense == b.sense && wrap_pi(a.p[0] - b.p[0]).abs() < 1e-3 && d(2) < 1e-2 && d(1) < 0.5
+pub(crate) fn same(a: &Line, b: &Line) -> bool {
+    let d = |k: usize| m::abs(a.p[k] - b.p[k]);
+    a.sense == b.sense && m::abs(wrap_pi(a.p[0] - b.p[0])) < 1e-3 && d(2) < 1e-2 && d(1) < 0.5
 }
 
 /// The factorisation of the ring's errors with residuals about `line`.

@@ -7,11 +7,11 @@
 //! about 10 evaluations of the short way of [`super::whiten`].
 
 use super::covariance::Model;
-use super::hypotheses::add_priors;
+use super::hypotheses::{add_priors, same};
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, Progress, descend};
 use super::solution::{Solution, solution};
-use super::start::{emitted, starts};
+use super::start::{STARTS, emitted, starts};
 use super::whiten::{Plan, WhitenError, Workspace};
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
@@ -112,11 +112,19 @@ pub fn fit<const N: usize>(
     let white = Plan { method: super::whiten::Method::Chain, model: Model::White, ..plan };
     let pairs = samples.iter().map(|s| (s.t_s, s.azimuth_rad));
     let mut best: Option<Point> = None;
-    for start in starts(pairs, samples.len(), config.speed_m_s, &limits).iter().flatten() {
+    let mut tried = [None; STARTS];
+    for (k, start) in starts(pairs, samples.len(), config.speed_m_s, &limits).iter().flatten().enumerate() {
         let line = emitted(&start.line, &config.medium);
         let rough =
             |line: &Line| evaluate(config, &white, samples.iter().step_by(stride), line, &mut *work, &[]);
         let Some(line) = minimise(line, &free, &limits, ROUGH_STEPS, rough).map(|p| p.line) else { continue };
+        // Several starts lead to one minimum, which is looked at once.
+        if tried.iter().flatten().any(|other| same(other, &line)) {
+            continue;
+        }
+        if let Some(slot) = tried.get_mut(k) {
+            *slot = Some(line);
+        }
         let Some(normal) = evaluate(config, &plan, samples.iter(), &line, work, dense) else { continue };
         if best.is_none_or(|b| normal.cost() < b.normal.cost()) {
             best = Some(Point { line, normal, damping: 1e-6 });

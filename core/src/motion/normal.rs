@@ -17,13 +17,14 @@ pub type Matrix = [[f64; PARAMETERS]; PARAMETERS];
 pub struct Normal {
     /// Upper triangle of the Gram matrix; the last column holds `JᵀC⁻¹r`, its last element the cost `rᵀC⁻¹r`.
     pub gram: [[f64; COLUMNS]; COLUMNS],
-    /// Sum of the logarithms of the prediction-error variances, `ln det C`.
-    pub ln_det: f64,
+    /// Prediction-error variances: the sum of logarithms, and the product of those whose logarithm is yet to be taken.
+    ln_variances: f64,
+    variances: f64,
 }
 
 impl Default for Normal {
     fn default() -> Self {
-        Self { gram: [[0.0; COLUMNS]; COLUMNS], ln_det: 0.0 }
+        Self { gram: [[0.0; COLUMNS]; COLUMNS], ln_variances: 0.0, variances: 1.0 }
     }
 }
 
@@ -36,6 +37,20 @@ impl Normal {
                 self.gram[i][j] += wi * row[j];
             }
         }
+    }
+
+    /// Notes the prediction-error variance of a row. Logarithms are dear: one is taken for many rows.
+    pub fn note(&mut self, variance: f64) {
+        self.variances *= variance;
+        if !(1e-150..1e150).contains(&self.variances) {
+            self.ln_variances += m::ln(self.variances);
+            self.variances = 1.0;
+        }
+    }
+
+    /// Sum of the logarithms of the prediction-error variances noted, `ln det C`.
+    pub fn ln_det(&self) -> f64 {
+        self.ln_variances + m::ln(self.variances)
     }
 
     /// Weighted sum of squared residuals, priors included.
@@ -60,6 +75,11 @@ impl Normal {
         }
         let l = cholesky(&h)?;
         Some(solve(&l, &g))
+    }
+
+    /// Fall of the cost that the linear model promises for a step.
+    fn fall(&self, step: &[f64; PARAMETERS]) -> f64 {
+        step.iter().zip(&self.gram).map(|(x, row)| x * row[PARAMETERS]).sum()
     }
 
     /// Information matrix with unit rows at parameters that are not free.
@@ -193,12 +213,15 @@ pub struct Point {
 /// Largest damping tried before a descent counts as finished.
 const DAMPING_MAX: f64 = 1e8;
 
+/// Fall of the cost that is not worth an evaluation: a ten-thousandth of a standard deviation in every parameter.
+const LEAST_FALL: f64 = 1e-8;
+
 /// What a call of [`descend`] came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// Cost went down; another step may help.
     Moved,
-    /// The cost changed by less than 1e-7, or no damping lowers it.
+    /// The cost changed by less than 1e-7 or would change by less than 1e-8, or no damping lowers it.
     Converged,
 }
 
@@ -212,6 +235,9 @@ pub fn descend(
     let cost = point.normal.cost();
     while point.damping < DAMPING_MAX {
         if let Some(step) = point.normal.step(free, point.damping) {
+            if point.normal.fall(&step) < LEAST_FALL {
+                break;
+            }
             let trial = point.line.moved(&bounded(&step), limits);
             if let Some(normal) = evaluate(&trial).filter(|n| n.is_finite() && n.cost() <= cost) {
                 let fall = cost - normal.cost();

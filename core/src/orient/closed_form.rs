@@ -14,7 +14,7 @@ use crate::math::f64 as m;
 use crate::network::known_track::{TrackPoint, position_at};
 
 /// Axes tried for the assignment of sides: every 22.5°.
-const AXES: u32 = 16;
+const AXES: usize = 16;
 /// Rounds of side assignment from each.
 const ROUNDS: u32 = 6;
 
@@ -67,6 +67,26 @@ pub fn search(
     best.ok_or(OrientError::TooFew)
 }
 
+/// An axis tried: its azimuth, sine and cosine, the form's sums A and B, and δ² with the sides it sets.
+#[derive(Clone, Copy, Default)]
+struct Axis {
+    azimuth: f64,
+    u: f64,
+    v: f64,
+    sum_a: f64,
+    sum_b: f64,
+    error_m2: f64,
+    settled: bool,
+}
+
+impl Axis {
+    /// A new azimuth, sums cleared.
+    fn turn_to(&mut self, azimuth: f64) {
+        let (u, v) = m::sin_cos(azimuth);
+        *self = Self { azimuth, u, v, sum_a: 0.0, sum_b: 0.0, ..*self };
+    }
+}
+
 /// The closed form at one shift and η; `None` where too few bearings are admissible.
 pub fn solve(
     bearings: &[LineBearing],
@@ -86,35 +106,36 @@ pub fn solve(
     if n < LEAST_BEARINGS || 10 * n < 9 * on_track().count() {
         return None;
     }
-    let mut best: Option<(f64, f64)> = None;
-    for axis in 0..AXES {
-        let mut a = m::TAU * f64::from(axis) / f64::from(AXES);
-        let mut error_m2 = f64::INFINITY;
-        for _ in 0..ROUNDS {
-            let (u, v) = m::sin_cos(a);
-            let (mut sum_a, mut sum_b, mut sum_r) = (0.0, 0.0, 0.0);
-            for (x, y, xi) in admissible() {
-                let rho = m::sqrt(x * x + y * y);
-                let side = if x * v - y * u >= 0.0 { 1.0 } else { -1.0 };
-                let tau = side * m::sqrt((1.0 - xi * xi).max(0.0));
-                sum_a += rho * (x * xi - y * tau);
-                sum_b += rho * (y * xi + x * tau);
-                sum_r += rho * rho;
-            }
-            let c = m::sqrt(sum_a * sum_a + sum_b * sum_b);
-            let next = m::atan2(sum_a, sum_b);
-            let settled = next == a;
-            a = next;
-            error_m2 = 2.0 * (sum_r - c) / n as f64;
-            if settled {
-                break;
+    // All axes go round together, so that each bearing's part in the form is worked out once a round.
+    let mut axes = [Axis::default(); AXES];
+    for (k, axis) in axes.iter_mut().enumerate() {
+        axis.turn_to(m::TAU * k as f64 / AXES as f64);
+    }
+    for _ in 0..ROUNDS {
+        let mut sum_r = 0.0;
+        for (x, y, xi) in admissible() {
+            let rho = m::sqrt(x * x + y * y);
+            let tau = m::sqrt((1.0 - xi * xi).max(0.0));
+            sum_r += rho * rho;
+            for axis in axes.iter_mut().filter(|a| !a.settled) {
+                let tau = if x * axis.v - y * axis.u >= 0.0 { tau } else { -tau };
+                axis.sum_a += rho * (x * xi - y * tau);
+                axis.sum_b += rho * (y * xi + x * tau);
             }
         }
-        if best.is_none_or(|(e, _)| error_m2 < e) {
-            best = Some((error_m2, a));
+        for axis in axes.iter_mut().filter(|a| !a.settled) {
+            let c = m::sqrt(axis.sum_a * axis.sum_a + axis.sum_b * axis.sum_b);
+            let next = m::atan2(axis.sum_a, axis.sum_b);
+            axis.error_m2 = 2.0 * (sum_r - c) / n as f64;
+            axis.settled = next == axis.azimuth;
+            axis.turn_to(next);
+        }
+        if axes.iter().all(|a| a.settled) {
+            break;
         }
     }
-    let (error_m2, orientation) = best?;
+    let best = axes.iter().min_by(|a, b| a.error_m2.total_cmp(&b.error_m2));
+    let (error_m2, orientation) = best.map(|a| (a.error_m2, a.azimuth))?;
     let sum: f64 = admissible().map(|(x, y, xi)| computed_error(m::atan2(x, y), xi, orientation)).sum();
     Some(ClosedForm {
         orientation: wrap_tau(orientation),

@@ -9,7 +9,7 @@ use super::known::{Known, Prediction};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
 use crate::motion::chain::{Chain, Colour};
-use crate::motion::hypotheses::add_priors;
+use crate::motion::hypotheses::{add_priors, same};
 use crate::motion::model::{LN_SPEED, Limits, Line, PARAMETERS};
 use crate::motion::normal::{COLUMNS, Normal, Point, Progress, descend};
 use crate::motion::recursive::Config;
@@ -351,10 +351,4 @@ impl Fit {
         }
         self.len = self.len.saturating_sub(1);
     }
-}
-
-/// Whether two lines have run into the same minimum.
-fn same(a: &Line, b: &Line) -> bool {
-    let d = |k: usize| m::abs(a.p[k] - b.p[k]);
-    a.sense == b.sense && m::abs(wrap_pi(a.p[0] - b.p[0])) < 1e-3 && d(2) < 1e-2 && d(1) < 0.5
 }

@@ -4,7 +4,7 @@
 //! Static sources at random azimuths and elevations, 500 m away (spherical delays, exact), source and ambient noise of
 //! one falling spectrum. Everything is measured on what the recorder's own code emits for converter codes.
 
-use super::bearing_limit_source::{Ambient, Sounder, exact_arrivals};
+use super::bearing_limit_source::{Ambient, Desk, Sounder, exact_arrivals};
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::plot::{Figure, Scale};
@@ -156,12 +156,15 @@ fn accuracy(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
     for snr_db in SNR_DB {
         let errors = (0..directions)
             .into_par_iter()
-            .map(|n| {
-                let seed = options.seed.wrapping_mul(1_000_003).wrapping_add(n as u64);
-                let errors = one_direction(plan, &sounder, seed, snr_db);
-                bar.inc(1);
-                errors
-            })
+            .map_init(
+                || sounder.desk(),
+                |desk, n| {
+                    let seed = options.seed.wrapping_mul(1_000_003).wrapping_add(n as u64);
+                    let errors = one_direction(plan, &sounder, desk, seed, snr_db);
+                    bar.inc(1);
+                    errors
+                },
+            )
             .reduce(Errors::default, Errors::add);
         let n = errors.n.max(1) as f64;
         let deg = |x: f64| (x / n).sqrt().to_degrees();
@@ -233,13 +236,19 @@ fn false_alarms(options: &Options, seconds: f64) -> Result<()> {
         let bar = progress::bar(records as u64, "noise records");
         let found: Vec<f32> = (0..records)
             .into_par_iter()
-            .flat_map_iter(|n| {
-                let seed =
-                    options.seed.wrapping_mul(7_368_787).wrapping_add((kind as usize * records + n) as u64);
-                let frames = sounder.record(seed, NOISE_CODES, None);
-                bar.inc(1);
-                bearings(plan, &frames).into_iter().map(|b| b.statistic).collect::<Vec<_>>()
-            })
+            .map_init(
+                || sounder.desk(),
+                |desk, n| {
+                    let seed = options
+                        .seed
+                        .wrapping_mul(7_368_787)
+                        .wrapping_add((kind as usize * records + n) as u64);
+                    let frames = sounder.record_on(desk, seed, NOISE_CODES, None);
+                    bar.inc(1);
+                    bearings(plan, frames).into_iter().map(|b| b.statistic).collect::<Vec<_>>()
+                },
+            )
+            .flatten_iter()
             .collect();
         bar.finish_and_clear();
         let hours = records as f64 * sounder.seconds() / 3600.0;
@@ -259,12 +268,12 @@ fn false_alarms(options: &Options, seconds: f64) -> Result<()> {
     Ok(())
 }
 
-fn one_direction(plan: &Plan, sounder: &Sounder, seed: u64, snr_db: f64) -> Errors {
+fn one_direction(plan: &Plan, sounder: &Sounder, desk: &mut Desk, seed: u64, snr_db: f64) -> Errors {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let azimuth = rng.random_range(0.0..std::f64::consts::TAU);
     let elevation = rng.random_range(-20f64..70.0).to_radians();
     let arrivals = exact_arrivals(plan.geometry(), azimuth, elevation, RANGE_M);
-    let frames = sounder.record(seed ^ 0x5eab_0000, NOISE_CODES, Some((snr_db, arrivals)));
+    let frames = sounder.record_on(desk, seed ^ 0x5eab_0000, NOISE_CODES, Some((snr_db, arrivals)));
     let band = plan.band_hz();
     let band = (f64::from(band.0), f64::from(band.1));
     let snr = 10f64.powf(snr_db / 10.0);
@@ -275,7 +284,7 @@ fn one_direction(plan: &Plan, sounder: &Sounder, seed: u64, snr_db: f64) -> Erro
         return errors;
     };
     // Whole segments only: the limit is for one second.
-    for b in bearings(plan, &frames).iter().filter(|b| b.flags & 2 == 0) {
+    for b in bearings(plan, frames).iter().filter(|b| b.flags & 2 == 0) {
         let da = wrap_pi(f64::from(b.azimuth) - azimuth);
         let de = f64::from(b.elevation) - elevation;
         let (va, ve, c) = (f64::from(b.var_azimuth), f64::from(b.var_elevation), f64::from(b.cov));

@@ -4,10 +4,12 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
 use seabearing_core::block::Frame;
 use seabearing_core::geometry::{Geometry, PAIRS};
+use seabearing_core::math::f64::j0;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -24,6 +26,14 @@ pub enum Ambient {
 
 /// A lower triangle by row.
 type Root = [[Complex<f32>; 4]; 4];
+
+/// Memory for making records.
+pub struct Desk {
+    spectra: [Vec<Complex<f32>>; 4],
+    signal: Vec<f32>,
+    scratch: Vec<Complex<f32>>,
+    frames: Vec<Frame>,
+}
 
 /// Makes records of one length for one array.
 pub struct Sounder {
@@ -58,6 +68,7 @@ impl Sounder {
             // Coherence varies over hundreds of hertz (the time across the array is about a millisecond).
             let group = ((8.0 * samples as f64 / rate_hz) as usize).max(1);
             let roots = (0..=bins / group)
+                .into_par_iter()
                 .map(|g| {
                     let f = ((g * group) as f64 + 0.5 * group as f64) * rate_hz / samples as f64;
                     cholesky(&coherence_matrix(geometry, f, ambient))
@@ -73,12 +84,40 @@ impl Sounder {
         self.samples as f64 / self.rate_hz
     }
 
+    /// Memory for records of this length.
+    pub fn desk(&self) -> Desk {
+        Desk {
+            spectra: std::array::from_fn(|_| vec![Complex::new(0.0, 0.0); self.shape.len()]),
+            signal: vec![0.0; self.samples],
+            scratch: self.inverse.make_scratch_vec(),
+            frames: vec![[0; 4]; self.samples],
+        }
+    }
+
     /// One record as converter codes: noise of `rms_codes`, and a source stronger by `snr_db` with the given arrival
     /// times in seconds.
     pub fn record(&self, seed: u64, rms_codes: f64, source: Option<(f64, [f64; 4])>) -> Vec<Frame> {
+        let mut desk = self.desk();
+        self.record_on(&mut desk, seed, rms_codes, source);
+        desk.frames
+    }
+
+    /// [`Sounder::record`] in memory used again and again: fresh pages of memory cost as much as a transform.
+    pub fn record_on<'a>(
+        &self,
+        desk: &'a mut Desk,
+        seed: u64,
+        rms_codes: f64,
+        source: Option<(f64, [f64; 4])>,
+    ) -> &'a [Frame] {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let bins = self.shape.len();
-        let mut spectra = vec![vec![Complex::new(0.0f32, 0.0); bins]; 4];
+        let Desk { spectra, signal, scratch, frames } = desk;
+        for spectrum in spectra.iter_mut() {
+            // The ends carry nothing, whatever the last transform left there.
+            spectrum[0] = Complex::new(0.0, 0.0);
+            spectrum[bins - 1] = Complex::new(0.0, 0.0);
+        }
         let amplitude = rms_codes as f32;
         for k in 1..bins - 1 {
             let a = self.shape[k] * amplitude;
@@ -115,13 +154,11 @@ impl Sounder {
                 }
             }
         }
-        let mut frames = vec![[0i32; 4]; self.samples];
-        let mut out = vec![0.0f32; self.samples];
         for (c, spectrum) in spectra.iter_mut().enumerate() {
-            if self.inverse.process(spectrum, &mut out).is_err() {
+            if self.inverse.process_with_scratch(spectrum, signal, scratch).is_err() {
                 unreachable!("lengths are the planner's own");
             }
-            for (frame, x) in frames.iter_mut().zip(&out) {
+            for (frame, x) in frames.iter_mut().zip(signal.iter()) {
                 frame[c] = x.round().clamp(-8_388_607.0, 8_388_607.0) as i32;
             }
         }
@@ -181,7 +218,7 @@ fn coherence_matrix(geometry: &Geometry, f: f64, ambient: Ambient) -> [[Complex<
                 (0..n)
                     .map(|step| {
                         let z = (step as f64 + 0.5) / n as f64;
-                        let ring = bessel_j0(k * horizontal * (1.0 - z * z).sqrt());
+                        let ring = j0(k * horizontal * (1.0 - z * z).sqrt());
                         Complex::from_polar(2.0 * z * ring / n as f64, k * d[2] * z)
                     })
                     .sum()
@@ -191,13 +228,6 @@ fn coherence_matrix(geometry: &Geometry, f: f64, ambient: Ambient) -> [[Complex<
         m[i][j] = gamma.conj();
     }
     m
-}
-
-/// Bessel function J0 by its integral over a quarter circle.
-fn bessel_j0(x: f64) -> f64 {
-    let n = 16 + (x / 2.0) as usize;
-    (0..n).map(|i| (x * (std::f64::consts::FRAC_PI_2 * (i as f64 + 0.5) / n as f64).sin()).cos()).sum::<f64>()
-        / n as f64
 }
 
 /// Lower root L of a Hermitian matrix, `L Lᴴ = M`.

@@ -72,20 +72,27 @@ fn mean_age_s() -> f64 {
     0.5 + FORGETTING / (1.0 - FORGETTING)
 }
 
-/// One recording's bearings: (as measured, true sine, standard deviation claimed).
-fn recording(seed: u64, run: usize, snr_db: f64, method: Method) -> Result<Vec<(LineBearing, f64, f64)>> {
+/// Spectra of the sensors at the tone's frequency, frame by frame.
+type Snapshots = Vec<[Complex; MAX_SENSORS]>;
+
+/// One recording, second by second, as the sensors' spectra at the tone's frequency.
+fn recording(seed: u64, run: usize, snr_db: f64) -> Vec<Snapshots> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(run as u64);
-    let plan = LinePlan::new(SENSORS, SPACING_M, FREQUENCY_HZ, SOUND_SPEED_M_S, SUBARRAYS, FORGETTING, 1)
-        .map_err(|e| anyhow!("line plan: {e:?}"))?;
     let window: Vec<f64> = (0..FRAME).map(|k| 0.5 - 0.5 * (TAU * k as f64 / FRAME as f64).cos()).collect();
     let (sum, squares) = (window.iter().sum::<f64>(), window.iter().map(|w| w * w).sum::<f64>());
     // Power of the tone's transform over the noise's: (sum/2)² / (σ² Σ w²).
     let sigma = (0.25 * sum * sum / squares / 10f64.powf(snr_db / 10.0)).sqrt();
-    let kernel: Vec<Complex> = (0..FRAME)
-        .map(|k| Complex::unit(-TAU * FREQUENCY_HZ * k as f64 / RATE_HZ).scale(window[k]))
-        .collect();
-    let (mut state, mut scratch) = (State::new(), Scratch::new());
+    let turn = |k: usize| TAU * FREQUENCY_HZ * k as f64 / RATE_HZ;
+    let kernel: Vec<Complex> = (0..FRAME).map(|k| Complex::unit(-turn(k)).scale(window[k])).collect();
+    // The tone's own transform: of its two rotating halves, for a phase of zero.
+    let half = |sign: f64| {
+        kernel
+            .iter()
+            .enumerate()
+            .fold(Complex::ZERO, |sum, (k, c)| sum + *c * Complex::unit(sign * turn(k)).scale(0.5))
+    };
+    let (forward, backward) = (half(1.0), half(-1.0));
     let mut phase: f64 = rng.random::<f64>() * TAU;
     let mut out = Vec::new();
     for second in 0..BEARINGS {
@@ -98,20 +105,32 @@ fn recording(seed: u64, run: usize, snr_db: f64, method: Method) -> Result<Vec<(
             let at = sine(begin + 0.5 * FRAME as f64 / RATE_HZ - SHIFT_S);
             for (m, x) in snapshot.iter_mut().enumerate().take(SENSORS) {
                 let delay = TAU * FREQUENCY_HZ * SPACING_M * m as f64 * at / SOUND_SPEED_M_S;
-                let mut value = Complex::ZERO;
-                for (k, kernel) in kernel.iter().enumerate() {
+                let mut value =
+                    forward * Complex::unit(phase + delay) + backward * Complex::unit(-phase - delay);
+                for kernel in &kernel {
                     let noise: f64 = StandardNormal.sample(&mut rng);
-                    let tone = (TAU * FREQUENCY_HZ * k as f64 / RATE_HZ + phase + delay).cos();
-                    value = value + kernel.scale(tone + sigma * noise);
+                    value = value + kernel.scale(sigma * noise);
                 }
                 *x = value;
             }
         }
+        out.push(snapshots);
+    }
+    out
+}
+
+/// A recording's bearings: (as measured, true sine, standard deviation claimed).
+fn heard(recording: &[Snapshots], method: Method) -> Result<Vec<(LineBearing, f64, f64)>> {
+    let plan = LinePlan::new(SENSORS, SPACING_M, FREQUENCY_HZ, SOUND_SPEED_M_S, SUBARRAYS, FORGETTING, 1)
+        .map_err(|e| anyhow!("line plan: {e:?}"))?;
+    let (mut state, mut scratch) = (State::new(), Scratch::new());
+    let mut out = Vec::new();
+    for (second, snapshots) in recording.iter().enumerate() {
         let mut arrivals = [Arrival::default(); MAX_SOURCES];
-        plan.step(&mut state, &mut scratch, &snapshots, method, &mut arrivals)
+        plan.step(&mut state, &mut scratch, snapshots, method, &mut arrivals)
             .map_err(|e| anyhow!("bearing: {e:?}"))?;
         let age = if second == 0 { 0.5 } else { mean_age_s() };
-        let t_s = f64::from(second) - age;
+        let t_s = second as f64 - age;
         out.push((LineBearing { t_s, sine: arrivals[0].sine }, sine(t_s - SHIFT_S), arrivals[0].sd));
     }
     Ok(out)
@@ -121,8 +140,8 @@ fn recording(seed: u64, run: usize, snr_db: f64, method: Method) -> Result<Vec<(
 /// standardised error of the sines; the three of the fit with a free shift.
 type Outcome = [f64; 11];
 
-fn outcome(options: &Options, run: usize, method: Method) -> Result<Outcome> {
-    let heard = recording(options.seed, run, 10.0, method)?;
+fn outcome(recording: &[Snapshots], method: Method) -> Result<Outcome> {
+    let heard = heard(recording, method)?;
     let bearings: Vec<LineBearing> = heard.iter().map(|h| h.0).collect();
     let settings = LineSettings { shift_s: (-1.0, 7.0), eta: (0.85, 1.05), gap_s: 60.0, whole_s: 1.0 };
     let settings_free = LineSettings { whole_s: 0.0, ..settings };
@@ -149,7 +168,7 @@ fn outcome(options: &Options, run: usize, method: Method) -> Result<Outcome> {
 
 fn run(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(RUNS);
-    let bar = crate::progress::bar(2 * runs as u64, "line-orientation");
+    let bar = crate::progress::bar(runs as u64, "line-orientation");
     let mut report = Report::new(
         "line-orientation",
         &[
@@ -165,15 +184,17 @@ fn run(options: &Options) -> Result<()> {
         ],
     );
     let mut worst = 0.0f64;
-    for method in [Method::Spectrum, Method::Root] {
-        let outcomes = (0..runs)
-            .into_par_iter()
-            .map(|run| {
-                let o = outcome(options, run, method);
-                bar.inc(1);
-                o
-            })
-            .collect::<Result<Vec<Outcome>>>()?;
+    const METHODS: [Method; 2] = [Method::Spectrum, Method::Root];
+    let outcomes = (0..runs)
+        .into_par_iter()
+        .map(|run| {
+            let recording = recording(options.seed, run, 10.0);
+            bar.inc(1);
+            Ok([outcome(&recording, METHODS[0])?, outcome(&recording, METHODS[1])?])
+        })
+        .collect::<Result<Vec<[Outcome; 2]>>>()?;
+    for (k, method) in METHODS.into_iter().enumerate() {
+        let outcomes: Vec<Outcome> = outcomes.iter().map(|both| both[k]).collect();
         let rms = |i: usize| (outcomes.iter().map(|o| o[i] * o[i]).sum::<f64>() / runs as f64).sqrt();
         let largest = |i: usize| outcomes.iter().fold(0.0f64, |m, o| m.max(o[i].abs()));
         let mean = |i: usize| outcomes.iter().map(|o| o[i]).sum::<f64>() / runs as f64;
@@ -203,7 +224,7 @@ fn run(options: &Options) -> Result<()> {
 
 /// One recording: its bearings, and the mean angle error over η for each shift, as the paper's figure 5.
 fn pictures(options: &Options) -> Result<()> {
-    let heard = recording(options.seed, 0, 10.0, Method::Root)?;
+    let heard = heard(&recording(options.seed, 0, 10.0), Method::Root)?;
     let mut figure = Figure::new("Sine of the bearing at 702 Hz (paper L, figure 4)", "time (s)", "sine");
     figure.truth("true", &heard.iter().map(|(b, s, _)| (b.t_s, *s)).collect::<Vec<_>>());
     figure.points("root-MUSIC", &heard.iter().map(|(b, _, _)| (b.t_s, b.sine)).collect::<Vec<_>>());
