@@ -1,24 +1,20 @@
 //! Several vessels at once: are tracks kept apart through crossings, and are manoeuvres (and only they) noticed?
 //!
 //! Four vessels pass one array within 300 s on random straight tracks (closest points 200 to 1500 m, 5 to 10 m/s), drawn
-//! until exactly two pairs of bearings cross between 60 and 240 s and all are more than 6° apart at both ends. Every
-//! 0.5 s each gives a bearing with probability 0.85: white error of 0.9° and Gauss-Markov error of 0.5° and 5 s; vessels
-//! within 3° of each other give one bearing between them, weighted by level; one instant in twenty has a false bearing
-//! anywhere. Then single vessels, half of which turn by 40° at 1 degree a second.
+//! until exactly two pairs of bearings cross between 60 and 240 s and all are more than 6° apart at both ends, heard as
+//! [`super::heard_vessels`] says; one instant in twenty has a false bearing anywhere. Then single vessels, half of which
+//! turn by 40° at 1 degree a second.
 
+use super::heard_vessels::{Bearings, RATE_HZ, Source, listen, track};
 use super::{Experiment, Options};
 use crate::plot::{Figure, cut_at_wraps, write_panels};
 use crate::progress;
 use anyhow::Result;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use seabearing_core::angle::{RAD_PER_DEG, wrap_pi, wrap_tau};
-use seabearing_core::config::Tracking;
-use seabearing_core::motion::recursive;
-use seabearing_core::traffic::{self, Config, State};
-use seabearing_core::wire::{Bearing, Message, Track};
+use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
+use seabearing_core::wire::Track;
 use serde_json::json;
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -31,17 +27,9 @@ pub const EXPERIMENT: Experiment = Experiment {
     run,
 };
 
-const RATE_HZ: f64 = 64_000.0;
-const STEP_S: f64 = 0.5;
 const DURATION_S: f64 = 300.0;
 const VESSELS: usize = 4;
-const DETECTION: f64 = 0.85;
 const FALSE_BEARING: f64 = 0.05;
-const MERGE_DEG: f64 = 3.0;
-const WHITE_DEG: f64 = 0.9;
-const COLOURED_DEG: f64 = 0.5;
-const TAU_S: f64 = 5.0;
-const SOUND_M_S: f64 = 1484.0;
 const TURN_DEG: f64 = 40.0;
 const TURN_RATE_DEG_S: f64 = 1.0;
 
@@ -69,7 +57,9 @@ impl Vessel {
             turn: None,
         }
     }
+}
 
+impl Source for Vessel {
     fn position(&self, t_s: f64) -> (f64, f64) {
         let (s, c) = self.cpa_azimuth.sin_cos();
         let straight = |t: f64| {
@@ -90,25 +80,7 @@ impl Vessel {
             y + radius * (new.sin() - heading.sin()) + on * new.cos(),
         )
     }
-
-    fn range(&self, t_s: f64) -> f64 {
-        let (x, y) = self.position(t_s);
-        x.hypot(y)
-    }
-
-    /// Azimuth received at `t_s`.
-    fn azimuth(&self, t_s: f64) -> f64 {
-        let mut emitted_s = t_s;
-        for _ in 0..4 {
-            emitted_s = t_s - self.range(emitted_s) / SOUND_M_S;
-        }
-        let (x, y) = self.position(emitted_s);
-        wrap_tau(x.atan2(y))
-    }
 }
-
-/// Times and bearings of one run, in order.
-type Bearings = Vec<(f64, f64)>;
 
 fn apart(a: &Vessel, b: &Vessel, t_s: f64) -> f64 {
     wrap_pi(a.azimuth(t_s) - b.azimuth(t_s))
@@ -148,86 +120,6 @@ fn traffic_of_four(rng: &mut impl Rng) -> Vec<Vessel> {
             return vessels;
         }
     }
-}
-
-/// What the array would report of these vessels.
-fn listen(vessels: &[Vessel], rng: &mut ChaCha8Rng, false_bearing: f64) -> Bearings {
-    let mut normal = {
-        let mut rng = ChaCha8Rng::seed_from_u64(rng.random());
-        move || -> f64 { StandardNormal.sample(&mut rng) }
-    };
-    let keep = (-STEP_S / TAU_S).exp();
-    let mut coloured: Vec<f64> = vessels.iter().map(|_| COLOURED_DEG * normal()).collect();
-    let mut out = Vec::new();
-    for k in 0..(DURATION_S / STEP_S) as u32 {
-        let t_s = STEP_S * f64::from(k);
-        // Sorted by azimuth, vessels close together form groups that give one bearing.
-        let mut heard: Vec<(f64, f64)> = Vec::new();
-        for (vessel, coloured) in vessels.iter().zip(&mut coloured) {
-            *coloured = keep * *coloured + (1.0 - keep * keep).sqrt() * COLOURED_DEG * normal();
-            let azimuth = vessel.azimuth(t_s) + *coloured * RAD_PER_DEG;
-            let level = vessel.range(t_s).powi(-2);
-            let near = heard.iter_mut().find(|(a, _)| wrap_pi(azimuth - *a).abs() < MERGE_DEG * RAD_PER_DEG);
-            if let Some((a, l)) = near {
-                *a += level / (level + *l) * wrap_pi(azimuth - *a);
-                *l += level;
-            } else {
-                heard.push((azimuth, level));
-            }
-        }
-        for (azimuth, _) in heard {
-            if rng.random::<f64>() < DETECTION {
-                out.push((t_s, wrap_tau(azimuth + WHITE_DEG * RAD_PER_DEG * normal())));
-            }
-        }
-        if rng.random::<f64>() < false_bearing {
-            out.push((t_s, rng.random_range(0.0..TAU)));
-        }
-    }
-    out
-}
-
-fn config() -> Config {
-    let tracking = Tracking { bearing_sd_deg: COLOURED_DEG, bearing_tau_s: TAU_S, ..Tracking::default() };
-    Config::with(recursive::Config::new(&tracking, SOUND_M_S), RATE_HZ)
-}
-
-fn message(t_s: f64, azimuth: f64) -> Bearing {
-    let variance = (WHITE_DEG * RAD_PER_DEG).powi(2) as f32;
-    Bearing {
-        index: (t_s * RATE_HZ) as u64,
-        azimuth: azimuth as f32,
-        elevation: 0.0,
-        var_azimuth: variance,
-        var_elevation: variance,
-        cov: 0.0,
-        snr_db: 10.0,
-        quality: 1.0,
-        closure_s: 0.0,
-        statistic: 2.0,
-        band: 0,
-        flags: 0,
-    }
-}
-
-/// Runs the tracker; returns its track records, and for each bearing the number of the track it lies on.
-fn track(bearings: &Bearings) -> (Vec<Track>, Vec<Option<u16>>) {
-    let config = config();
-    let mut state = State::new();
-    let (mut records, mut on) = (Vec::new(), Vec::new());
-    let mut sink = |m| {
-        if let Message::Track(t) = m {
-            records.push(t);
-        }
-    };
-    for &(t_s, azimuth) in bearings {
-        let bearing = message(t_s, azimuth);
-        traffic::bearing(&config, &mut state, &bearing, &mut sink);
-        traffic::advance(&config, &mut state, bearing.index, &mut sink);
-        on.push(state.nearest(&config, &bearing));
-    }
-    traffic::finish(&config, &mut state, &mut sink);
-    (records, on)
 }
 
 /// What happened to the tracks of one run.
@@ -281,7 +173,7 @@ fn run(options: &Options) -> Result<()> {
         .map(|seed| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let vessels = traffic_of_four(&mut rng);
-            let (records, _) = track(&listen(&vessels, &mut rng, FALSE_BEARING));
+            let (records, _) = track(&listen(&vessels, DURATION_S, &mut rng, FALSE_BEARING));
             bar.inc(1);
             (seed, verdict(&vessels, &records))
         })
@@ -360,7 +252,7 @@ impl Turn {
         let first = records.first().map_or(0, |r| r.id);
         let switched = records.iter().find(|r| r.id != first).map(|r| r.index as f64 / RATE_HZ);
         let straight = Vessel { turn: None, ..vessel };
-        let (records, _) = track(&listen(&[straight], &mut rng, 0.0));
+        let (records, _) = track(&listen(&[straight], DURATION_S, &mut rng, 0.0));
         let ids: BTreeSet<u16> = records.iter().map(|r| r.id).collect();
         Self {
             delay_s: switched.filter(|t| *t >= start_s).map(|t| t - start_s),
@@ -375,7 +267,7 @@ fn turning(rng: &mut ChaCha8Rng) -> (Vessel, Bearings) {
     let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
     let turn = Some((rng.random_range(100.0..160.0), sign));
     let vessel = Vessel { turn, cpa_s: 150.0, ..Vessel::random(rng, (300.0, 800.0)) };
-    let bearings = listen(&[vessel], rng, 0.0);
+    let bearings = listen(&[vessel], DURATION_S, rng, 0.0);
     (vessel, bearings)
 }
 
@@ -383,7 +275,7 @@ fn turning(rng: &mut ChaCha8Rng) -> (Vessel, Bearings) {
 fn picture(options: &Options) -> Result<()> {
     let mut rng = ChaCha8Rng::seed_from_u64(seeds(options, 1, 1)[0]);
     let four = traffic_of_four(&mut rng);
-    let bearings = listen(&four, &mut rng, FALSE_BEARING);
+    let bearings = listen(&four, DURATION_S, &mut rng, FALSE_BEARING);
     let (_, on) = track(&bearings);
     let mut csv = String::from("t_s,azimuth_deg,track,truth0_deg,truth1_deg,truth2_deg,truth3_deg\n");
     for ((t_s, azimuth), id) in bearings.iter().zip(&on) {

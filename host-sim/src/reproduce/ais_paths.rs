@@ -1,0 +1,171 @@
+//! Smooth paths of real vessels from their AIS reports: position, velocity and acceleration every second.
+//!
+//! Reports of one vessel that follow each other within [`GAP_S`] and need no impossible speed make a path. At each second a
+//! parabola is fitted to the reports within [`REACH_S`] either side, weighted by the tricube of their distance in time;
+//! its value and derivatives are the vessel's. Turns shorter than some ten seconds are blurred by that.
+
+use super::heard_vessels::Source;
+use crate::ais::Report;
+use crate::orientation::local_frame::LocalFrame;
+use nalgebra::{Matrix3, Vector3};
+use std::collections::BTreeMap;
+
+/// Longest time between reports of one path, seconds.
+const GAP_S: f64 = 25.0;
+/// Reports so far away in time take part in the parabola, seconds; three at least must.
+const REACH_S: f64 = 25.0;
+const LEAST_REPORTS: usize = 5;
+/// A report that would need more speed than this joins wrong positions, m/s.
+const IMPOSSIBLE_M_S: f64 = 30.0;
+
+/// A vessel at one second.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant {
+    /// East and North, metres.
+    pub position_m: [f64; 2],
+    /// Velocity, m/s.
+    pub velocity_m_s: [f64; 2],
+    /// Acceleration, m/s².
+    pub acceleration_m_s2: [f64; 2],
+}
+
+impl Instant {
+    /// Speed, m/s.
+    pub fn speed_m_s(&self) -> f64 {
+        self.velocity_m_s[0].hypot(self.velocity_m_s[1])
+    }
+
+    /// Course, radians clockwise from North.
+    pub fn course(&self) -> f64 {
+        self.velocity_m_s[0].atan2(self.velocity_m_s[1])
+    }
+
+    /// Rate of turn, rad/s, clockwise positive.
+    pub fn turn_rad_s(&self) -> f64 {
+        let ([vx, vy], [ax, ay]) = (self.velocity_m_s, self.acceleration_m_s2);
+        (ax * vy - ay * vx) / (vx * vx + vy * vy)
+    }
+
+    /// Acceleration along the course, m/s².
+    pub fn along_m_s2(&self) -> f64 {
+        let ([vx, vy], [ax, ay]) = (self.velocity_m_s, self.acceleration_m_s2);
+        (ax * vx + ay * vy) / self.speed_m_s()
+    }
+}
+
+/// A path, one instant a second.
+pub type Path = Vec<Instant>;
+
+/// The paths of at least `least_s` seconds in the reports, in order of vessel and time.
+pub fn paths(reports: &[Report], least_s: usize) -> Vec<Path> {
+    let Some(first) = reports.first() else { return Vec::new() };
+    let frame = LocalFrame::new(first.lat_lon_deg.0, first.lat_lon_deg.1);
+    let mut vessels: BTreeMap<u64, Vec<(f64, [f64; 2])>> = BTreeMap::new();
+    for r in reports {
+        let (x, y) = frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
+        vessels.entry(r.mmsi).or_default().push((r.t_s, [x, y]));
+    }
+    let mut out = Vec::new();
+    for track in vessels.values_mut() {
+        track.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut piece: Vec<(f64, [f64; 2])> = Vec::new();
+        for report in track.iter() {
+            if let Some((t_s, [x, y])) = piece.last() {
+                let dt = report.0 - t_s;
+                if dt > GAP_S {
+                    out.extend(smooth(&std::mem::take(&mut piece)));
+                } else if dt < 1.0 || (report.1[0] - x).hypot(report.1[1] - y) > IMPOSSIBLE_M_S * dt + 20.0 {
+                    continue;
+                }
+            }
+            piece.push(*report);
+        }
+        out.extend(smooth(&piece));
+    }
+    out.retain(|p| p.len() >= least_s);
+    out
+}
+
+/// Parabolas through one vessel's consecutive reports; cut where too few are near.
+fn smooth(reports: &[(f64, [f64; 2])]) -> Vec<Path> {
+    let (Some(first), Some(last)) = (reports.first(), reports.last()) else { return Vec::new() };
+    let mut out = vec![Path::new()];
+    for k in 0..=(last.0 - first.0) as u32 {
+        match parabola(reports, first.0 + f64::from(k)) {
+            Some(instant) => out.last_mut().map_or((), |path| path.push(instant)),
+            None => out.push(Path::new()),
+        }
+    }
+    out
+}
+
+fn parabola(reports: &[(f64, [f64; 2])], t_s: f64) -> Option<Instant> {
+    let from = reports.partition_point(|r| r.0 <= t_s - REACH_S);
+    let near = reports[from..].iter().take_while(|r| r.0 < t_s + REACH_S);
+    let (mut normal, mut sides, mut count) = (Matrix3::zeros(), [Vector3::zeros(); 2], 0);
+    for (at, position) in near {
+        let tau = (at - t_s) / REACH_S;
+        let weight = (1.0 - tau.abs().powi(3)).powi(3);
+        let row = Vector3::new(1.0, tau, tau * tau);
+        normal += weight * row * row.transpose();
+        for (side, p) in sides.iter_mut().zip(position) {
+            *side += weight * *p * row;
+        }
+        count += 1;
+    }
+    let factor = normal.cholesky().filter(|_| count >= LEAST_REPORTS)?;
+    let [x, y] = sides.map(|s| factor.solve(&s));
+    Some(Instant {
+        position_m: [x[0], y[0]],
+        velocity_m_s: [x[1] / REACH_S, y[1] / REACH_S],
+        acceleration_m_s2: [2.0 * x[2] / (REACH_S * REACH_S), 2.0 * y[2] / (REACH_S * REACH_S)],
+    })
+}
+
+/// A stretch of a path past an array.
+#[derive(Clone, Copy, Debug)]
+pub struct Passing<'a> {
+    /// The stretch.
+    pub path: &'a [Instant],
+    /// Where the array is, in the path's frame, metres.
+    pub array_m: [f64; 2],
+}
+
+impl Source for Passing<'_> {
+    fn position(&self, t_s: f64) -> (f64, f64) {
+        let last = self.path.len() - 2;
+        let k = (t_s.max(0.0) as usize).min(last);
+        let (a, b, f) = (&self.path[k], &self.path[k + 1], t_s - k as f64);
+        let at = |i: usize| a.position_m[i] + f * (b.position_m[i] - a.position_m[i]) - self.array_m[i];
+        (at(0), at(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_circle_of_reports_has_its_speed_and_rate_of_turn() {
+        // 8 m/s, 0.5 °/s clockwise, a report every 4 s, one wrong position among them.
+        let rate = 0.5f64.to_radians();
+        let radius = 8.0 / rate;
+        let frame = LocalFrame::new(50.0, -1.0);
+        let reports: Vec<Report> = (0..80)
+            .map(|k| {
+                let t_s = 4.0 * f64::from(k);
+                let (s, c) = (rate * t_s).sin_cos();
+                let jump = if k == 40 { 5000.0 } else { 0.0 };
+                let lat_lon_deg = frame.lat_lon_deg(radius * (1.0 - c) + jump, radius * s);
+                Report { mmsi: 1, t_s, lat_lon_deg, speed_m_s: None }
+            })
+            .collect();
+        let found = paths(&reports, 100);
+        assert_eq!(found.len(), 1);
+        for instant in &found[0][30..280] {
+            assert!((instant.speed_m_s() - 8.0).abs() < 0.1, "{instant:?}");
+            assert!((instant.turn_rad_s() - rate).abs() < 0.05 * rate, "{instant:?}");
+            assert!(instant.along_m_s2().abs() < 0.01, "{instant:?}");
+        }
+    }
+}
