@@ -23,6 +23,13 @@ impl MeasuredSpeed {
     }
 }
 
+/// Depth of a surface vessel's propeller, metres: laden ships 8 to 12, boats 1.
+const PROPELLER_DEPTH_M: f64 = 5.0;
+/// Height below which the doubt about it is a large part of it, metres.
+const LEAST_HEIGHT_M: f64 = 25.0;
+/// Standard deviation of what multipath, refraction and a tilted array put on all elevations of a vessel, radians (1°).
+const ELEVATION_BIAS_SD_RAD: f64 = 0.017_453;
+
 /// What the filter assumes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
@@ -65,9 +72,16 @@ impl Config {
         }
     }
 
-    /// From a validated station configuration.
+    /// From a validated station configuration: a station deep enough has a vessel's height above it from its depth, so
+    /// that elevations tell range, whatever the speed.
     pub fn of_station(station: &StationConfig) -> Self {
-        Self::new(&station.tracking, station.sound_speed_m_s)
+        let mut config = Self::new(&station.tracking, station.sound_speed_m_s);
+        let height_m = station.depth_m - PROPELLER_DEPTH_M;
+        if height_m >= LEAST_HEIGHT_M {
+            config.medium.height_m = height_m;
+            config.elevation_bias_sd_rad = ELEVATION_BIAS_SD_RAD;
+        }
+        config
     }
 
     /// With a measurement of this vessel's speed joined to the prior, both Gaussian and independent. A known speed stays

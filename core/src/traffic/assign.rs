@@ -156,7 +156,7 @@ mod tests {
     }
 
     fn heard(azimuth: f64) -> Heard {
-        Heard { azimuth, variance: 3e-4 }
+        Heard::azimuth(azimuth, 3e-4)
     }
 
     fn verdicts(tracks: &[f64], bearings: &[f64]) -> std::vec::Vec<Verdict> {

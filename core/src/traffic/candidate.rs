@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn a_steady_turn_across_north_is_born_and_noise_is_not() {
-        let heard = |azimuth: f64| Heard { azimuth: crate::angle::wrap_tau(azimuth), variance: 1e-4 };
+        let heard = |azimuth: f64| Heard::azimuth(crate::angle::wrap_tau(azimuth), 1e-4);
         let mut candidate = Candidate::new();
         candidate.begin(0.0, &heard(-0.05));
         let mut born = false;

@@ -1,10 +1,12 @@
-//! One vessel's straight-track fit in 2 KiB: averaged bearings in single precision, lines, the best line's covariance.
+//! One vessel's straight-track fit in 2.3 KiB: averaged bearings in single precision, with elevations where they tell
+//! range, lines, the best line's covariance.
 //!
 //! The model, the whitening and the descent are those of [`crate::motion`]; what differs from its own recursive filter
 //! is what is kept: the normal equations live only within a call, and a bearing's errors are worked out from the span
 //! it averages instead of being stored. The lines take one damped Gauss-Newton step every [`REFRESH_S`], not with every
 //! bearing: between steps the vessel is predicted by the line as it stands.
 
+use super::Heard;
 use super::known::{Known, Prediction};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
@@ -55,6 +57,8 @@ pub(super) struct Node {
     span_s: f32,
     /// Bearings averaged.
     count: u32,
+    /// Mean elevation, radians, and its variance, rad²; infinite where there is none.
+    elevation: (f32, f32),
 }
 
 impl Node {
@@ -90,7 +94,8 @@ pub(super) struct Fit {
 
 impl Fit {
     pub(super) const fn new() -> Self {
-        const EMPTY: Node = Node { t_s: 0.0, azimuth: 0.0, white: 0.0, span_s: 0.0, count: 0 };
+        const EMPTY: Node =
+            Node { t_s: 0.0, azimuth: 0.0, white: 0.0, span_s: 0.0, count: 0, elevation: (0.0, 0.0) };
         Self {
             origin_s: 0.0,
             last_s: 0.0,
@@ -124,8 +129,8 @@ impl Fit {
     }
 
     /// Takes a bearing that belongs to this vessel (times in order).
-    pub(super) fn push(&mut self, config: &Config, t_s: f64, azimuth: f64, variance: f64) {
-        self.keep(config, t_s, azimuth, variance);
+    pub(super) fn push(&mut self, config: &Config, t_s: f64, heard: &Heard) {
+        self.keep(config, t_s, heard);
         if self.seen >= self.next_seeding {
             self.next_seeding = self.seen.saturating_add(self.seen / 2);
             self.refreshed_s = t_s;
@@ -138,16 +143,16 @@ impl Fit {
 
     /// A bearing that a young track's lines do not explain, though it lies where the vessel was: they may have run into a
     /// wrong arc. They are searched afresh over all bearings, this one too, which is taken (true) if one explains them.
-    pub(super) fn reconsider(&mut self, config: &Config, t_s: f64, azimuth: f64, variance: f64) -> bool {
+    pub(super) fn reconsider(&mut self, config: &Config, t_s: f64, heard: &Heard) -> bool {
         let Some(last) = self.nodes().last().filter(|_| self.seen < YOUNG) else { return false };
-        let step = m::abs(wrap_pi(azimuth - f64::from(last.azimuth)));
+        let step = m::abs(wrap_pi(heard.azimuth - f64::from(last.azimuth)));
         if self.best.is_none() || step > NEAR_RAD + DRIFT_RAD_S * (t_s - self.last_s).max(0.0) {
             return false;
         }
         let mut all = self.clone();
         all.lines = [None; LINES];
-        all.keep(config, t_s, azimuth, variance);
-        let freedom = f64::from(all.seen);
+        all.keep(config, t_s, heard);
+        let freedom = all.measurements();
         let most = freedom + CHANCE_SD * m::sqrt(2.0 * freedom);
         let explained = all.improve(config, true, FINAL_STEPS).is_some_and(|cost| cost < most);
         if explained {
@@ -157,7 +162,7 @@ impl Fit {
     }
 
     /// Adds a bearing to what is kept; the lines stay as they are.
-    fn keep(&mut self, config: &Config, t_s: f64, azimuth: f64, variance: f64) {
+    fn keep(&mut self, config: &Config, t_s: f64, heard: &Heard) {
         if self.seen == 0 {
             self.origin_s = t_s;
             self.refreshed_s = t_s;
@@ -169,9 +174,9 @@ impl Fit {
             self.merge();
         }
         if let Some(slot) = self.nodes.get_mut(self.len) {
-            let white = (variance + config.errors().2).max(LEAST_VARIANCE) as f32;
-            let t_s = (t_s - self.origin_s) as f32;
-            *slot = Node { t_s, azimuth: wrap_tau(azimuth) as f32, white, span_s: 0.0, count: 1 };
+            let white = (heard.variance + config.errors().2).max(LEAST_VARIANCE) as f32;
+            let (t_s, azimuth) = ((t_s - self.origin_s) as f32, wrap_tau(heard.azimuth) as f32);
+            *slot = Node { t_s, azimuth, white, span_s: 0.0, count: 1, elevation: heard.elevation };
             self.len += 1;
         }
     }
@@ -196,7 +201,13 @@ impl Fit {
         let line = self.best.as_ref()?.line;
         let normal = self.evaluate(config, &line)?;
         let limits = self.limits(config);
-        solution(&line, &normal, &config.free(), &limits, self.seen, self.len as f64)
+        solution(&line, &normal, &config.free(), &limits, self.seen, self.measurements())
+    }
+
+    /// Averaged azimuths and elevations.
+    fn measurements(&self) -> f64 {
+        let elevations = self.nodes().iter().filter(|n| n.elevation.1.is_finite()).count();
+        (self.len + elevations) as f64
     }
 
     /// The end-of-passage solution: from all lines and fresh starts, to convergence.
@@ -262,8 +273,18 @@ impl Fit {
                 *r = wrap_pi(f64::from(node.azimuth) - e.azimuth);
             }
             chain.push(t_s, &node.colour(tau_s), &row);
+            if node.elevation.1.is_finite() {
+                let mut row = [0.0; COLUMNS];
+                let (derivatives, residual) = row.split_at_mut(PARAMETERS);
+                derivatives.copy_from_slice(&e.d_elevation);
+                if let [r] = residual {
+                    *r = f64::from(node.elevation.0) - e.elevation;
+                }
+                chain.normal.add(&row, 1.0 / f64::from(node.elevation.1));
+            }
         }
-        add_priors(&mut chain.normal, line, config.speed_m_s, config.speed_sd_m_s, 0.0);
+        let bias_sd_rad = config.elevation_bias_sd_rad;
+        add_priors(&mut chain.normal, line, config.speed_m_s, config.speed_sd_m_s, bias_sd_rad);
         chain.normal.is_finite().then_some(chain.normal)
     }
 
@@ -340,6 +361,7 @@ impl Fit {
                 white: w * b.white,
                 span_s: b.t_s - a.t_s + 0.5 * (a.span_s + b.span_s),
                 count: a.count.saturating_add(b.count),
+                elevation: average(a.elevation, b.elevation),
             };
         }
         for k in i + 1..NODES - 1 {
@@ -351,4 +373,10 @@ impl Fit {
         }
         self.len = self.len.saturating_sub(1);
     }
+}
+
+/// Two elevations with their variances as one, by their weights.
+fn average(a: (f32, f32), b: (f32, f32)) -> (f32, f32) {
+    let (wa, wb) = (1.0 / a.1, 1.0 / b.1);
+    if wa + wb > 0.0 { ((wa * a.0 + wb * b.0) / (wa + wb), 1.0 / (wa + wb)) } else { Heard::NO_ELEVATION }
 }

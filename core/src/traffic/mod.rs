@@ -11,7 +11,7 @@
 //!
 //! Assumes straight tracks between manoeuvres and bearings whose variance is as reported plus the configured coloured
 //! error. Cost on the Cortex-M7: about 10⁴ instructions a bearing and known vessel, 3·10⁵ every 2 s and vessel for its
-//! fit, some 10⁷ at the end of a passage. Memory: [`State`] below 17 KiB, stack below 8 KiB.
+//! fit, some 10⁷ at the end of a passage. Memory: [`State`] below 22 KiB, stack below 8 KiB.
 
 mod assign;
 mod candidate;
@@ -35,6 +35,12 @@ pub const VESSELS: usize = 8;
 const CANDIDATES: usize = 6;
 /// Bearings of one index that are used (whole band and sub-bands).
 const GROUP: usize = 8;
+
+/// Elevations used, radians (−30 to 80°). Low ones are not cut off: where noise decides which of them are kept, their mean
+/// is too high. Further up the array's own tilt decides.
+const ELEVATIONS_RAD: (f32, f32) = (-0.52, 1.4);
+/// Standard deviation of an elevation beyond what is reported, radians (1°): multipath that changes as the vessel moves.
+const ELEVATION_SD_RAD: f32 = 0.017_453;
 
 /// What the tracker assumes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,6 +93,32 @@ impl Config {
 struct Heard {
     azimuth: f64,
     variance: f64,
+    /// Elevation and its variance, radians and rad²; infinite where there is none.
+    elevation: (f32, f32),
+}
+
+impl Heard {
+    const NO_ELEVATION: (f32, f32) = (0.0, f32::INFINITY);
+
+    /// An azimuth alone.
+    const fn azimuth(azimuth: f64, variance: f64) -> Self {
+        Self { azimuth, variance, elevation: Self::NO_ELEVATION }
+    }
+
+    /// A bearing; its elevation where the vessel's height above the array is known and it can tell range.
+    fn of(config: &Config, bearing: &Bearing) -> Self {
+        let (azimuth, variance) = (f64::from(bearing.azimuth), f64::from(bearing.var_azimuth));
+        let (least, most) = ELEVATIONS_RAD;
+        let usable = config.motion.medium.height_m > 0.0
+            && (least..=most).contains(&bearing.elevation)
+            && bearing.var_elevation >= 0.0
+            && bearing.var_elevation.is_finite();
+        if !usable {
+            return Self::azimuth(azimuth, variance);
+        }
+        let own = bearing.var_elevation + ELEVATION_SD_RAD * ELEVATION_SD_RAD;
+        Self { azimuth, variance, elevation: (bearing.elevation, own) }
+    }
 }
 
 /// One vessel; number 0 is a free place.
@@ -152,7 +184,7 @@ impl State {
         Self {
             tracks: [const { Track::new() }; VESSELS],
             candidates: [const { Candidate::new() }; CANDIDATES],
-            group: [Heard { azimuth: 0.0, variance: 0.0 }; GROUP],
+            group: [Heard { azimuth: 0.0, variance: 0.0, elevation: (0.0, 0.0) }; GROUP],
             gathered: 0,
             index: 0,
             issued: 0,
@@ -204,7 +236,7 @@ pub fn bearing(config: &Config, state: &mut State, bearing: &Bearing, sink: &mut
         state.index = bearing.index;
     }
     if let Some(slot) = state.group.get_mut(state.gathered) {
-        *slot = Heard { azimuth, variance };
+        *slot = Heard::of(config, bearing);
         state.gathered += 1;
     }
 }
@@ -308,7 +340,7 @@ fn serve(
 ) {
     let Some(track) = state.tracks.get_mut(i) else { return };
     let motion = track.motion(config);
-    track.fit.push(&motion, t_s, heard.azimuth, heard.variance);
+    track.fit.push(&motion, t_s, heard);
     (track.index, track.updated_s, track.heard_s) = (state.index, t_s, t_s);
     track.crossing_since_s = None;
     let turned = track.manoeuvre.test(&motion, &track.fit, t_s, heard.azimuth, heard.variance);
@@ -342,7 +374,7 @@ fn reconsider(config: &Config, state: &mut State, t_s: f64, heard: &Heard) -> bo
     let index = state.index;
     state.tracks.iter_mut().filter(|t| t.id != 0 && t.updated_s < t_s).any(|track| {
         let motion = track.motion(config);
-        let taken = track.fit.reconsider(&motion, t_s, heard.azimuth, heard.variance);
+        let taken = track.fit.reconsider(&motion, t_s, heard);
         if taken {
             (track.index, track.updated_s, track.heard_s) = (index, t_s, t_s);
         }
@@ -378,7 +410,7 @@ fn court(config: &Config, state: &mut State, t_s: f64, heard: &Heard) {
     state.issued = state.issued.wrapping_add(1).max(1);
     *track = Track { id: state.issued, index: state.index, updated_s: t_s, heard_s: t_s, ..Track::new() };
     for (t_s, azimuth, variance) in candidate.bearings() {
-        track.fit.push(&config.motion, t_s, azimuth, variance);
+        track.fit.push(&config.motion, t_s, &Heard::azimuth(azimuth, variance));
     }
     *candidate = Candidate::new();
 }

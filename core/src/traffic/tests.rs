@@ -147,6 +147,40 @@ fn a_measured_speed_takes_the_place_of_the_priors_spread() {
 }
 
 #[test]
+fn elevations_of_a_deep_array_tell_range_whatever_the_speed() {
+    // Traffic of 10 ± 2.5 m/s, a vessel of 7 that passes 163 m above and 400 m aside; all elevations 0.7° too high.
+    let tracking = Tracking { speed_m_s: 10.0, speed_sd_m_s: 2.5, ..Tracking::default() };
+    let blind = Config::with(recursive::Config::new(&tracking, 1484.0), RATE_HZ);
+    let mut deep = blind;
+    deep.motion.medium.height_m = 163.0;
+    deep.motion.elevation_bias_sd_rad = RAD_PER_DEG;
+    let pass = |config: &Config, range_m: f64| {
+        let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 5);
+        for k in 0..500 {
+            let t = 0.5 * f64::from(k);
+            let a = azimuth(t, 120.0, range_m, 2.0) + 0.01 * gaussian(&mut seed);
+            let truth = m::atan2(163.0, m::hypot(range_m, 7.0 * (t - 120.0)));
+            let elevation = truth + RAD_PER_DEG * (0.7 + 1.5 * gaussian(&mut seed));
+            let heard = Bearing { elevation: elevation as f32, ..message(t, a, 0.01, 0) };
+            bearing(config, &mut state, &heard, &mut |m| out.push(m));
+        }
+        finish(config, &mut state, &mut |m| out.push(m));
+        assert_eq!(tracks(&out, 1).len(), 1);
+        tracks(&out, 1)[0]
+    };
+    let (without, with) = (pass(&blind, 400.0), pass(&deep, 400.0));
+    assert!(without.cpa_range_m > 520.0 && without.sd_cpa_range_m > 80.0, "{without:?}");
+    assert!((with.cpa_range_m - 400.0).abs() < 25.0 && with.sd_cpa_range_m < 25.0, "{with:?}");
+    assert!((with.speed_m_s - 7.0).abs() < 0.45 && with.sd_speed_m_s < 0.45, "{with:?}");
+    // Far away they tell little, and say so.
+    let far = pass(&deep, 1900.0);
+    assert!(
+        (far.cpa_range_m - 1900.0).abs() < 2.5 * far.sd_cpa_range_m && far.sd_cpa_range_m > 200.0,
+        "{far:?}"
+    );
+}
+
+#[test]
 fn scattered_bearings_and_nonsense_are_no_vessel() {
     let config = config();
     let (mut state, mut seed) = (State::new(), 11u64);
@@ -164,5 +198,5 @@ fn scattered_bearings_and_nonsense_are_no_vessel() {
 
 #[test]
 fn memory_stays_within_its_budget() {
-    assert!(size_of::<State>() <= 17 * 1024, "{}", size_of::<State>());
+    assert!(size_of::<State>() <= 22 * 1024, "{}", size_of::<State>());
 }

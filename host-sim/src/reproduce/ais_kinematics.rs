@@ -4,8 +4,8 @@
 //! at constant speed that the fit assumes: a window holds it while the positions stay within 0.5° (the tracker's own
 //! coloured error) of the best straight line as seen from 500 or 1000 m. And, with bearings simulated from these tracks
 //! past virtual arrays 200 to 1000 m aside ([`super::heard_vessels`]), whether the vessel is tracked, and whether tracks
-//! are split where it turned and only there. A passage of 300 s counts as straight if the course stays within 6° and the
-//! speed within 15 %, as turning if the course changes by 25° or more, as bending otherwise.
+//! are split where it turned and only there. A passage of 300 s counts as straight if the course stays within 10° and the
+//! speed within 20 %, as turning if the course changes by 25° or more, as bending otherwise.
 
 use super::ais_paths::{Instant, Passing, Path, paths};
 use super::heard_vessels::{RATE_HZ, Source, listen, track};
@@ -38,8 +38,8 @@ const WINDOWS_S: [usize; 6] = [60, 100, 150, 200, 300, 400];
 /// Deviation a straight fit does not notice, radians.
 const UNNOTICED_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Limits of the classes of passages.
-const STRAIGHT_DEG: f64 = 6.0;
-const STEADY: f64 = 0.15;
+const STRAIGHT_DEG: f64 = 10.0;
+const STEADY: f64 = 0.2;
 const TURNING_DEG: f64 = 25.0;
 /// A report this near the truth is on its vessel, degrees.
 const ON_VESSEL_DEG: f64 = 5.0;

@@ -1,8 +1,9 @@
 //! Smooth paths of real vessels from their AIS reports: position, velocity and acceleration every second.
 //!
-//! Reports of one vessel that follow each other within [`GAP_S`] and need no impossible speed make a path. At each second a
-//! parabola is fitted to the reports within [`REACH_S`] either side, weighted by the tricube of their distance in time;
-//! its value and derivatives are the vessel's. Turns shorter than some ten seconds are blurred by that.
+//! Reports of one vessel that follow each other within [`GAP_S`], have moved and need no impossible speed make a path. At
+//! each second a parabola is fitted to the reports within [`REACHES_S`] either side, weighted by the tricube of their
+//! distance in time; its value and derivatives are the vessel's. The reports are good to some ten metres (coarse
+//! positions, times of reception); turns shorter than some twenty seconds are blurred.
 
 use super::heard_vessels::Source;
 use crate::ais::Report;
@@ -10,11 +11,11 @@ use crate::orientation::local_frame::LocalFrame;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 
-/// Longest time between reports of one path, seconds.
-const GAP_S: f64 = 25.0;
-/// Reports so far away in time take part in the parabola, seconds; three at least must.
-const REACH_S: f64 = 25.0;
-const LEAST_REPORTS: usize = 5;
+/// Longest time between reports of one path, seconds: a vessel that goes straight reports every 10 s, some are lost.
+const GAP_S: f64 = 45.0;
+/// Reports so far away in time take part in the parabola, seconds: the farther ones where there are too few near.
+const REACHES_S: [f64; 2] = [30.0, 60.0];
+const LEAST_REPORTS: usize = 6;
 /// A report that would need more speed than this joins wrong positions, m/s.
 const IMPOSSIBLE_M_S: f64 = 30.0;
 
@@ -74,7 +75,10 @@ pub fn paths(reports: &[Report], least_s: usize) -> Vec<Path> {
                 let dt = report.0 - t_s;
                 if dt > GAP_S {
                     out.extend(smooth(&std::mem::take(&mut piece)));
-                } else if dt < 1.0 || (report.1[0] - x).hypot(report.1[1] - y) > IMPOSSIBLE_M_S * dt + 20.0 {
+                } else if dt < 1.0
+                    || report.1 == [*x, *y]
+                    || (report.1[0] - x).hypot(report.1[1] - y) > IMPOSSIBLE_M_S * dt + 20.0
+                {
                     continue;
                 }
             }
@@ -91,7 +95,8 @@ fn smooth(reports: &[(f64, [f64; 2])]) -> Vec<Path> {
     let (Some(first), Some(last)) = (reports.first(), reports.last()) else { return Vec::new() };
     let mut out = vec![Path::new()];
     for k in 0..=(last.0 - first.0) as u32 {
-        match parabola(reports, first.0 + f64::from(k)) {
+        let t_s = first.0 + f64::from(k);
+        match REACHES_S.iter().find_map(|reach_s| parabola(reports, t_s, *reach_s)) {
             Some(instant) => out.last_mut().map_or((), |path| path.push(instant)),
             None => out.push(Path::new()),
         }
@@ -99,12 +104,12 @@ fn smooth(reports: &[(f64, [f64; 2])]) -> Vec<Path> {
     out
 }
 
-fn parabola(reports: &[(f64, [f64; 2])], t_s: f64) -> Option<Instant> {
-    let from = reports.partition_point(|r| r.0 <= t_s - REACH_S);
-    let near = reports[from..].iter().take_while(|r| r.0 < t_s + REACH_S);
+fn parabola(reports: &[(f64, [f64; 2])], t_s: f64, reach_s: f64) -> Option<Instant> {
+    let from = reports.partition_point(|r| r.0 <= t_s - reach_s);
+    let near = reports[from..].iter().take_while(|r| r.0 < t_s + reach_s);
     let (mut normal, mut sides, mut count) = (Matrix3::zeros(), [Vector3::zeros(); 2], 0);
     for (at, position) in near {
-        let tau = (at - t_s) / REACH_S;
+        let tau = (at - t_s) / reach_s;
         let weight = (1.0 - tau.abs().powi(3)).powi(3);
         let row = Vector3::new(1.0, tau, tau * tau);
         normal += weight * row * row.transpose();
@@ -117,8 +122,8 @@ fn parabola(reports: &[(f64, [f64; 2])], t_s: f64) -> Option<Instant> {
     let [x, y] = sides.map(|s| factor.solve(&s));
     Some(Instant {
         position_m: [x[0], y[0]],
-        velocity_m_s: [x[1] / REACH_S, y[1] / REACH_S],
-        acceleration_m_s2: [2.0 * x[2] / (REACH_S * REACH_S), 2.0 * y[2] / (REACH_S * REACH_S)],
+        velocity_m_s: [x[1] / reach_s, y[1] / reach_s],
+        acceleration_m_s2: [2.0 * x[2] / (reach_s * reach_s), 2.0 * y[2] / (reach_s * reach_s)],
     })
 }
 
