@@ -234,6 +234,18 @@ pub fn limits(scene: &Scene) -> Option<(Bounds, Bounds)> {
     Some((best, diagonal))
 }
 
+/// The paper's own bound of CPA range, m: from the 2×2 block of position in the middle of the window [M 28], heading held.
+pub fn paper(scene: &Scene) -> Option<f64> {
+    let mut work = Box::new(Workspace::<POSITIONS>::new());
+    let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
+    let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
+    let plan = Plan::new(c.model, c.tau_s, s.iter().map(|s| s.t_s), &mut work, &mut []).ok()?;
+    // With the closest point due north, range is the second of the block's coordinates.
+    let mut line = scene.line();
+    line.p[0] = 0.0;
+    bound::paper(&s, &line, 0.0, &plan, &mut work, &[]).map(|[_, north, _]| north)
+}
+
 /// The second-order (Bhattacharyya) bounds of CPA range (m) and heading (degrees) for an unbiased estimator: what
 /// curvature adds to the Cramér-Rao bound. With the scores of first and second order as a basis,
 /// `B = [F, ⟨J_k, μ_ij⟩; ·, F_ik F_jl + F_il F_jk + ⟨μ_ij, μ_kl⟩]`, the bound of `g(θ)` is `[g_i, g_ij] B⁻¹ [g_i, g_ij]ᵀ`.
