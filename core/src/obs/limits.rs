@@ -59,3 +59,6 @@ pub const AZIMUTH_MODES: usize = 3;
 
 /// Ranges reported for one minute.
 pub const RANGE_MODES: usize = 4;
+
+/// Vessels followed at once.
+pub const VESSELS: usize = 3;

@@ -4,10 +4,13 @@
 //! predict `r ← r + v · 60 s` with a little diffusion, birth from the prior (area: proportional to r [O 20]), update by
 //! `(1 − Pd) + Pd ℓ(r, v)`. Carrying the posterior from minute to minute resolves most branches one minute leaves
 //! ambiguous. Minutes use frames once, so successive likelihoods are independent.
+//! Several vessels: the ranges about each tracked one are its own, with a posterior that sums to one there, and the rest
+//! is the posterior of a vessel not yet tracked; so the stronger vessel's likelihood cannot drown the weaker one's. Where
+//! an established vessel's echo would be read as another pair of paths, a minute's likelihood counts as nothing.
 //! The posterior is stored as the upper halves of f32 (0.4 %): 19 KiB. Cost: 1 M instructions a minute.
 
 use super::interference::Interference;
-use super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEED_STEP_M_S, SPEEDS};
+use super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEED_STEP_M_S, SPEEDS, VESSELS};
 use super::radial::{Grid, speed_of};
 use crate::math;
 
@@ -56,9 +59,34 @@ pub struct RangeMode {
     pub speed_m_s: f32,
     /// Its standard deviation, m/s.
     pub sd_speed_m_s: f32,
-    /// Share of the posterior.
+    /// Share of its vessel's posterior.
     pub weight: f32,
+    /// Whether its vessel is more likely there than not.
+    pub detected: bool,
 }
+
+/// Where a track expects its vessel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expected {
+    /// Range, m.
+    pub range_m: f32,
+    /// Radial speed, m/s, positive when leaving.
+    pub speed_m_s: f32,
+    /// Whether the track has held long enough to say what is its echo.
+    pub established: bool,
+}
+
+/// What each tracked vessel is expected to show.
+pub type Known = [Option<Expected>; VESSELS];
+
+/// Owner of cells that are no tracked vessel's.
+const UNCLAIMED: u8 = VESSELS as u8;
+
+/// Owner of cells that an established vessel's echoes would point to.
+const ECHO: u8 = UNCLAIMED + 1;
+
+/// Posteriors kept: one a tracked vessel, and one of a vessel not tracked.
+const OWNERS: usize = VESSELS + 1;
 
 /// Outcome of a minute.
 #[derive(Clone, Copy, Debug)]
@@ -79,11 +107,12 @@ const EXPECTED_WITHIN_M: f32 = 1500.0;
 impl RangePresence {
     /// Puts the modes of tracked vessels first and drops those that only read a tracked vessel's echoes as another
     /// pair of paths.
-    pub fn prefer(&mut self, model: &Interference, expected: &[Option<(f32, f32)>]) {
+    pub fn prefer(&mut self, model: &Interference, expected: &Known) {
         let own = |m: &RangeMode| {
-            expected.iter().flatten().any(|(r, _)| math::f32::abs(m.range_m - r) < EXPECTED_WITHIN_M)
+            expected.iter().flatten().any(|e| math::f32::abs(m.range_m - e.range_m) < EXPECTED_WITHIN_M)
         };
-        let mistaken = |m: &RangeMode| expected.iter().flatten().any(|(r, _)| model.mistakes(m.range_m, *r));
+        let mistaken =
+            |m: &RangeMode| expected.iter().flatten().any(|e| model.mistakes(m.range_m, e.range_m));
         let old = self.modes;
         let first = old.iter().flatten().filter(|m| own(m));
         let rest = old.iter().flatten().filter(|m| !own(m) && !mistaken(m));
@@ -96,7 +125,12 @@ impl RangePresence {
 #[derive(Clone, Debug)]
 pub struct Presence {
     density: [[u16; RANGE_CELLS]; SPEEDS],
-    present: f32,
+    /// Whose each range cell is: a tracked vessel's place in the list, [`UNCLAIMED`] or [`ECHO`].
+    owner: [u8; RANGE_CELLS],
+    /// Which vessels of the list are tracked.
+    tracked: [bool; VESSELS],
+    /// Probability that each owner's vessel is there.
+    present: [f32; OWNERS],
     prior_scale: f32,
     cells: usize,
 }
@@ -107,6 +141,12 @@ fn pack(x: f32) -> u16 {
 
 fn unpack(x: u16) -> f32 {
     f32::from_bits(u32::from(x) << 16)
+}
+
+/// The entry of a cell's owner; an echo is a vessel's that is not tracked.
+fn of(all: &mut [f32; OWNERS], owner: u8) -> &mut f32 {
+    let [known @ .., unclaimed] = all;
+    known.get_mut(usize::from(owner)).unwrap_or(unclaimed)
 }
 
 /// Range at the middle of a cell: it holds model ranges 2i and 2i + 1.
@@ -123,7 +163,14 @@ impl Default for Presence {
 impl Presence {
     /// Not yet started; all zeros.
     pub const fn new() -> Self {
-        Self { density: [[0; RANGE_CELLS]; SPEEDS], present: 0.0, prior_scale: 0.0, cells: 0 }
+        Self {
+            density: [[0; RANGE_CELLS]; SPEEDS],
+            owner: [0; RANGE_CELLS],
+            tracked: [false; VESSELS],
+            present: [0.0; OWNERS],
+            prior_scale: 0.0,
+            cells: 0,
+        }
     }
 
     /// Nothing known, up to `max_range_m`.
@@ -140,7 +187,9 @@ impl Presence {
 
     /// Forgets everything learned.
     fn restart(&mut self) {
-        self.present = CHANGE;
+        self.present = [CHANGE; OWNERS];
+        self.owner = [UNCLAIMED; RANGE_CELLS];
+        self.tracked = [false; VESSELS];
         let (scale, cells) = (self.prior_scale, self.cells);
         for column in &mut self.density {
             column
@@ -152,9 +201,10 @@ impl Presence {
 
     /// Moves the posterior on by one minute.
     pub fn predict(&mut self, work: &mut [[f32; RANGE_CELLS]; 3]) {
-        let present = self.present * (1.0 - CHANGE) + (1.0 - self.present) * CHANGE;
-        let born = ((1.0 - self.present) * CHANGE / present).clamp(AFRESH, 1.0);
-        self.present = present;
+        let [.., unclaimed] = self.present;
+        self.present.iter_mut().for_each(|p| *p = *p * (1.0 - CHANGE) + (1.0 - *p) * CHANGE);
+        let [.., present] = self.present;
+        let born = ((1.0 - unclaimed) * CHANGE / present).clamp(AFRESH, 1.0);
         let (scale, cells) = (self.prior_scale, self.cells);
         // Three shifted columns at a time: below, here, above.
         let [below, here, above] = work;
@@ -177,20 +227,65 @@ impl Presence {
         }
     }
 
-    /// Keeps at least `EXPECTED` of the posterior where a track says its vessel is: `(range, radial speed)`.
-    pub fn expect(&mut self, range_m: f32, speed_m_s: f32) {
-        let i = (range_m / CELL_M) as usize;
-        let k = math::f32::round((speed_m_s - speed_of(0)) / SPEED_STEP_M_S);
-        if i >= self.cells || k < 0.0 || k as usize >= SPEEDS {
+    /// Divides the ranges among the vessels expected and one not tracked, and keeps at least `EXPECTED` of each
+    /// tracked vessel's posterior where its track says it is.
+    pub fn claim(&mut self, model: &Interference, expected: &Known) {
+        let inside = |e: &Expected| e.range_m < CELL_M * self.cells as f32;
+        let expected = expected.map(|e| e.filter(inside));
+        let tracked = expected.map(|e| e.is_some());
+        if !tracked.contains(&true) && !self.tracked.contains(&true) {
             return;
         }
-        let k = k as usize;
-        for d in self.density.iter_mut().flat_map(|c| c.iter_mut().take(self.cells)) {
-            *d = pack((1.0 - EXPECTED) * unpack(*d));
+        let [known @ .., unclaimed] = &mut self.present;
+        for (present, (now, before)) in known.iter_mut().zip(tracked.iter().zip(&self.tracked)) {
+            if *now && !before {
+                // A vessel just tracked is the one that was there; whether there is another is open.
+                (*present, *unclaimed) = (*unclaimed, CHANGE);
+            }
         }
+        self.tracked = tracked;
+        for (i, owner) in self.owner.iter_mut().enumerate() {
+            let range_m = range_of(i);
+            let nearest = expected
+                .iter()
+                .enumerate()
+                .filter_map(|(k, e)| Some((k, math::f32::abs(e.as_ref()?.range_m - range_m))))
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            let echo = |e: &Expected| e.established && model.mistakes(range_m, e.range_m);
+            *owner = match nearest {
+                Some((k, d)) if d < EXPECTED_WITHIN_M => k as u8,
+                _ if expected.iter().flatten().any(echo) => ECHO,
+                _ => UNCLAIMED,
+            };
+        }
+        let mut mass = [0f32; OWNERS];
+        for column in &self.density {
+            for (d, owner) in column.iter().zip(&self.owner).take(self.cells) {
+                *of(&mut mass, *owner) += unpack(*d);
+            }
+        }
+        let mut scale = mass.map(|m| 1.0 / m.max(1e-30));
+        scale.iter_mut().zip(&expected).for_each(|(s, _)| *s *= 1.0 - EXPECTED);
+        for column in &mut self.density {
+            for (d, owner) in column.iter_mut().zip(&self.owner).take(self.cells) {
+                *d = pack(unpack(*d) * *of(&mut scale, *owner));
+            }
+        }
+        for (k, e) in expected.iter().enumerate() {
+            if let Some(e) = e {
+                self.keep(k as u8, e);
+            }
+        }
+    }
+
+    /// Adds `EXPECTED` about the place expected, in the cells of that owner.
+    fn keep(&mut self, owner: u8, e: &Expected) {
+        let i = (e.range_m / CELL_M) as usize;
+        let k = math::f32::round((e.speed_m_s - speed_of(0)) / SPEED_STEP_M_S).max(0.0) as usize;
         let share = EXPECTED / 15.0;
         for column in self.density.iter_mut().skip(k.saturating_sub(1)).take(3) {
-            for d in column.iter_mut().take(self.cells).skip(i.saturating_sub(2)).take(5) {
+            let cells = column.iter_mut().zip(&self.owner).take(self.cells);
+            for (d, _) in cells.skip(i.saturating_sub(2)).take(5).filter(|(_, o)| **o == owner) {
                 *d = pack(unpack(*d) + share);
             }
         }
@@ -221,24 +316,29 @@ impl Presence {
     /// Takes in one minute's likelihood.
     pub fn update(&mut self, grid: &Grid) -> RangePresence {
         let cells = self.cells;
-        let top = grid.iter().flat_map(|g| g.iter().take(cells)).fold(0f32, |a, b| a.max(*b));
-        let miss = (1.0 - DETECTION) * math::f32::exp(-top);
-        let (mut total, mut approaching) = (0f32, 0f32);
-        for (k, (column, g)) in self.density.iter_mut().zip(grid).enumerate() {
-            let mut sum = 0f32;
-            for (d, g) in column.iter_mut().zip(g).take(cells) {
-                let x = g - top;
-                let hit = if x > -60.0 { DETECTION * math::f32::exp(x) } else { 0.0 };
-                let p = unpack(*d) * (miss + hit);
-                *d = pack(p);
-                sum += p;
-            }
-            total += sum;
-            if k < SPEEDS / 2 {
-                approaching += sum;
+        let mut top = [0f32; OWNERS];
+        for row in grid {
+            for (g, owner) in row.iter().zip(&self.owner).take(cells).filter(|(_, o)| **o != ECHO) {
+                let top = of(&mut top, *owner);
+                *top = top.max(*g);
             }
         }
-        let usable = total > 1e-37;
+        let mut miss = top.map(|t| (1.0 - DETECTION) * math::f32::exp(-t));
+        let (mut total, mut approaching) = ([0f32; OWNERS], [0f32; OWNERS]);
+        for (k, (column, row)) in self.density.iter_mut().zip(grid).enumerate() {
+            for ((d, g), owner) in column.iter_mut().zip(row).zip(&self.owner).take(cells) {
+                let x = if *owner == ECHO { 0.0 } else { *g } - *of(&mut top, *owner);
+                let hit = if x > -60.0 { DETECTION * math::f32::exp(x) } else { 0.0 };
+                let p = unpack(*d) * (*of(&mut miss, *owner) + hit);
+                *d = pack(p);
+                *of(&mut total, *owner) += p;
+                if k < SPEEDS / 2 {
+                    *of(&mut approaching, *owner) += p;
+                }
+            }
+        }
+        let [.., unclaimed] = total;
+        let usable = unclaimed > 1e-37;
         if !usable {
             self.restart();
             return RangePresence {
@@ -248,21 +348,42 @@ impl Presence {
                 modes: [None; RANGE_MODES],
             };
         }
-        let log_evidence = math::f32::ln(total) + top;
-        let log_odds = (math::f32::ln(self.present / (1.0 - self.present)) + log_evidence).clamp(-12.0, 12.0);
-        let odds = math::f32::exp(log_odds);
-        self.present = odds / (1.0 + odds);
-        let scale = 1.0 / total;
-        for d in self.density.iter_mut().flat_map(|c| c.iter_mut().take(cells)) {
-            *d = pack(unpack(*d) * scale);
+        let mut scale = total.map(|t| 1.0 / t.max(1e-37));
+        for column in &mut self.density {
+            for (d, owner) in column.iter_mut().zip(&self.owner).take(cells) {
+                *d = pack(unpack(*d) * *of(&mut scale, *owner));
+            }
         }
-        let modes = self.modes(log_evidence, grid);
-        RangePresence { log_odds, log_evidence, approaching: approaching * scale, modes }
+        let mut evidence = [f32::NEG_INFINITY; OWNERS];
+        let (mut log_odds, mut log_evidence) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
+        let (mut leaning, mut sure) = (0f32, 0f32);
+        for k in 0..OWNERS {
+            let (Some(total), Some(top), Some(present), Some(evidence)) =
+                (total.get(k), top.get(k), self.present.get_mut(k), evidence.get_mut(k))
+            else {
+                continue;
+            };
+            if *total <= 1e-37 {
+                continue;
+            }
+            *evidence = math::f32::ln(*total) + top;
+            let odds = (math::f32::ln(*present / (1.0 - *present)) + *evidence).clamp(-12.0, 12.0);
+            *present = math::f32::exp(odds) / (1.0 + math::f32::exp(odds));
+            log_odds = log_odds.max(odds);
+            log_evidence = log_evidence.max(*evidence);
+            leaning += *present * approaching.get(k).copied().unwrap_or(0.0) / total;
+            sure += *present;
+        }
+        let modes = self.modes(&mut evidence, grid);
+        RangePresence { log_odds, log_evidence, approaching: leaning / sure.max(1e-30), modes }
     }
 
     /// A minute without data: only time passes.
     pub fn blind(&self) -> RangePresence {
-        let log_odds = math::f32::ln(self.present / (1.0 - self.present));
+        let [.., unclaimed] = self.present;
+        let tracked = self.present.iter().zip(&self.tracked).filter(|(_, t)| **t);
+        let present = tracked.fold(unclaimed, |most, (p, _)| most.max(*p));
+        let log_odds = math::f32::ln(present / (1.0 - present));
         RangePresence { log_odds, log_evidence: 0.0, approaching: 0.5, modes: [None; RANGE_MODES] }
     }
 
@@ -275,9 +396,10 @@ impl Presence {
     }
 
     /// The highest peaks over range that are better than the prior by [`MODE_LOG_RATIO`].
-    fn modes(&self, log_evidence: f32, grid: &Grid) -> [Option<RangeMode>; RANGE_MODES] {
+    fn modes(&self, evidence: &mut [f32; OWNERS], grid: &Grid) -> [Option<RangeMode>; RANGE_MODES] {
         let mut found = [(0usize, 0usize, 0f32); RANGE_MODES];
-        for i in 0..self.cells {
+        for (i, owner) in self.owner.iter().enumerate().take(self.cells) {
+            let log_evidence = *of(evidence, *owner);
             let (k, p) = self.best(i);
             let prior = range_of(i) * self.prior_scale;
             let unlikely = p <= 1e-36 || math::f32::ln(p / prior) + log_evidence < MODE_LOG_RATIO;
@@ -342,6 +464,7 @@ impl Presence {
             speed_m_s: v0 + v,
             sd_speed_m_s: math::f32::sqrt(var_v),
             weight: n.min(1.0),
+            detected: self.owner.get(i).is_some_and(|o| *of(&mut { self.present }, *o) > 0.5),
         }
     }
 }

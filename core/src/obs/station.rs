@@ -16,11 +16,11 @@ use super::intake::{Event, Hop, Intake};
 use super::limits::{QUEFRENCIES, RANGE_CELLS, WINDOW_FRAMES};
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
-use super::presence::{Presence, RangeMode, RangePresence};
+use super::presence::{Known, Presence, RangeMode, RangePresence};
 use super::radial::RadialScratch;
 use super::segment::Segmenter;
 use super::tonal::{Directions, LOG_THRESHOLD, TonalScratch};
-use super::tracks::{LIVE, Tracker};
+use super::tracks::Tracker;
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
 use crate::math;
@@ -283,7 +283,7 @@ impl State {
         if let Some(call) = &call {
             directions.attribute(call.azimuth, plan.bins);
         }
-        let expected = if plan.paper { [None; LIVE] } else { self.tracker.expected(plan, k as u32) };
+        let expected = if plan.paper { Known::default() } else { self.tracker.expected(plan, k as u32) };
         let frames = || {
             let used = self.kept.iter().filter(|k| k.used);
             used.map(|k| (offset_s(k.label) as f32, k.cepstrum.iter().map(|c| f32::from(*c) * CEPSTRUM_UNIT)))
@@ -300,7 +300,7 @@ impl State {
                 scratch.radial.add(&plan.interference, cepstrum, t);
             }
             self.presence.predict(&mut scratch.columns);
-            expected.iter().flatten().for_each(|(r, v)| self.presence.expect(*r, *v));
+            self.presence.claim(&plan.interference, &expected);
             if scratch.radial.frames() > 0 {
                 scratch.radial.fill();
                 self.presence.update(&scratch.radial.grid)
@@ -371,7 +371,7 @@ fn send(
     }
     let detected = ranges.log_odds > 0.0;
     let mut sent = false;
-    let worth = |k: usize, m: &RangeMode| detected && (k == 0 || m.weight >= LEAST_WEIGHT);
+    let worth = |k: usize, m: &RangeMode| m.detected && (k == 0 || m.weight >= LEAST_WEIGHT);
     for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(2) {
         sent = true;
         sink(Message::Range(Range {

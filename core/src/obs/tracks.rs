@@ -8,15 +8,20 @@
 use super::course::{Course, Matrix};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
+use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
+use super::presence::{Expected, Known};
 use super::search::search;
 use super::travel::TravelTime;
 use crate::angle::wrap_tau;
 use crate::math;
 use crate::wire::{Message, Track};
 
-/// Vessels followed at once.
-pub const LIVE: usize = 3;
+/// Places for tracks.
+const LIVE: usize = VESSELS;
+
+/// Minutes with a range after which a track is not on a wrong pair of paths any more.
+const ESTABLISHED: u16 = 40;
 
 /// Minutes between looks.
 const EVERY: u32 = 5;
@@ -149,11 +154,16 @@ impl Tracker {
         order
     }
 
-    /// Where each vessel is expected to be seen in a minute: range and radial speed.
-    pub fn expected(&self, plan: &Plan, minute: u32) -> [Option<(f32, f32)>; LIVE] {
-        self.courses(|_| true).map(|course| {
-            let s = course?.seen(&plan.travel, STEP_S * f64::from(minute));
-            Some((s.range_m as f32, s.speed_m_s as f32))
+    /// Where each vessel is expected to be seen in a minute.
+    pub fn expected(&self, plan: &Plan, minute: u32) -> Known {
+        self.live.map(|live| {
+            let live = live?;
+            let s = live.course.seen(&plan.travel, STEP_S * f64::from(minute));
+            Some(Expected {
+                range_m: s.range_m as f32,
+                speed_m_s: s.speed_m_s as f32,
+                established: live.score.distances >= ESTABLISHED,
+            })
         })
     }
 
@@ -334,7 +344,14 @@ mod tests {
         }
         let own = &seen[(n / 3 % 2) as usize];
         let mode = |range_m: f32, speed_m_s: f32| {
-            Some(RangeMode { range_m, sd_range_m: 80.0, speed_m_s, sd_speed_m_s: 0.4, weight: 0.5 })
+            Some(RangeMode {
+                range_m,
+                sd_range_m: 80.0,
+                speed_m_s,
+                sd_speed_m_s: 0.4,
+                weight: 0.5,
+                detected: true,
+            })
         };
         modes[0] = mode(own.range_m as f32 + 60.0 * jitter(2), own.speed_m_s as f32 + 0.3 * jitter(3));
         // The same echo read as another pair of paths: twice the range at twice the speed.

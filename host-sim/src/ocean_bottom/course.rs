@@ -57,28 +57,48 @@ impl Course {
         }
     }
 
-    /// The straight course that fits best in the least-squares sense: itself, or a line through the fixes.
+    /// The straight course that fits best in the least-squares sense: itself, or a line through the places of every minute
+    /// within [`HEARD_M`], since fixes come at odd times and a real vessel bends its way farther out. Through all fixes
+    /// where it is hardly ever that near.
     pub fn straightened(&self) -> Option<Self> {
         let Self::Fixes(fixes) = self else { return Some(self.clone()) };
-        let n = fixes.len() as f64;
-        if fixes.len() < 2 {
-            return None;
-        }
-        let mean = |f: &dyn Fn(&(f64, Place)) -> f64| fixes.iter().map(f).sum::<f64>() / n;
-        let (t, x, y) = (mean(&|f| f.0), mean(&|f| f.1.0), mean(&|f| f.1.1));
-        let power = fixes.iter().map(|f| (f.0 - t).powi(2)).sum::<f64>();
-        let slope = |g: &dyn Fn(&(f64, Place)) -> f64, m: f64| {
-            fixes.iter().map(|f| (f.0 - t) * (g(f) - m)).sum::<f64>() / power
-        };
-        let (vx, vy) = (slope(&|f| f.1.0, x), slope(&|f| f.1.1, y));
-        let cpa = t - (x * vx + y * vy) / (vx * vx + vy * vy);
-        let closest = (x + vx * (cpa - t), y + vy * (cpa - t));
-        cpa.is_finite().then_some(Self::Straight {
-            cpa_time_s: cpa,
-            closest_m: closest,
-            velocity_m_s: (vx, vy),
-        })
+        let (first, last) = (fixes.first()?.0, fixes.last()?.0);
+        let minutes = (0..=((last - first) / 60.0) as usize).map(|m| first + 60.0 * m as f64);
+        let near: Vec<(f64, Place)> =
+            minutes.filter_map(|t| Some((t, self.at(t)?))).filter(|f| polar(f.1).0 <= HEARD_M).collect();
+        line(if near.len() >= 30 { &near } else { fixes })
     }
+
+    /// Greatest distance between the course within [`HEARD_M`] and its straightened form, m.
+    pub fn bend_m(&self) -> Option<f64> {
+        let (Self::Fixes(fixes), straight) = (self, self.straightened()?) else { return Some(0.0) };
+        let apart = |(t, p): &(f64, Place)| {
+            let q = straight.at(*t)?;
+            (polar(*p).0 <= HEARD_M).then(|| (p.0 - q.0).hypot(p.1 - q.1))
+        };
+        Some(fixes.iter().filter_map(apart).fold(0.0, f64::max))
+    }
+}
+
+/// Range within which a vessel is heard well, m.
+pub const HEARD_M: f64 = 50_000.0;
+
+/// The straight course through places in the least-squares sense.
+fn line(fixes: &[(f64, Place)]) -> Option<Course> {
+    let n = fixes.len() as f64;
+    if fixes.len() < 2 {
+        return None;
+    }
+    let mean = |f: &dyn Fn(&(f64, Place)) -> f64| fixes.iter().map(f).sum::<f64>() / n;
+    let (t, x, y) = (mean(&|f| f.0), mean(&|f| f.1.0), mean(&|f| f.1.1));
+    let power = fixes.iter().map(|f| (f.0 - t).powi(2)).sum::<f64>();
+    let slope = |g: &dyn Fn(&(f64, Place)) -> f64, m: f64| {
+        fixes.iter().map(|f| (f.0 - t) * (g(f) - m)).sum::<f64>() / power
+    };
+    let (vx, vy) = (slope(&|f| f.1.0, x), slope(&|f| f.1.1, y));
+    let cpa_time_s = t - (x * vx + y * vy) / (vx * vx + vy * vy);
+    let closest_m = (x + vx * (cpa_time_s - t), y + vy * (cpa_time_s - t));
+    cpa_time_s.is_finite().then_some(Course::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) })
 }
 
 /// Range (m) and azimuth (rad, clockwise from North, 0 to 2π) of a place.
@@ -111,5 +131,22 @@ mod tests {
         assert_eq!(c.at(-1.0), None);
         let Some(Course::Straight { cpa_time_s, closest_m, .. }) = c.straightened() else { panic!() };
         assert!((cpa_time_s - 500.0).abs() < 1e-6 && (closest_m.0.hypot(closest_m.1) - 8000.0).abs() < 1e-6);
+        assert!(c.bend_m().unwrap() < 1e-6);
+    }
+
+    #[test]
+    fn a_bend_far_out_does_not_turn_the_straightened_course() {
+        let truth = Course::by_cpa(9000.0, 8000.0, 1.0, 6.0, false);
+        let mut fixes: Vec<_> =
+            (0..180).map(|i| 100.0 * f64::from(i)).map(|t| (t, truth.at(t).unwrap())).collect();
+        let last = fixes[179].1;
+        fixes.push((30_000.0, (last.0, last.1 + 80_000.0)));
+        let Some(Course::Straight { velocity_m_s: v, .. }) = Course::Fixes(fixes.clone()).straightened()
+        else {
+            panic!()
+        };
+        assert!((v.0.atan2(v.1) - 1.0).abs() < 1e-3, "{v:?}");
+        fixes[90].1.0 += 3000.0;
+        assert!((Course::Fixes(fixes).bend_m().unwrap() - 3000.0).abs() < 200.0);
     }
 }
