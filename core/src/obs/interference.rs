@@ -43,6 +43,9 @@ const FAR_STEP_M: f32 = 500.0;
 /// Delays closer than this draw pulses that cannot be told apart, s.
 const SAME_DELAY_S: f32 = 0.07;
 
+/// Share of a vessel's modelled energy that, drawn by another vessel, makes it doubtful.
+const SHARED_ENERGY: f32 = 0.1;
+
 /// Ranges closer than this are one place, m.
 const SAME_PLACE_M: f32 = 1500.0;
 
@@ -224,19 +227,41 @@ impl Interference {
     /// Whether the strongest pulse of a vessel at `range_m` would lie where a vessel known to be at `known_m` draws one:
     /// the same echo read as another pair of paths.
     pub fn mistakes(&self, range_m: f32, known_m: f32) -> bool {
+        let (strongest, _) = self.shared(range_m, known_m);
+        strongest
+    }
+
+    /// Whether any notable part of what a vessel at `range_m` would draw may be a known vessel's: enough not to report
+    /// it as another vessel, too little to disregard it as evidence.
+    pub fn doubtful(&self, range_m: f32, known_m: f32) -> bool {
+        let (strongest, share) = self.shared(range_m, known_m);
+        strongest || share > SHARED_ENERGY
+    }
+
+    /// Whether the strongest pulse, and what share of the energy, of a vessel at `range_m` lies where one at `known_m`
+    /// draws pulses.
+    fn shared(&self, range_m: f32, known_m: f32) -> (bool, f32) {
         if math::f32::abs(range_m - known_m) < SAME_PLACE_M {
-            return false;
+            return (false, 0.0);
         }
         let j = (range_m / RANGE_STEP_M) as usize;
-        let size = |b: usize| {
-            let p = self.pulses.get(b).and_then(|p| p.get(j)).copied().unwrap_or(Pulse::NONE);
-            i32::from(p.re) * i32::from(p.re) + i32::from(p.im) * i32::from(p.im)
-        };
-        let strongest = (0..self.branches).fold(0, |best, b| if size(b) > size(best) { b } else { best });
-        let Some(delay) = self.delay_s(strongest, range_m) else { return false };
-        let near =
-            |b: usize| self.delay_s(b, known_m).is_some_and(|d| math::f32::abs(d - delay) < SAME_DELAY_S);
-        (0..self.branches).any(near)
+        let (mut strongest, mut most, mut all, mut shared) = (false, f32::NEG_INFINITY, 0f32, 0f32);
+        for (b, pulses) in self.pulses.iter().enumerate().take(self.branches) {
+            let p = pulses.get(j).copied().unwrap_or(Pulse::NONE);
+            let energy = f32::from(p.re) * f32::from(p.re) + f32::from(p.im) * f32::from(p.im);
+            let delay = self.delay_s(b, range_m);
+            let near = |b: usize| {
+                let known = self.delay_s(b, known_m).zip(delay);
+                known.is_some_and(|(d, delay)| math::f32::abs(d - delay) < SAME_DELAY_S)
+            };
+            let drawn = (0..self.branches).any(near);
+            if energy > most {
+                (strongest, most) = (drawn, energy);
+            }
+            all += energy;
+            shared += if drawn { energy } else { 0.0 };
+        }
+        (strongest, shared / all.max(1.0))
     }
 
     /// Number of branches.

@@ -25,6 +25,8 @@ pub mod clutter;
 pub mod interference;
 mod paper;
 pub mod presence;
+#[cfg(test)]
+mod presence_tests;
 pub mod radial;
 
 pub mod course;

@@ -8,7 +8,7 @@ use super::course::Place;
 use super::stages::{
     AZIMUTHS, BINS, Frame, RANGE_STEP_M, RANGES, azimuth_likelihood, frames, minutes, range_likelihood,
 };
-use crate::plot::{ColourMap, Figure, HeatMap, RGBColor, cut_at_wraps, write_panels};
+use crate::plot::{ColourMap, Figure, HeatMap, RGBColor, Scale, cut_at_wraps, write_panels};
 use crate::propagation::Propagation;
 use crate::recording::Source;
 use anyhow::Result;
@@ -69,6 +69,7 @@ pub fn draw(
         (0.0, 60.0),
         "ln likelihood ratio",
     );
+    azimuth.y_scale(Scale::Degrees);
     azimuth.points("detections", &azimuths(messages, rate)).coloured(DETECTION);
     for t in truth {
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (h.0 / 3600.0, h.1.to_degrees())).collect();
@@ -247,7 +248,7 @@ fn ranges(messages: &[Message], rate: f64) -> Vec<(f64, f64)> {
 /// Presence of azimuth and range, and the segments (figure 7).
 fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Figure> {
     let hour = |index: u64| index as f64 / rate / 3600.0;
-    let mut evidence = Figure::new("Presence and segments", "time (h)", "ln presence ratio");
+    let mut evidence = Figure::new("Presence and segments", "time (h)", "ln ratio of presence");
     let mut tops = [Vec::<(f64, f64)>::new(), Vec::new()];
     for m in messages {
         let (slot, index, value) = match m {
@@ -279,10 +280,11 @@ fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Figure> {
             }
         }
     }
-    evidence.line("azimuth", &tops[0]).line("range", &tops[1]);
+    evidence.line("azimuth (drawn up to 60)", &tops[0]).line("range (posterior odds)", &tops[1]);
     evidence.x_range(hours.0, hours.1).y_range(-21.0, 62.0);
     let mut azimuth = Figure::new("Azimuth detections", "time (h)", "azimuth (°)");
     azimuth.points("azimuth", &azimuths(messages, rate)).x_range(hours.0, hours.1).y_range(0.0, 360.0);
+    azimuth.y_scale(Scale::Degrees);
     let mut range = Figure::new("Range detections", "time (h)", "range (km)");
     range.points("range", &ranges(messages, rate)).x_range(hours.0, hours.1).y_range(0.0, 50.0);
     for f in [&mut evidence, &mut azimuth, &mut range] {

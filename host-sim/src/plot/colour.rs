@@ -35,7 +35,8 @@ impl ColourMap {
         let t = share.clamp(0.0, 1.0);
         match self {
             Self::Amount => {
-                oklch(0.20 + 0.76 * t, 0.09 + 0.10 * (std::f64::consts::PI * t).sin(), 285.0 - 185.0 * t)
+                let (lightness, hue_deg) = (0.20 + 0.76 * t, 285.0 - 185.0 * t);
+                oklch(lightness, (0.8 * greatest_chroma(lightness, hue_deg)).min(0.12), hue_deg)
             }
             // Full chroma that every hue of this lightness can show in sRGB.
             Self::Cyclic => oklch(0.74, 0.125, 25.0 + 360.0 * t),
@@ -43,18 +44,34 @@ impl ColourMap {
     }
 }
 
-/// OKLCH (hue in degrees) to sRGB; what sRGB cannot show is clipped.
-fn oklch(lightness: f64, chroma: f64, hue_deg: f64) -> RGBColor {
+/// The greatest chroma of a lightness and hue (degrees) that sRGB can show: clipping would draw edges into a map.
+fn greatest_chroma(lightness: f64, hue_deg: f64) -> f64 {
+    let (mut shown, mut not) = (0.0, 0.4);
+    for _ in 0..20 {
+        let middle = 0.5 * (shown + not);
+        let inside = linear_rgb(lightness, middle, hue_deg).iter().all(|x| (0.0..=1.0).contains(x));
+        *(if inside { &mut shown } else { &mut not }) = middle;
+    }
+    shown
+}
+
+/// OKLCH (hue in degrees) to linear RGB; outside 0 to 1 where sRGB cannot show it.
+fn linear_rgb(lightness: f64, chroma: f64, hue_deg: f64) -> [f64; 3] {
     let (s, c) = hue_deg.to_radians().sin_cos();
     let (a, b) = (chroma * c, chroma * s);
     let l = (lightness + 0.396_337_777_4 * a + 0.215_803_757_3 * b).powi(3);
     let m = (lightness - 0.105_561_345_8 * a - 0.063_854_172_8 * b).powi(3);
     let s = (lightness - 0.089_484_177_5 * a - 1.291_485_548_0 * b).powi(3);
-    let linear = [
+    [
         4.076_741_662_1 * l - 3.307_711_591_3 * m + 0.230_969_929_2 * s,
         -1.268_438_004_6 * l + 2.609_757_401_1 * m - 0.341_319_396_5 * s,
         -0.004_196_086_3 * l - 0.703_418_614_7 * m + 1.707_614_701_0 * s,
-    ];
+    ]
+}
+
+/// OKLCH (hue in degrees) to sRGB; what sRGB cannot show is clipped.
+fn oklch(lightness: f64, chroma: f64, hue_deg: f64) -> RGBColor {
+    let linear = linear_rgb(lightness, chroma, hue_deg);
     let [r, g, b] = linear.map(|x| {
         let x = x.clamp(0.0, 1.0);
         let x = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };

@@ -335,8 +335,9 @@ const COLOURS: f64 = 100.0;
 
 /// `plot` is the size of the plotting area in points.
 fn cells(chart: &mut Chart<'_>, heat: &HeatMap, (x, y): (Axis, Axis), plot: (i32, i32)) -> Result<()> {
-    // Rectangles overlap by a hair, or viewers show the seams between them.
-    let hair = ((x.to - x.from) / f64::from(plot.0 * FINE), (y.to - y.from) / f64::from(plot.1 * FINE));
+    // Rectangles overlap by a hair, or viewers show the seams between them; more than one step, or rounding eats it.
+    let hair =
+        (1.6 * (x.to - x.from) / f64::from(plot.0 * FINE), 1.6 * (y.to - y.from) / f64::from(plot.1 * FINE));
     let columns = heat.columns.max(1);
     let rows = heat.values.len() / columns;
     let (nx, ny) = (columns.min(MOST_CELLS), rows.min(MOST_CELLS));
