@@ -99,16 +99,19 @@ pub fn emulator() -> Result<()> {
     if find("qemu-system-arm").is_some() {
         return Ok(());
     }
-    install(&[DEBIAN_EMULATOR], "QEMU, to run the firmware without hardware").context(
-        "no qemu-system-arm: install QEMU's ARM system emulator (Debian: apt-get install qemu-system-arm; \
-         macOS: brew install qemu), or run with --host-only",
-    )
+    const NONE: &str = "no qemu-system-arm: install QEMU's ARM system emulator (Debian: apt-get install qemu-system-arm; \
+         macOS: brew install qemu); `cargo xtask demo` and `test` do without where told --host-only";
+    install(&[DEBIAN_EMULATOR], "QEMU, to run the firmware without hardware").context(NONE)?;
+    match find("qemu-system-arm") {
+        Some(_) => Ok(()),
+        None => bail!("{NONE}: apt-get said it installed it, but it is not on the search path"),
+    }
 }
 
 fn no_compiler() -> String {
     format!(
         "no compiler for {TARGET}: `rustup target add {TARGET}`, or on Debian `apt-get install --no-install-recommends \
-         {}`; or run with --host-only",
+         {}`; `cargo xtask demo` and `test` do without where told --host-only",
         DEBIAN_COMPILER.join(" ")
     )
 }
@@ -146,11 +149,20 @@ fn install(packages: &[&str], why: &str) -> Result<()> {
         bail!("{} installed, and still not usable", packages.join(", "));
     }
     say(&format!("installing {} with apt-get: {why}", missing.join(" ")));
+    let update = || run(apt()?.args(["-q", "update"]), "apt-get update");
+    let get = || {
+        let arguments = ["-q", "-y", "install", "--no-install-recommends"];
+        run(apt()?.args(arguments).args(&missing), "apt-get install")
+    };
     if !lists_present() {
-        run(apt()?.args(["-q", "update"]), "apt-get update")?;
+        update()?;
+        return get();
     }
-    let arguments = ["-q", "-y", "install", "--no-install-recommends"];
-    run(apt()?.args(arguments).args(&missing), "apt-get install")
+    get().or_else(|_| {
+        say("apt-get could not; its lists of packages may be old: fetching them and trying once more");
+        update()?;
+        get()
+    })
 }
 
 /// Whether apt knows any packages.

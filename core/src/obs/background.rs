@@ -3,7 +3,7 @@
 //! Enters: the intensity vectors of a frame's bins. Leaves: for each bin the mean vector of the bins around it, lines left
 //! out. Wideband noise of another vessel adds its own intensity b to a tone's a and turns it by about |b| sin Δ/|a|:
 //! degrees, where that vessel is near and this one far. Noise power in one bin is exponentially distributed, and a direction
-//! found from many frames is their median rather than their mean, so [`TYPICAL`] of the mean is what bends it.
+//! found from many frames is their median rather than their mean, so `TYPICAL` of the mean is what bends it.
 //! Assumes: noise that changes little over ±2 Hz. Cost: 266 × 40 instructions a frame.
 
 use microfft::Complex32;
