@@ -112,7 +112,7 @@ impl RangePresence {
             expected.iter().flatten().any(|e| math::f32::abs(m.range_m - e.range_m) < EXPECTED_WITHIN_M)
         };
         let mistaken =
-            |m: &RangeMode| expected.iter().flatten().any(|e| model.mistakes(m.range_m, e.range_m));
+            |m: &RangeMode| expected.iter().flatten().any(|e| model.doubtful(m.range_m, e.range_m));
         let old = self.modes;
         let first = old.iter().flatten().filter(|m| own(m));
         let rest = old.iter().flatten().filter(|m| !own(m) && !mistaken(m));
