@@ -81,10 +81,12 @@ impl Decimator {
     }
 
     /// Takes one instant; gives one out of `factor`, once the filter is full.
+    #[inline]
     pub fn push(&self, state: &mut DecimatorState, x: [f32; USED_CHANNELS]) -> Option<[f32; USED_CHANNELS]> {
-        if self.factor == 1 {
-            return Some(x);
-        }
+        if self.factor == 1 { Some(x) } else { self.filter(state, x) }
+    }
+
+    fn filter(&self, state: &mut DecimatorState, x: [f32; USED_CHANNELS]) -> Option<[f32; USED_CHANNELS]> {
         for (h, x) in state.history.iter_mut().zip(x) {
             if let Some(slot) = h.get_mut(state.next) {
                 *slot = x;
