@@ -25,7 +25,36 @@ pub mod f64 {
     };
 }
 
+/// eˣ for x from −87 to 0, without a branch and without a call, for loops over many thousands of cells:
+/// 2ᵏ times Taylor's series of the rest to the sixth power, within 3·10⁻⁷ of the value.
+#[inline]
+pub fn exp_of_negative(x: core::primitive::f32) -> core::primitive::f32 {
+    // Adding 1.5 · 2²³ leaves the nearest whole number in the lowest bits.
+    const ROUND: core::primitive::f32 = 12_582_912.0;
+    let rounded = x * core::f32::consts::LOG2_E + ROUND;
+    let k = rounded - ROUND;
+    let r = (x - k * 0.693_359_4) + k * 2.121_944_4e-4;
+    let series = (((r * (1.0 / 720.0) + 1.0 / 120.0) * r + 1.0 / 24.0) * r + 1.0 / 6.0) * r + 0.5;
+    let power = (rounded.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127)) << 23;
+    (1.0 + (r + r * r * series)) * core::primitive::f32::from_bits(power)
+}
+
 /// Decibels of a power ratio: `10 log10(ratio)`; a ratio of zero or less gives −200 dB rather than minus infinity.
 pub fn db(ratio: core::primitive::f32) -> core::primitive::f32 {
     if ratio > 1e-20 { 10.0 * f32::log10(ratio) } else { -200.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_exponential_of_negatives_is_the_exact_one() {
+        for k in 0..87_000 {
+            let x = -0.001 * k as core::primitive::f32;
+            let want = f64::exp(core::primitive::f64::from(x));
+            let error = core::primitive::f64::from(exp_of_negative(x)) / want - 1.0;
+            assert!(error.abs() < 3e-7, "{x} {error}");
+        }
+    }
 }

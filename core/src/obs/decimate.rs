@@ -83,11 +83,13 @@ impl Decimator {
     /// Takes one instant; gives one out of `factor`, once the filter is full.
     #[inline]
     pub fn push(&self, state: &mut DecimatorState, x: [f32; USED_CHANNELS]) -> Option<[f32; USED_CHANNELS]> {
-        if self.factor == 1 { Some(x) } else { self.filter(state, x) }
+        // One by one, so that they stay in registers.
+        let [a, b, c] = x;
+        if self.factor == 1 { Some([a, b, c]) } else { self.filter(state, a, b, c) }
     }
 
-    fn filter(&self, state: &mut DecimatorState, x: [f32; USED_CHANNELS]) -> Option<[f32; USED_CHANNELS]> {
-        for (h, x) in state.history.iter_mut().zip(x) {
+    fn filter(&self, state: &mut DecimatorState, a: f32, b: f32, c: f32) -> Option<[f32; USED_CHANNELS]> {
+        for (h, x) in state.history.iter_mut().zip([a, b, c]) {
             if let Some(slot) = h.get_mut(state.next) {
                 *slot = x;
             }

@@ -45,9 +45,14 @@ pub struct Score {
     pub distances: u16,
 }
 
+/// Standard deviation of the sum of two independent errors.
+fn together(a: f64, b: f64) -> f64 {
+    math::f64::sqrt(a * a + b * b)
+}
+
 /// Ratio of a direction's density at the course's to uniform, and the residual.
 fn direction_ratio(d: &Direction, azimuth: f64) -> (f64, f64, f64) {
-    let sd = math::f64::hypot(d.sd, EXTRA_AZIMUTH);
+    let sd = together(d.sd, EXTRA_AZIMUTH);
     let e = wrap_pi(d.azimuth - azimuth);
     let z = e / sd;
     (math::f64::TAU / 2.5066 / sd * math::f64::exp(-0.5 * z * z), e, sd)
@@ -65,7 +70,7 @@ fn distance_ratio(d: &Distance, range_m: f64, speed_m_s: f64) -> f64 {
 }
 
 fn spreads(d: &Distance) -> (f64, f64) {
-    (math::f64::hypot(d.sd_m, EXTRA_RANGE_M), math::f64::hypot(d.sd_speed_m_s, EXTRA_SPEED_M_S))
+    (together(d.sd_m, EXTRA_RANGE_M), together(d.sd_speed_m_s, EXTRA_SPEED_M_S))
 }
 
 /// Whether a direction is better explained by a vessel at `azimuth` than by none.

@@ -328,7 +328,7 @@ impl Presence {
         for (k, (column, row)) in self.density.iter_mut().zip(grid).enumerate() {
             for ((d, g), owner) in column.iter_mut().zip(row).zip(&self.owner).take(cells) {
                 let x = if *owner == ECHO { 0.0 } else { *g } - *of(&mut top, *owner);
-                let hit = if x > -60.0 { DETECTION * math::f32::exp(x) } else { 0.0 };
+                let hit = if x > -60.0 { DETECTION * math::exp_of_negative(x) } else { 0.0 };
                 let p = unpack(*d) * (*of(&mut miss, *owner) + hit);
                 *d = pack(p);
                 *of(&mut total, *owner) += p;

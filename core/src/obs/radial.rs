@@ -98,6 +98,7 @@ impl RadialScratch {
     /// Sum over the frames for a radial speed, at every model range, in `self.sum`.
     fn along(&mut self, speed_m_s: f32) {
         self.sum = [0.0; MODEL_RANGES];
+        let mut near = [0f32; BLOCK + 3];
         for (row, t) in self.rows.iter().zip(&self.window_offset_s).take(self.frames) {
             let shift = speed_m_s * t / RANGE_STEP_M;
             let whole = math::f32::floor(shift);
@@ -112,7 +113,6 @@ impl RadialScratch {
             let blocks = sum.chunks_mut(BLOCK).zip(row.chunks(BLOCK)).enumerate();
             for (n, (sum, _)) in blocks {
                 let stored = row.get(n * BLOCK..).unwrap_or_default();
-                let mut near = [0f32; BLOCK + 3];
                 near.iter_mut().zip(stored).for_each(|(x, r)| *x = f32::from(*r));
                 let ranges = stored.len().min(BLOCK + 3).saturating_sub(3);
                 let part = |k: usize| near.get(k..k + ranges).unwrap_or_default();
