@@ -69,6 +69,8 @@ pub struct ArrayConfig {
     pub elevation_deg: (f64, f64),
     /// Bearings allowed from noise alone, per hour (sets the detection threshold).
     pub false_alarms_per_hour: f64,
+    /// Depth of the vessels listened to, metres: how far their image in the surface lies above them. 0: no image.
+    pub vessel_depth_m: f64,
 }
 
 /// The ocean-bottom station.
@@ -172,6 +174,7 @@ impl StationConfig {
                 within("elevation_deg[0]", a.elevation_deg.0, -90.0, 89.0)?;
                 within("elevation_deg[1]", a.elevation_deg.1, a.elevation_deg.0 + 1.0, 90.0)?;
                 within("false_alarms_per_hour", a.false_alarms_per_hour, 1e-6, 1000.0)?;
+                within("vessel_depth_m", a.vessel_depth_m, 0.0, 100.0)?;
                 if a.reference_range_m.is_nan() || a.reference_range_m < 5.0 {
                     return Err(ConfigError::OutOfRange(
                         "reference_range_m",

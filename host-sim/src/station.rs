@@ -87,8 +87,13 @@ struct Array {
     elevation_deg: [f64; 2],
     #[serde(default = "default_false_alarms")]
     false_alarms_per_hour: f64,
+    #[serde(default = "default_vessel_depth")]
+    vessel_depth_m: f64,
 }
 
+fn default_vessel_depth() -> f64 {
+    4.0 // a propeller's
+}
 fn default_channels() -> Vec<u8> {
     vec![0, 1, 2, 3]
 }
@@ -250,6 +255,7 @@ impl Station {
                     step_s: a.step_s,
                     elevation_deg: (a.elevation_deg[0], a.elevation_deg[1]),
                     false_alarms_per_hour: a.false_alarms_per_hour,
+                    vessel_depth_m: a.vessel_depth_m,
                 })
             }
             "obs" => {

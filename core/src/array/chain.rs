@@ -293,7 +293,7 @@ fn note_level(plan: &Plan, state: &mut State) {
     let frames = state.current.frames.max(1) as f32;
     let scale = 2.0 / (plan.window_power * frames * plan.full_scale * plan.full_scale);
     for (level, auto) in state.level.iter_mut().zip(&state.current.auto) {
-        *level = scale * auto.iter().take(plan.high).skip(plan.low).sum::<f32>();
+        *level = scale * auto.iter().take(plan.whole.high).skip(plan.whole.low).sum::<f32>();
     }
 }
 

@@ -2,13 +2,15 @@
 
 use super::chain::Scratch;
 use super::detect;
-use super::plan::{BINS, HOP, Plan, Weighting};
+use super::others;
+use super::plan::{BINS, Band, HOP, OCTAVES, Plan, Weighting};
 use super::refine;
+use super::report;
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
-use crate::math::{self, f32 as m};
-use crate::wire::{Bearing, Fault, FaultCode, Message};
+use crate::math::f32 as m;
+use crate::wire::{Fault, FaultCode, Message};
 
 /// Segments over which the coherence spectrum is averaged: the weights need it steady, the vessel lets it change over
 /// tens of seconds.
@@ -21,17 +23,8 @@ const WHOLE_SHARE: f32 = 0.95;
 const CONTRADICTING_SEGMENTS: u32 = 4;
 /// Segments from one search for a second source to the next: it costs as much as the first, and others move slowly.
 const SECOND_EVERY: u32 = 8;
-/// A second source nearer than this to the first, in resolution cells, is what is left of the first.
-const SECOND_APART_CELLS: f32 = 6.0;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
 const OTHER_SOURCE_CELLS: f32 = 10.0;
-/// Farthest a second source moves between two searches, radians: a vessel at 100 m turns by 4° a second.
-const SECOND_MOVES_RAD: f32 = 0.28;
-/// Least quality of a second source's bearing.
-const SECOND_LEAST_QUALITY: f32 = 0.5;
-/// Least standard deviation of a pair delay assumed when quality is judged, samples: calibration and multipath.
-const DELAY_FLOOR_SAMPLES: f32 = 0.02;
-
 /// What is remembered between segments (about 1 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct Memory {
@@ -46,19 +39,23 @@ pub(crate) struct Memory {
     pub(crate) turn_rate_told: Option<f32>,
     pub(crate) range_m: Option<f32>,
     contradicting: u32,
-    /// Segments with a bearing so far.
+    /// Segments so far.
     segments: u32,
     /// Direction of the second source the last search for one found.
-    other: Option<Direction>,
+    pub(super) other: Option<Direction>,
+    /// Octave looked at last.
+    pub(super) octave: usize,
+    /// Another source than the whole band's that the last look at each octave found.
+    pub(super) octaves: [Option<Direction>; OCTAVES],
 }
 
 /// Work space over bins (4 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct SpectrumWork {
-    raw: [f32; BINS],
-    measured: [f32; BINS],
-    smooth: [f32; BINS],
-    weight: [f32; BINS],
+    pub(super) raw: [f32; BINS],
+    pub(super) measured: [f32; BINS],
+    pub(super) smooth: [f32; BINS],
+    pub(super) weight: [f32; BINS],
 }
 
 impl SpectrumWork {
@@ -74,7 +71,7 @@ impl SpectrumWork {
     }
 
     /// Brings the measured coherence up to the field's.
-    fn restore(&mut self, shared: f32) {
+    pub(super) fn restore(&mut self, shared: f32) {
         for c in &mut self.raw {
             *c /= shared;
         }
@@ -92,6 +89,8 @@ impl Memory {
             range_m: None,
             contradicting: 0,
             other: None,
+            octave: 0,
+            octaves: [None; OCTAVES],
             segments: 0,
         }
     }
@@ -102,6 +101,7 @@ impl Memory {
         self.last = None;
         self.turn_rate = [0.0; 2];
         self.other = None;
+        self.octaves = [None; OCTAVES];
     }
 
     /// Whether the bearing turns by more than two resolution cells within a full segment.
@@ -110,7 +110,7 @@ impl Memory {
         // Two changes in a row, so that one stray bearing does not shorten the next segment.
         let rate = self.turn_rate_told.unwrap_or(a.min(b));
         let segment_s = plan.nominal_frames * HOP as f32 / plan.rate_hz;
-        rate.abs() * segment_s > 2.0 * plan.resolution
+        rate.abs() * segment_s > 2.0 * plan.whole.resolution
     }
 
     /// Takes a new bearing into turn rate and averages.
@@ -127,7 +127,7 @@ impl Memory {
             }
         }
         // Another source, or the same after a long silence: its spectrum is learnt afresh.
-        if turned > OTHER_SOURCE_CELLS * plan.resolution {
+        if turned > OTHER_SOURCE_CELLS * plan.whole.resolution {
             self.averaged = 0.0;
         }
         self.averaged = (self.averaged + 1.0).min(AVERAGED_SEGMENTS);
@@ -141,7 +141,7 @@ impl Memory {
     /// Joins the remembered coherence to a segment's own where the direction is the one remembered.
     fn join_expected(&self, direction: &Direction, plan: &Plan, own: &mut [f32; BINS]) {
         let same = self.last.is_some_and(|(last, _)| {
-            wavefront::dot(&last, direction) > m::cos(OTHER_SOURCE_CELLS * plan.resolution)
+            wavefront::dot(&last, direction) > m::cos(OTHER_SOURCE_CELLS * plan.whole.resolution)
         });
         if !same {
             return;
@@ -154,21 +154,24 @@ impl Memory {
 }
 
 /// A source found in a segment; the coherence it was found with is in the work space.
-struct Found {
-    refined: refine::Refined,
-    tau: [f32; PAIR_COUNT],
-    statistic: f32,
+pub(super) struct Found {
+    pub(super) refined: refine::Refined,
+    pub(super) tau: [f32; PAIR_COUNT],
+    pub(super) statistic: f32,
     /// Mean coherence over the detection band.
-    mean: f32,
+    pub(super) mean: f32,
 }
 
 /// What the steps of one segment share.
-struct Context<'a> {
-    plan: &'a Plan,
-    curvature: f32,
-    snapshots: f32,
-    index: u64,
-    flags: u8,
+#[derive(Clone, Copy)]
+pub(super) struct Context<'a> {
+    pub(super) plan: &'a Plan,
+    /// The bins looked at.
+    pub(super) band: &'a Band,
+    pub(super) curvature: f32,
+    pub(super) snapshots: f32,
+    pub(super) index: u64,
+    pub(super) flags: u8,
 }
 
 impl Context<'_> {
@@ -177,8 +180,8 @@ impl Context<'_> {
     }
 
     /// Bins of the detection band.
-    fn bins(&self) -> f32 {
-        self.plan.high.saturating_sub(self.plan.incoherent).max(1) as f32
+    pub(super) fn bins(&self) -> f32 {
+        self.band.high.saturating_sub(self.band.incoherent).max(1) as f32
     }
 
     /// Standard deviation of the sum over `terms` whitened, steered cross-spectra under noise alone.
@@ -203,96 +206,100 @@ pub(crate) fn segment(
     let start = spectra.step.saturating_mul(plan.step_samples.get());
     let context = Context {
         plan,
+        band: &plan.whole,
         curvature: memory.range_m.map_or(plan.curvature, |r| 1.0 / r),
         snapshots: spectra.frames as f32 * plan.snapshots_per_frame,
         index: start.saturating_add(spectra.centres / u64::from(spectra.frames.max(1))),
         flags: u8::from(spectra.clipped) | (u8::from(share < WHOLE_SHARE) << 1) | (u8::from(shortened) << 2),
     };
     refine::whiten(spectra, scratch.spectrum.rows());
-    let Some(first) = find(&context, Some(&*memory), spectra, scratch) else { return };
-    scratch.spectrum.measured = scratch.spectrum.raw;
-    scratch.spectrum.restore(refine::shared_signal(plan, &first.tau));
-    memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
-    refine::smoothed(plan, &memory.coherence, &mut scratch.spectrum.smooth);
-    let agreeing = agreement(&context, memory, &first, scratch, sink);
-    if let Some(bearing) = bearing(&context, &first, &scratch.spectrum, agreeing, 0) {
-        sink(Message::Bearing(bearing));
+    let first = find(&context, Some(&*memory), spectra, scratch);
+    if let Some(first) = &first {
+        whole(&context, memory, first, scratch, sink);
     }
+    if plan.weighting != Weighting::Joint {
+        return;
+    }
+    // Either uses the spectra up.
     memory.segments = memory.segments.wrapping_add(1);
-    if memory.segments.is_multiple_of(SECOND_EVERY) && plan.weighting == Weighting::Joint {
-        memory.other = second(&context, memory.other, &first, spectra, scratch, sink);
+    match first {
+        Some(first) if memory.segments.is_multiple_of(SECOND_EVERY) => {
+            memory.other = others::second(&context, memory.other, &first, spectra, scratch, sink);
+        }
+        first => others::octave(&context, memory, first.as_ref(), spectra, scratch, sink),
     }
 }
 
-/// Looks for another source in what the first leaves: its expected cross-spectra are taken out and the search repeated.
-/// The first source's fluctuations count as noise of the second. What multipath of the first leaves can look like a source,
-/// but somewhere else each time and with pairs that disagree: a second source is reported only where the search before
-/// found one too (`before`) and the pairs agree. The direction found, for the next search.
-fn second(
+/// Takes the whole band's source into the averages and reports it.
+fn whole(
     context: &Context<'_>,
-    before: Option<Direction>,
+    memory: &mut Memory,
     first: &Found,
-    spectra: &mut Spectra,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
-) -> Option<Direction> {
+) {
     let plan = context.plan;
-    refine::remove(plan, spectra, &first.tau, &scratch.spectrum.measured);
-    let other = find(context, None, spectra, scratch)?;
-    let near = m::cos(SECOND_APART_CELLS * plan.resolution);
-    if wavefront::dot(&other.refined.direction, &first.refined.direction) > near {
-        return None;
-    }
-    scratch.spectrum.restore(refine::shared_signal(plan, &other.tau));
-    let work = &mut scratch.spectrum;
-    refine::smoothed(plan, &work.raw, &mut work.smooth);
-    let lasting =
-        before.is_some_and(|d| wavefront::dot(&d, &other.refined.direction) > m::cos(SECOND_MOVES_RAD));
-    let bearing = bearing(context, &other, &scratch.spectrum, 1.0, 1);
-    if let Some(bearing) = bearing.filter(|b| lasting && b.quality >= SECOND_LEAST_QUALITY) {
+    scratch.spectrum.measured = scratch.spectrum.raw.map(|c| c.max(0.0));
+    scratch.spectrum.restore(refine::shared_signal(plan, &first.tau));
+    memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
+    refine::smoothed(context.band, &memory.coherence, &mut scratch.spectrum.smooth);
+    let agreeing = agreement(context, memory, first, scratch, sink);
+    if let Some(bearing) = report::bearing(context, first, &scratch.spectrum, agreeing, 0) {
         sink(Message::Bearing(bearing));
     }
-    Some(other.refined.direction)
 }
 
 /// Searches, refines and tests: the strongest source of whitened spectra, if there is one.
-fn find(
+pub(super) fn find(
     context: &Context<'_>,
     memory: Option<&Memory>,
     spectra: &mut Spectra,
     scratch: &mut Scratch,
 ) -> Option<Found> {
+    let Scratch { search, work, .. } = scratch;
+    let start = search.best(context.plan, context.band, spectra, context.curvature, work);
+    examine(context, memory, &start.direction, spectra, scratch)
+}
+
+/// Refines from a direction and tests what is there.
+pub(super) fn examine(
+    context: &Context<'_>,
+    memory: Option<&Memory>,
+    start: &Direction,
+    spectra: &mut Spectra,
+    scratch: &mut Scratch,
+) -> Option<Found> {
     let plan = context.plan;
-    let start = scratch.search.best(plan, spectra, context.curvature, &mut scratch.work);
     let work = &mut scratch.spectrum;
     // Weights from the coherence seen in this direction, own and remembered.
-    let tau = context.delays(&start.direction);
-    refine::coherence(plan, spectra, &tau, &mut work.raw);
+    let tau = context.delays(start);
+    refine::coherence(plan, context.band, spectra, &tau, &mut work.raw);
     if plan.weighting != Weighting::Joint {
         work.measured = work.raw;
         refine::reweight(plan, spectra);
     }
     work.restore(refine::shared_signal(plan, &tau));
     if let Some(memory) = memory {
-        memory.join_expected(&start.direction, plan, &mut work.raw);
+        memory.join_expected(start, plan, &mut work.raw);
     }
-    refine::smoothed(plan, &work.raw, &mut work.smooth);
-    refine::weights(plan, &work.smooth, &mut work.weight);
-    let refined = refine::refine(plan, spectra, &work.weight, &start.direction, context.curvature)?;
+    refine::smoothed(context.band, &work.raw, &mut work.smooth);
+    refine::weights(plan, context.band, &work.smooth, &mut work.weight);
+    let refined = refine::refine(plan, context.band, spectra, &work.weight, start, context.curvature)?;
     let tau = context.delays(&refined.direction);
     if plan.weighting == Weighting::Joint {
-        refine::coherence(plan, spectra, &tau, &mut work.raw);
+        refine::coherence(plan, context.band, spectra, &tau, &mut work.raw);
     } else {
         work.raw = work.measured;
     }
     let bins = context.bins();
     let terms = PAIR_COUNT as f32 * bins;
-    let sum = PAIR_COUNT as f32 * work.raw.iter().take(plan.high).skip(plan.incoherent).sum::<f32>();
-    let level = plan.threshold * context.deviation(terms);
+    let sum = PAIR_COUNT as f32
+        * work.raw.iter().take(context.band.high).skip(context.band.incoherent).sum::<f32>();
+    let level = context.band.threshold * context.deviation(terms);
     if sum <= level || sum.is_nan() {
         return None;
     }
-    let (low, high) = (plan.incoherent, plan.high);
+    let (low, high) = (context.band.incoherent, context.band.high);
     let diffuse = detect::diffuse_mean(&plan.geometry, &plan.crossing_s, &tau, low, high, plan.bin_rad_s);
     let statistic = (sum - diffuse) / level;
     (statistic > 1.0).then_some(Found { refined, tau, statistic, mean: sum / terms })
@@ -327,58 +334,4 @@ fn agreement(
         sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
     }
     0.1
-}
-
-/// The record of a found source, with the covariance that its smoothed coherence gives; `None` where there is none.
-fn bearing(
-    context: &Context<'_>,
-    found: &Found,
-    work: &SpectrumWork,
-    agreeing: f32,
-    band: u8,
-) -> Option<Bearing> {
-    let plan = context.plan;
-    let direction = &found.refined.direction;
-    let variance = refine::arrival_variance(plan, &work.smooth, &work.weight, context.snapshots)?;
-    let e = wavefront::tangents(direction);
-    let g1 = wavefront::gradient(&plan.geometry, direction, &e.0, context.curvature);
-    let g2 = wavefront::gradient(&plan.geometry, direction, &e.1, context.curvature);
-    let (i11, i12, i22) = wavefront::information(&g1, &g2);
-    let determinant = i11 * i22 - i12 * i12;
-    if determinant <= 0.0 || determinant.is_nan() {
-        return None;
-    }
-    let scale = variance.arrival / determinant;
-    let (azimuth, elevation) = wavefront::angles(direction);
-    // A step along the horizontal tangent turns the azimuth by 1/cos β; at the zenith azimuth means nothing.
-    let widen = 1.0 / e.1[2].max(1e-3);
-    let most = m::PI * m::PI / 3.0;
-
-    let residual = found.refined.pair_delay.iter().zip(&found.tau);
-    let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>();
-    let floor = DELAY_FLOOR_SAMPLES / plan.rate_hz;
-    let misfit = m::sqrt(residual / PAIR_COUNT as f32 / (variance.pair + floor * floor));
-    let mean = found.mean.clamp(1e-6, 1.0 - 1e-6);
-    Some(Bearing {
-        index: context.index,
-        azimuth,
-        elevation,
-        var_azimuth: (scale * i22 * widen * widen).min(most),
-        var_elevation: (scale * i11).min(most),
-        cov: (-scale * i12 * widen).clamp(-most, most),
-        snr_db: math::db(mean / (1.0 - mean)),
-        // A misfit of half as much again as noise explains costs nothing.
-        quality: agreeing * (1.5 / misfit.max(1.5)),
-        closure_s: closure(&found.refined.pair_delay),
-        statistic: found.statistic,
-        band,
-        flags: context.flags,
-    })
-}
-
-/// Root-mean-square closure of the four triangles of pair delays, seconds.
-pub(crate) fn closure(d: &[f32; PAIR_COUNT]) -> f32 {
-    let [d01, d02, d03, d12, d13, d23] = *d;
-    let loops = [d01 + d12 - d02, d01 + d13 - d03, d02 + d23 - d03, d12 + d23 - d13];
-    m::sqrt(0.25 * loops.iter().map(|x| x * x).sum::<f32>())
 }

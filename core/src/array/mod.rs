@@ -3,7 +3,7 @@
 //! Enters: [`crate::block::Block`]s of converter codes. Leaves: [`crate::wire::Message::Bearing`] and
 //! [`crate::wire::Message::Fault`]. In the order data flows: `intake` (continuity and accounting), `transform` and
 //! `spectra` (windowed transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
-//! cross-spectra, covariance), `detect` (is there a source at all), `estimate` (one segment, all of these), `chain` (the
+//! cross-spectra, covariance), `detect` (is there a source at all), `estimate` (one segment, all of these), `others` (quieter sources), `report` (the record with its uncertainty), `chain` (the
 //! calls a recorder makes). Beside them: `tdoa` (bearings from measured delays) and `limit` (what no estimator beats).
 //!
 //! Assumptions: one dominant source, noise of similar level at all hydrophones, known positions and speed of sound.
@@ -15,8 +15,10 @@ mod detect;
 mod estimate;
 mod intake;
 pub mod limit;
+mod others;
 mod plan;
 mod refine;
+mod report;
 mod search;
 mod spectra;
 pub mod tdoa;

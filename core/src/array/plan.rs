@@ -70,6 +70,36 @@ impl core::fmt::Display for PlanError {
 
 impl core::error::Error for PlanError {}
 
+/// Octaves of the sub-bands: the first is 125 to 250 Hz, each next one twice as high.
+pub(crate) const OCTAVES: usize = 9;
+/// Lowest frequency of the first octave, Hz.
+const FIRST_OCTAVE_HZ: f64 = 125.0;
+/// Fewest bins of an octave that is searched.
+const LEAST_BINS: usize = 4;
+/// Share of the allowed false alarms that all octaves together may take; the rest is the whole band's.
+const OCTAVE_SHARE: f64 = 0.2;
+
+/// Bins searched together, and what follows from them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Band {
+    /// First bin.
+    pub(crate) low: usize,
+    /// One past the last bin.
+    pub(crate) high: usize,
+    /// First bin that detection and search use: ambient noise is coherent across the array below it.
+    pub(crate) incoherent: usize,
+    /// Standardised statistic that noise exceeds at the configured rate.
+    pub(crate) threshold: f32,
+    /// Angle over which the steered response falls off, radians.
+    pub(crate) resolution: f32,
+}
+
+/// Mean square of the bins' numbers.
+fn mean_square(low: usize, high: usize) -> f64 {
+    let sum: f64 = (low..high).map(|k| (k * k) as f64).sum();
+    sum / high.saturating_sub(low).max(1) as f64
+}
+
 /// The immutable plan of the array chain (about half a KiB).
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -87,12 +117,10 @@ pub struct Plan {
     pub(crate) shared: [f32; SHARES],
     /// Mean square of the window times FRAME².
     pub(crate) window_power: f32,
-    /// First bin of the band.
-    pub(crate) low: usize,
-    /// One past the last bin of the band.
-    pub(crate) high: usize,
-    /// First bin that detection and search use: ambient noise is coherent across the array below it.
-    pub(crate) incoherent: usize,
+    /// The whole band.
+    pub(crate) whole: Band,
+    /// Its octaves above the frequency from which ambient noise is incoherent: octave n from 125 Hz · 2ⁿ to twice that.
+    pub(crate) octaves: [Option<Band>; OCTAVES],
     /// Angular frequency of bin 1, rad/s.
     pub(crate) bin_rad_s: f32,
     pub(crate) step_samples: core::num::NonZeroU64,
@@ -108,10 +136,8 @@ pub struct Plan {
     pub(crate) elevation: (f32, f32),
     /// Distance of each pair over the speed of sound, seconds.
     pub(crate) crossing_s: [f32; 6],
-    /// Standardised statistic that noise exceeds at the configured rate.
-    pub(crate) threshold: f32,
-    /// Angle over which the steered response falls off, radians.
-    pub(crate) resolution: f32,
+    /// Depth of the vessels listened to over the array's own depth; 0 where there is no surface.
+    pub(crate) vessel_over_array_depth: f32,
     pub(crate) weighting: Weighting,
 }
 
@@ -178,7 +204,25 @@ impl Plan {
 
         let shape = detect::shape(&geometry, incoherent, high, bin_rad_s);
         let tests_per_hour = 3600.0 / array.step_s;
-        let threshold = detect::threshold(array.false_alarms_per_hour / tests_per_hour, shape.area_in_cells);
+        let allowed = array.false_alarms_per_hour / tests_per_hour;
+        let threshold = detect::threshold((1.0 - OCTAVE_SHARE) * allowed, shape.area_in_cells);
+        let whole =
+            Band { low, high, incoherent, threshold: threshold as f32, resolution: shape.resolution as f32 };
+        let mut octaves = [None; OCTAVES];
+        for (n, octave) in octaves.iter_mut().enumerate() {
+            let from = FIRST_OCTAVE_HZ * (1u32 << n) as f64 / bin_hz;
+            let low = (md::ceil(from) as usize).max(knee).max(low);
+            let high = (md::ceil(2.0 * from) as usize).min(high);
+            if high < low + LEAST_BINS {
+                continue;
+            }
+            // The response's cells shrink with the square of the frequency.
+            let finer = mean_square(low, high) / mean_square(incoherent, whole.high);
+            // One octave a step: together they make as many tests as the whole band.
+            let threshold = detect::threshold(OCTAVE_SHARE * allowed, finer * shape.area_in_cells);
+            let resolution = (shape.resolution / md::sqrt(finer)) as f32;
+            *octave = Some(Band { low, high, incoherent: low, threshold: threshold as f32, resolution });
+        }
 
         Ok(Self {
             inv_c: 1.0 / geometry.sound_speed_m_s,
@@ -189,9 +233,8 @@ impl Plan {
             snapshots_per_frame,
             // Four times, because the table is half the window.
             window_power: 4.0 * sum2 * FRAME as f32,
-            low,
-            high,
-            incoherent,
+            whole,
+            octaves,
             bin_rad_s,
             step_samples,
             steps_per_segment: steps as u8,
@@ -205,8 +248,11 @@ impl Plan {
                 md::sin(array.elevation_deg.1 * crate::angle::RAD_PER_DEG) as f32,
             ),
             crossing_s,
-            threshold: threshold as f32,
-            resolution: shape.resolution as f32,
+            vessel_over_array_depth: if config.depth_m > array.vessel_depth_m {
+                (array.vessel_depth_m / config.depth_m) as f32
+            } else {
+                0.0
+            },
             weighting: Weighting::default(),
             geometry,
         })
@@ -231,19 +277,19 @@ impl Plan {
 
     /// The standardised detection statistic that noise alone exceeds at the configured rate.
     pub fn threshold(&self) -> f32 {
-        self.threshold
+        self.whole.threshold
     }
 
     /// The angle (radians) over which the response to a broadband source falls off: one radian of phase at the
     /// band's root-mean-square frequency.
     pub fn resolution_rad(&self) -> f32 {
-        self.resolution
+        self.whole.resolution
     }
 
     /// Lowest and highest frequency used, Hz.
     pub fn band_hz(&self) -> (f32, f32) {
         let bin = self.rate_hz / FRAME as f32;
-        (self.low as f32 * bin, (self.high - 1) as f32 * bin)
+        (self.whole.low as f32 * bin, (self.whole.high - 1) as f32 * bin)
     }
 }
 

@@ -9,7 +9,7 @@
 //! `σ_t² = Σ W²ω² n(n+4c) / (2K (Σ Wω²c)²)`, which for these weights is the physical limit of METHODS section 2.
 //! Cost: about 30 000 instructions a pass over the six pairs; seven passes a segment.
 
-use super::plan::{BINS, Plan, SHARE_STRIDE, SHARES, Weighting};
+use super::plan::{BINS, Band, Plan, SHARE_STRIDE, SHARES, Weighting};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
@@ -17,6 +17,8 @@ use crate::math::f32 as m;
 
 /// Least share of noise assumed (17 dB signal-to-noise ratio): above it multipath limits, not noise.
 pub(crate) const LEAST_NOISE: f32 = 0.02;
+/// Least `1 − r²` by which two sources' coherences are told apart.
+const LEAST_APART: f32 = 0.2;
 /// Bins on each side over which the coherence spectrum is averaged for the weights.
 const SMOOTH: usize = 4;
 /// Gauss-Newton steps: from a fine-grid start three reach the level of rounding.
@@ -58,12 +60,18 @@ pub(crate) fn whiten(spectra: &mut Spectra, work: [&mut [f32; BINS]; CHANNELS]) 
 }
 
 /// The steered coherence `c(f)`: mean over pairs of `Re(ĝ e^{iωτ})`, for every bin of the band.
-pub(crate) fn coherence(plan: &Plan, g: &Spectra, tau: &[f32; PAIR_COUNT], out: &mut [f32; BINS]) {
+pub(crate) fn coherence(
+    plan: &Plan,
+    band: &Band,
+    g: &Spectra,
+    tau: &[f32; PAIR_COUNT],
+    out: &mut [f32; BINS],
+) {
     out.fill(0.0);
     for ((re, im), tau) in g.re.iter().zip(&g.im).zip(tau) {
         let (ds, dc) = m::sin_cos(plan.bin_rad_s * tau);
-        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * plan.low as f32);
-        for ((out, re), im) in out.iter_mut().zip(re).zip(im).take(plan.high).skip(plan.low) {
+        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * band.low as f32);
+        for ((out, re), im) in out.iter_mut().zip(re).zip(im).take(band.high).skip(band.low) {
             *out += re * c - im * s;
             (s, c) = (s * dc + c * ds, c * dc - s * ds);
         }
@@ -88,14 +96,20 @@ pub(crate) fn shared_signal(plan: &Plan, tau: &[f32; PAIR_COUNT]) -> f32 {
 }
 
 /// Takes a source of delays `tau` and measured coherence out of whitened cross-spectra.
-pub(crate) fn remove(plan: &Plan, g: &mut Spectra, tau: &[f32; PAIR_COUNT], coherence: &[f32; BINS]) {
+pub(crate) fn remove(
+    plan: &Plan,
+    band: &Band,
+    g: &mut Spectra,
+    tau: &[f32; PAIR_COUNT],
+    coherence: &[f32; BINS],
+) {
     let mean = shared_signal(plan, tau);
     for ((re, im), tau) in g.re.iter_mut().zip(&mut g.im).zip(tau) {
         let scale = share(plan, *tau) / mean;
         let (ds, dc) = m::sin_cos(plan.bin_rad_s * tau);
-        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * plan.low as f32);
-        for ((re, im), power) in re.iter_mut().zip(im).zip(coherence).take(plan.high).skip(plan.low) {
-            let power = power.max(0.0) * scale;
+        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * band.low as f32);
+        for ((re, im), power) in re.iter_mut().zip(im).zip(coherence).take(band.high).skip(band.low) {
+            let power = power * scale;
             *re -= power * c;
             *im += power * s;
             (s, c) = (s * dc + c * ds, c * dc - s * ds);
@@ -103,12 +117,30 @@ pub(crate) fn remove(plan: &Plan, g: &mut Spectra, tau: &[f32; PAIR_COUNT], cohe
     }
 }
 
+/// Turns the coherence `c` of a second source, measured in what the first left, into what has to be put back at the first:
+/// along the first's delays the pairs' mean had shown `c₁ + r c₂`, with `r` the mean over pairs of `cos ω(τ₁ − τ₂)`, and all of it
+/// was taken out, which leaves `(1 − r²) c₂` along the second's. Gives `−r c₂`, to be removed.
+pub(crate) fn overdone(
+    plan: &Plan,
+    band: &Band,
+    first: &[f32; PAIR_COUNT],
+    second: &[f32; PAIR_COUNT],
+    c: &mut [f32; BINS],
+) {
+    for (k, c) in c.iter_mut().enumerate().take(band.high).skip(band.low) {
+        let omega = k as f32 * plan.bin_rad_s;
+        let turns = first.iter().zip(second).map(|(a, b)| m::cos(omega * (a - b)));
+        let r = turns.sum::<f32>() / PAIR_COUNT as f32;
+        *c *= -r / (1.0 - r * r).max(LEAST_APART);
+    }
+}
+
 /// Average over neighbouring bins within the band.
-pub(crate) fn smoothed(plan: &Plan, raw: &[f32; BINS], out: &mut [f32; BINS]) {
+pub(crate) fn smoothed(band: &Band, raw: &[f32; BINS], out: &mut [f32; BINS]) {
     out.fill(0.0);
-    for k in plan.low..plan.high.min(BINS) {
-        let first = k.saturating_sub(SMOOTH).max(plan.low);
-        let last = (k + SMOOTH + 1).min(plan.high);
+    for k in band.low..band.high.min(BINS) {
+        let first = k.saturating_sub(SMOOTH).max(band.low);
+        let last = (k + SMOOTH + 1).min(band.high);
         let span = last.saturating_sub(first);
         let sum = raw.iter().skip(first).take(span).sum::<f32>();
         if let Some(out) = out.get_mut(k) {
@@ -126,9 +158,9 @@ fn shares(c: f32) -> (f32, f32) {
 
 /// Weights of every bin from the smoothed coherence. The weightings kept for comparison are in the spectra themselves
 /// ([`reweight`]) and weigh every bin alike.
-pub(crate) fn weights(plan: &Plan, smooth: &[f32; BINS], out: &mut [f32; BINS]) {
+pub(crate) fn weights(plan: &Plan, band: &Band, smooth: &[f32; BINS], out: &mut [f32; BINS]) {
     out.fill(0.0);
-    for (out, c) in out.iter_mut().zip(smooth).take(plan.high).skip(plan.low) {
+    for (out, c) in out.iter_mut().zip(smooth).take(band.high).skip(band.low) {
         let (c, n) = shares(*c);
         *out = if plan.weighting == Weighting::Joint { c / (n * (n + 4.0 * c)) } else { 1.0 };
     }
@@ -141,9 +173,11 @@ pub(crate) fn reweight(plan: &Plan, g: &mut Spectra) {
     let autos = [(a0, a1), (a0, a2), (a0, a3), (a1, a2), (a1, a3), (a2, a3)];
     let [s0, s1, s2, s3] = plan.relative_gain;
     let gains = [s0 * s1, s0 * s2, s0 * s3, s1 * s2, s1 * s3, s2 * s3];
-    let power = a0.iter().take(plan.high).skip(plan.low).sum::<f32>().max(1e-20);
+    let power = a0.iter().take(plan.whole.high).skip(plan.whole.low).sum::<f32>().max(1e-20);
     for (((re, im), (a, b)), gain) in g.re.iter_mut().zip(&mut g.im).zip(autos).zip(gains) {
-        for (((re, im), a), b) in re.iter_mut().zip(im).zip(a).zip(b).take(plan.high).skip(plan.low) {
+        for (((re, im), a), b) in
+            re.iter_mut().zip(im).zip(a).zip(b).take(plan.whole.high).skip(plan.whole.low)
+        {
             let square = (*re * *re + *im * *im).clamp(1e-12, 1.0);
             let factor = match plan.weighting {
                 Weighting::Joint => 1.0,
@@ -161,12 +195,13 @@ pub(crate) fn reweight(plan: &Plan, g: &mut Spectra) {
 /// `None` where the weights hold no information.
 pub(crate) fn arrival_variance(
     plan: &Plan,
+    band: &Band,
     smooth: &[f32; BINS],
     weight: &[f32; BINS],
     snapshots: f32,
 ) -> Option<Variance> {
     let (mut scatter, mut pair_scatter, mut information) = (0.0f32, 0.0f32, 0.0f32);
-    for (k, (c, w)) in smooth.iter().zip(weight).enumerate().take(plan.high).skip(plan.low) {
+    for (k, (c, w)) in smooth.iter().zip(weight).enumerate().take(band.high).skip(band.low) {
         let (c, n) = shares(*c);
         let omega = k as f32 * plan.bin_rad_s;
         let w_omega = w * omega;
@@ -195,6 +230,7 @@ pub(crate) struct Variance {
 /// Gauss-Newton from a start; `None` where the response has no peak there.
 pub(crate) fn refine(
     plan: &Plan,
+    band: &Band,
     g: &Spectra,
     weight: &[f32; BINS],
     start: &Direction,
@@ -203,7 +239,7 @@ pub(crate) fn refine(
     let mut direction = *start;
     for _ in 0..STEPS {
         let tau = wavefront::pair_delays(&wavefront::arrivals(&plan.geometry, &direction, curvature));
-        let sums = steer(plan, g, &tau, weight);
+        let sums = steer(plan, band, g, &tau, weight);
         let e = wavefront::tangents(&direction);
         let g1 = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, &direction, &e.0, curvature));
         let g2 = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, &direction, &e.1, curvature));
@@ -223,13 +259,13 @@ pub(crate) fn refine(
         let mut step = [(h22 * b1 - h12 * b2) / determinant, (h11 * b2 - h12 * b1) / determinant];
         // A step beyond the peak's own width means the quadratic model does not hold: go part of the way.
         let length = m::sqrt(step[0] * step[0] + step[1] * step[1]);
-        if length > plan.resolution {
-            step = step.map(|x| x * plan.resolution / length);
+        if length > band.resolution {
+            step = step.map(|x| x * band.resolution / length);
         }
         direction = wavefront::stepped(&direction, &e, step[0], step[1]);
     }
     let tau = wavefront::pair_delays(&wavefront::arrivals(&plan.geometry, &direction, curvature));
-    let sums = steer(plan, g, &tau, weight);
+    let sums = steer(plan, band, g, &tau, weight);
     let mut pair_delay = tau;
     for ((delay, slope), bend) in pair_delay.iter_mut().zip(&sums.slope).zip(&sums.bend) {
         if *bend > 0.0 {
@@ -242,15 +278,15 @@ pub(crate) fn refine(
 }
 
 /// Sums over the band of each pair's steered cross-spectrum.
-fn steer(plan: &Plan, g: &Spectra, tau: &[f32; PAIR_COUNT], weight: &[f32; BINS]) -> Steered {
+fn steer(plan: &Plan, band: &Band, g: &Spectra, tau: &[f32; PAIR_COUNT], weight: &[f32; BINS]) -> Steered {
     let mut out = Steered { slope: [0.0; PAIR_COUNT], bend: [0.0; PAIR_COUNT] };
     let sums = out.slope.iter_mut().zip(&mut out.bend);
     for (((slope, bend), (re, im)), tau) in sums.zip(g.re.iter().zip(&g.im)).zip(tau) {
         let (ds, dc) = m::sin_cos(plan.bin_rad_s * tau);
-        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * plan.low as f32);
-        let mut omega = plan.low as f32 * plan.bin_rad_s;
+        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * band.low as f32);
+        let mut omega = band.low as f32 * plan.bin_rad_s;
         let (mut first, mut second) = (0.0f32, 0.0f32);
-        for ((re, im), w) in re.iter().zip(im).zip(weight).take(plan.high).skip(plan.low) {
+        for ((re, im), w) in re.iter().zip(im).zip(weight).take(band.high).skip(band.low) {
             let w_omega = w * omega;
             first += w_omega * (re * s + im * c);
             second += w_omega * omega * (re * c - im * s);

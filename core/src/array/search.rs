@@ -9,7 +9,7 @@
 //! cells are then searched finely on the correlations themselves.
 //! Cost at 64 kHz: 280 000 instructions for the transforms, about 400 000 for the lattice, 50 000 for the cells.
 
-use super::plan::{BINS, FRAME, MAX_DELAY, Plan};
+use super::plan::{BINS, Band, FRAME, MAX_DELAY, Plan};
 use super::spectra::Spectra;
 use super::transform::Work;
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -26,6 +26,8 @@ const POOLED: usize = (LAGS - 1) / POOL_STRIDE + 1;
 const LENGTH: usize = 2 * FRAME;
 /// Coarse cells searched finely. The pooled bound is loose; a true peak at the detection threshold ranks within them.
 const CELLS: usize = 16;
+/// Widest lattice, radians: four cells of the whole band, or what the pooled tables can hold.
+const WIDEST_RAD: f32 = 0.14;
 /// Fine points on each side of a cell's centre.
 const FINE: i32 = 3;
 
@@ -48,16 +50,17 @@ impl SearchWork {
         Self { lags: [[0.0; LAGS]; PAIR_COUNT], pooled: [[0.0; POOLED]; PAIR_COUNT] }
     }
 
-    /// The direction of the highest summed correlation, for wavefronts of this curvature.
+    /// The direction of the highest summed correlation, for wavefronts of this curvature, in a band.
     pub(crate) fn best(
         &mut self,
         plan: &Plan,
+        band: &Band,
         whitened: &Spectra,
         curvature: f32,
         work: &mut Work,
     ) -> Candidate {
-        self.correlate(plan, whitened, work);
-        let spacing = (4.0 * plan.resolution).clamp(0.03, 0.14);
+        self.correlate(band, whitened, work);
+        let spacing = (4.0 * band.resolution).clamp(0.03, WIDEST_RAD);
         self.pool(plan, spacing);
         let cells = self.coarse(plan, curvature, spacing);
         let mut best = Candidate { score: f32::MIN, direction: [0.0, 1.0, 0.0] };
@@ -88,11 +91,11 @@ impl SearchWork {
     }
 
     /// Correlations at half-sample lags: `R(n) = Re Σ_k ĝ(k) e^{+2πikn/1024}`.
-    fn correlate(&mut self, plan: &Plan, whitened: &Spectra, work: &mut Work) {
+    fn correlate(&mut self, band: &Band, whitened: &Spectra, work: &mut Work) {
         let [r01, r02, r03, r12, r13, r23] = &whitened.re;
         let [i01, i02, i03, i12, i13, i23] = &whitened.im;
         let [l01, l02, l03, l12, l13, l23] = &mut self.lags;
-        let (low, high) = (plan.incoherent, plan.high);
+        let (low, high) = (band.incoherent, band.high);
         correlate_two(work, low, high, [(r01, i01), (r02, i02)], [l01, l02]);
         correlate_two(work, low, high, [(r03, i03), (r12, i12)], [l03, l12]);
         correlate_two(work, low, high, [(r13, i13), (r23, i23)], [l13, l23]);

@@ -75,7 +75,7 @@ impl Spectra {
         let [z01, z23] = work.as_chunks_mut::<FRAME>().0 else { return };
         without_offset(z01, plan);
         without_offset(z23, plan);
-        self.accumulate(z01, z23, plan.high.div_ceil(RUN).min(BINS / RUN));
+        self.accumulate(z01, z23, plan.whole.high.div_ceil(RUN).min(BINS / RUN));
         self.frames = self.frames.saturating_add(1);
     }
 

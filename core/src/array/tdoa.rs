@@ -13,7 +13,7 @@
 //! Cost: about 40 000 instructions a set.
 
 use super::continuity::Continuity;
-use super::estimate::closure;
+use super::report::closure;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::geometry::{Geometry, PAIRS};
 use crate::math::f32 as m;

@@ -86,7 +86,8 @@ pub struct Bearing {
     pub closure_s: f32,
     /// Detection statistic in units of its threshold (1 = at the stated false-alarm rate).
     pub statistic: f32,
-    /// 0 the strongest source in the band; 1 a second one, found in what the first leaves.
+    /// 0 the strongest source in the band; 1 a second one, found in what the first leaves; 2 + n another source that
+    /// stands out in the octave from 125 Hz · 2ⁿ up.
     pub band: u8,
     /// Bit 0 clipping in the segment, bit 1 a gap in the segment, bit 2 shortened segment, bit 3 a channel left out.
     pub flags: u8,

@@ -4,7 +4,7 @@
 //! Static sources at random azimuths and elevations, 500 m away (spherical delays, exact), source and ambient noise of
 //! one falling spectrum. Everything is measured on what the recorder's own code emits for converter codes.
 
-use super::bearing_limit_source::{Ambient, Desk, Sounder, exact_arrivals};
+use super::bearing_limit_source::{Ambient, Desk, Sounder, exact_arrivals, surfaced};
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::plot::{Figure, Scale};
@@ -67,6 +67,7 @@ pub fn station() -> StationConfig {
             step_s: 0.5,
             elevation_deg: (-90.0, 90.0),
             false_alarms_per_hour: 0.5,
+            vessel_depth_m: 0.0,
         }),
         tracking: Tracking::default(),
     }
@@ -100,11 +101,28 @@ struct Errors {
     limit_azimuth2: f64,
     limit_elevation2: f64,
     stated_azimuth2: f64,
+    stated_elevation2: f64,
     beyond_5_deg: usize,
     within_ellipse: usize,
 }
 
 impl Errors {
+    /// Takes a bearing of a source in this direction (radians).
+    fn take(&mut self, b: &Bearing, azimuth: f64, elevation: f64) {
+        let da = wrap_pi(f64::from(b.azimuth) - azimuth);
+        let de = f64::from(b.elevation) - elevation;
+        let (va, ve, c) = (f64::from(b.var_azimuth), f64::from(b.var_elevation), f64::from(b.cov));
+        let chi2 = (ve * da * da - 2.0 * c * da * de + va * de * de) / (va * ve - c * c);
+        self.n += 1;
+        self.azimuth2 += da * da;
+        self.elevation2 += de * de;
+        self.stated_azimuth2 += va;
+        self.stated_elevation2 += ve;
+        self.beyond_5_deg += usize::from((da * elevation.cos()).hypot(de) > 5f64.to_radians());
+        // 95 % of a two-dimensional normal lie within −2 ln 0.05 = 5.991.
+        self.within_ellipse += usize::from(chi2 <= 5.991);
+    }
+
     fn add(mut self, o: Self) -> Self {
         self.n += o.n;
         self.expected += o.expected;
@@ -113,6 +131,7 @@ impl Errors {
         self.limit_azimuth2 += o.limit_azimuth2;
         self.limit_elevation2 += o.limit_elevation2;
         self.stated_azimuth2 += o.stated_azimuth2;
+        self.stated_elevation2 += o.stated_elevation2;
         self.beyond_5_deg += o.beyond_5_deg;
         self.within_ellipse += o.within_ellipse;
         self
@@ -128,6 +147,11 @@ pub fn run(options: &Options) -> Result<()> {
     let plan = Plan::new(&config)?;
     let directions = options.runs.unwrap_or(40);
     accuracy(options, &plan, directions)?;
+    let mut surfaced = config;
+    if let Kind::Array(array) = &mut surfaced.kind {
+        array.vessel_depth_m = 4.0;
+    }
+    multipath(options, &Plan::new(&surfaced)?, directions)?;
     // An hour of noise for each kind, or a share of it where fewer runs are asked for.
     let seconds = if options.runs.is_some_and(|n| n < 10) { 300.0 } else { 3600.0 };
     false_alarms(options, seconds)
@@ -204,6 +228,45 @@ fn accuracy(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
     figure.line("limit, azimuth", &series(|r| r.2)).line("limit, elevation", &series(|r| r.4));
     figure.points("azimuth", &series(|r| r.1)).points("elevation", &series(|r| r.3));
     figure.write(&options.out.join("bearing_limit.svg"))
+}
+
+/// The table of stated and actual errors where the surface's image comes beside the vessel.
+fn multipath(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
+    let sounder = Sounder::new(plan.geometry(), f64::from(plan.rate_hz()), RECORD, Ambient::Independent);
+    let columns = ["snr_db", "segments", "az_deg", "az_stated", "el_deg", "el_stated", "ellipse_%"];
+    let mut report = Report::new("bearing_multipath", &columns);
+    if !options.json {
+        println!("with the surface's image: vessels 4 m deep, 200 to 1000 m away, array 168 m deep");
+    }
+    for snr_db in SNR_DB {
+        let trial = |n| {
+            let seed = options.seed.wrapping_mul(2_000_003).wrapping_add(n as u64);
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let azimuth = rng.random_range(0.0..std::f64::consts::TAU);
+            let range_m = rng.random_range(200.0..1000.0);
+            let (elevation, paths) = surfaced(plan.geometry(), azimuth, range_m);
+            let mut desk = sounder.desk();
+            let frames = sounder.record_paths(&mut desk, seed ^ 0x5eab_0000, NOISE_CODES, &[(snr_db, paths)]);
+            let mut errors = Errors::default();
+            for b in bearings(plan, frames).iter().filter(|b| b.flags & 2 == 0 && b.band == 0) {
+                errors.take(b, azimuth, elevation);
+            }
+            errors
+        };
+        let e = (0..directions).into_par_iter().map(trial).reduce(Errors::default, Errors::add);
+        let n = e.n.max(1) as f64;
+        let deg = |x: f64| (x / n).sqrt().to_degrees();
+        report.row(&[
+            snr_db,
+            e.n as f64,
+            deg(e.azimuth2),
+            deg(e.stated_azimuth2),
+            deg(e.elevation2),
+            deg(e.stated_elevation2),
+            100.0 * e.within_ellipse as f64 / n,
+        ]);
+    }
+    report.finish(options)
 }
 
 /// Noise alone: how many bearings?
@@ -284,20 +347,10 @@ fn one_direction(plan: &Plan, sounder: &Sounder, desk: &mut Desk, seed: u64, snr
         return errors;
     };
     // Whole segments only: the limit is for one second.
-    for b in bearings(plan, frames).iter().filter(|b| b.flags & 2 == 0) {
-        let da = wrap_pi(f64::from(b.azimuth) - azimuth);
-        let de = f64::from(b.elevation) - elevation;
-        let (va, ve, c) = (f64::from(b.var_azimuth), f64::from(b.var_elevation), f64::from(b.cov));
-        let chi2 = (ve * da * da - 2.0 * c * da * de + va * de * de) / (va * ve - c * c);
-        errors.n += 1;
-        errors.azimuth2 += da * da;
-        errors.elevation2 += de * de;
+    for b in bearings(plan, frames).iter().filter(|b| b.flags & 2 == 0 && b.band == 0) {
+        errors.take(b, azimuth, elevation);
         errors.limit_azimuth2 += bound.var_azimuth;
         errors.limit_elevation2 += bound.var_elevation;
-        errors.stated_azimuth2 += va;
-        errors.beyond_5_deg += usize::from((da * elevation.cos()).hypot(de) > 5f64.to_radians());
-        // 95 % of a two-dimensional normal lie within −2 ln 0.05 = 5.991.
-        errors.within_ellipse += usize::from(chi2 <= 5.991);
     }
     errors
 }

@@ -24,6 +24,9 @@ pub enum Ambient {
     Surface,
 }
 
+/// One way from a source to the hydrophones: gain (amplitude, with sign) and arrival times in seconds.
+pub type Path = (f64, [f64; 4]);
+
 /// A lower triangle by row.
 type Root = [[Complex<f32>; 4]; 4];
 
@@ -79,6 +82,17 @@ impl Sounder {
         Self { samples, rate_hz, geometry: *geometry, inverse, shape, mixing }
     }
 
+    /// The same with sources and noise between two frequencies only; levels stay those of the whole band.
+    pub fn within(mut self, low_hz: f64, high_hz: f64) -> Self {
+        for (k, a) in self.shape.iter_mut().enumerate() {
+            let f = k as f64 * self.rate_hz / self.samples as f64;
+            if !(low_hz..high_hz).contains(&f) {
+                *a = 0.0;
+            }
+        }
+        self
+    }
+
     /// Seconds of one record.
     pub fn seconds(&self) -> f64 {
         self.samples as f64 / self.rate_hz
@@ -110,6 +124,19 @@ impl Sounder {
         rms_codes: f64,
         source: Option<(f64, [f64; 4])>,
     ) -> &'a [Frame] {
+        let sources: Vec<_> =
+            source.map(|(snr_db, arrivals)| (snr_db, vec![(1.0, arrivals)])).into_iter().collect();
+        self.record_paths(desk, seed, rms_codes, &sources)
+    }
+
+    /// The same with any number of sources, each with any number of paths: gain and arrival times.
+    pub fn record_paths<'a>(
+        &self,
+        desk: &'a mut Desk,
+        seed: u64,
+        rms_codes: f64,
+        sources: &[(f64, Vec<Path>)],
+    ) -> &'a [Frame] {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let bins = self.shape.len();
         let Desk { spectra, signal, scratch, frames } = desk;
@@ -139,18 +166,18 @@ impl Sounder {
                 }
             }
         }
-        if let Some((snr_db, arrivals)) = source {
+        for (snr_db, paths) in sources {
             let gain = amplitude * 10f64.powf(snr_db / 20.0) as f32;
-            let turn: Vec<Complex<f64>> = arrivals
-                .iter()
-                .map(|t| Complex::from_polar(1.0, -TAU * t * self.rate_hz / self.samples as f64))
-                .collect();
-            let mut phase = [Complex::new(1.0f64, 0.0); 4];
+            let turn = |t: &f64| Complex::from_polar(1.0, -TAU * t * self.rate_hz / self.samples as f64);
+            let turns: Vec<[Complex<f64>; 4]> = paths.iter().map(|p| p.1.each_ref().map(turn)).collect();
+            let mut phases: Vec<_> = paths.iter().map(|p| [Complex::new(p.0, 0.0); 4]).collect();
             for k in 1..bins - 1 {
                 let s = normal_pair(&mut rng) * (self.shape[k] * gain);
-                for (c, spectrum) in spectra.iter_mut().enumerate() {
-                    phase[c] *= turn[c];
-                    spectrum[k] += s * Complex::new(phase[c].re as f32, phase[c].im as f32);
+                for (phase, turn) in phases.iter_mut().zip(&turns) {
+                    for (c, spectrum) in spectra.iter_mut().enumerate() {
+                        phase[c] *= turn[c];
+                        spectrum[k] += s * Complex::new(phase[c].re as f32, phase[c].im as f32);
+                    }
                 }
             }
         }
@@ -182,6 +209,17 @@ pub fn exact_arrivals(geometry: &Geometry, azimuth: f64, elevation: f64, range_m
         let d: f64 = (0..3).map(|k| (source[k] - f64::from(h[k])).powi(2)).sum();
         (d.sqrt() - range_m) / f64::from(geometry.sound_speed_m_s)
     })
+}
+
+/// Elevation (radians) of a vessel 4 m deep at a horizontal range, seen by an array 168 m deep, and its two paths: direct and
+/// off the surface, which turns the sign and keeps 95 % of the amplitude.
+pub fn surfaced(geometry: &Geometry, azimuth: f64, horizontal_m: f64) -> (f64, Vec<Path>) {
+    let (direct_m, image_m) = (horizontal_m.hypot(164.0), horizontal_m.hypot(172.0));
+    let elevation = 164f64.atan2(horizontal_m);
+    let direct = exact_arrivals(geometry, azimuth, elevation, direct_m);
+    let later = (image_m - direct_m) / f64::from(geometry.sound_speed_m_s);
+    let image = exact_arrivals(geometry, azimuth, 172f64.atan2(horizontal_m), image_m).map(|t| t + later);
+    (elevation, vec![(1.0, direct), (-0.95 * direct_m / image_m, image)])
 }
 
 /// Two independent normal numbers (Box-Muller), as one complex of mean square two.

@@ -30,6 +30,7 @@ mod real_ship_track;
 mod report;
 mod several_vessels;
 mod shaft_rate;
+mod sub_bands;
 
 use anyhow::Result;
 use std::path::PathBuf;
@@ -60,6 +61,7 @@ pub struct Experiment {
 /// All experiments. `reproduce all` begins them in this order, the long ones first, so that none is left to run alone.
 pub const EXPERIMENTS: &[Experiment] = &[
     bearing_limit::EXPERIMENT,
+    sub_bands::EXPERIMENT,
     motion_checks::COVERAGE,
     motion_figures::FIGURE_1,
     motion_figures::FIGURE_2,

@@ -1,0 +1,83 @@
+//! From a source found to its record: covariance with what noise does not explain, quality, closure.
+//!
+//! Covariance: the Cramér-Rao form of `refine` with the measured coherence. To it come what the segment itself shows and what
+//! the surface does:
+//!
+//! * Noise makes the pairs' own delays differ from the common direction's by up to [`NOISE_RESIDUAL`] variances of a pair's
+//!   delay. The mean square beyond that comes of paths and other vessels, and errors as large are in the arrival times of the
+//!   common direction.
+//! * A vessel d deep and its image in the surface, seen from depth D at elevation β, are `2 d sin β cos β / D` apart in
+//!   elevation and come as one. Half of that is a standard deviation of the elevation (`vessel_depth_m`; 0: no surface).
+
+use super::estimate::{Context, Found, SpectrumWork};
+use super::refine;
+use super::wavefront::{self, PAIR_COUNT};
+use crate::math::{self, f32 as m};
+use crate::wire::Bearing;
+
+/// Least standard deviation of a pair delay assumed when quality is judged, samples: calibration and multipath.
+const DELAY_FLOOR_SAMPLES: f32 = 0.02;
+
+/// Mean square by which pair delays miss the common direction's under noise alone, in variances of a pair's delay: 0.7 is
+/// expected, nine in ten segments stay below this.
+const NOISE_RESIDUAL: f32 = 3.0;
+/// The same at high signal-to-noise ratios, where what frames of two hydrophones do not share dominates: samples.
+const ROUNDING_SAMPLES: f32 = 0.004;
+/// The record of a found source, with the covariance that its smoothed coherence gives; `None` where there is none.
+pub(super) fn bearing(
+    context: &Context<'_>,
+    found: &Found,
+    work: &SpectrumWork,
+    agreeing: f32,
+    band: u8,
+) -> Option<Bearing> {
+    let plan = context.plan;
+    let direction = &found.refined.direction;
+    let variance =
+        refine::arrival_variance(plan, context.band, &work.smooth, &work.weight, context.snapshots)?;
+    let e = wavefront::tangents(direction);
+    let g1 = wavefront::gradient(&plan.geometry, direction, &e.0, context.curvature);
+    let g2 = wavefront::gradient(&plan.geometry, direction, &e.1, context.curvature);
+    let (i11, i12, i22) = wavefront::information(&g1, &g2);
+    let determinant = i11 * i22 - i12 * i12;
+    if determinant <= 0.0 || determinant.is_nan() {
+        return None;
+    }
+    let residual = found.refined.pair_delay.iter().zip(&found.tau);
+    let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / PAIR_COUNT as f32;
+    let rounding = ROUNDING_SAMPLES / plan.rate_hz;
+    let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
+    let scale = (variance.arrival + unexplained) / determinant;
+    let (azimuth, elevation) = wavefront::angles(direction);
+    // A step along the horizontal tangent turns the azimuth by 1/cos β; at the zenith azimuth means nothing.
+    let widen = 1.0 / e.1[2].max(1e-3);
+    let most = m::PI * m::PI / 3.0;
+    // The image in the surface stands 2d sin β cos β / D above the vessel; their common direction lies between.
+    let image = plan.vessel_over_array_depth * m::abs(e.1[2] * direction[2].max(0.0));
+
+    let floor = DELAY_FLOOR_SAMPLES / plan.rate_hz;
+    let misfit = m::sqrt(residual / (variance.pair + floor * floor));
+    let mean = found.mean.clamp(1e-6, 1.0 - 1e-6);
+    Some(Bearing {
+        index: context.index,
+        azimuth,
+        elevation,
+        var_azimuth: (scale * i22 * widen * widen).min(most),
+        var_elevation: (scale * i11 + image * image).min(most),
+        cov: (-scale * i12 * widen).clamp(-most, most),
+        snr_db: math::db(mean / (1.0 - mean)),
+        // A misfit of half as much again as noise explains costs nothing.
+        quality: agreeing * (1.5 / misfit.max(1.5)),
+        closure_s: closure(&found.refined.pair_delay),
+        statistic: found.statistic,
+        band,
+        flags: context.flags,
+    })
+}
+
+/// Root-mean-square closure of the four triangles of pair delays, seconds.
+pub(crate) fn closure(d: &[f32; PAIR_COUNT]) -> f32 {
+    let [d01, d02, d03, d12, d13, d23] = *d;
+    let loops = [d01 + d12 - d02, d01 + d13 - d03, d02 + d23 - d03, d12 + d23 - d13];
+    m::sqrt(0.25 * loops.iter().map(|x| x * x).sum::<f32>())
+}
