@@ -6,7 +6,8 @@
 //! `(α, β) = argmin Σ (τ_ij − τ_ij(α, β))²` [M 31, N 21] by Gauss-Newton from the linear solution of the unconstrained
 //! slowness vector; its length (in units of 1/c) should be one and is tested. One or two pairs whose correlation peak was
 //! a wrong one are found by leaving them out; the recent accepted bearings say which of the consistent solutions is the
-//! vessel's ([`Continuity`]). Before continuity is established only solutions from five or six pairs count.
+//! vessel's ([`Continuity`]). Before continuity is established only solutions from five or six pairs count, and a set is
+//! accepted at once if all six agree within half of the tolerances.
 //!
 //! Assumptions: one source; errors of the pairs alike and independent apart from wrong peaks. Fails when most pairs are
 //! wrong in the same way (a multipath that hits all hydrophones alike) for longer than continuity remembers.
@@ -23,6 +24,8 @@ use crate::math::f32 as m;
 pub const RESIDUAL_SHARE: f32 = 0.0225;
 /// How far the length of the unconstrained solution may be from one.
 pub const LENGTH_TOLERANCE: f32 = 0.05;
+/// Share of both tolerances within which a set of all six pairs is believed without bearings before it.
+const ALONE_SHARE: f32 = 0.5;
 /// Gauss-Newton steps: the problem is nearly linear.
 const STEPS: usize = 4;
 /// What leaving out one more pair must gain, in units of the squared residual tolerance: the residual of six honest
@@ -155,7 +158,8 @@ impl Solver {
         let closure_s = closure(delays_s);
         match best {
             Some((_, fit)) => {
-                let accepted = continuity.judge(t_s, &fit.direction);
+                let continues = continuity.judge(t_s, &fit.direction);
+                let accepted = continues || (predicted.is_none() && self.stands_alone(&fit));
                 if accepted {
                     let off = predicted
                         .map(|p| m::acos(wavefront::dot(&p.direction, &fit.direction).clamp(-1.0, 1.0)));
@@ -170,6 +174,13 @@ impl Solver {
             }
             None => whole.map(|fit| self.solution(&fit, closure_s, false, continuity)),
         }
+    }
+
+    /// Whether a set is good enough to be believed without bearings before it: every pair agrees, closely.
+    fn stands_alone(&self, fit: &Fit) -> bool {
+        fit.used.count_ones() == PAIR_COUNT as u32
+            && fit.residual_s <= ALONE_SHARE * self.tolerance_s
+            && m::abs(fit.length - 1.0) <= ALONE_SHARE * LENGTH_TOLERANCE
     }
 
     fn consistent(&self, fit: &Fit) -> bool {
@@ -350,6 +361,7 @@ mod tests {
             let off = wavefront::dot(&got.direction, &unit_vector(az, el));
             assert!(off > 1.0 - 1e-6, "{az} {el}");
             assert!(got.residual_s < 1e-8 && got.closure_s < 1e-8 && got.dropped == 0);
+            assert!(got.accepted, "all pairs agree exactly: {az} {el}");
         }
     }
 
@@ -368,7 +380,7 @@ mod tests {
             }
             let got = s.solve(&mut c, n as f64, &d).unwrap();
             let off = m::acos(wavefront::dot(&got.direction, &unit_vector(az, 0.6)).min(1.0));
-            assert_eq!(got.accepted, n >= 2, "set {n}");
+            assert!(got.accepted, "set {n}");
             assert!(off < 0.002, "set {n} errs by {off}");
             assert_eq!(got.dropped.count_ones(), u32::from(n >= 5) + u32::from(n >= 20), "set {n}");
         }
