@@ -4,7 +4,7 @@
 //! The residual `true − measured` azimuth is the offset plus an error whose tails are far from Gaussian (wrong peaks,
 //! other vessels, 180° flips). Per pass the mode is found on a grid of 1° under a Student-t likelihood (three degrees of
 //! freedom, 10° wide), so that a wrong mode cannot capture it; about it the offset is the maximum of Huber's likelihood
-//! (P. J. Huber, Ann. Math. Statist. 35, 1964): Gaussian within [`CORNER`], exponential beyond, as the errors of real
+//! (P. J. Huber, Ann. Math. Statist. 35, 1964): Gaussian within `CORNER` (1.5°), exponential beyond, as the errors of real
 //! buoys are (`seabearing reproduce difar`). It never lies farther than the corner from the median residual. Over
 //! several passes the median of the passes, with the error of their scatter: the errors of one pass have a common part.
 //! With fewer than three passes, the pooled fit and a jackknife over blocks in time.
