@@ -18,6 +18,11 @@ use std::path::{Path, PathBuf};
 
 /// Detections on dark cells: seen there and in the legend.
 const DETECTION: RGBColor = RGBColor(232, 70, 70);
+/// Colour of calls, apart from vessels and visible on the same map.
+const CALL: RGBColor = RGBColor(120, 200, 255);
+/// Kinds of azimuths, as the wire numbers them.
+const TONAL: u8 = 0;
+const IMPULSIVE: u8 = 1;
 
 /// Columns a picture has at most: more cannot be seen.
 const COLUMNS: usize = 360;
@@ -70,7 +75,11 @@ pub fn draw(
         "ln likelihood ratio",
     );
     azimuth.y_scale(Scale::Degrees);
-    azimuth.points("detections", &azimuths(messages, rate)).coloured(DETECTION);
+    azimuth.points("tonal", &azimuths(messages, rate, TONAL)).coloured(DETECTION);
+    let calls = azimuths(messages, rate, IMPULSIVE);
+    if !calls.is_empty() {
+        azimuth.points("impulsive (calls)", &calls).coloured(CALL);
+    }
     for t in truth {
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (h.0 / 3600.0, h.1.to_degrees())).collect();
         azimuth.truth(&t.name, &cut_at_wraps(&points));
@@ -227,9 +236,9 @@ fn heat(
     f
 }
 
-fn azimuths(messages: &[Message], rate: f64) -> Vec<(f64, f64)> {
+fn azimuths(messages: &[Message], rate: f64, kind: u8) -> Vec<(f64, f64)> {
     let one = |m: &Message| match m {
-        Message::Azimuth(a) if a.detected => {
+        Message::Azimuth(a) if a.detected && a.kind == kind => {
             Some((a.index as f64 / rate / 3600.0, f64::from(a.azimuth).to_degrees().rem_euclid(360.0)))
         }
         _ => None,
@@ -283,7 +292,11 @@ fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Figure> {
     evidence.line("azimuth (drawn up to 60)", &tops[0]).line("range (posterior odds)", &tops[1]);
     evidence.x_range(hours.0, hours.1).y_range(-21.0, 62.0);
     let mut azimuth = Figure::new("Azimuth detections", "time (h)", "azimuth (°)");
-    azimuth.points("azimuth", &azimuths(messages, rate)).x_range(hours.0, hours.1).y_range(0.0, 360.0);
+    azimuth.points("tonal", &azimuths(messages, rate, TONAL)).x_range(hours.0, hours.1).y_range(0.0, 360.0);
+    let calls = azimuths(messages, rate, IMPULSIVE);
+    if !calls.is_empty() {
+        azimuth.points("impulsive (calls)", &calls);
+    }
     azimuth.y_scale(Scale::Degrees);
     let mut range = Figure::new("Range detections", "time (h)", "range (km)");
     range.points("range", &ranges(messages, rate)).x_range(hours.0, hours.1).y_range(0.0, 50.0);
