@@ -9,7 +9,7 @@ use seabearing::twin;
 use seabearing_core::block::Block;
 use seabearing_core::sbraw;
 use seabearing_core::wire::{Command, Decoder, Encoder, End, Fault, FaultCode, Hello, Message, Reply};
-use seabearing_tests::ocean_bottom;
+use seabearing_tests::{emulated, ocean_bottom};
 use std::io::Write;
 use std::path::Path;
 use std::sync::mpsc;
@@ -57,8 +57,10 @@ const fn done(token: u8) -> Message {
 }
 
 #[test]
-#[ignore = "emulated: run by `cargo xtask test`"]
 fn an_ocean_bottom_station_answers_while_its_sample_line_is_silent_and_while_it_works() {
+    if !emulated("an_ocean_bottom_station_answers_while_its_sample_line_is_silent_and_while_it_works") {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let record = ocean_bottom(folder.path(), 600.0).unwrap();
     let blob = twin::blob(&record.station).unwrap();
@@ -143,8 +145,10 @@ fn an_ocean_bottom_station_answers_while_its_sample_line_is_silent_and_while_it_
 }
 
 #[test]
-#[ignore = "emulated: run by `cargo xtask test`"]
 fn an_array_answers_and_stops_while_samples_stream_in() {
+    if !emulated("an_array_answers_and_stops_while_samples_stream_in") {
+        return;
+    }
     let station =
         Station::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/demo-station.toml")).unwrap();
     let blob = twin::blob(&station).unwrap();

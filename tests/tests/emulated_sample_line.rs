@@ -9,7 +9,7 @@ use seabearing::twin;
 use seabearing_core::block::Block;
 use seabearing_core::sbraw;
 use seabearing_core::wire::{FaultCode, Message};
-use seabearing_tests::{OceanBottom, ocean_bottom};
+use seabearing_tests::{OceanBottom, emulated, ocean_bottom};
 use std::io::Write;
 
 fn emulator() -> Emulator {
@@ -47,8 +47,10 @@ impl<D: FnMut(usize, &mut Vec<u8>)> Write for Damaging<'_, D> {
 }
 
 #[test]
-#[ignore = "emulated: run by `cargo xtask test`"]
 fn samples_over_the_line_give_the_telemetry_of_the_host_from_a_file() {
+    if !emulated("samples_over_the_line_give_the_telemetry_of_the_host_from_a_file") {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let record = ocean_bottom(folder.path(), 900.0).unwrap();
     let blob = twin::blob(&record.station).unwrap();
@@ -76,8 +78,10 @@ fn samples_over_the_line_give_the_telemetry_of_the_host_from_a_file() {
 }
 
 #[test]
-#[ignore = "emulated: run by `cargo xtask test`"]
 fn damage_on_the_line_is_counted_and_leaves_gaps() {
+    if !emulated("damage_on_the_line_is_counted_and_leaves_gaps") {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let record = ocean_bottom(folder.path(), 600.0).unwrap();
     let blob = twin::blob(&record.station).unwrap();

@@ -1,20 +1,9 @@
 //! `seabearing track` and `seabearing ais speeds` as a person runs them.
 
+use seabearing_tests::seabearing;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::{Command, Output};
-
-fn seabearing(args: &[&str]) -> Option<Output> {
-    // The binary beside this test's own.
-    let dir = std::env::current_exe().ok()?.parent()?.parent()?.to_path_buf();
-    let binary = dir.join(format!("seabearing{}", std::env::consts::EXE_SUFFIX));
-    if !binary.is_file() {
-        println!("skipped: {} is not built (cargo build -p seabearing)", binary.display());
-        return None;
-    }
-    Command::new(binary).args(args).output().ok()
-}
 
 /// 500 m to the north-west of a vessel on 45° at 7 m/s, without noise, travel time included.
 fn write(path: &Path, keep: impl Fn(i32) -> bool, extra: &str) {

@@ -1,25 +1,15 @@
 //! `seabearing orient` for an ocean-bottom station: orientation and position from records and from a recording.
 
+use seabearing_tests::seabearing;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 /// Where the station is against its nominal position, m; its first horizontal's azimuth, and what is configured.
 const MOVED_M: (f64, f64) = (350.0, -120.0);
 const TRUE_DEG: f64 = 77.0;
 const CONFIGURED_DEG: f64 = 60.0;
-
-fn seabearing(args: &[&str]) -> Option<Output> {
-    // The binary beside this test's own.
-    let dir = std::env::current_exe().ok()?.parent()?.parent()?.to_path_buf();
-    let binary = dir.join(format!("seabearing{}", std::env::consts::EXE_SUFFIX));
-    if !binary.is_file() {
-        println!("skipped: {} is not built (cargo build -p seabearing)", binary.display());
-        return None;
-    }
-    Command::new(binary).args(args).output().ok()
-}
 
 /// A vessel's place about the station: closest at a time and range, on a heading, at 7 m/s.
 fn vessel(t_s: f64, cpa_time_s: f64, cpa_range_m: f64, heading_deg: f64) -> (f64, f64) {
