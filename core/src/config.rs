@@ -225,19 +225,8 @@ impl StationConfig {
     pub fn hash(&self) -> u64 {
         let mut buffer = [0u8; 1024];
         match postcard::to_slice(self, &mut buffer) {
-            Ok(bytes) => fnv1a(bytes),
+            Ok(bytes) => crate::wire::hash::fnv1a(bytes),
             Err(_) => 0,
         }
     }
-}
-
-/// The 64-bit FNV-1a hash (Fowler, Noll, Vo; offset basis and prime of the published algorithm).
-pub const fn fnv1a(bytes: &[u8]) -> u64 {
-    let mut hash = 0xcbf2_9ce4_8422_2325u64;
-    let mut i = 0;
-    while i < bytes.len() {
-        hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
-        i += 1;
-    }
-    hash
 }

@@ -18,7 +18,8 @@ pub mod config_blob;
 pub mod geometry;
 
 pub mod block;
-pub mod health;
+#[doc(inline)]
+pub use seabearing_wire::health;
 
 #[cfg(feature = "array")]
 pub mod array;
@@ -29,13 +30,11 @@ pub mod obs;
 pub mod motion;
 pub mod traffic;
 
-pub mod line;
-pub mod network;
-pub mod orient;
-
-pub mod wire;
+#[doc(inline)]
+pub use seabearing_wire as wire;
 
 pub mod port;
+#[cfg(any(feature = "array", feature = "obs"))]
 pub mod recorder;
 pub mod run;
 pub mod sample_line;

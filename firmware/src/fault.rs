@@ -21,7 +21,7 @@ pub struct Record {
 impl Record {
     /// The record of a panic at a place in the source.
     pub fn new(file: &str, line: u32) -> Self {
-        let file = seabearing_core::config::fnv1a(file.as_bytes()) as u32;
+        let file = seabearing_core::wire::hash::fnv1a(file.as_bytes()) as u32;
         Self { magic: MAGIC, line, file, check: check(line, file) }
     }
 

@@ -3,10 +3,11 @@
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use seabearing_core::angle::wrap_pi;
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::ml::{Config, FitError, Sample, fit, range_interval};
-use seabearing_core::motion::whiten::{Method, Plan, WhitenError, Workspace};
-use seabearing_core::motion::{Line, Medium, bound, errors};
+use seabearing_core::motion::{Line, Medium};
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml::{Config, FitError, Sample, fit, range_interval};
+use seabearing_locate::motion::whiten::{Method, Plan, WhitenError, Workspace};
+use seabearing_locate::motion::{bound, errors};
 
 const SD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 

@@ -5,11 +5,11 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use seabearing_core::angle::wrap_pi;
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::ml::{self, Sample};
 use seabearing_core::motion::recursive::{Config, Measurement, State, finish, measure, solution};
-use seabearing_core::motion::whiten::Workspace;
 use seabearing_core::motion::{Line, Medium, Solution};
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml::{self, Sample};
+use seabearing_locate::motion::whiten::Workspace;
 
 fn config(sd_rad: f64, tau_s: f64) -> Config {
     Config {

@@ -1,8 +1,8 @@
 //! `seabearing locate` and the network estimators behind it: golden errors, invariance, refusal.
 
 use proptest::prelude::*;
-use seabearing_core::network::model::bearing;
-use seabearing_core::network::{Region, Settings, Sighting, locate};
+use seabearing_locate::network::model::bearing;
+use seabearing_locate::network::{Region, Settings, Sighting, locate};
 
 const THREE: [[f64; 3]; 3] = [[0.0, 100.0, -168.0], [86.6, -50.0, -168.0], [-86.6, -50.0, -168.0]];
 

@@ -143,10 +143,7 @@ fn messages() -> Vec<(&'static str, Message)> {
 
 #[test]
 fn the_page_holds_the_schema_word_for_word() {
-    assert!(
-        PAGE.contains(&format!("```text\n{SCHEMA}```")),
-        "copy core/src/wire/schema.txt into docs/wire.md"
-    );
+    assert!(PAGE.contains(&format!("```text\n{SCHEMA}```")), "copy wire/src/schema.txt into docs/wire.md");
     assert!(PAGE.contains(&format!("it is {WIRE_VERSION}.")));
 }
 

@@ -29,7 +29,7 @@ pub const EMULATED_OBS: Image =
     Image { name: "mps2-an500-obs.elf", bin: "mps2-an500", features: "mps2-an500,obs" };
 /// One batch motion fit on the emulated board, for its budget.
 pub const EMULATED_FIT: Image =
-    Image { name: "mps2-an500-motion-fit.elf", bin: "motion-fit", features: "mps2-an500,array" };
+    Image { name: "mps2-an500-motion-fit.elf", bin: "motion-fit", features: "motion-fit" };
 
 /// The hardware board with everything.
 pub const HARDWARE: Image =

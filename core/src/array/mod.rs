@@ -4,13 +4,12 @@
 //! [`crate::wire::Message::Fault`]. In the order data flows: `intake` (continuity and accounting), `transform` and
 //! `spectra` (windowed transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
 //! cross-spectra, covariance), `detect` (is there a source at all), `estimate` (one segment, all of these), `others` (quieter sources), `report` (the record with its uncertainty), `chain` (the
-//! calls a recorder makes). Beside them: `tdoa` (bearings from measured delays) and `limit` (what no estimator beats).
+//! calls a recorder makes). Beside them: `limit` (what no estimator beats).
 //!
 //! Assumptions: one dominant source, noise of similar level at all hydrophones, known positions and speed of sound.
 //! Relative sensitivities matter for levels and unweighted correlation only: whitening divides them out.
 
 mod chain;
-pub mod continuity;
 mod detect;
 mod estimate;
 mod intake;
@@ -18,10 +17,9 @@ pub mod limit;
 mod others;
 mod plan;
 mod refine;
-mod report;
+pub mod report;
 mod search;
 mod spectra;
-pub mod tdoa;
 mod transform;
 pub mod wavefront;
 

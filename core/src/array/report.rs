@@ -76,7 +76,7 @@ pub(super) fn bearing(
 }
 
 /// Root-mean-square closure of the four triangles of pair delays, seconds.
-pub(crate) fn closure(d: &[f32; PAIR_COUNT]) -> f32 {
+pub fn closure(d: &[f32; PAIR_COUNT]) -> f32 {
     let [d01, d02, d03, d12, d13, d23] = *d;
     let loops = [d01 + d12 - d02, d01 + d13 - d03, d02 + d23 - d03, d12 + d23 - d13];
     m::sqrt(0.25 * loops.iter().map(|x| x * x).sum::<f32>())

@@ -100,7 +100,7 @@ impl Hypotheses {
 }
 
 /// Whether two hypotheses have run into the same minimum.
-pub(crate) fn same(a: &Line, b: &Line) -> bool {
+pub fn same(a: &Line, b: &Line) -> bool {
     let d = |k: usize| m::abs(a.p[k] - b.p[k]);
     a.sense == b.sense && m::abs(wrap_pi(a.p[0] - b.p[0])) < 1e-3 && d(2) < 1e-2 && d(1) < 0.5
 }
@@ -137,13 +137,7 @@ fn evaluate(config: &Config, ring: &Ring, line: &Line) -> Option<Normal> {
 }
 
 /// Adds the priors of speed (Gaussian in v) and elevation bias; a standard deviation of 0 or infinity adds nothing.
-pub(crate) fn add_priors(
-    normal: &mut Normal,
-    line: &Line,
-    speed_m_s: f64,
-    speed_sd_m_s: f64,
-    bias_sd_rad: f64,
-) {
+pub fn add_priors(normal: &mut Normal, line: &Line, speed_m_s: f64, speed_sd_m_s: f64, bias_sd_rad: f64) {
     if speed_sd_m_s > 0.0 && speed_sd_m_s.is_finite() {
         let mut row = [0.0; COLUMNS];
         row[3] = line.speed_m_s();

@@ -3,23 +3,16 @@
 //! In: bearings with their errors. Out: time, range and azimuth of the closest point of approach, heading, speed,
 //! side and positions, with their spreads. See `docs/motion.md` for what each estimator assumes and when it fails.
 
-pub mod bound;
 pub mod chain;
-pub mod covariance;
-pub mod errors;
-mod factor;
-pub(crate) mod hypotheses;
-pub mod ml;
+pub mod hypotheses;
 pub mod model;
 pub mod normal;
 pub mod recursive;
 pub mod report;
 pub mod ring;
-pub mod robust;
 pub mod settings;
 pub mod solution;
 pub mod start;
-pub mod whiten;
 
 pub use model::{Limits, Line, Medium};
 pub use solution::Solution;

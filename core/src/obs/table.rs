@@ -22,7 +22,7 @@
 //! | then, B times | f32 × R, f32 × R, f32 × R | delay s, phase rad, strength |
 //! | end − 8 | u64 | [`fnv1a`] of all bytes before it |
 
-use crate::config::fnv1a;
+use crate::wire::hash::fnv1a;
 
 /// Branches a table may hold: 13, 35, 57 and 79 (the fourth keeps the fifth path from passing for a nearer range).
 pub const MAX_BRANCHES: usize = 4;

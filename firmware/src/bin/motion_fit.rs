@@ -10,12 +10,12 @@
 use core::panic::PanicInfo;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use seabearing_core::math::f64 as m;
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::ml::{self, Config, Sample};
-use seabearing_core::motion::whiten::{Method, Workspace};
 use seabearing_core::motion::{Line, Medium};
 use seabearing_core::port::Clock;
 use seabearing_firmware::mps2_an500::{clock::CoreTicks, host, stack_use};
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml::{self, Config, Sample};
+use seabearing_locate::motion::whiten::{Method, Workspace};
 
 /// Bearings: two a second for 200 s.
 const BEARINGS: usize = 401;

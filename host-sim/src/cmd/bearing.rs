@@ -3,10 +3,10 @@
 use crate::csv::{Table, good_rows};
 use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
-use seabearing_core::array::continuity::Continuity;
-use seabearing_core::array::tdoa::{Solution, Solver};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::geometry::PAIRS;
+use seabearing_locate::delays::continuity::Continuity;
+use seabearing_locate::delays::tdoa::{Solution, Solver};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -7,7 +7,7 @@ use crate::orientation::sets::{Row, Set, gather};
 use crate::record::Recorder;
 use anyhow::{Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
-use seabearing_core::network::{Fix, Region, Settings, locate};
+use seabearing_locate::network::{Fix, Region, Settings, locate};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;

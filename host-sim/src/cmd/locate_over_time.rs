@@ -6,9 +6,9 @@ use crate::orientation::sets::Row;
 use crate::orientation::track_file;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::angle::RAD_PER_DEG;
-use seabearing_core::network::Sighting;
-use seabearing_core::network::align::{AlignSettings, Heard, align};
-use seabearing_core::network::joint::{Dated, JointSettings, fit};
+use seabearing_locate::network::Sighting;
+use seabearing_locate::network::align::{AlignSettings, Heard, align};
+use seabearing_locate::network::joint::{Dated, JointSettings, fit};
 use serde_json::{Value, json};
 use std::path::Path;
 

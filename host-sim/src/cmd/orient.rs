@@ -8,12 +8,12 @@ use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::config::{Kind, StationConfig};
-use seabearing_core::network::known_track::TrackPoint;
-use seabearing_core::orient::closed_form;
-use seabearing_core::orient::hydrophones::{Differences, hydrophones};
-use seabearing_core::orient::line::{LineBearing, LineSettings, orient};
-use seabearing_core::orient::offset::{Residual, offset};
-use seabearing_core::orient::rotation::{Direction, rotation};
+use seabearing_locate::network::known_track::TrackPoint;
+use seabearing_locate::orient::closed_form;
+use seabearing_locate::orient::hydrophones::{Differences, hydrophones};
+use seabearing_locate::orient::line::{LineBearing, LineSettings, orient};
+use seabearing_locate::orient::offset::{Residual, offset};
+use seabearing_locate::orient::rotation::{Direction, rotation};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 

@@ -13,8 +13,8 @@ use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::config::Kind;
-use seabearing_core::network::known_track::TrackPoint;
-use seabearing_core::orient::offset::{Residual, offset};
+use seabearing_locate::network::known_track::TrackPoint;
+use seabearing_locate::orient::offset::{Residual, offset};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 

@@ -6,12 +6,12 @@ use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::ml::{self, FitError, Interval, Sample};
 use seabearing_core::motion::recursive::{self, Measurement, State};
-use seabearing_core::motion::robust::fit_robust;
-use seabearing_core::motion::whiten::{WhitenError, Workspace};
 use seabearing_core::motion::{Medium, Solution, solution::position};
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml::{self, FitError, Interval, Sample};
+use seabearing_locate::motion::robust::fit_robust;
+use seabearing_locate::motion::whiten::{WhitenError, Workspace};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 

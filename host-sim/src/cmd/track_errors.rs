@@ -4,10 +4,10 @@ use super::track::{Args, DENSE, POSITIONS, number};
 use crate::csv::{Table, good_rows};
 use anyhow::{Result, bail};
 use seabearing_core::angle::wrap_pi;
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::errors;
-use seabearing_core::motion::ml::Sample;
-use seabearing_core::motion::whiten::{WhitenError, Workspace};
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::errors;
+use seabearing_locate::motion::ml::Sample;
+use seabearing_locate::motion::whiten::{WhitenError, Workspace};
 use serde_json::json;
 use std::path::Path;
 

@@ -99,7 +99,7 @@ impl Simulator {
         let mut number = 0u64;
         let mut seed = || {
             number += 1;
-            seabearing_core::config::fnv1a(&[scenario.seed.to_le_bytes(), number.to_le_bytes()].concat())
+            seabearing_core::wire::hash::fnv1a(&[scenario.seed.to_le_bytes(), number.to_le_bytes()].concat())
         };
         let straight = scenario.ship.iter().enumerate().map(|(i, s)| Extra {
             vessel: Vessel {

@@ -1,6 +1,6 @@
 //! Networks of stations and their orientation, on the host: files in, records out.
 //!
-//! The estimators are the core's (`seabearing_core::network`, `orient`, `line`); here is what reads their input.
+//! The estimators are the core's (`seabearing_locate::network`, `orient`, `line`); here is what reads their input.
 
 pub mod local_frame;
 pub mod network_file;

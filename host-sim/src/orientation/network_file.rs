@@ -7,7 +7,7 @@ use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_core::config::StationConfig;
-use seabearing_core::network::MAX_ARRAYS;
+use seabearing_locate::network::MAX_ARRAYS;
 use std::path::Path;
 
 /// The stations in one local frame.

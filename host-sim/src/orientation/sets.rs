@@ -1,7 +1,7 @@
 //! Rows of a bearings file gathered into measurement sets, each brought to one instant.
 
-use seabearing_core::network::common_time::{Timed, bring, bring_azimuth};
-use seabearing_core::network::model::Sighting;
+use seabearing_locate::network::common_time::{Timed, bring, bring_azimuth};
+use seabearing_locate::network::model::Sighting;
 
 /// Rows closer in time than this are one measurement set, seconds (paper N: the arrays' instants differ by less).
 pub const SAME_SET_S: f64 = 1.0;
@@ -87,7 +87,7 @@ fn bring_together(members: &[Row], of_station: &[(Vec<Timed>, Vec<Timed>)], arra
 
 /// The neighbours of an instant, so that long files stay linear in time.
 fn window(all: &[Timed], t_s: f64) -> &[Timed] {
-    use seabearing_core::network::common_time::WINDOW_S;
+    use seabearing_locate::network::common_time::WINDOW_S;
     let from = all.partition_point(|p| p.t_s < t_s - WINDOW_S);
     let to = all.partition_point(|p| p.t_s <= t_s + WINDOW_S);
     &all[from..to]

@@ -4,7 +4,7 @@ use super::local_frame::LocalFrame;
 use crate::csv::{Table, good_rows};
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::config::StationConfig;
-use seabearing_core::network::known_track::{TrackPoint, position_at};
+use seabearing_locate::network::known_track::{TrackPoint, position_at};
 use std::path::Path;
 
 /// Reads `t_s,x_m,y_m` (the station's local frame) or `t_s,lat,lon`; East, North, Up relative to the station, in

@@ -3,7 +3,7 @@
 //!
 //! Data: 604 bearings (whole degrees, 300 to 600 Hz) of a research ship that leaves freshly dropped DIFAR buoys, with
 //! its GPS antenna; the sound comes from where the antenna was some seconds before, the same for all buoys [N 22]. They stand beside the project, not in it; without them the experiment says so and ends. Per buoy the
-//! robust offset of `seabearing_core::orient::offset`, against the median residual and against least squares: how much
+//! robust offset of `seabearing_locate::orient::offset`, against the median residual and against least squares: how much
 //! of the corrected bearings lies within 7°, how well one half of a ship's track is predicted from the other half, and
 //! how far the tails are from Gaussian.
 
@@ -15,7 +15,7 @@ use crate::orientation::local_frame::LocalFrame;
 use crate::plot::{Figure, Scale};
 use anyhow::{Context, Result};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_core::orient::offset::{LEAST_RESIDUALS, Residual, offset};
+use seabearing_locate::orient::offset::{LEAST_RESIDUALS, Residual, offset};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

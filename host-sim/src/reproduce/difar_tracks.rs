@@ -11,10 +11,10 @@ use rand::RngExt;
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::motion::Medium;
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::ml::{Config, Sample, fit};
-use seabearing_core::motion::robust::fit_robust;
-use seabearing_core::motion::whiten::Workspace;
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml::{Config, Sample, fit};
+use seabearing_locate::motion::robust::fit_robust;
+use seabearing_locate::motion::whiten::Workspace;
 
 /// Closest points of approach, metres.
 const RANGES_M: [f64; 3] = [200.0, 400.0, 800.0];

@@ -16,10 +16,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_core::line::{Arrival, Complex, LinePlan, MAX_SENSORS, MAX_SOURCES, Method, Scratch, State};
-use seabearing_core::network::known_track::TrackPoint;
-use seabearing_core::orient::closed_form;
-use seabearing_core::orient::line::{LineBearing, LineSettings, orient};
+use seabearing_locate::line::{Arrival, Complex, LinePlan, MAX_SENSORS, MAX_SOURCES, Method, Scratch, State};
+use seabearing_locate::network::known_track::TrackPoint;
+use seabearing_locate::orient::closed_form;
+use seabearing_locate::orient::line::{LineBearing, LineSettings, orient};
 use std::f64::consts::TAU;
 
 /// The experiment.

@@ -5,11 +5,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
-use seabearing_core::motion::bound::{self, Bounds};
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::ml::{self, Config, Sample};
-use seabearing_core::motion::whiten::{Plan, Workspace};
 use seabearing_core::motion::{Line, Medium};
+use seabearing_locate::motion::bound::{self, Bounds};
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml::{self, Config, Sample};
+use seabearing_locate::motion::whiten::{Plan, Workspace};
 
 /// Time between bearings, s [M section IV-B].
 pub const STEP_S: f64 = 0.5;

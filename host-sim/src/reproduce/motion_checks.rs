@@ -8,11 +8,12 @@ use anyhow::{Context, Result};
 use rand_distr::{Distribution, Normal, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::ml::{self, Config};
 use seabearing_core::motion::recursive::{self, Measurement, State};
-use seabearing_core::motion::whiten::{Method, Plan, Workspace};
-use seabearing_core::motion::{Medium, Solution, bound, solution::position};
+use seabearing_core::motion::{Medium, Solution, solution::position};
+use seabearing_locate::motion::bound;
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml::{self, Config};
+use seabearing_locate::motion::whiten::{Method, Plan, Workspace};
 
 /// Elevations joined into the fit.
 pub const ELEVATION: Experiment = Experiment {

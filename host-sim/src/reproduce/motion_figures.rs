@@ -18,7 +18,7 @@ use crate::plot::{Figure, Scale, write_panels};
 use crate::progress;
 use anyhow::{Context, Result};
 use rand_distr::{Distribution, Normal};
-use seabearing_core::motion::covariance::Model;
+use seabearing_locate::motion::covariance::Model;
 
 /// Figure 1.
 pub const FIGURE_1: Experiment = Experiment {

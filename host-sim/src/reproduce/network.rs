@@ -17,9 +17,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_core::network::model::{bearing, polar};
-use seabearing_core::network::search::maximum;
-use seabearing_core::network::{Region, Settings, Sighting, locate, polar_bound, rectangular_bound};
+use seabearing_locate::network::model::{bearing, polar};
+use seabearing_locate::network::search::maximum;
+use seabearing_locate::network::{Region, Settings, Sighting, locate, polar_bound, rectangular_bound};
 
 /// Figure 2: rectangular and polar coordinates, depth unknown.
 pub const FIGURE_2: Experiment = Experiment {

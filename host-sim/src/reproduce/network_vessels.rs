@@ -22,9 +22,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_core::network::align::{AlignSettings, Heard, align};
-use seabearing_core::network::known_track::{TrackPoint, position_at};
-use seabearing_core::network::{Region, Settings, locate, rectangular_bound};
+use seabearing_locate::network::align::{AlignSettings, Heard, align};
+use seabearing_locate::network::known_track::{TrackPoint, position_at};
+use seabearing_locate::network::{Region, Settings, locate, rectangular_bound};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 

@@ -11,12 +11,12 @@ use super::{Experiment, Options};
 use crate::plot::Figure;
 use anyhow::Result;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_core::motion::covariance::Model;
-use seabearing_core::motion::ml::{Config, Sample, fit};
-use seabearing_core::motion::robust::fit_robust;
 use seabearing_core::motion::solution::position;
-use seabearing_core::motion::whiten::Workspace;
 use seabearing_core::motion::{Medium, Solution};
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml::{Config, Sample, fit};
+use seabearing_locate::motion::robust::fit_robust;
+use seabearing_locate::motion::whiten::Workspace;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {

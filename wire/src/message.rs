@@ -13,7 +13,7 @@ pub const WIRE_VERSION: u8 = 1;
 pub const SCHEMA: &str = include_str!("schema.txt");
 
 /// Identifies [`SCHEMA`].
-pub const SCHEMA_HASH: u64 = crate::config::fnv1a(SCHEMA.as_bytes());
+pub const SCHEMA_HASH: u64 = crate::hash::fnv1a(SCHEMA.as_bytes());
 
 /// Everything a recorder says.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,7 +49,7 @@ pub struct Hello {
     pub wire_version: u8,
     /// [`SCHEMA_HASH`].
     pub schema_hash: u64,
-    /// [`crate::config::StationConfig::hash`].
+    /// Hash of the station's configuration, which names what the recorder runs with.
     pub config_hash: u64,
     /// Software version: major, minor, patch.
     pub version: (u8, u8, u8),

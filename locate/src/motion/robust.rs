@@ -90,8 +90,8 @@ fn residuals(s: &Sample, expected: &Expected, widening: f64) -> [f64; 2] {
 mod tests {
     use super::*;
     use crate::angle::RAD_PER_DEG;
-    use crate::motion::Medium;
     use crate::motion::covariance::Model;
+    use seabearing_core::motion::Medium;
     use std::boxed::Box;
     use std::vec::Vec;
 

@@ -10,7 +10,7 @@ pub enum LossCause {
     Gap = 0,
     /// The index went back or repeated: these samples arrived twice.
     Overlap = 1,
-    /// Marked invalid by the source ([`crate::block::MISSING`]).
+    /// Marked invalid by the source (a code that no converter gives).
     Invalid = 2,
     /// In a frame where a channel was at the converter's limit too often to be used.
     Clipped = 3,

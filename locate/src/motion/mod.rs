@@ -1,0 +1,15 @@
+//! Motion of a vessel from all bearings of one array at once (paper M), and what no estimator beats.
+//!
+//! In: bearings with a model of their errors. Out: the maximum-likelihood track with its spread. The line, its
+//! measurement model and what a fit says are the recorder's own ([`seabearing_core::motion`]), so that batch and
+//! recursive estimates are compared like with like. See `docs/motion.md` for what each estimator assumes.
+
+pub mod bound;
+pub mod covariance;
+pub mod errors;
+mod factor;
+pub mod ml;
+pub mod robust;
+pub mod whiten;
+
+use seabearing_core::motion::{chain, hypotheses, model, normal, solution, start};

@@ -1,0 +1,15 @@
+//! Telemetry of a recorder: messages, frames, and a decoder that finds its feet again after damage.
+//!
+//! A base station needs nothing else of this project. `docs/wire.md` specifies every byte.
+#![no_std]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod frame;
+pub mod hash;
+pub mod health;
+pub mod message;
+
+pub use frame::{Decoder, DecoderCounters, Encoder, Received};
+pub use message::*;
