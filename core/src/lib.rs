@@ -11,6 +11,7 @@
 extern crate std;
 
 pub mod angle;
+pub mod kit;
 pub mod math;
 
 pub mod config;

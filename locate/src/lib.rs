@@ -20,4 +20,4 @@ pub mod network;
 pub mod orient;
 
 // What both crates speak of, under the names it has in the recorder's.
-use seabearing_core::{angle, block, geometry, math};
+use seabearing_core::{angle, block, geometry, kit, math};

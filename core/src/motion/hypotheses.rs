@@ -6,11 +6,12 @@
 
 use super::chain::Chain;
 use super::model::{Limits, Line, PARAMETERS};
-use super::normal::{COLUMNS, Normal, Point, Progress, descend};
+use super::normal::{COLUMNS, Normal, Point, descend};
 use super::ring::Ring;
 use super::settings::Config;
 use super::start::{STARTS, emitted, starts};
 use crate::angle::wrap_pi;
+use crate::kit::Progress;
 use crate::math::f64 as m;
 
 /// Hypotheses alive at once.
@@ -44,7 +45,7 @@ impl Hypotheses {
     pub(super) fn step(&mut self, config: &Config, ring: &Ring, limits: &Limits) {
         let free = config.free();
         for point in self.points.iter_mut().flatten() {
-            if let Some(normal) = evaluate(config, ring, &point.line) {
+            if let Some(normal) = evaluate(config, ring, &point.at) {
                 point.normal = normal;
             }
             descend(point, &free, limits, |line| evaluate(config, ring, line));
@@ -61,12 +62,12 @@ impl Hypotheses {
         let lines = self
             .points
             .iter()
-            .map(|p| p.map(|p| p.line))
+            .map(|p| p.map(|p| p.at))
             .chain(fresh.iter().map(|s| s.map(|s| emitted(&s.line, &config.medium))));
         for (slot, line) in pool.iter_mut().zip(lines) {
             let Some(line) = line else { continue };
             let Some(normal) = evaluate(config, ring, &line) else { continue };
-            let mut point = Point { line, normal, damping: 1e-3 };
+            let mut point = Point { at: line, normal, damping: 1e-3 };
             for _ in 0..steps {
                 let progress = descend(&mut point, &free, limits, |line| evaluate(config, ring, line));
                 if progress == Progress::Converged {
@@ -81,7 +82,7 @@ impl Hypotheses {
             let Some(chosen) = best.copied() else { break };
             *slot = Some(chosen);
             for p in &mut pool {
-                if p.is_some_and(|p| same(&p.line, &chosen.line)) {
+                if p.is_some_and(|p| same(&p.at, &chosen.at)) {
                     *p = None;
                 }
             }

@@ -29,11 +29,12 @@
 use super::chain::Colour;
 use super::hypotheses::{Hypotheses, chain};
 use super::model::{LN_SPEED, Limits};
-use super::normal::{Point, quadratic};
+use super::normal::Point;
 use super::ring::{Node, Ring};
 pub use super::settings::{Config, MeasuredSpeed};
 use super::solution::{Solution, floor, solution as solution_of};
 use crate::angle::wrap_pi;
+use crate::kit::spd::quadratic;
 use crate::math::f64 as m;
 
 /// Bearings before the first hypotheses.
@@ -149,7 +150,7 @@ impl State {
         }
         self.seen = self.seen.saturating_add(1);
         self.last_t_s = node.t_s;
-        let line = self.lines.best().map(|p| p.line);
+        let line = self.lines.best().map(|p| p.at);
         self.ring.push(node, line.as_ref(), config.errors().1);
         (self.held, self.refused) = ([None; AFRESH_AFTER], 0);
     }
@@ -282,10 +283,10 @@ pub fn predict(config: &Config, state: &State, t_s: f64) -> Option<(f64, f64)> {
 
 fn expected(config: &Config, state: &State, t_s: f64) -> Option<(f64, f64)> {
     let best = state.lines.best()?;
-    let chain = chain(config, &state.ring, &best.line);
+    let chain = chain(config, &state.ring, &best.at);
     let limits = state.limits(config);
-    let covariance = best.normal.covariance(&config.free(), &floor(&limits, best.line.speed_m_s()))?;
-    let expected = best.line.expected(&config.medium, t_s);
+    let covariance = best.normal.covariance(&config.free(), &floor(&limits, best.at.speed_m_s()))?;
+    let expected = best.at.expected(&config.medium, t_s);
     let (coloured, variance) = chain.predict(t_s);
     let spread = quadratic(&expected.d_azimuth, &covariance, &expected.d_azimuth);
     let (mean, variance) = (expected.azimuth + coloured, variance + spread);
@@ -311,7 +312,7 @@ fn report(config: &Config, state: &State, best: &Point) -> Option<Solution> {
     let nodes = state.ring.nodes();
     let elevations = nodes.iter().filter(|n| n.elevation.1.is_finite()).count();
     let measurements = (nodes.len() + elevations) as f64;
-    solution_of(&best.line, &best.normal, &free, &state.limits(config), state.seen, measurements)
+    solution_of(&best.at, &best.normal, &free, &state.limits(config), state.seen, measurements)
 }
 
 #[cfg(test)]

@@ -190,7 +190,7 @@ mod tests {
         for n in ring.nodes() {
             merged.push(n.t_s, &n.colour, &row);
         }
-        let (a, b) = (full.normal.gram[0][0], merged.normal.gram[0][0]);
+        let (a, b) = (full.normal.upper[0][0], merged.normal.upper[0][0]);
         assert!(b <= a * (1.0 + 1e-9) && b > 0.98 * a, "{b} of {a}");
         let information: f64 = ring.nodes().iter().map(|n| 1.0 / f64::from(n.elevation.1)).sum();
         assert!((information / (4.0 * CAPACITY as f64 / 0.04) - 1.0).abs() < 1e-3);

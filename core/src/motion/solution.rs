@@ -4,8 +4,9 @@
 //! inherits the spread of speed, `σ_r²/r² = var(ln v − ln|q|)`, which is the speed-error term `x0² σ_k²` of [M 20, 22].
 
 use super::model::{Limits, Line, Medium, PARAMETERS};
-use super::normal::{Matrix, Normal, quadratic};
+use super::normal::{Matrix, Normal};
 use crate::angle::wrap_tau;
+use crate::kit::spd::quadratic;
 use crate::math::f64 as m;
 
 /// The range counts as observable while its own relative spread (speed aside) is below this; beyond it the Gaussian

@@ -9,11 +9,12 @@
 use super::Heard;
 use super::known::{Known, Prediction};
 use crate::angle::{wrap_pi, wrap_tau};
+use crate::kit::Progress;
 use crate::math::f64 as m;
 use crate::motion::chain::{Chain, Colour};
 use crate::motion::hypotheses::{add_priors, same};
 use crate::motion::model::{LN_SPEED, Limits, Line, PARAMETERS};
-use crate::motion::normal::{COLUMNS, Normal, Point, Progress, descend};
+use crate::motion::normal::{COLUMNS, Normal, Point, descend};
 use crate::motion::recursive::Config;
 use crate::motion::solution::{Solution, floor, solution};
 use crate::motion::start::{STARTS, emitted, starts};
@@ -301,7 +302,7 @@ impl Fit {
         for (slot, line) in pool.iter_mut().zip(all) {
             let Some(line) = line else { continue };
             let Some(normal) = self.evaluate(config, &line) else { continue };
-            let mut point = Point { line, normal, damping: 1e-3 };
+            let mut point = Point { at: line, normal, damping: 1e-3 };
             for _ in 0..steps {
                 let progress = descend(&mut point, &free, &limits, |line| self.evaluate(config, line));
                 if progress == Progress::Converged {
@@ -317,16 +318,16 @@ impl Fit {
             let Some(chosen) = chosen.copied() else { break };
             if rank == 0 {
                 least = Some(chosen.normal.cost());
-                let floor = floor(&limits, chosen.line.speed_m_s());
+                let floor = floor(&limits, chosen.at.speed_m_s());
                 let covariance = chosen.normal.covariance(&free, &floor);
-                self.best = covariance.map(|covariance| Known::new(chosen.line, &covariance));
+                self.best = covariance.map(|covariance| Known::new(chosen.at, &covariance));
             }
             if least.is_some_and(|least| chosen.normal.cost() > least + DEAD) {
                 break;
             }
-            *slot = Some(chosen.line);
+            *slot = Some(chosen.at);
             for p in &mut pool {
-                if p.is_some_and(|p| same(&p.line, &chosen.line)) {
+                if p.is_some_and(|p| same(&p.at, &chosen.at)) {
                     *p = None;
                 }
             }

@@ -4,7 +4,6 @@
 //! variance is then a sum of squares, whose rounding stays below a microradian however strongly the parameters of a
 //! young track are correlated. The fifth, the elevations' bias, moves no azimuth.
 
-use crate::math::f64 as m;
 use crate::motion::model::Line;
 use crate::motion::normal::Matrix;
 use crate::motion::recursive::Config;
@@ -60,34 +59,20 @@ impl Known {
 
 /// Lower triangular root of the covariance's first rows; a direction without spread (a known speed) has a zero column.
 fn root(covariance: &Matrix) -> [f32; MOVING * (MOVING + 1) / 2] {
-    let mut l = [[0.0; MOVING]; MOVING];
+    let [a, b, c, d, _] = *covariance;
+    let l = crate::kit::spd::root(&[a, b, c, d].map(|[a, b, c, d, _]| [a, b, c, d]));
     let mut out = [0.0; MOVING * (MOVING + 1) / 2];
-    let mut places = out.iter_mut();
-    for i in 0..MOVING {
-        for j in 0..=i {
-            let mut sum = covariance[i][j];
-            for k in 0..j {
-                sum -= l[i][k] * l[j][k];
-            }
-            l[i][j] = if i == j {
-                m::sqrt(sum.max(0.0))
-            } else if l[j][j] > 0.0 {
-                sum / l[j][j]
-            } else {
-                0.0
-            };
-            if let Some(place) = places.next() {
-                *place = l[i][j] as f32;
-            }
-        }
-    }
+    let triangle = l.iter().enumerate().flat_map(|(i, row)| row.iter().take(i + 1));
+    out.iter_mut().zip(triangle).for_each(|(place, x)| *place = *x as f32);
     out
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::normal::{Normal, quadratic};
+    use crate::kit::spd::quadratic;
+    use crate::math::f64 as m;
+    use crate::motion::normal::Normal;
 
     #[test]
     fn kept_spread_is_that_of_the_covariance_for_free_and_for_known_speed() {

@@ -282,10 +282,11 @@ pub fn second_order(scene: &Scene) -> Option<Rmse> {
             [d[a], d[a + 1], d[a + 2], d[b], d[b + 1], d[b + 2]]
         })?;
         let place = |k: usize| if k < 3 { a + k } else { b + k - 3 };
+        let gram = normal.gram();
         for i in 0..6 {
             for j in i..6 {
-                inner[place(i)][place(j)] = normal.gram[i][j];
-                inner[place(j)][place(i)] = normal.gram[i][j];
+                inner[place(i)][place(j)] = gram[i][j];
+                inner[place(j)][place(i)] = gram[i][j];
             }
         }
     }

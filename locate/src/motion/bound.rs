@@ -8,9 +8,10 @@
 use super::covariance::Model;
 use super::ml::{Config, Sample, evaluate};
 use super::model::{Line, PARAMETERS};
-use super::normal::{COLUMNS, Matrix, Normal, inverse, quadratic};
+use super::normal::{COLUMNS, Matrix, Normal};
 use super::solution::position;
 use super::whiten::{Plan, Workspace};
+use crate::kit::spd::{inverse, quadratic};
 use crate::math::f64 as m;
 
 /// Bounds (standard deviations) for one geometry.

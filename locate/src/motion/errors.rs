@@ -64,7 +64,7 @@ pub fn estimate<const N: usize>(
                 row
             })
             .ok_or(WhitenError::Singular)?;
-        let g = &normal.gram;
+        let g = normal.gram();
         let offset = g[0][COLUMNS - 1] / g[0][0];
         let cost = (g[COLUMNS - 1][COLUMNS - 1] - offset * g[0][COLUMNS - 1]).max(1e-300);
         let variance = cost / (n - 1.0);

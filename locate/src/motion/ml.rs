@@ -9,11 +9,12 @@
 use super::covariance::Model;
 use super::hypotheses::{add_priors, same};
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
-use super::normal::{COLUMNS, Normal, Point, Progress, descend};
+use super::normal::{COLUMNS, Normal, Point, descend};
 use super::solution::{Solution, solution};
 use super::start::{STARTS, emitted, starts};
 use super::whiten::{Plan, WhitenError, Workspace};
 use crate::angle::wrap_pi;
+use crate::kit::Progress;
 use crate::math::f64 as m;
 
 /// What is assumed.
@@ -117,7 +118,7 @@ pub fn fit<const N: usize>(
         let line = emitted(&start.line, &config.medium);
         let rough =
             |line: &Line| evaluate(config, &white, samples.iter().step_by(stride), line, &mut *work, &[]);
-        let Some(line) = minimise(line, &free, &limits, ROUGH_STEPS, rough).map(|p| p.line) else { continue };
+        let Some(line) = minimise(line, &free, &limits, ROUGH_STEPS, rough).map(|p| p.at) else { continue };
         // Several starts lead to one minimum, which is looked at once.
         if tried.iter().flatten().any(|other| same(other, &line)) {
             continue;
@@ -127,10 +128,10 @@ pub fn fit<const N: usize>(
         }
         let Some(normal) = evaluate(config, &plan, samples.iter(), &line, work, dense) else { continue };
         if best.is_none_or(|b| normal.cost() < b.normal.cost()) {
-            best = Some(Point { line, normal, damping: 1e-6 });
+            best = Some(Point { at: line, normal, damping: 1e-6 });
         }
     }
-    let line = best.ok_or(FitError::NoMinimum)?.line;
+    let line = best.ok_or(FitError::NoMinimum)?.at;
     let point = minimise(line, &free, &limits, FINE_STEPS, |line| {
         evaluate(config, &plan, samples.iter(), line, &mut *work, dense)
     })
@@ -187,9 +188,7 @@ pub fn evaluate<'a, const N: usize>(
         }
         row
     })?;
-    for (a, b) in normal.gram.iter_mut().flatten().zip(of_elevations.gram.iter().flatten()) {
-        *a += b;
-    }
+    normal.join(&of_elevations);
     add_priors(&mut normal, line, config.speed_m_s, config.speed_sd_m_s, config.elevation_bias_sd_rad);
     normal.is_finite().then_some(normal)
 }
@@ -220,7 +219,7 @@ fn minimise(
     mut evaluate: impl FnMut(&Line) -> Option<Normal>,
 ) -> Option<Point> {
     let line = line.moved(&[0.0; PARAMETERS], limits);
-    let mut point = Point { line, normal: evaluate(&line)?, damping: 1e-6 };
+    let mut point = Point { at: line, normal: evaluate(&line)?, damping: 1e-6 };
     for _ in 0..steps {
         if descend(&mut point, free, limits, &mut evaluate) == Progress::Converged {
             break;
@@ -237,7 +236,7 @@ fn finished(config: &Config, samples: &[Sample], limits: &Limits, plan: &Plan, p
     };
     let measurements = (samples.len() + elevations) as f64;
     let n = samples.len() as u32;
-    let solution = solution(&point.line, &point.normal, &config.free(), limits, n, measurements)?;
+    let solution = solution(&point.at, &point.normal, &config.free(), limits, n, measurements)?;
     Some(Fit { solution, normal: point.normal, plan: *plan })
 }
 
@@ -279,8 +278,8 @@ pub fn range_interval<const N: usize>(
             normal.add(&[0.0, 0.0, -1.0, 1.0, 0.0, off], stiff);
             Some(normal)
         })?;
-        let off = ln_range - (point.line.p[3] - point.line.p[2]);
-        Some((point.line, point.normal.cost() - stiff * off * off - least))
+        let off = ln_range - (point.at.p[3] - point.at.p[2]);
+        Some((point.at, point.normal.cost() - stiff * off * off - least))
     };
     let mut end = |sign: f64, limit: f64| -> Option<(f64, bool)> {
         let relative = fit.solution.sd_cpa_range_m / fit.solution.cpa_range_m;
