@@ -1,27 +1,18 @@
-//! Everything around the recorder core that needs an operating system: the station file, recordings, the simulator,
-//! the base station, plots and reproductions. The command `seabearing` is a thin layer over this library.
+//! The command `seabearing` and, under the names it uses, the libraries below it: what an operating system adds to the
+//! recorder's core ([`station`], [`recording`], [`world`], …), the base station ([`base`]), the emulation of the firmware
+//! ([`twin`], [`emulator`]; Unix only) and the experiments ([`reproduce`]).
 
-#[macro_use]
-pub mod console;
+#[macro_use(print, println)]
+extern crate seabearing_host;
 
-pub mod ais;
-pub mod atomic;
-pub mod base;
 pub mod cmd;
-pub mod csv;
-pub mod demo;
-pub mod emulator;
-pub mod interrupt;
-pub mod ocean_bottom;
-pub mod orientation;
-pub mod plot;
-pub mod progress;
-pub mod propagation;
-pub mod record;
-pub mod recording;
-pub mod replay;
-pub mod reproduce;
-pub mod sample_line;
-pub mod station;
-pub mod twin;
-pub mod world;
+
+pub use seabearing_base as base;
+#[cfg(all(unix, feature = "emulation"))]
+pub use seabearing_emulation::{demo, emulator, sample_line, twin};
+#[cfg(feature = "experiments")]
+pub use seabearing_experiments as reproduce;
+pub use seabearing_host::{
+    ais, atomic, blob, console, csv, delays, interrupt, ocean_bottom, orientation, plot, progress,
+    propagation, record, recording, replay, station, world,
+};

@@ -63,7 +63,7 @@ fn an_ocean_bottom_station_answers_while_its_sample_line_is_silent_and_while_it_
     }
     let folder = tempfile::tempdir().unwrap();
     let record = ocean_bottom(folder.path(), 600.0).unwrap();
-    let blob = twin::blob(&record.station).unwrap();
+    let blob = seabearing::blob::of(&record.station).unwrap();
     let (go, gone) = mpsc::channel::<()>();
     let blocks = &record.blocks;
     let feed = move |out: &mut dyn Write| {
@@ -151,7 +151,7 @@ fn an_array_answers_and_stops_while_samples_stream_in() {
     }
     let station =
         Station::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/demo-station.toml")).unwrap();
-    let blob = twin::blob(&station).unwrap();
+    let blob = seabearing::blob::of(&station).unwrap();
     let feed = |out: &mut dyn Write| {
         out.write_all(&sbraw::MAGIC)?;
         // Without end: only the stop ends it.

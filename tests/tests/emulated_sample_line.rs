@@ -53,7 +53,7 @@ fn samples_over_the_line_give_the_telemetry_of_the_host_from_a_file() {
     }
     let folder = tempfile::tempdir().unwrap();
     let record = ocean_bottom(folder.path(), 900.0).unwrap();
-    let blob = twin::blob(&record.station).unwrap();
+    let blob = seabearing::blob::of(&record.station).unwrap();
     let twins = twin::both(&emulator(), &blob, |out, _| send(&record, out)).unwrap();
     let messages = twins.agree(50.0).unwrap();
     assert!(messages.iter().any(|m| matches!(m, Message::Azimuth(a) if a.detected)), "{messages:?}");
@@ -84,7 +84,7 @@ fn damage_on_the_line_is_counted_and_leaves_gaps() {
     }
     let folder = tempfile::tempdir().unwrap();
     let record = ocean_bottom(folder.path(), 600.0).unwrap();
-    let blob = twin::blob(&record.station).unwrap();
+    let blob = seabearing::blob::of(&record.station).unwrap();
     // Frames of eight instants: 3750 with samples, then the ends.
     let damage = |n: usize, frame: &mut Vec<u8>| match n {
         // A bit turned.

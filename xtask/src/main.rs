@@ -73,7 +73,7 @@ fn demo(options: &[String]) -> Result<()> {
     }
     process::say("building the host's command, then a pass of 200 s through the recorder");
     let arguments: Vec<&str> = std::iter::once("demo").chain(options.iter().map(String::as_str)).collect();
-    process::run(&mut process::host(&arguments), "the demonstration")
+    process::run(&mut process::host_without_experiments(&arguments), "the demonstration")
 }
 
 /// The workspace's folder.

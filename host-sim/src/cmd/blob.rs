@@ -1,7 +1,7 @@
 //! `seabearing blob`: the configuration of a station as the firmware stores it.
 
 use crate::station::Station;
-use crate::{atomic, twin};
+use crate::{atomic, blob};
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -23,5 +23,5 @@ pub struct Args {
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
-    atomic::write(&args.out, &twin::blob(&station)?)
+    atomic::write(&args.out, &blob::of(&station)?)
 }

@@ -5,6 +5,7 @@ pub mod base;
 pub mod bearing;
 pub mod blob;
 pub mod config;
+#[cfg(all(unix, feature = "emulation"))]
 pub mod demo;
 pub mod locate;
 mod locate_over_time;
@@ -13,11 +14,13 @@ pub mod orient_obs;
 pub mod process;
 pub mod propagation;
 pub mod propagation_fit;
+#[cfg(feature = "experiments")]
 pub mod reproduce;
 pub mod shaft_rate;
 pub mod simulate;
 pub mod track;
 mod track_errors;
+#[cfg(all(unix, feature = "emulation"))]
 pub mod twin;
 
 /// What the command line asks for.
@@ -39,14 +42,17 @@ pub enum Command {
     /// Station orientation (ocean bottom: and position) from vessels of known track
     Orient(orient::Args),
     /// Run the firmware in QEMU and the host over the same input and compare their telemetry
+    #[cfg(all(unix, feature = "emulation"))]
     Twin(twin::Args),
     /// The base station: receive, store, show and export telemetry
     Base(base::Args),
     /// A simulated pass through the emulated firmware (`cargo xtask demo`)
+    #[cfg(all(unix, feature = "emulation"))]
     Demo(demo::Args),
     /// The configuration of a station as the firmware stores it
     Blob(blob::Args),
     /// Monte Carlo reproductions of the papers' figures and tables
+    #[cfg(feature = "experiments")]
     Reproduce(reproduce::Args),
     /// The interference table of an ocean-bottom station
     Propagation(propagation::Args),
@@ -70,10 +76,13 @@ impl Command {
             Self::ShaftRate(args) => shaft_rate::run(args),
             Self::Locate(args) => locate::run(args),
             Self::Orient(args) => orient::run(args),
+            #[cfg(all(unix, feature = "emulation"))]
             Self::Twin(args) => twin::run(args),
             Self::Base(args) => base::run(args),
+            #[cfg(all(unix, feature = "emulation"))]
             Self::Demo(args) => demo::run(args),
             Self::Blob(args) => blob::run(args),
+            #[cfg(feature = "experiments")]
             Self::Reproduce(args) => reproduce::run(args),
             Self::Propagation(args) => propagation::run(args),
             Self::Config(args) => config::run(args),

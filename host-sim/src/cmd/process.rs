@@ -165,7 +165,7 @@ fn stats(summary: &Summary, rate_hz: f64) -> String {
 /// A source that moves a progress bar.
 struct Watched {
     source: Box<dyn Source>,
-    bar: indicatif::ProgressBar,
+    bar: progress::ProgressBar,
     rate_hz: f64,
 }
 

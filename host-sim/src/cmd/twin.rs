@@ -5,7 +5,7 @@ use crate::progress;
 use crate::sample_line::{Pace, Sender};
 use crate::station::Station;
 use crate::twin::Listener;
-use crate::{recording, twin};
+use crate::{blob, recording, twin};
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::Block;
 use seabearing_core::config::Kind;
@@ -77,7 +77,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let firmware = emulator::firmware(args.firmware)?;
     let emulator = Emulator { firmware, count_instructions: args.count_instructions, samples };
-    let blob = twin::blob(&station)?;
+    let blob = blob::of(&station)?;
     let feed = |out: &mut dyn Write, listener| match (&args.input[..], samples) {
         ([path], SamplePath::File) if raw => copy(path, out),
         (paths, SamplePath::File) => {

@@ -1,0 +1,13 @@
+//! The firmware in an emulator, its twin on the host over the same samples, and the demonstration. Unix only: samples and
+//! telemetry go through sockets and pipes of the file system.
+#![cfg(unix)]
+
+#[macro_use(print, println)]
+extern crate seabearing_host;
+
+pub mod demo;
+pub mod emulator;
+pub mod sample_line;
+pub mod twin;
+
+use seabearing_host::{blob, interrupt, plot, record, world};

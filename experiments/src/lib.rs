@@ -1,0 +1,98 @@
+//! Monte Carlo reproductions of the papers' figures and tables, and of the project's own stated figures.
+//!
+//! Each experiment is one file with one function; it writes CSV and plots into the output folder and prints its
+//! table. Seeds are stated in the output.
+
+#[macro_use(print, println)]
+extern crate seabearing_host;
+
+mod ais_kinematics;
+mod ais_paths;
+mod batch;
+pub mod bearing_limit;
+pub mod bearing_limit_source;
+pub mod difar;
+mod difar_tracks;
+mod heard_vessels;
+mod line;
+mod motion;
+mod motion_checks;
+mod motion_figures;
+mod network;
+mod network_vessels;
+mod obs_appendix_b;
+mod obs_core_clutter;
+mod obs_noise_week;
+mod obs_one_ship;
+mod obs_orient;
+mod obs_pictures;
+mod obs_table1;
+mod obs_two_ships;
+mod obs_world;
+pub mod real_ship_ee;
+mod real_ship_track;
+mod report;
+mod score;
+mod several_vessels;
+mod shaft_rate;
+mod sub_bands;
+
+use anyhow::Result;
+use seabearing_host::{
+    ais, atomic, csv, delays, ocean_bottom, orientation, plot, progress, propagation, recording, station,
+};
+use std::path::PathBuf;
+
+/// What every experiment is told.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Folder for CSV and plots (made if missing).
+    pub out: PathBuf,
+    /// Monte Carlo runs, where the experiment's default is not wanted.
+    pub runs: Option<usize>,
+    /// Seed.
+    pub seed: u64,
+    /// Print JSON Lines instead of a table.
+    pub json: bool,
+}
+
+/// One experiment.
+pub struct Experiment {
+    /// Name on the command line.
+    pub name: &'static str,
+    /// One line about it.
+    pub about: &'static str,
+    /// Runs it.
+    pub run: fn(&Options) -> Result<()>,
+}
+
+/// All experiments. `reproduce all` begins them in this order, the long ones first, so that none is left to run alone.
+pub const EXPERIMENTS: &[Experiment] = &[
+    bearing_limit::EXPERIMENT,
+    sub_bands::EXPERIMENT,
+    motion_checks::COVERAGE,
+    motion_figures::FIGURE_1,
+    motion_figures::FIGURE_2,
+    motion_figures::FIGURE_3,
+    motion_figures::FLEET,
+    motion_checks::ELEVATION,
+    obs_table1::TABLE_1,
+    shaft_rate::EXPERIMENT,
+    line::ORIENTATION,
+    obs_noise_week::NOISE_WEEK,
+    obs_orient::ORIENT,
+    several_vessels::EXPERIMENT,
+    ais_kinematics::EXPERIMENT,
+    obs_one_ship::ONE_SHIP,
+    obs_two_ships::TWO_SHIPS,
+    obs_core_clutter::CLUTTER,
+    obs_appendix_b::APPENDIX_B,
+    obs_pictures::PICTURES,
+    network_vessels::EXPERIMENT,
+    network::FIGURE_2,
+    network::FIGURE_3,
+    difar::EXPERIMENT,
+    real_ship_ee::EXPERIMENT,
+    real_ship_track::EXPERIMENT,
+    motion_checks::COST,
+];

@@ -1,0 +1,143 @@
+//! A week without vessels: whales, earthquakes, T phases, strumming and directional ambient noise.
+//!
+//! Counts tracks (there must be none) and azimuth detections, each attributed to a sound that was there (in its time,
+//! within 30° of its direction; strumming either way along its axis) or to nothing. `--runs` is the number of days.
+
+use super::obs_world::{Case, judge, print, quiet, station_table};
+use super::{Experiment, Options};
+use crate::ocean_bottom::event::Heard;
+use crate::ocean_bottom::scenario::{Burst, DirectionalTable, Scenario, Strumming, Whale};
+use crate::score::wrap;
+use anyhow::Result;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use seabearing_core::wire::Message;
+use std::f64::consts::PI;
+
+/// The experiment.
+pub const NOISE_WEEK: Experiment = Experiment {
+    name: "obs-noise-week",
+    about: "a week of whales, earthquakes, T phases, strumming and directional noise without a vessel: false detections",
+    run,
+};
+
+const DAY_S: f64 = 86_400.0;
+
+/// A window reaches 90 s to either side; arrivals over late paths trail for about a minute.
+const SLACK_S: f64 = 180.0;
+
+/// Days without a vessel.
+pub fn scenario(seed: u64, days: usize) -> Scenario {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut s = quiet(seed, days as f64 * DAY_S);
+    s.ambient.directional = vec![
+        DirectionalTable { azimuth_deg: 90.0, level_db: -3.0 },
+        DirectionalTable { azimuth_deg: 215.0, level_db: -6.0 },
+    ];
+    for day in 0..days {
+        let day_s = day as f64 * DAY_S;
+        for _ in 0..3 {
+            s.fin_whale.push(Whale {
+                azimuth_deg: rng.random_range(0.0..360.0),
+                range_m: rng.random_range(1_000.0..25_000.0),
+                start_s: day_s + rng.random_range(0.0..DAY_S),
+                duration_s: rng.random_range(1_800.0..14_400.0),
+                interval_s: rng.random_range(11.0..16.0),
+                level_db: rng.random_range(6.0..24.0),
+            });
+        }
+        s.blue_whale.push(Whale {
+            azimuth_deg: rng.random_range(0.0..360.0),
+            range_m: rng.random_range(3_000.0..40_000.0),
+            start_s: day_s + rng.random_range(0.0..DAY_S),
+            duration_s: rng.random_range(3_600.0..14_400.0),
+            interval_s: rng.random_range(60.0..70.0),
+            level_db: rng.random_range(0.0..12.0),
+        });
+        for _ in 0..6 {
+            s.earthquake.push(Burst {
+                azimuth_deg: rng.random_range(0.0..360.0),
+                start_s: day_s + rng.random_range(0.0..DAY_S),
+                duration_s: rng.random_range(30.0..240.0),
+                level_db: rng.random_range(6.0..40.0),
+            });
+        }
+        for _ in 0..3 {
+            s.t_phase.push(Burst {
+                azimuth_deg: rng.random_range(0.0..360.0),
+                start_s: day_s + rng.random_range(0.0..DAY_S),
+                duration_s: rng.random_range(60.0..400.0),
+                level_db: rng.random_range(0.0..15.0),
+            });
+        }
+        // Twice a day the tide runs.
+        for tide in 0..2 {
+            s.strumming.push(Strumming {
+                azimuth_deg: rng.random_range(0.0..180.0),
+                start_s: day_s + 44_700.0 * f64::from(tide) + rng.random_range(0.0..3_600.0),
+                duration_s: rng.random_range(5_400.0..14_400.0),
+                fundamental_hz: rng.random_range(1.2..4.0),
+                level_db: rng.random_range(10.0..30.0),
+                pressure_db: -30.0,
+            });
+        }
+    }
+    s
+}
+
+/// The kind of sound a detection belongs to.
+fn attribute(heard: &[Heard], t_s: f64, azimuth: f64) -> Option<&'static str> {
+    let near = |h: &&Heard| {
+        let off = wrap(azimuth - h.azimuth).abs();
+        let off = if h.kind == "strumming" { off.min(PI - off) } else { off };
+        (h.from_s - SLACK_S..h.to_s + SLACK_S).contains(&t_s) && off < PI / 6.0
+    };
+    heard.iter().find(near).map(|h| h.kind)
+}
+
+fn run(options: &Options) -> Result<()> {
+    let days = options.runs.unwrap_or(7);
+    let case = Case::run(scenario(options.seed, days), &station_table()?, Vec::new(), false)?;
+    let kinds = ["fin_whale", "blue_whale", "earthquake", "t_phase", "strumming", "nothing"];
+    let (mut tonal, mut impulsive) = ([0usize; 6], [0usize; 6]);
+    let (mut windows, mut ranges, mut tracks, mut segments) = (0usize, 0usize, 0usize, 0usize);
+    let mut last = None;
+    let mut last_range = None;
+    for m in &case.messages {
+        match m {
+            Message::Azimuth(a) => {
+                windows += usize::from(last.replace(a.index) != Some(a.index));
+                let kind =
+                    attribute(&case.heard, a.index as f64 / 50.0, f64::from(a.azimuth)).unwrap_or("nothing");
+                let slot = kinds.iter().position(|k| *k == kind).unwrap_or(5);
+                if a.detected && a.kind == 0 {
+                    tonal[slot] += 1;
+                } else if a.detected {
+                    impulsive[slot] += 1;
+                }
+            }
+            Message::Range(r) if r.detected => {
+                ranges += usize::from(last_range.replace(r.index) != Some(r.index));
+            }
+            Message::Track(_) => tracks += 1,
+            Message::Segment(_) => segments += 1,
+            _ => {}
+        }
+    }
+    let mut csv = String::from("cause,tonal_azimuths,impulsive_azimuths\n");
+    for ((kind, t), i) in kinds.iter().zip(tonal).zip(impulsive) {
+        csv += &format!("{kind},{t},{i}\n");
+    }
+    print(options, "obs-noise-week", &csv)?;
+    if !options.json {
+        println!(
+            "  {windows} windows; {ranges} with a range detection, {segments} segment and {tracks} track records"
+        );
+    }
+    let unreal = (tonal[5] + impulsive[5]) as f64 / windows.max(1) as f64;
+    judge(
+        options,
+        &[("tracks", tracks as f64, 0.0), ("azimuths of nothing, of 10 000 windows", unreal * 1e4, 1.0)],
+    );
+    Ok(())
+}

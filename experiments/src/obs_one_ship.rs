@@ -1,0 +1,107 @@
+//! One vessel, six hours: azimuth, range, wrong branches and track of the whole chain against the issue's bars.
+//!
+//! Closest point 5 to 15 km, 4 to 10 m/s, wideband noise at 0 dB and six lines at +20 dB at 20 km (what that means
+//! stands in [`crate::ocean_bottom::scenario`]), five paths, no fade. One seed a vessel. Each record is heard twice, by the
+//! station's own choices and by the paper's (`compatibility = "paper"`), whose figures stand beside without a bar.
+
+use super::obs_world::{Case, station_table};
+use super::{Experiment, Options};
+use crate::ocean_bottom::scenario::{Scenario, Ship};
+use crate::propagation::Propagation;
+use crate::score::{Detections, smad, track};
+use anyhow::Result;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use seabearing_core::wire::Message;
+
+/// The experiment.
+pub const ONE_SHIP: Experiment = Experiment {
+    name: "obs-one-ship",
+    about: "one vessel past an ocean-bottom station, six hours: every error against its bar",
+    run,
+};
+
+/// Vessels where the command line names no number.
+const RUNS: usize = 4;
+
+/// One seeded vessel of the figure.
+pub fn ship(seed: u64) -> Ship {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    Ship {
+        name: format!("seed-{seed}"),
+        cpa_time_s: 10_800.0 + rng.random_range(-900.0..900.0),
+        cpa_range_m: rng.random_range(5_000.0..15_000.0),
+        heading_deg: rng.random_range(0.0..360.0),
+        speed_m_s: rng.random_range(4.0..10.0),
+        starboard: rng.random(),
+        active_s: [-1e9, 1e9],
+        radiation: Default::default(),
+    }
+}
+
+/// Records heard by one set of choices.
+fn listen(options: &Options, table: &Propagation, paper: bool, rows: &mut String) -> Result<Detections> {
+    let mut all = Detections::default();
+    for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
+        let ship = ship(seed);
+        let scenario = Scenario { ship: vec![ship.clone()], ..super::obs_world::quiet(seed, 21_600.0) };
+        let case = Case::run(scenario, table, Vec::new(), paper)?;
+        let d = case.detections().remove(0);
+        let tracks: Vec<_> = case
+            .messages
+            .iter()
+            .filter_map(|m| if let Message::Track(t) = m { Some(*t) } else { None })
+            .collect();
+        let best = tracks.iter().rev().find(|t| t.stage == 1).or(tracks.last());
+        let e = best.and_then(|t| track(t, &case.vessels[0].course));
+        let cells =
+            e.map_or([f64::NAN; 4], |e| [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]);
+        *rows += &format!(
+            "{},{seed},{:.0},{:.2},{},{},{:.2},{},{},{:.0},{:.3},{:.1},{:.0},{:.2},{:.3}\n",
+            if paper { "paper" } else { "own" },
+            ship.cpa_range_m,
+            ship.speed_m_s,
+            d.azimuth.len(),
+            d.azimuth_wrong,
+            smad(&d.azimuth).to_degrees(),
+            d.range_m.len() + d.range_wrong,
+            d.range_wrong,
+            smad(&d.range_m),
+            smad(&d.speed_m_s),
+            cells[0],
+            cells[1],
+            cells[2],
+            cells[3]
+        );
+        all.append(&d);
+    }
+    Ok(all)
+}
+
+fn run(options: &Options) -> Result<()> {
+    let table = station_table()?;
+    let mut rows = String::from(
+        "choices,seed,cpa_range_m,speed_m_s,azimuth_n,azimuth_wrong,azimuth_smad_deg,range_n,wrong_branch,range_smad_m,\
+         speed_smad_m_s,track_cpa_time_s,track_cpa_range_m,track_heading_deg,track_speed_m_s\n",
+    );
+    let own = listen(options, &table, false, &mut rows)?;
+    let paper = listen(options, &table, true, &mut rows)?;
+    super::obs_world::print(options, "obs-one-ship", &rows)?;
+    let figures = |d: &Detections| {
+        [
+            ("azimuth SMAD, deg", smad(&d.azimuth).to_degrees(), 1.5),
+            ("azimuths wrong", d.azimuth_wrong as f64, 0.0),
+            ("range SMAD, m", smad(&d.range_m), 160.0),
+            ("wrong branch, %", 100.0 * d.wrong_branch(), 10.0),
+        ]
+    };
+    super::obs_world::judge(options, &figures(&own));
+    for (name, measured, _) in figures(&paper) {
+        if options.json {
+            println!("{}", serde_json::json!({"figure": name, "choices": "paper", "measured": measured}));
+        } else {
+            println!("  by the paper's choices, {name}: {measured:.3}");
+        }
+    }
+    Ok(())
+}

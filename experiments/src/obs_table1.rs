@@ -1,0 +1,163 @@
+//! Table I of \[O\] in form: detections and tracks of the vessels of six days, on synthetic records.
+//!
+//! The recording of the paper's test week (May 2013) is not at hand, and both AIS files that are (terrestrial to November,
+//! satellite to December 2012) end before it; so the six days of 2012 with the most vessels after the paper's own rule
+//! (within 100 km, closest point within 25 km), eleven at most, are simulated: real tracks, station RR03, its ray table,
+//! five paths. Vessels that do not pass on a roughly straight way (drifting, anchoring, positions that end at the closest
+//! point) have no track to compare with and are left out. Columns are the paper's, errors as SMAD; two more say how close
+//! each passed and how far its real way within 50 km departs from the straight line that a track is compared with.
+
+use super::obs_world::{Case, data, print, quiet, station_table};
+use super::{Experiment, Options};
+use crate::ocean_bottom::ais::{Passage, passages, read};
+use crate::ocean_bottom::scenario::{DirectionalTable, Radiation, Whale};
+use crate::score::{Detections, TrackError, closest, median, owner, smad, track};
+use anyhow::Result;
+use seabearing_core::wire::Message;
+
+/// The experiment.
+pub const TABLE_1: Experiment = Experiment {
+    name: "obs-table1",
+    about: "Table I of the ocean-bottom paper: detections and tracks of real ship tracks over six days, synthetic sound",
+    run,
+};
+
+/// Deployment position of RR03 (latitude, longitude in degrees).
+const RR03_DEG: (f64, f64) = (-21.3732, 54.1294);
+
+const DAYS: f64 = 6.0;
+const DAY_S: f64 = 86_400.0;
+
+/// A way that departs farther from a straight line than this within 50 km has no one heading and closest point, m.
+const BEND_M: f64 = 3_000.0;
+
+/// Vessels of the paper's table.
+const VESSELS: usize = 11;
+
+/// Knots in a metre a second.
+const KNOTS: f64 = 1.943_844;
+
+fn run(options: &Options) -> Result<()> {
+    let Some(dir) = data() else {
+        println!("  skipped: no AIS data at ../shared/data (or $SEABEARING_DATA)");
+        return Ok(());
+    };
+    let satellite = dir.join("ais_cls.csv.xz");
+    let terrestrial = dir.join("ais_marine_traffic.csv");
+    // Dense terrestrial positions where they are, satellite ones else.
+    let file = if terrestrial.is_file() { terrestrial } else { satellite };
+    if !file.is_file() {
+        println!("  skipped: no AIS file in {}", dir.display());
+        return Ok(());
+    }
+    let found = passages(&read(&file)?, RR03_DEG);
+    let all: Vec<Passage> = found.iter().filter(|p| passes(p)).cloned().collect();
+    let Some((start, chosen)) = window(&all) else {
+        println!("  skipped: {} holds no passage", file.display());
+        return Ok(());
+    };
+    let mut scenario = quiet(options.seed, DAYS * DAY_S);
+    let when = time::OffsetDateTime::from_unix_timestamp(start as i64)?;
+    scenario.start = when.format(&time::format_description::well_known::Rfc3339)?;
+    scenario.ambient.directional.push(DirectionalTable { azimuth_deg: 90.0, level_db: -6.0 });
+    scenario.fin_whale.push(Whale {
+        azimuth_deg: 210.0,
+        range_m: 9_000.0,
+        start_s: 4.4 * DAY_S,
+        duration_s: 6.0 * 3600.0,
+        interval_s: 13.0,
+        level_db: 12.0,
+    });
+    let extra = chosen.iter().map(|p| p.extra(start, &Radiation::default())).collect();
+    if !options.json {
+        println!(
+            "  {} passages in {}, {} of them straight; {} closest within six days from {}",
+            found.len(),
+            file.display(),
+            all.len(),
+            chosen.len(),
+            scenario.start
+        );
+    }
+    let case = Case::run(scenario, &station_table()?, extra, false)?;
+    print(options, "obs-table1", &table(&case))
+}
+
+/// Whether a vessel really passes: before and after its closest point, and on a roughly straight way.
+fn passes(p: &Passage) -> bool {
+    let around =
+        |before: f64, after: f64| p.fixes.iter().any(|f| (before..after).contains(&(f.0 - p.cpa_unix_s)));
+    let hour = 3_600.0;
+    around(-GREATEST_GAP_S, -0.5 * hour)
+        && around(0.5 * hour, GREATEST_GAP_S)
+        && p.course(0.0).bend_m().is_some_and(|bend| bend <= BEND_M)
+}
+
+/// Seconds about the closest point in which a passage must have positions on both sides.
+const GREATEST_GAP_S: f64 = 4.0 * 3_600.0;
+
+/// The six days, starting at a midnight, with the most closest points, eleven at most.
+fn window(all: &[Passage]) -> Option<(f64, Vec<&Passage>)> {
+    let first = (all.first()?.cpa_unix_s / DAY_S).floor() as i64;
+    let last = (all.last()?.cpa_unix_s / DAY_S).floor() as i64;
+    (first..=last)
+        .map(|d| {
+            let start = d as f64 * DAY_S;
+            let inside = |p: &&Passage| (start..start + DAYS * DAY_S).contains(&p.cpa_unix_s);
+            (start, all.iter().filter(inside).take(VESSELS).collect::<Vec<_>>())
+        })
+        .max_by_key(|(start, p)| (p.len(), -*start as i64))
+}
+
+fn table(case: &Case) -> String {
+    let mut out = String::from(
+        "ship,azimuth_n,azimuth_smad_deg,range_n,range_smad_m,speed_smad_kn,cpa_time_s,heading_deg,cpa_range_m,speed_kn,closest_km,bend_m\n",
+    );
+    let mut total = Detections::default();
+    let mut errors: Vec<TrackError> = Vec::new();
+    for (i, d) in case.detections().iter().enumerate() {
+        let own = case.messages.iter().rev().find_map(|m| match m {
+            Message::Track(t) if t.stage == 1 && owner(t, &case.vessels) == Some(i) => Some(*t),
+            _ => None,
+        });
+        let error = own.and_then(|t| track(&t, &case.vessels[i].course));
+        errors.extend(error);
+        let course = &case.vessels[i].course;
+        let near = closest(course).map_or(f64::NAN, |c| c.1 / 1e3);
+        let bend = course.bend_m().unwrap_or(f64::NAN);
+        out += &format!("{},{near:.1},{bend:.0}\n", row(&(i + 1).to_string(), d, error));
+        total.append(d);
+    }
+    let middle = |f: &dyn Fn(&TrackError) -> f64| median(errors.iter().map(|e| f(e).abs()).collect());
+    let all = (!errors.is_empty()).then(|| TrackError {
+        cpa_time_s: middle(&|e| e.cpa_time_s),
+        cpa_range_m: middle(&|e| e.cpa_range_m),
+        heading: middle(&|e| e.heading),
+        speed_m_s: middle(&|e| e.speed_m_s),
+    });
+    out += &format!("{},-,-\n", row("all", &total, all));
+    out
+}
+
+fn row(name: &str, d: &Detections, e: Option<TrackError>) -> String {
+    let track = e.map_or_else(
+        || "-,-,-,-".to_owned(),
+        |e| {
+            format!(
+                "{:.0},{:.1},{:.0},{:.2}",
+                e.cpa_time_s.abs(),
+                e.heading.abs().to_degrees(),
+                e.cpa_range_m.abs(),
+                e.speed_m_s.abs() * KNOTS
+            )
+        },
+    );
+    format!(
+        "{name},{},{:.1},{},{:.0},{:.2},{track}",
+        d.azimuth.len(),
+        smad(&d.azimuth).to_degrees(),
+        d.range_m.len(),
+        smad(&d.range_m),
+        smad(&d.speed_m_s) * KNOTS
+    )
+}

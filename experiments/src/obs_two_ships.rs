@@ -1,0 +1,103 @@
+//! Two vessels at once, their azimuths 30° apart or more while both are near: both must be tracked.
+//!
+//! Tracked means: one final track whose closest point, range and speed are within the bars of a vessel alone. Headings are
+//! counted beside it: each vessel's wideband noise bends the intensity in the other's tone bins towards itself.
+
+use super::obs_world::{Case, judge, print, quiet, station_table};
+use super::{Experiment, Options};
+use crate::ocean_bottom::course::{Course, polar};
+use crate::ocean_bottom::scenario::{Scenario, Ship};
+use crate::score::{owner, smad, track, wrap};
+use anyhow::Result;
+use seabearing_core::wire::Message;
+use std::f64::consts::PI;
+
+/// The experiment.
+pub const TWO_SHIPS: Experiment = Experiment {
+    name: "obs-two-ships",
+    about: "two vessels past an ocean-bottom station at once, 30° apart or more: both tracked?",
+    run,
+};
+
+/// Pairs where the command line names no number.
+const RUNS: usize = 4;
+
+/// Time about the closest points in which the azimuths must stay apart, s.
+const NEAR_S: f64 = 5400.0;
+
+fn course(s: &Ship) -> Course {
+    Course::by_cpa(s.cpa_time_s, s.cpa_range_m, s.heading_deg.to_radians(), s.speed_m_s, s.starboard)
+}
+
+fn apart(a: &Ship, b: &Ship) -> bool {
+    let middle = 0.5 * (a.cpa_time_s + b.cpa_time_s);
+    let (a, b) = (course(a), course(b));
+    (0..=60).map(|k| middle - NEAR_S + NEAR_S / 30.0 * f64::from(k)).all(|t| {
+        let azimuth = |c: &Course| c.at(t).map_or(0.0, |p| polar(p).1);
+        wrap(azimuth(&a) - azimuth(&b)).abs() >= PI / 6.0
+    })
+}
+
+/// A seeded pair: two vessels of the one-vessel figure, the first pair of the seed's row that stays apart.
+pub fn pair(seed: u64) -> [Ship; 2] {
+    let mut k = 1000 * seed;
+    loop {
+        let (mut a, mut b) = (super::obs_one_ship::ship(k), super::obs_one_ship::ship(k + 1));
+        k += 2;
+        if apart(&a, &b) {
+            a.name = "first".into();
+            b.name = "second".into();
+            b.radiation.tones_hz.iter_mut().for_each(|f| *f += 0.83);
+            return [a, b];
+        }
+    }
+}
+
+fn run(options: &Options) -> Result<()> {
+    let table = station_table()?;
+    let mut csv = String::from(
+        "seed,ship,cpa_range_m,azimuth_n,azimuth_smad_deg,range_n,wrong_branch,tracked,cpa_time_s,cpa_range_error_m,heading_deg,speed_m_s\n",
+    );
+    let (mut ships, mut tracked, mut straight) = (0, 0, 0);
+    for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
+        let scenario = Scenario { ship: pair(seed).to_vec(), ..quiet(seed, 21_600.0) };
+        let case = Case::run(scenario, &table, Vec::new(), false)?;
+        for (i, d) in case.detections().iter().enumerate() {
+            let own = case.messages.iter().rev().find_map(|m| match m {
+                Message::Track(t) if t.stage == 1 && owner(t, &case.vessels) == Some(i) => Some(*t),
+                _ => None,
+            });
+            let e = own.and_then(|t| track(&t, &case.vessels[i].course));
+            let cells = e.map_or([f64::NAN; 4], |e| {
+                [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]
+            });
+            ships += 1;
+            let held = e.is_some_and(|e| {
+                e.cpa_time_s.abs() <= 10.0 && e.cpa_range_m.abs() <= 150.0 && e.speed_m_s.abs() <= 0.05
+            });
+            tracked += usize::from(held);
+            straight += usize::from(held && e.is_some_and(|e| e.heading.abs() <= 0.5f64.to_radians()));
+            csv += &format!(
+                "{seed},{},{:.0},{},{:.2},{},{},{},{:.1},{:.0},{:.2},{:.3}\n",
+                i + 1,
+                crate::score::closest(&case.vessels[i].course).map_or(f64::NAN, |c| c.1),
+                d.azimuth.len(),
+                smad(&d.azimuth).to_degrees(),
+                d.range_m.len() + d.range_wrong,
+                d.range_wrong,
+                held,
+                cells[0],
+                cells[1],
+                cells[2],
+                cells[3]
+            );
+        }
+    }
+    print(options, "obs-two-ships", &csv)?;
+    let figures = [
+        ("vessels not tracked (10 s, 150 m, 0.05 m/s)", (ships - tracked) as f64, 0.0),
+        ("vessels whose heading is not within 0.5°", (ships - straight) as f64, 0.0),
+    ];
+    judge(options, &figures);
+    Ok(())
+}

@@ -1,0 +1,136 @@
+//! What the ocean-bottom experiments share: the station's table, a quiet sea, the chain over a simulated record.
+
+use super::Options;
+use crate::ocean_bottom::event::Heard;
+use crate::ocean_bottom::scenario::Scenario;
+use crate::ocean_bottom::simulate::{Extra, Simulator, Vessel};
+use crate::ocean_bottom::{run, station};
+use crate::propagation::{Propagation, bottom::Bottom, convert, profile, trace};
+use crate::score::{Detections, detections};
+use anyhow::Result;
+use seabearing_core::wire::Message;
+use std::path::PathBuf;
+
+/// Depth of station RR03, m.
+const RR03_DEPTH_M: f64 = 4340.0;
+
+/// The folder of the papers' data, where it is: `SEABEARING_DATA`, or `../shared/data`.
+pub fn data() -> Option<PathBuf> {
+    let dir =
+        std::env::var_os("SEABEARING_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
+    dir.is_dir().then_some(dir)
+}
+
+/// The RR03 ray table where the papers' data are, else the project's own trace through a subtropical profile.
+///
+/// # Errors
+/// The ray table is damaged.
+pub fn station_table() -> Result<Propagation> {
+    match data().map(|d| d.join("ray_tracing_rr03.csv")).filter(|p| p.is_file()) {
+        Some(csv) => convert::read(&csv, Some(RR03_DEPTH_M), false),
+        None => {
+            let profile = profile::Profile::subtropical(RR03_DEPTH_M)?;
+            Ok(trace::trace("subtropical", &profile, &Bottom::default(), 70.0, 1429, || ()))
+        }
+    }
+}
+
+/// A scenario without any source.
+pub fn quiet(seed: u64, duration_s: f64) -> Scenario {
+    Scenario {
+        kind: "obs".into(),
+        seed,
+        duration_s,
+        start: "2013-05-21T00:00:00Z".into(),
+        rate_hz: 50.0,
+        propagation: PathBuf::new(),
+        paths: 5,
+        name: "RR03".into(),
+        lat_lon_deg: None,
+        orientation_of_north_deg: 77.0,
+        intensity: "away".into(),
+        ambient: Default::default(),
+        ship: Vec::new(),
+        ais: Vec::new(),
+        fin_whale: Vec::new(),
+        blue_whale: Vec::new(),
+        earthquake: Vec::new(),
+        t_phase: Vec::new(),
+        strumming: Vec::new(),
+        faults: Default::default(),
+    }
+}
+
+/// A simulated record and what the chain said about it.
+pub struct Case {
+    /// Everything said, in order.
+    pub messages: Vec<Message>,
+    /// The vessels that were there.
+    pub vessels: Vec<Vessel>,
+    /// Other sounds that were there.
+    pub heard: Vec<Heard>,
+    table: Propagation,
+    paths: usize,
+    rate_hz: f64,
+}
+
+impl Case {
+    /// Simulates and listens.
+    ///
+    /// # Errors
+    /// A wrong scenario, or a table the core refuses.
+    pub fn run(scenario: Scenario, table: &Propagation, extra: Vec<Extra>, paper: bool) -> Result<Self> {
+        let config = station::config(&scenario, paper)?;
+        let (paths, rate_hz) = (scenario.paths, scenario.rate_hz);
+        let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
+        let vessels = simulator.vessels.clone();
+        let heard = simulator.heard();
+        let mut messages = Vec::new();
+        run::run(&config, table, &mut simulator, &mut |m| messages.push(m))?;
+        Ok(Self { messages, vessels, heard, table: table.clone(), paths, rate_hz })
+    }
+
+    /// Errors of detections, one entry a vessel.
+    pub fn detections(&self) -> Vec<Detections> {
+        detections(&self.messages, &self.table, self.paths, self.rate_hz, &self.vessels)
+    }
+}
+
+/// Writes an experiment's CSV and prints it.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn print(options: &Options, name: &str, csv: &str) -> Result<()> {
+    crate::atomic::write(&options.out.join(format!("{name}.csv")), csv.as_bytes())?;
+    let mut lines = csv.lines().map(|l| l.split(',').collect::<Vec<_>>());
+    let Some(header) = lines.next() else { return Ok(()) };
+    if options.json {
+        for row in lines {
+            let cells = header.iter().zip(row).map(|(k, v)| {
+                let value = v.parse::<f64>().map_or_else(|_| v.into(), |x| serde_json::json!(x));
+                ((*k).to_owned(), value)
+            });
+            println!("{}", serde_json::Value::Object(cells.collect()));
+        }
+        return Ok(());
+    }
+    println!("  {}", header.join("  "));
+    for row in lines {
+        let cells: Vec<String> =
+            row.iter().zip(&header).map(|(v, k)| format!("{v:>width$}", width = k.len())).collect();
+        println!("  {}", cells.join("  "));
+    }
+    Ok(())
+}
+
+/// Prints figures beside their bars: `(name, measured, at most)`.
+pub fn judge(options: &Options, figures: &[(&str, f64, f64)]) {
+    for (name, measured, bar) in figures {
+        let met = measured <= bar;
+        if options.json {
+            println!("{}", serde_json::json!({"figure": name, "measured": measured, "bar": bar, "met": met}));
+        } else {
+            println!("  {name}: {measured:.3} (bar {bar}): {}", if met { "met" } else { "MISSED" });
+        }
+    }
+}

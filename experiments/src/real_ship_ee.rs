@@ -1,0 +1,251 @@
+//! `reproduce real-ship-ee`: bearings of a real ship from arrival-time differences measured at sea, against its GPS.
+//!
+//! Data: a four-hydrophone recorder on the sea floor, 4669 unedited sets of differences in 10 µs steps with their wrong
+//! peaks, and the ship's GPS. They stand beside the project, not in it; without them the experiment says so and ends.
+
+use super::{Experiment, Options};
+use crate::csv::Table;
+use crate::delays::{COLUMNS, SetResult, solve};
+use crate::plot::{Figure, Scale, write_panels};
+use crate::station::Station;
+use anyhow::{Context, Result};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// The experiment.
+pub const EXPERIMENT: Experiment = Experiment {
+    name: "real-ship-ee",
+    about: "a real ship: bearings from measured time differences against GPS, rejected sets marked",
+    run,
+};
+
+/// A GPS fix further away in time than this says nothing about a set, s.
+const GPS_MOST_S: f64 = 5.0;
+
+/// Where the data are, if they are.
+pub fn data() -> Option<PathBuf> {
+    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/real/harp4_ship_tdoa_EE");
+    dir.is_dir().then_some(dir)
+}
+
+/// The recordings brought into the project's own form.
+pub struct Recording {
+    /// The station file.
+    pub station: Station,
+    /// Path of the differences in the project's sign and pair order.
+    pub tdoa: PathBuf,
+    /// Direction to the ship by GPS at a time: East, North, Up, length one.
+    truth: Vec<(f64, [f64; 3])>,
+}
+
+/// Error of one set.
+#[derive(Debug, Clone, Copy)]
+pub struct Judged {
+    /// Result of the set.
+    pub result: SetResult,
+    /// Azimuth and elevation by GPS, degrees.
+    pub truth_deg: (f64, f64),
+    /// Angle in space between the bearing and the GPS direction, degrees.
+    pub error_deg: f64,
+}
+
+/// The figures the issue asks for.
+#[derive(Debug, Clone, Copy)]
+pub struct Score {
+    /// Sets with a GPS fix.
+    pub sets: usize,
+    /// Share of them accepted.
+    pub kept: f64,
+    /// Median error of the accepted ones, degrees.
+    pub median_deg: f64,
+    /// Share of the accepted ones that err by more than 10°.
+    pub beyond_10_deg: f64,
+    /// Share of the accepted ones whose error lies within the stated 95 % ellipse.
+    pub in_ellipse: f64,
+}
+
+impl Recording {
+    /// Converts the data: writes `ee.toml` and `ee_tdoa.csv` (opposite sign, hydrophones from 0) into `folder`.
+    ///
+    /// # Errors
+    /// A file is missing or not as its description says.
+    pub fn convert(data: &Path, folder: &Path) -> Result<Self> {
+        let geometry: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(data.join("geometry.json"))?)?;
+        let numbers = |v: &serde_json::Value| -> Result<Vec<f64>> {
+            v.as_array().context("a list")?.iter().map(|x| x.as_f64().context("a number")).collect()
+        };
+        let receiver = numbers(&geometry["receiver_lat_lon_depth_m"])?;
+        let c = geometry["c_m_s"].as_f64().context("sound speed")?;
+        let mut toml = format!(
+            "[station]\nid = 63\nname = \"EE\"\nkind = \"array\"\nsound_speed_m_s = {c:?}\nposition = {{ lat_deg = {:?}, \
+             lon_deg = {:?}, depth_m = {:?} }}\n[sampling]\nrate_hz = 100000\n[array]\nreference_range_m = {:?}\n\
+             hydrophones_m = [",
+            receiver[0], receiver[1], -receiver[2], -receiver[2]
+        );
+        for h in geometry["hyd_pos_m_xEast_yNorth_zUp"].as_array().context("positions")? {
+            write!(toml, "{:?}, ", numbers(h)?)?;
+        }
+        toml.push_str("]\nband_hz = [100, 10000]\n");
+        let path = folder.join("ee.toml");
+        std::fs::write(&path, toml)?;
+        let station = Station::read(&path)?;
+
+        let table = Table::read(&data.join("tdoa.csv"))?;
+        let columns = ["matlab_days", "tdoa12_s", "tdoa13_s", "tdoa14_s", "tdoa23_s", "tdoa24_s", "tdoa34_s"];
+        let rows: Vec<[f64; 7]> =
+            table.numbers(columns)?.into_iter().filter_map(|(_, row)| row.ok()).collect();
+        let start = rows.first().context("no sets")?[0];
+        let seconds = |days: f64| (days - start) * 86_400.0;
+        let mut text = COLUMNS.join(",") + "\n";
+        for [days, delays @ ..] in &rows {
+            write!(text, "{:.4}", seconds(*days))?;
+            for d in delays {
+                write!(text, ",{:.7}", -d)?;
+            }
+            text.push('\n');
+        }
+        let tdoa = folder.join("ee_tdoa.csv");
+        std::fs::write(&tdoa, text)?;
+
+        let gps = Table::read(&data.join("ship_gps.csv"))?;
+        let mut truth = Vec::new();
+        for (_, row) in gps.numbers(["matlab_days", "lat_deg", "lon_deg"])? {
+            let [days, lat, lon] = row?;
+            let v = [
+                (lon - receiver[1]) * metres_per_deg_lon(receiver[0]),
+                (lat - receiver[0]) * metres_per_deg_lat(receiver[0]),
+                -receiver[2],
+            ];
+            let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+            truth.push((seconds(days), v.map(|x| x / length)));
+        }
+        Ok(Self { station, tdoa, truth })
+    }
+
+    /// Runs the command's own function over the sets and compares with GPS.
+    ///
+    /// # Errors
+    /// As the command.
+    pub fn judge(&self) -> Result<Vec<Judged>> {
+        let results = solve(&self.station.config, &self.tdoa, None)?;
+        Ok(results.into_iter().filter_map(|r| self.judged(r)).collect())
+    }
+
+    /// Direction by GPS: linear between the fixes around a time, none where they are too far away.
+    fn truth_at(&self, t_s: f64) -> Option<[f64; 3]> {
+        let after = self.truth.partition_point(|(t, _)| *t < t_s);
+        let (b, a) = (self.truth.get(after), after.checked_sub(1).and_then(|n| self.truth.get(n)));
+        let near = |p: Option<&(f64, [f64; 3])>| p.is_some_and(|(t, _)| (t - t_s).abs() <= GPS_MOST_S);
+        match (a, b) {
+            (Some((ta, ua)), Some((tb, ub))) if near(a) && near(b) && tb > ta => {
+                let share = (t_s - ta) / (tb - ta);
+                Some(std::array::from_fn(|k| ua[k] + share * (ub[k] - ua[k])))
+            }
+            (Some((_, u)), _) if near(a) => Some(*u),
+            (_, Some((_, u))) if near(b) => Some(*u),
+            _ => None,
+        }
+    }
+
+    fn judged(&self, result: SetResult) -> Option<Judged> {
+        let truth = self.truth_at(result.t_s)?;
+        let truth_deg = (
+            truth[0].atan2(truth[1]).to_degrees().rem_euclid(360.0),
+            truth[2].atan2(truth[0].hypot(truth[1])).to_degrees(),
+        );
+        let error_deg = match &result.solution {
+            Some(s) => {
+                let dot: f64 = truth.iter().zip(s.direction).map(|(a, b)| a * f64::from(b)).sum();
+                let length = truth.iter().map(|x| x * x).sum::<f64>().sqrt();
+                (dot / length).clamp(-1.0, 1.0).acos().to_degrees()
+            }
+            None => 180.0,
+        };
+        Some(Judged { result, truth_deg, error_deg })
+    }
+}
+
+/// Length of a degree of latitude, WGS84, m.
+fn metres_per_deg_lat(lat_deg: f64) -> f64 {
+    let p = lat_deg.to_radians();
+    111_132.954 - 559.822 * (2.0 * p).cos() + 1.175 * (4.0 * p).cos()
+}
+
+/// Length of a degree of longitude, WGS84, m.
+fn metres_per_deg_lon(lat_deg: f64) -> f64 {
+    let p = lat_deg.to_radians();
+    111_412.84 * p.cos() - 93.5 * (3.0 * p).cos() + 0.118 * (5.0 * p).cos()
+}
+
+/// Sums judged sets up.
+pub fn score(judged: &[Judged]) -> Score {
+    let accepted: Vec<&Judged> =
+        judged.iter().filter(|j| j.result.solution.is_some_and(|s| s.accepted)).collect();
+    let mut errors: Vec<f64> = accepted.iter().map(|j| j.error_deg).collect();
+    errors.sort_by(f64::total_cmp);
+    let n = errors.len().max(1) as f64;
+    let inside = accepted
+        .iter()
+        .filter(|j| {
+            j.result.solution.is_some_and(|s| {
+                let da =
+                    (f64::from(s.azimuth).to_degrees() - j.truth_deg.0 + 540.0).rem_euclid(360.0) - 180.0;
+                let (da, de) = (da.to_radians(), f64::from(s.elevation) - j.truth_deg.1.to_radians());
+                let (va, ve, c) = (f64::from(s.var_azimuth), f64::from(s.var_elevation), f64::from(s.cov));
+                (ve * da * da - 2.0 * c * da * de + va * de * de) / (va * ve - c * c) <= 5.991
+            })
+        })
+        .count();
+    Score {
+        sets: judged.len(),
+        kept: accepted.len() as f64 / judged.len().max(1) as f64,
+        median_deg: errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN),
+        beyond_10_deg: errors.iter().filter(|e| **e > 10.0).count() as f64 / n,
+        in_ellipse: inside as f64 / n,
+    }
+}
+
+fn run(options: &Options) -> Result<()> {
+    let Some(data) = data() else {
+        println!("skipped real-ship-ee: no data at ../shared/data/real/harp4_ship_tdoa_EE");
+        return Ok(());
+    };
+    let folder = tempfile::tempdir()?;
+    let recording = Recording::convert(&data, folder.path())?;
+    let judged = recording.judge()?;
+    let s = score(&judged);
+    let mut report = super::report::Report::new(
+        "real_ship_ee",
+        &["sets", "kept_percent", "median_deg", "beyond_10_percent", "in_ellipse_percent"],
+    );
+    report.row(&[s.sets as f64, 100.0 * s.kept, s.median_deg, 100.0 * s.beyond_10_deg, 100.0 * s.in_ellipse]);
+    report.finish(options)?;
+    if !options.json {
+        println!("bars: kept at least 80 %, median at most 0.95°, beyond 10° under 1 %");
+    }
+    draw(&judged, &options.out.join("real_ship_ee.svg"))
+}
+
+/// Azimuth and error against time, rejected sets marked.
+fn draw(judged: &[Judged], path: &Path) -> Result<()> {
+    let minutes = |j: &Judged| j.result.t_s / 60.0;
+    let accepted = |j: &&Judged| j.result.solution.is_some_and(|s| s.accepted);
+    let azimuth =
+        |j: &Judged| (minutes(j), j.result.solution.map_or(f64::NAN, |s| f64::from(s.azimuth).to_degrees()));
+    let error = |j: &Judged| (minutes(j), j.error_deg.max(0.02));
+    let mut top =
+        Figure::new("A ship's azimuth from time differences, and by GPS", "time (min)", "azimuth (°)");
+    top.size(1000, 420);
+    top.y_scale(Scale::Degrees);
+    top.points("rejected", &judged.iter().filter(|j| !accepted(j)).map(azimuth).collect::<Vec<_>>());
+    top.points("accepted", &judged.iter().filter(accepted).map(azimuth).collect::<Vec<_>>());
+    let truth: Vec<(f64, f64)> = judged.iter().map(|j| (minutes(j), j.truth_deg.0)).collect();
+    top.truth("GPS", &crate::plot::cut_at_wraps(&truth));
+    let mut bottom = Figure::new("Angle between bearing and GPS", "time (min)", "error (°)");
+    bottom.size(1000, 380);
+    bottom.y_scale(Scale::Log);
+    bottom.points("rejected", &judged.iter().filter(|j| !accepted(j)).map(error).collect::<Vec<_>>());
+    bottom.points("accepted", &judged.iter().filter(accepted).map(error).collect::<Vec<_>>());
+    write_panels(path, &[&top, &bottom], 1)
+}

@@ -1,0 +1,33 @@
+//! The configuration of a station as the firmware stores it.
+
+use crate::station::Station;
+use anyhow::{Result, anyhow};
+use seabearing_core::config_blob::{BlobError, PROPAGATION, Writer};
+
+/// Room for the blob of a station, its propagation table included.
+const BLOB_BYTES: usize = 1 << 20;
+
+/// The configuration blob of a station: what is flashed beside the firmware.
+///
+/// # Errors
+/// The propagation table cannot be read, or it does not fit.
+pub fn of(station: &Station) -> Result<Vec<u8>> {
+    let mut bytes = vec![0u8; BLOB_BYTES];
+    let table = station.propagation_blob()?;
+    let length = write_blob(&mut bytes, station, table.as_deref())
+        .map_err(|_| anyhow!("the configuration takes more than {BLOB_BYTES} bytes"))?;
+    bytes.truncate(length);
+    Ok(bytes)
+}
+
+fn write_blob(bytes: &mut [u8], station: &Station, table: Option<&[u8]>) -> Result<usize, BlobError> {
+    let mut writer = Writer::new(bytes)?;
+    writer.station(&station.config)?;
+    if let Some(table) = table {
+        writer.section(PROPAGATION, |body| {
+            body.get_mut(..table.len())?.copy_from_slice(table);
+            Some(table.len())
+        })?;
+    }
+    Ok(writer.finish())
+}

@@ -1,0 +1,45 @@
+//! Bearings from a file of arrival-time differences, set by set.
+
+use crate::csv::{Table, good_rows};
+use anyhow::{Result, anyhow, bail};
+use seabearing_core::config::{Kind, StationConfig};
+use seabearing_locate::delays::continuity::Continuity;
+use seabearing_locate::delays::tdoa::{Solution, Solver};
+use std::path::Path;
+
+/// Columns of the input.
+pub const COLUMNS: [&str; 7] =
+    ["t_s", "tdoa01_s", "tdoa02_s", "tdoa03_s", "tdoa12_s", "tdoa13_s", "tdoa23_s"];
+
+/// One set's result; `None` where its delays give no direction at all.
+#[derive(Debug, Clone, Copy)]
+pub struct SetResult {
+    /// Time of the set, seconds.
+    pub t_s: f64,
+    /// What came of it.
+    pub solution: Option<Solution>,
+}
+
+/// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out.
+///
+/// # Errors
+/// The station is no array, a column is missing, or no row is usable.
+pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> Result<Vec<SetResult>> {
+    let Kind::Array(array) = &config.kind else {
+        bail!("the station file is not of a compact array (kind = \"array\")");
+    };
+    let geometry =
+        config.geometry().map_err(|e| anyhow!("the station's hydrophones give no bearings: {e:?}"))?;
+    let solver = Solver::new(&geometry, array.reference_range_m, tolerance_s, array.elevation_deg);
+    let name = tdoa.display().to_string();
+    let mut rows = good_rows(&name, Table::read(tdoa)?.numbers(COLUMNS)?)?;
+    rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut continuity = Continuity::new();
+    Ok(rows
+        .into_iter()
+        .map(|[t_s, delays @ ..]| SetResult {
+            t_s,
+            solution: solver.solve(&mut continuity, t_s, &delays.map(|d| d as f32)),
+        })
+        .collect())
+}

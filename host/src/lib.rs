@@ -1,0 +1,22 @@
+//! Everything around the recorder's core that needs an operating system and is no experiment: the station file,
+//! recordings, simulators, replay, propagation tables, records and pictures.
+
+#[macro_use]
+pub mod console;
+
+pub mod ais;
+pub mod atomic;
+pub mod blob;
+pub mod csv;
+pub mod delays;
+pub mod interrupt;
+pub mod ocean_bottom;
+pub mod orientation;
+pub mod plot;
+pub mod progress;
+pub mod propagation;
+pub mod record;
+pub mod recording;
+pub mod replay;
+pub mod station;
+pub mod world;

@@ -1,0 +1,23 @@
+//! The host side of an ocean-bottom station: its propagation table for the core, its simulator, its pictures.
+//!
+//! [`simulate::Simulator`] makes four-channel recordings of vessels ([`passage`]: what arrives of what [`source`]
+//! radiates along a [`course`]), of other sounds ([`event`]) and of the sea ([`ambient`]), as a [`scenario`] says.
+
+pub mod ais;
+pub mod ambient;
+pub mod course;
+pub mod event;
+pub mod orient;
+pub mod passage;
+pub mod pictures;
+pub mod place;
+pub mod records;
+pub mod run;
+pub mod scenario;
+pub mod simulate;
+pub mod source;
+pub mod stages;
+pub mod station;
+pub mod table;
+pub mod truth;
+pub mod write;

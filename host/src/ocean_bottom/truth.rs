@@ -1,0 +1,55 @@
+//! Where a vessel truly was: at the moment the sound of its strongest path left it, and at its closest point.
+
+use super::course::Course;
+use super::passage::emission;
+use super::simulate::Vessel;
+use crate::propagation::Propagation;
+use std::f64::consts::{PI, TAU};
+
+/// Where a vessel was when what arrives most strongly now left it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Then {
+    /// Range, m.
+    pub range_m: f64,
+    /// Azimuth, rad.
+    pub azimuth: f64,
+    /// Radial speed, m/s, positive when leaving.
+    pub radial_m_s: f64,
+}
+
+/// The vessel's place at emission; `None` where nothing of it arrives.
+pub fn then(table: &Propagation, paths: usize, vessel: &Vessel, t_s: f64) -> Option<Then> {
+    let strongest = (0..paths)
+        .filter_map(|n| {
+            let (left, range, azimuth) = emission(table, &vessel.course, n, t_s)?;
+            (vessel.active_s.0..=vessel.active_s.1).contains(&left).then_some(())?;
+            Some((table.arrival(n, range)?.amplitude.norm(), left, range, azimuth))
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (_, left, range_m, azimuth) = strongest;
+    let after = vessel.course.at(left + 1.0)?;
+    Some(Then { range_m, azimuth, radial_m_s: after.0.hypot(after.1) - range_m })
+}
+
+/// Wrapped to ±π.
+pub fn wrap(x: f64) -> f64 {
+    (x + PI).rem_euclid(TAU) - PI
+}
+
+/// Closest point of a straight course: time, range, heading, speed.
+pub fn closest(course: &Course) -> Option<(f64, f64, f64, f64)> {
+    let Course::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) } = course.straightened()? else {
+        return None;
+    };
+    Some((cpa_time_s, closest_m.0.hypot(closest_m.1), vx.atan2(vy), vx.hypot(vy)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_are_wrapped_to_half_a_circle() {
+        assert!((wrap(3.5 * PI) + 0.5 * PI).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,186 @@
+//! Writing a simulated recording: miniSEED (one file a component), the truth, the station file and its table.
+
+use super::simulate::{Simulator, Vessel};
+use super::station;
+use super::truth::then;
+use crate::atomic::{self, Unfinished};
+use crate::progress;
+use crate::propagation::{Propagation, file};
+use crate::recording::mseed_record::nano_time;
+use anyhow::{Context, Result, anyhow};
+use miniseed_rs::{EncodingFormat, MseedRecord, Samples, encode};
+use seabearing_core::block::Frame;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Channel codes in the order of a frame.
+const CODES: [&str; 4] = ["BDH", "BH1", "BH2", "BHZ"];
+
+/// Bytes of a record.
+const RECORD_BYTES: u32 = 4096;
+
+/// Samples of a record: 32-bit integers behind the 56 bytes of its header.
+const RECORD_SAMPLES: usize = (RECORD_BYTES as usize - 64) / 4;
+
+/// What was written.
+#[derive(Clone, Debug)]
+pub struct Written {
+    /// One miniSEED file a component.
+    pub recordings: Vec<PathBuf>,
+    /// Places of vessels and other sounds, minute by minute.
+    pub truth: PathBuf,
+    /// Closest points of vessels.
+    pub tracks: PathBuf,
+    /// The station file.
+    pub station: PathBuf,
+    /// The propagation table.
+    pub table: PathBuf,
+}
+
+/// One component's file while it grows.
+struct Component {
+    file: Unfinished,
+    path: PathBuf,
+    channel: usize,
+    first: u64,
+    samples: Vec<i32>,
+    number: u32,
+}
+
+impl Component {
+    fn flush(&mut self, start: time::OffsetDateTime, rate_hz: f64, name: &str) -> Result<()> {
+        for chunk in std::mem::take(&mut self.samples).chunks(RECORD_SAMPLES) {
+            let at = start + time::Duration::seconds_f64(self.first as f64 / rate_hz);
+            self.number = self.number % 999_999 + 1;
+            let mut record = MseedRecord::new()
+                .with_nslc("XX", name, "", CODES[self.channel])
+                .with_start_time(nano_time(at))
+                .with_sample_rate(rate_hz)
+                .with_encoding(EncodingFormat::Int32)
+                .with_record_length(RECORD_BYTES)
+                .with_samples(Samples::Int(chunk.to_vec()));
+            record.sequence_number = format!("{:06}", self.number);
+            let bytes = encode(&record).map_err(|e| anyhow!("{e}"))?;
+            self.file
+                .as_file()
+                .write_all(&bytes)
+                .with_context(|| format!("cannot write {}", self.path.display()))?;
+            self.first += chunk.len() as u64;
+        }
+        Ok(())
+    }
+
+    fn add(
+        &mut self,
+        first: u64,
+        frames: &[Frame],
+        start: time::OffsetDateTime,
+        rate_hz: f64,
+        name: &str,
+    ) -> Result<()> {
+        if self.first + self.samples.len() as u64 != first {
+            self.flush(start, rate_hz, name)?;
+            self.first = first;
+        }
+        self.samples.extend(frames.iter().map(|f| f[self.channel]));
+        if self.samples.len() >= 32 * RECORD_SAMPLES {
+            let rest = self.samples.split_off(32 * RECORD_SAMPLES);
+            self.flush(start, rate_hz, name)?;
+            self.samples = rest;
+        }
+        Ok(())
+    }
+}
+
+/// Runs a simulator to its end and writes everything into a folder (made if missing).
+///
+/// # Errors
+/// A file cannot be written; nothing is left half written.
+pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make folder {}", folder.display()))?;
+    let scenario = simulator.scenario().clone();
+    let (start, rate, name) = (scenario.start_utc()?, scenario.rate_hz, scenario.name.to_uppercase());
+    let mut components = Vec::new();
+    for channel in (0..4).filter(|c| !scenario.faults.missing.contains(c)) {
+        let path = folder.join(format!("{name}.{}.mseed", CODES[channel]));
+        let file = Unfinished::beside(&path)?;
+        components.push(Component { file, path, channel, first: 0, samples: Vec::new(), number: 0 });
+    }
+    let bar = progress::bar(simulator.len(), "samples");
+    while let Some((first, frames)) = simulator.next_run() {
+        for c in &mut components {
+            c.add(first, &frames, start, rate, &name)?;
+        }
+        bar.inc(frames.len() as u64);
+    }
+    bar.finish_and_clear();
+    let mut recordings = Vec::new();
+    for mut c in components {
+        c.flush(start, rate, &name)?;
+        c.file.finish()?;
+        recordings.push(c.path);
+    }
+    let written = Written {
+        recordings,
+        truth: folder.join("truth.csv"),
+        tracks: folder.join("tracks.csv"),
+        station: folder.join("station.toml"),
+        table: folder.join("table.toml"),
+    };
+    file::write(simulator.table(), &written.table)?;
+    atomic::write(&written.station, station::text(&scenario, "table.toml", false).as_bytes())?;
+    atomic::write(&written.truth, truth(simulator).as_bytes())?;
+    atomic::write(&written.tracks, tracks(&simulator.vessels).as_bytes())?;
+    Ok(written)
+}
+
+/// Minute by minute: where each vessel is and where it was when the sound now heard left it; other sounds by span.
+fn truth(simulator: &Simulator) -> String {
+    let mut out = String::from(
+        "t_s,source,kind,x_m,y_m,range_m,azimuth_deg,heard_range_m,heard_azimuth_deg,heard_radial_speed_m_s\n",
+    );
+    let (scenario, table): (_, &Propagation) = (simulator.scenario(), simulator.table());
+    let minutes = (scenario.duration_s / 60.0) as u64;
+    for v in &simulator.vessels {
+        for t in (0..=minutes).map(|m| 60.0 * m as f64) {
+            let Some((x, y)) = v.course.at(t) else { continue };
+            let (range, azimuth) = super::course::polar((x, y));
+            let Some(h) = then(table, scenario.paths, v, t) else { continue };
+            let _ = writeln!(
+                out,
+                "{t:.0},{},ship,{x:.1},{y:.1},{range:.1},{:.3},{:.1},{:.3},{:.3}",
+                v.name,
+                azimuth.to_degrees(),
+                h.range_m,
+                h.azimuth.to_degrees(),
+                h.radial_m_s
+            );
+        }
+    }
+    for (i, h) in simulator.heard().iter().enumerate() {
+        for t in [h.from_s, h.to_s] {
+            let range = if h.range_m.is_finite() { format!("{:.1}", h.range_m) } else { String::new() };
+            let azimuth = h.azimuth.to_degrees();
+            let _ = writeln!(
+                out,
+                "{t:.1},{}-{},{},,,{range},{azimuth:.3},{range},{azimuth:.3},",
+                h.kind,
+                i + 1,
+                h.kind
+            );
+        }
+    }
+    out
+}
+
+/// Closest point, heading and speed of each vessel (of the line that fits it best).
+fn tracks(vessels: &[Vessel]) -> String {
+    let mut out = String::from("source,cpa_time_s,cpa_range_m,heading_deg,speed_m_s\n");
+    for v in vessels {
+        if let Some((t, r, h, s)) = super::truth::closest(&v.course) {
+            let _ = writeln!(out, "{},{t:.2},{r:.2},{:.4},{s:.4}", v.name, h.to_degrees().rem_euclid(360.0));
+        }
+    }
+    out
+}
