@@ -5,49 +5,7 @@ use seabearing::propagation::{self, bottom::Bottom, profile::Profile, trace};
 use seabearing::recording::Source;
 use seabearing::station::Station;
 use seabearing_core::block::Frame;
-use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-
-/// Says why a test does nothing. Straight to standard error: what tests print with `println!` is kept back when they pass.
-fn skipped(test: &str, reason: &str) {
-    let _ = writeln!(std::io::stderr(), "skipped {test}: {reason}");
-}
-
-/// The folder of real recordings and ship positions beside the project (`../shared/data`), if it is there.
-///
-/// The data carry no licence to redistribute and are not part of the project; a test that needs them
-/// calls this and returns after the printed reason where it answers `None`.
-pub fn shared_data(test: &str) -> Option<PathBuf> {
-    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    if dir.is_dir() {
-        Some(dir)
-    } else {
-        skipped(test, "no real data at ../shared/data");
-        None
-    }
-}
-
-/// Whether tests may boot the firmware in the emulator: `cargo xtask test` says so once it has built the image for this
-/// tree. Otherwise the reason is printed and the test returns.
-pub fn emulated(test: &str) -> bool {
-    let ready = std::env::var_os("SEABEARING_EMULATED").is_some();
-    if !ready {
-        skipped(test, "it boots the firmware in QEMU; `cargo xtask test` builds that and runs this");
-    }
-    ready
-}
-
-/// Runs the command `seabearing` that stands beside the test's own binary, if it is built.
-pub fn seabearing(args: &[&str]) -> Option<Output> {
-    let dir = std::env::current_exe().ok()?.parent()?.parent()?.to_path_buf();
-    let binary = dir.join(format!("seabearing{}", std::env::consts::EXE_SUFFIX));
-    if !binary.is_file() {
-        skipped("a command", &format!("{} is not built (cargo build -p seabearing)", binary.display()));
-        return None;
-    }
-    Command::new(binary).args(args).output().ok()
-}
+use std::path::Path;
 
 /// A station at the bottom of the ocean and what it records while a ship passes, in blocks.
 pub struct OceanBottom {

@@ -226,6 +226,8 @@ mod tests {
     }
 
     proptest::proptest! {
+        #![proptest_config(seabearing_testkit::property(256))]
+
         #[test]
         fn noise_on_the_line_invents_nothing(at in 0usize..9000, noise in proptest::collection::vec(proptest::num::u8::ANY, 1..40)) {
             let (mut bytes, _) = line(400);

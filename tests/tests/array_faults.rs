@@ -104,7 +104,7 @@ fn dead_copied_and_clipped_channels_are_named() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(seabearing_testkit::property(64))]
 
     #[test]
     fn whatever_comes_every_instant_is_in_one_bucket(

@@ -50,7 +50,7 @@ fn apply(stream: &mut Vec<(u8, Option<usize>)>, d: &Damage) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
+    #![proptest_config(seabearing_testkit::property(300))]
 
     #[test]
     fn whole_frames_are_kept_whatever_surrounds_them(damages in prop::collection::vec(damage(), 1..8)) {

@@ -9,7 +9,8 @@ use seabearing::twin;
 use seabearing_core::block::Block;
 use seabearing_core::sbraw;
 use seabearing_core::wire::{FaultCode, Message};
-use seabearing_tests::{OceanBottom, emulated, ocean_bottom};
+use seabearing_testkit::emulated;
+use seabearing_tests::{OceanBottom, ocean_bottom};
 use std::io::Write;
 
 fn emulator() -> Emulator {

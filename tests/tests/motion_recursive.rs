@@ -105,7 +105,7 @@ fn solve(c: &Config, b: &[(f64, f64)]) -> Solution {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(seabearing_testkit::property(12))]
 
     #[test]
     fn turning_shifting_and_mirroring_change_nothing_else(

@@ -29,7 +29,7 @@ fn turned([x, y, z]: [f64; 3], angle: f64) -> [f64; 3] {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(48))]
+    #![proptest_config(seabearing_testkit::property(48))]
 
     /// Turning the whole scene clockwise turns the fix, and nothing else.
     #[test]

@@ -109,8 +109,8 @@ fn a_missing_component_is_missing_and_bad_input_is_named() {
 
 #[test]
 fn a_real_hydrophone_record_reads() {
-    let Some(data) = seabearing_tests::shared_data("a_real_hydrophone_record_reads") else { return };
-    let path = data.join("real/hydrophone_mseed_1T_MONN/1T_MONN_00_EDH.mseed");
+    let name = "real/hydrophone_mseed_1T_MONN/1T_MONN_00_EDH.mseed";
+    let Some(path) = seabearing_testkit::shared_data("a_real_hydrophone_record_reads", name) else { return };
     let text = "[station]\nkind = \"obs\"\n[sampling]\nrate_hz = 125\n[obs]\ncomponents = { pressure = \"EDH\", \
                 north = \"EH1\", east = \"EH2\", vertical = \"EHZ\" }\n";
     let station = Station::parse(text, "s.toml", Path::new(".")).unwrap();

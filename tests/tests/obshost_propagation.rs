@@ -3,10 +3,10 @@
 use seabearing::ocean_bottom::table::blob;
 use seabearing::propagation::{bottom::Bottom, convert, file, profile::Profile, trace};
 use seabearing_core::obs::table::Table;
-use seabearing_tests::shared_data;
+use seabearing_testkit::shared_data;
 
 fn rr03(test: &str, conjugate: bool) -> Option<seabearing::propagation::Propagation> {
-    let csv = shared_data(test)?.join("ray_tracing_rr03.csv");
+    let csv = shared_data(test, "ray_tracing_rr03.csv")?;
     Some(convert::read(&csv, Some(4340.0), conjugate).unwrap())
 }
 

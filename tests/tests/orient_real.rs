@@ -1,15 +1,12 @@
 //! Compass offsets of real buoys (data beside the project; skipped where absent).
 
 use seabearing::reproduce::difar;
+use seabearing_testkit::shared_data;
 
 #[test]
 fn difar_offsets_are_robust() {
-    let Some(folder) = seabearing_tests::shared_data("difar_offsets_are_robust") else { return };
-    let file = folder.join("real/difar_vessel_bearings_A/vessel_bearings.csv");
-    if !file.is_file() {
-        println!("skipped difar_offsets_are_robust: no {}", file.display());
-        return;
-    }
+    let name = "real/difar_vessel_bearings_A/vessel_bearings.csv";
+    let Some(file) = shared_data("difar_offsets_are_robust", name) else { return };
     let s = difar::score(&file).unwrap();
     assert!(s.buoys >= 70 && s.bearings >= 500, "{} buoys", s.buoys);
     assert!(s.within_7_deg >= 0.90, "{}", s.within_7_deg);

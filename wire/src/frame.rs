@@ -293,6 +293,8 @@ mod tests {
     }
 
     proptest::proptest! {
+        #![proptest_config(seabearing_testkit::property(256))]
+
         #[test]
         fn cobs_round_trip(plain in proptest::collection::vec(proptest::num::u8::ANY, 1..160)) {
             let mut d = Decoder::default();

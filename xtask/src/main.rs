@@ -18,6 +18,7 @@ cargo xtask TASK
 
   demo            build the firmware, boot it in QEMU, stream a vessel pass into it, show its track beside the truth
   test            set up and run every test, the emulated ones included
+  test --random N property tests with other cases than always, N times as many; counterexamples are kept as FILE.cases
   setup           install what is missing: the Rust target (or a compiler that can build it) and QEMU
   build-firmware  [--board mps2-an500|stm32h743|all] [--station STATION.toml]
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt

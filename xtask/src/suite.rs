@@ -1,16 +1,20 @@
-//! `cargo xtask test`: every test, the emulated ones included, one line a step and a count at the end.
+//! `cargo xtask test`: every test, the emulated ones included, one line a step; at the end what was skipped, and a count.
 
 use crate::firmware::{self, EMULATED, HARDWARE, HARDWARE_LOGGING};
-use crate::process::{cargo, host, run, say};
+use crate::process::{cargo, host, output, run, say};
 use crate::toolchain::{self, Toolchain};
-use crate::{budget, panic_free, scenario};
-use anyhow::{Result, bail};
+use crate::{budget, panic_free, root, scenario};
+use anyhow::{Context, Result, bail};
+use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Instant;
 
 /// Runs steps and counts them; a failed step does not keep the others from running.
 struct Suite {
-    passed: Vec<&'static str>,
-    failed: Vec<String>,
+    passed: usize,
+    failed: Vec<&'static str>,
+    /// Where tests that do nothing say so (the variable is read by the tests' kit).
+    skipped: PathBuf,
 }
 
 impl Suite {
@@ -20,24 +24,47 @@ impl Suite {
         match work() {
             Ok(()) => {
                 say(&format!("ok: {name} ({:.0} s)", begun.elapsed().as_secs_f64()));
-                self.passed.push(name);
+                self.passed += 1;
             }
             Err(error) => {
                 say(&format!("FAILED: {name}: {error:#}"));
-                self.failed.push(name.to_owned());
+                self.failed.push(name);
             }
         }
+    }
+
+    /// `cargo test`, with the register of what is skipped.
+    fn tests(&self, arguments: &[&str]) -> Command {
+        let mut tests = cargo();
+        tests
+            .args(["test", "--quiet", "--no-fail-fast"])
+            .args(arguments)
+            .env("SEABEARING_SKIPPED", &self.skipped);
+        tests
+    }
+
+    /// Says last what was skipped and failed, and counts.
+    fn close(self) -> Result<()> {
+        let skipped = std::fs::read_to_string(&self.skipped).unwrap_or_default();
+        skipped.lines().for_each(say);
+        for name in &self.failed {
+            say(&format!("failed: {name}"));
+        }
+        println!("{} passed, {} failed, {} skipped", self.passed, self.failed.len(), skipped.lines().count());
+        if self.failed.is_empty() { Ok(()) } else { bail!("{} steps failed", self.failed.len()) }
     }
 }
 
 /// `cargo xtask test`.
 pub fn command(options: &[String]) -> Result<()> {
-    let host_only = match options {
+    let options: Vec<&str> = options.iter().map(String::as_str).collect();
+    let host_only = match options[..] {
         [] => false,
-        [flag] if flag == "--host-only" => true,
-        _ => bail!("test takes --host-only or nothing"),
+        ["--host-only"] => true,
+        ["--random", times] => return random(times),
+        _ => bail!("test takes --host-only, --random N or nothing"),
     };
-    let mut suite = Suite { passed: Vec::new(), failed: Vec::new() };
+    let mut suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
     // What is missing is found before the long part; the host's tests run all the same.
     let mut toolchain = None;
     if !host_only {
@@ -46,21 +73,40 @@ pub fn command(options: &[String]) -> Result<()> {
             Ok(())
         });
     }
-    suite.step("host tests", || {
-        let mut tests = cargo();
-        tests.args(["test", "--workspace", "--quiet", "--no-fail-fast"]);
-        run(&mut tests, "cargo test")
-    });
+    let mut tests = suite.tests(&["--workspace"]);
+    if toolchain.is_some() {
+        tests.env("SEABEARING_EMULATED", "later");
+    }
+    suite.step("host tests", || run(&mut tests, "cargo test"));
     match toolchain {
         Some(toolchain) => emulated(&mut suite, &toolchain),
         None if host_only => say("--host-only: the firmware was not built, and nothing was emulated"),
         None => say("without the set-up the firmware was not built, and nothing was emulated"),
     }
-    for name in &suite.failed {
-        say(&format!("failed: {name}"));
+    suite.close()
+}
+
+/// The register of what is skipped, empty.
+fn register() -> Result<PathBuf> {
+    let path = root().join("target/skipped.txt");
+    std::fs::create_dir_all(root().join("target")).context("target")?;
+    std::fs::write(&path, "").context("target/skipped.txt")?;
+    Ok(path)
+}
+
+/// The property tests with other cases than always, so many times as many. What fails is kept as a case.
+fn random(times: &str) -> Result<()> {
+    if !times.parse::<u32>().is_ok_and(|n| (1..=1_000_000).contains(&n)) {
+        bail!("--random {times}: how many times the usual number of cases, 1 to 1000000");
     }
-    println!("{} passed, {} failed", suite.passed.len(), suite.failed.len());
-    if suite.failed.is_empty() { Ok(()) } else { bail!("{} steps failed", suite.failed.len()) }
+    let suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
+    let ran = run(suite.tests(&["--workspace"]).env("SEABEARING_RANDOM", times), "cargo test");
+    let cases =
+        output(Path::new("git"), &["ls-files", "--others", "--modified", "--exclude-standard", "*.cases"]);
+    for file in cases.iter().flat_map(|files| files.lines()) {
+        say(&format!("counterexamples in {file}: mend the cause and commit them"));
+    }
+    ran
 }
 
 /// What needs the target's compiler and the emulator.
@@ -69,13 +115,11 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("twin: a pass of 200 s, byte for byte", || twin("demo"));
     suite.step("twin: gaps, dead and clipped channels, byte for byte", || twin("faults"));
     suite.step("twin: six hours at the ocean bottom, byte for byte", || twin("ocean-bottom"));
-    suite.step("samples over the emulated serial line; commands", || {
-        let mut tests = cargo();
-        tests.args(["test", "--quiet", "--package", "seabearing-tests", "--no-fail-fast"]);
-        tests.args(["--test", "emulated_sample_line", "--test", "emulated_commands"]);
-        tests.env("SEABEARING_EMULATED", "1");
-        run(&mut tests, "emulated tests")
-    });
+    let names =
+        ["--package", "seabearing-tests", "--test", "emulated_sample_line", "--test", "emulated_commands"];
+    let mut tests = suite.tests(&names);
+    tests.env("SEABEARING_EMULATED", "now");
+    suite.step("samples over the emulated serial line; commands", || run(&mut tests, "emulated tests"));
     suite.step("panic freedom", || panic_free::check(toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(toolchain));
     for (name, image) in [

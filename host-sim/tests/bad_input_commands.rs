@@ -6,16 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// The command, beside this test's own.
-fn binary() -> Option<PathBuf> {
-    let dir = std::env::current_exe().ok()?.parent()?.parent()?.to_path_buf();
-    let binary = dir.join(format!("seabearing{}", std::env::consts::EXE_SUFFIX));
-    if !binary.is_file() {
-        println!("skipped: {} is not built (cargo build -p seabearing)", binary.display());
-        return None;
-    }
-    Some(binary)
-}
+/// The command of this very build.
+const BINARY: &str = env!("CARGO_BIN_EXE_seabearing");
 
 /// What a run left.
 struct Ran {
@@ -25,8 +17,8 @@ struct Ran {
 }
 
 /// Runs a command line (words, no quoting) in a folder.
-fn run(binary: &Path, folder: &Path, line: &str, stdout: Stdio) -> Ran {
-    let mut command = Command::new(binary);
+fn run(folder: &Path, line: &str, stdout: Stdio) -> Ran {
+    let mut command = Command::new(BINARY);
     command.args(line.split_whitespace()).current_dir(folder).stdin(Stdio::null());
     let output = command.stdout(stdout).stderr(Stdio::piped()).output().unwrap();
     Ran {
@@ -148,7 +140,6 @@ const INPUTS: [&str; 33] = [
 
 #[test]
 fn hostile_input_is_refused_on_one_line_by_every_command() {
-    let Some(binary) = binary() else { return };
     let dir = folder();
     let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();
     write("empty", b"");
@@ -160,7 +151,7 @@ fn hostile_input_is_refused_on_one_line_by_every_command() {
     for line in INPUTS {
         for hostile in ["missing", "folder", "empty", "zeros", "noise", "text"] {
             let line = line.replace("IN", hostile);
-            let ran = run(&binary, dir.path(), &line, Stdio::piped());
+            let ran = run(dir.path(), &line, Stdio::piped());
             refused(&line, &ran);
             // Only the header of a base station's stream of records may come before the end is known.
             assert!(ran.stdout_bytes < 2000, "{line}: {} bytes of results", ran.stdout_bytes);
@@ -183,19 +174,18 @@ const OUTPUTS: [&str; 8] = [
 
 #[test]
 fn a_place_that_cannot_be_written_is_named_on_one_line() {
-    let Some(binary) = binary() else { return };
     let dir = folder();
     short_recording(dir.path());
     std::fs::create_dir(dir.path().join("taken")).unwrap();
     for line in OUTPUTS {
         // Below a file; and, where a file is to be written, a folder in its place.
         let line = line.replace("OUT", "bearings.csv/x");
-        let ran = run(&binary, dir.path(), &line, Stdio::piped());
+        let ran = run(dir.path(), &line, Stdio::piped());
         refused(&line, &ran);
         assert!(ran.stderr.contains("bearings.csv/x"), "{line}: {}", ran.stderr);
     }
     for line in ["blob --station array.toml --out taken", "track bearings.csv --plot taken"] {
-        refused(line, &run(&binary, dir.path(), line, Stdio::piped()));
+        refused(line, &run(dir.path(), line, Stdio::piped()));
     }
     assert!(unfinished(dir.path()).is_empty());
 }
@@ -227,24 +217,23 @@ const PRINTING: [&str; 12] = [
 
 #[test]
 fn a_full_disk_behind_standard_output_is_said_and_a_reader_that_has_gone_is_not() {
-    let Some(binary) = binary() else { return };
     if !Path::new("/dev/full").exists() {
-        println!("skipped: no /dev/full");
+        seabearing_testkit::skipped("bad_input_commands", "no /dev/full here");
         return;
     }
     let dir = folder();
     short_recording(dir.path());
     let line = "process --station array.toml short.wav --telemetry telemetry.bin";
-    assert_eq!(run(&binary, dir.path(), line, Stdio::piped()).code, Some(0));
+    assert_eq!(run(dir.path(), line, Stdio::piped()).code, Some(0));
     for line in PRINTING {
-        let good = run(&binary, dir.path(), line, Stdio::piped());
+        let good = run(dir.path(), line, Stdio::piped());
         assert_eq!((good.code, good.stdout_bytes > 0), (Some(0), true), "{line}: {}", good.stderr);
         let full = File::options().write(true).open("/dev/full").unwrap();
-        let ran = run(&binary, dir.path(), line, full.into());
+        let ran = run(dir.path(), line, full.into());
         refused(line, &ran);
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
-        let ran = run(&binary, dir.path(), line, writer.into());
+        let ran = run(dir.path(), line, writer.into());
         assert_eq!(ran.code, Some(0), "{line}: {}", ran.stderr);
         assert!(!ran.stderr.contains("panicked"), "{line}: {}", ran.stderr);
     }
@@ -252,15 +241,14 @@ fn a_full_disk_behind_standard_output_is_said_and_a_reader_that_has_gone_is_not(
 
 #[test]
 fn an_interrupted_command_leaves_nothing_unfinished_and_a_killed_one_is_cleared_up_after() {
-    let Some(binary) = binary() else { return };
     if !Path::new("/proc/self").exists() {
-        println!("skipped: no /proc");
+        seabearing_testkit::skipped("bad_input_commands", "no /proc here");
         return;
     }
     let dir = folder();
     let out = dir.path().join("o");
     let begin = || {
-        let mut command = Command::new(&binary);
+        let mut command = Command::new(BINARY);
         command.args(["simulate", "short.toml", "--out", "o"]).current_dir(dir.path());
         let child =
             command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
@@ -286,7 +274,7 @@ fn an_interrupted_command_leaves_nothing_unfinished_and_a_killed_one_is_cleared_
     signal("KILL", child.id());
     child.wait().unwrap();
     assert_eq!(unfinished(&out).len(), 1);
-    let ran = run(&binary, dir.path(), "blob --station array.toml --out o/x.sbcf", Stdio::piped());
+    let ran = run(dir.path(), "blob --station array.toml --out o/x.sbcf", Stdio::piped());
     assert_eq!((ran.code, ran.stderr.lines().count()), (Some(0), 1), "{}", ran.stderr);
     assert!(ran.stderr.contains("unfinished") && unfinished(&out).is_empty(), "{}", ran.stderr);
 }

@@ -1,10 +1,13 @@
 //! `seabearing orient` for an ocean-bottom station: orientation and position from records and from a recording.
 
-use seabearing_tests::seabearing;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::Output;
+use std::process::{Command, Output};
+
+fn seabearing(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_seabearing")).args(args).output().unwrap()
+}
 
 /// Where the station is against its nominal position, m; its first horizontal's azimuth, and what is configured.
 const MOVED_M: (f64, f64) = (350.0, -120.0);
@@ -31,13 +34,13 @@ fn write_track(path: &Path, from_s: f64, to_s: f64, at: impl Fn(f64) -> (f64, f6
 }
 
 /// A folder with a station (its table is made by the command) as it is thought to be.
-fn station(dir: &Path) -> Option<String> {
+fn station(dir: &Path) -> String {
     let profile = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/ocean-profile.csv");
     let table = dir.join("table.toml");
     let made = seabearing(&[
         "propagation",
         "--profile",
-        profile.to_str()?,
+        profile.to_str().unwrap(),
         "--depth-m",
         "4340",
         "--rows",
@@ -45,8 +48,8 @@ fn station(dir: &Path) -> Option<String> {
         "--step-m",
         "140",
         "--out",
-        table.to_str()?,
-    ])?;
+        table.to_str().unwrap(),
+    ]);
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let path = dir.join("station.toml");
     let text = format!(
@@ -55,7 +58,7 @@ fn station(dir: &Path) -> Option<String> {
          vertical = \"BHZ\" }}\norientation_of_north_deg = {CONFIGURED_DEG}\npropagation = \"table.toml\"\n"
     );
     std::fs::write(&path, text).unwrap();
-    Some(path.to_str()?.to_owned())
+    path.to_str().unwrap().to_owned()
 }
 
 fn records(output: &Output) -> Vec<Value> {
@@ -112,7 +115,7 @@ fn write_records(path: &Path, passes: &[(f64, f64, f64)]) {
 #[test]
 fn records_of_two_passages_give_orientation_and_position() {
     let dir = tempfile::tempdir().unwrap();
-    let Some(station) = station(dir.path()) else { return };
+    let station = station(dir.path());
     let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
     let passes = [(8000.0, 9000.0, 60.0), (40_000.0, 6000.0, 170.0)];
     write_records(Path::new(&path("r.jsonl")), &passes);
@@ -125,7 +128,7 @@ fn records_of_two_passages_give_orientation_and_position() {
     let input = path("r.jsonl");
     let args =
         ["orient", "--station", &station, "--track", &tracks[0], "--track", &tracks[1], "--json", &input];
-    let Some(output) = seabearing(&args) else { return };
+    let output = seabearing(&args);
     judge(&records(&output), 0.5, 60.0);
 
     // One passage over the station: either side of it is as good, and that is said; the orientation stays.
@@ -136,11 +139,7 @@ fn records_of_two_passages_give_orientation_and_position() {
         // A station 500 m beside the course, and its mirror image.
         (x + 250.0, y - 433.0)
     });
-    let Some(output) =
-        seabearing(&["orient", "--station", &station, "--track", &tracks[0], "--json", &input])
-    else {
-        return;
-    };
+    let output = seabearing(&["orient", "--station", &station, "--track", &tracks[0], "--json", &input]);
     let got = records(&output);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(got.len(), 1, "{got:?}");
@@ -148,11 +147,7 @@ fn records_of_two_passages_give_orientation_and_position() {
 
     // Nothing to go by: one line, no record.
     std::fs::write(&input, "{\"type\":\"hello\"}\n").unwrap();
-    let Some(output) =
-        seabearing(&["orient", "--station", &station, "--track", &tracks[0], "--json", &input])
-    else {
-        return;
-    };
+    let output = seabearing(&["orient", "--station", &station, "--track", &tracks[0], "--json", &input]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && output.stdout.is_empty());
     assert!(said.contains("no detected azimuth or range") && said.lines().count() == 1, "{said}");
@@ -161,20 +156,20 @@ fn records_of_two_passages_give_orientation_and_position() {
 #[test]
 fn a_recording_of_one_passage_gives_both_too() {
     let dir = tempfile::tempdir().unwrap();
-    let Some(assumed) = station(dir.path()) else { return };
+    let assumed = station(dir.path());
     let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
     let scenario = format!(
         "kind = \"obs\"\nseed = 4\nduration_s = 9000.0\npropagation = \"table.toml\"\norientation_of_north_deg = {TRUE_DEG}\n\
          [[ship]]\ncpa_time_s = 4500.0\ncpa_range_m = 7000.0\nheading_deg = 150.0\nspeed_m_s = 7.0\nstarboard = false\n"
     );
     std::fs::write(path("s.toml"), scenario).unwrap();
-    let Some(simulated) = seabearing(&["simulate", &path("s.toml"), "--out", &path("rec")]) else { return };
+    let simulated = seabearing(&["simulate", &path("s.toml"), "--out", &path("rec")]);
     assert!(simulated.status.success(), "{}", String::from_utf8_lossy(&simulated.stderr));
     write_track(Path::new(&path("t.csv")), -60.0, 9060.0, |t| vessel(t, 4500.0, 7000.0, 150.0));
     let files = ["BDH", "BH1", "BH2", "BHZ"].map(|c| path(&format!("rec/RR03.{c}.mseed")));
     let track = path("t.csv");
     let mut args = vec!["orient", "--station", &assumed, "--track", &track, "--json"];
     args.extend(files.iter().map(String::as_str));
-    let Some(output) = seabearing(&args) else { return };
+    let output = seabearing(&args);
     judge(&records(&output), 1.5, 60.0);
 }
