@@ -19,6 +19,8 @@ use std::path::PathBuf;
 
 /// Rows farther apart than this belong to different passes of an ocean-bottom station, seconds.
 const PASS_GAP_S: f64 = 600.0;
+/// Steps of η in which the closed form searches [L 18, 19].
+const STEP_ETA: f64 = 0.001;
 
 /// Arguments of `seabearing orient`.
 #[derive(clap::Args)]
@@ -165,21 +167,25 @@ fn line(args: &Args, table: &Table, track: &[TrackPoint]) -> Result<Value> {
         whole_s: if args.free_shift { 0.0 } else { interval },
     };
     let refused = |e| anyhow!("{name}: {e}");
-    let fit = orient(&bearings, track, &settings).map_err(refused)?;
     match args.method.as_str() {
-        "fit" => Ok(json!({
-            "type": "orientation", "orientation_deg": degrees(fit.orientation), "sd_deg": fit.sd / RAD_PER_DEG,
-            "time_shift_s": fit.time_shift_s, "eta": fit.eta, "mean_error_deg": fit.mean_error / RAD_PER_DEG,
-            "n": fit.n, "sd_time_shift_s": fit.sd_time_shift_s, "sd_eta": fit.sd_eta,
-        })),
+        "fit" => {
+            let fit = orient(&bearings, track, &settings).map_err(refused)?;
+            Ok(json!({
+                "type": "orientation", "orientation_deg": degrees(fit.orientation), "sd_deg": fit.sd / RAD_PER_DEG,
+                "time_shift_s": fit.time_shift_s, "eta": fit.eta, "mean_error_deg": fit.mean_error / RAD_PER_DEG,
+                "n": fit.n, "sd_time_shift_s": fit.sd_time_shift_s, "sd_eta": fit.sd_eta,
+            }))
+        }
         "closed-form" => {
             let whole = LineSettings {
                 shift_s: (-(most / interval).floor() * interval, (most / interval).floor() * interval),
                 ..settings
             };
-            let found = closed_form::search(&bearings, track, &whole, interval, 0.001).map_err(refused)?;
+            let found = closed_form::search(&bearings, track, &whole, interval, STEP_ETA).map_err(refused)?;
+            let sd = closed_form::spread(&bearings, track, &whole, interval, STEP_ETA, &found);
             Ok(json!({
-                "type": "orientation", "orientation_deg": degrees(found.orientation), "sd_deg": fit.sd / RAD_PER_DEG,
+                "type": "orientation", "orientation_deg": degrees(found.orientation),
+                "sd_deg": sd.map(|sd| sd / RAD_PER_DEG),
                 "time_shift_s": found.time_shift_s, "eta": found.eta,
                 "mean_error_deg": found.mean_error / RAD_PER_DEG, "n": found.n,
             }))

@@ -1,8 +1,8 @@
 //! Bearings of arrays that share no clock tick, brought to one instant by each array's own bearing rate.
 //!
 //! A straight line is fitted to an array's bearings near the wanted instant (wrapped against the nearest one) and its
-//! slope alone is used: the bearing at `t` is the measured one plus rate·(t − t_n). With fewer than three bearings, or
-//! none else near, the rate is taken as zero and the error of that is in the variance, through the largest rate.
+//! slope alone is used: the bearing at `t` is the measured one plus rate·(t − t_n). With fewer than three bearings near
+//! the rate is taken as zero, and what that may err by is in the variance: any rate up to the largest is as likely.
 
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
@@ -10,6 +10,8 @@ use crate::math::f64 as m;
 /// Bearings farther than this from the wanted instant say nothing about its rate: a vessel at 7 m/s and 100 m turns
 /// through its closest point in about 14 s, seconds.
 pub const WINDOW_S: f64 = 5.0;
+/// Largest rate that a bearing without neighbours is held to have: that vessel's at its closest point, radians a second.
+pub const LARGEST_RATE: f64 = 0.07;
 
 /// One angle of one array.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,8 +36,11 @@ pub fn bring(measured: &Timed, near: &[Timed], t_s: f64, sd: f64) -> (f64, f64) 
         mean_t += p.t_s - measured.t_s;
         mean_a += wrap_pi(p.angle - measured.angle);
     }
+    // Variance of a uniform rate in ±LARGEST_RATE: a third of its square.
+    let standing =
+        || (measured.angle, m::sqrt(sd * sd + (LARGEST_RATE * shift) * (LARGEST_RATE * shift) / 3.0));
     if n < 3.0 {
-        return (measured.angle, sd);
+        return standing();
     }
     mean_t /= n;
     mean_a /= n;
@@ -46,7 +51,7 @@ pub fn bring(measured: &Timed, near: &[Timed], t_s: f64, sd: f64) -> (f64, f64) 
         sta += dt * (wrap_pi(p.angle - measured.angle) - mean_a);
     }
     if !(stt > 0.0) {
-        return (measured.angle, sd);
+        return standing();
     }
     let rate = sta / stt;
     (measured.angle + rate * shift, sd * m::sqrt(1.0 + shift * shift / stt))
@@ -74,8 +79,13 @@ mod tests {
     }
 
     #[test]
-    fn without_neighbours_the_bearing_stays() {
+    fn without_neighbours_the_bearing_stays_and_its_error_grows() {
         let one = Timed { t_s: 1.0, angle: 2.0 };
-        assert_eq!(bring(&one, &[one], 1.4, 0.02).0, 2.0);
+        let (angle, sd) = bring(&one, &[one], 1.4, 0.02);
+        // A vessel at the largest rate moves 0.4 · 0.07 rad meanwhile.
+        assert!(angle == 2.0 && (sd * sd - 0.02 * 0.02 - 0.028 * 0.028 / 3.0).abs() < 1e-12, "{angle} {sd}");
+        // So it is with three bearings of one instant, and no further off for a rate that is known.
+        assert_eq!(bring(&one, &[one; 3], 1.4, 0.02), (angle, sd));
+        assert_eq!(bring(&one, &[one], 1.0, 0.02), (2.0, 0.02));
     }
 }

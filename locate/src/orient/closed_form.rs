@@ -7,9 +7,9 @@
 //! happens to more than a tenth. The robust fit of [`super::line`] is the better estimator (this one weights by range
 //! and bends at |ξ| = 1); it stands here as the published method and as a check.
 
-use super::OrientError;
 use super::line::{LEAST_BEARINGS, LineBearing, LineSettings, check, computed_error};
-use crate::angle::wrap_tau;
+use super::{OrientError, block_of, jackknife};
+use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
 use crate::network::known_track::{TrackPoint, position_at};
 
@@ -50,6 +50,41 @@ pub fn search(
     if !(step_s > 0.0 && step_eta > 0.0) {
         return Err(OrientError::NotFinite);
     }
+    grids(bearings, track, settings, (step_s, step_eta), None).ok_or(OrientError::TooFew)
+}
+
+/// Standard deviation of the orientation that [`search`] found, radians: a jackknife over blocks in time. The grids are
+/// searched again about the answer, two shifts and twenty values of η either way. `None` where leaving a block out leaves
+/// too few bearings.
+pub fn spread(
+    bearings: &[LineBearing],
+    track: &[TrackPoint],
+    settings: &LineSettings,
+    step_s: f64,
+    step_eta: f64,
+    found: &ClosedForm,
+) -> Option<f64> {
+    let about = |x: f64, reach: f64, (lo, hi): (f64, f64)| ((x - reach).max(lo), (x + reach).min(hi));
+    let near = LineSettings {
+        shift_s: about(found.time_shift_s, 2.0 * step_s, settings.shift_s),
+        eta: about(found.eta, 20.0 * step_eta, settings.eta),
+        ..*settings
+    };
+    let [sd] = jackknife(|block| {
+        let part = grids(bearings, track, &near, (step_s, step_eta), Some(block))?;
+        Some([wrap_pi(part.orientation - found.orientation)])
+    })?;
+    Some(sd)
+}
+
+/// The best of the grids, one block of bearings left out or none.
+fn grids(
+    bearings: &[LineBearing],
+    track: &[TrackPoint],
+    settings: &LineSettings,
+    (step_s, step_eta): (f64, f64),
+    skip: Option<usize>,
+) -> Option<ClosedForm> {
     let (s0, s1) = settings.shift_s;
     let (e0, e1) = settings.eta;
     let steps = |lo: f64, hi: f64, step: f64| m::floor((hi - lo) / step + 1e-9).min(100_000.0) as u32;
@@ -58,13 +93,13 @@ pub fn search(
         for j in 0..=steps(e0, e1, step_eta) {
             let shift_s = s0 + step_s * f64::from(i);
             let eta = e0 + step_eta * f64::from(j);
-            let Some(found) = solve(bearings, track, settings.gap_s, shift_s, eta) else { continue };
+            let Some(found) = without(skip, bearings, track, settings.gap_s, shift_s, eta) else { continue };
             if best.is_none_or(|b| found.mean_error < b.mean_error) {
                 best = Some(found);
             }
         }
     }
-    best.ok_or(OrientError::TooFew)
+    best
 }
 
 /// An axis tried: its azimuth, sine and cosine, the form's sums A and B, and δ² with the sides it sets.
@@ -95,8 +130,23 @@ pub fn solve(
     shift_s: f64,
     eta: f64,
 ) -> Option<ClosedForm> {
+    without(None, bearings, track, gap_s, shift_s, eta)
+}
+
+/// As [`solve`], one block of bearings left out or none.
+fn without(
+    skip: Option<usize>,
+    bearings: &[LineBearing],
+    track: &[TrackPoint],
+    gap_s: f64,
+    shift_s: f64,
+    eta: f64,
+) -> Option<ClosedForm> {
     let on_track = || {
-        bearings.iter().filter_map(move |b| {
+        bearings.iter().enumerate().filter_map(move |(i, b)| {
+            if Some(block_of(i, bearings.len())) == skip {
+                return None;
+            }
             let [x, y, _] = position_at(track, b.t_s - shift_s, gap_s)?;
             Some((x, y, b.sine / eta))
         })
@@ -149,9 +199,10 @@ pub fn solve(
 
 #[cfg(test)]
 mod tests {
+    use super::super::line::orient;
     use super::super::line::tests::{SETTINGS, bearings, track};
     use super::*;
-    use crate::angle::{RAD_PER_DEG, wrap_pi};
+    use crate::angle::RAD_PER_DEG;
 
     #[test]
     fn the_papers_search_finds_shift_and_eta() {
@@ -161,6 +212,21 @@ mod tests {
         assert!((found.eta - 0.976).abs() < 1e-9, "{found:?}");
         assert!(wrap_pi(found.orientation + 35.1 * RAD_PER_DEG).abs() < 1e-6);
         assert!(found.error_m2 < 1e-6);
+    }
+
+    #[test]
+    fn the_stated_spread_is_this_estimator_s_own() {
+        let settings = LineSettings { shift_s: (0.0, 4.0), ..SETTINGS };
+        // Wrong bearings, which the robust fit leaves out and this one takes in.
+        let mut b = bearings(0.004);
+        for x in b.iter_mut().skip(3).step_by(11) {
+            x.sine = 0.9 - x.sine;
+        }
+        let found = search(&b, &track(), &settings, 1.0, 0.001).unwrap();
+        let sd = spread(&b, &track(), &settings, 1.0, 0.001, &found).unwrap();
+        let error = wrap_pi(found.orientation + 35.1 * RAD_PER_DEG).abs();
+        let robust = orient(&b, &track(), &settings).unwrap().sd;
+        assert!(error < 3.0 * sd && sd > 3.0 * robust, "{error} {sd} {robust}");
     }
 
     #[test]

@@ -11,15 +11,13 @@
 //! Cost: 241 plain fits for the noise, 2 × 280 robust ones, and 20 × 65 for the jackknife; a fit is six rounds over the
 //! bearings.
 
-use super::{MAD_TO_SD, OrientError, huber_weight, quantile, tukey_loss, tukey_weight};
+use super::{MAD_TO_SD, OrientError, block_of, huber_weight, jackknife, quantile, tukey_loss, tukey_weight};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
 use crate::network::known_track::{TrackPoint, position_at};
 
 /// Fewest bearings for three unknowns and a jackknife.
 pub const LEAST_BEARINGS: usize = 8;
-/// Blocks of the jackknife.
-const BLOCKS: usize = 20;
 /// Steps of the shift's grid.
 const GRID: u32 = 240;
 /// Rounds of reweighting, half with either weight: they settle to 1e-3 in three.
@@ -101,29 +99,14 @@ pub fn orient(
     if n < LEAST_BEARINGS {
         return Err(OrientError::TooFew);
     }
-    // Delete-a-block jackknife: variance (B − 1)/B · Σ (θ_b − θ̄)².
     // The shift is searched again within a twentieth of its limits, in which no second minimum fits.
     let near = 0.05 * (settings.shift_s.1 - settings.shift_s.0);
     let window = ((free.shift_s - near, free.shift_s + near), GRID / 10);
-    let (mut count, mut sum, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
-    for block in 0..BLOCKS {
-        let Ok(part) = (Data { skip: Some(block), ..all }).search(window, scale) else { continue };
-        let change =
-            [wrap_pi(part.orientation - best.orientation), part.shift_s - best.shift_s, part.eta - best.eta];
-        count += 1.0;
-        for ((s, q), d) in sum.iter_mut().zip(&mut squares).zip(&change) {
-            *s += d;
-            *q += d * d;
-        }
-    }
-    if count < 0.5 * BLOCKS as f64 {
-        return Err(OrientError::TooFew);
-    }
-    let mut sd = [0.0; 3];
-    for ((x, s), q) in sd.iter_mut().zip(&sum).zip(&squares) {
-        *x = m::sqrt(((count - 1.0) / count * (q - s * s / count)).max(0.0));
-    }
-    let [sd, sd_time_shift_s, sd_eta] = sd;
+    let [sd, sd_time_shift_s, sd_eta] = jackknife(|block| {
+        let part = Data { skip: Some(block), ..all }.search(window, scale).ok()?;
+        Some([wrap_pi(part.orientation - best.orientation), part.shift_s - best.shift_s, part.eta - best.eta])
+    })
+    .ok_or(OrientError::TooFew)?;
     if !(sd <= LARGEST_SD) {
         return Err(OrientError::NotObservable);
     }
@@ -189,7 +172,7 @@ impl<'a> Data<'a> {
         let (track, gap_s, skip) = (self.track, self.settings.gap_s, self.skip);
         let total = self.bearings.len();
         self.bearings.iter().enumerate().filter_map(move |(i, b)| {
-            if Some(i * BLOCKS / total.max(1)) == skip {
+            if Some(block_of(i, total)) == skip {
                 return None;
             }
             let [x, y, _] = position_at(track, b.t_s - shift_s, gap_s)?;

@@ -69,6 +69,35 @@ fn tukey_loss(r: f64) -> f64 {
     TUKEY * TUKEY / 6.0 * (1.0 - u * u * u)
 }
 
+/// Blocks in time of the jackknife: successive bearings of an averaged covariance have common errors, blocks hardly.
+const BLOCKS: usize = 20;
+
+/// The block of bearing `i` of `n`.
+fn block_of(i: usize, n: usize) -> usize {
+    i * BLOCKS / n.max(1)
+}
+
+/// Standard deviations by leaving out one block at a time: `(B − 1)/B · Σ (θ_b − θ̄)²`. `left_out` gives what changes
+/// without a block, or nothing where it cannot be told; `None` if that is so for half of them.
+fn jackknife<const N: usize>(left_out: impl Fn(usize) -> Option<[f64; N]>) -> Option<[f64; N]> {
+    let (mut count, mut sum, mut squares) = (0.0, [0.0; N], [0.0; N]);
+    for change in (0..BLOCKS).filter_map(left_out) {
+        count += 1.0;
+        for ((s, q), d) in sum.iter_mut().zip(&mut squares).zip(&change) {
+            *s += d;
+            *q += d * d;
+        }
+    }
+    if count < 0.5 * BLOCKS as f64 {
+        return None;
+    }
+    let mut sd = [0.0; N];
+    for ((x, s), q) in sd.iter_mut().zip(&sum).zip(&squares) {
+        *x = crate::math::f64::sqrt(((count - 1.0) / count * (q - s * s / count)).max(0.0));
+    }
+    Some(sd)
+}
+
 /// The value below which a share of the values lies, without sorting: bisection over the values' range, counting at
 /// each of 40 steps (no memory beside the caller's). Zero for no value.
 fn quantile(values: impl Iterator<Item = f64> + Clone, share: f64) -> f64 {
