@@ -113,15 +113,22 @@ impl Base {
     fn take(&mut self, sequence: u16, message: &Message, out: &mut Vec<Value>) {
         self.counters.frames += 1;
         let expected = self.last_sequence.map(|s| s.wrapping_add(1));
+        let mut newest = sequence;
         let restarted = matches!(message, Message::Hello(_)) && sequence == 0 && expected != Some(0);
         if restarted {
             self.counters.sessions += 1;
         } else if let Some(expected) = expected {
-            self.counters.lost += u64::from(sequence.wrapping_sub(expected));
+            let missing = sequence.wrapping_sub(expected);
+            if missing >= 1 << 15 {
+                // One from before: it came twice, or late.
+                newest = expected.wrapping_sub(1);
+            } else {
+                self.counters.lost += u64::from(missing);
+            }
         }
         // A stream joined in the middle belongs to a session, too.
         self.counters.sessions = self.counters.sessions.max(1);
-        self.last_sequence = Some(sequence);
+        self.last_sequence = Some(newest);
         let session = self.counters.sessions;
         self.ended = matches!(message, Message::End(_));
         match message {

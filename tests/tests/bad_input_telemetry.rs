@@ -4,6 +4,7 @@
 use proptest::prelude::*;
 use seabearing::base::Base;
 use seabearing_core::wire::{Encoder, End, Message, Reply};
+use std::collections::BTreeSet;
 
 #[derive(Clone, Debug)]
 enum Damage {
@@ -95,8 +96,18 @@ proptest! {
         for wanted in &whole {
             prop_assert!(rest.any(|g| g == wanted), "frame {wanted} was not kept: {got:?}");
         }
-        // Nothing is invented: what is received more often than sent was repeated whole.
         let counters = base.counters();
+        // Between the first frame and the last, what did not come is lost; what came twice is not.
+        let (first, last) = (got.iter().min().copied(), got.iter().max().copied());
+        let span = first.zip(last).map_or(0, |(first, last)| last - first + 1);
+        let distinct = got.iter().collect::<BTreeSet<_>>().len() as u64;
+        if got.is_sorted() {
+            prop_assert_eq!(counters.lost, span - distinct);
+        } else {
+            // A frame that comes after a later one may have been given up meanwhile.
+            prop_assert!(counters.lost >= span - distinct && counters.lost <= span, "{counters:?}");
+        }
+        // Nothing is invented: what is received more often than sent was repeated whole.
         prop_assert_eq!(counters.frames as usize, records.len());
         prop_assert_eq!(counters.bytes as usize, bytes.len());
         for r in &records {

@@ -42,11 +42,10 @@ proptest! {
         let a = locate(&sightings(&THREE, [x, y, -5.0], &errors), &settings);
         let arrays = THREE.map(|p| turned(p, angle));
         let b = locate(&sightings(&arrays, turned([x, y, -5.0], angle), &errors), &settings);
-        if let (Ok(a), Ok(b)) = (a, b) {
-            let p = turned(a.position_m, angle);
-            let sd = a.covariance_m2[0][0].max(a.covariance_m2[1][1]).sqrt();
-            prop_assert!((p[0] - b.position_m[0]).hypot(p[1] - b.position_m[1]) < 1e-2 * sd);
-        }
+        let (a, b) = (a.unwrap(), b.unwrap());
+        let p = turned(a.position_m, angle);
+        let sd = a.covariance_m2[0][0].max(a.covariance_m2[1][1]).sqrt();
+        prop_assert!((p[0] - b.position_m[0]).hypot(p[1] - b.position_m[1]) < 1e-2 * sd);
     }
 
     /// Nothing that is not finite leaves, whatever the bearings are.
@@ -79,8 +78,10 @@ proptest! {
         let s = sightings(&THREE, [x, y, -5.0], &[(e[0], e[1]), (e[2], e[3]), (e[4], e[5])]);
         let settings = Settings { region: Region::at_depth([0.0, 0.0], 2000.0, -5.0), robust: true };
         let other = [s[2], s[0], s[1]];
-        if let (Ok(a), Ok(b)) = (locate(&s, &settings), locate(&other, &settings)) {
-            prop_assert!((a.position_m[0] - b.position_m[0]).hypot(a.position_m[1] - b.position_m[1]) < 0.05);
-        }
+        let (a, b) = (locate(&s, &settings).unwrap(), locate(&other, &settings).unwrap());
+        prop_assert!((a.position_m[0] - b.position_m[0]).hypot(a.position_m[1] - b.position_m[1]) < 0.05);
+        // It is where the vessel is, too.
+        let sd = (a.covariance_m2[0][0] + a.covariance_m2[1][1]).sqrt();
+        prop_assert!((a.position_m[0] - x).hypot(a.position_m[1] - y) < 4.0 * sd, "{a:?}");
     }
 }

@@ -154,7 +154,7 @@ fn install(packages: &[&str], why: &str) -> Result<()> {
         let arguments = ["-q", "-y", "install", "--no-install-recommends"];
         run(apt()?.args(arguments).args(&missing), "apt-get install")
     };
-    if !lists_present() {
+    if !known(&missing) {
         update()?;
         return get();
     }
@@ -165,10 +165,9 @@ fn install(packages: &[&str], why: &str) -> Result<()> {
     })
 }
 
-/// Whether apt knows any packages.
-fn lists_present() -> bool {
-    std::fs::read_dir("/var/lib/apt/lists")
-        .is_ok_and(|dir| dir.flatten().any(|f| f.file_name().to_string_lossy().contains("_Packages")))
+/// Whether apt's lists name the packages.
+fn known(packages: &[&str]) -> bool {
+    output(Path::new("apt-cache"), &[&["show", "--no-all-versions"], packages].concat()).is_some()
 }
 
 /// `apt-get` as root.
