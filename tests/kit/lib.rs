@@ -82,4 +82,32 @@ mod tests {
         };
         assert_eq!(draw(), draw());
     }
+
+    /// Rust files of the project below a folder.
+    fn sources(folder: &std::path::Path, found: &mut Vec<PathBuf>) {
+        for entry in std::fs::read_dir(folder).unwrap().flatten() {
+            let (path, name) = (entry.path(), entry.file_name());
+            if path.is_dir() && name != "target" && !name.to_string_lossy().starts_with('.') {
+                sources(&path, found);
+            } else if path.extension().is_some_and(|e| e == "rs") {
+                found.push(path);
+            }
+        }
+    }
+
+    #[test]
+    fn every_property_test_takes_its_settings_from_here() {
+        let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let mut found = Vec::new();
+        sources(&root, &mut found);
+        let (block, settings) = (concat!("proptest", "! {"), concat!("seabearing_testkit", "::property("));
+        let mut blocks = 0;
+        for file in found {
+            let text = std::fs::read_to_string(&file).unwrap();
+            let here = text.matches(block).count();
+            assert_eq!(here, text.matches(settings).count(), "{}", file.display());
+            blocks += here;
+        }
+        assert!(blocks >= 10, "{blocks}");
+    }
 }

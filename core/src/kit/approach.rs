@@ -68,7 +68,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(super::super::fixed_cases(256))]
+        #![proptest_config(seabearing_testkit::property(256))]
 
         #[test]
         fn nowhere_on_the_way_is_it_closer(

@@ -103,7 +103,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(super::super::fixed_cases(64))]
+        #![proptest_config(seabearing_testkit::property(64))]
 
         #[test]
         fn a_bent_valley_is_followed_to_its_end(x in -3.0f64..3.0, y in -3.0f64..3.0) {

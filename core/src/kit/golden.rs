@@ -27,7 +27,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(super::super::fixed_cases(128))]
+        #![proptest_config(seabearing_testkit::property(128))]
 
         #[test]
         fn the_minimum_is_found(low in -10.0f64..0.0, width in 0.1f64..20.0, place in 0.0f64..1.0) {

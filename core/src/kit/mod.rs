@@ -28,10 +28,3 @@ pub use quantile::{median, order_statistic, quantile};
 pub use robust::{Huber, MAD_TO_SD, Student, Tukey};
 pub use spd::{Factor, Square};
 pub use straight_line::StraightLine;
-
-/// Property tests draw the same cases every time.
-#[cfg(test)]
-pub(crate) fn fixed_cases(cases: u32) -> proptest::test_runner::Config {
-    use proptest::test_runner::{Config, RngSeed};
-    Config { cases, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..Config::default() }
-}

@@ -73,7 +73,7 @@ mod tests {
     use std::vec::Vec;
 
     proptest! {
-        #![proptest_config(super::super::fixed_cases(256))]
+        #![proptest_config(seabearing_testkit::property(256))]
 
         #[test]
         fn order_statistics_are_those_of_the_sorted_values(

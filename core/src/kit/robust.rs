@@ -90,7 +90,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(super::super::fixed_cases(256))]
+        #![proptest_config(seabearing_testkit::property(256))]
 
         /// The weight is the slope of the loss over the residual, for each of them.
         #[test]

@@ -191,7 +191,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(super::super::fixed_cases(256))]
+        #![proptest_config(seabearing_testkit::property(256))]
 
         #[test]
         fn the_factor_rebuilds_and_the_solution_solves((a, b) in matrix()) {

@@ -90,7 +90,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        #![proptest_config(super::super::fixed_cases(128))]
+        #![proptest_config(seabearing_testkit::property(128))]
 
         #[test]
         fn a_straight_line_is_found_wherever_it_lies(
