@@ -18,7 +18,6 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -45,12 +44,10 @@ const TURNING_DEG: f64 = 25.0;
 const ON_VESSEL_DEG: f64 = 5.0;
 
 fn run(options: &Options) -> Result<()> {
-    let file = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("../../shared/data/real/ais_solent_2016/SolentAIS_20160112_130211.csv");
-    if !file.is_file() {
-        println!("skipped ais-kinematics: no real data at ../shared/data/real/ais_solent_2016");
+    let Some(file) = options.real("real/ais_solent_2016/SolentAIS_20160112_130211.csv") else {
+        options.figures.state("vessel hours under way", None);
         return Ok(());
-    }
+    };
     let (reports, _) = crate::ais::read(&file)?;
     let all: Vec<Path> = paths(&reports, 60)
         .iter()
@@ -58,9 +55,7 @@ fn run(options: &Options) -> Result<()> {
         .filter(|path| path.len() >= 60)
         .collect();
     let hours = all.iter().map(Vec::len).sum::<usize>() as f64 / 3600.0;
-    if !options.json {
-        println!("{} paths under way, {hours:.1} vessel hours, every second", all.len());
-    }
+    options.figures.state("vessel hours under way", hours);
     kinematics(options, &all)?;
     let held = straightness(options, &all)?;
     let passages = passages(options, &all)?;
@@ -262,26 +257,23 @@ fn passages(options: &Options, all: &[Path]) -> Result<Vec<Passage>> {
             values.sort_by(f64::total_cmp);
             quantile(&values, 0.5)
         };
+        let name = ["straight", "bending", "turning"][k];
+        let tracked = 100.0 * share(&|p| f64::from(u8::from(p.tracked >= 0.8)));
+        let split = 100.0 * share(&|p| f64::from(u8::from(p.splits > 0)));
+        options.figures.state(format!("{name} passages tracked in four fifths of all 10 s, %"), tracked);
+        options.figures.state(format!("{name} passages split, %"), split);
         report.row(&[
             k as f64,
             n,
-            100.0 * share(&|p| f64::from(u8::from(p.tracked >= 0.8))),
+            tracked,
             100.0 * share(&|p| p.tracked.min(1.0)),
-            100.0 * share(&|p| f64::from(u8::from(p.splits > 0))),
+            split,
             share(&|p| p.splits as f64),
             median(&|p| p.delay_s),
             median(&|p| p.heading_deg),
         ]);
     }
     report.finish(options)?;
-    if !options.json {
-        println!(
-            "turning: 0 course within {STRAIGHT_DEG}° and speed within {} %, 1 between, 2 course changes by \
-             {TURNING_DEG}° or more",
-            100.0 * STEADY
-        );
-        println!("tracked: a report within {ON_VESSEL_DEG}° of the vessel in four fifths of all 10 s");
-    }
     Ok(found)
 }
 

@@ -7,7 +7,7 @@
 //! of the corrected bearings lies within 7°, how well one half of a ship's track is predicted from the other half, and
 //! how far the tails are from Gaussian.
 
-use super::difar_tracks::tracks;
+use super::difar_tracks::{self, tracks};
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::csv::Table;
@@ -17,7 +17,7 @@ use anyhow::{Context, Result};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_locate::orient::offset::{LEAST_RESIDUALS, Residual, offset};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -25,13 +25,6 @@ pub const EXPERIMENT: Experiment = Experiment {
     about: "real DIFAR buoys: compass offsets from a ship's own noise, and the tails of real bearing errors",
     run,
 };
-
-/// Where the data are, if they are.
-pub fn data() -> Option<PathBuf> {
-    let file = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("../../shared/data/real/difar_vessel_bearings_A/vessel_bearings.csv");
-    file.is_file().then_some(file)
-}
 
 /// One bearing of a buoy: time of day (s), the ship's antenna East and North of the buoy (m), measured azimuth (°).
 #[derive(Debug, Clone, Copy)]
@@ -214,11 +207,22 @@ fn median(x: &[f64]) -> f64 {
 }
 
 fn run(options: &Options) -> Result<()> {
-    let Some(file) = data() else {
-        println!("skipped difar: no real data at ../shared/data/real/difar_vessel_bearings_A");
+    let file = options.real("real/difar_vessel_bearings_A/vessel_bearings.csv");
+    let score = file.map(|file| score(&file)).transpose()?;
+    let of = |value: fn(&Score) -> f64| score.as_ref().map(value);
+    let figures = &options.figures;
+    figures.at_least("corrected bearings within 7°, %", of(|s| 100.0 * s.within_7_deg), 90.0);
+    figures.at_least(
+        "offsets within 1° of the median residual, % of the buoys",
+        of(|s| 100.0 * s.within_1_deg_of_median),
+        100.0,
+    );
+    figures.state("halves of a track differ, robust, deg", of(|s| s.repeat_deg[0]));
+    figures.state("halves of a track differ, least squares, deg", of(|s| s.repeat_deg[1]));
+    let Some(s) = score else {
+        figures.at_most(difar_tracks::FIGURE, None, difar_tracks::BAR);
         return Ok(());
     };
-    let s = score(&file)?;
     let mut report = Report::new(
         "difar",
         &[
@@ -249,16 +253,6 @@ fn run(options: &Options) -> Result<()> {
         s.excess_kurtosis,
     ]);
     report.finish(options)?;
-    if !options.json {
-        println!(
-            "offsets within 1° of the median residual: {:.0} % of the buoys; corrected bearings within 7°: {:.1} % \
-             (bar 90 %); halves of a track differ by {:.2}° robustly, {:.2}° by least squares",
-            100.0 * s.within_1_deg_of_median,
-            100.0 * s.within_7_deg,
-            s.repeat_deg[0],
-            s.repeat_deg[1]
-        );
-    }
     tracks(&s.errors_deg, options)?;
     let mut sizes: Vec<f64> = s.errors_deg.iter().map(|e| e.abs()).collect();
     sizes.sort_by(f64::total_cmp);

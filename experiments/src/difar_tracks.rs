@@ -27,6 +27,10 @@ const SPEED_M_S: f64 = 5.0;
 /// Scale of the good bearings' errors, degrees: 1.4826 times the median of the real ones, which is 1.5°.
 const SCALE_DEG: f64 = 2.2;
 
+/// The figure, and its bar: the robust fit is the better one.
+pub(super) const FIGURE: &str = "tracks: heading RMSE, robust over least squares, worst";
+pub(super) const BAR: f64 = 1.0;
+
 /// Errors of heading (degrees) and of closest range (share of it) of one pass.
 type Errors = [f64; 2];
 
@@ -50,14 +54,7 @@ pub(super) fn tracks(errors_deg: &[f64], options: &Options) -> Result<()> {
         shares.push(rms(1, 0) / rms(0, 0));
     }
     report.finish(options)?;
-    if !options.json {
-        let worst = shares.iter().copied().fold(0.0, f64::max);
-        println!(
-            "tracks from bearings with these errors: the robust fit's heading error is at most {:.0} % of that of \
-             least squares",
-            100.0 * worst
-        );
-    }
+    options.figures.at_most(FIGURE, shares.iter().copied().fold(0.0, f64::max), BAR);
     Ok(())
 }
 

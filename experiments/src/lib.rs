@@ -1,7 +1,7 @@
 //! Monte Carlo reproductions of the papers' figures and tables, and of the project's own stated figures.
 //!
-//! Each experiment is one file with one function; it writes CSV and plots into the output folder and prints its
-//! table. Seeds are stated in the output.
+//! Each experiment is one file with one function; it writes CSV and plots into the output folder, prints its table and
+//! reports its figures. Seeds are stated in the output.
 
 #[macro_use(print, println)]
 extern crate seabearing_host;
@@ -13,6 +13,7 @@ pub mod bearing_limit;
 pub mod bearing_limit_source;
 pub mod difar;
 mod difar_tracks;
+pub mod figure;
 mod heard_vessels;
 mod line;
 mod motion;
@@ -38,13 +39,14 @@ mod shaft_rate;
 mod sub_bands;
 
 use anyhow::Result;
+use figure::Figures;
 use seabearing_host::{
     ais, atomic, csv, delays, ocean_bottom, orientation, plot, progress, propagation, recording, station,
 };
 use std::path::PathBuf;
 
 /// What every experiment is told.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Options {
     /// Folder for CSV and plots (made if missing).
     pub out: PathBuf,
@@ -54,6 +56,22 @@ pub struct Options {
     pub seed: u64,
     /// Print JSON Lines instead of a table.
     pub json: bool,
+    /// Folder of real recordings, ray tables and ship positions, which are no part of the project.
+    pub data: PathBuf,
+    /// Takes the figures.
+    pub figures: Figures,
+}
+
+impl Options {
+    /// A file or folder of the real data; where it is absent, one line on standard error says so.
+    pub fn real(&self, name: &str) -> Option<PathBuf> {
+        let path = self.data.join(name);
+        if !path.exists() {
+            self.figures.no_data(&path);
+            return None;
+        }
+        Some(path)
+    }
 }
 
 /// One experiment.
@@ -62,7 +80,7 @@ pub struct Experiment {
     pub name: &'static str,
     /// One line about it.
     pub about: &'static str,
-    /// Runs it.
+    /// Runs it: prints its table, writes its files, reports its figures.
     pub run: fn(&Options) -> Result<()>,
 }
 

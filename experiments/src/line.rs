@@ -216,9 +216,7 @@ fn run(options: &Options) -> Result<()> {
     }
     bar.finish_and_clear();
     report.finish(options)?;
-    if !options.json {
-        println!("largest error of orientation in {runs} recordings: {worst:.3}° (bar 0.3°)");
-    }
+    options.figures.at_most(format!("largest error of orientation in {runs} recordings, deg"), worst, 0.3);
     pictures(options)
 }
 

@@ -1,5 +1,6 @@
 //! Motion beyond paper M: elevations instead of a speed, reported spreads against errors made, recursive against batch.
 
+use super::figure::Bar;
 use super::motion::{Noise, POSITIONS, Scene, config, generator};
 use super::report::Report;
 use super::{Experiment, Options};
@@ -112,6 +113,14 @@ fn elevation(options: &Options) -> Result<()> {
                 .collect();
             let n = errors.len() as f64;
             let rms = |k: usize| (errors.iter().map(|e| e[k] * e[k]).sum::<f64>() / n).sqrt();
+            let at = format!("{range_m} m, bias {bias_deg}°{}:", if modelled { " modelled" } else { "" });
+            if bias_deg == 0.0 {
+                let ratio = rms(0) / limit.cpa_range_m;
+                options.figures.at_most(format!("{at} range RMSE over its bound"), ratio, 1.15);
+            }
+            if range_m == 500.0 && (bias_deg == 0.0 || modelled) {
+                options.figures.at_most(format!("{at} speed RMSE, %"), 100.0 * rms(1) / 7.0, 5.0);
+            }
             report.row(&[
                 range_m,
                 bias_deg,
@@ -252,6 +261,8 @@ fn coverage(options: &Options) -> Result<()> {
         sorted.sort_by(f64::total_cmp);
         let rms = (sorted.iter().map(|d| d * d).sum::<f64>() / n).sqrt();
         let at = |p: f64| sorted.get((p * (n - 1.0)) as usize).copied().unwrap_or(f64::NAN);
+        let of_case = format!("{sigma_deg}°, {tau_s} s, {range_m} m:");
+        options.figures.at_most(format!("{of_case} recursive against batch, worst, sd"), at(1.0), 0.3);
         for which in 0..2 {
             let of = |r: &'_ (Standard, Standard, f64)| {
                 if which == 0 { (r.0.z, r.0.ellipse) } else { (r.1.z, r.1.ellipse) }
@@ -259,6 +270,12 @@ fn coverage(options: &Options) -> Result<()> {
             let variance = |k: usize| results.iter().map(|r| of(r).0[k].powi(2)).sum::<f64>() / n;
             let inside =
                 |k: usize| 100.0 * results.iter().filter(|r| of(r).1[k] < ELLIPSE_95).count() as f64 / n;
+            let who = ["batch", "recursive"][which];
+            let of_case = format!("{sigma_deg}°, {tau_s} s, {range_m} m, {who}:");
+            for (k, when) in ["first", "CPA", "last"].iter().enumerate() {
+                let name = format!("{of_case} truth in the 95 % ellipse at the {when} time, %");
+                options.figures.report(name, inside(k), Bar::Within(92.0, 98.0));
+            }
             report.row(&[
                 which as f64,
                 sigma_deg,

@@ -182,9 +182,7 @@ fn write(options: &Options, name: &str, group: &str, what: &str, points: &[Point
         report.row(&row);
     }
     report.finish(options)?;
-    if !options.json {
-        verdict(points);
-    }
+    verdict(options, points);
     let mut figures = Vec::new();
     for (k, model) in ["linear covariance", "diagonal covariance"].iter().enumerate() {
         for (axis, value) in [
@@ -209,31 +207,30 @@ fn write(options: &Options, name: &str, group: &str, what: &str, points: &[Point
 }
 
 /// Which points keep the bar of RMSE over bound, 1.1 wherever the bound is under a quarter of the range.
-fn verdict(points: &[Point]) {
+fn verdict(options: &Options, points: &[Point]) {
+    let figures = &options.figures;
     for (k, model) in ["linear", "diagonal"].iter().enumerate() {
         let judged: Vec<_> = points.iter().filter(|p| p.bound[k].range_m < 0.25 * p.range_m).collect();
         let of = |f: &dyn Fn(&Point) -> f64| {
             let ratios: Vec<f64> = judged.iter().map(|p| f(p)).collect();
             (ratios.iter().filter(|r| **r <= 1.1).count(), ratios.iter().copied().fold(0.0, f64::max))
         };
-        let range = of(&|p| p.rmse[k].range_m / p.bound[k].range_m);
-        let heading = of(&|p| p.rmse[k].heading_deg / p.bound[k].heading_deg);
-        println!(
-            "{model}: range RMSE / bound at most 1.1 at {} of {} points (worst {:.2}), heading at {} (worst {:.2})",
-            range.0,
-            judged.len(),
-            range.1,
-            heading.0,
-            heading.1
-        );
+        for (what, (held, worst)) in [
+            ("range", of(&|p| p.rmse[k].range_m / p.bound[k].range_m)),
+            ("heading", of(&|p| p.rmse[k].heading_deg / p.bound[k].heading_deg)),
+        ] {
+            let name = format!("{model} model: {what} RMSE over bound, worst of {} points", judged.len());
+            figures.at_most(name, worst, 1.1);
+            figures.state(format!("{model} model: {what} RMSE over bound at most 1.1, points"), held as f64);
+        }
     }
     let straight = points.iter().filter(|p| p.second.range_m < 1.05 * p.bound[0].range_m);
     let worst = straight.map(|p| p.rmse[0].range_m / p.bound[0].range_m).fold(0.0, f64::max);
     let second = points.iter().map(|p| p.rmse[0].range_m / p.second.range_m).fold(0.0, f64::max);
     let paper = points.iter().map(|p| (p.paper_m / p.bound[0].range_m - 1.0).abs()).fold(0.0, f64::max);
-    println!("linear: the paper's bound [M 28] differs from the full one by at most {:.1} %", 100.0 * paper);
-    println!("linear: worst range ratio {worst:.2} where curvature raises the bound by under 5 %;");
-    println!("        worst ratio to the second-order bound {second:.2} at all points");
+    figures.state("the paper's bound [M 28] against the full one, % apart", 100.0 * paper);
+    figures.state("linear model: worst range ratio where curvature raises the bound by under 5 %", worst);
+    figures.state("linear model: worst range ratio to the second-order bound", second);
 }
 
 /// The fleet of the paper's test: mean speed and spread, and what the estimator assumes, m/s.

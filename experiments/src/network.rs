@@ -8,6 +8,7 @@
 //! part of the range. Figure 3's known-depth errors are of the fixes as reported; `fixes_*` counts how many runs
 //! gave one.
 
+use super::figure::Bar;
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::plot::{Figure, Scale, write_panels};
@@ -280,15 +281,12 @@ fn figure_3(options: &Options) -> Result<()> {
     }
     bar.finish_and_clear();
     report.finish(options)?;
-    if !options.json {
-        println!(
-            "largest RMSE / bound: {:.3} without known depth, {:.3} with it (bar 1.1); mean variance of standardised \
-             x and y with known depth: {:.2}, {:.2} (bar 0.85 to 1.15)",
-            worst[0],
-            worst[1],
-            standardised[0] / count,
-            standardised[1] / count
-        );
+    let figures = &options.figures;
+    figures.at_most("largest RMSE over bound, depth unknown", worst[0], 1.1);
+    figures.at_most("largest RMSE over bound, depth known", worst[1], 1.1);
+    for (axis, sum) in ["x", "y"].iter().zip(standardised) {
+        let name = format!("mean variance of standardised {axis}, depth known");
+        figures.report(name, sum / count, Bar::Within(0.85, 1.15));
     }
     let mut figure =
         Figure::new("Horizontal error of position (paper N, figure 3)", "horizontal range (m)", "error (m)");

@@ -26,7 +26,6 @@ use seabearing_locate::network::align::{AlignSettings, Heard, align};
 use seabearing_locate::network::known_track::{TrackPoint, position_at};
 use seabearing_locate::network::{Region, Settings, locate, rectangular_bound};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -56,15 +55,10 @@ struct Judged {
 
 fn run(options: &Options) -> Result<()> {
     let vessels = options.runs.unwrap_or(VESSELS);
-    let real = real_tracks()?;
-    let source = if real.is_empty() {
-        "no AIS data beside the project: straight synthetic tracks with the fleet's speeds".to_owned()
-    } else {
-        format!("{} real track pieces (Solent, AIS)", real.len())
-    };
-    if !options.json {
-        println!("tracks: {source}; {vessels} vessels");
-    }
+    let real = real_tracks(options)?;
+    options
+        .figures
+        .state("real track pieces (none: straight tracks with the fleet's speeds)", real.len() as f64);
     let bar = crate::progress::bar(vessels as u64, "network-vessels");
     let passages: Vec<(Vec<Judged>, Option<f64>, usize)> = (0..vessels)
         .into_par_iter()
@@ -80,26 +74,20 @@ fn run(options: &Options) -> Result<()> {
     bar.finish_and_clear();
     let all: Vec<&Judged> = passages.iter().flat_map(|p| &p.0).collect();
     bands(options, &all)?;
-    if !options.json {
-        let mut shifts: Vec<f64> = passages.iter().filter_map(|p| p.1).map(f64::abs).collect();
-        let refused: usize = passages.iter().map(|p| p.2).sum();
-        println!(
-            "{} fixes, {refused} sets without one; antenna shift found for {} vessels, median error {:.2} s",
-            all.len(),
-            shifts.len(),
-            median(&mut shifts)
-        );
-    }
+    let mut shifts: Vec<f64> = passages.iter().filter_map(|p| p.1).map(f64::abs).collect();
+    let refused: usize = passages.iter().map(|p| p.2).sum();
+    options.figures.state("fixes", all.len() as f64);
+    options.figures.state("sets without a fix", refused as f64);
+    options.figures.state("vessels whose antenna shift was found", shifts.len() as f64);
+    options.figures.state("median error of that shift, s", median(&mut shifts));
     pictures(options, &all)
 }
 
 /// Pieces of real tracks, metres about their own middle, where the data are.
-fn real_tracks() -> Result<Vec<Vec<TrackPoint>>> {
-    let file = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("../../shared/data/real/ais_solent_2016/SolentAIS_20160112_130211.csv");
-    if !file.is_file() {
+fn real_tracks(options: &Options) -> Result<Vec<Vec<TrackPoint>>> {
+    let Some(file) = options.real("real/ais_solent_2016/SolentAIS_20160112_130211.csv") else {
         return Ok(Vec::new());
-    }
+    };
     let table = Table::read(&file)?;
     let time = table.column("Time")?;
     let frame = LocalFrame::new(50.8, -1.3);

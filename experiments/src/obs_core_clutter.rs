@@ -32,7 +32,7 @@ pub const CLUTTER: Experiment = Experiment {
 const RATE_HZ: f64 = 50.0;
 
 fn run(options: &Options) -> Result<()> {
-    let table = station_table()?;
+    let table = station_table(options)?;
     let mut rows = String::from("seed,filter,range_n,wrong_branch,range_smad_m\n");
     let mut all = [Detections::default(), Detections::default()];
     for seed in (0..options.runs.unwrap_or(4) as u64).map(|i| options.seed + i) {
@@ -69,11 +69,10 @@ fn run(options: &Options) -> Result<()> {
     let n = |d: &Detections| (d.range_m.len() + d.range_wrong) as f64;
     let [s, b] = &all;
     let off = |x: f64, y: f64| 100.0 * (x / y - 1.0).abs();
-    let figures = [
-        ("range detections, streaming against batch, % apart", off(n(s), n(b)), 5.0),
-        ("range SMAD, streaming against batch, % apart", off(smad(&s.range_m), smad(&b.range_m)), 10.0),
-    ];
-    super::obs_world::judge(options, &figures);
+    let figures = &options.figures;
+    figures.at_most("range detections, streaming against batch, % apart", off(n(s), n(b)), 5.0);
+    let apart = off(smad(&s.range_m), smad(&b.range_m));
+    figures.at_most("range SMAD, streaming against batch, % apart", apart, 10.0);
     Ok(())
 }
 

@@ -3,7 +3,7 @@
 //! Counts tracks (there must be none) and azimuth detections, each attributed to a sound that was there (in its time,
 //! within 30° of its direction; strumming either way along its axis) or to nothing. `--runs` is the number of days.
 
-use super::obs_world::{Case, judge, print, quiet, station_table};
+use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::event::Heard;
 use crate::ocean_bottom::scenario::{Burst, DirectionalTable, Scenario, Strumming, Whale};
@@ -97,7 +97,7 @@ fn attribute(heard: &[Heard], t_s: f64, azimuth: f64) -> Option<&'static str> {
 
 fn run(options: &Options) -> Result<()> {
     let days = options.runs.unwrap_or(7);
-    let case = Case::run(scenario(options.seed, days), &station_table()?, Vec::new(), false)?;
+    let case = Case::run(scenario(options.seed, days), &station_table(options)?, Vec::new(), false)?;
     let kinds = ["fin_whale", "blue_whale", "earthquake", "t_phase", "strumming", "nothing"];
     let (mut tonal, mut impulsive) = ([0usize; 6], [0usize; 6]);
     let (mut windows, mut ranges, mut tracks, mut segments) = (0usize, 0usize, 0usize, 0usize);
@@ -129,15 +129,13 @@ fn run(options: &Options) -> Result<()> {
         csv += &format!("{kind},{t},{i}\n");
     }
     print(options, "obs-noise-week", &csv)?;
-    if !options.json {
-        println!(
-            "  {windows} windows; {ranges} with a range detection, {segments} segment and {tracks} track records"
-        );
-    }
     let unreal = (tonal[5] + impulsive[5]) as f64 / windows.max(1) as f64;
-    judge(
-        options,
-        &[("tracks", tracks as f64, 0.0), ("azimuths of nothing, of 10 000 windows", unreal * 1e4, 1.0)],
-    );
+    let figures = &options.figures;
+    figures.at_most("tracks", tracks as f64, 0.0);
+    figures.at_most("azimuths of nothing, of 10 000 windows", unreal * 1e4, 1.0);
+    figures.at_most("calls of whales taken for tones", (tonal[0] + tonal[1]) as f64, 0.0);
+    figures.state("windows", windows as f64);
+    figures.state("windows with a range detection", ranges as f64);
+    figures.state("segments", segments as f64);
     Ok(())
 }

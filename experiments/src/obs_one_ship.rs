@@ -39,9 +39,14 @@ pub fn ship(seed: u64) -> Ship {
     }
 }
 
-/// Records heard by one set of choices.
-fn listen(options: &Options, table: &Propagation, paper: bool, rows: &mut String) -> Result<Detections> {
-    let mut all = Detections::default();
+/// Records heard by one set of choices, and the worst errors of their tracks (time, range, heading, speed).
+fn listen(
+    options: &Options,
+    table: &Propagation,
+    paper: bool,
+    rows: &mut String,
+) -> Result<(Detections, [f64; 4])> {
+    let (mut all, mut worst) = (Detections::default(), [0.0f64; 4]);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let ship = ship(seed);
         let scenario = Scenario { ship: vec![ship.clone()], ..super::obs_world::quiet(seed, 21_600.0) };
@@ -74,18 +79,22 @@ fn listen(options: &Options, table: &Propagation, paper: bool, rows: &mut String
             cells[3]
         );
         all.append(&d);
+        worst
+            .iter_mut()
+            .zip(cells)
+            .for_each(|(w, c)| *w = if c.is_nan() { f64::INFINITY } else { w.max(c.abs()) });
     }
-    Ok(all)
+    Ok((all, worst))
 }
 
 fn run(options: &Options) -> Result<()> {
-    let table = station_table()?;
+    let table = station_table(options)?;
     let mut rows = String::from(
         "choices,seed,cpa_range_m,speed_m_s,azimuth_n,azimuth_wrong,azimuth_smad_deg,range_n,wrong_branch,range_smad_m,\
          speed_smad_m_s,track_cpa_time_s,track_cpa_range_m,track_heading_deg,track_speed_m_s\n",
     );
-    let own = listen(options, &table, false, &mut rows)?;
-    let paper = listen(options, &table, true, &mut rows)?;
+    let (own, worst) = listen(options, &table, false, &mut rows)?;
+    let (paper, _) = listen(options, &table, true, &mut rows)?;
     super::obs_world::print(options, "obs-one-ship", &rows)?;
     let figures = |d: &Detections| {
         [
@@ -95,13 +104,15 @@ fn run(options: &Options) -> Result<()> {
             ("wrong branch, %", 100.0 * d.wrong_branch(), 10.0),
         ]
     };
-    super::obs_world::judge(options, &figures(&own));
-    for (name, measured, _) in figures(&paper) {
-        if options.json {
-            println!("{}", serde_json::json!({"figure": name, "choices": "paper", "measured": measured}));
-        } else {
-            println!("  by the paper's choices, {name}: {measured:.3}");
-        }
+    for (name, value, bar) in figures(&own) {
+        options.figures.at_most(name, value, bar);
+    }
+    let names = ["CPA time, s", "CPA range, m", "heading, deg", "speed, m/s"];
+    for ((name, value), bar) in names.iter().zip(worst).zip([10.0, 150.0, 0.5, 0.05]) {
+        options.figures.at_most(format!("worst track: {name}"), value, bar);
+    }
+    for (name, value, _) in figures(&paper) {
+        options.figures.state(format!("by the paper's choices: {name}"), value);
     }
     Ok(())
 }

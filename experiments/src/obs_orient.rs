@@ -3,7 +3,7 @@
 //! The station lies 350 m east and 50 m north of its nominal position, its first horizontal points to 77° and is taken to
 //! point to 60°. Vessels pass one after the other, six hours apart; `--runs` is their number.
 
-use super::obs_world::{judge, print, quiet, station_table};
+use super::obs_world::{print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::course::Course;
 use crate::ocean_bottom::orient::orientation;
@@ -29,7 +29,7 @@ const ASSUMED_DEG: f64 = 60.0;
 const PASSAGE_S: f64 = 21_600.0;
 
 fn run(options: &Options) -> Result<()> {
-    let table = station_table()?;
+    let table = station_table(options)?;
     let n = options.runs.unwrap_or(RUNS).max(1);
     let ship: Vec<Ship> = (0..n)
         .map(|i| {
@@ -73,16 +73,9 @@ fn run(options: &Options) -> Result<()> {
         csv += &format!("passage {} deg,{true_deg:.2},{:.2},\n", i + 1, ASSUMED_DEG + e.to_degrees());
     }
     print(options, "obs-orient", &csv)?;
-    judge(
-        options,
-        &[
-            (
-                "orientation error in standard deviations",
-                (found_deg - true_deg).abs() / turn.sd.to_degrees(),
-                3.0,
-            ),
-            ("place error, m", (at.east_m - OFFSET_M.0).hypot(at.north_m - OFFSET_M.1), 50.0),
-        ],
-    );
+    let off = (found_deg - true_deg).abs() / turn.sd.to_degrees();
+    options.figures.at_most("orientation error in standard deviations", off, 3.0);
+    let place = (at.east_m - OFFSET_M.0).hypot(at.north_m - OFFSET_M.1);
+    options.figures.at_most("place error, m", place, 50.0);
     Ok(())
 }

@@ -40,7 +40,7 @@ fn scenario(seed: u64) -> Scenario {
 }
 
 fn run(options: &Options) -> Result<()> {
-    let table = station_table()?;
+    let table = station_table(options)?;
     let case = Case::run(scenario(options.seed), &table, Vec::new(), false)?;
     let truth: Vec<TruthCurve> = case
         .vessels

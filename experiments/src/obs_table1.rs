@@ -7,12 +7,12 @@
 //! point) have no track to compare with and are left out. Columns are the paper's, errors as SMAD; two more say how close
 //! each passed and how far its real way within 50 km departs from the straight line that a track is compared with.
 
-use super::obs_world::{Case, data, print, quiet, station_table};
+use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::ais::{Passage, passages, read};
 use crate::ocean_bottom::scenario::{DirectionalTable, Radiation, Whale};
 use crate::score::{Detections, TrackError, closest, median, owner, smad, track};
-use anyhow::Result;
+use anyhow::{Result, bail};
 use seabearing_core::wire::Message;
 
 /// The experiment.
@@ -38,23 +38,16 @@ const VESSELS: usize = 11;
 const KNOTS: f64 = 1.943_844;
 
 fn run(options: &Options) -> Result<()> {
-    let Some(dir) = data() else {
-        println!("  skipped: no AIS data at ../shared/data (or $SEABEARING_DATA)");
+    // Dense terrestrial positions where they are, satellite ones else.
+    let terrestrial = Some(options.data.join("ais_marine_traffic.csv")).filter(|p| p.is_file());
+    let Some(file) = terrestrial.or_else(|| options.real("ais_cls.csv.xz")) else {
+        options.figures.state("vessels with a final track", None);
         return Ok(());
     };
-    let satellite = dir.join("ais_cls.csv.xz");
-    let terrestrial = dir.join("ais_marine_traffic.csv");
-    // Dense terrestrial positions where they are, satellite ones else.
-    let file = if terrestrial.is_file() { terrestrial } else { satellite };
-    if !file.is_file() {
-        println!("  skipped: no AIS file in {}", dir.display());
-        return Ok(());
-    }
     let found = passages(&read(&file)?, RR03_DEG);
     let all: Vec<Passage> = found.iter().filter(|p| passes(p)).cloned().collect();
     let Some((start, chosen)) = window(&all) else {
-        println!("  skipped: {} holds no passage", file.display());
-        return Ok(());
+        bail!("{} holds no passage", file.display());
     };
     let mut scenario = quiet(options.seed, DAYS * DAY_S);
     let when = time::OffsetDateTime::from_unix_timestamp(start as i64)?;
@@ -79,8 +72,11 @@ fn run(options: &Options) -> Result<()> {
             scenario.start
         );
     }
-    let case = Case::run(scenario, &station_table()?, extra, false)?;
-    print(options, "obs-table1", &table(&case))
+    let case = Case::run(scenario, &station_table(options)?, extra, false)?;
+    let (rows, tracked) = table(&case);
+    options.figures.state("vessels with a final track", f64::from(tracked));
+    options.figures.state("vessels", case.vessels.len() as f64);
+    print(options, "obs-table1", &rows)
 }
 
 /// Whether a vessel really passes: before and after its closest point, and on a roughly straight way.
@@ -109,7 +105,8 @@ fn window(all: &[Passage]) -> Option<(f64, Vec<&Passage>)> {
         .max_by_key(|(start, p)| (p.len(), -*start as i64))
 }
 
-fn table(case: &Case) -> String {
+/// The table, and how many vessels have a final track.
+fn table(case: &Case) -> (String, u32) {
     let mut out = String::from(
         "ship,azimuth_n,azimuth_smad_deg,range_n,range_smad_m,speed_smad_kn,cpa_time_s,heading_deg,cpa_range_m,speed_kn,closest_km,bend_m\n",
     );
@@ -136,7 +133,7 @@ fn table(case: &Case) -> String {
         speed_m_s: middle(&|e| e.speed_m_s),
     });
     out += &format!("{},-,-\n", row("all", &total, all));
-    out
+    (out, errors.len() as u32)
 }
 
 fn row(name: &str, d: &Detections, e: Option<TrackError>) -> String {

@@ -14,25 +14,19 @@ use std::path::PathBuf;
 /// Depth of station RR03, m.
 const RR03_DEPTH_M: f64 = 4340.0;
 
-/// The folder of the papers' data, where it is: `SEABEARING_DATA`, or `../shared/data`.
-pub fn data() -> Option<PathBuf> {
-    let dir =
-        std::env::var_os("SEABEARING_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
-    dir.is_dir().then_some(dir)
-}
-
-/// The RR03 ray table where the papers' data are, else the project's own trace through a subtropical profile.
+/// The RR03 ray table where the papers' data are, else (said on standard error) the project's own trace through a
+/// subtropical profile.
 ///
 /// # Errors
 /// The ray table is damaged.
-pub fn station_table() -> Result<Propagation> {
-    match data().map(|d| d.join("ray_tracing_rr03.csv")).filter(|p| p.is_file()) {
-        Some(csv) => convert::read(&csv, Some(RR03_DEPTH_M), false),
-        None => {
-            let profile = profile::Profile::subtropical(RR03_DEPTH_M)?;
-            Ok(trace::trace("subtropical", &profile, &Bottom::default(), 70.0, 1429, || ()))
-        }
+pub fn station_table(options: &Options) -> Result<Propagation> {
+    let csv = options.data.join("ray_tracing_rr03.csv");
+    if csv.is_file() {
+        return convert::read(&csv, Some(RR03_DEPTH_M), false);
     }
+    eprintln!("seabearing: no ray table at {}; traced through a subtropical profile instead", csv.display());
+    let profile = profile::Profile::subtropical(RR03_DEPTH_M)?;
+    Ok(trace::trace("subtropical", &profile, &Bottom::default(), 70.0, 1429, || ()))
 }
 
 /// A scenario without any source.
@@ -110,7 +104,8 @@ pub fn print(options: &Options, name: &str, csv: &str) -> Result<()> {
                 let value = v.parse::<f64>().map_or_else(|_| v.into(), |x| serde_json::json!(x));
                 ((*k).to_owned(), value)
             });
-            println!("{}", serde_json::Value::Object(cells.collect()));
+            let named = [("type".to_owned(), "row".into()), ("experiment".to_owned(), name.into())];
+            println!("{}", serde_json::Value::Object(named.into_iter().chain(cells).collect()));
         }
         return Ok(());
     }
@@ -121,16 +116,4 @@ pub fn print(options: &Options, name: &str, csv: &str) -> Result<()> {
         println!("  {}", cells.join("  "));
     }
     Ok(())
-}
-
-/// Prints figures beside their bars: `(name, measured, at most)`.
-pub fn judge(options: &Options, figures: &[(&str, f64, f64)]) {
-    for (name, measured, bar) in figures {
-        let met = measured <= bar;
-        if options.json {
-            println!("{}", serde_json::json!({"figure": name, "measured": measured, "bar": bar, "met": met}));
-        } else {
-            println!("  {name}: {measured:.3} (bar {bar}): {}", if met { "met" } else { "MISSED" });
-        }
-    }
 }

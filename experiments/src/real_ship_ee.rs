@@ -22,11 +22,8 @@ pub const EXPERIMENT: Experiment = Experiment {
 /// A GPS fix further away in time than this says nothing about a set, s.
 const GPS_MOST_S: f64 = 5.0;
 
-/// Where the data are, if they are.
-pub fn data() -> Option<PathBuf> {
-    let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/real/harp4_ship_tdoa_EE");
-    dir.is_dir().then_some(dir)
-}
+/// Where the data are.
+pub const DATA: &str = "real/harp4_ship_tdoa_EE";
 
 /// The recordings brought into the project's own form.
 pub struct Recording {
@@ -206,24 +203,26 @@ pub fn score(judged: &[Judged]) -> Score {
     }
 }
 
-fn run(options: &Options) -> Result<()> {
-    let Some(data) = data() else {
-        println!("skipped real-ship-ee: no data at ../shared/data/real/harp4_ship_tdoa_EE");
-        return Ok(());
-    };
+/// The sets of the data, converted in a folder that goes again.
+fn judged(data: &Path) -> Result<Vec<Judged>> {
     let folder = tempfile::tempdir()?;
-    let recording = Recording::convert(&data, folder.path())?;
-    let judged = recording.judge()?;
-    let s = score(&judged);
+    Recording::convert(data, folder.path())?.judge()
+}
+
+fn run(options: &Options) -> Result<()> {
+    let judged = options.real(DATA).map(|data| judged(&data)).transpose()?;
+    let score = judged.as_deref().map(score);
+    let figures = &options.figures;
+    figures.at_least("sets kept, %", score.map(|s| 100.0 * s.kept), 80.0);
+    figures.at_most("median error, deg", score.map(|s| s.median_deg), 0.95);
+    figures.at_most("beyond 10°, %", score.map(|s| 100.0 * s.beyond_10_deg), 1.0);
+    let (Some(s), Some(judged)) = (score, judged) else { return Ok(()) };
     let mut report = super::report::Report::new(
         "real_ship_ee",
         &["sets", "kept_percent", "median_deg", "beyond_10_percent", "in_ellipse_percent"],
     );
     report.row(&[s.sets as f64, 100.0 * s.kept, s.median_deg, 100.0 * s.beyond_10_deg, 100.0 * s.in_ellipse]);
     report.finish(options)?;
-    if !options.json {
-        println!("bars: kept at least 80 %, median at most 0.95°, beyond 10° under 1 %");
-    }
     draw(&judged, &options.out.join("real_ship_ee.svg"))
 }
 

@@ -5,7 +5,7 @@
 //! recorder's depth known and nothing assumed of speed, by least squares and robustly. Printed for every leg: errors of
 //! position at its middle, heading and speed, and what the fit claims for them.
 
-use super::real_ship_ee::{Judged, Recording, data};
+use super::real_ship_ee::{DATA, Judged, Recording};
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::plot::Figure;
@@ -52,8 +52,9 @@ struct Leg {
 type Errors = [(f64, f64); 3];
 
 fn run(options: &Options) -> Result<()> {
-    let Some(data) = data() else {
-        println!("skipped real-ship-track: no data at ../shared/data/real/harp4_ship_tdoa_EE");
+    let names = ["median error of position, m", "median error of heading, deg", "median error of speed, m/s"];
+    let Some(data) = options.real(DATA) else {
+        names.into_iter().for_each(|name| options.figures.state(name, None));
         return Ok(());
     };
     let folder = tempfile::tempdir()?;
@@ -126,22 +127,16 @@ fn run(options: &Options) -> Result<()> {
         );
     }
     report.finish(options)?;
-    if !options.json {
-        let median = |estimator: usize, quantity: usize| {
-            let mut all: Vec<f64> = scores.iter().map(|e| e[estimator][quantity].0.abs()).collect();
-            all.sort_by(f64::total_cmp);
-            all.get(all.len() / 2).copied().unwrap_or(f64::NAN)
-        };
-        for (k, name) in ["least squares", "robust"].into_iter().enumerate() {
-            println!(
-                "{name}: median errors {:.0} m, {:.1}°, {:.2} m/s over {} straight legs",
-                median(k, 0),
-                median(k, 1),
-                median(k, 2),
-                scores.len()
-            );
-        }
+    let median = |estimator: usize, quantity: usize| {
+        let mut all: Vec<f64> = scores.iter().map(|e| e[estimator][quantity].0.abs()).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied().unwrap_or(f64::NAN)
+    };
+    for (k, name) in names.into_iter().enumerate() {
+        options.figures.state(name, median(1, k));
+        options.figures.state(format!("the same by least squares: {name}"), median(0, k));
     }
+    options.figures.state("straight legs", scores.len() as f64);
     let way: Vec<(f64, f64)> = judged.iter().map(|j| at_m(j, height_m)).map(|[x, y]| (x, y)).collect();
     let mut map = Figure::map("A ship above one recorder: GPS and tracked legs");
     map.truth("GPS", &way);

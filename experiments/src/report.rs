@@ -1,6 +1,7 @@
 //! A table of results: printed for people or as JSON Lines, and kept as CSV.
 
 use super::Options;
+use super::figure::short;
 use anyhow::Result;
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
@@ -42,6 +43,7 @@ impl Report {
 
     fn record(&self, row: &[f64]) -> Value {
         let mut map = Map::new();
+        map.insert("type".into(), "row".into());
         map.insert("experiment".into(), self.name.as_str().into());
         for (column, x) in self.columns.iter().zip(row) {
             map.insert(column.clone(), if x.is_finite() { json!(x) } else { Value::Null });
@@ -78,28 +80,12 @@ impl Report {
     }
 }
 
-/// Four significant digits; whole numbers as they are.
-fn short(x: f64) -> String {
-    if !x.is_finite() {
-        return "-".into();
-    }
-    if x == x.trunc() && x.abs() < 1e7 {
-        return format!("{x}");
-    }
-    let digits = (3 - x.abs().log10().floor() as i32).clamp(0, 6) as usize;
-    format!("{x:.digits$}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn numbers_keep_four_digits_and_blanks_stay_blank() {
-        assert_eq!(short(0.012345), "0.01235");
-        assert_eq!(short(1234.5), "1234");
-        assert_eq!(short(1000.0), "1000");
-        assert_eq!(short(f64::NAN), "-");
+    fn blanks_stay_blank() {
         let mut r = Report::new("x", &["a", "b"]);
         r.row(&[1.5, f64::INFINITY]);
         assert_eq!(r.csv(), "a,b\n1.5,\n");

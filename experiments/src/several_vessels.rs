@@ -15,7 +15,6 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::wire::Track;
-use serde_json::json;
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
@@ -203,34 +202,17 @@ fn run(options: &Options) -> Result<()> {
     }
     crate::atomic::write(&options.out.join("several_vessels_runs.csv"), csv.as_bytes())?;
     picture(options)?;
-    if options.json {
-        let record = json!({
-            "experiment": "several-vessels", "seed": options.seed, "runs": runs, "good": good, "swapped": swapped,
-            "lost": lost, "extra": extra, "turns_noticed": delays.len(), "median_delay_s": at(0.5),
-            "delay_90_s": at(0.9), "split_before_turn": early, "straight_split": false_splits,
-        });
-        println!("{record}");
-        return Ok(());
-    }
-    println!("four vessels, two crossings, {runs} runs");
-    println!("  no swap, no lost track, none too many   {good}   (bar 95 of 100)");
-    println!(
-        "  runs with a swap {swapped}, a lost or broken track {lost}, another number of solutions {extra}"
-    );
-    println!("one vessel turning by {TURN_DEG}° at {TURN_RATE_DEG_S} °/s, {runs} runs");
-    println!(
-        "  noticed                                 {} ({early} had split before the turn)",
-        delays.len()
-    );
-    println!(
-        "  after its start: median {:.0} s, 90 % within {:.0} s, slowest {:.0} s",
-        at(0.5),
-        at(0.9),
-        at(1.0)
-    );
-    println!("one vessel going straight, {runs} runs");
-    println!("  split                                   {false_splits}   (bar 0)");
-    println!("written: several_vessels_runs.csv, several_vessels.csv and .svg in {}", options.out.display());
+    let figures = &options.figures;
+    let share = |n: usize| 100.0 * n as f64 / runs as f64;
+    figures.at_least("four vessels, two crossings: no swap, none lost, none too many, %", share(good), 95.0);
+    figures.state("a swap, %", share(swapped));
+    figures.state("a lost or broken track, %", share(lost));
+    figures.state("another number of solutions, %", share(extra));
+    figures.state(format!("a turn by {TURN_DEG}° at {TURN_RATE_DEG_S} °/s: noticed, %"), share(delays.len()));
+    figures.state("split before the turn, %", share(early));
+    figures.state("noticed after, median, s", at(0.5));
+    figures.state("noticed after, 90 %, s", at(0.9));
+    figures.at_most("one vessel going straight: split, %", share(false_splits), 0.0);
     Ok(())
 }
 

@@ -16,7 +16,6 @@ use seabearing_core::block::{Block, Frame};
 use seabearing_core::demon::{
     Config, EMPTY_SCRATCH, Rate, Report, Scratch, Settings, State, process, spectrum,
 };
-use serde_json::json;
 use std::fmt::Write as _;
 
 /// `seabearing reproduce shaft-rate`.
@@ -147,26 +146,15 @@ fn run(options: &Options) -> Result<()> {
     let (false_strict, reports) = false_rates(Settings::default().false_rates_per_hour, options)?;
     let (false_loose, _) = false_rates(20.0, options)?;
     picture(options)?;
-    if options.json {
-        let record = json!({
-            "experiment": "shaft-rate", "seed": options.seed, "trials": trials.len(), "depth": DEPTH,
-            "snr_db": 0.0, "detected": detected, "rmse_hz": rms(&errors), "worst_hz": worst,
-            "variance_of_standardised_errors": rms(&standardised).powi(2),
-            "false_rates_in_an_hour": false_strict, "reports_in_an_hour": reports,
-            "false_rates_at_20_allowed": false_loose,
-        });
-        println!("{record}");
-        return Ok(());
-    }
-    println!("power modulated by {} %, 0 dB, 30 s; {} trials at 1 to 15 Hz", DEPTH * 100.0, trials.len());
-    println!("  detected                              {:.1} %", 100.0 * detected);
-    println!("  RMSE                                  {:.5} Hz", rms(&errors));
-    println!("  worst error                           {worst:.5} Hz   (bar 0.05)");
-    println!("  variance of standardised errors       {:.2}", rms(&standardised).powi(2));
-    println!("one hour of unmodulated noise, level passing through 20 dB; {reports} reports");
-    println!("  false rates (0.01 allowed an hour)    {false_strict}   (bar 0)");
-    println!("  false rates (20 allowed an hour)      {false_loose}");
-    println!("written: shaft_rate.csv, shaft_rate.svg in {}", options.out.display());
+    let figures = &options.figures;
+    figures
+        .state(format!("detected of {} trials at 1 to 15 Hz, 0 dB, 30 s, %", trials.len()), 100.0 * detected);
+    figures.state("RMSE, Hz", rms(&errors));
+    figures.at_most("worst error, Hz", worst, 0.05);
+    figures.state("variance of standardised errors", rms(&standardised).powi(2));
+    figures.at_most("false rates in an hour of noise, 0.01 allowed", f64::from(false_strict), 0.0);
+    figures.state("false rates in an hour of noise, 20 allowed", f64::from(false_loose));
+    figures.state("reports in that hour", f64::from(reports));
     Ok(())
 }
 

@@ -90,6 +90,12 @@ fn run(options: &Options) -> Result<()> {
             })
             .reduce(Default::default, |a: [Tally; 3], b| std::array::from_fn(|i| a[i].add(b[i])));
         for (over_db, t) in OVER_DB.iter().zip(tallies) {
+            let at = format!("octave from {low_hz} Hz, {over_db:+} dB:");
+            options
+                .figures
+                .state(format!("{at} looks that give the bearing, %"), 100.0 * t.detected / t.looks);
+            let hours = t.records * sounder.seconds() / 3600.0;
+            options.figures.state(format!("{at} false bearings an hour"), t.false_ones / hours);
             report.row(&[
                 low_hz,
                 *over_db,

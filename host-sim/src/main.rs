@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use clap::error::ErrorKind;
-use seabearing::cmd::Command;
+use seabearing::cmd::{Command, Missed};
 use std::io::Write;
 
 /// Find, follow and report vessels with underwater recorders: simulate, replay, receive, reproduce.
@@ -26,6 +26,9 @@ fn main() -> std::process::ExitCode {
         Err(error) => {
             // Standard error may be gone too; then there is nobody left to tell.
             let _ = writeln!(std::io::stderr(), "seabearing: {}", one_line(&error));
+            if error.is::<Missed>() {
+                return std::process::ExitCode::from(Missed::STATUS as u8);
+            }
             std::process::ExitCode::FAILURE
         }
     }

@@ -23,6 +23,25 @@ mod track_errors;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod twin;
 
+/// Figures that miss their bars, named: the work was done, its result is not as it should be.
+#[derive(Debug)]
+pub struct Missed(pub String);
+
+impl Missed {
+    /// Exit status of a command that ends so.
+    pub const STATUS: i32 = 3;
+    /// How the line on standard error begins.
+    pub const WORDS: &'static str = "missed: ";
+}
+
+impl std::fmt::Display for Missed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}{}", Self::WORDS, self.0)
+    }
+}
+
+impl std::error::Error for Missed {}
+
 /// What the command line asks for.
 #[derive(clap::Subcommand)]
 #[allow(clippy::large_enum_variant)]

@@ -1,22 +1,31 @@
-//! `seabearing reproduce`: the papers' figures and tables and the project's own figures, by Monte Carlo.
+//! `seabearing reproduce`: the papers' figures and tables and the project's own figures, by Monte Carlo, each beside its
+//! bar. A missed bar is exit status 3.
 
-use crate::progress;
+use super::Missed;
+use crate::reproduce::figure::{self, Figures};
 use crate::reproduce::{EXPERIMENTS, Experiment, Options};
+use crate::{interrupt, progress};
 use anyhow::{Context, Result, bail};
+use std::io::Read;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
-use std::sync::Mutex;
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 /// Arguments of `seabearing reproduce`.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  seabearing reproduce bearing-limit --out out/reproduce")]
+#[command(after_help = "Example:\n  seabearing reproduce obs-appendix-b --out out/reproduce\n\n\
+    Exit status 3: a figure misses its bar. Data that are absent are named on standard error.")]
 pub struct Args {
     /// Which experiment, or `all`; without a name the list is printed.
     name: Option<String>,
     /// Folder for CSV and plots.
     #[arg(long, default_value = "out/reproduce")]
     out: PathBuf,
+    /// Folder of the real recordings and ship positions that some experiments need.
+    #[arg(long, default_value = "../shared/data")]
+    data: PathBuf,
     /// Monte Carlo runs instead of the experiment's own number.
     #[arg(long)]
     runs: Option<usize>,
@@ -31,7 +40,7 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// An unknown name, or what the experiment says.
+/// An unknown name, what the experiment says, or [`Missed`].
 pub fn run(args: Args) -> Result<()> {
     let Some(name) = args.name.clone() else {
         for e in EXPERIMENTS {
@@ -46,33 +55,68 @@ pub fn run(args: Args) -> Result<()> {
     }
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot make folder {}", args.out.display()))?;
-    let Some(e) = chosen else { return all(&args) };
-    let options = Options { out: args.out, runs: args.runs, seed: args.seed, json: args.json };
-    if !options.json {
-        println!("== {}: {} (seed {})", e.name, e.about, options.seed);
+    chosen.map_or_else(|| all(&args), |e| one(&args, e))
+}
+
+/// Runs one experiment and prints its figures.
+fn one(args: &Args, e: &Experiment) -> Result<()> {
+    if !args.json {
+        println!("== {}: {} (seed {})", e.name, e.about, args.seed);
     }
-    (e.run)(&options).with_context(|| e.name.to_owned())
+    let options = Options {
+        out: args.out.clone(),
+        runs: args.runs,
+        seed: args.seed,
+        json: args.json,
+        data: args.data.clone(),
+        figures: Figures::new(e.name),
+    };
+    (e.run)(&options).with_context(|| e.name.to_owned())?;
+    let figures = options.figures.into_reported();
+    if args.json {
+        figures.iter().for_each(|f| println!("{}", f.json()));
+    } else {
+        print!("{}", figure::text(&figures));
+    }
+    let missed: Vec<&str> =
+        figures.iter().filter(|f| f.met() == Some(false)).map(|f| f.name.as_str()).collect();
+    if missed.is_empty() { Ok(()) } else { Err(Missed(format!("{}: {}", e.name, missed.join("; "))).into()) }
 }
 
 /// Experiments at once: some run on one core only, which would leave the others idle.
 const LANES: usize = 2;
 
 /// Runs every experiment as a process of its own, [`LANES`] at a time with the cores divided among them; each one's
-/// table is printed when it is finished.
+/// table and figures are printed when it is finished.
 fn all(args: &Args) -> Result<()> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let lanes = cores.min(LANES);
     let bar = progress::bar(EXPERIMENTS.len() as u64, "experiments");
-    let (next, failures) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let (next, complaints) = (AtomicUsize::new(0), Mutex::new((Vec::new(), Vec::new())));
     let work = || {
         while let Some(e) = EXPERIMENTS.get(next.fetch_add(1, Ordering::Relaxed)) {
-            match apart(args, e, cores / lanes) {
-                Ok(said) => bar.suspend(|| print!("{said}")),
-                Err(error) => {
-                    if let Ok(mut failures) = failures.lock() {
-                        failures.push(format!("{error:#}"));
+            let ran = apart(args, e, cores / lanes);
+            let mut complaints = complaints.lock().unwrap_or_else(PoisonError::into_inner);
+            match ran {
+                Ok(ran) => {
+                    let mut remarks: Vec<&str> = ran.remarks.lines().collect();
+                    let last = if ran.status.success() { None } else { remarks.pop() };
+                    let last = last.map(|l| l.trim_start_matches("seabearing: ").to_owned());
+                    match (ran.status.code(), last) {
+                        (Some(0), _) => {}
+                        (Some(Missed::STATUS), Some(last)) => {
+                            complaints.1.push(last.trim_start_matches(Missed::WORDS).to_owned());
+                        }
+                        (_, last) => {
+                            complaints.0.push(last.unwrap_or_else(|| format!("{}: {}", e.name, ran.status)));
+                        }
                     }
+                    bar.suspend(|| {
+                        remarks.iter().for_each(|r| eprintln!("{r}"));
+                        print!("{}", ran.said);
+                    });
                 }
+                Err(error) => complaints.0.push(format!("{error:#}")),
             }
             bar.inc(1);
         }
@@ -83,27 +127,62 @@ fn all(args: &Args) -> Result<()> {
         }
     });
     bar.finish_and_clear();
-    match failures.into_inner().unwrap_or_default() {
-        failures if failures.is_empty() => Ok(()),
-        failures => bail!("{}", failures.join("; ")),
+    match complaints.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        (failed, _) if !failed.is_empty() => bail!("{}", failed.join("; ")),
+        (_, missed) if !missed.is_empty() => Err(Missed(missed.join("; ")).into()),
+        _ => Ok(()),
     }
 }
 
-/// One experiment in a process of its own; what it prints.
-fn apart(args: &Args, experiment: &Experiment, threads: usize) -> Result<String> {
+/// What came of one experiment in a process of its own.
+struct Ran {
+    status: ExitStatus,
+    said: String,
+    remarks: String,
+}
+
+/// One experiment in a process of its own, which an interruption of this one ends too.
+fn apart(args: &Args, experiment: &Experiment, threads: usize) -> Result<Ran> {
     let mut command = Command::new(std::env::current_exe().context("the command's own file")?);
     command.args(["reproduce", experiment.name, "--seed", &args.seed.to_string(), "--out"]).arg(&args.out);
+    command.arg("--data").arg(&args.data);
     if let Some(runs) = args.runs {
         command.args(["--runs", &runs.to_string()]);
     }
     if args.json {
         command.arg("--json");
     }
-    command.env("RAYON_NUM_THREADS", threads.to_string()).stdin(Stdio::null());
-    let output = command.output().with_context(|| format!("cannot start {}", experiment.name))?;
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        bail!("{}", said.trim().trim_start_matches("seabearing: "));
-    }
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    command.env("RAYON_NUM_THREADS", threads.to_string());
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let locked = |child: &Mutex<Child>| child.lock().unwrap_or_else(PoisonError::into_inner);
+    let begin = || -> Result<_> {
+        let child = command.spawn().with_context(|| format!("cannot start {}", experiment.name))?;
+        let child = Arc::new(Mutex::new(child));
+        let other = Arc::clone(&child);
+        let undo = move || drop(other.lock().unwrap_or_else(PoisonError::into_inner).kill());
+        Ok((child, Box::new(undo) as _))
+    };
+    let (child, _listed) = interrupt::listing(begin)?;
+    let (out, err) = {
+        let mut child = locked(&child);
+        (child.stdout.take(), child.stderr.take())
+    };
+    let remarks = std::thread::spawn(move || text(err));
+    let said = text(out)?;
+    let remarks = remarks.join().ok().context("the reader of standard error")??;
+    // Its pipes are closed: it has ended or is about to.
+    let status = loop {
+        if let Some(status) = locked(&child).try_wait()? {
+            break status;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    Ok(Ran { status, said, remarks })
+}
+
+/// All that comes from a pipe.
+fn text(pipe: Option<impl Read>) -> std::io::Result<String> {
+    let mut bytes = Vec::new();
+    pipe.map_or(Ok(0), |mut p| p.read_to_end(&mut bytes))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
