@@ -134,7 +134,64 @@ pub enum ConfigError {
     Channels,
 }
 
+impl core::fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::OutOfRange(key, x, least, greatest) => {
+                write!(f, "`{key}` is {x}; allowed {least} to {greatest}")
+            }
+            Self::Geometry(e) => e.fmt(f),
+            Self::Channels => f.write_str("`channels` must name each of 0, 1, 2, 3 once"),
+        }
+    }
+}
+
+impl core::error::Error for ConfigError {}
+
+impl ArrayConfig {
+    /// Hydrophones (East, North, Up in metres) on channels 0 to 3, and what a station file means where it says nothing.
+    pub const fn new(hydrophones_m: [[f64; 3]; CHANNELS]) -> Self {
+        Self {
+            hydrophones_m,
+            channels: [0, 1, 2, 3],
+            sensitivity_db_re_1v_upa: [-165.0; CHANNELS],
+            reference_range_m: 500.0,
+            band_hz: (50.0, 25_000.0), // paper M, section IV-B
+            segment_s: 1.0,
+            step_s: 0.5,
+            elevation_deg: (-90.0, 90.0),
+            false_alarms_per_hour: 0.5,
+            vessel_depth_m: 4.0, // a propeller's
+        }
+    }
+}
+
 impl StationConfig {
+    /// A station of some kind at a sampling rate, and what a station file means where it says nothing: 24-bit codes,
+    /// 1484 m/s, no position. Change fields as needed, then plan it (planning checks it).
+    pub fn new(kind: Kind, rate_hz: f64) -> Self {
+        Self {
+            id: 0,
+            name: heapless::String::new(),
+            lat_lon_deg: None,
+            local_east_north_m: None,
+            depth_m: 0.0,
+            orientation_deg: 0.0,
+            sound_speed_m_s: 1484.0,
+            rate_hz,
+            full_scale: 1 << 23,
+            kind,
+            tracking: Tracking::default(),
+        }
+    }
+
+    /// A compact array of four hydrophones (East, North, Up in metres); the band ends at half the rate.
+    pub fn array(rate_hz: f64, hydrophones_m: [[f64; 3]; CHANNELS]) -> Self {
+        let mut array = ArrayConfig::new(hydrophones_m);
+        array.band_hz.1 = array.band_hz.1.min(rate_hz / 2.0);
+        Self::new(Kind::Array(array), rate_hz)
+    }
+
     /// Checks every value; a configuration that passes can be planned without further errors.
     ///
     /// # Errors

@@ -42,6 +42,26 @@ pub enum BlobError {
     Full,
 }
 
+impl core::fmt::Display for BlobError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let name = |tag: &[u8; 4]| tag.map(char::from);
+        let (section, what) = match self {
+            Self::Header => return f.write_str("no configuration, or one of another version"),
+            Self::Truncated => return f.write_str("the configuration ends within a section"),
+            Self::Full => return f.write_str("the configuration does not fit"),
+            Self::Invalid(e) => return e.fmt(f),
+            Self::Crc(tag) => (name(tag), "is damaged"),
+            Self::Missing(tag) => (name(tag), "is missing"),
+            Self::Decode(tag) => (name(tag), "was made by another version"),
+        };
+        f.write_str("section ")?;
+        section.iter().try_for_each(|c| write!(f, "{c}"))?;
+        write!(f, " of the configuration {what}")
+    }
+}
+
+impl core::error::Error for BlobError {}
+
 /// The body of the first section with this tag, its CRC checked.
 ///
 /// # Errors

@@ -26,6 +26,22 @@ pub enum GeometryError {
     Coplanar,
 }
 
+impl core::fmt::Display for GeometryError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NotFinite => f.write_str("a coordinate is not a number"),
+            Self::Coincident(i, j) => {
+                write!(f, "hydrophones {i} and {j} are at the same place: check for a copied row")
+            }
+            Self::Coplanar => {
+                f.write_str("the four hydrophones lie in one plane: elevation would be ambiguous")
+            }
+        }
+    }
+}
+
+impl core::error::Error for GeometryError {}
+
 impl Geometry {
     /// Checks positions and turns them clockwise by `orientation_rad` into the true frame.
     ///

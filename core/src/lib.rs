@@ -34,6 +34,9 @@ pub mod traffic;
 #[doc(inline)]
 pub use seabearing_wire as wire;
 
+/// Names and texts of the configuration are its strings.
+pub use heapless;
+
 pub mod port;
 #[cfg(any(feature = "array", feature = "obs"))]
 pub mod recorder;

@@ -152,9 +152,9 @@ fn run(options: &Options) -> Result<()> {
     figures.state("RMSE, Hz", rms(&errors));
     figures.at_most("worst error, Hz", worst, 0.05);
     figures.state("variance of standardised errors", rms(&standardised).powi(2));
-    figures.at_most("false rates in an hour of noise, 0.01 allowed", f64::from(false_strict), 0.0);
-    figures.state("false rates in an hour of noise, 20 allowed", f64::from(false_loose));
-    figures.state("reports in that hour", f64::from(reports));
+    figures.at_most("false rates in an hour of noise, 0.01 allowed", false_strict as f64, 0.0);
+    figures.state("false rates in an hour of noise, 20 allowed", false_loose as f64);
+    figures.state("reports in that hour", reports as f64);
     Ok(())
 }
 

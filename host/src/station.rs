@@ -5,12 +5,8 @@ use seabearing_core::config::{
     ArrayConfig, ConfigError, Kind, LineConfig, ObsConfig, StationConfig, Tracking,
 };
 use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
-use seabearing_core::geometry::GeometryError;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
-
-/// Sensitivity where none is given: a hydrophone of −165 dB re 1 V/µPa (paper M, section IV-B).
-const DEFAULT_SENSITIVITY_DB: f64 = -165.0;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -91,32 +87,35 @@ struct Array {
     vessel_depth_m: f64,
 }
 
+/// What a file means where it says nothing.
+const USUAL: ArrayConfig = ArrayConfig::new([[0.0; 3]; 4]);
+
 fn default_vessel_depth() -> f64 {
-    4.0 // a propeller's
+    USUAL.vessel_depth_m
 }
 fn default_channels() -> Vec<u8> {
-    vec![0, 1, 2, 3]
+    USUAL.channels.to_vec()
 }
 fn default_sensitivity() -> Vec<f64> {
-    vec![DEFAULT_SENSITIVITY_DB; 4]
+    USUAL.sensitivity_db_re_1v_upa.to_vec()
 }
 fn default_reference_range() -> f64 {
-    500.0
+    USUAL.reference_range_m
 }
 fn default_band() -> [f64; 2] {
-    [50.0, 25_000.0] // paper M, section IV-B
+    USUAL.band_hz.into()
 }
 fn default_segment() -> f64 {
-    1.0
+    USUAL.segment_s
 }
 fn default_step() -> f64 {
-    0.5
+    USUAL.step_s
 }
 fn default_elevation() -> [f64; 2] {
-    [-90.0, 90.0]
+    USUAL.elevation_deg.into()
 }
 fn default_false_alarms() -> f64 {
-    0.5
+    USUAL.false_alarms_per_hour
 }
 
 #[derive(Deserialize)]
@@ -397,27 +396,12 @@ pub(crate) fn toml_error(e: &toml::de::Error, text: &str, name: &str) -> anyhow:
 }
 
 fn explain(e: ConfigError, text: &str, name: &str) -> anyhow::Error {
-    match e {
-        ConfigError::OutOfRange(key, x, lo, hi) => {
-            let bare = key.split('[').next().unwrap_or(key);
-            anyhow!("{}: `{key}` is {x}; allowed {lo} to {hi}", located(text, name, bare))
-        }
-        ConfigError::Channels => {
-            anyhow!("{}: `channels` must name each of 0, 1, 2, 3 once", located(text, name, "channels"))
-        }
-        ConfigError::Geometry(g) => {
-            let what = match g {
-                GeometryError::NotFinite => "a coordinate is not a number".to_owned(),
-                GeometryError::Coincident(i, j) => {
-                    format!("hydrophones {i} and {j} are at the same place: check for a copied row")
-                }
-                GeometryError::Coplanar => {
-                    "the four hydrophones lie in one plane: elevation would be ambiguous".to_owned()
-                }
-            };
-            anyhow!("{}: {what}", located(text, name, "hydrophones_m"))
-        }
-    }
+    let key = match e {
+        ConfigError::OutOfRange(key, ..) => key.split('[').next().unwrap_or(key),
+        ConfigError::Channels => "channels",
+        ConfigError::Geometry(_) => "hydrophones_m",
+    };
+    anyhow!("{}: {e}", located(text, name, key))
 }
 
 #[cfg(test)]

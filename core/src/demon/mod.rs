@@ -62,6 +62,14 @@ impl Default for Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SettingError(pub &'static str);
 
+impl core::fmt::Display for SettingError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "`{}` is outside what can be demodulated", self.0)
+    }
+}
+
+impl core::error::Error for SettingError {}
+
 /// The immutable plan made from [`Settings`].
 #[derive(Clone, Debug)]
 pub struct Config {

@@ -93,6 +93,8 @@ impl core::fmt::Display for SetupError {
     }
 }
 
+impl core::error::Error for SetupError {}
+
 impl Application for ObsRecorder {
     fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {
         sink(&self.reporter.hello(reset_cause));

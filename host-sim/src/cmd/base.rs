@@ -22,7 +22,7 @@ const EXPORT: Duration = Duration::from_secs(10);
 #[command(
     after_help = "Examples:\n  seabearing base telemetry.bin --station station.toml --export tracks.kml\n  \
     seabearing base --serial /dev/ttyACM0 --baud 115200 --store out/base\n  \
-    seabearing base --listen 0.0.0.0:4500 --json | jq 'select(.type == \"track\")'"
+    seabearing base --listen 127.0.0.1:4500 --json | jq 'select(.type == \"track\")'"
 )]
 #[command(group(clap::ArgGroup::new("origin").required(true).args(["input", "serial", "tcp", "listen"])))]
 pub struct Args {

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 #[command(
     args_conflicts_with_subcommands = true,
     after_help = "Examples:\n  seabearing propagation --ray-table rays.csv --depth-m 4340 --out rr03.toml\n  \
-                  seabearing propagation --profile profile.csv --depth-m 4340 --out station.toml\n\
+                  seabearing propagation --profile profile.csv --depth-m 4340 --out table.toml\n\
                   PROFILE.csv has the columns depth_m,speed_m_s; a ray table has distance_m and, for n = 1, 3, 5, ...\n\
                   crossings, toa_s_n, amp_re_n, amp_im_n (metres, seconds, convention exp(-i w t))."
 )]

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 /// Arguments of `seabearing simulate`.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  seabearing simulate scenarios/pass.toml --out out/pass\n  \
+#[command(after_help = "Example:\n  seabearing simulate scenarios/demo.toml --out out/pass\n  \
                         seabearing process --station out/pass/station.toml out/pass/*.wav")]
 pub struct Args {
     /// What to simulate (TOML; `docs/simulate.md` describes every key).

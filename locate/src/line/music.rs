@@ -41,6 +41,21 @@ pub enum LineError {
     Singular,
 }
 
+impl core::fmt::Display for LineError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Settings => {
+                "3 to 32 sensors, 1 to 4 sources, subarrays longer than these and positive lengths are needed"
+            }
+            Self::Aliased => "sensors are more than half a wavelength apart: bearings would be ambiguous",
+            Self::NoSnapshot => "no usable snapshot yet",
+            Self::Singular => "the covariance could not be decomposed",
+        })
+    }
+}
+
+impl core::error::Error for LineError {}
+
 /// Settings of a line in one band, checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinePlan {

@@ -89,6 +89,20 @@ pub enum FitError {
     NoMinimum,
 }
 
+impl core::fmt::Display for FitError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::TooFew => f.write_str("a track needs at least 5 bearings"),
+            Self::BadSample(i) => write!(f, "bearing {} is not usable", i + 1),
+            Self::NoRange => f.write_str("an unknown speed needs elevations"),
+            Self::Whiten(e) => e.fmt(f),
+            Self::NoMinimum => f.write_str("no straight track fits"),
+        }
+    }
+}
+
+impl core::error::Error for FitError {}
+
 /// Steps from each start over a thinned record, and at most over all bearings.
 const ROUGH_STEPS: usize = 8;
 const FINE_STEPS: usize = 40;

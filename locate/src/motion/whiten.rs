@@ -90,6 +90,18 @@ pub enum WhitenError {
     Singular,
 }
 
+impl core::fmt::Display for WhitenError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Times => f.write_str("times go back or are not numbers"),
+            Self::Memory(n) => write!(f, "times fit no grid; memory for {n} numbers is needed"),
+            Self::Singular => f.write_str("the error model is singular at these times"),
+        }
+    }
+}
+
+impl core::error::Error for WhitenError {}
+
 /// The chosen factorisation.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan {

@@ -22,6 +22,18 @@ pub enum TrackError {
     NotIncreasing(usize),
 }
 
+impl core::fmt::Display for TrackError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::TooShort => f.write_str("a track needs two positions"),
+            Self::NotFinite => f.write_str("a time or coordinate of the track is not a number"),
+            Self::NotIncreasing(i) => write!(f, "the track's time does not increase at position {}", i + 1),
+        }
+    }
+}
+
+impl core::error::Error for TrackError {}
+
 /// Checks a track.
 ///
 /// # Errors
