@@ -10,7 +10,7 @@ use std::io::Read;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Arguments of `seabearing reproduce`.
@@ -154,12 +154,11 @@ fn apart(args: &Args, experiment: &Experiment, threads: usize) -> Result<Ran> {
     }
     command.env("RAYON_NUM_THREADS", threads.to_string());
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let locked = |child: &Mutex<Child>| child.lock().unwrap_or_else(PoisonError::into_inner);
     let begin = || -> Result<_> {
         let child = command.spawn().with_context(|| format!("cannot start {}", experiment.name))?;
         let child = Arc::new(Mutex::new(child));
         let other = Arc::clone(&child);
-        let undo = move || drop(other.lock().unwrap_or_else(PoisonError::into_inner).kill());
+        let undo = move || drop(locked(&other).kill());
         Ok((child, Box::new(undo) as _))
     };
     let (child, _listed) = interrupt::listing(begin)?;
@@ -178,6 +177,10 @@ fn apart(args: &Args, experiment: &Experiment, threads: usize) -> Result<Ran> {
         std::thread::sleep(Duration::from_millis(2));
     };
     Ok(Ran { status, said, remarks })
+}
+
+fn locked(child: &Mutex<Child>) -> MutexGuard<'_, Child> {
+    child.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// All that comes from a pipe.
