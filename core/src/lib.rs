@@ -29,6 +29,7 @@ pub mod demon;
 pub mod obs;
 
 pub mod motion;
+pub mod passage;
 pub mod traffic;
 
 #[doc(inline)]

@@ -113,9 +113,9 @@ fn a_known_near_range_removes_the_bias_of_the_reference_range() {
     let plan = configured(|_| {});
     let sounder = Sounder::new(plan.geometry(), 64_000.0, SAMPLES, Ambient::Independent);
     let frames = sounder.record(5, 2e4, Some((10.0, exact_arrivals(plan.geometry(), 1.0, 0.5, 30.0))));
-    let run = |range_m| {
+    let run = |range_m: Option<f32>| {
         let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
-        state.set_range_m(range_m);
+        state.set_places(range_m.map(|r| (1.0, r)).into_iter());
         let mut worst = 0.0f64;
         let mut sink = |m: Message| {
             if let Message::Bearing(b) = m

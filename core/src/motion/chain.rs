@@ -60,6 +60,12 @@ impl Chain {
 
     /// Adds the row of time `t_s` (not before the last one).
     pub fn push(&mut self, t_s: f64, colour: &Colour, row: &[f64; COLUMNS]) {
+        let decay = if self.variance > 0.0 { self.decay(t_s) } else { 0.0 };
+        self.push_after(decay, colour, row);
+    }
+
+    /// Adds a row whose time has passed `decay`, `e^{−Δt/τ}`, since the row before (whatever it is for the first).
+    pub fn push_after(&mut self, decay: f64, colour: &Colour, row: &[f64; COLUMNS]) {
         if self.variance == 0.0 {
             if colour.white > 0.0 {
                 self.normal.add(row, 1.0 / colour.white);
@@ -67,7 +73,10 @@ impl Chain {
             }
             return;
         }
-        self.advance(t_s);
+        for s in &mut self.state {
+            *s *= decay;
+        }
+        self.explained *= decay * decay;
         let total = self.variance * colour.own + colour.white;
         let f = total - self.variance * colour.earlier * colour.earlier * self.explained;
         // Coincident coloured rows without white error say the same twice: the second adds nothing.
@@ -87,26 +96,14 @@ impl Chain {
         self.normal.note(f);
     }
 
-    /// Mean and variance of the coloured error expected at `t_s`, given everything pushed.
-    pub fn predict(&self, t_s: f64) -> (f64, f64) {
-        let mut at = *self;
-        at.advance(t_s);
-        (at.state[COLUMNS - 1], self.variance * (1.0 - at.explained).max(0.0))
-    }
-
-    fn advance(&mut self, t_s: f64) {
-        if let Some(last) = self.last_t_s {
-            let step = (t_s - last).max(0.0);
-            if step != self.decay.0 {
-                self.decay = (step, m::exp(-step * self.rate_hz));
-            }
-            let keep = self.decay.1;
-            for s in &mut self.state {
-                *s *= keep;
-            }
-            self.explained *= keep * keep;
-        }
+    /// Decay since the last row's time.
+    fn decay(&mut self, t_s: f64) -> f64 {
+        let step = self.last_t_s.map_or(0.0, |last| (t_s - last).max(0.0));
         self.last_t_s = Some(t_s);
+        if step != self.decay.0 {
+            self.decay = (step, m::exp(-step * self.rate_hz));
+        }
+        self.decay.1
     }
 }
 

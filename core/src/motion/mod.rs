@@ -7,10 +7,6 @@ pub mod chain;
 pub mod hypotheses;
 pub mod model;
 pub mod normal;
-pub mod recursive;
-pub mod report;
-pub mod ring;
-pub mod settings;
 pub mod solution;
 pub mod start;
 

@@ -115,7 +115,7 @@ impl Application for ArrayRecorder {
             if let Some(index) = boundary {
                 shaft::tell(&plan.shaft, shaft, vessels, sink);
                 traffic::advance(&plan.traffic, vessels, index, &mut |track| sink(&track));
-                state.set_range_m(vessels.range_m());
+                state.set_places(vessels.places());
                 self.report_if_due(index, sink);
             }
         }

@@ -7,10 +7,10 @@
 //! the recorder gives one merged bearing for both: both tracks coast on their own bearing rates through the crossing
 //! and are told apart again behind it by where those rates have taken them.
 
-use super::known::Prediction;
 use super::{GROUP, Heard, VESSELS};
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
+use crate::passage::Prediction;
 
 /// What becomes of a bearing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,11 +8,10 @@
 //! [`LEAST_GAIN`]: the reference may have been the wrong one of two arcs. Assumes the bearings' errors are as large as
 //! reported; a track shorter than [`LEAST_S`] is not tested.
 
-use super::fit::Fit;
-use super::known::Known;
+use super::Passage;
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
-use crate::motion::recursive::Config;
+use crate::passage::{Config, Known};
 
 /// Time between references, seconds.
 const REFERENCE_S: f64 = 20.0;
@@ -22,7 +21,7 @@ const MEMORY_S: f64 = 8.0;
 const SUSPECT_SD: f64 = 3.5;
 /// Fall of the weighted squared residual that proves it. Three more parameters and the time of the cut lower it by about
 /// 5 by chance; 30 happens once in 10⁵.
-const LEAST_GAIN: f64 = 30.0;
+pub(super) const LEAST_GAIN: f64 = 30.0;
 /// Time until a refuted suspicion may be raised again, seconds.
 const RESPITE_S: f64 = 5.0;
 /// Seconds for which they must be exceeded.
@@ -57,25 +56,30 @@ impl Manoeuvre {
         }
     }
 
-    /// Takes a bearing of the track (already part of `fit`). Answers when the vessel left its line, once that is sure.
+    /// The fit before the vessel left its line, if it did.
+    pub(super) fn reference(&self) -> Option<&Known> {
+        self.reference.as_ref()
+    }
+
+    /// Takes a bearing of the track (already part of `passage`). Answers since when the vessel seems to have left its line.
     pub(super) fn test(
         &mut self,
         config: &Config,
-        fit: &Fit,
+        passage: &Passage,
         t_s: f64,
         azimuth: f64,
         variance: f64,
     ) -> Option<f64> {
-        if t_s - fit.origin_s() < LEAST_S {
+        if t_s - passage.times_s().0 < LEAST_S {
             self.renewed_s = t_s;
             self.last_s = t_s;
             return None;
         }
         if t_s - self.renewed_s >= REFERENCE_S && self.since_s.is_none() {
             self.reference = self.pending;
-            self.pending = fit.best().copied();
+            self.pending = passage.best().copied();
             self.renewed_s = t_s;
-            (self.mean, self.white) = self.against_new_reference(config, fit, t_s);
+            (self.mean, self.white) = self.against_new_reference(config, passage, t_s);
         }
         let step_s = (t_s - self.last_s).max(0.0);
         self.last_s = t_s;
@@ -94,20 +98,20 @@ impl Manoeuvre {
         if t_s - since_s < SUSTAINED_S || t_s < self.respite_s {
             return None;
         }
-        let onset_s = onset(config, reference, fit, t_s);
+        let onset_s = onset(config, reference, passage, t_s);
         self.respite_s = t_s + RESPITE_S;
-        (fit.gain_of_split(config, onset_s) > LEAST_GAIN).then_some(onset_s)
+        Some(onset_s)
     }
 
     /// Mean residual and its white variance as they would stand had the new reference been used all along.
-    fn against_new_reference(&self, config: &Config, fit: &Fit, t_s: f64) -> (f64, f64) {
+    fn against_new_reference(&self, config: &Config, passage: &Passage, t_s: f64) -> (f64, f64) {
         let Some(reference) = &self.reference else { return (0.0, 0.0) };
         let (mut sum, mut weights, mut white) = (0.0, 0.0, 0.0);
-        for node in fit.nodes() {
-            let at = fit.origin_s() + f64::from(node.t_s);
+        for node in passage.averages() {
+            let at = passage.times_s().0 + node.t_s;
             let weight = m::exp(((at - t_s) / MEMORY_S).min(0.0));
-            sum += weight * wrap_pi(f64::from(node.azimuth) - reference.azimuth(config, at).0);
-            white += weight * weight * f64::from(node.white);
+            sum += weight * wrap_pi(node.azimuth - reference.azimuth(config, at).0);
+            white += weight * weight * node.white;
             weights += weight;
         }
         if weights > 1e-6 { (sum / weights, white / (weights * weights)) } else { (0.0, 0.0) }
@@ -115,13 +119,13 @@ impl Manoeuvre {
 }
 
 /// When the vessel left its line: the newest bearing that still lies on it or on its other side.
-fn onset(config: &Config, reference: &Known, fit: &Fit, t_s: f64) -> f64 {
+fn onset(config: &Config, reference: &Known, passage: &Passage, t_s: f64) -> f64 {
     let mut sign = 0.0;
-    for node in fit.nodes().iter().rev() {
-        let at = fit.origin_s() + f64::from(node.t_s);
+    for node in passage.averages().rev() {
+        let at = passage.times_s().0 + node.t_s;
         let (expected, line_variance) = reference.azimuth(config, at);
-        let residual = wrap_pi(f64::from(node.azimuth) - expected);
-        let spread = f64::from(node.white) + line_variance;
+        let residual = wrap_pi(node.azimuth - expected);
+        let spread = node.white + line_variance;
         if sign == 0.0 {
             sign = residual.signum();
         }

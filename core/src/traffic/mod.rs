@@ -10,24 +10,24 @@
 //! * Manoeuvre: the old track ends with the bearings before it; a new one, with its own number, starts with those after.
 //!
 //! Assumes straight tracks between manoeuvres and bearings whose variance is as reported plus the configured coloured
-//! error. Cost on the Cortex-M7: about 10⁴ instructions a bearing and known vessel, 3·10⁵ every 2 s and vessel for its
-//! fit, some 10⁷ at the end of a passage. Memory: [`State`] below 22 KiB, stack below 8 KiB.
+//! error. Cost and memory: `docs/budget.txt`.
 
 mod assign;
 mod candidate;
-mod fit;
-mod known;
+mod duty;
 mod manoeuvre;
 
 use crate::config::StationConfig;
 use crate::math::f64 as m;
-use crate::motion::settings::MeasuredSpeed;
-use crate::motion::{Solution, recursive, report};
+use crate::motion::Solution;
+use crate::passage::{self, Known, Measurement, MeasuredSpeed, RECORDED, report};
 use crate::wire::{Bearing, Message};
 use assign::{Rules, Verdict};
 use candidate::Candidate;
-use fit::Fit;
+use duty::Duty;
 use manoeuvre::Manoeuvre;
+
+type Passage = passage::Passage<RECORDED>;
 
 /// Vessels tracked at once.
 pub const VESSELS: usize = 8;
@@ -46,7 +46,9 @@ const ELEVATION_SD_RAD: f32 = 0.017_453;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// The motion fit's own settings.
-    pub motion: recursive::Config,
+    pub motion: passage::Config,
+    /// Height of the vessels above the array, metres, for the way their sound takes.
+    pub height_m: f64,
     /// Samples a second.
     pub rate_hz: f64,
     /// Half-width of a track's gate, standard deviations.
@@ -66,13 +68,15 @@ pub struct Config {
 impl Config {
     /// From a validated station configuration.
     pub fn new(station: &StationConfig) -> Self {
-        Self::with(recursive::Config::of_station(station), station.rate_hz)
+        let height_m = passage::height_m(station);
+        Self { height_m, ..Self::with(passage::Config::of_station(station), station.rate_hz) }
     }
 
     /// From the motion fit's settings and the sample rate, everything else as usual.
-    pub fn with(motion: recursive::Config, rate_hz: f64) -> Self {
+    pub fn with(motion: passage::Config, rate_hz: f64) -> Self {
         Self {
             motion,
+            height_m: motion.medium.height_m,
             rate_hz,
             gate_sd: 4.5,
             merge_rad: 3.0 * crate::angle::RAD_PER_DEG,
@@ -85,6 +89,10 @@ impl Config {
 
     fn seconds(&self, index: u64) -> f64 {
         index as f64 / self.rate_hz
+    }
+
+    fn index(&self, t_s: f64) -> u64 {
+        m::round(t_s * self.rate_hz) as u64
     }
 }
 
@@ -119,23 +127,32 @@ impl Heard {
         let own = bearing.var_elevation + ELEVATION_SD_RAD * ELEVATION_SD_RAD;
         Self { azimuth, variance, elevation: (bearing.elevation, own) }
     }
+
+    /// As a passage takes it.
+    fn measured(&self, t_s: f64) -> Measurement {
+        let (elevation, variance) = (f64::from(self.elevation.0), f64::from(self.elevation.1));
+        let elevation = variance.is_finite().then_some((elevation, variance));
+        Measurement { elevation, ..Measurement::azimuth(t_s, self.azimuth, self.variance) }
+    }
 }
 
-/// One vessel; number 0 is a free place.
+/// One vessel.
 #[derive(Clone, Debug)]
 struct Track {
     id: u16,
-    fit: Fit,
+    duty: Duty,
+    passage: Passage,
     manoeuvre: Manoeuvre,
-    /// Index of its newest bearing.
-    index: u64,
     updated_s: f64,
     /// Newest bearing that may have been its own.
     heard_s: f64,
     /// Start of the crossing it is in.
     crossing_since_s: Option<f64>,
+    /// Infinite before the first report.
     next_report_s: f64,
-    range_m: Option<f32>,
+    reported: bool,
+    /// Azimuth and distance, radians and metres, where its track knows the distance well.
+    place: Option<(f32, f32)>,
     speed: Option<MeasuredSpeed>,
 }
 
@@ -143,21 +160,27 @@ impl Track {
     const fn new() -> Self {
         Self {
             id: 0,
-            fit: Fit::new(),
+            duty: Duty::Free,
+            passage: Passage::new(),
             manoeuvre: Manoeuvre::new(),
-            index: 0,
             updated_s: 0.0,
             heard_s: 0.0,
             crossing_since_s: None,
             next_report_s: 0.0,
-            range_m: None,
+            reported: false,
+            place: None,
             speed: None,
         }
     }
 
     /// What its fit assumes: the configured settings with what was measured of this vessel.
-    fn motion(&self, config: &Config) -> recursive::Config {
+    fn motion(&self, config: &Config) -> passage::Config {
         config.motion.with_speed(self.speed)
+    }
+
+    /// Whether it takes bearings.
+    fn is_live(&self) -> bool {
+        matches!(self.duty, Duty::Live | Duty::Suspected { .. })
     }
 }
 
@@ -170,6 +193,8 @@ pub struct State {
     gathered: usize,
     index: u64,
     issued: u16,
+    /// Place whose fit was worked on last.
+    served: u8,
 }
 
 impl Default for State {
@@ -188,24 +213,29 @@ impl State {
             gathered: 0,
             index: 0,
             issued: 0,
+            served: 0,
         }
+    }
+
+    fn live(&self) -> impl Iterator<Item = &Track> {
+        self.tracks.iter().filter(|t| t.is_live())
     }
 
     /// Vessels tracked now.
     pub fn vessels(&self) -> usize {
-        self.tracks.iter().filter(|t| t.id != 0).count()
+        self.live().count()
     }
 
     /// The number of the only vessel there is; `None` without one and with several.
     pub fn only_vessel(&self) -> Option<u16> {
-        let mut live = self.tracks.iter().filter(|t| t.id != 0);
+        let mut live = self.live();
         live.next().filter(|_| live.next().is_none()).map(|t| t.id)
     }
 
-    /// Range of the vessel heard last, metres, where its track knows it well; helps the bearing estimator.
-    pub fn range_m(&self) -> Option<f32> {
-        let known = self.tracks.iter().filter(|t| t.id != 0);
-        known.max_by_key(|t| (t.index, t.fit.seen())).and_then(|t| t.range_m)
+    /// Azimuth (radians) and distance along the sound's way (metres) of each vessel whose track knows the distance well;
+    /// helps the bearing estimator.
+    pub fn places(&self) -> impl Iterator<Item = (f32, f32)> + '_ {
+        self.live().filter_map(|t| t.place)
     }
 
     /// The number of the track nearest to what it would predict for this bearing, judged as a bearing on its own; for
@@ -213,13 +243,12 @@ impl State {
     pub fn nearest(&self, config: &Config, bearing: &Bearing) -> Option<u16> {
         let t_s = config.seconds(bearing.index);
         let distance = |t: &Track| {
-            let p = t.fit.predict(&t.motion(config), t_s)?;
+            let p = t.passage.predict(&t.motion(config), t_s)?;
             let d = crate::angle::wrap_pi(f64::from(bearing.azimuth) - p.azimuth);
             let square = d * d / (p.variance() + f64::from(bearing.var_azimuth));
             (square < config.gate_sd * config.gate_sd).then_some(square)
         };
-        let live = self.tracks.iter().filter(|t| t.id != 0);
-        let gated = live.filter_map(|t| distance(t).map(|d| (d, t.id)));
+        let gated = self.live().filter_map(|t| distance(t).map(|d| (d, t.id)));
         gated.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, id)| id)
     }
 }
@@ -241,38 +270,48 @@ pub fn bearing(config: &Config, state: &mut State, bearing: &Bearing, sink: &mut
     }
 }
 
-/// The recording has reached sample `index`: what was gathered is judged, and passages that have fallen silent end.
+/// The recording has reached sample `index`: what was gathered is judged, passages that have fallen silent are ended, and
+/// one piece of the fits due is done. To be called at every multiple of a fixed number of samples, whatever the blocks,
+/// for equal records.
 pub fn advance(config: &Config, state: &mut State, index: u64, sink: &mut dyn FnMut(Message)) {
-    if index > state.index {
-        judge(config, state, sink);
-        let t_s = config.seconds(index);
-        for track in state.tracks.iter_mut().filter(|t| t.id != 0) {
-            let silent = t_s - track.heard_s > config.silence_s;
-            let lost = t_s - track.updated_s > config.silence_s + config.crossing_s;
-            if silent || lost {
-                end(config, track, sink);
-            }
+    if index <= state.index {
+        return;
+    }
+    let searched = judge(config, state, sink);
+    let t_s = config.seconds(index);
+    for track in state.tracks.iter_mut().filter(|t| t.is_live()) {
+        let silent = t_s - track.heard_s > config.silence_s;
+        let lost = t_s - track.updated_s > config.silence_s + config.crossing_s;
+        if silent || lost {
+            track.duty = Duty::over();
         }
     }
+    if !searched {
+        duty::one_piece(config, state, sink);
+    }
 }
 
-/// The recording is over: every passage ends.
-pub fn finish(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
+/// Samples are missing: what was gathered before them is judged. Passages go on; those silent for too long end with the
+/// next [`advance`].
+pub fn gap(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
     judge(config, state, sink);
-    for track in state.tracks.iter_mut().filter(|t| t.id != 0) {
-        end(config, track, sink);
+}
+
+/// Sample indices start anew: every passage ends, its last solution being sent piece by piece with the next calls of
+/// [`advance`], and what was not yet believed in is forgotten. Bearings of any index are taken from now on.
+pub fn restart(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
+    judge(config, state, sink);
+    for track in state.tracks.iter_mut().filter(|t| t.is_live()) {
+        track.duty = Duty::over();
     }
     state.candidates = [const { Candidate::new() }; CANDIDATES];
+    state.index = 0;
 }
 
-/// Reports the end-of-passage solution of a track worth reporting and frees its place.
-fn end(config: &Config, track: &mut Track, sink: &mut dyn FnMut(Message)) {
-    if track.fit.seen() >= config.report_after
-        && let Some(solution) = track.fit.finish(&track.motion(config))
-    {
-        sink(Message::Track(report::track(&solution, track.id, 1, track.index)));
-    }
-    *track = Track::new();
+/// The recording is over: every passage ends now.
+pub fn finish(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
+    restart(config, state, sink);
+    while duty::one_piece(config, state, sink) {}
 }
 
 /// Joins a measurement of a vessel's speed (its shaft rate's, say; mean and standard deviation, m/s) to the configured
@@ -281,16 +320,17 @@ fn end(config: &Config, track: &mut Track, sink: &mut dyn FnMut(Message)) {
 /// now, or the speed is none (0.2 to 40 m/s, a positive spread). A configured speed without spread stays as it is.
 pub fn set_speed(state: &mut State, id: u16, mean_m_s: f32, sd_m_s: f32) -> bool {
     let Some(speed) = MeasuredSpeed::new(mean_m_s, sd_m_s) else { return false };
-    let Some(track) = state.tracks.iter_mut().find(|t| t.id == id && id != 0) else { return false };
+    let Some(track) = state.tracks.iter_mut().find(|t| t.id == id && t.is_live()) else { return false };
     track.speed = Some(speed);
     true
 }
 
-/// Judges the bearings gathered for one index.
-fn judge(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
+/// Judges the bearings gathered for one index. True if a young passage was searched afresh for one, which costs as much
+/// as a piece of a fit and happens once a call.
+fn judge(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) -> bool {
     let gathered = core::mem::take(&mut state.gathered);
     if gathered == 0 {
-        return;
+        return false;
     }
     let group = state.group;
     let group = group.get(..gathered).unwrap_or(&[]);
@@ -298,14 +338,15 @@ fn judge(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
     let mut predictions = [None; VESSELS];
     let mut impatient = 0u8;
     for (i, (slot, track)) in predictions.iter_mut().zip(&state.tracks).enumerate() {
-        if track.id != 0 {
-            *slot = track.fit.predict(&track.motion(config), t_s);
+        if track.is_live() {
+            *slot = track.passage.predict(&track.motion(config), t_s);
             let waiting_s = track.crossing_since_s.map_or(0.0, |since| t_s - since);
             impatient |= u8::from(waiting_s > config.crossing_s) << i;
         }
     }
     let rules = Rules { gate_sd: config.gate_sd, merge_rad: config.merge_rad, least_variance: 3e-8 };
     let verdicts = assign::assign(&rules, &predictions, group, impatient);
+    let mut searched = false;
     for (verdict, heard) in verdicts.iter().zip(group) {
         match *verdict {
             Verdict::Track(i) => serve(config, state, i, t_s, heard, sink),
@@ -318,15 +359,16 @@ fn judge(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)) {
                 }
             }
             Verdict::Spare => {
-                reconsider(config, state, t_s, heard);
+                reconsider(config, state, t_s, heard, &mut searched);
             }
             Verdict::Free => {
-                if !reconsider(config, state, t_s, heard) {
+                if !reconsider(config, state, t_s, heard, &mut searched) {
                     court(config, state, t_s, heard);
                 }
             }
         }
     }
+    searched
 }
 
 /// Gives a bearing to the track in place `i`, tests for a manoeuvre, reports.
@@ -340,46 +382,44 @@ fn serve(
 ) {
     let Some(track) = state.tracks.get_mut(i) else { return };
     let motion = track.motion(config);
-    track.fit.push(&motion, t_s, heard);
-    (track.index, track.updated_s, track.heard_s) = (state.index, t_s, t_s);
+    track.passage.push(&motion, &heard.measured(t_s));
+    (track.updated_s, track.heard_s) = (t_s, t_s);
     track.crossing_since_s = None;
-    let turned = track.manoeuvre.test(&motion, &track.fit, t_s, heard.azimuth, heard.variance);
-    if let Some(onset_s) = turned {
-        let newer = track.fit.split(&motion, onset_s);
-        let (index, updated_s, speed) = (track.index, track.updated_s, track.speed);
-        end(config, track, sink);
-        state.issued = state.issued.wrapping_add(1).max(1);
-        *track = Track {
-            id: state.issued,
-            fit: newer,
-            index,
-            updated_s,
-            heard_s: updated_s,
-            next_report_s: t_s,
-            speed,
-            ..Track::new()
-        };
+    let turned = track.manoeuvre.test(&motion, &track.passage, t_s, heard.azimuth, heard.variance);
+    if let Some(onset_s) = turned
+        && track.duty == Duty::Live
+    {
+        track.duty = Duty::suspected(onset_s);
     }
-    if t_s >= track.next_report_s && track.fit.seen() >= config.report_after {
+    if t_s >= track.next_report_s && track.passage.seen() >= config.report_after {
         track.next_report_s = t_s + config.report_s;
-        if let Some(solution) = track.fit.solution(&motion) {
-            track.range_m = near_range(&solution);
-            sink(Message::Track(report::track(&solution, track.id, 0, track.index)));
+        if let Some(solution) = track.passage.solution(&motion) {
+            track.reported = true;
+            track.place = distance_known(config, &solution).then_some((0.0, 0.0));
+            sink(Message::Track(report::track(&solution, track.id, 0, state.index)));
         }
+    }
+    if track.place.is_some() {
+        let at = track.passage.best().map(|b| slant_m(config, b, t_s));
+        track.place = at.map(|r| (heard.azimuth as f32, r as f32));
     }
 }
 
 /// Offers a bearing that no track explains to the young ones without one at this instant; true if one has taken it.
-fn reconsider(config: &Config, state: &mut State, t_s: f64, heard: &Heard) -> bool {
-    let index = state.index;
-    state.tracks.iter_mut().filter(|t| t.id != 0 && t.updated_s < t_s).any(|track| {
-        let motion = track.motion(config);
-        let taken = track.fit.reconsider(&motion, t_s, heard);
-        if taken {
-            (track.index, track.updated_s, track.heard_s) = (index, t_s, t_s);
+fn reconsider(config: &Config, state: &mut State, t_s: f64, heard: &Heard, searched: &mut bool) -> bool {
+    for track in state.tracks.iter_mut().filter(|t| t.is_live() && t.updated_s < t_s) {
+        if *searched {
+            return false;
         }
-        taken
-    })
+        let motion = track.motion(config);
+        let taken = track.passage.reconsider(&motion, &heard.measured(t_s));
+        *searched |= taken.is_some();
+        if taken == Some(true) {
+            (track.updated_s, track.heard_s) = (t_s, t_s);
+            return true;
+        }
+    }
+    false
 }
 
 /// Lets a free bearing join the candidate that expects it most, or begin one; a candidate grown up becomes a track.
@@ -406,20 +446,26 @@ fn court(config: &Config, state: &mut State, t_s: f64, heard: &Heard) {
     if !candidate.join(t_s, heard) {
         return;
     }
-    let Some(track) = state.tracks.iter_mut().find(|t| t.id == 0) else { return };
+    let Some(track) = state.tracks.iter_mut().find(|t| t.duty == Duty::Free) else { return };
     state.issued = state.issued.wrapping_add(1).max(1);
-    *track = Track { id: state.issued, index: state.index, updated_s: t_s, heard_s: t_s, ..Track::new() };
+    *track =
+        Track { id: state.issued, duty: Duty::Live, updated_s: t_s, heard_s: t_s, ..Track::new() };
     for (t_s, azimuth, variance) in candidate.bearings() {
-        track.fit.push(&config.motion, t_s, &Heard::azimuth(azimuth, variance));
+        track.passage.push(&config.motion, &Measurement::azimuth(t_s, azimuth, variance));
     }
     *candidate = Candidate::new();
 }
 
-/// The vessel's range now, where the track knows it well enough to help the bearing estimator.
-fn near_range(solution: &Solution) -> Option<f32> {
-    let [x, y] = solution.position1_m;
-    let known = solution.range_observable && solution.sd_cpa_range_m < 0.3 * solution.cpa_range_m;
-    known.then(|| m::hypot(x, y) as f32)
+/// Whether a track knows its vessel's distance well enough to help the bearing estimator: to a third, along the sound's way.
+fn distance_known(config: &Config, solution: &Solution) -> bool {
+    let (r, h) = (solution.cpa_range_m, config.height_m);
+    solution.range_observable && solution.sd_cpa_range_m * r < 0.3 * (r * r + h * h)
+}
+
+/// Distance from the array to the vessel on a line, metres.
+fn slant_m(config: &Config, known: &Known, t_s: f64) -> f64 {
+    let ([x, y], _) = known.line.position(t_s);
+    m::hypot(m::hypot(x, y), config.height_m)
 }
 
 #[cfg(test)]

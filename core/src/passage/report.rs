@@ -1,6 +1,6 @@
 //! A solution as the telemetry's track record.
 
-use super::Solution;
+use crate::motion::Solution;
 use crate::angle;
 use crate::wire::Track;
 

@@ -1,10 +1,10 @@
-//! What the recursive filter assumes: speed prior, range limits, errors, medium, gate.
+//! What a passage assumes: speed prior, range limits, errors, medium.
 //!
-//! In: the station's `[tracking]` and sound speed. Out: a [`Config`] in radians.
+//! In: the station's `[tracking]`, sound speed, depth of array and vessels. Out: a [`Config`] in radians.
 
-use super::model::{LN_SPEED, Medium, PARAMETERS};
-use crate::config::{StationConfig, Tracking};
+use crate::config::{Kind, StationConfig, Tracking};
 use crate::math::f64 as m;
+use crate::motion::model::{LN_SPEED, Limits, Medium, PARAMETERS};
 
 /// A vessel's speed measured while it is tracked, from its shaft rate for instance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,14 +23,12 @@ impl MeasuredSpeed {
     }
 }
 
-/// Depth of a surface vessel's propeller, metres: laden ships 8 to 12, boats 1.
-const PROPELLER_DEPTH_M: f64 = 5.0;
 /// Height below which the doubt about it is a large part of it, metres.
 const LEAST_HEIGHT_M: f64 = 25.0;
 /// Standard deviation of what multipath, refraction and a tilted array put on all elevations of a vessel, radians (1°).
 const ELEVATION_BIAS_SD_RAD: f64 = 0.017_453;
 
-/// What the filter assumes.
+/// What is assumed of a vessel and its bearings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// Mean speed of vessels here, or the known speed, m/s.
@@ -47,8 +45,6 @@ pub struct Config {
     pub medium: Medium,
     /// Standard deviation of a bias common to all elevations (multipath), radians.
     pub elevation_bias_sd_rad: f64,
-    /// Innovations beyond this many standard deviations are refused (infinite: none).
-    pub gate_sd: f64,
 }
 
 impl Default for Config {
@@ -68,7 +64,6 @@ impl Config {
             extra_tau_s: t.bearing_tau_s,
             medium: Medium::of_sound_speed(sound_speed_m_s),
             elevation_bias_sd_rad: 0.0,
-            gate_sd: 5.0,
         }
     }
 
@@ -76,7 +71,7 @@ impl Config {
     /// that elevations tell range, whatever the speed.
     pub fn of_station(station: &StationConfig) -> Self {
         let mut config = Self::new(&station.tracking, station.sound_speed_m_s);
-        let height_m = station.depth_m - PROPELLER_DEPTH_M;
+        let height_m = height_m(station);
         if height_m >= LEAST_HEIGHT_M {
             config.medium.height_m = height_m;
             config.elevation_bias_sd_rad = ELEVATION_BIAS_SD_RAD;
@@ -94,6 +89,20 @@ impl Config {
         Self { speed_m_s: mean, speed_sd_m_s: 1.0 / m::sqrt(prior + new), ..*self }
     }
 
+    /// Where a solution may lie.
+    pub(super) fn limits(&self, times_s: (f64, f64)) -> Limits {
+        Limits { range_m: self.range_m, ln_speed: LN_SPEED, times_s }
+    }
+
+    /// Where lines are searched: as far as any speed a fit considers brings the ranges allowed, in units of the speed
+    /// assumed. Bearings know no scale [M 5, 6], so that no line may run into a limit at one speed and pass it at another.
+    pub(super) fn search_limits(&self, times_s: (f64, f64)) -> Limits {
+        let (slowest, fastest) = (m::exp(LN_SPEED.0), m::exp(LN_SPEED.1));
+        let (near, far) = self.range_m;
+        let range_m = (near * self.speed_m_s / fastest, far * self.speed_m_s / slowest);
+        Limits { range_m, ..self.limits(times_s) }
+    }
+
     pub(crate) fn free(&self) -> [bool; PARAMETERS] {
         let elevations = self.medium.height_m > 0.0;
         [true, true, true, self.speed_sd_m_s > 0.0, elevations && self.elevation_bias_sd_rad > 0.0]
@@ -104,6 +113,12 @@ impl Config {
         let variance = self.extra_sd_rad * self.extra_sd_rad;
         if self.extra_tau_s > 0.0 { (variance, self.extra_tau_s, 0.0) } else { (0.0, 0.0, variance) }
     }
+}
+
+/// Height of the vessels listened to above the station, metres: its depth less theirs, at least 0.
+pub fn height_m(station: &StationConfig) -> f64 {
+    let vessels_m = if let Kind::Array(array) = &station.kind { array.vessel_depth_m } else { 0.0 };
+    (station.depth_m - vessels_m).max(0.0)
 }
 
 #[cfg(test)]

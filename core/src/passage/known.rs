@@ -4,47 +4,65 @@
 //! variance is then a sum of squares, whose rounding stays below a microradian however strongly the parameters of a
 //! young track are correlated. The fifth, the elevations' bias, moves no azimuth.
 
-use crate::motion::model::Line;
+use super::Config;
+use crate::motion::model::{Line, PARAMETERS};
 use crate::motion::normal::Matrix;
-use crate::motion::recursive::Config;
 
 /// Parameters that move an azimuth.
 const MOVING: usize = 4;
 
 /// A prediction of azimuth.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Prediction {
+pub(crate) struct Prediction {
     /// Azimuth, radians.
-    pub(super) azimuth: f64,
+    pub(crate) azimuth: f64,
     /// Variance of the line's prediction, rad².
-    pub(super) line_variance: f64,
+    pub(crate) line_variance: f64,
     /// Variance of the bearings' own coloured error, rad².
-    pub(super) coloured_variance: f64,
+    pub(crate) coloured_variance: f64,
 }
 
 impl Prediction {
     /// Variance of a new bearing about the prediction, its white part aside.
-    pub(super) fn variance(&self) -> f64 {
+    pub(crate) fn variance(&self) -> f64 {
         self.line_variance + self.coloured_variance
     }
 }
 
 /// A line with what is known about it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Known {
-    pub(super) line: Line,
+pub(crate) struct Known {
+    pub(crate) line: Line,
     /// Lower triangular root of the covariance, row by row.
     root: [f32; MOVING * (MOVING + 1) / 2],
 }
 
 impl Known {
     /// From a line and the covariance of its parameters.
-    pub(super) fn new(line: Line, covariance: &Matrix) -> Self {
+    pub(crate) fn new(line: Line, covariance: &Matrix) -> Self {
         Self { line, root: root(covariance) }
     }
 
+    /// Covariance of the parameters (none for the elevations' bias).
+    pub(crate) fn covariance(&self) -> Matrix {
+        let mut l = [[0.0; MOVING]; MOVING];
+        let mut kept = self.root.iter();
+        for (i, row) in l.iter_mut().enumerate() {
+            for (place, root) in row.iter_mut().take(i + 1).zip(&mut kept) {
+                *place = f64::from(*root);
+            }
+        }
+        let mut out = [[0.0; PARAMETERS]; PARAMETERS];
+        for i in 0..MOVING {
+            for j in 0..MOVING {
+                out[i][j] = l[i].iter().zip(&l[j]).map(|(a, b)| a * b).sum();
+            }
+        }
+        out
+    }
+
     /// Azimuth at a time of reception and the variance the line's uncertainty gives it.
-    pub(super) fn azimuth(&self, config: &Config, t_s: f64) -> (f64, f64) {
+    pub(crate) fn azimuth(&self, config: &Config, t_s: f64) -> (f64, f64) {
         let e = self.line.expected(&config.medium, t_s);
         let mut parts = [0.0; MOVING];
         let mut kept = self.root.iter();
