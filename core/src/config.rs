@@ -209,7 +209,8 @@ impl StationConfig {
         }
         within("full_scale", f64::from(self.full_scale), 128.0, 2_147_483_647.0)?;
         let t = &self.tracking;
-        within("speed_m_s", t.speed_m_s, 0.1, 40.0)?;
+        let (slowest, fastest) = crate::motion::model::SPEEDS_M_S;
+        within("speed_m_s", t.speed_m_s, slowest, fastest)?;
         within("speed_sd_m_s", t.speed_sd_m_s, 0.0, 20.0)?;
         within("bearing_sd_deg", t.bearing_sd_deg, 0.0, 45.0)?;
         within("bearing_tau_s", t.bearing_tau_s, 0.0, 3600.0)?;
@@ -219,6 +220,8 @@ impl StationConfig {
             within("at_zero_m_s", curve.intercept_m_s, -20.0, 20.0)?;
             within("metres_a_turn", curve.slope_m, 0.01, 100.0)?;
             within("sd_m_s", curve.sd_m_s, 0.01, 20.0)?;
+            within("valid_m_s[0]", curve.valid_m_s.0, slowest, fastest)?;
+            within("valid_m_s[1]", curve.valid_m_s.1, curve.valid_m_s.0, fastest)?;
             within("blades", f64::from(curve.blades.unwrap_or(2)), 2.0, 7.0)?;
         }
         match &self.kind {

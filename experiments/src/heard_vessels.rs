@@ -8,7 +8,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi, wrap_tau};
 use seabearing_core::config::Tracking;
-use seabearing_core::motion::recursive;
+use seabearing_core::passage;
+use seabearing_core::recorder::GRID;
 use seabearing_core::traffic::{self, Config, State};
 use seabearing_core::wire::{Bearing, Message, Track};
 use std::f64::consts::TAU;
@@ -93,7 +94,7 @@ pub fn listen(
 /// The tracker's configuration: the errors as they are drawn, everything else as usual.
 fn config() -> Config {
     let tracking = Tracking { bearing_sd_deg: COLOURED_DEG, bearing_tau_s: TAU_S, ..Tracking::default() };
-    Config::with(recursive::Config::new(&tracking, SOUND_M_S), RATE_HZ)
+    Config::with(passage::Config::new(&tracking, SOUND_M_S), RATE_HZ)
 }
 
 fn message(t_s: f64, azimuth: f64) -> Bearing {
@@ -124,10 +125,15 @@ pub fn track(bearings: &Bearings) -> (Vec<Track>, Vec<Option<u16>>) {
             records.push(t);
         }
     };
+    let mut reached = 0;
     for &(t_s, azimuth) in bearings {
         let bearing = message(t_s, azimuth);
+        // As the recorder does: the tracker hears of every grid step.
+        while reached + GRID <= bearing.index {
+            reached += GRID;
+            traffic::advance(&config, &mut state, reached, &mut sink);
+        }
         traffic::bearing(&config, &mut state, &bearing, &mut sink);
-        traffic::advance(&config, &mut state, bearing.index, &mut sink);
         on.push(state.nearest(&config, &bearing));
     }
     traffic::finish(&config, &mut state, &mut sink);

@@ -9,8 +9,8 @@ use anyhow::{Context, Result};
 use rand_distr::{Distribution, Normal, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_core::motion::recursive::{self, Measurement, State};
 use seabearing_core::motion::{Medium, Solution, solution::position};
+use seabearing_core::passage::{self, Measurement, Passage, RECORDED};
 use seabearing_locate::motion::bound;
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, Config};
@@ -37,7 +37,7 @@ pub const COST: Experiment = Experiment {
 };
 
 const RUNS: usize = 1000;
-/// The recursive filter takes 401 updates a run.
+/// The recorder's passage fit takes 401 bearings a run.
 const COVERAGE_RUNS: usize = 400;
 /// Array at 168 m, propeller at 5 m.
 const HEIGHT_M: f64 = 163.0;
@@ -207,7 +207,7 @@ fn coverage(options: &Options) -> Result<()> {
         let medium = Medium::of_sound_speed(1484.0);
         let model = if tau_s > 0.0 { Model::Markov } else { Model::White };
         let batch = Config { speed_sd_m_s, medium, ..config(model, tau_s, mean) };
-        let filter = recursive::Config {
+        let filter = passage::Config {
             speed_m_s: mean,
             speed_sd_m_s,
             range_m: batch.range_m,
@@ -215,7 +215,6 @@ fn coverage(options: &Options) -> Result<()> {
             extra_tau_s: tau_s,
             medium,
             elevation_bias_sd_rad: 0.0,
-            gate_sd: 5.0,
         };
         let results: Vec<(Standard, Standard, f64)> = (0..runs)
             .into_par_iter()
@@ -233,18 +232,12 @@ fn coverage(options: &Options) -> Result<()> {
                     let errors = scene.errors(&Noise::Markov, &mut rng);
                     let samples = scene.samples(&medium, &errors);
                     let a = ml::fit(&batch, &samples, work, &mut []).ok()?.solution;
-                    let mut state = State::new();
+                    let mut recorded = Passage::<RECORDED>::new();
                     for s in &samples {
-                        let measurement = Measurement {
-                            t_s: s.t_s,
-                            azimuth_rad: s.azimuth_rad,
-                            variance_rad2: 0.0,
-                            extra_scale: 1.0,
-                            elevation: None,
-                        };
-                        recursive::measure(&filter, &mut state, &measurement);
+                        recorded.push(&filter, &Measurement::azimuth(s.t_s, s.azimuth_rad, 0.0));
+                        while recorded.work(&filter) {}
                     }
-                    let b = recursive::finish(&filter, &state)?;
+                    let b = recorded.finish(&filter)?;
                     let difference = [
                         (a.cpa_range_m - b.cpa_range_m) / a.sd_cpa_range_m,
                         wrap_pi(a.heading_rad - b.heading_rad) / a.sd_heading_rad,
@@ -299,7 +292,7 @@ fn coverage(options: &Options) -> Result<()> {
     report.finish(options)
 }
 
-/// Rows: model 0 white, 1 linear, 2 sinc, 3 Gaussian, 4 Markov; 5 the recursive filter's 401 updates.
+/// Rows: model 0 white, 1 linear, 2 sinc, 3 Gaussian, 4 Markov; 5 the recorder's passage fit of 401 bearings, one by one.
 fn cost(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(20);
     let mut report = Report::new("motion-cost", &["model", "tau_s", "levinson", "fit_ms", "memory_kib"]);
@@ -333,16 +326,17 @@ fn cost(options: &Options) -> Result<()> {
         let ms = start.elapsed().as_secs_f64() * 1e3 / runs as f64;
         report.row(&[f64::from(number), tau_s, f64::from(u8::from(levinson)), ms, kib]);
     }
-    let filter = recursive::Config { speed_m_s: 7.0, speed_sd_m_s: 0.0, ..recursive::Config::default() };
+    let filter = passage::Config { speed_m_s: 7.0, speed_sd_m_s: 0.0, ..passage::Config::default() };
     let records: Vec<_> = (0..runs).map(|run| draw(0.0, run)).collect();
     let start = std::time::Instant::now();
     for s in &records {
-        let mut state = State::new();
+        let mut recorded = Passage::<RECORDED>::new();
         for b in s {
-            recursive::update(&filter, &mut state, b.t_s, b.azimuth_rad, 0.0);
+            recorded.push(&filter, &Measurement::azimuth(b.t_s, b.azimuth_rad, 0.0));
+            while recorded.work(&filter) {}
         }
     }
     let ms = start.elapsed().as_secs_f64() * 1e3 / runs as f64;
-    report.row(&[5.0, 5.0, 0.0, ms, size_of::<State>() as f64 / 1024.0]);
+    report.row(&[5.0, 5.0, 0.0, ms, size_of::<Passage<RECORDED>>() as f64 / 1024.0]);
     report.finish(options)
 }

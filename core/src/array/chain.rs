@@ -2,6 +2,7 @@
 
 use super::estimate::{self, Memory};
 use super::intake::{Alignment, Intake};
+use super::places::Places;
 use super::plan::{FRAME, HOP, Plan};
 use super::search::SearchWork;
 use super::spectra::Spectra;
@@ -104,16 +105,10 @@ impl State {
         self.level
     }
 
-    /// Tells the chain the source's range where a tracker knows it; `None` returns to the reference range.
-    /// Ranges that are not finite or below 5 m are taken as unknown.
-    pub fn set_range_m(&mut self, range_m: Option<f32>) {
-        self.memory.range_m = range_m.filter(|r| r.is_finite() && *r >= 5.0);
-    }
-
-    /// Tells the chain how fast the bearing turns (radians a second) where a tracker knows it; `None` leaves it to
-    /// the chain's own last bearings. Fast turning shortens the segment.
-    pub fn set_turn_rate(&mut self, rad_s: Option<f32>) {
-        self.memory.turn_rate_told = rad_s.filter(|r| r.is_finite());
+    /// Tells the chain the azimuth (radians) and distance along the sound's way (metres) of each vessel whose tracker knows
+    /// it; sources elsewhere have the reference range. Distances that are not finite or below 5 m are taken as unknown.
+    pub fn set_places(&mut self, places: impl Iterator<Item = (f32, f32)>) {
+        self.memory.places = Places::of(places);
     }
 }
 

@@ -3,6 +3,7 @@
 use super::chain::Scratch;
 use super::detect;
 use super::others;
+use super::places::Places;
 use super::plan::{BINS, Band, HOP, OCTAVES, Plan, Weighting};
 use super::refine;
 use super::report;
@@ -36,8 +37,8 @@ pub(crate) struct Memory {
     last: Option<(Direction, u64)>,
     /// Turn rate between the last bearings, radians a second, newest first.
     turn_rate: [f32; 2],
-    pub(crate) turn_rate_told: Option<f32>,
-    pub(crate) range_m: Option<f32>,
+    /// Vessels whose distance is known.
+    pub(crate) places: Places,
     contradicting: u32,
     /// Segments so far.
     segments: u32,
@@ -85,8 +86,7 @@ impl Memory {
             averaged: 0.0,
             last: None,
             turn_rate: [0.0; 2],
-            turn_rate_told: None,
-            range_m: None,
+            places: Places::new(),
             contradicting: 0,
             other: None,
             octave: 0,
@@ -108,7 +108,7 @@ impl Memory {
     pub(crate) fn turns_fast(&self, plan: &Plan) -> bool {
         let [a, b] = self.turn_rate;
         // Two changes in a row, so that one stray bearing does not shorten the next segment.
-        let rate = self.turn_rate_told.unwrap_or(a.min(b));
+        let rate = a.min(b);
         let segment_s = plan.nominal_frames * HOP as f32 / plan.rate_hz;
         rate.abs() * segment_s > 2.0 * plan.whole.resolution
     }
@@ -168,15 +168,21 @@ pub(super) struct Context<'a> {
     pub(super) plan: &'a Plan,
     /// The bins looked at.
     pub(super) band: &'a Band,
-    pub(super) curvature: f32,
+    /// Vessels whose distance is known.
+    pub(super) places: Places,
     pub(super) snapshots: f32,
     pub(super) index: u64,
     pub(super) flags: u8,
 }
 
 impl Context<'_> {
-    fn delays(&self, u: &Direction) -> [f32; PAIR_COUNT] {
-        wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, u, self.curvature))
+    /// Curvature of the wavefront from a direction, 1/m.
+    pub(super) fn curvature(&self, u: &Direction) -> f32 {
+        self.places.curvature(u, self.plan.curvature)
+    }
+
+    fn delays(&self, u: &Direction, curvature: f32) -> [f32; PAIR_COUNT] {
+        wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, u, curvature))
     }
 
     /// Bins of the detection band.
@@ -207,7 +213,7 @@ pub(crate) fn segment(
     let context = Context {
         plan,
         band: &plan.whole,
-        curvature: memory.range_m.map_or(plan.curvature, |r| 1.0 / r),
+        places: memory.places,
         snapshots: spectra.frames as f32 * plan.snapshots_per_frame,
         index: start.saturating_add(spectra.centres / u64::from(spectra.frames.max(1))),
         flags: u8::from(spectra.clipped) | (u8::from(share < WHOLE_SHARE) << 1) | (u8::from(shortened) << 2),
@@ -257,7 +263,7 @@ pub(super) fn find(
     scratch: &mut Scratch,
 ) -> Option<Found> {
     let Scratch { search, work, .. } = scratch;
-    let start = search.best(context.plan, context.band, spectra, context.curvature, work);
+    let start = search.best(context.plan, context.band, spectra, context.plan.curvature, work);
     examine(context, memory, &start.direction, spectra, scratch)
 }
 
@@ -272,7 +278,8 @@ pub(super) fn examine(
     let plan = context.plan;
     let work = &mut scratch.spectrum;
     // Weights from the coherence seen in this direction, own and remembered.
-    let tau = context.delays(start);
+    let curvature = context.curvature(start);
+    let tau = context.delays(start, curvature);
     refine::coherence(plan, context.band, spectra, &tau, &mut work.raw);
     if plan.weighting != Weighting::Joint {
         work.measured = work.raw;
@@ -284,8 +291,8 @@ pub(super) fn examine(
     }
     refine::smoothed(context.band, &work.raw, &mut work.smooth);
     refine::weights(plan, context.band, &work.smooth, &mut work.weight);
-    let refined = refine::refine(plan, context.band, spectra, &work.weight, start, context.curvature)?;
-    let tau = context.delays(&refined.direction);
+    let refined = refine::refine(plan, context.band, spectra, &work.weight, start, curvature)?;
+    let tau = context.delays(&refined.direction, curvature);
     if plan.weighting == Weighting::Joint {
         refine::coherence(plan, context.band, spectra, &tau, &mut work.raw);
     } else {

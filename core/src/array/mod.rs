@@ -15,6 +15,7 @@ mod estimate;
 mod intake;
 pub mod limit;
 mod others;
+mod places;
 mod plan;
 mod refine;
 pub mod report;

@@ -36,8 +36,9 @@ pub(super) fn bearing(
     let variance =
         refine::arrival_variance(plan, context.band, &work.smooth, &work.weight, context.snapshots)?;
     let e = wavefront::tangents(direction);
-    let g1 = wavefront::gradient(&plan.geometry, direction, &e.0, context.curvature);
-    let g2 = wavefront::gradient(&plan.geometry, direction, &e.1, context.curvature);
+    let curvature = context.curvature(direction);
+    let g1 = wavefront::gradient(&plan.geometry, direction, &e.0, curvature);
+    let g2 = wavefront::gradient(&plan.geometry, direction, &e.1, curvature);
     let (i11, i12, i22) = wavefront::information(&g1, &g2);
     let determinant = i11 * i22 - i12 * i12;
     if determinant <= 0.0 || determinant.is_nan() {

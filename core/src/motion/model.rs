@@ -202,7 +202,9 @@ pub struct Limits {
     pub times_s: (f64, f64),
 }
 
-/// Least and greatest speed any fit considers: 0.2 to 40 m/s, from a drifting hull to the fastest ferry.
+/// Least and greatest speed any fit considers, m/s: from a drifting hull to the fastest ferry.
+pub const SPEEDS_M_S: (f64, f64) = (0.2, 40.0);
+/// Their logarithms.
 pub const LN_SPEED: (f64, f64) = (-1.609_437_912_434_1, 3.688_879_454_113_94);
 
 #[cfg(test)]

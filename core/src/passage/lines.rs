@@ -9,11 +9,12 @@ use super::known::Known;
 use super::node::Node;
 use super::settings::Config;
 use crate::angle::wrap_pi;
+use crate::kit::Progress;
 use crate::math::f64 as m;
 use crate::motion::chain::{Chain, Colour};
 use crate::motion::hypotheses::{add_priors, same};
 use crate::motion::model::{Limits, Line, PARAMETERS};
-use crate::motion::normal::{COLUMNS, Normal, Point, Progress, descend};
+use crate::motion::normal::{COLUMNS, Normal, Point, descend};
 use crate::motion::solution::floor;
 use crate::motion::start::{STARTS, emitted, starts};
 
@@ -108,14 +109,14 @@ impl Problem<'_> {
     pub(super) fn within_limits(&self, line: &Line) -> Option<(Line, Normal)> {
         let moved = line.moved(&[0.0; PARAMETERS], &self.limits);
         let steps = if moved.p == line.p { 0 } else { LIMITED_STEPS };
-        self.descended(moved, steps).map(|p| (p.line, p.normal))
+        self.descended(moved, steps).map(|p| (p.at, p.normal))
     }
 
     /// Up to `steps` damped steps from a line.
     #[inline(never)]
     fn descended(&self, line: Line, steps: usize) -> Option<Point> {
         let free = self.config.free();
-        let mut point = Point { line, normal: self.evaluate(&line)?, damping: 1e-3 };
+        let mut point = Point { at: line, normal: self.evaluate(&line)?, damping: 1e-3 };
         for _ in 0..steps {
             if descend(&mut point, &free, &self.limits, |line| self.evaluate(line)) == Progress::Converged {
                 break;
@@ -158,12 +159,14 @@ impl Lines {
         let all = old.chain(new.iter().map(|s| s.map(|s| emitted(&s.line, &config.medium))));
         for (slot, line) in pool.iter_mut().zip(all) {
             let Some(line) = line else { continue };
-            *slot = problem.descended(line, steps).map(|p| (p.line, p.normal.cost()));
+            *slot = problem.descended(line, steps).map(|p| (p.at, p.normal.cost()));
         }
         *self = Self::new();
         let mut least = None;
         for slot in &mut self.lines {
-            let Some(chosen) = pool.iter().flatten().min_by(|a, b| a.1.total_cmp(&b.1)).copied() else { break };
+            let Some(chosen) = pool.iter().flatten().min_by(|a, b| a.1.total_cmp(&b.1)).copied() else {
+                break;
+            };
             if chosen.1 > least.unwrap_or(chosen.1) + DEAD {
                 break;
             }

@@ -184,8 +184,14 @@ impl<const N: usize> Passage<N> {
         self.refreshed_s = if due == Due::Nothing { self.refreshed_s } else { self.last_s };
         match due {
             Due::Nothing => false,
-            Due::Step => { self.improve(config, false, 1); true },
-            Due::Search => { self.search(config); true },
+            Due::Step => {
+                self.improve(config, false, 1);
+                true
+            }
+            Due::Search => {
+                self.search(config);
+                true
+            }
         }
     }
 

@@ -95,8 +95,7 @@ impl Mean {
 
     /// The average of two neighbours by their information; `coloured` is the common coloured variance, rad².
     fn joined(&self, b: &Self, coloured: f64) -> Self {
-        let weight =
-            |a: &Self| 1.0 / (a.white + coloured * a.scale * a.scale / f64::from(a.count.max(1)));
+        let weight = |a: &Self| 1.0 / (a.white + coloured * a.scale * a.scale / f64::from(a.count.max(1)));
         let (wa, wb) = (weight(self), weight(b));
         let (wa, wb) = (wa / (wa + wb), wb / (wa + wb));
         let ends = |a: &Self, side: f64| a.t_s + side * 0.5 * a.span_s;

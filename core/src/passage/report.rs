@@ -1,7 +1,7 @@
 //! A solution as the telemetry's track record.
 
-use crate::motion::Solution;
 use crate::angle;
+use crate::motion::Solution;
 use crate::wire::Track;
 
 /// The record of a solution: `id` of the vessel's track, `stage` 0 running or 1 final, `index` of the newest sample.

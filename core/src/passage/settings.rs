@@ -4,7 +4,7 @@
 
 use crate::config::{Kind, StationConfig, Tracking};
 use crate::math::f64 as m;
-use crate::motion::model::{LN_SPEED, Limits, Medium, PARAMETERS};
+use crate::motion::model::{LN_SPEED, Limits, Medium, PARAMETERS, SPEEDS_M_S};
 
 /// A vessel's speed measured while it is tracked, from its shaft rate for instance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,7 +97,7 @@ impl Config {
     /// Where lines are searched: as far as any speed a fit considers brings the ranges allowed, in units of the speed
     /// assumed. Bearings know no scale [M 5, 6], so that no line may run into a limit at one speed and pass it at another.
     pub(super) fn search_limits(&self, times_s: (f64, f64)) -> Limits {
-        let (slowest, fastest) = (m::exp(LN_SPEED.0), m::exp(LN_SPEED.1));
+        let (slowest, fastest) = SPEEDS_M_S;
         let (near, far) = self.range_m;
         let range_m = (near * self.speed_m_s / fastest, far * self.speed_m_s / slowest);
         Limits { range_m, ..self.limits(times_s) }

@@ -20,7 +20,7 @@ mod manoeuvre;
 use crate::config::StationConfig;
 use crate::math::f64 as m;
 use crate::motion::Solution;
-use crate::passage::{self, Known, Measurement, MeasuredSpeed, RECORDED, report};
+use crate::passage::{self, Known, MeasuredSpeed, Measurement, RECORDED, report};
 use crate::wire::{Bearing, Message};
 use assign::{Rules, Verdict};
 use candidate::Candidate;
@@ -448,8 +448,7 @@ fn court(config: &Config, state: &mut State, t_s: f64, heard: &Heard) {
     }
     let Some(track) = state.tracks.iter_mut().find(|t| t.duty == Duty::Free) else { return };
     state.issued = state.issued.wrapping_add(1).max(1);
-    *track =
-        Track { id: state.issued, duty: Duty::Live, updated_s: t_s, heard_s: t_s, ..Track::new() };
+    *track = Track { id: state.issued, duty: Duty::Live, updated_s: t_s, heard_s: t_s, ..Track::new() };
     for (t_s, azimuth, variance) in candidate.bearings() {
         track.passage.push(&config.motion, &Measurement::azimuth(t_s, azimuth, variance));
     }

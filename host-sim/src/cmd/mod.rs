@@ -20,6 +20,7 @@ pub mod shaft_rate;
 pub mod simulate;
 pub mod track;
 mod track_errors;
+mod track_lone;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod twin;
 

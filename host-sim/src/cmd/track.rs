@@ -1,13 +1,14 @@
 //! `seabearing track`: motion of a vessel from bearings of one array.
 
 use super::track_errors::error_model;
+use super::track_lone::Lone;
 use crate::csv::{Table, good_rows};
 use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
-use seabearing_core::motion::recursive::{self, Measurement, State};
 use seabearing_core::motion::{Medium, Solution, solution::position};
+use seabearing_core::passage::{self, Measurement};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, FitError, Interval, Sample};
 use seabearing_locate::motion::robust::fit_robust;
@@ -303,7 +304,7 @@ fn one_by_one(args: &Args, samples: &[Sample]) -> Result<Answer> {
         bail!("speed unknown (--speed-sd inf) needs elevations: a column elevation_deg and --height-m");
     }
     let sd_rad = args.sigma_deg * RAD_PER_DEG;
-    let config = recursive::Config {
+    let config = passage::Config {
         speed_m_s,
         speed_sd_m_s,
         range_m: (args.min_range_m, args.max_range_m),
@@ -311,22 +312,18 @@ fn one_by_one(args: &Args, samples: &[Sample]) -> Result<Answer> {
         extra_tau_s: if model == Model::White { 0.0 } else { args.tau_s },
         medium: args.medium(),
         elevation_bias_sd_rad: args.elevation_bias_deg * RAD_PER_DEG,
-        gate_sd: args.gate_sd.unwrap_or(f64::INFINITY),
     };
-    let mut state = Box::new(State::new());
-    let mut refused = 0;
+    let mut lone = Lone::new(config, args.gate_sd.unwrap_or(f64::INFINITY));
     for s in samples {
         let (elevation, sd) = s.elevation_rad;
-        let measurement = Measurement {
-            t_s: s.t_s,
-            azimuth_rad: s.azimuth_rad,
-            variance_rad2: 0.0,
+        lone.take(&Measurement {
             extra_scale: f64::from(s.sd_rad) / sd_rad,
             elevation: sd.is_finite().then_some((f64::from(elevation), f64::from(sd * sd))),
-        };
-        refused += usize::from(!recursive::measure(&config, &mut state, &measurement).accepted);
+            ..Measurement::azimuth(s.t_s, s.azimuth_rad, 0.0)
+        });
     }
-    match recursive::finish(&config, &state) {
+    let (solution, refused) = lone.finish();
+    match solution {
         Some(solution) => Ok((solution, None, 0.0, refused)),
         None => bail!(
             "{}: {} usable bearings; a track needs at least 6 at different times",
