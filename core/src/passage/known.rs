@@ -5,7 +5,6 @@
 //! young track are correlated. The fifth, the elevations' bias, moves no azimuth.
 
 use super::Config;
-use crate::math::f64 as m;
 use crate::motion::model::{Line, PARAMETERS};
 use crate::motion::normal::Matrix;
 
