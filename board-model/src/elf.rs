@@ -74,7 +74,9 @@ impl Image {
             for symbol in (0..length / 16).map(|i| table + i * 16) {
                 let name = || Some(bytes.text(strings + bytes.word(symbol)? as usize));
                 match bytes.0.get(symbol + 12)? & 15 {
-                    2 => self.functions.push((bytes.word(symbol + 4)? & !1, bytes.word(symbol + 8)?, name()?)),
+                    2 => {
+                        self.functions.push((bytes.word(symbol + 4)? & !1, bytes.word(symbol + 8)?, name()?))
+                    }
                     0 | 1 => self.objects.push((name()?, bytes.word(symbol + 4)?)),
                     _ => {}
                 }
@@ -90,9 +92,9 @@ impl Image {
     /// There is no memory where a part of it belongs.
     pub fn load(&self, memory: &mut Memory) -> Result<(), String> {
         for segment in &self.segments {
-            let to = memory
-                .bytes_mut(segment.address, segment.bytes.len() as u32)
-                .ok_or_else(|| format!("the board has no memory at {:#010x}, where the image belongs", segment.address))?;
+            let to = memory.bytes_mut(segment.address, segment.bytes.len() as u32).ok_or_else(|| {
+                format!("the board has no memory at {:#010x}, where the image belongs", segment.address)
+            })?;
             to.copy_from_slice(&segment.bytes);
         }
         Ok(())

@@ -254,8 +254,16 @@ impl Instruction {
         self.len == 2
             && matches!(
                 self.op,
-                Op::AddImmS | Op::SubImmS | Op::MovImmS | Op::AddRegS | Op::SubRegS
-                    | Op::DpImm | Op::DpReg | Op::DpShift | Op::ShiftReg | Op::Mul
+                Op::AddImmS
+                    | Op::SubImmS
+                    | Op::MovImmS
+                    | Op::AddRegS
+                    | Op::SubRegS
+                    | Op::DpImm
+                    | Op::DpReg
+                    | Op::DpShift
+                    | Op::ShiftReg
+                    | Op::Mul
             )
     }
 }

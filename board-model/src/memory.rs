@@ -31,8 +31,7 @@ pub(crate) struct Region {
     guarded: bool,
 }
 
-const NONE: Region =
-    Region { base: 0, size: 0, start: 0, kind: Kind::Sram, cost: 0, guarded: true };
+const NONE: Region = Region { base: 0, size: 0, start: 0, kind: Kind::Sram, cost: 0, guarded: true };
 
 /// A write that an error-correcting memory has not carried out yet.
 #[derive(Clone, Copy, Debug)]
@@ -71,7 +70,8 @@ impl Default for Memory {
 impl Memory {
     /// Adds a region full of `fill`. Regions lie in granules of 8 MB of their own.
     pub fn add(&mut self, base: u32, size: u32, kind: Kind, fill: u8) {
-        let region = Region { base, size, start: self.bytes.len(), kind, cost: 0, guarded: kind == Kind::Flash };
+        let region =
+            Region { base, size, start: self.bytes.len(), kind, cost: 0, guarded: kind == Kind::Flash };
         self.regions[self.count] = region;
         for granule in (base >> GRANULE_BITS)..=(base + (size - 1)) >> GRANULE_BITS {
             self.map[granule as usize] = self.count as u8;

@@ -22,9 +22,7 @@ fn shifted(value: u32, kind: u8, amount: u32, carry: bool) -> (u32, bool) {
         shift::LSL => (0, amount == 32 && value & 1 != 0),
         shift::LSR if amount < 32 => (value >> amount, value >> (amount - 1) & 1 != 0),
         shift::LSR => (0, amount == 32 && value >> 31 != 0),
-        shift::ASR if amount < 32 => {
-            ((value as i32 >> amount) as u32, value as i32 >> (amount - 1) & 1 != 0)
-        }
+        shift::ASR if amount < 32 => ((value as i32 >> amount) as u32, value as i32 >> (amount - 1) & 1 != 0),
         shift::ASR => ((value as i32 >> 31) as u32, value >> 31 != 0),
         shift::ROR => {
             let result = value.rotate_right(amount & 31);
@@ -258,7 +256,7 @@ impl<B: Board> Machine<B> {
         let (n_top, m_top) = (i.imm & 0x100 != 0, i.imm & 0x200 != 0);
         let result = match i.imm & 255 {
             dsp::HALVES => acc + i64::from(half(n, n_top)) * i64::from(half(m, m_top)),
-            dsp::WORD_HALF => acc + (i64::from(n as i32) * i64::from(half(m, m_top)) >> 16),
+            dsp::WORD_HALF => acc + ((i64::from(n as i32) * i64::from(half(m, m_top))) >> 16),
             dsp::DUAL_ADD | dsp::DUAL_SUB => {
                 let m = if n_top { m.rotate_right(16) } else { m };
                 let low = i64::from(half(n, false)) * i64::from(half(m, false));

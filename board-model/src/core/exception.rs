@@ -136,7 +136,8 @@ impl<B: Board> Machine<B> {
         self.next = self.pc;
         self.look_up();
         if handler & 1 == 0 {
-            let line = self.line(self.pc, &format!("the vector of exception {exception} is {handler:#x}: no handler"));
+            let line = self
+                .line(self.pc, &format!("the vector of exception {exception} is {handler:#x}: no handler"));
             self.fail(Trouble::Stop(line));
         }
     }

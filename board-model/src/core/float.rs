@@ -136,11 +136,8 @@ impl<B: Board> Machine<B> {
     pub(super) fn chained_s(&mut self, i: Instruction) {
         let (n, m, acc) = (self.s(i.n), self.s(i.m), self.s(i.d));
         let product = n * m;
-        let product = if product.is_nan() {
-            f32::from_bits(nan_s(&[n.to_bits(), m.to_bits()]))
-        } else {
-            product
-        };
+        let product =
+            if product.is_nan() { f32::from_bits(nan_s(&[n.to_bits(), m.to_bits()])) } else { product };
         let product = if i.a & 1 != 0 { -product } else { product };
         let acc = if i.a & 2 != 0 { -acc } else { acc };
         self.put_s(i.d, acc + product, &[acc.to_bits(), product.to_bits()]);
@@ -149,11 +146,8 @@ impl<B: Board> Machine<B> {
     pub(super) fn chained_d(&mut self, i: Instruction) {
         let (n, m, acc) = (self.d(i.n), self.d(i.m), self.d(i.d));
         let product = n * m;
-        let product = if product.is_nan() {
-            f64::from_bits(nan_d(&[n.to_bits(), m.to_bits()]))
-        } else {
-            product
-        };
+        let product =
+            if product.is_nan() { f64::from_bits(nan_d(&[n.to_bits(), m.to_bits()])) } else { product };
         let product = if i.a & 1 != 0 { -product } else { product };
         let acc = if i.a & 2 != 0 { -acc } else { acc };
         self.put_d(i.d, acc + product, &[acc.to_bits(), product.to_bits()]);
@@ -214,7 +208,9 @@ impl<B: Board> Machine<B> {
     pub(super) fn write_fpscr(&mut self, i: Instruction) {
         let value = self.r[usize::from(i.d & 15)];
         if value & 0x07c0_0000 != 0 {
-            let what = format!("FPSCR is set to {value:#010x}: only rounding to the nearest with subnormals is modelled");
+            let what = format!(
+                "FPSCR is set to {value:#010x}: only rounding to the nearest with subnormals is modelled"
+            );
             let line = self.line(self.pc, &what);
             self.fail(Trouble::Stop(line));
         }
@@ -318,7 +314,8 @@ impl<B: Board> Machine<B> {
                 self.put_d(i.d, result, &[n.to_bits(), m.to_bits()]);
             }
             _ => {
-                let line = self.line(self.pc, &format!("an instruction this model does not carry out: {:?}", i.op));
+                let line =
+                    self.line(self.pc, &format!("an instruction this model does not carry out: {:?}", i.op));
                 self.fail(Trouble::Stop(line));
             }
         }

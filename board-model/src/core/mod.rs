@@ -239,6 +239,11 @@ impl<B: Board> Machine<B> {
         self.now
     }
 
+    /// The instruction to come.
+    pub fn pc(&self) -> u32 {
+        self.pc
+    }
+
     /// The image that runs.
     pub fn image(&self) -> &Image {
         &self.image
@@ -307,6 +312,9 @@ impl<B: Board> Machine<B> {
                 continue;
             }
             let event = self.board.next_event().min(self.system.next_event());
+            if event <= self.now {
+                return Err(self.line(self.pc, "an event of the board is due and is not carried out"));
+            }
             if let Some(sleep) = self.sleeping {
                 if self.nvic.wakes() || (sleep == Sleep::Event && self.nvic.event) {
                     self.nvic.event &= sleep == Sleep::Interrupt;

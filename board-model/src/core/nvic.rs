@@ -118,7 +118,6 @@ impl Nvic {
         self.stale = true;
     }
 
-
     /// What software sees as pending.
     pub(crate) fn pending(&self) -> Set {
         let mut pending = self.latched;

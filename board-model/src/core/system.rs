@@ -155,7 +155,6 @@ impl System {
         self.ccr & 16 != 0
     }
 
-
     pub fn next_event(&self) -> Ticks {
         self.systick.next()
     }
@@ -172,7 +171,11 @@ impl System {
     }
 
     pub fn cycles(&self, now: Ticks, cycle: Ticks) -> u64 {
-        if self.cycles_on { self.cycles_at + (now - self.cycles_since) / cycle.max(1) } else { self.cycles_at }
+        if self.cycles_on {
+            self.cycles_at + (now - self.cycles_since) / cycle.max(1)
+        } else {
+            self.cycles_at
+        }
     }
 
     pub fn set_cycles(&mut self, cycles: u64, now: Ticks) {
@@ -199,7 +202,10 @@ impl System {
 
 impl<B: Board> Machine<B> {
     pub(super) fn read_system(&mut self, address: u32, width: Width) -> Result<u32, Refusal> {
-        if width != Width::Word && !(0xe000_e400..0xe000_e500).contains(&address) && address & !15 != 0xe000_ed10 {
+        if width != Width::Word
+            && !(0xe000_e400..0xe000_e500).contains(&address)
+            && address & !15 != 0xe000_ed10
+        {
             return Refusal::stop(format!("a narrow read of system register {address:#010x}"));
         }
         let set = |set: &Set| set.shifted((address & 0x7f) >> 2);
@@ -432,13 +438,27 @@ impl<B: Board> Machine<B> {
                 let keep = [0xf800_0000 | 0xf_0000, 0xf800_01ff, 0, 0xf800_01ff, 0, 0x1ff, 0, 0x1ff];
                 self.xpsr() & keep[which as usize]
             }
-            8 => if process { self.other_sp } else { self.r[13] },
-            9 => if process { self.r[13] } else { self.other_sp },
+            8 => {
+                if process {
+                    self.other_sp
+                } else {
+                    self.r[13]
+                }
+            }
+            9 => {
+                if process {
+                    self.r[13]
+                } else {
+                    self.other_sp
+                }
+            }
             16 => u32::from(self.nvic.primask),
             17 | 18 => u32::from(self.nvic.basepri),
             19 => u32::from(self.nvic.faultmask),
             20 => {
-                u32::from(self.fp_active) << 2 | u32::from(self.process_stack) << 1 | u32::from(self.unprivileged)
+                u32::from(self.fp_active) << 2
+                    | u32::from(self.process_stack) << 1
+                    | u32::from(self.unprivileged)
             }
             _ => {
                 let line = self.line(self.pc, &format!("an unknown special register {which}"));

@@ -134,7 +134,9 @@ fn one_operand(a: u32, b: u32, f: &Fields) -> Instruction {
         (6, true) => Instruction { k: rounding::ZERO, ..f.op(Op::VrintS, Op::VrintD) },
         (7, true) if f.double => Instruction { d: single_d, m: f.m, ..i(Op::VcvtSD) },
         (7, true) => Instruction { d: number(true, b >> 12, a >> 6), m: f.m, ..i(Op::VcvtDS) },
-        (8, signed) => Instruction { m: single_m, a: u8::from(signed), ..f.op(Op::VcvtIntToS, Op::VcvtIntToD) },
+        (8, signed) => {
+            Instruction { m: single_m, a: u8::from(signed), ..f.op(Op::VcvtIntToS, Op::VcvtIntToD) }
+        }
         (12 | 13, to_zero) => {
             let k = if to_zero { rounding::ZERO } else { rounding::CURRENT };
             Instruction { d: single_d, a: (a & 1) as u8, k, ..f.op(Op::VcvtSToInt, Op::VcvtDToInt) }

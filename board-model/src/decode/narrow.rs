@@ -57,9 +57,7 @@ pub(super) fn decode(address: u32, w: u32) -> Instruction {
         }
         0b10010 => Instruction { d: low(w, 8), n: 13, imm: (w & 255) << 2, ..i(Op::Str) },
         0b10011 => Instruction { d: low(w, 8), n: 13, imm: (w & 255) << 2, ..i(Op::Ldr) },
-        0b10100 => {
-            Instruction { d: low(w, 8), imm: (pc & !3).wrapping_add((w & 255) << 2), ..i(Op::MovImm) }
-        }
+        0b10100 => Instruction { d: low(w, 8), imm: (pc & !3).wrapping_add((w & 255) << 2), ..i(Op::MovImm) },
         0b10101 => Instruction { d: low(w, 8), n: 13, imm: (w & 255) << 2, ..i(Op::AddImm) },
         0b10110 | 0b10111 => miscellaneous(pc, w),
         0b11000 => Instruction { n: low(w, 8), imm: w & 255, s: true, ..i(Op::Stm) },
@@ -82,7 +80,8 @@ pub(super) fn decode(address: u32, w: u32) -> Instruction {
 fn shift_immediate(w: u32) -> Instruction {
     let (kind, amount) = ((w >> 11) as u8, bits(w, 10, 6));
     let amount = if amount == 0 && kind != shift::LSL { 32 } else { amount };
-    let i = Instruction { d: low(w, 0), m: low(w, 3), a: alu::MOV, s: true, ..Instruction::new(Op::DpShift, 2) };
+    let i =
+        Instruction { d: low(w, 0), m: low(w, 3), a: alu::MOV, s: true, ..Instruction::new(Op::DpShift, 2) };
     if amount == 0 {
         return Instruction { op: Op::DpReg, ..i };
     }
@@ -146,9 +145,7 @@ fn miscellaneous(pc: u32, w: u32) -> Instruction {
         0b0110011 => Instruction { imm: w & 3, s: w & 16 != 0, ..i(Op::Cps) },
         0b1010000..=0b1010011 => Instruction { d, m, ..i(if w & 64 == 0 { Op::Rev } else { Op::Rev16 }) },
         0b1010110 | 0b1010111 => Instruction { d, m, ..i(Op::Revsh) },
-        0b1100000..=0b1101111 => {
-            Instruction { n: 13, imm: w & 255 | (w & 256) << 7, s: true, ..i(Op::Ldm) }
-        }
+        0b1100000..=0b1101111 => Instruction { n: 13, imm: w & 255 | (w & 256) << 7, s: true, ..i(Op::Ldm) },
         0b1110000..=0b1110111 => Instruction { imm: w & 255, ..i(Op::Bkpt) },
         0b1111000..=0b1111111 if w & 15 != 0 => Instruction { imm: w & 255, ..i(Op::It) },
         0b1111000..=0b1111111 => i(match bits(w, 7, 4) {

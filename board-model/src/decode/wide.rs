@@ -39,7 +39,8 @@ fn dual(address: u32, a: u32, b: u32) -> Instruction {
     if before || back {
         let offset = (b & 255) << 2;
         let imm = if add { offset } else { offset.wrapping_neg() };
-        let x = Instruction { d: reg(b, 12), m: reg(b, 8), n, imm, a: u8::from(before), s: back, ..i(Op::Ldrd) };
+        let x =
+            Instruction { d: reg(b, 12), m: reg(b, 8), n, imm, a: u8::from(before), s: back, ..i(Op::Ldrd) };
         if n == 15 {
             // A literal: its address is known.
             let imm = (address.wrapping_add(4) & !3).wrapping_add(imm);
@@ -116,8 +117,7 @@ fn single(address: u32, a: u32, b: u32) -> Instruction {
         (true, false) => ops[3 + size as usize],
         (true, true) => ops[6 + size as usize],
     };
-    let plain =
-        pick([Op::Strb, Op::Strh, Op::Str, Op::Ldrb, Op::Ldrh, Op::Ldr, Op::Ldrsb, Op::Ldrsh]);
+    let plain = pick([Op::Strb, Op::Strh, Op::Str, Op::Ldrb, Op::Ldrh, Op::Ldr, Op::Ldrsb, Op::Ldrsh]);
     if n == 15 {
         if !load {
             return i(Op::Unknown);

@@ -76,7 +76,11 @@ pub(super) fn shifted_register(a: u32, b: u32) -> Instruction {
     let Some(a) = operation(code, d, n, s) else { return i(Op::Unknown) };
     let x = Instruction { a, ..x };
     if amount != 0 {
-        return if a == alu::ADD && !s && kind == shift::LSL { Instruction { op: Op::AddLsl, ..x } } else { x };
+        return if a == alu::ADD && !s && kind == shift::LSL {
+            Instruction { op: Op::AddLsl, ..x }
+        } else {
+            x
+        };
     }
     let op = match (a, s) {
         (alu::ADD, false) => Op::AddReg,

@@ -1,1 +1,483 @@
-//! The hardware board.
+//! The hardware board: an STM32H743 on a NUCLEO-H743ZI2 class board with a converter on SPI1.
+//!
+//! Wiring: converter SCK PA5, DIN PB5, DOUT PA6, data ready PE9, chip select PD14 or SPI1's own (PA4, PA15), SYNC/RESET
+//! PD15 where that is an output; the serial line USART3 on PD8 and PD9.
+
+mod clocks;
+mod dma;
+mod pins;
+mod places;
+mod spi;
+mod timer;
+mod usart;
+mod watchdog;
+
+pub use clocks::cause;
+pub use pins::Pin;
+
+use crate::ads131m04::{Ads131m04, Source};
+use crate::board::{Board, Bus, Refusal, Width, Wish};
+use crate::core::Machine;
+use crate::costs::Costs;
+use crate::elf::Image;
+use crate::memory::{Kind, Memory};
+use crate::time::{NEVER, Ticks};
+use clocks::Clocks;
+use dma::{Dma, request};
+use pins::{Mode, Pins};
+use places::{Peripheral, TIMERS, place};
+use spi::Spi;
+use timer::Timer;
+use usart::Usart;
+use watchdog::Watchdog;
+
+const DATA_READY: Pin = Pin::new('E', 9);
+const CHIP_SELECT: Pin = Pin::new('D', 14);
+const HARDWARE_SELECTS: [Pin; 2] = [Pin::new('A', 4), Pin::new('A', 15)];
+const SYNC: Pin = Pin::new('D', 15);
+const SPI_PINS: [Pin; 2] = [Pin::new('A', 5), Pin::new('A', 6)];
+const SPI_FUNCTION: u32 = 5;
+/// Requests that one pass of DMA may serve before something must be wrong.
+const MOST_ITEMS: usize = 10_000;
+
+/// What may differ from board to board.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameters {
+    /// Relative error of the core's oscillator against the truth.
+    pub board_clock_error: f64,
+    /// Relative error of the converter's clock.
+    pub converter_clock_error: f64,
+    /// Relative error of the watchdog's oscillator.
+    pub watchdog_clock_error: f64,
+    /// Bits a second of the serial line at the other end.
+    pub baud: u32,
+    /// A write to AXI SRAM of less than 64 bits is lost if a reset follows it at once.
+    pub loses_last_write: bool,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            board_clock_error: 0.0,
+            converter_clock_error: 0.0,
+            watchdog_clock_error: 0.0,
+            baud: 921_600,
+            loses_last_write: true,
+        }
+    }
+}
+
+/// The board around the core.
+#[derive(Debug)]
+pub struct Stm32h743 {
+    clocks: Clocks,
+    pins: Pins,
+    dma: Dma,
+    spi: Spi,
+    usart: Usart,
+    timers: Vec<Timer>,
+    watchdog: Watchdog,
+    debug: u32,
+    compensation: u32,
+    backup: [u32; 32],
+    /// The converter.
+    pub converter: Ads131m04,
+    /// Bytes moved by DMA.
+    pub dma_items: u64,
+}
+
+/// The board with an image in flash, at power-on, and a converter that reads `source` at `rate_hz`.
+///
+/// # Errors
+/// The image does not fit.
+pub fn machine(
+    image: Image,
+    costs: Costs,
+    parameters: &Parameters,
+    source: Source,
+    rate_hz: f64,
+) -> Result<Machine<Stm32h743>, String> {
+    const FLASH: (u32, u32) = (0x0800_0000, 2 << 20);
+    const ITCM: (u32, u32) = (0, 64 << 10);
+    let mut memory = Memory::default();
+    memory.add(ITCM.0, ITCM.1, Kind::TightlyCoupled, 0xa5);
+    memory.add(FLASH.0, FLASH.1, Kind::Flash, 0xff);
+    memory.add(0x2000_0000, 128 << 10, Kind::TightlyCoupled, 0xa5);
+    memory.add(0x2400_0000, 512 << 10, Kind::Axi, 0xa5);
+    memory.add(0x3000_0000, 288 << 10, Kind::Sram, 0xa5);
+    memory.add(0x3800_0000, 64 << 10, Kind::Sram, 0xa5);
+    memory.add(0x3880_0000, 4 << 10, Kind::Sram, 0xa5);
+    if parameters.loses_last_write {
+        memory.hold_writes();
+    }
+    // Time is counted in the board's own clock.
+    let board = 1.0 + parameters.board_clock_error;
+    let error = (1.0 + parameters.converter_clock_error) / board - 1.0;
+    let watchdog = (1.0 + parameters.watchdog_clock_error) / board - 1.0;
+    let board = Stm32h743 {
+        clocks: Clocks::new(cause::POWER, 0),
+        pins: Pins::new(),
+        dma: Dma::new(),
+        spi: Spi::new(),
+        usart: Usart::new(parameters.baud),
+        timers: TIMERS.iter().map(|place| Timer::new(*place)).collect(),
+        watchdog: Watchdog::new(watchdog),
+        debug: 0,
+        compensation: 0,
+        backup: [0; 32],
+        converter: Ads131m04::new(source, rate_hz, error),
+        dma_items: 0,
+    };
+    Machine::new(board, memory, image, costs, &[ITCM, FLASH])
+}
+
+impl Stm32h743 {
+    /// Bytes that have left on the serial line.
+    pub fn sent(&self) -> &[u8] {
+        &self.usart.sent
+    }
+
+    /// Sends bytes to the board, the first at `at`, one after the other.
+    pub fn send(&mut self, at: Ticks, bytes: &[u8]) {
+        let frame = 10 * crate::time::period(u64::from(self.usart.host_baud));
+        let first = self.usart.coming.back().map_or(at, |(last, _)| at.max(*last));
+        self.usart.coming.extend((1u64..).zip(bytes).map(|(i, byte)| (first + i * frame, *byte)));
+    }
+
+    /// Words of SPI lost because nobody emptied its FIFO.
+    pub fn spi_overruns(&self) -> u64 {
+        self.spi.overruns
+    }
+
+    /// Frequency of SPI's clock.
+    pub fn spi_hz(&self) -> u64 {
+        self.spi.line_hz
+    }
+
+    /// Peripherals as after a reset for this reason; the backup domain stays.
+    pub fn reset(&mut self, cause: u32) {
+        self.clocks = Clocks::new(cause, self.clocks.backup());
+        self.pins = Pins::new();
+        self.dma = Dma::new();
+        self.spi = Spi::new();
+        self.usart.reset();
+        self.timers = TIMERS.iter().map(|place| Timer::new(*place)).collect();
+        self.watchdog.reset();
+        self.debug = 0;
+        self.compensation = 0;
+    }
+
+    /// The converter's chip select as pins and SPI drive it.
+    fn selected(&self) -> bool {
+        let by_pin = self.pins.mode(CHIP_SELECT) == Mode::Output && !self.pins.output(CHIP_SELECT);
+        let routed = |pin: &Pin| self.pins.mode(*pin) == Mode::Alternate(SPI_FUNCTION);
+        by_pin || (self.spi.selected && HARDWARE_SELECTS.iter().any(routed))
+    }
+
+    /// Lets everything follow from a change: wires, DMA, interrupt lines.
+    fn settle(&mut self, bus: &mut Bus<'_>) -> Result<(), Refusal> {
+        for _ in 0..MOST_ITEMS {
+            self.wires(bus);
+            let hz = self.clocks.spi_hz();
+            let mut moved = self.spi.start(bus.now, hz)?;
+            if moved && self.selected() {
+                self.converter.check_bus(self.spi.mode(), self.spi.line_hz)?;
+                if !SPI_PINS.iter().all(|pin| self.pins.mode(*pin) == Mode::Alternate(SPI_FUNCTION)) {
+                    return Refusal::stop("SPI1 runs while its pins PA5 and PA6 are not its own");
+                }
+            }
+            moved |= self.serve_dma(bus)?;
+            let usart = self.clocks.usart_hz();
+            self.usart.advance(bus.now, usart)?;
+            if !moved {
+                self.lines(bus);
+                return Ok(());
+            }
+        }
+        Refusal::stop("DMA and peripherals do not come to rest: a request is never satisfied")
+    }
+
+    fn wires(&mut self, bus: &mut Bus<'_>) {
+        let selected = self.selected();
+        self.converter.select(selected, bus.now);
+        if self.pins.mode(SYNC) == Mode::Output {
+            let high = self.pins.output(SYNC);
+            self.converter.sync(high, bus.now);
+        }
+        while let Some(high) = self.converter.next_edge() {
+            self.pins.drive(bus, DATA_READY, high);
+            // PE9 is channel 1 of TIM1 as alternate function 1.
+            if self.pins.mode(DATA_READY) == Mode::Alternate(1)
+                && let Some(timer) = self.timers.iter_mut().find(|t| t.place.name == "TIM1")
+            {
+                timer.pin(0, high);
+                let pulses = std::mem::take(&mut timer.triggers);
+                self.trigger_from_first(pulses);
+            }
+        }
+        self.pins.drive(bus, DATA_READY, self.pins.input(DATA_READY));
+    }
+
+    /// TIM1's trigger output is the internal trigger 0 of timers 2 to 5 and 8.
+    fn trigger_from_first(&mut self, pulses: u32) {
+        for _ in 0..pulses {
+            for timer in self
+                .timers
+                .iter_mut()
+                .filter(|t| matches!(t.place.name, "TIM2" | "TIM3" | "TIM4" | "TIM5" | "TIM8"))
+            {
+                timer.internal_trigger(0);
+            }
+        }
+    }
+
+    fn lines(&mut self, bus: &mut Bus<'_>) {
+        self.spi.lines(bus);
+        self.usart.lines(bus);
+        self.timers.iter().for_each(|timer| timer.lines(bus));
+    }
+
+    /// Moves one item for every request there is; whether any was moved.
+    fn serve_dma(&mut self, bus: &mut Bus<'_>) -> Result<bool, Refusal> {
+        let mut moved = false;
+        let levels = [
+            (request::SPI1_RX, self.spi.wants_rx_dma()),
+            (request::SPI1_TX, self.spi.wants_tx_dma()),
+            (request::USART3_TX, self.usart.wants_tx_dma()),
+            (request::USART3_RX, self.usart.wants_rx_dma()),
+        ];
+        for (request, wanted) in levels {
+            if wanted && let Some(stream) = self.dma.serving(request) {
+                self.move_item(bus, stream)?;
+                moved = true;
+            }
+        }
+        for index in 0..self.timers.len() {
+            let (pending, (channels, update)) =
+                (self.timers[index].requests, self.timers[index].place.requests);
+            for which in (0..5u8).filter(|which| pending >> which & 1 != 0) {
+                let request = if which == 0 { update } else { channels + which - 1 };
+                if request != 0
+                    && let Some(stream) = self.dma.serving(request)
+                {
+                    self.timers[index].requests &= !(1 << which);
+                    self.move_item(bus, stream)?;
+                    moved = true;
+                }
+            }
+        }
+        Ok(moved)
+    }
+
+    fn move_item(&mut self, bus: &mut Bus<'_>, stream: usize) -> Result<(), Refusal> {
+        let item = self.dma.item(bus, stream)?;
+        let bytes = item.width.bytes();
+        if item.to_peripheral {
+            let from = bus.memory.bytes(item.memory, bytes);
+            let from =
+                from.ok_or_else(|| Refusal::Stop(format!("DMA reads no memory at {:#x}", item.memory)))?;
+            let mut word = [0; 4];
+            word[..bytes as usize].copy_from_slice(from);
+            self.register_write(bus, item.peripheral, u32::from_le_bytes(word), item.width)?;
+        } else {
+            let word = self.register_read(bus, item.peripheral, item.width)?.to_le_bytes();
+            let to = bus.memory.bytes_mut(item.memory, bytes);
+            to.ok_or_else(|| Refusal::Stop(format!("DMA writes no memory at {:#x}", item.memory)))?
+                .copy_from_slice(&word[..bytes as usize]);
+        }
+        self.dma_items += 1;
+        self.dma.done(bus, stream);
+        Ok(())
+    }
+
+    /// Timers go on at the clocks' new frequencies.
+    fn set_timer_clocks(&mut self, now: Ticks) {
+        for timer in &mut self.timers {
+            timer.advance(now);
+            timer.hz = self.clocks.timer_hz(timer.place.bus);
+        }
+    }
+
+    fn register_read(&mut self, bus: &mut Bus<'_>, address: u32, width: Width) -> Result<u32, Refusal> {
+        let Some((peripheral, offset)) = self.locate(address)? else {
+            return Err(Refusal::BusFault);
+        };
+        // Registers of a word read in part give that part, but data registers of serial lines are read as wide as asked.
+        let (word, shift) = (offset & !3, 8 * (offset as u32 & 3));
+        let value = match peripheral {
+            Peripheral::Rcc => self.clocks.read_rcc(word)?,
+            Peripheral::Power => self.clocks.read_power(word)?,
+            Peripheral::Flash if word == 0 => self.clocks.latency,
+            Peripheral::Flash => return Refusal::stop(format!("flash register {word:#x} is not modelled")),
+            Peripheral::SystemConfiguration => match word {
+                8..0x18 => *self.pins.source((word - 8) / 4),
+                // The compensation cell is ready as soon as it is on.
+                0x20 => self.compensation | (self.compensation & 1) << 8,
+                _ => 0,
+            },
+            Peripheral::Exti => self.pins.read_exti(word)?,
+            Peripheral::Gpio(port) => self.pins.read_gpio(port, word)?,
+            Peripheral::Dma(controller) => self.dma.read(controller, word)?,
+            Peripheral::DmaMux => self.dma.read_mux(word)?,
+            Peripheral::Spi1 => self.spi.read(word, width.bytes() as usize)?,
+            Peripheral::Usart3 => self.usart.read(word)?,
+            Peripheral::Timer(index) => {
+                self.timers[index].advance(bus.now);
+                self.timers[index].read(word)?
+            }
+            Peripheral::Watchdog => self.watchdog.read(word)?,
+            Peripheral::Debug => {
+                if word == 0 {
+                    0x2003_6450
+                } else {
+                    self.debug
+                }
+            }
+            Peripheral::Backup => match word {
+                0x50..0xd0 => self.backup[(word - 0x50) / 4],
+                _ => return Refusal::stop(format!("register {word:#x} of RTC is not modelled")),
+            },
+        };
+        Ok(value >> shift)
+    }
+
+    fn register_write(
+        &mut self,
+        bus: &mut Bus<'_>,
+        address: u32,
+        value: u32,
+        width: Width,
+    ) -> Result<(), Refusal> {
+        let Some((peripheral, offset)) = self.locate(address)? else {
+            return Err(Refusal::BusFault);
+        };
+        let data = matches!((peripheral, offset), (Peripheral::Spi1, 0x20) | (Peripheral::Usart3, 0x28));
+        if width != Width::Word && !data && !matches!(peripheral, Peripheral::Timer(_)) {
+            return Refusal::stop(format!("a narrow write of register {address:#010x}"));
+        }
+        match peripheral {
+            Peripheral::Rcc => {
+                self.clocks.write_rcc(bus, offset, value)?;
+                self.set_timer_clocks(bus.now);
+            }
+            Peripheral::Power => self.clocks.write_power(offset, value)?,
+            Peripheral::Flash if offset == 0 => self.clocks.latency = value,
+            Peripheral::Flash => return Refusal::stop(format!("flash register {offset:#x} is not modelled")),
+            Peripheral::SystemConfiguration => match offset {
+                8..0x18 => *self.pins.source((offset - 8) / 4) = value,
+                0x2c => self.clocks.set_overdrive(value & 1 != 0)?,
+                // Analog switches and fast-mode drive: nothing here depends on them.
+                0x20 if value & 1 != 0 && !self.clocks.low_power_oscillator() => {
+                    return Refusal::stop("the compensation cell is switched on without CSI");
+                }
+                0x20 => self.compensation = value,
+                4 => {}
+                _ => return Refusal::stop(format!("register {offset:#x} of SYSCFG is not modelled")),
+            },
+            Peripheral::Exti => self.pins.write_exti(bus, offset, value)?,
+            Peripheral::Gpio(port) => self.pins.write_gpio(port, offset, value)?,
+            Peripheral::Dma(controller) => self.dma.write(bus, controller, offset, value)?,
+            Peripheral::DmaMux => self.dma.write_mux(offset, value)?,
+            Peripheral::Spi1 => self.spi.write(offset, value, width.bytes() as usize)?,
+            Peripheral::Usart3 => self.usart.write(offset, value)?,
+            Peripheral::Timer(index) => {
+                self.timers[index].advance(bus.now);
+                self.timers[index].write(offset, value)?;
+            }
+            Peripheral::Watchdog => self.watchdog.write(offset, value, bus.now)?,
+            Peripheral::Debug => {
+                self.debug = value;
+                // DBGSLEEP_D1 keeps the core's clock, and with it the cycle counter, running in sleep.
+            }
+            Peripheral::Backup => match offset {
+                0x50..0xd0 if self.clocks.backup_open() => self.backup[(offset - 0x50) / 4] = value,
+                0x50..0xd0 => {
+                    return Refusal::stop("a backup register is written without access (PWR_CR1.DBP)");
+                }
+                _ => return Refusal::stop(format!("register {offset:#x} of RTC is not modelled")),
+            },
+        }
+        *bus.counts_asleep = self.debug & 1 != 0;
+        Ok(())
+    }
+
+    /// The peripheral at an address, if its clock is on.
+    fn locate(&self, address: u32) -> Result<Option<(Peripheral, usize)>, Refusal> {
+        let Some(found) = place(address) else {
+            // Nothing this model knows: outside the peripherals' part of the map that is a bus fault.
+            return if address >> 29 == 2 {
+                Refusal::stop(format!("nothing is modelled at {address:#010x}"))
+            } else {
+                Ok(None)
+            };
+        };
+        if let Some((offset, bit)) = found.enable
+            && !self.clocks.enabled(offset, bit)
+        {
+            return Refusal::stop(format!(
+                "{} is used at {address:#010x} while its clock is off",
+                found.name
+            ));
+        }
+        Ok(Some((found.peripheral, (address - found.base) as usize)))
+    }
+}
+
+impl Board for Stm32h743 {
+    fn read(&mut self, bus: &mut Bus<'_>, address: u32, width: Width) -> Result<u32, Refusal> {
+        let value = self.register_read(bus, address, width)?;
+        // Reading data makes room; other reads change nothing.
+        if matches!(address & !0xff, 0x4001_3000 | 0x4000_4800) || address & 0xffff_0000 == 0x4000_0000 {
+            self.settle(bus)?;
+        }
+        Ok(value)
+    }
+
+    fn write(&mut self, bus: &mut Bus<'_>, address: u32, value: u32, width: Width) -> Result<(), Refusal> {
+        self.register_write(bus, address, value, width)?;
+        self.settle(bus)
+    }
+
+    fn advance(&mut self, bus: &mut Bus<'_>) -> Result<(), Refusal> {
+        if self.watchdog.next_event() <= bus.now {
+            self.reset(cause::WATCHDOG);
+            bus.wishes.push(Wish::Reset);
+            return Ok(());
+        }
+        self.converter.advance(bus.now);
+        while self.spi.next_event() <= bus.now {
+            let selected = self.selected();
+            let (converter, now) = (&mut self.converter, bus.now);
+            self.spi.shifted(|byte| if selected { converter.exchange(byte, now) } else { 0xff });
+            self.settle(bus)?;
+        }
+        for index in 0..self.timers.len() {
+            if self.timers[index].next_event() <= bus.now {
+                self.timers[index].advance(bus.now);
+                if self.timers[index].place.name == "TIM1" {
+                    let pulses = std::mem::take(&mut self.timers[index].triggers);
+                    self.trigger_from_first(pulses);
+                }
+            }
+        }
+        self.settle(bus)
+    }
+
+    fn next_event(&self) -> Ticks {
+        let timers = self.timers.iter().map(Timer::next_event).min();
+        self.converter
+            .next_event()
+            .min(self.spi.next_event())
+            .min(self.usart.next_event())
+            .min(self.watchdog.next_event())
+            .min(timers.unwrap_or(NEVER))
+    }
+
+    fn software_reset(&mut self, _bus: &mut Bus<'_>) {
+        self.reset(cause::SOFTWARE);
+    }
+
+    fn reset_hz(&self) -> u64 {
+        self.clocks.core_hz()
+    }
+}

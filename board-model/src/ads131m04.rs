@@ -1,0 +1,372 @@
+//! A four-channel converter of the ADS131M04 kind as its data sheet describes it (Texas Instruments SBAS890): words of
+//! 24 bits, registers, CRC, status, reset, output two deep.
+
+use crate::board::Refusal;
+use crate::time::{NEVER, PER_SECOND, Ticks};
+use std::collections::VecDeque;
+
+/// Frequency of the converter's clock.
+pub const CLOCK_HZ: u64 = 8_192_000;
+/// Codes of one conversion.
+pub type Codes = [i32; 4];
+
+const WORD: usize = 3;
+const STATUS: usize = 1;
+const MODE: usize = 2;
+const CLOCK: usize = 3;
+const RESET_BIT: u16 = 1 << 10;
+const CRC_ERROR: u16 = 1 << 12;
+const INPUT_CRC: u16 = 1 << 12;
+const RESYNCHRONISED: u16 = 1 << 14;
+const LOCKED: u16 = 1 << 15;
+/// From a reset to answers: 5 µs.
+pub const REGISTER_ACQUISITION: Ticks = PER_SECOND / 200_000;
+/// Shortest low pulse on SYNC/RESET that resets, in clocks.
+const RESET_PULSE_CLOCKS: u64 = 2048;
+
+/// Conversions whose codes come from outside: `None` when there are no more.
+pub type Source = Box<dyn FnMut() -> Option<Codes> + Send>;
+
+/// The converter.
+pub struct Ads131m04 {
+    registers: [u16; 64],
+    source: Source,
+    /// What conversions at the rate to be recorded are read from; at other rates they are zeros.
+    rate_hz: f64,
+    /// Ticks of the board's clock for a tick of this one's: its relative error.
+    stretch: f64,
+    phase: f64,
+    next_conversion: Ticks,
+    /// Conversions waiting to be read: number in the source, if it came from there, and codes.
+    output: VecDeque<(Option<u64>, Codes)>,
+    shown: (Option<u64>, Codes),
+    next_number: u64,
+    exhausted: bool,
+    /// Not converting and not answering.
+    pub dead: bool,
+    /// First word of the next frame, where it is not the status.
+    answer: Option<u16>,
+    answers: Vec<u16>,
+    deaf_until: Ticks,
+    /// Time from a reset to answers, [`REGISTER_ACQUISITION`] unless changed.
+    pub acquisition: Ticks,
+    frame_in: Vec<u8>,
+    frame_out: Vec<u8>,
+    selected: bool,
+    ready: bool,
+    edges: VecDeque<bool>,
+    low_since: Option<Ticks>,
+    /// Flips one bit of every n-th byte that is read, where n is not 0.
+    pub bit_errors_every: u64,
+    bytes: u64,
+    /// Numbers of the conversions that were read whole, in order.
+    pub delivered: Vec<u64>,
+    /// What was read of them, for the host.
+    pub codes: Vec<Codes>,
+}
+
+impl std::fmt::Debug for Ads131m04 {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Ads131m04").field("delivered", &self.delivered.len()).finish_non_exhaustive()
+    }
+}
+
+/// CRC-16/CCITT with start 0xffff.
+fn crc16(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0xffff, |crc, byte| {
+        (0..8)
+            .fold(crc ^ u16::from(*byte) << 8, |crc, _| crc << 1 ^ if crc & 0x8000 != 0 { 0x1021 } else { 0 })
+    })
+}
+
+impl Ads131m04 {
+    /// A converter at power-on that is to record at `rate_hz`; its clock is fast by `error` (relative) against the
+    /// board's.
+    pub fn new(source: Source, rate_hz: f64, error: f64) -> Self {
+        let mut converter = Self {
+            registers: [0; 64],
+            source,
+            rate_hz,
+            stretch: 1.0 / (1.0 + error),
+            phase: 0.0,
+            next_conversion: NEVER,
+            output: VecDeque::new(),
+            shown: (None, [0; 4]),
+            next_number: 0,
+            exhausted: false,
+            dead: false,
+            answer: None,
+            answers: Vec::new(),
+            deaf_until: 0,
+            acquisition: REGISTER_ACQUISITION,
+            frame_in: Vec::new(),
+            frame_out: Vec::new(),
+            selected: false,
+            ready: true,
+            edges: VecDeque::new(),
+            low_since: None,
+            bit_errors_every: 0,
+            bytes: 0,
+            delivered: Vec::new(),
+            codes: Vec::new(),
+        };
+        converter.reset(0);
+        converter
+    }
+
+    /// Everything as after a reset: of the supply, by command, by the pin, or by a disturbance.
+    pub fn reset(&mut self, now: Ticks) {
+        self.registers = [0; 64];
+        self.registers[0] = 0x2403;
+        self.registers[STATUS] = 0x0500;
+        self.registers[MODE] = 0x0510;
+        self.registers[CLOCK] = 0x0f0e;
+        self.registers[6] = 0x0600;
+        self.output.clear();
+        self.answer = Some(0xff24);
+        self.answers.clear();
+        self.deaf_until = now + self.acquisition;
+        self.restart(now);
+    }
+
+    /// Samples a second as the clock register says.
+    pub fn rate(&self) -> f64 {
+        let clock = self.registers[CLOCK];
+        let modulator = CLOCK_HZ as f64 / [8.0, 4.0, 2.0, 2.0][usize::from(clock & 3)];
+        let oversampling = if clock & 0x20 != 0 { 64.0 } else { f64::from(128u32 << (clock >> 2 & 7)) };
+        modulator / oversampling
+    }
+
+    /// Ticks of a conversion.
+    fn period(&self) -> f64 {
+        PER_SECOND as f64 / self.rate() * self.stretch
+    }
+
+    /// The filters start afresh: the first result comes when they have settled.
+    fn restart(&mut self, now: Ticks) {
+        self.phase = now as f64 + 3.0 * self.period();
+        self.next_conversion = if self.dead { NEVER } else { self.phase as Ticks };
+    }
+
+    /// Conversions of the source that are done.
+    pub fn converted(&self) -> u64 {
+        self.next_number
+    }
+
+    /// Whether the source has ended.
+    pub fn exhausted(&self) -> bool {
+        self.exhausted
+    }
+
+    /// Stops converting and answering, or begins anew.
+    pub fn set_dead(&mut self, dead: bool, now: Ticks) {
+        self.dead = dead;
+        if dead { self.next_conversion = NEVER } else { self.reset(now) }
+    }
+
+    /// When it next has a result.
+    pub fn next_event(&self) -> Ticks {
+        self.next_conversion
+    }
+
+    /// Levels of the data-ready line since the last look, in order.
+    pub fn next_edge(&mut self) -> Option<bool> {
+        self.edges.pop_front()
+    }
+
+    fn set_ready_line(&mut self, high: bool) {
+        if self.ready != high {
+            self.ready = high;
+            self.edges.push_back(high);
+        }
+    }
+
+    /// A conversion is done, if it is due.
+    pub fn advance(&mut self, now: Ticks) {
+        while self.next_conversion <= now {
+            self.phase += self.period();
+            self.next_conversion = self.phase as Ticks;
+            let recording = (self.rate() - self.rate_hz).abs() < 1e-6 * self.rate_hz;
+            let result = if recording { self.record() } else { Some((None, [0; 4])) };
+            let Some(result) = result else {
+                self.exhausted = true;
+                self.next_conversion = NEVER;
+                return;
+            };
+            if self.output.len() == 2 {
+                self.output.pop_front();
+            }
+            self.output.push_back(result);
+            // A line that is still low goes high for a moment first.
+            self.set_ready_line(true);
+            self.set_ready_line(false);
+        }
+    }
+
+    fn record(&mut self) -> Option<(Option<u64>, Codes)> {
+        let codes = (self.source)()?;
+        self.next_number += 1;
+        Some((Some(self.next_number - 1), codes))
+    }
+
+    /// The chip select has this level: low begins a frame, high ends it.
+    pub fn select(&mut self, selected: bool, now: Ticks) {
+        if selected == self.selected {
+            return;
+        }
+        self.selected = selected;
+        if selected {
+            self.begin();
+        } else {
+            self.end(now);
+        }
+    }
+
+    fn begin(&mut self) {
+        self.frame_in.clear();
+        self.frame_out.clear();
+        let mut status = self.registers[STATUS];
+        if !self.output.is_empty() {
+            status |= 0xf;
+        }
+        self.registers[STATUS] = status;
+        let first = self.answer.take().unwrap_or(status);
+        let mut word = |value: u32| self.frame_out.extend(&value.to_be_bytes()[1..]);
+        word(u32::from(first) << 8);
+        if self.answers.is_empty() {
+            // The older result where two wait; the last one again where none does.
+            if let Some(result) = self.output.front() {
+                self.shown = *result;
+            }
+            self.shown.1.iter().for_each(|code| word(*code as u32 & 0xff_ffff));
+        } else {
+            self.answers.drain(..).for_each(|value| word(u32::from(value) << 8));
+        }
+        let crc = crc16(&self.frame_out);
+        self.frame_out.extend([(crc >> 8) as u8, crc as u8, 0]);
+    }
+
+    /// One byte each way.
+    pub fn exchange(&mut self, byte: u8, now: Ticks) -> u8 {
+        // Without a driver the line floats up.
+        if !self.selected || self.dead || now < self.deaf_until {
+            return if self.selected && !self.dead { 0 } else { 0xff };
+        }
+        let out = self.frame_out.get(self.frame_in.len()).copied().unwrap_or(0);
+        self.frame_in.push(byte);
+        if self.frame_in.len() == WORD {
+            self.set_ready_line(true);
+        }
+        self.bytes += 1;
+        if self.bit_errors_every > 0 && self.bytes.is_multiple_of(self.bit_errors_every) {
+            return out ^ 1 << (self.bytes / self.bit_errors_every % 8);
+        }
+        out
+    }
+
+    fn end(&mut self, now: Ticks) {
+        if self.frame_in.len() < self.frame_out.len() || self.dead {
+            return;
+        }
+        if let Some((number, codes)) = self.output.pop_front()
+            && let Some(number) = number
+        {
+            self.delivered.push(number);
+            self.codes.push(codes);
+        }
+        if self.output.is_empty() {
+            self.registers[STATUS] &= !0xf;
+        }
+        let input = std::mem::take(&mut self.frame_in);
+        let word =
+            |i: usize| input.get(i * WORD..i * WORD + 2).map_or(0, |b| u16::from_be_bytes([b[0], b[1]]));
+        let command = word(0);
+        let writes = if command & 0xe000 == 0x6000 { usize::from(command & 0x7f) + 1 } else { 0 };
+        if self.registers[MODE] & INPUT_CRC != 0 && crc16(&input[..(1 + writes) * WORD]) != word(1 + writes) {
+            self.registers[STATUS] |= CRC_ERROR;
+            return;
+        }
+        self.registers[STATUS] &= !(CRC_ERROR | RESYNCHRONISED);
+        self.carry_out(command, word, now);
+    }
+
+    fn carry_out(&mut self, command: u16, word: impl Fn(usize) -> u16, now: Ticks) {
+        let (register, count) = (usize::from(command >> 7 & 0x3f), usize::from(command & 0x7f) + 1);
+        let locked = self.registers[STATUS] & LOCKED != 0;
+        match command {
+            0x0011 if !locked => self.reset(now),
+            0x0022 | 0x0033 => self.answer = Some(command),
+            0x0555 => {
+                self.registers[STATUS] |= LOCKED;
+                self.answer = Some(command);
+            }
+            0x0655 => {
+                self.registers[STATUS] &= !LOCKED;
+                self.answer = Some(command);
+            }
+            _ if command & 0xe000 == 0xa000 => {
+                let read = |i: usize| self.registers[(register + i) & 63];
+                if count == 1 {
+                    self.answer = Some(read(0));
+                } else {
+                    self.answer = Some(0xe000 | command & 0x1fff);
+                    self.answers = (0..count).map(read).collect();
+                }
+            }
+            _ if command & 0xe000 == 0x6000 && !locked => {
+                for i in 0..count {
+                    self.write((register + i) & 63, word(1 + i), now);
+                }
+                self.answer = Some(0x4000 | command & 0x1fff);
+            }
+            _ => {}
+        }
+    }
+
+    fn write(&mut self, register: usize, value: u16, now: Ticks) {
+        if register <= STATUS {
+            return;
+        }
+        let before = std::mem::replace(&mut self.registers[register], value);
+        if register == MODE {
+            let status = &mut self.registers[STATUS];
+            *status = *status & !RESET_BIT | value & RESET_BIT;
+        }
+        if register == CLOCK && before != value {
+            self.output.clear();
+            self.restart(now);
+        }
+    }
+
+    /// The SYNC/RESET pin has this level: a short low pulse restarts the conversions, a long one resets.
+    pub fn sync(&mut self, high: bool, now: Ticks) {
+        if !high {
+            self.low_since.get_or_insert(now);
+        } else if let Some(since) = self.low_since.take() {
+            if now - since >= RESET_PULSE_CLOCKS * PER_SECOND / CLOCK_HZ {
+                self.reset(now);
+            } else {
+                self.output.clear();
+                self.registers[STATUS] |= RESYNCHRONISED;
+                self.restart(now);
+            }
+        }
+    }
+
+    /// Checks that the bus is set up as the converter needs it.
+    ///
+    /// # Errors
+    /// The mode or the frequency is not the data sheet's.
+    pub fn check_bus(&self, mode: u32, hz: u64) -> Result<(), Refusal> {
+        const MOST_HZ: u64 = 25_000_000;
+        if mode != 1 {
+            return Refusal::stop(
+                "the converter is read with the wrong clock polarity or phase: it needs SPI mode 1",
+            );
+        }
+        if hz > MOST_HZ {
+            return Refusal::stop(format!("the converter is clocked at {hz} Hz; 25 MHz is its limit"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,274 @@
+//! DMA1, DMA2 and their request multiplexer (RM0433, chapters 15 and 17). A transfer takes no time.
+
+use super::clocks::unknown;
+use crate::board::{Bus, Refusal, Width};
+
+/// Requests of peripherals in DMAMUX1.
+pub(super) mod request {
+    pub const TIM1_CH1: u8 = 11;
+    pub const TIM1_UP: u8 = 15;
+    pub const TIM2_CH1: u8 = 18;
+    pub const TIM2_UP: u8 = 22;
+    pub const TIM3_CH1: u8 = 23;
+    pub const TIM3_UP: u8 = 27;
+    pub const TIM4_CH1: u8 = 29;
+    pub const TIM4_UP: u8 = 32;
+    pub const SPI1_RX: u8 = 37;
+    pub const SPI1_TX: u8 = 38;
+    pub const USART3_RX: u8 = 45;
+    pub const USART3_TX: u8 = 46;
+    pub const TIM8_CH1: u8 = 47;
+    pub const TIM8_UP: u8 = 51;
+    pub const TIM5_CH1: u8 = 55;
+    pub const TIM5_UP: u8 = 59;
+}
+
+const STREAMS: usize = 16;
+const COMPLETE: u32 = 1 << 5;
+const HALF: u32 = 1 << 4;
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Stream {
+    control: u32,
+    /// Items left, and items at the start.
+    left: u32,
+    items: u32,
+    peripheral: u32,
+    memory: [u32; 2],
+    fifo: u32,
+    /// Bytes moved since the start or the wrap.
+    moved: u32,
+    flags: u32,
+}
+
+impl Stream {
+    fn on(&self) -> bool {
+        self.control & 1 != 0
+    }
+    fn to_peripheral(&self) -> bool {
+        self.control >> 6 & 3 == 1
+    }
+    fn width(field: u32) -> Width {
+        match field & 3 {
+            0 => Width::Byte,
+            1 => Width::Half,
+            _ => Width::Word,
+        }
+    }
+    fn item(&self) -> Width {
+        Self::width(self.control >> 11)
+    }
+    fn interrupting(&self) -> bool {
+        let enabled = (self.control >> 1 & 7) << 2 | (self.control >> 4 & 1) << 5;
+        self.flags & enabled != 0
+    }
+}
+
+/// Both controllers: streams 0 to 7 are of the first.
+#[derive(Debug)]
+pub(super) struct Dma {
+    streams: [Stream; STREAMS],
+    mux: [u32; STREAMS],
+    /// Items moved since the start, by stream.
+    pub moved: [u64; STREAMS],
+}
+
+/// One item to move.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Item {
+    pub peripheral: u32,
+    pub memory: u32,
+    pub width: Width,
+    pub to_peripheral: bool,
+}
+
+impl Dma {
+    pub fn new() -> Self {
+        Self { streams: [Stream::default(); STREAMS], mux: [0; STREAMS], moved: [0; STREAMS] }
+    }
+
+    /// The stream that would serve a request: the first enabled one.
+    pub fn serving(&self, request: u8) -> Option<usize> {
+        (0..STREAMS).find(|s| self.streams[*s].on() && self.mux[*s] & 0x7f == u32::from(request))
+    }
+
+    /// What a stream moves next.
+    pub fn item(&self, bus: &Bus<'_>, stream: usize) -> Result<Item, Refusal> {
+        let s = &self.streams[stream];
+        let width = s.item();
+        let target = s.memory[(s.control >> 19 & 1) as usize];
+        let memory = target + if s.control & 0x400 != 0 { s.moved } else { 0 };
+        if s.control & 0x200 != 0 {
+            return Refusal::stop(format!(
+                "DMA stream {stream} counts the peripheral's address up, which is not modelled"
+            ));
+        }
+        check_reach(bus, memory, stream)?;
+        Ok(Item { peripheral: s.peripheral, memory, width, to_peripheral: s.to_peripheral() })
+    }
+
+    /// One item of a stream has been moved.
+    pub fn done(&mut self, bus: &mut Bus<'_>, stream: usize) {
+        let s = &mut self.streams[stream];
+        self.moved[stream] += 1;
+        s.moved += s.item().bytes();
+        s.left -= 1;
+        if s.left == s.items / 2 {
+            s.flags |= HALF;
+        }
+        if s.left == 0 {
+            s.flags |= COMPLETE;
+            s.moved = 0;
+            s.left = s.items;
+            if s.control & 1 << 18 != 0 {
+                s.control ^= 1 << 19;
+            } else if s.control & 1 << 8 == 0 {
+                s.control &= !1;
+                s.left = 0;
+            }
+        }
+        self.lines(bus);
+    }
+
+    fn lines(&self, bus: &mut Bus<'_>) {
+        const INTERRUPTS: [u16; STREAMS] = [11, 12, 13, 14, 15, 16, 17, 47, 56, 57, 58, 59, 60, 68, 69, 70];
+        for (stream, interrupt) in self.streams.iter().zip(INTERRUPTS) {
+            bus.nvic.set_level(interrupt, stream.interrupting());
+        }
+    }
+
+    pub fn read(&self, controller: usize, offset: usize) -> Result<u32, Refusal> {
+        let first = controller * 8;
+        Ok(match offset {
+            0 | 4 => {
+                let group = first + offset;
+                let flags = |i: usize| self.streams[group + i].flags << [0, 6, 16, 22][i];
+                (0..4).map(flags).sum()
+            }
+            0x10..0xd0 => {
+                let s = &self.streams[first + (offset - 0x10) / 0x18];
+                match (offset - 0x10) % 0x18 {
+                    0x00 => s.control,
+                    0x04 => s.left,
+                    0x08 => s.peripheral,
+                    0x0c => s.memory[0],
+                    0x10 => s.memory[1],
+                    _ => s.fifo,
+                }
+            }
+            _ => return Err(unknown("DMA", offset)),
+        })
+    }
+
+    pub fn write(
+        &mut self,
+        bus: &mut Bus<'_>,
+        controller: usize,
+        offset: usize,
+        value: u32,
+    ) -> Result<(), Refusal> {
+        let first = controller * 8;
+        match offset {
+            8 | 0xc => {
+                for i in 0..4 {
+                    self.streams[first + offset - 8 + i].flags &= !(value >> [0, 6, 16, 22][i] & 0x3d);
+                }
+            }
+            0x10..0xd0 => {
+                let stream = first + (offset - 0x10) / 0x18;
+                let register = (offset - 0x10) % 0x18;
+                self.write_stream(stream, register, value)?;
+            }
+            _ => return Err(unknown("DMA", offset)),
+        }
+        self.lines(bus);
+        Ok(())
+    }
+
+    fn write_stream(&mut self, stream: usize, register: usize, value: u32) -> Result<(), Refusal> {
+        let s = &mut self.streams[stream];
+        let on = s.on();
+        if on && matches!(register, 4 | 8) || on && register == 0xc && s.control & 1 << 18 == 0 {
+            return Refusal::stop(format!(
+                "register {register:#x} of DMA stream {stream} is written while it is on"
+            ));
+        }
+        match register {
+            0 => {
+                let starts = value & 1 != 0 && !on;
+                if on && value & 1 != 0 && (value ^ s.control) & !0x1f != 0 {
+                    return Refusal::stop(format!("DMA stream {stream} is configured while it is on"));
+                }
+                if starts && s.flags & (COMPLETE | HALF | 8) != 0 {
+                    return Refusal::stop(format!(
+                        "DMA stream {stream} is enabled with flags left from before"
+                    ));
+                }
+                if on && value & 1 == 0 {
+                    // Disabled by software: what was on its way is complete.
+                    s.flags |= COMPLETE;
+                }
+                s.control = value;
+                if starts {
+                    if value >> 6 & 3 == 2 || value & 0x20 != 0 {
+                        return Refusal::stop(
+                            "DMA from memory to memory, or flow by the peripheral, is not modelled",
+                        );
+                    }
+                    if value >> 11 & 3 != value >> 13 & 3 && s.fifo & 4 == 0 {
+                        return Refusal::stop(format!("DMA stream {stream} changes widths without its FIFO"));
+                    }
+                    s.moved = 0;
+                    s.items = s.left;
+                    if s.items == 0 {
+                        s.control &= !1;
+                    }
+                }
+            }
+            0x04 => s.left = value & 0xffff,
+            0x08 => s.peripheral = value,
+            0x0c => s.memory[0] = value,
+            0x10 => s.memory[1] = value,
+            _ => s.fifo = value,
+        }
+        Ok(())
+    }
+
+    pub fn read_mux(&self, offset: usize) -> Result<u32, Refusal> {
+        match offset {
+            0..0x40 => Ok(self.mux[offset / 4]),
+            0x80 | 0x140 | 0x100..0x120 => Ok(0),
+            _ => Err(unknown("DMAMUX1", offset)),
+        }
+    }
+
+    pub fn write_mux(&mut self, offset: usize, value: u32) -> Result<(), Refusal> {
+        match offset {
+            0..0x40 if value & 0x0101_0000 != 0 => {
+                Refusal::stop("DMAMUX synchronisation and events are not modelled")
+            }
+            0..0x40 => {
+                self.mux[offset / 4] = value;
+                Ok(())
+            }
+            0x84 | 0x144 => Ok(()),
+            _ => Err(unknown("DMAMUX1", offset)),
+        }
+    }
+}
+
+/// DMA1 and DMA2 do not reach tightly coupled memory, and what the core caches they would not see.
+fn check_reach(bus: &Bus<'_>, address: u32, stream: usize) -> Result<(), Refusal> {
+    use crate::memory::Kind;
+    match bus.memory.extent(address) {
+        None => Refusal::stop(format!("DMA stream {stream} has no memory at {address:#010x}")),
+        Some((_, _, Kind::TightlyCoupled)) => Refusal::stop(format!(
+            "DMA stream {stream} does not reach tightly coupled memory at {address:#010x}"
+        )),
+        Some((_, _, Kind::Flash)) => Ok(()),
+        _ if bus.memory.may_be_cached(address) => {
+            Refusal::stop(format!("DMA stream {stream} uses {address:#010x}, which the data cache may hold"))
+        }
+        _ => Ok(()),
+    }
+}
