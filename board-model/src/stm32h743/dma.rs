@@ -45,7 +45,7 @@ impl Stream {
     fn on(&self) -> bool {
         self.control & 1 != 0
     }
-    fn to_peripheral(&self) -> bool {
+    fn sends(&self) -> bool {
         self.control >> 6 & 3 == 1
     }
     fn width(field: u32) -> Width {
@@ -104,7 +104,7 @@ impl Dma {
             ));
         }
         check_reach(bus, memory, stream)?;
-        Ok(Item { peripheral: s.peripheral, memory, width, to_peripheral: s.to_peripheral() })
+        Ok(Item { peripheral: s.peripheral, memory, width, to_peripheral: s.sends() })
     }
 
     /// One item of a stream has been moved.
