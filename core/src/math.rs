@@ -25,6 +25,53 @@ pub mod f64 {
     };
 }
 
+/// Functions for tables computed when the program is compiled, so that they lie in flash and not in memory. Within
+/// 2·10⁻¹⁶ of the exact value, whatever compiles them: tables of `f32` made from them are those the functions above give.
+pub mod constant {
+    use core::f64::consts::{LN_2, PI, SQRT_2};
+
+    /// cos(2π `n`/`of`), by Taylor's series after reduction to a quarter turn.
+    pub const fn cos_of_turn(n: usize, of: usize) -> f64 {
+        let n = n % of;
+        let half_turns = if 2 * n > of { 2 * (of - n) } else { 2 * n };
+        let (half_turns, sign) =
+            if 2 * half_turns > of { (of - half_turns, -1.0) } else { (half_turns, 1.0) };
+        let x = PI * half_turns as f64 / of as f64;
+        let (mut term, mut sum, mut k) = (1.0, 1.0, 1.0);
+        while k < 24.0 {
+            term *= -x * x / (k * (k + 1.0));
+            sum += term;
+            k += 2.0;
+        }
+        sign * sum
+    }
+
+    /// Natural logarithm of a positive number that is not subnormal: k ln 2 + 2 artanh((m − 1)/(m + 1)) with m between
+    /// √½ and √2.
+    pub const fn ln(x: f64) -> f64 {
+        let bits = x.to_bits();
+        let (mut k, mut m) =
+            ((bits >> 52) as i64 - 1023, f64::from_bits((bits & ((1 << 52) - 1)) | (1023 << 52)));
+        if m > SQRT_2 {
+            (k, m) = (k + 1, 0.5 * m);
+        }
+        let s = (m - 1.0) / (m + 1.0);
+        let (mut power, mut sum, mut n) = (s, s, 3.0);
+        while n < 24.0 {
+            power *= s * s;
+            sum += power / n;
+            n += 2.0;
+        }
+        k as f64 * LN_2 + 2.0 * sum
+    }
+}
+
+/// ln(eᵃ + eᵇ).
+pub fn log_sum(a: core::primitive::f32, b: core::primitive::f32) -> core::primitive::f32 {
+    let (hi, lo) = if a > b { (a, b) } else { (b, a) };
+    if hi - lo < 20.0 { hi + f32::ln_1p(f32::exp(lo - hi)) } else { hi }
+}
+
 /// eˣ for x from −87 to 0, without a branch and without a call, for loops over many thousands of cells:
 /// 2ᵏ times Taylor's series of the rest to the sixth power, within 3·10⁻⁷ of the value.
 #[inline]
@@ -47,6 +94,21 @@ pub fn db(ratio: core::primitive::f32) -> core::primitive::f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn functions_of_the_compiler_are_the_exact_ones() {
+        for of in [7, 16, 1024] {
+            for n in 0..3 * of {
+                let want = f64::cos(f64::TAU * (n % of) as core::primitive::f64 / of as core::primitive::f64);
+                assert!((constant::cos_of_turn(n, of) - want).abs() < 5e-16, "{n}/{of}");
+            }
+        }
+        for k in 0..20_000 {
+            let x = f64::exp(-12.0 + 0.0013 * core::primitive::f64::from(k));
+            let want = f64::ln(x);
+            assert!((constant::ln(x) - want).abs() < 3e-16 * (1.0 + want.abs()), "{x}");
+        }
+    }
 
     #[test]
     fn the_exponential_of_negatives_is_the_exact_one() {

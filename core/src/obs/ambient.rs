@@ -5,8 +5,8 @@
 //! that believes noise uniform takes them for vessels. Sectors of 22.5 degrees, read linearly between centres; half of
 //! the density stays uniform, so a passing vessel can never be learned away. Memory 1024 frames (3 h).
 
-use super::azigram::{NO_DIRECTION, Row};
 use super::limits::{AZIMUTH_BINS, CIRCLE};
+use super::row::Row;
 use crate::math;
 
 /// Sectors of the circle.
@@ -49,11 +49,9 @@ impl Ambient {
 
     /// Learns one frame.
     pub fn learn(&mut self, row: &Row) {
-        for (excess, code) in self.excess.iter_mut().zip(&row.azimuth) {
-            if *code == NO_DIRECTION {
-                continue;
-            }
-            let hit = usize::from(*code) / WIDTH;
+        for (excess, direction) in self.excess.iter_mut().zip(row.directions()) {
+            let Some((azimuth, _)) = direction else { continue };
+            let hit = usize::from(azimuth) / WIDTH;
             for (k, x) in excess.iter_mut().enumerate() {
                 let target = if k == hit { ONE - UNIFORM } else { -UNIFORM };
                 // Rounded to the nearest: an unvisited sector keeps a quarter of its uniform share.
@@ -93,7 +91,8 @@ mod tests {
         assert!(a.log_ratio(0, &[5, 900]).abs() < 1e-3);
         let mut row = Row::EMPTY;
         for k in 0..5000u32 {
-            row.azimuth[3] = if k % 2 == 0 { 100 } else { (k * 37 % 1024) as u16 };
+            let azimuth = if k % 2 == 0 { 100 } else { (k * 37 % 1024) as u16 };
+            row.fill((0..4).map(|bin| (bin == 3).then_some((azimuth, 0))));
             a.learn(&row);
         }
         let towards = a.log_ratio(3, &[100]);

@@ -6,76 +6,52 @@
 //! Assumes: equal gain and phase of north and east. Cost: three transforms (150 k instructions) and 266 × 210.
 
 use super::background::{Background, straightened};
-use super::limits::{AZIMUTH_BINS, CIRCLE, FRAME, HOP, USED_CHANNELS};
-use super::plan::Plan;
+use super::limits::{CIRCLE, FRAME, HOP, USED_CHANNELS};
+use super::row::{PHASES, Row};
+use super::shared::Spectra;
 use crate::math;
+use crate::math::constant::cos_of_turn;
 use microfft::Complex32;
 
-/// Code of "no direction" in an azigram row.
-pub const NO_DIRECTION: u16 = u16::MAX;
-
-/// Steps of a stored phase over [−π/2, π/2).
-pub const PHASES: usize = 16;
-
-/// One frame's directions.
-#[derive(Clone, Debug)]
-pub struct Row {
-    /// Azimuth in steps of 2π/[`CIRCLE`], or [`NO_DIRECTION`].
-    pub azimuth: [u16; AZIMUTH_BINS],
-    /// Phase between pressure and velocity in steps of π/[`PHASES`] from −π/2.
-    pub phase: [u8; AZIMUTH_BINS],
-    /// Greatest burst of pressure over its mean, in eighths (see `impulsive`).
-    pub uneven: u8,
+/// The tone band, and how directions in it are turned.
+#[derive(Clone, Copy, Debug)]
+pub struct Band {
+    /// Its first bin.
+    pub first_bin: usize,
+    /// Number of its bins.
+    pub bins: usize,
+    /// True azimuth of the north component, plus half a turn where intensity points away from the source, radians.
+    pub turn: f32,
+    /// Whether directions are the intensity's own [O], not straightened.
+    pub paper: bool,
 }
 
-impl Row {
-    /// A row without directions.
-    pub const EMPTY: Self =
-        Self { azimuth: [NO_DIRECTION; AZIMUTH_BINS], phase: [0; AZIMUTH_BINS], uneven: 0 };
-
-    /// A row that is all zeros, for memory not yet used.
-    pub const ZERO: Self = Self { azimuth: [0; AZIMUTH_BINS], phase: [0; AZIMUTH_BINS], uneven: 0 };
+impl Band {
+    /// No bins.
+    pub const EMPTY: Self = Self { first_bin: 0, bins: 0, turn: 0.0, paper: false };
 }
 
-/// Work space of the transforms.
-#[derive(Clone, Debug)]
-pub struct Spectra {
-    pub(super) buffer: [f32; FRAME],
-    pressure: [Complex32; HOP],
-    /// Velocity north, then intensity (east, north) in its place.
-    north: [Complex32; AZIMUTH_BINS],
-    /// ln|P| of bins 0 to 512.
-    pub(super) log_pressure: [f32; HOP + 1],
-}
+/// Periodic Hann divided by its sum.
+static WINDOW: [f32; FRAME] = hann();
 
-impl Default for Spectra {
-    fn default() -> Self {
-        Self::new()
+const fn hann() -> [f32; FRAME] {
+    let mut out = [0.0; FRAME];
+    let mut n = 0;
+    while n < FRAME {
+        out[n] = ((0.5 - 0.5 * cos_of_turn(n, FRAME)) / (FRAME as f64 / 2.0)) as f32;
+        n += 1;
     }
-}
-
-impl Spectra {
-    /// All zeros.
-    pub const fn new() -> Self {
-        let zero = Complex32 { re: 0.0, im: 0.0 };
-        Self {
-            buffer: [0.0; FRAME],
-            pressure: [zero; HOP],
-            north: [zero; AZIMUTH_BINS],
-            log_pressure: [0.0; HOP + 1],
-        }
-    }
+    out
 }
 
 /// Windowed spectrum of two successive hops of a channel, in `buffer`.
 fn transform<'a>(
-    plan: &Plan,
     buffer: &'a mut [f32; FRAME],
     old: &[f32; HOP],
     new: &[f32; HOP],
 ) -> &'a mut [Complex32; HOP] {
     let samples = old.iter().chain(new);
-    buffer.iter_mut().zip(samples).zip(&plan.window).for_each(|((b, x), w)| *b = x * w);
+    buffer.iter_mut().zip(samples).zip(&WINDOW).for_each(|((b, x), w)| *b = x * w);
     microfft::real::rfft_1024(buffer)
 }
 
@@ -95,7 +71,7 @@ pub enum Sources {
 
 /// Transforms one frame.
 pub fn analyse(
-    plan: &Plan,
+    band: &Band,
     scratch: &mut Spectra,
     old: &[[f32; HOP]; USED_CHANNELS],
     new: &[[f32; HOP]; USED_CHANNELS],
@@ -103,49 +79,51 @@ pub fn analyse(
     row: &mut Row,
 ) {
     let ([p0, n0, e0], [p1, n1, e1]) = (old, new);
-    let pressure = transform(plan, &mut scratch.buffer, p0, p1);
+    let pressure = transform(&mut scratch.buffer, p0, p1);
     // The transform packs the real Nyquist bin into the imaginary part of the (real) zero bin.
     let (zero, nyquist) = pressure.first().map_or((0.0, 0.0), |z| (z.re, z.im));
-    scratch.pressure = *pressure;
     let log = |power: f32| 0.5 * ln(power.max(EMPTY_POWER));
-    for (l, z) in scratch.log_pressure.iter_mut().zip(&scratch.pressure) {
+    for ((kept, l), z) in scratch.pressure.iter_mut().zip(&mut scratch.log_pressure).zip(pressure) {
+        *kept = [z.re, z.im];
         *l = log(z.re * z.re + z.im * z.im);
     }
     let [first, .., last] = &mut scratch.log_pressure;
     *first = log(zero * zero);
     *last = log(nyquist * nyquist);
-    *row = Row::EMPTY;
+    row.clear();
     if sources == Sources::None {
         return;
     }
-    let north = transform(plan, &mut scratch.buffer, n0, n1);
-    scratch.north.iter_mut().zip(north.iter().skip(plan.first_bin)).for_each(|(a, b)| *a = *b);
-    let east = transform(plan, &mut scratch.buffer, e0, e1);
-    // One turn more, so that what is cut to a whole code is never negative.
-    let turn = 1.0 + plan.turn * (1.0 / math::f32::TAU);
-    let band = scratch.pressure.iter().zip(east.iter()).skip(plan.first_bin).zip(&mut scratch.north);
-    for (((p, e), n), phase) in band.zip(&mut row.phase).take(plan.bins) {
-        let re = |v: &Complex32| p.re * v.re + p.im * v.im;
-        let im = |v: &Complex32| p.re * v.im - p.im * v.re;
-        let (ie, inn) = (re(e), re(n));
+    let north = transform(&mut scratch.buffer, n0, n1);
+    let skipped = north.iter().skip(band.first_bin);
+    scratch.intensity.iter_mut().zip(skipped).for_each(|(a, b)| *a = [b.re, b.im]);
+    let east = transform(&mut scratch.buffer, e0, e1);
+    let components = scratch.pressure.iter().zip(east.iter()).skip(band.first_bin);
+    let bins = components.zip(&mut scratch.intensity).zip(&mut scratch.phase).take(band.bins);
+    for ((([pre, pim], e), north), phase) in bins {
+        let re = |vre: f32, vim: f32| pre * vre + pim * vim;
+        let im = |vre: f32, vim: f32| pre * vim - pim * vre;
+        let [nre, nim] = *north;
+        let (ie, inn) = (re(e.re, e.im), re(nre, nim));
         let square = ie * ie + inn * inn;
         let present = square > EMPTY_POWER * EMPTY_POWER * EMPTY_POWER * EMPTY_POWER && square.is_finite();
         // Reactive over active intensity, both times the length of the active one.
-        let reactive = im(e) * ie + im(n) * inn;
-        let step = ((2.0 * turns(reactive, square) + 0.5) * PHASES as f32) as u8;
-        *phase = if present { step.min(PHASES as u8 - 1) } else { 0 };
-        *n = if present { Complex32::new(ie, inn) } else { Complex32::new(0.0, 0.0) };
+        let reactive = im(e.re, e.im) * ie + im(nre, nim) * inn;
+        let step = ((2.0 * turns(reactive, square) + 0.5) * PHASES as f32) as u32;
+        *phase = if present { step.min(PHASES as u32 - 1) } else { 0 };
+        *north = if present { [ie, inn] } else { [0.0, 0.0] };
     }
-    let intensity = scratch.north.get(..plan.bins).unwrap_or_default();
-    for ((own, around), azimuth) in intensity.iter().zip(Background::new(intensity)).zip(&mut row.azimuth) {
-        let straight = if plan.paper { None } else { straightened(own, &around) };
-        let counts = straight.is_some() || sources == Sources::One && (own.re != 0.0 || own.im != 0.0);
-        let vector = straight.unwrap_or(*own);
-        let code = ((turns(vector.re, vector.im) + turn) * CIRCLE as f32 + 0.5) as u16 % CIRCLE as u16;
-        if counts {
-            *azimuth = code;
-        }
-    }
+    // One turn more, so that what is cut to a whole code is never negative.
+    let turn = 1.0 + band.turn * (1.0 / math::f32::TAU);
+    let intensity = scratch.intensity.get(..band.bins).unwrap_or_default();
+    let all = intensity.iter().zip(Background::new(intensity)).zip(&scratch.phase);
+    row.fill(all.map(|((own, around), phase)| {
+        let straight = if band.paper { None } else { straightened(own, &around) };
+        let counts = straight.is_some() || sources == Sources::One && *own != [0.0, 0.0];
+        let [x, y] = straight.unwrap_or(*own);
+        let code = ((turns(x, y) + turn) * CIRCLE as f32 + 0.5) as u16 % CIRCLE as u16;
+        counts.then_some((code, *phase as u8))
+    }));
 }
 
 /// Natural logarithm of a positive number that is not subnormal, without a branch: ln m + k ln 2 with m between √½ and √2 and
@@ -183,6 +161,14 @@ mod tests {
             let x = math::f32::exp(-13.0 + 0.003 * k as f32);
             let (have, want) = (f64::from(ln(x)), math::f64::ln(f64::from(x)));
             assert!((have - want).abs() < 2e-7 + 1.2e-7 * want.abs(), "{x} {have} {want}");
+        }
+    }
+
+    #[test]
+    fn the_window_is_a_hann_window() {
+        for (n, w) in WINDOW.iter().enumerate() {
+            let turn = math::f64::TAU * n as f64 / FRAME as f64;
+            assert_eq!(*w, ((0.5 - 0.5 * math::f64::cos(turn)) / (FRAME as f64 / 2.0)) as f32, "{n}");
         }
     }
 

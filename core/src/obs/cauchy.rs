@@ -4,10 +4,10 @@
 //! a vessel that need no other knowledge: an axis pointed along either way at random, an unsteady phase. Everything is a
 //! table look-up a frame. Cost: 17 × 64 additions a profile.
 
-use super::azigram::{NO_DIRECTION, PHASES, Row};
-use super::impulsive::UNEVEN;
-use super::limits::{AZIMUTHS, CIRCLE, WINDOW_FRAMES};
+use super::limits::{AZIMUTHS, CIRCLE, SPAN, WINDOW_FRAMES};
+use super::row::{PHASES, Row};
 use crate::math;
+use crate::math::constant::{cos_of_turn, ln};
 
 /// Codes of one azimuth step.
 const SUB: usize = CIRCLE / AZIMUTHS;
@@ -24,23 +24,87 @@ const NEIGHBOURS: core::ops::RangeInclusive<usize> = 4..=12;
 /// Codes of one step of the table of neighbours.
 const NEAR_STEP: usize = 8;
 
-/// Azimuths of a profile, a quarter of the circle about where most frames point: the peak and all that counts beside it.
-pub const SPAN: usize = AZIMUTHS / 4;
-
 /// Log evidence of one bin at [`SPAN`] successive azimuths.
 pub type Profile = [f32; SPAN];
 
-/// Tables of the law.
-#[derive(Clone, Debug)]
+/// ln w of the difference 4 (k − 256) − s codes, at `[s][k]`: successive azimuths lie side by side.
+type LogRatio = [[f32; 2 * AZIMUTHS]; SUB];
+
+/// By the mixture.
+static MIXTURE: LogRatio = log_ratio(false);
+
+/// By the paper's single R = 0.99.
+static PAPER: LogRatio = log_ratio(true);
+
+/// ln of the ratio of phase against uniform, by distance in phase steps, twice round.
+static LOG_PHASE: [f32; 2 * PHASES] = log_phase();
+
+/// Density ratio by the angle between two neighbours, in [`NEAR_STEP`] codes.
+static NEAR: [f32; CIRCLE / 2 / NEAR_STEP + 1] = near();
+
+/// Density ratio of the wrapped Cauchy law to uniform, `n`/`of` turns from its centre.
+const fn ratio(r: f64, n: usize, of: usize) -> f64 {
+    (1.0 - r * r) / (1.0 - 2.0 * r * cos_of_turn(n, of) + r * r)
+}
+
+const fn log_ratio(paper: bool) -> LogRatio {
+    // The law is even: half the circle has all its values.
+    let mut half = [0f32; CIRCLE / 2 + 1];
+    let mut n = 0;
+    while n <= CIRCLE / 2 {
+        let [a, b, c] = RESULTANTS;
+        let sum = ratio(a, n, CIRCLE) + ratio(b, n, CIRCLE) + ratio(c, n, CIRCLE);
+        let w = if paper { ratio(a, n, CIRCLE) } else { SPOILT + (1.0 - SPOILT) * (sum / 3.0) };
+        half[n] = ln(w) as f32;
+        n += 1;
+    }
+    let mut out = [[0f32; 2 * AZIMUTHS]; SUB];
+    let mut s = 0;
+    while s < SUB {
+        let mut k = 0;
+        while k < 2 * AZIMUTHS {
+            let n = (SUB * k + CIRCLE - s) % CIRCLE;
+            out[s][k] = half[if n > CIRCLE / 2 { CIRCLE - n } else { n }];
+            k += 1;
+        }
+        s += 1;
+    }
+    out
+}
+
+const fn log_phase() -> [f32; 2 * PHASES] {
+    // Phase lives on half a circle, so its law is the wrapped Cauchy of twice the angle; R = 0.6 is loose.
+    let mut law = [0f64; PHASES];
+    let (mut sum, mut k) = (0.0, 0);
+    while k < PHASES {
+        law[k] = 0.1 + 0.9 * ratio(0.6, k, PHASES);
+        sum += law[k];
+        k += 1;
+    }
+    let mut out = [0f32; 2 * PHASES];
+    let mut k = 0;
+    while k < 2 * PHASES {
+        out[k] = ln(law[k % PHASES] / (sum / PHASES as f64)) as f32;
+        k += 1;
+    }
+    out
+}
+
+const fn near() -> [f32; CIRCLE / 2 / NEAR_STEP + 1] {
+    let mut out = [0f32; CIRCLE / 2 / NEAR_STEP + 1];
+    let mut k = 0;
+    while k < out.len() {
+        out[k] = ratio(NEIGHBOURS_RESULTANT, k * NEAR_STEP, CIRCLE) as f32;
+        k += 1;
+    }
+    out
+}
+
+/// The law of directions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WrappedCauchy {
-    /// ln w of the difference 4 (k − 256) − s codes, at `[s][k]`.
-    log_ratio: [[f32; 2 * AZIMUTHS]; SUB],
-    /// ln of the ratio of phase against uniform, by distance in phase steps, twice round.
-    log_phase: [f32; 2 * PHASES],
-    /// Density ratio by the angle between two neighbours, in [`NEAR_STEP`] codes.
-    near: [f32; CIRCLE / 2 / NEAR_STEP + 1],
-    /// Whether the choices are the paper's.
-    pub(super) paper: bool,
+    /// Whether the choices are the paper's: R = 0.99 alone.
+    pub paper: bool,
 }
 
 /// What the frames of a window hold in one bin.
@@ -55,12 +119,9 @@ impl Codes {
     pub fn of(rows: &[&Row], f: usize) -> Self {
         let mut out = Self { azimuth: [0; WINDOW_FRAMES], phase: [0; WINDOW_FRAMES], held: 0 };
         for row in rows {
-            let (Some(code), Some(phase)) = (row.azimuth.get(f), row.phase.get(f)) else { continue };
-            if *code == NO_DIRECTION {
-                continue;
-            }
+            let Some((azimuth, phase)) = row.direction(f) else { continue };
             if let (Some(a), Some(p)) = (out.azimuth.get_mut(out.held), out.phase.get_mut(out.held)) {
-                (*a, *p) = (*code, *phase);
+                (*a, *p) = (azimuth, phase);
                 out.held += 1;
             }
         }
@@ -95,11 +156,6 @@ impl Codes {
     }
 }
 
-/// Density ratio of the wrapped Cauchy law to uniform at `angle` from its centre.
-fn ratio(r: f64, angle: f64) -> f64 {
-    (1.0 - r * r) / (1.0 - 2.0 * r * math::f64::cos(angle) + r * r)
-}
-
 /// The first azimuth of a profile about `middle`.
 fn first_of(middle: usize) -> usize {
     (middle + AZIMUTHS - SPAN / 2) % AZIMUTHS
@@ -111,47 +167,14 @@ pub fn step_of(middle: usize, k: usize) -> usize {
 }
 
 impl WrappedCauchy {
-    /// No table yet; all zeros.
-    pub const EMPTY: Self = Self {
-        log_ratio: [[0.0; 2 * AZIMUTHS]; SUB],
-        log_phase: [0.0; 2 * PHASES],
-        near: [0.0; CIRCLE / 2 / NEAR_STEP + 1],
-        paper: false,
-    };
-
-    /// Tables of the mixture, or of the paper's single R = 0.99.
-    pub fn fill(&mut self, paper: bool) {
-        for (s, table) in self.log_ratio.iter_mut().enumerate() {
-            for (k, l) in table.iter_mut().enumerate() {
-                let codes = SUB as f64 * (k as f64 - AZIMUTHS as f64) - s as f64;
-                let angle = math::f64::TAU * codes / CIRCLE as f64;
-                let w = if paper {
-                    ratio(RESULTANTS[0], angle)
-                } else {
-                    let mean =
-                        RESULTANTS.iter().map(|r| ratio(*r, angle)).sum::<f64>() / RESULTANTS.len() as f64;
-                    SPOILT + (1.0 - SPOILT) * mean
-                };
-                *l = math::f64::ln(w) as f32;
-            }
-        }
-        // Phase lives on half a circle, so its law is the wrapped Cauchy of twice the angle; R = 0.6 is loose.
-        let phase = |k: usize| 0.1 + 0.9 * ratio(0.6, math::f64::TAU * k as f64 / PHASES as f64);
-        let mean = (0..PHASES).map(phase).sum::<f64>() / PHASES as f64;
-        for (k, l) in self.log_phase.iter_mut().enumerate() {
-            *l = math::f64::ln(phase(k) / mean) as f32;
-        }
-        for (k, w) in self.near.iter_mut().enumerate() {
-            let angle = math::f64::TAU * (k * NEAR_STEP) as f64 / CIRCLE as f64;
-            *w = ratio(NEIGHBOURS_RESULTANT, angle) as f32;
-        }
-        self.paper = paper;
+    fn table(&self) -> &'static LogRatio {
+        if self.paper { &PAPER } else { &MIXTURE }
     }
 
     /// ln w of an observed code against azimuth step `a`.
     fn at(&self, code: u16, a: usize) -> f32 {
         let (s, q) = (usize::from(code) % SUB, usize::from(code) / SUB);
-        self.log_ratio.get(s).and_then(|t| t.get(AZIMUTHS + a - q.min(AZIMUTHS))).copied().unwrap_or(0.0)
+        self.table().get(s).and_then(|t| t.get(AZIMUTHS + a - q.min(AZIMUTHS))).copied().unwrap_or(0.0)
     }
 
     /// Adds a bin's evidence for the azimuths about `middle` (a step).
@@ -159,7 +182,7 @@ impl WrappedCauchy {
         for code in codes.azimuths() {
             let (s, q) = (usize::from(*code) % SUB, usize::from(*code) / SUB);
             let from = AZIMUTHS - (q + AZIMUTHS - first_of(middle)) % AZIMUTHS;
-            if let Some(table) = self.log_ratio.get(s).and_then(|t| t.get(from..from + SPAN)) {
+            if let Some(table) = self.table().get(s).and_then(|t| t.get(from..from + SPAN)) {
                 profile.iter_mut().zip(table).for_each(|(p, t)| *p += t);
             }
         }
@@ -181,16 +204,16 @@ impl WrappedCauchy {
     /// pressure is uneven in time, the density that the bin's neighbours draw.
     pub fn log_short(&self, rows: &[&Row], f: usize, bins: usize) -> f32 {
         let mut product = 1f32;
-        for row in rows.iter().filter(|r| r.uneven >= UNEVEN) {
-            let code = |f: usize| row.azimuth.get(f).filter(|c| f < bins && **c != NO_DIRECTION);
+        for row in rows.iter().filter(|r| r.may_hold_a_call()) {
+            let code = |f: usize| row.azimuth(f).filter(|_| f < bins);
             let Some(own) = code(f) else { continue };
             // One more neighbour that may point anywhere.
             let (mut sum, mut n) = (1f32, 1f32);
             for d in NEIGHBOURS {
                 for other in [f.checked_sub(d), Some(f + d)].into_iter().flatten().filter_map(code) {
-                    let apart = usize::from(own.abs_diff(*other));
+                    let apart = usize::from(own.abs_diff(other));
                     let apart = apart.min(CIRCLE.saturating_sub(apart)) / NEAR_STEP;
-                    sum += self.near.get(apart).copied().unwrap_or(0.0);
+                    sum += NEAR.get(apart).copied().unwrap_or(0.0);
                     n += 1.0;
                 }
             }
@@ -209,7 +232,7 @@ impl WrappedCauchy {
         }
         let mut sums = [0f32; PHASES];
         for (centre, sum) in sums.iter_mut().enumerate() {
-            let law = self.log_phase.get(PHASES - centre..2 * PHASES - centre).unwrap_or_default();
+            let law = LOG_PHASE.get(PHASES - centre..2 * PHASES - centre).unwrap_or_default();
             *sum = count.iter().zip(law).map(|(n, l)| n * l).sum();
         }
         let top = sums.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
@@ -224,8 +247,31 @@ pub fn distance(a: usize, b: usize) -> usize {
     d.min(AZIMUTHS - d)
 }
 
-/// ln(eᵃ + eᵇ).
-pub fn log_sum(a: f32, b: f32) -> f32 {
-    let (hi, lo) = if a > b { (a, b) } else { (b, a) };
-    if hi - lo < 20.0 { hi + math::f32::ln_1p(math::f32::exp(lo - hi)) } else { hi }
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use math::f64::{TAU, cos, ln};
+
+    fn ratio(r: f64, angle: f64) -> f64 {
+        (1.0 - r * r) / (1.0 - 2.0 * r * cos(angle) + r * r)
+    }
+
+    #[test]
+    fn tables_are_the_formulas() {
+        for (s, k) in (0..SUB).flat_map(|s| (0..2 * AZIMUTHS).map(move |k| (s, k))) {
+            let codes = SUB as f64 * (k as f64 - AZIMUTHS as f64) - s as f64;
+            let angle = TAU * codes.rem_euclid(CIRCLE as f64) / CIRCLE as f64;
+            let mean = RESULTANTS.iter().map(|r| ratio(*r, angle)).sum::<f64>() / 3.0;
+            assert_eq!(MIXTURE[s][k], ln(SPOILT + (1.0 - SPOILT) * mean) as f32, "{s} {k}");
+            assert_eq!(PAPER[s][k], ln(ratio(0.99, angle)) as f32, "{s} {k}");
+        }
+        let phase = |k: usize| 0.1 + 0.9 * ratio(0.6, TAU * k as f64 / PHASES as f64);
+        let mean = (0..PHASES).map(phase).sum::<f64>() / PHASES as f64;
+        for (k, l) in LOG_PHASE.iter().enumerate() {
+            assert_eq!(*l, ln(phase(k) / mean) as f32, "{k}");
+        }
+        for (k, w) in NEAR.iter().enumerate() {
+            assert_eq!(*w, ratio(0.9, TAU * (k * NEAR_STEP) as f64 / CIRCLE as f64) as f32, "{k}");
+        }
+    }
 }

@@ -4,7 +4,7 @@
 //! Blackman-windowed sinc of `TAPS_PER_PHASE` × factor + 1 taps (cut-off 0.46 of the new rate, 74 dB beyond 0.54).
 //! The filter is symmetric: an output stands for the middle of its taps. Cost: taps × 3 multiplications an output.
 
-use super::limits::{MAX_DECIMATION, USED_CHANNELS};
+use super::limits::{MAX_DECIMATION, MAX_INNER_RATE_HZ, USED_CHANNELS};
 use crate::math;
 
 /// Taps for each sample at the low rate; sets the width of the transition band.
@@ -12,6 +12,16 @@ const TAPS_PER_PHASE: usize = 32;
 
 /// Longest filter.
 const TAPS: usize = TAPS_PER_PHASE * MAX_DECIMATION + 1;
+
+/// By how much a recording at `rate_hz` is decimated.
+pub fn factor_of(rate_hz: f64) -> usize {
+    math::f64::ceil(rate_hz / MAX_INNER_RATE_HZ).max(1.0) as usize
+}
+
+/// Rate after decimation of a recording at `rate_hz`, Hz: what its propagation table is made for.
+pub fn inner_rate_hz(rate_hz: f64) -> f64 {
+    rate_hz / factor_of(rate_hz) as f64
+}
 
 /// The filter.
 #[derive(Clone, Debug)]

@@ -7,10 +7,10 @@
 //! frequency but steady; only frames whose energy in 0.64 s bursts stands out of its mean may hold a call.
 //! Cost: 80 k instructions for each frame that may.
 
-use super::azigram::{NO_DIRECTION, Row};
-use super::cauchy::log_sum;
 use super::limits::{CIRCLE, HOP};
+use super::row::Row;
 use crate::math;
+use crate::math::constant::{cos_of_turn, ln};
 
 /// Azimuths searched.
 const AZIMUTHS: usize = 64;
@@ -36,15 +36,24 @@ const LOG_THRESHOLD: f32 = 9.21;
 /// Samples of a burst.
 pub const BURST: usize = 32;
 
-/// Greatest burst energy over the mean, in eighths, from which on a frame may hold a call: noise alone
-/// exceeds it in one half-frame of twelve, which costs work but no false call.
-pub const UNEVEN: u8 = 22;
+/// Half of ln w by difference of codes.
+static HALF_LOG_RATIO: [f32; CIRCLE] = half_log_ratio();
 
-/// Tables and filter.
+const fn half_log_ratio() -> [f32; CIRCLE] {
+    let mut out = [0f32; CIRCLE];
+    let mut d = 0;
+    while d < CIRCLE {
+        let r = RESULTANT;
+        let w = (1.0 - r * r) / (1.0 - 2.0 * r * cos_of_turn(d, CIRCLE) + r * r);
+        out[d] = (0.5 * ln(w)) as f32;
+        d += 1;
+    }
+    out
+}
+
+/// The band in which bursts are looked for.
 #[derive(Clone, Debug)]
 pub struct Calls {
-    /// Half of ln w by difference of codes.
-    half_log_ratio: [f32; CIRCLE],
     /// Second-order band-pass about the tone band: gain, and the two recursive coefficients.
     gain: f32,
     feedback: [f32; 2],
@@ -114,16 +123,11 @@ impl Unevenness {
 }
 
 impl Calls {
-    /// No table yet; all zeros.
-    pub const EMPTY: Self = Self { half_log_ratio: [0.0; CIRCLE], gain: 0.0, feedback: [0.0; 2] };
+    /// No filter yet; all zeros.
+    pub const EMPTY: Self = Self { gain: 0.0, feedback: [0.0; 2] };
 
-    /// Tables for transforms at `rate_hz`.
+    /// The filter for samples at `rate_hz`.
     pub fn fill(&mut self, rate_hz: f64) {
-        for (d, l) in self.half_log_ratio.iter_mut().enumerate() {
-            let cos = math::f64::cos(math::f64::TAU * d as f64 / CIRCLE as f64);
-            let w = (1.0 - RESULTANT * RESULTANT) / (1.0 - 2.0 * RESULTANT * cos + RESULTANT * RESULTANT);
-            *l = (0.5 * math::f64::ln(w)) as f32;
-        }
         // Band-pass of centre 16 Hz and width 13 Hz by the bilinear transform (constant 0 dB peak).
         let centre = math::f64::TAU * 16.2f64.min(0.4 * rate_hz) / rate_hz;
         let alpha = math::f64::sin(centre) / (2.0 * 1.25);
@@ -131,72 +135,76 @@ impl Calls {
         self.feedback = [-2.0 * math::f64::cos(centre) * norm, (1.0 - alpha) * norm].map(|x| x as f32);
         self.gain = (alpha * norm) as f32;
     }
+}
 
-    /// Searches the frames of a window.
-    pub fn search(&self, bins: usize, rows: &[&Row]) -> Option<Call> {
-        let mut total = [0f32; AZIMUTHS];
-        let mut frames = 0;
-        for row in rows.iter().filter(|r| r.uneven >= UNEVEN) {
-            frames += 1;
-            let (mut low, mut high) = ([0f32; AZIMUTHS], [0f32; AZIMUTHS]);
-            for (f, code) in row.azimuth.iter().enumerate().take(bins) {
-                if *code == NO_DIRECTION {
-                    continue;
-                }
-                let half = if 2 * f < bins { &mut low } else { &mut high };
-                let first = CIRCLE - usize::from(*code) % CIRCLE;
-                for (a, sum) in half.iter_mut().enumerate() {
-                    *sum += self.half_log_ratio.get((first + a * STEP) % CIRCLE).copied().unwrap_or(0.0);
-                }
-            }
-            for (t, (l, h)) in total.iter_mut().zip(low.iter().zip(&high)) {
-                // The mean over the three bands a call may fill is near its greatest term.
-                let evidence = (l.max(*h).max(l + h) - 1.1).min(MOST);
-                *t += log_sum(math::f32::ln(1.0 - DETECTION), math::f32::ln(DETECTION) + evidence);
+/// Searches the frames of a window.
+pub fn search(bins: usize, rows: &[&Row]) -> Option<Call> {
+    let mut total = [0f32; AZIMUTHS];
+    let mut frames = 0;
+    for row in rows.iter().filter(|r| r.may_hold_a_call()) {
+        frames += 1;
+        let (mut low, mut high) = ([0f32; AZIMUTHS], [0f32; AZIMUTHS]);
+        for (f, direction) in row.directions().enumerate().take(bins) {
+            let Some((code, _)) = direction else { continue };
+            let half = if 2 * f < bins { &mut low } else { &mut high };
+            let first = CIRCLE - usize::from(code);
+            for (a, sum) in half.iter_mut().enumerate() {
+                *sum += HALF_LOG_RATIO.get((first + a * STEP) % CIRCLE).copied().unwrap_or(0.0);
             }
         }
-        if frames == 0 {
-            return None;
+        for (t, (l, h)) in total.iter_mut().zip(low.iter().zip(&high)) {
+            // The mean over the three bands a call may fill is near its greatest term.
+            let evidence = (l.max(*h).max(l + h) - 1.1).min(MOST);
+            *t += math::log_sum(math::f32::ln(1.0 - DETECTION), math::f32::ln(DETECTION) + evidence);
         }
-        let (best, top) = total
-            .iter()
-            .enumerate()
-            .fold((0, f32::NEG_INFINITY), |b, (i, x)| if *x > b.1 { (i, *x) } else { b });
-        let sum: f32 = total.iter().map(|t| math::f32::exp(t - top)).sum();
-        let log_presence = top + math::f32::ln(sum / AZIMUTHS as f32);
-        if log_presence <= LOG_THRESHOLD {
-            return None;
-        }
-        // Mean and spread of the posterior about its top: a second caller elsewhere must not draw the mean between both.
-        let step = math::f32::TAU / AZIMUTHS as f32;
-        let (mut mean, mut square, mut share) = (0f32, 0f32, 0f32);
-        for (i, t) in total.iter().enumerate() {
-            let d = crate::angle::wrap_pi_f32((i as f32 - best as f32) * step);
-            if math::f32::abs(d) < ONE_CALLER {
-                let p = math::f32::exp(t - top);
-                share += p;
-                mean += p * d;
-                square += p * d * d;
-            }
-        }
-        let (mean, square) = (mean / share, square / share);
-        let variance = (square - mean * mean).max(0.0) + step * step / 12.0;
-        Some(Call {
-            azimuth: crate::angle::wrap_tau_f32(best as f32 * step + mean),
-            sd: math::f32::sqrt(variance),
-            log_presence,
-        })
     }
+    if frames == 0 {
+        return None;
+    }
+    let (best, top) =
+        total.iter().enumerate().fold((0, f32::NEG_INFINITY), |b, (i, x)| if *x > b.1 { (i, *x) } else { b });
+    let sum: f32 = total.iter().map(|t| math::f32::exp(t - top)).sum();
+    let log_presence = top + math::f32::ln(sum / AZIMUTHS as f32);
+    if log_presence <= LOG_THRESHOLD {
+        return None;
+    }
+    // Mean and spread of the posterior about its top: a second caller elsewhere must not draw the mean between both.
+    let step = math::f32::TAU / AZIMUTHS as f32;
+    let (mut mean, mut square, mut share) = (0f32, 0f32, 0f32);
+    for (i, t) in total.iter().enumerate() {
+        let d = crate::angle::wrap_pi_f32((i as f32 - best as f32) * step);
+        if math::f32::abs(d) < ONE_CALLER {
+            let p = math::f32::exp(t - top);
+            share += p;
+            mean += p * d;
+            square += p * d * d;
+        }
+    }
+    let (mean, square) = (mean / share, square / share);
+    let variance = (square - mean * mean).max(0.0) + step * step / 12.0;
+    Some(Call {
+        azimuth: crate::angle::wrap_tau_f32(best as f32 * step + mean),
+        sd: math::f32::sqrt(variance),
+        log_presence,
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::obs::row::UNEVEN;
+
+    #[test]
+    fn the_table_is_the_formula() {
+        for (d, l) in HALF_LOG_RATIO.iter().enumerate() {
+            let cos = math::f64::cos(math::f64::TAU * d as f64 / CIRCLE as f64);
+            let w = (1.0 - RESULTANT * RESULTANT) / (1.0 - 2.0 * RESULTANT * cos + RESULTANT * RESULTANT);
+            assert_eq!(*l, (0.5 * math::f64::ln(w)) as f32, "{d}");
+        }
+    }
 
     #[test]
     fn a_call_in_few_frames_is_found_and_a_steady_source_is_not() {
-        let mut calls = Calls::EMPTY;
-        calls.fill(50.0);
         let mut seed = 7u32;
         let mut random = || {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -205,20 +213,21 @@ mod tests {
         let mut rows: std::vec::Vec<Row> = (0..18)
             .map(|_| {
                 let mut row = Row::EMPTY;
-                row.azimuth.iter_mut().for_each(|a| *a = random());
+                row.fill((0..266).map(|_| Some((random(), 0))));
                 row.uneven = 40;
                 row
             })
             .collect();
-        assert_eq!(calls.search(266, &rows.iter().collect::<std::vec::Vec<_>>()), None);
+        assert_eq!(search(266, &rows.iter().collect::<std::vec::Vec<_>>()), None);
         for k in [3, 9, 15] {
-            rows[k].azimuth.iter_mut().skip(140).for_each(|a| *a = 300 + random() / 20);
+            let old: std::vec::Vec<_> = rows[k].directions().take(140).collect();
+            rows[k].fill(old.into_iter().chain((140..266).map(|_| Some((300 + random() / 20, 0)))));
         }
-        let call = calls.search(266, &rows.iter().collect::<std::vec::Vec<_>>()).unwrap();
+        let call = search(266, &rows.iter().collect::<std::vec::Vec<_>>()).unwrap();
         let degrees = call.azimuth.to_degrees();
         assert!((degrees - 114.5).abs() < 5.0, "{degrees}");
         rows.iter_mut().for_each(|r| r.uneven = 14);
-        assert_eq!(calls.search(266, &rows.iter().collect::<std::vec::Vec<_>>()), None);
+        assert_eq!(search(266, &rows.iter().collect::<std::vec::Vec<_>>()), None);
     }
 
     #[test]

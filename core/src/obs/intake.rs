@@ -182,7 +182,12 @@ impl Intake {
 
     /// Looks at where a block begins. Gives how many of its first samples to leave out, and whether time went back
     /// so far that everything learned about time is void.
-    pub fn arrive(&mut self, plan: &Plan, block: &Block<'_>, sink: &mut dyn FnMut(Message)) -> (usize, bool) {
+    pub fn arrive(
+        &mut self,
+        plan: &Plan<'_>,
+        block: &Block<'_>,
+        sink: &mut dyn FnMut(Message),
+    ) -> (usize, bool) {
         let first = block.first_index;
         let Some(expected) = self.next_index else {
             self.begin(first);
@@ -264,7 +269,7 @@ impl Intake {
     }
 
     /// Takes one instant.
-    pub fn take(&mut self, plan: &Plan, frame: &Frame, sink: &mut dyn FnMut(Message)) -> Event {
+    pub fn take(&mut self, plan: &Plan<'_>, frame: &Frame, sink: &mut dyn FnMut(Message)) -> Event {
         let index = self.next_index();
         self.next_index = Some(index + 1);
         let [pressure, ..] = *frame;
@@ -315,7 +320,7 @@ impl Intake {
     }
 
     /// Decides what is wrong with the hop just filled and reports changes.
-    fn judge(&mut self, plan: &Plan, index: u64, sink: &mut dyn FnMut(Message)) {
+    fn judge(&mut self, plan: &Plan<'_>, index: u64, sink: &mut dyn FnMut(Message)) {
         let watched = self.watch.iter_mut().zip(&mut self.condition).zip(&mut self.level_half_db);
         let reported = &mut self.reported;
         for (c, ((w, condition), level)) in watched.enumerate() {

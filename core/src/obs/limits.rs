@@ -30,8 +30,18 @@ pub const CIRCLE: usize = 1024;
 /// Azimuths searched (1.4 degrees; the estimate is refined between them).
 pub const AZIMUTHS: usize = 256;
 
+/// Azimuths of a profile, a quarter of the circle about where most frames point: the peak and all that counts beside it.
+pub const SPAN: usize = AZIMUTHS / 4;
+
 /// Quefrencies kept: the longest delay (5.77 s at RR03) and the pulse's flank, at 62.5 Hz.
 pub const QUEFRENCIES: usize = 384;
+
+/// Delays between two quefrencies at which the envelope is computed: the envelope then bends so little between
+/// them that a straight line errs by less than 0.5 %.
+pub const FINE: usize = 4;
+
+/// Delays of the envelope.
+pub const DELAYS: usize = FINE * QUEFRENCIES;
 
 /// Ranges of the interference model: 0 to 50 km in steps of [`RANGE_STEP_M`].
 pub const MODEL_RANGES: usize = 716;

@@ -4,7 +4,10 @@
 //! persists, [`Scratch`] is work space. Modules, in the order data flows:
 
 pub mod limits;
+pub mod row;
+pub mod shared;
 pub mod table;
+pub mod table_encode;
 
 pub mod decimate;
 pub mod plan;

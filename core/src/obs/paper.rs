@@ -9,10 +9,14 @@
 //! mode has no recursive posterior, and the frames a minute's scratch cannot hold lie in that one's place.
 
 use super::interference::Interference;
-use super::limits::{MINUTE_FRAMES, MODEL_RANGES, RANGE_CELLS, RANGE_MODES, RANGE_STEP_M, SPEEDS};
+use super::limits::{
+    MINUTE_FRAMES, MODEL_RANGES, QUEFRENCIES, RANGE_CELLS, RANGE_MODES, RANGE_STEP_M, SPEEDS,
+};
 use super::presence::{RangeMode, RangePresence, range_of};
-use super::radial::{Grid, ROW_UNIT, RadialScratch, cubic, speed_of};
+use super::radial::{GRID_UNIT, RadialScratch, add_shifted, coded, row_code, speed_of};
+use super::shared::Grid;
 use crate::math;
+use bytemuck::{must_cast_slice, must_cast_slice_mut};
 
 /// Branches of the paper: 13, 35, 57.
 const BRANCHES: usize = 3;
@@ -35,75 +39,69 @@ const FRAMES: usize = MINUTE_FRAMES + SPEEDS / 2;
 
 /// Range and radial speed from a window's frames `(offset_s, cepstrum)`, offsets from the window's middle.
 pub fn window<I, C>(
-    model: &Interference,
+    model: &Interference<'_>,
     radial: &mut RadialScratch,
     spare: &mut Spare,
-    work: &mut [[f32; RANGE_CELLS]; 3],
+    grid: &mut Grid,
     frames: I,
 ) -> RangePresence
 where
     I: Iterator<Item = (f32, C)> + Clone,
     C: Iterator<Item = f32>,
 {
-    radial.grid = [[0.0; RANGE_CELLS]; SPEEDS];
+    *grid = [[0; RANGE_CELLS]; SPEEDS];
     for branch in 0..BRANCHES.min(model.branches()) {
         radial.clear();
         for (offset_s, cepstrum) in frames.clone().take(FRAMES) {
-            model.envelope(cepstrum, &mut radial.envelope);
-            model.branch_log_ratio(branch, &radial.envelope, &mut radial.sum);
+            let mut y = [0f32; QUEFRENCIES];
+            y.iter_mut().zip(cepstrum).for_each(|(y, c)| *y = c);
+            model.branch_log_ratio(branch, &y, &mut radial.sum);
             store(radial, spare, offset_s);
         }
-        for k in 0..SPEEDS {
-            along(radial, spare, work.as_flattened_mut(), speed_of(k));
-            smoothed_into(&mut radial.sum, radial.grid.get_mut(k));
+        for (k, cells) in grid.iter_mut().enumerate() {
+            along(radial, spare, speed_of(k));
+            smoothed_into(&mut radial.sum, cells);
         }
     }
-    if radial.frames() > 0 { detect(&radial.grid, model.max_range_m()) } else { silent() }
+    if radial.frames() > 0 { detect(grid, model.max_range_m()) } else { silent() }
+}
+
+/// Rows of the spare memory.
+fn spare_row(n: usize) -> core::ops::Range<usize> {
+    let at = n.saturating_sub(MINUTE_FRAMES) * MODEL_RANGES;
+    at..at + MODEL_RANGES
 }
 
 /// Keeps the frame in `radial.sum`.
 fn store(radial: &mut RadialScratch, spare: &mut Spare, offset_s: f32) {
     let n = radial.frames;
-    let code = |g: &f32| (g / ROW_UNIT).clamp(-32_767.0, 32_767.0) as i16;
-    match (radial.rows.get_mut(n), n.checked_sub(MINUTE_FRAMES)) {
-        (Some(row), _) => row.iter_mut().zip(&radial.sum).for_each(|(r, g)| *r = code(g)),
-        (None, Some(more)) => {
-            let cells = spare.iter_mut().skip(2 * more).take(2).flatten();
-            cells.zip(&radial.sum).for_each(|(r, g)| *r = code(g).cast_unsigned());
+    let row = match radial.rows.get_mut(n) {
+        Some(row) => &mut row[..],
+        None => {
+            let spare: &mut [i16] = must_cast_slice_mut(spare.as_flattened_mut());
+            spare.get_mut(spare_row(n)).unwrap_or_default()
         }
-        (None, None) => return,
-    }
+    };
+    row.iter_mut().zip(&radial.sum).for_each(|(r, g)| *r = row_code(*g));
     radial.window_offset_s.iter_mut().skip(n).take(1).for_each(|t| *t = offset_s);
     radial.frames += 1;
 }
 
 /// Sum over the frames for a radial speed, at every model range, in `radial.sum`.
-fn along(radial: &mut RadialScratch, spare: &Spare, row: &mut [f32], speed_m_s: f32) {
+fn along(radial: &mut RadialScratch, spare: &Spare, speed_m_s: f32) {
     radial.sum = [0.0; MODEL_RANGES];
+    let spare: &[i16] = must_cast_slice(spare.as_flattened());
     for (n, offset_s) in radial.window_offset_s.iter().enumerate().take(radial.frames) {
-        match (radial.rows.get(n), n.checked_sub(MINUTE_FRAMES)) {
-            (Some(stored), _) => row.iter_mut().zip(stored).for_each(|(x, r)| *x = f32::from(*r)),
-            (None, more) => {
-                let cells = spare.iter().skip(2 * more.unwrap_or(0)).take(2).flatten();
-                row.iter_mut().zip(cells).for_each(|(x, r)| *x = f32::from(r.cast_signed()));
-            }
-        }
-        let shift = speed_m_s * offset_s / RANGE_STEP_M;
-        let whole = math::f32::floor(shift);
-        let w = cubic(shift - whole).map(|w| w * ROW_UNIT);
-        let first = whole as isize - 1;
-        let (skip, from) = if first < 0 { (first.unsigned_abs(), 0) } else { (0, first.unsigned_abs()) };
-        let part = |k: usize| row.get(from + k..MODEL_RANGES).unwrap_or_default();
-        let reads = part(0).iter().zip(part(1)).zip(part(2)).zip(part(3));
-        for (sum, (((a, b), c), d)) in radial.sum.iter_mut().skip(skip).zip(reads) {
-            *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
-        }
+        let row = match radial.rows.get(n) {
+            Some(row) => &row[..],
+            None => spare.get(spare_row(n)).unwrap_or_default(),
+        };
+        add_shifted(row, speed_m_s * offset_s / RANGE_STEP_M, &mut radial.sum);
     }
 }
 
 /// Adds `ln(w * exp G)` in the middle of each cell to its place in the grid; `g` is used up.
-fn smoothed_into(g: &mut [f32; MODEL_RANGES], cells: Option<&mut [f32; RANGE_CELLS]>) {
-    let Some(cells) = cells else { return };
+fn smoothed_into(g: &mut [f32; MODEL_RANGES], cells: &mut [i16; RANGE_CELLS]) {
     let top = g.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
     g.iter_mut().for_each(|g| *g = math::f32::exp((*g - top).max(-80.0)));
     // A cell's middle lies between its two model ranges: the mean of the kernels about either.
@@ -125,7 +123,7 @@ fn smoothed_into(g: &mut [f32; MODEL_RANGES], cells: Option<&mut [f32; RANGE_CEL
     for (i, cell) in cells.iter_mut().enumerate() {
         let from = 2 * i as isize - REACH as isize;
         let sum: f32 = kernel.iter().enumerate().map(|(d, w)| w * at(from + d as isize)).sum();
-        *cell += math::f32::ln((sum / total).max(1e-35)) + top;
+        *cell = coded(f32::from(*cell) * GRID_UNIT + math::f32::ln((sum / total).max(1e-35)) + top);
     }
 }
 
@@ -139,7 +137,7 @@ fn detect(grid: &Grid, max_range_m: f32) -> RangePresence {
     let cells = grid.iter().enumerate().flat_map(|(k, row)| {
         row.iter()
             .enumerate()
-            .map(move |(i, l)| (k, i, *l))
+            .map(move |(i, l)| (k, i, f32::from(*l) * GRID_UNIT))
             .filter(move |(_, i, _)| range_of(*i) <= max_range_m)
     });
     let (k0, i0, top) =
@@ -191,8 +189,9 @@ mod tests {
     use super::*;
     use crate::math::f64 as m;
     use crate::obs::cepstrum::noise_sd;
-    use crate::obs::limits::QUEFRENCIES;
-    use crate::obs::table::{BranchColumns, Header, Table, blob_bytes, encode};
+    use crate::obs::radial::cubic;
+    use crate::obs::table::{Table, blob_bytes};
+    use crate::obs::table_encode::{BranchColumns, Header, encode};
     use std::boxed::Box;
     use std::vec;
     use std::vec::Vec;
@@ -206,7 +205,7 @@ mod tests {
         (slant(2.0 * b + 3.0) - slant(2.0 * b + 1.0), 0.7 + b, 0.05 - 0.01 * b)
     }
 
-    fn model() -> Box<Interference> {
+    fn table() -> Vec<u8> {
         let columns = |b: usize| {
             let rows: Vec<_> = (0..716).map(|j| branch(b, 70.0 * f64::from(j))).collect();
             let part = |f: fn(&(f64, f64, f64)) -> f64| rows.iter().map(|x| f(x) as f32).collect::<Vec<_>>();
@@ -214,11 +213,9 @@ mod tests {
         };
         let all = [columns(0), columns(1)];
         let columns = all.each_ref().map(|(d, p, s)| BranchColumns { delay_s: d, phase_rad: p, strength: s });
-        let mut blob = vec![0; blob_bytes(2, 716)];
-        encode(&HEADER, &[1.0; 716], &columns, &mut blob).unwrap();
-        let mut model = Box::new(Interference::EMPTY);
-        model.fill(&Table::parse(&blob).unwrap(), 50.0);
-        model
+        let mut blob = vec![0; blob_bytes(2)];
+        encode(&HEADER, 50.0, &[1.0; 716], &columns, &mut blob).unwrap();
+        blob
     }
 
     fn mu(b: usize, range_m: f64, q: f64) -> f64 {
@@ -251,13 +248,14 @@ mod tests {
             .collect()
     }
 
-    fn run(frames: &[(f32, [f32; QUEFRENCIES])]) -> (RangePresence, Box<RadialScratch>) {
-        let mut radial = Box::new(RadialScratch::new());
+    fn run(frames: &[(f32, [f32; QUEFRENCIES])]) -> (RangePresence, Box<Grid>) {
+        let (table, mut radial) = (table(), Box::new(RadialScratch::new()));
+        let model = Interference::new(&Table::parse(&table).unwrap());
         let mut spare = Box::new([[7u16; RANGE_CELLS]; SPEEDS]);
-        let mut work = Box::new([[0f32; RANGE_CELLS]; 3]);
+        let mut grid = Box::new([[0; RANGE_CELLS]; SPEEDS]);
         let input = frames.iter().map(|(t, c)| (*t, c.iter().copied()));
-        let out = window(&model(), &mut radial, &mut spare, &mut work, input);
-        (out, radial)
+        let out = window(&model, &mut radial, &mut spare, &mut grid, input);
+        (out, grid)
     }
 
     /// The formulas written out: [METHODS-OBS 6] at one cell.
@@ -297,9 +295,10 @@ mod tests {
     #[test]
     fn the_grid_is_the_paper_s_formula() {
         let frames = frames(1.0);
-        let (_, radial) = run(&frames);
+        let (_, grid) = run(&frames);
         for (i, k) in [(150, 19), (150, 13), (151, 19), (100, 5), (260, 25), (60, 0)] {
-            let (have, want) = (f64::from(radial.grid[k][i]), formula(&frames, i, f64::from(speed_of(k))));
+            let have = f64::from(f32::from(grid[k][i]) * GRID_UNIT);
+            let want = formula(&frames, i, f64::from(speed_of(k)));
             assert!((have - want).abs() < 0.15 + 0.02 * want.abs(), "{i} {k}: {have} {want}");
         }
     }

@@ -1,13 +1,14 @@
 //! The immutable plan of an ocean-bottom station: everything computed once from configuration and table.
 //!
-//! Enters: [`StationConfig`] and [`Table`]. Leaves: window, band, orientation, tables of the wrapped-Cauchy law and
-//! of the interference model. Cost: about 36 KiB and, once, a few million instructions.
+//! Enters: [`StationConfig`] and [`Table`]. Leaves: band, orientation, filters, travel times, and a view of the
+//! interference model in the table's own bytes. Cost: 2 KiB.
 
+use super::azigram::Band;
 use super::cauchy::WrappedCauchy;
-use super::decimate::Decimator;
+use super::decimate::{Decimator, factor_of, inner_rate_hz};
 use super::impulsive::Calls;
 use super::interference::Interference;
-use super::limits::{AZIMUTH_BINS, FRAME, MAX_INNER_RATE_HZ};
+use super::limits::{AZIMUTH_BINS, FRAME};
 use super::table::{Table, TableError};
 use super::travel::TravelTime;
 use crate::angle::RAD_PER_DEG;
@@ -25,6 +26,8 @@ pub enum PlanError {
     Table(TableError),
     /// The table ends before the nearest range worth searching: its last range, and the range wanted, m.
     TableTooShort(f32, f32),
+    /// The table was made for transforms at another rate: its rate and the station's, Hz.
+    TableRate(f32, f64),
     /// The sampling rate leaves nothing of the band of vessels' tones (11 Hz and up): the rate, Hz.
     RateTooLow(f64),
 }
@@ -37,6 +40,12 @@ impl core::fmt::Display for PlanError {
             Self::Table(e) => write!(f, "{e}"),
             Self::TableTooShort(have, want) => {
                 write!(f, "propagation table ends at {have} m, at least {want} m is needed")
+            }
+            Self::TableRate(have, want) => {
+                write!(
+                    f,
+                    "propagation table was made for transforms at {have} Hz, this station's run at {want} Hz: write the blob anew with `seabearing blob`"
+                )
             }
             Self::RateTooLow(rate) => {
                 write!(f, "rate_hz = {rate} leaves no band above 11 Hz; at least 24 Hz")
@@ -61,52 +70,42 @@ pub const HALF_WINDOW_S: f64 = 90.0;
 
 /// Everything computed once.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct Plan<'t> {
     /// Rate of the recording, Hz.
     pub(super) rate_hz: f64,
     /// Rate after decimation, Hz.
     pub(super) inner_rate_hz: f64,
     pub(super) decimator: Decimator,
-    /// Periodic Hann divided by its sum.
-    pub(super) window: [f32; FRAME],
-    /// First bin of the tone band.
-    pub(super) first_bin: usize,
-    /// Number of bins of the tone band.
-    pub(super) bins: usize,
-    /// True azimuth of the north component, plus half a turn where intensity points away from the source, radians.
-    pub(super) turn: f32,
+    pub(super) band: Band,
     /// Codes at or beyond this are clipped.
     pub(super) clip: i32,
     pub(super) paper: bool,
     pub(super) tones: WrappedCauchy,
     pub(super) calls: Calls,
-    pub(super) interference: Interference,
+    pub(super) interference: Interference<'t>,
     pub(super) travel: TravelTime,
 }
 
-impl Plan {
+impl<'t> Plan<'t> {
     /// Nothing computed; all zeros.
     pub const EMPTY: Self = Self {
         rate_hz: 0.0,
         inner_rate_hz: 0.0,
         decimator: Decimator::EMPTY,
-        window: [0.0; FRAME],
-        first_bin: 0,
-        bins: 0,
-        turn: 0.0,
+        band: Band::EMPTY,
         clip: 0,
         paper: false,
-        tones: WrappedCauchy::EMPTY,
+        tones: WrappedCauchy { paper: false },
         calls: Calls::EMPTY,
         interference: Interference::EMPTY,
         travel: TravelTime::EMPTY,
     };
 
-    /// Validates and computes. For the host: the plan (45 KiB) passes over the stack; a recorder uses [`Plan::fill`].
+    /// Validates and computes.
     ///
     /// # Errors
     /// The first thing found wrong.
-    pub fn new(config: &StationConfig, table: &Table<'_>) -> Result<Self, PlanError> {
+    pub fn new(config: &StationConfig, table: &Table<'t>) -> Result<Self, PlanError> {
         let mut plan = Self::EMPTY;
         plan.fill(config, table)?;
         Ok(plan)
@@ -116,15 +115,15 @@ impl Plan {
     ///
     /// # Errors
     /// The first thing found wrong.
-    pub fn fill(&mut self, config: &StationConfig, table: &Table<'_>) -> Result<(), PlanError> {
+    pub fn fill(&mut self, config: &StationConfig, table: &Table<'t>) -> Result<(), PlanError> {
         let Kind::Obs(obs) = &config.kind else { return Err(PlanError::NotAnOceanBottomStation) };
         config.validate().map_err(PlanError::Config)?;
         if table.max_range_m() < LEAST_TABLE_RANGE_M {
             return Err(PlanError::TableTooShort(table.max_range_m(), LEAST_TABLE_RANGE_M));
         }
         let rate_hz = config.rate_hz;
-        let factor = math::f64::ceil(rate_hz / MAX_INNER_RATE_HZ) as usize;
-        let inner_rate_hz = rate_hz / factor as f64;
+        let factor = factor_of(rate_hz);
+        let inner_rate_hz = inner_rate_hz(rate_hz);
         let per_hz = FRAME as f64 / inner_rate_hz;
         // The top 4 % of the band below Nyquist belongs to the recorder's anti-alias filter.
         let top_hz = TONE_BAND_HZ.1.min(0.48 * inner_rate_hz);
@@ -133,22 +132,24 @@ impl Plan {
         if last_bin < first_bin + 16 {
             return Err(PlanError::RateTooLow(rate_hz));
         }
-        for (n, w) in self.window.iter_mut().enumerate() {
-            let turn = math::f64::TAU * n as f64 / FRAME as f64;
-            *w = ((0.5 - 0.5 * math::f64::cos(turn)) / (FRAME as f64 / 2.0)) as f32;
+        if table.rate_hz() != inner_rate_hz as f32 {
+            return Err(PlanError::TableRate(table.rate_hz(), inner_rate_hz));
         }
         let away = if obs.intensity_towards { 0.0 } else { math::f64::PI };
         self.rate_hz = rate_hz;
         self.inner_rate_hz = inner_rate_hz;
         self.decimator.fill(factor);
-        self.first_bin = first_bin;
-        self.bins = (last_bin - first_bin + 1).min(AZIMUTH_BINS);
-        self.turn = crate::angle::wrap_tau(obs.orientation_of_north_deg * RAD_PER_DEG + away) as f32;
+        self.band = Band {
+            first_bin,
+            bins: (last_bin - first_bin + 1).min(AZIMUTH_BINS),
+            turn: crate::angle::wrap_tau(obs.orientation_of_north_deg * RAD_PER_DEG + away) as f32,
+            paper: obs.paper_compatibility,
+        };
         self.clip = config.full_scale.saturating_sub(1);
         self.paper = obs.paper_compatibility;
-        self.tones.fill(obs.paper_compatibility);
+        self.tones = WrappedCauchy { paper: obs.paper_compatibility };
         self.calls.fill(inner_rate_hz);
-        self.interference.fill(table, inner_rate_hz as f32);
+        self.interference = Interference::new(table);
         self.travel.fill(table, obs.paper_compatibility);
         Ok(())
     }
@@ -166,7 +167,7 @@ impl Plan {
     /// Lowest and highest frequency searched for tones, Hz.
     pub fn tone_band_hz(&self) -> (f64, f64) {
         let df = self.inner_rate_hz / FRAME as f64;
-        (self.first_bin as f64 * df, (self.first_bin + self.bins - 1) as f64 * df)
+        (self.band.first_bin as f64 * df, (self.band.first_bin + self.band.bins - 1) as f64 * df)
     }
 
     /// Farthest range the interference model covers, m.
@@ -175,7 +176,7 @@ impl Plan {
     }
 
     /// The interference model made from the table.
-    pub fn interference(&self) -> &Interference {
+    pub fn interference(&self) -> &Interference<'t> {
         &self.interference
     }
 

@@ -11,7 +11,8 @@
 
 use super::interference::Interference;
 use super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEED_STEP_M_S, SPEEDS, VESSELS};
-use super::radial::{Grid, speed_of};
+use super::radial::{GRID_UNIT, speed_of};
+use super::shared::{Columns, Grid};
 use crate::math;
 
 /// Probability that a present vessel shows in a minute's cepstra.
@@ -45,7 +46,8 @@ const LEAST_SUPPORT: f32 = 3.0;
 /// The best of a minute's log ratios at and next to a cell.
 fn support(grid: &Grid, i: usize, k: usize) -> f32 {
     let near = grid.iter().skip(k.saturating_sub(1)).take(3);
-    near.flat_map(|g| g.iter().skip(i.saturating_sub(1)).take(3)).fold(f32::NEG_INFINITY, |a, b| a.max(*b))
+    let best = near.flat_map(|g| g.iter().skip(i.saturating_sub(1)).take(3)).max();
+    best.map_or(f32::NEG_INFINITY, |g| f32::from(*g) * GRID_UNIT)
 }
 
 /// One mode of the posterior.
@@ -107,7 +109,7 @@ const EXPECTED_WITHIN_M: f32 = 1500.0;
 impl RangePresence {
     /// Puts the modes of tracked vessels first and drops those that only read a tracked vessel's echoes as another
     /// pair of paths.
-    pub fn prefer(&mut self, model: &Interference, expected: &Known) {
+    pub fn prefer(&mut self, model: &Interference<'_>, expected: &Known) {
         let own = |m: &RangeMode| {
             expected.iter().flatten().any(|e| math::f32::abs(m.range_m - e.range_m) < EXPECTED_WITHIN_M)
         };
@@ -200,7 +202,7 @@ impl Presence {
     }
 
     /// Moves the posterior on by one minute.
-    pub fn predict(&mut self, work: &mut [[f32; RANGE_CELLS]; 3]) {
+    pub fn predict(&mut self, work: &mut Columns) {
         let [.., unclaimed] = self.present;
         self.present.iter_mut().for_each(|p| *p = *p * (1.0 - CHANGE) + (1.0 - *p) * CHANGE);
         let [.., present] = self.present;
@@ -229,7 +231,7 @@ impl Presence {
 
     /// Divides the ranges among the vessels expected and one not tracked, and keeps at least `EXPECTED` of each
     /// tracked vessel's posterior where its track says it is.
-    pub fn claim(&mut self, model: &Interference, expected: &Known) {
+    pub fn claim(&mut self, model: &Interference<'_>, expected: &Known) {
         let inside = |e: &Expected| e.range_m < CELL_M * self.cells as f32;
         let expected = expected.map(|e| e.filter(inside));
         let tracked = expected.map(|e| e.is_some());
@@ -320,14 +322,15 @@ impl Presence {
         for row in grid {
             for (g, owner) in row.iter().zip(&self.owner).take(cells).filter(|(_, o)| **o != ECHO) {
                 let top = of(&mut top, *owner);
-                *top = top.max(*g);
+                *top = top.max(f32::from(*g) * GRID_UNIT);
             }
         }
         let mut miss = top.map(|t| (1.0 - DETECTION) * math::f32::exp(-t));
         let (mut total, mut approaching) = ([0f32; OWNERS], [0f32; OWNERS]);
         for (k, (column, row)) in self.density.iter_mut().zip(grid).enumerate() {
             for ((d, g), owner) in column.iter_mut().zip(row).zip(&self.owner).take(cells) {
-                let x = if *owner == ECHO { 0.0 } else { *g } - *of(&mut top, *owner);
+                let log_ratio = if *owner == ECHO { 0.0 } else { f32::from(*g) * GRID_UNIT };
+                let x = log_ratio - *of(&mut top, *owner);
                 let hit = if x > -60.0 { DETECTION * math::exp_of_negative(x) } else { 0.0 };
                 let p = unpack(*d) * (*of(&mut miss, *owner) + hit);
                 *d = pack(p);

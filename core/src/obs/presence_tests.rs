@@ -3,7 +3,8 @@
 use super::interference::Interference;
 use super::limits::{CELL_M, RANGE_CELLS, RANGE_STEP_M, SPEEDS};
 use super::presence::{Expected, Known, Presence, RangePresence};
-use super::radial::Grid;
+use super::radial::coded;
+use super::shared::Grid;
 use std::boxed::Box;
 
 /// Farthest range of the model, m.
@@ -11,16 +12,16 @@ const MOST_M: f32 = RANGE_STEP_M * 715.0;
 
 /// Log ratios of `(range, radial speed, height)` in a grid that elsewhere says no.
 fn grid(vessels: &[(f32, f32, f32)]) -> Box<Grid> {
-    let mut out = Box::new([[-1.0; RANGE_CELLS]; SPEEDS]);
+    let mut out = Box::new([[coded(-1.0); RANGE_CELLS]; SPEEDS]);
     for (range_m, speed_m_s, height) in vessels {
-        out[(speed_m_s + 13.5) as usize][(range_m / CELL_M) as usize] = *height;
+        out[(speed_m_s + 13.5) as usize][(range_m / CELL_M) as usize] = coded(*height);
     }
     out
 }
 
 /// A strong vessel that leaves and a weak one that approaches, for 30 minutes; the strong one tracked after 10, or never.
 fn run(tracked: bool) -> RangePresence {
-    let (model, mut presence) = (Box::new(Interference::EMPTY), Box::new(Presence::new()));
+    let (model, mut presence) = (Interference::EMPTY, Box::new(Presence::new()));
     let mut work = Box::new([[0.0; RANGE_CELLS]; 3]);
     presence.start(MOST_M);
     let mut last = presence.blind();

@@ -5,11 +5,11 @@
 //! oscillates with a period of about 300 m. A cell holds the better of its two model ranges, less 0.4 (between the
 //! mean and the maximum of two). Cost: 27 × 716 × 6 frames × 8 instructions = 1 M a minute.
 
-use super::interference::{Envelope, Interference};
+use super::interference::Interference;
 use super::limits::{
-    MAX_SPEED_M_S, MINUTE_FRAMES, MODEL_RANGES, RANGE_CELLS, RANGE_STEP_M, SPEED_STEP_M_S, SPEEDS,
-    WINDOW_FRAMES,
+    MAX_SPEED_M_S, MINUTE_FRAMES, MODEL_RANGES, RANGE_STEP_M, SPEED_STEP_M_S, WINDOW_FRAMES,
 };
+use super::shared::{Envelope, Grid};
 use crate::math;
 
 /// Steps of a stored log ratio: 1/256, so that ±127 fits 16 bits (one frame never says more).
@@ -18,8 +18,14 @@ pub(super) const ROW_UNIT: f32 = 1.0 / 256.0;
 /// Ranges read at a time.
 const BLOCK: usize = 64;
 
-/// Log-likelihood ratio on the grid of radial speeds and ranges.
-pub type Grid = [[f32; RANGE_CELLS]; SPEEDS];
+/// Steps of the grid: 1/32, so that ±1024 fits 16 bits.
+pub const GRID_UNIT: f32 = 1.0 / 32.0;
+
+/// A log ratio as the grid keeps it, rounded to the nearest step.
+pub(super) fn coded(log_ratio: f32) -> i16 {
+    // Counted from the least, so that what is cut to a whole number is never negative.
+    ((log_ratio * (1.0 / GRID_UNIT) + 32_768.5) as u16).wrapping_sub(0x8000).cast_signed()
+}
 
 /// Work space.
 #[derive(Clone, Debug)]
@@ -29,9 +35,6 @@ pub struct RadialScratch {
     pub(super) window_offset_s: [f32; WINDOW_FRAMES],
     pub(super) frames: usize,
     pub(super) sum: [f32; MODEL_RANGES],
-    pub(super) envelope: Envelope,
-    /// What [`RadialScratch::fill`] made.
-    pub grid: Grid,
 }
 
 impl Default for RadialScratch {
@@ -48,8 +51,6 @@ impl RadialScratch {
             window_offset_s: [0.0; WINDOW_FRAMES],
             frames: 0,
             sum: [0.0; MODEL_RANGES],
-            envelope: Envelope::new(),
-            grid: [[0.0; RANGE_CELLS]; SPEEDS],
         }
     }
 }
@@ -81,58 +82,76 @@ impl RadialScratch {
     }
 
     /// Adds a frame, `offset_s` after the time the result is for.
-    pub fn add(&mut self, model: &Interference, cepstrum: impl Iterator<Item = f32>, offset_s: f32) {
-        model.envelope(cepstrum, &mut self.envelope);
-        model.log_ratio(&self.envelope, &mut self.sum);
+    pub fn add(
+        &mut self,
+        model: &Interference<'_>,
+        envelope: &mut Envelope,
+        cepstrum: impl Iterator<Item = f32>,
+        offset_s: f32,
+    ) {
+        model.envelope(cepstrum, envelope);
+        model.log_ratio(envelope, &mut self.sum);
         if let (Some(row), Some(t)) =
             (self.rows.get_mut(self.frames), self.window_offset_s.get_mut(self.frames))
         {
-            row.iter_mut()
-                .zip(&self.sum)
-                .for_each(|(r, g)| *r = (g / ROW_UNIT).clamp(-32_767.0, 32_767.0) as i16);
+            row.iter_mut().zip(&self.sum).for_each(|(r, g)| *r = row_code(*g));
             *t = offset_s;
             self.frames += 1;
         }
     }
 
-    /// Sum over the frames for a radial speed, at every model range, in `self.sum`.
-    fn along(&mut self, speed_m_s: f32) {
-        self.sum = [0.0; MODEL_RANGES];
-        let mut near = [0f32; BLOCK + 3];
-        for (row, t) in self.rows.iter().zip(&self.window_offset_s).take(self.frames) {
-            let shift = speed_m_s * t / RANGE_STEP_M;
-            let whole = math::f32::floor(shift);
-            let x = shift - whole;
-            let w = cubic(x).map(|w| w * ROW_UNIT);
-            // First of the four for range 0; ranges whose four are not all in the model get nothing.
-            let first = whole as isize - 1;
-            let (skip, from) = if first < 0 { (first.unsigned_abs(), 0) } else { (0, first.unsigned_abs()) };
-            let row = row.get(from..).unwrap_or_default();
-            let sum = self.sum.get_mut(skip..).unwrap_or_default();
-            // In blocks, so that each stored value becomes a float once and not four times.
-            let blocks = sum.chunks_mut(BLOCK).zip(row.chunks(BLOCK)).enumerate();
-            for (n, (sum, _)) in blocks {
-                let stored = row.get(n * BLOCK..).unwrap_or_default();
-                near.iter_mut().zip(stored).for_each(|(x, r)| *x = f32::from(*r));
-                let ranges = stored.len().min(BLOCK + 3).saturating_sub(3);
-                let part = |k: usize| near.get(k..k + ranges).unwrap_or_default();
-                let reads = part(0).iter().zip(part(1)).zip(part(2)).zip(part(3));
-                for (sum, (((a, b), c), d)) in sum.iter_mut().zip(reads) {
-                    *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
-                }
+    /// Fills the grid from the frames added.
+    pub fn fill(&mut self, grid: &mut Grid) {
+        for (k, cells) in grid.iter_mut().enumerate() {
+            self.sum = [0.0; MODEL_RANGES];
+            for (row, t) in self.rows.iter().zip(&self.window_offset_s).take(self.frames) {
+                add_shifted(row, speed_of(k) * t / RANGE_STEP_M, &mut self.sum);
+            }
+            for (cell, pair) in cells.iter_mut().zip(self.sum.chunks_exact(2)) {
+                *cell = coded(pair.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b)) - 0.4);
             }
         }
     }
+}
 
-    /// Fills the grid from the frames added.
-    pub fn fill(&mut self) {
-        for k in 0..SPEEDS {
-            self.along(speed_of(k));
-            if let Some(row) = self.grid.get_mut(k) {
-                for (cell, pair) in row.iter_mut().zip(self.sum.chunks_exact(2)) {
-                    *cell = pair.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b)) - 0.4;
-                }
-            }
+/// A frame's log ratio as a row keeps it.
+pub(super) fn row_code(log_ratio: f32) -> i16 {
+    (log_ratio / ROW_UNIT).clamp(-32_767.0, 32_767.0) as i16
+}
+
+/// Adds to `sum` at each model range what a row says `shift` ranges farther, read by the cubic.
+pub(super) fn add_shifted(row: &[i16], shift: f32, sum: &mut [f32; MODEL_RANGES]) {
+    let whole = math::f32::floor(shift);
+    let w = cubic(shift - whole).map(|w| w * ROW_UNIT);
+    // First of the four for range 0; ranges whose four are not all in the model get nothing.
+    let first = whole as isize - 1;
+    let (skip, from) = if first < 0 { (first.unsigned_abs(), 0) } else { (0, first.unsigned_abs()) };
+    let row = row.get(from..).unwrap_or_default();
+    let sum = sum.get_mut(skip..).unwrap_or_default();
+    // In blocks, so that each stored value becomes a float once and not four times.
+    let mut near = [0f32; BLOCK + 3];
+    for (n, (sum, _)) in sum.chunks_mut(BLOCK).zip(row.chunks(BLOCK)).enumerate() {
+        let stored = row.get(n * BLOCK..).unwrap_or_default();
+        near.iter_mut().zip(stored).for_each(|(x, r)| *x = f32::from(*r));
+        let ranges = stored.len().min(BLOCK + 3).saturating_sub(3);
+        let part = |k: usize| near.get(k..k + ranges).unwrap_or_default();
+        let reads = part(0).iter().zip(part(1)).zip(part(2)).zip(part(3));
+        for (sum, (((a, b), c), d)) in sum.iter_mut().zip(reads) {
+            *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_grid_keeps_log_ratios_to_half_a_step() {
+        for k in -3000..3000 {
+            let x = 0.0417 * k as f32;
+            assert!((f32::from(coded(x)) * GRID_UNIT - x).abs() <= 0.5 * GRID_UNIT + 1e-4, "{x}");
+        }
+        assert_eq!((coded(-5000.0), coded(5000.0)), (i16::MIN, i16::MAX));
     }
 }

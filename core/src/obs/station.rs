@@ -7,19 +7,21 @@
 //! Directions and ranges are those of the vessel when its sound left it.
 
 use super::ambient::Ambient;
-use super::azigram::{self, Row, Sources, Spectra};
+use super::azigram::{self, Sources};
 use super::cepstrum;
 use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
-use super::impulsive::Call;
+use super::impulsive::{self, Call};
 use super::intake::{Event, Hop, Intake};
-use super::limits::{QUEFRENCIES, RANGE_CELLS, WINDOW_FRAMES};
+use super::limits::{QUEFRENCIES, WINDOW_FRAMES};
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
 use super::presence::{Known, Presence, RangeMode, RangePresence};
 use super::radial::RadialScratch;
+use super::row::Row;
 use super::segment::Segmenter;
-use super::tonal::{Directions, LOG_THRESHOLD, TonalScratch};
+use super::shared::Shared;
+use super::tonal::{Directions, LOG_THRESHOLD};
 use super::tracks::Tracker;
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
@@ -66,29 +68,16 @@ pub struct State {
 }
 
 /// Work space; its content means nothing between calls.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Scratch {
-    spectra: Spectra,
-    tonal: TonalScratch,
+    shared: Shared,
     radial: RadialScratch,
-    columns: [[f32; RANGE_CELLS]; 3],
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl Scratch {
     /// All zeros.
     pub const fn new() -> Self {
-        Self {
-            spectra: Spectra::new(),
-            tonal: TonalScratch::new(),
-            radial: RadialScratch::new(),
-            columns: [[0.0; RANGE_CELLS]; 3],
-        }
+        Self { shared: Shared::new(), radial: RadialScratch::new() }
     }
 }
 
@@ -140,7 +129,7 @@ impl State {
 
 /// Takes a block.
 pub fn push(
-    plan: &Plan,
+    plan: &Plan<'_>,
     state: &mut State,
     scratch: &mut Scratch,
     block: Block<'_>,
@@ -168,7 +157,7 @@ pub fn push(
 }
 
 /// Reports what is still pending at the end of the recording.
-pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut dyn FnMut(Message)) {
+pub fn finish(plan: &Plan<'_>, state: &mut State, scratch: &mut Scratch, sink: &mut dyn FnMut(Message)) {
     let end = state.intake.next_index();
     state.catch_up(plan, scratch, end, sink);
     // Minutes whose window the recording's end cuts are reported while their centre was recorded.
@@ -186,17 +175,17 @@ pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut 
 }
 
 /// Sample index of minute `k`.
-fn centre(plan: &Plan, k: u64) -> u64 {
+fn centre(plan: &Plan<'_>, k: u64) -> u64 {
     math::f64::round(STEP_S * k as f64 * plan.rate_hz) as u64
 }
 
 /// The first whole minute after a sample.
-fn minute_after(plan: &Plan, index: u64) -> u64 {
+fn minute_after(plan: &Plan<'_>, index: u64) -> u64 {
     math::f64::floor(index as f64 / plan.rate_hz / STEP_S) as u64 + 1
 }
 
 impl State {
-    fn restart(&mut self, plan: &Plan) {
+    fn restart(&mut self, plan: &Plan<'_>) {
         for k in &mut self.kept {
             k.used = false;
         }
@@ -207,13 +196,19 @@ impl State {
     }
 
     /// Closes segments and tracks as of minute `k`.
-    fn close(&mut self, plan: &Plan, k: u64, sink: &mut dyn FnMut(Message)) {
+    fn close(&mut self, plan: &Plan<'_>, k: u64, sink: &mut dyn FnMut(Message)) {
         self.segmenter.close(&|k| centre(plan, u64::from(k)), sink);
         self.tracker.finish(plan, &self.evidence, k as u32, sink);
     }
 
     /// Reports every minute whose window ends before `index`.
-    fn catch_up(&mut self, plan: &Plan, scratch: &mut Scratch, index: u64, sink: &mut dyn FnMut(Message)) {
+    fn catch_up(
+        &mut self,
+        plan: &Plan<'_>,
+        scratch: &mut Scratch,
+        index: u64,
+        sink: &mut dyn FnMut(Message),
+    ) {
         let half = (HALF_WINDOW_S * plan.rate_hz) as u64;
         let mut silent = 0;
         while let Some(k) = self.minute
@@ -232,7 +227,7 @@ impl State {
     }
 
     /// Analyses the frame of the two newest hops.
-    fn frame(&mut self, plan: &Plan, scratch: &mut Scratch) {
+    fn frame(&mut self, plan: &Plan<'_>, scratch: &mut Scratch) {
         let (old, new) = (&self.intake.old, &self.intake.new);
         let usable = |c: usize| {
             let ok = |h: &Hop| h.condition.get(c).is_some_and(|x| x.usable());
@@ -247,13 +242,14 @@ impl State {
             (true, true) => Sources::Several,
         };
         let Some(kept) = self.kept.get_mut(self.next_kept) else { return };
-        azigram::analyse(plan, &mut scratch.spectra, &old.samples, &new.samples, sources, &mut kept.row);
+        let spectra = scratch.shared.spectra();
+        azigram::analyse(&plan.band, spectra, &old.samples, &new.samples, sources, &mut kept.row);
         kept.row.uneven = old.uneven.max(new.uneven);
         kept.label = old.end;
         kept.used = true;
         self.ambient.learn(&kept.row);
         let mut c = [0f32; QUEFRENCIES];
-        cepstrum::transform(&scratch.spectra.log_pressure, &mut scratch.spectra.buffer, &mut c);
+        cepstrum::transform(&spectra.log_pressure, &mut spectra.buffer, &mut c);
         self.clutter.filter(&mut c);
         kept.cepstrum
             .iter_mut()
@@ -264,7 +260,13 @@ impl State {
     }
 
     /// Makes the records of minute `k`; whether there was anything to hear.
-    fn report(&mut self, plan: &Plan, scratch: &mut Scratch, k: u64, sink: &mut dyn FnMut(Message)) -> bool {
+    fn report(
+        &mut self,
+        plan: &Plan<'_>,
+        scratch: &mut Scratch,
+        k: u64,
+        sink: &mut dyn FnMut(Message),
+    ) -> bool {
         self.intake.reported = 0;
         let index = centre(plan, k);
         let offset_s = |label: u64| (label as f64 - index as f64) / plan.rate_hz;
@@ -278,32 +280,32 @@ impl State {
             held += 1;
         }
         let rows = rows.get(..held).unwrap_or_default();
-        let call = if plan.paper { None } else { plan.calls.search(plan.bins, rows) };
-        let mut directions = plan.tones.search(plan.bins, &self.ambient, &mut scratch.tonal, rows);
+        let call = if plan.paper { None } else { impulsive::search(plan.band.bins, rows) };
+        let mut directions = plan.tones.search(plan.band.bins, &self.ambient, scratch.shared.tonal(), rows);
         if let Some(call) = &call {
-            directions.attribute(call.azimuth, plan.bins);
+            directions.attribute(call.azimuth, plan.band.bins);
         }
         let expected = if plan.paper { Known::default() } else { self.tracker.expected(plan, k as u32) };
         let frames = || {
             let used = self.kept.iter().filter(|k| k.used);
             used.map(|k| (offset_s(k.label) as f32, k.cepstrum.iter().map(|c| f32::from(*c) * CEPSTRUM_UNIT)))
         };
+        let Scratch { shared, radial } = scratch;
         let mut ranges = if plan.paper {
             let window = frames().filter(|(t, _)| math::f32::abs(*t) <= HALF_WINDOW_S as f32);
-            let Scratch { radial, columns, .. } = scratch;
-            paper::window(&plan.interference, radial, self.presence.lend(), columns, window)
+            paper::window(&plan.interference, radial, self.presence.lend(), shared.grid(), window)
         } else {
-            scratch.radial.clear();
+            self.presence.predict(shared.columns());
+            self.presence.claim(&plan.interference, &expected);
+            radial.clear();
             // A frame exactly between two minutes belongs to the later one.
             let half_s = 0.5 * STEP_S as f32;
             for (t, cepstrum) in frames().filter(|(t, _)| (-half_s..half_s).contains(t)) {
-                scratch.radial.add(&plan.interference, cepstrum, t);
+                radial.add(&plan.interference, shared.envelope(), cepstrum, t);
             }
-            self.presence.predict(&mut scratch.columns);
-            self.presence.claim(&plan.interference, &expected);
-            if scratch.radial.frames() > 0 {
-                scratch.radial.fill();
-                self.presence.update(&scratch.radial.grid)
+            if radial.frames() > 0 {
+                radial.fill(shared.grid());
+                self.presence.update(shared.grid())
             } else {
                 self.presence.blind()
             }

@@ -1,51 +1,73 @@
 //! The station's propagation table: how the paths from a vessel at the surface interfere, against range.
 //!
-//! Enters: a blob of bytes, made on the host and stored with the station's configuration. Leaves: a borrowed,
-//! checked view. A branch is the interference of two paths, named by their crossings of the water: 13, 35, 57, 79.
-//! Per branch and range: delay τ between the two paths, phase φ of the later against the earlier, and strength a,
-//! the height of the pulse `a cos(2π f0 (q − τ) − φ) exp(−(q − τ)²/Δτ²)` that the interference draws in the
-//! cepstrum at quefrency q [O 17]. Ranges run from 0 in equal steps; a branch that does not exist at a range has
-//! NaN there. Cost: none; nothing is copied.
+//! Enters: a blob of bytes, made on the host ([`super::table_encode`]) and stored with the station's configuration in
+//! flash. Leaves: a borrowed, checked view, read in place. A branch is the interference of two paths, named by their
+//! crossings of the water: 13, 35, 57, 79. At each model range it draws in the cepstrum, at quefrency q, the pulse
+//! `a cos(2π f0 (q − τ) − φ) exp(−(q − τ)²/Δτ²)` [O 17] with delay τ, phase φ and strength a. Everything that
+//! follows from those and the transforms' rate alone is in the blob, so that the recorder computes and keeps nothing.
+//! Cost: none; nothing is copied.
 //!
 //! # Layout (little endian)
-//! | offset | type | meaning |
+//! | bytes | type | meaning |
 //! |---|---|---|
-//! | 0 | 4 bytes | `SBIT` |
-//! | 4 | u16 | version, 1 |
-//! | 6 | u16 | branches B, 1 to [`MAX_BRANCHES`] |
-//! | 8 | u16 | ranges R, 2 to [`MAX_RANGES`] |
-//! | 10 | u16 | 0 |
-//! | 12 | f32 | range step, m |
-//! | 16 | f32 | centre frequency f0, Hz |
-//! | 20 | f32 | pulse width Δτ, s |
-//! | 24 | f32 × R | travel time of the first arrival that carries energy, s |
-//! | then, B times | f32 × R, f32 × R, f32 × R | delay s, phase rad, strength |
-//! | end − 8 | u64 | [`fnv1a`] of all bytes before it |
+//! | 4 | bytes | `SBIT` |
+//! | 2 | u16 | version, 2 |
+//! | 2 | u16 | branches B, 1 to [`MAX_BRANCHES`] |
+//! | 4 | f32 | rate of the transforms it was made for, Hz |
+//! | 4 | f32 | farthest range of the propagation it was made from, m |
+//! | 4 × 101 | f32 | travel time of the first arrival that carries energy, every km from 0, s |
+//! | B × 2 × 201 | u16 | delay τ every 500 m from 0, in 10⁻⁴ s; 0: no such branch |
+//! | 16 × 21 | f32 × 4 | Gaussian of the pulse at a distance of −10 to 10 quefrencies, for four fine delays |
+//! | 12 × 384 | f32 × 3 | of each quefrency: cos and sin of 2π f0 q, and 1/σ²(q) |
+//! | 4 × 716 | f32 | of each model range: `½ Σ_q μ²/σ²` with μ the sum of all branches |
+//! | B × 6 × 716 | u16, i16, i16 | pulse of each model range: delay in 1/128 quefrency (0: none), a cos and a sin of 2π f0 τ + φ in 2⁻¹⁵ |
+//! | 8 | u64 | [`fnv1a`] of all bytes before it |
 
+use super::limits::{DELAYS, FINE, MODEL_RANGES, QUEFRENCIES};
 use crate::wire::hash::fnv1a;
 
 /// Branches a table may hold: 13, 35, 57 and 79 (the fourth keeps the fifth path from passing for a nearer range).
 pub const MAX_BRANCHES: usize = 4;
 
-/// Ranges a table may hold: 100 km in steps of 70 m.
-pub const MAX_RANGES: usize = 1429;
+/// Knots of the travel time, and the distance between them, m.
+pub const KNOTS: usize = 101;
+/// Distance between two knots of the travel time, m.
+pub const KNOT_M: f32 = 1000.0;
 
-/// Bytes before the first array.
-pub const HEADER_BYTES: usize = 24;
+/// Ranges at which the plain delays are kept, beyond the model too: 0 to 100 km.
+pub const FAR_RANGES: usize = 201;
 
-/// Bytes of the checksum at the end.
-pub const CHECKSUM_BYTES: usize = 8;
+/// Step of those, m; delays bend so slowly that a straight line between them errs by less than a millisecond.
+pub const FAR_STEP_M: f32 = 500.0;
 
-const MAGIC: [u8; 4] = *b"SBIT";
-const VERSION: u16 = 1;
+/// Plain delays are stored in steps of this, s.
+pub const DELAY_UNIT_S: f32 = 1e-4;
 
-/// Bytes of a table of that size.
-pub const fn blob_bytes(branches: usize, ranges: usize) -> usize {
-    HEADER_BYTES + 4 * ranges * (1 + 3 * branches) + CHECKSUM_BYTES
+/// Longest half pulse in quefrencies: 3 Δτ times the transforms' rate.
+pub const HALF: usize = 10;
+
+/// Rows of the pulse's Gaussian.
+pub const KERNEL: usize = 2 * HALF + 1;
+
+/// Steps between two fine delays in which the place of a pulse is stored: 0.16 ms at 50 Hz.
+pub const PARTS: usize = 32;
+
+/// Strengths are stored in steps of this.
+pub const STRENGTH_UNIT: f32 = 1.0 / 32_768.0;
+
+pub(super) const MAGIC: [u8; 4] = *b"SBIT";
+pub(super) const VERSION: u16 = 2;
+const HEADER_BYTES: usize = 16;
+const CHECKSUM_BYTES: usize = 8;
+
+/// Bytes of a table of that many branches.
+pub const fn blob_bytes(branches: usize) -> usize {
+    let fixed = 4 * KNOTS + 4 * FINE * KERNEL + 12 * QUEFRENCIES + 4 * MODEL_RANGES;
+    HEADER_BYTES + fixed + branches * (2 * FAR_RANGES + 6 * MODEL_RANGES) + CHECKSUM_BYTES
 }
 
-/// Why bytes are no table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why bytes are no table, or none can be made.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TableError {
     /// Not a propagation table at all.
     Magic,
@@ -59,20 +81,28 @@ pub enum TableError {
     Checksum,
     /// A value that cannot be: step, f0 or Δτ not positive, a delay or travel time below zero, a strength outside 0 to 1.
     Value,
+    /// The pulse is wider than the detector's: its Δτ and the widest, s.
+    Width(f32, f32),
 }
 
 impl core::fmt::Display for TableError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Magic => write!(f, "not a propagation table"),
-            Self::Version(v) => write!(f, "propagation table of version {v}, only {VERSION} is understood"),
+            Self::Version(v) => write!(
+                f,
+                "propagation table of version {v}, only {VERSION} is understood: write the blob anew with `seabearing blob`"
+            ),
             Self::Size => {
-                write!(f, "propagation table needs 1 to {MAX_BRANCHES} branches and 2 to {MAX_RANGES} ranges")
+                write!(f, "propagation table needs 1 to {MAX_BRANCHES} branches and at least 2 ranges")
             }
             Self::Length(n) => write!(f, "propagation table cut: its header asks for {n} bytes"),
             Self::Checksum => write!(f, "propagation table damaged: checksum differs"),
             Self::Value => {
                 write!(f, "propagation table holds an impossible step, delay, travel time or strength")
+            }
+            Self::Width(have, most) => {
+                write!(f, "propagation table's pulse is {have} s wide, at this rate at most {most:.3} s")
             }
         }
     }
@@ -80,110 +110,124 @@ impl core::fmt::Display for TableError {
 
 impl core::error::Error for TableError {}
 
-/// One interference against range, for [`encode`]. All slices have the table's number of ranges; NaN = no such branch.
+/// A branch at a range: where its pulse lies, in fine delays over [`PARTS`] (0: no pulse), and how the envelope
+/// projects on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pulse {
+    /// Delay, in quefrencies over `FINE × PARTS`.
+    pub delay: u16,
+    /// Strength times the cosine of its phase at quefrency 0.
+    pub re: i16,
+    /// Strength times the sine.
+    pub im: i16,
+}
+
+impl Pulse {
+    /// No pulse.
+    pub const NONE: Self = Self { delay: 0, re: 0, im: 0 };
+
+    /// From a table's bytes.
+    pub fn read([a, b, c, d, e, f]: [u8; 6]) -> Self {
+        Self {
+            delay: u16::from_le_bytes([a, b]),
+            re: i16::from_le_bytes([c, d]),
+            im: i16::from_le_bytes([e, f]),
+        }
+    }
+
+    /// As a table's bytes.
+    pub fn bytes(self) -> [u8; 6] {
+        let ([a, b], [c, d], [e, f]) =
+            (self.delay.to_le_bytes(), self.re.to_le_bytes(), self.im.to_le_bytes());
+        [a, b, c, d, e, f]
+    }
+
+    /// Where it lies, in quefrencies.
+    pub fn centre(self) -> f32 {
+        f32::from(self.delay) * (1.0 / (FINE * PARTS) as f32)
+    }
+}
+
+/// A checked view of a table's bytes; fields as in the layout.
 #[derive(Clone, Copy, Debug)]
-pub struct BranchColumns<'a> {
-    /// Delay between the two paths, s.
-    pub delay_s: &'a [f32],
-    /// Phase of the later path against the earlier in the convention of the module's formula, rad.
-    pub phase_rad: &'a [f32],
-    /// Height of the cepstral pulse, 0 to 1.
-    pub strength: &'a [f32],
+pub struct Table<'t> {
+    pub(super) rate_hz: f32,
+    pub(super) max_range_m: f32,
+    pub(super) branches: usize,
+    pub(super) travel: &'t [[u8; 4]],
+    pub(super) far: &'t [[u8; 2]],
+    pub(super) kernel: &'t [[u8; 4 * FINE]],
+    pub(super) weights: &'t [[u8; 12]],
+    pub(super) half_energy: &'t [[u8; 4]],
+    pub(super) pulses: &'t [[u8; 6]],
 }
 
-/// What a table says that is not an array.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Header {
-    /// Distance between two ranges, m; the first is 0.
-    pub step_m: f32,
-    /// Centre frequency f0 of a vessel's wideband noise, Hz (RR03: 16.5).
-    pub f0_hz: f32,
-    /// Width Δτ of the pulse, s (RR03: 0.05).
-    pub width_s: f32,
+/// The next `count` items of `N` bytes.
+fn take<'t, const N: usize>(rest: &mut &'t [u8], count: usize) -> Option<&'t [[u8; N]]> {
+    let (head, tail) = rest.split_at_checked(N * count)?;
+    *rest = tail;
+    Some(head.as_chunks().0)
 }
 
-/// A checked view of a table's bytes.
-#[derive(Clone, Copy, Debug)]
-pub struct Table<'a> {
-    header: Header,
-    branches: usize,
-    ranges: usize,
-    /// Travel times, then delay, phase, strength of each branch.
-    values: &'a [u8],
+/// Three numbers.
+pub(super) fn three([a, b, c, d, e, f, g, h, i, j, k, l]: [u8; 12]) -> [f32; 3] {
+    [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(f32::from_le_bytes)
 }
 
-fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {
-    bytes.get(at..)?.first_chunk::<2>().map(|b| u16::from_le_bytes(*b))
-}
-
-fn f32_at(bytes: &[u8], at: usize) -> Option<f32> {
-    bytes.get(at..)?.first_chunk::<4>().map(|b| f32::from_le_bytes(*b))
-}
-
-impl<'a> Table<'a> {
+impl<'t> Table<'t> {
     /// Reads and checks a blob. Bytes after the table are an error.
     ///
     /// # Errors
     /// What is wrong first.
-    pub fn parse(bytes: &'a [u8]) -> Result<Self, TableError> {
-        if bytes.first_chunk::<4>() != Some(&MAGIC) {
-            return Err(TableError::Magic);
-        }
-        let short = TableError::Length(HEADER_BYTES);
-        let version = u16_at(bytes, 4).ok_or(short)?;
+    pub fn parse(bytes: &'t [u8]) -> Result<Self, TableError> {
+        let cut = TableError::Length(HEADER_BYTES);
+        let rest = &mut bytes.strip_prefix(&MAGIC).ok_or(TableError::Magic)?;
+        let [version, branches] = *take::<2>(rest, 2).and_then(<[_]>::first_chunk).ok_or(cut)?;
+        let (version, branches) = (u16::from_le_bytes(version), usize::from(u16::from_le_bytes(branches)));
         if version != VERSION {
             return Err(TableError::Version(version));
         }
-        let branches = usize::from(u16_at(bytes, 6).ok_or(short)?);
-        let ranges = usize::from(u16_at(bytes, 8).ok_or(short)?);
-        if !(1..=MAX_BRANCHES).contains(&branches) || !(2..=MAX_RANGES).contains(&ranges) {
+        if !(1..=MAX_BRANCHES).contains(&branches) {
             return Err(TableError::Size);
         }
-        let header = Header {
-            step_m: f32_at(bytes, 12).ok_or(short)?,
-            f0_hz: f32_at(bytes, 16).ok_or(short)?,
-            width_s: f32_at(bytes, 20).ok_or(short)?,
-        };
-        let wanted = blob_bytes(branches, ranges);
-        if bytes.len() != wanted {
-            return Err(TableError::Length(wanted));
-        }
+        let short = TableError::Length(blob_bytes(branches));
         let (body, tail) = bytes.split_last_chunk::<CHECKSUM_BYTES>().ok_or(short)?;
+        if bytes.len() != blob_bytes(branches) {
+            return Err(short);
+        }
         if fnv1a(body) != u64::from_le_bytes(*tail) {
             return Err(TableError::Checksum);
         }
-        let values = body.get(HEADER_BYTES..).ok_or(short)?;
-        let table = Self { header, branches, ranges, values };
-        table.check()?;
-        Ok(table)
+        let [rate_hz, max_range_m] =
+            take::<4>(rest, 2).and_then(<[_]>::first_chunk).ok_or(short)?.map(f32::from_le_bytes);
+        let table = Self {
+            rate_hz,
+            max_range_m,
+            branches,
+            travel: take(rest, KNOTS).ok_or(short)?,
+            far: take(rest, branches * FAR_RANGES).ok_or(short)?,
+            kernel: take(rest, KERNEL).ok_or(short)?,
+            weights: take(rest, QUEFRENCIES).ok_or(short)?,
+            half_energy: take(rest, MODEL_RANGES).ok_or(short)?,
+            pulses: take(rest, branches * MODEL_RANGES).ok_or(short)?,
+        };
+        if table.possible() { Ok(table) } else { Err(TableError::Value) }
     }
 
-    fn check(&self) -> Result<(), TableError> {
-        let h = &self.header;
-        let positive = [h.step_m, h.f0_hz, h.width_s].iter().all(|x| x.is_finite() && *x > 0.0);
-        // NaN marks a missing branch, so the tests below must let it pass: only a present value can be wrong.
-        let wrong = |x: Option<f32>, most: f32| x.is_some_and(|x| !x.is_nan() && !(0.0..=most).contains(&x));
-        let any_wrong = (0..self.ranges).any(|j| {
-            wrong(self.value(0, j), 1000.0)
-                || (0..self.branches).any(|b| {
-                    wrong(self.value(1 + 3 * b, j), 100.0)
-                        || wrong(
-                            self.value(2 + 3 * b, j).map(|x| if x.is_infinite() { -1.0 } else { 0.0 }),
-                            1.0,
-                        )
-                        || wrong(self.value(3 + 3 * b, j), 1.0)
-                })
-        });
-        if positive && !any_wrong { Ok(()) } else { Err(TableError::Value) }
+    fn possible(&self) -> bool {
+        let within = |bytes: &[u8; 4], most: f32| (0.0..=most).contains(&f32::from_le_bytes(*bytes));
+        let fits = |p: &[u8; 6]| usize::from(Pulse::read(*p).delay) < PARTS * (DELAYS - 1);
+        [self.rate_hz, self.max_range_m].iter().all(|x| x.is_finite() && *x > 0.0)
+            && self.travel.iter().all(|t| within(t, 1000.0))
+            && self.kernel.as_flattened().as_chunks().0.iter().all(|k| within(k, 1.0))
+            && self.weights.iter().flat_map(|w| three(*w)).all(f32::is_finite)
+            && self.half_energy.iter().all(|e| within(e, f32::MAX))
+            && self.pulses.iter().all(fits)
     }
 
-    fn value(&self, column: usize, j: usize) -> Option<f32> {
-        if j < self.ranges { f32_at(self.values, 4 * (column * self.ranges + j)) } else { None }
-    }
-
-    /// Step, f0 and Δτ.
-    pub fn header(&self) -> Header {
-        self.header
+    /// Rate of the transforms it was made for, Hz.
+    pub fn rate_hz(&self) -> f32 {
+        self.rate_hz
     }
 
     /// Number of branches.
@@ -191,131 +235,44 @@ impl<'a> Table<'a> {
         self.branches
     }
 
-    /// Number of ranges.
-    pub fn ranges(&self) -> usize {
-        self.ranges
-    }
-
-    /// The farthest range held, m.
+    /// The farthest range of the propagation it was made from, m.
     pub fn max_range_m(&self) -> f32 {
-        self.header.step_m * (self.ranges - 1) as f32
+        self.max_range_m
     }
 
-    /// Place of a range between two rows: the lower row and the part of a step above it.
-    fn place(&self, range_m: f32) -> Option<(usize, f32)> {
-        let x = range_m / self.header.step_m;
-        if !(x >= 0.0 && x <= (self.ranges - 1) as f32) {
+    /// Pulses of a branch at every model range; none of a branch that is not there.
+    pub fn pulses(&self, branch: usize) -> impl Iterator<Item = Pulse> + 't {
+        let from = branch * MODEL_RANGES;
+        let pulses = self.pulses.get(from..from + MODEL_RANGES).unwrap_or_default();
+        pulses.iter().map(|p| Pulse::read(*p))
+    }
+
+    /// Delay of a branch at any range up to 100 km, s; `None` where it does not exist.
+    pub fn delay_s(&self, branch: usize, range_m: f32) -> Option<f32> {
+        let x = (range_m / FAR_STEP_M).max(0.0);
+        let j = x as usize;
+        let delays = self.far.get(branch * FAR_RANGES..(branch + 1) * FAR_RANGES)?;
+        let (a, b) = (u16::from_le_bytes(*delays.get(j)?), u16::from_le_bytes(*delays.get(j + 1)?));
+        if a == 0 || b == 0 {
             return None;
         }
-        let j = (x as usize).min(self.ranges - 2);
-        Some((j, x - j as f32))
+        Some(DELAY_UNIT_S * (f32::from(a) + (f32::from(b) - f32::from(a)) * (x - j as f32)))
     }
 
-    /// Travel time of the first arrival from a range, s, linear between rows; `None` where the table is silent.
-    pub fn travel_time_s(&self, range_m: f32) -> Option<f32> {
-        let (j, part) = self.place(range_m)?;
-        blend(self.value(0, j)?, self.value(0, j + 1)?, part)
+    /// Travel time of the first arrival at each knot, s.
+    pub fn travel_times_s(&self) -> impl Iterator<Item = f32> + 't {
+        self.travel.iter().map(|t| f32::from_le_bytes(*t))
     }
-
-    /// Delay (s), phase (rad) and strength of a branch at a range, linear between rows (the phase the short way
-    /// round); `None` where the branch does not exist.
-    pub fn branch(&self, branch: usize, range_m: f32) -> Option<(f32, f32, f32)> {
-        if branch >= self.branches {
-            return None;
-        }
-        let (j, part) = self.place(range_m)?;
-        let at = |column, row| self.value(1 + 3 * branch + column, row);
-        let delay = blend(at(0, j)?, at(0, j + 1)?, part)?;
-        let phase = at(1, j)?;
-        let turn = crate::angle::wrap_pi_f32(at(1, j + 1)? - phase);
-        let phase = blend(phase, phase + turn, part)?;
-        let strength = blend(at(2, j)?, at(2, j + 1)?, part)?;
-        Some((delay, phase, strength))
-    }
-}
-
-/// Linear between two values; `None` unless those that count are finite.
-fn blend(a: f32, b: f32, part: f32) -> Option<f32> {
-    let x = if part == 0.0 { a } else { a + (b - a) * part };
-    x.is_finite().then_some(x)
-}
-
-/// Writes a table into `out`; the bytes used.
-///
-/// # Errors
-/// [`TableError::Size`] for unlike slices or too many of them, [`TableError::Length`] if `out` is too short,
-/// [`TableError::Value`] for values no table may hold.
-pub fn encode(
-    header: &Header,
-    travel_time_s: &[f32],
-    branches: &[BranchColumns<'_>],
-    out: &mut [u8],
-) -> Result<usize, TableError> {
-    let ranges = travel_time_s.len();
-    let same = |c: &BranchColumns<'_>| [c.delay_s, c.phase_rad, c.strength].iter().all(|s| s.len() == ranges);
-    if !(1..=MAX_BRANCHES).contains(&branches.len())
-        || !(2..=MAX_RANGES).contains(&ranges)
-        || !branches.iter().all(same)
-    {
-        return Err(TableError::Size);
-    }
-    let wanted = blob_bytes(branches.len(), ranges);
-    let out = out.get_mut(..wanted).ok_or(TableError::Length(wanted))?;
-    let (body, tail) = out.split_last_chunk_mut::<CHECKSUM_BYTES>().ok_or(TableError::Length(wanted))?;
-    let head = MAGIC
-        .into_iter()
-        .chain(VERSION.to_le_bytes())
-        .chain((branches.len() as u16).to_le_bytes())
-        .chain((ranges as u16).to_le_bytes())
-        .chain([0, 0])
-        .chain([header.step_m, header.f0_hz, header.width_s].into_iter().flat_map(f32::to_le_bytes));
-    let columns = core::iter::once(travel_time_s)
-        .chain(branches.iter().flat_map(|c| [c.delay_s, c.phase_rad, c.strength]))
-        .flatten()
-        .flat_map(|x| x.to_le_bytes());
-    body.iter_mut().zip(head.chain(columns)).for_each(|(slot, byte)| *slot = byte);
-    *tail = fnv1a(body).to_le_bytes();
-    Table::parse(out)?;
-    Ok(wanted)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::vec;
-    use std::vec::Vec;
-
-    fn example() -> Vec<u8> {
-        let toa = [f32::NAN, 1.0, 2.0];
-        let delay = [f32::NAN, 5.0, 4.0];
-        let phase = [f32::NAN, 3.0, -3.0];
-        let strength = [0.0, 0.1, 0.2];
-        let c = BranchColumns { delay_s: &delay, phase_rad: &phase, strength: &strength };
-        let mut out = vec![0; blob_bytes(2, 3)];
-        let h = Header { step_m: 70.0, f0_hz: 16.5, width_s: 0.05 };
-        assert_eq!(encode(&h, &toa, &[c, c], &mut out), Ok(out.len()));
-        out
-    }
-
-    #[test]
-    fn round_trip_with_interpolation_and_gaps() {
-        let bytes = example();
-        let t = Table::parse(&bytes).unwrap();
-        assert_eq!((t.branches(), t.ranges(), t.max_range_m()), (2, 3, 140.0));
-        assert_eq!(t.travel_time_s(105.0), Some(1.5));
-        assert_eq!(t.travel_time_s(35.0), None);
-        assert_eq!(t.travel_time_s(141.0), None);
-        let (tau, phi, a) = t.branch(1, 105.0).unwrap();
-        assert_eq!(tau, 4.5);
-        assert!((crate::angle::wrap_pi_f32(phi) - core::f32::consts::PI).abs() < 1e-5, "{phi}");
-        assert!((a - 0.15).abs() < 1e-6);
-        assert_eq!(t.branch(0, 30.0), None);
-        assert_eq!(t.branch(2, 100.0), None);
-    }
+    use crate::obs::table_encode::example;
 
     #[test]
     fn damage_is_named() {
-        let good = example();
+        let good = example(50.0);
         let with = |at: usize, byte: u8| {
             let mut b = good.clone();
             b[at] = byte;
@@ -327,16 +284,14 @@ mod tests {
         assert_eq!(Table::parse(&with(40, 1)).unwrap_err(), TableError::Checksum);
         assert_eq!(Table::parse(&good[..50]).unwrap_err(), TableError::Length(good.len()));
         assert_eq!(Table::parse(&[]).unwrap_err(), TableError::Magic);
+        assert_eq!(Table::parse(&good[..7]).unwrap_err(), TableError::Length(HEADER_BYTES));
     }
 
     #[test]
-    fn impossible_values_are_refused() {
-        let (h, x) = (Header { step_m: 70.0, f0_hz: 16.5, width_s: 0.05 }, [1.0f32, 1.0]);
-        let mut out = vec![0; blob_bytes(1, 2)];
-        let bad = BranchColumns { delay_s: &[-1.0, 1.0], phase_rad: &x, strength: &x };
-        assert_eq!(encode(&h, &x, &[bad], &mut out), Err(TableError::Value));
-        let good = BranchColumns { delay_s: &x, phase_rad: &x, strength: &x };
-        assert_eq!(encode(&h, &x, &[good], &mut out[..20]), Err(TableError::Length(blob_bytes(1, 2))));
-        assert_eq!(encode(&Header { step_m: 0.0, ..h }, &x, &[good], &mut out), Err(TableError::Value));
+    fn a_table_of_the_layout_before_is_refused_in_one_line() {
+        let mut old = example(50.0);
+        old[4] = 1;
+        let line = std::format!("{}", Table::parse(&old).unwrap_err());
+        assert!(line.contains("version 1") && line.contains("`seabearing blob`"), "{line}");
     }
 }

@@ -18,11 +18,11 @@
 //! Cost: 0.2 M instructions a window in noise, up to 15 M when every bin carries a vessel.
 
 use super::ambient::Ambient;
-use super::azigram::Row;
-use super::cauchy::{Codes, Profile, SPAN, WrappedCauchy, distance, log_sum, step_of};
-use super::impulsive::UNEVEN;
-use super::limits::{AZIMUTH_BINS, AZIMUTH_MODES, AZIMUTHS, CIRCLE};
-use crate::math;
+use super::cauchy::{Codes, Profile, WrappedCauchy, distance, step_of};
+use super::limits::{AZIMUTH_BINS, AZIMUTH_MODES, AZIMUTHS, CIRCLE, SPAN};
+use super::row::Row;
+use super::shared::Tonal;
+use crate::math::{self, log_sum};
 
 /// Natural logarithm of the presence ratio a mode must exceed: 10⁴, so that noise passes at most once in 10⁴ windows.
 pub const LOG_THRESHOLD: f32 = 9.21;
@@ -48,37 +48,6 @@ pub struct Mode {
     pub step: u16,
     /// Short sounds rich in frequency, not tones: a whale, not a vessel.
     pub impulsive: bool,
-}
-
-/// Work space.
-#[derive(Clone, Debug)]
-pub struct TonalScratch {
-    profile: Profile,
-    sum: [f32; AZIMUTHS],
-    peak: [f32; AZIMUTH_BINS],
-    adjust: [f32; AZIMUTH_BINS],
-    best: [u16; AZIMUTH_BINS],
-    free: [bool; AZIMUTH_BINS],
-}
-
-impl Default for TonalScratch {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl TonalScratch {
-    /// All zeros.
-    pub const fn new() -> Self {
-        Self {
-            profile: [0.0; SPAN],
-            sum: [0.0; AZIMUTHS],
-            peak: [0.0; AZIMUTH_BINS],
-            adjust: [0.0; AZIMUTH_BINS],
-            best: [0; AZIMUTH_BINS],
-            free: [false; AZIMUTH_BINS],
-        }
-    }
 }
 
 /// What a window says.
@@ -107,7 +76,7 @@ impl Directions {
 
 impl WrappedCauchy {
     /// Searches a window. `rows` are the frames in it, in any order.
-    pub fn search(&self, bins: usize, ambient: &Ambient, s: &mut TonalScratch, rows: &[&Row]) -> Directions {
+    pub fn search(&self, bins: usize, ambient: &Ambient, s: &mut Tonal, rows: &[&Row]) -> Directions {
         let mut out = Directions { modes: [None; AZIMUTH_MODES], log_presence: -60.0, frames: rows.len() };
         if out.frames < LEAST_FRAMES {
             return out;
@@ -128,10 +97,10 @@ impl WrappedCauchy {
     }
 
     /// Finds the bins worth a full profile, and their peak and correction.
-    fn weigh_bins(&self, bins: usize, ambient: &Ambient, s: &mut TonalScratch, rows: &[&Row]) {
-        s.free = [false; AZIMUTH_BINS];
+    fn weigh_bins(&self, bins: usize, ambient: &Ambient, s: &mut Tonal, rows: &[&Row]) {
+        s.free = [0; AZIMUTH_BINS];
         // A short sound lies in both frames that overlap it: against one, uneven frames count half.
-        let bursts = rows.iter().filter(|r| r.uneven >= UNEVEN).count();
+        let bursts = rows.iter().filter(|r| r.may_hold_a_call()).count();
         let share = 1.0 - 0.5 * bursts as f32 / rows.len().max(1) as f32;
         let weights = s.peak.iter_mut().zip(&mut s.adjust).zip(&mut s.best).zip(&mut s.free);
         for (f, (((peak, adjust), best), free)) in weights.enumerate().take(bins) {
@@ -156,12 +125,12 @@ impl WrappedCauchy {
                 let against_short = share * (top + phase - short) - top;
                 (phase - log_sum(log_sum(0.0, axial), noise)).min(against_short)
             };
-            (*peak, *best, *free) = (top + *adjust, step as u16, true);
+            (*peak, *best, *free) = (top + *adjust, step as u16, 1);
         }
     }
 
     /// The strongest direction among the bins still free; its bins are set aside.
-    fn next_mode(&self, bins: usize, s: &mut TonalScratch, rows: &[&Row]) -> Option<Mode> {
+    fn next_mode(&self, bins: usize, s: &mut Tonal, rows: &[&Row]) -> Option<Mode> {
         let top_peak = free_bins(s).map(|(_, p, _)| p).fold(f32::NEG_INFINITY, f32::max);
         if !top_peak.is_finite() {
             return None;
@@ -170,7 +139,7 @@ impl WrappedCauchy {
         s.sum = [0.0; AZIMUTHS];
         for f in 0..bins.min(AZIMUTH_BINS) {
             let (free, peak, adjust) = (get(&s.free, f), get(&s.peak, f), get(&s.adjust, f));
-            if !free || peak < top_peak - 20.0 {
+            if free == 0 || peak < top_peak - 20.0 {
                 continue;
             }
             let middle = usize::from(get(&s.best, f));
@@ -193,11 +162,11 @@ impl WrappedCauchy {
         s.profile = [0.0; SPAN];
         let mut used = 0u16;
         for f in 0..bins.min(AZIMUTH_BINS) {
-            if !get(&s.free, f) || distance(usize::from(get(&s.best, f)), best) > SAME_VESSEL {
+            if get(&s.free, f) == 0 || distance(usize::from(get(&s.best, f)), best) > SAME_VESSEL {
                 continue;
             }
             if let Some(free) = s.free.get_mut(f) {
-                *free = false;
+                *free = 0;
             }
             if get(&s.peak, f) > 0.0 || self.paper {
                 used += 1;
@@ -210,7 +179,7 @@ impl WrappedCauchy {
         // three bins of the Hann window; half-overlapped frames share a third).
         let (mut square, mut n) = (0f32, 0u32);
         for f in 0..bins.min(AZIMUTH_BINS) {
-            if get(&s.free, f)
+            if get(&s.free, f) > 0
                 || get(&s.peak, f) <= 0.0
                 || distance(usize::from(get(&s.best, f)), best) > SAME_VESSEL
             {
@@ -245,9 +214,9 @@ fn get<T: Copy + Default, const N: usize>(xs: &[T; N], i: usize) -> T {
     xs.get(i).copied().unwrap_or_default()
 }
 
-fn free_bins(s: &TonalScratch) -> impl Iterator<Item = (usize, f32, u16)> + '_ {
+fn free_bins(s: &Tonal) -> impl Iterator<Item = (usize, f32, u16)> + '_ {
     let all = s.free.iter().zip(&s.peak).zip(&s.best).enumerate();
-    all.filter(|(_, ((free, _), _))| **free).map(|(f, ((_, p), b))| (f, *p, *b))
+    all.filter(|(_, ((free, _), _))| **free > 0).map(|(f, ((_, p), b))| (f, *p, *b))
 }
 
 /// Index and value of the largest.
@@ -269,6 +238,7 @@ fn refine(profile: &Profile, middle: usize) -> (usize, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::obs::shared::Shared;
     use std::vec::Vec;
 
     /// Frames of random directions; `calls` bins from 100 on scatter about code 300, `tone` bins about code 800.
@@ -282,22 +252,24 @@ mod tests {
         for _ in 0..18 {
             let mut row = Row::EMPTY;
             row.uneven = uneven;
-            row.azimuth.iter_mut().for_each(|a| *a = random(1024));
-            row.phase.iter_mut().for_each(|p| *p = random(16) as u8);
-            row.azimuth.iter_mut().skip(100).take(calls).for_each(|a| *a = 260 + random(40) + random(40));
-            row.phase.iter_mut().skip(100).take(calls).for_each(|p| *p = 5 + random(2) as u8);
-            row.azimuth.iter_mut().skip(130).take(tone).for_each(|a| *a = 790 + random(20));
-            row.phase.iter_mut().skip(130).take(tone).for_each(|p| *p = 7 + random(2) as u8);
+            row.fill((0..AZIMUTH_BINS).map(|bin| {
+                Some(match bin {
+                    _ if (130..130 + tone).contains(&bin) => (790 + random(20), 7 + random(2) as u8),
+                    _ if (100..100 + calls).contains(&bin) => {
+                        (260 + random(40) + random(40), 5 + random(2) as u8)
+                    }
+                    _ => (random(1024), random(16) as u8),
+                })
+            }));
             rows.push(row);
         }
         rows
     }
 
     fn modes(rows: &[Row]) -> Vec<f32> {
-        let mut law = WrappedCauchy::EMPTY;
-        law.fill(false);
+        let law = WrappedCauchy { paper: false };
         let rows: Vec<&Row> = rows.iter().collect();
-        let found = law.search(266, &Ambient::new(), &mut TonalScratch::new(), &rows);
+        let found = law.search(266, &Ambient::new(), Shared::new().tonal(), &rows);
         found.modes.iter().flatten().map(|m| m.azimuth.to_degrees()).collect()
     }
 

@@ -82,7 +82,13 @@ impl Tracker {
     }
 
     /// Looks at the evidence up to minute `now`.
-    pub fn minute(&mut self, plan: &Plan, evidence: &mut Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
+    pub fn minute(
+        &mut self,
+        plan: &Plan<'_>,
+        evidence: &mut Evidence,
+        now: u32,
+        sink: &mut dyn FnMut(Message),
+    ) {
         if !now.is_multiple_of(EVERY) {
             return;
         }
@@ -113,7 +119,7 @@ impl Tracker {
     }
 
     /// Closes every track.
-    pub fn finish(&mut self, plan: &Plan, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
+    pub fn finish(&mut self, plan: &Plan<'_>, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
         self.improve(&plan.travel, evidence, now);
         self.live.iter().flatten().for_each(|live| live.send(plan, 1, sink));
         self.live = [None; LIVE];
@@ -155,7 +161,7 @@ impl Tracker {
     }
 
     /// Where each vessel is expected to be seen in a minute.
-    pub fn expected(&self, plan: &Plan, minute: u32) -> Known {
+    pub fn expected(&self, plan: &Plan<'_>, minute: u32) -> Known {
         self.live.map(|live| {
             let live = live?;
             let s = live.course.seen(&plan.travel, STEP_S * f64::from(minute));
@@ -277,7 +283,7 @@ impl Live {
     }
 
     /// Sends the track as known now.
-    fn send(&self, plan: &Plan, stage: u8, sink: &mut dyn FnMut(Message)) {
+    fn send(&self, plan: &Plan<'_>, stage: u8, sink: &mut dyn FnMut(Message)) {
         let Some((c, s)) = self.course.closest(&self.covariance) else { return };
         let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
         let sd = |x: f64| math::f64::sqrt(x.max(0.0));

@@ -72,18 +72,20 @@ impl core::fmt::Display for SetupError {
 
 impl core::error::Error for SetupError {}
 
-/// Memory for every kind of recorder this software holds.
+/// Memory for every kind of recorder this software holds. A propagation table is read where it lies, for `'t`.
 #[derive(Debug, Default)]
-pub struct Memory {
+pub struct Memory<'t> {
     /// The compact array's.
     #[cfg(feature = "array")]
     pub array: ArrayRecorder,
     /// The ocean-bottom station's.
     #[cfg(feature = "obs")]
-    pub obs: ObsRecorder,
+    pub obs: ObsRecorder<'t>,
+    #[cfg(not(feature = "obs"))]
+    table: core::marker::PhantomData<&'t [u8]>,
 }
 
-impl Memory {
+impl<'t> Memory<'t> {
     /// Unconfigured; all zeros, so that a `static` of it costs no flash.
     pub const fn new() -> Self {
         Self {
@@ -91,6 +93,8 @@ impl Memory {
             array: ArrayRecorder::new(),
             #[cfg(feature = "obs")]
             obs: ObsRecorder::new(),
+            #[cfg(not(feature = "obs"))]
+            table: core::marker::PhantomData,
         }
     }
 
@@ -102,8 +106,8 @@ impl Memory {
     pub fn configure(
         &mut self,
         config: &StationConfig,
-        table: Option<&[u8]>,
-    ) -> Result<Recorder<'_>, SetupError> {
+        table: Option<&'t [u8]>,
+    ) -> Result<Recorder<'_, 't>, SetupError> {
         #[cfg(not(feature = "obs"))]
         let _ = table; // only that kind has one
         match &config.kind {
@@ -124,22 +128,27 @@ impl Memory {
 
 /// A configured recorder.
 #[derive(Debug)]
-pub enum Recorder<'a> {
+pub enum Recorder<'m, 't> {
     /// Compact array.
     #[cfg(feature = "array")]
-    Array(&'a mut ArrayRecorder),
+    Array(&'m mut ArrayRecorder),
     /// Ocean-bottom station.
     #[cfg(feature = "obs")]
-    Obs(&'a mut ObsRecorder),
+    Obs(&'m mut ObsRecorder<'t>),
+    /// No recorder at all, in a software that holds none.
+    #[cfg(not(feature = "obs"))]
+    Unavailable(core::convert::Infallible, core::marker::PhantomData<(&'m (), &'t ())>),
 }
 
-impl Application for Recorder<'_> {
+impl Application for Recorder<'_, '_> {
     fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {
         match self {
             #[cfg(feature = "array")]
             Self::Array(r) => r.start(reset_cause, sink),
             #[cfg(feature = "obs")]
             Self::Obs(r) => r.start(reset_cause, sink),
+            #[cfg(not(feature = "obs"))]
+            Self::Unavailable(never, _) => match *never {},
         }
     }
 
@@ -149,6 +158,8 @@ impl Application for Recorder<'_> {
             Self::Array(r) => r.push(block, sink),
             #[cfg(feature = "obs")]
             Self::Obs(r) => r.push(block, sink),
+            #[cfg(not(feature = "obs"))]
+            Self::Unavailable(never, _) => match *never {},
         }
     }
 
@@ -158,6 +169,8 @@ impl Application for Recorder<'_> {
             Self::Array(r) => r.command(command, sink),
             #[cfg(feature = "obs")]
             Self::Obs(r) => r.command(command, sink),
+            #[cfg(not(feature = "obs"))]
+            Self::Unavailable(never, _) => match *never {},
         }
     }
 
@@ -167,6 +180,8 @@ impl Application for Recorder<'_> {
             Self::Array(r) => r.finish(sink),
             #[cfg(feature = "obs")]
             Self::Obs(r) => r.finish(sink),
+            #[cfg(not(feature = "obs"))]
+            Self::Unavailable(never, _) => match *never {},
         }
     }
 }

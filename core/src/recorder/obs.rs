@@ -8,23 +8,24 @@ use crate::obs::{self, PlanError, Table};
 use crate::run::Application;
 use crate::wire::{Command, Message};
 
-/// Everything the ocean-bottom recorder needs, in one place; meant for a `static`.
+/// Everything the ocean-bottom recorder needs, in one place; meant for a `static`. Its propagation table is read where it
+/// lies, for `'t`.
 #[derive(Debug)]
-pub struct ObsRecorder {
-    plan: obs::Plan,
+pub struct ObsRecorder<'t> {
+    plan: obs::Plan<'t>,
     configured: bool,
     state: obs::State,
     scratch: obs::Scratch,
     reporter: Reporter,
 }
 
-impl Default for ObsRecorder {
+impl Default for ObsRecorder<'_> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl ObsRecorder {
+impl<'t> ObsRecorder<'t> {
     /// A recorder without a configuration: it accounts for nothing and says nothing but hello.
     pub const fn new() -> Self {
         Self {
@@ -40,7 +41,7 @@ impl ObsRecorder {
     ///
     /// # Errors
     /// What is wrong with either; the recorder is left as it was.
-    pub fn configure(&mut self, config: &StationConfig, table: Option<&[u8]>) -> Result<(), SetupError> {
+    pub fn configure(&mut self, config: &StationConfig, table: Option<&'t [u8]>) -> Result<(), SetupError> {
         let table = Table::parse(table.ok_or(SetupError::NoTable)?).map_err(SetupError::Table)?;
         self.plan.fill(config, &table).map_err(SetupError::Plan)?;
         if self.configured {
@@ -95,7 +96,7 @@ impl core::fmt::Display for SetupError {
 
 impl core::error::Error for SetupError {}
 
-impl Application for ObsRecorder {
+impl Application for ObsRecorder<'_> {
     fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {
         sink(&self.reporter.hello(reset_cause));
     }
