@@ -102,7 +102,7 @@ pub fn host(
         let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
         let table = config_blob::section(blob, PROPAGATION).ok();
         // The recorder's memory is large: it is built in place, on the heap.
-        let mut memory: Box<Memory> = Box::default();
+        let mut memory: Box<Memory<'_>> = Box::default();
         let mut recorder = memory.configure(&config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
         let counters = match samples {
             SamplePath::File => {

@@ -16,9 +16,10 @@ use crate::recording::Source;
 use crate::score::{Detections, detections, smad};
 use anyhow::{Result, anyhow};
 use seabearing_core::obs::clutter::{Clutter, FIRST_QUEFRENCY};
-use seabearing_core::obs::limits::{HOP, RANGE_CELLS};
+use seabearing_core::obs::limits::HOP;
 use seabearing_core::obs::presence::Presence;
 use seabearing_core::obs::radial::RadialScratch;
+use seabearing_core::obs::shared::Shared;
 use seabearing_core::obs::{Plan, Table};
 use seabearing_core::wire::{Message, Range};
 
@@ -37,10 +38,9 @@ fn run(options: &Options) -> Result<()> {
     let mut all = [Detections::default(), Detections::default()];
     for seed in (0..options.runs.unwrap_or(4) as u64).map(|i| options.seed + i) {
         let scenario = Scenario { ship: vec![ship(seed)], ..quiet(seed, 21_600.0) };
-        let bytes = table::blob(&table, "RR03")?;
+        let bytes = table::blob(&table, "RR03", RATE_HZ)?;
         let view = Table::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
-        let plan =
-            Box::new(Plan::new(&station::config(&scenario, false)?, &view).map_err(|e| anyhow!("{e}"))?);
+        let plan = Plan::new(&station::config(&scenario, false)?, &view).map_err(|e| anyhow!("{e}"))?;
         let paths = scenario.paths;
         let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
         let vessels = simulator.vessels.clone();
@@ -78,7 +78,7 @@ fn run(options: &Options) -> Result<()> {
 
 /// The radial detector over filtered cepstra.
 fn detect(
-    plan: &Plan,
+    plan: &Plan<'_>,
     cepstra: &[batch::Cepstrum],
     table: &Propagation,
     paths: usize,
@@ -87,7 +87,7 @@ fn detect(
     let mut presence = Box::new(Presence::new());
     presence.start(plan.max_range_m());
     let mut scratch = Box::new(RadialScratch::new());
-    let mut columns = [[0f32; RANGE_CELLS]; 3];
+    let mut shared = Box::new(Shared::new());
     let mut messages = Vec::new();
     let minutes = (cepstra.len() * HOP) as u64 / 3000;
     for k in 1..minutes {
@@ -96,12 +96,12 @@ fn detect(
         for (m, c) in cepstra.iter().enumerate() {
             let t = HOP as f64 * (m + 1) as f64 / RATE_HZ - centre;
             if (-30.0..30.0).contains(&t) {
-                scratch.add(plan.interference(), c.iter().copied(), t as f32);
+                scratch.add(plan.interference(), shared.envelope(), c.iter().copied(), t as f32);
             }
         }
-        scratch.fill();
-        presence.predict(&mut columns);
-        let r = presence.update(&scratch.grid);
+        presence.predict(shared.columns());
+        scratch.fill(shared.grid());
+        let r = presence.update(shared.grid());
         let Some(m) = r.modes[0].filter(|_| r.log_odds > 0.0) else { continue };
         messages.push(Message::Range(Range {
             index: k * 3000,

@@ -35,7 +35,7 @@ pub fn replay(
     let begun = Instant::now();
     let mut summary = Summary::default();
     // The recorder's memory is large: it is built in place, on the heap.
-    let mut memory: Box<Memory> = Box::default();
+    let mut memory: Box<Memory<'_>> = Box::default();
     let mut recorder = memory.configure(config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
     let mut messages = Vec::new();
     let mut frames = 0u32;

@@ -315,7 +315,7 @@ impl Station {
     pub fn propagation_blob(&self) -> Result<Option<Vec<u8>>> {
         let Some(path) = &self.propagation else { return Ok(None) };
         let table = crate::propagation::file::read(path)?;
-        crate::ocean_bottom::table::blob(&table, &path.display().to_string()).map(Some)
+        crate::ocean_bottom::table::blob(&table, &path.display().to_string(), self.config.rate_hz).map(Some)
     }
 
     /// Reads a network file: a list of `[[stations]]`.

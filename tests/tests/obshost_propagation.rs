@@ -37,15 +37,21 @@ fn the_table_is_as_described() {
 fn conversion_survives_file_and_core() {
     let Some(t) = rr03("conversion_survives_file_and_core", false) else { return };
     let back = file::parse(&file::format(&t), "rr03.toml").unwrap();
-    let (bytes, again) = (blob(&t, "a").unwrap(), blob(&back, "b").unwrap());
+    let (bytes, again) = (blob(&t, "a", 50.0).unwrap(), blob(&back, "b", 50.0).unwrap());
     let (a, b) = (Table::parse(&bytes).unwrap(), Table::parse(&again).unwrap());
-    for j in 0..1400 {
-        let range = 70.0 * j as f32 + 13.0;
+    // The file holds six digits: a step of delay, and of phase what turns by 10⁻⁴ rad.
+    for (branch, (p, q)) in (0..4).flat_map(|k| a.pulses(k).zip(b.pulses(k)).map(move |x| (k, x))) {
+        assert!(p.delay.abs_diff(q.delay) <= 1, "{branch} {p:?} {q:?}");
+        let apart = f64::from(p.re.abs_diff(q.re)).hypot(f64::from(p.im.abs_diff(q.im)));
+        let strength = f64::from(p.re).hypot(f64::from(p.im));
+        assert!(apart <= 2.0 + 2e-3 * strength, "{branch} {p:?} {q:?}");
+    }
+    for range_m in (0..1400).map(|j| 70.0 * j as f32 + 13.0) {
         for branch in 0..4 {
-            match (a.branch(branch, range), b.branch(branch, range)) {
-                (Some(x), Some(y)) => assert!((x.0 - y.0).abs() < 1e-5 && (x.1 - y.1).abs() < 1e-4),
+            match (a.delay_s(branch, range_m), b.delay_s(branch, range_m)) {
+                (Some(x), Some(y)) => assert!((x - y).abs() < 1.5e-4, "{branch} {range_m} {x} {y}"),
                 (None, None) => {}
-                other => panic!("{branch} {range} {other:?}"),
+                other => panic!("{branch} {range_m} {other:?}"),
             }
         }
     }

@@ -49,7 +49,7 @@ fn listen(runs: &[(u64, &[Frame])], block: impl FnMut() -> usize) -> Vec<Message
 }
 
 fn listen_at(station: &Station, runs: &[(u64, &[Frame])], mut block: impl FnMut() -> usize) -> Vec<Message> {
-    let mut memory = Box::<Memory>::default();
+    let mut memory = Box::<Memory<'_>>::default();
     let mut recorder = memory.configure(&station.config, None).unwrap();
     let mut heard = Vec::new();
     let mut sink = |m: &Message| heard.push(*m);
@@ -157,7 +157,7 @@ fn a_dead_channel_is_named_and_gives_no_bearing() {
 #[test]
 fn telemetry_names_the_configuration_it_ran_with() {
     let config = station().config;
-    let mut memory = Box::<Memory>::default();
+    let mut memory = Box::<Memory<'_>>::default();
     let mut recorder = memory.configure(&config, None).unwrap();
     let mut heard = Vec::new();
     recorder.start(1, &mut |m| heard.push(*m));

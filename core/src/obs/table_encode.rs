@@ -11,8 +11,8 @@ use super::table::{
     STRENGTH_UNIT, Table, TableError, VERSION, blob_bytes,
 };
 use crate::angle::wrap_pi_f32;
-use crate::wire::hash::fnv1a;
 use crate::math;
+use crate::wire::hash::fnv1a;
 
 /// Delays shorter than this (s) lie under the spectrum's smooth shape and are left out.
 const SHORTEST_DELAY_S: f32 = 0.25;

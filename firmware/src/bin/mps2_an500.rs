@@ -16,7 +16,7 @@ use seabearing_firmware::mps2_an500::{
 #[entry]
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
-    static mut MEMORY: Memory = Memory::new();
+    static mut MEMORY: Memory<'static> = Memory::new();
 
     let Some(peripherals) = cortex_m::Peripherals::take() else { fail(c"started twice\n") };
     let Ok(config) = config_blob::station(blob()) else { fail(c"no valid configuration at 0x60000000\n") };

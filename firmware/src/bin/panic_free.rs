@@ -95,7 +95,7 @@ impl Supervisor for Device {
 #[entry]
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
-    static mut MEMORY: Memory = Memory::new();
+    static mut MEMORY: Memory<'static> = Memory::new();
 
     // SAFETY: this image is never run.
     let blob = unsafe { core::slice::from_raw_parts(0x6000_0000 as *const u8, 1 << 20) };

@@ -51,7 +51,7 @@ unsafe fn UART4() {
 #[entry]
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
-    static mut MEMORY: Memory = Memory::new();
+    static mut MEMORY: Memory<'static> = Memory::new();
     static mut QUEUE: Queue<Numbered, QUEUE_FRAMES> = Queue::new();
     static mut RING: [u8; RING_BYTES] = [0; RING_BYTES];
 

@@ -18,7 +18,7 @@ pub fn run(
     source: &mut dyn Source,
     said: &mut dyn FnMut(Message),
 ) -> Result<()> {
-    let bytes = blob(table, &table.name)?;
+    let bytes = blob(table, &table.name, config.rate_hz)?;
     let view = Table::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
     let plan = Box::new(Plan::new(config, &view).map_err(|e| anyhow!("{e}"))?);
     let (mut state, mut scratch) = (Box::new(State::new()), Box::<Scratch>::default());

@@ -2,7 +2,9 @@
 
 use crate::propagation::{Propagation, file};
 use anyhow::{Context, Result};
-use seabearing_core::obs::table::{BranchColumns, Header, MAX_BRANCHES, MAX_RANGES, blob_bytes, encode};
+use seabearing_core::obs::decimate::inner_rate_hz;
+use seabearing_core::obs::table::{MAX_BRANCHES, blob_bytes};
+use seabearing_core::obs::table_encode::{BranchColumns, Header, encode};
 
 /// The farthest range the core's radial detector looks at, m [METHODS-OBS 6].
 pub const NEEDED_M: f64 = 50_050.0;
@@ -10,18 +12,14 @@ pub const NEEDED_M: f64 = 50_050.0;
 /// The greatest strength a table may hold: a pulse cannot be higher than the cepstrum of two equal paths.
 const STRONGEST: f64 = 1.0;
 
-/// The core's bytes of a table; `name` stands in messages. Rows beyond the core's capacity are cut, branches beyond
-/// its number are left out.
+/// The core's bytes of a table for a recording at `rate_hz`; `name` stands in messages. Branches beyond the core's
+/// number are left out.
 ///
 /// # Errors
 /// The table does not cover [`NEEDED_M`], or holds what the core refuses.
-pub fn blob(table: &Propagation, name: &str) -> Result<Vec<u8>> {
+pub fn blob(table: &Propagation, name: &str, rate_hz: f64) -> Result<Vec<u8>> {
     file::covers(table, NEEDED_M, name)?;
-    encode_rows(table, name)
-}
-
-fn encode_rows(table: &Propagation, name: &str) -> Result<Vec<u8>> {
-    let rows = table.rows().min(MAX_RANGES);
+    let rows = table.rows();
     let branches = table.strengths.len().min(MAX_BRANCHES);
     let travel: Vec<f32> = (0..rows).map(|j| table.travel_time_s(j).map_or(f32::NAN, |t| t as f32)).collect();
     let columns: Vec<[Vec<f32>; 3]> = (0..branches)
@@ -41,8 +39,8 @@ fn encode_rows(table: &Propagation, name: &str) -> Result<Vec<u8>> {
         columns.iter().map(|[d, p, s]| BranchColumns { delay_s: d, phase_rad: p, strength: s }).collect();
     let header =
         Header { step_m: table.step_m as f32, f0_hz: table.f0_hz as f32, width_s: table.width_s as f32 };
-    let mut out = vec![0; blob_bytes(branches, rows)];
-    let n = encode(&header, &travel, &views, &mut out)
+    let mut out = vec![0; blob_bytes(branches)];
+    let n = encode(&header, inner_rate_hz(rate_hz) as f32, &travel, &views, &mut out)
         .map_err(|e| anyhow::anyhow!("{e}"))
         .with_context(|| name.to_owned())?;
     out.truncate(n);
@@ -59,15 +57,17 @@ mod tests {
     fn the_core_reads_what_was_traced() {
         let profile = Profile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
         let table = trace::trace("t", &profile, &Bottom::default(), 700.0, 100, || ());
-        let bytes = blob(&table, "t").unwrap();
+        let bytes = blob(&table, "t", 200.0).unwrap();
         let core = Table::parse(&bytes).unwrap();
-        assert_eq!((core.branches(), core.ranges()), (4, 100));
-        let (delay, phase, strength) = core.branch(1, 21_000.0).unwrap();
-        let (d, p) = table.branch(1, 30).unwrap();
-        assert!((f64::from(delay) - d).abs() < 1e-5 && (f64::from(phase) - p).abs() < 1e-4);
-        assert!((f64::from(strength) - table.strengths[1].at(21_000.0)).abs() < 1e-6);
-        assert!(core.branch(0, 49_000.0).is_none(), "the direct path does not reach so far");
+        assert_eq!((core.branches(), core.rate_hz()), (4, 50.0));
+        let (d, _) = table.branch(1, 30).unwrap();
+        assert!((f64::from(core.delay_s(1, 21_000.0).unwrap()) - d).abs() < 1e-4);
+        let pulse = core.pulses(1).nth(300).unwrap();
+        assert!((f64::from(pulse.centre()) - 50.0 * d).abs() < 1.0 / 128.0);
+        let strength = f64::from(pulse.re).hypot(f64::from(pulse.im)) / 32_768.0;
+        assert!((strength - table.strengths[1].at(21_000.0)).abs() < 1e-4);
+        assert!(core.delay_s(0, 49_000.0).is_none(), "the direct path does not reach so far");
         let short = trace::trace("t", &profile, &Bottom::default(), 700.0, 50, || ());
-        assert!(blob(&short, "t.toml").unwrap_err().to_string().contains("t.toml"));
+        assert!(blob(&short, "t.toml", 50.0).unwrap_err().to_string().contains("t.toml"));
     }
 }
