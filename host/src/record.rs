@@ -82,8 +82,9 @@ impl Recorder {
             Message::Azimuth(a) => (
                 "azimuth",
                 Some(a.index),
+                // Without a spread there is no azimuth: a minute in which nothing was detected.
                 json!({
-                    "azimuth_deg": deg(a.azimuth), "sd_deg": deg(a.sd), "log_presence": num(a.log_presence),
+                    "azimuth_deg": a.sd.is_finite().then(|| deg(a.azimuth)), "sd_deg": deg(a.sd), "log_presence": num(a.log_presence),
                     "weight": num(a.weight), "detected": a.detected,
                     "source": if a.kind == 0 { "tonal" } else { "impulsive" },
                 }),
@@ -92,7 +93,8 @@ impl Recorder {
                 "range",
                 Some(r.index),
                 json!({
-                    "range_m": num(r.range_m), "sd_range_m": num(r.sd_range_m), "speed_m_s": num(r.speed_m_s),
+                    "range_m": r.sd_range_m.is_finite().then(|| num(r.range_m)), "sd_range_m": num(r.sd_range_m),
+                    "speed_m_s": r.sd_speed_m_s.is_finite().then(|| num(r.speed_m_s)),
                     "sd_speed_m_s": num(r.sd_speed_m_s), "log_presence": num(r.log_presence),
                     "weight": num(r.weight), "detected": r.detected,
                 }),
@@ -142,4 +144,41 @@ impl Recorder {
 /// JSON has no infinity: what is not observable is `null`.
 fn finite(x: f64) -> Value {
     if x.is_finite() { json!(x) } else { Value::Null }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use seabearing_core::wire::{Azimuth, Range};
+
+    #[test]
+    fn what_was_not_detected_has_no_value() {
+        let records = Recorder { rate_hz: 50.0, start: None };
+        let none = f32::INFINITY;
+        let azimuth = Azimuth {
+            index: 3000,
+            azimuth: 0.0,
+            sd: none,
+            log_presence: -3.0,
+            weight: 0.0,
+            detected: false,
+            kind: 0,
+        };
+        let range = Range {
+            index: 3000,
+            range_m: 0.0,
+            sd_range_m: none,
+            speed_m_s: 0.0,
+            sd_speed_m_s: none,
+            log_presence: -3.0,
+            weight: 0.0,
+            detected: false,
+        };
+        let a = records.json(&Message::Azimuth(azimuth));
+        assert!(a["azimuth_deg"].is_null() && a["detected"] == false, "{a}");
+        let r = records.json(&Message::Range(range));
+        assert!(r["range_m"].is_null() && r["speed_m_s"].is_null(), "{r}");
+        let a = records.json(&Message::Azimuth(Azimuth { sd: 0.02, detected: true, ..azimuth }));
+        assert_eq!(a["azimuth_deg"], 0.0);
+    }
 }

@@ -12,7 +12,7 @@ use super::interference::Interference;
 use super::limits::{
     MINUTE_FRAMES, MODEL_RANGES, QUEFRENCIES, RANGE_CELLS, RANGE_MODES, RANGE_STEP_M, SPEEDS,
 };
-use super::presence::{RangeMode, RangePresence, range_of};
+use super::presence::{DETECTION, RangeMode, RangePresence, range_of};
 use super::radial::{GRID_UNIT, RadialScratch, add_shifted, coded, row_code, speed_of};
 use super::shared::Grid;
 use crate::math;
@@ -178,7 +178,9 @@ fn detect(grid: &Grid, max_range_m: f32) -> RangePresence {
     };
     RangePresence {
         log_odds: top + math::f32::ln(by_range / ranges),
-        log_evidence: top + math::f32::ln(plain / count),
+        log_evidence: math::f32::ln(
+            1.0 - DETECTION + DETECTION * math::f32::exp((top + math::f32::ln(plain / count)).min(20.0)),
+        ),
         approaching: approaching / plain,
         modes: core::array::from_fn(|m| (m == 0).then_some(mode)),
     }

@@ -16,7 +16,7 @@ use super::shared::{Columns, Grid};
 use crate::math;
 
 /// Probability that a present vessel shows in a minute's cepstra.
-const DETECTION: f32 = 0.6;
+pub(super) const DETECTION: f32 = 0.6;
 
 /// Probability a minute that a vessel appears, or goes: one in three hours.
 const CHANGE: f32 = 1.0 / 180.0;
@@ -95,7 +95,7 @@ const OWNERS: usize = VESSELS + 1;
 pub struct RangePresence {
     /// ln of the odds that a vessel is there.
     pub log_odds: f32,
-    /// ln of this minute's evidence for one, against none.
+    /// ln of this minute's evidence for one against none, the chance that it does not show included: `1 − Pd + Pd M`.
     pub log_evidence: f32,
     /// Share of the posterior that approaches.
     pub approaching: f32,

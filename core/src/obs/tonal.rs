@@ -57,6 +57,8 @@ pub struct Directions {
     pub modes: [Option<Mode>; AZIMUTH_MODES],
     /// Natural logarithm of the presence ratio of the whole window.
     pub log_presence: f32,
+    /// That of the strongest direction too weak to be a mode; −∞ where there was none.
+    pub log_below: f32,
     /// Frames used.
     pub frames: usize,
 }
@@ -77,7 +79,12 @@ impl Directions {
 impl WrappedCauchy {
     /// Searches a window. `rows` are the frames in it, in any order.
     pub fn search(&self, bins: usize, ambient: &Ambient, s: &mut Tonal, rows: &[&Row]) -> Directions {
-        let mut out = Directions { modes: [None; AZIMUTH_MODES], log_presence: -60.0, frames: rows.len() };
+        let mut out = Directions {
+            modes: [None; AZIMUTH_MODES],
+            log_presence: -60.0,
+            log_below: f32::NEG_INFINITY,
+            frames: rows.len(),
+        };
         if out.frames < LEAST_FRAMES {
             return out;
         }
@@ -89,6 +96,7 @@ impl WrappedCauchy {
             }
             let threshold = if self.paper { 0.0 } else { LOG_THRESHOLD };
             if mode.log_presence <= threshold {
+                out.log_below = mode.log_presence;
                 break;
             }
             *slot = Some(mode);

@@ -336,7 +336,8 @@ mod tests {
     fn minute(n: u32) -> Minute {
         let jitter = |k: u32| (f64::from((n * 7919 + k * 104_729) % 1000) / 500.0 - 1.0) as f32;
         let seen = VESSELS.map(|p| Course { t0_s: 0.0, p }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n)));
-        let mut directions = Directions { modes: [None; 3], log_presence: 20.0, frames: 17 };
+        let mut directions =
+            Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
         let mut modes = [None; 4];
         for (k, (slot, s)) in directions.modes.iter_mut().zip(&seen).enumerate() {
             *slot = Some(Mode {

@@ -59,7 +59,17 @@ pub fn run(args: Args) -> Result<()> {
             format!("--start is `{text}`; a time like 2016-02-21T13:05:00Z was expected")
         })?),
     };
-    let truth = args.truth.as_deref().map(Truth::read).transpose()?.unwrap_or_default();
+    // A simulation writes what its kind of station can be compared with.
+    let ocean_bottom = matches!(station.config.kind, Kind::Obs(_));
+    let truth =
+        args.truth.as_deref().filter(|_| !ocean_bottom).map(Truth::read).transpose()?.unwrap_or_default();
+    let heard = args
+        .truth
+        .as_deref()
+        .filter(|_| ocean_bottom)
+        .map(pictures::TruthCurve::read)
+        .transpose()?
+        .unwrap_or_default();
     let table = station.propagation_blob()?;
     let source = recording::open(&args.input, &station, start)?;
     let records = record::Recorder { rate_hz: station.config.rate_hz, start: source.start() };
@@ -112,7 +122,10 @@ pub fn run(args: Args) -> Result<()> {
         // The pictures show intermediate stages, which the records do not carry: a second pass makes them again.
         let mut again = recording::open(&args.input, &station, start)?;
         let interference = crate::propagation::file::read(path)?;
-        pictures::draw(folder, &mut *again, &station.config, &interference, &messages, &[])?;
+        if pictures::draw(folder, &mut *again, &station.config, &interference, &messages, &heard)?.is_empty()
+        {
+            eprintln!("seabearing: no pictures of less than two whole minutes");
+        }
     }
     if args.stats {
         eprintln!("{}", stats(&summary, station.config.rate_hz));
