@@ -77,7 +77,8 @@ mod tests {
     fn a_word_gives_back_what_it_was_given() {
         let mut row = Row::EMPTY;
         assert!(row.directions().all(|d| d.is_none()));
-        let given = |k: usize| (k % 5 > 0).then_some(((k * 37 % CIRCLE) as u16, (k % PHASES) as u8));
+        let given =
+            |k: usize| (!k.is_multiple_of(5)).then_some(((k * 37 % CIRCLE) as u16, (k % PHASES) as u8));
         row.fill((0..200).map(given));
         assert!((0..200).all(|k| row.direction(k) == given(k)) && row.direction(200).is_none());
         // The greatest word is not the one that means none.
