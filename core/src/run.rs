@@ -10,7 +10,7 @@ use crate::wire::{Command, Decoder, Encoder, End, Fault, FaultCode, Health, Mess
 
 /// Sample instants handled at a time: 8 ms at 64 kHz, which is short against the shortest bearing segment and long
 /// against the loop's own work.
-pub const BLOCK_FRAMES: usize = 512;
+pub const BLOCK_FRAMES: usize = 64;
 
 /// What the loop drives: blocks and commands in, messages out.
 pub trait Application {

@@ -5,7 +5,7 @@ use super::intake::{Alignment, Intake};
 use super::places::Places;
 use super::plan::{FRAME, HOP, Plan};
 use super::search::SearchWork;
-use super::spectra::Spectra;
+use super::spectra::{Kept, Spectra};
 use super::transform::Work;
 use crate::block::{Block, CHANNELS};
 use crate::health::{Accounting, LossCause};
@@ -21,7 +21,7 @@ const CLIPPED_TOLERATED: usize = FRAME / 50;
 pub struct State {
     intake: Intake,
     current: Spectra,
-    previous: Spectra,
+    previous: Kept,
     memory: Memory,
     dead: u8,
     clipping: u8,
@@ -70,7 +70,7 @@ impl State {
         Self {
             intake: Intake::new(),
             current: Spectra::new(),
-            previous: Spectra::new(),
+            previous: Kept::new(),
             memory: Memory::new(),
             dead: 0,
             clipping: 0,
@@ -131,7 +131,7 @@ pub fn push(
         Alignment::Restart(n) => {
             close_step(plan, state, scratch, sink);
             state.current.begin(0);
-            state.previous.begin(0);
+            state.previous.forget();
             state.memory.forget();
             fault(sink, FaultCode::Restarted, block.first_index, n as i64);
         }
@@ -177,17 +177,12 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
     let index = state.intake.frame_index();
     let centre = index.saturating_add(FRAME as u64 / 2);
     let step = centre / plan.step_samples;
-    if state.current.frames == 0 && state.current.step != step {
-        // Nothing is in the current step: it becomes this one, and the previous stays what it was.
-        if state.current.step.saturating_add(1) != step {
-            state.previous.begin(0);
+    if state.current.step != step {
+        if state.current.frames > 0 {
+            close_step(plan, state, scratch, sink);
+            roll_channel_flags(state);
         }
         state.current.begin(step);
-    } else if state.current.step != step {
-        close_step(plan, state, scratch, sink);
-        core::mem::swap(&mut state.previous, &mut state.current);
-        state.current.begin(step);
-        roll_channel_flags(state);
     }
     let found = inspect(&state.intake.codes, plan.clip_code);
     note_channels(state, &found, index, sink);
@@ -265,30 +260,28 @@ fn roll_channel_flags(state: &mut State) {
     state.clipping_this_step = 0;
 }
 
-/// Estimates the segment that ends with the current step. Afterwards `previous` is spent; `current` stays whole.
+/// Estimates the segment that ends with the current step, which becomes the previous one.
 fn close_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
     if state.current.frames == 0 {
         return;
     }
     note_level(plan, state);
-    let joins = plan.steps_per_segment == 2
-        && state.previous.frames > 0
-        && state.previous.step.saturating_add(1) == state.current.step;
-    let shortened = plan.steps_per_segment == 2 && state.memory.turns_fast(plan);
-    if joins && !shortened {
-        state.previous.join(&state.current, plan.step_samples.get());
-    } else {
-        state.previous.clone_from(&state.current);
-    }
-    estimate::segment(plan, &mut state.memory, &mut state.previous, scratch, shortened, sink);
+    let two = plan.steps_per_segment == 2;
+    let shortened = two && state.memory.turns_fast(plan);
+    let join = two && !shortened && state.previous.precedes(state.current.step);
+    let step = state.current.step;
+    state.current.end_step(&mut state.previous, join, plan.step_samples.get());
+    estimate::segment(plan, &mut state.memory, &mut state.current, scratch, shortened, sink);
+    state.current.begin(step);
 }
 
 /// Band level of each hydrophone by Parseval's theorem from the step's auto-spectra.
 fn note_level(plan: &Plan, state: &mut State) {
     let frames = state.current.frames.max(1) as f32;
     let scale = 2.0 / (plan.window_power * frames * plan.full_scale * plan.full_scale);
-    for (level, auto) in state.level.iter_mut().zip(&state.current.auto) {
-        *level = scale * auto.iter().take(plan.whole.high).skip(plan.whole.low).sum::<f32>();
+    for (channel, level) in state.level.iter_mut().enumerate() {
+        let auto = state.current.runs.iter().flat_map(|run| run.auto[channel]);
+        *level = scale * auto.take(plan.whole.high).skip(plan.whole.low).sum::<f32>();
     }
 }
 

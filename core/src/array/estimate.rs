@@ -9,7 +9,6 @@ use super::refine;
 use super::report;
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
-use crate::block::CHANNELS;
 use crate::math::f32 as m;
 use crate::wire::{Fault, FaultCode, Message};
 
@@ -66,11 +65,6 @@ impl SpectrumWork {
 }
 
 impl SpectrumWork {
-    /// The rows, for other use before a search.
-    fn rows(&mut self) -> [&mut [f32; BINS]; CHANNELS] {
-        [&mut self.raw, &mut self.measured, &mut self.smooth, &mut self.weight]
-    }
-
     /// Brings the measured coherence up to the field's.
     pub(super) fn restore(&mut self, shared: f32) {
         for c in &mut self.raw {
@@ -218,7 +212,7 @@ pub(crate) fn segment(
         index: start.saturating_add(spectra.centres / u64::from(spectra.frames.max(1))),
         flags: u8::from(spectra.clipped) | (u8::from(share < WHOLE_SHARE) << 1) | (u8::from(shortened) << 2),
     };
-    refine::whiten(spectra, scratch.spectrum.rows());
+    refine::whiten(spectra);
     let first = find(&context, Some(&*memory), spectra, scratch);
     if let Some(first) = &first {
         whole(&context, memory, first, scratch, sink);
@@ -264,7 +258,7 @@ pub(super) fn find(
 ) -> Option<Found> {
     let Scratch { search, work, .. } = scratch;
     let start = search.best(context.plan, context.band, spectra, context.plan.curvature, work);
-    examine(context, memory, &start.direction, spectra, scratch)
+    examine(context, memory, &start, spectra, scratch)
 }
 
 /// Refines from a direction and tests what is there.

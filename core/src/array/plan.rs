@@ -1,7 +1,7 @@
 //! The array chain's plan: everything that follows from the configuration, computed once and never changed.
 
 use super::detect;
-use super::transform::WINDOW;
+use super::transform::{RUN, WINDOW};
 use crate::block::CHANNELS;
 use crate::config::{ConfigError, Kind, StationConfig};
 use crate::geometry::Geometry;
@@ -92,6 +92,13 @@ pub(crate) struct Band {
     pub(crate) threshold: f32,
     /// Angle over which the steered response falls off, radians.
     pub(crate) resolution: f32,
+}
+
+impl Band {
+    /// Runs of bins that hold the band; the first and the last may hold a bin beside it.
+    pub(crate) fn runs(&self) -> core::ops::Range<usize> {
+        self.low / RUN..self.high.div_ceil(RUN)
+    }
 }
 
 /// Mean square of the bins' numbers.
@@ -231,7 +238,7 @@ impl Plan {
             offset_leak: offset_leak(),
             shared: shared(),
             snapshots_per_frame,
-            // Four times, because the table is half the window.
+            // Four times, because separation gives twice a channel's spectrum.
             window_power: 4.0 * sum2 * FRAME as f32,
             whole,
             octaves,

@@ -10,9 +10,9 @@
 //! Cost: about 30 000 instructions a pass over the six pairs; seven passes a segment.
 
 use super::plan::{BINS, Band, Plan, SHARE_STRIDE, SHARES, Weighting};
-use super::spectra::Spectra;
+use super::spectra::{Run, Spectra};
+use super::transform::RUN;
 use super::wavefront::{self, Direction, PAIR_COUNT};
-use crate::block::CHANNELS;
 use crate::math::f32 as m;
 
 /// Least share of noise assumed (17 dB signal-to-noise ratio): above it multipath limits, not noise.
@@ -40,22 +40,41 @@ pub(crate) struct Refined {
 }
 
 /// Divides the cross-spectra by the geometric mean of their hydrophones' auto-spectra: `ĝ`, of magnitude at most one.
-/// `work` holds the four reciprocal amplitudes.
-pub(crate) fn whiten(spectra: &mut Spectra, work: [&mut [f32; BINS]; CHANNELS]) {
-    let [a0, a1, a2, a3] = work;
-    for (inverse, auto) in [&mut *a0, &mut *a1, &mut *a2, &mut *a3].into_iter().zip(&spectra.auto) {
-        for (inverse, a) in inverse.iter_mut().zip(auto) {
-            *inverse = if *a > 1e-20 { 1.0 / m::sqrt(*a) } else { 0.0 };
+pub(crate) fn whiten(spectra: &mut Spectra) {
+    for Run { re, im, auto } in &mut spectra.runs {
+        let [a0, a1, a2, a3] = auto.map(|bins| bins.map(|a| if a > 1e-20 { 1.0 / m::sqrt(a) } else { 0.0 }));
+        let pairs = [(a0, a1), (a0, a2), (a0, a3), (a1, a2), (a1, a3), (a2, a3)];
+        for ((re, im), (a, b)) in re.iter_mut().zip(im).zip(pairs) {
+            for i in 0..RUN {
+                let scale = a[i] * b[i];
+                re[i] *= scale;
+                im[i] *= scale;
+            }
         }
     }
-    let rows = spectra.re.iter_mut().zip(&mut spectra.im);
-    let pairs = [(&*a0, &*a1), (&*a0, &*a2), (&*a0, &*a3), (&*a1, &*a2), (&*a1, &*a3), (&*a2, &*a3)];
-    for ((re, im), (a, b)) in rows.zip(pairs) {
-        for (((re, im), a), b) in re.iter_mut().zip(im).zip(a).zip(b) {
-            let scale = a * b;
-            *re *= scale;
-            *im *= scale;
-        }
+}
+
+/// `e^{iωτ}` of one bin after another.
+struct Phasor {
+    sine: f32,
+    cosine: f32,
+    sine_of_step: f32,
+    cosine_of_step: f32,
+}
+
+impl Phasor {
+    fn new(plan: &Plan, tau: f32, first_bin: usize) -> Self {
+        let (sine_of_step, cosine_of_step) = m::sin_cos(plan.bin_rad_s * tau);
+        let (sine, cosine) = m::sin_cos(plan.bin_rad_s * tau * first_bin as f32);
+        Self { sine, cosine, sine_of_step, cosine_of_step }
+    }
+
+    /// Sine and cosine of this bin; goes on to the next.
+    #[inline(always)]
+    fn next(&mut self) -> (f32, f32) {
+        let (s, c, ds, dc) = (self.sine, self.cosine, self.sine_of_step, self.cosine_of_step);
+        (self.sine, self.cosine) = (s * dc + c * ds, c * dc - s * ds);
+        (s, c)
     }
 }
 
@@ -68,16 +87,19 @@ pub(crate) fn coherence(
     out: &mut [f32; BINS],
 ) {
     out.fill(0.0);
-    for ((re, im), tau) in g.re.iter().zip(&g.im).zip(tau) {
-        let (ds, dc) = m::sin_cos(plan.bin_rad_s * tau);
-        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * band.low as f32);
-        for ((out, re), im) in out.iter_mut().zip(re).zip(im).take(band.high).skip(band.low) {
-            *out += re * c - im * s;
-            (s, c) = (s * dc + c * ds, c * dc - s * ds);
+    let runs = band.runs();
+    for (p, tau) in tau.iter().enumerate() {
+        let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
+        let out = out.as_chunks_mut::<RUN>().0.get_mut(runs.clone()).unwrap_or(&mut []);
+        for (out, run) in out.iter_mut().zip(g.part(&runs)) {
+            for i in 0..RUN {
+                let (s, c) = phasor.next();
+                out[i] = out[i] + run.re[p][i] * c - run.im[p][i] * s;
+            }
         }
     }
-    for c in out.iter_mut() {
-        *c *= 1.0 / PAIR_COUNT as f32;
+    for (k, c) in out.iter_mut().enumerate() {
+        *c = if k >= band.low && k < band.high { *c * (1.0 / PAIR_COUNT as f32) } else { 0.0 };
     }
 }
 
@@ -95,7 +117,7 @@ pub(crate) fn shared_signal(plan: &Plan, tau: &[f32; PAIR_COUNT]) -> f32 {
     tau.iter().map(|tau| share(plan, *tau)).sum::<f32>() / PAIR_COUNT as f32
 }
 
-/// Takes a source of delays `tau` and measured coherence out of whitened cross-spectra.
+/// Takes a source of delays `tau` and measured coherence (0 outside the band) out of whitened cross-spectra.
 pub(crate) fn remove(
     plan: &Plan,
     band: &Band,
@@ -104,15 +126,18 @@ pub(crate) fn remove(
     coherence: &[f32; BINS],
 ) {
     let mean = shared_signal(plan, tau);
-    for ((re, im), tau) in g.re.iter_mut().zip(&mut g.im).zip(tau) {
+    let runs = band.runs();
+    for (p, tau) in tau.iter().enumerate() {
         let scale = share(plan, *tau) / mean;
-        let (ds, dc) = m::sin_cos(plan.bin_rad_s * tau);
-        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * band.low as f32);
-        for ((re, im), power) in re.iter_mut().zip(im).zip(coherence).take(band.high).skip(band.low) {
-            let power = power * scale;
-            *re -= power * c;
-            *im += power * s;
-            (s, c) = (s * dc + c * ds, c * dc - s * ds);
+        let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
+        let coherence = coherence.as_chunks::<RUN>().0.get(runs.clone()).unwrap_or(&[]);
+        for (run, power) in g.part_mut(&runs).iter_mut().zip(coherence) {
+            for i in 0..RUN {
+                let power = power[i] * scale;
+                let (s, c) = phasor.next();
+                run.re[p][i] -= power * c;
+                run.im[p][i] += power * s;
+            }
         }
     }
 }
@@ -169,24 +194,25 @@ pub(crate) fn weights(plan: &Plan, band: &Band, smooth: &[f32; BINS], out: &mut 
 /// Turns whitened cross-spectra into those of a comparison weighting: phase transform `ĝ/|ĝ|`, Hannan-Thomson
 /// `ĝ C/(|ĝ|(1−C))` with `C = |ĝ|²`, or plain ones (whitening undone, sensitivities equalised).
 pub(crate) fn reweight(plan: &Plan, g: &mut Spectra) {
-    let [a0, a1, a2, a3] = &g.auto;
-    let autos = [(a0, a1), (a0, a2), (a0, a3), (a1, a2), (a1, a3), (a2, a3)];
     let [s0, s1, s2, s3] = plan.relative_gain;
     let gains = [s0 * s1, s0 * s2, s0 * s3, s1 * s2, s1 * s3, s2 * s3];
-    let power = a0.iter().take(plan.whole.high).skip(plan.whole.low).sum::<f32>().max(1e-20);
-    for (((re, im), (a, b)), gain) in g.re.iter_mut().zip(&mut g.im).zip(autos).zip(gains) {
-        for (((re, im), a), b) in
-            re.iter_mut().zip(im).zip(a).zip(b).take(plan.whole.high).skip(plan.whole.low)
-        {
-            let square = (*re * *re + *im * *im).clamp(1e-12, 1.0);
-            let factor = match plan.weighting {
-                Weighting::Joint => 1.0,
-                Weighting::Phat => 1.0 / m::sqrt(square),
-                Weighting::HannanThomson => m::sqrt(square) / (1.0 - square).max(LEAST_NOISE),
-                Weighting::None => gain * m::sqrt(*a) * m::sqrt(*b) / power,
-            };
-            *re *= factor;
-            *im *= factor;
+    let runs = plan.whole.runs();
+    let power = g.part(&runs).iter().flat_map(|run| run.auto[0]).sum::<f32>();
+    let power = power.max(1e-20);
+    for Run { re, im, auto: [a0, a1, a2, a3] } in g.part_mut(&runs) {
+        let autos = [(&*a0, &*a1), (&*a0, &*a2), (&*a0, &*a3), (&*a1, &*a2), (&*a1, &*a3), (&*a2, &*a3)];
+        for (((re, im), (a, b)), gain) in re.iter_mut().zip(im).zip(autos).zip(gains) {
+            for i in 0..RUN {
+                let square = (re[i] * re[i] + im[i] * im[i]).clamp(1e-12, 1.0);
+                let factor = match plan.weighting {
+                    Weighting::Joint => 1.0,
+                    Weighting::Phat => 1.0 / m::sqrt(square),
+                    Weighting::HannanThomson => m::sqrt(square) / (1.0 - square).max(LEAST_NOISE),
+                    Weighting::None => gain * m::sqrt(a[i]) * m::sqrt(b[i]) / power,
+                };
+                re[i] *= factor;
+                im[i] *= factor;
+            }
         }
     }
 }
@@ -277,21 +303,24 @@ pub(crate) fn refine(
     direction.iter().all(|x| x.is_finite()).then_some(Refined { direction, pair_delay })
 }
 
-/// Sums over the band of each pair's steered cross-spectrum.
+/// Sums over the band of each pair's steered cross-spectrum (weights are 0 outside the band).
 fn steer(plan: &Plan, band: &Band, g: &Spectra, tau: &[f32; PAIR_COUNT], weight: &[f32; BINS]) -> Steered {
     let mut out = Steered { slope: [0.0; PAIR_COUNT], bend: [0.0; PAIR_COUNT] };
+    let runs = band.runs();
     let sums = out.slope.iter_mut().zip(&mut out.bend);
-    for (((slope, bend), (re, im)), tau) in sums.zip(g.re.iter().zip(&g.im)).zip(tau) {
-        let (ds, dc) = m::sin_cos(plan.bin_rad_s * tau);
-        let (mut s, mut c) = m::sin_cos(plan.bin_rad_s * tau * band.low as f32);
-        let mut omega = band.low as f32 * plan.bin_rad_s;
+    for (p, ((slope, bend), tau)) in sums.zip(tau).enumerate() {
+        let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
+        let mut omega = (runs.start * RUN) as f32 * plan.bin_rad_s;
         let (mut first, mut second) = (0.0f32, 0.0f32);
-        for ((re, im), w) in re.iter().zip(im).zip(weight).take(band.high).skip(band.low) {
-            let w_omega = w * omega;
-            first += w_omega * (re * s + im * c);
-            second += w_omega * omega * (re * c - im * s);
-            omega += plan.bin_rad_s;
-            (s, c) = (s * dc + c * ds, c * dc - s * ds);
+        let weight = weight.as_chunks::<RUN>().0.get(runs.clone()).unwrap_or(&[]);
+        for (run, weight) in g.part(&runs).iter().zip(weight) {
+            for i in 0..RUN {
+                let (s, c) = phasor.next();
+                let w_omega = weight[i] * omega;
+                first += w_omega * (run.re[p][i] * s + run.im[p][i] * c);
+                second += w_omega * omega * (run.re[p][i] * c - run.im[p][i] * s);
+                omega += plan.bin_rad_s;
+            }
         }
         *slope = first;
         *bend = second;
