@@ -8,8 +8,7 @@ use crate::block::{Block, Frame};
 use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
 use crate::wire::{Command, Decoder, Encoder, End, Fault, FaultCode, Health, Message};
 
-/// Sample instants handled at a time: 8 ms at 64 kHz, which is short against the shortest bearing segment and long
-/// against the loop's own work.
+/// Sample instants handled at a time: 1 ms at 64 kHz, which costs 1 KiB and is long against the loop's own work.
 pub const BLOCK_FRAMES: usize = 64;
 
 /// What the loop drives: blocks and commands in, messages out.
@@ -209,8 +208,11 @@ mod tests {
         }
     }
 
+    /// Two whole blocks and a part of one.
+    const INSTANTS: u64 = 2 * BLOCK_FRAMES as u64 + 20;
+
     fn go(link: &mut Line) -> (Summary, Vec<Message>) {
-        let mut source = Ramp { next: 0, end: 1300, idle: false };
+        let mut source = Ramp { next: 0, end: INSTANTS, idle: false };
         let mut frames = [[0; 4]; BLOCK_FRAMES];
         let summary = run(&mut Counting(0), &mut source, link, &mut NoClock, &mut Idle, &mut frames);
         let mut decoder = Decoder::default();
@@ -220,10 +222,10 @@ mod tests {
     #[test]
     fn every_sample_is_pushed_and_the_end_closes_the_session() {
         let (summary, messages) = go(&mut Line::default());
-        assert_eq!((summary.instants, summary.index, summary.frames), (1300, 1300, 6));
+        assert_eq!((summary.instants, summary.index, summary.frames), (INSTANTS, INSTANTS, 6));
         assert!(matches!(messages[0], Message::Reply(Reply { token: 3, .. })));
-        assert!(matches!(messages[4], Message::Health(Health { processed: 1300, .. })));
-        assert_eq!(messages[5], Message::End(End { index: 1300, frames: 5 }));
+        assert!(matches!(messages[4], Message::Health(Health { processed: INSTANTS, .. })));
+        assert_eq!(messages[5], Message::End(End { index: INSTANTS, frames: 5 }));
     }
 
     #[test]
