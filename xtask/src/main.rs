@@ -68,11 +68,14 @@ fn run(arguments: &[String]) -> Result<()> {
 /// The demonstration; its work is done by `seabearing demo`.
 fn demo(options: &[String]) -> Result<()> {
     let host_only = options.iter().any(|o| o == "--host-only");
+    process::say("building the host's command");
+    let build = process::Beside::build_without_experiments()?;
     if !host_only {
         let toolchain = toolchain::set_up()?;
         firmware::build(&toolchain, &firmware::EMULATED)?;
     }
-    process::say("building the host's command, then a pass of 200 s through the recorder");
+    build.join()?;
+    process::say("a pass of 200 s through the recorder");
     let arguments: Vec<&str> = std::iter::once("demo").chain(options.iter().map(String::as_str)).collect();
     process::run(&mut process::host_without_experiments(&arguments), "the demonstration")
 }

@@ -3,7 +3,7 @@
 use crate::root;
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 /// One line about what is going on.
 pub fn say(line: &str) {
@@ -48,14 +48,45 @@ pub fn host(arguments: &[&str]) -> Command {
 
 /// The same without the experiments, which take a third of the time to build and which a demonstration does not need.
 pub fn host_without_experiments(arguments: &[&str]) -> Command {
-    host_with(&["--no-default-features", "--features", "emulation"], arguments)
+    host_with(&WITHOUT_EXPERIMENTS, arguments)
 }
+
+const WITHOUT_EXPERIMENTS: [&str; 3] = ["--no-default-features", "--features", "emulation"];
 
 fn host_with(features: &[&str], arguments: &[&str]) -> Command {
     let mut command = cargo();
     command.args(["run", "--quiet", "--package", "seabearing"]).args(features).arg("--");
     command.args(arguments).current_dir(root());
     command
+}
+
+/// A program that runs beside this one; it ends when this is dropped.
+pub struct Beside(Child);
+
+impl Beside {
+    /// Begins to build what [`host_without_experiments`] runs: linking the firmware keeps one core busy, this the other.
+    pub fn build_without_experiments() -> Result<Self> {
+        let mut command = cargo();
+        command.args(["build", "--quiet", "--package", "seabearing"]).args(WITHOUT_EXPERIMENTS);
+        let child = command.current_dir(root()).stdin(Stdio::null()).spawn().context("cargo build")?;
+        Ok(Self(child))
+    }
+
+    /// Waits for its end.
+    pub fn join(mut self) -> Result<()> {
+        match self.0.wait()? {
+            status if status.success() => Ok(()),
+            status => bail!("building the host's command failed ({status})"),
+        }
+    }
+}
+
+impl Drop for Beside {
+    fn drop(&mut self) {
+        // Nothing to do where it has ended.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 /// Format, lints and documentation, warnings as errors.
