@@ -8,6 +8,7 @@ use super::{Base, TrackKey};
 use crate::plot::ellipse_outline;
 use anyhow::{Result, bail};
 use seabearing_core::wire::Track;
+use seabearing_host::geodesy::LocalFrame;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
@@ -55,20 +56,6 @@ pub fn write(path: &Path, base: &Base, station: Option<(f64, f64)>) -> Result<()
     crate::atomic::write(path, text.as_bytes())
 }
 
-/// Latitude and longitude of a point East and North of a station, on the ellipsoid's tangent plane.
-fn lat_lon((lat0, lon0): (f64, f64), x_m: f64, y_m: f64) -> (f64, f64) {
-    // Metres a degree at the station; one more turn with the mean latitude makes it exact to 1e-9 degrees.
-    let mut lat = lat0;
-    let mut lon = lon0;
-    for _ in 0..3 {
-        let [x, y] = crate::world::motion::east_north(lat, lon, lat0, lon0);
-        let [dx, dy] = crate::world::motion::east_north(lat0 + 1e-3, lon0 + 1e-3, lat0, lon0);
-        lat += (y_m - y) / dy * 1e-3;
-        lon += (x_m - x) / dx * 1e-3;
-    }
-    (lat, lon)
-}
-
 fn placed(t: &Track) -> bool {
     t.range_observable && t.x_m.is_finite() && t.y_m.is_finite()
 }
@@ -86,7 +73,7 @@ fn csv(base: &Base, station: Option<(f64, f64)>) -> Result<String> {
             let where_ = |x: f32, decimals| if placed(t) { num(x.into(), decimals) } else { String::new() };
             let (lat, lon) = match station.filter(|_| placed(t)) {
                 Some(s) => {
-                    let (lat, lon) = lat_lon(s, t.x_m.into(), t.y_m.into());
+                    let (lat, lon) = LocalFrame::new(s.0, s.1).lat_lon_deg(t.x_m.into(), t.y_m.into());
                     (num(lat, 7), num(lon, 7))
                 }
                 None => (String::new(), String::new()),
@@ -126,7 +113,8 @@ fn point((lat, lon): (f64, f64)) -> Value {
 
 /// Line, last report and ellipse of every track that has a position.
 fn drawn(base: &Base, at: (f64, f64)) -> Vec<(TrackKey, Track, Vec<Value>, Vec<Value>)> {
-    let place = |x: f64, y: f64| point(lat_lon(at, x, y));
+    let frame = LocalFrame::new(at.0, at.1);
+    let place = |x: f64, y: f64| point(frame.lat_lon_deg(x, y));
     base.tracks()
         .iter()
         .filter_map(|(key, history)| {
@@ -250,14 +238,6 @@ mod tests {
             base.push(encoder.frame(&Message::Track(track)), &mut Vec::new());
         }
         base
-    }
-
-    #[test]
-    fn places_are_turned_into_degrees_and_back() {
-        let at = (49.04, -123.32);
-        let (lat, lon) = lat_lon(at, 1234.0, -987.0);
-        let [x, y] = crate::world::motion::east_north(lat, lon, at.0, at.1);
-        assert!((x - 1234.0).abs() < 1e-3 && (y + 987.0).abs() < 1e-3, "{x} {y}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ pub mod link;
 pub mod store;
 pub mod view;
 
-use seabearing_host::{atomic, plot, world};
+use seabearing_host::{atomic, plot};
 
 use seabearing_core::wire::{
     Bearing, Decoder, Fault, Health, Hello, Message, SCHEMA_HASH, Track, WIRE_VERSION,

@@ -7,7 +7,7 @@
 
 use super::heard_vessels::Source;
 use crate::ais::Report;
-use crate::orientation::local_frame::LocalFrame;
+use crate::geodesy::LocalFrame;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 
@@ -162,7 +162,15 @@ mod tests {
                 let (s, c) = (rate * t_s).sin_cos();
                 let jump = if k == 40 { 5000.0 } else { 0.0 };
                 let lat_lon_deg = frame.lat_lon_deg(radius * (1.0 - c) + jump, radius * s);
-                Report { mmsi: 1, t_s, lat_lon_deg, speed_m_s: None }
+                Report {
+                    mmsi: 1,
+                    t_s,
+                    lat_lon_deg,
+                    speed_m_s: None,
+                    status: None,
+                    ship_type: None,
+                    terrestrial: None,
+                }
             })
             .collect();
         let found = paths(&reports, 100);

@@ -11,8 +11,9 @@ use super::difar_tracks::{self, tracks};
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::csv::Table;
-use crate::orientation::local_frame::LocalFrame;
+use crate::geodesy::LocalFrame;
 use crate::plot::{Figure, Scale};
+use crate::score::median;
 use anyhow::{Context, Result};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_locate::orient::offset::{LEAST_RESIDUALS, Residual, offset};
@@ -88,7 +89,7 @@ pub fn score(file: &Path) -> Result<Score> {
         let centred: Vec<f64> = residuals.iter().map(|r| wrap_deg(r - robust)).collect();
         s.buoys += 1;
         s.bearings += centred.len();
-        let away = median(&centred).abs();
+        let away = median(centred.to_vec()).abs();
         s.within_1_deg_of_median += f64::from(u8::from(away <= 1.0));
         s.largest_from_median_deg = s.largest_from_median_deg.max(away);
         if centred.len() >= 2 * LEAST_RESIDUALS {
@@ -188,7 +189,7 @@ fn robust_deg(residuals: &[f64]) -> Option<f64> {
 
 /// Robust location of residuals near zero; the median where they are too few for the robust fit.
 fn location(residuals: &[f64]) -> f64 {
-    robust_deg(residuals).map_or_else(|| median(residuals), wrap_deg)
+    robust_deg(residuals).map_or_else(|| median(residuals.to_vec()), wrap_deg)
 }
 
 fn wrap_deg(x: f64) -> f64 {
@@ -197,13 +198,6 @@ fn wrap_deg(x: f64) -> f64 {
 
 fn mean(x: &[f64]) -> f64 {
     x.iter().sum::<f64>() / x.len() as f64
-}
-
-fn median(x: &[f64]) -> f64 {
-    let mut sorted = x.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    if n % 2 == 1 { sorted[n / 2] } else { 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]) }
 }
 
 fn run(options: &Options) -> Result<()> {
@@ -260,7 +254,7 @@ fn run(options: &Options) -> Result<()> {
     let beyond: Vec<(f64, f64)> =
         sizes.iter().enumerate().map(|(i, e)| (e.max(0.05), 1.0 - i as f64 / n)).collect();
     let sd = (sizes.iter().map(|e| e * e).sum::<f64>() / n).sqrt();
-    let scale = 1.4826 * median(&sizes);
+    let scale = 1.4826 * median(sizes.to_vec());
     let gaussian = |sd: f64| {
         (1..=300)
             .map(|k| 0.1 * f64::from(k))

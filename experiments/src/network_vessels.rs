@@ -13,9 +13,10 @@ use super::network::{SIGMA, TWO, sight};
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::csv::Table;
-use crate::orientation::local_frame::LocalFrame;
+use crate::geodesy::LocalFrame;
 use crate::orientation::sets::{Row, gather};
 use crate::plot::{ColourMap, Figure, HeatMap, write_panels};
+use crate::score::median;
 use anyhow::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -74,12 +75,12 @@ fn run(options: &Options) -> Result<()> {
     bar.finish_and_clear();
     let all: Vec<&Judged> = passages.iter().flat_map(|p| &p.0).collect();
     bands(options, &all)?;
-    let mut shifts: Vec<f64> = passages.iter().filter_map(|p| p.1).map(f64::abs).collect();
+    let shifts: Vec<f64> = passages.iter().filter_map(|p| p.1).map(f64::abs).collect();
     let refused: usize = passages.iter().map(|p| p.2).sum();
     options.figures.state("fixes", all.len() as f64);
     options.figures.state("sets without a fix", refused as f64);
     options.figures.state("vessels whose antenna shift was found", shifts.len() as f64);
-    options.figures.state("median error of that shift, s", median(&mut shifts));
+    options.figures.state("median error of that shift, s", median(shifts));
     pictures(options, &all)
 }
 
@@ -246,8 +247,7 @@ fn bands(options: &Options, all: &[&Judged]) -> Result<()> {
         let middle = 50.0 + 100.0 * f64::from(k);
         let band: Vec<&&Judged> =
             all.iter().filter(|j| (j.truth_m[0].hypot(j.truth_m[1]) - middle).abs() < 50.0).collect();
-        let of =
-            |f: &dyn Fn(&Judged) -> f64| median(&mut band.iter().map(|j| f(j).abs()).collect::<Vec<_>>());
+        let of = |f: &dyn Fn(&Judged) -> f64| median(band.iter().map(|j| f(j).abs()).collect());
         // Bound averaged over azimuth, as the vessels pass on all sides.
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let bounds: Vec<f64> = (0..12)
@@ -305,7 +305,7 @@ fn pictures(options: &Options, all: &[&Judged]) -> Result<()> {
                 if cell.len() < LEAST_FIXES {
                     f64::NAN
                 } else {
-                    median(&mut cell.iter().map(|j| f(j).abs()).collect::<Vec<_>>())
+                    median(cell.iter().map(|j| f(j).abs()).collect())
                 }
             })
             .collect();
@@ -327,9 +327,4 @@ fn pictures(options: &Options, all: &[&Judged]) -> Result<()> {
         map("Position", "median error (m)", 100.0, &|j| j.position_m),
     ];
     write_panels(&options.out.join("network-vessels-map.svg"), &panels.each_ref(), 2)
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -6,6 +6,7 @@
 use super::{Experiment, Options};
 use crate::csv::Table;
 use crate::delays::{COLUMNS, SetResult, solve};
+use crate::geodesy::LocalFrame;
 use crate::plot::{Figure, Scale, write_panels};
 use crate::station::Station;
 use anyhow::{Context, Result};
@@ -106,14 +107,12 @@ impl Recording {
         std::fs::write(&tdoa, text)?;
 
         let gps = Table::read(&data.join("ship_gps.csv"))?;
+        let frame = LocalFrame::new(receiver[0], receiver[1]);
         let mut truth = Vec::new();
         for (_, row) in gps.numbers(["matlab_days", "lat_deg", "lon_deg"])? {
             let [days, lat, lon] = row?;
-            let v = [
-                (lon - receiver[1]) * metres_per_deg_lon(receiver[0]),
-                (lat - receiver[0]) * metres_per_deg_lat(receiver[0]),
-                -receiver[2],
-            ];
+            let (east, north) = frame.east_north_m(lat, lon);
+            let v = [east, north, -receiver[2]];
             let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
             truth.push((seconds(days), v.map(|x| x / length)));
         }
@@ -161,18 +160,6 @@ impl Recording {
         };
         Some(Judged { result, truth_deg, error_deg })
     }
-}
-
-/// Length of a degree of latitude, WGS84, m.
-fn metres_per_deg_lat(lat_deg: f64) -> f64 {
-    let p = lat_deg.to_radians();
-    111_132.954 - 559.822 * (2.0 * p).cos() + 1.175 * (4.0 * p).cos()
-}
-
-/// Length of a degree of longitude, WGS84, m.
-fn metres_per_deg_lon(lat_deg: f64) -> f64 {
-    let p = lat_deg.to_radians();
-    111_412.84 * p.cos() - 93.5 * (3.0 * p).cos() + 0.118 * (5.0 * p).cos()
 }
 
 /// Sums judged sets up.

@@ -7,6 +7,7 @@ use crate::ocean_bottom::course::Course;
 use crate::ocean_bottom::simulate::Vessel;
 pub use crate::ocean_bottom::truth::{Then, closest, then, wrap};
 use crate::propagation::Propagation;
+use seabearing_core::kit::quantile;
 use seabearing_core::wire::{Message, Track};
 use std::f64::consts::PI;
 
@@ -23,12 +24,7 @@ pub fn smad(errors: &[f64]) -> f64 {
 
 /// The median; NaN of nothing.
 pub fn median(mut x: Vec<f64>) -> f64 {
-    x.sort_by(f64::total_cmp);
-    match (x.len() % 2, x.get(x.len() / 2)) {
-        (1, Some(m)) => *m,
-        (_, Some(m)) => 0.5 * (m + x[x.len() / 2 - 1]),
-        _ => f64::NAN,
-    }
+    quantile::median(&mut x).unwrap_or(f64::NAN)
 }
 
 /// Errors of one vessel's detections.

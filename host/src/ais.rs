@@ -4,6 +4,7 @@
 //! knot), CLS exports (`mmsi;source;locDate;...`, knots) and plain ones (`Time,MMSI,Latitude_degrees,...`, knots).
 
 use crate::csv::shown;
+use crate::geodesy::LocalFrame;
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,8 +13,6 @@ use time::{Date, PrimitiveDateTime, Time};
 
 /// Metres a second in a knot.
 pub const KNOT_M_S: f64 = 1852.0 / 3600.0;
-/// Mean radius of the Earth, m: positions within some tens of kilometres are projected onto the tangent plane.
-const EARTH_M: f64 = 6_371_000.0;
 /// Faster than any vessel, m/s: a leg that needs more joins wrong positions.
 const IMPOSSIBLE_M_S: f64 = 40.0;
 
@@ -28,6 +27,12 @@ pub struct Report {
     pub lat_lon_deg: (f64, f64),
     /// Speed over ground, m/s, where given.
     pub speed_m_s: Option<f64>,
+    /// Navigational status, where given: 0 is under way by engine.
+    pub status: Option<u8>,
+    /// Type of ship and cargo, where given: 70 to 89 are merchant vessels.
+    pub ship_type: Option<u8>,
+    /// Whether a receiver on land heard it, where given.
+    pub terrestrial: Option<bool>,
 }
 
 /// One vessel going by.
@@ -92,10 +97,17 @@ pub fn text(path: &Path) -> Result<String> {
 /// # Errors
 /// As [`read`].
 pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
-    let mut lines = text.trim_start_matches('\u{feff}').lines().enumerate();
-    let header = lines.next().map_or("", |(_, l)| l);
-    let delimiter = if header.contains(';') { ';' } else { ',' };
-    let columns: Vec<String> = header.split(delimiter).map(|c| c.trim().to_lowercase()).collect();
+    let header = text.trim_start_matches('\u{feff}').lines().next().unwrap_or_default();
+    let delimiter = if header.contains(';') { b';' } else { b',' };
+    let mark = char::from(delimiter).to_string();
+    // Names of vessels hold whatever their crews typed: a quotation mark there means nothing.
+    let mut reader = ::csv::ReaderBuilder::new()
+        .delimiter(delimiter)
+        .quoting(false)
+        .flexible(true)
+        .trim(::csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let columns: Vec<String> = reader.headers()?.iter().map(str::to_lowercase).collect();
     let find = |names: &[&str]| columns.iter().position(|c| names.contains(&c.as_str()));
     let (Some(mmsi), Some(lat), Some(lon)) =
         (find(&["mmsi"]), find(&["lat", "latitude_degrees"]), find(&["lon", "longitude_degrees"]))
@@ -105,11 +117,13 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
             shown(header)
         );
     };
-    let (knots, scale) = if let Some(i) = find(&["sog", "sog_knots"]) {
-        (Some(i), KNOT_M_S)
-    } else {
-        (find(&["speed"]), 0.1 * KNOT_M_S)
+    // What lies above stands for "not available" or "beyond the scale".
+    let (knots, scale, most) = match find(&["sog", "sog_knots"]) {
+        Some(i) => (Some(i), KNOT_M_S, 102.1),
+        None => (find(&["speed"]), 0.1 * KNOT_M_S, 1021.0),
     };
+    let (status, ship_type) = (find(&["status", "navigationstatus"]), find(&["aisshiptype"]));
+    let receiver = find(&["station"]);
     let whole = find(&["time", "timestamp utc"]);
     let parts = find(&["locdate"]).zip(find(&["loctime"]));
     if whole.is_none() && parts.is_none() {
@@ -119,8 +133,9 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
         );
     }
     let (mut reports, mut bad) = (Vec::new(), Vec::new());
-    for (i, line) in lines.filter(|(_, l)| !l.trim().is_empty()) {
-        let cells: Vec<&str> = line.split(delimiter).map(str::trim).collect();
+    for record in reader.records() {
+        let record = record.with_context(|| format!("{name}: unreadable"))?;
+        let cells: Vec<&str> = record.iter().collect();
         let cell = |k: usize| cells.get(k).copied().unwrap_or("");
         let number = |k: usize, lo: f64, hi: f64| -> Option<f64> {
             cell(k).parse::<f64>().ok().filter(|x| (lo..=hi).contains(x))
@@ -135,12 +150,18 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
                 mmsi: cell(mmsi).parse().ok()?,
                 t_s: t_s?,
                 lat_lon_deg: (number(lat, -90.0, 90.0)?, number(lon, -180.0, 360.0)?),
-                speed_m_s: knots.and_then(|k| number(k, 0.0, 1022.0)).map(|v| v * scale),
+                speed_m_s: knots.and_then(|k| number(k, 0.0, most)).map(|v| v * scale),
+                status: status.and_then(|k| cell(k).parse().ok()),
+                ship_type: ship_type.and_then(|k| cell(k).parse().ok()),
+                terrestrial: receiver.map(|k| cell(k) == "TER"),
             })
         })();
         match report {
             Some(r) => reports.push(r),
-            None => bad.push(format!("{name}, line {}: no MMSI, time or position in `{line}`", i + 1)),
+            None => {
+                let (line, text) = (record.position().map_or(0, |p| p.line()), cells.join(&mark));
+                bad.push(format!("{name}, line {line}: no MMSI, time or position in `{text}`"));
+            }
         }
     }
     if reports.is_empty() {
@@ -175,14 +196,8 @@ pub fn passes(reports: &[Report], selection: &Selection) -> Vec<Pass> {
     for r in reports {
         vessels.entry(r.mmsi).or_default().push(r);
     }
-    let (lat0, lon0) = selection.lat_lon_deg;
-    let plane = |r: &Report| {
-        let turn = (r.lat_lon_deg.1 - lon0 + 540.0).rem_euclid(360.0) - 180.0;
-        (
-            turn.to_radians() * lat0.to_radians().cos() * EARTH_M,
-            (r.lat_lon_deg.0 - lat0).to_radians() * EARTH_M,
-        )
-    };
+    let frame = LocalFrame::new(selection.lat_lon_deg.0, selection.lat_lon_deg.1);
+    let plane = |r: &Report| frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
     let mut out = Vec::new();
     for (mmsi, mut track) in vessels {
         track.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
@@ -283,13 +298,16 @@ mod tests {
     #[test]
     fn a_pass_is_found_where_it_is_nearest() {
         // Due south along a meridian 1000 m to the east, a report every 60 s at 10 m/s.
-        let east = (1000.0f64 / (EARTH_M * 50f64.to_radians().cos())).to_degrees();
+        let frame = LocalFrame::new(50.0, -1.0);
         let reports: Vec<_> = (-7..=7)
             .map(|k| Report {
                 mmsi: 1,
                 t_s: 60.0 * f64::from(k) + 20.0,
-                lat_lon_deg: (50.0 - (600.0 * f64::from(k) / EARTH_M).to_degrees(), -1.0 + east),
+                lat_lon_deg: frame.lat_lon_deg(1000.0, -600.0 * f64::from(k)),
                 speed_m_s: None,
+                status: None,
+                ship_type: None,
+                terrestrial: None,
             })
             .collect();
         let found = passes(&reports, &HERE);

@@ -30,16 +30,25 @@ impl Table {
     /// # Errors
     /// There is no header.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
-        let mut lines = text
-            .trim_start_matches('\u{feff}')
-            .lines()
-            .enumerate()
-            .map(|(i, l)| (i + 1, l.trim()))
-            .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
-        let Some((_, first)) = lines.next() else { bail!("{name}: empty file, a CSV header was expected") };
-        let split = |l: &str| l.split(',').map(|c| c.trim().trim_matches('"').to_owned()).collect::<Vec<_>>();
-        let header = split(first);
-        let rows = lines.map(|(n, l)| (n, split(l))).collect();
+        let mut reader = ::csv::ReaderBuilder::new()
+            .comment(Some(b'#'))
+            .flexible(true)
+            .trim(::csv::Trim::All)
+            .from_reader(text.as_bytes());
+        let unreadable = || format!("{name}: not CSV");
+        let cells = |r: &::csv::StringRecord| r.iter().map(str::to_owned).collect::<Vec<_>>();
+        let header = cells(reader.headers().with_context(unreadable)?);
+        if header.is_empty() {
+            bail!("{name}: empty file, a CSV header was expected");
+        }
+        let mut rows = Vec::new();
+        for record in reader.records() {
+            let record = record.with_context(unreadable)?;
+            // A line of blanks is none.
+            if record.iter().any(|c| !c.is_empty()) {
+                rows.push((record.position().map_or(0, |p| p.line() as usize), cells(&record)));
+            }
+        }
         Ok(Self { header, rows, name: name.to_owned() })
     }
 

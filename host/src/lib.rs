@@ -9,6 +9,7 @@ pub mod atomic;
 pub mod blob;
 pub mod csv;
 pub mod delays;
+pub mod geodesy;
 pub mod interrupt;
 pub mod ocean_bottom;
 pub mod orientation;

@@ -142,7 +142,7 @@ impl Recorder {
 }
 
 /// JSON has no infinity: what is not observable is `null`.
-fn finite(x: f64) -> Value {
+pub fn finite(x: f64) -> Value {
     if x.is_finite() { json!(x) } else { Value::Null }
 }
 

@@ -1,6 +1,7 @@
 //! `seabearing config`: check a station file, and say what its geometry can resolve.
 
 use crate::propagation;
+use crate::record::finite;
 use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::array::{FRAME, Plan, limit};
@@ -173,10 +174,6 @@ fn line_details(config: &StationConfig, line: &LineConfig) -> Value {
         "unambiguous_below_hz": config.sound_speed_m_s / (2.0 * line.spacing_m),
         "ambiguity": "conical: a bearing and its mirror image about the line cannot be told apart",
     })
-}
-
-fn finite(x: f64) -> Value {
-    if x.is_finite() { json!(x) } else { Value::Null }
 }
 
 /// The record for a person: one key a line, tables as tables.

@@ -1,13 +1,14 @@
 //! `seabearing orient` for an ocean-bottom station from its records or recordings: orientation and position.
 
 use super::orient::degrees;
+use crate::geodesy::LocalFrame;
 use crate::ocean_bottom::course::{Course, Place, polar};
 use crate::ocean_bottom::orient::orientation;
 use crate::ocean_bottom::place::{Offset, Travel, alone, heard, place};
 use crate::ocean_bottom::records::{self, Records};
 use crate::ocean_bottom::stages::{self, Frame};
-use crate::orientation::local_frame::LocalFrame;
 use crate::propagation::{Propagation, file};
+use crate::record::finite;
 use crate::recording;
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
@@ -150,9 +151,4 @@ fn position_record(station: &Station, offset: &Offset, table: &Propagation) -> V
         o.insert("lon_deg".into(), json!(lon));
     }
     record
-}
-
-/// JSON has no infinity: what is not observable is `null`.
-fn finite(x: f64) -> Value {
-    if x.is_finite() { json!(x) } else { Value::Null }
 }

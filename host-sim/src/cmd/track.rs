@@ -4,6 +4,7 @@ use super::track_errors::error_model;
 use super::track_lone::Lone;
 use crate::csv::{Table, good_rows};
 use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
+use crate::record::finite;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
@@ -333,45 +334,40 @@ fn one_by_one(args: &Args, samples: &[Sample]) -> Result<Answer> {
     }
 }
 
-/// A number, or null where there is none.
-pub(super) fn number(x: f64) -> Value {
-    if x.is_finite() { json!(x) } else { Value::Null }
-}
-
 /// The record; what the data do not tell is null.
 fn record(args: &Args, s: &Solution, interval: Option<Interval>, nugget: f64, refused: usize) -> Value {
-    let ranged = |x: f64| if s.range_observable { number(x) } else { Value::Null };
+    let ranged = |x: f64| if s.range_observable { finite(x) } else { Value::Null };
     let mut out = Map::new();
     let mut put = |key: &str, value: Value| {
         out.insert(key.to_owned(), value);
     };
     put("type", "track".into());
-    put("cpa_time_s", number(s.cpa_time_s));
+    put("cpa_time_s", finite(s.cpa_time_s));
     put("cpa_range_m", ranged(s.cpa_range_m));
-    put("heading_deg", number(s.heading_rad.to_degrees()));
-    put("speed_m_s", number(s.speed_m_s));
+    put("heading_deg", finite(s.heading_rad.to_degrees()));
+    put("speed_m_s", finite(s.speed_m_s));
     put("side", if s.starboard { "starboard" } else { "port" }.into());
-    put("sd_cpa_time_s", number(s.sd_cpa_time_s));
-    put("sd_cpa_range_m", number(s.sd_cpa_range_m));
-    put("sd_heading_deg", number(s.sd_heading_rad.to_degrees()));
+    put("sd_cpa_time_s", finite(s.sd_cpa_time_s));
+    put("sd_cpa_range_m", finite(s.sd_cpa_range_m));
+    put("sd_heading_deg", finite(s.sd_heading_rad.to_degrees()));
     put("range_observable", s.range_observable.into());
     put("x0_m", ranged(s.position0_m[0]));
     put("y0_m", ranged(s.position0_m[1]));
     put("n", s.n.into());
-    put("cpa_azimuth_deg", number(s.cpa_azimuth_rad.to_degrees()));
-    put("sd_speed_m_s", number(s.sd_speed_m_s));
+    put("cpa_azimuth_deg", finite(s.cpa_azimuth_rad.to_degrees()));
+    put("sd_speed_m_s", finite(s.sd_speed_m_s));
     for (key, x) in ["var_x0_m2", "var_y0_m2", "cov_x0_y0_m2"].into_iter().zip(s.covariance0_m2) {
         put(key, ranged(x));
     }
-    put("consistency", number(s.consistency));
+    put("consistency", finite(s.consistency));
     put("estimator", if args.estimator == Estimator::Ml { "ml" } else { "recursive" }.into());
     put("model", format!("{:?}", args.model()).to_lowercase().into());
     if let Some(i) = interval {
-        let end = |x: f64, open: bool| if open { Value::Null } else { number(x) };
+        let end = |x: f64, open: bool| if open { Value::Null } else { finite(x) };
         put("range_interval_95_m", json!([end(i.low_m, i.low_open), end(i.high_m, i.high_open)]));
     }
     if nugget > 0.0 {
-        put("regularised", number(nugget));
+        put("regularised", finite(nugget));
     }
     if refused > 0 || args.robust {
         put(if args.robust { "wrong" } else { "refused" }, refused.into());

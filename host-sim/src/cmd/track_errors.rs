@@ -1,7 +1,8 @@
 //! `seabearing track --known-track`: the error model of bearings, from a vessel of known track.
 
-use super::track::{Args, DENSE, POSITIONS, number};
+use super::track::{Args, DENSE, POSITIONS};
 use crate::csv::{Table, good_rows};
+use crate::record::finite;
 use anyhow::{Result, bail};
 use seabearing_core::angle::wrap_pi;
 use seabearing_locate::motion::covariance::Model;
@@ -56,7 +57,7 @@ pub(super) fn error_model(args: &Args, samples: &[Sample], track: &Path) -> Resu
             "{}",
             json!({
                 "type": "error_model", "model": format!("{model:?}").to_lowercase(), "sigma_deg": sd,
-                "sd_sigma_deg": sd * e.sd_relative, "tau_s": e.tau_s, "sd_tau_s": number(e.tau_s * e.sd_ln_tau),
+                "sd_sigma_deg": sd * e.sd_relative, "tau_s": e.tau_s, "sd_tau_s": finite(e.tau_s * e.sd_ln_tau),
                 "offset_deg": offset, "sd_offset_deg": e.offset_rad.1.to_degrees(),
                 "log_likelihood": e.ln_likelihood, "n": differences.len(),
             })

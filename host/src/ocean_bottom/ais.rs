@@ -1,17 +1,16 @@
 //! Vessels that passed a station, from AIS files: positions, split into passages, projected about the station.
 //!
-//! Two formats are read, told apart by their header (also packed with xz): terrestrial (`MMSI,STATUS,…`, comma) and
-//! satellite (`mmsi;source;locDate;…`, semicolon). Kept are merchant vessels under way by engine (status 0; satellite:
-//! ship types 70 to 89), as \[O\] did. A passage is a run of a vessel's positions without a gap of 24 h, within 100 km,
-//! whose closest point is within 25 km. The projection is azimuthal equidistant about the station.
+//! Kept are merchant vessels under way by engine (status 0; ship types 70 to 89 where the file tells them), as \[O\] did.
+//! A passage is a run of a vessel's positions without a gap of 24 h, within 100 km, whose closest point is within 25 km.
 
 use super::course::{Course, Place};
 use super::scenario::{Radiation, Scenario};
 use super::simulate::{Extra, Vessel};
+use crate::ais::Report;
+use crate::geodesy::LocalFrame;
 use anyhow::{Result, bail};
 use std::collections::BTreeMap;
 use std::path::Path;
-use time::{Date, Month, PrimitiveDateTime, Time};
 
 /// Greatest gap within a passage, s.
 const GAP_S: f64 = 86_400.0;
@@ -21,19 +20,6 @@ pub const RADIUS_M: f64 = 100_000.0;
 pub const CLOSEST_M: f64 = 25_000.0;
 /// Faster than any merchant vessel, m/s: a position that needs more is wrong.
 const FASTEST_M_S: f64 = 20.0;
-
-/// One position.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report {
-    /// The vessel.
-    pub mmsi: u64,
-    /// UTC, seconds since 1970.
-    pub unix_s: f64,
-    /// Latitude, degrees.
-    pub lat_deg: f64,
-    /// Longitude, degrees.
-    pub lon_deg: f64,
-}
 
 /// One vessel's passage.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,103 +37,32 @@ pub struct Passage {
 /// Reads the merchant vessels' positions of a file.
 ///
 /// # Errors
-/// The file cannot be read, is of neither format, or holds no usable row.
+/// The file cannot be read, is of no known layout, or holds no usable row.
 pub fn read(path: &Path) -> Result<Vec<Report>> {
     let name = path.display();
-    let text = crate::ais::text(path)?;
-    let mut lines = text.lines();
-    let header = lines.next().unwrap_or_default();
-    let parse: fn(&[&str]) -> Option<Option<Report>> = match header {
-        h if h.starts_with("MMSI,STATUS,") => terrestrial,
-        h if h.starts_with("mmsi;source;locDate;locTime;") => satellite,
-        _ => bail!(
-            "{name}: not an AIS file this program knows (header `{}`)",
-            header.chars().take(60).collect::<String>()
-        ),
-    };
-    let separator = if header.contains(';') { ';' } else { ',' };
-    let (mut reports, mut bad) = (Vec::new(), 0);
-    for line in lines {
-        match parse(&line.split(separator).collect::<Vec<_>>()) {
-            Some(report) => reports.extend(report),
-            None => bad += 1,
-        }
+    let (mut reports, bad) = crate::ais::read(path)?;
+    if !bad.is_empty() {
+        eprintln!("seabearing: {name}: skipped {} unreadable rows", bad.len());
     }
-    if bad > 0 {
-        eprintln!("seabearing: {name}: skipped {bad} unreadable rows");
-    }
+    reports.retain(merchant_under_way);
     if reports.is_empty() {
         bail!("{name}: no position of a merchant vessel under way");
     }
     Ok(reports)
 }
 
-/// `None`: unreadable; `Some(None)`: readable and not wanted.
-fn terrestrial(c: &[&str]) -> Option<Option<Report>> {
-    let (date, clock) = c.get(7)?.split_once(' ')?;
-    let mut ymd = date.split('-');
-    let unix_s = unix([ymd.next()?, ymd.next()?, ymd.next()?], clock)?;
-    let wanted = c.get(8)?.trim() == "TER" && c.get(1)?.trim() == "0";
-    report(c.first()?, unix_s, c.get(5)?, c.get(6)?, wanted)
-}
-
-fn satellite(c: &[&str]) -> Option<Option<Report>> {
-    let mut dmy = c.get(2)?.split('/');
-    let (d, m, y) = (dmy.next()?, dmy.next()?, dmy.next()?);
-    let unix_s = unix([y, m, d], c.get(3)?)?;
-    let kind = c.get(16)?.parse::<u32>().unwrap_or(0);
-    let wanted = (70..90).contains(&kind) && c.get(10)?.trim() == "0";
-    report(c.first()?, unix_s, c.get(5)?, c.get(4)?, wanted)
-}
-
-fn report(mmsi: &str, unix_s: f64, lat: &str, lon: &str, wanted: bool) -> Option<Option<Report>> {
-    let (lat_deg, lon_deg) = (lat.trim().parse::<f64>().ok()?, lon.trim().parse::<f64>().ok()?);
-    let r = Report { mmsi: mmsi.trim().parse().ok()?, unix_s, lat_deg, lon_deg };
-    ((-90.0..=90.0).contains(&lat_deg) && (-360.0..=360.0).contains(&lon_deg)).then_some(wanted.then_some(r))
-}
-
-fn unix(ymd: [&str; 3], clock: &str) -> Option<f64> {
-    let month = Month::try_from(ymd[1].parse::<u8>().ok()?).ok()?;
-    let date = Date::from_calendar_date(ymd[0].parse().ok()?, month, ymd[2].parse().ok()?).ok()?;
-    let mut hms = clock.trim().split(':').map(|x| x.parse::<u8>().ok());
-    let time = Time::from_hms(hms.next()??, hms.next()??, hms.next().flatten().unwrap_or(0)).ok()?;
-    Some(PrimitiveDateTime::new(date, time).assume_utc().unix_timestamp() as f64)
-}
-
-/// East and North of a place about an origin (degrees), azimuthal equidistant: the chord on the WGS 84 ellipsoid gives
-/// the direction, and with the local radius of curvature the arc (within a metre in 100 km).
-pub fn project(origin_deg: (f64, f64), lat_deg: f64, lon_deg: f64) -> Place {
-    let (a, e2) = (6_378_137.0, 0.006_694_379_990_14);
-    let ecef = |lat: f64, lon: f64| {
-        let (s, c) = lat.to_radians().sin_cos();
-        let n = a / (1.0 - e2 * s * s).sqrt();
-        let (sl, cl) = lon.to_radians().sin_cos();
-        [n * c * cl, n * c * sl, n * (1.0 - e2) * s]
-    };
-    let (o, p) = (ecef(origin_deg.0, origin_deg.1), ecef(lat_deg, lon_deg));
-    let d = [p[0] - o[0], p[1] - o[1], p[2] - o[2]];
-    let (s, c) = origin_deg.0.to_radians().sin_cos();
-    let (sl, cl) = origin_deg.1.to_radians().sin_cos();
-    let east = -sl * d[0] + cl * d[1];
-    let north = -s * cl * d[0] - s * sl * d[1] + c * d[2];
-    let chord = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
-    let flat = east.hypot(north);
-    if flat == 0.0 {
-        return (0.0, 0.0);
-    }
-    let w = (1.0 - e2 * s * s).sqrt();
-    let (meridian, vertical) = (a * (1.0 - e2) / w.powi(3), a / w);
-    let (cos2, sin2) = ((north / flat).powi(2), (east / flat).powi(2));
-    let radius = 1.0 / (cos2 / meridian + sin2 / vertical);
-    let arc = 2.0 * radius * (chord / (2.0 * radius)).min(1.0).asin();
-    (east / flat * arc, north / flat * arc)
+/// Under way by engine, and of a merchant's type; where the type is not told, heard on land, as \[O\] took them.
+fn merchant_under_way(r: &Report) -> bool {
+    r.status == Some(0) && r.ship_type.map_or(r.terrestrial == Some(true), |kind| (70..90).contains(&kind))
 }
 
 /// Passages of all vessels about a station (latitude, longitude in degrees), in order of their closest point.
 pub fn passages(reports: &[Report], origin_deg: (f64, f64)) -> Vec<Passage> {
+    let frame = LocalFrame::new(origin_deg.0, origin_deg.1);
     let mut by_vessel: BTreeMap<u64, Vec<(f64, Place)>> = BTreeMap::new();
     for r in reports {
-        by_vessel.entry(r.mmsi).or_default().push((r.unix_s, project(origin_deg, r.lat_deg, r.lon_deg)));
+        let place = frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
+        by_vessel.entry(r.mmsi).or_default().push((r.t_s, place));
     }
     let mut out = Vec::new();
     for (mmsi, mut fixes) in by_vessel {
@@ -274,21 +189,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn projection_against_known_arcs() {
-        // One degree of longitude on the equator is 111 319.49 m, one of latitude at 45° about 111 131.8 m.
-        let (x, y) = project((0.0, 10.0), 0.0, 10.5);
-        assert!((x - 55_659.75).abs() < 0.5 && y.abs() < 1e-6, "{x} {y}");
-        let (x, y) = project((45.0, 0.0), 45.5, 0.0);
-        assert!(x.abs() < 1e-6 && (y - 55_570.8).abs() < 3.0, "{x} {y}");
-    }
-
-    #[test]
     fn split_and_selected() {
         let at = |mmsi, hours: f64, km: f64, off_km: f64| Report {
             mmsi,
-            unix_s: 3600.0 * hours,
-            lat_deg: off_km / 110.574,
-            lon_deg: km / 111.3195,
+            t_s: 3600.0 * hours,
+            lat_lon_deg: (off_km / 110.574, km / 111.3195),
+            speed_m_s: None,
+            status: Some(0),
+            ship_type: Some(70),
+            terrestrial: None,
         };
         let mut reports: Vec<Report> =
             (-5..6).map(|h| at(1, f64::from(h), 25.0 * f64::from(h), 10.0)).collect();

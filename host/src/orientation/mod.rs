@@ -2,7 +2,6 @@
 //!
 //! The estimators are the core's (`seabearing_locate::network`, `orient`, `line`); here is what reads their input.
 
-pub mod local_frame;
 pub mod network_file;
 pub mod record_file;
 pub mod sets;

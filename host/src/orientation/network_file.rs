@@ -1,8 +1,8 @@
 //! A network file (`[[stations]]`) and the bearings of its arrays.
 
-use super::local_frame::LocalFrame;
 use super::sets::Row;
 use crate::csv::{Table, good_rows};
+use crate::geodesy::LocalFrame;
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};

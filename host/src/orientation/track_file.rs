@@ -1,7 +1,7 @@
 //! The track of a vessel with known positions, as a station sees it.
 
-use super::local_frame::LocalFrame;
 use crate::csv::{Table, good_rows};
+use crate::geodesy::LocalFrame;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::config::StationConfig;
 use seabearing_locate::network::known_track::{TrackPoint, position_at};

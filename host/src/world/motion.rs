@@ -5,6 +5,7 @@
 
 use super::scenario::{Side, Straight, Vessel};
 use crate::csv::{Table, good_rows};
+use crate::geodesy::LocalFrame;
 use anyhow::{Result, bail};
 use std::path::Path;
 
@@ -76,9 +77,10 @@ impl Motion {
                 bail!("{name}: a track in lat, lon needs `lat_deg` and `lon_deg` in the station file");
             };
             let rows = good_rows(&name, table.numbers(["t_s", "lat", "lon"])?)?;
+            let frame = LocalFrame::new(lat0, lon0);
             rows.into_iter()
                 .map(|[t, lat, lon]| {
-                    let [x, y] = east_north(lat, lon, lat0, lon0);
+                    let (x, y) = frame.east_north_m(lat, lon);
                     [t, x, y]
                 })
                 .collect()
@@ -199,19 +201,6 @@ impl Motion {
     }
 }
 
-/// Metres East and North of a reference, on the ellipsoid's tangent plane (WGS 84); good to a metre within 10 km.
-pub fn east_north(lat_deg: f64, lon_deg: f64, lat0_deg: f64, lon0_deg: f64) -> [f64; 2] {
-    const A: f64 = 6_378_137.0;
-    const E2: f64 = 0.006_694_379_990_14;
-    let lat = (0.5 * (lat_deg + lat0_deg)).to_radians();
-    let s2 = 1.0 - E2 * lat.sin() * lat.sin();
-    let north = A * (1.0 - E2) / s2.powf(1.5);
-    let east = A / s2.sqrt() * lat.cos();
-    let mut dlon = lon_deg - lon0_deg;
-    dlon -= 360.0 * (dlon / 360.0).round();
-    [east * dlon.to_radians(), north * (lat_deg - lat0_deg).to_radians()]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -267,12 +256,5 @@ mod tests {
         let cpa = m.cpa(0.0, 200.0);
         assert!((cpa.time_s - 100.0).abs() < 1e-3 && (cpa.range_m - 500.0).abs() < 1e-6);
         assert!(Motion::through(&[[0.0; 3], [0.0; 3]]).is_err());
-    }
-
-    #[test]
-    fn degrees_become_metres() {
-        // One minute of latitude at 49° is 1853.4 m, of longitude 1218.9 m (ellipsoid).
-        let [x, y] = east_north(49.0 + 1.0 / 60.0, -123.0 + 1.0 / 60.0, 49.0, -123.0);
-        assert!((y - 1853.4).abs() < 1.0 && (x - 1219.0).abs() < 2.0, "{x} {y}");
     }
 }
