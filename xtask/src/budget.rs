@@ -43,8 +43,8 @@ const RECORDERS: [Recorder; 2] = [
         name: "obs",
         image: &EMULATED_OBS,
         scenario: "ocean-bottom",
-        work: 1.0,
-        memory: 262_144.0,
+        work: 0.2,
+        memory: 180_224.0,
         flash: 262_144.0,
     },
 ];

@@ -390,7 +390,8 @@ impl<const N: usize> Passage<N> {
         if let Some(slot) = self.nodes.get_mut(i) {
             *slot = joined;
         }
-        if let Some(rest) = self.nodes.get_mut(i + 1..self.len) {
+        // Said to be not empty, so that no panic path is linked.
+        if let Some(rest @ [_, ..]) = self.nodes.get_mut(i + 1..self.len) {
             rest.rotate_left(1);
         }
         self.len = self.len.saturating_sub(1);
