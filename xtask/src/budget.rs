@@ -4,7 +4,7 @@
 //! instructions. They are instructions, not cycles of the hardware.
 
 use crate::elf::Elf;
-use crate::firmware::{self, EMULATED_ARRAY, EMULATED_FIT, EMULATED_OBS, Image};
+use crate::firmware::{self, EMULATED_ARRAY, EMULATED_FIT, EMULATED_OBS, EMULATED_TRACKS, Image};
 use crate::process::{host, say};
 use crate::toolchain::{Toolchain, emulator};
 use crate::{root, scenario};
@@ -84,6 +84,7 @@ fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
         figures.extend(measure(recorder, &image)?);
     }
     figures.extend(fit(&firmware::build(toolchain, &EMULATED_FIT)?)?);
+    figures.extend(tracks(&firmware::build(toolchain, &EMULATED_TRACKS)?)?);
     let mut text = format!(
         "# Budgets of the target: `cargo xtask budget` measures, `--bless` rewrites; tolerance {} %.\n\
          # Instructions are counted by QEMU over the scenario named; they are not cycles.\n",
@@ -162,27 +163,56 @@ const FIT_MEMORY: f64 = 65_536.0;
 /// Instructions per tick of the emulated core clock with `-icount shift=0`.
 const INSTRUCTIONS_PER_TICK: f64 = 40.0;
 
-/// Runs the image that fits and reads what it leaves.
-fn fit(image: &Path) -> Result<Vec<Figure>> {
-    say("counting the instructions of one motion fit of 401 bearings");
-    let folder = root().join("target/firmware/motion-fit");
-    std::fs::create_dir_all(&folder).context("target/firmware/motion-fit")?;
+/// Half of what the hardware's sample queue holds: 64 ms at 480 MHz and 2.5 cycles an instruction, in millions.
+const HALF_A_QUEUE: f64 = 0.5 * 0.064 * 480.0 / 2.5;
+
+/// Runs an image that leaves a summary and reads its words.
+fn summary(image: &Path, name: &str) -> Result<Vec<u64>> {
+    let folder = root().join("target/firmware").join(name);
+    std::fs::create_dir_all(&folder).with_context(|| format!("target/firmware/{name}"))?;
     let mut command = std::process::Command::new("qemu-system-arm");
     command.args(["-M", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none"]);
     command.args(["-semihosting-config", "enable=on,target=native", "-icount", "shift=0", "-kernel"]);
     let output = command.arg(image).current_dir(&folder).output().context("qemu-system-arm")?;
     if !output.status.success() {
-        bail!("the motion fit on the target: {}", String::from_utf8_lossy(&output.stderr).trim());
+        bail!("{name} on the target: {}", String::from_utf8_lossy(&output.stderr).trim());
     }
-    let left = std::fs::read(folder.join("summary.bin")).context("the motion fit left no summary")?;
-    let words: Vec<u64> = left.as_chunks().0.iter().map(|w| u64::from_le_bytes(*w)).collect();
+    let left =
+        std::fs::read(folder.join("summary.bin")).with_context(|| format!("{name} left no summary"))?;
+    Ok(left.as_chunks().0.iter().map(|w| u64::from_le_bytes(*w)).collect())
+}
+
+/// Million instructions of so many ticks.
+fn millions(ticks: u64) -> f64 {
+    (ticks as f64 * INSTRUCTIONS_PER_TICK / 1e4).round() / 1e2
+}
+
+/// Runs the image that tracks eight vessels.
+fn tracks(image: &Path) -> Result<Vec<Figure>> {
+    say("counting the instructions of eight vessels' tracks");
+    let words = summary(image, "tracks")?;
+    let [heard, ending, _, bytes, _, stack] = words[..] else {
+        bail!("the tracks' summary is not six words")
+    };
+    let figure = |what: &str, value, bar| Figure { name: format!("tracks {what}"), value, bar };
+    Ok(vec![
+        figure("state of eight, bytes", bytes as f64, None),
+        figure("stack used, bytes", stack as f64, None),
+        figure("worst 512 instants, million instr.", millions(heard), Some(HALF_A_QUEUE)),
+        figure("worst 512, eight ending at once", millions(ending), Some(HALF_A_QUEUE)),
+    ])
+}
+
+/// Runs the image that fits and reads what it leaves.
+fn fit(image: &Path) -> Result<Vec<Figure>> {
+    say("counting the instructions of one motion fit of 401 bearings");
+    let words = summary(image, "motion-fit")?;
     let [short, long, _, stack] = words[..] else { bail!("the motion fit's summary is not four words") };
-    let work = |ticks: u64| (ticks as f64 * INSTRUCTIONS_PER_TICK / 1e4).round() / 1e2;
     let statics = f64::from(Elf::read(image)?.statics());
     let figure = |what: &str, value, bar| Figure { name: format!("motion fit {what}"), value, bar };
     Ok(vec![
         figure("statics and stack, bytes", statics + stack as f64, Some(FIT_MEMORY)),
-        figure("work, million instructions", work(short), Some(FIT_WORK)),
-        figure("by Levinson, million instr.", work(long), None),
+        figure("work, million instructions", millions(short), Some(FIT_WORK)),
+        figure("by Levinson, million instr.", millions(long), None),
     ])
 }

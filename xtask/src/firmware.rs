@@ -31,6 +31,9 @@ pub const EMULATED_OBS: Image =
 pub const EMULATED_FIT: Image =
     Image { name: "mps2-an500-motion-fit.elf", bin: "motion-fit", features: "motion-fit" };
 
+/// The tracks of eight vessels on the emulated board, for their budget.
+pub const EMULATED_TRACKS: Image = Image { name: "mps2-an500-tracks.elf", bin: "tracks", features: "tracks" };
+
 /// The hardware board with everything.
 pub const HARDWARE: Image =
     Image { name: "stm32h743.elf", bin: "stm32h743", features: "stm32h743,array,obs" };

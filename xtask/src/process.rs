@@ -132,11 +132,12 @@ fn features_alone() -> Result<()> {
 }
 
 /// Every image the firmware is made into, as its binary and features.
-const IMAGES: [(&str, &str); 7] = [
+const IMAGES: [(&str, &str); 8] = [
     ("mps2-an500", "mps2-an500,array,obs"),
     ("mps2-an500", "mps2-an500,array"),
     ("mps2-an500", "mps2-an500,obs"),
     ("motion-fit", "motion-fit"),
+    ("tracks", "tracks"),
     ("stm32h743", "stm32h743,array,obs"),
     ("stm32h743", "stm32h743,array,obs,defmt"),
     ("panic-free", "panic-free,array,obs"),

@@ -1,0 +1,132 @@
+//! What the tracks of eight vessels cost on the emulated board: the worst work between two looks at the time.
+//!
+//! Eight vessels 45° apart pass at 500 m and more, heard twice a second for 150 s; after 60 s all turn by 60° at once, and
+//! then all fall silent in the same instant, so that eight passages end together. Leaves in `summary.bin` six words `u64le`:
+//! ticks of the worst step of 512 instants while they are heard, of the worst while they end, of everything, bytes of the
+//! tracks, bytes of stack there were, most used. Fails if not every vessel was tracked to its end.
+#![no_std]
+#![no_main]
+#![allow(unsafe_code)]
+
+use core::panic::PanicInfo;
+use cortex_m_rt::{ExceptionFrame, entry, exception};
+use seabearing_core::angle::wrap_tau;
+use seabearing_core::config::Tracking;
+use seabearing_core::math::f64 as m;
+use seabearing_core::passage;
+use seabearing_core::port::Clock;
+use seabearing_core::recorder::GRID;
+use seabearing_core::traffic::{self, Config, State, VESSELS};
+use seabearing_core::wire::{Bearing, Message};
+use seabearing_firmware::mps2_an500::{clock::CoreTicks, host, stack_use};
+
+/// Sample instants a second, and between two bearings.
+const RATE_HZ: f64 = 64_000.0;
+const BETWEEN: u64 = 32_000;
+/// Seconds until the turn, and until nothing is heard.
+const TURN_S: f64 = 60.0;
+const HEARD_S: f64 = 150.0;
+/// Standard deviation of the bearings, radians.
+const SD_RAD: f64 = 0.01;
+const SPEED_M_S: f64 = 7.0;
+
+/// Random numbers of mean 0 and variance 1, the same in every run.
+struct Impulses(u32);
+
+impl Impulses {
+    fn next(&mut self) -> f64 {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            sum += f64::from(self.0 >> 8) / f64::from(1 << 24);
+        }
+        sum - 6.0
+    }
+}
+
+/// Where a vessel is seen at a time of reception, travel time left out: East and North of the array in its own frame.
+fn azimuth(vessel: usize, t_s: f64) -> f64 {
+    let range_m = 500.0 + 40.0 * vessel as f64;
+    let along = SPEED_M_S * (t_s.min(TURN_S) - 70.0);
+    let beyond = SPEED_M_S * (t_s - TURN_S).max(0.0);
+    let (x, y) = (along + 0.5 * beyond, range_m + 0.866 * beyond);
+    wrap_tau(m::atan2(x, y) + m::TAU * vessel as f64 / VESSELS as f64)
+}
+
+fn heard(index: u64, azimuth: f64) -> Bearing {
+    let variance = (SD_RAD * SD_RAD) as f32;
+    Bearing {
+        index,
+        azimuth: azimuth as f32,
+        elevation: 0.2,
+        var_azimuth: variance,
+        var_elevation: variance,
+        cov: 0.0,
+        snr_db: 10.0,
+        quality: 1.0,
+        closure_s: 0.0,
+        statistic: 2.0,
+        band: 0,
+        flags: 0,
+    }
+}
+
+#[entry]
+fn main() -> ! {
+    static mut STATE: State = State::new();
+
+    let Some(peripherals) = cortex_m::Peripherals::take() else { fail(c"started twice\n") };
+    let mut clock = CoreTicks::new(peripherals.SYST);
+    let config = Config::with(passage::Config::new(&Tracking::default(), 1484.0), RATE_HZ);
+    let mut random = Impulses(1);
+    let (mut ended, mut worst, mut total) = (0usize, [0u64; 2], 0u64);
+    let last = (HEARD_S * RATE_HZ) as u64;
+    let mut index = 0u64;
+    while index < last + (50.0 * RATE_HZ) as u64 {
+        let mut sink = |message| {
+            if let Message::Track(track) = message {
+                ended += usize::from(track.stage == 1);
+            }
+        };
+        let before = clock.ticks();
+        if index < last && index % BETWEEN < GRID {
+            let at = index / BETWEEN * BETWEEN;
+            for vessel in 0..VESSELS {
+                let azimuth = azimuth(vessel, at as f64 / RATE_HZ) + SD_RAD * random.next();
+                traffic::bearing(&config, STATE, &heard(at.max(1), azimuth), &mut sink);
+            }
+        }
+        index += GRID;
+        traffic::advance(&config, STATE, index, &mut sink);
+        let spent = u64::from(clock.ticks().wrapping_sub(before));
+        total += spent;
+        let phase = &mut worst[usize::from(index > last)];
+        *phase = (*phase).max(spent);
+    }
+    if STATE.vessels() != 0 || ended < VESSELS {
+        fail(c"not every vessel was tracked to its end\n");
+    }
+    let (stack, used) = stack_use();
+    let bytes = size_of::<State>() as u64;
+    let words = [worst[0], worst[1], total, bytes, u64::from(stack), u64::from(used)];
+    let Some(mut file) = host::File::write_to(c"summary.bin") else { fail(c"cannot write summary.bin\n") };
+    if !words.iter().all(|w| file.write(&w.to_le_bytes())) {
+        fail(c"cannot write summary.bin\n");
+    }
+    host::exit(0)
+}
+
+fn fail(line: &core::ffi::CStr) -> ! {
+    host::say(line);
+    host::exit(1)
+}
+
+#[exception]
+unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
+    fail(c"hard fault\n")
+}
+
+#[panic_handler]
+fn panic(_info: &PanicInfo<'_>) -> ! {
+    fail(c"panicked\n")
+}
