@@ -44,3 +44,5 @@ pub mod recorder;
 pub mod run;
 pub mod sample_line;
 pub mod sbraw;
+#[cfg(feature = "array")]
+mod slot;

@@ -12,10 +12,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
+use seabearing_core::array::{self, Plan};
 use seabearing_core::block::{Block, Frame};
-use seabearing_core::demon::{
-    Config, EMPTY_SCRATCH, Rate, Report, Scratch, Settings, State, process, spectrum,
-};
+use seabearing_core::config::Kind;
+use seabearing_core::demon::{EMPTY_SCRATCH, NoRate, Rate, Report, Settings};
 use std::fmt::Write as _;
 
 /// `seabearing reproduce shaft-rate`.
@@ -37,26 +37,30 @@ const WARM_UP_S: f64 = 31.0;
 /// Power of a recording at a time: vessel and ambient.
 type Powers<'a> = &'a dyn Fn(f64) -> (f64, f64);
 
-/// Runs the chain over `seconds` of Gaussian noise made on the fly.
+/// Runs the array recorder's chain over `seconds` of Gaussian noise made on the fly. The rate is that of the first hydrophone; the
+/// others hear something of their own, because a dead one would silence the chain.
 fn listen(
-    config: &Config,
+    plan: &Plan,
     seconds: f64,
     powers: Powers<'_>,
     rng: &mut ChaCha8Rng,
     sink: &mut dyn FnMut(Report),
-) -> Scratch {
-    let (mut state, mut scratch) = (State::new(), EMPTY_SCRATCH);
+) -> Box<array::State> {
+    let (mut state, mut scratch) = (Box::new(array::State::new()), Box::new(array::Scratch::new()));
     let mut frames = vec![[0; 4] as Frame; 640];
     for block in 0..(seconds * RATE_HZ / 640.0) as u64 {
         let first_index = block * 640;
         for (i, frame) in frames.iter_mut().enumerate() {
             let (vessel, ambient) = powers((first_index + i as u64) as f64 / RATE_HZ);
             let (a, b): (f64, f64) = (StandardNormal.sample(rng), StandardNormal.sample(rng));
-            frame[0] = (2e4 * (vessel.sqrt() * a + ambient.sqrt() * b)) as i32;
+            let others = rng.random::<[i16; 3]>().map(i32::from);
+            *frame =
+                [(2e4 * (vessel.sqrt() * a + ambient.sqrt() * b)) as i32, others[0], others[1], others[2]];
         }
-        process(config, &mut state, &mut scratch, &Block { first_index, frames: &frames }, sink);
+        array::push(plan, &mut state, &mut scratch, Block { first_index, frames: &frames }, &mut |_| {});
+        state.take_shaft_report().into_iter().for_each(&mut *sink);
     }
-    scratch
+    state
 }
 
 /// One trial: what was true and what the last window said.
@@ -73,7 +77,7 @@ impl Trial {
     }
 }
 
-fn trials(config: &Config, options: &Options, runs: u64) -> Vec<Trial> {
+fn trials(config: &Plan, options: &Options, runs: u64) -> Vec<Trial> {
     let all: Vec<(u32, u64)> = RATES.flat_map(|rate| (0..runs).map(move |run| (rate, run))).collect();
     let bar = progress::bar(all.len() as u64, "shaft rates");
     all.into_par_iter()
@@ -106,8 +110,8 @@ fn false_rates(allowed_per_hour: f64, options: &Options) -> Result<(usize, usize
             let (mut rates, mut reports) = (0, 0);
             listen(&config, stream_s, &passage, &mut rng, &mut |r| match r.rate {
                 Ok(_) => (rates, reports) = (rates + 1, reports + 1),
-                Err(seabearing_core::demon::NoRate::Unmodulated) => reports += 1,
-                Err(seabearing_core::demon::NoRate::NotEnoughData) => {}
+                Err(NoRate::Unmodulated) => reports += 1,
+                Err(NoRate::NotEnoughData) => {}
             });
             bar.inc(1);
             (rates, reports)
@@ -116,9 +120,14 @@ fn false_rates(allowed_per_hour: f64, options: &Options) -> Result<(usize, usize
     Ok(counts.into_iter().fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1)))
 }
 
-fn plan(settings: Settings) -> Result<Config> {
-    match Config::new(&settings) {
-        Ok(config) => Ok(config),
+/// The recorder's plan with these settings; bearings are sought every ten seconds only, for they are not looked at.
+fn plan(settings: Settings) -> Result<Plan> {
+    let mut config = super::bearing_limit::station();
+    if let Kind::Array(array) = &mut config.kind {
+        (array.step_s, array.segment_s) = (10.0, 10.0);
+    }
+    match Plan::new(&config)?.with_shaft(&settings) {
+        Ok(plan) => Ok(plan),
         Err(e) => bail!("setting {} is out of range", e.0),
     }
 }
@@ -175,11 +184,17 @@ fn picture(options: &Options) -> Result<()> {
     for (title, powers) in cases {
         let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
         let mut found = None;
-        let scratch = listen(&config, TRIAL_S, powers, &mut rng, &mut |r| found = r.rate.ok());
-        let spectrum: Vec<(f64, f64)> = spectrum(&scratch)
+        let state = listen(&config, TRIAL_S, powers, &mut rng, &mut |r| found = r.rate.ok());
+        let bin_hz = config.shaft().map_or(0.0, |c| c.bin_hz());
+        let mut scratch = EMPTY_SCRATCH;
+        let spectrum: Vec<(f64, f64)> = state
+            .shaft()
+            .spectrum(&mut scratch)
+            .into_iter()
+            .flatten()
             .enumerate()
             .skip(4)
-            .map(|(k, p)| (k as f64 * config.bin_hz(), 10.0 * f64::from(p).max(1e-2).log10()))
+            .map(|(k, p)| (k as f64 * bin_hz, 10.0 * f64::from(p).max(1e-2).log10()))
             .filter(|(f, _)| *f <= 30.0)
             .collect();
         let mut figure = Figure::new(title, "modulation frequency (Hz)", "power over noise floor (dB)");

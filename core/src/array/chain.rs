@@ -8,7 +8,9 @@ use super::search::SearchWork;
 use super::spectra::{Kept, Spectra};
 use super::transform::Work;
 use crate::block::{Block, CHANNELS};
+use crate::demon;
 use crate::health::{Accounting, LossCause};
+use crate::slot::Slot;
 use crate::wire::{Fault, FaultCode, Message};
 use microfft::Complex32;
 
@@ -29,6 +31,8 @@ pub struct State {
     level: [f32; CHANNELS],
     /// Invalid instants in a row so far; told as one fault when the row ends.
     invalid: u64,
+    shaft: demon::State,
+    shaft_report: Slot<demon::Report>,
 }
 
 /// Work space without memory between calls (about 28 KiB).
@@ -77,7 +81,22 @@ impl State {
             clipping_this_step: 0,
             level: [0.0; CHANNELS],
             invalid: 0,
+            shaft: demon::State::new(),
+            shaft_report: Slot::Empty,
         }
+    }
+
+    /// What the newest analysis for a shaft rate said, once; one falls due every `update_s` of good samples.
+    pub fn take_shaft_report(&mut self) -> Option<demon::Report> {
+        match core::mem::replace(&mut self.shaft_report, Slot::Empty) {
+            Slot::Full(report) => Some(report),
+            Slot::Empty => None,
+        }
+    }
+
+    /// The envelope that shaft rates are looked for in.
+    pub fn shaft(&self) -> &demon::State {
+        &self.shaft
     }
 
     /// Sample instants by what became of them; totals every instant seen or known missing once frames are full
@@ -194,7 +213,12 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
         None
     };
     if lost.is_none() {
-        state.current.add(plan, &state.intake.codes, &mut scratch.work);
+        let power = state.current.add(plan, &state.intake.codes, &mut scratch.work);
+        if let Some(config) = &plan.shaft
+            && let Some(report) = demon::frame(config, &mut state.shaft, &mut scratch.work, index, power)
+        {
+            state.shaft_report = Slot::Full(report);
+        }
         let start = step.saturating_mul(plan.step_samples.get());
         state.current.centres = state.current.centres.saturating_add(centre.saturating_sub(start));
     }

@@ -4,6 +4,7 @@ use super::detect;
 use super::transform::{RUN, WINDOW};
 use crate::block::CHANNELS;
 use crate::config::{ConfigError, Kind, StationConfig};
+use crate::demon;
 use crate::geometry::Geometry;
 use crate::math::{f32 as m, f64 as md};
 
@@ -146,7 +147,19 @@ pub struct Plan {
     /// Depth of the vessels listened to over the array's own depth; 0 where there is no surface.
     pub(crate) vessel_over_array_depth: f32,
     pub(crate) weighting: Weighting,
+    /// First bin of the band whose envelope gives the shaft rate.
+    pub(crate) envelope_low: usize,
+    /// Shaft rate; `None` where the sampling rate is too low for it.
+    pub(crate) shaft: Option<demon::Config>,
 }
+
+/// What the recorder asks of the shaft rate: an analysis in a third of its window.
+const SHAFT: demon::Settings = demon::Settings {
+    high_pass_hz: 3000.0,
+    search_hz: (0.7, 16.0),
+    update_s: 10.0,
+    false_rates_per_hour: 0.01,
+};
 
 impl Plan {
     /// Makes the plan of a configuration.
@@ -231,7 +244,7 @@ impl Plan {
             *octave = Some(Band { low, high, incoherent: low, threshold: threshold as f32, resolution });
         }
 
-        Ok(Self {
+        let plan = Self {
             inv_c: 1.0 / geometry.sound_speed_m_s,
             curvature: (1.0 / array.reference_range_m) as f32,
             rate_hz: rate as f32,
@@ -261,8 +274,33 @@ impl Plan {
                 0.0
             },
             weighting: Weighting::default(),
+            envelope_low: high,
+            shaft: None,
             geometry,
-        })
+        };
+        // A band that ends below four times the usual corner gives its upper three quarters.
+        let corner = SHAFT.high_pass_hz.min(0.25 * f64::from(plan.band_hz().1));
+        Ok(plan.clone().with_shaft(&demon::Settings { high_pass_hz: corner, ..SHAFT }).unwrap_or(plan))
+    }
+
+    /// The same plan with other settings of the shaft rate.
+    ///
+    /// # Errors
+    /// Names the setting that cannot work here; the corner must leave some of the plan's band.
+    pub fn with_shaft(mut self, settings: &demon::Settings) -> Result<Self, demon::SettingError> {
+        let config = demon::Config::new(settings, f64::from(self.rate_hz), HOP as u64)?;
+        let low = md::ceil(settings.high_pass_hz * FRAME as f64 / f64::from(self.rate_hz)) as usize;
+        if low + LEAST_BINS > self.whole.high {
+            return Err(demon::SettingError("high_pass_hz"));
+        }
+        self.envelope_low = low.max(self.whole.low);
+        self.shaft = Some(config);
+        Ok(self)
+    }
+
+    /// What the shaft rate is made with; `None` where the sampling rate is too low for it.
+    pub fn shaft(&self) -> Option<&demon::Config> {
+        self.shaft.as_ref()
     }
 
     /// The same plan with another weighting, for comparison.

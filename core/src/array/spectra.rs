@@ -132,21 +132,32 @@ impl Spectra {
         }
     }
 
-    /// Adds one frame: `codes` in recorder order, mapped to hydrophones by the plan.
-    pub(crate) fn add(&mut self, plan: &Plan, codes: &[[i32; FRAME]; CHANNELS], work: &mut Work) {
+    /// Adds one frame: `codes` in recorder order, mapped to hydrophones by the plan. The first hydrophone's mean square (codes²) in the
+    /// plan's envelope band.
+    pub(crate) fn add(&mut self, plan: &Plan, codes: &[[i32; FRAME]; CHANNELS], work: &mut Work) -> f32 {
         // The plan's channels are a permutation of 0..4.
         transform::transform(plan.channels.map(|c| &codes[usize::from(c & 3)]), work);
-        let [z01, z23] = work.as_chunks_mut::<FRAME>().0 else { return };
+        let [z01, z23] = work.as_chunks_mut::<FRAME>().0 else { return 0.0 };
         without_offset(z01, plan);
         without_offset(z23, plan);
-        self.accumulate(z01, z23, plan.whole.high.div_ceil(RUN));
+        let (low, high) = (plan.envelope_low / RUN, plan.whole.high.div_ceil(RUN));
+        self.accumulate(z01, z23, 0..low);
+        let power = self.accumulate(z01, z23, low..high);
         self.frames = self.frames.saturating_add(1);
+        2.0 * power / plan.window_power
     }
 
-    /// Adds the products of the first `runs` runs of bins. Apart: inlined into the whole chain it runs out of registers.
+    /// Adds the products of these runs of bins; the sum of the first hydrophone's powers. Apart: inlined into the whole chain
+    /// it runs out of registers.
     #[inline(never)]
-    fn accumulate(&mut self, z01: &[Complex32; FRAME], z23: &[Complex32; FRAME], runs: usize) {
-        for (n, sums) in self.runs.iter_mut().enumerate().take(runs) {
+    fn accumulate(
+        &mut self,
+        z01: &[Complex32; FRAME],
+        z23: &[Complex32; FRAME],
+        runs: core::ops::Range<usize>,
+    ) -> f32 {
+        let mut of_first = [0.0; RUN];
+        for (n, sums) in (runs.start..).zip(self.part_mut(&runs)) {
             let [x0, x1] = transform::separated(z01, n);
             let [x2, x3] = transform::separated(z23, n);
             let Run { re: [r01, r02, r03, r12, r13, r23], im: [i01, i02, i03, i12, i13, i23], auto } = sums;
@@ -158,10 +169,12 @@ impl Spectra {
             cross(&x1, &x3, r13, i13);
             cross(&x2, &x3, r23, i23);
             power(&x0, a0);
+            power(&x0, &mut of_first);
             power(&x1, a1);
             power(&x2, a2);
             power(&x3, a3);
         }
+        of_first.iter().sum()
     }
 }
 

@@ -1,22 +1,23 @@
-//! Envelope: high-pass, square, cell sums, logarithm, decimation; kept as a ring of 30 s.
+//! Envelope: powers of frames, their logarithm, decimation; kept as a ring of about 30 s.
 //!
-//! In: samples. Out: natural logarithm of the band's power at about 68 Hz. The second stage is a 100-tap Hamming
-//! low-pass at half the output rate, computed with five running accumulators (one for each output a cell belongs to):
-//! −6 dB at the output's Nyquist frequency, −50 dB from 1.7 times it, so that the 50 and 60 Hz of mains do not fold
-//! into the rates. Its droop acts on line and floor alike and cancels in their ratio.
+//! In: the band's power of each frame (one in 7 ms at 64 kHz). Out: its natural logarithm at about 68 Hz. The decimating low-pass is five
+//! outputs long, a Hamming window at half the output rate, computed with five running accumulators (one for each output
+//! a frame belongs to): −6 dB at the output's Nyquist frequency. Its droop acts on line and floor alike and cancels in their
+//! ratio. A frame's own window is the low-pass before it: a modulation within 16 Hz of the frames' rate (127 to 159 Hz at 64 kHz) folds
+//! into the rates 20 dB down or more.
+//!
+//! Frames are numbered by their sample index, so a frame that is missing is an output not heard.
 
-use super::Settings;
-use crate::block::{Block, CHANNELS, MISSING};
 use crate::math;
 
 /// Values in the window of one spectrum: the largest real FFT that leaves [`super::Scratch`] at 8 KiB.
 pub const WINDOW: usize = 2048;
-/// Cells from one output to the next.
-pub const CELLS_PER_OUTPUT: usize = 20;
-/// Outputs a cell takes part in.
+/// Outputs a frame takes part in.
 const OVERLAP: usize = 5;
-/// Length of the window aimed at, seconds; sets the output rate.
-const WINDOW_S: f64 = 30.0;
+/// Most frames of an output: six at 192 kHz.
+const MOST_FRAMES: usize = 8;
+/// Outputs a second aimed at: a window of 30 s.
+const OUTPUT_HZ: f64 = WINDOW as f64 / 30.0;
 /// Steps of the stored logarithm a neper: ±32 000 steps span more than any 32-bit power (±36 nepers).
 const STEPS: f32 = 900.0;
 /// "Not heard". Values are stored with its bit turned over, so that an empty ring is all zeros and costs no flash.
@@ -25,45 +26,40 @@ const UNHEARD: i16 = i16::MIN;
 const SILENCE: f32 = 1e-3;
 
 /// Filters and sizes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Plan {
-    cell: u32,
-    channels: u8,
-    high_pass: f32,
-    /// Row j weighs a cell for the output that began j outputs ago.
-    taps: [[f32; CELLS_PER_OUTPUT]; OVERLAP],
+    /// Samples from one frame to the next.
+    hop: u64,
+    frames_per_output: usize,
+    /// Row j weighs a frame for the output that began j outputs ago.
+    taps: [[f32; MOST_FRAMES]; OVERLAP],
 }
 
 impl Plan {
-    pub(super) fn new(s: &Settings) -> Self {
+    pub(super) fn new(rate_hz: f64, hop: u64) -> Self {
         use math::f64 as m;
-        let cells_hz = WINDOW as f64 / WINDOW_S * CELLS_PER_OUTPUT as f64;
-        let cell = m::round(s.rate_hz / cells_hz).max(1.0);
-        let n = (CELLS_PER_OUTPUT * OVERLAP) as f64;
-        let mut taps = [[0.0f32; CELLS_PER_OUTPUT]; OVERLAP];
+        let frames = m::round(rate_hz / (hop as f64 * OUTPUT_HZ)).clamp(1.0, MOST_FRAMES as f64);
+        let frames_per_output = frames as usize;
+        let n = (frames_per_output * OVERLAP) as f64;
+        let mut taps = [[0.0f32; MOST_FRAMES]; OVERLAP];
         let mut sum = 0.0;
-        for (i, tap) in taps.iter_mut().flatten().enumerate() {
-            let t = (i as f64 + 0.5 - n / 2.0) / CELLS_PER_OUTPUT as f64;
-            let sinc = m::sin(m::PI * t) / (m::PI * t);
-            let hamming = 0.54 + 0.46 * m::cos(m::TAU * t * CELLS_PER_OUTPUT as f64 / n);
-            *tap = (sinc * hamming) as f32;
-            sum += sinc * hamming;
+        let each = taps.iter_mut().flat_map(|row| row.iter_mut().take(frames_per_output));
+        for (i, tap) in each.enumerate() {
+            let t = (i as f64 + 0.5 - n / 2.0) / frames;
+            let sinc = if m::abs(t) < 1e-9 { 1.0 } else { m::sin(m::PI * t) / (m::PI * t) };
+            let value = sinc * (0.54 + 0.46 * m::cos(m::TAU * t * frames / n));
+            *tap = value as f32;
+            sum += value;
         }
         for tap in taps.iter_mut().flatten() {
             *tap /= sum as f32;
         }
-        let high_pass = 1.0 - m::exp(-m::TAU * s.high_pass_hz / s.rate_hz);
-        Self { cell: cell as u32, channels: s.channels, high_pass: high_pass as f32, taps }
+        Self { hop: hop.max(1), frames_per_output, taps }
     }
 
     /// Outputs a second.
     pub(super) fn output_hz(&self, rate_hz: f64) -> f64 {
-        rate_hz / (f64::from(self.cell) * CELLS_PER_OUTPUT as f64)
-    }
-
-    /// Samples of a whole window.
-    fn window_samples(&self) -> u64 {
-        u64::from(self.cell) * (CELLS_PER_OUTPUT * WINDOW) as u64
+        rate_hz / (self.hop as f64 * self.frames_per_output as f64)
     }
 }
 
@@ -82,12 +78,9 @@ pub(super) struct Envelope {
     /// Where the next output goes (the oldest value).
     next: usize,
     outputs: [Accumulator; OVERLAP],
-    low: [f32; CHANNELS],
-    power: f32,
-    broken: bool,
-    filled: u32,
     phase: usize,
-    index: Option<u64>,
+    /// Number of the frame expected next.
+    expected: Option<u64>,
 }
 
 impl Envelope {
@@ -96,12 +89,8 @@ impl Envelope {
             ring: [0; WINDOW],
             next: 0,
             outputs: [Accumulator { sum: 0.0, whole: false }; OVERLAP],
-            low: [0.0; CHANNELS],
-            power: 0.0,
-            broken: false,
-            filled: 0,
             phase: 0,
-            index: None,
+            expected: None,
         }
     }
 
@@ -111,71 +100,32 @@ impl Envelope {
         older.iter().chain(newer).map(|v| v ^ UNHEARD).map(|v| (v != UNHEARD).then_some(f32::from(v) / STEPS))
     }
 
-    /// Takes a block and calls `output` after each new value of the ring, with the sample index behind it.
-    pub(super) fn process(&mut self, plan: &Plan, block: &Block<'_>, output: &mut dyn FnMut(&Self, u64)) {
-        let mut index = self.index.unwrap_or(block.first_index);
-        if block.first_index.abs_diff(index) > plan.window_samples() {
+    /// Takes the power (codes²) of the frame whose first sample is `index`; how many outputs that completed. An index
+    /// that goes back, or on by more than a window, starts afresh.
+    pub(super) fn take(&mut self, plan: &Plan, index: u64, power: f32) -> u32 {
+        let number = index.saturating_add(plan.hop / 2) / plan.hop;
+        let mut missing = number.saturating_sub(self.expected.unwrap_or(number));
+        if self.expected.is_some_and(|e| number < e) || missing > (WINDOW * plan.frames_per_output) as u64 {
             *self = Self::new();
-            index = block.first_index;
+            missing = 0;
         }
-        let gap = block.first_index.saturating_sub(index);
-        let heard = usize::try_from(index.saturating_sub(block.first_index)).unwrap_or(usize::MAX);
-        if gap > 0 {
-            self.low = [0.0; CHANNELS];
+        self.expected = Some(number.saturating_add(1));
+        let mut outputs = 0;
+        for _ in 0..missing {
+            outputs += self.advance(plan, None);
         }
-        let mut left = gap;
-        while left > 0 {
-            let take = left.min(u64::from(plan.cell.saturating_sub(self.filled)).max(1));
-            self.broken = true;
-            left -= take;
-            index += take;
-            self.advance(plan, take as u32, index, output);
-        }
-        let mut frames = block.frames.get(heard..).unwrap_or(&[]);
-        while !frames.is_empty() {
-            let take = (plan.cell.saturating_sub(self.filled) as usize).max(1).min(frames.len());
-            let (now, rest) = frames.split_at_checked(take).unwrap_or((frames, &[]));
-            for (c, low) in self.low.iter_mut().enumerate() {
-                if plan.channels >> c & 1 == 0 {
-                    continue;
-                }
-                let (mut l, mut power) = (*low, 0.0f32);
-                for frame in now {
-                    let code = frame.get(c).copied().unwrap_or(MISSING);
-                    if code == MISSING {
-                        self.broken = true;
-                        continue;
-                    }
-                    let high = code as f32 - l;
-                    l += plan.high_pass * high;
-                    power += high * high;
-                }
-                *low = l;
-                self.power += power;
-            }
-            frames = rest;
-            index += take as u64;
-            self.advance(plan, take as u32, index, output);
-        }
-        self.index = Some(index);
+        outputs + self.advance(plan, Some(math::f32::ln(power + SILENCE)))
     }
 
-    /// `samples` more are in the cell (never beyond its end).
-    fn advance(&mut self, plan: &Plan, samples: u32, index: u64, output: &mut dyn FnMut(&Self, u64)) {
-        self.filled += samples;
-        if self.filled < plan.cell {
-            return;
-        }
-        let broken = self.broken;
-        let log = math::f32::ln(self.power / plan.cell as f32 + SILENCE);
-        (self.filled, self.power, self.broken) = (0, 0.0, false);
+    /// Takes the next frame's logarithm, `None` if it is missing; outputs completed.
+    fn advance(&mut self, plan: &Plan, log: Option<f32>) -> u32 {
         for (out, taps) in self.outputs.iter_mut().zip(&plan.taps) {
-            out.sum += taps.get(self.phase).copied().unwrap_or(0.0) * log;
-            out.whole &= !broken;
+            out.sum += taps.get(self.phase).copied().unwrap_or(0.0) * log.unwrap_or(0.0);
+            out.whole &= log.is_some();
         }
         self.phase += 1;
-        if self.phase < CELLS_PER_OUTPUT {
-            return;
+        if self.phase < plan.frames_per_output {
+            return 0;
         }
         self.phase = 0;
         let done = self.outputs[OVERLAP - 1];
@@ -187,6 +137,6 @@ impl Envelope {
             *slot = (if done.whole { value } else { UNHEARD }) ^ UNHEARD;
         }
         self.next = (self.next + 1) % WINDOW;
-        output(self, index);
+        1
     }
 }

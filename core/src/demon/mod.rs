@@ -1,19 +1,20 @@
 //! Shaft or blade rate from the envelope of broadband noise (DEMON: detection of envelope modulation on noise).
 //!
 //! Propeller cavitation is louder each time a blade passes the hull's wake, so the *power* of a vessel's broadband
-//! noise swings at the blade rate (and, as no two blades are alike, at the shaft rate). In: sample [`Block`]s. Out:
-//! every few seconds a [`Report`]: a [`Rate`] with its uncertainty and false-alarm bound, or the reason why not.
+//! noise swings at the blade rate (and, as no two blades are alike, at the shaft rate). In: the band's power of each frame of
+//! the array chain, one hydrophone. Out: every few seconds a [`Report`]: a [`Rate`] with its uncertainty and false-alarm
+//! bound, or the reason why not.
 //!
-//! Chain: one-pole high-pass (which also whitens the sea's falling spectrum) → square → sum over a cell of about
-//! 1/1365 s → logarithm (a modulation of the power becomes a sum, one click cannot dominate) → decimating low-pass to
-//! about 68 Hz → 30 s Hann periodogram → local noise floor → comb search ([`comb`]).
+//! Chain: power of a frame's bins above the corner → logarithm (a modulation of the power becomes a sum) → decimating low-pass to
+//! about 68 Hz → values far off the window's own scatter limited (a click cannot dominate) → 30 s Hann periodogram → local noise
+//! floor → comb search ([`comb`]).
 //!
-//! Assumptions: the rate is steady within about 1/30 Hz over 30 s; the modulated band lies above the high-pass
-//! corner. Anything else that repeats (a pinging sonar, a pump) is a comb as well. When it fails: `docs/shaft-rate.md`.
+//! Assumptions: the rate is steady within about 1/30 Hz over 30 s; the modulated band lies above the corner. Anything else
+//! that repeats (a pinging sonar, a pump) is a comb as well. When it fails: `docs/shaft-rate.md`.
 //!
-//! Cost: about 8 instructions a sample and channel; 5 multiply-adds and a logarithm a cell (0.06 M instructions a
-//! second); a 2048-point FFT and the comb search a report (about 1.5 M instructions, 0.3 M a second at 5 s).
-//! Memory: [`State`] 4.2 KiB, [`Scratch`] 8 KiB (lives only within a call; the array recorder lends its own), [`Config`] 0.5 KiB.
+//! Cost: five multiply-adds and a logarithm a frame (0.02 M instructions a second); a 2048-point FFT and the comb search a report
+//! (about 1.6 M instructions). Memory: [`State`] 4.2 KiB, [`Scratch`] 8 KiB (lives only within a call; the array chain
+//! lends its own), [`Config`] 0.3 KiB.
 
 pub mod comb;
 mod envelope;
@@ -21,23 +22,18 @@ mod periodogram;
 pub mod speed;
 
 pub use comb::{Rate, Reading};
-pub use envelope::{CELLS_PER_OUTPUT, WINDOW};
+pub use envelope::WINDOW;
 pub use speed::{Speed, SpeedCurve, VESSEL_SPEEDS_M_S};
 
-use crate::block::Block;
 use comb::Search;
 use envelope::Envelope;
 
 /// What a person chooses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Samples a second of every channel, Hz (3 kHz or more).
-    pub rate_hz: f64,
-    /// Channels used: bit c for channel c. Their powers are added; each costs the same again.
-    pub channels: u8,
-    /// Corner of the high-pass before squaring, Hz.
+    /// Lowest frequency of the band whose power is taken, Hz.
     pub high_pass_hz: f64,
-    /// Lowest and highest rate searched, Hz (0.5 to 25).
+    /// Lowest and highest rate searched, Hz (0.5 to 25, and at most two fifths of the envelope's own rate).
     pub search_hz: (f64, f64),
     /// Time between reports, seconds (0.5 to 600).
     pub update_s: f64,
@@ -47,14 +43,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self {
-            rate_hz: 64_000.0,
-            channels: 1,
-            high_pass_hz: 3000.0,
-            search_hz: (0.7, 16.0),
-            update_s: 5.0,
-            false_rates_per_hour: 0.01,
-        }
+        Self { high_pass_hz: 3000.0, search_hz: (0.7, 16.0), update_s: 5.0, false_rates_per_hour: 0.01 }
     }
 }
 
@@ -80,27 +69,29 @@ pub struct Config {
 }
 
 impl Config {
-    /// Checks the settings and works out filters and thresholds.
+    /// Checks the settings and works out filters and thresholds, for frames `hop` samples apart at `rate_hz` samples a
+    /// second.
     ///
     /// # Errors
     /// [`SettingError`] names the first setting outside its range.
-    pub fn new(settings: &Settings) -> Result<Self, SettingError> {
+    pub fn new(settings: &Settings, rate_hz: f64, hop: u64) -> Result<Self, SettingError> {
         let s = settings;
         let within = |name, x: f64, lo: f64, hi: f64| {
             if x >= lo && x <= hi { Ok(()) } else { Err(SettingError(name)) }
         };
-        within("rate_hz", s.rate_hz, 3000.0, 1e6)?;
-        within("channels", f64::from(s.channels), 1.0, 15.0)?;
-        within("high_pass_hz", s.high_pass_hz, 1.0, 0.3 * s.rate_hz)?;
+        within("rate_hz", rate_hz, 1000.0, 1e6)?;
+        within("high_pass_hz", s.high_pass_hz, 1.0, 0.45 * rate_hz)?;
         within("update_s", s.update_s, 0.5, 600.0)?;
         within("search_hz[0]", s.search_hz.0, 0.5, 24.0)?;
         within("search_hz[1]", s.search_hz.1, s.search_hz.0 + 0.1, 25.0)?;
         within("false_rates_per_hour", s.false_rates_per_hour, 1e-6, 100.0)?;
-        let envelope = envelope::Plan::new(s);
-        let output_hz = envelope.output_hz(s.rate_hz);
+        let envelope = envelope::Plan::new(rate_hz, hop);
+        let output_hz = envelope.output_hz(rate_hz);
+        let search_hz = (s.search_hz.0, s.search_hz.1.min(0.4 * output_hz));
+        within("rate_hz", search_hz.1, search_hz.0 + 0.1, 25.0)?;
         let tests_per_hour = 3600.0 / s.update_s;
         Ok(Self {
-            search: Search::new(s.search_hz, output_hz, s.false_rates_per_hour / tests_per_hour),
+            search: Search::new(search_hz, output_hz, s.false_rates_per_hour / tests_per_hour),
             update: (s.update_s * output_hz) as u32,
             envelope,
             output_hz,
@@ -125,6 +116,12 @@ impl State {
     pub const fn new() -> Self {
         Self { envelope: Envelope::new(), since_report: 0 }
     }
+
+    /// Power over the local noise floor of the window heard last (1 = noise), from 0 Hz up in steps of [`Config::bin_hz`];
+    /// `None` where too little was heard.
+    pub fn spectrum<'a>(&self, scratch: &'a mut Scratch) -> Option<impl Iterator<Item = f32> + 'a> {
+        periodogram::demodulated(&self.envelope, scratch).then(|| scratch.iter().map(|bin| bin.re))
+    }
 }
 
 impl Default for State {
@@ -133,17 +130,11 @@ impl Default for State {
     }
 }
 
-/// Working memory of one report (8 KiB; may be shared, nothing in it lives from call to call). After a report it holds the
-/// demodulated spectrum, see [`spectrum`].
+/// Working memory of one report (8 KiB; may be shared, nothing in it lives from call to call).
 pub type Scratch = [microfft::Complex32; WINDOW / 2];
 
 /// Empty working memory.
 pub const EMPTY_SCRATCH: Scratch = [microfft::Complex32::new(0.0, 0.0); WINDOW / 2];
-
-/// Power of each bin over the local noise floor (1 = noise), from 0 Hz up in steps of [`Config::bin_hz`].
-pub fn spectrum(scratch: &Scratch) -> impl Iterator<Item = f32> + '_ {
-    scratch.iter().map(|bin| bin.re)
-}
 
 /// Why there is no rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -154,39 +145,36 @@ pub enum NoRate {
     Unmodulated,
 }
 
-/// The answer for the 30 s that end at `index`.
+/// The answer for the 30 s up to the frame at `index`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// Sample index after the newest sample used.
+    /// Sample index of the newest frame's first sample.
     pub index: u64,
     /// The rate, or why there is none.
     pub rate: Result<Rate, NoRate>,
 }
 
-/// Takes a block; calls `sink` once for each report that falls due in it.
+/// Takes the power (codes²) of the frame whose first sample is `index`; a report where one falls due with it.
 ///
-/// A jump of the index forward is a gap (its cells are left out of the spectrum); samples heard before are skipped; a
-/// jump back by more than a window starts afresh.
-pub fn process(
+/// A jump of the index forward leaves outputs out of the spectrum; a jump back starts afresh.
+pub fn frame(
     config: &Config,
     state: &mut State,
     scratch: &mut Scratch,
-    block: &Block<'_>,
-    sink: &mut dyn FnMut(Report),
-) {
-    let State { envelope, since_report } = state;
-    envelope.process(&config.envelope, block, &mut |envelope, index| {
-        *since_report += 1;
-        if *since_report >= config.update {
-            *since_report = 0;
-            let rate = if periodogram::demodulated(envelope, scratch) {
-                config.search.best(scratch).ok_or(NoRate::Unmodulated)
-            } else {
-                Err(NoRate::NotEnoughData)
-            };
-            sink(Report { index, rate });
-        }
-    });
+    index: u64,
+    power: f32,
+) -> Option<Report> {
+    state.since_report += state.envelope.take(&config.envelope, index, power);
+    if state.since_report < config.update {
+        return None;
+    }
+    state.since_report = 0;
+    let rate = if periodogram::demodulated(&state.envelope, scratch) {
+        config.search.best(scratch).ok_or(NoRate::Unmodulated)
+    } else {
+        Err(NoRate::NotEnoughData)
+    };
+    Some(Report { index, rate })
 }
 
 #[cfg(test)]

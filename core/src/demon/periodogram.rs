@@ -16,6 +16,10 @@ const RUN: usize = 32;
 const SIDE: usize = 2;
 /// Bins below this one (0.25 Hz) hold the passage itself and are no noise.
 const FIRST: usize = 8;
+/// Limit of a value in mean deviations: three standard deviations of Gaussian ones.
+const LIMIT: f32 = 3.75;
+/// Rounds in which the limit is found.
+const LIMIT_ROUNDS: usize = 3;
 /// Effective number of independent noise powers behind a floor value. The median of n exponential values has relative
 /// variance 1/(n ln²2) = 2.08/n, and the Hann window's correlation between neighbours makes 160 bins worth about 85.
 pub(super) const FLOOR_DEGREES: f64 = 40.0;
@@ -40,11 +44,19 @@ pub(super) fn demodulated(envelope: &Envelope, bins: &mut Scratch) -> bool {
     }
     let slope = (n * stx - st * sx) / (n * stt - st * st);
     let level = (sx - slope * st) / n;
+    let residual = |i: usize, x: f32| x - first - level - slope * time(i);
+    // Values beyond three standard deviations are clicks; each round's limit lets the next see what they hid.
+    let mut limit = f32::MAX;
+    for _ in 0..LIMIT_ROUNDS {
+        let each = envelope.window().enumerate();
+        let sum: f32 = each.filter_map(|(i, x)| Some(math::f32::abs(residual(i, x?)).min(limit))).sum();
+        limit = LIMIT * sum / n;
+    }
     let slots = bins.iter_mut().flat_map(|z| [&mut z.re, &mut z.im]);
     for ((i, slot), value) in slots.enumerate().zip(envelope.window()) {
         let t = time(i);
         let hann = 0.5 + 0.5 * math::f32::cos(math::f32::TAU * t);
-        *slot = value.map_or(0.0, |x| (x - first - level - slope * t) * hann);
+        *slot = value.map_or(0.0, |x| residual(i, x).max(-limit).min(limit) * hann);
     }
     powers(bins);
     let mut floor = [0.0f32; BINS / RUN];

@@ -1,50 +1,45 @@
 use super::*;
-use crate::block::{Frame, MISSING};
 use std::vec::Vec;
 
-/// Reproducible noise: a 64-bit linear congruential generator, four uniform values summed (near enough to Gaussian).
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut sum = 0.0;
-        for _ in 0..4 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            sum += (self.0 >> 40) as f64 / (1u64 << 24) as f64 - 0.5;
-        }
-        sum * 3f64.sqrt()
-    }
+const RATE_HZ: f64 = 64_000.0;
+const HOP: u64 = 448;
+/// Frames of so many seconds.
+const fn frames(seconds: u64) -> u64 {
+    seconds * 64_000 / HOP
 }
 
-/// `seconds` of noise at 16 kHz, its power swinging by `depth` at `rate_hz`.
-fn recording(seconds: usize, rate_hz: f64, depth: f64, seed: u64) -> Vec<Frame> {
-    let mut noise = Noise(seed);
-    (0..16_000 * seconds)
-        .map(|i| {
-            let swing = 1.0 + depth * (2.0 * std::f64::consts::PI * rate_hz * i as f64 / 16_000.0).sin();
-            [(1e4 * swing.sqrt() * noise.next()) as i32, 0, 0, 0]
+/// Powers of frames of Gaussian noise: each the mean of 150 independent squares, as a band of 20 kHz gives, swinging
+/// by `depth` at `rate_hz`.
+fn recording(seconds: u64, rate_hz: f64, depth: f64, seed: u64) -> Vec<f32> {
+    let mut noise = seed;
+    (0..frames(seconds))
+        .map(|n| {
+            let mut sum = 0.0;
+            for _ in 0..12 {
+                noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                sum += (noise >> 40) as f64 / (1u64 << 24) as f64 - 0.5;
+            }
+            let t = (n * HOP) as f64 / RATE_HZ;
+            let swing = 1.0 + depth * (2.0 * std::f64::consts::PI * rate_hz * t).sin();
+            (1e8 * swing * (1.0 + sum * (2.0f64 / 150.0).sqrt())) as f32
         })
         .collect()
 }
 
-fn run(config: &Config, state: &mut State, first_index: u64, frames: &[Frame]) -> Vec<Report> {
-    let mut reports = Vec::new();
+fn run(config: &Config, state: &mut State, first_frame: u64, powers: &[f32]) -> Vec<Report> {
     let mut scratch = EMPTY_SCRATCH;
-    for (i, frames) in frames.chunks(777).enumerate() {
-        let block = Block { first_index: first_index + 777 * i as u64, frames };
-        process(config, state, &mut scratch, &block, &mut |r| reports.push(r));
-    }
-    reports
+    let numbered = (first_frame..).zip(powers);
+    numbered.filter_map(|(n, power)| frame(config, state, &mut scratch, n * HOP, *power)).collect()
 }
 
 fn config() -> Config {
-    Config::new(&Settings { rate_hz: 16_000.0, high_pass_hz: 1000.0, ..Settings::default() }).unwrap()
+    Config::new(&Settings::default(), RATE_HZ, HOP).unwrap()
 }
 
 #[test]
 fn a_modulated_noise_gives_its_rate_and_a_steady_one_none() {
     let config = config();
-    let reports = run(&config, &mut State::new(), 0, &recording(32, 4.37, 0.2, 1));
+    let reports = run(&config, &mut State::new(), 0, &recording(32, 4.37, 0.1, 1));
     assert_eq!(reports[0].rate, Err(NoRate::NotEnoughData));
     let rate = reports.last().unwrap().rate.unwrap();
     assert!((rate.rate_hz - 4.37).abs() < 4.0 * rate.sd_hz && rate.sd_hz < 0.005, "{rate:?}");
@@ -54,49 +49,50 @@ fn a_modulated_noise_gives_its_rate_and_a_steady_one_none() {
 }
 
 #[test]
-fn a_gap_is_left_out_and_a_long_one_starts_afresh() {
+fn a_gap_is_left_out_a_long_one_and_one_backwards_start_afresh() {
     let config = config();
-    let frames = recording(40, 6.0, 0.3, 3);
-    let (mut state, mut with_missing) = (State::new(), frames.clone());
-    for frame in with_missing.iter_mut().skip(16_000 * 20).take(16_000 * 3) {
-        frame[0] = MISSING;
-    }
-    let missing = run(&config, &mut State::new(), 0, &with_missing);
-    // The same three seconds absent altogether.
-    run(&config, &mut state, 0, &frames[..16_000 * 20]);
-    let jumped = run(&config, &mut state, 16_000 * 23, &frames[16_000 * 23..]);
+    let powers = recording(40, 6.0, 0.2, 3);
+    let mut state = State::new();
+    run(&config, &mut state, 0, &powers[..frames(20) as usize]);
+    let jumped = run(&config, &mut state, frames(23), &powers[frames(23) as usize..]);
     let rate = jumped.last().unwrap().rate.unwrap();
-    assert!((rate.rate_hz - 6.0).abs() < 0.01);
-    assert!((rate.rate_hz - missing.last().unwrap().rate.unwrap().rate_hz).abs() < 1e-3);
-    assert!(
-        missing
-            .iter()
-            .map(|r| r.index)
-            .eq(run(&config, &mut State::new(), 0, &frames).iter().map(|r| r.index))
-    );
-    let later = run(&config, &mut state, 1 << 40, &frames[..16_000 * 6]);
-    assert_eq!(later[0].rate, Err(NoRate::NotEnoughData));
+    assert!((rate.rate_hz - 6.0).abs() < 0.01, "{rate:?}");
+    for first_frame in [1 << 40, 0] {
+        let later = run(&config, &mut state, first_frame, &powers[..frames(6) as usize]);
+        assert_eq!(later[0].rate, Err(NoRate::NotEnoughData), "{first_frame}");
+    }
 }
 
 #[test]
-fn a_louder_moment_or_a_dead_channel_is_no_rate() {
+fn a_louder_moment_clicks_or_silence_are_no_rate_and_hide_none() {
     let config = config();
-    let mut frames = recording(32, 4.0, 0.0, 4);
-    for frame in frames.iter_mut().skip(16_000 * 15).take(4000) {
-        frame[0] *= 200;
+    let mut powers = recording(32, 4.0, 0.0, 4);
+    for power in powers.iter_mut().skip(frames(15) as usize).take(36) {
+        *power *= 4e4;
     }
-    let click = run(&config, &mut State::new(), 0, &frames);
-    assert_eq!(click.last().unwrap().rate, Err(NoRate::Unmodulated));
-    let dead = std::vec![[7; 4]; 16_000 * 32];
-    assert_eq!(run(&config, &mut State::new(), 0, &dead).last().unwrap().rate, Err(NoRate::Unmodulated));
+    let loud = run(&config, &mut State::new(), 0, &powers);
+    assert_eq!(loud.last().unwrap().rate, Err(NoRate::Unmodulated));
+    let silent = std::vec![0.0; frames(32) as usize];
+    assert_eq!(run(&config, &mut State::new(), 0, &silent).last().unwrap().rate, Err(NoRate::Unmodulated));
+    // Five clicks a second, each 13 dB over its frame's noise.
+    let mut clicks = recording(32, 4.0, 0.2, 5);
+    let mut noise = 9u64;
+    for power in &mut clicks {
+        noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        if noise >> 32 < (1 << 32) / 28 {
+            *power *= 20.0;
+        }
+    }
+    let rate = run(&config, &mut State::new(), 0, &clicks).last().unwrap().rate.unwrap();
+    assert!((rate.rate_hz - 4.0).abs() < 0.02, "{rate:?}");
 }
 
 #[test]
 fn settings_outside_their_range_are_named() {
-    let bad = |s: Settings| Config::new(&s).unwrap_err().0;
-    assert_eq!(bad(Settings { rate_hz: f64::NAN, ..Settings::default() }), "rate_hz");
-    assert_eq!(bad(Settings { channels: 0, ..Settings::default() }), "channels");
-    assert_eq!(bad(Settings { search_hz: (5.0, 40.0), ..Settings::default() }), "search_hz[1]");
+    let bad = |s: Settings, rate_hz| Config::new(&s, rate_hz, HOP).unwrap_err().0;
+    assert_eq!(bad(Settings::default(), f64::NAN), "rate_hz");
+    assert_eq!(bad(Settings { high_pass_hz: 0.0, ..Settings::default() }, RATE_HZ), "high_pass_hz");
+    assert_eq!(bad(Settings { search_hz: (5.0, 40.0), ..Settings::default() }, RATE_HZ), "search_hz[1]");
 }
 
 #[test]

@@ -3,11 +3,12 @@
 use super::health::{Condition, Reporter};
 use super::pieces;
 use super::shaft;
-use super::slot::Slot;
 use crate::array;
 use crate::block::Block;
 use crate::config::StationConfig;
+use crate::demon::SpeedCurve;
 use crate::run::Application;
+use crate::slot::Slot;
 use crate::traffic;
 use crate::wire::{Command, Message};
 use micromath::F32Ext;
@@ -17,7 +18,7 @@ use micromath::F32Ext;
 struct Plan {
     array: array::Plan,
     traffic: traffic::Config,
-    shaft: shaft::Plan,
+    speed_curve: Option<SpeedCurve>,
 }
 
 /// Everything the array recorder needs, in one place; meant for a `static`.
@@ -27,7 +28,6 @@ pub struct ArrayRecorder {
     state: array::State,
     scratch: array::Scratch,
     vessels: traffic::State,
-    shaft: shaft::State,
     reporter: Reporter,
 }
 
@@ -45,7 +45,6 @@ impl ArrayRecorder {
             state: array::State::new(),
             scratch: array::Scratch::new(),
             vessels: traffic::State::new(),
-            shaft: shaft::State::new(),
             reporter: Reporter::new(),
         }
     }
@@ -60,7 +59,7 @@ impl ArrayRecorder {
         let plan = Plan {
             array: array::Plan::new(config)?,
             traffic: traffic::Config::new(config),
-            shaft: shaft::Plan::new(config),
+            speed_curve: config.tracking.shaft_speed,
         };
         if self.plan.is_full() {
             self.forget();
@@ -75,7 +74,6 @@ impl ArrayRecorder {
     fn forget(&mut self) {
         self.state = array::State::new();
         self.vessels = traffic::State::new();
-        self.shaft = shaft::State::new();
     }
 
     fn condition(&self) -> Condition {
@@ -101,7 +99,7 @@ impl Application for ArrayRecorder {
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
         for (piece, boundary) in pieces(block) {
-            let Self { plan: Slot::Full(plan), state, scratch, vessels, shaft, reporter } = self else {
+            let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self else {
                 return;
             };
             array::push(&plan.array, state, scratch, piece, &mut |message| {
@@ -111,9 +109,10 @@ impl Application for ArrayRecorder {
                     traffic::bearing(&plan.traffic, vessels, bearing, &mut |track| sink(&track));
                 }
             });
-            shaft::push(&plan.shaft, shaft, &mut scratch.work, &piece);
             if let Some(index) = boundary {
-                shaft::tell(&plan.shaft, shaft, vessels, sink);
+                if let Some(report) = state.take_shaft_report() {
+                    shaft::tell(plan.speed_curve.as_ref(), &report, vessels, sink);
+                }
                 traffic::advance(&plan.traffic, vessels, index, &mut |track| sink(&track));
                 state.set_places(vessels.places());
                 self.report_if_due(index, sink);
@@ -127,7 +126,7 @@ impl Application for ArrayRecorder {
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
-        if let Self { plan: Slot::Full(plan), state, scratch, vessels, shaft, reporter } = self {
+        if let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self {
             array::finish(&plan.array, state, scratch, &mut |message| {
                 reporter.count(&message);
                 sink(&message);
@@ -135,7 +134,9 @@ impl Application for ArrayRecorder {
                     traffic::bearing(&plan.traffic, vessels, bearing, &mut |track| sink(&track));
                 }
             });
-            shaft::tell(&plan.shaft, shaft, vessels, sink);
+            if let Some(report) = state.take_shaft_report() {
+                shaft::tell(plan.speed_curve.as_ref(), &report, vessels, sink);
+            }
             traffic::finish(&plan.traffic, vessels, &mut |track| sink(&track));
         }
         let condition = self.condition();

@@ -5,8 +5,6 @@
 //! at multiples of [`GRID`] of the sample index, so that how the samples are cut into blocks changes nothing.
 
 mod health;
-#[cfg(feature = "array")]
-mod slot;
 
 #[cfg(feature = "array")]
 mod array;

@@ -4,10 +4,15 @@ use crate::progress;
 use crate::recording;
 use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
+use seabearing_core::array;
+use seabearing_core::block::Block;
 use seabearing_core::demon::{self, NoRate, Reading, Report, SpeedCurve, VESSEL_SPEEDS_M_S};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
+
+/// Samples handed to the chain at a time.
+const PIECE: usize = 1024;
 
 /// Arguments of `seabearing shaft-rate`.
 #[derive(clap::Args)]
@@ -47,13 +52,13 @@ pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
     let rate_hz = station.config.rate_hz;
     let settings = demon::Settings {
-        rate_hz,
-        channels: 0b1111,
         high_pass_hz: args.high_pass_hz,
         false_rates_per_hour: args.false_rates_per_hour,
         ..demon::Settings::default()
     };
-    let config = demon::Config::new(&settings)
+    let plan = array::Plan::new(&station.config).map_err(|e| anyhow!("{e}"))?;
+    let plan = plan
+        .with_shaft(&settings)
         .map_err(|e| anyhow!("`{}` is outside what can be demodulated at {rate_hz} Hz", e.0))?;
     let curve = match args.speed_curve.as_deref() {
         None => None,
@@ -69,10 +74,15 @@ pub fn run(args: Args) -> Result<()> {
     let curve = curve.or(station.config.tracking.shaft_speed);
     let mut source = recording::open(&args.input, &station, None)?;
     let bar = progress::bar(source.expected_end().map_or(0, |n| (n as f64 / rate_hz) as u64), "demodulating");
-    let (mut state, mut scratch) = (demon::State::new(), demon::EMPTY_SCRATCH);
+    let (mut state, mut scratch) = (Box::new(array::State::new()), Box::new(array::Scratch::new()));
     let mut reports = Vec::new();
     while let Some(block) = source.next_block()? {
-        demon::process(&config, &mut state, &mut scratch, &block, &mut |report| reports.push(report));
+        // Pieces shorter than the time between reports, so that each report is taken.
+        for (n, frames) in block.frames.chunks(PIECE).enumerate() {
+            let first_index = block.first_index + (n * PIECE) as u64;
+            array::push(&plan, &mut state, &mut scratch, Block { first_index, frames }, &mut |_| {});
+            reports.extend(state.take_shaft_report());
+        }
         bar.set_position((block.first_index as f64 / rate_hz) as u64);
     }
     bar.finish_and_clear();
