@@ -101,21 +101,29 @@ pub fn run(args: Args) -> Result<()> {
     }
     let messages = twins.agree(station.config.rate_hz)?;
     let seconds = twins.summary.instants as f64 / station.config.rate_hz;
-    let work = twins.summary.busy_ticks as f64 * emulator::INSTRUCTIONS_PER_TICK as f64 / seconds.max(1e-9);
-    let work = args.count_instructions.then_some(work / 1e6);
+    let counted = |ticks: u64| {
+        let million = ticks as f64 * emulator::INSTRUCTIONS_PER_TICK as f64 / 1e6;
+        args.count_instructions.then_some(million)
+    };
+    let work = counted(twins.summary.busy_ticks).map(|all| all / seconds.max(1e-9));
+    let worst = counted(twins.summary.worst_block_ticks);
     let mut out = std::io::stdout().lock();
     if args.json {
         let record = serde_json::json!({
             "type": "twin", "identical": true, "bytes": twins.host.len(), "messages": messages.len(), "seconds": seconds,
-            "million_instructions_per_s": work, "stack_bytes": twins.summary.stack_used,
+            "million_instructions_per_s": work, "worst_block_million_instructions": worst,
+            "stack_bytes": twins.summary.stack_used,
             "line_damaged": twins.summary.line_damaged, "line_lost": twins.summary.line_lost,
         });
         writeln!(out, "{record}")?;
     } else {
         let (bytes, count) = (twins.host.len(), messages.len());
         writeln!(out, "identical: {bytes} bytes, {count} messages over {seconds:.1} s of samples")?;
-        if let Some(work) = work {
-            writeln!(out, "work: {work:.2} million instructions per second of samples")?;
+        if let (Some(work), Some(worst)) = (work, worst) {
+            writeln!(
+                out,
+                "work: {work:.2} million instructions per second of samples, {worst:.2} million at most after one block"
+            )?;
         }
     }
     Ok(())
