@@ -7,6 +7,7 @@ use crate::config::{ConfigError, Kind, StationConfig};
 use crate::demon;
 use crate::geometry::Geometry;
 use crate::math::{f32 as m, f64 as md};
+use core::num::NonZeroU64;
 
 /// Length of one transform, samples. Short frames suffice: a delay of 80 samples still overlaps by 84 %, and the
 /// joint estimator loses nothing against 4096 points (METHODS section 2).
@@ -131,7 +132,7 @@ pub struct Plan {
     pub(crate) octaves: [Option<Band>; OCTAVES],
     /// Angular frequency of bin 1, rad/s.
     pub(crate) bin_rad_s: f32,
-    pub(crate) step_samples: core::num::NonZeroU64,
+    pub(crate) step_samples: NonZeroU64,
     pub(crate) steps_per_segment: u8,
     /// Frames of a full segment.
     pub(crate) nominal_frames: f32,
@@ -152,6 +153,8 @@ pub struct Plan {
     /// Shaft rate; `None` where the sampling rate is too low for it.
     pub(crate) shaft: Option<demon::Config>,
 }
+
+const EACH_HOP: NonZeroU64 = NonZeroU64::new(HOP as u64).unwrap();
 
 /// What the recorder asks of the shaft rate: an analysis in a third of its window.
 const SHAFT: demon::Settings = demon::Settings {
@@ -174,7 +177,7 @@ impl Plan {
 
         let steps = md::round(array.segment_s / array.step_s);
         let exact = md::abs(steps * array.step_s - array.segment_s) < 1e-6 * array.segment_s;
-        let step_samples = core::num::NonZeroU64::new(md::round(array.step_s * rate) as u64);
+        let step_samples = NonZeroU64::new(md::round(array.step_s * rate) as u64);
         let (Some(step_samples), true) = (step_samples, exact && (steps == 1.0 || steps == 2.0)) else {
             return Err(PlanError::Steps);
         };
@@ -288,7 +291,7 @@ impl Plan {
     /// # Errors
     /// Names the setting that cannot work here; the corner must leave some of the plan's band.
     pub fn with_shaft(mut self, settings: &demon::Settings) -> Result<Self, demon::SettingError> {
-        let config = demon::Config::new(settings, f64::from(self.rate_hz), HOP as u64)?;
+        let config = demon::Config::new(settings, f64::from(self.rate_hz), EACH_HOP)?;
         let low = md::ceil(settings.high_pass_hz * FRAME as f64 / f64::from(self.rate_hz)) as usize;
         if low + LEAST_BINS > self.whole.high {
             return Err(demon::SettingError("high_pass_hz"));

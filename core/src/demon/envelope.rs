@@ -4,11 +4,12 @@
 //! outputs long, a Hamming window at half the output rate, computed with five running accumulators (one for each output
 //! a frame belongs to): −6 dB at the output's Nyquist frequency. Its droop acts on line and floor alike and cancels in their
 //! ratio. A frame's own window is the low-pass before it: a modulation within 16 Hz of the frames' rate (127 to 159 Hz at 64 kHz) folds
-//! into the rates 20 dB down or more.
+//! into the rates at a sixth of its depth or less.
 //!
 //! Frames are numbered by their sample index, so a frame that is missing is an output not heard.
 
 use crate::math;
+use core::num::NonZeroU64;
 
 /// Values in the window of one spectrum: the largest real FFT that leaves [`super::Scratch`] at 8 KiB.
 pub const WINDOW: usize = 2048;
@@ -29,16 +30,16 @@ const SILENCE: f32 = 1e-3;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plan {
     /// Samples from one frame to the next.
-    hop: u64,
+    hop: NonZeroU64,
     frames_per_output: usize,
     /// Row j weighs a frame for the output that began j outputs ago.
     taps: [[f32; MOST_FRAMES]; OVERLAP],
 }
 
 impl Plan {
-    pub(super) fn new(rate_hz: f64, hop: u64) -> Self {
+    pub(super) fn new(rate_hz: f64, hop: NonZeroU64) -> Self {
         use math::f64 as m;
-        let frames = m::round(rate_hz / (hop as f64 * OUTPUT_HZ)).clamp(1.0, MOST_FRAMES as f64);
+        let frames = m::round(rate_hz / (hop.get() as f64 * OUTPUT_HZ)).clamp(1.0, MOST_FRAMES as f64);
         let frames_per_output = frames as usize;
         let n = (frames_per_output * OVERLAP) as f64;
         let mut taps = [[0.0f32; MOST_FRAMES]; OVERLAP];
@@ -54,12 +55,12 @@ impl Plan {
         for tap in taps.iter_mut().flatten() {
             *tap /= sum as f32;
         }
-        Self { hop: hop.max(1), frames_per_output, taps }
+        Self { hop, frames_per_output, taps }
     }
 
     /// Outputs a second.
     pub(super) fn output_hz(&self, rate_hz: f64) -> f64 {
-        rate_hz / (self.hop as f64 * self.frames_per_output as f64)
+        rate_hz / (self.hop.get() as f64 * self.frames_per_output as f64)
     }
 }
 
@@ -103,7 +104,7 @@ impl Envelope {
     /// Takes the power (codes²) of the frame whose first sample is `index`; how many outputs that completed. An index
     /// that goes back, or on by more than a window, starts afresh.
     pub(super) fn take(&mut self, plan: &Plan, index: u64, power: f32) -> u32 {
-        let number = index.saturating_add(plan.hop / 2) / plan.hop;
+        let number = index.saturating_add(plan.hop.get() / 2) / plan.hop;
         let mut missing = number.saturating_sub(self.expected.unwrap_or(number));
         if self.expected.is_some_and(|e| number < e) || missing > (WINDOW * plan.frames_per_output) as u64 {
             *self = Self::new();

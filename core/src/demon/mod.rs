@@ -26,6 +26,7 @@ pub use envelope::WINDOW;
 pub use speed::{Speed, SpeedCurve, VESSEL_SPEEDS_M_S};
 
 use comb::Search;
+use core::num::NonZeroU64;
 use envelope::Envelope;
 
 /// What a person chooses.
@@ -74,7 +75,7 @@ impl Config {
     ///
     /// # Errors
     /// [`SettingError`] names the first setting outside its range.
-    pub fn new(settings: &Settings, rate_hz: f64, hop: u64) -> Result<Self, SettingError> {
+    pub fn new(settings: &Settings, rate_hz: f64, hop: NonZeroU64) -> Result<Self, SettingError> {
         let s = settings;
         let within = |name, x: f64, lo: f64, hi: f64| {
             if x >= lo && x <= hi { Ok(()) } else { Err(SettingError(name)) }

@@ -3,6 +3,7 @@ use std::vec::Vec;
 
 const RATE_HZ: f64 = 64_000.0;
 const HOP: u64 = 448;
+const EACH: NonZeroU64 = NonZeroU64::new(HOP).unwrap();
 /// Frames of so many seconds.
 const fn frames(seconds: u64) -> u64 {
     seconds * 64_000 / HOP
@@ -33,7 +34,7 @@ fn run(config: &Config, state: &mut State, first_frame: u64, powers: &[f32]) -> 
 }
 
 fn config() -> Config {
-    Config::new(&Settings::default(), RATE_HZ, HOP).unwrap()
+    Config::new(&Settings::default(), RATE_HZ, EACH).unwrap()
 }
 
 #[test]
@@ -89,7 +90,7 @@ fn a_louder_moment_clicks_or_silence_are_no_rate_and_hide_none() {
 
 #[test]
 fn settings_outside_their_range_are_named() {
-    let bad = |s: Settings, rate_hz| Config::new(&s, rate_hz, HOP).unwrap_err().0;
+    let bad = |s: Settings, rate_hz| Config::new(&s, rate_hz, EACH).unwrap_err().0;
     assert_eq!(bad(Settings::default(), f64::NAN), "rate_hz");
     assert_eq!(bad(Settings { high_pass_hz: 0.0, ..Settings::default() }, RATE_HZ), "high_pass_hz");
     assert_eq!(bad(Settings { search_hz: (5.0, 40.0), ..Settings::default() }, RATE_HZ), "search_hz[1]");
