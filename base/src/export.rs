@@ -134,7 +134,6 @@ fn drawn(base: &Base, at: (f64, f64)) -> Vec<(TrackKey, Track, Vec<Value>, Vec<V
 }
 
 fn geojson(base: &Base, at: (f64, f64)) -> Value {
-    let finite = |x: f64| if x.is_finite() { json!(x) } else { Value::Null };
     let mut features = vec![json!({
         "type": "Feature",
         "geometry": { "type": "Point", "coordinates": point(at) },
@@ -144,12 +143,12 @@ fn geojson(base: &Base, at: (f64, f64)) -> Value {
         let properties = json!({
             "kind": "track", "session": session, "track": id,
             "state": if t.stage == 0 { "running" } else { "final" },
-            "t_s": finite(base.clock().t_s(t.index)), "utc": base.clock().utc(base.clock().t_s(t.index)),
-            "heading_deg": finite(f64::from(t.heading).to_degrees()),
-            "sd_heading_deg": finite(f64::from(t.sd_heading).to_degrees()),
-            "speed_m_s": finite(t.speed_m_s.into()), "sd_speed_m_s": finite(t.sd_speed_m_s.into()),
-            "cpa_time_s": finite(t.cpa_time_s), "sd_cpa_time_s": finite(t.sd_cpa_time_s.into()),
-            "cpa_range_m": finite(t.cpa_range_m.into()), "sd_cpa_range_m": finite(t.sd_cpa_range_m.into()),
+            "t_s": base.clock().t_s(t.index), "utc": base.clock().utc(base.clock().t_s(t.index)),
+            "heading_deg": f64::from(t.heading).to_degrees(),
+            "sd_heading_deg": f64::from(t.sd_heading).to_degrees(),
+            "speed_m_s": t.speed_m_s, "sd_speed_m_s": t.sd_speed_m_s,
+            "cpa_time_s": t.cpa_time_s, "sd_cpa_time_s": t.sd_cpa_time_s,
+            "cpa_range_m": t.cpa_range_m, "sd_cpa_range_m": t.sd_cpa_range_m,
         });
         let geometry = match &line[..] {
             [one] => json!({ "type": "Point", "coordinates": one }),

@@ -17,6 +17,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
+use seabearing_core::kit::straight_line::through;
+use seabearing_core::kit::{median, quantile};
 use std::collections::BTreeSet;
 
 /// The experiment.
@@ -62,25 +64,17 @@ fn run(options: &Options) -> Result<()> {
     pictures(options, &all, &held, &passages)
 }
 
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    sorted.get(((sorted.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
-}
-
 /// Quantiles of speed, rate of turn and acceleration.
 fn kinematics(options: &Options, all: &[Path]) -> Result<()> {
     let mut report =
         Report::new("ais-kinematics", &["percent", "speed_m_s", "turn_deg_s", "acceleration_m_s2"]);
-    let sorted = |f: &dyn Fn(&Instant) -> f64| {
-        let mut values: Vec<f64> = all.iter().flatten().map(f).collect();
-        values.sort_by(f64::total_cmp);
-        values
-    };
-    let speed = sorted(&Instant::speed_m_s);
-    let turn = sorted(&|i| i.turn_rad_s().abs().to_degrees());
-    let along = sorted(&|i| i.along_m_s2().abs());
+    let values = |f: &dyn Fn(&Instant) -> f64| all.iter().flatten().map(f).collect::<Vec<f64>>();
+    let mut speed = values(&Instant::speed_m_s);
+    let mut turn = values(&|i| i.turn_rad_s().abs().to_degrees());
+    let mut along = values(&|i| i.along_m_s2().abs());
     for percent in [5.0, 25.0, 50.0, 75.0, 90.0, 95.0, 99.0] {
-        let of = |values: &[f64]| quantile(values, percent / 100.0);
-        report.row(&[percent, of(&speed), of(&turn), of(&along)]);
+        let of = |values: &mut [f64]| quantile(values, percent / 100.0).unwrap_or(f64::NAN);
+        report.row(&[percent, of(&mut speed), of(&mut turn), of(&mut along)]);
     }
     report.finish(options)
 }
@@ -89,13 +83,9 @@ fn kinematics(options: &Options, all: &[Path]) -> Result<()> {
 fn deviation_m(path: &[Instant]) -> f64 {
     let n = path.len() as f64;
     let middle = 0.5 * (n - 1.0);
-    let spread = (n * n - 1.0) * n / 12.0;
     let axis = |i: usize| {
-        let mean = path.iter().map(|p| p.position_m[i]).sum::<f64>() / n;
-        let slope =
-            path.iter().enumerate().map(|(k, p)| (k as f64 - middle) * p.position_m[i]).sum::<f64>() / spread;
-        let residual = |(k, p): (usize, &Instant)| p.position_m[i] - mean - slope * (k as f64 - middle);
-        path.iter().enumerate().map(residual).map(|r| r * r).sum::<f64>()
+        let points = || path.iter().enumerate().map(|(k, p)| (k as f64 - middle, p.position_m[i]));
+        through(points()).map_or(0.0, |line| points().map(|(t, x)| (x - line.at(t)).powi(2)).sum::<f64>())
     };
     ((axis(0) + axis(1)) / n).sqrt()
 }
@@ -122,7 +112,7 @@ fn straightness(options: &Options, all: &[Path]) -> Result<Vec<[f64; 3]>> {
             100.0 * found.partition_point(|d| *d <= range_m * UNNOTICED_RAD) as f64 / n.max(1.0)
         };
         let (near, far) = (within(500.0), within(1000.0));
-        report.row(&[window as f64, n, quantile(&found, 0.5), near, far]);
+        report.row(&[window as f64, n, median(&mut found).unwrap_or(f64::NAN), near, far]);
         shares.push([window as f64, near, far]);
     }
     report.finish(options)?;
@@ -252,10 +242,8 @@ fn passages(options: &Options, all: &[Path]) -> Result<Vec<Passage>> {
         let mine: Vec<&Passage> = found.iter().filter(|p| p.class == class).collect();
         let n = mine.len() as f64;
         let share = |f: &dyn Fn(&Passage) -> f64| mine.iter().map(|p| f(p)).sum::<f64>() / n;
-        let median = |f: &dyn Fn(&Passage) -> Option<f64>| {
-            let mut values: Vec<f64> = mine.iter().filter_map(|p| f(p)).collect();
-            values.sort_by(f64::total_cmp);
-            quantile(&values, 0.5)
+        let middle = |f: &dyn Fn(&Passage) -> Option<f64>| {
+            median(&mut mine.iter().filter_map(|p| f(p)).collect::<Vec<_>>()).unwrap_or(f64::NAN)
         };
         let name = ["straight", "bending", "turning"][k];
         let tracked = 100.0 * share(&|p| f64::from(u8::from(p.tracked >= 0.8)));
@@ -269,8 +257,8 @@ fn passages(options: &Options, all: &[Path]) -> Result<Vec<Passage>> {
             100.0 * share(&|p| p.tracked.min(1.0)),
             split,
             share(&|p| p.splits as f64),
-            median(&|p| p.delay_s),
-            median(&|p| p.heading_deg),
+            middle(&|p| p.delay_s),
+            middle(&|p| p.heading_deg),
         ]);
     }
     report.finish(options)?;

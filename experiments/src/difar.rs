@@ -254,7 +254,7 @@ fn run(options: &Options) -> Result<()> {
     let beyond: Vec<(f64, f64)> =
         sizes.iter().enumerate().map(|(i, e)| (e.max(0.05), 1.0 - i as f64 / n)).collect();
     let sd = (sizes.iter().map(|e| e * e).sum::<f64>() / n).sqrt();
-    let scale = 1.4826 * median(sizes.to_vec());
+    let scale = seabearing_core::kit::MAD_TO_SD * median(sizes.to_vec());
     let gaussian = |sd: f64| {
         (1..=300)
             .map(|k| 0.1 * f64::from(k))

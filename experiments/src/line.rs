@@ -16,7 +16,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_locate::line::{Arrival, Complex, LinePlan, MAX_SENSORS, MAX_SOURCES, Method, Scratch, State};
+use seabearing_locate::line::{
+    Arrival, Complex, LinePlan, MAX_SENSORS, MAX_SOURCES, Method, Scratch, State, unit,
+};
 use seabearing_locate::network::known_track::TrackPoint;
 use seabearing_locate::orient::closed_form;
 use seabearing_locate::orient::line::{LineBearing, LineSettings, orient};
@@ -84,13 +86,13 @@ fn recording(seed: u64, run: usize, snr_db: f64) -> Vec<Snapshots> {
     // Power of the tone's transform over the noise's: (sum/2)² / (σ² Σ w²).
     let sigma = (0.25 * sum * sum / squares / 10f64.powf(snr_db / 10.0)).sqrt();
     let turn = |k: usize| TAU * FREQUENCY_HZ * k as f64 / RATE_HZ;
-    let kernel: Vec<Complex> = (0..FRAME).map(|k| Complex::unit(-turn(k)).scale(window[k])).collect();
+    let kernel: Vec<Complex> = (0..FRAME).map(|k| unit(-turn(k)).scale(window[k])).collect();
     // The tone's own transform: of its two rotating halves, for a phase of zero.
     let half = |sign: f64| {
         kernel
             .iter()
             .enumerate()
-            .fold(Complex::ZERO, |sum, (k, c)| sum + *c * Complex::unit(sign * turn(k)).scale(0.5))
+            .fold(Complex::ZERO, |sum, (k, c)| sum + *c * unit(sign * turn(k)).scale(0.5))
     };
     let (forward, backward) = (half(1.0), half(-1.0));
     let mut phase: f64 = rng.random::<f64>() * TAU;
@@ -105,8 +107,7 @@ fn recording(seed: u64, run: usize, snr_db: f64) -> Vec<Snapshots> {
             let at = sine(begin + 0.5 * FRAME as f64 / RATE_HZ - SHIFT_S);
             for (m, x) in snapshot.iter_mut().enumerate().take(SENSORS) {
                 let delay = TAU * FREQUENCY_HZ * SPACING_M * m as f64 * at / SOUND_SPEED_M_S;
-                let mut value =
-                    forward * Complex::unit(phase + delay) + backward * Complex::unit(-phase - delay);
+                let mut value = forward * unit(phase + delay) + backward * unit(-phase - delay);
                 for kernel in &kernel {
                     let noise: f64 = StandardNormal.sample(&mut rng);
                     value = value + kernel.scale(sigma * noise);

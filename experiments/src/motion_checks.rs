@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use rand_distr::{Distribution, Normal, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
+use seabearing_core::kit::quantile;
 use seabearing_core::motion::{Medium, Solution, solution::position};
 use seabearing_core::passage::{self, Measurement, Passage, RECORDED};
 use seabearing_locate::motion::bound;
@@ -251,9 +252,8 @@ fn coverage(options: &Options) -> Result<()> {
             .collect();
         let n = results.len() as f64;
         let mut sorted: Vec<f64> = results.iter().map(|r| r.2).collect();
-        sorted.sort_by(f64::total_cmp);
         let rms = (sorted.iter().map(|d| d * d).sum::<f64>() / n).sqrt();
-        let at = |p: f64| sorted.get((p * (n - 1.0)) as usize).copied().unwrap_or(f64::NAN);
+        let mut at = |p: f64| quantile(&mut sorted, p).unwrap_or(f64::NAN);
         let of_case = format!("{sigma_deg}°, {tau_s} s, {range_m} m:");
         options.figures.at_most(format!("{of_case} recursive against batch, worst, sd"), at(1.0), 0.3);
         for which in 0..2 {

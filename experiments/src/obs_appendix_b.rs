@@ -15,6 +15,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use realfft::{RealFftPlanner, num_complex::Complex};
+use seabearing_core::kit::golden;
 use std::f64::consts::{PI, TAU};
 
 /// The experiment.
@@ -117,17 +118,11 @@ fn distance(sorted: &[f64], law: impl Fn(f64) -> f64) -> f64 {
 
 /// Maximum-likelihood mean resultant length of a wrapped Cauchy law about zero (golden section in log(1 − R)).
 fn fitted(errors: &[f64]) -> f64 {
-    let likelihood = |u: f64| {
+    let likelihood = |u: f64| -> f64 {
         let r = 1.0 - u.exp();
         errors.iter().map(|x| ((1.0 - r * r) / (1.0 - 2.0 * r * x.cos() + r * r)).ln()).sum::<f64>()
     };
-    let (mut a, mut b) = (-9.0f64, -0.01f64);
-    let golden = 0.5 * (5f64.sqrt() - 1.0);
-    for _ in 0..40 {
-        let (c, d) = (b - golden * (b - a), a + golden * (b - a));
-        if likelihood(c) > likelihood(d) { b = d } else { a = c }
-    }
-    1.0 - (0.5 * (a + b)).exp()
+    1.0 - golden(-9.0, -0.01, 40, |u| -likelihood(u)).exp()
 }
 
 fn cepstra(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()> {

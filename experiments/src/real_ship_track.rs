@@ -9,8 +9,10 @@ use super::real_ship_ee::{DATA, Judged, Recording};
 use super::report::Report;
 use super::{Experiment, Options};
 use crate::plot::Figure;
+use crate::score::median;
 use anyhow::Result;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
+use seabearing_core::kit::straight_line::through;
 use seabearing_core::motion::solution::position;
 use seabearing_core::motion::{Medium, Solution};
 use seabearing_locate::motion::covariance::Model;
@@ -127,14 +129,12 @@ fn run(options: &Options) -> Result<()> {
         );
     }
     report.finish(options)?;
-    let median = |estimator: usize, quantity: usize| {
-        let mut all: Vec<f64> = scores.iter().map(|e| e[estimator][quantity].0.abs()).collect();
-        all.sort_by(f64::total_cmp);
-        all.get(all.len() / 2).copied().unwrap_or(f64::NAN)
+    let middle = |estimator: usize, quantity: usize| {
+        median(scores.iter().map(|e| e[estimator][quantity].0.abs()).collect())
     };
     for (k, name) in names.into_iter().enumerate() {
-        options.figures.state(name, median(1, k));
-        options.figures.state(format!("the same by least squares: {name}"), median(0, k));
+        options.figures.state(name, middle(1, k));
+        options.figures.state(format!("the same by least squares: {name}"), middle(0, k));
     }
     options.figures.state("straight legs", scores.len() as f64);
     let way: Vec<(f64, f64)> = judged.iter().map(|j| at_m(j, height_m)).map(|[x, y]| (x, y)).collect();
@@ -163,15 +163,13 @@ fn leg(within: &[&Judged], height_m: f64) -> Option<Leg> {
         return None;
     }
     let middle_s = within.iter().map(|j| j.result.t_s).sum::<f64>() / n;
-    let spread: f64 = within.iter().map(|j| (j.result.t_s - middle_s).powi(2)).sum();
     let places: Vec<(f64, [f64; 2])> =
         within.iter().map(|j| (j.result.t_s - middle_s, at_m(j, height_m))).collect();
-    let mean = [0, 1].map(|k| places.iter().map(|(_, p)| p[k]).sum::<f64>() / n);
-    let velocity = [0, 1].map(|k| places.iter().map(|(t, p)| t * p[k]).sum::<f64>() / spread);
-    let off: f64 = places
-        .iter()
-        .map(|(t, p)| [0, 1].map(|k| (p[k] - mean[k] - velocity[k] * t).powi(2)).iter().sum::<f64>())
-        .sum();
+    let axis = |k: usize| through(places.iter().map(|(t, p)| (*t, p[k])));
+    let (east, north) = (axis(0)?, axis(1)?);
+    let off: f64 =
+        places.iter().map(|(t, [x, y])| (x - east.at(*t)).powi(2) + (y - north.at(*t)).powi(2)).sum();
+    let (mean, velocity) = ([east.value, north.value], [east.slope, north.slope]);
     let straight = (off / n).sqrt() <= STRAIGHT_M && velocity[0].hypot(velocity[1]) >= SLOWEST_M_S;
     straight.then_some(Leg { middle_s, at_m: mean, velocity_m_s: velocity })
 }

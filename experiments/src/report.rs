@@ -46,7 +46,7 @@ impl Report {
         map.insert("type".into(), "row".into());
         map.insert("experiment".into(), self.name.as_str().into());
         for (column, x) in self.columns.iter().zip(row) {
-            map.insert(column.clone(), if x.is_finite() { json!(x) } else { Value::Null });
+            map.insert(column.clone(), json!(x));
         }
         Value::Object(map)
     }

@@ -19,7 +19,7 @@ pub const WRONG_AZIMUTH: f64 = 45.0 * PI / 180.0;
 
 /// The scaled median absolute deviation; NaN of nothing.
 pub fn smad(errors: &[f64]) -> f64 {
-    1.4826 * median(errors.iter().map(|e| e.abs()).collect())
+    seabearing_core::kit::MAD_TO_SD * median(errors.iter().map(|e| e.abs()).collect())
 }
 
 /// The median; NaN of nothing.

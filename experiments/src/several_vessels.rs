@@ -14,6 +14,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
+use seabearing_core::kit::quantile;
 use seabearing_core::wire::Track;
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -189,10 +190,8 @@ fn run(options: &Options) -> Result<()> {
     let good = count(|v| !(v.swapped || v.lost || v.extra));
     let (swapped, lost, extra) = (count(|v| v.swapped), count(|v| v.lost), count(|v| v.extra));
     let mut delays: Vec<f64> = turns.iter().filter_map(|t| t.delay_s).collect();
-    delays.sort_by(f64::total_cmp);
-    let at = |share: f64| {
-        delays.get(((delays.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(f64::NAN)
-    };
+    let noticed = delays.len();
+    let mut at = |share: f64| quantile(&mut delays, share).unwrap_or(f64::NAN);
     let false_splits = turns.iter().filter(|t| t.straight_split).count();
     let early = turns.iter().filter(|t| t.early).count();
 
@@ -208,7 +207,7 @@ fn run(options: &Options) -> Result<()> {
     figures.state("a swap, %", share(swapped));
     figures.state("a lost or broken track, %", share(lost));
     figures.state("another number of solutions, %", share(extra));
-    figures.state(format!("a turn by {TURN_DEG}° at {TURN_RATE_DEG_S} °/s: noticed, %"), share(delays.len()));
+    figures.state(format!("a turn by {TURN_DEG}° at {TURN_RATE_DEG_S} °/s: noticed, %"), share(noticed));
     figures.state("split before the turn, %", share(early));
     figures.state("noticed after, median, s", at(0.5));
     figures.state("noticed after, 90 %, s", at(0.9));

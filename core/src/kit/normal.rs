@@ -111,6 +111,11 @@ impl<const N: usize> Normal<N> {
         spd::solve(&h, &g)
     }
 
+    /// The undamped step of all parameters; `None` where the measurements do not determine them.
+    pub fn solution(&self) -> Option<[f64; N]> {
+        spd::solve(&self.information(&[true; N]), &self.gradient)
+    }
+
     /// Fall of the cost that the linear model promises for a step, damping aside.
     pub fn fall(&self, step: &[f64; N]) -> f64 {
         spd::dot(step, &self.gradient)
@@ -158,7 +163,7 @@ pub fn least_squares<const N: usize>(rows: impl Iterator<Item = ([f64; N], f64)>
     for (row, value) in rows {
         normal.observe(&row, value, 1.0);
     }
-    normal.step(&[true; N], 0.0)
+    normal.solution()
 }
 
 #[cfg(test)]
@@ -176,6 +181,7 @@ mod tests {
         let found = least_squares(rows).unwrap();
         assert!(found.iter().zip(&truth).all(|(a, b)| (a - b).abs() < 1e-10), "{found:?}");
         assert_eq!(least_squares((0..9).map(|_| ([1.0, 2.0], 3.0))), None);
+        assert_eq!(least_squares((0..9).map(|_| ([1.0, 0.0], 3.0))), None);
     }
 
     #[test]

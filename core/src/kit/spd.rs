@@ -48,6 +48,15 @@ impl<const N: usize> Factor<N> {
         x
     }
 
+    /// Determinant of `A`.
+    pub fn determinant(&self) -> f64 {
+        let mut product = 1.0;
+        for i in 0..N {
+            product *= self.lower[i][i] * self.lower[i][i];
+        }
+        product
+    }
+
     /// `A⁻¹`.
     pub fn inverse(&self) -> Square<N> {
         let mut out = [[0.0; N]; N];
@@ -231,6 +240,7 @@ mod tests {
             }
         }
         assert!((largest_eigenvalue(&[[2.0, 1.0], [1.0, 2.0]]) - 3.0).abs() < 1e-9);
+        assert!((Factor::new(&a).unwrap().determinant() - 20.89).abs() < 1e-12);
         assert_eq!(solve(&[[4.0, 0.0], [0.0, 16.0]], &[2.0, 4.0]), Some([0.5, 0.25]));
     }
 

@@ -5,14 +5,16 @@
 //! t0 − x·v/v², signed range c = (y vx − x vy)/v, positive where the station lies to starboard [O 26, METHODS-OBS 8].
 
 use super::travel::TravelTime;
-use crate::angle::wrap_tau;
+use crate::kit;
+use crate::kit::approach::STATE;
+use crate::kit::spd::{Square, propagated};
 use crate::math;
 
 /// Number of parameters.
-pub const N: usize = 4;
+pub const N: usize = STATE;
 
 /// A square matrix of that size.
-pub type Matrix = [[f64; N]; N];
+pub type Matrix = Square<N>;
 
 /// A course.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,78 +106,18 @@ impl Course {
     /// Its closest point and the covariance of (time, range, heading, speed) that follows from `cov` of the parameters;
     /// `None` for a vessel that does not move.
     pub fn closest(&self, cov: &Matrix) -> Option<(Closest, Matrix)> {
-        let [x, y, vx, vy] = self.p;
-        let vv = vx * vx + vy * vy;
-        if vv < 1e-4 {
-            return None;
-        }
-        let v = math::f64::sqrt(vv);
-        let along = x * vx + y * vy;
-        let c = (y * vx - x * vy) / v;
-        let closest = Closest {
-            time_s: self.t0_s - along / vv,
-            range_m: c,
-            heading: wrap_tau(math::f64::atan2(vx, vy)),
-            speed_m_s: v,
-        };
-        let j: Matrix = [
-            [
-                -vx / vv,
-                -vy / vv,
-                -x / vv + 2.0 * along * vx / (vv * vv),
-                -y / vv + 2.0 * along * vy / (vv * vv),
-            ],
-            [-vy / v, vx / v, y / v - c * vx / vv, -x / v - c * vy / vv],
-            [0.0, 0.0, vy / vv, -vx / vv],
-            [0.0, 0.0, vx / v, vy / v],
-        ];
-        Some((closest, sandwich(&j, cov)))
+        let a = kit::closest(self.p)?;
+        let time_s = self.t0_s + a.after_s;
+        let closest = Closest { time_s, range_m: a.range_m, heading: a.heading, speed_m_s: a.speed_m_s };
+        Some((closest, a.covariance(cov)))
     }
 
     /// Covariance of the place at a time.
     pub fn place_covariance(&self, cov: &Matrix, t_s: f64) -> (f64, f64, f64) {
         let dt = t_s - self.t0_s;
-        let j: Matrix = [[1.0, 0.0, dt, 0.0], [0.0, 1.0, 0.0, dt], [0.0; N], [0.0; N]];
-        let [[xx, xy, ..], [_, yy, ..], ..] = sandwich(&j, cov);
+        let [[xx, xy], [_, yy]] = propagated(&[[1.0, 0.0, dt, 0.0], [0.0, 1.0, 0.0, dt]], cov);
         (xx, yy, xy)
     }
-}
-
-/// `J C Jᵀ`.
-fn sandwich(j: &Matrix, c: &Matrix) -> Matrix {
-    let mut out = [[0.0; N]; N];
-    for (row, a) in out.iter_mut().zip(j) {
-        for (cell, b) in row.iter_mut().zip(j) {
-            for (x, cx) in a.iter().zip(c) {
-                for (y, cxy) in b.iter().zip(cx) {
-                    *cell += x * cxy * y;
-                }
-            }
-        }
-    }
-    out
-}
-
-/// Inverse of a symmetric positive definite matrix by Gauss-Jordan with a floor on the pivots; `None` if singular.
-pub fn inverse(m: &Matrix) -> Option<Matrix> {
-    let mut a = *m;
-    let mut out = [[0.0; N]; N];
-    out.iter_mut().enumerate().for_each(|(i, r)| r.iter_mut().skip(i).take(1).for_each(|x| *x = 1.0));
-    for k in 0..N {
-        let (pivot_a, pivot_out) = (*a.get(k)?, *out.get(k)?);
-        let pivot = *pivot_a.get(k)?;
-        // A positive definite matrix keeps positive pivots without exchange of rows.
-        let usable = pivot > 1e-300 && pivot.is_finite();
-        if !usable {
-            return None;
-        }
-        for (i, (row, orow)) in a.iter_mut().zip(out.iter_mut()).enumerate() {
-            let factor = if i == k { 1.0 - 1.0 / pivot } else { *row.get(k)? / pivot };
-            row.iter_mut().zip(&pivot_a).for_each(|(x, p)| *x -= factor * p);
-            orow.iter_mut().zip(&pivot_out).for_each(|(x, p)| *x -= factor * p);
-        }
-    }
-    out.iter().flatten().all(|x| x.is_finite()).then_some(out)
 }
 
 #[cfg(test)]
@@ -215,18 +157,5 @@ mod tests {
                 assert!((s[i][i] - (d[i] / 1e-4).powi(2)).abs() < 1e-3 * (1.0 + s[i][i]), "{k} {i}");
             }
         }
-    }
-
-    #[test]
-    fn inverse_undoes() {
-        let m = [[4.0, 1.0, 0.5, 0.0], [1.0, 3.0, 0.2, 0.1], [0.5, 0.2, 2.0, 0.3], [0.0, 0.1, 0.3, 1.0]];
-        let i = inverse(&m).unwrap();
-        for a in 0..N {
-            for b in 0..N {
-                let x: f64 = (0..N).map(|k| m[a][k] * i[k][b]).sum();
-                assert!((x - f64::from(u8::from(a == b))).abs() < 1e-12);
-            }
-        }
-        assert_eq!(inverse(&[[0.0; N]; N]), None);
     }
 }

@@ -7,10 +7,11 @@
 //! Assumes: windows of three minutes overlap and the range posterior remembers, so a minute counts a third.
 //! Cost: 700 instructions a minute of evidence and step.
 
-use super::course::{Course, Matrix, N, inverse};
+use super::course::{Course, Matrix};
 use super::evidence::{Direction, Distance, Minute};
 use super::travel::TravelTime;
 use crate::angle::wrap_pi;
+use crate::kit::{Normal, spd};
 use crate::math;
 
 /// Probabilities that a present vessel shows in azimuth and in range [O, III D].
@@ -128,14 +129,6 @@ pub fn score(
     out
 }
 
-/// Adds a scalar residual to the normal equations.
-fn add(h: &mut Matrix, g: &mut [f64; N], j: &[f64; N], e: f64, w: f64) {
-    for ((row, gi), ji) in h.iter_mut().zip(g.iter_mut()).zip(j) {
-        *gi += w * ji * e;
-        row.iter_mut().zip(j).for_each(|(x, jk)| *x += w * ji * jk);
-    }
-}
-
 /// Gauss-Newton steps.
 const STEPS: usize = 12;
 
@@ -150,35 +143,35 @@ where
     let mut course = *start;
     let mut covariance = None;
     for _ in 0..STEPS {
-        let (mut h, mut g) = ([[0.0; N]; N], [0.0; N]);
+        let mut normal = Normal::default();
         let weak = 1.0 / (SPEED_SPREAD_M_S * SPEED_SPREAD_M_S);
         let [_, _, vx, vy] = course.p;
-        add(&mut h, &mut g, &[0.0, 0.0, 1.0, 0.0], -vx, weak);
-        add(&mut h, &mut g, &[0.0, 0.0, 0.0, 1.0], -vy, weak);
+        normal.observe(&[0.0, 0.0, 1.0, 0.0], -vx, weak);
+        normal.observe(&[0.0, 0.0, 0.0, 1.0], -vy, weak);
         for m in minutes.clone() {
             let s = course.seen(travel, step_s * f64::from(m.number));
             let (x, y, r, t) = (s.place.0, s.place.1, s.range_m, s.since_s);
             if let Some((ratio, e, sd)) = best_direction(&m, s.azimuth) {
                 let own = DETECTION.0 * ratio / (1.0 - DETECTION.0 + DETECTION.0 * ratio);
                 let (jx, jy) = (y / (r * r), -x / (r * r));
-                add(&mut h, &mut g, &[jx, jy, jx * t, jy * t], e, INDEPENDENT * own / (sd * sd));
+                normal.observe(&[jx, jy, jx * t, jy * t], e, INDEPENDENT * own / (sd * sd));
             }
             if let Some((ratio, d)) = best_distance(&m, r, s.speed_m_s) {
                 let own = DETECTION.1 * ratio / (1.0 - DETECTION.1 + DETECTION.1 * ratio);
                 let (sr, sv) = spreads(&d);
                 let (ux, uy) = (x / r, y / r);
                 let w = INDEPENDENT * own;
-                add(&mut h, &mut g, &[ux, uy, ux * t, uy * t], d.range_m - r, w / (sr * sr));
+                normal.observe(&[ux, uy, ux * t, uy * t], d.range_m - r, w / (sr * sr));
                 // Radial speed u·v; its change with place is (v − u (u·v))/r.
                 let (ax, ay) = ((vx - ux * s.speed_m_s) / r, (vy - uy * s.speed_m_s) / r);
                 let j = [ax, ay, ux + ax * t, uy + ay * t];
-                add(&mut h, &mut g, &j, d.speed_m_s - s.speed_m_s, w / (sv * sv));
+                normal.observe(&j, d.speed_m_s - s.speed_m_s, w / (sv * sv));
             }
         }
-        let inv = inverse(&h)?;
+        let inv = spd::inverse(&normal.information(&[true; 4]))?;
         let mut moved = 0.0;
         for ((p, row), unit) in course.p.iter_mut().zip(&inv).zip([1.0, 1.0, 1e4, 1e4]) {
-            let step: f64 = row.iter().zip(&g).map(|(a, b)| a * b).sum();
+            let step = spd::dot(row, &normal.gradient);
             *p += step;
             moved += math::f64::abs(step) * unit;
         }

@@ -6,6 +6,7 @@
 
 use super::Heard;
 use crate::angle::wrap_pi;
+use crate::kit::StraightLine;
 use crate::math::f64 as m;
 
 /// Bearings that make a vessel.
@@ -110,26 +111,20 @@ impl Candidate {
     /// [`FASTEST_RAD_S`] (a third of it as standard deviation).
     fn trend(&self, t_s: f64) -> Option<Trend> {
         let origin = self.bearings().next()?.1;
-        let (mut n, mut st, mut stt, mut sa, mut sta, mut variance) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let (mut line, mut variance) = (StraightLine::default(), 0.0);
         for (t, azimuth, v) in self.bearings() {
-            let (t, a) = (t - t_s, wrap_pi(azimuth - origin));
-            n += 1.0;
-            st += t;
-            stt += t * t;
-            sa += a;
-            sta += t * a;
+            line.add(t - t_s, wrap_pi(azimuth - origin), 1.0);
             variance += v;
         }
+        let n = self.len as f64;
         variance /= n;
         // The rate's prior as one more observation: zero, with standard deviation FASTEST/3.
-        let prior = variance / (FASTEST_RAD_S * FASTEST_RAD_S / 9.0);
-        stt += prior;
-        let determinant = n * stt - st * st;
-        let azimuth = (stt * sa - st * sta) / determinant;
-        let rate = (n * sta - st * sa) / determinant;
+        line.add_level(variance / (FASTEST_RAD_S * FASTEST_RAD_S / 9.0));
+        let line = line.fit()?;
+        let (azimuth, rate) = (line.value, line.slope);
         let mut square = 0.0;
         for (t, a, _) in self.bearings() {
-            let r = wrap_pi(a - origin) - azimuth - rate * (t - t_s);
+            let r = wrap_pi(a - origin) - line.at(t - t_s);
             square += r * r;
         }
         // The bearing of a straight track bends, which a line cannot: what that may leave counts as error.
@@ -137,7 +132,7 @@ impl Candidate {
         let bend = (BEND * rate * rate * span * span).min(MOST_BEND_RAD);
         let (within, beyond) = (bend / 27.0, bend / 4.0);
         let mean_square = square / ((variance + within * within) * (n - 2.0).max(1.0));
-        let extrapolated = variance * stt / determinant + beyond * beyond;
+        let extrapolated = variance * line.var_value + beyond * beyond;
         let at = Trend { azimuth: origin + azimuth, variance: extrapolated, mean_square };
         m::abs(at.azimuth).is_finite().then_some(at)
     }

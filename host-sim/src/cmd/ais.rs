@@ -3,6 +3,7 @@
 use crate::ais::{Pass, Selection, passes, read};
 use crate::plot::{ColourMap, Figure, HeatMap, write_panels};
 use anyhow::{Result, bail};
+use seabearing_core::kit::quantile;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -96,8 +97,7 @@ pub fn run(args: Args) -> Result<()> {
     let mean = found.iter().map(|p| p.speed_m_s).sum::<f64>() / n;
     let sd = (found.iter().map(|p| (p.speed_m_s - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
     let mut speeds: Vec<f64> = found.iter().map(|p| p.speed_m_s).collect();
-    speeds.sort_by(f64::total_cmp);
-    let quantile = |f: f64| speeds[((n - 1.0) * f).round() as usize];
+    let mut quantile = |f: f64| quantile(&mut speeds, f).unwrap_or(f64::NAN);
     let mut vessels: Vec<u64> = found.iter().map(|p| p.mmsi).collect();
     vessels.dedup();
     if args.json {

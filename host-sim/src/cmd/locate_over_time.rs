@@ -6,6 +6,7 @@ use crate::orientation::sets::Row;
 use crate::orientation::track_file;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::angle::RAD_PER_DEG;
+use seabearing_core::kit::median;
 use seabearing_locate::network::Sighting;
 use seabearing_locate::network::align::{AlignSettings, Heard, align};
 use seabearing_locate::network::joint::{Dated, JointSettings, fit};
@@ -75,8 +76,7 @@ pub fn motion(args: &Args, network: &Network, rows: &mut [Row]) -> Result<Vec<Va
 fn interval_s(rows: &[Row], station: usize) -> f64 {
     let times: Vec<f64> = rows.iter().filter(|r| r.station == station).map(|r| r.t_s).collect();
     let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
-    steps.sort_by(f64::total_cmp);
-    steps.get(steps.len() / 2).copied().unwrap_or(f64::INFINITY)
+    median(&mut steps).unwrap_or(f64::INFINITY)
 }
 
 /// How late the heard vessel is behind its known track: an `alignment` record for each station that was heard.

@@ -8,6 +8,7 @@ use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::config::{Kind, StationConfig};
+use seabearing_core::kit::median;
 use seabearing_locate::network::known_track::TrackPoint;
 use seabearing_locate::orient::closed_form;
 use seabearing_locate::orient::hydrophones::{Differences, hydrophones};
@@ -196,8 +197,7 @@ fn line(args: &Args, table: &Table, track: &[TrackPoint]) -> Result<Value> {
 
 fn median_interval(bearings: &[LineBearing]) -> f64 {
     let mut steps: Vec<f64> = bearings.windows(2).map(|w| w[1].t_s - w[0].t_s).filter(|d| *d > 0.0).collect();
-    steps.sort_by(f64::total_cmp);
-    steps.get(steps.len() / 2).copied().unwrap_or(1.0)
+    median(&mut steps).unwrap_or(1.0)
 }
 
 /// The compact array: heading, pitch and roll.

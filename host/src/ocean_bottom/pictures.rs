@@ -13,6 +13,7 @@ use crate::propagation::Propagation;
 use crate::recording::Source;
 use anyhow::{Context, Result};
 use seabearing_core::config::StationConfig;
+use seabearing_core::kit::quantile;
 use seabearing_core::wire::{Message, Track};
 use std::path::{Path, PathBuf};
 
@@ -173,8 +174,7 @@ fn spectrogram(all: &[Frame]) -> Figure {
         10.0 * (sum / (2.0 * g.len() as f64)).log10()
     });
     let mut sorted = values.clone();
-    sorted.sort_by(f64::total_cmp);
-    let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
+    let mut at = |share: f64| quantile(&mut sorted, share).unwrap_or(0.0);
     let mut f = Figure::new("Spectrogram of pressure", "time (h)", "frequency (Hz)");
     f.heat(HeatMap {
         x: span(all),

@@ -6,6 +6,7 @@ use anyhow::{Result, anyhow};
 use seabearing_core::block::Frame;
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::geometry::PAIRS;
+use seabearing_core::kit::median;
 use seabearing_core::wire::{Bearing, Track};
 use std::collections::BTreeMap;
 
@@ -59,8 +60,7 @@ pub fn bearings(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>
     let mut last: Option<(f64, f64)> = None;
     // Time between bearings, to notice where there were none.
     let mut steps: Vec<f64> = bearings.windows(2).map(|w| at(&w[1]) - at(&w[0])).collect();
-    steps.sort_by(f64::total_cmp);
-    let usual = steps.get(steps.len() / 2).copied().unwrap_or(1.0);
+    let usual = median(&mut steps).unwrap_or(1.0);
     for b in bearings {
         let (t, azimuth) = (at(b), deg(b.azimuth));
         let half = Z95 * deg(b.var_azimuth.max(0.0).sqrt());

@@ -7,6 +7,7 @@ use super::scenario::{Side, Straight, Vessel};
 use crate::csv::{Table, good_rows};
 use crate::geodesy::LocalFrame;
 use anyhow::{Result, bail};
+use seabearing_core::kit::golden;
 use std::path::Path;
 
 /// A vessel's course.
@@ -192,12 +193,8 @@ impl Motion {
         const STEPS: usize = 2000;
         let at = |i: usize| from_s + (to_s - from_s) * i as f64 / STEPS as f64;
         let best = (0..=STEPS).min_by(|a, b| range(at(*a)).total_cmp(&range(at(*b)))).unwrap_or(0);
-        let (mut lo, mut hi) = (at(best.saturating_sub(1)), at((best + 1).min(STEPS)));
-        for _ in 0..60 {
-            let (a, b) = (lo + (hi - lo) / 3.0, hi - (hi - lo) / 3.0);
-            if range(a) < range(b) { hi = b } else { lo = a }
-        }
-        Cpa { time_s: 0.5 * (lo + hi), range_m: range(0.5 * (lo + hi)) }
+        let time_s = golden(at(best.saturating_sub(1)), at((best + 1).min(STEPS)), 50, range);
+        Cpa { time_s, range_m: range(time_s) }
     }
 }
 

@@ -6,6 +6,7 @@
 //! the main one has fallen silent. Fixed memory.
 
 use super::wavefront::{self, Direction};
+use crate::kit::StraightLine;
 use crate::math::f32 as m;
 
 /// Accepted bearings remembered.
@@ -171,33 +172,23 @@ impl Hypothesis {
             return None;
         }
         // Straight lines in time through the three components, about the newest time.
-        let (mut n, mut st, mut stt) = (0.0f32, 0.0f32, 0.0f32);
-        let (mut s, mut sty) = ([0.0f32; 3], [0.0f32; 3]);
+        let mut lines = [StraightLine::default(); 3];
+        let mut n = 0;
         for (t, d) in self.times.iter().zip(&self.directions).take(self.count) {
-            let dt = (t - at) as f32;
-            if dt < -(MEMORY_S as f32) {
+            if t - at < -MEMORY_S {
                 continue;
             }
-            n += 1.0;
-            st += dt;
-            stt += dt * dt;
-            for k in 0..3 {
-                s[k] += d[k];
-                sty[k] += dt * d[k];
+            n += 1;
+            for (line, x) in lines.iter_mut().zip(d) {
+                line.add(t - at, f64::from(*x), 1.0);
             }
         }
-        let determinant = n * stt - st * st;
-        // A slope needs a stretch of time; below five bearings the mean of what there is predicts better.
-        let sloped = n >= 5.0 && determinant > 1e-3;
         let mut v = last;
         let ahead = age as f32;
-        for k in 0..3 {
-            v[k] = if sloped {
-                let slope = (n * sty[k] - st * s[k]) / determinant;
-                (s[k] - slope * st) / n + slope * ahead
-            } else {
-                s[k] / n.max(1.0)
-            };
+        for (x, line) in v.iter_mut().zip(&lines) {
+            // A slope needs a stretch of time; below five bearings the mean of what there is predicts better.
+            let sloped = line.fit().filter(|_| n >= 5);
+            *x = sloped.map(|f| f.at(age)).or(line.mean()).unwrap_or(0.0) as f32;
         }
         let length = m::sqrt(wavefront::dot(&v, &v));
         (length > 0.5).then(|| Prediction { direction: v.map(|x| x / length), gate: gate(ahead) })

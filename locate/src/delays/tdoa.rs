@@ -17,6 +17,7 @@ use super::continuity::Continuity;
 use super::report::closure;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::geometry::{Geometry, PAIRS};
+use crate::kit::{Factor, Normal};
 use crate::math::f32 as m;
 
 /// Root-mean-square residual of a consistent set, as a share of the time across the array: about 1.3° of direction.
@@ -79,8 +80,8 @@ struct Fit {
     direction: Direction,
     residual_s: f32,
     length: f32,
-    /// Inverse of JᵀJ in the tangent plane: first, cross, second.
-    inverse: (f32, f32, f32),
+    /// Inverse of JᵀJ in the tangent plane.
+    inverse: [[f32; 2]; 2],
 }
 
 impl Solver {
@@ -163,7 +164,7 @@ impl Solver {
                 if accepted {
                     let off = predicted
                         .map(|p| m::acos(wavefront::dot(&p.direction, &fit.direction).clamp(-1.0, 1.0)));
-                    let spread = fit.inverse.0 + fit.inverse.2;
+                    let spread = fit.inverse[0][0] + fit.inverse[1][1];
                     continuity.learn_scatter(
                         fit.residual_s,
                         fit.used.count_ones(),
@@ -205,17 +206,17 @@ impl Solver {
             (None, Some(start)) => (start, 1.0),
             (None, None) => return None,
         };
-        let mut inverse = (0.0, 0.0, 0.0);
+        let mut inverse = [[0.0; 2]; 2];
         for _ in 0..STEPS {
-            let (rows, normal) = self.linearised(used, delays, &direction);
-            let determinant = normal.0 * normal.2 - normal.1 * normal.1;
+            let normal = self.linearised(used, delays, &direction);
+            let information = normal.information(&[true; 2]);
+            let factor = Factor::new(&information)?;
             // A ratio of eigenvalues beyond a thousand: the pairs leave one tangent undetermined here.
-            if determinant <= 1e-3 * normal.0 * normal.2 || determinant.is_nan() {
+            if factor.determinant() <= 1e-3 * information[0][0] * information[1][1] {
                 return None;
             }
-            inverse = (normal.2 / determinant, -normal.1 / determinant, normal.0 / determinant);
-            let a = inverse.0 * rows.0 + inverse.1 * rows.1;
-            let b = inverse.1 * rows.0 + inverse.2 * rows.1;
+            inverse = factor.inverse().map(|row| row.map(|x| x as f32));
+            let [a, b] = factor.solve(&normal.gradient).map(|x| x as f32);
             let e = wavefront::tangents(&direction);
             direction = wavefront::stepped(&direction, &e, a.clamp(-0.5, 0.5), b.clamp(-0.5, 0.5));
         }
@@ -236,63 +237,41 @@ impl Solver {
         })
     }
 
-    /// Right-hand side and normal matrix of the tangent-plane step.
-    fn linearised(
-        &self,
-        used: u8,
-        delays: &[f32; PAIR_COUNT],
-        u: &Direction,
-    ) -> ((f32, f32), (f32, f32, f32)) {
+    /// Normal equations of the tangent-plane step.
+    fn linearised(&self, used: u8, delays: &[f32; PAIR_COUNT], u: &Direction) -> Normal<2> {
         let e = wavefront::tangents(u);
         let g1 = wavefront::pair_delays(&wavefront::gradient(&self.geometry, u, &e.0, self.curvature));
         let g2 = wavefront::pair_delays(&wavefront::gradient(&self.geometry, u, &e.1, self.curvature));
         let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, u, self.curvature));
-        let (mut b, mut n) = ((0.0, 0.0), (0.0, 0.0, 0.0));
+        let mut normal = Normal::default();
         for (p, ((a1, a2), (d, t))) in g1.iter().zip(&g2).zip(delays.iter().zip(&tau)).enumerate() {
             if used >> p & 1 == 1 {
-                let r = d - t;
-                b = (b.0 + a1 * r, b.1 + a2 * r);
-                n = (n.0 + a1 * a1, n.1 + a1 * a2, n.2 + a2 * a2);
+                normal.observe(&[f64::from(*a1), f64::from(*a2)], f64::from(d - t), 1.0);
             }
         }
-        (b, n)
+        normal
     }
 
     /// The unconstrained plane-wave solution `c·slowness` with `τ_ij = (h_i − h_j)·s/c`; `None` where the pairs do not
     /// span space.
     fn linear(&self, used: u8, delays: &[f32; PAIR_COUNT]) -> Option<[f32; 3]> {
         let c = self.geometry.sound_speed_m_s;
-        let mut n = [[0.0f32; 3]; 3];
-        let mut b = [0.0f32; 3];
+        let mut normal = Normal::default();
         for (p, ((i, j), tau)) in PAIRS.into_iter().zip(delays).enumerate() {
             if used >> p & 1 == 0 {
                 continue;
             }
             let (hi, hj) = (self.geometry.position_m.get(i)?, self.geometry.position_m.get(j)?);
             let d = [hi[0] - hj[0], hi[1] - hj[1], hi[2] - hj[2]];
-            for r in 0..3 {
-                b[r] += d[r] * tau * c;
-                for k in 0..3 {
-                    n[r][k] += d[r] * d[k];
-                }
-            }
+            normal.observe(&d.map(f64::from), f64::from(tau * c), 1.0);
         }
-        let cross = |a: &[f32; 3], b: &[f32; 3]| {
-            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-        };
-        let [r0, r1, r2] = &n;
-        let (c0, c1, c2) = (cross(r1, r2), cross(r2, r0), cross(r0, r1));
-        let determinant = wavefront::dot(r0, &c0);
-        let scale = r0[0] + r1[1] + r2[2];
-        if determinant <= 1e-4 * scale * scale * scale || determinant.is_nan() {
+        let information = normal.information(&[true; 3]);
+        let factor = Factor::new(&information)?;
+        let scale = information[0][0] + information[1][1] + information[2][2];
+        if factor.determinant() <= 1e-4 * scale * scale * scale {
             return None;
         }
-        // The matrix is symmetric, so its cofactor rows are its inverse's columns.
-        let mut s = [0.0; 3];
-        for (k, s) in s.iter_mut().enumerate() {
-            *s = (c0[k] * b[0] + c1[k] * b[1] + c2[k] * b[2]) / determinant;
-        }
-        Some(s)
+        Some(factor.solve(&normal.gradient).map(|x| x as f32))
     }
 
     fn solution(&self, fit: &Fit, closure_s: f32, accepted: bool, continuity: &Continuity) -> Solution {
@@ -310,9 +289,9 @@ impl Solver {
             direction: fit.direction,
             azimuth,
             elevation,
-            var_azimuth: (variance * fit.inverse.0 * widen * widen).min(most),
-            var_elevation: (variance * fit.inverse.2).min(most),
-            cov: (variance * fit.inverse.1 * widen).clamp(-most, most),
+            var_azimuth: (variance * fit.inverse[0][0] * widen * widen).min(most),
+            var_elevation: (variance * fit.inverse[1][1]).min(most),
+            cov: (variance * fit.inverse[0][1] * widen).clamp(-most, most),
             residual_s: fit.residual_s,
             closure_s,
             length: fit.length,

@@ -31,7 +31,7 @@ pub fn update(
     for snapshot in snapshots.iter().filter(good) {
         for (row, a) in covariance.iter_mut().zip(snapshot).take(sensors) {
             for (x, b) in row.iter_mut().zip(snapshot).take(sensors) {
-                *x = *x + (*a * b.conj()).scale(weight);
+                *x += (*a * b.conj()).scale(weight);
             }
         }
     }
@@ -50,7 +50,7 @@ pub fn smooth(covariance: &Matrix, sensors: usize, subarrays: usize, out: &mut M
                 let forward = at(covariance, k + i, k + j);
                 // J R* J: the matrix read from its far corner, conjugated.
                 let backward = at(covariance, k + length - 1 - i, k + length - 1 - j).conj();
-                sum = sum + forward + backward;
+                sum += forward + backward;
             }
             *x = sum.scale(weight);
         }
@@ -64,6 +64,7 @@ fn at(a: &Matrix, i: usize, j: usize) -> Complex {
 
 #[cfg(test)]
 mod tests {
+    use super::super::complex::unit;
     use super::*;
 
     #[test]
@@ -71,7 +72,7 @@ mod tests {
         let sensors = 23;
         let mut x = [Complex::ZERO; MAX_SENSORS];
         for (k, v) in x.iter_mut().enumerate().take(sensors) {
-            *v = Complex::unit(0.7 * k as f64 + 0.2).scale(2.0);
+            *v = unit(0.7 * k as f64 + 0.2).scale(2.0);
         }
         let mut r = [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS];
         assert_eq!(update(&mut r, sensors, 0.0, &[x]), 1);
@@ -79,7 +80,7 @@ mod tests {
         assert_eq!(smooth(&r, sensors, 5, &mut s), 19);
         for i in 0..19 {
             for j in 0..19 {
-                let expected = Complex::unit(0.7 * (i as f64 - j as f64)).scale(4.0);
+                let expected = unit(0.7 * (i as f64 - j as f64)).scale(4.0);
                 assert!((s[i][j] - expected).norm() < 1e-12);
             }
         }

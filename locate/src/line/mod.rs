@@ -16,7 +16,7 @@ pub mod hermitian;
 pub mod music;
 pub mod roots;
 
-pub use complex::Complex;
+pub use complex::{Complex, unit};
 pub use music::{Arrival, LineError, LinePlan, Method, Scratch, State};
 
 use crate::angle::wrap_tau;

@@ -9,11 +9,12 @@
 //! of a subarray: `var ω = Σ v²/(2NS) · (1 + 1/(mS)) · h₁/h`, where `h₁/h` is what other sources take away (h = the noise
 //! part of the steering vector's derivative, h₁ = m(m²−1)/12 for a single source).
 
-use super::complex::Complex;
+use super::complex::{Complex, norm, phase, unit};
 use super::covariance::{smooth, update};
 use super::hermitian::{Matrix, eigen};
 use super::roots::{MAX_COEFFICIENTS, roots};
 use super::{MAX_SENSORS, MAX_SOURCES};
+use crate::kit::golden;
 use crate::math::f64 as m;
 
 /// Points of the search on the unit circle: a subarray of 32 has a main lobe of 2π/16, sixteen points wide.
@@ -238,7 +239,9 @@ impl LinePlan {
         for k in 0..=GRID {
             let after = if k < GRID { null(coefficients, length, at(k + 1)) } else { f64::INFINITY };
             if here <= before && here < after {
-                let w = self.refine(coefficients, length, at(k.saturating_sub(1)), at((k + 1).min(GRID)));
+                let w = golden(at(k.saturating_sub(1)), at((k + 1).min(GRID)), 60, |w| {
+                    null(coefficients, length, w)
+                });
                 let mut entry = (null(coefficients, length, w), w);
                 for slot in &mut found {
                     if entry.0 < slot.0 {
@@ -256,19 +259,6 @@ impl LinePlan {
             }
         }
         count
-    }
-
-    /// Golden sections between two phases.
-    fn refine(&self, coefficients: &[Complex; MAX_SENSORS], length: usize, mut lo: f64, mut hi: f64) -> f64 {
-        for _ in 0..60 {
-            let (a, b) = (lo + 0.382 * (hi - lo), lo + 0.618 * (hi - lo));
-            if null(coefficients, length, a) <= null(coefficients, length, b) {
-                hi = b;
-            } else {
-                lo = a;
-            }
-        }
-        0.5 * (lo + hi)
     }
 
     /// Roots inside the unit circle closest to it, among those a direction can give.
@@ -293,8 +283,8 @@ impl LinePlan {
         let n = roots(used, found);
         let mut best: [(f64, f64); MAX_SOURCES] = [(f64::INFINITY, 0.0); MAX_SOURCES];
         for z in found.iter().take(n) {
-            let size = z.norm();
-            let sine = z.phase() / self.phase;
+            let size = norm(*z);
+            let sine = phase(*z) / self.phase;
             // The pair 1/z* outside is the same direction; a root on the circle is both.
             if size <= 1.0 + 1e-9 && m::abs(sine) <= 1.0 {
                 let mut entry = (m::abs(1.0 - size), sine);
@@ -334,12 +324,12 @@ impl LinePlan {
             let (mut a, mut d) = (Complex::ZERO, Complex::ZERO);
             for (k, row) in scratch.vectors.iter().enumerate().take(length) {
                 let e = row.get(column).copied().unwrap_or(Complex::ZERO);
-                let x = Complex::unit(w * k as f64).conj() * e;
-                a = a + x;
-                d = d + x.scale(k as f64 - middle);
+                let x = unit(w * k as f64).conj() * e;
+                a += x;
+                d += x.scale(k as f64 - middle);
             }
-            inverse_power += a.norm_squared() / (value - noise).max(1e-300);
-            lost += d.norm_squared();
+            inverse_power += a.norm_sqr() / (value - noise).max(1e-300);
+            lost += d.norm_sqr();
         }
         let n = length as f64;
         let alone = n * (n * n - 1.0) / 12.0;
@@ -388,7 +378,7 @@ fn projector(vectors: &Matrix, length: usize, signal: &[bool; MAX_SENSORS]) -> [
             for (low, high) in vectors.iter().zip(vectors.iter().skip(lag)).take(length - lag) {
                 let (Some(a), Some(b)) = (low.get(column), high.get(column)) else { continue };
                 // aᴴ P a = Σ P_ij z^{j−i}: the element (i, i + lag) goes with z^lag.
-                *c = *c - *a * b.conj();
+                *c -= *a * b.conj();
             }
         }
     }
@@ -397,7 +387,7 @@ fn projector(vectors: &Matrix, length: usize, signal: &[bool; MAX_SENSORS]) -> [
 
 /// Null spectrum at a phase.
 fn null(coefficients: &[Complex; MAX_SENSORS], length: usize, w: f64) -> f64 {
-    let z = Complex::unit(w);
+    let z = unit(w);
     let mut sum = Complex::ZERO;
     for c in coefficients.iter().take(length).skip(1).rev() {
         sum = (sum + *c) * z;
@@ -427,11 +417,11 @@ mod tests {
                 for s in sines {
                     let phase = if coherent { common + s } else { random() * m::TAU };
                     for (k, v) in x.iter_mut().enumerate().take(23) {
-                        *v = *v + Complex::unit(phase + plan(1).phase * s * k as f64);
+                        *v += unit(phase + plan(1).phase * s * k as f64);
                     }
                 }
                 for v in x.iter_mut().take(23) {
-                    *v = *v + Complex::unit(random() * m::TAU).scale(noise);
+                    *v += unit(random() * m::TAU).scale(noise);
                 }
                 x
             })

@@ -8,6 +8,7 @@
 use super::covariance::Model;
 use super::normal::COLUMNS;
 use super::whiten::{Plan, WhitenError, Workspace};
+use crate::kit::golden;
 use crate::math::f64 as m;
 
 /// What the errors are like.
@@ -29,9 +30,7 @@ pub struct ErrorModel {
 
 /// Grid over ln τ and golden sections after it.
 const GRID: usize = 24;
-const SECTIONS: usize = 20;
-/// The golden ratio's lesser part.
-const GOLDEN: f64 = 0.381_966_011_250_105;
+const SECTIONS: u32 = 20;
 
 /// Estimates the model. `dense` is memory for irregular times (may be empty for white and Markov).
 ///
@@ -91,16 +90,8 @@ pub fn estimate<const N: usize>(
             best = (value, x);
         }
     }
-    let (mut a, mut b) = ((best.1 - spacing).max(low), (best.1 + spacing).min(high));
-    for _ in 0..SECTIONS {
-        let (x, y) = (a + GOLDEN * (b - a), b - GOLDEN * (b - a));
-        if at(m::exp(x))?.0 < at(m::exp(y))?.0 {
-            b = y;
-        } else {
-            a = x;
-        }
-    }
-    let x = 0.5 * (a + b);
+    let (a, b) = ((best.1 - spacing).max(low), (best.1 + spacing).min(high));
+    let x = golden(a, b, SECTIONS, |x| at(m::exp(x)).map_or(f64::NAN, |found| found.0));
     let (twice, variance, offset, spread) = at(m::exp(x))?;
     // Curvature over a tenth of an octave; a maximum at the end of the search has none.
     let h = 0.1;

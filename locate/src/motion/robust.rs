@@ -11,10 +11,12 @@ use super::ml::{Config, Fit, FitError, Sample, fit, refit};
 use super::model::Expected;
 use super::whiten::Workspace;
 use crate::angle::wrap_pi;
+use crate::kit::Student;
 use crate::math::f64 as m;
 
 /// Degrees of freedom: the fewest for which the variance of the variance exists is four; tails as of real buoys.
 pub const FREEDOM: f64 = 4.0;
+const STUDENT: Student = Student { freedom: FREEDOM };
 /// Widening of the scale in successive fits.
 const SCALES: [f64; 3] = [8.0, 4.0, 2.0];
 /// Most fits at the final scale.
@@ -71,7 +73,7 @@ pub fn fit_robust<const N: usize>(
 /// Standard deviations of a Gaussian likelihood that pulls as the Student-t one does at the present residuals.
 fn reweight(fit: &Fit, config: &Config, samples: &[Sample], weighted: &mut [Sample], widening: f64) {
     let view = fit.solution.line.view(&config.medium);
-    let growth = |r: f64| m::sqrt((FREEDOM + r * r) / (FREEDOM + 1.0)) as f32;
+    let growth = |r: f64| (1.0 / m::sqrt(STUDENT.weight(r))) as f32;
     for (w, s) in weighted.iter_mut().zip(samples) {
         let [azimuth, elevation] = residuals(s, &view.expected(s.t_s), widening);
         w.sd_rad = s.sd_rad * growth(azimuth);

@@ -9,12 +9,11 @@
 use super::known_track::{TrackError, TrackPoint, check, position_at};
 use super::model::bearing;
 use crate::angle::wrap_pi;
+use crate::kit::{Huber, golden};
 use crate::math::f64 as m;
 
 /// Fewest bearings that say anything of a shift and its error.
 pub const LEAST_BEARINGS: usize = 8;
-/// Huber's constant: 95 % efficiency for Gaussian errors.
-const HUBER: f64 = 1.345;
 /// Grid steps across the admissible shifts.
 const GRID: u32 = 200;
 
@@ -111,7 +110,8 @@ pub fn align(heard: &[Heard], track: &[TrackPoint], settings: &AlignSettings) ->
     if k == 0 || k == GRID {
         return Err(AlignError::NotObservable);
     }
-    let shift_s = golden(at(limit, k - 1), at(limit, k + 1), |tau| mean_cost(heard, track, settings, tau).0);
+    let shift_s =
+        golden(at(limit, k - 1), at(limit, k + 1), 40, |tau| mean_cost(heard, track, settings, tau).0);
     let (scatter, information, n) = curvature(heard, track, settings, shift_s);
     // The mean squared standardised residual scales the error where bearings are worse than claimed.
     let sd_s = m::sqrt(scatter.max(1.0) / information);
@@ -132,8 +132,7 @@ fn mean_cost(heard: &[Heard], track: &[TrackPoint], settings: &AlignSettings, ta
         let Some(residuals) = residuals(h, track, settings, tau) else { continue };
         n += 1;
         for r in residuals {
-            let r = m::abs(r);
-            sum += if r <= HUBER { 0.5 * r * r } else { HUBER * (r - 0.5 * HUBER) };
+            sum += Huber::EFFICIENT.loss(r);
         }
     }
     if n == 0 { (f64::INFINITY, 0) } else { (sum / n as f64, n) }
@@ -166,38 +165,14 @@ fn curvature(heard: &[Heard], track: &[TrackPoint], settings: &AlignSettings, ta
         for ((x, up), down) in r.iter().zip(later).zip(earlier) {
             let slope = (up - down) / (2.0 * STEP_S);
             // Beyond Huber's constant a residual carries no curvature.
-            if m::abs(*x) <= HUBER {
+            if m::abs(*x) <= Huber::EFFICIENT.corner {
                 information += slope * slope;
             }
-            let bounded = m::abs(*x).min(HUBER);
+            let bounded = Huber::EFFICIENT.clipped(*x);
             squares += bounded * bounded;
         }
     }
     if angles > 0.0 { (squares / angles, information, n) } else { (0.0, 0.0, 0) }
-}
-
-/// Minimum between two limits by golden sections (40 steps: the bracket shrinks by 2e8).
-fn golden(mut lo: f64, mut hi: f64, cost: impl Fn(f64) -> f64) -> f64 {
-    const RATIO: f64 = 0.618_033_988_749_894_8;
-    let mut a = hi - RATIO * (hi - lo);
-    let mut b = lo + RATIO * (hi - lo);
-    let (mut ca, mut cb) = (cost(a), cost(b));
-    for _ in 0..40 {
-        if ca <= cb {
-            hi = b;
-            b = a;
-            cb = ca;
-            a = hi - RATIO * (hi - lo);
-            ca = cost(a);
-        } else {
-            lo = a;
-            a = b;
-            ca = cb;
-            b = lo + RATIO * (hi - lo);
-            cb = cost(b);
-        }
-    }
-    0.5 * (lo + hi)
 }
 
 #[cfg(test)]

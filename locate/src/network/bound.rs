@@ -4,9 +4,9 @@
 //! bound without it inverts all of F. The paper draws only the latter, below which an estimator that knows the depth
 //! naturally falls.
 
-use super::matrix::{self, Square};
 use super::model::{self, Sighting};
 use super::{NetworkError, Region};
+use crate::kit::spd::{self, Square};
 use crate::math::f64 as m;
 
 /// Bounds in rectangular coordinates, metres.
@@ -55,10 +55,10 @@ pub fn information_in(sightings: &[Sighting], source_m: &[f64; 3], derivatives: 
     let mut f = [[0.0; 3]; 3];
     for s in sightings {
         let (ga, gb) = model::gradients(&s.array_m, source_m);
-        matrix::add_outer(&mut f, &model::chain(&ga, derivatives), 1.0 / (s.sd_azimuth * s.sd_azimuth));
+        spd::add_outer(&mut f, &model::chain(&ga, derivatives), 1.0 / (s.sd_azimuth * s.sd_azimuth));
         if s.elevation.is_some() {
             let weight = 1.0 / (s.sd_elevation * s.sd_elevation);
-            matrix::add_outer(&mut f, &model::chain(&gb, derivatives), weight);
+            spd::add_outer(&mut f, &model::chain(&gb, derivatives), weight);
         }
     }
     f
@@ -80,8 +80,8 @@ pub fn rectangular_bound(
 ) -> Result<RectangularBound, NetworkError> {
     model::check(sightings)?;
     let f = information(sightings, source_m);
-    let free = matrix::inverse(&f).map(|[[xx, ..], [_, yy, _], [.., zz]]| [xx, yy, zz].map(m::sqrt));
-    let known = matrix::inverse(&horizontal(&f)).map(|[[xx, _], [_, yy]]| [xx, yy].map(m::sqrt));
+    let free = spd::inverse(&f).map(|[[xx, ..], [_, yy, _], [.., zz]]| [xx, yy, zz].map(m::sqrt));
+    let known = spd::inverse(&horizontal(&f)).map(|[[xx, _], [_, yy]]| [xx, yy].map(m::sqrt));
     Ok(RectangularBound { free_m: free, known_depth_m: known })
 }
 
@@ -93,7 +93,7 @@ pub fn rectangular_bound(
 pub fn polar_bound(sightings: &[Sighting], source_m: &[f64; 3]) -> Result<PolarBound, NetworkError> {
     model::check(sightings)?;
     let f = information_in(sightings, source_m, &model::polar_derivatives(&model::polar(source_m)));
-    let [[aa, ..], [_, bb, _], [.., rr]] = matrix::inverse(&f).ok_or(NetworkError::NotObservable)?;
+    let [[aa, ..], [_, bb, _], [.., rr]] = spd::inverse(&f).ok_or(NetworkError::NotObservable)?;
     Ok(PolarBound { azimuth: m::sqrt(aa), elevation: m::sqrt(bb), range_m: m::sqrt(rr) })
 }
 
@@ -147,7 +147,7 @@ mod tests {
     fn polar_and_rectangular_bounds_agree() {
         let s = sightings(THREE);
         let p = source(600.0);
-        let c = matrix::inverse(&information(&s, &p)).unwrap();
+        let c = spd::inverse(&information(&s, &p)).unwrap();
         let r = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
         let var: f64 =
             (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| p[i] * p[j] * c[i][j]).sum();

@@ -5,6 +5,7 @@
 //! the rate is taken as zero, and what that may err by is in the variance: any rate up to the largest is as likely.
 
 use crate::angle::{wrap_pi, wrap_tau};
+use crate::kit::straight_line::through;
 use crate::math::f64 as m;
 
 /// Bearings farther than this from the wanted instant say nothing about its rate: a vessel at 7 m/s and 100 m turns
@@ -29,32 +30,15 @@ pub fn bring(measured: &Timed, near: &[Timed], t_s: f64, sd: f64) -> (f64, f64) 
     if shift == 0.0 {
         return (measured.angle, sd);
     }
-    let usable = || near.iter().filter(|p| m::abs(p.t_s - measured.t_s) <= WINDOW_S && p.angle.is_finite());
-    let (mut n, mut mean_t, mut mean_a) = (0.0, 0.0, 0.0);
-    for p in usable() {
-        n += 1.0;
-        mean_t += p.t_s - measured.t_s;
-        mean_a += wrap_pi(p.angle - measured.angle);
+    let usable = near.iter().filter(|p| m::abs(p.t_s - measured.t_s) <= WINDOW_S && p.angle.is_finite());
+    let line = usable.clone().map(|p| (p.t_s - measured.t_s, wrap_pi(p.angle - measured.angle)));
+    match through(line).filter(|_| usable.count() >= 3) {
+        Some(fitted) => {
+            (measured.angle + fitted.slope * shift, sd * m::sqrt(1.0 + shift * shift * fitted.var_slope))
+        }
+        // Variance of a uniform rate in ±LARGEST_RATE: a third of its square.
+        None => (measured.angle, m::hypot(sd, LARGEST_RATE / m::sqrt(3.0) * shift)),
     }
-    // Variance of a uniform rate in ±LARGEST_RATE: a third of its square.
-    let standing =
-        || (measured.angle, m::sqrt(sd * sd + (LARGEST_RATE * shift) * (LARGEST_RATE * shift) / 3.0));
-    if n < 3.0 {
-        return standing();
-    }
-    mean_t /= n;
-    mean_a /= n;
-    let (mut stt, mut sta) = (0.0, 0.0);
-    for p in usable() {
-        let dt = p.t_s - measured.t_s - mean_t;
-        stt += dt * dt;
-        sta += dt * (wrap_pi(p.angle - measured.angle) - mean_a);
-    }
-    if !(stt > 0.0) {
-        return standing();
-    }
-    let rate = sta / stt;
-    (measured.angle + rate * shift, sd * m::sqrt(1.0 + shift * shift / stt))
 }
 
 /// As [`bring`], for an azimuth: the result is in [0, 2π).

@@ -10,9 +10,9 @@
 //! long. Known depth: n = 2, otherwise 3. Cost: 2n+1 bearings and bounds an array.
 
 use super::bound::{horizontal, information};
-use super::matrix::{self, Square};
 use super::model::{Sighting, bearing, gradients};
 use crate::angle::wrap_pi;
+use crate::kit::spd::{self, Square};
 use crate::math::f64 as m;
 
 /// Largest bias that is corrected, as a share of the standard deviation: beyond it the second order is no
@@ -25,10 +25,10 @@ const LARGEST_NOISE: f64 = 2.0;
 /// Covariance from the information at one place; the z row and column are zero where the depth is known.
 pub(super) fn covariance(information: &Square<3>, depth_known: bool) -> Option<Square<3>> {
     if depth_known {
-        let [[xx, xy], [yx, yy]] = matrix::inverse(&horizontal(information))?;
+        let [[xx, xy], [yx, yy]] = spd::inverse(&horizontal(information))?;
         Some([[xx, xy, 0.0], [yx, yy, 0.0], [0.0; 3]])
     } else {
-        matrix::inverse(information)
+        spd::inverse(information)
     }
 }
 
@@ -66,7 +66,7 @@ pub(super) fn corrected(
         *b = -0.5 * noise.clamp(0.0, LARGEST_NOISE) * row.iter().zip(&pull).map(|(c, p)| c * p).sum::<f64>();
     }
     let size = m::sqrt(bias.iter().map(|b| b * b).sum());
-    let sd = m::sqrt(matrix::largest_eigenvalue(first_order));
+    let sd = m::sqrt(spd::largest_eigenvalue(first_order));
     if !(size <= LARGEST_SHARE * sd) {
         return (*position_m, *first_order);
     }
@@ -94,7 +94,7 @@ pub(super) fn corrected(
     }
     mean.iter_mut().flatten().for_each(|x| *x /= n);
     // One of the points may lie where the bearings determine nothing; the mean is then its, not the fix's.
-    let widened = matrix::largest_eigenvalue(&mean) <= 4.0 * sd * sd;
+    let widened = spd::largest_eigenvalue(&mean) <= 4.0 * sd * sd;
     (place, if widened { mean } else { *first_order })
 }
 
@@ -102,10 +102,10 @@ pub(super) fn corrected(
 fn columns(covariance_m2: &Square<3>, depth_known: bool) -> Option<[[f64; 3]; 3]> {
     if depth_known {
         let [[xx, xy, _], [_, yy, _], _] = *covariance_m2;
-        let [[a, _], [b, c]] = matrix::cholesky(&[[xx, xy], [xy, yy]])?;
+        let [[a, _], [b, c]] = spd::Factor::new(&[[xx, xy], [xy, yy]])?.lower;
         Some([[a, b, 0.0], [0.0, c, 0.0], [0.0; 3]])
     } else {
-        let [[a, ..], [b, c, _], [d, e, f]] = matrix::cholesky(covariance_m2)?;
+        let [[a, ..], [b, c, _], [d, e, f]] = spd::Factor::new(covariance_m2)?.lower;
         Some([[a, b, d], [0.0, c, e], [0.0, 0.0, f]])
     }
 }

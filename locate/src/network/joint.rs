@@ -7,19 +7,23 @@
 //! misfit is beyond its 99.9 % point and one array is the cause, that array is set aside and named.
 //!
 //! Start: the linear least-squares solution of the bearing lines `(x − x_n) cos α = (y − y_n) sin α`, or that of the
-//! positions the elevations give, whichever is likelier; then damped Gauss-Newton over four unknowns. O(1) memory
+//! positions the elevations give, whichever is likelier; then Levenberg-Marquardt over four unknowns. O(1) memory
 //! beside the caller's bearings.
 
-use super::matrix::{self, Square};
 use super::model::{Sighting, bearing, gradients};
 use super::{MAX_ARRAYS, NetworkError, locate};
-use crate::angle::{wrap_pi, wrap_tau};
+use crate::angle::wrap_pi;
+use crate::kit::normal::least_squares;
+use crate::kit::spd::{self, Square};
+use crate::kit::{Huber, Normal, minimise};
 use crate::math::f64 as m;
 
 /// Most damped steps; convergence takes about ten.
-const STEPS: u32 = 100;
+const STEPS: usize = 100;
+/// Fall of the cost that is not worth a step.
+const LEAST_FALL: f64 = 1e-11;
 /// Where a standardised residual stops to count squared: 0.3 % of Gaussian ones are beyond.
-const CORNER: f64 = 3.0;
+const HUBER: Huber = Huber { corner: 3.0 };
 
 /// A bearing with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,63 +83,35 @@ impl Motion {
         [x + vx * dt, y + vy * dt]
     }
 
-    /// Speed (m/s) and its standard deviation.
+    /// Speed (m/s) and its standard deviation; that of a vessel that does not move is infinite.
     pub fn speed_m_s(&self) -> (f64, f64) {
-        let [_, _, vx, vy] = self.state;
-        let v = m::sqrt(vx * vx + vy * vy);
-        let variance = self.velocity_form([vx / v, vy / v]);
-        (v, if variance.is_finite() { m::sqrt(variance) } else { f64::INFINITY })
+        let of_origin = self.seen_from([0.0, 0.0]);
+        of_origin.map_or((0.0, f64::INFINITY), |(a, c)| (a.speed_m_s, m::sqrt(c[3][3].max(0.0))))
     }
 
-    /// Heading, radians clockwise from North, and its standard deviation.
+    /// Heading, radians clockwise from North, and its standard deviation (at most π).
     pub fn heading(&self) -> (f64, f64) {
-        let [_, _, vx, vy] = self.state;
-        let v2 = vx * vx + vy * vy;
-        let variance = self.velocity_form([vy / v2, -vx / v2]);
-        let sd = if variance.is_finite() { m::sqrt(variance).min(m::PI) } else { m::PI };
-        (wrap_tau(m::atan2(vx, vy)), sd)
+        let of_origin = self.seen_from([0.0, 0.0]);
+        of_origin.map_or((0.0, m::PI), |(a, c)| (a.heading, m::sqrt(c[2][2].max(0.0)).min(m::PI)))
     }
 
-    /// Closest approach to a point; `None` for a vessel that does not move.
-    ///
-    /// With `p` the way from the point to the vessel at the reference time and `w = v/|v|`: `t = −p·w/|v|` later, at the
-    /// signed distance `c = p × w`. Their errors follow from the state's to first order.
+    /// Closest approach to a point; `None` for a vessel that does not move. Errors follow from the state's to first
+    /// order.
     pub fn closest(&self, point_m: [f64; 2]) -> Option<Approach> {
-        let [x, y, vx, vy] = self.state;
-        let [px, py] = point_m;
-        let (dx, dy) = (x - px, y - py);
-        let v = m::sqrt(vx * vx + vy * vy);
-        if !(v > 0.0) {
-            return None;
-        }
-        let (wx, wy) = (vx / v, vy / v);
-        let along = dx * wx + dy * wy;
-        let across = dx * wy - dy * wx;
-        let time = [-wx / v, -wy / v, (2.0 * along * wx - dx) / (v * v), (2.0 * along * wy - dy) / (v * v)];
-        let range = [wy, -wx, -along * wy / v, along * wx / v];
+        let (a, c) = self.seen_from(point_m)?;
+        let sd = |k: usize| m::sqrt(c[k][k].max(0.0));
         Some(Approach {
-            t_s: (self.t_ref_s - along / v, self.sd_of(&time)),
-            range_m: (m::abs(across), self.sd_of(&range)),
-            to_starboard: across < 0.0,
+            t_s: (self.t_ref_s + a.after_s, sd(0)),
+            range_m: (m::abs(a.range_m), sd(1)),
+            to_starboard: a.range_m > 0.0,
         })
     }
 
-    /// `√(gᵀ C g)`.
-    fn sd_of(&self, gradient: &[f64; 4]) -> f64 {
-        let mut sum = 0.0;
-        for (row, a) in self.covariance.iter().zip(gradient) {
-            for (c, b) in row.iter().zip(gradient) {
-                sum += a * c * b;
-            }
-        }
-        m::sqrt(sum.max(0.0))
-    }
-
-    /// `gᵀ C g` over the velocity block.
-    fn velocity_form(&self, g: [f64; 2]) -> f64 {
-        let [_, _, [_, _, xx, xy], [_, _, _, yy]] = self.covariance;
-        let [a, b] = g;
-        (a * a * xx + 2.0 * a * b * xy + b * b * yy).max(0.0)
+    /// The motion as seen from a point, and the covariance of (time, range, heading, speed).
+    fn seen_from(&self, [px, py]: [f64; 2]) -> Option<(crate::kit::Approach, Square<4>)> {
+        let [x, y, vx, vy] = self.state;
+        let approach = crate::kit::closest([x - px, y - py, vx, vy])?;
+        Some((approach, approach.covariance(&self.covariance)))
     }
 }
 
@@ -192,13 +168,20 @@ fn fit_without(
     let start = [problem.start_of_lines(), problem.start_of_elevations()]
         .into_iter()
         .flatten()
-        .map(|s| (problem.cost(&s), s))
+        .map(|s| (problem.normal(&s).cost(), s))
         .filter(|(c, _)| c.is_finite())
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .ok_or(NetworkError::NotObservable)?;
-    let state = problem.climb(start);
-    let (information, _) = problem.normal(&state);
-    let mut covariance = matrix::inverse(&information).ok_or(NetworkError::NotObservable)?;
+    let moved = |state: &[f64; 4], step: &[f64; 4]| {
+        let mut to = *state;
+        to.iter_mut().zip(step).for_each(|(x, s)| *x += s);
+        to
+    };
+    let end = minimise(start.1, STEPS, LEAST_FALL, moved, |state| Some(problem.normal(state)));
+    let end = end.ok_or(NetworkError::NotObservable)?;
+    let state = end.at;
+    let mut covariance =
+        spd::inverse(&end.normal.information(&[true; 4])).ok_or(NetworkError::NotObservable)?;
     let (misfit, freedom) = (problem.misfit(&state), angles.saturating_sub(4));
     let growth = (misfit / f64::from(freedom.max(1))).max(1.0);
     for x in covariance.iter_mut().flatten() {
@@ -206,7 +189,7 @@ fn fit_without(
     }
     let motion = Motion { t_ref_s, state, covariance, misfit, freedom, rejected };
     let [[xx, xy, ..], [_, yy, ..], ..] = covariance;
-    let sd = m::sqrt(matrix::largest_eigenvalue(&[[xx, xy], [xy, yy]]));
+    let sd = m::sqrt(spd::largest_eigenvalue(&[[xx, xy], [xy, yy]]));
     let distance = used().map(|b| problem.distance(&b.sighting, b.t_s, &state)).sum::<f64>() / n;
     let finite = state.iter().all(|x| x.is_finite());
     if finite && sd <= locate::LARGEST_RELATIVE_SD * distance && motion.freedom > 0 {
@@ -221,12 +204,6 @@ struct Problem<'a> {
     settings: &'a JointSettings,
     t_ref_s: f64,
     rejected: Option<usize>,
-}
-
-/// Huber's loss of a standardised residual, and the weight that makes it squares.
-fn huber(residual: f64) -> (f64, f64) {
-    let size = m::abs(residual);
-    if size <= CORNER { (0.5 * size * size, 1.0) } else { (CORNER * (size - 0.5 * CORNER), CORNER / size) }
 }
 
 impl Problem<'_> {
@@ -252,51 +229,36 @@ impl Problem<'_> {
         b.t_s - self.distance(&b.sighting, first, state) / c
     }
 
-    fn cost(&self, state: &[f64; 4]) -> f64 {
-        self.residuals(state).map(|[a, b]| huber(a).0 + huber(b).0).sum()
-    }
-
     fn misfit(&self, state: &[f64; 4]) -> f64 {
-        let clipped = |r: f64| m::abs(r).min(CORNER);
-        self.residuals(state).map(|[a, b]| clipped(a) * clipped(a) + clipped(b) * clipped(b)).sum()
+        self.rows(state).map(|(_, r)| HUBER.clipped(r) * HUBER.clipped(r)).sum()
     }
 
-    /// Standardised residuals of azimuth and elevation (zero where there is none).
-    fn residuals(&self, state: &[f64; 4]) -> impl Iterator<Item = [f64; 2]> {
-        self.used().map(move |b| {
-            let s = &b.sighting;
-            let (azimuth, elevation) = bearing(&s.array_m, &self.place(self.emission(b, state), state));
-            let a = wrap_pi(s.azimuth - azimuth) / s.sd_azimuth;
-            [a, s.elevation.map_or(0.0, |e| (e - elevation) / s.sd_elevation)]
-        })
-    }
-
-    /// Information matrix and downhill gradient.
-    fn normal(&self, state: &[f64; 4]) -> (Square<4>, [f64; 4]) {
-        let mut h = [[0.0; 4]; 4];
-        let mut g = [0.0; 4];
-        for b in self.used() {
+    /// Derivatives and residual of every angle, standardised.
+    fn rows(&self, state: &[f64; 4]) -> impl Iterator<Item = ([f64; 4], f64)> {
+        self.used().flat_map(move |b| {
             let s = &b.sighting;
             let t = self.emission(b, state);
             let dt = t - self.t_ref_s;
             let place = self.place(t, state);
             let (azimuth, elevation) = bearing(&s.array_m, &place);
             let (ga, gb) = gradients(&s.array_m, &place);
-            let mut add = |gradient: [f64; 3], residual: f64, sd: f64| {
-                let [gx, gy, _] = gradient;
-                let row = [gx, gy, gx * dt, gy * dt];
-                let weight = huber(residual / sd).1 / (sd * sd);
-                matrix::add_outer(&mut h, &row, weight);
-                for (x, r) in g.iter_mut().zip(&row) {
-                    *x += weight * residual * r;
-                }
+            let row = |[x, y, _]: [f64; 3], residual: f64, sd: f64| {
+                ([x, y, x * dt, y * dt].map(|d| d / sd), residual / sd)
             };
-            add(ga, wrap_pi(s.azimuth - azimuth), s.sd_azimuth);
-            if let Some(e) = s.elevation {
-                add(gb, e - elevation, s.sd_elevation);
-            }
+            let of_azimuth = row(ga, wrap_pi(s.azimuth - azimuth), s.sd_azimuth);
+            [Some(of_azimuth), s.elevation.map(|e| row(gb, e - elevation, s.sd_elevation))]
+                .into_iter()
+                .flatten()
+        })
+    }
+
+    /// Normal equations of the robust likelihood.
+    fn normal(&self, state: &[f64; 4]) -> Normal<4> {
+        let mut normal = Normal::default();
+        for (row, r) in self.rows(state) {
+            normal.observe_at_cost(&row, r, HUBER.weight(r), 2.0 * HUBER.loss(r));
         }
-        (h, g)
+        normal
     }
 
     /// Linear start from the bearing lines.
@@ -327,62 +289,6 @@ impl Problem<'_> {
         });
         least_squares(rows)
     }
-
-    /// Damped Gauss-Newton from a start with its cost.
-    fn climb(&self, start: (f64, [f64; 4])) -> [f64; 4] {
-        let (mut value, mut state) = start;
-        let mut damping = 1e-3;
-        for _ in 0..STEPS {
-            let (mut h, g) = self.normal(&state);
-            for (i, row) in h.iter_mut().enumerate() {
-                if let Some(x) = row.get_mut(i) {
-                    *x = *x * (1.0 + damping) + 1e-30;
-                }
-            }
-            let Some(factor) = matrix::cholesky(&h) else {
-                damping = damping.max(1e-9) * 10.0;
-                if damping > 1e6 {
-                    break;
-                }
-                continue;
-            };
-            let step = matrix::solve(&factor, &g);
-            let mut trial = state;
-            for (t, s) in trial.iter_mut().zip(&step) {
-                *t += s;
-            }
-            let c = self.cost(&trial);
-            if c < value {
-                let gain = value - c;
-                value = c;
-                state = trial;
-                damping = (damping * 0.1).max(1e-12);
-                if gain < 1e-10 * (1.0 + value) {
-                    break;
-                }
-            } else {
-                damping = damping.max(1e-9) * 10.0;
-                if damping > 1e6 {
-                    break;
-                }
-            }
-        }
-        state
-    }
-}
-
-/// Least squares of rows `a · x = b`; `None` where they do not determine x.
-fn least_squares(rows: impl Iterator<Item = ([f64; 4], f64)>) -> Option<[f64; 4]> {
-    let mut h = [[0.0; 4]; 4];
-    let mut g = [0.0; 4];
-    for (row, value) in rows {
-        matrix::add_outer(&mut h, &row, 1.0);
-        for (x, r) in g.iter_mut().zip(&row) {
-            *x += value * r;
-        }
-    }
-    let factor = matrix::cholesky(&h)?;
-    Some(matrix::solve(&factor, &g))
 }
 
 #[cfg(test)]

@@ -5,10 +5,10 @@
 //! left out in turn. An array is set aside only if the rest then agree and no other choice explains them nearly as
 //! well; otherwise all are kept, the fix is marked inconsistent and its covariance grows by the misfit.
 
-use super::matrix::{self, Square};
 use super::model::Sighting;
 use super::search::{Maximum, maximum};
 use super::{MAX_ARRAYS, NetworkError, Region};
+use crate::kit::spd::{self, Square};
 use crate::math::f64 as m;
 
 /// Largest standard deviation of a fix, as a share of the median distance to the arrays: beyond one half, range is
@@ -152,7 +152,7 @@ fn fix(
     if edge_horizontal {
         return Err(NetworkError::OutsideRegion);
     }
-    let largest = m::sqrt(matrix::largest_eigenvalue(&covariance_m2));
+    let largest = m::sqrt(spd::largest_eigenvalue(&covariance_m2));
     if !(largest <= LARGEST_RELATIVE_SD * median_distance_m(sightings, rejected, &position_m)) {
         return Err(NetworkError::NotObservable);
     }

@@ -25,7 +25,6 @@ mod curvature;
 pub mod joint;
 pub mod known_track;
 pub mod locate;
-pub mod matrix;
 pub mod model;
 pub mod region;
 pub mod search;

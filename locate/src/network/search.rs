@@ -2,17 +2,16 @@
 //!
 //! The likelihood has several maxima (behind an array, along the ridge towards infinite range), so starting points
 //! come from three sources: the crossings of every pair of bearings, each array's own bearing carried to the known or
-//! middle height, and a polar grid about the network. The best of each group are improved by a few damped
-//! Gauss-Newton steps that stay inside the region, and the best two of those to convergence. A test holds the result
+//! middle height, and a polar grid about the network. The best of each group are improved by a few
+//! Levenberg-Marquardt steps that stay inside the region, and the best two of those to convergence. A test holds the result
 //! against the paper's exhaustive grid (5 m over ±2000 m).
 //!
 //! Cost: about 120 + 112 to 336 likelihoods, each of 2N arc tangents, and at most 200 steps; under 1 ms on a host.
 
-use super::bound::information_in;
-use super::matrix::{self, Square};
 use super::model::{self, Sighting, cost};
 use super::{NetworkError, Region};
 use crate::angle::wrap_pi;
+use crate::kit::{Normal, Square, minimise};
 use crate::math::f64 as m;
 
 /// Azimuths, ranges and heights of the grid of starting points: 22.5° and a factor of about two in range lie well
@@ -25,8 +24,10 @@ const GRID_NEAREST_M: f64 = 20.0;
 /// Starting points kept: one of the crossings, one of the single bearings, a near and a far one per grid height.
 const STARTS: usize = 2 + 2 * GRID_HEIGHTS as usize;
 /// Steps for every start, then for the best two.
-const FIRST_STEPS: u32 = 6;
-const LAST_STEPS: u32 = 80;
+const FIRST_STEPS: usize = 6;
+const LAST_STEPS: usize = 80;
+/// Fall of the misfit that is not worth a step.
+const LEAST_FALL: f64 = 1e-13;
 
 /// The most likely position in the region, resolved or not: [`fn@super::locate`] decides whether it is a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +56,7 @@ pub fn maximum(sightings: &[Sighting], region: &Region) -> Result<Maximum, Netwo
 
     let mut best: [Option<(f64, [f64; 3])>; 2] = [None; 2];
     for (_, own) in starts.kept.into_iter().flatten() {
-        let improved = climb(sightings, region, own, FIRST_STEPS);
+        let Some(improved) = climb(sightings, region, own, FIRST_STEPS) else { continue };
         let [first, second] = &mut best;
         if first.is_none_or(|(c, _)| improved.0 < c) {
             *second = *first;
@@ -66,12 +67,12 @@ pub fn maximum(sightings: &[Sighting], region: &Region) -> Result<Maximum, Netwo
     }
     let mut winner: Option<(f64, [f64; 3])> = None;
     for (_, own) in best.into_iter().flatten() {
-        let done = climb(sightings, region, own, LAST_STEPS);
+        let Some(done) = climb(sightings, region, own, LAST_STEPS) else { continue };
         if winner.is_none_or(|(c, _)| done.0 < c) {
             winner = Some(done);
         }
     }
-    let (half_misfit, own) = winner.ok_or(NetworkError::NotFinite)?;
+    let (misfit, own) = winner.ok_or(NetworkError::NotFinite)?;
     let position_m = region.position(&own);
     let (least, greatest) = region.limits();
     let mut at_edge = region.free();
@@ -81,7 +82,7 @@ pub fn maximum(sightings: &[Sighting], region: &Region) -> Result<Maximum, Netwo
     }
     Ok(Maximum {
         position_m,
-        misfit: 2.0 * half_misfit,
+        misfit,
         information: super::bound::information(sightings, &position_m),
         at_edge,
     })
@@ -215,86 +216,43 @@ fn crossing(a: &Sighting, b: &Sighting, heights_m: [f64; 3]) -> Option<[f64; 3]>
     Some([ax + along_a * sa, ay + along_a * ca, z])
 }
 
-/// Damped Gauss-Newton steps inside the region; a coordinate at its limit that wants to leave is held there.
-fn climb(sightings: &[Sighting], region: &Region, start: [f64; 3], steps: u32) -> (f64, [f64; 3]) {
-    let (least, greatest) = region.limits();
-    let free = region.free();
-    let mut own = start;
-    let mut value = cost(sightings, &region.position(&own));
-    let mut damping = 1e-3;
-    for _ in 0..steps {
-        let position = region.position(&own);
-        let derivatives = region.derivatives(&own);
-        let downhill = descent(sightings, &position, &derivatives);
-        let mut h = information_in(sightings, &position, &derivatives);
-        let mut moving = free;
-        for ((((mv, x), g), lo), hi) in moving.iter_mut().zip(&own).zip(&downhill).zip(&least).zip(&greatest)
-        {
-            let outward = (*x <= *lo && *g < 0.0) || (*x >= *hi && *g > 0.0);
-            *mv = *mv && !outward;
-        }
-        let mut rhs = downhill;
-        for (i, row) in h.iter_mut().enumerate() {
-            let row_moves = moving.get(i).copied().unwrap_or(false);
-            for (j, (x, column_moves)) in row.iter_mut().zip(&moving).enumerate() {
-                if i == j {
-                    *x = if row_moves { *x * (1.0 + damping) } else { 1.0 };
-                } else if !(row_moves && *column_moves) {
-                    *x = 0.0;
-                }
-            }
-        }
-        for (r, mv) in rhs.iter_mut().zip(&moving) {
-            if !*mv {
-                *r = 0.0;
-            }
-        }
-        let Some(factor) = matrix::cholesky(&h) else {
-            damping = damping.max(1e-6) * 10.0;
-            if damping > 1e6 {
-                break;
-            }
-            continue;
-        };
-        let step = matrix::solve(&factor, &rhs);
-        let mut trial = own;
-        for (t, s) in trial.iter_mut().zip(&step) {
-            *t += s;
-        }
-        let trial = region.clamp(&trial);
-        let c = cost(sightings, &region.position(&trial));
-        if c < value {
-            let gain = value - c;
-            own = trial;
-            value = c;
-            damping = (damping * 0.2).max(1e-12);
-            if gain < 1e-12 * (1.0 + value) {
-                break;
-            }
-        } else {
-            damping = damping.max(1e-6) * 10.0;
-            if damping > 1e6 {
-                break;
-            }
-        }
-    }
-    (value, own)
+/// Levenberg-Marquardt inside the region: misfit and place.
+fn climb(sightings: &[Sighting], region: &Region, start: [f64; 3], steps: usize) -> Option<(f64, [f64; 3])> {
+    let moved = |own: &[f64; 3], step: &[f64; 3]| {
+        let mut to = *own;
+        to.iter_mut().zip(step).for_each(|(x, s)| *x += s);
+        region.clamp(&to)
+    };
+    let evaluate = |own: &[f64; 3]| Some(normal(sightings, region, own));
+    let end = minimise(start, steps, LEAST_FALL, moved, evaluate)?;
+    Some((end.normal.cost(), end.at))
 }
 
-/// Downhill gradient of the cost by the region's own coordinates.
-fn descent(sightings: &[Sighting], position_m: &[f64; 3], derivatives: &[[f64; 3]; 3]) -> [f64; 3] {
-    let mut out = [0.0; 3];
+/// Normal equations by the region's own coordinates. Known coordinates are held, and so is one at its limit that wants
+/// to leave.
+fn normal(sightings: &[Sighting], region: &Region, own: &[f64; 3]) -> Normal<3> {
+    let position = region.position(own);
+    let derivatives = region.derivatives(own);
+    let mut normal = Normal::default();
     for s in sightings {
-        let (azimuth, elevation) = model::bearing(&s.array_m, position_m);
-        let (ga, gb) = model::gradients(&s.array_m, position_m);
-        let ra = wrap_pi(s.azimuth - azimuth) / (s.sd_azimuth * s.sd_azimuth);
-        let rb = s.elevation.map_or(0.0, |e| (e - elevation) / (s.sd_elevation * s.sd_elevation));
-        let (ga, gb) = (model::chain(&ga, derivatives), model::chain(&gb, derivatives));
-        for ((o, a), b) in out.iter_mut().zip(&ga).zip(&gb) {
-            *o += ra * a + rb * b;
+        let (azimuth, elevation) = model::bearing(&s.array_m, &position);
+        let (ga, gb) = model::gradients(&s.array_m, &position);
+        let weight = 1.0 / (s.sd_azimuth * s.sd_azimuth);
+        normal.observe(&model::chain(&ga, &derivatives), wrap_pi(s.azimuth - azimuth), weight);
+        if let Some(measured) = s.elevation {
+            let weight = 1.0 / (s.sd_elevation * s.sd_elevation);
+            normal.observe(&model::chain(&gb, &derivatives), measured - elevation, weight);
         }
     }
-    out
+    let (least, greatest) = region.limits();
+    let downhill = normal.gradient;
+    let limits = least.iter().zip(&greatest).zip(region.free());
+    for (i, ((x, g), ((low, high), free))) in own.iter().zip(&downhill).zip(limits).enumerate() {
+        if !free || (*x <= *low && *g < 0.0) || (*x >= *high && *g > 0.0) {
+            normal.hold(i);
+        }
+    }
+    normal
 }
 
 #[cfg(test)]

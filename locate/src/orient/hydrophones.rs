@@ -6,11 +6,12 @@
 //! held where it was configured. The vessel's track must be good to the accuracy wanted: 1 m at 300 m turns the
 //! whole array by 0.2°, 6 mm at 1.85 m.
 
-use super::{MAD_TO_SD, OrientError, huber_weight, quantile, tukey_weight};
+use super::{OrientError, quantile};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
+use crate::kit::spd::{self, dot};
+use crate::kit::{Huber, MAD_TO_SD, Normal, Tukey};
 use crate::math::f64 as m;
-use crate::network::matrix;
 
 /// Unknown coordinates.
 const UNKNOWNS: usize = 3 * CHANNELS;
@@ -67,28 +68,23 @@ pub fn hydrophones(
     let mut inverse = None;
     for round in 0..20 {
         // Huber's weights find the neighbourhood, Tukey's then leave wrong pairs out.
-        let weight = if round < 6 { huber_weight } else { tukey_weight };
-        let mut normal = [[0.0; UNKNOWNS]; UNKNOWNS];
-        let mut g = [0.0; UNKNOWNS];
+        let weight = |r| if round < 6 { Huber::EFFICIENT.weight(r) } else { Tukey::EFFICIENT.weight(r) };
+        let mut normal = Normal::<UNKNOWNS>::default();
         for (row, value) in sets.iter().flat_map(|s| rows(s, &h, c)) {
-            let w = weight(value / scale_s);
-            matrix::add_outer(&mut normal, &row, w);
-            for (x, r) in g.iter_mut().zip(&row) {
-                *x += w * value * r;
-            }
+            normal.observe(&row, value, weight(value / scale_s));
         }
         // The centroid: three equations "the changes sum to zero" with the weight of a typical diagonal element.
         let trace: f64 =
-            normal.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum::<f64>() / UNKNOWNS as f64;
+            normal.upper.iter().enumerate().filter_map(|(i, row)| row.get(i)).sum::<f64>() / UNKNOWNS as f64;
         for axis in 0..3 {
             let mut row = [0.0; UNKNOWNS];
             row.iter_mut().skip(axis).step_by(3).for_each(|x| *x = 1.0);
-            matrix::add_outer(&mut normal, &row, trace);
+            normal.observe(&row, 0.0, trace);
         }
-        let c = matrix::inverse(&normal).ok_or(OrientError::NotObservable)?;
+        let c = spd::inverse(&normal.information(&[true; UNKNOWNS])).ok_or(OrientError::NotObservable)?;
         let mut largest = 0.0f64;
         for (x, row) in h.iter_mut().flatten().zip(&c) {
-            let step: f64 = row.iter().zip(&g).map(|(a, b)| a * b).sum();
+            let step = dot(row, &normal.gradient);
             *x += step;
             largest = largest.max(m::abs(step));
         }

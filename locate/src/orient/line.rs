@@ -11,8 +11,9 @@
 //! Cost: 241 plain fits for the noise, 2 × 280 robust ones, and 20 × 65 for the jackknife; a fit is six rounds over the
 //! bearings.
 
-use super::{MAD_TO_SD, OrientError, block_of, huber_weight, jackknife, quantile, tukey_loss, tukey_weight};
+use super::{OrientError, block_of, jackknife, quantile};
 use crate::angle::{wrap_pi, wrap_tau};
+use crate::kit::{Huber, MAD_TO_SD, Normal, Tukey, golden};
 use crate::math::f64 as m;
 use crate::network::known_track::{TrackPoint, position_at};
 
@@ -221,21 +222,13 @@ impl<'a> Data<'a> {
         }
         let (k, mut best) = best.ok_or(OrientError::NotObservable)?;
         if hi > lo {
-            let (mut a, mut b) = (at(k.saturating_sub(1)), at((k + 1).min(grid)));
-            for _ in 0..20 {
-                let (p, q) = (a + 0.382 * (b - a), a + 0.618 * (b - a));
-                let (Some(cp), Some(cq)) = (self.fit(p, scale), self.fit(q, scale)) else { break };
-                let better = if cp.cost <= cq.cost {
-                    b = q;
-                    cp
-                } else {
-                    a = p;
-                    cq
-                };
-                if better.cost < best.cost && better.n == best.n {
-                    best = better;
+            golden(at(k.saturating_sub(1)), at((k + 1).min(grid)), 20, |shift_s| {
+                let Some(found) = self.fit(shift_s, scale) else { return f64::NAN };
+                if found.cost < best.cost && found.n == best.n {
+                    best = found;
                 }
-            }
+                found.cost
+            });
         }
         Ok(best)
     }
@@ -261,31 +254,23 @@ impl<'a> Data<'a> {
         let rounds = if scale.is_finite() { ROUNDS } else { 1 };
         for round in 0..rounds {
             // Huber's weights find the neighbourhood from anywhere, Tukey's then leave wrong bearings out.
-            let weight = if 2 * round < rounds { huber_weight } else { tukey_weight };
-            let (mut cc, mut cs, mut ss, mut cx, mut sx) = (0.0, 0.0, 0.0, 0.0, 0.0);
+            let huber = 2 * round < rounds;
+            let weight = |r| if huber { Huber::EFFICIENT.weight(r) } else { Tukey::EFFICIENT.weight(r) };
+            let mut normal = Normal::<2>::default();
             for (azimuth, b) in self.pairs(shift_s) {
                 let (s, c) = m::sin_cos(azimuth);
                 let w = state.map_or(1.0, |(p, q)| weight((b.sine - p * c - q * s) / scale));
-                cc += w * c * c;
-                cs += w * c * s;
-                ss += w * s * s;
-                cx += w * c * b.sine;
-                sx += w * s * b.sine;
+                normal.observe(&[c, s], b.sine, w);
             }
-            let determinant = cc * ss - cs * cs;
-            // The two directions cos φ and sin φ must both vary: a bearing that never turns has determinant zero.
-            if !(determinant > 1e-12 * cc.max(ss) * cc.max(ss)) {
-                return None;
-            }
-            let p = (cx * ss - sx * cs) / determinant;
-            let q = (sx * cc - cx * cs) / determinant;
-            state = Some(self.bounded(p, q, (cc, cs, ss), (cx, sx)));
+            // The two directions cos φ and sin φ must both vary: a bearing that never turns has no solution.
+            let [p, q] = normal.solution()?;
+            state = Some(self.bounded(p, q, &normal));
         }
         let (p, q) = state?;
         let (mut cost, mut n) = (0.0, 0usize);
         for (azimuth, b) in self.pairs(shift_s) {
             let (s, c) = m::sin_cos(azimuth);
-            cost += tukey_loss((b.sine - p * c - q * s) / scale);
+            cost += Tukey::EFFICIENT.loss((b.sine - p * c - q * s) / scale);
             n += 1;
         }
         (n >= LEAST_BEARINGS).then(|| Candidate {
@@ -298,7 +283,8 @@ impl<'a> Data<'a> {
     }
 
     /// Brings η inside its limits: the least squares on the circle of that radius, by Newton steps in the angle.
-    fn bounded(&self, p: f64, q: f64, (cc, cs, ss): (f64, f64, f64), (cx, sx): (f64, f64)) -> (f64, f64) {
+    fn bounded(&self, p: f64, q: f64, normal: &Normal<2>) -> (f64, f64) {
+        let ([[cc, cs], [_, ss]], [cx, sx]) = (normal.upper, normal.gradient);
         let eta = m::sqrt(p * p + q * q);
         let (lo, hi) = self.settings.eta;
         let radius = eta.clamp(lo, hi.max(lo));

@@ -43,32 +43,6 @@ impl core::fmt::Display for OrientError {
 
 impl core::error::Error for OrientError {}
 
-/// Huber's constant: 95 % efficiency for Gaussian errors.
-const HUBER: f64 = 1.345;
-/// Standard deviation of a Gaussian over its median absolute deviation.
-const MAD_TO_SD: f64 = 1.4826;
-
-/// Huber's weight of a residual given in standard deviations.
-fn huber_weight(r: f64) -> f64 {
-    let r = crate::math::f64::abs(r);
-    if r <= HUBER { 1.0 } else { HUBER / r }
-}
-
-/// Tukey's constant: 95 % efficiency for Gaussian errors; what lies beyond it counts for nothing.
-const TUKEY: f64 = 4.685;
-
-/// Tukey's weight of a residual given in standard deviations.
-fn tukey_weight(r: f64) -> f64 {
-    let u = 1.0 - (r / TUKEY) * (r / TUKEY);
-    if u > 0.0 { u * u } else { 0.0 }
-}
-
-/// Tukey's loss of a residual given in standard deviations, at most a sixth of the constant's square.
-fn tukey_loss(r: f64) -> f64 {
-    let u = (1.0 - (r / TUKEY) * (r / TUKEY)).max(0.0);
-    TUKEY * TUKEY / 6.0 * (1.0 - u * u * u)
-}
-
 /// Blocks in time of the jackknife: successive bearings of an averaged covariance have common errors, blocks hardly.
 const BLOCKS: usize = 20;
 
@@ -98,39 +72,7 @@ fn jackknife<const N: usize>(left_out: impl Fn(usize) -> Option<[f64; N]>) -> Op
     Some(sd)
 }
 
-/// The value below which a share of the values lies, without sorting: bisection over the values' range, counting at
-/// each of 40 steps (no memory beside the caller's). Zero for no value.
+/// A quantile without memory; zero of nothing.
 fn quantile(values: impl Iterator<Item = f64> + Clone, share: f64) -> f64 {
-    let (mut lo, mut hi, mut n) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
-    for x in values.clone() {
-        lo = lo.min(x);
-        hi = hi.max(x);
-        n += 1.0;
-    }
-    if n == 0.0 || !lo.is_finite() || !hi.is_finite() {
-        return 0.0;
-    }
-    for _ in 0..40 {
-        let middle = 0.5 * (lo + hi);
-        let below = values.clone().filter(|x| *x <= middle).count() as f64;
-        if below >= share * n {
-            hi = middle;
-        } else {
-            lo = middle;
-        }
-    }
-    hi
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_without_sorting() {
-        let v = [5.0, 1.0, 4.0, 2.0, 3.0];
-        assert!((quantile(v.iter().copied(), 0.5) - 3.0).abs() < 1e-9);
-        assert!((quantile(v.iter().copied(), 1.0) - 5.0).abs() < 1e-9);
-        assert_eq!(quantile(core::iter::empty(), 0.5), 0.0);
-    }
+    crate::kit::order_statistic(values, share).unwrap_or(0.0)
 }

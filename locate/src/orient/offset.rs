@@ -9,8 +9,9 @@
 //! several passes the median of the passes, with the error of their scatter: the errors of one pass have a common part.
 //! With fewer than three passes, the pooled fit and a jackknife over blocks in time.
 
-use super::{MAD_TO_SD, OrientError, quantile};
+use super::{OrientError, quantile};
 use crate::angle::{wrap_pi, wrap_tau};
+use crate::kit::{Huber, MAD_TO_SD, Student};
 use crate::math::f64 as m;
 
 /// Fewest residuals of a pass: two that agree say nothing of their error.
@@ -113,13 +114,8 @@ fn fit(angles: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let mut best = (f64::INFINITY, 0.0);
     for k in 0..360 {
         let a = f64::from(k) * crate::angle::RAD_PER_DEG;
-        let cost: f64 = angles
-            .clone()
-            .map(|x| {
-                let r = wrap_pi(x - a) / COARSE_SCALE;
-                m::ln_1p(r * r / FREEDOM)
-            })
-            .sum();
+        let cost: f64 =
+            angles.clone().map(|x| Student { freedom: FREEDOM }.loss(wrap_pi(x - a) / COARSE_SCALE)).sum();
         if cost < best.0 {
             best = (cost, a);
         }
@@ -135,7 +131,7 @@ fn fit(angles: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
         let (mut sum, mut weights) = (0.0, 0.0);
         for x in from_mode.clone() {
             let d = x - a;
-            let w = CORNER / m::abs(d).max(CORNER);
+            let w = Huber { corner: CORNER }.weight(d);
             sum += w * d;
             weights += w;
         }

@@ -9,10 +9,11 @@
 //! One direction alone leaves the rotation about it free; the error says so. A vessel on the sea surface seen from
 //! deep below spans directions enough as soon as its azimuth turns by a few degrees.
 
-use super::{OrientError, huber_weight, quantile};
+use super::{OrientError, quantile};
 use crate::angle::wrap_tau;
+use crate::kit::Huber;
+use crate::kit::spd::{self, Square, dot, quadratic};
 use crate::math::f64 as m;
-use crate::network::matrix::{self, Square};
 
 /// Fewest directions for three angles and their scatter.
 pub const LEAST_DIRECTIONS: usize = 6;
@@ -69,13 +70,13 @@ pub fn rotation(directions: &[Direction], correlated: f64) -> Result<Rotation, O
         let mut g = [0.0; 3];
         for d in directions {
             let p = apply(&r, &d.measured);
-            let w = huber_weight(angle(&p, &d.known) / scale);
+            let w = Huber::EFFICIENT.weight(angle(&p, &d.known) / scale);
             add_normal(&mut h, &p, w);
             for (x, c) in g.iter_mut().zip(cross(&p, &d.known)) {
                 *x += w * c;
             }
         }
-        let c = matrix::inverse(&h).ok_or(OrientError::NotObservable)?;
+        let c = spd::inverse(&h).ok_or(OrientError::NotObservable)?;
         inverse = Some(c);
         let mut omega = [0.0; 3];
         for (o, row) in omega.iter_mut().zip(&c) {
@@ -92,7 +93,7 @@ pub fn rotation(directions: &[Direction], correlated: f64) -> Result<Rotation, O
     let mut sd = [0.0; 3];
     let [axis_pitch, axis_roll, axis_heading] = axes(&r);
     for (s, axis) in sd.iter_mut().zip([axis_heading, axis_pitch, axis_roll]) {
-        *s = scale * m::sqrt((form(&c, &axis) * correlated).max(0.0));
+        *s = scale * m::sqrt((quadratic(&axis, &c, &axis) * correlated).max(0.0));
     }
     if sd.iter().any(|s| !(*s <= LARGEST_SD)) {
         return Err(OrientError::NotObservable);
@@ -184,7 +185,7 @@ fn davenport(directions: &[Direction]) -> Square<3> {
 
 /// Adds `w (I − p pᵀ)`.
 fn add_normal(h: &mut Square<3>, p: &[f64; 3], w: f64) {
-    matrix::add_outer(h, p, -w);
+    spd::add_outer(h, p, -w);
     for (i, row) in h.iter_mut().enumerate() {
         if let Some(x) = row.get_mut(i) {
             *x += w;
@@ -220,12 +221,7 @@ fn product(a: &Square<3>, b: &Square<3>) -> Square<3> {
 }
 
 fn apply(r: &Square<3>, v: &[f64; 3]) -> [f64; 3] {
-    let [a, b, c] = r;
-    [dot(a, v), dot(b, v), dot(c, v)]
-}
-
-fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
+    spd::times(r, v)
 }
 
 fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
@@ -237,10 +233,6 @@ fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
 fn angle(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     let c = cross(a, b);
     m::atan2(m::sqrt(dot(&c, &c)), dot(a, b))
-}
-
-fn form(c: &Square<3>, axis: &[f64; 3]) -> f64 {
-    c.iter().zip(axis).map(|(row, a)| a * dot(row, axis)).sum()
 }
 
 #[cfg(test)]
