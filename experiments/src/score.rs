@@ -11,10 +11,10 @@ use seabearing_core::kit::quantile;
 use seabearing_core::wire::{Message, Track};
 use std::f64::consts::PI;
 
-/// A range farther from the truth than this is on a wrong branch, m [METHODS-OBS trials].
+/// A range farther from the truth than this is on a wrong branch, m.
 pub const WRONG_BRANCH_M: f64 = 1500.0;
 
-/// An azimuth farther from the truth than this is none of the vessel's, rad [METHODS-OBS 9].
+/// An azimuth farther from the truth than this is none of the vessel's, rad.
 pub const WRONG_AZIMUTH: f64 = 45.0 * PI / 180.0;
 
 /// The scaled median absolute deviation; NaN of nothing.

@@ -1,4 +1,4 @@
-//! The physical limit: what no estimator of direction beats (METHODS section 2).
+//! The physical limit: what no estimator of direction beats (docs/references.md).
 //!
 //! Fisher information of M arrival times with one signal and independent noise of common signal-to-noise ratio S(f):
 //! `F_t = 2T ∫ (2πf)² S²/(1+M S) df · (M I − 1 1ᵀ)`, and of the angles `F = Gᵀ F_t G`, `G = ∂t/∂(α, β)`. For M = 2 this is

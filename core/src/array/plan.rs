@@ -10,7 +10,7 @@ use crate::math::{f32 as m, f64 as md};
 use core::num::NonZeroU64;
 
 /// Length of one transform, samples. Short frames suffice: a delay of 80 samples still overlaps by 84 %, and the
-/// joint estimator loses nothing against 4096 points (METHODS section 2).
+/// joint estimator loses nothing against 4096 points (docs/references.md).
 pub const FRAME: usize = 512;
 /// Samples from one frame to the next: the tapers (64 samples each side) overlap.
 pub const HOP: usize = 448;

@@ -1,12 +1,12 @@
 //! Refinement on the cross-spectra themselves, signal and noise spectra, and the covariance that follows.
 //!
 //! Maximises `J(u) = Σ_p Σ_f W(f) Re(ĝ_p(f) e^{iωτ_p(u)})` over the direction by Gauss-Newton in its tangent plane, with
-//! `W = c/(n(n+4c))` where `c = S/(S+N)` and `n = 1 − c`: the maximum-likelihood weight for four sensors (METHODS
-//! section 2; `S/(N(N+4S))` for whitened spectra). `c` is the real part of the *steered* cross-spectra, averaged over
+//! `W = c/(n(n+4c))` where `c = S/(S+N)` and `n = 1 − c`: the maximum-likelihood weight for four sensors (see
+//! docs/references.md; `S/(N(N+4S))` for whitened spectra). `c` is the real part of the *steered* cross-spectra, averaged over
 //! pairs, neighbouring bins and past segments; it is capped at 17 dB because multipath, not noise, limits above.
 //!
 //! Covariance: with K independent snapshots a bin, `cov = σ_t² (Gᵀ(4I − 11ᵀ)G)⁻¹`,
-//! `σ_t² = Σ W²ω² n(n+4c) / (2K (Σ Wω²c)²)`, which for these weights is the physical limit of METHODS section 2.
+//! `σ_t² = Σ W²ω² n(n+4c) / (2K (Σ Wω²c)²)`, which for these weights is the physical limit of docs/references.md.
 //! Cost: about 30 000 instructions a pass over the six pairs; seven passes a segment.
 
 use super::plan::{BINS, Band, Plan, SHARE_STRIDE, SHARES, Weighting};

@@ -1,6 +1,6 @@
 //! From frames to Welch cross-spectra of the six pairs and auto-spectra of the four hydrophones.
 //!
-//! `G_ij(f) = Σ_frames X_i*(f) X_j(f)` (METHODS section 1). Window, transform and accumulation are the work done for
+//! `G_ij(f) = Σ_frames X_i*(f) X_j(f)` (docs/references.md). Window, transform and accumulation are the work done for
 //! every sample: all loops run over fixed arrays, and what belongs to a bin stands together. Cost on the Cortex-M7: 50 000
 //! instructions a frame for window and transforms of all four channels, 90 a bin for separation and accumulation.
 

@@ -2,7 +2,7 @@
 //!
 //! Parameters: East, North (m) and velocity (m/s) at a reference time, which stay well conditioned for slow vessels and
 //! for records without a closest point. Seen at t: the vessel at its time of emission t − toa(r). Closest point: time
-//! t0 − x·v/v², signed range c = (y vx − x vy)/v, positive where the station lies to starboard [O 26, METHODS-OBS 8].
+//! t0 − x·v/v², signed range c = (y vx − x vy)/v, positive where the station lies to starboard [O 26].
 
 use super::travel::TravelTime;
 use crate::kit;

@@ -3,8 +3,8 @@
 //! Enters: the cepstra of a three-minute window. Leaves: presence and the one range and radial speed of greatest
 //! likelihood. For each of three branches the log ratios [O 19] of that branch alone are summed over the frames along
 //! `r + v (t_m − t0)`; the exponentials of the sums are smoothed over range by a Gaussian of 140 m, which forgives the
-//! table's phase; the smoothed ratios are multiplied: `l = Π_b (w * exp G_b)` [METHODS-OBS 6]. Detected where
-//! `mean_v Σ r l / Σ r > 1` [O 20, 22]; segments get the plain mean, which knows no prior [METHODS-OBS 7].
+//! table's phase; the smoothed ratios are multiplied: `l = Π_b (w * exp G_b)` [O 18, 19]. Detected where
+//! `mean_v Σ r l / Σ r > 1` [O 20, 22]; segments get the plain mean, which knows no prior [O 24].
 //! On the recorder's grid of 140 m × 1 m/s, not 70 m × ½ m/s. Cost: 18 M instructions a minute; no memory of its own: this
 //! mode has no recursive posterior, and the frames a minute's scratch cannot hold lie in that one's place.
 
@@ -260,7 +260,7 @@ mod tests {
         (out, grid)
     }
 
-    /// The formulas written out: [METHODS-OBS 6] at one cell.
+    /// The formulas written out: [O 18, 19] at one cell.
     fn formula(frames: &[(f32, [f32; QUEFRENCIES])], i: usize, speed_m_s: f64) -> f64 {
         let g = |b: usize, j: isize, c: &[f32; QUEFRENCIES]| {
             let range_m = 70.0 * j as f64;

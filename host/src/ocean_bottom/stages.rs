@@ -1,7 +1,7 @@
 //! The stages of the method over a whole recording, kept for pictures and fits: spectra, azigram, cepstrogram before and
 //! after the clutter filter, log-likelihoods of azimuth and range.
 //!
-//! The recorder keeps none of this; here it is recomputed in the paper's form ([METHODS-OBS 1 to 6]) from the samples,
+//! The recorder keeps none of this; here it is recomputed in the paper's form ([O 5-19], corrected as docs/references.md says) from the samples,
 //! with the core's own clutter filter. Frames of 20.48 s overlapped by half; 513 bins to 25 Hz whatever the rate.
 
 use super::place::Evidence;

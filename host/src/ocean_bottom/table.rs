@@ -6,7 +6,7 @@ use seabearing_core::obs::decimate::inner_rate_hz;
 use seabearing_core::obs::table::{MAX_BRANCHES, blob_bytes};
 use seabearing_core::obs::table_encode::{BranchColumns, Header, encode};
 
-/// The farthest range the core's radial detector looks at, m [METHODS-OBS 6].
+/// The farthest range the core's radial detector looks at, m [O 18, 19].
 pub const NEEDED_M: f64 = 50_050.0;
 
 /// The greatest strength a table may hold: a pulse cannot be higher than the cepstrum of two equal paths.

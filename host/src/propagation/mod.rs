@@ -18,10 +18,10 @@ pub mod trace;
 pub use nalgebra::Complex;
 use strength::SkewNormal;
 
-/// Centre frequency of a vessel's wideband noise at RR03, Hz [METHODS-OBS 5].
+/// Centre frequency of a vessel's wideband noise at RR03, Hz [O 17, corrected].
 pub const F0_HZ: f64 = 16.5;
 
-/// Width of the pulse an interference draws in the cepstrum at RR03, s [METHODS-OBS 5].
+/// Width of the pulse an interference draws in the cepstrum at RR03, s [O 17, corrected].
 pub const WIDTH_S: f64 = 0.05;
 
 /// What one path brings from one range.

@@ -43,7 +43,7 @@ mod tests {
 
     #[test]
     fn peaks_of_the_paper() {
-        // METHODS-OBS section 5: 0.083 at 11.1 km, 0.059 at 20.7 km, 0.035 at 35.4 km.
+        // Curves of the station's table: 0.083 at 11.1 km, 0.059 at 20.7 km, 0.035 at 35.4 km.
         for (law, peak, at) in
             [(RR03[0], 0.083, 11_100.0), (RR03[1], 0.059, 20_700.0), (RR03[2], 0.035, 35_400.0)]
         {

@@ -21,7 +21,7 @@ use crate::kit::{Factor, Normal};
 use crate::math::f32 as m;
 
 /// Root-mean-square residual of a consistent set, as a share of the time across the array: about 1.3° of direction.
-/// With 10 µs steps on a 1 m array this is 15 µs (METHODS section 2).
+/// With 10 µs steps on a 1 m array this is 15 µs (docs/references.md).
 pub const RESIDUAL_SHARE: f32 = 0.0225;
 /// How far the length of the unconstrained solution may be from one.
 pub const LENGTH_TOLERANCE: f32 = 0.05;

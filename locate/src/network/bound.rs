@@ -121,7 +121,7 @@ mod tests {
         [range_m * a.sin(), range_m * a.cos(), -5.0]
     }
 
-    /// Reference values of METHODS section 4, to the printed digits.
+    /// Reference values of docs/references.md (N), to the printed digits.
     #[test]
     fn reference_bounds() {
         for (range, two, three) in [
