@@ -61,7 +61,8 @@ struct Point {
     paper_m: f64,
 }
 
-/// Speed errors reach range only: `r² σ_k²` is added to both bounds [M 20, 22].
+/// Speed errors reach range only: `r² σ_k²` is added to both bounds [M 20]. Here the assumed speed errs about a true one
+/// that stays, so that σ_k = σ_v/v exactly; where the true speeds are drawn it is the greater expectation of [M 22].
 fn point(
     options: &Options,
     scene: &Scene,

@@ -3,6 +3,7 @@
 mod budget;
 mod elf;
 mod firmware;
+mod lines;
 mod panic_free;
 mod process;
 mod scenario;
@@ -23,6 +24,7 @@ cargo xtask TASK
   build-firmware  [--board mps2-an500|stm32h743|all] [--station STATION.toml]
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
   panic-free      link the recorder with a panic handler that cannot be linked
+  lines           [REVISION]  lines of code outside tests, package by package
   check           format, lints and documentation, warnings as errors
 
 `demo` and `test` take --host-only: leave the firmware out and run the host's twin of it instead.
@@ -56,6 +58,11 @@ fn run(arguments: &[String]) -> Result<()> {
         "flash" => firmware::flash(options),
         "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
         "check" => process::check(),
+        "lines" => match options {
+            [] => lines::command(None),
+            [revision] => lines::command(Some(revision)),
+            _ => bail!("lines takes nothing, or a revision of git"),
+        },
         "test" => suite::command(options),
         "help" | "-h" | "--help" => {
             print!("{HELP}");
