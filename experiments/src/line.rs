@@ -110,7 +110,7 @@ fn recording(seed: u64, run: usize, snr_db: f64) -> Vec<Snapshots> {
                 let mut value = forward * unit(phase + delay) + backward * unit(-phase - delay);
                 for kernel in &kernel {
                     let noise: f64 = StandardNormal.sample(&mut rng);
-                    value = value + kernel.scale(sigma * noise);
+                    value += kernel.scale(sigma * noise);
                 }
                 *x = value;
             }

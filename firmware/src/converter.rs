@@ -147,27 +147,10 @@ fn parse(bytes: &[u8; FRAME_BYTES]) -> Option<Frame> {
     Some(frame)
 }
 
-/// CRC-16/CCITT with start 0xffff, a nibble at a time (a table of 16 entries).
+/// The converter's check sum: polynomial 0x1021, start 0xffff.
 fn crc16(bytes: &[u8]) -> u16 {
-    const TABLE: [u16; 16] = {
-        let mut table = [0u16; 16];
-        let mut i = 0;
-        while i < 16 {
-            let mut crc = (i as u16) << 12;
-            let mut bit = 0;
-            while bit < 4 {
-                crc = if crc & 0x8000 != 0 { crc << 1 ^ 0x1021 } else { crc << 1 };
-                bit += 1;
-            }
-            table[i] = crc;
-            i += 1;
-        }
-        table
-    };
-    bytes
-        .iter()
-        .flat_map(|b| [b >> 4, b & 15])
-        .fold(0xffff, |crc, nibble| crc << 4 ^ TABLE[usize::from((crc >> 12) as u8 ^ nibble)])
+    static CRC: crc::Crc<u16, crc::Table<1>> = crc::Crc::<u16, crc::Table<1>>::new(&crc::CRC_16_IBM_3740);
+    CRC.checksum(bytes)
 }
 
 #[cfg(test)]
