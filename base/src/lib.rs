@@ -153,6 +153,7 @@ impl Base {
                     self.faults.pop_front();
                 }
             }
+            Message::FaultsHeld(held) => self.counters.faults += u64::from(held.count),
             Message::Azimuth(_)
             | Message::Range(_)
             | Message::Segment(_)

@@ -19,6 +19,7 @@ pub mod config_blob;
 pub mod geometry;
 
 pub mod block;
+pub mod intake;
 #[doc(inline)]
 pub use seabearing_wire::health;
 

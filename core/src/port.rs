@@ -35,10 +35,14 @@ pub trait Link {
     fn receive(&mut self) -> Option<u8>;
 }
 
-/// A free-running counter for measuring work; it never influences a result.
+/// The board's clock: it measures work and notices a silent source; no result depends on it.
 pub trait Clock {
     /// Ticks since some moment, wrapping.
     fn ticks(&mut self) -> u32;
+
+    /// Whole seconds since some moment, wrapping; asked for at least once a second while no samples come (so
+    /// [`Supervisor::idle`] must return that often). A clock that stands still notices nothing.
+    fn seconds(&mut self) -> u32;
 }
 
 /// Watchdog, idling, and the reason of the last start.
@@ -46,7 +50,7 @@ pub trait Supervisor {
     /// The loop is alive: called once a block, and while idle.
     fn feed(&mut self);
 
-    /// Waits until something may have happened.
+    /// Waits until something may have happened, at most a second.
     fn idle(&mut self);
 
     /// Why the recorder last started, as in [`crate::wire::Hello::reset_cause`].
@@ -63,6 +67,10 @@ pub struct NoClock;
 
 impl Clock for NoClock {
     fn ticks(&mut self) -> u32 {
+        0
+    }
+
+    fn seconds(&mut self) -> u32 {
         0
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! Enters: a [`SampleSource`], a [`Link`], a [`Clock`] and a [`Supervisor`]. Leaves: frames on the link. What the loop
 //! adds to the recorder's own messages is the count of frames the link refused ([`Health::frames_dropped`]) and the
-//! closing [`End`]. The clock measures work and influences nothing.
+//! closing [`End`]. While no samples come it tells the recorder the seconds by the board's clock, so
+//! that a dead converter is reported and `Health` goes on; otherwise the clock measures work and influences nothing.
 
 use crate::block::{Block, Frame};
 use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
@@ -10,6 +11,9 @@ use crate::wire::{Command, Decoder, Encoder, End, Fault, FaultCode, Health, Mess
 
 /// Sample instants handled at a time: 1 ms at 64 kHz, which costs 1 KiB and is long against the loop's own work.
 pub const BLOCK_FRAMES: usize = 64;
+
+/// Seconds of silence told at once: more is a clock that jumped.
+const MOST_AT_ONCE_S: u32 = 60;
 
 /// What the loop drives: blocks and commands in, messages out.
 pub trait Application {
@@ -21,6 +25,12 @@ pub trait Application {
 
     /// Carries out a command; the loop itself stops on [`Command::Stop`].
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message));
+
+    /// No samples have come for so many seconds; called once for each, from the first on.
+    fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message));
+
+    /// Something went wrong outside: said as other faults are.
+    fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message));
 
     /// The input has ended: everything still held is said.
     fn finish(&mut self, sink: &mut impl FnMut(&Message));
@@ -64,6 +74,25 @@ impl<L: Link> Outlet<'_, L> {
     }
 }
 
+/// Seconds without samples.
+struct Silence {
+    since_s: u32,
+    told_s: u32,
+}
+
+impl Silence {
+    /// The next second that has gone by and was not told.
+    fn next(&mut self, now_s: u32) -> Option<u32> {
+        let silent_s = now_s.wrapping_sub(self.since_s);
+        // A clock that jumps is no long silence.
+        self.told_s = self.told_s.max(silent_s.saturating_sub(MOST_AT_ONCE_S));
+        (self.told_s < silent_s).then(|| {
+            self.told_s += 1;
+            self.told_s
+        })
+    }
+}
+
 /// Runs until the input ends or a stop is commanded.
 pub fn run(
     application: &mut impl Application,
@@ -81,6 +110,7 @@ pub fn run(
         outlet.say(&Message::Fault(Fault { code: FaultCode::Panicked, index: 0, value }));
     }
     let mut bad_commands = 0;
+    let mut silence = Silence { since_s: clock.seconds(), told_s: 0 };
     let mut running = true;
     while running {
         supervisor.feed();
@@ -90,16 +120,12 @@ pub fn run(
                 application.command(received.message, &mut |m| outlet.say(m));
             } else if byte == 0 && bad_commands != commands.bad() {
                 bad_commands = commands.bad();
-                let value = i64::from(bad_commands);
-                outlet.say(&Message::Fault(Fault {
-                    code: FaultCode::BadCommand,
-                    index: summary.index,
-                    value,
-                }));
+                application.fault(FaultCode::BadCommand, u64::from(bad_commands), &mut |m| outlet.say(m));
             }
         }
         match source.read(frames) {
             Chunk::Frames { first_index, count } => {
+                silence = Silence { since_s: clock.seconds(), told_s: 0 };
                 let begun = clock.ticks();
                 let block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
                 application.push(block, &mut |m| outlet.say(m));
@@ -109,7 +135,12 @@ pub fn run(
                 summary.index = first_index.saturating_add(count as u64);
                 summary.instants = summary.instants.saturating_add(count as u64);
             }
-            Chunk::Idle => supervisor.idle(),
+            Chunk::Idle => {
+                supervisor.idle();
+                while let Some(seconds) = silence.next(clock.seconds()) {
+                    application.silent(seconds, &mut |m| outlet.say(m));
+                }
+            }
             Chunk::End => running = false,
         }
     }
@@ -146,6 +177,12 @@ mod tests {
             if let Command::Stop { token } = command {
                 sink(&Message::Reply(Reply { token, status: 0 }));
             }
+        }
+        fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+            sink(&Message::Fault(Fault { code: FaultCode::NoSamples, index: 0, value: i64::from(seconds) }));
+        }
+        fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
+            sink(&Message::Fault(Fault { code, index: 0, value: value as i64 }));
         }
         fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
             sink(&Message::Health(Health { processed: self.0, ..Health::default() }));
@@ -253,6 +290,59 @@ mod tests {
         assert!(messages.iter().filter_map(bad).eq([1, 2]), "{messages:?}");
         assert!(messages.contains(&Message::Reply(Reply { token: 9, status: 0 })));
         assert!(!messages.contains(&Message::Reply(Reply { token: 8, status: 0 })));
+    }
+
+    /// Idle for a while, the clock going on by `step_s` at each look; then a block and the end.
+    struct Dead {
+        idle: u32,
+        block: bool,
+    }
+
+    impl SampleSource for Dead {
+        fn read(&mut self, _: &mut [Frame]) -> Chunk {
+            match self.idle.checked_sub(1) {
+                Some(left) => {
+                    self.idle = left;
+                    Chunk::Idle
+                }
+                None if self.block => {
+                    (self.block, self.idle) = (false, 3);
+                    Chunk::Frames { first_index: 0, count: 1 }
+                }
+                None => Chunk::End,
+            }
+        }
+    }
+
+    struct Quarters(u32);
+
+    impl Clock for Quarters {
+        fn ticks(&mut self) -> u32 {
+            0
+        }
+        fn seconds(&mut self) -> u32 {
+            self.0 = self.0.wrapping_add(1);
+            self.0 / 4
+        }
+    }
+
+    #[test]
+    fn silence_is_told_second_by_second_until_samples_come() {
+        let (mut link, mut frames) = (Line::default(), [[0; 4]; BLOCK_FRAMES]);
+        let mut source = Dead { idle: 20, block: true };
+        run(&mut Counting(0), &mut source, &mut link, &mut Quarters(7), &mut Idle, &mut frames);
+        let mut decoder = Decoder::default();
+        let messages = link.sent.iter().filter_map(|b| decoder.push::<Message>(*b).map(|r| r.message));
+        let told: Vec<i64> =
+            messages.filter_map(|m| if let Message::Fault(f) = m { Some(f.value) } else { None }).collect();
+        assert!(told.starts_with(&[1, 2, 3, 4, 5]) && told.len() <= 8, "{told:?}");
+        // A clock that jumps, here backwards over its wrap, tells no more than a minute.
+        let mut silence = Silence { since_s: 5, told_s: 0 };
+        let mut n = 0;
+        while silence.next(4).is_some() {
+            n += 1;
+        }
+        assert_eq!(n, MOST_AT_ONCE_S);
     }
 
     #[test]

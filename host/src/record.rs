@@ -112,6 +112,11 @@ impl Recorder {
             Message::Fault(f) => {
                 ("fault", Some(f.index), json!({ "code": format!("{:?}", f.code), "value": f.value }))
             }
+            Message::FaultsHeld(f) => (
+                "faults_held",
+                Some(f.index),
+                json!({ "code": format!("{:?}", f.code), "count": f.count, "value": f.value }),
+            ),
             Message::Reply(r) => ("reply", None, json!({ "token": r.token, "status": r.status })),
             Message::ShaftRate(s) => (
                 "shaft_rate",

@@ -129,3 +129,31 @@ fn damage_on_the_line_is_counted_and_leaves_gaps() {
     assert_eq!(health.processed + health.lost.iter().sum::<u64>(), 30_000, "{health:?}");
     assert_eq!(health.lost[0], expected.map(|g| g.1 as u64).iter().sum::<u64>(), "{health:?}");
 }
+
+#[test]
+fn a_silent_line_is_reported_by_the_boards_clock() {
+    if !emulated("a_silent_line_is_reported_by_the_boards_clock") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let record = ocean_bottom(folder.path(), 600.0).unwrap();
+    let blob = twin::blob(&record.station).unwrap();
+    let mut bytes = Vec::new();
+    let feed = |out: &mut dyn Write| {
+        // Longer than the ten seconds after which a source is called silent.
+        std::thread::sleep(std::time::Duration::from_secs(14));
+        send(&record, out)
+    };
+    emulator()
+        .run(&blob, feed, |heard, _| {
+            bytes.extend_from_slice(heard);
+            Ok(())
+        })
+        .unwrap();
+    let mut decoder = seabearing_core::wire::Decoder::default();
+    let messages: Vec<Message> = bytes.iter().filter_map(|b| decoder.push(*b).map(|r| r.message)).collect();
+    let silent =
+        messages.iter().position(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::NoSamples));
+    let first = messages.iter().position(|m| matches!(m, Message::Azimuth(_)));
+    assert!(silent.is_some() && silent < first, "{messages:?}");
+}

@@ -130,7 +130,11 @@ fn every_sample_is_processed_or_in_one_bucket() {
     let total = health.processed + health.lost.iter().sum::<u64>();
     assert_eq!(total, samples.len() as u64 + jump, "{health:?}");
     assert_eq!(health.lost[0], jump);
-    assert!(health.lost[2] >= 50, "{health:?}");
+    // The fifty instants without the third hydrophone, and in some frames what the others had.
+    assert!(health.lost[2] == 50 && health.lost[4] > 0, "{health:?}");
+    let dead =
+        |m: &&Message| matches!(m, Message::Fault(f) if f.code == FaultCode::DeadChannel && f.value == 2);
+    assert_eq!(heard.iter().filter(dead).count(), 1, "its own trouble, not everyone's");
     assert!(heard.iter().any(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::Gap)));
     let invalid = heard.iter().filter(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::Invalid));
     assert_eq!(invalid.count(), 1, "one row of invalid samples, one fault");
@@ -167,4 +171,79 @@ fn telemetry_names_the_configuration_it_ran_with() {
     assert_eq!(hellos.len(), 2);
     assert!(hellos.iter().all(|h| h.config_hash == config.hash() && h.station == 7));
     assert!(heard.iter().any(|m| matches!(m, Message::Reply(r) if r.token == 5 && r.status == 0)));
+}
+
+#[test]
+fn one_invalid_instant_in_500_costs_a_few_per_cent_and_is_said() {
+    let clean = recording(8);
+    let mut samples = clean.clone();
+    samples.iter_mut().skip(77).step_by(500).for_each(|f| *f = [MISSING; 4]);
+    let missing = samples.iter().filter(|f| f[0] == MISSING).count() as u64;
+    let bearings = |heard: &[Message]| -> Vec<_> {
+        heard.iter().filter_map(|m| if let Message::Bearing(b) = m { Some(*b) } else { None }).collect()
+    };
+    let (before, heard) = (listen(&[(0, &clean)], || 512), listen(&[(0, &samples)], || 512));
+    let health = last_health(&heard);
+    assert_eq!(health.lost[2], missing);
+    assert!(health.processed * 100 >= last_health(&before).processed * 97, "{health:?}");
+    assert!(bearings(&heard).len() >= bearings(&before).len());
+    for b in bearings(&heard).iter().filter(|b| b.band == 0) {
+        assert!((f64::from(b.azimuth).to_degrees() - 90.0).abs() < 2.5 && b.flags & 2 != 0, "{b:?}");
+    }
+    assert!(bearings(&before).iter().filter(|b| b.band == 0).skip(1).any(|b| b.flags & 2 == 0));
+    // Three faults, and one message for all the others.
+    let faults = heard.iter().filter(|m| matches!(m, Message::Fault(_))).count();
+    let held: Vec<_> =
+        heard.iter().filter_map(|m| if let Message::FaultsHeld(h) = m { Some(*h) } else { None }).collect();
+    assert!(faults == 3 && held.len() == 1, "{faults} {held:?}");
+    assert_eq!(
+        (held[0].code, held[0].count, held[0].value),
+        (FaultCode::Invalid, missing as u32 - 3, missing as i64 - 3)
+    );
+}
+
+#[test]
+fn a_hydrophone_that_dies_loses_its_level() {
+    let mut samples = recording(4);
+    samples[2 * 16_000..].iter_mut().for_each(|f| f[3] = 100);
+    let health = last_health(&listen(&[(0, &samples)], || 1000));
+    assert!(health.level_half_db[3] == i8::MIN && health.level_half_db[0] > -120, "{health:?}");
+}
+
+#[test]
+fn a_silent_source_is_named_and_health_goes_on_by_the_clock() {
+    let mut memory = Box::<Memory>::default();
+    let mut recorder = memory.configure(&station().config, None).unwrap();
+    let mut heard = Vec::new();
+    recorder.start(0, &mut |m| heard.push(*m));
+    for second in 1..=150 {
+        recorder.silent(second, &mut |m| heard.push(*m));
+        recorder.fault(FaultCode::BadCommand, u64::from(second), &mut |m| heard.push(*m));
+    }
+    let silent = heard
+        .iter()
+        .filter(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::NoSamples && f.value == 10));
+    assert_eq!(silent.count(), 1);
+    assert_eq!(heard.iter().filter(|m| matches!(m, Message::Health(_))).count(), 2);
+    // Commands that cannot be read: three a minute, and how many more.
+    let bad = heard.iter().filter(|m| matches!(m, Message::Fault(f) if f.code == FaultCode::BadCommand));
+    assert_eq!(bad.count(), 9);
+    let held: u32 =
+        heard.iter().filter_map(|m| if let Message::FaultsHeld(h) = m { Some(h.count) } else { None }).sum();
+    assert_eq!(held, 59 - 3 + 60 - 3);
+}
+
+#[test]
+fn a_second_configuration_starts_afresh() {
+    let samples = recording(8);
+    let mut memory = Box::<Memory>::default();
+    let mut go = || {
+        let mut recorder = memory.configure(&station().config, None).unwrap();
+        let mut heard = Vec::new();
+        recorder.start(0, &mut |m| heard.push(*m));
+        recorder.push(Block { first_index: 0, frames: &samples }, &mut |m| heard.push(*m));
+        recorder.finish(&mut |m| heard.push(*m));
+        heard
+    };
+    assert_eq!(go(), go());
 }

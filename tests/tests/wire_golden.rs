@@ -138,6 +138,15 @@ fn messages() -> Vec<(&'static str, Message)> {
                 track: 2,
             }),
         ),
+        (
+            "FaultsHeld",
+            Message::FaultsHeld(FaultsHeld {
+                code: FaultCode::Invalid,
+                index: 3_840_000,
+                count: 128,
+                value: 640,
+            }),
+        ),
     ]
 }
 

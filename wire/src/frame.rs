@@ -102,8 +102,11 @@ fn stuff(plain: &[u8], out: &mut [u8]) -> usize {
 pub struct DecoderCounters {
     /// Frames decoded.
     pub frames: u64,
-    /// Frames that the sequence numbers say were lost (damaged ones included).
+    /// Frames that the sequence numbers say were lost (damaged ones included). A run of 65 536 lost frames cannot be told
+    /// from none.
     pub lost: u64,
+    /// Frames that came twice (their messages are given twice).
+    pub repeated: u64,
     /// Frames discarded as damaged: too long, bad COBS, bad CRC, unknown message.
     pub damaged: u64,
     /// Frames whose CRC was right and whose message this version does not know.
@@ -121,6 +124,49 @@ pub struct Received<T = Message> {
     pub message: T,
 }
 
+/// Sequence numbers up to so many ahead of the newest are later frames, the others earlier ones.
+const HALF: u16 = 1 << 15;
+
+/// Which of the newest 64 sequence numbers have come.
+#[derive(Clone, Copy, Debug)]
+struct Order {
+    newest: u16,
+    /// Bit n: the frame n before the newest.
+    seen: u64,
+}
+
+impl Order {
+    /// Frames before the first are none that were missed.
+    fn begun(sequence: u16) -> Self {
+        Self { newest: sequence, seen: u64::MAX }
+    }
+
+    /// Counts what the sequence number of a whole frame says about the frames before it.
+    fn count(order: &mut Option<Self>, counters: &mut DecoderCounters, sequence: u16) {
+        let Some(Self { newest, seen }) = order else {
+            *order = Some(Self::begun(sequence));
+            return;
+        };
+        let (ahead, behind) = (sequence.wrapping_sub(*newest), newest.wrapping_sub(sequence));
+        if (1..=HALF).contains(&ahead) {
+            counters.lost += u64::from(ahead - 1);
+            *newest = sequence;
+            *seen = seen.checked_shl(u32::from(ahead)).unwrap_or(0) | 1;
+        } else if let Some(bit) = 1u64.checked_shl(u32::from(behind)) {
+            if *seen & bit != 0 {
+                counters.repeated += 1;
+            } else {
+                // Overtaken by a later one, which counted it as lost.
+                counters.lost = counters.lost.saturating_sub(1);
+            }
+            *seen |= bit;
+        } else {
+            // Too old to be late: the sender has started again.
+            *order = Some(Self::begun(sequence));
+        }
+    }
+}
+
 /// Turns bytes into messages; resynchronises at the next delimiter whatever happened before.
 #[derive(Clone, Debug)]
 pub struct Decoder {
@@ -128,7 +174,7 @@ pub struct Decoder {
     used: usize,
     overlong: bool,
     raw: u64,
-    last: Option<u16>,
+    order: Option<Order>,
     counters: DecoderCounters,
 }
 
@@ -139,7 +185,7 @@ impl Default for Decoder {
             used: 0,
             overlong: false,
             raw: 0,
-            last: None,
+            order: None,
             counters: DecoderCounters::default(),
         }
     }
@@ -235,10 +281,7 @@ impl Decoder {
         }
         let (head, message) = body.split_first_chunk::<2>()?;
         let sequence = u16::from_le_bytes(*head);
-        if let Some(last) = self.last {
-            self.counters.lost += u64::from(sequence.wrapping_sub(last).wrapping_sub(1));
-        }
-        self.last = Some(sequence);
+        Order::count(&mut self.order, &mut self.counters, sequence);
         match postcard::take_from_bytes::<T>(message) {
             Ok((message, [])) => Some(Ok(Received { sequence, message })),
             _ => Some(Err(())),
@@ -279,6 +322,36 @@ mod tests {
         assert!(got.len() >= 48, "{c:?}");
         assert_eq!(c.frames + c.lost, 50, "{c:?}");
         assert!(c.damaged >= 1 && c.bytes_discarded > 0);
+    }
+
+    #[test]
+    fn frames_that_come_twice_or_late_are_not_lost() {
+        let mut encoder = Encoder { sequence: 65_500, ..Encoder::default() };
+        let frames: Vec<Vec<u8>> = (0..200u64)
+            .map(|i| encoder.frame(&Message::End(End { index: i * 1000, frames: 3 })).to_vec())
+            .collect();
+        let counted = |order: &[usize]| {
+            let mut decoder = Decoder::default();
+            order.iter().for_each(|n| drop(decode(&mut decoder, &frames[*n])));
+            let c = decoder.counters();
+            (c.frames, c.lost, c.repeated)
+        };
+        assert_eq!(counted(&[0, 1, 1, 2, 3]), (5, 0, 1), "one came twice");
+        assert_eq!(counted(&[0, 2, 1, 3]), (4, 0, 0), "two changed places");
+        assert_eq!(counted(&[0, 2, 3]), (3, 1, 0), "one was dropped");
+        // Across the wrap of the number, at frame 36.
+        assert_eq!(counted(&[34, 37, 36, 35, 35, 38, 40]), (7, 1, 1));
+        assert_eq!(counted(&[0, 150, 100, 199]), (4, 149 + 48 - 1, 0));
+        // The sender starts again: what it lost meanwhile nobody knows, and nothing is made up.
+        let mut decoder = Decoder::default();
+        for frame in &frames {
+            decode(&mut decoder, frame);
+        }
+        let mut again = Encoder::default();
+        for i in 0..300u64 {
+            decode(&mut decoder, again.frame(&Message::End(End { index: i, frames: 0 })));
+        }
+        assert_eq!(decoder.counters().lost, 0);
     }
 
     #[test]

@@ -10,7 +10,7 @@ pub enum LossCause {
     Gap = 0,
     /// The index went back or repeated: these samples arrived twice.
     Overlap = 1,
-    /// Marked invalid by the source (a code that no converter gives).
+    /// Without a code on a needed channel, bridged or not, or in a frame with too many of those.
     Invalid = 2,
     /// In a frame where a channel was at the converter's limit too often to be used.
     Clipped = 3,

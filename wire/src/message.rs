@@ -40,6 +40,8 @@ pub enum Message {
     End(End),
     /// The rate at which a propeller turns.
     ShaftRate(ShaftRate),
+    /// Faults of one kind that were not sent one by one.
+    FaultsHeld(FaultsHeld),
 }
 
 /// Identity of recorder, software and configuration.
@@ -89,7 +91,8 @@ pub struct Bearing {
     /// 0 the strongest source in the band; 1 a second one, found in what the first leaves; 2 + n another source that
     /// stands out in the octave from 125 Hz · 2ⁿ up.
     pub band: u8,
-    /// Bit 0 clipping in the segment, bit 1 a gap in the segment, bit 2 shortened segment, bit 3 a channel left out.
+    /// Bit 0 clipping in the segment, bit 1 a gap in the segment or samples bridged, bit 2 shortened segment; the others
+    /// are 0 (a channel is never left out: without one of the four there is no bearing).
     pub flags: u8,
 }
 
@@ -242,12 +245,45 @@ pub enum FaultCode {
     Clipping,
     /// Delays do not close to a direction (swapped channels, wrong geometry): segments so far.
     Inconsistent,
-    /// An estimator met a value it cannot use and started afresh.
+    /// The sample index fell far back, and time starts again: by how many instants.
     Restarted,
     /// A command could not be decoded: how many so far.
     BadCommand,
     /// The software had panicked before this start: low 32 bits the line, high 31 bits of a hash of the file.
     Panicked,
+    /// The source of samples is silent: for how many seconds of the board's clock.
+    NoSamples,
+}
+
+impl FaultCode {
+    /// All, in the order of their numbers.
+    pub const ALL: [Self; 11] = [
+        Self::Gap,
+        Self::Overlap,
+        Self::Invalid,
+        Self::DeadChannel,
+        Self::ChannelBack,
+        Self::Clipping,
+        Self::Inconsistent,
+        Self::Restarted,
+        Self::BadCommand,
+        Self::Panicked,
+        Self::NoSamples,
+    ];
+}
+
+/// Faults of one kind that were not sent one by one, because three of the kind had been sent in that minute of samples.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FaultsHeld {
+    /// What.
+    pub code: FaultCode,
+    /// Sample index at which the minute ended.
+    pub index: u64,
+    /// How many.
+    pub count: u32,
+    /// Of gaps, overlaps and invalid samples the sum of their numbers; of faults of channels bit c for channel c; else
+    /// the number of the newest.
+    pub value: i64,
 }
 
 /// Answer to a command.

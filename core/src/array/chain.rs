@@ -1,7 +1,7 @@
 //! The chain: blocks in, bearings and faults out.
 
 use super::estimate::{self, Memory};
-use super::intake::{Alignment, Intake};
+use super::framing::Framing;
 use super::places::Places;
 use super::plan::{FRAME, HOP, Plan};
 use super::search::SearchWork;
@@ -10,27 +10,33 @@ use super::transform::Work;
 use crate::block::{Block, CHANNELS};
 use crate::demon;
 use crate::health::{Accounting, LossCause};
+use crate::intake::{Channels, Event, Intake, Levels, Run, Step, Tolerance};
 use crate::slot::Slot;
-use crate::wire::{Fault, FaultCode, Message};
+use crate::wire::Message;
 use microfft::Complex32;
 
-/// Samples of one frame that may be clipped before the frame is left out: 1 in 50 distorts the spectrum by less than
-/// the ambient noise of a usable segment.
-const CLIPPED_TOLERATED: usize = FRAME / 50;
+/// Samples of one frame that may be clipped or stand for missing ones before the frame is left out: 1 in 50 distorts the
+/// spectrum by less than the ambient noise of a usable segment.
+const TOLERANCE: Tolerance = Tolerance { clipped: BRIDGE, missing: BRIDGE };
+
+/// Longest absence that is bridged, instants.
+pub(super) const BRIDGE: u32 = FRAME as u32 / 50;
+
+/// Of so many instants one goes into the level: 2000 of half a second at 64 kHz.
+const LEVEL_EVERY: usize = 16;
 
 /// Everything the chain remembers (about 45 KiB).
 #[derive(Clone, Debug)]
 pub struct State {
-    intake: Intake,
+    pub(crate) intake: Intake,
+    framing: Framing,
+    channels: Channels,
+    levels: Levels,
+    /// Number of the step the newest frame belongs to.
+    step: u64,
     current: Spectra,
     previous: Kept,
     memory: Memory,
-    dead: u8,
-    clipping: u8,
-    clipping_this_step: u8,
-    level: [f32; CHANNELS],
-    /// Invalid instants in a row so far; told as one fault when the row ends.
-    invalid: u64,
     shaft: demon::State,
     shaft_report: Slot<demon::Report>,
 }
@@ -73,14 +79,13 @@ impl State {
     pub const fn new() -> Self {
         Self {
             intake: Intake::new(),
+            framing: Framing::new(),
+            channels: Channels::new(),
+            levels: Levels::new(),
+            step: 0,
             current: Spectra::new(),
             previous: Kept::new(),
             memory: Memory::new(),
-            dead: 0,
-            clipping: 0,
-            clipping_this_step: 0,
-            level: [0.0; CHANNELS],
-            invalid: 0,
             shaft: demon::State::new(),
             shaft_report: Slot::Empty,
         }
@@ -115,13 +120,27 @@ impl State {
     /// Bit c: recorder channel c is dead, stuck or a copy of another; bit 4 + c: it is clipping.
     #[must_use]
     pub fn channels(&self) -> u8 {
-        self.dead | (self.clipping << CHANNELS)
+        self.channels.flags()
     }
 
-    /// Mean square of each hydrophone's signal in the band over full scale squared (a power ratio), last full step.
+    /// Level of each channel over the last full step, half decibels re full scale ([`Levels::half_db`]).
     #[must_use]
-    pub fn level(&self) -> [f32; CHANNELS] {
-        self.level
+    pub fn level_half_db(&self, plan: &Plan) -> [i8; CHANNELS] {
+        self.levels.half_db(self.intake.next_index(), plan.intake.minute())
+    }
+
+    /// Forgets everything, in place.
+    pub(crate) fn forget(&mut self) {
+        self.intake = Intake::new();
+        self.framing.forget();
+        self.channels = Channels::new();
+        self.levels = Levels::new();
+        self.step = 0;
+        self.current.begin(0);
+        self.previous.forget();
+        self.memory = Memory::new();
+        self.shaft = demon::State::new();
+        self.shaft_report = Slot::Empty;
     }
 
     /// Tells the chain the azimuth (radians) and distance along the sound's way (metres) of each vessel whose tracker knows
@@ -139,81 +158,90 @@ pub fn push(
     block: Block<'_>,
     sink: &mut impl FnMut(Message),
 ) {
-    let mut frames = block.frames;
-    match state.intake.align(block.first_index, frames.len()) {
-        Alignment::Continues => {}
-        Alignment::Gap(n) => fault(sink, FaultCode::Gap, block.first_index, n as i64),
-        Alignment::Overlap(n) => {
-            fault(sink, FaultCode::Overlap, state.intake.next_index(), n as i64);
-            frames = frames.get(n as usize..).unwrap_or(&[]);
-        }
-        Alignment::Restart(n) => {
-            close_step(plan, state, scratch, sink);
-            state.current.begin(0);
-            state.previous.forget();
-            state.memory.forget();
-            fault(sink, FaultCode::Restarted, block.first_index, n as i64);
+    let mut rest = block;
+    while let Some(step) = state.intake.next(&plan.intake, &mut rest, sink) {
+        match step {
+            Step::Samples(run) => samples(plan, state, scratch, &run, sink),
+            Step::Mended(instant) => samples(plan, state, scratch, &instant.run(), sink),
+            Step::Event(is) => event(plan, state, scratch, is, sink),
+            Step::Time(_) => {}
         }
     }
+}
+
+/// Takes samples that follow those before.
+pub(crate) fn samples(
+    plan: &Plan,
+    state: &mut State,
+    scratch: &mut Scratch,
+    run: &Run<'_>,
+    sink: &mut impl FnMut(Message),
+) {
+    let mut frames = run.frames;
     while !frames.is_empty() {
-        let index = state.intake.next_index();
-        let taken = state.intake.take(frames);
-        if taken > 0 {
-            end_invalid(state, index, sink);
-        }
-        frames = frames.get(taken..).unwrap_or(&[]);
-        if state.intake.full() {
+        frames = state.framing.take(run, frames, plan.clip_code);
+        if state.framing.full() {
             frame(plan, state, scratch, sink);
-        } else {
-            let missing = state.intake.skip_missing(frames);
-            state.invalid = state.invalid.saturating_add(missing as u64);
-            frames = frames.get(missing..).unwrap_or(&[]);
         }
+    }
+}
+
+/// Takes a break: a gap ends the frame; before time starts again the open segment is estimated, and nothing stays of it.
+pub(crate) fn event(
+    plan: &Plan,
+    state: &mut State,
+    scratch: &mut Scratch,
+    event: Event,
+    sink: &mut impl FnMut(Message),
+) {
+    state.framing.end(&mut state.intake.accounting);
+    if let Event::Restart(_) = event {
+        close_step(plan, state, scratch, sink);
+        state.current.begin(0);
+        state.previous.forget();
+        state.memory.forget();
+        state.levels = Levels::new();
+        state.step = 0;
+        state.shaft = demon::State::new();
     }
 }
 
 /// The end of the input: the last segment is estimated and the last samples are accounted for.
 pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
-    end_invalid(state, state.intake.next_index(), sink);
-    state.intake.end_run();
+    state.framing.end(&mut state.intake.accounting);
     close_step(plan, state, scratch, sink);
+    state.intake.finish(&plan.intake, sink);
 }
 
-/// Tells of a row of invalid instants that ended at `index`.
-fn end_invalid(state: &mut State, index: u64, sink: &mut impl FnMut(Message)) {
-    let n = core::mem::take(&mut state.invalid);
-    if n > 0 {
-        fault(sink, FaultCode::Invalid, index, n.min(i64::MAX as u64) as i64);
-    }
-}
-
-fn fault(sink: &mut impl FnMut(Message), code: FaultCode, index: u64, value: i64) {
-    sink(Message::Fault(Fault { code, index, value }));
-}
-
-/// Uses the full frame of the intake, or loses it to a cause.
+/// Uses the full frame, or loses it to a cause.
 fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
-    let index = state.intake.frame_index();
+    let index = state.framing.index();
     let centre = index.saturating_add(FRAME as u64 / 2);
     let step = centre / plan.step_samples;
-    if state.current.step != step {
-        if state.current.frames > 0 {
-            close_step(plan, state, scratch, sink);
-            roll_channel_flags(state);
-        }
+    if state.step != step {
+        end_step(plan, state, scratch, index, sink);
         state.current.begin(step);
+        state.step = step;
     }
-    let found = inspect(&state.intake.codes, plan.clip_code);
-    note_channels(state, &found, index, sink);
-    let lost = if found.dead != 0 {
+    let look = state.framing.look();
+    let found = look.verdict(&TOLERANCE);
+    state.channels.see(found.dead, found.clipped, index, &mut state.intake.faults, sink);
+    let codes = &state.framing.codes;
+    let [c0, c1, c2, c3] = codes;
+    for (((a, b), c), d) in c0.iter().zip(c1).zip(c2).zip(c3).take(HOP).step_by(LEVEL_EVERY) {
+        state.levels.add(&[*a, *b, *c, *d]);
+    }
+    let lost = if found.holed {
+        Some(LossCause::Invalid)
+    } else if found.dead != 0 {
         Some(LossCause::DeadChannel)
-    } else if found.clipped.iter().any(|n| *n > CLIPPED_TOLERATED) {
+    } else if found.clipped_often != 0 {
         Some(LossCause::Clipped)
     } else {
         None
     };
     if lost.is_none() {
-        let power = state.current.add(plan, &state.intake.codes, &mut scratch.work);
+        let power = state.current.add(plan, codes, &mut scratch.work);
         if let Some(config) = &plan.shaft
             && let Some(report) = demon::frame(config, &mut state.shaft, &mut scratch.work, index, power)
         {
@@ -221,67 +249,23 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
         }
         let start = step.saturating_mul(plan.step_samples.get());
         state.current.centres = state.current.centres.saturating_add(centre.saturating_sub(start));
+        state.current.bridged |= look.counted > 0;
     }
-    state.current.clipped |= found.clipped.iter().any(|n| *n > 0);
-    state.intake.advance(lost);
+    state.current.clipped |= found.clipped != 0;
+    state.framing.advance(lost, &mut state.intake.accounting);
 }
 
-/// What a frame's codes show of the channels.
-struct Inspection {
-    /// Bit per channel: constant, or the same as an earlier channel.
-    dead: u8,
-    /// Clipped samples of each channel.
-    clipped: [usize; CHANNELS],
-}
-
-/// Looks at the codes: constant, copied, clipped. Only frames that may hold clipped codes are counted sample by sample.
-#[inline(never)]
-fn inspect(codes: &[[i32; FRAME]; CHANNELS], clip_code: i32) -> Inspection {
-    let mut found = Inspection { dead: 0, clipped: [0; CHANNELS] };
-    for (c, (channel, clipped)) in codes.iter().zip(&mut found.clipped).enumerate() {
-        let first = channel[0];
-        // Ends at the second sample of a living channel.
-        if channel.iter().all(|x| *x == first) {
-            found.dead |= 1 << c;
-            continue;
-        }
-        let magnitude = channel.iter().fold(0i32, |bits, x| bits | (x ^ (x >> 31)));
-        if magnitude >= clip_code {
-            *clipped = channel.iter().filter(|x| **x >= clip_code || **x <= -clip_code).count();
-        }
-        let copied = codes.iter().take(c).any(|earlier| earlier[1] == channel[1] && earlier == channel);
-        if copied {
-            found.dead |= 1 << c;
-        }
-    }
-    found
-}
-
-/// Turns what one frame shows into flags and faults (a fault when a state begins, not while it lasts).
-fn note_channels(state: &mut State, found: &Inspection, index: u64, sink: &mut impl FnMut(Message)) {
-    for (c, clipped) in found.clipped.iter().enumerate() {
-        let bit = 1u8 << c;
-        let was_dead = state.dead & bit != 0;
-        let is_dead = found.dead & bit != 0;
-        if is_dead != was_dead {
-            state.dead ^= bit;
-            let code = if is_dead { FaultCode::DeadChannel } else { FaultCode::ChannelBack };
-            fault(sink, code, index, c as i64);
-        }
-        if *clipped > 0 {
-            if state.clipping & bit == 0 {
-                fault(sink, FaultCode::Clipping, index, c as i64);
-            }
-            state.clipping |= bit;
-            state.clipping_this_step |= bit;
-        }
-    }
-}
-
-/// A channel clips no longer once a whole step went by without.
-fn roll_channel_flags(state: &mut State) {
-    state.clipping = state.clipping_this_step;
-    state.clipping_this_step = 0;
+/// The frames of a step are complete: its segment is estimated, its level made.
+fn end_step(
+    plan: &Plan,
+    state: &mut State,
+    scratch: &mut Scratch,
+    index: u64,
+    sink: &mut impl FnMut(Message),
+) {
+    state.levels.close(plan.full_scale, index);
+    state.channels.roll();
+    close_step(plan, state, scratch, sink);
 }
 
 /// Estimates the segment that ends with the current step, which becomes the previous one.
@@ -289,24 +273,15 @@ fn close_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut 
     if state.current.frames == 0 {
         return;
     }
-    note_level(plan, state);
     let two = plan.steps_per_segment == 2;
     let shortened = two && state.memory.turns_fast(plan);
     let join = two && !shortened && state.previous.precedes(state.current.step);
     let step = state.current.step;
-    state.current.end_step(&mut state.previous, join, plan.step_samples.get());
-    estimate::segment(plan, &mut state.memory, &mut state.current, scratch, shortened, sink);
-    state.current.begin(step);
-}
-
-/// Band level of each hydrophone by Parseval's theorem from the step's auto-spectra.
-fn note_level(plan: &Plan, state: &mut State) {
-    let frames = state.current.frames.max(1) as f32;
-    let scale = 2.0 / (plan.window_power * frames * plan.full_scale * plan.full_scale);
-    for (channel, level) in state.level.iter_mut().enumerate() {
-        let auto = state.current.runs.iter().flat_map(|run| run.auto[channel]);
-        *level = scale * auto.take(plan.whole.high).skip(plan.whole.low).sum::<f32>();
-    }
+    let State { intake, memory, current, previous, .. } = state;
+    current.end_step(previous, join, plan.step_samples.get());
+    let sink = &mut |message| intake.faults.pass(message, sink);
+    estimate::segment(plan, memory, current, scratch, shortened, sink);
+    current.begin(step);
 }
 
 const _: () = assert!(HOP < FRAME && CHANNELS == 4);

@@ -210,7 +210,9 @@ pub(crate) fn segment(
         places: memory.places,
         snapshots: spectra.frames as f32 * plan.snapshots_per_frame,
         index: start.saturating_add(spectra.centres / u64::from(spectra.frames.max(1))),
-        flags: u8::from(spectra.clipped) | (u8::from(share < WHOLE_SHARE) << 1) | (u8::from(shortened) << 2),
+        flags: u8::from(spectra.clipped)
+            | (u8::from(spectra.bridged || share < WHOLE_SHARE) << 1)
+            | (u8::from(shortened) << 2),
     };
     refine::whiten(spectra);
     let first = find(&context, Some(&*memory), spectra, scratch);

@@ -1,7 +1,7 @@
 //! The compact array: from four hydrophones' samples to bearings with their covariance.
 //!
 //! Enters: [`crate::block::Block`]s of converter codes. Leaves: [`crate::wire::Message::Bearing`] and
-//! [`crate::wire::Message::Fault`]. In the order data flows: `intake` (continuity and accounting), `transform` and
+//! [`crate::wire::Message::Fault`]. In the order data flows: [`crate::intake`] (continuity), `framing` (frames and accounting), `transform` and
 //! `spectra` (windowed transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
 //! cross-spectra, covariance), `detect` (is there a source at all), `estimate` (one segment, all of these), `others` (quieter sources), `report` (the record with its uncertainty), `chain` (the
 //! calls a recorder makes). Beside them: `limit` (what no estimator beats).
@@ -12,7 +12,7 @@
 mod chain;
 mod detect;
 mod estimate;
-mod intake;
+mod framing;
 pub mod limit;
 mod others;
 mod places;
@@ -25,4 +25,5 @@ mod transform;
 pub mod wavefront;
 
 pub use chain::{Scratch, State, finish, push};
+pub(crate) use chain::{event, samples};
 pub use plan::{FRAME, HOP, MAX_DELAY, Plan, PlanError, Weighting};

@@ -1,11 +1,13 @@
 //! The array chain's plan: everything that follows from the configuration, computed once and never changed.
 
+use super::chain::BRIDGE;
 use super::detect;
 use super::transform::{RUN, WINDOW};
 use crate::block::CHANNELS;
 use crate::config::{ConfigError, Kind, StationConfig};
 use crate::demon;
 use crate::geometry::Geometry;
+use crate::intake;
 use crate::math::{f32 as m, f64 as md};
 use core::num::NonZeroU64;
 
@@ -112,6 +114,7 @@ fn mean_square(low: usize, high: usize) -> f64 {
 /// The immutable plan of the array chain (about half a KiB).
 #[derive(Clone, Debug)]
 pub struct Plan {
+    pub(crate) intake: intake::Plan,
     pub(crate) geometry: Geometry,
     pub(crate) inv_c: f32,
     /// 1/reference range, 1/m.
@@ -248,6 +251,7 @@ impl Plan {
         }
 
         let plan = Self {
+            intake: intake::Plan::new(rate, intake::ALL, BRIDGE),
             inv_c: 1.0 / geometry.sound_speed_m_s,
             curvature: (1.0 / array.reference_range_m) as f32,
             rate_hz: rate as f32,

@@ -39,6 +39,8 @@ pub(crate) struct Spectra {
     pub(crate) centres: u64,
     /// Whether any frame held clipped samples.
     pub(crate) clipped: bool,
+    /// Whether any frame held samples that stand for missing ones.
+    pub(crate) bridged: bool,
 }
 
 /// Values of a run.
@@ -53,11 +55,12 @@ pub(crate) struct Kept {
     step: u64,
     centres: u64,
     clipped: bool,
+    bridged: bool,
 }
 
 impl Kept {
     pub(crate) const fn new() -> Self {
-        Self { runs: [[0; VALUES]; RUNS], frames: 0, step: 0, centres: 0, clipped: false }
+        Self { runs: [[0; VALUES]; RUNS], frames: 0, step: 0, centres: 0, clipped: false, bridged: false }
     }
 
     /// Holds nothing any more.
@@ -81,7 +84,7 @@ impl Run {
 
 impl Spectra {
     pub(crate) const fn new() -> Self {
-        Self { runs: [NO_RUN; RUNS], frames: 0, step: 0, centres: 0, clipped: false }
+        Self { runs: [NO_RUN; RUNS], frames: 0, step: 0, centres: 0, clipped: false, bridged: false }
     }
 
     /// Empties it for a step.
@@ -91,6 +94,7 @@ impl Spectra {
         self.step = step;
         self.centres = 0;
         self.clipped = false;
+        self.bridged = false;
     }
 
     /// These of the runs.
@@ -116,11 +120,11 @@ impl Spectra {
                 }
             }
         }
-        let old = (before.frames, before.step, before.centres, before.clipped);
-        (before.frames, before.step, before.centres, before.clipped) =
-            (self.frames, self.step, self.centres, self.clipped);
+        let old = (before.frames, before.step, before.centres, before.clipped, before.bridged);
+        (before.frames, before.step, before.centres) = (self.frames, self.step, self.centres);
+        (before.clipped, before.bridged) = (self.clipped, self.bridged);
         if join {
-            let (frames, step, centres, clipped) = old;
+            let (frames, step, centres, clipped, bridged) = old;
             let shift = self.step.saturating_sub(step).saturating_mul(step_samples);
             self.centres = self
                 .centres
@@ -129,6 +133,7 @@ impl Spectra {
             self.frames = self.frames.saturating_add(frames);
             self.step = step;
             self.clipped |= clipped;
+            self.bridged |= bridged;
         }
     }
 

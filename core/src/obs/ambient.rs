@@ -47,6 +47,11 @@ impl Ambient {
         Self { excess: [[0; SECTORS]; AZIMUTH_BINS] }
     }
 
+    /// Forgets everything, in place.
+    pub(super) fn forget(&mut self) {
+        self.excess.as_flattened_mut().fill(0);
+    }
+
     /// Learns one frame.
     pub fn learn(&mut self, row: &Row) {
         for (excess, direction) in self.excess.iter_mut().zip(row.directions()) {

@@ -44,6 +44,14 @@ impl Clutter {
         }
     }
 
+    /// Forgets everything, in place.
+    pub(super) fn forget(&mut self) {
+        self.mean.fill(0.0);
+        self.axis.as_flattened_mut().fill(0.0);
+        self.power.fill(0.0);
+        self.frames = 0;
+    }
+
     /// Filters one cepstrum in place and learns from it.
     pub fn filter(&mut self, c: &mut [f32; QUEFRENCIES]) {
         if self.frames == 0 {

@@ -51,6 +51,11 @@ impl DecimatorState {
     pub const fn new() -> Self {
         Self { history: [[0.0; TAPS]; USED_CHANNELS], next: 0, filled: 0, phase: 0 }
     }
+
+    /// A new run begins: nothing of the one before is used any more.
+    pub(super) fn restart(&mut self) {
+        (self.next, self.filled, self.phase) = (0, 0, 0);
+    }
 }
 
 impl Decimator {

@@ -13,7 +13,7 @@ pub mod decimate;
 pub mod plan;
 pub mod travel;
 
-pub mod intake;
+pub mod hops;
 
 pub mod azigram;
 pub mod background;
@@ -44,5 +44,6 @@ pub mod station;
 mod station_tests;
 
 pub use plan::{Plan, PlanError};
+pub(crate) use station::take;
 pub use station::{Scratch, State, finish, push};
 pub use table::Table;

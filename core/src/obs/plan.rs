@@ -8,11 +8,12 @@ use super::cauchy::WrappedCauchy;
 use super::decimate::{Decimator, factor_of, inner_rate_hz};
 use super::impulsive::Calls;
 use super::interference::Interference;
-use super::limits::{AZIMUTH_BINS, FRAME};
+use super::limits::{AZIMUTH_BINS, FRAME, HOP};
 use super::table::{Table, TableError};
 use super::travel::TravelTime;
 use crate::angle::RAD_PER_DEG;
 use crate::config::{ConfigError, Kind, StationConfig};
+use crate::intake;
 use crate::math;
 
 /// Why a station cannot be planned.
@@ -68,9 +69,16 @@ pub const STEP_S: f64 = 60.0;
 /// Half the length of the azimuth window, seconds.
 pub const HALF_WINDOW_S: f64 = 90.0;
 
+/// Without pressure there is neither azimuth nor range; the other channels are only needed for azimuth.
+const NEEDED: u8 = 0b0001;
+
+/// Longest absence that is bridged, in this part of a hop: 0.64 s at 50 Hz, four lost frames of a sample line.
+const BRIDGED: usize = 16;
+
 /// Everything computed once.
 #[derive(Clone, Debug)]
 pub struct Plan<'t> {
+    pub(crate) intake: intake::Plan,
     /// Rate of the recording, Hz.
     pub(super) rate_hz: f64,
     /// Rate after decimation, Hz.
@@ -79,6 +87,7 @@ pub struct Plan<'t> {
     pub(super) band: Band,
     /// Codes at or beyond this are clipped.
     pub(super) clip: i32,
+    pub(super) full_scale: f32,
     pub(super) paper: bool,
     pub(super) tones: WrappedCauchy,
     pub(super) calls: Calls,
@@ -89,11 +98,13 @@ pub struct Plan<'t> {
 impl<'t> Plan<'t> {
     /// Nothing computed; all zeros.
     pub const EMPTY: Self = Self {
+        intake: intake::Plan::EMPTY,
         rate_hz: 0.0,
         inner_rate_hz: 0.0,
         decimator: Decimator::EMPTY,
         band: Band::EMPTY,
         clip: 0,
+        full_scale: 0.0,
         paper: false,
         tones: WrappedCauchy { paper: false },
         calls: Calls::EMPTY,
@@ -136,6 +147,7 @@ impl<'t> Plan<'t> {
             return Err(PlanError::TableRate(table.rate_hz(), inner_rate_hz));
         }
         let away = if obs.intensity_towards { 0.0 } else { math::f64::PI };
+        self.intake = intake::Plan::new(rate_hz, NEEDED, (HOP * factor / BRIDGED) as u32);
         self.rate_hz = rate_hz;
         self.inner_rate_hz = inner_rate_hz;
         self.decimator.fill(factor);
@@ -146,6 +158,7 @@ impl<'t> Plan<'t> {
             paper: obs.paper_compatibility,
         };
         self.clip = config.full_scale.saturating_sub(1);
+        self.full_scale = config.full_scale as f32;
         self.paper = obs.paper_compatibility;
         self.tones = WrappedCauchy { paper: obs.paper_compatibility };
         self.calls.fill(inner_rate_hz);

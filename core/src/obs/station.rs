@@ -11,8 +11,8 @@ use super::azigram::{self, Sources};
 use super::cepstrum;
 use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
+use super::hops::Hops;
 use super::impulsive::{self, Call};
-use super::intake::{Event, Hop, Intake};
 use super::limits::{QUEFRENCIES, WINDOW_FRAMES};
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
@@ -25,6 +25,7 @@ use super::tonal::{Directions, LOG_THRESHOLD};
 use super::tracks::Tracker;
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
+use crate::intake::{Event, Intake, Run, Step};
 use crate::math;
 use crate::wire::{Azimuth, Message, Range};
 
@@ -52,7 +53,8 @@ const NOT_KEPT: Kept = Kept { label: 0, used: false, row: Row::ZERO, cepstrum: [
 /// Everything that persists.
 #[derive(Clone, Debug)]
 pub struct State {
-    intake: Intake,
+    pub(crate) intake: Intake,
+    hops: Hops,
     kept: [Kept; WINDOW_FRAMES],
     next_kept: usize,
     ambient: Ambient,
@@ -65,6 +67,8 @@ pub struct State {
     several: bool,
     /// Number of the next minute to report; `None` before the first sample.
     minute: Option<u64>,
+    /// Index after the last sample taken.
+    end: u64,
 }
 
 /// Work space; its content means nothing between calls.
@@ -92,6 +96,7 @@ impl State {
     pub const fn new() -> Self {
         Self {
             intake: Intake::new(),
+            hops: Hops::new(),
             kept: [NOT_KEPT; WINDOW_FRAMES],
             next_kept: 0,
             ambient: Ambient::new(),
@@ -102,6 +107,7 @@ impl State {
             tracker: Tracker::new(),
             several: false,
             minute: None,
+            end: 0,
         }
     }
 
@@ -117,13 +123,23 @@ impl State {
 
     /// Bit c: channel c dead; bit 4 + c: channel c clipped, as of the last half-frame.
     pub fn channel_flags(&self) -> u8 {
-        let conditions = self.intake.condition.iter().enumerate();
-        conditions.fold(0, |f, (c, x)| f | u8::from(x.dead) << c | u8::from(x.clipped) << (4 + c))
+        self.hops.channel_flags()
     }
 
-    /// Level of each channel in the last half-frame, half decibels re full scale.
-    pub fn level_half_db(&self) -> [i8; CHANNELS] {
-        self.intake.level_half_db
+    /// Level of each channel in the last half-frame, half decibels re full scale; −128 where nothing was heard.
+    pub fn level_half_db(&self, plan: &Plan<'_>) -> [i8; CHANNELS] {
+        self.hops.level_half_db(self.intake.next_index(), plan.intake.minute())
+    }
+
+    /// Forgets everything, in place.
+    pub(crate) fn forget(&mut self) {
+        self.intake = Intake::new();
+        self.hops.forget();
+        self.ambient.forget();
+        self.clutter.forget();
+        self.segmenter = Segmenter::new();
+        self.tracker = Tracker::new();
+        self.clear();
     }
 }
 
@@ -135,43 +151,37 @@ pub fn push(
     block: Block<'_>,
     sink: &mut dyn FnMut(Message),
 ) {
-    let (repeated, set_back) = state.intake.arrive(plan, &block, sink);
-    if set_back {
-        state.restart(plan);
-    }
-    if state.minute.is_none() {
-        state.restart(plan);
-        state.minute = Some(minute_after(plan, block.first_index));
-    }
-    // Within a run the frames themselves say when a minute is complete, whatever the blocks' lengths.
-    if !block.frames.is_empty() && state.intake.begins() {
-        state.catch_up(plan, scratch, block.first_index, sink);
-    }
-    for frame in block.frames.iter().skip(repeated) {
-        if state.intake.take(plan, frame, sink) == Event::Hop && state.intake.pair() {
-            // Records of a minute must not contain a frame later than its window.
-            state.catch_up(plan, scratch, state.intake.old.end, sink);
-            state.frame(plan, scratch);
-        }
+    let mut rest = block;
+    while let Some(step) = state.intake.next(&plan.intake, &mut rest, sink) {
+        take(plan, state, scratch, &step, sink);
     }
 }
 
-/// Reports what is still pending at the end of the recording.
+/// Takes what the intake hands on.
+pub(crate) fn take(
+    plan: &Plan<'_>,
+    state: &mut State,
+    scratch: &mut Scratch,
+    step: &Step<'_>,
+    sink: &mut dyn FnMut(Message),
+) {
+    match step {
+        Step::Samples(run) => state.samples(plan, scratch, run, sink),
+        Step::Mended(instant) => state.samples(plan, scratch, &instant.run(), sink),
+        Step::Event(Event::Gap) => state.hops.end(&mut state.intake.accounting),
+        Step::Event(Event::Restart(_)) => {
+            state.conclude(plan, scratch, sink);
+            state.presence.start(plan.max_range_m());
+            state.clear();
+        }
+        Step::Time(_) => {}
+    }
+}
+
+/// The end of the recording: what is still pending is reported.
 pub fn finish(plan: &Plan<'_>, state: &mut State, scratch: &mut Scratch, sink: &mut dyn FnMut(Message)) {
-    let end = state.intake.next_index();
-    state.catch_up(plan, scratch, end, sink);
-    // Minutes whose window the recording's end cuts are reported while their centre was recorded.
-    while let Some(k) = state.minute
-        && centre(plan, k) <= end
-        && end > 0
-    {
-        state.minute = Some(k + 1);
-        state.report(plan, scratch, k, sink);
-    }
-    if let Some(k) = state.minute {
-        state.close(plan, k.saturating_sub(1), sink);
-    }
-    state.intake.end_run();
+    state.conclude(plan, scratch, sink);
+    state.intake.finish(&plan.intake, sink);
 }
 
 /// Sample index of minute `k`.
@@ -185,14 +195,63 @@ fn minute_after(plan: &Plan<'_>, index: u64) -> u64 {
 }
 
 impl State {
-    fn restart(&mut self, plan: &Plan<'_>) {
+    /// Takes samples that follow those before.
+    fn samples(
+        &mut self,
+        plan: &Plan<'_>,
+        scratch: &mut Scratch,
+        run: &Run<'_>,
+        sink: &mut dyn FnMut(Message),
+    ) {
+        if self.minute.is_none() {
+            self.begin(plan, run.first_index);
+        }
+        // Within a run the frames themselves say when a minute is complete, whatever the blocks' lengths.
+        if self.hops.begins() {
+            self.catch_up(plan, scratch, run.first_index, sink);
+        }
+        for at in 0..run.frames.len() {
+            if self.hops.take(plan, &mut self.intake, run, at, sink) && self.hops.pair() {
+                // Records of a minute must not contain a frame later than its window.
+                self.catch_up(plan, scratch, self.hops.old.end, sink);
+                self.frame(plan, scratch);
+            }
+        }
+        self.end = run.first_index.saturating_add(run.frames.len() as u64);
+    }
+
+    /// Nothing is known of what is heard; the next minute to report is the first after `index`.
+    fn begin(&mut self, plan: &Plan<'_>, index: u64) {
+        self.presence.start(plan.max_range_m());
+        self.clear();
+        self.minute = Some(minute_after(plan, index));
+    }
+
+    /// Drops frames and minutes.
+    fn clear(&mut self) {
         for k in &mut self.kept {
             k.used = false;
         }
-        self.presence.start(plan.max_range_m());
         self.evidence.clear();
         self.several = false;
         self.minute = None;
+    }
+
+    /// Nothing more comes of this time: what is open is reported and closed.
+    fn conclude(&mut self, plan: &Plan<'_>, scratch: &mut Scratch, sink: &mut dyn FnMut(Message)) {
+        let end = self.end;
+        self.catch_up(plan, scratch, end, sink);
+        // Minutes whose window the end cuts are reported while their centre was recorded.
+        while let Some(k) = self.minute
+            && centre(plan, k) <= end
+        {
+            self.minute = Some(k + 1);
+            self.report(plan, scratch, k, sink);
+        }
+        if let Some(k) = self.minute {
+            self.close(plan, k.saturating_sub(1), sink);
+        }
+        self.hops.end(&mut self.intake.accounting);
     }
 
     /// Closes segments and tracks as of minute `k`.
@@ -216,8 +275,7 @@ impl State {
         {
             if silent > LONGEST_SILENCE {
                 self.close(plan, k, sink);
-                self.restart(plan);
-                self.minute = Some(minute_after(plan, index));
+                self.begin(plan, index);
                 return;
             }
             self.minute = Some(k + 1);
@@ -228,11 +286,8 @@ impl State {
 
     /// Analyses the frame of the two newest hops.
     fn frame(&mut self, plan: &Plan<'_>, scratch: &mut Scratch) {
-        let (old, new) = (&self.intake.old, &self.intake.new);
-        let usable = |c: usize| {
-            let ok = |h: &Hop| h.condition.get(c).is_some_and(|x| x.usable());
-            ok(old) && ok(new)
-        };
+        let (old, new) = (&self.hops.old, &self.hops.new);
+        let usable = |c: u8| old.usable(c) && new.usable(c);
         if !usable(0) {
             return;
         }
@@ -256,7 +311,7 @@ impl State {
             .zip(&c)
             .for_each(|(k, c)| *k = (c / CEPSTRUM_UNIT).clamp(-32_767.0, 32_767.0) as i16);
         self.next_kept = (self.next_kept + 1) % WINDOW_FRAMES;
-        self.intake.used();
+        self.hops.used(&mut self.intake.accounting);
     }
 
     /// Makes the records of minute `k`; whether there was anything to hear.
@@ -267,7 +322,6 @@ impl State {
         k: u64,
         sink: &mut dyn FnMut(Message),
     ) -> bool {
-        self.intake.reported = 0;
         let index = centre(plan, k);
         let offset_s = |label: u64| (label as f64 - index as f64) / plan.rate_hz;
         let within = |half_s: f64| {

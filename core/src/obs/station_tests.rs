@@ -141,6 +141,71 @@ fn every_instant_is_accounted_for() {
 }
 
 #[test]
+fn a_twentieth_of_the_sample_lines_frames_lost_or_damaged_costs_little_more() {
+    let p = plan(50.0);
+    let frames = record(60_000, 50.0, 120.0, 1500.0);
+    let (all, state) = run(&p, &[(0, &frames)]);
+    let before = state.accounting().processed;
+    let mut seed = 5u32;
+    let mut hit = || {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        seed >> 8 < (1 << 24) / 20
+    };
+    let hits: Vec<bool> = frames.chunks(8).map(|_| hit()).collect();
+    // Frames of eight instants that did not come, and frames whose codes are no codes.
+    let lost: Vec<(u64, &[Frame])> = frames
+        .chunks(8)
+        .enumerate()
+        .filter(|(k, _)| !hits[*k])
+        .map(|(k, frames)| (8 * k as u64, frames))
+        .collect();
+    let mut damaged = frames.clone();
+    for (frames, _) in damaged.chunks_mut(8).zip(&hits).filter(|(_, hit)| **hit) {
+        frames.fill([MISSING; 4]);
+    }
+    let pieces: [(u64, &[Frame]); 1] = [(0, &damaged)];
+    let n = 8 * hits.iter().filter(|hit| **hit).count() as u64;
+    for (pieces, bucket) in [(&lost[..], 0), (&pieces[..], 2)] {
+        let (messages, state) = run(&p, pieces);
+        let a = state.accounting();
+        assert_eq!(a.total(), 60_000, "{a:?}");
+        assert!(a.lost[bucket] >= n && a.processed * 100 >= before * 90, "{n} hit: {a:?}");
+        let found = azimuths(&messages);
+        assert!(found.len() * 10 >= azimuths(&all).len() * 9, "{} of {}", found.len(), azimuths(&all).len());
+        assert!(found.iter().all(|a| (a - 120.0).abs() < 3.0), "{found:?}");
+        let faults = messages.iter().filter(|m| matches!(m, Message::Fault(_))).count();
+        assert!(faults <= 3 * 20, "{faults} in 20 minutes");
+    }
+}
+
+#[test]
+fn an_index_near_the_end_of_all_numbers_ends_nothing() {
+    let p = plan(50.0);
+    let frames = record(20_000, 50.0, 120.0, 1500.0);
+    for index in [u64::MAX, u64::MAX - 1000, u64::MAX / 2, 1 << 60] {
+        let pieces = [(0u64, &frames[..12_000]), (index, &[[MISSING; 4]][..]), (12_000, &frames[12_000..])];
+        let (messages, state) = run(&p, &pieces);
+        assert_eq!(azimuths(&messages), azimuths(&run(&p, &[(0, &frames)]).0), "{index}");
+        assert_eq!(state.accounting().total(), 20_001);
+        let (messages, _) = run(&p, &pieces[..2]);
+        assert!(messages.iter().all(|m| !matches!(m, Message::Fault(f) if f.value < 0)), "{messages:?}");
+    }
+}
+
+#[test]
+fn the_level_of_what_is_not_heard_is_not_the_last_that_was() {
+    let p = plan(50.0);
+    let mut frames = record(20_000, 50.0, 120.0, 1500.0);
+    frames[10_000..].iter_mut().for_each(|f| f[1] = 7);
+    let (_, state) = run(&p, &[(0, &frames)]);
+    let [pressure, north, ..] = state.level_half_db(&p);
+    assert!(north == i8::MIN && (-160..-100).contains(&i32::from(pressure)), "{pressure} {north}");
+    frames[10_000..].fill([MISSING; 4]);
+    let (_, state) = run(&p, &[(0, &frames)]);
+    assert_eq!(state.level_half_db(&p), [i8::MIN; 4]);
+}
+
+#[test]
 fn a_component_without_samples_is_a_dead_channel_and_takes_only_its_share_with_it() {
     let p = plan(50.0);
     let frames = record(60_000, 50.0, 120.0, 1500.0);

@@ -1,17 +1,17 @@
 //! The compact-array recorder: blocks to bearings and shaft rates, both to the tracks of up to eight vessels, and health.
 
 use super::health::{Condition, Reporter};
-use super::pieces;
 use super::shaft;
+use super::silence;
 use crate::array;
 use crate::block::Block;
 use crate::config::StationConfig;
 use crate::demon::SpeedCurve;
+use crate::intake::{Event, Run, Step};
 use crate::run::Application;
 use crate::slot::Slot;
 use crate::traffic;
-use crate::wire::{Command, Message};
-use micromath::F32Ext;
+use crate::wire::{Command, FaultCode, Message};
 
 /// What follows from the configuration.
 #[derive(Debug)]
@@ -69,25 +69,73 @@ impl ArrayRecorder {
         Ok(())
     }
 
-    /// Back to nothing heard. Apart, because the new state passes over the stack; a recorder just started needs none.
+    /// Back to nothing heard, in place: a second configuration needs no more stack than the first.
     #[inline(never)]
     fn forget(&mut self) {
-        self.state = array::State::new();
-        self.vessels = traffic::State::new();
+        self.state.forget();
+        self.vessels.forget();
     }
 
     fn condition(&self) -> Condition {
         Condition {
             accounting: self.state.accounting(),
             channels: self.state.channels(),
-            level_half_db: self.state.level().map(half_db),
+            level_half_db: match &self.plan {
+                Slot::Full(plan) => self.state.level_half_db(&plan.array),
+                Slot::Empty => [i8::MIN; 4],
+            },
         }
     }
 
-    fn report_if_due(&mut self, index: u64, sink: &mut impl FnMut(&Message)) {
+    /// Takes samples that follow those before.
+    fn samples(&mut self, run: &Run<'_>, sink: &mut impl FnMut(&Message)) {
+        let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self else { return };
+        array::samples(&plan.array, state, scratch, run, &mut outlet(plan, vessels, reporter, sink));
+    }
+
+    /// Takes a break. Before time starts again what is open is finished: the segment, the shaft rate, every passage.
+    fn event(&mut self, event: Event, sink: &mut impl FnMut(&Message)) {
+        let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self else { return };
+        array::event(&plan.array, state, scratch, event, &mut outlet(plan, vessels, reporter, sink));
+        let Event::Restart(index) = event else {
+            traffic::gap(&plan.traffic, vessels, &mut |track| sink(&track));
+            return;
+        };
+        if let Some(report) = state.take_shaft_report() {
+            shaft::tell(plan.speed_curve.as_ref(), &report, vessels, sink);
+        }
+        traffic::restart(&plan.traffic, vessels, &mut |track| sink(&track));
+        state.set_places(core::iter::empty());
+        reporter.restart(index);
+    }
+
+    /// The recording has reached this index.
+    fn time(&mut self, index: u64, sink: &mut impl FnMut(&Message)) {
+        let Self { plan: Slot::Full(plan), state, vessels, .. } = self else { return };
+        if let Some(report) = state.take_shaft_report() {
+            shaft::tell(plan.speed_curve.as_ref(), &report, vessels, sink);
+        }
+        traffic::advance(&plan.traffic, vessels, index, &mut |track| sink(&track));
+        state.set_places(vessels.places());
         let condition = self.condition();
         if let Some(message) = self.reporter.due(index, &condition) {
             sink(&message);
+        }
+    }
+}
+
+/// Where the chain's messages go: out, and bearings to the tracks as well.
+fn outlet(
+    plan: &Plan,
+    vessels: &mut traffic::State,
+    reporter: &mut Reporter,
+    sink: &mut impl FnMut(&Message),
+) -> impl FnMut(Message) {
+    move |message| {
+        reporter.count(&message);
+        sink(&message);
+        if let Message::Bearing(bearing) = &message {
+            traffic::bearing(&plan.traffic, vessels, bearing, &mut |track| sink(&track));
         }
     }
 }
@@ -98,26 +146,28 @@ impl Application for ArrayRecorder {
     }
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
-        for (piece, boundary) in pieces(block) {
-            let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self else {
-                return;
-            };
-            array::push(&plan.array, state, scratch, piece, &mut |message| {
-                reporter.count(&message);
-                sink(&message);
-                if let Message::Bearing(bearing) = &message {
-                    traffic::bearing(&plan.traffic, vessels, bearing, &mut |track| sink(&track));
-                }
-            });
-            if let Some(index) = boundary {
-                if let Some(report) = state.take_shaft_report() {
-                    shaft::tell(plan.speed_curve.as_ref(), &report, vessels, sink);
-                }
-                traffic::advance(&plan.traffic, vessels, index, &mut |track| sink(&track));
-                state.set_places(vessels.places());
-                self.report_if_due(index, sink);
+        let mut rest = block;
+        loop {
+            let Slot::Full(plan) = &self.plan else { return };
+            let intake = &mut self.state.intake;
+            match intake.next(&plan.array.intake, &mut rest, &mut |message| sink(&message)) {
+                Some(Step::Samples(run)) => self.samples(&run, sink),
+                Some(Step::Mended(instant)) => self.samples(&instant.run(), sink),
+                Some(Step::Event(event)) => self.event(event, sink),
+                Some(Step::Time(index)) => self.time(index, sink),
+                None => return,
             }
         }
+    }
+
+    fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        let condition = self.condition();
+        silence(&mut self.state.intake, &self.reporter, &condition, seconds, sink);
+    }
+
+    fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
+        let index = self.state.next_index();
+        self.state.intake.faults.note(code, index, value, &mut |message| sink(&message));
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
@@ -127,13 +177,7 @@ impl Application for ArrayRecorder {
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
         if let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self {
-            array::finish(&plan.array, state, scratch, &mut |message| {
-                reporter.count(&message);
-                sink(&message);
-                if let Message::Bearing(bearing) = &message {
-                    traffic::bearing(&plan.traffic, vessels, bearing, &mut |track| sink(&track));
-                }
-            });
+            array::finish(&plan.array, state, scratch, &mut outlet(plan, vessels, reporter, sink));
             if let Some(report) = state.take_shaft_report() {
                 shaft::tell(plan.speed_curve.as_ref(), &report, vessels, sink);
             }
@@ -142,9 +186,4 @@ impl Application for ArrayRecorder {
         let condition = self.condition();
         sink(&self.reporter.health(self.state.next_index(), &condition));
     }
-}
-
-/// A power ratio in half decibels, for display: micromath's logarithm errs by up to 0.5 dB, one unit of this scale.
-fn half_db(ratio: f32) -> i8 {
-    if ratio > 0.0 { (20.0 * F32Ext::log10(ratio)).clamp(-127.0, 0.0) as i8 } else { i8::MIN }
 }

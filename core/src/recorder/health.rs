@@ -79,6 +79,16 @@ impl Reporter {
         Some(self.health(index, condition))
     }
 
+    /// Time starts again at `index`.
+    pub fn restart(&mut self, index: u64) {
+        self.schedule(index);
+    }
+
+    /// Whether a health report is due after so many seconds without samples.
+    pub fn due_in_silence(&self, seconds: u32) -> bool {
+        seconds.checked_rem(u32::from(self.every_s)) == Some(0)
+    }
+
     /// A health report now.
     pub fn health(&self, index: u64, condition: &Condition) -> Message {
         Message::Health(Health {

@@ -1,8 +1,9 @@
 //! The recorder's state machine: blocks of samples and commands in, messages out.
 //!
 //! [`ArrayRecorder`] and [`ObsRecorder`] own the memory of their chain; [`Memory`] holds both, for a `static`, and gives the
-//! [`Recorder`] the configuration asks for. What they do at intervals (health, the end of a silent passage) happens
-//! at multiples of [`GRID`] of the sample index, so that how the samples are cut into blocks changes nothing.
+//! [`Recorder`] the configuration asks for. Samples go through [`crate::intake`] to the chain; what happens at intervals
+//! (health, the end of a silent passage) happens when it says the time, so that how the samples are cut into blocks changes
+//! nothing. Only while no samples come is it the board's clock that says the time.
 
 mod health;
 
@@ -21,26 +22,31 @@ pub use obs::{ObsRecorder, SetupError as ObsSetupError};
 
 use crate::block::Block;
 use crate::config::{Kind, StationConfig};
+use crate::intake::Intake;
 use crate::run::Application;
-use crate::wire::{Command, Message};
+use crate::wire::{Command, FaultCode, Message};
 
-/// Sample instants between the moments at which a recorder looks at the time: 8 ms at 64 kHz, 10 s at 50 Hz.
-pub const GRID: u64 = 512;
+/// Seconds without samples after which the source is called silent.
+pub const SILENT_S: u32 = 10;
 
-/// Cuts a block at multiples of [`GRID`]; with each piece comes the multiple it ends on, if it does.
-fn pieces(block: Block<'_>) -> impl Iterator<Item = (Block<'_>, Option<u64>)> {
-    let mut rest = block;
-    core::iter::from_fn(move || {
-        if rest.frames.is_empty() {
-            return None;
-        }
-        let room = GRID - rest.first_index % GRID;
-        let (now, later) = rest.frames.split_at_checked(room as usize).unwrap_or((rest.frames, &[]));
-        let piece = Block { first_index: rest.first_index, frames: now };
-        let end = rest.first_index.saturating_add(now.len() as u64);
-        rest = Block { first_index: end, frames: later };
-        Some((piece, end.is_multiple_of(GRID).then_some(end)))
-    })
+/// So many seconds have gone by without samples: says so once, and goes on with faults held back and health.
+fn silence(
+    intake: &mut Intake,
+    reporter: &Reporter,
+    condition: &Condition,
+    seconds: u32,
+    sink: &mut impl FnMut(&Message),
+) {
+    let index = intake.next_index();
+    if seconds == SILENT_S {
+        intake.faults.note(FaultCode::NoSamples, index, u64::from(seconds), &mut |message| sink(&message));
+    }
+    if seconds.is_multiple_of(60) {
+        intake.faults.tell(index, &mut |message| sink(&message));
+    }
+    if reporter.due_in_silence(seconds) {
+        sink(&reporter.health(index, condition));
+    }
 }
 
 /// Why a configuration cannot be run.
@@ -172,6 +178,24 @@ impl Application for Recorder<'_, '_> {
         }
     }
 
+    fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        match self {
+            #[cfg(feature = "array")]
+            Self::Array(r) => r.silent(seconds, sink),
+            #[cfg(feature = "obs")]
+            Self::Obs(r) => r.silent(seconds, sink),
+        }
+    }
+
+    fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
+        match self {
+            #[cfg(feature = "array")]
+            Self::Array(r) => r.fault(code, value, sink),
+            #[cfg(feature = "obs")]
+            Self::Obs(r) => r.fault(code, value, sink),
+        }
+    }
+
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
         match self {
             #[cfg(feature = "array")]
@@ -181,21 +205,5 @@ impl Application for Recorder<'_, '_> {
             #[cfg(not(feature = "obs"))]
             Self::Unavailable(never, _) => match *never {},
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pieces_cover_the_block_and_end_on_the_grid() {
-        let frames = [[0; 4]; 1500];
-        let block = Block { first_index: 1000, frames: &frames };
-        let cuts: std::vec::Vec<_> = pieces(block).map(|(p, e)| (p.first_index, p.frames.len(), e)).collect();
-        assert_eq!(
-            cuts,
-            [(1000, 24, Some(1024)), (1024, 512, Some(1536)), (1536, 512, Some(2048)), (2048, 452, None)]
-        );
     }
 }

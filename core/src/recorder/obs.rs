@@ -1,12 +1,13 @@
 //! The ocean-bottom recorder: blocks to azimuths, ranges, segments and tracks, and health.
 
 use super::health::{Condition, Reporter};
-use super::pieces;
+use super::silence;
 use crate::block::Block;
 use crate::config::StationConfig;
+use crate::intake::{Event, Step};
 use crate::obs::{self, PlanError, Table};
 use crate::run::Application;
-use crate::wire::{Command, Message};
+use crate::wire::{Command, FaultCode, Message};
 
 /// Everything the ocean-bottom recorder needs, in one place; meant for a `static`. Its propagation table is read where it
 /// lies, for `'t`.
@@ -45,24 +46,18 @@ impl<'t> ObsRecorder<'t> {
         let table = Table::parse(table.ok_or(SetupError::NoTable)?).map_err(SetupError::Table)?;
         self.plan.fill(config, &table).map_err(SetupError::Plan)?;
         if self.configured {
-            self.forget();
+            self.state.forget();
         }
         self.configured = true;
         self.reporter.configure(config, 1);
         Ok(())
     }
 
-    /// Back to nothing heard. Apart, because the new state passes over the stack; a recorder just started needs none.
-    #[inline(never)]
-    fn forget(&mut self) {
-        self.state = obs::State::new();
-    }
-
     fn condition(&self) -> Condition {
         Condition {
             accounting: self.state.accounting(),
             channels: self.state.channel_flags(),
-            level_half_db: self.state.level_half_db(),
+            level_half_db: self.state.level_half_db(&self.plan),
         }
     }
 
@@ -102,19 +97,35 @@ impl Application for ObsRecorder<'_> {
     }
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
-        for (piece, boundary) in pieces(block) {
-            let Self { plan, configured: true, state, scratch, reporter } = self else { return };
-            obs::push(plan, state, scratch, piece, &mut |message| {
+        let mut rest = block;
+        while let Self { plan, configured: true, state, scratch, reporter } = self
+            && let Some(step) = state.intake.next(&plan.intake, &mut rest, &mut |message| sink(&message))
+        {
+            obs::take(plan, state, scratch, &step, &mut |message| {
                 reporter.count(&message);
                 sink(&message);
             });
-            if let Some(index) = boundary {
-                let condition = self.condition();
-                if let Some(message) = self.reporter.due(index, &condition) {
-                    sink(&message);
+            match step {
+                Step::Event(Event::Restart(index)) => reporter.restart(index),
+                Step::Time(index) => {
+                    let condition = self.condition();
+                    if let Some(message) = self.reporter.due(index, &condition) {
+                        sink(&message);
+                    }
                 }
+                _ => {}
             }
         }
+    }
+
+    fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        let condition = self.condition();
+        silence(&mut self.state.intake, &self.reporter, &condition, seconds, sink);
+    }
+
+    fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
+        let index = self.index();
+        self.state.intake.faults.note(code, index, value, &mut |message| sink(&message));
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {

@@ -221,6 +221,13 @@ impl State {
         self.tracks.iter().filter(|t| t.is_live())
     }
 
+    /// Forgets everything, in place.
+    pub(crate) fn forget(&mut self) {
+        self.tracks.iter_mut().for_each(|track| *track = Track::new());
+        self.candidates.iter_mut().for_each(|candidate| *candidate = Candidate::new());
+        (self.gathered, self.index, self.issued, self.served) = (0, 0, 0, 0);
+    }
+
     /// Vessels tracked now.
     pub fn vessels(&self) -> usize {
         self.live().count()

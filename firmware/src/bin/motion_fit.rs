@@ -12,7 +12,7 @@ use cortex_m_rt::{ExceptionFrame, entry, exception};
 use seabearing_core::math::f64 as m;
 use seabearing_core::motion::{Line, Medium};
 use seabearing_core::port::Clock;
-use seabearing_firmware::mps2_an500::{clock::CoreTicks, host, stack_use};
+use seabearing_firmware::mps2_an500::{clock::BoardClock, host, stack_use};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, Config, Sample};
 use seabearing_locate::motion::whiten::{Method, Workspace};
@@ -60,7 +60,7 @@ fn main() -> ! {
         [const { Sample { t_s: 0.0, azimuth_rad: 0.0, sd_rad: 0.0, elevation_rad: (0.0, 0.0) } }; BEARINGS];
 
     let Some(peripherals) = cortex_m::Peripherals::take() else { fail(c"started twice\n") };
-    let mut clock = CoreTicks::new(peripherals.SYST);
+    let mut clock = BoardClock::new(peripherals.SYST);
     let medium = Medium::of_sound_speed(1484.0);
     observe(SAMPLES, &medium);
     let mut ticks = [0u64; 2];

@@ -10,7 +10,7 @@ use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_firmware::mps2_an500::{
-    Board, blob, clock::CoreTicks, host, input::Input, stack_use, uart::Uart,
+    Board, blob, clock::BoardClock, host, input::Input, stack_use, uart::Uart,
 };
 
 #[entry]
@@ -22,7 +22,7 @@ fn main() -> ! {
     let Ok(config) = config_blob::station(blob()) else { fail(c"no valid configuration at 0x60000000\n") };
     let mut samples = Input::open().unwrap_or_else(|reason| fail(reason));
     let mut uart = Uart::telemetry();
-    let mut clock = CoreTicks::new(peripherals.SYST);
+    let mut clock = BoardClock::new(peripherals.SYST);
     let table = config_blob::section(blob(), PROPAGATION).ok();
     let Ok(mut recorder) = MEMORY.configure(&config, table) else {
         fail(c"this image holds no recorder for this configuration\n")

@@ -76,6 +76,10 @@ impl Clock for Device {
     fn ticks(&mut self) -> u32 {
         self.word()
     }
+
+    fn seconds(&mut self) -> u32 {
+        self.word()
+    }
 }
 
 impl Supervisor for Device {

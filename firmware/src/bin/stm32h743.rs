@@ -25,7 +25,7 @@ use seabearing_firmware::acquisition::{Inlet, Numbered, Outlet, QUEUE_FRAMES};
 use seabearing_firmware::converter::Rate;
 use seabearing_firmware::stm32h743::link::{RING_BYTES, Serial, transmit};
 use seabearing_firmware::stm32h743::sampling::{Selected, pacer, sample};
-use seabearing_firmware::stm32h743::{Board, Cycles, WATCHDOG_US, clocks};
+use seabearing_firmware::stm32h743::{Board, Cycles, WATCHDOG_US, clocks, wake};
 
 /// The station, as `seabearing blob` wrote it when the image was built.
 static BLOB: &[u8] = include_bytes!(env!("SEABEARING_STATION_BLOB"));
@@ -87,9 +87,11 @@ fn main() -> ! {
     interrupt::UART4.set_priority(Priority::P6);
     let spawner = TASKS.start(interrupt::UART4);
     let inlet = Inlet::new(producer, pacer(config.rate_hz));
-    let (Ok(transmit), Ok(sample)) = (transmit(tx), sample(device, ready, rate, inlet)) else {
+    let (Ok(transmit), Ok(sample), Ok(wake)) = (transmit(tx), sample(device, ready, rate, inlet), wake())
+    else {
         panic!("a task was started twice")
     };
+    spawner.spawn(wake);
     spawner.spawn(transmit);
     spawner.spawn(sample);
 

@@ -3,14 +3,15 @@
 //! Telemetry and commands use UART0, samples may come over UART1. Their receive interrupts are never taken: they wake the
 //! core from its sleep, then the lines are polled.
 
+use super::clock::TIMER_IRQ;
 use cortex_m::peripheral::NVIC;
 use seabearing_core::port::Link;
 use seabearing_core::sample_line::{Arrival, ByteSource};
 
 const UART0: usize = 0x4000_4000;
 const UART1: usize = 0x4000_5000;
-/// Receive interrupts of both in the interrupt controller's first word.
-const WAKE: u32 = 1 << 0 | 1 << 2;
+/// Receive interrupts of both and the timer's in the interrupt controller's first word.
+const WAKE: u32 = 1 << 0 | 1 << 2 | TIMER_IRQ;
 const TX_FULL: u32 = 1;
 const RX_FULL: u32 = 2;
 /// Transmitter, receiver and the receive interrupt on.
@@ -91,7 +92,7 @@ impl ByteSource for Uart {
     }
 }
 
-/// Sleeps until a byte has come on either line; at once if one has come since the last sleep.
+/// Sleeps until a byte has come on either line or a second has gone by; at once if either was since the last sleep.
 pub fn sleep() {
     // SAFETY: with interrupts masked none of these is taken; a pending one ends the sleep all the same. The flags are
     // cleared before the lines are polled, so that a byte that comes meanwhile ends the next sleep.

@@ -91,7 +91,7 @@ impl Supervisor for Board {
     }
 
     fn idle(&mut self) {
-        // The next conversion, or the next byte, wakes the core.
+        // The next conversion, the next byte, or `wake` ends the sleep.
         cortex_m::asm::wfi();
         self.watchdog.pet();
     }
@@ -105,7 +105,16 @@ impl Supervisor for Board {
     }
 }
 
-/// The core's cycle counter.
+/// Wakes the loop's core twice a second while neither conversions nor bytes do, for ever: so the watchdog is fed and a
+/// converter that fell silent is noticed.
+#[embassy_executor::task]
+pub async fn wake() -> ! {
+    loop {
+        embassy_time::Timer::after_millis(500).await;
+    }
+}
+
+/// The core's cycle counter, and the seconds of the hardware library's timer.
 pub struct Cycles;
 
 impl Cycles {
@@ -121,5 +130,9 @@ impl Cycles {
 impl Clock for Cycles {
     fn ticks(&mut self) -> u32 {
         cortex_m::peripheral::DWT::cycle_count()
+    }
+
+    fn seconds(&mut self) -> u32 {
+        embassy_time::Instant::now().as_secs() as u32
     }
 }

@@ -49,7 +49,7 @@ impl SpiDevice for Selected {
 }
 
 /// Sets the converter up and reads every conversion, for ever. A converter that does not answer is tried again: the
-/// recorder sees no samples and says so in its health.
+/// recorder's loop sees no samples and says so by the board's clock.
 #[embassy_executor::task]
 pub async fn sample(
     mut device: Selected,

@@ -1,0 +1,116 @@
+//! Faults of one kind are gathered: at most three a minute are sent, the first at once; the others are counted and told
+//! together when the minute ends.
+//!
+//! A minute is a fixed stretch of the sample index, so that the telemetry does not depend on how samples arrive; while
+//! none come the board's clock ends it.
+
+use crate::wire::{Fault, FaultCode, FaultsHeld, Message};
+
+/// Faults of one kind sent a minute.
+pub const A_MINUTE: u8 = 3;
+
+/// Kinds there are.
+const KINDS: usize = FaultCode::NoSamples as usize + 1;
+
+/// One kind.
+#[derive(Clone, Copy, Debug)]
+struct Kind {
+    sent: u8,
+    held: u32,
+    value: i64,
+}
+
+/// What was sent and what was held back, by kind.
+#[derive(Clone, Debug)]
+pub struct Faults {
+    minute: u64,
+    kinds: [Kind; KINDS],
+}
+
+impl Default for Faults {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Faults {
+    /// Nothing went wrong; all zeros.
+    pub const fn new() -> Self {
+        Self { minute: 0, kinds: [Kind { sent: 0, held: 0, value: 0 }; KINDS] }
+    }
+
+    /// Sends a fault, or holds it back.
+    pub fn note(&mut self, code: FaultCode, index: u64, value: u64, sink: &mut dyn FnMut(Message)) {
+        let Some(kind) = self.kinds.get_mut(code as usize) else { return };
+        let value = i64::try_from(value).unwrap_or(i64::MAX);
+        if kind.sent < A_MINUTE {
+            kind.sent += 1;
+            sink(Message::Fault(Fault { code, index, value }));
+        } else {
+            kind.held = kind.held.saturating_add(1);
+            kind.value = match code {
+                FaultCode::Gap | FaultCode::Overlap | FaultCode::Invalid => kind.value.saturating_add(value),
+                FaultCode::DeadChannel | FaultCode::ChannelBack | FaultCode::Clipping => {
+                    kind.value | 1 << value.clamp(0, 7)
+                }
+                _ => value,
+            };
+        }
+    }
+
+    /// Gathers a chain's message where it is a fault, and sends every other.
+    pub fn pass(&mut self, message: Message, sink: &mut dyn FnMut(Message)) {
+        match message {
+            Message::Fault(Fault { code, index, value }) => {
+                self.note(code, index, value.max(0).unsigned_abs(), sink);
+            }
+            other => sink(other),
+        }
+    }
+
+    /// The recording is in this minute, at `index`.
+    pub(super) fn time(&mut self, minute: u64, index: u64, sink: &mut dyn FnMut(Message)) {
+        if minute != self.minute {
+            self.minute = minute;
+            self.tell(index, sink);
+        }
+    }
+
+    /// A minute has ended: tells what was held back.
+    pub fn tell(&mut self, index: u64, sink: &mut dyn FnMut(Message)) {
+        for (kind, code) in self.kinds.iter_mut().zip(FaultCode::ALL) {
+            let Kind { held: count, value, .. } = *kind;
+            *kind = Kind { sent: 0, held: 0, value: 0 };
+            if count > 0 {
+                sink(Message::FaultsHeld(FaultsHeld { code, index, count, value }));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    #[test]
+    fn three_a_minute_of_each_kind_and_the_rest_as_one_number() {
+        let (mut faults, mut out) = (Faults::new(), Vec::new());
+        for n in 0..10 {
+            faults.note(FaultCode::Gap, n, 5, &mut |m| out.push(m));
+        }
+        for channel in [2, 2, 2, 0, 3] {
+            faults.note(FaultCode::Clipping, 20, channel, &mut |m| out.push(m));
+        }
+        assert_eq!(out.len(), 6);
+        faults.time(0, 30, &mut |_| panic!("the minute has not ended"));
+        out.clear();
+        faults.time(1, 60, &mut |m| out.push(m));
+        let held = |code, count, value| Message::FaultsHeld(FaultsHeld { code, index: 60, count, value });
+        assert_eq!(out, [held(FaultCode::Gap, 7, 35), held(FaultCode::Clipping, 2, 0b1001)]);
+        out.clear();
+        faults.note(FaultCode::Gap, 70, u64::MAX, &mut |m| out.push(m));
+        faults.tell(80, &mut |m| out.push(m));
+        assert_eq!(out, [Message::Fault(Fault { code: FaultCode::Gap, index: 70, value: i64::MAX })]);
+    }
+}

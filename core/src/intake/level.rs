@@ -1,0 +1,75 @@
+//! Level of each channel: mean square about the mean, over full scale squared.
+
+use crate::block::{CHANNELS, Frame};
+use crate::math;
+
+/// Sums since the last level, and the last level.
+#[derive(Clone, Debug)]
+pub struct Levels {
+    origin: Frame,
+    sum: [f32; CHANNELS],
+    square: [f32; CHANNELS],
+    n: u32,
+    half_db: [i8; CHANNELS],
+    /// Index at which the level was made; `None` before the first.
+    made: Option<u64>,
+}
+
+impl Default for Levels {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Levels {
+    /// Nothing heard; all zeros.
+    pub const fn new() -> Self {
+        Self {
+            origin: [0; CHANNELS],
+            sum: [0.0; CHANNELS],
+            square: [0.0; CHANNELS],
+            n: 0,
+            half_db: [0; CHANNELS],
+            made: None,
+        }
+    }
+
+    /// Takes an instant.
+    #[inline]
+    pub fn add(&mut self, frame: &Frame) {
+        if self.n == 0 {
+            self.origin = *frame;
+        }
+        self.n += 1;
+        for c in 0..CHANNELS {
+            let x = frame[c].wrapping_sub(self.origin[c]) as f32;
+            self.sum[c] += x;
+            self.square[c] += x * x;
+        }
+    }
+
+    /// Makes the level of what was taken since the last, at `index`.
+    pub fn close(&mut self, full_scale: f32, index: u64) {
+        if self.n == 0 {
+            return;
+        }
+        let n = self.n as f32;
+        for c in 0..CHANNELS {
+            let mean = self.sum[c] / n;
+            let power = (self.square[c] / n - mean * mean).max(0.0) / (full_scale * full_scale);
+            self.half_db[c] =
+                if power > 0.0 { (2.0 * math::db(power)).clamp(-127.0, 0.0) as i8 } else { i8::MIN };
+        }
+        self.made = Some(index);
+        (self.sum, self.square, self.n) = ([0.0; CHANNELS], [0.0; CHANNELS], 0);
+    }
+
+    /// Half decibels re full scale; −128 where a channel does not move, and where nothing was heard for `minute` instants
+    /// up to `index`.
+    pub fn half_db(&self, index: u64, minute: u64) -> [i8; CHANNELS] {
+        match self.made {
+            Some(made) if index.saturating_sub(made) <= minute => self.half_db,
+            _ => [i8::MIN; CHANNELS],
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! From runs of codes to half-frames of samples: decimation, state of the channels, accounting.
+//!
+//! Enters: [`Run`]s in recorder channel order pressure, north, east, vertical. Leaves: hops of 512 samples of the three
+//! used channels, with what is wrong with them. A gap ends the hop; what is left of it is a remainder. A component without
+//! codes is a dead channel while it lasts: ranges need pressure alone. Cost: about 40 instructions a sample instant.
+
+use super::decimate::DecimatorState;
+use super::impulsive::Unevenness;
+use super::limits::{HOP, USED_CHANNELS};
+use super::plan::Plan;
+use crate::block::CHANNELS;
+use crate::health::{Accounting, LossCause};
+use crate::intake::channels::Verdict;
+use crate::intake::{Channels, Intake, Levels, Look, Run, Tolerance};
+use crate::wire::Message;
+
+/// Clipped samples of a hop up to which it is used: so few hardly raise the noise floor.
+const CLIPPED: u32 = 3;
+
+/// Half a frame.
+#[derive(Clone, Debug)]
+pub struct Hop {
+    /// Samples of pressure, north, east.
+    pub(super) samples: [[f32; HOP]; USED_CHANNELS],
+    wrong: Verdict,
+    /// Index of the instant after its last.
+    pub(super) end: u64,
+    /// Greatest burst of pressure over its mean, in eighths.
+    pub(super) uneven: u8,
+    /// Whether it is full.
+    full: bool,
+    /// Instants of it that are in no bucket yet.
+    open: u64,
+}
+
+impl Hop {
+    const NEW: Self = Self {
+        samples: [[0.0; HOP]; USED_CHANNELS],
+        wrong: Verdict { dead: 0, clipped: 0, clipped_often: 0, holed: false },
+        end: 0,
+        uneven: 0,
+        full: false,
+        open: 0,
+    };
+
+    /// Whether a channel can be used.
+    pub(super) fn usable(&self, channel: u8) -> bool {
+        !self.wrong.holed && (self.wrong.dead | self.wrong.clipped_often) >> channel & 1 == 0
+    }
+
+    /// Takes part in no further frame: what is in no bucket goes to the one of its trouble with pressure.
+    fn retire(&mut self, accounting: &mut Accounting) {
+        let cause = match self.wrong {
+            Verdict { holed: true, .. } => LossCause::Invalid,
+            Verdict { dead, .. } if dead & 1 != 0 => LossCause::DeadChannel,
+            Verdict { clipped_often, .. } if clipped_often & 1 != 0 => LossCause::Clipped,
+            _ => LossCause::Remainder,
+        };
+        accounting.lose(cause, core::mem::take(&mut self.open));
+        self.full = false;
+    }
+}
+
+/// The hop being filled and the one before.
+#[derive(Clone, Debug)]
+pub struct Hops {
+    decimator: DecimatorState,
+    pub(super) old: Hop,
+    pub(super) new: Hop,
+    fill: usize,
+    look: Look,
+    levels: Levels,
+    channels: Channels,
+    unevenness: Unevenness,
+    /// Whether the run goes on.
+    running: bool,
+}
+
+impl Default for Hops {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Hops {
+    /// Nothing seen; all zeros.
+    pub const fn new() -> Self {
+        Self {
+            decimator: DecimatorState::new(),
+            old: Hop::NEW,
+            new: Hop::NEW,
+            fill: 0,
+            look: Look::NEW,
+            levels: Levels::new(),
+            channels: Channels::new(),
+            unevenness: Unevenness::new(),
+            running: false,
+        }
+    }
+
+    /// Whether a run is about to begin.
+    pub fn begins(&self) -> bool {
+        !self.running
+    }
+
+    /// Whether the two hops are neighbours and make a frame.
+    pub fn pair(&self) -> bool {
+        self.old.full && self.new.full
+    }
+
+    /// Bit c: channel c dead; bit 4 + c: channel c clipped, as of the last hop.
+    pub fn channel_flags(&self) -> u8 {
+        self.channels.flags()
+    }
+
+    /// Level of each channel in the last hop, half decibels re full scale ([`Levels::half_db`]).
+    pub fn level_half_db(&self, index: u64, minute: u64) -> [i8; CHANNELS] {
+        self.levels.half_db(index, minute)
+    }
+
+    /// Takes the instant at `at` of a run; true where it fills a hop.
+    pub fn take(
+        &mut self,
+        plan: &Plan<'_>,
+        intake: &mut Intake,
+        run: &Run<'_>,
+        at: usize,
+        sink: &mut dyn FnMut(Message),
+    ) -> bool {
+        let Some(frame) = run.frames.get(at) else { return false };
+        if !self.running {
+            self.running = true;
+            self.unevenness = Unevenness::new();
+            self.decimator.restart();
+        }
+        self.look.see(run, core::slice::from_ref(frame), plan.clip);
+        self.levels.add(frame);
+        let [p, n, e, _] = frame.map(|code| code as f32);
+        let Some(x) = plan.decimator.push(&mut self.decimator, [p, n, e]) else {
+            return false;
+        };
+        let [pressure, ..] = x;
+        self.unevenness.push(&plan.calls, pressure);
+        if self.fill == 0 {
+            // The hop before becomes the older one; the one before that is done with.
+            self.old.retire(&mut intake.accounting);
+            core::mem::swap(&mut self.old, &mut self.new);
+        }
+        for (channel, x) in self.new.samples.iter_mut().zip(x) {
+            if let Some(slot) = channel.get_mut(self.fill) {
+                *slot = x;
+            }
+        }
+        self.fill += 1;
+        if self.fill < HOP {
+            return false;
+        }
+        let index = run.first_index.saturating_add(at as u64);
+        self.fill = 0;
+        self.new.uneven = self.unevenness.end_hop();
+        self.new.end = (index + 1).saturating_sub(plan.decimator.lag() as u64);
+        self.new.full = true;
+        self.new.open = self.look.open();
+        let missing = self.look.instants / 8;
+        self.new.wrong = self.look.verdict(&Tolerance { clipped: CLIPPED, missing });
+        let Verdict { dead, clipped_often, .. } = self.new.wrong;
+        self.channels.see(dead, clipped_often, index, &mut intake.faults, sink);
+        self.channels.roll();
+        self.levels.close(plan.full_scale, index);
+        self.look = Look::NEW;
+        true
+    }
+
+    /// The frame of the two hops was used: each counts once.
+    pub fn used(&mut self, accounting: &mut Accounting) {
+        for hop in [&mut self.old, &mut self.new] {
+            accounting.processed = accounting.processed.saturating_add(core::mem::take(&mut hop.open));
+        }
+    }
+
+    /// Ends the run: its last hop and what did not fill one are accounted for.
+    pub fn end(&mut self, accounting: &mut Accounting) {
+        self.old.retire(accounting);
+        self.new.retire(accounting);
+        accounting.lose(LossCause::Remainder, self.look.open());
+        self.look = Look::NEW;
+        self.fill = 0;
+        self.running = false;
+    }
+
+    /// Forgets everything, in place.
+    pub(super) fn forget(&mut self) {
+        self.end(&mut Accounting::default());
+        self.levels = Levels::new();
+        self.channels = Channels::new();
+    }
+}
