@@ -137,7 +137,7 @@ fn a_silent_line_is_reported_by_the_boards_clock() {
     }
     let folder = tempfile::tempdir().unwrap();
     let record = ocean_bottom(folder.path(), 600.0).unwrap();
-    let blob = twin::blob(&record.station).unwrap();
+    let blob = seabearing::blob::of(&record.station).unwrap();
     let mut bytes = Vec::new();
     let feed = |out: &mut dyn Write| {
         // Longer than the ten seconds after which a source is called silent.

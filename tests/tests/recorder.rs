@@ -212,7 +212,7 @@ fn a_hydrophone_that_dies_loses_its_level() {
 
 #[test]
 fn a_silent_source_is_named_and_health_goes_on_by_the_clock() {
-    let mut memory = Box::<Memory>::default();
+    let mut memory = Box::<Memory<'_>>::default();
     let mut recorder = memory.configure(&station().config, None).unwrap();
     let mut heard = Vec::new();
     recorder.start(0, &mut |m| heard.push(*m));
@@ -236,7 +236,7 @@ fn a_silent_source_is_named_and_health_goes_on_by_the_clock() {
 #[test]
 fn a_second_configuration_starts_afresh() {
     let samples = recording(8);
-    let mut memory = Box::<Memory>::default();
+    let mut memory = Box::<Memory<'_>>::default();
     let mut go = || {
         let mut recorder = memory.configure(&station().config, None).unwrap();
         let mut heard = Vec::new();

@@ -12,13 +12,13 @@ use core::panic::PanicInfo;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use seabearing_core::angle::wrap_tau;
 use seabearing_core::config::Tracking;
+use seabearing_core::intake::GRID;
 use seabearing_core::math::f64 as m;
 use seabearing_core::passage;
 use seabearing_core::port::Clock;
-use seabearing_core::recorder::GRID;
 use seabearing_core::traffic::{self, Config, State, VESSELS};
 use seabearing_core::wire::{Bearing, Message};
-use seabearing_firmware::mps2_an500::{clock::CoreTicks, host, stack_use};
+use seabearing_firmware::mps2_an500::{clock::BoardClock, host, stack_use};
 
 /// Sample instants a second, and between two bearings.
 const RATE_HZ: f64 = 64_000.0;
@@ -76,7 +76,7 @@ fn main() -> ! {
     static mut STATE: State = State::new();
 
     let Some(peripherals) = cortex_m::Peripherals::take() else { fail(c"started twice\n") };
-    let mut clock = CoreTicks::new(peripherals.SYST);
+    let mut clock = BoardClock::new(peripherals.SYST);
     let config = Config::with(passage::Config::new(&Tracking::default(), 1484.0), RATE_HZ);
     let mut random = Impulses(1);
     let (mut ended, mut worst, mut total) = (0usize, [0u64; 2], 0u64);
