@@ -360,7 +360,7 @@ impl<const N: usize> Passage<N> {
         let gone = self.nodes().iter().filter(|n| n.t_s() < oldest).count();
         let from = self.nodes().get(gone).map(Node::ticks);
         let kept = self.len.saturating_sub(gone);
-        self.nodes.rotate_left(gone.min(N));
+        to_front(&mut self.nodes, gone);
         self.len = kept;
         for node in self.nodes.iter_mut().take(kept) {
             *node = node.shifted(from.unwrap_or(0));
@@ -390,9 +390,8 @@ impl<const N: usize> Passage<N> {
         if let Some(slot) = self.nodes.get_mut(i) {
             *slot = joined;
         }
-        // Said to be not empty, so that no panic path is linked.
-        if let Some(rest @ [_, ..]) = self.nodes.get_mut(i + 1..self.len) {
-            rest.rotate_left(1);
+        if let Some(rest) = self.nodes.get_mut(i + 1..self.len) {
+            to_front(rest, 1);
         }
         self.len = self.len.saturating_sub(1);
     }
@@ -429,6 +428,17 @@ impl<const N: usize> Passage<N> {
         let least = lines.improve(&self.problem(config, &links), fresh, steps);
         self.lines = lines;
         least
+    }
+}
+
+/// Moves the items from place `from` on to the front, in order. `rotate_left` keeps a panic path wherever the compiler does
+/// not write it out in place.
+pub(crate) fn to_front<T: Copy>(items: &mut [T], from: usize) {
+    for k in 0..items.len() {
+        let Some(item) = items.get(k.saturating_add(from)).copied() else { break };
+        if let Some(place) = items.get_mut(k) {
+            *place = item;
+        }
     }
 }
 

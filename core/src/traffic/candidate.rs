@@ -83,7 +83,7 @@ impl Candidate {
         if self.len == BIRTH {
             // Full, but not yet convincing: the oldest makes room.
             let shift = self.bearings.get(1).map_or(0.0, |b| b.0);
-            self.bearings.rotate_left(1);
+            crate::passage::to_front(&mut self.bearings, 1);
             self.len -= 1;
             self.start_s += f64::from(shift);
             for b in &mut self.bearings {
