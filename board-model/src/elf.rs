@@ -52,6 +52,11 @@ impl Image {
         Ok(image)
     }
 
+    /// Bytes at an address, without names.
+    pub fn raw(address: u32, bytes: Vec<u8>) -> Self {
+        Self { segments: vec![Segment { address, bytes }], functions: Vec::new(), objects: Vec::new() }
+    }
+
     fn read(&mut self, bytes: &Bytes<'_>) -> Option<()> {
         const LOAD: u32 = 1;
         const SYMBOLS: u32 = 2;

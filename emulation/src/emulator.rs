@@ -103,18 +103,24 @@ impl Summary {
     }
 }
 
-/// The firmware image of a checkout, or the reason why there is none.
+/// The emulated board's image, that of the checkout unless another is given.
 ///
 /// # Errors
 /// Says how to build it.
 pub fn firmware(path: Option<PathBuf>) -> Result<PathBuf> {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../target/firmware/images/mps2-an500.elf");
-    let path = path.unwrap_or_else(|| PathBuf::from(default));
+    image(path, "mps2-an500.elf", "cargo xtask build-firmware")
+}
+
+/// An image, that of the checkout with this name unless another is given.
+///
+/// # Errors
+/// Says how to build it.
+pub fn image(path: Option<PathBuf>, name: &str, build: &str) -> Result<PathBuf> {
+    let images = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../target/firmware/images"));
+    let path = path.unwrap_or_else(|| images.join(name));
     match path.canonicalize() {
         Ok(path) => Ok(path),
-        Err(_) => {
-            bail!("no firmware image at {}: run `cargo xtask build-firmware`", path.display())
-        }
+        Err(_) => bail!("no firmware image at {}: run `{build}`", path.display()),
     }
 }
 

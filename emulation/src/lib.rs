@@ -5,6 +5,7 @@
 #[macro_use(print, println)]
 extern crate seabearing_host;
 
+pub mod board;
 pub mod demo;
 pub mod emulator;
 pub mod sample_line;

@@ -6,6 +6,8 @@ mod execute;
 mod float;
 pub mod nvic;
 mod system;
+#[cfg(test)]
+mod tests;
 mod transfer;
 
 use crate::board::{Board, Bus, Wish};
@@ -253,6 +255,12 @@ impl<B: Board> Machine<B> {
     pub fn counts(&mut self) -> Counts {
         self.attribute();
         Counts { interrupts: self.nvic.interrupts(), ..self.counts }
+    }
+
+    /// Resets the core and, by `board`, what is around it.
+    pub fn reset(&mut self, board: impl FnOnce(&mut B)) {
+        board(&mut self.board);
+        self.reset_core();
     }
 
     /// Changes the frequency of the core.

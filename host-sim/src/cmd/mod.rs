@@ -23,6 +23,8 @@ mod track_errors;
 mod track_lone;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod twin;
+#[cfg(all(unix, feature = "emulation"))]
+mod twin_board;
 
 /// Figures that miss their bars, named: the work was done, its result is not as it should be.
 #[derive(Debug)]

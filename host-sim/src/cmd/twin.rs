@@ -1,4 +1,4 @@
-//! `seabearing twin`: run the firmware in QEMU and the host over the same input and compare their telemetry.
+//! `seabearing twin`: run the firmware in an emulator and the host over the same input and compare their telemetry.
 
 use crate::emulator::{self, Emulator, SamplePath};
 use crate::progress;
@@ -17,15 +17,21 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  cargo xtask build-firmware\n  \
     seabearing twin --station out/station.toml out/east.wav\n  \
-    seabearing twin --station out/station.toml --samples uart --speed 1 out/*.mseed   # as a converter would\n\n\
+    seabearing twin --station out/station.toml --samples uart --speed 1 out/*.mseed   # as a converter would\n  \
+    cargo xtask build-firmware --board stm32h743 --station out/station.toml\n  \
+    seabearing twin --board stm32h743 --station out/station.toml --seconds 3 --cycles 2.5 --register-cycles 30 \
+    out/east.wav\n\n\
     RECORDING is what `process` takes, or one .sbraw stream (docs/firmware.md).")]
 pub struct Args {
     /// Station file
     #[arg(long, value_name = "STATION.toml")]
     station: PathBuf,
-    /// Firmware image [default: target/firmware/images/mps2-an500.elf of the checkout]
+    /// Board: mps2-an500 in QEMU, or stm32h743, the image for hardware on the modelled board (docs/board-model.md)
+    #[arg(long, value_enum, default_value = "mps2-an500")]
+    board: Board,
+    /// Firmware image [default: target/firmware/images/BOARD.elf of the checkout]
     #[arg(long, value_name = "ELF")]
-    firmware: Option<PathBuf>,
+    pub(super) firmware: Option<PathBuf>,
     /// Count instructions (slower; the cost is printed)
     #[arg(long)]
     count_instructions: bool,
@@ -37,13 +43,66 @@ pub struct Args {
     speed: Option<f64>,
     /// Keep the firmware's telemetry in this file
     #[arg(long, value_name = "FILE")]
-    keep: Option<PathBuf>,
+    pub(super) keep: Option<PathBuf>,
     /// Print the result as JSON
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) board_options: BoardOptions,
     /// Recordings
     #[arg(required = true, value_name = "RECORDING")]
-    input: Vec<PathBuf>,
+    pub(super) input: Vec<PathBuf>,
+}
+
+/// Boards there are.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Board {
+    /// ARM MPS2+ in QEMU
+    #[value(name = "mps2-an500")]
+    Mps2An500,
+    /// STM32H743 with its converter, modelled
+    #[value(name = "stm32h743")]
+    Stm32h743,
+}
+
+/// With --board stm32h743: what takes how long, and what goes wrong.
+#[derive(clap::Args)]
+#[command(next_help_heading = "With --board stm32h743")]
+pub(super) struct BoardOptions {
+    /// Seconds of the recording [default: all]
+    #[arg(long, value_name = "S")]
+    pub(super) seconds: Option<f64>,
+    /// Cycles an instruction
+    #[arg(long, value_name = "CYCLES", default_value_t = 1.0)]
+    pub(super) cycles: f64,
+    /// Cycles more for an access to a peripheral's register
+    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
+    pub(super) register_cycles: f64,
+    /// Cycles more for a load or store of tightly coupled memory
+    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
+    pub(super) tcm_cycles: f64,
+    /// Cycles more for a load or store of other RAM
+    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
+    pub(super) axi_cycles: f64,
+    /// Cycles more for a load of flash
+    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
+    pub(super) flash_cycles: f64,
+    /// Cycles to enter an interrupt
+    #[arg(long, value_name = "CYCLES", default_value_t = 12.0)]
+    pub(super) interrupt_cycles: f64,
+    /// Error of the board's clock
+    #[arg(long, value_name = "PPM", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub(super) board_clock_ppm: f64,
+    /// Error of the converter's clock
+    #[arg(long, value_name = "PPM", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub(super) converter_clock_ppm: f64,
+    /// Microseconds from a converter's reset until it answers
+    #[arg(long, value_name = "US", default_value_t = 5.0)]
+    pub(super) converter_start_us: f64,
+    /// What goes wrong and when (s): converter-reset@S, converter-dead@S or @S:LENGTH, spi-bits@BYTES, pin-reset@S,
+    /// brown-out@S
+    #[arg(long = "fault", value_name = "FAULT")]
+    pub(super) faults: Vec<crate::board::Fault>,
 }
 
 /// How samples reach the firmware.
@@ -61,6 +120,9 @@ enum Samples {
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
+    if args.board == Board::Stm32h743 {
+        return super::twin_board::run(args, &station);
+    }
     let (samples, pace) = match (args.samples, args.speed) {
         (Samples::File, None) => (SamplePath::File, Pace::Free),
         (Samples::File, Some(_)) => bail!("--speed goes with --samples uart"),

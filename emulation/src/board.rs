@@ -1,0 +1,339 @@
+//! The hardware board's twin: its image runs on the modelled board, what the converter delivered goes through the host's
+//! loop too, and both must say the same.
+
+use crate::twin::frames;
+use anyhow::{Context, Result, anyhow, bail};
+use seabearing_board_model::ads131m04::{Codes, REGISTER_ACQUISITION};
+use seabearing_board_model::core::Work;
+use seabearing_board_model::stm32h743::{self, Parameters, Stm32h743, cause};
+use seabearing_board_model::time::{PER_SECOND, Ticks};
+use seabearing_board_model::{Costs, Counts, Ending, Image, Machine};
+use seabearing_core::block::{Frame, MISSING};
+use seabearing_core::config_blob::{self, PROPAGATION};
+use seabearing_core::port::{Chunk, Link, NoClock, SampleSource, Supervisor};
+use seabearing_core::recorder::Memory;
+use seabearing_core::run::{BLOCK_FRAMES, run};
+use std::cell::RefCell;
+use std::path::Path;
+
+/// Something that goes wrong while the board runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fault {
+    /// The converter resets itself at this second.
+    ConverterReset(f64),
+    /// The converter is dead from this second on, for so many seconds.
+    ConverterDead(f64, f64),
+    /// Every so many bytes one bit is wrong on the way from the converter.
+    SpiBits(u64),
+    /// The reset pin is pulled at this second.
+    PinReset(f64),
+    /// The supply sags at this second.
+    BrownOut(f64),
+}
+
+impl std::str::FromStr for Fault {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bad = || {
+            format!(
+                "`{text}`: converter-reset@S, converter-dead@S or @S:LENGTH, spi-bits@BYTES, pin-reset@S or brown-out@S"
+            )
+        };
+        let (kind, at) = text.split_once('@').ok_or_else(bad)?;
+        let seconds =
+            |text: &str| text.parse().ok().filter(|s: &f64| *s >= 0.0 && s.is_finite()).ok_or_else(bad);
+        Ok(match kind {
+            "converter-reset" => Self::ConverterReset(seconds(at)?),
+            "converter-dead" => match at.split_once(':') {
+                Some((at, length)) => Self::ConverterDead(seconds(at)?, seconds(length)?),
+                None => Self::ConverterDead(seconds(at)?, f64::INFINITY),
+            },
+            "spi-bits" => Self::SpiBits(at.parse().ok().filter(|n| *n > 0).ok_or_else(bad)?),
+            "pin-reset" => Self::PinReset(seconds(at)?),
+            "brown-out" => Self::BrownOut(seconds(at)?),
+            _ => return Err(bad()),
+        })
+    }
+}
+
+/// How the board runs.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// What instructions and accesses cost.
+    pub costs: Costs,
+    /// The board's own.
+    pub parameters: Parameters,
+    /// Seconds from a converter's reset to its answers.
+    pub acquisition_s: f64,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self {
+            costs: Costs::IDEAL,
+            parameters: Parameters::default(),
+            acquisition_s: REGISTER_ACQUISITION as f64 / PER_SECOND as f64,
+            faults: Vec::new(),
+        }
+    }
+}
+
+/// What came of a run.
+#[derive(Debug, Clone)]
+pub struct Report {
+    /// What the board sent.
+    pub firmware: Vec<u8>,
+    /// What the host's loop said of the same conversions.
+    pub host: Vec<u8>,
+    /// Conversions done while recording, and those delivered.
+    pub converted: u64,
+    /// Conversions read whole.
+    pub delivered: u64,
+    /// Conversions between the first and the last delivered that were not.
+    pub lost: u64,
+    /// Seconds from the first conversion delivered to the last.
+    pub seconds: f64,
+    /// Work in interrupts and in the thread over that time.
+    pub handlers: Work,
+    /// Work outside of interrupts.
+    pub thread: Work,
+    /// Interrupts a second.
+    pub interrupts_per_s: f64,
+    /// Share of the time the core slept.
+    pub idle: f64,
+    /// Times the core was reset.
+    pub resets: u32,
+    /// Items moved by DMA, over the whole run.
+    pub dma_items: u64,
+    /// Frequency of the converter's bus.
+    pub spi_hz: u64,
+}
+
+impl Report {
+    /// Whether board and host said the same.
+    pub fn identical(&self) -> bool {
+        self.firmware == self.host
+    }
+
+    /// One line about where they differ.
+    pub fn difference(&self) -> String {
+        let (host, firmware) = (frames(&self.host), frames(&self.firmware));
+        let at = host.iter().zip(&firmware).take_while(|(a, b)| a.0 == b.0).count();
+        let show = |f: Option<&(Vec<u8>, _)>| match f {
+            Some((_, Some(message))) => format!("{message:?}"),
+            Some((bytes, None)) => format!("{} undecodable bytes", bytes.len()),
+            None => "nothing".to_owned(),
+        };
+        format!(
+            "telemetry differs from frame {at} (host {} bytes, board {} bytes): host says {} | board says {}",
+            self.host.len(),
+            self.firmware.len(),
+            show(host.get(at)),
+            show(firmware.get(at))
+        )
+    }
+}
+
+/// Time after the last conversion in which the board may still work and send.
+const DRAIN: Ticks = PER_SECOND / 2;
+/// Longest wait for the first conversion.
+const PATIENCE: Ticks = 5 * PER_SECOND;
+/// Step between two looks at the board.
+const STEP: Ticks = PER_SECOND / 2000;
+
+/// Runs an image that holds this configuration over conversions at `rate_hz`, then the host over what was delivered.
+///
+/// # Errors
+/// The image is not the station's, the software did something the board does not allow, or it never read a conversion.
+pub fn twin(
+    image: &Path,
+    blob: &[u8],
+    rate_hz: f64,
+    setup: &Setup,
+    source: impl FnMut() -> Option<Codes> + Send + 'static,
+) -> Result<Report> {
+    let file = std::fs::read(image).with_context(|| {
+        format!("no image at {}: run `cargo xtask build-firmware --board stm32h743`", image.display())
+    })?;
+    if !file.windows(blob.len()).any(|window| window == blob) {
+        bail!(
+            "{} holds another station's configuration: build it with `cargo xtask build-firmware --board stm32h743 \
+             --station STATION.toml`",
+            image.display()
+        );
+    }
+    let image = Image::parse(&file).map_err(|e| anyhow!("{}: {e}", image.display()))?;
+    let mut machine = stm32h743::machine(image, setup.costs, &setup.parameters, Box::new(source), rate_hz)
+        .map_err(anyhow::Error::msg)?;
+    machine.board.converter.acquisition = (setup.acquisition_s * PER_SECOND as f64) as Ticks;
+    let measured = run_board(&mut machine, &setup.faults)?;
+    let (began, ended) = measured;
+    let converter = &machine.board.converter;
+    let host = host(blob, &converter.delivered, &converter.codes)?;
+    let span = match (converter.delivered.first(), converter.delivered.last()) {
+        (Some(first), Some(last)) => last - first + 1,
+        _ => 0,
+    };
+    let ticks = ended.1 - began.1;
+    Ok(Report {
+        firmware: machine.board.sent().to_vec(),
+        host,
+        converted: converter.converted(),
+        delivered: converter.delivered.len() as u64,
+        lost: span - converter.delivered.len() as u64,
+        seconds: ticks as f64 / PER_SECOND as f64,
+        handlers: ended.0.handlers.since(&began.0.handlers),
+        thread: ended.0.thread.since(&began.0.thread),
+        interrupts_per_s: (ended.0.interrupts - began.0.interrupts) as f64 * PER_SECOND as f64 / ticks as f64,
+        idle: (ended.0.asleep - began.0.asleep) as f64 / ticks as f64,
+        resets: ended.0.resets,
+        dma_items: machine.board.dma_items,
+        spi_hz: machine.board.spi_hz(),
+    })
+}
+
+type Moment = (Counts, Ticks);
+
+/// Runs to the end of the conversions; the costs at the first and the last delivered.
+fn run_board(machine: &mut Machine<Stm32h743>, faults: &[Fault]) -> Result<(Moment, Moment)> {
+    let mut pending: Vec<(Ticks, Fault)> = Vec::new();
+    for fault in faults {
+        let at = match *fault {
+            Fault::SpiBits(every) => {
+                machine.board.converter.bit_errors_every = every;
+                continue;
+            }
+            Fault::ConverterReset(s)
+            | Fault::ConverterDead(s, _)
+            | Fault::PinReset(s)
+            | Fault::BrownOut(s) => s,
+        };
+        pending.push(((at * PER_SECOND as f64) as Ticks, *fault));
+    }
+    let mut alive_again = None;
+    let (mut began, mut ended): (Option<Moment>, Option<Moment>) = (None, None);
+    let mut until = 0;
+    loop {
+        until += STEP;
+        match machine.run(until).map_err(anyhow::Error::msg)? {
+            Ending::Time => {}
+            Ending::Exit(status) => bail!("the image left with status {status}"),
+        }
+        let now = machine.now();
+        for (_, fault) in pending.extract_if(.., |(at, _)| *at <= now) {
+            match fault {
+                Fault::ConverterReset(_) => machine.board.converter.reset(now),
+                Fault::ConverterDead(_, length) => {
+                    machine.board.converter.set_dead(true, now);
+                    alive_again = length.is_finite().then_some(now + (length * PER_SECOND as f64) as Ticks);
+                }
+                Fault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
+                Fault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
+                Fault::SpiBits(_) => {}
+            }
+        }
+        if alive_again.is_some_and(|at| at <= now) {
+            alive_again = None;
+            machine.board.converter.set_dead(false, now);
+        }
+        let counts = machine.counts();
+        if began.is_none() {
+            if !machine.board.converter.delivered.is_empty() {
+                began = Some((counts, now));
+            } else if now > PATIENCE {
+                bail!("the board has read no conversion within {} s", PATIENCE / PER_SECOND);
+            }
+        }
+        if machine.board.converter.exhausted() {
+            let (_, end) = *ended.get_or_insert((counts, now));
+            if now > end + DRAIN {
+                break;
+            }
+        }
+    }
+    Ok((began.context("no conversion was read")?, ended.context("the conversions did not end")?))
+}
+
+/// What a run of the host has sent, and how much of it before the input's end.
+#[derive(Default)]
+struct Heard {
+    bytes: Vec<u8>,
+    at_end: Option<usize>,
+}
+
+struct Telemetry<'a>(&'a RefCell<Heard>);
+
+impl Link for Telemetry<'_> {
+    fn send(&mut self, frame: &[u8]) -> bool {
+        self.0.borrow_mut().bytes.extend_from_slice(frame);
+        true
+    }
+    fn receive(&mut self) -> Option<u8> {
+        None
+    }
+}
+
+/// Conversions with their numbers, from the first on.
+struct Delivered<'a> {
+    numbers: &'a [u64],
+    codes: &'a [Codes],
+    next: usize,
+    heard: &'a RefCell<Heard>,
+}
+
+impl SampleSource for Delivered<'_> {
+    fn read(&mut self, frames: &mut [Frame]) -> Chunk {
+        let Some(first) = self.numbers.get(self.next) else {
+            let mut heard = self.heard.borrow_mut();
+            heard.at_end = Some(heard.bytes.len());
+            return Chunk::End;
+        };
+        let mut count = 0;
+        for slot in frames.iter_mut() {
+            let at = self.next + count;
+            if self.numbers.get(at) != Some(&(first + count as u64)) {
+                break;
+            }
+            *slot = self.codes[at];
+            count += 1;
+        }
+        self.next += count;
+        Chunk::Frames { first_index: first - self.numbers[0], count }
+    }
+}
+
+struct PowerOn;
+
+impl Supervisor for PowerOn {
+    fn feed(&mut self) {}
+    fn idle(&mut self) {}
+    fn reset_cause(&self) -> u8 {
+        0
+    }
+    fn last_panic(&mut self) -> Option<i64> {
+        None
+    }
+}
+
+/// What the host's loop says of these conversions, without what it would say at an end: a board has none.
+fn host(blob: &[u8], numbers: &[u64], codes: &[Codes]) -> Result<Vec<u8>> {
+    let config = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
+    let table = config_blob::section(blob, PROPAGATION).ok();
+    let mut memory: Box<Memory> = Box::default();
+    let mut recorder = memory.configure(&config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
+    let heard = RefCell::new(Heard::default());
+    let mut source = Delivered { numbers, codes, next: 0, heard: &heard };
+    let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
+    run(&mut recorder, &mut source, &mut Telemetry(&heard), &mut NoClock, &mut PowerOn, &mut frames);
+    let Heard { mut bytes, at_end } = heard.into_inner();
+    bytes.truncate(at_end.unwrap_or(0));
+    Ok(bytes)
+}
+
+/// A frame of a recording as a converter of 24 bits gives it; a missing sample is zero.
+pub fn codes(frame: &Frame) -> Codes {
+    frame.map(|code| if code == MISSING { 0 } else { code.clamp(-(1 << 23), (1 << 23) - 1) })
+}

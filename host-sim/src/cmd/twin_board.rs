@@ -1,0 +1,154 @@
+//! `seabearing twin --board stm32h743`: the hardware board's image on the modelled board, and the host.
+
+use super::twin::{Args, BoardOptions};
+use crate::board::{self, Fault, Report, Setup};
+use crate::station::Station;
+use crate::{blob, emulator, recording};
+use anyhow::{Result, bail};
+use seabearing_board_model::Costs;
+use seabearing_board_model::stm32h743::Parameters;
+use seabearing_core::block::Frame;
+use std::io::Write;
+use std::sync::mpsc;
+
+/// Runs the command for that board.
+///
+/// # Errors
+/// One line for a person; also where telemetry differs.
+pub(super) fn run(args: Args, station: &Station) -> Result<()> {
+    let image =
+        emulator::image(args.firmware, "stm32h743.elf", "cargo xtask build-firmware --board stm32h743")?;
+    let rate_hz = station.config.rate_hz;
+    let setup = setup(&args.board_options)?;
+    let most = args.board_options.seconds.map(|s| (s * rate_hz).round() as u64);
+    let blob = blob::of(station)?;
+    // Complaints about the input are heard before the board starts.
+    recording::open(&args.input, station, None)?;
+    let input = args.input;
+    // The recording is read while the board runs; it stops being read when the board has ended.
+    let (send, receive) = mpsc::sync_channel::<Vec<Frame>>(64);
+    let report = std::thread::scope(|scope| -> Result<Report> {
+        let reader = scope.spawn(move || -> Result<()> {
+            let mut source = recording::open(&input, station, None)?;
+            let mut left = most.unwrap_or(u64::MAX);
+            while left > 0
+                && let Some(block) = source.next_block()?
+            {
+                let take = block.frames.len().min(usize::try_from(left).unwrap_or(usize::MAX));
+                left -= take as u64;
+                if send.send(block.frames[..take].to_vec()).is_err() {
+                    break;
+                }
+            }
+            Ok(())
+        });
+        let mut waiting = Vec::new().into_iter();
+        let next = move || {
+            loop {
+                if let Some(frame) = waiting.next() {
+                    return Some(board::codes(&frame));
+                }
+                waiting = receive.recv().ok()?.into_iter();
+            }
+        };
+        let report = board::twin(&image, &blob, rate_hz, &setup, next);
+        match reader.join() {
+            Ok(read) => read?,
+            Err(_) => bail!("the reader of the recording has panicked"),
+        }
+        report
+    })?;
+    if let Some(path) = &args.keep {
+        crate::atomic::write(path, &report.firmware)?;
+    }
+    say(&report, args.json)?;
+    if !report.identical() {
+        bail!("{}", report.difference());
+    }
+    Ok(())
+}
+
+fn setup(options: &BoardOptions) -> Result<Setup> {
+    let costs = Costs {
+        instruction: options.cycles,
+        register: options.register_cycles,
+        tightly_coupled: options.tcm_cycles,
+        axi: options.axi_cycles,
+        sram: options.axi_cycles,
+        flash: options.flash_cycles,
+        interrupt_entry: options.interrupt_cycles,
+        ..Costs::IDEAL
+    };
+    let all = [
+        costs.instruction,
+        costs.register,
+        costs.tightly_coupled,
+        costs.axi,
+        costs.flash,
+        costs.interrupt_entry,
+    ];
+    if !(all.iter().all(|c| (0.0..=1e4).contains(c)) && costs.instruction > 0.0) {
+        bail!("costs are cycles from 0 to 10000, and an instruction takes some");
+    }
+    if ![options.board_clock_ppm, options.converter_clock_ppm].iter().all(|ppm| ppm.abs() <= 1e5) {
+        bail!("a clock's error is at most 100000 ppm");
+    }
+    let parameters = Parameters {
+        board_clock_error: options.board_clock_ppm * 1e-6,
+        converter_clock_error: options.converter_clock_ppm * 1e-6,
+        ..Parameters::default()
+    };
+    let faults: Vec<Fault> = options.faults.clone();
+    Ok(Setup { costs, parameters, acquisition_s: options.converter_start_us * 1e-6, faults })
+}
+
+fn say(report: &Report, json: bool) -> Result<()> {
+    let per = |count: u64| count as f64 / (report.delivered as f64).max(1.0);
+    let round = |x: f64| (x * 10.0).round() / 10.0;
+    let (handlers, thread) = (report.handlers, report.thread);
+    let registers = per(handlers.register_reads
+        + handlers.register_writes
+        + thread.register_reads
+        + thread.register_writes);
+    let memory = per(handlers.loads + handlers.stores + thread.loads + thread.stores);
+    let mut out = std::io::stdout().lock();
+    if json {
+        let record = serde_json::json!({
+            "type": "twin", "board": "stm32h743", "identical": report.identical(), "bytes": report.firmware.len(),
+            "seconds": report.seconds, "conversions": report.converted, "delivered": report.delivered,
+            "lost": report.lost, "interrupts_per_s": round(report.interrupts_per_s), "idle": report.idle,
+            "resets": report.resets, "spi_hz": report.spi_hz, "dma_items": report.dma_items,
+            "instructions_in_interrupts_per_conversion": per(handlers.instructions),
+            "instructions_in_thread_per_conversion": per(thread.instructions),
+            "register_accesses_per_conversion": registers,
+            "memory_loads_per_conversion": per(handlers.loads + thread.loads),
+            "memory_accesses_per_conversion": memory,
+        });
+        writeln!(out, "{record}")?;
+        return Ok(());
+    }
+    let same = if report.identical() { "identical" } else { "DIFFERENT" };
+    writeln!(out, "{same}: {} bytes over {:.2} s of conversions", report.firmware.len(), report.seconds)?;
+    writeln!(
+        out,
+        "conversions: {} done, {} delivered, {} lost between the first and the last",
+        report.converted, report.delivered, report.lost
+    )?;
+    writeln!(
+        out,
+        "processor: {:.1} % idle, {:.0} interrupts a second, {} resets, converter's bus {:.1} MHz",
+        report.idle * 100.0,
+        report.interrupts_per_s,
+        report.resets,
+        report.spi_hz as f64 / 1e6
+    )?;
+    writeln!(
+        out,
+        "per conversion: {:.0} instructions in interrupts, {:.0} in the thread, {registers:.1} register accesses, {:.0} \
+         loads of memory",
+        per(handlers.instructions),
+        per(thread.instructions),
+        per(handlers.loads + thread.loads)
+    )?;
+    Ok(())
+}
