@@ -6,9 +6,11 @@
 //! for its transmitter, and the socket is read until QEMU closes it.
 
 use crate::interrupt::{self, Guard};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
+use seabearing_board_model::time::NEVER;
+use seabearing_board_model::{Ending, Image, mps2_an500};
 use seabearing_core::wire::{Decoder, FaultCode, Message, Received};
-use std::io::{BufWriter, ErrorKind, Read, Write};
+use std::io::{BufReader, BufWriter, ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -33,6 +35,16 @@ pub enum SamplePath {
     Uart,
 }
 
+/// What runs the image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Engine {
+    /// QEMU, a program of its own.
+    #[default]
+    Qemu,
+    /// The interpreter that is part of this program; it always counts instructions.
+    Model,
+}
+
 /// How to run.
 #[derive(Debug, Clone)]
 pub struct Emulator {
@@ -42,6 +54,8 @@ pub struct Emulator {
     pub count_instructions: bool,
     /// How samples go in.
     pub samples: SamplePath,
+    /// What runs the image.
+    pub engine: Engine,
 }
 
 /// What the firmware leaves behind: see `docs/firmware.md`.
@@ -71,7 +85,10 @@ pub struct Summary {
 
 impl Summary {
     fn read(path: &Path) -> Option<Self> {
-        let bytes = std::fs::read(path).ok()?;
+        Self::of(&std::fs::read(path).ok()?)
+    }
+
+    fn of(bytes: &[u8]) -> Option<Self> {
         let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|w| u64::from_le_bytes(*w)).collect();
         let [
             index,
@@ -180,6 +197,9 @@ impl Emulator {
         feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
         mut heard: impl FnMut(&[u8], &mut dyn Write) -> Result<()>,
     ) -> Result<Summary> {
+        if self.engine == Engine::Model {
+            return self.run_model(blob, feed, heard);
+        }
         let folder =
             tempfile::Builder::new().prefix("seabearing-").tempdir().context("a temporary folder")?;
         let fifo = folder.path().join("samples.sbraw");
@@ -255,6 +275,50 @@ impl Emulator {
             }
             Summary::read(&folder.path().join("summary.bin")).context("the firmware left no summary")
         })
+    }
+
+    /// As [`Emulator::run`], in this program: telemetry is heard when the run has ended.
+    fn run_model(
+        &self,
+        blob: &[u8],
+        feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
+        mut heard: impl FnMut(&[u8], &mut dyn Write) -> Result<()>,
+    ) -> Result<Summary> {
+        let (near, far) = UnixStream::pair()?;
+        let image = std::fs::read(&self.firmware).context("the firmware image")?;
+        let image = Image::parse(&image).map_err(|e| anyhow!("{}: {e}", self.firmware.display()))?;
+        let (ending, telemetry, (summary, console)) = std::thread::scope(|scope| -> Result<_> {
+            let feeder = scope.spawn(move || -> Result<()> {
+                let mut out = BufWriter::with_capacity(1 << 16, near);
+                feed(&mut out)?;
+                Ok(out.flush()?)
+            });
+            let mut samples = BufReader::with_capacity(1 << 16, far);
+            let mut line = Vec::new();
+            if self.samples == SamplePath::Uart {
+                samples.read_to_end(&mut line)?;
+            }
+            let mut machine =
+                mps2_an500::machine(image, blob, Box::new(samples)).map_err(anyhow::Error::msg)?;
+            if self.samples == SamplePath::Uart {
+                machine.board.set_sample_line(line);
+            }
+            let ending = machine.run(NEVER).map_err(anyhow::Error::msg);
+            let mut board = machine.into_board();
+            let heard = std::mem::take(&mut board.telemetry);
+            let left = (std::mem::take(&mut board.summary), std::mem::take(&mut board.console));
+            // Samples that nobody takes any more are let go, so that their writer ends.
+            drop(board);
+            match feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked")) {
+                Err(error) if !reader_has_gone(&error) => Err(error),
+                _ => Ok((ending?, heard, left)),
+            }
+        })?;
+        heard(&telemetry, &mut std::io::sink())?;
+        if ending != Ending::Exit(0) {
+            bail!("the firmware has failed: {}", console.trim());
+        }
+        Summary::of(&summary).context("the firmware left no summary")
     }
 
     fn start(&self, folder: &Path, lines: &[&str]) -> Result<Child> {

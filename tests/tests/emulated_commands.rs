@@ -2,7 +2,7 @@
 //!
 //! Needs the firmware's image and QEMU; `cargo xtask test` builds the one, has the other, and runs this.
 
-use seabearing::emulator::{self, Emulator, SamplePath};
+use seabearing::emulator::{self, Emulator, Engine, SamplePath};
 use seabearing::sample_line::{Pace, Sender};
 use seabearing::station::Station;
 use seabearing::twin;
@@ -17,7 +17,7 @@ use std::sync::mpsc;
 
 fn emulator(samples: SamplePath) -> Emulator {
     let firmware = emulator::firmware(None).unwrap();
-    Emulator { firmware, count_instructions: false, samples }
+    Emulator { firmware, count_instructions: false, samples, engine: Engine::Qemu }
 }
 
 /// What the base station's side has heard and says.

@@ -3,7 +3,7 @@
 //!
 //! Needs the firmware's image and QEMU; `cargo xtask test` builds the one, has the other, and runs this.
 
-use seabearing::emulator::{self, Emulator, SamplePath};
+use seabearing::emulator::{self, Emulator, Engine, SamplePath};
 use seabearing::sample_line::{Pace, Sender};
 use seabearing::twin;
 use seabearing_core::block::Block;
@@ -15,7 +15,7 @@ use std::io::Write;
 
 fn emulator() -> Emulator {
     let firmware = emulator::firmware(None).unwrap();
-    Emulator { firmware, count_instructions: false, samples: SamplePath::Uart }
+    Emulator { firmware, count_instructions: false, samples: SamplePath::Uart, engine: Engine::Qemu }
 }
 
 fn send(record: &OceanBottom, out: &mut dyn Write) -> anyhow::Result<()> {

@@ -113,6 +113,9 @@ fn random(times: &str) -> Result<()> {
 fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("firmware for the emulated board", || firmware::build(toolchain, &EMULATED).map(|_| ()));
     suite.step("twin: a pass of 200 s, byte for byte", || twin("demo"));
+    suite.step("the same pass through the project's own interpreter, byte for byte", || {
+        twin_with("demo", &["--emulator", "model"])
+    });
     suite.step("twin: gaps, dead and clipped channels, byte for byte", || twin("faults"));
     suite.step("twin: six hours at the ocean bottom, byte for byte", || twin("ocean-bottom"));
     let names =
@@ -122,18 +125,29 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("samples over the emulated serial line; commands", || run(&mut tests, "emulated tests"));
     suite.step("panic freedom", || panic_free::check(toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(toolchain));
-    for (name, image) in [
-        ("stm32h743 links within memory.x", &HARDWARE),
-        ("stm32h743 with deferred logging links within memory.x", &HARDWARE_LOGGING),
-    ] {
-        suite.step(name, || firmware::build_hardware(toolchain, image, None).map(|_| ()));
-    }
+    suite.step("stm32h743 links within memory.x", || {
+        firmware::build_hardware(toolchain, &HARDWARE, None).map(|_| ())
+    });
+    suite
+        .step("twin: the hardware image on the modelled board, two seconds at 64 kHz, byte for byte", || {
+            twin_with("demo", &HARDWARE_TWIN)
+        });
+    suite.step("stm32h743 with deferred logging links within memory.x", || {
+        firmware::build_hardware(toolchain, &HARDWARE_LOGGING, None).map(|_| ())
+    });
 }
+
+/// The modelled board at one cycle an instruction, with a converter that answers at once after its reset.
+const HARDWARE_TWIN: [&str; 6] = ["--board", "stm32h743", "--seconds", "2", "--converter-start-us", "0"];
 
 /// Simulates a scenario and compares the telemetry of firmware and host.
 fn twin(scenario: &str) -> Result<()> {
+    twin_with(scenario, &[])
+}
+
+fn twin_with(scenario: &str, options: &[&str]) -> Result<()> {
     let recording = scenario::simulate(scenario)?;
-    let mut twin = host(&["twin", "--station"]);
-    twin.arg(recording.station).args(recording.files);
+    let mut twin = host(&["twin"]);
+    twin.args(options).arg("--station").arg(recording.station).args(recording.files);
     run(&mut twin, "seabearing twin")
 }

@@ -257,6 +257,11 @@ impl<B: Board> Machine<B> {
         Counts { interrupts: self.nvic.interrupts(), ..self.counts }
     }
 
+    /// The board as it is now, without its core.
+    pub fn into_board(self) -> B {
+        self.board
+    }
+
     /// Resets the core and, by `board`, what is around it.
     pub fn reset(&mut self, board: impl FnOnce(&mut B)) {
         board(&mut self.board);
@@ -438,6 +443,9 @@ impl<B: Board> Machine<B> {
     /// Forgets what was decoded around an address that was written.
     fn forget_code(&mut self, address: u32, length: u32) {
         for code in std::iter::once(&mut self.code).chain(&mut self.other_code) {
+            if (address.wrapping_sub(code.base) >> 1) as usize > code.slots.len() {
+                continue;
+            }
             let first = (address.wrapping_sub(code.base) >> 1) as usize;
             // A long instruction may begin one halfword before.
             for slot in first.saturating_sub(1)..=first + (length as usize).div_ceil(2) {

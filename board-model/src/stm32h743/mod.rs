@@ -293,8 +293,7 @@ impl Stm32h743 {
     /// Timers go on at the clocks' new frequencies.
     fn set_timer_clocks(&mut self, now: Ticks) {
         for timer in &mut self.timers {
-            timer.advance(now);
-            timer.hz = self.clocks.timer_hz(timer.place.bus);
+            timer.set_hz(now, self.clocks.timer_hz(timer.place.bus));
         }
     }
 

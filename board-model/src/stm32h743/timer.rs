@@ -38,7 +38,9 @@ pub(super) struct Timer {
     /// Pulses on its trigger output.
     pub triggers: u32,
     /// Frequency of its clock.
-    pub hz: u64,
+    hz: u64,
+    /// When something happens that is noticed outside.
+    event: Ticks,
 }
 
 mod at {
@@ -69,6 +71,7 @@ impl Timer {
             levels: [true; 2],
             triggers: 0,
             hz: 0,
+            event: NEVER,
         };
         timer.registers[at::ARR] = timer.mask();
         timer
@@ -157,16 +160,28 @@ impl Timer {
     pub fn advance(&mut self, now: Ticks) {
         if !self.on() || self.counts_edges() {
             self.since = now;
-            return;
+        } else {
+            let (numerator, hz) = self.period();
+            let counts = u128::from(now - self.since) * u128::from(hz) / u128::from(numerator);
+            self.since += (counts * u128::from(numerator)).div_ceil(u128::from(hz)) as u64;
+            self.count_up(counts as u64);
         }
-        let (numerator, hz) = self.period();
-        let counts = u128::from(now - self.since) * u128::from(hz) / u128::from(numerator);
-        self.since += (counts * u128::from(numerator)).div_ceil(u128::from(hz)) as u64;
-        self.count_up(counts as u64);
+        self.event = self.coming_event();
+    }
+
+    /// Goes on at another frequency.
+    pub fn set_hz(&mut self, now: Ticks, hz: u64) {
+        self.advance(now);
+        self.hz = hz;
+        self.event = self.coming_event();
     }
 
     /// When something happens that is noticed outside.
     pub fn next_event(&self) -> Ticks {
+        self.event
+    }
+
+    fn coming_event(&self) -> Ticks {
         if !self.on() || self.counts_edges() {
             return NEVER;
         }
@@ -296,6 +311,7 @@ impl Timer {
             register if register < self.registers.len() => self.registers[register] = value,
             _ => return Err(unknown(name, offset)),
         }
+        self.event = self.coming_event();
         Ok(())
     }
 }

@@ -33,6 +33,11 @@ pub fn run(args: Args) -> Result<()> {
         return demo::run(&args.scenario, &args.out, None);
     }
     let firmware = emulator::firmware(args.firmware)?;
-    let emulator = Emulator { firmware, count_instructions: false, samples: SamplePath::File };
+    let emulator = Emulator {
+        firmware,
+        count_instructions: false,
+        samples: SamplePath::File,
+        engine: emulator::Engine::Qemu,
+    };
     demo::run(&args.scenario, &args.out, Some(&emulator))
 }

@@ -29,6 +29,9 @@ pub struct Args {
     /// Board: mps2-an500 in QEMU, or stm32h743, the image for hardware on the modelled board (docs/board-model.md)
     #[arg(long, value_enum, default_value = "mps2-an500")]
     board: Board,
+    /// What runs the mps2-an500: QEMU, or the interpreter that is part of this program
+    #[arg(long, value_enum, default_value = "qemu")]
+    emulator: Engine,
     /// Firmware image [default: target/firmware/images/BOARD.elf of the checkout]
     #[arg(long, value_name = "ELF")]
     pub(super) firmware: Option<PathBuf>,
@@ -52,6 +55,15 @@ pub struct Args {
     /// Recordings
     #[arg(required = true, value_name = "RECORDING")]
     pub(super) input: Vec<PathBuf>,
+}
+
+/// What runs the mps2-an500.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Engine {
+    /// qemu-system-arm
+    Qemu,
+    /// The interpreter of the board model
+    Model,
 }
 
 /// Boards there are.
@@ -138,7 +150,11 @@ pub fn run(args: Args) -> Result<()> {
         bail!("{}: --samples uart takes recordings, not an .sbraw stream", args.input[0].display());
     }
     let firmware = emulator::firmware(args.firmware)?;
-    let emulator = Emulator { firmware, count_instructions: args.count_instructions, samples };
+    let engine = match args.emulator {
+        Engine::Qemu => emulator::Engine::Qemu,
+        Engine::Model => emulator::Engine::Model,
+    };
+    let emulator = Emulator { firmware, count_instructions: args.count_instructions, samples, engine };
     let blob = blob::of(&station)?;
     let feed = |out: &mut dyn Write, listener| match (&args.input[..], samples) {
         ([path], SamplePath::File) if raw => copy(path, out),
