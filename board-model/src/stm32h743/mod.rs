@@ -8,6 +8,8 @@ mod dma;
 mod pins;
 mod places;
 mod spi;
+#[cfg(test)]
+mod tests;
 mod timer;
 mod usart;
 mod watchdog;
@@ -110,28 +112,33 @@ pub fn machine(
     if parameters.loses_last_write {
         memory.hold_writes();
     }
-    // Time is counted in the board's own clock.
-    let board = 1.0 + parameters.board_clock_error;
-    let error = (1.0 + parameters.converter_clock_error) / board - 1.0;
-    let watchdog = (1.0 + parameters.watchdog_clock_error) / board - 1.0;
-    let board = Stm32h743 {
-        clocks: Clocks::new(cause::POWER, 0),
-        pins: Pins::new(),
-        dma: Dma::new(),
-        spi: Spi::new(),
-        usart: Usart::new(parameters.baud),
-        timers: TIMERS.iter().map(|place| Timer::new(*place)).collect(),
-        watchdog: Watchdog::new(watchdog),
-        debug: 0,
-        compensation: 0,
-        backup: [0; 32],
-        converter: Ads131m04::new(source, rate_hz, error),
-        dma_items: 0,
-    };
+    let board = Stm32h743::new(parameters, source, rate_hz);
     Machine::new(board, memory, image, costs, &[ITCM, FLASH])
 }
 
 impl Stm32h743 {
+    /// The board at power-on.
+    fn new(parameters: &Parameters, source: Source, rate_hz: f64) -> Self {
+        // Time is counted in the board's own clock.
+        let board = 1.0 + parameters.board_clock_error;
+        let error = (1.0 + parameters.converter_clock_error) / board - 1.0;
+        let watchdog = (1.0 + parameters.watchdog_clock_error) / board - 1.0;
+        Self {
+            clocks: Clocks::new(cause::POWER, 0),
+            pins: Pins::new(),
+            dma: Dma::new(),
+            spi: Spi::new(),
+            usart: Usart::new(parameters.baud),
+            timers: TIMERS.iter().map(|place| Timer::new(*place)).collect(),
+            watchdog: Watchdog::new(watchdog),
+            debug: 0,
+            compensation: 0,
+            backup: [0; 32],
+            converter: Ads131m04::new(source, rate_hz, error),
+            dma_items: 0,
+        }
+    }
+
     /// Bytes that have left on the serial line.
     pub fn sent(&self) -> &[u8] {
         &self.usart.sent
