@@ -184,6 +184,8 @@ impl Application for Recorder<'_, '_> {
             Self::Array(r) => r.silent(seconds, sink),
             #[cfg(feature = "obs")]
             Self::Obs(r) => r.silent(seconds, sink),
+            #[cfg(not(feature = "obs"))]
+            Self::Unavailable(never, _) => match *never {},
         }
     }
 
@@ -193,6 +195,8 @@ impl Application for Recorder<'_, '_> {
             Self::Array(r) => r.fault(code, value, sink),
             #[cfg(feature = "obs")]
             Self::Obs(r) => r.fault(code, value, sink),
+            #[cfg(not(feature = "obs"))]
+            Self::Unavailable(never, _) => match *never {},
         }
     }
 
