@@ -222,7 +222,7 @@ impl State {
     }
 
     /// Forgets everything, in place.
-    pub(crate) fn forget(&mut self) {
+    pub fn forget(&mut self) {
         self.tracks.iter_mut().for_each(|track| *track = Track::new());
         self.candidates.iter_mut().for_each(|candidate| *candidate = Candidate::new());
         (self.gathered, self.index, self.issued, self.served) = (0, 0, 0, 0);
