@@ -322,7 +322,7 @@ impl Supervisor for PowerOn {
 fn host(blob: &[u8], numbers: &[u64], codes: &[Codes]) -> Result<Vec<u8>> {
     let config = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
     let table = config_blob::section(blob, PROPAGATION).ok();
-    let mut memory: Box<Memory> = Box::default();
+    let mut memory: Box<Memory<'_>> = Box::default();
     let mut recorder = memory.configure(&config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
     let heard = RefCell::new(Heard::default());
     let mut source = Delivered { numbers, codes, next: 0, heard: &heard };
