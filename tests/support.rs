@@ -24,8 +24,8 @@ pub fn ocean_bottom(folder: &Path, duration_s: f64) -> anyhow::Result<OceanBotto
     let table = trace::trace("t", &profile, &Bottom::default(), 350.0, 150, || ());
     propagation::file::write(&table, &folder.join("table.toml"))?;
     let scenario = format!(
-        "kind = \"obs\"\nseed = 3\nduration_s = {duration_s:?}\npropagation = \"table.toml\"\n[[ship]]\n\
-         cpa_time_s = {:?}\ncpa_range_m = 6000.0\nheading_deg = 30.0\nspeed_m_s = 8.0\n",
+        "kind = \"obs\"\nseed = 3\nduration_s = {duration_s:?}\npropagation = \"table.toml\"\n[[vessels]]\n\
+         straight = {{ cpa_time_s = {:?}, cpa_range_m = 6000.0, heading_deg = 30.0, speed_m_s = 8.0, side = \"port\" }}\n",
         0.5 * duration_s
     );
     std::fs::write(folder.join("scenario.toml"), scenario)?;

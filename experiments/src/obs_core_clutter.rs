@@ -37,7 +37,7 @@ fn run(options: &Options) -> Result<()> {
     let mut rows = String::from("seed,filter,range_n,wrong_branch,range_smad_m\n");
     let mut all = [Detections::default(), Detections::default()];
     for seed in (0..options.runs.unwrap_or(4) as u64).map(|i| options.seed + i) {
-        let scenario = Scenario { ship: vec![ship(seed)], ..quiet(seed, 21_600.0) };
+        let scenario = Scenario { vessels: vec![ship(seed)], ..quiet(seed, 21_600.0) };
         let bytes = table::blob(&table, "RR03", RATE_HZ)?;
         let view = Table::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
         let plan = Plan::new(&station::config(&scenario, false)?, &view).map_err(|e| anyhow!("{e}"))?;

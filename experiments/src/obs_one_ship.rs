@@ -6,7 +6,7 @@
 
 use super::obs_world::{Case, station_table};
 use super::{Experiment, Options};
-use crate::ocean_bottom::scenario::{Scenario, Ship};
+use crate::ocean_bottom::scenario::{Scenario, Side, Straight, Vessel};
 use crate::propagation::Propagation;
 use crate::score::{Detections, smad, track};
 use anyhow::Result;
@@ -25,15 +25,17 @@ pub const ONE_SHIP: Experiment = Experiment {
 const RUNS: usize = 4;
 
 /// One seeded vessel of the figure.
-pub fn ship(seed: u64) -> Ship {
+pub fn ship(seed: u64) -> Vessel {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    Ship {
+    Vessel {
         name: format!("seed-{seed}"),
-        cpa_time_s: 10_800.0 + rng.random_range(-900.0..900.0),
-        cpa_range_m: rng.random_range(5_000.0..15_000.0),
-        heading_deg: rng.random_range(0.0..360.0),
-        speed_m_s: rng.random_range(4.0..10.0),
-        starboard: rng.random(),
+        straight: Straight {
+            cpa_time_s: 10_800.0 + rng.random_range(-900.0..900.0),
+            cpa_range_m: rng.random_range(5_000.0..15_000.0),
+            heading_deg: rng.random_range(0.0..360.0),
+            speed_m_s: rng.random_range(4.0..10.0),
+            side: if rng.random() { Side::Starboard } else { Side::Port },
+        },
         active_s: [-1e9, 1e9],
         radiation: Default::default(),
     }
@@ -49,7 +51,7 @@ fn listen(
     let (mut all, mut worst) = (Detections::default(), [0.0f64; 4]);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let ship = ship(seed);
-        let scenario = Scenario { ship: vec![ship.clone()], ..super::obs_world::quiet(seed, 21_600.0) };
+        let scenario = Scenario { vessels: vec![ship.clone()], ..super::obs_world::quiet(seed, 21_600.0) };
         let case = Case::run(scenario, table, Vec::new(), paper)?;
         let d = case.detections().remove(0);
         let tracks: Vec<_> = case
@@ -64,8 +66,8 @@ fn listen(
         *rows += &format!(
             "{},{seed},{:.0},{:.2},{},{},{:.2},{},{},{:.0},{:.3},{:.1},{:.0},{:.2},{:.3}\n",
             if paper { "paper" } else { "own" },
-            ship.cpa_range_m,
-            ship.speed_m_s,
+            ship.straight.cpa_range_m,
+            ship.straight.speed_m_s,
             d.azimuth.len(),
             d.azimuth_wrong,
             smad(&d.azimuth).to_degrees(),

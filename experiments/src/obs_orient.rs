@@ -8,7 +8,7 @@ use super::{Experiment, Options};
 use crate::ocean_bottom::course::Course;
 use crate::ocean_bottom::orient::orientation;
 use crate::ocean_bottom::place::{SEARCH_M, place};
-use crate::ocean_bottom::scenario::{Scenario, Ship};
+use crate::ocean_bottom::scenario::{Scenario, Vessel};
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::{stages, station};
 use anyhow::{Context, Result};
@@ -31,16 +31,16 @@ const PASSAGE_S: f64 = 21_600.0;
 fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
     let n = options.runs.unwrap_or(RUNS).max(1);
-    let ship: Vec<Ship> = (0..n)
+    let vessels: Vec<Vessel> = (0..n)
         .map(|i| {
             let mut s = super::obs_one_ship::ship(options.seed + i as u64);
-            s.cpa_time_s += PASSAGE_S * i as f64;
+            s.straight.cpa_time_s += PASSAGE_S * i as f64;
             // Each sounds for its own six hours only, as neighbours would else overlap.
             s.active_s = [PASSAGE_S * i as f64, PASSAGE_S * (i + 1) as f64];
             s
         })
         .collect();
-    let scenario = Scenario { ship, ..quiet(options.seed, PASSAGE_S * n as f64) };
+    let scenario = Scenario { vessels, ..quiet(options.seed, PASSAGE_S * n as f64) };
     let assumed = Scenario { orientation_of_north_deg: ASSUMED_DEG, ..scenario.clone() };
     let mut simulator = Simulator::new(scenario.clone(), table.clone(), Vec::new())?;
     let courses: Vec<Course> = simulator

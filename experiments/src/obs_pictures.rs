@@ -3,7 +3,7 @@
 use super::obs_world::{Case, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::pictures::{TruthCurve, draw, model};
-use crate::ocean_bottom::scenario::{Radiation, Scenario, Ship, Whale};
+use crate::ocean_bottom::scenario::{Radiation, Scenario, Side, Straight, Vessel, Whale};
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::station;
 use crate::score::then;
@@ -18,13 +18,15 @@ pub const PICTURES: Experiment = Experiment {
 
 fn scenario(seed: u64) -> Scenario {
     let radiation = Radiation { blade_hz: 5.4, tones_hz: vec![12.6, 17.9, 20.7], ..Radiation::default() };
-    let ship = Ship {
+    let vessel = Vessel {
         name: "truth".into(),
-        cpa_time_s: 16_000.0,
-        cpa_range_m: 9_000.0,
-        heading_deg: 55.0,
-        speed_m_s: 8.2,
-        starboard: false,
+        straight: Straight {
+            cpa_time_s: 16_000.0,
+            cpa_range_m: 9_000.0,
+            heading_deg: 55.0,
+            speed_m_s: 8.2,
+            side: Side::Port,
+        },
         active_s: [-1e9, 1e9],
         radiation,
     };
@@ -36,7 +38,7 @@ fn scenario(seed: u64) -> Scenario {
         interval_s: 13.2,
         level_db: 18.0,
     };
-    Scenario { ship: vec![ship], fin_whale: vec![whale], ..quiet(seed, 36_000.0) }
+    Scenario { vessels: vec![vessel], fin_whale: vec![whale], ..quiet(seed, 36_000.0) }
 }
 
 fn run(options: &Options) -> Result<()> {

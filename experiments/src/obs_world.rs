@@ -2,7 +2,7 @@
 
 use super::Options;
 use crate::ocean_bottom::event::Heard;
-use crate::ocean_bottom::scenario::Scenario;
+use crate::ocean_bottom::scenario::{Scenario, default_start};
 use crate::ocean_bottom::simulate::{Extra, Simulator, Vessel};
 use crate::ocean_bottom::{run, station};
 use crate::propagation::{Propagation, bottom::Bottom, convert, profile, trace};
@@ -35,7 +35,7 @@ pub fn quiet(seed: u64, duration_s: f64) -> Scenario {
         kind: "obs".into(),
         seed,
         duration_s,
-        start: "2013-05-21T00:00:00Z".into(),
+        start: default_start(),
         rate_hz: 50.0,
         propagation: PathBuf::new(),
         paths: 5,
@@ -44,14 +44,15 @@ pub fn quiet(seed: u64, duration_s: f64) -> Scenario {
         orientation_of_north_deg: 77.0,
         intensity: "away".into(),
         ambient: Default::default(),
-        ship: Vec::new(),
+        vessels: Vec::new(),
         ais: Vec::new(),
         fin_whale: Vec::new(),
         blue_whale: Vec::new(),
         earthquake: Vec::new(),
         t_phase: Vec::new(),
         strumming: Vec::new(),
-        faults: Default::default(),
+        gaps: Vec::new(),
+        faults: Vec::new(),
     }
 }
 

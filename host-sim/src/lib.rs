@@ -14,5 +14,5 @@ pub use seabearing_emulation::{board, demo, emulator, sample_line, twin};
 pub use seabearing_experiments as reproduce;
 pub use seabearing_host::{
     ais, atomic, blob, console, csv, delays, geodesy, interrupt, ocean_bottom, orientation, plot, progress,
-    propagation, record, recording, replay, station, world,
+    propagation, record, recording, replay, scenario, station, world,
 };

@@ -160,7 +160,7 @@ fn a_recording_of_one_passage_gives_both_too() {
     let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
     let scenario = format!(
         "kind = \"obs\"\nseed = 4\nduration_s = 9000.0\npropagation = \"table.toml\"\norientation_of_north_deg = {TRUE_DEG}\n\
-         [[ship]]\ncpa_time_s = 4500.0\ncpa_range_m = 7000.0\nheading_deg = 150.0\nspeed_m_s = 7.0\nstarboard = false\n"
+         [[vessels]]\nstraight = {{ cpa_time_s = 4500.0, cpa_range_m = 7000.0, heading_deg = 150.0, speed_m_s = 7.0, side = \"port\" }}\n"
     );
     std::fs::write(path("s.toml"), scenario).unwrap();
     let simulated = seabearing(&["simulate", &path("s.toml"), "--out", &path("rec")]);

@@ -5,8 +5,10 @@
 
 use crate::csv::shown;
 use crate::geodesy::LocalFrame;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
+use lzma_rust2::XzReader;
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::Path;
 use time::macros::format_description;
 use time::{Date, PrimitiveDateTime, Time};
@@ -15,6 +17,11 @@ use time::{Date, PrimitiveDateTime, Time};
 pub const KNOT_M_S: f64 = 1852.0 / 3600.0;
 /// Faster than any vessel, m/s: a leg that needs more joins wrong positions.
 const IMPOSSIBLE_M_S: f64 = 40.0;
+
+/// Longest text of a packed file, bytes: some four million reports, more than a year about one station.
+const LONGEST: u64 = 256 << 20;
+/// Memory for unpacking, KiB: twice the dictionary of `xz -9`.
+const DICTIONARY_KIB: u32 = 128 << 10;
 
 /// One position report.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,17 +86,24 @@ pub fn text(path: &Path) -> Result<String> {
     let name = path.display();
     let mut bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
     if bytes.starts_with(&[0xfd, b'7', b'z', b'X', b'Z', 0]) {
-        let mut unpacked = Vec::new();
-        if let Err(error) = lzma_rs::xz_decompress(&mut bytes.as_slice(), &mut unpacked) {
-            bail!("{name}: damaged xz file: {error:?}");
-        }
-        bytes = unpacked;
+        bytes = unpacked(&bytes, LONGEST).with_context(|| name.to_string())?;
     }
     if bytes.contains(&0) {
         bail!("{name}: not a text file");
     }
     // Vessels' names may be in any single-byte code; what is read of a file is not.
     Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// Unpacks xz to at most so many bytes.
+fn unpacked(packed: &[u8], longest: u64) -> Result<Vec<u8>> {
+    let mut out = Vec::new();
+    let reader = XzReader::new_mem_limit(packed, true, DICTIONARY_KIB);
+    reader.take(longest + 1).read_to_end(&mut out).map_err(|e| anyhow!("damaged xz file: {e}"))?;
+    if out.len() as u64 > longest {
+        bail!("unpacks to more than {} MiB: split it by time or place", longest >> 20);
+    }
+    Ok(out)
 }
 
 /// Parses text; `name` stands in messages.
@@ -280,17 +294,48 @@ mod tests {
         assert!(parse("a,b\n1,2\n", "x").is_err());
     }
 
+    fn packed(bytes: &[u8]) -> Vec<u8> {
+        let mut writer =
+            lzma_rust2::XzWriter::new(Vec::new(), lzma_rust2::XzOptions::with_preset(1)).unwrap();
+        std::io::Write::write_all(&mut writer, bytes).unwrap();
+        writer.finish().unwrap()
+    }
+
+    #[test]
+    fn what_unpacks_without_end_is_refused_before_it_is_held() {
+        let bomb = packed(&vec![b'7'; 3 << 20]);
+        assert!(bomb.len() < 1 << 12, "{}", bomb.len());
+        assert_eq!(unpacked(&bomb, 3 << 20).unwrap().len(), 3 << 20);
+        let e = unpacked(&bomb, 2 << 20).unwrap_err().to_string();
+        assert_eq!(e, "unpacks to more than 2 MiB: split it by time or place");
+    }
+
+    #[test]
+    fn speeds_that_are_not_available_are_none() {
+        // Code 1023 of the message is "not available", 1022 "102.2 knots or more": neither is a speed.
+        let speed = |header: &str, value: &str| {
+            let text = format!("MMSI,LAT,LON,TIMESTAMP UTC,{header}\n7,50.0,-1.0,2012-12-05 19:32,{value}\n");
+            parse(&text, "x").unwrap().0[0].speed_m_s
+        };
+        for value in ["102.3", "102.2", "1023", ""] {
+            assert_eq!(speed("SOG", value), None, "{value} knots");
+        }
+        assert_eq!(speed("SPEED", "1023"), None);
+        assert_eq!(speed("SPEED", "1022"), None);
+        assert!((speed("SOG", "102.1").unwrap() - 52.525).abs() < 0.01);
+        assert!((speed("SPEED", "123").unwrap() - 6.328).abs() < 0.01);
+    }
+
     #[test]
     fn a_packed_file_reads_as_the_plain_one_and_a_damaged_one_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let plain = "mmsi;source;locDate;locTime;lon;lat;sog\n7;ASS;05/12/2012;19:32:09;-1.0;50.01;10\n";
-        let mut packed = Vec::new();
-        lzma_rs::xz_compress(&mut plain.as_bytes(), &mut packed).unwrap();
+        let packed = packed(plain.as_bytes());
         let path = dir.path().join("traffic.csv.xz");
         std::fs::write(&path, &packed).unwrap();
         assert_eq!(read(&path).unwrap(), parse(plain, "x").unwrap());
         std::fs::write(&path, &packed[..packed.len() - 9]).unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("damaged xz file"));
+        assert!(format!("{:#}", read(&path).unwrap_err()).contains("traffic.csv.xz: damaged xz file"));
         std::fs::write(&path, b"RIFF\0\0\0\0WAVE").unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("not a text file"));
     }

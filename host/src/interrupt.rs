@@ -1,10 +1,10 @@
 //! What is undone when the command is interrupted: unfinished files, temporary folders, programs it started.
 //!
 //! Whoever makes such a thing registers how to undo it; the guard that comes back takes it off the list. On SIGINT,
-//! SIGTERM or SIGHUP (unless the command was started with the signal ignored, as `nohup` does) everything listed is
+//! SIGTERM or SIGHUP (where there is one, and unless the command was started with the signal ignored, as `nohup` does) everything listed is
 //! undone, one line says so, and the command ends by that signal, as a shell expects.
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM};
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -47,12 +47,10 @@ pub fn listing<T, E>(make: impl FnOnce() -> Result<(T, Undo), E>) -> Result<(T, 
 
 /// Waits for interruptions from now on, in a thread of its own.
 pub fn watch() {
-    let ignored = ignored_signals();
-    let wanted = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|s| ignored >> (s - 1) & 1 == 0);
     // Without handlers an interruption still ends the command, and the next run clears up after it.
-    let Ok(mut signals) = signal_hook::iterator::Signals::new(wanted) else { return };
+    let Some(interruption) = interruption() else { return };
     std::thread::spawn(move || {
-        if let Some(signal) = signals.forever().next() {
+        if let Some(signal) = interruption() {
             let mut list = listed();
             let unfinished = list.1.len();
             list.1.values_mut().for_each(|undo| undo());
@@ -68,6 +66,36 @@ pub fn watch() {
     });
 }
 
+/// What waits for an interruption and says which signal it was.
+#[cfg(unix)]
+fn interruption() -> Option<impl FnOnce() -> Option<i32> + Send> {
+    let ignored = ignored_signals();
+    let all = [SIGINT, SIGTERM, signal_hook::consts::SIGHUP];
+    let wanted = all.into_iter().filter(|s| ignored >> (s - 1) & 1 == 0);
+    let mut signals = signal_hook::iterator::Signals::new(wanted).ok()?;
+    Some(move || signals.forever().next())
+}
+
+/// The same where signals only raise flags: these are looked at ten times a second.
+#[cfg(not(unix))]
+fn interruption() -> Option<impl FnOnce() -> Option<i32> + Send> {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    let flags = [SIGINT, SIGTERM].map(|signal| {
+        let came = Arc::new(AtomicBool::new(false));
+        signal_hook::flag::register(signal, Arc::clone(&came)).ok().map(|_| (signal, came))
+    });
+    Some(move || {
+        loop {
+            let raised = flags.iter().flatten().find(|(_, came)| came.load(Ordering::Relaxed));
+            if let Some((signal, _)) = raised {
+                return Some(*signal);
+            }
+            std::thread::sleep(std::time::Duration::from_millis(100));
+        }
+    })
+}
+
 /// Ends the command early with a status, everything listed undone.
 pub fn leave(status: i32) -> ! {
     let mut list = listed();
@@ -76,6 +104,7 @@ pub fn leave(status: i32) -> ! {
 }
 
 /// The signals this process was started to ignore, a bit each from 1 up; none where that cannot be known.
+#[cfg(unix)]
 fn ignored_signals() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|l| l.strip_prefix("SigIgn:"));

@@ -19,5 +19,7 @@ pub mod propagation;
 pub mod record;
 pub mod recording;
 pub mod replay;
+pub mod scenario;
 pub mod station;
+pub mod toml_file;
 pub mod world;

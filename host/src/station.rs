@@ -1,6 +1,7 @@
 //! The station file (TOML): unknown or wrong keys are errors that name the key and the line.
 
-use anyhow::{Context, Result, anyhow, bail};
+use crate::toml_file::TomlFile;
+use anyhow::{Result, anyhow, bail};
 use seabearing_core::config::{
     ArrayConfig, ConfigError, Kind, LineConfig, ObsConfig, StationConfig, Tracking,
 };
@@ -213,9 +214,8 @@ impl Station {
     /// # Errors
     /// One line: file, line, key, and what is allowed.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
-            .with_context(|| format!("cannot read station file {}", path.display()))?;
-        Self::parse(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new(".")))
+        let folder = path.parent().unwrap_or(Path::new("."));
+        Self::of(&TomlFile::read(path, "station file")?, folder)
     }
 
     /// Parses and validates text; `name` stands in messages, `folder` resolves relative paths.
@@ -223,8 +223,17 @@ impl Station {
     /// # Errors
     /// As [`Station::read`].
     pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Self> {
-        let file: File = toml::from_str(text).map_err(|e| toml_error(&e, text, name))?;
-        let here = |key: &str| located(text, name, key);
+        Self::of(&TomlFile::of(text, name), folder)
+    }
+
+    /// Validates a file as read; `folder` resolves relative paths.
+    ///
+    /// # Errors
+    /// As [`Station::read`].
+    pub fn of(source: &TomlFile, folder: &Path) -> Result<Self> {
+        let file: File = source.parse()?;
+        let name = source.name();
+        let here = |key: &str| source.at(key);
         let kind = match file.station.kind.as_deref() {
             Some(k) => k.to_owned(),
             None => bail!("{}: missing key `kind` in [station]: array, obs or line", here("station")),
@@ -241,11 +250,11 @@ impl Station {
             "array" => {
                 let Some(a) = file.array else { bail!("{name}: kind = \"array\" needs a table [array]") };
                 Kind::Array(ArrayConfig {
-                    hydrophones_m: four(&a.hydrophones_m, &here("hydrophones_m"), "hydrophones_m")?,
-                    channels: four(&a.channels, &here("channels"), "channels")?,
+                    hydrophones_m: four(&a.hydrophones_m, &here("array.hydrophones_m"), "hydrophones_m")?,
+                    channels: four(&a.channels, &here("array.channels"), "channels")?,
                     sensitivity_db_re_1v_upa: four(
                         &a.sensitivity_db_re_1v_upa,
-                        &here("sensitivity_db_re_1v_upa"),
+                        &here("array.sensitivity_db_re_1v_upa"),
                         "sensitivity_db_re_1v_upa",
                     )?,
                     reference_range_m: a.reference_range_m,
@@ -266,13 +275,16 @@ impl Station {
                     intensity_towards: match o.intensity.as_str() {
                         "away" => false,
                         "towards" => true,
-                        other => bail!("{}: intensity = \"{other}\"; away or towards", here("intensity")),
+                        other => bail!("{}: intensity = \"{other}\"; away or towards", here("obs.intensity")),
                     },
                     paper_compatibility: match o.compatibility.as_deref() {
                         None => false,
                         Some("paper") => true,
                         Some(other) => {
-                            bail!("{}: compatibility = \"{other}\"; only \"paper\"", here("compatibility"))
+                            bail!(
+                                "{}: compatibility = \"{other}\"; only \"paper\"",
+                                here("obs.compatibility")
+                            )
                         }
                     },
                 })
@@ -281,7 +293,7 @@ impl Station {
                 let Some(l) = file.line else { bail!("{name}: kind = \"line\" needs a table [line]") };
                 Kind::Line(LineConfig { sensors: l.sensors, spacing_m: l.spacing_m })
             }
-            other => bail!("{}: kind = \"{other}\"; array, obs or line", here("kind")),
+            other => bail!("{}: kind = \"{other}\"; array, obs or line", here("station.kind")),
         };
         let tracking = file.tracking.unwrap_or_default();
         let config = StationConfig {
@@ -302,9 +314,9 @@ impl Station {
                     valid_m_s: VESSEL_SPEEDS_M_S,
                 }),
             },
-            ..base(&file.station, name)?
+            ..base(&file.station, "station", source)?
         };
-        config.validate().map_err(|e| explain(e, text, name))?;
+        config.validate().map_err(|e| explain(&e, source))?;
         Ok(Self { config, components, propagation })
     }
 
@@ -323,19 +335,17 @@ impl Station {
     /// # Errors
     /// As [`Station::read`].
     pub fn read_network(path: &Path) -> Result<Vec<StationConfig>> {
-        let name = path.display().to_string();
-        let text =
-            std::fs::read_to_string(path).with_context(|| format!("cannot read network file {name}"))?;
-        let file: NetworkFile = toml::from_str(&text).map_err(|e| toml_error(&e, &text, &name))?;
+        let source = TomlFile::read(path, "network file")?;
+        let file: NetworkFile = source.parse()?;
         if file.stations.is_empty() {
-            bail!("{name}: no [[stations]]");
+            bail!("{}: no [[stations]]", source.name());
         }
-        file.stations.iter().map(|s| base(s, &name)).collect()
+        file.stations.iter().enumerate().map(|(i, s)| base(s, &format!("stations.{i}"), &source)).collect()
     }
 }
 
-/// The part every station has; the kind is a placeholder for the caller to replace.
-fn base(s: &StationTable, name: &str) -> Result<StationConfig> {
+/// The part every station has, from the table at a path; the kind is a placeholder for the caller to replace.
+fn base(s: &StationTable, path: &str, source: &TomlFile) -> Result<StationConfig> {
     let station_name = s.name.clone().unwrap_or_else(|| format!("station-{}", s.id.unwrap_or(0)));
     let position = s.position.clone();
     let (lat_lon_deg, local, depth_m) = match position {
@@ -344,7 +354,10 @@ fn base(s: &StationTable, name: &str) -> Result<StationConfig> {
             let lat_lon = match (p.lat_deg, p.lon_deg) {
                 (Some(a), Some(b)) => Some((a, b)),
                 (None, None) => None,
-                _ => bail!("{name}: position needs both `lat_deg` and `lon_deg`"),
+                _ => {
+                    let at = source.at(&format!("{path}.position"));
+                    bail!("{at}: position needs both `lat_deg` and `lon_deg`")
+                }
             };
             let depth = p.depth_m.or(p.local_m.map(|l| -l[2])).unwrap_or(0.0);
             (lat_lon, p.local_m.map(|l| (l[0], l[1])), depth)
@@ -352,8 +365,10 @@ fn base(s: &StationTable, name: &str) -> Result<StationConfig> {
     };
     Ok(StationConfig {
         id: s.id.unwrap_or(0),
-        name: heapless::String::try_from(station_name.as_str())
-            .map_err(|_| anyhow!("{name}: station name `{station_name}` is longer than 24 bytes"))?,
+        name: heapless::String::try_from(station_name.as_str()).map_err(|_| {
+            let what = format!("station name `{station_name}` is longer than 24 bytes");
+            source.wrong(&format!("{path}.name"), what)
+        })?,
         lat_lon_deg,
         local_east_north_m: local,
         depth_m,
@@ -371,37 +386,14 @@ fn four<T: Copy>(values: &[T], here: &str, key: &str) -> Result<[T; 4]> {
         .map_err(|_| anyhow!("{here}: `{key}` has {} entries, four are needed", values.len()))
 }
 
-/// `file:line` of the first line that mentions a key, or just the file.
-pub(crate) fn located(text: &str, name: &str, key: &str) -> String {
-    match text.lines().position(|l| {
-        let l = l.trim_start();
-        l.starts_with(key) || l.starts_with(&format!("[{key}")) || l.contains(&format!("{key} ="))
-    }) {
-        Some(i) => format!("{name}, line {}", i + 1),
-        None => name.to_owned(),
-    }
-}
-
-pub(crate) fn toml_error(e: &toml::de::Error, text: &str, name: &str) -> anyhow::Error {
-    let line = e.span().map(|s| text[..s.start.min(text.len())].lines().count().max(1));
-    // A span that starts at a line's first byte counts that line's predecessor only.
-    let line = line.map(|l| match e.span() {
-        Some(s) if s.start > 0 && text.as_bytes().get(s.start - 1) == Some(&b'\n') => l + 1,
-        _ => l,
-    });
-    match line {
-        Some(l) => anyhow!("{name}, line {l}: {}", e.message()),
-        None => anyhow!("{name}: {}", e.message()),
-    }
-}
-
-fn explain(e: ConfigError, text: &str, name: &str) -> anyhow::Error {
-    let key = match e {
+/// What the core refuses, at the key it names.
+fn explain(e: &ConfigError, source: &TomlFile) -> anyhow::Error {
+    let key = match *e {
         ConfigError::OutOfRange(key, ..) => key.split('[').next().unwrap_or(key),
-        ConfigError::Channels => "channels",
-        ConfigError::Geometry(_) => "hydrophones_m",
+        ConfigError::Channels => "array.channels",
+        ConfigError::Geometry(_) => "array.hydrophones_m",
     };
-    anyhow!("{}: {e}", located(text, name, key))
+    source.wrong(key, e)
 }
 
 #[cfg(test)]

@@ -18,9 +18,9 @@ fn scenario(folder: &Path, faults: &str) -> Scenario {
     file::write(&table(), &folder.join("t.toml")).unwrap();
     let text = format!(
         "kind = \"obs\"\nseed = 3\nduration_s = 900.0\npropagation = \"t.toml\"\norientation_of_north_deg = 77.0\n\
-         [[ship]]\ncpa_time_s = 400.0\ncpa_range_m = 8000.0\nheading_deg = 30.0\nspeed_m_s = 8.0\n\
+         [[vessels]]\nstraight = {{ cpa_time_s = 400.0, cpa_range_m = 8000.0, heading_deg = 30.0, speed_m_s = 8.0, side = \"port\" }}\n\
          [[fin_whale]]\nazimuth_deg = 120.0\nrange_m = 6000.0\nstart_s = 10.0\nduration_s = 500.0\n\
-         interval_s = 13.0\nlevel_db = 20.0\n[faults]\n{faults}\n"
+         interval_s = 13.0\nlevel_db = 20.0\n{faults}\n"
     );
     std::fs::write(folder.join("s.toml"), text).unwrap();
     Scenario::read(&folder.join("s.toml")).unwrap()
@@ -46,11 +46,13 @@ fn what_is_written_is_read_back() {
     let dir = tempfile::tempdir().unwrap();
     let s = scenario(
         dir.path(),
-        "gaps = [[100.0, 33.0], [500.0, 0.5]]\nclock_steps = [[700.0, 12.0]]\ndead = [[2, 200.0, 60.0]]",
+        "[[gaps]]\nstart_s = 100.0\nduration_s = 33.0\n[[gaps]]\nstart_s = 500.0\nduration_s = 0.5\n\
+         [[faults]]\nkind = \"clock_step\"\nat_s = 700.0\nby_s = 12.0\n\
+         [[faults]]\nkind = \"dead\"\nchannel = 2\nfrom_s = 200.0\nto_s = 260.0",
     );
     let (station, files) = written(dir.path(), &s);
     let mut source = recording::open(&files, &station, None).unwrap();
-    assert_eq!(source.start(), Some(s.start_utc().unwrap()));
+    assert_eq!(source.start(), Some(s.start));
     let got = all(source.as_mut());
     let want = all(&mut Simulator::new(s, table(), Vec::new()).unwrap());
     assert_eq!(got.len(), want.len());
@@ -88,7 +90,7 @@ fn one_file_with_all_channels_reads_the_same() {
 #[test]
 fn a_missing_component_is_missing_and_bad_input_is_named() {
     let dir = tempfile::tempdir().unwrap();
-    let s = scenario(dir.path(), "missing = [3]");
+    let s = scenario(dir.path(), "[[faults]]\nkind = \"missing\"\nchannel = 3");
     let (station, files) = written(dir.path(), &s);
     assert_eq!(files.len(), 3);
     let got = all(recording::open(&files, &station, None).unwrap().as_mut());

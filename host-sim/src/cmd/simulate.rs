@@ -1,6 +1,7 @@
 //! `seabearing simulate`: write simulated recordings, their truth and the station file.
 
-use crate::world::{self, Scenario, scenario};
+use crate::scenario::{Kind, ScenarioFile};
+use crate::world::{self, Scenario};
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -24,7 +25,7 @@ pub struct Args {
 /// # Errors
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
-    if scenario::kind(&args.scenario)? == "obs" {
+    if ScenarioFile::read(&args.scenario)?.kind == Kind::Obs {
         return ocean_bottom(&args);
     }
     let scenario = Scenario::read(&args.scenario)?;

@@ -2,6 +2,7 @@
 //!
 //! Kept are merchant vessels under way by engine (status 0; ship types 70 to 89 where the file tells them), as \[O\] did.
 //! A passage is a run of a vessel's positions without a gap of 24 h, within 100 km, whose closest point is within 25 km.
+//! A leg that crosses the circle of 100 km counts as far as it lies inside, also where both its ends lie outside.
 
 use super::course::{Course, Place};
 use super::scenario::{Radiation, Scenario};
@@ -18,6 +19,8 @@ const GAP_S: f64 = 86_400.0;
 pub const RADIUS_M: f64 = 100_000.0;
 /// Greatest range of the closest point, m.
 pub const CLOSEST_M: f64 = 25_000.0;
+/// Longest leg taken as straight, m: across the area and half its width more, a few hours at sea.
+const LONGEST_LEG_M: f64 = 3.0 * RADIUS_M;
 /// Faster than any merchant vessel, m/s: a position that needs more is wrong.
 const FASTEST_M_S: f64 = 20.0;
 
@@ -68,25 +71,56 @@ pub fn passages(reports: &[Report], origin_deg: (f64, f64)) -> Vec<Passage> {
     for (mmsi, mut fixes) in by_vessel {
         fixes.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut run: Vec<(f64, Place)> = Vec::new();
+        let mut last: Option<(f64, Place)> = None;
         for fix in fixes {
-            let inside = fix.1.0.hypot(fix.1.1) <= RADIUS_M;
-            if let Some((t, p)) = run.last() {
-                let (dt, way) = (fix.0 - t, (fix.1.0 - p.0).hypot(fix.1.1 - p.1));
-                if dt < GAP_S && (dt <= 0.0 || way > FASTEST_M_S * dt.max(30.0)) {
-                    continue;
+            let Some(from) = last else {
+                last = Some(fix);
+                continue;
+            };
+            let (dt, way) = (fix.0 - from.0, (fix.1.0 - from.1.0).hypot(fix.1.1 - from.1.1));
+            if dt < GAP_S && (dt <= 0.0 || way > FASTEST_M_S * dt.max(30.0)) {
+                // Two places of which one is wrong: the one outside, or else the newer.
+                if from.1.0.hypot(from.1.1) > RADIUS_M {
+                    last = Some(fix);
                 }
-                if dt >= GAP_S || !inside {
-                    out.extend(passage(mmsi, std::mem::take(&mut run)));
-                }
+                continue;
             }
-            if inside {
-                run.push(fix);
+            last = Some(fix);
+            // What of the leg lies inside the area; a leg without any, or too long to be straight, ends the run.
+            let within = (dt < GAP_S && way < LONGEST_LEG_M).then(|| inside(from, fix)).flatten();
+            match within {
+                Some((begin, end)) => {
+                    if run.is_empty() {
+                        run.push(begin);
+                    }
+                    run.push(end);
+                    if end != fix {
+                        out.extend(passage(mmsi, std::mem::take(&mut run)));
+                    }
+                }
+                None => out.extend(passage(mmsi, std::mem::take(&mut run))),
             }
         }
         out.extend(passage(mmsi, run));
     }
     out.sort_by(|a, b| a.cpa_unix_s.total_cmp(&b.cpa_unix_s));
     out
+}
+
+/// The part of a straight leg inside the surveyed area, a point of time and place at either end.
+fn inside(a: (f64, Place), b: (f64, Place)) -> Option<((f64, Place), (f64, Place))> {
+    let (dx, dy) = (b.1.0 - a.1.0, b.1.1 - a.1.1);
+    let (length2, along) = (dx * dx + dy * dy, a.1.0 * dx + a.1.1 * dy);
+    let beyond = a.1.0.powi(2) + a.1.1.powi(2) - RADIUS_M.powi(2);
+    if length2 == 0.0 {
+        return (beyond <= 0.0).then_some((a, b));
+    }
+    // |a + u d| = R.
+    let root = (along * along - length2 * beyond).sqrt();
+    let at = |u: f64| (a.0 + u * (b.0 - a.0), (a.1.0 + u * dx, a.1.1 + u * dy));
+    let (enter, leave) = ((-along - root) / length2, (-along + root) / length2);
+    (enter < 1.0 && leave > 0.0)
+        .then(|| (if enter > 0.0 { at(enter) } else { a }, if leave < 1.0 { at(leave) } else { b }))
 }
 
 fn passage(mmsi: u64, fixes: Vec<(f64, Place)>) -> Option<Passage> {
@@ -129,9 +163,9 @@ impl Passage {
         let inner_last = fixes.iter().rposition(|f| f.0 < fixes[n - 1].0 - 1800.0).unwrap_or(0);
         let before = carry(fixes[inner_first], fixes[0]);
         let after = carry(fixes[inner_last], fixes[n - 1]);
-        fixes.extend(after.filter(|f| f.0 > fixes[n - 1].0));
+        fixes.extend(after.filter(|f| f.0 > fixes[n - 1].0 + 1.0));
         let first = fixes[0].0;
-        if let Some(f) = before.filter(|f| f.0 < first) {
+        if let Some(f) = before.filter(|f| f.0 < first - 1.0) {
             fixes.insert(0, f);
         }
         Course::Fixes(fixes)
@@ -164,7 +198,7 @@ pub fn extras(scenario: &Scenario) -> Result<Vec<Extra>> {
         let Some([lat, lon]) = scenario.lat_lon_deg else {
             bail!("lat_lon_deg is needed to place AIS vessels")
         };
-        let start = scenario.start_utc()?.unix_timestamp() as f64;
+        let start = scenario.start.unix_timestamp() as f64;
         let span = start..start + scenario.duration_s;
         let all = passages(&read(&entry.file)?, (lat, lon));
         let chosen: Vec<_> = all
@@ -188,9 +222,8 @@ pub fn extras(scenario: &Scenario) -> Result<Vec<Extra>> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn split_and_selected() {
-        let at = |mmsi, hours: f64, km: f64, off_km: f64| Report {
+    fn at(mmsi: u64, hours: f64, km: f64, off_km: f64) -> Report {
+        Report {
             mmsi,
             t_s: 3600.0 * hours,
             lat_lon_deg: (off_km / 110.574, km / 111.3195),
@@ -198,7 +231,33 @@ mod tests {
             status: Some(0),
             ship_type: Some(70),
             terrestrial: None,
-        };
+        }
+    }
+
+    #[test]
+    fn vessels_whose_fixes_jump_the_circle_are_kept() {
+        // None inside; one inside; a wrong first place far away; and one that turns back outside.
+        let mut reports = vec![at(1, 0.0, -110.0, 10.0), at(1, 8.0, 110.0, 10.0)];
+        reports.extend([at(2, 0.0, -120.0, 5.0), at(2, 4.0, 0.0, 5.0), at(2, 8.0, 120.0, 5.0)]);
+        reports.extend([at(3, -0.1, 3000.0, 0.0), at(3, 0.0, -110.0, 15.0), at(3, 8.0, 110.0, 15.0)]);
+        reports.extend([at(4, 0.0, 110.0, 10.0), at(4, 8.0, 150.0, 10.0)]);
+        let found = passages(&reports, (0.0, 0.0));
+        let kept: Vec<(u64, f64)> = found.iter().map(|p| (p.mmsi, (p.cpa_range_m / 1e3).round())).collect();
+        assert_eq!(kept.len(), 3, "{kept:?}");
+        for (mmsi, km) in [(1, 10.0), (2, 5.0), (3, 15.0)] {
+            assert!(kept.contains(&(mmsi, km)), "{kept:?}");
+        }
+        for p in &found {
+            assert!((p.cpa_unix_s - 4.0 * 3600.0).abs() < 60.0);
+            let Course::Fixes(f) = p.course(0.0) else { panic!() };
+            assert!(f.windows(2).all(|w| w[1].0 > w[0].0 + 1.0));
+            let reach = [f[0], f[f.len() - 1]].map(|f| f.1.0.hypot(f.1.1));
+            assert!(reach.iter().all(|r| (r - RADIUS_M).abs() < 1.0), "{reach:?}");
+        }
+    }
+
+    #[test]
+    fn split_and_selected() {
         let mut reports: Vec<Report> =
             (-5..6).map(|h| at(1, f64::from(h), 25.0 * f64::from(h), 10.0)).collect();
         reports.extend((-5..6).map(|h| at(2, f64::from(h), 25.0 * f64::from(h), 40.0)));

@@ -1,5 +1,7 @@
 //! Where a vessel is at a time: a straight course, or fixes joined by straight legs.
 
+use crate::scenario::{Side, Straight};
+
 /// East and North of the station, metres.
 pub type Place = (f64, f64);
 
@@ -20,6 +22,12 @@ pub enum Course {
 }
 
 impl Course {
+    /// The straight course of a scenario.
+    pub fn straight(s: &Straight) -> Self {
+        let starboard = s.side == Side::Starboard;
+        Self::by_cpa(s.cpa_time_s, s.cpa_range_m, s.heading_deg.to_radians(), s.speed_m_s, starboard)
+    }
+
     /// A straight course by its closest point; `starboard` if the station lies on the vessel's starboard side.
     pub fn by_cpa(
         cpa_time_s: f64,

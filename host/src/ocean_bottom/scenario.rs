@@ -4,24 +4,32 @@
 //! kind = "obs"
 //! seed = 1
 //! duration_s = 21600.0
-//! start = "2013-05-21T00:00:00Z"
+//! start_utc = "2013-05-21T00:00:00Z"
 //! propagation = "rr03.toml"           # relative to this file
 //! orientation_of_north_deg = 77.0
 //! [ambient]
 //! pressure_counts = 1000.0
-//! [[ship]]
-//! cpa_time_s = 10800.0
-//! cpa_range_m = 9000.0
-//! heading_deg = 60.0
-//! speed_m_s = 7.0
+//! [[vessels]]
+//! straight = { cpa_time_s = 10800.0, cpa_range_m = 9000.0, heading_deg = 60.0, speed_m_s = 7.0, side = "port" }
+//! [[gaps]]
+//! start_s = 3600.0
+//! duration_s = 30.0
+//! [[faults]]
+//! kind = "dead"                       # dead, saturated, missing (all along), or clock_step with at_s, by_s
+//! channel = 2
+//! from_s = 7200.0
+//! to_s = 7260.0
 //! ```
 //! Levels: `wideband_db` is the power of a vessel's wideband noise over all paths against the ambient noise, both in
 //! 5 to 25 Hz, with the vessel 20 km away. `tone_db` is the height of each line above the ambient noise in one bin of a
 //! 1024-point Hann spectrum (0.073 Hz of noise bandwidth), again at 20 km.
 
-use anyhow::{Context, Result, bail};
+pub use crate::scenario::{Affected, Gap, Side, Straight};
+use crate::scenario::{Kind, ScenarioFile, Wrong, check_gaps, utc, within};
+use anyhow::{Result, anyhow};
 use serde::Deserialize;
 use std::path::PathBuf;
+use time::OffsetDateTime;
 
 /// A scenario as a person writes it.
 #[derive(Clone, Debug, Deserialize)]
@@ -34,9 +42,9 @@ pub struct Scenario {
     pub seed: u64,
     /// Length, s.
     pub duration_s: f64,
-    /// UTC of the first sample, RFC 3339.
-    #[serde(default = "default_start")]
-    pub start: String,
+    /// UTC of the first sample.
+    #[serde(rename = "start_utc", default = "default_start", deserialize_with = "utc")]
+    pub start: OffsetDateTime,
     /// Samples a second; vessels and calls need 50.
     #[serde(default = "default_rate")]
     pub rate_hz: f64,
@@ -61,7 +69,7 @@ pub struct Scenario {
     pub ambient: AmbientTable,
     /// Vessels on straight courses.
     #[serde(default)]
-    pub ship: Vec<Ship>,
+    pub vessels: Vec<Vessel>,
     /// Vessels on real tracks.
     #[serde(default)]
     pub ais: Vec<AisShips>,
@@ -80,9 +88,12 @@ pub struct Scenario {
     /// Harmonic tremor of buoy and rope in the current.
     #[serde(default)]
     pub strumming: Vec<Strumming>,
+    /// Times without samples.
+    #[serde(default)]
+    pub gaps: Vec<Gap>,
     /// What goes wrong in the recorder.
     #[serde(default)]
-    pub faults: Faults,
+    pub faults: Vec<Fault>,
 }
 
 /// Ambient noise.
@@ -130,21 +141,12 @@ pub struct Radiation {
 /// A vessel on a straight course.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Ship {
+pub struct Vessel {
     /// Name in the truth.
     #[serde(default)]
     pub name: String,
-    /// Time of the closest point, s.
-    pub cpa_time_s: f64,
-    /// Its range, m.
-    pub cpa_range_m: f64,
-    /// Heading, degrees.
-    pub heading_deg: f64,
-    /// Speed, m/s.
-    pub speed_m_s: f64,
-    /// Whether the station lies to starboard.
-    #[serde(default)]
-    pub starboard: bool,
+    /// Its course.
+    pub straight: Straight,
     /// When it sounds, s.
     #[serde(default = "always")]
     pub active_s: [f64; 2],
@@ -217,27 +219,44 @@ pub struct Strumming {
     pub pressure_db: f64,
 }
 
-/// Faults of the recorder. Channels: 0 pressure, 1 north, 2 east, 3 vertical; spans are `[start_s, duration_s]`.
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Faults {
-    /// Missing spans.
-    pub gaps: Vec<[f64; 2]>,
-    /// Steps of the clock: `[at_s, by_s]`.
-    pub clock_steps: Vec<[f64; 2]>,
-    /// Channels that do not move: `[channel, start_s, duration_s]`.
-    pub dead: Vec<[f64; 3]>,
-    /// Channels at full scale: `[channel, start_s, duration_s]`.
-    pub saturated: Vec<[f64; 3]>,
-    /// Channels without a file.
-    pub missing: Vec<usize>,
+/// What goes wrong in the recorder.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Fault {
+    /// A channel that does not move.
+    Dead(Affected),
+    /// A channel at full scale.
+    Saturated(Affected),
+    /// A channel without a file.
+    Missing(Channel),
+    /// A step of the clock.
+    ClockStep(ClockStep),
+}
+
+/// A channel, all along.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    /// 0 pressure, 1 north, 2 east, 3 vertical.
+    pub channel: usize,
+}
+
+/// A step of the clock.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClockStep {
+    /// When, seconds.
+    pub at_s: f64,
+    /// By how much it is ahead afterwards, seconds.
+    pub by_s: f64,
 }
 
 fn one() -> u64 {
     1
 }
-fn default_start() -> String {
-    "2013-05-21T00:00:00Z".into()
+/// The first day of the recordings of \[O\].
+pub fn default_start() -> OffsetDateTime {
+    time::macros::datetime!(2013-05-21 00:00 UTC)
 }
 fn default_rate() -> f64 {
     50.0
@@ -289,18 +308,14 @@ impl Scenario {
     /// # Errors
     /// One line: file, line, key.
     pub fn read(path: &std::path::Path) -> Result<Self> {
-        let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read scenario {name}"))?;
-        let mut s: Self = toml::from_str(&text).map_err(|e| {
-            let line = e.span().map_or(0, |s| text[..s.start.min(text.len())].lines().count().max(1));
-            anyhow::anyhow!("{name}, line {line}: {}", e.message())
-        })?;
-        let folder = path.parent().unwrap_or(std::path::Path::new("."));
-        s.propagation = folder.join(&s.propagation);
+        let file = ScenarioFile::read(path)?;
+        file.expect(Kind::Obs)?;
+        let mut s: Self = file.source.parse()?;
+        s.propagation = file.folder.join(&s.propagation);
         for a in &mut s.ais {
-            a.file = folder.join(&a.file);
+            a.file = file.folder.join(&a.file);
         }
-        s.check().with_context(|| name)?;
+        s.wrong().map_err(|(key, what)| file.source.wrong(&key, what))?;
         Ok(s)
     }
 
@@ -309,60 +324,85 @@ impl Scenario {
     /// # Errors
     /// The first key found wrong.
     pub fn check(&self) -> Result<()> {
-        if self.kind != "obs" {
-            bail!("kind is `{}`, an ocean-bottom scenario has kind = \"obs\"", self.kind);
+        self.wrong().map_err(|(key, what)| anyhow!("{key}: {what}"))
+    }
+
+    fn wrong(&self) -> Result<(), Wrong> {
+        let wrong = |key: &str, what: String| Err((key.to_owned(), what));
+        within("rate_hz", self.rate_hz, 50.0, 50.0)?;
+        within("duration_s", self.duration_s, 1.0, 3.2e7)?;
+        within("paths", self.paths as f64, 1.0, 7.0)?;
+        within("ambient.pressure_counts", self.ambient.pressure_counts, 1e-3, 1e6)?;
+        for (i, v) in self.vessels.iter().enumerate() {
+            v.straight.check(&format!("vessels.{i}"), 0.1)?;
         }
-        if self.rate_hz != 50.0 {
-            bail!("rate_hz is {}; the ocean-bottom simulator makes 50 samples a second", self.rate_hz);
-        }
-        let ships = self.ship.iter();
-        let within = [
-            ("duration_s", self.duration_s, 1.0, 3.2e7),
-            ("paths", self.paths as f64, 1.0, 7.0),
-            ("pressure_counts", self.ambient.pressure_counts, 1e-3, 1e6),
-        ]
-        .into_iter()
-        .chain(ships.clone().map(|s| ("cpa_range_m", s.cpa_range_m, 0.0, 2e5)))
-        .chain(ships.clone().map(|s| ("speed_m_s", s.speed_m_s, 0.1, 40.0)))
-        .chain(self.fin_whale.iter().chain(&self.blue_whale).map(|w| ("interval_s", w.interval_s, 1.0, 1e4)));
-        for (key, x, lo, hi) in within {
-            if !(lo..=hi).contains(&x) {
-                bail!("{key} is {x}; allowed {lo} to {hi}");
+        for (list, whales) in [("fin_whale", &self.fin_whale), ("blue_whale", &self.blue_whale)] {
+            for (i, w) in whales.iter().enumerate() {
+                within(&format!("{list}.{i}.interval_s"), w.interval_s, 1.0, 1e4)?;
             }
         }
         if !["away", "towards"].contains(&self.intensity.as_str()) {
-            bail!("intensity is `{}`; away or towards", self.intensity);
+            return wrong("intensity", format!("intensity is `{}`; away or towards", self.intensity));
         }
         if self.name.is_empty()
             || self.name.len() > 5
             || !self.name.chars().all(|c| c.is_ascii_alphanumeric())
         {
-            bail!("name is `{}`; one to five letters or digits", self.name);
+            return wrong("name", format!("name is `{}`; one to five letters or digits", self.name));
         }
-        for c in self
-            .faults
-            .missing
-            .iter()
-            .map(|c| *c as f64)
-            .chain(self.faults.dead.iter().chain(&self.faults.saturated).map(|d| d[0]))
-        {
-            if !(0.0..4.0).contains(&c) {
-                bail!("channel {c} in faults; 0 pressure, 1 north, 2 east, 3 vertical");
+        check_gaps(&self.gaps, self.duration_s)?;
+        for (i, f) in self.faults.iter().enumerate() {
+            if let Fault::Dead(Affected { channel, .. })
+            | Fault::Saturated(Affected { channel, .. })
+            | Fault::Missing(Channel { channel }) = *f
+            {
+                within(&format!("faults.{i}.channel"), channel as f64, 0.0, 3.0)?;
             }
         }
         if !self.ais.is_empty() && self.lat_lon_deg.is_none() {
-            bail!("lat_lon_deg is needed to place AIS vessels");
+            return wrong("lat_lon_deg", "`lat_lon_deg` is needed to place AIS vessels".to_owned());
         }
-        self.start_utc().map(|_| ())
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "kind = \"obs\"\nduration_s = 600.0\nstart_utc = \"2024-01-31T12:00:00Z\"\n\
+        propagation = \"t.toml\"\n\n[[vessels]]\nstraight = { cpa_time_s = 300.0, cpa_range_m = 9000.0, \
+        heading_deg = 60.0, speed_m_s = 7.0, side = \"port\" }\n\n[[gaps]]\nstart_s = 10.0\nduration_s = 5.0\n\n\
+        [[faults]]\nkind = \"dead\"\nchannel = 2\nfrom_s = 60.0\nto_s = 90.0\n\n\
+        [[faults]]\nkind = \"clock_step\"\nat_s = 400.0\nby_s = 12.0\n";
+
+    fn read(text: &str) -> Result<Scenario> {
+        let dir = tempfile::tempdir()?;
+        let path = dir.path().join("s.toml");
+        std::fs::write(&path, text)?;
+        Scenario::read(&path)
     }
 
-    /// UTC of the first sample.
-    ///
-    /// # Errors
-    /// It is not RFC 3339.
-    pub fn start_utc(&self) -> Result<time::OffsetDateTime> {
-        time::OffsetDateTime::parse(&self.start, &time::format_description::well_known::Rfc3339).with_context(
-            || format!("start is `{}`; RFC 3339 was expected, as 2013-05-21T00:00:00Z", self.start),
-        )
+    #[test]
+    fn reads_what_both_kinds_of_scenario_share() {
+        let s = read(GOOD).unwrap();
+        assert_eq!(s.start, time::macros::datetime!(2024-01-31 12:00 UTC));
+        assert_eq!(s.vessels[0].straight.side, Side::Port);
+        assert_eq!(s.gaps, [Gap { start_s: 10.0, duration_s: 5.0 }]);
+        assert_eq!(s.faults[0], Fault::Dead(Affected { channel: 2, from_s: 60.0, to_s: 90.0 }));
+        assert_eq!(s.faults[1], Fault::ClockStep(ClockStep { at_s: 400.0, by_s: 12.0 }));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_line_and_key() {
+        let refused = |from: &str, to: &str| read(&GOOD.replace(from, to)).unwrap_err().to_string();
+        let e = refused("speed_m_s = 7.0", "speed_m_s = 700.0");
+        assert!(e.contains("line 7, ") && e.contains("`speed_m_s` is 700"), "{e}");
+        let e = refused("channel = 2", "channel = 4");
+        assert!(e.contains("line 15, ") && e.contains("`channel` is 4"), "{e}");
+        let e = refused("2024-01-31T12:00:00Z", "yesterday");
+        assert!(e.contains("line 3, ") && e.contains("yesterday"), "{e}");
+        let e = refused("at_s = 400.0", "at = 400.0");
+        assert!(e.contains("line 1") && e.contains("`at"), "{e}");
     }
 }

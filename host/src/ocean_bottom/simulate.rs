@@ -7,7 +7,7 @@ use super::ambient::{Ambient, Directional, HOP};
 use super::course::Course;
 use super::event::{Caller, Heard, Species, Wave};
 use super::passage::{Field, Passage, gain};
-use super::scenario::{Radiation, Scenario};
+use super::scenario::{Fault, Radiation, Scenario};
 use super::source::{Radiator, Tone, noise_shape};
 use crate::propagation::Propagation;
 use crate::recording::Source;
@@ -89,7 +89,7 @@ impl Simulator {
     /// A value of the scenario, or a table that says nothing about 20 km, where levels are stated.
     pub fn new(scenario: Scenario, table: Propagation, extra: Vec<Extra>) -> Result<Self> {
         scenario.check()?;
-        let start = scenario.start_utc()?;
+        let start = scenario.start;
         let (rate, rms, paths) = (scenario.rate_hz, scenario.ambient.pressure_counts, scenario.paths);
         let reference = gain(&table, paths, REFERENCE_M);
         if reference <= 0.0 {
@@ -101,16 +101,10 @@ impl Simulator {
             number += 1;
             seabearing_core::wire::hash::fnv1a(&[scenario.seed.to_le_bytes(), number.to_le_bytes()].concat())
         };
-        let straight = scenario.ship.iter().enumerate().map(|(i, s)| Extra {
+        let straight = scenario.vessels.iter().enumerate().map(|(i, s)| Extra {
             vessel: Vessel {
                 name: if s.name.is_empty() { format!("ship-{}", i + 1) } else { s.name.clone() },
-                course: Course::by_cpa(
-                    s.cpa_time_s,
-                    s.cpa_range_m,
-                    s.heading_deg.to_radians(),
-                    s.speed_m_s,
-                    s.starboard,
-                ),
+                course: Course::straight(&s.straight),
                 active_s: (s.active_s[0], s.active_s[1]),
             },
             radiation: s.radiation.clone(),
@@ -231,16 +225,13 @@ impl Simulator {
         let values = [p, sign * (n * cos + e * sin), sign * (e * cos - n * sin), sign * u];
         let mut frame = values.map(|x| x.round().clamp(-FULL_SCALE, FULL_SCALE) as i32);
         let t = (self.next + i as u64) as f64 / s.rate_hz;
-        let f = &s.faults;
-        let inside = |d: &&[f64; 3]| (d[1]..d[1] + d[2]).contains(&t);
-        for d in f.dead.iter().filter(inside) {
-            frame[d[0] as usize] = 0;
-        }
-        for d in f.saturated.iter().filter(inside) {
-            frame[d[0] as usize] = FULL_SCALE as i32;
-        }
-        for &c in &f.missing {
-            frame[c] = MISSING;
+        for fault in &s.faults {
+            match *fault {
+                Fault::Dead(a) if a.at(t) => frame[a.channel] = 0,
+                Fault::Saturated(a) if a.at(t) => frame[a.channel] = FULL_SCALE as i32,
+                Fault::Missing(c) => frame[c.channel] = MISSING,
+                _ => {}
+            }
         }
         frame
     }
@@ -248,16 +239,19 @@ impl Simulator {
     /// Gaps and clock steps cut the frames into runs.
     fn cut(&mut self, frames: Vec<Frame>) {
         let s = &self.scenario;
-        if s.faults.gaps.is_empty() && s.faults.clock_steps.is_empty() {
+        let steps: Vec<(f64, f64)> = (s.faults.iter())
+            .filter_map(|f| if let Fault::ClockStep(c) = f { Some((c.at_s, c.by_s)) } else { None })
+            .collect();
+        if s.gaps.is_empty() && steps.is_empty() {
             self.ready.push_back((self.next, frames));
             return;
         }
         let mut run: Option<(u64, Vec<Frame>)> = None;
         for (i, frame) in frames.into_iter().enumerate() {
             let t = (self.next + i as u64) as f64 / s.rate_hz;
-            let step: f64 = s.faults.clock_steps.iter().filter(|c| c[0] <= t).map(|c| c[1]).sum();
+            let step: f64 = steps.iter().filter(|c| c.0 <= t).map(|c| c.1).sum();
             let index = (self.next + i as u64).saturating_add_signed((step * s.rate_hz).round() as i64);
-            let lost = s.faults.gaps.iter().any(|g| (g[0]..g[0] + g[1]).contains(&t));
+            let lost = s.gaps.iter().any(|g| (g.start_s..g.start_s + g.duration_s).contains(&t));
             match &mut run {
                 Some((first, held)) if !lost && *first + held.len() as u64 == index => held.push(frame),
                 _ => {

@@ -1,5 +1,6 @@
 //! Writing a simulated recording: miniSEED (one file a component), the truth, the station file and its table.
 
+use super::scenario::{Channel, Fault};
 use super::simulate::{Simulator, Vessel};
 use super::station;
 use super::truth::then;
@@ -100,9 +101,9 @@ impl Component {
 pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make folder {}", folder.display()))?;
     let scenario = simulator.scenario().clone();
-    let (start, rate, name) = (scenario.start_utc()?, scenario.rate_hz, scenario.name.to_uppercase());
+    let (start, rate, name) = (scenario.start, scenario.rate_hz, scenario.name.to_uppercase());
     let mut components = Vec::new();
-    for channel in (0..4).filter(|c| !scenario.faults.missing.contains(c)) {
+    for channel in (0..4).filter(|c| !scenario.faults.contains(&Fault::Missing(Channel { channel: *c }))) {
         let path = folder.join(format!("{name}.{}.mseed", CODES[channel]));
         let file = Unfinished::beside(&path)?;
         components.push(Component { file, path, channel, first: 0, samples: Vec::new(), number: 0 });

@@ -22,7 +22,8 @@
 
 use super::strength::SkewNormal;
 use super::{Arrival, Complex, Path, Propagation};
-use anyhow::{Context, Result, bail};
+use crate::toml_file::TomlFile;
+use anyhow::{Result, bail};
 use serde::Deserialize;
 use std::fmt::Write as _;
 
@@ -59,11 +60,8 @@ struct PathTable {
 /// # Errors
 /// One line: the file, and what is wrong in it.
 pub fn read(path: &std::path::Path) -> Result<Propagation> {
-    let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(|| {
-        format!("cannot read propagation table {name} (`seabearing propagation` makes one)")
-    })?;
-    parse(&text, &name)
+    let source = TomlFile::read(path, "propagation table (`seabearing propagation` makes one)")?;
+    of(&source)
 }
 
 /// Parses and checks a table; `name` stands in messages.
@@ -71,21 +69,24 @@ pub fn read(path: &std::path::Path) -> Result<Propagation> {
 /// # Errors
 /// As [`read`].
 pub fn parse(text: &str, name: &str) -> Result<Propagation> {
-    let file: File = toml::from_str(text).map_err(|e| {
-        let line = e.span().map_or(0, |s| text[..s.start.min(text.len())].lines().count().max(1));
-        anyhow::anyhow!("{name}, line {line}: {}", e.message())
-    })?;
+    of(&TomlFile::of(text, name))
+}
+
+fn of(source: &TomlFile) -> Result<Propagation> {
+    let file: File = source.parse()?;
     if file.format != FORMAT {
-        bail!("{name}: format is `{}`, only `{FORMAT}` is understood", file.format);
+        bail!("{}: format is `{}`, only `{FORMAT}` is understood", source.at("format"), file.format);
     }
     let rows = file.path.iter().map(|p| p.first_row + p.toa_s.len()).max().unwrap_or(0);
     let mut paths = Vec::new();
     for (i, p) in file.path.into_iter().enumerate() {
         if p.crossings != 2 * i as u32 + 1 {
-            bail!("{name}: path {} has {} crossings, {} expected", i + 1, p.crossings, 2 * i + 1);
+            let at = source.at(&format!("path.{i}.crossings"));
+            bail!("{at}: path {} has {} crossings, {} expected", i + 1, p.crossings, 2 * i + 1);
         }
         if p.toa_s.len() != p.amplitude_re.len() || p.toa_s.len() != p.amplitude_im.len() {
-            bail!("{name}: path of {} crossings has columns of unlike length", p.crossings);
+            let at = source.at(&format!("path.{i}"));
+            bail!("{at}: path of {} crossings has columns of unlike length", p.crossings);
         }
         let mut arrivals = vec![None; rows];
         let values = p.toa_s.iter().zip(&p.amplitude_re).zip(&p.amplitude_im);
@@ -103,7 +104,7 @@ pub fn parse(text: &str, name: &str) -> Result<Propagation> {
         paths,
         strengths: file.strength,
     };
-    check(&out, name)?;
+    check(&out, source.name())?;
     Ok(out)
 }
 

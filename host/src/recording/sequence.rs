@@ -161,21 +161,46 @@ fn stamp(path: &Path) -> Result<Option<Stamp>> {
     }
 }
 
-/// Gives every part its first index; the index after the last sample.
+/// What a file's time says against the samples counted.
+#[derive(Clone, Copy)]
+struct Mark {
+    /// The time, in samples since the first file that has one.
+    at: f64,
+    /// By how much it is ahead of the file's first index.
+    ahead: f64,
+    resolution_s: f64,
+}
+
+impl Mark {
+    /// Samples missing (negative: doubled) between this file and a later one, where they are more than the times'
+    /// resolution and the clock's drift from one to the other explain.
+    fn jump(self, later: Self, rate_hz: f64) -> Option<f64> {
+        let jump = later.ahead - self.ahead;
+        let resolution = self.resolution_s.max(later.resolution_s) * rate_hz;
+        (jump.abs() > resolution + DRIFT * (later.at - self.at).abs() + 1.5).then_some(jump)
+    }
+}
+
+/// Gives every part its first index; the index after the last sample. Each time is held against that of the file
+/// before, so that drift over days hides no gap, and against the last file after a gap, so that many small gaps show.
 fn place(parts: &mut [Part], rate_hz: f64) -> u64 {
     let mut next = 0u64;
-    let mut origin: Option<Stamp> = None;
+    let mut origin: Option<OffsetDateTime> = None;
+    let (mut before, mut set): (Option<Mark>, Option<Mark>) = (None, None);
     for part in parts {
         part.first_index = next;
-        if let (Some(zero), Some(stamp)) = (origin, part.stamp) {
-            let at = (stamp.at - zero.at).as_seconds_f64() * rate_hz;
-            let jump = at - next as f64;
-            let tolerance = zero.resolution_s.max(stamp.resolution_s) * rate_hz + DRIFT * at.abs() + 1.5;
-            if jump.abs() > tolerance && at >= 0.0 {
-                part.first_index = at.round() as u64;
+        if let Some(stamp) = part.stamp {
+            let at = (stamp.at - *origin.get_or_insert(stamp.at)).as_seconds_f64() * rate_hz;
+            let mut mark = Mark { at, ahead: at - next as f64, resolution_s: stamp.resolution_s };
+            let jump = [before, set].into_iter().flatten().find_map(|m| m.jump(mark, rate_hz));
+            if let Some(jump) = jump.filter(|jump| next as f64 + jump >= 0.0) {
+                part.first_index = (next as f64 + jump).round() as u64;
+                mark.ahead = at - part.first_index as f64;
+                set = Some(mark);
             }
+            set = set.or(Some(mark));
+            before = Some(mark);
         }
-        origin = origin.or(part.stamp);
         let length = part.info.promised.max(part.info.frames).unwrap_or(0);
         next = part.first_index.saturating_add(length);
     }
@@ -214,5 +239,51 @@ impl Source for Sequence {
                 Err(e) => self.finish(&path, &info, Some(&e)),
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use time::macros::datetime;
+
+    const RATE_HZ: f64 = 1000.0;
+    const HOUR: u64 = 3_600_000;
+
+    /// Hourly files whose k-th starts so many seconds after the first, by names of whole seconds.
+    fn hourly(starts_s: impl Iterator<Item = f64>) -> Vec<Part> {
+        let first = datetime!(2024-01-31 12:00:00 UTC);
+        let part = |s: f64| Part {
+            path: PathBuf::new(),
+            container: Container::Wav,
+            info: Info { channels: 4, rate_hz: RATE_HZ, frames: Some(HOUR), promised: Some(HOUR) },
+            stamp: Some(Stamp { at: first + time::Duration::seconds(s.floor() as i64), resolution_s: 1.0 }),
+            first_index: 0,
+        };
+        starts_s.map(part).collect()
+    }
+
+    #[test]
+    fn a_gap_of_half_a_minute_on_day_ten_is_seen_through_the_drift_of_the_clock() {
+        // The clock is 30 parts in a million slow: by then 26 s of drift, which are no gap.
+        let start = |k: u64| 3600.0 * k as f64 * (1.0 + 30e-6) + if k < 240 { 0.0 } else { 30.0 };
+        let mut parts = hourly((0..260).map(start));
+        place(&mut parts, RATE_HZ);
+        for (k, p) in (0..240).zip(&parts) {
+            assert_eq!(p.first_index, HOUR * k);
+        }
+        let gap_s = (parts[240].first_index - HOUR * 240) as f64 / RATE_HZ;
+        assert!((gap_s - 30.0).abs() <= 1.0, "{gap_s}");
+        for (k, p) in (0..20).zip(&parts[240..]) {
+            assert_eq!(p.first_index, parts[240].first_index + HOUR * k);
+        }
+    }
+
+    #[test]
+    fn gaps_each_below_the_resolution_show_when_they_add_up() {
+        let mut parts = hourly((0..40).map(|k| 3600.6 * f64::from(k)));
+        place(&mut parts, RATE_HZ);
+        let lost_s = (parts[39].first_index - HOUR * 39) as f64 / RATE_HZ;
+        assert!((lost_s - 0.6 * 39.0).abs() < 4.0, "{lost_s}");
     }
 }

@@ -1,8 +1,11 @@
 //! The scenario file of an array pass (TOML); unknown or wrong keys are errors that name the key and the line.
 
 use crate::recording::write::Encoding;
-use crate::station::{Station, located, toml_error};
-use anyhow::{Context, Result, anyhow, bail};
+pub use crate::scenario::{Affected, Gap, Side, Straight};
+use crate::scenario::{Kind, ScenarioFile, Wrong, check_gaps, forever, utc, within};
+use crate::station::Station;
+use crate::toml_file::TomlFile;
+use anyhow::{Context, Result};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
@@ -45,7 +48,8 @@ struct File {
     duration_s: f64,
     #[serde(default)]
     seed: u64,
-    start_utc: Option<String>,
+    #[serde(rename = "start_utc", default = "default_start", deserialize_with = "utc")]
+    start: OffsetDateTime,
     #[serde(default)]
     recorder: Recorder,
     #[serde(default)]
@@ -60,6 +64,11 @@ struct File {
     faults: Vec<Fault>,
     #[serde(default = "half")]
     truth_step_s: f64,
+}
+
+/// 2024-05-01.
+fn default_start() -> OffsetDateTime {
+    OffsetDateTime::UNIX_EPOCH + time::Duration::days(19_844)
 }
 
 fn half() -> f64 {
@@ -179,32 +188,6 @@ fn hundred() -> f64 {
     100.0
 }
 
-/// A straight course.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Straight {
-    /// Time of the closest point of approach, seconds of true time after the first sample.
-    pub cpa_time_s: f64,
-    /// Horizontal range there, metres.
-    pub cpa_range_m: f64,
-    /// Heading, degrees clockwise from North.
-    pub heading_deg: f64,
-    /// Speed, m/s.
-    pub speed_m_s: f64,
-    /// The vessel's side on which the array lies.
-    pub side: Side,
-}
-
-/// A side of a vessel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Side {
-    /// Left.
-    Port,
-    /// Right.
-    Starboard,
-}
-
 /// A tone.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -237,16 +220,6 @@ fn one() -> u32 {
     1
 }
 
-/// A time without samples, by the recorder's clock.
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Gap {
-    /// Start, seconds.
-    pub start_s: f64,
-    /// Length, seconds.
-    pub duration_s: f64,
-}
-
 /// What happens to a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase", tag = "kind")]
@@ -261,20 +234,6 @@ pub enum Fault {
     Loud(Loud),
     /// Two channels exchanged.
     Swap(Swap),
-}
-
-/// Channel and time of a fault.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Affected {
-    /// Recorder channel.
-    pub channel: usize,
-    /// Start, seconds by the recorder's clock.
-    #[serde(default)]
-    pub from_s: f64,
-    /// End, seconds.
-    #[serde(default = "forever")]
-    pub to_s: f64,
 }
 
 /// A channel that is too loud.
@@ -307,67 +266,31 @@ pub struct Swap {
     pub to_s: f64,
 }
 
-fn forever() -> f64 {
-    f64::INFINITY
-}
-
-/// The `kind` of a scenario file: `array` or `obs`.
-///
-/// # Errors
-/// The file cannot be read or has no `kind`.
-pub fn kind(path: &Path) -> Result<String> {
-    let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read scenario file {name}"))?;
-    let table: toml::Table = toml::from_str(&text).map_err(|e| toml_error(&e, &text, &name))?;
-    match table.get("kind").and_then(toml::Value::as_str) {
-        Some(kind @ ("array" | "obs")) => Ok(kind.to_owned()),
-        Some(other) => bail!("{}: kind = \"{other}\"; array or obs", located(&text, &name, "kind")),
-        None => bail!("{name}: missing key `kind`: array or obs"),
-    }
-}
-
 impl Scenario {
     /// Reads and checks an array scenario and the station file it names (relative to its own folder).
     ///
     /// # Errors
     /// One line: file, line, key, and what is allowed.
     pub fn read(path: &Path) -> Result<Self> {
-        let name = path.display().to_string();
-        let text =
-            std::fs::read_to_string(path).with_context(|| format!("cannot read scenario file {name}"))?;
-        let folder = path.parent().unwrap_or(Path::new("."));
-        let file: File = toml::from_str(&text).map_err(|e| toml_error(&e, &text, &name))?;
+        let scenario = ScenarioFile::read(path)?;
+        scenario.expect(Kind::Array)?;
+        let (source, folder) = (&scenario.source, &scenario.folder);
+        let file: File = source.parse()?;
         let station_path = folder.join(&file.station);
-        let station_text = std::fs::read_to_string(&station_path).with_context(|| {
-            format!("{}: cannot read {}", located(&text, &name, "station"), station_path.display())
-        })?;
-        let station = Station::parse(
-            &station_text,
-            &station_path.display().to_string(),
-            station_path.parent().unwrap_or(Path::new(".")),
-        )?;
-        let start = match &file.start_utc {
-            None => OffsetDateTime::UNIX_EPOCH + time::Duration::days(19_844), // 2024-05-01
-            Some(s) => {
-                OffsetDateTime::parse(s, &time::format_description::well_known::Rfc3339).map_err(|_| {
-                    anyhow!(
-                        "{}: `{s}` is no time; 2024-05-01T00:00:00Z was expected",
-                        located(&text, &name, "start_utc")
-                    )
-                })?
-            }
-        };
+        let station_file =
+            TomlFile::read(&station_path, "station file").with_context(|| source.at("station"))?;
+        let station = Station::of(&station_file, station_path.parent().unwrap_or(Path::new(".")))?;
         let vessels = file
             .vessels
             .into_iter()
             .map(|v| Vessel { track: v.track.as_ref().map(|t| folder.join(t)), ..v })
             .collect();
-        let scenario = Self {
+        let made = Self {
             station,
-            station_text,
+            station_text: station_file.text().to_owned(),
             duration_s: file.duration_s,
             seed: file.seed,
-            start,
+            start: file.start,
             recorder: file.recorder,
             water: file.water,
             ambient: file.ambient,
@@ -376,90 +299,90 @@ impl Scenario {
             faults: file.faults,
             truth_step_s: file.truth_step_s,
         };
-        scenario.check().map_err(|(key, what)| anyhow!("{}: {what}", located(&text, &name, key)))?;
-        Ok(scenario)
+        made.check().map_err(|(key, what)| source.wrong(&key, what))?;
+        Ok(made)
     }
 
     /// The first key found wrong, and why.
-    fn check(&self) -> Result<(), (&'static str, String)> {
-        let within = |key: &'static str, x: f64, lo: f64, hi: f64| {
-            if x >= lo && x <= hi {
-                Ok(())
-            } else {
-                Err((key, format!("`{key}` is {x}; allowed {lo} to {hi}")))
-            }
-        };
+    fn check(&self) -> Result<(), Wrong> {
         if !matches!(self.station.config.kind, seabearing_core::config::Kind::Array(_)) {
-            return Err(("station", "the scenario is of kind array, its station is not".to_owned()));
+            return Err((
+                "station".to_owned(),
+                "the scenario is of kind array, its station is not".to_owned(),
+            ));
         }
         let nyquist = self.station.config.rate_hz / 2.0;
         within("duration_s", self.duration_s, 0.01, 1e6)?;
         within("truth_step_s", self.truth_step_s, 1e-3, 1e4)?;
-        within("gain_db", self.recorder.gain_db, -100.0, 200.0)?;
-        within("full_scale_v", self.recorder.full_scale_v, 1e-6, 1e3)?;
-        within("bits", f64::from(self.recorder.bits), 8.0, 24.0)?;
-        within("clock_drift_ppm", self.recorder.clock_drift_ppm, -1000.0, 1000.0)?;
-        within("file_s", self.recorder.file_s, 0.0, 1e6)?;
-        within("surface_reflection", self.water.surface_reflection, -1.0, 1.0)?;
+        within("recorder.gain_db", self.recorder.gain_db, -100.0, 200.0)?;
+        within("recorder.full_scale_v", self.recorder.full_scale_v, 1e-6, 1e3)?;
+        within("recorder.bits", f64::from(self.recorder.bits), 8.0, 24.0)?;
+        within("recorder.clock_drift_ppm", self.recorder.clock_drift_ppm, -1000.0, 1000.0)?;
+        within("recorder.file_s", self.recorder.file_s, 0.0, 1e6)?;
+        within("water.surface_reflection", self.water.surface_reflection, -1.0, 1.0)?;
         let a = &self.ambient;
-        within("level_db_1khz", a.level_db_1khz, -100.0, 200.0)?;
-        within("slope_db_per_decade", a.slope_db_per_decade, -60.0, 20.0)?;
-        within("knee_hz", a.knee_hz, 1.0, nyquist)?;
-        within("diffuse_share", a.diffuse_share, 0.0, 1.0)?;
+        within("ambient.level_db_1khz", a.level_db_1khz, -100.0, 200.0)?;
+        within("ambient.slope_db_per_decade", a.slope_db_per_decade, -60.0, 20.0)?;
+        within("ambient.knee_hz", a.knee_hz, 1.0, nyquist)?;
+        within("ambient.diffuse_share", a.diffuse_share, 0.0, 1.0)?;
         if let Some(snr) = a.snr_at_cpa_db {
-            within("snr_at_cpa_db", snr, -60.0, 100.0)?;
+            within("ambient.snr_at_cpa_db", snr, -60.0, 100.0)?;
             if self.vessels.is_empty() {
-                return Err(("snr_at_cpa_db", "`snr_at_cpa_db` needs a vessel".to_owned()));
+                return Err((
+                    "ambient.snr_at_cpa_db".to_owned(),
+                    "`snr_at_cpa_db` needs a vessel".to_owned(),
+                ));
             }
         }
-        for v in &self.vessels {
+        for (i, v) in self.vessels.iter().enumerate() {
+            let path = format!("vessels.{i}");
+            let key = |k: &str| format!("{path}.{k}");
             if v.straight.is_some() == v.track.is_some() {
-                return Err(("vessels", format!("vessel `{}` needs either `straight` or `track`", v.name)));
+                return Err((path, format!("vessel `{}` needs either `straight` or `track`", v.name)));
             }
             if v.name.is_empty() || v.name.contains([',', '"', '\n']) {
-                return Err(("name", format!("vessel name `{}`: no commas, quotes or line ends", v.name)));
+                return Err((
+                    key("name"),
+                    format!("vessel name `{}`: no commas, quotes or line ends", v.name),
+                ));
             }
-            within("depth_m", v.depth_m, 0.0, self.station.config.depth_m.max(0.0))?;
-            within("source_level_db", v.source_level_db, -100.0, 260.0)?;
-            within("slope_db_per_decade", v.slope_db_per_decade, -60.0, 20.0)?;
-            within("knee_hz", v.knee_hz, 1.0, nyquist)?;
+            within(&key("depth_m"), v.depth_m, 0.0, self.station.config.depth_m.max(0.0))?;
+            within(&key("source_level_db"), v.source_level_db, -100.0, 260.0)?;
+            within(&key("slope_db_per_decade"), v.slope_db_per_decade, -60.0, 20.0)?;
+            within(&key("knee_hz"), v.knee_hz, 1.0, nyquist)?;
             if let Some(s) = v.straight {
-                within("cpa_time_s", s.cpa_time_s, -1e6, 1e6)?;
-                within("cpa_range_m", s.cpa_range_m, 0.0, 1e6)?;
-                within("heading_deg", s.heading_deg, -360.0, 360.0)?;
-                within("speed_m_s", s.speed_m_s, 0.0, 100.0)?;
+                s.check(&path, 0.0)?;
             }
-            for t in &v.tones {
-                within("frequency_hz", t.frequency_hz, 0.1, super::source::HIGHEST * 2.0 * nyquist)?;
-                within("level_db", t.level_db, -100.0, 260.0)?;
+            for (k, t) in v.tones.iter().enumerate() {
+                let highest = super::source::HIGHEST * 2.0 * nyquist;
+                within(&key(&format!("tones.{k}.frequency_hz")), t.frequency_hz, 0.1, highest)?;
+                within(&key(&format!("tones.{k}.level_db")), t.level_db, -100.0, 260.0)?;
             }
             if let Some(m) = v.modulation {
-                within("shaft_rate_hz", m.shaft_rate_hz, 0.01, 100.0)?;
-                within("blades", f64::from(m.blades), 1.0, 12.0)?;
-                within("shaft_depth", m.shaft_depth, 0.0, 1.0)?;
-                within("blade_depth", m.blade_depth, 0.0, 1.0)?;
-                within("harmonics", f64::from(m.harmonics), 1.0, 50.0)?;
+                within(&key("modulation.shaft_rate_hz"), m.shaft_rate_hz, 0.01, 100.0)?;
+                within(&key("modulation.blades"), f64::from(m.blades), 1.0, 12.0)?;
+                within(&key("modulation.shaft_depth"), m.shaft_depth, 0.0, 1.0)?;
+                within(&key("modulation.blade_depth"), m.blade_depth, 0.0, 1.0)?;
+                within(&key("modulation.harmonics"), f64::from(m.harmonics), 1.0, 50.0)?;
             }
         }
-        let mut end = 0.0;
-        for g in &self.gaps {
-            within("start_s", g.start_s, end, self.duration_s)?;
-            within("duration_s", g.duration_s, 0.0, self.duration_s - g.start_s)?;
-            end = g.start_s + g.duration_s;
-        }
-        for f in &self.faults {
+        check_gaps(&self.gaps, self.duration_s)?;
+        for (i, f) in self.faults.iter().enumerate() {
+            let channel = |c: usize| within(&format!("faults.{i}.channel"), c as f64, 0.0, 3.0);
             match *f {
-                Fault::Dead(a) | Fault::Stuck(a) | Fault::Nan(a) => {
-                    within("channel", a.channel as f64, 0.0, 3.0)?
-                }
-                Fault::Loud(l) => within("channel", l.channel as f64, 0.0, 3.0)?,
+                Fault::Dead(a) | Fault::Stuck(a) | Fault::Nan(a) => channel(a.channel)?,
+                Fault::Loud(l) => channel(l.channel)?,
                 Fault::Swap(s) => {
-                    within("channels", s.channels[0] as f64, 0.0, 3.0)?;
-                    within("channels", s.channels[1] as f64, 0.0, 3.0)?;
+                    for c in s.channels {
+                        within(&format!("faults.{i}.channels"), c as f64, 0.0, 3.0)?;
+                    }
                 }
             }
             if matches!(f, Fault::Nan(_)) && self.recorder.encoding != Encoding::Float {
-                return Err(("faults", "a fault of kind nan needs `encoding = \"float\"`".to_owned()));
+                return Err((
+                    format!("faults.{i}"),
+                    "a fault of kind nan needs `encoding = \"float\"`".to_owned(),
+                ));
             }
         }
         Ok(())
