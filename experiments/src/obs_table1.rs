@@ -51,7 +51,7 @@ fn run(options: &Options) -> Result<()> {
     };
     let mut scenario = quiet(options.seed, DAYS * DAY_S);
     let when = time::OffsetDateTime::from_unix_timestamp(start as i64)?;
-    scenario.start = when.format(&time::format_description::well_known::Rfc3339)?;
+    scenario.start = when;
     scenario.ambient.directional.push(DirectionalTable { azimuth_deg: 90.0, level_db: -6.0 });
     scenario.fin_whale.push(Whale {
         azimuth_deg: 210.0,
