@@ -64,6 +64,14 @@ impl<'t> Interference<'t> {
         self.table.as_ref().map_or(0, Table::branches)
     }
 
+    /// Whether `count` frames would show a vessel in a range cell: the log ratio it is expected to reach there, half the
+    /// modelled energy a frame [O 19], is at least `least`. Without a table every cell is taken for one that shows.
+    pub(super) fn shows(&self, cell: usize, count: usize, least: f32) -> bool {
+        let Some(table) = &self.table else { return true };
+        let near = table.half_energy.iter().skip(2 * cell).take(2).map(|e| f32::from_le_bytes(*e));
+        near.fold(0.0, f32::max) * count as f32 >= least
+    }
+
     /// Whether the strongest pulse of a vessel at `range_m` would lie where a vessel known to be at `known_m` draws one:
     /// the same echo read as another pair of paths.
     pub fn mistakes(&self, range_m: f32, known_m: f32) -> bool {

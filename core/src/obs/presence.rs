@@ -7,6 +7,8 @@
 //! Several vessels: the ranges about each tracked one are its own, with a posterior that sums to one there, and the rest
 //! is the posterior of a vessel not yet tracked; so the stronger vessel's likelihood cannot drown the weaker one's. Where
 //! an established vessel's echo would be read as another pair of paths, a minute's likelihood counts as nothing.
+//! Where the table predicts too little energy to show a vessel (nearer than 6.5 km at RR03), silence does not contradict
+//! one: the posterior would collect there in noise. Such ranges keep their share of it, and no range is reported there.
 //! The posterior is stored as the upper halves of f32 (0.4 %): 19 KiB. Cost: 1 M instructions a minute.
 
 use super::interference::Interference;
@@ -39,9 +41,12 @@ const MODE_HALF: usize = 4;
 /// Natural logarithm of how much better than the prior a mode must be.
 const MODE_LOG_RATIO: f32 = 4.0;
 
-/// Log ratio this minute's own data must give a mode: what is only remembered, or lies where the model says nothing
-/// (nearer than 7 km), is no measurement.
+/// Log ratio this minute's own data must give a mode: what is only remembered is no measurement. Cells where not even a
+/// vessel is expected to reach it show nothing.
 const LEAST_SUPPORT: f32 = 3.0;
+
+/// Which cells would show a vessel.
+type Shown = [bool; RANGE_CELLS];
 
 /// The best of a minute's log ratios at and next to a cell.
 fn support(grid: &Grid, i: usize, k: usize) -> f32 {
@@ -146,7 +151,7 @@ fn unpack(x: u16) -> f32 {
 }
 
 /// The entry of a cell's owner; an echo is a vessel's that is not tracked.
-fn of(all: &mut [f32; OWNERS], owner: u8) -> &mut f32 {
+fn of<T>(all: &mut [T; OWNERS], owner: u8) -> &mut T {
     let [known @ .., unclaimed] = all;
     known.get_mut(usize::from(owner)).unwrap_or(unclaimed)
 }
@@ -315,9 +320,10 @@ impl Presence {
         add(out, n + 1, part);
     }
 
-    /// Takes in one minute's likelihood.
-    pub fn update(&mut self, grid: &Grid) -> RangePresence {
+    /// Takes in one minute's likelihood, made from so many frames by the model.
+    pub fn update(&mut self, grid: &Grid, model: &Interference<'_>, frames: usize) -> RangePresence {
         let cells = self.cells;
+        let shown: Shown = core::array::from_fn(|i| model.shows(i, frames, LEAST_SUPPORT));
         let mut top = [0f32; OWNERS];
         for row in grid {
             for (g, owner) in row.iter().zip(&self.owner).take(cells).filter(|(_, o)| **o != ECHO) {
@@ -326,14 +332,27 @@ impl Presence {
             }
         }
         let mut miss = top.map(|t| (1.0 - DETECTION) * math::f32::exp(-t));
+        let mut silent = top.map(|t| math::f32::exp(-t));
         let (mut total, mut approaching) = ([0f32; OWNERS], [0f32; OWNERS]);
+        // Of the cells that show a vessel: what they held, and hold now. Of the others: what they held.
+        let (mut before, mut after, mut hidden) = ([0f32; OWNERS], [0f32; OWNERS], [0f32; OWNERS]);
         for (k, (column, row)) in self.density.iter_mut().zip(grid).enumerate() {
-            for ((d, g), owner) in column.iter_mut().zip(row).zip(&self.owner).take(cells) {
-                let log_ratio = if *owner == ECHO { 0.0 } else { f32::from(*g) * GRID_UNIT };
-                let x = log_ratio - *of(&mut top, *owner);
-                let hit = if x > -60.0 { DETECTION * math::exp_of_negative(x) } else { 0.0 };
-                let p = unpack(*d) * (*of(&mut miss, *owner) + hit);
-                *d = pack(p);
+            let row = row.iter().zip(&shown);
+            for ((d, (g, shown)), owner) in column.iter_mut().zip(row).zip(&self.owner).take(cells) {
+                let held = unpack(*d);
+                let p = if *shown {
+                    let log_ratio = if *owner == ECHO { 0.0 } else { f32::from(*g) * GRID_UNIT };
+                    let x = log_ratio - *of(&mut top, *owner);
+                    let hit = if x > -60.0 { DETECTION * math::exp_of_negative(x) } else { 0.0 };
+                    let p = held * (*of(&mut miss, *owner) + hit);
+                    *d = pack(p);
+                    *of(&mut before, *owner) += held;
+                    *of(&mut after, *owner) += p;
+                    p
+                } else {
+                    *of(&mut hidden, *owner) += held;
+                    held * *of(&mut silent, *owner)
+                };
                 *of(&mut total, *owner) += p;
                 if k < SPEEDS / 2 {
                     *of(&mut approaching, *owner) += p;
@@ -351,10 +370,21 @@ impl Presence {
                 modes: [None; RANGE_MODES],
             };
         }
-        let mut scale = total.map(|t| 1.0 / t.max(1e-37));
+        // What is hidden keeps its share, unless nothing else is left.
+        let mut scale = [(0f32, 0f32); OWNERS];
+        for (((scale, before), after), hidden) in scale.iter_mut().zip(before).zip(after).zip(hidden) {
+            *scale = if after > 1e-37 {
+                let whole = before + hidden;
+                (before / whole / after, 1.0 / whole)
+            } else {
+                (0.0, 1.0 / hidden.max(1e-37))
+            };
+        }
         for column in &mut self.density {
-            for (d, owner) in column.iter_mut().zip(&self.owner).take(cells) {
-                *d = pack(unpack(*d) * *of(&mut scale, *owner));
+            let cells = column.iter_mut().zip(&self.owner).zip(&shown).take(cells);
+            for ((d, owner), shown) in cells {
+                let (seen, hidden) = *of(&mut scale, *owner);
+                *d = pack(unpack(*d) * if *shown { seen } else { hidden });
             }
         }
         let mut evidence = [f32::NEG_INFINITY; OWNERS];
@@ -377,7 +407,7 @@ impl Presence {
             leaning += *present * approaching.get(k).copied().unwrap_or(0.0) / total;
             sure += *present;
         }
-        let modes = self.modes(&mut evidence, grid);
+        let modes = self.modes(&mut evidence, grid, &shown);
         RangePresence { log_odds, log_evidence, approaching: leaning / sure.max(1e-30), modes }
     }
 
@@ -390,6 +420,14 @@ impl Presence {
         RangePresence { log_odds, log_evidence: 0.0, approaching: 0.5, modes: [None; RANGE_MODES] }
     }
 
+    /// Share of the posterior of a vessel not tracked below a cell.
+    #[cfg(test)]
+    pub(super) fn share_below(&self, cell: usize) -> f32 {
+        let mass =
+            |n: usize| self.density.iter().flat_map(|c| c.iter().take(n)).map(|d| unpack(*d)).sum::<f32>();
+        mass(cell) / mass(self.cells)
+    }
+
     /// Best density over speed at a cell.
     fn best(&self, i: usize) -> (usize, f32) {
         self.density.iter().enumerate().fold((0, 0.0), |b, (k, c)| {
@@ -399,9 +437,15 @@ impl Presence {
     }
 
     /// The highest peaks over range that are better than the prior by [`MODE_LOG_RATIO`].
-    fn modes(&self, evidence: &mut [f32; OWNERS], grid: &Grid) -> [Option<RangeMode>; RANGE_MODES] {
+    fn modes(
+        &self,
+        evidence: &mut [f32; OWNERS],
+        grid: &Grid,
+        shown: &Shown,
+    ) -> [Option<RangeMode>; RANGE_MODES] {
         let mut found = [(0usize, 0usize, 0f32); RANGE_MODES];
-        for (i, owner) in self.owner.iter().enumerate().take(self.cells) {
+        let cells = self.owner.iter().zip(shown).enumerate().take(self.cells);
+        for (i, (owner, _)) in cells.filter(|(_, (_, shown))| **shown) {
             let log_evidence = *of(evidence, *owner);
             let (k, p) = self.best(i);
             let prior = range_of(i) * self.prior_scale;

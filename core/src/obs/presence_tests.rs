@@ -1,11 +1,16 @@
 //! The range posterior on made-up likelihoods: one vessel, and a weak one beside a strong one that is tracked.
 
+use super::cepstrum::noise_sd;
 use super::interference::Interference;
-use super::limits::{CELL_M, RANGE_CELLS, RANGE_STEP_M, SPEEDS};
+use super::limits::{CELL_M, QUEFRENCIES, RANGE_CELLS, RANGE_STEP_M, SPEEDS};
 use super::presence::{Expected, Known, Presence, RangePresence};
-use super::radial::coded;
-use super::shared::Grid;
+use super::radial::{RadialScratch, coded};
+use super::shared::{Grid, Shared};
+use super::table::{Table, blob_bytes};
+use super::table_encode::{BranchColumns, Header, encode};
 use std::boxed::Box;
+use std::vec;
+use std::vec::Vec;
 
 /// Farthest range of the model, m.
 const MOST_M: f32 = RANGE_STEP_M * 715.0;
@@ -34,7 +39,7 @@ fn run(tracked: bool) -> RangePresence {
         }
         presence.predict(&mut work);
         presence.claim(&model, &known);
-        last = presence.update(&grid(&[(strong_m, 6.0, 40.0), (weak_m, -5.0, 8.0)]));
+        last = presence.update(&grid(&[(strong_m, 6.0, 40.0), (weak_m, -5.0, 8.0)]), &model, 6);
     }
     last
 }
@@ -58,4 +63,74 @@ fn undivided_the_strong_one_takes_all() {
     let first = last.modes[0].unwrap();
     assert!((first.range_m - 22_440.0).abs() < 500.0 && first.weight > 0.9, "{first:?}");
     assert!(last.modes.iter().skip(1).flatten().all(|m| m.weight < 0.01), "{last:?}");
+}
+
+/// Cells that a table shows a vessel in begin here (7 km).
+const SHOWN: usize = 50;
+
+/// A table whose one branch is too weak to show a vessel nearer than that.
+fn weak_near() -> Vec<u8> {
+    let delay: Vec<f32> = (0..716).map(|j| 4.5 - 0.004 * j as f32).collect();
+    let strength: Vec<f32> = (0..716).map(|j| if j < 2 * SHOWN { 0.005 } else { 0.06 }).collect();
+    let c = BranchColumns { delay_s: &delay, phase_rad: &[0.0; 716], strength: &strength };
+    let mut out = vec![0; blob_bytes(1)];
+    let header = Header { step_m: RANGE_STEP_M, f0_hz: 16.5, width_s: 0.05 };
+    encode(&header, 50.0, &[4.0; 716], &[c], &mut out).unwrap();
+    out
+}
+
+/// An hour of cepstra of noise, six a minute.
+fn noise(model: &Interference<'_>, presence: &mut Presence) -> RangePresence {
+    let (mut radial, mut shared) = (Box::new(RadialScratch::new()), Box::new(Shared::new()));
+    let mut seed = 1u32;
+    let mut last = presence.blind();
+    for _ in 0..60 {
+        presence.predict(shared.columns());
+        radial.clear();
+        for frame in 0..6 {
+            let cepstrum = (0..QUEFRENCIES).map(|k| {
+                let mut sum = 0.0;
+                for _ in 0..12 {
+                    seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    sum += (seed >> 8) as f32 / 16_777_216.0;
+                }
+                (sum - 6.0) * noise_sd(k.max(1))
+            });
+            radial.add(model, shared.envelope(), cepstrum, 10.0 * frame as f32 - 25.0);
+        }
+        radial.fill(shared.grid());
+        last = presence.update(shared.grid(), model, 6);
+    }
+    last
+}
+
+#[test]
+fn in_noise_the_posterior_does_not_collect_where_the_model_shows_nothing() {
+    let bytes = weak_near();
+    let model = Interference::new(&Table::parse(&bytes).unwrap());
+    let mut presence = Box::new(Presence::new());
+    presence.start(MOST_M);
+    let before = presence.share_below(SHOWN);
+    let last = noise(&model, &mut presence);
+    let after = presence.share_below(SHOWN);
+    assert!(before < 0.03 && after < 2.0 * before, "{before} before, {after} after an hour of noise");
+    assert!(last.log_odds < -4.0 && last.modes.iter().all(Option::is_none), "{last:?}");
+}
+
+#[test]
+fn no_range_is_reported_where_the_model_shows_nothing() {
+    let bytes = weak_near();
+    let model = Interference::new(&Table::parse(&bytes).unwrap());
+    let mut work = Box::new([[0.0; RANGE_CELLS]; 3]);
+    let mut ranges = |range_m: f32| {
+        let mut presence = Box::new(Presence::new());
+        presence.start(MOST_M);
+        let mut last = presence.blind();
+        for _ in 0..10 {
+            presence.predict(&mut work);
+            last = presence.update(&grid(&[(range_m, 0.0, 20.0)]), &model, 6);
+        }
+        last.modes.iter().flatten().count()
+    };
+    assert_eq!((ranges(5_500.0), ranges(9_500.0)), (0, 1));
 }

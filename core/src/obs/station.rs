@@ -359,7 +359,7 @@ impl State {
             }
             if radial.frames() > 0 {
                 radial.fill(shared.grid());
-                self.presence.update(shared.grid())
+                self.presence.update(shared.grid(), &plan.interference, radial.frames())
             } else {
                 self.presence.blind()
             }
