@@ -4,8 +4,11 @@
 //! instructions. They are instructions, not cycles of the hardware.
 
 use crate::elf::Elf;
-use crate::firmware::{self, EMULATED_ARRAY, EMULATED_FIT, EMULATED_OBS, EMULATED_TRACKS, Image};
-use crate::process::{host, say};
+use crate::firmware::{
+    self, EMULATED_ARRAY, EMULATED_FIT, EMULATED_OBS, EMULATED_TRACKS, EMULATED_TWICE, Image,
+};
+use crate::process::{host, run, say};
+use crate::scenario::Recording;
 use crate::toolchain::{Toolchain, emulator};
 use crate::{root, scenario};
 use anyhow::{Context, Result, bail};
@@ -107,7 +110,10 @@ fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
     let mut figures = Vec::new();
     for recorder in &RECORDERS {
         let image = firmware::build(toolchain, recorder.image)?;
-        figures.extend(measure(recorder, &image)?);
+        let recording = scenario::simulate(recorder.scenario)?;
+        figures.extend(measure(recorder, &image, &recording)?);
+        let twice = firmware::build(toolchain, &EMULATED_TWICE)?;
+        figures.push(configured_twice(recorder, &twice, &recording)?);
     }
     figures.extend(fit(&firmware::build(toolchain, &EMULATED_FIT)?)?);
     figures.extend(tracks(&firmware::build(toolchain, &EMULATED_TRACKS)?)?);
@@ -144,7 +150,7 @@ fn moved(figure: &Figure, snapshot: &str) -> Option<String> {
     }
 }
 
-fn measure(recorder: &Recorder, image: &Path) -> Result<Vec<Figure>> {
+fn measure(recorder: &Recorder, image: &Path, recording: &Recording) -> Result<Vec<Figure>> {
     let name = |what: &str| format!("{} {what}", recorder.name);
     let elf = Elf::read(image)?;
     let (flash, statics) = (f64::from(elf.flash()), f64::from(elf.statics()));
@@ -152,14 +158,13 @@ fn measure(recorder: &Recorder, image: &Path) -> Result<Vec<Figure>> {
         Figure { name: name("flash, bytes"), value: flash, bar: Some(recorder.flash) },
         Figure { name: name("statics, bytes"), value: statics, bar: None },
     ];
-    let recording = scenario::simulate(recorder.scenario)?;
     say(&format!(
         "counting the instructions of the {} recorder over scenarios/{}.toml",
         recorder.name, recorder.scenario
     ));
     let arguments = ["twin", "--json", "--count-instructions"];
     let mut command = host(&arguments);
-    command.arg("--firmware").arg(image).arg("--station").arg(recording.station).args(recording.files);
+    command.arg("--firmware").arg(image).arg("--station").arg(&recording.station).args(&recording.files);
     let output = command.output().context("seabearing twin")?;
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     if !output.status.success() {
@@ -209,13 +214,16 @@ const INSTRUCTIONS_PER_TICK: f64 = 40.0;
 /// Half of what the hardware's sample queue holds: 64 ms at 480 MHz and 2.5 cycles an instruction, in millions.
 const HALF_A_QUEUE: f64 = 0.5 * 0.064 * 480.0 / 2.5;
 
-/// Runs an image that leaves a summary and reads its words.
-fn summary(image: &Path, name: &str) -> Result<Vec<u64>> {
+/// Runs an image that leaves a summary and reads its words; `blob` is the configuration it finds, if it needs one.
+fn summary(image: &Path, name: &str, blob: Option<&Path>) -> Result<Vec<u64>> {
     let folder = root().join("target/firmware").join(name);
     std::fs::create_dir_all(&folder).with_context(|| format!("target/firmware/{name}"))?;
     let mut command = std::process::Command::new("qemu-system-arm");
     command.args(["-M", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none"]);
     command.args(["-semihosting-config", "enable=on,target=native", "-icount", "shift=0", "-kernel"]);
+    if let Some(blob) = blob {
+        command.arg("-device").arg(format!("loader,file={},addr=0x60000000,force-raw=on", blob.display()));
+    }
     let output = command.arg(image).current_dir(&folder).output().context("qemu-system-arm")?;
     if !output.status.success() {
         bail!("{name} on the target: {}", String::from_utf8_lossy(&output.stderr).trim());
@@ -223,6 +231,19 @@ fn summary(image: &Path, name: &str) -> Result<Vec<u64>> {
     let left =
         std::fs::read(folder.join("summary.bin")).with_context(|| format!("{name} left no summary"))?;
     Ok(left.as_chunks().0.iter().map(|w| u64::from_le_bytes(*w)).collect())
+}
+
+/// Stack that taking a configuration a second time needs beyond the first.
+fn configured_twice(recorder: &Recorder, image: &Path, recording: &Recording) -> Result<Figure> {
+    let blob = root().join("target/firmware/configure-twice.sbcf");
+    run(host(&["blob", "--station"]).arg(&recording.station).arg("--out").arg(&blob), "seabearing blob")?;
+    let words = summary(image, "configure-twice", Some(&blob))?;
+    let [first, both] = words[..] else { bail!("the summary of two configurations is not two words") };
+    Ok(Figure {
+        name: format!("{} configured again, more stack", recorder.name),
+        value: both.saturating_sub(first) as f64,
+        bar: Some(0.0),
+    })
 }
 
 /// Million instructions of so many ticks.
@@ -233,7 +254,7 @@ fn millions(ticks: u64) -> f64 {
 /// Runs the image that tracks eight vessels.
 fn tracks(image: &Path) -> Result<Vec<Figure>> {
     say("counting the instructions of eight vessels' tracks");
-    let words = summary(image, "tracks")?;
+    let words = summary(image, "tracks", None)?;
     let [heard, ending, _, bytes, _, stack] = words[..] else {
         bail!("the tracks' summary is not six words")
     };
@@ -249,7 +270,7 @@ fn tracks(image: &Path) -> Result<Vec<Figure>> {
 /// Runs the image that fits and reads what it leaves.
 fn fit(image: &Path) -> Result<Vec<Figure>> {
     say("counting the instructions of one motion fit of 401 bearings");
-    let words = summary(image, "motion-fit")?;
+    let words = summary(image, "motion-fit", None)?;
     let [short, long, _, stack] = words[..] else { bail!("the motion fit's summary is not four words") };
     let statics = f64::from(Elf::read(image)?.statics());
     let figure = |what: &str, value, bar| Figure { name: format!("motion fit {what}"), value, bar };

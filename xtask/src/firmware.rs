@@ -34,6 +34,10 @@ pub const EMULATED_FIT: Image =
 /// The tracks of eight vessels on the emulated board, for their budget.
 pub const EMULATED_TRACKS: Image = Image { name: "mps2-an500-tracks.elf", bin: "tracks", features: "tracks" };
 
+/// A configuration taken twice on the emulated board, for the stack it needs.
+pub const EMULATED_TWICE: Image =
+    Image { name: "mps2-an500-configure-twice.elf", bin: "configure-twice", features: "configure-twice" };
+
 /// The hardware board with everything.
 pub const HARDWARE: Image =
     Image { name: "stm32h743.elf", bin: "stm32h743", features: "stm32h743,array,obs" };
