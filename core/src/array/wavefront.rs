@@ -23,13 +23,6 @@ pub fn pair_delays(t: &[f32; CHANNELS]) -> [f32; PAIR_COUNT] {
     [t1 - t0, t2 - t0, t3 - t0, t2 - t1, t3 - t1, t3 - t2]
 }
 
-/// Arrival times whose differences come closest to six pair values: the least-squares inverse of [`pair_delays`]
-/// with mean zero (each time is a quarter of the sum of its pairs).
-pub fn arrivals_of_pairs(d: &[f32; PAIR_COUNT]) -> [f32; CHANNELS] {
-    let [d01, d02, d03, d12, d13, d23] = *d;
-    [0.25 * (-d01 - d02 - d03), 0.25 * (d01 - d12 - d13), 0.25 * (d02 + d12 - d23), 0.25 * (d03 + d13 + d23)]
-}
-
 /// Scalar product.
 pub fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -43,16 +36,6 @@ pub fn arrivals(geometry: &Geometry, u: &Direction, curvature: f32) -> [f32; CHA
         let bend = curvature * dot(h, h);
         let q = m::sqrt((1.0 + curvature * (bend - 2.0 * along)).max(0.0));
         *t = (bend - 2.0 * along) / ((q + 1.0) * geometry.sound_speed_m_s);
-    }
-    t
-}
-
-/// The same to second order in size over range, without a square root, for searches.
-pub fn arrivals_quick(geometry: &Geometry, inv_c: f32, u: &Direction, curvature: f32) -> [f32; CHANNELS] {
-    let mut t = [0.0; CHANNELS];
-    for (t, h) in t.iter_mut().zip(&geometry.position_m) {
-        let along = dot(u, h);
-        *t = (0.5 * curvature * (dot(h, h) - along * along) - along) * inv_c;
     }
     t
 }
@@ -143,15 +126,6 @@ mod tests {
                     assert!((d - (plus[i] - minus[i]) / 2e-2).abs() < 3e-7);
                 }
             }
-        }
-    }
-
-    #[test]
-    fn pairs_and_arrivals_invert_each_other() {
-        let t = [0.3f32, -0.1, 0.2, -0.4];
-        let back = arrivals_of_pairs(&pair_delays(&t));
-        for (a, b) in t.iter().zip(&back) {
-            assert!((a - b).abs() < 1e-6);
         }
     }
 }

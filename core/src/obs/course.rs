@@ -71,13 +71,6 @@ impl Course {
         Some(Self { t0_s: a.0, p: [a.1.0, a.1.1, vx, vy] })
     }
 
-    /// The same course with another reference time.
-    pub fn moved_to(&self, t0_s: f64) -> Self {
-        let (x, y) = self.at(t0_s);
-        let [_, _, vx, vy] = self.p;
-        Self { t0_s, p: [x, y, vx, vy] }
-    }
-
     /// What arrives at `t_s`. Two steps of the fixed point leave less than a centimetre at 15 m/s.
     pub fn seen(&self, travel: &TravelTime, t_s: f64) -> Seen {
         let mut left = t_s;

@@ -177,12 +177,6 @@ impl<'t> Plan<'t> {
         self.inner_rate_hz
     }
 
-    /// Lowest and highest frequency searched for tones, Hz.
-    pub fn tone_band_hz(&self) -> (f64, f64) {
-        let df = self.inner_rate_hz / FRAME as f64;
-        (self.band.first_bin as f64 * df, (self.band.first_bin + self.band.bins - 1) as f64 * df)
-    }
-
     /// Farthest range the interference model covers, m.
     pub fn max_range_m(&self) -> f32 {
         self.interference.max_range_m()

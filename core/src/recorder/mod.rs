@@ -144,70 +144,42 @@ pub enum Recorder<'m, 't> {
     Unavailable(core::convert::Infallible, core::marker::PhantomData<(&'m (), &'t ())>),
 }
 
+/// The same call of whichever recorder it is.
+macro_rules! whichever {
+    ($recorder:expr, $r:ident => $call:expr) => {
+        match $recorder {
+            #[cfg(feature = "array")]
+            Recorder::Array($r) => $call,
+            #[cfg(feature = "obs")]
+            Recorder::Obs($r) => $call,
+            #[cfg(not(feature = "obs"))]
+            Recorder::Unavailable(never, _) => match *never {},
+        }
+    };
+}
+
 impl Application for Recorder<'_, '_> {
     fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {
-        match self {
-            #[cfg(feature = "array")]
-            Self::Array(r) => r.start(reset_cause, sink),
-            #[cfg(feature = "obs")]
-            Self::Obs(r) => r.start(reset_cause, sink),
-            #[cfg(not(feature = "obs"))]
-            Self::Unavailable(never, _) => match *never {},
-        }
+        whichever!(self, r => r.start(reset_cause, sink));
     }
 
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message)) {
-        match self {
-            #[cfg(feature = "array")]
-            Self::Array(r) => r.push(block, sink),
-            #[cfg(feature = "obs")]
-            Self::Obs(r) => r.push(block, sink),
-            #[cfg(not(feature = "obs"))]
-            Self::Unavailable(never, _) => match *never {},
-        }
+        whichever!(self, r => r.push(block, sink));
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
-        match self {
-            #[cfg(feature = "array")]
-            Self::Array(r) => r.command(command, sink),
-            #[cfg(feature = "obs")]
-            Self::Obs(r) => r.command(command, sink),
-            #[cfg(not(feature = "obs"))]
-            Self::Unavailable(never, _) => match *never {},
-        }
+        whichever!(self, r => r.command(command, sink));
     }
 
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
-        match self {
-            #[cfg(feature = "array")]
-            Self::Array(r) => r.silent(seconds, sink),
-            #[cfg(feature = "obs")]
-            Self::Obs(r) => r.silent(seconds, sink),
-            #[cfg(not(feature = "obs"))]
-            Self::Unavailable(never, _) => match *never {},
-        }
+        whichever!(self, r => r.silent(seconds, sink));
     }
 
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
-        match self {
-            #[cfg(feature = "array")]
-            Self::Array(r) => r.fault(code, value, sink),
-            #[cfg(feature = "obs")]
-            Self::Obs(r) => r.fault(code, value, sink),
-            #[cfg(not(feature = "obs"))]
-            Self::Unavailable(never, _) => match *never {},
-        }
+        whichever!(self, r => r.fault(code, value, sink));
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
-        match self {
-            #[cfg(feature = "array")]
-            Self::Array(r) => r.finish(sink),
-            #[cfg(feature = "obs")]
-            Self::Obs(r) => r.finish(sink),
-            #[cfg(not(feature = "obs"))]
-            Self::Unavailable(never, _) => match *never {},
-        }
+        whichever!(self, r => r.finish(sink));
     }
 }

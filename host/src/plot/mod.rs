@@ -143,12 +143,6 @@ impl Figure {
         self
     }
 
-    /// One unit to the right as long as one unit up.
-    pub fn equal_aspect(&mut self) -> &mut Self {
-        self.equal = true;
-        self
-    }
-
     /// Circles about the origin at these ranges instead of round ones.
     pub fn range_circles(&mut self, radii: &[f64]) -> &mut Self {
         self.circles = Some(radii.to_vec());
