@@ -4,6 +4,7 @@ use crate::root;
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
 
 /// One line about what is going on.
 pub fn say(line: &str) {
@@ -41,9 +42,29 @@ pub fn cargo() -> Command {
     Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
 }
 
+/// The command as the workspace's tests have built it, where they have.
+static BUILT: OnceLock<PathBuf> = OnceLock::new();
+
+/// From now on [`host`] is the command that `cargo test --workspace` has just built: built by itself its dependencies have
+/// other features, and everything would be compiled once more.
+pub fn use_what_the_tests_built() {
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
+    let command = target.join("debug").join(format!("seabearing{}", std::env::consts::EXE_SUFFIX));
+    if command.is_file() {
+        BUILT.get_or_init(|| command);
+    }
+}
+
 /// The command `seabearing` of this checkout, built if need be.
 pub fn host(arguments: &[&str]) -> Command {
-    host_with(&[], arguments)
+    match BUILT.get() {
+        Some(built) => {
+            let mut command = Command::new(built);
+            command.args(arguments).current_dir(root());
+            command
+        }
+        None => host_with(&[], arguments),
+    }
 }
 
 /// The same without the experiments, which take a third of the time to build and which a demonstration does not need.

@@ -1,7 +1,7 @@
 //! `cargo xtask test`: every test, the emulated ones included, one line a step; at the end what was skipped, and a count.
 
 use crate::firmware::{self, EMULATED, HARDWARE, HARDWARE_LOGGING};
-use crate::process::{cargo, host, output, run, say};
+use crate::process::{cargo, host, output, run, say, use_what_the_tests_built};
 use crate::toolchain::{self, Toolchain};
 use crate::{budget, panic_free, root, scenario};
 use anyhow::{Context, Result, bail};
@@ -73,11 +73,16 @@ pub fn command(options: &[String]) -> Result<()> {
             Ok(())
         });
     }
+    let mut build = suite.tests(&["--workspace", "--no-run"]);
     let mut tests = suite.tests(&["--workspace"]);
     if toolchain.is_some() {
         tests.env("SEABEARING_EMULATED", "later");
     }
-    suite.step("host tests", || run(&mut tests, "cargo test"));
+    suite.step("host tests", || {
+        run(&mut build, "building the tests")?;
+        use_what_the_tests_built();
+        run(&mut tests, "cargo test")
+    });
     match toolchain {
         Some(toolchain) => emulated(&mut suite, &toolchain),
         None if host_only => say("--host-only: the firmware was not built, and nothing was emulated"),
@@ -118,8 +123,7 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     });
     suite.step("twin: gaps, dead and clipped channels, byte for byte", || twin("faults"));
     suite.step("twin: six hours at the ocean bottom, byte for byte", || twin("ocean-bottom"));
-    let names =
-        ["--package", "seabearing-tests", "--test", "emulated_sample_line", "--test", "emulated_commands"];
+    let names = ["--workspace", "--test", "emulated_sample_line", "--test", "emulated_commands"];
     let mut tests = suite.tests(&names);
     tests.env("SEABEARING_EMULATED", "now");
     suite.step("samples over the emulated serial line; commands", || run(&mut tests, "emulated tests"));
