@@ -118,9 +118,6 @@ fn random(times: &str) -> Result<()> {
 fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("firmware for the emulated board", || firmware::build(toolchain, &EMULATED).map(|_| ()));
     suite.step("twin: a pass of 200 s, byte for byte", || twin("demo"));
-    suite.step("the same pass through the project's own interpreter, byte for byte", || {
-        twin_with("demo", &["--emulator", "model"])
-    });
     suite.step("twin: gaps, dead and clipped channels, byte for byte", || twin("faults"));
     suite.step("twin: six hours at the ocean bottom, byte for byte", || twin("ocean-bottom"));
     let names = ["--workspace", "--test", "emulated_sample_line", "--test", "emulated_commands"];
@@ -132,34 +129,15 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("stm32h743 links within memory.x", || {
         firmware::build_hardware(toolchain, &HARDWARE, None).map(|_| ())
     });
-    suite.step(
-        "twin: the hardware image on the modelled board, two seconds at 64 kHz, byte for byte",
-        || {
-            let recording = scenario::simulate("demo")?;
-            let station = recording.station.display().to_string();
-            firmware::build_hardware(toolchain, &HARDWARE, Some(&station))?;
-            compare(&recording, &HARDWARE_TWIN)
-        },
-    );
     suite.step("stm32h743 with deferred logging links within memory.x", || {
         firmware::build_hardware(toolchain, &HARDWARE_LOGGING, None).map(|_| ())
     });
 }
 
-/// The modelled board at one cycle an instruction, with a converter that answers at once after its reset.
-const HARDWARE_TWIN: [&str; 6] = ["--board", "stm32h743", "--seconds", "2", "--converter-start-us", "0"];
-
 /// Simulates a scenario and compares the telemetry of firmware and host.
 fn twin(scenario: &str) -> Result<()> {
-    twin_with(scenario, &[])
-}
-
-fn twin_with(scenario: &str, options: &[&str]) -> Result<()> {
-    compare(&scenario::simulate(scenario)?, options)
-}
-
-fn compare(recording: &scenario::Recording, options: &[&str]) -> Result<()> {
-    let mut twin = host(&["twin"]);
-    twin.args(options).arg("--station").arg(&recording.station).args(&recording.files);
+    let recording = scenario::simulate(scenario)?;
+    let mut twin = host(&["twin", "--station"]);
+    twin.arg(recording.station).args(recording.files);
     run(&mut twin, "seabearing twin")
 }
