@@ -111,11 +111,11 @@ fn data_processing_gives_the_architectures_results_and_flags() {
 }
 
 /// Name, code, words in and words out.
-type Vector = (&'static str, &'static [u16], &'static [u32], &'static [u32]);
+type FloatVector = (&'static str, &'static [u16], &'static [u32], &'static [u32]);
 
 /// Halfwords; the first single registers before and after.
 #[rustfmt::skip]
-const FLOAT: [Vector; 27] = [
+const FLOAT: [FloatVector; 27] = [
     ("vfma.f32 s0, s1, s2", &[0xeea0, 0x0a81], &[0x322bcc77, 0x3f800800, 0x3f800800], &[0x3f801001]),
     ("vmla.f32 s0, s1, s2", &[0xee00, 0x0a81], &[0xbf800000, 0x3f800800, 0x3f800800], &[0x3a000000]),
     ("vnmls.f32 s0, s1, s2", &[0xee10, 0x0a81], &[0x40400000, 0x40000000, 0x40a00000], &[0x40e00000]),
