@@ -187,9 +187,9 @@ fn picture(options: &Options) -> Result<()> {
         let state = listen(&config, TRIAL_S, powers, &mut rng, &mut |r| found = r.rate.ok());
         let bin_hz = config.shaft().map_or(0.0, |c| c.bin_hz());
         let mut scratch = EMPTY_SCRATCH;
-        let spectrum: Vec<(f64, f64)> = state
+        let spectrum: Vec<(f64, f64)> = config
             .shaft()
-            .spectrum(&mut scratch)
+            .and_then(|c| state.shaft().spectrum(c, &mut scratch))
             .into_iter()
             .flatten()
             .enumerate()

@@ -13,10 +13,9 @@
 //! have `2.34 × 6/((2π)² 1.5 P) = 0.237/P`, 2.34 being the window's loss against the Cramér-Rao bound, and using two
 //! bins only loses another third (`reproduce shaft-rate`). Lines that disagree widen it.
 
-use super::Scratch;
-use super::envelope::WINDOW;
-use super::periodogram::{BINS, FLOOR_DEGREES};
+use super::periodogram::FLOOR_DEGREES;
 use crate::math::f64 as m;
+use microfft::Complex32;
 
 /// Most harmonics in a comb.
 pub const HARMONICS: usize = 8;
@@ -96,11 +95,12 @@ impl Comb {
 }
 
 impl Search {
-    pub(super) fn new(search_hz: (f64, f64), output_hz: f64, allowed: f64) -> Self {
-        let bin_hz = output_hz / WINDOW as f64;
+    /// The search in the spectrum of a window of so many outputs.
+    pub(super) fn new(search_hz: (f64, f64), output_hz: f64, window: usize, allowed: f64) -> Self {
+        let bin_hz = output_hz / window as f64;
         let trial = |hz: f64| (hz / bin_hz * f64::from(TRIALS_PER_BIN)) as u32;
         let trials = (trial(search_hz.0), trial(search_hz.1));
-        let highest = (HIGHEST * BINS as f64) as usize;
+        let highest = (HIGHEST * (window / 2) as f64) as usize;
         let mut combs = 0u32;
         for trial in trials.0..=trials.1 {
             combs += lines(trial, highest).count() as u32;
@@ -110,7 +110,7 @@ impl Search {
     }
 
     /// The best comb of a spectrum (pairs as [`super::periodogram::demodulated`] leaves them), if it is no noise.
-    pub(super) fn best(&self, spectrum: &Scratch) -> Option<Rate> {
+    pub(super) fn best(&self, spectrum: &[Complex32]) -> Option<Rate> {
         let best = self.search(spectrum, self.trials)?;
         if best.ln_q + self.ln_combs > self.ln_allowed {
             return None;
@@ -136,7 +136,7 @@ impl Search {
             Some(blades) => (f64::from(blades), Reading::ShaftWithBlades(blades)),
             None => (
                 1.0,
-                standing_out(spectrum, &best, present)
+                standing_out(spectrum, &best, self.highest, present)
                     .map_or(Reading::ShaftOrBlade, Reading::ShaftWithBlades),
             ),
         };
@@ -154,7 +154,7 @@ impl Search {
 
     /// The comb with the least score among trial rates. For one H the score falls with S, so only the largest S of
     /// each H is turned into a probability.
-    fn search(&self, spectrum: &Scratch, trials: (u32, u32)) -> Option<Comb> {
+    fn search(&self, spectrum: &[Complex32], trials: (u32, u32)) -> Option<Comb> {
         let mut largest = [(0.0f32, 0u32); HARMONICS];
         for trial in trials.0..=trials.1 {
             let mut sum = 0.0;
@@ -183,11 +183,11 @@ fn lines(trial: u32, highest: usize) -> impl Iterator<Item = usize> {
         .take_while(move |&bin| bin <= highest)
 }
 
-fn over_floor(spectrum: &Scratch, bin: usize) -> f32 {
+fn over_floor(spectrum: &[Complex32], bin: usize) -> f32 {
     spectrum.get(bin).map_or(0.0, |z| z.re)
 }
 
-fn amplitude(spectrum: &Scratch, bin: usize) -> f64 {
+fn amplitude(spectrum: &[Complex32], bin: usize) -> f64 {
     m::sqrt(f64::from(spectrum.get(bin).map_or(0.0, |z| z.im)))
 }
 
@@ -204,7 +204,7 @@ fn ln_tail(s: f64, harmonics: usize) -> f64 {
 }
 
 /// Rate and its variance in bins from the lines' own frequencies, and which lines are present.
-fn refine(spectrum: &Scratch, comb: &Comb) -> Option<(f64, f64, u8)> {
+fn refine(spectrum: &[Complex32], comb: &Comb) -> Option<(f64, f64, u8)> {
     let spacing = f64::from(comb.trial) / f64::from(TRIALS_PER_BIN);
     let mut present = 0u8;
     let (mut weight, mut moment, mut square, mut count) = (0.0, 0.0, 0.0, 0u32);
@@ -245,7 +245,7 @@ fn refine(spectrum: &Scratch, comb: &Comb) -> Option<(f64, f64, u8)> {
 /// The shaft rate below a blade rate: number of blades whose other lines are no noise at `ln_allowed`.
 ///
 /// A strong comb hides weak lines in a common sum, so the lines between the comb's own are tested by themselves.
-fn blades(spectrum: &Scratch, comb: &Comb, highest: usize, ln_allowed: f64) -> Option<u8> {
+fn blades(spectrum: &[Complex32], comb: &Comb, highest: usize, ln_allowed: f64) -> Option<u8> {
     let mut best: Option<(f64, u8)> = None;
     for blades in BLADES {
         let shaft = f64::from(comb.trial) / f64::from(TRIALS_PER_BIN) / f64::from(blades);
@@ -266,8 +266,8 @@ fn blades(spectrum: &Scratch, comb: &Comb, highest: usize, ln_allowed: f64) -> O
 }
 
 /// The blade line of a comb that already has the shaft's spacing.
-fn standing_out(spectrum: &Scratch, comb: &Comb, present: u8) -> Option<u8> {
-    let strongest = lines(comb.trial, BINS - 1)
+fn standing_out(spectrum: &[Complex32], comb: &Comb, highest: usize, present: u8) -> Option<u8> {
+    let strongest = lines(comb.trial, highest)
         .take(comb.harmonics)
         .zip(1u8..)
         .max_by(|a, b| over_floor(spectrum, a.0).total_cmp(&over_floor(spectrum, b.0)))
@@ -278,7 +278,7 @@ fn standing_out(spectrum: &Scratch, comb: &Comb, present: u8) -> Option<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::EMPTY_SCRATCH;
+    use super::super::{EMPTY_SCRATCH, WINDOW};
     use super::*;
 
     #[test]
@@ -299,7 +299,7 @@ mod tests {
             spectrum[bin].re = (a * a * 1000.0) as f32;
             spectrum[bin].im = spectrum[bin].re;
         }
-        let search = Search::new((1.0, 15.5), 68.0, 1e-6);
+        let search = Search::new((1.0, 15.5), 68.0, WINDOW, 1e-6);
         let rate = search.best(&spectrum).unwrap();
         assert!((f64::from(rate.rate_hz) / search.bin_hz - 200.3).abs() < 1e-3);
         assert_eq!((rate.harmonics, rate.present, rate.reading), (1, 1, Reading::ShaftOrBlade));
@@ -312,7 +312,7 @@ mod tests {
             spectrum[60 * h].re = power;
             spectrum[60 * h].im = power;
         }
-        let rate = Search::new((1.0, 15.5), 68.0, 1e-6).best(&spectrum).unwrap();
+        let rate = Search::new((1.0, 15.5), 68.0, WINDOW, 1e-6).best(&spectrum).unwrap();
         assert_eq!(rate.reading, Reading::ShaftWithBlades(4));
         assert!((rate.rate_hz / (68.0 / 2048.0) - 60.0).abs() < 0.1);
     }

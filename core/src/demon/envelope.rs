@@ -1,6 +1,7 @@
 //! Envelope: powers of frames, their logarithm, decimation; kept as a ring of about 30 s.
 //!
-//! In: the band's power of each frame (one in 7 ms at 64 kHz). Out: its natural logarithm at about 68 Hz. The decimating low-pass is five
+//! In: the band's power of each frame (one in 7 ms at 64 kHz). Out: its natural logarithm at about 68 Hz, or once a frame
+//! where frames come slower (36 Hz at 16 kHz); the window then holds fewer outputs and lasts as long. The decimating low-pass is five
 //! outputs long, a Hamming window at half the output rate, computed with five running accumulators (one for each output
 //! a frame belongs to): −6 dB at the output's Nyquist frequency. Its droop acts on line and floor alike and cancels in their
 //! ratio. A frame's own window is the low-pass before it: a modulation within 16 Hz of the frames' rate (127 to 159 Hz at 64 kHz) folds
@@ -11,14 +12,18 @@
 use crate::math;
 use core::num::NonZeroU64;
 
-/// Values in the window of one spectrum: the largest real FFT that leaves [`super::Scratch`] at 8 KiB.
+/// Most values in the window of one spectrum: the largest real FFT that leaves [`super::Scratch`] at 8 KiB.
 pub const WINDOW: usize = 2048;
 /// Outputs a frame takes part in.
 const OVERLAP: usize = 5;
 /// Most frames of an output: six at 192 kHz.
 const MOST_FRAMES: usize = 8;
-/// Outputs a second aimed at: a window of 30 s.
-const OUTPUT_HZ: f64 = WINDOW as f64 / 30.0;
+/// Windows there are, in values.
+const WINDOWS: [usize; 3] = [WINDOW / 4, WINDOW / 2, WINDOW];
+/// Length of the window aimed at, seconds.
+const WINDOW_S: f64 = 30.0;
+/// Outputs a second aimed at: the largest window lasts that long.
+const OUTPUT_HZ: f64 = WINDOW as f64 / WINDOW_S;
 /// Steps of the stored logarithm a neper: ±32 000 steps span more than any 32-bit power (±36 nepers).
 const STEPS: f32 = 900.0;
 /// "Not heard". Values are stored with its bit turned over, so that an empty ring is all zeros and costs no flash.
@@ -32,6 +37,8 @@ pub(super) struct Plan {
     /// Samples from one frame to the next.
     hop: NonZeroU64,
     frames_per_output: usize,
+    /// Outputs in the window of one spectrum: of [`WINDOWS`] the one nearest to [`WINDOW_S`].
+    pub(super) window: usize,
     /// Row j weighs a frame for the output that began j outputs ago.
     taps: [[f32; MOST_FRAMES]; OVERLAP],
 }
@@ -55,7 +62,10 @@ impl Plan {
         for tap in taps.iter_mut().flatten() {
             *tap /= sum as f32;
         }
-        Self { hop, frames_per_output, taps }
+        let output_hz = rate_hz / (hop.get() as f64 * frames);
+        let off = |window: usize| m::abs(window as f64 / output_hz - WINDOW_S);
+        let window = WINDOWS.into_iter().min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(WINDOW);
+        Self { hop, frames_per_output, window, taps }
     }
 
     /// Outputs a second.
@@ -71,10 +81,10 @@ struct Accumulator {
     whole: bool,
 }
 
-/// Filter memory and the ring of outputs.
+/// Filter memory and the ring of outputs; every call takes the same plan.
 #[derive(Clone, Debug)]
 pub(super) struct Envelope {
-    /// Values with the bit of [`UNHEARD`] turned over.
+    /// Values with the bit of [`UNHEARD`] turned over, in the first [`Plan::window`] places.
     ring: [i16; WINDOW],
     /// Where the next output goes (the oldest value).
     next: usize,
@@ -96,8 +106,9 @@ impl Envelope {
     }
 
     /// The window, oldest first: natural logarithm of power, `None` where not heard.
-    pub(super) fn window(&self) -> impl Iterator<Item = Option<f32>> + '_ {
-        let (newer, older) = self.ring.split_at_checked(self.next).unwrap_or((&[], &self.ring));
+    pub(super) fn window(&self, plan: &Plan) -> impl Iterator<Item = Option<f32>> + '_ {
+        let ring = self.ring.get(..plan.window).unwrap_or(&self.ring);
+        let (newer, older) = ring.split_at_checked(self.next).unwrap_or((&[], ring));
         older.iter().chain(newer).map(|v| v ^ UNHEARD).map(|v| (v != UNHEARD).then_some(f32::from(v) / STEPS))
     }
 
@@ -106,7 +117,9 @@ impl Envelope {
     pub(super) fn take(&mut self, plan: &Plan, index: u64, power: f32) -> u32 {
         let number = index.saturating_add(plan.hop.get() / 2) / plan.hop;
         let mut missing = number.saturating_sub(self.expected.unwrap_or(number));
-        if self.expected.is_some_and(|e| number < e) || missing > (WINDOW * plan.frames_per_output) as u64 {
+        if self.expected.is_some_and(|e| number < e)
+            || missing > (plan.window * plan.frames_per_output) as u64
+        {
             *self = Self::new();
             missing = 0;
         }
@@ -137,7 +150,10 @@ impl Envelope {
             let value = math::f32::round(done.sum * STEPS).max(-32_000.0) as i16;
             *slot = (if done.whole { value } else { UNHEARD }) ^ UNHEARD;
         }
-        self.next = (self.next + 1) % WINDOW;
+        self.next += 1;
+        if self.next >= plan.window {
+            self.next = 0;
+        }
         1
     }
 }

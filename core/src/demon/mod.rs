@@ -6,7 +6,7 @@
 //! bound, or the reason why not.
 //!
 //! Chain: power of a frame's bins above the corner → logarithm (a modulation of the power becomes a sum) → decimating low-pass to
-//! about 68 Hz → values far off the window's own scatter limited (a click cannot dominate) → 30 s Hann periodogram → local noise
+//! about 68 Hz (the frames' own rate below 46 kHz of samples) → values far off the window's own scatter limited (a click cannot dominate) → 30 s Hann periodogram → local noise
 //! floor → comb search ([`comb`]).
 //!
 //! Assumptions: the rate is steady within about 1/30 Hz over 30 s; the modulated band lies above the corner. Anything else
@@ -14,7 +14,7 @@
 //!
 //! Cost: five multiply-adds and a logarithm a frame (0.02 M instructions a second); a 2048-point FFT and the comb search a report
 //! (about 1.6 M instructions). Memory: [`State`] 4.2 KiB, [`Scratch`] 8 KiB (lives only within a call; the array chain
-//! lends its own), [`Config`] 0.3 KiB.
+//! lends its own), [`Config`] 0.3 KiB; at the slower outputs of low sampling rates the window has fewer of them, and costs less.
 
 pub mod comb;
 mod envelope;
@@ -92,7 +92,12 @@ impl Config {
         within("rate_hz", search_hz.1, search_hz.0 + 0.1, 25.0)?;
         let tests_per_hour = 3600.0 / s.update_s;
         Ok(Self {
-            search: Search::new(search_hz, output_hz, s.false_rates_per_hour / tests_per_hour),
+            search: Search::new(
+                search_hz,
+                output_hz,
+                envelope.window,
+                s.false_rates_per_hour / tests_per_hour,
+            ),
             update: (s.update_s * output_hz) as u32,
             envelope,
             output_hz,
@@ -101,7 +106,7 @@ impl Config {
 
     /// Spacing of the demodulated spectrum's bins, Hz (about 1/30).
     pub fn bin_hz(&self) -> f64 {
-        self.output_hz / WINDOW as f64
+        self.output_hz / self.envelope.window as f64
     }
 }
 
@@ -120,8 +125,13 @@ impl State {
 
     /// Power over the local noise floor of the window heard last (1 = noise), from 0 Hz up in steps of [`Config::bin_hz`];
     /// `None` where too little was heard.
-    pub fn spectrum<'a>(&self, scratch: &'a mut Scratch) -> Option<impl Iterator<Item = f32> + 'a> {
-        periodogram::demodulated(&self.envelope, scratch).then(|| scratch.iter().map(|bin| bin.re))
+    pub fn spectrum<'a>(
+        &self,
+        config: &Config,
+        scratch: &'a mut Scratch,
+    ) -> Option<impl Iterator<Item = f32> + use<'a>> {
+        let bins = periodogram::demodulated(&self.envelope, &config.envelope, scratch)?;
+        Some(bins.iter().map(|bin| bin.re))
     }
 }
 
@@ -170,10 +180,9 @@ pub fn frame(
         return None;
     }
     state.since_report = 0;
-    let rate = if periodogram::demodulated(&state.envelope, scratch) {
-        config.search.best(scratch).ok_or(NoRate::Unmodulated)
-    } else {
-        Err(NoRate::NotEnoughData)
+    let rate = match periodogram::demodulated(&state.envelope, &config.envelope, scratch) {
+        Some(spectrum) => config.search.best(spectrum).ok_or(NoRate::Unmodulated),
+        None => Err(NoRate::NotEnoughData),
     };
     Some(Report { index, rate })
 }

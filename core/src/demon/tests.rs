@@ -12,15 +12,19 @@ const fn frames(seconds: u64) -> u64 {
 /// Powers of frames of Gaussian noise: each the mean of 150 independent squares, as a band of 20 kHz gives, swinging
 /// by `depth` at `rate_hz`.
 fn recording(seconds: u64, rate_hz: f64, depth: f64, seed: u64) -> Vec<f32> {
+    recording_at(RATE_HZ, frames(seconds), rate_hz, depth, seed)
+}
+
+fn recording_at(sampled_hz: f64, frames: u64, rate_hz: f64, depth: f64, seed: u64) -> Vec<f32> {
     let mut noise = seed;
-    (0..frames(seconds))
+    (0..frames)
         .map(|n| {
             let mut sum = 0.0;
             for _ in 0..12 {
                 noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
                 sum += (noise >> 40) as f64 / (1u64 << 24) as f64 - 0.5;
             }
-            let t = (n * HOP) as f64 / RATE_HZ;
+            let t = (n * HOP) as f64 / sampled_hz;
             let swing = 1.0 + depth * (2.0 * std::f64::consts::PI * rate_hz * t).sin();
             (1e8 * swing * (1.0 + sum * (2.0f64 / 150.0).sqrt())) as f32
         })
@@ -47,6 +51,27 @@ fn a_modulated_noise_gives_its_rate_and_a_steady_one_none() {
     assert!(rate.confidence > 0.999);
     let reports = run(&config, &mut State::new(), 0, &recording(32, 4.37, 0.0, 2));
     assert_eq!(reports.last().unwrap().rate, Err(NoRate::Unmodulated));
+}
+
+/// The window lasts as long where frames come slower than the envelope's usual outputs.
+#[test]
+fn low_sampling_rates_give_a_rate_as_soon() {
+    for (sampled_hz, update_s) in
+        [(64_000.0, 5.0), (48_000.0, 5.0), (32_000.0, 5.0), (16_000.0, 10.0), (8000.0, 10.0)]
+    {
+        let settings = Settings { update_s, ..Settings::default() };
+        let config = Config::new(&settings, sampled_hz, EACH).unwrap();
+        assert!((0.025..0.045).contains(&config.bin_hz()), "{sampled_hz}: {}", config.bin_hz());
+        let powers = recording_at(sampled_hz, (36.0 * sampled_hz) as u64 / HOP, 5.0, 0.2, 6);
+        let mut state = State::new();
+        let reports = run(&config, &mut state, 0, &powers);
+        let rate = reports.last().unwrap().rate.unwrap();
+        assert!((rate.rate_hz - 5.0).abs() < 0.01, "{sampled_hz}: {rate:?}");
+        // A steady noise after it: nothing of the old window is left in the ring.
+        let steady = recording_at(sampled_hz, powers.len() as u64, 5.0, 0.0, 7);
+        let reports = run(&config, &mut state, powers.len() as u64, &steady);
+        assert_eq!(reports.last().unwrap().rate, Err(NoRate::Unmodulated), "{sampled_hz}");
+    }
 }
 
 #[test]
