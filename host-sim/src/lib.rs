@@ -2,7 +2,7 @@
 //! recorder's core ([`station`], [`recording`], [`world`], …), the base station ([`base`]), the emulation of the firmware
 //! ([`twin`], [`emulator`]; Unix only) and the experiments ([`reproduce`]).
 
-#[macro_use(print, println)]
+#[macro_use(println)]
 extern crate seabearing_host;
 
 pub mod cmd;

@@ -3,9 +3,9 @@
 //! - [`spd`]: symmetric positive definite matrices: factor, solution, inverse, quadratic forms;
 //! - [`normal`]: normal equations of a weighted least-squares problem, their step and covariance;
 //! - [`descent`]: Levenberg-Marquardt over them;
-//! - [`golden`]: the minimum of a function of one number;
+//! - [`mod@golden`]: the minimum of a function of one number;
 //! - [`robust`]: losses and weights under which wrong measurements hardly pull (Huber, Tukey, Student and Cauchy);
-//! - [`quantile`]: medians and other quantiles, with and without sorting;
+//! - [`mod@quantile`]: medians and other quantiles, with and without sorting;
 //! - [`straight_line`]: weighted least squares of a straight line;
 //! - [`approach`]: closest point of approach of a straight motion, with its derivatives.
 //!

@@ -76,7 +76,7 @@ fn one(args: &Args, e: &Experiment) -> Result<()> {
     if args.json {
         figures.iter().for_each(|f| println!("{}", f.json()));
     } else {
-        print!("{}", figure::text(&figures));
+        seabearing_host::print!("{}", figure::text(&figures));
     }
     let missed: Vec<&str> =
         figures.iter().filter(|f| f.met() == Some(false)).map(|f| f.name.as_str()).collect();
@@ -113,7 +113,7 @@ fn all(args: &Args) -> Result<()> {
                     }
                     bar.suspend(|| {
                         remarks.iter().for_each(|r| eprintln!("{r}"));
-                        print!("{}", ran.said);
+                        seabearing_host::print!("{}", ran.said);
                     });
                 }
                 Err(error) => complaints.0.push(format!("{error:#}")),
