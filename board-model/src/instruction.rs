@@ -24,7 +24,7 @@ pub(crate) enum Op {
     MovReg,
     // d, n, m; imm: amount of a left shift
     AddLsl,
-    /// d, n, imm; a: [`Alu`]; s; k: the immediate was rotated, so carry is its bit 31
+    /// d, n, imm; a: `Alu`; s; k: the immediate was rotated, so carry is its bit 31
     DpImm,
     /// d, n, m; a; s
     DpReg,
@@ -46,7 +46,7 @@ pub(crate) enum Op {
     Umaal,
     Sdiv,
     Udiv,
-    /// d, n, m, a: accumulator or 15; imm: [`Dsp`] kind and halves
+    /// d, n, m, a: accumulator or 15; imm: `Dsp` kind and halves
     DspMul,
     /// d: low, a: high, n, m; imm: kind and halves
     DspLong,
@@ -109,7 +109,7 @@ pub(crate) enum Op {
     StrReg,
     StrbReg,
     StrhReg,
-    /// d, n, imm; a: [`Access`]; s: add the offset before; always writes the base back
+    /// d, n, imm; a: `Access`; s: add the offset before; always writes the base back
     Indexed,
     /// d, m: registers, n: base, imm: offset; a: 1 offset before, s: write back
     Ldrd,
@@ -194,7 +194,7 @@ pub(crate) enum Op {
     /// d, m: integer register to float; a: signed
     VcvtIntToS,
     VcvtIntToD,
-    /// a: signed; k: [`Rounding`]
+    /// a: signed; k: `Rounding`
     VcvtSToInt,
     VcvtDToInt,
     /// d in place; imm: fraction bits, a: bit 0 signed, bit 1 16 bits, bit 2 to fixed

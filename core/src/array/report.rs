@@ -3,7 +3,7 @@
 //! Covariance: the Cramér-Rao form of `refine` with the measured coherence. To it come what the segment itself shows and what
 //! the surface does:
 //!
-//! * Noise makes the pairs' own delays differ from the common direction's by up to [`NOISE_RESIDUAL`] variances of a pair's
+//! * Noise makes the pairs' own delays differ from the common direction's by up to `NOISE_RESIDUAL` variances of a pair's
 //!   delay. The mean square beyond that comes of paths and other vessels, and errors as large are in the arrival times of the
 //!   common direction.
 //! * A vessel d deep and its image in the surface, seen from depth D at elevation β, are `2 d sin β cos β / D` apart in

@@ -26,7 +26,7 @@ pub struct Point<P, const N: usize> {
     pub damping: f64,
 }
 
-/// What a call of [`descend`] came to.
+/// What a call of [`Point::descend`] came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// Cost went down; another step may help.

@@ -22,7 +22,7 @@ pub struct Band {
     pub bins: usize,
     /// True azimuth of the north component, plus half a turn where intensity points away from the source, radians.
     pub turn: f32,
-    /// Whether directions are the intensity's own [O], not straightened.
+    /// Whether directions are the intensity's own (paper O), not straightened.
     pub paper: bool,
 }
 

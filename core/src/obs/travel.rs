@@ -15,7 +15,7 @@ impl TravelTime {
     /// No curve yet; all zeros.
     pub const EMPTY: Self = Self { toa_s: [0.0; KNOTS] };
 
-    /// From the table; `ignored` gives zero everywhere [O].
+    /// From the table; `ignored` gives zero everywhere (paper O).
     pub fn fill(&mut self, table: &Table<'_>, ignored: bool) {
         self.toa_s.fill(0.0);
         if !ignored {

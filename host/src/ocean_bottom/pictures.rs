@@ -71,7 +71,7 @@ impl TruthCurve {
 /// Whole minutes of a recording below which there is nothing to draw against time.
 const LEAST_MINUTES: usize = 2;
 
-/// Draws everything; the files written, none where the recording is shorter than [`LEAST_MINUTES`].
+/// Draws everything; the files written, none where the recording is shorter than `LEAST_MINUTES`.
 ///
 /// # Errors
 /// The recording is lost, or a file cannot be written.
