@@ -35,7 +35,7 @@ const EXAMPLES: [(&str, &[Expected]); 17] = [
             Lacks("obs.toml"),
         ],
     ),
-    ("twin", &[Lacks("out/station.toml"), Lacks("out/station.toml")]),
+    ("twin", &[Lacks("out/station.toml"), Lacks("out/station.toml"), Lacks("out/station.toml")]),
     ("base", &[Runs, Lacks("/dev/ttyACM0"), Runs]),
     ("demo", &[]),
     ("blob", &[Runs]),

@@ -176,8 +176,17 @@ impl Mark {
     /// resolution and the clock's drift from one to the other explain.
     fn jump(self, later: Self, rate_hz: f64) -> Option<f64> {
         let jump = later.ahead - self.ahead;
-        let resolution = self.resolution_s.max(later.resolution_s) * rate_hz;
-        (jump.abs() > resolution + DRIFT * (later.at - self.at).abs() + 1.5).then_some(jump)
+        (jump.abs() > self.resolution(later, rate_hz) + self.drift(later) + 1.5).then_some(jump)
+    }
+
+    /// The coarser of both times' resolutions, samples.
+    fn resolution(self, later: Self, rate_hz: f64) -> f64 {
+        self.resolution_s.max(later.resolution_s) * rate_hz
+    }
+
+    /// By how much the clock may have drifted from this file to a later one, samples.
+    fn drift(self, later: Self) -> f64 {
+        DRIFT * (later.at - self.at).abs()
     }
 }
 
@@ -192,7 +201,11 @@ fn place(parts: &mut [Part], rate_hz: f64) -> u64 {
         if let Some(stamp) = part.stamp {
             let at = (stamp.at - *origin.get_or_insert(stamp.at)).as_seconds_f64() * rate_hz;
             let mut mark = Mark { at, ahead: at - next as f64, resolution_s: stamp.resolution_s };
-            let jump = [before, set].into_iter().flatten().find_map(|m| m.jump(mark, rate_hz));
+            let found = [before, set].into_iter().flatten().find_map(|m| m.jump(mark, rate_hz));
+            // Its size is measured from the last file after a gap, so that coarse times do not add up, until the clock may
+            // have drifted by more than the times resolve.
+            let anchor = set.filter(|set| set.drift(mark) <= set.resolution(mark, rate_hz));
+            let jump = found.map(|jump| anchor.map_or(jump, |anchor| mark.ahead - anchor.ahead));
             if let Some(jump) = jump.filter(|jump| next as f64 + jump >= 0.0) {
                 part.first_index = (next as f64 + jump).round() as u64;
                 mark.ahead = at - part.first_index as f64;
