@@ -220,11 +220,12 @@ fn summary(image: &Path, name: &str, blob: Option<&Path>) -> Result<Vec<u64>> {
     std::fs::create_dir_all(&folder).with_context(|| format!("target/firmware/{name}"))?;
     let mut command = std::process::Command::new("qemu-system-arm");
     command.args(["-M", "mps2-an500", "-display", "none", "-monitor", "none", "-serial", "none"]);
-    command.args(["-semihosting-config", "enable=on,target=native", "-icount", "shift=0", "-kernel"]);
+    command.args(["-semihosting-config", "enable=on,target=native", "-icount", "shift=0"]);
     if let Some(blob) = blob {
         command.arg("-device").arg(format!("loader,file={},addr=0x60000000,force-raw=on", blob.display()));
     }
-    let output = command.arg(image).current_dir(&folder).output().context("qemu-system-arm")?;
+    let output =
+        command.arg("-kernel").arg(image).current_dir(&folder).output().context("qemu-system-arm")?;
     if !output.status.success() {
         bail!("{name} on the target: {}", String::from_utf8_lossy(&output.stderr).trim());
     }
