@@ -15,8 +15,7 @@ pub type Cepstrum = [f32; QUEFRENCIES];
 
 /// Cepstra of a gapless pressure record at the transforms' own rate.
 pub fn cepstrogram(pressure: &[f32]) -> Vec<Cepstrum> {
-    let mut planner = realfft::RealFftPlanner::<f32>::new();
-    let fft = planner.plan_fft_forward(FRAME);
+    let fft = <f32 as seabearing_signal::Precision>::real_to_complex(FRAME);
     let window: Vec<f32> =
         (0..FRAME).map(|n| 0.5 - 0.5 * (std::f32::consts::TAU * n as f32 / FRAME as f32).cos()).collect();
     let (mut spectrum, mut buffer) = (fft.make_output_vec(), fft.make_input_vec());

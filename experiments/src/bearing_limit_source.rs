@@ -5,11 +5,10 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex;
 use seabearing_core::block::Frame;
 use seabearing_core::geometry::{Geometry, PAIRS};
 use seabearing_core::math::f64::j0;
+use seabearing_signal::{Complex, ComplexToReal, Precision};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -43,7 +42,7 @@ pub struct Sounder {
     samples: usize,
     rate_hz: f64,
     geometry: Geometry,
-    inverse: Arc<dyn realfft::ComplexToReal<f32>>,
+    inverse: Arc<dyn ComplexToReal<f32>>,
     /// Root of the spectral density shared by source and noise, per bin (mean square one over the band).
     shape: Vec<f32>,
     /// Lower triangles (by row) of the noise's coherence roots, per bin group.
@@ -66,7 +65,7 @@ impl Sounder {
         for a in &mut shape {
             *a /= power.sqrt();
         }
-        let inverse = RealFftPlanner::<f32>::new().plan_fft_inverse(samples);
+        let inverse = f32::complex_to_real(samples);
         let mixing = (ambient != Ambient::Independent).then(|| {
             // Coherence varies over hundreds of hertz (the time across the array is about a millisecond).
             let group = ((8.0 * samples as f64 / rate_hz) as usize).max(1);

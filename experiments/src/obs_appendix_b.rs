@@ -14,8 +14,8 @@ use anyhow::Result;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use realfft::{RealFftPlanner, num_complex::Complex};
 use seabearing_core::kit::golden;
+use seabearing_signal::{Complex, Precision};
 use std::f64::consts::{PI, TAU};
 
 /// The experiment.
@@ -44,7 +44,7 @@ fn run(options: &Options) -> Result<()> {
 
 /// Spectra of overlapped frames of a series.
 fn spectra(x: &[f64]) -> Vec<Vec<Complex<f64>>> {
-    let fft = RealFftPlanner::<f64>::new().plan_fft_forward(N);
+    let fft = f64::real_to_complex(N);
     let window: Vec<f64> = (0..N).map(|i| 0.5 - 0.5 * (TAU * i as f64 / N as f64).cos()).collect();
     (0..x.len().saturating_sub(N - 1))
         .step_by(HOP)
@@ -190,7 +190,7 @@ fn cepstra(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()>
 
 /// Cepstra of a series, by quefrency.
 fn columns(x: &[f64]) -> Vec<Vec<f64>> {
-    let inverse = RealFftPlanner::<f64>::new().plan_fft_inverse(N);
+    let inverse = f64::complex_to_real(N);
     let mut out = vec![Vec::new(); N / 2 + 1];
     for s in spectra(x) {
         let mut log: Vec<Complex<f64>> =

@@ -8,7 +8,7 @@ use super::passage::Field;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use realfft::{ComplexToReal, RealFftPlanner, num_complex::Complex};
+use seabearing_signal::{Complex, ComplexToReal, Precision};
 use std::sync::Arc;
 
 const BLOCK: usize = 4096;
@@ -50,7 +50,7 @@ impl Ambient {
                 if hz < 0.05 { 0.0 } else { hz.clamp(0.2, 1.0).powf(-slope) as f32 }
             })
             .collect();
-        let fft = RealFftPlanner::new().plan_fft_inverse(BLOCK);
+        let fft = f32::complex_to_real(BLOCK);
         Self {
             rms,
             directional,

@@ -9,7 +9,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use rustfft::{Fft, FftPlanner, num_complex::Complex};
+use seabearing_signal::{Complex, Fft, Precision};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -106,7 +106,7 @@ impl Radiator {
             seed,
             shape,
             window,
-            fft: FftPlanner::new().plan_fft_inverse(BLOCK),
+            fft: f32::complex_inverse(BLOCK),
             scratch: Vec::new(),
             first_hop: 0,
             kept: Vec::new(),

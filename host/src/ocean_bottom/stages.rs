@@ -9,12 +9,12 @@ use crate::propagation::Propagation;
 use crate::recording::Source;
 use anyhow::Result;
 use rayon::prelude::*;
-use realfft::{RealFftPlanner, num_complex::Complex};
 use seabearing_core::block::{Frame as Samples, MISSING};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::obs::cepstrum::noise_sd;
 use seabearing_core::obs::clutter::Clutter;
 use seabearing_core::obs::limits::QUEFRENCIES;
+use seabearing_signal::{Complex, ComplexToReal, Precision, RealToComplex};
 use std::f32::consts::{PI, TAU};
 
 /// Bins of a spectrum, 0 to 25 Hz.
@@ -93,14 +93,13 @@ struct Analyser {
     n: usize,
     window: Vec<f32>,
     turn: f32,
-    forward: std::sync::Arc<dyn realfft::RealToComplex<f32>>,
-    inverse: std::sync::Arc<dyn realfft::ComplexToReal<f32>>,
+    forward: std::sync::Arc<dyn RealToComplex<f32>>,
+    inverse: std::sync::Arc<dyn ComplexToReal<f32>>,
 }
 
 impl Analyser {
     fn new(n: usize, window: Vec<f32>, turn: f32) -> Self {
-        let mut planner = RealFftPlanner::new();
-        Self { n, window, turn, forward: planner.plan_fft_forward(n), inverse: planner.plan_fft_inverse(N) }
+        Self { n, window, turn, forward: f32::real_to_complex(n), inverse: f32::complex_to_real(N) }
     }
 
     fn spectrum(&self, samples: &[Samples], channel: usize) -> Option<Vec<Complex<f32>>> {

@@ -5,11 +5,10 @@
 //! times as finely as the samples and scaled so that perfect agreement is one.
 
 use anyhow::{Result, anyhow, bail};
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex;
 use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::geometry::PAIRS;
+use seabearing_signal::{Complex, Precision};
 
 /// Samples of one transform.
 const FRAME: usize = 2048;
@@ -35,8 +34,7 @@ pub fn correlations(frames: &[Frame], config: &StationConfig) -> Result<Correlat
     if frames.len() < FRAME {
         bail!("a segment of {} samples is shorter than one transform", frames.len());
     }
-    let mut planner = RealFftPlanner::<f64>::new();
-    let forward = planner.plan_fft_forward(FRAME);
+    let forward = f64::real_to_complex(FRAME);
     let window: Vec<f64> =
         (0..FRAME).map(|i| 0.5 - 0.5 * (std::f64::consts::TAU * i as f64 / FRAME as f64).cos()).collect();
     let bins = FRAME / 2 + 1;
@@ -58,7 +56,7 @@ pub fn correlations(frames: &[Frame], config: &StationConfig) -> Result<Correlat
         }
     }
     let size = FRAME * FINE;
-    let inverse = planner.plan_fft_inverse(size);
+    let inverse = f64::complex_to_real(size);
     let hz = config.rate_hz / FRAME as f64;
     let within = |k: usize| (array.band_hz.0..=array.band_hz.1).contains(&(k as f64 * hz)) && k > 0;
     let used = (0..bins).filter(|k| within(*k)).count().max(1);

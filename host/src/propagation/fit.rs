@@ -10,9 +10,8 @@ use super::Propagation;
 use super::strength::SkewNormal;
 use crate::ocean_bottom::course::Course;
 use crate::ocean_bottom::stages::Frame;
-use realfft::{RealFftPlanner, num_complex::Complex};
-use rustfft::FftPlanner;
 use seabearing_core::obs::cepstrum::noise_sd;
+use seabearing_signal::{Complex, Fft, Precision, RealToComplex};
 
 /// Width of a cell of range, m.
 pub const CELL_M: f64 = 1_000.0;
@@ -112,18 +111,14 @@ fn at_emission(table: &Propagation, course: &Course, branch: usize, t_s: f64) ->
 /// Squared envelope of a cepstrum: its analytic representation in quefrency.
 struct Envelope {
     n: usize,
-    forward: std::sync::Arc<dyn realfft::RealToComplex<f32>>,
-    inverse: std::sync::Arc<dyn rustfft::Fft<f32>>,
+    forward: std::sync::Arc<dyn RealToComplex<f32>>,
+    inverse: std::sync::Arc<dyn Fft<f32>>,
 }
 
 impl Envelope {
     fn new(quefrencies: usize) -> Self {
         let n = (2 * quefrencies.max(8)).next_power_of_two();
-        Self {
-            n,
-            forward: RealFftPlanner::new().plan_fft_forward(n),
-            inverse: FftPlanner::new().plan_fft_inverse(n),
-        }
+        Self { n, forward: f32::real_to_complex(n), inverse: f32::complex_inverse(n) }
     }
 
     fn of(&mut self, c: &[f32]) -> Vec<f64> {

@@ -6,7 +6,6 @@
 //! Cost: eight interpolations of 64 points a vessel and sample; 200 s at 64 kHz in a few seconds.
 
 use super::converter::Converter;
-use super::interpolate::Kernel;
 use super::motion::Motion;
 use super::noise::{Noise, Shape};
 use super::scenario::Scenario;
@@ -16,6 +15,7 @@ use rayon::prelude::*;
 use seabearing_core::block::{CHANNELS, Frame};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::geometry::Geometry;
+use seabearing_signal::interpolate::Kernel;
 
 /// Samples made at a time: a multiple of [`KNOT`] and of the ambient noise's hop.
 const CHUNK: usize = 16_384;

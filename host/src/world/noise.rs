@@ -9,8 +9,7 @@ use nalgebra::Matrix4;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
-use realfft::num_complex::Complex;
-use realfft::{ComplexToReal, RealFftPlanner};
+use seabearing_signal::{Complex, ComplexToReal, Precision};
 use std::sync::Arc;
 
 /// A spectrum flat up to a knee and falling (or rising) by a slope above it; 1 on the flat part.
@@ -57,7 +56,7 @@ impl<const C: usize> Noise<C> {
     /// separates generators of one seed.
     pub fn new(rate_hz: f64, hop: usize, density: impl Fn(f64) -> f64, seed: u64, stream: u64) -> Self {
         let n = 2 * hop;
-        let inverse = RealFftPlanner::<f32>::new().plan_fft_inverse(n);
+        let inverse = f32::complex_to_real(n);
         let scratch = inverse.make_scratch_vec();
         let amplitude = (0..=hop)
             .map(|k| {
@@ -172,12 +171,12 @@ pub fn diffuse_coherence(f_hz: f64, distance_m: f64, sound_speed_m_s: f64) -> f6
 #[cfg(test)]
 mod tests {
     use super::*;
-    use realfft::RealToComplex;
+    use seabearing_signal::RealToComplex;
 
     const RATE: f64 = 8000.0;
 
     fn spectra(noise: &[Vec<f32>; 4], n: usize) -> Vec<[[Complex<f64>; 4]; 4]> {
-        let fft: Arc<dyn RealToComplex<f32>> = RealFftPlanner::new().plan_fft_forward(n);
+        let fft: Arc<dyn RealToComplex<f32>> = f32::real_to_complex(n);
         let window: Vec<f32> =
             (0..n).map(|i| ((i as f32 + 0.5) * std::f32::consts::PI / n as f32).sin()).collect();
         let mut g = vec![[[Complex::default(); 4]; 4]; n / 2 + 1];

@@ -1,11 +1,11 @@
 //! The sound a vessel makes, as pressure 1 m from it: noise of a ship-like spectrum, modulated, and tones.
 
-use super::interpolate::TAPS;
 use super::noise::{Noise, Shape};
 use super::scenario::Vessel;
+use seabearing_signal::interpolate::TAPS;
 use std::f64::consts::TAU;
 
-/// Highest frequency of a source signal, as a share of the sample rate: what [`super::interpolate`] needs.
+/// Highest frequency of a source signal, as a share of the sample rate: what [`seabearing_signal::interpolate`] needs.
 pub const HIGHEST: f64 = 0.44;
 /// Lowest frequency of the noise, Hz.
 pub const LOWEST_HZ: f64 = 5.0;
@@ -140,7 +140,7 @@ impl Source {
         self.kept.extend_from_slice(fresh);
     }
 
-    /// The `TAPS` samples about a place, for [`super::interpolate::Kernel::at`], and the fraction. Silence where the
+    /// The `TAPS` samples about a place, for [`seabearing_signal::interpolate::Kernel::at`], and the fraction. Silence where the
     /// place is not covered.
     #[inline]
     pub fn about(&self, place: f64) -> (&[f32; TAPS], f64) {
