@@ -84,7 +84,7 @@ fn azimuths(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()
         for ((p, e), v) in p.iter().zip(&e).zip(&north) {
             for k in 8..N / 2 - 8 {
                 let (ie, iv) = ((p[k].conj() * e[k]).re, (p[k].conj() * v[k]).re);
-                errors.push(crate::score::wrap(ie.atan2(iv) - true_azimuth));
+                errors.push(seabearing_core::angle::wrap_pi(ie.atan2(iv) - true_azimuth));
             }
         }
         errors.sort_by(f64::total_cmp);

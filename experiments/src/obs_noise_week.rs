@@ -7,10 +7,10 @@ use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::event::Heard;
 use crate::ocean_bottom::scenario::{Burst, DirectionalTable, Scenario, Strumming, Whale};
-use crate::score::wrap;
 use anyhow::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use seabearing_core::angle::wrap_pi;
 use seabearing_core::wire::Message;
 use std::f64::consts::PI;
 
@@ -88,7 +88,7 @@ pub fn scenario(seed: u64, days: usize) -> Scenario {
 /// The kind of sound a detection belongs to.
 fn attribute(heard: &[Heard], t_s: f64, azimuth: f64) -> Option<&'static str> {
     let near = |h: &&Heard| {
-        let off = wrap(azimuth - h.azimuth).abs();
+        let off = wrap_pi(azimuth - h.azimuth).abs();
         let off = if h.kind == "strumming" { off.min(PI - off) } else { off };
         (h.from_s - SLACK_S..h.to_s + SLACK_S).contains(&t_s) && off < PI / 6.0
     };

@@ -7,8 +7,9 @@ use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::course::{Course, polar};
 use crate::ocean_bottom::scenario::{Scenario, Vessel};
-use crate::score::{owner, smad, track, wrap};
+use crate::score::{owner, smad, track};
 use anyhow::Result;
+use seabearing_core::angle::wrap_pi;
 use seabearing_core::wire::Message;
 use std::f64::consts::PI;
 
@@ -30,7 +31,7 @@ fn apart(a: &Vessel, b: &Vessel) -> bool {
     let (a, b) = (Course::straight(&a.straight), Course::straight(&b.straight));
     (0..=60).map(|k| middle - NEAR_S + NEAR_S / 30.0 * f64::from(k)).all(|t| {
         let azimuth = |c: &Course| c.at(t).map_or(0.0, |p| polar(p).1);
-        wrap(azimuth(&a) - azimuth(&b)).abs() >= PI / 6.0
+        wrap_pi(azimuth(&a) - azimuth(&b)).abs() >= PI / 6.0
     })
 }
 

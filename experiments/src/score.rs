@@ -5,8 +5,9 @@
 
 use crate::ocean_bottom::course::Course;
 use crate::ocean_bottom::simulate::Vessel;
-pub use crate::ocean_bottom::truth::{Then, closest, then, wrap};
+pub use crate::ocean_bottom::truth::{Then, closest, then};
 use crate::propagation::Propagation;
+use seabearing_core::angle::wrap_pi;
 use seabearing_core::kit::quantile;
 use seabearing_core::wire::{Message, Track};
 use std::f64::consts::PI;
@@ -74,7 +75,7 @@ pub fn detections(
                 let truth: Vec<_> = truths(table, paths, vessels, a.index as f64 / rate_hz);
                 let nearest = truth
                     .iter()
-                    .map(|(v, t)| (*v, wrap(f64::from(a.azimuth) - t.azimuth)))
+                    .map(|(v, t)| (*v, wrap_pi(f64::from(a.azimuth) - t.azimuth)))
                     .min_by(|x, y| x.1.abs().total_cmp(&y.1.abs()));
                 match nearest {
                     Some((v, e)) if e.abs() < WRONG_AZIMUTH => out[v].azimuth.push(e),
@@ -129,7 +130,7 @@ pub fn track(t: &Track, course: &Course) -> Option<TrackError> {
     Some(TrackError {
         cpa_time_s: t.cpa_time_s - time,
         cpa_range_m: f64::from(t.cpa_range_m) - range,
-        heading: wrap(f64::from(t.heading) - heading),
+        heading: wrap_pi(f64::from(t.heading) - heading),
         speed_m_s: f64::from(t.speed_m_s) - speed,
     })
 }

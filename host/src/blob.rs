@@ -13,7 +13,7 @@ const BLOB_BYTES: usize = 1 << 20;
 /// The propagation table cannot be read, or it does not fit.
 pub fn of(station: &Station) -> Result<Vec<u8>> {
     let mut bytes = vec![0u8; BLOB_BYTES];
-    let table = station.propagation_blob()?;
+    let table = crate::ocean_bottom::table::of_station(station)?;
     let length = write_blob(&mut bytes, station, table.as_deref())
         .map_err(|_| anyhow!("the configuration takes more than {BLOB_BYTES} bytes"))?;
     bytes.truncate(length);

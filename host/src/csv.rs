@@ -52,6 +52,11 @@ impl Table {
         Ok(Self { header, rows, name: name.to_owned() })
     }
 
+    /// The file's name, as it stands in messages.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.rows.len()

@@ -11,6 +11,7 @@ pub mod csv;
 pub mod delays;
 pub mod geodesy;
 pub mod interrupt;
+pub mod motion;
 pub mod ocean_bottom;
 pub mod orientation;
 pub mod plot;

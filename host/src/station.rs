@@ -320,16 +320,6 @@ impl Station {
         Ok(Self { config, components, propagation })
     }
 
-    /// The propagation table of an ocean-bottom station as the blob the recorder takes; `None` where none is named.
-    ///
-    /// # Errors
-    /// The table cannot be read.
-    pub fn propagation_blob(&self) -> Result<Option<Vec<u8>>> {
-        let Some(path) = &self.propagation else { return Ok(None) };
-        let table = crate::propagation::file::read(path)?;
-        crate::ocean_bottom::table::blob(&table, &path.display().to_string(), self.config.rate_hz).map(Some)
-    }
-
     /// Reads a network file: a list of `[[stations]]`.
     ///
     /// # Errors

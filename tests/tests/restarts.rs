@@ -199,7 +199,7 @@ fn an_ocean_bottom_station_goes_on_whatever_happens_to_the_index() {
     let folder = tempfile::tempdir().unwrap();
     let record = ocean_bottom(folder.path(), 10_800.0).unwrap();
     let frames: Vec<Frame> = record.blocks.iter().flat_map(|b| b.1.clone()).collect();
-    let table = record.station.propagation_blob().unwrap();
+    let table = seabearing::ocean_bottom::table::of_station(&record.station).unwrap();
     let rate = 50;
     let from = 1_000_000_000;
     let mut rng = ChaCha8Rng::seed_from_u64(6);

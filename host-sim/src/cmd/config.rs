@@ -135,7 +135,7 @@ fn obs_details(station: &Station, obs: &ObsConfig) -> Result<Value> {
         "propagation": station.propagation.as_ref().map(|p| p.display().to_string()),
     });
     // The recorder's own form of the table: what cannot be used shall be known before the deployment.
-    station.propagation_blob()?;
+    crate::ocean_bottom::table::of_station(station)?;
     let Some(path) = &station.propagation else {
         bail!(
             "{}: an ocean-bottom recorder needs a propagation table: key `propagation` in [obs]",

@@ -1,16 +1,16 @@
 //! `seabearing locate`: positions from a network of arrays; a vessel's motion and the shift of its antenna.
 
-use super::locate_over_time;
 use crate::orientation::network_file::{Network, read_rows};
+use crate::orientation::over_time::{self, SOURCE_DEPTH_M, heard_by};
 use crate::orientation::record_file;
 use crate::orientation::sets::{Row, Set, gather};
 use crate::record::Recorder;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_locate::network::{Fix, Region, Settings, locate};
 use serde_json::{Value, json};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `seabearing locate`.
 #[derive(clap::Args)]
@@ -31,45 +31,45 @@ pub struct Args {
     bearings: Vec<PathBuf>,
     /// Network file: a list of `[[stations]]`.
     #[arg(long)]
-    pub(super) stations: PathBuf,
+    stations: PathBuf,
     /// Standard deviation of azimuths, degrees (joined to what records claim: geometry, multipath).
     #[arg(long, default_value_t = 1.5)]
-    pub(super) sigma_azimuth_deg: f64,
+    sigma_azimuth_deg: f64,
     /// Standard deviation of elevations, degrees (likewise).
     #[arg(long, default_value_t = 1.6)]
-    pub(super) sigma_elevation_deg: f64,
+    sigma_elevation_deg: f64,
     /// Depth of the source, where known, metres.
     #[arg(long)]
-    pub(super) depth_m: Option<f64>,
+    depth_m: Option<f64>,
     /// Half-width of the search region about the network, metres.
     #[arg(long, default_value_t = 2000.0)]
-    pub(super) max_range_m: f64,
+    max_range_m: f64,
     /// Azimuths are relative to each array's own North: add its orientation_deg.
     #[arg(long)]
-    pub(super) relative: bool,
+    relative: bool,
     /// Use every array even where one contradicts the others.
     #[arg(long)]
-    pub(super) keep_outliers: bool,
+    keep_outliers: bool,
     /// One straight motion from all bearings of all arrays instead of positions.
     #[arg(long)]
-    pub(super) motion: bool,
+    motion: bool,
     /// Interval over which successive bearings of an array share one error, seconds (with --motion).
     #[arg(long, default_value_t = 0.0)]
-    pub(super) tau_s: f64,
+    tau_s: f64,
     /// Known track of the vessel, t_s,x_m,y_m or t_s,lat,lon: how far the sound source is behind the antenna.
     #[arg(long, value_name = "TRACK.csv", conflicts_with = "motion")]
-    pub(super) known_track: Option<PathBuf>,
+    known_track: Option<PathBuf>,
     /// Largest such shift considered either way, seconds.
     #[arg(long, default_value_t = 60.0)]
-    pub(super) max_shift_s: f64,
+    max_shift_s: f64,
     /// Results as JSON Lines.
     #[arg(long)]
-    pub(super) json: bool,
+    json: bool,
 }
 
 impl Args {
     /// The files, as a person named them.
-    pub(super) fn name(&self) -> String {
+    fn name(&self) -> String {
         self.bearings.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
     }
 }
@@ -106,25 +106,57 @@ pub fn run(args: Args) -> Result<()> {
         _ => bail!("{}: one CSV file, or records (.jsonl) of any number of stations", args.name()),
     };
     let records = if args.motion {
-        locate_over_time::motion(&args, &network, &mut rows)?
+        motion(&args, &network, &mut rows)?
     } else if let Some(track) = &args.known_track {
-        locate_over_time::alignment(&args, &network, &rows, track)?
+        alignment(&args, &network, &rows, track)?
     } else {
         return positions(&args, &network, &mut rows, clock);
     };
-    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-    for record in records {
-        if args.json {
-            writeln!(out, "{record}")?;
-        } else {
-            for (key, value) in record.as_object().into_iter().flatten().filter(|(k, _)| *k != "type") {
-                writeln!(out, "{key:24} {value}")?;
-            }
-            writeln!(out)?;
+    super::print_records(&records, args.json)
+}
+
+/// One straight motion from all rows: a `track` record for each station that was heard.
+fn motion(args: &Args, network: &Network, rows: &mut [Row]) -> Result<Vec<Value>> {
+    let depth_m = args.depth_m.unwrap_or(SOURCE_DEPTH_M);
+    let found = over_time::motion(network, rows, args.tau_s, depth_m, !args.keep_outliers)
+        .with_context(|| args.name())?;
+    let (speed, sd_speed) = found.speed_m_s();
+    let (heading, sd_heading) = found.heading();
+    let [x0, y0] = found.position_m(rows[0].t_s);
+    let rejected = found.rejected.map(|i| network.stations[i].id);
+    let record = |i: usize| {
+        let [x, y, _] = network.arrays_m[i];
+        let Some(cpa) = found.closest([x, y]) else { bail!("{}: the vessel does not move", args.name()) };
+        let mut record = json!({
+            "type": "track", "station": network.stations[i].id,
+            "cpa_time_s": cpa.t_s.0, "cpa_range_m": cpa.range_m.0, "heading_deg": heading / RAD_PER_DEG,
+            "speed_m_s": speed, "side": if cpa.to_starboard { "starboard" } else { "port" },
+            "sd_cpa_time_s": cpa.t_s.1, "sd_cpa_range_m": cpa.range_m.1,
+            "sd_heading_deg": sd_heading / RAD_PER_DEG, "sd_speed_m_s": sd_speed, "range_observable": true,
+            "x0_m": x0, "y0_m": y0, "n": rows.len(), "misfit": found.misfit, "freedom": found.freedom,
+        });
+        if let Some(id) = rejected {
+            record["rejected"] = id.into();
         }
-    }
-    out.flush()?;
-    Ok(())
+        Ok(record)
+    };
+    heard_by(network, rows).into_iter().map(record).collect()
+}
+
+/// How late the heard vessel is behind its known track: an `alignment` record for each station that was heard.
+fn alignment(args: &Args, network: &Network, rows: &[Row], track: &Path) -> Result<Vec<Value>> {
+    let depth_m = args.depth_m.unwrap_or(SOURCE_DEPTH_M);
+    let sd = [args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG];
+    let record = |i: usize| {
+        let id = network.stations[i].id;
+        Ok(match over_time::shift(network, i, rows, track, depth_m, sd, args.max_shift_s)? {
+            Ok(s) => json!({
+                "type": "alignment", "station": id, "shift_s": s.shift_s, "sd_s": s.sd_s, "n": s.n,
+            }),
+            Err(e) => json!({ "type": "no_alignment", "station": id, "reason": e.to_string() }),
+        })
+    };
+    heard_by(network, rows).into_iter().map(record).collect()
 }
 
 /// A fix, or a reason, for every measurement set.
@@ -191,8 +223,8 @@ fn ids(network: &Network, set: &Set, without: Option<usize>) -> Vec<u16> {
 
 /// The record with its UTC, where the recordings had a clock.
 fn dated(mut record: Value, clock: &Recorder, set: &Set) -> Value {
-    if let (Some(utc), Some(map)) = (clock.utc(set.t_s), record.as_object_mut()) {
-        map.insert("utc".into(), utc.into());
+    if let Some(utc) = clock.utc(set.t_s) {
+        record["utc"] = utc.into();
     }
     record
 }
@@ -206,13 +238,13 @@ fn record(network: &Network, set: &Set, fix: &Fix) -> Value {
         "stations": ids(network, set, fix.rejected), "misfit": fix.misfit, "freedom": fix.freedom,
         "consistent": fix.consistent, "height_at_limit": fix.height_at_limit,
     });
-    if let (Some(frame), Some(map)) = (&network.frame, record.as_object_mut()) {
+    if let Some(frame) = &network.frame {
         let (lat, lon) = frame.lat_lon_deg(x, y);
-        map.insert("lat_deg".into(), lat.into());
-        map.insert("lon_deg".into(), lon.into());
+        record["lat_deg"] = lat.into();
+        record["lon_deg"] = lon.into();
     }
-    if let (Some(i), Some(map)) = (fix.rejected, record.as_object_mut()) {
-        map.insert("rejected".into(), network.stations[set.stations[i]].id.into());
+    if let Some(i) = fix.rejected {
+        record["rejected"] = network.stations[set.stations[i]].id.into();
     }
     record
 }

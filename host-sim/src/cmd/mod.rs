@@ -8,9 +8,7 @@ pub mod config;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod demo;
 pub mod locate;
-mod locate_over_time;
 pub mod orient;
-pub mod orient_obs;
 pub mod process;
 pub mod propagation;
 pub mod propagation_fit;
@@ -19,8 +17,6 @@ pub mod reproduce;
 pub mod shaft_rate;
 pub mod simulate;
 pub mod track;
-mod track_errors;
-mod track_lone;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod twin;
 #[cfg(all(unix, feature = "emulation"))]
@@ -44,6 +40,25 @@ impl std::fmt::Display for Missed {
 }
 
 impl std::error::Error for Missed {}
+
+/// Records as JSON Lines, or key by key for people.
+fn print_records(records: &[serde_json::Value], json: bool) -> anyhow::Result<()> {
+    use std::io::Write;
+    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+    for (i, record) in records.iter().enumerate() {
+        if json {
+            writeln!(out, "{record}")?;
+            continue;
+        }
+        if i > 0 {
+            writeln!(out)?;
+        }
+        for (key, value) in record.as_object().into_iter().flatten().filter(|(k, _)| *k != "type") {
+            writeln!(out, "{key:24} {value}")?;
+        }
+    }
+    Ok(out.flush()?)
+}
 
 /// What the command line asks for.
 #[derive(clap::Subcommand)]

@@ -1,27 +1,20 @@
 //! `seabearing orient`: station orientation from a vessel of known track.
 
-use super::orient_obs;
-use crate::csv::{Table, good_rows};
-use crate::ocean_bottom::place::SEARCH_M;
-use crate::orientation::track_file::{self, heard_at};
+use crate::csv::Table;
+use crate::geodesy::LocalFrame;
+use crate::ocean_bottom::place::{Displacement, SEARCH_M};
+use crate::ocean_bottom::survey::{Survey, Turn, survey};
+use crate::orientation::known_vessel::{self, LineRecord, LineSearch};
+use crate::orientation::track_file;
+use crate::propagation::Propagation;
+use crate::record::finite;
 use crate::station::Station;
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::config::{Kind, StationConfig};
-use seabearing_core::kit::median;
 use seabearing_locate::network::known_track::TrackPoint;
-use seabearing_locate::orient::closed_form;
-use seabearing_locate::orient::hydrophones::{Differences, hydrophones};
-use seabearing_locate::orient::line::{LineBearing, LineSettings, orient};
-use seabearing_locate::orient::offset::{Residual, offset};
-use seabearing_locate::orient::rotation::{Direction, rotation};
 use serde_json::{Value, json};
 use std::path::PathBuf;
-
-/// Rows farther apart than this belong to different passes of an ocean-bottom station, seconds.
-const PASS_GAP_S: f64 = 600.0;
-/// Steps of η in which the closed form searches [L 18, 19].
-const STEP_ETA: f64 = 0.001;
 
 /// Arguments of `seabearing orient`.
 #[derive(clap::Args)]
@@ -64,9 +57,9 @@ pub struct Args {
     /// Line: limits of eta, the cosine of the sound's common elevation.
     #[arg(long, default_values_t = [0.85, 1.05], num_args = 2, value_names = ["LEAST", "GREATEST"])]
     eta: Vec<f64>,
-    /// Line: `fit` (robust, continuous) or `closed-form` (paper L: shift by whole bearings, eta by 0.001).
-    #[arg(long, default_value = "fit")]
-    method: String,
+    /// Line: how the orientation is found.
+    #[arg(long, value_enum, default_value_t = Method::Fit)]
+    method: Method,
     /// Ocean bottom: farthest the station is looked for from its nominal position, either way, metres.
     #[arg(long, default_value_t = SEARCH_M)]
     search_m: f64,
@@ -76,6 +69,15 @@ pub struct Args {
     /// Results as JSON Lines.
     #[arg(long)]
     json: bool,
+}
+
+/// How a line array is oriented.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Method {
+    /// Robust and continuous
+    Fit,
+    /// Paper L: shift by whole bearings, eta by 0.001
+    ClosedForm,
 }
 
 /// Runs the command.
@@ -98,20 +100,11 @@ pub fn run(args: Args) -> Result<()> {
     let records = match &read.config.kind {
         Kind::Obs(_) if !is_table(&args.input) => {
             let tracks = tracks(&args, &read.config)?;
-            orient_obs::records(&read, &args.input, &tracks, args.max_gap_s, args.search_m)?
+            of_survey(&read, survey(&read, &args.input, &tracks, args.max_gap_s, args.search_m)?)?
         }
         _ => vec![from_table(&args, &read.config)?],
     };
-    for record in &records {
-        if args.json {
-            println!("{record}");
-            continue;
-        }
-        for (key, value) in record.as_object().into_iter().flatten().filter(|(k, _)| *k != "type") {
-            println!("{key:24} {value}");
-        }
-    }
-    Ok(())
+    super::print_records(&records, args.json)
 }
 
 /// Whether the input is one CSV file, by its name.
@@ -134,152 +127,114 @@ fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
     let table = Table::read(input)?;
     match &station.kind {
         Kind::Line(_) => line(args, &table, track),
-        Kind::Array(_) if table.has("tdoa01_s") => positions(args, station, &table, track),
-        Kind::Array(_) => array(args, station, &table, track),
-        Kind::Obs(o) => horizontals(args, station, o.orientation_of_north_deg, &table, track),
+        Kind::Array(_) if table.has("tdoa01_s") => {
+            let found = known_vessel::positions(station, &table, track, args.max_gap_s)?;
+            Ok(json!({
+                "type": "hydrophones", "hydrophones_m": found.position_m, "sd_m": found.sd_m,
+                "scale_s": found.scale_s, "n": found.n,
+            }))
+        }
+        Kind::Array(_) => {
+            let found = known_vessel::array(station, &table, track, args.max_gap_s, args.correlated)?;
+            Ok(json!({
+                "type": "orientation",
+                "orientation_deg": degrees(found.heading + station.orientation_deg * RAD_PER_DEG),
+                "sd_deg": found.sd[0] / RAD_PER_DEG,
+                "pitch_deg": found.pitch / RAD_PER_DEG, "sd_pitch_deg": found.sd[1] / RAD_PER_DEG,
+                "roll_deg": found.roll / RAD_PER_DEG, "sd_roll_deg": found.sd[2] / RAD_PER_DEG,
+                "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "matrix": found.matrix,
+            }))
+        }
+        Kind::Obs(o) => {
+            let found = known_vessel::horizontals(station, &table, track, args.max_gap_s)?;
+            Ok(json!({
+                "type": "orientation",
+                "orientation_deg": degrees(found.offset + o.orientation_of_north_deg * RAD_PER_DEG),
+                "sd_deg": found.sd / RAD_PER_DEG, "mean_error_deg": found.scale / RAD_PER_DEG,
+                "support": found.support, "n": found.n, "passes": found.passes,
+            }))
+        }
     }
-}
-
-fn file_name(args: &Args) -> String {
-    args.input.first().map_or(String::new(), |p| p.display().to_string())
 }
 
 /// The line array: orientation, clock shift and η.
 fn line(args: &Args, table: &Table, track: &[TrackPoint]) -> Result<Value> {
-    let name = file_name(args);
-    let rows = table.numbers(["t_s", "sin_bearing"])?.into_iter().map(|(line, row)| {
-        let row = row.and_then(|[t_s, sine]| {
-            if sine.abs() > 1.5 {
-                bail!("{name}, line {line}: `sin_bearing` is {sine}, a sine was expected");
-            }
-            Ok(LineBearing { t_s, sine })
-        });
-        (line, row)
-    });
-    let mut bearings = good_rows(&name, rows.collect())?;
-    bearings.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-    let interval = median_interval(&bearings);
-    let duration = bearings[bearings.len() - 1].t_s - bearings[0].t_s;
-    let most = args.max_shift_s.unwrap_or((6.0 * interval).max(0.1 * duration));
-    let settings = LineSettings {
-        shift_s: (-most, most),
-        eta: (args.eta[0].min(args.eta[1]), args.eta[0].max(args.eta[1])),
+    let search = LineSearch {
+        max_shift_s: args.max_shift_s,
+        free_shift: args.free_shift,
+        eta: (args.eta[0], args.eta[1]),
         gap_s: args.max_gap_s,
-        whole_s: if args.free_shift { 0.0 } else { interval },
     };
-    let refused = |e| anyhow!("{name}: {e}");
-    match args.method.as_str() {
-        "fit" => {
-            let fit = orient(&bearings, track, &settings).map_err(refused)?;
-            Ok(json!({
+    let read = LineRecord::of(table, &search)?;
+    Ok(match args.method {
+        Method::Fit => {
+            let fit = read.fit(track)?;
+            json!({
                 "type": "orientation", "orientation_deg": degrees(fit.orientation), "sd_deg": fit.sd / RAD_PER_DEG,
                 "time_shift_s": fit.time_shift_s, "eta": fit.eta, "mean_error_deg": fit.mean_error / RAD_PER_DEG,
                 "n": fit.n, "sd_time_shift_s": fit.sd_time_shift_s, "sd_eta": fit.sd_eta,
-            }))
+            })
         }
-        "closed-form" => {
-            let whole = LineSettings {
-                shift_s: (-(most / interval).floor() * interval, (most / interval).floor() * interval),
-                ..settings
-            };
-            let found = closed_form::search(&bearings, track, &whole, interval, STEP_ETA).map_err(refused)?;
-            let sd = closed_form::spread(&bearings, track, &whole, interval, STEP_ETA, &found);
-            Ok(json!({
+        Method::ClosedForm => {
+            let (found, sd) = read.closed_form(track)?;
+            json!({
                 "type": "orientation", "orientation_deg": degrees(found.orientation),
                 "sd_deg": sd.map(|sd| sd / RAD_PER_DEG),
                 "time_shift_s": found.time_shift_s, "eta": found.eta,
                 "mean_error_deg": found.mean_error / RAD_PER_DEG, "n": found.n,
-            }))
+            })
         }
-        other => bail!("--method {other}; fit or closed-form"),
+    })
+}
+
+/// The records of orientation and position; why one of them is not observed goes to standard error.
+fn of_survey(station: &Station, found: Survey) -> Result<Vec<Value>> {
+    let mut out = Vec::new();
+    match &found.turn {
+        Ok(turn) => out.push(turn_record(station, turn)),
+        Err(reason) => eprintln!("seabearing: {reason}"),
     }
-}
-
-fn median_interval(bearings: &[LineBearing]) -> f64 {
-    let mut steps: Vec<f64> = bearings.windows(2).map(|w| w[1].t_s - w[0].t_s).filter(|d| *d > 0.0).collect();
-    median(&mut steps).unwrap_or(1.0)
-}
-
-/// The compact array: heading, pitch and roll.
-fn array(args: &Args, station: &StationConfig, table: &Table, track: &[TrackPoint]) -> Result<Value> {
-    let name = file_name(args);
-    let rows = good_rows(&name, table.numbers(["t_s", "azimuth_deg", "elevation_deg"])?)?;
-    let directions: Vec<Direction> = rows
-        .into_iter()
-        .filter_map(|[t_s, azimuth_deg, elevation_deg]| {
-            let p = heard_at(track, t_s, args.max_gap_s, station.sound_speed_m_s)?;
-            let n = p.iter().map(|x| x * x).sum::<f64>().sqrt();
-            let (sa, ca) = (azimuth_deg * RAD_PER_DEG).sin_cos();
-            let (se, ce) = (elevation_deg * RAD_PER_DEG).sin_cos();
-            (n > 0.0).then(|| Direction { measured: [sa * ce, ca * ce, se], known: p.map(|x| x / n) })
-        })
-        .collect();
-    let found = rotation(&directions, args.correlated).map_err(|e| anyhow!("{name}: {e}"))?;
-    Ok(json!({
-        "type": "orientation",
-        "orientation_deg": degrees(found.heading + station.orientation_deg * RAD_PER_DEG),
-        "sd_deg": found.sd[0] / RAD_PER_DEG,
-        "pitch_deg": found.pitch / RAD_PER_DEG, "sd_pitch_deg": found.sd[1] / RAD_PER_DEG,
-        "roll_deg": found.roll / RAD_PER_DEG, "sd_roll_deg": found.sd[2] / RAD_PER_DEG,
-        "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "matrix": found.matrix,
-    }))
-}
-
-/// The compact array: positions of its hydrophones from arrival-time differences.
-fn positions(args: &Args, station: &StationConfig, table: &Table, track: &[TrackPoint]) -> Result<Value> {
-    let name = file_name(args);
-    let columns = ["t_s", "tdoa01_s", "tdoa02_s", "tdoa03_s", "tdoa12_s", "tdoa13_s", "tdoa23_s"];
-    let rows = good_rows(&name, table.numbers(columns)?)?;
-    let sets: Vec<Differences> = rows
-        .into_iter()
-        .filter_map(|[t_s, a, b, c, d, e, f]| {
-            let source_m = heard_at(track, t_s, args.max_gap_s, station.sound_speed_m_s)?;
-            Some(Differences { source_m, tdoa_s: [a, b, c, d, e, f] })
-        })
-        .collect();
-    let geometry = station.geometry().map_err(|e| anyhow!("{}: {e:?}", args.station.display()))?;
-    let configured = geometry.position_m.map(|p| p.map(f64::from));
-    let found =
-        hydrophones(&sets, &configured, station.sound_speed_m_s).map_err(|e| anyhow!("{name}: {e}"))?;
-    // Back into the frame before orientation, in which the station file states positions.
-    let (s, c) = (station.orientation_deg * RAD_PER_DEG).sin_cos();
-    let unturned = found.position_m.map(|[x, y, z]| [x * c - y * s, x * s + y * c, z]);
-    Ok(json!({
-        "type": "hydrophones", "hydrophones_m": unturned, "sd_m": found.sd_m, "scale_s": found.scale_s, "n": found.n,
-    }))
-}
-
-/// The ocean-bottom station: true azimuth of its "north" component.
-fn horizontals(
-    args: &Args,
-    station: &StationConfig,
-    configured_deg: f64,
-    table: &Table,
-    track: &[TrackPoint],
-) -> Result<Value> {
-    let name = file_name(args);
-    let mut rows = good_rows(&name, table.numbers(["t_s", "azimuth_deg"])?)?;
-    rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let (mut pass, mut last) = (0u32, f64::NEG_INFINITY);
-    let mut residuals = Vec::new();
-    for [t_s, azimuth_deg] in rows {
-        let Some([x, y, _]) = heard_at(track, t_s, args.max_gap_s, station.sound_speed_m_s) else { continue };
-        if t_s - last > PASS_GAP_S && last.is_finite() {
-            pass += 1;
-        }
-        last = t_s;
-        residuals.push(Residual { angle: wrap_pi(x.atan2(y) - azimuth_deg * RAD_PER_DEG), pass });
+    match (&found.position, &found.turn) {
+        (Ok(offset), _) => out.push(position_record(&station.config, offset, &found.table)),
+        (Err(reason), Ok(_)) => eprintln!("seabearing: {reason}"),
+        (Err(reason), Err(turn)) => bail!("{turn}; {reason}"),
     }
-    let found = offset(&residuals).map_err(|e| anyhow!("{name}: {e}"))?;
-    Ok(json!({
-        "type": "orientation",
-        "orientation_deg": degrees(found.offset + configured_deg * RAD_PER_DEG),
-        "sd_deg": found.sd / RAD_PER_DEG, "mean_error_deg": found.scale / RAD_PER_DEG, "support": found.support,
-        "n": found.n, "passes": found.passes,
-    }))
+    Ok(out)
+}
+
+fn turn_record(station: &Station, turn: &Turn) -> Value {
+    let configured_deg = match &station.config.kind {
+        Kind::Obs(o) => o.orientation_of_north_deg,
+        _ => 0.0,
+    };
+    let mut record = json!({
+        "type": "orientation", "orientation_deg": degrees(turn.correction + configured_deg * RAD_PER_DEG),
+        "sd_deg": finite(turn.sd / RAD_PER_DEG), "n": turn.n, "passes": turn.passages,
+    });
+    if let Some((scale, support)) = turn.quality {
+        record["mean_error_deg"] = json!(scale / RAD_PER_DEG);
+        record["support"] = json!(support);
+    }
+    record
+}
+
+fn position_record(config: &StationConfig, offset: &Displacement, table: &Propagation) -> Value {
+    let (sd_x_m, sd_y_m) = offset.sd_m();
+    let (east, north) = config.local_east_north_m.unwrap_or((0.0, 0.0));
+    let mut record = json!({
+        "type": "position", "x_m": east + offset.east_m, "y_m": north + offset.north_m, "sd_x_m": sd_x_m, "sd_y_m": sd_y_m,
+        "cov_xy_m2": offset.cov_m2[2], "moved_east_m": offset.east_m, "moved_north_m": offset.north_m,
+        "n": offset.n, "passes": offset.passages, "table": table.name,
+    });
+    if let Some((lat, lon)) = config.lat_lon_deg {
+        let (lat, lon) = LocalFrame::new(lat, lon).lat_lon_deg(offset.east_m, offset.north_m);
+        record["lat_deg"] = json!(lat);
+        record["lon_deg"] = json!(lon);
+    }
+    record
 }
 
 /// Degrees in (−180, 180].
-pub(super) fn degrees(angle: f64) -> f64 {
+fn degrees(angle: f64) -> f64 {
     wrap_pi(angle) / RAD_PER_DEG
 }

@@ -70,7 +70,7 @@ pub fn run(args: Args) -> Result<()> {
         .map(pictures::TruthCurve::read)
         .transpose()?
         .unwrap_or_default();
-    let table = station.propagation_blob()?;
+    let table = crate::ocean_bottom::table::of_station(&station)?;
     let source = recording::open(&args.input, &station, start)?;
     let records = record::Recorder { rate_hz: station.config.rate_hz, start: source.start() };
     let bar = progress::bar(

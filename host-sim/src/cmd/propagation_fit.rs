@@ -1,15 +1,13 @@
 //! `seabearing propagation fit`: strengths of interferences from vessels of known track.
 
-use crate::csv::Table;
-use crate::ocean_bottom::course::{Course, Place};
+use crate::ocean_bottom::course::of_file;
 use crate::ocean_bottom::stages::frames;
+use crate::ocean_bottom::strengths::{Branch, Cell, fit};
 use crate::plot::{Figure, write_panels};
-use crate::propagation::fit::{Branch, fit};
 use crate::propagation::{Propagation, file};
 use crate::station::Station;
 use crate::{atomic, recording};
-use anyhow::{Context, Result, bail};
-use std::collections::BTreeMap;
+use anyhow::{Result, bail};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `seabearing propagation fit`.
@@ -47,7 +45,7 @@ pub fn run(args: Args) -> Result<()> {
         bail!("{}: no `propagation` in [obs]: the fit needs a table for the delays", args.station.display());
     };
     let mut table = file::read(path)?;
-    let courses = courses(&args.tracks)?;
+    let courses = of_file(&args.tracks)?;
     let mut source = recording::open(&args.input, &station, None)?;
     let frames = frames(source.as_mut(), &station.config)?;
     let fitted = fit(&frames, &courses, &table);
@@ -126,7 +124,7 @@ fn draw(path: &Path, fitted: &[Branch], table: &Propagation) -> Result<()> {
         if b.law.is_none() {
             continue;
         }
-        let points = |f: &dyn Fn(&crate::propagation::fit::Cell) -> f64| -> Vec<(f64, f64)> {
+        let points = |f: &dyn Fn(&Cell) -> f64| -> Vec<(f64, f64)> {
             b.cells.iter().map(|c| (c.range_m / 1e3, f(c))).collect()
         };
         top.points(&format!("{name} measured"), &points(&|c| c.envelope));
@@ -136,29 +134,4 @@ fn draw(path: &Path, fitted: &[Branch], table: &Propagation) -> Result<()> {
         bottom.line(name, &points(&|c| c.envelope - law.at(c.range_m)));
     }
     write_panels(path, &[&top, &bottom], 1)
-}
-
-/// Courses of a track file: one a `source`, or one in all. Rows of other kinds of source (no x, y) are passed over.
-pub fn courses(path: &Path) -> Result<Vec<Course>> {
-    let table = Table::read(path)?;
-    let source = table.has("source").then(|| table.column("source")).transpose()?;
-    let mut by_vessel: BTreeMap<String, Vec<(f64, Place)>> = BTreeMap::new();
-    for (row, (_, numbers)) in table.numbers(["t_s", "x_m", "y_m"])?.into_iter().enumerate() {
-        let name = source.and_then(|c| table.text(row, c)).unwrap_or("").to_owned();
-        if let Ok([t, x, y]) = numbers {
-            by_vessel.entry(name).or_default().push((t, (x, y)));
-        }
-    }
-    let courses: Vec<Course> = by_vessel
-        .into_values()
-        .filter(|f| f.len() >= 2)
-        .map(|mut fixes| {
-            fixes.sort_by(|a, b| a.0.total_cmp(&b.0));
-            fixes.dedup_by_key(|f| f.0);
-            Course::Fixes(fixes)
-        })
-        .collect();
-    (!courses.is_empty())
-        .then_some(courses)
-        .with_context(|| format!("{}: no vessel with two or more rows of t_s, x_m, y_m", path.display()))
 }

@@ -1,26 +1,18 @@
 //! `seabearing track`: motion of a vessel from bearings of one array.
 
-use super::track_errors::error_model;
-use super::track_lone::Lone;
-use crate::csv::{Table, good_rows};
-use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
+use crate::motion::estimate::{Estimate as Found, batch, one_by_one};
+use crate::motion::{bearings, errors, picture};
 use crate::record::finite;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
-use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
-use seabearing_core::motion::{Medium, Solution, solution::position};
-use seabearing_core::passage::{self, Measurement};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use seabearing_core::angle::RAD_PER_DEG;
+use seabearing_core::motion::Medium;
 use seabearing_locate::motion::covariance::Model;
-use seabearing_locate::motion::ml::{self, FitError, Interval, Sample};
-use seabearing_locate::motion::robust::fit_robust;
-use seabearing_locate::motion::whiten::{WhitenError, Workspace};
+use seabearing_locate::motion::errors::ErrorModel;
+use seabearing_locate::motion::ml::Config;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
-
-/// Positions on a regular grid a batch fit takes: over half an hour at two bearings a second.
-pub(super) const POSITIONS: usize = 4001;
-/// Largest lent memory for irregular times: 4000 bearings, 64 MB.
-pub(super) const DENSE: usize = 4000 * 4001 / 2;
 
 /// Arguments of `seabearing track`.
 #[derive(clap::Args)]
@@ -41,8 +33,8 @@ pub struct Args {
     #[arg(long, default_value_t = 0.0)]
     tau_s: f64,
     /// Correlation of the errors (default: white if --tau-s is 0, else linear).
-    #[arg(long, value_enum)]
-    pub(super) model: Option<ErrorModel>,
+    #[arg(long, value_parser = model())]
+    model: Option<Model>,
     /// Speed of the vessel, m/s.
     #[arg(long)]
     speed: Option<f64>,
@@ -57,7 +49,7 @@ pub struct Args {
     robust: bool,
     /// Speed of sound for the travel time, m/s; `inf` leaves it out.
     #[arg(long, default_value_t = 1484.0)]
-    pub(super) sound_speed: f64,
+    sound_speed: f64,
     /// Nearest closest-point range considered, metres.
     #[arg(long, default_value_t = 5.0)]
     min_range_m: f64,
@@ -84,16 +76,14 @@ pub struct Args {
     plot: Option<PathBuf>,
     /// Result as a JSON line.
     #[arg(long)]
-    pub(super) json: bool,
+    json: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum ErrorModel {
-    White,
-    Linear,
-    Sinc,
-    Gaussian,
-    Markov,
+/// The error models by their names.
+fn model() -> impl TypedValueParser<Value = Model> {
+    let named = |name: String| Model::NAMED.iter().find(|(n, _)| *n == name).map(|(_, model)| *model);
+    PossibleValuesParser::new(Model::NAMED.map(|(name, _)| name))
+        .map(move |name| named(name).unwrap_or(Model::White))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -146,26 +136,28 @@ impl Args {
         }
     }
 
-    pub(super) fn model(&self) -> Model {
-        match self.model {
-            Some(ErrorModel::White) => Model::White,
-            Some(ErrorModel::Linear) => Model::Linear,
-            Some(ErrorModel::Sinc) => Model::Sinc,
-            Some(ErrorModel::Gaussian) => Model::Gaussian,
-            Some(ErrorModel::Markov) => Model::Markov,
-            None if self.tau_s > 0.0 => {
-                if self.estimator == Estimator::Recursive {
-                    Model::Markov
-                } else {
-                    Model::Linear
-                }
-            }
-            None => Model::White,
-        }
+    fn model(&self) -> Model {
+        self.model.unwrap_or(match self.estimator {
+            _ if self.tau_s == 0.0 => Model::White,
+            Estimator::Recursive => Model::Markov,
+            Estimator::Ml => Model::Linear,
+        })
     }
 
-    fn medium(&self) -> Medium {
-        Medium { height_m: self.height_m.unwrap_or(0.0), ..Medium::of_sound_speed(self.sound_speed) }
+    /// What both estimators assume.
+    fn assumed(&self) -> Config {
+        let (speed_m_s, speed_sd_m_s) = self.speed();
+        let medium =
+            Medium { height_m: self.height_m.unwrap_or(0.0), ..Medium::of_sound_speed(self.sound_speed) };
+        Config {
+            model: self.model(),
+            tau_s: self.tau_s,
+            speed_m_s,
+            speed_sd_m_s,
+            range_m: (self.min_range_m, self.max_range_m),
+            medium,
+            elevation_bias_sd_rad: self.elevation_bias_deg * RAD_PER_DEG,
+        }
     }
 }
 
@@ -175,167 +167,72 @@ impl Args {
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     args.check()?;
-    let samples = read(&args)?;
+    let sd_rad = args.sigma_deg * RAD_PER_DEG;
+    let sd_elevation_rad = args.height_m.map(|_| args.sigma_elevation_deg * RAD_PER_DEG);
+    let samples = bearings::read(&args.bearings, sd_rad, sd_elevation_rad)?;
     if let Some(track) = &args.known_track {
-        return error_model(&args, &samples, track);
+        let model = args.model.unwrap_or(Model::Markov);
+        let (found, n) = errors::of_known_track(model, &samples, track, args.sound_speed)?;
+        print_error_model(&args, model, &found, n);
+        return Ok(());
     }
-    let (solution, interval, nugget, refused) = match args.estimator {
-        Estimator::Ml => batch(&args, &samples)?,
-        Estimator::Recursive => one_by_one(&args, &samples)?,
+    let assumed = args.assumed();
+    let found = match args.estimator {
+        Estimator::Ml => batch(&assumed, &samples, args.robust),
+        Estimator::Recursive => {
+            if !matches!(assumed.model, Model::White | Model::Markov) {
+                eprintln!(
+                    "seabearing: the recursive estimator takes correlated errors as Gauss-Markov (--model markov)"
+                );
+            }
+            one_by_one(&assumed, &samples, sd_rad, args.gate_sd.unwrap_or(f64::INFINITY))
+        }
     };
-    if nugget > 0.0 {
+    let found = found.with_context(|| args.bearings.display().to_string())?;
+    if found.nugget > 0.0 {
         eprintln!(
-            "seabearing: the {:?} model is nearly singular for these times; a white part of {:.0} % of the error's \
+            "seabearing: the {} model is nearly singular for these times; a white part of {:.0} % of the error's \
              standard deviation was added",
-            args.model(),
-            100.0 * nugget.sqrt()
+            assumed.model.name(),
+            100.0 * found.nugget.sqrt()
         );
     }
     if let Some(path) = &args.plot {
-        draw(&samples, &args, &solution, path)?;
+        picture::draw(&samples, &assumed.medium, &found.solution, path)?;
     }
     if args.json {
-        println!("{}", record(&args, &solution, interval, nugget, refused));
+        println!("{}", record(&args, &found));
     } else {
-        print_for_people(&args, &solution, interval, refused);
+        print_for_people(&args, &found);
     }
     Ok(())
 }
 
-/// The bearings in order of time.
-fn read(args: &Args) -> Result<Vec<Sample>> {
-    let table = Table::read(&args.bearings)?;
-    let name = args.bearings.display().to_string();
-    let mut rows = Vec::new();
-    let (sigma, elevation) = (table.has("sigma_deg"), table.has("elevation_deg") && args.height_m.is_some());
-    let sigmas = if sigma { Some(table.numbers(["sigma_deg"])?) } else { None };
-    let elevations = if elevation { Some(table.numbers(["elevation_deg"])?) } else { None };
-    for (i, (line, row)) in table.numbers(["t_s", "azimuth_deg"])?.into_iter().enumerate() {
-        let one = row.and_then(|[t_s, azimuth_deg]| {
-            let sigma_deg = match sigmas.as_ref().and_then(|s| s.get(i)) {
-                Some((_, Ok([s]))) if *s > 0.0 => *s,
-                Some((_, Ok([s]))) => bail!("{name}, line {line}: `sigma_deg` is {s}, it must be above 0"),
-                Some((_, Err(e))) => bail!("{e:#}"),
-                None => args.sigma_deg,
-            };
-            // A row may do without an elevation.
-            let elevation_rad = match elevations.as_ref().and_then(|e| e.get(i)) {
-                Some((_, Ok([e]))) => {
-                    ((e * RAD_PER_DEG) as f32, (args.sigma_elevation_deg * RAD_PER_DEG) as f32)
-                }
-                _ => (0.0, f32::INFINITY),
-            };
-            let mut sample =
-                Sample::azimuth(t_s, wrap_tau(azimuth_deg * RAD_PER_DEG), sigma_deg * RAD_PER_DEG);
-            sample.elevation_rad = elevation_rad;
-            Ok(sample)
-        });
-        rows.push((line, one));
-    }
-    let mut samples = good_rows(&name, rows)?;
-    if !samples.is_sorted_by(|a, b| a.t_s <= b.t_s) {
-        eprintln!("seabearing: {name}: rows are not in order of time; sorted");
-        samples.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-    }
-    Ok(samples)
-}
-
-type Answer = (Solution, Option<Interval>, f64, usize);
-
-fn batch(args: &Args, samples: &[Sample]) -> Result<Answer> {
-    let (speed_m_s, speed_sd_m_s) = args.speed();
-    let config = ml::Config {
-        model: args.model(),
-        tau_s: args.tau_s,
-        speed_m_s,
-        speed_sd_m_s,
-        range_m: (args.min_range_m, args.max_range_m),
-        medium: args.medium(),
-        elevation_bias_sd_rad: args.elevation_bias_deg * RAD_PER_DEG,
-    };
-    let mut work = Box::new(Workspace::<POSITIONS>::new());
-    let mut dense = Vec::new();
-    // Robust: the samples with the errors that make the Gaussian likelihood pull as the heavy-tailed one.
-    let mut weighted = samples.to_vec();
-    let mut attempt = |dense: &mut [f64]| {
-        if args.robust {
-            fit_robust(&config, samples, &mut weighted, &mut work, dense).map(|r| (r.fit, r.wrong))
-        } else {
-            ml::fit(&config, samples, &mut work, dense).map(|fit| (fit, 0))
-        }
-    };
-    let mut found = attempt(&mut dense);
-    if let Err(FitError::Whiten(WhitenError::Memory(needed))) = found
-        && needed <= DENSE
-    {
-        dense.resize(needed, 0.0);
-        found = attempt(&mut dense);
-    }
-    let name = args.bearings.display();
-    let (fit, wrong) = match found {
-        Ok(found) => found,
-        Err(FitError::TooFew) => bail!("{name}: {} usable bearings; a track needs at least 5", samples.len()),
-        Err(FitError::NoRange) => {
-            bail!("speed unknown (--speed-sd inf) needs elevations: a column elevation_deg and --height-m")
-        }
-        Err(FitError::BadSample(i)) => bail!("{name}: bearing {} is not usable", i + 1),
-        Err(FitError::Whiten(WhitenError::Memory(_))) => bail!(
-            "{name}: {} bearings at irregular times are too many for this model; use --model markov or thin them out",
-            samples.len()
-        ),
-        Err(FitError::Whiten(WhitenError::Singular)) => {
-            bail!("the {:?} model is singular for these times; use --model linear or markov", args.model())
-        }
-        Err(FitError::Whiten(WhitenError::Times)) => bail!("{name}: times are not usable"),
-        Err(FitError::NoMinimum) => bail!("{name}: no straight track fits (all bearings at one time?)"),
-    };
-    let interval = ml::range_interval(&config, &weighted, &fit, 3.841, &mut work, &dense);
-    Ok((fit.solution, interval, fit.plan.nugget, wrong))
-}
-
-fn one_by_one(args: &Args, samples: &[Sample]) -> Result<Answer> {
-    let model = args.model();
-    if !matches!(model, Model::White | Model::Markov) {
-        eprintln!(
-            "seabearing: the recursive estimator takes correlated errors as Gauss-Markov (--model markov)"
+fn print_error_model(args: &Args, model: Model, e: &ErrorModel, n: usize) {
+    let (sd, offset) = (e.sd_rad.to_degrees(), e.offset_rad.0.to_degrees());
+    let (sd_sd, sd_offset) = (sd * e.sd_relative, e.offset_rad.1.to_degrees());
+    let sd_tau_s = e.tau_s * e.sd_ln_tau;
+    if args.json {
+        println!(
+            "{}",
+            json!({
+                "type": "error_model", "model": model.name(), "sigma_deg": sd, "sd_sigma_deg": sd_sd,
+                "tau_s": e.tau_s, "sd_tau_s": finite(sd_tau_s), "offset_deg": offset, "sd_offset_deg": sd_offset,
+                "log_likelihood": e.ln_likelihood, "n": n,
+            })
         );
-    }
-    let (speed_m_s, speed_sd_m_s) = args.speed();
-    if speed_sd_m_s.is_infinite() && samples.iter().all(|s| s.elevation_rad.1.is_infinite()) {
-        bail!("speed unknown (--speed-sd inf) needs elevations: a column elevation_deg and --height-m");
-    }
-    let sd_rad = args.sigma_deg * RAD_PER_DEG;
-    let config = passage::Config {
-        speed_m_s,
-        speed_sd_m_s,
-        range_m: (args.min_range_m, args.max_range_m),
-        extra_sd_rad: sd_rad,
-        extra_tau_s: if model == Model::White { 0.0 } else { args.tau_s },
-        medium: args.medium(),
-        elevation_bias_sd_rad: args.elevation_bias_deg * RAD_PER_DEG,
-    };
-    let mut lone = Lone::new(config, args.gate_sd.unwrap_or(f64::INFINITY));
-    for s in samples {
-        let (elevation, sd) = s.elevation_rad;
-        lone.take(&Measurement {
-            extra_scale: f64::from(s.sd_rad) / sd_rad,
-            elevation: sd.is_finite().then_some((f64::from(elevation), f64::from(sd * sd))),
-            ..Measurement::azimuth(s.t_s, s.azimuth_rad, 0.0)
-        });
-    }
-    let (solution, refused) = lone.finish();
-    match solution {
-        Some(solution) => Ok((solution, None, 0.0, refused)),
-        None => bail!(
-            "{}: {} usable bearings; a track needs at least 6 at different times",
-            args.bearings.display(),
-            samples.len() - refused
-        ),
+    } else {
+        println!("error model          {}, {n} bearings", model.name());
+        println!("standard deviation   {sd:.3}° ± {sd_sd:.3}°");
+        println!("correlation interval {:.2} s ± {sd_tau_s:.2} s", e.tau_s);
+        println!("offset               {offset:.3}° ± {sd_offset:.3}°");
+        println!("log likelihood       {:.2}", e.ln_likelihood);
     }
 }
 
 /// The record; what the data do not tell is null.
-fn record(args: &Args, s: &Solution, interval: Option<Interval>, nugget: f64, refused: usize) -> Value {
+fn record(args: &Args, found: &Found) -> Value {
+    let s = &found.solution;
     let ranged = |x: f64| if s.range_observable { finite(x) } else { Value::Null };
     let mut out = Map::new();
     let mut put = |key: &str, value: Value| {
@@ -361,21 +258,22 @@ fn record(args: &Args, s: &Solution, interval: Option<Interval>, nugget: f64, re
     }
     put("consistency", finite(s.consistency));
     put("estimator", if args.estimator == Estimator::Ml { "ml" } else { "recursive" }.into());
-    put("model", format!("{:?}", args.model()).to_lowercase().into());
-    if let Some(i) = interval {
+    put("model", args.model().name().into());
+    if let Some(i) = found.range_95_m {
         let end = |x: f64, open: bool| if open { Value::Null } else { finite(x) };
         put("range_interval_95_m", json!([end(i.low_m, i.low_open), end(i.high_m, i.high_open)]));
     }
-    if nugget > 0.0 {
-        put("regularised", finite(nugget));
+    if found.nugget > 0.0 {
+        put("regularised", finite(found.nugget));
     }
-    if refused > 0 || args.robust {
-        put(if args.robust { "wrong" } else { "refused" }, refused.into());
+    if found.wrong > 0 || args.robust {
+        put(if args.robust { "wrong" } else { "refused" }, found.wrong.into());
     }
     Value::Object(out)
 }
 
-fn print_for_people(args: &Args, s: &Solution, interval: Option<Interval>, refused: usize) {
+fn print_for_people(args: &Args, found: &Found) {
+    let s = &found.solution;
     let side = if s.starboard { "starboard" } else { "port" };
     let spread = |x: f64, unit: &str| {
         if x.is_finite() { format!("± {x:.3}{unit}") } else { "(not observable)".into() }
@@ -383,7 +281,7 @@ fn print_for_people(args: &Args, s: &Solution, interval: Option<Interval>, refus
     println!(
         "bearings             {} used{}",
         s.n,
-        match (refused, args.robust) {
+        match (found.wrong, args.robust) {
             (0, _) => String::new(),
             (n, true) => format!(", {n} of them far from the track"),
             (n, false) => format!(", {n} refused"),
@@ -395,7 +293,7 @@ fn print_for_people(args: &Args, s: &Solution, interval: Option<Interval>, refus
     } else {
         println!("               range not observable from these bearings");
     }
-    if let Some(i) = interval {
+    if let Some(i) = found.range_95_m {
         let low = if i.low_open { format!("below {}", args.min_range_m) } else { format!("{:.1}", i.low_m) };
         let high = if i.high_open { "no upper end".into() } else { format!("{:.1} m", i.high_m) };
         println!("       95 % interval {low} to {high}");
@@ -419,30 +317,4 @@ fn print_for_people(args: &Args, s: &Solution, interval: Option<Interval>, refus
         );
     }
     println!("consistency          {:.2} (1: errors and straight track as assumed)", s.consistency);
-}
-
-/// Bearings with the fit above, the track with its 95 % ellipses below.
-fn draw(samples: &[Sample], args: &Args, s: &Solution, path: &std::path::Path) -> Result<()> {
-    let medium = args.medium();
-    let mut angles = Figure::new("Bearings and fitted track", "time (s)", "azimuth (°)");
-    let measured: Vec<_> = samples.iter().map(|b| (b.t_s, b.azimuth_rad.to_degrees())).collect();
-    let times: Vec<f64> = (0..=300).map(|k| s.t0_s + (s.t1_s - s.t0_s) * f64::from(k) / 300.0).collect();
-    let fitted: Vec<_> =
-        times.iter().map(|t| (*t, wrap_tau(s.line.azimuth(&medium, *t)).to_degrees())).collect();
-    angles.y_scale(Scale::Degrees).points("measured", &measured).line("fit", &cut_at_wraps(&fitted));
-    if !s.range_observable {
-        return angles.write(path);
-    }
-    let mut map = Figure::map("Track about the array");
-    let at = |t: f64| position(&s.line, &s.covariance, t);
-    let track: Vec<_> = times.iter().map(|t| at(*t).0).map(|[x, y]| (x, y)).collect();
-    map.line("track", &track);
-    for (i, t) in [s.t0_s, s.cpa_time_s, s.t1_s].into_iter().enumerate() {
-        let ([x, y], [xx, yy, xy]) = at(t);
-        map.ellipse(if i == 0 { "95 % of position" } else { "" }, (x, y), (xx, yy, xy), 0.95);
-        if i > 0 {
-            map.same_colour();
-        }
-    }
-    write_panels(path, &[&angles, &map], 1)
 }

@@ -34,7 +34,7 @@ pub struct Args {
     emulator: Engine,
     /// Firmware image [default: target/firmware/images/BOARD.elf of the checkout]
     #[arg(long, value_name = "ELF")]
-    pub(super) firmware: Option<PathBuf>,
+    firmware: Option<PathBuf>,
     /// Count instructions (slower; the cost is printed)
     #[arg(long)]
     count_instructions: bool,
@@ -46,15 +46,15 @@ pub struct Args {
     speed: Option<f64>,
     /// Keep the firmware's telemetry in this file
     #[arg(long, value_name = "FILE")]
-    pub(super) keep: Option<PathBuf>,
+    keep: Option<PathBuf>,
     /// Print the result as JSON
     #[arg(long)]
-    pub(super) json: bool,
+    json: bool,
     #[command(flatten)]
-    pub(super) board_options: BoardOptions,
+    board_options: super::twin_board::Options,
     /// Recordings
     #[arg(required = true, value_name = "RECORDING")]
-    pub(super) input: Vec<PathBuf>,
+    input: Vec<PathBuf>,
 }
 
 /// What runs the mps2-an500.
@@ -77,46 +77,6 @@ enum Board {
     Stm32h743,
 }
 
-/// With --board stm32h743: what takes how long, and what goes wrong.
-#[derive(clap::Args)]
-#[command(next_help_heading = "With --board stm32h743")]
-pub(super) struct BoardOptions {
-    /// Seconds of the recording [default: all]
-    #[arg(long, value_name = "S")]
-    pub(super) seconds: Option<f64>,
-    /// Cycles an instruction
-    #[arg(long, value_name = "CYCLES", default_value_t = 1.0)]
-    pub(super) cycles: f64,
-    /// Cycles more for an access to a peripheral's register
-    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
-    pub(super) register_cycles: f64,
-    /// Cycles more for a load or store of tightly coupled memory
-    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
-    pub(super) tcm_cycles: f64,
-    /// Cycles more for a load or store of other RAM
-    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
-    pub(super) axi_cycles: f64,
-    /// Cycles more for a load of flash
-    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
-    pub(super) flash_cycles: f64,
-    /// Cycles to enter an interrupt
-    #[arg(long, value_name = "CYCLES", default_value_t = 12.0)]
-    pub(super) interrupt_cycles: f64,
-    /// Error of the board's clock
-    #[arg(long, value_name = "PPM", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub(super) board_clock_ppm: f64,
-    /// Error of the converter's clock
-    #[arg(long, value_name = "PPM", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub(super) converter_clock_ppm: f64,
-    /// Microseconds from a converter's reset until it answers
-    #[arg(long, value_name = "US", default_value_t = 5.0)]
-    pub(super) converter_start_us: f64,
-    /// What goes wrong and when (s): converter-reset@S, converter-dead@S or @S:LENGTH, spi-bits@BYTES, pin-reset@S,
-    /// brown-out@S
-    #[arg(long = "fault", value_name = "FAULT")]
-    pub(super) faults: Vec<crate::board::Fault>,
-}
-
 /// How samples reach the firmware.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Samples {
@@ -133,7 +93,15 @@ enum Samples {
 pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
     if args.board == Board::Stm32h743 {
-        return super::twin_board::run(args, &station);
+        let keep = args.keep.as_deref();
+        return super::twin_board::run(
+            &args.board_options,
+            &station,
+            args.firmware,
+            args.input,
+            keep,
+            args.json,
+        );
     }
     let (samples, pace) = match (args.samples, args.speed) {
         (Samples::File, None) => (SamplePath::File, Pace::Free),

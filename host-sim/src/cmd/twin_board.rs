@@ -1,6 +1,5 @@
 //! `seabearing twin --board stm32h743`: the hardware board's image on the modelled board, and the host.
 
-use super::twin::{Args, BoardOptions};
 use crate::board::{self, Fault, Report, Setup};
 use crate::station::Station;
 use crate::{blob, emulator, recording};
@@ -9,22 +8,68 @@ use seabearing_board_model::Costs;
 use seabearing_board_model::stm32h743::Parameters;
 use seabearing_core::block::Frame;
 use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
-/// Runs the command for that board.
+/// With --board stm32h743: what takes how long, and what goes wrong.
+#[derive(clap::Args)]
+#[command(next_help_heading = "With --board stm32h743")]
+pub struct Options {
+    /// Seconds of the recording [default: all]
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// Cycles an instruction
+    #[arg(long, value_name = "CYCLES", default_value_t = 1.0)]
+    cycles: f64,
+    /// Cycles more for an access to a peripheral's register
+    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
+    register_cycles: f64,
+    /// Cycles more for a load or store of tightly coupled memory
+    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
+    tcm_cycles: f64,
+    /// Cycles more for a load or store of other RAM
+    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
+    axi_cycles: f64,
+    /// Cycles more for a load of flash
+    #[arg(long, value_name = "CYCLES", default_value_t = 0.0)]
+    flash_cycles: f64,
+    /// Cycles to enter an interrupt
+    #[arg(long, value_name = "CYCLES", default_value_t = 12.0)]
+    interrupt_cycles: f64,
+    /// Error of the board's clock
+    #[arg(long, value_name = "PPM", default_value_t = 0.0, allow_negative_numbers = true)]
+    board_clock_ppm: f64,
+    /// Error of the converter's clock
+    #[arg(long, value_name = "PPM", default_value_t = 0.0, allow_negative_numbers = true)]
+    converter_clock_ppm: f64,
+    /// Microseconds from a converter's reset until it answers
+    #[arg(long, value_name = "US", default_value_t = 5.0)]
+    converter_start_us: f64,
+    /// What goes wrong and when (s): converter-reset@S, converter-dead@S or @S:LENGTH, spi-bits@BYTES, pin-reset@S,
+    /// brown-out@S
+    #[arg(long = "fault", value_name = "FAULT")]
+    faults: Vec<Fault>,
+}
+
+/// Runs the command for that board. `keep`: where the firmware's telemetry goes.
 ///
 /// # Errors
 /// One line for a person; also where telemetry differs.
-pub(super) fn run(args: Args, station: &Station) -> Result<()> {
-    let image =
-        emulator::image(args.firmware, "stm32h743.elf", "cargo xtask build-firmware --board stm32h743")?;
+pub(super) fn run(
+    options: &Options,
+    station: &Station,
+    firmware: Option<PathBuf>,
+    input: Vec<PathBuf>,
+    keep: Option<&Path>,
+    json: bool,
+) -> Result<()> {
+    let image = emulator::image(firmware, "stm32h743.elf", "cargo xtask build-firmware --board stm32h743")?;
     let rate_hz = station.config.rate_hz;
-    let setup = setup(&args.board_options)?;
-    let most = args.board_options.seconds.map(|s| (s * rate_hz).round() as u64);
+    let setup = setup(options)?;
+    let most = options.seconds.map(|s| (s * rate_hz).round() as u64);
     let blob = blob::of(station)?;
     // Complaints about the input are heard before the board starts.
-    recording::open(&args.input, station, None)?;
-    let input = args.input;
+    recording::open(&input, station, None)?;
     // The recording is read while the board runs; it stops being read when the board has ended.
     let (send, receive) = mpsc::sync_channel::<Vec<Frame>>(64);
     let report = std::thread::scope(|scope| -> Result<Report> {
@@ -58,17 +103,17 @@ pub(super) fn run(args: Args, station: &Station) -> Result<()> {
         }
         report
     })?;
-    if let Some(path) = &args.keep {
+    if let Some(path) = keep {
         crate::atomic::write(path, &report.firmware)?;
     }
-    say(&report, args.json)?;
+    say(&report, json)?;
     if !report.identical() {
         bail!("{}", report.difference());
     }
     Ok(())
 }
 
-fn setup(options: &BoardOptions) -> Result<Setup> {
+fn setup(options: &Options) -> Result<Setup> {
     let costs = Costs {
         instruction: options.cycles,
         register: options.register_cycles,

@@ -1,6 +1,10 @@
 //! Where a vessel is at a time: a straight course, or fixes joined by straight legs.
 
+use crate::csv::Table;
 use crate::scenario::{Side, Straight};
+use anyhow::{Context, Result};
+use std::collections::BTreeMap;
+use std::path::Path;
 
 /// East and North of the station, metres.
 pub type Place = (f64, f64);
@@ -107,6 +111,34 @@ fn line(fixes: &[(f64, Place)]) -> Option<Course> {
     let cpa_time_s = t - (x * vx + y * vy) / (vx * vx + vy * vy);
     let closest_m = (x + vx * (cpa_time_s - t), y + vy * (cpa_time_s - t));
     cpa_time_s.is_finite().then_some(Course::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) })
+}
+
+/// Courses of a track file: one a `source`, or one in all. Rows of other kinds of source (no x, y) are passed over.
+///
+/// # Errors
+/// The file cannot be read, or no vessel has two rows.
+pub fn of_file(path: &Path) -> Result<Vec<Course>> {
+    let table = Table::read(path)?;
+    let source = table.has("source").then(|| table.column("source")).transpose()?;
+    let mut by_vessel: BTreeMap<String, Vec<(f64, Place)>> = BTreeMap::new();
+    for (row, (_, numbers)) in table.numbers(["t_s", "x_m", "y_m"])?.into_iter().enumerate() {
+        let name = source.and_then(|c| table.text(row, c)).unwrap_or("").to_owned();
+        if let Ok([t, x, y]) = numbers {
+            by_vessel.entry(name).or_default().push((t, (x, y)));
+        }
+    }
+    let courses: Vec<Course> = by_vessel
+        .into_values()
+        .filter(|f| f.len() >= 2)
+        .map(|mut fixes| {
+            fixes.sort_by(|a, b| a.0.total_cmp(&b.0));
+            fixes.dedup_by_key(|f| f.0);
+            Course::Fixes(fixes)
+        })
+        .collect();
+    (!courses.is_empty())
+        .then_some(courses)
+        .with_context(|| format!("{}: no vessel with two or more rows of t_s, x_m, y_m", path.display()))
 }
 
 /// Range (m) and azimuth (rad, clockwise from North, 0 to 2π) of a place.

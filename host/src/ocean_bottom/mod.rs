@@ -18,6 +18,8 @@ pub mod simulate;
 pub mod source;
 pub mod stages;
 pub mod station;
+pub mod strengths;
+pub mod survey;
 pub mod table;
 pub mod truth;
 pub mod write;

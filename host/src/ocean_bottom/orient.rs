@@ -7,7 +7,7 @@
 use super::course::{Course, Place, polar};
 use super::place::{Travel, USED_M, alone, heard};
 use super::stages::Frame;
-use super::truth::wrap;
+use seabearing_core::angle::wrap_pi;
 use std::f64::consts::TAU;
 
 /// Cells of the histogram of azimuth differences, and standard deviation of its smoothing in cells of one degree.
@@ -19,7 +19,7 @@ const LEAST_FRAMES: usize = 30;
 
 /// The correction to add to the orientation that frames were computed with.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Turn {
+pub struct ModeOfTurns {
     /// Correction, rad.
     pub correction: f64,
     /// Its standard deviation, rad: the scatter of passages, or of half hours where there is one passage.
@@ -37,7 +37,7 @@ pub fn orientation(
     travel: &Travel<'_>,
     offset: Place,
     tones: std::ops::Range<usize>,
-) -> Option<Turn> {
+) -> Option<ModeOfTurns> {
     // Histogram of differences per passage, and per half hour of each.
     let mut passages = vec![vec![0f64; CELLS]; courses.len()];
     let mut counts = vec![0usize; courses.len()];
@@ -72,9 +72,14 @@ pub fn orientation(
     };
     let correction = mode(&sum);
     let n = each.len() as f64;
-    let scatter = each.iter().map(|x| wrap(x - correction).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let scatter = each.iter().map(|x| wrap_pi(x - correction).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
     let sd = if each.len() > 1 { (scatter / n).sqrt() } else { f64::INFINITY };
-    Some(Turn { correction: wrap(correction), sd, each: each.into_iter().map(wrap).collect(), passages })
+    Some(ModeOfTurns {
+        correction: wrap_pi(correction),
+        sd,
+        each: each.into_iter().map(wrap_pi).collect(),
+        passages,
+    })
 }
 
 /// Mode of a cyclic histogram after smoothing, between cells by a parabola.
@@ -107,8 +112,8 @@ mod tests {
         let mut h = vec![1.0; 360];
         h[359] = 50.0;
         h[0] = 50.0;
-        assert!(wrap(mode(&h)).abs() < 1e-6);
+        assert!(wrap_pi(mode(&h)).abs() < 1e-6);
         h[1] = 20.0;
-        assert!((0.0..0.01).contains(&wrap(mode(&h))));
+        assert!((0.0..0.01).contains(&wrap_pi(mode(&h))));
     }
 }

@@ -10,7 +10,7 @@
 //! the covariance is that of the mean of up to six parts of the evidence, interleaved in pieces of 20 minutes.
 
 use super::course::{Course, Place, polar};
-use super::stages::RANGE_STEP_M;
+use super::stages::{RANGE_STEP_M, RangeEvidence};
 use rayon::prelude::*;
 
 /// Ranges at which passages are used, m: nearer the azimuth turns fast, farther the vessel drowns.
@@ -38,18 +38,9 @@ const APART_M: f64 = 300.0;
 /// Travel time (s) against horizontal range (m); `None` where no sound arrives.
 pub type Travel<'a> = dyn Fn(f64) -> Option<f64> + Sync + 'a;
 
-/// What one moment says about range.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Evidence {
-    /// When it was heard, s.
-    pub t_s: f64,
-    /// Log-likelihood ratio against silence at every [`RANGE_STEP_M`].
-    pub log_ratio: Vec<f32>,
-}
-
 /// The station's place relative to its nominal one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Offset {
+pub struct Displacement {
     /// East, m.
     pub east_m: f64,
     /// North, m.
@@ -62,7 +53,7 @@ pub struct Offset {
     pub passages: usize,
 }
 
-impl Offset {
+impl Displacement {
     /// Standard deviations of East and North, m.
     pub fn sd_m(&self) -> (f64, f64) {
         (self.cov_m2[0].sqrt(), self.cov_m2[1].sqrt())
@@ -141,11 +132,11 @@ type Used<'a> = (f64, &'a Course, &'a [f32]);
 /// # Errors
 /// Why it is not observable.
 pub fn place(
-    evidence: &[Evidence],
+    evidence: &[RangeEvidence],
     courses: &[Course],
     travel: &Travel<'_>,
     search_m: f64,
-) -> Result<Offset, NotObserved> {
+) -> Result<Displacement, NotObserved> {
     let mut passages = vec![false; courses.len()];
     let used: Vec<Used<'_>> = evidence
         .iter()
@@ -202,7 +193,7 @@ pub fn place(
         }
     }
     let passages = passages.iter().filter(|p| **p).count();
-    Ok(Offset { east_m: best.0, north_m: best.1, cov_m2, n: used.len(), passages })
+    Ok(Displacement { east_m: best.0, north_m: best.1, cov_m2, n: used.len(), passages })
 }
 
 /// The used moments in interleaved parts: pieces of 20 minutes that hold any, dealt out in turn.
@@ -258,7 +249,7 @@ mod tests {
     use super::*;
 
     /// Ranges with 100 m of scatter, every fourth wrong, of a vessel about a station at an offset, once a minute.
-    fn evidence(courses: &[Course], offset: Place) -> Vec<Evidence> {
+    fn evidence(courses: &[Course], offset: Place) -> Vec<RangeEvidence> {
         let travel = |r: f64| Some(r / 1500.0);
         (0..720)
             .filter_map(|m| {
@@ -269,7 +260,7 @@ mod tests {
                 let said = range + wrong + 100.0 * (2.3 * f64::from(m)).sin();
                 let log_ratio = (0..716)
                     .map(|j| 4.0 - (0.5 * ((RANGE_STEP_M * f64::from(j) - said) / 120.0).powi(2)) as f32);
-                Some(Evidence { t_s, log_ratio: log_ratio.collect() })
+                Some(RangeEvidence { t_s, log_ratio: log_ratio.collect() })
             })
             .collect()
     }

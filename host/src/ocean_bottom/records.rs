@@ -1,8 +1,7 @@
 //! Azimuth and range records of `seabearing process`, read back: what orientation and place are estimated from when the
 //! recording itself is not at hand.
 
-use super::place::Evidence;
-use super::stages::{RANGE_STEP_M, RANGES};
+use super::stages::{RANGE_STEP_M, RANGES, RangeEvidence};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -18,9 +17,9 @@ const CHIEF: f64 = 0.5;
 
 /// What the records say.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Records {
+pub struct Detected {
     /// Detected ranges of each moment, in order of time.
-    pub ranges: Vec<Evidence>,
+    pub ranges: Vec<RangeEvidence>,
     /// Time (s) and azimuth (rad) of detected tonal sources, in order of time.
     pub azimuths: Vec<(f64, f64)>,
 }
@@ -38,9 +37,9 @@ pub fn is_records(path: &Path) -> bool {
 ///
 /// # Errors
 /// A file cannot be read, or there is no detected azimuth or range in any.
-pub fn read(paths: &[impl AsRef<Path>]) -> Result<Records> {
+pub fn read(paths: &[impl AsRef<Path>]) -> Result<Detected> {
     let mut modes: BTreeMap<u64, Vec<Mode>> = BTreeMap::new();
-    let mut records = Records::default();
+    let mut records = Detected::default();
     for path in paths {
         let name = path.as_ref().display();
         let bytes = std::fs::read(path.as_ref()).with_context(|| format!("cannot read {name}"))?;
@@ -79,7 +78,7 @@ pub fn read(paths: &[impl AsRef<Path>]) -> Result<Records> {
 type Mode = (f64, f64, f64);
 
 /// Takes a record; `None` if it is none.
-fn take(record: &Value, modes: &mut BTreeMap<u64, Vec<Mode>>, records: &mut Records) -> Option<()> {
+fn take(record: &Value, modes: &mut BTreeMap<u64, Vec<Mode>>, records: &mut Detected) -> Option<()> {
     let number = |key: &str| record.get(key).and_then(Value::as_f64);
     let detected = record.get("detected").and_then(Value::as_bool) == Some(true);
     match record.get("type")?.as_str()? {
@@ -105,7 +104,7 @@ fn take(record: &Value, modes: &mut BTreeMap<u64, Vec<Mode>>, records: &mut Reco
 }
 
 /// The modes of a moment as a log-likelihood ratio against a range anywhere.
-fn evidence(t_s: f64, modes: &[Mode]) -> Evidence {
+fn evidence(t_s: f64, modes: &[Mode]) -> RangeEvidence {
     let log_ratio = (0..RANGES).map(|j| {
         let range = RANGE_STEP_M * j as f64;
         let density: f64 = modes
@@ -117,7 +116,7 @@ fn evidence(t_s: f64, modes: &[Mode]) -> Evidence {
             .sum();
         (SPAN_M * density).max(1e-12).ln() as f32
     });
-    Evidence { t_s, log_ratio: log_ratio.collect() }
+    RangeEvidence { t_s, log_ratio: log_ratio.collect() }
 }
 
 #[cfg(test)]

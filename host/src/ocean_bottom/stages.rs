@@ -4,7 +4,6 @@
 //! The recorder keeps none of this; here it is recomputed in the paper's form ([O 5-19], corrected as docs/references.md says) from the samples,
 //! with the core's own clutter filter. Frames of 20.48 s overlapped by half; 513 bins to 25 Hz whatever the rate.
 
-use super::place::Evidence;
 use crate::propagation::Propagation;
 use crate::recording::Source;
 use anyhow::Result;
@@ -36,6 +35,15 @@ pub const AZIMUTHS: usize = 180;
 pub const RANGE_STEP_M: f64 = 70.0;
 /// Number of ranges of the likelihood: to 50 km.
 pub const RANGES: usize = 716;
+
+/// What one moment says about range.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RangeEvidence {
+    /// When it was heard, s.
+    pub t_s: f64,
+    /// Log-likelihood ratio against silence at every [`RANGE_STEP_M`].
+    pub log_ratio: Vec<f32>,
+}
 
 /// One frame.
 pub struct Frame {
@@ -188,7 +196,7 @@ pub fn azimuth_likelihood(frames: &[Frame], minutes: &[f64]) -> Vec<Vec<f32>> {
 }
 
 /// Log-likelihood ratio of range of each single frame: [`RANGES`] values [O 19, one frame].
-pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<Evidence> {
+pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<RangeEvidence> {
     // Pulses of every branch at every range: first quefrency, heights over variance, half the energy.
     let pulses: Vec<Vec<(usize, Vec<f32>, f32)>> = (0..RANGES)
         .map(|j| {
@@ -231,7 +239,7 @@ pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<Evidence> {
                         .sum()
                 })
                 .collect();
-            Evidence { t_s: f.t_s, log_ratio }
+            RangeEvidence { t_s: f.t_s, log_ratio }
         })
         .collect()
 }

@@ -1,6 +1,7 @@
 //! From a propagation table to the bytes the core reads ([`seabearing_core::obs::table`]).
 
 use crate::propagation::{Propagation, file};
+use crate::station::Station;
 use anyhow::{Context, Result};
 use seabearing_core::obs::decimate::inner_rate_hz;
 use seabearing_core::obs::table::{MAX_BRANCHES, blob_bytes};
@@ -11,6 +12,15 @@ pub const NEEDED_M: f64 = 50_050.0;
 
 /// The greatest strength a table may hold: a pulse cannot be higher than the cepstrum of two equal paths.
 const STRONGEST: f64 = 1.0;
+
+/// The propagation table a station names as the bytes the recorder takes; `None` where it names none.
+///
+/// # Errors
+/// The table cannot be read or used.
+pub fn of_station(station: &Station) -> Result<Option<Vec<u8>>> {
+    let Some(path) = &station.propagation else { return Ok(None) };
+    blob(&file::read(path)?, &path.display().to_string(), station.config.rate_hz).map(Some)
+}
 
 /// The core's bytes of a table for a recording at `rate_hz`; `name` stands in messages. Branches beyond the core's
 /// number are left out.

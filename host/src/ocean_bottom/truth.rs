@@ -4,7 +4,6 @@ use super::course::Course;
 use super::passage::emission;
 use super::simulate::Vessel;
 use crate::propagation::Propagation;
-use std::f64::consts::{PI, TAU};
 
 /// Where a vessel was when what arrives most strongly now left it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,25 +30,10 @@ pub fn then(table: &Propagation, paths: usize, vessel: &Vessel, t_s: f64) -> Opt
     Some(Then { range_m, azimuth, radial_m_s: after.0.hypot(after.1) - range_m })
 }
 
-/// Wrapped to ±π.
-pub fn wrap(x: f64) -> f64 {
-    (x + PI).rem_euclid(TAU) - PI
-}
-
 /// Closest point of a straight course: time, range, heading, speed.
 pub fn closest(course: &Course) -> Option<(f64, f64, f64, f64)> {
     let Course::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) } = course.straightened()? else {
         return None;
     };
     Some((cpa_time_s, closest_m.0.hypot(closest_m.1), vx.atan2(vy), vx.hypot(vy)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn angles_are_wrapped_to_half_a_circle() {
-        assert!((wrap(3.5 * PI) + 0.5 * PI).abs() < 1e-12);
-    }
 }

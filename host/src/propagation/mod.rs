@@ -10,7 +10,6 @@
 pub mod bottom;
 pub mod convert;
 pub mod file;
-pub mod fit;
 pub mod profile;
 pub mod strength;
 pub mod trace;

@@ -235,9 +235,10 @@ pub(super) fn signal_power(scenario: &Scenario, vessel: usize, range_m: f64) -> 
     let config = &scenario.station.config;
     let Some(v) = scenario.vessels.get(vessel) else { return 0.0 };
     let (f0, f1) = band(config);
-    let f1 = f1.min(source::HIGHEST * config.rate_hz);
+    let f1 = f1.min(super::scenario::HIGHEST * config.rate_hz);
     let shape = Shape { knee_hz: v.knee_hz, slope_db_per_decade: v.slope_db_per_decade };
-    let share = shape.power(f0, f1) / shape.power(source::LOWEST_HZ, source::HIGHEST * config.rate_hz);
+    let share =
+        shape.power(f0, f1) / shape.power(source::LOWEST_HZ, super::scenario::HIGHEST * config.rate_hz);
     let slant = range_m.hypot(config.depth_m - v.depth_m).max(1.0);
     10f64.powf(v.source_level_db / 10.0) * share / (slant * slant)
 }

@@ -10,6 +10,9 @@ use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
 
+/// Highest frequency of a source signal, as a share of the sample rate: what [`seabearing_signal::interpolate`] needs.
+pub const HIGHEST: f64 = 0.44;
+
 /// What is simulated.
 #[derive(Clone, Debug)]
 pub struct Scenario {
@@ -354,7 +357,7 @@ impl Scenario {
                 s.check(&path, 0.0)?;
             }
             for (k, t) in v.tones.iter().enumerate() {
-                let highest = super::source::HIGHEST * 2.0 * nyquist;
+                let highest = HIGHEST * 2.0 * nyquist;
                 within(&key(&format!("tones.{k}.frequency_hz")), t.frequency_hz, 0.1, highest)?;
                 within(&key(&format!("tones.{k}.level_db")), t.level_db, -100.0, 260.0)?;
             }

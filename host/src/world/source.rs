@@ -1,12 +1,10 @@
 //! The sound a vessel makes, as pressure 1 m from it: noise of a ship-like spectrum, modulated, and tones.
 
 use super::noise::{Noise, Shape};
-use super::scenario::Vessel;
+use super::scenario::{HIGHEST, Vessel};
 use seabearing_signal::interpolate::TAPS;
 use std::f64::consts::TAU;
 
-/// Highest frequency of a source signal, as a share of the sample rate: what [`seabearing_signal::interpolate`] needs.
-pub const HIGHEST: f64 = 0.44;
 /// Lowest frequency of the noise, Hz.
 pub const LOWEST_HZ: f64 = 5.0;
 /// Samples made at a time.

@@ -21,6 +21,20 @@ pub enum Model {
 }
 
 impl Model {
+    /// Every model with the name people and records give it.
+    pub const NAMED: [(&str, Self); 5] = [
+        ("white", Self::White),
+        ("linear", Self::Linear),
+        ("sinc", Self::Sinc),
+        ("gaussian", Self::Gaussian),
+        ("markov", Self::Markov),
+    ];
+
+    /// Its name in [`Model::NAMED`].
+    pub fn name(self) -> &'static str {
+        Self::NAMED.iter().find(|(_, model)| *model == self).map_or("", |(name, _)| name)
+    }
+
     /// Correlation at a lag (s) for correlation interval `tau_s`; a `tau_s` of 0 or less means independent.
     pub fn rho(self, lag_s: f64, tau_s: f64) -> f64 {
         let lag = lag_s.abs();

@@ -8,6 +8,7 @@ pub mod bound;
 pub mod covariance;
 pub mod errors;
 mod factor;
+pub mod lone;
 pub mod ml;
 pub mod robust;
 pub mod whiten;

@@ -4,8 +4,8 @@
 //! A young passage may have begun with a wrong one, or run into a wrong arc: it is searched afresh, and after three refusals
 //! in a row that nothing explains together with the rest it begins again with those.
 
-use seabearing_core::angle::wrap_pi;
-use seabearing_core::motion::Solution;
+use super::solution::Solution;
+use crate::angle::wrap_pi;
 use seabearing_core::passage::{Config, Measurement, Passage, RECORDED};
 
 /// Refusals in a row with which a young passage begins again.
@@ -18,7 +18,7 @@ pub struct Lone {
     config: Config,
     gate_sd: f64,
     passage: Passage<RECORDED>,
-    held: Vec<Measurement>,
+    held: heapless::Vec<Measurement, BEGIN_AGAIN>,
     taken: usize,
     seen: usize,
 }
@@ -26,7 +26,7 @@ pub struct Lone {
 impl Lone {
     /// Nothing seen; `gate_sd` infinite refuses nothing.
     pub fn new(config: Config, gate_sd: f64) -> Self {
-        Self { config, gate_sd, passage: Passage::new(), held: Vec::new(), taken: 0, seen: 0 }
+        Self { config, gate_sd, passage: Passage::new(), held: heapless::Vec::new(), taken: 0, seen: 0 }
     }
 
     /// Takes a measurement.
@@ -44,10 +44,9 @@ impl Lone {
             self.held.clear();
             return;
         }
-        self.held.push(*heard);
-        if self.held.len() == BEGIN_AGAIN {
+        if self.held.push(*heard).is_ok() && self.held.is_full() {
             (self.passage, self.taken) = (Passage::new(), 0);
-            for heard in std::mem::take(&mut self.held) {
+            for heard in core::mem::take(&mut self.held) {
                 self.keep(&heard);
             }
         }
@@ -60,9 +59,11 @@ impl Lone {
 
     fn gated(&self, heard: &Measurement) -> bool {
         let Some((azimuth, variance)) = self.passage.expected(&self.config, heard.t_s) else { return true };
-        let white = if self.config.extra_tau_s > 0.0 { 0.0 } else { self.config.extra_sd_rad.powi(2) };
-        let variance = variance + heard.variance_rad2 + white * heard.extra_scale.powi(2);
-        wrap_pi(heard.azimuth_rad - azimuth).powi(2) <= self.gate_sd * self.gate_sd * variance
+        let white =
+            if self.config.extra_tau_s > 0.0 { 0.0 } else { self.config.extra_sd_rad * heard.extra_scale };
+        let variance = variance + heard.variance_rad2 + white * white;
+        let off = wrap_pi(heard.azimuth_rad - azimuth);
+        off * off <= self.gate_sd * self.gate_sd * variance
     }
 
     fn keep(&mut self, heard: &Measurement) {

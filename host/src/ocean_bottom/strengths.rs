@@ -6,10 +6,10 @@
 //! [O C2]. A skew-normal law is then fitted to each branch by weighted least squares: every shape, location and scale of
 //! a grid with the amplitude in closed form, then a search that halves its steps.
 
-use super::Propagation;
-use super::strength::SkewNormal;
-use crate::ocean_bottom::course::Course;
-use crate::ocean_bottom::stages::Frame;
+use super::course::Course;
+use super::stages::Frame;
+use crate::propagation::Propagation;
+use crate::propagation::strength::SkewNormal;
 use seabearing_core::obs::cepstrum::noise_sd;
 use seabearing_signal::{Complex, Fft, Precision, RealToComplex};
 

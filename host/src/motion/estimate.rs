@@ -1,0 +1,103 @@
+//! The track that bearings give, by either estimator.
+
+use super::Memory;
+use anyhow::{Result, bail};
+use seabearing_core::motion::Solution;
+use seabearing_core::passage::{self, Measurement};
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::lone::Lone;
+use seabearing_locate::motion::ml::{self, Config, FitError, Interval, Sample};
+use seabearing_locate::motion::robust::fit_robust;
+use seabearing_locate::motion::whiten::WhitenError;
+
+/// What a likelihood ratio of one parameter exceeds in 5 % of cases: χ² of one degree.
+const CHI2_95: f64 = 3.841;
+
+/// A track and how it was come by.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimate {
+    /// The track with its uncertainty.
+    pub solution: Solution,
+    /// Profile-likelihood interval of range, 95 % (batch estimator).
+    pub range_95_m: Option<Interval>,
+    /// White part that was added to a nearly singular error model, as a share of the variance.
+    pub nugget: f64,
+    /// Bearings that the track does without: refused, or (robust) far from it.
+    pub wrong: usize,
+}
+
+/// All bearings at once, by maximum likelihood; `robust` with heavy tails.
+///
+/// # Errors
+/// One line: why there is no track.
+pub fn batch(config: &Config, samples: &[Sample], robust: bool) -> Result<Estimate> {
+    let mut memory = Memory::new();
+    // Robust: the samples with the errors that make the Gaussian likelihood pull as the heavy-tailed one.
+    let mut weighted = samples.to_vec();
+    let whitening = |e: &FitError| if let FitError::Whiten(e) = e { Some(*e) } else { None };
+    let found = memory.with(whitening, |work, dense| {
+        if robust {
+            fit_robust(config, samples, &mut weighted, work, dense).map(|r| (r.fit, r.wrong))
+        } else {
+            ml::fit(config, samples, work, dense).map(|fit| (fit, 0))
+        }
+    });
+    let (fit, wrong) = match found {
+        Ok(found) => found,
+        Err(FitError::TooFew) => bail!("{} usable bearings; a track needs at least 5", samples.len()),
+        Err(FitError::NoRange) => return no_range(),
+        Err(FitError::BadSample(i)) => bail!("bearing {} is not usable", i + 1),
+        Err(FitError::Whiten(WhitenError::Memory(_))) => bail!(
+            "{} bearings at irregular times are too many for this model; use --model markov or thin them out",
+            samples.len()
+        ),
+        Err(FitError::Whiten(WhitenError::Singular)) => {
+            bail!(
+                "the {} model is singular for these times; use --model linear or markov",
+                config.model.name()
+            )
+        }
+        Err(FitError::Whiten(WhitenError::Times)) => bail!("times are not usable"),
+        Err(FitError::NoMinimum) => bail!("no straight track fits (all bearings at one time?)"),
+    };
+    let range_95_m = ml::range_interval(config, &weighted, &fit, CHI2_95, &mut memory.work, &memory.dense);
+    Ok(Estimate { solution: fit.solution, range_95_m, nugget: fit.plan.nugget, wrong })
+}
+
+/// One bearing after the other by the recorder's passage fit, whose correlated errors are Gauss-Markov. `sd_rad`: standard
+/// deviation of those errors; bearings beyond `gate_sd` standard deviations are refused.
+///
+/// # Errors
+/// One line: why there is no track.
+pub fn one_by_one(config: &Config, samples: &[Sample], sd_rad: f64, gate_sd: f64) -> Result<Estimate> {
+    if config.speed_sd_m_s.is_infinite() && samples.iter().all(|s| s.elevation_rad.1.is_infinite()) {
+        return no_range();
+    }
+    let assumed = passage::Config {
+        speed_m_s: config.speed_m_s,
+        speed_sd_m_s: config.speed_sd_m_s,
+        range_m: config.range_m,
+        extra_sd_rad: sd_rad,
+        extra_tau_s: if config.model == Model::White { 0.0 } else { config.tau_s },
+        medium: config.medium,
+        elevation_bias_sd_rad: config.elevation_bias_sd_rad,
+    };
+    let mut lone = Lone::new(assumed, gate_sd);
+    for s in samples {
+        let (elevation, sd) = s.elevation_rad;
+        lone.take(&Measurement {
+            extra_scale: f64::from(s.sd_rad) / sd_rad,
+            elevation: sd.is_finite().then_some((f64::from(elevation), f64::from(sd * sd))),
+            ..Measurement::azimuth(s.t_s, s.azimuth_rad, 0.0)
+        });
+    }
+    let (solution, wrong) = lone.finish();
+    let Some(solution) = solution else {
+        bail!("{} usable bearings; a track needs at least 6 at different times", samples.len() - wrong)
+    };
+    Ok(Estimate { solution, range_95_m: None, nugget: 0.0, wrong })
+}
+
+fn no_range<T>() -> Result<T> {
+    bail!("speed unknown (--speed-sd inf) needs elevations: a column elevation_deg and --height-m")
+}

@@ -1,0 +1,174 @@
+//! Which way a station looks, from one CSV file of what it measured of a vessel of known track.
+//!
+//! The header depends on the station: a line array's `t_s,sin_bearing`; a compact array's `t_s,azimuth_deg,elevation_deg`,
+//! or its arrival-time differences, which give the hydrophones' positions; an ocean-bottom station's `t_s,azimuth_deg`.
+
+use super::track_file::heard_at;
+use crate::csv::{Table, good_rows};
+use crate::delays::COLUMNS;
+use anyhow::{Context, Result, anyhow, bail};
+use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
+use seabearing_core::config::StationConfig;
+use seabearing_core::kit::median;
+use seabearing_locate::network::known_track::TrackPoint;
+use seabearing_locate::orient::closed_form::{self, ClosedForm};
+use seabearing_locate::orient::hydrophones::{Differences, Hydrophones, hydrophones};
+use seabearing_locate::orient::line::{LineBearing, LineOrientation, LineSettings, orient};
+use seabearing_locate::orient::offset::{Offset, Residual, offset};
+use seabearing_locate::orient::rotation::{Direction, Rotation, rotation};
+
+/// Rows farther apart than this belong to different passes of an ocean-bottom station, seconds.
+const PASS_GAP_S: f64 = 600.0;
+/// Steps of η in which the closed form searches [L 18, 19].
+const STEP_ETA: f64 = 0.001;
+
+/// What is searched for a line array.
+#[derive(Clone, Copy, Debug)]
+pub struct LineSearch {
+    /// Largest clock shift either way, seconds; else the larger of six bearings and a tenth of the record.
+    pub max_shift_s: Option<f64>,
+    /// Shifts of whole bearings are not preferred.
+    pub free_shift: bool,
+    /// Limits of η, the cosine of the sound's common elevation.
+    pub eta: (f64, f64),
+    /// Longest gap of the track that is interpolated, seconds.
+    pub gap_s: f64,
+}
+
+/// Bearings of a line array with what is searched.
+pub struct LineRecord {
+    bearings: Vec<LineBearing>,
+    settings: LineSettings,
+    interval_s: f64,
+    name: String,
+}
+
+impl LineRecord {
+    /// Reads the rows in order of time.
+    ///
+    /// # Errors
+    /// A column is missing, or no row is usable.
+    pub fn of(table: &Table, search: &LineSearch) -> Result<Self> {
+        let name = table.name().to_owned();
+        let rows = table.numbers(["t_s", "sin_bearing"])?.into_iter().map(|(line, row)| {
+            let row = row.and_then(|[t_s, sine]| {
+                if sine.abs() > 1.5 {
+                    bail!("{name}, line {line}: `sin_bearing` is {sine}, a sine was expected");
+                }
+                Ok(LineBearing { t_s, sine })
+            });
+            (line, row)
+        });
+        let mut bearings = good_rows(&name, rows.collect())?;
+        bearings.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let mut steps: Vec<f64> =
+            bearings.windows(2).map(|w| w[1].t_s - w[0].t_s).filter(|d| *d > 0.0).collect();
+        let interval_s = median(&mut steps).unwrap_or(1.0);
+        let duration_s = bearings[bearings.len() - 1].t_s - bearings[0].t_s;
+        let most = search.max_shift_s.unwrap_or((6.0 * interval_s).max(0.1 * duration_s));
+        let settings = LineSettings {
+            shift_s: (-most, most),
+            eta: (search.eta.0.min(search.eta.1), search.eta.0.max(search.eta.1)),
+            gap_s: search.gap_s,
+            whole_s: if search.free_shift { 0.0 } else { interval_s },
+        };
+        Ok(Self { bearings, settings, interval_s, name })
+    }
+
+    /// Orientation, clock shift and η by the robust, continuous fit.
+    ///
+    /// # Errors
+    /// The data do not tell.
+    pub fn fit(&self, track: &[TrackPoint]) -> Result<LineOrientation> {
+        orient(&self.bearings, track, &self.settings).with_context(|| self.name.clone())
+    }
+
+    /// The same in closed form, with the shift by whole bearings [L 11-19], and its jackknifed standard deviation.
+    ///
+    /// # Errors
+    /// The data do not tell.
+    pub fn closed_form(&self, track: &[TrackPoint]) -> Result<(ClosedForm, Option<f64>)> {
+        let whole = (self.settings.shift_s.1 / self.interval_s).floor() * self.interval_s;
+        let settings = LineSettings { shift_s: (-whole, whole), ..self.settings };
+        let found = closed_form::search(&self.bearings, track, &settings, self.interval_s, STEP_ETA)
+            .with_context(|| self.name.clone())?;
+        let sd = closed_form::spread(&self.bearings, track, &settings, self.interval_s, STEP_ETA, &found);
+        Ok((found, sd))
+    }
+}
+
+/// The turn of a compact array. `correlated`: how many successive bearings share one error.
+///
+/// # Errors
+/// A column is missing, or the data do not tell.
+pub fn array(
+    station: &StationConfig,
+    table: &Table,
+    track: &[TrackPoint],
+    gap_s: f64,
+    correlated: f64,
+) -> Result<Rotation> {
+    let rows = good_rows(table.name(), table.numbers(["t_s", "azimuth_deg", "elevation_deg"])?)?;
+    let directions: Vec<Direction> = rows
+        .into_iter()
+        .filter_map(|[t_s, azimuth_deg, elevation_deg]| {
+            let p = heard_at(track, t_s, gap_s, station.sound_speed_m_s)?;
+            let n = p.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let (sa, ca) = (azimuth_deg * RAD_PER_DEG).sin_cos();
+            let (se, ce) = (elevation_deg * RAD_PER_DEG).sin_cos();
+            (n > 0.0).then(|| Direction { measured: [sa * ce, ca * ce, se], known: p.map(|x| x / n) })
+        })
+        .collect();
+    rotation(&directions, correlated).with_context(|| table.name().to_owned())
+}
+
+/// Positions of a compact array's hydrophones, in the frame of the station file (before orientation).
+///
+/// # Errors
+/// A column is missing, or the data do not tell.
+pub fn positions(
+    station: &StationConfig,
+    table: &Table,
+    track: &[TrackPoint],
+    gap_s: f64,
+) -> Result<Hydrophones> {
+    let rows = good_rows(table.name(), table.numbers(COLUMNS)?)?;
+    let sets: Vec<Differences> = rows
+        .into_iter()
+        .filter_map(|[t_s, tdoa_s @ ..]| {
+            Some(Differences { source_m: heard_at(track, t_s, gap_s, station.sound_speed_m_s)?, tdoa_s })
+        })
+        .collect();
+    let geometry = station.geometry().map_err(|e| anyhow!("the station's hydrophones: {e}"))?;
+    let configured = geometry.position_m.map(|p| p.map(f64::from));
+    let found =
+        hydrophones(&sets, &configured, station.sound_speed_m_s).with_context(|| table.name().to_owned())?;
+    let (s, c) = (station.orientation_deg * RAD_PER_DEG).sin_cos();
+    let position_m = found.position_m.map(|[x, y, z]| [x * c - y * s, x * s + y * c, z]);
+    Ok(Hydrophones { position_m, ..found })
+}
+
+/// What to add to an ocean-bottom station's azimuths.
+///
+/// # Errors
+/// A column is missing, or the data do not tell.
+pub fn horizontals(
+    station: &StationConfig,
+    table: &Table,
+    track: &[TrackPoint],
+    gap_s: f64,
+) -> Result<Offset> {
+    let mut rows = good_rows(table.name(), table.numbers(["t_s", "azimuth_deg"])?)?;
+    rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let (mut pass, mut last) = (0u32, f64::NEG_INFINITY);
+    let mut residuals = Vec::new();
+    for [t_s, azimuth_deg] in rows {
+        let Some([x, y, _]) = heard_at(track, t_s, gap_s, station.sound_speed_m_s) else { continue };
+        if t_s - last > PASS_GAP_S && last.is_finite() {
+            pass += 1;
+        }
+        last = t_s;
+        residuals.push(Residual { angle: wrap_pi(x.atan2(y) - azimuth_deg * RAD_PER_DEG), pass });
+    }
+    offset(&residuals).with_context(|| table.name().to_owned())
+}

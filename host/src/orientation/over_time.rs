@@ -1,0 +1,93 @@
+//! What bearings of a network tell over time: one straight motion, or how late a vessel of known track is heard.
+
+use super::network_file::Network;
+use super::sets::Row;
+use super::track_file;
+use anyhow::Result;
+use seabearing_core::kit::median;
+use seabearing_locate::network::align::{AlignError, AlignSettings, Heard, Shift, align};
+use seabearing_locate::network::joint::{Dated, JointSettings, Motion, fit};
+use seabearing_locate::network::{NetworkError, Sighting};
+use std::path::Path;
+
+/// Depth of a vessel's sound source where none is given, metres: a propeller's.
+pub const SOURCE_DEPTH_M: f64 = 5.0;
+/// Longest gap of a known track that is interpolated, seconds.
+const TRACK_GAP_S: f64 = 300.0;
+
+/// The stations that have bearings, in the order of the network.
+pub fn heard_by(network: &Network, rows: &[Row]) -> Vec<usize> {
+    (0..network.stations.len()).filter(|i| rows.iter().any(|r| r.station == *i)).collect()
+}
+
+/// One straight motion from all rows, which are brought in order of time. `tau_s`: interval over which successive
+/// bearings of an array share one error; `robust`: an array that contradicts the others is set aside.
+///
+/// # Errors
+/// The bearings do not determine the motion.
+pub fn motion(
+    network: &Network,
+    rows: &mut [Row],
+    tau_s: f64,
+    source_depth_m: f64,
+    robust: bool,
+) -> Result<Motion, NetworkError> {
+    rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    // Errors that last over so many bearings weigh like one.
+    let shared: Vec<f64> =
+        (0..network.stations.len()).map(|i| (tau_s / interval_s(rows, i)).max(1.0).sqrt()).collect();
+    let bearings: Vec<Dated> = rows
+        .iter()
+        .map(|r| Dated {
+            t_s: r.t_s,
+            array: r.station,
+            sighting: Sighting {
+                array_m: network.arrays_m[r.station],
+                azimuth: r.azimuth,
+                elevation: r.elevation,
+                sd_azimuth: r.sd.0 * shared[r.station],
+                sd_elevation: r.sd.1 * shared[r.station],
+            },
+        })
+        .collect();
+    let first = rows.iter().map(|r| r.station).min().unwrap_or(0);
+    let sound_speed_m_s = network.stations[first].sound_speed_m_s;
+    fit(&bearings, &JointSettings { z_m: -source_depth_m, sound_speed_m_s, robust })
+}
+
+/// Median time between bearings of one station, seconds; infinite where there are fewer than two.
+fn interval_s(rows: &[Row], station: usize) -> f64 {
+    let times: Vec<f64> = rows.iter().filter(|r| r.station == station).map(|r| r.t_s).collect();
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
+    median(&mut steps).unwrap_or(f64::INFINITY)
+}
+
+/// How late a station hears the vessel behind its known track. `sd`: of azimuth and elevation, radians.
+///
+/// # Errors
+/// The track file cannot be used; within, why the bearings tell no shift.
+pub fn shift(
+    network: &Network,
+    station: usize,
+    rows: &[Row],
+    track: &Path,
+    source_depth_m: f64,
+    sd: [f64; 2],
+    largest_shift_s: f64,
+) -> Result<Result<Shift, AlignError>> {
+    let station_config = &network.stations[station];
+    let sound_speed_m_s = station_config.sound_speed_m_s;
+    let track = track_file::read(track, station_config, source_depth_m)?;
+    let heard: Vec<Heard> = rows
+        .iter()
+        .filter(|r| r.station == station)
+        .map(|r| {
+            // What is heard left the vessel the travel time ago: the shift is that of the source alone.
+            let from = track_file::heard_at(&track, r.t_s, TRACK_GAP_S, sound_speed_m_s);
+            let travel_s =
+                from.map_or(0.0, |p| p.iter().map(|x| x * x).sum::<f64>().sqrt() / sound_speed_m_s);
+            Heard { t_s: r.t_s - travel_s, azimuth: Some(r.azimuth), elevation: r.elevation }
+        })
+        .collect();
+    Ok(align(&heard, &track, &AlignSettings { array_m: [0.0; 3], sd, largest_shift_s, gap_s: TRACK_GAP_S }))
+}
