@@ -427,6 +427,32 @@ hydrophones_m = [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38]
     }
 
     #[test]
+    fn speeds_no_fit_considers_are_refused() {
+        let with = |speed: &str| parse(&format!("{GOOD}\n[tracking]\nspeed_m_s = {speed}\n"));
+        assert!(with("0.2").is_ok() && with("40.0").is_ok());
+        let e = with("0.15").unwrap_err().to_string();
+        assert!(e.contains("`speed_m_s` is 0.15; allowed 0.2 to 40") && e.contains("line 15"), "{e}");
+        let mut config = with("7.0").unwrap().config;
+        let curve =
+            |valid_m_s| SpeedCurve { intercept_m_s: 0.5, slope_m: 3.1, sd_m_s: 0.6, blades: None, valid_m_s };
+        for (valid_m_s, good) in
+            [((0.2, 30.0), true), ((0.0, 30.0), false), ((5.0, 1.0), false), ((1.0, f64::NAN), false)]
+        {
+            config.tracking.shaft_speed = Some(curve(valid_m_s));
+            assert_eq!(config.validate().is_ok(), good, "{valid_m_s:?}");
+        }
+    }
+
+    #[test]
+    fn the_vessels_depth_is_one_value() {
+        let motion = |depth: &str| {
+            let text = GOOD.replace("[array]\n", &format!("[array]\nvessel_depth_m = {depth}\n"));
+            seabearing_core::passage::Config::of_station(&parse(&text).unwrap().config)
+        };
+        assert_eq!((motion("4.0").medium.height_m, motion("9.0").medium.height_m), (164.0, 159.0));
+    }
+
+    #[test]
     fn wrong_files_name_key_and_line() {
         let e = parse(&GOOD.replace("rate_hz", "rate_khz")).unwrap_err().to_string();
         assert!(e.contains("rate_khz") && e.contains("line 9"), "{e}");
