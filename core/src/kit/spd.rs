@@ -1,10 +1,11 @@
 //! Small symmetric positive definite matrices: Cholesky factor, solution, inverse, quadratic forms.
 //!
-//! In: a symmetric matrix whose upper and lower triangles agree (only the lower one is read by the factor). Out: what is
-//! asked, or `None` where the matrix is singular to working precision or not finite. Cost: N³/6 multiplications for the
-//! factor, N² for a solution; N is 2 to 12.
+//! In: a symmetric matrix whose upper and lower triangles agree (only one is read by the factor). Out: what is asked, or
+//! `None` where the matrix is singular to working precision or not finite. Cost: N³/6 multiplications for the factor, N²
+//! for a solution; N is 2 to 12. Factor and solution are nalgebra's, which link without a panic path.
 
 use crate::math::f64 as m;
+use nalgebra::{SMatrix, SVector};
 
 /// A symmetric N×N matrix; only products keep it so, the type does not check.
 pub type Square<const N: usize> = [[f64; N]; N];
@@ -23,29 +24,24 @@ pub struct Factor<const N: usize> {
 impl<const N: usize> Factor<N> {
     /// Factorises `a`; `None` where it is singular to working precision ([`LEAST_PIVOT`]) or not finite.
     pub fn new(a: &Square<N>) -> Option<Self> {
-        let usable = |left: f64, whole: f64| left > LEAST_PIVOT * whole && left.is_finite();
-        triangle(a, |left, whole| usable(left, whole).then(|| m::sqrt(left))).map(|lower| Self { lower })
+        // Rows are taken for columns and back: the matrix is symmetric.
+        let lower: Square<N> = SMatrix::from(*a).cholesky()?.l().transpose().into();
+        for (i, row) in lower.iter().enumerate() {
+            let left = row[i] * row[i];
+            if !(left > LEAST_PIVOT * a[i][i] && left.is_finite()) {
+                return None;
+            }
+        }
+        Some(Self { lower })
     }
 
     /// Solves `A x = b`.
     pub fn solve(&self, b: &[f64; N]) -> [f64; N] {
-        let l = &self.lower;
-        let mut x = *b;
-        for i in 0..N {
-            let mut sum = x[i];
-            for k in 0..i {
-                sum -= l[i][k] * x[k];
-            }
-            x[i] = sum / l[i][i];
-        }
-        for i in (0..N).rev() {
-            let mut sum = x[i];
-            for k in i + 1..N {
-                sum -= l[k][i] * x[k];
-            }
-            x[i] = sum / l[i][i];
-        }
-        x
+        let l = SMatrix::from(self.lower).transpose();
+        let mut x = SVector::from(*b);
+        l.solve_lower_triangular_mut(&mut x);
+        l.tr_solve_lower_triangular_mut(&mut x);
+        x.into()
     }
 
     /// Determinant of `A`.
@@ -72,28 +68,24 @@ impl<const N: usize> Factor<N> {
 /// Triangular root of a positive *semi*definite matrix: as the factor, but a direction without spread (a parameter that is
 /// known) has a zero column instead of being refused.
 pub fn root<const N: usize>(a: &Square<N>) -> Square<N> {
-    triangle(a, |left, _| Some(m::sqrt(left.max(0.0)))).unwrap_or([[0.0; N]; N])
-}
-
-/// The triangle `L` of `A = L Lᵀ`, its diagonal by `pivot` from what is left of the diagonal element and its whole.
-#[inline]
-fn triangle<const N: usize>(a: &Square<N>, pivot: impl Fn(f64, f64) -> Option<f64>) -> Option<Square<N>> {
     let mut l = [[0.0; N]; N];
     for i in 0..N {
-        for j in 0..i {
+        for j in 0..=i {
             let mut sum = a[i][j];
             for k in 0..j {
                 sum -= l[i][k] * l[j][k];
             }
-            l[i][j] = if l[j][j] > 0.0 { sum / l[j][j] } else { 0.0 };
+            let pivot = l[j][j];
+            l[i][j] = if i == j {
+                m::sqrt(sum.max(0.0))
+            } else if pivot > 0.0 {
+                sum / pivot
+            } else {
+                0.0
+            };
         }
-        let mut sum = a[i][i];
-        for k in 0..i {
-            sum -= l[i][k] * l[i][k];
-        }
-        l[i][i] = pivot(sum, a[i][i])?;
     }
-    Some(l)
+    l
 }
 
 /// Inverse of `a`; `None` where it is singular or not finite.
