@@ -25,7 +25,7 @@ impl<const N: usize> Factor<N> {
     /// Factorises `a`; `None` where it is singular to working precision ([`LEAST_PIVOT`]) or not finite.
     pub fn new(a: &Square<N>) -> Option<Self> {
         // Rows are taken for columns and back: the matrix is symmetric.
-        let lower: Square<N> = SMatrix::from(*a).cholesky()?.l().transpose().into();
+        let lower: Square<N> = SMatrix::<f64, N, N>::from(*a).cholesky()?.l().transpose().into();
         for (i, row) in lower.iter().enumerate() {
             let left = row[i] * row[i];
             if !(left > LEAST_PIVOT * a[i][i] && left.is_finite()) {
@@ -37,8 +37,8 @@ impl<const N: usize> Factor<N> {
 
     /// Solves `A x = b`.
     pub fn solve(&self, b: &[f64; N]) -> [f64; N] {
-        let l = SMatrix::from(self.lower).transpose();
-        let mut x = SVector::from(*b);
+        let l = SMatrix::<f64, N, N>::from(self.lower).transpose();
+        let mut x = SVector::<f64, N>::from(*b);
         l.solve_lower_triangular_mut(&mut x);
         l.tr_solve_lower_triangular_mut(&mut x);
         x.into()
