@@ -3,7 +3,7 @@
 //! A difference is an error. Where it is meant, `INSTA_UPDATE=always cargo test -p seabearing-tests --test tables` keeps
 //! the new table. Errors are rounded to two digits, so that another compiler's rounding does not change them.
 
-use seabearing::ocean_bottom::scenario::{Burst, Scenario, Ship, Whale};
+use seabearing::ocean_bottom::scenario::{Burst, Scenario, Side, Straight, Vessel, Whale};
 use seabearing::propagation::{Propagation, bottom::Bottom, profile::Profile, trace};
 use seabearing::reproduce::bearing_limit::station;
 use seabearing::reproduce::bearing_limit_source::{Ambient, Sounder, exact_arrivals};
@@ -33,15 +33,12 @@ fn traced() -> Propagation {
     trace::trace("subtropical", &profile, &Bottom::default(), 140.0, 715, || ())
 }
 
-fn ship(name: &str, hour: f64, cpa_range_m: f64, heading_deg: f64, speed_m_s: f64) -> Ship {
+fn vessel(name: &str, hour: f64, cpa_range_m: f64, heading_deg: f64, speed_m_s: f64) -> Vessel {
     let cpa_time_s = hour * HOUR_S;
-    Ship {
+    let side = if heading_deg > 180.0 { Side::Starboard } else { Side::Port };
+    Vessel {
         name: name.into(),
-        cpa_time_s,
-        cpa_range_m,
-        heading_deg,
-        speed_m_s,
-        starboard: heading_deg > 180.0,
+        straight: Straight { cpa_time_s, cpa_range_m, heading_deg, speed_m_s, side },
         active_s: [cpa_time_s - 2.5 * HOUR_S, cpa_time_s + 2.5 * HOUR_S],
         radiation: Default::default(),
     }
@@ -50,10 +47,10 @@ fn ship(name: &str, hour: f64, cpa_range_m: f64, heading_deg: f64, speed_m_s: f6
 /// A day: three vessels, one whale, one earthquake.
 fn day() -> Scenario {
     Scenario {
-        ship: vec![
-            ship("near", 3.5, 6_000.0, 60.0, 7.0),
-            ship("middle", 11.0, 11_000.0, 200.0, 9.0),
-            ship("far", 19.0, 18_000.0, 310.0, 6.0),
+        vessels: vec![
+            vessel("near", 3.5, 6_000.0, 60.0, 7.0),
+            vessel("middle", 11.0, 11_000.0, 200.0, 9.0),
+            vessel("far", 19.0, 18_000.0, 310.0, 6.0),
         ],
         fin_whale: vec![Whale {
             azimuth_deg: 40.0,
@@ -106,7 +103,7 @@ fn a_day_at_the_bottom_of_the_ocean() {
         .unwrap();
     }
     // While no vessel sounds; a window reaches 90 s to either side.
-    let ships = day().ship;
+    let ships = day().vessels;
     let quiet = |index: u64| {
         let t = index as f64 / 50.0;
         ships.iter().all(|s| t < s.active_s[0] - 120.0 || t > s.active_s[1] + 120.0)
