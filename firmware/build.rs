@@ -18,8 +18,10 @@ fn main() {
     fs::write(out.join("board.x"), board).expect("OUT_DIR is writable");
     fs::copy("../memory.x", out.join("memory.x")).expect("memory.x stands beside the workspace's Cargo.toml");
     println!("cargo:rustc-link-search={}", out.display());
-    println!("cargo:rustc-link-arg-bins=--nmagic");
-    println!("cargo:rustc-link-arg-bins=-Tlink.x");
+    for kind in ["bins", "examples"] {
+        println!("cargo:rustc-link-arg-{kind}=--nmagic");
+        println!("cargo:rustc-link-arg-{kind}=-Tlink.x");
+    }
     if env::var_os("CARGO_FEATURE_DEFMT").is_some() {
         println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
     }

@@ -11,19 +11,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let config = StationConfig::array(64_000.0, HYDROPHONES_M);
     let mut memory = Box::new(Memory::new());
     let mut recorder = memory.configure(&config, None)?;
-    let (east, north) = 60f64.to_radians().sin_cos();
     // How many samples before the array's middle a hydrophone hears it, from 100 on.
-    let lead = HYDROPHONES_M.map(|[x, y, _]| (100.5 + (x * east + y * north) / 1484.0 * 64e3) as i64);
-    let noise = |n: i64| ((n as f64 * 12.9898).sin() * 43_758.547).fract() * 1e5;
+    let lead = HYDROPHONES_M.map(|[x, y, _]| (100.5 + (x * 0.866 + y * 0.5) / 1484.0 * 64e3) as u32);
+    let noise = |n: u32| (n.wrapping_mul(n ^ 0x9E37_79B9).wrapping_mul(0x85EB_CA6B) as i32) >> 14;
     let mut print = |message: &Message| {
         if let Message::Bearing(b) = message {
-            println!("{:5.1} s {:6.2}°", b.index as f64 / 64_000.0, b.azimuth.to_degrees());
+            println!("{:.1} s {:.2}°", b.index as f32 / 64e3, b.azimuth.to_degrees());
         }
     };
-    for first_index in (0..320_000).step_by(500) {
-        let heard = |n: i64, c: usize| (noise(n + lead[c]) + 0.1 * noise(-4 * n - c as i64)) as i32;
-        let frames: Vec<_> = (0..500).map(|i| [0, 1, 2, 3].map(|c| heard(first_index + i, c))).collect();
-        recorder.push(Block { first_index: first_index as u64, frames: &frames }, &mut print);
+    for first in (0..320_000).step_by(500) {
+        let heard = |n: u32, c: usize| noise(n + lead[c]) + noise(!(4 * n + c as u32)) / 8;
+        let frames: [_; 500] = std::array::from_fn(|i| [0, 1, 2, 3].map(|c| heard(first + i as u32, c)));
+        recorder.push(Block { first_index: first.into(), frames: &frames }, &mut print);
     }
     recorder.finish(&mut print);
     Ok(())

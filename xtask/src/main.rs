@@ -2,6 +2,7 @@
 
 mod budget;
 mod elf;
+mod example;
 mod firmware;
 mod lines;
 mod panic_free;
@@ -22,6 +23,7 @@ cargo xtask TASK
   test --random N property tests with other cases than always, N times as many; counterexamples are kept as FILE.cases
   setup           install what is missing: the Rust target (or a compiler that can build it) and QEMU
   build-firmware  [--board mps2-an500|stm32h743|all] [--station STATION.toml]
+  example         run the core's example on the host and, in QEMU, on the target; they print the same
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
   panic-free      link the recorder with a panic handler that cannot be linked
   lines           [REVISION]  lines of code outside tests, package by package
@@ -55,6 +57,7 @@ fn run(arguments: &[String]) -> Result<()> {
             [flag] if flag == "--bless" => budget::bless(&toolchain::Toolchain::find()?),
             _ => bail!("budget takes nothing, or --bless"),
         },
+        "example" => example::check(&toolchain::Toolchain::find()?),
         "flash" => firmware::flash(options),
         "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
         "check" => process::check(),

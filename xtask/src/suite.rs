@@ -3,7 +3,7 @@
 use crate::firmware::{self, EMULATED, HARDWARE, HARDWARE_LOGGING};
 use crate::process::{cargo, host, output, run, say, use_what_the_tests_built};
 use crate::toolchain::{self, Toolchain};
-use crate::{budget, panic_free, root, scenario};
+use crate::{budget, example, panic_free, root, scenario};
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -124,6 +124,7 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     let mut tests = suite.tests(&names);
     tests.env("SEABEARING_EMULATED", "now");
     suite.step("samples over the emulated serial line; commands", || run(&mut tests, "emulated tests"));
+    suite.step("the core's example, on the target as on the host", || example::check(toolchain));
     suite.step("panic freedom", || panic_free::check(toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(toolchain));
     suite.step("stm32h743 links within memory.x", || {
