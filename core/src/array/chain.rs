@@ -38,7 +38,7 @@ pub struct State {
     previous: Kept,
     memory: Memory,
     shaft: demon::State,
-    shaft_report: Slot<demon::Report>,
+    shaft_report: Slot<demon::RateReport>,
 }
 
 /// Work space without memory between calls (about 28 KiB).
@@ -92,7 +92,7 @@ impl State {
     }
 
     /// What the newest analysis for a shaft rate said, once; one falls due every `update_s` of good samples.
-    pub fn take_shaft_report(&mut self) -> Option<demon::Report> {
+    pub fn take_shaft_report(&mut self) -> Option<demon::RateReport> {
         match core::mem::replace(&mut self.shaft_report, Slot::Empty) {
             Slot::Full(report) => Some(report),
             Slot::Empty => None,

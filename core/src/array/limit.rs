@@ -52,19 +52,13 @@ pub fn angle_limit(
     let e = wavefront::tangents(&u);
     let g1 = wavefront::gradient(geometry, &u, &e.0, curvature as f32);
     let g2 = wavefront::gradient(geometry, &u, &e.1, curvature as f32);
-    let scale = arrival_information;
-    let (a, b, d) = wavefront::information(&g1, &g2);
-    let (a, b, d) = (f64::from(a) * scale, f64::from(b) * scale, f64::from(d) * scale);
-    let determinant = a * d - b * b;
+    let (first, cross, second) = wavefront::inverse(wavefront::information(&g1, &g2))?;
     let cos = m::cos(elevation);
-    if determinant <= 0.0 || determinant.is_nan() || cos < 1e-6 {
+    if !(arrival_information > 0.0 && cos > 1e-6) {
         return None;
     }
-    Some(AngleLimit {
-        var_azimuth: d / determinant / (cos * cos),
-        var_elevation: a / determinant,
-        cov: -b / determinant / cos,
-    })
+    let of = |x: f32| f64::from(x) / arrival_information;
+    Some(AngleLimit { var_azimuth: of(first) / (cos * cos), var_elevation: of(second), cov: of(cross) / cos })
 }
 
 #[cfg(test)]

@@ -278,11 +278,11 @@ pub(crate) fn refine(
             b1 -= slope * a;
             b2 -= slope * b;
         }
-        let determinant = h11 * h22 - h12 * h12;
-        if !(bend > 0.0 && determinant > 0.0) {
+        if !(bend > 0.0) {
             return None;
         }
-        let mut step = [(h22 * b1 - h12 * b2) / determinant, (h11 * b2 - h12 * b1) / determinant];
+        let (i11, i12, i22) = wavefront::inverse((h11, h12, h22))?;
+        let mut step = [i11 * b1 + i12 * b2, i12 * b1 + i22 * b2];
         // A step beyond the peak's own width means the quadratic model does not hold: go part of the way.
         let length = m::sqrt(step[0] * step[0] + step[1] * step[1]);
         if length > band.resolution {

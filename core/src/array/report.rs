@@ -39,16 +39,12 @@ pub(super) fn bearing(
     let curvature = context.curvature(direction);
     let g1 = wavefront::gradient(&plan.geometry, direction, &e.0, curvature);
     let g2 = wavefront::gradient(&plan.geometry, direction, &e.1, curvature);
-    let (i11, i12, i22) = wavefront::information(&g1, &g2);
-    let determinant = i11 * i22 - i12 * i12;
-    if determinant <= 0.0 || determinant.is_nan() {
-        return None;
-    }
+    let (first, cross, second) = wavefront::inverse(wavefront::information(&g1, &g2))?;
     let residual = found.refined.pair_delay.iter().zip(&found.tau);
     let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / PAIR_COUNT as f32;
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
-    let scale = (variance.arrival + unexplained) / determinant;
+    let scale = variance.arrival + unexplained;
     let (azimuth, elevation) = wavefront::angles(direction);
     // A step along the horizontal tangent turns the azimuth by 1/cos β; at the zenith azimuth means nothing.
     let widen = 1.0 / e.1[2].max(1e-3);
@@ -63,9 +59,9 @@ pub(super) fn bearing(
         index: context.index,
         azimuth,
         elevation,
-        var_azimuth: (scale * i22 * widen * widen).min(most),
-        var_elevation: (scale * i11 + image * image).min(most),
-        cov: (-scale * i12 * widen).clamp(-most, most),
+        var_azimuth: (scale * first * widen * widen).min(most),
+        var_elevation: (scale * second + image * image).min(most),
+        cov: (scale * cross * widen).clamp(-most, most),
         snr_db: math::db(mean / (1.0 - mean)),
         // A misfit of half as much again as noise explains costs nothing.
         quality: agreeing * (1.5 / misfit.max(1.5)),

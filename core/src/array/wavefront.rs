@@ -89,6 +89,12 @@ pub fn information(g1: &[f32; CHANNELS], g2: &[f32; CHANNELS]) -> (f32, f32, f32
     (sum(g1, g1), sum(g1, g2), sum(g2, g2))
 }
 
+/// Inverse of a symmetric matrix of two rows, (first, cross, second) as it enters; `None` unless it is positive definite.
+pub fn inverse(m: (f32, f32, f32)) -> Option<(f32, f32, f32)> {
+    let determinant = m.0 * m.2 - m.1 * m.1;
+    (determinant > 0.0).then(|| (m.2 / determinant, -m.1 / determinant, m.0 / determinant))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

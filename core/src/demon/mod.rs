@@ -2,7 +2,7 @@
 //!
 //! Propeller cavitation is louder each time a blade passes the hull's wake, so the *power* of a vessel's broadband
 //! noise swings at the blade rate (and, as no two blades are alike, at the shaft rate). In: the band's power of each frame of
-//! the array chain, one hydrophone. Out: every few seconds a [`Report`]: a [`Rate`] with its uncertainty and false-alarm
+//! the array chain, one hydrophone. Out: every few seconds a [`RateReport`]: a [`Rate`] with its uncertainty and false-alarm
 //! bound, or the reason why not.
 //!
 //! Chain: power of a frame's bins above the corner → logarithm (a modulation of the power becomes a sum) → decimating low-pass to
@@ -158,7 +158,7 @@ pub enum NoRate {
 
 /// The answer for the 30 s up to the frame at `index`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report {
+pub struct RateReport {
     /// Sample index of the newest frame's first sample.
     pub index: u64,
     /// The rate, or why there is none.
@@ -174,7 +174,7 @@ pub fn frame(
     scratch: &mut Scratch,
     index: u64,
     power: f32,
-) -> Option<Report> {
+) -> Option<RateReport> {
     state.since_report += state.envelope.take(&config.envelope, index, power);
     if state.since_report < config.update {
         return None;
@@ -184,7 +184,7 @@ pub fn frame(
         Some(spectrum) => config.search.best(spectrum).ok_or(NoRate::Unmodulated),
         None => Err(NoRate::NotEnoughData),
     };
-    Some(Report { index, rate })
+    Some(RateReport { index, rate })
 }
 
 #[cfg(test)]

@@ -31,7 +31,7 @@ fn recording_at(sampled_hz: f64, frames: u64, rate_hz: f64, depth: f64, seed: u6
         .collect()
 }
 
-fn run(config: &Config, state: &mut State, first_frame: u64, powers: &[f32]) -> Vec<Report> {
+fn run(config: &Config, state: &mut State, first_frame: u64, powers: &[f32]) -> Vec<RateReport> {
     let mut scratch = EMPTY_SCRATCH;
     let numbered = (first_frame..).zip(powers);
     numbered.filter_map(|(n, power)| frame(config, state, &mut scratch, n * HOP, *power)).collect()

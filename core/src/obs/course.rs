@@ -14,7 +14,7 @@ use crate::math;
 pub const N: usize = STATE;
 
 /// A square matrix of that size.
-pub type Matrix = Square<N>;
+pub type CourseCovariance = Square<N>;
 
 /// A course.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,7 +98,7 @@ impl Course {
 
     /// Its closest point and the covariance of (time, range, heading, speed) that follows from `cov` of the parameters;
     /// `None` for a vessel that does not move.
-    pub fn closest(&self, cov: &Matrix) -> Option<(Closest, Matrix)> {
+    pub fn closest(&self, cov: &CourseCovariance) -> Option<(Closest, CourseCovariance)> {
         let a = kit::closest(self.p)?;
         let time_s = self.t0_s + a.after_s;
         let closest = Closest { time_s, range_m: a.range_m, heading: a.heading, speed_m_s: a.speed_m_s };
@@ -106,7 +106,7 @@ impl Course {
     }
 
     /// Covariance of the place at a time.
-    pub fn place_covariance(&self, cov: &Matrix, t_s: f64) -> (f64, f64, f64) {
+    pub fn place_covariance(&self, cov: &CourseCovariance, t_s: f64) -> (f64, f64, f64) {
         let dt = t_s - self.t0_s;
         let [[xx, xy], [_, yy]] = propagated(&[[1.0, 0.0, dt, 0.0], [0.0, 1.0, 0.0, dt]], cov);
         (xx, yy, xy)

@@ -31,8 +31,8 @@ struct RangeMark {
 }
 
 impl AzimuthMark {
-    fn view(&self) -> Direction {
-        Direction {
+    fn view(&self) -> AzimuthEvidence {
+        AzimuthEvidence {
             azimuth: f64::from(self.azimuth) * (math::f64::TAU / 65_536.0),
             sd: f64::from(self.sd) * 1e-4,
         }
@@ -40,8 +40,8 @@ impl AzimuthMark {
 }
 
 impl RangeMark {
-    fn view(&self) -> Distance {
-        Distance {
+    fn view(&self) -> RangeEvidence {
+        RangeEvidence {
             range_m: f64::from(self.range),
             sd_m: f64::from(self.sd) * 8.0,
             speed_m_s: f64::from(self.speed) / 8.0,
@@ -62,7 +62,7 @@ pub struct Minute {
 
 /// A direction as the fit sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct Direction {
+pub struct AzimuthEvidence {
     /// Azimuth, rad.
     pub azimuth: f64,
     /// Standard deviation, rad.
@@ -71,7 +71,7 @@ pub struct Direction {
 
 /// A range as the fit sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct Distance {
+pub struct RangeEvidence {
     /// Range, m.
     pub range_m: f64,
     /// Standard deviation, m.
@@ -118,8 +118,8 @@ impl Minute {
     /// The same without the modes for which the tests say true.
     pub fn without(
         mut self,
-        direction: impl Fn(&Direction) -> bool,
-        distance: impl Fn(&Distance) -> bool,
+        direction: impl Fn(&AzimuthEvidence) -> bool,
+        distance: impl Fn(&RangeEvidence) -> bool,
     ) -> Self {
         for mark in &mut self.azimuth {
             if mark.sd > 0 && direction(&mark.view()) {
@@ -135,12 +135,12 @@ impl Minute {
     }
 
     /// Its directions.
-    pub fn directions(&self) -> impl Iterator<Item = Direction> + '_ {
+    pub fn directions(&self) -> impl Iterator<Item = AzimuthEvidence> + '_ {
         self.azimuth.iter().filter(|m| m.sd > 0).map(AzimuthMark::view)
     }
 
     /// Its ranges.
-    pub fn distances(&self) -> impl Iterator<Item = Distance> + '_ {
+    pub fn distances(&self) -> impl Iterator<Item = RangeEvidence> + '_ {
         self.range.iter().filter(|m| m.sd > 0).map(RangeMark::view)
     }
 }

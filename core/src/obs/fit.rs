@@ -7,8 +7,8 @@
 //! Assumes: windows of three minutes overlap and the range posterior remembers, so a minute counts a third.
 //! Cost: 700 instructions a minute of evidence and step.
 
-use super::course::{Course, Matrix};
-use super::evidence::{Direction, Distance, Minute};
+use super::course::{Course, CourseCovariance};
+use super::evidence::{AzimuthEvidence, Minute, RangeEvidence};
 use super::travel::TravelTime;
 use crate::angle::wrap_pi;
 use crate::kit::{Normal, spd};
@@ -52,7 +52,7 @@ fn together(a: f64, b: f64) -> f64 {
 }
 
 /// Ratio of a direction's density at the course's to uniform, and the residual.
-fn direction_ratio(d: &Direction, azimuth: f64) -> (f64, f64, f64) {
+fn direction_ratio(d: &AzimuthEvidence, azimuth: f64) -> (f64, f64, f64) {
     let sd = together(d.sd, EXTRA_AZIMUTH);
     let e = wrap_pi(d.azimuth - azimuth);
     let z = e / sd;
@@ -60,7 +60,7 @@ fn direction_ratio(d: &Direction, azimuth: f64) -> (f64, f64, f64) {
 }
 
 /// Ratio of a range's density at the course's to uniform.
-fn distance_ratio(d: &Distance, range_m: f64, speed_m_s: f64) -> f64 {
+fn distance_ratio(d: &RangeEvidence, range_m: f64, speed_m_s: f64) -> f64 {
     let (sr, sv) = spreads(d);
     let (zr, zv) = ((d.range_m - range_m) / sr, (d.speed_m_s - speed_m_s) / sv);
     let z = zr * zr + zv * zv;
@@ -70,18 +70,18 @@ fn distance_ratio(d: &Distance, range_m: f64, speed_m_s: f64) -> f64 {
     d.weight * UNIFORM.0 * UNIFORM.1 / (math::f64::TAU * sr * sv) * math::f64::exp(-0.5 * z)
 }
 
-fn spreads(d: &Distance) -> (f64, f64) {
+fn spreads(d: &RangeEvidence) -> (f64, f64) {
     (together(d.sd_m, EXTRA_RANGE_M), together(d.sd_speed_m_s, EXTRA_SPEED_M_S))
 }
 
 /// Whether a direction is better explained by a vessel at `azimuth` than by none.
-pub fn explains_direction(d: &Direction, azimuth: f64) -> bool {
+pub fn explains_direction(d: &AzimuthEvidence, azimuth: f64) -> bool {
     direction_ratio(d, azimuth).0 > 0.3
 }
 
 /// Whether a range is better explained by a vessel at that range and radial speed than by none.
-pub fn explains_distance(d: &Distance, range_m: f64, speed_m_s: f64) -> bool {
-    distance_ratio(&Distance { weight: 1.0, ..*d }, range_m, speed_m_s) > 0.1
+pub fn explains_distance(d: &RangeEvidence, range_m: f64, speed_m_s: f64) -> bool {
+    distance_ratio(&RangeEvidence { weight: 1.0, ..*d }, range_m, speed_m_s) > 0.1
 }
 
 /// Best direction of a minute for an azimuth: ratio, residual, spread.
@@ -90,7 +90,7 @@ fn best_direction(m: &Minute, azimuth: f64) -> Option<(f64, f64, f64)> {
 }
 
 /// Best range of a minute: ratio and the mode.
-fn best_distance(m: &Minute, range_m: f64, speed_m_s: f64) -> Option<(f64, Distance)> {
+fn best_distance(m: &Minute, range_m: f64, speed_m_s: f64) -> Option<(f64, RangeEvidence)> {
     let ratios = m.distances().map(|d| (distance_ratio(&d, range_m, speed_m_s), d));
     ratios.max_by(|a, b| a.0.total_cmp(&b.0))
 }
@@ -136,7 +136,12 @@ const STEPS: usize = 12;
 const SPEED_SPREAD_M_S: f64 = 30.0;
 
 /// Refines a course; its covariance too. `None` where the evidence does not determine it.
-pub fn refine<I>(start: &Course, travel: &TravelTime, step_s: f64, minutes: I) -> Option<(Course, Matrix)>
+pub fn refine<I>(
+    start: &Course,
+    travel: &TravelTime,
+    step_s: f64,
+    minutes: I,
+) -> Option<(Course, CourseCovariance)>
 where
     I: Iterator<Item = Minute> + Clone,
 {

@@ -84,7 +84,7 @@ pub struct Expected {
 }
 
 /// What each tracked vessel is expected to show.
-pub type Known = [Option<Expected>; VESSELS];
+pub type ExpectedVessels = [Option<Expected>; VESSELS];
 
 /// Owner of cells that are no tracked vessel's.
 const UNCLAIMED: u8 = VESSELS as u8;
@@ -114,7 +114,7 @@ const EXPECTED_WITHIN_M: f32 = 1500.0;
 impl RangePresence {
     /// Puts the modes of tracked vessels first and drops those that only read a tracked vessel's echoes as another
     /// pair of paths.
-    pub fn prefer(&mut self, model: &Interference<'_>, expected: &Known) {
+    pub fn prefer(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
         let own = |m: &RangeMode| {
             expected.iter().flatten().any(|e| math::f32::abs(m.range_m - e.range_m) < EXPECTED_WITHIN_M)
         };
@@ -236,7 +236,7 @@ impl Presence {
 
     /// Divides the ranges among the vessels expected and one not tracked, and keeps at least `EXPECTED` of each
     /// tracked vessel's posterior where its track says it is.
-    pub fn claim(&mut self, model: &Interference<'_>, expected: &Known) {
+    pub fn claim(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
         let inside = |e: &Expected| e.range_m < CELL_M * self.cells as f32;
         let expected = expected.map(|e| e.filter(inside));
         let tracked = expected.map(|e| e.is_some());

@@ -3,7 +3,7 @@
 use super::cepstrum::noise_sd;
 use super::interference::Interference;
 use super::limits::{CELL_M, QUEFRENCIES, RANGE_CELLS, RANGE_STEP_M, SPEEDS};
-use super::presence::{Expected, Known, Presence, RangePresence};
+use super::presence::{Expected, ExpectedVessels, Presence, RangePresence};
 use super::radial::{RadialScratch, coded};
 use super::shared::{Grid, Shared};
 use super::table::{Table, blob_bytes};
@@ -33,7 +33,7 @@ fn run(tracked: bool) -> RangePresence {
     for minute in 0..30 {
         let t = 60.0 * minute as f32;
         let (strong_m, weak_m) = (12_000.0 + 6.0 * t, 40_000.0 - 5.0 * t);
-        let mut known = Known::default();
+        let mut known = ExpectedVessels::default();
         if tracked && minute >= 10 {
             known[0] = Some(Expected { range_m: strong_m, speed_m_s: 6.0, established: true });
         }

@@ -6,7 +6,7 @@
 //! Cost: at most 45 pairs × (12 × 12) cheap tests, a few hundred scores.
 
 use super::course::Course;
-use super::evidence::{Direction, Distance, Minute};
+use super::evidence::{AzimuthEvidence, Minute, RangeEvidence};
 use super::fit::{Score, score};
 use super::travel::TravelTime;
 use crate::math;
@@ -56,7 +56,7 @@ where
 }
 
 /// Every direction with every range of a minute.
-fn ends(m: &Minute) -> impl Iterator<Item = (Direction, Distance)> + '_ {
+fn ends(m: &Minute) -> impl Iterator<Item = (AzimuthEvidence, RangeEvidence)> + '_ {
     m.directions().flat_map(|d| m.distances().map(move |r| (d, r)))
 }
 
@@ -65,17 +65,17 @@ fn join(
     travel: &TravelTime,
     step_s: f64,
     a: &Minute,
-    first: &(Direction, Distance),
+    first: &(AzimuthEvidence, RangeEvidence),
     b: &Minute,
-    second: &(Direction, Distance),
+    second: &(AzimuthEvidence, RangeEvidence),
 ) -> Option<Course> {
-    let place = |m: &Minute, (d, r): &(Direction, Distance)| {
+    let place = |m: &Minute, (d, r): &(AzimuthEvidence, RangeEvidence)| {
         let (s, c) = math::f64::sin_cos(d.azimuth);
         (step_s * f64::from(m.number) - travel.at(r.range_m), (r.range_m * s, r.range_m * c))
     };
     let course = Course::through(place(a, first), place(b, second))?;
     let v = course.speed_m_s();
-    let fits = |m: &Minute, r: &Distance| {
+    let fits = |m: &Minute, r: &RangeEvidence| {
         let seen = course.seen(travel, step_s * f64::from(m.number));
         math::f64::abs(seen.speed_m_s - r.speed_m_s) < 1.0 + 2.5 * r.sd_speed_m_s
     };

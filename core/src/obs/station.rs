@@ -16,7 +16,7 @@ use super::impulsive::{self, Call};
 use super::limits::{QUEFRENCIES, WINDOW_FRAMES};
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
-use super::presence::{Known, Presence, RangeMode, RangePresence};
+use super::presence::{ExpectedVessels, Presence, RangeMode, RangePresence};
 use super::radial::RadialScratch;
 use super::row::Row;
 use super::segment::Segmenter;
@@ -339,7 +339,8 @@ impl State {
         if let Some(call) = &call {
             directions.attribute(call.azimuth, plan.band.bins);
         }
-        let expected = if plan.paper { Known::default() } else { self.tracker.expected(plan, k as u32) };
+        let expected =
+            if plan.paper { ExpectedVessels::default() } else { self.tracker.expected(plan, k as u32) };
         let frames = || {
             let used = self.kept.iter().filter(|k| k.used);
             used.map(|k| (offset_s(k.label) as f32, k.cepstrum.iter().map(|c| f32::from(*c) * CEPSTRUM_UNIT)))

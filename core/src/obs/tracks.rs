@@ -5,12 +5,12 @@
 //! hidden from the search for the next, the best explained first. A track is abandoned for a better course whenever one is found, which undoes
 //! early locks on a wrong branch. Cost: below 40 M instructions every five minutes, none between.
 
-use super::course::{Course, Matrix};
+use super::course::{Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
-use super::presence::{Expected, Known};
+use super::presence::{Expected, ExpectedVessels};
 use super::search::search;
 use super::travel::TravelTime;
 use crate::angle::wrap_tau;
@@ -55,7 +55,7 @@ const LEAST_KNOWN_M: f64 = 5_000.0;
 struct Live {
     id: u16,
     course: Course,
-    covariance: Matrix,
+    covariance: CourseCovariance,
     score: Score,
     /// First and last minute it explains.
     from: u32,
@@ -161,7 +161,7 @@ impl Tracker {
     }
 
     /// Where each vessel is expected to be seen in a minute.
-    pub fn expected(&self, plan: &Plan<'_>, minute: u32) -> Known {
+    pub fn expected(&self, plan: &Plan<'_>, minute: u32) -> ExpectedVessels {
         self.live.map(|live| {
             let live = live?;
             let s = live.course.seen(&plan.travel, STEP_S * f64::from(minute));

@@ -4,18 +4,18 @@
 //! and a measured speed for the track it belongs to. A rate is told at the recorder's next look at the time, so that its
 //! place among the other messages does not depend on how samples are cut into blocks.
 
-use crate::demon::{Reading, Report, SpeedCurve};
+use crate::demon::{RateReport, Reading, SpeedCurve};
 use crate::traffic;
 use crate::wire::{Message, ShaftRate};
 
 /// Tells a rate and gives its speed by the station's curve to the only vessel there is.
 pub(super) fn tell(
     curve: Option<&SpeedCurve>,
-    report: &Report,
+    report: &RateReport,
     vessels: &mut traffic::State,
     sink: &mut dyn FnMut(&Message),
 ) {
-    let Report { index, rate: Ok(rate) } = *report else { return };
+    let RateReport { index, rate: Ok(rate) } = *report else { return };
     let speed = match curve.map(|curve| curve.speeds(&rate)) {
         Some([Some(one), None] | [None, Some(one)]) => Some(one),
         _ => None,
