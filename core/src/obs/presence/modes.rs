@@ -1,0 +1,154 @@
+//! The peaks of the posterior over range and radial speed, as measurements with a spread.
+
+use super::super::interference::Interference;
+use super::super::limits::{CELL_M, RANGE_MODES};
+use super::super::radial::{GRID_UNIT, speed_of};
+use super::super::shared::Grid;
+use super::{ExpectedVessels, OWNERS, Presence, RangePresence, Shown, of, range_of, unpack};
+use crate::math;
+
+/// Half width within which a mode is alone, cells (1.1 km).
+const ALONE: usize = 8;
+
+/// Half width of the moments of a mode, cells.
+const MODE_HALF: usize = 4;
+
+/// Natural logarithm of how much better than the prior a mode must be.
+const MODE_LOG_RATIO: f32 = 4.0;
+
+/// Log ratio this minute's own data must give a mode: what is only remembered is no measurement. Cells where not even a
+/// vessel is expected to reach it show nothing.
+pub(super) const LEAST_SUPPORT: f32 = 3.0;
+
+/// One mode of the posterior.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeMode {
+    /// Range, m.
+    pub range_m: f32,
+    /// Its standard deviation, m.
+    pub sd_range_m: f32,
+    /// Radial speed, m/s, positive when leaving.
+    pub speed_m_s: f32,
+    /// Its standard deviation, m/s.
+    pub sd_speed_m_s: f32,
+    /// Share of its vessel's posterior.
+    pub weight: f32,
+    /// Whether its vessel is more likely there than not.
+    pub detected: bool,
+}
+
+/// Range within which a mode is the vessel a track expects, m.
+pub(super) const EXPECTED_WITHIN_M: f32 = 1500.0;
+
+impl RangePresence {
+    /// Puts the modes of tracked vessels first and drops those that only read a tracked vessel's echoes as another
+    /// pair of paths.
+    pub fn prefer(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
+        let own = |m: &RangeMode| {
+            expected.iter().flatten().any(|e| math::f32::abs(m.range_m - e.range_m) < EXPECTED_WITHIN_M)
+        };
+        let mistaken =
+            |m: &RangeMode| expected.iter().flatten().any(|e| model.doubtful(m.range_m, e.range_m));
+        let old = self.modes;
+        let first = old.iter().flatten().filter(|m| own(m));
+        let rest = old.iter().flatten().filter(|m| !own(m) && !mistaken(m));
+        self.modes = [None; RANGE_MODES];
+        self.modes.iter_mut().zip(first.chain(rest)).for_each(|(slot, m)| *slot = Some(*m));
+    }
+}
+
+/// The best of a minute's log ratios at and next to a cell.
+fn support(grid: &Grid, i: usize, k: usize) -> f32 {
+    let near = grid.iter().skip(k.saturating_sub(1)).take(3);
+    let best = near.flat_map(|g| g.iter().skip(i.saturating_sub(1)).take(3)).max();
+    best.map_or(f32::NEG_INFINITY, |g| f32::from(*g) * GRID_UNIT)
+}
+
+impl Presence {
+    /// Best density over speed at a cell.
+    fn best(&self, i: usize) -> (usize, f32) {
+        self.density.iter().enumerate().fold((0, 0.0), |b, (k, c)| {
+            let p = c.get(i).copied().map_or(0.0, unpack);
+            if p > b.1 { (k, p) } else { b }
+        })
+    }
+
+    /// The highest peaks over range that are better than the prior by [`MODE_LOG_RATIO`].
+    pub(super) fn modes(
+        &self,
+        evidence: &mut [f32; OWNERS],
+        grid: &Grid,
+        shown: &Shown,
+    ) -> [Option<RangeMode>; RANGE_MODES] {
+        let mut found = [(0usize, 0usize, 0f32); RANGE_MODES];
+        let cells = self.owner.iter().zip(shown).enumerate().take(self.cells);
+        for (i, (owner, _)) in cells.filter(|(_, (_, shown))| **shown) {
+            let log_evidence = *of(evidence, *owner);
+            let (k, p) = self.best(i);
+            let prior = range_of(i) * self.prior_scale;
+            let unlikely = p <= 1e-36 || math::f32::ln(p / prior) + log_evidence < MODE_LOG_RATIO;
+            if unlikely || support(grid, i, k) < LEAST_SUPPORT {
+                continue;
+            }
+            // A peak close to a higher one already found is part of it; a lower one close by gives way.
+            let near = found.iter_mut().find(|f| f.2 > 0.0 && f.0.abs_diff(i) <= ALONE);
+            if let Some(f) = near {
+                if p > f.2 {
+                    *f = (i, k, p);
+                }
+                continue;
+            }
+            let least = found.iter_mut().min_by(|a, b| a.2.total_cmp(&b.2));
+            if let Some(f) = least
+                && p > f.2
+            {
+                *f = (i, k, p);
+            }
+        }
+        let mut out = [None; RANGE_MODES];
+        for slot in &mut out {
+            let highest = found.iter_mut().max_by(|a, b| a.2.total_cmp(&b.2));
+            if let Some((i, k, p)) = highest
+                && *p > 0.0
+            {
+                *slot = Some(self.moments(*i, *k));
+                *p = 0.0;
+            }
+        }
+        out
+    }
+
+    /// Mean and spread of the posterior about a peak.
+    fn moments(&self, i: usize, k: usize) -> RangeMode {
+        let (r0, v0) = (range_of(i), speed_of(k));
+        let (mut n, mut r, mut rr, mut v, mut vv) = (0f32, 0f32, 0f32, 0f32, 0f32);
+        let first = i.saturating_sub(MODE_HALF);
+        for (j, column) in self.density.iter().enumerate() {
+            if j.abs_diff(k) > 3 {
+                continue;
+            }
+            let dv = speed_of(j) - v0;
+            for (d, cell) in column.iter().enumerate().skip(first).take(2 * MODE_HALF + 1) {
+                let (p, dr) = (unpack(*cell), range_of(d) - r0);
+                n += p;
+                r += p * dr;
+                rr += p * dr * dr;
+                v += p * dv;
+                vv += p * dv * dv;
+            }
+        }
+        let n = n.max(1e-37);
+        let (r, v) = (r / n, v / n);
+        // The grid itself spreads by a twelfth of a step squared.
+        let var_r = (rr / n - r * r).max(0.0) + CELL_M * CELL_M / 12.0;
+        let var_v = (vv / n - v * v).max(0.0) + 1.0 / 12.0;
+        RangeMode {
+            range_m: r0 + r,
+            sd_range_m: math::f32::sqrt(var_r),
+            speed_m_s: v0 + v,
+            sd_speed_m_s: math::f32::sqrt(var_v),
+            weight: n.min(1.0),
+            detected: self.owner.get(i).is_some_and(|o| *of(&mut { self.present }, *o) > 0.5),
+        }
+    }
+}
