@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use seabearing_core::array::{self, Plan};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config::Kind;
-use seabearing_core::demon::{EMPTY_SCRATCH, NoRate, Rate, Report, Settings};
+use seabearing_core::demon::{EMPTY_SCRATCH, NoRate, Rate, RateReport, Settings};
 use std::fmt::Write as _;
 
 /// `seabearing reproduce shaft-rate`.
@@ -44,7 +44,7 @@ fn listen(
     seconds: f64,
     powers: Powers<'_>,
     rng: &mut ChaCha8Rng,
-    sink: &mut dyn FnMut(Report),
+    sink: &mut dyn FnMut(RateReport),
 ) -> Box<array::State> {
     let (mut state, mut scratch) = (Box::new(array::State::new()), Box::new(array::Scratch::new()));
     let mut frames = vec![[0; 4] as Frame; 640];
