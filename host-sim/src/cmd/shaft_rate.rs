@@ -6,7 +6,7 @@ use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::array;
 use seabearing_core::block::Block;
-use seabearing_core::demon::{self, NoRate, Reading, Report, SpeedCurve, VESSEL_SPEEDS_M_S};
+use seabearing_core::demon::{self, NoRate, RateReport, Reading, SpeedCurve, VESSEL_SPEEDS_M_S};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
@@ -102,7 +102,7 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 /// One report as a record.
-fn record(report: &Report, rate_hz: f64, curve: Option<&SpeedCurve>) -> Value {
+fn record(report: &RateReport, rate_hz: f64, curve: Option<&SpeedCurve>) -> Value {
     let t_s = report.index as f64 / rate_hz;
     match &report.rate {
         Err(reason) => {
@@ -137,7 +137,7 @@ fn reason_text(reason: NoRate) -> &'static str {
 }
 
 /// One report as a line for a person.
-fn line(report: &Report, rate_hz: f64, record: &Value) -> String {
+fn line(report: &RateReport, rate_hz: f64, record: &Value) -> String {
     let t_s = report.index as f64 / rate_hz;
     match &report.rate {
         Err(reason) => format!("{t_s:8.1} s  {}", reason_text(*reason)),
