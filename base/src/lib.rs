@@ -11,7 +11,7 @@ pub mod view;
 use seabearing_host::{atomic, plot};
 
 use seabearing_core::wire::{
-    Bearing, Decoder, Fault, Health, Hello, Message, SCHEMA_HASH, Track, WIRE_VERSION,
+    Bearing, Decoder, DecoderCounters, Fault, Health, Hello, Message, SCHEMA_HASH, Track, WIRE_VERSION,
 };
 use seabearing_host::record::Recorder;
 use serde_json::Value;
@@ -29,20 +29,23 @@ const FAULTS: usize = 8;
 pub struct Counters {
     /// Bytes received.
     pub bytes: u64,
-    /// Frames decoded.
-    pub frames: u64,
-    /// Frames missing by their sequence numbers, within sessions (damaged ones included).
-    pub lost: u64,
-    /// Pieces of the stream discarded as damaged.
-    pub damaged: u64,
-    /// Whole frames of a message this version does not know.
-    pub unknown: u64,
-    /// Bytes that belonged to no good frame.
-    pub bytes_discarded: u64,
+    /// Frames decoded, lost (within sessions) and damaged, as the decoder counts them.
+    pub stream: DecoderCounters,
     /// Sessions: starts of the recorder heard, the first included.
     pub sessions: u32,
     /// Faults reported by the recorder.
     pub faults: u64,
+}
+
+impl std::fmt::Display for Counters {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let DecoderCounters { frames, lost, damaged, unknown, bytes_discarded, .. } = self.stream;
+        write!(
+            f,
+            "{frames} frames, {lost} lost, {damaged} damaged, {unknown} unknown; {} bytes, {bytes_discarded} discarded",
+            self.bytes
+        )
+    }
 }
 
 /// Identifies a track: the recorder numbers its tracks afresh in every session.
@@ -52,7 +55,7 @@ pub type TrackKey = (u32, u16);
 pub struct Base {
     decoder: Decoder,
     recorder: Recorder,
-    last_sequence: Option<u16>,
+    /// But for the stream's, which the decoder has.
     counters: Counters,
     hello: Option<Hello>,
     health: Option<Health>,
@@ -70,7 +73,6 @@ impl Base {
         Self {
             decoder: Decoder::default(),
             recorder: Recorder { rate_hz: rate_hz.unwrap_or(f64::NAN), start },
-            last_sequence: None,
             counters: Counters::default(),
             hello: None,
             health: None,
@@ -88,47 +90,27 @@ impl Base {
     /// Takes bytes; the records of the messages they completed are appended to `out`.
     pub fn push(&mut self, bytes: &[u8], out: &mut Vec<Value>) {
         self.counters.bytes += bytes.len() as u64;
-        let before = self.decoder.counters();
         for byte in bytes {
-            if let Some(received) = self.decoder.push::<Message>(*byte) {
-                self.take(received.sequence, &received.message, out);
+            let (before, newest) = (self.decoder.counters(), self.decoder.newest());
+            let Some(received) = self.decoder.push::<Message>(*byte) else { continue };
+            // The first frame of a recorder that has started, unless zero is the next number anyway.
+            let is_first = matches!(received.message, Message::Hello(_)) && received.sequence == 0;
+            if is_first && newest != Some(u16::MAX) {
+                self.decoder.begin_again(0, before);
+                self.counters.sessions += 1;
             }
+            self.take(received.sequence, &received.message, out);
         }
-        let after = self.decoder.counters();
-        self.counters.damaged += after.damaged - before.damaged;
-        self.counters.unknown += after.unknown - before.unknown;
-        self.counters.bytes_discarded += after.bytes_discarded - before.bytes_discarded;
     }
 
     /// The stream has ended for good: bytes of an unfinished frame are damage.
     pub fn end_stream(&mut self) {
-        let cut = self.decoder.pending() as u64;
-        if cut > 0 {
-            self.counters.damaged += 1;
-            self.counters.bytes_discarded += cut;
-            self.decoder = Decoder::default();
-        }
+        self.decoder.cut();
     }
 
     fn take(&mut self, sequence: u16, message: &Message, out: &mut Vec<Value>) {
-        self.counters.frames += 1;
-        let expected = self.last_sequence.map(|s| s.wrapping_add(1));
-        let mut newest = sequence;
-        let restarted = matches!(message, Message::Hello(_)) && sequence == 0 && expected != Some(0);
-        if restarted {
-            self.counters.sessions += 1;
-        } else if let Some(expected) = expected {
-            let missing = sequence.wrapping_sub(expected);
-            if missing >= 1 << 15 {
-                // One from before: it came twice, or late.
-                newest = expected.wrapping_sub(1);
-            } else {
-                self.counters.lost += u64::from(missing);
-            }
-        }
         // A stream joined in the middle belongs to a session, too.
         self.counters.sessions = self.counters.sessions.max(1);
-        self.last_sequence = Some(newest);
         let session = self.counters.sessions;
         self.ended = matches!(message, Message::End(_));
         match message {
@@ -198,7 +180,7 @@ impl Base {
 
     /// Counters so far.
     pub fn counters(&self) -> Counters {
-        self.counters
+        Counters { stream: self.decoder.counters(), ..self.counters }
     }
 
     /// Who speaks, once it said so.
@@ -271,12 +253,32 @@ mod tests {
         base.push(&session(3), &mut out);
         base.push(&session(2), &mut out);
         let c = base.counters();
-        assert_eq!((c.frames, c.lost, c.sessions, out.len()), (7, 0, 2, 7));
+        assert_eq!((c.stream.frames, c.stream.lost, c.sessions, out.len()), (7, 0, 2, 7));
         assert_eq!(out[2]["t_s"], 1.0);
         assert_eq!(
             (&out[5]["session"], &out[5]["sequence"], &out[5]["station"]),
             (&2.into(), &1.into(), &7.into())
         );
+    }
+
+    #[test]
+    fn what_a_new_session_lacks_is_counted_and_what_comes_late_is_not() {
+        let frames = |n: u64| -> Vec<Vec<u8>> {
+            session(n).split_inclusive(|b| *b == 0).map(<[u8]>::to_vec).collect()
+        };
+        let mut base = Base::new(None, None);
+        let first = frames(5);
+        // The fourth frame comes after the fifth.
+        for k in [0, 1, 2, 4, 3, 5] {
+            base.push(&first[k], &mut Vec::new());
+        }
+        assert_eq!(base.counters().stream.lost, 0);
+        let second = frames(4);
+        for k in [0, 1, 4] {
+            base.push(&second[k], &mut Vec::new());
+        }
+        let c = base.counters();
+        assert_eq!((c.sessions, c.stream.lost, c.stream.repeated), (2, 2, 0));
     }
 
     #[test]
@@ -286,7 +288,7 @@ mod tests {
         let mut out = Vec::new();
         let mut base = Base::new(None, None);
         base.push(&whole[first..], &mut out);
-        assert_eq!((out.len(), base.counters().sessions, base.counters().lost), (3, 1, 0));
+        assert_eq!((out.len(), base.counters().sessions, base.counters().stream.lost), (3, 1, 0));
         assert!(out[1]["t_s"].is_null());
         let mut base = Base::new(Some(500.0), None);
         base.push(&whole[first..], &mut out);
@@ -301,11 +303,11 @@ mod tests {
         base.push(&whole[..whole.len() - 3], &mut out);
         base.push(&Base::BEGIN, &mut out);
         base.push(&session(1), &mut out);
-        assert_eq!((out.len(), base.counters().damaged), (4, 1));
+        assert_eq!((out.len(), base.counters().stream.damaged), (4, 1));
         base.push(&whole[..5], &mut out);
         base.end_stream();
         base.end_stream();
-        assert_eq!((base.counters().damaged, base.counters().bytes), (2, 2 * whole.len() as u64 - 9));
+        assert_eq!((base.counters().stream.damaged, base.counters().bytes), (2, 2 * whole.len() as u64 - 9));
     }
 
     #[test]

@@ -35,11 +35,7 @@ fn fill(base: &Base, out: &mut String) -> std::fmt::Result {
         )?,
         None => writeln!(out, "station unknown (no Hello heard yet)")?,
     }
-    writeln!(
-        out,
-        "stream   {} frames, {} lost, {} damaged, {} unknown; {} bytes, {} discarded",
-        c.frames, c.lost, c.damaged, c.unknown, c.bytes, c.bytes_discarded
-    )?;
+    writeln!(out, "stream   {c}")?;
     if let Some((_, b)) = base.bearings().next_back() {
         writeln!(
             out,

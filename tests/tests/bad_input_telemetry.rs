@@ -102,13 +102,13 @@ proptest! {
         let span = first.zip(last).map_or(0, |(first, last)| last - first + 1);
         let distinct = got.iter().collect::<BTreeSet<_>>().len() as u64;
         if got.is_sorted() {
-            prop_assert_eq!(counters.lost, span - distinct);
+            prop_assert_eq!(counters.stream.lost, span - distinct);
         } else {
             // A frame that comes after a later one may have been given up meanwhile.
-            prop_assert!(counters.lost >= span - distinct && counters.lost <= span, "{counters:?}");
+            prop_assert!(counters.stream.lost >= span - distinct && counters.stream.lost <= span, "{counters:?}");
         }
         // Nothing is invented: what is received more often than sent was repeated whole.
-        prop_assert_eq!(counters.frames as usize, records.len());
+        prop_assert_eq!(counters.stream.frames as usize, records.len());
         prop_assert_eq!(counters.bytes as usize, bytes.len());
         for r in &records {
             let i = r["sequence"].as_u64().unwrap();

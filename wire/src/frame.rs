@@ -202,9 +202,25 @@ impl Decoder {
         self.counters.damaged.wrapping_add(self.counters.unknown) as u32
     }
 
-    /// Bytes of an unfinished frame (a stream that ends with some was cut).
-    pub fn pending(&self) -> usize {
-        self.raw as usize
+    /// The newest sequence number so far.
+    pub fn newest(&self) -> Option<u16> {
+        self.order.map(|order| order.newest)
+    }
+
+    /// The stream has ended: bytes of an unfinished frame are damage.
+    pub fn cut(&mut self) {
+        if self.raw > 0 {
+            self.counters.damaged += 1;
+            self.counters.bytes_discarded += self.raw;
+        }
+        (self.raw, self.used, self.overlong) = (0, 0, false);
+    }
+
+    /// The frame just given is the first of a sender that has started again. `before`: the counters before that frame;
+    /// nothing counts as lost or repeated between them.
+    pub fn begin_again(&mut self, sequence: u16, before: DecoderCounters) {
+        (self.counters.lost, self.counters.repeated) = (before.lost, before.repeated);
+        self.order = Some(Order::begun(sequence));
     }
 
     /// Takes one byte; a message when it completes a good frame.

@@ -139,7 +139,7 @@ pub fn run(args: Args) -> Result<()> {
             base.end_stream();
         }
         // Of a stream without a single frame there is nothing to show but the reason, below.
-        if event == Event::End && base.counters().frames == before.frames {
+        if event == Event::End && base.counters().stream.frames == before.stream.frames {
             break;
         }
         desk.show(&mut base, &records, event == Event::End)?;
@@ -152,7 +152,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let after = base.counters();
     let fresh = after.bytes - before.bytes;
-    if after.frames == before.frames {
+    if after.stream.frames == before.stream.frames {
         match fresh {
             0 | 1 => bail!("{origin}: no telemetry came"),
             n => bail!(
@@ -183,11 +183,7 @@ impl Desk<'_> {
             }
             out.flush()?;
             if last {
-                let c = base.counters();
-                eprintln!(
-                    "seabearing: {} frames, {} lost, {} damaged, {} unknown; {} bytes, {} discarded",
-                    c.frames, c.lost, c.damaged, c.unknown, c.bytes, c.bytes_discarded
-                );
+                eprintln!("seabearing: {}", base.counters());
             }
         } else if last || (out.is_terminal() && self.drawn.is_none_or(|d| d.elapsed() > DRAW)) {
             if out.is_terminal() {

@@ -10,7 +10,7 @@
 //! the covariance is that of the mean of up to six parts of the evidence, interleaved in pieces of 20 minutes.
 
 use super::course::{Course, Place, polar};
-use super::stages::{RANGE_STEP_M, RangeEvidence};
+use super::stages::{MomentEvidence, RANGE_STEP_M};
 use rayon::prelude::*;
 
 /// Ranges at which passages are used, m: nearer the azimuth turns fast, farther the vessel drowns.
@@ -132,7 +132,7 @@ type Used<'a> = (f64, &'a Course, &'a [f32]);
 /// # Errors
 /// Why it is not observable.
 pub fn place(
-    evidence: &[RangeEvidence],
+    evidence: &[MomentEvidence],
     courses: &[Course],
     travel: &Travel<'_>,
     search_m: f64,
@@ -249,7 +249,7 @@ mod tests {
     use super::*;
 
     /// Ranges with 100 m of scatter, every fourth wrong, of a vessel about a station at an offset, once a minute.
-    fn evidence(courses: &[Course], offset: Place) -> Vec<RangeEvidence> {
+    fn evidence(courses: &[Course], offset: Place) -> Vec<MomentEvidence> {
         let travel = |r: f64| Some(r / 1500.0);
         (0..720)
             .filter_map(|m| {
@@ -260,7 +260,7 @@ mod tests {
                 let said = range + wrong + 100.0 * (2.3 * f64::from(m)).sin();
                 let log_ratio = (0..716)
                     .map(|j| 4.0 - (0.5 * ((RANGE_STEP_M * f64::from(j) - said) / 120.0).powi(2)) as f32);
-                Some(RangeEvidence { t_s, log_ratio: log_ratio.collect() })
+                Some(MomentEvidence { t_s, log_ratio: log_ratio.collect() })
             })
             .collect()
     }

@@ -1,7 +1,7 @@
 //! Azimuth and range records of `seabearing process`, read back: what orientation and place are estimated from when the
 //! recording itself is not at hand.
 
-use super::stages::{RANGE_STEP_M, RANGES, RangeEvidence};
+use super::stages::{MomentEvidence, RANGE_STEP_M, RANGES};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ const CHIEF: f64 = 0.5;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Detected {
     /// Detected ranges of each moment, in order of time.
-    pub ranges: Vec<RangeEvidence>,
+    pub ranges: Vec<MomentEvidence>,
     /// Time (s) and azimuth (rad) of detected tonal sources, in order of time.
     pub azimuths: Vec<(f64, f64)>,
 }
@@ -104,7 +104,7 @@ fn take(record: &Value, modes: &mut BTreeMap<u64, Vec<Mode>>, records: &mut Dete
 }
 
 /// The modes of a moment as a log-likelihood ratio against a range anywhere.
-fn evidence(t_s: f64, modes: &[Mode]) -> RangeEvidence {
+fn evidence(t_s: f64, modes: &[Mode]) -> MomentEvidence {
     let log_ratio = (0..RANGES).map(|j| {
         let range = RANGE_STEP_M * j as f64;
         let density: f64 = modes
@@ -116,7 +116,7 @@ fn evidence(t_s: f64, modes: &[Mode]) -> RangeEvidence {
             .sum();
         (SPAN_M * density).max(1e-12).ln() as f32
     });
-    RangeEvidence { t_s, log_ratio: log_ratio.collect() }
+    MomentEvidence { t_s, log_ratio: log_ratio.collect() }
 }
 
 #[cfg(test)]

@@ -38,7 +38,7 @@ pub const RANGES: usize = 716;
 
 /// What one moment says about range.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RangeEvidence {
+pub struct MomentEvidence {
     /// When it was heard, s.
     pub t_s: f64,
     /// Log-likelihood ratio against silence at every [`RANGE_STEP_M`].
@@ -196,7 +196,7 @@ pub fn azimuth_likelihood(frames: &[Frame], minutes: &[f64]) -> Vec<Vec<f32>> {
 }
 
 /// Log-likelihood ratio of range of each single frame: [`RANGES`] values [O 19, one frame].
-pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<RangeEvidence> {
+pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<MomentEvidence> {
     // Pulses of every branch at every range: first quefrency, heights over variance, half the energy.
     let pulses: Vec<Vec<(usize, Vec<f32>, f32)>> = (0..RANGES)
         .map(|j| {
@@ -239,7 +239,7 @@ pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<RangeEvidenc
                         .sum()
                 })
                 .collect();
-            RangeEvidence { t_s: f.t_s, log_ratio }
+            MomentEvidence { t_s: f.t_s, log_ratio }
         })
         .collect()
 }

@@ -1,12 +1,14 @@
 //! miniSEED recordings of an ocean-bottom station: several files, or one with several channels, as four-channel blocks.
 //!
-//! A first pass finds every record's place, time and length; samples are decoded when they are due, so memory stays
-//! small. Sample 0 is the earliest sample of any component. A component that has no data somewhere has
-//! [`MISSING`] there (the core takes it for a dead channel); where none has, the index jumps. Records follow one another when their times agree with the count
-//! within half a sample; what overlaps is used once. Every irregularity is named once on stderr.
+//! A first pass over the headers finds every record's place, time and length; samples are decoded once, when they are due,
+//! so memory stays small. Sample 0 is the earliest sample of any component. A component that has no data somewhere has
+//! [`MISSING`] there (the core takes it for a dead channel); where none has, the index jumps. A record follows the one
+//! before where its time agrees within half a sample with what that one's time and length say, whatever the clock has
+//! drifted since the start: samples are counted, and the drift is said. What overlaps is used once. Every irregularity is
+//! named once on stderr.
 
 use super::Source;
-use super::mseed_record::{self, Record};
+use super::mseed_record::{self, Header, LONGEST};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
@@ -18,6 +20,10 @@ use time::OffsetDateTime;
 
 /// Frames of one block.
 const BLOCK: usize = 4096;
+
+/// Worst clock that is one: share by which a stated rate may differ from the station's. (Rates of version 2 are also
+/// rounded to ratios of 16-bit numbers.)
+const WORST_CLOCK: f64 = 1e-4;
 
 /// Least step from one possible record to the next, when looking for one after damage.
 const RESYNC: usize = 64;
@@ -102,8 +108,7 @@ impl MiniSeed {
                 );
             }
             for &rate in &channel.rates_hz {
-                // Rates are written as ratios of 16-bit numbers: allow their rounding.
-                if (rate / station.config.rate_hz - 1.0).abs() > 1e-4 {
+                if (rate / station.config.rate_hz - 1.0).abs() > WORST_CLOCK {
                     bail!(
                         "component {code} has {rate} samples a second, the station file says rate_hz = {}",
                         station.config.rate_hz
@@ -119,11 +124,19 @@ impl MiniSeed {
         let mut end = 0;
         let mut starts = Vec::new();
         for ((_, code), channel) in wanted.iter().zip(&mut chosen) {
-            let report = place(&mut channel.pieces, zero, rate);
-            if report.overlapping > 0 {
+            let placed = place(&mut channel.pieces, zero, rate);
+            if placed.overlapping > 0 {
                 complain(&format!(
                     "component {code}: {} samples overlap (repeated data or a clock set back), used once",
-                    report.overlapping
+                    placed.overlapping
+                ));
+            }
+            if placed.drift_s.abs() * rate > 0.5 {
+                complain(&format!(
+                    "component {code}: its clock runs {:.1} ppm beside the station's rate_hz = {rate}: samples are counted, \
+                     times are {:.3} s off at the end",
+                    placed.drift_s / placed.span_s * 1e6,
+                    placed.drift_s
                 ));
             }
             if let Some(p) = channel.pieces.first() {
@@ -159,42 +172,70 @@ impl MiniSeed {
 }
 
 /// What [`place`] found.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Placed {
     overlapping: u64,
+    /// By how much the times of records that follow one another run ahead of their count, s, and over how long.
+    drift_s: f64,
+    span_s: f64,
 }
 
-/// Sorts records by time and gives each its sample index.
+/// Sorts records by time and gives each its sample index: each time is held against that of the record that reaches
+/// farthest of those before.
 fn place(pieces: &mut [Piece], zero_ns: i128, rate_hz: f64) -> Placed {
     pieces.sort_by_key(|p| p.start_ns);
-    let mut expected: Option<i64> = None;
-    let mut overlapping = 0;
+    let mut placed = Placed::default();
+    let mut before: Option<Piece> = None;
     for p in pieces {
-        let exact = (p.start_ns - zero_ns) as f64 * 1e-9 * rate_hz;
-        p.first = match expected {
-            Some(e) if (exact - e as f64).abs() <= 0.5 => e,
-            _ => exact.round() as i64,
+        let Some(last) = before else {
+            p.first = ((p.start_ns - zero_ns) as f64 * 1e-9 * rate_hz).round() as i64;
+            before = Some(*p);
+            continue;
         };
-        let after = p.first + p.samples as i64;
-        if let Some(e) = expected {
-            overlapping += (e.min(after) - p.first).max(0) as u64;
+        let since_s = (p.start_ns - last.start_ns) as f64 * 1e-9;
+        let end = last.first + last.samples as i64;
+        // Samples between the end of the last and the start of this one; negative where they overlap.
+        let between = since_s * rate_hz - last.samples as f64;
+        let follows = between.abs() <= 0.5;
+        p.first = if follows { end } else { end + between.round() as i64 };
+        if follows {
+            placed.drift_s += between / rate_hz;
+            placed.span_s += since_s;
         }
-        expected = Some(expected.map_or(after, |e| e.max(after)));
+        let after = p.first + p.samples as i64;
+        placed.overlapping += (end.min(after) - p.first).max(0) as u64;
+        if after >= end {
+            before = Some(*p);
+        }
     }
-    Placed { overlapping }
+    placed
 }
 
 /// Finds the records of a file.
 fn scan(path: &std::path::Path, number: usize, channels: &mut BTreeMap<String, Channel>) -> Result<()> {
-    let data = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let (mut at, mut damaged, mut found) = (0, 0usize, 0usize);
+    let unreadable = || format!("cannot read {}", path.display());
+    let mut file = File::open(path).with_context(unreadable)?;
+    // Always a whole record ahead, except at the end of the file.
+    let (mut window, mut begins, mut at) = (Vec::new(), 0u64, 0);
+    let (mut damaged, mut found) = (0, 0usize);
     let mut reason = String::new();
-    while at < data.len() {
-        match mseed_record::read(&data[at..]) {
-            Ok(r) => {
+    loop {
+        if window.len() - at < LONGEST {
+            window.drain(..at);
+            begins += at as u64;
+            at = 0;
+            let room = 2 * LONGEST - window.len();
+            (&mut file).take(room as u64).read_to_end(&mut window).with_context(unreadable)?;
+        }
+        if at >= window.len() {
+            break;
+        }
+        match mseed_record::header(&window[at..]) {
+            Ok(h) => {
                 found += 1;
-                let Record { channel, station, rate_hz, start_ns, samples, bytes } = r;
+                let Header { channel, station, rate_hz, start_ns, count, bytes } = h;
                 let c = channels.entry(channel).or_default();
-                if !samples.is_empty() {
+                if count > 0 {
                     if !c.stations.contains(&station) {
                         c.stations.push(station);
                     }
@@ -203,21 +244,22 @@ fn scan(path: &std::path::Path, number: usize, channels: &mut BTreeMap<String, C
                     }
                     c.pieces.push(Piece {
                         file: number,
-                        offset: at as u64,
+                        offset: begins + at as u64,
                         bytes,
                         start_ns,
                         first: 0,
-                        samples: samples.len(),
+                        samples: count,
                     });
                 }
-                at += bytes.max(RESYNC);
+                at = (at + bytes.max(RESYNC)).min(window.len());
             }
             Err(e) => {
                 if reason.is_empty() {
-                    reason = format!("at byte {at}: {e}");
+                    reason = format!("at byte {}: {e}", begins + at as u64);
                 }
-                damaged += RESYNC.min(data.len() - at);
-                at += RESYNC;
+                let step = RESYNC.min(window.len() - at);
+                damaged += step;
+                at += step;
             }
         }
     }
@@ -266,7 +308,7 @@ impl Reader {
         let mut raw = vec![0; p.bytes];
         file.read_exact(&mut raw)?;
         self.file = Some((p.file, file));
-        Ok(mseed_record::read(&raw)?.samples)
+        mseed_record::samples(&raw)
     }
 }
 
@@ -311,5 +353,32 @@ impl Source for MiniSeed {
             self.next += run as i64;
         }
         Ok(Some(Block { first_index: start.max(0) as u64, frames: &self.frames }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_that_drifts_makes_no_jumps_and_gaps_keep_their_length() {
+        // 50.002 samples a second, records of 500; after the hundredth 30 s are missing, the last comes twice.
+        let start = |k: usize| (k as f64 * 500.0 / 50.002 + if k < 100 { 0.0 } else { 30.0 }) * 1e9;
+        let piece = |k: usize| Piece {
+            file: 0,
+            offset: 0,
+            bytes: 0,
+            start_ns: start(k) as i128,
+            first: 0,
+            samples: 500,
+        };
+        let mut pieces: Vec<Piece> = (0..200).chain([199]).map(piece).collect();
+        let placed = place(&mut pieces, 0, 50.0);
+        for (k, p) in pieces.iter().take(200).enumerate() {
+            assert_eq!(p.first, 500 * k as i64 + if k < 100 { 0 } else { 1500 });
+        }
+        assert_eq!(placed.overlapping, 500);
+        let ppm = placed.drift_s / placed.span_s * 1e6;
+        assert!((ppm + 40.0).abs() < 0.1, "{ppm}");
     }
 }

@@ -5,12 +5,13 @@
 //! time correction that a header may carry but not have applied is applied.
 
 use anyhow::{Result, anyhow, bail};
-use miniseed_rs::{MseedRecord, NanoTime, Samples, decode};
+use miniseed_rs::crc::{compute_v3_crc, verify_v3_crc};
+use miniseed_rs::{NanoTime, Samples, decode};
 use seabearing_core::block::MISSING;
 use time::{Date, OffsetDateTime, Time};
 
-/// A decoded record.
-pub(super) struct Record {
+/// What a record's header tells.
+pub(super) struct Header {
     /// Network, station and location, for messages.
     pub station: String,
     /// Channel code.
@@ -19,22 +20,90 @@ pub(super) struct Record {
     pub start_ns: i128,
     /// Samples a second.
     pub rate_hz: f64,
-    /// The samples as codes; [`MISSING`] where a float was none.
-    pub samples: Vec<i32>,
+    /// Number of samples.
+    pub count: usize,
     /// Bytes in the file.
     pub bytes: usize,
 }
 
-/// Bytes of the fixed header.
+/// Bytes of the fixed header, of version 3 and version 2.
+const HEADER_3: usize = 40;
 const HEADER: usize = 48;
 
-/// Reads the record at the start of some bytes.
+/// The longest record taken, bytes.
+pub(super) const LONGEST: usize = 1 << 20;
+
+/// Most samples a byte can hold: Steim-2 packs seven differences into four.
+const DENSEST: usize = 2;
+
+/// Reads the header of the record at the start of some bytes, which hold the whole record; samples are not decoded.
 ///
 /// # Errors
 /// Not a record, cut, or damaged.
-pub(super) fn read(data: &[u8]) -> Result<Record> {
+pub(super) fn header(data: &[u8]) -> Result<Header> {
+    let (mut raw, correction_s) = checked(data)?;
+    let count = if raw.starts_with(b"MS\x03") {
+        if !verify_v3_crc(&raw) {
+            bail!("record with a wrong checksum");
+        }
+        let count = u32::from_le_bytes([raw[24], raw[25], raw[26], raw[27]]) as usize;
+        raw[24..28].fill(0);
+        compute_v3_crc(&mut raw);
+        count
+    } else {
+        let count = usize::from(u16::from_be_bytes([raw[30], raw[31]]));
+        raw[30..32].fill(0);
+        count
+    };
+    if count > DENSEST * raw.len() {
+        bail!("record of {} bytes that claims {count} samples", raw.len());
+    }
+    let r = decode(&raw).map_err(|e| anyhow!("{e}"))?;
+    if !(r.sample_rate.is_finite() && r.sample_rate > 0.0) {
+        bail!("record with a sample rate of {}", r.sample_rate);
+    }
+    Ok(Header {
+        station: format!("{}.{}.{}", r.network, r.station, r.location),
+        channel: r.channel.clone(),
+        start_ns: nanoseconds(&r.start_time)? + (correction_s * 1e9) as i128,
+        rate_hz: r.sample_rate,
+        count,
+        bytes: raw.len(),
+    })
+}
+
+/// The samples of a record as codes; [`MISSING`] where a float was none.
+///
+/// # Errors
+/// Not a record, cut, or damaged.
+pub(super) fn samples(data: &[u8]) -> Result<Vec<i32>> {
+    let record = decode(&checked(data)?.0).map_err(|e| anyhow!("{e}"))?;
+    let code = |x: f64| {
+        if x.is_finite() { x.round().clamp(-2_147_483_647.0, 2_147_483_647.0) as i32 } else { MISSING }
+    };
+    Ok(match &record.samples {
+        // The one code that stands for "missing" cannot be a sample.
+        Samples::Int(x) => x.iter().map(|x| (*x).max(-i32::MAX)).collect(),
+        Samples::Float(x) => x.iter().map(|x| code(f64::from(*x))).collect(),
+        Samples::Double(x) => x.iter().map(|x| code(*x)).collect(),
+    })
+}
+
+/// The record at the start of some bytes, its header in the order that `miniseed-rs` expects, and the seconds by which its
+/// time is to be corrected.
+fn checked(data: &[u8]) -> Result<(Vec<u8>, f64)> {
     if data.starts_with(b"MS\x03") {
-        return finish(&decode(data).map_err(|e| anyhow!("{e}"))?, 0.0);
+        let Some(head) = data.get(..HEADER_3) else { bail!("record cut after {} bytes", data.len()) };
+        let extra = usize::from(u16::from_le_bytes([head[34], head[35]]));
+        let payload = u32::from_le_bytes([head[36], head[37], head[38], head[39]]) as usize;
+        let length = HEADER_3 + usize::from(head[33]) + extra + payload;
+        if length > LONGEST {
+            bail!("record of {length} bytes; at most {LONGEST} are taken");
+        }
+        let Some(raw) = data.get(..length) else {
+            bail!("record of {length} bytes cut after {}", data.len())
+        };
+        return Ok((raw.to_vec(), 0.0));
     }
     if data.len() < HEADER + 8 {
         bail!("record cut after {} bytes", data.len());
@@ -61,7 +130,7 @@ pub(super) fn read(data: &[u8]) -> Result<Record> {
         }
         blockettes.push(at);
         if word(at) == 1000 {
-            length = 1usize.checked_shl(u32::from(data[at + 6])).filter(|n| (64..=1 << 20).contains(n));
+            length = 1usize.checked_shl(u32::from(data[at + 6])).filter(|n| (64..=LONGEST).contains(n));
         }
         at = word(at + 2);
     }
@@ -82,40 +151,14 @@ pub(super) fn read(data: &[u8]) -> Result<Record> {
     let quad = [data[40], data[41], data[42], data[43]];
     let correction = if big { i32::from_be_bytes(quad) } else { i32::from_le_bytes(quad) };
     let correction_s = if applied { 0.0 } else { f64::from(correction) * 1e-4 };
-    let record = if big {
-        decode(raw)
-    } else {
-        let mut turned = raw.to_vec();
+    let mut raw = raw.to_vec();
+    if !big {
         let header = [20, 22, 28, 30, 32, 34, 44, 46];
         for at in header.into_iter().chain(blockettes.into_iter().flat_map(|b| [b, b + 2])) {
-            turned.swap(at, at + 1);
+            raw.swap(at, at + 1);
         }
-        decode(&turned)
-    };
-    finish(&record.map_err(|e| anyhow!("{e}"))?, correction_s)
-}
-
-fn finish(r: &MseedRecord, correction_s: f64) -> Result<Record> {
-    if !(r.sample_rate.is_finite() && r.sample_rate > 0.0) {
-        bail!("record with a sample rate of {}", r.sample_rate);
     }
-    let code = |x: f64| {
-        if x.is_finite() { x.round().clamp(-2_147_483_647.0, 2_147_483_647.0) as i32 } else { MISSING }
-    };
-    let samples = match &r.samples {
-        // The one code that stands for "missing" cannot be a sample.
-        Samples::Int(x) => x.iter().map(|x| (*x).max(-i32::MAX)).collect(),
-        Samples::Float(x) => x.iter().map(|x| code(f64::from(*x))).collect(),
-        Samples::Double(x) => x.iter().map(|x| code(*x)).collect(),
-    };
-    Ok(Record {
-        station: format!("{}.{}.{}", r.network, r.station, r.location),
-        channel: r.channel.clone(),
-        start_ns: nanoseconds(&r.start_time)? + (correction_s * 1e9) as i128,
-        rate_hz: r.sample_rate,
-        samples,
-        bytes: r.record_length as usize,
-    })
+    Ok((raw, correction_s))
 }
 
 fn nanoseconds(t: &NanoTime) -> Result<i128> {
@@ -141,7 +184,7 @@ pub(crate) fn nano_time(t: OffsetDateTime) -> NanoTime {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use miniseed_rs::{ByteOrder, EncodingFormat, encode};
+    use miniseed_rs::{ByteOrder, EncodingFormat, MseedRecord, encode};
 
     fn bytes(encoding: EncodingFormat, order: ByteOrder) -> Vec<u8> {
         let mut r = MseedRecord::new()
@@ -175,9 +218,9 @@ mod tests {
         for encoding in [EncodingFormat::Steim1, EncodingFormat::Steim2, EncodingFormat::Int32] {
             for order in [ByteOrder::Big, ByteOrder::Little] {
                 for data in [bytes(encoding, order), little_header(bytes(encoding, order))] {
-                    let r = read(&data).unwrap();
-                    assert_eq!(r.samples, want, "{encoding:?} {order:?}");
-                    assert_eq!((r.rate_hz, r.bytes, r.channel.as_str()), (50.0, 4096, "BDH"));
+                    assert_eq!(samples(&data).unwrap(), want, "{encoding:?} {order:?}");
+                    let r = header(&data).unwrap();
+                    assert_eq!((r.rate_hz, r.count, r.bytes, r.channel.as_str()), (50.0, 500, 4096, "BDH"));
                     assert_eq!(r.start_ns, 1_369_098_123_040_000_000);
                 }
             }
@@ -185,27 +228,43 @@ mod tests {
     }
 
     #[test]
+    fn a_record_of_version_3_is_read_and_a_wrong_checksum_refused() {
+        let r = MseedRecord::new_v3()
+            .with_nslc("YV", "RR03", "00", "BDH")
+            .with_start_time(NanoTime { year: 2013, day: 141, hour: 1, minute: 2, second: 3, nanosecond: 0 })
+            .with_sample_rate(50.002)
+            .with_encoding(EncodingFormat::Int32)
+            .with_samples(Samples::Int((0..500).collect()));
+        let mut b = encode(&r).unwrap();
+        let h = header(&b).unwrap();
+        assert_eq!((h.rate_hz, h.count, h.bytes), (50.002, 500, b.len()));
+        assert_eq!(samples(&b).unwrap(), (0..500).collect::<Vec<_>>());
+        b[24] ^= 1;
+        assert!(header(&b).is_err() && samples(&b).is_err());
+    }
+
+    #[test]
     fn damage_is_an_error_and_never_worse() {
         let good = bytes(EncodingFormat::Steim2, ByteOrder::Big);
-        assert!(read(&good[..100]).is_err());
+        assert!(header(&good[..100]).is_err());
         for at in 0..400 {
             for value in [0, 1, 0x30, 0x7f, 0xff] {
                 let mut b = good.clone();
                 b[at] = value;
-                let _ = read(&b);
+                let _ = (header(&b), samples(&b));
             }
         }
         let mut loops = good.clone();
         loops[51] = 48;
-        assert!(read(&loops).is_err());
+        assert!(header(&loops).is_err());
     }
 
     #[test]
     fn a_time_correction_is_applied_once() {
         let mut b = bytes(EncodingFormat::Int32, ByteOrder::Big);
         b[40..44].copy_from_slice(&(-5000i32).to_be_bytes());
-        assert_eq!(read(&b).unwrap().start_ns, 1_369_098_122_540_000_000);
+        assert_eq!(header(&b).unwrap().start_ns, 1_369_098_122_540_000_000);
         b[36] |= 2;
-        assert_eq!(read(&b).unwrap().start_ns, 1_369_098_123_040_000_000);
+        assert_eq!(header(&b).unwrap().start_ns, 1_369_098_123_040_000_000);
     }
 }

@@ -28,6 +28,15 @@ impl Audio {
         }
     }
 
+    /// Frames that can be read from here on.
+    fn count(&mut self) -> u64 {
+        let (mut frames, mut count) = (Vec::new(), 0);
+        while self.read(&mut frames).is_ok() && !frames.is_empty() {
+            count += frames.len() as u64;
+        }
+        count
+    }
+
     fn read(&mut self, out: &mut Vec<Frame>) -> Result<()> {
         match self {
             Self::Wav(wav) => wav.read(out),
@@ -131,7 +140,7 @@ impl Sequence {
 
 /// A file's header and time, if it suits the station.
 fn examine(path: &Path, container: Container, config: &StationConfig) -> Result<Part> {
-    let (_, info) = Audio::open(path, container)?;
+    let (mut audio, mut info) = Audio::open(path, container)?;
     let name = path.display();
     if usize::from(info.channels) != CHANNELS {
         bail!("{name}: {} channels, a recorder has four: merge or choose channels first", info.channels);
@@ -142,6 +151,10 @@ fn examine(path: &Path, container: Container, config: &StationConfig) -> Result<
             info.rate_hz,
             config.rate_hz
         );
+    }
+    if info.frames.is_none() {
+        // A file that does not state its length is decoded for it, so that the next one finds its place.
+        info.frames = Some(audio.count());
     }
     if info.frames == Some(0) {
         bail!("{name}: holds no samples");
@@ -290,6 +303,27 @@ mod tests {
         for (k, p) in (0..20).zip(&parts[240..]) {
             assert_eq!(p.first_index, parts[240].first_index + HOUR * k);
         }
+    }
+
+    #[test]
+    fn a_flac_file_that_states_no_length_is_followed_by_the_next() {
+        let frames: Vec<[i32; 4]> = (0..1024).map(|i| [i, -i, 7, 8]).collect();
+        let mut bytes = crate::recording::flac::tests::encode(&frames, 24, 64_000);
+        bytes[21] &= 0xf0;
+        bytes[22..26].fill(0);
+        let folder = tempfile::tempdir().unwrap();
+        let files = ["a.flac", "b.flac"].map(|name| folder.path().join(name));
+        files.iter().for_each(|f| std::fs::write(f, &bytes).unwrap());
+        let text = "[station]\nkind = \"array\"\n[sampling]\nrate_hz = 64000\n[array]\nhydrophones_m = \
+                    [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38], [0.0, 0.0, 1.13]]\n";
+        let station = crate::station::Station::parse(text, "s.toml", Path::new(".")).unwrap();
+        let mut source = crate::recording::open(&files, &station, None).unwrap();
+        assert_eq!(source.expected_end(), Some(2048));
+        let mut indices = Vec::new();
+        while let Some(block) = source.next_block().unwrap() {
+            indices.extend((0..block.frames.len() as u64).map(|i| block.first_index + i));
+        }
+        assert!(indices.iter().copied().eq(0..2048));
     }
 
     #[test]
