@@ -1,8 +1,8 @@
 //! Helpers shared by the cross-crate tests.
 
-use seabearing::ocean_bottom::{self, scenario::Scenario, simulate::Simulator};
-use seabearing::propagation::{self, bottom::Bottom, profile::Profile, trace};
-use seabearing::recording::Source;
+use seabearing::ocean_bottom::{self, scenario::ObsScenario, simulate::Simulator};
+use seabearing::propagation::{self, bottom::Bottom, profile::SpeedProfile, trace};
+use seabearing::recording::SampleSource;
 use seabearing::station::Station;
 use seabearing_core::block::Frame;
 use std::path::Path;
@@ -20,7 +20,7 @@ pub struct OceanBottom {
 /// # Errors
 /// The folder cannot be written.
 pub fn ocean_bottom(folder: &Path, duration_s: f64) -> anyhow::Result<OceanBottom> {
-    let profile = Profile::subtropical(4340.0)?;
+    let profile = SpeedProfile::subtropical(4340.0)?;
     let table = trace::trace("t", &profile, &Bottom::default(), 350.0, 150, || ());
     propagation::file::write(&table, &folder.join("table.toml"))?;
     let scenario = format!(
@@ -29,7 +29,7 @@ pub fn ocean_bottom(folder: &Path, duration_s: f64) -> anyhow::Result<OceanBotto
         0.5 * duration_s
     );
     std::fs::write(folder.join("scenario.toml"), scenario)?;
-    let scenario = Scenario::read(&folder.join("scenario.toml"))?;
+    let scenario = ObsScenario::read(&folder.join("scenario.toml"))?;
     let station = folder.join("station.toml");
     std::fs::write(&station, ocean_bottom::station::text(&scenario, "table.toml", false))?;
     let mut simulator = Simulator::new(scenario, table, Vec::new())?;

@@ -13,7 +13,7 @@ use seabearing_host::{atomic, plot};
 use seabearing_core::wire::{
     Bearing, Decoder, DecoderCounters, Fault, Health, Hello, Message, SCHEMA_HASH, Track, WIRE_VERSION,
 };
-use seabearing_host::record::Recorder;
+use seabearing_host::record::RecordFormat;
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
 
@@ -54,7 +54,7 @@ pub type TrackKey = (u32, u16);
 /// A base station's knowledge of one recorder.
 pub struct Base {
     decoder: Decoder,
-    recorder: Recorder,
+    recorder: RecordFormat,
     /// But for the stream's, which the decoder has.
     counters: Counters,
     hello: Option<Hello>,
@@ -72,7 +72,7 @@ impl Base {
     pub fn new(rate_hz: Option<f64>, start: Option<time::OffsetDateTime>) -> Self {
         Self {
             decoder: Decoder::default(),
-            recorder: Recorder { rate_hz: rate_hz.unwrap_or(f64::NAN), start },
+            recorder: RecordFormat { rate_hz: rate_hz.unwrap_or(f64::NAN), start },
             counters: Counters::default(),
             hello: None,
             health: None,
@@ -214,7 +214,7 @@ impl Base {
     }
 
     /// Sample rate and start used for times.
-    pub fn clock(&self) -> &Recorder {
+    pub fn clock(&self) -> &RecordFormat {
         &self.recorder
     }
 }

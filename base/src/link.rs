@@ -50,7 +50,7 @@ impl std::fmt::Display for Origin {
 
 /// What a read gave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Event {
+pub enum LineEvent {
     /// A stream began: what was cut off before belongs to another.
     Began,
     /// So many bytes.
@@ -71,7 +71,7 @@ enum Open {
 }
 
 /// An origin, opened, and opened again where it was lost.
-pub struct Link {
+pub struct LineLink {
     origin: Origin,
     listener: Option<TcpListener>,
     open: Option<Open>,
@@ -79,7 +79,7 @@ pub struct Link {
     next_try: Instant,
 }
 
-impl Link {
+impl LineLink {
     /// Opens an origin. `once`: do not open it again after its end.
     ///
     /// # Errors
@@ -136,16 +136,16 @@ impl Link {
     ///
     /// # Errors
     /// A file cannot be read. (A lost connection is not an error: it is opened again, or is the end.)
-    pub fn read(&mut self, buffer: &mut [u8]) -> Result<Event> {
+    pub fn read(&mut self, buffer: &mut [u8]) -> Result<LineEvent> {
         let Some(open) = &mut self.open else {
             if Instant::now() < self.next_try {
                 std::thread::sleep(PATIENCE.min(self.next_try.saturating_duration_since(Instant::now())));
-                return Ok(Event::Idle);
+                return Ok(LineEvent::Idle);
             }
             // A listener is asked every time, what must be called up only now and then.
             self.next_try = Instant::now() + if self.listener.is_some() { PATIENCE / 4 } else { RETRY };
             self.open = self.connect().unwrap_or(None);
-            return Ok(if self.open.is_some() { Event::Began } else { Event::Idle });
+            return Ok(if self.open.is_some() { LineEvent::Began } else { LineEvent::Idle });
         };
         let got = match open {
             Open::Wire(wire) => wire.read(buffer),
@@ -154,17 +154,17 @@ impl Link {
         match (got, &self.origin) {
             (Ok(0), Origin::File { follow: true, .. }) => {
                 std::thread::sleep(PATIENCE);
-                Ok(Event::Idle)
+                Ok(LineEvent::Idle)
             }
-            (Ok(0), Origin::File { .. } | Origin::Stdin) => Ok(Event::End),
-            (Ok(n), _) if n > 0 => Ok(Event::Bytes(n)),
+            (Ok(0), Origin::File { .. } | Origin::Stdin) => Ok(LineEvent::End),
+            (Ok(n), _) if n > 0 => Ok(LineEvent::Bytes(n)),
             (Err(e), _)
                 if matches!(
                     e.kind(),
                     ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
                 ) =>
             {
-                Ok(Event::Idle)
+                Ok(LineEvent::Idle)
             }
             (Err(e), Origin::File { .. } | Origin::Stdin) => {
                 Err(e).with_context(|| format!("cannot read {}", self.origin))
@@ -173,7 +173,7 @@ impl Link {
             _ => {
                 self.open = None;
                 self.next_try = Instant::now() + if self.listener.is_some() { Duration::ZERO } else { RETRY };
-                Ok(if self.once { Event::End } else { Event::Idle })
+                Ok(if self.once { LineEvent::End } else { LineEvent::Idle })
             }
         }
     }
@@ -198,26 +198,26 @@ fn patient(stream: TcpStream) -> std::io::Result<TcpStream> {
 mod tests {
     use super::*;
 
-    fn wait(link: &mut Link, buffer: &mut [u8]) -> Event {
+    fn wait(link: &mut LineLink, buffer: &mut [u8]) -> LineEvent {
         for _ in 0..200 {
             match link.read(buffer).unwrap() {
-                Event::Idle => {}
+                LineEvent::Idle => {}
                 event => return event,
             }
         }
-        Event::Idle
+        LineEvent::Idle
     }
 
     #[test]
     fn a_listener_takes_one_peer_after_another() {
-        let mut link = Link::open(Origin::Listen("127.0.0.1:0".into()), false).unwrap();
+        let mut link = LineLink::open(Origin::Listen("127.0.0.1:0".into()), false).unwrap();
         let address = link.listening().unwrap();
         let mut buffer = [0u8; 16];
         for text in [b"one", b"two"] {
             let mut peer = TcpStream::connect(address).unwrap();
-            assert_eq!(wait(&mut link, &mut buffer), Event::Began);
+            assert_eq!(wait(&mut link, &mut buffer), LineEvent::Began);
             peer.write_all(text).unwrap();
-            assert_eq!(wait(&mut link, &mut buffer), Event::Bytes(3));
+            assert_eq!(wait(&mut link, &mut buffer), LineEvent::Bytes(3));
             assert_eq!(&buffer[..3], text);
             assert!(link.send(b"?"));
             let mut answer = [0u8; 1];
@@ -225,7 +225,7 @@ mod tests {
             drop(peer);
             // Seen as closed at the next read.
             while link.open.is_some() {
-                assert_eq!(link.read(&mut buffer).unwrap(), Event::Idle);
+                assert_eq!(link.read(&mut buffer).unwrap(), LineEvent::Idle);
             }
         }
     }
@@ -233,8 +233,8 @@ mod tests {
     #[test]
     fn what_cannot_be_opened_is_named() {
         let missing = Origin::File { path: "/nonexistent/x".into(), follow: false };
-        assert!(format!("{:#}", Link::open(missing, true).err().unwrap()).contains("/nonexistent/x"));
+        assert!(format!("{:#}", LineLink::open(missing, true).err().unwrap()).contains("/nonexistent/x"));
         let serial = Origin::Serial { device: "/dev/nonexistent".into(), baud: 115_200 };
-        assert!(format!("{:#}", Link::open(serial, true).err().unwrap()).contains("/dev/nonexistent"));
+        assert!(format!("{:#}", LineLink::open(serial, true).err().unwrap()).contains("/dev/nonexistent"));
     }
 }

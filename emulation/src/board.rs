@@ -18,7 +18,7 @@ use std::path::Path;
 
 /// Something that goes wrong while the board runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Fault {
+pub enum InjectedFault {
     /// The converter resets itself at this second.
     ConverterReset(f64),
     /// The converter is dead from this second on, for so many seconds.
@@ -31,7 +31,7 @@ pub enum Fault {
     BrownOut(f64),
 }
 
-impl std::str::FromStr for Fault {
+impl std::str::FromStr for InjectedFault {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -67,7 +67,7 @@ pub struct Setup {
     /// Seconds from a converter's reset to its answers.
     pub acquisition_s: f64,
     /// What goes wrong.
-    pub faults: Vec<Fault>,
+    pub faults: Vec<InjectedFault>,
 }
 
 impl Default for Setup {
@@ -83,7 +83,7 @@ impl Default for Setup {
 
 /// What came of a run.
 #[derive(Debug, Clone)]
-pub struct Report {
+pub struct BoardRun {
     /// What the board sent.
     pub firmware: Vec<u8>,
     /// What the host's loop said of the same conversions.
@@ -112,7 +112,7 @@ pub struct Report {
     pub spi_hz: u64,
 }
 
-impl Report {
+impl BoardRun {
     /// Whether board and host said the same.
     pub fn identical(&self) -> bool {
         self.firmware == self.host
@@ -154,7 +154,7 @@ pub fn twin(
     rate_hz: f64,
     setup: &Setup,
     source: impl FnMut() -> Option<Codes> + Send + 'static,
-) -> Result<Report> {
+) -> Result<BoardRun> {
     let file = std::fs::read(image).with_context(|| {
         format!("no image at {}: run `cargo xtask build-firmware --board stm32h743`", image.display())
     })?;
@@ -178,7 +178,7 @@ pub fn twin(
         _ => 0,
     };
     let ticks = ended.1 - began.1;
-    Ok(Report {
+    Ok(BoardRun {
         firmware: machine.board.sent().to_vec(),
         host,
         converted: converter.converted(),
@@ -198,18 +198,18 @@ pub fn twin(
 type Moment = (Counts, Ticks);
 
 /// Runs to the end of the conversions; the costs at the first and the last delivered.
-fn run_board(machine: &mut Machine<Stm32h743>, faults: &[Fault]) -> Result<(Moment, Moment)> {
-    let mut pending: Vec<(Ticks, Fault)> = Vec::new();
+fn run_board(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault]) -> Result<(Moment, Moment)> {
+    let mut pending: Vec<(Ticks, InjectedFault)> = Vec::new();
     for fault in faults {
         let at = match *fault {
-            Fault::SpiBits(every) => {
+            InjectedFault::SpiBits(every) => {
                 machine.board.converter.bit_errors_every = every;
                 continue;
             }
-            Fault::ConverterReset(s)
-            | Fault::ConverterDead(s, _)
-            | Fault::PinReset(s)
-            | Fault::BrownOut(s) => s,
+            InjectedFault::ConverterReset(s)
+            | InjectedFault::ConverterDead(s, _)
+            | InjectedFault::PinReset(s)
+            | InjectedFault::BrownOut(s) => s,
         };
         pending.push(((at * PER_SECOND as f64) as Ticks, *fault));
     }
@@ -225,14 +225,14 @@ fn run_board(machine: &mut Machine<Stm32h743>, faults: &[Fault]) -> Result<(Mome
         let now = machine.now();
         for (_, fault) in pending.extract_if(.., |(at, _)| *at <= now) {
             match fault {
-                Fault::ConverterReset(_) => machine.board.converter.reset(now),
-                Fault::ConverterDead(_, length) => {
+                InjectedFault::ConverterReset(_) => machine.board.converter.reset(now),
+                InjectedFault::ConverterDead(_, length) => {
                     machine.board.converter.set_dead(true, now);
                     alive_again = length.is_finite().then_some(now + (length * PER_SECOND as f64) as Ticks);
                 }
-                Fault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
-                Fault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
-                Fault::SpiBits(_) => {}
+                InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
+                InjectedFault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
+                InjectedFault::SpiBits(_) => {}
             }
         }
         if alive_again.is_some_and(|at| at <= now) {

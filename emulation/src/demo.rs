@@ -2,10 +2,10 @@
 
 use crate::blob;
 use crate::emulator::{Emulator, SamplePath};
-use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
+use crate::plot::{Plot, Scale, cut_at_wraps, write_panels};
 use crate::twin;
-use crate::world::array::Array;
-use crate::world::{Scenario, truth};
+use crate::world::array::SimulatedArray;
+use crate::world::{ArrayScenario, truth};
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::sbraw;
@@ -48,7 +48,7 @@ struct Received {
 /// # Errors
 /// Something cannot run, or the pass was not tracked as well as it must be.
 pub fn run(scenario_path: &Path, out: &Path, emulator: Option<&Emulator>) -> Result<()> {
-    let scenario = Scenario::read(scenario_path)?;
+    let scenario = ArrayScenario::read(scenario_path)?;
     let rate_hz = scenario.station.config.rate_hz;
     let truth = read_truth(&truth::csv(&scenario)?)?;
     let blob = blob::of(&scenario.station)?;
@@ -75,8 +75,8 @@ pub fn run(scenario_path: &Path, out: &Path, emulator: Option<&Emulator>) -> Res
 }
 
 /// The scenario's samples as an `.sbraw` stream.
-fn simulate(scenario: &Scenario, out: &mut dyn Write) -> Result<()> {
-    let mut array = Array::new(scenario)?;
+fn simulate(scenario: &ArrayScenario, out: &mut dyn Write) -> Result<()> {
+    let mut array = SimulatedArray::new(scenario)?;
     out.write_all(&sbraw::MAGIC)?;
     let mut first_index = 0;
     loop {
@@ -202,11 +202,11 @@ impl Received {
         let time = |b: &Bearing| b.index as f64 / self.rate_hz;
         let measured: Vec<_> =
             self.bearings.iter().map(|b| (time(b), f64::from(b.azimuth).to_degrees())).collect();
-        let mut bearing = Figure::new("Bearing of the passing vessel", "time (s)", "azimuth (°)");
+        let mut bearing = Plot::new("Bearing of the passing vessel", "time (s)", "azimuth (°)");
         bearing.y_scale(Scale::Degrees);
         bearing.points("firmware", &measured);
         bearing.truth("truth (at the hydrophones)", &cut_at_wraps(&truth));
-        let mut error = Figure::new("Its error", "time (s)", "error (°)");
+        let mut error = Plot::new("Its error", "time (s)", "error (°)");
         let at = |b: &Bearing| self.truth_at(time(b)).arrival_azimuth_deg;
         let spread = |b: &Bearing| 1.96 * f64::from(b.var_azimuth).sqrt().to_degrees();
         let band: Vec<_> = self.bearings.iter().map(|b| (time(b), -spread(b), spread(b))).collect();
@@ -218,7 +218,7 @@ impl Received {
         error.band("95 % as reported", &band).points("firmware", &errors);
         write_panels(&out.join("bearing.svg"), &[&bearing, &error], 1)?;
 
-        let mut map = Figure::map("Track as the firmware followed it");
+        let mut map = Plot::map("Track as the firmware followed it");
         let path: Vec<_> = self.truth.iter().map(|t| (t.x_m, t.y_m)).collect();
         map.truth("truth", &path);
         let place = |t: &Track| (f64::from(t.x_m), f64::from(t.y_m));

@@ -60,7 +60,7 @@ pub struct Emulator {
 
 /// What the firmware leaves behind: see `docs/firmware.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Summary {
+pub struct FirmwareSummary {
     /// Sample index after the last sample seen.
     pub index: u64,
     /// Sample instants seen.
@@ -83,7 +83,7 @@ pub struct Summary {
     pub line_lost: u64,
 }
 
-impl Summary {
+impl FirmwareSummary {
     fn read(path: &Path) -> Option<Self> {
         Self::of(&std::fs::read(path).ok()?)
     }
@@ -196,7 +196,7 @@ impl Emulator {
         blob: &[u8],
         feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
         mut heard: impl FnMut(&[u8], &mut dyn Write) -> Result<()>,
-    ) -> Result<Summary> {
+    ) -> Result<FirmwareSummary> {
         if self.engine == Engine::Model {
             return self.run_model(blob, feed, heard);
         }
@@ -273,7 +273,7 @@ impl Emulator {
             if !status.success() {
                 bail!("the firmware has failed: {}", console(folder.path(), &status));
             }
-            Summary::read(&folder.path().join("summary.bin")).context("the firmware left no summary")
+            FirmwareSummary::read(&folder.path().join("summary.bin")).context("the firmware left no summary")
         })
     }
 
@@ -283,7 +283,7 @@ impl Emulator {
         blob: &[u8],
         feed: impl FnOnce(&mut dyn Write) -> Result<()> + Send,
         mut heard: impl FnMut(&[u8], &mut dyn Write) -> Result<()>,
-    ) -> Result<Summary> {
+    ) -> Result<FirmwareSummary> {
         let (near, far) = UnixStream::pair()?;
         let image = std::fs::read(&self.firmware).context("the firmware image")?;
         let image = Image::parse(&image).map_err(|e| anyhow!("{}: {e}", self.firmware.display()))?;
@@ -318,7 +318,7 @@ impl Emulator {
         if ending != Ending::Exit(0) {
             bail!("the firmware has failed: {}", console.trim());
         }
-        Summary::of(&summary).context("the firmware left no summary")
+        FirmwareSummary::of(&summary).context("the firmware left no summary")
     }
 
     fn start(&self, folder: &Path, lines: &[&str]) -> Result<Child> {

@@ -1,7 +1,7 @@
 //! The twin: the firmware in QEMU and the same loop on the host over the same samples, telemetry compared.
 
-use crate::emulator::{Emulator, SamplePath, Summary, reader_has_gone};
-use crate::record::Recorder as Records;
+use crate::emulator::{Emulator, FirmwareSummary, SamplePath, reader_has_gone};
+use crate::record::RecordFormat as Records;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config_blob::{self, PROPAGATION};
@@ -133,7 +133,7 @@ pub struct Twins {
     /// The firmware's bytes.
     pub firmware: Vec<u8>,
     /// What the firmware left behind.
-    pub summary: Summary,
+    pub summary: FirmwareSummary,
 }
 
 /// For whom a stream is written.

@@ -7,11 +7,11 @@
 //! are split where it turned and only there. A passage of 300 s counts as straight if the course stays within 10° and the
 //! speed within 20 %, as turning if the course changes by 25° or more, as bending otherwise.
 
-use super::ais_paths::{Instant, Passing, Path, paths};
-use super::heard_vessels::{RATE_HZ, Source, listen, track};
-use super::report::Report;
+use super::ais_paths::{Instant, Passing, VesselPath, paths};
+use super::heard_vessels::{HeardVessel, RATE_HZ, listen, track};
+use super::report::CsvReport;
 use super::{Experiment, Options};
-use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
+use crate::plot::{Plot, Scale, cut_at_wraps, write_panels};
 use anyhow::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -51,7 +51,7 @@ fn run(options: &Options) -> Result<()> {
         return Ok(());
     };
     let (reports, _) = crate::ais::read(&file)?;
-    let all: Vec<Path> = paths(&reports, 60)
+    let all: Vec<VesselPath> = paths(&reports, 60)
         .iter()
         .flat_map(|path| path.split(|i| i.speed_m_s() < UNDER_WAY_M_S).map(<[Instant]>::to_vec))
         .filter(|path| path.len() >= 60)
@@ -65,9 +65,9 @@ fn run(options: &Options) -> Result<()> {
 }
 
 /// Quantiles of speed, rate of turn and acceleration.
-fn kinematics(options: &Options, all: &[Path]) -> Result<()> {
+fn kinematics(options: &Options, all: &[VesselPath]) -> Result<()> {
     let mut report =
-        Report::new("ais-kinematics", &["percent", "speed_m_s", "turn_deg_s", "acceleration_m_s2"]);
+        CsvReport::new("ais-kinematics", &["percent", "speed_m_s", "turn_deg_s", "acceleration_m_s2"]);
     let values = |f: &dyn Fn(&Instant) -> f64| all.iter().flatten().map(f).collect::<Vec<f64>>();
     let mut speed = values(&Instant::speed_m_s);
     let mut turn = values(&|i| i.turn_rad_s().abs().to_degrees());
@@ -91,14 +91,15 @@ fn deviation_m(path: &[Instant]) -> f64 {
 }
 
 /// Shares of windows that are straight as seen from 500 and 1000 m, by their length.
-fn straightness(options: &Options, all: &[Path]) -> Result<Vec<[f64; 3]>> {
-    let mut report = Report::new(
+fn straightness(options: &Options, all: &[VesselPath]) -> Result<Vec<[f64; 3]>> {
+    let mut report = CsvReport::new(
         "ais-straightness",
         &["window_s", "windows", "median_deviation_m", "straight_500m_percent", "straight_1000m_percent"],
     );
     let mut shares = Vec::new();
     for window in WINDOWS_S {
-        let starts = |path: &'_ Path| (0..=path.len().saturating_sub(window)).step_by(20).collect::<Vec<_>>();
+        let starts =
+            |path: &'_ VesselPath| (0..=path.len().saturating_sub(window)).step_by(20).collect::<Vec<_>>();
         let mut found: Vec<f64> = all
             .par_iter()
             .filter(|path| path.len() >= window)
@@ -128,7 +129,7 @@ enum Class {
 }
 
 /// One passage and what the tracker made of it.
-struct Passage {
+struct PassageScore {
     path: usize,
     from: usize,
     array_m: [f64; 2],
@@ -171,7 +172,7 @@ fn classify(path: &[Instant]) -> Class {
     }
 }
 
-fn passage(all: &[Path], long: &[usize], seed: u64, run: usize) -> Passage {
+fn passage(all: &[VesselPath], long: &[usize], seed: u64, run: usize) -> PassageScore {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(run as u64);
     let path = long[run % long.len()];
@@ -200,7 +201,7 @@ fn passage(all: &[Path], long: &[usize], seed: u64, run: usize) -> Passage {
     let onset = turned.iter().position(|c| c.abs() > 10.0).map(|k| k as f64);
     let last = records.iter().rfind(|r| r.stage == 1).filter(|r| r.sd_heading.is_finite());
     let truth = stretch[PASSAGE_S - 1].course();
-    Passage {
+    PassageScore {
         path,
         from,
         array_m,
@@ -213,11 +214,11 @@ fn passage(all: &[Path], long: &[usize], seed: u64, run: usize) -> Passage {
     }
 }
 
-fn passages(options: &Options, all: &[Path]) -> Result<Vec<Passage>> {
+fn passages(options: &Options, all: &[VesselPath]) -> Result<Vec<PassageScore>> {
     let runs = options.runs.unwrap_or(PASSAGES);
     let long: Vec<usize> = (0..all.len()).filter(|k| all[*k].len() > PASSAGE_S).collect();
     let bar = crate::progress::bar(runs as u64, "ais-kinematics");
-    let found: Vec<Passage> = (0..runs)
+    let found: Vec<PassageScore> = (0..runs)
         .into_par_iter()
         .map(|run| {
             bar.inc(1);
@@ -225,7 +226,7 @@ fn passages(options: &Options, all: &[Path]) -> Result<Vec<Passage>> {
         })
         .collect();
     bar.finish_and_clear();
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "ais-passages",
         &[
             "turning",
@@ -239,10 +240,10 @@ fn passages(options: &Options, all: &[Path]) -> Result<Vec<Passage>> {
         ],
     );
     for (k, class) in [Class::Straight, Class::Bending, Class::Turning].into_iter().enumerate() {
-        let mine: Vec<&Passage> = found.iter().filter(|p| p.class == class).collect();
+        let mine: Vec<&PassageScore> = found.iter().filter(|p| p.class == class).collect();
         let n = mine.len() as f64;
-        let share = |f: &dyn Fn(&Passage) -> f64| mine.iter().map(|p| f(p)).sum::<f64>() / n;
-        let middle = |f: &dyn Fn(&Passage) -> Option<f64>| {
+        let share = |f: &dyn Fn(&PassageScore) -> f64| mine.iter().map(|p| f(p)).sum::<f64>() / n;
+        let middle = |f: &dyn Fn(&PassageScore) -> Option<f64>| {
             median(&mut mine.iter().filter_map(|p| f(p)).collect::<Vec<_>>()).unwrap_or(f64::NAN)
         };
         let name = ["straight", "bending", "turning"][k];
@@ -266,7 +267,12 @@ fn passages(options: &Options, all: &[Path]) -> Result<Vec<Passage>> {
 }
 
 /// Distributions, straightness, and one turning vessel with its tracks.
-fn pictures(options: &Options, all: &[Path], held: &[[f64; 3]], passages: &[Passage]) -> Result<()> {
+fn pictures(
+    options: &Options,
+    all: &[VesselPath],
+    held: &[[f64; 3]],
+    passages: &[PassageScore],
+) -> Result<()> {
     let cumulative = |f: &dyn Fn(&Instant) -> f64, top: f64| -> Vec<(f64, f64)> {
         let mut values: Vec<f64> = all.iter().flatten().map(f).collect();
         values.sort_by(f64::total_cmp);
@@ -275,15 +281,15 @@ fn pictures(options: &Options, all: &[Path], held: &[[f64; 3]], passages: &[Pass
             .map(|x| (x, 100.0 * values.partition_point(|v| *v <= x) as f64 / values.len() as f64))
             .collect()
     };
-    let mut speed = Figure::new("Speed of vessels under way", "speed (m/s)", "share below (%)");
+    let mut speed = Plot::new("Speed of vessels under way", "speed (m/s)", "share below (%)");
     speed.size(450, 340).line("", &cumulative(&Instant::speed_m_s, 20.0));
-    let mut turn = Figure::new("Rate of turn", "rate (°/s)", "share below (%)");
+    let mut turn = Plot::new("Rate of turn", "rate (°/s)", "share below (%)");
     turn.size(450, 340).line("", &cumulative(&|i| i.turn_rad_s().abs().to_degrees(), 3.0));
-    let mut straight = Figure::new("Windows as good as straight", "window (s)", "share (%)");
+    let mut straight = Plot::new("Windows as good as straight", "window (s)", "share (%)");
     straight.size(450, 340).y_range(0.0, 100.0);
     straight.line("seen from 500 m", &held.iter().map(|h| (h[0], h[1])).collect::<Vec<_>>());
     straight.line("seen from 1000 m", &held.iter().map(|h| (h[0], h[2])).collect::<Vec<_>>());
-    let mut turning = Figure::new("A turning vessel and its tracks", "time (s)", "azimuth (°)");
+    let mut turning = Plot::new("A turning vessel and its tracks", "time (s)", "azimuth (°)");
     turning.size(450, 340).y_scale(Scale::Degrees);
     if let Some(p) = passages.iter().find(|p| p.class == Class::Turning && p.splits > 0) {
         let vessel = Passing { path: &all[p.path][p.from..p.from + PASSAGE_S], array_m: p.array_m };

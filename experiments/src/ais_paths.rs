@@ -5,8 +5,8 @@
 //! distance in time; its value and derivatives are the vessel's. The reports are good to some ten metres (coarse
 //! positions, times of reception); turns shorter than some twenty seconds are blurred.
 
-use super::heard_vessels::Source;
-use crate::ais::Report;
+use super::heard_vessels::HeardVessel;
+use crate::ais::AisReport;
 use crate::geodesy::LocalFrame;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
@@ -55,10 +55,10 @@ impl Instant {
 }
 
 /// A path, one instant a second.
-pub type Path = Vec<Instant>;
+pub type VesselPath = Vec<Instant>;
 
 /// The paths of at least `least_s` seconds in the reports, in order of vessel and time.
-pub fn paths(reports: &[Report], least_s: usize) -> Vec<Path> {
+pub fn paths(reports: &[AisReport], least_s: usize) -> Vec<VesselPath> {
     let Some(first) = reports.first() else { return Vec::new() };
     let frame = LocalFrame::new(first.lat_lon_deg.0, first.lat_lon_deg.1);
     let mut vessels: BTreeMap<u64, Vec<(f64, [f64; 2])>> = BTreeMap::new();
@@ -91,14 +91,14 @@ pub fn paths(reports: &[Report], least_s: usize) -> Vec<Path> {
 }
 
 /// Parabolas through one vessel's consecutive reports; cut where too few are near.
-fn smooth(reports: &[(f64, [f64; 2])]) -> Vec<Path> {
+fn smooth(reports: &[(f64, [f64; 2])]) -> Vec<VesselPath> {
     let (Some(first), Some(last)) = (reports.first(), reports.last()) else { return Vec::new() };
-    let mut out = vec![Path::new()];
+    let mut out = vec![VesselPath::new()];
     for k in 0..=(last.0 - first.0) as u32 {
         let t_s = first.0 + f64::from(k);
         match REACHES_S.iter().find_map(|reach_s| parabola(reports, t_s, *reach_s)) {
             Some(instant) => out.last_mut().map_or((), |path| path.push(instant)),
-            None => out.push(Path::new()),
+            None => out.push(VesselPath::new()),
         }
     }
     out
@@ -136,7 +136,7 @@ pub struct Passing<'a> {
     pub array_m: [f64; 2],
 }
 
-impl Source for Passing<'_> {
+impl HeardVessel for Passing<'_> {
     fn position(&self, t_s: f64) -> (f64, f64) {
         let last = self.path.len() - 2;
         let k = (t_s.max(0.0) as usize).min(last);
@@ -156,13 +156,13 @@ mod tests {
         let rate = 0.5f64.to_radians();
         let radius = 8.0 / rate;
         let frame = LocalFrame::new(50.0, -1.0);
-        let reports: Vec<Report> = (0..80)
+        let reports: Vec<AisReport> = (0..80)
             .map(|k| {
                 let t_s = 4.0 * f64::from(k);
                 let (s, c) = (rate * t_s).sin_cos();
                 let jump = if k == 40 { 5000.0 } else { 0.0 };
                 let lat_lon_deg = frame.lat_lon_deg(radius * (1.0 - c) + jump, radius * s);
-                Report {
+                AisReport {
                     mmsi: 1,
                     t_s,
                     lat_lon_deg,

@@ -4,11 +4,11 @@
 //! Static sources at random azimuths and elevations, 500 m away (spherical delays, exact), source and ambient noise of
 //! one falling spectrum. Everything is measured on what the recorder's own code emits for converter codes.
 
-use super::bearing_limit_source::{Ambient, Desk, Sounder, exact_arrivals, surfaced};
+use super::bearing_limit_source::{AmbientField, Desk, Sounder, exact_arrivals, surfaced};
 use super::figure::Bar;
-use super::report::Report;
+use super::report::CsvReport;
 use super::{Experiment, Options};
-use crate::plot::{Figure, Scale};
+use crate::plot::{Plot, Scale};
 use crate::progress;
 use anyhow::Result;
 use rand::RngExt;
@@ -160,8 +160,8 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// The table of errors against the limit.
 fn accuracy(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
-    let sounder = Sounder::new(plan.geometry(), f64::from(plan.rate_hz()), RECORD, Ambient::Independent);
-    let mut report = Report::new(
+    let sounder = Sounder::new(plan.geometry(), f64::from(plan.rate_hz()), RECORD, AmbientField::Independent);
+    let mut report = CsvReport::new(
         "bearing_limit",
         &[
             "snr_db",
@@ -219,7 +219,7 @@ fn accuracy(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
     let series =
         |pick: fn(&(f64, f64, f64, f64, f64)) -> f64| rows.iter().map(|r| (r.0, pick(r))).collect::<Vec<_>>();
     let mut figure =
-        Figure::new("Bearing error against the physical limit", "signal-to-noise ratio (dB)", "RMSE (°)");
+        Plot::new("Bearing error against the physical limit", "signal-to-noise ratio (dB)", "RMSE (°)");
     figure.y_scale(Scale::Log);
     figure.line("limit, azimuth", &series(|r| r.2)).line("limit, elevation", &series(|r| r.4));
     figure.points("azimuth", &series(|r| r.1)).points("elevation", &series(|r| r.3));
@@ -244,9 +244,9 @@ fn judge(options: &Options, snr_db: f64, errors: &Errors) {
 
 /// The table of stated and actual errors where the surface's image comes beside the vessel.
 fn multipath(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
-    let sounder = Sounder::new(plan.geometry(), f64::from(plan.rate_hz()), RECORD, Ambient::Independent);
+    let sounder = Sounder::new(plan.geometry(), f64::from(plan.rate_hz()), RECORD, AmbientField::Independent);
     let columns = ["snr_db", "segments", "az_deg", "az_stated", "el_deg", "el_stated", "ellipse_%"];
-    let mut report = Report::new("bearing_multipath", &columns);
+    let mut report = CsvReport::new("bearing_multipath", &columns);
     if !options.json {
         println!("with the surface's image: vessels 4 m deep, 200 to 1000 m away, array 168 m deep");
     }
@@ -283,7 +283,7 @@ fn multipath(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
 
 /// Noise alone: how many bearings?
 fn false_alarms(options: &Options, seconds: f64) -> Result<()> {
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "false_alarms",
         &["ambient", "allowed_per_hour", "hours", "segments", "bearings", "greatest"],
     );
@@ -295,10 +295,10 @@ fn false_alarms(options: &Options, seconds: f64) -> Result<()> {
     // The last row allows many, so that the stated rate itself can be seen to hold (it is an upper bound: segments
     // overlap by half, and the expected Euler characteristic is above the probability where that is not small).
     let cases = [
-        (0u8, Ambient::Independent, 0.5, seconds),
-        (1, Ambient::Isotropic, 0.5, seconds),
-        (2, Ambient::Surface, 0.5, seconds),
-        (0, Ambient::Independent, OFTEN_PER_HOUR, seconds / 4.0),
+        (0u8, AmbientField::Independent, 0.5, seconds),
+        (1, AmbientField::Isotropic, 0.5, seconds),
+        (2, AmbientField::Surface, 0.5, seconds),
+        (0, AmbientField::Independent, OFTEN_PER_HOUR, seconds / 4.0),
     ];
     for (kind, ambient, allowed, seconds) in cases {
         let mut config = station();

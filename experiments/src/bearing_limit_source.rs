@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// How ambient noise is related between hydrophones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ambient {
+pub enum AmbientField {
     /// Independent at every hydrophone.
     Independent,
     /// Isotropic: plane waves from all directions, coherence `sinc(2fd/c)`.
@@ -24,7 +24,7 @@ pub enum Ambient {
 }
 
 /// One way from a source to the hydrophones: gain (amplitude, with sign) and arrival times in seconds.
-pub type Path = (f64, [f64; 4]);
+pub type SignalPath = (f64, [f64; 4]);
 
 /// A lower triangle by row.
 type Root = [[Complex<f32>; 4]; 4];
@@ -52,7 +52,7 @@ pub struct Sounder {
 impl Sounder {
     /// A maker of records of `samples` (a power of two) at a rate. The spectrum falls as a ship's: by 6 dB per octave
     /// above 300 Hz, level below.
-    pub fn new(geometry: &Geometry, rate_hz: f64, samples: usize, ambient: Ambient) -> Self {
+    pub fn new(geometry: &Geometry, rate_hz: f64, samples: usize, ambient: AmbientField) -> Self {
         let bins = samples / 2 + 1;
         let mut shape: Vec<f32> = (0..bins)
             .map(|k| {
@@ -66,7 +66,7 @@ impl Sounder {
             *a /= power.sqrt();
         }
         let inverse = f32::complex_to_real(samples);
-        let mixing = (ambient != Ambient::Independent).then(|| {
+        let mixing = (ambient != AmbientField::Independent).then(|| {
             // Coherence varies over hundreds of hertz (the time across the array is about a millisecond).
             let group = ((8.0 * samples as f64 / rate_hz) as usize).max(1);
             let roots = (0..=bins / group)
@@ -134,7 +134,7 @@ impl Sounder {
         desk: &'a mut Desk,
         seed: u64,
         rms_codes: f64,
-        sources: &[(f64, Vec<Path>)],
+        sources: &[(f64, Vec<SignalPath>)],
     ) -> &'a [Frame] {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let bins = self.shape.len();
@@ -212,7 +212,7 @@ pub fn exact_arrivals(geometry: &Geometry, azimuth: f64, elevation: f64, range_m
 
 /// Elevation (radians) of a vessel 4 m deep at a horizontal range, seen by an array 168 m deep, and its two paths: direct and
 /// off the surface, which turns the sign and keeps 95 % of the amplitude.
-pub fn surfaced(geometry: &Geometry, azimuth: f64, horizontal_m: f64) -> (f64, Vec<Path>) {
+pub fn surfaced(geometry: &Geometry, azimuth: f64, horizontal_m: f64) -> (f64, Vec<SignalPath>) {
     let (direct_m, image_m) = (horizontal_m.hypot(164.0), horizontal_m.hypot(172.0));
     let elevation = 164f64.atan2(horizontal_m);
     let direct = exact_arrivals(geometry, azimuth, elevation, direct_m);
@@ -230,7 +230,7 @@ fn normal_pair(rng: &mut ChaCha8Rng) -> Complex<f32> {
 }
 
 /// Coherence `E X_i X_j*` of the ambient noise at a frequency.
-fn coherence_matrix(geometry: &Geometry, f: f64, ambient: Ambient) -> [[Complex<f64>; 4]; 4] {
+fn coherence_matrix(geometry: &Geometry, f: f64, ambient: AmbientField) -> [[Complex<f64>; 4]; 4] {
     let k = TAU * f / f64::from(geometry.sound_speed_m_s);
     let mut m = [[Complex::new(0.0, 0.0); 4]; 4];
     for (i, row) in m.iter_mut().enumerate() {
@@ -243,12 +243,12 @@ fn coherence_matrix(geometry: &Geometry, f: f64, ambient: Ambient) -> [[Complex<
         let length = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
         // γ = E X_i* X_j.
         let gamma = match ambient {
-            Ambient::Independent => Complex::new(0.0, 0.0),
-            Ambient::Isotropic => {
+            AmbientField::Independent => Complex::new(0.0, 0.0),
+            AmbientField::Isotropic => {
                 let x = k * length;
                 Complex::new(if x > 1e-9 { x.sin() / x } else { 1.0 }, 0.0)
             }
-            Ambient::Surface => {
+            AmbientField::Surface => {
                 // Integral over the sine of elevation; the azimuths give a Bessel function, here a ring sum.
                 let horizontal = d[0].hypot(d[1]);
                 let n = 64 + (k * length) as usize * 2;

@@ -8,11 +8,11 @@
 //! how far the tails are from Gaussian.
 
 use super::difar_tracks::{self, tracks};
-use super::report::Report;
+use super::report::CsvReport;
 use super::{Experiment, Options};
-use crate::csv::Table;
+use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
-use crate::plot::{Figure, Scale};
+use crate::plot::{Plot, Scale};
 use crate::score::median;
 use anyhow::{Context, Result};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
@@ -40,7 +40,7 @@ type Buoys = BTreeMap<(String, String), Vec<Heard>>;
 
 /// The figures the issue asks for.
 #[derive(Debug, Clone)]
-pub struct Score {
+pub struct DifarScore {
     /// Buoys with enough bearings, and bearings of them.
     pub buoys: usize,
     /// Bearings of those.
@@ -67,11 +67,11 @@ pub struct Score {
 ///
 /// # Errors
 /// The file is not as its description says.
-pub fn score(file: &Path) -> Result<Score> {
+pub fn score(file: &Path) -> Result<DifarScore> {
     let buoys = read(file)?;
     let shift_s = common_shift(&buoys);
     let buoys: Vec<Vec<f64>> = buoys.values().map(|b| residuals(b, shift_s)).collect();
-    let mut s = Score {
+    let mut s = DifarScore {
         buoys: 0,
         bearings: 0,
         shift_s,
@@ -118,7 +118,7 @@ pub fn score(file: &Path) -> Result<Score> {
 }
 
 fn read(file: &Path) -> Result<Buoys> {
-    let table = Table::read(file)?;
+    let table = CsvTable::read(file)?;
     let (station, channel) = (table.column("Station")?, table.column("Channel")?);
     let time = table.column("utc")?;
     let mut buoys = Buoys::new();
@@ -203,7 +203,7 @@ fn mean(x: &[f64]) -> f64 {
 fn run(options: &Options) -> Result<()> {
     let file = options.real("real/difar_vessel_bearings_A/vessel_bearings.csv");
     let score = file.map(|file| score(&file)).transpose()?;
-    let of = |value: fn(&Score) -> f64| score.as_ref().map(value);
+    let of = |value: fn(&DifarScore) -> f64| score.as_ref().map(value);
     let figures = &options.figures;
     figures.at_least("corrected bearings within 7°, %", of(|s| 100.0 * s.within_7_deg), 90.0);
     figures.at_least(
@@ -217,7 +217,7 @@ fn run(options: &Options) -> Result<()> {
         figures.at_most(difar_tracks::FIGURE, None, difar_tracks::BAR);
         return Ok(());
     };
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "difar",
         &[
             "buoys",
@@ -263,7 +263,7 @@ fn run(options: &Options) -> Result<()> {
             .collect::<Vec<_>>()
     };
     let mut figure =
-        Figure::new("Errors of real bearings after correction", "size of the error (°)", "share beyond it");
+        Plot::new("Errors of real bearings after correction", "size of the error (°)", "share beyond it");
     figure.y_scale(Scale::Log).x_range(0.0, 30.0).y_range(1e-3, 1.0);
     figure.points("DIFAR buoys", &beyond);
     figure.dashed("Gaussian of the same standard deviation", &gaussian(sd));

@@ -5,7 +5,7 @@
 
 use super::Options;
 use super::motion::generator;
-use super::report::Report;
+use super::report::CsvReport;
 use anyhow::Result;
 use rand::RngExt;
 use rayon::prelude::*;
@@ -36,7 +36,7 @@ type Errors = [f64; 2];
 
 /// Fits passes with errors drawn from `errors_deg` and reports root mean squares and medians of what they give.
 pub(super) fn tracks(errors_deg: &[f64], options: &Options) -> Result<()> {
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "difar-tracks",
         &["cpa_m", "runs", "heading_rms_ls", "heading_rms_robust", "range_rms_ls", "range_rms_robust"],
     );

@@ -25,7 +25,7 @@ const TAU_S: f64 = 5.0;
 const SOUND_M_S: f64 = 1484.0;
 
 /// Something that moves and is heard.
-pub trait Source {
+pub trait HeardVessel {
     /// East and North of the array at a time, metres.
     fn position(&self, t_s: f64) -> (f64, f64);
 
@@ -51,7 +51,7 @@ pub type Bearings = Vec<(f64, f64)>;
 
 /// What the array would report of these vessels.
 pub fn listen(
-    vessels: &[impl Source],
+    vessels: &[impl HeardVessel],
     duration_s: f64,
     rng: &mut ChaCha8Rng,
     false_bearing: f64,

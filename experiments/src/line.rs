@@ -7,9 +7,9 @@
 //! positions ten seconds apart. Estimators of the table: 0 the robust fit as `seabearing orient` runs it (whole shifts
 //! preferred), 1 the same with a free shift, 2 the paper's closed form over its grids.
 
-use super::report::Report;
+use super::report::CsvReport;
 use super::{Experiment, Options};
-use crate::plot::Figure;
+use crate::plot::Plot;
 use anyhow::{Result, anyhow};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_locate::line::{
-    Arrival, Complex, LinePlan, MAX_SENSORS, MAX_SOURCES, Method, Scratch, State, unit,
+    Complex, LineArrival, LinePlan, MAX_SENSORS, MAX_SOURCES, MusicMethod, Scratch, State, unit,
 };
 use seabearing_locate::network::known_track::TrackPoint;
 use seabearing_locate::orient::closed_form;
@@ -121,13 +121,13 @@ fn recording(seed: u64, run: usize, snr_db: f64) -> Vec<Snapshots> {
 }
 
 /// A recording's bearings: (as measured, true sine, standard deviation claimed).
-fn heard(recording: &[Snapshots], method: Method) -> Result<Vec<(LineBearing, f64, f64)>> {
+fn heard(recording: &[Snapshots], method: MusicMethod) -> Result<Vec<(LineBearing, f64, f64)>> {
     let plan = LinePlan::new(SENSORS, SPACING_M, FREQUENCY_HZ, SOUND_SPEED_M_S, SUBARRAYS, FORGETTING, 1)
         .map_err(|e| anyhow!("line plan: {e:?}"))?;
     let (mut state, mut scratch) = (State::new(), Scratch::new());
     let mut out = Vec::new();
     for (second, snapshots) in recording.iter().enumerate() {
-        let mut arrivals = [Arrival::default(); MAX_SOURCES];
+        let mut arrivals = [LineArrival::default(); MAX_SOURCES];
         plan.step(&mut state, &mut scratch, snapshots, method, &mut arrivals)
             .map_err(|e| anyhow!("bearing: {e:?}"))?;
         let age = if second == 0 { 0.5 } else { mean_age_s() };
@@ -141,7 +141,7 @@ fn heard(recording: &[Snapshots], method: Method) -> Result<Vec<(LineBearing, f6
 /// standardised error of the sines; the three of the fit with a free shift.
 type Outcome = [f64; 11];
 
-fn outcome(recording: &[Snapshots], method: Method) -> Result<Outcome> {
+fn outcome(recording: &[Snapshots], method: MusicMethod) -> Result<Outcome> {
     let heard = heard(recording, method)?;
     let bearings: Vec<LineBearing> = heard.iter().map(|h| h.0).collect();
     let settings = LineSettings { shift_s: (-1.0, 7.0), eta: (0.85, 1.05), gap_s: 60.0, whole_s: 1.0 };
@@ -170,7 +170,7 @@ fn outcome(recording: &[Snapshots], method: Method) -> Result<Outcome> {
 fn run(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(RUNS);
     let bar = crate::progress::bar(runs as u64, "line-orientation");
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "line-orientation",
         &[
             "root_music",
@@ -185,7 +185,7 @@ fn run(options: &Options) -> Result<()> {
         ],
     );
     let mut worst = 0.0f64;
-    const METHODS: [Method; 2] = [Method::Spectrum, Method::Root];
+    const METHODS: [MusicMethod; 2] = [MusicMethod::Spectrum, MusicMethod::Root];
     let outcomes = (0..runs)
         .into_par_iter()
         .map(|run| {
@@ -202,7 +202,7 @@ fn run(options: &Options) -> Result<()> {
         for (estimator, form) in [(0.0, 0), (1.0, 8), (2.0, 4)] {
             let right = outcomes.iter().filter(|o| o[form + 1].abs() <= 0.5).count() as f64 / runs as f64;
             report.row(&[
-                f64::from(u8::from(method == Method::Root)),
+                f64::from(u8::from(method == MusicMethod::Root)),
                 estimator,
                 rms(form),
                 largest(form),
@@ -223,13 +223,13 @@ fn run(options: &Options) -> Result<()> {
 
 /// One recording: its bearings, and the mean angle error over η for each shift, as the paper's figure 5.
 fn pictures(options: &Options) -> Result<()> {
-    let heard = heard(&recording(options.seed, 0, 10.0), Method::Root)?;
-    let mut figure = Figure::new("Sine of the bearing at 702 Hz (paper L, figure 4)", "time (s)", "sine");
+    let heard = heard(&recording(options.seed, 0, 10.0), MusicMethod::Root)?;
+    let mut figure = Plot::new("Sine of the bearing at 702 Hz (paper L, figure 4)", "time (s)", "sine");
     figure.truth("true", &heard.iter().map(|(b, s, _)| (b.t_s, *s)).collect::<Vec<_>>());
     figure.points("root-MUSIC", &heard.iter().map(|(b, _, _)| (b.t_s, b.sine)).collect::<Vec<_>>());
     figure.write(&options.out.join("line-orientation-bearings.svg"))?;
     let bearings: Vec<LineBearing> = heard.iter().map(|h| h.0).collect();
-    let mut figure = Figure::new(
+    let mut figure = Plot::new(
         "Mean angle between true and computed positions (paper L, figure 5)",
         "η = cos(elevation)",
         "mean error (°)",

@@ -22,7 +22,7 @@ pub const HEADING_DEG: f64 = 45.0;
 
 /// How bearing errors are drawn.
 #[derive(Clone, Copy, Debug)]
-pub enum Noise {
+pub enum BearingNoise {
     /// By the linear model exactly: the sum of τ/step equal impulses.
     Linear,
     /// First-order Gauss-Markov.
@@ -73,7 +73,7 @@ impl Scene {
     }
 
     /// Errors of one run, radians.
-    pub fn errors(&self, noise: &Noise, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    pub fn errors(&self, noise: &BearingNoise, rng: &mut ChaCha8Rng) -> Vec<f64> {
         let n = self.count();
         let mut gauss = || -> f64 { StandardNormal.sample(rng) };
         let steps = (self.tau_s / STEP_S).round() as usize;
@@ -81,7 +81,7 @@ impl Scene {
             return (0..n).map(|_| self.sd_rad * gauss()).collect();
         }
         match noise {
-            Noise::Linear => {
+            BearingNoise::Linear => {
                 let w: Vec<f64> = (0..n + steps).map(|_| gauss()).collect();
                 let mut sum: f64 = w[..steps].iter().sum();
                 let scale = self.sd_rad / (steps as f64).sqrt();
@@ -93,7 +93,7 @@ impl Scene {
                     })
                     .collect()
             }
-            Noise::Markov => {
+            BearingNoise::Markov => {
                 let keep = (-STEP_S / self.tau_s).exp();
                 let mut e = gauss();
                 (0..n)
@@ -104,7 +104,7 @@ impl Scene {
                     })
                     .collect()
             }
-            Noise::Butterworth(filter) => {
+            BearingNoise::Butterworth(filter) => {
                 let mut filter = *filter;
                 for _ in 0..12 * steps {
                     filter.step(gauss());
@@ -184,7 +184,7 @@ pub fn generator(seed: u64, point: u64, run: usize) -> ChaCha8Rng {
 pub fn repeat(
     scene: &Scene,
     models: &[Model],
-    noise: &Noise,
+    noise: &BearingNoise,
     runs: usize,
     seed: (u64, u64),
     speeds: impl Fn(&mut ChaCha8Rng) -> (f64, f64) + Sync,
@@ -319,9 +319,9 @@ mod tests {
     fn drawn_errors_have_the_stated_variance_and_correlation() {
         let scene = Scene { range_m: 500.0, window_s: 40.0, sd_rad: 1.0, tau_s: 10.0, speed_m_s: 7.0 };
         for (noise, at_half) in [
-            (Noise::Linear, 0.5),
-            (Noise::Markov, (-0.5f64).exp()),
-            (Noise::Butterworth(Butterworth::new(20.0)), 0.5f64.sin() / 0.5),
+            (BearingNoise::Linear, 0.5),
+            (BearingNoise::Markov, (-0.5f64).exp()),
+            (BearingNoise::Butterworth(Butterworth::new(20.0)), 0.5f64.sin() / 0.5),
         ] {
             let (mut own, mut cross) = (0.0, 0.0);
             for run in 0..1500 {

@@ -1,8 +1,8 @@
 //! Motion beyond paper M: elevations instead of a speed, reported spreads against errors made, recursive against batch.
 
 use super::figure::Bar;
-use super::motion::{Noise, POSITIONS, Scene, config, generator};
-use super::report::Report;
+use super::motion::{BearingNoise, POSITIONS, Scene, config, generator};
+use super::report::CsvReport;
 use super::{Experiment, Options};
 use crate::progress;
 use anyhow::{Context, Result};
@@ -15,7 +15,7 @@ use seabearing_core::passage::{self, Measurement, Passage, RECORDED};
 use seabearing_locate::motion::bound;
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, Config};
-use seabearing_locate::motion::whiten::{Method, Plan, Workspace};
+use seabearing_locate::motion::whiten::{Plan, WhitenMethod, Workspace};
 
 /// Elevations joined into the fit.
 pub const ELEVATION: Experiment = Experiment {
@@ -45,7 +45,7 @@ const HEIGHT_M: f64 = 163.0;
 
 fn elevation(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(RUNS);
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "motion-elevation",
         &[
             "cpa_m",
@@ -94,7 +94,7 @@ fn elevation(options: &Options) -> Result<()> {
                     || Box::new(Workspace::<POSITIONS>::new()),
                     |work, run| {
                         let mut rng = generator(options.seed, 400 + 10 * case as u64 + i as u64, run);
-                        let errors = scene.errors(&Noise::Linear, &mut rng);
+                        let errors = scene.errors(&BearingNoise::Linear, &mut rng);
                         let bias: f64 =
                             bias_deg * RAD_PER_DEG * Distribution::<f64>::sample(&StandardNormal, &mut rng);
                         let s = observe(
@@ -173,7 +173,7 @@ const ELLIPSE_95: f64 = 5.991_464_547_107_98;
 
 fn coverage(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(COVERAGE_RUNS);
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "motion-coverage",
         &[
             "recursive",
@@ -230,7 +230,7 @@ fn coverage(options: &Options) -> Result<()> {
                         }
                     };
                     let scene = Scene { range_m, window_s: 200.0, sd_rad, tau_s, speed_m_s };
-                    let errors = scene.errors(&Noise::Markov, &mut rng);
+                    let errors = scene.errors(&BearingNoise::Markov, &mut rng);
                     let samples = scene.samples(&medium, &errors);
                     let a = ml::fit(&batch, &samples, work, &mut []).ok()?.solution;
                     let mut recorded = Passage::<RECORDED>::new();
@@ -295,7 +295,7 @@ fn coverage(options: &Options) -> Result<()> {
 /// Rows: model 0 white, 1 linear, 2 sinc, 3 Gaussian, 4 Markov; 5 the recorder's passage fit of 401 bearings, one by one.
 fn cost(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(20);
-    let mut report = Report::new("motion-cost", &["model", "tau_s", "levinson", "fit_ms", "memory_kib"]);
+    let mut report = CsvReport::new("motion-cost", &["model", "tau_s", "levinson", "fit_ms", "memory_kib"]);
     let scene = |tau_s| Scene { range_m: 500.0, window_s: 200.0, sd_rad: 0.03, tau_s, speed_m_s: 7.0 };
     let cases = [
         (0, Model::White, 0.0),
@@ -311,7 +311,7 @@ fn cost(options: &Options) -> Result<()> {
     let draw = |tau_s: f64, run: usize| {
         let scene = scene(tau_s);
         let medium = Medium::of_sound_speed(1484.0);
-        scene.samples(&medium, &scene.errors(&Noise::Linear, &mut generator(options.seed, 600, run)))
+        scene.samples(&medium, &scene.errors(&BearingNoise::Linear, &mut generator(options.seed, 600, run)))
     };
     for (number, model, tau_s) in cases {
         let c = Config { medium: Medium::of_sound_speed(1484.0), ..config(model, tau_s, 7.0) };
@@ -320,7 +320,7 @@ fn cost(options: &Options) -> Result<()> {
         let start = std::time::Instant::now();
         for s in &records {
             if let Ok(f) = ml::fit(&c, s, &mut work, &mut []) {
-                levinson = matches!(f.plan.method, Method::Levinson { .. });
+                levinson = matches!(f.plan.method, WhitenMethod::Levinson { .. });
             }
         }
         let ms = start.elapsed().as_secs_f64() * 1e3 / runs as f64;

@@ -10,11 +10,11 @@
 //! estimated track.
 
 use super::motion::{
-    Butterworth, Noise, Rmse, SPEED_M_S, STEP_S, Scene, generator, limits, paper, repeat, second_order,
+    BearingNoise, Butterworth, Rmse, SPEED_M_S, STEP_S, Scene, generator, limits, paper, repeat, second_order,
 };
-use super::report::Report;
+use super::report::CsvReport;
 use super::{Experiment, Options};
-use crate::plot::{Figure, Scale, write_panels};
+use crate::plot::{Plot, Scale, write_panels};
 use crate::progress;
 use anyhow::{Context, Result};
 use rand_distr::{Distribution, Normal};
@@ -85,9 +85,9 @@ fn point(
         range_m: b.cpa_range_with_speed_error(scene.range_m, sigma_k),
         heading_deg: b.heading_rad.to_degrees(),
     });
-    let rmse = pair(repeat(scene, &MODELS, &Noise::Linear, runs, seed, speeds))?;
+    let rmse = pair(repeat(scene, &MODELS, &BearingNoise::Linear, runs, seed, speeds))?;
     let butter = if butterworth {
-        let noise = Noise::Butterworth(Butterworth::new(scene.tau_s / STEP_S));
+        let noise = BearingNoise::Butterworth(Butterworth::new(scene.tau_s / STEP_S));
         pair(repeat(scene, &MODELS, &noise, runs, seed, speeds))?
     } else {
         [Rmse { range_m: f64::NAN, heading_deg: f64::NAN }; 2]
@@ -142,7 +142,7 @@ fn figure_3(options: &Options) -> Result<()> {
 }
 
 fn write(options: &Options, name: &str, group: &str, what: &str, points: &[Point]) -> Result<()> {
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         name,
         &[
             group,
@@ -190,7 +190,7 @@ fn write(options: &Options, name: &str, group: &str, what: &str, points: &[Point
             ("RMSE of range (m)", (|r: &Rmse| r.range_m) as fn(&Rmse) -> f64),
             ("RMSE of heading (°)", |r: &Rmse| r.heading_deg),
         ] {
-            let mut figure = Figure::new(&format!("{model}; by {what}"), "CPA distance (m)", axis);
+            let mut figure = Plot::new(&format!("{model}; by {what}"), "CPA distance (m)", axis);
             figure.y_scale(Scale::Log);
             let mut groups: Vec<f64> = points.iter().map(|p| p.group).collect();
             groups.dedup();
@@ -241,7 +241,7 @@ const TRAINING_MEAN: f64 = 7.3;
 fn fleet(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(RUNS);
     let bar = progress::bar(7, "motion-fleet");
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "motion-fleet",
         &[
             "cpa_m",
@@ -270,8 +270,9 @@ fn fleet(options: &Options) -> Result<()> {
         let scene =
             Scene { range_m, window_s: 200.0, sd_rad: SIGMA_RAD, tau_s: 50.0, speed_m_s: TEST_FLEET.0 };
         let seed = (options.seed, 300 + i as u64);
-        let mean = repeat(&scene, &MODELS, &Noise::Linear, runs, seed, |rng| (draw(rng), TRAINING_MEAN));
-        let own = repeat(&scene, &MODELS, &Noise::Linear, runs, seed, |rng| {
+        let mean =
+            repeat(&scene, &MODELS, &BearingNoise::Linear, runs, seed, |rng| (draw(rng), TRAINING_MEAN));
+        let own = repeat(&scene, &MODELS, &BearingNoise::Linear, runs, seed, |rng| {
             let v = draw(rng);
             (v, v)
         });
@@ -296,7 +297,7 @@ fn fleet(options: &Options) -> Result<()> {
     bar.finish_and_clear();
     report.finish(options)?;
     let mut figure =
-        Figure::new("Range errors of a fleet of unknown speeds", "CPA distance (m)", "RMSE of range (m)");
+        Plot::new("Range errors of a fleet of unknown speeds", "CPA distance (m)", "RMSE of range (m)");
     figure.y_scale(Scale::Log);
     figure
         .points("mean speed of past traffic assumed", &by_mean)

@@ -9,9 +9,9 @@
 //! gave one.
 
 use super::figure::Bar;
-use super::report::Report;
+use super::report::CsvReport;
 use super::{Experiment, Options};
-use crate::plot::{Figure, Scale, write_panels};
+use crate::plot::{Plot, Scale, write_panels};
 use anyhow::Result;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_locate::network::model::{bearing, polar};
 use seabearing_locate::network::search::maximum;
-use seabearing_locate::network::{Region, Settings, Sighting, locate, polar_bound, rectangular_bound};
+use seabearing_locate::network::{FixSettings, Region, Sighting, locate, polar_bound, rectangular_bound};
 
 /// Figure 2: rectangular and polar coordinates, depth unknown.
 pub const FIGURE_2: Experiment = Experiment {
@@ -122,7 +122,7 @@ fn networks() -> [&'static [[f64; 3]]; 2] {
 fn figure_2(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(RUNS);
     let bar = crate::progress::bar(22, "network-fig2");
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "network-fig2",
         &[
             "arrays", "range_m", "rmse_x", "crb_x", "rmse_y", "crb_y", "rmse_z", "crb_z", "rmse_az",
@@ -178,7 +178,7 @@ fn figure_2(options: &Options) -> Result<()> {
     bar.finish_and_clear();
     report.finish(options)?;
     let panel = |title: &str, unit: &str, column: usize| {
-        let mut f = Figure::new(title, "horizontal range (m)", unit);
+        let mut f = Plot::new(title, "horizontal range (m)", unit);
         f.size(520, 360);
         if unit == "error (m)" {
             f.y_scale(Scale::Log);
@@ -207,7 +207,7 @@ fn figure_2(options: &Options) -> Result<()> {
 fn figure_3(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(RUNS);
     let bar = crate::progress::bar(22, "network-fig3");
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "network-fig3",
         &[
             "arrays",
@@ -240,9 +240,9 @@ fn figure_3(options: &Options) -> Result<()> {
                     let seen = sight(arrays, &truth, &mut generator(options, (11 * n + k) as u64, run));
                     let Ok(free) = maximum(&seen, &column()) else { return [f64::NAN; 6] };
                     let away = |p: [f64; 3]| (p[0] - truth[0]).hypot(p[1] - truth[1]);
-                    let fix_2d = locate(&seen, &Settings { region: surface(), robust: false });
+                    let fix_2d = locate(&seen, &FixSettings { region: surface(), robust: false });
                     let flat = fix_2d.map_or(f64::NAN, |f| away(f.position_m));
-                    let fix_3d = locate(&seen, &Settings { region: column(), robust: false });
+                    let fix_3d = locate(&seen, &FixSettings { region: column(), robust: false });
                     let z = fix_2d.map_or([f64::NAN; 2], |f| {
                         [0, 1].map(|i| (f.position_m[i] - truth[i]) / f.covariance_m2[i][i].sqrt())
                     });
@@ -289,7 +289,7 @@ fn figure_3(options: &Options) -> Result<()> {
         figures.report(name, sum / count, Bar::Within(0.85, 1.15));
     }
     let mut figure =
-        Figure::new("Horizontal error of position (paper N, figure 3)", "horizontal range (m)", "error (m)");
+        Plot::new("Horizontal error of position (paper N, figure 3)", "horizontal range (m)", "error (m)");
     figure.y_scale(Scale::Log);
     for (curve, n) in curves.iter().zip([2, 3]) {
         let pick = |i: usize| curve.iter().map(|r| (r[0], r[i])).collect::<Vec<_>>();

@@ -10,12 +10,12 @@
 //! RMSE: it is called median error here and not compared with the bound as if it were one.
 
 use super::network::{SIGMA, TWO, sight};
-use super::report::Report;
+use super::report::CsvReport;
 use super::{Experiment, Options};
-use crate::csv::Table;
+use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
-use crate::orientation::sets::{Row, gather};
-use crate::plot::{ColourMap, Figure, HeatMap, write_panels};
+use crate::orientation::sets::{BearingRow, gather};
+use crate::plot::{ColourMap, HeatMap, Plot, write_panels};
 use crate::score::median;
 use anyhow::Result;
 use rand::{RngExt, SeedableRng};
@@ -23,9 +23,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_locate::network::align::{AlignSettings, Heard, align};
+use seabearing_locate::network::align::{AlignSettings, TimedBearing, align};
 use seabearing_locate::network::known_track::{TrackPoint, position_at};
-use seabearing_locate::network::{Region, Settings, locate, rectangular_bound};
+use seabearing_locate::network::{FixSettings, Region, locate, rectangular_bound};
 use std::collections::BTreeMap;
 
 /// The experiment.
@@ -89,7 +89,7 @@ fn real_tracks(options: &Options) -> Result<Vec<Vec<TrackPoint>>> {
     let Some(file) = options.real("real/ais_solent_2016/SolentAIS_20160112_130211.csv") else {
         return Ok(Vec::new());
     };
-    let table = Table::read(&file)?;
+    let table = CsvTable::read(&file)?;
     let time = table.column("Time")?;
     let frame = LocalFrame::new(50.8, -1.3);
     let mut reports: BTreeMap<u64, Vec<TrackPoint>> = BTreeMap::new();
@@ -198,7 +198,7 @@ fn judge(track: &[TrackPoint], rng: &mut ChaCha8Rng) -> (Vec<Judged>, Option<f64
             let seen = sight(&[*array_m], &p, rng)[0];
             let wrong =
                 if rng.random::<f64>() < 0.02 { std::f64::consts::TAU * rng.random::<f64>() } else { 0.0 };
-            rows.push(Row {
+            rows.push(BearingRow {
                 t_s,
                 station,
                 azimuth: seen.azimuth + wrong,
@@ -206,7 +206,11 @@ fn judge(track: &[TrackPoint], rng: &mut ChaCha8Rng) -> (Vec<Judged>, Option<f64
                 sd: SIGMA,
             });
             if station == 0 {
-                heard.push(Heard { t_s, azimuth: Some(seen.azimuth + wrong), elevation: seen.elevation });
+                heard.push(TimedBearing {
+                    t_s,
+                    azimuth: Some(seen.azimuth + wrong),
+                    elevation: seen.elevation,
+                });
             }
         }
     }
@@ -216,7 +220,7 @@ fn judge(track: &[TrackPoint], rng: &mut ChaCha8Rng) -> (Vec<Judged>, Option<f64
         &AlignSettings { array_m: TWO[0], sd: [SIGMA.0, SIGMA.1], largest_shift_s: 40.0, gap_s: GAP_S },
     );
     let Ok(found) = found else { return (Vec::new(), None, 0) };
-    let settings = Settings { region: Region::at_depth([0.0, 0.0], 2000.0, -DEPTH_M), robust: true };
+    let settings = FixSettings { region: Region::at_depth([0.0, 0.0], 2000.0, -DEPTH_M), robust: true };
     let (mut out, mut refused) = (Vec::new(), 0);
     for set in gather(&mut rows, &TWO).iter().filter(|s| s.sightings.len() == 2) {
         let Some([x, y, _]) = position_at(track, set.t_s - found.shift_s, GAP_S) else { continue };
@@ -238,7 +242,7 @@ fn judge(track: &[TrackPoint], rng: &mut ChaCha8Rng) -> (Vec<Judged>, Option<f64
 
 /// Figure 8: median errors over bands of range, beside the bound.
 fn bands(options: &Options, all: &[&Judged]) -> Result<()> {
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "network-vessels",
         &["range_m", "fixes", "median_m", "crb_m", "median_az_deg", "median_range_m"],
     );
@@ -272,7 +276,7 @@ fn bands(options: &Options, all: &[&Judged]) -> Result<()> {
     report.finish(options)?;
     let pick = |i: usize| curve.iter().map(|r| (r[0], r[i])).collect::<Vec<_>>();
     let panel = |label: &str, series: &[(&str, usize)]| {
-        let mut f = Figure::new(label, "horizontal range (m)", label);
+        let mut f = Plot::new(label, "horizontal range (m)", label);
         f.size(420, 360);
         for (name, i) in series {
             f.line(name, &pick(*i));
@@ -309,7 +313,7 @@ fn pictures(options: &Options, all: &[&Judged]) -> Result<()> {
                 }
             })
             .collect();
-        let mut figure = Figure::map(title);
+        let mut figure = Plot::map(title);
         figure.size(520, 470).heat(HeatMap {
             x: (-HALF_M, HALF_M),
             y: (-HALF_M, HALF_M),

@@ -9,7 +9,7 @@
 
 use super::obs_world::print;
 use super::{Experiment, Options};
-use crate::plot::Figure;
+use crate::plot::Plot;
 use anyhow::Result;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -100,7 +100,7 @@ fn azimuths(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()
         lines.push((snr_db, 1.0 - r, level));
     }
     print(options, "obs-appendix-b-azimuth", &csv)?;
-    let mut f = Figure::new("Circular variance of azimuths", "signal-to-noise ratio (dB)", "1 − R");
+    let mut f = Plot::new("Circular variance of azimuths", "signal-to-noise ratio (dB)", "1 − R");
     f.y_scale(crate::plot::Scale::Log);
     f.points("fitted", &lines.iter().map(|l| (l.0, l.1)).collect::<Vec<_>>());
     f.line("1/√SNR (paper)", &lines.iter().map(|l| (l.0, l.2)).collect::<Vec<_>>());
@@ -173,7 +173,7 @@ fn cepstra(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()>
     csv += &format!("mean at twice the echo,{:.4},{:.4}\n", rahmonic.0, -0.25 * rho * rho);
     print(options, "obs-appendix-b-cepstrum", &csv)?;
     let mut f =
-        Figure::new("Standard deviation of the cepstrum of noise", "quefrency (s)", "standard deviation");
+        Plot::new("Standard deviation of the cepstrum of noise", "quefrency (s)", "standard deviation");
     f.points("Monte Carlo", &points);
     f.line("equation 15", &points.iter().map(|p| (p.0, sigma(p.0))).collect::<Vec<_>>());
     f.write(&options.out.join("obs-appendix-b-cepstrum.svg"))?;
@@ -183,7 +183,7 @@ fn cepstra(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()>
         .filter(|(k, _)| inside(*k))
         .map(|(k, c)| (k as f64 / RATE_HZ, stats(c).0))
         .collect();
-    let mut f = Figure::new("Mean cepstrum with an echo at 2.56 s", "quefrency (s)", "mean");
+    let mut f = Plot::new("Mean cepstrum with an echo at 2.56 s", "quefrency (s)", "mean");
     f.line("Monte Carlo", &means);
     f.write(&options.out.join("obs-appendix-b-echo.svg"))
 }

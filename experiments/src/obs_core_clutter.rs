@@ -8,11 +8,11 @@ use super::obs_one_ship::ship;
 use super::obs_world::{print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::batch;
-use crate::ocean_bottom::scenario::Scenario;
-use crate::ocean_bottom::simulate::{Simulator, Vessel};
+use crate::ocean_bottom::scenario::ObsScenario;
+use crate::ocean_bottom::simulate::{MovingVessel, Simulator};
 use crate::ocean_bottom::{station, table};
 use crate::propagation::Propagation;
-use crate::recording::Source;
+use crate::recording::SampleSource;
 use crate::score::{Detections, detections, smad};
 use anyhow::{Result, anyhow};
 use seabearing_core::obs::clutter::{Clutter, FIRST_QUEFRENCY};
@@ -37,7 +37,7 @@ fn run(options: &Options) -> Result<()> {
     let mut rows = String::from("seed,filter,range_n,wrong_branch,range_smad_m\n");
     let mut all = [Detections::default(), Detections::default()];
     for seed in (0..options.runs.unwrap_or(4) as u64).map(|i| options.seed + i) {
-        let scenario = Scenario { vessels: vec![ship(seed)], ..quiet(seed, 21_600.0) };
+        let scenario = ObsScenario { vessels: vec![ship(seed)], ..quiet(seed, 21_600.0) };
         let bytes = table::blob(&table, "RR03", RATE_HZ)?;
         let view = Table::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
         let plan = Plan::new(&station::config(&scenario, false)?, &view).map_err(|e| anyhow!("{e}"))?;
@@ -82,7 +82,7 @@ fn detect(
     cepstra: &[batch::Cepstrum],
     table: &Propagation,
     paths: usize,
-    vessels: &[Vessel],
+    vessels: &[MovingVessel],
 ) -> Detections {
     let mut presence = Box::new(Presence::new());
     presence.start(plan.max_range_m());

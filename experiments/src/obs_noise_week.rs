@@ -5,8 +5,8 @@
 
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
-use crate::ocean_bottom::event::Heard;
-use crate::ocean_bottom::scenario::{Burst, DirectionalTable, Scenario, Strumming, Whale};
+use crate::ocean_bottom::event::HeardEvent;
+use crate::ocean_bottom::scenario::{Burst, DirectionalTable, ObsScenario, Strumming, Whale};
 use anyhow::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -27,7 +27,7 @@ const DAY_S: f64 = 86_400.0;
 const SLACK_S: f64 = 180.0;
 
 /// Days without a vessel.
-pub fn scenario(seed: u64, days: usize) -> Scenario {
+pub fn scenario(seed: u64, days: usize) -> ObsScenario {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut s = quiet(seed, days as f64 * DAY_S);
     s.ambient.directional = vec![
@@ -86,8 +86,8 @@ pub fn scenario(seed: u64, days: usize) -> Scenario {
 }
 
 /// The kind of sound a detection belongs to.
-fn attribute(heard: &[Heard], t_s: f64, azimuth: f64) -> Option<&'static str> {
-    let near = |h: &&Heard| {
+fn attribute(heard: &[HeardEvent], t_s: f64, azimuth: f64) -> Option<&'static str> {
+    let near = |h: &&HeardEvent| {
         let off = wrap_pi(azimuth - h.azimuth).abs();
         let off = if h.kind == "strumming" { off.min(PI - off) } else { off };
         (h.from_s - SLACK_S..h.to_s + SLACK_S).contains(&t_s) && off < PI / 6.0

@@ -6,7 +6,7 @@
 
 use super::obs_world::{Case, station_table};
 use super::{Experiment, Options};
-use crate::ocean_bottom::scenario::{Scenario, Side, Straight, Vessel};
+use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel, Side, Straight};
 use crate::propagation::Propagation;
 use crate::score::{Detections, smad, track};
 use anyhow::Result;
@@ -25,9 +25,9 @@ pub const ONE_SHIP: Experiment = Experiment {
 const RUNS: usize = 4;
 
 /// One seeded vessel of the figure.
-pub fn ship(seed: u64) -> Vessel {
+pub fn ship(seed: u64) -> ObsVessel {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    Vessel {
+    ObsVessel {
         name: format!("seed-{seed}"),
         straight: Straight {
             cpa_time_s: 10_800.0 + rng.random_range(-900.0..900.0),
@@ -51,7 +51,7 @@ fn listen(
     let (mut all, mut worst) = (Detections::default(), [0.0f64; 4]);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let ship = ship(seed);
-        let scenario = Scenario { vessels: vec![ship.clone()], ..super::obs_world::quiet(seed, 21_600.0) };
+        let scenario = ObsScenario { vessels: vec![ship.clone()], ..super::obs_world::quiet(seed, 21_600.0) };
         let case = Case::run(scenario, table, Vec::new(), paper)?;
         let d = case.detections().remove(0);
         let tracks: Vec<_> = case

@@ -5,10 +5,10 @@
 
 use super::obs_world::{print, quiet, station_table};
 use super::{Experiment, Options};
-use crate::ocean_bottom::course::Course;
+use crate::ocean_bottom::course::VesselCourse;
 use crate::ocean_bottom::orient::orientation;
 use crate::ocean_bottom::place::{SEARCH_M, place};
-use crate::ocean_bottom::scenario::{Scenario, Vessel};
+use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel};
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::{stages, station};
 use anyhow::{Context, Result};
@@ -31,7 +31,7 @@ const PASSAGE_S: f64 = 21_600.0;
 fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
     let n = options.runs.unwrap_or(RUNS).max(1);
-    let vessels: Vec<Vessel> = (0..n)
+    let vessels: Vec<ObsVessel> = (0..n)
         .map(|i| {
             let mut s = super::obs_one_ship::ship(options.seed + i as u64);
             s.straight.cpa_time_s += PASSAGE_S * i as f64;
@@ -40,10 +40,10 @@ fn run(options: &Options) -> Result<()> {
             s
         })
         .collect();
-    let scenario = Scenario { vessels, ..quiet(options.seed, PASSAGE_S * n as f64) };
-    let assumed = Scenario { orientation_of_north_deg: ASSUMED_DEG, ..scenario.clone() };
+    let scenario = ObsScenario { vessels, ..quiet(options.seed, PASSAGE_S * n as f64) };
+    let assumed = ObsScenario { orientation_of_north_deg: ASSUMED_DEG, ..scenario.clone() };
     let mut simulator = Simulator::new(scenario.clone(), table.clone(), Vec::new())?;
-    let courses: Vec<Course> = simulator
+    let courses: Vec<VesselCourse> = simulator
         .vessels
         .iter()
         .map(|v| {
@@ -53,7 +53,7 @@ fn run(options: &Options) -> Result<()> {
                 let (x, y) = v.course.at(t)?;
                 Some((t, (x + OFFSET_M.0, y + OFFSET_M.1)))
             });
-            Course::Fixes(fixes.collect())
+            VesselCourse::Fixes(fixes.collect())
         })
         .collect();
     let frames = stages::frames(&mut simulator, &station::config(&assumed, false)?)?;

@@ -3,7 +3,7 @@
 use super::obs_world::{Case, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::pictures::{TruthCurve, draw, model};
-use crate::ocean_bottom::scenario::{Radiation, Scenario, Side, Straight, Vessel, Whale};
+use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel, Radiation, Side, Straight, Whale};
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::station;
 use crate::score::then;
@@ -16,9 +16,9 @@ pub const PICTURES: Experiment = Experiment {
     run,
 };
 
-fn scenario(seed: u64) -> Scenario {
+fn scenario(seed: u64) -> ObsScenario {
     let radiation = Radiation { blade_hz: 5.4, tones_hz: vec![12.6, 17.9, 20.7], ..Radiation::default() };
-    let vessel = Vessel {
+    let vessel = ObsVessel {
         name: "truth".into(),
         straight: Straight {
             cpa_time_s: 16_000.0,
@@ -38,7 +38,7 @@ fn scenario(seed: u64) -> Scenario {
         interval_s: 13.2,
         level_db: 18.0,
     };
-    Scenario { vessels: vec![vessel], fin_whale: vec![whale], ..quiet(seed, 36_000.0) }
+    ObsScenario { vessels: vec![vessel], fin_whale: vec![whale], ..quiet(seed, 36_000.0) }
 }
 
 fn run(options: &Options) -> Result<()> {

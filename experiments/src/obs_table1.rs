@@ -9,9 +9,9 @@
 
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
-use crate::ocean_bottom::ais::{Passage, passages, read};
+use crate::ocean_bottom::ais::{AisPassage, passages, read};
 use crate::ocean_bottom::scenario::{DirectionalTable, Radiation, Whale};
-use crate::score::{Detections, TrackError, closest, median, owner, smad, track};
+use crate::score::{Detections, TrackMiss, closest, median, owner, smad, track};
 use anyhow::{Result, bail};
 use seabearing_core::wire::Message;
 
@@ -45,7 +45,7 @@ fn run(options: &Options) -> Result<()> {
         return Ok(());
     };
     let found = passages(&read(&file)?, RR03_DEG);
-    let all: Vec<Passage> = found.iter().filter(|p| passes(p)).cloned().collect();
+    let all: Vec<AisPassage> = found.iter().filter(|p| passes(p)).cloned().collect();
     let Some((start, chosen)) = window(&all) else {
         bail!("{} holds no passage", file.display());
     };
@@ -80,7 +80,7 @@ fn run(options: &Options) -> Result<()> {
 }
 
 /// Whether a vessel really passes: before and after its closest point, and on a roughly straight way.
-fn passes(p: &Passage) -> bool {
+fn passes(p: &AisPassage) -> bool {
     let around =
         |before: f64, after: f64| p.fixes.iter().any(|f| (before..after).contains(&(f.0 - p.cpa_unix_s)));
     let hour = 3_600.0;
@@ -93,13 +93,13 @@ fn passes(p: &Passage) -> bool {
 const GREATEST_GAP_S: f64 = 4.0 * 3_600.0;
 
 /// The six days, starting at a midnight, with the most closest points, eleven at most.
-fn window(all: &[Passage]) -> Option<(f64, Vec<&Passage>)> {
+fn window(all: &[AisPassage]) -> Option<(f64, Vec<&AisPassage>)> {
     let first = (all.first()?.cpa_unix_s / DAY_S).floor() as i64;
     let last = (all.last()?.cpa_unix_s / DAY_S).floor() as i64;
     (first..=last)
         .map(|d| {
             let start = d as f64 * DAY_S;
-            let inside = |p: &&Passage| (start..start + DAYS * DAY_S).contains(&p.cpa_unix_s);
+            let inside = |p: &&AisPassage| (start..start + DAYS * DAY_S).contains(&p.cpa_unix_s);
             (start, all.iter().filter(inside).take(VESSELS).collect::<Vec<_>>())
         })
         .max_by_key(|(start, p)| (p.len(), -*start as i64))
@@ -111,7 +111,7 @@ fn table(case: &Case) -> (String, u32) {
         "ship,azimuth_n,azimuth_smad_deg,range_n,range_smad_m,speed_smad_kn,cpa_time_s,heading_deg,cpa_range_m,speed_kn,closest_km,bend_m\n",
     );
     let mut total = Detections::default();
-    let mut errors: Vec<TrackError> = Vec::new();
+    let mut errors: Vec<TrackMiss> = Vec::new();
     for (i, d) in case.detections().iter().enumerate() {
         let own = case.messages.iter().rev().find_map(|m| match m {
             Message::Track(t) if t.stage == 1 && owner(t, &case.vessels) == Some(i) => Some(*t),
@@ -125,8 +125,8 @@ fn table(case: &Case) -> (String, u32) {
         out += &format!("{},{near:.1},{bend:.0}\n", row(&(i + 1).to_string(), d, error));
         total.append(d);
     }
-    let middle = |f: &dyn Fn(&TrackError) -> f64| median(errors.iter().map(|e| f(e).abs()).collect());
-    let all = (!errors.is_empty()).then(|| TrackError {
+    let middle = |f: &dyn Fn(&TrackMiss) -> f64| median(errors.iter().map(|e| f(e).abs()).collect());
+    let all = (!errors.is_empty()).then(|| TrackMiss {
         cpa_time_s: middle(&|e| e.cpa_time_s),
         cpa_range_m: middle(&|e| e.cpa_range_m),
         heading: middle(&|e| e.heading),
@@ -136,7 +136,7 @@ fn table(case: &Case) -> (String, u32) {
     (out, errors.len() as u32)
 }
 
-fn row(name: &str, d: &Detections, e: Option<TrackError>) -> String {
+fn row(name: &str, d: &Detections, e: Option<TrackMiss>) -> String {
     let track = e.map_or_else(
         || "-,-,-,-".to_owned(),
         |e| {

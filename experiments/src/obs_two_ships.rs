@@ -5,8 +5,8 @@
 
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
-use crate::ocean_bottom::course::{Course, polar};
-use crate::ocean_bottom::scenario::{Scenario, Vessel};
+use crate::ocean_bottom::course::{VesselCourse, polar};
+use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel};
 use crate::score::{owner, smad, track};
 use anyhow::Result;
 use seabearing_core::angle::wrap_pi;
@@ -26,17 +26,17 @@ const RUNS: usize = 4;
 /// Time about the closest points in which the azimuths must stay apart, s.
 const NEAR_S: f64 = 5400.0;
 
-fn apart(a: &Vessel, b: &Vessel) -> bool {
+fn apart(a: &ObsVessel, b: &ObsVessel) -> bool {
     let middle = 0.5 * (a.straight.cpa_time_s + b.straight.cpa_time_s);
-    let (a, b) = (Course::straight(&a.straight), Course::straight(&b.straight));
+    let (a, b) = (VesselCourse::straight(&a.straight), VesselCourse::straight(&b.straight));
     (0..=60).map(|k| middle - NEAR_S + NEAR_S / 30.0 * f64::from(k)).all(|t| {
-        let azimuth = |c: &Course| c.at(t).map_or(0.0, |p| polar(p).1);
+        let azimuth = |c: &VesselCourse| c.at(t).map_or(0.0, |p| polar(p).1);
         wrap_pi(azimuth(&a) - azimuth(&b)).abs() >= PI / 6.0
     })
 }
 
 /// A seeded pair: two vessels of the one-vessel figure, the first pair of the seed's row that stays apart.
-pub fn pair(seed: u64) -> [Vessel; 2] {
+pub fn pair(seed: u64) -> [ObsVessel; 2] {
     let mut k = 1000 * seed;
     loop {
         let (mut a, mut b) = (super::obs_one_ship::ship(k), super::obs_one_ship::ship(k + 1));
@@ -57,7 +57,7 @@ fn run(options: &Options) -> Result<()> {
     );
     let (mut ships, mut tracked, mut straight) = (0, 0, 0);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
-        let scenario = Scenario { vessels: pair(seed).to_vec(), ..quiet(seed, 21_600.0) };
+        let scenario = ObsScenario { vessels: pair(seed).to_vec(), ..quiet(seed, 21_600.0) };
         let case = Case::run(scenario, &table, Vec::new(), false)?;
         for (i, d) in case.detections().iter().enumerate() {
             let own = case.messages.iter().rev().find_map(|m| match m {

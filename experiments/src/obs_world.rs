@@ -1,9 +1,9 @@
 //! What the ocean-bottom experiments share: the station's table, a quiet sea, the chain over a simulated record.
 
 use super::Options;
-use crate::ocean_bottom::event::Heard;
-use crate::ocean_bottom::scenario::{Scenario, default_start};
-use crate::ocean_bottom::simulate::{Extra, Simulator, Vessel};
+use crate::ocean_bottom::event::HeardEvent;
+use crate::ocean_bottom::scenario::{ObsScenario, default_start};
+use crate::ocean_bottom::simulate::{Extra, MovingVessel, Simulator};
 use crate::ocean_bottom::{run, station};
 use crate::propagation::{Propagation, bottom::Bottom, convert, profile, trace};
 use crate::score::{Detections, detections};
@@ -25,13 +25,13 @@ pub fn station_table(options: &Options) -> Result<Propagation> {
         return convert::read(&csv, Some(RR03_DEPTH_M), false);
     }
     eprintln!("seabearing: no ray table at {}; traced through a subtropical profile instead", csv.display());
-    let profile = profile::Profile::subtropical(RR03_DEPTH_M)?;
+    let profile = profile::SpeedProfile::subtropical(RR03_DEPTH_M)?;
     Ok(trace::trace("subtropical", &profile, &Bottom::default(), 70.0, 1429, || ()))
 }
 
 /// A scenario without any source.
-pub fn quiet(seed: u64, duration_s: f64) -> Scenario {
-    Scenario {
+pub fn quiet(seed: u64, duration_s: f64) -> ObsScenario {
+    ObsScenario {
         kind: "obs".into(),
         seed,
         duration_s,
@@ -61,9 +61,9 @@ pub struct Case {
     /// Everything said, in order.
     pub messages: Vec<Message>,
     /// The vessels that were there.
-    pub vessels: Vec<Vessel>,
+    pub vessels: Vec<MovingVessel>,
     /// Other sounds that were there.
-    pub heard: Vec<Heard>,
+    pub heard: Vec<HeardEvent>,
     table: Propagation,
     paths: usize,
     rate_hz: f64,
@@ -74,7 +74,7 @@ impl Case {
     ///
     /// # Errors
     /// A wrong scenario, or a table the core refuses.
-    pub fn run(scenario: Scenario, table: &Propagation, extra: Vec<Extra>, paper: bool) -> Result<Self> {
+    pub fn run(scenario: ObsScenario, table: &Propagation, extra: Vec<Extra>, paper: bool) -> Result<Self> {
         let config = station::config(&scenario, paper)?;
         let (paths, rate_hz) = (scenario.paths, scenario.rate_hz);
         let mut simulator = Simulator::new(scenario, table.clone(), extra)?;

@@ -4,10 +4,10 @@
 //! peaks, and the ship's GPS. They stand beside the project, not in it; without them the experiment says so and ends.
 
 use super::{Experiment, Options};
-use crate::csv::Table;
+use crate::csv::CsvTable;
 use crate::delays::{COLUMNS, SetResult, solve};
 use crate::geodesy::LocalFrame;
-use crate::plot::{Figure, Scale, write_panels};
+use crate::plot::{Plot, Scale, write_panels};
 use crate::station::Station;
 use anyhow::{Context, Result};
 use std::fmt::Write as _;
@@ -27,7 +27,7 @@ const GPS_MOST_S: f64 = 5.0;
 pub const DATA: &str = "real/harp4_ship_tdoa_EE";
 
 /// The recordings brought into the project's own form.
-pub struct Recording {
+pub struct ShipRecording {
     /// The station file.
     pub station: Station,
     /// Path of the differences in the project's sign and pair order.
@@ -49,7 +49,7 @@ pub struct Judged {
 
 /// The figures the issue asks for.
 #[derive(Debug, Clone, Copy)]
-pub struct Score {
+pub struct BearingScore {
     /// Sets with a GPS fix.
     pub sets: usize,
     /// Share of them accepted.
@@ -62,7 +62,7 @@ pub struct Score {
     pub in_ellipse: f64,
 }
 
-impl Recording {
+impl ShipRecording {
     /// Converts the data: writes `ee.toml` and `ee_tdoa.csv` (opposite sign, hydrophones from 0) into `folder`.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ impl Recording {
         std::fs::write(&path, toml)?;
         let station = Station::read(&path)?;
 
-        let table = Table::read(&data.join("tdoa.csv"))?;
+        let table = CsvTable::read(&data.join("tdoa.csv"))?;
         let columns = ["matlab_days", "tdoa12_s", "tdoa13_s", "tdoa14_s", "tdoa23_s", "tdoa24_s", "tdoa34_s"];
         let rows: Vec<[f64; 7]> =
             table.numbers(columns)?.into_iter().filter_map(|(_, row)| row.ok()).collect();
@@ -106,7 +106,7 @@ impl Recording {
         let tdoa = folder.join("ee_tdoa.csv");
         std::fs::write(&tdoa, text)?;
 
-        let gps = Table::read(&data.join("ship_gps.csv"))?;
+        let gps = CsvTable::read(&data.join("ship_gps.csv"))?;
         let frame = LocalFrame::new(receiver[0], receiver[1]);
         let mut truth = Vec::new();
         for (_, row) in gps.numbers(["matlab_days", "lat_deg", "lon_deg"])? {
@@ -163,7 +163,7 @@ impl Recording {
 }
 
 /// Sums judged sets up.
-pub fn score(judged: &[Judged]) -> Score {
+pub fn score(judged: &[Judged]) -> BearingScore {
     let accepted: Vec<&Judged> =
         judged.iter().filter(|j| j.result.solution.is_some_and(|s| s.accepted)).collect();
     let mut errors: Vec<f64> = accepted.iter().map(|j| j.error_deg).collect();
@@ -181,7 +181,7 @@ pub fn score(judged: &[Judged]) -> Score {
             })
         })
         .count();
-    Score {
+    BearingScore {
         sets: judged.len(),
         kept: accepted.len() as f64 / judged.len().max(1) as f64,
         median_deg: errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN),
@@ -193,7 +193,7 @@ pub fn score(judged: &[Judged]) -> Score {
 /// The sets of the data, converted in a folder that goes again.
 fn judged(data: &Path) -> Result<Vec<Judged>> {
     let folder = tempfile::tempdir()?;
-    Recording::convert(data, folder.path())?.judge()
+    ShipRecording::convert(data, folder.path())?.judge()
 }
 
 fn run(options: &Options) -> Result<()> {
@@ -204,7 +204,7 @@ fn run(options: &Options) -> Result<()> {
     figures.at_most("median error, deg", score.map(|s| s.median_deg), 0.95);
     figures.at_most("beyond 10°, %", score.map(|s| 100.0 * s.beyond_10_deg), 1.0);
     let (Some(s), Some(judged)) = (score, judged) else { return Ok(()) };
-    let mut report = super::report::Report::new(
+    let mut report = super::report::CsvReport::new(
         "real_ship_ee",
         &["sets", "kept_percent", "median_deg", "beyond_10_percent", "in_ellipse_percent"],
     );
@@ -221,14 +221,14 @@ fn draw(judged: &[Judged], path: &Path) -> Result<()> {
         |j: &Judged| (minutes(j), j.result.solution.map_or(f64::NAN, |s| f64::from(s.azimuth).to_degrees()));
     let error = |j: &Judged| (minutes(j), j.error_deg.max(0.02));
     let mut top =
-        Figure::new("A ship's azimuth from time differences, and by GPS", "time (min)", "azimuth (°)");
+        Plot::new("A ship's azimuth from time differences, and by GPS", "time (min)", "azimuth (°)");
     top.size(1000, 420);
     top.y_scale(Scale::Degrees);
     top.points("rejected", &judged.iter().filter(|j| !accepted(j)).map(azimuth).collect::<Vec<_>>());
     top.points("accepted", &judged.iter().filter(accepted).map(azimuth).collect::<Vec<_>>());
     let truth: Vec<(f64, f64)> = judged.iter().map(|j| (minutes(j), j.truth_deg.0)).collect();
     top.truth("GPS", &crate::plot::cut_at_wraps(&truth));
-    let mut bottom = Figure::new("Angle between bearing and GPS", "time (min)", "error (°)");
+    let mut bottom = Plot::new("Angle between bearing and GPS", "time (min)", "error (°)");
     bottom.size(1000, 380);
     bottom.y_scale(Scale::Log);
     bottom.points("rejected", &judged.iter().filter(|j| !accepted(j)).map(error).collect::<Vec<_>>());

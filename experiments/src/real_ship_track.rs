@@ -5,10 +5,10 @@
 //! recorder's depth known and nothing assumed of speed, by least squares and robustly. Printed for every leg: errors of
 //! position at its middle, heading and speed, and what the fit claims for them.
 
-use super::real_ship_ee::{DATA, Judged, Recording};
-use super::report::Report;
+use super::real_ship_ee::{DATA, Judged, ShipRecording};
+use super::report::CsvReport;
 use super::{Experiment, Options};
-use crate::plot::Figure;
+use crate::plot::Plot;
 use crate::score::median;
 use anyhow::Result;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
@@ -60,11 +60,11 @@ fn run(options: &Options) -> Result<()> {
         return Ok(());
     };
     let folder = tempfile::tempdir()?;
-    let recording = Recording::convert(&data, folder.path())?;
+    let recording = ShipRecording::convert(&data, folder.path())?;
     let judged = recording.judge()?;
     let height_m = recording.station.config.depth_m;
     let sound_speed_m_s = recording.station.config.sound_speed_m_s;
-    let mut report = Report::new(
+    let mut report = CsvReport::new(
         "real-ship-track",
         &[
             "middle_s",
@@ -138,7 +138,7 @@ fn run(options: &Options) -> Result<()> {
     }
     options.figures.state("straight legs", scores.len() as f64);
     let way: Vec<(f64, f64)> = judged.iter().map(|j| at_m(j, height_m)).map(|[x, y]| (x, y)).collect();
-    let mut map = Figure::map("A ship above one recorder: GPS and tracked legs");
+    let mut map = Plot::map("A ship above one recorder: GPS and tracked legs");
     map.truth("GPS", &way);
     for (i, line) in lines.iter().enumerate() {
         map.line(if i == 0 { "tracked legs" } else { "" }, line);

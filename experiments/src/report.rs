@@ -8,13 +8,13 @@ use std::fmt::Write as _;
 
 /// Rows of named numbers; a number that is not finite is blank (`null` in JSON).
 #[derive(Debug, Clone)]
-pub struct Report {
+pub struct CsvReport {
     name: String,
     columns: Vec<String>,
     rows: Vec<Vec<f64>>,
 }
 
-impl Report {
+impl CsvReport {
     /// An empty table; `name` is that of the CSV file and of the JSON records' `experiment`.
     pub fn new(name: &str, columns: &[&str]) -> Self {
         let columns = columns.iter().map(|c| (*c).to_owned()).collect();
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn blanks_stay_blank() {
-        let mut r = Report::new("x", &["a", "b"]);
+        let mut r = CsvReport::new("x", &["a", "b"]);
         r.row(&[1.5, f64::INFINITY]);
         assert_eq!(r.csv(), "a,b\n1.5,\n");
         assert_eq!(r.record(&r.rows[0])["b"], Value::Null);

@@ -3,8 +3,8 @@
 //! A detection is compared with where the vessel was when the sound of its strongest path left it. Errors are
 //! summarised by the scaled median absolute deviation 1.4826 · median |e| (SMAD) [O section III F].
 
-use crate::ocean_bottom::course::Course;
-use crate::ocean_bottom::simulate::Vessel;
+use crate::ocean_bottom::course::VesselCourse;
+use crate::ocean_bottom::simulate::MovingVessel;
 pub use crate::ocean_bottom::truth::{Then, closest, then};
 use crate::propagation::Propagation;
 use seabearing_core::angle::wrap_pi;
@@ -65,7 +65,7 @@ pub fn detections(
     table: &Propagation,
     paths: usize,
     rate_hz: f64,
-    vessels: &[Vessel],
+    vessels: &[MovingVessel],
 ) -> Vec<Detections> {
     let mut out = vec![Detections::default(); vessels.len()];
     let mut last = None;
@@ -107,13 +107,13 @@ pub fn detections(
     out
 }
 
-fn truths(table: &Propagation, paths: usize, vessels: &[Vessel], t_s: f64) -> Vec<(usize, Then)> {
+fn truths(table: &Propagation, paths: usize, vessels: &[MovingVessel], t_s: f64) -> Vec<(usize, Then)> {
     vessels.iter().enumerate().filter_map(|(i, v)| Some((i, then(table, paths, v, t_s)?))).collect()
 }
 
 /// Errors of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrackError {
+pub struct TrackMiss {
     /// Time of the closest point, s.
     pub cpa_time_s: f64,
     /// Its range, m.
@@ -125,9 +125,9 @@ pub struct TrackError {
 }
 
 /// A track's errors against a vessel's (straightened) course.
-pub fn track(t: &Track, course: &Course) -> Option<TrackError> {
+pub fn track(t: &Track, course: &VesselCourse) -> Option<TrackMiss> {
     let (time, range, heading, speed) = closest(course)?;
-    Some(TrackError {
+    Some(TrackMiss {
         cpa_time_s: t.cpa_time_s - time,
         cpa_range_m: f64::from(t.cpa_range_m) - range,
         heading: wrap_pi(f64::from(t.heading) - heading),
@@ -137,8 +137,8 @@ pub fn track(t: &Track, course: &Course) -> Option<TrackError> {
 
 /// The vessel a track belongs to: nearest in time of the closest point, then heading; `None` where none is within an
 /// hour and 30°.
-pub fn owner(t: &Track, vessels: &[Vessel]) -> Option<usize> {
-    let cost = |v: &Vessel| {
+pub fn owner(t: &Track, vessels: &[MovingVessel]) -> Option<usize> {
+    let cost = |v: &MovingVessel| {
         let e = track(t, &v.course)?;
         let (hours, turn) = (e.cpa_time_s.abs() / 3600.0, e.heading.abs() / (PI / 6.0));
         (hours < 1.0 && turn < 1.0).then_some(hours + turn)

@@ -5,9 +5,9 @@
 //! [`super::heard_vessels`] says; one instant in twenty has a false bearing anywhere. Then single vessels, half of which
 //! turn by 40° at 1 degree a second.
 
-use super::heard_vessels::{Bearings, RATE_HZ, Source, listen, track};
+use super::heard_vessels::{Bearings, HeardVessel, RATE_HZ, listen, track};
 use super::{Experiment, Options};
-use crate::plot::{Figure, cut_at_wraps, write_panels};
+use crate::plot::{Plot, cut_at_wraps, write_panels};
 use crate::progress;
 use anyhow::Result;
 use rand::{Rng, RngExt, SeedableRng};
@@ -35,7 +35,7 @@ const TURN_RATE_DEG_S: f64 = 1.0;
 
 /// A vessel: straight, or with one turn.
 #[derive(Clone, Copy, Debug)]
-struct Vessel {
+struct TurningVessel {
     cpa_m: f64,
     cpa_s: f64,
     cpa_azimuth: f64,
@@ -46,7 +46,7 @@ struct Vessel {
     turn: Option<(f64, f64)>,
 }
 
-impl Vessel {
+impl TurningVessel {
     fn random(rng: &mut impl Rng, cpa_m: (f64, f64)) -> Self {
         Self {
             cpa_m: rng.random_range(cpa_m.0..cpa_m.1),
@@ -59,7 +59,7 @@ impl Vessel {
     }
 }
 
-impl Source for Vessel {
+impl HeardVessel for TurningVessel {
     fn position(&self, t_s: f64) -> (f64, f64) {
         let (s, c) = self.cpa_azimuth.sin_cos();
         let straight = |t: f64| {
@@ -82,12 +82,12 @@ impl Source for Vessel {
     }
 }
 
-fn apart(a: &Vessel, b: &Vessel, t_s: f64) -> f64 {
+fn apart(a: &TurningVessel, b: &TurningVessel, t_s: f64) -> f64 {
     wrap_pi(a.azimuth(t_s) - b.azimuth(t_s))
 }
 
 /// Times at which bearings of any two vessels cross.
-fn crossings(vessels: &[Vessel]) -> Vec<f64> {
+fn crossings(vessels: &[TurningVessel]) -> Vec<f64> {
     let mut out = Vec::new();
     for (i, a) in vessels.iter().enumerate() {
         for b in &vessels[..i] {
@@ -105,9 +105,10 @@ fn crossings(vessels: &[Vessel]) -> Vec<f64> {
 }
 
 /// Four vessels as the module's header says.
-fn traffic_of_four(rng: &mut impl Rng) -> Vec<Vessel> {
+fn traffic_of_four(rng: &mut impl Rng) -> Vec<TurningVessel> {
     loop {
-        let vessels: Vec<Vessel> = (0..VESSELS).map(|_| Vessel::random(rng, (200.0, 1500.0))).collect();
+        let vessels: Vec<TurningVessel> =
+            (0..VESSELS).map(|_| TurningVessel::random(rng, (200.0, 1500.0))).collect();
         let times = crossings(&vessels);
         let clear = |t: f64| {
             vessels
@@ -130,7 +131,7 @@ struct Verdict {
     extra: bool,
 }
 
-fn verdict(vessels: &[Vessel], records: &[Track]) -> Verdict {
+fn verdict(vessels: &[TurningVessel], records: &[Track]) -> Verdict {
     let mut of_vessel = vec![BTreeSet::new(); vessels.len()];
     let mut of_track = std::collections::BTreeMap::<u16, BTreeSet<usize>>::new();
     let mut newest = vec![0.0f64; vessels.len()];
@@ -232,7 +233,7 @@ impl Turn {
         // The old track's final record comes when the new one starts: the time of the first other number.
         let first = records.first().map_or(0, |r| r.id);
         let switched = records.iter().find(|r| r.id != first).map(|r| r.index as f64 / RATE_HZ);
-        let straight = Vessel { turn: None, ..vessel };
+        let straight = TurningVessel { turn: None, ..vessel };
         let (records, _) = track(&listen(&[straight], DURATION_S, &mut rng, 0.0));
         let ids: BTreeSet<u16> = records.iter().map(|r| r.id).collect();
         Self {
@@ -244,10 +245,10 @@ impl Turn {
 }
 
 /// A vessel that turns between 100 and 160 s, near its closest point, and its bearings.
-fn turning(rng: &mut ChaCha8Rng) -> (Vessel, Bearings) {
+fn turning(rng: &mut ChaCha8Rng) -> (TurningVessel, Bearings) {
     let sign = if rng.random::<bool>() { 1.0 } else { -1.0 };
     let turn = Some((rng.random_range(100.0..160.0), sign));
-    let vessel = Vessel { turn, cpa_s: 150.0, ..Vessel::random(rng, (300.0, 800.0)) };
+    let vessel = TurningVessel { turn, cpa_s: 150.0, ..TurningVessel::random(rng, (300.0, 800.0)) };
     let bearings = listen(&[vessel], DURATION_S, rng, 0.0);
     (vessel, bearings)
 }
@@ -275,8 +276,8 @@ fn picture(options: &Options) -> Result<()> {
     write_panels(&options.out.join("several_vessels.svg"), &[&first, &second], 1)
 }
 
-fn figure(title: &str, vessels: &[Vessel], bearings: &Bearings, on: &[Option<u16>]) -> Figure {
-    let mut figure = Figure::new(title, "time (s)", "azimuth (°)");
+fn figure(title: &str, vessels: &[TurningVessel], bearings: &Bearings, on: &[Option<u16>]) -> Plot {
+    let mut figure = Plot::new(title, "time (s)", "azimuth (°)");
     figure.size(900, 480).x_range(0.0, DURATION_S).y_scale(crate::plot::Scale::Degrees).y_range(0.0, 360.0);
     let ids: BTreeSet<u16> = on.iter().flatten().copied().collect();
     for id in ids {

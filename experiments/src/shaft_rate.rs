@@ -5,7 +5,7 @@
 //! hour of unmodulated noise whose level rises and falls by 20 dB as a passing vessel's does.
 
 use super::{Experiment, Options};
-use crate::plot::{Figure, write_panels};
+use crate::plot::{Plot, write_panels};
 use crate::progress;
 use anyhow::{Result, bail};
 use rand::{RngExt, SeedableRng};
@@ -197,7 +197,7 @@ fn picture(options: &Options) -> Result<()> {
             .map(|(k, p)| (k as f64 * bin_hz, 10.0 * f64::from(p).max(1e-2).log10()))
             .filter(|(f, _)| *f <= 30.0)
             .collect();
-        let mut figure = Figure::new(title, "modulation frequency (Hz)", "power over noise floor (dB)");
+        let mut figure = Plot::new(title, "modulation frequency (Hz)", "power over noise floor (dB)");
         figure.size(900, 360).y_range(-15.0, 45.0).line("demodulated spectrum, 30 s", &spectrum);
         if let Some(rate) = found {
             let comb = (1..=8u32)

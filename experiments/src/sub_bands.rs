@@ -6,8 +6,8 @@
 //! of an octave elsewhere as false. Then loud vessels alone with the surface's image: what multipath makes.
 
 use super::bearing_limit::{bearings, station};
-use super::bearing_limit_source::{Ambient, Sounder, exact_arrivals, surfaced};
-use super::report::Report;
+use super::bearing_limit_source::{AmbientField, Sounder, exact_arrivals, surfaced};
+use super::report::CsvReport;
 use super::{Experiment, Options};
 use crate::progress;
 use anyhow::Result;
@@ -72,13 +72,13 @@ fn run(options: &Options) -> Result<()> {
     let plan = Plan::new(&station())?;
     let directions = options.runs.unwrap_or(4);
     let rate_hz = f64::from(plan.rate_hz());
-    let sounder = Sounder::new(plan.geometry(), rate_hz, RECORD, Ambient::Independent);
+    let sounder = Sounder::new(plan.geometry(), rate_hz, RECORD, AmbientField::Independent);
     let columns = ["octave_hz", "over_db", "detected_%", "rmse_az_deg", "stated_deg", "false_per_hour"];
-    let mut report = Report::new("sub_bands", &columns);
+    let mut report = CsvReport::new("sub_bands", &columns);
     let bar = progress::bar((OCTAVES.clone().count() * directions) as u64, "records");
     for octave in OCTAVES {
         let low_hz = 125.0 * f64::from(1u32 << octave);
-        let within = Sounder::new(plan.geometry(), rate_hz, RECORD, Ambient::Independent)
+        let within = Sounder::new(plan.geometry(), rate_hz, RECORD, AmbientField::Independent)
             .within(low_hz, (2.0 * low_hz).min(25_000.0));
         let tallies = (0..directions)
             .into_par_iter()
@@ -159,7 +159,7 @@ fn looks(segments: usize, octave: u32) -> f64 {
 /// Loud vessels alone with the surface's image: bearings of other bands that are not the vessel's.
 fn ghosts(options: &Options, plan: &Plan, sounder: &Sounder, records: usize) -> Result<()> {
     let mut report =
-        Report::new("sub_band_ghosts", &["snr_db", "hours", "first", "second_ghosts", "octave_ghosts"]);
+        CsvReport::new("sub_band_ghosts", &["snr_db", "hours", "first", "second_ghosts", "octave_ghosts"]);
     if !options.json {
         println!("one vessel and its image in the surface, 200 to 1000 m away: bearings of other bands");
     }

@@ -25,7 +25,7 @@ const DICTIONARY_KIB: u32 = 128 << 10;
 
 /// One position report.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report {
+pub struct AisReport {
     /// Vessel's number.
     pub mmsi: u64,
     /// Seconds since 1970 UTC.
@@ -74,7 +74,7 @@ pub struct Selection {
 ///
 /// # Errors
 /// The file cannot be read, its layout is unknown, or no row is good.
-pub fn read(path: &Path) -> Result<(Vec<Report>, Vec<String>)> {
+pub fn read(path: &Path) -> Result<(Vec<AisReport>, Vec<String>)> {
     parse(&text(path)?, &path.display().to_string())
 }
 
@@ -110,7 +110,7 @@ fn unpacked(packed: &[u8], longest: u64) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// As [`read`].
-pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
+pub fn parse(text: &str, name: &str) -> Result<(Vec<AisReport>, Vec<String>)> {
     let header = text.trim_start_matches('\u{feff}').lines().next().unwrap_or_default();
     let delimiter = if header.contains(';') { b';' } else { b',' };
     let mark = char::from(delimiter).to_string();
@@ -160,7 +160,7 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<Report>, Vec<String>)> {
             _ => None,
         };
         let report = (|| {
-            Some(Report {
+            Some(AisReport {
                 mmsi: cell(mmsi).parse().ok()?,
                 t_s: t_s?,
                 lat_lon_deg: (number(lat, -90.0, 90.0)?, number(lon, -180.0, 360.0)?),
@@ -205,13 +205,13 @@ fn seconds_of_parts(date: &str, clock: &str) -> Option<f64> {
 
 /// The passes in the reports, in order of vessel and time. A pass is one stretch of legs within the range whose
 /// closest point lies inside it.
-pub fn passes(reports: &[Report], selection: &Selection) -> Vec<Pass> {
-    let mut vessels: BTreeMap<u64, Vec<&Report>> = BTreeMap::new();
+pub fn passes(reports: &[AisReport], selection: &Selection) -> Vec<Pass> {
+    let mut vessels: BTreeMap<u64, Vec<&AisReport>> = BTreeMap::new();
     for r in reports {
         vessels.entry(r.mmsi).or_default().push(r);
     }
     let frame = LocalFrame::new(selection.lat_lon_deg.0, selection.lat_lon_deg.1);
-    let plane = |r: &Report| frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
+    let plane = |r: &AisReport| frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
     let mut out = Vec::new();
     for (mmsi, mut track) in vessels {
         track.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
@@ -345,7 +345,7 @@ mod tests {
         // Due south along a meridian 1000 m to the east, a report every 60 s at 10 m/s.
         let frame = LocalFrame::new(50.0, -1.0);
         let reports: Vec<_> = (-7..=7)
-            .map(|k| Report {
+            .map(|k| AisReport {
                 mmsi: 1,
                 t_s: 60.0 * f64::from(k) + 20.0,
                 lat_lon_deg: frame.lat_lon_deg(1000.0, -600.0 * f64::from(k)),
@@ -361,7 +361,8 @@ mod tests {
         assert!((found[0].t_s - 20.0).abs() < 0.1 && (found[0].heading_deg - 180.0).abs() < 0.1, "{found:?}");
         // Half a pass is none; a moored vessel is none.
         assert!(passes(&reports[..6], &HERE).is_empty());
-        let moored: Vec<_> = reports.iter().map(|r| Report { lat_lon_deg: (50.001, -1.0), ..*r }).collect();
+        let moored: Vec<_> =
+            reports.iter().map(|r| AisReport { lat_lon_deg: (50.001, -1.0), ..*r }).collect();
         assert!(passes(&moored, &HERE).is_empty());
     }
 }

@@ -5,13 +5,13 @@ use std::path::Path;
 
 /// A parsed CSV file: named columns, one row a record, with the line each row came from.
 #[derive(Debug, Clone)]
-pub struct Table {
+pub struct CsvTable {
     header: Vec<String>,
     rows: Vec<(usize, Vec<String>)>,
     name: String,
 }
 
-impl Table {
+impl CsvTable {
     /// Reads a file. Blank lines and lines that start with `#` are skipped.
     ///
     /// # Errors

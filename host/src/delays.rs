@@ -1,10 +1,10 @@
 //! Bearings from a file of arrival-time differences, set by set.
 
-use crate::csv::{Table, good_rows};
+use crate::csv::{CsvTable, good_rows};
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_locate::delays::continuity::Continuity;
-use seabearing_locate::delays::tdoa::{Solution, Solver};
+use seabearing_locate::delays::tdoa::{DelaySolution, Solver};
 use std::path::Path;
 
 /// Columns of the input.
@@ -17,7 +17,7 @@ pub struct SetResult {
     /// Time of the set, seconds.
     pub t_s: f64,
     /// What came of it.
-    pub solution: Option<Solution>,
+    pub solution: Option<DelaySolution>,
 }
 
 /// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out.
@@ -32,7 +32,7 @@ pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> R
         config.geometry().map_err(|e| anyhow!("the station's hydrophones give no bearings: {e:?}"))?;
     let solver = Solver::new(&geometry, array.reference_range_m, tolerance_s, array.elevation_deg);
     let name = tdoa.display().to_string();
-    let mut rows = good_rows(&name, Table::read(tdoa)?.numbers(COLUMNS)?)?;
+    let mut rows = good_rows(&name, CsvTable::read(tdoa)?.numbers(COLUMNS)?)?;
     rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut continuity = Continuity::new();
     Ok(rows

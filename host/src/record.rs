@@ -5,14 +5,14 @@ use serde_json::{Map, Value, json};
 
 /// Turns messages into JSON records; knows the sample rate and, where there is one, the recording's clock.
 #[derive(Debug, Clone)]
-pub struct Recorder {
+pub struct RecordFormat {
     /// Samples a second.
     pub rate_hz: f64,
     /// UTC of sample 0, where known.
     pub start: Option<time::OffsetDateTime>,
 }
 
-impl Recorder {
+impl RecordFormat {
     /// Seconds since sample 0.
     pub fn t_s(&self, index: u64) -> f64 {
         index as f64 / self.rate_hz
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn what_was_not_detected_has_no_value() {
-        let records = Recorder { rate_hz: 50.0, start: None };
+        let records = RecordFormat { rate_hz: 50.0, start: None };
         let none = f32::INFINITY;
         let azimuth = Azimuth {
             index: 3000,

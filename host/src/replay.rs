@@ -1,6 +1,6 @@
 //! Recordings through the recorder core, exactly as the recorder would: blocks in, messages out.
 
-use crate::recording::Source;
+use crate::recording::SampleSource;
 use anyhow::{Result, anyhow};
 use seabearing_core::config::StationConfig;
 use seabearing_core::recorder::Memory;
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 /// What a replay did.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Summary {
+pub struct ReplaySummary {
     /// Sample instants fed.
     pub instants: u64,
     /// Index after the last sample.
@@ -29,11 +29,11 @@ pub struct Summary {
 pub fn replay(
     config: &StationConfig,
     table: Option<&[u8]>,
-    source: &mut dyn Source,
+    source: &mut dyn SampleSource,
     mut heard: impl FnMut(&Message) -> Result<()>,
-) -> Result<Summary> {
+) -> Result<ReplaySummary> {
     let begun = Instant::now();
-    let mut summary = Summary::default();
+    let mut summary = ReplaySummary::default();
     // The recorder's memory is large: it is built in place, on the heap.
     let mut memory: Box<Memory<'_>> = Box::default();
     let mut recorder = memory.configure(config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;

@@ -12,7 +12,7 @@ use toml::de::DeValue;
 
 /// Which simulator a scenario is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum ScenarioKind {
     /// A compact array.
     Array,
     /// An ocean-bottom station.
@@ -27,7 +27,36 @@ pub struct ScenarioFile {
     /// Its folder, from which the paths in it are taken.
     pub folder: PathBuf,
     /// Its kind.
-    pub kind: Kind,
+    pub kind: ScenarioKind,
+}
+
+/// The files a simulation wrote.
+#[derive(Clone, Debug)]
+pub struct Written {
+    /// Recordings: in order of time (array), or one a component (ocean bottom).
+    pub recordings: Vec<PathBuf>,
+    /// Where vessels (and other sounds) truly were.
+    pub truth: PathBuf,
+    /// Closest points of vessels (ocean bottom).
+    pub tracks: Option<PathBuf>,
+    /// The station file.
+    pub station: PathBuf,
+    /// The propagation table (ocean bottom).
+    pub table: Option<PathBuf>,
+}
+
+impl Written {
+    /// Every file, with what it is.
+    pub fn files(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let recordings = self.recordings.iter().map(|p| ("recording", p.as_path()));
+        let rest = [
+            ("truth", Some(&self.truth)),
+            ("tracks", self.tracks.as_ref()),
+            ("station", Some(&self.station)),
+            ("table", self.table.as_ref()),
+        ];
+        recordings.chain(rest.into_iter().filter_map(|(kind, path)| Some((kind, path?.as_path()))))
+    }
 }
 
 /// Keys as they once were, and what stands in their place: key, whether it was a table, words.
@@ -64,8 +93,8 @@ impl ScenarioFile {
             }
             let kind = table.iter().find(|(k, _)| k.get_ref() == "kind").map(|(_, v)| v.get_ref());
             match kind.and_then(DeValue::as_str) {
-                Some("array") => Kind::Array,
-                Some("obs") => Kind::Obs,
+                Some("array") => ScenarioKind::Array,
+                Some("obs") => ScenarioKind::Obs,
                 Some(other) => {
                     return Err(source.wrong("kind", format!("kind = \"{other}\"; array or obs")));
                 }
@@ -79,9 +108,9 @@ impl ScenarioFile {
     ///
     /// # Errors
     /// It is of the other kind.
-    pub fn expect(&self, kind: Kind) -> Result<()> {
+    pub fn expect(&self, kind: ScenarioKind) -> Result<()> {
         if self.kind != kind {
-            let name = |k| if k == Kind::Array { "array" } else { "obs" };
+            let name = |k| if k == ScenarioKind::Array { "array" } else { "obs" };
             let what = format!("kind = \"{}\", `{}` was expected", name(self.kind), name(kind));
             return Err(self.source.wrong("kind", what));
         }

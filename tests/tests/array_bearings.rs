@@ -1,7 +1,7 @@
 //! Bearings of the whole array chain on made signals: what must not change, and a second source.
 
 use seabearing::reproduce::bearing_limit::{bearings, station};
-use seabearing::reproduce::bearing_limit_source::{Ambient, Sounder, exact_arrivals};
+use seabearing::reproduce::bearing_limit_source::{AmbientField, Sounder, exact_arrivals};
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::array::{Plan, Scratch, State, Weighting, finish, push};
 use seabearing_core::block::{Block, Frame};
@@ -18,7 +18,7 @@ fn configured(change: impl FnOnce(&mut StationConfig)) -> Plan {
 
 fn record(azimuth: f64, elevation: f64, snr_db: f64, seed: u64) -> Vec<Frame> {
     let plan = configured(|_| {});
-    let sounder = Sounder::new(plan.geometry(), 64_000.0, SAMPLES, Ambient::Independent);
+    let sounder = Sounder::new(plan.geometry(), 64_000.0, SAMPLES, AmbientField::Independent);
     sounder.record(seed, 2e4, Some((snr_db, exact_arrivals(plan.geometry(), azimuth, elevation, 500.0))))
 }
 
@@ -111,7 +111,7 @@ fn every_weighting_finds_a_loud_source() {
 #[test]
 fn a_known_near_range_removes_the_bias_of_the_reference_range() {
     let plan = configured(|_| {});
-    let sounder = Sounder::new(plan.geometry(), 64_000.0, SAMPLES, Ambient::Independent);
+    let sounder = Sounder::new(plan.geometry(), 64_000.0, SAMPLES, AmbientField::Independent);
     let frames = sounder.record(5, 2e4, Some((10.0, exact_arrivals(plan.geometry(), 1.0, 0.5, 30.0))));
     let run = |range_m: Option<f32>| {
         let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
@@ -134,7 +134,7 @@ fn a_known_near_range_removes_the_bias_of_the_reference_range() {
 #[test]
 fn a_quieter_second_source_is_seen_and_a_single_one_has_no_ghost() {
     let plan = configured(|_| {});
-    let sounder = Sounder::new(plan.geometry(), 64_000.0, 1 << 20, Ambient::Independent);
+    let sounder = Sounder::new(plan.geometry(), 64_000.0, 1 << 20, AmbientField::Independent);
     let loud = exact_arrivals(plan.geometry(), 1.0, 0.3, 500.0);
     let quiet = exact_arrivals(plan.geometry(), 2.2, 0.1, 500.0);
     let alone = sounder.record(6, 2e4, Some((10.0, loud)));
@@ -158,7 +158,7 @@ fn swapped_channels_of_an_irregular_array_are_noticed() {
             a.hydrophones_m = [[0.0, 0.0, 0.0], [1.2, 0.2, 0.1], [0.1, 1.7, 0.3], [0.4, 0.3, 0.9]];
         }
     });
-    let sounder = Sounder::new(plan.geometry(), 64_000.0, 1 << 18, Ambient::Independent);
+    let sounder = Sounder::new(plan.geometry(), 64_000.0, 1 << 18, AmbientField::Independent);
     let mut frames = sounder.record(8, 2e4, Some((10.0, exact_arrivals(plan.geometry(), 0.7, 0.2, 500.0))));
     let faults = |frames: &[Frame]| {
         let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));

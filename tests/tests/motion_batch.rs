@@ -6,7 +6,7 @@ use seabearing_core::angle::wrap_pi;
 use seabearing_core::motion::{Line, Medium};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{Config, FitError, Sample, fit, range_interval};
-use seabearing_locate::motion::whiten::{Method, Plan, WhitenError, Workspace};
+use seabearing_locate::motion::whiten::{Plan, WhitenError, WhitenMethod, Workspace};
 use seabearing_locate::motion::{bound, errors};
 
 const SD: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -99,7 +99,7 @@ fn every_model_fits_regular_and_holey_records() {
                 assert!(r.cpa_time_s.abs() < 1.0 && r.starboard == (sense > 0.0));
                 assert_eq!(f.plan.nugget > 0.0, matches!(model, Model::Sinc | Model::Gaussian), "{f:?}");
                 if holes == 40 && matches!(model, Model::Sinc | Model::Gaussian | Model::Linear) {
-                    assert!(matches!(f.plan.method, Method::Levinson { missing: 35..=40 }), "{f:?}");
+                    assert!(matches!(f.plan.method, WhitenMethod::Levinson { missing: 35..=40 }), "{f:?}");
                 }
             }
         }

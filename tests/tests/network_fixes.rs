@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use seabearing_locate::network::model::bearing;
-use seabearing_locate::network::{Region, Settings, Sighting, locate};
+use seabearing_locate::network::{FixSettings, Region, Sighting, locate};
 
 const THREE: [[f64; 3]; 3] = [[0.0, 100.0, -168.0], [86.6, -50.0, -168.0], [-86.6, -50.0, -168.0]];
 
@@ -38,7 +38,7 @@ proptest! {
         e in prop::array::uniform6(-0.03f64..0.03),
     ) {
         let errors = [(e[0], e[1]), (e[2], e[3]), (e[4], e[5])];
-        let settings = Settings { region: Region::at_depth([0.0, 0.0], 5000.0, -5.0), robust: false };
+        let settings = FixSettings { region: Region::at_depth([0.0, 0.0], 5000.0, -5.0), robust: false };
         let a = locate(&sightings(&THREE, [x, y, -5.0], &errors), &settings);
         let arrays = THREE.map(|p| turned(p, angle));
         let b = locate(&sightings(&arrays, turned([x, y, -5.0], angle), &errors), &settings);
@@ -62,7 +62,7 @@ proptest! {
         } else {
             Region::between([0.0, 0.0], 2000.0, (-168.0, 0.0))
         };
-        if let Ok(fix) = locate(&s, &Settings { region, robust }) {
+        if let Ok(fix) = locate(&s, &FixSettings { region, robust }) {
             prop_assert!(fix.position_m.iter().all(|x| x.is_finite()));
             prop_assert!(fix.covariance_m2.iter().flatten().all(|x| x.is_finite()));
             prop_assert!((0..3).all(|k| fix.covariance_m2[k][k] >= 0.0));
@@ -76,7 +76,7 @@ proptest! {
         x in -500.0f64..500.0, y in -500.0f64..500.0, e in prop::array::uniform6(-0.03f64..0.03),
     ) {
         let s = sightings(&THREE, [x, y, -5.0], &[(e[0], e[1]), (e[2], e[3]), (e[4], e[5])]);
-        let settings = Settings { region: Region::at_depth([0.0, 0.0], 2000.0, -5.0), robust: true };
+        let settings = FixSettings { region: Region::at_depth([0.0, 0.0], 2000.0, -5.0), robust: true };
         let other = [s[2], s[0], s[1]];
         let (a, b) = (locate(&s, &settings).unwrap(), locate(&other, &settings).unwrap());
         prop_assert!((a.position_m[0] - b.position_m[0]).hypot(a.position_m[1] - b.position_m[1]) < 0.05);

@@ -1,20 +1,20 @@
 //! miniSEED: what the simulator writes is what is read back, faults included; bad input is named; a real file reads.
 
-use seabearing::ocean_bottom::scenario::Scenario;
+use seabearing::ocean_bottom::scenario::ObsScenario;
 use seabearing::ocean_bottom::simulate::Simulator;
 use seabearing::ocean_bottom::write::write;
-use seabearing::propagation::{Propagation, bottom::Bottom, file, profile::Profile, trace};
-use seabearing::recording::{self, Source};
+use seabearing::propagation::{Propagation, bottom::Bottom, file, profile::SpeedProfile, trace};
+use seabearing::recording::{self, SampleSource};
 use seabearing::station::Station;
 use seabearing_core::block::{Frame, MISSING};
 use std::path::{Path, PathBuf};
 
 fn table() -> Propagation {
-    let profile = Profile::subtropical(4340.0).unwrap();
+    let profile = SpeedProfile::subtropical(4340.0).unwrap();
     trace::trace("t", &profile, &Bottom::default(), 350.0, 200, || ())
 }
 
-fn scenario(folder: &Path, faults: &str) -> Scenario {
+fn scenario(folder: &Path, faults: &str) -> ObsScenario {
     file::write(&table(), &folder.join("t.toml")).unwrap();
     let text = format!(
         "kind = \"obs\"\nseed = 3\nduration_s = 900.0\npropagation = \"t.toml\"\norientation_of_north_deg = 77.0\n\
@@ -23,11 +23,11 @@ fn scenario(folder: &Path, faults: &str) -> Scenario {
          interval_s = 13.0\nlevel_db = 20.0\n{faults}\n"
     );
     std::fs::write(folder.join("s.toml"), text).unwrap();
-    Scenario::read(&folder.join("s.toml")).unwrap()
+    ObsScenario::read(&folder.join("s.toml")).unwrap()
 }
 
 /// All samples by index.
-fn all(source: &mut dyn Source) -> Vec<(u64, Frame)> {
+fn all(source: &mut dyn SampleSource) -> Vec<(u64, Frame)> {
     let mut out = Vec::new();
     while let Some(b) = source.next_block().unwrap() {
         out.extend(b.frames.iter().enumerate().map(|(i, f)| (b.first_index + i as u64, *f)));
@@ -35,7 +35,7 @@ fn all(source: &mut dyn Source) -> Vec<(u64, Frame)> {
     out
 }
 
-fn written(folder: &Path, s: &Scenario) -> (Station, Vec<PathBuf>) {
+fn written(folder: &Path, s: &ObsScenario) -> (Station, Vec<PathBuf>) {
     let mut simulator = Simulator::new(s.clone(), table(), Vec::new()).unwrap();
     let w = write(&mut simulator, &folder.join("out")).unwrap();
     (Station::read(&w.station).unwrap(), w.recordings)

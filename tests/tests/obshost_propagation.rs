@@ -1,7 +1,7 @@
 //! The RR03 ray table: what the data's own description says of it, our converter, and our ray tracer's physics against it.
 
 use seabearing::ocean_bottom::table::blob;
-use seabearing::propagation::{bottom::Bottom, convert, file, profile::Profile, trace};
+use seabearing::propagation::{bottom::Bottom, convert, file, profile::SpeedProfile, trace};
 use seabearing_core::obs::table::Table;
 use seabearing_testkit::shared_data;
 
@@ -84,7 +84,7 @@ fn our_floor_is_the_table_s_up_to_the_sign_of_phase() {
 #[test]
 fn a_subtropical_profile_gives_the_table_s_times() {
     let Some(t) = rr03("a_subtropical_profile_gives_the_table_s_times", false) else { return };
-    let profile = Profile::subtropical(4340.0).unwrap();
+    let profile = SpeedProfile::subtropical(4340.0).unwrap();
     let ours = trace::trace("s", &profile, &Bottom::default(), 70.0, 1429, || ());
     // The table's own profile is not known: a climatological one must come within a thousandth in time, and within a
     // fiftieth in the delays, the quantity that ranges are made of.

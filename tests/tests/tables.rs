@@ -3,10 +3,10 @@
 //! A difference is an error. Where it is meant, `INSTA_UPDATE=always cargo test -p seabearing-tests --test tables` keeps
 //! the new table. Errors are rounded to two digits, so that another compiler's rounding does not change them.
 
-use seabearing::ocean_bottom::scenario::{Burst, Scenario, Side, Straight, Vessel, Whale};
-use seabearing::propagation::{Propagation, bottom::Bottom, profile::Profile, trace};
+use seabearing::ocean_bottom::scenario::{Burst, ObsScenario, ObsVessel, Side, Straight, Whale};
+use seabearing::propagation::{Propagation, bottom::Bottom, profile::SpeedProfile, trace};
 use seabearing::reproduce::bearing_limit::station;
-use seabearing::reproduce::bearing_limit_source::{Ambient, Sounder, exact_arrivals};
+use seabearing::reproduce::bearing_limit_source::{AmbientField, Sounder, exact_arrivals};
 use seabearing::reproduce::obs_world::{Case, quiet};
 use seabearing::reproduce::score::{median, owner, smad, track};
 use seabearing_core::angle::wrap_pi;
@@ -29,14 +29,14 @@ fn two(x: f64) -> String {
 }
 
 fn traced() -> Propagation {
-    let profile = Profile::subtropical(4340.0).unwrap();
+    let profile = SpeedProfile::subtropical(4340.0).unwrap();
     trace::trace("subtropical", &profile, &Bottom::default(), 140.0, 715, || ())
 }
 
-fn vessel(name: &str, hour: f64, cpa_range_m: f64, heading_deg: f64, speed_m_s: f64) -> Vessel {
+fn vessel(name: &str, hour: f64, cpa_range_m: f64, heading_deg: f64, speed_m_s: f64) -> ObsVessel {
     let cpa_time_s = hour * HOUR_S;
     let side = if heading_deg > 180.0 { Side::Starboard } else { Side::Port };
-    Vessel {
+    ObsVessel {
         name: name.into(),
         straight: Straight { cpa_time_s, cpa_range_m, heading_deg, speed_m_s, side },
         active_s: [cpa_time_s - 2.5 * HOUR_S, cpa_time_s + 2.5 * HOUR_S],
@@ -45,8 +45,8 @@ fn vessel(name: &str, hour: f64, cpa_range_m: f64, heading_deg: f64, speed_m_s: 
 }
 
 /// A day: three vessels, one whale, one earthquake.
-fn day() -> Scenario {
-    Scenario {
+fn day() -> ObsScenario {
+    ObsScenario {
         vessels: vec![
             vessel("near", 3.5, 6_000.0, 60.0, 7.0),
             vessel("middle", 11.0, 11_000.0, 200.0, 9.0),
@@ -149,7 +149,7 @@ fn clipped(record: u64, frames: &mut [Frame]) {
 /// Bearings of a passage whose records a fault has been at, each record with its number.
 fn passage(fault: Fault, cut: Option<[usize; 2]>) -> Vec<(u64, Bearing)> {
     let plan = Plan::new(&station()).unwrap();
-    let sounder = Sounder::new(plan.geometry(), RATE_HZ, RECORD, Ambient::Independent);
+    let sounder = Sounder::new(plan.geometry(), RATE_HZ, RECORD, AmbientField::Independent);
     let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
     let mut out = Vec::new();
     let mut sink = |m: Message| {

@@ -2,7 +2,7 @@
 
 use seabearing::recording;
 use seabearing::station::Station;
-use seabearing::world::{self, Array, Scenario};
+use seabearing::world::{self, ArrayScenario, SimulatedArray};
 use seabearing_core::block::{Frame, MISSING};
 use std::path::{Path, PathBuf};
 
@@ -25,16 +25,16 @@ const CHANNELS: [usize; 4] = [2, 0, 1, 3];
 const CODES: f64 = 5.623_413_251_903_491e-9 * 8_388_608.0;
 
 /// A scenario from its text, beside its station file.
-fn scenario(folder: &Path, text: &str) -> Scenario {
+fn scenario(folder: &Path, text: &str) -> ArrayScenario {
     std::fs::write(folder.join("station.toml"), STATION).unwrap();
     let path = folder.join("scenario.toml");
     std::fs::write(&path, format!("kind = \"array\"\nstation = \"station.toml\"\n{text}")).unwrap();
-    Scenario::read(&path).unwrap()
+    ArrayScenario::read(&path).unwrap()
 }
 
 fn frames(text: &str) -> Vec<Frame> {
     let dir = tempfile::tempdir().unwrap();
-    Array::new(&scenario(dir.path(), text)).unwrap().collect()
+    SimulatedArray::new(&scenario(dir.path(), text)).unwrap().collect()
 }
 
 /// Emission time for a source on a straight line, by the quadratic equation of the retarded time.
@@ -144,7 +144,7 @@ const GAPPY: &str = r#"
 fn files_read_back_are_the_frames_at_their_places() {
     let dir = tempfile::tempdir().unwrap();
     let scenario = scenario(dir.path(), GAPPY);
-    let all: Vec<Frame> = Array::new(&scenario).unwrap().collect();
+    let all: Vec<Frame> = SimulatedArray::new(&scenario).unwrap().collect();
     let written = world::write(&scenario, &dir.path().join("out")).unwrap();
     assert_eq!(written.recordings.len(), 4);
     let station = Station::read(&written.station).unwrap();
@@ -219,7 +219,7 @@ fn truth_has_a_row_a_step_and_vessel_with_the_stated_pass() {
          straight = { cpa_time_s = 10.0, cpa_range_m = 300.0, heading_deg = 0.0, speed_m_s = 8.0, side = \"starboard\" }",
     );
     let text = world::truth::csv(&scenario).unwrap();
-    let table = seabearing::csv::Table::parse(&text, "truth.csv").unwrap();
+    let table = seabearing::csv::CsvTable::parse(&text, "truth.csv").unwrap();
     assert_eq!(table.len(), 41);
     let rows: Vec<[f64; 7]> = table
         .numbers(["t_s", "x_m", "y_m", "azimuth_deg", "arrival_azimuth_deg", "emission_t_s", "cpa_range_m"])

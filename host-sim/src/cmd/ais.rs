@@ -1,7 +1,7 @@
 //! `seabearing ais`: statistics of vessel traffic from AIS files.
 
 use crate::ais::{Pass, Selection, passes, read};
-use crate::plot::{ColourMap, Figure, HeatMap, write_panels};
+use crate::plot::{ColourMap, HeatMap, Plot, write_panels};
 use anyhow::{Result, bail};
 use seabearing_core::kit::quantile;
 use serde_json::json;
@@ -161,7 +161,7 @@ fn write(found: &[Pass], max_range_m: f64, out: &std::path::Path) -> Result<()> 
             let _ = writeln!(text, "{},{},{},{},{count}", d * w, (d + 1.0) * w, r * h, (r + 1.0) * h);
         }
         crate::atomic::write(&out.join(file), text.as_bytes())?;
-        let mut figure = Figure::new(&format!("{} passes", found.len()), "CPA distance (m)", label);
+        let mut figure = Plot::new(&format!("{} passes", found.len()), "CPA distance (m)", label);
         figure.heat(HeatMap {
             x: (0.0, max_range_m),
             y: (0.0, top),

@@ -1,6 +1,6 @@
 //! `seabearing base`: the base station: receive telemetry, store, show, export.
 
-use crate::base::link::{Event, Link, Origin};
+use crate::base::link::{LineEvent, LineLink, Origin};
 use crate::base::store::Store;
 use crate::base::{Base, export, view};
 use crate::plot::result;
@@ -107,7 +107,7 @@ pub fn run(args: Args) -> Result<()> {
         eprintln!("seabearing: going on after {} records", store.resumed());
     }
     let before = base.counters();
-    let mut link = Link::open(origin.clone(), args.once)?;
+    let mut link = LineLink::open(origin.clone(), args.once)?;
     if let Some(address) = link.listening() {
         eprintln!("seabearing: listening at {address}");
     }
@@ -118,32 +118,32 @@ pub fn run(args: Args) -> Result<()> {
     // A stream begins with the link; bytes stored before it may have been cut off anywhere.
     let mut begins = true;
     loop {
-        let event = if begins { Event::Began } else { link.read(&mut buffer)? };
+        let event = if begins { LineEvent::Began } else { link.read(&mut buffer)? };
         begins = false;
         records.clear();
         let bytes = match event {
-            Event::Began => {
+            LineEvent::Began => {
                 if args.identify {
                     link.send(commands.frame(&Command::Identify { token: 1 }));
                 }
                 if base.counters().bytes > 0 { &Base::BEGIN[..] } else { &[] }
             }
-            Event::Bytes(n) => &buffer[..n],
-            Event::Idle | Event::End => &[],
+            LineEvent::Bytes(n) => &buffer[..n],
+            LineEvent::Idle | LineEvent::End => &[],
         };
         base.push(bytes, &mut records);
         if let Some(store) = store.as_mut().filter(|_| !bytes.is_empty()) {
             store.append(bytes, &records)?;
         }
-        if event == Event::End {
+        if event == LineEvent::End {
             base.end_stream();
         }
         // Of a stream without a single frame there is nothing to show but the reason, below.
-        if event == Event::End && base.counters().stream.frames == before.stream.frames {
+        if event == LineEvent::End && base.counters().stream.frames == before.stream.frames {
             break;
         }
-        desk.show(&mut base, &records, event == Event::End)?;
-        if event == Event::End {
+        desk.show(&mut base, &records, event == LineEvent::End)?;
+        if event == LineEvent::End {
             break;
         }
     }

@@ -4,7 +4,7 @@ use crate::delays::{SetResult, solve};
 use crate::station::Station;
 use anyhow::{Result, bail};
 use seabearing_core::geometry::PAIRS;
-use seabearing_locate::delays::tdoa::Solution;
+use seabearing_locate::delays::tdoa::DelaySolution;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
@@ -81,7 +81,7 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 /// Names of the pairs left out.
-fn dropped(s: &Solution) -> Vec<String> {
+fn dropped(s: &DelaySolution) -> Vec<String> {
     PAIRS
         .iter()
         .enumerate()

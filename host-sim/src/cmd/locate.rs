@@ -3,11 +3,11 @@
 use crate::orientation::network_file::{Network, read_rows};
 use crate::orientation::over_time::{self, SOURCE_DEPTH_M, heard_by};
 use crate::orientation::record_file;
-use crate::orientation::sets::{Row, Set, gather};
-use crate::record::Recorder;
+use crate::orientation::sets::{BearingRow, SightingSet, gather};
+use crate::record::RecordFormat;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
-use seabearing_locate::network::{Fix, Region, Settings, locate};
+use seabearing_locate::network::{Fix, FixSettings, Region, locate};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -116,7 +116,7 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 /// One straight motion from all rows: a `track` record for each station that was heard.
-fn motion(args: &Args, network: &Network, rows: &mut [Row]) -> Result<Vec<Value>> {
+fn motion(args: &Args, network: &Network, rows: &mut [BearingRow]) -> Result<Vec<Value>> {
     let depth_m = args.depth_m.unwrap_or(SOURCE_DEPTH_M);
     let found = over_time::motion(network, rows, args.tau_s, depth_m, !args.keep_outliers)
         .with_context(|| args.name())?;
@@ -144,7 +144,7 @@ fn motion(args: &Args, network: &Network, rows: &mut [Row]) -> Result<Vec<Value>
 }
 
 /// How late the heard vessel is behind its known track: an `alignment` record for each station that was heard.
-fn alignment(args: &Args, network: &Network, rows: &[Row], track: &Path) -> Result<Vec<Value>> {
+fn alignment(args: &Args, network: &Network, rows: &[BearingRow], track: &Path) -> Result<Vec<Value>> {
     let depth_m = args.depth_m.unwrap_or(SOURCE_DEPTH_M);
     let sd = [args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG];
     let record = |i: usize| {
@@ -163,12 +163,12 @@ fn alignment(args: &Args, network: &Network, rows: &[Row], track: &Path) -> Resu
 fn positions(
     args: &Args,
     network: &Network,
-    rows: &mut [Row],
+    rows: &mut [BearingRow],
     clock: Option<time::OffsetDateTime>,
 ) -> Result<()> {
     let sets = gather(rows, &network.arrays_m);
-    let clock = Recorder { rate_hz: 1.0, start: clock };
-    let settings = Settings { region: region(network, args)?, robust: !args.keep_outliers };
+    let clock = RecordFormat { rate_hz: 1.0, start: clock };
+    let settings = FixSettings { region: region(network, args)?, robust: !args.keep_outliers };
 
     let bar = crate::progress::bar(sets.len() as u64, "fixes");
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
@@ -212,7 +212,7 @@ fn region(network: &Network, args: &Args) -> Result<Region> {
     Ok(Region::between(centre, args.max_range_m, (deepest, 0.0)))
 }
 
-fn ids(network: &Network, set: &Set, without: Option<usize>) -> Vec<u16> {
+fn ids(network: &Network, set: &SightingSet, without: Option<usize>) -> Vec<u16> {
     set.stations
         .iter()
         .enumerate()
@@ -222,14 +222,14 @@ fn ids(network: &Network, set: &Set, without: Option<usize>) -> Vec<u16> {
 }
 
 /// The record with its UTC, where the recordings had a clock.
-fn dated(mut record: Value, clock: &Recorder, set: &Set) -> Value {
+fn dated(mut record: Value, clock: &RecordFormat, set: &SightingSet) -> Value {
     if let Some(utc) = clock.utc(set.t_s) {
         record["utc"] = utc.into();
     }
     record
 }
 
-fn record(network: &Network, set: &Set, fix: &Fix) -> Value {
+fn record(network: &Network, set: &SightingSet, fix: &Fix) -> Value {
     let [x, y, z] = fix.position_m;
     let c = &fix.covariance_m2;
     let mut record = json!({
@@ -249,7 +249,7 @@ fn record(network: &Network, set: &Set, fix: &Fix) -> Value {
     record
 }
 
-fn line(network: &Network, set: &Set, fix: &Fix) -> String {
+fn line(network: &Network, set: &SightingSet, fix: &Fix) -> String {
     let [x, y, z] = fix.position_m;
     let sd = [0, 1, 2].map(|k| fix.covariance_m2[k][k].sqrt());
     let ids: Vec<_> = ids(network, set, fix.rejected).iter().map(u16::to_string).collect();

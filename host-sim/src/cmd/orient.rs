@@ -1,6 +1,6 @@
 //! `seabearing orient`: station orientation from a vessel of known track.
 
-use crate::csv::Table;
+use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
 use crate::ocean_bottom::place::{Displacement, SEARCH_M};
 use crate::ocean_bottom::survey::{Survey, Turn, survey};
@@ -124,7 +124,7 @@ fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
     };
     let tracks = tracks(args, station)?;
     let [track] = &tracks[..] else { bail!("one --track goes with a CSV file, {} were given", tracks.len()) };
-    let table = Table::read(input)?;
+    let table = CsvTable::read(input)?;
     match &station.kind {
         Kind::Line(_) => line(args, &table, track),
         Kind::Array(_) if table.has("tdoa01_s") => {
@@ -158,7 +158,7 @@ fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
 }
 
 /// The line array: orientation, clock shift and η.
-fn line(args: &Args, table: &Table, track: &[TrackPoint]) -> Result<Value> {
+fn line(args: &Args, table: &CsvTable, track: &[TrackPoint]) -> Result<Value> {
     let search = LineSearch {
         max_shift_s: args.max_shift_s,
         free_shift: args.free_shift,

@@ -3,8 +3,8 @@
 use crate::ocean_bottom::pictures;
 use crate::plot::result::{self, Truth};
 use crate::progress;
-use crate::recording::{self, Source};
-use crate::replay::{Summary, replay};
+use crate::recording::{self, SampleSource};
+use crate::replay::{ReplaySummary, replay};
 use crate::station::Station;
 use crate::{atomic, record};
 use anyhow::{Context, Result, bail};
@@ -72,7 +72,7 @@ pub fn run(args: Args) -> Result<()> {
         .unwrap_or_default();
     let table = crate::ocean_bottom::table::of_station(&station)?;
     let source = recording::open(&args.input, &station, start)?;
-    let records = record::Recorder { rate_hz: station.config.rate_hz, start: source.start() };
+    let records = record::RecordFormat { rate_hz: station.config.rate_hz, start: source.start() };
     let bar = progress::bar(
         source.expected_end().map_or(0, |n| (n as f64 / station.config.rate_hz) as u64),
         "processing",
@@ -164,7 +164,7 @@ fn segment(input: &[PathBuf], station: &Station, middle: u64) -> Result<Vec<Fram
 }
 
 /// One line about speed: seconds of data over seconds of work, of the core alone and of all.
-fn stats(summary: &Summary, rate_hz: f64) -> String {
+fn stats(summary: &ReplaySummary, rate_hz: f64) -> String {
     let data_s = summary.instants as f64 / rate_hz;
     let times = |d: std::time::Duration| data_s / d.as_secs_f64().max(1e-9);
     format!(
@@ -177,12 +177,12 @@ fn stats(summary: &Summary, rate_hz: f64) -> String {
 
 /// A source that moves a progress bar.
 struct Watched {
-    source: Box<dyn Source>,
+    source: Box<dyn SampleSource>,
     bar: progress::ProgressBar,
     rate_hz: f64,
 }
 
-impl Source for Watched {
+impl SampleSource for Watched {
     fn start(&self) -> Option<OffsetDateTime> {
         self.source.start()
     }

@@ -2,7 +2,7 @@
 
 use crate::progress;
 use crate::propagation::bottom::Bottom;
-use crate::propagation::profile::Profile;
+use crate::propagation::profile::SpeedProfile;
 use crate::propagation::{Propagation, convert, file, strength, trace};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
@@ -110,7 +110,7 @@ fn traced(args: &Args, path: &std::path::Path) -> Result<Propagation> {
             bail!("{option} is {x}; allowed {lo} to {hi}");
         }
     }
-    let profile = Profile::read(path, depth_m)?;
+    let profile = SpeedProfile::read(path, depth_m)?;
     let bottom = Bottom {
         compressional_m_s: args.compressional_m_s,
         shear_m_s: args.shear_m_s,

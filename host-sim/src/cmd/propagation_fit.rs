@@ -3,7 +3,7 @@
 use crate::ocean_bottom::course::of_file;
 use crate::ocean_bottom::stages::frames;
 use crate::ocean_bottom::strengths::{Branch, Cell, fit};
-use crate::plot::{Figure, write_panels};
+use crate::plot::{Plot, write_panels};
 use crate::propagation::{Propagation, file};
 use crate::station::Station;
 use crate::{atomic, recording};
@@ -118,8 +118,8 @@ fn csv(fitted: &[Branch]) -> String {
 }
 
 fn draw(path: &Path, fitted: &[Branch], table: &Propagation) -> Result<()> {
-    let mut top = Figure::new("Strength of interferences", "range (km)", "envelope of the cepstrum");
-    let mut bottom = Figure::new("Residuals", "range (km)", "measured − fitted");
+    let mut top = Plot::new("Strength of interferences", "range (km)", "envelope of the cepstrum");
+    let mut bottom = Plot::new("Residuals", "range (km)", "measured − fitted");
     for ((name, b), law) in NAMES.iter().zip(fitted).zip(&table.strengths) {
         if b.law.is_none() {
             continue;

@@ -1,7 +1,8 @@
 //! `seabearing simulate`: write simulated recordings, their truth and the station file.
 
-use crate::scenario::{Kind, ScenarioFile};
-use crate::world::{self, Scenario};
+use crate::ocean_bottom::{scenario::ObsScenario, simulate::Simulator, write::write};
+use crate::scenario::{ScenarioFile, ScenarioKind};
+use crate::world::{self, ArrayScenario};
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -25,36 +26,16 @@ pub struct Args {
 /// # Errors
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
-    if ScenarioFile::read(&args.scenario)?.kind == Kind::Obs {
-        return ocean_bottom(&args);
-    }
-    let scenario = Scenario::read(&args.scenario)?;
-    let written = world::write(&scenario, &args.out)?;
-    let all = written.recordings.iter().map(|p| ("recording", p));
-    for (kind, path) in all.chain([("truth", &written.truth), ("station", &written.station)]) {
-        if args.json {
-            println!("{}", serde_json::json!({ "type": kind, "path": path }));
-        } else {
-            println!("{kind:9} {}", path.display());
+    let written = match ScenarioFile::read(&args.scenario)?.kind {
+        ScenarioKind::Array => world::write(&ArrayScenario::read(&args.scenario)?, &args.out)?,
+        ScenarioKind::Obs => {
+            let scenario = ObsScenario::read(&args.scenario)?;
+            let table = crate::propagation::file::read(&scenario.propagation)?;
+            let extra = crate::ocean_bottom::ais::extras(&scenario)?;
+            write(&mut Simulator::new(scenario, table, extra)?, &args.out)?
         }
-    }
-    Ok(())
-}
-
-/// The same for an ocean-bottom station.
-fn ocean_bottom(args: &Args) -> Result<()> {
-    use crate::ocean_bottom::{scenario::Scenario, simulate::Simulator, write::write};
-    let scenario = Scenario::read(&args.scenario)?;
-    let table = crate::propagation::file::read(&scenario.propagation)?;
-    let extra = crate::ocean_bottom::ais::extras(&scenario)?;
-    let written = write(&mut Simulator::new(scenario, table, extra)?, &args.out)?;
-    let rest = [
-        ("truth", &written.truth),
-        ("tracks", &written.tracks),
-        ("station", &written.station),
-        ("table", &written.table),
-    ];
-    for (kind, path) in written.recordings.iter().map(|p| ("recording", p)).chain(rest) {
+    };
+    for (kind, path) in written.files() {
         if args.json {
             println!("{}", serde_json::json!({ "type": kind, "path": path }));
         } else {

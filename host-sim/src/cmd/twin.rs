@@ -51,7 +51,7 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    board_options: super::twin_board::Options,
+    board_options: super::twin_board::BoardOptions,
     /// Recordings
     #[arg(required = true, value_name = "RECORDING")]
     input: Vec<PathBuf>,

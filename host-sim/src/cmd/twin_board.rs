@@ -1,6 +1,6 @@
 //! `seabearing twin --board stm32h743`: the hardware board's image on the modelled board, and the host.
 
-use crate::board::{self, Fault, Report, Setup};
+use crate::board::{self, BoardRun, InjectedFault, Setup};
 use crate::station::Station;
 use crate::{blob, emulator, recording};
 use anyhow::{Result, bail};
@@ -14,7 +14,7 @@ use std::sync::mpsc;
 /// With --board stm32h743: what takes how long, and what goes wrong.
 #[derive(clap::Args)]
 #[command(next_help_heading = "With --board stm32h743")]
-pub struct Options {
+pub struct BoardOptions {
     /// Seconds of the recording [default: all]
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
@@ -48,7 +48,7 @@ pub struct Options {
     /// What goes wrong and when (s): converter-reset@S, converter-dead@S or @S:LENGTH, spi-bits@BYTES, pin-reset@S,
     /// brown-out@S
     #[arg(long = "fault", value_name = "FAULT")]
-    faults: Vec<Fault>,
+    faults: Vec<InjectedFault>,
 }
 
 /// Runs the command for that board. `keep`: where the firmware's telemetry goes.
@@ -56,7 +56,7 @@ pub struct Options {
 /// # Errors
 /// One line for a person; also where telemetry differs.
 pub(super) fn run(
-    options: &Options,
+    options: &BoardOptions,
     station: &Station,
     firmware: Option<PathBuf>,
     input: Vec<PathBuf>,
@@ -72,7 +72,7 @@ pub(super) fn run(
     recording::open(&input, station, None)?;
     // The recording is read while the board runs; it stops being read when the board has ended.
     let (send, receive) = mpsc::sync_channel::<Vec<Frame>>(64);
-    let report = std::thread::scope(|scope| -> Result<Report> {
+    let report = std::thread::scope(|scope| -> Result<BoardRun> {
         let reader = scope.spawn(move || -> Result<()> {
             let mut source = recording::open(&input, station, None)?;
             let mut left = most.unwrap_or(u64::MAX);
@@ -113,7 +113,7 @@ pub(super) fn run(
     Ok(())
 }
 
-fn setup(options: &Options) -> Result<Setup> {
+fn setup(options: &BoardOptions) -> Result<Setup> {
     let costs = Costs {
         instruction: options.cycles,
         register: options.register_cycles,
@@ -143,11 +143,11 @@ fn setup(options: &Options) -> Result<Setup> {
         converter_clock_error: options.converter_clock_ppm * 1e-6,
         ..Parameters::default()
     };
-    let faults: Vec<Fault> = options.faults.clone();
+    let faults: Vec<InjectedFault> = options.faults.clone();
     Ok(Setup { costs, parameters, acquisition_s: options.converter_start_us * 1e-6, faults })
 }
 
-fn say(report: &Report, json: bool) -> Result<()> {
+fn say(report: &BoardRun, json: bool) -> Result<()> {
     let per = |count: u64| count as f64 / (report.delivered as f64).max(1.0);
     let round = |x: f64| (x * 10.0).round() / 10.0;
     let (handlers, thread) = (report.handlers, report.thread);

@@ -1,6 +1,6 @@
 //! Bearings of one array from a CSV file: `t_s,azimuth_deg` and optionally `sigma_deg`, `elevation_deg`.
 
-use crate::csv::{Table, good_rows};
+use crate::csv::{CsvTable, good_rows};
 use anyhow::{Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_locate::motion::ml::Sample;
@@ -13,7 +13,7 @@ use std::path::Path;
 /// # Errors
 /// The file cannot be read, or no row of it is usable.
 pub fn read(path: &Path, sd_rad: f64, sd_elevation_rad: Option<f64>) -> Result<Vec<Sample>> {
-    let table = Table::read(path)?;
+    let table = CsvTable::read(path)?;
     let name = path.display().to_string();
     let column = |key: &str, wanted: bool| -> Result<_> {
         (wanted && table.has(key)).then(|| table.numbers([key])).transpose()

@@ -1,7 +1,7 @@
 //! The error model of an array's bearings, from a vessel of known track.
 
 use super::Memory;
-use crate::csv::{Table, good_rows};
+use crate::csv::{CsvTable, good_rows};
 use crate::orientation::track_file::heard_at;
 use anyhow::{Result, bail};
 use seabearing_core::angle::wrap_pi;
@@ -22,7 +22,7 @@ pub fn of_known_track(
     sound_speed_m_s: f64,
 ) -> Result<(ErrorModel, usize)> {
     let name = track.display().to_string();
-    let rows = good_rows(&name, Table::read(track)?.numbers(["t_s", "x_m", "y_m"])?)?;
+    let rows = good_rows(&name, CsvTable::read(track)?.numbers(["t_s", "x_m", "y_m"])?)?;
     let mut known: Vec<TrackPoint> =
         rows.into_iter().map(|[t_s, x, y]| TrackPoint { t_s, position_m: [x, y, 0.0] }).collect();
     known.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));

@@ -1,6 +1,6 @@
 //! Bearings and the track fitted to them.
 
-use crate::plot::{Figure, Scale, cut_at_wraps, write_panels};
+use crate::plot::{Plot, Scale, cut_at_wraps, write_panels};
 use anyhow::Result;
 use seabearing_core::angle::wrap_tau;
 use seabearing_core::motion::{Medium, Solution, solution::position};
@@ -12,7 +12,7 @@ use std::path::Path;
 /// # Errors
 /// The file cannot be written.
 pub fn draw(samples: &[Sample], medium: &Medium, s: &Solution, path: &Path) -> Result<()> {
-    let mut angles = Figure::new("Bearings and fitted track", "time (s)", "azimuth (°)");
+    let mut angles = Plot::new("Bearings and fitted track", "time (s)", "azimuth (°)");
     let measured: Vec<_> = samples.iter().map(|b| (b.t_s, b.azimuth_rad.to_degrees())).collect();
     let times: Vec<f64> = (0..=300).map(|k| s.t0_s + (s.t1_s - s.t0_s) * f64::from(k) / 300.0).collect();
     let fitted: Vec<_> =
@@ -21,7 +21,7 @@ pub fn draw(samples: &[Sample], medium: &Medium, s: &Solution, path: &Path) -> R
     if !s.range_observable {
         return angles.write(path);
     }
-    let mut map = Figure::map("Track about the array");
+    let mut map = Plot::map("Track about the array");
     let at = |t: f64| position(&s.line, &s.covariance, t);
     let track: Vec<_> = times.iter().map(|t| at(*t).0).map(|[x, y]| (x, y)).collect();
     map.line("track", &track);

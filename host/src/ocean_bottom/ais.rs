@@ -4,10 +4,10 @@
 //! A passage is a run of a vessel's positions without a gap of 24 h, within 100 km, whose closest point is within 25 km.
 //! A leg that crosses the circle of 100 km counts as far as it lies inside, also where both its ends lie outside.
 
-use super::course::{Course, Place};
-use super::scenario::{Radiation, Scenario};
-use super::simulate::{Extra, Vessel};
-use crate::ais::Report;
+use super::course::{EastNorth, VesselCourse};
+use super::scenario::{ObsScenario, Radiation};
+use super::simulate::{Extra, MovingVessel};
+use crate::ais::AisReport;
 use crate::geodesy::LocalFrame;
 use anyhow::{Result, bail};
 use std::collections::BTreeMap;
@@ -26,11 +26,11 @@ const FASTEST_M_S: f64 = 20.0;
 
 /// One vessel's passage.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Passage {
+pub struct AisPassage {
     /// The vessel.
     pub mmsi: u64,
     /// UTC (seconds since 1970) and place of each position.
-    pub fixes: Vec<(f64, Place)>,
+    pub fixes: Vec<(f64, EastNorth)>,
     /// UTC of the closest point, seconds since 1970.
     pub cpa_unix_s: f64,
     /// Its range, m.
@@ -41,7 +41,7 @@ pub struct Passage {
 ///
 /// # Errors
 /// The file cannot be read, is of no known layout, or holds no usable row.
-pub fn read(path: &Path) -> Result<Vec<Report>> {
+pub fn read(path: &Path) -> Result<Vec<AisReport>> {
     let name = path.display();
     let (mut reports, bad) = crate::ais::read(path)?;
     if !bad.is_empty() {
@@ -55,14 +55,14 @@ pub fn read(path: &Path) -> Result<Vec<Report>> {
 }
 
 /// Under way by engine, and of a merchant's type; where the type is not told, heard on land, as \[O\] took them.
-fn merchant_under_way(r: &Report) -> bool {
+fn merchant_under_way(r: &AisReport) -> bool {
     r.status == Some(0) && r.ship_type.map_or(r.terrestrial == Some(true), |kind| (70..90).contains(&kind))
 }
 
 /// Passages of all vessels about a station (latitude, longitude in degrees), in order of their closest point.
-pub fn passages(reports: &[Report], origin_deg: (f64, f64)) -> Vec<Passage> {
+pub fn passages(reports: &[AisReport], origin_deg: (f64, f64)) -> Vec<AisPassage> {
     let frame = LocalFrame::new(origin_deg.0, origin_deg.1);
-    let mut by_vessel: BTreeMap<u64, Vec<(f64, Place)>> = BTreeMap::new();
+    let mut by_vessel: BTreeMap<u64, Vec<(f64, EastNorth)>> = BTreeMap::new();
     for r in reports {
         let place = frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
         by_vessel.entry(r.mmsi).or_default().push((r.t_s, place));
@@ -70,8 +70,8 @@ pub fn passages(reports: &[Report], origin_deg: (f64, f64)) -> Vec<Passage> {
     let mut out = Vec::new();
     for (mmsi, mut fixes) in by_vessel {
         fixes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut run: Vec<(f64, Place)> = Vec::new();
-        let mut last: Option<(f64, Place)> = None;
+        let mut run: Vec<(f64, EastNorth)> = Vec::new();
+        let mut last: Option<(f64, EastNorth)> = None;
         for fix in fixes {
             let Some(from) = last else {
                 last = Some(fix);
@@ -108,7 +108,7 @@ pub fn passages(reports: &[Report], origin_deg: (f64, f64)) -> Vec<Passage> {
 }
 
 /// The part of a straight leg inside the surveyed area, a point of time and place at either end.
-fn inside(a: (f64, Place), b: (f64, Place)) -> Option<((f64, Place), (f64, Place))> {
+fn inside(a: (f64, EastNorth), b: (f64, EastNorth)) -> Option<((f64, EastNorth), (f64, EastNorth))> {
     let (dx, dy) = (b.1.0 - a.1.0, b.1.1 - a.1.1);
     let (length2, along) = (dx * dx + dy * dy, a.1.0 * dx + a.1.1 * dy);
     let beyond = a.1.0.powi(2) + a.1.1.powi(2) - RADIUS_M.powi(2);
@@ -123,7 +123,7 @@ fn inside(a: (f64, Place), b: (f64, Place)) -> Option<((f64, Place), (f64, Place
         .then(|| (if enter > 0.0 { at(enter) } else { a }, if leave < 1.0 { at(leave) } else { b }))
 }
 
-fn passage(mmsi: u64, fixes: Vec<(f64, Place)>) -> Option<Passage> {
+fn passage(mmsi: u64, fixes: Vec<(f64, EastNorth)>) -> Option<AisPassage> {
     if fixes.len() < 2 {
         return None;
     }
@@ -138,15 +138,15 @@ fn passage(mmsi: u64, fixes: Vec<(f64, Place)>) -> Option<Passage> {
             best = (range, t0 + u * (t1 - t0));
         }
     }
-    (best.0 <= CLOSEST_M).then_some(Passage { mmsi, fixes, cpa_unix_s: best.1, cpa_range_m: best.0 })
+    (best.0 <= CLOSEST_M).then_some(AisPassage { mmsi, fixes, cpa_unix_s: best.1, cpa_range_m: best.0 })
 }
 
-impl Passage {
+impl AisPassage {
     /// As a course in seconds from a start, its first and last legs carried on to the edge of the surveyed area: a
     /// terrestrial receiver's coverage ends, the vessel does not.
-    pub fn course(&self, start_unix_s: f64) -> Course {
-        let mut fixes: Vec<(f64, Place)> = self.fixes.iter().map(|f| (f.0 - start_unix_s, f.1)).collect();
-        let carry = |from: (f64, Place), towards: (f64, Place)| {
+    pub fn course(&self, start_unix_s: f64) -> VesselCourse {
+        let mut fixes: Vec<(f64, EastNorth)> = self.fixes.iter().map(|f| (f.0 - start_unix_s, f.1)).collect();
+        let carry = |from: (f64, EastNorth), towards: (f64, EastNorth)| {
             let dt = towards.0 - from.0;
             let v = ((towards.1.0 - from.1.0) / dt, (towards.1.1 - from.1.1) / dt);
             let speed2 = v.0 * v.0 + v.1 * v.1;
@@ -168,7 +168,7 @@ impl Passage {
         if let Some(f) = before.filter(|f| f.0 < first - 1.0) {
             fixes.insert(0, f);
         }
-        Course::Fixes(fixes)
+        VesselCourse::Fixes(fixes)
     }
 
     /// As a vessel of the simulator, with lines of its own.
@@ -179,7 +179,7 @@ impl Passage {
         let mut radiation = radiation.clone();
         radiation.blade_hz *= own;
         radiation.tones_hz.iter_mut().for_each(|f| *f *= own);
-        let vessel = Vessel {
+        let vessel = MovingVessel {
             name: self.mmsi.to_string(),
             course: self.course(start_unix_s),
             active_s: (f64::NEG_INFINITY, f64::INFINITY),
@@ -192,7 +192,7 @@ impl Passage {
 ///
 /// # Errors
 /// A file cannot be read, or no vessel passes while the scenario runs.
-pub fn extras(scenario: &Scenario) -> Result<Vec<Extra>> {
+pub fn extras(scenario: &ObsScenario) -> Result<Vec<Extra>> {
     let mut out = Vec::new();
     for entry in &scenario.ais {
         let Some([lat, lon]) = scenario.lat_lon_deg else {
@@ -222,8 +222,8 @@ pub fn extras(scenario: &Scenario) -> Result<Vec<Extra>> {
 mod tests {
     use super::*;
 
-    fn at(mmsi: u64, hours: f64, km: f64, off_km: f64) -> Report {
-        Report {
+    fn at(mmsi: u64, hours: f64, km: f64, off_km: f64) -> AisReport {
+        AisReport {
             mmsi,
             t_s: 3600.0 * hours,
             lat_lon_deg: (off_km / 110.574, km / 111.3195),
@@ -249,7 +249,7 @@ mod tests {
         }
         for p in &found {
             assert!((p.cpa_unix_s - 4.0 * 3600.0).abs() < 60.0);
-            let Course::Fixes(f) = p.course(0.0) else { panic!() };
+            let VesselCourse::Fixes(f) = p.course(0.0) else { panic!() };
             assert!(f.windows(2).all(|w| w[1].0 > w[0].0 + 1.0));
             let reach = [f[0], f[f.len() - 1]].map(|f| f.1.0.hypot(f.1.1));
             assert!(reach.iter().all(|r| (r - RADIUS_M).abs() < 1.0), "{reach:?}");
@@ -258,14 +258,14 @@ mod tests {
 
     #[test]
     fn split_and_selected() {
-        let mut reports: Vec<Report> =
+        let mut reports: Vec<AisReport> =
             (-5..6).map(|h| at(1, f64::from(h), 25.0 * f64::from(h), 10.0)).collect();
         reports.extend((-5..6).map(|h| at(2, f64::from(h), 25.0 * f64::from(h), 40.0)));
         reports.extend((-5..6).map(|h| at(1, 100.0 + f64::from(h), 25.0 * f64::from(h), 12.0)));
         let p = passages(&reports, (0.0, 0.0));
         assert_eq!(p.len(), 2);
         assert!((p[0].cpa_range_m - 10_000.0).abs() < 10.0 && p[0].cpa_unix_s.abs() < 60.0);
-        let Course::Fixes(f) = p[0].course(0.0) else { panic!() };
+        let VesselCourse::Fixes(f) = p[0].course(0.0) else { panic!() };
         let edge = f[0].1.0.hypot(f[0].1.1);
         assert!((edge - RADIUS_M).abs() < 1.0, "{edge}");
         assert!(f.windows(2).all(|w| w[0].0 < w[1].0));

@@ -28,7 +28,7 @@ pub struct Directional {
 }
 
 /// The noise of one station.
-pub struct Ambient {
+pub struct AmbientNoise {
     rms: [f64; 4],
     directional: Vec<Directional>,
     seed: u64,
@@ -40,7 +40,7 @@ pub struct Ambient {
     tail: Vec<Field>,
 }
 
-impl Ambient {
+impl AmbientNoise {
     /// Noise of root-mean-square values for pressure, East, North and Up (white part), `low_db` louder at 0.2 Hz.
     pub fn new(rate_hz: f64, rms: [f64; 4], low_db: f64, directional: Vec<Directional>, seed: u64) -> Self {
         let slope = low_db / 20.0 / 5f64.log10();
@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn levels_and_coherence() {
         let west = Directional { azimuth: 1.5 * std::f64::consts::PI, rms: 2.0, elevation: 0.0 };
-        let mut a = Ambient::new(50.0, [1.0, 1.5, 1.0, 0.5], 0.0, vec![west], 5);
+        let mut a = AmbientNoise::new(50.0, [1.0, 1.5, 1.0, 0.5], 0.0, vec![west], 5);
         let samples: Vec<Field> = (0..40).flat_map(|_| a.next_hop()).collect();
         let n = samples.len() as f32;
         let mean = |f: &dyn Fn(&Field) -> f32| samples.iter().map(f).sum::<f32>() / n;

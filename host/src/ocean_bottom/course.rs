@@ -1,31 +1,31 @@
 //! Where a vessel is at a time: a straight course, or fixes joined by straight legs.
 
-use crate::csv::Table;
+use crate::csv::CsvTable;
 use crate::scenario::{Side, Straight};
 use anyhow::{Context, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// East and North of the station, metres.
-pub type Place = (f64, f64);
+pub type EastNorth = (f64, f64);
 
 /// How a vessel moves.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Course {
+pub enum VesselCourse {
     /// Straight and steady.
     Straight {
         /// Time of the closest point, s.
         cpa_time_s: f64,
         /// Place at that time, m.
-        closest_m: Place,
+        closest_m: EastNorth,
         /// East and North speed, m/s.
         velocity_m_s: (f64, f64),
     },
     /// Time and place of fixes, in order of time; at rest nowhere outside them (the vessel is not there).
-    Fixes(Vec<(f64, Place)>),
+    Fixes(Vec<(f64, EastNorth)>),
 }
 
-impl Course {
+impl VesselCourse {
     /// The straight course of a scenario.
     pub fn straight(s: &Straight) -> Self {
         let starboard = s.side == Side::Starboard;
@@ -51,7 +51,7 @@ impl Course {
     }
 
     /// The vessel's place; `None` where fixes do not tell.
-    pub fn at(&self, t_s: f64) -> Option<Place> {
+    pub fn at(&self, t_s: f64) -> Option<EastNorth> {
         match self {
             Self::Straight { cpa_time_s, closest_m, velocity_m_s } => {
                 let dt = t_s - cpa_time_s;
@@ -76,7 +76,7 @@ impl Course {
         let Self::Fixes(fixes) = self else { return Some(self.clone()) };
         let (first, last) = (fixes.first()?.0, fixes.last()?.0);
         let minutes = (0..=((last - first) / 60.0) as usize).map(|m| first + 60.0 * m as f64);
-        let near: Vec<(f64, Place)> =
+        let near: Vec<(f64, EastNorth)> =
             minutes.filter_map(|t| Some((t, self.at(t)?))).filter(|f| polar(f.1).0 <= HEARD_M).collect();
         line(if near.len() >= 30 { &near } else { fixes })
     }
@@ -84,7 +84,7 @@ impl Course {
     /// Greatest distance between the course within [`HEARD_M`] and its straightened form, m.
     pub fn bend_m(&self) -> Option<f64> {
         let (Self::Fixes(fixes), straight) = (self, self.straightened()?) else { return Some(0.0) };
-        let apart = |(t, p): &(f64, Place)| {
+        let apart = |(t, p): &(f64, EastNorth)| {
             let q = straight.at(*t)?;
             (polar(*p).0 <= HEARD_M).then(|| (p.0 - q.0).hypot(p.1 - q.1))
         };
@@ -96,44 +96,44 @@ impl Course {
 pub const HEARD_M: f64 = 50_000.0;
 
 /// The straight course through places in the least-squares sense.
-fn line(fixes: &[(f64, Place)]) -> Option<Course> {
+fn line(fixes: &[(f64, EastNorth)]) -> Option<VesselCourse> {
     let n = fixes.len() as f64;
     if fixes.len() < 2 {
         return None;
     }
-    let mean = |f: &dyn Fn(&(f64, Place)) -> f64| fixes.iter().map(f).sum::<f64>() / n;
+    let mean = |f: &dyn Fn(&(f64, EastNorth)) -> f64| fixes.iter().map(f).sum::<f64>() / n;
     let (t, x, y) = (mean(&|f| f.0), mean(&|f| f.1.0), mean(&|f| f.1.1));
     let power = fixes.iter().map(|f| (f.0 - t).powi(2)).sum::<f64>();
-    let slope = |g: &dyn Fn(&(f64, Place)) -> f64, m: f64| {
+    let slope = |g: &dyn Fn(&(f64, EastNorth)) -> f64, m: f64| {
         fixes.iter().map(|f| (f.0 - t) * (g(f) - m)).sum::<f64>() / power
     };
     let (vx, vy) = (slope(&|f| f.1.0, x), slope(&|f| f.1.1, y));
     let cpa_time_s = t - (x * vx + y * vy) / (vx * vx + vy * vy);
     let closest_m = (x + vx * (cpa_time_s - t), y + vy * (cpa_time_s - t));
-    cpa_time_s.is_finite().then_some(Course::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) })
+    cpa_time_s.is_finite().then_some(VesselCourse::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) })
 }
 
 /// Courses of a track file: one a `source`, or one in all. Rows of other kinds of source (no x, y) are passed over.
 ///
 /// # Errors
 /// The file cannot be read, or no vessel has two rows.
-pub fn of_file(path: &Path) -> Result<Vec<Course>> {
-    let table = Table::read(path)?;
+pub fn of_file(path: &Path) -> Result<Vec<VesselCourse>> {
+    let table = CsvTable::read(path)?;
     let source = table.has("source").then(|| table.column("source")).transpose()?;
-    let mut by_vessel: BTreeMap<String, Vec<(f64, Place)>> = BTreeMap::new();
+    let mut by_vessel: BTreeMap<String, Vec<(f64, EastNorth)>> = BTreeMap::new();
     for (row, (_, numbers)) in table.numbers(["t_s", "x_m", "y_m"])?.into_iter().enumerate() {
         let name = source.and_then(|c| table.text(row, c)).unwrap_or("").to_owned();
         if let Ok([t, x, y]) = numbers {
             by_vessel.entry(name).or_default().push((t, (x, y)));
         }
     }
-    let courses: Vec<Course> = by_vessel
+    let courses: Vec<VesselCourse> = by_vessel
         .into_values()
         .filter(|f| f.len() >= 2)
         .map(|mut fixes| {
             fixes.sort_by(|a, b| a.0.total_cmp(&b.0));
             fixes.dedup_by_key(|f| f.0);
-            Course::Fixes(fixes)
+            VesselCourse::Fixes(fixes)
         })
         .collect();
     (!courses.is_empty())
@@ -142,7 +142,7 @@ pub fn of_file(path: &Path) -> Result<Vec<Course>> {
 }
 
 /// Range (m) and azimuth (rad, clockwise from North, 0 to 2π) of a place.
-pub fn polar(place: Place) -> (f64, f64) {
+pub fn polar(place: EastNorth) -> (f64, f64) {
     let azimuth = place.0.atan2(place.1);
     (place.0.hypot(place.1), azimuth.rem_euclid(std::f64::consts::TAU))
 }
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn closest_point_side_and_heading() {
         // Heading East with the station to starboard (south of the vessel): the vessel passes to the north.
-        let c = Course::by_cpa(100.0, 5000.0, std::f64::consts::FRAC_PI_2, 7.0, true);
+        let c = VesselCourse::by_cpa(100.0, 5000.0, std::f64::consts::FRAC_PI_2, 7.0, true);
         let (x, y) = c.at(100.0).unwrap();
         assert!(x.abs() < 1e-9 && (y - 5000.0).abs() < 1e-9);
         let (x, y) = c.at(110.0).unwrap();
@@ -163,30 +163,31 @@ mod tests {
 
     #[test]
     fn fixes_join_and_straighten() {
-        let truth = Course::by_cpa(500.0, 8000.0, 1.0, 6.0, false);
+        let truth = VesselCourse::by_cpa(500.0, 8000.0, 1.0, 6.0, false);
         let fixes = (0..20).map(|i| 100.0 * f64::from(i)).map(|t| (t, truth.at(t).unwrap())).collect();
-        let c = Course::Fixes(fixes);
+        let c = VesselCourse::Fixes(fixes);
         let (a, b) = (c.at(650.0).unwrap(), truth.at(650.0).unwrap());
         assert!((a.0 - b.0).hypot(a.1 - b.1) < 1e-6);
         assert_eq!(c.at(-1.0), None);
-        let Some(Course::Straight { cpa_time_s, closest_m, .. }) = c.straightened() else { panic!() };
+        let Some(VesselCourse::Straight { cpa_time_s, closest_m, .. }) = c.straightened() else { panic!() };
         assert!((cpa_time_s - 500.0).abs() < 1e-6 && (closest_m.0.hypot(closest_m.1) - 8000.0).abs() < 1e-6);
         assert!(c.bend_m().unwrap() < 1e-6);
     }
 
     #[test]
     fn a_bend_far_out_does_not_turn_the_straightened_course() {
-        let truth = Course::by_cpa(9000.0, 8000.0, 1.0, 6.0, false);
+        let truth = VesselCourse::by_cpa(9000.0, 8000.0, 1.0, 6.0, false);
         let mut fixes: Vec<_> =
             (0..180).map(|i| 100.0 * f64::from(i)).map(|t| (t, truth.at(t).unwrap())).collect();
         let last = fixes[179].1;
         fixes.push((30_000.0, (last.0, last.1 + 80_000.0)));
-        let Some(Course::Straight { velocity_m_s: v, .. }) = Course::Fixes(fixes.clone()).straightened()
+        let Some(VesselCourse::Straight { velocity_m_s: v, .. }) =
+            VesselCourse::Fixes(fixes.clone()).straightened()
         else {
             panic!()
         };
         assert!((v.0.atan2(v.1) - 1.0).abs() < 1e-3, "{v:?}");
         fixes[90].1.0 += 3000.0;
-        assert!((Course::Fixes(fixes).bend_m().unwrap() - 3000.0).abs() < 200.0);
+        assert!((VesselCourse::Fixes(fixes).bend_m().unwrap() - 3000.0).abs() < 200.0);
     }
 }

@@ -1,15 +1,15 @@
 //! Sounds that are no vessels: whale calls, earthquakes, T phases, strumming of the buoy.
 
-use super::course::Course;
+use super::course::VesselCourse;
 use super::passage::{Field, add_event, emission};
 use super::scenario::{Burst, Strumming, Whale};
-use super::source::{Radiator, Tone};
+use super::source::{Radiator, ToneLine};
 use crate::propagation::{Complex, Propagation};
 use std::f64::consts::{PI, TAU};
 
 /// A sound with a place or direction, as the truth names it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Heard {
+pub struct HeardEvent {
     /// When the first of it arrives, s.
     pub from_s: f64,
     /// When the last has gone, s.
@@ -113,10 +113,10 @@ impl Caller {
     }
 
     /// For the truth.
-    pub fn heard(&self, table: &Propagation) -> Heard {
-        let here = Course::Fixes(vec![(-1e12, self.place), (1e12, self.place)]);
+    pub fn heard(&self, table: &Propagation) -> HeardEvent {
+        let here = VesselCourse::Fixes(vec![(-1e12, self.place), (1e12, self.place)]);
         let delay = |n| emission(table, &here, n, 0.0).map_or(0.0, |(left, _, _)| -left);
-        Heard {
+        HeardEvent {
             from_s: self.whale.start_s + delay(0).min(delay(1)),
             to_s: self.whale.start_s + self.whale.duration_s + delay(2) + self.species.duration_s(),
             kind: if self.species == Species::Fin { "fin_whale" } else { "blue_whale" },
@@ -179,7 +179,7 @@ impl Wave {
         let azimuth = s.azimuth_deg.to_radians();
         let amplitude = 2f64.sqrt() * bin * 10f64.powf(s.level_db / 20.0);
         let tones = (1..)
-            .map(|k| Tone { hz: s.fundamental_hz * f64::from(k), amplitude })
+            .map(|k| ToneLine { hz: s.fundamental_hz * f64::from(k), amplitude })
             .take_while(|t| t.hz < 24.0)
             .collect();
         Self {
@@ -215,8 +215,8 @@ impl Wave {
     }
 
     /// For the truth.
-    pub fn heard(&self) -> Heard {
-        Heard {
+    pub fn heard(&self) -> HeardEvent {
+        HeardEvent {
             from_s: self.start_s,
             to_s: self.start_s + self.duration_s,
             kind: self.kind,

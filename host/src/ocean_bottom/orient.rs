@@ -4,9 +4,9 @@
 //! vessel; the mode of all and the scatter of the passages' modes give the value and its uncertainty. Assumes one vessel
 //! at a time near the station, and the station's place known ([`super::place`]).
 
-use super::course::{Course, Place, polar};
+use super::course::{EastNorth, VesselCourse, polar};
 use super::place::{Travel, USED_M, alone, heard};
-use super::stages::Frame;
+use super::stages::SpectralFrame;
 use seabearing_core::angle::wrap_pi;
 use std::f64::consts::TAU;
 
@@ -32,10 +32,10 @@ pub struct ModeOfTurns {
 
 /// The orientation, with the station at an offset from where courses are counted; `None` where no passage is usable.
 pub fn orientation(
-    frames: &[Frame],
-    courses: &[Course],
+    frames: &[SpectralFrame],
+    courses: &[VesselCourse],
     travel: &Travel<'_>,
-    offset: Place,
+    offset: EastNorth,
     tones: std::ops::Range<usize>,
 ) -> Option<ModeOfTurns> {
     // Histogram of differences per passage, and per half hour of each.

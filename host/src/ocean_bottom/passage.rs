@@ -6,7 +6,7 @@
 //! vertically cos θ (1 − R)/(1 + R) down, R the floor's coefficient: the floor moves as incident and reflected wave do.
 //! Delays, amplitudes and azimuths are exact at nodes half a second apart and linear between them.
 
-use super::course::{Course, polar};
+use super::course::{VesselCourse, polar};
 use super::source::Radiator;
 use crate::propagation::bottom::Bottom;
 use crate::propagation::{Complex, Propagation};
@@ -35,11 +35,11 @@ struct Node {
 }
 
 /// One vessel as received.
-pub struct Passage {
+pub struct ReceivedVessel {
     /// Name in the truth.
     pub name: String,
     /// How it moves.
-    pub course: Course,
+    pub course: VesselCourse,
     /// First and last time at which it sounds, s.
     pub active_s: (f64, f64),
     /// Paths received, counted from the direct one.
@@ -47,9 +47,15 @@ pub struct Passage {
     radiator: Radiator,
 }
 
-impl Passage {
+impl ReceivedVessel {
     /// A vessel on a course.
-    pub fn new(name: String, course: Course, active_s: (f64, f64), paths: usize, radiator: Radiator) -> Self {
+    pub fn new(
+        name: String,
+        course: VesselCourse,
+        active_s: (f64, f64),
+        paths: usize,
+        radiator: Radiator,
+    ) -> Self {
         Self { name, course, active_s, paths, radiator }
     }
 
@@ -111,7 +117,12 @@ impl Passage {
 }
 
 /// Time of emission, range and azimuth of what arrives at a time over a path; `None` where it cannot arrive.
-pub fn emission(table: &Propagation, course: &Course, path: usize, t_s: f64) -> Option<(f64, f64, f64)> {
+pub fn emission(
+    table: &Propagation,
+    course: &VesselCourse,
+    path: usize,
+    t_s: f64,
+) -> Option<(f64, f64, f64)> {
     let mut left = t_s;
     let mut polar_then = polar(course.at(t_s).or_else(|| course.at(t_s - 30.0))?);
     for _ in 0..RETARDATION_STEPS {
@@ -121,7 +132,7 @@ pub fn emission(table: &Propagation, course: &Course, path: usize, t_s: f64) -> 
     Some((left, polar_then.0, polar_then.1))
 }
 
-fn node(table: &Propagation, course: &Course, path: usize, t_s: f64) -> Option<Node> {
+fn node(table: &Propagation, course: &VesselCourse, path: usize, t_s: f64) -> Option<Node> {
     let (left, range, azimuth) = emission(table, course, path, t_s)?;
     let arrival = table.arrival(path, range)?;
     let slowness = table.slowness_s_m(path, range)?;
@@ -182,19 +193,20 @@ pub fn gain(table: &Propagation, paths: usize, range_m: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::source::Tone;
+    use super::super::source::ToneLine;
     use super::*;
-    use crate::propagation::{profile::Profile, trace};
+    use crate::propagation::{profile::SpeedProfile, trace};
 
     fn table() -> Propagation {
-        let profile = Profile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
+        let profile =
+            SpeedProfile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
         trace::trace("t", &profile, &Bottom::default(), 140.0, 400, || ())
     }
 
     #[test]
     fn emission_and_travel_add_up() {
         let t = table();
-        let course = Course::by_cpa(3600.0, 9000.0, 1.0, 8.0, true);
+        let course = VesselCourse::by_cpa(3600.0, 9000.0, 1.0, 8.0, true);
         for path in 0..5 {
             for at in [100.0, 3600.0, 6000.0] {
                 let Some((left, range, _)) = emission(&t, &course, path, at) else { continue };
@@ -208,9 +220,9 @@ mod tests {
         let t = table();
         // At rest 12 km to the north-east, one steady tone.
         let d = 12_000.0 / 2f64.sqrt();
-        let course = Course::Fixes(vec![(-100.0, (d, d)), (500.0, (d, d))]);
-        let radiator = Radiator::new(0.0, vec![Tone { hz: 15.3, amplitude: 1e4 }], 0.0, 3);
-        let mut p = Passage::new("v".into(), course, (-100.0, 500.0), 1, radiator);
+        let course = VesselCourse::Fixes(vec![(-100.0, (d, d)), (500.0, (d, d))]);
+        let radiator = Radiator::new(0.0, vec![ToneLine { hz: 15.3, amplitude: 1e4 }], 0.0, 3);
+        let mut p = ReceivedVessel::new("v".into(), course, (-100.0, 500.0), 1, radiator);
         let mut out = vec![[0.0f32; 4]; 4096];
         p.add(&t, 50.0, 5000, &mut out);
         let east: f32 = out.iter().map(|f| f[0] * f[1]).sum();

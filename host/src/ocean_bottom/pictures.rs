@@ -4,13 +4,14 @@
 //! after the clutter filter, range log-likelihood with detections, presence with segments, tracks on a map with circles at
 //! 50 and 100 km; [`model`] draws the interference model against range. Times are hours from the recording's start.
 
-use super::course::Place;
+use super::course::EastNorth;
 use super::stages::{
-    AZIMUTHS, BINS, Frame, RANGE_STEP_M, RANGES, azimuth_likelihood, frames, minutes, range_likelihood,
+    AZIMUTHS, BINS, RANGE_STEP_M, RANGES, SpectralFrame, azimuth_likelihood, frames, minutes,
+    range_likelihood,
 };
-use crate::plot::{ColourMap, Figure, HeatMap, RGBColor, Scale, cut_at_wraps, write_panels};
+use crate::plot::{ColourMap, HeatMap, Plot, RGBColor, Scale, cut_at_wraps, write_panels};
 use crate::propagation::Propagation;
-use crate::recording::Source;
+use crate::recording::SampleSource;
 use anyhow::{Context, Result};
 use seabearing_core::config::StationConfig;
 use seabearing_core::kit::quantile;
@@ -36,7 +37,7 @@ pub struct TruthCurve {
     /// Time (s), azimuth (rad) and range (m) as they could be heard.
     pub heard: Vec<(f64, f64, f64)>,
     /// East and North along its way, m.
-    pub places: Vec<Place>,
+    pub places: Vec<EastNorth>,
 }
 
 impl TruthCurve {
@@ -45,7 +46,7 @@ impl TruthCurve {
     /// # Errors
     /// The file cannot be read, a column is missing or a vessel's row holds no numbers.
     pub fn read(path: &Path) -> Result<Vec<Self>> {
-        let table = crate::csv::Table::read(path)?;
+        let table = crate::csv::CsvTable::read(path)?;
         let (source, kind) = (table.column("source")?, table.column("kind")?);
         let columns = ["t_s", "x_m", "y_m", "heard_range_m", "heard_azimuth_deg"];
         let mut out: Vec<Self> = Vec::new();
@@ -77,7 +78,7 @@ const LEAST_MINUTES: usize = 2;
 /// The recording is lost, or a file cannot be written.
 pub fn draw(
     dir: &Path,
-    source: &mut dyn Source,
+    source: &mut dyn SampleSource,
     config: &StationConfig,
     table: &Propagation,
     messages: &[Message],
@@ -90,7 +91,7 @@ pub fn draw(
         return Ok(Vec::new());
     }
     let mut written = Vec::new();
-    let mut keep = |name: &str, figures: &[&Figure]| -> Result<()> {
+    let mut keep = |name: &str, figures: &[&Plot]| -> Result<()> {
         let path = dir.join(format!("{name}.svg"));
         write_panels(&path, figures, 1)?;
         written.push(path);
@@ -118,8 +119,9 @@ pub fn draw(
         azimuth.truth(&t.name, &cut_at_wraps(&points));
     }
     keep("azimuth", &[&azimuth])?;
-    let before =
-        cepstrogram("Cepstrogram", &all, &|f: &Frame, k: usize| f.raw.get(k).copied().unwrap_or(f32::NAN));
+    let before = cepstrogram("Cepstrogram", &all, &|f: &SpectralFrame, k: usize| {
+        f.raw.get(k).copied().unwrap_or(f32::NAN)
+    });
     let after = cepstrogram("Cepstrogram after the clutter filter", &all, &|f, k| {
         f.filtered.get(k).copied().unwrap_or(f32::NAN)
     });
@@ -148,9 +150,13 @@ pub fn draw(
 }
 
 /// Columns averaged down to what can be seen: `value(frames of a column, row)`.
-fn columns(all: &[Frame], rows: usize, value: &dyn Fn(&[Frame], usize) -> f64) -> (usize, Vec<f64>) {
+fn columns(
+    all: &[SpectralFrame],
+    rows: usize,
+    value: &dyn Fn(&[SpectralFrame], usize) -> f64,
+) -> (usize, Vec<f64>) {
     let per = all.len().div_ceil(COLUMNS);
-    let groups: Vec<&[Frame]> = all.chunks(per).collect();
+    let groups: Vec<&[SpectralFrame]> = all.chunks(per).collect();
     let mut out = Vec::with_capacity(rows * groups.len());
     for row in 0..rows {
         out.extend(groups.iter().map(|g| value(g, row)));
@@ -158,12 +164,12 @@ fn columns(all: &[Frame], rows: usize, value: &dyn Fn(&[Frame], usize) -> f64) -
     (groups.len(), out)
 }
 
-fn span(all: &[Frame]) -> (f64, f64) {
+fn span(all: &[SpectralFrame]) -> (f64, f64) {
     (all[0].t_s / 3600.0, all[all.len() - 1].t_s / 3600.0)
 }
 
 /// Level of pressure against time and frequency (figure 2).
-fn spectrogram(all: &[Frame]) -> Figure {
+fn spectrogram(all: &[SpectralFrame]) -> Plot {
     let rows = BINS / 2;
     let (n, values) = columns(all, rows, &|g, row| {
         let sum: f64 = g
@@ -175,7 +181,7 @@ fn spectrogram(all: &[Frame]) -> Figure {
     });
     let mut sorted = values.clone();
     let mut at = |share: f64| quantile(&mut sorted, share).unwrap_or(0.0);
-    let mut f = Figure::new("Spectrogram of pressure", "time (h)", "frequency (Hz)");
+    let mut f = Plot::new("Spectrogram of pressure", "time (h)", "frequency (Hz)");
     f.heat(HeatMap {
         x: span(all),
         y: (0.0, 25.0),
@@ -189,7 +195,7 @@ fn spectrogram(all: &[Frame]) -> Figure {
 }
 
 /// Azimuth of active intensity against time and frequency (figure 3b).
-fn azigram(all: &[Frame]) -> Figure {
+fn azigram(all: &[SpectralFrame]) -> Plot {
     let rows = BINS / 2;
     let (n, values) = columns(all, rows, &|g, row| {
         let (mut s, mut c) = (0.0, 0.0);
@@ -199,7 +205,7 @@ fn azigram(all: &[Frame]) -> Figure {
         }
         s.atan2(c).to_degrees().rem_euclid(360.0)
     });
-    let mut f = Figure::new("Azigram", "time (h)", "frequency (Hz)");
+    let mut f = Plot::new("Azigram", "time (h)", "frequency (Hz)");
     f.heat(HeatMap {
         x: span(all),
         y: (0.0, 25.0),
@@ -212,7 +218,7 @@ fn azigram(all: &[Frame]) -> Figure {
     f
 }
 
-fn cepstrogram(title: &str, all: &[Frame], at: &dyn Fn(&Frame, usize) -> f32) -> Figure {
+fn cepstrogram(title: &str, all: &[SpectralFrame], at: &dyn Fn(&SpectralFrame, usize) -> f32) -> Plot {
     // Quefrencies 0.4 to 7 s in rows of two: the branches' span; nearer zero lies the spectrum's own shape.
     let (from, rows) = (20, 165);
     let (n, values) = columns(all, rows, &|g, row| {
@@ -220,7 +226,7 @@ fn cepstrogram(title: &str, all: &[Frame], at: &dyn Fn(&Frame, usize) -> f32) ->
         let (sum, count) = cells.filter(|c| c.is_finite()).fold((0.0, 0), |(s, k), c| (s + c.abs(), k + 1));
         if count > 0 { f64::from(sum) / f64::from(count) } else { f64::NAN }
     });
-    let mut f = Figure::new(title, "time (h)", "quefrency (s)");
+    let mut f = Plot::new(title, "time (h)", "quefrency (s)");
     f.heat(HeatMap {
         x: span(all),
         y: (0.4, 7.0),
@@ -241,7 +247,7 @@ fn heat(
     y: (f64, f64),
     range: (f64, f64),
     label: &str,
-) -> Figure {
+) -> Plot {
     let per = when.len().div_ceil(COLUMNS);
     let groups: Vec<&[Vec<f32>]> = likelihood.chunks(per).collect();
     let rows = likelihood.first().map_or(0, Vec::len);
@@ -254,7 +260,7 @@ fn heat(
             f64::from(cells.fold(f32::NEG_INFINITY, |a, b| a.max(*b)))
         }));
     }
-    let mut f = Figure::new(title, "time (h)", y_label);
+    let mut f = Plot::new(title, "time (h)", y_label);
     let (first, last) = (when.first().copied().unwrap_or(0.0), when.last().copied().unwrap_or(60.0));
     f.heat(HeatMap {
         x: ((first - 30.0) / 3600.0, (last + 30.0) / 3600.0),
@@ -287,9 +293,9 @@ fn ranges(messages: &[Message], rate: f64) -> Vec<(f64, f64)> {
 }
 
 /// Presence of azimuth and range, and the segments (figure 7).
-fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Figure> {
+fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Plot> {
     let hour = |index: u64| index as f64 / rate / 3600.0;
-    let mut evidence = Figure::new("Presence and segments", "time (h)", "ln ratio of presence");
+    let mut evidence = Plot::new("Presence and segments", "time (h)", "ln ratio of presence");
     let mut tops = [Vec::<(f64, f64)>::new(), Vec::new()];
     for m in messages {
         let (slot, index, value) = match m {
@@ -323,14 +329,14 @@ fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Figure> {
     }
     evidence.line("azimuth (drawn up to 60)", &tops[0]).line("range (posterior odds)", &tops[1]);
     evidence.x_range(hours.0, hours.1).y_range(-21.0, 62.0);
-    let mut azimuth = Figure::new("Azimuth detections", "time (h)", "azimuth (°)");
+    let mut azimuth = Plot::new("Azimuth detections", "time (h)", "azimuth (°)");
     azimuth.points("tonal", &azimuths(messages, rate, TONAL)).x_range(hours.0, hours.1).y_range(0.0, 360.0);
     let calls = azimuths(messages, rate, IMPULSIVE);
     if !calls.is_empty() {
         azimuth.points("impulsive (calls)", &calls);
     }
     azimuth.y_scale(Scale::Degrees);
-    let mut range = Figure::new("Range detections", "time (h)", "range (km)");
+    let mut range = Plot::new("Range detections", "time (h)", "range (km)");
     range.points("range", &ranges(messages, rate)).x_range(hours.0, hours.1).y_range(0.0, 50.0);
     for f in [&mut evidence, &mut azimuth, &mut range] {
         f.size(900, 300);
@@ -339,8 +345,8 @@ fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Figure> {
 }
 
 /// Tracks on a map with circles at 50 and 100 km (figure 8).
-fn map(messages: &[Message], truth: &[TruthCurve]) -> Figure {
-    let mut f = Figure::map("Tracks");
+fn map(messages: &[Message], truth: &[TruthCurve]) -> Plot {
+    let mut f = Plot::map("Tracks");
     f.range_circles(&[50_000.0, 100_000.0]);
     for t in truth {
         f.truth(&t.name, &t.places);
@@ -377,7 +383,7 @@ fn map(messages: &[Message], truth: &[TruthCurve]) -> Figure {
 pub fn model(path: &Path, table: &Propagation) -> Result<()> {
     let (columns, rows) = (250usize, 165usize);
     let mut values = vec![0.0f64; columns * rows];
-    let mut f = Figure::new("Interference model against range", "range (km)", "delay (s)");
+    let mut f = Plot::new("Interference model against range", "range (km)", "delay (s)");
     let names = ["13", "35", "57", "79", "9 11", "11 13"];
     let mut curves = Vec::new();
     for (b, strength) in table.strengths.iter().enumerate() {

@@ -9,7 +9,7 @@
 //! Neighbouring moments share errors (of the table, of the filter), so the curvature of the likelihood claims too much:
 //! the covariance is that of the mean of up to six parts of the evidence, interleaved in pieces of 20 minutes.
 
-use super::course::{Course, Place, polar};
+use super::course::{EastNorth, VesselCourse, polar};
 use super::stages::{MomentEvidence, RANGE_STEP_M};
 use rayon::prelude::*;
 
@@ -107,7 +107,7 @@ impl std::fmt::Display for NotObserved {
 impl std::error::Error for NotObserved {}
 
 /// Where a vessel was when what arrives at a time left it, from a station at an offset.
-pub fn heard(travel: &Travel<'_>, course: &Course, t_s: f64, offset: Place) -> Option<Place> {
+pub fn heard(travel: &Travel<'_>, course: &VesselCourse, t_s: f64, offset: EastNorth) -> Option<EastNorth> {
     let mut place = course.at(t_s)?;
     for _ in 0..3 {
         let range = (place.0 - offset.0).hypot(place.1 - offset.1);
@@ -117,15 +117,15 @@ pub fn heard(travel: &Travel<'_>, course: &Course, t_s: f64, offset: Place) -> O
 }
 
 /// The vessel that is alone near the station at a time.
-pub fn alone(courses: &[Course], t_s: f64) -> Option<(usize, &Course)> {
-    let near = |c: &Course| c.at(t_s).is_some_and(|p| p.0.hypot(p.1) < 1.5 * USED_M.end);
+pub fn alone(courses: &[VesselCourse], t_s: f64) -> Option<(usize, &VesselCourse)> {
+    let near = |c: &VesselCourse| c.at(t_s).is_some_and(|p| p.0.hypot(p.1) < 1.5 * USED_M.end);
     let mut inside = courses.iter().enumerate().filter(|(_, c)| near(c));
     let one = inside.next()?;
     inside.next().is_none().then_some(one)
 }
 
 /// A moment that is used: its time, the vessel, its evidence of range.
-type Used<'a> = (f64, &'a Course, &'a [f32]);
+type Used<'a> = (f64, &'a VesselCourse, &'a [f32]);
 
 /// The station's place, within `search_m` of the nominal one.
 ///
@@ -133,7 +133,7 @@ type Used<'a> = (f64, &'a Course, &'a [f32]);
 /// Why it is not observable.
 pub fn place(
     evidence: &[MomentEvidence],
-    courses: &[Course],
+    courses: &[VesselCourse],
     travel: &Travel<'_>,
     search_m: f64,
 ) -> Result<Displacement, NotObserved> {
@@ -158,18 +158,18 @@ pub fn place(
     let coarse = search_m / 20.0;
     let scored = grid(&used, travel, (0.0, 0.0), search_m, coarse);
     let start = top(&scored);
-    let from_nominal = |p: Place| p.0.abs().max(p.1.abs());
+    let from_nominal = |p: EastNorth| p.0.abs().max(p.1.abs());
     if from_nominal(start) > search_m - 1.5 * coarse {
         return Err(NotObserved::Edge(start.0.hypot(start.1)));
     }
     let best = climb(&used, travel, start, &[(1.5 * coarse, 20.0), (30.0, 4.0)]);
 
-    let each: Vec<Place> =
+    let each: Vec<EastNorth> =
         parts.iter().map(|part| climb(part, travel, best, &[(240.0, 40.0), (40.0, 8.0)])).collect();
     let n = each.len() as f64;
-    let mean = |f: &dyn Fn(&Place) -> f64| each.iter().map(f).sum::<f64>() / n;
+    let mean = |f: &dyn Fn(&EastNorth) -> f64| each.iter().map(f).sum::<f64>() / n;
     let (east, north) = (mean(&|p| p.0), mean(&|p| p.1));
-    let product = |f: &dyn Fn(&Place) -> f64| each.iter().map(f).sum::<f64>() / (n - 1.0) / n;
+    let product = |f: &dyn Fn(&EastNorth) -> f64| each.iter().map(f).sum::<f64>() / (n - 1.0) / n;
     let cov_m2 = [
         product(&|p| (p.0 - east).powi(2)) + LEAST_SD_M.powi(2),
         product(&|p| (p.1 - north).powi(2)) + LEAST_SD_M.powi(2),
@@ -183,7 +183,7 @@ pub fn place(
     // What is explained is counted from the score of a place where nothing is.
     let explained = |score: f64| score + used.len() as f64 * std::f64::consts::LN_2;
     let apart = APART_M.max(4.0 * sd);
-    let distance = |p: Place| (p.0 - best.0).hypot(p.1 - best.1);
+    let distance = |p: EastNorth| (p.0 - best.0).hypot(p.1 - best.1);
     let whole = explained(score(&used, travel, best));
     let rival = scored.iter().filter(|s| distance(s.1) > apart).max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some(rival) = rival {
@@ -211,7 +211,7 @@ fn parts<'a>(used: &[Used<'a>]) -> Vec<Vec<Used<'a>>> {
 }
 
 /// How likely an offset makes the evidence, as a logarithm.
-fn score(used: &[Used<'_>], travel: &Travel<'_>, offset: Place) -> f64 {
+fn score(used: &[Used<'_>], travel: &Travel<'_>, offset: EastNorth) -> f64 {
     used.iter()
         .map(|(t, course, e)| {
             let g = heard(travel, course, *t, offset).and_then(|place| {
@@ -226,21 +226,27 @@ fn score(used: &[Used<'_>], travel: &Travel<'_>, offset: Place) -> f64 {
 }
 
 /// Scores on a grid of a reach and step (m) about a start.
-fn grid(used: &[Used<'_>], travel: &Travel<'_>, start: Place, reach: f64, step: f64) -> Vec<(f64, Place)> {
+fn grid(
+    used: &[Used<'_>],
+    travel: &Travel<'_>,
+    start: EastNorth,
+    reach: f64,
+    step: f64,
+) -> Vec<(f64, EastNorth)> {
     let n = (reach / step).round() as i32;
-    let cells: Vec<Place> = (-n..=n)
+    let cells: Vec<EastNorth> = (-n..=n)
         .flat_map(|i| (-n..=n).map(move |j| (i, j)))
         .map(|(i, j)| (start.0 + step * f64::from(i), start.1 + step * f64::from(j)))
         .collect();
     cells.into_par_iter().map(|c| (score(used, travel, c), c)).collect()
 }
 
-fn top(scored: &[(f64, Place)]) -> Place {
+fn top(scored: &[(f64, EastNorth)]) -> EastNorth {
     scored.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or((0.0, 0.0), |s| s.1)
 }
 
 /// The most likely offset on grids (reach and step, m) of falling size about a start.
-fn climb(used: &[Used<'_>], travel: &Travel<'_>, start: Place, grids: &[(f64, f64)]) -> Place {
+fn climb(used: &[Used<'_>], travel: &Travel<'_>, start: EastNorth, grids: &[(f64, f64)]) -> EastNorth {
     grids.iter().fold(start, |at, &(reach, step)| top(&grid(used, travel, at, reach, step)))
 }
 
@@ -249,7 +255,7 @@ mod tests {
     use super::*;
 
     /// Ranges with 100 m of scatter, every fourth wrong, of a vessel about a station at an offset, once a minute.
-    fn evidence(courses: &[Course], offset: Place) -> Vec<MomentEvidence> {
+    fn evidence(courses: &[VesselCourse], offset: EastNorth) -> Vec<MomentEvidence> {
         let travel = |r: f64| Some(r / 1500.0);
         (0..720)
             .filter_map(|m| {
@@ -265,10 +271,10 @@ mod tests {
             .collect()
     }
 
-    fn passage(cpa_time_s: f64, cpa_range_m: f64, heading: f64) -> Course {
-        let straight = Course::by_cpa(cpa_time_s, cpa_range_m, heading, 7.0, true);
+    fn passage(cpa_time_s: f64, cpa_range_m: f64, heading: f64) -> VesselCourse {
+        let straight = VesselCourse::by_cpa(cpa_time_s, cpa_range_m, heading, 7.0, true);
         let fixes = (-30..=30).map(|k| cpa_time_s + 200.0 * f64::from(k));
-        Course::Fixes(fixes.filter_map(|t| Some((t, straight.at(t)?))).collect())
+        VesselCourse::Fixes(fixes.filter_map(|t| Some((t, straight.at(t)?))).collect())
     }
 
     #[test]

@@ -25,7 +25,7 @@
 //! 1024-point Hann spectrum (0.073 Hz of noise bandwidth), again at 20 km.
 
 pub use crate::scenario::{Affected, Gap, Side, Straight};
-use crate::scenario::{Kind, ScenarioFile, Wrong, check_gaps, utc, within};
+use crate::scenario::{ScenarioFile, ScenarioKind, Wrong, check_gaps, utc, within};
 use anyhow::{Result, anyhow};
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -34,7 +34,7 @@ use time::OffsetDateTime;
 /// A scenario as a person writes it.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Scenario {
+pub struct ObsScenario {
     /// Always `obs`.
     pub kind: String,
     /// Seed of everything random.
@@ -69,7 +69,7 @@ pub struct Scenario {
     pub ambient: AmbientTable,
     /// Vessels on straight courses.
     #[serde(default)]
-    pub vessels: Vec<Vessel>,
+    pub vessels: Vec<ObsVessel>,
     /// Vessels on real tracks.
     #[serde(default)]
     pub ais: Vec<AisShips>,
@@ -93,7 +93,7 @@ pub struct Scenario {
     pub gaps: Vec<Gap>,
     /// What goes wrong in the recorder.
     #[serde(default)]
-    pub faults: Vec<Fault>,
+    pub faults: Vec<ObsFault>,
 }
 
 /// Ambient noise.
@@ -141,7 +141,7 @@ pub struct Radiation {
 /// A vessel on a straight course.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Vessel {
+pub struct ObsVessel {
     /// Name in the truth.
     #[serde(default)]
     pub name: String,
@@ -222,7 +222,7 @@ pub struct Strumming {
 /// What goes wrong in the recorder.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
-pub enum Fault {
+pub enum ObsFault {
     /// A channel that does not move.
     Dead(Affected),
     /// A channel at full scale.
@@ -302,14 +302,14 @@ impl Default for Radiation {
     }
 }
 
-impl Scenario {
+impl ObsScenario {
     /// Reads and checks a scenario; relative paths become relative to the file's folder.
     ///
     /// # Errors
     /// One line: file, line, key.
     pub fn read(path: &std::path::Path) -> Result<Self> {
         let file = ScenarioFile::read(path)?;
-        file.expect(Kind::Obs)?;
+        file.expect(ScenarioKind::Obs)?;
         let mut s: Self = file.source.parse()?;
         s.propagation = file.folder.join(&s.propagation);
         for a in &mut s.ais {
@@ -352,9 +352,9 @@ impl Scenario {
         }
         check_gaps(&self.gaps, self.duration_s)?;
         for (i, f) in self.faults.iter().enumerate() {
-            if let Fault::Dead(Affected { channel, .. })
-            | Fault::Saturated(Affected { channel, .. })
-            | Fault::Missing(Channel { channel }) = *f
+            if let ObsFault::Dead(Affected { channel, .. })
+            | ObsFault::Saturated(Affected { channel, .. })
+            | ObsFault::Missing(Channel { channel }) = *f
             {
                 within(&format!("faults.{i}.channel"), channel as f64, 0.0, 3.0)?;
             }
@@ -376,11 +376,11 @@ mod tests {
         [[faults]]\nkind = \"dead\"\nchannel = 2\nfrom_s = 60.0\nto_s = 90.0\n\n\
         [[faults]]\nkind = \"clock_step\"\nat_s = 400.0\nby_s = 12.0\n";
 
-    fn read(text: &str) -> Result<Scenario> {
+    fn read(text: &str) -> Result<ObsScenario> {
         let dir = tempfile::tempdir()?;
         let path = dir.path().join("s.toml");
         std::fs::write(&path, text)?;
-        Scenario::read(&path)
+        ObsScenario::read(&path)
     }
 
     #[test]
@@ -389,8 +389,8 @@ mod tests {
         assert_eq!(s.start, time::macros::datetime!(2024-01-31 12:00 UTC));
         assert_eq!(s.vessels[0].straight.side, Side::Port);
         assert_eq!(s.gaps, [Gap { start_s: 10.0, duration_s: 5.0 }]);
-        assert_eq!(s.faults[0], Fault::Dead(Affected { channel: 2, from_s: 60.0, to_s: 90.0 }));
-        assert_eq!(s.faults[1], Fault::ClockStep(ClockStep { at_s: 400.0, by_s: 12.0 }));
+        assert_eq!(s.faults[0], ObsFault::Dead(Affected { channel: 2, from_s: 60.0, to_s: 90.0 }));
+        assert_eq!(s.faults[1], ObsFault::ClockStep(ClockStep { at_s: 400.0, by_s: 12.0 }));
     }
 
     #[test]

@@ -1,16 +1,16 @@
 //! The simulator: a scenario becomes blocks of four-channel codes in the order pressure, north, east, vertical.
 //!
 //! Samples come in order and in fixed memory, so that a week can run straight into the core. Everything random comes
-//! from the scenario's seed. [`Simulator`] is a [`Source`].
+//! from the scenario's seed. [`Simulator`] is a [`SampleSource`].
 
-use super::ambient::{Ambient, Directional, HOP};
-use super::course::Course;
-use super::event::{Caller, Heard, Species, Wave};
-use super::passage::{Field, Passage, gain};
-use super::scenario::{Fault, Radiation, Scenario};
-use super::source::{Radiator, Tone, noise_shape};
+use super::ambient::{AmbientNoise, Directional, HOP};
+use super::course::VesselCourse;
+use super::event::{Caller, HeardEvent, Species, Wave};
+use super::passage::{Field, ReceivedVessel, gain};
+use super::scenario::{ObsFault, ObsScenario, Radiation};
+use super::source::{Radiator, ToneLine, noise_shape};
 use crate::propagation::Propagation;
-use crate::recording::Source;
+use crate::recording::SampleSource;
 use anyhow::Result;
 use seabearing_core::block::{Block, Frame, MISSING};
 use std::collections::VecDeque;
@@ -26,11 +26,11 @@ const BIN_HZ: f64 = 1.5 * 50.0 / 1024.0;
 
 /// One vessel in the truth.
 #[derive(Clone, Debug)]
-pub struct Vessel {
+pub struct MovingVessel {
     /// Its name.
     pub name: String,
     /// How it moves.
-    pub course: Course,
+    pub course: VesselCourse,
     /// When it sounds, s.
     pub active_s: (f64, f64),
 }
@@ -39,22 +39,22 @@ pub struct Vessel {
 #[derive(Clone, Debug)]
 pub struct Extra {
     /// The vessel.
-    pub vessel: Vessel,
+    pub vessel: MovingVessel,
     /// What it radiates.
     pub radiation: Radiation,
 }
 
 /// The simulator of one scenario.
 pub struct Simulator {
-    scenario: Scenario,
+    scenario: ObsScenario,
     table: Propagation,
     start: time::OffsetDateTime,
-    ambient: Ambient,
-    passages: Vec<Passage>,
+    ambient: AmbientNoise,
+    passages: Vec<ReceivedVessel>,
     callers: Vec<Caller>,
     waves: Vec<Wave>,
     /// Vessels, for the truth.
-    pub vessels: Vec<Vessel>,
+    pub vessels: Vec<MovingVessel>,
     next: u64,
     end: u64,
     /// Runs of samples ready to leave.
@@ -77,7 +77,7 @@ fn radiator(r: &Radiation, ambient_rms: f64, rate_hz: f64, gain_20_km: f64, seed
         .copied()
         .chain(harmonics)
         .filter(|f| *f > 0.0 && *f < 24.8)
-        .map(|hz| Tone { hz, amplitude: line.sqrt() })
+        .map(|hz| ToneLine { hz, amplitude: line.sqrt() })
         .collect();
     Radiator::new(noise.sqrt(), tones, r.wander, seed)
 }
@@ -87,7 +87,7 @@ impl Simulator {
     ///
     /// # Errors
     /// A value of the scenario, or a table that says nothing about 20 km, where levels are stated.
-    pub fn new(scenario: Scenario, table: Propagation, extra: Vec<Extra>) -> Result<Self> {
+    pub fn new(scenario: ObsScenario, table: Propagation, extra: Vec<Extra>) -> Result<Self> {
         scenario.check()?;
         let start = scenario.start;
         let (rate, rms, paths) = (scenario.rate_hz, scenario.ambient.pressure_counts, scenario.paths);
@@ -102,9 +102,9 @@ impl Simulator {
             seabearing_core::wire::hash::fnv1a(&[scenario.seed.to_le_bytes(), number.to_le_bytes()].concat())
         };
         let straight = scenario.vessels.iter().enumerate().map(|(i, s)| Extra {
-            vessel: Vessel {
+            vessel: MovingVessel {
                 name: if s.name.is_empty() { format!("ship-{}", i + 1) } else { s.name.clone() },
-                course: Course::straight(&s.straight),
+                course: VesselCourse::straight(&s.straight),
                 active_s: (s.active_s[0], s.active_s[1]),
             },
             radiation: s.radiation.clone(),
@@ -115,7 +115,7 @@ impl Simulator {
             .map(|e| {
                 let v = e.vessel.clone();
                 let r = radiator(&e.radiation, rms, rate, reference, seed());
-                Passage::new(v.name, v.course, v.active_s, paths, r)
+                ReceivedVessel::new(v.name, v.course, v.active_s, paths, r)
             })
             .collect();
         let whales = [(Species::Fin, &scenario.fin_whale), (Species::Blue, &scenario.blue_whale)];
@@ -143,7 +143,7 @@ impl Simulator {
                 elevation: 0.3,
             })
             .collect();
-        let ambient = Ambient::new(rate, levels, a.microseism_db, directional, seed());
+        let ambient = AmbientNoise::new(rate, levels, a.microseism_db, directional, seed());
         let end = (scenario.duration_s * rate).round() as u64;
         Ok(Self {
             table,
@@ -162,7 +162,7 @@ impl Simulator {
     }
 
     /// The scenario.
-    pub fn scenario(&self) -> &Scenario {
+    pub fn scenario(&self) -> &ObsScenario {
         &self.scenario
     }
 
@@ -172,8 +172,8 @@ impl Simulator {
     }
 
     /// Whales, earthquakes and the like, for the truth.
-    pub fn heard(&self) -> Vec<Heard> {
-        let mut all: Vec<Heard> = self.callers.iter().map(|c| c.heard(&self.table)).collect();
+    pub fn heard(&self) -> Vec<HeardEvent> {
+        let mut all: Vec<HeardEvent> = self.callers.iter().map(|c| c.heard(&self.table)).collect();
         all.extend(self.waves.iter().map(Wave::heard));
         all.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
         all
@@ -227,9 +227,9 @@ impl Simulator {
         let t = (self.next + i as u64) as f64 / s.rate_hz;
         for fault in &s.faults {
             match *fault {
-                Fault::Dead(a) if a.at(t) => frame[a.channel] = 0,
-                Fault::Saturated(a) if a.at(t) => frame[a.channel] = FULL_SCALE as i32,
-                Fault::Missing(c) => frame[c.channel] = MISSING,
+                ObsFault::Dead(a) if a.at(t) => frame[a.channel] = 0,
+                ObsFault::Saturated(a) if a.at(t) => frame[a.channel] = FULL_SCALE as i32,
+                ObsFault::Missing(c) => frame[c.channel] = MISSING,
                 _ => {}
             }
         }
@@ -240,7 +240,7 @@ impl Simulator {
     fn cut(&mut self, frames: Vec<Frame>) {
         let s = &self.scenario;
         let steps: Vec<(f64, f64)> = (s.faults.iter())
-            .filter_map(|f| if let Fault::ClockStep(c) = f { Some((c.at_s, c.by_s)) } else { None })
+            .filter_map(|f| if let ObsFault::ClockStep(c) = f { Some((c.at_s, c.by_s)) } else { None })
             .collect();
         if s.gaps.is_empty() && steps.is_empty() {
             self.ready.push_back((self.next, frames));
@@ -264,7 +264,7 @@ impl Simulator {
     }
 }
 
-impl Source for Simulator {
+impl SampleSource for Simulator {
     fn start(&self) -> Option<time::OffsetDateTime> {
         Some(self.start)
     }

@@ -27,7 +27,7 @@ const TONE_STEP: usize = 64;
 
 /// One line of a vessel's spectrum.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tone {
+pub struct ToneLine {
     /// Mean frequency, Hz.
     pub hz: f64,
     /// Amplitude of the line at 1 m in the units of the propagation table.
@@ -37,7 +37,7 @@ pub struct Tone {
 /// A radiating vessel.
 pub struct Radiator {
     noise_rms: f64,
-    tones: Vec<Tone>,
+    tones: Vec<ToneLine>,
     wander: Wander,
     seed: u64,
     shape: Vec<f32>,
@@ -83,7 +83,7 @@ pub fn noise_shape(hz: f64) -> f64 {
 
 impl Radiator {
     /// A vessel with noise of a root-mean-square pressure at 1 m and lines that wander by `wander` (relative).
-    pub fn new(noise_rms: f64, tones: Vec<Tone>, wander: f64, seed: u64) -> Self {
+    pub fn new(noise_rms: f64, tones: Vec<ToneLine>, wander: f64, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let shift = (CENTRE_HZ / RATE_HZ * BLOCK as f64) as usize;
         let mut shape: Vec<f32> = vec![0.0; BLOCK];
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn a_tone_is_where_it_should_be() {
-        let mut a = Radiator::new(0.0, vec![Tone { hz: 21.3, amplitude: 2.0 }], 0.0, 7);
+        let mut a = Radiator::new(0.0, vec![ToneLine { hz: 21.3, amplitude: 2.0 }], 0.0, 7);
         a.prepare(1000.0, 1010.0);
         for i in 0..100 {
             let t = 1001.0 + 0.0731 * f64::from(i);

@@ -5,7 +5,7 @@
 //! with the core's own clutter filter. Frames of 20.48 s overlapped by half; 513 bins to 25 Hz whatever the rate.
 
 use crate::propagation::Propagation;
-use crate::recording::Source;
+use crate::recording::SampleSource;
 use anyhow::Result;
 use rayon::prelude::*;
 use seabearing_core::block::{Frame as Samples, MISSING};
@@ -46,7 +46,7 @@ pub struct MomentEvidence {
 }
 
 /// One frame.
-pub struct Frame {
+pub struct SpectralFrame {
     /// Time of its middle, s.
     pub t_s: f64,
     /// ln|P| of every bin.
@@ -60,7 +60,7 @@ pub struct Frame {
 }
 
 /// All frames of a recording.
-pub fn frames(source: &mut dyn Source, config: &StationConfig) -> Result<Vec<Frame>> {
+pub fn frames(source: &mut dyn SampleSource, config: &StationConfig) -> Result<Vec<SpectralFrame>> {
     let factor = (config.rate_hz / 51.0).ceil().max(1.0) as usize;
     let n = N * factor;
     let turn = match &config.kind {
@@ -126,7 +126,7 @@ impl Analyser {
         Some(out)
     }
 
-    fn frame(&self, samples: &[Samples], t_s: f64, clutter: &mut Clutter) -> Option<Frame> {
+    fn frame(&self, samples: &[Samples], t_s: f64, clutter: &mut Clutter) -> Option<SpectralFrame> {
         let p = self.spectrum(samples, 0)?;
         let directions = self.spectrum(samples, 1).zip(self.spectrum(samples, 2));
         let azimuth = match directions {
@@ -144,18 +144,18 @@ impl Analyser {
         let mut filtered = [0.0; QUEFRENCIES];
         filtered.iter_mut().zip(&raw).for_each(|(f, r)| *f = *r);
         clutter.filter(&mut filtered);
-        Some(Frame { t_s, log_pressure, azimuth, raw, filtered })
+        Some(SpectralFrame { t_s, log_pressure, azimuth, raw, filtered })
     }
 }
 
 /// Whole minutes of a recording.
-pub fn minutes(frames: &[Frame]) -> Vec<f64> {
+pub fn minutes(frames: &[SpectralFrame]) -> Vec<f64> {
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else { return Vec::new() };
     let (a, b) = ((first.t_s / 60.0).ceil() as u64, (last.t_s / 60.0).floor() as u64);
     (a..=b).map(|m| 60.0 * m as f64).collect()
 }
 
-fn around(frames: &[Frame], t_s: f64) -> &[Frame] {
+fn around(frames: &[SpectralFrame], t_s: f64) -> &[SpectralFrame] {
     let a = frames.partition_point(|f| f.t_s < t_s - 90.0);
     let b = frames.partition_point(|f| f.t_s <= t_s + 90.0);
     &frames[a..b]
@@ -167,7 +167,7 @@ fn log_sum(values: impl Iterator<Item = f32> + Clone) -> f32 {
 }
 
 /// Log-likelihood ratio of azimuth at each minute: [`AZIMUTHS`] values from North clockwise [O 9 to 11].
-pub fn azimuth_likelihood(frames: &[Frame], minutes: &[f64]) -> Vec<Vec<f32>> {
+pub fn azimuth_likelihood(frames: &[SpectralFrame], minutes: &[f64]) -> Vec<Vec<f32>> {
     const FINE: usize = 720;
     let table: Vec<f32> = (0..FINE)
         .map(|i| ((1.0 - R * R) / (1.0 - 2.0 * R * (TAU * i as f32 / FINE as f32).cos() + R * R)).ln())
@@ -196,7 +196,7 @@ pub fn azimuth_likelihood(frames: &[Frame], minutes: &[f64]) -> Vec<Vec<f32>> {
 }
 
 /// Log-likelihood ratio of range of each single frame: [`RANGES`] values [O 19, one frame].
-pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<MomentEvidence> {
+pub fn range_evidence(frames: &[SpectralFrame], table: &Propagation) -> Vec<MomentEvidence> {
     // Pulses of every branch at every range: first quefrency, heights over variance, half the energy.
     let pulses: Vec<Vec<(usize, Vec<f32>, f32)>> = (0..RANGES)
         .map(|j| {
@@ -245,7 +245,7 @@ pub fn range_evidence(frames: &[Frame], table: &Propagation) -> Vec<MomentEviden
 }
 
 /// Log-likelihood ratio of range at each minute, radial speeds from −12 to 12 m/s averaged: [`RANGES`] values [O 19].
-pub fn range_likelihood(frames: &[Frame], minutes: &[f64], table: &Propagation) -> Vec<Vec<f32>> {
+pub fn range_likelihood(frames: &[SpectralFrame], minutes: &[f64], table: &Propagation) -> Vec<Vec<f32>> {
     let per_frame = range_evidence(frames, table);
     minutes
         .par_iter()

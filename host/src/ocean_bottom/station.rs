@@ -1,6 +1,6 @@
 //! The station file that goes with a simulated recording.
 
-use super::scenario::Scenario;
+use super::scenario::ObsScenario;
 use crate::station::Station;
 use anyhow::Result;
 use seabearing_core::config::StationConfig;
@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 
 /// The station file of a scenario; `table` is the propagation table's name beside it, `paper` asks for the paper's
 /// own choices.
-pub fn text(scenario: &Scenario, table: &str, paper: bool) -> String {
+pub fn text(scenario: &ObsScenario, table: &str, paper: bool) -> String {
     let mut out = format!(
         "[station]\nid = 1\nname = {:?}\nkind = \"obs\"\nsound_speed_m_s = 1500.0\n",
         scenario.name.to_lowercase()
@@ -33,7 +33,7 @@ pub fn text(scenario: &Scenario, table: &str, paper: bool) -> String {
 ///
 /// # Errors
 /// A value of the scenario that a station may not have.
-pub fn config(scenario: &Scenario, paper: bool) -> Result<StationConfig> {
+pub fn config(scenario: &ObsScenario, paper: bool) -> Result<StationConfig> {
     Ok(Station::parse(&text(scenario, "table.toml", paper), "station.toml", std::path::Path::new("."))?
         .config)
 }

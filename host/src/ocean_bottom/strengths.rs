@@ -6,8 +6,8 @@
 //! [O C2]. A skew-normal law is then fitted to each branch by weighted least squares: every shape, location and scale of
 //! a grid with the amplitude in closed form, then a search that halves its steps.
 
-use super::course::Course;
-use super::stages::Frame;
+use super::course::VesselCourse;
+use super::stages::SpectralFrame;
 use crate::propagation::Propagation;
 use crate::propagation::strength::SkewNormal;
 use seabearing_core::obs::cepstrum::noise_sd;
@@ -45,12 +45,12 @@ pub struct Branch {
 }
 
 /// Stacks and fits every branch of a table.
-pub fn fit(frames: &[Frame], courses: &[Course], table: &Propagation) -> Vec<Branch> {
+pub fn fit(frames: &[SpectralFrame], courses: &[VesselCourse], table: &Propagation) -> Vec<Branch> {
     let branches = table.strengths.len();
     let mut sums = vec![[(0.0f64, 0usize, 0.0f64); CELLS]; branches];
     let mut envelope = Envelope::new(frames.first().map_or(0, |f| f.filtered.len()));
     for f in frames {
-        let near = |c: &&Course| c.at(f.t_s).is_some_and(|p| p.0.hypot(p.1) < 70_000.0);
+        let near = |c: &&VesselCourse| c.at(f.t_s).is_some_and(|p| p.0.hypot(p.1) < 70_000.0);
         let mut inside = courses.iter().filter(near);
         let (Some(course), None) = (inside.next(), inside.next()) else { continue };
         let squares = envelope.of(&f.filtered);
@@ -97,7 +97,7 @@ pub fn fit(frames: &[Frame], courses: &[Course], table: &Propagation) -> Vec<Bra
 }
 
 /// Range at the emission of what interferes in a branch at a time (mean travel time of its two paths), and the delay.
-fn at_emission(table: &Propagation, course: &Course, branch: usize, t_s: f64) -> Option<(f64, f64)> {
+fn at_emission(table: &Propagation, course: &VesselCourse, branch: usize, t_s: f64) -> Option<(f64, f64)> {
     let mut place = course.at(t_s)?;
     for _ in 0..3 {
         let range = place.0.hypot(place.1);

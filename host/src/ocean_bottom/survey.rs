@@ -1,10 +1,10 @@
 //! Position and orientation of an ocean-bottom station from its records or recordings, and vessels of known track.
 
-use super::course::{Course, Place, polar};
+use super::course::{EastNorth, VesselCourse, polar};
 use super::orient::orientation;
 use super::place::{Displacement, NotObserved, Travel, alone, heard, place};
 use super::records::{self, Detected};
-use super::stages::{self, Frame};
+use super::stages::{self, SpectralFrame};
 use crate::propagation::{Propagation, file};
 use crate::recording;
 use crate::station::Station;
@@ -54,7 +54,7 @@ pub fn survey(
     max_gap_s: f64,
     search_m: f64,
 ) -> Result<Survey> {
-    let courses: Vec<Course> = tracks.iter().flat_map(|t| courses(t, max_gap_s)).collect();
+    let courses: Vec<VesselCourse> = tracks.iter().flat_map(|t| courses(t, max_gap_s)).collect();
     let table_path = station.propagation.as_ref().context(
         "the station file names no propagation table, which the position needs (key `propagation`)",
     )?;
@@ -78,16 +78,23 @@ pub fn survey(
 }
 
 /// A track as courses: cut where its points are farther apart than may be interpolated.
-fn courses(track: &[TrackPoint], max_gap_s: f64) -> Vec<Course> {
+fn courses(track: &[TrackPoint], max_gap_s: f64) -> Vec<VesselCourse> {
     track
         .chunk_by(|a, b| b.t_s - a.t_s <= max_gap_s)
         .filter(|run| run.len() > 1)
-        .map(|run| Course::Fixes(run.iter().map(|p| (p.t_s, (p.position_m[0], p.position_m[1]))).collect()))
+        .map(|run| {
+            VesselCourse::Fixes(run.iter().map(|p| (p.t_s, (p.position_m[0], p.position_m[1]))).collect())
+        })
         .collect()
 }
 
 /// From azimuth records: the robust location of their differences from the vessels' azimuths.
-fn turn_of_records(said: &Detected, courses: &[Course], travel: &Travel<'_>, at: Place) -> Result<Turn> {
+fn turn_of_records(
+    said: &Detected,
+    courses: &[VesselCourse],
+    travel: &Travel<'_>,
+    at: EastNorth,
+) -> Result<Turn> {
     let mut residuals: Vec<Residual> = Vec::new();
     for (t_s, azimuth) in &said.azimuths {
         let Some((n, course)) = alone(courses, *t_s) else { continue };
@@ -109,7 +116,12 @@ fn turn_of_records(said: &Detected, courses: &[Course], travel: &Travel<'_>, at:
 }
 
 /// From the recording: the mode of the azigram's differences from the vessels' azimuths.
-fn turn_of_frames(frames: &[Frame], courses: &[Course], travel: &Travel<'_>, at: Place) -> Result<Turn> {
+fn turn_of_frames(
+    frames: &[SpectralFrame],
+    courses: &[VesselCourse],
+    travel: &Travel<'_>,
+    at: EastNorth,
+) -> Result<Turn> {
     let turn = orientation(frames, courses, travel, at, TONES)
         .context("the orientation is not observed: no passage of 30 frames with one vessel of known track at 3 to 40 km")?;
     let near = frames.iter().filter(|f| alone(courses, f.t_s).is_some()).count();

@@ -60,12 +60,13 @@ pub fn blob(table: &Propagation, name: &str, rate_hz: f64) -> Result<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::propagation::{bottom::Bottom, profile::Profile, trace};
+    use crate::propagation::{bottom::Bottom, profile::SpeedProfile, trace};
     use seabearing_core::obs::table::Table;
 
     #[test]
     fn the_core_reads_what_was_traced() {
-        let profile = Profile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
+        let profile =
+            SpeedProfile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
         let table = trace::trace("t", &profile, &Bottom::default(), 700.0, 100, || ());
         let bytes = blob(&table, "t", 200.0).unwrap();
         let core = Table::parse(&bytes).unwrap();

@@ -1,8 +1,8 @@
 //! Where a vessel truly was: at the moment the sound of its strongest path left it, and at its closest point.
 
-use super::course::Course;
+use super::course::VesselCourse;
 use super::passage::emission;
-use super::simulate::Vessel;
+use super::simulate::MovingVessel;
 use crate::propagation::Propagation;
 
 /// Where a vessel was when what arrives most strongly now left it.
@@ -17,7 +17,7 @@ pub struct Then {
 }
 
 /// The vessel's place at emission; `None` where nothing of it arrives.
-pub fn then(table: &Propagation, paths: usize, vessel: &Vessel, t_s: f64) -> Option<Then> {
+pub fn then(table: &Propagation, paths: usize, vessel: &MovingVessel, t_s: f64) -> Option<Then> {
     let strongest = (0..paths)
         .filter_map(|n| {
             let (left, range, azimuth) = emission(table, &vessel.course, n, t_s)?;
@@ -31,8 +31,9 @@ pub fn then(table: &Propagation, paths: usize, vessel: &Vessel, t_s: f64) -> Opt
 }
 
 /// Closest point of a straight course: time, range, heading, speed.
-pub fn closest(course: &Course) -> Option<(f64, f64, f64, f64)> {
-    let Course::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) } = course.straightened()? else {
+pub fn closest(course: &VesselCourse) -> Option<(f64, f64, f64, f64)> {
+    let VesselCourse::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) } = course.straightened()?
+    else {
         return None;
     };
     Some((cpa_time_s, closest_m.0.hypot(closest_m.1), vx.atan2(vy), vx.hypot(vy)))

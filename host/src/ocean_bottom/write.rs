@@ -1,13 +1,14 @@
 //! Writing a simulated recording: miniSEED (one file a component), the truth, the station file and its table.
 
-use super::scenario::{Channel, Fault};
-use super::simulate::{Simulator, Vessel};
+use super::scenario::{Channel, ObsFault};
+use super::simulate::{MovingVessel, Simulator};
 use super::station;
 use super::truth::then;
 use crate::atomic::{self, Unfinished};
 use crate::progress;
 use crate::propagation::{Propagation, file};
 use crate::recording::mseed_record::nano_time;
+use crate::scenario::Written;
 use anyhow::{Context, Result, anyhow};
 use miniseed_rs::{EncodingFormat, MseedRecord, Samples, encode};
 use seabearing_core::block::Frame;
@@ -23,21 +24,6 @@ const RECORD_BYTES: u32 = 4096;
 
 /// Samples of a record: 32-bit integers behind the 56 bytes of its header.
 const RECORD_SAMPLES: usize = (RECORD_BYTES as usize - 64) / 4;
-
-/// What was written.
-#[derive(Clone, Debug)]
-pub struct Written {
-    /// One miniSEED file a component.
-    pub recordings: Vec<PathBuf>,
-    /// Places of vessels and other sounds, minute by minute.
-    pub truth: PathBuf,
-    /// Closest points of vessels.
-    pub tracks: PathBuf,
-    /// The station file.
-    pub station: PathBuf,
-    /// The propagation table.
-    pub table: PathBuf,
-}
 
 /// One component's file while it grows.
 struct Component {
@@ -103,7 +89,7 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     let scenario = simulator.scenario().clone();
     let (start, rate, name) = (scenario.start, scenario.rate_hz, scenario.name.to_uppercase());
     let mut components = Vec::new();
-    for channel in (0..4).filter(|c| !scenario.faults.contains(&Fault::Missing(Channel { channel: *c }))) {
+    for channel in (0..4).filter(|c| !scenario.faults.contains(&ObsFault::Missing(Channel { channel: *c }))) {
         let path = folder.join(format!("{name}.{}.mseed", CODES[channel]));
         let file = Unfinished::beside(&path)?;
         components.push(Component { file, path, channel, first: 0, samples: Vec::new(), number: 0 });
@@ -122,18 +108,19 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
         c.file.finish()?;
         recordings.push(c.path);
     }
-    let written = Written {
+    let [truth_csv, tracks_csv, station_file, table_file] =
+        ["truth.csv", "tracks.csv", "station.toml", "table.toml"].map(|name| folder.join(name));
+    file::write(simulator.table(), &table_file)?;
+    atomic::write(&station_file, station::text(&scenario, "table.toml", false).as_bytes())?;
+    atomic::write(&truth_csv, truth(simulator).as_bytes())?;
+    atomic::write(&tracks_csv, tracks(&simulator.vessels).as_bytes())?;
+    Ok(Written {
         recordings,
-        truth: folder.join("truth.csv"),
-        tracks: folder.join("tracks.csv"),
-        station: folder.join("station.toml"),
-        table: folder.join("table.toml"),
-    };
-    file::write(simulator.table(), &written.table)?;
-    atomic::write(&written.station, station::text(&scenario, "table.toml", false).as_bytes())?;
-    atomic::write(&written.truth, truth(simulator).as_bytes())?;
-    atomic::write(&written.tracks, tracks(&simulator.vessels).as_bytes())?;
-    Ok(written)
+        truth: truth_csv,
+        tracks: Some(tracks_csv),
+        station: station_file,
+        table: Some(table_file),
+    })
 }
 
 /// Minute by minute: where each vessel is and where it was when the sound now heard left it; other sounds by span.
@@ -176,7 +163,7 @@ fn truth(simulator: &Simulator) -> String {
 }
 
 /// Closest point, heading and speed of each vessel (of the line that fits it best).
-fn tracks(vessels: &[Vessel]) -> String {
+fn tracks(vessels: &[MovingVessel]) -> String {
     let mut out = String::from("source,cpa_time_s,cpa_range_m,heading_deg,speed_m_s\n");
     for v in vessels {
         if let Some((t, r, h, s)) = super::truth::closest(&v.course) {

@@ -4,7 +4,7 @@
 //! or its arrival-time differences, which give the hydrophones' positions; an ocean-bottom station's `t_s,azimuth_deg`.
 
 use super::track_file::heard_at;
-use crate::csv::{Table, good_rows};
+use crate::csv::{CsvTable, good_rows};
 use crate::delays::COLUMNS;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
@@ -15,7 +15,7 @@ use seabearing_locate::orient::closed_form::{self, ClosedForm};
 use seabearing_locate::orient::hydrophones::{Differences, Hydrophones, hydrophones};
 use seabearing_locate::orient::line::{LineBearing, LineOrientation, LineSettings, orient};
 use seabearing_locate::orient::offset::{Offset, Residual, offset};
-use seabearing_locate::orient::rotation::{Direction, Rotation, rotation};
+use seabearing_locate::orient::rotation::{DirectionPair, Rotation, rotation};
 
 /// Rows farther apart than this belong to different passes of an ocean-bottom station, seconds.
 const PASS_GAP_S: f64 = 600.0;
@@ -48,7 +48,7 @@ impl LineRecord {
     ///
     /// # Errors
     /// A column is missing, or no row is usable.
-    pub fn of(table: &Table, search: &LineSearch) -> Result<Self> {
+    pub fn of(table: &CsvTable, search: &LineSearch) -> Result<Self> {
         let name = table.name().to_owned();
         let rows = table.numbers(["t_s", "sin_bearing"])?.into_iter().map(|(line, row)| {
             let row = row.and_then(|[t_s, sine]| {
@@ -103,20 +103,20 @@ impl LineRecord {
 /// A column is missing, or the data do not tell.
 pub fn array(
     station: &StationConfig,
-    table: &Table,
+    table: &CsvTable,
     track: &[TrackPoint],
     gap_s: f64,
     correlated: f64,
 ) -> Result<Rotation> {
     let rows = good_rows(table.name(), table.numbers(["t_s", "azimuth_deg", "elevation_deg"])?)?;
-    let directions: Vec<Direction> = rows
+    let directions: Vec<DirectionPair> = rows
         .into_iter()
         .filter_map(|[t_s, azimuth_deg, elevation_deg]| {
             let p = heard_at(track, t_s, gap_s, station.sound_speed_m_s)?;
             let n = p.iter().map(|x| x * x).sum::<f64>().sqrt();
             let (sa, ca) = (azimuth_deg * RAD_PER_DEG).sin_cos();
             let (se, ce) = (elevation_deg * RAD_PER_DEG).sin_cos();
-            (n > 0.0).then(|| Direction { measured: [sa * ce, ca * ce, se], known: p.map(|x| x / n) })
+            (n > 0.0).then(|| DirectionPair { measured: [sa * ce, ca * ce, se], known: p.map(|x| x / n) })
         })
         .collect();
     rotation(&directions, correlated).with_context(|| table.name().to_owned())
@@ -128,7 +128,7 @@ pub fn array(
 /// A column is missing, or the data do not tell.
 pub fn positions(
     station: &StationConfig,
-    table: &Table,
+    table: &CsvTable,
     track: &[TrackPoint],
     gap_s: f64,
 ) -> Result<Hydrophones> {
@@ -154,7 +154,7 @@ pub fn positions(
 /// A column is missing, or the data do not tell.
 pub fn horizontals(
     station: &StationConfig,
-    table: &Table,
+    table: &CsvTable,
     track: &[TrackPoint],
     gap_s: f64,
 ) -> Result<Offset> {

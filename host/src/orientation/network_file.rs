@@ -1,7 +1,7 @@
 //! A network file (`[[stations]]`) and the bearings of its arrays.
 
-use super::sets::Row;
-use crate::csv::{Table, good_rows};
+use super::sets::BearingRow;
+use crate::csv::{CsvTable, good_rows};
 use crate::geodesy::LocalFrame;
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
@@ -81,8 +81,8 @@ impl Network {
 ///
 /// # Errors
 /// The file cannot be read, or no row of it is usable.
-pub fn read_rows(path: &Path, network: &Network, sd: (f64, f64), relative: bool) -> Result<Vec<Row>> {
-    let table = Table::read(path)?;
+pub fn read_rows(path: &Path, network: &Network, sd: (f64, f64), relative: bool) -> Result<Vec<BearingRow>> {
+    let table = CsvTable::read(path)?;
     let name = path.display().to_string();
     let station_column = table.column("station")?;
     let elevation_column = table.column("elevation_deg")?;
@@ -106,7 +106,7 @@ pub fn read_rows(path: &Path, network: &Network, sd: (f64, f64), relative: bool)
                     ),
                 };
                 let turn = if relative { network.stations[station].orientation_deg } else { 0.0 };
-                Ok(Row {
+                Ok(BearingRow {
                     t_s,
                     station,
                     azimuth: wrap_tau((azimuth_deg + turn) * RAD_PER_DEG),

@@ -1,12 +1,12 @@
 //! What bearings of a network tell over time: one straight motion, or how late a vessel of known track is heard.
 
 use super::network_file::Network;
-use super::sets::Row;
+use super::sets::BearingRow;
 use super::track_file;
 use anyhow::Result;
 use seabearing_core::kit::median;
-use seabearing_locate::network::align::{AlignError, AlignSettings, Heard, Shift, align};
-use seabearing_locate::network::joint::{Dated, JointSettings, Motion, fit};
+use seabearing_locate::network::align::{AlignError, AlignSettings, Shift, TimedBearing, align};
+use seabearing_locate::network::joint::{DatedSighting, JointSettings, JointTrack, fit};
 use seabearing_locate::network::{NetworkError, Sighting};
 use std::path::Path;
 
@@ -16,7 +16,7 @@ pub const SOURCE_DEPTH_M: f64 = 5.0;
 const TRACK_GAP_S: f64 = 300.0;
 
 /// The stations that have bearings, in the order of the network.
-pub fn heard_by(network: &Network, rows: &[Row]) -> Vec<usize> {
+pub fn heard_by(network: &Network, rows: &[BearingRow]) -> Vec<usize> {
     (0..network.stations.len()).filter(|i| rows.iter().any(|r| r.station == *i)).collect()
 }
 
@@ -27,18 +27,18 @@ pub fn heard_by(network: &Network, rows: &[Row]) -> Vec<usize> {
 /// The bearings do not determine the motion.
 pub fn motion(
     network: &Network,
-    rows: &mut [Row],
+    rows: &mut [BearingRow],
     tau_s: f64,
     source_depth_m: f64,
     robust: bool,
-) -> Result<Motion, NetworkError> {
+) -> Result<JointTrack, NetworkError> {
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     // Errors that last over so many bearings weigh like one.
     let shared: Vec<f64> =
         (0..network.stations.len()).map(|i| (tau_s / interval_s(rows, i)).max(1.0).sqrt()).collect();
-    let bearings: Vec<Dated> = rows
+    let bearings: Vec<DatedSighting> = rows
         .iter()
-        .map(|r| Dated {
+        .map(|r| DatedSighting {
             t_s: r.t_s,
             array: r.station,
             sighting: Sighting {
@@ -56,7 +56,7 @@ pub fn motion(
 }
 
 /// Median time between bearings of one station, seconds; infinite where there are fewer than two.
-fn interval_s(rows: &[Row], station: usize) -> f64 {
+fn interval_s(rows: &[BearingRow], station: usize) -> f64 {
     let times: Vec<f64> = rows.iter().filter(|r| r.station == station).map(|r| r.t_s).collect();
     let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
     median(&mut steps).unwrap_or(f64::INFINITY)
@@ -69,7 +69,7 @@ fn interval_s(rows: &[Row], station: usize) -> f64 {
 pub fn shift(
     network: &Network,
     station: usize,
-    rows: &[Row],
+    rows: &[BearingRow],
     track: &Path,
     source_depth_m: f64,
     sd: [f64; 2],
@@ -78,7 +78,7 @@ pub fn shift(
     let station_config = &network.stations[station];
     let sound_speed_m_s = station_config.sound_speed_m_s;
     let track = track_file::read(track, station_config, source_depth_m)?;
-    let heard: Vec<Heard> = rows
+    let heard: Vec<TimedBearing> = rows
         .iter()
         .filter(|r| r.station == station)
         .map(|r| {
@@ -86,7 +86,7 @@ pub fn shift(
             let from = track_file::heard_at(&track, r.t_s, TRACK_GAP_S, sound_speed_m_s);
             let travel_s =
                 from.map_or(0.0, |p| p.iter().map(|x| x * x).sum::<f64>().sqrt() / sound_speed_m_s);
-            Heard { t_s: r.t_s - travel_s, azimuth: Some(r.azimuth), elevation: r.elevation }
+            TimedBearing { t_s: r.t_s - travel_s, azimuth: Some(r.azimuth), elevation: r.elevation }
         })
         .collect();
     Ok(align(&heard, &track, &AlignSettings { array_m: [0.0; 3], sd, largest_shift_s, gap_s: TRACK_GAP_S }))

@@ -5,7 +5,7 @@
 //! that began together.
 
 use super::network_file::Network;
-use super::sets::Row;
+use super::sets::BearingRow;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use serde_json::Value;
@@ -14,9 +14,9 @@ use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
 /// A bearing with both its times.
-struct Dated {
+struct UtcRow {
     utc: Option<OffsetDateTime>,
-    row: Row,
+    row: BearingRow,
 }
 
 /// Reads the bearings of all files, in order of time; and the UTC of time zero where the files have a clock. `sd`
@@ -29,8 +29,8 @@ pub fn read(
     network: &Network,
     sd: (f64, f64),
     relative: bool,
-) -> Result<(Vec<Row>, Option<OffsetDateTime>)> {
-    let mut found: Vec<Dated> = Vec::new();
+) -> Result<(Vec<BearingRow>, Option<OffsetDateTime>)> {
+    let mut found: Vec<UtcRow> = Vec::new();
     for file in files {
         let before = found.len();
         one_file(file, network, sd, relative, &mut found).with_context(|| format!("{}", file.display()))?;
@@ -44,10 +44,10 @@ pub fn read(
             "seabearing: not all files have a clock (`utc`): their recordings are taken to begin together"
         );
     }
-    let mut rows: Vec<Row> = found
+    let mut rows: Vec<BearingRow> = found
         .into_iter()
         .map(|d| match (start, d.utc) {
-            (Some(start), Some(utc)) => Row { t_s: (utc - start).as_seconds_f64(), ..d.row },
+            (Some(start), Some(utc)) => BearingRow { t_s: (utc - start).as_seconds_f64(), ..d.row },
             _ => d.row,
         })
         .collect();
@@ -60,7 +60,7 @@ fn one_file(
     network: &Network,
     sd: (f64, f64),
     relative: bool,
-    found: &mut Vec<Dated>,
+    found: &mut Vec<UtcRow>,
 ) -> Result<()> {
     let text = std::fs::read_to_string(file)?;
     let mut speaker: Option<u64> = None;
@@ -87,9 +87,9 @@ fn one_file(
         let own = |key: &str| number(key).unwrap_or(0.0) * RAD_PER_DEG;
         let utc =
             record.get("utc").and_then(Value::as_str).and_then(|t| OffsetDateTime::parse(t, &Rfc3339).ok());
-        found.push(Dated {
+        found.push(UtcRow {
             utc,
-            row: Row {
+            row: BearingRow {
                 t_s,
                 station,
                 azimuth: wrap_tau((azimuth_deg + turn) * RAD_PER_DEG),

@@ -8,7 +8,7 @@ pub const SAME_SET_S: f64 = 1.0;
 
 /// One row of the bearings file.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
+pub struct BearingRow {
     /// Time, seconds.
     pub t_s: f64,
     /// Index of the station.
@@ -23,7 +23,7 @@ pub struct Row {
 
 /// Sightings of one instant.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Set {
+pub struct SightingSet {
     /// The instant: mean time of the set's rows, seconds.
     pub t_s: f64,
     /// One sighting a station.
@@ -34,7 +34,7 @@ pub struct Set {
 
 /// Gathers rows into sets: a set begins with the earliest row not yet used and takes every row within
 /// [`SAME_SET_S`] of it; of two rows of one station the earlier begins the next set. `rows` are sorted by time.
-pub fn gather(rows: &mut [Row], arrays_m: &[[f64; 3]]) -> Vec<Set> {
+pub fn gather(rows: &mut [BearingRow], arrays_m: &[[f64; 3]]) -> Vec<SightingSet> {
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     let mut of_station: Vec<(Vec<Timed>, Vec<Timed>)> = vec![(Vec::new(), Vec::new()); arrays_m.len()];
     for r in rows.iter() {
@@ -48,7 +48,7 @@ pub fn gather(rows: &mut [Row], arrays_m: &[[f64; 3]]) -> Vec<Set> {
     let mut next = 0;
     while next < rows.len() {
         let begin = rows[next].t_s;
-        let mut members: Vec<Row> = Vec::new();
+        let mut members: Vec<BearingRow> = Vec::new();
         while let Some(row) = rows.get(next) {
             if row.t_s - begin > SAME_SET_S || members.iter().any(|m| m.station == row.station) {
                 break;
@@ -61,7 +61,11 @@ pub fn gather(rows: &mut [Row], arrays_m: &[[f64; 3]]) -> Vec<Set> {
     out
 }
 
-fn bring_together(members: &[Row], of_station: &[(Vec<Timed>, Vec<Timed>)], arrays_m: &[[f64; 3]]) -> Set {
+fn bring_together(
+    members: &[BearingRow],
+    of_station: &[(Vec<Timed>, Vec<Timed>)],
+    arrays_m: &[[f64; 3]],
+) -> SightingSet {
     let first = members[0].t_s;
     let t_s = first + members.iter().map(|m| m.t_s - first).sum::<f64>() / members.len() as f64;
     let sightings = members
@@ -82,7 +86,7 @@ fn bring_together(members: &[Row], of_station: &[(Vec<Timed>, Vec<Timed>)], arra
             }
         })
         .collect();
-    Set { t_s, sightings, stations: members.iter().map(|m| m.station).collect() }
+    SightingSet { t_s, sightings, stations: members.iter().map(|m| m.station).collect() }
 }
 
 /// The neighbours of an instant, so that long files stay linear in time.
@@ -97,8 +101,8 @@ fn window(all: &[Timed], t_s: f64) -> &[Timed] {
 mod tests {
     use super::*;
 
-    fn row(t_s: f64, station: usize) -> Row {
-        Row { t_s, station, azimuth: 1.0, elevation: None, sd: (0.02, 0.02) }
+    fn row(t_s: f64, station: usize) -> BearingRow {
+        BearingRow { t_s, station, azimuth: 1.0, elevation: None, sd: (0.02, 0.02) }
     }
 
     #[test]

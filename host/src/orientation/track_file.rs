@@ -1,6 +1,6 @@
 //! The track of a vessel with known positions, as a station sees it.
 
-use crate::csv::{Table, good_rows};
+use crate::csv::{CsvTable, good_rows};
 use crate::geodesy::LocalFrame;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::config::StationConfig;
@@ -13,7 +13,7 @@ use std::path::Path;
 /// # Errors
 /// The file cannot be read, has neither pair of columns, or fewer than two usable rows.
 pub fn read(path: &Path, station: &StationConfig, source_depth_m: f64) -> Result<Vec<TrackPoint>> {
-    let table = Table::read(path)?;
+    let table = CsvTable::read(path)?;
     let name = path.display().to_string();
     let up_m = station.depth_m - source_depth_m;
     let local = table.has("x_m");

@@ -1,7 +1,7 @@
 //! Drawing figures with plotters' SVG backend, on a canvas of twice the size for finer positions.
 
 use super::axis::{Axis, Scale};
-use super::{ColourMap, Figure, HeatMap, Shape};
+use super::{ColourMap, HeatMap, Plot, Shape};
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -25,10 +25,10 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Axis, Axis>>;
 
 /// All figures on one page.
-pub(super) fn page(figures: &[&Figure], columns: usize) -> Result<String> {
+pub(super) fn page(figures: &[&Plot], columns: usize) -> Result<String> {
     let columns = columns.clamp(1, figures.len().max(1));
-    let rows: Vec<&[&Figure]> = figures.chunks(columns).collect();
-    let row_height = |row: &&[&Figure]| row.iter().map(|f| f.size.1 as i32).max().unwrap_or(0);
+    let rows: Vec<&[&Plot]> = figures.chunks(columns).collect();
+    let row_height = |row: &&[&Plot]| row.iter().map(|f| f.size.1 as i32).max().unwrap_or(0);
     let column_width: Vec<i32> = (0..columns)
         .map(|c| rows.iter().filter_map(|r| r.get(c)).map(|f| f.size.0 as i32).max().unwrap_or(0))
         .collect();
@@ -68,7 +68,7 @@ fn text_width(text: &str, size: i32) -> i32 {
     (text.chars().count() as f64 * f64::from(size) * 0.5).ceil() as i32
 }
 
-fn one(area: &Area<'_>, figure: &Figure) -> Result<()> {
+fn one(area: &Area<'_>, figure: &Plot) -> Result<()> {
     let (width, _) = area.dim_in_pixel();
     let width = width as i32 / FINE;
     let title = font(17).pos(Pos::new(HPos::Center, VPos::Center));
@@ -128,7 +128,7 @@ fn one(area: &Area<'_>, figure: &Figure) -> Result<()> {
 }
 
 /// Draws the legend in rows under the title; how many.
-fn legend(area: &Area<'_>, figure: &Figure, width: i32) -> Result<i32> {
+fn legend(area: &Area<'_>, figure: &Plot, width: i32) -> Result<i32> {
     let mut rows: Vec<Vec<(usize, i32)>> = Vec::new();
     let mut used = width;
     for (i, series) in figure.series.iter().enumerate().filter(|(_, s)| !s.name.is_empty()) {
@@ -178,7 +178,7 @@ fn legend(area: &Area<'_>, figure: &Figure, width: i32) -> Result<i32> {
 }
 
 /// The axes that show everything, stretched to equal units where asked (`aspect`: width over height of the plot).
-fn axes(figure: &Figure, aspect: f64) -> (Axis, Axis) {
+fn axes(figure: &Plot, aspect: f64) -> (Axis, Axis) {
     let points = || figure.series.iter().flat_map(|s| extent(&s.shape));
     let heat = figure.heat.iter();
     let xs = points().map(|p| p.0).chain(heat.clone().flat_map(|h| [h.x.0, h.x.1]));

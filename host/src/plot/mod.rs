@@ -1,14 +1,14 @@
 //! Pictures: SVG figures of one style, with title, axes with units, and a legend outside the data.
 //!
-//! A [`Figure`] collects series and is written atomically; [`write_panels`] puts several on one page. What a figure
+//! A [`Plot`] collects series and is written atomically; [`write_panels`] puts several on one page. What a figure
 //! cannot show (NaN, values at or below zero on a logarithmic axis, points outside a given range) is left out, and a
 //! line is interrupted there.
 //!
 //! ```
-//! use seabearing_host::plot::{Figure, Scale};
+//! use seabearing_host::plot::{Plot, Scale};
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("bearing.svg");
-//! let mut figure = Figure::new("Bearing of a passing vessel", "time (s)", "azimuth (°)");
+//! let mut figure = Plot::new("Bearing of a passing vessel", "time (s)", "azimuth (°)");
 //! figure.y_scale(Scale::Degrees).band("95 % of the errors", &[(0.0, 10.0, 14.0), (60.0, 80.0, 84.0)]);
 //! figure.truth("truth", &[(0.0, 12.0), (60.0, 82.0)]).points("measured", &[(0.0, 11.0), (60.0, 83.0)]);
 //! figure.write(&path)?;
@@ -68,7 +68,7 @@ struct Series {
 
 /// One figure.
 #[derive(Clone, Debug)]
-pub struct Figure {
+pub struct Plot {
     title: String,
     x_label: String,
     y_label: String,
@@ -84,7 +84,7 @@ pub struct Figure {
     next: usize,
 }
 
-impl Figure {
+impl Plot {
     /// An empty figure of 800 by 500 points. Labels carry the unit: `range (m)`.
     pub fn new(title: &str, x_label: &str, y_label: &str) -> Self {
         Self {
@@ -245,7 +245,7 @@ impl Figure {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_panels(path: &Path, figures: &[&Figure], columns: usize) -> Result<()> {
+pub fn write_panels(path: &Path, figures: &[&Plot], columns: usize) -> Result<()> {
     crate::atomic::write(path, draw::page(figures, columns)?.as_bytes())
 }
 
@@ -297,7 +297,7 @@ mod tests {
 
     #[test]
     fn a_figure_of_nonsense_is_still_a_figure() {
-        let mut f = Figure::new("a < b & c", "x", "y");
+        let mut f = Plot::new("a < b & c", "x", "y");
         f.line("n", &[(f64::NAN, 1.0), (1.0, f64::INFINITY)]).points("p", &[]).band("b", &[]);
         f.ellipse("e", (0.0, 0.0), (f64::INFINITY, 1.0, 0.0), 0.95).y_scale(Scale::Log);
         let svg = f.svg().unwrap();

@@ -1,7 +1,7 @@
 //! Pictures of what a recorder reports: bearings against time, tracks on a map, correlations of the pairs.
 
 use super::correlation::Correlations;
-use super::{Figure, Scale, cut_at_wraps};
+use super::{Plot, Scale, cut_at_wraps};
 use anyhow::{Result, anyhow};
 use seabearing_core::block::Frame;
 use seabearing_core::config::{Kind, StationConfig};
@@ -32,7 +32,7 @@ impl Truth {
     /// # Errors
     /// The file cannot be read or a column is missing.
     pub fn read(path: &std::path::Path) -> Result<Vec<(String, Vec<Self>)>> {
-        let table = crate::csv::Table::read(path)?;
+        let table = crate::csv::CsvTable::read(path)?;
         let vessel = table.column("vessel")?;
         let rows = table.numbers(["t_s", "x_m", "y_m", "arrival_azimuth_deg"])?;
         let mut out: Vec<(String, Vec<Self>)> = Vec::new();
@@ -50,8 +50,8 @@ impl Truth {
 }
 
 /// Azimuths against time with their 95 % band, and the truth where known.
-pub fn bearings(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Figure {
-    let mut figure = Figure::new("Bearings of the recorder", "time (s)", "azimuth (°)");
+pub fn bearings(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Plot {
+    let mut figure = Plot::new("Bearings of the recorder", "time (s)", "azimuth (°)");
     figure.y_scale(Scale::Degrees);
     let at = |b: &Bearing| b.index as f64 / rate_hz;
     let deg = |x: f32| f64::from(x).to_degrees();
@@ -86,8 +86,8 @@ fn legend(truth: &[(String, Vec<Truth>)], i: usize) -> String {
 }
 
 /// Error of each azimuth against the nearest vessel's truth, with the 95 % band the recorder states.
-pub fn bearing_errors(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Figure {
-    let mut figure = Figure::new("Errors of the bearings", "time (s)", "azimuth error (°)");
+pub fn bearing_errors(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Plot {
+    let mut figure = Plot::new("Errors of the bearings", "time (s)", "azimuth error (°)");
     let mut band = Vec::new();
     let mut errors = Vec::new();
     for b in bearings {
@@ -117,8 +117,8 @@ fn truth_at(rows: &[Truth], t_s: f64) -> Option<f64> {
 }
 
 /// Tracks on a map: the positions as reported, 95 % ellipses of the last, and the truth where known.
-pub fn tracks(reports: &[Track], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Figure {
-    let mut figure = Figure::map("Tracks");
+pub fn tracks(reports: &[Track], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Plot {
+    let mut figure = Plot::map("Tracks");
     for (i, (_, rows)) in truth.iter().enumerate() {
         let line: Vec<_> = rows.iter().map(|r| (r.x_m, r.y_m)).collect();
         figure.truth(&legend(truth, i), &line);
@@ -155,10 +155,10 @@ fn fitted(last: &Track, reports: &[&Track], rate_hz: f64) -> [(f64, f64); 2] {
 }
 
 /// Cross-correlations of the six pairs against lag, in the order of [`PAIRS`]; the delays of a bearing are marked.
-pub fn correlations(found: &Correlations, delays_s: &[f64; 6]) -> [Figure; 6] {
+pub fn correlations(found: &Correlations, delays_s: &[f64; 6]) -> [Plot; 6] {
     std::array::from_fn(|p| {
         let (i, j) = PAIRS[p];
-        let mut figure = Figure::new(&format!("Hydrophones {i} and {j}"), "lag (ms)", "correlation");
+        let mut figure = Plot::new(&format!("Hydrophones {i} and {j}"), "lag (ms)", "correlation");
         figure.size(420, 300);
         let points: Vec<_> = found.lags_s.iter().zip(&found.curves[p]).map(|(l, v)| (l * 1e3, *v)).collect();
         let (lo, hi) = points.iter().fold((0.0f64, 0.0f64), |(a, b), p| (a.min(p.1), b.max(p.1)));
@@ -209,7 +209,7 @@ pub fn write_all(
         let curves = super::correlation::correlations(frames, config)?;
         let delays = delays(config, bearing.azimuth.into(), bearing.elevation.into())?;
         let figures = correlations(&curves, &delays);
-        let all: Vec<&Figure> = figures.iter().collect();
+        let all: Vec<&Plot> = figures.iter().collect();
         super::write_panels(&folder.join("correlations.svg"), &all, 3)?;
     }
     Ok(())

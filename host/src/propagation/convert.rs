@@ -4,8 +4,8 @@
 //! that the path does not exist at that range. Ranges start at 0 and grow in equal steps. A path that misses only its
 //! row at range 0 gets it from its neighbours: travel time is an even function of range.
 
-use super::{Arrival, Complex, F0_HZ, Path, Propagation, WIDTH_S, strength};
-use crate::csv::Table;
+use super::{Complex, F0_HZ, Propagation, RayArrival, RayPath, WIDTH_S, strength};
+use crate::csv::CsvTable;
 use anyhow::{Result, bail};
 
 /// Reads a ray table. Without a depth it is estimated from the path of three crossings (to about one percent);
@@ -15,10 +15,10 @@ use anyhow::{Result, bail};
 /// Missing columns, ranges that do not start at 0 or are uneven, a path with a hole, values of a wrong unit.
 pub fn read(path: &std::path::Path, depth_m: Option<f64>, conjugate: bool) -> Result<Propagation> {
     let name = path.display().to_string();
-    convert(&Table::read(path)?, &name, depth_m, conjugate)
+    convert(&CsvTable::read(path)?, &name, depth_m, conjugate)
 }
 
-fn convert(table: &Table, name: &str, depth_m: Option<f64>, conjugate: bool) -> Result<Propagation> {
+fn convert(table: &CsvTable, name: &str, depth_m: Option<f64>, conjugate: bool) -> Result<Propagation> {
     let distances: Vec<f64> =
         table.numbers(["distance_m"])?.into_iter().map(|(_, r)| r.map(|[x]| x)).collect::<Result<_>>()?;
     let rows = distances.len();
@@ -64,13 +64,13 @@ fn convert(table: &Table, name: &str, depth_m: Option<f64>, conjugate: bool) -> 
                 }
             }
             let im = if conjugate { -x[2] } else { x[2] };
-            arrivals.push(Some(Arrival { toa_s: x[0], amplitude: Complex::new(x[1], im) }));
+            arrivals.push(Some(RayArrival { toa_s: x[0], amplitude: Complex::new(x[1], im) }));
         }
         if let [None, Some(a), Some(b), ..] = arrivals[..] {
             let amplitude = a.amplitude - (b.amplitude - a.amplitude) / 3.0;
-            arrivals[0] = Some(Arrival { toa_s: a.toa_s - (b.toa_s - a.toa_s) / 3.0, amplitude });
+            arrivals[0] = Some(RayArrival { toa_s: a.toa_s - (b.toa_s - a.toa_s) / 3.0, amplitude });
         }
-        paths.push(Path { crossings: n, arrivals });
+        paths.push(RayPath { crossings: n, arrivals });
     }
     let mut out = Propagation {
         name: std::path::Path::new(name)
@@ -105,7 +105,7 @@ mod tests {
     }
 
     fn parse(text: &str) -> Result<Propagation> {
-        convert(&Table::parse(text, "t.csv").unwrap(), "t.csv", None, false)
+        convert(&CsvTable::parse(text, "t.csv").unwrap(), "t.csv", None, false)
     }
 
     #[test]

@@ -21,7 +21,7 @@
 //! ```
 
 use super::strength::SkewNormal;
-use super::{Arrival, Complex, Path, Propagation};
+use super::{Complex, Propagation, RayArrival, RayPath};
 use crate::toml_file::TomlFile;
 use anyhow::{Result, bail};
 use serde::Deserialize;
@@ -91,9 +91,9 @@ fn of(source: &TomlFile) -> Result<Propagation> {
         let mut arrivals = vec![None; rows];
         let values = p.toa_s.iter().zip(&p.amplitude_re).zip(&p.amplitude_im);
         for (slot, ((&toa_s, &re), &im)) in arrivals.iter_mut().skip(p.first_row).zip(values) {
-            *slot = Some(Arrival { toa_s, amplitude: Complex::new(re, im) });
+            *slot = Some(RayArrival { toa_s, amplitude: Complex::new(re, im) });
         }
-        paths.push(Path { crossings: p.crossings, arrivals });
+        paths.push(RayPath { crossings: p.crossings, arrivals });
     }
     let out = Propagation {
         name: file.name,
@@ -131,7 +131,7 @@ pub fn format(table: &Propagation) -> String {
     }
     for p in &table.paths {
         let (first, last) = p.span().unwrap_or((0, 0));
-        let held: Vec<Arrival> = p.arrivals[first..=last].iter().flatten().copied().collect();
+        let held: Vec<RayArrival> = p.arrivals[first..=last].iter().flatten().copied().collect();
         let _ = writeln!(out, "\n[[path]]\ncrossings = {}\nfirst_row = {first}", p.crossings);
         out += &numbers("toa_s", &mut held.iter().map(|a| a.toa_s));
         out += &numbers("amplitude_re", &mut held.iter().map(|a| a.amplitude.re));
@@ -258,12 +258,13 @@ pub fn covers(table: &Propagation, max_range_m: f64, name: &str) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{bottom::Bottom, profile::Profile, trace};
+    use super::super::{bottom::Bottom, profile::SpeedProfile, trace};
     use super::*;
 
     #[test]
     fn text_and_back() {
-        let profile = Profile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
+        let profile =
+            SpeedProfile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
         let table = trace::trace("t", &profile, &Bottom::default(), 500.0, 60, || ());
         let back = parse(&format(&table), "t.toml").unwrap();
         assert_eq!(back.rows(), table.rows());

@@ -25,7 +25,7 @@ pub const WIDTH_S: f64 = 0.05;
 
 /// What one path brings from one range.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Arrival {
+pub struct RayArrival {
     /// Travel time, s.
     pub toa_s: f64,
     /// Pressure amplitude relative to 1 m, convention `exp(−iωt)`.
@@ -34,14 +34,14 @@ pub struct Arrival {
 
 /// One path against range.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Path {
+pub struct RayPath {
     /// How many times it crosses the water column (odd).
     pub crossings: u32,
     /// Arrival at range `j · step`; `None` where the path does not exist.
-    pub arrivals: Vec<Option<Arrival>>,
+    pub arrivals: Vec<Option<RayArrival>>,
 }
 
-impl Path {
+impl RayPath {
     /// First and last row with an arrival.
     pub fn span(&self) -> Option<(usize, usize)> {
         let first = self.arrivals.iter().position(Option::is_some)?;
@@ -64,7 +64,7 @@ pub struct Propagation {
     /// Width of the cepstral pulse, s.
     pub width_s: f64,
     /// Paths in order of crossings: 1, 3, 5, …; all of one length.
-    pub paths: Vec<Path>,
+    pub paths: Vec<RayPath>,
     /// Strength of branches 13, 35, 57, 79 against range; at most one less than paths.
     pub strengths: Vec<SkewNormal>,
 }
@@ -82,7 +82,7 @@ impl Propagation {
 
     /// Arrival of path number `path` (0 = direct) at a range: travel time by cubic, amplitude by linear
     /// interpolation; `None` outside the path's span.
-    pub fn arrival(&self, path: usize, range_m: f64) -> Option<Arrival> {
+    pub fn arrival(&self, path: usize, range_m: f64) -> Option<RayArrival> {
         let rows = &self.paths.get(path)?.arrivals;
         let (j, part) = self.place(range_m)?;
         let (a, b) = (rows[j]?, rows[j + 1]?);
@@ -92,7 +92,7 @@ impl Propagation {
             Some((before, after)) => cubic([before.toa_s, a.toa_s, b.toa_s, after.toa_s], part),
             None => a.toa_s + (b.toa_s - a.toa_s) * part,
         };
-        Some(Arrival { toa_s, amplitude })
+        Some(RayArrival { toa_s, amplitude })
     }
 
     /// Horizontal slowness of a path at a range, s/m: how its travel time grows with range (the ray parameter).
@@ -151,14 +151,14 @@ mod tests {
 
     #[test]
     fn a_path_ends_where_its_rows_end() {
-        let a = |t| Some(Arrival { toa_s: t, amplitude: Complex::new(1.0, 0.0) });
+        let a = |t| Some(RayArrival { toa_s: t, amplitude: Complex::new(1.0, 0.0) });
         let p = Propagation {
             name: "t".into(),
             depth_m: 1.0,
             step_m: 10.0,
             f0_hz: F0_HZ,
             width_s: WIDTH_S,
-            paths: vec![Path { crossings: 1, arrivals: vec![a(1.0), a(2.0), None] }],
+            paths: vec![RayPath { crossings: 1, arrivals: vec![a(1.0), a(2.0), None] }],
             strengths: vec![],
         };
         assert_eq!(p.arrival(0, 5.0).unwrap().toa_s, 1.5);

@@ -1,6 +1,6 @@
 //! A layered sound-speed profile: the speed is linear in depth between the given points.
 
-use crate::csv::Table;
+use crate::csv::CsvTable;
 use anyhow::{Context, Result, bail};
 use std::path::Path;
 
@@ -9,7 +9,7 @@ const SPEEDS_M_S: std::ops::RangeInclusive<f64> = 1350.0..=1650.0;
 
 /// Sound speed against depth, from the surface to the floor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Profile {
+pub struct SpeedProfile {
     /// Depth (m, growing, first 0) and speed (m/s).
     points: Vec<(f64, f64)>,
 }
@@ -23,7 +23,7 @@ pub struct Crossing {
     pub t_s: f64,
 }
 
-impl Profile {
+impl SpeedProfile {
     /// One speed everywhere.
     pub fn uniform(depth_m: f64, speed_m_s: f64) -> Self {
         Self { points: vec![(0.0, speed_m_s), (depth_m, speed_m_s)] }
@@ -35,7 +35,7 @@ impl Profile {
     /// # Errors
     /// Missing columns, depths that do not grow, speeds sea water cannot have, a profile that ends far above the floor.
     pub fn read(path: &Path, depth_m: f64) -> Result<Self> {
-        let table = Table::read(path)?;
+        let table = CsvTable::read(path)?;
         let rows = table.numbers(["depth_m", "speed_m_s"])?;
         let mut points = Vec::new();
         for (line, row) in rows {
@@ -87,7 +87,7 @@ impl Profile {
     /// The open ocean of the subtropics: warm water over a sound channel at about 1200 m.
     ///
     /// # Errors
-    /// As [`Profile::new`]; depths from 1500 to 6000 m are fine.
+    /// As [`SpeedProfile::new`]; depths from 1500 to 6000 m are fine.
     pub fn subtropical(depth_m: f64) -> Result<Self> {
         let points = [
             (0.0, 1535.5),
@@ -159,14 +159,14 @@ mod tests {
 
     #[test]
     fn one_speed_gives_straight_rays() {
-        let p = Profile::uniform(4000.0, 1500.0);
+        let p = SpeedProfile::uniform(4000.0, 1500.0);
         let x = p.crossing(0.6 / 1500.0);
         assert!((x.x_m - 3000.0).abs() < 1e-9 && (x.t_s - 5000.0 / 1500.0).abs() < 1e-12, "{x:?}");
     }
 
     #[test]
     fn a_gradient_agrees_with_many_thin_layers() {
-        let p = Profile::new(vec![(0.0, 1540.0), (1000.0, 1485.0), (4340.0, 1528.0)], 4340.0).unwrap();
+        let p = SpeedProfile::new(vec![(0.0, 1540.0), (1000.0, 1485.0), (4340.0, 1528.0)], 4340.0).unwrap();
         let q = 0.9 / 1540.0;
         let (mut x, mut t) = (0.0, 0.0);
         let n = 400_000;
@@ -183,11 +183,11 @@ mod tests {
 
     #[test]
     fn cut_and_extended_to_the_floor() {
-        let p = Profile::new(vec![(5.0, 1540.0), (4000.0, 1520.0)], 4200.0).unwrap();
+        let p = SpeedProfile::new(vec![(5.0, 1540.0), (4000.0, 1520.0)], 4200.0).unwrap();
         assert_eq!((p.surface_m_s(), p.depth_m()), (1540.0, 4200.0));
         assert!((p.floor_m_s() - 1519.0).abs() < 0.01);
-        let p = Profile::new(vec![(0.0, 1540.0), (1000.0, 1500.0), (5000.0, 1540.0)], 3000.0).unwrap();
+        let p = SpeedProfile::new(vec![(0.0, 1540.0), (1000.0, 1500.0), (5000.0, 1540.0)], 3000.0).unwrap();
         assert_eq!((p.floor_m_s(), p.depth_m()), (1520.0, 3000.0));
-        assert!(Profile::new(vec![(0.0, 1500.0), (5.0, 1500.0)], 4000.0).is_err());
+        assert!(SpeedProfile::new(vec![(0.0, 1500.0), (5.0, 1500.0)], 4000.0).is_err());
     }
 }

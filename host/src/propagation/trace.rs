@@ -8,8 +8,8 @@
 //! straight down. Rays that turn before they cross reach no station: a path ends where its ray would leave level.
 
 use super::bottom::Bottom;
-use super::profile::Profile;
-use super::{Arrival, Complex, F0_HZ, Path, Propagation, WIDTH_S, strength};
+use super::profile::SpeedProfile;
+use super::{Complex, F0_HZ, Propagation, RayArrival, RayPath, WIDTH_S, strength};
 
 /// Paths traced: 1, 3, … 13 crossings.
 pub const PATHS: usize = 7;
@@ -20,14 +20,14 @@ const STEPS: usize = 60;
 /// Traces a table of `rows` ranges in steps of `step_m`, starting at 0. `done` is told of each finished row.
 pub fn trace(
     name: &str,
-    profile: &Profile,
+    profile: &SpeedProfile,
     bottom: &Bottom,
     step_m: f64,
     rows: usize,
     mut done: impl FnMut(),
 ) -> Propagation {
-    let mut paths: Vec<Path> = (0..PATHS)
-        .map(|i| Path { crossings: 2 * i as u32 + 1, arrivals: Vec::with_capacity(rows) })
+    let mut paths: Vec<RayPath> = (0..PATHS)
+        .map(|i| RayPath { crossings: 2 * i as u32 + 1, arrivals: Vec::with_capacity(rows) })
         .collect();
     for j in 0..rows {
         for path in &mut paths {
@@ -48,7 +48,7 @@ pub fn trace(
 }
 
 /// The ray parameter whose single crossing spans a distance; `None` where every such ray turns before.
-pub fn ray_parameter(profile: &Profile, x_m: f64) -> Option<f64> {
+pub fn ray_parameter(profile: &SpeedProfile, x_m: f64) -> Option<f64> {
     // The last parameter tried keeps the steepest place of the profile just short of turning.
     let (mut low, mut high) = (0.0, (1.0 - 1e-12) / profile.greatest_m_s());
     if profile.crossing(high).x_m < x_m {
@@ -62,7 +62,7 @@ pub fn ray_parameter(profile: &Profile, x_m: f64) -> Option<f64> {
 }
 
 /// What the path of `crossings` brings from a range.
-pub fn arrival(profile: &Profile, bottom: &Bottom, crossings: u32, range_m: f64) -> Option<Arrival> {
+pub fn arrival(profile: &SpeedProfile, bottom: &Bottom, crossings: u32, range_m: f64) -> Option<RayArrival> {
     let n = f64::from(crossings);
     let p = ray_parameter(profile, range_m / n)?;
     let (c0, cb) = (profile.surface_m_s(), profile.floor_m_s());
@@ -79,17 +79,17 @@ pub fn arrival(profile: &Profile, bottom: &Bottom, crossings: u32, range_m: f64)
     let bounces = (-r).powu((crossings - 1) / 2);
     let amplitude = (Complex::new(1.0, 0.0) + r) * bounces * (-2.0 * spreading * cos(c0).sqrt());
     let toa_s = n * profile.crossing(p).t_s;
-    amplitude.is_finite().then_some(Arrival { toa_s, amplitude })
+    amplitude.is_finite().then_some(RayArrival { toa_s, amplitude })
 }
 
 /// The same in closed form for water of one speed: the image of the source n crossings up.
-pub fn image(depth_m: f64, speed_m_s: f64, bottom: &Bottom, crossings: u32, range_m: f64) -> Arrival {
+pub fn image(depth_m: f64, speed_m_s: f64, bottom: &Bottom, crossings: u32, range_m: f64) -> RayArrival {
     let up = f64::from(crossings) * depth_m;
     let slant = range_m.hypot(up);
     let r = bottom.reflection(range_m / slant / speed_m_s, speed_m_s);
     let bounces = (-r).powu((crossings - 1) / 2);
     let amplitude = (Complex::new(1.0, 0.0) + r) * bounces * (-2.0 * (up / slant) / slant);
-    Arrival { toa_s: slant / speed_m_s, amplitude }
+    RayArrival { toa_s: slant / speed_m_s, amplitude }
 }
 
 #[cfg(test)]
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn one_speed_agrees_with_the_image_solution() {
-        let (profile, bottom) = (Profile::uniform(4340.0, 1505.0), Bottom::default());
+        let (profile, bottom) = (SpeedProfile::uniform(4340.0, 1505.0), Bottom::default());
         for crossings in [1, 3, 5, 7, 9, 11, 13] {
             for range_m in [0.0, 70.0, 3000.0, 5141.0, 12_000.0, 40_000.0, 99_960.0] {
                 let a = arrival(&profile, &bottom, crossings, range_m).unwrap();
@@ -112,7 +112,8 @@ mod tests {
 
     #[test]
     fn a_flat_floor_stretches_the_direct_path() {
-        let profile = Profile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
+        let profile =
+            SpeedProfile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
         let bottom = Bottom::default();
         for n in [3u32, 5, 13] {
             let one = arrival(&profile, &bottom, 1, 7000.0).unwrap();
@@ -123,7 +124,8 @@ mod tests {
 
     #[test]
     fn a_path_ends_where_its_ray_leaves_level() {
-        let profile = Profile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
+        let profile =
+            SpeedProfile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
         let bottom = Bottom::default();
         let last = (0..3000)
             .map(|j| 20.0 * f64::from(j))

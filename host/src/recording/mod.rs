@@ -1,6 +1,6 @@
 //! Recordings: four-channel WAV and FLAC files, and miniSEED, as blocks of 24-bit codes, and writing them.
 //!
-//! Enters: files or folders, in any order. Leaves: [`Source::next_block`], blocks whose sample index counts from the
+//! Enters: files or folders, in any order. Leaves: [`SampleSource::next_block`], blocks whose sample index counts from the
 //! first sample of the first file. Conventions:
 //!
 //! - Codes are those of a 24-bit converter, full scale ±2²³. 24-bit files come through as they are; 32-bit integers
@@ -33,7 +33,7 @@ use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
 
 /// Where blocks of samples come from.
-pub trait Source {
+pub trait SampleSource {
     /// UTC of sample 0, where the recording has a clock.
     fn start(&self) -> Option<OffsetDateTime>;
 
@@ -96,7 +96,11 @@ impl Container {
 ///
 /// # Errors
 /// Nothing usable was found; the line names the file and what to do.
-pub fn open(paths: &[PathBuf], station: &Station, start: Option<OffsetDateTime>) -> Result<Box<dyn Source>> {
+pub fn open(
+    paths: &[PathBuf],
+    station: &Station,
+    start: Option<OffsetDateTime>,
+) -> Result<Box<dyn SampleSource>> {
     let files = expand(paths)?;
     let mut audio = Vec::new();
     let mut seismic = Vec::new();

@@ -3,7 +3,7 @@
 use super::flac::Flac;
 use super::stamp::Stamp;
 use super::wav::{Info, Wav};
-use super::{Container, Source};
+use super::{Container, SampleSource};
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::block::{Block, CHANNELS, Frame};
 use seabearing_core::config::StationConfig;
@@ -233,7 +233,7 @@ fn place(parts: &mut [Part], rate_hz: f64) -> u64 {
     next
 }
 
-impl Source for Sequence {
+impl SampleSource for Sequence {
     fn start(&self) -> Option<OffsetDateTime> {
         self.start
     }

@@ -5,11 +5,11 @@
 //! `a h²/(8c)` = 2·10⁻¹⁰ s, −103 dB at 6 kHz; 64 kHz is sixteen times better. Pressure falls as one over the distance.
 //! Cost: eight interpolations of 64 points a vessel and sample; 200 s at 64 kHz in a few seconds.
 
-use super::converter::Converter;
-use super::motion::Motion;
-use super::noise::{Noise, Shape};
-use super::scenario::Scenario;
-use super::source::{self, Source};
+use super::converter::SimulatedConverter;
+use super::motion::VesselMotion;
+use super::noise::{NoiseStream, SpectrumShape};
+use super::scenario::ArrayScenario;
+use super::source::{self, VesselSound};
 use anyhow::{Result, anyhow};
 use rayon::prelude::*;
 use seabearing_core::block::{CHANNELS, Frame};
@@ -26,12 +26,12 @@ const AMBIENT_HOP: usize = 4096;
 
 /// A vessel at sea.
 struct Sailing {
-    motion: Motion,
-    source: Source,
+    motion: VesselMotion,
+    source: VesselSound,
 }
 
 /// The array, the vessels and the noise; an iterator over frames.
-pub struct Array {
+pub struct SimulatedArray {
     geometry: Geometry,
     depth_m: f64,
     reflection: f64,
@@ -40,8 +40,8 @@ pub struct Array {
     vessels: Vec<Sailing>,
     /// Emission depth of each vessel, m.
     depths_m: Vec<f64>,
-    ambient: Noise<4>,
-    converter: Converter,
+    ambient: NoiseStream<4>,
+    converter: SimulatedConverter,
     kernel: Kernel,
     next: u64,
     total: u64,
@@ -53,12 +53,12 @@ struct Path {
     knots: Vec<(f64, f32)>,
 }
 
-impl Array {
+impl SimulatedArray {
     /// Sets up a scenario.
     ///
     /// # Errors
     /// A vessel's track file cannot be used.
-    pub fn new(scenario: &Scenario) -> Result<Self> {
+    pub fn new(scenario: &ArrayScenario) -> Result<Self> {
         let config = &scenario.station.config;
         let geometry = config.geometry().map_err(|e| anyhow!("{e:?}"))?;
         let rate = config.rate_hz;
@@ -66,14 +66,19 @@ impl Array {
         let motions = motions(scenario)?;
         let level = ambient_level(scenario, &motions);
         let shape = ambient_shape(scenario);
-        let ambient = Noise::<4>::new(rate, AMBIENT_HOP, |f| level * shape.density(f), scenario.seed, 0)
-            .diffuse(rate, &geometry.position_m, c, scenario.ambient.diffuse_share);
+        let ambient =
+            NoiseStream::<4>::new(rate, AMBIENT_HOP, |f| level * shape.density(f), scenario.seed, 0).diffuse(
+                rate,
+                &geometry.position_m,
+                c,
+                scenario.ambient.diffuse_share,
+            );
         let mut vessels = Vec::new();
         for ((motion, vessel), stream) in motions.into_iter().zip(&scenario.vessels).zip(1..) {
             // The longest path at the first sample decides when the sound must begin.
             let (begin, _) = motion.emission(0.0, [0.0; 3], config.depth_m + vessel.depth_m, c, 0.0);
             let start = begin - 1.0;
-            let source = Source::new(vessel, rate, start, scenario.seed, stream);
+            let source = VesselSound::new(vessel, rate, start, scenario.seed, stream);
             vessels.push(Sailing { motion, source });
         }
         Ok(Self {
@@ -84,7 +89,7 @@ impl Array {
             vessels,
             depths_m: scenario.vessels.iter().map(|v| v.depth_m).collect(),
             ambient,
-            converter: Converter::new(scenario),
+            converter: SimulatedConverter::new(scenario),
             kernel: Kernel::default(),
             next: 0,
             total: (scenario.duration_s * rate).round() as u64,
@@ -145,8 +150,8 @@ impl Array {
 
 /// The knots of one path.
 fn path(
-    motion: &Motion,
-    source: &Source,
+    motion: &VesselMotion,
+    source: &VesselSound,
     h: [f64; 3],
     z: f64,
     gain: f64,
@@ -166,7 +171,7 @@ fn path(
 }
 
 impl Path {
-    fn add(&self, source: &Source, kernel: &Kernel, out: &mut [f32]) {
+    fn add(&self, source: &VesselSound, kernel: &Kernel, out: &mut [f32]) {
         for (run, ends) in out.chunks_mut(KNOT).zip(self.knots.windows(2)) {
             let ((p0, g0), (p1, g1)) = (ends[0], ends[1]);
             let (dp, dg) = ((p1 - p0) / KNOT as f64, (g1 - g0) / KNOT as f32);
@@ -178,7 +183,7 @@ impl Path {
     }
 }
 
-impl Iterator for Array {
+impl Iterator for SimulatedArray {
     type Item = Frame;
 
     fn next(&mut self) -> Option<Frame> {
@@ -194,13 +199,13 @@ impl Iterator for Array {
 }
 
 /// The courses of all vessels.
-pub(super) fn motions(scenario: &Scenario) -> Result<Vec<Motion>> {
-    scenario.vessels.iter().map(|v| Motion::of(v, scenario.station.config.lat_lon_deg)).collect()
+pub(super) fn motions(scenario: &ArrayScenario) -> Result<Vec<VesselMotion>> {
+    scenario.vessels.iter().map(|v| VesselMotion::of(v, scenario.station.config.lat_lon_deg)).collect()
 }
 
-fn ambient_shape(scenario: &Scenario) -> Shape {
+fn ambient_shape(scenario: &ArrayScenario) -> SpectrumShape {
     let a = &scenario.ambient;
-    Shape { knee_hz: a.knee_hz, slope_db_per_decade: a.slope_db_per_decade }
+    SpectrumShape { knee_hz: a.knee_hz, slope_db_per_decade: a.slope_db_per_decade }
 }
 
 /// The station's band of frequencies, Hz.
@@ -212,7 +217,7 @@ pub(super) fn band(config: &StationConfig) -> (f64, f64) {
 }
 
 /// Density of the flat part of the ambient noise, µPa²/Hz.
-pub(super) fn ambient_level(scenario: &Scenario, motions: &[Motion]) -> f64 {
+pub(super) fn ambient_level(scenario: &ArrayScenario, motions: &[VesselMotion]) -> f64 {
     let shape = ambient_shape(scenario);
     match (scenario.ambient.snr_at_cpa_db, motions.first()) {
         (Some(snr), Some(motion)) => {
@@ -225,18 +230,18 @@ pub(super) fn ambient_level(scenario: &Scenario, motions: &[Motion]) -> f64 {
 }
 
 /// Power of the ambient noise in the station's band, µPa².
-pub(super) fn ambient_power(scenario: &Scenario, motions: &[Motion]) -> f64 {
+pub(super) fn ambient_power(scenario: &ArrayScenario, motions: &[VesselMotion]) -> f64 {
     let (f0, f1) = band(&scenario.station.config);
     ambient_level(scenario, motions) * ambient_shape(scenario).power(f0, f1)
 }
 
 /// Power of a vessel's noise in the station's band over the direct path from a horizontal range, µPa².
-pub(super) fn signal_power(scenario: &Scenario, vessel: usize, range_m: f64) -> f64 {
+pub(super) fn signal_power(scenario: &ArrayScenario, vessel: usize, range_m: f64) -> f64 {
     let config = &scenario.station.config;
     let Some(v) = scenario.vessels.get(vessel) else { return 0.0 };
     let (f0, f1) = band(config);
     let f1 = f1.min(super::scenario::HIGHEST * config.rate_hz);
-    let shape = Shape { knee_hz: v.knee_hz, slope_db_per_decade: v.slope_db_per_decade };
+    let shape = SpectrumShape { knee_hz: v.knee_hz, slope_db_per_decade: v.slope_db_per_decade };
     let share =
         shape.power(f0, f1) / shape.power(source::LOWEST_HZ, super::scenario::HIGHEST * config.rate_hz);
     let slant = range_m.hypot(config.depth_m - v.depth_m).max(1.0);

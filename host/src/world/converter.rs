@@ -1,6 +1,6 @@
 //! From sound pressure to codes: hydrophone sensitivity, gain, converter, and what may go wrong with a channel.
 
-use super::scenario::{Affected, Fault, Scenario};
+use super::scenario::{Affected, ArrayFault, ArrayScenario};
 use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use seabearing_core::config::Kind;
 
@@ -8,21 +8,21 @@ use seabearing_core::config::Kind;
 const FULL_SCALE: f64 = 8_388_608.0;
 
 /// The recorder's electronics.
-pub struct Converter {
+pub struct SimulatedConverter {
     /// Codes per µPa of each hydrophone.
     scale: [f64; CHANNELS],
     /// Recorder channel of each hydrophone.
     channels: [u8; CHANNELS],
     /// Codes of 24 bits in one of the converter's.
     step: f64,
-    faults: Vec<Fault>,
+    faults: Vec<ArrayFault>,
     rate_hz: f64,
     held: Frame,
 }
 
-impl Converter {
+impl SimulatedConverter {
     /// The electronics of a scenario.
-    pub fn new(scenario: &Scenario) -> Self {
+    pub fn new(scenario: &ArrayScenario) -> Self {
         let r = &scenario.recorder;
         let (sensitivity, channels) = match &scenario.station.config.kind {
             Kind::Array(a) => (a.sensitivity_db_re_1v_upa, a.channels),
@@ -48,7 +48,7 @@ impl Converter {
             }
         }
         for fault in &self.faults {
-            if let Fault::Loud(l) = fault
+            if let ArrayFault::Loud(l) = fault
                 && (l.from_s..l.to_s).contains(&t)
                 && let Some(v) = volts.get_mut(l.channel)
             {
@@ -59,10 +59,12 @@ impl Converter {
         let within = |a: &Affected| (a.from_s..a.to_s).contains(&t);
         for fault in &self.faults {
             match fault {
-                Fault::Dead(a) if within(a) => frame[a.channel] = 0,
-                Fault::Stuck(a) if within(a) => frame[a.channel] = self.held[a.channel],
-                Fault::Nan(a) if within(a) => frame[a.channel] = MISSING,
-                Fault::Swap(s) if (s.from_s..s.to_s).contains(&t) => frame.swap(s.channels[0], s.channels[1]),
+                ArrayFault::Dead(a) if within(a) => frame[a.channel] = 0,
+                ArrayFault::Stuck(a) if within(a) => frame[a.channel] = self.held[a.channel],
+                ArrayFault::Nan(a) if within(a) => frame[a.channel] = MISSING,
+                ArrayFault::Swap(s) if (s.from_s..s.to_s).contains(&t) => {
+                    frame.swap(s.channels[0], s.channels[1])
+                }
                 _ => {}
             }
         }

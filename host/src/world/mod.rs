@@ -1,6 +1,6 @@
 //! The simulated sea around an array: vessels, their sound, ambient noise and a recorder with its faults.
 //!
-//! Enters: a [`Scenario`]. Leaves: an iterator over frames ([`Array`]), or files ([`fn@write`]). Physical levels
+//! Enters: an [`ArrayScenario`]. Leaves: an iterator over frames ([`SimulatedArray`]), or files ([`fn@write`]). Physical levels
 //! throughout: pressures are µPa, densities µPa²/Hz. Assumed: a homogeneous ocean (straight rays), a flat surface, no
 //! absorption (1 dB/km at 10 kHz: 2 dB at the ranges of interest), point sources. `docs/simulate.md` has the details.
 
@@ -12,36 +12,26 @@ pub mod scenario;
 pub mod source;
 pub mod truth;
 
-pub use array::Array;
-pub use scenario::Scenario;
+pub use array::SimulatedArray;
+pub use scenario::ArrayScenario;
 
 use crate::recording::stamp::Stamp;
 use crate::recording::write::wav;
+use crate::scenario::Written;
 use anyhow::{Result, bail};
-use std::path::{Path, PathBuf};
-
-/// What was written.
-#[derive(Clone, Debug)]
-pub struct Written {
-    /// The recordings in order of time.
-    pub recordings: Vec<PathBuf>,
-    /// `truth.csv`.
-    pub truth: PathBuf,
-    /// The station file.
-    pub station: PathBuf,
-}
+use std::path::Path;
 
 /// Simulates a scenario into a folder: recordings, `truth.csv`, `station.toml`.
 ///
 /// # Errors
 /// Files cannot be written or read, or the sample rate is no whole number.
-pub fn write(scenario: &Scenario, folder: &Path) -> Result<Written> {
+pub fn write(scenario: &ArrayScenario, folder: &Path) -> Result<Written> {
     let config = &scenario.station.config;
     let rate = config.rate_hz;
     if rate.fract() != 0.0 {
         bail!("WAV files need a whole number of samples a second, the station file says {rate}");
     }
-    let mut array = Array::new(scenario)?;
+    let mut array = SimulatedArray::new(scenario)?;
     let bar = crate::progress::bar(array.total(), "simulating");
     let mut recordings = Vec::new();
     let name: String =
@@ -68,11 +58,11 @@ pub fn write(scenario: &Scenario, folder: &Path) -> Result<Written> {
     crate::atomic::write(&truth, truth::csv(scenario)?.as_bytes())?;
     let station = folder.join("station.toml");
     crate::atomic::write(&station, scenario.station_text.as_bytes())?;
-    Ok(Written { recordings, truth, station })
+    Ok(Written { recordings, truth, tracks: None, station, table: None })
 }
 
 /// First index of every file and the index after its last.
-fn spans(scenario: &Scenario) -> Vec<(u64, u64)> {
+fn spans(scenario: &ArrayScenario) -> Vec<(u64, u64)> {
     let rate = scenario.station.config.rate_hz;
     let index = |t: f64| (t * rate).round() as u64;
     let total = index(scenario.duration_s);

@@ -3,8 +3,8 @@
 //! Positions are metres East and North of the station. A sound received at `t` by a hydrophone at `h` was emitted at
 //! `t_e` with `t_e + ‖r(t_e) − h‖/c = t`; the fixed-point iteration for it contracts by `v/c` (0.005 at 7 m/s) a step.
 
-use super::scenario::{Side, Straight, Vessel};
-use crate::csv::{Table, good_rows};
+use super::scenario::{ArrayVessel, Side, Straight};
+use crate::csv::{CsvTable, good_rows};
 use crate::geodesy::LocalFrame;
 use anyhow::{Result, bail};
 use seabearing_core::kit::golden;
@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// A vessel's course.
 #[derive(Clone, Debug)]
-pub enum Motion {
+pub enum VesselMotion {
     /// Position at a time, and velocity.
     Straight {
         /// Time of the closest point, s.
@@ -43,12 +43,12 @@ pub struct Cpa {
     pub range_m: f64,
 }
 
-impl Motion {
+impl VesselMotion {
     /// The course of a vessel of a scenario; `lat_lon_deg` is the station's position, for tracks in degrees.
     ///
     /// # Errors
     /// The track file cannot be used.
-    pub fn of(vessel: &Vessel, lat_lon_deg: Option<(f64, f64)>) -> Result<Self> {
+    pub fn of(vessel: &ArrayVessel, lat_lon_deg: Option<(f64, f64)>) -> Result<Self> {
         match (&vessel.straight, &vessel.track) {
             (Some(s), _) => Ok(Self::straight(s)),
             (None, Some(path)) => Self::track(path, lat_lon_deg),
@@ -70,7 +70,7 @@ impl Motion {
     /// A course from a file; bad rows are named and left out.
     fn track(path: &Path, lat_lon_deg: Option<(f64, f64)>) -> Result<Self> {
         let name = path.display().to_string();
-        let table = Table::read(path)?;
+        let table = CsvTable::read(path)?;
         let rows = if table.has("x_m") {
             good_rows(&name, table.numbers(["t_s", "x_m", "y_m"])?)?
         } else {
@@ -212,18 +212,18 @@ mod tests {
 
     #[test]
     fn a_straight_pass_has_its_closest_point_where_it_says() {
-        let m = Motion::straight(&PASS);
+        let m = VesselMotion::straight(&PASS);
         let [x, y] = m.position(100.0);
         // Heading East with the array on the right: the vessel is North of the array.
         assert!(x.abs() < 1e-9 && (y - 500.0).abs() < 1e-9);
         assert_eq!(m.cpa(0.0, 1.0), Cpa { time_s: 100.0, range_m: 500.0 });
-        let port = Motion::straight(&Straight { side: Side::Port, ..PASS });
+        let port = VesselMotion::straight(&Straight { side: Side::Port, ..PASS });
         assert!((port.position(100.0)[1] + 500.0).abs() < 1e-9);
     }
 
     #[test]
     fn the_emission_solves_its_equation() {
-        let m = Motion::straight(&PASS);
+        let m = VesselMotion::straight(&PASS);
         let h = [0.5, -0.3, 0.9];
         for t in [0.0, 77.7, 100.0, 200.0] {
             let (te, d) = m.emission(t, h, 164.0, 1484.0, t);
@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn a_track_through_points_of_a_line_is_that_line() {
-        let s = Motion::straight(&PASS);
+        let s = VesselMotion::straight(&PASS);
         let rows: Vec<[f64; 3]> = (0..=20)
             .map(|i| f64::from(i) * 10.0)
             .map(|t| {
@@ -243,7 +243,7 @@ mod tests {
                 [t, x, y]
             })
             .collect();
-        let m = Motion::through(&rows).unwrap();
+        let m = VesselMotion::through(&rows).unwrap();
         for t in [-5.0, 0.0, 33.3, 100.0, 199.9, 230.0] {
             let (a, b) = (m.position(t), s.position(t));
             assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-6, "{t}");
@@ -252,6 +252,6 @@ mod tests {
         }
         let cpa = m.cpa(0.0, 200.0);
         assert!((cpa.time_s - 100.0).abs() < 1e-3 && (cpa.range_m - 500.0).abs() < 1e-6);
-        assert!(Motion::through(&[[0.0; 3], [0.0; 3]]).is_err());
+        assert!(VesselMotion::through(&[[0.0; 3], [0.0; 3]]).is_err());
     }
 }

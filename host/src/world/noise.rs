@@ -14,14 +14,14 @@ use std::sync::Arc;
 
 /// A spectrum flat up to a knee and falling (or rising) by a slope above it; 1 on the flat part.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shape {
+pub struct SpectrumShape {
     /// Knee, Hz.
     pub knee_hz: f64,
     /// Slope above it, dB a decade.
     pub slope_db_per_decade: f64,
 }
 
-impl Shape {
+impl SpectrumShape {
     /// Relative spectral density at a frequency.
     pub fn density(&self, f_hz: f64) -> f64 {
         (f_hz / self.knee_hz).max(1.0).powf(self.slope_db_per_decade / 10.0)
@@ -36,7 +36,7 @@ impl Shape {
 }
 
 /// A generator of `C` channels of noise.
-pub struct Noise<const C: usize> {
+pub struct NoiseStream<const C: usize> {
     inverse: Arc<dyn ComplexToReal<f32>>,
     /// Standard deviation of each part of each bin.
     amplitude: Vec<f32>,
@@ -51,7 +51,7 @@ pub struct Noise<const C: usize> {
     scratch: Vec<Complex<f32>>,
 }
 
-impl<const C: usize> Noise<C> {
+impl<const C: usize> NoiseStream<C> {
     /// Noise of one-sided spectral density `density(f)` (unit² per Hz) at `rate_hz`, in hops of `hop` samples. `stream`
     /// separates generators of one seed.
     pub fn new(rate_hz: f64, hop: usize, density: impl Fn(f64) -> f64, seed: u64, stream: u64) -> Self {
@@ -122,7 +122,7 @@ impl<const C: usize> Noise<C> {
     }
 }
 
-impl Noise<4> {
+impl NoiseStream<4> {
     /// Makes `share` of the power a diffuse field between hydrophones at `position_m`: coherence
     /// `sin(kd)/(kd)`, `k = 2πf/c` (Cook et al., J. Acoust. Soc. Am. 27, 1955). The mixing is the symmetric square root
     /// of the coherence matrix, which varies smoothly with frequency.
@@ -207,9 +207,9 @@ mod tests {
 
     #[test]
     fn density_and_coherence_are_those_asked_for() {
-        let shape = Shape { knee_hz: 200.0, slope_db_per_decade: -20.0 };
+        let shape = SpectrumShape { knee_hz: 200.0, slope_db_per_decade: -20.0 };
         let positions = [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38], [0.0, 0.0, 1.13]];
-        let mut noise = Noise::<4>::new(RATE, 1024, |f| 9.0 * shape.density(f), 5, 0)
+        let mut noise = NoiseStream::<4>::new(RATE, 1024, |f| 9.0 * shape.density(f), 5, 0)
             .diffuse(RATE, &positions, 1484.0, 0.8);
         let mut out: [Vec<f32>; 4] = Default::default();
         while out[0].len() < 2_000_000 {
@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn power_of_a_flat_spectrum_is_its_width() {
-        let s = Shape { knee_hz: 100.0, slope_db_per_decade: 0.0 };
+        let s = SpectrumShape { knee_hz: 100.0, slope_db_per_decade: 0.0 };
         assert!((s.power(50.0, 1050.0) - 1000.0).abs() < 1e-9);
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::recording::write::Encoding;
 pub use crate::scenario::{Affected, Gap, Side, Straight};
-use crate::scenario::{Kind, ScenarioFile, Wrong, check_gaps, forever, utc, within};
+use crate::scenario::{ScenarioFile, ScenarioKind, Wrong, check_gaps, forever, utc, within};
 use crate::station::Station;
 use crate::toml_file::TomlFile;
 use anyhow::{Context, Result};
@@ -15,7 +15,7 @@ pub const HIGHEST: f64 = 0.44;
 
 /// What is simulated.
 #[derive(Clone, Debug)]
-pub struct Scenario {
+pub struct ArrayScenario {
     /// The recorder.
     pub station: Station,
     /// Text of its station file, written beside the recording.
@@ -27,17 +27,17 @@ pub struct Scenario {
     /// UTC of the first sample.
     pub start: OffsetDateTime,
     /// The recorder's electronics and files.
-    pub recorder: Recorder,
+    pub recorder: RecorderModel,
     /// The sea.
     pub water: Water,
     /// Noise of the sea.
-    pub ambient: Ambient,
+    pub ambient: AmbientSpectrum,
     /// Vessels.
-    pub vessels: Vec<Vessel>,
+    pub vessels: Vec<ArrayVessel>,
     /// Times without samples.
     pub gaps: Vec<Gap>,
     /// Damage to channels.
-    pub faults: Vec<Fault>,
+    pub faults: Vec<ArrayFault>,
     /// Step of `truth.csv`, seconds.
     pub truth_step_s: f64,
 }
@@ -54,17 +54,17 @@ struct File {
     #[serde(rename = "start_utc", default = "default_start", deserialize_with = "utc")]
     start: OffsetDateTime,
     #[serde(default)]
-    recorder: Recorder,
+    recorder: RecorderModel,
     #[serde(default)]
     water: Water,
     #[serde(default)]
-    ambient: Ambient,
+    ambient: AmbientSpectrum,
     #[serde(default)]
-    vessels: Vec<Vessel>,
+    vessels: Vec<ArrayVessel>,
     #[serde(default)]
     gaps: Vec<Gap>,
     #[serde(default)]
-    faults: Vec<Fault>,
+    faults: Vec<ArrayFault>,
     #[serde(default = "half")]
     truth_step_s: f64,
 }
@@ -81,7 +81,7 @@ fn half() -> f64 {
 /// Preamplifier, converter, clock and files.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Recorder {
+pub struct RecorderModel {
     /// Samples as 24-bit integers or floating point.
     pub encoding: Encoding,
     /// Gain between hydrophone and converter, dB.
@@ -96,7 +96,7 @@ pub struct Recorder {
     pub file_s: f64,
 }
 
-impl Default for Recorder {
+impl Default for RecorderModel {
     fn default() -> Self {
         Self {
             encoding: Encoding::Int24,
@@ -126,7 +126,7 @@ impl Default for Water {
 /// Ambient noise: flat up to the knee, then falling by a slope.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Ambient {
+pub struct AmbientSpectrum {
     /// Spectral density at 1 kHz, dB re 1 µPa²/Hz.
     pub level_db_1khz: f64,
     /// Instead: signal-to-noise ratio of the first vessel's direct sound at its closest point, in the station's band, dB.
@@ -140,7 +140,7 @@ pub struct Ambient {
     pub diffuse_share: f64,
 }
 
-impl Default for Ambient {
+impl Default for AmbientSpectrum {
     // About sea state 2 with the slope of wind noise (-5 dB an octave).
     fn default() -> Self {
         Self {
@@ -156,7 +156,7 @@ impl Default for Ambient {
 /// One vessel.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Vessel {
+pub struct ArrayVessel {
     /// Name in `truth.csv`.
     pub name: String,
     /// Straight course at constant speed.
@@ -226,7 +226,7 @@ fn one() -> u32 {
 /// What happens to a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase", tag = "kind")]
-pub enum Fault {
+pub enum ArrayFault {
     /// Zero.
     Dead(Affected),
     /// The last code before it, over and over.
@@ -269,14 +269,14 @@ pub struct Swap {
     pub to_s: f64,
 }
 
-impl Scenario {
+impl ArrayScenario {
     /// Reads and checks an array scenario and the station file it names (relative to its own folder).
     ///
     /// # Errors
     /// One line: file, line, key, and what is allowed.
     pub fn read(path: &Path) -> Result<Self> {
         let scenario = ScenarioFile::read(path)?;
-        scenario.expect(Kind::Array)?;
+        scenario.expect(ScenarioKind::Array)?;
         let (source, folder) = (&scenario.source, &scenario.folder);
         let file: File = source.parse()?;
         let station_path = folder.join(&file.station);
@@ -286,7 +286,7 @@ impl Scenario {
         let vessels = file
             .vessels
             .into_iter()
-            .map(|v| Vessel { track: v.track.as_ref().map(|t| folder.join(t)), ..v })
+            .map(|v| ArrayVessel { track: v.track.as_ref().map(|t| folder.join(t)), ..v })
             .collect();
         let made = Self {
             station,
@@ -373,15 +373,15 @@ impl Scenario {
         for (i, f) in self.faults.iter().enumerate() {
             let channel = |c: usize| within(&format!("faults.{i}.channel"), c as f64, 0.0, 3.0);
             match *f {
-                Fault::Dead(a) | Fault::Stuck(a) | Fault::Nan(a) => channel(a.channel)?,
-                Fault::Loud(l) => channel(l.channel)?,
-                Fault::Swap(s) => {
+                ArrayFault::Dead(a) | ArrayFault::Stuck(a) | ArrayFault::Nan(a) => channel(a.channel)?,
+                ArrayFault::Loud(l) => channel(l.channel)?,
+                ArrayFault::Swap(s) => {
                     for c in s.channels {
                         within(&format!("faults.{i}.channels"), c as f64, 0.0, 3.0)?;
                     }
                 }
             }
-            if matches!(f, Fault::Nan(_)) && self.recorder.encoding != Encoding::Float {
+            if matches!(f, ArrayFault::Nan(_)) && self.recorder.encoding != Encoding::Float {
                 return Err((
                     format!("faults.{i}"),
                     "a fault of kind nan needs `encoding = \"float\"`".to_owned(),

@@ -1,7 +1,7 @@
 //! The sound a vessel makes, as pressure 1 m from it: noise of a ship-like spectrum, modulated, and tones.
 
-use super::noise::{Noise, Shape};
-use super::scenario::{HIGHEST, Vessel};
+use super::noise::{NoiseStream, SpectrumShape};
+use super::scenario::{ArrayVessel, HIGHEST};
 use seabearing_signal::interpolate::TAPS;
 use std::f64::consts::TAU;
 
@@ -32,8 +32,8 @@ impl Oscillator {
 }
 
 /// A stretch of one vessel's sound that moves along as time goes on.
-pub struct Source {
-    noise: Noise<1>,
+pub struct VesselSound {
+    noise: NoiseStream<1>,
     tones: Vec<Oscillator>,
     modulation: Vec<Oscillator>,
     rate_hz: f64,
@@ -45,12 +45,12 @@ pub struct Source {
     envelope: Vec<f32>,
 }
 
-impl Source {
+impl VesselSound {
     /// The sound of a vessel from `start_s` on. `stream` separates vessels of one seed.
-    pub fn new(vessel: &Vessel, rate_hz: f64, start_s: f64, seed: u64, stream: u64) -> Self {
+    pub fn new(vessel: &ArrayVessel, rate_hz: f64, start_s: f64, seed: u64, stream: u64) -> Self {
         let highest = HIGHEST * rate_hz;
         let density = density(vessel, rate_hz);
-        let noise = Noise::new(
+        let noise = NoiseStream::new(
             rate_hz,
             HOP,
             |f| if (LOWEST_HZ..=highest).contains(&f) { density(f) } else { 0.0 },
@@ -155,8 +155,8 @@ impl Source {
 }
 
 /// Spectral density of a vessel's noise 1 m from it, µPa²/Hz, as a function of frequency.
-pub fn density(vessel: &Vessel, rate_hz: f64) -> impl Fn(f64) -> f64 + Copy + use<> {
-    let shape = Shape { knee_hz: vessel.knee_hz, slope_db_per_decade: vessel.slope_db_per_decade };
+pub fn density(vessel: &ArrayVessel, rate_hz: f64) -> impl Fn(f64) -> f64 + Copy + use<> {
+    let shape = SpectrumShape { knee_hz: vessel.knee_hz, slope_db_per_decade: vessel.slope_db_per_decade };
     let scale = 10f64.powf(vessel.source_level_db / 10.0) / shape.power(LOWEST_HZ, HIGHEST * rate_hz);
     move |f| scale * shape.density(f)
 }
@@ -166,8 +166,8 @@ mod tests {
     use super::*;
     use crate::world::scenario::{Modulation, Tone};
 
-    fn vessel() -> Vessel {
-        Vessel {
+    fn vessel() -> ArrayVessel {
+        ArrayVessel {
             name: "v".into(),
             straight: None,
             track: None,
@@ -180,8 +180,8 @@ mod tests {
         }
     }
 
-    fn level_db(v: &Vessel) -> f64 {
-        let mut s = Source::new(v, 16_000.0, 0.0, 3, 1);
+    fn level_db(v: &ArrayVessel) -> f64 {
+        let mut s = VesselSound::new(v, 16_000.0, 0.0, 3, 1);
         s.cover(0.0, 800_000.0);
         let power: f64 = s.kept.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>() / s.kept.len() as f64;
         10.0 * power.log10()
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn what_is_covered_does_not_depend_on_the_order_of_asking() {
         let at = |spans: &[(f64, f64)]| {
-            let mut s = Source::new(&vessel(), 16_000.0, -2.0, 3, 1);
+            let mut s = VesselSound::new(&vessel(), 16_000.0, -2.0, 3, 1);
             for (a, b) in spans {
                 s.cover(*a, *b);
             }

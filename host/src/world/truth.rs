@@ -1,7 +1,7 @@
 //! `truth.csv`: where every vessel really was.
 
 use super::array::{ambient_power, motions, signal_power};
-use super::scenario::Scenario;
+use super::scenario::ArrayScenario;
 use anyhow::Result;
 use std::fmt::Write;
 
@@ -13,7 +13,7 @@ arrival_azimuth_deg,arrival_elevation_deg,speed_m_s,heading_deg,cpa_time_s,cpa_r
 ///
 /// # Errors
 /// A vessel's track file cannot be used.
-pub fn csv(scenario: &Scenario) -> Result<String> {
+pub fn csv(scenario: &ArrayScenario) -> Result<String> {
     let motions = motions(scenario)?;
     let config = &scenario.station.config;
     let noise = ambient_power(scenario, &motions);

@@ -28,7 +28,7 @@ const RIVAL_NEEDS: usize = 6;
 
 /// Where the next bearing is expected.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Prediction {
+pub struct ExpectedDirection {
     /// Expected direction.
     pub direction: Direction,
     /// Angle about it within which a solution continues the track, radians.
@@ -73,7 +73,7 @@ impl Continuity {
     }
 
     /// Where the next bearing is expected at `t_s`; `None` before three bearings or after a long silence.
-    pub fn predict(&self, t_s: f64) -> Option<Prediction> {
+    pub fn predict(&self, t_s: f64) -> Option<ExpectedDirection> {
         self.main.predict(t_s)
     }
 
@@ -129,7 +129,7 @@ impl Continuity {
     }
 }
 
-fn within(p: &Prediction, direction: &Direction) -> bool {
+fn within(p: &ExpectedDirection, direction: &Direction) -> bool {
     wavefront::dot(&p.direction, direction) >= m::cos(p.gate)
 }
 
@@ -165,7 +165,7 @@ impl Hypothesis {
         })
     }
 
-    fn predict(&self, t_s: f64) -> Option<Prediction> {
+    fn predict(&self, t_s: f64) -> Option<ExpectedDirection> {
         let (at, last) = self.last()?;
         let age = t_s - at;
         if self.count < ESTABLISHED || !(0.0..=MEMORY_S).contains(&age) {
@@ -191,7 +191,7 @@ impl Hypothesis {
             *x = sloped.map(|f| f.at(age)).or(line.mean()).unwrap_or(0.0) as f32;
         }
         let length = m::sqrt(wavefront::dot(&v, &v));
-        (length > 0.5).then(|| Prediction { direction: v.map(|x| x / length), gate: gate(ahead) })
+        (length > 0.5).then(|| ExpectedDirection { direction: v.map(|x| x / length), gate: gate(ahead) })
     }
 }
 

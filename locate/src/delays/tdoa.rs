@@ -46,7 +46,7 @@ pub struct Solver {
 
 /// One set's direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Solution {
+pub struct DelaySolution {
     /// Unit vector towards the source.
     pub direction: Direction,
     /// Azimuth, radians clockwise from North.
@@ -118,7 +118,7 @@ impl Solver {
         continuity: &mut Continuity,
         t_s: f64,
         delays_s: &[f32; PAIR_COUNT],
-    ) -> Option<Solution> {
+    ) -> Option<DelaySolution> {
         if delays_s.iter().any(|d| !d.is_finite()) {
             return None;
         }
@@ -274,7 +274,7 @@ impl Solver {
         Some(factor.solve(&normal.gradient).map(|x| x as f32))
     }
 
-    fn solution(&self, fit: &Fit, closure_s: f32, accepted: bool, continuity: &Continuity) -> Solution {
+    fn solution(&self, fit: &Fit, closure_s: f32, accepted: bool, continuity: &Continuity) -> DelaySolution {
         let (azimuth, elevation) = wavefront::angles(&fit.direction);
         let own = fit.residual_s * fit.residual_s * fit.used.count_ones() as f32
             / (fit.used.count_ones() as f32 - 2.0).max(1.0);
@@ -285,7 +285,7 @@ impl Solver {
         let most = m::PI * m::PI / 3.0;
         let misfit = fit.residual_s / self.tolerance_s;
         let length_misfit = (fit.length - 1.0) / LENGTH_TOLERANCE;
-        Solution {
+        DelaySolution {
             direction: fit.direction,
             azimuth,
             elevation,

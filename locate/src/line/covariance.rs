@@ -6,12 +6,12 @@
 
 use super::MAX_SENSORS;
 use super::complex::Complex;
-use super::hermitian::Matrix;
+use super::hermitian::HermitianMatrix;
 
 /// Mixes the mean outer product of new snapshots into a covariance; `share` is μ (zero: nothing of the past).
 /// Snapshots with a value that is not finite are left out; how many were used is returned.
 pub fn update(
-    covariance: &mut Matrix,
+    covariance: &mut HermitianMatrix,
     sensors: usize,
     share: f64,
     snapshots: &[[Complex; MAX_SENSORS]],
@@ -39,7 +39,12 @@ pub fn update(
 }
 
 /// Forward-backward, spatially smoothed covariance over `subarrays` overlapping subarrays; returns their length m.
-pub fn smooth(covariance: &Matrix, sensors: usize, subarrays: usize, out: &mut Matrix) -> usize {
+pub fn smooth(
+    covariance: &HermitianMatrix,
+    sensors: usize,
+    subarrays: usize,
+    out: &mut HermitianMatrix,
+) -> usize {
     let sensors = sensors.min(MAX_SENSORS);
     let length = (sensors + 1).saturating_sub(subarrays.max(1));
     let weight = 0.5 / subarrays.max(1) as f64;
@@ -58,7 +63,7 @@ pub fn smooth(covariance: &Matrix, sensors: usize, subarrays: usize, out: &mut M
     length
 }
 
-fn at(a: &Matrix, i: usize, j: usize) -> Complex {
+fn at(a: &HermitianMatrix, i: usize, j: usize) -> Complex {
     a.get(i).and_then(|row| row.get(j)).copied().unwrap_or(Complex::ZERO)
 }
 

@@ -6,14 +6,14 @@ use crate::math::f64 as m;
 use nalgebra::{SMatrix, SymmetricEigen};
 
 /// A square matrix; only the leading n×n part is used.
-pub type Matrix = [[Complex; MAX_SENSORS]; MAX_SENSORS];
+pub type HermitianMatrix = [[Complex; MAX_SENSORS]; MAX_SENSORS];
 
 /// Most iterations; about two a row are usual.
 const ITERATIONS: usize = 30 * MAX_SENSORS;
 
 /// Diagonalises the leading n×n part of `a` (destroyed: eigenvalues stay on its diagonal); columns of `vectors` become
 /// the eigenvectors. Returns whether it converged; a matrix that is not finite does not.
-pub fn eigen(a: &mut Matrix, n: usize, vectors: &mut Matrix) -> bool {
+pub fn eigen(a: &mut HermitianMatrix, n: usize, vectors: &mut HermitianMatrix) -> bool {
     let n = n.min(MAX_SENSORS);
     let leading = a.iter().take(n).flat_map(|row| row.iter().take(n));
     let size = m::sqrt(leading.map(|x| x.norm_sqr()).sum());
@@ -50,7 +50,7 @@ mod tests {
     #[test]
     fn eigenvectors_rebuild_the_matrix() {
         let n = 19;
-        let mut a: Matrix = [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS];
+        let mut a: HermitianMatrix = [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS];
         for i in 0..n {
             for j in 0..i {
                 let (x, y) = ((i * 7 + j * 3) as f64, (i * 5 + j * j) as f64);
@@ -60,7 +60,7 @@ mod tests {
             a[i][i] = Complex::new((i as f64).cos(), 0.0);
         }
         let original = a;
-        let mut v: Matrix = [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS];
+        let mut v: HermitianMatrix = [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS];
         assert!(eigen(&mut a, n, &mut v));
         for i in 0..n {
             for j in 0..n {
@@ -78,7 +78,7 @@ mod tests {
 
     #[test]
     fn nonsense_is_reported() {
-        let mut a: Matrix = [[Complex::new(f64::NAN, 0.0); MAX_SENSORS]; MAX_SENSORS];
+        let mut a: HermitianMatrix = [[Complex::new(f64::NAN, 0.0); MAX_SENSORS]; MAX_SENSORS];
         let mut v = a;
         assert!(!eigen(&mut a, 4, &mut v));
     }

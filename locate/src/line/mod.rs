@@ -17,7 +17,7 @@ pub mod music;
 pub mod roots;
 
 pub use complex::{Complex, unit};
-pub use music::{Arrival, LineError, LinePlan, Method, Scratch, State};
+pub use music::{LineArrival, LineError, LinePlan, MusicMethod, Scratch, State};
 
 use crate::angle::wrap_tau;
 use crate::math::f64 as m;

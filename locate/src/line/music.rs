@@ -11,7 +11,7 @@
 
 use super::complex::{Complex, norm, phase, unit};
 use super::covariance::{smooth, update};
-use super::hermitian::{Matrix, eigen};
+use super::hermitian::{HermitianMatrix, eigen};
 use super::roots::{MAX_COEFFICIENTS, roots};
 use super::{MAX_SENSORS, MAX_SOURCES};
 use crate::kit::golden;
@@ -22,7 +22,7 @@ const GRID: usize = 512;
 
 /// How the noise subspace is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
+pub enum MusicMethod {
     /// Minima of the null spectrum.
     Spectrum,
     /// Roots of its polynomial.
@@ -71,7 +71,7 @@ pub struct LinePlan {
 /// Covariance so far.
 #[derive(Clone, Debug)]
 pub struct State {
-    covariance: Matrix,
+    covariance: HermitianMatrix,
     /// Effective number of independent snapshots in it.
     snapshots: f64,
 }
@@ -79,14 +79,14 @@ pub struct State {
 /// Working memory of a step.
 #[derive(Clone, Debug)]
 pub struct Scratch {
-    matrix: Matrix,
-    vectors: Matrix,
+    matrix: HermitianMatrix,
+    vectors: HermitianMatrix,
     roots: [Complex; MAX_COEFFICIENTS],
 }
 
 /// One source.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Arrival {
+pub struct LineArrival {
     /// Sine of the bearing from broadside, positive towards rising sensor numbers.
     pub sine: f64,
     /// Its standard deviation.
@@ -162,8 +162,8 @@ impl LinePlan {
         state: &mut State,
         scratch: &mut Scratch,
         snapshots: &[[Complex; MAX_SENSORS]],
-        method: Method,
-        arrivals: &mut [Arrival; MAX_SOURCES],
+        method: MusicMethod,
+        arrivals: &mut [LineArrival; MAX_SOURCES],
     ) -> Result<usize, LineError> {
         let share = if state.snapshots > 0.0 { self.forgetting } else { 0.0 };
         let used = update(&mut state.covariance, self.sensors, share, snapshots) as f64;
@@ -183,8 +183,8 @@ impl LinePlan {
         let noise = self.noise_power(&scratch.matrix, length, &signal);
         let coefficients = projector(&scratch.vectors, length, &signal);
         let count = match method {
-            Method::Spectrum => self.minima(&coefficients, length, arrivals),
-            Method::Root => self.nearest_roots(&coefficients, length, &mut scratch.roots, arrivals),
+            MusicMethod::Spectrum => self.minima(&coefficients, length, arrivals),
+            MusicMethod::Root => self.nearest_roots(&coefficients, length, &mut scratch.roots, arrivals),
         };
         for arrival in arrivals.iter_mut().take(count) {
             let (sd, snr) = self.accuracy(arrival.sine, scratch, length, &signal, noise, state.snapshots);
@@ -195,7 +195,7 @@ impl LinePlan {
     }
 
     /// Which columns of the eigenvectors belong to the largest eigenvalues.
-    fn signal_columns(&self, values: &Matrix, length: usize) -> [bool; MAX_SENSORS] {
+    fn signal_columns(&self, values: &HermitianMatrix, length: usize) -> [bool; MAX_SENSORS] {
         let mut signal = [false; MAX_SENSORS];
         for _ in 0..self.sources {
             let mut best: Option<(usize, f64)> = None;
@@ -214,7 +214,7 @@ impl LinePlan {
     }
 
     /// Mean of the other eigenvalues.
-    fn noise_power(&self, values: &Matrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
+    fn noise_power(&self, values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
         let sum: f64 = values
             .iter()
             .zip(signal)
@@ -231,7 +231,7 @@ impl LinePlan {
         &self,
         coefficients: &[Complex; MAX_SENSORS],
         length: usize,
-        arrivals: &mut [Arrival; MAX_SOURCES],
+        arrivals: &mut [LineArrival; MAX_SOURCES],
     ) -> usize {
         let at = |k: usize| self.phase * (2.0 * k as f64 / GRID as f64 - 1.0);
         let mut found: [(f64, f64); MAX_SOURCES] = [(f64::INFINITY, 0.0); MAX_SOURCES];
@@ -254,7 +254,7 @@ impl LinePlan {
         let mut count = 0;
         for (arrival, (depth, w)) in arrivals.iter_mut().zip(&found).take(self.sources) {
             if depth.is_finite() {
-                *arrival = Arrival { sine: w / self.phase, sd: 0.0, snr: 0.0 };
+                *arrival = LineArrival { sine: w / self.phase, sd: 0.0, snr: 0.0 };
                 count += 1;
             }
         }
@@ -267,7 +267,7 @@ impl LinePlan {
         coefficients: &[Complex; MAX_SENSORS],
         length: usize,
         found: &mut [Complex; MAX_COEFFICIENTS],
-        arrivals: &mut [Arrival; MAX_SOURCES],
+        arrivals: &mut [LineArrival; MAX_SOURCES],
     ) -> usize {
         let mut polynomial = [Complex::ZERO; MAX_COEFFICIENTS];
         let centre = length - 1;
@@ -298,7 +298,7 @@ impl LinePlan {
         let mut count = 0;
         for (arrival, (distance, sine)) in arrivals.iter_mut().zip(&best).take(self.sources) {
             if distance.is_finite() {
-                *arrival = Arrival { sine: *sine, sd: 0.0, snr: 0.0 };
+                *arrival = LineArrival { sine: *sine, sd: 0.0, snr: 0.0 };
                 count += 1;
             }
         }
@@ -368,7 +368,11 @@ impl LinePlan {
 
 /// Sums of the diagonals of the noise projector `I − E_s E_sᴴ`: coefficients 0 to m − 1 of the Laurent polynomial (the
 /// negative ones are conjugates).
-fn projector(vectors: &Matrix, length: usize, signal: &[bool; MAX_SENSORS]) -> [Complex; MAX_SENSORS] {
+fn projector(
+    vectors: &HermitianMatrix,
+    length: usize,
+    signal: &[bool; MAX_SENSORS],
+) -> [Complex; MAX_SENSORS] {
     let mut out = [Complex::ZERO; MAX_SENSORS];
     if let Some(first) = out.first_mut() {
         first.re = length as f64;
@@ -428,8 +432,8 @@ mod tests {
             .collect()
     }
 
-    fn find(sines: &[f64], coherent: bool, noise: f64, method: Method) -> std::vec::Vec<Arrival> {
-        let mut arrivals = [Arrival::default(); MAX_SOURCES];
+    fn find(sines: &[f64], coherent: bool, noise: f64, method: MusicMethod) -> std::vec::Vec<LineArrival> {
+        let mut arrivals = [LineArrival::default(); MAX_SOURCES];
         let n = plan(sines.len())
             .step(
                 &mut State::new(),
@@ -446,7 +450,7 @@ mod tests {
 
     #[test]
     fn one_wave_without_noise_is_found_exactly() {
-        for method in [Method::Spectrum, Method::Root] {
+        for method in [MusicMethod::Spectrum, MusicMethod::Root] {
             for sine in [-0.93, -0.2, 0.0, 0.573] {
                 let found = find(&[sine], false, 0.0, method);
                 assert!((found[0].sine - sine).abs() < 1e-6, "{method:?} {sine} {found:?}");
@@ -456,7 +460,7 @@ mod tests {
 
     #[test]
     fn two_waves_are_told_apart_even_if_coherent() {
-        for method in [Method::Spectrum, Method::Root] {
+        for method in [MusicMethod::Spectrum, MusicMethod::Root] {
             for coherent in [false, true] {
                 let found = find(&[0.1, 0.25], coherent, 0.1, method);
                 assert_eq!(found.len(), 2);
@@ -469,7 +473,7 @@ mod tests {
 
     #[test]
     fn the_signal_to_noise_ratio_is_seen() {
-        let found = find(&[0.3], false, 10f64.powf(-0.5), Method::Root);
+        let found = find(&[0.3], false, 10f64.powf(-0.5), MusicMethod::Root);
         assert!((10.0 * found[0].snr.log10() - 10.0).abs() < 0.7, "{found:?}");
     }
 
@@ -480,8 +484,9 @@ mod tests {
         assert_eq!(new(23, 1.2, 5), Err(LineError::Aliased));
         assert_eq!(new(33, 0.75, 5), Err(LineError::Settings));
         assert_eq!(new(5, 0.75, 4), Err(LineError::Settings));
-        let mut arrivals = [Arrival::default(); MAX_SOURCES];
-        let none = plan(1).step(&mut State::new(), &mut Scratch::new(), &[], Method::Root, &mut arrivals);
+        let mut arrivals = [LineArrival::default(); MAX_SOURCES];
+        let none =
+            plan(1).step(&mut State::new(), &mut Scratch::new(), &[], MusicMethod::Root, &mut arrivals);
         assert_eq!(none, Err(LineError::NoSnapshot));
     }
 }

@@ -124,7 +124,7 @@ pub fn fit<const N: usize>(
     let plan = Plan::new(config.model, config.tau_s, times, work, dense).map_err(FitError::Whiten)?;
     let free = config.free();
     let stride = samples.len().div_ceil(THINNED).max(1);
-    let white = Plan { method: super::whiten::Method::Chain, model: Model::White, ..plan };
+    let white = Plan { method: super::whiten::WhitenMethod::Chain, model: Model::White, ..plan };
     let pairs = samples.iter().map(|s| (s.t_s, s.azimuth_rad));
     let mut best: Option<Point> = None;
     let mut tried = [None; STARTS];

@@ -65,7 +65,7 @@ impl<const N: usize> Default for Workspace<N> {
 
 /// How a batch is whitened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
+pub enum WhitenMethod {
     /// Sample by sample, exact for any times.
     Chain,
     /// Linear model as interleaved chains of differences.
@@ -110,7 +110,7 @@ pub struct Plan {
     /// Correlation interval, s.
     pub tau_s: f64,
     /// How it is done.
-    pub method: Method,
+    pub method: WhitenMethod,
     /// White part added to the unit variance (0 where the model is regular enough).
     pub nugget: f64,
     /// Least prediction-error variance over the first, before anything was added.
@@ -150,7 +150,7 @@ impl Plan {
         let mut plan = Self {
             model,
             tau_s,
-            method: Method::Chain,
+            method: WhitenMethod::Chain,
             nugget: 0.0,
             condition: 1.0,
             first_s,
@@ -174,12 +174,12 @@ impl Plan {
             let steps = tau_s / plan.step_s;
             let whole = m::round(steps);
             if model == Model::Linear && missing == 0 && (steps - whole).abs() < 1e-6 * steps && whole < 1e6 {
-                plan.method = Method::Differences;
+                plan.method = WhitenMethod::Differences;
                 plan.lag = whole as usize;
                 plan.condition = 1.0 / whole;
                 return Ok(plan);
             }
-            plan.method = Method::Levinson { missing: missing as u16 };
+            plan.method = WhitenMethod::Levinson { missing: missing as u16 };
             plan.condition = plan.worst_prediction(work);
             if plan.condition < CONDITION {
                 plan.nugget = CONDITION;
@@ -189,7 +189,7 @@ impl Plan {
             }
             return Ok(plan);
         }
-        plan.method = Method::Dense;
+        plan.method = WhitenMethod::Dense;
         let needed = n * (n + 1) / 2;
         let Some(memory) = dense.get_mut(..needed) else { return Err(WhitenError::Memory(needed)) };
         plan.condition = factorise(model, tau_s, 0.0, times.clone(), memory);
@@ -260,7 +260,7 @@ impl Plan {
         dense: &[f64],
         mut fill: impl FnMut(usize, f64) -> [f64; COLUMNS],
     ) -> Option<Normal> {
-        if self.method == Method::Chain {
+        if self.method == WhitenMethod::Chain {
             let on = self.model == Model::Markov;
             let mut chain = Chain::new(if on { 1.0 } else { 0.0 }, self.tau_s);
             let colour = Colour::single(1.0, if on { 0.0 } else { 1.0 });
@@ -269,7 +269,7 @@ impl Plan {
             }
             return Some(chain.normal);
         }
-        let grid = matches!(self.method, Method::Levinson { missing: 1.. });
+        let grid = matches!(self.method, WhitenMethod::Levinson { missing: 1.. });
         if grid {
             for row in work.rows.iter_mut().take(self.positions) {
                 *row = [0.0; COLUMNS];
@@ -282,8 +282,8 @@ impl Plan {
             count += 1;
         }
         match self.method {
-            Method::Differences => Some(differences(work.rows.get_mut(..count)?, self.lag)),
-            Method::Levinson { missing } => self.levinson(usize::from(missing), work),
+            WhitenMethod::Differences => Some(differences(work.rows.get_mut(..count)?, self.lag)),
+            WhitenMethod::Levinson { missing } => self.levinson(usize::from(missing), work),
             _ => substitute(work.rows.get_mut(..count)?, dense),
         }
     }
@@ -444,9 +444,9 @@ mod tests {
         let mut work = Workspace::<401>::new();
         let times = (0..401).map(|k| 0.5 * f64::from(k));
         let plan = Plan::new(Model::Linear, 50.0, times.clone(), &mut work, &mut []).unwrap();
-        assert_eq!(plan.method, Method::Differences);
+        assert_eq!(plan.method, WhitenMethod::Differences);
         let fast = plan.normal(times.clone(), &mut work, &[], |_, t| rows(t)).unwrap();
-        let slow = Plan { method: Method::Levinson { missing: 0 }, ..plan };
+        let slow = Plan { method: WhitenMethod::Levinson { missing: 0 }, ..plan };
         same(&fast, &slow.normal(times, &mut work, &[], |_, t| rows(t)).unwrap(), 1e-8);
     }
 

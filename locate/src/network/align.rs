@@ -6,7 +6,7 @@
 //!
 //! Fails (says so) where the vessel's direction hardly changes, or where the best shift is at a limit.
 
-use super::known_track::{TrackError, TrackPoint, check, position_at};
+use super::known_track::{KnownTrackError, TrackPoint, check, position_at};
 use super::model::bearing;
 use crate::angle::wrap_pi;
 use crate::kit::{Huber, golden};
@@ -19,7 +19,7 @@ const GRID: u32 = 200;
 
 /// One bearing of the vessel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heard {
+pub struct TimedBearing {
     /// Time, seconds, on the track's clock.
     pub t_s: f64,
     /// Azimuth, radians, where used.
@@ -56,9 +56,9 @@ pub struct Shift {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AlignError {
     /// The track is unusable.
-    Track(TrackError),
+    Track(KnownTrackError),
     /// A setting is not a positive finite number.
-    Settings,
+    FixSettings,
     /// Fewer than [`LEAST_BEARINGS`] bearings fall on the track.
     TooFew,
     /// The direction of the vessel hardly changes, or the best shift is at a limit.
@@ -68,10 +68,10 @@ pub enum AlignError {
 impl core::fmt::Display for AlignError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
-            Self::Track(TrackError::TooShort) => "the track has fewer than two positions",
-            Self::Track(TrackError::NotIncreasing(_)) => "the track's times do not rise",
-            Self::Track(TrackError::NotFinite) => "a position of the track is not a number",
-            Self::Settings => "a setting is not a positive number",
+            Self::Track(KnownTrackError::TooShort) => "the track has fewer than two positions",
+            Self::Track(KnownTrackError::NotIncreasing(_)) => "the track's times do not rise",
+            Self::Track(KnownTrackError::NotFinite) => "a position of the track is not a number",
+            Self::FixSettings => "a setting is not a positive number",
             Self::TooFew => "fewer than eight bearings fall on the track",
             Self::NotObservable => {
                 "not observable: the vessel's direction hardly changes, or the shift is at its limit"
@@ -86,13 +86,17 @@ impl core::error::Error for AlignError {}
 ///
 /// # Errors
 /// [`AlignError`].
-pub fn align(heard: &[Heard], track: &[TrackPoint], settings: &AlignSettings) -> Result<Shift, AlignError> {
+pub fn align(
+    heard: &[TimedBearing],
+    track: &[TrackPoint],
+    settings: &AlignSettings,
+) -> Result<Shift, AlignError> {
     check(track).map_err(AlignError::Track)?;
     let [sa, sb] = settings.sd;
     let limit = settings.largest_shift_s;
     let positive = sa > 0.0 && sb > 0.0 && limit > 0.0 && settings.gap_s > 0.0;
     if !positive || !(sa + sb + limit).is_finite() || !settings.array_m.iter().all(|x| x.is_finite()) {
-        return Err(AlignError::Settings);
+        return Err(AlignError::FixSettings);
     }
     let most = (0..=GRID).map(|k| mean_cost(heard, track, settings, at(limit, k)).1).max().unwrap_or(0);
     if most < LEAST_BEARINGS {
@@ -126,7 +130,12 @@ fn at(limit: f64, k: u32) -> f64 {
 }
 
 /// Mean Huber loss of the standardised residuals at a shift, and the number of bearings on the track.
-fn mean_cost(heard: &[Heard], track: &[TrackPoint], settings: &AlignSettings, tau: f64) -> (f64, usize) {
+fn mean_cost(
+    heard: &[TimedBearing],
+    track: &[TrackPoint],
+    settings: &AlignSettings,
+    tau: f64,
+) -> (f64, usize) {
     let (mut sum, mut n) = (0.0, 0usize);
     for h in heard {
         let Some(residuals) = residuals(h, track, settings, tau) else { continue };
@@ -139,7 +148,7 @@ fn mean_cost(heard: &[Heard], track: &[TrackPoint], settings: &AlignSettings, ta
 }
 
 /// Standardised azimuth and elevation residuals of one bearing; zero where an angle is not used.
-fn residuals(h: &Heard, track: &[TrackPoint], settings: &AlignSettings, tau: f64) -> Option<[f64; 2]> {
+fn residuals(h: &TimedBearing, track: &[TrackPoint], settings: &AlignSettings, tau: f64) -> Option<[f64; 2]> {
     let p = position_at(track, h.t_s - tau, settings.gap_s)?;
     let (azimuth, elevation) = bearing(&settings.array_m, &p);
     let [sa, sb] = settings.sd;
@@ -149,7 +158,12 @@ fn residuals(h: &Heard, track: &[TrackPoint], settings: &AlignSettings, tau: f64
 }
 
 /// Mean squared standardised residual, information about the shift (1/s²) and bearings used.
-fn curvature(heard: &[Heard], track: &[TrackPoint], settings: &AlignSettings, tau: f64) -> (f64, f64, usize) {
+fn curvature(
+    heard: &[TimedBearing],
+    track: &[TrackPoint],
+    settings: &AlignSettings,
+    tau: f64,
+) -> (f64, f64, usize) {
     const STEP_S: f64 = 0.05;
     let (mut squares, mut information, mut angles, mut n) = (0.0, 0.0, 0.0, 0usize);
     for h in heard {
@@ -193,7 +207,7 @@ mod tests {
         AlignSettings { array_m: [0.0, 0.0, -168.0], sd: [0.026, 0.028], largest_shift_s: 40.0, gap_s: 60.0 }
     }
 
-    fn heard(shift: f64, azimuth: bool, elevation: bool) -> Vec<Heard> {
+    fn heard(shift: f64, azimuth: bool, elevation: bool) -> Vec<TimedBearing> {
         let track = passage();
         (0..200)
             .filter_map(|k| {
@@ -202,7 +216,11 @@ mod tests {
                 let (a, b) = bearing(&[0.0, 0.0, -168.0], &p);
                 // A regular error of one standard deviation, and one bearing in twenty that is wrong altogether.
                 let e = if k % 2 == 0 { 0.01 } else { -0.01 } + if k % 20 == 7 { 0.8 } else { 0.0 };
-                Some(Heard { t_s, azimuth: azimuth.then_some(a + e), elevation: elevation.then_some(b - e) })
+                Some(TimedBearing {
+                    t_s,
+                    azimuth: azimuth.then_some(a + e),
+                    elevation: elevation.then_some(b - e),
+                })
             })
             .collect()
     }
@@ -223,7 +241,7 @@ mod tests {
             .collect();
         let (a, _) = bearing(&settings().array_m, &[500.0, 0.0, -5.0]);
         let heard: Vec<_> = (0..100)
-            .map(|k| Heard { t_s: 100.0 + f64::from(k), azimuth: Some(a), elevation: None })
+            .map(|k| TimedBearing { t_s: 100.0 + f64::from(k), azimuth: Some(a), elevation: None })
             .collect();
         assert_eq!(align(&heard, &track, &settings()), Err(AlignError::NotObservable));
         assert_eq!(align(&heard[..3], &track, &settings()), Err(AlignError::TooFew));

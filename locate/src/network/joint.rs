@@ -27,7 +27,7 @@ const HUBER: Huber = Huber { corner: 3.0 };
 
 /// A bearing with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dated {
+pub struct DatedSighting {
     /// Time of arrival, seconds.
     pub t_s: f64,
     /// Number of the array, below [`MAX_ARRAYS`].
@@ -49,7 +49,7 @@ pub struct JointSettings {
 
 /// A straight track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct JointTrack {
     /// Reference time: the mean of the bearings' times, seconds.
     pub t_ref_s: f64,
     /// x, y (metres) at the reference time, and velocity East, North (m/s).
@@ -66,7 +66,7 @@ pub struct Motion {
 
 /// Closest approach of a track to a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Approach {
+pub struct ClosestApproach {
     /// When, seconds, and its standard deviation.
     pub t_s: (f64, f64),
     /// Horizontal distance, metres, and its standard deviation.
@@ -75,7 +75,7 @@ pub struct Approach {
     pub to_starboard: bool,
 }
 
-impl Motion {
+impl JointTrack {
     /// x, y at a time, metres.
     pub fn position_m(&self, t_s: f64) -> [f64; 2] {
         let [x, y, vx, vy] = self.state;
@@ -97,10 +97,10 @@ impl Motion {
 
     /// Closest approach to a point; `None` for a vessel that does not move. Errors follow from the state's to first
     /// order.
-    pub fn closest(&self, point_m: [f64; 2]) -> Option<Approach> {
+    pub fn closest(&self, point_m: [f64; 2]) -> Option<ClosestApproach> {
         let (a, c) = self.seen_from(point_m)?;
         let sd = |k: usize| m::sqrt(c[k][k].max(0.0));
-        Some(Approach {
+        Some(ClosestApproach {
             t_s: (self.t_ref_s + a.after_s, sd(0)),
             range_m: (m::abs(a.range_m), sd(1)),
             to_starboard: a.range_m > 0.0,
@@ -120,7 +120,7 @@ impl Motion {
 /// # Errors
 /// [`NetworkError::NoBearings`], [`NetworkError::NotFinite`]; [`NetworkError::NotObservable`] where position or
 /// velocity is not determined.
-pub fn fit(bearings: &[Dated], settings: &JointSettings) -> Result<Motion, NetworkError> {
+pub fn fit(bearings: &[DatedSighting], settings: &JointSettings) -> Result<JointTrack, NetworkError> {
     if bearings.is_empty() {
         return Err(NetworkError::NoBearings);
     }
@@ -156,10 +156,10 @@ pub fn fit(bearings: &[Dated], settings: &JointSettings) -> Result<Motion, Netwo
 
 /// The fit without one array.
 fn fit_without(
-    bearings: &[Dated],
+    bearings: &[DatedSighting],
     settings: &JointSettings,
     rejected: Option<usize>,
-) -> Result<Motion, NetworkError> {
+) -> Result<JointTrack, NetworkError> {
     let used = || bearings.iter().filter(move |b| Some(b.array) != rejected);
     let n = used().count().max(1) as f64;
     let t_ref_s = used().map(|b| b.t_s).sum::<f64>() / n;
@@ -187,7 +187,7 @@ fn fit_without(
     for x in covariance.iter_mut().flatten() {
         *x *= growth;
     }
-    let motion = Motion { t_ref_s, state, covariance, misfit, freedom, rejected };
+    let motion = JointTrack { t_ref_s, state, covariance, misfit, freedom, rejected };
     let [[xx, xy, ..], [_, yy, ..], ..] = covariance;
     let sd = m::sqrt(spd::largest_eigenvalue(&[[xx, xy], [xy, yy]]));
     let distance = used().map(|b| problem.distance(&b.sighting, b.t_s, &state)).sum::<f64>() / n;
@@ -200,14 +200,14 @@ fn fit_without(
 }
 
 struct Problem<'a> {
-    bearings: &'a [Dated],
+    bearings: &'a [DatedSighting],
     settings: &'a JointSettings,
     t_ref_s: f64,
     rejected: Option<usize>,
 }
 
 impl Problem<'_> {
-    fn used(&self) -> impl Iterator<Item = &Dated> + '_ {
+    fn used(&self) -> impl Iterator<Item = &DatedSighting> + '_ {
         self.bearings.iter().filter(|b| Some(b.array) != self.rejected)
     }
 
@@ -223,7 +223,7 @@ impl Problem<'_> {
     }
 
     /// When the sound of a bearing left the vessel: two rounds suffice, a vessel is far slower than sound.
-    fn emission(&self, b: &Dated, state: &[f64; 4]) -> f64 {
+    fn emission(&self, b: &DatedSighting, state: &[f64; 4]) -> f64 {
         let c = self.settings.sound_speed_m_s;
         let first = b.t_s - self.distance(&b.sighting, b.t_s, state) / c;
         b.t_s - self.distance(&b.sighting, first, state) / c
@@ -300,7 +300,7 @@ mod tests {
     const SETTINGS: JointSettings = JointSettings { z_m: -5.0, sound_speed_m_s: 1484.0, robust: true };
 
     /// Exact bearings of a vessel with travel time, at different instants for each array.
-    fn bearings(arrays: &[[f64; 3]], elevation: bool) -> Vec<Dated> {
+    fn bearings(arrays: &[[f64; 3]], elevation: bool) -> Vec<DatedSighting> {
         let mut out = Vec::new();
         for k in 0..100 {
             for (i, array_m) in arrays.iter().enumerate() {
@@ -315,7 +315,7 @@ mod tests {
                     sd_azimuth: 0.026,
                     sd_elevation: 0.028,
                 };
-                out.push(Dated { t_s: emitted + d.sqrt() / 1484.0, array: i, sighting });
+                out.push(DatedSighting { t_s: emitted + d.sqrt() / 1484.0, array: i, sighting });
             }
         }
         out
@@ -359,7 +359,7 @@ mod tests {
 
     #[test]
     fn closest_approach() {
-        let motion = Motion {
+        let motion = JointTrack {
             t_ref_s: 10.0,
             state: [300.0, -100.0, 0.0, 5.0],
             covariance: [

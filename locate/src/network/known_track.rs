@@ -13,7 +13,7 @@ pub struct TrackPoint {
 
 /// Why a track cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TrackError {
+pub enum KnownTrackError {
     /// Fewer than two positions.
     TooShort,
     /// A time or coordinate is not a finite number.
@@ -22,7 +22,7 @@ pub enum TrackError {
     NotIncreasing(usize),
 }
 
-impl core::fmt::Display for TrackError {
+impl core::fmt::Display for KnownTrackError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::TooShort => f.write_str("a track needs two positions"),
@@ -32,23 +32,23 @@ impl core::fmt::Display for TrackError {
     }
 }
 
-impl core::error::Error for TrackError {}
+impl core::error::Error for KnownTrackError {}
 
 /// Checks a track.
 ///
 /// # Errors
-/// [`TrackError`] says what is wrong.
-pub fn check(track: &[TrackPoint]) -> Result<(), TrackError> {
+/// [`KnownTrackError`] says what is wrong.
+pub fn check(track: &[TrackPoint]) -> Result<(), KnownTrackError> {
     if track.len() < 2 {
-        return Err(TrackError::TooShort);
+        return Err(KnownTrackError::TooShort);
     }
     let finite = |p: &TrackPoint| p.t_s.is_finite() && p.position_m.iter().all(|x| x.is_finite());
     if !track.iter().all(finite) {
-        return Err(TrackError::NotFinite);
+        return Err(KnownTrackError::NotFinite);
     }
     for (i, (a, b)) in track.iter().zip(track.iter().skip(1)).enumerate() {
         if b.t_s <= a.t_s {
-            return Err(TrackError::NotIncreasing(i + 1));
+            return Err(KnownTrackError::NotIncreasing(i + 1));
         }
     }
     Ok(())
@@ -99,7 +99,7 @@ mod tests {
     fn bad_tracks_are_named() {
         let mut t = track();
         t[2].t_s = 5.0;
-        assert_eq!(check(&t), Err(TrackError::NotIncreasing(2)));
-        assert_eq!(check(&t[..1]), Err(TrackError::TooShort));
+        assert_eq!(check(&t), Err(KnownTrackError::NotIncreasing(2)));
+        assert_eq!(check(&t[..1]), Err(KnownTrackError::TooShort));
     }
 }

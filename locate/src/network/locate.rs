@@ -20,7 +20,7 @@ const TEST_QUANTILE: f64 = 3.09;
 
 /// How a set is turned into a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct FixSettings {
     /// Search region.
     pub region: Region,
     /// Whether one array may be set aside.
@@ -52,7 +52,7 @@ pub struct Fix {
 /// # Errors
 /// Bad input as [`maximum`]; [`NetworkError::NotObservable`] where the bearings do not determine the position;
 /// [`NetworkError::OutsideRegion`] where the most likely place is at the horizontal edge of the region.
-pub fn locate(sightings: &[Sighting], settings: &Settings) -> Result<Fix, NetworkError> {
+pub fn locate(sightings: &[Sighting], settings: &FixSettings) -> Result<Fix, NetworkError> {
     let region = &settings.region;
     let unknowns = if region.depth_known() { 2 } else { 3 };
     let whole = maximum(sightings, region)?;
@@ -207,14 +207,14 @@ mod tests {
         let arrays = [[0.0, 0.0, -5.0], [0.0, 100.0, -5.0]];
         let s = arrays.map(|a| seen(a, [0.0, 500.0, -5.0], 0.0));
         for region in [SURFACE, FREE] {
-            let e = locate(&s, &Settings { region, robust: true });
+            let e = locate(&s, &FixSettings { region, robust: true });
             assert!(matches!(e, Err(NetworkError::NotObservable | NetworkError::OutsideRegion)), "{e:?}");
         }
         // Azimuths alone, seen nearly from the line, with errors either way.
         for error in [-0.01, 0.01] {
             let s = [seen(arrays[0], [3.0, 500.0, -5.0], 0.0), seen(arrays[1], [3.0, 500.0, -5.0], error)]
                 .map(|s| Sighting { elevation: None, ..s });
-            let e = locate(&s, &Settings { region: SURFACE, robust: true });
+            let e = locate(&s, &FixSettings { region: SURFACE, robust: true });
             assert!(matches!(e, Err(NetworkError::NotObservable | NetworkError::OutsideRegion)), "{e:?}");
         }
     }
@@ -222,8 +222,8 @@ mod tests {
     #[test]
     fn a_single_array_needs_the_depth() {
         let s = [seen([0.0, 0.0, -168.0], [200.0, 100.0, -5.0], 0.0)];
-        assert!(locate(&s, &Settings { region: FREE, robust: true }).is_err());
-        let f = locate(&s, &Settings { region: SURFACE, robust: true }).unwrap();
+        assert!(locate(&s, &FixSettings { region: FREE, robust: true }).is_err());
+        let f = locate(&s, &FixSettings { region: SURFACE, robust: true }).unwrap();
         assert!((f.position_m[0] - 200.0).abs() < 1e-3 && f.freedom == 0);
     }
 
@@ -234,10 +234,10 @@ mod tests {
         let source = [400.0, 200.0, -5.0];
         let mut s = arrays.map(|a| seen(a, source, 0.0));
         s[2].azimuth += 40.0 * RAD_PER_DEG;
-        let f = locate(&s, &Settings { region: SURFACE, robust: true }).unwrap();
+        let f = locate(&s, &FixSettings { region: SURFACE, robust: true }).unwrap();
         assert_eq!(f.rejected, Some(2));
         assert!(f.consistent && (f.position_m[0] - 400.0).abs() < 1.0, "{f:?}");
-        let kept = locate(&s, &Settings { region: SURFACE, robust: false }).unwrap();
+        let kept = locate(&s, &FixSettings { region: SURFACE, robust: false }).unwrap();
         assert!(!kept.consistent && kept.covariance_m2[0][0] > 4.0 * f.covariance_m2[0][0]);
     }
 

@@ -30,7 +30,7 @@ pub mod region;
 pub mod search;
 
 pub use bound::{PolarBound, RectangularBound, polar_bound, rectangular_bound};
-pub use locate::{Fix, Settings, locate};
+pub use locate::{Fix, FixSettings, locate};
 pub use model::Sighting;
 pub use region::Region;
 

@@ -24,7 +24,7 @@ const LEAST_SCALE: f64 = 1e-9;
 
 /// One direction, as measured and as it was; unit vectors East, North, Up.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Direction {
+pub struct DirectionPair {
     /// As the array reports it.
     pub measured: [f64; 3],
     /// From the known track.
@@ -54,7 +54,7 @@ pub struct Rotation {
 ///
 /// # Errors
 /// [`OrientError`].
-pub fn rotation(directions: &[Direction], correlated: f64) -> Result<Rotation, OrientError> {
+pub fn rotation(directions: &[DirectionPair], correlated: f64) -> Result<Rotation, OrientError> {
     if directions.len() < LEAST_DIRECTIONS {
         return Err(OrientError::TooFew);
     }
@@ -125,14 +125,14 @@ fn axes(r: &Square<3>) -> [[f64; 3]; 3] {
 
 /// Standard deviation of one tangential component of the angular errors, robustly: the median of a Rayleigh variable
 /// is 1.1774 standard deviations.
-fn spread(directions: &[Direction], r: &Square<3>) -> f64 {
+fn spread(directions: &[DirectionPair], r: &Square<3>) -> f64 {
     let errors = directions.iter().map(|d| angle(&apply(r, &d.measured), &d.known));
     (quantile(errors, 0.5) / 1.1774).clamp(LEAST_SCALE, 1.0)
 }
 
 /// Least squares over all rotations: the leading eigenvector of Davenport's matrix, by power iteration (shifted by n,
 /// so that the greatest eigenvalue is also the greatest in size).
-fn davenport(directions: &[Direction]) -> Square<3> {
+fn davenport(directions: &[DirectionPair]) -> Square<3> {
     let mut b = [[0.0; 3]; 3];
     for d in directions {
         for (row, u) in b.iter_mut().zip(&d.known) {
@@ -241,7 +241,7 @@ mod tests {
     use crate::angle::{RAD_PER_DEG, wrap_pi};
     use std::vec::Vec;
 
-    fn directions(r: &Square<3>, noise: f64) -> Vec<Direction> {
+    fn directions(r: &Square<3>, noise: f64) -> Vec<DirectionPair> {
         let transposed: Square<3> = core::array::from_fn(|i| core::array::from_fn(|j| r[j][i]));
         (0..120)
             .map(|k| {
@@ -251,7 +251,7 @@ mod tests {
                 let t = f64::from(k);
                 let e = [noise * (3.0 * t).sin(), noise * (5.0 * t + 1.0).sin(), noise * (7.0 * t).cos()];
                 let measured = apply(&transposed, &apply(&turn(&e), &known));
-                Direction { measured, known }
+                DirectionPair { measured, known }
             })
             .collect()
     }
@@ -298,7 +298,7 @@ mod tests {
     #[test]
     fn one_direction_is_not_enough() {
         let known = [0.6, 0.64, 0.48];
-        let d = [Direction { measured: known, known }; 20];
+        let d = [DirectionPair { measured: known, known }; 20];
         assert_eq!(rotation(&d, 1.0), Err(OrientError::NotObservable));
         assert_eq!(rotation(&d[..2], 1.0), Err(OrientError::TooFew));
     }
