@@ -36,6 +36,8 @@ pub fn quiet(seed: u64, duration_s: f64) -> ObsScenario {
         seed,
         duration_s,
         start: default_start(),
+        station: None,
+        station_file: None,
         rate_hz: 50.0,
         propagation: PathBuf::new(),
         paths: 5,

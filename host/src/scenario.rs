@@ -1,8 +1,10 @@
 //! What scenario files of both kinds of recorder share: the file with its old spellings, the start, straight courses,
 //! gaps and the times of faults.
 
+use crate::station::Station;
 use crate::toml_file::TomlFile;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use seabearing_core::config;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use std::path::{Path, PathBuf};
@@ -17,6 +19,13 @@ pub enum ScenarioKind {
     Array,
     /// An ocean-bottom station.
     Obs,
+}
+
+impl ScenarioKind {
+    /// As files spell it.
+    pub fn name(self) -> &'static str {
+        if self == Self::Array { "array" } else { "obs" }
+    }
 }
 
 /// A scenario file whose kind is known.
@@ -110,11 +119,41 @@ impl ScenarioFile {
     /// It is of the other kind.
     pub fn expect(&self, kind: ScenarioKind) -> Result<()> {
         if self.kind != kind {
-            let name = |k| if k == ScenarioKind::Array { "array" } else { "obs" };
-            let what = format!("kind = \"{}\", `{}` was expected", name(self.kind), name(kind));
+            let what = format!("kind = \"{}\", `{}` was expected", self.kind.name(), kind.name());
             return Err(self.source.wrong("kind", what));
         }
         Ok(())
+    }
+}
+
+/// The recorder of a scenario: its station file.
+#[derive(Clone, Debug)]
+pub struct StationFile {
+    /// What it says.
+    pub station: Station,
+    /// The file.
+    pub source: TomlFile,
+}
+
+impl ScenarioFile {
+    /// Reads the station file that the key `station` names (relative to the scenario's folder), of the scenario's kind.
+    ///
+    /// # Errors
+    /// It cannot be used, or is of another kind.
+    pub fn station(&self, path: &Path) -> Result<StationFile> {
+        let path = self.folder.join(path);
+        let source = TomlFile::read(&path, "station file").with_context(|| self.source.at("station"))?;
+        let station = Station::of(&source, path.parent().unwrap_or(Path::new(".")))?;
+        let suits = match station.config.kind {
+            config::Kind::Array(_) => self.kind == ScenarioKind::Array,
+            config::Kind::Obs(_) => self.kind == ScenarioKind::Obs,
+            config::Kind::Line(_) => false,
+        };
+        if !suits {
+            let what = format!("the scenario is of kind {}, its station is not", self.kind.name());
+            return Err(self.source.wrong("station", what));
+        }
+        Ok(StationFile { station, source })
     }
 }
 

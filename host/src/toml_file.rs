@@ -80,6 +80,25 @@ impl TomlFile {
         place.map_or_else(|| self.name.clone(), |at| self.place(at))
     }
 
+    /// Whether a key stands at the top of the file.
+    pub fn has(&self, key: &str) -> bool {
+        self.table().is_ok_and(|t| t.get_ref().iter().any(|(k, _)| k.get_ref() == key))
+    }
+
+    /// The text with another value of a key in a table; as it is where the key is not there.
+    pub fn text_with(&self, table: &str, key: &str, value: &str) -> String {
+        let span = self.table().ok().and_then(|whole| {
+            let (_, value) = whole.get_ref().iter().find(|(k, _)| k.get_ref() == table)?;
+            let DeValue::Table(table) = value.get_ref() else { return None };
+            table.iter().find(|(k, _)| k.get_ref() == key).map(|(_, v)| v.span())
+        });
+        let mut text = self.text.clone();
+        if let Some(span) = span {
+            text.replace_range(span, value);
+        }
+        text
+    }
+
     /// An error about a key, in one line.
     pub fn wrong(&self, key: &str, what: impl std::fmt::Display) -> anyhow::Error {
         anyhow!("{}: {what}", self.at(key))

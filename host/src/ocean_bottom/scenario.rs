@@ -5,8 +5,7 @@
 //! seed = 1
 //! duration_s = 21600.0
 //! start_utc = "2013-05-21T00:00:00Z"
-//! propagation = "rr03.toml"           # relative to this file
-//! orientation_of_north_deg = 77.0
+//! station = "station.toml"            # relative to this file; it names the propagation table
 //! [ambient]
 //! pressure_counts = 1000.0
 //! [[vessels]]
@@ -20,13 +19,17 @@
 //! from_s = 7200.0
 //! to_s = 7260.0
 //! ```
+//! Without `station` the recorder is stated here: `propagation`, `rate_hz`, `name`, `lat_lon_deg`,
+//! `orientation_of_north_deg` and `intensity`.
+//!
 //! Levels: `wideband_db` is the power of a vessel's wideband noise over all paths against the ambient noise, both in
 //! 5 to 25 Hz, with the vessel 20 km away. `tone_db` is the height of each line above the ambient noise in one bin of a
 //! 1024-point Hann spectrum (0.073 Hz of noise bandwidth), again at 20 km.
 
 pub use crate::scenario::{Affected, Gap, Side, Straight};
-use crate::scenario::{ScenarioFile, ScenarioKind, Wrong, check_gaps, utc, within};
-use anyhow::{Result, anyhow};
+use crate::scenario::{ScenarioFile, ScenarioKind, StationFile, Wrong, check_gaps, utc, within};
+use anyhow::{Result, anyhow, bail};
+use seabearing_core::config;
 use serde::Deserialize;
 use std::path::PathBuf;
 use time::OffsetDateTime;
@@ -45,14 +48,17 @@ pub struct ObsScenario {
     /// UTC of the first sample.
     #[serde(rename = "start_utc", default = "default_start", deserialize_with = "utc")]
     pub start: OffsetDateTime,
+    /// The recorder's station file, from which the fields from `rate_hz` to `intensity` then come.
+    pub station: Option<PathBuf>,
+    /// That file.
+    #[serde(skip)]
+    pub station_file: Option<StationFile>,
     /// Samples a second; vessels and calls need 50.
     #[serde(default = "default_rate")]
     pub rate_hz: f64,
     /// The propagation table.
+    #[serde(default)]
     pub propagation: PathBuf,
-    /// Paths that carry sound, counted from the direct one (5: up to nine crossings).
-    #[serde(default = "default_paths")]
-    pub paths: usize,
     /// Name written into files (up to five letters or digits).
     #[serde(default = "default_name")]
     pub name: String,
@@ -64,6 +70,9 @@ pub struct ObsScenario {
     /// `away` or `towards`: which way active intensity points.
     #[serde(default = "default_intensity")]
     pub intensity: String,
+    /// Paths that carry sound, counted from the direct one (5: up to nine crossings).
+    #[serde(default = "default_paths")]
+    pub paths: usize,
     /// Noise of the sea and the instrument.
     #[serde(default)]
     pub ambient: AmbientTable,
@@ -251,6 +260,10 @@ pub struct ClockStep {
     pub by_s: f64,
 }
 
+/// What a station file states, and no scenario that names one.
+const OF_THE_STATION: [&str; 6] =
+    ["propagation", "rate_hz", "name", "lat_lon_deg", "orientation_of_north_deg", "intensity"];
+
 fn one() -> u64 {
     1
 }
@@ -311,12 +324,53 @@ impl ObsScenario {
         let file = ScenarioFile::read(path)?;
         file.expect(ScenarioKind::Obs)?;
         let mut s: Self = file.source.parse()?;
-        s.propagation = file.folder.join(&s.propagation);
+        match &s.station {
+            Some(path) => {
+                if let Some(key) = OF_THE_STATION.into_iter().find(|key| file.source.has(key)) {
+                    return Err(file.source.wrong(key, format!("`{key}` stands in the station file")));
+                }
+                let read = file.station(path)?;
+                s.take(read).map_err(|what| file.source.wrong("station", what))?;
+            }
+            None if s.propagation.as_os_str().is_empty() => {
+                bail!(
+                    "{}: missing key `station` (or `propagation`, without a station file)",
+                    file.source.name()
+                )
+            }
+            None => s.propagation = file.folder.join(&s.propagation),
+        }
         for a in &mut s.ais {
             a.file = file.folder.join(&a.file);
         }
         s.wrong().map_err(|(key, what)| file.source.wrong(&key, what))?;
         Ok(s)
+    }
+
+    /// Takes the recorder from its station file.
+    fn take(&mut self, file: StationFile) -> Result<(), String> {
+        let config = &file.station.config;
+        let Some(table) = &file.station.propagation else {
+            return Err("the station file names no propagation table (key `propagation`)".to_owned());
+        };
+        self.propagation.clone_from(table);
+        self.rate_hz = config.rate_hz;
+        self.lat_lon_deg = config.lat_lon_deg.map(|(lat, lon)| [lat, lon]);
+        // miniSEED names a station by five letters or digits.
+        let name: String = config.name.chars().filter(char::is_ascii_alphanumeric).take(5).collect();
+        self.name = if name.is_empty() { "OBS".to_owned() } else { name.to_uppercase() };
+        if let config::Kind::Obs(o) = &config.kind {
+            self.orientation_of_north_deg = o.orientation_of_north_deg;
+            self.intensity = if o.intensity_towards { "towards" } else { "away" }.to_owned();
+        }
+        self.station_file = Some(file);
+        Ok(())
+    }
+
+    /// Channel codes of the components, in the order of a frame.
+    pub fn codes(&self) -> [String; 4] {
+        let c = self.station_file.as_ref().map(|f| f.station.components.clone()).unwrap_or_default();
+        [c.pressure, c.north, c.east, c.vertical]
     }
 
     /// Checks every value.
@@ -391,6 +445,35 @@ mod tests {
         assert_eq!(s.gaps, [Gap { start_s: 10.0, duration_s: 5.0 }]);
         assert_eq!(s.faults[0], ObsFault::Dead(Affected { channel: 2, from_s: 60.0, to_s: 90.0 }));
         assert_eq!(s.faults[1], ObsFault::ClockStep(ClockStep { at_s: 400.0, by_s: 12.0 }));
+    }
+
+    #[test]
+    fn a_station_file_is_referred_to_as_an_array_s_is() {
+        let dir = tempfile::tempdir().unwrap();
+        let station = "[station]\nid = 7\nname = \"deep-one\"\nkind = \"obs\"\nposition = { lat_deg = 1.0, lon_deg = 2.0 \
+                       }\n[sampling]\nrate_hz = 50\n[obs]\ncomponents = { pressure = \"EDH\", north = \"EH1\", east = \
+                       \"EH2\", vertical = \"EHZ\" }\norientation_of_north_deg = 30.0\nintensity = \"towards\"\n\
+                       propagation = \"t.toml\"\n";
+        std::fs::write(dir.path().join("station.toml"), station).unwrap();
+        let read = |text: &str| {
+            let path = dir.path().join("s.toml");
+            std::fs::write(&path, text).unwrap();
+            ObsScenario::read(&path)
+        };
+        let text = GOOD.replace("propagation = \"t.toml\"", "station = \"station.toml\"");
+        let s = read(&text).unwrap();
+        assert_eq!((s.name.as_str(), s.rate_hz, s.orientation_of_north_deg), ("DEEPO", 50.0, 30.0));
+        assert_eq!((s.intensity.as_str(), s.lat_lon_deg), ("towards", Some([1.0, 2.0])));
+        assert_eq!((s.propagation.clone(), s.codes()[0].as_str()), (dir.path().join("t.toml"), "EDH"));
+        let written = super::super::station::text(&s, "table.toml", false);
+        assert_eq!(written, station.replace("t.toml", "table.toml"));
+        let e = read(&format!("rate_hz = 50.0\n{text}")).unwrap_err().to_string();
+        assert!(e.contains("line 1, ") && e.contains("`rate_hz` stands in the station file"), "{e}");
+        let e = read(&text.replace("station = \"station.toml\"\n", "")).unwrap_err().to_string();
+        assert!(e.contains("missing key `station`"), "{e}");
+        std::fs::write(dir.path().join("station.toml"), station.replace("propagation", "# ")).unwrap();
+        let e = read(&text).unwrap_err().to_string();
+        assert!(e.contains("line 4, ") && e.contains("names no propagation table"), "{e}");
     }
 
     #[test]

@@ -6,9 +6,12 @@ use anyhow::Result;
 use seabearing_core::config::StationConfig;
 use std::fmt::Write as _;
 
-/// The station file of a scenario; `table` is the propagation table's name beside it, `paper` asks for the paper's
+/// The station file of a scenario, that which it names or one of what it states; `table` is the propagation table's name beside it, `paper` asks for the paper's
 /// own choices.
 pub fn text(scenario: &ObsScenario, table: &str, paper: bool) -> String {
+    if let Some(file) = &scenario.station_file {
+        return file.source.text_with("obs", "propagation", &format!("{table:?}"));
+    }
     let mut out = format!(
         "[station]\nid = 1\nname = {:?}\nkind = \"obs\"\nsound_speed_m_s = 1500.0\n",
         scenario.name.to_lowercase()

@@ -16,9 +16,6 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Channel codes in the order of a frame.
-const CODES: [&str; 4] = ["BDH", "BH1", "BH2", "BHZ"];
-
 /// Bytes of a record.
 const RECORD_BYTES: u32 = 4096;
 
@@ -30,6 +27,7 @@ struct Component {
     file: Unfinished,
     path: PathBuf,
     channel: usize,
+    code: String,
     first: u64,
     samples: Vec<i32>,
     number: u32,
@@ -41,7 +39,7 @@ impl Component {
             let at = start + time::Duration::seconds_f64(self.first as f64 / rate_hz);
             self.number = self.number % 999_999 + 1;
             let mut record = MseedRecord::new()
-                .with_nslc("XX", name, "", CODES[self.channel])
+                .with_nslc("XX", name, "", &self.code)
                 .with_start_time(nano_time(at))
                 .with_sample_rate(rate_hz)
                 .with_encoding(EncodingFormat::Int32)
@@ -89,10 +87,13 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     let scenario = simulator.scenario().clone();
     let (start, rate, name) = (scenario.start, scenario.rate_hz, scenario.name.to_uppercase());
     let mut components = Vec::new();
-    for channel in (0..4).filter(|c| !scenario.faults.contains(&ObsFault::Missing(Channel { channel: *c }))) {
-        let path = folder.join(format!("{name}.{}.mseed", CODES[channel]));
+    for (channel, code) in scenario.codes().into_iter().enumerate() {
+        if scenario.faults.contains(&ObsFault::Missing(Channel { channel })) {
+            continue;
+        }
+        let path = folder.join(format!("{name}.{code}.mseed"));
         let file = Unfinished::beside(&path)?;
-        components.push(Component { file, path, channel, first: 0, samples: Vec::new(), number: 0 });
+        components.push(Component { file, path, channel, code, first: 0, samples: Vec::new(), number: 0 });
     }
     let bar = progress::bar(simulator.len(), "samples");
     while let Some((first, frames)) = simulator.next_run() {

@@ -2,10 +2,9 @@
 
 use crate::recording::write::Encoding;
 pub use crate::scenario::{Affected, Gap, Side, Straight};
-use crate::scenario::{ScenarioFile, ScenarioKind, Wrong, check_gaps, forever, utc, within};
+use crate::scenario::{ScenarioFile, ScenarioKind, StationFile, Wrong, check_gaps, forever, utc, within};
 use crate::station::Station;
-use crate::toml_file::TomlFile;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
@@ -279,10 +278,7 @@ impl ArrayScenario {
         scenario.expect(ScenarioKind::Array)?;
         let (source, folder) = (&scenario.source, &scenario.folder);
         let file: File = source.parse()?;
-        let station_path = folder.join(&file.station);
-        let station_file =
-            TomlFile::read(&station_path, "station file").with_context(|| source.at("station"))?;
-        let station = Station::of(&station_file, station_path.parent().unwrap_or(Path::new(".")))?;
+        let StationFile { station, source: station_file } = scenario.station(&file.station)?;
         let vessels = file
             .vessels
             .into_iter()
@@ -308,12 +304,6 @@ impl ArrayScenario {
 
     /// The first key found wrong, and why.
     fn check(&self) -> Result<(), Wrong> {
-        if !matches!(self.station.config.kind, seabearing_core::config::Kind::Array(_)) {
-            return Err((
-                "station".to_owned(),
-                "the scenario is of kind array, its station is not".to_owned(),
-            ));
-        }
         let nyquist = self.station.config.rate_hz / 2.0;
         within("duration_s", self.duration_s, 0.01, 1e6)?;
         within("truth_step_s", self.truth_step_s, 1e-3, 1e4)?;
