@@ -7,6 +7,8 @@ use std::collections::VecDeque;
 
 /// Frequency of the converter's clock.
 pub const CLOCK_HZ: u64 = 8_192_000;
+/// What is kept of a conversion that arrived with a wrong bit: no code of 24 bits.
+pub const DAMAGED: i32 = i32::MIN;
 /// Codes of one conversion.
 pub type Codes = [i32; 4];
 
@@ -41,7 +43,15 @@ pub struct Ads131m04 {
     output: VecDeque<(Option<u64>, Codes)>,
     shown: (Option<u64>, Codes),
     next_number: u64,
+    /// When the newest numbered conversion was due.
+    numbered_at: f64,
     exhausted: bool,
+    /// No conversions are done.
+    standby: bool,
+    /// The line from the converter is cut: nothing it says arrives, while it goes on converting.
+    pub mute: bool,
+    /// A bit of the frame under way arrived wrong.
+    damaged: bool,
     /// Not converting and not answering.
     pub dead: bool,
     /// First word of the next frame, where it is not the status.
@@ -93,7 +103,11 @@ impl Ads131m04 {
             output: VecDeque::new(),
             shown: (None, [0; 4]),
             next_number: 0,
+            numbered_at: 0.0,
             exhausted: false,
+            standby: false,
+            mute: false,
+            damaged: false,
             dead: false,
             answer: None,
             answers: Vec::new(),
@@ -123,6 +137,7 @@ impl Ads131m04 {
         self.registers[CLOCK] = 0x0f0e;
         self.registers[6] = 0x0600;
         self.output.clear();
+        self.standby = false;
         self.answer = Some(0xff24);
         self.answers.clear();
         self.deaf_until = now + self.acquisition;
@@ -145,7 +160,7 @@ impl Ads131m04 {
     /// The filters start afresh: the first result comes when they have settled.
     fn restart(&mut self, now: Ticks) {
         self.phase = now as f64 + 3.0 * self.period();
-        self.next_conversion = if self.dead { NEVER } else { self.phase as Ticks };
+        self.next_conversion = if self.dead || self.standby { NEVER } else { self.phase as Ticks };
     }
 
     /// Conversions of the source that are done.
@@ -203,7 +218,17 @@ impl Ads131m04 {
         }
     }
 
+    /// The next of the source. Where the converter stood still the source went on: a number is an instant of its time.
     fn record(&mut self) -> Option<(Option<u64>, Codes)> {
+        let due = self.phase - self.period();
+        if self.next_number > 0 {
+            let passed = ((due - self.numbered_at) / self.period()).round() as u64;
+            for _ in 1..passed {
+                (self.source)()?;
+                self.next_number += 1;
+            }
+        }
+        self.numbered_at = due;
         let codes = (self.source)()?;
         self.next_number += 1;
         Some((Some(self.next_number - 1), codes))
@@ -225,6 +250,7 @@ impl Ads131m04 {
     fn begin(&mut self) {
         self.frame_in.clear();
         self.frame_out.clear();
+        self.damaged = false;
         let mut status = self.registers[STATUS];
         if !self.output.is_empty() {
             status |= 0xf;
@@ -257,8 +283,14 @@ impl Ads131m04 {
         if self.frame_in.len() == WORD {
             self.set_ready_line(true);
         }
+        if self.mute {
+            self.damaged = true;
+            return 0xff;
+        }
         self.bytes += 1;
         if self.bit_errors_every > 0 && self.bytes.is_multiple_of(self.bit_errors_every) {
+            // The last byte of a frame says nothing.
+            self.damaged |= self.frame_in.len() < self.frame_out.len();
             return out ^ 1 << (self.bytes / self.bit_errors_every % 8);
         }
         out
@@ -272,7 +304,7 @@ impl Ads131m04 {
             && let Some(number) = number
         {
             self.delivered.push(number);
-            self.codes.push(codes);
+            self.codes.push(if self.damaged { [DAMAGED; 4] } else { codes });
         }
         if self.output.is_empty() {
             self.registers[STATUS] &= !0xf;
@@ -295,7 +327,12 @@ impl Ads131m04 {
         let locked = self.registers[STATUS] & LOCKED != 0;
         match command {
             0x0011 if !locked => self.reset(now),
-            0x0022 | 0x0033 => self.answer = Some(command),
+            0x0022 | 0x0033 => {
+                self.answer = Some(command);
+                self.standby = command == 0x0022;
+                self.output.clear();
+                self.restart(now);
+            }
             0x0555 => {
                 self.registers[STATUS] |= LOCKED;
                 self.answer = Some(command);

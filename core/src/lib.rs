@@ -47,3 +47,4 @@ pub mod sample_line;
 pub mod sbraw;
 #[cfg(feature = "array")]
 mod slot;
+pub mod wait;

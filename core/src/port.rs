@@ -3,6 +3,7 @@
 //! The estimators never call these; [`crate::run::run`] does, and it is the same code on the target and on the host.
 
 use crate::block::Frame;
+use crate::wire::FaultCode;
 
 /// What a [`SampleSource`] has for now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +25,11 @@ pub enum Chunk {
 pub trait SampleSource {
     /// Fills the front of `frames` with samples that follow each other without a gap.
     fn read(&mut self, frames: &mut [Frame]) -> Chunk;
+
+    /// Something about the source that the samples do not tell, once: a fault and its number.
+    fn fault(&mut self) -> Option<(FaultCode, u64)> {
+        None
+    }
 }
 
 /// Telemetry out and commands in: a serial line.
@@ -56,9 +62,9 @@ pub trait Supervisor {
     /// Why the recorder last started, as in [`crate::wire::Hello::reset_cause`].
     fn reset_cause(&self) -> u8;
 
-    /// Where the software had panicked before this start, if it had: the value of
-    /// [`crate::wire::FaultCode::Panicked`].
-    fn last_panic(&mut self) -> Option<i64>;
+    /// What had ended the software before this start, if it had: [`FaultCode::Panicked`] or [`FaultCode::HardFault`], and
+    /// the number that goes with it.
+    fn last_fault(&mut self) -> Option<(FaultCode, i64)>;
 }
 
 /// A clock that stands still, for where nothing is measured.

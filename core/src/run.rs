@@ -106,8 +106,8 @@ pub fn run(
     let mut commands = Decoder::default();
     let mut outlet = Outlet { link, encoder: Encoder::default(), dropped: 0 };
     application.start(supervisor.reset_cause(), &mut |m| outlet.say(m));
-    if let Some(value) = supervisor.last_panic() {
-        outlet.say(&Message::Fault(Fault { code: FaultCode::Panicked, index: 0, value }));
+    if let Some((code, value)) = supervisor.last_fault() {
+        outlet.say(&Message::Fault(Fault { code, index: 0, value }));
     }
     let mut bad_commands = 0;
     let mut silence = Silence { since_s: clock.seconds(), told_s: 0 };
@@ -142,6 +142,9 @@ pub fn run(
                 }
             }
             Chunk::End => running = false,
+        }
+        if let Some((code, value)) = source.fault() {
+            application.fault(code, value, &mut |m| outlet.say(m));
         }
     }
     application.finish(&mut |m| outlet.say(m));
@@ -240,7 +243,7 @@ mod tests {
         fn reset_cause(&self) -> u8 {
             3
         }
-        fn last_panic(&mut self) -> Option<i64> {
+        fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
             None
         }
     }

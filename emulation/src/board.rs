@@ -13,6 +13,7 @@ use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::port::{Chunk, Link, NoClock, SampleSource, Supervisor};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
+use seabearing_core::wire::FaultCode;
 use std::cell::RefCell;
 use std::path::Path;
 
@@ -25,6 +26,12 @@ pub enum InjectedFault {
     ConverterDead(f64, f64),
     /// Every so many bytes one bit is wrong on the way from the converter.
     SpiBits(u64),
+    /// The line from the converter is cut at this second, for so many seconds; it goes on converting.
+    ConverterMute(f64, f64),
+    /// The core is held at this second, for so many seconds; everything else goes on.
+    CoreHeld(f64, f64),
+    /// The core takes a hard fault at this second.
+    HardFault(f64),
     /// The reset pin is pulled at this second.
     PinReset(f64),
     /// The supply sags at this second.
@@ -37,7 +44,7 @@ impl std::str::FromStr for InjectedFault {
     fn from_str(text: &str) -> Result<Self, String> {
         let bad = || {
             format!(
-                "`{text}`: converter-reset@S, converter-dead@S or @S:LENGTH, spi-bits@BYTES, pin-reset@S or brown-out@S"
+                "`{text}`: converter-reset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, core-held@S:LENGTH, hard-fault@S, spi-bits@BYTES, pin-reset@S or brown-out@S"
             )
         };
         let (kind, at) = text.split_once('@').ok_or_else(bad)?;
@@ -45,10 +52,19 @@ impl std::str::FromStr for InjectedFault {
             |text: &str| text.parse().ok().filter(|s: &f64| *s >= 0.0 && s.is_finite()).ok_or_else(bad);
         Ok(match kind {
             "converter-reset" => Self::ConverterReset(seconds(at)?),
-            "converter-dead" => match at.split_once(':') {
-                Some((at, length)) => Self::ConverterDead(seconds(at)?, seconds(length)?),
-                None => Self::ConverterDead(seconds(at)?, f64::INFINITY),
-            },
+            "converter-dead" | "converter-mute" | "core-held" => {
+                let (at, length) = match at.split_once(':') {
+                    Some((at, length)) => (seconds(at)?, seconds(length)?),
+                    None => (seconds(at)?, f64::INFINITY),
+                };
+                match kind {
+                    "converter-dead" => Self::ConverterDead(at, length),
+                    "converter-mute" => Self::ConverterMute(at, length),
+                    _ if length.is_finite() => Self::CoreHeld(at, length),
+                    _ => return Err(bad()),
+                }
+            }
+            "hard-fault" => Self::HardFault(seconds(at)?),
             "spi-bits" => Self::SpiBits(at.parse().ok().filter(|n| *n > 0).ok_or_else(bad)?),
             "pin-reset" => Self::PinReset(seconds(at)?),
             "brown-out" => Self::BrownOut(seconds(at)?),
@@ -68,6 +84,10 @@ pub struct Setup {
     pub acquisition_s: f64,
     /// What goes wrong.
     pub faults: Vec<InjectedFault>,
+    /// The run ends at this second at the latest, whether conversions were read or not.
+    pub most_s: Option<f64>,
+    /// Commands sent to the board: when each begins, s.
+    pub commands: Vec<(f64, Vec<u8>)>,
 }
 
 impl Default for Setup {
@@ -77,6 +97,8 @@ impl Default for Setup {
             parameters: Parameters::default(),
             acquisition_s: REGISTER_ACQUISITION as f64 / PER_SECOND as f64,
             faults: Vec::new(),
+            most_s: None,
+            commands: Vec::new(),
         }
     }
 }
@@ -169,8 +191,10 @@ pub fn twin(
     let mut machine = stm32h743::machine(image, setup.costs, &setup.parameters, Box::new(source), rate_hz)
         .map_err(anyhow::Error::msg)?;
     machine.board.converter.acquisition = (setup.acquisition_s * PER_SECOND as f64) as Ticks;
-    let measured = run_board(&mut machine, &setup.faults)?;
-    let (began, ended) = measured;
+    for (at, bytes) in &setup.commands {
+        machine.board.send(ticks(*at), bytes);
+    }
+    let (began, ended) = run_board(&mut machine, setup)?;
     let converter = &machine.board.converter;
     let host = host(blob, &converter.delivered, &converter.codes)?;
     let span = match (converter.delivered.first(), converter.delivered.last()) {
@@ -197,23 +221,67 @@ pub fn twin(
 
 type Moment = (Counts, Ticks);
 
-/// Runs to the end of the conversions; the costs at the first and the last delivered.
-fn run_board(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault]) -> Result<(Moment, Moment)> {
-    let mut pending: Vec<(Ticks, InjectedFault)> = Vec::new();
-    for fault in faults {
-        let at = match *fault {
+/// A [`InjectedFault`] that has a beginning and an end in the machine's time.
+struct Due {
+    at: Ticks,
+    fault: InjectedFault,
+    ends: bool,
+}
+
+fn ticks(seconds: f64) -> Ticks {
+    // A moment that never comes is far away.
+    (seconds.min(1e6) * PER_SECOND as f64) as Ticks
+}
+
+/// What happens when, and what is so from the start.
+fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault]) -> Vec<Due> {
+    let mut due = Vec::new();
+    for &fault in faults {
+        let (at, length) = match fault {
             InjectedFault::SpiBits(every) => {
                 machine.board.converter.bit_errors_every = every;
                 continue;
             }
-            InjectedFault::ConverterReset(s)
-            | InjectedFault::ConverterDead(s, _)
-            | InjectedFault::PinReset(s)
-            | InjectedFault::BrownOut(s) => s,
+            InjectedFault::ConverterDead(at, length) | InjectedFault::ConverterMute(at, length) => {
+                (at, length)
+            }
+            InjectedFault::ConverterReset(at)
+            | InjectedFault::CoreHeld(at, _)
+            | InjectedFault::HardFault(at)
+            | InjectedFault::PinReset(at)
+            | InjectedFault::BrownOut(at) => (at, f64::INFINITY),
         };
-        pending.push(((at * PER_SECOND as f64) as Ticks, *fault));
+        due.push(Due { at: ticks(at), fault, ends: false });
+        if length.is_finite() {
+            due.push(Due { at: ticks(at + length), fault, ends: true });
+        }
     }
-    let mut alive_again = None;
+    due
+}
+
+fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> {
+    let now = machine.now();
+    let converter = &mut machine.board.converter;
+    match due.fault {
+        InjectedFault::ConverterReset(_) => converter.reset(now),
+        InjectedFault::ConverterDead(..) => converter.set_dead(!due.ends, now),
+        InjectedFault::ConverterMute(..) => converter.mute = !due.ends,
+        InjectedFault::CoreHeld(_, length) => {
+            machine.hold(now + ticks(length)).map_err(anyhow::Error::msg)?
+        }
+        InjectedFault::HardFault(_) => {
+            machine.nvic.pend(seabearing_board_model::core::nvic::number::HARD_FAULT)
+        }
+        InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
+        InjectedFault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
+        InjectedFault::SpiBits(_) => {}
+    }
+    Ok(())
+}
+
+/// Runs to the end of the conversions, or for a while; the costs at the first and the last delivered.
+fn run_board(machine: &mut Machine<Stm32h743>, setup: &Setup) -> Result<(Moment, Moment)> {
+    let mut pending = schedule(machine, &setup.faults);
     let (mut began, mut ended): (Option<Moment>, Option<Moment>) = (None, None);
     let mut until = 0;
     loop {
@@ -223,29 +291,15 @@ fn run_board(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault]) -> Resu
             Ending::Exit(status) => bail!("the image left with status {status}"),
         }
         let now = machine.now();
-        for (_, fault) in pending.extract_if(.., |(at, _)| *at <= now) {
-            match fault {
-                InjectedFault::ConverterReset(_) => machine.board.converter.reset(now),
-                InjectedFault::ConverterDead(_, length) => {
-                    machine.board.converter.set_dead(true, now);
-                    alive_again = length.is_finite().then_some(now + (length * PER_SECOND as f64) as Ticks);
-                }
-                InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
-                InjectedFault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
-                InjectedFault::SpiBits(_) => {}
-            }
-        }
-        if alive_again.is_some_and(|at| at <= now) {
-            alive_again = None;
-            machine.board.converter.set_dead(false, now);
+        until = until.max(now);
+        for due in pending.extract_if(.., |due| due.at <= now) {
+            inject(machine, &due)?;
         }
         let counts = machine.counts();
-        if began.is_none() {
-            if !machine.board.converter.delivered.is_empty() {
-                began = Some((counts, now));
-            } else if now > PATIENCE {
-                bail!("the board has read no conversion within {} s", PATIENCE / PER_SECOND);
-            }
+        if !machine.board.converter.delivered.is_empty() {
+            began.get_or_insert((counts, now));
+        } else if now > PATIENCE && setup.most_s.is_none() {
+            bail!("the board has read no conversion within {} s", PATIENCE / PER_SECOND);
         }
         if machine.board.converter.exhausted() {
             let (_, end) = *ended.get_or_insert((counts, now));
@@ -253,8 +307,13 @@ fn run_board(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault]) -> Resu
                 break;
             }
         }
+        if setup.most_s.is_some_and(|most| now > ticks(most)) {
+            ended.get_or_insert((counts, now));
+            break;
+        }
     }
-    Ok((began.context("no conversion was read")?, ended.context("the conversions did not end")?))
+    let ended = ended.context("the conversions did not end")?;
+    Ok((began.unwrap_or((Counts::default(), 0)), ended))
 }
 
 /// What a run of the host has sent, and how much of it before the input's end.
@@ -301,7 +360,7 @@ impl SampleSource for Delivered<'_> {
             count += 1;
         }
         self.next += count;
-        Chunk::Frames { first_index: first - self.numbers[0], count }
+        Chunk::Frames { first_index: *first, count }
     }
 }
 
@@ -313,7 +372,7 @@ impl Supervisor for PowerOn {
     fn reset_cause(&self) -> u8 {
         0
     }
-    fn last_panic(&mut self) -> Option<i64> {
+    fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
         None
     }
 }

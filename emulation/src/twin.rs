@@ -10,7 +10,7 @@ use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{self, ReadBytes, Reader};
-use seabearing_core::wire::{Decoder, DecoderCounters, Message};
+use seabearing_core::wire::{Decoder, DecoderCounters, FaultCode, Message};
 use std::io::{BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 
@@ -73,7 +73,7 @@ impl Supervisor for Host {
     fn reset_cause(&self) -> u8 {
         0
     }
-    fn last_panic(&mut self) -> Option<i64> {
+    fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
         None
     }
 }

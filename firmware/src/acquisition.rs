@@ -1,147 +1,260 @@
-//! From the converter's interrupt to the main loop: a queue of numbered frames, and the numbers of those missed.
+//! From the converter to the main loop without an instruction a sample: frames that hardware has put into a ring are
+//! taken, checked and numbered.
 //!
-//! The interrupt side numbers frames by the time between them, so that a conversion that was not read leaves a jump of
-//! the index (a gap the recorder counts) and never shifts what follows. A full queue does the same.
+//! The number of a frame is that of the converter's edge that started its transfer. Edges are counted by hardware
+//! ([`Board::edges`]) whether anybody reads or not, so an outage of any length leaves a gap of the right length and shifts
+//! nothing. Only where the converter itself stood still, so that there were no edges, must a clock say how many
+//! conversions there would have been; that number is told as what it is, an estimate ([`FaultCode::ConverterRestarted`]).
 
-use heapless::spsc::{Consumer, Producer};
-use seabearing_core::block::Frame;
+use crate::converter::{self, Bus, FRAME_BYTES, Rate, Read};
+use crate::pace::{Pace, Stamp};
+use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use seabearing_core::port::{Chunk, SampleSource};
+use seabearing_core::wire::FaultCode;
 
-/// Frames the queue holds: 64 ms at 64 kHz, three times the recorder's longest block of work.
-pub const QUEUE_FRAMES: usize = 4096;
+/// Frames the ring holds: 64 ms at 64 kHz, three times the recorder's longest block of work.
+pub const RING_FRAMES: usize = 4096;
+/// Its length in bytes.
+pub const RING_BYTES: usize = RING_FRAMES * FRAME_BYTES;
+/// Frames the hardware may write while some are taken; what is older is given up.
+const MARGIN: u64 = 128;
+/// Without an edge for so long the converter stands still.
+const STANDSTILL_US: u64 = 50_000;
+/// From one attempt to set the converter up to the next.
+const RETRY_US: u64 = 100_000;
+/// Longer than a transfer and the time to the next.
+const TRANSFER_US: u64 = 50;
+/// Looks at a ring in that time, whatever the clock says.
+const MOST_LOOKS: u32 = 10_000;
+/// Nothing but damaged frames for so long may be a converter that was set otherwise.
+const DAMAGED_S: u32 = 120;
 
-/// A frame and the low half of its index.
+/// What a board's hardware does for the acquisition.
+pub trait Board: Bus {
+    /// Edges of data-ready since power-on, counted by hardware. An edge's number is the count before it.
+    fn edges(&mut self) -> u64;
+
+    /// The newest count of edges whose moment was noted, a few hundred conversions old at most.
+    fn stamp(&mut self) -> Stamp;
+
+    /// Microseconds of the board's clock.
+    fn now_us(&mut self) -> u64;
+
+    /// From now on every edge starts a transfer into the ring, from its start on. `behind`: conversions have been done
+    /// that nobody read, so the converter's output of two is read first. The number of the edge whose frame is the
+    /// ring's first; `None` where it could not be done in time.
+    fn arm(&mut self, behind: bool) -> Option<u64>;
+
+    /// No edge starts a transfer any more.
+    fn disarm(&mut self);
+
+    /// Bytes put into the ring since it was armed, modulo its length.
+    fn received(&mut self) -> usize;
+
+    /// A frame of the ring.
+    fn frame(&mut self, slot: usize) -> [u8; FRAME_BYTES];
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Numbered {
-    index: u32,
-    frame: Frame,
+enum State {
+    /// Not set up: tried again at this moment.
+    Off { retry_us: u64 },
+    /// The ring's first frame is that of edge `first`; `next` is to be taken.
+    On { first: u64, next: u64 },
 }
 
-/// Numbers frames by when they were ready, in ticks of a counter that wraps.
-#[derive(Clone, Copy, Debug)]
-pub struct Pacer {
-    period_ticks: u32,
-    last: Option<u32>,
-    next: u32,
+/// The converter as a source of samples.
+#[derive(Debug)]
+pub struct Acquisition<B> {
+    board: B,
+    rate: Rate,
+    gain_log2: u8,
+    state: State,
+    /// Index of an edge, less its number.
+    shift: u64,
+    /// Index after the last sample given.
+    index: u64,
+    /// Edges when last looked, and since when.
+    seen: (u64, u64),
+    /// Damaged frames in a row.
+    damaged: u32,
+    /// The converter's rate in the board's time.
+    pace: Option<Pace>,
+    /// The converter was set up anew and the shift is not yet known.
+    unplaced: bool,
+    fault: Option<(FaultCode, u64)>,
 }
 
-impl Pacer {
-    /// `period_ticks`: from one conversion to the next.
-    pub const fn new(period_ticks: u32) -> Self {
-        Self { period_ticks, last: None, next: 0 }
-    }
-
-    /// The index of the frame that was ready at `ticks`. More than one and a half periods since the frame before mean
-    /// that conversions were missed.
-    pub fn index(&mut self, ticks: u32) -> u32 {
-        let since = self.last.map_or(self.period_ticks, |last| ticks.wrapping_sub(last));
-        let missed =
-            (since.saturating_add(self.period_ticks / 2) / self.period_ticks.max(1)).saturating_sub(1);
-        let index = self.next.wrapping_add(missed);
-        self.last = Some(ticks);
-        self.next = index.wrapping_add(1);
-        index
-    }
-}
-
-/// The interrupt's end.
-pub struct Inlet<'a> {
-    queue: Producer<'a, Numbered>,
-    pacer: Pacer,
-}
-
-impl<'a> Inlet<'a> {
-    /// An end that numbers by this pacer.
-    pub fn new(queue: Producer<'a, Numbered>, pacer: Pacer) -> Self {
-        Self { queue, pacer }
-    }
-
-    /// Takes the frame that was ready at `ticks`; a full queue loses it, and its number with it.
-    pub fn push(&mut self, ticks: u32, frame: Frame) {
-        let index = self.pacer.index(ticks);
-        let _lost_if_full = self.queue.enqueue(Numbered { index, frame });
-    }
-}
-
-/// The main loop's end.
-pub struct Outlet<'a> {
-    queue: Consumer<'a, Numbered>,
-    next: u64,
-}
-
-impl<'a> Outlet<'a> {
-    /// An end that begins at index 0.
-    pub fn new(queue: Consumer<'a, Numbered>) -> Self {
-        Self { queue, next: 0 }
-    }
-
-    /// The whole index whose low half is given: the first such at or after the next expected.
-    fn whole(&self, low: u32) -> u64 {
-        self.next.wrapping_add(u64::from(low.wrapping_sub(self.next as u32)))
-    }
-}
-
-impl SampleSource for Outlet<'_> {
-    fn read(&mut self, frames: &mut [Frame]) -> Chunk {
-        let Some(first) = self.queue.peek().map(|n| n.index) else { return Chunk::Idle };
-        let first_index = self.whole(first);
-        let mut count = 0usize;
-        for slot in frames.iter_mut() {
-            let expected = first.wrapping_add(count as u32);
-            match self.queue.peek() {
-                Some(numbered) if numbered.index == expected => *slot = numbered.frame,
-                _ => break,
-            }
-            self.queue.dequeue();
-            count += 1;
+impl<B: Board> Acquisition<B> {
+    /// A converter not yet set up.
+    pub fn new(board: B, rate: Rate, gain_log2: u8) -> Self {
+        Self {
+            board,
+            rate,
+            gain_log2,
+            state: State::Off { retry_us: 0 },
+            shift: 0,
+            index: 0,
+            seen: (0, 0),
+            damaged: 0,
+            pace: None,
+            unplaced: false,
+            fault: None,
         }
-        self.next = first_index.wrapping_add(count as u64);
+    }
+
+    /// Sets the converter up and arms the hardware before the first conversion.
+    fn begin(&mut self, now_us: u64) {
+        self.state = State::Off { retry_us: now_us + RETRY_US };
+        if converter::set_up(&mut self.board, self.rate, self.gain_log2).is_err() {
+            return;
+        }
+        converter::wake_up(&mut self.board);
+        let Some(first) = self.board.arm(false) else { return };
+        self.state = State::On { first, next: first };
+        self.seen = (first, now_us);
+        self.damaged = 0;
+        if self.index == 0 {
+            self.shift = 0u64.wrapping_sub(first);
+        } else {
+            self.unplaced = true;
+        }
+    }
+
+    /// The converter has reset itself or stands still: it is set up again.
+    fn restart(&mut self, now_us: u64) {
+        self.board.disarm();
+        self.begin(now_us);
+    }
+
+    /// Transfers are out of step with edges, or frames were lost: reading starts afresh, and edges go on counting.
+    fn resume(&mut self, now_us: u64) {
+        self.board.disarm();
+        match self.board.arm(true) {
+            Some(first) => self.state = State::On { first, next: first },
+            None => self.restart(now_us),
+        }
+    }
+
+    /// After the converter stood still: the index of its first edge, from how long that took.
+    fn place(&mut self, first: u64, stamp: Stamp) {
+        // Time does not go back, and at least one conversion is wanting.
+        let mut index = self.index + 1;
+        if let Some(pace) = self.pace {
+            let before = pace.newest();
+            let passed = pace.conversions(stamp.at_us.saturating_sub(before.at_us), self.rate.hz());
+            let by_clock = before.edges.wrapping_add(self.shift).wrapping_add(passed);
+            index = index.max(by_clock.saturating_sub(stamp.edges.saturating_sub(first)));
+        }
+        self.fault = Some((FaultCode::ConverterRestarted, index - self.index));
+        self.shift = index.wrapping_sub(first);
+        self.pace = Some(Pace::new(stamp));
+        self.unplaced = false;
+    }
+
+    /// Frames in the ring since it was armed, of which the first was that of edge `first`, and the number of edges: at a
+    /// moment between two transfers they must agree. `None` where they never do: a transfer was lost or cut short.
+    fn whole(&mut self, first: u64) -> Option<(u64, u64)> {
+        let begun_us = self.board.now_us();
+        for _ in 0..MOST_LOOKS {
+            let before = self.board.edges();
+            let received = self.board.received();
+            let whole = before.saturating_sub(first);
+            if self.board.edges() == before
+                && received as u64 == whole % RING_FRAMES as u64 * FRAME_BYTES as u64
+            {
+                return Some((whole, before));
+            }
+            if self.board.now_us().saturating_sub(begun_us) > TRANSFER_US {
+                break;
+            }
+        }
+        None
+    }
+
+    /// Takes frames that follow each other.
+    fn take(&mut self, first: u64, next: u64, count: u64, frames: &mut [Frame]) -> Result<usize, Read> {
+        let mut taken = 0;
+        for (edge, to) in (next..next.wrapping_add(count)).zip(frames) {
+            let slot = edge.wrapping_sub(first) as usize % RING_FRAMES;
+            match converter::parse(&self.board.frame(slot)) {
+                Read::Samples(frame) => (*to, self.damaged) = (frame, 0),
+                Read::Damaged => (*to, self.damaged) = ([MISSING; CHANNELS], self.damaged.saturating_add(1)),
+                Read::Reset => return if taken > 0 { Ok(taken) } else { Err(Read::Reset) },
+            }
+            taken += 1;
+        }
+        Ok(taken)
+    }
+}
+
+impl<B: Board> SampleSource for Acquisition<B> {
+    fn read(&mut self, frames: &mut [Frame]) -> Chunk {
+        let now_us = self.board.now_us();
+        let (first, mut next) = match self.state {
+            State::Off { retry_us } => {
+                if now_us >= retry_us {
+                    self.begin(now_us);
+                }
+                return Chunk::Idle;
+            }
+            State::On { first, next } => (first, next),
+        };
+        let Some((whole, edges)) = self.whole(first) else {
+            self.resume(now_us);
+            return Chunk::Idle;
+        };
+        if edges != self.seen.0 {
+            self.seen = (edges, now_us);
+        }
+        let still = now_us.saturating_sub(self.seen.1) > STANDSTILL_US;
+        let end = first.wrapping_add(whole);
+        let mut ready = end.wrapping_sub(next);
+        if ready > RING_FRAMES as u64 - MARGIN {
+            // Nobody came for longer than the ring lasts: half of it is still whole for a while.
+            next = end.wrapping_sub(RING_FRAMES as u64 / 2);
+            ready = RING_FRAMES as u64 / 2;
+        }
+        if still && ready == 0 {
+            self.restart(now_us);
+            return Chunk::Idle;
+        }
+        if ready == 0 || (ready < frames.len() as u64 && !still) {
+            return Chunk::Idle;
+        }
+        let stamp = self.board.stamp();
+        if self.unplaced {
+            if stamp.edges <= first && !still {
+                return Chunk::Idle;
+            }
+            self.place(first, stamp);
+        } else if stamp.edges > first {
+            self.pace.get_or_insert(Pace::new(stamp)).note(stamp);
+        }
+        let count = match self.take(first, next, ready.min(frames.len() as u64), frames) {
+            Ok(count) => count,
+            Err(_) => {
+                self.restart(now_us);
+                return Chunk::Idle;
+            }
+        };
+        self.state = State::On { first, next: next.wrapping_add(count as u64) };
+        if self.board.edges().wrapping_sub(next) >= RING_FRAMES as u64 {
+            // Overwritten while it was taken: given up, and counted as a gap.
+            return Chunk::Idle;
+        }
+        let first_index = next.wrapping_add(self.shift);
+        self.index = first_index + count as u64;
+        if self.damaged >= DAMAGED_S * self.rate.hz() {
+            self.restart(now_us);
+        }
         Chunk::Frames { first_index, count }
+    }
+
+    fn fault(&mut self) -> Option<(FaultCode, u64)> {
+        self.fault.take()
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use heapless::spsc::Queue;
-
-    #[test]
-    fn missed_conversions_and_a_full_queue_leave_gaps_and_shift_nothing() {
-        let mut queue: Queue<Numbered, 8> = Queue::new();
-        let (producer, consumer) = queue.split();
-        let mut inlet = Inlet::new(producer, Pacer::new(100));
-        let mut outlet = Outlet::new(consumer);
-        let mut frames = [[0; 4]; 16];
-        // Conversions 0, 1, 2, then 3 and 4 missed, then 5 with jitter.
-        for (ticks, code) in [(1000u32, 0), (1100, 1), (1195, 2), (1512, 5)] {
-            inlet.push(ticks, [code; 4]);
-        }
-        assert_eq!(outlet.read(&mut frames), Chunk::Frames { first_index: 0, count: 3 });
-        assert_eq!(frames[2], [2; 4]);
-        assert_eq!(outlet.read(&mut frames), Chunk::Frames { first_index: 5, count: 1 });
-        assert_eq!(frames[0], [5; 4]);
-        assert_eq!(outlet.read(&mut frames), Chunk::Idle);
-        // The queue holds seven: of 6 to 15, those from 13 on are lost, then 16 comes through.
-        for i in 6..16 {
-            inlet.push(1012 + i * 100, [i as i32; 4]);
-        }
-        assert_eq!(outlet.read(&mut frames), Chunk::Frames { first_index: 6, count: 7 });
-        inlet.push(1012 + 16 * 100, [16; 4]);
-        assert_eq!(outlet.read(&mut frames), Chunk::Frames { first_index: 16, count: 1 });
-    }
-
-    #[test]
-    fn the_index_outlives_its_low_half() {
-        let mut queue: Queue<Numbered, 4> = Queue::new();
-        let (producer, consumer) = queue.split();
-        let pacer = Pacer { next: u32::MAX, ..Pacer::new(10) };
-        let mut inlet = Inlet::new(producer, pacer);
-        let mut outlet = Outlet { queue: consumer, next: u64::from(u32::MAX) };
-        let mut frames = [[0; 4]; 4];
-        inlet.push(0, [1; 4]);
-        inlet.push(10, [2; 4]);
-        let first_index = u64::from(u32::MAX);
-        assert_eq!(outlet.read(&mut frames), Chunk::Frames { first_index, count: 2 });
-        assert_eq!(outlet.next, 1 << 32 | 1);
-    }
-}
+mod tests;

@@ -1,12 +1,11 @@
 //! ADS131M04-class converter: four channels sampled at the same instant, 24 bits, over SPI.
 //!
 //! Every frame is `status, channel 0..3, CRC`, words of 24 bits; the CRC is CRC-16/CCITT (polynomial 0x1021, start
-//! 0xffff) of the words before it. A frame whose CRC is wrong is an error here and becomes [`MISSING`] samples in the
-//! recording: nothing is invented. SPI mode 1, at most 25 MHz; one frame of 18 bytes at 64 kHz is 9.2 Mbit/s.
+//! 0xffff) of the words before it. A frame whose CRC is wrong becomes [`MISSING`] samples in the recording: nothing is
+//! invented. SPI mode 1, at most 25 MHz; one frame of 18 bytes at 64 kHz is 9.2 Mbit/s.
 //! Register names and numbers are those of the converter's data sheet (Texas Instruments SBAS890).
 
-use embedded_hal_async::spi::{Operation, SpiDevice};
-use seabearing_core::block::{CHANNELS, Frame, MISSING};
+use seabearing_core::block::{CHANNELS, Frame};
 
 /// Bytes of a word.
 const WORD: usize = 3;
@@ -16,33 +15,53 @@ pub const FRAME_BYTES: usize = WORD * (CHANNELS + 2);
 const RESET: u16 = 0x0011;
 /// The answer to a reset of a converter with four channels.
 const RESET_DONE: u16 = 0xff24;
+const STANDBY: u16 = 0x0022;
+const WAKE_UP: u16 = 0x0033;
 const WRITE_REGISTER: u16 = 0x6000;
 const READ_REGISTER: u16 = 0xa000;
+const MODE: u16 = 0x02;
 const CLOCK: u16 = 0x03;
 const GAIN: u16 = 0x04;
+/// Words of 24 bits, time-out of broken frames, and the mark of a reset taken note of.
+const MODE_SET: u16 = 0x0110;
 /// All four channels on, high-resolution power mode.
 const CLOCK_ON: u16 = 0x0f02;
 /// Oversampling of 64: 64 kHz from a clock of 8.192 MHz.
 const TURBO: u16 = 0x0020;
+/// Bits of STATUS that say how the converter works: error of a command's CRC, kind of CRC, reset, length of words.
+const STATUS_MASK: u16 = 0x1f00;
+/// What they are after [`set_up`]: words of 24 bits and nothing else.
+const STATUS_SET: u16 = 0x0100;
+/// From a reset to answers the data sheet allows 5 us; after power-on 250 us.
+const AFTER_RESET_US: u32 = 300;
 
-/// A frame that could not be used.
+/// What a frame says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FrameError<E> {
-    /// The bus failed.
-    Bus(E),
-    /// The CRC was wrong.
-    Crc,
+pub enum Read {
+    /// Four samples.
+    Samples(Frame),
+    /// The CRC is wrong: nothing is known.
+    Damaged,
+    /// The converter is not as it was set up: it has reset itself.
+    Reset,
 }
 
 /// A converter that could not be set up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SetupError<E> {
-    /// The bus failed.
-    Bus(E),
+pub enum SetupError {
     /// It did not answer a reset as a converter with four channels does: what it said.
     Unknown(u16),
     /// A register did not keep what was written: its number and what it held.
     Register(u16, u16),
+}
+
+/// The converter's bus, one frame at a time.
+pub trait Bus {
+    /// Selects the converter, exchanges a frame in place, ends the selection.
+    fn exchange(&mut self, frame: &mut [u8; FRAME_BYTES]);
+
+    /// Waits.
+    fn wait_us(&mut self, us: u32);
 }
 
 /// Samples a second from a clock of 8.192 MHz.
@@ -61,9 +80,19 @@ pub enum Rate {
 impl Rate {
     /// The rate a station asks for.
     pub fn of(rate_hz: f64) -> Option<Self> {
-        [(64e3, Self::Hz64000), (32e3, Self::Hz32000), (16e3, Self::Hz16000), (8e3, Self::Hz8000)]
+        [Self::Hz64000, Self::Hz32000, Self::Hz16000, Self::Hz8000]
             .into_iter()
-            .find_map(|(hz, rate)| (hz == rate_hz).then_some(rate))
+            .find(|rate| f64::from(rate.hz()) == rate_hz)
+    }
+
+    /// Samples a second.
+    pub fn hz(self) -> u32 {
+        match self {
+            Self::Hz64000 => 64_000,
+            Self::Hz32000 => 32_000,
+            Self::Hz16000 => 16_000,
+            Self::Hz8000 => 8_000,
+        }
     }
 
     /// The clock register.
@@ -78,77 +107,67 @@ impl Rate {
     }
 }
 
-/// The converter behind an SPI device that selects it.
-pub struct Converter<S> {
-    spi: S,
+/// Resets the converter, sets rate and gain (the same power of two for all channels, 0 to 7: 1 to 128), and leaves it in
+/// standby: no conversion is done before [`wake_up`].
+///
+/// # Errors
+/// Says what did not answer as expected.
+pub fn set_up(bus: &mut impl Bus, rate: Rate, gain_log2: u8) -> Result<(), SetupError> {
+    command(bus, RESET, None);
+    bus.wait_us(AFTER_RESET_US);
+    let answer = command(bus, STANDBY, None);
+    if answer != RESET_DONE {
+        return Err(SetupError::Unknown(answer));
+    }
+    let gain = u16::from(gain_log2.min(7)) * 0x1111;
+    for (register, value) in [(MODE, MODE_SET), (CLOCK, rate.clock()), (GAIN, gain)] {
+        command(bus, WRITE_REGISTER | register << 7, Some(value));
+        command(bus, READ_REGISTER | register << 7, None);
+        let kept = command(bus, 0, None);
+        if kept != value {
+            return Err(SetupError::Register(register, kept));
+        }
+    }
+    Ok(())
 }
 
-impl<S: SpiDevice> Converter<S> {
-    /// Resets the converter and sets rate and gain (the same power of two for all channels, 0 to 7: 1 to 128).
-    ///
-    /// # Errors
-    /// Says what did not answer as expected.
-    pub async fn new(spi: S, rate: Rate, gain_log2: u8) -> Result<Self, SetupError<S::Error>> {
-        let mut converter = Self { spi };
-        converter.command(RESET, None).await.map_err(SetupError::Bus)?;
-        let answer = converter.command(0, None).await.map_err(SetupError::Bus)?;
-        if answer != RESET_DONE {
-            return Err(SetupError::Unknown(answer));
-        }
-        let gain = u16::from(gain_log2.min(7)) * 0x1111;
-        for (register, value) in [(CLOCK, rate.clock()), (GAIN, gain)] {
-            converter.command(WRITE_REGISTER | register << 7, Some(value)).await.map_err(SetupError::Bus)?;
-            converter.command(READ_REGISTER | register << 7, None).await.map_err(SetupError::Bus)?;
-            let kept = converter.command(0, None).await.map_err(SetupError::Bus)?;
-            if kept != value {
-                return Err(SetupError::Register(register, kept));
-            }
-        }
-        Ok(converter)
-    }
-
-    /// Sends one command and its argument; the first word of the answer belongs to the command before.
-    async fn command(&mut self, command: u16, argument: Option<u16>) -> Result<u16, S::Error> {
-        let mut bytes = [0u8; FRAME_BYTES];
-        bytes[..2].copy_from_slice(&command.to_be_bytes());
-        if let Some(argument) = argument {
-            bytes[WORD..WORD + 2].copy_from_slice(&argument.to_be_bytes());
-        }
-        self.spi.transaction(&mut [Operation::TransferInPlace(&mut bytes)]).await?;
-        Ok(u16::from_be_bytes([bytes[0], bytes[1]]))
-    }
-
-    /// Reads the frame that is ready.
-    ///
-    /// # Errors
-    /// The bus failed, or the frame's CRC is wrong.
-    pub async fn read(&mut self) -> Result<Frame, FrameError<S::Error>> {
-        let mut bytes = [0u8; FRAME_BYTES];
-        self.spi.transaction(&mut [Operation::TransferInPlace(&mut bytes)]).await.map_err(FrameError::Bus)?;
-        parse(&bytes).ok_or(FrameError::Crc)
-    }
-
-    /// Reads the frame that is ready; one that cannot be used is [`MISSING`] on every channel.
-    pub async fn read_or_missing(&mut self) -> Frame {
-        self.read().await.unwrap_or([MISSING; CHANNELS])
-    }
+/// Lets the converter begin: its first result comes after at least three periods.
+pub fn wake_up(bus: &mut impl Bus) {
+    command(bus, WAKE_UP, None);
 }
 
-/// The samples of a frame whose CRC is right.
-fn parse(bytes: &[u8; FRAME_BYTES]) -> Option<Frame> {
+/// Sends one command and its argument; the first word of the answer belongs to the command before.
+fn command(bus: &mut impl Bus, command: u16, argument: Option<u16>) -> u16 {
+    let mut bytes = [0u8; FRAME_BYTES];
+    let (first, rest) = bytes.split_at_mut(WORD);
+    first[..2].copy_from_slice(&command.to_be_bytes());
+    if let Some(argument) = argument {
+        rest[..2].copy_from_slice(&argument.to_be_bytes());
+    }
+    bus.exchange(&mut bytes);
+    u16::from_be_bytes([bytes[0], bytes[1]])
+}
+
+/// What a frame says that was read with nothing commanded.
+pub fn parse(bytes: &[u8; FRAME_BYTES]) -> Read {
     let (body, tail) = bytes.split_at(FRAME_BYTES - WORD);
     if crc16(body).to_be_bytes() != tail[..2] {
-        return None;
+        return Read::Damaged;
+    }
+    let status = u16::from_be_bytes([body[0], body[1]]);
+    // The first word after the command that woke the converter is that command again.
+    if status & STATUS_MASK != STATUS_SET && status != WAKE_UP {
+        return Read::Reset;
     }
     let mut frame = [0; CHANNELS];
     for (code, word) in frame.iter_mut().zip(body[WORD..].as_chunks::<WORD>().0) {
         *code = i32::from_be_bytes([word[0], word[1], word[2], 0]) >> 8;
     }
-    Some(frame)
+    Read::Samples(frame)
 }
 
 /// The converter's check sum: polynomial 0x1021, start 0xffff.
-fn crc16(bytes: &[u8]) -> u16 {
+pub(crate) fn crc16(bytes: &[u8]) -> u16 {
     static CRC: crc::Crc<u16, crc::Table<1>> = crc::Crc::<u16, crc::Table<1>>::new(&crc::CRC_16_IBM_3740);
     CRC.checksum(bytes)
 }
@@ -156,69 +175,62 @@ fn crc16(bytes: &[u8]) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core::convert::Infallible;
-    use core::future::Future;
-    use core::pin::pin;
-    use core::task::{Context, Poll, Waker};
-    use embedded_hal_async::spi::ErrorType;
     use std::vec::Vec;
 
-    /// A converter as its data sheet describes it, on a bus without delays.
+    /// A converter as its data sheet describes it, deaf for a while after a reset.
     #[derive(Default)]
     struct Mock {
         registers: [u16; 8],
         answer: u16,
-        samples: Frame,
-        damage: Option<usize>,
+        deaf_us: u32,
+        deaf: u32,
         stuck: bool,
+        awake: bool,
         log: Vec<u16>,
     }
 
-    impl ErrorType for Mock {
-        type Error = Infallible;
-    }
-
-    impl SpiDevice for Mock {
-        async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-            for operation in operations {
-                let Operation::TransferInPlace(bytes) = operation else { panic!("unexpected operation") };
-                let command = u16::from_be_bytes([bytes[0], bytes[1]]);
-                let argument = u16::from_be_bytes([bytes[3], bytes[4]]);
-                self.log.push(command);
-                bytes[..2].copy_from_slice(&self.answer.to_be_bytes());
-                bytes[2] = 0;
-                for (word, code) in bytes[3..15].chunks_mut(3).zip(self.samples) {
-                    word.copy_from_slice(&code.to_be_bytes()[1..]);
-                }
-                let crc = crc16(&bytes[..15]);
-                bytes[15..17].copy_from_slice(&crc.to_be_bytes());
-                bytes[17] = 0;
-                if let Some(at) = self.damage {
-                    bytes[at] ^= 0x10;
-                }
-                let register = usize::from(command >> 7 & 7);
-                self.answer = match command & 0xe000 {
-                    WRITE_REGISTER if self.stuck => 0,
-                    WRITE_REGISTER => {
-                        self.registers[register] = argument;
-                        0x4000 | command & 0x1fff
-                    }
-                    READ_REGISTER => self.registers[register],
-                    _ if command == RESET => RESET_DONE,
-                    _ => 0x0500,
-                };
+    impl Bus for Mock {
+        fn exchange(&mut self, bytes: &mut [u8; FRAME_BYTES]) {
+            if self.deaf > 0 {
+                bytes.fill(0);
+                return;
             }
-            Ok(())
+            let command = u16::from_be_bytes([bytes[0], bytes[1]]);
+            let argument = u16::from_be_bytes([bytes[3], bytes[4]]);
+            self.log.push(command);
+            bytes[..2].copy_from_slice(&self.answer.to_be_bytes());
+            let register = usize::from(command >> 7 & 7);
+            self.answer = match command & 0xe000 {
+                WRITE_REGISTER if self.stuck => 0,
+                WRITE_REGISTER => {
+                    self.registers[register] = argument;
+                    0x4000 | command & 0x1fff
+                }
+                READ_REGISTER => self.registers[register],
+                _ if command == RESET => {
+                    self.deaf = self.deaf_us;
+                    RESET_DONE
+                }
+                _ => 0x0100,
+            };
+            self.awake = command == WAKE_UP;
+        }
+
+        fn wait_us(&mut self, us: u32) {
+            self.deaf = self.deaf.saturating_sub(us);
         }
     }
 
-    fn block_on<F: Future>(future: F) -> F::Output {
-        let mut future = pin!(future);
-        loop {
-            if let Poll::Ready(out) = future.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
-                return out;
-            }
+    /// A frame as the converter sends it.
+    fn frame(status: u16, samples: Frame) -> [u8; FRAME_BYTES] {
+        let mut bytes = [0; FRAME_BYTES];
+        bytes[..2].copy_from_slice(&status.to_be_bytes());
+        for (word, code) in bytes[3..15].chunks_mut(3).zip(samples) {
+            word.copy_from_slice(&code.to_be_bytes()[1..]);
         }
+        let crc = crc16(&bytes[..15]);
+        bytes[15..17].copy_from_slice(&crc.to_be_bytes());
+        bytes
     }
 
     #[test]
@@ -228,32 +240,40 @@ mod tests {
     }
 
     #[test]
-    fn set_up_writes_clock_and_gain_and_reads_them_back() {
-        let converter = block_on(Converter::new(Mock::default(), Rate::Hz64000, 3)).unwrap();
-        assert_eq!(converter.spi.registers[3], 0x0f22);
-        assert_eq!(converter.spi.registers[4], 0x3333);
-        assert_eq!(converter.spi.log[0], RESET);
-        let kept = block_on(Converter::new(Mock { stuck: true, ..Mock::default() }, Rate::Hz8000, 0)).err();
-        assert_eq!(kept, Some(SetupError::Register(CLOCK, 0)));
+    fn set_up_writes_mode_clock_and_gain_reads_them_back_and_wakes_last() {
+        let mut bus = Mock { deaf_us: 5, ..Mock::default() };
+        assert_eq!(set_up(&mut bus, Rate::Hz64000, 3), Ok(()));
+        assert_eq!(bus.registers[2..5], [0x0110, 0x0f22, 0x3333]);
+        assert_eq!(bus.log[..2], [RESET, STANDBY]);
+        assert!(!bus.awake);
+        wake_up(&mut bus);
+        assert!(bus.awake);
+        let kept = set_up(&mut Mock { stuck: true, ..Mock::default() }, Rate::Hz8000, 0);
+        assert_eq!(kept, Err(SetupError::Register(MODE, 0)));
+        let mute = set_up(&mut Mock { deaf_us: 1 << 20, ..Mock::default() }, Rate::Hz8000, 0);
+        assert_eq!(mute, Err(SetupError::Unknown(0)));
     }
 
     #[test]
     fn samples_keep_their_sign_and_full_scale() {
-        let mut converter = block_on(Converter::new(Mock::default(), Rate::Hz32000, 0)).unwrap();
-        converter.spi.samples = [0, -1, 8_388_607, -8_388_608];
-        assert_eq!(block_on(converter.read()), Ok([0, -1, 8_388_607, -8_388_608]));
+        let samples = [0, -1, 8_388_607, -8_388_608];
+        assert_eq!(parse(&frame(0x010f, samples)), Read::Samples(samples));
+        assert_eq!(parse(&frame(WAKE_UP, samples)), Read::Samples(samples));
     }
 
     #[test]
-    fn a_flipped_bit_anywhere_makes_the_frame_missing() {
-        let mut converter = block_on(Converter::new(Mock::default(), Rate::Hz16000, 0)).unwrap();
-        converter.spi.samples = [5, 6, 7, -8];
+    fn a_flipped_bit_anywhere_damages_the_frame() {
         for at in 0..FRAME_BYTES - 1 {
-            converter.spi.damage = Some(at);
-            assert_eq!(block_on(converter.read()), Err(FrameError::Crc), "byte {at}");
-            assert_eq!(block_on(converter.read_or_missing()), [MISSING; 4]);
+            let mut bytes = frame(0x010f, [5, 6, 7, -8]);
+            bytes[at] ^= 0x10;
+            assert_eq!(parse(&bytes), Read::Damaged, "byte {at}");
         }
-        converter.spi.damage = None;
-        assert_eq!(block_on(converter.read()), Ok([5, 6, 7, -8]));
+    }
+
+    #[test]
+    fn a_reset_and_other_words_are_noticed_in_the_status() {
+        for status in [0x050f, RESET_DONE, 0x000f, 0x020f, 0x110f, 0x090f] {
+            assert_eq!(parse(&frame(status, [1; 4])), Read::Reset, "{status:#06x}");
+        }
     }
 }

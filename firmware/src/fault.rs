@@ -1,49 +1,72 @@
-//! What is kept of a panic across the reset that follows it.
+//! What is kept across the reset that follows a panic or a fault of the processor, and how often the software started.
 //!
-//! The record stands in memory that start-up code does not touch. A panic writes it and resets; the next start takes
-//! it, once, and reports it.
+//! The records stand in memory that start-up code does not touch. Error correction of that memory writes whole double words
+//! late, and a reset forgets the last one: every record ends with a word that may be forgotten.
+
+use seabearing_core::wire::FaultCode;
 
 /// Marks a record as written (power-on memory is random).
 const MAGIC: u32 = 0x5ea_b0a7;
 
-/// Where a panic was.
+/// Why the software ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
+#[repr(C, align(8))]
 pub struct Record {
     magic: u32,
-    /// Line in the source file.
-    pub line: u32,
-    /// Identifies the file: FNV-1a of its path, low 32 bits.
-    pub file: u32,
+    /// Of a panic the line in the source file; of a fault of the processor the program counter.
+    pub place: u32,
+    /// Of a panic the file (FNV-1a of its path, low 32 bits); of a fault its status.
+    pub detail: u32,
+    /// Whether the processor had faulted.
+    pub processor: u32,
     check: u32,
+    _may_be_lost: [u32; 3],
 }
 
 impl Record {
+    fn new(place: u32, detail: u32, processor: bool) -> Self {
+        let processor = u32::from(processor);
+        let check = check([place, detail, processor]);
+        Self { magic: MAGIC, place, detail, processor, check, _may_be_lost: [0; 3] }
+    }
+
     /// The record of a panic at a place in the source.
-    pub fn new(file: &str, line: u32) -> Self {
-        let file = seabearing_core::wire::hash::fnv1a(file.as_bytes()) as u32;
-        Self { magic: MAGIC, line, file, check: check(line, file) }
+    pub fn panic(file: &str, line: u32) -> Self {
+        Self::new(line, seabearing_core::wire::hash::fnv1a(file.as_bytes()) as u32, false)
+    }
+
+    /// The record of a fault of the processor: the program counter and the configurable fault status register.
+    pub fn processor(pc: u32, status: u32) -> Self {
+        Self::new(pc, status, true)
     }
 
     /// Nothing recorded.
     pub const fn none() -> Self {
-        Self { magic: 0, line: 0, file: 0, check: 0 }
+        Self { magic: 0, place: 0, detail: 0, processor: 0, check: 0, _may_be_lost: [0; 3] }
     }
 
-    /// The record as telemetry carries it: low 32 bits the line, above them 31 bits of the file's hash.
-    pub fn value(self) -> i64 {
-        i64::from(self.file >> 1) << 32 | i64::from(self.line)
+    /// The record as telemetry carries it: low 32 bits the place, above them 31 bits of the detail.
+    pub fn told(self) -> (FaultCode, i64) {
+        let (code, detail) = match self.processor {
+            0 => (FaultCode::Panicked, self.detail >> 1),
+            _ => (FaultCode::HardFault, self.detail & 0x7fff_ffff),
+        };
+        (code, i64::from(detail) << 32 | i64::from(self.place))
     }
 
     /// The record if it is one: magic and check word right.
     pub fn valid(self) -> Option<Self> {
-        (self.magic == MAGIC && self.check == check(self.line, self.file)).then_some(self)
+        let right = self.magic == MAGIC && self.check == check([self.place, self.detail, self.processor]);
+        right.then_some(self)
     }
 }
 
-fn check(line: u32, file: u32) -> u32 {
-    !(MAGIC ^ line.rotate_left(7) ^ file.rotate_left(13))
+fn check(words: [u32; 3]) -> u32 {
+    !words.into_iter().fold(MAGIC, |sum, word| sum.rotate_left(7) ^ word)
 }
+
+/// Starts in a row without a minute's work after the last of which the software waits for commands.
+pub const MOST_STARTS: u32 = 5;
 
 #[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]
 mod kept {
@@ -54,31 +77,56 @@ mod kept {
 
     #[unsafe(link_section = ".uninit.fault")]
     static mut FAULT: MaybeUninit<Record> = MaybeUninit::uninit();
+    #[unsafe(link_section = ".uninit.starts")]
+    static mut STARTS: MaybeUninit<Record> = MaybeUninit::uninit();
 
-    /// Takes the record of the panic before this start, if there was one.
-    pub fn take() -> Option<Record> {
-        let kept = &raw mut FAULT;
-        // SAFETY: one core, no interrupt uses it; every bit pattern is a `Record`.
+    fn exchange(
+        kept: *mut MaybeUninit<Record>,
+        new: impl FnOnce(Option<Record>) -> Record,
+    ) -> Option<Record> {
+        // SAFETY: one core, no interrupt uses it but to end everything; every bit pattern is a `Record`.
         unsafe {
-            let record = kept.cast::<Record>().read_volatile();
-            kept.cast::<Record>().write_volatile(Record::none());
-            record.valid()
+            let record = kept.cast::<Record>().read_volatile().valid();
+            kept.cast::<Record>().write_volatile(new(record));
+            cortex_m::asm::dsb();
+            record
         }
+    }
+
+    /// Takes the record of what had ended the software before this start, if there is one.
+    pub fn take() -> Option<Record> {
+        exchange(&raw mut FAULT, |_| Record::none())
+    }
+
+    /// Keeps the record and starts again.
+    pub fn keep_and_reset(record: Record) -> ! {
+        exchange(&raw mut FAULT, |_| record);
+        cortex_m::peripheral::SCB::sys_reset()
     }
 
     /// Keeps the record of a panic and starts again.
     pub fn record_and_reset(info: &core::panic::PanicInfo<'_>) -> ! {
-        let place = info.location();
-        let record = place.map_or(Record::new("?", 0), |l| Record::new(l.file(), l.line()));
-        let kept = &raw mut FAULT;
-        // SAFETY: as in `take`; nothing runs after it.
-        unsafe { kept.cast::<Record>().write_volatile(record) };
-        cortex_m::peripheral::SCB::sys_reset()
+        keep_and_reset(info.location().map_or(Record::panic("?", 0), |l| Record::panic(l.file(), l.line())))
+    }
+
+    /// Counts a start; how many there were in a row.
+    pub fn count_start() -> u32 {
+        let mut starts = 0;
+        exchange(&raw mut STARTS, |before| {
+            starts = before.map_or(1, |b| b.place.saturating_add(1));
+            Record::new(starts, 0, false)
+        });
+        starts
+    }
+
+    /// The starts so far were all right.
+    pub fn forget_starts() {
+        exchange(&raw mut STARTS, |_| Record::none());
     }
 }
 
 #[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]
-pub use kept::{record_and_reset, take};
+pub use kept::{count_start, forget_starts, keep_and_reset, record_and_reset, take};
 
 #[cfg(test)]
 mod tests {
@@ -86,10 +134,15 @@ mod tests {
 
     #[test]
     fn only_a_whole_record_counts() {
-        let record = Record::new("core/src/run.rs", 77);
-        assert_eq!(record.valid().map(|r| r.line), Some(77));
-        assert_eq!(record.value() as u32, 77);
-        assert_eq!(Record { line: 78, ..record }.valid(), None);
+        let record = Record::panic("core/src/run.rs", 77);
+        assert_eq!(record.valid().map(|r| r.place), Some(77));
+        assert_eq!((record.told().0, record.told().1 as u32), (FaultCode::Panicked, 77));
+        assert_eq!(Record { place: 78, ..record }.valid(), None);
+        assert_eq!(Record { processor: 1, ..record }.valid(), None);
         assert_eq!(Record::none().valid(), None);
+        // The last double word may be lost.
+        assert!(Record { _may_be_lost: [9; 3], ..record }.valid().is_some());
+        let fault = Record::processor(0x0800_1234, 0x8200);
+        assert_eq!(fault.valid().map(Record::told), Some((FaultCode::HardFault, 0x8200_0800_1234)));
     }
 }

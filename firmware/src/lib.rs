@@ -12,6 +12,7 @@ extern crate std;
 pub mod acquisition;
 pub mod converter;
 pub mod fault;
+pub mod pace;
 
 #[cfg(feature = "mps2-an500")]
 pub mod mps2_an500;

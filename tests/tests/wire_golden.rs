@@ -185,6 +185,7 @@ fn the_examples_of_commands_too() {
         ("Identify", Command::Identify { token: 1 }),
         ("HealthEvery", Command::HealthEvery { token: 2, seconds: 600 }),
         ("Stop", Command::Stop { token: 3 }),
+        ("Start", Command::Start { token: 4 }),
     ];
     let mut encoder = Encoder::default();
     let mut decoder = Decoder::default();

@@ -57,7 +57,7 @@ pub struct Hello {
     pub version: (u8, u8, u8),
     /// Number of the station.
     pub station: u16,
-    /// 0 array, 1 ocean bottom.
+    /// 0 array, 1 ocean bottom, 255 none: the recorder waits for commands.
     pub kind: u8,
     /// Samples a second.
     pub rate_hz: f32,
@@ -253,11 +253,20 @@ pub enum FaultCode {
     Panicked,
     /// The source of samples is silent: for how many seconds of the board's clock.
     NoSamples,
+    /// The converter stood still or reset itself and was set up again: how many instants that took by the board's clock.
+    ConverterRestarted,
+    /// The configuration cannot be used, and the recorder waits for commands: 0 unreadable, 1 no recorder for it, 2 no
+    /// such sample rate.
+    BadConfiguration,
+    /// The processor had faulted before this start: low 32 bits the program counter, above them the fault status.
+    HardFault,
+    /// The software was started again and again without a minute's work between, and waits for commands: how often.
+    ManyResets,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 15] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -269,6 +278,10 @@ impl FaultCode {
         Self::BadCommand,
         Self::Panicked,
         Self::NoSamples,
+        Self::ConverterRestarted,
+        Self::BadConfiguration,
+        Self::HardFault,
+        Self::ManyResets,
     ];
 }
 
@@ -346,6 +359,11 @@ pub enum Command {
     },
     /// Stop after the current block.
     Stop {
+        /// Returned in the reply.
+        token: u8,
+    },
+    /// Start again: a recorder that has stopped or waits for commands begins a new session.
+    Start {
         /// Returned in the reply.
         token: u8,
     },

@@ -127,12 +127,28 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("the core's example, on the target as on the host", || example::check(toolchain));
     suite.step("panic freedom", || panic_free::check(toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(toolchain));
-    suite.step("stm32h743 links within memory.x", || {
-        firmware::build_hardware(toolchain, &HARDWARE, None).map(|_| ())
+    suite.step("twin: the hardware image with its drivers on the modelled board, byte for byte", || {
+        hardware_twin(toolchain)
     });
     suite.step("stm32h743 with deferred logging links within memory.x", || {
         firmware::build_hardware(toolchain, &HARDWARE_LOGGING, None).map(|_| ())
     });
+}
+
+/// The image for hardware, with the short scenario's station, on the modelled board at plausible costs; then the emulated
+/// board's image in the same interpreter.
+fn hardware_twin(toolchain: &Toolchain) -> Result<()> {
+    let recording = scenario::simulate("short-pass")?;
+    let station = recording.station.to_string_lossy().into_owned();
+    firmware::build_hardware(toolchain, &HARDWARE, Some(&station))?;
+    let boards: [&[&str]; 2] =
+        [&["--board", "stm32h743", "--cycles", "2.5", "--register-cycles", "30"], &["--emulator", "model"]];
+    for board in boards {
+        let mut twin = host(&["twin", "--station"]);
+        twin.arg(&recording.station).args(board).args(&recording.files);
+        run(&mut twin, "seabearing twin")?;
+    }
+    Ok(())
 }
 
 /// Simulates a scenario and compares the telemetry of firmware and host.

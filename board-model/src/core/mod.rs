@@ -348,6 +348,28 @@ impl<B: Board> Machine<B> {
         }
     }
 
+    /// Holds the core, as a debugger does, while everything else goes on.
+    ///
+    /// # Errors
+    /// As [`Machine::run`].
+    pub fn hold(&mut self, until: Ticks) -> Result<(), String> {
+        self.attribute();
+        while self.now < until {
+            let event = self.board.next_event().min(self.system.next_event());
+            self.now = event.clamp(self.now, until);
+            self.work_began = self.now;
+            self.advance()?;
+            while let Some(wish) = self.wishes.pop() {
+                match wish {
+                    Wish::Reset => self.reset_core(),
+                    Wish::CoreHz(hz) => self.set_hz(hz),
+                    Wish::Exit(_) => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// What peripherals and SysTick have to do by now.
     fn advance(&mut self) -> Result<(), String> {
         if self.system.next_event() <= self.now {

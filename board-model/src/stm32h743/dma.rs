@@ -24,6 +24,10 @@ pub(super) mod request {
 }
 
 const STREAMS: usize = 16;
+/// Request generators of DMAMUX1, whose requests are the first numbers.
+const GENERATORS: usize = 8;
+/// Channels of DMAMUX1 whose events reach the generators.
+const EVENTS: usize = 3;
 const COMPLETE: u32 = 1 << 5;
 const HALF: u32 = 1 << 4;
 
@@ -69,6 +73,10 @@ impl Stream {
 pub(super) struct Dma {
     streams: [Stream; STREAMS],
     mux: [u32; STREAMS],
+    generators: [u32; GENERATORS],
+    /// Requests a generator has still to make, and whether it was triggered while it made them.
+    generated: [u32; GENERATORS],
+    overrun: u32,
     /// Items moved since the start, by stream.
     pub moved: [u64; STREAMS],
 }
@@ -84,7 +92,14 @@ pub(super) struct Item {
 
 impl Dma {
     pub fn new() -> Self {
-        Self { streams: [Stream::default(); STREAMS], mux: [0; STREAMS], moved: [0; STREAMS] }
+        Self {
+            streams: [Stream::default(); STREAMS],
+            mux: [0; STREAMS],
+            generators: [0; GENERATORS],
+            generated: [0; GENERATORS],
+            overrun: 0,
+            moved: [0; STREAMS],
+        }
     }
 
     /// The stream that would serve a request: the first enabled one.
@@ -107,6 +122,37 @@ impl Dma {
         Ok(Item { peripheral: s.peripheral, memory, width, to_peripheral: s.sends() })
     }
 
+    /// The first request that a generator makes and a stream serves: that stream, and the generator to be told.
+    pub fn generated(&self) -> Option<(usize, usize)> {
+        let makes = |g: &usize| self.generated[*g] > 0;
+        (0..GENERATORS).filter(makes).find_map(|g| Some((self.serving(g as u8 + 1)?, g)))
+    }
+
+    /// A generator's request is served.
+    pub fn one_generated(&mut self, generator: usize) {
+        self.generated[generator] -= 1;
+    }
+
+    /// A channel of DMAMUX1 has passed a request on and says so, if it is to.
+    fn event(&mut self, channel: usize) {
+        if channel >= EVENTS || self.mux[channel] & 1 << 9 == 0 {
+            return;
+        }
+        for g in 0..GENERATORS {
+            let control = self.generators[g];
+            let (signal, on, rising) =
+                (control as usize & 31, control >> 16 & 1 != 0, control >> 17 & 1 != 0);
+            if !on || !rising || signal != channel {
+                continue;
+            }
+            if self.generated[g] > 0 {
+                self.overrun |= 1 << g;
+            } else {
+                self.generated[g] = (control >> 19 & 31) + 1;
+            }
+        }
+    }
+
     /// One item of a stream has been moved.
     pub fn done(&mut self, bus: &mut Bus<'_>, stream: usize) {
         let s = &mut self.streams[stream];
@@ -127,6 +173,7 @@ impl Dma {
                 s.left = 0;
             }
         }
+        self.event(stream);
         self.lines(bus);
     }
 
@@ -237,21 +284,45 @@ impl Dma {
     pub fn read_mux(&self, offset: usize) -> Result<u32, Refusal> {
         match offset {
             0..0x40 => Ok(self.mux[offset / 4]),
-            0x80 | 0x140 | 0x100..0x120 => Ok(0),
+            0x100..0x120 => Ok(self.generators[(offset - 0x100) / 4]),
+            0x80 => Ok(0),
+            0x140 => Ok(self.overrun),
             _ => Err(unknown("DMAMUX1", offset)),
         }
     }
 
     pub fn write_mux(&mut self, offset: usize, value: u32) -> Result<(), Refusal> {
         match offset {
-            0..0x40 if value & 0x0101_0000 != 0 => {
-                Refusal::stop("DMAMUX synchronisation and events are not modelled")
+            0..0x40 if value & 0x0101_0000 != 0 => Refusal::stop("synchronisation of DMAMUX is not modelled"),
+            0..0x40 if value & 0x200 != 0 && value >> 19 & 31 != 0 => {
+                Refusal::stop("events of DMAMUX after several requests are not modelled")
             }
             0..0x40 => {
                 self.mux[offset / 4] = value;
                 Ok(())
             }
-            0x84 | 0x144 => Ok(()),
+            0x100..0x120 => {
+                let g = (offset - 0x100) / 4;
+                let before = self.generators[g];
+                if (before | value) & 1 << 16 != 0
+                    && (before ^ value) & 0x00f8_0000 != 0
+                    && value >> 16 & 1 != 0
+                {
+                    return Refusal::stop(
+                        "the number of requests of a generator of DMAMUX is changed while it is on",
+                    );
+                }
+                if value & 1 << 16 == 0 {
+                    self.generated[g] = 0;
+                }
+                self.generators[g] = value;
+                Ok(())
+            }
+            0x144 => {
+                self.overrun &= !value;
+                Ok(())
+            }
+            0x84 => Ok(()),
             _ => Err(unknown("DMAMUX1", offset)),
         }
     }

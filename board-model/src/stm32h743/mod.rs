@@ -259,6 +259,11 @@ impl Stm32h743 {
                 moved = true;
             }
         }
+        while let Some((stream, generator)) = self.dma.generated() {
+            self.dma.one_generated(generator);
+            self.move_item(bus, stream)?;
+            moved = true;
+        }
         for index in 0..self.timers.len() {
             let (pending, (channels, update)) =
                 (self.timers[index].requests, self.timers[index].place.requests);

@@ -10,7 +10,7 @@ use crate::wire::{Fault, FaultCode, FaultsHeld, Message};
 pub const A_MINUTE: u8 = 3;
 
 /// Kinds there are.
-const KINDS: usize = FaultCode::NoSamples as usize + 1;
+const KINDS: usize = FaultCode::ALL.len();
 
 /// One kind.
 #[derive(Clone, Copy, Debug)]

@@ -122,6 +122,7 @@ impl Reporter {
                 token
             }
             Command::Stop { token } => token, // the loop stops
+            Command::Start { token } => return sink(&Message::Reply(Reply { token, status: 1 })),
         };
         sink(&Message::Reply(Reply { token, status: 0 }));
     }
@@ -143,7 +144,7 @@ impl Default for Reporter {
 pub const RESET_UNKNOWN: u8 = 255;
 
 /// Version of the package, from its manifest.
-const VERSION: (u8, u8, u8) = (
+pub(crate) const VERSION: (u8, u8, u8) = (
     decimal(env!("CARGO_PKG_VERSION_MAJOR")),
     decimal(env!("CARGO_PKG_VERSION_MINOR")),
     decimal(env!("CARGO_PKG_VERSION_PATCH")),

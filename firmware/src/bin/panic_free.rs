@@ -16,6 +16,7 @@ use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{ReadBytes, Reader};
+use seabearing_core::wire::FaultCode;
 
 /// A device register: whatever is read there, the optimiser cannot know.
 const REGISTER: *mut u32 = 0x4000_0000 as *mut u32;
@@ -91,8 +92,8 @@ impl Supervisor for Device {
         self.word() as u8
     }
 
-    fn last_panic(&mut self) -> Option<i64> {
-        (self.word() != 0).then(|| i64::from(self.word()))
+    fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
+        (self.word() != 0).then(|| (FaultCode::Panicked, i64::from(self.word())))
     }
 }
 

@@ -1,4 +1,4 @@
-//! The recorder on the STM32H743: built and linked, never run on silicon.
+//! The recorder on the STM32H743: it runs with its real drivers in an emulator; not yet on silicon.
 #![no_std]
 #![no_main]
 #![allow(unsafe_code)]
@@ -6,36 +6,32 @@
 #[cfg(feature = "defmt")]
 use defmt_rtt as _;
 
-use cortex_m_rt::entry;
+use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_executor::InterruptExecutor;
-use embassy_stm32::exti::{self, ExtiInput};
-use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::Uart;
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{bind_interrupts, dma, peripherals, spi, usart};
-use heapless::spsc::Queue;
+use embassy_stm32::{bind_interrupts, dma, peripherals, usart};
 use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
-use seabearing_firmware::acquisition::{Inlet, Numbered, Outlet, QUEUE_FRAMES};
+use seabearing_core::wait::wait;
+use seabearing_core::wire::FaultCode;
+use seabearing_firmware::acquisition::{self, Acquisition};
 use seabearing_firmware::converter::Rate;
+use seabearing_firmware::fault;
 use seabearing_firmware::stm32h743::link::{RING_BYTES, Serial, transmit};
-use seabearing_firmware::stm32h743::sampling::{Selected, pacer, sample};
+use seabearing_firmware::stm32h743::sampling::{Sampling, on_wake};
 use seabearing_firmware::stm32h743::{Board, Cycles, WATCHDOG_US, clocks, wake};
 
 /// The station, as `seabearing blob` wrote it when the image was built.
 static BLOB: &[u8] = include_bytes!(env!("SEABEARING_STATION_BLOB"));
 
 bind_interrupts!(struct Interrupts {
-    DMA1_STREAM0 => dma::InterruptHandler<peripherals::DMA1_CH0>;
-    DMA1_STREAM1 => dma::InterruptHandler<peripherals::DMA1_CH1>;
-    DMA1_STREAM2 => dma::InterruptHandler<peripherals::DMA1_CH2>;
-    DMA1_STREAM3 => dma::InterruptHandler<peripherals::DMA1_CH3>;
-    EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
+    DMA2_STREAM0 => dma::InterruptHandler<peripherals::DMA2_CH0>;
+    DMA2_STREAM1 => dma::InterruptHandler<peripherals::DMA2_CH1>;
     USART3 => usart::InterruptHandler<peripherals::USART3>;
 });
 
@@ -48,11 +44,16 @@ unsafe fn UART4() {
     unsafe { TASKS.on_interrupt() }
 }
 
+#[interrupt]
+fn TIM1_CC() {
+    on_wake();
+}
+
 #[entry]
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
-    static mut QUEUE: Queue<Numbered, QUEUE_FRAMES> = Queue::new();
+    static mut SAMPLES: [u16; acquisition::RING_BYTES / 2] = [0; acquisition::RING_BYTES / 2];
     static mut RING: [u8; RING_BYTES] = [0; RING_BYTES];
 
     let p = embassy_stm32::init(clocks());
@@ -61,49 +62,58 @@ fn main() -> ! {
     core.SCB.enable_icache();
     let mut cycles = Cycles::start(&mut core.DCB, &mut core.DWT);
 
-    let Ok(config) = config_blob::station(BLOB) else { panic!("no valid configuration in this image") };
-    let table = config_blob::section(BLOB, PROPAGATION).ok();
-    let Ok(mut recorder) = MEMORY.configure(&config, table) else {
-        panic!("no recorder for this configuration")
-    };
-    let Some(rate) = Rate::of(config.rate_hz) else { panic!("the converter has no such sample rate") };
-
     let mut serial = usart::Config::default();
     serial.baudrate = 921_600;
-    let Ok(uart) = Uart::new(p.USART3, p.PD9, p.PD8, p.DMA1_CH0, p.DMA1_CH1, Interrupts, serial) else {
+    let Ok(uart) = Uart::new(p.USART3, p.PD9, p.PD8, p.DMA2_CH0, p.DMA2_CH1, Interrupts, serial) else {
         panic!("the serial port does not take its configuration")
     };
     let (tx, rx) = uart.split();
     let mut link = Serial::new(rx.into_ring_buffered(RING));
 
-    let mut bus = spi::Config::default();
-    bus.mode = spi::MODE_1;
-    bus.frequency = Hertz(20_000_000);
-    let bus = spi::Spi::new(p.SPI1, p.PA5, p.PB5, p.PA6, p.DMA1_CH2, p.DMA1_CH3, Interrupts, bus);
-    let device = Selected::new(bus, Output::new(p.PD14, Level::High, Speed::VeryHigh));
-    let ready = ExtiInput::new(p.PE9, p.EXTI9, Pull::None, Interrupts);
-    let (producer, consumer) = QUEUE.split();
-
     interrupt::UART4.set_priority(Priority::P6);
     let spawner = TASKS.start(interrupt::UART4);
-    let inlet = Inlet::new(producer, pacer(config.rate_hz));
-    let (Ok(transmit), Ok(sample), Ok(wake)) = (transmit(tx), sample(device, ready, rate, inlet), wake())
-    else {
-        panic!("a task was started twice")
-    };
+    let (Ok(transmit), Ok(wake)) = (transmit(tx), wake()) else { panic!("a task was started twice") };
     spawner.spawn(wake);
     spawner.spawn(transmit);
-    spawner.spawn(sample);
 
-    let mut samples = Outlet::new(consumer);
-    run(&mut recorder, &mut samples, &mut link, &mut cycles, &mut board, FRAMES);
-    // Stopped by command: the watchdog starts everything again.
-    loop {
-        cortex_m::asm::wfi();
-    }
+    let (config, table) = (config_blob::station(BLOB), config_blob::section(BLOB, PROPAGATION).ok());
+    let station = config.as_ref().map_or(0, |config| config.id);
+    let rate = config.as_ref().ok().and_then(|config| Rate::of(config.rate_hz));
+    // Why there is nothing to record, where that is so.
+    let bad = |number| Err((FaultCode::BadConfiguration, number));
+    let recorder = match &config {
+        _ if board.starts() > fault::MOST_STARTS => Err((FaultCode::ManyResets, i64::from(board.starts()))),
+        Err(_) => bad(0),
+        Ok(config) => match (MEMORY.configure(config, table), rate) {
+            (Ok(recorder), Some(rate)) => Ok((recorder, rate)),
+            (Err(_), _) => bad(1),
+            (Ok(_), None) => bad(2),
+        },
+    };
+
+    let reason = match recorder {
+        Ok((mut recorder, rate)) => {
+            let claimed = ((p.SPI1, p.TIM1, p.TIM2), (p.PA4, p.PA5, p.PA6, p.PB5, p.PE9));
+            let mut samples = Acquisition::new(Sampling::new(claimed, SAMPLES), rate, 0);
+            run(&mut recorder, &mut samples, &mut link, &mut cycles, &mut board, FRAMES);
+            None
+        }
+        Err(reason) => Some(reason),
+    };
+    // Stopped by command, or nothing to record: the link lives.
+    wait(station, reason, &mut link, &mut cycles, &mut board);
+    link.flush(&mut board);
+    board.start_again()
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    // SAFETY: nothing else runs any more.
+    let status = unsafe { (*cortex_m::peripheral::SCB::PTR).cfsr.read() };
+    fault::keep_and_reset(fault::Record::processor(frame.pc(), status))
 }
 
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
-    seabearing_firmware::fault::record_and_reset(info)
+    fault::record_and_reset(info)
 }

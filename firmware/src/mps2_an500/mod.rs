@@ -14,6 +14,7 @@ pub mod uart;
 
 use crate::fault::{self, Record};
 use seabearing_core::port::Supervisor;
+use seabearing_core::wire::FaultCode;
 
 /// Start and size of the memory the configuration blob is loaded into.
 const BLOB: (*const u8, usize) = (0x6000_0000 as *const u8, 1 << 20);
@@ -65,7 +66,7 @@ impl Supervisor for Board {
         if self.0.is_some() { SOFTWARE } else { POWER }
     }
 
-    fn last_panic(&mut self) -> Option<i64> {
-        self.0.map(Record::value)
+    fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
+        self.0.map(Record::told)
     }
 }

@@ -5,7 +5,7 @@ use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
-use seabearing_core::port::Link;
+use seabearing_core::port::{Link, Supervisor};
 
 /// Bytes waiting for the line: a second of the densest telemetry (20 bearings a second of 70 bytes, and tracks).
 const PIPE_BYTES: usize = 4096;
@@ -37,6 +37,17 @@ impl Serial {
     /// Begins to receive.
     pub fn new(inbox: RingBufferedUartRx<'static>) -> Self {
         Self { inbox, waiting: [0; 16], from: 0, to: 0 }
+    }
+
+    /// Waits until everything said has left, a second at most.
+    pub fn flush(&self, supervisor: &mut impl Supervisor) {
+        for _ in 0..10 {
+            supervisor.feed();
+            embassy_time::block_for(embassy_time::Duration::from_millis(100));
+            if OUTBOX.is_empty() {
+                break;
+            }
+        }
     }
 }
 

@@ -144,7 +144,13 @@ fn setup(options: &BoardOptions) -> Result<Setup> {
         ..Parameters::default()
     };
     let faults: Vec<InjectedFault> = options.faults.clone();
-    Ok(Setup { costs, parameters, acquisition_s: options.converter_start_us * 1e-6, faults })
+    Ok(Setup {
+        costs,
+        parameters,
+        acquisition_s: options.converter_start_us * 1e-6,
+        faults,
+        ..Setup::default()
+    })
 }
 
 fn say(report: &BoardRun, json: bool) -> Result<()> {

@@ -1,0 +1,261 @@
+use super::*;
+use crate::converter::{self, FRAME_BYTES};
+use std::vec::Vec;
+
+/// Registers and output of a converter, a counter and a ring, as a board has them. Time goes on by `run`.
+struct Bench {
+    edges: u64,
+    armed: Option<u64>,
+    received: usize,
+    ring: Vec<[u8; FRAME_BYTES]>,
+    /// Results nobody has read: two at most.
+    output: Vec<u64>,
+    /// Conversions the source has had, whether they were done or not: the true number.
+    instants: u64,
+    now_us: u64,
+    alive: bool,
+    awake: bool,
+    was_reset: bool,
+    deaf: bool,
+    loses_a_transfer: bool,
+    answer: u16,
+    registers: [u16; 64],
+    noted: Stamp,
+    offset: u64,
+}
+
+const PERIOD_NS: u64 = 15_625;
+/// A code is the number of its conversion, as far as it goes.
+const CODES: u32 = 0x7f_ffff;
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            edges: 0,
+            armed: None,
+            received: 0,
+            ring: std::vec![[0; FRAME_BYTES]; RING_FRAMES],
+            output: Vec::new(),
+            instants: 0,
+            now_us: 0,
+            alive: true,
+            awake: false,
+            was_reset: true,
+            deaf: false,
+            loses_a_transfer: false,
+            answer: 0,
+            registers: [0; 64],
+            noted: Stamp::default(),
+            offset: 0,
+        }
+    }
+
+    /// A transfer as the hardware does it: the older of the results that wait.
+    fn transfer(&mut self) {
+        let number = if self.output.is_empty() { 0 } else { self.output.remove(0) };
+        let mut bytes = [0; FRAME_BYTES];
+        let status: u16 = if self.was_reset { 0x050f } else { 0x010f };
+        bytes[..2].copy_from_slice(&status.to_be_bytes());
+        for word in bytes[3..15].chunks_mut(3) {
+            word.copy_from_slice(&(number as u32 & CODES).to_be_bytes()[1..]);
+        }
+        let crc = converter::crc16(&bytes[..15]);
+        bytes[15..17].copy_from_slice(&crc.to_be_bytes());
+        bytes[1] ^= u8::from(self.deaf);
+        self.ring[self.received / FRAME_BYTES % RING_FRAMES] = bytes;
+        self.received = (self.received + FRAME_BYTES) % RING_BYTES;
+    }
+
+    /// So many periods go by.
+    fn run(&mut self, periods: u64) {
+        for _ in 0..periods {
+            self.now_us = (self.instants + self.offset) * PERIOD_NS / 1000;
+            self.instants += 1;
+            if !(self.alive && self.awake) {
+                continue;
+            }
+            self.edges += 1;
+            if self.edges.is_multiple_of(256) {
+                self.noted = Stamp { edges: self.edges, at_us: self.now_us };
+            }
+            if self.output.len() == 2 {
+                self.output.remove(0);
+            }
+            self.output.push(self.instants - 1);
+            if self.armed.is_some() && !std::mem::take(&mut self.loses_a_transfer) {
+                self.transfer();
+            }
+        }
+    }
+}
+
+impl Bus for Bench {
+    fn exchange(&mut self, frame: &mut [u8; FRAME_BYTES]) {
+        let command = u16::from_be_bytes([frame[0], frame[1]]);
+        let argument = u16::from_be_bytes([frame[3], frame[4]]);
+        frame[..2].copy_from_slice(&if self.alive { self.answer } else { 0xffff }.to_be_bytes());
+        let register = usize::from(command >> 7 & 63);
+        match command {
+            0x11 => {
+                (self.answer, self.awake, self.was_reset) = (0xff24, false, true);
+                self.output.clear();
+            }
+            0x33 => (self.awake, self.was_reset) = (true, false),
+            _ if command & 0xe000 == 0x6000 => self.registers[register] = argument,
+            _ if command & 0xe000 == 0xa000 => self.answer = self.registers[register],
+            _ => {}
+        }
+    }
+
+    fn wait_us(&mut self, _: u32) {}
+}
+
+impl Board for Bench {
+    fn edges(&mut self) -> u64 {
+        self.edges
+    }
+    fn stamp(&mut self) -> Stamp {
+        self.noted
+    }
+    fn now_us(&mut self) -> u64 {
+        self.now_us
+    }
+    fn arm(&mut self, behind: bool) -> Option<u64> {
+        self.received = 0;
+        if behind {
+            self.run(2);
+            if self.output.len() < 2 {
+                return None;
+            }
+            self.transfer();
+            self.transfer();
+        }
+        self.armed = Some(self.edges);
+        Some(self.edges - 2 * u64::from(behind))
+    }
+    fn disarm(&mut self) {
+        self.armed = None;
+    }
+    fn received(&mut self) -> usize {
+        self.received
+    }
+    fn frame(&mut self, slot: usize) -> [u8; FRAME_BYTES] {
+        self.ring[slot]
+    }
+}
+
+/// Everything that can be taken now: index and first code of each frame; `None` where it is missing.
+fn drain(acquisition: &mut Acquisition<Bench>) -> Vec<(u64, Option<i32>)> {
+    let mut frames = [[0; CHANNELS]; 64];
+    let mut taken = Vec::new();
+    let mut idle = 0;
+    while idle < 3 {
+        match acquisition.read(&mut frames) {
+            Chunk::Frames { first_index, count } => {
+                let code = |f: &Frame| (f[0] != MISSING).then_some(f[0]);
+                taken.extend((first_index..).zip(frames[..count].iter().map(code)));
+            }
+            _ => idle += 1,
+        }
+    }
+    taken
+}
+
+/// How far the numbers are from those that the frames carry.
+fn error(taken: &[(u64, Option<i32>)]) -> u32 {
+    let off =
+        |(index, code): &(u64, Option<i32>)| code.map(|code| (*index as u32 & CODES).abs_diff(code as u32));
+    taken.iter().filter_map(off).max().unwrap_or(0)
+}
+
+fn started() -> Acquisition<Bench> {
+    let mut acquisition = Acquisition::new(Bench::new(), Rate::Hz64000, 0);
+    assert!(drain(&mut acquisition).is_empty());
+    acquisition.board.run(10_000);
+    acquisition
+}
+
+#[test]
+fn frames_have_the_numbers_of_their_conversions_through_outages_of_any_length() {
+    let mut acquisition = started();
+    let mut all = drain(&mut acquisition);
+    // Nobody comes for longer than the ring lasts, for longer than 16 bits count, and for a minute.
+    for outage in [64, 4000, 4096, 70_000, 65_536, 3_840_000] {
+        acquisition.board.run(outage);
+        let taken = drain(&mut acquisition);
+        assert!(taken.len() as u64 > outage.min(2000) - 64, "{outage}: {}", taken.len());
+        all.extend(taken);
+    }
+    assert_eq!(error(&all), 0);
+    assert!(all.windows(2).all(|w| w[0].0 < w[1].0));
+    assert_eq!(acquisition.fault(), None);
+}
+
+#[test]
+fn a_lost_transfer_leaves_a_gap_and_reading_is_in_step_again_with_the_two_that_wait() {
+    let mut acquisition = started();
+    drain(&mut acquisition);
+    acquisition.board.loses_a_transfer = true;
+    acquisition.board.run(500);
+    let lost = drain(&mut acquisition);
+    acquisition.board.run(500);
+    let after = drain(&mut acquisition);
+    assert!(lost.is_empty(), "what cannot be numbered is not given");
+    assert_eq!((error(&after), after.len()), (0, 448));
+}
+
+#[test]
+fn a_line_that_is_cut_gives_missing_samples_with_the_right_numbers() {
+    let mut acquisition = started();
+    let mut all = drain(&mut acquisition);
+    acquisition.board.deaf = true;
+    for _ in 0..100 {
+        acquisition.board.run(1000);
+        all.extend(drain(&mut acquisition));
+    }
+    acquisition.board.deaf = false;
+    for _ in 0..10 {
+        acquisition.board.run(1000);
+        all.extend(drain(&mut acquisition));
+    }
+    assert_eq!(error(&all), 0);
+    let missing = all.iter().filter(|(_, code)| code.is_none()).count();
+    assert!(missing > 99_000 && missing <= 100_000, "{missing}");
+    assert!(all.len() > 111_900, "{}", all.len());
+}
+
+/// Runs as a main loop does, every millisecond.
+fn loop_for(acquisition: &mut Acquisition<Bench>, instants: u64) -> Vec<(u64, Option<i32>)> {
+    let mut taken = Vec::new();
+    for _ in 0..instants / 64 {
+        acquisition.board.run(64);
+        taken.extend(drain(acquisition));
+    }
+    taken
+}
+
+#[test]
+fn a_converter_that_reset_itself_is_set_up_again_and_the_time_it_took_is_told() {
+    let mut acquisition = started();
+    let mut all = loop_for(&mut acquisition, 100_000);
+    acquisition.board.was_reset = true;
+    acquisition.board.registers = [0; 64];
+    all.extend(loop_for(&mut acquisition, 100_000));
+    let fault = acquisition.fault();
+    assert!(matches!(fault, Some((FaultCode::ConverterRestarted, 1..4096))), "{fault:?}");
+    assert_eq!(acquisition.board.registers[3], 0x0f22);
+    assert!(error(&all) <= 1);
+}
+
+#[test]
+fn a_converter_that_was_dead_for_a_minute_goes_on_at_its_own_time_within_an_instant() {
+    let mut acquisition = started();
+    loop_for(&mut acquisition, 1_000_000);
+    acquisition.board.alive = false;
+    let dead = loop_for(&mut acquisition, 3_840_000);
+    assert!(dead.len() < 64, "{}", dead.len());
+    acquisition.board.alive = true;
+    let after = loop_for(&mut acquisition, 100_000);
+    assert!(after.len() > 90_000 && error(&after) <= 1, "{} off by {}", after.len(), error(&after));
+    assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 3_830_000..3_860_000))));
+}
