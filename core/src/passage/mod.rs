@@ -142,6 +142,11 @@ impl<const N: usize> Passage<N> {
         self.seen
     }
 
+    /// Whether so few bearings were used that they may have run into a wrong arc ([`Passage::reconsider`]).
+    pub fn is_young(&self) -> bool {
+        self.seen < YOUNG
+    }
+
     /// Time of the first bearing remembered and of the newest, s.
     pub fn times_s(&self) -> (f64, f64) {
         (self.origin_s, self.last_s)
@@ -252,7 +257,7 @@ impl<const N: usize> Passage<N> {
     /// into a wrong arc. They are searched afresh over all bearings, this one too, which is taken (true) if one explains
     /// them. `None` where this is no case for it, and nothing was searched.
     pub fn reconsider(&mut self, config: &Config, measurement: &Measurement) -> Option<bool> {
-        let last = self.nodes().last().filter(|_| self.seen < YOUNG)?;
+        let last = self.nodes().last().filter(|_| self.is_young())?;
         let step = m::abs(wrap_pi(measurement.azimuth_rad - last.azimuth()));
         self.best()?;
         if step > NEAR_RAD + DRIFT_RAD_S * (measurement.t_s - self.last_s).max(0.0) {
@@ -397,7 +402,7 @@ impl<const N: usize> Passage<N> {
     }
 
     fn limits(&self, config: &Config) -> Limits {
-        config.search_limits(self.times_s())
+        config.search_limits(self.times_s(), (self.seen as usize) < N)
     }
 
     fn links(&self, config: &Config) -> [Link; N] {

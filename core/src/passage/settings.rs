@@ -28,6 +28,11 @@ const LEAST_HEIGHT_M: f64 = 25.0;
 /// Standard deviation of what multipath, refraction and a tilted array put on all elevations of a vessel, radians (1°).
 const ELEVATION_BIAS_SD_RAD: f64 = 0.017_453;
 
+/// Fastest turn at the closest point that is believed of a young passage, rad/s: 20 degrees a second, 7 m/s at 20 m. A
+/// vessel that turned faster just before its first bearing, or is about to, keeps its bearing for the time between:
+/// one bearing in any direction then passes for a well-known line.
+const FASTEST_RAD_S: f64 = 0.35;
+
 /// What is assumed of a vessel and its bearings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
@@ -96,11 +101,13 @@ impl Config {
 
     /// Where lines are searched: as far as any speed a fit considers brings the ranges allowed, in units of the speed
     /// assumed. Bearings know no scale [M 5, 6], so that no line may run into a limit at one speed and pass it at another.
-    pub(super) fn search_limits(&self, times_s: (f64, f64)) -> Limits {
+    /// Of a `young` passage, few of whose bearings can lie in a fast turn, no line turns faster than [`FASTEST_RAD_S`].
+    pub(super) fn search_limits(&self, times_s: (f64, f64), young: bool) -> Limits {
         let (slowest, fastest) = SPEEDS_M_S;
         let (near, far) = self.range_m;
-        let range_m = (near * self.speed_m_s / fastest, far * self.speed_m_s / slowest);
-        Limits { range_m, ..self.limits(times_s) }
+        let (near, far) = (near * self.speed_m_s / fastest, far * self.speed_m_s / slowest);
+        let near = if young { near.max(self.speed_m_s / FASTEST_RAD_S) } else { near };
+        Limits { range_m: (near, far.max(near)), ..self.limits(times_s) }
     }
 
     pub(crate) fn free(&self) -> [bool; PARAMETERS] {

@@ -115,6 +115,22 @@ fn lines_and_predictions_of_a_young_passage_know_no_scale() {
 }
 
 #[test]
+fn young_passages_foretell_where_a_distant_vessel_will_be() {
+    let medium = Medium::of_sound_speed(f64::INFINITY);
+    let config = Config { extra_sd_rad: 0.0, medium, ..Config::default() };
+    let (mut seed, mut missed) = (9, 0);
+    for _ in 0..200 {
+        let truth = line(1.5, 90.0, 1500.0, 1.0);
+        let passage = pass(&truth, &config, 0.0175, 0, 30, &mut seed);
+        let (azimuth, variance) = passage.expected(&config, 30.0).unwrap();
+        let off = wrap_pi(truth.azimuth(&medium, 30.0) - azimuth);
+        missed += u32::from(off * off > 20.0 * variance);
+    }
+    // A line that had turned fast just before the first bearing foretold one of ten so.
+    assert!(missed <= 10, "{missed} of 200 more than 4.5 standard deviations off");
+}
+
+#[test]
 fn times_stay_exact_however_long_a_source_is_heard() {
     let config = Config::default();
     let (mut passage, mut seed) = (Short::new(), 5);

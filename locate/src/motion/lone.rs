@@ -10,8 +10,6 @@ use seabearing_core::passage::{Config, Measurement, Passage, RECORDED};
 
 /// Refusals in a row with which a young passage begins again.
 const BEGIN_AGAIN: usize = 3;
-/// Measurements from which on a passage is no longer young.
-const YOUNG: u32 = 40;
 
 /// The only vessel there is.
 pub struct Lone {
@@ -36,7 +34,7 @@ impl Lone {
             self.keep(heard);
             return;
         }
-        if self.passage.seen() >= YOUNG {
+        if !self.passage.is_young() {
             return;
         }
         if self.passage.reconsider(&self.config, heard) == Some(true) {
