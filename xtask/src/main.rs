@@ -5,6 +5,7 @@ mod elf;
 mod example;
 mod firmware;
 mod lines;
+mod pace;
 mod panic_free;
 mod process;
 mod scenario;
@@ -27,6 +28,7 @@ cargo xtask TASK
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
   panic-free      link the recorder with a panic handler that cannot be linked
   lines           [REVISION]  lines of code outside tests, package by package
+  pace REVISION   processor time of the command over recordings, beside that of a revision of git
   check           format, lints and documentation, warnings as errors
 
 `demo` and `test` take --host-only: leave the firmware out and run the host's twin of it instead.
@@ -60,6 +62,10 @@ fn run(arguments: &[String]) -> Result<()> {
         "example" => example::check(&toolchain::Toolchain::find()?),
         "flash" => firmware::flash(options),
         "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
+        "pace" => match options {
+            [revision] => pace::command(revision),
+            _ => bail!("pace takes a revision of git"),
+        },
         "check" => process::check(),
         "lines" => match options {
             [] => lines::command(None),
