@@ -241,14 +241,13 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
         None
     };
     if lost.is_none() {
-        let power = state.current.add(plan, codes, &mut scratch.work);
+        let start = step.saturating_mul(plan.step_samples.get());
+        let power = state.current.add(plan, codes, centre.saturating_sub(start), &mut scratch.work);
         if let Some(config) = &plan.shaft
             && let Some(report) = demon::frame(config, &mut state.shaft, &mut scratch.work, index, power)
         {
             state.shaft_report = Slot::Full(report);
         }
-        let start = step.saturating_mul(plan.step_samples.get());
-        state.current.centres = state.current.centres.saturating_add(centre.saturating_sub(start));
         state.current.bridged |= look.counted > 0;
     }
     state.current.clipped |= found.clipped != 0;

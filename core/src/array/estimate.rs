@@ -25,6 +25,10 @@ const CONTRADICTING_SEGMENTS: u32 = 4;
 const SECOND_EVERY: u32 = 8;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
 const OTHER_SOURCE_CELLS: f32 = 10.0;
+/// Farthest a source's own loudness moves a bearing's moment, in segments: half of one is all that is possible.
+const FARTHEST: f32 = 0.25;
+/// Least coherence by which the moment of a bearing is corrected: below it the power says little of the source.
+const LEAST_COHERENCE: f32 = 0.1;
 /// What is remembered between segments (about 1 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct Memory {
@@ -36,6 +40,8 @@ pub(crate) struct Memory {
     last: Option<(Direction, u64)>,
     /// Turn rate between the last bearings, radians a second, newest first.
     turn_rate: [f32; 2],
+    /// The horizontal part of it, clockwise.
+    swing: [f32; 2],
     /// Vessels whose distance is known.
     pub(crate) places: Places,
     contradicting: u32,
@@ -80,6 +86,7 @@ impl Memory {
             averaged: 0.0,
             last: None,
             turn_rate: [0.0; 2],
+            swing: [0.0; 2],
             places: Places::new(),
             contradicting: 0,
             other: None,
@@ -94,6 +101,7 @@ impl Memory {
         self.averaged = 0.0;
         self.last = None;
         self.turn_rate = [0.0; 2];
+        self.swing = [0.0; 2];
         self.other = None;
         self.octaves = [None; OCTAVES];
     }
@@ -107,6 +115,12 @@ impl Memory {
         rate.abs() * segment_s > 2.0 * plan.whole.resolution
     }
 
+    /// Standard deviation of the horizontal angle for the moment's, radians: how far the source turns meanwhile.
+    fn turned_meanwhile(&self, context: &Context<'_>) -> f32 {
+        let [a, b] = self.swing;
+        0.5 * (a + b) * context.moment_sd_s
+    }
+
     /// Takes a new bearing into turn rate and averages.
     fn accept(&mut self, plan: &Plan, direction: &Direction, index: u64, coherence: &[f32; BINS]) {
         let mut turned = f32::MAX;
@@ -115,6 +129,8 @@ impl Memory {
             turned = m::acos(wavefront::dot(&last, direction).clamp(-1.0, 1.0));
             if dt > 0.0 {
                 self.turn_rate = [turned / dt, self.turn_rate[0]];
+                let across = wavefront::dot(direction, &wavefront::tangents(&last).0);
+                self.swing = [across / dt, self.swing[0]];
             }
             if dt > 5.0 {
                 turned = f32::MAX;
@@ -166,6 +182,8 @@ pub(super) struct Context<'a> {
     pub(super) places: Places,
     pub(super) snapshots: f32,
     pub(super) index: u64,
+    /// Standard deviation of that moment as the source's, s.
+    pub(super) moment_sd_s: f32,
     pub(super) flags: u8,
 }
 
@@ -204,12 +222,14 @@ pub(crate) fn segment(
         return;
     }
     let start = spectra.step.saturating_mul(plan.step_samples.get());
+    let centre = spectra.centres / u64::from(spectra.frames.max(1));
     let context = Context {
         plan,
         band: &plan.whole,
         places: memory.places,
         snapshots: spectra.frames as f32 * plan.snapshots_per_frame,
-        index: start.saturating_add(spectra.centres / u64::from(spectra.frames.max(1))),
+        index: start.saturating_add(centre),
+        moment_sd_s: 0.0,
         flags: u8::from(spectra.clipped)
             | (u8::from(spectra.bridged || share < WHOLE_SHARE) << 1)
             | (u8::from(shortened) << 2),
@@ -217,7 +237,8 @@ pub(crate) fn segment(
     refine::whiten(spectra);
     let first = find(&context, Some(&*memory), spectra, scratch);
     if let Some(first) = &first {
-        whole(&context, memory, first, scratch, sink);
+        let heard = heard(&context, spectra, start, centre, first.mean);
+        whole(&heard, memory, first, scratch, sink);
     }
     if plan.weighting != Weighting::Joint {
         return;
@@ -230,6 +251,23 @@ pub(crate) fn segment(
         }
         first => others::octave(&context, memory, first.as_ref(), spectra, scratch, sink),
     }
+}
+
+/// The context with the moment at which the strongest source is heard. Its frames weigh by their power, so that it is the
+/// centre of its own loudness. Noise, which is steady, holds the centre of all sound nearer to the frames' own `centre` than
+/// the source's is, in the proportion of the coherence's `mean`. The centre itself is known as well as the power of a frame,
+/// which scatters as the mean of so many exponential variates as the band has bins of like power.
+fn heard<'a>(context: &Context<'a>, spectra: &Spectra, start: u64, centre: u64, mean: f32) -> Context<'a> {
+    let plan = context.plan;
+    let share = mean.clamp(LEAST_COHERENCE, 1.0);
+    let segment = plan.nominal_frames * HOP as f32;
+    let shift = spectra.loudness.centre().map_or(0.0, |loud| loud - centre as f64) / f64::from(share);
+    // `clamp` would keep a panic path.
+    let most = f64::from(FARTHEST * segment);
+    let moment = (centre as f64 + shift.max(-most).min(most)).max(0.0) as u64;
+    let scatter = segment * segment / (12.0 * context.snapshots.max(1.0) * spectra.bins_of_like_power(plan));
+    let moment_sd_s = m::sqrt(scatter) / (share * plan.rate_hz);
+    Context { index: start.saturating_add(moment), moment_sd_s, ..*context }
 }
 
 /// Takes the whole band's source into the averages and reports it.
@@ -246,7 +284,9 @@ fn whole(
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
     refine::smoothed(context.band, &memory.coherence, &mut scratch.spectrum.smooth);
     let agreeing = agreement(context, memory, first, scratch, sink);
-    if let Some(bearing) = report::bearing(context, first, &scratch.spectrum, agreeing, 0) {
+    if let Some(bearing) =
+        report::bearing(context, first, &scratch.spectrum, agreeing, memory.turned_meanwhile(context), 0)
+    {
         sink(Message::Bearing(bearing));
     }
 }

@@ -23,12 +23,14 @@ const DELAY_FLOOR_SAMPLES: f32 = 0.02;
 const NOISE_RESIDUAL: f32 = 3.0;
 /// The same at high signal-to-noise ratios, where what frames of two hydrophones do not share dominates: samples.
 const ROUNDING_SAMPLES: f32 = 0.004;
-/// The record of a found source, with the covariance that its smoothed coherence gives; `None` where there is none.
+/// The record of a found source, with the covariance that its smoothed coherence gives and what it `turned` (radians) while its
+/// moment is unknown; `None` where there is none.
 pub(super) fn bearing(
     context: &Context<'_>,
     found: &Found,
     work: &SpectrumWork,
     agreeing: f32,
+    turned: f32,
     band: u8,
 ) -> Option<Bearing> {
     let plan = context.plan;
@@ -59,7 +61,7 @@ pub(super) fn bearing(
         index: context.index,
         azimuth,
         elevation,
-        var_azimuth: (scale * first * widen * widen).min(most),
+        var_azimuth: ((scale * first + turned * turned) * widen * widen).min(most),
         var_elevation: (scale * second + image * image).min(most),
         cov: (scale * cross * widen).clamp(-most, most),
         snr_db: math::db(mean / (1.0 - mean)),

@@ -37,10 +37,36 @@ pub(crate) struct Spectra {
     pub(crate) step: u64,
     /// Sum over frames of their centre's distance from the step's start, samples.
     pub(crate) centres: u64,
+    /// When the sound was loud.
+    pub(crate) loudness: Loudness,
     /// Whether any frame held clipped samples.
     pub(crate) clipped: bool,
     /// Whether any frame held samples that stand for missing ones.
     pub(crate) bridged: bool,
+}
+
+/// When within its frames the sound was loud: a propeller's beat moves the moment a bearing is of by up to 30 ms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Loudness {
+    /// Sum over frames of the power in the upper half of the band, one hydrophone.
+    power: f64,
+    /// The same times the distance of the frame's centre from the step's start, samples.
+    moment: f64,
+}
+
+impl Loudness {
+    const NONE: Self = Self { power: 0.0, moment: 0.0 };
+
+    /// Adds what is later by so many samples.
+    fn join(&mut self, later: Self, by: f64) {
+        self.moment += later.moment + by * later.power;
+        self.power += later.power;
+    }
+
+    /// Its centre, samples after the step's start.
+    pub(crate) fn centre(&self) -> Option<f64> {
+        (self.power > 0.0).then(|| self.moment / self.power)
+    }
 }
 
 /// Values of a run.
@@ -54,13 +80,22 @@ pub(crate) struct Kept {
     frames: u32,
     step: u64,
     centres: u64,
+    loudness: Loudness,
     clipped: bool,
     bridged: bool,
 }
 
 impl Kept {
     pub(crate) const fn new() -> Self {
-        Self { runs: [[0; VALUES]; RUNS], frames: 0, step: 0, centres: 0, clipped: false, bridged: false }
+        Self {
+            runs: [[0; VALUES]; RUNS],
+            frames: 0,
+            step: 0,
+            centres: 0,
+            loudness: Loudness::NONE,
+            clipped: false,
+            bridged: false,
+        }
     }
 
     /// Holds nothing any more.
@@ -84,7 +119,15 @@ impl Run {
 
 impl Spectra {
     pub(crate) const fn new() -> Self {
-        Self { runs: [NO_RUN; RUNS], frames: 0, step: 0, centres: 0, clipped: false, bridged: false }
+        Self {
+            runs: [NO_RUN; RUNS],
+            frames: 0,
+            step: 0,
+            centres: 0,
+            loudness: Loudness::NONE,
+            clipped: false,
+            bridged: false,
+        }
     }
 
     /// Empties it for a step.
@@ -93,8 +136,20 @@ impl Spectra {
         self.frames = 0;
         self.step = step;
         self.centres = 0;
+        self.loudness = Loudness::NONE;
         self.clipped = false;
         self.bridged = false;
+    }
+
+    /// How many bins of like power make as steady a sum as the upper half of the band, whose power tells when the sound was loud.
+    pub(crate) fn bins_of_like_power(&self, plan: &Plan) -> f32 {
+        let (mut sum, mut squares) = (0.0f64, 0.0f64);
+        for a in self.part(&upper(plan)).iter().flat_map(|run| run.auto[0]) {
+            let a = f64::from(a);
+            sum += a;
+            squares += a * a;
+        }
+        if squares > 0.0 { (sum * sum / squares) as f32 } else { 1.0 }
     }
 
     /// These of the runs.
@@ -121,6 +176,7 @@ impl Spectra {
             }
         }
         let old = (before.frames, before.step, before.centres, before.clipped, before.bridged);
+        let loudness = core::mem::replace(&mut before.loudness, self.loudness);
         (before.frames, before.step, before.centres) = (self.frames, self.step, self.centres);
         (before.clipped, before.bridged) = (self.clipped, self.bridged);
         if join {
@@ -130,6 +186,8 @@ impl Spectra {
                 .centres
                 .saturating_add(shift.saturating_mul(u64::from(self.frames)))
                 .saturating_add(centres);
+            let later = core::mem::replace(&mut self.loudness, loudness);
+            self.loudness.join(later, shift as f64);
             self.frames = self.frames.saturating_add(frames);
             self.step = step;
             self.clipped |= clipped;
@@ -137,17 +195,28 @@ impl Spectra {
         }
     }
 
-    /// Adds one frame: `codes` in recorder order, mapped to hydrophones by the plan. The first hydrophone's mean square (codes²) in the
-    /// plan's envelope band.
-    pub(crate) fn add(&mut self, plan: &Plan, codes: &[[i32; FRAME]; CHANNELS], work: &mut Work) -> f32 {
+    /// Adds one frame, its centre so many samples after the step's start: `codes` in recorder order, mapped to hydrophones by
+    /// the plan. The first hydrophone's mean square (codes²) in the plan's envelope band.
+    pub(crate) fn add(
+        &mut self,
+        plan: &Plan,
+        codes: &[[i32; FRAME]; CHANNELS],
+        centre: u64,
+        work: &mut Work,
+    ) -> f32 {
         // The plan's channels are a permutation of 0..4.
         transform::transform(plan.channels.map(|c| &codes[usize::from(c & 3)]), work);
         let [z01, z23] = work.as_chunks_mut::<FRAME>().0 else { return 0.0 };
         without_offset(z01, plan);
         without_offset(z23, plan);
-        let (low, high) = (plan.envelope_low / RUN, plan.whole.high.div_ceil(RUN));
+        let (low, upper) = (plan.envelope_low / RUN, upper(plan));
         self.accumulate(z01, z23, 0..low);
-        let power = self.accumulate(z01, z23, low..high);
+        let power = self.accumulate(z01, z23, low..upper.start);
+        let upper = self.accumulate(z01, z23, upper);
+        let loud = f64::from(upper);
+        self.loudness.join(Loudness { power: loud, moment: loud * centre as f64 }, 0.0);
+        self.centres = self.centres.saturating_add(centre);
+        let power = power + upper;
         self.frames = self.frames.saturating_add(1);
         2.0 * power / plan.window_power
     }
@@ -181,6 +250,12 @@ impl Spectra {
         }
         of_first.iter().sum()
     }
+}
+
+/// The runs whose power tells when the sound was loud: the upper half of the band, where bearings come from and spectra are flat.
+fn upper(plan: &Plan) -> core::ops::Range<usize> {
+    let high = plan.whole.high.div_ceil(RUN);
+    (high / 2).max(plan.envelope_low / RUN)..high
 }
 
 /// Frees a pair's transform of what a constant offset leaks into the lowest bins; bin 0 is not used.
