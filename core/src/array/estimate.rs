@@ -25,9 +25,7 @@ const CONTRADICTING_SEGMENTS: u32 = 4;
 const SECOND_EVERY: u32 = 8;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
 const OTHER_SOURCE_CELLS: f32 = 10.0;
-/// Farthest a source's own loudness moves a bearing's moment, in segments: half of one is all that is possible.
-const FARTHEST: f32 = 0.25;
-/// Least coherence by which the moment of a bearing is corrected: below it the power says little of the source.
+/// Least coherence by which the moment of a bearing is doubted: below it the bearing itself is as uncertain.
 const LEAST_COHERENCE: f32 = 0.1;
 /// What is remembered between segments (about 1 KiB).
 #[derive(Clone, Debug)]
@@ -254,20 +252,16 @@ pub(crate) fn segment(
 }
 
 /// The context with the moment at which the strongest source is heard. Its frames weigh by their power, so that it is the
-/// centre of its own loudness. Noise, which is steady, holds the centre of all sound nearer to the frames' own `centre` than
-/// the source's is, in the proportion of the coherence's `mean`. The centre itself is known as well as the power of a frame,
-/// which scatters as the mean of so many exponential variates as the band has bins of like power.
+/// centre of its own loudness, for which the centre of all sound is taken. Steady noise would hold that nearer to the
+/// frames' own `centre`, at most in the proportion of the coherence's `mean`, which an image in the surface lowers as well:
+/// how far is the moment's deviation.
 fn heard<'a>(context: &Context<'a>, spectra: &Spectra, start: u64, centre: u64, mean: f32) -> Context<'a> {
-    let plan = context.plan;
-    let share = mean.clamp(LEAST_COHERENCE, 1.0);
-    let segment = plan.nominal_frames * HOP as f32;
-    let shift = spectra.loudness.centre().map_or(0.0, |loud| loud - centre as f64) / f64::from(share);
-    // `clamp` would keep a panic path.
-    let most = f64::from(FARTHEST * segment);
-    let moment = (centre as f64 + shift.max(-most).min(most)).max(0.0) as u64;
-    let scatter = segment * segment / (12.0 * context.snapshots.max(1.0) * spectra.bins_of_like_power(plan));
-    let moment_sd_s = m::sqrt(scatter) / (share * plan.rate_hz);
-    Context { index: start.saturating_add(moment), moment_sd_s, ..*context }
+    let moment = spectra.loudness.centre().unwrap_or(centre as f64);
+    let shift = (moment - centre as f64) as f32;
+    // Anywhere between nothing and all of it.
+    let moment_sd_s =
+        shift.abs() * (1.0 / mean.clamp(LEAST_COHERENCE, 1.0) - 1.0) / (m::sqrt(3.0) * context.plan.rate_hz);
+    Context { index: start.saturating_add(moment.max(0.0) as u64), moment_sd_s, ..*context }
 }
 
 /// Takes the whole band's source into the averages and reports it.

@@ -141,17 +141,6 @@ impl Spectra {
         self.bridged = false;
     }
 
-    /// How many bins of like power make as steady a sum as the upper half of the band, whose power tells when the sound was loud.
-    pub(crate) fn bins_of_like_power(&self, plan: &Plan) -> f32 {
-        let (mut sum, mut squares) = (0.0f64, 0.0f64);
-        for a in self.part(&upper(plan)).iter().flat_map(|run| run.auto[0]) {
-            let a = f64::from(a);
-            sum += a;
-            squares += a * a;
-        }
-        if squares > 0.0 { (sum * sum / squares) as f32 } else { 1.0 }
-    }
-
     /// These of the runs.
     pub(crate) fn part(&self, runs: &core::ops::Range<usize>) -> &[Run] {
         self.runs.get(runs.clone()).unwrap_or(&[])
