@@ -192,7 +192,8 @@ impl StationConfig {
         Self::new(Kind::Array(array), rate_hz)
     }
 
-    /// Checks every value; a configuration that passes can be planned without further errors.
+    /// Checks every value on its own; whether they go together (steps of a segment, size of an array, table of an ocean
+    /// bottom) planning says.
     ///
     /// # Errors
     /// The first key found wrong.

@@ -126,7 +126,12 @@ impl State {
     /// Level of each channel over the last full step, half decibels re full scale ([`Levels::half_db`]).
     #[must_use]
     pub fn level_half_db(&self, plan: &Plan) -> [i8; CHANNELS] {
-        self.levels.half_db(self.intake.next_index(), plan.intake.minute())
+        self.levels.half_db(self.intake.elapsed(), plan.intake.minute())
+    }
+
+    /// No samples have come for a minute.
+    pub(crate) fn silent(&mut self) {
+        self.levels.forget();
     }
 
     /// Forgets everything, in place.
@@ -219,7 +224,7 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
     let centre = index.saturating_add(FRAME as u64 / 2);
     let step = centre / plan.step_samples;
     if state.step != step {
-        end_step(plan, state, scratch, index, sink);
+        end_step(plan, state, scratch, sink);
         state.current.begin(step);
         state.step = step;
     }
@@ -255,14 +260,8 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
 }
 
 /// The frames of a step are complete: its segment is estimated, its level made.
-fn end_step(
-    plan: &Plan,
-    state: &mut State,
-    scratch: &mut Scratch,
-    index: u64,
-    sink: &mut impl FnMut(Message),
-) {
-    state.levels.close(plan.full_scale, index);
+fn end_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
+    state.levels.close(plan.full_scale, state.intake.elapsed());
     state.channels.roll();
     close_step(plan, state, scratch, sink);
 }

@@ -60,7 +60,7 @@ impl core::fmt::Display for PlanError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::NotAnArray => f.write_str("the station is not a compact array (kind = \"array\")"),
-            Self::Config(e) => write!(f, "the configuration is not valid: {e:?}"),
+            Self::Config(e) => write!(f, "the configuration is not valid: {e}"),
             Self::Steps => {
                 f.write_str("segment_s must be step_s or twice step_s, and step_s hold four frames")
             }

@@ -1,8 +1,8 @@
 //! Faults of one kind are gathered: at most three a minute are sent, the first at once; the others are counted and told
 //! together when the minute ends.
 //!
-//! A minute is a fixed stretch of the sample index, so that the telemetry does not depend on how samples arrive; while
-//! none come the board's clock ends it.
+//! A minute is as many sample instants that have come, whatever their index: the telemetry does not depend on how they are
+//! cut into blocks, and an index that leaps or starts again does not end it. While none come the board's clock does.
 
 use crate::wire::{Fault, FaultCode, FaultsHeld, Message};
 
@@ -68,7 +68,7 @@ impl Faults {
         }
     }
 
-    /// The recording is in this minute, at `index`.
+    /// So many minutes of instants have come; the recording is at `index`.
     pub(super) fn time(&mut self, minute: u64, index: u64, sink: &mut dyn FnMut(Message)) {
         if minute != self.minute {
             self.minute = minute;

@@ -11,7 +11,7 @@ pub struct Levels {
     square: [f32; CHANNELS],
     n: u32,
     half_db: [i8; CHANNELS],
-    /// Index at which the level was made; `None` before the first.
+    /// [`super::Intake::elapsed`] when the level was made; `None` before the first.
     made: Option<u64>,
 }
 
@@ -34,6 +34,11 @@ impl Levels {
         }
     }
 
+    /// Nothing has come for so long that the last level says nothing of now.
+    pub fn forget(&mut self) {
+        self.made = None;
+    }
+
     /// Takes an instant.
     #[inline]
     pub fn add(&mut self, frame: &Frame) {
@@ -48,8 +53,8 @@ impl Levels {
         }
     }
 
-    /// Makes the level of what was taken since the last, at `index`.
-    pub fn close(&mut self, full_scale: f32, index: u64) {
+    /// Makes the level of what was taken since the last; `elapsed` as of [`super::Intake::elapsed`].
+    pub fn close(&mut self, full_scale: f32, elapsed: u64) {
         if self.n == 0 {
             return;
         }
@@ -60,15 +65,15 @@ impl Levels {
             self.half_db[c] =
                 if power > 0.0 { (2.0 * math::db(power)).clamp(-127.0, 0.0) as i8 } else { i8::MIN };
         }
-        self.made = Some(index);
+        self.made = Some(elapsed);
         (self.sum, self.square, self.n) = ([0.0; CHANNELS], [0.0; CHANNELS], 0);
     }
 
     /// Half decibels re full scale; −128 where a channel does not move, and where nothing was heard for `minute` instants
-    /// up to `index`.
-    pub fn half_db(&self, index: u64, minute: u64) -> [i8; CHANNELS] {
+    /// up to `elapsed`.
+    pub fn half_db(&self, elapsed: u64, minute: u64) -> [i8; CHANNELS] {
         match self.made {
-            Some(made) if index.saturating_sub(made) <= minute => self.half_db,
+            Some(made) if elapsed.saturating_sub(made) <= minute => self.half_db,
             _ => [i8::MIN; CHANNELS],
         }
     }

@@ -10,6 +10,7 @@
 //!   than that: time starts again.
 //! * An instant without a code on any needed channel is *absent*. A few absent instants, or a gap as short, are bridged by
 //!   straight lines ([`Plan::new`]); more end the run. A code missing on one channel alone is that channel's last one again.
+//! * Whatever the index does, a recorder looks at the time at least once in [`PATIENCE`] instants that come.
 //! * Every instant is in one bucket of [`Accounting`]: gaps, repeats, and instants without all needed codes are counted here,
 //!   all others by the chain that used them or could not.
 //!
@@ -37,6 +38,9 @@ const LAST_S: f64 = 3.2e9;
 
 /// Sample instants between the moments at which a recorder looks at the time: 8 ms at 64 kHz, 10 s at 50 Hz.
 pub const GRID: u64 = 512;
+
+/// Most sample instants that come between two of these moments, where the index does not reach multiples of [`GRID`].
+pub const PATIENCE: u64 = 2 * GRID;
 
 /// Needed channels of a recorder that uses all.
 pub const ALL: u8 = 0b1111;
@@ -104,7 +108,8 @@ impl<'a> Run<'a> {
 pub enum Event {
     /// The run of samples has ended; the next begins at a later index.
     Gap,
-    /// Time starts again at this index: what is open is finished as of the time before, then forgotten.
+    /// Time starts again at this index: what is open is finished as of the time before, then forgotten. The fault that
+    /// tells it comes after what the stages say now.
     Restart(u64),
 }
 
@@ -117,7 +122,7 @@ pub enum Step<'a> {
     Mended(Mended),
     /// A break.
     Event(Event),
-    /// The index has reached this multiple of [`GRID`].
+    /// The index is this: a multiple of [`GRID`], or [`PATIENCE`] instants have come since the last look.
     Time(u64),
 }
 
@@ -163,6 +168,11 @@ pub struct Intake {
     telling: u64,
     /// A multiple of [`GRID`] was reached.
     due: bool,
+    /// Instants that have come, and how many had at the last look at the time.
+    arrived: u64,
+    looked: u64,
+    /// Time has started again, by how many instants; not yet told.
+    restarted: Option<u64>,
 }
 
 impl Default for Intake {
@@ -187,7 +197,20 @@ impl Intake {
             invalid: 0,
             telling: 0,
             due: false,
+            arrived: 0,
+            looked: 0,
+            restarted: None,
         }
+    }
+
+    /// Instants that have come so far, good ones or not.
+    pub fn arrived(&self) -> u64 {
+        self.arrived
+    }
+
+    /// Instants that have come or should have: time that goes on whatever the index does.
+    pub fn elapsed(&self) -> u64 {
+        self.arrived.saturating_add(self.accounting.lost[LossCause::Gap as usize])
     }
 
     /// Index after the last instant seen.
@@ -202,18 +225,23 @@ impl Intake {
         rest: &mut Block<'a>,
         sink: &mut dyn FnMut(Message),
     ) -> Option<Step<'a>> {
+        if let Some(back) = self.restarted.take() {
+            self.faults.note(FaultCode::Restarted, self.next, back, sink);
+        }
         loop {
-            if core::mem::take(&mut self.due) {
-                self.faults.time(self.next.checked_div(plan.minute).unwrap_or(0), self.next, sink);
+            if core::mem::take(&mut self.due) || self.patience() == 0 {
+                self.looked = self.arrived;
+                self.faults.time(self.arrived.checked_div(plan.minute).unwrap_or(0), self.next, sink);
                 return Some(Step::Time(self.next));
             }
             if rest.frames.is_empty() {
                 return None;
             }
             if rest.first_index >= plan.last {
-                self.invalid(plan, rest.frames.len() as u64, sink);
-                rest.frames = &[];
-                return None;
+                let n = self.patience().min(rest.frames.len() as u64);
+                self.pass_over(rest, n);
+                self.invalid(plan, n, sink);
+                continue;
             }
             if let Some(event) = self.align(plan, rest, sink) {
                 return Some(Step::Event(event));
@@ -262,10 +290,11 @@ impl Intake {
         if back > plan.restart || self.repeated >= plan.restart {
             return Some(self.restart(plan, rest.first_index, sink));
         }
-        let n = back.min(plan.restart - self.repeated).min(rest.frames.len() as u64);
+        let most = self.patience().min(rest.frames.len() as u64);
+        let n = back.min(plan.restart - self.repeated).min(most);
         self.accounting.lose(LossCause::Overlap, n);
         self.repeated += n;
-        skip(rest, n as usize);
+        self.pass_over(rest, n);
         None
     }
 
@@ -276,8 +305,7 @@ impl Intake {
         let back = self.next.saturating_sub(index);
         self.next = index;
         (self.running, self.absent, self.bridged) = (false, 0, 0);
-        self.faults.time(index.checked_div(plan.minute).unwrap_or(0), index, sink);
-        self.faults.note(FaultCode::Restarted, index, back, sink);
+        self.restarted = Some(back);
         Event::Restart(index)
     }
 
@@ -338,7 +366,7 @@ impl Intake {
     /// The good samples from here, at most up to the next multiple of [`GRID`].
     fn good<'a>(&mut self, rest: &mut Block<'a>) -> Run<'a> {
         let first_index = self.next;
-        let room = (GRID - self.next % GRID) as usize;
+        let room = (GRID - self.next % GRID).min(self.patience()) as usize;
         let mut frames = rest.frames.get(..room).unwrap_or(rest.frames);
         let mut loudest = magnitudes(0, frames);
         if loudest == magnitude(MISSING) {
@@ -353,8 +381,19 @@ impl Intake {
         Run { first_index, frames, loudest, mended: 0, counted: false }
     }
 
+    /// Instants that may come until the next look at the time.
+    fn patience(&self) -> u64 {
+        PATIENCE.saturating_sub(self.arrived.saturating_sub(self.looked))
+    }
+
+    /// So many instants came that change nothing.
+    fn pass_over(&mut self, rest: &mut Block<'_>, n: u64) {
+        self.arrived = self.arrived.saturating_add(n);
+        skip(rest, n as usize);
+    }
+
     fn advance(&mut self, rest: &mut Block<'_>, n: usize) {
-        skip(rest, n);
+        self.pass_over(rest, n as u64);
         self.next = self.next.saturating_add(n as u64);
         self.due = self.next.is_multiple_of(GRID);
     }

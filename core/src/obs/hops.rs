@@ -114,8 +114,8 @@ impl Hops {
     }
 
     /// Level of each channel in the last hop, half decibels re full scale ([`Levels::half_db`]).
-    pub fn level_half_db(&self, index: u64, minute: u64) -> [i8; CHANNELS] {
-        self.levels.half_db(index, minute)
+    pub fn level_half_db(&self, elapsed: u64, minute: u64) -> [i8; CHANNELS] {
+        self.levels.half_db(elapsed, minute)
     }
 
     /// Takes the instant at `at` of a run; true where it fills a hop.
@@ -166,7 +166,7 @@ impl Hops {
         let Verdict { dead, clipped_often, .. } = self.new.wrong;
         self.channels.see(dead, clipped_often, index, &mut intake.faults, sink);
         self.channels.roll();
-        self.levels.close(plan.full_scale, index);
+        self.levels.close(plan.full_scale, intake.elapsed());
         self.look = Look::NEW;
         true
     }
@@ -186,6 +186,11 @@ impl Hops {
         self.look = Look::NEW;
         self.fill = 0;
         self.running = false;
+    }
+
+    /// No samples have come for a minute.
+    pub(super) fn silent(&mut self) {
+        self.levels.forget();
     }
 
     /// Forgets everything, in place.

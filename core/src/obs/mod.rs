@@ -41,7 +41,7 @@ pub mod tracks;
 
 pub mod station;
 #[cfg(test)]
-mod station_tests;
+pub(crate) mod station_tests;
 
 pub use plan::{Plan, PlanError};
 pub(crate) use station::take;

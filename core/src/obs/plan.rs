@@ -37,7 +37,7 @@ impl core::fmt::Display for PlanError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::NotAnOceanBottomStation => write!(f, "the station is not of kind \"obs\""),
-            Self::Config(e) => write!(f, "configuration: {e:?}"),
+            Self::Config(e) => write!(f, "the configuration is not valid: {e}"),
             Self::Table(e) => write!(f, "{e}"),
             Self::TableTooShort(have, want) => {
                 write!(f, "propagation table ends at {have} m, at least {want} m is needed")

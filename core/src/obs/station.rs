@@ -128,7 +128,12 @@ impl State {
 
     /// Level of each channel in the last half-frame, half decibels re full scale; −128 where nothing was heard.
     pub fn level_half_db(&self, plan: &Plan<'_>) -> [i8; CHANNELS] {
-        self.hops.level_half_db(self.intake.next_index(), plan.intake.minute())
+        self.hops.level_half_db(self.intake.elapsed(), plan.intake.minute())
+    }
+
+    /// No samples have come for a minute.
+    pub(crate) fn silent(&mut self) {
+        self.hops.silent();
     }
 
     /// Forgets everything, in place.

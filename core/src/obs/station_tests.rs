@@ -13,7 +13,7 @@ use std::boxed::Box;
 use std::vec::Vec;
 use std::{format, vec};
 
-fn config(rate_hz: f64) -> StationConfig {
+pub(crate) fn config(rate_hz: f64) -> StationConfig {
     StationConfig {
         id: 3,
         name: heapless::String::new(),
@@ -34,7 +34,7 @@ fn config(rate_hz: f64) -> StationConfig {
 }
 
 /// Image paths under 1500 m/s at 4340 m: first and second crossing only.
-fn plan(rate_hz: f64) -> Plan<'static> {
+pub(crate) fn table(rate_hz: f64) -> &'static [u8] {
     let slant = |j: usize, n: f32| math::f32::hypot(70.0 * j as f32, 4340.0 * n) / 1500.0;
     let toa: Vec<f32> = (0..716).map(|j| slant(j, 1.0)).collect();
     let delay: Vec<f32> = (0..716).map(|j| slant(j, 3.0) - slant(j, 1.0)).collect();
@@ -43,11 +43,15 @@ fn plan(rate_hz: f64) -> Plan<'static> {
     let blob = Box::leak(Box::new([0; blob_bytes(1)]));
     let header = Header { step_m: 70.0, f0_hz: 16.5, width_s: 0.05 };
     encode(&header, inner_rate_hz(rate_hz) as f32, &toa, &[c], blob).unwrap();
-    Plan::new(&config(rate_hz), &Table::parse(blob).unwrap()).unwrap()
+    blob
+}
+
+fn plan(rate_hz: f64) -> Plan<'static> {
+    Plan::new(&config(rate_hz), &Table::parse(table(rate_hz)).unwrap()).unwrap()
 }
 
 /// Noise, with a tone at 15 Hz from `azimuth` (seen in pressure and, away from it, in velocity).
-fn record(n: usize, rate_hz: f64, azimuth_deg: f64, tone: f64) -> Vec<Frame> {
+pub(crate) fn record(n: usize, rate_hz: f64, azimuth_deg: f64, tone: f64) -> Vec<Frame> {
     let mut seed = 12_345u32;
     let mut noise = move || {
         let mut sum = 0.0;

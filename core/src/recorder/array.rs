@@ -2,7 +2,7 @@
 
 use super::health::{Condition, Reporter};
 use super::shaft;
-use super::silence;
+use super::{DEAF_S, silence};
 use crate::array;
 use crate::block::Block;
 use crate::config::StationConfig;
@@ -118,7 +118,7 @@ impl ArrayRecorder {
         traffic::advance(&plan.traffic, vessels, index, &mut |track| sink(&track));
         state.set_places(vessels.places());
         let condition = self.condition();
-        if let Some(message) = self.reporter.due(index, &condition) {
+        if let Some(message) = self.reporter.due(index, self.state.intake.arrived(), &condition) {
             sink(&message);
         }
     }
@@ -161,6 +161,9 @@ impl Application for ArrayRecorder {
     }
 
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        if seconds >= DEAF_S {
+            self.state.silent();
+        }
         let condition = self.condition();
         silence(&mut self.state.intake, &self.reporter, &condition, seconds, sink);
     }

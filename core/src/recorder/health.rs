@@ -2,6 +2,7 @@
 
 use crate::config::StationConfig;
 use crate::health::Accounting;
+use crate::intake::GRID;
 use crate::wire::{Command, Health, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
 
 /// Seconds of samples between health reports unless a command says otherwise.
@@ -26,14 +27,28 @@ pub struct Reporter {
     station: u16,
     kind: u8,
     every_s: u16,
+    /// Index from which a report is due, and how many instants may come until one is, wherever the index goes.
     next: u64,
+    latest: u64,
+    /// Instants that had come at the last look.
+    arrived: u64,
     records: u32,
 }
 
 impl Reporter {
     /// A reporter that has nothing to report yet.
     pub const fn new() -> Self {
-        Self { rate_hz: 0.0, config_hash: 0, station: 0, kind: 0, every_s: 0, next: 0, records: 0 }
+        Self {
+            rate_hz: 0.0,
+            config_hash: 0,
+            station: 0,
+            kind: 0,
+            every_s: 0,
+            next: 0,
+            latest: 0,
+            arrived: 0,
+            records: 0,
+        }
     }
 
     /// Takes the identity of the station; `kind` is 0 for an array, 1 for an ocean-bottom station.
@@ -70,9 +85,10 @@ impl Reporter {
         }
     }
 
-    /// A health report, if one is due at `index`.
-    pub fn due(&mut self, index: u64, condition: &Condition) -> Option<Message> {
-        if index < self.next {
+    /// A health report, if one is due at `index` or after as many instants as have `arrived` by now.
+    pub fn due(&mut self, index: u64, arrived: u64, condition: &Condition) -> Option<Message> {
+        self.arrived = arrived;
+        if index < self.next && arrived < self.latest {
             return None;
         }
         self.schedule(index);
@@ -81,7 +97,7 @@ impl Reporter {
 
     /// Time starts again at `index`.
     pub fn restart(&mut self, index: u64) {
-        self.schedule(index);
+        self.next = self.whole_period_after(index);
     }
 
     /// Whether a health report is due after so many seconds without samples.
@@ -128,9 +144,21 @@ impl Reporter {
     }
 
     fn schedule(&mut self, index: u64) {
-        let period = (self.rate_hz * f64::from(self.every_s)) as u64;
-        // Every 0 seconds means on request only.
-        self.next = index.checked_div(period).map_or(u64::MAX, |n| (n + 1).saturating_mul(period));
+        self.next = self.whole_period_after(index);
+        // By the index, where it goes on as it should, at most this long after the last.
+        self.latest = match self.period() {
+            0 => u64::MAX,
+            period => self.arrived.saturating_add(period).saturating_add(GRID),
+        };
+    }
+
+    /// Instants between reports; 0 if only on request.
+    fn period(&self) -> u64 {
+        (self.rate_hz * f64::from(self.every_s)) as u64
+    }
+
+    fn whole_period_after(&self, index: u64) -> u64 {
+        index.checked_div(self.period()).map_or(u64::MAX, |n| (n + 1).saturating_mul(self.period()))
     }
 }
 
@@ -170,10 +198,17 @@ mod tests {
         let mut r = Reporter { rate_hz: 100.0, every_s: HEALTH_EVERY_S, ..Reporter::new() };
         r.schedule(0);
         let c = Condition::default();
-        assert!(r.due(5999, &c).is_none());
-        assert!(r.due(6007, &c).is_some());
-        assert!(r.due(11_999, &c).is_none());
-        assert!(r.due(12_000, &c).is_some());
+        assert!(r.due(5999, 5999, &c).is_none());
+        assert!(r.due(6007, 6007, &c).is_some());
+        assert!(r.due(11_999, 11_999, &c).is_none());
+        assert!(r.due(12_000, 12_000, &c).is_some());
+        // The index starts again before each report by it: the next comes by what has arrived.
+        let latest = 18_000 + GRID;
+        for arrived in (12_512..latest).step_by(512) {
+            r.restart(0);
+            assert!(r.due(512, arrived, &c).is_none());
+        }
+        assert!(r.due(512, latest, &c).is_some() && r.due(512, latest + 512, &c).is_none());
     }
 
     #[test]

@@ -30,6 +30,9 @@ use crate::wire::{Command, FaultCode, Message};
 /// Seconds without samples after which the source is called silent.
 pub const SILENT_S: u32 = 10;
 
+/// Seconds without samples after which the last levels say nothing of now.
+const DEAF_S: u32 = 60;
+
 /// So many seconds have gone by without samples: says so once, and goes on with faults held back and health.
 fn silence(
     intake: &mut Intake,
@@ -184,3 +187,6 @@ impl Application for Recorder<'_, '_> {
         whichever!(self, r => r.finish(sink));
     }
 }
+
+#[cfg(all(test, feature = "array", feature = "obs"))]
+mod hostile_tests;

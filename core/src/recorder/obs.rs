@@ -1,7 +1,7 @@
 //! The ocean-bottom recorder: blocks to azimuths, ranges, segments and tracks, and health.
 
 use super::health::{Condition, Reporter};
-use super::silence;
+use super::{DEAF_S, silence};
 use crate::block::Block;
 use crate::config::StationConfig;
 use crate::intake::{Event, Step};
@@ -109,7 +109,7 @@ impl Application for ObsRecorder<'_> {
                 Step::Event(Event::Restart(index)) => reporter.restart(index),
                 Step::Time(index) => {
                     let condition = self.condition();
-                    if let Some(message) = self.reporter.due(index, &condition) {
+                    if let Some(message) = self.reporter.due(index, self.state.intake.arrived(), &condition) {
                         sink(&message);
                     }
                 }
@@ -119,6 +119,9 @@ impl Application for ObsRecorder<'_> {
     }
 
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        if seconds >= DEAF_S {
+            self.state.silent();
+        }
         let condition = self.condition();
         silence(&mut self.state.intake, &self.reporter, &condition, seconds, sink);
     }
