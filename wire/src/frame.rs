@@ -102,8 +102,8 @@ fn stuff(plain: &[u8], out: &mut [u8]) -> usize {
 pub struct DecoderCounters {
     /// Frames decoded.
     pub frames: u64,
-    /// Frames that the sequence numbers say were lost (damaged ones included). A run of 65 536 lost frames cannot be told
-    /// from none.
+    /// Frames that the sequence numbers say were lost (damaged ones included). More than 32 768 lost in a row cannot be
+    /// told from a sender that has started again, and count none.
     pub lost: u64,
     /// Frames that came twice (their messages are given twice).
     pub repeated: u64,

@@ -65,6 +65,8 @@ pub struct State {
     tracker: Tracker,
     /// Whether more than one vessel was heard in the last minute.
     several: bool,
+    /// Minutes in a row without anything to hear.
+    silent: u64,
     /// Number of the next minute to report; `None` before the first sample.
     minute: Option<u64>,
     /// Index after the last sample taken.
@@ -106,6 +108,7 @@ impl State {
             segmenter: Segmenter::new(),
             tracker: Tracker::new(),
             several: false,
+            silent: 0,
             minute: None,
             end: 0,
         }
@@ -179,6 +182,8 @@ pub(crate) fn take(
             state.presence.start(plan.max_range_m());
             state.clear();
         }
+        // While no run goes on nothing else says that minutes pass.
+        Step::Time(index) if state.hops.begins() => state.catch_up(plan, scratch, *index, sink),
         Step::Time(_) => {}
     }
 }
@@ -239,6 +244,7 @@ impl State {
         }
         self.evidence.clear();
         self.several = false;
+        self.silent = 0;
         self.minute = None;
     }
 
@@ -274,18 +280,17 @@ impl State {
         sink: &mut dyn FnMut(Message),
     ) {
         let half = (HALF_WINDOW_S * plan.rate_hz) as u64;
-        let mut silent = 0;
         while let Some(k) = self.minute
             && centre(plan, k) + half < index
         {
-            if silent > LONGEST_SILENCE {
+            if self.silent > LONGEST_SILENCE {
                 self.close(plan, k, sink);
                 self.begin(plan, index);
                 return;
             }
             self.minute = Some(k + 1);
             let heard = self.report(plan, scratch, k, sink);
-            silent = if heard { 0 } else { silent + 1 };
+            self.silent = if heard { 0 } else { self.silent + 1 };
         }
     }
 

@@ -222,6 +222,20 @@ fn a_level_from_before_a_silence_is_not_told_as_of_now() {
 }
 
 #[test]
+fn a_presence_ends_while_nothing_can_be_heard() {
+    let (rate, hour) = (BOTTOM_RATE as f64, 3600 * BOTTOM_RATE as usize);
+    let frames = bottom::record(hour, rate, 200.0, 1500.0);
+    // Hours without a code, and hours of a stuck pressure channel.
+    for code in [MISSING, 5] {
+        let mut deaf = bottom::record(2 * hour, rate, 200.0, 1500.0);
+        deaf.iter_mut().for_each(|f| f[0] = code);
+        let heard = trial(Which::Bottom, "deaf", &[(0, &frames), (hour as u64, &deaf)]);
+        let told = heard.all.iter().find(|m| matches!(m.1, Message::Segment(_))).unwrap().0;
+        assert!(told < 7000 * BOTTOM_RATE, "{code}: told after {} s", told / BOTTOM_RATE);
+    }
+}
+
+#[test]
 fn what_was_open_is_said_before_the_restart() {
     let rate = BOTTOM_RATE;
     let frames = bottom::record(3600 * rate as usize, rate as f64, 200.0, 1500.0);
