@@ -65,58 +65,37 @@ fn default_full_scale() -> i32 {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 struct Array {
     hydrophones_m: Vec<[f64; 3]>,
-    #[serde(default = "default_channels")]
     channels: Vec<u8>,
-    #[serde(default = "default_sensitivity")]
     sensitivity_db_re_1v_upa: Vec<f64>,
-    #[serde(default = "default_reference_range")]
     reference_range_m: f64,
-    #[serde(default = "default_band")]
     band_hz: [f64; 2],
-    #[serde(default = "default_segment")]
     segment_s: f64,
-    #[serde(default = "default_step")]
     step_s: f64,
-    #[serde(default = "default_elevation")]
     elevation_deg: [f64; 2],
-    #[serde(default = "default_false_alarms")]
     false_alarms_per_hour: f64,
-    #[serde(default = "default_vessel_depth")]
     vessel_depth_m: f64,
 }
 
-/// What a file means where it says nothing.
-const USUAL: ArrayConfig = ArrayConfig::new([[0.0; 3]; 4]);
-
-fn default_vessel_depth() -> f64 {
-    USUAL.vessel_depth_m
-}
-fn default_channels() -> Vec<u8> {
-    USUAL.channels.to_vec()
-}
-fn default_sensitivity() -> Vec<f64> {
-    USUAL.sensitivity_db_re_1v_upa.to_vec()
-}
-fn default_reference_range() -> f64 {
-    USUAL.reference_range_m
-}
-fn default_band() -> [f64; 2] {
-    USUAL.band_hz.into()
-}
-fn default_segment() -> f64 {
-    USUAL.segment_s
-}
-fn default_step() -> f64 {
-    USUAL.step_s
-}
-fn default_elevation() -> [f64; 2] {
-    USUAL.elevation_deg.into()
-}
-fn default_false_alarms() -> f64 {
-    USUAL.false_alarms_per_hour
+impl Default for Array {
+    /// What a file means where it says nothing; hydrophones it must state.
+    fn default() -> Self {
+        let usual = ArrayConfig::new([[0.0; 3]; 4]);
+        Self {
+            hydrophones_m: Vec::new(),
+            channels: usual.channels.to_vec(),
+            sensitivity_db_re_1v_upa: usual.sensitivity_db_re_1v_upa.to_vec(),
+            reference_range_m: usual.reference_range_m,
+            band_hz: usual.band_hz.into(),
+            segment_s: usual.segment_s,
+            step_s: usual.step_s,
+            elevation_deg: usual.elevation_deg.into(),
+            false_alarms_per_hour: usual.false_alarms_per_hour,
+            vessel_depth_m: usual.vessel_depth_m,
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -372,6 +351,9 @@ fn base(s: &StationTable, path: &str, source: &TomlFile) -> Result<StationConfig
 }
 
 fn four<T: Copy>(values: &[T], here: &str, key: &str) -> Result<[T; 4]> {
+    if values.is_empty() {
+        bail!("{here}: missing field `{key}`, four entries");
+    }
     <[T; 4]>::try_from(values)
         .map_err(|_| anyhow!("{here}: `{key}` has {} entries, four are needed", values.len()))
 }

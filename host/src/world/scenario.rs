@@ -12,60 +12,62 @@ use time::OffsetDateTime;
 /// Highest frequency of a source signal, as a share of the sample rate: what [`seabearing_signal::interpolate`] needs.
 pub const HIGHEST: f64 = 0.44;
 
-/// What is simulated.
+/// What is simulated: a recorder, and everything else.
 #[derive(Clone, Debug)]
 pub struct ArrayScenario {
     /// The recorder.
     pub station: Station,
     /// Text of its station file, written beside the recording.
     pub station_text: String,
+    /// What the scenario file says.
+    pub scene: Scene,
+}
+
+/// What a scenario file says, but for the station file's content.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Always `array`.
+    pub kind: String,
+    /// The recorder's station file, relative to the scenario.
+    pub station: PathBuf,
     /// Length of the recording, seconds by the recorder's clock.
     pub duration_s: f64,
     /// Seed of all random numbers.
+    #[serde(default)]
     pub seed: u64,
     /// UTC of the first sample.
+    #[serde(rename = "start_utc", default = "default_start", deserialize_with = "utc")]
     pub start: OffsetDateTime,
     /// The recorder's electronics and files.
+    #[serde(default)]
     pub recorder: RecorderModel,
     /// The sea.
+    #[serde(default)]
     pub water: Water,
     /// Noise of the sea.
+    #[serde(default)]
     pub ambient: AmbientSpectrum,
     /// Vessels.
+    #[serde(default)]
     pub vessels: Vec<ArrayVessel>,
     /// Times without samples.
+    #[serde(default)]
     pub gaps: Vec<Gap>,
     /// Damage to channels.
+    #[serde(default)]
     pub faults: Vec<ArrayFault>,
     /// Step of `truth.csv`, seconds.
+    #[serde(default = "half")]
     pub truth_step_s: f64,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    #[allow(dead_code)]
-    kind: String,
-    station: PathBuf,
-    duration_s: f64,
-    #[serde(default)]
-    seed: u64,
-    #[serde(rename = "start_utc", default = "default_start", deserialize_with = "utc")]
-    start: OffsetDateTime,
-    #[serde(default)]
-    recorder: RecorderModel,
-    #[serde(default)]
-    water: Water,
-    #[serde(default)]
-    ambient: AmbientSpectrum,
-    #[serde(default)]
-    vessels: Vec<ArrayVessel>,
-    #[serde(default)]
-    gaps: Vec<Gap>,
-    #[serde(default)]
-    faults: Vec<ArrayFault>,
-    #[serde(default = "half")]
-    truth_step_s: f64,
+impl std::ops::Deref for ArrayScenario {
+    type Target = Scene;
+
+    fn deref(&self) -> &Scene {
+        &self.scene
+    }
 }
 
 /// 2024-05-01.
@@ -277,27 +279,12 @@ impl ArrayScenario {
         let scenario = ScenarioFile::read(path)?;
         scenario.expect(ScenarioKind::Array)?;
         let (source, folder) = (&scenario.source, &scenario.folder);
-        let file: File = source.parse()?;
-        let StationFile { station, source: station_file } = scenario.station(&file.station)?;
-        let vessels = file
-            .vessels
-            .into_iter()
-            .map(|v| ArrayVessel { track: v.track.as_ref().map(|t| folder.join(t)), ..v })
-            .collect();
-        let made = Self {
-            station,
-            station_text: station_file.text().to_owned(),
-            duration_s: file.duration_s,
-            seed: file.seed,
-            start: file.start,
-            recorder: file.recorder,
-            water: file.water,
-            ambient: file.ambient,
-            vessels,
-            gaps: file.gaps,
-            faults: file.faults,
-            truth_step_s: file.truth_step_s,
-        };
+        let mut scene: Scene = source.parse()?;
+        let StationFile { station, source: station_file } = scenario.station(&scene.station)?;
+        for track in scene.vessels.iter_mut().filter_map(|v| v.track.as_mut()) {
+            *track = folder.join(&*track);
+        }
+        let made = Self { station, station_text: station_file.text().to_owned(), scene };
         made.check().map_err(|(key, what)| source.wrong(&key, what))?;
         Ok(made)
     }

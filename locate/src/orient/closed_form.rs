@@ -8,7 +8,7 @@
 //! and bends at |ξ| = 1); it stands here as the published method and as a check.
 
 use super::line::{LEAST_BEARINGS, LineBearing, LineSettings, check, computed_error};
-use super::{OrientError, block_of, jackknife};
+use super::{BLOCKS, OrientError, block_of, jackknife};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::math::f64 as m;
 use crate::network::known_track::{TrackPoint, position_at};
@@ -70,7 +70,7 @@ pub fn spread(
         eta: about(found.eta, 20.0 * step_eta, settings.eta),
         ..*settings
     };
-    let [sd] = jackknife(|block| {
+    let [sd] = jackknife(BLOCKS, |block| {
         let part = grids(bearings, track, &near, (step_s, step_eta), Some(block))?;
         Some([wrap_pi(part.orientation - found.orientation)])
     })?;

@@ -11,7 +11,7 @@
 //! Cost: 241 plain fits for the noise, 2 × 280 robust ones, and 20 × 65 for the jackknife; a fit is six rounds over the
 //! bearings.
 
-use super::{OrientError, block_of, jackknife, quantile};
+use super::{BLOCKS, OrientError, block_of, jackknife, quantile};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::kit::{Huber, MAD_TO_SD, Normal, Tukey, golden};
 use crate::math::f64 as m;
@@ -103,7 +103,7 @@ pub fn orient(
     // The shift is searched again within a twentieth of its limits, in which no second minimum fits.
     let near = 0.05 * (settings.shift_s.1 - settings.shift_s.0);
     let window = ((free.shift_s - near, free.shift_s + near), GRID / 10);
-    let [sd, sd_time_shift_s, sd_eta] = jackknife(|block| {
+    let [sd, sd_time_shift_s, sd_eta] = jackknife(BLOCKS, |block| {
         let part = Data { skip: Some(block), ..all }.search(window, scale).ok()?;
         Some([wrap_pi(part.orientation - best.orientation), part.shift_s - best.shift_s, part.eta - best.eta])
     })

@@ -53,16 +53,19 @@ fn block_of(i: usize, n: usize) -> usize {
 
 /// Standard deviations by leaving out one block at a time: `(B − 1)/B · Σ (θ_b − θ̄)²`. `left_out` gives what changes
 /// without a block, or nothing where it cannot be told; `None` if that is so for half of them.
-fn jackknife<const N: usize>(left_out: impl Fn(usize) -> Option<[f64; N]>) -> Option<[f64; N]> {
+fn jackknife<const N: usize>(
+    blocks: usize,
+    left_out: impl Fn(usize) -> Option<[f64; N]>,
+) -> Option<[f64; N]> {
     let (mut count, mut sum, mut squares) = (0.0, [0.0; N], [0.0; N]);
-    for change in (0..BLOCKS).filter_map(left_out) {
+    for change in (0..blocks).filter_map(left_out) {
         count += 1.0;
         for ((s, q), d) in sum.iter_mut().zip(&mut squares).zip(&change) {
             *s += d;
             *q += d * d;
         }
     }
-    if count < 0.5 * BLOCKS as f64 {
+    if count < 0.5 * blocks as f64 {
         return None;
     }
     let mut sd = [0.0; N];

@@ -151,16 +151,13 @@ fn fit(angles: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
 fn jackknife(residuals: &[Residual], pooled: f64) -> f64 {
     let n = residuals.len();
     let blocks = BLOCKS.min(n);
-    let (mut sum, mut squares) = (0.0, 0.0);
-    for block in 0..blocks {
+    let [sd] = super::jackknife(blocks, |block| {
         let part =
             residuals.iter().enumerate().filter(move |(i, _)| i * blocks / n != block).map(|(_, r)| r.angle);
-        let d = wrap_pi(fit(part).0 - pooled);
-        sum += d;
-        squares += d * d;
-    }
-    let b = blocks as f64;
-    m::sqrt(((b - 1.0) / b * (squares - sum * sum / b)).max(0.0))
+        Some([wrap_pi(fit(part).0 - pooled)])
+    })
+    .unwrap_or([f64::INFINITY]);
+    sd
 }
 
 #[cfg(test)]

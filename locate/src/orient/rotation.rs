@@ -1,7 +1,7 @@
 //! The three rotation angles of a compact array, from bearings of a vessel of known track.
 //!
 //! Directions as the array reports them, `m_i`, and as they are, `u_i`, differ by one rotation: `u_i = R m_i`. Start:
-//! the eigenvector of Davenport's 4×4 matrix (least squares over all rotations); then small rotations
+//! least squares over all rotations, from the singular values of `Σ u mᵀ`; then small rotations
 //! `ω = [Σ w (I − p pᵀ)]⁻¹ Σ w p × u`, `p = R m`, with Huber's weights of the angle between p and u. The covariance is the
 //! inverse of that matrix times the residual variance, grown for the correlation of successive bearings that the
 //! caller states.
@@ -12,8 +12,9 @@
 use super::{OrientError, quantile};
 use crate::angle::wrap_tau;
 use crate::kit::Huber;
-use crate::kit::spd::{self, Square, dot, quadratic};
+use crate::kit::spd::{self, Square};
 use crate::math::f64 as m;
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Fewest directions for three angles and their scatter.
 pub const LEAST_DIRECTIONS: usize = 6;
@@ -58,54 +59,49 @@ pub fn rotation(directions: &[DirectionPair], correlated: f64) -> Result<Rotatio
     if directions.len() < LEAST_DIRECTIONS {
         return Err(OrientError::TooFew);
     }
-    let unit = |v: &[f64; 3]| m::abs(dot(v, v) - 1.0) < 1e-6;
+    let unit = |v: &[f64; 3]| m::abs(Vector3::from(*v).norm_squared() - 1.0) < 1e-6;
     if !directions.iter().all(|d| unit(&d.measured) && unit(&d.known)) || !(correlated >= 1.0) {
         return Err(OrientError::NotFinite);
     }
-    let mut r = davenport(directions);
+    let mut r = best_rotation(directions).ok_or(OrientError::NotObservable)?;
     let mut inverse = None;
     for _ in 0..30 {
         let scale = spread(directions, &r);
-        let mut h = [[0.0; 3]; 3];
-        let mut g = [0.0; 3];
+        let (mut h, mut g) = (Matrix3::zeros(), Vector3::zeros());
         for d in directions {
-            let p = apply(&r, &d.measured);
-            let w = Huber::EFFICIENT.weight(angle(&p, &d.known) / scale);
-            add_normal(&mut h, &p, w);
-            for (x, c) in g.iter_mut().zip(cross(&p, &d.known)) {
-                *x += w * c;
-            }
+            let (p, u) = (r * Vector3::from(d.measured), Vector3::from(d.known));
+            let w = Huber::EFFICIENT.weight(angle(&p, &u) / scale);
+            h += (Matrix3::identity() - p * p.transpose()) * w;
+            g += p.cross(&u) * w;
         }
-        let c = spd::inverse(&h).ok_or(OrientError::NotObservable)?;
+        // The matrix is symmetric: its columns are its rows.
+        let c = Matrix3::from(spd::inverse(&h.into()).ok_or(OrientError::NotObservable)?);
         inverse = Some(c);
-        let mut omega = [0.0; 3];
-        for (o, row) in omega.iter_mut().zip(&c) {
-            *o = dot(row, &g);
-        }
-        r = product(&turn(&omega), &r);
-        if dot(&omega, &omega) < 1e-24 {
+        let omega = c * g;
+        r = Rotation3::new(omega).into_inner() * r;
+        if omega.norm_squared() < 1e-24 {
             break;
         }
     }
     let c = inverse.ok_or(OrientError::NotObservable)?;
     let scale = spread(directions, &r);
+    // Axes of heading (the vertical), pitch (the turned East axis made horizontal) and roll (the array's North axis).
+    let north = r * Vector3::y();
+    let h = m::sqrt(north.x * north.x + north.y * north.y).max(1e-12);
+    let axes = [Vector3::z(), Vector3::new(north.y / h, -north.x / h, 0.0), north];
     // The spread is of one tangential component; the information counts both.
-    let mut sd = [0.0; 3];
-    let [axis_pitch, axis_roll, axis_heading] = axes(&r);
-    for (s, axis) in sd.iter_mut().zip([axis_heading, axis_pitch, axis_roll]) {
-        *s = scale * m::sqrt((quadratic(&axis, &c, &axis) * correlated).max(0.0));
-    }
+    let sd = axes.map(|axis| scale * m::sqrt((axis.dot(&(c * axis)) * correlated).max(0.0)));
     if sd.iter().any(|s| !(*s <= LARGEST_SD)) {
         return Err(OrientError::NotObservable);
     }
-    let errors = directions.iter().map(|d| angle(&apply(&r, &d.measured), &d.known));
-    let median_error = quantile(errors, 0.5);
+    let median_error = quantile(errors(directions, &r), 0.5);
     if !(median_error < 0.5) {
         return Err(OrientError::Inconsistent);
     }
-    let [[_, ny, _], [_, ey, _], [zx, zy, zz]] = r;
+    let matrix: Square<3> = r.transpose().into();
+    let [[_, ny, _], [_, ey, _], [zx, zy, zz]] = matrix;
     Ok(Rotation {
-        matrix: r,
+        matrix,
         heading: wrap_tau(m::atan2(ny, ey)),
         pitch: m::asin(zy.clamp(-1.0, 1.0)),
         roll: m::atan2(-zx, zz),
@@ -115,124 +111,33 @@ pub fn rotation(directions: &[DirectionPair], correlated: f64) -> Result<Rotatio
     })
 }
 
-/// Axes of pitch (the turned East axis made horizontal), roll (the array's North axis) and heading (the vertical).
-fn axes(r: &Square<3>) -> [[f64; 3]; 3] {
-    let north = apply(r, &[0.0, 1.0, 0.0]);
-    let [x, y, _] = north;
-    let h = m::sqrt(x * x + y * y).max(1e-12);
-    [[y / h, -x / h, 0.0], north, [0.0, 0.0, 1.0]]
+/// Angles between turned and known directions.
+fn errors<'a>(
+    directions: &'a [DirectionPair],
+    r: &'a Matrix3<f64>,
+) -> impl Iterator<Item = f64> + Clone + 'a {
+    directions.iter().map(move |d| angle(&(r * Vector3::from(d.measured)), &Vector3::from(d.known)))
 }
 
 /// Standard deviation of one tangential component of the angular errors, robustly: the median of a Rayleigh variable
 /// is 1.1774 standard deviations.
-fn spread(directions: &[DirectionPair], r: &Square<3>) -> f64 {
-    let errors = directions.iter().map(|d| angle(&apply(r, &d.measured), &d.known));
-    (quantile(errors, 0.5) / 1.1774).clamp(LEAST_SCALE, 1.0)
+fn spread(directions: &[DirectionPair], r: &Matrix3<f64>) -> f64 {
+    (quantile(errors(directions, r), 0.5) / 1.1774).clamp(LEAST_SCALE, 1.0)
 }
 
-/// Least squares over all rotations: the leading eigenvector of Davenport's matrix, by power iteration (shifted by n,
-/// so that the greatest eigenvalue is also the greatest in size).
-fn davenport(directions: &[DirectionPair]) -> Square<3> {
-    let mut b = [[0.0; 3]; 3];
-    for d in directions {
-        for (row, u) in b.iter_mut().zip(&d.known) {
-            for (x, v) in row.iter_mut().zip(&d.measured) {
-                *x += u * v;
-            }
-        }
-    }
-    let [[b00, b01, b02], [b10, b11, b12], [b20, b21, b22]] = b;
-    let trace = b00 + b11 + b22;
-    let n = directions.len() as f64;
-    // Quaternion (w, x, y, z) of the rotation measured → known.
-    let k = [
-        [trace + n, b21 - b12, b02 - b20, b10 - b01],
-        [b21 - b12, 2.0 * b00 - trace + n, b01 + b10, b02 + b20],
-        [b02 - b20, b01 + b10, 2.0 * b11 - trace + n, b12 + b21],
-        [b10 - b01, b02 + b20, b12 + b21, 2.0 * b22 - trace + n],
-    ];
-    // Squaring the matrix doubles the powers: twelve squarings are 4096 iterations.
-    let mut p = k;
-    for _ in 0..12 {
-        let mut q = [[0.0; 4]; 4];
-        for (row, pr) in q.iter_mut().zip(&p) {
-            for (x, pc) in row.iter_mut().zip(&p) {
-                // p is symmetric: its rows are its columns.
-                *x = pr.iter().zip(pc).map(|(a, b)| a * b).sum();
-            }
-        }
-        let largest = q.iter().flatten().fold(0.0f64, |a, x| a.max(m::abs(*x))).max(1e-300);
-        q.iter_mut().flatten().for_each(|x| *x /= largest);
-        p = q;
-    }
-    let squared = |row: &[f64; 4]| row.iter().map(|x| x * x).sum::<f64>();
-    let mut best = [1.0, 0.0, 0.0, 0.0];
-    let mut size = 0.0;
-    for row in &p {
-        if squared(row) > size {
-            size = squared(row);
-            best = *row;
-        }
-    }
-    let norm = m::sqrt(squared(&best));
-    let [w, x, y, z] = best.map(|q| q / norm);
-    [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-}
-
-/// Adds `w (I − p pᵀ)`.
-fn add_normal(h: &mut Square<3>, p: &[f64; 3], w: f64) {
-    spd::add_outer(h, p, -w);
-    for (i, row) in h.iter_mut().enumerate() {
-        if let Some(x) = row.get_mut(i) {
-            *x += w;
-        }
-    }
-}
-
-/// Matrix of a rotation vector (Rodrigues' formula).
-fn turn(omega: &[f64; 3]) -> Square<3> {
-    let theta = m::sqrt(dot(omega, omega));
-    if theta < 1e-15 {
-        return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    }
-    let [x, y, z] = omega.map(|o| o / theta);
-    let (s, c) = m::sin_cos(theta);
-    let v = 1.0 - c;
-    [
-        [c + x * x * v, x * y * v - z * s, x * z * v + y * s],
-        [y * x * v + z * s, c + y * y * v, y * z * v - x * s],
-        [z * x * v - y * s, z * y * v + x * s, c + z * z * v],
-    ]
-}
-
-fn product(a: &Square<3>, b: &Square<3>) -> Square<3> {
-    let [b0, b1, b2] = b;
-    a.map(|[x, y, z]| {
-        let mut row = [0.0; 3];
-        for (o, ((p, q), r)) in row.iter_mut().zip(b0.iter().zip(b1).zip(b2)) {
-            *o = x * p + y * q + z * r;
-        }
-        row
-    })
-}
-
-fn apply(r: &Square<3>, v: &[f64; 3]) -> [f64; 3] {
-    spd::times(r, v)
-}
-
-fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
-    let ([ax, ay, az], [bx, by, bz]) = (*a, *b);
-    [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
+/// Least squares over all rotations: `U diag(1, 1, ±1) Vᵀ` from the singular values of `Σ u mᵀ`.
+fn best_rotation(directions: &[DirectionPair]) -> Option<Matrix3<f64>> {
+    let sum: Matrix3<f64> =
+        directions.iter().map(|d| Vector3::from(d.known) * Vector3::from(d.measured).transpose()).sum();
+    let parts = sum.try_svd(true, true, f64::EPSILON, 100)?;
+    let (u, v_t) = (parts.u?, parts.v_t?);
+    let sense = if u.determinant() * v_t.determinant() < 0.0 { -1.0 } else { 1.0 };
+    Some(u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sense)) * v_t)
 }
 
 /// Angle between two unit vectors, accurate also when small.
-fn angle(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    let c = cross(a, b);
-    m::atan2(m::sqrt(dot(&c, &c)), dot(a, b))
+fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    m::atan2(a.cross(b).norm(), a.dot(b))
 }
 
 #[cfg(test)]
@@ -241,8 +146,11 @@ mod tests {
     use crate::angle::{RAD_PER_DEG, wrap_pi};
     use std::vec::Vec;
 
-    fn directions(r: &Square<3>, noise: f64) -> Vec<DirectionPair> {
-        let transposed: Square<3> = core::array::from_fn(|i| core::array::from_fn(|j| r[j][i]));
+    fn turn(omega: &[f64; 3]) -> Matrix3<f64> {
+        Rotation3::new(Vector3::from(*omega)).into_inner()
+    }
+
+    fn directions(r: &Matrix3<f64>, noise: f64) -> Vec<DirectionPair> {
         (0..120)
             .map(|k| {
                 let y = -600.0 + 10.0 * f64::from(k);
@@ -250,8 +158,8 @@ mod tests {
                 let known = [200.0 / n, y / n, 163.0 / n];
                 let t = f64::from(k);
                 let e = [noise * (3.0 * t).sin(), noise * (5.0 * t + 1.0).sin(), noise * (7.0 * t).cos()];
-                let measured = apply(&transposed, &apply(&turn(&e), &known));
-                DirectionPair { measured, known }
+                let measured = r.transpose() * turn(&e) * Vector3::from(known);
+                DirectionPair { measured: measured.into(), known }
             })
             .collect()
     }
@@ -263,7 +171,7 @@ mod tests {
             let found = rotation(&directions(&r, 0.0), 1.0).unwrap();
             for i in 0..3 {
                 for j in 0..3 {
-                    assert!((found.matrix[i][j] - r[i][j]).abs() < 1e-8, "{omega:?} {found:?}");
+                    assert!((found.matrix[i][j] - r[(i, j)]).abs() < 1e-8, "{omega:?} {found:?}");
                 }
             }
         }
