@@ -160,6 +160,43 @@ fn hostile_input_is_refused_on_one_line_by_every_command() {
     assert!(!dir.path().join("o").exists() && unfinished(dir.path()).is_empty());
 }
 
+/// Command lines with good input and a value that no command can work with.
+const OPTIONS: [&str; 22] = [
+    "reproduce several-vessels --runs 0 --out o",
+    "reproduce several-vessels --runs -1 --out o",
+    "track bearings.csv --height-m inf",
+    "track bearings.csv --sigma-elevation-deg inf",
+    "track bearings.csv --sigma-deg nan",
+    "track bearings.csv --tau-s inf",
+    "track bearings.csv --speed inf",
+    "track bearings.csv --sound-speed nan",
+    "track bearings.csv --min-range-m 100 --max-range-m 50",
+    "track bearings.csv --model none",
+    "track bearings.csv --gate-sd nan --estimator recursive",
+    "locate --stations network.toml fixes.csv --max-range-m nan",
+    "locate --stations network.toml fixes.csv --depth-m inf",
+    "locate --stations network.toml fixes.csv --tau-s -1 --motion",
+    "orient --station array.toml --track track.csv bearings.csv --max-gap-s 0",
+    "orient --station array.toml --track track.csv bearings.csv --search-m nan",
+    "orient --station line.toml --track track.csv bearings.csv --method other",
+    "propagation --profile ocean-profile.csv --depth-m 4340 --rows 720 --range-m nan --out o/t.toml",
+    "propagation --profile ocean-profile.csv --depth-m 4340 --rows 999999999 --out o/t.toml",
+    "propagation --profile ocean-profile.csv --depth-m nan --rows 720 --out o/t.toml",
+    "propagation --profile ocean-profile.csv --depth-m 4340 --step-m nan --out o/t.toml",
+    "ais speeds bearings.csv --lat-deg nan --lon-deg 0",
+];
+
+#[test]
+fn impossible_options_are_refused_on_one_line_and_nothing_is_written() {
+    let dir = folder();
+    for line in OPTIONS {
+        let ran = run(dir.path(), line, Stdio::piped());
+        refused(line, &ran);
+        assert_eq!(ran.stdout_bytes, 0, "{line}");
+    }
+    assert!(!dir.path().join("o").exists() && unfinished(dir.path()).is_empty());
+}
+
 /// Command lines with good input; `OUT` is a place that cannot be written.
 const OUTPUTS: [&str; 8] = [
     "simulate short.toml --out OUT",

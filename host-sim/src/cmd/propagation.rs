@@ -79,6 +79,9 @@ pub fn run(args: Args) -> Result<()> {
         return super::propagation_fit::run(fit);
     }
     let Some(out) = &args.out else { bail!("--out TABLE is missing: where should the table be written?") };
+    if !(0.0..=1e6).contains(&args.range_m) {
+        bail!("--range-m is {}; allowed 0 to 1000000", args.range_m);
+    }
     let mut table = match (&args.profile, &args.ray_table) {
         (Some(profile), None) => traced(&args, profile)?,
         (None, Some(csv)) => convert::read(csv, args.depth_m, args.conjugate)?,

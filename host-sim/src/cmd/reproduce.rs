@@ -28,7 +28,7 @@ pub struct Args {
     data: PathBuf,
     /// Monte Carlo runs instead of the experiment's own number.
     #[arg(long)]
-    runs: Option<usize>,
+    runs: Option<std::num::NonZeroUsize>,
     /// Seed of the random numbers.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -65,7 +65,7 @@ fn one(args: &Args, e: &Experiment) -> Result<()> {
     }
     let options = Options {
         out: args.out.clone(),
-        runs: args.runs,
+        runs: args.runs.map(Into::into),
         seed: args.seed,
         json: args.json,
         data: args.data.clone(),

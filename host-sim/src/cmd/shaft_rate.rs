@@ -62,13 +62,17 @@ pub fn run(args: Args) -> Result<()> {
         .map_err(|e| anyhow!("`{}` is outside what can be demodulated at {rate_hz} Hz", e.0))?;
     let curve = match args.speed_curve.as_deref() {
         None => None,
-        Some(&[intercept_m_s, slope_m, sd_m_s]) if slope_m > 0.0 && sd_m_s >= 0.0 => Some(SpeedCurve {
-            intercept_m_s,
-            slope_m,
-            sd_m_s,
-            blades: args.blades,
-            valid_m_s: VESSEL_SPEEDS_M_S,
-        }),
+        Some(&[intercept_m_s, slope_m, sd_m_s])
+            if (intercept_m_s + slope_m + sd_m_s).is_finite() && slope_m > 0.0 && sd_m_s >= 0.0 =>
+        {
+            Some(SpeedCurve {
+                intercept_m_s,
+                slope_m,
+                sd_m_s,
+                blades: args.blades,
+                valid_m_s: VESSEL_SPEEDS_M_S,
+            })
+        }
         Some(_) => bail!("--speed-curve takes A,B,SD with B above 0 and SD at least 0"),
     };
     let curve = curve.or(station.config.tracking.shaft_speed);

@@ -118,9 +118,14 @@ impl Args {
         {
             bail!("--speed is {v} m/s, a vessel's speed is between 0.2 and 40");
         }
-        for (name, x) in
-            [("tau-s", self.tau_s), ("sigma-deg", self.sigma_deg), ("max-range-m", self.max_range_m)]
-        {
+        for (name, x) in [
+            ("tau-s", self.tau_s),
+            ("sigma-deg", self.sigma_deg),
+            ("max-range-m", self.max_range_m),
+            ("height-m", self.height_m.unwrap_or(1.0)),
+            ("sigma-elevation-deg", self.sigma_elevation_deg),
+            ("elevation-bias-deg", self.elevation_bias_deg),
+        ] {
             if !x.is_finite() {
                 bail!("--{name} must be finite");
             }
