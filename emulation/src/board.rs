@@ -88,6 +88,8 @@ pub struct Setup {
     pub most_s: Option<f64>,
     /// Commands sent to the board: when each begins, s.
     pub commands: Vec<(f64, Vec<u8>)>,
+    /// A bit of the configuration is wrong in the image's flash.
+    pub damaged_configuration: bool,
 }
 
 impl Default for Setup {
@@ -99,6 +101,7 @@ impl Default for Setup {
             faults: Vec::new(),
             most_s: None,
             commands: Vec::new(),
+            damaged_configuration: false,
         }
     }
 }
@@ -112,7 +115,11 @@ pub struct BoardRun {
     pub host: Vec<u8>,
     /// Conversions done while recording, and those delivered.
     pub converted: u64,
-    /// Conversions read whole.
+    /// Conversions read whole: their numbers, and what was read.
+    pub numbers: Vec<u64>,
+    /// Codes of each.
+    pub codes: Vec<Codes>,
+    /// How many.
     pub delivered: u64,
     /// Conversions between the first and the last delivered that were not.
     pub lost: u64,
@@ -138,6 +145,17 @@ impl BoardRun {
     /// Whether board and host said the same.
     pub fn identical(&self) -> bool {
         self.firmware == self.host
+    }
+
+    /// What the host says of the conversions outside these stretches of numbers (first, and after the last).
+    ///
+    /// # Errors
+    /// The configuration cannot be run.
+    pub fn host_without(&self, blob: &[u8], gaps: &[(u64, u64)]) -> Result<Vec<u8>> {
+        let taken = |number: u64| !gaps.iter().any(|(from, to)| (*from..*to).contains(&number));
+        let (numbers, codes): (Vec<u64>, Vec<Codes>) =
+            self.numbers.iter().zip(&self.codes).filter(|(n, _)| taken(**n)).unzip();
+        host(blob, &numbers, &codes)
     }
 
     /// One line about where they differ.
@@ -177,15 +195,18 @@ pub fn twin(
     setup: &Setup,
     source: impl FnMut() -> Option<Codes> + Send + 'static,
 ) -> Result<BoardRun> {
-    let file = std::fs::read(image).with_context(|| {
+    let mut file = std::fs::read(image).with_context(|| {
         format!("no image at {}: run `cargo xtask build-firmware --board stm32h743`", image.display())
     })?;
-    if !file.windows(blob.len()).any(|window| window == blob) {
+    let Some(at) = file.windows(blob.len()).position(|window| window == blob) else {
         bail!(
             "{} holds another station's configuration: build it with `cargo xtask build-firmware --board stm32h743 \
              --station STATION.toml`",
             image.display()
         );
+    };
+    if setup.damaged_configuration {
+        file[at + blob.len() / 2] ^= 0x10;
     }
     let image = Image::parse(&file).map_err(|e| anyhow!("{}: {e}", image.display()))?;
     let mut machine = stm32h743::machine(image, setup.costs, &setup.parameters, Box::new(source), rate_hz)
@@ -207,6 +228,8 @@ pub fn twin(
         host,
         converted: converter.converted(),
         delivered: converter.delivered.len() as u64,
+        numbers: converter.delivered.clone(),
+        codes: converter.codes.clone(),
         lost: span - converter.delivered.len() as u64,
         seconds: ticks as f64 / PER_SECOND as f64,
         handlers: ended.0.handlers.since(&began.0.handlers),

@@ -8,6 +8,7 @@ extern crate seabearing_host;
 pub mod board;
 pub mod demo;
 pub mod emulator;
+pub mod rehearsal;
 pub mod sample_line;
 pub mod twin;
 

@@ -82,6 +82,8 @@ pub struct Acquisition<B> {
     pace: Option<Pace>,
     /// The converter was set up anew and the shift is not yet known.
     unplaced: bool,
+    /// That it does not answer was told.
+    told_silent: bool,
     fault: Option<(FaultCode, u64)>,
 }
 
@@ -99,6 +101,7 @@ impl<B: Board> Acquisition<B> {
             damaged: 0,
             pace: None,
             unplaced: false,
+            told_silent: false,
             fault: None,
         }
     }
@@ -107,6 +110,10 @@ impl<B: Board> Acquisition<B> {
     fn begin(&mut self, now_us: u64) {
         self.state = State::Off { retry_us: now_us + RETRY_US };
         if converter::set_up(&mut self.board, self.rate, self.gain_log2).is_err() {
+            if !self.told_silent {
+                self.told_silent = true;
+                self.fault = Some((FaultCode::NoSamples, 0));
+            }
             return;
         }
         converter::wake_up(&mut self.board);
@@ -245,6 +252,7 @@ impl<B: Board> SampleSource for Acquisition<B> {
         }
         let first_index = next.wrapping_add(self.shift);
         self.index = first_index + count as u64;
+        self.told_silent = false;
         if self.damaged >= DAMAGED_S * self.rate.hz() {
             self.restart(now_us);
         }

@@ -9,7 +9,7 @@ pub mod cmd;
 
 pub use seabearing_base as base;
 #[cfg(all(unix, feature = "emulation"))]
-pub use seabearing_emulation::{board, demo, emulator, sample_line, twin};
+pub use seabearing_emulation::{board, demo, emulator, rehearsal, sample_line, twin};
 #[cfg(feature = "experiments")]
 pub use seabearing_experiments as reproduce;
 pub use seabearing_host::{

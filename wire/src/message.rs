@@ -251,7 +251,7 @@ pub enum FaultCode {
     BadCommand,
     /// The software had panicked before this start: low 32 bits the line, high 31 bits of a hash of the file.
     Panicked,
-    /// The source of samples is silent: for how many seconds of the board's clock.
+    /// The source of samples is silent: for how many seconds of the board's clock, 0 where the converter does not answer.
     NoSamples,
     /// The converter stood still or reset itself and was set up again: how many instants that took by the board's clock.
     ConverterRestarted,

@@ -53,7 +53,7 @@ pub struct Args {
     #[command(flatten)]
     board_options: super::twin_board::BoardOptions,
     /// Recordings
-    #[arg(required = true, value_name = "RECORDING")]
+    #[arg(required_unless_present = "rehearse", value_name = "RECORDING")]
     input: Vec<PathBuf>,
 }
 

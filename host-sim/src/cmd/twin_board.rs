@@ -1,6 +1,7 @@
 //! `seabearing twin --board stm32h743`: the hardware board's image on the modelled board, and the host.
 
 use crate::board::{self, BoardRun, InjectedFault, Setup};
+use crate::rehearsal::{self, Stage};
 use crate::station::Station;
 use crate::{blob, emulator, recording};
 use anyhow::{Result, bail};
@@ -45,10 +46,29 @@ pub struct BoardOptions {
     /// Microseconds from a converter's reset until it answers
     #[arg(long, value_name = "US", default_value_t = 5.0)]
     converter_start_us: f64,
-    /// What goes wrong and when (s): converter-reset@S, converter-dead@S or @S:LENGTH, spi-bits@BYTES, pin-reset@S,
-    /// brown-out@S
+    /// What goes wrong and when (s): converter-reset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH,
+    /// core-held@S:LENGTH, hard-fault@S, spi-bits@BYTES, pin-reset@S, brown-out@S
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<InjectedFault>,
+    /// Play every way of going wrong with noise instead of a recording, outages of up to so many seconds (60 are asked
+    /// for, and take minutes), and print the table of what came of it
+    #[arg(long, value_name = "S")]
+    pub(super) rehearse: Option<f64>,
+}
+
+/// Outages rehearsed, s.
+const OUTAGES_S: [f64; 6] = [0.001, 0.01, 0.1, 1.0, 10.0, 60.0];
+
+/// Prints the table of the rehearsal; conversions lost are counted over `pace_s`.
+fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: f64) -> Result<()> {
+    let blob = blob::of(station)?;
+    let stage = Stage { image, blob: &blob, rate_hz: station.config.rate_hz };
+    let outages: Vec<f64> = OUTAGES_S.into_iter().filter(|s| *s <= longest_s).collect();
+    let rows = stage.rehearse(pace_s, &outages, |row| {
+        // A person who has gone is no reason to stop.
+        _ = writeln!(std::io::stdout(), "{row}");
+    })?;
+    rehearsal::verdict(&rows)
 }
 
 /// Runs the command for that board. `keep`: where the firmware's telemetry goes.
@@ -65,6 +85,9 @@ pub(super) fn run(
 ) -> Result<()> {
     let image = emulator::image(firmware, "stm32h743.elf", "cargo xtask build-firmware --board stm32h743")?;
     let rate_hz = station.config.rate_hz;
+    if let Some(longest_s) = options.rehearse {
+        return rehearse(&image, station, longest_s, options.seconds.unwrap_or(5.0));
+    }
     let setup = setup(options)?;
     let most = options.seconds.map(|s| (s * rate_hz).round() as u64);
     let blob = blob::of(station)?;
