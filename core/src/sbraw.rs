@@ -68,6 +68,11 @@ impl<R: ReadBytes> Reader<R> {
         self.ending
     }
 
+    /// Where the bytes come from.
+    pub fn bytes(&mut self) -> &mut R {
+        &mut self.bytes
+    }
+
     fn start_record(&mut self) {
         let mut head = [0u8; RECORD_HEAD];
         let n = self.bytes.read(&mut head);

@@ -199,10 +199,10 @@ fn measure(recorder: &Recorder, image: &Path, recording: &Recording) -> Result<V
 /// meanwhile.
 fn queue_frames() -> Result<f64> {
     let (_, rest) = ACQUISITION
-        .split_once("QUEUE_FRAMES: usize = ")
-        .context("firmware/src/acquisition.rs: no QUEUE_FRAMES")?;
+        .split_once("RING_FRAMES: usize = ")
+        .context("firmware/src/acquisition.rs: no RING_FRAMES")?;
     let number = rest.split(';').next().unwrap_or_default().replace('_', "");
-    number.parse().with_context(|| format!("QUEUE_FRAMES is `{number}`"))
+    number.parse().with_context(|| format!("RING_FRAMES is `{number}`"))
 }
 
 /// Work and memory of one batch motion fit of 401 bearings: the bar of the first line of both kinds.

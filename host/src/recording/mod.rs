@@ -1,4 +1,4 @@
-//! Recordings: four-channel WAV and FLAC files, and miniSEED, as blocks of 24-bit codes, and writing them.
+//! Recordings: four-channel WAV and FLAC files, miniSEED, and `.sbraw` streams, as blocks of 24-bit codes, and writing them.
 //!
 //! Enters: files or folders, in any order. Leaves: [`SampleSource::next_block`], blocks whose sample index counts from the
 //! first sample of the first file. Conventions:
@@ -20,6 +20,7 @@
 mod flac;
 mod mseed;
 pub(crate) mod mseed_record;
+mod raw;
 mod sequence;
 pub mod stamp;
 mod wav;
@@ -56,6 +57,8 @@ pub enum Container {
     Flac,
     /// miniSEED, version 2 or 3.
     MiniSeed,
+    /// A stream of codes with their indices.
+    Raw,
 }
 
 impl Container {
@@ -80,6 +83,7 @@ impl Container {
             [b'B', b'W', b'6', b'4', .., b'W', b'A', b'V', b'E'] => Some(Self::Wav),
             [b'f', b'L', b'a', b'C', ..] => Some(Self::Flac),
             [b'M', b'S', 3, ..] => Some(Self::MiniSeed),
+            [magic @ .., _, _, _, _] if *magic == seabearing_core::sbraw::MAGIC => Some(Self::Raw),
             // Version 2: six digits of sequence number, then a quality letter.
             [number @ .., _, _, _, _, _, _]
                 if number.iter().all(u8::is_ascii_digit) && matches!(head[6], b'D' | b'R' | b'Q' | b'M') =>
@@ -105,8 +109,16 @@ pub fn open(
     let mut audio = Vec::new();
     let mut seismic = Vec::new();
     let mut complaints = Vec::new();
+    if let [path] = &files[..]
+        && Container::of(path)? == Some(Container::Raw)
+    {
+        return Ok(Box::new(raw::Raw::open(path, start)?));
+    }
     for path in files {
         match Container::of(&path) {
+            Ok(Some(Container::Raw)) => {
+                bail!("{}: an .sbraw stream has indices of its own; give it alone", path.display())
+            }
             Ok(Some(Container::MiniSeed)) => seismic.push(path),
             Ok(Some(container)) => audio.push((path, container)),
             Ok(None) => complaints.push(format!("{}: {}", path.display(), foreign(&path))),
@@ -128,8 +140,8 @@ pub fn open(
 /// Why a file is no recording.
 fn foreign(path: &Path) -> &'static str {
     match std::fs::metadata(path).map(|m| m.len()) {
-        Ok(0) => "empty file; a recording (WAV, FLAC or miniSEED) was expected",
-        _ => "not a recording (WAV, FLAC or miniSEED expected)",
+        Ok(0) => "empty file; a recording (WAV, FLAC, miniSEED or .sbraw) was expected",
+        _ => "not a recording (WAV, FLAC, miniSEED or .sbraw expected)",
     }
 }
 
@@ -145,12 +157,12 @@ fn expand(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
             std::fs::read_dir(path).with_context(|| format!("cannot read folder {}", path.display()))?;
         let known = |p: &PathBuf| {
             let ending = p.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-            matches!(ending.as_deref(), Some("wav" | "flac" | "mseed" | "msd" | "ms3" | "seed"))
+            matches!(ending.as_deref(), Some("wav" | "flac" | "mseed" | "msd" | "ms3" | "seed" | "sbraw"))
         };
         let mut inside: Vec<PathBuf> =
             entries.filter_map(|e| e.ok().map(|e| e.path())).filter(known).collect();
         if inside.is_empty() {
-            bail!("{}: no recording (.wav, .flac, .mseed) in this folder", path.display());
+            bail!("{}: no recording (.wav, .flac, .mseed, .sbraw) in this folder", path.display());
         }
         inside.sort();
         files.extend(inside);
