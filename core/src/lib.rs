@@ -47,4 +47,5 @@ pub mod sample_line;
 pub mod sbraw;
 #[cfg(feature = "array")]
 mod slot;
+mod version;
 pub mod wait;

@@ -31,7 +31,7 @@ pub fn wait(
         wire_version: WIRE_VERSION,
         schema_hash: SCHEMA_HASH,
         config_hash: 0,
-        version: crate::recorder::VERSION,
+        version: crate::version::VERSION,
         station,
         kind: WAITING,
         rate_hz: 0.0,

@@ -3,6 +3,7 @@
 use crate::config::StationConfig;
 use crate::health::Accounting;
 use crate::intake::GRID;
+use crate::version::VERSION;
 use crate::wire::{Command, Health, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
 
 /// Seconds of samples between health reports unless a command says otherwise.
@@ -170,24 +171,6 @@ impl Default for Reporter {
 
 /// `Hello::reset_cause` when only the board would know.
 pub const RESET_UNKNOWN: u8 = 255;
-
-/// Version of the package, from its manifest.
-pub(crate) const VERSION: (u8, u8, u8) = (
-    decimal(env!("CARGO_PKG_VERSION_MAJOR")),
-    decimal(env!("CARGO_PKG_VERSION_MINOR")),
-    decimal(env!("CARGO_PKG_VERSION_PATCH")),
-);
-
-const fn decimal(text: &str) -> u8 {
-    let bytes = text.as_bytes();
-    let mut value = 0u8;
-    let mut i = 0;
-    while i < bytes.len() {
-        value = value.wrapping_mul(10).wrapping_add(bytes[i].wrapping_sub(b'0'));
-        i += 1;
-    }
-    value
-}
 
 #[cfg(test)]
 mod tests {

@@ -16,7 +16,6 @@ mod shaft;
 
 #[cfg(feature = "array")]
 pub use array::ArrayRecorder;
-pub(crate) use health::VERSION;
 pub use health::{Condition, Reporter};
 #[cfg(feature = "obs")]
 pub use obs::{ObsRecorder, SetupError as ObsSetupError};

@@ -15,7 +15,7 @@ use seabearing_core::port::Clock;
 use seabearing_firmware::mps2_an500::{clock::BoardClock, host, stack_use};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, Config, Sample};
-use seabearing_locate::motion::whiten::{Method, Workspace};
+use seabearing_locate::motion::whiten::{WhitenMethod, Workspace};
 
 /// Bearings: two a second for 200 s.
 const BEARINGS: usize = 401;
@@ -79,7 +79,7 @@ fn main() -> ! {
         let fit = ml::fit(&config, SAMPLES, WORK, &mut []);
         *ticks = u64::from(clock.ticks().wrapping_sub(before));
         let Ok(fit) = fit else { fail(c"no fit\n") };
-        let short = fit.plan.method == Method::Differences;
+        let short = fit.plan.method == WhitenMethod::Differences;
         let error = (fit.solution.cpa_range_m - RANGE_M) / fit.solution.sd_cpa_range_m;
         if !(m::abs(error) < 4.0) || short != (tau_s == intervals_s[0]) {
             fail(c"the fit is wrong\n");
