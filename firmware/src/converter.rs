@@ -1,7 +1,7 @@
 //! ADS131M04-class converter: four channels sampled at the same instant, 24 bits, over SPI.
 //!
 //! Every frame is `status, channel 0..3, CRC`, words of 24 bits; the CRC is CRC-16/CCITT (polynomial 0x1021, start
-//! 0xffff) of the words before it. A frame whose CRC is wrong becomes [`MISSING`] samples in the recording: nothing is
+//! 0xffff) of the words before it. A frame whose CRC is wrong becomes [`MISSING`](seabearing_core::block::MISSING) samples in the recording: nothing is
 //! invented. SPI mode 1, at most 25 MHz; one frame of 18 bytes at 64 kHz is 9.2 Mbit/s.
 //! Register names and numbers are those of the converter's data sheet (Texas Instruments SBAS890).
 
