@@ -119,6 +119,7 @@ pub fn check() -> Result<()> {
     run(cargo().args(lints), "lints")?;
     board_lints()?;
     features_alone()?;
+    oldest()?;
     say("documentation");
     let doc = ["doc", "--workspace", "--no-deps", "--document-private-items", "--quiet"];
     run(cargo().args(doc).env("RUSTDOCFLAGS", "-D warnings"), "documentation")
@@ -150,6 +151,23 @@ fn features_alone() -> Result<()> {
         run(clippy.args(["--", "-D", "warnings"]), &format!("{package}, features `{features}`"))?;
     }
     Ok(())
+}
+
+/// The oldest compiler that the manifests promise, as rustup names it.
+const OLDEST: &str = concat!(env!("CARGO_PKG_RUST_VERSION"), ".0");
+
+/// The core, the wire format and the estimators compile with the oldest compiler promised, where rustup has it.
+fn oldest() -> Result<()> {
+    let installed = find("rustup").and_then(|rustup| output(&rustup, &["toolchain", "list"]));
+    if !installed.is_some_and(|list| list.lines().any(|l| l.starts_with(OLDEST))) {
+        say(&format!("skipped: the oldest compiler promised is not here (`rustup toolchain install {OLDEST}`)"));
+        return Ok(());
+    }
+    say(&format!("compiler {OLDEST}"));
+    let mut check = Command::new("rustup");
+    check.args(["run", OLDEST, "cargo", "check", "--quiet", "--package", "seabearing-core", "--package", "seabearing-wire"]);
+    check.args(["--package", "seabearing-locate", "--target-dir"]).arg(root().join("target/oldest"));
+    run(check.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env_remove("RUSTC"), "the oldest compiler")
 }
 
 /// Every image the firmware is made into, as its binary and features.
