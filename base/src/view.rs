@@ -24,7 +24,11 @@ fn fill(base: &Base, out: &mut String) -> std::fmt::Result {
             out,
             "station {}  {}  {} Hz  firmware {}.{}.{}  configuration {:016x}  session {}{}",
             h.station,
-            if h.kind == 0 { "array" } else { "ocean bottom" },
+            match h.kind {
+                0 => "array",
+                1 => "ocean bottom",
+                _ => "waits for commands",
+            },
             h.rate_hz,
             h.version.0,
             h.version.1,

@@ -36,7 +36,7 @@ impl RecordFormat {
                     "wire_version": h.wire_version, "schema_hash": format!("{:016x}", h.schema_hash),
                     "config_hash": format!("{:016x}", h.config_hash),
                     "version": format!("{}.{}.{}", h.version.0, h.version.1, h.version.2),
-                    "station": h.station, "kind": if h.kind == 0 { "array" } else { "obs" },
+                    "station": h.station, "kind": match h.kind { 0 => "array", 1 => "obs", _ => "waiting" },
                     "rate_hz": num(h.rate_hz), "reset_cause": h.reset_cause,
                 }),
             ),

@@ -160,12 +160,24 @@ const OLDEST: &str = concat!(env!("CARGO_PKG_RUST_VERSION"), ".0");
 fn oldest() -> Result<()> {
     let installed = find("rustup").and_then(|rustup| output(&rustup, &["toolchain", "list"]));
     if !installed.is_some_and(|list| list.lines().any(|l| l.starts_with(OLDEST))) {
-        say(&format!("skipped: the oldest compiler promised is not here (`rustup toolchain install {OLDEST}`)"));
+        say(&format!(
+            "skipped: the oldest compiler promised is not here (`rustup toolchain install {OLDEST}`)"
+        ));
         return Ok(());
     }
     say(&format!("compiler {OLDEST}"));
     let mut check = Command::new("rustup");
-    check.args(["run", OLDEST, "cargo", "check", "--quiet", "--package", "seabearing-core", "--package", "seabearing-wire"]);
+    check.args([
+        "run",
+        OLDEST,
+        "cargo",
+        "check",
+        "--quiet",
+        "--package",
+        "seabearing-core",
+        "--package",
+        "seabearing-wire",
+    ]);
     check.args(["--package", "seabearing-locate", "--target-dir"]).arg(root().join("target/oldest"));
     run(check.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env_remove("RUSTC"), "the oldest compiler")
 }
