@@ -89,8 +89,6 @@ impl Beside {
     pub fn build_without_experiments() -> Result<Self> {
         let mut command = cargo();
         command.args(["build", "--quiet", "--package", "seabearing"]).args(WITHOUT_EXPERIMENTS);
-        // Built once: what helps the next build after a change makes this one longer.
-        command.env("CARGO_INCREMENTAL", "0");
         let child = command.current_dir(root()).stdin(Stdio::null()).spawn().context("cargo build")?;
         Ok(Self(child))
     }
