@@ -253,9 +253,9 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
         {
             state.shaft_report = Slot::Full(report);
         }
-        state.current.bridged |= look.counted > 0;
+        state.current.added.bridged |= look.counted > 0;
     }
-    state.current.clipped |= found.clipped != 0;
+    state.current.added.clipped |= found.clipped != 0;
     state.framing.advance(lost, &mut state.intake.accounting);
 }
 
@@ -268,13 +268,13 @@ fn end_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut im
 
 /// Estimates the segment that ends with the current step, which becomes the previous one.
 fn close_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
-    if state.current.frames == 0 {
+    if state.current.added.frames == 0 {
         return;
     }
     let two = plan.steps_per_segment == 2;
     let shortened = two && state.memory.turns_fast(plan);
-    let join = two && !shortened && state.previous.precedes(state.current.step);
-    let step = state.current.step;
+    let join = two && !shortened && state.previous.precedes(state.current.added.step);
+    let step = state.current.added.step;
     let State { intake, memory, current, previous, .. } = state;
     current.end_step(previous, join, plan.step_samples.get());
     let sink = &mut |message| intake.faults.pass(message, sink);

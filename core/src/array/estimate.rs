@@ -215,21 +215,21 @@ pub(crate) fn segment(
     shortened: bool,
     sink: &mut impl FnMut(Message),
 ) {
-    let share = spectra.frames as f32 / plan.nominal_frames * if shortened { 2.0 } else { 1.0 };
+    let share = spectra.added.frames as f32 / plan.nominal_frames * if shortened { 2.0 } else { 1.0 };
     if share < LEAST_SHARE {
         return;
     }
-    let start = spectra.step.saturating_mul(plan.step_samples.get());
-    let centre = spectra.centres / u64::from(spectra.frames.max(1));
+    let start = spectra.added.step.saturating_mul(plan.step_samples.get());
+    let centre = spectra.added.centres / u64::from(spectra.added.frames.max(1));
     let context = Context {
         plan,
         band: &plan.whole,
         places: memory.places,
-        snapshots: spectra.frames as f32 * plan.snapshots_per_frame,
+        snapshots: spectra.added.frames as f32 * plan.snapshots_per_frame,
         index: start.saturating_add(centre),
         moment_sd_s: 0.0,
-        flags: u8::from(spectra.clipped)
-            | (u8::from(spectra.bridged || share < WHOLE_SHARE) << 1)
+        flags: u8::from(spectra.added.clipped)
+            | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) << 1)
             | (u8::from(shortened) << 2),
     };
     refine::whiten(spectra);
@@ -256,7 +256,7 @@ pub(crate) fn segment(
 /// frames' own `centre`, at most in the proportion of the coherence's `mean`, which an image in the surface lowers as well:
 /// how far is the moment's deviation.
 fn heard<'a>(context: &Context<'a>, spectra: &Spectra, start: u64, centre: u64, mean: f32) -> Context<'a> {
-    let moment = spectra.loudness.centre().unwrap_or(centre as f64);
+    let moment = spectra.added.loudness.centre().unwrap_or(centre as f64);
     let shift = (moment - centre as f64) as f32;
     // Anywhere between nothing and all of it.
     let moment_sd_s =

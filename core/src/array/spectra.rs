@@ -31,21 +31,49 @@ const NO_RUN: Run =
 #[derive(Clone, Debug)]
 pub(crate) struct Spectra {
     pub(crate) runs: [Run; RUNS],
-    /// Frames added.
+    /// What they are made of.
+    pub(crate) added: Added,
+}
+
+/// The frames that spectra are made of.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Added {
+    /// How many.
     pub(crate) frames: u32,
-    /// Number of the step the frames belong to.
+    /// Number of the step they belong to, or of the first.
     pub(crate) step: u64,
-    /// Sum over frames of their centre's distance from the step's start, samples.
+    /// Sum of their centres' distances from the step's start, samples.
     pub(crate) centres: u64,
     /// When the sound was loud.
     pub(crate) loudness: Loudness,
-    /// Whether any frame held clipped samples.
+    /// Whether any held clipped samples.
     pub(crate) clipped: bool,
-    /// Whether any frame held samples that stand for missing ones.
+    /// Whether any held samples that stand for missing ones.
     pub(crate) bridged: bool,
 }
 
-/// When within its frames the sound was loud: a propeller's beat moves the moment a bearing is of by up to 30 ms.
+impl Added {
+    /// None yet, of a step.
+    const fn none(step: u64) -> Self {
+        Self { frames: 0, step, centres: 0, loudness: Loudness::NONE, clipped: false, bridged: false }
+    }
+
+    /// With those of a later step; steps are of so many samples.
+    fn joined(self, later: Self, step_samples: u64) -> Self {
+        let shift = later.step.saturating_sub(self.step).saturating_mul(step_samples);
+        let moved = shift.saturating_mul(u64::from(later.frames)).saturating_add(later.centres);
+        Self {
+            frames: self.frames.saturating_add(later.frames),
+            step: self.step,
+            centres: self.centres.saturating_add(moved),
+            loudness: self.loudness.joined(later.loudness, shift as f64),
+            clipped: self.clipped | later.clipped,
+            bridged: self.bridged | later.bridged,
+        }
+    }
+}
+
+/// When within its frames the sound was loud: a propeller's beat moves the moment a bearing is of by up to 100 ms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Loudness {
     /// Sum over frames of the power in the upper half of the band, one hydrophone.
@@ -57,10 +85,9 @@ pub(crate) struct Loudness {
 impl Loudness {
     const NONE: Self = Self { power: 0.0, moment: 0.0 };
 
-    /// Adds what is later by so many samples.
-    fn join(&mut self, later: Self, by: f64) {
-        self.moment += later.moment + by * later.power;
-        self.power += later.power;
+    /// With what is later by so many samples.
+    fn joined(self, later: Self, by: f64) -> Self {
+        Self { power: self.power + later.power, moment: self.moment + (later.moment + by * later.power) }
     }
 
     /// Its centre, samples after the step's start.
@@ -77,35 +104,22 @@ const VALUES: usize = (2 * PAIR_COUNT + CHANNELS) * RUN;
 #[derive(Clone, Debug)]
 pub(crate) struct Kept {
     runs: [[u16; VALUES]; RUNS],
-    frames: u32,
-    step: u64,
-    centres: u64,
-    loudness: Loudness,
-    clipped: bool,
-    bridged: bool,
+    added: Added,
 }
 
 impl Kept {
     pub(crate) const fn new() -> Self {
-        Self {
-            runs: [[0; VALUES]; RUNS],
-            frames: 0,
-            step: 0,
-            centres: 0,
-            loudness: Loudness::NONE,
-            clipped: false,
-            bridged: false,
-        }
+        Self { runs: [[0; VALUES]; RUNS], added: Added::none(0) }
     }
 
     /// Holds nothing any more.
     pub(crate) fn forget(&mut self) {
-        self.frames = 0;
+        self.added = Added::none(0);
     }
 
     /// Whether it holds the step before this one.
     pub(crate) fn precedes(&self, step: u64) -> bool {
-        self.frames > 0 && self.step.saturating_add(1) == step
+        self.added.frames > 0 && self.added.step.saturating_add(1) == step
     }
 }
 
@@ -119,26 +133,13 @@ impl Run {
 
 impl Spectra {
     pub(crate) const fn new() -> Self {
-        Self {
-            runs: [NO_RUN; RUNS],
-            frames: 0,
-            step: 0,
-            centres: 0,
-            loudness: Loudness::NONE,
-            clipped: false,
-            bridged: false,
-        }
+        Self { runs: [NO_RUN; RUNS], added: Added::none(0) }
     }
 
     /// Empties it for a step.
     pub(crate) fn begin(&mut self, step: u64) {
         self.runs.fill(NO_RUN);
-        self.frames = 0;
-        self.step = step;
-        self.centres = 0;
-        self.loudness = Loudness::NONE;
-        self.clipped = false;
-        self.bridged = false;
+        self.added = Added::none(step);
     }
 
     /// These of the runs.
@@ -164,23 +165,9 @@ impl Spectra {
                 }
             }
         }
-        let old = (before.frames, before.step, before.centres, before.clipped, before.bridged);
-        let loudness = core::mem::replace(&mut before.loudness, self.loudness);
-        (before.frames, before.step, before.centres) = (self.frames, self.step, self.centres);
-        (before.clipped, before.bridged) = (self.clipped, self.bridged);
+        let earlier = core::mem::replace(&mut before.added, self.added);
         if join {
-            let (frames, step, centres, clipped, bridged) = old;
-            let shift = self.step.saturating_sub(step).saturating_mul(step_samples);
-            self.centres = self
-                .centres
-                .saturating_add(shift.saturating_mul(u64::from(self.frames)))
-                .saturating_add(centres);
-            let later = core::mem::replace(&mut self.loudness, loudness);
-            self.loudness.join(later, shift as f64);
-            self.frames = self.frames.saturating_add(frames);
-            self.step = step;
-            self.clipped |= clipped;
-            self.bridged |= bridged;
+            self.added = earlier.joined(self.added, step_samples);
         }
     }
 
@@ -203,10 +190,11 @@ impl Spectra {
         let power = self.accumulate(z01, z23, low..upper.start);
         let upper = self.accumulate(z01, z23, upper);
         let loud = f64::from(upper);
-        self.loudness.join(Loudness { power: loud, moment: loud * centre as f64 }, 0.0);
-        self.centres = self.centres.saturating_add(centre);
+        let added = &mut self.added;
+        added.loudness = added.loudness.joined(Loudness { power: loud, moment: loud * centre as f64 }, 0.0);
+        added.centres = added.centres.saturating_add(centre);
+        added.frames = added.frames.saturating_add(1);
         let power = power + upper;
-        self.frames = self.frames.saturating_add(1);
         2.0 * power / plan.window_power
     }
 
@@ -286,10 +274,13 @@ mod tests {
             for (n, value) in spectra.runs.iter_mut().flat_map(Run::values).enumerate() {
                 *value = scale * (n as f32 - 2047.3);
             }
-            (spectra.frames, spectra.centres) = (2, 100);
+            (spectra.added.frames, spectra.added.centres) = (2, 100);
             spectra.end_step(&mut kept, step == 8, 1000);
         }
-        assert_eq!((spectra.frames, spectra.step, spectra.centres), (4, 7, 100 + 2000 + 100));
+        assert_eq!(
+            (spectra.added.frames, spectra.added.step, spectra.added.centres),
+            (4, 7, 100 + 2000 + 100)
+        );
         for (n, value) in spectra.runs.iter_mut().flat_map(Run::values).enumerate() {
             let exact = 4.0 * (n as f32 - 2047.3);
             assert!((*value / exact - 1.0).abs() < 1e-3, "{n}: {value} {exact}");
