@@ -16,6 +16,9 @@ mod difar_tracks;
 pub mod figure;
 mod heard_vessels;
 mod line;
+mod link;
+mod link_ends;
+mod link_line;
 mod motion;
 mod motion_checks;
 mod motion_figures;
@@ -97,6 +100,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     motion_checks::ELEVATION,
     obs_table1::TABLE_1,
     shaft_rate::EXPERIMENT,
+    link::EXPERIMENT,
     line::ORIENTATION,
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,

@@ -21,12 +21,14 @@ static CRC: crc::Crc<u32, crc::Table<1>> = crc::Crc::<u32, crc::Table<1>>::new(&
 pub struct Encoder {
     sequence: u16,
     frames: u32,
+    /// Length of the newest frame.
+    length: usize,
     buffer: [u8; FRAME_BYTES],
 }
 
 impl Default for Encoder {
     fn default() -> Self {
-        Self { sequence: 0, frames: 0, buffer: [0; FRAME_BYTES] }
+        Self { sequence: 0, frames: 0, length: 0, buffer: [0; FRAME_BYTES] }
     }
 }
 
@@ -39,26 +41,41 @@ impl Encoder {
     /// The frame of one message (or command), delimiter included. Empty if it does not fit, which no message of
     /// this version does (tested).
     pub fn frame<T: Serialize>(&mut self, message: &T) -> &[u8] {
-        let mut plain = [0u8; PLAIN_BYTES];
-        let mut used = 0usize;
-        if let Some((head, rest)) = plain.split_first_chunk_mut::<2>() {
-            *head = self.sequence.to_le_bytes();
-            match rest.split_at_mut_checked(MESSAGE_BYTES) {
-                Some((body, _)) => match postcard::to_slice(message, body) {
-                    Ok(bytes) => used = 2 + bytes.len(),
-                    Err(_) => return &[],
-                },
-                None => return &[],
-            }
+        let mut body = [0u8; MESSAGE_BYTES];
+        match postcard::to_slice(message, &mut body) {
+            Ok(bytes) => self.frame_of(bytes),
+            Err(_) => &[],
         }
+    }
+
+    /// The frame of a message whose bytes were made elsewhere. Empty if they do not fit.
+    pub fn frame_of(&mut self, message: &[u8]) -> &[u8] {
+        let mut plain = [0u8; PLAIN_BYTES];
+        if message.len() > MESSAGE_BYTES {
+            return &[];
+        }
+        for (to, from) in plain.iter_mut().zip(self.sequence.to_le_bytes().iter().chain(message)) {
+            *to = *from;
+        }
+        let used = 2 + message.len();
         let Some(crc) = plain.get(..used).map(|b| CRC.checksum(b)) else { return &[] };
         for (to, from) in plain.iter_mut().skip(used).zip(crc.to_le_bytes()) {
             *to = from;
         }
         self.sequence = self.sequence.wrapping_add(1);
         self.frames = self.frames.wrapping_add(1);
-        let n = stuff(plain.get(..used + 4).unwrap_or(&[]), &mut self.buffer);
-        self.buffer.get(..n).unwrap_or(&[])
+        self.length = stuff(plain.get(..used + 4).unwrap_or(&[]), &mut self.buffer);
+        self.last()
+    }
+
+    /// The newest frame again.
+    pub fn last(&self) -> &[u8] {
+        self.buffer.get(..self.length).unwrap_or(&[])
+    }
+
+    /// The sequence number of the next frame.
+    pub fn sequence(&self) -> u16 {
+        self.sequence
     }
 }
 
@@ -174,6 +191,8 @@ pub struct Decoder {
     used: usize,
     overlong: bool,
     raw: u64,
+    /// Of the whole frame before: its bytes on the wire, and those of its message, which stand after the sequence number.
+    whole: (u16, u16),
     order: Option<Order>,
     counters: DecoderCounters,
 }
@@ -185,6 +204,7 @@ impl Default for Decoder {
             used: 0,
             overlong: false,
             raw: 0,
+            whole: (0, 0),
             order: None,
             counters: DecoderCounters::default(),
         }
@@ -225,6 +245,19 @@ impl Decoder {
 
     /// Takes one byte; a message when it completes a good frame.
     pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Received<T>> {
+        let sequence = self.push_frame(byte)?;
+        match postcard::take_from_bytes::<T>(self.message()) {
+            Ok((message, [])) => Some(Received { sequence, message }),
+            _ => {
+                self.unknown();
+                None
+            }
+        }
+    }
+
+    /// Takes one byte; the sequence number when it completes a whole frame, whose message is [`Decoder::message`] until
+    /// the next byte.
+    pub fn push_frame(&mut self, byte: u8) -> Option<u16> {
         self.raw += 1;
         if byte != 0 {
             match self.buffer.get_mut(self.used) {
@@ -246,23 +279,26 @@ impl Decoder {
             return None;
         }
         let plain = if overlong { None } else { self.unstuff(used) };
-        let result = plain.and_then(|n| self.open::<T>(n));
-        match result {
-            Some(Ok(received)) => {
-                self.counters.frames += 1;
-                Some(received)
-            }
-            Some(Err(())) => {
-                self.counters.unknown += 1;
-                self.counters.bytes_discarded += raw;
-                None
-            }
-            None => {
-                self.counters.damaged += 1;
-                self.counters.bytes_discarded += raw;
-                None
-            }
-        }
+        let Some((sequence, message)) = plain.and_then(|n| self.open(n)) else {
+            self.counters.damaged += 1;
+            self.counters.bytes_discarded += raw;
+            return None;
+        };
+        self.whole = (raw as u16, message);
+        self.counters.frames += 1;
+        Some(sequence)
+    }
+
+    /// The message of the whole frame before.
+    pub fn message(&self) -> &[u8] {
+        self.buffer.get(2..2 + usize::from(self.whole.1)).unwrap_or(&[])
+    }
+
+    /// The message of the whole frame before is none that the receiver knows.
+    pub fn unknown(&mut self) {
+        self.counters.frames = self.counters.frames.saturating_sub(1);
+        self.counters.unknown += 1;
+        self.counters.bytes_discarded += u64::from(self.whole.0);
     }
 
     /// Undoes COBS in place; the plain length.
@@ -289,19 +325,16 @@ impl Decoder {
         Some(write)
     }
 
-    /// Checks and opens a plain frame: `None` if damaged, `Err` if whole but unknown.
-    fn open<T: DeserializeOwned>(&mut self, n: usize) -> Option<Result<Received<T>, ()>> {
+    /// Checks a plain frame: its sequence number and the length of its message; `None` if damaged.
+    fn open(&mut self, n: usize) -> Option<(u16, u16)> {
         let (body, tail) = self.buffer.get(..n)?.split_last_chunk::<4>()?;
         if CRC.checksum(body) != u32::from_le_bytes(*tail) {
             return None;
         }
         let (head, message) = body.split_first_chunk::<2>()?;
-        let sequence = u16::from_le_bytes(*head);
+        let (sequence, length) = (u16::from_le_bytes(*head), message.len() as u16);
         Order::count(&mut self.order, &mut self.counters, sequence);
-        match postcard::take_from_bytes::<T>(message) {
-            Ok((message, [])) => Some(Ok(Received { sequence, message })),
-            _ => Some(Err(())),
-        }
+        Some((sequence, length))
     }
 }
 

@@ -9,6 +9,7 @@ extern crate std;
 pub mod frame;
 pub mod hash;
 pub mod health;
+pub mod link;
 pub mod message;
 
 pub use frame::{Decoder, DecoderCounters, Encoder, Received};
