@@ -214,7 +214,9 @@ fn run(options: &Options) -> Result<()> {
     figures.state("halves of a track differ, robust, deg", of(|s| s.repeat_deg[0]));
     figures.state("halves of a track differ, least squares, deg", of(|s| s.repeat_deg[1]));
     let Some(s) = score else {
-        figures.at_most(difar_tracks::FIGURE, None, difar_tracks::BAR);
+        for figure in difar_tracks::FIGURES {
+            figures.at_most(figure, None, difar_tracks::BAR);
+        }
         return Ok(());
     };
     let mut report = CsvReport::new(

@@ -216,6 +216,7 @@ fn coverage(options: &Options) -> Result<()> {
             extra_tau_s: tau_s,
             medium,
             elevation_bias_sd_rad: 0.0,
+            tails: None,
         };
         let results: Vec<(Standard, Standard, f64)> = (0..runs)
             .into_par_iter()

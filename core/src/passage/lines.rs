@@ -77,6 +77,8 @@ impl Problem<'_> {
         let config = self.config;
         let (variance, tau_s, _) = config.errors();
         let mut chain = Chain::new(variance, tau_s);
+        // What heavy-tailed errors cost beyond their weighted squares.
+        let mut cost = 0.0;
         let view = line.view(&config.medium);
         for (node, link) in self.nodes.iter().zip(self.links) {
             let e = view.expected(self.origin_s + node.t_s());
@@ -87,8 +89,11 @@ impl Problem<'_> {
                 *r = wrap_pi(node.azimuth() - e.azimuth - e.curvature * f64::from(link.half_variance));
             }
             let factor = f64::from(link.factor);
-            let colour =
-                Colour { later: factor, earlier: factor, own: f64::from(link.own), white: node.white() };
+            let own = f64::from(link.own);
+            let residual = row.last().copied().unwrap_or(0.0);
+            let (white, unweighted) = config.doubt(residual, node.white(), variance * own);
+            let colour = Colour { later: factor, earlier: factor, own, white };
+            cost += unweighted;
             chain.push_after(f64::from(link.decay), &colour, &row);
             if let Some((elevation, variance)) = node.elevation() {
                 let mut row = [0.0; COLUMNS];
@@ -97,9 +102,13 @@ impl Problem<'_> {
                 if let [r] = residual {
                     *r = elevation - e.elevation;
                 }
+                let residual = row.last().copied().unwrap_or(0.0);
+                let (variance, unweighted) = config.doubt(residual, variance, 0.0);
                 chain.normal.add(&row, 1.0 / variance);
+                cost += unweighted;
             }
         }
+        chain.normal.observe_at_cost(&[0.0; PARAMETERS], 0.0, 0.0, cost);
         let bias_sd_rad = config.elevation_bias_sd_rad;
         add_priors(&mut chain.normal, line, config.speed_m_s, config.speed_sd_m_s, bias_sd_rad);
         chain.normal.is_finite().then_some(chain.normal)

@@ -7,7 +7,8 @@
 //! stores it: [`Passage::work`] does what has come due, one piece a call, so that whoever follows several vessels decides
 //! when. A speed measured of the vessel enters through [`Config::with_speed`].
 //!
-//! Assumes a straight track at constant speed and errors that are white plus Gauss-Markov. Cost on the Cortex-M7 with 64
+//! Assumes a straight track at constant speed and errors that are white plus Gauss-Markov. With [`Config::tails`] single
+//! wrong bearings hardly pull: every evaluation of a line weighs each average by its residual, and so does averaging. Cost on the Cortex-M7 with 64
 //! averages: `docs/budget.txt`.
 //!
 //! ```
@@ -391,7 +392,8 @@ impl<const N: usize> Passage<N> {
         }
         let i = best.1;
         let (Some(a), Some(b)) = (self.nodes.get(i), self.nodes.get(i + 1)) else { return };
-        let joined = a.joined(b, config.errors().0);
+        let doubted = |node: &Node| line.map_or(*node, |line| node.doubted(config, self.origin_s, &line));
+        let joined = doubted(a).joined(&doubted(b), config.errors().0);
         if let Some(slot) = self.nodes.get_mut(i) {
             *slot = joined;
         }

@@ -5,8 +5,10 @@
 //! passage lasts; variances and spans are kept to a two-thousandth of themselves. The error of an average follows from
 //! the number of bearings in it and the time they cover, as if they came at equal steps.
 
+use super::Config;
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
+use crate::motion::model::Line;
 
 /// Ticks a second: 31 µs, in which no vessel's bearing turns by a thousandth of a degree.
 pub(super) const TICKS_HZ: f64 = 32_768.0;
@@ -207,6 +209,17 @@ impl Node {
     /// The average of two neighbours; `coloured` is the common coloured variance, rad².
     pub(super) fn joined(&self, later: &Self, coloured: f64) -> Self {
         Self::new(&self.mean().joined(&later.mean(), coloured))
+    }
+
+    /// With the variance under which it pulls at a line as under heavy-tailed errors.
+    pub(super) fn doubted(&self, config: &Config, origin_s: f64, line: &Line) -> Self {
+        if config.tails.is_none() {
+            return *self;
+        }
+        let mut mean = self.mean();
+        let residual = wrap_pi(mean.azimuth - line.azimuth(&config.medium, origin_s + mean.t_s));
+        mean.white = config.doubt(residual, mean.white, config.errors().0 * mean.scale * mean.scale).0;
+        Self::new(&mean)
     }
 
     /// The same, counted from another origin `ticks` later.

@@ -3,6 +3,7 @@
 //! In: the station's `[tracking]`, sound speed, depth of array and vessels. Out: a [`Config`] in radians.
 
 use crate::config::{Kind, StationConfig, Tracking};
+use crate::kit::Student;
 use crate::math::f64 as m;
 use crate::motion::model::{LN_SPEED, Limits, Medium, PARAMETERS, SPEEDS_M_S};
 
@@ -50,6 +51,8 @@ pub struct Config {
     pub medium: Medium,
     /// Standard deviation of a bias common to all elevations (multipath), radians.
     pub elevation_bias_sd_rad: f64,
+    /// Tails of the errors, whose stated variance is then that of good bearings; `None`: Gaussian.
+    pub tails: Option<Student>,
 }
 
 impl Default for Config {
@@ -69,6 +72,7 @@ impl Config {
             extra_tau_s: t.bearing_tau_s,
             medium: Medium::of_sound_speed(sound_speed_m_s),
             elevation_bias_sd_rad: 0.0,
+            tails: None,
         }
     }
 
@@ -113,6 +117,17 @@ impl Config {
     pub(crate) fn free(&self) -> [bool; PARAMETERS] {
         let elevations = self.medium.height_m > 0.0;
         [true, true, true, self.speed_sd_m_s > 0.0, elevations && self.elevation_bias_sd_rad > 0.0]
+    }
+
+    /// The white variance under which a Gaussian error of this residual pulls as the heavy-tailed one, and what is then
+    /// left out of the cost. `coloured`: variance of the coloured error.
+    pub(super) fn doubt(&self, residual: f64, white: f64, coloured: f64) -> (f64, f64) {
+        let Some(tails) = self.tails else { return (white, 0.0) };
+        let variance = white + coloured;
+        let r = residual / m::sqrt(variance);
+        let weight = tails.weight(r);
+        let doubted = white + variance * (1.0 / weight - 1.0);
+        (doubted.max(0.5 * white), 2.0 * tails.loss(r) - weight * r * r)
     }
 
     /// Coloured variance, correlation time, and variance to count as white.

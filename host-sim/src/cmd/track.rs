@@ -109,9 +109,6 @@ impl Args {
         least("sigma-elevation-deg", self.sigma_elevation_deg, 0.0, true)?;
         least("elevation-bias-deg", self.elevation_bias_deg, 0.0, false)?;
         least("height-m", self.height_m.unwrap_or(1.0), 0.0, true)?;
-        if self.robust && self.estimator == Estimator::Recursive {
-            bail!("--robust is for --estimator ml; the recursive one has --gate-sd");
-        }
         least("gate-sd", self.gate_sd.unwrap_or(1.0), 0.0, true)?;
         if let Some(v) = self.speed
             && !(0.2..=40.0).contains(&v)
@@ -190,7 +187,7 @@ pub fn run(args: Args) -> Result<()> {
                     "seabearing: the recursive estimator takes correlated errors as Gauss-Markov (--model markov)"
                 );
             }
-            one_by_one(&assumed, &samples, sd_rad, args.gate_sd.unwrap_or(f64::INFINITY))
+            one_by_one(&assumed, &samples, sd_rad, args.gate_sd.unwrap_or(f64::INFINITY), args.robust)
         }
     };
     let found = found.with_context(|| args.bearings.display().to_string())?;

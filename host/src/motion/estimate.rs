@@ -7,7 +7,7 @@ use seabearing_core::passage::{self, Measurement};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::lone::Lone;
 use seabearing_locate::motion::ml::{self, Config, FitError, Interval, Sample};
-use seabearing_locate::motion::robust::fit_robust;
+use seabearing_locate::motion::robust::{STUDENT, fit_robust, wrong};
 use seabearing_locate::motion::whiten::WhitenError;
 
 /// What a likelihood ratio of one parameter exceeds in 5 % of cases: χ² of one degree.
@@ -65,11 +65,17 @@ pub fn batch(config: &Config, samples: &[Sample], robust: bool) -> Result<Estima
 }
 
 /// One bearing after the other by the recorder's passage fit, whose correlated errors are Gauss-Markov. `sd_rad`: standard
-/// deviation of those errors; bearings beyond `gate_sd` standard deviations are refused.
+/// deviation of those errors; bearings beyond `gate_sd` standard deviations are refused. `robust`: with heavy tails.
 ///
 /// # Errors
 /// One line: why there is no track.
-pub fn one_by_one(config: &Config, samples: &[Sample], sd_rad: f64, gate_sd: f64) -> Result<Estimate> {
+pub fn one_by_one(
+    config: &Config,
+    samples: &[Sample],
+    sd_rad: f64,
+    gate_sd: f64,
+    robust: bool,
+) -> Result<Estimate> {
     if config.speed_sd_m_s.is_infinite() && samples.iter().all(|s| s.elevation_rad.1.is_infinite()) {
         return no_range();
     }
@@ -81,6 +87,7 @@ pub fn one_by_one(config: &Config, samples: &[Sample], sd_rad: f64, gate_sd: f64
         extra_tau_s: if config.model == Model::White { 0.0 } else { config.tau_s },
         medium: config.medium,
         elevation_bias_sd_rad: config.elevation_bias_sd_rad,
+        tails: robust.then_some(STUDENT),
     };
     let mut lone = Lone::new(assumed, gate_sd);
     for s in samples {
@@ -91,10 +98,11 @@ pub fn one_by_one(config: &Config, samples: &[Sample], sd_rad: f64, gate_sd: f64
             ..Measurement::azimuth(s.t_s, s.azimuth_rad, 0.0)
         });
     }
-    let (solution, wrong) = lone.finish();
+    let (solution, refused) = lone.finish();
     let Some(solution) = solution else {
-        bail!("{} usable bearings; a track needs at least 6 at different times", samples.len() - wrong)
+        bail!("{} usable bearings; a track needs at least 6 at different times", samples.len() - refused)
     };
+    let wrong = if robust { wrong(&solution.line, &config.medium, samples) } else { refused };
     Ok(Estimate { solution, range_95_m: None, nugget: 0.0, wrong })
 }
 

@@ -8,7 +8,7 @@
 //! weight is judged by its own residual, which is right for wrong bearings upon slow errors. Cost: about ten fits.
 
 use super::ml::{Config, Fit, FitError, Sample, fit, refit};
-use super::model::Expected;
+use super::model::{Expected, Line, Medium};
 use super::whiten::Workspace;
 use crate::angle::wrap_pi;
 use crate::kit::Student;
@@ -16,7 +16,8 @@ use crate::math::f64 as m;
 
 /// Degrees of freedom: the fewest for which the variance of the variance exists is four; tails as of real buoys.
 pub const FREEDOM: f64 = 4.0;
-const STUDENT: Student = Student { freedom: FREEDOM };
+/// Errors of the bearings.
+pub const STUDENT: Student = Student { freedom: FREEDOM };
 /// Widening of the scale in successive fits.
 const SCALES: [f64; 3] = [8.0, 4.0, 2.0];
 /// Most fits at the final scale.
@@ -61,13 +62,18 @@ pub fn fit_robust<const N: usize>(
             break;
         }
     }
-    let view = best.solution.line.view(&config.medium);
+    let wrong = wrong(&best.solution.line, &config.medium, samples);
+    Ok(RobustFit { fit: best, wrong })
+}
+
+/// Bearings farther from a line than [`WRONG_SD`] standard deviations.
+pub fn wrong(line: &Line, medium: &Medium, samples: &[Sample]) -> usize {
+    let view = line.view(medium);
     let is_wrong = |s: &&Sample| {
         let [azimuth, elevation] = residuals(s, &view.expected(s.t_s), 1.0);
         m::abs(azimuth) > WRONG_SD || m::abs(elevation) > WRONG_SD
     };
-    let wrong = samples.iter().filter(is_wrong).count();
-    Ok(RobustFit { fit: best, wrong })
+    samples.iter().filter(is_wrong).count()
 }
 
 /// Standard deviations of a Gaussian likelihood that pulls as the Student-t one does at the present residuals.
