@@ -69,7 +69,8 @@ pub struct Ads131m04 {
     /// Flips one bit of every n-th byte that is read, where n is not 0.
     pub bit_errors_every: u64,
     bytes: u64,
-    /// Numbers of the conversions that were read whole, in order.
+    /// Numbers of the conversions that were read whole, in order, by frames without a command: with one it is the answer that
+    /// counts.
     pub delivered: Vec<u64>,
     /// What was read of them, for the host.
     pub codes: Vec<Codes>,
@@ -179,6 +180,12 @@ impl Ads131m04 {
         if dead { self.next_conversion = NEVER } else { self.reset(now) }
     }
 
+    /// Flips a bit of its clock register, as a disturbance does: it goes on at another rate and does not know.
+    pub fn upset(&mut self, bit: u32, now: Ticks) {
+        self.registers[CLOCK] ^= 1 << bit;
+        self.restart(now);
+    }
+
     /// When it next has a result.
     pub fn next_event(&self) -> Ticks {
         self.next_conversion
@@ -202,7 +209,9 @@ impl Ads131m04 {
             self.phase += self.period();
             self.next_conversion = self.phase as Ticks;
             let recording = (self.rate() - self.rate_hz).abs() < 1e-6 * self.rate_hz;
-            let result = if recording { self.record() } else { Some((None, [0; 4])) };
+            // What comes before the recording begins is of no sound.
+            let result =
+                if recording || self.next_number > 0 { self.record(recording) } else { Some((None, [0; 4])) };
             let Some(result) = result else {
                 self.exhausted = true;
                 self.next_conversion = NEVER;
@@ -218,11 +227,16 @@ impl Ads131m04 {
         }
     }
 
-    /// The next of the source. Where the converter stood still the source went on: a number is an instant of its time.
-    fn record(&mut self) -> Option<(Option<u64>, Codes)> {
+    /// The source at this moment. Where the converter stood still or had another rate the source went on: a number is an
+    /// instant of its time. Conversions at another rate have none.
+    fn record(&mut self, counted: bool) -> Option<(Option<u64>, Codes)> {
         let due = self.phase - self.period();
+        let instant = PER_SECOND as f64 / self.rate_hz * self.stretch;
         if self.next_number > 0 {
-            let passed = ((due - self.numbered_at) / self.period()).round() as u64;
+            let passed = ((due - self.numbered_at) / instant).round() as u64;
+            if passed == 0 && !counted {
+                return Some((None, self.shown.1));
+            }
             for _ in 1..passed {
                 (self.source)()?;
                 self.next_number += 1;
@@ -231,7 +245,7 @@ impl Ads131m04 {
         self.numbered_at = due;
         let codes = (self.source)()?;
         self.next_number += 1;
-        Some((Some(self.next_number - 1), codes))
+        Some((counted.then_some(self.next_number - 1), codes))
     }
 
     /// The chip select has this level: low begins a frame, high ends it.
@@ -300,8 +314,13 @@ impl Ads131m04 {
         if self.frame_in.len() < self.frame_out.len() || self.dead {
             return;
         }
+        let input = std::mem::take(&mut self.frame_in);
+        let word =
+            |i: usize| input.get(i * WORD..i * WORD + 2).map_or(0, |b| u16::from_be_bytes([b[0], b[1]]));
+        let command = word(0);
         if let Some((number, codes)) = self.output.pop_front()
             && let Some(number) = number
+            && command == 0
         {
             self.delivered.push(number);
             self.codes.push(if self.damaged { [DAMAGED; 4] } else { codes });
@@ -309,10 +328,6 @@ impl Ads131m04 {
         if self.output.is_empty() {
             self.registers[STATUS] &= !0xf;
         }
-        let input = std::mem::take(&mut self.frame_in);
-        let word =
-            |i: usize| input.get(i * WORD..i * WORD + 2).map_or(0, |b| u16::from_be_bytes([b[0], b[1]]));
-        let command = word(0);
         let writes = if command & 0xe000 == 0x6000 { usize::from(command & 0x7f) + 1 } else { 0 };
         if self.registers[MODE] & INPUT_CRC != 0 && crc16(&input[..(1 + writes) * WORD]) != word(1 + writes) {
             self.registers[STATUS] |= CRC_ERROR;

@@ -117,6 +117,11 @@ impl Image {
         (address - start < (*size).max(2)).then_some(name)
     }
 
+    /// Address of the first function in whose name this stands.
+    pub fn address_of(&self, part: &str) -> Option<u32> {
+        self.functions.iter().find(|f| f.2.contains(part)).map(|f| f.0)
+    }
+
     /// Value of an object's symbol.
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.objects.iter().find(|o| o.0 == name).map(|o| o.1)

@@ -26,6 +26,8 @@ const RETRY_US: u64 = 100_000;
 const TRANSFER_US: u64 = 50;
 /// Looks at a ring in that time, whatever the clock says.
 const MOST_LOOKS: u32 = 10_000;
+/// Edges over which their rate is looked at, at least; two clocks that are 1 % wrong differ by less than a sixteenth.
+const LEAST_TIMED: u64 = 200;
 /// Nothing but damaged frames for so long may be a converter that was set otherwise.
 const DAMAGED_S: u32 = 120;
 
@@ -76,6 +78,8 @@ pub struct Acquisition<B> {
     index: u64,
     /// Edges when last looked, and since when.
     seen: (u64, u64),
+    /// The newest moment by which the edges' rate was looked at.
+    timed: Option<Stamp>,
     /// Damaged frames in a row.
     damaged: u32,
     /// The converter's rate in the board's time.
@@ -98,6 +102,7 @@ impl<B: Board> Acquisition<B> {
             shift: 0,
             index: 0,
             seen: (0, 0),
+            timed: None,
             damaged: 0,
             pace: None,
             unplaced: false,
@@ -120,6 +125,7 @@ impl<B: Board> Acquisition<B> {
         let Some(first) = self.board.arm(false) else { return };
         self.state = State::On { first, next: first };
         self.seen = (first, now_us);
+        self.timed = None;
         self.damaged = 0;
         if self.index == 0 {
             self.shift = 0u64.wrapping_sub(first);
@@ -157,6 +163,19 @@ impl<B: Board> Acquisition<B> {
         self.shift = index.wrapping_sub(first);
         self.pace = Some(Pace::new(stamp));
         self.unplaced = false;
+    }
+
+    /// Whether edges come at the rate that was asked for: a converter whose clock register has changed does not know.
+    fn at_rate(&mut self, stamp: Stamp) -> bool {
+        let before = *self.timed.get_or_insert(stamp);
+        let edges = stamp.edges.saturating_sub(before.edges);
+        if edges < LEAST_TIMED {
+            return true;
+        }
+        self.timed = Some(stamp);
+        let us = stamp.at_us.saturating_sub(before.at_us);
+        let by_clock = us.saturating_mul(u64::from(self.rate.hz())) / 1_000_000;
+        by_clock.abs_diff(edges) <= edges / 16
     }
 
     /// Frames in the ring since it was armed, of which the first was that of edge `first`, and the number of edges: at a
@@ -222,14 +241,14 @@ impl<B: Board> SampleSource for Acquisition<B> {
             next = end.wrapping_sub(RING_FRAMES as u64 / 2);
             ready = RING_FRAMES as u64 / 2;
         }
-        if still && ready == 0 {
+        let stamp = self.board.stamp();
+        if still && ready == 0 || stamp.edges > first && !self.at_rate(stamp) {
             self.restart(now_us);
             return Chunk::Idle;
         }
         if ready == 0 || (ready < frames.len() as u64 && !still) {
             return Chunk::Idle;
         }
-        let stamp = self.board.stamp();
         if self.unplaced {
             if stamp.edges <= first && !still {
                 return Chunk::Idle;

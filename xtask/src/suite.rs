@@ -130,6 +130,12 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("twin: the hardware image with its drivers on the modelled board, byte for byte", || {
         hardware_twin(toolchain)
     });
+    // The image of the step before.
+    let mut tests = suite.tests(&["--workspace", "--test", "rehearsal"]);
+    tests.env("SEABEARING_EMULATED", "now");
+    suite.step("the hardware image rehearsed: every fault named, no wrong record", || {
+        run(&mut tests, "the rehearsal")
+    });
     suite.step("stm32h743 with deferred logging links within memory.x", || {
         firmware::build_hardware(toolchain, &HARDWARE_LOGGING, None).map(|_| ())
     });

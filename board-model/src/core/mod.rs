@@ -262,6 +262,12 @@ impl<B: Board> Machine<B> {
         self.reset_core();
     }
 
+    /// Goes on at a function with these first arguments, wherever the software is.
+    pub fn call(&mut self, address: u32, arguments: [u32; 4]) {
+        self.r[..4].copy_from_slice(&arguments);
+        (self.pc, self.it, self.sleeping) = (address & !1, 0, None);
+    }
+
     /// Changes the frequency of the core.
     fn set_hz(&mut self, hz: u64) {
         let cycles = self.cycles();

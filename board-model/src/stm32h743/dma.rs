@@ -24,6 +24,7 @@ pub(super) mod request {
 }
 
 const STREAMS: usize = 16;
+const INTERRUPTS: [u16; STREAMS] = [11, 12, 13, 14, 15, 16, 17, 47, 56, 57, 58, 59, 60, 68, 69, 70];
 /// Request generators of DMAMUX1, whose requests are the first numbers.
 const GENERATORS: usize = 8;
 /// Channels of DMAMUX1 whose events reach the generators.
@@ -173,12 +174,11 @@ impl Dma {
                 s.left = 0;
             }
         }
+        bus.nvic.set_level(INTERRUPTS[stream], self.streams[stream].interrupting());
         self.event(stream);
-        self.lines(bus);
     }
 
     fn lines(&self, bus: &mut Bus<'_>) {
-        const INTERRUPTS: [u16; STREAMS] = [11, 12, 13, 14, 15, 16, 17, 47, 56, 57, 58, 59, 60, 68, 69, 70];
         for (stream, interrupt) in self.streams.iter().zip(INTERRUPTS) {
             bus.nvic.set_level(interrupt, stream.interrupting());
         }

@@ -30,7 +30,7 @@ use pins::{Mode, Pins};
 use places::{Peripheral, TIMERS, place};
 use spi::Spi;
 use timer::Timer;
-use usart::Usart;
+use usart::{Coming, Usart};
 use watchdog::Watchdog;
 
 const DATA_READY: Pin = Pin::new('E', 9);
@@ -41,6 +41,9 @@ const SPI_PINS: [Pin; 2] = [Pin::new('A', 5), Pin::new('A', 6)];
 const SPI_FUNCTION: u32 = 5;
 /// Requests that one pass of DMA may serve before something must be wrong.
 const MOST_ITEMS: usize = 10_000;
+
+/// What every byte of memory holds at power-on.
+pub const AT_POWER_ON: u8 = 0xa5;
 
 /// What may differ from board to board.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,13 +105,13 @@ pub fn machine(
     const FLASH: (u32, u32) = (0x0800_0000, 2 << 20);
     const ITCM: (u32, u32) = (0, 64 << 10);
     let mut memory = Memory::default();
-    memory.add(ITCM.0, ITCM.1, Kind::TightlyCoupled, 0xa5);
+    memory.add(ITCM.0, ITCM.1, Kind::TightlyCoupled, AT_POWER_ON);
     memory.add(FLASH.0, FLASH.1, Kind::Flash, 0xff);
-    memory.add(0x2000_0000, 128 << 10, Kind::TightlyCoupled, 0xa5);
-    memory.add(0x2400_0000, 512 << 10, Kind::Axi, 0xa5);
-    memory.add(0x3000_0000, 288 << 10, Kind::Sram, 0xa5);
-    memory.add(0x3800_0000, 64 << 10, Kind::Sram, 0xa5);
-    memory.add(0x3880_0000, 4 << 10, Kind::Sram, 0xa5);
+    memory.add(0x2000_0000, 128 << 10, Kind::TightlyCoupled, AT_POWER_ON);
+    memory.add(0x2400_0000, 512 << 10, Kind::Axi, AT_POWER_ON);
+    memory.add(0x3000_0000, 288 << 10, Kind::Sram, AT_POWER_ON);
+    memory.add(0x3800_0000, 64 << 10, Kind::Sram, AT_POWER_ON);
+    memory.add(0x3880_0000, 4 << 10, Kind::Sram, AT_POWER_ON);
     if parameters.loses_last_write {
         memory.hold_writes();
     }
@@ -144,11 +147,24 @@ impl Stm32h743 {
         &self.usart.sent
     }
 
+    /// When each of [`Self::sent`] had left.
+    pub fn sent_at(&self) -> &[Ticks] {
+        &self.usart.sent_at
+    }
+
     /// Sends bytes to the board, the first at `at`, one after the other.
     pub fn send(&mut self, at: Ticks, bytes: &[u8]) {
+        self.disturb(at, bytes.iter().map(|byte| (*byte, false)));
+    }
+
+    /// The same for bytes some of which have a wrong stop bit.
+    pub fn disturb(&mut self, at: Ticks, bytes: impl IntoIterator<Item = (u8, bool)>) {
         let frame = 10 * crate::time::period(u64::from(self.usart.host_baud));
-        let first = self.usart.coming.back().map_or(at, |(last, _)| at.max(*last));
-        self.usart.coming.extend((1u64..).zip(bytes).map(|(i, byte)| (first + i * frame, *byte)));
+        let mut next = self.usart.coming.back().map_or(at, |last| at.max(last.at));
+        self.usart.coming.extend(bytes.into_iter().map(|(byte, broken)| {
+            next += frame;
+            Coming { at: next, byte, broken }
+        }));
     }
 
     /// Words of SPI lost because nobody emptied its FIFO.
@@ -185,8 +201,7 @@ impl Stm32h743 {
     fn settle(&mut self, bus: &mut Bus<'_>) -> Result<(), Refusal> {
         for _ in 0..MOST_ITEMS {
             self.wires(bus);
-            let hz = self.clocks.spi_hz();
-            let mut moved = self.spi.start(bus.now, hz)?;
+            let mut moved = self.spi.start(bus.now, || self.clocks.spi_hz())?;
             if moved && self.selected() {
                 self.converter.check_bus(self.spi.mode(), self.spi.line_hz)?;
                 if !SPI_PINS.iter().all(|pin| self.pins.mode(*pin) == Mode::Alternate(SPI_FUNCTION)) {
@@ -194,8 +209,7 @@ impl Stm32h743 {
                 }
             }
             moved |= self.serve_dma(bus)?;
-            let usart = self.clocks.usart_hz();
-            self.usart.advance(bus.now, usart)?;
+            self.usart.advance(bus.now, || self.clocks.usart_hz())?;
             if !moved {
                 self.lines(bus);
                 return Ok(());
@@ -241,7 +255,7 @@ impl Stm32h743 {
     fn lines(&mut self, bus: &mut Bus<'_>) {
         self.spi.lines(bus);
         self.usart.lines(bus);
-        self.timers.iter().for_each(|timer| timer.lines(bus));
+        self.timers.iter_mut().for_each(|timer| timer.lines(bus));
     }
 
     /// Moves one item for every request there is; whether any was moved.
@@ -265,6 +279,9 @@ impl Stm32h743 {
             moved = true;
         }
         for index in 0..self.timers.len() {
+            if self.timers[index].requests == 0 {
+                continue;
+            }
             let (pending, (channels, update)) =
                 (self.timers[index].requests, self.timers[index].place.requests);
             for which in (0..5u8).filter(|which| pending >> which & 1 != 0) {

@@ -229,7 +229,7 @@ impl Spi {
     }
 
     /// Starts to shift the next word if there is one and the line is free.
-    pub fn start(&mut self, now: Ticks, kernel_hz: u64) -> Result<bool, Refusal> {
+    pub fn start(&mut self, now: Ticks, kernel_hz: impl FnOnce() -> u64) -> Result<bool, Refusal> {
         let limited = self.cr2 & 0xffff != 0;
         let bytes = self.word_bytes();
         if !self.running || self.done_at != NEVER || (limited && self.to_shift == 0) {
@@ -238,6 +238,7 @@ impl Spi {
         if !self.receives_only() && self.tx.len() < bytes {
             return Ok(false);
         }
+        let kernel_hz = kernel_hz();
         if kernel_hz == 0 {
             return Refusal::stop("SPI1 is used without a kernel clock");
         }
@@ -262,11 +263,12 @@ impl Spi {
             self.overruns += 1;
         }
         // Most significant byte first on the line, least significant first in the FIFO.
-        let word: Vec<u8> = (0..bytes).map(|_| self.tx.pop_front().unwrap_or(self.shifting)).collect();
-        let mut answer: Vec<u8> = word.iter().rev().map(|byte| exchange(*byte)).collect();
-        answer.reverse();
+        let mut word = [0u8; 4];
+        let word = word.get_mut(..bytes).unwrap_or_default();
+        word.fill_with(|| self.tx.pop_front().unwrap_or(self.shifting));
+        word.iter_mut().rev().for_each(|byte| *byte = exchange(*byte));
         if self.cfg2 >> 17 & 3 != 1 && self.rx.len() + bytes <= FIFO_BYTES {
-            self.rx.extend(answer);
+            self.rx.extend(word.iter());
         }
         if self.cr2 & 0xffff != 0 {
             self.to_shift = self.to_shift.saturating_sub(1);

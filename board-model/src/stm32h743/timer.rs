@@ -41,6 +41,8 @@ pub(super) struct Timer {
     hz: u64,
     /// When something happens that is noticed outside.
     event: Ticks,
+    /// Flags that asked for interrupts when last looked at.
+    live: u32,
 }
 
 mod at {
@@ -72,6 +74,7 @@ impl Timer {
             triggers: 0,
             hz: 0,
             event: NEVER,
+            live: 0,
         };
         timer.registers[at::ARR] = timer.mask();
         timer
@@ -254,8 +257,11 @@ impl Timer {
         }
     }
 
-    pub fn lines(&self, bus: &mut Bus<'_>) {
+    pub fn lines(&mut self, bus: &mut Bus<'_>) {
         let live = self.registers[at::SR] & self.registers[at::DIER];
+        if std::mem::replace(&mut self.live, live) == live {
+            return;
+        }
         let (update, compare) = self.place.interrupts;
         if update == compare {
             bus.nvic.set_level(update, live & 0x1f != 0);

@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 const FIFO_BYTES: usize = 16;
 
 mod flag {
+    pub const FRAMING: u32 = 1 << 1;
     pub const OVERRUN: u32 = 1 << 3;
     pub const IDLE: u32 = 1 << 4;
     pub const RX: u32 = 1 << 5;
@@ -15,6 +16,16 @@ mod flag {
     pub const TX: u32 = 1 << 7;
     pub const TX_ACK: u32 = 1 << 21;
     pub const RX_ACK: u32 = 1 << 22;
+}
+
+/// A byte on its way to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Coming {
+    /// When it has arrived.
+    pub at: Ticks,
+    pub byte: u8,
+    /// Its stop bit is wrong.
+    pub broken: bool,
 }
 
 /// Registers and what is on the line.
@@ -29,10 +40,12 @@ pub(super) struct Usart {
     rx: VecDeque<u8>,
     sending: Option<(u8, Ticks)>,
     idle_at: Ticks,
-    /// Bytes the host sends: when each has arrived.
-    pub coming: VecDeque<(Ticks, u8)>,
-    /// Bytes that have left, and when.
+    /// Bytes the host sends.
+    pub coming: VecDeque<Coming>,
+    /// Bytes that have left.
     pub sent: Vec<u8>,
+    /// When each of them had left.
+    pub sent_at: Vec<Ticks>,
     /// Bits a second of the line as the other side expects them.
     pub host_baud: u32,
 }
@@ -51,6 +64,7 @@ impl Usart {
             idle_at: NEVER,
             coming: VecDeque::new(),
             sent: Vec::new(),
+            sent_at: Vec::new(),
             host_baud,
         }
     }
@@ -58,7 +72,8 @@ impl Usart {
     /// As after a reset; what has left and what is still to come stays.
     pub fn reset(&mut self) {
         let (coming, sent) = (std::mem::take(&mut self.coming), std::mem::take(&mut self.sent));
-        *self = Self { coming, sent, ..Self::new(self.host_baud) };
+        let sent_at = std::mem::take(&mut self.sent_at);
+        *self = Self { coming, sent, sent_at, ..Self::new(self.host_baud) };
     }
 
     fn on(&self) -> bool {
@@ -103,9 +118,9 @@ impl Usart {
     }
 
     /// Ticks of a frame of ten bits, which must fit the other side's.
-    fn frame(&self, kernel_hz: u64) -> Result<Ticks, Refusal> {
+    fn frame(&self, kernel_hz: impl FnOnce() -> u64) -> Result<Ticks, Refusal> {
         const PRESCALERS: [u64; 12] = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256];
-        let hz = kernel_hz / PRESCALERS[(self.prescaler as usize & 15).min(11)];
+        let hz = kernel_hz() / PRESCALERS[(self.prescaler as usize & 15).min(11)];
         let baud = if self.control[0] & 1 << 15 != 0 {
             let divider = self.divider & !15 | (self.divider & 7) << 1;
             2 * hz / u64::from(divider.max(1))
@@ -173,16 +188,17 @@ impl Usart {
 
     pub fn next_event(&self) -> Ticks {
         let sending = self.sending.map_or(NEVER, |(_, end)| end);
-        let coming = self.coming.front().map_or(NEVER, |(at, _)| *at);
+        let coming = self.coming.front().map_or(NEVER, |c| c.at);
         sending.min(coming).min(self.idle_at)
     }
 
     /// Lets bytes go and come that are due.
-    pub fn advance(&mut self, now: Ticks, kernel_hz: u64) -> Result<(), Refusal> {
+    pub fn advance(&mut self, now: Ticks, kernel_hz: impl Fn() -> u64) -> Result<(), Refusal> {
         if let Some((byte, end)) = self.sending
             && end <= now
         {
             self.sent.push(byte);
+            self.sent_at.push(end);
             self.sending = None;
             if self.tx.is_empty() {
                 self.latched |= flag::TX_DONE;
@@ -192,9 +208,9 @@ impl Usart {
             && self.on()
             && let Some(byte) = self.tx.pop_front()
         {
-            self.sending = Some((byte, now + self.frame(kernel_hz)?));
+            self.sending = Some((byte, now + self.frame(&kernel_hz)?));
         }
-        while let Some((at, byte)) = self.coming.front().copied().filter(|(at, _)| *at <= now) {
+        while let Some(Coming { at, byte, broken }) = self.coming.front().copied().filter(|c| c.at <= now) {
             self.coming.pop_front();
             if !self.on() || self.control[0] & 4 == 0 {
                 continue;
@@ -203,8 +219,9 @@ impl Usart {
                 self.latched |= if self.control[2] & 1 << 12 == 0 { flag::OVERRUN } else { 0 };
             } else {
                 self.rx.push_back(byte);
+                self.latched |= if broken { flag::FRAMING } else { 0 };
             }
-            self.idle_at = at + self.frame(kernel_hz)?;
+            self.idle_at = at + self.frame(&kernel_hz)?;
         }
         if self.idle_at <= now {
             self.idle_at = NEVER;

@@ -71,7 +71,9 @@ impl Bench {
         for _ in 0..periods {
             self.now_us = (self.instants + self.offset) * PERIOD_NS / 1000;
             self.instants += 1;
-            if !(self.alive && self.awake) {
+            // Half the rate where the clock register says so.
+            let slow = self.registers[3] & 0x20 == 0 && self.instants.is_multiple_of(2);
+            if !(self.alive && self.awake) || slow {
                 continue;
             }
             self.edges += 1;
@@ -245,6 +247,23 @@ fn a_converter_that_reset_itself_is_set_up_again_and_the_time_it_took_is_told() 
     assert!(matches!(fault, Some((FaultCode::ConverterRestarted, 1..4096))), "{fault:?}");
     assert_eq!(acquisition.board.registers[3], 0x0f22);
     assert!(error(&all) <= 1);
+}
+
+#[test]
+fn a_converter_whose_rate_changes_unasked_is_set_up_again() {
+    let mut acquisition = started();
+    let before = loop_for(&mut acquisition, 100_000);
+    assert_eq!((error(&before), acquisition.fault()), (0, None));
+    acquisition.board.registers[3] ^= 0x20;
+    let wrong = loop_for(&mut acquisition, 2048);
+    let fault = acquisition.fault();
+    assert!(matches!(fault, Some((FaultCode::ConverterRestarted, 1..2048))), "{fault:?}");
+    assert_eq!(acquisition.board.registers[3], 0x0f22);
+    // Two wake-ups' worth of frames had been given before it was noticed.
+    let late = wrong.iter().filter(|(index, code)| code.is_some_and(|c| c as u64 != *index)).count();
+    assert!(late <= 512, "{late}");
+    let after = loop_for(&mut acquisition, 10_000);
+    assert!(after.len() > 9000 && error(&after) <= 1, "{} off by {}", after.len(), error(&after));
 }
 
 #[test]

@@ -22,9 +22,10 @@ use seabearing_core::wire::FaultCode;
 use seabearing_firmware::acquisition::{self, Acquisition};
 use seabearing_firmware::converter::Rate;
 use seabearing_firmware::fault;
+use seabearing_firmware::stm32h743::clock::Time;
 use seabearing_firmware::stm32h743::link::{RING_BYTES, Serial, transmit};
 use seabearing_firmware::stm32h743::sampling::{Sampling, on_wake};
-use seabearing_firmware::stm32h743::{Board, Cycles, WATCHDOG_US, clocks, wake};
+use seabearing_firmware::stm32h743::{Board, WATCHDOG_US, clocks, wake};
 
 /// The station, as `seabearing blob` wrote it when the image was built.
 static BLOB: &[u8] = include_bytes!(env!("SEABEARING_STATION_BLOB"));
@@ -60,7 +61,7 @@ fn main() -> ! {
     let mut board = Board::new(IndependentWatchdog::new(p.IWDG1, WATCHDOG_US));
     let Some(mut core) = cortex_m::Peripherals::take() else { cortex_m::peripheral::SCB::sys_reset() };
     core.SCB.enable_icache();
-    let mut cycles = Cycles::start(&mut core.DCB, &mut core.DWT);
+    let mut time = Time::start(p.TIM5, &mut core.DCB, &mut core.DWT);
 
     let mut serial = usart::Config::default();
     serial.baudrate = 921_600;
@@ -95,13 +96,13 @@ fn main() -> ! {
         Ok((mut recorder, rate)) => {
             let claimed = ((p.SPI1, p.TIM1, p.TIM2), (p.PA4, p.PA5, p.PA6, p.PB5, p.PE9));
             let mut samples = Acquisition::new(Sampling::new(claimed, SAMPLES), rate, 0);
-            run(&mut recorder, &mut samples, &mut link, &mut cycles, &mut board, FRAMES);
+            run(&mut recorder, &mut samples, &mut link, &mut time, &mut board, FRAMES);
             None
         }
         Err(reason) => Some(reason),
     };
     // Stopped by command, or nothing to record: the link lives.
-    wait(station, reason, &mut link, &mut cycles, &mut board);
+    wait(station, reason, &mut link, &mut time, &mut board);
     link.flush(&mut board);
     board.start_again()
 }

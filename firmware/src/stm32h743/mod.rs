@@ -7,6 +7,7 @@
 
 #![allow(unsafe_code)]
 
+pub mod clock;
 pub mod link;
 pub mod sampling;
 
@@ -19,7 +20,7 @@ use embassy_stm32::rcc::{
 };
 use embassy_stm32::rcc::{Sysclk, VoltageScale};
 use embassy_stm32::wdg::IndependentWatchdog;
-use seabearing_core::port::{Clock, Supervisor};
+use seabearing_core::port::Supervisor;
 use seabearing_core::wire::FaultCode;
 
 /// Frequency of the core.
@@ -73,7 +74,7 @@ pub fn reset_cause() -> u8 {
 }
 
 /// Work after which the starts before it count as right.
-const SETTLED_S: u64 = 60;
+const SETTLED_US: u64 = 60_000_000;
 
 /// Watchdog, idling, and what was before this start.
 pub struct Board {
@@ -109,7 +110,7 @@ impl Board {
 impl Supervisor for Board {
     fn feed(&mut self) {
         self.watchdog.pet();
-        if self.starts > 0 && embassy_time::Instant::now().as_secs() >= SETTLED_S {
+        if self.starts > 0 && clock::now_us() >= SETTLED_US {
             self.starts = 0;
             fault::forget_starts();
         }
@@ -136,28 +137,5 @@ impl Supervisor for Board {
 pub async fn wake() -> ! {
     loop {
         embassy_time::Timer::after_millis(100).await;
-    }
-}
-
-/// The core's cycle counter, and the seconds of the hardware library's timer.
-pub struct Cycles;
-
-impl Cycles {
-    /// Starts the counter.
-    pub fn start(dcb: &mut cortex_m::peripheral::DCB, dwt: &mut cortex_m::peripheral::DWT) -> Self {
-        dcb.enable_trace();
-        cortex_m::peripheral::DWT::unlock();
-        dwt.enable_cycle_counter();
-        Self
-    }
-}
-
-impl Clock for Cycles {
-    fn ticks(&mut self) -> u32 {
-        cortex_m::peripheral::DWT::cycle_count()
-    }
-
-    fn seconds(&mut self) -> u32 {
-        embassy_time::Instant::now().as_secs() as u32
     }
 }

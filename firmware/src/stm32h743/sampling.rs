@@ -12,6 +12,7 @@
 //! SPI1 is switched off and on before every transfer because the manual advises it after an end of transfer (RM0433,
 //! 50.4.9). Chip select is SPI1's own (PA4). The core hears of it once in [`WAKE_EDGES`] edges.
 
+use super::clock::now_us;
 use crate::acquisition::{Board, RING_BYTES};
 use crate::converter::{Bus, FRAME_BYTES};
 use crate::pace::Stamp;
@@ -22,7 +23,6 @@ use embassy_stm32::Peri;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::pac::{self, dma, gpio, spi, timer};
 use embassy_stm32::peripherals::{PA4, PA5, PA6, PB5, PE9, SPI1, TIM1, TIM2};
-use embassy_time::Instant;
 
 /// Edges from one wake-up of the core to the next: 4 ms at 64 kHz.
 pub const WAKE_EDGES: u16 = 256;
@@ -87,7 +87,7 @@ pub fn on_wake() {
     timer.sr().write_value(timer::regs::SrAdv(!(1 << 3)));
     let edges = edges();
     timer.ccr(2).write_value(timer::regs::Ccr1ch(u32::from((edges as u16).wrapping_add(WAKE_EDGES))));
-    let stamp = Stamp { edges, at_us: Instant::now().as_micros() };
+    let stamp = Stamp { edges, at_us: now_us() };
     critical_section::with(|cs| NOTED.borrow(cs).set(stamp));
 }
 
@@ -232,7 +232,7 @@ impl Board for Sampling {
     }
 
     fn now_us(&mut self) -> u64 {
-        Instant::now().as_micros()
+        now_us()
     }
 
     fn arm(&mut self, behind: bool) -> Option<u64> {

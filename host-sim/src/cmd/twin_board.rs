@@ -1,7 +1,7 @@
 //! `seabearing twin --board stm32h743`: the hardware board's image on the modelled board, and the host.
 
 use crate::board::{self, BoardRun, InjectedFault, Setup};
-use crate::rehearsal::{self, Stage};
+use crate::rehearsal::{self, Length, Stage};
 use crate::station::Station;
 use crate::{blob, emulator, recording};
 use anyhow::{Result, bail};
@@ -46,8 +46,9 @@ pub struct BoardOptions {
     /// Microseconds from a converter's reset until it answers
     #[arg(long, value_name = "US", default_value_t = 5.0)]
     converter_start_us: f64,
-    /// What goes wrong and when (s): converter-reset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH,
-    /// core-held@S:LENGTH, hard-fault@S, spi-bits@BYTES, pin-reset@S, brown-out@S
+    /// What goes wrong and when (s): converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH,
+    /// converter-mute@S:LENGTH, core-held@S:LENGTH, line-noise@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S,
+    /// spi-bits@BYTES
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<InjectedFault>,
     /// Play every way of going wrong with noise instead of a recording, outages of up to so many seconds (60 are asked
@@ -60,13 +61,26 @@ pub struct BoardOptions {
 const OUTAGES_S: [f64; 6] = [0.001, 0.01, 0.1, 1.0, 10.0, 60.0];
 
 /// Prints the table of the rehearsal; conversions lost are counted over `pace_s`.
-fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: f64) -> Result<()> {
+fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: f64, json: bool) -> Result<()> {
     let blob = blob::of(station)?;
     let stage = Stage { image, blob: &blob, rate_hz: station.config.rate_hz };
-    let outages: Vec<f64> = OUTAGES_S.into_iter().filter(|s| *s <= longest_s).collect();
-    let rows = stage.rehearse(pace_s, &outages, |row| {
+    let length = Length {
+        pace_s,
+        costs: rehearsal::COSTS.to_vec(),
+        outages_s: OUTAGES_S.into_iter().filter(|s| *s <= longest_s).collect(),
+    };
+    let rows = stage.rehearse(&length, |row| {
+        let line = if json {
+            let (case, told, outcome) = (&row.case, &row.told, &row.outcome);
+            serde_json::json!({
+                "type": "rehearsal", "case": case, "told": told, "outcome": outcome, "right": row.right,
+            })
+            .to_string()
+        } else {
+            row.to_string()
+        };
         // A person who has gone is no reason to stop.
-        _ = writeln!(std::io::stdout(), "{row}");
+        _ = writeln!(std::io::stdout(), "{line}");
     })?;
     rehearsal::verdict(&rows)
 }
@@ -86,7 +100,7 @@ pub(super) fn run(
     let image = emulator::image(firmware, "stm32h743.elf", "cargo xtask build-firmware --board stm32h743")?;
     let rate_hz = station.config.rate_hz;
     if let Some(longest_s) = options.rehearse {
-        return rehearse(&image, station, longest_s, options.seconds.unwrap_or(5.0));
+        return rehearse(&image, station, longest_s, options.seconds.unwrap_or(5.0), json);
     }
     let setup = setup(options)?;
     let most = options.seconds.map(|s| (s * rate_hz).round() as u64);
@@ -197,6 +211,7 @@ fn say(report: &BoardRun, json: bool) -> Result<()> {
             "register_accesses_per_conversion": registers,
             "memory_loads_per_conversion": per(handlers.loads + thread.loads),
             "memory_accesses_per_conversion": memory,
+            "stack_bytes": report.stack.map(|(used, _)| used), "stack_room_bytes": report.stack.map(|(_, room)| room),
         });
         writeln!(out, "{record}")?;
         return Ok(());

@@ -1,0 +1,196 @@
+//! What can be made to go wrong on the modelled board, and when.
+
+use super::ticks;
+use anyhow::{Context, Result};
+use seabearing_board_model::Machine;
+use seabearing_board_model::core::nvic::number::HARD_FAULT;
+use seabearing_board_model::stm32h743::{Stm32h743, cause};
+use seabearing_board_model::time::Ticks;
+
+/// Something that goes wrong while the board runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum InjectedFault {
+    /// The converter resets itself at this second.
+    ConverterReset(f64),
+    /// A bit of the converter's clock register flips at this second: half the samples a second.
+    ConverterUpset(f64),
+    /// The converter is dead from this second on, for so many seconds.
+    ConverterDead(f64, f64),
+    /// Every so many bytes one bit is wrong on the way from the converter.
+    SpiBits(u64),
+    /// The line from the converter is cut at this second, for so many seconds; it goes on converting.
+    ConverterMute(f64, f64),
+    /// The core is held at this second, for so many seconds; everything else goes on.
+    CoreHeld(f64, f64),
+    /// The core takes a hard fault at this second.
+    HardFault(f64),
+    /// The software panics at this second, in line [`PANIC_LINE`].
+    Panic(f64),
+    /// The reset pin is pulled at this second.
+    PinReset(f64),
+    /// The supply sags at this second.
+    BrownOut(f64),
+    /// The telemetry line brings noise from this second on, for so many seconds: bytes, half of them broken, without a pause.
+    LineNoise(f64, f64),
+}
+
+/// The line in the source that an injected panic names.
+pub const PANIC_LINE: u32 = 4711;
+
+/// What [`InjectedFault`] is read from.
+const KINDS: &str = "converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
+                     core-held@S:LENGTH, line-noise@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S or \
+                     spi-bits@BYTES";
+
+impl std::str::FromStr for InjectedFault {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let read = || {
+            let (kind, at) = text.split_once('@')?;
+            if kind == "spi-bits" {
+                return at.parse().ok().filter(|n| *n > 0).map(Self::SpiBits);
+            }
+            let seconds = |text: &str| text.parse().ok().filter(|s: &f64| *s >= 0.0 && s.is_finite());
+            let (at, length) = match at.split_once(':') {
+                Some((at, length)) => (seconds(at)?, Some(seconds(length)?)),
+                None => (seconds(at)?, None),
+            };
+            Some(match (kind, length) {
+                ("converter-reset", None) => Self::ConverterReset(at),
+                ("converter-upset", None) => Self::ConverterUpset(at),
+                ("converter-dead", length) => Self::ConverterDead(at, length.unwrap_or(f64::INFINITY)),
+                ("converter-mute", length) => Self::ConverterMute(at, length.unwrap_or(f64::INFINITY)),
+                ("core-held", Some(length)) => Self::CoreHeld(at, length),
+                ("line-noise", Some(length)) => Self::LineNoise(at, length),
+                ("hard-fault", None) => Self::HardFault(at),
+                ("panic", None) => Self::Panic(at),
+                ("pin-reset", None) => Self::PinReset(at),
+                ("brown-out", None) => Self::BrownOut(at),
+                _ => return None,
+            })
+        };
+        read().ok_or_else(|| format!("`{text}`: {KINDS}"))
+    }
+}
+
+/// A [`InjectedFault`] that has a beginning and an end in the machine's time.
+pub(super) struct Due {
+    pub at: Ticks,
+    fault: InjectedFault,
+    ends: bool,
+}
+
+/// What happens when; what is so from the start happens now.
+pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault]) -> Vec<Due> {
+    let mut due = Vec::new();
+    for &fault in faults {
+        let (at, length) = match fault {
+            InjectedFault::SpiBits(every) => {
+                machine.board.converter.bit_errors_every = every;
+                continue;
+            }
+            InjectedFault::LineNoise(..) => continue,
+            InjectedFault::ConverterDead(at, length) | InjectedFault::ConverterMute(at, length) => {
+                (at, length)
+            }
+            InjectedFault::ConverterReset(at)
+            | InjectedFault::ConverterUpset(at)
+            | InjectedFault::CoreHeld(at, _)
+            | InjectedFault::HardFault(at)
+            | InjectedFault::Panic(at)
+            | InjectedFault::PinReset(at)
+            | InjectedFault::BrownOut(at) => (at, f64::INFINITY),
+        };
+        due.push(Due { at: ticks(at), fault, ends: false });
+        if length.is_finite() {
+            due.push(Due { at: ticks(at + length), fault, ends: true });
+        }
+    }
+    due
+}
+
+/// Puts everything on the line to the board: commands, and noise at `baud` bits a second.
+pub(super) fn fill_line(
+    machine: &mut Machine<Stm32h743>,
+    commands: &[(f64, Vec<u8>)],
+    faults: &[InjectedFault],
+    baud: u32,
+) {
+    let mut all: Vec<(f64, Vec<(u8, bool)>)> =
+        commands.iter().map(|(at, bytes)| (*at, bytes.iter().map(|b| (*b, false)).collect())).collect();
+    all.extend(faults.iter().filter_map(|fault| match *fault {
+        InjectedFault::LineNoise(at, length) => {
+            let bytes = (length * f64::from(baud) / 10.0) as u64;
+            Some((at, (0..bytes).map(|n| (mix(n) as u8, mix(n) & 0x100 != 0)).collect()))
+        }
+        _ => None,
+    }));
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (at, bytes) in all {
+        machine.board.disturb(ticks(at), bytes);
+    }
+}
+
+/// A number that has nothing to do with its neighbours' (the finaliser of SplitMix64).
+pub(crate) fn mix(n: u64) -> u64 {
+    let x = n.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ x >> 31
+}
+
+pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> {
+    /// Most significant bit of the oversampling in the converter's clock register: 64 becomes ... of the next kind.
+    const OVERSAMPLING_BIT: u32 = 5;
+    let now = machine.now();
+    let converter = &mut machine.board.converter;
+    match due.fault {
+        InjectedFault::ConverterReset(_) => converter.reset(now),
+        InjectedFault::ConverterUpset(_) => converter.upset(OVERSAMPLING_BIT, now),
+        InjectedFault::ConverterDead(..) => converter.set_dead(!due.ends, now),
+        InjectedFault::ConverterMute(..) => converter.mute = !due.ends,
+        InjectedFault::CoreHeld(_, length) => {
+            machine.hold(now + ticks(length)).map_err(anyhow::Error::msg)?
+        }
+        InjectedFault::HardFault(_) => machine.nvic.pend(HARD_FAULT),
+        InjectedFault::Panic(_) => panic(machine)?,
+        InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
+        InjectedFault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
+        InjectedFault::SpiBits(_) | InjectedFault::LineNoise(..) => {}
+    }
+    Ok(())
+}
+
+/// Goes on in the function that ends a failed `Option::unwrap`, whose one argument is where in the source that was: four
+/// words (file, its length, line, column) in memory that the image does not use.
+fn panic(machine: &mut Machine<Stm32h743>) -> Result<()> {
+    const FREE: u32 = 0x3004_0000;
+    const FILE: &[u8] = b"injected";
+    let place = [FREE + 16, FILE.len() as u32, PANIC_LINE, 1];
+    let bytes: Vec<u8> = place.iter().flat_map(|w| w.to_le_bytes()).chain(FILE.iter().copied()).collect();
+    let to = machine.memory.bytes_mut(FREE, bytes.len() as u32).context("no memory for a panic's place")?;
+    to.copy_from_slice(&bytes);
+    let function =
+        machine.image().address_of("unwrap_failed").context("the image has no `unwrap` that could panic")?;
+    machine.call(function, [FREE, 0, 0, 0]);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_read_as_the_help_says() {
+        let read = |text: &str| text.parse::<InjectedFault>();
+        assert_eq!(read("converter-dead@2"), Ok(InjectedFault::ConverterDead(2.0, f64::INFINITY)));
+        assert_eq!(read("core-held@2:0.5"), Ok(InjectedFault::CoreHeld(2.0, 0.5)));
+        assert_eq!(read("spi-bits@90"), Ok(InjectedFault::SpiBits(90)));
+        for bad in
+            ["converter-dead", "core-held@2", "panic@1:2", "spi-bits@0", "panic@-1", "panic@nan", "x@1"]
+        {
+            assert!(read(bad).unwrap_err().contains("line-noise@S:LENGTH"), "{bad}");
+        }
+    }
+}

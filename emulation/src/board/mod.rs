@@ -1,0 +1,281 @@
+//! The hardware board's twin: its image runs on the modelled board, what the converter delivered goes through the host's
+//! loop too, and both must say the same.
+
+mod host;
+mod injection;
+
+pub use host::host;
+pub(crate) use injection::mix;
+pub use injection::{InjectedFault, PANIC_LINE};
+
+use crate::twin::frames;
+use anyhow::{Context, Result, anyhow, bail};
+use injection::{fill_line, inject, schedule};
+use seabearing_board_model::ads131m04::{Codes, REGISTER_ACQUISITION};
+use seabearing_board_model::core::Work;
+use seabearing_board_model::stm32h743::{self, Parameters, Stm32h743};
+use seabearing_board_model::time::{PER_SECOND, Ticks};
+use seabearing_board_model::{Costs, Counts, Ending, Image, Machine};
+use seabearing_core::block::{Frame, MISSING};
+use seabearing_core::wire::{Decoder, Message};
+use std::path::Path;
+
+/// How the board runs.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// What instructions and accesses cost.
+    pub costs: Costs,
+    /// The board's own.
+    pub parameters: Parameters,
+    /// Seconds from a converter's reset to its answers.
+    pub acquisition_s: f64,
+    /// What goes wrong.
+    pub faults: Vec<InjectedFault>,
+    /// The run ends at this second at the latest, whether conversions were read or not.
+    pub most_s: Option<f64>,
+    /// Commands sent to the board: when each begins, s.
+    pub commands: Vec<(f64, Vec<u8>)>,
+    /// A bit of the configuration is wrong in the image's flash.
+    pub damaged_configuration: bool,
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self {
+            costs: Costs::IDEAL,
+            parameters: Parameters::default(),
+            acquisition_s: REGISTER_ACQUISITION as f64 / PER_SECOND as f64,
+            faults: Vec::new(),
+            most_s: None,
+            commands: Vec::new(),
+            damaged_configuration: false,
+        }
+    }
+}
+
+/// A frame that the board sent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Said {
+    /// When it had left, s.
+    pub at_s: f64,
+    /// Its number.
+    pub sequence: u16,
+    /// What it says.
+    pub message: Message,
+}
+
+/// What came of a run.
+#[derive(Debug, Clone)]
+pub struct BoardRun {
+    /// What the board sent.
+    pub firmware: Vec<u8>,
+    /// The same frame by frame.
+    pub said: Vec<Said>,
+    /// Starts of the core: when, s, and conversions delivered before.
+    pub starts: Vec<(f64, usize)>,
+    /// What the host's loop said of the same conversions.
+    pub host: Vec<u8>,
+    /// Conversions done while recording, and those delivered.
+    pub converted: u64,
+    /// Conversions read whole: their numbers, and what was read.
+    pub numbers: Vec<u64>,
+    /// Codes of each.
+    pub codes: Vec<Codes>,
+    /// How many.
+    pub delivered: u64,
+    /// Conversions between the first and the last delivered that were not.
+    pub lost: u64,
+    /// Seconds from the first conversion delivered to the last.
+    pub seconds: f64,
+    /// Work in interrupts and in the thread over that time.
+    pub handlers: Work,
+    /// Work outside of interrupts.
+    pub thread: Work,
+    /// Interrupts a second.
+    pub interrupts_per_s: f64,
+    /// Share of the time the core slept.
+    pub idle: f64,
+    /// Times the core was reset.
+    pub resets: u32,
+    /// Items moved by DMA, over the whole run.
+    pub dma_items: u64,
+    /// Frequency of the converter's bus.
+    pub spi_hz: u64,
+    /// Most bytes of stack in use, interrupts included, and bytes there are for it; none where the image does not say where.
+    pub stack: Option<(u32, u32)>,
+}
+
+impl BoardRun {
+    /// Whether board and host said the same.
+    pub fn identical(&self) -> bool {
+        self.firmware == self.host
+    }
+
+    /// One line about where they differ.
+    pub fn difference(&self) -> String {
+        let (host, firmware) = (frames(&self.host), frames(&self.firmware));
+        let at = host.iter().zip(&firmware).take_while(|(a, b)| a.0 == b.0).count();
+        let show = |f: Option<&(Vec<u8>, _)>| match f {
+            Some((_, Some(message))) => format!("{message:?}"),
+            Some((bytes, None)) => format!("{} undecodable bytes", bytes.len()),
+            None => "nothing".to_owned(),
+        };
+        format!(
+            "telemetry differs from frame {at} (host {} bytes, board {} bytes): host says {} | board says {}",
+            self.host.len(),
+            self.firmware.len(),
+            show(host.get(at)),
+            show(firmware.get(at))
+        )
+    }
+}
+
+/// Time after the last conversion in which the board may still work and send.
+const DRAIN: Ticks = PER_SECOND / 2;
+/// Longest wait for the first conversion.
+const PATIENCE: Ticks = 5 * PER_SECOND;
+/// Step between two looks at the board.
+const STEP: Ticks = PER_SECOND / 2000;
+
+/// Runs an image that holds this configuration over conversions at `rate_hz`, then the host over what was delivered.
+///
+/// # Errors
+/// The image is not the station's, the software did something the board does not allow, or it never read a conversion.
+pub fn twin(
+    image: &Path,
+    blob: &[u8],
+    rate_hz: f64,
+    setup: &Setup,
+    source: impl FnMut() -> Option<Codes> + Send + 'static,
+) -> Result<BoardRun> {
+    let mut file = std::fs::read(image).with_context(|| {
+        format!("no image at {}: run `cargo xtask build-firmware --board stm32h743`", image.display())
+    })?;
+    let Some(at) = file.windows(blob.len()).position(|window| window == blob) else {
+        bail!(
+            "{} holds another station's configuration: build it with `cargo xtask build-firmware --board stm32h743 \
+             --station STATION.toml`",
+            image.display()
+        );
+    };
+    if setup.damaged_configuration {
+        file[at + blob.len() / 2] ^= 0x10;
+    }
+    let image = Image::parse(&file).map_err(|e| anyhow!("{}: {e}", image.display()))?;
+    let mut machine = stm32h743::machine(image, setup.costs, &setup.parameters, Box::new(source), rate_hz)
+        .map_err(anyhow::Error::msg)?;
+    machine.board.converter.acquisition = (setup.acquisition_s * PER_SECOND as f64) as Ticks;
+    fill_line(&mut machine, &setup.commands, &setup.faults, setup.parameters.baud);
+    let mut starts = vec![(0.0, 0)];
+    let (began, ended) = run_board(&mut machine, setup, &mut starts)?;
+    let converter = &machine.board.converter;
+    const POWER: u8 = 0;
+    let host = host(blob, POWER, &converter.delivered, &converter.codes, false)?;
+    let span = match (converter.delivered.first(), converter.delivered.last()) {
+        (Some(first), Some(last)) => last - first + 1,
+        _ => 0,
+    };
+    let ticks = ended.1 - began.1;
+    Ok(BoardRun {
+        firmware: machine.board.sent().to_vec(),
+        said: said(&machine.board),
+        starts,
+        host,
+        converted: converter.converted(),
+        delivered: converter.delivered.len() as u64,
+        numbers: converter.delivered.clone(),
+        codes: converter.codes.clone(),
+        lost: span - converter.delivered.len() as u64,
+        seconds: ticks as f64 / PER_SECOND as f64,
+        handlers: ended.0.handlers.since(&began.0.handlers),
+        thread: ended.0.thread.since(&began.0.thread),
+        interrupts_per_s: (ended.0.interrupts - began.0.interrupts) as f64 * PER_SECOND as f64 / ticks as f64,
+        idle: (ended.0.asleep - began.0.asleep) as f64 / ticks as f64,
+        resets: ended.0.resets,
+        dma_items: machine.board.dma_items,
+        spi_hz: machine.board.spi_hz(),
+        stack: stack(&machine),
+    })
+}
+
+/// Bytes of stack that were ever written, and what there are: from the end of the statics to the stack's start.
+fn stack(machine: &Machine<Stm32h743>) -> Option<(u32, u32)> {
+    let (bottom, top) = (machine.image().symbol("__sheap")?, machine.image().symbol("_stack_start")?);
+    let room = top.checked_sub(bottom)?;
+    let bytes = machine.memory.bytes(bottom, room)?;
+    let untouched = bytes.iter().take_while(|b| **b == stm32h743::AT_POWER_ON).count();
+    Some((room - untouched as u32, room))
+}
+
+/// The frames among what the board has sent.
+fn said(board: &Stm32h743) -> Vec<Said> {
+    let mut decoder = Decoder::default();
+    let bytes = board.sent().iter().zip(board.sent_at());
+    bytes
+        .filter_map(|(byte, at)| {
+            let received = decoder.push(*byte)?;
+            let at_s = seconds(*at);
+            Some(Said { at_s, sequence: received.sequence, message: received.message })
+        })
+        .collect()
+}
+
+type Moment = (Counts, Ticks);
+
+fn seconds(ticks: Ticks) -> f64 {
+    ticks as f64 / PER_SECOND as f64
+}
+
+fn ticks(seconds: f64) -> Ticks {
+    // A moment that never comes is far away.
+    (seconds.min(1e6) * PER_SECOND as f64) as Ticks
+}
+
+/// Runs to the end of the conversions, or for a while; the costs at the first and the last delivered. Every reset is noted.
+fn run_board(
+    machine: &mut Machine<Stm32h743>,
+    setup: &Setup,
+    starts: &mut Vec<(f64, usize)>,
+) -> Result<(Moment, Moment)> {
+    let mut pending = schedule(machine, &setup.faults);
+    let (mut began, mut ended): (Option<Moment>, Option<Moment>) = (None, None);
+    let mut until = 0;
+    loop {
+        until += STEP;
+        match machine.run(until).map_err(anyhow::Error::msg)? {
+            Ending::Time => {}
+            Ending::Exit(status) => bail!("the image left with status {status}"),
+        }
+        let now = machine.now();
+        until = until.max(now);
+        for due in pending.extract_if(.., |due| due.at <= now) {
+            inject(machine, &due)?;
+        }
+        let counts = machine.counts();
+        if counts.resets as usize >= starts.len() {
+            starts.push((seconds(now), machine.board.converter.delivered.len()));
+        }
+        if !machine.board.converter.delivered.is_empty() {
+            began.get_or_insert((counts, now));
+        } else if now > PATIENCE && setup.most_s.is_none() {
+            bail!("the board has read no conversion within {} s", PATIENCE / PER_SECOND);
+        }
+        if machine.board.converter.exhausted() {
+            let (_, end) = *ended.get_or_insert((counts, now));
+            if now > end + DRAIN {
+                break;
+            }
+        }
+        if setup.most_s.is_some_and(|most| now > ticks(most)) {
+            ended.get_or_insert((counts, now));
+            break;
+        }
+    }
+    let ended = ended.context("the conversions did not end")?;
+    Ok((began.unwrap_or((Counts::default(), 0)), ended))
+}
+
+/// A frame of a recording as a converter of 24 bits gives it; a missing sample is zero.
+pub fn codes(frame: &Frame) -> Codes {
+    frame.map(|code| if code == MISSING { 0 } else { code.clamp(-(1 << 23), (1 << 23) - 1) })
+}

@@ -1,0 +1,210 @@
+//! What is rehearsed beside the pace: each case with what is done, when, and what must be said of it.
+
+use super::judge::Wanted;
+use super::{AT_S, COST, costs};
+use crate::board::{InjectedFault, PANIC_LINE, Setup};
+use seabearing_board_model::stm32h743::Parameters;
+use seabearing_core::wire::{Command, Encoder, FaultCode};
+
+/// One thing done to the board.
+pub struct Case {
+    /// In words.
+    pub name: String,
+    /// What is done.
+    pub setup: Setup,
+    /// When it has happened, s: what must be said is counted from here.
+    pub event_s: f64,
+    /// Seconds of sound.
+    pub seconds: f64,
+    /// What must be said, in this order.
+    pub wanted: Vec<Wanted>,
+}
+
+/// Reasons of a start as `Hello` tells them.
+const WATCHDOG: u8 = 1;
+const SOFTWARE: u8 = 2;
+const PIN: u8 = 3;
+const BROWN_OUT: u8 = 4;
+
+fn case(name: &str, faults: &[InjectedFault], event_s: f64, seconds: f64, wanted: &[Wanted]) -> Case {
+    let setup = Setup { costs: costs(COST.0), faults: faults.to_vec(), ..Setup::default() };
+    Case { name: name.to_owned(), setup, event_s, seconds, wanted: wanted.to_vec() }
+}
+
+/// Clocks as wrong as they may be, in opposite senses.
+fn wrong_clocks() -> Parameters {
+    Parameters { board_clock_error: 0.01, converter_clock_error: -0.01, ..Parameters::default() }
+}
+
+/// Commands framed, each at its second; a delimiter before each ends what noise had begun (docs/wire.md).
+fn line(commands: &[(f64, Command)]) -> Vec<(f64, Vec<u8>)> {
+    let mut encoder = Encoder::default();
+    let mut frame = |command| [&[0], encoder.frame(command)].concat();
+    commands.iter().map(|(at, command)| (*at, frame(command))).collect()
+}
+
+/// Everything; outages of these lengths, s.
+pub fn all(outages_s: &[f64]) -> Vec<Case> {
+    let mut cases = failures();
+    cases.extend(reach());
+    for &s in outages_s {
+        let cut = InjectedFault::ConverterMute(AT_S, s);
+        cases.push(outage("line cut", s, cut, AT_S, &[Wanted::Fault(FaultCode::Invalid, None)]));
+    }
+    // Longer and the watchdog resets, as it must. The ring holds 64 ms: nothing is told of a shorter time.
+    for s in [0.001, 0.1, 1.0] {
+        let gap = [Wanted::Fault(FaultCode::Gap, None)];
+        let wanted = if s > 0.064 { &gap[..] } else { &[] };
+        cases.push(outage("core held", s, InjectedFault::CoreHeld(AT_S, s), AT_S + s, wanted));
+    }
+    for &s in outages_s {
+        let dead = InjectedFault::ConverterDead(AT_S, s);
+        let wanted = [Wanted::Fault(FaultCode::ConverterRestarted, None)];
+        cases.push(outage("converter without supply", s, dead, AT_S + s, &wanted));
+    }
+    cases
+}
+
+fn outage(what: &str, length_s: f64, fault: InjectedFault, event_s: f64, wanted: &[Wanted]) -> Case {
+    let name = format!("{what} for {length_s} s, clocks 1 % off");
+    let case = case(&name, &[fault], event_s, AT_S + length_s + 1.0, wanted);
+    Case { setup: Setup { parameters: wrong_clocks(), ..case.setup }, ..case }
+}
+
+/// What fails, and is to be named.
+fn failures() -> Vec<Case> {
+    let fault = |code| Wanted::Fault(code, None);
+    let panicked = Wanted::Fault(FaultCode::Panicked, Some(i64::from(PANIC_LINE)));
+    let (silent, restarted) = (fault(FaultCode::NoSamples), fault(FaultCode::ConverterRestarted));
+    let forever = f64::INFINITY;
+    let again: Vec<InjectedFault> =
+        (0..5).map(|n| InjectedFault::HardFault(AT_S + 0.1 * f64::from(n))).collect();
+    let damaged = |case: Case| Case { setup: Setup { damaged_configuration: true, ..case.setup }, ..case };
+    let bad = fault(FaultCode::BadConfiguration);
+    let with = |case: Case, commands: &[(f64, Command)]| Case {
+        setup: Setup { commands: line(commands), ..case.setup },
+        ..case
+    };
+    let end_s = AT_S + 0.4;
+    vec![
+        case(
+            "converter dead from power on",
+            &[InjectedFault::ConverterDead(0.0, forever)],
+            0.0,
+            1.0,
+            &[silent],
+        ),
+        case("converter dies", &[InjectedFault::ConverterDead(AT_S, forever)], AT_S, 1.0, &[silent]),
+        case("converter resets itself", &[InjectedFault::ConverterReset(AT_S)], AT_S, 1.5, &[restarted]),
+        case("converter's rate flips", &[InjectedFault::ConverterUpset(AT_S)], AT_S, 1.5, &[restarted]),
+        case(
+            "one bit in 80 000 wrong on SPI",
+            &[InjectedFault::SpiBits(10_000)],
+            0.0,
+            1.5,
+            &[fault(FaultCode::Invalid)],
+        ),
+        case(
+            "a wrong bit in every frame on SPI",
+            &[InjectedFault::SpiBits(17)],
+            0.0,
+            1.0,
+            &[fault(FaultCode::Invalid)],
+        ),
+        damaged(with(
+            case(
+                "configuration damaged in flash; asked again",
+                &[],
+                0.0,
+                1.0,
+                &[Wanted::Waits, bad, Wanted::Waits, bad, Wanted::Reply(1)],
+            ),
+            &[(0.5, Command::Identify { token: 1 })],
+        )),
+        case(
+            "hard fault",
+            &[InjectedFault::HardFault(AT_S)],
+            AT_S,
+            1.5,
+            &[Wanted::Start(SOFTWARE), fault(FaultCode::HardFault)],
+        ),
+        case("panic", &[InjectedFault::Panic(AT_S)], AT_S, 1.5, &[Wanted::Start(SOFTWARE), panicked]),
+        with(
+            case(
+                "five hard faults in half a second, then Start",
+                &again,
+                end_s,
+                2.5,
+                &[
+                    Wanted::Waits,
+                    fault(FaultCode::HardFault),
+                    fault(FaultCode::ManyResets),
+                    Wanted::Reply(1),
+                    Wanted::Start(SOFTWARE),
+                ],
+            ),
+            &[(end_s + 0.5, Command::Start { token: 1 })],
+        ),
+        case(
+            "core held for 2.5 s",
+            &[InjectedFault::CoreHeld(AT_S, 2.5)],
+            AT_S,
+            4.0,
+            &[Wanted::Start(WATCHDOG)],
+        ),
+        case("reset pin", &[InjectedFault::PinReset(AT_S)], AT_S, 1.5, &[Wanted::Start(PIN)]),
+        case("supply sags", &[InjectedFault::BrownOut(AT_S)], AT_S, 1.5, &[Wanted::Start(BROWN_OUT)]),
+    ]
+}
+
+/// The line in both directions.
+fn reach() -> Vec<Case> {
+    let with = |case: Case, commands: &[(f64, Command)]| Case {
+        setup: Setup { commands: line(commands), ..case.setup },
+        ..case
+    };
+    let burst: Vec<(f64, Command)> = (1..=60).map(|token| (AT_S, Command::Start { token })).collect();
+    vec![
+        with(
+            case(
+                "Stop, Identify, Start",
+                &[],
+                AT_S,
+                2.5,
+                &[
+                    Wanted::Reply(1),
+                    Wanted::End,
+                    Wanted::Waits,
+                    Wanted::Waits,
+                    Wanted::Reply(2),
+                    Wanted::Reply(3),
+                    Wanted::Start(SOFTWARE),
+                ],
+            ),
+            &[
+                (AT_S, Command::Stop { token: 1 }),
+                (AT_S + 0.3, Command::Identify { token: 2 }),
+                (AT_S + 0.5, Command::Start { token: 3 }),
+            ],
+        ),
+        with(
+            case(
+                "noise on the line for 0.5 s, then a command",
+                &[InjectedFault::LineNoise(AT_S, 0.5)],
+                AT_S,
+                1.5,
+                &[Wanted::Fault(FaultCode::BadCommand, None), Wanted::Reply(1)],
+            ),
+            &[(AT_S + 0.55, Command::Start { token: 1 })],
+        ),
+        with(case("60 commands without a pause", &[], AT_S, 1.5, &burst_answers(&burst)), &burst),
+    ]
+}
+
+fn burst_answers(commands: &[(f64, Command)]) -> Vec<Wanted> {
+    let last = match commands.last() {
+        Some((_, Command::Start { token })) => *token,
+        _ => 0,
+    };
+    vec![Wanted::Reply(1), Wanted::Reply(last)]
+}

@@ -1,0 +1,255 @@
+//! What came of a rehearsed case: what was told and how soon, and whether the records are those of the samples.
+
+use crate::board::{BoardRun, Said, host};
+use anyhow::{Result, bail};
+use seabearing_core::angle::wrap_pi;
+use seabearing_core::wait::WAITING;
+use seabearing_core::wire::{Bearing, Decoder, FaultCode, Hello, Message};
+
+/// Something the board must say within the time allowed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Wanted {
+    /// This fault, with this number where one is given.
+    Fault(FaultCode, Option<i64>),
+    /// A start for this reason (as in `Hello`).
+    Start(u8),
+    /// That it waits for commands.
+    Waits,
+    /// An answer to the command with this token.
+    Reply(u8),
+    /// The end of the recording.
+    End,
+}
+
+impl Wanted {
+    fn is(self, message: &Message) -> bool {
+        match (self, message) {
+            (Self::Fault(code, value), Message::Fault(f)) => {
+                f.code == code && value.is_none_or(|value| f.value & i64::from(u32::MAX) == value)
+            }
+            (Self::Start(cause), Message::Hello(h)) => h.reset_cause == cause && h.kind != WAITING,
+            (Self::Waits, Message::Hello(h)) => h.kind == WAITING,
+            (Self::Reply(token), Message::Reply(r)) => r.token == token,
+            (Self::End, Message::End(_)) => true,
+            _ => false,
+        }
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Fault(code, _) => format!("{code:?}"),
+            Self::Start(cause) => {
+                let names = ["power", "watchdog", "software", "pin", "brown-out"];
+                format!("starts ({})", names.get(usize::from(cause)).unwrap_or(&"?"))
+            }
+            Self::Waits => "waits".to_owned(),
+            Self::Reply(token) => format!("answer {token}"),
+            Self::End => "End".to_owned(),
+        }
+    }
+}
+
+/// The wanted messages, each after the one before, and the seconds from the event to each; `None` where one is not there.
+pub fn told(said: &[Said], wanted: &[Wanted], event_s: f64) -> Vec<(String, Option<f64>)> {
+    let mut rest = said.iter().filter(|s| s.at_s >= event_s);
+    wanted.iter().map(|w| (w.name(), rest.find(|s| w.is(&s.message)).map(|s| s.at_s - event_s))).collect()
+}
+
+/// How the numbers of the records stand to the truth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Numbers {
+    /// In words.
+    pub outcome: String,
+    /// Whether every record is of the samples it says it is of.
+    pub right: bool,
+}
+
+/// A stretch of telemetry from one `Hello` to the next that began a count of frames, and the conversions since that start.
+struct Session<'a> {
+    hello: Hello,
+    said: &'a [Said],
+    numbers: &'a [u64],
+    codes: &'a [seabearing_board_model::ads131m04::Codes],
+    last: bool,
+}
+
+fn sessions(run: &BoardRun) -> Vec<Session<'_>> {
+    let first = |s: &Said| match s.message {
+        Message::Hello(hello) if s.sequence == 0 => Some(hello),
+        _ => None,
+    };
+    let begins: Vec<(usize, Hello)> =
+        run.said.iter().enumerate().filter_map(|(i, s)| Some((i, first(s)?))).collect();
+    let starts = |at_s: f64| run.starts.iter().rposition(|(start_s, _)| *start_s <= at_s).unwrap_or(0);
+    let session = |(n, (from, hello)): (usize, &(usize, Hello))| {
+        let to = begins.get(n + 1).map_or(run.said.len(), |next| next.0);
+        let start = starts(run.said[*from].at_s);
+        let end = run.starts.get(start + 1).map_or(run.numbers.len(), |next| next.1);
+        let conversions = run.starts[start].1..end;
+        Session {
+            hello: *hello,
+            said: &run.said[*from..to],
+            numbers: &run.numbers[conversions.clone()],
+            codes: &run.codes[conversions],
+            last: n + 1 == begins.len(),
+        }
+    };
+    begins.iter().enumerate().map(session).collect()
+}
+
+/// Every recording session against the host's over the same conversions. What only the board knows (its line, its clock,
+/// its converter) is not compared, counters not where the clock made reports or the converter stood still.
+pub fn numbers(run: &BoardRun, blob: &[u8]) -> Result<Numbers> {
+    let mut outcome = Vec::new();
+    let mut right = true;
+    let sessions = sessions(run);
+    let recording: Vec<&Session<'_>> = sessions.iter().filter(|s| s.hello.kind != WAITING).collect();
+    for session in &recording {
+        match compare(session, blob) {
+            Ok(Some(words)) => outcome.push(words),
+            Ok(None) => {}
+            Err(reason) => {
+                right = false;
+                outcome.push(format!("WRONG ({reason})"));
+            }
+        }
+    }
+    outcome.dedup();
+    if recording.len() > 1 {
+        outcome.push(format!("{} sessions", recording.len()));
+    }
+    Ok(Numbers { outcome: outcome.join("; "), right })
+}
+
+/// Longest error of an estimated number that is looked for, in instants.
+const MOST_OFF: i64 = 4;
+
+/// Whether two lists of bearings are the same within 10 ms at 64 kHz and three standard deviations: all that can be asked
+/// where a few samples of another rate were taken before that was noticed.
+fn alike(host: &[Message], board: &[Message]) -> bool {
+    const MOST_INSTANTS: u64 = 640;
+    let bearings = |all: &[Message]| -> Vec<Bearing> {
+        all.iter().filter_map(|m| if let Message::Bearing(b) = m { Some(*b) } else { None }).collect()
+    };
+    let (host, board) = (bearings(host), bearings(board));
+    host.len() == board.len()
+        && host.iter().zip(&board).all(|(h, b)| {
+            let off = wrap_pi(f64::from(h.azimuth) - f64::from(b.azimuth));
+            h.index.abs_diff(b.index) <= MOST_INSTANTS && off * off <= 9.0 * f64::from(h.var_azimuth)
+        })
+}
+
+fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
+    let Some(base) = session.numbers.first() else { return Ok(None) };
+    let faults = |code: FaultCode| {
+        session.said.iter().filter_map(move |s| match s.message {
+            Message::Fault(f) if f.code == code => Some(f),
+            _ => None,
+        })
+    };
+    let restarts = faults(FaultCode::ConverterRestarted).count();
+    let gaps: Vec<(u64, u64)> = match restarts {
+        0 => faults(FaultCode::Gap).map(|f| (f.index.saturating_sub(f.value as u64), f.index)).collect(),
+        _ => Vec::new(),
+    };
+    // Where a command ended it.
+    let end = session.said.iter().find_map(|s| match s.message {
+        Message::End(end) => Some(end.index),
+        _ => None,
+    });
+    let silent = faults(FaultCode::NoSamples).next().is_some();
+    let counters = restarts == 0 && !silent;
+    let board: Vec<Message> =
+        session.said.iter().map(|s| s.message).filter(|m| is_of_samples(m, counters)).collect();
+    let offsets = (0..=2 * MOST_OFF).map(|n| if n % 2 == 1 { (n + 1) / 2 } else { -n / 2 });
+    let offsets: Vec<i64> = if restarts == 0 { vec![0] } else { offsets.collect() };
+    let mut first_difference = String::new();
+    for off in offsets {
+        // After the first standstill every number may be off by as much.
+        let mut shift = 0;
+        let mut before = *base;
+        let mut index = |number: u64| {
+            if number > before + 1 && restarts > 0 {
+                shift = off;
+            }
+            before = number;
+            (number - base).saturating_add_signed(shift)
+        };
+        let mut given_up = 0u64;
+        let (mut indices, mut codes) = (Vec::new(), Vec::new());
+        for (number, code) in session.numbers.iter().zip(session.codes) {
+            let index = index(*number);
+            if end.is_some_and(|end| index >= end) {
+                break;
+            }
+            if gaps.iter().any(|(from, to)| (*from..*to).contains(&index)) {
+                given_up += 1;
+            } else {
+                indices.push(index);
+                codes.push(*code);
+            }
+        }
+        let bytes = host(blob, session.hello.reset_cause, &indices, &codes, end.is_some())?;
+        let mut decoder = Decoder::default();
+        let heard = bytes.iter().filter_map(|b| decoder.push::<Message>(*b)).map(|r| r.message);
+        let host: Vec<Message> = heard.filter(|m| is_of_samples(m, counters)).collect();
+        // What was under way when a session ended is lost.
+        let whole = session.last || end.is_some();
+        let agree = |host: &[Message], board: &[Message]| {
+            (host.len() == board.len() || !whole) && host.starts_with(board)
+        };
+        let strict = agree(&host, &board);
+        if strict || (restarts > 0 && alike(&host, &board)) {
+            let records = board.iter().filter(|m| matches!(m, Message::Bearing(_))).count();
+            let mut words = match off {
+                _ if restarts == 0 => "exact".to_owned(),
+                0 => "estimate, exact".to_owned(),
+                off => format!("estimate, {} off", off.abs()),
+            };
+            if given_up > 0 {
+                words += &format!(", {} given up as told", two_digits(given_up));
+            }
+            if !strict {
+                words += ", the same directions";
+            }
+            return Ok(Some(words).filter(|_| records > 0 || given_up > 0));
+        }
+        if off == 0 {
+            let at = host.iter().zip(&board).take_while(|(a, b)| a == b).count();
+            let one = |m: Option<&Message>| m.map_or("nothing".to_owned(), |m| format!("{m:?}"));
+            first_difference = format!("host {} | board {}", one(host.get(at)), one(board.get(at)));
+        }
+    }
+    bail!(first_difference)
+}
+
+/// Whether samples alone decide this message.
+fn is_of_samples(message: &Message, counters: bool) -> bool {
+    let code = match message {
+        Message::Bearing(_) | Message::Track(_) | Message::ShaftRate(_) => return true,
+        Message::Azimuth(_) | Message::Range(_) | Message::Segment(_) => return true,
+        Message::Health(_) => return counters,
+        Message::Fault(f) => f.code,
+        Message::FaultsHeld(f) => f.code,
+        _ => return false,
+    };
+    match code {
+        FaultCode::Gap | FaultCode::Invalid => counters,
+        FaultCode::Overlap
+        | FaultCode::DeadChannel
+        | FaultCode::ChannelBack
+        | FaultCode::Clipping
+        | FaultCode::Inconsistent
+        | FaultCode::Restarted => true,
+        _ => false,
+    }
+}
+
+/// Instants to two digits: how many a held core costs depends on the compiler.
+fn two_digits(n: u64) -> u64 {
+    let mut step = 1;
+    while n / step >= 100 {
+        step *= 10;
+    }
+    (n + step / 2) / step * step
+}

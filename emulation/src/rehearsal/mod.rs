@@ -1,0 +1,211 @@
+//! The hardware image rehearsed: every way of going wrong that the modelled board can play, and what came of it.
+
+mod cases;
+mod judge;
+
+use crate::board::{self, BoardRun, Setup, mix};
+use anyhow::{Context, Result, bail};
+use cases::Case;
+use seabearing_board_model::Costs;
+use seabearing_board_model::ads131m04::Codes;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+
+/// One thing rehearsed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// What was done to the board.
+    pub case: String,
+    /// What it told of that, each with the seconds it took (rounded up to tenths).
+    pub told: String,
+    /// What else came of it: how records and numbers stand to the truth.
+    pub outcome: String,
+    /// Whether that is what must be.
+    pub right: bool,
+}
+
+impl std::fmt::Display for Row {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let verdict = if self.right { "ok" } else { "MISSED" };
+        let text = format!("{verdict:<6} {:<58} {:<42} {}", self.case, self.told, self.outcome);
+        f.write_str(text.trim_end())
+    }
+}
+
+/// Cycles an instruction and more for a register access, at which the board must keep up.
+pub const COST: (f64, f64) = (2.5, 30.0);
+/// Interrupts a second allowed.
+const MOST_INTERRUPTS: f64 = 500.0;
+/// Share of the time asleep that must be left.
+const LEAST_IDLE: f64 = 0.6;
+/// Cycles an instruction at which the board must still keep up.
+pub const LEAST_BREAKING: f64 = 4.0;
+/// Costs tried one after the other to see where it breaks.
+pub const COSTS: [f64; 8] = [LEAST_BREAKING, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 20.0];
+/// Within so many seconds what went wrong must be named.
+const NAMED_S: f64 = 10.0;
+/// When something goes wrong, s.
+const AT_S: f64 = 0.5;
+/// Longer than a case's sound, where the converter gives none.
+const PATIENCE_S: f64 = 0.5;
+
+/// What is rehearsed with: the image, the configuration it holds, its rate.
+pub struct Stage<'a> {
+    /// The image.
+    pub image: &'a Path,
+    /// The configuration in it.
+    pub blob: &'a [u8],
+    /// Samples a second.
+    pub rate_hz: f64,
+}
+
+/// How much is rehearsed.
+#[derive(Debug, Clone)]
+pub struct Length {
+    /// Seconds over which lost conversions are counted.
+    pub pace_s: f64,
+    /// Cycles an instruction that are tried until one is too many.
+    pub costs: Vec<f64>,
+    /// Lengths of outages, s.
+    pub outages_s: Vec<f64>,
+}
+
+/// Noise from a direction: four channels of the same numbers a few instants apart, for so many instants.
+fn noise(instants: u64) -> impl FnMut() -> Option<Codes> + Send + 'static {
+    let code = |n: u64| (mix(n) >> 46) as i32 - (1 << 17);
+    let mut n = 0;
+    move || {
+        n += 1;
+        (n <= instants).then(|| [code(n + 3), code(n + 2), code(n + 1), code(n)])
+    }
+}
+
+fn costs(cycles: f64) -> Costs {
+    Costs { instruction: cycles, register: COST.1, ..Costs::IDEAL }
+}
+
+impl Stage<'_> {
+    fn play(&self, seconds: f64, setup: &Setup) -> Result<BoardRun> {
+        let instants = (seconds * self.rate_hz).round() as u64;
+        board::twin(self.image, self.blob, self.rate_hz, setup, noise(instants))
+    }
+
+    /// Keeps up at the cost that is asked for.
+    fn pace(&self, seconds: f64) -> Result<Vec<Row>> {
+        let report = self.play(seconds, &Setup { costs: costs(COST.0), ..Setup::default() })?;
+        let (cycles, register) = COST;
+        let row = |what: &str, outcome, right| {
+            let case = format!("{what}, {cycles} cycles an instruction, {register} an access");
+            Row { case, told: String::new(), outcome, right }
+        };
+        let same = if report.identical() { "the same bytes".to_owned() } else { report.difference() };
+        let kept = report.lost == 0 && report.delivered == report.converted;
+        let idle = report.idle * 100.0;
+        Ok(vec![
+            row("lost", format!("{} of {} in {seconds} s", report.lost, report.converted), kept),
+            row("telemetry against the host's", same, report.identical()),
+            row(
+                "interrupts a second",
+                format!("{:.0}", report.interrupts_per_s),
+                report.interrupts_per_s <= MOST_INTERRUPTS,
+            ),
+            row("asleep", format!("{idle:.0} %"), report.idle >= LEAST_IDLE),
+        ])
+    }
+
+    /// The cost at which it breaks.
+    fn breaking(&self, tried: &[f64]) -> Result<Vec<Row>> {
+        let (mut holds, mut breaks) = (0.0, None);
+        for &cycles in tried {
+            let report = self.play(1.0, &Setup { costs: costs(cycles), ..Setup::default() })?;
+            if !report.identical() || report.lost > 0 {
+                breaks = Some(cycles);
+                break;
+            }
+            holds = cycles;
+        }
+        let outcome = match breaks {
+            Some(cycles) => format!("holds at {holds}, not at {cycles}"),
+            None => format!("holds at {holds}"),
+        };
+        let case = "cycles an instruction at which it breaks".to_owned();
+        Ok(vec![Row { case, told: String::new(), outcome, right: holds >= LEAST_BREAKING }])
+    }
+
+    /// Plays a case and judges what came of it.
+    fn judge(&self, case: &Case) -> Result<Row> {
+        let most_s = Some(case.seconds.max(case.event_s) + PATIENCE_S);
+        let report = self
+            .play(case.seconds, &Setup { most_s, ..case.setup.clone() })
+            .with_context(|| case.name.clone())?;
+        let told = judge::told(&report.said, &case.wanted, case.event_s);
+        let numbers = judge::numbers(&report, self.blob)?;
+        let named = told.iter().all(|(_, after_s)| after_s.is_some_and(|s| s <= NAMED_S));
+        let tenths = |s: f64| format!("{:.1} s", (s * 10.0).ceil() / 10.0);
+        let words: Vec<String> = told
+            .iter()
+            .map(|(name, after_s)| format!("{name} {}", after_s.map_or("NEVER".to_owned(), tenths)))
+            .collect();
+        Ok(Row {
+            case: case.name.clone(),
+            told: words.join(", "),
+            outcome: numbers.outcome,
+            right: named && numbers.right,
+        })
+    }
+
+    /// Everything, as many cases at a time as there are processors; rows are said in their order.
+    ///
+    /// # Errors
+    /// The image is not there or not the station's, or the board did what no board allows.
+    pub fn rehearse(&self, length: &Length, mut say: impl FnMut(&Row)) -> Result<Vec<Row>> {
+        let cases = cases::all(&length.outages_s);
+        let play = |n: usize| match n {
+            0 => self.pace(length.pace_s),
+            1 => self.breaking(&length.costs),
+            n => self.judge(&cases[n - 2]).map(|row| vec![row]),
+        };
+        let count = cases.len() + 2;
+        let next = AtomicUsize::new(0);
+        let workers = std::thread::available_parallelism().map_or(1, |n| n.get());
+        let (send, receive) = mpsc::channel();
+        std::thread::scope(|scope| {
+            for _ in 0..workers {
+                let (send, next, play) = (send.clone(), &next, &play);
+                scope.spawn(move || {
+                    loop {
+                        let n = next.fetch_add(1, Ordering::Relaxed);
+                        // Where nobody listens any more an error has ended it.
+                        if n >= count || send.send((n, play(n))).is_err() {
+                            break;
+                        }
+                    }
+                });
+            }
+            drop(send);
+            let mut waiting: Vec<Option<Vec<Row>>> = vec![None; count];
+            let mut rows = Vec::new();
+            let mut done = 0;
+            for (n, played) in receive {
+                waiting[n] = Some(played?);
+                while let Some(more) = waiting.get_mut(done).and_then(Option::take) {
+                    more.iter().for_each(&mut say);
+                    rows.extend(more);
+                    done += 1;
+                }
+            }
+            Ok(rows)
+        })
+    }
+}
+
+/// Whether all is as it must be.
+///
+/// # Errors
+/// What is not.
+pub fn verdict(rows: &[Row]) -> Result<()> {
+    let missed = rows.iter().filter(|row| !row.right).count();
+    rows.first().context("nothing was rehearsed")?;
+    if missed > 0 { bail!("{missed} of {} missed", rows.len()) } else { Ok(()) }
+}
