@@ -2,10 +2,20 @@
 
 use seabearing::ocean_bottom::{self, scenario::ObsScenario, simulate::Simulator};
 use seabearing::propagation::{self, bottom::Bottom, profile::SpeedProfile, trace};
-use seabearing::recording::SampleSource;
+use seabearing::recording::BlockSource;
 use seabearing::station::Station;
 use seabearing_core::block::Frame;
 use std::path::Path;
+
+/// A compact array 168 m deep at a sampling rate; `more` is further text of its station file.
+pub fn array_station(rate_hz: u32, more: &str) -> Station {
+    let text = format!(
+        "[station]\nid = 7\nkind = \"array\"\nposition = {{ lat_deg = 49.04, lon_deg = -123.32, depth_m = 168.0 }}\n\
+         [sampling]\nrate_hz = {rate_hz}\n[array]\nhydrophones_m = [[0.0, 1.062, -0.376], [0.92, -0.531, -0.376], \
+         [-0.92, -0.531, -0.376], [0.0, 0.0, 1.127]]\n{more}"
+    );
+    Station::parse(&text, "station", Path::new(".")).expect("a good station file")
+}
 
 /// A station at the bottom of the ocean and what it records while a ship passes, in blocks.
 pub struct OceanBottom {

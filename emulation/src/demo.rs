@@ -1,12 +1,14 @@
 //! The demonstration: a simulated pass streamed into the firmware under QEMU, its track shown beside the truth.
 
+use crate::angle::{turn_deg, wrap_deg};
 use crate::blob;
+use crate::csv::CsvTable;
 use crate::emulator::{Emulator, SamplePath};
 use crate::plot::{Plot, Scale, cut_at_wraps, write_panels};
 use crate::twin;
 use crate::world::array::SimulatedArray;
 use crate::world::{ArrayScenario, truth};
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::sbraw;
 use seabearing_core::wire::{Bearing, Decoder, Message, Track};
@@ -91,42 +93,17 @@ fn simulate(scenario: &ArrayScenario, out: &mut dyn Write) -> Result<()> {
 
 /// The rows of `truth.csv` for its first vessel.
 fn read_truth(csv: &str) -> Result<Vec<Truth>> {
-    let mut lines = csv.lines();
-    let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let column =
-        |name: &str| header.iter().position(|h| *h == name).with_context(|| format!("truth has no {name}"));
-    let names =
+    let columns =
         ["t_s", "x_m", "y_m", "range_m", "arrival_azimuth_deg", "heading_deg", "cpa_time_s", "cpa_range_m"];
-    let columns = names.iter().map(|n| column(n)).collect::<Result<Vec<_>>>()?;
-    let mut rows = Vec::new();
-    for line in lines {
-        let fields: Vec<&str> = line.split(',').collect();
-        let values: Vec<f64> =
-            columns.iter().filter_map(|c| fields.get(*c).and_then(|f| f.parse().ok())).collect();
-        let [t_s, x_m, y_m, range_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m] = values[..]
-        else {
-            bail!("truth has a bad row: {line}");
-        };
-        rows.push(Truth {
-            t_s,
-            x_m,
-            y_m,
-            range_m,
-            arrival_azimuth_deg,
-            heading_deg,
-            cpa_time_s,
-            cpa_range_m,
-        });
-    }
+    let rows = CsvTable::parse(csv, "truth.csv")?.numbers(columns)?.into_iter().map(|(_, row)| {
+        let [t_s, x_m, y_m, range_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m] = row?;
+        Ok(Truth { t_s, x_m, y_m, range_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m })
+    });
+    let rows = rows.collect::<Result<Vec<_>>>()?;
     if rows.is_empty() {
         bail!("the scenario has no vessel to follow");
     }
     Ok(rows)
-}
-
-/// A difference of angles in degrees, −180 to 180.
-fn turn_deg(a: f64, b: f64) -> f64 {
-    (a - b + 180.0).rem_euclid(360.0) - 180.0
 }
 
 impl Received {
@@ -156,13 +133,13 @@ impl Received {
         let (b, a) = (self.truth[at], self.truth[at.saturating_sub(1)]);
         let share = if b.t_s > a.t_s { ((t_s - a.t_s) / (b.t_s - a.t_s)).clamp(0.0, 1.0) } else { 1.0 };
         let between = |a: f64, b: f64| a + share * (b - a);
-        let turn = turn_deg(b.arrival_azimuth_deg, a.arrival_azimuth_deg);
+        let turn = turn_deg(a.arrival_azimuth_deg, b.arrival_azimuth_deg);
         Truth {
             t_s,
             x_m: between(a.x_m, b.x_m),
             y_m: between(a.y_m, b.y_m),
             range_m: between(a.range_m, b.range_m),
-            arrival_azimuth_deg: (a.arrival_azimuth_deg + share * turn).rem_euclid(360.0),
+            arrival_azimuth_deg: wrap_deg(a.arrival_azimuth_deg + share * turn),
             ..b
         }
     }
@@ -213,7 +190,7 @@ impl Received {
         let errors: Vec<_> = self
             .bearings
             .iter()
-            .map(|b| (time(b), turn_deg(f64::from(b.azimuth).to_degrees(), at(b))))
+            .map(|b| (time(b), turn_deg(at(b), f64::from(b.azimuth).to_degrees())))
             .collect();
         error.band("95 % as reported", &band).points("firmware", &errors);
         write_panels(&out.join("bearing.svg"), &[&bearing, &error], 1)?;
@@ -242,7 +219,7 @@ impl Received {
         };
         let truth = self.truth[0];
         let time_s = track.cpa_time_s - truth.cpa_time_s;
-        let heading_deg = turn_deg(f64::from(track.heading).to_degrees(), truth.heading_deg);
+        let heading_deg = turn_deg(truth.heading_deg, f64::from(track.heading).to_degrees());
         let range = f64::from(track.cpa_range_m) / truth.cpa_range_m - 1.0;
         let verdict = |ok: bool| if ok { "within" } else { "MISSED" };
         let good = [time_s.abs() <= BAR.0, heading_deg.abs() <= BAR.1, range.abs() <= BAR.2];

@@ -12,4 +12,4 @@ pub mod rehearsal;
 pub mod sample_line;
 pub mod twin;
 
-use seabearing_host::{blob, interrupt, plot, record, world};
+use seabearing_host::{angle, blob, csv, interrupt, plot, record, world};

@@ -11,7 +11,7 @@ const ENDS: usize = 3;
 
 /// When samples are sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Pace {
+pub enum SendTiming {
     /// As fast as the line takes them.
     Free,
     /// Each when the converter would have it, time running so many times as fast (1: real time).
@@ -22,7 +22,7 @@ pub enum Pace {
 pub struct Sender<'a> {
     out: &'a mut dyn Write,
     writer: Writer,
-    pace: Pace,
+    pace: SendTiming,
     rate_hz: f64,
     begun: Option<(Instant, u64)>,
     next_index: u64,
@@ -30,7 +30,7 @@ pub struct Sender<'a> {
 
 impl<'a> Sender<'a> {
     /// A sender of samples at a rate.
-    pub fn new(out: &'a mut dyn Write, rate_hz: f64, pace: Pace) -> Self {
+    pub fn new(out: &'a mut dyn Write, rate_hz: f64, pace: SendTiming) -> Self {
         Self { out, writer: Writer::default(), pace, rate_hz, begun: None, next_index: 0 }
     }
 
@@ -61,7 +61,7 @@ impl<'a> Sender<'a> {
 
     /// Until the last sample of the next packet would have been converted.
     fn wait(&mut self) {
-        let Pace::Times(times) = self.pace else { return };
+        let SendTiming::Times(times) = self.pace else { return };
         let (begun, first) = *self.begun.get_or_insert((Instant::now(), self.next_index));
         let due = (self.next_index - first.min(self.next_index)) as f64 / (self.rate_hz * times);
         if let Some(left) = Duration::from_secs_f64(due).checked_sub(begun.elapsed()) {
@@ -79,7 +79,7 @@ mod tests {
     #[test]
     fn a_block_becomes_packets_in_order_and_the_end_is_repeated() {
         let mut bytes = Vec::new();
-        let mut sender = Sender::new(&mut bytes, 50.0, Pace::Times(1e6));
+        let mut sender = Sender::new(&mut bytes, 50.0, SendTiming::Times(1e6));
         sender.block(Block { first_index: 100, frames: &[[1, 2, 3, 4]; 21] }).unwrap();
         sender.end().unwrap();
         let mut decoder = Decoder::default();

@@ -44,8 +44,8 @@ mod sub_bands;
 use anyhow::Result;
 use figure::Figures;
 use seabearing_host::{
-    ais, atomic, csv, delays, geodesy, ocean_bottom, orientation, plot, progress, propagation, recording,
-    station,
+    ais, angle, atomic, csv, delays, geodesy, ocean_bottom, orientation, plot, progress, propagation,
+    recording, station,
 };
 use std::path::PathBuf;
 

@@ -18,7 +18,7 @@ pub const POSITIONS: usize = 801;
 /// Speed of the simulated vessel [M section IV-A], m/s.
 pub const SPEED_M_S: f64 = 7.0;
 /// Its heading, degrees.
-pub const HEADING_DEG: f64 = 45.0;
+const HEADING_DEG: f64 = 45.0;
 
 /// How bearing errors are drawn.
 #[derive(Clone, Copy, Debug)]
@@ -34,7 +34,7 @@ pub enum BearingNoise {
 
 /// One geometry: constant speed, CPA in the middle of the window at time 0, array to starboard.
 #[derive(Clone, Copy, Debug)]
-pub struct Scene {
+pub struct StraightPass {
     /// Range of CPA, m.
     pub range_m: f64,
     /// Length of the window, s.
@@ -47,7 +47,7 @@ pub struct Scene {
     pub speed_m_s: f64,
 }
 
-impl Scene {
+impl StraightPass {
     /// The true line.
     pub fn line(&self) -> Line {
         let cpa = (HEADING_DEG - 90.0).to_radians();
@@ -182,7 +182,7 @@ pub fn generator(seed: u64, point: u64, run: usize) -> ChaCha8Rng {
 /// Fits `runs` noisy passes with each of the models over the same errors. `speeds` gives a run's true and assumed
 /// speed.
 pub fn repeat(
-    scene: &Scene,
+    scene: &StraightPass,
     models: &[Model],
     noise: &BearingNoise,
     runs: usize,
@@ -197,7 +197,7 @@ pub fn repeat(
             |work, run| {
                 let mut rng = generator(seed.0, seed.1, run);
                 let (truth, assumed) = speeds(&mut rng);
-                let scene = Scene { speed_m_s: truth, ..*scene };
+                let scene = StraightPass { speed_m_s: truth, ..*scene };
                 let errors = scene.errors(noise, &mut rng);
                 let heading = scene.line().heading_rad();
                 models
@@ -224,7 +224,7 @@ pub fn repeat(
 }
 
 /// Bounds of the estimator with the right (linear) model, and true spread of the one with the diagonal matrix.
-pub fn limits(scene: &Scene) -> Option<(Bounds, Bounds)> {
+pub fn limits(scene: &StraightPass) -> Option<(Bounds, Bounds)> {
     let mut work = Box::new(Workspace::<POSITIONS>::new());
     let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
     let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
@@ -235,7 +235,7 @@ pub fn limits(scene: &Scene) -> Option<(Bounds, Bounds)> {
 }
 
 /// The paper's own bound of CPA range, m: from the 2×2 block of position in the middle of the window [M 28], heading held.
-pub fn paper(scene: &Scene) -> Option<f64> {
+pub fn paper(scene: &StraightPass) -> Option<f64> {
     let mut work = Box::new(Workspace::<POSITIONS>::new());
     let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
     let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
@@ -249,7 +249,7 @@ pub fn paper(scene: &Scene) -> Option<f64> {
 /// The second-order (Bhattacharyya) bounds of CPA range (m) and heading (degrees) for an unbiased estimator: what
 /// curvature adds to the Cramér-Rao bound. With the scores of first and second order as a basis,
 /// `B = [F, ⟨J_k, μ_ij⟩; ·, F_ik F_jl + F_il F_jk + ⟨μ_ij, μ_kl⟩]`, the bound of `g(θ)` is `[g_i, g_ij] B⁻¹ [g_i, g_ij]ᵀ`.
-pub fn second_order(scene: &Scene) -> Option<Rmse> {
+pub fn second_order(scene: &StraightPass) -> Option<Rmse> {
     const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
     let mut work = Box::new(Workspace::<POSITIONS>::new());
     let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn drawn_errors_have_the_stated_variance_and_correlation() {
-        let scene = Scene { range_m: 500.0, window_s: 40.0, sd_rad: 1.0, tau_s: 10.0, speed_m_s: 7.0 };
+        let scene = StraightPass { range_m: 500.0, window_s: 40.0, sd_rad: 1.0, tau_s: 10.0, speed_m_s: 7.0 };
         for (noise, at_half) in [
             (BearingNoise::Linear, 0.5),
             (BearingNoise::Markov, (-0.5f64).exp()),

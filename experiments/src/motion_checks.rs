@@ -1,7 +1,7 @@
 //! Motion beyond paper M: elevations instead of a speed, reported spreads against errors made, recursive against batch.
 
 use super::figure::Bar;
-use super::motion::{BearingNoise, POSITIONS, Scene, config, generator};
+use super::motion::{BearingNoise, POSITIONS, StraightPass, config, generator};
 use super::report::CsvReport;
 use super::{Experiment, Options};
 use crate::progress;
@@ -63,8 +63,13 @@ fn elevation(options: &Options) -> Result<()> {
     let bar = progress::bar(15, "motion-elevation");
     for (case, (bias_deg, modelled)) in [(0.0, false), (1.0, true), (1.0, false)].into_iter().enumerate() {
         for (i, range_m) in [300.0, 400.0, 500.0, 600.0, 700.0].into_iter().enumerate() {
-            let scene =
-                Scene { range_m, window_s: 200.0, sd_rad: 1.5 * RAD_PER_DEG, tau_s: 0.0, speed_m_s: 7.0 };
+            let scene = StraightPass {
+                range_m,
+                window_s: 200.0,
+                sd_rad: 1.5 * RAD_PER_DEG,
+                tau_s: 0.0,
+                speed_m_s: 7.0,
+            };
             let c = Config {
                 speed_m_s: 7.3,
                 speed_sd_m_s: f64::INFINITY,
@@ -149,7 +154,7 @@ struct Standard {
     ellipse: [f64; 3],
 }
 
-fn standardise(s: &Solution, scene: &Scene) -> Standard {
+fn standardise(s: &Solution, scene: &StraightPass) -> Standard {
     let truth = scene.line();
     let at = |t: f64| {
         let ([x, y], [xx, yy, xy]) = position(&s.line, &s.covariance, t);
@@ -230,7 +235,7 @@ fn coverage(options: &Options) -> Result<()> {
                             break v;
                         }
                     };
-                    let scene = Scene { range_m, window_s: 200.0, sd_rad, tau_s, speed_m_s };
+                    let scene = StraightPass { range_m, window_s: 200.0, sd_rad, tau_s, speed_m_s };
                     let errors = scene.errors(&BearingNoise::Markov, &mut rng);
                     let samples = scene.samples(&medium, &errors);
                     let a = ml::fit(&batch, &samples, work, &mut []).ok()?.solution;
@@ -297,7 +302,7 @@ fn coverage(options: &Options) -> Result<()> {
 fn cost(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(20);
     let mut report = CsvReport::new("motion-cost", &["model", "tau_s", "levinson", "fit_ms", "memory_kib"]);
-    let scene = |tau_s| Scene { range_m: 500.0, window_s: 200.0, sd_rad: 0.03, tau_s, speed_m_s: 7.0 };
+    let scene = |tau_s| StraightPass { range_m: 500.0, window_s: 200.0, sd_rad: 0.03, tau_s, speed_m_s: 7.0 };
     let cases = [
         (0, Model::White, 0.0),
         (1, Model::Linear, 50.0),

@@ -10,7 +10,8 @@
 //! estimated track.
 
 use super::motion::{
-    BearingNoise, Butterworth, Rmse, SPEED_M_S, STEP_S, Scene, generator, limits, paper, repeat, second_order,
+    BearingNoise, Butterworth, Rmse, SPEED_M_S, STEP_S, StraightPass, generator, limits, paper, repeat,
+    second_order,
 };
 use super::report::CsvReport;
 use super::{Experiment, Options};
@@ -65,7 +66,7 @@ struct Point {
 /// that stays, so that σ_k = σ_v/v exactly; where the true speeds are drawn it is the greater expectation of [M 22].
 fn point(
     options: &Options,
-    scene: &Scene,
+    scene: &StraightPass,
     group: f64,
     seed: u64,
     sigma_v: f64,
@@ -103,7 +104,8 @@ fn figure_1(options: &Options) -> Result<()> {
     let mut points = Vec::new();
     for tau_s in [0.0, 50.0, 100.0, 150.0] {
         for range_m in RANGES_M {
-            let scene = Scene { range_m, window_s: 200.0, sd_rad: SIGMA_RAD, tau_s, speed_m_s: SPEED_M_S };
+            let scene =
+                StraightPass { range_m, window_s: 200.0, sd_rad: SIGMA_RAD, tau_s, speed_m_s: SPEED_M_S };
             points.push(point(options, &scene, tau_s, points.len() as u64, 0.0, tau_s > 0.0)?);
             bar.inc(1);
         }
@@ -117,7 +119,8 @@ fn figure_2(options: &Options) -> Result<()> {
     let mut points = Vec::new();
     for window_s in [100.0, 200.0, 300.0, 400.0] {
         for range_m in [500.0, 1000.0, 1500.0, 2000.0] {
-            let scene = Scene { range_m, window_s, sd_rad: SIGMA_RAD, tau_s: 150.0, speed_m_s: SPEED_M_S };
+            let scene =
+                StraightPass { range_m, window_s, sd_rad: SIGMA_RAD, tau_s: 150.0, speed_m_s: SPEED_M_S };
             points.push(point(options, &scene, window_s, 100 + points.len() as u64, 0.0, true)?);
             bar.inc(1);
         }
@@ -131,8 +134,13 @@ fn figure_3(options: &Options) -> Result<()> {
     let mut points = Vec::new();
     for sigma_v in [0.0, 0.5, 1.0, 2.0] {
         for range_m in [500.0, 1000.0, 1500.0, 2000.0] {
-            let scene =
-                Scene { range_m, window_s: 200.0, sd_rad: SIGMA_RAD, tau_s: 150.0, speed_m_s: SPEED_M_S };
+            let scene = StraightPass {
+                range_m,
+                window_s: 200.0,
+                sd_rad: SIGMA_RAD,
+                tau_s: 150.0,
+                speed_m_s: SPEED_M_S,
+            };
             points.push(point(options, &scene, sigma_v, 200 + points.len() as u64, sigma_v, false)?);
             bar.inc(1);
         }
@@ -267,8 +275,13 @@ fn fleet(options: &Options) -> Result<()> {
         ((0..20_000).map(|_| (TRAINING_MEAN / draw(&mut rng) - 1.0).powi(2)).sum::<f64>() / 20_000.0).sqrt();
     let (mut by_mean, mut by_own, mut expected) = (Vec::new(), Vec::new(), Vec::new());
     for (i, range_m) in RANGES_M.into_iter().enumerate() {
-        let scene =
-            Scene { range_m, window_s: 200.0, sd_rad: SIGMA_RAD, tau_s: 50.0, speed_m_s: TEST_FLEET.0 };
+        let scene = StraightPass {
+            range_m,
+            window_s: 200.0,
+            sd_rad: SIGMA_RAD,
+            tau_s: 50.0,
+            speed_m_s: TEST_FLEET.0,
+        };
         let seed = (options.seed, 300 + i as u64);
         let mean =
             repeat(&scene, &MODELS, &BearingNoise::Linear, runs, seed, |rng| (draw(rng), TRAINING_MEAN));

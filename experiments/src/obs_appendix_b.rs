@@ -9,6 +9,7 @@
 
 use super::obs_world::print;
 use super::{Experiment, Options};
+use crate::csv::{CsvText, Fixed};
 use crate::plot::Plot;
 use anyhow::Result;
 use rand::SeedableRng;
@@ -69,7 +70,7 @@ fn normals(n: usize, level: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
 fn azimuths(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()> {
     let n = HOP * (frames + 1);
     let mut csv =
-        String::from("snr_db,variance_fitted,variance_paper,distance_cauchy,distance_student,samples\n");
+        CsvText::new("snr_db,variance_fitted,variance_paper,distance_cauchy,distance_student,samples");
     let mut lines = Vec::new();
     for snr_db in [10.0, 20.0, 30.0, 40.0, 50.0] {
         let level = 10f64.powf(-snr_db / 20.0);
@@ -96,10 +97,11 @@ fn azimuths(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()
             0.5 + 0.5 * t / (2.0 + t * t).sqrt()
         };
         let (dc, ds) = (distance(&errors, cauchy), distance(&errors, student));
-        csv += &format!("{snr_db:.0},{:.5},{level:.5},{dc:.4},{ds:.4},{}\n", 1.0 - r, errors.len());
+        let (snr, r5, level5) = (Fixed(snr_db, 0), Fixed(1.0 - r, 5), Fixed(level, 5));
+        csv.row(&[&snr, &r5, &level5, &Fixed(dc, 4), &Fixed(ds, 4), &errors.len()]);
         lines.push((snr_db, 1.0 - r, level));
     }
-    print(options, "obs-appendix-b-azimuth", &csv)?;
+    print(options, "obs-appendix-b-azimuth", csv)?;
     let mut f = Plot::new("Circular variance of azimuths", "signal-to-noise ratio (dB)", "1 − R");
     f.y_scale(crate::plot::Scale::Log);
     f.points("fitted", &lines.iter().map(|l| (l.0, l.1)).collect::<Vec<_>>());
@@ -165,13 +167,14 @@ fn cepstra(options: &Options, frames: usize, rng: &mut ChaCha8Rng) -> Result<()>
     let overlap = (1.0 - x) * (2.0 + (TAU * x).cos()) / 3.0 + (TAU * x).sin() / TAU;
     let share = ECHO.0 * overlap / (1.0 + ECHO.0 * ECHO.0 + 1.0);
     let rho = (1.0 - (1.0 - 4.0 * share * share).sqrt()) / (2.0 * share);
-    let mut csv = String::from("quantity,value,expected\n");
-    csv += &format!("sd against eq 15 mean %,{:.3},0\n", 100.0 * sum / f64::from(count));
-    csv += &format!("sd against eq 15 worst %,{:.2},3.8\n", 100.0 * worst);
-    csv += &format!("largest distance from a normal law,{far:.4},{:.4}\n", 1.6 / (frames as f64).sqrt());
-    csv += &format!("mean at the echo,{:.4},{:.4}\n", first.0, 0.5 * rho);
-    csv += &format!("mean at twice the echo,{:.4},{:.4}\n", rahmonic.0, -0.25 * rho * rho);
-    print(options, "obs-appendix-b-cepstrum", &csv)?;
+    let mut csv = CsvText::new("quantity,value,expected");
+    csv.row(&[&"sd against eq 15 mean %", &Fixed(100.0 * sum / f64::from(count), 3), &0]);
+    csv.row(&[&"sd against eq 15 worst %", &Fixed(100.0 * worst, 2), &3.8]);
+    let normal = 1.6 / (frames as f64).sqrt();
+    csv.row(&[&"largest distance from a normal law", &Fixed(far, 4), &Fixed(normal, 4)]);
+    csv.row(&[&"mean at the echo", &Fixed(first.0, 4), &Fixed(0.5 * rho, 4)]);
+    csv.row(&[&"mean at twice the echo", &Fixed(rahmonic.0, 4), &Fixed(-0.25 * rho * rho, 4)]);
+    print(options, "obs-appendix-b-cepstrum", csv)?;
     let mut f =
         Plot::new("Standard deviation of the cepstrum of noise", "quefrency (s)", "standard deviation");
     f.points("Monte Carlo", &points);

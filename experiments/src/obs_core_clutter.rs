@@ -8,11 +8,12 @@ use super::obs_one_ship::ship;
 use super::obs_world::{print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::batch;
+use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::scenario::ObsScenario;
 use crate::ocean_bottom::simulate::{MovingVessel, Simulator};
 use crate::ocean_bottom::{station, table};
 use crate::propagation::Propagation;
-use crate::recording::SampleSource;
+use crate::recording::BlockSource;
 use crate::score::{Detections, detections, smad};
 use anyhow::{Result, anyhow};
 use seabearing_core::obs::clutter::{Clutter, FIRST_QUEFRENCY};
@@ -34,7 +35,7 @@ const RATE_HZ: f64 = 50.0;
 
 fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
-    let mut rows = String::from("seed,filter,range_n,wrong_branch,range_smad_m\n");
+    let mut rows = CsvText::new("seed,filter,range_n,wrong_branch,range_smad_m");
     let mut all = [Detections::default(), Detections::default()];
     for seed in (0..options.runs.unwrap_or(4) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: vec![ship(seed)], ..quiet(seed, 21_600.0) };
@@ -56,16 +57,12 @@ fn run(options: &Options) -> Result<()> {
         batch::filter(&mut batched, FIRST_QUEFRENCY);
         for ((name, cepstra), all) in [("streaming", streamed), ("batch", batched)].iter().zip(&mut all) {
             let d = detect(&plan, cepstra, &table, paths, &vessels);
-            rows += &format!(
-                "{seed},{name},{},{},{:.0}\n",
-                d.range_m.len() + d.range_wrong,
-                d.range_wrong,
-                smad(&d.range_m)
-            );
+            let detected = d.range_m.len() + d.range_wrong;
+            rows.row(&[&seed, &name, &detected, &d.range_wrong, &Fixed(smad(&d.range_m), 0)]);
             all.append(&d);
         }
     }
-    print(options, "obs-clutter", &rows)?;
+    print(options, "obs-clutter", rows)?;
     let n = |d: &Detections| (d.range_m.len() + d.range_wrong) as f64;
     let [s, b] = &all;
     let off = |x: f64, y: f64| 100.0 * (x / y - 1.0).abs();

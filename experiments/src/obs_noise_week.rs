@@ -5,6 +5,7 @@
 
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
+use crate::csv::CsvText;
 use crate::ocean_bottom::event::HeardEvent;
 use crate::ocean_bottom::scenario::{Burst, DirectionalTable, ObsScenario, Strumming, Whale};
 use anyhow::Result;
@@ -124,11 +125,11 @@ fn run(options: &Options) -> Result<()> {
             _ => {}
         }
     }
-    let mut csv = String::from("cause,tonal_azimuths,impulsive_azimuths\n");
+    let mut csv = CsvText::new("cause,tonal_azimuths,impulsive_azimuths");
     for ((kind, t), i) in kinds.iter().zip(tonal).zip(impulsive) {
-        csv += &format!("{kind},{t},{i}\n");
+        csv.row(&[kind, &t, &i]);
     }
-    print(options, "obs-noise-week", &csv)?;
+    print(options, "obs-noise-week", csv)?;
     let unreal = (tonal[5] + impulsive[5]) as f64 / windows.max(1) as f64;
     let figures = &options.figures;
     figures.at_most("tracks", tracks as f64, 0.0);

@@ -6,6 +6,7 @@
 
 use super::obs_world::{Case, station_table};
 use super::{Experiment, Options};
+use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel, Side, Straight};
 use crate::propagation::Propagation;
 use crate::score::{Detections, smad, track};
@@ -46,7 +47,7 @@ fn listen(
     options: &Options,
     table: &Propagation,
     paper: bool,
-    rows: &mut String,
+    rows: &mut CsvText,
 ) -> Result<(Detections, [f64; 4])> {
     let (mut all, mut worst) = (Detections::default(), [0.0f64; 4]);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
@@ -63,23 +64,23 @@ fn listen(
         let e = best.and_then(|t| track(t, &case.vessels[0].course));
         let cells =
             e.map_or([f64::NAN; 4], |e| [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]);
-        *rows += &format!(
-            "{},{seed},{:.0},{:.2},{},{},{:.2},{},{},{:.0},{:.3},{:.1},{:.0},{:.2},{:.3}\n",
-            if paper { "paper" } else { "own" },
-            ship.straight.cpa_range_m,
-            ship.straight.speed_m_s,
-            d.azimuth.len(),
-            d.azimuth_wrong,
-            smad(&d.azimuth).to_degrees(),
-            d.range_m.len() + d.range_wrong,
-            d.range_wrong,
-            smad(&d.range_m),
-            smad(&d.speed_m_s),
-            cells[0],
-            cells[1],
-            cells[2],
-            cells[3]
-        );
+        rows.row(&[
+            &if paper { "paper" } else { "own" },
+            &seed,
+            &Fixed(ship.straight.cpa_range_m, 0),
+            &Fixed(ship.straight.speed_m_s, 2),
+            &d.azimuth.len(),
+            &d.azimuth_wrong,
+            &Fixed(smad(&d.azimuth).to_degrees(), 2),
+            &(d.range_m.len() + d.range_wrong),
+            &d.range_wrong,
+            &Fixed(smad(&d.range_m), 0),
+            &Fixed(smad(&d.speed_m_s), 3),
+            &Fixed(cells[0], 1),
+            &Fixed(cells[1], 0),
+            &Fixed(cells[2], 2),
+            &Fixed(cells[3], 3),
+        ]);
         all.append(&d);
         worst
             .iter_mut()
@@ -91,13 +92,13 @@ fn listen(
 
 fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
-    let mut rows = String::from(
+    let mut rows = CsvText::new(
         "choices,seed,cpa_range_m,speed_m_s,azimuth_n,azimuth_wrong,azimuth_smad_deg,range_n,wrong_branch,range_smad_m,\
-         speed_smad_m_s,track_cpa_time_s,track_cpa_range_m,track_heading_deg,track_speed_m_s\n",
+         speed_smad_m_s,track_cpa_time_s,track_cpa_range_m,track_heading_deg,track_speed_m_s",
     );
     let (own, worst) = listen(options, &table, false, &mut rows)?;
     let (paper, _) = listen(options, &table, true, &mut rows)?;
-    super::obs_world::print(options, "obs-one-ship", &rows)?;
+    super::obs_world::print(options, "obs-one-ship", rows)?;
     let figures = |d: &Detections| {
         [
             ("azimuth SMAD, deg", smad(&d.azimuth).to_degrees(), 1.5),

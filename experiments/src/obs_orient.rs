@@ -5,6 +5,7 @@
 
 use super::obs_world::{print, quiet, station_table};
 use super::{Experiment, Options};
+use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::course::VesselCourse;
 use crate::ocean_bottom::orient::orientation;
 use crate::ocean_bottom::place::{SEARCH_M, place};
@@ -65,14 +66,17 @@ fn run(options: &Options) -> Result<()> {
         .context("no usable passage")?;
     let true_deg = scenario.orientation_of_north_deg;
     let found_deg = ASSUMED_DEG + turn.correction.to_degrees();
-    let mut csv = String::from("quantity,true,found,sd\n");
-    csv += &format!("orientation deg,{true_deg:.2},{found_deg:.2},{:.2}\n", turn.sd.to_degrees());
-    csv += &format!("east m,{:.0},{:.0},{:.0}\n", OFFSET_M.0, at.east_m, at.sd_m().0);
-    csv += &format!("north m,{:.0},{:.0},{:.0}\n", OFFSET_M.1, at.north_m, at.sd_m().1);
+    let mut csv = CsvText::new("quantity,true,found,sd");
+    let ((two_true, two_found), (sd_east_m, sd_north_m)) =
+        ((Fixed(true_deg, 2), Fixed(found_deg, 2)), at.sd_m());
+    csv.row(&[&"orientation deg", &two_true, &two_found, &Fixed(turn.sd.to_degrees(), 2)]);
+    csv.row(&[&"east m", &Fixed(OFFSET_M.0, 0), &Fixed(at.east_m, 0), &Fixed(sd_east_m, 0)]);
+    csv.row(&[&"north m", &Fixed(OFFSET_M.1, 0), &Fixed(at.north_m, 0), &Fixed(sd_north_m, 0)]);
     for (i, e) in turn.each.iter().enumerate() {
-        csv += &format!("passage {} deg,{true_deg:.2},{:.2},\n", i + 1, ASSUMED_DEG + e.to_degrees());
+        let found = Fixed(ASSUMED_DEG + e.to_degrees(), 2);
+        csv.row(&[&format!("passage {} deg", i + 1), &two_true, &found, &""]);
     }
-    print(options, "obs-orient", &csv)?;
+    print(options, "obs-orient", csv)?;
     let off = (found_deg - true_deg).abs() / turn.sd.to_degrees();
     options.figures.at_most("orientation error in standard deviations", off, 3.0);
     let place = (at.east_m - OFFSET_M.0).hypot(at.north_m - OFFSET_M.1);

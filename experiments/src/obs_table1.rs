@@ -9,11 +9,12 @@
 
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
+use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::ais::{AisPassage, passages, read};
 use crate::ocean_bottom::scenario::{DirectionalTable, Radiation, Whale};
-use crate::score::{Detections, TrackMiss, closest, median, owner, smad, track};
+use crate::score::{Detections, TrackMiss, closest, median, smad};
 use anyhow::{Result, bail};
-use seabearing_core::wire::Message;
+use std::fmt::Display;
 
 /// The experiment.
 pub const TABLE_1: Experiment = Experiment {
@@ -76,7 +77,7 @@ fn run(options: &Options) -> Result<()> {
     let (rows, tracked) = table(&case);
     options.figures.state("vessels with a final track", f64::from(tracked));
     options.figures.state("vessels", case.vessels.len() as f64);
-    print(options, "obs-table1", &rows)
+    print(options, "obs-table1", rows)
 }
 
 /// Whether a vessel really passes: before and after its closest point, and on a roughly straight way.
@@ -106,23 +107,20 @@ fn window(all: &[AisPassage]) -> Option<(f64, Vec<&AisPassage>)> {
 }
 
 /// The table, and how many vessels have a final track.
-fn table(case: &Case) -> (String, u32) {
-    let mut out = String::from(
-        "ship,azimuth_n,azimuth_smad_deg,range_n,range_smad_m,speed_smad_kn,cpa_time_s,heading_deg,cpa_range_m,speed_kn,closest_km,bend_m\n",
+fn table(case: &Case) -> (CsvText, u32) {
+    let mut out = CsvText::new(
+        "ship,azimuth_n,azimuth_smad_deg,range_n,range_smad_m,speed_smad_kn,cpa_time_s,heading_deg,cpa_range_m,speed_kn,\
+         closest_km,bend_m",
     );
     let mut total = Detections::default();
     let mut errors: Vec<TrackMiss> = Vec::new();
     for (i, d) in case.detections().iter().enumerate() {
-        let own = case.messages.iter().rev().find_map(|m| match m {
-            Message::Track(t) if t.stage == 1 && owner(t, &case.vessels) == Some(i) => Some(*t),
-            _ => None,
-        });
-        let error = own.and_then(|t| track(&t, &case.vessels[i].course));
+        let error = case.final_track(i);
         errors.extend(error);
         let course = &case.vessels[i].course;
         let near = closest(course).map_or(f64::NAN, |c| c.1 / 1e3);
         let bend = course.bend_m().unwrap_or(f64::NAN);
-        out += &format!("{},{near:.1},{bend:.0}\n", row(&(i + 1).to_string(), d, error));
+        row(&mut out, &(i + 1), d, error, [&Fixed(near, 1), &Fixed(bend, 0)]);
         total.append(d);
     }
     let middle = |f: &dyn Fn(&TrackMiss) -> f64| median(errors.iter().map(|e| f(e).abs()).collect());
@@ -132,29 +130,31 @@ fn table(case: &Case) -> (String, u32) {
         heading: middle(&|e| e.heading),
         speed_m_s: middle(&|e| e.speed_m_s),
     });
-    out += &format!("{},-,-\n", row("all", &total, all));
+    row(&mut out, &"all", &total, all, [&"-", &"-"]);
     (out, errors.len() as u32)
 }
 
-fn row(name: &str, d: &Detections, e: Option<TrackMiss>) -> String {
-    let track = e.map_or_else(
-        || "-,-,-,-".to_owned(),
-        |e| {
-            format!(
-                "{:.0},{:.1},{:.0},{:.2}",
-                e.cpa_time_s.abs(),
-                e.heading.abs().to_degrees(),
-                e.cpa_range_m.abs(),
-                e.speed_m_s.abs() * KNOTS
-            )
-        },
-    );
-    format!(
-        "{name},{},{:.1},{},{:.0},{:.2},{track}",
-        d.azimuth.len(),
-        smad(&d.azimuth).to_degrees(),
-        d.range_m.len(),
-        smad(&d.range_m),
-        smad(&d.speed_m_s) * KNOTS
-    )
+/// A row: detections, the track where there is one, and how the vessel passed.
+fn row(
+    out: &mut CsvText,
+    name: &dyn Display,
+    d: &Detections,
+    e: Option<TrackMiss>,
+    passed: [&dyn Display; 2],
+) {
+    let track = e.map_or(["-"; 4].map(str::to_owned), |e| {
+        [
+            Fixed(e.cpa_time_s.abs(), 0),
+            Fixed(e.heading.abs().to_degrees(), 1),
+            Fixed(e.cpa_range_m.abs(), 0),
+            Fixed(e.speed_m_s.abs() * KNOTS, 2),
+        ]
+        .map(|x| x.to_string())
+    });
+    let [time, heading, range, speed] = &track;
+    let (azimuth, ranges) = (Fixed(smad(&d.azimuth).to_degrees(), 1), Fixed(smad(&d.range_m), 0));
+    let radial = Fixed(smad(&d.speed_m_s) * KNOTS, 2);
+    let (n, m) = (d.azimuth.len(), d.range_m.len());
+    let [near, bend] = passed;
+    out.row(&[name, &n, &azimuth, &m, &ranges, &radial, time, heading, range, speed, near, bend]);
 }

@@ -5,12 +5,12 @@
 
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
+use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::course::{VesselCourse, polar};
 use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel};
-use crate::score::{owner, smad, track};
+use crate::score::smad;
 use anyhow::Result;
 use seabearing_core::angle::wrap_pi;
-use seabearing_core::wire::Message;
 use std::f64::consts::PI;
 
 /// The experiment.
@@ -52,19 +52,16 @@ pub fn pair(seed: u64) -> [ObsVessel; 2] {
 
 fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
-    let mut csv = String::from(
-        "seed,ship,cpa_range_m,azimuth_n,azimuth_smad_deg,range_n,wrong_branch,tracked,cpa_time_s,cpa_range_error_m,heading_deg,speed_m_s\n",
+    let mut csv = CsvText::new(
+        "seed,ship,cpa_range_m,azimuth_n,azimuth_smad_deg,range_n,wrong_branch,tracked,cpa_time_s,cpa_range_error_m,\
+         heading_deg,speed_m_s",
     );
     let (mut ships, mut tracked, mut straight) = (0, 0, 0);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: pair(seed).to_vec(), ..quiet(seed, 21_600.0) };
         let case = Case::run(scenario, &table, Vec::new(), false)?;
         for (i, d) in case.detections().iter().enumerate() {
-            let own = case.messages.iter().rev().find_map(|m| match m {
-                Message::Track(t) if t.stage == 1 && owner(t, &case.vessels) == Some(i) => Some(*t),
-                _ => None,
-            });
-            let e = own.and_then(|t| track(&t, &case.vessels[i].course));
+            let e = case.final_track(i);
             let cells = e.map_or([f64::NAN; 4], |e| {
                 [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]
             });
@@ -74,23 +71,24 @@ fn run(options: &Options) -> Result<()> {
             });
             tracked += usize::from(held);
             straight += usize::from(held && e.is_some_and(|e| e.heading.abs() <= 0.5f64.to_radians()));
-            csv += &format!(
-                "{seed},{},{:.0},{},{:.2},{},{},{},{:.1},{:.0},{:.2},{:.3}\n",
-                i + 1,
-                crate::score::closest(&case.vessels[i].course).map_or(f64::NAN, |c| c.1),
-                d.azimuth.len(),
-                smad(&d.azimuth).to_degrees(),
-                d.range_m.len() + d.range_wrong,
-                d.range_wrong,
-                held,
-                cells[0],
-                cells[1],
-                cells[2],
-                cells[3]
-            );
+            let closest_m = crate::score::closest(&case.vessels[i].course).map_or(f64::NAN, |c| c.1);
+            csv.row(&[
+                &seed,
+                &(i + 1),
+                &Fixed(closest_m, 0),
+                &d.azimuth.len(),
+                &Fixed(smad(&d.azimuth).to_degrees(), 2),
+                &(d.range_m.len() + d.range_wrong),
+                &d.range_wrong,
+                &held,
+                &Fixed(cells[0], 1),
+                &Fixed(cells[1], 0),
+                &Fixed(cells[2], 2),
+                &Fixed(cells[3], 3),
+            ]);
         }
     }
-    print(options, "obs-two-ships", &csv)?;
+    print(options, "obs-two-ships", csv)?;
     let figures = &options.figures;
     figures.at_most("vessels not tracked (10 s, 150 m, 0.05 m/s)", (ships - tracked) as f64, 0.0);
     figures.at_most("vessels whose heading is not within 0.5°", (ships - straight) as f64, 0.0);

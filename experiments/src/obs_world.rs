@@ -1,12 +1,14 @@
 //! What the ocean-bottom experiments share: the station's table, a quiet sea, the chain over a simulated record.
 
 use super::Options;
+use crate::csv::CsvText;
 use crate::ocean_bottom::event::HeardEvent;
 use crate::ocean_bottom::scenario::{ObsScenario, default_start};
 use crate::ocean_bottom::simulate::{Extra, MovingVessel, Simulator};
 use crate::ocean_bottom::{run, station};
 use crate::propagation::{Propagation, bottom::Bottom, convert, profile, trace};
 use crate::score::{Detections, detections};
+use crate::score::{TrackMiss, owner, track};
 use anyhow::Result;
 use seabearing_core::wire::Message;
 use std::path::PathBuf;
@@ -87,6 +89,15 @@ impl Case {
         Ok(Self { messages, vessels, heard, table: table.clone(), paths, rate_hz })
     }
 
+    /// Errors of a vessel's final track, where it has one.
+    pub fn final_track(&self, vessel: usize) -> Option<TrackMiss> {
+        let own = self.messages.iter().rev().find_map(|m| match m {
+            Message::Track(t) if t.stage == 1 && owner(t, &self.vessels) == Some(vessel) => Some(*t),
+            _ => None,
+        });
+        track(&own?, &self.vessels[vessel].course)
+    }
+
     /// Errors of detections, one entry a vessel.
     pub fn detections(&self) -> Vec<Detections> {
         detections(&self.messages, &self.table, self.paths, self.rate_hz, &self.vessels)
@@ -97,7 +108,8 @@ impl Case {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn print(options: &Options, name: &str, csv: &str) -> Result<()> {
+pub fn print(options: &Options, name: &str, csv: CsvText) -> Result<()> {
+    let csv = csv.finish();
     crate::atomic::write(&options.out.join(format!("{name}.csv")), csv.as_bytes())?;
     let mut lines = csv.lines().map(|l| l.split(',').collect::<Vec<_>>());
     let Some(header) = lines.next() else { return Ok(()) };

@@ -4,7 +4,8 @@
 //! peaks, and the ship's GPS. They stand beside the project, not in it; without them the experiment says so and ends.
 
 use super::{Experiment, Options};
-use crate::csv::CsvTable;
+use crate::angle::{azimuth_deg, turn_deg};
+use crate::csv::{CsvTable, CsvText, Fixed};
 use crate::delays::{COLUMNS, SetResult, solve};
 use crate::geodesy::LocalFrame;
 use crate::plot::{Plot, Scale, write_panels};
@@ -95,16 +96,13 @@ impl ShipRecording {
             table.numbers(columns)?.into_iter().filter_map(|(_, row)| row.ok()).collect();
         let start = rows.first().context("no sets")?[0];
         let seconds = |days: f64| (days - start) * 86_400.0;
-        let mut text = COLUMNS.join(",") + "\n";
+        let mut text = CsvText::new(&COLUMNS.join(","));
         for [days, delays @ ..] in &rows {
-            write!(text, "{:.4}", seconds(*days))?;
-            for d in delays {
-                write!(text, ",{:.7}", -d)?;
-            }
-            text.push('\n');
+            let [a, b, c, d, e, f] = delays.map(|d| Fixed(-d, 7));
+            text.row(&[&Fixed(seconds(*days), 4), &a, &b, &c, &d, &e, &f]);
         }
         let tdoa = folder.join("ee_tdoa.csv");
-        std::fs::write(&tdoa, text)?;
+        std::fs::write(&tdoa, text.finish())?;
 
         let gps = CsvTable::read(&data.join("ship_gps.csv"))?;
         let frame = LocalFrame::new(receiver[0], receiver[1]);
@@ -146,10 +144,8 @@ impl ShipRecording {
 
     fn judged(&self, result: SetResult) -> Option<Judged> {
         let truth = self.truth_at(result.t_s)?;
-        let truth_deg = (
-            truth[0].atan2(truth[1]).to_degrees().rem_euclid(360.0),
-            truth[2].atan2(truth[0].hypot(truth[1])).to_degrees(),
-        );
+        let truth_deg =
+            (azimuth_deg(truth[0], truth[1]), truth[2].atan2(truth[0].hypot(truth[1])).to_degrees());
         let error_deg = match &result.solution {
             Some(s) => {
                 let dot: f64 = truth.iter().zip(s.direction).map(|(a, b)| a * f64::from(b)).sum();
@@ -173,8 +169,7 @@ pub fn score(judged: &[Judged]) -> BearingScore {
         .iter()
         .filter(|j| {
             j.result.solution.is_some_and(|s| {
-                let da =
-                    (f64::from(s.azimuth).to_degrees() - j.truth_deg.0 + 540.0).rem_euclid(360.0) - 180.0;
+                let da = turn_deg(j.truth_deg.0, f64::from(s.azimuth).to_degrees());
                 let (da, de) = (da.to_radians(), f64::from(s.elevation) - j.truth_deg.1.to_radians());
                 let (va, ve, c) = (f64::from(s.var_azimuth), f64::from(s.var_elevation), f64::from(s.cov));
                 (ve * da * da - 2.0 * c * da * de + va * de * de) / (va * ve - c * c) <= 5.991

@@ -2,9 +2,10 @@
 
 use super::Options;
 use super::figure::short;
+use crate::csv::CsvText;
 use anyhow::Result;
 use serde_json::{Map, Value, json};
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 
 /// Rows of named numbers; a number that is not finite is blank (`null` in JSON).
 #[derive(Debug, Clone)]
@@ -68,15 +69,12 @@ impl CsvReport {
     }
 
     fn csv(&self) -> String {
-        let mut out = self.columns.join(",");
-        out.push('\n');
+        let mut out = CsvText::new(&self.columns.join(","));
         for row in &self.rows {
-            let cells: Vec<_> =
-                row.iter().map(|x| if x.is_finite() { x.to_string() } else { String::new() }).collect();
-            out.push_str(&cells.join(","));
-            out.push('\n');
+            let blank: &dyn Display = &"";
+            out.row(&row.iter().map(|x| if x.is_finite() { x } else { blank }).collect::<Vec<_>>());
         }
-        out
+        out.finish()
     }
 }
 

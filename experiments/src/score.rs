@@ -13,10 +13,10 @@ use seabearing_core::wire::{Message, Track};
 use std::f64::consts::PI;
 
 /// A range farther from the truth than this is on a wrong branch, m.
-pub const WRONG_BRANCH_M: f64 = 1500.0;
+const WRONG_BRANCH_M: f64 = 1500.0;
 
 /// An azimuth farther from the truth than this is none of the vessel's, rad.
-pub const WRONG_AZIMUTH: f64 = 45.0 * PI / 180.0;
+const WRONG_AZIMUTH: f64 = 45.0 * PI / 180.0;
 
 /// The scaled median absolute deviation; NaN of nothing.
 pub fn smad(errors: &[f64]) -> f64 {
@@ -31,11 +31,11 @@ pub fn median(mut x: Vec<f64>) -> f64 {
 /// Errors of one vessel's detections.
 #[derive(Clone, Debug, Default)]
 pub struct Detections {
-    /// Azimuth errors within [`WRONG_AZIMUTH`], rad.
+    /// Azimuth errors within `WRONG_AZIMUTH`, rad.
     pub azimuth: Vec<f64>,
     /// Azimuth detections farther off.
     pub azimuth_wrong: usize,
-    /// Range errors within [`WRONG_BRANCH_M`], m.
+    /// Range errors within `WRONG_BRANCH_M`, m.
     pub range_m: Vec<f64>,
     /// Radial speed errors of the same, m/s.
     pub speed_m_s: Vec<f64>,

@@ -7,6 +7,7 @@
 
 use super::heard_vessels::{Bearings, HeardVessel, RATE_HZ, listen, track};
 use super::{Experiment, Options};
+use crate::csv::{CsvText, Fixed};
 use crate::plot::{Plot, cut_at_wraps, write_panels};
 use crate::progress;
 use anyhow::Result;
@@ -18,7 +19,6 @@ use seabearing_core::kit::quantile;
 use seabearing_core::wire::Track;
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
-use std::fmt::Write as _;
 
 /// `seabearing reproduce several-vessels`.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -105,10 +105,9 @@ fn crossings(vessels: &[TurningVessel]) -> Vec<f64> {
 }
 
 /// Four vessels as the module's header says.
-fn traffic_of_four(rng: &mut impl Rng) -> Vec<TurningVessel> {
+fn traffic_of_four(rng: &mut impl Rng) -> [TurningVessel; VESSELS] {
     loop {
-        let vessels: Vec<TurningVessel> =
-            (0..VESSELS).map(|_| TurningVessel::random(rng, (200.0, 1500.0))).collect();
+        let vessels = [(); VESSELS].map(|()| TurningVessel::random(rng, (200.0, 1500.0)));
         let times = crossings(&vessels);
         let clear = |t: f64| {
             vessels
@@ -196,11 +195,11 @@ fn run(options: &Options) -> Result<()> {
     let false_splits = turns.iter().filter(|t| t.straight_split).count();
     let early = turns.iter().filter(|t| t.early).count();
 
-    let mut csv = String::from("seed,swapped,lost,extra\n");
+    let mut csv = CsvText::new("seed,swapped,lost,extra");
     for (seed, v) in &verdicts {
-        writeln!(csv, "{seed},{},{},{}", v.swapped, v.lost, v.extra)?;
+        csv.row(&[seed, &v.swapped, &v.lost, &v.extra]);
     }
-    crate::atomic::write(&options.out.join("several_vessels_runs.csv"), csv.as_bytes())?;
+    crate::atomic::write(&options.out.join("several_vessels_runs.csv"), csv.finish().as_bytes())?;
     picture(options)?;
     let figures = &options.figures;
     let share = |n: usize| 100.0 * n as f64 / runs as f64;
@@ -259,15 +258,13 @@ fn picture(options: &Options) -> Result<()> {
     let four = traffic_of_four(&mut rng);
     let bearings = listen(&four, DURATION_S, &mut rng, FALSE_BEARING);
     let (_, on) = track(&bearings);
-    let mut csv = String::from("t_s,azimuth_deg,track,truth0_deg,truth1_deg,truth2_deg,truth3_deg\n");
+    let mut csv = CsvText::new("t_s,azimuth_deg,track,truth0_deg,truth1_deg,truth2_deg,truth3_deg");
     for ((t_s, azimuth), id) in bearings.iter().zip(&on) {
-        write!(csv, "{t_s:.1},{:.3},{}", azimuth.to_degrees(), id.map_or(String::new(), |i| i.to_string()))?;
-        for vessel in &four {
-            write!(csv, ",{:.3}", vessel.azimuth(*t_s).to_degrees())?;
-        }
-        csv.push('\n');
+        let id = id.map_or(String::new(), |i| i.to_string());
+        let [a, b, c, d] = four.each_ref().map(|vessel| Fixed(vessel.azimuth(*t_s).to_degrees(), 3));
+        csv.row(&[&Fixed(*t_s, 1), &Fixed(azimuth.to_degrees(), 3), &id, &a, &b, &c, &d]);
     }
-    crate::atomic::write(&options.out.join("several_vessels.csv"), csv.as_bytes())?;
+    crate::atomic::write(&options.out.join("several_vessels.csv"), csv.finish().as_bytes())?;
     let mut rng = ChaCha8Rng::seed_from_u64(seeds(options, 1, 2)[0]);
     let (turning, turned) = turning(&mut rng);
     let (_, turned_on) = track(&turned);

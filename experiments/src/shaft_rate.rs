@@ -5,6 +5,7 @@
 //! hour of unmodulated noise whose level rises and falls by 20 dB as a passing vessel's does.
 
 use super::{Experiment, Options};
+use crate::csv::{CsvText, Fixed};
 use crate::plot::{Plot, write_panels};
 use crate::progress;
 use anyhow::{Result, bail};
@@ -16,7 +17,6 @@ use seabearing_core::array::{self, Plan};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config::Kind;
 use seabearing_core::demon::{EMPTY_SCRATCH, NoRate, Rate, RateReport, Settings};
-use std::fmt::Write as _;
 
 /// `seabearing reproduce shaft-rate`.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -136,15 +136,23 @@ fn run(options: &Options) -> Result<()> {
     let config = plan(Settings { update_s: 1.0, ..Settings::default() })?;
     let runs = options.runs.unwrap_or(6) as u64;
     let trials = trials(&config, options, runs);
-    let mut csv = String::from("truth_hz,seed,detected,rate_hz,sd_hz,error_hz,ln_false_alarm\n");
+    let mut csv = CsvText::new("truth_hz,seed,detected,rate_hz,sd_hz,error_hz,ln_false_alarm");
     for t in &trials {
         let error = t.error_hz().unwrap_or(f64::NAN);
-        let (rate, sd, ln) =
-            t.found.map_or((f32::NAN, f32::NAN, f32::NAN), |r| (r.rate_hz, r.sd_hz, r.ln_false_alarm));
-        let detected = t.found.is_some();
-        writeln!(csv, "{:.5},{},{detected},{rate:.5},{sd:.6},{error:.6},{ln:.2}", t.truth_hz, t.seed)?;
+        let [rate, sd, ln] =
+            t.found.map_or([f32::NAN; 3], |r| [r.rate_hz, r.sd_hz, r.ln_false_alarm]).map(f64::from);
+        let (truth, detected) = (Fixed(t.truth_hz, 5), t.found.is_some());
+        csv.row(&[
+            &truth,
+            &t.seed,
+            &detected,
+            &Fixed(rate, 5),
+            &Fixed(sd, 6),
+            &Fixed(error, 6),
+            &Fixed(ln, 2),
+        ]);
     }
-    crate::atomic::write(&options.out.join("shaft_rate.csv"), csv.as_bytes())?;
+    crate::atomic::write(&options.out.join("shaft_rate.csv"), csv.finish().as_bytes())?;
 
     let errors: Vec<f64> = trials.iter().filter_map(Trial::error_hz).collect();
     let rms = |x: &[f64]| (x.iter().map(|e| e * e).sum::<f64>() / x.len().max(1) as f64).sqrt();

@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use clap::error::ErrorKind;
-use seabearing::cmd::{Command, Missed};
+use seabearing::cmd::{Missed, Subcommand};
 use std::io::Write;
 
 /// Find, follow and report vessels with underwater recorders: simulate, replay, receive, reproduce.
@@ -10,7 +10,7 @@ use std::io::Write;
 #[command(name = "seabearing", version, propagate_version = true)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Subcommand,
 }
 
 fn main() -> std::process::ExitCode {

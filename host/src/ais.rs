@@ -14,7 +14,7 @@ use time::macros::format_description;
 use time::{Date, PrimitiveDateTime, Time};
 
 /// Metres a second in a knot.
-pub const KNOT_M_S: f64 = 1852.0 / 3600.0;
+const KNOT_M_S: f64 = 1852.0 / 3600.0;
 /// Faster than any vessel, m/s: a leg that needs more joins wrong positions.
 const IMPOSSIBLE_M_S: f64 = 40.0;
 
@@ -249,7 +249,7 @@ pub fn passes(reports: &[AisReport], selection: &Selection) -> Vec<Pass> {
                 (Some(u), None) | (None, Some(u)) => u,
                 (None, None) => over_ground,
             };
-            let heading_deg = dx.atan2(dy).to_degrees().rem_euclid(360.0);
+            let heading_deg = crate::angle::azimuth_deg(dx, dy);
             let pass = Pass { mmsi, t_s: a.t_s + f * dt, cpa_m, speed_m_s, heading_deg };
             match &held {
                 None => {

@@ -1,6 +1,7 @@
-//! Reading small CSV files with a header; a bad row is named by its line.
+//! Small CSV files with a header: reading, where a bad row is named by its line, and writing.
 
 use anyhow::{Context, Result, bail};
+use std::fmt::{Display, Formatter};
 use std::path::Path;
 
 /// A parsed CSV file: named columns, one row a record, with the line each row came from.
@@ -151,9 +152,61 @@ fn number(cell: Option<&str>, column: &str) -> Result<f64> {
     }
     Ok(x)
 }
+
+/// CSV text row by row; cells that need quotes get them.
+pub struct CsvText(::csv::Writer<Vec<u8>>);
+
+impl CsvText {
+    /// A text of its header, names with commas between, so far.
+    pub fn new(header: &str) -> Self {
+        let mut text = Self(::csv::WriterBuilder::new().flexible(true).from_writer(Vec::new()));
+        text.record(header.split(','));
+        text
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, cells: &[&dyn Display]) {
+        self.record(cells.iter().map(ToString::to_string));
+    }
+
+    fn record(&mut self, cells: impl IntoIterator<Item = impl AsRef<[u8]>>) {
+        // Memory takes every byte, and rows of unequal length are allowed.
+        let _ = self.0.write_record(cells);
+    }
+
+    /// The whole text.
+    pub fn finish(self) -> String {
+        String::from_utf8(self.0.into_inner().unwrap_or_default()).unwrap_or_default()
+    }
+}
+
+/// A number with so many decimals.
+pub struct Fixed(pub f64, pub usize);
+
+impl Display for Fixed {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.*}", self.1, self.0)
+    }
+}
+
 /// As much of a header as a message shows.
 pub fn shown(header: &str) -> String {
     const MOST: usize = 100;
     let cut = header.chars().count() > MOST;
     header.chars().take(MOST).chain("…".chars().filter(|_| cut)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_again_whatever_the_name() {
+        let mut text = CsvText::new("vessel,t_s");
+        text.row(&[&"Anna, of \"Bergen\"", &Fixed(1.0 / 3.0, 2)]);
+        let text = text.finish();
+        assert_eq!(text, "vessel,t_s\n\"Anna, of \"\"Bergen\"\"\",0.33\n");
+        let table = CsvTable::parse(&text, "t.csv").unwrap();
+        assert_eq!(table.text(0, 0), Some("Anna, of \"Bergen\""));
+    }
 }

@@ -97,7 +97,7 @@ mod tests {
             let (e, n) = f.east_north_m(at.0, at.1);
             assert!(e.hypot(n) < 120e3 && e > 0.0);
             let (lat, lon) = f.lat_lon_deg(e, n);
-            let turn = (lon - at.1 + 540.0).rem_euclid(360.0) - 180.0;
+            let turn = crate::angle::turn_deg(at.1, lon);
             assert!((lat - at.0).abs() < 1e-9 && turn.abs() < 1e-9, "{lat} {lon}");
         }
     }

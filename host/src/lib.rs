@@ -5,6 +5,7 @@
 pub mod console;
 
 pub mod ais;
+pub mod angle;
 pub mod atomic;
 pub mod blob;
 pub mod csv;

@@ -1,6 +1,6 @@
 //! Recordings through the recorder core, exactly as the recorder would: blocks in, messages out.
 
-use crate::recording::SampleSource;
+use crate::recording::BlockSource;
 use anyhow::{Result, anyhow};
 use seabearing_core::config::StationConfig;
 use seabearing_core::recorder::Memory;
@@ -29,7 +29,7 @@ pub struct ReplaySummary {
 pub fn replay(
     config: &StationConfig,
     table: Option<&[u8]>,
-    source: &mut dyn SampleSource,
+    source: &mut dyn BlockSource,
     mut heard: impl FnMut(&Message) -> Result<()>,
 ) -> Result<ReplaySummary> {
     let begun = Instant::now();

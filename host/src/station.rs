@@ -2,6 +2,7 @@
 
 use crate::toml_file::TomlFile;
 use anyhow::{Result, anyhow, bail};
+use seabearing_core::array::{self, PlanError};
 use seabearing_core::config::{
     ArrayConfig, ConfigError, Kind, LineConfig, ObsConfig, StationConfig, Tracking,
 };
@@ -197,6 +198,24 @@ impl Station {
         Self::of(&TomlFile::read(path, "station file")?, folder)
     }
 
+    /// As [`Station::read`], for what the recorder is to run: an array that its chain cannot take is refused as well.
+    ///
+    /// # Errors
+    /// As [`Station::read`].
+    pub fn of_recorder(path: &Path) -> Result<Self> {
+        let folder = path.parent().unwrap_or(Path::new("."));
+        Self::recordable(&TomlFile::read(path, "station file")?, folder)
+    }
+
+    fn recordable(source: &TomlFile, folder: &Path) -> Result<Self> {
+        let station = Self::of(source, folder)?;
+        let error = match &station.config.kind {
+            Kind::Array(_) => array::Plan::new(&station.config).err(),
+            _ => None,
+        };
+        error.map_or(Ok(station), |e| Err(unplanned(&e, source)))
+    }
+
     /// Parses and validates text; `name` stands in messages, `folder` resolves relative paths.
     ///
     /// # Errors
@@ -368,6 +387,18 @@ fn explain(e: &ConfigError, source: &TomlFile) -> anyhow::Error {
     source.wrong(key, e)
 }
 
+/// Why the array's chain cannot run a configuration, at the key to change.
+fn unplanned(e: &PlanError, source: &TomlFile) -> anyhow::Error {
+    let (key, remedy) = match e {
+        PlanError::Steps => ("sampling.rate_hz", ": a longer step_s and segment_s, or a higher rate"),
+        PlanError::TooLarge(..) => ("sampling.rate_hz", ": a lower rate, or hydrophones nearer together"),
+        PlanError::Band => ("array.band_hz", ": a wider band, or a lower rate"),
+        PlanError::Config(e) => return explain(e, source),
+        PlanError::NotAnArray => ("station.kind", ""),
+    };
+    source.wrong(key, format!("{e}{remedy}"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -432,6 +463,21 @@ hydrophones_m = [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38]
             seabearing_core::passage::Config::of_station(&parse(&text).unwrap().config)
         };
         assert_eq!((motion("4.0").medium.height_m, motion("9.0").medium.height_m), (164.0, 159.0));
+    }
+
+    #[test]
+    fn what_the_chain_cannot_run_names_key_line_and_remedy() {
+        let refused = |change: (&str, &str)| {
+            let source = TomlFile::of(&GOOD.replace(change.0, change.1), "s.toml");
+            Station::recordable(&source, Path::new(".")).unwrap_err().to_string()
+        };
+        let e = refused(("64000", "4000"));
+        assert!(e.contains("s.toml, line 9") && e.contains("step_s") && e.contains("higher rate"), "{e}");
+        let e = refused(("1.13", "31.13"));
+        assert!(e.contains("line 9") && e.contains("samples across") && e.contains("nearer"), "{e}");
+        let e = refused(("[array]", "[array]\nband_hz = [100.0, 210.0]"));
+        assert!(e.contains("line 12") && e.contains("wider"), "{e}");
+        assert!(Station::recordable(&TomlFile::of(GOOD, "s.toml"), Path::new(".")).is_ok());
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! Needs the firmware's image and QEMU; `cargo xtask test` builds the one, has the other, and runs this.
 
 use seabearing::emulator::{self, Emulator, Engine, SamplePath};
-use seabearing::sample_line::{Pace, Sender};
+use seabearing::sample_line::{SendTiming, Sender};
 use seabearing::station::Station;
 use seabearing::twin;
 use seabearing_core::block::Block;
@@ -69,7 +69,7 @@ fn an_ocean_bottom_station_answers_while_its_sample_line_is_silent_and_while_it_
     let blocks = &record.blocks;
     let feed = move |out: &mut dyn Write| {
         // The first half; the second once the commands are answered.
-        let mut sender = Sender::new(out, 50.0, Pace::Free);
+        let mut sender = Sender::new(out, 50.0, SendTiming::Free);
         let half = blocks.partition_point(|b| b.0 < 15_000);
         for (n, (first_index, frames)) in blocks.iter().enumerate() {
             if n == half {

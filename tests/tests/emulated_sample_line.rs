@@ -4,7 +4,7 @@
 //! Needs the firmware's image and QEMU; `cargo xtask test` builds the one, has the other, and runs this.
 
 use seabearing::emulator::{self, Emulator, Engine, SamplePath};
-use seabearing::sample_line::{Pace, Sender};
+use seabearing::sample_line::{SendTiming, Sender};
 use seabearing::twin;
 use seabearing_core::block::Block;
 use seabearing_core::sbraw;
@@ -19,7 +19,7 @@ fn emulator() -> Emulator {
 }
 
 fn send(record: &OceanBottom, out: &mut dyn Write) -> anyhow::Result<()> {
-    let mut sender = Sender::new(out, record.station.config.rate_hz, Pace::Free);
+    let mut sender = Sender::new(out, record.station.config.rate_hz, SendTiming::Free);
     for (first_index, frames) in &record.blocks {
         sender.block(Block { first_index: *first_index, frames })?;
     }

@@ -4,7 +4,7 @@ use seabearing::ocean_bottom::scenario::ObsScenario;
 use seabearing::ocean_bottom::simulate::Simulator;
 use seabearing::ocean_bottom::write::write;
 use seabearing::propagation::{Propagation, bottom::Bottom, file, profile::SpeedProfile, trace};
-use seabearing::recording::{self, SampleSource};
+use seabearing::recording::{self, BlockSource};
 use seabearing::station::Station;
 use seabearing_core::block::{Frame, MISSING};
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ fn scenario(folder: &Path, faults: &str) -> ObsScenario {
 }
 
 /// All samples by index.
-fn all(source: &mut dyn SampleSource) -> Vec<(u64, Frame)> {
+fn all(source: &mut dyn BlockSource) -> Vec<(u64, Frame)> {
     let mut out = Vec::new();
     while let Some(b) = source.next_block().unwrap() {
         out.extend(b.frames.iter().enumerate().map(|(i, f)| (b.first_index + i as u64, *f)));

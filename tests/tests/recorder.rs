@@ -9,21 +9,10 @@ use seabearing_core::block::{Block, Frame, MISSING};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::Application;
 use seabearing_core::wire::{Command, FaultCode, Message};
-use std::path::Path;
-
-const STATION: &str = r#"
-[station]
-id = 7
-kind = "array"
-position = { lat_deg = 49.04, lon_deg = -123.32, depth_m = 168.0 }
-[sampling]
-rate_hz = 16000
-[array]
-hydrophones_m = [[0.0, 1.062, -0.376], [0.92, -0.531, -0.376], [-0.92, -0.531, -0.376], [0.0, 0.0, 1.127]]
-"#;
+use seabearing_tests::array_station;
 
 fn station() -> Station {
-    Station::parse(STATION, "station", Path::new(".")).unwrap()
+    array_station(16_000, "")
 }
 
 /// White noise on every hydrophone and one white source due east at the horizontal, in whole-sample delays.
@@ -91,7 +80,7 @@ fn a_source_due_east_is_found_and_the_blocks_do_not_matter() {
 #[test]
 fn a_shaft_rate_becomes_the_measured_speed_of_the_only_vessel() {
     let curve = "[tracking]\nspeed_from_shaft = { at_zero_m_s = 0.5, metres_a_turn = 1.4, sd_m_s = 0.3 }\n";
-    let station = Station::parse(&format!("{STATION}{curve}"), "station", Path::new(".")).unwrap();
+    let station = array_station(16_000, curve);
     let samples = modulated(36, 0.5);
     let heard = listen_at(&station, &[(0, &samples)], || usize::MAX);
     let rates: Vec<_> =
@@ -171,6 +160,22 @@ fn telemetry_names_the_configuration_it_ran_with() {
     assert_eq!(hellos.len(), 2);
     assert!(hellos.iter().all(|h| h.config_hash == config.hash() && h.station == 7));
     assert!(heard.iter().any(|m| matches!(m, Message::Reply(r) if r.token == 5 && r.status == 0)));
+}
+
+#[test]
+fn bearings_hold_the_documented_flags_and_no_other() {
+    let clean = recording(8);
+    let (mut clipped, mut damaged) = (clean.clone(), clean.clone());
+    clipped.iter_mut().skip(5).step_by(200).for_each(|f| f[2] = 8_388_607);
+    damaged.iter_mut().skip(77).step_by(900).for_each(|f| *f = [MISSING; 4]);
+    for (samples, bit) in [(&clean, 0), (&clipped, 1), (&damaged, 2)] {
+        let heard = listen(&[(0, samples)], || 512);
+        let flags: Vec<u8> = heard
+            .iter()
+            .filter_map(|m| if let Message::Bearing(b) = m { Some(b.flags) } else { None })
+            .collect();
+        assert!(flags.iter().all(|f| f & !7 == 0) && flags.iter().any(|f| f & 3 == bit), "{bit}: {flags:?}");
+    }
 }
 
 #[test]

@@ -13,22 +13,12 @@ use seabearing_core::block::{Block, Frame};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::Application;
 use seabearing_core::wire::{FaultCode, Health, Message};
-use seabearing_tests::ocean_bottom;
-use std::path::Path;
+use seabearing_tests::{array_station, ocean_bottom};
 
-const STATION: &str = r#"
-[station]
-id = 7
-kind = "array"
-position = { lat_deg = 49.04, lon_deg = -123.32, depth_m = 168.0 }
-[sampling]
-rate_hz = 8000
-[array]
-hydrophones_m = [[0.0, 1.062, -0.376], [0.92, -0.531, -0.376], [-0.92, -0.531, -0.376], [0.0, 0.0, 1.127]]
-[tracking]
-speed_from_shaft = { at_zero_m_s = 0.5, metres_a_turn = 1.4, sd_m_s = 0.3 }
-"#;
-const RATE: u64 = 8000;
+const SHAFT: &str =
+    "[tracking]\nspeed_from_shaft = { at_zero_m_s = 0.5, metres_a_turn = 1.4, sd_m_s = 0.3 }\n";
+
+onst RATE: u64 = 8000;
 
 /// White noise on every hydrophone and one source due east, its power swinging at 5 Hz.
 fn vessel(seconds: u64) -> Vec<Frame> {
@@ -139,7 +129,7 @@ fn faults(heard: &[(u64, Message)]) -> String {
 
 #[test]
 fn an_array_goes_on_whatever_happens_to_the_index() {
-    let station = Station::parse(STATION, "station", Path::new(".")).unwrap();
+    let station = array_station(8000, SHAFT);
     let frames = vessel(130);
     let from = 1_000_000_000;
     // Moments within a step, a segment, a cell of the envelope and a minute of samples; one before there is a track.

@@ -18,7 +18,7 @@ use crate::math::f64 as m;
 use microfft::Complex32;
 
 /// Most harmonics in a comb.
-pub const HARMONICS: usize = 8;
+const HARMONICS: usize = 8;
 /// Trial rates a bin: the eighth harmonic then moves by half a bin from trial to trial.
 const TRIALS_PER_BIN: u32 = 16;
 /// Price of one more harmonic, nepers.

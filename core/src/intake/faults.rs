@@ -7,7 +7,7 @@
 use crate::wire::{Fault, FaultCode, FaultsHeld, Message};
 
 /// Faults of one kind sent a minute.
-pub const A_MINUTE: u8 = 3;
+const A_MINUTE: u8 = 3;
 
 /// Kinds there are.
 const KINDS: usize = FaultCode::ALL.len();

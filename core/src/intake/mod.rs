@@ -6,7 +6,7 @@
 //! meets them: this file (index, missing instants), `channels` (dead, copied, clipped), `level`; beside them `faults`, which
 //! keeps what goes wrong often from filling the telemetry.
 //!
-//! * The index jumps ahead: a gap. It falls behind by up to [`RESTART_S`]: repeats, left out. Further, or repeats for longer
+//! * The index jumps ahead: a gap. It falls behind by up to `RESTART_S`: repeats, left out. Further, or repeats for longer
 //!   than that: time starts again.
 //! * An instant without a code on any needed channel is *absent*. A few absent instants, or a gap as short, are bridged by
 //!   straight lines ([`Plan::new`]); more end the run. A code missing on one channel alone is that channel's last one again.
@@ -31,7 +31,7 @@ use crate::wire::{FaultCode, Message};
 
 /// An index that falls back by more than this, or repeats for longer, is time starting again, seconds: longer than a block
 /// sent twice, shorter than any report may be late.
-pub const RESTART_S: f64 = 30.0;
+const RESTART_S: f64 = 30.0;
 
 /// An index beyond this is damage, not time: a hundred years, seconds.
 const LAST_S: f64 = 3.2e9;

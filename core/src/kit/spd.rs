@@ -12,7 +12,7 @@ pub type Square<const N: usize> = [[f64; N]; N];
 
 /// Smallest pivot, as a share of its diagonal element, that still counts as information. Rounding leaves about 1e-15
 /// of a diagonal behind where the true pivot is zero; a hundred times that is not information.
-pub const LEAST_PIVOT: f64 = 1e-13;
+const LEAST_PIVOT: f64 = 1e-13;
 
 /// Lower Cholesky factor of a matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +22,7 @@ pub struct Factor<const N: usize> {
 }
 
 impl<const N: usize> Factor<N> {
-    /// Factorises `a`; `None` where it is singular to working precision ([`LEAST_PIVOT`]) or not finite.
+    /// Factorises `a`; `None` where it is singular to working precision (`LEAST_PIVOT`) or not finite.
     pub fn new(a: &Square<N>) -> Option<Self> {
         // Rows are taken for columns and back: the matrix is symmetric.
         let lower: Square<N> = SMatrix::<f64, N, N>::from(*a).cholesky()?.l().transpose().into();

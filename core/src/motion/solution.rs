@@ -11,11 +11,11 @@ use crate::math::f64 as m;
 
 /// The range counts as observable while its own relative spread (speed aside) is below this; beyond it the Gaussian
 /// spread no longer describes the long tail towards infinity.
-pub const OBSERVABLE_RELATIVE_SD: f64 = 0.5;
+const OBSERVABLE_RELATIVE_SD: f64 = 0.5;
 /// A heading spread beyond this (radians) is no knowledge: a uniform circle has 1.8.
-pub const OBSERVABLE_HEADING_SD: f64 = 1.2;
+const OBSERVABLE_HEADING_SD: f64 = 1.2;
 /// The bearing has turned if it did so by more than this many standard deviations of the turn (chance of less: 0.3 %).
-pub const TURN_SD: f64 = 3.0;
+const TURN_SD: f64 = 3.0;
 
 /// A vessel's motion as estimated.
 #[derive(Clone, Copy, Debug, PartialEq)]

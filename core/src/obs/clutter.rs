@@ -13,7 +13,7 @@ use super::limits::QUEFRENCIES;
 pub const MEMORY: f32 = 500.0;
 
 /// Dimensions tracked: one leaves a third more wrong branches, a third takes nothing more.
-pub const DIMENSIONS: usize = 2;
+const DIMENSIONS: usize = 2;
 
 /// Quefrencies below this index are not touched by any branch and carry the spectrum's smooth shape: set to zero.
 pub const FIRST_QUEFRENCY: usize = 5;

@@ -34,7 +34,7 @@ const ONE_CALLER: f32 = 0.6;
 const LOG_THRESHOLD: f32 = 9.21;
 
 /// Samples of a burst.
-pub const BURST: usize = 32;
+const BURST: usize = 32;
 
 /// Half of ln w by difference of codes.
 static HALF_LOG_RATIO: [f32; CIRCLE] = half_log_ratio();

@@ -58,10 +58,10 @@ impl core::fmt::Display for PlanError {
 impl core::error::Error for PlanError {}
 
 /// Least range a table must reach, m: nearer than that there is hardly any interference to range with.
-pub const LEAST_TABLE_RANGE_M: f32 = 15_000.0;
+const LEAST_TABLE_RANGE_M: f32 = 15_000.0;
 
 /// Band of tones, Hz [O, III B]: outside it the direction of an ocean-bottom seismometer is poor.
-pub const TONE_BAND_HZ: (f64, f64) = (11.0, 24.0);
+const TONE_BAND_HZ: (f64, f64) = (11.0, 24.0);
 
 /// Seconds from one record set to the next.
 pub const STEP_S: f64 = 60.0;

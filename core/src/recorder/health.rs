@@ -170,7 +170,7 @@ impl Default for Reporter {
 }
 
 /// `Hello::reset_cause` when only the board would know.
-pub const RESET_UNKNOWN: u8 = 255;
+const RESET_UNKNOWN: u8 = 255;
 
 #[cfg(test)]
 mod tests {

@@ -27,7 +27,7 @@ use crate::run::Application;
 use crate::wire::{Command, FaultCode, Message};
 
 /// Seconds without samples after which the source is called silent.
-pub const SILENT_S: u32 = 10;
+const SILENT_S: u32 = 10;
 
 /// Seconds without samples after which the last levels say nothing of now.
 const DEAF_S: u32 = 60;

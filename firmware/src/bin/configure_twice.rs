@@ -6,11 +6,10 @@
 #![no_main]
 #![allow(unsafe_code)]
 
-use core::panic::PanicInfo;
-use cortex_m_rt::{ExceptionFrame, entry, exception};
+use cortex_m_rt::entry;
 use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::recorder::Memory;
-use seabearing_firmware::mps2_an500::{blob, host, stack_use};
+use seabearing_firmware::mps2_an500::{blob, host::fail, measurement::end, stack_use};
 
 #[entry]
 fn main() -> ! {
@@ -27,24 +26,7 @@ fn main() -> ! {
         }
         *used = u64::from(stack_use().1);
     }
-    let Some(mut file) = host::File::write_to(c"summary.bin") else { fail(c"cannot write summary.bin\n") };
-    if !words.iter().all(|w| file.write(&w.to_le_bytes())) {
-        fail(c"cannot write summary.bin\n");
-    }
-    host::exit(0)
+    end(&words)
 }
 
-fn fail(line: &core::ffi::CStr) -> ! {
-    host::say(line);
-    host::exit(1)
-}
-
-#[exception]
-unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
-    fail(c"hard fault\n")
-}
-
-#[panic_handler]
-fn panic(_info: &PanicInfo<'_>) -> ! {
-    fail(c"panicked\n")
-}
+seabearing_firmware::fail_on_faults!();

@@ -7,12 +7,12 @@
 #![no_main]
 #![allow(unsafe_code)]
 
-use core::panic::PanicInfo;
-use cortex_m_rt::{ExceptionFrame, entry, exception};
+use cortex_m_rt::entry;
 use seabearing_core::math::f64 as m;
 use seabearing_core::motion::{Line, Medium};
 use seabearing_core::port::Clock;
-use seabearing_firmware::mps2_an500::{clock::BoardClock, host, stack_use};
+use seabearing_firmware::mps2_an500::measurement::{Impulses, end};
+use seabearing_firmware::mps2_an500::{clock::BoardClock, host::fail, stack_use};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, Config, Sample};
 use seabearing_locate::motion::whiten::{WhitenMethod, Workspace};
@@ -26,30 +26,16 @@ const STEPS: u32 = 100;
 const RANGE_M: f64 = 500.0;
 const SPEED_M_S: f64 = 7.0;
 
-/// Random numbers of mean 0 and variance 1, the same in every run.
-struct Impulses(u32);
-
-impl Impulses {
-    fn next(&mut self) -> f64 {
-        let mut sum = 0.0;
-        for _ in 0..12 {
-            self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            sum += f64::from(self.0 >> 8) / f64::from(1 << 24);
-        }
-        sum - 6.0
-    }
-}
-
 /// Bearings whose errors are the running sums of equal impulses, which makes the linear model exact.
 fn observe(samples: &mut [Sample; BEARINGS], medium: &Medium) {
     let line = Line { p: [-0.7, 100.0, m::ln(SPEED_M_S / RANGE_M), m::ln(SPEED_M_S), 0.0], sense: 1.0 };
     let (mut first, mut last) = (Impulses(1), Impulses(1));
-    let mut sum: f64 = (0..STEPS).map(|_| last.next()).sum();
+    let mut sum: f64 = (0..STEPS).map(|_| last.draw()).sum();
     for (k, sample) in samples.iter_mut().enumerate() {
         let t_s = 0.5 * k as f64;
         let error = SD_RAD * sum / m::sqrt(f64::from(STEPS));
         *sample = Sample::azimuth(t_s, line.azimuth(medium, t_s) + error, SD_RAD);
-        sum += last.next() - first.next();
+        sum += last.draw() - first.draw();
     }
 }
 
@@ -87,24 +73,7 @@ fn main() -> ! {
     }
     let (stack, used) = stack_use();
     let words = [ticks[0], ticks[1], u64::from(stack), u64::from(used)];
-    let Some(mut file) = host::File::write_to(c"summary.bin") else { fail(c"cannot write summary.bin\n") };
-    if !words.iter().all(|w| file.write(&w.to_le_bytes())) {
-        fail(c"cannot write summary.bin\n");
-    }
-    host::exit(0)
+    end(&words)
 }
 
-fn fail(line: &core::ffi::CStr) -> ! {
-    host::say(line);
-    host::exit(1)
-}
-
-#[exception]
-unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
-    fail(c"hard fault\n")
-}
-
-#[panic_handler]
-fn panic(_info: &PanicInfo<'_>) -> ! {
-    fail(c"panicked\n")
-}
+seabearing_firmware::fail_on_faults!();

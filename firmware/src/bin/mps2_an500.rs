@@ -18,34 +18,31 @@ fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
 
-    let Some(peripherals) = cortex_m::Peripherals::take() else { fail(c"started twice\n") };
-    let Ok(config) = config_blob::station(blob()) else { fail(c"no valid configuration at 0x60000000\n") };
-    let mut samples = Input::open().unwrap_or_else(|reason| fail(reason));
+    let Some(peripherals) = cortex_m::Peripherals::take() else { host::fail(c"started twice\n") };
+    let Ok(config) = config_blob::station(blob()) else {
+        host::fail(c"no valid configuration at 0x60000000\n")
+    };
+    let mut samples = Input::open().unwrap_or_else(|reason| host::fail(reason));
     let mut uart = Uart::telemetry();
     let mut clock = BoardClock::new(peripherals.SYST);
     let table = config_blob::section(blob(), PROPAGATION).ok();
     let Ok(mut recorder) = MEMORY.configure(&config, table) else {
-        fail(c"this image holds no recorder for this configuration\n")
+        host::fail(c"this image holds no recorder for this configuration\n")
     };
     let summary = run(&mut recorder, &mut samples, &mut uart, &mut clock, &mut Board::started(), FRAMES);
     uart.flush();
     if !host::leave_summary(&summary, stack_use(), samples.losses()) {
-        fail(c"cannot write summary.bin\n");
+        host::fail(c"cannot write summary.bin\n");
     }
     match samples.ending() {
-        Err(reason) => fail(reason),
+        Err(reason) => host::fail(reason),
         Ok(()) => host::exit(0),
     }
 }
 
-fn fail(line: &core::ffi::CStr) -> ! {
-    host::say(line);
-    host::exit(1)
-}
-
 #[exception]
 unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
-    fail(c"hard fault\n")
+    host::fail(c"hard fault\n")
 }
 
 #[panic_handler]

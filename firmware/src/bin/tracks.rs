@@ -8,8 +8,7 @@
 #![no_main]
 #![allow(unsafe_code)]
 
-use core::panic::PanicInfo;
-use cortex_m_rt::{ExceptionFrame, entry, exception};
+use cortex_m_rt::entry;
 use seabearing_core::angle::wrap_tau;
 use seabearing_core::config::Tracking;
 use seabearing_core::intake::GRID;
@@ -18,7 +17,8 @@ use seabearing_core::passage;
 use seabearing_core::port::Clock;
 use seabearing_core::traffic::{self, Config, State, VESSELS};
 use seabearing_core::wire::{Bearing, Message};
-use seabearing_firmware::mps2_an500::{clock::BoardClock, host, stack_use};
+use seabearing_firmware::mps2_an500::measurement::{Impulses, end};
+use seabearing_firmware::mps2_an500::{clock::BoardClock, host::fail, stack_use};
 
 /// Sample instants a second, and between two bearings.
 const RATE_HZ: f64 = 64_000.0;
@@ -29,20 +29,6 @@ const HEARD_S: f64 = 150.0;
 /// Standard deviation of the bearings, radians.
 const SD_RAD: f64 = 0.01;
 const SPEED_M_S: f64 = 7.0;
-
-/// Random numbers of mean 0 and variance 1, the same in every run.
-struct Impulses(u32);
-
-impl Impulses {
-    fn next(&mut self) -> f64 {
-        let mut sum = 0.0;
-        for _ in 0..12 {
-            self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            sum += f64::from(self.0 >> 8) / f64::from(1 << 24);
-        }
-        sum - 6.0
-    }
-}
 
 /// Where a vessel is seen at a time of reception, travel time left out: East and North of the array in its own frame.
 fn azimuth(vessel: usize, t_s: f64) -> f64 {
@@ -92,7 +78,7 @@ fn main() -> ! {
         if index < last && index % BETWEEN < GRID {
             let at = index / BETWEEN * BETWEEN;
             for vessel in 0..VESSELS {
-                let azimuth = azimuth(vessel, at as f64 / RATE_HZ) + SD_RAD * random.next();
+                let azimuth = azimuth(vessel, at as f64 / RATE_HZ) + SD_RAD * random.draw();
                 traffic::bearing(&config, STATE, &heard(at.max(1), azimuth), &mut sink);
             }
         }
@@ -109,24 +95,7 @@ fn main() -> ! {
     let (stack, used) = stack_use();
     let bytes = size_of::<State>() as u64;
     let words = [worst[0], worst[1], total, bytes, u64::from(stack), u64::from(used)];
-    let Some(mut file) = host::File::write_to(c"summary.bin") else { fail(c"cannot write summary.bin\n") };
-    if !words.iter().all(|w| file.write(&w.to_le_bytes())) {
-        fail(c"cannot write summary.bin\n");
-    }
-    host::exit(0)
+    end(&words)
 }
 
-fn fail(line: &core::ffi::CStr) -> ! {
-    host::say(line);
-    host::exit(1)
-}
-
-#[exception]
-unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
-    fail(c"hard fault\n")
-}
-
-#[panic_handler]
-fn panic(_info: &PanicInfo<'_>) -> ! {
-    fail(c"panicked\n")
-}
+seabearing_firmware::fail_on_faults!();

@@ -74,6 +74,11 @@ pub fn leave_summary(summary: &Summary, stack: (u32, u32), line: (u64, u64)) -> 
         line.0,
         line.1,
     ];
+    leave(&words)
+}
+
+/// Leaves words in `summary.bin`; whether the host took them.
+pub fn leave(words: &[u64]) -> bool {
     let Some(mut file) = File::write_to(c"summary.bin") else { return false };
     words.iter().all(|w| file.write(&w.to_le_bytes()))
 }
@@ -82,6 +87,12 @@ pub fn leave_summary(summary: &Summary, stack: (u32, u32), line: (u64, u64)) -> 
 pub fn say(line: &core::ffi::CStr) {
     // SAFETY: SYS_WRITE0 reads a string up to its zero.
     unsafe { syscall1(nr::WRITE0, line.as_ptr() as usize) };
+}
+
+/// Ends the emulation as failed, with the reason on the console.
+pub fn fail(line: &core::ffi::CStr) -> ! {
+    say(line);
+    exit(1)
 }
 
 /// Ends the emulation with a status for the host's shell.

@@ -10,6 +10,7 @@
 pub mod clock;
 pub mod host;
 pub mod input;
+pub mod measurement;
 pub mod uart;
 
 use crate::fault::{self, Record};

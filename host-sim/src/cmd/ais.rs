@@ -1,6 +1,7 @@
 //! `seabearing ais`: statistics of vessel traffic from AIS files.
 
 use crate::ais::{Pass, Selection, passes, read};
+use crate::csv::{CsvText, Fixed};
 use crate::plot::{ColourMap, HeatMap, Plot, write_panels};
 use anyhow::{Result, bail};
 use seabearing_core::kit::quantile;
@@ -130,12 +131,12 @@ const DISTANCES: usize = 12;
 const HEADINGS: usize = 12;
 
 fn write(found: &[Pass], max_range_m: f64, out: &std::path::Path) -> Result<()> {
-    let mut text = String::from("mmsi,unix_s,cpa_m,speed_m_s,heading_deg\n");
+    let mut text = CsvText::new("mmsi,unix_s,cpa_m,speed_m_s,heading_deg");
     for p in found {
-        let _ =
-            writeln!(text, "{},{:.1},{:.1},{:.3},{:.1}", p.mmsi, p.t_s, p.cpa_m, p.speed_m_s, p.heading_deg);
+        let (t, cpa, speed) = (Fixed(p.t_s, 1), Fixed(p.cpa_m, 1), Fixed(p.speed_m_s, 3));
+        text.row(&[&p.mmsi, &t, &cpa, &speed, &Fixed(p.heading_deg, 1)]);
     }
-    crate::atomic::write(&out.join("passes.csv"), text.as_bytes())?;
+    crate::atomic::write(&out.join("passes.csv"), text.finish().as_bytes())?;
     let fastest = found.iter().map(|p| p.speed_m_s).fold(1.0, f64::max).ceil();
     let mut figures = Vec::new();
     for (file, column, label, top, rows, value) in [

@@ -22,6 +22,6 @@ pub struct Args {
 /// # Errors
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
-    let station = Station::read(&args.station)?;
+    let station = Station::of_recorder(&args.station)?;
     atomic::write(&args.out, &blob::of(&station)?)
 }

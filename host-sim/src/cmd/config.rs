@@ -51,7 +51,7 @@ const RANGES_M: [f64; 4] = [10_000.0, 20_000.0, 35_000.0, 50_000.0];
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     let Action::Check(args) = args.action;
-    let station = Station::read(&args.station)?;
+    let station = Station::of_recorder(&args.station)?;
     let config = &station.config;
     let mut record = json!({
         "type": "config", "station": config.id, "name": config.name.as_str(),

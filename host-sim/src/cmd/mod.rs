@@ -63,7 +63,7 @@ fn print_records(records: &[serde_json::Value], json: bool) -> anyhow::Result<()
 /// What the command line asks for.
 #[derive(clap::Subcommand)]
 #[allow(clippy::large_enum_variant)]
-pub enum Command {
+pub enum Subcommand {
     /// Write simulated recordings, their truth and the station file
     Simulate(simulate::Args),
     /// Run the recorder core over recordings; results as JSON Lines
@@ -99,7 +99,7 @@ pub enum Command {
     Ais(ais::Args),
 }
 
-impl Command {
+impl Subcommand {
     /// Does it.
     ///
     /// # Errors

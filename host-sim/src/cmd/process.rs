@@ -1,9 +1,9 @@
 //! `seabearing process`: recordings through the recorder core, exactly as the recorder would.
 
 use crate::ocean_bottom::pictures;
-use crate::plot::result::{self, Truth};
+use crate::plot::result;
 use crate::progress;
-use crate::recording::{self, SampleSource};
+use crate::recording::{self, BlockSource};
 use crate::replay::{ReplaySummary, replay};
 use crate::station::Station;
 use crate::{atomic, record};
@@ -52,7 +52,7 @@ pub struct Args {
 /// # Errors
 /// A bad station file, no usable recording, or nothing useful in it.
 pub fn run(args: Args) -> Result<()> {
-    let station = Station::read(&args.station)?;
+    let station = Station::of_recorder(&args.station)?;
     let start = match &args.start {
         None => None,
         Some(text) => Some(OffsetDateTime::parse(text, &Rfc3339).with_context(|| {
@@ -61,8 +61,13 @@ pub fn run(args: Args) -> Result<()> {
     };
     // A simulation writes what its kind of station can be compared with.
     let ocean_bottom = matches!(station.config.kind, Kind::Obs(_));
-    let truth =
-        args.truth.as_deref().filter(|_| !ocean_bottom).map(Truth::read).transpose()?.unwrap_or_default();
+    let truth = args
+        .truth
+        .as_deref()
+        .filter(|_| !ocean_bottom)
+        .map(crate::world::truth::Truth::read)
+        .transpose()?
+        .unwrap_or_default();
     let heard = args
         .truth
         .as_deref()
@@ -177,12 +182,12 @@ fn stats(summary: &ReplaySummary, rate_hz: f64) -> String {
 
 /// A source that moves a progress bar.
 struct Watched {
-    source: Box<dyn SampleSource>,
+    source: Box<dyn BlockSource>,
     bar: progress::ProgressBar,
     rate_hz: f64,
 }
 
-impl SampleSource for Watched {
+impl BlockSource for Watched {
     fn start(&self) -> Option<OffsetDateTime> {
         self.source.start()
     }

@@ -1,5 +1,6 @@
 //! `seabearing propagation fit`: strengths of interferences from vessels of known track.
 
+use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::course::of_file;
 use crate::ocean_bottom::stages::frames;
 use crate::ocean_bottom::strengths::{Branch, Cell, fit};
@@ -100,21 +101,22 @@ fn report(args: &Args, fitted: &[Branch]) {
 }
 
 fn csv(fitted: &[Branch]) -> String {
-    let mut out = String::from("branch,range_m,frames,strength,sd,fitted,residual\n");
+    let mut out = CsvText::new("branch,range_m,frames,strength,sd,fitted,residual");
     for (name, b) in NAMES.iter().zip(fitted) {
         for c in &b.cells {
             let law = b.law.map_or(f64::NAN, |l| l.at(c.range_m));
-            out += &format!(
-                "{name},{:.0},{},{:.5},{:.5},{law:.5},{:.5}\n",
-                c.range_m,
-                c.frames,
-                c.envelope,
-                c.sd,
-                c.envelope - law
-            );
+            out.row(&[
+                name,
+                &Fixed(c.range_m, 0),
+                &c.frames,
+                &Fixed(c.envelope, 5),
+                &Fixed(c.sd, 5),
+                &Fixed(law, 5),
+                &Fixed(c.envelope - law, 5),
+            ]);
         }
     }
-    out
+    out.finish()
 }
 
 fn draw(path: &Path, fitted: &[Branch], table: &Propagation) -> Result<()> {

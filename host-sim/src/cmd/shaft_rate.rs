@@ -49,7 +49,7 @@ pub struct Args {
 /// # Errors
 /// A bad station file or setting, no usable recording, or less of it than one window.
 pub fn run(args: Args) -> Result<()> {
-    let station = Station::read(&args.station)?;
+    let station = Station::of_recorder(&args.station)?;
     let rate_hz = station.config.rate_hz;
     let settings = demon::Settings {
         high_pass_hz: args.high_pass_hz,

@@ -2,7 +2,7 @@
 
 use crate::emulator::{self, Emulator, SamplePath};
 use crate::progress;
-use crate::sample_line::{Pace, Sender};
+use crate::sample_line::{SendTiming, Sender};
 use crate::station::Station;
 use crate::twin::Listener;
 use crate::{blob, recording, twin};
@@ -91,7 +91,7 @@ enum Samples {
 /// # Errors
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
-    let station = Station::read(&args.station)?;
+    let station = Station::of_recorder(&args.station)?;
     if args.board == Board::Stm32h743 {
         let keep = args.keep.as_deref();
         return super::twin_board::run(
@@ -104,13 +104,13 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     let (samples, pace) = match (args.samples, args.speed) {
-        (Samples::File, None) => (SamplePath::File, Pace::Free),
+        (Samples::File, None) => (SamplePath::File, SendTiming::Free),
         (Samples::File, Some(_)) => bail!("--speed goes with --samples uart"),
         (Samples::Uart, _) if !matches!(station.config.kind, Kind::Obs(_)) => {
             bail!("--samples uart is for ocean-bottom stations: the line carries no array's samples")
         }
-        (Samples::Uart, None) => (SamplePath::Uart, Pace::Free),
-        (Samples::Uart, Some(x)) if x > 0.0 && x.is_finite() => (SamplePath::Uart, Pace::Times(x)),
+        (Samples::Uart, None) => (SamplePath::Uart, SendTiming::Free),
+        (Samples::Uart, Some(x)) if x > 0.0 && x.is_finite() => (SamplePath::Uart, SendTiming::Times(x)),
         (Samples::Uart, Some(x)) => bail!("--speed is {x}; a positive number is needed"),
     };
     let raw = args.input.len() == 1 && args.input[0].extension().is_some_and(|e| e == "sbraw");
@@ -131,7 +131,7 @@ pub fn run(args: Args) -> Result<()> {
             each_block(paths, &station, |block| Ok(twin::write_block(out, block)?))
         }
         (paths, SamplePath::Uart) => {
-            let pace = if listener == Listener::Firmware { pace } else { Pace::Free };
+            let pace = if listener == Listener::Firmware { pace } else { SendTiming::Free };
             let mut sender = Sender::new(out, station.config.rate_hz, pace);
             each_block(paths, &station, |block| sender.block(block))?;
             sender.end()

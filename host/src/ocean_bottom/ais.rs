@@ -18,7 +18,7 @@ const GAP_S: f64 = 86_400.0;
 /// Radius of the surveyed area, m.
 pub const RADIUS_M: f64 = 100_000.0;
 /// Greatest range of the closest point, m.
-pub const CLOSEST_M: f64 = 25_000.0;
+const CLOSEST_M: f64 = 25_000.0;
 /// Longest leg taken as straight, m: across the area and half its width more, a few hours at sea.
 const LONGEST_LEG_M: f64 = 3.0 * RADIUS_M;
 /// Faster than any merchant vessel, m/s: a position that needs more is wrong.

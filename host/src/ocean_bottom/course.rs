@@ -3,6 +3,9 @@
 use crate::csv::CsvTable;
 use crate::scenario::{Side, Straight};
 use anyhow::{Context, Result};
+use seabearing_core::angle::wrap_tau;
+use seabearing_core::kit::closest;
+use seabearing_core::kit::straight_line::through;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -70,7 +73,7 @@ impl VesselCourse {
     }
 
     /// The straight course that fits best in the least-squares sense: itself, or a line through the places of every minute
-    /// within [`HEARD_M`], since fixes come at odd times and a real vessel bends its way farther out. Through all fixes
+    /// within `HEARD_M`, since fixes come at odd times and a real vessel bends its way farther out. Through all fixes
     /// where it is hardly ever that near.
     pub fn straightened(&self) -> Option<Self> {
         let Self::Fixes(fixes) = self else { return Some(self.clone()) };
@@ -81,7 +84,7 @@ impl VesselCourse {
         line(if near.len() >= 30 { &near } else { fixes })
     }
 
-    /// Greatest distance between the course within [`HEARD_M`] and its straightened form, m.
+    /// Greatest distance between the course within `HEARD_M` and its straightened form, m.
     pub fn bend_m(&self) -> Option<f64> {
         let (Self::Fixes(fixes), straight) = (self, self.straightened()?) else { return Some(0.0) };
         let apart = |(t, p): &(f64, EastNorth)| {
@@ -93,24 +96,20 @@ impl VesselCourse {
 }
 
 /// Range within which a vessel is heard well, m.
-pub const HEARD_M: f64 = 50_000.0;
+const HEARD_M: f64 = 50_000.0;
 
 /// The straight course through places in the least-squares sense.
 fn line(fixes: &[(f64, EastNorth)]) -> Option<VesselCourse> {
-    let n = fixes.len() as f64;
-    if fixes.len() < 2 {
-        return None;
-    }
-    let mean = |f: &dyn Fn(&(f64, EastNorth)) -> f64| fixes.iter().map(f).sum::<f64>() / n;
-    let (t, x, y) = (mean(&|f| f.0), mean(&|f| f.1.0), mean(&|f| f.1.1));
-    let power = fixes.iter().map(|f| (f.0 - t).powi(2)).sum::<f64>();
-    let slope = |g: &dyn Fn(&(f64, EastNorth)) -> f64, m: f64| {
-        fixes.iter().map(|f| (f.0 - t) * (g(f) - m)).sum::<f64>() / power
-    };
-    let (vx, vy) = (slope(&|f| f.1.0, x), slope(&|f| f.1.1, y));
-    let cpa_time_s = t - (x * vx + y * vy) / (vx * vx + vy * vy);
-    let closest_m = (x + vx * (cpa_time_s - t), y + vy * (cpa_time_s - t));
-    cpa_time_s.is_finite().then_some(VesselCourse::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) })
+    // About the mean time, where rounding matters least.
+    let mean_s = fixes.iter().map(|f| f.0).sum::<f64>() / fixes.len() as f64;
+    let x = through(fixes.iter().map(|(t, at)| (t - mean_s, at.0)))?;
+    let y = through(fixes.iter().map(|(t, at)| (t - mean_s, at.1)))?;
+    let after_s = closest([x.value, y.value, x.slope, y.slope])?.after_s;
+    Some(VesselCourse::Straight {
+        cpa_time_s: mean_s + after_s,
+        closest_m: (x.at(after_s), y.at(after_s)),
+        velocity_m_s: (x.slope, y.slope),
+    })
 }
 
 /// Courses of a track file: one a `source`, or one in all. Rows of other kinds of source (no x, y) are passed over.
@@ -143,8 +142,7 @@ pub fn of_file(path: &Path) -> Result<Vec<VesselCourse>> {
 
 /// Range (m) and azimuth (rad, clockwise from North, 0 to 2π) of a place.
 pub fn polar(place: EastNorth) -> (f64, f64) {
-    let azimuth = place.0.atan2(place.1);
-    (place.0.hypot(place.1), azimuth.rem_euclid(std::f64::consts::TAU))
+    (place.0.hypot(place.1), wrap_tau(place.0.atan2(place.1)))
 }
 
 #[cfg(test)]

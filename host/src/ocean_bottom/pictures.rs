@@ -9,9 +9,10 @@ use super::stages::{
     AZIMUTHS, BINS, RANGE_STEP_M, RANGES, SpectralFrame, azimuth_likelihood, frames, minutes,
     range_likelihood,
 };
+use crate::angle::{azimuth_deg, wrap_deg};
 use crate::plot::{ColourMap, HeatMap, Plot, RGBColor, Scale, cut_at_wraps, write_panels};
 use crate::propagation::Propagation;
-use crate::recording::SampleSource;
+use crate::recording::BlockSource;
 use anyhow::{Context, Result};
 use seabearing_core::config::StationConfig;
 use seabearing_core::kit::quantile;
@@ -78,7 +79,7 @@ const LEAST_MINUTES: usize = 2;
 /// The recording is lost, or a file cannot be written.
 pub fn draw(
     dir: &Path,
-    source: &mut dyn SampleSource,
+    source: &mut dyn BlockSource,
     config: &StationConfig,
     table: &Propagation,
     messages: &[Message],
@@ -203,7 +204,7 @@ fn azigram(all: &[SpectralFrame]) -> Plot {
             s += f64::from(a.sin());
             c += f64::from(a.cos());
         }
-        s.atan2(c).to_degrees().rem_euclid(360.0)
+        azimuth_deg(s, c)
     });
     let mut f = Plot::new("Azigram", "time (h)", "frequency (Hz)");
     f.heat(HeatMap {
@@ -277,7 +278,7 @@ fn heat(
 fn azimuths(messages: &[Message], rate: f64, kind: u8) -> Vec<(f64, f64)> {
     let one = |m: &Message| match m {
         Message::Azimuth(a) if a.detected && a.kind == kind => {
-            Some((a.index as f64 / rate / 3600.0, f64::from(a.azimuth).to_degrees().rem_euclid(360.0)))
+            Some((a.index as f64 / rate / 3600.0, wrap_deg(f64::from(a.azimuth).to_degrees())))
         }
         _ => None,
     };

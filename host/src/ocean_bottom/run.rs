@@ -2,7 +2,7 @@
 
 use super::table::blob;
 use crate::propagation::Propagation;
-use crate::recording::SampleSource;
+use crate::recording::BlockSource;
 use anyhow::{Result, anyhow};
 use seabearing_core::config::StationConfig;
 use seabearing_core::obs::{Plan, Scratch, State, Table, finish, push};
@@ -15,7 +15,7 @@ use seabearing_core::wire::Message;
 pub fn run(
     config: &StationConfig,
     table: &Propagation,
-    source: &mut dyn SampleSource,
+    source: &mut dyn BlockSource,
     said: &mut dyn FnMut(Message),
 ) -> Result<()> {
     let bytes = blob(table, &table.name, config.rate_hz)?;

@@ -1,7 +1,7 @@
 //! The simulator: a scenario becomes blocks of four-channel codes in the order pressure, north, east, vertical.
 //!
 //! Samples come in order and in fixed memory, so that a week can run straight into the core. Everything random comes
-//! from the scenario's seed. [`Simulator`] is a [`SampleSource`].
+//! from the scenario's seed. [`Simulator`] is a [`BlockSource`].
 
 use super::ambient::{AmbientNoise, Directional, HOP};
 use super::course::VesselCourse;
@@ -10,7 +10,7 @@ use super::passage::{Field, ReceivedVessel, gain};
 use super::scenario::{ObsFault, ObsScenario, Radiation};
 use super::source::{Radiator, ToneLine, noise_shape};
 use crate::propagation::Propagation;
-use crate::recording::SampleSource;
+use crate::recording::BlockSource;
 use anyhow::Result;
 use seabearing_core::block::{Block, Frame, MISSING};
 use std::collections::VecDeque;
@@ -264,7 +264,7 @@ impl Simulator {
     }
 }
 
-impl SampleSource for Simulator {
+impl BlockSource for Simulator {
     fn start(&self) -> Option<time::OffsetDateTime> {
         Some(self.start)
     }

@@ -17,7 +17,7 @@ use std::sync::Arc;
 pub const RATE_HZ: f64 = 100.0;
 
 /// Frequency the baseband is shifted by, Hz.
-pub const CENTRE_HZ: f64 = 12.5;
+const CENTRE_HZ: f64 = 12.5;
 
 const BLOCK: usize = 4096;
 const HOP: usize = BLOCK / 2;

@@ -5,7 +5,7 @@
 //! with the core's own clutter filter. Frames of 20.48 s overlapped by half; 513 bins to 25 Hz whatever the rate.
 
 use crate::propagation::Propagation;
-use crate::recording::SampleSource;
+use crate::recording::BlockSource;
 use anyhow::Result;
 use rayon::prelude::*;
 use seabearing_core::block::{Frame as Samples, MISSING};
@@ -60,7 +60,7 @@ pub struct SpectralFrame {
 }
 
 /// All frames of a recording.
-pub fn frames(source: &mut dyn SampleSource, config: &StationConfig) -> Result<Vec<SpectralFrame>> {
+pub fn frames(source: &mut dyn BlockSource, config: &StationConfig) -> Result<Vec<SpectralFrame>> {
     let factor = (config.rate_hz / 51.0).ceil().max(1.0) as usize;
     let n = N * factor;
     let turn = match &config.kind {

@@ -8,7 +8,7 @@ use seabearing_core::obs::table::{MAX_BRANCHES, blob_bytes};
 use seabearing_core::obs::table_encode::{BranchColumns, Header, encode};
 
 /// The farthest range the core's radial detector looks at, m [O 18, 19].
-pub const NEEDED_M: f64 = 50_050.0;
+const NEEDED_M: f64 = 50_050.0;
 
 /// The greatest strength a table may hold: a pulse cannot be higher than the cepstrum of two equal paths.
 const STRONGEST: f64 = 1.0;
@@ -26,7 +26,7 @@ pub fn of_station(station: &Station) -> Result<Option<Vec<u8>>> {
 /// number are left out.
 ///
 /// # Errors
-/// The table does not cover [`NEEDED_M`], or holds what the core refuses.
+/// The table does not cover `NEEDED_M`, or holds what the core refuses.
 pub fn blob(table: &Propagation, name: &str, rate_hz: f64) -> Result<Vec<u8>> {
     file::covers(table, NEEDED_M, name)?;
     let rows = table.rows();

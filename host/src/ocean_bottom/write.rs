@@ -4,7 +4,9 @@ use super::scenario::{Channel, ObsFault};
 use super::simulate::{MovingVessel, Simulator};
 use super::station;
 use super::truth::then;
+use crate::angle::wrap_deg;
 use crate::atomic::{self, Unfinished};
+use crate::csv::{CsvText, Fixed};
 use crate::progress;
 use crate::propagation::{Propagation, file};
 use crate::recording::mseed_record::nano_time;
@@ -12,7 +14,6 @@ use crate::scenario::Written;
 use anyhow::{Context, Result, anyhow};
 use miniseed_rs::{EncodingFormat, MseedRecord, Samples, encode};
 use seabearing_core::block::Frame;
-use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -126,8 +127,8 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
 
 /// Minute by minute: where each vessel is and where it was when the sound now heard left it; other sounds by span.
 fn truth(simulator: &Simulator) -> String {
-    let mut out = String::from(
-        "t_s,source,kind,x_m,y_m,range_m,azimuth_deg,heard_range_m,heard_azimuth_deg,heard_radial_speed_m_s\n",
+    let mut out = CsvText::new(
+        "t_s,source,kind,x_m,y_m,range_m,azimuth_deg,heard_range_m,heard_azimuth_deg,heard_radial_speed_m_s",
     );
     let (scenario, table): (_, &Propagation) = (simulator.scenario(), simulator.table());
     let minutes = (scenario.duration_s / 60.0) as u64;
@@ -136,40 +137,38 @@ fn truth(simulator: &Simulator) -> String {
             let Some((x, y)) = v.course.at(t) else { continue };
             let (range, azimuth) = super::course::polar((x, y));
             let Some(h) = then(table, scenario.paths, v, t) else { continue };
-            let _ = writeln!(
-                out,
-                "{t:.0},{},ship,{x:.1},{y:.1},{range:.1},{:.3},{:.1},{:.3},{:.3}",
-                v.name,
-                azimuth.to_degrees(),
-                h.range_m,
-                h.azimuth.to_degrees(),
-                h.radial_m_s
-            );
+            out.row(&[
+                &Fixed(t, 0),
+                &v.name,
+                &"ship",
+                &Fixed(x, 1),
+                &Fixed(y, 1),
+                &Fixed(range, 1),
+                &Fixed(azimuth.to_degrees(), 3),
+                &Fixed(h.range_m, 1),
+                &Fixed(h.azimuth.to_degrees(), 3),
+                &Fixed(h.radial_m_s, 3),
+            ]);
         }
     }
     for (i, h) in simulator.heard().iter().enumerate() {
         for t in [h.from_s, h.to_s] {
             let range = if h.range_m.is_finite() { format!("{:.1}", h.range_m) } else { String::new() };
-            let azimuth = h.azimuth.to_degrees();
-            let _ = writeln!(
-                out,
-                "{t:.1},{}-{},{},,,{range},{azimuth:.3},{range},{azimuth:.3},",
-                h.kind,
-                i + 1,
-                h.kind
-            );
+            let (azimuth, name) = (Fixed(h.azimuth.to_degrees(), 3), format!("{}-{}", h.kind, i + 1));
+            out.row(&[&Fixed(t, 1), &name, &h.kind, &"", &"", &range, &azimuth, &range, &azimuth, &""]);
         }
     }
-    out
+    out.finish()
 }
 
 /// Closest point, heading and speed of each vessel (of the line that fits it best).
 fn tracks(vessels: &[MovingVessel]) -> String {
-    let mut out = String::from("source,cpa_time_s,cpa_range_m,heading_deg,speed_m_s\n");
+    let mut out = CsvText::new("source,cpa_time_s,cpa_range_m,heading_deg,speed_m_s");
     for v in vessels {
         if let Some((t, r, h, s)) = super::truth::closest(&v.course) {
-            let _ = writeln!(out, "{},{t:.2},{r:.2},{:.4},{s:.4}", v.name, h.to_degrees().rem_euclid(360.0));
+            let heading = wrap_deg(h.to_degrees());
+            out.row(&[&v.name, &Fixed(t, 2), &Fixed(r, 2), &Fixed(heading, 4), &Fixed(s, 4)]);
         }
     }
-    out
+    out.finish()
 }

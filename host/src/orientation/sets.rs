@@ -4,7 +4,7 @@ use seabearing_locate::network::common_time::{Timed, bring, bring_azimuth};
 use seabearing_locate::network::model::Sighting;
 
 /// Rows closer in time than this are one measurement set, seconds (paper N: the arrays' instants differ by less).
-pub const SAME_SET_S: f64 = 1.0;
+const SAME_SET_S: f64 = 1.0;
 
 /// One row of the bearings file.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +33,7 @@ pub struct SightingSet {
 }
 
 /// Gathers rows into sets: a set begins with the earliest row not yet used and takes every row within
-/// [`SAME_SET_S`] of it; of two rows of one station the earlier begins the next set. `rows` are sorted by time.
+/// `SAME_SET_S` of it; of two rows of one station the earlier begins the next set. `rows` are sorted by time.
 pub fn gather(rows: &mut [BearingRow], arrays_m: &[[f64; 3]]) -> Vec<SightingSet> {
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     let mut of_station: Vec<(Vec<Timed>, Vec<Timed>)> = vec![(Vec::new(), Vec::new()); arrays_m.len()];

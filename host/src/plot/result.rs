@@ -2,6 +2,8 @@
 
 use super::correlation::Correlations;
 use super::{Plot, Scale, cut_at_wraps};
+use crate::angle::turn_deg;
+use crate::world::truth::Truth;
 use anyhow::{Result, anyhow};
 use seabearing_core::block::Frame;
 use seabearing_core::config::{Kind, StationConfig};
@@ -12,42 +14,6 @@ use std::collections::BTreeMap;
 
 /// Half the width of a 95 % interval of a Gaussian, in standard deviations.
 const Z95: f64 = 1.959_964;
-
-/// Where a vessel really was: one row of `truth.csv`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Truth {
-    /// Seconds of the recorder's clock.
-    pub t_s: f64,
-    /// East of the station, m.
-    pub x_m: f64,
-    /// North of the station, m.
-    pub y_m: f64,
-    /// Azimuth the sound arrives from, degrees.
-    pub arrival_azimuth_deg: f64,
-}
-
-impl Truth {
-    /// Reads `truth.csv`, vessel by vessel, in the order of their first rows.
-    ///
-    /// # Errors
-    /// The file cannot be read or a column is missing.
-    pub fn read(path: &std::path::Path) -> Result<Vec<(String, Vec<Self>)>> {
-        let table = crate::csv::CsvTable::read(path)?;
-        let vessel = table.column("vessel")?;
-        let rows = table.numbers(["t_s", "x_m", "y_m", "arrival_azimuth_deg"])?;
-        let mut out: Vec<(String, Vec<Self>)> = Vec::new();
-        for (i, (_, row)) in rows.into_iter().enumerate() {
-            let [t_s, x_m, y_m, arrival_azimuth_deg] = row?;
-            let name = table.text(i, vessel).unwrap_or("");
-            let truth = Self { t_s, x_m, y_m, arrival_azimuth_deg };
-            match out.iter_mut().find(|(n, _)| n == name) {
-                Some((_, rows)) => rows.push(truth),
-                None => out.push((name.to_owned(), vec![truth])),
-            }
-        }
-        Ok(out)
-    }
-}
 
 /// Azimuths against time with their 95 % band, and the truth where known.
 pub fn bearings(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Plot {
@@ -95,8 +61,8 @@ pub fn bearing_errors(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<
         let azimuth = f64::from(b.azimuth).to_degrees();
         let nearest = truth
             .iter()
-            .filter_map(|(_, rows)| truth_at(rows, t))
-            .map(|a| (azimuth - a + 540.0).rem_euclid(360.0) - 180.0)
+            .filter_map(|(_, rows)| Truth::azimuth_at(rows, t))
+            .map(|a| turn_deg(a, azimuth))
             .min_by(|a, b| a.abs().total_cmp(&b.abs()));
         if let Some(error) = nearest {
             let half = Z95 * f64::from(b.var_azimuth.max(0.0).sqrt()).to_degrees();
@@ -106,14 +72,6 @@ pub fn bearing_errors(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<
     }
     figure.band("95 % band as reported", &band).points("error", &errors);
     figure
-}
-
-/// Azimuth of arrival at a time, between two rows.
-fn truth_at(rows: &[Truth], t_s: f64) -> Option<f64> {
-    let after = rows.partition_point(|r| r.t_s <= t_s);
-    let (a, b) = (rows.get(after.checked_sub(1)?)?, rows.get(after)?);
-    let turn = (b.arrival_azimuth_deg - a.arrival_azimuth_deg + 540.0).rem_euclid(360.0) - 180.0;
-    Some(a.arrival_azimuth_deg + turn * (t_s - a.t_s) / (b.t_s - a.t_s))
 }
 
 /// Tracks on a map: the positions as reported, 95 % ellipses of the last, and the truth where known.

@@ -8,7 +8,7 @@ use super::Complex;
 use serde::{Deserialize, Serialize};
 
 /// Density of sea water assumed, kg/m³; the RR03 table was made with this figure.
-pub const WATER_DENSITY_KG_M3: f64 = 1000.0;
+const WATER_DENSITY_KG_M3: f64 = 1000.0;
 
 /// An elastic half-space under the water.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

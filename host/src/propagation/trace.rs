@@ -12,7 +12,7 @@ use super::profile::SpeedProfile;
 use super::{Complex, F0_HZ, Propagation, RayArrival, RayPath, WIDTH_S, strength};
 
 /// Paths traced: 1, 3, … 13 crossings.
-pub const PATHS: usize = 7;
+const PATHS: usize = 7;
 
 /// Bisection steps: the ray parameter to the last bit of a double.
 const STEPS: usize = 60;
@@ -48,7 +48,7 @@ pub fn trace(
 }
 
 /// The ray parameter whose single crossing spans a distance; `None` where every such ray turns before.
-pub fn ray_parameter(profile: &SpeedProfile, x_m: f64) -> Option<f64> {
+fn ray_parameter(profile: &SpeedProfile, x_m: f64) -> Option<f64> {
     // The last parameter tried keeps the steepest place of the profile just short of turning.
     let (mut low, mut high) = (0.0, (1.0 - 1e-12) / profile.greatest_m_s());
     if profile.crossing(high).x_m < x_m {

@@ -1,6 +1,6 @@
 //! Recordings: four-channel WAV and FLAC files, miniSEED, and `.sbraw` streams, as blocks of 24-bit codes, and writing them.
 //!
-//! Enters: files or folders, in any order. Leaves: [`SampleSource::next_block`], blocks whose sample index counts from the
+//! Enters: files or folders, in any order. Leaves: [`BlockSource::next_block`], blocks whose sample index counts from the
 //! first sample of the first file. Conventions:
 //!
 //! - Codes are those of a 24-bit converter, full scale ±2²³. 24-bit files come through as they are; 32-bit integers
@@ -8,7 +8,7 @@
 //!   that what was clipped in the file is clipped for the recorder; floating point is multiplied by 2²³, rounded and
 //!   clipped. A NaN or an infinity becomes [`seabearing_core::block::MISSING`].
 //! - Time: a file's start is taken from its sidecar `FILE.start` (one RFC 3339 time) or from its name (see
-//!   [`stamp`]). Where one file ends and the next starts within the resolution of these times and a clock drift of
+//!   [`written_time`]). Where one file ends and the next starts within the resolution of these times and a clock drift of
 //!   50 ppm, they follow one another; otherwise the index jumps, forward (a gap) or back (an overlap), and the core
 //!   accounts for it. Files without a time follow one another in the order given.
 //! - A damaged, foreign or wrongly sampled file among good ones is left out with one line on stderr; what is whole of a
@@ -22,9 +22,9 @@ mod mseed;
 pub(crate) mod mseed_record;
 mod raw;
 mod sequence;
-pub mod stamp;
 mod wav;
 pub mod write;
+pub mod written_time;
 
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
 
 /// Where blocks of samples come from.
-pub trait SampleSource {
+pub trait BlockSource {
     /// UTC of sample 0, where the recording has a clock.
     fn start(&self) -> Option<OffsetDateTime>;
 
@@ -104,7 +104,7 @@ pub fn open(
     paths: &[PathBuf],
     station: &Station,
     start: Option<OffsetDateTime>,
-) -> Result<Box<dyn SampleSource>> {
+) -> Result<Box<dyn BlockSource>> {
     let files = expand(paths)?;
     let mut audio = Vec::new();
     let mut seismic = Vec::new();

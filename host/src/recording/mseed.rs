@@ -7,7 +7,7 @@
 //! drifted since the start: samples are counted, and the drift is said. What overlaps is used once. Every irregularity is
 //! named once on stderr.
 
-use super::SampleSource;
+use super::BlockSource;
 use super::mseed_record::{self, Header, LONGEST};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
@@ -312,7 +312,7 @@ impl Reader {
     }
 }
 
-impl SampleSource for MiniSeed {
+impl BlockSource for MiniSeed {
     fn start(&self) -> Option<OffsetDateTime> {
         Some(self.start)
     }

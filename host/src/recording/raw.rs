@@ -1,6 +1,6 @@
 //! An `.sbraw` stream as a recording: codes with their sample indices, as they came from a recorder.
 
-use super::SampleSource;
+use super::BlockSource;
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::{Block, CHANNELS, Frame};
 use seabearing_core::port::{Chunk, SampleSource as _};
@@ -57,7 +57,7 @@ impl Raw {
     }
 }
 
-impl SampleSource for Raw {
+impl BlockSource for Raw {
     fn start(&self) -> Option<OffsetDateTime> {
         self.start
     }

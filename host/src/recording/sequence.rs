@@ -1,9 +1,9 @@
 //! Several files as one recording: their order, the gaps between them, and what to do with bad ones.
 
 use super::flac::Flac;
-use super::stamp::Stamp;
 use super::wav::{Info, Wav};
-use super::{Container, SampleSource};
+use super::written_time::WrittenTime;
+use super::{BlockSource, Container};
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::block::{Block, CHANNELS, Frame};
 use seabearing_core::config::StationConfig;
@@ -50,7 +50,7 @@ struct Part {
     path: PathBuf,
     container: Container,
     info: Info,
-    stamp: Option<Stamp>,
+    stamp: Option<WrittenTime>,
     first_index: u64,
 }
 
@@ -163,14 +163,14 @@ fn examine(path: &Path, container: Container, config: &StationConfig) -> Result<
 }
 
 /// The start time in the sidecar `FILE.start`, else in the name.
-fn stamp(path: &Path) -> Result<Option<Stamp>> {
+fn stamp(path: &Path) -> Result<Option<WrittenTime>> {
     let mut sidecar = path.as_os_str().to_owned();
     sidecar.push(".start");
     match std::fs::read_to_string(&sidecar) {
-        Ok(text) => Stamp::parse(&text).map(Some).ok_or_else(|| {
+        Ok(text) => WrittenTime::parse(&text).map(Some).ok_or_else(|| {
             anyhow!("{}: not a time; 2024-01-31T12:00:00Z was expected", sidecar.to_string_lossy())
         }),
-        Err(_) => Ok(path.file_name().and_then(|n| n.to_str()).and_then(Stamp::in_name)),
+        Err(_) => Ok(path.file_name().and_then(|n| n.to_str()).and_then(WrittenTime::in_name)),
     }
 }
 
@@ -233,7 +233,7 @@ fn place(parts: &mut [Part], rate_hz: f64) -> u64 {
     next
 }
 
-impl SampleSource for Sequence {
+impl BlockSource for Sequence {
     fn start(&self) -> Option<OffsetDateTime> {
         self.start
     }
@@ -283,7 +283,10 @@ mod tests {
             path: PathBuf::new(),
             container: Container::Wav,
             info: Info { channels: 4, rate_hz: RATE_HZ, frames: Some(HOUR), promised: Some(HOUR) },
-            stamp: Some(Stamp { at: first + time::Duration::seconds(s.floor() as i64), resolution_s: 1.0 }),
+            stamp: Some(WrittenTime {
+                at: first + time::Duration::seconds(s.floor() as i64),
+                resolution_s: 1.0,
+            }),
             first_index: 0,
         };
         starts_s.map(part).collect()

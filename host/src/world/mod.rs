@@ -15,8 +15,8 @@ pub mod truth;
 pub use array::SimulatedArray;
 pub use scenario::ArrayScenario;
 
-use crate::recording::stamp::Stamp;
 use crate::recording::write::wav;
+use crate::recording::written_time::WrittenTime;
 use crate::scenario::Written;
 use anyhow::{Result, bail};
 use std::path::Path;
@@ -42,7 +42,7 @@ pub fn write(scenario: &ArrayScenario, folder: &Path) -> Result<Written> {
             array.by_ref().take((from - at) as usize).for_each(drop);
         }
         let start = scenario.start + time::Duration::nanoseconds((from as f64 / rate * 1e9).round() as i64);
-        let path = folder.join(format!("{name}_{}.wav", Stamp::name(start)));
+        let path = folder.join(format!("{name}_{}.wav", WrittenTime::name(start)));
         let frames = array.by_ref().take((to - from) as usize).enumerate().map(|(i, frame)| {
             if i % 65_536 == 0 {
                 bar.set_position(from + i as u64);

@@ -163,7 +163,7 @@ fn distance(p: &[[f32; 3]; 4], i: usize, j: usize) -> f64 {
 }
 
 /// Coherence of a diffuse field between two points.
-pub fn diffuse_coherence(f_hz: f64, distance_m: f64, sound_speed_m_s: f64) -> f64 {
+fn diffuse_coherence(f_hz: f64, distance_m: f64, sound_speed_m_s: f64) -> f64 {
     let kd = std::f64::consts::TAU * f_hz * distance_m / sound_speed_m_s;
     if kd < 1e-6 { 1.0 } else { kd.sin() / kd }
 }

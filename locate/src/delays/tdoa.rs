@@ -17,14 +17,14 @@ use super::continuity::Continuity;
 use super::report::closure;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::geometry::{Geometry, PAIRS};
-use crate::kit::{Factor, Normal};
+use crate::kit::{Factor, Normal, reweighted};
 use crate::math::f32 as m;
 
 /// Root-mean-square residual of a consistent set, as a share of the time across the array: about 1.3° of direction.
 /// With 10 µs steps on a 1 m array this is 15 µs (docs/references.md).
-pub const RESIDUAL_SHARE: f32 = 0.0225;
+const RESIDUAL_SHARE: f32 = 0.0225;
 /// How far the length of the unconstrained solution may be from one.
-pub const LENGTH_TOLERANCE: f32 = 0.05;
+const LENGTH_TOLERANCE: f32 = 0.05;
 /// Share of both tolerances within which a set of all six pairs is believed without bearings before it.
 const ALONE_SHARE: f32 = 0.5;
 /// Gauss-Newton steps: the problem is nearly linear.
@@ -86,7 +86,7 @@ struct Fit {
 
 impl Solver {
     /// A solver for an array; `range_m` infinite means plane waves. `tolerance_s` replaces the default residual limit
-    /// ([`RESIDUAL_SHARE`] of the time across the array) where given.
+    /// (a share of the time across the array) where given.
     pub fn new(
         geometry: &Geometry,
         range_m: f64,
@@ -194,7 +194,7 @@ impl Solver {
     /// Least squares over the pairs in `used`.
     fn fit(&self, used: u8, delays: &[f32; PAIR_COUNT], start: Option<Direction>) -> Option<Fit> {
         let linear = self.linear(used, delays);
-        let (mut direction, length) = match (linear, start) {
+        let (start, length) = match (linear, start) {
             (Some(s), _) => {
                 let length = m::sqrt(wavefront::dot(&s, &s));
                 if length < 1e-3 {
@@ -206,20 +206,19 @@ impl Solver {
             (None, Some(start)) => (start, 1.0),
             (None, None) => return None,
         };
-        let mut inverse = [[0.0; 2]; 2];
-        for _ in 0..STEPS {
-            let normal = self.linearised(used, delays, &direction);
-            let information = normal.information(&[true; 2]);
-            let factor = Factor::new(&information)?;
+        let equations = |_, direction: &Direction| {
+            let normal = self.linearised(used, delays, direction);
+            let [[aa, ab], [_, bb]] = normal.upper;
             // A ratio of eigenvalues beyond a thousand: the pairs leave one tangent undetermined here.
-            if factor.determinant() <= 1e-3 * information[0][0] * information[1][1] {
-                return None;
-            }
-            inverse = factor.inverse().map(|row| row.map(|x| x as f32));
-            let [a, b] = factor.solve(&normal.gradient).map(|x| x as f32);
-            let e = wavefront::tangents(&direction);
-            direction = wavefront::stepped(&direction, &e, a.clamp(-0.5, 0.5), b.clamp(-0.5, 0.5));
-        }
+            (aa * bb - ab * ab > 1e-3 * aa * bb).then_some(normal)
+        };
+        let advance = |_, direction: &mut Direction, step: &[f64; 2]| {
+            let [a, b] = step.map(|x| (x as f32).clamp(-0.5, 0.5));
+            *direction = wavefront::stepped(direction, &wavefront::tangents(direction), a, b);
+            true
+        };
+        let (direction, inverse) = reweighted(start, STEPS, equations, advance)?;
+        let inverse = inverse.map(|row| row.map(|x| x as f32));
         let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, &direction, self.curvature));
         let mut square = 0.0;
         for (p, (d, t)) in delays.iter().zip(&tau).enumerate() {

@@ -23,14 +23,14 @@ const SCALES: [f64; 3] = [8.0, 4.0, 2.0];
 /// Most fits at the final scale.
 const STEPS: usize = 12;
 /// A bearing with a residual beyond this many standard deviations counts as wrong.
-pub const WRONG_SD: f64 = 4.0;
+const WRONG_SD: f64 = 4.0;
 
 /// A fit with heavy tails.
 #[derive(Clone, Copy, Debug)]
 pub struct RobustFit {
     /// The fit; its covariance is that of the reweighted bearings.
     pub fit: Fit,
-    /// Bearings farther from the track than [`WRONG_SD`] standard deviations.
+    /// Bearings farther from the track than `WRONG_SD` standard deviations.
     pub wrong: usize,
 }
 

@@ -12,7 +12,7 @@
 //!   exact;
 //! - any other times: Cholesky factor in memory the caller lends (n(n+1)/2 numbers).
 //!
-//! Prediction-error variances tell how near to singular the model is: where one falls below [`CONDITION`] of the first,
+//! Prediction-error variances tell how near to singular the model is: where one falls below `CONDITION` of the first,
 //! a white part of that size is added and the fit says so. Cost at K = 401 of Levinson: about 1.5 million
 //! multiplications a call.
 
@@ -26,7 +26,7 @@ use crate::math::f64 as m;
 pub const MISSING: usize = 48;
 /// Least prediction-error variance, relative: below it the errors would be predictable to a hundredth of their size,
 /// which no model of the sea is good enough to claim.
-pub const CONDITION: f64 = 1e-4;
+const CONDITION: f64 = 1e-4;
 /// Times are regular if each lies within this part of a step from its place.
 const REGULAR: f64 = 1e-3;
 

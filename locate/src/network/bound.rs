@@ -51,7 +51,7 @@ pub fn information(sightings: &[Sighting], source_m: &[f64; 3]) -> Square<3> {
 }
 
 /// Fisher information by other coordinates, given the derivatives of (x, y, z) by them [N 13, 15].
-pub fn information_in(sightings: &[Sighting], source_m: &[f64; 3], derivatives: &[[f64; 3]; 3]) -> Square<3> {
+fn information_in(sightings: &[Sighting], source_m: &[f64; 3], derivatives: &[[f64; 3]; 3]) -> Square<3> {
     let mut f = [[0.0; 3]; 3];
     for s in sightings {
         let (ga, gb) = model::gradients(&s.array_m, source_m);

@@ -12,7 +12,7 @@ use crate::math::f64 as m;
 /// through its closest point in about 14 s, seconds.
 pub const WINDOW_S: f64 = 5.0;
 /// Largest rate that a bearing without neighbours is held to have: that vessel's at its closest point, radians a second.
-pub const LARGEST_RATE: f64 = 0.07;
+const LARGEST_RATE: f64 = 0.07;
 
 /// One angle of one array.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,14 +9,13 @@
 use super::{OrientError, quantile};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
-use crate::kit::spd::{self, dot};
-use crate::kit::{Huber, MAD_TO_SD, Normal, Tukey};
+use crate::kit::{Huber, MAD_TO_SD, Normal, Tukey, reweighted};
 use crate::math::f64 as m;
 
 /// Unknown coordinates.
 const UNKNOWNS: usize = 3 * CHANNELS;
 /// Fewest sets of six differences.
-pub const LEAST_SETS: usize = 10;
+const LEAST_SETS: usize = 10;
 /// Smallest noise of a difference assumed, seconds, so that exact data do not divide by zero.
 const LEAST_SCALE_S: f64 = 1e-12;
 /// Largest standard deviation of a coordinate that is one, metres.
@@ -61,16 +60,11 @@ pub fn hydrophones(
     if !finite || !(sound_speed_m_s > 100.0) {
         return Err(OrientError::NotFinite);
     }
-    let c = sound_speed_m_s;
-    let mut h = *configured_m;
-    // Any wrong pair is at most an array's length off; the first round takes all in.
-    let mut scale_s = f64::INFINITY;
-    let mut inverse = None;
-    for round in 0..20 {
+    let equations = |round, (h, scale_s): &(_, f64)| {
         // Huber's weights find the neighbourhood, Tukey's then leave wrong pairs out.
         let weight = |r| if round < 6 { Huber::EFFICIENT.weight(r) } else { Tukey::EFFICIENT.weight(r) };
         let mut normal = Normal::<UNKNOWNS>::default();
-        for (row, value) in sets.iter().flat_map(|s| rows(s, &h, c)) {
+        for (row, value) in sets.iter().flat_map(|s| rows(s, h, sound_speed_m_s)) {
             normal.observe(&row, value, weight(value / scale_s));
         }
         // The centroid: three equations "the changes sum to zero" with the weight of a typical diagonal element.
@@ -81,22 +75,17 @@ pub fn hydrophones(
             row.iter_mut().skip(axis).step_by(3).for_each(|x| *x = 1.0);
             normal.observe(&row, 0.0, trace);
         }
-        let c = spd::inverse(&normal.information(&[true; UNKNOWNS])).ok_or(OrientError::NotObservable)?;
-        let mut largest = 0.0f64;
-        for (x, row) in h.iter_mut().flatten().zip(&c) {
-            let step = dot(row, &normal.gradient);
-            *x += step;
-            largest = largest.max(m::abs(step));
-        }
-        inverse = Some(c);
-        let residuals =
-            sets.iter().flat_map(|s| rows(s, &h, sound_speed_m_s)).map(|(_, value)| m::abs(value));
-        scale_s = (MAD_TO_SD * quantile(residuals, 0.5)).max(LEAST_SCALE_S);
-        if round > 6 && largest < 1e-9 {
-            break;
-        }
-    }
-    let c = inverse.ok_or(OrientError::NotObservable)?;
+        Some(normal)
+    };
+    let advance = |round, (h, scale_s): &mut ([[f64; 3]; CHANNELS], f64), step: &[f64; UNKNOWNS]| {
+        h.iter_mut().flatten().zip(step).for_each(|(x, step)| *x += step);
+        let residuals = sets.iter().flat_map(|s| rows(s, h, sound_speed_m_s)).map(|(_, value)| m::abs(value));
+        *scale_s = (MAD_TO_SD * quantile(residuals, 0.5)).max(LEAST_SCALE_S);
+        round <= 6 || step.iter().any(|x| !(m::abs(*x) < 1e-9))
+    };
+    // Any wrong pair is at most an array's length off; the first round takes all in.
+    let ((h, scale_s), c) = reweighted((*configured_m, f64::INFINITY), 20, equations, advance)
+        .ok_or(OrientError::NotObservable)?;
     let n = sets.iter().flat_map(|s| rows(s, &h, sound_speed_m_s)).count();
     let mut sd_m = [[0.0; 3]; CHANNELS];
     for (s, (i, row)) in sd_m.iter_mut().flatten().zip(c.iter().enumerate()) {

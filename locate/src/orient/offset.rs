@@ -17,7 +17,7 @@ use crate::math::f64 as m;
 /// Fewest residuals of a pass: two that agree say nothing of their error.
 pub const LEAST_RESIDUALS: usize = 3;
 /// Most passes kept apart; later ones are left to the next call.
-pub const MAX_PASSES: usize = 64;
+const MAX_PASSES: usize = 64;
 /// Degrees of freedom of the Student-t errors of the grid.
 const FREEDOM: f64 = 3.0;
 /// Where the Gaussian core of the errors ends and the exponential tails begin, radians: the median error of real buoys,

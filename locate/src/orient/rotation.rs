@@ -11,13 +11,12 @@
 
 use super::{OrientError, quantile};
 use crate::angle::wrap_tau;
-use crate::kit::Huber;
-use crate::kit::spd::{self, Square};
+use crate::kit::{Huber, Normal, Square, reweighted};
 use crate::math::f64 as m;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Fewest directions for three angles and their scatter.
-pub const LEAST_DIRECTIONS: usize = 6;
+const LEAST_DIRECTIONS: usize = 6;
 /// Largest standard deviation of an angle that is one, radians (20°).
 const LARGEST_SD: f64 = 0.35;
 /// Smallest angular noise assumed, radians, so that exact data do not divide by zero.
@@ -63,10 +62,8 @@ pub fn rotation(directions: &[DirectionPair], correlated: f64) -> Result<Rotatio
     if !directions.iter().all(|d| unit(&d.measured) && unit(&d.known)) || !(correlated >= 1.0) {
         return Err(OrientError::NotFinite);
     }
-    let mut r = best_rotation(directions).ok_or(OrientError::NotObservable)?;
-    let mut inverse = None;
-    for _ in 0..30 {
-        let scale = spread(directions, &r);
+    let equations = |_, r: &Matrix3<f64>| {
+        let scale = spread(directions, r);
         let (mut h, mut g) = (Matrix3::zeros(), Vector3::zeros());
         for d in directions {
             let (p, u) = (r * Vector3::from(d.measured), Vector3::from(d.known));
@@ -74,16 +71,19 @@ pub fn rotation(directions: &[DirectionPair], correlated: f64) -> Result<Rotatio
             h += (Matrix3::identity() - p * p.transpose()) * w;
             g += p.cross(&u) * w;
         }
-        // The matrix is symmetric: its columns are its rows.
-        let c = Matrix3::from(spd::inverse(&h.into()).ok_or(OrientError::NotObservable)?);
-        inverse = Some(c);
-        let omega = c * g;
-        r = Rotation3::new(omega).into_inner() * r;
-        if omega.norm_squared() < 1e-24 {
-            break;
-        }
-    }
-    let c = inverse.ok_or(OrientError::NotObservable)?;
+        // A symmetric matrix: its columns are its rows.
+        let mut normal = Normal::default();
+        (normal.upper, normal.gradient) = (h.into(), g.into());
+        Some(normal)
+    };
+    let turn = |_, r: &mut Matrix3<f64>, omega: &[f64; 3]| {
+        let omega = Vector3::from(*omega);
+        *r = Rotation3::new(omega).into_inner() * *r;
+        !(omega.norm_squared() < 1e-24)
+    };
+    let start = best_rotation(directions).ok_or(OrientError::NotObservable)?;
+    let (r, c) = reweighted(start, 30, equations, turn).ok_or(OrientError::NotObservable)?;
+    let c = Matrix3::from(c);
     let scale = spread(directions, &r);
     // Axes of heading (the vertical), pitch (the turned East axis made horizontal) and roll (the array's North axis).
     let north = r * Vector3::y();

@@ -9,14 +9,14 @@ use time::{Date, Month, OffsetDateTime, PrimitiveDateTime, Time};
 
 /// A start time and how finely it was written.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stamp {
+pub struct WrittenTime {
     /// The time, UTC.
     pub at: OffsetDateTime,
     /// Its last digit, seconds.
     pub resolution_s: f64,
 }
 
-impl Stamp {
+impl WrittenTime {
     /// The time in a file name.
     pub fn in_name(name: &str) -> Option<Self> {
         let bytes = name.as_bytes();
@@ -38,7 +38,7 @@ impl Stamp {
         Some(Self { at: at.to_offset(time::UtcOffset::UTC), resolution_s: 10f64.powi(-(fraction as i32)) })
     }
 
-    /// The form [`Stamp::in_name`] reads, with microseconds: `20240131T120000.000000Z`.
+    /// The form [`WrittenTime::in_name`] reads, with microseconds: `20240131T120000.000000Z`.
     pub fn name(at: OffsetDateTime) -> String {
         format!(
             "{:04}{:02}{:02}T{:02}{:02}{:02}.{:06}Z",
@@ -53,7 +53,7 @@ impl Stamp {
     }
 }
 
-fn date_and_time(text: &str, digits: usize) -> Option<Stamp> {
+fn date_and_time(text: &str, digits: usize) -> Option<WrittenTime> {
     let number = |from: usize, n: usize| -> Option<i32> {
         let part = text.get(from..from + n)?;
         part.bytes().all(|b| b.is_ascii_digit()).then(|| part.parse().ok())?
@@ -78,7 +78,7 @@ fn date_and_time(text: &str, digits: usize) -> Option<Stamp> {
     };
     let nano = if fraction.is_empty() { 0 } else { format!("{fraction:0<9}").parse().ok()? };
     let time = Time::from_hms_nano(h, m, s, nano).ok()?;
-    Some(Stamp {
+    Some(WrittenTime {
         at: PrimitiveDateTime::new(date, time).assume_utc(),
         resolution_s: 10f64.powi(-(fraction.len() as i32)),
     })
@@ -99,15 +99,19 @@ mod tests {
             "5731.240131120000.wav",
             "20240131120000.wav",
         ] {
-            assert_eq!(Stamp::in_name(name), Some(Stamp { at: noon, resolution_s: 1.0 }), "{name}");
+            assert_eq!(
+                WrittenTime::in_name(name),
+                Some(WrittenTime { at: noon, resolution_s: 1.0 }),
+                "{name}"
+            );
         }
-        let fine = Stamp::in_name("x_20240131T120000.015625Z.wav").unwrap();
+        let fine = WrittenTime::in_name("x_20240131T120000.015625Z.wav").unwrap();
         assert_eq!(fine.at, noon + time::Duration::microseconds(15_625));
         assert!((fine.resolution_s - 1e-6).abs() < 1e-12);
         for name in ["pass.wav", "part-12.wav", "20241399T250000.wav", "123456789012345.wav"] {
-            assert_eq!(Stamp::in_name(name), None, "{name}");
+            assert_eq!(WrittenTime::in_name(name), None, "{name}");
         }
-        assert_eq!(Stamp::in_name(&format!("a_{}.wav", Stamp::name(fine.at))), Some(fine));
-        assert_eq!(Stamp::parse("2024-01-31T13:00:00+01:00\n").unwrap().at, noon);
+        assert_eq!(WrittenTime::in_name(&format!("a_{}.wav", WrittenTime::name(fine.at))), Some(fine));
+        assert_eq!(WrittenTime::parse("2024-01-31T13:00:00+01:00\n").unwrap().at, noon);
     }
 }
