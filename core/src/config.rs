@@ -124,29 +124,18 @@ impl Default for Tracking {
 }
 
 /// What is wrong with a configuration; the host adds file and line.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigError {
     /// A value outside its range: name of the key, what was given, least and greatest allowed.
+    #[error("`{0}` is {1}; allowed {2} to {3}")]
     OutOfRange(&'static str, f64, f64, f64),
     /// The hydrophones make bearings impossible.
+    #[error(transparent)]
     Geometry(GeometryError),
     /// `channels` is not a permutation of 0, 1, 2, 3.
+    #[error("`channels` must name each of 0, 1, 2, 3 once")]
     Channels,
 }
-
-impl core::fmt::Display for ConfigError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::OutOfRange(key, x, least, greatest) => {
-                write!(f, "`{key}` is {x}; allowed {least} to {greatest}")
-            }
-            Self::Geometry(e) => e.fmt(f),
-            Self::Channels => f.write_str("`channels` must name each of 0, 1, 2, 3 once"),
-        }
-    }
-}
-
-impl core::error::Error for ConfigError {}
 
 impl ArrayConfig {
     /// Hydrophones (East, North, Up in metres) on channels 0 to 3, and what a station file means where it says nothing.

@@ -16,31 +16,18 @@ pub struct Geometry {
 }
 
 /// What is wrong with a set of hydrophones.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GeometryError {
     /// A coordinate is not a finite number.
+    #[error("a coordinate is not a number")]
     NotFinite,
     /// Two hydrophones are at the same place (closer than 1 cm): their indices.
+    #[error("hydrophones {0} and {1} are at the same place: check for a copied row")]
     Coincident(usize, usize),
     /// All four lie in one plane: elevation cannot be told from its mirror image.
+    #[error("the four hydrophones lie in one plane: elevation would be ambiguous")]
     Coplanar,
 }
-
-impl core::fmt::Display for GeometryError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::NotFinite => f.write_str("a coordinate is not a number"),
-            Self::Coincident(i, j) => {
-                write!(f, "hydrophones {i} and {j} are at the same place: check for a copied row")
-            }
-            Self::Coplanar => {
-                f.write_str("the four hydrophones lie in one plane: elevation would be ambiguous")
-            }
-        }
-    }
-}
-
-impl core::error::Error for GeometryError {}
 
 impl Geometry {
     /// Checks positions and turns them clockwise by `orientation_rad` into the true frame.

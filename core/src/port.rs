@@ -80,3 +80,21 @@ impl Clock for NoClock {
         0
     }
 }
+
+/// A board that nothing watches, switched on for the first time.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoBoard;
+
+impl Supervisor for NoBoard {
+    fn feed(&mut self) {}
+
+    fn idle(&mut self) {}
+
+    fn reset_cause(&self) -> u8 {
+        0
+    }
+
+    fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
+        None
+    }
+}

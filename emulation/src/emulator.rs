@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
 /// Where the configuration blob is loaded: PSRAM of the emulated board.
@@ -84,39 +85,31 @@ pub struct FirmwareSummary {
 }
 
 impl FirmwareSummary {
-    fn read(path: &Path) -> Option<Self> {
-        Self::of(&std::fs::read(path).ok()?)
+    fn of(bytes: &[u8]) -> Option<Self> {
+        let (words, rest) = bytes.as_chunks::<8>();
+        let mut words = words.iter().map(|w| u64::from_le_bytes(*w));
+        let mut next = || words.next();
+        let summary = Self {
+            index: next()?,
+            instants: next()?,
+            busy_ticks: next()?,
+            worst_block_ticks: next()?,
+            frames: next()?,
+            frames_dropped: next()?,
+            stack_bytes: next()?,
+            stack_used: next()?,
+            line_damaged: next()?,
+            line_lost: next()?,
+        };
+        (rest.is_empty() && words.next().is_none()).then_some(summary)
     }
 
-    fn of(bytes: &[u8]) -> Option<Self> {
-        let words: Vec<u64> = bytes.as_chunks::<8>().0.iter().map(|w| u64::from_le_bytes(*w)).collect();
-        let [
-            index,
-            instants,
-            busy_ticks,
-            worst_block_ticks,
-            frames,
-            frames_dropped,
-            stack_bytes,
-            stack_used,
-            line_damaged,
-            line_lost,
-        ] = words[..]
-        else {
-            return None;
-        };
-        Some(Self {
-            index,
-            instants,
-            busy_ticks,
-            worst_block_ticks,
-            frames,
-            frames_dropped,
-            stack_bytes,
-            stack_used,
-            line_damaged,
-            line_lost,
-        })
+    /// The summary of a run that ended well, or why it did not: `reason` is the console's last line.
+    fn of_run(ended_well: bool, reason: &str, bytes: &[u8]) -> Result<Self> {
+        if !ended_well {
+            bail!("the firmware has failed: {reason}");
+        }
+        Self::of(bytes).context("the firmware left no summary")
     }
 }
 
@@ -229,16 +222,12 @@ impl Emulator {
         let fed = AtomicU64::new(0);
         let (fifo, fed) = (fifo.as_path(), &fed);
         std::thread::scope(|scope| {
-            let feeder = scope.spawn(move || -> Result<()> {
-                match sample_line {
-                    // As it comes: whoever feeds a line keeps its time.
-                    Some(line) => feed(&mut Counted { to: line, fed }),
-                    None => {
-                        let to = std::fs::OpenOptions::new().write(true).open(fifo)?;
-                        let mut out = BufWriter::with_capacity(1 << 16, Counted { to, fed });
-                        feed(&mut out)?;
-                        Ok(out.flush()?)
-                    }
+            let feeder = scope.spawn(move || match sample_line {
+                // As it comes: whoever feeds a line keeps its time.
+                Some(line) => while_read(feed(&mut Counted { to: line, fed })),
+                None => {
+                    let to = std::fs::OpenOptions::new().write(true).open(fifo)?;
+                    feed_all(feed, Counted { to, fed })
                 }
             });
             let mut decoder = Decoder::default();
@@ -260,20 +249,15 @@ impl Emulator {
             if self.samples == SamplePath::File {
                 drop(std::fs::OpenOptions::new().read(true).write(true).open(fifo));
             }
-            let feeding = feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"));
+            let feeding = joined(feeder);
             listened?;
             let status = status?;
             if let Some(value) = panicked {
                 bail!("the firmware panicked at line {} of file {:08x}", value as u32, value >> 32 << 1);
             }
-            match feeding {
-                Err(error) if !reader_has_gone(&error) => return Err(error),
-                _ => {}
-            }
-            if !status.success() {
-                bail!("the firmware has failed: {}", console(folder.path(), &status));
-            }
-            FirmwareSummary::read(&folder.path().join("summary.bin")).context("the firmware left no summary")
+            feeding?;
+            let summary = std::fs::read(folder.path().join("summary.bin")).unwrap_or_default();
+            FirmwareSummary::of_run(status.success(), &console(folder.path(), &status), &summary)
         })
     }
 
@@ -288,11 +272,7 @@ impl Emulator {
         let image = std::fs::read(&self.firmware).context("the firmware image")?;
         let image = Image::parse(&image).map_err(|e| anyhow!("{}: {e}", self.firmware.display()))?;
         let (ending, telemetry, (summary, console)) = std::thread::scope(|scope| -> Result<_> {
-            let feeder = scope.spawn(move || -> Result<()> {
-                let mut out = BufWriter::with_capacity(1 << 16, near);
-                feed(&mut out)?;
-                Ok(out.flush()?)
-            });
+            let feeder = scope.spawn(move || feed_all(feed, near));
             let mut samples = BufReader::with_capacity(1 << 16, far);
             let mut line = Vec::new();
             if self.samples == SamplePath::Uart {
@@ -309,16 +289,11 @@ impl Emulator {
             let left = (std::mem::take(&mut board.summary), std::mem::take(&mut board.console));
             // Samples that nobody takes any more are let go, so that their writer ends.
             drop(board);
-            match feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked")) {
-                Err(error) if !reader_has_gone(&error) => Err(error),
-                _ => Ok((ending?, heard, left)),
-            }
+            joined(feeder)?;
+            Ok((ending?, heard, left))
         })?;
         heard(&telemetry, &mut std::io::sink())?;
-        if ending != Ending::Exit(0) {
-            bail!("the firmware has failed: {}", console.trim());
-        }
-        FirmwareSummary::of(&summary).context("the firmware left no summary")
+        FirmwareSummary::of_run(ending == Ending::Exit(0), console.trim(), &summary)
     }
 
     fn start(&self, folder: &Path, lines: &[&str]) -> Result<Child> {
@@ -435,8 +410,24 @@ fn console(folder: &Path, status: &ExitStatus) -> String {
     text.lines().map(str::trim).rfind(|l| !l.is_empty()).map_or(status.to_string(), str::to_owned)
 }
 
+/// Feeds to the end, or until nobody reads any more.
+pub(crate) fn feed_all(feed: impl FnOnce(&mut dyn Write) -> Result<()>, to: impl Write) -> Result<()> {
+    let mut out = BufWriter::with_capacity(1 << 16, to);
+    while_read(feed(&mut out).and_then(|()| Ok(out.flush()?)))
+}
+
+/// What came of feeding; that the reader has gone is no error.
+fn while_read(fed: Result<()>) -> Result<()> {
+    fed.or_else(|error| if reader_has_gone(&error) { Ok(()) } else { Err(error) })
+}
+
+/// What came of a thread that feeds.
+pub(crate) fn joined(feeder: ScopedJoinHandle<'_, Result<()>>) -> Result<()> {
+    feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked"))
+}
+
 /// Whether something failed because its reader has gone.
-pub(crate) fn reader_has_gone(error: &anyhow::Error) -> bool {
+fn reader_has_gone(error: &anyhow::Error) -> bool {
     let gone = |e: &std::io::Error| matches!(e.kind(), ErrorKind::BrokenPipe | ErrorKind::ConnectionReset);
     error.chain().any(|c| c.downcast_ref::<std::io::Error>().is_some_and(gone))
 }

@@ -1,16 +1,16 @@
 //! The twin: the firmware in QEMU and the same loop on the host over the same samples, telemetry compared.
 
-use crate::emulator::{Emulator, FirmwareSummary, SamplePath, reader_has_gone};
+use crate::emulator::{Emulator, FirmwareSummary, SamplePath, feed_all, joined};
 use crate::record::RecordFormat as Records;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config_blob::{self, PROPAGATION};
-use seabearing_core::port::{Link, NoClock, Supervisor};
+use seabearing_core::port::{Link, NoBoard, NoClock};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{self, ReadBytes, Reader};
-use seabearing_core::wire::{Decoder, DecoderCounters, FaultCode, Message};
+use seabearing_core::wire::{Decoder, DecoderCounters, Message};
 use std::io::{BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 
@@ -65,19 +65,6 @@ impl<F: FnMut(&[u8]) -> Result<()>> Link for Heard<F> {
     }
 }
 
-struct Host;
-
-impl Supervisor for Host {
-    fn feed(&mut self) {}
-    fn idle(&mut self) {}
-    fn reset_cause(&self) -> u8 {
-        0
-    }
-    fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
-        None
-    }
-}
-
 /// Runs the host's own loop over what `feed` writes (an `.sbraw` stream or the sample line's bytes); `heard` gets the
 /// telemetry frame by frame. What the sample line counted comes back.
 ///
@@ -92,11 +79,7 @@ pub fn host(
     let config = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
     let (near, far) = UnixStream::pair()?;
     std::thread::scope(|scope| {
-        let feeder = scope.spawn(move || {
-            let mut out = std::io::BufWriter::with_capacity(1 << 16, near);
-            feed(&mut out)?;
-            Ok(out.flush()?)
-        });
+        let feeder = scope.spawn(move || feed_all(feed, near));
         let bytes = Bytes(BufReader::with_capacity(1 << 16, far));
         let mut link = Heard { listener: heard, failed: None };
         let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
@@ -107,20 +90,17 @@ pub fn host(
         let counters = match samples {
             SamplePath::File => {
                 let mut reader = Reader::new(bytes);
-                run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
+                run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut NoBoard, &mut frames);
                 DecoderCounters::default()
             }
             SamplePath::Uart => {
                 let mut reader = sample_line::Reader::new(bytes);
-                run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut Host, &mut frames);
+                run(&mut recorder, &mut reader, &mut link, &mut NoClock, &mut NoBoard, &mut frames);
                 reader.counters()
             }
         };
         // A sample line is left at its first end; a sender that repeats it is let go.
-        match feeder.join().unwrap_or_else(|_| bail!("the writer of samples has panicked")) {
-            Err(error) if !reader_has_gone(&error) => return Err(error),
-            _ => {}
-        }
+        joined(feeder)?;
         link.failed.map_or(Ok(counters), Err)
     })
 }

@@ -66,8 +66,7 @@ fn run(options: &Options) -> Result<()> {
 
 /// Quantiles of speed, rate of turn and acceleration.
 fn kinematics(options: &Options, all: &[VesselPath]) -> Result<()> {
-    let mut report =
-        CsvReport::new("ais-kinematics", &["percent", "speed_m_s", "turn_deg_s", "acceleration_m_s2"]);
+    let mut report = CsvReport::new("ais-kinematics", "percent,speed_m_s,turn_deg_s,acceleration_m_s2");
     let values = |f: &dyn Fn(&Instant) -> f64| all.iter().flatten().map(f).collect::<Vec<f64>>();
     let mut speed = values(&Instant::speed_m_s);
     let mut turn = values(&|i| i.turn_rad_s().abs().to_degrees());
@@ -94,7 +93,7 @@ fn deviation_m(path: &[Instant]) -> f64 {
 fn straightness(options: &Options, all: &[VesselPath]) -> Result<Vec<[f64; 3]>> {
     let mut report = CsvReport::new(
         "ais-straightness",
-        &["window_s", "windows", "median_deviation_m", "straight_500m_percent", "straight_1000m_percent"],
+        "window_s,windows,median_deviation_m,straight_500m_percent,straight_1000m_percent",
     );
     let mut shares = Vec::new();
     for window in WINDOWS_S {
@@ -228,16 +227,8 @@ fn passages(options: &Options, all: &[VesselPath]) -> Result<Vec<PassageScore>> 
     bar.finish_and_clear();
     let mut report = CsvReport::new(
         "ais-passages",
-        &[
-            "turning",
-            "passages",
-            "tracked_percent",
-            "time_on_vessel_percent",
-            "split_percent",
-            "splits_a_passage",
-            "median_delay_s",
-            "median_heading_error_deg",
-        ],
+        "turning,passages,tracked_percent,time_on_vessel_percent,split_percent,splits_a_passage,\
+         median_delay_s,median_heading_error_deg",
     );
     for (k, class) in [Class::Straight, Class::Bending, Class::Turning].into_iter().enumerate() {
         let mine: Vec<&PassageScore> = found.iter().filter(|p| p.class == class).collect();

@@ -163,18 +163,7 @@ fn accuracy(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
     let sounder = Sounder::new(plan.geometry(), f64::from(plan.rate_hz()), RECORD, AmbientField::Independent);
     let mut report = CsvReport::new(
         "bearing_limit",
-        &[
-            "snr_db",
-            "segments",
-            "az_deg",
-            "az_limit",
-            "az_ratio",
-            "el_deg",
-            "el_limit",
-            "el_ratio",
-            "beyond_5",
-            "ellipse_%",
-        ],
+        "snr_db,segments,az_deg,az_limit,az_ratio,el_deg,el_limit,el_ratio,beyond_5,ellipse_%",
     );
     let mut rows = Vec::new();
     let bar = progress::bar((SNR_DB.len() * directions) as u64, "directions");
@@ -245,8 +234,8 @@ fn judge(options: &Options, snr_db: f64, errors: &Errors) {
 /// The table of stated and actual errors where the surface's image comes beside the vessel.
 fn multipath(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
     let sounder = Sounder::new(plan.geometry(), f64::from(plan.rate_hz()), RECORD, AmbientField::Independent);
-    let columns = ["snr_db", "segments", "az_deg", "az_stated", "el_deg", "el_stated", "ellipse_%"];
-    let mut report = CsvReport::new("bearing_multipath", &columns);
+    let header = "snr_db,segments,az_deg,az_stated,el_deg,el_stated,ellipse_%";
+    let mut report = CsvReport::new("bearing_multipath", header);
     if !options.json {
         println!("with the surface's image: vessels 4 m deep, 200 to 1000 m away, array 168 m deep");
     }
@@ -283,10 +272,8 @@ fn multipath(options: &Options, plan: &Plan, directions: usize) -> Result<()> {
 
 /// Noise alone: how many bearings?
 fn false_alarms(options: &Options, seconds: f64) -> Result<()> {
-    let mut report = CsvReport::new(
-        "false_alarms",
-        &["ambient", "allowed_per_hour", "hours", "segments", "bearings", "greatest"],
-    );
+    let mut report =
+        CsvReport::new("false_alarms", "ambient,allowed_per_hour,hours,segments,bearings,greatest");
     if !options.json {
         println!(
             "false alarms; ambient noise: 0 independent, 1 isotropic, 2 surface-generated (both coherent)"

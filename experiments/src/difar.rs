@@ -221,19 +221,8 @@ fn run(options: &Options) -> Result<()> {
     };
     let mut report = CsvReport::new(
         "difar",
-        &[
-            "buoys",
-            "bearings",
-            "shift_s",
-            "within_1deg",
-            "largest_deg",
-            "within_7deg",
-            "repeat_robust",
-            "repeat_ls",
-            "predict_robust",
-            "predict_ls",
-            "excess_kurtosis",
-        ],
+        "buoys,bearings,shift_s,within_1deg,largest_deg,within_7deg,repeat_robust,repeat_ls,\
+         predict_robust,predict_ls,excess_kurtosis",
     );
     report.row(&[
         s.buoys as f64,

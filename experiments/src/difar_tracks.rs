@@ -43,16 +43,8 @@ const ESTIMATORS: usize = 3;
 pub(super) fn tracks(errors_deg: &[f64], options: &Options) -> Result<()> {
     let mut report = CsvReport::new(
         "difar-tracks",
-        &[
-            "cpa_m",
-            "runs",
-            "heading_rms_ls",
-            "heading_rms_robust",
-            "heading_rms_passage",
-            "range_rms_ls",
-            "range_rms_robust",
-            "range_rms_passage",
-        ],
+        "cpa_m,runs,heading_rms_ls,heading_rms_robust,heading_rms_passage,range_rms_ls,range_rms_robust,\
+         range_rms_passage",
     );
     let runs = options.runs.unwrap_or(RUNS);
     let mut worst = [0.0f64; 2];

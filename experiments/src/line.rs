@@ -172,17 +172,8 @@ fn run(options: &Options) -> Result<()> {
     let bar = crate::progress::bar(runs as u64, "line-orientation");
     let mut report = CsvReport::new(
         "line-orientation",
-        &[
-            "root_music",
-            "estimator",
-            "rmse_deg",
-            "largest_deg",
-            "claimed_sd_deg",
-            "rmse_shift_s",
-            "rmse_eta",
-            "shift_right",
-            "var_sine",
-        ],
+        "root_music,estimator,rmse_deg,largest_deg,claimed_sd_deg,rmse_shift_s,rmse_eta,shift_right,\
+         var_sine",
     );
     let mut worst = 0.0f64;
     const METHODS: [MusicMethod; 2] = [MusicMethod::Spectrum, MusicMethod::Root];

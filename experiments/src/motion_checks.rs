@@ -47,18 +47,8 @@ fn elevation(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(RUNS);
     let mut report = CsvReport::new(
         "motion-elevation",
-        &[
-            "cpa_m",
-            "bias_sd_deg",
-            "bias_modelled",
-            "range_rmse_m",
-            "range_bound_m",
-            "ratio",
-            "speed_rmse_percent",
-            "speed_bound_percent",
-            "heading_rmse_deg",
-            "range_in_95_percent",
-        ],
+        "cpa_m,bias_sd_deg,bias_modelled,range_rmse_m,range_bound_m,ratio,speed_rmse_percent,\
+         speed_bound_percent,heading_rmse_deg,range_in_95_percent",
     );
     let bar = progress::bar(15, "motion-elevation");
     for (case, (bias_deg, modelled)) in [(0.0, false), (1.0, true), (1.0, false)].into_iter().enumerate() {
@@ -118,7 +108,7 @@ fn elevation(options: &Options) -> Result<()> {
                 .flatten()
                 .collect();
             let n = errors.len() as f64;
-            let rms = |k: usize| (errors.iter().map(|e| e[k] * e[k]).sum::<f64>() / n).sqrt();
+            let rms = |k: usize| super::score::rms(errors.iter().map(|e| e[k]));
             let at = format!("{range_m} m, bias {bias_deg}°{}:", if modelled { " modelled" } else { "" });
             if bias_deg == 0.0 {
                 let ratio = rms(0) / limit.cpa_range_m;
@@ -180,22 +170,8 @@ fn coverage(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(COVERAGE_RUNS);
     let mut report = CsvReport::new(
         "motion-coverage",
-        &[
-            "recursive",
-            "sigma_deg",
-            "tau_s",
-            "cpa_m",
-            "speed_sd_m_s",
-            "var_z_range",
-            "var_z_heading",
-            "var_z_time",
-            "ellipse_first",
-            "ellipse_cpa",
-            "ellipse_last",
-            "difference_rms",
-            "difference_99",
-            "difference_max",
-        ],
+        "recursive,sigma_deg,tau_s,cpa_m,speed_sd_m_s,var_z_range,var_z_heading,var_z_time,\
+         ellipse_first,ellipse_cpa,ellipse_last,difference_rms,difference_99,difference_max",
     );
     // Error sd (degrees), correlation interval, CPA range, spread of speed.
     let cases = [
@@ -258,7 +234,7 @@ fn coverage(options: &Options) -> Result<()> {
             .collect();
         let n = results.len() as f64;
         let mut sorted: Vec<f64> = results.iter().map(|r| r.2).collect();
-        let rms = (sorted.iter().map(|d| d * d).sum::<f64>() / n).sqrt();
+        let rms = super::score::rms(sorted.iter().copied());
         let mut at = |p: f64| quantile(&mut sorted, p).unwrap_or(f64::NAN);
         let of_case = format!("{sigma_deg}°, {tau_s} s, {range_m} m:");
         options.figures.at_most(format!("{of_case} recursive against batch, worst, sd"), at(1.0), 0.3);
@@ -301,7 +277,7 @@ fn coverage(options: &Options) -> Result<()> {
 /// Rows: model 0 white, 1 linear, 2 sinc, 3 Gaussian, 4 Markov; 5 the recorder's passage fit of 401 bearings, one by one.
 fn cost(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(20);
-    let mut report = CsvReport::new("motion-cost", &["model", "tau_s", "levinson", "fit_ms", "memory_kib"]);
+    let mut report = CsvReport::new("motion-cost", "model,tau_s,levinson,fit_ms,memory_kib");
     let scene = |tau_s| StraightPass { range_m: 500.0, window_s: 200.0, sd_rad: 0.03, tau_s, speed_m_s: 7.0 };
     let cases = [
         (0, Model::White, 0.0),

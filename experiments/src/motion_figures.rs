@@ -49,6 +49,7 @@ pub const FLEET: Experiment = Experiment {
 const RUNS: usize = 1000;
 const SIGMA_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const RANGES_M: [f64; 7] = [500.0, 750.0, 1000.0, 1250.0, 1500.0, 1750.0, 2000.0];
+const FEWER_RANGES_M: [f64; 4] = [500.0, 1000.0, 1500.0, 2000.0];
 const MODELS: [Model; 2] = [Model::Linear, Model::White];
 
 /// One point of a figure: the estimators with the linear model and with the diagonal matrix.
@@ -99,83 +100,57 @@ fn point(
     Ok(Point { group, range_m: scene.range_m, rmse, bound, butter, second, paper_m })
 }
 
-fn figure_1(options: &Options) -> Result<()> {
-    let bar = progress::bar(28, "motion-fig1");
+/// A point for each value of what is varied and each range. `case` gives window (s), correlation interval (s) and speed
+/// error (m/s) of a value, and whether the Butterworth noise is tried as well.
+fn sweep<const N: usize>(
+    options: &Options,
+    name: &str,
+    first_seed: u64,
+    values: [f64; N],
+    ranges_m: &[f64],
+    case: impl Fn(f64) -> (f64, f64, f64, bool),
+) -> Result<Vec<Point>> {
+    let bar = progress::bar((N * ranges_m.len()) as u64, name);
     let mut points = Vec::new();
-    for tau_s in [0.0, 50.0, 100.0, 150.0] {
-        for range_m in RANGES_M {
-            let scene =
-                StraightPass { range_m, window_s: 200.0, sd_rad: SIGMA_RAD, tau_s, speed_m_s: SPEED_M_S };
-            points.push(point(options, &scene, tau_s, points.len() as u64, 0.0, tau_s > 0.0)?);
+    for value in values {
+        let (window_s, tau_s, sigma_v, butterworth) = case(value);
+        for &range_m in ranges_m {
+            let pass = StraightPass { range_m, window_s, sd_rad: SIGMA_RAD, tau_s, speed_m_s: SPEED_M_S };
+            let seed = first_seed + points.len() as u64;
+            points.push(point(options, &pass, value, seed, sigma_v, butterworth)?);
             bar.inc(1);
         }
     }
     bar.finish_and_clear();
+    Ok(points)
+}
+
+fn figure_1(options: &Options) -> Result<()> {
+    let case = |tau_s| (200.0, tau_s, 0.0, tau_s > 0.0);
+    let points = sweep(options, "motion-fig1", 0, [0.0, 50.0, 100.0, 150.0], &RANGES_M, case)?;
     write(options, "motion-fig1", "tau_s", "correlation interval (s)", &points)
 }
 
 fn figure_2(options: &Options) -> Result<()> {
-    let bar = progress::bar(16, "motion-fig2");
-    let mut points = Vec::new();
-    for window_s in [100.0, 200.0, 300.0, 400.0] {
-        for range_m in [500.0, 1000.0, 1500.0, 2000.0] {
-            let scene =
-                StraightPass { range_m, window_s, sd_rad: SIGMA_RAD, tau_s: 150.0, speed_m_s: SPEED_M_S };
-            points.push(point(options, &scene, window_s, 100 + points.len() as u64, 0.0, true)?);
-            bar.inc(1);
-        }
-    }
-    bar.finish_and_clear();
+    let case = |window_s| (window_s, 150.0, 0.0, true);
+    let points = sweep(options, "motion-fig2", 100, [100.0, 200.0, 300.0, 400.0], &FEWER_RANGES_M, case)?;
     write(options, "motion-fig2", "window_s", "observation time (s)", &points)
 }
 
 fn figure_3(options: &Options) -> Result<()> {
-    let bar = progress::bar(16, "motion-fig3");
-    let mut points = Vec::new();
-    for sigma_v in [0.0, 0.5, 1.0, 2.0] {
-        for range_m in [500.0, 1000.0, 1500.0, 2000.0] {
-            let scene = StraightPass {
-                range_m,
-                window_s: 200.0,
-                sd_rad: SIGMA_RAD,
-                tau_s: 150.0,
-                speed_m_s: SPEED_M_S,
-            };
-            points.push(point(options, &scene, sigma_v, 200 + points.len() as u64, sigma_v, false)?);
-            bar.inc(1);
-        }
-    }
-    bar.finish_and_clear();
+    let case = |sigma_v| (200.0, 150.0, sigma_v, false);
+    let points = sweep(options, "motion-fig3", 200, [0.0, 0.5, 1.0, 2.0], &FEWER_RANGES_M, case)?;
     write(options, "motion-fig3", "speed_sd_m_s", "speed error (m/s)", &points)
 }
 
 fn write(options: &Options, name: &str, group: &str, what: &str, points: &[Point]) -> Result<()> {
     let mut report = CsvReport::new(
         name,
-        &[
-            group,
-            "cpa_m",
-            "rmse_m",
-            "bound_m",
-            "ratio",
-            "rmse_deg",
-            "bound_deg",
-            "ratio_deg",
-            "diag_rmse_m",
-            "diag_bound_m",
-            "diag_ratio",
-            "diag_rmse_deg",
-            "diag_bound_deg",
-            "diag_ratio_deg",
-            "butter_rmse_m",
-            "butter_rmse_deg",
-            "butter_diag_rmse_m",
-            "butter_diag_rmse_deg",
-            "second_m",
-            "second_ratio",
-            "second_deg",
-            "paper_m",
-        ],
+        &format!(
+            "{group},cpa_m,rmse_m,bound_m,ratio,rmse_deg,bound_deg,ratio_deg,diag_rmse_m,diag_bound_m,\
+         diag_ratio,diag_rmse_deg,diag_bound_deg,diag_ratio_deg,butter_rmse_m,butter_rmse_deg,\
+         butter_diag_rmse_m,butter_diag_rmse_deg,second_m,second_ratio,second_deg,paper_m"
+        ),
     );
     for p in points {
         let mut row = vec![p.group, p.range_m];
@@ -251,17 +226,8 @@ fn fleet(options: &Options) -> Result<()> {
     let bar = progress::bar(7, "motion-fleet");
     let mut report = CsvReport::new(
         "motion-fleet",
-        &[
-            "cpa_m",
-            "mean_speed_rmse_m",
-            "expected_m",
-            "mean_speed_diag_rmse_m",
-            "own_speed_rmse_m",
-            "own_speed_diag_rmse_m",
-            "heading_rmse_deg",
-            "heading_diag_rmse_deg",
-            "heading_bound_deg",
-        ],
+        "cpa_m,mean_speed_rmse_m,expected_m,mean_speed_diag_rmse_m,own_speed_rmse_m,\
+         own_speed_diag_rmse_m,heading_rmse_deg,heading_diag_rmse_deg,heading_bound_deg",
     );
     let draw = |rng: &mut rand_chacha::ChaCha8Rng| loop {
         let v = Normal::new(TEST_FLEET.0, TEST_FLEET.1).map_or(TEST_FLEET.0, |n| n.sample(rng));

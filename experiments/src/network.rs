@@ -10,6 +10,7 @@
 
 use super::figure::Bar;
 use super::report::CsvReport;
+use super::score::rms;
 use super::{Experiment, Options};
 use crate::plot::{Plot, Scale, write_panels};
 use anyhow::Result;
@@ -93,15 +94,6 @@ fn generator(options: &Options, point: u64, run: usize) -> ChaCha8Rng {
     rng
 }
 
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (mut sum, mut n) = (0.0, 0.0f64);
-    for x in values {
-        sum += x * x;
-        n += 1.0;
-    }
-    (sum / n).sqrt()
-}
-
 /// Errors of azimuth and elevation (degrees) and range (metres) about the network's centre on the bottom; straight
 /// above it there is no azimuth.
 fn polar_error(position_m: &[f64; 3], truth_m: &[f64; 3]) -> [f64; 3] {
@@ -124,10 +116,8 @@ fn figure_2(options: &Options) -> Result<()> {
     let bar = crate::progress::bar(22, "network-fig2");
     let mut report = CsvReport::new(
         "network-fig2",
-        &[
-            "arrays", "range_m", "rmse_x", "crb_x", "rmse_y", "crb_y", "rmse_z", "crb_z", "rmse_az",
-            "crb_az", "rmse_el", "crb_el", "rmse_r", "crb_r", "open_az", "open_el", "open_r",
-        ],
+        "arrays,range_m,rmse_x,crb_x,rmse_y,crb_y,rmse_z,crb_z,rmse_az,crb_az,rmse_el,crb_el,rmse_r,\
+         crb_r,open_az,open_el,open_r",
     );
     let mut curves: Vec<Vec<[f64; 16]>> = Vec::new();
     for (n, arrays) in networks().into_iter().enumerate() {
@@ -209,20 +199,8 @@ fn figure_3(options: &Options) -> Result<()> {
     let bar = crate::progress::bar(22, "network-fig3");
     let mut report = CsvReport::new(
         "network-fig3",
-        &[
-            "arrays",
-            "range_m",
-            "rmse_3d_m",
-            "crb_3d_m",
-            "ratio_3d",
-            "rmse_2d_m",
-            "crb_2d_m",
-            "ratio_2d",
-            "var_x_2d",
-            "var_y_2d",
-            "fixes_2d",
-            "fixes_3d",
-        ],
+        "arrays,range_m,rmse_3d_m,crb_3d_m,ratio_3d,rmse_2d_m,crb_2d_m,ratio_2d,var_x_2d,var_y_2d,\
+         fixes_2d,fixes_3d",
     );
     let mut curves: Vec<Vec<[f64; 5]>> = Vec::new();
     let mut worst = [0.0f64; 2];

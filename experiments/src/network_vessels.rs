@@ -242,10 +242,8 @@ fn judge(track: &[TrackPoint], rng: &mut ChaCha8Rng) -> (Vec<Judged>, Option<f64
 
 /// Figure 8: median errors over bands of range, beside the bound.
 fn bands(options: &Options, all: &[&Judged]) -> Result<()> {
-    let mut report = CsvReport::new(
-        "network-vessels",
-        &["range_m", "fixes", "median_m", "crb_m", "median_az_deg", "median_range_m"],
-    );
+    let mut report =
+        CsvReport::new("network-vessels", "range_m,fixes,median_m,crb_m,median_az_deg,median_range_m");
     let mut curve = Vec::new();
     for k in 0..10 {
         let middle = 50.0 + 100.0 * f64::from(k);

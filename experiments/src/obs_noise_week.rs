@@ -55,21 +55,15 @@ pub fn scenario(seed: u64, days: usize) -> ObsScenario {
             interval_s: rng.random_range(60.0..70.0),
             level_db: rng.random_range(0.0..12.0),
         });
-        for _ in 0..6 {
-            s.earthquake.push(Burst {
+        let bursts =
+            [(&mut s.earthquake, 6, 30.0..240.0, 6.0..40.0), (&mut s.t_phase, 3, 60.0..400.0, 0.0..15.0)];
+        for (list, count, duration_s, level_db) in bursts {
+            list.extend((0..count).map(|_| Burst {
                 azimuth_deg: rng.random_range(0.0..360.0),
                 start_s: day_s + rng.random_range(0.0..DAY_S),
-                duration_s: rng.random_range(30.0..240.0),
-                level_db: rng.random_range(6.0..40.0),
-            });
-        }
-        for _ in 0..3 {
-            s.t_phase.push(Burst {
-                azimuth_deg: rng.random_range(0.0..360.0),
-                start_s: day_s + rng.random_range(0.0..DAY_S),
-                duration_s: rng.random_range(60.0..400.0),
-                level_db: rng.random_range(0.0..15.0),
-            });
+                duration_s: rng.random_range(duration_s.clone()),
+                level_db: rng.random_range(level_db.clone()),
+            }));
         }
         // Twice a day the tide runs.
         for tide in 0..2 {

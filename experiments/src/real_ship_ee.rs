@@ -201,7 +201,7 @@ fn run(options: &Options) -> Result<()> {
     let (Some(s), Some(judged)) = (score, judged) else { return Ok(()) };
     let mut report = super::report::CsvReport::new(
         "real_ship_ee",
-        &["sets", "kept_percent", "median_deg", "beyond_10_percent", "in_ellipse_percent"],
+        "sets,kept_percent,median_deg,beyond_10_percent,in_ellipse_percent",
     );
     report.row(&[s.sets as f64, 100.0 * s.kept, s.median_deg, 100.0 * s.beyond_10_deg, 100.0 * s.in_ellipse]);
     report.finish(options)?;

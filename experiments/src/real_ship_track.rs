@@ -66,19 +66,8 @@ fn run(options: &Options) -> Result<()> {
     let sound_speed_m_s = recording.station.config.sound_speed_m_s;
     let mut report = CsvReport::new(
         "real-ship-track",
-        &[
-            "middle_s",
-            "range_m",
-            "speed_m_s",
-            "bearings",
-            "position_ls",
-            "position_robust",
-            "sd_position",
-            "heading_robust",
-            "sd_heading",
-            "speed_robust",
-            "sd_speed",
-        ],
+        "middle_s,range_m,speed_m_s,bearings,position_ls,position_robust,sd_position,heading_robust,\
+         sd_heading,speed_robust,sd_speed",
     );
     let mut work = Box::new(Workspace::<1024>::new());
     let mut scores: Vec<[Errors; 2]> = Vec::new();

@@ -16,9 +16,10 @@ pub struct CsvReport {
 }
 
 impl CsvReport {
-    /// An empty table; `name` is that of the CSV file and of the JSON records' `experiment`.
-    pub fn new(name: &str, columns: &[&str]) -> Self {
-        let columns = columns.iter().map(|c| (*c).to_owned()).collect();
+    /// An empty table; `name` is that of the CSV file and of the JSON records' `experiment`, `header` the columns' names
+    /// with commas between.
+    pub fn new(name: &str, header: &str) -> Self {
+        let columns = header.split(',').map(str::to_owned).collect();
         Self { name: name.to_owned(), columns, rows: Vec::new() }
     }
 
@@ -84,7 +85,7 @@ mod tests {
 
     #[test]
     fn blanks_stay_blank() {
-        let mut r = CsvReport::new("x", &["a", "b"]);
+        let mut r = CsvReport::new("x", "a,b");
         r.row(&[1.5, f64::INFINITY]);
         assert_eq!(r.csv(), "a,b\n1.5,\n");
         assert_eq!(r.record(&r.rows[0])["b"], Value::Null);

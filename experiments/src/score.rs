@@ -151,6 +151,16 @@ pub fn owner(t: &Track, vessels: &[MovingVessel]) -> Option<usize> {
         .map(|x| x.0)
 }
 
+/// Root of the mean square; not a number of nothing.
+pub fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut n) = (0.0, 0.0f64);
+    for x in values {
+        sum += x * x;
+        n += 1.0;
+    }
+    (sum / n).sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -73,8 +73,8 @@ fn run(options: &Options) -> Result<()> {
     let directions = options.runs.unwrap_or(4);
     let rate_hz = f64::from(plan.rate_hz());
     let sounder = Sounder::new(plan.geometry(), rate_hz, RECORD, AmbientField::Independent);
-    let columns = ["octave_hz", "over_db", "detected_%", "rmse_az_deg", "stated_deg", "false_per_hour"];
-    let mut report = CsvReport::new("sub_bands", &columns);
+    let mut report =
+        CsvReport::new("sub_bands", "octave_hz,over_db,detected_%,rmse_az_deg,stated_deg,false_per_hour");
     let bar = progress::bar((OCTAVES.clone().count() * directions) as u64, "records");
     for octave in OCTAVES {
         let low_hz = 125.0 * f64::from(1u32 << octave);
@@ -158,8 +158,7 @@ fn looks(segments: usize, octave: u32) -> f64 {
 
 /// Loud vessels alone with the surface's image: bearings of other bands that are not the vessel's.
 fn ghosts(options: &Options, plan: &Plan, sounder: &Sounder, records: usize) -> Result<()> {
-    let mut report =
-        CsvReport::new("sub_band_ghosts", &["snr_db", "hours", "first", "second_ghosts", "octave_ghosts"]);
+    let mut report = CsvReport::new("sub_band_ghosts", "snr_db,hours,first,second_ghosts,octave_ghosts");
     if !options.json {
         println!("one vessel and its image in the surface, 200 to 1000 m away: bearings of other bands");
     }

@@ -17,8 +17,7 @@ use seabearing_tests::{array_station, ocean_bottom};
 
 const SHAFT: &str =
     "[tracking]\nspeed_from_shaft = { at_zero_m_s = 0.5, metres_a_turn = 1.4, sd_m_s = 0.3 }\n";
-
-onst RATE: u64 = 8000;
+const RATE: u64 = 8000;
 
 /// White noise on every hydrophone and one source due east, its power swinging at 5 Hz.
 fn vessel(seconds: u64) -> Vec<Frame> {

@@ -42,37 +42,24 @@ pub enum Weighting {
 }
 
 /// Why no plan can be made.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The station is not a compact array.
+    #[error("the station is not a compact array (kind = \"array\")")]
     NotAnArray,
     /// The configuration is not valid.
+    #[error("the configuration is not valid: {0}")]
     Config(ConfigError),
     /// `segment_s` must be `step_s` or twice `step_s`; a step must hold at least four frames.
+    #[error("segment_s must be step_s or twice step_s, and step_s hold four frames")]
     Steps,
     /// The array is too large for its sampling rate: longest delay and greatest allowed, samples.
+    #[error("sound needs {0:.0} samples across the array, at most {1:.0} can be handled")]
     TooLarge(f32, f32),
     /// Fewer than four bins lie in the band.
+    #[error("band_hz holds fewer than four frequency bins")]
     Band,
 }
-
-impl core::fmt::Display for PlanError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::NotAnArray => f.write_str("the station is not a compact array (kind = \"array\")"),
-            Self::Config(e) => write!(f, "the configuration is not valid: {e}"),
-            Self::Steps => {
-                f.write_str("segment_s must be step_s or twice step_s, and step_s hold four frames")
-            }
-            Self::TooLarge(is, most) => {
-                write!(f, "sound needs {is:.0} samples across the array, at most {most:.0} can be handled")
-            }
-            Self::Band => f.write_str("band_hz holds fewer than four frequency bins"),
-        }
-    }
-}
-
-impl core::error::Error for PlanError {}
 
 /// Octaves of the sub-bands: the first is 125 to 250 Hz, each next one twice as high.
 pub(crate) const OCTAVES: usize = 9;

@@ -49,16 +49,9 @@ impl Default for Settings {
 }
 
 /// A setting that cannot work: its name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is outside what can be demodulated")]
 pub struct SettingError(pub &'static str);
-
-impl core::fmt::Display for SettingError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "`{}` is outside what can be demodulated", self.0)
-    }
-}
-
-impl core::error::Error for SettingError {}
 
 /// The immutable plan made from [`Settings`].
 #[derive(Clone, Debug)]
@@ -132,12 +125,6 @@ impl State {
     ) -> Option<impl Iterator<Item = f32> + use<'a>> {
         let bins = periodogram::demodulated(&self.envelope, &config.envelope, scratch)?;
         Some(bins.iter().map(|bin| bin.re))
-    }
-}
-
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

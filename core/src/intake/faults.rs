@@ -27,12 +27,6 @@ pub struct Faults {
     kinds: [Kind; KINDS],
 }
 
-impl Default for Faults {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Faults {
     /// Nothing went wrong; all zeros.
     pub const fn new() -> Self {

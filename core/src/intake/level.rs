@@ -15,12 +15,6 @@ pub struct Levels {
     made: Option<u64>,
 }
 
-impl Default for Levels {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Levels {
     /// Nothing heard; all zeros.
     pub const fn new() -> Self {

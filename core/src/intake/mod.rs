@@ -175,12 +175,6 @@ pub struct Intake {
     restarted: Option<u64>,
 }
 
-impl Default for Intake {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Intake {
     /// Nothing seen; all zeros.
     pub const fn new() -> Self {

@@ -35,12 +35,6 @@ const UNIFORM: i32 = ONE / SECTORS as i32;
 /// Memory as a factor.
 const FADE: i32 = 1 << MEMORY;
 
-impl Default for Ambient {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Ambient {
     /// Nothing learned.
     pub const fn new() -> Self {
@@ -92,7 +86,7 @@ mod tests {
 
     #[test]
     fn learns_a_direction_and_stays_bounded() {
-        let mut a = Ambient::default();
+        let mut a = Ambient::new();
         assert!(a.log_ratio(0, &[5, 900]).abs() < 1e-3);
         let mut row = Row::EMPTY;
         for k in 0..5000u32 {

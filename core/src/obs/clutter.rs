@@ -27,12 +27,6 @@ pub struct Clutter {
     frames: u32,
 }
 
-impl Default for Clutter {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Clutter {
     /// Nothing learned; all zeros.
     pub const fn new() -> Self {
@@ -104,7 +98,7 @@ mod tests {
 
     #[test]
     fn a_standing_pattern_goes_and_a_moving_pulse_stays() {
-        let mut f = Clutter::default();
+        let mut f = Clutter::new();
         let (mut standing, mut moving) = (0.0, 0.0);
         let mut seed = 1u32;
         for t in 0..1500usize {

@@ -40,12 +40,6 @@ pub struct DecimatorState {
     phase: usize,
 }
 
-impl Default for DecimatorState {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl DecimatorState {
     /// Empty; all zeros.
     pub const fn new() -> Self {

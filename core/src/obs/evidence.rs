@@ -153,12 +153,6 @@ pub struct Evidence {
     held: usize,
 }
 
-impl Default for Evidence {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Evidence {
     /// Empty; all zeros.
     pub const fn new() -> Self {

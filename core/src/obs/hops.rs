@@ -76,12 +76,6 @@ pub struct Hops {
     running: bool,
 }
 
-impl Default for Hops {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Hops {
     /// Nothing seen; all zeros.
     pub const fn new() -> Self {

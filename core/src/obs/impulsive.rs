@@ -81,12 +81,6 @@ pub struct Unevenness {
     total: f32,
 }
 
-impl Default for Unevenness {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Unevenness {
     /// All zeros.
     pub const fn new() -> Self {

@@ -17,45 +17,29 @@ use crate::intake;
 use crate::math;
 
 /// Why a station cannot be planned.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The configuration is of another kind of recorder.
+    #[error("the station is not of kind \"obs\"")]
     NotAnOceanBottomStation,
     /// The configuration is wrong.
+    #[error("the configuration is not valid: {0}")]
     Config(ConfigError),
     /// The propagation table is wrong.
+    #[error(transparent)]
     Table(TableError),
     /// The table ends before the nearest range worth searching: its last range, and the range wanted, m.
+    #[error("propagation table ends at {0} m, at least {1} m is needed")]
     TableTooShort(f32, f32),
     /// The table was made for transforms at another rate: its rate and the station's, Hz.
+    #[error(
+        "propagation table was made for transforms at {0} Hz, this station's run at {1} Hz: write the blob anew with `seabearing blob`"
+    )]
     TableRate(f32, f64),
     /// The sampling rate leaves nothing of the band of vessels' tones (11 Hz and up): the rate, Hz.
+    #[error("rate_hz = {0} leaves no band above 11 Hz; at least 24 Hz")]
     RateTooLow(f64),
 }
-
-impl core::fmt::Display for PlanError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::NotAnOceanBottomStation => write!(f, "the station is not of kind \"obs\""),
-            Self::Config(e) => write!(f, "the configuration is not valid: {e}"),
-            Self::Table(e) => write!(f, "{e}"),
-            Self::TableTooShort(have, want) => {
-                write!(f, "propagation table ends at {have} m, at least {want} m is needed")
-            }
-            Self::TableRate(have, want) => {
-                write!(
-                    f,
-                    "propagation table was made for transforms at {have} Hz, this station's run at {want} Hz: write the blob anew with `seabearing blob`"
-                )
-            }
-            Self::RateTooLow(rate) => {
-                write!(f, "rate_hz = {rate} leaves no band above 11 Hz; at least 24 Hz")
-            }
-        }
-    }
-}
-
-impl core::error::Error for PlanError {}
 
 /// Least range a table must reach, m: nearer than that there is hardly any interference to range with.
 const LEAST_TABLE_RANGE_M: f32 = 15_000.0;

@@ -108,12 +108,6 @@ pub(super) fn range_of(i: usize) -> f32 {
     CELL_M * (i as f32 + 0.25)
 }
 
-impl Default for Presence {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Presence {
     /// Not yet started; all zeros.
     pub const fn new() -> Self {

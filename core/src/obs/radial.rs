@@ -37,12 +37,6 @@ pub struct RadialScratch {
     pub(super) sum: [f32; MODEL_RANGES],
 }
 
-impl Default for RadialScratch {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl RadialScratch {
     /// All zeros.
     pub const fn new() -> Self {

@@ -46,12 +46,6 @@ pub struct Segmenter {
     id: u16,
 }
 
-impl Default for Segmenter {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// `ln(1 − Pd + Pd M)`, bounded.
 fn term(pd: f32, log_presence: f32) -> f32 {
     let m = math::f32::exp(log_presence.min(20.0));

@@ -74,12 +74,6 @@ struct Prediction {
 #[derive(Clone, Debug)]
 pub struct Shared([u32; WORDS]);
 
-impl Default for Shared {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Shared {
     /// All zeros.
     pub const fn new() -> Self {

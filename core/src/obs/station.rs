@@ -74,7 +74,7 @@ pub struct State {
 }
 
 /// Work space; its content means nothing between calls.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Scratch {
     shared: Shared,
     radial: RadialScratch,
@@ -84,12 +84,6 @@ impl Scratch {
     /// All zeros.
     pub const fn new() -> Self {
         Self { shared: Shared::new(), radial: RadialScratch::new() }
-    }
-}
-
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

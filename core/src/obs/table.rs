@@ -67,48 +67,32 @@ pub const fn blob_bytes(branches: usize) -> usize {
 }
 
 /// Why bytes are no table, or none can be made.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TableError {
     /// Not a propagation table at all.
+    #[error("not a propagation table")]
     Magic,
     /// Made for another version of this layout.
+    #[error(
+        "propagation table of version {0}, only {VERSION} is understood: write the blob anew with `seabearing blob`"
+    )]
     Version(u16),
     /// Branches or ranges outside what is supported, or slices of unlike length.
+    #[error("propagation table needs 1 to {MAX_BRANCHES} branches and at least 2 ranges")]
     Size,
     /// Shorter or longer than its header says: bytes wanted.
+    #[error("propagation table cut: its header asks for {0} bytes")]
     Length(usize),
     /// Damaged.
+    #[error("propagation table damaged: checksum differs")]
     Checksum,
     /// A value that cannot be: step, f0 or Δτ not positive, a delay or travel time below zero, a strength outside 0 to 1.
+    #[error("propagation table holds an impossible step, delay, travel time or strength")]
     Value,
     /// The pulse is wider than the detector's: its Δτ and the widest, s.
+    #[error("propagation table's pulse is {0} s wide, at this rate at most {1:.3} s")]
     Width(f32, f32),
 }
-
-impl core::fmt::Display for TableError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Magic => write!(f, "not a propagation table"),
-            Self::Version(v) => write!(
-                f,
-                "propagation table of version {v}, only {VERSION} is understood: write the blob anew with `seabearing blob`"
-            ),
-            Self::Size => {
-                write!(f, "propagation table needs 1 to {MAX_BRANCHES} branches and at least 2 ranges")
-            }
-            Self::Length(n) => write!(f, "propagation table cut: its header asks for {n} bytes"),
-            Self::Checksum => write!(f, "propagation table damaged: checksum differs"),
-            Self::Value => {
-                write!(f, "propagation table holds an impossible step, delay, travel time or strength")
-            }
-            Self::Width(have, most) => {
-                write!(f, "propagation table's pulse is {have} s wide, at this rate at most {most:.3} s")
-            }
-        }
-    }
-}
-
-impl core::error::Error for TableError {}
 
 /// A branch at a range: where its pulse lies, in fine delays over [`PARTS`] (0: no pulse), and how the envelope
 /// projects on it.

@@ -69,12 +69,6 @@ pub struct Tracker {
     next_id: u16,
 }
 
-impl Default for Tracker {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Tracker {
     /// None yet.
     pub const fn new() -> Self {

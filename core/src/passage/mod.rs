@@ -115,12 +115,6 @@ pub struct Passage<const N: usize> {
     lines: Lines,
 }
 
-impl<const N: usize> Default for Passage<N> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl<const N: usize> Passage<N> {
     /// Nothing seen yet.
     pub const fn new() -> Self {

@@ -163,12 +163,6 @@ impl Reporter {
     }
 }
 
-impl Default for Reporter {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// `Hello::reset_cause` when only the board would know.
 const RESET_UNKNOWN: u8 = 255;
 

@@ -53,31 +53,20 @@ fn silence(
 }
 
 /// Why a configuration cannot be run.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SetupError {
     /// The array's plan cannot be made.
     #[cfg(feature = "array")]
+    #[error(transparent)]
     Array(crate::array::PlanError),
     /// The ocean-bottom station's plan cannot be made.
     #[cfg(feature = "obs")]
+    #[error(transparent)]
     Obs(obs::SetupError),
     /// This software holds no recorder for this kind of station.
+    #[error("this software holds no recorder for this kind of station")]
     Kind,
 }
-
-impl core::fmt::Display for SetupError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            #[cfg(feature = "array")]
-            Self::Array(e) => e.fmt(f),
-            #[cfg(feature = "obs")]
-            Self::Obs(e) => e.fmt(f),
-            Self::Kind => f.write_str("this software holds no recorder for this kind of station"),
-        }
-    }
-}
-
-impl core::error::Error for SetupError {}
 
 /// Memory for every kind of recorder this software holds. A propagation table is read where it lies, for `'t`.
 #[derive(Debug, Default)]

@@ -67,29 +67,18 @@ impl<'t> ObsRecorder<'t> {
 }
 
 /// Why an ocean-bottom configuration cannot be run.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SetupError {
     /// There is no propagation table.
+    #[error("an ocean-bottom station needs a propagation table (key `propagation`)")]
     NoTable,
     /// It is not one.
+    #[error(transparent)]
     Table(obs::table::TableError),
     /// No plan can be made.
+    #[error(transparent)]
     Plan(PlanError),
 }
-
-impl core::fmt::Display for SetupError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::NoTable => {
-                f.write_str("an ocean-bottom station needs a propagation table (key `propagation`)")
-            }
-            Self::Table(e) => e.fmt(f),
-            Self::Plan(e) => e.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for SetupError {}
 
 impl Application for ObsRecorder<'_> {
     fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {

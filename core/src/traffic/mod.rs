@@ -197,12 +197,6 @@ pub struct State {
     served: u8,
 }
 
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl State {
     /// No vessel yet.
     pub const fn new() -> Self {

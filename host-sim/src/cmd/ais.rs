@@ -6,7 +6,6 @@ use crate::plot::{ColourMap, HeatMap, Plot, write_panels};
 use anyhow::{Result, bail};
 use seabearing_core::kit::quantile;
 use serde_json::json;
-use std::fmt::Write as _;
 use std::path::PathBuf;
 
 /// Arguments of `seabearing ais`.
@@ -155,13 +154,13 @@ fn write(found: &[Pass], max_range_m: f64, out: &std::path::Path) -> Result<()> 
             let bin = |x: f64, end: f64, bins: usize| ((x / end * bins as f64) as usize).min(bins - 1);
             counts[bin(value(p), top, rows) * DISTANCES + bin(p.cpa_m, max_range_m, DISTANCES)] += 1.0;
         }
-        let mut text = format!("cpa_from_m,cpa_to_m,{column}_from,{column}_to,passes\n");
+        let mut text = CsvText::new(&format!("cpa_from_m,cpa_to_m,{column}_from,{column}_to,passes"));
         for (i, count) in counts.iter().enumerate() {
             let (d, r) = ((i % DISTANCES) as f64, (i / DISTANCES) as f64);
             let (w, h) = (max_range_m / DISTANCES as f64, top / rows as f64);
-            let _ = writeln!(text, "{},{},{},{},{count}", d * w, (d + 1.0) * w, r * h, (r + 1.0) * h);
+            text.row(&[&(d * w), &((d + 1.0) * w), &(r * h), &((r + 1.0) * h), count]);
         }
-        crate::atomic::write(&out.join(file), text.as_bytes())?;
+        crate::atomic::write(&out.join(file), text.finish().as_bytes())?;
         let mut figure = Plot::new(&format!("{} passes", found.len()), "CPA distance (m)", label);
         figure.heat(HeatMap {
             x: (0.0, max_range_m),

@@ -23,7 +23,8 @@ pub mod twin;
 mod twin_board;
 
 /// Figures that miss their bars, named: the work was done, its result is not as it should be.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("{}{}", Self::WORDS, self.0)]
 pub struct Missed(pub String);
 
 impl Missed {
@@ -32,14 +33,6 @@ impl Missed {
     /// How the line on standard error begins.
     pub const WORDS: &'static str = "missed: ";
 }
-
-impl std::fmt::Display for Missed {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}{}", Self::WORDS, self.0)
-    }
-}
-
-impl std::error::Error for Missed {}
 
 /// Records as JSON Lines, or key by key for people.
 fn print_records(records: &[serde_json::Value], json: bool) -> anyhow::Result<()> {

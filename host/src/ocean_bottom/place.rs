@@ -61,50 +61,32 @@ impl Displacement {
 }
 
 /// Why the place is not observable.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotObserved {
     /// Fewer than 30 moments with evidence of range while one vessel of known track is alone at 3 to 40 km.
+    #[error(
+        "the position is not observed: {0} moments with a range while one vessel of known track is alone at 3 to \
+         40 km, {LEAST} are needed"
+    )]
     TooFew(usize),
     /// They span fewer than three pieces of 20 minutes.
+    #[error("the position is not observed: the passages span {0} times 20 minutes, {LEAST_PARTS} are needed")]
     TooShort(usize),
     /// The best place lies at the edge of the search, this far out (m).
+    #[error(
+        "the position is not observed: the best one lies at the edge of the search, {0:.0} m out (--search-m)"
+    )]
     Edge(f64),
     /// Two places this far apart (m) explain the ranges equally well.
+    #[error(
+        "the position is not observed: two places {0:.0} m apart explain the ranges equally well; a passage on \
+         another course or side would tell"
+    )]
     Ambiguous(f64),
     /// The parts of the data disagree by this standard deviation (m): no more is known than the search began with.
+    #[error("the position is not observed: parts of the data disagree by {0:.0} m (standard deviation)")]
     Uncertain(f64),
 }
-
-impl std::fmt::Display for NotObserved {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::TooFew(n) => write!(
-                f,
-                "the position is not observed: {n} moments with a range while one vessel of known track is alone at 3 to \
-                 40 km, {LEAST} are needed"
-            ),
-            Self::TooShort(n) => write!(
-                f,
-                "the position is not observed: the passages span {n} times 20 minutes, {LEAST_PARTS} are needed"
-            ),
-            Self::Edge(m) => write!(
-                f,
-                "the position is not observed: the best one lies at the edge of the search, {m:.0} m out (--search-m)"
-            ),
-            Self::Ambiguous(m) => write!(
-                f,
-                "the position is not observed: two places {m:.0} m apart explain the ranges equally well; a passage on \
-                 another course or side would tell"
-            ),
-            Self::Uncertain(m) => write!(
-                f,
-                "the position is not observed: parts of the data disagree by {m:.0} m (standard deviation)"
-            ),
-        }
-    }
-}
-
-impl std::error::Error for NotObserved {}
 
 /// Where a vessel was when what arrives at a time left it, from a station at an offset.
 pub fn heard(travel: &Travel<'_>, course: &VesselCourse, t_s: f64, offset: EastNorth) -> Option<EastNorth> {

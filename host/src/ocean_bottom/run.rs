@@ -21,7 +21,7 @@ pub fn run(
     let bytes = blob(table, &table.name, config.rate_hz)?;
     let view = Table::parse(&bytes).map_err(|e| anyhow!("{e}"))?;
     let plan = Box::new(Plan::new(config, &view).map_err(|e| anyhow!("{e}"))?);
-    let (mut state, mut scratch) = (Box::new(State::new()), Box::<Scratch>::default());
+    let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
     while let Some(block) = source.next_block()? {
         push(&plan, &mut state, &mut scratch, block, said);
     }

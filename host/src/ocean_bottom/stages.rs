@@ -75,7 +75,7 @@ pub fn frames(source: &mut dyn BlockSource, config: &StationConfig) -> Result<Ve
     let mut held: Vec<Samples> = Vec::new();
     let mut first = 0u64;
     let mut out = Vec::new();
-    let mut clutter = Clutter::default();
+    let mut clutter = Clutter::new();
     while let Some(block) = source.next_block()? {
         if first + held.len() as u64 != block.first_index {
             held.clear();

@@ -53,12 +53,6 @@ pub struct Continuity {
     learnt: f32,
 }
 
-impl Default for Continuity {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Continuity {
     /// Knows nothing yet.
     #[must_use]

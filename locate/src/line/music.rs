@@ -30,32 +30,21 @@ pub enum MusicMethod {
 }
 
 /// What is wrong with a line's settings, or why there is no bearing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LineError {
     /// 3 to 32 sensors, subarrays longer than the number of sources, 1 to 4 sources, positive lengths.
+    #[error("3 to 32 sensors, 1 to 4 sources, subarrays longer than these and positive lengths are needed")]
     Settings,
     /// Sensors more than half a wavelength apart: bearings would be ambiguous.
+    #[error("sensors are more than half a wavelength apart: bearings would be ambiguous")]
     Aliased,
     /// No usable snapshot yet.
+    #[error("no usable snapshot yet")]
     NoSnapshot,
     /// The covariance could not be decomposed.
+    #[error("the covariance could not be decomposed")]
     Singular,
 }
-
-impl core::fmt::Display for LineError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::Settings => {
-                "3 to 32 sensors, 1 to 4 sources, subarrays longer than these and positive lengths are needed"
-            }
-            Self::Aliased => "sensors are more than half a wavelength apart: bearings would be ambiguous",
-            Self::NoSnapshot => "no usable snapshot yet",
-            Self::Singular => "the covariance could not be decomposed",
-        })
-    }
-}
-
-impl core::error::Error for LineError {}
 
 /// Settings of a line in one band, checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -102,23 +91,11 @@ impl State {
     }
 }
 
-impl Default for State {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Scratch {
     /// Empty.
     pub const fn new() -> Self {
         let empty = [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS];
         Self { matrix: empty, vectors: empty, roots: [Complex::ZERO; MAX_COEFFICIENTS] }
-    }
-}
-
-impl Default for Scratch {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

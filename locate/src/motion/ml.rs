@@ -75,33 +75,24 @@ pub struct Fit {
 }
 
 /// Why there is no fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FitError {
     /// Fewer than five bearings.
+    #[error("a track needs at least 5 bearings")]
     TooFew,
     /// Not finite, a standard deviation that is not positive, or nonsense in the configuration; index of the sample.
+    #[error("bearing {n} is not usable", n = .0 + 1)]
     BadSample(usize),
     /// Speed is unknown and there are no elevations.
+    #[error("an unknown speed needs elevations")]
     NoRange,
     /// The errors cannot be whitened.
+    #[error(transparent)]
     Whiten(WhitenError),
     /// No starting hypothesis led to a minimum.
+    #[error("no straight track fits")]
     NoMinimum,
 }
-
-impl core::fmt::Display for FitError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::TooFew => f.write_str("a track needs at least 5 bearings"),
-            Self::BadSample(i) => write!(f, "bearing {} is not usable", i + 1),
-            Self::NoRange => f.write_str("an unknown speed needs elevations"),
-            Self::Whiten(e) => e.fmt(f),
-            Self::NoMinimum => f.write_str("no straight track fits"),
-        }
-    }
-}
-
-impl core::error::Error for FitError {}
 
 /// Steps from each start over a thinned record, and at most over all bearings.
 const ROUGH_STEPS: usize = 8;

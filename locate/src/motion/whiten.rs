@@ -57,12 +57,6 @@ impl<const N: usize> Workspace<N> {
     }
 }
 
-impl<const N: usize> Default for Workspace<N> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// How a batch is whitened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WhitenMethod {
@@ -80,27 +74,18 @@ pub enum WhitenMethod {
 }
 
 /// Why a batch cannot be whitened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WhitenError {
     /// Times go back or are not finite.
+    #[error("times go back or are not numbers")]
     Times,
     /// Times fit no grid of this many positions and the lent memory is too small: numbers needed.
+    #[error("times fit no grid; memory for {0} numbers is needed")]
     Memory(usize),
     /// The model is singular even with the white part added.
+    #[error("the error model is singular at these times")]
     Singular,
 }
-
-impl core::fmt::Display for WhitenError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Times => f.write_str("times go back or are not numbers"),
-            Self::Memory(n) => write!(f, "times fit no grid; memory for {n} numbers is needed"),
-            Self::Singular => f.write_str("the error model is singular at these times"),
-        }
-    }
-}
-
-impl core::error::Error for WhitenError {}
 
 /// The chosen factorisation.
 #[derive(Clone, Copy, Debug)]

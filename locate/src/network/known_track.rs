@@ -12,27 +12,18 @@ pub struct TrackPoint {
 }
 
 /// Why a track cannot be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum KnownTrackError {
     /// Fewer than two positions.
+    #[error("a track needs two positions")]
     TooShort,
     /// A time or coordinate is not a finite number.
+    #[error("a time or coordinate of the track is not a number")]
     NotFinite,
     /// Times do not increase at this index.
+    #[error("the track's time does not increase at position {n}", n = .0 + 1)]
     NotIncreasing(usize),
 }
-
-impl core::fmt::Display for KnownTrackError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::TooShort => f.write_str("a track needs two positions"),
-            Self::NotFinite => f.write_str("a time or coordinate of the track is not a number"),
-            Self::NotIncreasing(i) => write!(f, "the track's time does not increase at position {}", i + 1),
-        }
-    }
-}
-
-impl core::error::Error for KnownTrackError {}
 
 /// Checks a track.
 ///

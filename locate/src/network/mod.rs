@@ -38,34 +38,25 @@ pub use region::Region;
 pub const MAX_ARRAYS: usize = 16;
 
 /// Why there is no position.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NetworkError {
     /// No bearing was given.
+    #[error("no bearing")]
     NoBearings,
     /// More than [`MAX_ARRAYS`] arrays.
+    #[error("more than 16 arrays")]
     TooManyArrays,
     /// A coordinate, angle or standard deviation is not a finite number, or a standard deviation is not positive.
+    #[error("a bearing, position or standard deviation is not a usable number")]
     NotFinite,
     /// The search region is empty.
+    #[error("the search region is empty")]
     EmptyRegion,
     /// The bearings do not determine the position: a single array without known depth, a source on the line through
     /// the arrays, or a source so far that its range is not resolved.
+    #[error("not observable: the bearings do not determine the position")]
     NotObservable,
     /// The likelihood is greatest at the edge of the search region: the source is probably outside it.
+    #[error("the most likely position is at the edge of the search region")]
     OutsideRegion,
 }
-
-impl core::fmt::Display for NetworkError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::NoBearings => "no bearing",
-            Self::TooManyArrays => "more than 16 arrays",
-            Self::NotFinite => "a bearing, position or standard deviation is not a usable number",
-            Self::EmptyRegion => "the search region is empty",
-            Self::NotObservable => "not observable: the bearings do not determine the position",
-            Self::OutsideRegion => "the most likely position is at the edge of the search region",
-        })
-    }
-}
-
-impl core::error::Error for NetworkError {}

@@ -16,32 +16,21 @@ pub mod offset;
 pub mod rotation;
 
 /// Why there is no orientation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum OrientError {
     /// Fewer measurements on the known track than the unknowns need.
+    #[error("too few bearings fall on the known track")]
     TooFew,
     /// A value is not a finite number, or a setting not positive.
+    #[error("a bearing, position or setting is not a usable number")]
     NotFinite,
     /// The vessel's bearing changes too little (or the directions span too little) to tell the unknowns apart.
+    #[error("not observable: the vessel's bearing changes too little to tell the orientation")]
     NotObservable,
     /// The measurements agree with no orientation much better than with any other.
+    #[error("the bearings agree with no single orientation")]
     Inconsistent,
 }
-
-impl core::fmt::Display for OrientError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::TooFew => "too few bearings fall on the known track",
-            Self::NotFinite => "a bearing, position or setting is not a usable number",
-            Self::NotObservable => {
-                "not observable: the vessel's bearing changes too little to tell the orientation"
-            }
-            Self::Inconsistent => "the bearings agree with no single orientation",
-        })
-    }
-}
-
-impl core::error::Error for OrientError {}
 
 /// Blocks in time of the jackknife: successive bearings of an averaged covariance have common errors, blocks hardly.
 const BLOCKS: usize = 20;
