@@ -169,6 +169,22 @@ fn span(all: &[SpectralFrame]) -> (f64, f64) {
     (all[0].t_s / 3600.0, all[all.len() - 1].t_s / 3600.0)
 }
 
+/// Cells against time (hours): columns and values row after row, between limits; whole circles in the colours of a circle.
+fn grid(
+    title: &str,
+    y_label: &str,
+    x: (f64, f64),
+    y: (f64, f64),
+    (columns, values): (usize, Vec<f64>),
+    limits: (f64, f64),
+    label: &str,
+) -> Plot {
+    let map = if limits == (0.0, 360.0) { ColourMap::Cyclic } else { ColourMap::Amount };
+    let mut f = Plot::new(title, "time (h)", y_label);
+    f.heat(HeatMap { x, y, columns, values, range: Some(limits), map, label: label.to_owned() });
+    f
+}
+
 /// Level of pressure against time and frequency (figure 2).
 fn spectrogram(all: &[SpectralFrame]) -> Plot {
     let rows = BINS / 2;
@@ -182,17 +198,8 @@ fn spectrogram(all: &[SpectralFrame]) -> Plot {
     });
     let mut sorted = values.clone();
     let mut at = |share: f64| quantile(&mut sorted, share).unwrap_or(0.0);
-    let mut f = Plot::new("Spectrogram of pressure", "time (h)", "frequency (Hz)");
-    f.heat(HeatMap {
-        x: span(all),
-        y: (0.0, 25.0),
-        columns: n,
-        values: values.clone(),
-        range: Some((at(0.02), at(0.995))),
-        map: ColourMap::Amount,
-        label: "level (dB re 1 count²)".into(),
-    });
-    f
+    let (limits, label) = ((at(0.02), at(0.995)), "level (dB re 1 count²)");
+    grid("Spectrogram of pressure", "frequency (Hz)", span(all), (0.0, 25.0), (n, values), limits, label)
 }
 
 /// Azimuth of active intensity against time and frequency (figure 3b).
@@ -206,17 +213,8 @@ fn azigram(all: &[SpectralFrame]) -> Plot {
         }
         azimuth_deg(s, c)
     });
-    let mut f = Plot::new("Azigram", "time (h)", "frequency (Hz)");
-    f.heat(HeatMap {
-        x: span(all),
-        y: (0.0, 25.0),
-        columns: n,
-        values,
-        range: Some((0.0, 360.0)),
-        map: ColourMap::Cyclic,
-        label: "azimuth of the source (°)".into(),
-    });
-    f
+    let (circle, label) = ((0.0, 360.0), "azimuth of the source (°)");
+    grid("Azigram", "frequency (Hz)", span(all), (0.0, 25.0), (n, values), circle, label)
 }
 
 fn cepstrogram(title: &str, all: &[SpectralFrame], at: &dyn Fn(&SpectralFrame, usize) -> f32) -> Plot {
@@ -227,17 +225,7 @@ fn cepstrogram(title: &str, all: &[SpectralFrame], at: &dyn Fn(&SpectralFrame, u
         let (sum, count) = cells.filter(|c| c.is_finite()).fold((0.0, 0), |(s, k), c| (s + c.abs(), k + 1));
         if count > 0 { f64::from(sum) / f64::from(count) } else { f64::NAN }
     });
-    let mut f = Plot::new(title, "time (h)", "quefrency (s)");
-    f.heat(HeatMap {
-        x: span(all),
-        y: (0.4, 7.0),
-        columns: n,
-        values,
-        range: Some((0.0, 0.08)),
-        map: ColourMap::Amount,
-        label: "|cepstrum|".into(),
-    });
-    f
+    grid(title, "quefrency (s)", span(all), (0.4, 7.0), (n, values), (0.0, 0.08), "|cepstrum|")
 }
 
 fn heat(
@@ -261,18 +249,9 @@ fn heat(
             f64::from(cells.fold(f32::NEG_INFINITY, |a, b| a.max(*b)))
         }));
     }
-    let mut f = Plot::new(title, "time (h)", y_label);
     let (first, last) = (when.first().copied().unwrap_or(0.0), when.last().copied().unwrap_or(60.0));
-    f.heat(HeatMap {
-        x: ((first - 30.0) / 3600.0, (last + 30.0) / 3600.0),
-        y,
-        columns: groups.len(),
-        values,
-        range: Some(range),
-        map: ColourMap::Amount,
-        label: label.to_owned(),
-    });
-    f
+    let hours = ((first - 30.0) / 3600.0, (last + 30.0) / 3600.0);
+    grid(title, y_label, hours, y, (groups.len(), values), range, label)
 }
 
 fn azimuths(messages: &[Message], rate: f64, kind: u8) -> Vec<(f64, f64)> {
