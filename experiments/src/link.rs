@@ -309,19 +309,7 @@ fn run(options: &Options) -> Result<()> {
     let figures = &options.figures;
     let mut table = CsvReport::new(
         "link",
-        &[
-            "baud",
-            "half",
-            "written",
-            "missing",
-            "twice",
-            "disordered",
-            "outages",
-            "resets",
-            "kills",
-            "catch_up_s",
-            "line_pct",
-        ],
+        "baud,half,written,missing,twice,disordered,outages,resets,kills,catch_up_s,line_pct",
     );
     for (n, scenario) in (0u64..).zip(&scenarios) {
         let o = play::<FLASH>(scenario, options.seed + n);
