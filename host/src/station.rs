@@ -473,7 +473,7 @@ hydrophones_m = [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38]
         };
         let e = refused(("64000", "4000"));
         assert!(e.contains("s.toml, line 9") && e.contains("step_s") && e.contains("higher rate"), "{e}");
-        let e = refused(("1.13", "31.13"));
+        let e = refused(("1.07", "9.07"));
         assert!(e.contains("line 9") && e.contains("samples across") && e.contains("nearer"), "{e}");
         let e = refused(("[array]", "[array]\nband_hz = [100.0, 210.0]"));
         assert!(e.contains("line 12") && e.contains("wider"), "{e}");

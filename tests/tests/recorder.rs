@@ -166,7 +166,7 @@ fn telemetry_names_the_configuration_it_ran_with() {
 fn bearings_hold_the_documented_flags_and_no_other() {
     let clean = recording(8);
     let (mut clipped, mut damaged) = (clean.clone(), clean.clone());
-    clipped.iter_mut().skip(5).step_by(200).for_each(|f| f[2] = 8_388_607);
+    clipped.iter_mut().skip(5).step_by(16_000).for_each(|f| f[2] = 8_388_607);
     damaged.iter_mut().skip(77).step_by(900).for_each(|f| *f = [MISSING; 4]);
     for (samples, bit) in [(&clean, 0), (&clipped, 1), (&damaged, 2)] {
         let heard = listen(&[(0, samples)], || 512);
