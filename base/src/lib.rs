@@ -10,8 +10,9 @@ pub mod view;
 
 use seabearing_host::{atomic, plot};
 
+use seabearing_core::wire::link::{Arrival, Inbox, Link, Loss, MemoryStore, Progress, Session, Settings};
 use seabearing_core::wire::{
-    Bearing, Decoder, DecoderCounters, Fault, Health, Hello, Message, SCHEMA_HASH, Track, WIRE_VERSION,
+    Bearing, DecoderCounters, Fault, Health, Hello, Message, SCHEMA_HASH, Track, WIRE_VERSION, message_of,
 };
 use seabearing_host::record::RecordFormat;
 use serde_json::Value;
@@ -23,6 +24,15 @@ const BEARINGS: usize = 200_000;
 const TRACKS: usize = 1000;
 /// Faults kept for the view.
 const FAULTS: usize = 8;
+/// Bits a second of a line of which nothing else was said.
+pub const LINE_BAUD: u32 = 115_200;
+/// Names of the classes of records.
+const CLASSES: [&str; 5] = ["alarm", "final", "health", "bearing", "spectrum"];
+
+/// The base station's side of a line: it answers.
+fn settings(line: Settings) -> Settings {
+    Settings { leads: false, ..line }
+}
 
 /// What was received and what was not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,16 +45,63 @@ pub struct Counters {
     pub sessions: u32,
     /// Faults reported by the recorder.
     pub faults: u64,
+    /// Records that came over a link, each once.
+    pub records: u64,
+    /// Records that a recorder's full store dropped before they could come.
+    pub records_lost: u64,
 }
 
 impl std::fmt::Display for Counters {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let DecoderCounters { frames, lost, damaged, unknown, bytes_discarded, .. } = self.stream;
+        // Over a link what is lost comes again.
+        let lost = match self.records + self.records_lost {
+            0 => format!("{lost} lost"),
+            _ => format!("{lost} sent again, {} records, {} lost for good", self.records, self.records_lost),
+        };
         write!(
             f,
-            "{frames} frames, {lost} lost, {damaged} damaged, {unknown} unknown; {} bytes, {bytes_discarded} discarded",
+            "{frames} frames, {lost}, {damaged} damaged, {unknown} unknown; {} bytes, {bytes_discarded} discarded",
             self.bytes
         )
+    }
+}
+
+/// Bytes of commands that wait for their recorder.
+const COMMAND_BYTES: usize = 1024;
+
+/// Where the link leaves what comes, until the base takes it.
+#[derive(Default)]
+struct Desk {
+    /// What came in one frame: a message with its place, or a loss.
+    came: Vec<Came>,
+    /// Of each log by station and boot.
+    progress: BTreeMap<(u16, u32), Progress>,
+}
+
+enum Came {
+    Message { sequence: u32, boot: Option<u32>, message: Option<Message> },
+    Lost(Loss),
+}
+
+impl Inbox for Desk {
+    fn recall(&mut self, session: &Session) -> Option<Progress> {
+        self.progress.get(&(session.station, session.log)).copied()
+    }
+
+    fn take(&mut self, arrival: Arrival<'_>) {
+        self.came.push(match arrival {
+            Arrival::Opened(_) => return,
+            Arrival::Lost(loss) => Came::Lost(loss),
+            Arrival::Record(record) => Came::Message {
+                sequence: record.ordinal,
+                boot: Some(record.boot),
+                message: message_of(record.bytes),
+            },
+            Arrival::Plain { sequence, message } => {
+                Came::Message { sequence: sequence.into(), boot: None, message: message_of(message) }
+            }
+        });
     }
 }
 
@@ -53,7 +110,10 @@ pub type TrackKey = (u32, u16);
 
 /// A base station's knowledge of one recorder.
 pub struct Base {
-    decoder: Decoder,
+    link: Link<MemoryStore<COMMAND_BYTES>>,
+    desk: Desk,
+    /// Sessions of recorders with a link, by station and boot.
+    boots: BTreeMap<(u16, u32), u32>,
     recorder: RecordFormat,
     /// But for the stream's, which the decoder has.
     counters: Counters,
@@ -71,7 +131,9 @@ impl Base {
     /// carry no time.
     pub fn new(rate_hz: Option<f64>, start: Option<time::OffsetDateTime>) -> Self {
         Self {
-            decoder: Decoder::default(),
+            link: Link::new(settings(Settings::serial(LINE_BAUD)), 0, 0, 0, MemoryStore::new()),
+            desk: Desk::default(),
+            boots: BTreeMap::new(),
             recorder: RecordFormat { rate_hz: rate_hz.unwrap_or(f64::NAN), start },
             counters: Counters::default(),
             hello: None,
@@ -87,31 +149,94 @@ impl Base {
     /// The bytes that mark the beginning of a stream in storage: a delimiter ends whatever was cut off before.
     pub const BEGIN: [u8; 1] = [0];
 
-    /// Takes bytes; the records of the messages they completed are appended to `out`.
+    /// Speaks over this line from now on: only to recorders with a link, which speak first.
+    pub fn line(&mut self, line: Settings) {
+        // A log of commands lives as long as this program.
+        let boot = time::OffsetDateTime::now_utc().unix_timestamp() as u32;
+        self.link.begin(settings(line), boot);
+    }
+
+    /// A stream begins: an unfinished frame of the one before is damage, and the recorder may be another.
+    pub fn begin_stream(&mut self) {
+        self.link.reconnected();
+    }
+
+    /// The next bytes for the recorder, if any are due. What was pushed before counts as received: it must be where it
+    /// survives.
+    pub fn answer(&mut self, now_us: u64) -> Option<&[u8]> {
+        self.link.send(now_us)
+    }
+
+    /// Takes bytes that were stored; the records of the messages they completed are appended to `out`.
     pub fn push(&mut self, bytes: &[u8], out: &mut Vec<Value>) {
+        self.push_at(0, bytes, out);
+    }
+
+    /// Takes bytes at a time in microseconds, which only decides when they are acknowledged.
+    pub fn push_at(&mut self, now_us: u64, bytes: &[u8], out: &mut Vec<Value>) {
         self.counters.bytes += bytes.len() as u64;
         for byte in bytes {
-            let (before, newest) = (self.decoder.counters(), self.decoder.newest());
-            let Some(received) = self.decoder.push::<Message>(*byte) else { continue };
-            // The first frame of a recorder that has started, unless zero is the next number anyway.
-            let is_first = matches!(received.message, Message::Hello(_)) && received.sequence == 0;
-            if is_first && newest != Some(u16::MAX) {
-                self.decoder.begin_again(0, before);
-                self.counters.sessions += 1;
+            let (before, newest) = (self.link.line(), self.link.decoder().newest());
+            self.link.receive(now_us, *byte, &mut self.desk);
+            let mut came = std::mem::take(&mut self.desk.came);
+            for came in came.drain(..) {
+                match came {
+                    Came::Message { sequence, boot: None, message: Some(message) } => {
+                        // The first frame of a recorder that has started, unless zero is the next number anyway.
+                        let is_first = matches!(message, Message::Hello(_)) && sequence == 0;
+                        if is_first && newest != Some(u16::MAX) {
+                            self.link.decoder().begin_again(0, before);
+                            self.counters.sessions += 1;
+                        }
+                        // A stream joined in the middle belongs to a session, too.
+                        self.counters.sessions = self.counters.sessions.max(1);
+                        self.take(self.counters.sessions, sequence, &message, out);
+                    }
+                    Came::Message { boot: None, message: None, .. } => self.link.decoder().unknown(),
+                    Came::Message { sequence, boot: Some(boot), message } => {
+                        let session = self.session_of(boot);
+                        self.counters.records += 1;
+                        match message {
+                            Some(message) => self.take(session, sequence, &message, out),
+                            None => self.counters.stream.unknown += 1,
+                        }
+                    }
+                    Came::Lost(loss) => out.push(self.lost(&loss)),
+                }
             }
-            self.take(received.sequence, &received.message, out);
+            // The vector is kept, not made for every byte.
+            self.desk.came = came;
         }
+        if let Some((session, progress)) = self.link.peer() {
+            self.desk.progress.insert((session.station, session.log), progress);
+        }
+    }
+
+    /// The session of a boot of the recorder that speaks; records of earlier boots may come later.
+    fn session_of(&mut self, boot: u32) -> u32 {
+        let station = self.link.peer().map_or(0, |(session, _)| session.station);
+        *self.boots.entry((station, boot)).or_insert_with(|| {
+            self.counters.sessions += 1;
+            self.counters.sessions
+        })
+    }
+
+    /// The record of a loss, and its count.
+    fn lost(&mut self, loss: &Loss) -> Value {
+        self.counters.records_lost += u64::from(loss.count);
+        let station = self.link.peer().map(|(session, _)| session.station);
+        serde_json::json!({
+            "type": "lost", "station": station, "frames": loss.count, "class": CLASSES[loss.class as usize],
+            "cause": "the recorder's store was full", "dropped_by_recorder": loss.told,
+        })
     }
 
     /// The stream has ended for good: bytes of an unfinished frame are damage.
     pub fn end_stream(&mut self) {
-        self.decoder.cut();
+        self.link.decoder().cut();
     }
 
-    fn take(&mut self, sequence: u16, message: &Message, out: &mut Vec<Value>) {
-        // A stream joined in the middle belongs to a session, too.
-        self.counters.sessions = self.counters.sessions.max(1);
-        let session = self.counters.sessions;
+    fn take(&mut self, session: u32, sequence: u32, message: &Message, out: &mut Vec<Value>) {
         self.ended = matches!(message, Message::End(_));
         match message {
             Message::Hello(hello) => self.greet(hello),
@@ -180,7 +305,9 @@ impl Base {
 
     /// Counters so far.
     pub fn counters(&self) -> Counters {
-        Counters { stream: self.decoder.counters(), ..self.counters }
+        let unknown = self.counters.stream.unknown;
+        let line = self.link.line();
+        Counters { stream: DecoderCounters { unknown: line.unknown + unknown, ..line }, ..self.counters }
     }
 
     /// Who speaks, once it said so.
@@ -223,6 +350,66 @@ impl Base {
 mod tests {
     use super::*;
     use seabearing_core::wire::{Encoder, End, Reply};
+
+    use seabearing_core::wire::link::Class;
+
+    /// A recorder with a link and a base station with a store that is opened anew every second; of the bytes of the
+    /// recorder every seventh is damaged for a while.
+    #[test]
+    fn over_a_link_every_record_is_stored_once_whatever_happens_to_line_and_base() {
+        let line = Settings::serial(115_200);
+        let folder = tempfile::tempdir().unwrap();
+        let mut buffer = [0; 160];
+        let mut recorder = Link::new(line, 7, 1, 0, MemoryStore::<6400>::new());
+        let (mut at_us, mut said, mut told) = (0u64, 0u32, Vec::new());
+        for second in 0..40u64 {
+            let mut base = Base::new(None, None);
+            let mut store = store::Store::open(folder.path(), &mut base).unwrap();
+            base.line(line);
+            if second == 20 {
+                // Another boot; the store is what survives.
+                recorder = Link::new(line, 7, 2, 0, recorder.into_store());
+            }
+            for _ in 0..if second < 30 { 4 } else { 0 } {
+                let message = if said % 80 == 0 {
+                    hello()
+                } else {
+                    Message::End(End { index: said.into(), frames: 0 })
+                };
+                recorder.offer(Class::of(&message), seabearing_core::wire::bytes_of(&message, &mut buffer));
+                said += 1;
+            }
+            for ms in 0..1000u64 {
+                at_us += 1000;
+                let mut frame = recorder.send(at_us).unwrap_or(&[]).to_vec();
+                if second < 25 && ms % 7 == 3 {
+                    frame.iter_mut().for_each(|b| *b ^= 4);
+                }
+                let mut records = Vec::new();
+                store.bytes(&frame).unwrap();
+                base.push_at(at_us, &frame, &mut records);
+                store.records(&records).unwrap();
+                told.extend(records);
+                while let Some(answer) = base.answer(at_us).map(<[u8]>::to_vec) {
+                    store.hold().unwrap();
+                    answer.iter().for_each(|b| recorder.receive(at_us, *b, &mut Desk::default()));
+                }
+            }
+        }
+        assert_eq!((recorder.waiting(), told.len() as u32), (0, said));
+        let mut sequences: Vec<u64> = told.iter().map(|r| r["sequence"].as_u64().unwrap()).collect();
+        sequences.sort_unstable();
+        assert!(sequences.into_iter().eq(0..u64::from(said)));
+        // What was stored says the same again, of two sessions.
+        let mut base = Base::new(None, None);
+        let store = store::Store::open(folder.path(), &mut base).unwrap();
+        let counters = base.counters();
+        assert_eq!((store.resumed() as u32, counters.records, counters.sessions), (said, said.into(), 2));
+        let kept = std::fs::read_to_string(folder.path().join("records.jsonl")).unwrap();
+        assert!(told.iter().map(|r| r.to_string()).eq(kept.lines().map(str::to_owned)));
+        let second_boot = told.iter().filter(|r| r["session"] == 2).count();
+        assert_eq!(second_boot as u32, said - 80);
+    }
 
     fn hello() -> Message {
         Message::Hello(Hello {

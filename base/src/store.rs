@@ -21,6 +21,8 @@ pub struct Store {
     records: File,
     folder: PathBuf,
     synced: Instant,
+    /// Bytes that may not be on the disk.
+    unsynced: bool,
     /// Records found or completed on opening.
     resumed: usize,
 }
@@ -49,7 +51,8 @@ impl Store {
         records.set_len(whole).with_context(cannot)?;
         let missing = known.get(lines..).unwrap_or(&[]);
         records.write_all(lines_of(missing).as_bytes()).with_context(cannot)?;
-        Ok(Self { raw, records, folder: folder.to_owned(), synced: Instant::now(), resumed: known.len() })
+        let (folder, synced, resumed) = (folder.to_owned(), Instant::now(), known.len());
+        Ok(Self { raw, records, folder, synced, unsynced: false, resumed })
     }
 
     /// Records the store held when it was opened.
@@ -57,13 +60,35 @@ impl Store {
         self.resumed
     }
 
-    /// Appends bytes and the records they completed.
+    /// Appends bytes, before anything is made of them.
     ///
     /// # Errors
     /// The disk does not take them.
-    pub fn append(&mut self, bytes: &[u8], records: &[Value]) -> Result<()> {
+    pub fn bytes(&mut self, bytes: &[u8]) -> Result<()> {
         let cannot = || format!("cannot write to the store {}", self.folder.display());
         self.raw.write_all(bytes).with_context(cannot)?;
+        self.unsynced |= !bytes.is_empty();
+        Ok(())
+    }
+
+    /// Puts the bytes on the disk, before they are acknowledged.
+    ///
+    /// # Errors
+    /// The disk does not take them.
+    pub fn hold(&mut self) -> Result<()> {
+        if std::mem::take(&mut self.unsynced) {
+            let cannot = || format!("cannot write to the store {}", self.folder.display());
+            self.raw.sync_data().with_context(cannot)?;
+        }
+        Ok(())
+    }
+
+    /// Appends the records that bytes completed.
+    ///
+    /// # Errors
+    /// The disk does not take them.
+    pub fn records(&mut self, records: &[Value]) -> Result<()> {
+        let cannot = || format!("cannot write to the store {}", self.folder.display());
         if !records.is_empty() {
             self.records.write_all(lines_of(records).as_bytes()).with_context(cannot)?;
         }
@@ -147,8 +172,9 @@ mod tests {
             let mut base = Base::new(Some(1.0), None);
             let mut store = Store::open(dir.path(), &mut base).unwrap();
             let mut records = Vec::new();
+            store.bytes(piece).unwrap();
             base.push(piece, &mut records);
-            store.append(piece, &records).unwrap();
+            store.records(&records).unwrap();
         }
         let text = std::fs::read_to_string(dir.path().join("records.jsonl")).unwrap();
         assert_eq!(text.lines().count(), 20);

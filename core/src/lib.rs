@@ -39,6 +39,7 @@ pub use seabearing_wire as wire;
 /// Names and texts of the configuration are its strings.
 pub use heapless;
 
+pub mod outlet;
 pub mod port;
 #[cfg(any(feature = "array", feature = "obs"))]
 pub mod recorder;

@@ -26,6 +26,11 @@ pub trait SampleSource {
     /// Fills the front of `frames` with samples that follow each other without a gap.
     fn read(&mut self, frames: &mut [Frame]) -> Chunk;
 
+    /// Whether samples not read now come later all the same: from a file, not from a converter.
+    fn waits(&self) -> bool {
+        false
+    }
+
     /// Something about the source that the samples do not tell, once: a fault and its number.
     fn fault(&mut self) -> Option<(FaultCode, u64)> {
         None
@@ -41,7 +46,7 @@ pub trait Link {
     fn receive(&mut self) -> Option<u8>;
 }
 
-/// The board's clock: it measures work and notices a silent source; no result depends on it.
+/// The board's clock: it measures work, notices a silent source and paces a link; no result depends on it.
 pub trait Clock {
     /// Ticks since some moment, wrapping.
     fn ticks(&mut self) -> u32;
@@ -49,6 +54,11 @@ pub trait Clock {
     /// Whole seconds since some moment, wrapping; asked for at least once a second while no samples come (so
     /// [`Supervisor::idle`] must return that often). A clock that stands still notices nothing.
     fn seconds(&mut self) -> u32;
+
+    /// Microseconds since some moment, as finely as the board knows them: when a link sends depends on them.
+    fn micros(&mut self) -> u64 {
+        u64::from(self.seconds()) * 1_000_000
+    }
 }
 
 /// Watchdog, idling, and the reason of the last start.

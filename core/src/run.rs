@@ -3,17 +3,22 @@
 //! Enters: a [`SampleSource`], a [`Link`], a [`Clock`] and a [`Supervisor`]. Leaves: frames on the link. What the loop
 //! adds to the recorder's own messages is the count of frames the link refused ([`Health::frames_dropped`]) and the
 //! closing [`End`]. While no samples come it tells the recorder the seconds by the board's clock, so
-//! that a dead converter is reported and `Health` goes on; otherwise the clock measures work and influences nothing.
+//! that a dead converter is reported and `Health` goes on; otherwise the clock measures work and influences nothing but
+//! when a link ([`crate::outlet::Reliable`]) sends.
 
 use crate::block::{Block, Frame};
+use crate::outlet::{Heard, Outlet, Plain};
 use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
-use crate::wire::{Command, Decoder, Encoder, End, Fault, FaultCode, Health, Message};
+use crate::wire::{Command, End, Fault, FaultCode, Message};
 
 /// Sample instants handled at a time: 1 ms at 64 kHz, which costs 1 KiB and is long against the loop's own work.
 pub const BLOCK_FRAMES: usize = 64;
 
 /// Seconds of silence told at once: more is a clock that jumped.
 const MOST_AT_ONCE_S: u32 = 60;
+
+/// Seconds after the end in which a base station may still take what waits.
+const LINGER_S: u32 = 60;
 
 /// What the loop drives: blocks and commands in, messages out.
 pub trait Application {
@@ -53,27 +58,6 @@ pub struct Summary {
     pub frames_dropped: u32,
 }
 
-/// Sends messages as frames and counts those the link refuses.
-struct Outlet<'a, L> {
-    link: &'a mut L,
-    encoder: Encoder,
-    dropped: u32,
-}
-
-impl<L: Link> Outlet<'_, L> {
-    fn say(&mut self, message: &Message) {
-        let frame = match message {
-            Message::Health(health) => {
-                self.encoder.frame(&Message::Health(Health { frames_dropped: self.dropped, ..*health }))
-            }
-            other => self.encoder.frame(other),
-        };
-        if !self.link.send(frame) {
-            self.dropped = self.dropped.saturating_add(1);
-        }
-    }
-}
-
 /// Seconds without samples.
 struct Silence {
     since_s: u32,
@@ -93,7 +77,7 @@ impl Silence {
     }
 }
 
-/// Runs until the input ends or a stop is commanded.
+/// Runs until the input ends or a stop is commanded; frames are sent once.
 pub fn run(
     application: &mut impl Application,
     source: &mut impl SampleSource,
@@ -102,26 +86,43 @@ pub fn run(
     supervisor: &mut impl Supervisor,
     frames: &mut [Frame; BLOCK_FRAMES],
 ) -> Summary {
+    run_over(application, source, &mut Plain::new(link), clock, supervisor, frames)
+}
+
+/// Runs until the input ends or a stop is commanded, and then for a minute at most until a base station that answers has
+/// everything.
+pub fn run_over(
+    application: &mut impl Application,
+    source: &mut impl SampleSource,
+    outlet: &mut impl Outlet,
+    clock: &mut impl Clock,
+    supervisor: &mut impl Supervisor,
+    frames: &mut [Frame; BLOCK_FRAMES],
+) -> Summary {
     let mut summary = Summary::default();
-    let mut commands = Decoder::default();
-    let mut outlet = Outlet { link, encoder: Encoder::default(), dropped: 0 };
     application.start(supervisor.reset_cause(), &mut |m| outlet.say(m));
     if let Some((code, value)) = supervisor.last_fault() {
         outlet.say(&Message::Fault(Fault { code, index: 0, value }));
     }
-    let mut bad_commands = 0;
     let mut silence = Silence { since_s: clock.seconds(), told_s: 0 };
     let mut running = true;
     while running {
         supervisor.feed();
-        while let Some(byte) = outlet.link.receive() {
-            if let Some(received) = commands.push::<Command>(byte) {
-                running &= !matches!(received.message, Command::Stop { .. });
-                application.command(received.message, &mut |m| outlet.say(m));
-            } else if byte == 0 && bad_commands != commands.bad() {
-                bad_commands = commands.bad();
-                application.fault(FaultCode::BadCommand, u64::from(bad_commands), &mut |m| outlet.say(m));
+        outlet.work(clock);
+        while let Some(heard) = outlet.hear() {
+            match heard {
+                Heard::Command(command) => {
+                    running &= !matches!(command, Command::Stop { .. });
+                    application.command(command, &mut |m| outlet.say(m));
+                }
+                Heard::Bad(n) => {
+                    application.fault(FaultCode::BadCommand, u64::from(n), &mut |m| outlet.say(m));
+                }
             }
+        }
+        if source.waits() && outlet.crowded() {
+            supervisor.idle();
+            continue;
         }
         match source.read(frames) {
             Chunk::Frames { first_index, count } => {
@@ -148,10 +149,15 @@ pub fn run(
         }
     }
     application.finish(&mut |m| outlet.say(m));
-    let sent = outlet.encoder.frames();
-    outlet.say(&Message::End(End { index: summary.index, frames: sent }));
-    summary.frames_dropped = outlet.dropped;
-    summary.frames = outlet.encoder.frames().saturating_sub(outlet.dropped);
+    outlet.say(&Message::End(End { index: summary.index, frames: outlet.said() }));
+    let ended_s = clock.seconds();
+    while outlet.waiting() && clock.seconds().wrapping_sub(ended_s) < LINGER_S {
+        supervisor.feed();
+        outlet.work(clock);
+        while outlet.hear().is_some() {}
+    }
+    summary.frames_dropped = outlet.dropped();
+    summary.frames = outlet.said().saturating_sub(outlet.dropped());
     summary
 }
 
@@ -159,7 +165,7 @@ pub fn run(
 mod tests {
     use super::*;
     use crate::port::NoClock;
-    use crate::wire::Reply;
+    use crate::wire::{Decoder, Encoder, Health, Reply};
     use std::vec::Vec;
 
     struct Counting(u64);

@@ -15,6 +15,28 @@ pub const SCHEMA: &str = include_str!("schema.txt");
 /// Identifies [`SCHEMA`].
 pub const SCHEMA_HASH: u64 = crate::hash::fnv1a(SCHEMA.as_bytes());
 
+/// The bytes of a message without a frame; none if they do not fit.
+pub fn bytes_of<'a, T: Serialize>(message: &T, into: &'a mut [u8]) -> &'a [u8] {
+    postcard::to_slice(message, into).map_or(&[], |bytes| bytes)
+}
+
+/// The message of a recorder that these bytes are.
+pub fn message_of(bytes: &[u8]) -> Option<Message> {
+    whole(bytes)
+}
+
+/// The command that these bytes are.
+pub fn command_of(bytes: &[u8]) -> Option<Command> {
+    whole(bytes)
+}
+
+fn whole<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Option<T> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((message, [])) => Some(message),
+        _ => None,
+    }
+}
+
 /// Everything a recorder says.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {

@@ -27,6 +27,9 @@ pub const EMULATED_ARRAY: Image =
 /// The emulated board as an ocean-bottom recorder only, for its budget.
 pub const EMULATED_OBS: Image =
     Image { name: "mps2-an500-obs.elf", bin: "mps2-an500", features: "mps2-an500,obs" };
+/// The emulated board as an array recorder whose records wait until the base station has them.
+pub const EMULATED_LINK: Image =
+    Image { name: "mps2-an500-link.elf", bin: "mps2-an500", features: "mps2-an500,array,link" };
 /// One batch motion fit on the emulated board, for its budget.
 pub const EMULATED_FIT: Image =
     Image { name: "mps2-an500-motion-fit.elf", bin: "motion-fit", features: "motion-fit" };
@@ -114,14 +117,15 @@ pub fn command(options: &[String]) -> Result<()> {
     let emulated: &[&Image] = match options.board {
         "mps2-an500" => &[&EMULATED],
         "stm32h743" => &[],
-        "all" => &[&EMULATED, &EMULATED_ARRAY, &EMULATED_OBS],
-        other => bail!("there is no board `{other}`: mps2-an500, stm32h743 or all"),
+        "all" => &[&EMULATED, &EMULATED_ARRAY, &EMULATED_OBS, &EMULATED_LINK],
+        "link" => &[&EMULATED_LINK],
+        other => bail!("there is no board `{other}`: mps2-an500, link, stm32h743 or all"),
     };
     let toolchain = Toolchain::find()?;
     for image in emulated {
         report(&build(&toolchain, image)?)?;
     }
-    if options.board != "mps2-an500" {
+    if matches!(options.board, "stm32h743" | "all") {
         report(&build_hardware(&toolchain, &HARDWARE, options.station)?)?;
     }
     Ok(())

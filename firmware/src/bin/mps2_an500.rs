@@ -1,4 +1,4 @@
-//! The recorder on the emulated board.
+//! The recorder on the emulated board; with the feature `link` its records wait until the base station has them.
 #![no_std]
 #![no_main]
 #![allow(unsafe_code)]
@@ -8,13 +8,27 @@ use cortex_m_rt::{ExceptionFrame, entry, exception};
 use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::recorder::Memory;
-use seabearing_core::run::{BLOCK_FRAMES, run};
+use seabearing_core::run::BLOCK_FRAMES;
+#[cfg(not(feature = "link"))]
+use seabearing_core::run::run;
+#[cfg(feature = "link")]
+use seabearing_core::{
+    outlet::Reliable,
+    run::run_over,
+    wire::link::{Link, MemoryStore, Settings},
+};
 use seabearing_firmware::mps2_an500::{
     Board, blob, clock::BoardClock, host, input::Input, stack_use, uart::Uart,
 };
 
+/// Bytes of the link's store: with them the link takes 8 KiB.
+#[cfg(feature = "link")]
+const STORE_BYTES: usize = 6400;
+
 #[entry]
 fn main() -> ! {
+    #[cfg(feature = "link")]
+    static mut LINK: Option<Link<MemoryStore<STORE_BYTES>>> = None;
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
 
@@ -29,7 +43,17 @@ fn main() -> ! {
     let Ok(mut recorder) = MEMORY.configure(&config, table) else {
         host::fail(c"this image holds no recorder for this configuration\n")
     };
-    let summary = run(&mut recorder, &mut samples, &mut uart, &mut clock, &mut Board::started(), FRAMES);
+    let mut board = Board::started();
+    #[cfg(not(feature = "link"))]
+    let summary = run(&mut recorder, &mut samples, &mut uart, &mut clock, &mut board, FRAMES);
+    #[cfg(feature = "link")]
+    let summary = {
+        let Some(boot) = host::count_boot() else { fail(c"cannot count the boot in boots.bin\n") };
+        let settings = Settings::serial(Uart::BAUD);
+        let link = LINK.insert(Link::new(settings, config.id, boot, config.hash(), MemoryStore::new()));
+        let mut outlet = Reliable::new(&mut uart, link);
+        run_over(&mut recorder, &mut samples, &mut outlet, &mut clock, &mut board, FRAMES)
+    };
     uart.flush();
     if !host::leave_summary(&summary, stack_use(), samples.losses()) {
         host::fail(c"cannot write summary.bin\n");

@@ -11,12 +11,14 @@ use core::panic::PanicInfo;
 use cortex_m_rt::entry;
 use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
+use seabearing_core::outlet::Reliable;
 use seabearing_core::port::{Chunk, Clock, Link, SampleSource, Supervisor};
 use seabearing_core::recorder::Memory;
-use seabearing_core::run::{BLOCK_FRAMES, run};
+use seabearing_core::run::{BLOCK_FRAMES, run, run_over};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{ReadBytes, Reader};
 use seabearing_core::wire::FaultCode;
+use seabearing_core::wire::link::{Link as Reliably, MemoryStore, Settings};
 
 /// A device register: whatever is read there, the optimiser cannot know.
 const REGISTER: *mut u32 = 0x4000_0000 as *mut u32;
@@ -101,7 +103,9 @@ impl Supervisor for Device {
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
+    static mut LINK: Option<Reliably<MemoryStore<6400>>> = None;
 
+    let mut line = Device;
     // SAFETY: this image is never run.
     let blob = unsafe { core::slice::from_raw_parts(0x6000_0000 as *const u8, 1 << 20) };
     if let Ok(config) = config_blob::station(blob) {
@@ -109,6 +113,18 @@ fn main() -> ! {
         if let Ok(mut recorder) = MEMORY.configure(&config, table) {
             let mut samples = Samples { file: Reader::new(Device), line: sample_line::Reader::new(Device) };
             run(&mut recorder, &mut samples, &mut Device, &mut Device, &mut Device, FRAMES);
+            let settings = Settings {
+                bytes_per_second: Device.word(),
+                delay_us: Device.word(),
+                half_duplex: Device.word() != 0,
+                leads: Device.word() != 0,
+                keepalive_s: Device.word() as u16,
+                bytes_an_hour: (Device.word() != 0).then(|| Device.word()),
+            };
+            let store = MemoryStore::<6400>::new();
+            let link = LINK.insert(Reliably::new(settings, config.id, Device.word(), config.hash(), store));
+            let mut outlet = Reliable::new(&mut line, link);
+            run_over(&mut recorder, &mut samples, &mut outlet, &mut Device, &mut Device, FRAMES);
         }
     }
     #[cfg(feature = "seeded-panic")]

@@ -68,4 +68,17 @@ impl Clock for BoardClock {
         }
         self.seconds
     }
+
+    /// Whole seconds and what the timer has counted of the next.
+    fn micros(&mut self) -> u64 {
+        loop {
+            let seconds = self.seconds();
+            // SAFETY: as above.
+            let left = unsafe { (&raw const (*TIMER).value).read_volatile() };
+            if self.seconds() == seconds {
+                let ticks = TIMER_HZ.saturating_sub(left);
+                return u64::from(seconds) * 1_000_000 + u64::from(ticks / (TIMER_HZ / 1_000_000));
+            }
+        }
+    }
 }

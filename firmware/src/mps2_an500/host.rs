@@ -60,6 +60,16 @@ pub fn command_line() -> [u8; 32] {
     line
 }
 
+/// Counts this start in `boots.bin`, where a board would use a word that survives; the count.
+pub fn count_boot() -> Option<u32> {
+    let mut word = [0u8; 4];
+    if let Some(mut file) = File::read_from(c"boots.bin") {
+        file.read(&mut word);
+    }
+    let boot = u32::from_le_bytes(word).wrapping_add(1);
+    File::write_to(c"boots.bin")?.write(&boot.to_le_bytes()).then_some(boot)
+}
+
 /// Leaves what the run cost in `summary.bin`: ten words `u64le` as `docs/firmware.md` lists them.
 pub fn leave_summary(summary: &Summary, stack: (u32, u32), line: (u64, u64)) -> bool {
     let words = [

@@ -62,4 +62,8 @@ impl SampleSource for Input {
             Self::Line(line) => line.read(frames),
         }
     }
+
+    fn waits(&self) -> bool {
+        matches!(self, Self::File(_))
+    }
 }

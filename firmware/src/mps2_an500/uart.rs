@@ -35,6 +35,9 @@ struct Registers {
 pub struct Uart(*mut Registers);
 
 impl Uart {
+    /// Bits a second.
+    pub const BAUD: u32 = 25_000_000 / DIVIDER;
+
     /// Switches the device for telemetry and commands on; made once, by `main`.
     pub fn telemetry() -> Self {
         Self::on(UART0)

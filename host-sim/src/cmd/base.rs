@@ -2,10 +2,11 @@
 
 use crate::base::link::{LineEvent, LineLink, Origin};
 use crate::base::store::Store;
-use crate::base::{Base, export, view};
+use crate::base::{Base, LINE_BAUD, export, view};
 use crate::plot::result;
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
+use seabearing_core::wire::link::Settings;
 use seabearing_core::wire::{Command, Encoder};
 use serde_json::Value;
 use std::io::{IsTerminal, Write};
@@ -32,8 +33,11 @@ pub struct Args {
     #[arg(long, value_name = "DEVICE")]
     serial: Option<String>,
     /// Speed of the serial device
-    #[arg(long, default_value_t = 115_200)]
+    #[arg(long, default_value_t = LINE_BAUD)]
     baud: u32,
+    /// Only one end of the line can speak at a time
+    #[arg(long)]
+    half_duplex: bool,
     /// Connect to a recorder or a serial server
     #[arg(long, value_name = "HOST:PORT")]
     tcp: Option<String>,
@@ -111,6 +115,10 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(address) = link.listening() {
         eprintln!("seabearing: listening at {address}");
     }
+    let mut line = Settings::serial(args.baud);
+    line.half_duplex = args.half_duplex;
+    base.line(line);
+    let begun = Instant::now();
     let mut desk = Desk { args: &args, position, drawn: None, exported: Instant::now() };
     let mut buffer = vec![0u8; 1 << 16];
     let mut records: Vec<Value> = Vec::new();
@@ -131,9 +139,23 @@ pub fn run(args: Args) -> Result<()> {
             LineEvent::Bytes(n) => &buffer[..n],
             LineEvent::Idle | LineEvent::End => &[],
         };
-        base.push(bytes, &mut records);
-        if let Some(store) = store.as_mut().filter(|_| !bytes.is_empty()) {
-            store.append(bytes, &records)?;
+        // First of all the bytes are kept; then they are read, and only then acknowledged.
+        if let Some(store) = &mut store {
+            store.bytes(bytes)?;
+        }
+        let now_us = begun.elapsed().as_micros() as u64;
+        base.push_at(now_us, bytes, &mut records);
+        if let Some(store) = &mut store {
+            store.records(&records)?;
+        }
+        if event == LineEvent::Began {
+            base.begin_stream();
+        }
+        while let Some(frame) = base.answer(now_us).filter(|_| event != LineEvent::End) {
+            if let Some(store) = &mut store {
+                store.hold()?;
+            }
+            link.send(frame);
         }
         if event == LineEvent::End {
             base.end_stream();

@@ -246,6 +246,16 @@ impl<S: Store> Link<S> {
         }
     }
 
+    /// Takes another line, and begins a log of this name where none was written yet.
+    pub fn begin(&mut self, settings: Settings, boot: u32) {
+        (self.settings, self.budget) = (settings, Budget::new(settings.bytes_an_hour));
+        if self.store.ledger().ordinal == 0 {
+            self.store.begin(boot);
+            (self.session.log, self.session.boot) = (boot, boot);
+        }
+        self.reconnected();
+    }
+
     /// Who this end is.
     pub fn session(&self) -> &Session {
         &self.session
@@ -279,6 +289,11 @@ impl<S: Store> Link<S> {
     /// What the frames received say about the line.
     pub fn line(&self) -> DecoderCounters {
         self.decoder.counters()
+    }
+
+    /// The decoder of the frames received, for the messages of an end without a link.
+    pub fn decoder(&mut self) -> &mut Decoder {
+        &mut self.decoder
     }
 
     /// Takes a record of at most [`RECORD_BYTES`]. Where the store is full, the oldest of the least urgent class goes for
@@ -319,6 +334,8 @@ impl<S: Store> Link<S> {
         self.open_at = 0;
         self.sending.give_up();
         self.turn = !self.settings.half_duplex || self.settings.leads;
+        self.debts = Debts::default();
+        self.met = false;
     }
 
     /// Takes a byte of the line.
