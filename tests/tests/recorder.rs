@@ -163,22 +163,6 @@ fn telemetry_names_the_configuration_it_ran_with() {
 }
 
 #[test]
-fn bearings_hold_the_documented_flags_and_no_other() {
-    let clean = recording(8);
-    let (mut clipped, mut damaged) = (clean.clone(), clean.clone());
-    clipped.iter_mut().skip(5).step_by(16_000).for_each(|f| f[2] = 8_388_607);
-    damaged.iter_mut().skip(77).step_by(900).for_each(|f| *f = [MISSING; 4]);
-    for (samples, bit) in [(&clean, 0), (&clipped, 1), (&damaged, 2)] {
-        let heard = listen(&[(0, samples)], || 512);
-        let flags: Vec<u8> = heard
-            .iter()
-            .filter_map(|m| if let Message::Bearing(b) = m { Some(b.flags) } else { None })
-            .collect();
-        assert!(flags.iter().all(|f| f & !7 == 0) && flags.iter().any(|f| f & 3 == bit), "{bit}: {flags:?}");
-    }
-}
-
-#[test]
 fn one_invalid_instant_in_500_costs_a_few_per_cent_and_is_said() {
     let clean = recording(8);
     let mut samples = clean.clone();

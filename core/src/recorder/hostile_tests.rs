@@ -295,3 +295,25 @@ fn random_hostilities_keep_the_rules() {
         }
     }
 }
+
+#[test]
+fn bearings_hold_the_documented_flags_and_no_other() {
+    let n = 8 * ARRAY_RATE as usize;
+    let all = noise(2 * n + 16);
+    // A source due east, and noise of each hydrophone's own.
+    let lead = HYDROPHONES_M.map(|[x, ..]| (8.5 + x / 1484.0 * ARRAY_RATE as f64) as usize);
+    let heard_at = |i: usize| core::array::from_fn(|c| all[i + lead[c]][0] + all[n + 16 + i][c] / 4);
+    let clean: Vec<Frame> = (0..n).map(heard_at).collect();
+    let (mut clipped, mut damaged) = (clean.clone(), clean.clone());
+    clipped.iter_mut().skip(5).step_by(ARRAY_RATE as usize).for_each(|f| f[2] = (1 << 23) - 1);
+    damaged.iter_mut().skip(77).step_by(900).for_each(|f| *f = [MISSING; 4]);
+    for (samples, bit) in [(&clean, 0), (&clipped, 1), (&damaged, 2)] {
+        let heard = listen(Which::Array, &[(0, samples)], 512);
+        let flags = heard
+            .all
+            .iter()
+            .filter_map(|(_, m)| if let Message::Bearing(b) = m { Some(b.flags) } else { None });
+        let flags: Vec<u8> = flags.collect();
+        assert!(flags.iter().all(|f| f & !7 == 0) && flags.iter().any(|f| f & 3 == bit), "{bit}: {flags:?}");
+    }
+}
