@@ -3,6 +3,7 @@
 //! [`Base`] is a function of the bytes it is given and of where streams began: replaying stored bytes gives the same
 //! records again, which is how [`store`] resumes after anything. Damage costs the frames it hits and is counted.
 
+pub mod about;
 pub mod export;
 pub mod link;
 pub mod store;
@@ -268,12 +269,8 @@ impl Base {
             | Message::Reply(_)
             | Message::End(_) => {}
         }
-        let mut record = self.recorder.json(message);
+        let mut record = self.record(session, message);
         if let Value::Object(map) = &mut record {
-            // Where the record came from; `process` has no such keys.
-            let station = self.hello.map(|h| h.station);
-            map.entry("station").or_insert_with(|| station.into());
-            map.insert("session".into(), session.into());
             map.insert("sequence".into(), sequence.into());
         }
         out.push(record);
@@ -323,6 +320,26 @@ impl Base {
     /// All reports of every track, in order.
     pub fn tracks(&self) -> &BTreeMap<TrackKey, Vec<Track>> {
         &self.tracks
+    }
+
+    /// The reports of every track as records, in order.
+    pub fn track_records(&self) -> Vec<Value> {
+        let of_track = |(session, _): &TrackKey, history: &[Track]| {
+            let record = |t: &Track| self.record(*session, &Message::Track(*t));
+            history.iter().map(record).collect::<Vec<_>>()
+        };
+        self.tracks.iter().flat_map(|(key, history)| of_track(key, history)).collect()
+    }
+
+    /// A message as a record that tells where it came from; `process` has no such keys.
+    fn record(&self, session: u32, message: &Message) -> Value {
+        let mut record = self.recorder.json(message);
+        if let Value::Object(map) = &mut record {
+            let station = self.hello.map(|h| h.station);
+            map.entry("station").or_insert_with(|| station.into());
+            map.insert("session".into(), session.into());
+        }
+        record
     }
 
     /// The bearings kept, with their session.

@@ -119,6 +119,27 @@ fn lines_of(records: &[Value]) -> String {
     records.iter().map(|r| format!("{r}\n")).collect()
 }
 
+/// Hands out the records of a store, oldest first. Nothing in it is changed: a base station may be writing.
+///
+/// # Errors
+/// There is no store, or it cannot be read.
+pub fn read(folder: &Path, mut take: impl FnMut(Value)) -> Result<()> {
+    let path = folder.join("records.jsonl");
+    let unreadable = || format!("{}: cannot read the store of a base station", path.display());
+    let mut reader = BufReader::new(File::open(&path).with_context(unreadable)?);
+    let mut line = Vec::new();
+    let mut number = 0;
+    loop {
+        line.clear();
+        // A last line without its end is still being written.
+        if reader.read_until(b'\n', &mut line).with_context(unreadable)? == 0 || line.last() != Some(&b'\n') {
+            return Ok(());
+        }
+        number += 1;
+        take(serde_json::from_slice(&line).with_context(|| format!("{}: line {number}", path.display()))?);
+    }
+}
+
 /// Number of whole lines in a file and their length in bytes.
 fn whole_lines(file: &File) -> std::io::Result<(usize, u64)> {
     let mut reader = BufReader::new(file);

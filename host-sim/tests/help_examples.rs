@@ -16,7 +16,7 @@ enum Expected {
 use Expected::{Lacks, Runs};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 17] = [
+const EXAMPLES: [(&str, &[Expected]); 18] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs]),
     ("bearing", &[Runs]),
@@ -37,6 +37,7 @@ const EXAMPLES: [(&str, &[Expected]); 17] = [
     ),
     ("twin", &[Lacks("out/station.toml"), Lacks("out/station.toml"), Lacks("out/station.toml")]),
     ("base", &[Runs, Lacks("/dev/ttyACM0"), Runs]),
+    ("export", &[Runs, Runs]),
     ("demo", &[]),
     ("blob", &[Runs]),
     ("reproduce", &[Runs]),

@@ -20,8 +20,7 @@ impl RecordFormat {
 
     /// UTC of a time since sample 0 as RFC 3339, where the recording has a clock.
     pub fn utc(&self, t_s: f64) -> Option<String> {
-        let at = self.start? + time::Duration::seconds_f64(t_s);
-        at.format(&time::format_description::well_known::Rfc3339).ok()
+        Some(utc(self.start? + time::Duration::seconds_f64(t_s)))
     }
 
     /// The record of one message.
@@ -144,6 +143,11 @@ impl RecordFormat {
         }
         Value::Object(out)
     }
+}
+
+/// A time as records tell it, RFC 3339; empty where that has no such year.
+pub fn utc(at: time::OffsetDateTime) -> String {
+    at.format(&time::format_description::well_known::Rfc3339).unwrap_or_default()
 }
 
 /// JSON has no infinity: what is not observable is `null`.

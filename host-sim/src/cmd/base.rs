@@ -1,8 +1,10 @@
 //! `seabearing base`: the base station: receive telemetry, store, show, export.
 
+use crate::base::about::About;
+use crate::base::export::{self, Format, Places};
 use crate::base::link::{LineEvent, LineLink, Origin};
 use crate::base::store::Store;
-use crate::base::{Base, LINE_BAUD, export, view};
+use crate::base::{Base, LINE_BAUD, view};
 use crate::plot::result;
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
@@ -62,7 +64,7 @@ pub struct Args {
     /// Folder that keeps raw bytes and records; a base station started again goes on from there
     #[arg(long, value_name = "DIR")]
     store: Option<PathBuf>,
-    /// File for the tracks, .csv, .geojson or .kml (may be given several times)
+    /// File for the tracks, .csv, .geojson, .jsonl, .kml or .parquet (may be given several times)
     #[arg(long, value_name = "FILE")]
     export: Vec<PathBuf>,
     /// Folder for pictures of bearings and tracks
@@ -91,22 +93,25 @@ impl Args {
 /// One line for a person: the origin or the store cannot be used, or no telemetry was in it.
 pub fn run(args: Args) -> Result<()> {
     let station = args.station.as_deref().map(Station::read).transpose()?;
-    let position = station.as_ref().and_then(|s| s.config.lat_lon_deg);
-    let start = args
-        .start
-        .as_deref()
-        .map(|s| {
-            time::OffsetDateTime::parse(s, &time::format_description::well_known::Rfc3339)
-                .map_err(|_| anyhow::anyhow!("--start {s}: not a time; 2024-05-01T09:00:00Z was expected"))
-        })
-        .transpose()?;
-    let mut base = Base::new(station.as_ref().map(|s| s.config.rate_hz), start);
+    let said = About {
+        rate_hz: station.as_ref().map(|s| s.config.rate_hz),
+        start: args.start.as_deref().map(|t| super::instant("--start", t)).transpose()?,
+        place: station.as_ref().and_then(|s| s.config.lat_lon_deg),
+    };
+    // What was said when the store was begun holds until something else is said.
+    let kept = args.store.as_deref().map(About::read).transpose()?.unwrap_or_default();
+    let about = said.or(kept);
+    let mut base = Base::new(about.rate_hz, about.start);
+    let places = Places { otherwise: about.place, ..Places::default() };
     for path in &args.export {
         // A wrong ending or a missing position is better known now than after the deployment.
-        export::check(path, position)?;
+        export::check(path, Format::of(path)?, &places)?;
     }
     let origin = args.origin();
     let mut store = args.store.as_deref().map(|folder| Store::open(folder, &mut base)).transpose()?;
+    if let Some(folder) = args.store.as_deref().filter(|_| about != kept) {
+        about.write(folder)?;
+    }
     if let Some(store) = store.as_ref().filter(|s| s.resumed() > 0) {
         eprintln!("seabearing: going on after {} records", store.resumed());
     }
@@ -119,7 +124,7 @@ pub fn run(args: Args) -> Result<()> {
     line.half_duplex = args.half_duplex;
     base.line(line);
     let begun = Instant::now();
-    let mut desk = Desk { args: &args, position, drawn: None, exported: Instant::now() };
+    let mut desk = Desk { args: &args, places, drawn: None, exported: Instant::now() };
     let mut buffer = vec![0u8; 1 << 16];
     let mut records: Vec<Value> = Vec::new();
     let mut commands = Encoder::default();
@@ -188,7 +193,7 @@ pub fn run(args: Args) -> Result<()> {
 /// What a person sees and the files written besides the store.
 struct Desk<'a> {
     args: &'a Args,
-    position: Option<(f64, f64)>,
+    places: Places,
     drawn: Option<Instant>,
     exported: Instant,
 }
@@ -219,7 +224,7 @@ impl Desk<'_> {
         }
         if last || self.exported.elapsed() > EXPORT {
             for path in &self.args.export {
-                export::write(path, base, self.position)?;
+                export::write(path, Format::of(path)?, &base.track_records(), &self.places)?;
             }
             if let Some(folder) = &self.args.plots {
                 pictures(base, folder).with_context(|| format!("cannot plot into {}", folder.display()))?;

@@ -7,6 +7,7 @@ pub mod blob;
 pub mod config;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod demo;
+pub mod export;
 pub mod locate;
 pub mod orient;
 pub mod process;
@@ -32,6 +33,14 @@ impl Missed {
     pub const STATUS: i32 = 3;
     /// How the line on standard error begins.
     pub const WORDS: &'static str = "missed: ";
+}
+
+/// A time as an option gives it, RFC 3339.
+fn instant(option: &str, text: &str) -> anyhow::Result<time::OffsetDateTime> {
+    let parsed = time::OffsetDateTime::parse(text, &time::format_description::well_known::Rfc3339);
+    parsed.map_err(|_| {
+        anyhow::anyhow!("{option} {text}: not a time; one like 2024-05-01T09:00:00Z was expected")
+    })
 }
 
 /// Records as JSON Lines, or key by key for people.
@@ -76,6 +85,8 @@ pub enum Subcommand {
     Twin(twin::Args),
     /// The base station: receive, store, show and export telemetry
     Base(base::Args),
+    /// Records of a base station's store as CSV, JSON Lines, Parquet, GeoJSON or KML
+    Export(export::Args),
     /// A simulated pass through the emulated firmware (`cargo xtask demo`)
     #[cfg(all(unix, feature = "emulation"))]
     Demo(demo::Args),
@@ -109,6 +120,7 @@ impl Subcommand {
             #[cfg(all(unix, feature = "emulation"))]
             Self::Twin(args) => twin::run(args),
             Self::Base(args) => base::run(args),
+            Self::Export(args) => export::run(args),
             #[cfg(all(unix, feature = "emulation"))]
             Self::Demo(args) => demo::run(args),
             Self::Blob(args) => blob::run(args),

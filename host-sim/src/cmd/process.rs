@@ -7,14 +7,13 @@ use crate::recording::{self, BlockSource};
 use crate::replay::{ReplaySummary, replay};
 use crate::station::Station;
 use crate::{atomic, record};
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config::Kind;
 use seabearing_core::wire::{Encoder, Message};
 use std::io::Write;
 use std::path::PathBuf;
 use time::OffsetDateTime;
-use time::format_description::well_known::Rfc3339;
 
 /// Arguments of `seabearing process`.
 #[derive(clap::Args)]
@@ -53,12 +52,7 @@ pub struct Args {
 /// A bad station file, no usable recording, or nothing useful in it.
 pub fn run(args: Args) -> Result<()> {
     let station = Station::of_recorder(&args.station)?;
-    let start = match &args.start {
-        None => None,
-        Some(text) => Some(OffsetDateTime::parse(text, &Rfc3339).with_context(|| {
-            format!("--start is `{text}`; a time like 2016-02-21T13:05:00Z was expected")
-        })?),
-    };
+    let start = args.start.as_deref().map(|t| super::instant("--start", t)).transpose()?;
     // A simulation writes what its kind of station can be compared with.
     let ocean_bottom = matches!(station.config.kind, Kind::Obs(_));
     let truth = args

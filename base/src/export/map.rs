@@ -1,0 +1,179 @@
+//! Tracks on a map, as GeoJSON and KML.
+//!
+//! A track's line joins the places reported while its range was observable, each with its time; its last report gives
+//! closest point, heading and speed with their standard deviations, and the 95 % ellipse of the last place.
+
+use super::{Places, degrees, east_north};
+use crate::plot::ellipse_outline;
+use anyhow::Result;
+use seabearing_host::geodesy::LocalFrame;
+use serde_json::{Map, Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+
+/// Latitude and longitude of a place so many metres East and North of a station.
+pub(super) fn lat_lon(station: (f64, f64), (x_m, y_m): (f64, f64)) -> (f64, f64) {
+    LocalFrame::new(station.0, station.1).lat_lon_deg(x_m, y_m)
+}
+
+/// Longitude first, as both formats want it.
+fn point((lat, lon): (f64, f64)) -> Value {
+    json!([degrees(lon), degrees(lat)])
+}
+
+/// A track, by station, session and number.
+struct Drawn<'a> {
+    name: String,
+    /// Its reports with a place, in order.
+    reports: Vec<(&'a Value, Value)>,
+    ring: Vec<Value>,
+}
+
+/// Every track that has a place.
+fn drawn<'a>(records: &'a [Value], places: &Places) -> Vec<Drawn<'a>> {
+    let mut tracks: BTreeMap<[Option<u64>; 3], Vec<(&Value, (f64, f64))>> = BTreeMap::new();
+    for record in records {
+        let Some(place) = east_north(record) else { continue };
+        let key = ["station", "session", "id"].map(|k| record[k].as_u64());
+        tracks.entry(key).or_default().push((record, place));
+    }
+    let mut out = Vec::new();
+    for ([station, session, id], reports) in tracks {
+        let Some(&(last, centre)) = reports.last() else { continue };
+        let Some(at) = places.of(last) else { continue };
+        let on_map = |place| point(lat_lon(at, place));
+        let variances =
+            ["var_x_m2", "var_y_m2", "cov_xy_m2"].map(|k| last[k].as_f64().unwrap_or(f64::INFINITY));
+        let outline = ellipse_outline(centre, variances.into(), 0.95);
+        let ring: Vec<Value> =
+            outline.into_iter().filter(|p| p.0.is_finite() && p.1.is_finite()).map(on_map).collect();
+        let number = |n: Option<u64>| n.map_or_else(|| "?".to_owned(), |n| n.to_string());
+        out.push(Drawn {
+            name: format!("{}.{}.{}", number(station), number(session), number(id)),
+            reports: reports.into_iter().map(|(record, place)| (record, on_map(place))).collect(),
+            ring: if ring.len() > 3 { ring } else { Vec::new() },
+        });
+    }
+    out
+}
+
+/// The stations that the records are of, with their places.
+fn stations(records: &[Value], places: &Places) -> Vec<(Value, Value)> {
+    let seen: BTreeSet<Option<u64>> = records.iter().map(|r| r["station"].as_u64()).collect();
+    // Records before the recorder said who it is belong to the one that does.
+    let known = |s: &Option<u64>| s.is_some() || seen.len() == 1;
+    let of = |s: &Option<u64>| {
+        let at = places.of(&json!({ "station": s }))?;
+        Some((json!(s), point(at)))
+    };
+    seen.iter().filter(|s| known(s)).filter_map(of).collect()
+}
+
+/// What is said of a track besides its line.
+fn properties(report: &Value) -> Map<String, Value> {
+    const SAID: [&str; 14] = [
+        "station",
+        "session",
+        "id",
+        "stage",
+        "t_s",
+        "utc",
+        "heading_deg",
+        "sd_heading_deg",
+        "speed_m_s",
+        "sd_speed_m_s",
+        "cpa_time_s",
+        "sd_cpa_time_s",
+        "cpa_range_m",
+        "sd_cpa_range_m",
+    ];
+    SAID.iter().map(|key| ((*key).to_owned(), report[*key].clone())).collect()
+}
+
+/// The tracks as GeoJSON.
+pub(super) fn geojson(records: &[Value], places: &Places) -> Value {
+    let feature = |geometry: Value, properties: Value| json!({ "type": "Feature", "geometry": geometry, "properties": properties });
+    let mut features = Vec::new();
+    for (station, at) in stations(records, places) {
+        features.push(feature(
+            json!({ "type": "Point", "coordinates": at }),
+            json!({ "kind": "station", "station": station }),
+        ));
+    }
+    for track in drawn(records, places) {
+        let Some((last, at)) = track.reports.last() else { continue };
+        let mut said = properties(last);
+        said.insert("kind".into(), "track".into());
+        said.insert("times".into(), track.reports.iter().map(|(r, _)| r["utc"].clone()).collect());
+        let line: Vec<&Value> = track.reports.iter().map(|(_, at)| at).collect();
+        let geometry = match &line[..] {
+            [_] => json!({ "type": "Point", "coordinates": at }),
+            _ => json!({ "type": "LineString", "coordinates": line }),
+        };
+        features.push(feature(geometry, said.into()));
+        if !track.ring.is_empty() {
+            features.push(feature(
+                json!({ "type": "Polygon", "coordinates": [track.ring] }),
+                json!({ "kind": "ellipse", "probability": 0.95, "station": last["station"],
+                        "session": last["session"], "id": last["id"] }),
+            ));
+        }
+    }
+    json!({ "type": "FeatureCollection", "features": features })
+}
+
+/// The tracks as KML. Reports with a time stand beside the line as points with that time, so that viewers animate them.
+pub(super) fn kml(records: &[Value], places: &Places) -> Result<String> {
+    let text = |points: &[&Value]| {
+        points.iter().map(|p| format!("{},{},0", p[0], p[1])).collect::<Vec<_>>().join(" ")
+    };
+    let mut out = String::from(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<kml xmlns=\"http://www.opengis.net/kml/2.2\">\n<Document>\n",
+    );
+    for (station, at) in stations(records, places) {
+        let name = station.as_u64().map_or_else(|| "unknown".to_owned(), |s| s.to_string());
+        writeln!(
+            out,
+            "<Placemark><name>station {name}</name><Point><coordinates>{}</coordinates></Point></Placemark>",
+            text(&[&at])
+        )?;
+    }
+    for track in drawn(records, places) {
+        let Some((last, _)) = track.reports.last() else { continue };
+        let name = &track.name;
+        let with_sd = |key: &str| {
+            let number = |key: &str| last[key].as_f64().unwrap_or(f64::NAN);
+            crate::view::with_sd(number(key), number(&format!("sd_{key}")))
+        };
+        let line: Vec<&Value> = track.reports.iter().map(|(_, at)| at).collect();
+        writeln!(
+            out,
+            "<Placemark><name>track {name}</name><description>CPA {} m at {} s, heading {}°, speed {} m/s\
+             </description><LineString><coordinates>{}</coordinates></LineString></Placemark>",
+            with_sd("cpa_range_m"),
+            with_sd("cpa_time_s"),
+            with_sd("heading_deg"),
+            with_sd("speed_m_s"),
+            text(&line)
+        )?;
+        for (report, at) in &track.reports {
+            let Some(utc) = report["utc"].as_str() else { continue };
+            writeln!(
+                out,
+                "<Placemark><name>{name}</name><TimeStamp><when>{utc}</when></TimeStamp>\
+                 <Point><coordinates>{}</coordinates></Point></Placemark>",
+                text(&[at])
+            )?;
+        }
+        if !track.ring.is_empty() {
+            writeln!(
+                out,
+                "<Placemark><name>95 % of track {name}</name><Polygon><outerBoundaryIs><LinearRing>\
+                 <coordinates>{}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>",
+                text(&track.ring.iter().collect::<Vec<_>>())
+            )?;
+        }
+    }
+    out.push_str("</Document>\n</kml>\n");
+    Ok(out)
+}

@@ -1,0 +1,117 @@
+use super::*;
+use crate::Base;
+use seabearing_core::wire::{Encoder, Message, Reply, Track};
+
+/// Five reports of one track; in the first its range is not observable.
+fn records() -> Vec<Value> {
+    let mut encoder = Encoder::default();
+    let start = time::macros::datetime!(2024-05-01 09:00 UTC);
+    let mut base = Base::new(Some(1000.0), Some(start));
+    let mut out = Vec::new();
+    for i in 0..5u16 {
+        let track = Track {
+            id: 3,
+            stage: u8::from(i == 4),
+            index: 1000 * u64::from(i),
+            cpa_time_s: 2.0,
+            cpa_range_m: 500.0,
+            cpa_azimuth: 1.5,
+            heading: 0.5,
+            speed_m_s: 7.0,
+            starboard: true,
+            sd_cpa_time_s: 0.1,
+            sd_cpa_range_m: f32::INFINITY,
+            sd_heading: 0.01,
+            sd_speed_m_s: 0.2,
+            x_m: 100.0 * f32::from(i),
+            y_m: 500.0,
+            var_x_m2: 100.0,
+            var_y_m2: 400.0,
+            cov_xy_m2: 50.0,
+            range_observable: i > 0,
+            n: i,
+        };
+        base.push(encoder.frame(&Message::Track(track)), &mut out);
+    }
+    base.push(encoder.frame(&Message::Reply(Reply { token: 1, status: 0 })), &mut out);
+    out
+}
+
+fn written(name: &str, places: &Places) -> Result<Vec<u8>> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(name);
+    write(&path, Format::of(&path)?, &records(), places)?;
+    Ok(std::fs::read(&path).unwrap())
+}
+
+fn at(lat: f64, lon: f64) -> Places {
+    Places { otherwise: Some((lat, lon)), ..Places::default() }
+}
+
+#[test]
+fn a_table_has_a_row_a_record_and_no_made_up_number() {
+    let text = String::from_utf8(written("t.csv", &Places::default()).unwrap()).unwrap();
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let header = reader.headers().unwrap().clone();
+    let rows: Vec<_> = reader.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 6);
+    let place = |key: &str| header.iter().position(|h| h == key).unwrap();
+    // Infinite, or of a record that has no such key: an empty cell.
+    assert!(rows.iter().all(|r| r[place("sd_cpa_range_m")].is_empty()));
+    assert_eq!((&rows[5][place("token")], &rows[5][place("heading_deg")]), ("1", ""));
+    assert_eq!((&rows[0][place("token")], &rows[4][place("utc")]), ("", "2024-05-01T09:00:04Z"));
+    assert!(!header.iter().any(|h| h == "lat_deg") && !text.contains("inf") && !text.contains("NaN"));
+    let lines = written("t.jsonl", &at(49.0, -123.0)).unwrap();
+    let lines: Vec<Value> = lines
+        .split(|b| *b == b'\n')
+        .filter(|l| !l.is_empty())
+        .map(|l| serde_json::from_slice(l).unwrap())
+        .collect();
+    assert!(lines.len() == 6 && lines[0].get("lat_deg").is_none());
+    assert!((lines[4]["lat_deg"].as_f64().unwrap() - 49.0045).abs() < 1e-4, "{}", lines[4]);
+}
+
+#[test]
+fn maps_hold_the_track_with_its_times() {
+    let map: Value = serde_json::from_slice(&written("t.geojson", &at(49.0, -123.0)).unwrap()).unwrap();
+    let features = map["features"].as_array().unwrap();
+    assert_eq!(features.len(), 3);
+    let track = &features[1];
+    assert_eq!(track["geometry"]["coordinates"].as_array().unwrap().len(), 4);
+    assert_eq!(track["properties"]["times"][0], "2024-05-01T09:00:01Z");
+    let ring = features[2]["geometry"]["coordinates"][0].as_array().unwrap();
+    assert_eq!(ring.first(), ring.last());
+    let kml = String::from_utf8(written("t.kml", &at(49.0, -123.0)).unwrap()).unwrap();
+    assert_eq!(kml.matches("<when>").count(), 4);
+}
+
+#[test]
+fn what_cannot_be_written_is_told_with_the_remedy() {
+    let refused = |name: &str| written(name, &Places::default()).unwrap_err().to_string();
+    assert!(refused("t.kml").contains("--station"));
+    assert!(refused("t.xls").contains(".csv"));
+}
+
+#[test]
+fn columns_of_mixed_values_are_text() {
+    let records = [json!({ "a": 1, "b": true, "c": null }), json!({ "a": 1.5, "b": "x", "c": [1, 2] })];
+    let mut out = Vec::new();
+    table::csv(&records, &mut out).unwrap();
+    assert_eq!(String::from_utf8(out).unwrap(), "a,b,c\n1,true,\n1.5,x,\"[1,2]\"\n");
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn parquet_gives_back_what_was_put_in() {
+    use ::parquet::file::reader::{FileReader, SerializedFileReader};
+    use ::parquet::record::RowAccessor;
+    let bytes = written("t.parquet", &at(49.0, -123.0)).unwrap();
+    let reader = SerializedFileReader::new(bytes::Bytes::from(bytes)).unwrap();
+    let schema = reader.metadata().file_metadata().schema_descr_ptr();
+    let place = |key: &str| schema.columns().iter().position(|c| c.name() == key).unwrap();
+    let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 6);
+    assert_eq!(rows[4].get_long(place("id")).unwrap(), 3);
+    assert_eq!(rows[4].get_string(place("utc")).unwrap(), "2024-05-01T09:00:04Z");
+    assert!(rows[4].get_double(place("x_m")).unwrap() == 400.0 && rows[5].get_double(place("x_m")).is_err());
+}

@@ -1,0 +1,120 @@
+//! `seabearing export`: records of a base station's store as files that other programs open.
+
+use super::instant;
+use crate::base::about::About;
+use crate::base::export::{self, Format, Places};
+use crate::base::store;
+use crate::station::Station;
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+/// Arguments of `seabearing export`.
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  seabearing export --store out/base --format csv --out records.csv\n  \
+    seabearing export --store out/base --format kml --from 2024-05-01T09:00:00Z --to 2024-05-01T12:00:00Z --out morning.kml\n\n\
+    JSON Lines, CSV and Parquet hold every record, GeoJSON and KML the tracks. A store that a base station is writing \
+    into may be read.")]
+pub struct Args {
+    /// Folder of the store (`seabearing base --store`)
+    #[arg(long, value_name = "DIR")]
+    store: PathBuf,
+    /// What the file is written as; by default what its name ends in
+    #[arg(long, value_enum)]
+    format: Option<Name>,
+    /// Only records at or after this UTC, RFC 3339
+    #[arg(long, value_name = "TIME")]
+    from: Option<String>,
+    /// Only records before this UTC, RFC 3339
+    #[arg(long, value_name = "TIME")]
+    to: Option<String>,
+    /// Only records of this station
+    #[arg(long, value_name = "ID")]
+    station: Option<u64>,
+    /// Network file with the stations' positions, where the store does not know them
+    #[arg(long, value_name = "STATIONS.toml")]
+    stations: Option<PathBuf>,
+    /// File to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+/// A format as it is called on the command line.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Name {
+    Jsonl,
+    Csv,
+    Geojson,
+    Kml,
+    Parquet,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One line for a person: no store, no such station, or a map without positions.
+pub fn run(args: Args) -> Result<()> {
+    let format = match args.format {
+        None => Format::of(&args.out)?,
+        Some(Name::Jsonl) => Format::JsonLines,
+        Some(Name::Csv) => Format::Csv,
+        Some(Name::Geojson) => Format::GeoJson,
+        Some(Name::Kml) => Format::Kml,
+        Some(Name::Parquet) => Format::Parquet,
+    };
+    let time = |option: &str, text: &Option<String>| text.as_deref().map(|t| instant(option, t)).transpose();
+    let span = Span { from: time("--from", &args.from)?, to: time("--to", &args.to)? };
+    let mut places = Places { otherwise: About::read(&args.store)?.place, ..Places::default() };
+    for station in args.stations.as_deref().map(Station::read_network).transpose()?.unwrap_or_default() {
+        places.of_station.extend(station.lat_lon_deg.map(|at| (u64::from(station.id), at)));
+    }
+    export::check(&args.out, format, &places)?;
+    let mut stations = BTreeSet::new();
+    let (mut records, mut without_utc) = (Vec::new(), 0u64);
+    store::read(&args.store, |record| {
+        let station = record["station"].as_u64();
+        stations.extend(station);
+        if args.station.is_some() && station != args.station {
+            return;
+        }
+        match span.holds(&record) {
+            Some(true) => records.push(record),
+            Some(false) => {}
+            None => without_utc += 1,
+        }
+    })?;
+    if let Some(wanted) = args.station.filter(|s| !stations.contains(s)) {
+        let known: Vec<String> = stations.iter().map(u64::to_string).collect();
+        let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+        bail!("{}: no records of station {wanted}; stations there: {known}", args.store.display());
+    }
+    if without_utc > 0 {
+        eprintln!(
+            "seabearing: {without_utc} records left out that carry no UTC: `seabearing base` gives it to records it \
+             receives with --start"
+        );
+    }
+    export::write(&args.out, format, &records, &places).context("cannot export")?;
+    eprintln!("seabearing: {} records to {}", records.len(), args.out.display());
+    Ok(())
+}
+
+/// An interval of UTC, open where nothing is said.
+struct Span {
+    from: Option<OffsetDateTime>,
+    to: Option<OffsetDateTime>,
+}
+
+impl Span {
+    /// Whether a record lies within; `None` if it cannot be told.
+    fn holds(&self, record: &Value) -> Option<bool> {
+        if self.from.is_none() && self.to.is_none() {
+            return Some(true);
+        }
+        let utc = OffsetDateTime::parse(record["utc"].as_str()?, &Rfc3339).ok()?;
+        Some(self.from.is_none_or(|from| from <= utc) && self.to.is_none_or(|to| utc < to))
+    }
+}
