@@ -11,9 +11,11 @@ pub mod view;
 
 use seabearing_host::{atomic, plot};
 
+use seabearing_core::utc::Times;
 use seabearing_core::wire::link::{Arrival, Inbox, Link, Loss, MemoryStore, Progress, Session, Settings};
 use seabearing_core::wire::{
-    Bearing, DecoderCounters, Fault, Health, Hello, Message, SCHEMA_HASH, Track, WIRE_VERSION, message_of,
+    Bearing, DecoderCounters, Fault, FaultCode, Health, Hello, Message, SCHEMA_HASH, Track, WIRE_VERSION,
+    message_of,
 };
 use seabearing_host::record::RecordFormat;
 use serde_json::Value;
@@ -124,6 +126,8 @@ pub struct Base {
     bearings: VecDeque<(u32, Bearing)>,
     faults: VecDeque<Fault>,
     ended: bool,
+    /// What the recorder says of UTC, by session; whether its clock has stepped since it last said when a sample was.
+    times: BTreeMap<u32, (Times, bool)>,
     warnings: Vec<String>,
 }
 
@@ -135,7 +139,7 @@ impl Base {
             link: Link::new(settings(Settings::serial(LINE_BAUD)), 0, 0, 0, MemoryStore::new()),
             desk: Desk::default(),
             boots: BTreeMap::new(),
-            recorder: RecordFormat { rate_hz: rate_hz.unwrap_or(f64::NAN), start },
+            recorder: RecordFormat { rate_hz: rate_hz.unwrap_or(f64::NAN), start, times: Times::default() },
             counters: Counters::default(),
             hello: None,
             health: None,
@@ -143,6 +147,7 @@ impl Base {
             bearings: VecDeque::new(),
             faults: VecDeque::new(),
             ended: false,
+            times: BTreeMap::new(),
             warnings: Vec::new(),
         }
     }
@@ -239,6 +244,13 @@ impl Base {
 
     fn take(&mut self, session: u32, sequence: u32, message: &Message, out: &mut Vec<Value>) {
         self.ended = matches!(message, Message::End(_));
+        let (times, stepped) = self.times.entry(session).or_default();
+        match message {
+            Message::Time(time) => times.note(*time, std::mem::take(stepped)),
+            Message::Fault(fault) => *stepped |= fault.code == FaultCode::ClockStepped,
+            _ => {}
+        }
+        self.recorder.times = *times;
         match message {
             Message::Hello(hello) => self.greet(hello),
             Message::Health(health) => self.health = Some(*health),
@@ -266,6 +278,7 @@ impl Base {
             | Message::Range(_)
             | Message::Segment(_)
             | Message::ShaftRate(_)
+            | Message::Time(_)
             | Message::Reply(_)
             | Message::End(_) => {}
         }

@@ -48,5 +48,6 @@ pub mod sample_line;
 pub mod sbraw;
 #[cfg(feature = "array")]
 mod slot;
+pub mod utc;
 mod version;
 pub mod wait;

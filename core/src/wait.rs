@@ -58,7 +58,9 @@ pub fn wait(
             let Some(received) = commands.push::<Command>(byte) else { continue };
             let (token, status) = match received.message {
                 Command::Start { token } | Command::Identify { token } => (token, 0),
-                Command::HealthEvery { token, .. } | Command::Stop { token } => (token, 1),
+                Command::HealthEvery { token, .. } | Command::Stop { token } | Command::Utc { token, .. } => {
+                    (token, 1)
+                }
             };
             if matches!(received.message, Command::Identify { .. }) {
                 say(link, &hello);

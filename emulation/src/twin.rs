@@ -169,7 +169,7 @@ impl Twins {
         }
         let byte = self.host.iter().zip(&self.firmware).take_while(|(a, b)| a == b).count();
         let at = host.iter().zip(&firmware).take_while(|(a, b)| a.0 == b.0).count();
-        let records = Records { rate_hz, start: None };
+        let records = Records { rate_hz, start: None, times: Default::default() };
         let show = |f: Option<&Framed>| match f {
             Some((_, Some(message))) => records.json(message).to_string(),
             Some((bytes, None)) => format!("{} undecodable bytes", bytes.len()),

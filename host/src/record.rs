@@ -1,5 +1,6 @@
 //! Records: what the recorder's messages look like to people and other programs (JSON Lines, degrees).
 
+use seabearing_core::utc::Times;
 use seabearing_core::wire::Message;
 use serde_json::{Map, Value, json};
 
@@ -10,6 +11,8 @@ pub struct RecordFormat {
     pub rate_hz: f64,
     /// UTC of sample 0, where known.
     pub start: Option<time::OffsetDateTime>,
+    /// What the recorder itself says of UTC; it goes before `start`.
+    pub times: Times,
 }
 
 impl RecordFormat {
@@ -20,7 +23,15 @@ impl RecordFormat {
 
     /// UTC of a time since sample 0 as RFC 3339, where the recording has a clock.
     pub fn utc(&self, t_s: f64) -> Option<String> {
-        Some(utc(self.start? + time::Duration::seconds_f64(t_s)))
+        Some(utc(match self.told(t_s) {
+            Some((us, _)) => time::OffsetDateTime::from_unix_timestamp_nanos(i128::from(us) * 1000).ok()?,
+            None => self.start? + time::Duration::seconds_f64(t_s),
+        }))
+    }
+
+    /// UTC of a time since sample 0 as the recorder tells it, microseconds since 1970, and its standard deviation, s.
+    fn told(&self, t_s: f64) -> Option<(i64, f64)> {
+        self.times.utc((t_s * self.rate_hz).round() as u64, self.rate_hz)
     }
 
     /// The record of one message.
@@ -127,6 +138,14 @@ impl RecordFormat {
                     "sd_speed_m_s": num(s.sd_speed_m_s), "track": (s.track > 0).then_some(s.track),
                 }),
             ),
+            Message::Time(t) => (
+                "time",
+                Some(t.index),
+                json!({
+                    "sd_utc_s": num(t.sd_s), "drift_ppm": finite(f64::from(t.drift) * 1e6),
+                    "sd_drift_ppm": finite(f64::from(t.sd_drift) * 1e6),
+                }),
+            ),
             Message::End(e) => ("end", Some(e.index), json!({ "frames": e.frames })),
         };
         let mut out = Map::new();
@@ -136,6 +155,9 @@ impl RecordFormat {
             out.insert("t_s".into(), json!(t));
             if let Some(utc) = self.utc(t) {
                 out.insert("utc".into(), utc.into());
+                if let Some((_, sd_s)) = self.told(t) {
+                    out.insert("sd_utc_s".into(), json!(sd_s));
+                }
             }
         }
         if let Value::Object(body) = body {
@@ -158,11 +180,30 @@ pub fn finite(x: f64) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use seabearing_core::wire::{Azimuth, Range};
+    use seabearing_core::wire::{Azimuth, Range, Time};
+
+    #[test]
+    fn what_the_recorder_says_of_utc_dates_its_records_with_an_uncertainty() {
+        let mut records = RecordFormat { rate_hz: 50.0, start: None, times: Times::default() };
+        let end = Message::End(seabearing_core::wire::End { index: 100, frames: 0 });
+        assert!(records.json(&end)["utc"].is_null());
+        let time = Time {
+            index: 50,
+            utc_us: 1_790_000_000_250_000,
+            sd_s: 0.25,
+            drift: 0.5e-3,
+            sd_drift: 0.0,
+            correlation: 0.0,
+        };
+        records.times.note(time, false);
+        let record = records.json(&end);
+        assert_eq!(record["utc"], "2026-09-21T14:13:21.2505Z");
+        assert_eq!(record["sd_utc_s"], 0.25);
+    }
 
     #[test]
     fn what_was_not_detected_has_no_value() {
-        let records = RecordFormat { rate_hz: 50.0, start: None };
+        let records = RecordFormat { rate_hz: 50.0, start: None, times: Times::default() };
         let none = f32::INFINITY;
         let azimuth = Azimuth {
             index: 3000,

@@ -147,6 +147,17 @@ fn messages() -> Vec<(&'static str, Message)> {
                 value: 640,
             }),
         ),
+        (
+            "Time",
+            Message::Time(Time {
+                index: 6_400_000,
+                utc_us: 1_790_000_000_250_000,
+                sd_s: pow(-10),
+                drift: -pow(-15),
+                sd_drift: pow(-20),
+                correlation: -0.5,
+            }),
+        ),
     ]
 }
 
@@ -186,6 +197,7 @@ fn the_examples_of_commands_too() {
         ("HealthEvery", Command::HealthEvery { token: 2, seconds: 600 }),
         ("Stop", Command::Stop { token: 3 }),
         ("Start", Command::Start { token: 4 }),
+        ("Utc", Command::Utc { token: 5, utc_us: 1_790_000_000_250_000, sd_us: 250_000 }),
     ];
     let mut encoder = Encoder::default();
     let mut decoder = Decoder::default();

@@ -64,6 +64,8 @@ pub enum Message {
     ShaftRate(ShaftRate),
     /// Faults of one kind that were not sent one by one.
     FaultsHeld(FaultsHeld),
+    /// When a sample was.
+    Time(Time),
 }
 
 /// Identity of recorder, software and configuration.
@@ -284,11 +286,13 @@ pub enum FaultCode {
     HardFault,
     /// The software was started again and again without a minute's work between, and waits for commands: how often.
     ManyResets,
+    /// The clock that tells UTC has stepped: by how many microseconds.
+    ClockStepped,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -304,6 +308,7 @@ impl FaultCode {
         Self::BadConfiguration,
         Self::HardFault,
         Self::ManyResets,
+        Self::ClockStepped,
     ];
 }
 
@@ -364,6 +369,24 @@ pub struct ShaftRate {
     pub track: u16,
 }
 
+/// When a sample was, by a clock that knows UTC, and what its uncertainty grows from; `docs/wire.md` says what follows for
+/// other samples.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Time {
+    /// Sample index this is about.
+    pub index: u64,
+    /// Its UTC: microseconds since 1970-01-01, leap seconds not counted.
+    pub utc_us: i64,
+    /// Standard deviation of that, s.
+    pub sd_s: f32,
+    /// By how much, relatively, samples come further apart than their nominal rate says.
+    pub drift: f32,
+    /// Standard deviation of the drift.
+    pub sd_drift: f32,
+    /// Correlation of the errors of time and drift, −1 to 1.
+    pub correlation: f32,
+}
+
 /// What a base station may ask.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Command {
@@ -388,5 +411,14 @@ pub enum Command {
     Start {
         /// Returned in the reply.
         token: u8,
+    },
+    /// It is now this time, as far as the base station knows; refused where it does not fit what is known.
+    Utc {
+        /// Returned in the reply.
+        token: u8,
+        /// Microseconds since 1970-01-01, leap seconds not counted.
+        utc_us: i64,
+        /// Standard deviation of that on arrival, the line's delay included, µs.
+        sd_us: u32,
     },
 }

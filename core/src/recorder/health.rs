@@ -3,9 +3,13 @@
 use crate::config::StationConfig;
 use crate::health::Accounting;
 use crate::intake::GRID;
+use crate::math;
+use crate::utc::{Noted, Pair, UtcClock};
 use crate::version::VERSION;
-use crate::wire::{Command, Health, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
+use crate::wire::{Command, Fault, FaultCode, Health, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
 
+/// How old the newest sample may be when a command is carried out, s: a block of work.
+const SAMPLE_AGE_S: f64 = 0.02;
 /// Seconds of samples between health reports unless a command says otherwise.
 const HEALTH_EVERY_S: u16 = 60;
 
@@ -34,6 +38,7 @@ pub struct Reporter {
     /// Instants that had come at the last look.
     arrived: u64,
     records: u32,
+    utc: UtcClock,
 }
 
 impl Reporter {
@@ -49,6 +54,7 @@ impl Reporter {
             latest: 0,
             arrived: 0,
             records: 0,
+            utc: UtcClock::new(),
         }
     }
 
@@ -140,8 +146,26 @@ impl Reporter {
             }
             Command::Stop { token } => token, // the loop stops
             Command::Start { token } => return sink(&Message::Reply(Reply { token, status: 1 })),
+            Command::Utc { token, utc_us, sd_us } => {
+                let status = self.time(Pair { index, utc_us, sd_s: f64::from(sd_us) * 1e-6 }, sink);
+                return sink(&Message::Reply(Reply { token, status }));
+            }
         };
         sink(&Message::Reply(Reply { token, status: 0 }));
+    }
+
+    /// It is this time now, a little after the newest sample; the status of the answer.
+    fn time(&mut self, now: Pair, sink: &mut impl FnMut(&Message)) -> u8 {
+        let sd_s = math::f64::sqrt(now.sd_s * now.sd_s + SAMPLE_AGE_S * SAMPLE_AGE_S);
+        match self.utc.note(Pair { sd_s, ..now }, self.rate_hz) {
+            Noted::Taken(time) => sink(&Message::Time(time)),
+            Noted::Refused => return 1,
+            Noted::Stepped(time, value) => {
+                sink(&Message::Fault(Fault { code: FaultCode::ClockStepped, index: now.index, value }));
+                sink(&Message::Time(time));
+            }
+        }
+        0
     }
 
     fn schedule(&mut self, index: u64) {
@@ -195,5 +219,26 @@ mod tests {
         r.command(Command::Identify { token: 9 }, 0, &Condition::default(), &mut |m| out.push(*m));
         assert!(matches!(out[0], Message::Hello(_)) && matches!(out[1], Message::Health(_)));
         assert_eq!(out[2], Message::Reply(Reply { token: 9, status: 0 }));
+    }
+
+    #[test]
+    fn a_time_is_taken_and_told_and_a_wrong_one_refused_until_it_comes_three_times() {
+        let mut r = Reporter { rate_hz: 100.0, ..Reporter::new() };
+        let mut tell = |index: u64, utc_us: i64| {
+            let mut out = std::vec::Vec::new();
+            let command = Command::Utc { token: 4, utc_us, sd_us: 1000 };
+            r.command(command, index, &Condition::default(), &mut |m| out.push(*m));
+            out
+        };
+        let reply = |status| Message::Reply(Reply { token: 4, status });
+        let start_us = 1_790_000_000_000_000;
+        let first = tell(100, start_us);
+        assert!(matches!(first[0], Message::Time(t) if t.index == 100 && t.utc_us == start_us), "{first:?}");
+        assert_eq!(first[1], reply(0));
+        assert_eq!(tell(200, start_us + 9_000_000), [reply(1)]);
+        assert_eq!(tell(300, start_us + 10_000_000), [reply(1)]);
+        let stepped = tell(400, start_us + 11_000_000);
+        let step = Fault { code: FaultCode::ClockStepped, index: 400, value: 8_000_000 };
+        assert_eq!((stepped[0], stepped[2]), (Message::Fault(step), reply(0)));
     }
 }

@@ -167,7 +167,7 @@ fn positions(
     clock: Option<time::OffsetDateTime>,
 ) -> Result<()> {
     let sets = gather(rows, &network.arrays_m);
-    let clock = RecordFormat { rate_hz: 1.0, start: clock };
+    let clock = RecordFormat { rate_hz: 1.0, start: clock, times: Default::default() };
     let settings = FixSettings { region: region(network, args)?, robust: !args.keep_outliers };
 
     let bar = crate::progress::bar(sets.len() as u64, "fixes");

@@ -71,7 +71,11 @@ pub fn run(args: Args) -> Result<()> {
         .unwrap_or_default();
     let table = crate::ocean_bottom::table::of_station(&station)?;
     let source = recording::open(&args.input, &station, start)?;
-    let records = record::RecordFormat { rate_hz: station.config.rate_hz, start: source.start() };
+    let records = record::RecordFormat {
+        rate_hz: station.config.rate_hz,
+        start: source.start(),
+        times: Default::default(),
+    };
     let bar = progress::bar(
         source.expected_end().map_or(0, |n| (n as f64 / station.config.rate_hz) as u64),
         "processing",

@@ -36,7 +36,7 @@ impl Class {
             Message::Hello(_) | Message::Fault(_) | Message::FaultsHeld(_) => Self::Alarm,
             Message::Track(track) if track.stage == 1 => Self::Final,
             Message::Segment(_) => Self::Final,
-            Message::Health(_) | Message::Reply(_) | Message::End(_) => Self::Health,
+            Message::Health(_) | Message::Time(_) | Message::Reply(_) | Message::End(_) => Self::Health,
             Message::Bearing(_)
             | Message::Track(_)
             | Message::Azimuth(_)

@@ -1,0 +1,371 @@
+//! When a sample was: UTC as a line over the sample index, learnt from moments at which both were known.
+//!
+//! Enters: pairs of a sample's index and the UTC at which it was, each with its standard deviation ([`UtcClock::note`]).
+//! Leaves: [`Time`] records, from which UTC and its uncertainty follow for every index ([`Times::utc`]), at the recorder and
+//! at a base station alike.
+//!
+//! The sample clock's relative error wanders as a random walk of variance [`WANDER`]² a second, so its time error is an
+//! integrated one. With τ nominal seconds between two indices, time T and relative error y follow
+//!
+//! ```text
+//! T' = T + τ (1 + y)          Q = q [τ³/3  τ²/2]      q = WANDER²
+//! y' = y                           [τ²/2  τ   ]
+//! ```
+//!
+//! and a pair is a measurement of T: a Kalman filter of two states, a few dozen multiplications a pair, 80 bytes.
+
+use crate::math::f64::sqrt;
+use crate::wire::Time;
+
+/// Change of the sample clock's relative error in a second, one standard deviation: a crystal whose temperature changes
+/// slowly (3e-7 in a day).
+pub const WANDER: f64 = 1e-9;
+/// Relative error of the sample clock before anything is known, one standard deviation.
+const UNKNOWN_DRIFT: f64 = 1e-4;
+/// Pairs further from the line than so many standard deviations are refused.
+const GATE: f64 = 6.0;
+/// Refused pairs in a row that agree with each other: then the clock that tells UTC has stepped.
+const STEP_AFTER: u8 = 3;
+
+/// A sample's index and the UTC at which it was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair {
+    /// The sample.
+    pub index: u64,
+    /// Microseconds since 1970-01-01, leap seconds not counted.
+    pub utc_us: i64,
+    /// Standard deviation of that, s.
+    pub sd_s: f64,
+}
+
+/// What became of a pair.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Noted {
+    /// It is part of the line, which now is this.
+    Taken(Time),
+    /// It does not fit the line: a wrong second, or the first of a step.
+    Refused,
+    /// The clock that tells UTC has stepped by so many microseconds; the line starts again.
+    Stepped(Time, i64),
+}
+
+/// Time and relative error of the sample clock at an index.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Line {
+    index: u64,
+    utc_us: f64,
+    drift: f64,
+    /// Variance of the time, s²; covariance, s; variance of the drift.
+    tt: f64,
+    ty: f64,
+    yy: f64,
+}
+
+/// Nominal seconds from one index to another, negative where that is before.
+fn seconds(from: u64, to: u64, rate_hz: f64) -> f64 {
+    to.wrapping_sub(from) as i64 as f64 / rate_hz
+}
+
+/// Variance that the wandering alone gives the time in τ seconds.
+fn wandered(tau: f64) -> f64 {
+    let tau = tau.abs();
+    WANDER * WANDER * tau * tau * tau / 3.0
+}
+
+impl Line {
+    /// Begins at a pair; the drift stays what it was.
+    fn begin(pair: &Pair, drift: f64, yy: f64) -> Self {
+        Self { index: pair.index, utc_us: pair.utc_us as f64, drift, tt: pair.sd_s * pair.sd_s, ty: 0.0, yy }
+    }
+
+    fn predicted(&self, index: u64, rate_hz: f64) -> Self {
+        let tau = seconds(self.index, index, rate_hz);
+        let q = WANDER * WANDER;
+        Self {
+            index,
+            utc_us: self.utc_us + 1e6 * tau * (1.0 + self.drift),
+            drift: self.drift,
+            tt: self.tt + tau * (2.0 * self.ty + tau * self.yy) + wandered(tau),
+            ty: self.ty + tau * self.yy + q * tau * tau / 2.0,
+            yy: self.yy + q * tau,
+        }
+    }
+
+    /// Takes in a pair at this index.
+    fn updated(&self, pair: &Pair) -> Self {
+        let innovation = (pair.utc_us as f64 - self.utc_us) * 1e-6;
+        let (k_t, k_y) = {
+            let s = self.tt + pair.sd_s * pair.sd_s;
+            (self.tt / s, self.ty / s)
+        };
+        Self {
+            index: self.index,
+            utc_us: self.utc_us + 1e6 * k_t * innovation,
+            drift: self.drift + k_y * innovation,
+            tt: (1.0 - k_t) * self.tt,
+            ty: (1.0 - k_t) * self.ty,
+            yy: (self.yy - k_y * self.ty).max(0.0),
+        }
+    }
+
+    fn told(&self) -> Time {
+        let (sd, sd_drift) = (sqrt(self.tt), sqrt(self.yy));
+        let product = sd * sd_drift;
+        Time {
+            index: self.index,
+            utc_us: (self.utc_us + 0.5) as i64,
+            sd_s: sd as f32,
+            drift: self.drift as f32,
+            sd_drift: sd_drift as f32,
+            correlation: if product > 0.0 { (self.ty / product) as f32 } else { 0.0 },
+        }
+    }
+}
+
+/// Learns UTC; knows nothing at first.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct UtcClock {
+    line: Option<Line>,
+    /// The newest refused pair, and how many before it agreed with each other.
+    doubt: Option<(Pair, u8)>,
+}
+
+impl UtcClock {
+    /// Nothing known.
+    pub const fn new() -> Self {
+        Self { line: None, doubt: None }
+    }
+
+    /// Takes a pair; samples come at `rate_hz` nominally. An index before the line's begins a new line.
+    pub fn note(&mut self, pair: Pair, rate_hz: f64) -> Noted {
+        let pair = Pair { sd_s: pair.sd_s.max(1e-6), ..pair };
+        let Some(line) = self.line.filter(|line| line.index <= pair.index) else {
+            let line = Line::begin(&pair, 0.0, UNKNOWN_DRIFT * UNKNOWN_DRIFT);
+            (self.line, self.doubt) = (Some(line), None);
+            return Noted::Taken(line.told());
+        };
+        let predicted = line.predicted(pair.index, rate_hz);
+        let off_s = (pair.utc_us as f64 - predicted.utc_us) * 1e-6;
+        if off_s * off_s <= GATE * GATE * (predicted.tt + pair.sd_s * pair.sd_s) {
+            let line = predicted.updated(&pair);
+            (self.line, self.doubt) = (Some(line), None);
+            return Noted::Taken(line.told());
+        }
+        let agreeing = self.doubt.filter(|(before, _)| {
+            let tau = seconds(before.index, pair.index, rate_hz);
+            let off_s = (pair.utc_us.wrapping_sub(before.utc_us)) as f64 * 1e-6 - tau * (1.0 + line.drift);
+            let drifted = tau * tau * predicted.yy;
+            off_s * off_s <= GATE * GATE * (before.sd_s * before.sd_s + pair.sd_s * pair.sd_s + drifted)
+        });
+        let count = agreeing.map_or(0, |(_, count)| count).saturating_add(1);
+        self.doubt = Some((pair, count));
+        if count < STEP_AFTER {
+            return Noted::Refused;
+        }
+        let line = Line::begin(&pair, predicted.drift, predicted.yy);
+        (self.line, self.doubt) = (Some(line), None);
+        Noted::Stepped(line.told(), (off_s * 1e6) as i64)
+    }
+}
+
+/// The two newest [`Time`] records heard, and with them UTC between, after and before.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Times {
+    before: Option<Time>,
+    newest: Option<Time>,
+}
+
+impl Times {
+    /// Takes a record; after a step (`stepped`) what was before counts no more.
+    pub fn note(&mut self, time: Time, stepped: bool) {
+        self.before = self.newest.filter(|newest| newest.index < time.index && !stepped);
+        self.newest = Some(time);
+    }
+
+    /// UTC of a sample, microseconds since 1970, and its standard deviation in seconds; `None` while nothing is known.
+    pub fn utc(&self, index: u64, rate_hz: f64) -> Option<(i64, f64)> {
+        let newest = self.newest?;
+        match self.before {
+            Some(before) if index < newest.index && index > before.index => {
+                Some(between(&before, &newest, index, rate_hz))
+            }
+            Some(before) if index <= before.index => Some(along(&before, index, rate_hz)),
+            _ => Some(along(&newest, index, rate_hz)),
+        }
+    }
+}
+
+/// UTC along the line of one record.
+fn along(time: &Time, index: u64, rate_hz: f64) -> (i64, f64) {
+    let tau = seconds(time.index, index, rate_hz);
+    let (sd, sd_drift) = (f64::from(time.sd_s), f64::from(time.sd_drift));
+    let covariance = f64::from(time.correlation) * sd * sd_drift;
+    let variance = sd * sd + tau * (2.0 * covariance + tau * sd_drift * sd_drift) + wandered(tau);
+    let passed_us = 1e6 * tau * (1.0 + f64::from(time.drift));
+    (time.utc_us.saturating_add(passed_us as i64), sqrt(variance.max(0.0)))
+}
+
+/// UTC on the straight line between two records. The ends' errors may be common to both; between them an integrated random
+/// walk leaves the line through its ends by q L³ s² (1 − s)² / 3 in variance, at the share s of the length L.
+fn between(a: &Time, b: &Time, index: u64, rate_hz: f64) -> (i64, f64) {
+    let (length, from_a) = (seconds(a.index, b.index, rate_hz), seconds(a.index, index, rate_hz));
+    let s = from_a / length;
+    let passed_us = s * b.utc_us.wrapping_sub(a.utc_us) as f64;
+    let ends = (1.0 - s) * f64::from(a.sd_s) + s * f64::from(b.sd_s);
+    let bridge = s * (1.0 - s);
+    let variance = ends * ends + wandered(length) * bridge * bridge;
+    (a.utc_us.saturating_add(passed_us as i64), sqrt(variance))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATE_HZ: f64 = 100.0;
+    const START_US: i64 = 1_790_000_000_000_000;
+
+    /// Normally distributed numbers, the same every time (twelve uniform ones, less six).
+    struct Normal(u64);
+
+    impl Normal {
+        fn next(&mut self) -> f64 {
+            let mut uniform = || {
+                self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+                let x = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+                let x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+                (x >> 11) as f64 / (1u64 << 53) as f64
+            };
+            (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+        }
+    }
+
+    /// A sample clock that wanders as assumed: true microseconds at every `every`-th of a second's samples.
+    struct Crystal {
+        normal: Normal,
+        drift: f64,
+        late_s: f64,
+        index: u64,
+    }
+
+    impl Crystal {
+        fn new(seed: u64) -> Self {
+            Self { normal: Normal(seed), drift: 40e-6, late_s: 0.0, index: 0 }
+        }
+
+        fn go(&mut self, seconds: f64) {
+            // The two correlated parts of the noise over the step.
+            let (a, b) = (self.normal.next(), self.normal.next());
+            let wander = WANDER * seconds.sqrt();
+            self.late_s += seconds * self.drift + wander * seconds * (a / 2.0 + b / 12f64.sqrt());
+            self.drift += wander * a;
+            self.index += (seconds * RATE_HZ) as u64;
+        }
+
+        fn utc_us(&self) -> f64 {
+            START_US as f64 + self.index as f64 / RATE_HZ * 1e6 + self.late_s * 1e6
+        }
+
+        fn pair(&mut self, sd_s: f64) -> Pair {
+            let noise_us = sd_s * 1e6 * self.normal.next();
+            Pair { index: self.index, utc_us: (self.utc_us() + noise_us).round() as i64, sd_s }
+        }
+    }
+
+    /// Root mean square of errors in units of their stated deviation, and the share within two.
+    fn score(errors: &[f64]) -> (f64, f64) {
+        let n = errors.len() as f64;
+        let inside = errors.iter().filter(|e| e.abs() <= 2.0).count() as f64;
+        ((errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt(), inside / n)
+    }
+
+    #[test]
+    fn a_year_with_outages_and_wrong_seconds_stays_inside_its_stated_uncertainty() {
+        let (mut after, mut inside) = (std::vec::Vec::new(), std::vec::Vec::new());
+        let mut refused = 0;
+        for seed in 0..20 {
+            let mut crystal = Crystal::new(1000 + seed);
+            let (mut clock, mut times) = (UtcClock::new(), Times::default());
+            let mut passed: std::vec::Vec<(u64, f64)> = std::vec::Vec::new();
+            for hour in 0..365 * 24 {
+                crystal.go(3600.0);
+                // Pulses for a week, then none for up to three.
+                let heard = hour % (24 * 28) < 24 * 7;
+                if heard {
+                    let mut pair = crystal.pair(20e-6);
+                    if hour % 97 == 5 && hour % (24 * 28) > 24 {
+                        pair.utc_us += 1_000_000;
+                    }
+                    match clock.note(pair, RATE_HZ) {
+                        Noted::Taken(time) => times.note(time, false),
+                        Noted::Refused => refused += 1,
+                        Noted::Stepped(..) => panic!("no clock stepped"),
+                    }
+                    for (index, utc_us) in passed.drain(..) {
+                        let (told_us, sd_s) = times.utc(index, RATE_HZ).unwrap();
+                        inside.push((told_us as f64 - utc_us) * 1e-6 / sd_s);
+                    }
+                }
+                let (told_us, sd_s) = times.utc(crystal.index, RATE_HZ).unwrap();
+                if !heard {
+                    after.push((told_us as f64 - crystal.utc_us()) * 1e-6 / sd_s);
+                    passed.push((crystal.index, crystal.utc_us()));
+                }
+            }
+        }
+        assert!(refused > 300, "{refused}");
+        // Errors of one outage belong together: the numbers scatter as 260 outages do.
+        for (name, errors) in [("before the pulse is back", after), ("looking back", inside)] {
+            let (rms, share) = score(&errors);
+            assert!((0.5..1.2).contains(&rms) && share > 0.92, "{name}: {rms} {share}");
+        }
+    }
+
+    #[test]
+    fn a_step_is_believed_the_third_time_and_lost_pulses_are_none() {
+        let mut crystal = Crystal::new(7);
+        let mut clock = UtcClock::new();
+        for second in 0..600 {
+            crystal.go(1.0);
+            if second % 5 == 0 {
+                assert!(matches!(clock.note(crystal.pair(1e-5), RATE_HZ), Noted::Taken(_)));
+            }
+        }
+        let mut step = |clock: &mut UtcClock, by_us: i64| {
+            crystal.go(1.0);
+            let pair = crystal.pair(1e-5);
+            clock.note(Pair { utc_us: pair.utc_us + by_us, ..pair }, RATE_HZ)
+        };
+        assert_eq!(step(&mut clock, 500_000), Noted::Refused);
+        assert_eq!(step(&mut clock, 500_000), Noted::Refused);
+        let stepped = step(&mut clock, 500_000);
+        assert!(matches!(stepped, Noted::Stepped(_, us) if (us - 500_000).abs() < 100), "{stepped:?}");
+        assert!(matches!(step(&mut clock, 500_000), Noted::Taken(_)));
+        // Wrong seconds that do not agree with each other are no step.
+        for us in [1_000_000, -1_000_000, 2_000_000, 5_000_000] {
+            assert_eq!(step(&mut clock, us), Noted::Refused);
+        }
+        assert!(matches!(step(&mut clock, 500_000), Noted::Taken(_)));
+    }
+
+    #[test]
+    fn one_moment_alone_gives_a_time_that_gets_less_certain() {
+        let mut clock = UtcClock::new();
+        assert_eq!(Times::default().utc(0, RATE_HZ), None);
+        let Noted::Taken(time) = clock.note(Pair { index: 1000, utc_us: START_US, sd_s: 0.1 }, RATE_HZ)
+        else {
+            panic!("the first pair is taken")
+        };
+        let mut times = Times::default();
+        times.note(time, false);
+        let (utc_us, sd_s) = times.utc(1000 + 360_000, RATE_HZ).unwrap();
+        assert_eq!(utc_us, START_US + 3_600_000_000);
+        // 0.1 s, and 100 ppm of an hour.
+        assert!((sd_s - (0.1f64 * 0.1 + 0.36 * 0.36).sqrt()).abs() < 1e-3, "{sd_s}");
+        let (utc_us, sd_s) = times.utc(0, RATE_HZ).unwrap();
+        assert_eq!(utc_us, START_US - 10_000_000);
+        assert!(sd_s > 0.1);
+        // The index fell back: a new line.
+        let again = clock.note(Pair { index: 5, utc_us: START_US + 7, sd_s: 0.1 }, RATE_HZ);
+        assert!(matches!(again, Noted::Taken(t) if t.index == 5), "{again:?}");
+    }
+}
