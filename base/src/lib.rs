@@ -4,6 +4,7 @@
 //! records again, which is how [`store`] resumes after anything. Damage costs the frames it hits and is counted.
 
 pub mod about;
+pub mod command;
 pub mod export;
 pub mod link;
 pub mod store;
@@ -114,6 +115,8 @@ pub type TrackKey = (u32, u16);
 /// A base station's knowledge of one recorder.
 pub struct Base {
     link: Link<MemoryStore<COMMAND_BYTES>>,
+    /// Counter of the newest signed command.
+    counter: u64,
     desk: Desk,
     /// Sessions of recorders with a link, by station and boot.
     boots: BTreeMap<(u16, u32), u32>,
@@ -137,6 +140,7 @@ impl Base {
     pub fn new(rate_hz: Option<f64>, start: Option<time::OffsetDateTime>) -> Self {
         Self {
             link: Link::new(settings(Settings::serial(LINE_BAUD)), 0, 0, 0, MemoryStore::new()),
+            counter: 0,
             desk: Desk::default(),
             boots: BTreeMap::new(),
             recorder: RecordFormat { rate_hz: rate_hz.unwrap_or(f64::NAN), start, times: Times::default() },

@@ -5,7 +5,7 @@
 //! failure is removed and missing records are added, so that both always agree.
 
 use super::Base;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -17,6 +17,8 @@ const SYNC: Duration = Duration::from_secs(5);
 
 /// An open store.
 pub struct Store {
+    /// Held while the store is open; it names who holds it.
+    _lock: File,
     raw: File,
     records: File,
     folder: PathBuf,
@@ -35,6 +37,7 @@ impl Store {
     pub fn open(folder: &Path, base: &mut Base) -> Result<Self> {
         let cannot = || format!("cannot use the store {}", folder.display());
         std::fs::create_dir_all(folder).with_context(cannot)?;
+        let lock = lock(folder)?;
         let mut raw = append(&folder.join("raw.bin")).with_context(cannot)?;
         let mut known = Vec::new();
         let mut bytes = vec![0u8; 1 << 16];
@@ -47,12 +50,13 @@ impl Store {
         }
         let path = folder.join("records.jsonl");
         let mut records = append(&path).with_context(cannot)?;
-        let (lines, whole) = whole_lines(&records).with_context(cannot)?;
+        // Lines of bytes that were not on the disk when the power failed are not kept either: those bytes come again.
+        let (lines, whole) = whole_lines(&records, known.len()).with_context(cannot)?;
         records.set_len(whole).with_context(cannot)?;
         let missing = known.get(lines..).unwrap_or(&[]);
         records.write_all(lines_of(missing).as_bytes()).with_context(cannot)?;
         let (folder, synced, resumed) = (folder.to_owned(), Instant::now(), known.len());
-        Ok(Self { raw, records, folder, synced, unsynced: false, resumed })
+        Ok(Self { _lock: lock, raw, records, folder, synced, unsynced: false, resumed })
     }
 
     /// Records the store held when it was opened.
@@ -111,6 +115,28 @@ impl Store {
     }
 }
 
+/// Locks a store for this process.
+fn lock(folder: &Path) -> Result<File> {
+    let path = folder.join("lock");
+    let cannot = || format!("cannot lock the store {}", folder.display());
+    let mut file = append(&path).with_context(cannot)?;
+    match file.try_lock() {
+        Ok(()) => {
+            file.set_len(0).with_context(cannot)?;
+            write!(file, "process {}", std::process::id()).with_context(cannot)?;
+            Ok(file)
+        }
+        Err(std::fs::TryLockError::WouldBlock) => {
+            let holder = std::fs::read_to_string(&path).unwrap_or_default();
+            bail!(
+                "the store {} is in use by {holder}: stop that base station, or use another folder",
+                folder.display()
+            )
+        }
+        Err(std::fs::TryLockError::Error(e)) => Err(e).with_context(cannot),
+    }
+}
+
 fn append(path: &Path) -> std::io::Result<File> {
     OpenOptions::new().read(true).append(true).create(true).open(path)
 }
@@ -140,14 +166,14 @@ pub fn read(folder: &Path, mut take: impl FnMut(Value)) -> Result<()> {
     }
 }
 
-/// Number of whole lines in a file and their length in bytes.
-fn whole_lines(file: &File) -> std::io::Result<(usize, u64)> {
+/// Number of whole lines in a file, at most so many, and their length in bytes.
+fn whole_lines(file: &File, most: usize) -> std::io::Result<(usize, u64)> {
     let mut reader = BufReader::new(file);
     let (mut lines, mut length, mut line) = (0, 0, Vec::new());
     loop {
         line.clear();
         let n = reader.read_until(b'\n', &mut line)?;
-        if n == 0 || line.last() != Some(&b'\n') {
+        if n == 0 || line.last() != Some(&b'\n') || lines == most {
             return Ok((lines, length));
         }
         lines += 1;
@@ -179,6 +205,34 @@ mod tests {
             assert_eq!(store.resumed(), 4);
             assert_eq!(std::fs::read_to_string(dir.path().join("records.jsonl")).unwrap(), want);
         }
+    }
+
+    #[test]
+    fn a_second_base_station_is_refused_and_the_first_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut base = Base::new(Some(1.0), None);
+        let first = Store::open(dir.path(), &mut base).unwrap();
+        let said = format!("{:#}", Store::open(dir.path(), &mut base).err().unwrap());
+        assert!(said.contains(&format!("in use by process {}", std::process::id())), "{said}");
+        drop(first);
+        assert!(Store::open(dir.path(), &mut base).is_ok());
+    }
+
+    #[test]
+    fn records_of_bytes_that_the_power_failure_took_are_not_kept() {
+        let mut encoder = Encoder::default();
+        let frames: Vec<Vec<u8>> =
+            (0..4).map(|i| encoder.frame(&Message::End(End { index: i, frames: 0 })).to_vec()).collect();
+        let mut reference = Vec::new();
+        Base::new(Some(1.0), None).push(&frames.concat(), &mut reference);
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("raw.bin"), frames[..2].concat()).unwrap();
+        std::fs::write(dir.path().join("records.jsonl"), lines_of(&reference)).unwrap();
+        let mut base = Base::new(Some(1.0), None);
+        let store = Store::open(dir.path(), &mut base).unwrap();
+        assert_eq!(store.resumed(), 2);
+        let text = std::fs::read_to_string(dir.path().join("records.jsonl")).unwrap();
+        assert_eq!(text, lines_of(&reference[..2]));
     }
 
     #[test]

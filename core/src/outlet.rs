@@ -2,6 +2,7 @@
 //! the base station has them ([`Reliable`]).
 
 use crate::port::{Clock, Link};
+use crate::wire::guard::Guard;
 use crate::wire::link::{self, Arrival, Class, Inbox, Progress, RECORD_BYTES, Session, Store};
 use crate::wire::{Command, Decoder, Encoder, Health, Message};
 use heapless::Deque;
@@ -112,14 +113,15 @@ pub struct Reliable<'a, L, S> {
 }
 
 impl<'a, L: Link, S: Store> Reliable<'a, L, S> {
-    /// A link on a line.
-    pub fn new(line: &'a mut L, link: &'a mut link::Link<S>) -> Self {
-        Self { line, link, now_us: 0, said: 0, desk: Desk { heard: Deque::new(), bad: 0 } }
+    /// A link on a line; `guard` says which commands are carried out.
+    pub fn new(line: &'a mut L, link: &'a mut link::Link<S>, guard: Guard) -> Self {
+        Self { line, link, now_us: 0, said: 0, desk: Desk { guard, heard: Deque::new(), bad: 0 } }
     }
 }
 
 /// Commands that have come and were not carried out yet.
 struct Desk {
+    guard: Guard,
     heard: Deque<Heard, 8>,
     bad: u32,
 }
@@ -135,14 +137,18 @@ impl Inbox for Desk {
             Arrival::Plain { message, .. } => message,
             Arrival::Opened(_) | Arrival::Lost(_) => return,
         };
-        let heard = match crate::wire::command_of(bytes) {
-            Some(command) if !self.heard.is_full() => Heard::Command(command),
-            _ => {
+        // Where too many came at once, the next look tells of those that found no room.
+        if self.heard.is_full() {
+            self.bad = self.bad.saturating_add(1);
+            return;
+        }
+        let heard = match self.guard.admit(bytes) {
+            Some(command) => Heard::Command(command),
+            None => {
                 self.bad = self.bad.saturating_add(1);
                 Heard::Bad(self.bad)
             }
         };
-        // Where too many came at once, the next look tells of those that found no room.
         let _ = self.heard.push_back(heard);
     }
 }
@@ -266,7 +272,7 @@ mod tests {
         far.base.offer(Class::Health, crate::wire::bytes_of(&Command::Identify { token: 3 }, &mut buffer));
         far.base.offer(Class::Health, b"\x77no command");
         far.answers = Encoder::default().frame(&Command::Stop { token: 4 }).to_vec();
-        let mut outlet = Reliable::new(&mut far, &mut recorder);
+        let mut outlet = Reliable::new(&mut far, &mut recorder, Guard::open());
         let (mut clock, mut heard) = (Millis(0), Vec::new());
         for n in 0..5000u32 {
             if n < 1000 && n % 50 == 0 {

@@ -11,16 +11,17 @@ use super::{Experiment, Options};
 use anyhow::Result;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use seabearing_core::wire::guard::{Guard, Recipient, SIGNED_BYTES, sign};
 use seabearing_core::wire::link::{
     Arrival, Class, Inbox, Link, MemoryStore, Progress, Session, Settings, Store,
 };
-use seabearing_core::wire::{Decoder, Encoder, End, Message};
+use seabearing_core::wire::{Command, Decoder, Encoder, End, Message};
 use std::collections::VecDeque;
 
 /// `seabearing reproduce link`.
 pub const EXPERIMENT: Experiment = Experiment {
     name: "link",
-    about: "the reliable link on a line that fails: losses, order, catching up, goodput",
+    about: "the reliable link on a line that fails: losses, order, catching up, goodput; commands by intruders",
     run,
 };
 
@@ -275,6 +276,53 @@ fn counted_loss(order: &[usize]) -> u64 {
     decoder.counters().lost
 }
 
+/// Commands forged, replayed or overtaken that a recorder carries out, of so many, while every hundredth is a good one.
+fn intruded(commands: u64, seed: u64) -> (u64, u64) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let recipient = Recipient { station: 7, boot: 3 };
+    let key: [u8; 32] = rng.random();
+    let mut guard = Guard::keyed(key, recipient);
+    let mut heard: Vec<Vec<u8>> = Vec::new();
+    let (mut carried_out, mut refused) = (0, 0);
+    for n in 0..commands {
+        if n % 100 == 0 {
+            // Two good ones, of which the second comes first: the first is overtaken.
+            let token = n as u8;
+            let [early, late] = [n + 1, n + 2].map(|counter| {
+                let mut buffer = [0; SIGNED_BYTES];
+                sign(
+                    &key,
+                    &recipient,
+                    counter,
+                    &Command::HealthEvery { token, seconds: n as u16 },
+                    &mut buffer,
+                )
+                .to_vec()
+            });
+            refused += u64::from(guard.admit(&late).is_none());
+            carried_out += u64::from(guard.admit(&early).is_some());
+            heard.extend([early, late]);
+        }
+        let mut forged = heard[rng.random_range(0..heard.len())].clone();
+        match n % 4 {
+            0 => {}
+            // Of another counter, of another command, and of a tag that is guessed.
+            1 => forged[1..9].copy_from_slice(&(n + 1000).to_le_bytes()),
+            2 => {
+                forged[1..9].copy_from_slice(&(n + 1000).to_le_bytes());
+                let last = forged.len() - 1;
+                forged[last] ^= 1 << rng.random_range(0..8);
+            }
+            _ => {
+                forged[1..9].copy_from_slice(&(n + 1000).to_le_bytes());
+                rng.fill(&mut forged[9..25]);
+            }
+        }
+        carried_out += u64::from(guard.admit(&forged).is_some());
+    }
+    (carried_out, refused)
+}
+
 fn run(options: &Options) -> Result<()> {
     let baud = Settings::serial;
     let half = |s: Settings| Settings { half_duplex: true, ..s };
@@ -372,6 +420,13 @@ fn run(options: &Options) -> Result<()> {
         let lossy = goodput(settings, 0.05, options.seed);
         figures.at_least(format!("goodput at 9600 baud{line}, 5 % of the frames lost, %"), lossy, 60.0);
     }
+    let (carried_out, refused) = intruded(1_000_000, options.seed);
+    figures.at_most(
+        "forged, replayed and overtaken commands carried out, of 1 000 000",
+        carried_out as f64,
+        0.0,
+    );
+    figures.at_most("good commands among them refused, of 10 000", refused as f64, 0.0);
     for (name, order, loss) in [
         ("doubled", [0, 1, 1, 2, 3], 0.0),
         ("overtaken", [0, 2, 1, 3, 4], 0.0),

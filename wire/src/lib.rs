@@ -7,6 +7,7 @@
 extern crate std;
 
 pub mod frame;
+pub mod guard;
 pub mod hash;
 pub mod health;
 pub mod link;

@@ -15,6 +15,7 @@ use seabearing_core::run::run;
 use seabearing_core::{
     outlet::Reliable,
     run::run_over,
+    wire::guard::{Guard, Recipient},
     wire::link::{Link, MemoryStore, Settings},
 };
 use seabearing_firmware::mps2_an500::{
@@ -48,10 +49,12 @@ fn main() -> ! {
     let summary = run(&mut recorder, &mut samples, &mut uart, &mut clock, &mut board, FRAMES);
     #[cfg(feature = "link")]
     let summary = {
-        let Some(boot) = host::count_boot() else { fail(c"cannot count the boot in boots.bin\n") };
+        let Some(boot) = host::count_boot() else { host::fail(c"cannot count the boot in boots.bin\n") };
         let settings = Settings::serial(Uart::BAUD);
         let link = LINK.insert(Link::new(settings, config.id, boot, config.hash(), MemoryStore::new()));
-        let mut outlet = Reliable::new(&mut uart, link);
+        let recipient = Recipient { station: config.id, boot };
+        let guard = host::key().map_or(Guard::open(), |key| Guard::keyed(key, recipient));
+        let mut outlet = Reliable::new(&mut uart, link, guard);
         run_over(&mut recorder, &mut samples, &mut outlet, &mut clock, &mut board, FRAMES)
     };
     uart.flush();

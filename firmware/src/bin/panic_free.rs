@@ -18,6 +18,7 @@ use seabearing_core::run::{BLOCK_FRAMES, run, run_over};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{ReadBytes, Reader};
 use seabearing_core::wire::FaultCode;
+use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::{Link as Reliably, MemoryStore, Settings};
 
 /// A device register: whatever is read there, the optimiser cannot know.
@@ -123,7 +124,9 @@ fn main() -> ! {
             };
             let store = MemoryStore::<6400>::new();
             let link = LINK.insert(Reliably::new(settings, config.id, Device.word(), config.hash(), store));
-            let mut outlet = Reliable::new(&mut line, link);
+            let recipient = Recipient { station: config.id, boot: Device.word() };
+            let guard = Guard::keyed([Device.word() as u8; 32], recipient);
+            let mut outlet = Reliable::new(&mut line, link, guard);
             run_over(&mut recorder, &mut samples, &mut outlet, &mut Device, &mut Device, FRAMES);
         }
     }

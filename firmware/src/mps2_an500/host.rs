@@ -70,6 +70,12 @@ pub fn count_boot() -> Option<u32> {
     File::write_to(c"boots.bin")?.write(&boot.to_le_bytes()).then_some(boot)
 }
 
+/// The key of signed commands, of the file `key.bin`, where there is one.
+pub fn key() -> Option<[u8; 32]> {
+    let mut key = [0u8; 32];
+    (File::read_from(c"key.bin")?.read(&mut key) == key.len()).then_some(key)
+}
+
 /// Leaves what the run cost in `summary.bin`: ten words `u64le` as `docs/firmware.md` lists them.
 pub fn leave_summary(summary: &Summary, stack: (u32, u32), line: (u64, u64)) -> bool {
     let words = [

@@ -27,8 +27,11 @@ const EXPORT: Duration = Duration::from_secs(10);
     seabearing base --serial /dev/ttyACM0 --baud 115200 --store out/base\n  \
     seabearing base --listen 127.0.0.1:4500 --json | jq 'select(.type == \"track\")'"
 )]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(group(clap::ArgGroup::new("origin").required(true).args(["input", "serial", "tcp", "listen"])))]
 pub struct Args {
+    #[command(subcommand)]
+    action: Option<Action>,
     /// File with telemetry, or - for standard input
     input: Option<PathBuf>,
     /// Serial device
@@ -75,6 +78,13 @@ pub struct Args {
     json: bool,
 }
 
+/// What else a base station does.
+#[derive(clap::Subcommand)]
+enum Action {
+    /// Give a command to a recorder with a link, and print its answer
+    Send(super::base_send::Args),
+}
+
 impl Args {
     fn origin(&self) -> Origin {
         match (&self.input, &self.serial, &self.tcp, &self.listen) {
@@ -92,6 +102,9 @@ impl Args {
 /// # Errors
 /// One line for a person: the origin or the store cannot be used, or no telemetry was in it.
 pub fn run(args: Args) -> Result<()> {
+    if let Some(Action::Send(args)) = &args.action {
+        return super::base_send::run(args);
+    }
     let station = args.station.as_deref().map(Station::read).transpose()?;
     let said = About {
         rate_hz: station.as_ref().map(|s| s.config.rate_hz),
