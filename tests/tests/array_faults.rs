@@ -87,7 +87,7 @@ fn dead_copied_and_clipped_channels_are_named() {
     dead.iter_mut().for_each(|f| f[2] = 7);
     let run = Run::over(&[(0, &dead)]);
     assert_eq!(run.faults(FaultCode::DeadChannel), [2]);
-    assert_eq!(run.state.channels(), 0b0100);
+    assert_eq!(run.state.channels(&Plan::new(&station()).unwrap()), 0b0100);
     assert!(run.lost(LossCause::DeadChannel) > 0 && run.state.accounting().processed == 0);
     assert_eq!(run.state.accounting().total(), dead.len() as u64);
 

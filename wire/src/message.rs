@@ -115,8 +115,8 @@ pub struct Bearing {
     /// 0 the strongest source in the band; 1 a second one, found in what the first leaves; 2 + n another source that
     /// stands out in the octave from 125 Hz · 2ⁿ up.
     pub band: u8,
-    /// Bit 0 clipping in the segment, bit 1 a gap in the segment or samples bridged, bit 2 shortened segment; the others
-    /// are 0 (a channel is never left out: without one of the four there is no bearing).
+    /// Bit 0 clipping in the segment, bit 1 a gap in the segment or samples bridged, bit 2 shortened segment, bit 3 one
+    /// hydrophone left out, the sign of the elevation (or the side of the others' plane) assumed: above the horizon.
     pub flags: u8,
 }
 
@@ -288,11 +288,19 @@ pub enum FaultCode {
     ManyResets,
     /// The clock that tells UTC has stepped: by how many microseconds.
     ClockStepped,
+    /// A hydrophone does not hear what the others hear (deaf, or loud with its own noise), and is left out: which channel.
+    OwnNoise,
+    /// A channel has the sign of the others turned round, and is left out: which.
+    Inverted,
+    /// A channel holds some of another's signal, and is left out: which.
+    Leaking,
+    /// Snaps, clicks and bursts were kept out of the bearings: of how many frames of 8 ms (at 64 kHz) since the last time.
+    Impulses,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 20] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -309,6 +317,10 @@ impl FaultCode {
         Self::HardFault,
         Self::ManyResets,
         Self::ClockStepped,
+        Self::OwnNoise,
+        Self::Inverted,
+        Self::Leaking,
+        Self::Impulses,
     ];
 }
 

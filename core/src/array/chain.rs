@@ -2,6 +2,7 @@
 
 use super::estimate::{self, Memory};
 use super::framing::Framing;
+use super::impulses::Impulses;
 use super::places::Places;
 use super::plan::{FRAME, HOP, Plan};
 use super::search::SearchWork;
@@ -12,7 +13,7 @@ use crate::demon;
 use crate::health::{Accounting, LossCause};
 use crate::intake::{Channels, Event, Intake, Levels, Run, Step, Tolerance};
 use crate::slot::Slot;
-use crate::wire::Message;
+use crate::wire::{FaultCode, Message};
 use microfft::Complex32;
 
 /// Samples of one frame that may be clipped or stand for missing ones before the frame is left out: 1 in 50 distorts the
@@ -21,6 +22,10 @@ const TOLERANCE: Tolerance = Tolerance { clipped: BRIDGE, missing: BRIDGE };
 
 /// Longest absence that is bridged, instants.
 pub(super) const BRIDGE: u32 = FRAME as u32 / 50;
+
+/// Frames in a row for which a channel must be dead before the three others go on without it: half a second at 64 kHz. A
+/// shorter silence costs its own frames, not the fourth hydrophone of the whole segment.
+const DEAD_FRAMES: u8 = 71;
 
 /// Of so many instants one goes into the level: 2000 of half a second at 64 kHz.
 const LEVEL_EVERY: usize = 16;
@@ -32,6 +37,7 @@ pub struct State {
     framing: Framing,
     channels: Channels,
     levels: Levels,
+    impulses: Impulses,
     /// Number of the step the newest frame belongs to.
     step: u64,
     current: Spectra,
@@ -39,6 +45,8 @@ pub struct State {
     memory: Memory,
     shaft: demon::State,
     shaft_report: Slot<demon::RateReport>,
+    /// Frames in a row with a dead channel.
+    dead_for: u8,
 }
 
 /// Work space without memory between calls (about 28 KiB).
@@ -70,12 +78,14 @@ impl State {
             framing: Framing::new(),
             channels: Channels::new(),
             levels: Levels::new(),
+            impulses: Impulses::new(),
             step: 0,
             current: Spectra::new(),
             previous: Kept::new(),
             memory: Memory::new(),
             shaft: demon::State::new(),
             shaft_report: Slot::Empty,
+            dead_for: 0,
         }
     }
 
@@ -105,10 +115,21 @@ impl State {
         self.intake.next_index()
     }
 
-    /// Bit c: recorder channel c is dead, stuck or a copy of another; bit 4 + c: it is clipping.
+    /// Bit c: recorder channel c is dead, stuck or a copy of another, or left out; bit 4 + c: it is clipping.
     #[must_use]
-    pub fn channels(&self) -> u8 {
-        self.channels.flags()
+    pub fn channels(&self, plan: &Plan) -> u8 {
+        self.channels.flags() | plan.recorder_channels(self.memory.sick.out())
+    }
+
+    /// Whether a frame can be used in which these channels are dead (bit c: channel c), those among them `copied` from
+    /// another: none, or one that has been stuck for a while. Which of two equal ones is the copy nobody can say.
+    fn lasting_dead(&mut self, dead: u8, copied: u8) -> bool {
+        if dead == 0 {
+            self.dead_for = 0;
+        } else {
+            self.dead_for = self.dead_for.saturating_add(1);
+        }
+        dead == 0 || (copied == 0 && dead.is_power_of_two() && self.dead_for > DEAD_FRAMES)
     }
 
     /// Level of each channel over the last full step, half decibels re full scale ([`Levels::half_db`]).
@@ -128,12 +149,14 @@ impl State {
         self.framing.forget();
         self.channels = Channels::new();
         self.levels = Levels::new();
+        self.impulses = Impulses::new();
         self.step = 0;
         self.current.begin(0);
         self.previous.forget();
         self.memory = Memory::new();
         self.shaft = demon::State::new();
         self.shaft_report = Slot::Empty;
+        self.dead_for = 0;
     }
 
     /// Tells the chain the azimuth (radians) and distance along the sound's way (metres) of each vessel whose tracker knows
@@ -219,23 +242,30 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
     let look = state.framing.look();
     let found = look.verdict(&TOLERANCE);
     state.channels.see(found.dead, found.clipped, index, &mut state.intake.faults, sink);
-    let codes = &state.framing.codes;
-    let [c0, c1, c2, c3] = codes;
+    let left = state.lasting_dead(found.dead, found.copied);
+    let before = state.levels.sums();
+    let [c0, c1, c2, c3] = &state.framing.codes;
     for (((a, b), c), d) in c0.iter().zip(c1).zip(c2).zip(c3).take(HOP).step_by(LEVEL_EVERY) {
         state.levels.add(&[*a, *b, *c, *d]);
     }
     let lost = if found.holed {
         Some(LossCause::Invalid)
-    } else if found.dead != 0 {
+    } else if !left {
         Some(LossCause::DeadChannel)
     } else if found.clipped_often != 0 {
         Some(LossCause::Clipped)
     } else {
         None
     };
-    if lost.is_none() {
+    let rough = state.levels.since(&before);
+    let codes = &mut state.framing.codes;
+    let burst = lost.is_none() && state.impulses.take(plan, codes, &rough, &look.loudest, found.dead);
+    state.current.added.burst |= burst;
+    if lost.is_none() && !burst {
         let start = step.saturating_mul(plan.step_samples.get());
-        let power = state.current.add(plan, codes, centre.saturating_sub(start), &mut scratch.work);
+        state.current.added.dead |= plan.hydrophones(found.dead);
+        let out = state.current.added.dead | state.memory.sick.out();
+        let power = state.current.add(plan, codes, centre.saturating_sub(start), out, &mut scratch.work);
         if let Some(config) = &plan.shaft
             && let Some(report) = demon::frame(config, &mut state.shaft, &mut scratch.work, index, power)
         {
@@ -249,8 +279,13 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
 
 /// The frames of a step are complete: its segment is estimated, its level made.
 fn end_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
-    state.levels.close(plan.full_scale, state.intake.elapsed());
+    let elapsed = state.intake.elapsed();
+    state.levels.close(plan.full_scale, elapsed);
     state.channels.roll();
+    if let Some(frames) = state.impulses.due(elapsed, plan.intake.minute()) {
+        let index = state.framing.index();
+        state.intake.faults.note(FaultCode::Impulses, index, u64::from(frames), sink);
+    }
     close_step(plan, state, scratch, sink);
 }
 

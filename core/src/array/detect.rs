@@ -12,7 +12,7 @@
 //! (density `4 sin⁺β`, expanded to second order in spherical harmonics: `γ = j₀ + 2i j₁ μ − (5/4) j₂ P₂(μ)`, with μ the
 //! pair's direction cosine with the vertical).
 
-use super::wavefront::{self, PAIR_COUNT};
+use super::wavefront::{self, PAIR_COUNT, Used};
 use crate::geometry::{Geometry, PAIRS};
 use crate::math::{f32 as m, f64 as md};
 
@@ -75,16 +75,17 @@ pub fn threshold(p: f64, area_in_cells: f64) -> f64 {
 
 /// Mean of `Σ_bins Σ_pairs Re(γ e^{iωτ})` in a fully diffuse field for pair delays `tau` (seconds): the larger of
 /// the isotropic and the surface-generated field's, and never below zero. About 30 000 instructions.
-pub fn diffuse_mean(
+pub(crate) fn diffuse_mean(
     geometry: &Geometry,
     crossing_s: &[f32; PAIR_COUNT],
     tau: &[f32; PAIR_COUNT],
     low: usize,
     high: usize,
     bin_rad_s: f32,
+    used: Used,
 ) -> f32 {
     let (mut isotropic, mut surface) = (0.0f32, 0.0f32);
-    for (p, (i, j)) in PAIRS.into_iter().enumerate() {
+    for (p, (i, j)) in used.of(PAIRS.into_iter().enumerate()) {
         let (Some(hi), Some(hj)) = (geometry.position_m.get(i), geometry.position_m.get(j)) else { continue };
         let (Some(&crossing), Some(&tau)) = (crossing_s.get(p), tau.get(p)) else { continue };
         let mu = (hj[2] - hi[2]) / (crossing * geometry.sound_speed_m_s);

@@ -7,6 +7,8 @@ use super::places::Places;
 use super::plan::{BINS, Band, HOP, OCTAVES, Plan, Weighting};
 use super::refine;
 use super::report;
+use super::search::PairPeaks;
+use super::sick::{self, Sick, Sign};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
@@ -19,6 +21,9 @@ const AVERAGED_SEGMENTS: f32 = 16.0;
 const LEAST_SHARE: f32 = 0.25;
 /// Share below which the bearing carries the gap flag (a whole segment has it to within one frame).
 const WHOLE_SHARE: f32 = 0.95;
+/// Most by which the mean square of the frames' power may exceed the square of its mean: a propeller whose sound goes to
+/// nothing in each turn has 1.5 (intensity) to 1.9 (amplitude); what is left of an explosion, or a few calls, has more.
+const MOST_UNEVEN: f64 = 2.2;
 /// Segments in a row whose pairs contradict the direction before the fault is raised: 2 s at the usual step.
 const CONTRADICTING_SEGMENTS: u32 = 4;
 /// Segments from one search for a second source to the next: it costs as much as the first, and others move slowly.
@@ -51,6 +56,10 @@ pub(crate) struct Memory {
     pub(super) octave: usize,
     /// Another source than the whole band's that the last look at each octave found.
     pub(super) octaves: [Option<Direction>; OCTAVES],
+    /// Which hydrophone to leave out.
+    pub(crate) sick: Sick,
+    /// Whether the last segment held a burst.
+    burst: bool,
 }
 
 /// Work space over bins (4 KiB).
@@ -91,6 +100,8 @@ impl Memory {
             octave: 0,
             octaves: [None; OCTAVES],
             segments: 0,
+            sick: Sick::new(),
+            burst: false,
         }
     }
 
@@ -206,6 +217,9 @@ impl Context<'_> {
     }
 }
 
+/// Flag of a bearing by three hydrophones, the sign of whose elevation is assumed.
+const LEFT_OUT: u8 = 1 << 3;
+
 /// Estimates one segment and emits what it holds. `spectra` is used up.
 pub(crate) fn segment(
     plan: &Plan,
@@ -216,12 +230,16 @@ pub(crate) fn segment(
     sink: &mut impl FnMut(Message),
 ) {
     let share = spectra.added.frames as f32 / plan.nominal_frames * if shortened { 2.0 } else { 1.0 };
-    if share < LEAST_SHARE {
+    let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN;
+    // What a burst leaves fades away over the next segment.
+    let fading = core::mem::replace(&mut memory.burst, spectra.added.burst);
+    if share < LEAST_SHARE || spectra.added.burst || fading || uneven {
         return;
     }
     let start = spectra.added.step.saturating_mul(plan.step_samples.get());
     let centre = spectra.added.centres / u64::from(spectra.added.frames.max(1));
-    let context = Context {
+    let mut band = plan.whole;
+    let mut context = Context {
         plan,
         band: &plan.whole,
         places: memory.places,
@@ -233,10 +251,39 @@ pub(crate) fn segment(
             | (u8::from(shortened) << 2),
     };
     refine::whiten(spectra);
-    let first = find(&context, Some(&*memory), spectra, scratch);
+    scratch.search.correlate(&band, spectra, &mut scratch.work);
+    let peaks = scratch.search.pairs(plan);
+    let deviation = context.deviation(context.bins());
+    let sign = if spectra.added.dead == 0 { sick::sign(&peaks, deviation) } else { Sign::Nothing };
+    if let Sign::Sick(_, h) = sign {
+        memory.sick.take(plan, sign, context.index, sink);
+        if memory.sick.out() >> h & 1 == 0 {
+            // Not yet sure, but nothing can be said of directions.
+            return;
+        }
+    }
+    let Some(used) = sick::used(&memory.sick, spectra.added.dead) else { return };
+    if !used.all() {
+        band.used = used;
+        (context.band, context.flags) = (&band, context.flags | LEFT_OUT);
+        scratch.search.leave_out(used);
+        refine::leave_out(spectra, used);
+    }
+    let first = found(&context, Some(&*memory), spectra, scratch);
+    if sign == Sign::Well {
+        let sign = match &first {
+            Some(first) if used.all() => {
+                let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
+                let Found { tau, mean, .. } = first;
+                sick::Beyond { plan, search, tau, coherence, mean: *mean, deviation }.sign()
+            }
+            _ => sign,
+        };
+        memory.sick.take(plan, sign, context.index, sink);
+    }
     if let Some(first) = &first {
         let heard = heard(&context, spectra, start, centre, first.mean);
-        whole(&heard, memory, first, scratch, sink);
+        whole(&heard, memory, first, &peaks, scratch, sink);
     }
     if plan.weighting != Weighting::Joint {
         return;
@@ -269,15 +316,16 @@ fn whole(
     context: &Context<'_>,
     memory: &mut Memory,
     first: &Found,
+    peaks: &[PairPeaks; PAIR_COUNT],
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
 ) {
     let plan = context.plan;
     scratch.spectrum.measured = scratch.spectrum.raw.map(|c| c.max(0.0));
-    scratch.spectrum.restore(refine::shared_signal(plan, &first.tau));
+    scratch.spectrum.restore(refine::shared_signal(plan, context.band.used, &first.tau));
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
     refine::smoothed(context.band, &memory.coherence, &mut scratch.spectrum.smooth);
-    let agreeing = agreement(context, memory, first, scratch, sink);
+    let agreeing = agreement(context, memory, first, peaks, scratch, sink);
     if let Some(bearing) =
         report::bearing(context, first, &scratch.spectrum, agreeing, memory.turned_meanwhile(context), 0)
     {
@@ -292,8 +340,20 @@ pub(super) fn find(
     spectra: &mut Spectra,
     scratch: &mut Scratch,
 ) -> Option<Found> {
-    let Scratch { search, work, .. } = scratch;
-    let start = search.best(context.plan, context.band, spectra, context.plan.curvature, work);
+    scratch.search.correlate(context.band, spectra, &mut scratch.work);
+    found(context, memory, spectra, scratch)
+}
+
+/// The same from the correlations as they are.
+fn found(
+    context: &Context<'_>,
+    memory: Option<&Memory>,
+    spectra: &mut Spectra,
+    scratch: &mut Scratch,
+) -> Option<Found> {
+    let plan = context.plan;
+    let best = scratch.search.best(plan, context.band, plan.curvature);
+    let start = context.band.used.upright(&plan.geometry, &best, plan.elevation)?;
     examine(context, memory, &start, spectra, scratch)
 }
 
@@ -315,7 +375,7 @@ pub(super) fn examine(
         work.measured = work.raw;
         refine::reweight(plan, spectra);
     }
-    work.restore(refine::shared_signal(plan, &tau));
+    work.restore(refine::shared_signal(plan, context.band.used, &tau));
     if let Some(memory) = memory {
         memory.join_expected(start, plan, &mut work.raw);
     }
@@ -329,15 +389,17 @@ pub(super) fn examine(
         work.raw = work.measured;
     }
     let bins = context.bins();
-    let terms = PAIR_COUNT as f32 * bins;
-    let sum = PAIR_COUNT as f32
-        * work.raw.iter().take(context.band.high).skip(context.band.incoherent).sum::<f32>();
+    let pairs = context.band.used.pairs();
+    let terms = pairs * bins;
+    let sum = pairs * work.raw.iter().take(context.band.high).skip(context.band.incoherent).sum::<f32>();
     let level = context.band.threshold * context.deviation(terms);
     if sum <= level || sum.is_nan() {
         return None;
     }
     let (low, high) = (context.band.incoherent, context.band.high);
-    let diffuse = detect::diffuse_mean(&plan.geometry, &plan.crossing_s, &tau, low, high, plan.bin_rad_s);
+    let used = context.band.used;
+    let diffuse =
+        detect::diffuse_mean(&plan.geometry, &plan.crossing_s, &tau, low, high, plan.bin_rad_s, used);
     let statistic = (sum - diffuse) / level;
     (statistic > 1.0).then_some(Found { refined, tau, statistic, mean: sum / terms })
 }
@@ -348,14 +410,17 @@ fn agreement(
     context: &Context<'_>,
     memory: &mut Memory,
     found: &Found,
+    peaks: &[PairPeaks; PAIR_COUNT],
     scratch: &Scratch,
     sink: &mut impl FnMut(Message),
 ) -> f32 {
     let plan = context.plan;
     let strong = 8.0 * context.deviation(context.bins());
     let mut contradicting = 0;
-    for (p, tau) in found.tau.iter().enumerate() {
-        let (delay, peak) = scratch.search.pair_peak(plan, p);
+    for (p, (tau, PairPeaks { delay_s, peak, .. })) in
+        context.band.used.of(found.tau.iter().zip(peaks).enumerate())
+    {
+        let (delay, peak) = (*delay_s, *peak);
         let apart = m::abs(delay - tau) * plan.rate_hz > 3.0;
         if apart && peak > strong && peak > 1.5 * scratch.search.pair_value(plan, p, *tau) {
             contradicting += 1;

@@ -3,7 +3,7 @@
 
 use super::chain::Scratch;
 use super::estimate::{Context, Found, Memory, examine, find};
-use super::plan::OCTAVES;
+use super::plan::{Band, OCTAVES};
 use super::refine;
 use super::report::bearing;
 use super::spectra::Spectra;
@@ -45,6 +45,7 @@ pub(super) fn octave(
     memory.octave = n;
     let Some(before) = memory.octaves.get_mut(n) else { return };
     let before = before.take();
+    let band = Band { used: context.band.used, ..band };
     let context = Context { band: &band, ..*context };
     let mut least = 0.0;
     if let Some(first) = first {
@@ -78,7 +79,7 @@ pub(super) fn octave(
         return;
     }
     let work = &mut scratch.spectrum;
-    work.restore(refine::shared_signal(plan, &found.tau));
+    work.restore(refine::shared_signal(plan, context.band.used, &found.tau));
     refine::smoothed(&band, &work.raw, &mut work.smooth);
     let bearing = bearing(&context, &found, work, 1.0, 0.0, FIRST_OCTAVE + n as u8);
     if let Some(bearing) = bearing.filter(|b| b.quality >= SECOND_LEAST_QUALITY) {
@@ -105,7 +106,7 @@ pub(super) fn second(
     if wavefront::dot(&other.refined.direction, &first.refined.direction) > near {
         return None;
     }
-    scratch.spectrum.restore(refine::shared_signal(plan, &other.tau));
+    scratch.spectrum.restore(refine::shared_signal(plan, context.band.used, &other.tau));
     let work = &mut scratch.spectrum;
     refine::smoothed(context.band, &work.raw, &mut work.smooth);
     let lasting =

@@ -3,6 +3,7 @@
 use super::chain::BRIDGE;
 use super::detect;
 use super::transform::{RUN, WINDOW};
+use super::wavefront::Used;
 use crate::block::CHANNELS;
 use crate::config::{ConfigError, Kind, StationConfig};
 use crate::demon;
@@ -70,7 +71,7 @@ const LEAST_BINS: usize = 4;
 /// Share of the allowed false alarms that all octaves together may take; the rest is the whole band's.
 const OCTAVE_SHARE: f64 = 0.2;
 
-/// Bins searched together, and what follows from them.
+/// Bins and hydrophones searched together, and what follows from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Band {
     /// First bin.
@@ -83,6 +84,8 @@ pub(crate) struct Band {
     pub(crate) threshold: f32,
     /// Angle over which the steered response falls off, radians.
     pub(crate) resolution: f32,
+    /// The hydrophones.
+    pub(crate) used: Used,
 }
 
 impl Band {
@@ -219,8 +222,14 @@ impl Plan {
         let tests_per_hour = 3600.0 / array.step_s;
         let allowed = array.false_alarms_per_hour / tests_per_hour;
         let threshold = detect::threshold((1.0 - OCTAVE_SHARE) * allowed, shape.area_in_cells);
-        let whole =
-            Band { low, high, incoherent, threshold: threshold as f32, resolution: shape.resolution as f32 };
+        let whole = Band {
+            low,
+            high,
+            incoherent,
+            threshold: threshold as f32,
+            resolution: shape.resolution as f32,
+            used: Used::ALL,
+        };
         let mut octaves = [None; OCTAVES];
         for (n, octave) in octaves.iter_mut().enumerate() {
             let from = FIRST_OCTAVE_HZ * (1u32 << n) as f64 / bin_hz;
@@ -234,7 +243,14 @@ impl Plan {
             // One octave a step: together they make as many tests as the whole band.
             let threshold = detect::threshold(OCTAVE_SHARE * allowed, finer * shape.area_in_cells);
             let resolution = (shape.resolution / md::sqrt(finer)) as f32;
-            *octave = Some(Band { low, high, incoherent: low, threshold: threshold as f32, resolution });
+            *octave = Some(Band {
+                low,
+                high,
+                incoherent: low,
+                threshold: threshold as f32,
+                resolution,
+                used: Used::ALL,
+            });
         }
 
         let plan = Self {
@@ -302,6 +318,18 @@ impl Plan {
     pub fn with_weighting(mut self, weighting: Weighting) -> Self {
         self.weighting = weighting;
         self
+    }
+
+    /// Bit h: hydrophone h is on one of these recorder channels (bit c: channel c).
+    pub(crate) fn hydrophones(&self, channels: u8) -> u8 {
+        let on = |c: &u8| channels >> (c & 7) & 1;
+        self.channels.iter().rev().fold(0, |bits, c| bits << 1 | on(c))
+    }
+
+    /// The recorder channels (bit c: channel c) of these hydrophones (bit h: hydrophone h).
+    pub(crate) fn recorder_channels(&self, hydrophones: u8) -> u8 {
+        let on = |(h, c): (usize, &u8)| (hydrophones >> h & 1) << (c & 7);
+        self.channels.iter().enumerate().map(on).fold(0, |bits, bit| bits | bit)
     }
 
     /// The array in the true frame.

@@ -2,7 +2,7 @@
 //!
 //! Maximises `J(u) = Σ_p Σ_f W(f) Re(ĝ_p(f) e^{iωτ_p(u)})` over the direction by Gauss-Newton in its tangent plane, with
 //! `W = c/(n(n+4c))` where `c = S/(S+N)` and `n = 1 − c`: the maximum-likelihood weight for four sensors (see
-//! docs/references.md; `S/(N(N+4S))` for whitened spectra). `c` is the real part of the *steered* cross-spectra, averaged over
+//! docs/references.md; `S/(N(N+4S))` for whitened spectra; 3 for 4 where a hydrophone is left out). `c` is the real part of the *steered* cross-spectra, averaged over
 //! pairs, neighbouring bins and past segments; it is capped at 17 dB because multipath, not noise, limits above.
 //!
 //! Covariance: with K independent snapshots a bin, `cov = σ_t² (Gᵀ(4I − 11ᵀ)G)⁻¹`,
@@ -12,7 +12,7 @@
 use super::plan::{BINS, Band, Plan, SHARE_STRIDE, SHARES, Weighting};
 use super::spectra::{Run, Spectra};
 use super::transform::RUN;
-use super::wavefront::{self, Direction, PAIR_COUNT};
+use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::math::f32 as m;
 
 /// Least share of noise assumed (17 dB signal-to-noise ratio): above it multipath limits, not noise.
@@ -37,6 +37,17 @@ pub(crate) struct Refined {
     pub(crate) direction: Direction,
     /// Delays of the six pairs by themselves, seconds.
     pub(crate) pair_delay: [f32; PAIR_COUNT],
+}
+
+/// Leaves out the pairs with hydrophones not used.
+pub(crate) fn leave_out(spectra: &mut Spectra, used: Used) {
+    for run in &mut spectra.runs {
+        for (p, (re, im)) in run.re.iter_mut().zip(&mut run.im).enumerate() {
+            if !used.pair(p) {
+                (*re, *im) = ([0.0; RUN], [0.0; RUN]);
+            }
+        }
+    }
 }
 
 /// Divides the cross-spectra by the geometric mean of their hydrophones' auto-spectra: `ĝ`, of magnitude at most one.
@@ -78,7 +89,7 @@ impl Phasor {
     }
 }
 
-/// The steered coherence `c(f)`: mean over pairs of `Re(ĝ e^{iωτ})`, for every bin of the band.
+/// The steered coherence `c(f)`: mean over the pairs used (those not used are 0) of `Re(ĝ e^{iωτ})`, for every bin of the band.
 pub(crate) fn coherence(
     plan: &Plan,
     band: &Band,
@@ -98,8 +109,9 @@ pub(crate) fn coherence(
             }
         }
     }
+    let share = 1.0 / band.used.pairs();
     for (k, c) in out.iter_mut().enumerate() {
-        *c = if k >= band.low && k < band.high { *c * (1.0 / PAIR_COUNT as f32) } else { 0.0 };
+        *c = if k >= band.low && k < band.high { *c * share } else { 0.0 };
     }
 }
 
@@ -113,8 +125,8 @@ fn share(plan: &Plan, tau: f32) -> f32 {
 
 /// Mean of that share over the pairs: the measured coherence is lower than the field's by this factor, though the
 /// estimate hardly suffers (what leaves one frame enters the next).
-pub(crate) fn shared_signal(plan: &Plan, tau: &[f32; PAIR_COUNT]) -> f32 {
-    tau.iter().map(|tau| share(plan, *tau)).sum::<f32>() / PAIR_COUNT as f32
+pub(crate) fn shared_signal(plan: &Plan, used: Used, tau: &[f32; PAIR_COUNT]) -> f32 {
+    used.of(tau.iter()).map(|tau| share(plan, *tau)).sum::<f32>() / used.pairs()
 }
 
 /// Takes a source of delays `tau` and measured coherence (0 outside the band) out of whitened cross-spectra.
@@ -125,9 +137,9 @@ pub(crate) fn remove(
     tau: &[f32; PAIR_COUNT],
     coherence: &[f32; BINS],
 ) {
-    let mean = shared_signal(plan, tau);
+    let mean = shared_signal(plan, band.used, tau);
     let runs = band.runs();
-    for (p, tau) in tau.iter().enumerate() {
+    for (p, tau) in tau.iter().enumerate().filter(|(p, _)| band.used.pair(*p)) {
         let scale = share(plan, *tau) / mean;
         let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
         let coherence = coherence.as_chunks::<RUN>().0.get(runs.clone()).unwrap_or(&[]);
@@ -154,8 +166,8 @@ pub(crate) fn overdone(
 ) {
     for (k, c) in c.iter_mut().enumerate().take(band.high).skip(band.low) {
         let omega = k as f32 * plan.bin_rad_s;
-        let turns = first.iter().zip(second).map(|(a, b)| m::cos(omega * (a - b)));
-        let r = turns.sum::<f32>() / PAIR_COUNT as f32;
+        let turns = band.used.of(first.iter().zip(second)).map(|(a, b)| m::cos(omega * (a - b)));
+        let r = turns.sum::<f32>() / band.used.pairs();
         *c *= -r / (1.0 - r * r).max(LEAST_APART);
     }
 }
@@ -185,9 +197,10 @@ fn shares(c: f32) -> (f32, f32) {
 /// ([`reweight`]) and weigh every bin alike.
 pub(crate) fn weights(plan: &Plan, band: &Band, smooth: &[f32; BINS], out: &mut [f32; BINS]) {
     out.fill(0.0);
+    let sensors = band.used.sensors();
     for (out, c) in out.iter_mut().zip(smooth).take(band.high).skip(band.low) {
         let (c, n) = shares(*c);
-        *out = if plan.weighting == Weighting::Joint { c / (n * (n + 4.0 * c)) } else { 1.0 };
+        *out = if plan.weighting == Weighting::Joint { c / (n * (n + sensors * c)) } else { 1.0 };
     }
 }
 
@@ -227,11 +240,12 @@ pub(crate) fn arrival_variance(
     snapshots: f32,
 ) -> Option<Variance> {
     let (mut scatter, mut pair_scatter, mut information) = (0.0f32, 0.0f32, 0.0f32);
+    let sensors = band.used.sensors();
     for (k, (c, w)) in smooth.iter().zip(weight).enumerate().take(band.high).skip(band.low) {
         let (c, n) = shares(*c);
         let omega = k as f32 * plan.bin_rad_s;
         let w_omega = w * omega;
-        scatter += w_omega * w_omega * n * (n + 4.0 * c);
+        scatter += w_omega * w_omega * n * (n + sensors * c);
         pair_scatter += w_omega * w_omega * (1.0 - c * c).max(LEAST_NOISE);
         information += w_omega * omega * c;
     }
@@ -269,9 +283,9 @@ pub(crate) fn refine(
         let e = wavefront::tangents(&direction);
         let g1 = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, &direction, &e.0, curvature));
         let g2 = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, &direction, &e.1, curvature));
-        let bend = sums.bend.iter().sum::<f32>() / PAIR_COUNT as f32;
+        let bend = sums.bend.iter().sum::<f32>() / band.used.pairs();
         let (mut h11, mut h12, mut h22, mut b1, mut b2) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for ((a, b), slope) in g1.iter().zip(&g2).zip(&sums.slope) {
+        for ((a, b), slope) in band.used.of(g1.iter().zip(&g2).zip(&sums.slope)) {
             h11 += bend * a * a;
             h12 += bend * a * b;
             h22 += bend * b * b;

@@ -34,6 +34,7 @@ pub(super) fn bearing(
     band: u8,
 ) -> Option<Bearing> {
     let plan = context.plan;
+    let used = context.band.used;
     let direction = &found.refined.direction;
     let variance =
         refine::arrival_variance(plan, context.band, &work.smooth, &work.weight, context.snapshots)?;
@@ -41,9 +42,9 @@ pub(super) fn bearing(
     let curvature = context.curvature(direction);
     let g1 = wavefront::gradient(&plan.geometry, direction, &e.0, curvature);
     let g2 = wavefront::gradient(&plan.geometry, direction, &e.1, curvature);
-    let (first, cross, second) = wavefront::inverse(wavefront::information(&g1, &g2))?;
-    let residual = found.refined.pair_delay.iter().zip(&found.tau);
-    let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / PAIR_COUNT as f32;
+    let (first, cross, second) = wavefront::inverse(used.information(&g1, &g2))?;
+    let residual = used.of(found.refined.pair_delay.iter().zip(&found.tau));
+    let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / used.pairs();
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
     let scale = variance.arrival + unexplained;

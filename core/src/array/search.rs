@@ -50,6 +50,17 @@ pub(crate) struct SearchWork {
     unit: f32,
 }
 
+/// A pair's own extremes over all lags kept, also those longer than its distance allows (a sign of swapped channels).
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct PairPeaks {
+    /// Delay of the highest correlation, seconds.
+    pub(crate) delay_s: f32,
+    /// The highest correlation, summed over the band's bins (1 each where the pair is fully coherent).
+    pub(crate) peak: f32,
+    /// The lowest.
+    pub(crate) trough: f32,
+}
+
 /// A point of the search; its score is the sum of kept correlations.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Candidate {
@@ -85,16 +96,8 @@ impl SearchWork {
         Self { lags: [[0; LAGS + 1]; PAIR_COUNT], pooled: [[0; POOLED]; PAIR_COUNT], unit: 0.0 }
     }
 
-    /// The direction of the highest summed correlation, for wavefronts of this curvature, in a band.
-    pub(crate) fn best(
-        &mut self,
-        plan: &Plan,
-        band: &Band,
-        whitened: &Spectra,
-        curvature: f32,
-        work: &mut Work,
-    ) -> Direction {
-        self.correlate(band, whitened, work);
+    /// The direction of the highest summed correlation ([`Self::correlate`]), for wavefronts of this curvature, in a band.
+    pub(crate) fn best(&mut self, plan: &Plan, band: &Band, curvature: f32) -> Direction {
         let spacing = (4.0 * band.resolution).clamp(0.03, WIDEST_RAD);
         self.pool(plan, spacing);
         let cells = self.coarse(plan, curvature, spacing);
@@ -109,16 +112,34 @@ impl SearchWork {
         best.direction
     }
 
-    /// The pair's own highest correlation over all lags kept, also those longer than its distance allows (a sign of
-    /// swapped channels): its delay in seconds and value.
-    pub(crate) fn pair_peak(&self, plan: &Plan, pair: usize) -> (f32, f32) {
-        let (mut best, mut at) = (i16::MIN, 0);
-        for (n, r) in self.lags.get(pair).into_iter().flatten().enumerate() {
-            if *r > best {
-                (best, at) = (*r, n);
+    /// What each pair's correlation shows by itself.
+    pub(crate) fn pairs(&self, plan: &Plan) -> [PairPeaks; PAIR_COUNT] {
+        let mut out = [PairPeaks::default(); PAIR_COUNT];
+        let half_sample_s = 0.5 / plan.rate_hz;
+        for (out, lags) in out.iter_mut().zip(&self.lags) {
+            let (mut best, mut least, mut at) = (i16::MIN, i16::MAX, 0);
+            for (n, r) in lags.iter().enumerate() {
+                if *r > best {
+                    (best, at) = (*r, n);
+                }
+                least = least.min(*r);
+            }
+            *out = PairPeaks {
+                delay_s: (at as f32 - (LAGS / 2) as f32) * half_sample_s,
+                peak: f32::from(best) * self.unit,
+                trough: f32::from(least) * self.unit,
+            };
+        }
+        out
+    }
+
+    /// Leaves out the pairs with hydrophones not used.
+    pub(crate) fn leave_out(&mut self, used: wavefront::Used) {
+        for (p, lags) in self.lags.iter_mut().enumerate() {
+            if !used.pair(p) {
+                lags.fill(0);
             }
         }
-        ((at as f32 - (LAGS / 2) as f32) / (2.0 * plan.rate_hz), f32::from(best) * self.unit)
     }
 
     /// The pair's correlation at a delay in seconds.
@@ -130,7 +151,7 @@ impl SearchWork {
     }
 
     /// Correlations at half-sample lags: `R(n) = Re Σ_k ĝ(k) e^{+2πikn/1024}`.
-    fn correlate(&mut self, band: &Band, whitened: &Spectra, work: &mut Work) {
+    pub(crate) fn correlate(&mut self, band: &Band, whitened: &Spectra, work: &mut Work) {
         let [l01, l02, l03, l12, l13, l23] = &mut self.lags;
         self.unit = band.high.saturating_sub(band.incoherent).max(1) as f32 / FULL;
         correlate_two::<0, 1>(work, band, whitened, self.unit, [l01, l02]);
@@ -336,7 +357,14 @@ mod tests {
                 *value = (x >> 8) as f32 / (1u32 << 24) as f32 - 0.5;
             }
         }
-        let band = Band { low: 3, high: 201, incoherent: 4, threshold: 6.0, resolution: 0.02 };
+        let band = Band {
+            low: 3,
+            high: 201,
+            incoherent: 4,
+            threshold: 6.0,
+            resolution: 0.02,
+            used: wavefront::Used::ALL,
+        };
         let (mut search, mut work) = (SearchWork::new(), [Complex32::new(0.0, 0.0); 2 * FRAME]);
         search.correlate(&band, &whitened, &mut work);
         for (pair, lags) in search.lags.iter().enumerate() {

@@ -50,12 +50,25 @@ pub(crate) struct Added {
     pub(crate) clipped: bool,
     /// Whether any held samples that stand for missing ones.
     pub(crate) bridged: bool,
+    /// Bit h: hydrophone h was dead in a frame.
+    pub(crate) dead: u8,
+    /// Whether a frame was left out as a burst.
+    pub(crate) burst: bool,
 }
 
 impl Added {
     /// None yet, of a step.
     const fn none(step: u64) -> Self {
-        Self { frames: 0, step, centres: 0, loudness: Loudness::NONE, clipped: false, bridged: false }
+        Self {
+            frames: 0,
+            step,
+            centres: 0,
+            loudness: Loudness::NONE,
+            clipped: false,
+            bridged: false,
+            dead: 0,
+            burst: false,
+        }
     }
 
     /// With those of a later step; steps are of so many samples.
@@ -69,6 +82,8 @@ impl Added {
             loudness: self.loudness.joined(later.loudness, shift as f64),
             clipped: self.clipped | later.clipped,
             bridged: self.bridged | later.bridged,
+            dead: self.dead | later.dead,
+            burst: self.burst | later.burst,
         }
     }
 }
@@ -80,19 +95,30 @@ pub(crate) struct Loudness {
     power: f64,
     /// The same times the distance of the frame's centre from the step's start, samples.
     moment: f64,
+    /// Sum over frames of the power's square.
+    square: f64,
 }
 
 impl Loudness {
-    const NONE: Self = Self { power: 0.0, moment: 0.0 };
+    const NONE: Self = Self { power: 0.0, moment: 0.0, square: 0.0 };
 
     /// With what is later by so many samples.
     fn joined(self, later: Self, by: f64) -> Self {
-        Self { power: self.power + later.power, moment: self.moment + (later.moment + by * later.power) }
+        Self {
+            power: self.power + later.power,
+            moment: self.moment + (later.moment + by * later.power),
+            square: self.square + later.square,
+        }
     }
 
     /// Its centre, samples after the step's start.
     pub(crate) fn centre(&self) -> Option<f64> {
         (self.power > 0.0).then(|| self.moment / self.power)
+    }
+
+    /// Mean square of the power over the square of its mean, of so many frames: 1 for a steady sound.
+    pub(crate) fn unevenness(&self, frames: u32) -> f64 {
+        if self.power > 0.0 { self.square * f64::from(frames) / (self.power * self.power) } else { 1.0 }
     }
 }
 
@@ -172,12 +198,14 @@ impl Spectra {
     }
 
     /// Adds one frame, its centre so many samples after the step's start: `codes` in recorder order, mapped to hydrophones by
-    /// the plan. The first hydrophone's mean square (codes²) in the plan's envelope band.
+    /// the plan. The mean square (codes²) in the plan's envelope band of the
+    /// first hydrophone that is not `out` (bit h).
     pub(crate) fn add(
         &mut self,
         plan: &Plan,
         codes: &[[i32; FRAME]; CHANNELS],
         centre: u64,
+        out: u8,
         work: &mut Work,
     ) -> f32 {
         // The plan's channels are a permutation of 0..4.
@@ -186,28 +214,34 @@ impl Spectra {
         without_offset(z01, plan);
         without_offset(z23, plan);
         let (low, upper) = (plan.envelope_low / RUN, upper(plan));
-        self.accumulate(z01, z23, 0..low);
-        let power = self.accumulate(z01, z23, low..upper.start);
-        let upper = self.accumulate(z01, z23, upper);
+        let between = low..upper.start;
+        let (power, upper) = if out & 1 == 0 {
+            self.accumulate::<false>(z01, z23, 0..low);
+            (self.accumulate::<false>(z01, z23, between), self.accumulate::<false>(z01, z23, upper))
+        } else {
+            self.accumulate::<true>(z01, z23, 0..low);
+            (self.accumulate::<true>(z01, z23, between), self.accumulate::<true>(z01, z23, upper))
+        };
         let loud = f64::from(upper);
         let added = &mut self.added;
-        added.loudness = added.loudness.joined(Loudness { power: loud, moment: loud * centre as f64 }, 0.0);
+        let loud = Loudness { power: loud, moment: loud * centre as f64, square: loud * loud };
+        added.loudness = added.loudness.joined(loud, 0.0);
         added.centres = added.centres.saturating_add(centre);
         added.frames = added.frames.saturating_add(1);
         let power = power + upper;
         2.0 * power / plan.window_power
     }
 
-    /// Adds the products of these runs of bins; the sum of the first hydrophone's powers. Apart: inlined into the whole chain
-    /// it runs out of registers.
+    /// Adds the products of these runs of bins; the sum of the first (or second) hydrophone's powers. Apart:
+    /// inlined into the whole chain it runs out of registers.
     #[inline(never)]
-    fn accumulate(
+    fn accumulate<const SECOND: bool>(
         &mut self,
         z01: &[Complex32; FRAME],
         z23: &[Complex32; FRAME],
         runs: core::ops::Range<usize>,
     ) -> f32 {
-        let mut of_first = [0.0; RUN];
+        let mut of_one = [0.0; RUN];
         for (n, sums) in (runs.start..).zip(self.part_mut(&runs)) {
             let [x0, x1] = transform::separated(z01, n);
             let [x2, x3] = transform::separated(z23, n);
@@ -220,12 +254,12 @@ impl Spectra {
             cross(&x1, &x3, r13, i13);
             cross(&x2, &x3, r23, i23);
             power(&x0, a0);
-            power(&x0, &mut of_first);
+            power(if SECOND { &x1 } else { &x0 }, &mut of_one);
             power(&x1, a1);
             power(&x2, a2);
             power(&x3, a3);
         }
-        of_first.iter().sum()
+        of_one.iter().sum()
     }
 }
 

@@ -8,7 +8,7 @@
 //! no difference of large numbers, so single precision keeps 0.1 ns. Cost: about 300 instructions.
 
 use crate::block::CHANNELS;
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, PAIRS};
 use crate::math::f32 as m;
 
 /// Number of hydrophone pairs.
@@ -77,6 +77,10 @@ pub fn angles(u: &Direction) -> (f32, f32) {
 /// `Gᵀ (4 I − 1 1ᵀ) G` of two gradients: the geometric part of the information about the two tangent components,
 /// as (first, cross, second).
 pub fn information(g1: &[f32; CHANNELS], g2: &[f32; CHANNELS]) -> (f32, f32, f32) {
+    information_of(CHANNELS as f32, g1, g2)
+}
+
+fn information_of(sensors: f32, g1: &[f32; CHANNELS], g2: &[f32; CHANNELS]) -> (f32, f32, f32) {
     let sum = |a: &[f32; CHANNELS], b: &[f32; CHANNELS]| {
         let (mut ab, mut sa, mut sb) = (0.0, 0.0, 0.0);
         for (x, y) in a.iter().zip(b) {
@@ -84,9 +88,100 @@ pub fn information(g1: &[f32; CHANNELS], g2: &[f32; CHANNELS]) -> (f32, f32, f32
             sa += x;
             sb += y;
         }
-        CHANNELS as f32 * ab - sa * sb
+        sensors * ab - sa * sb
     };
     (sum(g1, g1), sum(g1, g2), sum(g2, g2))
+}
+
+/// The hydrophones that are listened to: all four, or three where one is left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Used {
+    /// Bit h: hydrophone h.
+    hydrophones: u8,
+    /// Bit p: pair p.
+    pairs: u8,
+}
+
+impl Used {
+    /// All four.
+    pub(crate) const ALL: Self = Self { hydrophones: 0b1111, pairs: 0b11_1111 };
+
+    /// Those that are not `out` (bit h: hydrophone h); `None` where fewer than three are left.
+    pub(crate) fn without(out: u8) -> Option<Self> {
+        let hydrophones = Self::ALL.hydrophones & !out;
+        let kept = |h: usize| hydrophones >> h & 1 == 1;
+        let pairs = PAIRS.iter().rev().fold(0u8, |bits, (i, j)| bits << 1 | u8::from(kept(*i) && kept(*j)));
+        (hydrophones.count_ones() >= 3).then_some(Self { hydrophones, pairs })
+    }
+
+    /// Whether all four are used.
+    pub(crate) fn all(self) -> bool {
+        self == Self::ALL
+    }
+
+    /// How many hydrophones.
+    pub(crate) fn sensors(self) -> f32 {
+        if self.all() { 4.0 } else { 3.0 }
+    }
+
+    /// How many pairs.
+    pub(crate) fn pairs(self) -> f32 {
+        if self.all() { 6.0 } else { 3.0 }
+    }
+
+    /// Whether both hydrophones of pair `p` are used.
+    #[inline]
+    pub(crate) fn pair(self, p: usize) -> bool {
+        self.pairs >> (p & 7) & 1 == 1
+    }
+
+    /// Of what there is for each pair, that of the pairs used.
+    #[inline]
+    pub(crate) fn of<T>(self, pairs: impl Iterator<Item = T>) -> impl Iterator<Item = T> {
+        pairs.enumerate().filter(move |(p, _)| self.pair(*p)).map(|(_, of)| of)
+    }
+
+    /// `Gᵀ (M I − 1 1ᵀ) G` of two gradients over the M hydrophones used, as [`information`].
+    pub(crate) fn information(self, g1: &[f32; CHANNELS], g2: &[f32; CHANNELS]) -> (f32, f32, f32) {
+        let kept = |g: &[f32; CHANNELS]| {
+            let mut out = *g;
+            for (h, x) in out.iter_mut().enumerate() {
+                if self.hydrophones >> h & 1 == 0 {
+                    *x = 0.0;
+                }
+            }
+            out
+        };
+        information_of(self.sensors(), &kept(g1), &kept(g2))
+    }
+
+    /// The direction that gives these delays and lies where vessels are. Three hydrophones cannot tell a direction from its
+    /// mirror image in their plane: the one that rises from the horizon (by the sine of elevation, within `elevation`) is
+    /// taken; `None` where both do or neither.
+    pub(crate) fn upright(
+        self,
+        geometry: &Geometry,
+        u: &Direction,
+        elevation: (f32, f32),
+    ) -> Option<Direction> {
+        if self.all() {
+            return Some(*u);
+        }
+        let mut corners =
+            geometry.position_m.iter().enumerate().filter(|(h, _)| self.hydrophones >> h & 1 == 1);
+        let (a, b, c) = (corners.next()?.1, corners.next()?.1, corners.next()?.1);
+        let side = |to: &[f32; 3]| [to[0] - a[0], to[1] - a[1], to[2] - a[2]];
+        let (b, c) = (side(b), side(c));
+        let n = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
+        let twice = 2.0 * dot(u, &n) / dot(&n, &n).max(1e-12);
+        let mirrored = [u[0] - twice * n[0], u[1] - twice * n[1], u[2] - twice * n[2]];
+        let rises = |d: &Direction| d[2] >= elevation.0.max(0.0) && d[2] <= elevation.1;
+        match (rises(u), rises(&mirrored)) {
+            (true, false) => Some(*u),
+            (false, true) => Some(mirrored),
+            _ => None,
+        }
+    }
 }
 
 /// Inverse of a symmetric matrix of two rows, (first, cross, second) as it enters; `None` unless it is positive definite.

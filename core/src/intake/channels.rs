@@ -19,6 +19,8 @@ pub struct Look {
     pub counted: u32,
     /// Those among them that stand for absent ones.
     pub bridged: u32,
+    /// Bounds on the magnitudes of each channel's codes.
+    pub loudest: Frame,
     first: Frame,
     /// Bit c: channel c has moved.
     moved: u8,
@@ -44,6 +46,8 @@ pub struct Tolerance {
 pub struct Verdict {
     /// Stuck, copied, or too often without a code.
     pub dead: u8,
+    /// Those among them that are copies.
+    pub copied: u8,
     /// Clipped at all.
     pub clipped: u8,
     /// Clipped more often than tolerated.
@@ -58,6 +62,7 @@ impl Look {
         instants: 0,
         counted: 0,
         bridged: 0,
+        loudest: [0; CHANNELS],
         first: [0; CHANNELS],
         moved: 0,
         apart: 0,
@@ -76,6 +81,7 @@ impl Look {
         self.counted += if run.counted { n } else { 0 };
         self.bridged += if run.mended == super::ALL { n } else { 0 };
         for c in 0..CHANNELS {
+            self.loudest[c] |= run.loudest[c];
             if self.moved >> c & 1 == 0 && frames.iter().any(|f| f[c] != self.first[c]) {
                 self.moved |= 1 << c;
             }
@@ -83,7 +89,7 @@ impl Look {
                 self.missing[c] += n;
             }
             // The bound is on magnitudes, of which those of negative codes are one too small.
-            if run.loudest >= clip.saturating_sub(1) {
+            if run.loudest[c] >= clip.saturating_sub(1) {
                 self.clipped[c] += frames.iter().filter(|f| f[c] >= clip || f[c] <= -clip).count() as u32;
             }
         }
@@ -108,6 +114,7 @@ impl Look {
         out.apart |= later.apart;
         for c in 0..CHANNELS {
             out.moved |= u8::from(self.first[c] != later.first[c]) << c;
+            out.loudest[c] |= later.loudest[c];
             out.clipped[c] += later.clipped[c];
             out.missing[c] += later.missing[c];
         }
@@ -129,6 +136,7 @@ impl Look {
         let copied =
             copies.fold(0u8, |bits, (_, (a, b))| if stuck >> a & 1 == 0 { bits | 1 << b } else { bits });
         Verdict {
+            copied,
             dead: stuck | copied | over(&self.missing, tolerance.missing),
             clipped: over(&self.clipped, 0),
             clipped_often: over(&self.clipped, tolerance.clipped),

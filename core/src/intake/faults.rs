@@ -43,10 +43,15 @@ impl Faults {
         } else {
             kind.held = kind.held.saturating_add(1);
             kind.value = match code {
-                FaultCode::Gap | FaultCode::Overlap | FaultCode::Invalid => kind.value.saturating_add(value),
-                FaultCode::DeadChannel | FaultCode::ChannelBack | FaultCode::Clipping => {
-                    kind.value | 1 << value.clamp(0, 7)
+                FaultCode::Gap | FaultCode::Overlap | FaultCode::Invalid | FaultCode::Impulses => {
+                    kind.value.saturating_add(value)
                 }
+                FaultCode::DeadChannel
+                | FaultCode::ChannelBack
+                | FaultCode::Clipping
+                | FaultCode::OwnNoise
+                | FaultCode::Inverted
+                | FaultCode::Leaking => kind.value | 1 << value.clamp(0, 7),
                 _ => value,
             };
         }

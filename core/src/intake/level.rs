@@ -47,6 +47,24 @@ impl Levels {
         }
     }
 
+    /// What was taken since the level, to find out what comes after: sums about the origin, of squares, number.
+    #[inline]
+    pub(crate) fn sums(&self) -> ([f32; CHANNELS], [f32; CHANNELS], u32) {
+        (self.sum, self.square, self.n)
+    }
+
+    /// Mean and mean square about it of each channel over what was taken since `before`, codes and codes².
+    pub(crate) fn since(&self, before: &([f32; CHANNELS], [f32; CHANNELS], u32)) -> [(f32, f32); CHANNELS] {
+        let part = 1.0 / (self.n.saturating_sub(before.2)).max(1) as f32;
+        let mut out = [(0.0, 0.0); CHANNELS];
+        for c in 0..CHANNELS {
+            let mean = part * (self.sum[c] - before.0[c]);
+            let power = part * (self.square[c] - before.1[c]) - mean * mean;
+            out[c] = (self.origin[c] as f32 + mean, power.max(0.0));
+        }
+        out
+    }
+
     /// Makes the level of what was taken since the last; `elapsed` as of [`super::Intake::elapsed`].
     pub fn close(&mut self, full_scale: f32, elapsed: u64) {
         if self.n == 0 {

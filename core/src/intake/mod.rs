@@ -87,8 +87,8 @@ pub struct Run<'a> {
     pub first_index: u64,
     /// The codes; none is missing.
     pub frames: &'a [Frame],
-    /// No code's magnitude exceeds this.
-    pub loudest: i32,
+    /// No magnitude of a channel's codes exceeds this.
+    pub loudest: [i32; CHANNELS],
     /// Channels whose code here stands for a missing one; if any, the run is of one instant.
     pub mended: u8,
     /// Whether the instants are in a bucket already.
@@ -99,7 +99,7 @@ impl<'a> Run<'a> {
     /// A block in which no code is missing.
     pub fn whole(block: Block<'a>) -> Self {
         let Block { first_index, frames } = block;
-        Self { first_index, frames, loudest: magnitudes(0, frames), mended: 0, counted: false }
+        Self { first_index, frames, loudest: magnitudes(frames), mended: 0, counted: false }
     }
 }
 
@@ -138,7 +138,7 @@ pub struct Mended {
 impl Mended {
     /// The instant as a run.
     pub fn run(&self) -> Run<'_> {
-        let loudest = magnitudes(0, &self.frame);
+        let loudest = magnitudes(&self.frame);
         let Self { index: first_index, frame, channels: mended, counted } = self;
         Run { first_index: *first_index, frames: frame, loudest, mended: *mended, counted: *counted }
     }
@@ -362,11 +362,11 @@ impl Intake {
         let first_index = self.next;
         let room = (GRID - self.next % GRID).min(self.patience()) as usize;
         let mut frames = rest.frames.get(..room).unwrap_or(rest.frames);
-        let mut loudest = magnitudes(0, frames);
-        if loudest == magnitude(MISSING) {
+        let mut loudest = magnitudes(frames);
+        if loudest.contains(&magnitude(MISSING)) {
             let n = frames.iter().take_while(|f| !f.contains(&MISSING)).count();
             frames = frames.get(..n).unwrap_or(frames);
-            loudest = magnitudes(0, frames);
+            loudest = magnitudes(frames);
         }
         if let Some(newest) = frames.last() {
             self.newest = *newest;
@@ -443,16 +443,16 @@ fn magnitude(code: i32) -> i32 {
     code ^ (code >> 31)
 }
 
-/// A bound on the magnitudes of all codes (and of `least`): their bits together.
+/// A bound on the magnitudes of each channel's codes: their bits together.
 #[inline(never)]
-fn magnitudes(least: i32, frames: &[Frame]) -> i32 {
-    let mut bits = [least; CHANNELS];
+fn magnitudes(frames: &[Frame]) -> [i32; CHANNELS] {
+    let mut bits = [0; CHANNELS];
     for frame in frames {
         for (bits, code) in bits.iter_mut().zip(frame) {
             *bits |= magnitude(*code);
         }
     }
-    bits.iter().fold(0, |all, bits| all | bits)
+    bits
 }
 
 #[cfg(test)]

@@ -36,7 +36,7 @@ pub struct Hop {
 impl Hop {
     const NEW: Self = Self {
         samples: [[0.0; HOP]; USED_CHANNELS],
-        wrong: Verdict { dead: 0, clipped: 0, clipped_often: 0, holed: false },
+        wrong: Verdict { dead: 0, copied: 0, clipped: 0, clipped_often: 0, holed: false },
         end: 0,
         uneven: 0,
         full: false,

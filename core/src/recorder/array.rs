@@ -79,7 +79,10 @@ impl ArrayRecorder {
     fn condition(&self) -> Condition {
         Condition {
             accounting: self.state.accounting(),
-            channels: self.state.channels(),
+            channels: match &self.plan {
+                Slot::Full(plan) => self.state.channels(&plan.array),
+                Slot::Empty => 0,
+            },
             level_half_db: match &self.plan {
                 Slot::Full(plan) => self.state.level_half_db(&plan.array),
                 Slot::Empty => [i8::MIN; 4],

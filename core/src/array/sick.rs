@@ -1,0 +1,219 @@
+//! Which hydrophone does not hear what the others hear.
+//!
+//! Enters: what the pairs' correlations of each segment show by themselves ([`PairPeaks`]). Leaves: faults that name a
+//! channel, and the hydrophones to leave out. Four hydrophones have six pairs; one that is sick lowers or turns the three
+//! it is in and leaves the three others as they are:
+//!
+//! * Its own noise, or deaf: its pairs' highest correlations are less than [`DEAF`] of the others'. A hydrophone whose noise
+//!   is k times the sound it hears has `1/√(1+k)` of the others' coherence: 9 dB above are named.
+//! * Inverted: its pairs correlate negatively and the others positively.
+//! * Leaking: beyond what the vessel found gives, a pair correlates at no delay at all, and the one that receives has the
+//!   sender's delays with the two others.
+//!
+//! One segment proves nothing: [`NAMED`] must say so more often than not. A sea in which nothing is heard proves nothing
+//! either way. With a channel left out nothing can be said about the remaining three. Cost: about 2000 instructions a segment
+//! beside the search for the peaks.
+
+use super::plan::{BINS, Band, Plan};
+use super::search::{PairPeaks, SearchWork};
+use super::wavefront::{PAIR_COUNT, Used};
+use crate::block::CHANNELS;
+use crate::geometry::PAIRS;
+use crate::math::f32 as m;
+use crate::wire::{Fault, FaultCode, Message};
+
+/// Segments that must say that a channel is sick, beyond those that say the opposite: 4 s at the usual step.
+const NAMED: u8 = 8;
+/// Segments in a row in which nothing is wrong, after which a channel is well again.
+const WELL: u8 = 16;
+/// Correlations below so many standard deviations of noise say nothing (the highest of 500 lags of noise is 3).
+const STRONG: f32 = 10.0;
+/// Least share of the other pairs' correlation that a healthy hydrophone's pairs have. The image in the surface leaves half
+/// of it to pairs that lie upright.
+const DEAF: f32 = 0.35;
+/// How much deeper than high a correlation is that is called negative.
+const INVERTED: f32 = 1.5;
+/// Least correlation at no delay beyond the vessel's own, standard deviations of noise and share of full coherence, and the
+/// share of it, times the vessel's coherence, that the receiver's other pairs must have at the sender's delays, and how many
+/// deviations, in the mean of the two.
+const LEAK: f32 = 8.0;
+const LEAST_LEAK: f32 = 0.04;
+const RECEIVED: f32 = 0.35;
+const RECEIVED_SD: f32 = 2.0;
+/// Nearer than this to no delay, in samples, a sound hides what leaks.
+const APART_SAMPLES: f32 = 3.0;
+
+/// What can be wrong, and the fault that says so.
+const KINDS: [FaultCode; 3] = [FaultCode::OwnNoise, FaultCode::Inverted, FaultCode::Leaking];
+
+/// What one segment says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sign {
+    /// Too little is heard.
+    Nothing,
+    /// All is well.
+    Well,
+    /// Place in [`KINDS`], and hydrophone.
+    Sick(usize, usize),
+}
+
+/// What the segments so far say.
+#[derive(Clone, Debug)]
+pub(crate) struct Sick {
+    /// For and against, by kind and hydrophone.
+    counts: [[u8; CHANNELS]; KINDS.len()],
+    well: u8,
+    /// Bit h: hydrophone h is left out.
+    out: u8,
+}
+
+impl Sick {
+    pub(crate) const fn new() -> Self {
+        Self { counts: [[0; CHANNELS]; KINDS.len()], well: 0, out: 0 }
+    }
+
+    /// Bit h: hydrophone h is left out.
+    pub(crate) fn out(&self) -> u8 {
+        self.out
+    }
+
+    /// Takes what a segment says.
+    pub(crate) fn take(&mut self, plan: &Plan, sign: Sign, index: u64, sink: &mut impl FnMut(Message)) {
+        if sign == Sign::Nothing {
+            return;
+        }
+        let channel = |h: usize| i64::from(plan.channels.get(h).copied().unwrap_or(0));
+        self.well = if sign == Sign::Well { self.well.saturating_add(1) } else { 0 };
+        for (kind, (counts, code)) in self.counts.iter_mut().zip(KINDS).enumerate() {
+            for (h, count) in counts.iter_mut().enumerate() {
+                if sign == Sign::Sick(kind, h) {
+                    *count = (*count + 1).min(NAMED);
+                } else if kind < 2 || self.out >> h & 1 == 0 {
+                    *count = count.saturating_sub(1);
+                }
+                if *count == NAMED && self.out >> h & 1 == 0 {
+                    self.out |= 1 << h;
+                    sink(Message::Fault(Fault { code, index, value: channel(h) }));
+                }
+            }
+        }
+        if self.well >= WELL {
+            let [.., leaking] = self.counts;
+            // A leak is not looked for while its receiver is left out.
+            let back = |h: usize| self.out >> h & 1 == 1 && leaking.get(h) != Some(&NAMED);
+            for h in (0..CHANNELS).filter(|h| back(*h)) {
+                sink(Message::Fault(Fault { code: FaultCode::ChannelBack, index, value: channel(h) }));
+            }
+            self.out = (0..CHANNELS).filter(|h| !back(*h)).fold(0, |out, h| out | self.out & 1 << h);
+        }
+    }
+}
+
+/// Whether hydrophone `h` is one of pair `p`'s.
+fn of(p: usize, h: usize) -> bool {
+    PAIRS.get(p).is_some_and(|(a, b)| *a == h || *b == h)
+}
+
+/// Mean over three of the pairs: those with hydrophone `h`, or those without.
+fn mean(values: &[f32; PAIR_COUNT], h: usize, with: bool) -> f32 {
+    values.iter().enumerate().filter(|(p, _)| of(*p, h) == with).map(|(_, x)| *x).sum::<f32>() / 3.0
+}
+
+/// What the pairs' extremes say; `deviation` is that of a summed correlation under noise alone.
+pub(crate) fn sign(peaks: &[PairPeaks; PAIR_COUNT], deviation: f32) -> Sign {
+    let strong = STRONG * deviation;
+    let heights = peaks.map(|p| p.peak.max(-p.trough));
+    for h in 0..CHANNELS {
+        let (own, others) = (mean(&heights, h, true), mean(&heights, h, false));
+        if others > strong && own < DEAF * others {
+            return Sign::Sick(0, h);
+        }
+    }
+    if heights.iter().any(|x| *x < strong) {
+        return Sign::Nothing;
+    }
+    let negative = |p: &PairPeaks| -p.trough > INVERTED * p.peak;
+    let positive = |p: &PairPeaks| p.peak > INVERTED * -p.trough;
+    for h in 0..CHANNELS {
+        let turned = peaks.iter().enumerate().all(|(p, x)| if of(p, h) { negative(x) } else { positive(x) });
+        if turned {
+            return Sign::Sick(1, h);
+        }
+    }
+    Sign::Well
+}
+
+/// What the correlations say beyond the vessel found at these delays, of this coherence.
+pub(crate) struct Beyond<'a> {
+    pub(crate) plan: &'a Plan,
+    pub(crate) search: &'a SearchWork,
+    pub(crate) tau: &'a [f32; PAIR_COUNT],
+    pub(crate) coherence: &'a [f32; BINS],
+    /// Its mean.
+    pub(crate) mean: f32,
+    pub(crate) deviation: f32,
+}
+
+impl Beyond<'_> {
+    /// Whether one hydrophone hears another.
+    pub(crate) fn sign(&self) -> Sign {
+        (0..PAIR_COUNT).find_map(|p| self.receiver(p)).map_or(Sign::Well, |h| Sign::Sick(2, h))
+    }
+
+    /// The hydrophone of pair `p` that hears the other one, if there is one.
+    fn receiver(&self, p: usize) -> Option<usize> {
+        let (a, b) = *PAIRS.get(p)?;
+        let Band { high, incoherent, .. } = self.plan.whole;
+        let least = (LEAK * self.deviation).max(LEAST_LEAK * high.saturating_sub(incoherent) as f32);
+        let hidden = m::abs(*self.tau.get(p)?) * self.plan.rate_hz < APART_SAMPLES;
+        let leak = self.excess(p, 0.0)?;
+        if hidden || leak < least {
+            return None;
+        }
+        // What one receives from the other stands with the remaining two at the sender's delays. A second sound from straight
+        // across the pair does not.
+        let least = (RECEIVED * leak * self.mean).max(RECEIVED_SD * self.deviation);
+        let received = |to: usize, from: usize| {
+            let others = (0..CHANNELS).filter(|h| *h != a && *h != b);
+            let excess = others.filter_map(|h| {
+                let (q, sign) = self.pair(to, h)?;
+                self.excess(q, sign * self.delay(from, h)?)
+            });
+            excess.sum::<f32>() > 2.0 * least
+        };
+        [(a, b), (b, a)].into_iter().find(|(to, from)| received(*to, *from)).map(|(to, _)| to)
+    }
+
+    /// The pair of two hydrophones, and 1 or −1 where it is in the other order.
+    fn pair(&self, i: usize, j: usize) -> Option<(usize, f32)> {
+        let at = |x: usize, y: usize| PAIRS.iter().position(|q| *q == (x, y));
+        at(i, j).map(|q| (q, 1.0)).or_else(|| at(j, i).map(|q| (q, -1.0)))
+    }
+
+    fn delay(&self, i: usize, j: usize) -> Option<f32> {
+        let (q, sign) = self.pair(i, j)?;
+        Some(sign * self.tau.get(q)?)
+    }
+
+    /// A pair's correlation at a delay (seconds) beyond what the vessel gives there.
+    fn excess(&self, pair: usize, delay: f32) -> Option<f32> {
+        let step = self.plan.bin_rad_s * (self.tau.get(pair)? - delay);
+        let Band { high, incoherent, .. } = self.plan.whole;
+        let ((mut s, mut c), (ds, dc)) = (m::sin_cos(step * incoherent as f32), m::sin_cos(step));
+        let mut own = 0.0;
+        for coherence in self.coherence.iter().take(high).skip(incoherent) {
+            own += coherence * c;
+            (s, c) = (s * dc + c * ds, c * dc - s * ds);
+        }
+        Some(self.search.pair_value(self.plan, pair, delay) - own)
+    }
+}
+
+/// The hydrophones to listen to, where there are enough.
+pub(crate) fn used(sick: &Sick, dead: u8) -> Option<Used> {
+    Used::without(sick.out | dead)
+}
+
+#[cfg(test)]
+#[path = "sick_tests.rs"]
+mod tests;

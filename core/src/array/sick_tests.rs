@@ -1,0 +1,119 @@
+//! A vessel heard by a tetrahedron one of whose channels is sick.
+
+use super::super::test_sea::{Normal, error, hear, plan, sea};
+
+use crate::block::CHANNELS;
+use crate::wire::FaultCode;
+use std::vec::Vec;
+
+const RATE: f64 = 16_000.0;
+
+/// A channel sick from 2 s on is named within 10 s; what is sent after that is right and says what it assumes.
+fn named(code: FaultCode, channel: usize, snr_db: f64, spoil: impl Fn(usize, &mut [[f64; CHANNELS]], usize)) {
+    let plan = plan(RATE);
+    let mut sea = sea(&plan, snr_db, 77 + channel as u64);
+    let from = 2 * RATE as usize;
+    for i in from..sea.len() {
+        spoil(i, &mut sea, channel);
+    }
+    let heard = hear(&plan, &sea);
+    let faults: Vec<_> = heard.faults.iter().filter(|f| f.0 != FaultCode::Impulses).copied().collect();
+    let [(named, value, at_s)] = faults[..] else { panic!("{code:?} {channel}: {:?}", heard.faults) };
+    assert_eq!((named, value), (code, channel as i64));
+    assert!(at_s < 12.0, "{at_s}");
+    assert_eq!(heard.channels & 15, 1 << channel);
+    let later: Vec<_> =
+        heard.bearings.iter().filter(|b| b.index as f64 / RATE > at_s + 0.3 && b.band == 0).collect();
+    let mut within = 0;
+    for b in &later {
+        assert_eq!(b.flags & 8, 8);
+        let (across, up) = error(b);
+        assert!(across.abs() < 0.003 && up.abs() < 0.01, "{code:?} {channel}: {across} {up}");
+        let (va, ve, c) = (f64::from(b.var_azimuth), f64::from(b.var_elevation), f64::from(b.cov));
+        let square = (ve * across * across - 2.0 * c * across * up + va * up * up) / (va * ve - c * c);
+        within += usize::from(square < 5.991);
+    }
+    assert!(within * 10 >= later.len() * 8, "{code:?} {channel}: {within} of {}", later.len());
+    std::println!(
+        "{code:?} of channel {channel} at {snr_db} dB: {:.1} s after, {} bearings, {within} in their ellipse",
+        at_s - 2.0,
+        later.len()
+    );
+}
+
+#[test]
+fn a_deaf_or_noisy_hydrophone_is_named_and_left_out() {
+    for channel in 0..CHANNELS {
+        let noise = |gain: f64, own: bool| {
+            move |i: usize, sea: &mut [[f64; CHANNELS]], c: usize| {
+                let x = Normal((i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 7).next();
+                sea[i][c] = gain * x + if own { 0.0 } else { sea[i][c] };
+            }
+        };
+        // Replaced by its own noise, loud and faint; with noise 20 dB above the ambient.
+        named(FaultCode::OwnNoise, channel, 10.0, noise(3.0, true));
+        named(FaultCode::OwnNoise, channel, 0.0, noise(0.01, true));
+        named(FaultCode::OwnNoise, channel, 5.0, noise(10.0, false));
+    }
+}
+
+#[test]
+fn an_inverted_channel_is_named_and_left_out() {
+    for channel in 0..CHANNELS {
+        for snr_db in [10.0, 0.0] {
+            named(FaultCode::Inverted, channel, snr_db, |i, sea, c| sea[i][c] = -sea[i][c]);
+        }
+    }
+}
+
+#[test]
+fn crosstalk_is_named_by_the_channel_that_receives_it() {
+    for channel in 0..CHANNELS {
+        for snr_db in [10.0, 0.0] {
+            let from = (channel + 1) % CHANNELS;
+            named(FaultCode::Leaking, channel, snr_db, |i, sea, c| sea[i][c] += 0.15 * sea[i][from]);
+        }
+    }
+}
+
+#[test]
+fn a_dead_channel_leaves_three_and_comes_back() {
+    for channel in 0..CHANNELS {
+        named(FaultCode::DeadChannel, channel, 10.0, |i, sea, c| sea[i][c] = 0.0);
+    }
+    let plan = plan(RATE);
+    let mut sea = sea(&plan, 10.0, 5);
+    for (i, x) in sea.iter_mut().enumerate().take(5 * RATE as usize).skip(2 * RATE as usize) {
+        x[1] = if i % 2 == 0 { 0.0 } else { 1e-9 };
+    }
+    let heard = hear(&plan, &sea);
+    let codes: Vec<_> =
+        heard.faults.iter().map(|f| (f.0, f.1)).filter(|f| f.0 != FaultCode::Impulses).collect();
+    assert_eq!(codes, [(FaultCode::DeadChannel, 1), (FaultCode::ChannelBack, 1)]);
+    assert_eq!(heard.channels & 15, 0);
+    assert_eq!(heard.bearings.last().unwrap().flags & 8, 0);
+}
+
+#[test]
+fn a_channel_that_hears_again_is_used_again() {
+    let plan = plan(RATE);
+    let mut sea = sea(&plan, 10.0, 6);
+    let mut random = Normal(9);
+    for x in &mut sea[..5 * RATE as usize] {
+        x[3] = 3.0 * random.next();
+    }
+    let heard = hear(&plan, &sea);
+    let codes: Vec<_> =
+        heard.faults.iter().map(|f| (f.0, f.1)).filter(|f| f.0 != FaultCode::Impulses).collect();
+    assert_eq!(codes, [(FaultCode::OwnNoise, 3), (FaultCode::ChannelBack, 3)]);
+    assert_eq!(heard.bearings.last().unwrap().flags & 8, 0);
+}
+
+#[test]
+fn healthy_channels_are_never_named() {
+    let plan = plan(RATE);
+    for (seed, snr_db) in [(1, 20.0), (2, 10.0), (3, 0.0), (4, -8.0), (5, -40.0)] {
+        let heard = hear(&plan, &sea(&plan, snr_db, seed));
+        assert!(heard.faults.is_empty() && heard.channels == 0, "{snr_db}: {:?}", heard.faults);
+    }
+}

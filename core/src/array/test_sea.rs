@@ -1,0 +1,100 @@
+//! A made sea for the chain's tests: a white source heard by a tetrahedron, and what the chain says of it.
+
+use crate::angle::{unit_vector, wrap_pi};
+use crate::array::wavefront;
+use crate::array::{Plan, Scratch, State, finish, push};
+use crate::block::{Block, CHANNELS, Frame};
+use crate::config::{Kind, StationConfig};
+use crate::wire::{Bearing, FaultCode, Message};
+use std::boxed::Box;
+use std::vec::Vec;
+
+pub(super) const AZIMUTH: f64 = 2.1;
+pub(super) const ELEVATION: f64 = 0.3;
+pub(super) const SECONDS: usize = 14;
+
+pub(super) fn plan(rate_hz: f64) -> Plan {
+    let mut config = StationConfig::array(
+        rate_hz,
+        [[0.0, 1.0623, -0.3756], [0.92, -0.5312, -0.3756], [-0.92, -0.5312, -0.3756], [0.0, 0.0, 1.1267]],
+    );
+    config.depth_m = 168.0;
+    if let Kind::Array(array) = &mut config.kind {
+        array.band_hz.1 = 0.4375 * rate_hz;
+    }
+    Plan::new(&config).unwrap()
+}
+
+/// Normal numbers: sums of twelve uniform ones.
+pub(super) struct Normal(pub(super) u64);
+
+impl Normal {
+    pub(super) fn next(&mut self) -> f64 {
+        let mut sum = -6.0;
+        for _ in 0..12 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            sum += (self.0 >> 11) as f64 / (1u64 << 53) as f64;
+        }
+        sum
+    }
+}
+
+/// A white source of this direction and so many dB above the noise of each hydrophone, in units of that noise.
+pub(super) fn sea(plan: &Plan, snr_db: f64, seed: u64) -> Vec<[f64; CHANNELS]> {
+    const TAPS: i64 = 24;
+    let rate = f64::from(plan.rate_hz());
+    let n = SECONDS * rate as usize;
+    let mut random = Normal(seed);
+    let margin = 200;
+    let source: Vec<f64> = (0..n + 2 * margin).map(|_| random.next() * 10f64.powf(snr_db / 20.0)).collect();
+    let delays =
+        wavefront::arrivals(plan.geometry(), &unit_vector(AZIMUTH as f32, ELEVATION as f32), 1.0 / 500.0);
+    let filters = delays.map(|t| {
+        let delay = f64::from(t) * rate;
+        let whole = delay.floor();
+        let taps: Vec<f64> = (-TAPS..TAPS)
+            .map(|k| {
+                let x = core::f64::consts::PI * (k as f64 - (delay - whole));
+                let window = (0.5 * x / TAPS as f64).cos().powi(2);
+                if x.abs() < 1e-9 { 1.0 } else { x.sin() / x * window }
+            })
+            .collect();
+        (whole as i64, taps)
+    });
+    (0..n)
+        .map(|i| {
+            core::array::from_fn(|c| {
+                let (whole, taps) = &filters[c];
+                let from = (i + margin) as i64 - whole;
+                let heard: f64 = taps.iter().zip(-TAPS..).map(|(h, k)| h * source[(from - k) as usize]).sum();
+                heard + random.next()
+            })
+        })
+        .collect()
+}
+
+pub(super) struct Heard {
+    pub(super) faults: Vec<(FaultCode, i64, f64)>,
+    pub(super) bearings: Vec<Bearing>,
+    pub(super) channels: u8,
+}
+
+pub(super) fn hear(plan: &Plan, sea: &[[f64; CHANNELS]]) -> Heard {
+    let frames: Vec<Frame> = sea.iter().map(|x| x.map(|x| (2000.0 * x).round() as i32)).collect();
+    let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
+    let (mut faults, mut bearings) = (Vec::new(), Vec::new());
+    let mut sink = |message| match message {
+        Message::Fault(f) => faults.push((f.code, f.value, f.index as f64 / f64::from(plan.rate_hz()))),
+        Message::Bearing(b) => bearings.push(b),
+        _ => {}
+    };
+    push(plan, &mut state, &mut scratch, Block { first_index: 0, frames: &frames }, &mut sink);
+    let channels = state.channels(plan);
+    finish(plan, &mut state, &mut scratch, &mut sink);
+    Heard { faults, bearings, channels }
+}
+
+/// Error of a bearing across and up, radians.
+pub(super) fn error(b: &Bearing) -> (f64, f64) {
+    (wrap_pi(f64::from(b.azimuth) - AZIMUTH), f64::from(b.elevation) - ELEVATION)
+}
