@@ -71,6 +71,10 @@ pub struct ArrayConfig {
     pub false_alarms_per_hour: f64,
     /// Depth of the vessels listened to, metres: how far their image in the surface lies above them. 0: no image.
     pub vessel_depth_m: f64,
+    /// Standard deviation of each coordinate of each hydrophone, metres: an error that lasts. 0: exact.
+    pub position_sd_m: f64,
+    /// Standard deviation of the speed of sound, m/s: an error that lasts. 0: exact.
+    pub sound_speed_sd_m_s: f64,
 }
 
 /// The ocean-bottom station.
@@ -151,6 +155,8 @@ impl ArrayConfig {
             elevation_deg: (-90.0, 90.0),
             false_alarms_per_hour: 0.5,
             vessel_depth_m: 4.0, // a propeller's
+            position_sd_m: 0.0,
+            sound_speed_sd_m_s: 0.0,
         }
     }
 }
@@ -225,6 +231,8 @@ impl StationConfig {
                 within("elevation_deg[1]", a.elevation_deg.1, a.elevation_deg.0 + 1.0, 90.0)?;
                 within("false_alarms_per_hour", a.false_alarms_per_hour, 1e-6, 1000.0)?;
                 within("vessel_depth_m", a.vessel_depth_m, 0.0, 100.0)?;
+                within("position_sd_m", a.position_sd_m, 0.0, 1.0)?;
+                within("sound_speed_sd_m_s", a.sound_speed_sd_m_s, 0.0, 100.0)?;
                 if a.reference_range_m.is_nan() || a.reference_range_m < 5.0 {
                     return Err(ConfigError::OutOfRange(
                         "reference_range_m",

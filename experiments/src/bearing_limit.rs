@@ -69,6 +69,8 @@ pub fn station() -> StationConfig {
             elevation_deg: (-90.0, 90.0),
             false_alarms_per_hour: 0.5,
             vessel_depth_m: 0.0,
+            position_sd_m: 0.0,
+            sound_speed_sd_m_s: 0.0,
         }),
         tracking: Tracking::default(),
     }
@@ -76,7 +78,13 @@ pub fn station() -> StationConfig {
 
 /// All bearings the chain emits for a record.
 pub fn bearings(plan: &Plan, frames: &[Frame]) -> Vec<Bearing> {
+    bearings_from(plan, None, frames)
+}
+
+/// The same where a vessel's place is known: azimuth (radians), distance and its standard deviation (metres).
+fn bearings_from(plan: &Plan, place: Option<(f32, f32, f32)>, frames: &[Frame]) -> Vec<Bearing> {
     let mut state = State::new();
+    state.set_places(place.into_iter());
     let mut scratch = Scratch::new();
     let mut out = Vec::new();
     let mut sink = |m: Message| {
@@ -350,7 +358,9 @@ fn one_direction(plan: &Plan, sounder: &Sounder, desk: &mut Desk, seed: u64, snr
         return errors;
     };
     // Whole segments only: the limit is for one second.
-    for b in bearings(plan, frames).iter().filter(|b| b.flags & 2 == 0 && b.band == 0) {
+    // The limit is that of a known distance.
+    let place = Some((azimuth as f32, RANGE_M as f32, 0.0));
+    for b in bearings_from(plan, place, frames).iter().filter(|b| b.flags & 2 == 0 && b.band == 0) {
         errors.take(b, azimuth, elevation);
         errors.limit_azimuth2 += bound.var_azimuth;
         errors.limit_elevation2 += bound.var_elevation;

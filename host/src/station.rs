@@ -78,6 +78,8 @@ struct Array {
     elevation_deg: [f64; 2],
     false_alarms_per_hour: f64,
     vessel_depth_m: f64,
+    position_sd_m: f64,
+    sound_speed_sd_m_s: f64,
 }
 
 impl Default for Array {
@@ -95,6 +97,8 @@ impl Default for Array {
             elevation_deg: usual.elevation_deg.into(),
             false_alarms_per_hour: usual.false_alarms_per_hour,
             vessel_depth_m: usual.vessel_depth_m,
+            position_sd_m: usual.position_sd_m,
+            sound_speed_sd_m_s: usual.sound_speed_sd_m_s,
         }
     }
 }
@@ -262,6 +266,8 @@ impl Station {
                     elevation_deg: (a.elevation_deg[0], a.elevation_deg[1]),
                     false_alarms_per_hour: a.false_alarms_per_hour,
                     vessel_depth_m: a.vessel_depth_m,
+                    position_sd_m: a.position_sd_m,
+                    sound_speed_sd_m_s: a.sound_speed_sd_m_s,
                 })
             }
             "obs" => {

@@ -115,7 +115,7 @@ fn a_known_near_range_removes_the_bias_of_the_reference_range() {
     let frames = sounder.record(5, 2e4, Some((10.0, exact_arrivals(plan.geometry(), 1.0, 0.5, 30.0))));
     let run = |range_m: Option<f32>| {
         let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
-        state.set_places(range_m.map(|r| (1.0, r)).into_iter());
+        state.set_places(range_m.map(|r| (1.0, r, 0.0)).into_iter());
         let mut worst = 0.0f64;
         let mut sink = |m: Message| {
             if let Message::Bearing(b) = m

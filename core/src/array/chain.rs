@@ -159,9 +159,9 @@ impl State {
         self.dead_for = 0;
     }
 
-    /// Tells the chain the azimuth (radians) and distance along the sound's way (metres) of each vessel whose tracker knows
-    /// it; sources elsewhere have the reference range. Distances that are not finite or below 5 m are taken as unknown.
-    pub fn set_places(&mut self, places: impl Iterator<Item = (f32, f32)>) {
+    /// Tells the chain the azimuth (radians), distance along the sound's way and its standard deviation (metres) of each vessel
+    /// whose tracker knows it; sources elsewhere have the reference range. Distances that are not finite or below 5 m are taken as unknown.
+    pub fn set_places(&mut self, places: impl Iterator<Item = (f32, f32, f32)>) {
         self.memory.places = Places::of(places);
     }
 }

@@ -157,18 +157,20 @@ impl Memory {
         self.last = Some((*direction, index));
     }
 
-    /// Joins the remembered coherence to a segment's own where the direction is the one remembered.
-    fn join_expected(&self, direction: &Direction, plan: &Plan, own: &mut [f32; BINS]) {
+    /// Joins the remembered coherence to a segment's own where the direction is the one remembered; of how many segments it
+    /// is then.
+    fn join_expected(&self, direction: &Direction, plan: &Plan, own: &mut [f32; BINS]) -> f32 {
         let same = self.last.is_some_and(|(last, _)| {
             wavefront::dot(&last, direction) > m::cos(OTHER_SOURCE_CELLS * plan.whole.resolution)
         });
         if !same {
-            return;
+            return 1.0;
         }
         let n = self.averaged.min(AVERAGED_SEGMENTS - 1.0);
         for (own, mean) in own.iter_mut().zip(&self.coherence) {
             *own = (*own + n * mean) / (n + 1.0);
         }
+        n + 1.0
     }
 }
 
@@ -197,9 +199,14 @@ pub(super) struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// Curvature of the wavefront from a direction, 1/m.
-    pub(super) fn curvature(&self, u: &Direction) -> f32 {
+    /// Curvature of the wavefront from a direction and its standard deviation, 1/m.
+    pub(super) fn curvature(&self, u: &Direction) -> (f32, f32) {
         self.places.curvature(u, self.plan.curvature)
+    }
+
+    /// Variance of a bin's coherence under noise alone, averaged over so many segments that overlap by half.
+    pub(super) fn noise(&self, segments: f32) -> f32 {
+        1.0 / (self.snapshots.max(1.0) * self.band.used.pairs() * (segments + 1.0))
     }
 
     fn delays(&self, u: &Direction, curvature: f32) -> [f32; PAIR_COUNT] {
@@ -324,7 +331,8 @@ fn whole(
     scratch.spectrum.measured = scratch.spectrum.raw.map(|c| c.max(0.0));
     scratch.spectrum.restore(refine::shared_signal(plan, context.band.used, &first.tau));
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
-    refine::smoothed(context.band, &memory.coherence, &mut scratch.spectrum.smooth);
+    let noise = context.noise(memory.averaged);
+    refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
     let agreeing = agreement(context, memory, first, peaks, scratch, sink);
     if let Some(bearing) =
         report::bearing(context, first, &scratch.spectrum, agreeing, memory.turned_meanwhile(context), 0)
@@ -368,7 +376,7 @@ pub(super) fn examine(
     let plan = context.plan;
     let work = &mut scratch.spectrum;
     // Weights from the coherence seen in this direction, own and remembered.
-    let curvature = context.curvature(start);
+    let (curvature, _) = context.curvature(start);
     let tau = context.delays(start, curvature);
     refine::coherence(plan, context.band, spectra, &tau, &mut work.raw);
     if plan.weighting != Weighting::Joint {
@@ -376,10 +384,8 @@ pub(super) fn examine(
         refine::reweight(plan, spectra);
     }
     work.restore(refine::shared_signal(plan, context.band.used, &tau));
-    if let Some(memory) = memory {
-        memory.join_expected(start, plan, &mut work.raw);
-    }
-    refine::smoothed(context.band, &work.raw, &mut work.smooth);
+    let segments = memory.map_or(1.0, |memory| memory.join_expected(start, plan, &mut work.raw));
+    refine::smoothed(context.band, context.noise(segments), &work.raw, &mut work.smooth);
     refine::weights(plan, context.band, &work.smooth, &mut work.weight);
     let refined = refine::refine(plan, context.band, spectra, &work.weight, start, curvature)?;
     let tau = context.delays(&refined.direction, curvature);

@@ -105,7 +105,11 @@ enum Found {
 /// Blanks the impulses of a channel. Apart: most frames have none.
 #[inline(never)]
 fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32) -> Found {
-    let beyond = |codes: &[i32; FRAME], limit: f32| codes.iter().any(|x| m::abs(*x as f32 - mean) > limit);
+    let quiet = mean as i32;
+    let beyond = |codes: &[i32; FRAME], limit: f32| {
+        let limit = limit as u32;
+        codes.iter().any(|x| x.abs_diff(quiet) > limit)
+    };
     if !beyond(codes, IMPULSE * m::sqrt(usual)) {
         return Found::Nothing;
     }
@@ -123,9 +127,9 @@ fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32) -> Found {
     if !beyond(codes, IMPULSE * scale) {
         return Found::Nothing;
     }
-    let far = |x: &i32| m::abs(*x as f32 - mean) > BLANK * scale;
+    let limit = (BLANK * scale) as u32;
+    let far = |x: &i32| x.abs_diff(quiet) > limit;
     // The last sample beyond the limit before each, forwards and then backwards.
-    let quiet = mean as i32;
     let mut left = [0u8; FRAME];
     let (mut after, mut before) = (0, 0);
     for (left, x) in left.iter_mut().zip(codes.iter()) {

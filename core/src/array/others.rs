@@ -57,7 +57,7 @@ pub(super) fn octave(
     let Some(mut found) = find(&context, None, spectra, scratch) else { return };
     if let Some(first) = first {
         let work = &mut scratch.spectrum;
-        refine::smoothed(&band, &work.raw, &mut work.smooth);
+        refine::smoothed(&band, context.noise(1.0), &work.raw, &mut work.smooth);
         refine::overdone(plan, &band, &first.tau, &found.tau, &mut work.smooth);
         refine::remove(plan, &band, spectra, &first.tau, &work.smooth);
         let again = examine(&context, None, &found.refined.direction, spectra, scratch);
@@ -80,7 +80,7 @@ pub(super) fn octave(
     }
     let work = &mut scratch.spectrum;
     work.restore(refine::shared_signal(plan, context.band.used, &found.tau));
-    refine::smoothed(&band, &work.raw, &mut work.smooth);
+    refine::smoothed(&band, context.noise(1.0), &work.raw, &mut work.smooth);
     let bearing = bearing(&context, &found, work, 1.0, 0.0, FIRST_OCTAVE + n as u8);
     if let Some(bearing) = bearing.filter(|b| b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
@@ -108,7 +108,7 @@ pub(super) fn second(
     }
     scratch.spectrum.restore(refine::shared_signal(plan, context.band.used, &other.tau));
     let work = &mut scratch.spectrum;
-    refine::smoothed(context.band, &work.raw, &mut work.smooth);
+    refine::smoothed(context.band, context.noise(1.0), &work.raw, &mut work.smooth);
     let lasting =
         before.is_some_and(|d| wavefront::dot(&d, &other.refined.direction) > m::cos(SECOND_MOVES_RAD));
     let bearing = bearing(context, &other, &scratch.spectrum, 1.0, 0.0, 1);

@@ -140,6 +140,10 @@ pub struct Plan {
     pub(crate) crossing_s: [f32; 6],
     /// Depth of the vessels listened to over the array's own depth; 0 where there is no surface.
     pub(crate) vessel_over_array_depth: f32,
+    /// Standard deviation of a hydrophone's position over the speed of sound, seconds.
+    pub(crate) position_sd_s: f32,
+    /// Relative standard deviation of the speed of sound.
+    pub(crate) sound_speed_sd: f32,
     pub(crate) weighting: Weighting,
     /// First bin of the band whose envelope gives the shaft rate.
     pub(crate) envelope_low: usize,
@@ -283,6 +287,8 @@ impl Plan {
             } else {
                 0.0
             },
+            position_sd_s: (array.position_sd_m / config.sound_speed_m_s) as f32,
+            sound_speed_sd: (array.sound_speed_sd_m_s / config.sound_speed_m_s) as f32,
             weighting: Weighting::default(),
             envelope_low: high,
             shaft: None,

@@ -21,8 +21,12 @@ pub(crate) const LEAST_NOISE: f32 = 0.02;
 const LEAST_APART: f32 = 0.2;
 /// Bins on each side over which the coherence spectrum is averaged for the weights.
 const SMOOTH: usize = 4;
-/// Gauss-Newton steps: from a fine-grid start three reach the level of rounding.
+/// Variances of noise taken off a squared coherence: two standard deviations are none.
+const SIGNIFICANT: f32 = 4.0;
+/// Gauss-Newton steps: from a fine-grid start three reach the level of rounding; after one shorter than this share of the
+/// resolution the next would be its square.
 const STEPS: usize = 3;
+const CONVERGED: f32 = 0.003;
 
 /// Sums over the band for each pair: `Σ W Re`, `Σ Wω Im`, `Σ Wω² Re` of the steered cross-spectrum.
 #[derive(Clone, Copy, Debug)]
@@ -172,16 +176,20 @@ pub(crate) fn overdone(
     }
 }
 
-/// Average over neighbouring bins within the band.
-pub(crate) fn smoothed(band: &Band, raw: &[f32; BINS], out: &mut [f32; BINS]) {
+/// Average over neighbouring bins within the band, less what noise may have made of it; `noise` is the variance of one bin's
+/// value under noise alone. Weights and information grow with the square of a coherence that noise alone gives as often as
+/// not, times the frequency's: `c (1 − k v/c²)` for a mean of variance v, and none where that is negative, shrinks what is
+/// not [`SIGNIFICANT`] (James and Stein, Proc. 4th Berkeley Symp. 1961, with k for their count of means).
+pub(crate) fn smoothed(band: &Band, noise: f32, raw: &[f32; BINS], out: &mut [f32; BINS]) {
     out.fill(0.0);
     for k in band.low..band.high.min(BINS) {
         let first = k.saturating_sub(SMOOTH).max(band.low);
         let last = (k + SMOOTH + 1).min(band.high);
-        let span = last.saturating_sub(first);
+        let span = last.saturating_sub(first).max(1);
         let sum = raw.iter().skip(first).take(span).sum::<f32>();
         if let Some(out) = out.get_mut(k) {
-            *out = sum / span.max(1) as f32;
+            let own = SIGNIFICANT * noise * span as f32;
+            *out = if sum > 0.0 { (sum - own / sum).max(0.0) / span as f32 } else { 0.0 };
         }
     }
 }
@@ -303,6 +311,9 @@ pub(crate) fn refine(
             step = step.map(|x| x * band.resolution / length);
         }
         direction = wavefront::stepped(&direction, &e, step[0], step[1]);
+        if length < CONVERGED * band.resolution {
+            break;
+        }
     }
     let tau = wavefront::pair_delays(&wavefront::arrivals(&plan.geometry, &direction, curvature));
     let sums = steer(plan, band, g, &tau, weight);

@@ -6,6 +6,9 @@
 //! * Noise makes the pairs' own delays differ from the common direction's by up to `NOISE_RESIDUAL` variances of a pair's
 //!   delay. The mean square beyond that comes of paths and other vessels, and errors as large are in the arrival times of the
 //!   common direction.
+//! * Hydrophones displaced by `position_sd_m` move their arrivals by as much over the speed of sound; a speed of sound or a
+//!   distance that are not as assumed change all arrivals together. These errors last: [`crate::passage`] keeps the first of
+//!   them apart from noise.
 //! * A vessel d deep and its image in the surface, seen from depth D at elevation β, are `2 d sin β cos β / D` apart in
 //!   elevation and come as one. Half of that is a standard deviation of the elevation (`vessel_depth_m`; 0: no surface).
 
@@ -39,15 +42,30 @@ pub(super) fn bearing(
     let variance =
         refine::arrival_variance(plan, context.band, &work.smooth, &work.weight, context.snapshots)?;
     let e = wavefront::tangents(direction);
-    let curvature = context.curvature(direction);
+    let (curvature, curvature_sd) = context.curvature(direction);
     let g1 = wavefront::gradient(&plan.geometry, direction, &e.0, curvature);
     let g2 = wavefront::gradient(&plan.geometry, direction, &e.1, curvature);
-    let (first, cross, second) = wavefront::inverse(used.information(&g1, &g2))?;
+    let inverse = wavefront::inverse(used.information(&g1, &g2))?;
+    let (first, cross, second) = inverse;
     let residual = used.of(found.refined.pair_delay.iter().zip(&found.tau));
     let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / used.pairs();
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
-    let scale = variance.arrival + unexplained;
+    let scale = variance.arrival + unexplained + used.sensors() * plan.position_sd_s * plan.position_sd_s;
+    // What a speed of sound and a distance that are not as assumed do to all arrival times together.
+    let slowness = wavefront::arrivals(&plan.geometry, direction, curvature);
+    let bends = plan.geometry.position_m.map(|h| {
+        let along = wavefront::dot(&h, direction);
+        0.5 * plan.inv_c * (wavefront::dot(&h, &h) - along * along)
+    });
+    let (mut first, mut cross, mut second) = (scale * first, scale * cross, scale * second);
+    for (times, sd) in [(slowness, plan.sound_speed_sd), (bends, curvature_sd)] {
+        let ((_, b1, _), (_, b2, _)) = (used.information(&g1, &times), used.information(&g2, &times));
+        let (a, b) = (sd * (inverse.0 * b1 + inverse.1 * b2), sd * (inverse.1 * b1 + inverse.2 * b2));
+        first += a * a;
+        cross += a * b;
+        second += b * b;
+    }
     let (azimuth, elevation) = wavefront::angles(direction);
     // A step along the horizontal tangent turns the azimuth by 1/cos β; at the zenith azimuth means nothing.
     let widen = 1.0 / e.1[2].max(1e-3);
@@ -62,9 +80,9 @@ pub(super) fn bearing(
         index: context.index,
         azimuth,
         elevation,
-        var_azimuth: ((scale * first + turned * turned) * widen * widen).min(most),
-        var_elevation: (scale * second + image * image).min(most),
-        cov: (scale * cross * widen).clamp(-most, most),
+        var_azimuth: ((first + turned * turned) * widen * widen).min(most),
+        var_elevation: (second + image * image).min(most),
+        cov: (cross * widen).clamp(-most, most),
         snr_db: math::db(mean / (1.0 - mean)),
         // A misfit of half as much again as noise explains costs nothing.
         quality: agreeing * (1.5 / misfit.max(1.5)),
@@ -81,3 +99,7 @@ pub fn closure(d: &[f32; PAIR_COUNT]) -> f32 {
     let loops = [d01 + d12 - d02, d01 + d13 - d03, d02 + d23 - d03, d12 + d23 - d13];
     m::sqrt(0.25 * loops.iter().map(|x| x * x).sum::<f32>())
 }
+
+#[cfg(test)]
+#[path = "stated_tests.rs"]
+mod tests;

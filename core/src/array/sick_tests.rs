@@ -1,6 +1,6 @@
 //! A vessel heard by a tetrahedron one of whose channels is sick.
 
-use super::super::test_sea::{Normal, error, hear, plan, sea};
+use super::super::test_sea::{AZIMUTH, ELEVATION, Normal, error, hear, plan, sea, standardised};
 
 use crate::block::CHANNELS;
 use crate::wire::FaultCode;
@@ -29,9 +29,7 @@ fn named(code: FaultCode, channel: usize, snr_db: f64, spoil: impl Fn(usize, &mu
         assert_eq!(b.flags & 8, 8);
         let (across, up) = error(b);
         assert!(across.abs() < 0.003 && up.abs() < 0.01, "{code:?} {channel}: {across} {up}");
-        let (va, ve, c) = (f64::from(b.var_azimuth), f64::from(b.var_elevation), f64::from(b.cov));
-        let square = (ve * across * across - 2.0 * c * across * up + va * up * up) / (va * ve - c * c);
-        within += usize::from(square < 5.991);
+        within += usize::from(standardised(b, (AZIMUTH, ELEVATION)) < 5.991);
     }
     assert!(within * 10 >= later.len() * 8, "{code:?} {channel}: {within} of {}", later.len());
     std::println!(

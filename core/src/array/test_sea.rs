@@ -4,7 +4,7 @@ use crate::angle::{unit_vector, wrap_pi};
 use crate::array::wavefront;
 use crate::array::{Plan, Scratch, State, finish, push};
 use crate::block::{Block, CHANNELS, Frame};
-use crate::config::{Kind, StationConfig};
+use crate::config::{ArrayConfig, Kind, StationConfig};
 use crate::wire::{Bearing, FaultCode, Message};
 use std::boxed::Box;
 use std::vec::Vec;
@@ -13,16 +13,22 @@ pub(super) const AZIMUTH: f64 = 2.1;
 pub(super) const ELEVATION: f64 = 0.3;
 pub(super) const SECONDS: usize = 14;
 
-pub(super) fn plan(rate_hz: f64) -> Plan {
+/// A tetrahedron of 1.84 m, 168 m deep, as the caller changes it.
+pub(super) fn planned(rate_hz: f64, change: impl FnOnce(&mut ArrayConfig)) -> Plan {
     let mut config = StationConfig::array(
         rate_hz,
         [[0.0, 1.0623, -0.3756], [0.92, -0.5312, -0.3756], [-0.92, -0.5312, -0.3756], [0.0, 0.0, 1.1267]],
     );
     config.depth_m = 168.0;
     if let Kind::Array(array) = &mut config.kind {
-        array.band_hz.1 = 0.4375 * rate_hz;
+        array.band_hz.1 = array.band_hz.1.min(0.4375 * rate_hz);
+        change(array);
     }
     Plan::new(&config).unwrap()
+}
+
+pub(super) fn plan(rate_hz: f64) -> Plan {
+    planned(rate_hz, |_| {})
 }
 
 /// Normal numbers: sums of twelve uniform ones.
@@ -39,16 +45,32 @@ impl Normal {
     }
 }
 
-/// A white source of this direction and so many dB above the noise of each hydrophone, in units of that noise.
-pub(super) fn sea(plan: &Plan, snr_db: f64, seed: u64) -> Vec<[f64; CHANNELS]> {
+/// What a source gives the hydrophones from a direction, 500 m away: white, or falling by 6 dB an octave above a knee, with
+/// this root mean square.
+pub(super) fn source(
+    plan: &Plan,
+    (azimuth, elevation): (f64, f64),
+    rms: f64,
+    knee_hz: Option<f64>,
+    seconds: usize,
+    seed: u64,
+) -> Vec<[f64; CHANNELS]> {
     const TAPS: i64 = 24;
     let rate = f64::from(plan.rate_hz());
-    let n = SECONDS * rate as usize;
+    let n = seconds * rate as usize;
     let mut random = Normal(seed);
     let margin = 200;
-    let source: Vec<f64> = (0..n + 2 * margin).map(|_| random.next() * 10f64.powf(snr_db / 20.0)).collect();
+    let keep = knee_hz.map_or(0.0, |knee| (-core::f64::consts::TAU * knee / rate).exp());
+    let gain = rms * (1.0 - keep * keep).sqrt();
+    let mut last = 0.0;
+    let source: Vec<f64> = (0..n + 2 * margin)
+        .map(|_| {
+            last = keep * last + gain * random.next();
+            last
+        })
+        .collect();
     let delays =
-        wavefront::arrivals(plan.geometry(), &unit_vector(AZIMUTH as f32, ELEVATION as f32), 1.0 / 500.0);
+        wavefront::arrivals(plan.geometry(), &unit_vector(azimuth as f32, elevation as f32), 1.0 / 500.0);
     let filters = delays.map(|t| {
         let delay = f64::from(t) * rate;
         let whole = delay.floor();
@@ -66,11 +88,23 @@ pub(super) fn sea(plan: &Plan, snr_db: f64, seed: u64) -> Vec<[f64; CHANNELS]> {
             core::array::from_fn(|c| {
                 let (whole, taps) = &filters[c];
                 let from = (i + margin) as i64 - whole;
-                let heard: f64 = taps.iter().zip(-TAPS..).map(|(h, k)| h * source[(from - k) as usize]).sum();
-                heard + random.next()
+                taps.iter().zip(-TAPS..).map(|(h, k)| h * source[(from - k) as usize]).sum()
             })
         })
         .collect()
+}
+
+/// Adds white noise of unit power to each hydrophone.
+pub(super) fn noisy(mut sea: Vec<[f64; CHANNELS]>, seed: u64) -> Vec<[f64; CHANNELS]> {
+    let mut random = Normal(seed);
+    sea.iter_mut().flatten().for_each(|x| *x += random.next());
+    sea
+}
+
+/// A white source of the usual direction, so many dB above the noise of each hydrophone.
+pub(super) fn sea(plan: &Plan, snr_db: f64, seed: u64) -> Vec<[f64; CHANNELS]> {
+    let rms = 10f64.powf(snr_db / 20.0);
+    noisy(source(plan, (AZIMUTH, ELEVATION), rms, None, SECONDS, seed), seed ^ 0x5ea)
 }
 
 pub(super) struct Heard {
@@ -94,7 +128,19 @@ pub(super) fn hear(plan: &Plan, sea: &[[f64; CHANNELS]]) -> Heard {
     Heard { faults, bearings, channels }
 }
 
-/// Error of a bearing across and up, radians.
+/// Error of a bearing of the usual direction across and up, radians.
 pub(super) fn error(b: &Bearing) -> (f64, f64) {
-    (wrap_pi(f64::from(b.azimuth) - AZIMUTH), f64::from(b.elevation) - ELEVATION)
+    error_from(b, (AZIMUTH, ELEVATION))
+}
+
+/// Error of a bearing of a direction, radians.
+pub(super) fn error_from(b: &Bearing, (azimuth, elevation): (f64, f64)) -> (f64, f64) {
+    (wrap_pi(f64::from(b.azimuth) - azimuth), f64::from(b.elevation) - elevation)
+}
+
+/// Squared error of a bearing in units of its covariance: beyond 5.991 in one of twenty.
+pub(super) fn standardised(b: &Bearing, direction: (f64, f64)) -> f64 {
+    let (across, up) = error_from(b, direction);
+    let (va, ve, c) = (f64::from(b.var_azimuth), f64::from(b.var_elevation), f64::from(b.cov));
+    (ve * across * across - 2.0 * c * across * up + va * up * up) / (va * ve - c * c)
 }

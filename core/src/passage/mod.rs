@@ -238,7 +238,16 @@ impl<const N: usize> Passage<N> {
         let links = self.links(config);
         let problem = Problem { limits, ..self.problem(config, &links) };
         let (line, normal) = problem.within_limits(&self.best()?.line)?;
-        solution(&line, &normal, &config.free(), &limits, self.seen, problem.measurements())
+        let known = solution(&line, &normal, &config.free(), &limits, self.seen, problem.measurements())?;
+        if config.lasting_sd_rad <= 0.0 {
+            return Some(known);
+        }
+        // An error of all azimuths turns the track; one that changes with the azimuth, as positions' do, stretches it as well.
+        let mut covariance = known.covariance;
+        for k in [0, 2] {
+            covariance[k][k] += config.lasting_sd_rad * config.lasting_sd_rad;
+        }
+        from_covariance(&line, &covariance, &limits, self.seen, known.consistency)
     }
 
     /// What a line found before says of the times this passage remembers.

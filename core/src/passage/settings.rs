@@ -53,6 +53,8 @@ pub struct Config {
     pub elevation_bias_sd_rad: f64,
     /// Tails of the errors, whose stated variance is then that of good bearings; `None`: Gaussian.
     pub tails: Option<Student>,
+    /// Standard deviation of an error that all azimuths of a passage share, radians: positions of the hydrophones.
+    pub lasting_sd_rad: f64,
 }
 
 impl Default for Config {
@@ -73,6 +75,7 @@ impl Config {
             medium: Medium::of_sound_speed(sound_speed_m_s),
             elevation_bias_sd_rad: 0.0,
             tails: None,
+            lasting_sd_rad: 0.0,
         }
     }
 
@@ -85,6 +88,7 @@ impl Config {
             config.medium.height_m = height_m;
             config.elevation_bias_sd_rad = ELEVATION_BIAS_SD_RAD;
         }
+        config.lasting_sd_rad = lasting_sd_rad(station);
         config
     }
 
@@ -135,6 +139,15 @@ impl Config {
         let variance = self.extra_sd_rad * self.extra_sd_rad;
         if self.extra_tau_s > 0.0 { (variance, self.extra_tau_s, 0.0) } else { (0.0, 0.0, variance) }
     }
+}
+
+/// Standard deviation of an azimuth near the horizon for errors of the hydrophones' positions, in the mean over azimuths: each
+/// moves its arrival by its displacement towards the vessel, and `σ²/(½ Σ (x² + y²))` about the centre is the variance.
+fn lasting_sd_rad(station: &StationConfig) -> f64 {
+    let (Kind::Array(array), Ok(geometry)) = (&station.kind, station.geometry()) else { return 0.0 };
+    let across = |h: &[f32; 3]| f64::from(h[0] * h[0] + h[1] * h[1]);
+    let spread = 0.5 * geometry.position_m.iter().map(across).sum::<f64>();
+    if spread > 0.0 { array.position_sd_m / m::sqrt(spread) } else { 0.0 }
 }
 
 /// Height of the vessels listened to above the station, metres: its depth less theirs, at least 0.

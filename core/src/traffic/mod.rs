@@ -42,6 +42,9 @@ const ELEVATIONS_RAD: (f32, f32) = (-0.52, 1.4);
 /// Standard deviation of an elevation beyond what is reported, radians (1°): multipath that changes as the vessel moves.
 const ELEVATION_SD_RAD: f32 = 0.017_453;
 
+/// Least share of a bearing's variance that is its own noise.
+const LEAST_OWN: f64 = 0.01;
+
 /// What the tracker assumes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
@@ -115,7 +118,11 @@ impl Heard {
 
     /// A bearing; its elevation where the vessel's height above the array is known and it can tell range.
     fn of(config: &Config, bearing: &Bearing) -> Self {
-        let (azimuth, variance) = (f64::from(bearing.azimuth), f64::from(bearing.var_azimuth));
+        let azimuth = f64::from(bearing.azimuth);
+        // What lasts is the track's, not the noise's of each bearing.
+        let lasting = config.motion.lasting_sd_rad * config.motion.lasting_sd_rad;
+        let variance = f64::from(bearing.var_azimuth) - lasting;
+        let variance = variance.max(LEAST_OWN * f64::from(bearing.var_azimuth));
         let (least, most) = ELEVATIONS_RAD;
         let usable = config.motion.medium.height_m > 0.0
             && (least..=most).contains(&bearing.elevation)
@@ -151,8 +158,8 @@ struct Track {
     /// Infinite before the first report.
     next_report_s: f64,
     reported: bool,
-    /// Azimuth and distance, radians and metres, where its track knows the distance well.
-    place: Option<(f32, f32)>,
+    /// Azimuth, distance and its standard deviation, radians and metres, where its track knows the distance well.
+    place: Option<(f32, f32, f32)>,
     speed: Option<MeasuredSpeed>,
 }
 
@@ -233,9 +240,9 @@ impl State {
         live.next().filter(|_| live.next().is_none()).map(|t| t.id)
     }
 
-    /// Azimuth (radians) and distance along the sound's way (metres) of each vessel whose track knows the distance well;
-    /// helps the bearing estimator.
-    pub fn places(&self) -> impl Iterator<Item = (f32, f32)> + '_ {
+    /// Azimuth (radians), distance along the sound's way and its standard deviation (metres) of each vessel whose track knows
+    /// the distance well; helps the bearing estimator.
+    pub fn places(&self) -> impl Iterator<Item = (f32, f32, f32)> + '_ {
         self.live().filter_map(|t| t.place)
     }
 
@@ -396,13 +403,14 @@ fn serve(
         track.next_report_s = t_s + config.report_s;
         if let Some(solution) = track.passage.solution(&motion) {
             track.reported = true;
-            track.place = distance_known(config, &solution).then_some((0.0, 0.0));
+            track.place = distance_known(config, &solution).map(|relative| (0.0, 1.0, relative));
             sink(Message::Track(report::track(&solution, track.id, 0, state.index)));
         }
     }
-    if track.place.is_some() {
+    if let Some((_, r, sd)) = track.place {
+        let relative = sd / r;
         let at = track.passage.best().map(|b| slant_m(config, b, t_s));
-        track.place = at.map(|r| (heard.azimuth as f32, r as f32));
+        track.place = at.map(|r| (heard.azimuth as f32, r as f32, r as f32 * relative));
     }
 }
 
@@ -456,10 +464,12 @@ fn court(config: &Config, state: &mut State, t_s: f64, heard: &Heard) {
     *candidate = Candidate::new();
 }
 
-/// Whether a track knows its vessel's distance well enough to help the bearing estimator: to a third, along the sound's way.
-fn distance_known(config: &Config, solution: &Solution) -> bool {
+/// Relative standard deviation of a vessel's distance along the sound's way, where its track knows it well enough to help the
+/// bearing estimator: to a third.
+fn distance_known(config: &Config, solution: &Solution) -> Option<f32> {
     let (r, h) = (solution.cpa_range_m, config.height_m);
-    solution.range_observable && solution.sd_cpa_range_m * r < 0.3 * (r * r + h * h)
+    let relative = solution.sd_cpa_range_m * r / (r * r + h * h);
+    (solution.range_observable && relative < 0.3).then_some(relative as f32)
 }
 
 /// Distance from the array to the vessel on a line, metres.

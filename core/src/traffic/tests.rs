@@ -336,10 +336,10 @@ fn distance_is_along_the_way_of_the_sound_and_each_vessels_own() {
         wait(&config, &mut state, t, t + 0.5, &mut |_| ());
     }
     let t = 64.5;
-    let mut places: Vec<(f32, f32)> = state.places().collect();
+    let mut places: Vec<(f32, f32, f32)> = state.places().collect();
     places.sort_by(|a, b| a.1.total_cmp(&b.1));
     assert_eq!(places.len(), 2);
-    for ((at, slant), (range_m, a_c)) in places.into_iter().zip([(60.0, 1.0), (400.0, 4.0)]) {
+    for ((at, slant, _), (range_m, a_c)) in places.into_iter().zip([(60.0, 1.0), (400.0, 4.0)]) {
         let r = m::hypot(range_m, 7.0 * (t - 60.0));
         assert!((f64::from(slant) / m::hypot(r, 163.0) - 1.0).abs() < 0.05, "{slant}");
         assert!(wrap_pi(f64::from(at) - azimuth(t, 60.0, range_m, a_c)).abs() < 0.02);

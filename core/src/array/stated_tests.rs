@@ -1,0 +1,84 @@
+//! Whether what a bearing states of its error holds.
+
+use super::super::test_sea::{Normal, error_from, hear, noisy, planned, source, standardised};
+use crate::wire::Bearing;
+use std::vec::Vec;
+
+/// Root mean square azimuth error and stated standard deviation, degrees, and share of ellipses that hold the truth, %.
+fn held(bearings: &[(Bearing, (f64, f64))]) -> (f64, f64, f64) {
+    let n = bearings.len() as f64;
+    let rms = |f: &dyn Fn(&(Bearing, (f64, f64))) -> f64| {
+        (bearings.iter().map(f).sum::<f64>() / n).sqrt().to_degrees()
+    };
+    let within = bearings.iter().filter(|(b, at)| standardised(b, *at) < 5.991).count();
+    (
+        rms(&|(b, at)| error_from(b, *at).0.powi(2)),
+        rms(&|(b, _)| f64::from(b.var_azimuth)),
+        100.0 * within as f64 / n,
+    )
+}
+
+#[test]
+fn white_noise_is_no_coherence() {
+    let plan = planned(64_000.0, |array| array.vessel_depth_m = 0.0);
+    for snr_db in [-6.0, -8.0] {
+        let mut all = Vec::new();
+        for n in 0..6u64 {
+            let at = (0.3 + n as f64, 0.1 + 0.1 * n as f64);
+            let sound = source(&plan, at, 10f64.powf(snr_db / 20.0), Some(300.0), 10, 50 + n);
+            let heard = hear(&plan, &noisy(sound, 90 + n));
+            all.extend(heard.bearings.iter().filter(|b| b.band == 0 && b.flags == 0).map(|b| (*b, at)));
+        }
+        let (rms, stated, within) = held(&all);
+        std::println!(
+            "{snr_db} dB in white noise: {} bearings, azimuth {rms:.3} of {stated:.3} degrees, {within:.1} % in",
+            all.len()
+        );
+        assert!((88.0..=98.5).contains(&within), "{within}");
+    }
+}
+
+#[test]
+fn positions_told_uncertain_are_counted() {
+    for sd_m in [0.01, 0.03] {
+        let told = planned(16_000.0, |array| {
+            array.position_sd_m = sd_m;
+            array.vessel_depth_m = 0.0;
+        });
+        let mut random = Normal(17);
+        let mut all = Vec::new();
+        for n in 0..120u64 {
+            let built = planned(16_000.0, |array| {
+                array.hydrophones_m.iter_mut().flatten().for_each(|x| *x += sd_m * random.next());
+            });
+            let at = (0.05 * n as f64, 0.2 + 0.003 * n as f64);
+            let heard = hear(&told, &noisy(source(&built, at, 3.0, None, 2, n), 200 + n));
+            all.extend(heard.bearings.iter().filter(|b| b.band == 0 && b.flags == 0).map(|b| (*b, at)));
+        }
+        let (rms, stated, within) = held(&all);
+        std::println!("{sd_m} m: azimuth {rms:.2} of {stated:.2} degrees, {within:.1} % in the ellipse");
+        assert!((90.0..=98.5).contains(&within), "{within}");
+    }
+}
+
+#[test]
+fn a_bearing_of_an_octave_counts_what_the_louder_vessel_leaves() {
+    let plan = planned(64_000.0, |array| array.vessel_depth_m = 0.0);
+    let mut all = Vec::new();
+    for n in 0..4u64 {
+        let (loud, other) = ((0.4 + n as f64, 0.2), (2.6 + 1.3 * n as f64, 0.35));
+        let mut sea = source(&plan, loud, 3.0, None, 14, 300 + n);
+        for (x, y) in sea.iter_mut().zip(source(&plan, other, 2.6, None, 14, 400 + n)) {
+            *x = core::array::from_fn(|c| x[c] + y[c]);
+        }
+        let heard = hear(&plan, &noisy(sea, 500 + n));
+        let octaves = heard.bearings.iter().filter(|b| b.band >= 2);
+        all.extend(octaves.filter(|b| error_from(b, other).0.abs() < 0.35).map(|b| (*b, other)));
+    }
+    let (rms, stated, within) = held(&all);
+    std::println!(
+        "{} bearings of octaves: azimuth {rms:.3} of {stated:.3} degrees, {within:.1} % in",
+        all.len()
+    );
+    assert!(all.len() > 20 && within >= 85.0, "{within}");
+}
