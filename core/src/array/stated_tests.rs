@@ -60,25 +60,3 @@ fn positions_told_uncertain_are_counted() {
         assert!((90.0..=98.5).contains(&within), "{within}");
     }
 }
-
-#[test]
-fn a_bearing_of_an_octave_counts_what_the_louder_vessel_leaves() {
-    let plan = planned(64_000.0, |array| array.vessel_depth_m = 0.0);
-    let mut all = Vec::new();
-    for n in 0..4u64 {
-        let (loud, other) = ((0.4 + n as f64, 0.2), (2.6 + 1.3 * n as f64, 0.35));
-        let mut sea = source(&plan, loud, 3.0, None, 14, 300 + n);
-        for (x, y) in sea.iter_mut().zip(source(&plan, other, 2.6, None, 14, 400 + n)) {
-            *x = core::array::from_fn(|c| x[c] + y[c]);
-        }
-        let heard = hear(&plan, &noisy(sea, 500 + n));
-        let octaves = heard.bearings.iter().filter(|b| b.band >= 2);
-        all.extend(octaves.filter(|b| error_from(b, other).0.abs() < 0.35).map(|b| (*b, other)));
-    }
-    let (rms, stated, within) = held(&all);
-    std::println!(
-        "{} bearings of octaves: azimuth {rms:.3} of {stated:.3} degrees, {within:.1} % in",
-        all.len()
-    );
-    assert!(all.len() > 20 && within >= 85.0, "{within}");
-}

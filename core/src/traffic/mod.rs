@@ -42,6 +42,11 @@ const ELEVATIONS_RAD: (f32, f32) = (-0.52, 1.4);
 /// Standard deviation of an elevation beyond what is reported, radians (1°): multipath that changes as the vessel moves.
 const ELEVATION_SD_RAD: f32 = 0.017_453;
 
+/// An elevation farther from another than this and three deviations of both is another path's, radians (3°).
+const OTHER_PATH_RAD: f32 = 0.052;
+/// Seconds for which a bearing of the whole band says where its vessel is heard.
+const RECENT_S: f64 = 3.0;
+
 /// Least share of a bearing's variance that is its own noise.
 const LEAST_OWN: f64 = 0.01;
 
@@ -202,6 +207,8 @@ pub struct State {
     issued: u16,
     /// Place whose fit was worked on last.
     served: u8,
+    /// The newest bearing of the whole band, and its time.
+    loudest: Option<(f64, Heard)>,
 }
 
 impl State {
@@ -215,6 +222,7 @@ impl State {
             index: 0,
             issued: 0,
             served: 0,
+            loudest: None,
         }
     }
 
@@ -227,6 +235,7 @@ impl State {
         self.tracks.iter_mut().for_each(|track| *track = Track::new());
         self.candidates.iter_mut().for_each(|candidate| *candidate = Candidate::new());
         (self.gathered, self.index, self.issued, self.served) = (0, 0, 0, 0);
+        self.loudest = None;
     }
 
     /// Vessels tracked now.
@@ -272,10 +281,34 @@ pub fn bearing(config: &Config, state: &mut State, bearing: &Bearing, sink: &mut
         judge(config, state, sink);
         state.index = bearing.index;
     }
+    let heard = Heard::of(config, bearing);
+    if is_echo(config, state, bearing, &heard) {
+        return;
+    }
+    if bearing.band == 0 {
+        state.loudest = Some((config.seconds(bearing.index), heard));
+    }
     if let Some(slot) = state.group.get_mut(state.gathered) {
-        *slot = Heard::of(config, bearing);
+        *slot = heard;
         state.gathered += 1;
     }
+}
+
+/// Whether a bearing is of a vessel's sound by way of the bottom or the surface: from below the horizon, where no vessel is
+/// when the array lies deep; or from the azimuth of the loudest source and another elevation.
+fn is_echo(config: &Config, state: &State, bearing: &Bearing, heard: &Heard) -> bool {
+    if config.motion.medium.height_m <= 0.0 {
+        return false;
+    }
+    let three_sd = |variance: f32| 3.0 * crate::math::f32::sqrt(variance.max(0.0));
+    if bearing.elevation < -three_sd(bearing.var_elevation) - OTHER_PATH_RAD {
+        return true;
+    }
+    let Some((at_s, loudest)) = state.loudest.as_ref().filter(|_| bearing.band != 0) else { return false };
+    let recent = m::abs(config.seconds(bearing.index) - at_s) < RECENT_S;
+    let same = m::abs(crate::angle::wrap_pi(heard.azimuth - loudest.azimuth)) < config.merge_rad;
+    let apart = three_sd(heard.elevation.1 + loudest.elevation.1) + OTHER_PATH_RAD;
+    recent && same && (heard.elevation.0 - loudest.elevation.0).abs() > apart
 }
 
 /// The recording has reached sample `index`: what was gathered is judged, passages that have fallen silent are ended, and
@@ -314,6 +347,7 @@ pub fn restart(config: &Config, state: &mut State, sink: &mut dyn FnMut(Message)
     }
     state.candidates = [const { Candidate::new() }; CANDIDATES];
     state.index = 0;
+    state.loudest = None;
 }
 
 /// The recording is over: every passage ends now.

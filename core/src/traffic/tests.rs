@@ -350,3 +350,43 @@ fn distance_is_along_the_way_of_the_sound_and_each_vessels_own() {
 fn memory_stays_within_its_budget() {
     assert!(size_of::<State>() <= 18 * 1024, "{}", size_of::<State>());
 }
+
+#[test]
+fn echoes_of_another_elevation_are_no_vessel_and_turn_no_track() {
+    // 160 m below the vessels: 500 m away they are 18° up. The bottom's echo comes from as far below, the surface's from above.
+    let mut config = config();
+    config.motion.medium.height_m = 160.0;
+    config.motion.elevation_bias_sd_rad = RAD_PER_DEG;
+    config.height_m = 160.0;
+    for echo in [-1.0, 2.0] {
+        let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 5);
+        for k in 0..500 {
+            let t = 0.5 * f64::from(k);
+            let at = |sd: f64, band: u8, part: f64, seed: &mut u64| {
+                let range_m = m::hypot(500.0, 7.0 * (t - 120.0));
+                let elevation = m::atan(part * 160.0 / range_m);
+                let a = azimuth(t, 120.0, 500.0, 6.0) + sd * gaussian(seed);
+                Bearing { elevation: (elevation + 0.01 * gaussian(seed)) as f32, ..message(t, a, sd, band) }
+            };
+            let direct = at(0.004, 0, 1.0, &mut seed);
+            bearing(&config, &mut state, &direct, &mut |m| out.push(m));
+            // Echoes a quarter of a second later, as often, and from 2° beside.
+            let mut later = at(0.004, 1, echo, &mut seed);
+            later.index += 16_000;
+            later.azimuth += 0.035;
+            bearing(&config, &mut state, &later, &mut |m| out.push(m));
+            wait(&config, &mut state, t + 0.25, t + 0.5, &mut |m| out.push(m));
+        }
+        finish(&config, &mut state, &mut |m| out.push(m));
+        let ends = tracks(&out, 1);
+        assert_eq!(ends.len(), 1, "{ends:?}");
+        let error = wrap_pi(f64::from(ends[0].heading) - 6.0 - core::f64::consts::FRAC_PI_2);
+        let range_error = f64::from(ends[0].cpa_range_m) - 500.0;
+        std::println!(
+            "echo {echo}: heading off by {:.2} degrees, range by {range_error:.1} m",
+            error / RAD_PER_DEG
+        );
+        assert!(error.abs() < RAD_PER_DEG && error.abs() < 1.96 * f64::from(ends[0].sd_heading));
+        assert!(range_error.abs() < 1.96 * f64::from(ends[0].sd_cpa_range_m), "{ends:?}");
+    }
+}
