@@ -21,11 +21,11 @@ fn held(bearings: &[(Bearing, (f64, f64))]) -> (f64, f64, f64) {
 #[test]
 fn white_noise_is_no_coherence() {
     let plan = planned(64_000.0, |array| array.vessel_depth_m = 0.0);
-    for snr_db in [-6.0, -8.0] {
+    for snr_db in [-12.0, -14.0] {
         let mut all = Vec::new();
         for n in 0..6u64 {
             let at = (0.3 + n as f64, 0.1 + 0.1 * n as f64);
-            let sound = source(&plan, at, 10f64.powf(snr_db / 20.0), Some(300.0), 10, 50 + n);
+            let sound = source(&plan, at, 10f64.powf(snr_db / 20.0), Some(300.0), 8, 50 + n);
             let heard = hear(&plan, &noisy(sound, 90 + n));
             all.extend(heard.bearings.iter().filter(|b| b.band == 0 && b.flags == 0).map(|b| (*b, at)));
         }
