@@ -198,6 +198,7 @@ fn coverage(options: &Options) -> Result<()> {
             medium,
             elevation_bias_sd_rad: 0.0,
             tails: None,
+            lasting_sd_rad: 0.0,
         };
         let results: Vec<(Standard, Standard, f64)> = (0..runs)
             .into_par_iter()

@@ -88,6 +88,7 @@ pub fn one_by_one(
         medium: config.medium,
         elevation_bias_sd_rad: config.elevation_bias_sd_rad,
         tails: robust.then_some(STUDENT),
+        lasting_sd_rad: 0.0,
     };
     let mut lone = Lone::new(assumed, gate_sd);
     for s in samples {
