@@ -17,7 +17,7 @@ use crate::block::CHANNELS;
 use crate::math::f32 as m;
 
 /// Standard deviations beyond which a sample is an impulse, and beyond which it is blanked where there is one.
-const IMPULSE: f32 = 8.0;
+const IMPULSE: f32 = 10.0;
 const BLANK: f32 = 4.0;
 /// Samples blanked before and behind: the rise of a snap and its ringing below the limit.
 const BEFORE: usize = 8;
