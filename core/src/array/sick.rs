@@ -201,7 +201,7 @@ impl Beyond<'_> {
         let Band { high, incoherent, .. } = self.plan.whole;
         let ((mut s, mut c), (ds, dc)) = (m::sin_cos(step * incoherent as f32), m::sin_cos(step));
         let mut own = 0.0;
-        for coherence in self.coherence.iter().take(high).skip(incoherent) {
+        for coherence in self.coherence.get(incoherent..high)? {
             own += coherence * c;
             (s, c) = (s * dc + c * ds, c * dc - s * ds);
         }
