@@ -38,6 +38,7 @@ pub struct StationConfig {
 }
 
 /// The kinds of recorder.
+#[expect(clippy::large_enum_variant, reason = "there is one, and nothing to allocate a box from")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Kind {
     /// Four hydrophones, compact array.

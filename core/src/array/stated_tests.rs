@@ -4,12 +4,13 @@ use super::super::test_sea::{Normal, error_from, hear, noisy, planned, source, s
 use crate::wire::Bearing;
 use std::vec::Vec;
 
+/// A bearing and the direction it should have.
+type Told = (Bearing, (f64, f64));
+
 /// Root mean square azimuth error and stated standard deviation, degrees, and share of ellipses that hold the truth, %.
-fn held(bearings: &[(Bearing, (f64, f64))]) -> (f64, f64, f64) {
+fn held(bearings: &[Told]) -> (f64, f64, f64) {
     let n = bearings.len() as f64;
-    let rms = |f: &dyn Fn(&(Bearing, (f64, f64))) -> f64| {
-        (bearings.iter().map(f).sum::<f64>() / n).sqrt().to_degrees()
-    };
+    let rms = |f: &dyn Fn(&Told) -> f64| (bearings.iter().map(f).sum::<f64>() / n).sqrt().to_degrees();
     let within = bearings.iter().filter(|(b, at)| standardised(b, *at) < 5.991).count();
     (
         rms(&|(b, at)| error_from(b, *at).0.powi(2)),
