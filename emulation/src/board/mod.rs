@@ -101,8 +101,6 @@ pub struct BoardRun {
     pub dma_items: u64,
     /// Frequency of the converter's bus.
     pub spi_hz: u64,
-    /// Most bytes of stack in use, interrupts included, and bytes there are for it; none where the image does not say where.
-    pub stack: Option<(u32, u32)>,
 }
 
 impl BoardRun {
@@ -194,17 +192,7 @@ pub fn twin(
         resets: ended.0.resets,
         dma_items: machine.board.dma_items,
         spi_hz: machine.board.spi_hz(),
-        stack: stack(&machine),
     })
-}
-
-/// Bytes of stack that were ever written, and what there are: from the end of the statics to the stack's start.
-fn stack(machine: &Machine<Stm32h743>) -> Option<(u32, u32)> {
-    let (bottom, top) = (machine.image().symbol("__sheap")?, machine.image().symbol("_stack_start")?);
-    let room = top.checked_sub(bottom)?;
-    let bytes = machine.memory.bytes(bottom, room)?;
-    let untouched = bytes.iter().take_while(|b| **b == stm32h743::AT_POWER_ON).count();
-    Some((room - untouched as u32, room))
 }
 
 /// The frames among what the board has sent.

@@ -122,7 +122,7 @@ pub fn numbers(run: &BoardRun, blob: &[u8]) -> Result<Numbers> {
 }
 
 /// Longest error of an estimated number that is looked for, in instants.
-const MOST_OFF: i64 = 4;
+const MOST_OFF: i64 = 16;
 
 /// Whether two lists of bearings are the same within 10 ms at 64 kHz and three standard deviations: all that can be asked
 /// where a few samples of another rate were taken before that was noticed.
@@ -161,24 +161,19 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
     let counters = restarts == 0 && !silent;
     let board: Vec<Message> =
         session.said.iter().map(|s| s.message).filter(|m| is_of_samples(m, counters)).collect();
-    let offsets = (0..=2 * MOST_OFF).map(|n| if n % 2 == 1 { (n + 1) / 2 } else { -n / 2 });
-    let offsets: Vec<i64> = if restarts == 0 { vec![0] } else { offsets.collect() };
-    let mut first_difference = String::new();
-    for off in offsets {
-        // After the first standstill every number may be off by as much.
-        let mut shift = 0;
-        let mut before = *base;
-        let mut index = |number: u64| {
-            if number > before + 1 && restarts > 0 {
-                shift = off;
-            }
-            before = number;
-            (number - base).saturating_add_signed(shift)
-        };
-        let mut given_up = 0u64;
+    // Where a command or the run's end cut it off there is nothing more to come; else what was under way is lost.
+    let whole = session.last || end.is_some();
+    let agree = |host: &[Message]| (host.len() == board.len() || !whole) && host.starts_with(&board);
+    // After the first standstill every number may be off by as much, as far as an estimate goes.
+    let host_off_by = |off: i64| -> Result<(Vec<Message>, u64)> {
+        let (mut shift, mut before, mut given_up) = (0, *base, 0u64);
         let (mut indices, mut codes) = (Vec::new(), Vec::new());
         for (number, code) in session.numbers.iter().zip(session.codes) {
-            let index = index(*number);
+            if *number > before + 1 && restarts > 0 {
+                shift = off;
+            }
+            before = *number;
+            let index = (number - base).saturating_add_signed(shift);
             if end.is_some_and(|end| index >= end) {
                 break;
             }
@@ -192,35 +187,30 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
         let bytes = host(blob, session.hello.reset_cause, &indices, &codes, end.is_some())?;
         let mut decoder = Decoder::default();
         let heard = bytes.iter().filter_map(|b| decoder.push::<Message>(*b)).map(|r| r.message);
-        let host: Vec<Message> = heard.filter(|m| is_of_samples(m, counters)).collect();
-        // What was under way when a session ended is lost.
-        let whole = session.last || end.is_some();
-        let agree = |host: &[Message], board: &[Message]| {
-            (host.len() == board.len() || !whole) && host.starts_with(board)
-        };
-        let strict = agree(&host, &board);
-        if strict || (restarts > 0 && alike(&host, &board)) {
-            let records = board.iter().filter(|m| matches!(m, Message::Bearing(_))).count();
-            let mut words = match off {
-                _ if restarts == 0 => "exact".to_owned(),
-                0 => "estimate, exact".to_owned(),
-                off => format!("estimate, {} off", off.abs()),
-            };
-            if given_up > 0 {
-                words += &format!(", {} given up as told", two_digits(given_up));
-            }
-            if !strict {
-                words += ", the same directions";
-            }
-            return Ok(Some(words).filter(|_| records > 0 || given_up > 0));
+        Ok((heard.filter(|m| is_of_samples(m, counters)).collect(), given_up))
+    };
+    let records = board.iter().any(|m| matches!(m, Message::Bearing(_)));
+    let (true_host, given_up) = host_off_by(0)?;
+    if agree(&true_host) {
+        let mut words = if restarts > 0 { "estimate, exact" } else { "exact" }.to_owned();
+        if given_up > 0 {
+            words += &format!(", {} given up as told", two_digits(given_up));
         }
-        if off == 0 {
-            let at = host.iter().zip(&board).take_while(|(a, b)| a == b).count();
-            let one = |m: Option<&Message>| m.map_or("nothing".to_owned(), |m| format!("{m:?}"));
-            first_difference = format!("host {} | board {}", one(host.get(at)), one(board.get(at)));
+        return Ok(Some(words).filter(|_| records || given_up > 0));
+    }
+    if restarts > 0 {
+        for off in (1..=MOST_OFF).flat_map(|n| [n, -n]) {
+            if agree(&host_off_by(off)?.0) {
+                return Ok(Some(format!("estimate, {} off", off.abs())));
+            }
+        }
+        if alike(&true_host, &board) {
+            return Ok(Some("estimate, the same directions within 10 ms".to_owned()));
         }
     }
-    bail!(first_difference)
+    let at = true_host.iter().zip(&board).take_while(|(a, b)| a == b).count();
+    let one = |m: Option<&Message>| m.map_or("nothing".to_owned(), |m| format!("{m:?}"));
+    bail!("host {} | board {}", one(true_host.get(at)), one(board.get(at)))
 }
 
 /// Whether samples alone decide this message.

@@ -211,7 +211,6 @@ fn say(report: &BoardRun, json: bool) -> Result<()> {
             "register_accesses_per_conversion": registers,
             "memory_loads_per_conversion": per(handlers.loads + thread.loads),
             "memory_accesses_per_conversion": memory,
-            "stack_bytes": report.stack.map(|(used, _)| used), "stack_room_bytes": report.stack.map(|(_, room)| room),
         });
         writeln!(out, "{record}")?;
         return Ok(());
