@@ -21,6 +21,9 @@ fn point((lat, lon): (f64, f64)) -> Value {
     json!([degrees(lon), degrees(lat)])
 }
 
+/// A track's record and the place it tells, metres East and North of the station.
+type Report<'a> = (&'a Value, (f64, f64));
+
 /// A track, by station, session and number.
 struct Drawn<'a> {
     name: String,
@@ -31,7 +34,7 @@ struct Drawn<'a> {
 
 /// Every track that has a place.
 fn drawn<'a>(records: &'a [Value], places: &Places) -> Vec<Drawn<'a>> {
-    let mut tracks: BTreeMap<[Option<u64>; 3], Vec<(&Value, (f64, f64))>> = BTreeMap::new();
+    let mut tracks: BTreeMap<[Option<u64>; 3], Vec<Report<'_>>> = BTreeMap::new();
     for record in records {
         let Some(place) = east_north(record) else { continue };
         let key = ["station", "session", "id"].map(|k| record[k].as_u64());
