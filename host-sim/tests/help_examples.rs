@@ -108,6 +108,17 @@ fn folder() -> tempfile::TempDir {
     std::fs::copy(dir.path().join("east.toml"), dir.path().join("station.toml")).unwrap();
     let made = ["process", "--station", "east.toml", "recording.wav", "--telemetry", "telemetry.bin"];
     assert!(seabearing(&made, dir.path()).status.success());
+    let kept = [
+        "base",
+        "telemetry.bin",
+        "--store",
+        "out/base",
+        "--station",
+        "east.toml",
+        "--start",
+        "2024-05-01T09:00:00Z",
+    ];
+    assert!(seabearing(&kept, dir.path()).status.success());
     write(
         "tdoa.csv",
         "t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s\n\
