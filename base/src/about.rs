@@ -4,7 +4,8 @@
 use crate::atomic;
 use anyhow::{Context, Result};
 use seabearing_host::record::utc;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 use std::path::Path;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -13,12 +14,12 @@ use time::format_description::well_known::Rfc3339;
 const FILE: &str = "about.json";
 
 /// Facts about a recorder.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct About {
     /// Sample rate until the recorder tells it, Hz.
     pub rate_hz: Option<f64>,
-    /// UTC of sample 0.
-    pub start: Option<OffsetDateTime>,
+    /// UTC of sample 0, by session.
+    pub starts: BTreeMap<u32, OffsetDateTime>,
     /// Latitude and longitude, degrees.
     pub place: Option<(f64, f64)>,
 }
@@ -37,21 +38,15 @@ impl About {
             Err(e) => return Err(e).with_context(name),
         };
         let said: Value = serde_json::from_str(&text).with_context(name)?;
-        let start = said["utc_of_sample_0"].as_str().map(|s| OffsetDateTime::parse(s, &Rfc3339));
+        let starts = said["utc_of_sample_0"].as_object().into_iter().flatten();
+        let start = |(session, utc): (&String, &Value)| -> Result<(u32, OffsetDateTime)> {
+            Ok((session.parse()?, OffsetDateTime::parse(utc.as_str().unwrap_or_default(), &Rfc3339)?))
+        };
         Ok(Self {
             rate_hz: said["rate_hz"].as_f64(),
-            start: start.transpose().with_context(name)?,
+            starts: starts.map(start).collect::<Result<_>>().with_context(name)?,
             place: said["lat_deg"].as_f64().zip(said["lon_deg"].as_f64()),
         })
-    }
-
-    /// What this one does not say, another does.
-    pub fn or(self, other: Self) -> Self {
-        Self {
-            rate_hz: self.rate_hz.or(other.rate_hz),
-            start: self.start.or(other.start),
-            place: self.place.or(other.place),
-        }
     }
 
     /// Writes it into a store.
@@ -61,7 +56,7 @@ impl About {
     pub fn write(&self, folder: &Path) -> Result<()> {
         let said = json!({
             "rate_hz": self.rate_hz,
-            "utc_of_sample_0": self.start.map(utc),
+            "utc_of_sample_0": self.starts.iter().map(|(s, at)| (s.to_string(), utc(*at).into())).collect::<Map<_, _>>(),
             "lat_deg": self.place.map(|p| p.0),
             "lon_deg": self.place.map(|p| p.1),
         });
@@ -75,20 +70,17 @@ mod tests {
     use time::macros::datetime;
 
     #[test]
-    fn what_is_written_is_read_and_what_is_said_now_comes_first() {
+    fn what_is_written_is_read() {
         let dir = tempfile::tempdir().unwrap();
         assert_eq!(About::read(dir.path()).unwrap(), About::default());
-        let first = About {
-            start: Some(datetime!(2024-05-01 09:00:00.25 UTC)),
+        let about = About {
+            starts: [(1, datetime!(2024-05-01 09:00:00.25 UTC)), (3, datetime!(2024-05-02 09:00 UTC))].into(),
             place: Some((49.04, -123.32)),
             ..About::default()
         };
-        first.write(dir.path()).unwrap();
-        assert_eq!(About::read(dir.path()).unwrap(), first);
-        let later = About { rate_hz: Some(50.0), start: Some(datetime!(2025-01-01 0:00 UTC)), place: None };
-        let both = later.or(first);
-        assert_eq!((both.rate_hz, both.start, both.place), (later.rate_hz, later.start, first.place));
-        std::fs::write(dir.path().join(FILE), "{\"utc_of_sample_0\": \"noon\"}").unwrap();
+        about.write(dir.path()).unwrap();
+        assert_eq!(About::read(dir.path()).unwrap(), about);
+        std::fs::write(dir.path().join(FILE), "{\"utc_of_sample_0\": {\"1\": \"noon\"}}").unwrap();
         assert!(format!("{:#}", About::read(dir.path()).unwrap_err()).contains(FILE));
     }
 }

@@ -131,19 +131,26 @@ pub struct Base {
     ended: bool,
     /// What the recorder says of UTC, by session; whether its clock has stepped since it last said when a sample was.
     times: BTreeMap<u32, (Times, bool)>,
+    /// UTC of sample 0 as a person said it, by session; and of the session that is heard next.
+    starts: BTreeMap<u32, time::OffsetDateTime>,
+    said: Option<time::OffsetDateTime>,
     warnings: Vec<String>,
 }
 
 impl Base {
-    /// Nothing heard yet. `rate_hz` and `start` are used until a `Hello` tells the rate; without either, records
-    /// carry no time.
+    /// Nothing heard yet. `rate_hz` is used until a `Hello` tells it; `start` is UTC of sample 0 in the session heard first.
+    /// Without a rate records carry no time.
     pub fn new(rate_hz: Option<f64>, start: Option<time::OffsetDateTime>) -> Self {
         Self {
             link: Link::new(settings(Settings::serial(LINE_BAUD)), 0, 0, 0, MemoryStore::new()),
             counter: 0,
             desk: Desk::default(),
             boots: BTreeMap::new(),
-            recorder: RecordFormat { rate_hz: rate_hz.unwrap_or(f64::NAN), start, times: Times::default() },
+            recorder: RecordFormat {
+                rate_hz: rate_hz.unwrap_or(f64::NAN),
+                start: None,
+                times: Times::default(),
+            },
             counters: Counters::default(),
             hello: None,
             health: None,
@@ -152,8 +159,25 @@ impl Base {
             faults: VecDeque::new(),
             ended: false,
             times: BTreeMap::new(),
+            starts: BTreeMap::new(),
+            said: start,
             warnings: Vec::new(),
         }
+    }
+
+    /// UTC of sample 0 in sessions that are yet to be heard, or heard again from stored bytes.
+    pub fn set_starts(&mut self, starts: BTreeMap<u32, time::OffsetDateTime>) {
+        self.starts = starts;
+    }
+
+    /// UTC of sample 0 by session, as far as it was said.
+    pub fn starts(&self) -> &BTreeMap<u32, time::OffsetDateTime> {
+        &self.starts
+    }
+
+    /// UTC of sample 0 in the session of whatever is heard next. A recorder that starts again begins another.
+    pub fn say_start(&mut self, start: Option<time::OffsetDateTime>) {
+        self.said = start;
     }
 
     /// The bytes that mark the beginning of a stream in storage: a delimiter ends whatever was cut off before.
@@ -255,6 +279,8 @@ impl Base {
             _ => {}
         }
         self.recorder.times = *times;
+        self.starts.extend(self.said.take().map(|start| (session, start)));
+        self.recorder.start = self.starts.get(&session).copied();
         match message {
             Message::Hello(hello) => self.greet(hello),
             Message::Health(health) => self.health = Some(*health),
@@ -350,7 +376,9 @@ impl Base {
 
     /// A message as a record that tells where it came from; `process` has no such keys.
     fn record(&self, session: u32, message: &Message) -> Value {
-        let mut record = self.recorder.json(message);
+        let times = self.times.get(&session).map_or_else(Times::default, |(times, _)| *times);
+        let start = self.starts.get(&session).copied();
+        let mut record = RecordFormat { start, times, ..self.recorder }.json(message);
         if let Value::Object(map) = &mut record {
             let station = self.hello.map(|h| h.station);
             map.entry("station").or_insert_with(|| station.into());
@@ -514,6 +542,21 @@ mod tests {
         let mut base = Base::new(Some(500.0), None);
         base.push(&whole[first..], &mut out);
         assert_eq!(out[4]["t_s"], 2.0);
+    }
+
+    #[test]
+    fn whatever_the_index_and_the_rate_a_known_start_does_no_harm() {
+        let start = Some(time::macros::datetime!(2024-05-01 09:00 UTC));
+        for rate_hz in [None, Some(50.0)] {
+            let mut base = Base::new(rate_hz, start);
+            let mut out = Vec::new();
+            for index in [0, 1 << 62, u64::MAX] {
+                base.push(Encoder::default().frame(&Message::End(End { index, frames: 0 })), &mut out);
+            }
+            assert_eq!(out.len(), 3);
+            assert_eq!(out[0].get("utc").is_some(), rate_hz.is_some());
+            assert!(out[2].get("utc").is_none());
+        }
     }
 
     #[test]

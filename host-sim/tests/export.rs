@@ -122,16 +122,44 @@ fn an_interval_and_a_station() {
 #[test]
 fn a_base_station_started_again_still_knows_time_and_place() {
     let dir = store(&["--start", "2024-05-01T09:00:00Z"]);
+    let last = || -> Value {
+        let text = std::fs::read_to_string(dir.path().join("kept/records.jsonl")).unwrap();
+        serde_json::from_str(text.lines().last().unwrap()).unwrap()
+    };
+    // The recorder has started again, and nobody said when.
     succeeds(dir.path(), &["base", "telemetry.bin", "--store", "kept", "--export", "c.geojson"]);
-    let text = std::fs::read_to_string(dir.path().join("kept/records.jsonl")).unwrap();
-    let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
-    assert_eq!((&last["utc"], &last["session"]), (&"2024-05-01T09:00:09Z".into(), &2.into()));
+    assert_eq!((&last()["utc"], &last()["session"]), (&Value::Null, &2.into()));
+    let map = std::fs::read_to_string(dir.path().join("c.geojson")).unwrap();
+    assert!(map.contains("2024-05-01T09:00:09Z"), "the first session's times");
+    // From here on nobody need say anything of the third.
+    succeeds(dir.path(), &["base", "telemetry.bin", "--store", "kept", "--start", "2024-06-01T00:00:00Z"]);
+    assert_eq!((&last()["utc"], &last()["session"]), (&"2024-06-01T00:00:09Z".into(), &3.into()));
+    succeeds(dir.path(), &["base", "telemetry.bin", "--store", "kept", "--export", "d.geojson"]);
+    let map = std::fs::read_to_string(dir.path().join("d.geojson")).unwrap();
+    assert!(map.contains("2024-05-01T09:00:09Z") && map.contains("2024-06-01T00:00:09Z"));
 }
 
 #[test]
 fn what_is_wrong_is_told_and_nothing_is_left() {
     let dir = store(&[]);
+    std::fs::remove_file(dir.path().join("kept/about.json")).unwrap();
+    let kept = std::fs::read(dir.path().join("kept/records.jsonl")).unwrap();
     for (args, words) in [
+        (&["--store", "kept", "--out", "kept/records.jsonl"][..], "the store"),
+        (&["--store", "kept", "--out", "x.kml"], "--stations"),
+        (
+            &[
+                "--store",
+                "kept",
+                "--from",
+                "2024-05-02T00:00:00Z",
+                "--to",
+                "2024-05-01T00:00:00Z",
+                "--out",
+                "x.csv",
+            ],
+            "--to",
+        ),
         (&["--store", "absent", "--out", "x.csv"][..], "absent"),
         (&["--store", "kept", "--station", "9", "--out", "x.csv"], "stations there: 7"),
         (&["--store", "kept", "--from", "noon", "--out", "x.csv"], "--from noon"),
@@ -147,5 +175,6 @@ fn what_is_wrong_is_told_and_nothing_is_left() {
     let out =
         run(dir.path(), &["export", "--store", "kept", "--from", "2024-05-01T09:00:02Z", "--out", "y.csv"]);
     assert!(String::from_utf8_lossy(&out.stderr).contains("no UTC"));
-    assert!(!dir.path().join("x.csv").exists());
+    assert!(!dir.path().join("x.csv").exists() && !dir.path().join("x.kml").exists());
+    assert_eq!(std::fs::read(dir.path().join("kept/records.jsonl")).unwrap(), kept);
 }

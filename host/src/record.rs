@@ -23,10 +23,12 @@ impl RecordFormat {
 
     /// UTC of a time since sample 0 as RFC 3339, where the recording has a clock.
     pub fn utc(&self, t_s: f64) -> Option<String> {
-        Some(utc(match self.told(t_s) {
+        let at = match self.told(t_s) {
             Some((us, _)) => time::OffsetDateTime::from_unix_timestamp_nanos(i128::from(us) * 1000).ok()?,
-            None => self.start? + time::Duration::seconds_f64(t_s),
-        }))
+            // Without a rate there is no time, and an index may be any number.
+            None => self.start?.checked_add(time::Duration::checked_seconds_f64(t_s)?)?,
+        };
+        Some(utc(at)).filter(|text| !text.is_empty())
     }
 
     /// UTC of a time since sample 0 as the recorder tells it, microseconds since 1970, and its standard deviation, s.

@@ -79,14 +79,14 @@ impl Places {
     }
 }
 
-/// Whether [`write()`] can write this file.
+/// Whether [`write()`] can write this file; `option` is what gives positions on the command line.
 ///
 /// # Errors
 /// A map lacks the station's position, or the format is not built in.
-pub fn check(path: &Path, format: Format, places: &Places) -> Result<()> {
+pub fn check(path: &Path, format: Format, places: &Places, option: &str) -> Result<()> {
     if format.is_map() && places.is_empty() {
         bail!(
-            "{}: a map needs the station's position: give --station (or --stations) with `lat_deg` and `lon_deg`",
+            "{}: a map needs the station's position: give {option} with `lat_deg` and `lon_deg`",
             path.display()
         );
     }
@@ -101,7 +101,7 @@ pub fn check(path: &Path, format: Format, places: &Places) -> Result<()> {
 /// # Errors
 /// As [`check`], or the file cannot be written.
 pub fn write(path: &Path, format: Format, records: &[Value], places: &Places) -> Result<()> {
-    check(path, format, places)?;
+    check(path, format, places, "a station file")?;
     if format == Format::GeoJson {
         return atomic::write(path, format!("{:#}\n", map::geojson(records, places)).as_bytes());
     }

@@ -88,7 +88,7 @@ fn maps_hold_the_track_with_its_times() {
 #[test]
 fn what_cannot_be_written_is_told_with_the_remedy() {
     let refused = |name: &str| written(name, &Places::default()).unwrap_err().to_string();
-    assert!(refused("t.kml").contains("--station"));
+    assert!(refused("t.kml").contains("a station file"));
     assert!(refused("t.xls").contains(".csv"));
 }
 

@@ -236,6 +236,8 @@ impl State {
         for k in &mut self.kept {
             k.used = false;
         }
+        // Sums run over places: the same from any beginning.
+        self.next_kept = 0;
         self.evidence.clear();
         self.several = false;
         self.silent = 0;

@@ -211,14 +211,16 @@ impl Node {
         Self::new(&self.mean().joined(&later.mean(), coloured))
     }
 
-    /// With the variance under which it pulls at a line as under heavy-tailed errors.
+    /// A single bearing with the variance under which it pulls at a line as under heavy-tailed errors. An average stays as
+    /// it is: its bearings were doubted when they joined it, and doubt upon doubt would grow with their number.
     pub(super) fn doubted(&self, config: &Config, origin_s: f64, line: &Line) -> Self {
-        if config.tails.is_none() {
+        if config.tails.is_none() || self.count > 1 {
             return *self;
         }
         let mut mean = self.mean();
         let residual = wrap_pi(mean.azimuth - line.azimuth(&config.medium, origin_s + mean.t_s));
-        mean.white = config.doubt(residual, mean.white, config.errors().0 * mean.scale * mean.scale).0;
+        let doubted = config.doubt(residual, mean.white, config.errors().0 * mean.scale * mean.scale).0;
+        mean.white = mean.white.max(doubted);
         Self::new(&mean)
     }
 

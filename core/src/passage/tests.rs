@@ -179,3 +179,40 @@ fn averages_keep_the_information_about_a_constant() {
     let many = all.problem(&config, &all.links(&config)).evaluate(&still).unwrap().gram()[0][0];
     assert!((few / many - 1.0).abs() < 0.02, "{few} of {many}");
 }
+
+#[test]
+fn heavy_tails_cost_good_bearings_little_however_many_they_are() {
+    for (n, step_s, wrong_every) in
+        [(400, 0.5, i32::MAX), (2000, 0.1, i32::MAX), (400, 0.5, 5), (2000, 0.1, 5)]
+    {
+        let mut seed = 5;
+        let mut square = 0.0;
+        for _ in 0..10 {
+            let plain = Config {
+                speed_m_s: 7.0,
+                speed_sd_m_s: 0.0,
+                extra_sd_rad: 0.0175,
+                extra_tau_s: 0.0,
+                ..Config::default()
+            };
+            let heavy = Config { tails: Some(crate::kit::Student { freedom: 4.0 }), ..plain };
+            let truth = line(0.05, 100.0, 500.0, 1.0);
+            let (mut a, mut b) = (Short::new(), Short::new());
+            for k in 0..n {
+                let t = step_s * f64::from(k);
+                let wrong = if k % wrong_every == 3 { noise(&mut seed) } else { 0.0175 * noise(&mut seed) };
+                let heard = Measurement::azimuth(t, truth.azimuth(&plain.medium, t) + wrong, 0.0);
+                for (passage, config) in [(&mut a, &plain), (&mut b, &heavy)] {
+                    passage.push(config, &heard);
+                    while passage.work(config) {}
+                }
+            }
+            let (a, b) = (a.finish(&plain).unwrap(), b.finish(&heavy).unwrap());
+            let wider = b.sd_heading_rad / a.sd_heading_rad;
+            assert!((0.8..1.5).contains(&wider), "{n} {wrong_every}: {wider}");
+            let off = wrap_pi(b.heading_rad - truth.heading_rad()) / b.sd_heading_rad;
+            square += off * off / 10.0;
+        }
+        assert!(square < 2.5, "{n} {wrong_every}: {square}");
+    }
+}

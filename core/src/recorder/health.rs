@@ -13,6 +13,9 @@ const SAMPLE_AGE_S: f64 = 0.02;
 /// Seconds of samples between health reports unless a command says otherwise.
 const HEALTH_EVERY_S: u16 = 60;
 
+/// An index that leaps brings a report no earlier than this part of the time between two.
+const EARLY: u64 = 8;
+
 /// What a chain reports about itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Condition {
@@ -35,6 +38,8 @@ pub struct Reporter {
     /// Index from which a report is due, and how many instants may come until one is, wherever the index goes.
     next: u64,
     latest: u64,
+    /// How many must have come before one is, so that an index that leaps again and again does not fill the line.
+    earliest: u64,
     /// Instants that had come at the last look.
     arrived: u64,
     records: u32,
@@ -52,6 +57,7 @@ impl Reporter {
             every_s: 0,
             next: 0,
             latest: 0,
+            earliest: 0,
             arrived: 0,
             records: 0,
             utc: UtcClock::new(),
@@ -69,6 +75,7 @@ impl Reporter {
             ..Self::new()
         };
         self.schedule(0);
+        self.earliest = 0;
     }
 
     /// Who is speaking.
@@ -95,7 +102,7 @@ impl Reporter {
     /// A health report, if one is due at `index` or after as many instants as have `arrived` by now.
     pub fn due(&mut self, index: u64, arrived: u64, condition: &Condition) -> Option<Message> {
         self.arrived = arrived;
-        if index < self.next && arrived < self.latest {
+        if (index < self.next || arrived < self.earliest) && arrived < self.latest {
             return None;
         }
         self.schedule(index);
@@ -170,6 +177,7 @@ impl Reporter {
 
     fn schedule(&mut self, index: u64) {
         self.next = self.whole_period_after(index);
+        self.earliest = self.arrived.saturating_add(self.period() / EARLY);
         // By the index, where it goes on as it should, at most this long after the last.
         self.latest = match self.period() {
             0 => u64::MAX,

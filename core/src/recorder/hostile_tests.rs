@@ -86,6 +86,9 @@ impl Heard {
             );
             before = fed;
         }
+        for w in self.health().windows(21) {
+            assert!(w[20].0 - w[0].0 >= 60 * self.rate, "{what}: 21 Health within a minute");
+        }
         let health = self.last();
         let total = health.processed + health.lost.iter().sum::<u64>();
         assert_eq!(total - health.lost[0], self.fed, "{what}: {health:?}");
@@ -316,4 +319,27 @@ fn bearings_hold_the_documented_flags_and_no_other() {
         let flags: Vec<u8> = flags.collect();
         assert!(flags.iter().all(|f| f & !7 == 0) && flags.iter().any(|f| f & 3 == bit), "{bit}: {flags:?}");
     }
+}
+
+#[test]
+fn an_index_that_leaps_again_and_again_does_not_fill_the_line() {
+    for which in BOTH {
+        let frames = noise(64);
+        let n = (200 * which.rate() as usize / 64).min(4000);
+        let runs: Vec<(u64, &[Frame])> = (0..n as u64).map(|k| (k * 1_000_000, frames.as_slice())).collect();
+        trial(which, "leaps", &runs);
+    }
+}
+
+#[test]
+fn a_second_configuration_says_the_same_as_the_first() {
+    let rate = BOTTOM_RATE;
+    let frames = bottom::record(1800 * rate as usize, rate as f64, 200.0, 1500.0);
+    let mut memory = Box::<Memory<'_>>::default();
+    let mut said = [Vec::new(), Vec::new()];
+    for all in &mut said {
+        let mut recorder = Which::Bottom.configure(&mut memory);
+        recorder.push(Block { first_index: 0, frames: &frames }, &mut |m| all.push(*m));
+    }
+    assert_eq!(said[0], said[1]);
 }

@@ -106,25 +106,27 @@ pub fn run(args: Args) -> Result<()> {
         return super::base_send::run(args);
     }
     let station = args.station.as_deref().map(Station::read).transpose()?;
-    let said = About {
-        rate_hz: station.as_ref().map(|s| s.config.rate_hz),
-        start: args.start.as_deref().map(|t| super::instant("--start", t)).transpose()?,
-        place: station.as_ref().and_then(|s| s.config.lat_lon_deg),
-    };
-    // What was said when the store was begun holds until something else is said.
+    let start = args.start.as_deref().map(|t| super::instant("--start", t)).transpose()?;
+    // What was said of the recorder before holds until something else is said.
     let kept = args.store.as_deref().map(About::read).transpose()?.unwrap_or_default();
-    let about = said.or(kept);
-    let mut base = Base::new(about.rate_hz, about.start);
+    let mut about = About {
+        rate_hz: station.as_ref().map(|s| s.config.rate_hz).or(kept.rate_hz),
+        place: station.as_ref().and_then(|s| s.config.lat_lon_deg).or(kept.place),
+        starts: kept.starts.clone(),
+    };
+    let mut base = Base::new(about.rate_hz, None);
+    base.set_starts(kept.starts.clone());
     let places = Places { otherwise: about.place, ..Places::default() };
     for path in &args.export {
         // A wrong ending or a missing position is better known now than after the deployment.
-        export::check(path, Format::of(path)?, &places)?;
+        export::check(path, Format::of(path)?, &places, "--station STATION.toml")?;
     }
     let origin = args.origin();
     let mut store = args.store.as_deref().map(|folder| Store::open(folder, &mut base)).transpose()?;
     if let Some(folder) = args.store.as_deref().filter(|_| about != kept) {
         about.write(folder)?;
     }
+    base.say_start(start);
     if let Some(store) = store.as_ref().filter(|s| s.resumed() > 0) {
         eprintln!("seabearing: going on after {} records", store.resumed());
     }
@@ -163,6 +165,10 @@ pub fn run(args: Args) -> Result<()> {
         }
         let now_us = begun.elapsed().as_micros() as u64;
         base.push_at(now_us, bytes, &mut records);
+        if let Some(folder) = args.store.as_deref().filter(|_| *base.starts() != about.starts) {
+            about.starts = base.starts().clone();
+            about.write(folder)?;
+        }
         if let Some(store) = &mut store {
             store.records(&records)?;
         }

@@ -8,7 +8,7 @@ use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -67,11 +67,21 @@ pub fn run(args: Args) -> Result<()> {
     };
     let time = |option: &str, text: &Option<String>| text.as_deref().map(|t| instant(option, t)).transpose();
     let span = Span { from: time("--from", &args.from)?, to: time("--to", &args.to)? };
+    if let (Some(from), Some(to)) = (span.from, span.to)
+        && from >= to
+    {
+        bail!("--to must be later than --from");
+    }
+    let folder = args.out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if std::fs::canonicalize(folder).ok().is_some_and(|f| std::fs::canonicalize(&args.store).ok() == Some(f))
+    {
+        bail!("{}: the store itself; write the export into another folder", args.out.display());
+    }
     let mut places = Places { otherwise: About::read(&args.store)?.place, ..Places::default() };
     for station in args.stations.as_deref().map(Station::read_network).transpose()?.unwrap_or_default() {
         places.of_station.extend(station.lat_lon_deg.map(|at| (u64::from(station.id), at)));
     }
-    export::check(&args.out, format, &places)?;
+    export::check(&args.out, format, &places, "--stations STATIONS.toml")?;
     let mut stations = BTreeSet::new();
     let (mut records, mut without_utc) = (Vec::new(), 0u64);
     store::read(&args.store, |record| {

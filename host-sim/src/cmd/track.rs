@@ -109,6 +109,9 @@ impl Args {
         least("sigma-elevation-deg", self.sigma_elevation_deg, 0.0, true)?;
         least("elevation-bias-deg", self.elevation_bias_deg, 0.0, false)?;
         least("height-m", self.height_m.unwrap_or(1.0), 0.0, true)?;
+        if self.robust && self.estimator == Estimator::Ml && self.tau_s > 0.0 {
+            bail!("--robust takes errors as independent; with --tau-s give --estimator recursive beside it");
+        }
         least("gate-sd", self.gate_sd.unwrap_or(1.0), 0.0, true)?;
         if let Some(v) = self.speed
             && !(0.2..=40.0).contains(&v)

@@ -4,8 +4,8 @@
 //! holds for wrong. Errors are Student-t with [`FREEDOM`] degrees of freedom and the stated standard deviation as their
 //! scale: real bearings have such tails (`seabearing reproduce difar`). The likelihood is climbed by reweighting,
 //! `σ_k² ← σ_k² (ν + r_k²/σ_k²)/(ν + 1)`, from a scale eight times as wide, so that the first fit is not lost to the
-//! wrong bearings. Assumes that fewer than half of the bearings are wrong; with a correlated error model a bearing's
-//! weight is judged by its own residual, which is right for wrong bearings upon slow errors. Cost: about ten fits.
+//! wrong bearings. Assumes that fewer than half of the bearings are wrong, and independent errors: under a correlated model a
+//! weight scales the correlated error itself, which invents information. Cost: about ten fits.
 
 use super::ml::{Config, Fit, FitError, Sample, fit, refit};
 use super::model::{Expected, Line, Medium};
