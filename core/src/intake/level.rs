@@ -48,12 +48,14 @@ impl Levels {
     }
 
     /// What was taken since the level, to find out what comes after: sums about the origin, of squares, number.
+    #[cfg(feature = "array")]
     #[inline]
     pub(crate) fn sums(&self) -> ([f32; CHANNELS], [f32; CHANNELS], u32) {
         (self.sum, self.square, self.n)
     }
 
     /// Mean and mean square about it of each channel over what was taken since `before`, codes and codes².
+    #[cfg(feature = "array")]
     pub(crate) fn since(&self, before: &([f32; CHANNELS], [f32; CHANNELS], u32)) -> [(f32, f32); CHANNELS] {
         let part = 1.0 / (self.n.saturating_sub(before.2)).max(1) as f32;
         let mut out = [(0.0, 0.0); CHANNELS];
