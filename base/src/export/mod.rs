@@ -1,7 +1,7 @@
 //! Records into files that other programs open.
 //!
-//! In: records as `process` and `base` print them. Out: JSON Lines, CSV or Parquet with every record ([`table`]); GeoJSON
-//! (RFC 7946) or KML (OGC 2.3) with the tracks on a map ([`map`]). A track's record gets latitude and longitude wherever
+//! In: records as `process` and `base` print them. Out: JSON Lines, CSV or Parquet with every record (`table`); GeoJSON
+//! (RFC 7946) or KML (OGC 2.3) with the tracks on a map (`map`). A track's record gets latitude and longitude wherever
 //! its station's position is known and its range observable. Files appear whole or not at all.
 
 mod map;
