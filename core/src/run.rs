@@ -1,7 +1,7 @@
 //! The recorder's main loop: samples to messages to frames, commands back; the same code on the target and on the host.
 //!
 //! Enters: a [`SampleSource`], a [`Link`], a [`Clock`] and a [`Supervisor`]. Leaves: frames on the link. What the loop
-//! adds to the recorder's own messages is the count of frames the link refused ([`Health::frames_dropped`]) and the
+//! adds to the recorder's own messages is the count of frames the link refused ([`frames_dropped`](seabearing_wire::message::Health::frames_dropped)) and the
 //! closing [`End`]. While no samples come it tells the recorder the seconds by the board's clock, so
 //! that a dead converter is reported and `Health` goes on; otherwise the clock measures work and influences nothing but
 //! when a link ([`crate::outlet::Reliable`]) sends.

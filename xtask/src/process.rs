@@ -121,7 +121,7 @@ pub fn check() -> Result<()> {
     features_alone()?;
     oldest()?;
     say("documentation");
-    let doc = ["doc", "--workspace", "--no-deps", "--document-private-items", "--quiet"];
+    let doc = ["doc", "--workspace", "--no-deps", "--document-private-items", "--quiet", "--keep-going"];
     run(cargo().args(doc).env("RUSTDOCFLAGS", "-D warnings"), "documentation")
 }
 

@@ -66,7 +66,7 @@ pub fn fit_robust<const N: usize>(
     Ok(RobustFit { fit: best, wrong })
 }
 
-/// Bearings farther from a line than [`WRONG_SD`] standard deviations.
+/// Bearings farther from a line than `WRONG_SD` standard deviations.
 pub fn wrong(line: &Line, medium: &Medium, samples: &[Sample]) -> usize {
     let view = line.view(medium);
     let is_wrong = |s: &&Sample| {
