@@ -1,7 +1,7 @@
 //! What the ocean-bottom experiments share: the station's table, a quiet sea, the chain over a simulated record.
 
 use super::Options;
-use crate::csv::CsvText;
+use crate::csv::{CsvTable, CsvText};
 use crate::ocean_bottom::event::HeardEvent;
 use crate::ocean_bottom::scenario::{ObsScenario, default_start};
 use crate::ocean_bottom::simulate::{Extra, MovingVessel, Simulator};
@@ -111,13 +111,13 @@ impl Case {
 pub fn print(options: &Options, name: &str, csv: CsvText) -> Result<()> {
     let csv = csv.finish();
     crate::atomic::write(&options.out.join(format!("{name}.csv")), csv.as_bytes())?;
-    let mut lines = csv.lines().map(|l| l.split(',').collect::<Vec<_>>());
-    let Some(header) = lines.next() else { return Ok(()) };
+    let table = CsvTable::parse(&csv, name)?;
+    let header = table.header();
     if options.json {
-        for row in lines {
+        for row in table.rows() {
             let cells = header.iter().zip(row).map(|(k, v)| {
-                let value = v.parse::<f64>().map_or_else(|_| v.into(), |x| serde_json::json!(x));
-                ((*k).to_owned(), value)
+                let value = v.parse::<f64>().map_or_else(|_| v.as_str().into(), |x| serde_json::json!(x));
+                (k.clone(), value)
             });
             let named = [("type".to_owned(), "row".into()), ("experiment".to_owned(), name.into())];
             println!("{}", serde_json::Value::Object(named.into_iter().chain(cells).collect()));
@@ -125,9 +125,9 @@ pub fn print(options: &Options, name: &str, csv: CsvText) -> Result<()> {
         return Ok(());
     }
     println!("  {}", header.join("  "));
-    for row in lines {
+    for row in table.rows() {
         let cells: Vec<String> =
-            row.iter().zip(&header).map(|(v, k)| format!("{v:>width$}", width = k.len())).collect();
+            row.iter().zip(header).map(|(v, k)| format!("{v:>width$}", width = k.len())).collect();
         println!("  {}", cells.join("  "));
     }
     Ok(())

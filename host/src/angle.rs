@@ -2,7 +2,9 @@
 
 /// An angle brought into [0, 360).
 pub fn wrap_deg(deg: f64) -> f64 {
-    deg.rem_euclid(360.0)
+    // The remainder of a hair below zero rounds to the whole turn.
+    let turned = deg.rem_euclid(360.0);
+    if turned < 360.0 { turned } else { 0.0 }
 }
 
 /// Azimuth of a direction East and North, in [0, 360).
@@ -26,5 +28,6 @@ mod tests {
             (20.0, -20.0, -180.0)
         );
         assert_eq!((azimuth_deg(-1.0, 0.0), azimuth_deg(0.0, -2.0), wrap_deg(-30.0)), (270.0, 180.0, 330.0));
+        assert_eq!((wrap_deg(-1e-17), wrap_deg(720.0)), (0.0, 0.0));
     }
 }

@@ -13,7 +13,7 @@ pub struct CsvTable {
 }
 
 impl CsvTable {
-    /// Reads a file. Blank lines and lines that start with `#` are skipped.
+    /// Reads a file. Blank lines and lines that start with `#`, after blanks or not, are skipped.
     ///
     /// # Errors
     /// The file cannot be read, or has no header.
@@ -29,27 +29,40 @@ impl CsvTable {
     /// Parses text; `name` stands in messages.
     ///
     /// # Errors
-    /// There is no header.
+    /// There is no header, or a quote is open at the end of its line.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
         let mut reader = ::csv::ReaderBuilder::new()
+            .has_headers(false)
             .comment(Some(b'#'))
             .flexible(true)
             .trim(::csv::Trim::All)
             .from_reader(text.as_bytes());
-        let unreadable = || format!("{name}: not CSV");
-        let cells = |r: &::csv::StringRecord| r.iter().map(str::to_owned).collect::<Vec<_>>();
-        let header = cells(reader.headers().with_context(unreadable)?);
-        if header.is_empty() {
-            bail!("{name}: empty file, a CSV header was expected");
-        }
+        let mut header = None;
         let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record.with_context(unreadable)?;
-            // A line of blanks is none.
-            if record.iter().any(|c| !c.is_empty()) {
-                rows.push((record.position().map_or(0, |p| p.line() as usize), cells(&record)));
+        let mut record = ::csv::StringRecord::new();
+        while reader.read_record(&mut record).with_context(|| format!("{name}: not CSV"))? {
+            // Where the record ends: a record's own position is that of the blank lines before it.
+            let end = reader.position();
+            let ended =
+                end.byte().checked_sub(1).and_then(|b| text.as_bytes().get(b as usize)) == Some(&b'\n');
+            let breaks: usize = record.iter().map(|cell| cell.matches('\n').count()).sum();
+            let line = end.line() as usize - usize::from(ended) - breaks;
+            let comment = record.get(0).is_some_and(|first| first.starts_with('#'));
+            if comment || record.iter().all(str::is_empty) {
+                continue;
+            }
+            if breaks > 0 {
+                bail!(
+                    "{name}, line {line}: a `\"` opens a text that does not end on its line; close or remove it"
+                );
+            }
+            let cells = record.iter().map(str::to_owned).collect();
+            match header {
+                None => header = Some(cells),
+                Some(_) => rows.push((line, cells)),
             }
         }
+        let header = header.with_context(|| format!("{name}: empty file, a CSV header was expected"))?;
         Ok(Self { header, rows, name: name.to_owned() })
     }
 
@@ -68,6 +81,16 @@ impl CsvTable {
         self.rows.is_empty()
     }
 
+    /// The columns' names, in file order.
+    pub fn header(&self) -> &[String] {
+        &self.header
+    }
+
+    /// Every row's cells, in file order.
+    pub fn rows(&self) -> impl Iterator<Item = &[String]> {
+        self.rows.iter().map(|(_, cells)| cells.as_slice())
+    }
+
     /// Whether a column is there.
     pub fn has(&self, column: &str) -> bool {
         self.header.iter().any(|h| h == column)
@@ -79,7 +102,13 @@ impl CsvTable {
     /// It is not.
     pub fn column(&self, column: &str) -> Result<usize> {
         self.header.iter().position(|h| h == column).with_context(|| {
-            format!("{}: no column `{column}`; the header is `{}`", self.name, shown(&self.header.join(",")))
+            let separated = match self.header.as_slice() {
+                [one] if one.contains(';') => "; separate cells by commas, not by `;`",
+                [one] if one.contains('\t') => "; separate cells by commas, not by tabs",
+                _ => "",
+            };
+            let header = shown(&self.header.join(","));
+            format!("{}: no column `{column}`; the header is `{header}`{separated}", self.name)
         })
     }
 
@@ -208,5 +237,29 @@ mod tests {
         assert_eq!(text, "vessel,t_s\n\"Anna, of \"\"Bergen\"\"\",0.33\n");
         let table = CsvTable::parse(&text, "t.csv").unwrap();
         assert_eq!(table.text(0, 0), Some("Anna, of \"Bergen\""));
+    }
+
+    #[test]
+    fn what_is_no_row_is_skipped_before_the_header_and_after_it() {
+        let text = "  \n  # made by hand\nt_s,x\n # rows\n\n1,2\n# end\n\n3,4";
+        for text in [text.to_owned(), text.replace('\n', "\r\n")] {
+            let rows = CsvTable::parse(&text, "t.csv").unwrap().numbers(["t_s", "x"]).unwrap();
+            let rows: Vec<_> = rows.into_iter().map(|(line, row)| (line, row.unwrap())).collect();
+            assert_eq!(rows, [(6, [1.0, 2.0]), (9, [3.0, 4.0])]);
+        }
+    }
+
+    #[test]
+    fn an_open_quote_is_refused_by_its_line() {
+        let refusal = CsvTable::parse("t_s,name\n1,\"a\n2,b\n3,c\n", "t.csv").unwrap_err();
+        assert!(format!("{refusal}").starts_with("t.csv, line 2: a `\"` opens"), "{refusal}");
+    }
+
+    #[test]
+    fn other_separators_are_named() {
+        let of = |text| format!("{}", CsvTable::parse(text, "t.csv").unwrap().column("x").unwrap_err());
+        assert!(of("t_s;x\n1;2\n").ends_with("by commas, not by `;`"));
+        assert!(of("t_s\tx\n1\t2\n").ends_with("by commas, not by tabs"));
+        assert!(of("t_s,y\n1,2\n").ends_with("the header is `t_s,y`"));
     }
 }

@@ -112,14 +112,12 @@ impl Envelope {
         older.iter().chain(newer).map(|v| v ^ UNHEARD).map(|v| (v != UNHEARD).then_some(f32::from(v) / STEPS))
     }
 
-    /// Takes the power (codes²) of the frame whose first sample is `index`; how many outputs that completed. An index
-    /// that goes back, or on by more than a window, starts afresh.
+    /// Takes the power (codes²) of the frame whose first sample is `index`; how many outputs that completed. Frames left
+    /// out before it are unheard; of a whole window of them nothing is left.
     pub(super) fn take(&mut self, plan: &Plan, index: u64, power: f32) -> u32 {
         let number = index.saturating_add(plan.hop.get() / 2) / plan.hop;
         let mut missing = number.saturating_sub(self.expected.unwrap_or(number));
-        if self.expected.is_some_and(|e| number < e)
-            || missing > (plan.window * plan.frames_per_output) as u64
-        {
+        if missing > (plan.window * plan.frames_per_output) as u64 {
             *self = Self::new();
             missing = 0;
         }

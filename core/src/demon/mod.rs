@@ -154,7 +154,8 @@ pub struct RateReport {
 
 /// Takes the power (codes²) of the frame whose first sample is `index`; a report where one falls due with it.
 ///
-/// A jump of the index forward leaves outputs out of the spectrum; a jump back starts afresh.
+/// A jump of the index forward leaves outputs out of the spectrum. Where it starts again, so does the caller, with a new
+/// [`State`].
 pub fn frame(
     config: &Config,
     state: &mut State,

@@ -75,7 +75,7 @@ fn low_sampling_rates_give_a_rate_as_soon() {
 }
 
 #[test]
-fn a_gap_is_left_out_a_long_one_and_one_backwards_start_afresh() {
+fn a_gap_is_left_out_and_of_a_long_one_nothing_is_left() {
     let config = config();
     let powers = recording(40, 6.0, 0.2, 3);
     let mut state = State::new();
@@ -83,10 +83,8 @@ fn a_gap_is_left_out_a_long_one_and_one_backwards_start_afresh() {
     let jumped = run(&config, &mut state, frames(23), &powers[frames(23) as usize..]);
     let rate = jumped.last().unwrap().rate.unwrap();
     assert!((rate.rate_hz - 6.0).abs() < 0.01, "{rate:?}");
-    for first_frame in [1 << 40, 0] {
-        let later = run(&config, &mut state, first_frame, &powers[..frames(6) as usize]);
-        assert_eq!(later[0].rate, Err(NoRate::NotEnoughData), "{first_frame}");
-    }
+    let later = run(&config, &mut state, 1 << 40, &powers[..frames(6) as usize]);
+    assert_eq!(later[0].rate, Err(NoRate::NotEnoughData));
 }
 
 #[test]
