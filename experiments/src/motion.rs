@@ -9,7 +9,7 @@ use seabearing_core::motion::{Line, Medium};
 use seabearing_locate::motion::bound::{self, Bounds};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, Config, Sample};
-use seabearing_locate::motion::whiten::{Plan, Workspace};
+use seabearing_locate::motion::whiten::{Factorisation, Workspace};
 
 /// Time between bearings, s [M section IV-B].
 pub const STEP_S: f64 = 0.5;
@@ -228,7 +228,7 @@ pub fn limits(scene: &StraightPass) -> Option<(Bounds, Bounds)> {
     let mut work = Box::new(Workspace::<POSITIONS>::new());
     let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
     let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
-    let plan = Plan::new(c.model, c.tau_s, s.iter().map(|s| s.t_s), &mut work, &mut []).ok()?;
+    let plan = Factorisation::new(c.model, c.tau_s, s.iter().map(|s| s.t_s), &mut work, &mut []).ok()?;
     let best = bound::cramer_rao(&c, &s, &scene.line(), &plan, &mut work, &[])?;
     let diagonal = bound::sandwich(&c, &s, &scene.line(), Model::Linear, scene.tau_s)?;
     Some((best, diagonal))
@@ -239,7 +239,7 @@ pub fn paper(scene: &StraightPass) -> Option<f64> {
     let mut work = Box::new(Workspace::<POSITIONS>::new());
     let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
     let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
-    let plan = Plan::new(c.model, c.tau_s, s.iter().map(|s| s.t_s), &mut work, &mut []).ok()?;
+    let plan = Factorisation::new(c.model, c.tau_s, s.iter().map(|s| s.t_s), &mut work, &mut []).ok()?;
     // With the closest point due north, range is the second of the block's coordinates.
     let mut line = scene.line();
     line.p[0] = 0.0;
@@ -256,7 +256,7 @@ pub fn second_order(scene: &StraightPass) -> Option<Rmse> {
     let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
     let line = scene.line();
     let times = || s.iter().map(|s| s.t_s);
-    let plan = Plan::new(c.model, c.tau_s, times(), &mut work, &mut []).ok()?;
+    let plan = Factorisation::new(c.model, c.tau_s, times(), &mut work, &mut []).ok()?;
     // Steps for second derivatives: small parts of a radian, of the passage, of ln q.
     let h = [1e-4, 1e-4 * scene.range_m / scene.speed_m_s, 1e-4];
     let moved = |k: usize, sign: f64| {

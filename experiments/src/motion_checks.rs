@@ -15,7 +15,7 @@ use seabearing_core::passage::{self, Measurement, Passage, RECORDED};
 use seabearing_locate::motion::bound;
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, Config};
-use seabearing_locate::motion::whiten::{Plan, WhitenMethod, Workspace};
+use seabearing_locate::motion::whiten::{Factorisation, WhitenMethod, Workspace};
 
 /// Elevations joined into the fit.
 pub const ELEVATION: Experiment = Experiment {
@@ -79,7 +79,7 @@ fn elevation(options: &Options) -> Result<()> {
             };
             let mut work = Box::new(Workspace::<POSITIONS>::new());
             let clean = observe(&vec![0.0; scene.count()], Box::new(|| 0.0));
-            let plan = Plan::new(c.model, 0.0, clean.iter().map(|s| s.t_s), &mut work, &mut [])
+            let plan = Factorisation::new(c.model, 0.0, clean.iter().map(|s| s.t_s), &mut work, &mut [])
                 .ok()
                 .context("times")?;
             let limit = bound::cramer_rao(&c, &clean, &truth, &plan, &mut work, &[]).context("singular")?;
@@ -303,7 +303,7 @@ fn cost(options: &Options) -> Result<()> {
         let start = std::time::Instant::now();
         for s in &records {
             if let Ok(f) = ml::fit(&c, s, &mut work, &mut []) {
-                levinson = matches!(f.plan.method, WhitenMethod::Levinson { .. });
+                levinson = matches!(f.factorisation.method, WhitenMethod::Levinson { .. });
             }
         }
         let ms = start.elapsed().as_secs_f64() * 1e3 / runs as f64;

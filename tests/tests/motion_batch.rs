@@ -6,7 +6,7 @@ use seabearing_core::angle::wrap_pi;
 use seabearing_core::motion::{Line, Medium};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{Config, FitError, Sample, fit, range_interval};
-use seabearing_locate::motion::whiten::{Plan, WhitenError, WhitenMethod, Workspace};
+use seabearing_locate::motion::whiten::{Factorisation, WhitenError, WhitenMethod, Workspace};
 use seabearing_locate::motion::{bound, errors};
 
 const SD: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -52,7 +52,7 @@ fn bounds_are_the_reference_values() {
             let c = config(Model::Linear, tau);
             let truth = line(range, 1.0);
             let s = samples(&truth, &c, |_| true);
-            let plan = Plan::new(c.model, tau, s.iter().map(|s| s.t_s), &mut work, &mut []).unwrap();
+            let plan = Factorisation::new(c.model, tau, s.iter().map(|s| s.t_s), &mut work, &mut []).unwrap();
             let b = bound::cramer_rao(&c, &s, &truth, &plan, &mut work, &[]).unwrap();
             let [x, y, h] = bound::paper(&s, &truth, 0.0, &plan, &mut work, &[]).unwrap();
             println!("{tau} {range}: {b:?} {x} {y} {h}");
@@ -97,9 +97,16 @@ fn every_model_fits_regular_and_holey_records() {
                 assert!((r.cpa_range_m / 500.0 - 1.0).abs() < 0.03, "{model:?} {holes} {f:?}");
                 assert!(wrap_pi(r.heading_rad - truth.heading_rad()).abs() < 0.03, "{model:?} {f:?}");
                 assert!(r.cpa_time_s.abs() < 1.0 && r.starboard == (sense > 0.0));
-                assert_eq!(f.plan.nugget > 0.0, matches!(model, Model::Sinc | Model::Gaussian), "{f:?}");
+                assert_eq!(
+                    f.factorisation.nugget > 0.0,
+                    matches!(model, Model::Sinc | Model::Gaussian),
+                    "{f:?}"
+                );
                 if holes == 40 && matches!(model, Model::Sinc | Model::Gaussian | Model::Linear) {
-                    assert!(matches!(f.plan.method, WhitenMethod::Levinson { missing: 35..=40 }), "{f:?}");
+                    assert!(
+                        matches!(f.factorisation.method, WhitenMethod::Levinson { missing: 35..=40 }),
+                        "{f:?}"
+                    );
                 }
             }
         }

@@ -3,7 +3,7 @@
 //! A track's line joins the places reported while its range was observable, each with its time; its last report gives
 //! closest point, heading and speed with their standard deviations, and the 95 % ellipse of the last place.
 
-use super::{Places, degrees, east_north};
+use super::{Positions, degrees, east_north};
 use crate::plot::ellipse_outline;
 use anyhow::Result;
 use seabearing_host::geodesy::LocalFrame;
@@ -33,7 +33,7 @@ struct Drawn<'a> {
 }
 
 /// Every track that has a place.
-fn drawn<'a>(records: &'a [Value], places: &Places) -> Vec<Drawn<'a>> {
+fn drawn<'a>(records: &'a [Value], places: &Positions) -> Vec<Drawn<'a>> {
     let mut tracks: BTreeMap<[Option<u64>; 3], Vec<Report<'_>>> = BTreeMap::new();
     for record in records {
         let Some(place) = east_north(record) else { continue };
@@ -61,7 +61,7 @@ fn drawn<'a>(records: &'a [Value], places: &Places) -> Vec<Drawn<'a>> {
 }
 
 /// The stations that the records are of, with their places.
-fn stations(records: &[Value], places: &Places) -> Vec<(Value, Value)> {
+fn stations(records: &[Value], places: &Positions) -> Vec<(Value, Value)> {
     let seen: BTreeSet<Option<u64>> = records.iter().map(|r| r["station"].as_u64()).collect();
     // Records before the recorder said who it is belong to the one that does.
     let known = |s: &Option<u64>| s.is_some() || seen.len() == 1;
@@ -94,7 +94,7 @@ fn properties(report: &Value) -> Map<String, Value> {
 }
 
 /// The tracks as GeoJSON.
-pub(super) fn geojson(records: &[Value], places: &Places) -> Value {
+pub(super) fn geojson(records: &[Value], places: &Positions) -> Value {
     let feature = |geometry: Value, properties: Value| json!({ "type": "Feature", "geometry": geometry, "properties": properties });
     let mut features = Vec::new();
     for (station, at) in stations(records, places) {
@@ -126,7 +126,7 @@ pub(super) fn geojson(records: &[Value], places: &Places) -> Value {
 }
 
 /// The tracks as KML. Reports with a time stand beside the line as points with that time, so that viewers animate them.
-pub(super) fn kml(records: &[Value], places: &Places) -> Result<String> {
+pub(super) fn kml(records: &[Value], places: &Positions) -> Result<String> {
     let text = |points: &[&Value]| {
         points.iter().map(|p| format!("{},{},0", p[0], p[1])).collect::<Vec<_>>().join(" ")
     };

@@ -59,14 +59,14 @@ impl Format {
 
 /// Where stations are: latitude and longitude, degrees.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Places {
+pub struct Positions {
     /// By the station's number.
     pub of_station: BTreeMap<u64, (f64, f64)>,
     /// Of any other, and of records that do not tell their station.
     pub otherwise: Option<(f64, f64)>,
 }
 
-impl Places {
+impl Positions {
     /// Of a record's station.
     fn of(&self, record: &Value) -> Option<(f64, f64)> {
         let station = record["station"].as_u64();
@@ -83,7 +83,7 @@ impl Places {
 ///
 /// # Errors
 /// A map lacks the station's position, or the format is not built in.
-pub fn check(path: &Path, format: Format, places: &Places, option: &str) -> Result<()> {
+pub fn check(path: &Path, format: Format, places: &Positions, option: &str) -> Result<()> {
     if format.is_map() && places.is_empty() {
         bail!(
             "{}: a map needs the station's position: give {option} with `lat_deg` and `lon_deg`",
@@ -100,7 +100,7 @@ pub fn check(path: &Path, format: Format, places: &Places, option: &str) -> Resu
 ///
 /// # Errors
 /// As [`check`], or the file cannot be written.
-pub fn write(path: &Path, format: Format, records: &[Value], places: &Places) -> Result<()> {
+pub fn write(path: &Path, format: Format, records: &[Value], places: &Positions) -> Result<()> {
     check(path, format, places, "a station file")?;
     if format == Format::GeoJson {
         return atomic::write(path, format!("{:#}\n", map::geojson(records, places)).as_bytes());
@@ -130,7 +130,7 @@ fn degrees(x: f64) -> f64 {
 }
 
 /// A record with the vessel's latitude and longitude where they are known.
-fn placed(record: &Value, places: &Places) -> Value {
+fn placed(record: &Value, places: &Positions) -> Value {
     let mut record = record.clone();
     if let (Some(place), Some(station)) = (east_north(&record), places.of(&record)) {
         let (lat, lon) = map::lat_lon(station, place);

@@ -37,20 +37,20 @@ fn records() -> Vec<Value> {
     out
 }
 
-fn written(name: &str, places: &Places) -> Result<Vec<u8>> {
+fn written(name: &str, places: &Positions) -> Result<Vec<u8>> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join(name);
     write(&path, Format::of(&path)?, &records(), places)?;
     Ok(std::fs::read(&path).unwrap())
 }
 
-fn at(lat: f64, lon: f64) -> Places {
-    Places { otherwise: Some((lat, lon)), ..Places::default() }
+fn at(lat: f64, lon: f64) -> Positions {
+    Positions { otherwise: Some((lat, lon)), ..Positions::default() }
 }
 
 #[test]
 fn a_table_has_a_row_a_record_and_no_made_up_number() {
-    let text = String::from_utf8(written("t.csv", &Places::default()).unwrap()).unwrap();
+    let text = String::from_utf8(written("t.csv", &Positions::default()).unwrap()).unwrap();
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let header = reader.headers().unwrap().clone();
     let rows: Vec<_> = reader.records().map(Result::unwrap).collect();
@@ -87,7 +87,7 @@ fn maps_hold_the_track_with_its_times() {
 
 #[test]
 fn what_cannot_be_written_is_told_with_the_remedy() {
-    let refused = |name: &str| written(name, &Places::default()).unwrap_err().to_string();
+    let refused = |name: &str| written(name, &Positions::default()).unwrap_err().to_string();
     assert!(refused("t.kml").contains("a station file"));
     assert!(refused("t.xls").contains(".csv"));
 }

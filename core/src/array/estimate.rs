@@ -4,7 +4,7 @@ use super::chain::Scratch;
 use super::detect;
 use super::others;
 use super::places::Places;
-use super::plan::{BINS, Band, HOP, OCTAVES, Plan, Weighting};
+use super::plan::{BINS, Band, HOP, OCTAVES, Plan};
 use super::refine;
 use super::report;
 use super::search::PairPeaks;
@@ -292,9 +292,6 @@ pub(crate) fn segment(
         let heard = heard(&context, spectra, start, centre, first.mean);
         whole(&heard, memory, first, &peaks, scratch, sink);
     }
-    if plan.weighting != Weighting::Joint {
-        return;
-    }
     // Either uses the spectra up.
     memory.segments = memory.segments.wrapping_add(1);
     match first {
@@ -379,21 +376,13 @@ pub(super) fn examine(
     let (curvature, _) = context.curvature(start);
     let tau = context.delays(start, curvature);
     refine::coherence(plan, context.band, spectra, &tau, &mut work.raw);
-    if plan.weighting != Weighting::Joint {
-        work.measured = work.raw;
-        refine::reweight(plan, spectra);
-    }
     work.restore(refine::shared_signal(plan, context.band.used, &tau));
     let segments = memory.map_or(1.0, |memory| memory.join_expected(start, plan, &mut work.raw));
     refine::smoothed(context.band, context.noise(segments), &work.raw, &mut work.smooth);
-    refine::weights(plan, context.band, &work.smooth, &mut work.weight);
+    refine::weights(context.band, &work.smooth, &mut work.weight);
     let refined = refine::refine(plan, context.band, spectra, &work.weight, start, curvature)?;
     let tau = context.delays(&refined.direction, curvature);
-    if plan.weighting == Weighting::Joint {
-        refine::coherence(plan, context.band, spectra, &tau, &mut work.raw);
-    } else {
-        work.raw = work.measured;
-    }
+    refine::coherence(plan, context.band, spectra, &tau, &mut work.raw);
     let bins = context.bins();
     let pairs = context.band.used.pairs();
     let terms = pairs * bins;

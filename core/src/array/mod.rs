@@ -30,4 +30,4 @@ pub mod wavefront;
 
 pub use chain::{Scratch, State, finish, push};
 pub(crate) use chain::{event, samples};
-pub use plan::{FRAME, HOP, MAX_DELAY, Plan, PlanError, Weighting};
+pub use plan::{FRAME, HOP, MAX_DELAY, Plan, PlanError};

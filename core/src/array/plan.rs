@@ -28,20 +28,6 @@ pub(crate) const SHARE_STRIDE: usize = 8;
 /// Entries of that table: up to [`MAX_DELAY`].
 pub(crate) const SHARES: usize = MAX_DELAY / SHARE_STRIDE + 1;
 
-/// How cross-spectra are weighted when pair delays and bearings are refined.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Weighting {
-    /// `S/(N(N+4S))`: maximum likelihood for four sensors with one signal spectrum and one noise spectrum.
-    #[default]
-    Joint,
-    /// Hannan-Thomson `C/(|G|(1−C))`, pair by pair.
-    HannanThomson,
-    /// Phase transform `1/|G|`.
-    Phat,
-    /// Plain cross-correlation.
-    None,
-}
-
 /// Why no plan can be made.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum PlanError {
@@ -130,7 +116,6 @@ pub struct Plan {
     /// Frames of a full segment.
     pub(crate) nominal_frames: f32,
     pub(crate) channels: [u8; CHANNELS],
-    pub(crate) relative_gain: [f32; CHANNELS],
     /// Codes at or beyond ± this are clipped.
     pub(crate) clip_code: i32,
     pub(crate) full_scale: f32,
@@ -144,7 +129,6 @@ pub struct Plan {
     pub(crate) position_sd_s: f32,
     /// Relative standard deviation of the speed of sound.
     pub(crate) sound_speed_sd: f32,
-    pub(crate) weighting: Weighting,
     /// First bin of the band whose envelope gives the shaft rate.
     pub(crate) envelope_low: usize,
     /// Shaft rate; `None` where the sampling rate is too low for it.
@@ -218,10 +202,6 @@ impl Plan {
         overlap /= sum2;
         let snapshots_per_frame = sum2 * sum2 / (FRAME as f32 * sum4) / (1.0 + 2.0 * overlap * overlap);
 
-        let mean_sensitivity = array.sensitivity_db_re_1v_upa.iter().sum::<f64>() / CHANNELS as f64;
-        let relative_gain =
-            array.sensitivity_db_re_1v_upa.map(|s| md::powf(10.0, (mean_sensitivity - s) / 20.0) as f32);
-
         let shape = detect::shape(&geometry, incoherent, high, bin_rad_s);
         let tests_per_hour = 3600.0 / array.step_s;
         let allowed = array.false_alarms_per_hour / tests_per_hour;
@@ -274,7 +254,6 @@ impl Plan {
             steps_per_segment: steps as u8,
             nominal_frames: (array.segment_s * rate / HOP as f64) as f32,
             channels: array.channels,
-            relative_gain,
             clip_code: config.full_scale.saturating_sub(1),
             full_scale: config.full_scale as f32,
             elevation: (
@@ -289,7 +268,6 @@ impl Plan {
             },
             position_sd_s: (array.position_sd_m / config.sound_speed_m_s) as f32,
             sound_speed_sd: (array.sound_speed_sd_m_s / config.sound_speed_m_s) as f32,
-            weighting: Weighting::default(),
             envelope_low: high,
             shaft: None,
             geometry,
@@ -317,13 +295,6 @@ impl Plan {
     /// What the shaft rate is made with; `None` where the sampling rate is too low for it.
     pub fn shaft(&self) -> Option<&demon::Config> {
         self.shaft.as_ref()
-    }
-
-    /// The same plan with another weighting, for comparison.
-    #[must_use]
-    pub fn with_weighting(mut self, weighting: Weighting) -> Self {
-        self.weighting = weighting;
-        self
     }
 
     /// Bit h: hydrophone h is on one of these recorder channels (bit c: channel c).

@@ -9,8 +9,8 @@
 //! `σ_t² = Σ W²ω² n(n+4c) / (2K (Σ Wω²c)²)`, which for these weights is the physical limit of docs/references.md.
 //! Cost: about 30 000 instructions a pass over the six pairs; seven passes a segment.
 
-use super::plan::{BINS, Band, Plan, SHARE_STRIDE, SHARES, Weighting};
-use super::spectra::{Run, Spectra};
+use super::plan::{BINS, Band, Plan, SHARE_STRIDE, SHARES};
+use super::spectra::{BinRun, Spectra};
 use super::transform::RUN;
 use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::math::f32 as m;
@@ -56,7 +56,7 @@ pub(crate) fn leave_out(spectra: &mut Spectra, used: Used) {
 
 /// Divides the cross-spectra by the geometric mean of their hydrophones' auto-spectra: `ĝ`, of magnitude at most one.
 pub(crate) fn whiten(spectra: &mut Spectra) {
-    for Run { re, im, auto } in &mut spectra.runs {
+    for BinRun { re, im, auto } in &mut spectra.runs {
         let [a0, a1, a2, a3] = auto.map(|bins| bins.map(|a| if a > 1e-20 { 1.0 / m::sqrt(a) } else { 0.0 }));
         let pairs = [(a0, a1), (a0, a2), (a0, a3), (a1, a2), (a1, a3), (a2, a3)];
         for ((re, im), (a, b)) in re.iter_mut().zip(im).zip(pairs) {
@@ -201,40 +201,14 @@ fn shares(c: f32) -> (f32, f32) {
     (c, (1.0 - c).max(LEAST_NOISE))
 }
 
-/// Weights of every bin from the smoothed coherence. The weightings kept for comparison are in the spectra themselves
-/// ([`reweight`]) and weigh every bin alike.
-pub(crate) fn weights(plan: &Plan, band: &Band, smooth: &[f32; BINS], out: &mut [f32; BINS]) {
+/// Weights of every bin from the smoothed coherence: `S/(N(N+4S))`, the maximum likelihood's for four sensors with one
+/// signal spectrum and one noise spectrum.
+pub(crate) fn weights(band: &Band, smooth: &[f32; BINS], out: &mut [f32; BINS]) {
     out.fill(0.0);
     let sensors = band.used.sensors();
     for (out, c) in out.iter_mut().zip(smooth).take(band.high).skip(band.low) {
         let (c, n) = shares(*c);
-        *out = if plan.weighting == Weighting::Joint { c / (n * (n + sensors * c)) } else { 1.0 };
-    }
-}
-
-/// Turns whitened cross-spectra into those of a comparison weighting: phase transform `ĝ/|ĝ|`, Hannan-Thomson
-/// `ĝ C/(|ĝ|(1−C))` with `C = |ĝ|²`, or plain ones (whitening undone, sensitivities equalised).
-pub(crate) fn reweight(plan: &Plan, g: &mut Spectra) {
-    let [s0, s1, s2, s3] = plan.relative_gain;
-    let gains = [s0 * s1, s0 * s2, s0 * s3, s1 * s2, s1 * s3, s2 * s3];
-    let runs = plan.whole.runs();
-    let power = g.part(&runs).iter().flat_map(|run| run.auto[0]).sum::<f32>();
-    let power = power.max(1e-20);
-    for Run { re, im, auto: [a0, a1, a2, a3] } in g.part_mut(&runs) {
-        let autos = [(&*a0, &*a1), (&*a0, &*a2), (&*a0, &*a3), (&*a1, &*a2), (&*a1, &*a3), (&*a2, &*a3)];
-        for (((re, im), (a, b)), gain) in re.iter_mut().zip(im).zip(autos).zip(gains) {
-            for i in 0..RUN {
-                let square = (re[i] * re[i] + im[i] * im[i]).clamp(1e-12, 1.0);
-                let factor = match plan.weighting {
-                    Weighting::Joint => 1.0,
-                    Weighting::Phat => 1.0 / m::sqrt(square),
-                    Weighting::HannanThomson => m::sqrt(square) / (1.0 - square).max(LEAST_NOISE),
-                    Weighting::None => gain * m::sqrt(a[i]) * m::sqrt(b[i]) / power,
-                };
-                re[i] *= factor;
-                im[i] *= factor;
-            }
-        }
+        *out = c / (n * (n + sensors * c));
     }
 }
 

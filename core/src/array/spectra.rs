@@ -12,7 +12,7 @@ use microfft::Complex32;
 
 /// Neighbouring bins of all pairs and hydrophones.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Run {
+pub(crate) struct BinRun {
     /// Real parts of the pairs' cross-spectra.
     pub(crate) re: [[f32; RUN]; PAIR_COUNT],
     /// Imaginary parts.
@@ -24,13 +24,13 @@ pub(crate) struct Run {
 /// Runs of a spectrum.
 pub(crate) const RUNS: usize = BINS / RUN;
 
-const NO_RUN: Run =
-    Run { re: [[0.0; RUN]; PAIR_COUNT], im: [[0.0; RUN]; PAIR_COUNT], auto: [[0.0; RUN]; CHANNELS] };
+const NO_RUN: BinRun =
+    BinRun { re: [[0.0; RUN]; PAIR_COUNT], im: [[0.0; RUN]; PAIR_COUNT], auto: [[0.0; RUN]; CHANNELS] };
 
 /// Accumulated spectra of one step (16 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct Spectra {
-    pub(crate) runs: [Run; RUNS],
+    pub(crate) runs: [BinRun; RUNS],
     /// What they are made of.
     pub(crate) added: Added,
 }
@@ -149,7 +149,7 @@ impl Kept {
     }
 }
 
-impl Run {
+impl BinRun {
     /// The values in the order they are kept in.
     fn values(&mut self) -> impl Iterator<Item = &mut f32> {
         let Self { re, im, auto } = self;
@@ -169,12 +169,12 @@ impl Spectra {
     }
 
     /// These of the runs.
-    pub(crate) fn part(&self, runs: &core::ops::Range<usize>) -> &[Run] {
+    pub(crate) fn part(&self, runs: &core::ops::Range<usize>) -> &[BinRun] {
         self.runs.get(runs.clone()).unwrap_or(&[])
     }
 
     /// These of the runs, to change.
-    pub(crate) fn part_mut(&mut self, runs: &core::ops::Range<usize>) -> &mut [Run] {
+    pub(crate) fn part_mut(&mut self, runs: &core::ops::Range<usize>) -> &mut [BinRun] {
         self.runs.get_mut(runs.clone()).unwrap_or(&mut [])
     }
 
@@ -245,7 +245,8 @@ impl Spectra {
         for (n, sums) in (runs.start..).zip(self.part_mut(&runs)) {
             let [x0, x1] = transform::separated(z01, n);
             let [x2, x3] = transform::separated(z23, n);
-            let Run { re: [r01, r02, r03, r12, r13, r23], im: [i01, i02, i03, i12, i13, i23], auto } = sums;
+            let BinRun { re: [r01, r02, r03, r12, r13, r23], im: [i01, i02, i03, i12, i13, i23], auto } =
+                sums;
             let [a0, a1, a2, a3] = auto;
             cross(&x0, &x1, r01, i01);
             cross(&x0, &x2, r02, i02);
@@ -305,7 +306,7 @@ mod tests {
         let mut spectra = Spectra::new();
         for (step, scale) in [(7u64, 1.0f32), (8, 3.0)] {
             spectra.begin(step);
-            for (n, value) in spectra.runs.iter_mut().flat_map(Run::values).enumerate() {
+            for (n, value) in spectra.runs.iter_mut().flat_map(BinRun::values).enumerate() {
                 *value = scale * (n as f32 - 2047.3);
             }
             (spectra.added.frames, spectra.added.centres) = (2, 100);
@@ -315,7 +316,7 @@ mod tests {
             (spectra.added.frames, spectra.added.step, spectra.added.centres),
             (4, 7, 100 + 2000 + 100)
         );
-        for (n, value) in spectra.runs.iter_mut().flat_map(Run::values).enumerate() {
+        for (n, value) in spectra.runs.iter_mut().flat_map(BinRun::values).enumerate() {
             let exact = 4.0 * (n as f32 - 2047.3);
             assert!((*value / exact - 1.0).abs() < 1e-3, "{n}: {value} {exact}");
         }

@@ -43,12 +43,12 @@ impl Link {
     /// Of `node`, whose predecessor lies `step_s` before it.
     pub(super) fn new(node: &Node, step_s: f64, tau_s: f64) -> Self {
         let mean = node.mean();
-        let memory = mean.memory(tau_s);
+        let colour = mean.colour(tau_s);
         let decay = if tau_s > 0.0 { m::exp(-step_s / tau_s) } else { 0.0 };
         Self {
             decay: decay as f32,
-            factor: memory.factor as f32,
-            own: memory.own as f32,
+            factor: colour.factor as f32,
+            own: colour.own as f32,
             half_variance: (0.5 * mean.time_variance()) as f32,
         }
     }

@@ -65,7 +65,7 @@ pub struct Mean {
 
 /// Factor of the coloured error towards neighbours, and its variance, both for a coloured variance of one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Memory {
+pub(super) struct Colour {
     pub(super) factor: f64,
     pub(super) own: f64,
 }
@@ -79,7 +79,7 @@ impl Mean {
 
     /// The coloured error of the average: `n` samples of a Gauss-Markov process at equal steps,
     /// `Σ w e^{(t_k − t)/τ}` and `ΣΣ w_i w_k e^{−|t_i − t_k|/τ}` in closed form.
-    pub(super) fn memory(&self, tau_s: f64) -> Memory {
+    pub(super) fn colour(&self, tau_s: f64) -> Colour {
         let n = f64::from(self.count);
         let x = if tau_s > 0.0 && self.count > 1 { self.span_s / ((n - 1.0) * tau_s) } else { 0.0 };
         let (factor, own) = if n * x < 1e-3 {
@@ -92,7 +92,7 @@ impl Mean {
             let half = m::exp(0.5 * (n - 1.0) * x);
             (if n * x > MEMORY_SPANS { 0.0 } else { half * (1.0 - all) / (n * rest) }, own)
         };
-        Memory { factor: self.scale * factor, own: self.scale * self.scale * own }
+        Colour { factor: self.scale * factor, own: self.scale * self.scale * own }
     }
 
     /// The average of two neighbours by their information; `coloured` is the common coloured variance, rad².
@@ -287,7 +287,7 @@ mod tests {
                 count: n,
                 span_s: 0.7 * f64::from(n - 1),
             };
-            let kept = mean.memory(tau_s);
+            let kept = mean.colour(tau_s);
             assert!((kept.factor - 2.0 * factor).abs() < 1e-9 && (kept.own - 4.0 * own).abs() < 1e-9, "{n}");
             let variance: f64 = times.iter().map(|t| weight * (t - centre) * (t - centre)).sum();
             assert!((mean.time_variance() - variance).abs() < 1e-9);

@@ -95,7 +95,7 @@ impl<'t> Memory<'t> {
     }
 
     /// The recorder a configuration asks for, configured and started afresh. `table` is the propagation table of an
-    /// ocean-bottom station.
+    /// ocean-bottom station. What a recorder before it in this memory had open is forgotten unsent: let it finish first.
     ///
     /// # Errors
     /// Why there is none.

@@ -65,7 +65,7 @@ fn main() -> ! {
         let fit = ml::fit(&config, SAMPLES, WORK, &mut []);
         *ticks = u64::from(clock.ticks().wrapping_sub(before));
         let Ok(fit) = fit else { fail(c"no fit\n") };
-        let short = fit.plan.method == WhitenMethod::Differences;
+        let short = fit.factorisation.method == WhitenMethod::Differences;
         let error = (fit.solution.cpa_range_m - RANGE_M) / fit.solution.sd_cpa_range_m;
         if !(m::abs(error) < 4.0) || short != (tau_s == intervals_s[0]) {
             fail(c"the fit is wrong\n");

@@ -1,7 +1,7 @@
 //! `seabearing base`: the base station: receive telemetry, store, show, export.
 
 use crate::base::about::About;
-use crate::base::export::{self, Format, Places};
+use crate::base::export::{self, Format, Positions};
 use crate::base::link::{LineEvent, LineLink, Origin};
 use crate::base::store::Store;
 use crate::base::{Base, LINE_BAUD, view};
@@ -116,7 +116,7 @@ pub fn run(args: Args) -> Result<()> {
     };
     let mut base = Base::new(about.rate_hz, None);
     base.set_starts(kept.starts.clone());
-    let places = Places { otherwise: about.place, ..Places::default() };
+    let places = Positions { otherwise: about.place, ..Positions::default() };
     for path in &args.export {
         // A wrong ending or a missing position is better known now than after the deployment.
         export::check(path, Format::of(path)?, &places, "--station STATION.toml")?;
@@ -212,7 +212,7 @@ pub fn run(args: Args) -> Result<()> {
 /// What a person sees and the files written besides the store.
 struct Desk<'a> {
     args: &'a Args,
-    places: Places,
+    places: Positions,
     drawn: Option<Instant>,
     exported: Instant,
 }

@@ -2,7 +2,7 @@
 
 use super::instant;
 use crate::base::about::About;
-use crate::base::export::{self, Format, Places};
+use crate::base::export::{self, Format, Positions};
 use crate::base::store;
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
@@ -77,7 +77,7 @@ pub fn run(args: Args) -> Result<()> {
     {
         bail!("{}: the store itself; write the export into another folder", args.out.display());
     }
-    let mut places = Places { otherwise: About::read(&args.store)?.place, ..Places::default() };
+    let mut places = Positions { otherwise: About::read(&args.store)?.place, ..Positions::default() };
     for station in args.stations.as_deref().map(Station::read_network).transpose()?.unwrap_or_default() {
         places.of_station.extend(station.lat_lon_deg.map(|at| (u64::from(station.id), at)));
     }

@@ -1,6 +1,6 @@
 //! The error model of an array's bearings, from a vessel of known track.
 
-use super::Memory;
+use super::BatchRoom;
 use crate::csv::{CsvTable, good_rows};
 use crate::orientation::track_file::heard_at;
 use anyhow::{Result, bail};
@@ -35,7 +35,7 @@ pub fn of_known_track(
         .collect();
     let n = differences.len();
     let found =
-        Memory::new().with(|e| Some(*e), |work, dense| errors::estimate(model, &differences, work, dense));
+        BatchRoom::new().with(|e| Some(*e), |work, dense| errors::estimate(model, &differences, work, dense));
     match found {
         Ok(found) => Ok((found, n)),
         Err(_) => {

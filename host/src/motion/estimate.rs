@@ -1,6 +1,6 @@
 //! The track that bearings give, by either estimator.
 
-use super::Memory;
+use super::BatchRoom;
 use anyhow::{Result, bail};
 use seabearing_core::motion::Solution;
 use seabearing_core::passage::{self, Measurement};
@@ -31,7 +31,7 @@ pub struct Estimate {
 /// # Errors
 /// One line: why there is no track.
 pub fn batch(config: &Config, samples: &[Sample], robust: bool) -> Result<Estimate> {
-    let mut memory = Memory::new();
+    let mut memory = BatchRoom::new();
     // Robust: the samples with the errors that make the Gaussian likelihood pull as the heavy-tailed one.
     let mut weighted = samples.to_vec();
     let whitening = |e: &FitError| if let FitError::Whiten(e) = e { Some(*e) } else { None };
@@ -61,7 +61,7 @@ pub fn batch(config: &Config, samples: &[Sample], robust: bool) -> Result<Estima
         Err(FitError::NoMinimum) => bail!("no straight track fits (all bearings at one time?)"),
     };
     let range_95_m = ml::range_interval(config, &weighted, &fit, CHI2_95, &mut memory.work, &memory.dense);
-    Ok(Estimate { solution: fit.solution, range_95_m, nugget: fit.plan.nugget, wrong })
+    Ok(Estimate { solution: fit.solution, range_95_m, nugget: fit.factorisation.nugget, wrong })
 }
 
 /// One bearing after the other by the recorder's passage fit, whose correlated errors are Gauss-Markov. `sd_rad`: standard

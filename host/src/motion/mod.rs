@@ -17,12 +17,12 @@ const POSITIONS: usize = 4001;
 const DENSE: usize = 4000 * 4001 / 2;
 
 /// What batch estimators work in; grows for irregular times.
-struct Memory {
+struct BatchRoom {
     work: Box<Workspace<POSITIONS>>,
     dense: Vec<f64>,
 }
 
-impl Memory {
+impl BatchRoom {
     fn new() -> Self {
         Self { work: Box::new(Workspace::new()), dense: Vec::new() }
     }

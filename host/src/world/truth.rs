@@ -84,7 +84,7 @@ impl Truth {
     ///
     /// # Errors
     /// A column is missing.
-    pub fn of(table: &CsvTable) -> Result<Vec<(String, Vec<Self>)>> {
+    fn of(table: &CsvTable) -> Result<Vec<(String, Vec<Self>)>> {
         let vessel = table.column("vessel")?;
         let rows = table.numbers(["t_s", "x_m", "y_m", "arrival_azimuth_deg"])?;
         let mut out: Vec<(String, Vec<Self>)> = Vec::new();

@@ -10,7 +10,7 @@ use super::ml::{Config, Sample, evaluate};
 use super::model::{Line, PARAMETERS};
 use super::normal::{COLUMNS, Matrix, Normal};
 use super::solution::position;
-use super::whiten::{Plan, Workspace};
+use super::whiten::{Factorisation, Workspace};
 use crate::kit::spd::{inverse, quadratic};
 use crate::math::f64 as m;
 
@@ -61,11 +61,11 @@ pub fn cramer_rao<const N: usize>(
     config: &Config,
     samples: &[Sample],
     line: &Line,
-    plan: &Plan,
+    factorisation: &Factorisation,
     work: &mut Workspace<N>,
     dense: &[f64],
 ) -> Option<Bounds> {
-    let normal = evaluate(config, plan, samples.iter(), line, work, dense)?;
+    let normal = evaluate(config, factorisation, samples.iter(), line, work, dense)?;
     let covariance = normal.covariance(&free(config), &[0.0; PARAMETERS])?;
     Some(bounds(line, covariance, samples.first()?.t_s))
 }
@@ -76,14 +76,14 @@ pub fn paper<const N: usize>(
     samples: &[Sample],
     line: &Line,
     t0_s: f64,
-    plan: &Plan,
+    factorisation: &Factorisation,
     work: &mut Workspace<N>,
     dense: &[f64],
 ) -> Option<[f64; 3]> {
     let v = line.speed_m_s();
     let (sin, cos) = m::sin_cos(line.heading_rad());
     let mut rows = samples.iter();
-    let normal = plan.normal(samples.iter().map(|s| s.t_s), work, dense, |_, t| {
+    let normal = factorisation.normal(samples.iter().map(|s| s.t_s), work, dense, |_, t| {
         let scale = rows.next().map_or(0.0, |s| 1.0 / f64::from(s.sd_rad));
         let ([x, y], _) = line.position(t);
         let d2 = x * x + y * y;

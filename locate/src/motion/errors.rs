@@ -7,7 +7,7 @@
 
 use super::covariance::Model;
 use super::normal::COLUMNS;
-use super::whiten::{Plan, WhitenError, Workspace};
+use super::whiten::{Factorisation, WhitenError, Workspace};
 use crate::kit::golden;
 use crate::math::f64 as m;
 
@@ -53,9 +53,9 @@ pub fn estimate<const N: usize>(
     // Negative twice log-likelihood, σ² and offset profiled out.
     let mut at = |tau_s: f64| -> Result<(f64, f64, f64, f64), WhitenError> {
         let times = differences.iter().map(|d| d.0);
-        let plan = Plan::new(model, tau_s, times.clone(), work, dense)?;
+        let factorisation = Factorisation::new(model, tau_s, times.clone(), work, dense)?;
         let mut values = differences.iter();
-        let normal = plan
+        let normal = factorisation
             .normal(times, work, dense, |_, _| {
                 let mut row = [0.0; COLUMNS];
                 row[0] = 1.0;

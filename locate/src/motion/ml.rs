@@ -12,7 +12,7 @@ use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, descend};
 use super::solution::{Solution, solution};
 use super::start::{STARTS, emitted, starts};
-use super::whiten::{Plan, WhitenError, Workspace};
+use super::whiten::{Factorisation, WhitenError, Workspace};
 use crate::angle::wrap_pi;
 use crate::kit::Progress;
 use crate::math::f64 as m;
@@ -71,7 +71,7 @@ pub struct Fit {
     /// Normal equations at the minimum.
     pub normal: Normal,
     /// How the errors were whitened; its `nugget` is above zero where the model was nearly singular.
-    pub plan: Plan,
+    pub factorisation: Factorisation,
 }
 
 /// Why there is no fit.
@@ -112,10 +112,12 @@ pub fn fit<const N: usize>(
 ) -> Result<Fit, FitError> {
     let limits = check(config, samples)?;
     let times = samples.iter().map(|s| s.t_s);
-    let plan = Plan::new(config.model, config.tau_s, times, work, dense).map_err(FitError::Whiten)?;
+    let factorisation =
+        Factorisation::new(config.model, config.tau_s, times, work, dense).map_err(FitError::Whiten)?;
     let free = config.free();
     let stride = samples.len().div_ceil(THINNED).max(1);
-    let white = Plan { method: super::whiten::WhitenMethod::Chain, model: Model::White, ..plan };
+    let white =
+        Factorisation { method: super::whiten::WhitenMethod::Chain, model: Model::White, ..factorisation };
     let pairs = samples.iter().map(|s| (s.t_s, s.azimuth_rad));
     let mut best: Option<Point> = None;
     let mut tried = [None; STARTS];
@@ -131,17 +133,19 @@ pub fn fit<const N: usize>(
         if let Some(slot) = tried.get_mut(k) {
             *slot = Some(line);
         }
-        let Some(normal) = evaluate(config, &plan, samples.iter(), &line, work, dense) else { continue };
+        let Some(normal) = evaluate(config, &factorisation, samples.iter(), &line, work, dense) else {
+            continue;
+        };
         if best.is_none_or(|b| normal.cost() < b.normal.cost()) {
             best = Some(Point { at: line, normal, damping: 1e-6 });
         }
     }
     let line = best.ok_or(FitError::NoMinimum)?.at;
     let point = minimise(line, &free, &limits, FINE_STEPS, |line| {
-        evaluate(config, &plan, samples.iter(), line, &mut *work, dense)
+        evaluate(config, &factorisation, samples.iter(), line, &mut *work, dense)
     })
     .ok_or(FitError::NoMinimum)?;
-    finished(config, samples, &limits, &plan, &point).ok_or(FitError::NoMinimum)
+    finished(config, samples, &limits, &factorisation, &point).ok_or(FitError::NoMinimum)
 }
 
 /// Fits from a given line alone, with a plan made before for the same times: for many records of the same geometry.
@@ -149,21 +153,21 @@ pub fn refit<const N: usize>(
     config: &Config,
     samples: &[Sample],
     start: &Line,
-    plan: &Plan,
+    factorisation: &Factorisation,
     work: &mut Workspace<N>,
     dense: &[f64],
 ) -> Option<Fit> {
     let limits = check(config, samples).ok()?;
     let point = minimise(*start, &config.free(), &limits, FINE_STEPS, |line| {
-        evaluate(config, plan, samples.iter(), line, &mut *work, dense)
+        evaluate(config, factorisation, samples.iter(), line, &mut *work, dense)
     })?;
-    finished(config, samples, &limits, plan, &point)
+    finished(config, samples, &limits, factorisation, &point)
 }
 
 /// Normal equations of the samples about `line`, priors included.
 pub fn evaluate<'a, const N: usize>(
     config: &Config,
-    plan: &Plan,
+    factorisation: &Factorisation,
     samples: impl Iterator<Item = &'a Sample> + Clone,
     line: &Line,
     work: &mut Workspace<N>,
@@ -173,7 +177,7 @@ pub fn evaluate<'a, const N: usize>(
     let mut of_elevations = Normal::default();
     let mut rows = samples.clone();
     let view = line.view(&config.medium);
-    let mut normal = plan.normal(samples.map(|s| s.t_s), work, dense, |_, t| {
+    let mut normal = factorisation.normal(samples.map(|s| s.t_s), work, dense, |_, t| {
         let mut row = [0.0; COLUMNS];
         let Some(sample) = rows.next() else { return row };
         let e = view.expected(t);
@@ -233,7 +237,13 @@ fn minimise(
     Some(point)
 }
 
-fn finished(config: &Config, samples: &[Sample], limits: &Limits, plan: &Plan, point: &Point) -> Option<Fit> {
+fn finished(
+    config: &Config,
+    samples: &[Sample],
+    limits: &Limits,
+    factorisation: &Factorisation,
+    point: &Point,
+) -> Option<Fit> {
     let elevations = if config.medium.height_m > 0.0 {
         samples.iter().filter(|s| s.elevation_rad.1.is_finite()).count()
     } else {
@@ -242,7 +252,7 @@ fn finished(config: &Config, samples: &[Sample], limits: &Limits, plan: &Plan, p
     let measurements = (samples.len() + elevations) as f64;
     let n = samples.len() as u32;
     let solution = solution(&point.at, &point.normal, &config.free(), limits, n, measurements)?;
-    Some(Fit { solution, normal: point.normal, plan: *plan })
+    Some(Fit { solution, normal: point.normal, factorisation: *factorisation })
 }
 
 /// An interval of the closest-point range; an end that reaches the configured limit is open.
@@ -278,7 +288,7 @@ pub fn range_interval<const N: usize>(
         let mut start = *from;
         start.p[2] = start.p[3] - ln_range;
         let point = minimise(start, &free, &limits, FINE_STEPS, |line| {
-            let mut normal = evaluate(config, &fit.plan, samples.iter(), line, &mut *work, dense)?;
+            let mut normal = evaluate(config, &fit.factorisation, samples.iter(), line, &mut *work, dense)?;
             let off = ln_range - (line.p[3] - line.p[2]);
             normal.add(&[0.0, 0.0, -1.0, 1.0, 0.0, off], stiff);
             Some(normal)

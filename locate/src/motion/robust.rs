@@ -54,7 +54,10 @@ pub fn fit_robust<const N: usize>(
     }
     for _ in 0..STEPS {
         reweight(&best, config, samples, weighted, 1.0);
-        let Some(next) = refit(config, weighted, &best.solution.line, &best.plan, work, dense) else { break };
+        let Some(next) = refit(config, weighted, &best.solution.line, &best.factorisation, work, dense)
+        else {
+            break;
+        };
         let moved = next.solution.line.p.iter().zip(&best.solution.line.p).map(|(a, b)| m::abs(a - b));
         let still = moved.fold(0.0, f64::max) < 1e-6;
         best = next;

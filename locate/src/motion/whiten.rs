@@ -89,7 +89,7 @@ pub enum WhitenError {
 
 /// The chosen factorisation.
 #[derive(Clone, Copy, Debug)]
-pub struct Plan {
+pub struct Factorisation {
     /// The error model.
     pub model: Model,
     /// Correlation interval, s.
@@ -106,7 +106,7 @@ pub struct Plan {
     pub(super) lag: usize,
 }
 
-impl Plan {
+impl Factorisation {
     /// Chooses and prepares. `times` in order; `dense` is memory for irregular times (may be empty).
     ///
     /// # Errors
@@ -132,7 +132,7 @@ impl Plan {
             last = t;
         }
         let model = if tau_s > 0.0 { model } else { Model::White };
-        let mut plan = Self {
+        let mut factorisation = Self {
             model,
             tau_s,
             method: WhitenMethod::Chain,
@@ -144,47 +144,47 @@ impl Plan {
             lag: 0,
         };
         if matches!(model, Model::White | Model::Markov) || n < 2 {
-            return Ok(plan);
+            return Ok(factorisation);
         }
         // The mean step over the whole record is known better than the smallest one.
         let whole = m::round((last - first_s) / step_s);
         if whole >= 1.0 && whole < N as f64 {
-            plan.step_s = (last - first_s) / whole;
-            plan.positions = whole as usize + 1;
+            factorisation.step_s = (last - first_s) / whole;
+            factorisation.positions = whole as usize + 1;
         }
-        let positions = plan.positions;
-        let regular = whole < N as f64 && plan.find_missing(times.clone(), &mut work.missing);
+        let positions = factorisation.positions;
+        let regular = whole < N as f64 && factorisation.find_missing(times.clone(), &mut work.missing);
         let missing = positions.saturating_sub(n);
         if regular && missing <= MISSING {
-            let steps = tau_s / plan.step_s;
+            let steps = tau_s / factorisation.step_s;
             let whole = m::round(steps);
             if model == Model::Linear && missing == 0 && (steps - whole).abs() < 1e-6 * steps && whole < 1e6 {
-                plan.method = WhitenMethod::Differences;
-                plan.lag = whole as usize;
-                plan.condition = 1.0 / whole;
-                return Ok(plan);
+                factorisation.method = WhitenMethod::Differences;
+                factorisation.lag = whole as usize;
+                factorisation.condition = 1.0 / whole;
+                return Ok(factorisation);
             }
-            plan.method = WhitenMethod::Levinson { missing: missing as u16 };
-            plan.condition = plan.worst_prediction(work);
-            if plan.condition < CONDITION {
-                plan.nugget = CONDITION;
-                if plan.worst_prediction(work) < 0.5 * CONDITION {
+            factorisation.method = WhitenMethod::Levinson { missing: missing as u16 };
+            factorisation.condition = factorisation.worst_prediction(work);
+            if factorisation.condition < CONDITION {
+                factorisation.nugget = CONDITION;
+                if factorisation.worst_prediction(work) < 0.5 * CONDITION {
                     return Err(WhitenError::Singular);
                 }
             }
-            return Ok(plan);
+            return Ok(factorisation);
         }
-        plan.method = WhitenMethod::Dense;
+        factorisation.method = WhitenMethod::Dense;
         let needed = n * (n + 1) / 2;
         let Some(memory) = dense.get_mut(..needed) else { return Err(WhitenError::Memory(needed)) };
-        plan.condition = factorise(model, tau_s, 0.0, times.clone(), memory);
-        if plan.condition < CONDITION {
-            plan.nugget = CONDITION;
+        factorisation.condition = factorise(model, tau_s, 0.0, times.clone(), memory);
+        if factorisation.condition < CONDITION {
+            factorisation.nugget = CONDITION;
             if factorise(model, tau_s, CONDITION, times, memory) < 0.5 * CONDITION {
                 return Err(WhitenError::Singular);
             }
         }
-        Ok(plan)
+        Ok(factorisation)
     }
 
     /// Place of a time on the grid, if it lies on one.
@@ -415,11 +415,13 @@ mod tests {
         ] {
             for times in [&regular, &holes, &odd] {
                 let mut memory = vec![0.0; 2000];
-                let plan = Plan::new(model, tau, times.iter().copied(), &mut work, &mut memory).unwrap();
-                let normal = plan.normal(times.iter().copied(), &mut work, &memory, |_, t| rows(t)).unwrap();
-                let tolerance = if plan.nugget > 0.0 { 1e-6 } else { 1e-8 };
-                same(&normal, &dense(model, tau, plan.nugget, times), tolerance);
-                assert_eq!(plan.nugget > 0.0, tau == 40.0, "{plan:?}");
+                let factorisation =
+                    Factorisation::new(model, tau, times.iter().copied(), &mut work, &mut memory).unwrap();
+                let normal =
+                    factorisation.normal(times.iter().copied(), &mut work, &memory, |_, t| rows(t)).unwrap();
+                let tolerance = if factorisation.nugget > 0.0 { 1e-6 } else { 1e-8 };
+                same(&normal, &dense(model, tau, factorisation.nugget, times), tolerance);
+                assert_eq!(factorisation.nugget > 0.0, tau == 40.0, "{factorisation:?}");
             }
         }
     }
@@ -428,10 +430,11 @@ mod tests {
     fn linear_model_on_the_grid_takes_the_short_way() {
         let mut work = Workspace::<401>::new();
         let times = (0..401).map(|k| 0.5 * f64::from(k));
-        let plan = Plan::new(Model::Linear, 50.0, times.clone(), &mut work, &mut []).unwrap();
-        assert_eq!(plan.method, WhitenMethod::Differences);
-        let fast = plan.normal(times.clone(), &mut work, &[], |_, t| rows(t)).unwrap();
-        let slow = Plan { method: WhitenMethod::Levinson { missing: 0 }, ..plan };
+        let factorisation =
+            Factorisation::new(Model::Linear, 50.0, times.clone(), &mut work, &mut []).unwrap();
+        assert_eq!(factorisation.method, WhitenMethod::Differences);
+        let fast = factorisation.normal(times.clone(), &mut work, &[], |_, t| rows(t)).unwrap();
+        let slow = Factorisation { method: WhitenMethod::Levinson { missing: 0 }, ..factorisation };
         same(&fast, &slow.normal(times, &mut work, &[], |_, t| rows(t)).unwrap(), 1e-8);
     }
 
@@ -445,12 +448,12 @@ mod tests {
         let mut work = Workspace::<16>::new();
         let back = [0.0, 1.0, 0.5];
         assert_eq!(
-            Plan::new(Model::Linear, 5.0, back.into_iter(), &mut work, &mut []).unwrap_err(),
+            Factorisation::new(Model::Linear, 5.0, back.into_iter(), &mut work, &mut []).unwrap_err(),
             WhitenError::Times
         );
         let odd = [0.0, 1.0, 2.5, 2.7];
         assert_eq!(
-            Plan::new(Model::Linear, 5.0, odd.into_iter(), &mut work, &mut []).unwrap_err(),
+            Factorisation::new(Model::Linear, 5.0, odd.into_iter(), &mut work, &mut []).unwrap_err(),
             WhitenError::Memory(10)
         );
     }
