@@ -220,7 +220,10 @@ fn a_recording_without_a_usable_sample_is_an_error() {
     std::fs::write(dir.path().join("station.toml"), STATION).unwrap();
     std::fs::write(
         dir.path().join("s.toml"),
-        format!("{SCENARIO}[[faults]]\nkind = \"dead\"\nchannel = 1\n"),
+        // Three hydrophones go on, two cannot.
+        format!(
+            "{SCENARIO}[[faults]]\nkind = \"dead\"\nchannel = 1\n[[faults]]\nkind = \"dead\"\nchannel = 2\n"
+        ),
     )
     .unwrap();
     assert!(run(&["simulate", "s.toml", "--out", "out"], dir.path()).status.success());

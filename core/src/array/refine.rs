@@ -148,11 +148,11 @@ pub(crate) fn remove(
         let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
         let coherence = coherence.as_chunks::<RUN>().0.get(runs.clone()).unwrap_or(&[]);
         for (run, power) in g.part_mut(&runs).iter_mut().zip(coherence) {
-            for i in 0..RUN {
-                let power = power[i] * scale;
+            let (Some(re), Some(im)) = (run.re.get_mut(p), run.im.get_mut(p)) else { continue };
+            for ((power, re), im) in power.iter().zip(re).zip(im) {
                 let (s, c) = phasor.next();
-                run.re[p][i] -= power * c;
-                run.im[p][i] += power * s;
+                *re -= power * scale * c;
+                *im += power * scale * s;
             }
         }
     }

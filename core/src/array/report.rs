@@ -26,6 +26,10 @@ const DELAY_FLOOR_SAMPLES: f32 = 0.02;
 const NOISE_RESIDUAL: f32 = 3.0;
 /// The same at high signal-to-noise ratios, where what frames of two hydrophones do not share dominates: samples.
 const ROUNDING_SAMPLES: f32 = 0.004;
+/// Near its threshold a peak may stand on the neighbouring lobe, and its coherence is the luckiest of many: the variance is
+/// larger by this over the fourth power of the statistic (a law that fits white noise from threshold to three times it).
+const NEAR_THRESHOLD: f32 = 2.0;
+
 /// The record of a found source, with the covariance that its smoothed coherence gives and what it `turned` (radians) while its
 /// moment is unknown; `None` where there is none.
 pub(super) fn bearing(
@@ -51,7 +55,11 @@ pub(super) fn bearing(
     let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / used.pairs();
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
-    let scale = variance.arrival + unexplained + used.sensors() * plan.position_sd_s * plan.position_sd_s;
+    let square = found.statistic * found.statistic;
+    let lucky = NEAR_THRESHOLD / (square * square).max(1.0);
+    let scale = variance.arrival * (1.0 + lucky)
+        + unexplained
+        + used.sensors() * plan.position_sd_s * plan.position_sd_s;
     // What a speed of sound and a distance that are not as assumed do to all arrival times together.
     let slowness = wavefront::arrivals(&plan.geometry, direction, curvature);
     let bends = plan.geometry.position_m.map(|h| {

@@ -16,6 +16,7 @@ use super::transform::{self, RUN, Work};
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
 use crate::math::f32 as m;
+use core::cell::Cell;
 use microfft::Complex32;
 
 /// Lags kept: ± [`MAX_DELAY`] samples in half samples, without the last.
@@ -162,17 +163,26 @@ impl SearchWork {
     /// Maximum over the delays that a cell of the lattice can hold.
     fn pool(&mut self, plan: &Plan, spacing: f32) {
         for ((pooled, lags), crossing) in self.pooled.iter_mut().zip(&self.lags).zip(&plan.crossing_s) {
-            // Blocks of a stride first, then windows of blocks: a fifth of the comparisons of windows of lags.
-            let mut blocks = [i16::MIN; POOLED];
-            for (block, [a, b, c, d]) in blocks.iter_mut().zip(lags.as_chunks::<POOL_STRIDE>().0) {
+            // Blocks of a stride first, then windows of 2, 4, 8 ... blocks; two of the widest that fits cover a window.
+            let mut windows = [i16::MIN; POOLED];
+            for (block, [a, b, c, d]) in windows.iter_mut().zip(lags.as_chunks::<POOL_STRIDE>().0) {
                 *block = (*a).max(*b).max((*c).max(*d));
             }
             let reach = m::ceil(0.71 * spacing * crossing * 2.0 * plan.rate_hz);
-            let blocks_each_side = (reach as usize).div_ceil(POOL_STRIDE).min(POOLED);
+            let each_side = (reach as usize).div_ceil(POOL_STRIDE).min(POOLED / 2);
+            let mut width = 1;
+            while 2 * width <= 2 * each_side + 1 {
+                // Beyond the table's end there is nothing higher.
+                let later = Cell::from_mut(&mut windows[..]).as_slice_of_cells();
+                for (window, next) in later.iter().zip(later.iter().skip(width)) {
+                    window.set(window.get().max(next.get()));
+                }
+                width *= 2;
+            }
             for (n, value) in pooled.iter_mut().enumerate() {
-                let first = n.saturating_sub(blocks_each_side);
-                let window = blocks.get(first..(n + blocks_each_side + 1).min(POOLED)).unwrap_or(&[]);
-                *value = window.iter().fold(i16::MIN, |a, b| a.max(*b));
+                let first = windows[n.saturating_sub(each_side) & (POOLED - 1)];
+                let last = windows[(n + each_side + 1).saturating_sub(width) & (POOLED - 1)];
+                *value = first.max(last);
             }
         }
     }
