@@ -13,6 +13,6 @@ pub use seabearing_emulation::{board, demo, emulator, rehearsal, sample_line, tw
 #[cfg(feature = "experiments")]
 pub use seabearing_experiments as reproduce;
 pub use seabearing_host::{
-    ais, atomic, blob, console, csv, delays, geodesy, interrupt, motion, ocean_bottom, orientation, plot,
-    progress, propagation, record, recording, replay, scenario, station, world,
+    ais, atomic, blob, console, csv, delays, geodesy, interrupt, motion, ocean_bottom, orientation, plan,
+    plot, progress, propagation, record, recording, replay, scenario, station, world,
 };

@@ -16,7 +16,7 @@ enum Expected {
 use Expected::{Lacks, Runs};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 18] = [
+const EXAMPLES: [(&str, &[Expected]); 19] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs]),
     ("bearing", &[Runs]),
@@ -45,6 +45,7 @@ const EXAMPLES: [(&str, &[Expected]); 18] = [
     ("propagation fit", &[Lacks("station.toml")]),
     ("config", &[]),
     ("config check", &[Runs]),
+    ("plan", &[Runs, Runs]),
     ("ais speeds", &[Runs]),
 ];
 

@@ -15,6 +15,7 @@ pub mod interrupt;
 pub mod motion;
 pub mod ocean_bottom;
 pub mod orientation;
+pub mod plan;
 pub mod plot;
 pub mod progress;
 pub mod propagation;

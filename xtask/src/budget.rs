@@ -120,6 +120,7 @@ fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
         let twice = firmware::build(toolchain, &EMULATED_TWICE)?;
         figures.push(configured_twice(recorder, &twice, &recording)?);
     }
+    figures.extend(slower(&firmware::build(toolchain, &EMULATED_ARRAY)?)?);
     figures.extend(fit(&firmware::build(toolchain, &EMULATED_FIT)?)?);
     figures.extend(tracks(&firmware::build(toolchain, &EMULATED_TRACKS)?)?);
     figures.extend(hardware(toolchain)?);
@@ -169,16 +170,9 @@ fn measure(recorder: &Recorder, image: &Path, recording: &Recording) -> Result<V
         "counting the instructions of the {} recorder over scenarios/{}.toml",
         recorder.name, recorder.scenario
     ));
-    let arguments = ["twin", "--json", "--count-instructions"];
-    let mut command = host(&arguments);
-    command.arg("--firmware").arg(image).arg("--station").arg(&recording.station).args(&recording.files);
-    let output = command.output().context("seabearing twin")?;
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    if !output.status.success() {
-        bail!("{}", String::from_utf8_lossy(&output.stderr).trim());
-    }
-    let get = |key: &str| number(&said, key).with_context(|| format!("`seabearing twin` told no {key}"));
-    let work = (get("million_instructions_per_s")? * 1000.0).round() / 1000.0;
+    let said = counted(image, recording)?;
+    let get = |key: &str| told(&said, key);
+    let work = thousandths(get("million_instructions_per_s")?);
     let stack = get("stack_bytes")?;
     figures.push(Figure { name: name("stack used, bytes"), value: stack, bar: None });
     let memory = statics + stack;
@@ -195,11 +189,63 @@ fn measure(recorder: &Recorder, image: &Path, recording: &Recording) -> Result<V
     if let Some(rate_hz) = recorder.queue_hz {
         figures.push(Figure {
             name: name("worst block, million instr."),
-            value: (get("worst_block_million_instructions")? * 1000.0).round() / 1000.0,
+            value: thousandths(get("worst_block_million_instructions")?),
             bar: Some((queue_frames()? / 2.0 / rate_hz * CORE_HZ / 1e6).round()),
         });
     }
+    // What one vessel, heard all the time, brings to the line; health reports come to it.
+    let minutes = get("seconds")? / 60.0;
+    for (what, value) in [
+        ("bearings a minute, one vessel", get("bearings")? / minutes),
+        ("bearing frame, bytes", get("bearing_bytes")? / get("bearings")?.max(1.0)),
+        ("other telemetry, bytes/min", get("other_bytes")? / minutes),
+    ] {
+        if value > 0.0 {
+            figures.push(Figure { name: name(what), value: thousandths(value), bar: None });
+        }
+    }
     Ok(figures)
+}
+
+fn thousandths(x: f64) -> f64 {
+    (x * 1000.0).round() / 1000.0
+}
+
+/// What `seabearing twin` with these arguments prints as JSON.
+fn twin(arguments: &[&str], image: &Path, recording: &Recording) -> Result<String> {
+    let mut command = host(&["twin", "--json"]);
+    command.args(arguments).arg("--firmware").arg(image);
+    command.arg("--station").arg(&recording.station).args(&recording.files);
+    let output = command.output().context("seabearing twin")?;
+    if !output.status.success() {
+        bail!("{}", String::from_utf8_lossy(&output.stderr).trim());
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// The same of a run whose instructions QEMU counts.
+fn counted(image: &Path, recording: &Recording) -> Result<String> {
+    twin(&["--count-instructions"], image, recording)
+}
+
+fn told(said: &str, key: &str) -> Result<f64> {
+    number(said, key).with_context(|| format!("`seabearing twin` told no {key}"))
+}
+
+/// The array recorder's work at another rate, and with another step: what `seabearing plan` scales it by.
+fn slower(image: &Path) -> Result<Vec<Figure>> {
+    let rate = ("rate_hz = 64000", "rate_hz = 16000");
+    let step = ("[array]", "[array]\nstep_s = 1.0");
+    let work = |name: &str, folder: &str, changes: &[(&str, &str)]| -> Result<Figure> {
+        let recording = scenario::simulate_changed(folder, changes)?;
+        say(&format!("counting the instructions of the array recorder: {name}"));
+        let work = told(&counted(image, &recording)?, "million_instructions_per_s")?;
+        Ok(Figure { name: format!("array {name}"), value: thousandths(work), bar: None })
+    };
+    Ok(vec![
+        work("at 16 kHz, million instr./s", "demo-16-khz", &[rate])?,
+        work("at 16 kHz, 1 s steps, million/s", "demo-16-khz-1-s", &[rate, step])?,
+    ])
 }
 
 /// Frames the hardware's sample queue holds. Work after one block may take half of it: the other half is for what comes
@@ -295,6 +341,11 @@ const HARDWARE_REGISTER: f64 = 30.0;
 /// Interrupts a second, percent of the time asleep.
 const HARDWARE_INTERRUPTS: f64 = 500.0;
 const HARDWARE_ASLEEP: f64 = 60.0;
+/// Its flash and the RAM it lives in (`memory.x`), bytes.
+const HARDWARE_FLASH: f64 = 2_097_152.0;
+const HARDWARE_RAM: f64 = 524_288.0;
+/// So many times the stack that was used must be there.
+const STACK_MARGIN: f64 = 4.0;
 
 /// What a conversion costs the image for hardware on the modelled board, over the short scenario.
 fn hardware(toolchain: &Toolchain) -> Result<Vec<Figure>> {
@@ -302,23 +353,27 @@ fn hardware(toolchain: &Toolchain) -> Result<Vec<Figure>> {
     let station = recording.station.to_string_lossy().into_owned();
     let image = firmware::build_hardware(toolchain, &HARDWARE, Some(&station))?;
     say("counting what a conversion costs the image for hardware");
-    let mut command = host(&["twin", "--json", "--board", "stm32h743"]);
-    command.args(["--cycles", &HARDWARE_CYCLES.to_string()]);
-    command.args(["--register-cycles", &HARDWARE_REGISTER.to_string()]);
-    command.arg("--firmware").arg(image).arg("--station").arg(&station).args(&recording.files);
-    let output = command.output().context("seabearing twin")?;
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    if !output.status.success() {
-        bail!("{}", String::from_utf8_lossy(&output.stderr).trim());
-    }
+    let (cycles, register) = (HARDWARE_CYCLES.to_string(), HARDWARE_REGISTER.to_string());
+    let arguments = ["--board", "stm32h743", "--cycles", &cycles, "--register-cycles", &register];
+    let said = twin(&arguments, &image, &recording)?;
+    let plain = |what: &str, value, bar| Figure { name: format!("stm32h743 {what}"), value, bar };
+    let elf = Elf::read(&image)?;
+    let (statics, stack) = (f64::from(elf.statics()), told(&said, "stack_bytes")?);
+    let mut figures = vec![
+        plain("core, MHz", CORE_HZ / 1e6, None),
+        plain("cycles an instruction, assumed", HARDWARE_CYCLES, None),
+        plain("cycles a register access, assumed", HARDWARE_REGISTER, None),
+        plain("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
+        plain("statics, bytes", statics, None),
+        plain("stack used, bytes", stack, Some((told(&said, "stack_size_bytes")? / STACK_MARGIN).floor())),
+        plain("statics and stack, bytes", statics + stack, Some(HARDWARE_RAM)),
+    ];
     let figure = |what: &str, key: &str, scale: f64, bar| -> Result<Figure> {
-        let value = number(&said, key).with_context(|| format!("`seabearing twin` told no {key}"))?;
-        let value = (value * scale * 1000.0).round() / 1000.0;
-        Ok(Figure { name: format!("stm32h743 {what}"), value, bar })
+        Ok(plain(what, thousandths(told(&said, key)? * scale), bar))
     };
     // What leaves the core asleep long enough: cycles of a conversion's time, less the sleep, as instructions.
     let most = ((1.0 - HARDWARE_ASLEEP / 100.0) * CORE_HZ / 64_000.0 / HARDWARE_CYCLES).round();
-    Ok(vec![
+    figures.extend([
         figure("conversions lost in 5 s", "lost", 1.0, Some(0.0))?,
         figure("interrupts a second", "interrupts_per_s", 1.0, Some(HARDWARE_INTERRUPTS))?,
         figure(LEAST, "idle", 100.0, Some(HARDWARE_ASLEEP))?,
@@ -326,7 +381,8 @@ fn hardware(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         figure("a conversion: interrupts, instr.", "instructions_in_interrupts_per_conversion", 1.0, None)?,
         figure("a conversion: register accesses", "register_accesses_per_conversion", 1.0, None)?,
         figure("a conversion: memory loads", "memory_loads_per_conversion", 1.0, None)?,
-    ])
+    ]);
+    Ok(figures)
 }
 
 #[cfg(test)]

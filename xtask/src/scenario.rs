@@ -3,7 +3,7 @@
 use crate::process::{host, run, say};
 use crate::root;
 use anyhow::{Result, bail};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A simulated recording: its station file and its files in order of name.
 pub struct Recording {
@@ -18,19 +18,40 @@ pub fn simulate(name: &str) -> Result<Recording> {
     if name == "ocean-bottom" {
         trace_table()?;
     }
-    let scenario = format!("scenarios/{name}.toml");
-    say(&format!("simulating {scenario}"));
+    record(&root().join(format!("scenarios/{name}.toml")), &root().join("target/scenarios").join(name))
+}
+
+/// The demo's pass as a station hears it whose file differs from the demo's in these words.
+pub fn simulate_changed(name: &str, changes: &[(&str, &str)]) -> Result<Recording> {
     let folder = root().join("target/scenarios").join(name);
     let _ = std::fs::remove_dir_all(&folder);
-    run(host(&["simulate", &scenario, "--out"]).arg(&folder), "seabearing simulate")?;
-    let mut files: Vec<PathBuf> = std::fs::read_dir(&folder)?
+    std::fs::create_dir_all(&folder)?;
+    let mut station = std::fs::read_to_string(root().join("scenarios/demo-station.toml"))?;
+    for (from, to) in changes {
+        if !station.contains(from) {
+            bail!("scenarios/demo-station.toml has no `{from}`");
+        }
+        station = station.replace(from, to);
+    }
+    std::fs::write(folder.join("demo-station.toml"), station)?;
+    let scenario = folder.join("demo.toml");
+    std::fs::copy(root().join("scenarios/demo.toml"), &scenario)?;
+    record(&scenario, &folder.join("recording"))
+}
+
+fn record(scenario: &Path, folder: &Path) -> Result<Recording> {
+    let shown = scenario.strip_prefix(root()).unwrap_or(scenario).display();
+    say(&format!("simulating {shown}"));
+    let _ = std::fs::remove_dir_all(folder);
+    run(host(&["simulate"]).arg(scenario).arg("--out").arg(folder), "seabearing simulate")?;
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)?
         .flatten()
         .map(|f| f.path())
         .filter(|p| p.extension().is_some_and(|e| e == "wav" || e == "mseed"))
         .collect();
     files.sort();
     if files.is_empty() {
-        bail!("{scenario} gave no recording in {}", folder.display());
+        bail!("{shown} gave no recording in {}", folder.display());
     }
     Ok(Recording { station: folder.join("station.toml"), files })
 }

@@ -30,4 +30,5 @@ pub mod wavefront;
 
 pub use chain::{Scratch, State, finish, push};
 pub(crate) use chain::{event, samples};
-pub use plan::{FRAME, HOP, MAX_DELAY, Plan, PlanError};
+pub use others::BEARINGS_A_STEP;
+pub use plan::{FRAME, HOP, MAX_DELAY, Plan, PlanError, SHAFT_RATE_EVERY_S};

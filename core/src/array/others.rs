@@ -11,6 +11,9 @@ use super::wavefront::{self, Direction};
 use crate::math::f32 as m;
 use crate::wire::Message;
 
+/// Most bearings of one step: the strongest source's, and that of an octave or of a second source.
+pub const BEARINGS_A_STEP: u32 = 2;
+
 /// A second source nearer than this to the first, in resolution cells, is what is left of the first.
 const SECOND_APART_CELLS: f32 = 6.0;
 /// Farthest a second source moves between two searches, radians: a vessel at 100 m turns by 4° a second.

@@ -137,11 +137,14 @@ pub struct Plan {
 
 const EACH_HOP: NonZeroU64 = NonZeroU64::new(HOP as u64).unwrap();
 
+/// Seconds from one shaft rate to the next.
+pub const SHAFT_RATE_EVERY_S: f64 = 10.0;
+
 /// What the recorder asks of the shaft rate: an analysis in a third of its window.
 const SHAFT: demon::Settings = demon::Settings {
     high_pass_hz: 3000.0,
     search_hz: (0.7, 16.0),
-    update_s: 10.0,
+    update_s: SHAFT_RATE_EVERY_S,
     false_rates_per_hour: 0.01,
 };
 

@@ -6,8 +6,8 @@
 
 use crate::wire::{Fault, FaultCode, FaultsHeld, Message};
 
-/// Faults of one kind sent a minute.
-const A_MINUTE: u8 = 3;
+/// Faults of one kind sent a minute one by one; the others of the minute make one record.
+pub const A_MINUTE: u8 = 3;
 
 /// Kinds there are.
 const KINDS: usize = FaultCode::ALL.len();

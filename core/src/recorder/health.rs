@@ -11,7 +11,7 @@ use crate::wire::{Command, Fault, FaultCode, Health, Hello, Message, Reply, SCHE
 /// How old the newest sample may be when a command is carried out, s: a block of work.
 const SAMPLE_AGE_S: f64 = 0.02;
 /// Seconds of samples between health reports unless a command says otherwise.
-const HEALTH_EVERY_S: u16 = 60;
+pub const HEALTH_EVERY_S: u16 = 60;
 
 /// An index that leaps brings a report no earlier than this part of the time between two.
 const EARLY: u64 = 8;

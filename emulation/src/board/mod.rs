@@ -101,6 +101,8 @@ pub struct BoardRun {
     pub dma_items: u64,
     /// Frequency of the converter's bus.
     pub spi_hz: u64,
+    /// Bytes of stack there are, and the most that was used since the last start.
+    pub stack: (u32, u32),
 }
 
 impl BoardRun {
@@ -160,6 +162,8 @@ pub fn twin(
         file[at + blob.len() / 2] ^= 0x10;
     }
     let image = Image::parse(&file).map_err(|e| anyhow!("{}: {e}", image.display()))?;
+    let stack =
+        image.symbol("_stack_end").zip(image.symbol("_stack_start")).context("no stack in the image")?;
     let mut machine = stm32h743::machine(image, setup.costs, &setup.parameters, Box::new(source), rate_hz)
         .map_err(anyhow::Error::msg)?;
     machine.board.converter.acquisition = (setup.acquisition_s * PER_SECOND as f64) as Ticks;
@@ -192,7 +196,18 @@ pub fn twin(
         resets: ended.0.resets,
         dma_items: machine.board.dma_items,
         spi_hz: machine.board.spi_hz(),
+        stack: stack_use(&machine, stack),
     })
+}
+
+/// Bytes from the far end of the stack to its start, and how many of them were used: start-up code paints the stack, use
+/// wipes the paint off.
+fn stack_use(machine: &Machine<Stm32h743>, (end, start): (u32, u32)) -> (u32, u32) {
+    const PAINT: [u8; 4] = [0xcc; 4];
+    let size = start.saturating_sub(end);
+    let words = machine.memory.bytes(end, size).unwrap_or_default().as_chunks().0;
+    let painted = words.iter().take_while(|word| **word == PAINT).count() as u32;
+    (size, size - 4 * painted)
 }
 
 /// The frames among what the board has sent.

@@ -11,6 +11,7 @@ pub mod demo;
 pub mod export;
 pub mod locate;
 pub mod orient;
+pub mod plan;
 pub mod process;
 pub mod propagation;
 pub mod propagation_fit;
@@ -100,6 +101,8 @@ pub enum Subcommand {
     Propagation(propagation::Args),
     /// Check a station file
     Config(config::Args),
+    /// What a deployment costs and whether it fits: work, memory, line, card, battery
+    Plan(plan::Args),
     /// Statistics of vessel traffic from AIS files
     Ais(ais::Args),
 }
@@ -129,6 +132,7 @@ impl Subcommand {
             Self::Reproduce(args) => reproduce::run(args),
             Self::Propagation(args) => propagation::run(args),
             Self::Config(args) => config::run(args),
+            Self::Plan(args) => plan::run(args),
             Self::Ais(args) => ais::run(args),
         }
     }

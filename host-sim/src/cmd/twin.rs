@@ -1,6 +1,7 @@
 //! `seabearing twin`: run the firmware in an emulator and the host over the same input and compare their telemetry.
 
 use crate::emulator::{self, Emulator, SamplePath};
+use crate::plan::telemetry::Tally;
 use crate::progress;
 use crate::sample_line::{SendTiming, Sender};
 use crate::station::Station;
@@ -153,12 +154,14 @@ pub fn run(args: Args) -> Result<()> {
     };
     let work = counted(twins.summary.busy_ticks).map(|all| all / seconds.max(1e-9));
     let worst = counted(twins.summary.worst_block_ticks);
+    let tally = Tally::of(&messages);
     let mut out = std::io::stdout().lock();
     if args.json {
         let record = serde_json::json!({
             "type": "twin", "identical": true, "bytes": twins.host.len(), "messages": messages.len(), "seconds": seconds,
             "million_instructions_per_s": work, "worst_block_million_instructions": worst,
             "stack_bytes": twins.summary.stack_used,
+            "bearings": tally.bearings, "bearing_bytes": tally.bearing_bytes, "other_bytes": tally.other_bytes,
             "line_damaged": twins.summary.line_damaged, "line_lost": twins.summary.line_lost,
         });
         writeln!(out, "{record}")?;

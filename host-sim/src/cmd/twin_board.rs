@@ -211,6 +211,7 @@ fn say(report: &BoardRun, json: bool) -> Result<()> {
             "register_accesses_per_conversion": registers,
             "memory_loads_per_conversion": per(handlers.loads + thread.loads),
             "memory_accesses_per_conversion": memory,
+            "stack_bytes": report.stack.1, "stack_size_bytes": report.stack.0,
         });
         writeln!(out, "{record}")?;
         return Ok(());
@@ -238,5 +239,6 @@ fn say(report: &BoardRun, json: bool) -> Result<()> {
         per(thread.instructions),
         per(handlers.loads + thread.loads)
     )?;
+    writeln!(out, "stack: {} bytes used of {}", report.stack.1, report.stack.0)?;
     Ok(())
 }

@@ -1,0 +1,184 @@
+//! What records take on the line: counted in a run, and the most there can be.
+
+use seabearing_core::array::{BEARINGS_A_STEP, SHAFT_RATE_EVERY_S};
+use seabearing_core::config::{Kind, StationConfig};
+use seabearing_core::intake::faults::A_MINUTE;
+use seabearing_core::obs::limits::{AZIMUTH_MODES, RANGE_MODES, VESSELS};
+use seabearing_core::obs::plan::STEP_S;
+use seabearing_core::traffic;
+use seabearing_core::wire::{
+    Azimuth, Bearing, Encoder, FaultCode, FaultsHeld, Health, Message, Range, ShaftRate, Track,
+};
+
+/// Bytes of a message's frame.
+pub fn frame_bytes(message: &Message) -> u64 {
+    Encoder::default().frame(message).len() as u64
+}
+
+/// Records of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Bearings.
+    pub bearings: u64,
+    /// Bytes of their frames.
+    pub bearing_bytes: u64,
+    /// Bytes of what else is found or goes wrong: greeting, health, answers and the end are not in it.
+    pub other_bytes: u64,
+}
+
+impl Tally {
+    /// Counts.
+    pub fn of(messages: &[Message]) -> Self {
+        let mut tally = Self::default();
+        for message in messages {
+            match message {
+                Message::Bearing(_) => {
+                    tally.bearings += 1;
+                    tally.bearing_bytes += frame_bytes(message);
+                }
+                Message::Hello(_)
+                | Message::Health(_)
+                | Message::Reply(_)
+                | Message::End(_)
+                | Message::Time(_) => {}
+                _ => tally.other_bytes += frame_bytes(message),
+            }
+        }
+        tally
+    }
+}
+
+/// Years after which numbers are as long as they get in these figures.
+const YEARS: f64 = 10.0;
+
+fn after_years(rate_hz: f64) -> u64 {
+    (YEARS * 365.25 * 86_400.0 * rate_hz) as u64
+}
+
+/// A health report as long as it gets.
+pub fn health(rate_hz: f64) -> Message {
+    let most = after_years(rate_hz);
+    Message::Health(Health {
+        index: most,
+        processed: most,
+        lost: [most; 6],
+        channels: u8::MAX,
+        level_half_db: [i8::MIN; 4],
+        records: u32::MAX,
+        frames_dropped: u32::MAX,
+    })
+}
+
+/// The most bytes a second that a recorder says: so many vessels at once, all that one minute may hold of faults of every
+/// kind, health every so many seconds.
+pub fn most_per_s(config: &StationConfig, vessels: u32, health_s: f64) -> f64 {
+    let index = after_years(config.rate_hz);
+    let bytes = |message| frame_bytes(&message) as f64;
+    let track = bytes(track(index));
+    let found = match &config.kind {
+        Kind::Array(array) => {
+            f64::from(BEARINGS_A_STEP) * bytes(bearing(index)) / array.step_s
+                + f64::from(vessels) * track / traffic::Config::new(config).report_s
+                + bytes(shaft_rate(index)) / SHAFT_RATE_EVERY_S
+        }
+        // Azimuths of tones and one of calls, ranges, and at most a track of each vessel.
+        Kind::Obs(_) => {
+            ((AZIMUTH_MODES + 1) as f64 * bytes(azimuth(index))
+                + RANGE_MODES as f64 * bytes(range(index))
+                + f64::from(vessels.min(VESSELS as u32)) * track)
+                / STEP_S
+        }
+        Kind::Line(_) => 0.0,
+    };
+    let held = FaultsHeld { code: FaultCode::Gap, index, count: u32::MAX, value: i64::MAX };
+    let faults = FaultCode::ALL.len() as f64 * (f64::from(A_MINUTE) + 1.0) * bytes(Message::FaultsHeld(held));
+    let health = if health_s > 0.0 { bytes(health(config.rate_hz)) / health_s } else { 0.0 };
+    found + faults / 60.0 + health
+}
+
+fn bearing(index: u64) -> Message {
+    let x = 0.0;
+    Message::Bearing(Bearing {
+        index,
+        azimuth: x,
+        elevation: x,
+        var_azimuth: x,
+        var_elevation: x,
+        cov: x,
+        snr_db: x,
+        quality: x,
+        closure_s: x,
+        statistic: x,
+        band: 0,
+        flags: 0,
+    })
+}
+
+fn track(index: u64) -> Message {
+    let x = 0.0;
+    Message::Track(Track {
+        id: u16::MAX,
+        stage: 0,
+        index,
+        cpa_time_s: 0.0,
+        cpa_range_m: x,
+        cpa_azimuth: x,
+        heading: x,
+        speed_m_s: x,
+        starboard: false,
+        sd_cpa_time_s: x,
+        sd_cpa_range_m: x,
+        sd_heading: x,
+        sd_speed_m_s: x,
+        x_m: x,
+        y_m: x,
+        var_x_m2: x,
+        var_y_m2: x,
+        cov_xy_m2: x,
+        range_observable: false,
+        n: u16::MAX,
+    })
+}
+
+fn shaft_rate(index: u64) -> Message {
+    let x = 0.0;
+    Message::ShaftRate(ShaftRate {
+        index,
+        rate_hz: x,
+        sd_hz: x,
+        confidence: x,
+        ln_false_alarm: x,
+        harmonics: 0,
+        blades: 0,
+        speed_m_s: x,
+        sd_speed_m_s: x,
+        track: u16::MAX,
+    })
+}
+
+fn azimuth(index: u64) -> Message {
+    let x = 0.0;
+    Message::Azimuth(Azimuth {
+        index,
+        azimuth: x,
+        sd: x,
+        log_presence: x,
+        weight: x,
+        detected: false,
+        kind: 0,
+    })
+}
+
+fn range(index: u64) -> Message {
+    let x = 0.0;
+    Message::Range(Range {
+        index,
+        range_m: x,
+        sd_range_m: x,
+        speed_m_s: x,
+        sd_speed_m_s: x,
+        log_presence: x,
+        weight: x,
+        detected: false,
+    })
+}

@@ -1,0 +1,135 @@
+use super::*;
+use std::path::Path;
+
+const ARRAY: &str = r#"
+[station]
+id = 1
+name = "east"
+kind = "array"
+[sampling]
+rate_hz = 64000
+[array]
+hydrophones_m = [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38], [0.0, 0.0, 1.13]]
+"#;
+
+fn station(text: &str) -> Station {
+    Station::parse(text, "s.toml", Path::new(".")).unwrap()
+}
+
+fn usual() -> Deployment {
+    Deployment {
+        vessels_a_day: 20.0,
+        minutes_each: 30.0,
+        at_once: 8,
+        health_s: 60.0,
+        baud: 921_600.0,
+        link_bytes_a_day: None,
+        card_bytes: None,
+        sample_bytes: 3.0,
+        days: None,
+        duty: 1.0,
+        ram_bytes: None,
+        flash_bytes: None,
+        cycles: None,
+        power: Power::default(),
+    }
+}
+
+fn planned(deployment: &Deployment) -> Plan {
+    of(&station(ARRAY), deployment).unwrap()
+}
+
+/// The one thing that does not fit.
+fn misfit(deployment: &Deployment) -> String {
+    let plan = planned(deployment);
+    assert_eq!(plan.misfits.len(), 1, "{:?}", plan.misfits);
+    plan.misfits[0].clone()
+}
+
+#[test]
+fn the_usual_fits_and_is_what_was_measured() {
+    let plan = planned(&usual());
+    assert_eq!(plan.misfits, Vec::<String>::new());
+    let snapshot = include_str!("../../../docs/budget.txt");
+    let row = |name: &str| {
+        let line = snapshot.lines().find(|line| line.starts_with(name)).unwrap();
+        line[name.len()..].split_whitespace().next().unwrap().parse::<f64>().unwrap()
+    };
+    assert!((plan.instructions_per_s / 1e6 - row("array work, million instructions/s")).abs() < 1e-6);
+    // The model's own count of sleep, but for the interrupts' entries and what the board sends.
+    let asleep = row("stm32h743 asleep, %");
+    assert!((100.0 * (1.0 - plan.awake) - asleep).abs() < 0.5, "{} {asleep}", plan.awake);
+    assert_eq!((plan.ram_bytes.1, plan.flash_bytes.1), (524_288.0, 2_097_152.0));
+    assert_eq!(plan.card_bytes_a_day, 64_000.0 * 12.0 * 86_400.0);
+    assert!(plan.link_bytes_a_day < plan.worst_bytes_a_day);
+}
+
+#[test]
+fn every_thing_that_does_not_fit_is_told_by_name() {
+    let slow = misfit(&Deployment { baud: 1200.0, ..usual() });
+    assert!(
+        slow.contains("120 bytes/s") && slow.contains("8 vessels") && slow.contains("baud at least"),
+        "{slow}"
+    );
+    assert!(misfit(&Deployment { ram_bytes: Some(65_536.0), ..usual() }).contains("RAM"));
+    assert!(misfit(&Deployment { flash_bytes: Some(65_536.0), ..usual() }).contains("flash"));
+    assert!(misfit(&Deployment { link_bytes_a_day: Some(1000.0), ..usual() }).contains("1000 bytes a day"));
+    let card = Deployment { card_bytes: Some(1e12), days: Some(100.0), ..usual() };
+    assert!(misfit(&card).contains("the card holds 15.1 of 100 days"), "{}", misfit(&card));
+    assert_eq!(planned(&Deployment { duty: 0.1, ..card }).misfits, Vec::<String>::new());
+    // Too slow a core misses the samples' queue as well.
+    let busy = planned(&Deployment { cycles: Some(30.0), ..usual() });
+    assert!(busy.misfits.iter().any(|m| m.contains("busy")) && busy.awake > 1.0, "{:?}", busy.misfits);
+    let rate = of(&station(&ARRAY.replace("64000", "48000")), &usual()).unwrap();
+    assert!(rate.misfits[0].contains("48000 Hz"), "{:?}", rate.misfits);
+}
+
+#[test]
+fn what_nobody_measured_is_asked_for() {
+    let ask = |power, duty| of(&station(ARRAY), &Deployment { power, duty, ..usual() });
+    let battery = Power { battery_wh: Some(1000.0), ..Power::default() };
+    let e = ask(battery, 0.5).unwrap_err().to_string();
+    for option in ["--supply-v", "--awake-ma", "--asleep-ma", "--other-ma", "--off-ma"] {
+        assert!(e.contains(option), "{e}");
+    }
+    assert!(!ask(battery, 1.0).unwrap_err().to_string().contains("--off-ma"));
+    let known = Power {
+        supply_v: Some(10.0),
+        awake_ma: Some(100.0),
+        asleep_ma: Some(100.0),
+        other_ma: Some(100.0),
+        off_ma: Some(0.0),
+        ..battery
+    };
+    let plan = ask(known, 0.5).unwrap();
+    assert_eq!(plan.mean_ma, Some(100.0));
+    assert!((plan.battery_days.unwrap() - 1000.0 / 24.0).abs() < 1e-9);
+}
+
+#[test]
+fn values_that_cannot_be_are_refused_by_name() {
+    for (deployment, option) in [
+        (Deployment { duty: 0.0, ..usual() }, "--duty"),
+        (Deployment { duty: f64::NAN, ..usual() }, "--duty"),
+        (Deployment { baud: f64::INFINITY, ..usual() }, "--baud"),
+        (Deployment { vessels_a_day: -1.0, ..usual() }, "--vessels-a-day"),
+        (Deployment { card_bytes: Some(0.0), ..usual() }, "--card-gb"),
+        (Deployment { at_once: 9, ..usual() }, "--at-once"),
+    ] {
+        let e = of(&station(ARRAY), &deployment).unwrap_err().to_string();
+        assert!(e.contains(option) && e.contains("allowed"), "{e}");
+    }
+    let line = "[station]\nid = 1\nname = \"l\"\nkind = \"line\"\n[line]\nsensors = 23\nspacing_m = 0.75\n";
+    assert!(of(&station(line), &usual()).unwrap_err().to_string().contains("no recorder"));
+}
+
+#[test]
+fn slower_stations_cost_less_and_longer_steps_too() {
+    let cost = |from: &str, to: &str| of(&station(&ARRAY.replace(from, to)), &usual()).unwrap();
+    let (full, slow, sparse) =
+        (cost("x", "x"), cost("64000", "16000"), cost("[array]", "[array]\nstep_s = 1.0\n"));
+    assert!(slow.instructions_per_s < 0.6 * full.instructions_per_s && slow.awake < 0.6 * full.awake);
+    assert!(sparse.instructions_per_s < full.instructions_per_s);
+    assert!(sparse.link_bytes_a_day < full.link_bytes_a_day);
+    assert!(sparse.worst_bytes_per_s < full.worst_bytes_per_s);
+}
