@@ -23,10 +23,11 @@ pub fn key(path: &Path) -> Result<Key> {
 }
 
 impl Base {
-    /// Gives a command to the recorder that has opened its link; `false` while none has. It is signed with the key for
-    /// the recorder's present boot; its counter is the time in microseconds, which goes on over restarts.
-    pub fn command(&mut self, key: Option<&Key>, command: &Command) -> bool {
-        let Some((session, _)) = self.link.peer() else { return false };
+    /// Gives a command to the recorder that has opened its link on a connection; `false` while none has. It is signed with
+    /// the key for the recorder's present boot; its counter is the time in microseconds, which goes on over restarts.
+    pub fn command(&mut self, stream: u32, key: Option<&Key>, command: &Command) -> bool {
+        let Some(live) = self.streams.get_mut(&stream) else { return false };
+        let Some(session) = live.stream.peer() else { return false };
         let mut buffer = [0; SIGNED_BYTES];
         let bytes = match key {
             Some(key) => {
@@ -37,7 +38,7 @@ impl Base {
             }
             None => bytes_of(command, &mut buffer),
         };
-        self.link.offer(Class::Health, bytes);
+        live.stream.link().offer(Class::Health, bytes);
         true
     }
 }

@@ -1,6 +1,6 @@
 //! The base station's picture for a person: status, latest tracks, health and losses as text.
 
-use super::Base;
+use super::{Base, Recorder};
 use seabearing_core::wire::Track;
 use std::fmt::Write;
 
@@ -15,9 +15,36 @@ pub fn text(base: &Base) -> String {
     out
 }
 
+/// Recorders shown with all that is known of them; more have a line each.
+const FULL: usize = 2;
+
 fn fill(base: &Base, out: &mut String) -> std::fmt::Result {
-    let c = base.counters();
-    let rate = base.clock().rate_hz;
+    let recorders: Vec<&Recorder> = base.recorders().collect();
+    if recorders.is_empty() {
+        writeln!(out, "station unknown (no Hello heard yet)")?;
+    }
+    writeln!(out, "stream   {}", base.counters())?;
+    for recorder in &recorders {
+        match recorders.len() {
+            0..=FULL => full(recorder, out)?,
+            _ => line(recorder, out)?,
+        }
+    }
+    Ok(())
+}
+
+/// A recorder on one line.
+fn line(recorder: &Recorder, out: &mut String) -> std::fmt::Result {
+    let station = recorder.station.map_or_else(|| "unknown".to_owned(), |s| s.to_string());
+    let heard = recorder.heard_us.map_or(serde_json::Value::Null, super::record::rfc3339);
+    write!(out, "station {station:>7}  session {:>3}", recorder.session().unwrap_or(0))?;
+    write!(out, "  heard {}  {} records", heard.as_str().unwrap_or("-"), recorder.records)?;
+    writeln!(out, "  {} tracks  {} faults", recorder.tracks().count(), recorder.faults_in_all())
+}
+
+fn full(base: &Recorder, out: &mut String) -> std::fmt::Result {
+    let session = base.session().unwrap_or(0);
+    let rate = base.rate_hz(session).unwrap_or(f64::NAN);
     let at = |index: u64| time_s(index as f64 / rate);
     match base.hello() {
         Some(h) => writeln!(
@@ -34,12 +61,11 @@ fn fill(base: &Base, out: &mut String) -> std::fmt::Result {
             h.version.1,
             h.version.2,
             h.config_hash,
-            c.sessions,
+            session,
             if base.ended() { "  ended" } else { "" }
         )?,
         None => writeln!(out, "station unknown (no Hello heard yet)")?,
     }
-    writeln!(out, "stream   {c}")?;
     if let Some((_, b)) = base.bearings().next_back() {
         writeln!(
             out,
@@ -51,15 +77,15 @@ fn fill(base: &Base, out: &mut String) -> std::fmt::Result {
             b.quality
         )?;
     }
-    if !base.tracks().is_empty() {
+    if base.tracks().next().is_some() {
         writeln!(
             out,
             "{:>7} {:8} {:>10}  {:>16}  {:>15}  {:>14}  {:>12}  {:10}",
             "track", "state", "time", "CPA time (s)", "CPA range (m)", "heading (°)", "speed (m/s)", "side"
         )?;
     }
-    for ((session, id), history) in base.tracks().iter().rev().take(SHOWN) {
-        let Some(t) = history.last() else { continue };
+    for ((session, id), mut history) in base.tracks().rev().take(SHOWN) {
+        let Some(t) = history.next_back() else { continue };
         writeln!(
             out,
             "{:>7} {:8} {:>10}  {:>16}  {:>15}  {:>14}  {:>12}  {:10}",
@@ -102,10 +128,10 @@ fn fill(base: &Base, out: &mut String) -> std::fmt::Result {
             }
         }
     }
-    if c.faults > 0 {
+    if base.faults_in_all() > 0 {
         let last: Vec<String> =
             base.faults().map(|f| format!("{:?} {} at {}", f.code, f.value, at(f.index))).collect();
-        writeln!(out, "faults   {} in all; last: {}", c.faults, last.join(", "))?;
+        writeln!(out, "faults   {} in all; last: {}", base.faults_in_all(), last.join(", "))?;
     }
     Ok(())
 }

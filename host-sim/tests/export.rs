@@ -123,7 +123,8 @@ fn an_interval_and_a_station() {
 fn a_base_station_started_again_still_knows_time_and_place() {
     let dir = store(&["--start", "2024-05-01T09:00:00Z"]);
     let last = || -> Value {
-        let text = std::fs::read_to_string(dir.path().join("kept/records.jsonl")).unwrap();
+        succeeds(dir.path(), &["export", "--store", "kept", "--out", "last.jsonl"]);
+        let text = std::fs::read_to_string(dir.path().join("last.jsonl")).unwrap();
         serde_json::from_str(text.lines().last().unwrap()).unwrap()
     };
     // The recorder has started again, and nobody said when.
@@ -142,11 +143,13 @@ fn a_base_station_started_again_still_knows_time_and_place() {
 #[test]
 fn what_is_wrong_is_told_and_nothing_is_left() {
     let dir = store(&[]);
-    std::fs::remove_file(dir.path().join("kept/about.json")).unwrap();
-    let kept = std::fs::read(dir.path().join("kept/records.jsonl")).unwrap();
+    // Nobody said where the station is.
+    succeeds(dir.path(), &["base", "telemetry.bin", "--store", "bare"]);
+    let kept = || std::fs::read(dir.path().join("kept/store.sqlite")).unwrap();
+    let before = kept();
     for (args, words) in [
-        (&["--store", "kept", "--out", "kept/records.jsonl"][..], "the store"),
-        (&["--store", "kept", "--out", "x.kml"], "--stations"),
+        (&["--store", "kept", "--out", "kept/records.jsonl"][..], "the store itself"),
+        (&["--store", "bare", "--out", "x.kml"], "--stations"),
         (
             &[
                 "--store",
@@ -176,5 +179,5 @@ fn what_is_wrong_is_told_and_nothing_is_left() {
         run(dir.path(), &["export", "--store", "kept", "--from", "2024-05-01T09:00:02Z", "--out", "y.csv"]);
     assert!(String::from_utf8_lossy(&out.stderr).contains("no UTC"));
     assert!(!dir.path().join("x.csv").exists() && !dir.path().join("x.kml").exists());
-    assert_eq!(std::fs::read(dir.path().join("kept/records.jsonl")).unwrap(), kept);
+    assert_eq!(kept(), before);
 }

@@ -11,9 +11,11 @@ enum Expected {
     Runs,
     /// Its arguments are taken; what it needs is not here (a device, an emulator, or files that other tests make).
     Lacks(&'static str),
+    /// It waits for recorders until it is stopped, and says for what.
+    Waits(&'static str),
 }
 
-use Expected::{Lacks, Runs};
+use Expected::{Lacks, Runs, Waits};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
 const EXAMPLES: [(&str, &[Expected]); 19] = [
@@ -36,7 +38,8 @@ const EXAMPLES: [(&str, &[Expected]); 19] = [
         ],
     ),
     ("twin", &[Lacks("out/station.toml"), Lacks("out/station.toml"), Lacks("out/station.toml")]),
-    ("base", &[Runs, Lacks("/dev/ttyACM0"), Runs]),
+    ("base", &[Runs, Waits("/dev/ttyACM0"), Waits("127.0.0.1:"), Lacks("stations.toml"), Runs]),
+    ("base send", &[Lacks("east.key"), Lacks("east.key"), Lacks("stations.toml")]),
     ("export", &[Runs, Runs]),
     ("demo", &[]),
     ("blob", &[Runs]),
@@ -152,21 +155,21 @@ fn every_example_of_the_help_does_what_it_says() {
         let shown = examples(&String::from_utf8_lossy(&help.stdout));
         assert_eq!(shown.len(), expected.len(), "{subcommand}: {shown:#?}");
         for (line, expected) in shown.iter().zip(expected) {
-            if line.contains("--listen") {
-                listens(line, dir.path());
+            if let Waits(what) = expected {
+                waits(line, what);
                 continue;
             }
             let words = words(line, dir.path());
             let words: Vec<&str> = words.iter().map(String::as_str).collect();
             let out = match expected {
                 Runs => seabearing(&words, dir.path()),
-                Lacks(_) => seabearing(&words, tempfile::tempdir().unwrap().path()),
+                Lacks(_) | Waits(_) => seabearing(&words, tempfile::tempdir().unwrap().path()),
             };
             let said = String::from_utf8_lossy(&out.stderr);
             match expected {
                 Runs => assert!(out.status.success(), "{line}: {said}"),
                 // 2 would be a mistake in the arguments.
-                Lacks(what) => {
+                Lacks(what) | Waits(what) => {
                     assert!(
                         out.status.code() == Some(1) && said.contains(what),
                         "{line}: {:?} {said}",
@@ -188,16 +191,21 @@ fn every_example_of_the_help_does_what_it_says() {
 }
 
 /// A base station that waits for recorders: it is there until it is stopped. The port is any free one.
-fn listens(line: &str, folder: &Path) {
-    let words = words(&line.replace(":4500", ":0"), folder);
+fn waits(line: &str, what: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let words = words(&line.replace(":4500", ":0"), folder.path());
     let mut base = Command::new(env!("CARGO_BIN_EXE_seabearing"));
-    let mut base =
-        base.args(&words).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    base.args(&words)
+        .current_dir(folder.path())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped());
+    let mut base = base.spawn().unwrap();
     let mut said = String::new();
     let mut errors = std::io::BufReader::new(base.stderr.take().unwrap());
     std::io::BufRead::read_line(&mut errors, &mut said).unwrap();
     let waits = base.try_wait().unwrap().is_none();
     base.kill().unwrap();
     base.wait().unwrap();
-    assert!(waits && said.contains("127.0.0.1:"), "{line}: {said}");
+    assert!(waits && said.contains(what), "{line}: {said}");
 }

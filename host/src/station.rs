@@ -38,6 +38,22 @@ struct StationTable {
     orientation_deg: f64,
     #[serde(default = "default_sound_speed")]
     sound_speed_m_s: f64,
+    // Of a base station's list only.
+    line: Option<String>,
+    key_file: Option<PathBuf>,
+    utc_of_sample_0: Option<String>,
+}
+
+impl StationTable {
+    /// A key that is there and has its place in a list only.
+    fn listed_key(&self) -> Option<&'static str> {
+        let keys = [
+            ("line", self.line.is_some()),
+            ("key_file", self.key_file.is_some()),
+            ("utc_of_sample_0", self.utc_of_sample_0.is_some()),
+        ];
+        keys.into_iter().find(|(_, there)| *there).map(|(key, _)| key)
+    }
 }
 
 fn default_sound_speed() -> f64 {
@@ -181,6 +197,19 @@ impl Default for TrackingTable {
     }
 }
 
+/// A station of a list, and how a base station reaches it.
+#[derive(Debug, Clone)]
+pub struct ListedStation {
+    /// What the keys of `[station]` say; the kind is a placeholder.
+    pub config: StationConfig,
+    /// `line`: `listen:ADDR:PORT`, `tcp:HOST:PORT`, `serial:DEVICE:BAUD` or `file:PATH`.
+    pub line: Option<String>,
+    /// `key_file`: the key that commands are signed with.
+    pub key_file: Option<PathBuf>,
+    /// `utc_of_sample_0`, for a recorder without a clock, RFC 3339.
+    pub utc_of_sample_0: Option<String>,
+}
+
 /// A station file as read.
 #[derive(Debug, Clone)]
 pub struct Station {
@@ -236,6 +265,9 @@ impl Station {
         let file: File = source.parse()?;
         let name = source.name();
         let here = |key: &str| source.at(key);
+        if let Some(key) = file.station.listed_key() {
+            bail!("{}: `{key}` belongs into a list of [[stations]]", here(&format!("station.{key}")));
+        }
         let kind = match file.station.kind.as_deref() {
             Some(k) => k.to_owned(),
             None => bail!("{}: missing key `kind` in [station]: array, obs or line", here("station")),
@@ -329,12 +361,30 @@ impl Station {
     /// # Errors
     /// As [`Station::read`].
     pub fn read_network(path: &Path) -> Result<Vec<StationConfig>> {
+        Ok(Self::read_listed(path)?.1.into_iter().map(|listed| listed.config).collect())
+    }
+
+    /// Reads a list of `[[stations]]` with what a base station needs besides; and gives the file, to say what is wrong.
+    ///
+    /// # Errors
+    /// As [`Station::read`].
+    pub fn read_listed(path: &Path) -> Result<(TomlFile, Vec<ListedStation>)> {
         let source = TomlFile::read(path, "network file")?;
         let file: NetworkFile = source.parse()?;
         if file.stations.is_empty() {
             bail!("{}: no [[stations]]", source.name());
         }
-        file.stations.iter().enumerate().map(|(i, s)| base(s, &format!("stations.{i}"), &source)).collect()
+        let listed = |(i, s): (usize, StationTable)| {
+            let config = base(&s, &format!("stations.{i}"), &source)?;
+            Ok(ListedStation {
+                config,
+                line: s.line,
+                key_file: s.key_file,
+                utc_of_sample_0: s.utc_of_sample_0,
+            })
+        };
+        let stations = file.stations.into_iter().enumerate().map(listed).collect::<Result<_>>()?;
+        Ok((source, stations))
     }
 }
 

@@ -1,12 +1,14 @@
 use super::*;
-use crate::Base;
+use crate::{Base, Beginning};
 use seabearing_core::wire::{Encoder, Message, Reply, Track};
 
 /// Five reports of one track; in the first its range is not observable.
 fn records() -> Vec<Value> {
     let mut encoder = Encoder::default();
     let start = time::macros::datetime!(2024-05-01 09:00 UTC);
-    let mut base = Base::new(Some(1000.0), Some(start));
+    let mut base = Base::new(Some(1000.0));
+    base.say_start(Some(crate::record::micros(start)));
+    base.begin(1, Beginning::default(), None);
     let mut out = Vec::new();
     for i in 0..5u16 {
         let track = Track {
@@ -31,10 +33,10 @@ fn records() -> Vec<Value> {
             range_observable: i > 0,
             n: i,
         };
-        base.push(encoder.frame(&Message::Track(track)), &mut out);
+        base.push(1, 0, None, encoder.frame(&Message::Track(track)), &mut out);
     }
-    base.push(encoder.frame(&Message::Reply(Reply { token: 1, status: 0 })), &mut out);
-    out
+    base.push(1, 0, None, encoder.frame(&Message::Reply(Reply { token: 1, status: 0 })), &mut out);
+    out.iter().map(|row| base.json(row)).collect()
 }
 
 fn written(name: &str, places: &Positions) -> Result<Vec<u8>> {

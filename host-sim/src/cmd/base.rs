@@ -1,72 +1,82 @@
-//! `seabearing base`: the base station: receive telemetry, store, show, export.
+//! `seabearing base`: the base station: receive telemetry of any number of recorders, store, show, export.
 
-use crate::base::about::About;
+use super::base_screen::{Exports, Screen};
 use crate::base::export::{self, Format, Positions};
-use crate::base::link::{LineEvent, LineLink, Origin};
-use crate::base::store::Store;
+use crate::base::line::Line;
+use crate::base::origin::Origin;
+use crate::base::record::{Row, micros};
+use crate::base::service::{Rules, Service};
+use crate::base::stations::{self, Listed};
+use crate::base::store::{self, Store};
 use crate::base::{Base, LINE_BAUD, view};
-use crate::plot::result;
 use crate::station::Station;
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use seabearing_core::wire::link::Settings;
-use seabearing_core::wire::{Command, Encoder};
-use serde_json::Value;
-use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
-
-/// How often the terminal view is drawn.
-const DRAW: Duration = Duration::from_millis(250);
-/// How often exports are written while telemetry comes in.
-const EXPORT: Duration = Duration::from_secs(10);
+use std::time::Duration;
 
 /// Arguments of `seabearing base`.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  seabearing base telemetry.bin --station station.toml --export tracks.kml\n  \
     seabearing base --serial /dev/ttyACM0 --baud 115200 --store out/base\n  \
-    seabearing base --listen 127.0.0.1:4500 --json | jq 'select(.type == \"track\")'"
+    seabearing base --listen 127.0.0.1:4500 --json | jq 'select(.type == \"track\")'\n  \
+    seabearing base --stations stations.toml --store out/network --keep-days 400\n  \
+    seabearing base check --store out/base\n\n\
+    A stations file is a list of [[stations]] with the keys of [station] and\n  \
+    line = \"listen:ADDR:PORT\", \"tcp:HOST:PORT\", \"serial:DEVICE:BAUD\" or \"file:PATH\"\n  \
+    key_file = \"east.key\", to sign commands with (`seabearing base send`)\n  \
+    utc_of_sample_0 = \"2024-05-01T09:00:00Z\", where a recorder has no clock"
 )]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-#[command(group(clap::ArgGroup::new("origin").required(true).args(["input", "serial", "tcp", "listen"])))]
+#[command(group(clap::ArgGroup::new("origin").required(true).multiple(true).args(["input", "serial", "tcp", "listen", "stations"])))]
 pub struct Args {
     #[command(subcommand)]
     action: Option<Action>,
-    /// File with telemetry, or - for standard input
-    input: Option<PathBuf>,
-    /// Serial device
+    /// Files with telemetry, or - for standard input
+    input: Vec<PathBuf>,
+    /// Serial device (may be given several times)
     #[arg(long, value_name = "DEVICE")]
-    serial: Option<String>,
-    /// Speed of the serial device
+    serial: Vec<String>,
+    /// Speed of the serial devices
     #[arg(long, default_value_t = LINE_BAUD)]
     baud: u32,
     /// Only one end of the line can speak at a time
     #[arg(long)]
     half_duplex: bool,
-    /// Connect to a recorder or a serial server
+    /// Connect to a recorder or a serial server (may be given several times)
     #[arg(long, value_name = "HOST:PORT")]
-    tcp: Option<String>,
-    /// Wait for connections
+    tcp: Vec<String>,
+    /// Take calls of any number of recorders at once (may be given several times)
     #[arg(long, value_name = "ADDRESS:PORT")]
-    listen: Option<String>,
+    listen: Vec<String>,
+    /// File of stations, each with its line
+    #[arg(long, value_name = "STATIONS.toml")]
+    stations: Option<PathBuf>,
     /// Wait for more at the end of a file
     #[arg(long)]
     follow: bool,
     /// Stop when a connection ends instead of waiting for the next
     #[arg(long)]
     once: bool,
-    /// Ask the recorder who it is when a connection begins
+    /// Ask every recorder who it is when its connection begins
     #[arg(long)]
     identify: bool,
+    /// Seconds without a byte after which a line is silent; a TCP connection is then closed
+    #[arg(long, value_name = "SECONDS", default_value_t = 180, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    idle: u64,
     /// Station file: position for exports, sample rate until the recorder tells it
     #[arg(long, value_name = "STATION.toml")]
     station: Option<PathBuf>,
     /// UTC of sample 0, RFC 3339
     #[arg(long, value_name = "TIME")]
     start: Option<String>,
-    /// Folder that keeps raw bytes and records; a base station started again goes on from there
+    /// Folder that keeps all bytes and records; a base station started again goes on from there
     #[arg(long, value_name = "DIR")]
     store: Option<PathBuf>,
+    /// Let go of what came more than so many days ago
+    #[arg(long, value_name = "DAYS", requires = "store", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    keep_days: Option<u32>,
     /// File for the tracks, .csv, .geojson, .jsonl, .kml or .parquet (may be given several times)
     #[arg(long, value_name = "FILE")]
     export: Vec<PathBuf>,
@@ -83,189 +93,174 @@ pub struct Args {
 enum Action {
     /// Give a command to a recorder with a link, and print its answer
     Send(super::base_send::Args),
+    /// Say what is in a store and whether it is sound
+    Check(Kept),
+    /// Make the records of a store anew from its bytes
+    Rebuild(Kept),
+}
+
+/// A store.
+#[derive(clap::Args)]
+struct Kept {
+    /// Folder of the store
+    #[arg(long, value_name = "DIR")]
+    store: PathBuf,
+    /// The result as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 impl Args {
-    fn origin(&self) -> Origin {
-        match (&self.input, &self.serial, &self.tcp, &self.listen) {
-            (Some(path), ..) if path.as_os_str() == "-" => Origin::Stdin,
-            (Some(path), ..) => Origin::File { path: path.clone(), follow: self.follow },
-            (_, Some(device), ..) => Origin::Serial { device: device.clone(), baud: self.baud },
-            (_, _, Some(to), _) => Origin::Connect(to.clone()),
-            (_, _, _, at) => Origin::Listen(at.clone().unwrap_or_default()),
-        }
+    /// Where telemetry comes from, and of which station.
+    fn lines(&self, listed: &[Listed], station: Option<u16>) -> Vec<Line> {
+        let files = self.input.iter().map(|path| match path.as_os_str() == "-" {
+            true => Origin::Stdin,
+            false => Origin::File { path: path.clone(), follow: self.follow },
+        });
+        let serial =
+            self.serial.iter().map(|device| Origin::Serial { device: device.clone(), baud: self.baud });
+        let tcp = self.tcp.iter().cloned().map(Origin::Connect);
+        let listen = self.listen.iter().cloned().map(Origin::Listen);
+        let own = files.chain(serial).chain(tcp).chain(listen).map(|origin| {
+            let calls = matches!(origin, Origin::Listen(_));
+            (origin, station.filter(|_| !calls))
+        });
+        let listed = listed.iter().filter_map(|s| Some((s.line.clone()?, Some(s.config.id))));
+        let line = |(origin, station): (Origin, Option<u16>)| {
+            let baud = origin.baud().unwrap_or(self.baud);
+            let settings = Settings { half_duplex: self.half_duplex, ..Settings::serial(baud) };
+            Line { origin, station, settings, once: self.once }
+        };
+        own.chain(listed).map(line).collect()
     }
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// One line for a person: the origin or the store cannot be used, or no telemetry was in it.
+/// One line for a person: a line or the store cannot be used, or no telemetry was in it.
 pub fn run(args: Args) -> Result<()> {
-    if let Some(Action::Send(args)) = &args.action {
-        return super::base_send::run(args);
+    match &args.action {
+        Some(Action::Send(args)) => return super::base_send::run(args),
+        Some(Action::Check(kept)) => return check(kept),
+        Some(Action::Rebuild(kept)) => {
+            let records = store::rebuild(&kept.store)?;
+            eprintln!("seabearing: {records} records made anew in {}", kept.store.display());
+            return Ok(());
+        }
+        None => {}
     }
     let station = args.station.as_deref().map(Station::read).transpose()?;
+    let listed = args.stations.as_deref().map(stations::read).transpose()?.unwrap_or_default();
     let start = args.start.as_deref().map(|t| super::instant("--start", t)).transpose()?;
-    // What was said of the recorder before holds until something else is said.
-    let kept = args.store.as_deref().map(About::read).transpose()?.unwrap_or_default();
-    let mut about = About {
-        rate_hz: station.as_ref().map(|s| s.config.rate_hz).or(kept.rate_hz),
-        place: station.as_ref().and_then(|s| s.config.lat_lon_deg).or(kept.place),
-        starts: kept.starts.clone(),
-    };
-    let mut base = Base::new(about.rate_hz, None);
-    base.set_starts(kept.starts.clone());
-    let places = Positions { otherwise: about.place, ..Positions::default() };
+    let places = places(&args, station.as_ref(), &listed)?;
     for path in &args.export {
         // A wrong ending or a missing position is better known now than after the deployment.
         export::check(path, Format::of(path)?, &places, "--station STATION.toml")?;
     }
-    let origin = args.origin();
+    let lines = args.lines(&listed, station.as_ref().map(|s| s.config.id).filter(|id| *id > 0));
+    if lines.is_empty() {
+        bail!("{}: no station has a `line`", args.stations.unwrap_or_default().display());
+    }
+    let mut base = Base::new(station.as_ref().map(|s| s.config.rate_hz));
     let mut store = args.store.as_deref().map(|folder| Store::open(folder, &mut base)).transpose()?;
-    if let Some(folder) = args.store.as_deref().filter(|_| about != kept) {
-        about.write(folder)?;
+    if let Some(store) = &mut store {
+        if let Some(s) = &station {
+            store.describe(None, s.config.lat_lon_deg, Some(s.config.rate_hz))?;
+        }
+        for s in &listed {
+            store.describe(Some(s.config.id), s.config.lat_lon_deg, None)?;
+        }
+        if store.resumed() > 0 {
+            eprintln!("seabearing: going on after {} records", store.resumed());
+        }
     }
-    base.say_start(start);
-    if let Some(store) = store.as_ref().filter(|s| s.resumed() > 0) {
-        eprintln!("seabearing: going on after {} records", store.resumed());
+    base.say_start(start.map(micros));
+    for s in &listed {
+        if let Some(start) = s.start {
+            base.say_start_of(s.config.id, micros(start));
+        }
     }
-    let before = base.counters();
-    let mut link = LineLink::open(origin.clone(), args.once)?;
-    if let Some(address) = link.listening() {
+    let rules =
+        Rules { idle: Duration::from_secs(args.idle), keep_days: args.keep_days, identify: args.identify };
+    let names: Vec<String> = lines.iter().map(|l| l.origin.to_string()).collect();
+    let mut service = Service::start(base, store, lines, rules)?;
+    for address in service.listening() {
         eprintln!("seabearing: listening at {address}");
     }
-    let mut line = Settings::serial(args.baud);
-    line.half_duplex = args.half_duplex;
-    base.line(line);
-    let begun = Instant::now();
-    let mut desk = Desk { args: &args, places, drawn: None, exported: Instant::now() };
-    let mut buffer = vec![0u8; 1 << 16];
-    let mut records: Vec<Value> = Vec::new();
-    let mut commands = Encoder::default();
-    // A stream begins with the link; bytes stored before it may have been cut off anywhere.
-    let mut begins = true;
-    loop {
-        let event = if begins { LineEvent::Began } else { link.read(&mut buffer)? };
-        begins = false;
-        records.clear();
-        let bytes = match event {
-            LineEvent::Began => {
-                if args.identify {
-                    link.send(commands.frame(&Command::Identify { token: 1 }));
-                }
-                if base.counters().bytes > 0 { &Base::BEGIN[..] } else { &[] }
-            }
-            LineEvent::Bytes(n) => &buffer[..n],
-            LineEvent::Idle | LineEvent::End => &[],
-        };
-        // First of all the bytes are kept; then they are read, and only then acknowledged.
-        if let Some(store) = &mut store {
-            store.bytes(bytes)?;
+    let before = service.base().counters();
+    let must_show = service.ends() || args.store.is_none();
+    let mut screen = Screen::start(args.json, service.ends());
+    let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
+    let mut rows: Vec<Row> = Vec::new();
+    while service.turn(&mut rows)? {
+        service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
+        let shown = show(&mut screen, service.base(), &rows);
+        if shown.is_err() && !must_show {
+            eprintln!("seabearing: nobody takes the results any more; storing goes on");
+            screen.give_up();
+        } else {
+            shown?;
         }
-        let now_us = begun.elapsed().as_micros() as u64;
-        base.push_at(now_us, bytes, &mut records);
-        if let Some(folder) = args.store.as_deref().filter(|_| *base.starts() != about.starts) {
-            about.starts = base.starts().clone();
-            about.write(folder)?;
-        }
-        if let Some(store) = &mut store {
-            store.records(&records)?;
-        }
-        if event == LineEvent::Began {
-            base.begin_stream();
-        }
-        while let Some(frame) = base.answer(now_us).filter(|_| event != LineEvent::End) {
-            if let Some(store) = &mut store {
-                store.hold()?;
-            }
-            link.send(frame);
-        }
-        if event == LineEvent::End {
-            base.end_stream();
-        }
-        // Of a stream without a single frame there is nothing to show but the reason, below.
-        if event == LineEvent::End && base.counters().stream.frames == before.stream.frames {
-            break;
-        }
-        desk.show(&mut base, &records, event == LineEvent::End)?;
-        if event == LineEvent::End {
-            break;
-        }
+        rows.clear();
+        exports.now_and_then(service.base());
     }
-    if let Some(store) = &mut store {
-        store.sync()?;
-    }
-    let after = base.counters();
-    let fresh = after.bytes - before.bytes;
+    service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
+    let after = service.base().counters();
+    // Of streams without a single frame there is nothing to show but the reason.
     if after.stream.frames == before.stream.frames {
-        match fresh {
-            0 | 1 => bail!("{origin}: no telemetry came"),
+        let names = names.join(", ");
+        match after.bytes - before.bytes {
+            0 => bail!("{names}: no telemetry came"),
             n => bail!(
-                "{origin}: no telemetry frame in {n} bytes: is this a recorder's stream, at the right speed?"
+                "{names}: no telemetry frame in {n} bytes: is this a recorder's stream, at the right speed?"
             ),
         }
     }
-    Ok(())
-}
-
-/// What a person sees and the files written besides the store.
-struct Desk<'a> {
-    args: &'a Args,
-    places: Positions,
-    drawn: Option<Instant>,
-    exported: Instant,
-}
-
-impl Desk<'_> {
-    fn show(&mut self, base: &mut Base, records: &[Value], last: bool) -> Result<()> {
-        for warning in base.warnings() {
-            eprintln!("seabearing: {warning}");
-        }
-        let mut out = std::io::stdout().lock();
-        if self.args.json {
-            for record in records {
-                writeln!(out, "{record}")?;
-            }
-            out.flush()?;
-            if last {
-                eprintln!("seabearing: {}", base.counters());
-            }
-        } else if last || (out.is_terminal() && self.drawn.is_none_or(|d| d.elapsed() > DRAW)) {
-            if out.is_terminal() {
-                // Home, draw, and clear what is left of the picture before.
-                write!(out, "\x1b[H{}\x1b[J", view::text(base).replace('\n', "\x1b[K\n"))?;
-            } else {
-                write!(out, "{}", view::text(base))?;
-            }
-            out.flush()?;
-            self.drawn = Some(Instant::now());
-        }
-        if last || self.exported.elapsed() > EXPORT {
-            for path in &self.args.export {
-                export::write(path, Format::of(path)?, &base.track_records(), &self.places)?;
-            }
-            if let Some(folder) = &self.args.plots {
-                pictures(base, folder).with_context(|| format!("cannot plot into {}", folder.display()))?;
-            }
-            self.exported = Instant::now();
-        }
-        Ok(())
+    let shown = show(&mut screen, service.base(), &rows);
+    let shown = shown.and_then(|()| screen.finish(&view::text(service.base())));
+    if must_show {
+        shown?;
     }
+    if args.json {
+        eprintln!("seabearing: {}", service.base().counters());
+    }
+    exports.finish(service.base())
 }
 
-/// Bearings against time and tracks on a map, of the last session.
-fn pictures(base: &Base, folder: &std::path::Path) -> Result<()> {
-    let session = base.counters().sessions;
-    let rate = base.clock().rate_hz;
-    let bearings: Vec<_> = base.bearings().filter(|(s, _)| *s == session).map(|(_, b)| *b).collect();
-    let tracks: Vec<_> = base
-        .tracks()
-        .iter()
-        .filter(|((s, _), _)| *s == session)
-        .flat_map(|(_, history)| history)
-        .copied()
-        .collect();
-    result::bearings(&bearings, rate, &[]).write(&folder.join("bearings.svg"))?;
-    result::tracks(&tracks, rate, &[]).write(&folder.join("tracks.svg"))
+/// Hands over what is to be printed, or the view.
+fn show(screen: &mut Screen, base: &Base, rows: &[Row]) -> Result<()> {
+    screen.records(rows.len(), || rows.iter().map(|row| format!("{}\n", base.json(row))).collect())?;
+    screen.picture(|| view::text(base))
+}
+
+/// Where stations are, as the command line, the stations file or the store says.
+fn places(args: &Args, station: Option<&Station>, listed: &[Listed]) -> Result<Positions> {
+    let kept = match &args.store {
+        Some(folder)
+            if folder.exists() && std::fs::read_dir(folder).is_ok_and(|mut f| f.next().is_some()) =>
+        {
+            store::places(folder)?
+        }
+        _ => Default::default(),
+    };
+    let said = station.and_then(|s| s.config.lat_lon_deg);
+    let mut places = Positions { otherwise: said.or(kept.get(&None).copied()), of_station: Default::default() };
+    let kept = kept.into_iter().filter_map(|(of, at)| Some((u64::from(of?), at)));
+    let listed = listed.iter().filter_map(|s| Some((u64::from(s.config.id), s.config.lat_lon_deg?)));
+    places.of_station.extend(kept.chain(listed));
+    Ok(places)
+}
+
+/// `seabearing base check`.
+fn check(kept: &Kept) -> Result<()> {
+    let found = store::check(&kept.store)?;
+    super::print_records(&[found.contents], kept.json)?;
+    if !found.faults.is_empty() {
+        bail!("the store {} is not sound: {}", kept.store.display(), found.faults.join("; "));
+    }
+    if !kept.json {
+        println!("sound");
+    }
+    Ok(())
 }

@@ -1,10 +1,12 @@
 //! `seabearing base send`: one command to a recorder, and its answer.
 
-use crate::base::Base;
-use crate::base::command;
-use crate::base::link::{LineEvent, LineLink, Origin};
+use crate::base::line::Line;
+use crate::base::origin::Origin;
+use crate::base::service::{Rules, Service};
+use crate::base::{Base, command, stations};
 use anyhow::{Context, Result, bail};
 use seabearing_core::wire::Command;
+use seabearing_core::wire::guard::Key;
 use seabearing_core::wire::link::Settings;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -13,9 +15,11 @@ use std::time::{Duration, Instant};
 /// Arguments of `seabearing base send`.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  seabearing base send --serial /dev/ttyACM0 --key east.key identify\n  \
-    seabearing base send --tcp 10.0.0.7:4500 --key east.key health-every 600")]
-#[command(group(clap::ArgGroup::new("to").required(true).args(["serial", "tcp", "listen"])))]
-#[command(group(clap::ArgGroup::new("signature").required(true).args(["key", "unsigned"])))]
+    seabearing base send --tcp 10.0.0.7:4500 --key east.key health-every 600\n  \
+    seabearing base send --stations stations.toml --station 7 identify\n\n\
+    The line must be free: where a base station holds it, stop that one first. A stations file gives line and key.")]
+#[command(group(clap::ArgGroup::new("to").required(true).args(["serial", "tcp", "listen", "stations"])))]
+#[command(group(clap::ArgGroup::new("signature").args(["key", "unsigned"])))]
 pub struct Args {
     /// Serial device
     #[arg(long, value_name = "DEVICE")]
@@ -32,6 +36,12 @@ pub struct Args {
     /// Wait for the recorder's connection
     #[arg(long, value_name = "ADDRESS:PORT")]
     listen: Option<String>,
+    /// File of stations, each with its line and its key
+    #[arg(long, value_name = "STATIONS.toml", requires = "station")]
+    stations: Option<PathBuf>,
+    /// Number of the station in that file
+    #[arg(long, value_name = "ID", requires = "stations")]
+    station: Option<u16>,
     /// File with the recorder's key: 64 hexadecimal digits
     #[arg(long, value_name = "FILE")]
     key: Option<PathBuf>,
@@ -81,55 +91,91 @@ impl Order {
 /// # Errors
 /// One line for a person: the line or the key cannot be used, no recorder with a link was heard, or it did not answer.
 pub fn run(args: &Args) -> Result<()> {
-    let key = args.key.as_deref().map(command::key).transpose()?;
+    let To { origin, station, key } = to(args)?;
     if key.is_none() {
         eprintln!(
             "seabearing: \x1b[31mthe command is not signed: anyone who reaches the line could give it\x1b[0m"
         );
     }
-    let origin = match (&args.serial, &args.tcp, &args.listen) {
-        (Some(device), ..) => Origin::Serial { device: device.clone(), baud: args.baud },
-        (_, Some(to), _) => Origin::Connect(to.clone()),
-        (_, _, at) => Origin::Listen(at.clone().context("--listen needs an address")?),
-    };
-    let mut link = LineLink::open(origin.clone(), true)?;
-    let mut base = Base::new(None, None);
-    base.line(Settings { half_duplex: args.half_duplex, ..Settings::serial(args.baud) });
+    let settings =
+        Settings { half_duplex: args.half_duplex, ..Settings::serial(origin.baud().unwrap_or(args.baud)) };
+    // Where several call, the first need not be the one.
+    let once = station.is_none() || !matches!(origin, Origin::Listen(_));
+    let line = Line { origin: origin.clone(), station, settings, once };
     let (begun, wait) = (Instant::now(), Duration::from_secs(args.wait));
-    let (mut buffer, mut records) = (vec![0u8; 1 << 14], Vec::new());
-    let mut given = false;
+    let rules = Rules { idle: wait, keep_days: None, identify: false };
+    let mut service = Service::start(Base::new(None), None, vec![line], rules)?;
+    let mut given = None;
+    let mut rows = Vec::new();
     while begun.elapsed() < wait {
-        let event = link.read(&mut buffer)?;
-        let bytes = if let LineEvent::Bytes(n) = event { &buffer[..n] } else { &[] };
-        let now_us = begun.elapsed().as_micros() as u64;
-        base.push_at(now_us, bytes, &mut records);
-        for record in records.drain(..).filter(|_| given) {
+        let goes_on = service.turn(&mut rows)?;
+        service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
+        for row in rows.drain(..) {
+            let record = service.base().json(&row);
+            let wanted = station.is_none_or(|s| row.station == Some(s));
+            if given.is_none() || !wanted || record["type"] == "line" {
+                continue;
+            }
             println!("{record}");
             if record["token"] == u64::from(TOKEN) {
-                // The recorder may forget the answer now.
-                send(&mut base, &mut link, now_us);
+                // The recorder may forget the answer now: the acknowledgement is on its way.
+                service.turn(&mut Vec::new())?;
+                std::thread::sleep(Duration::from_millis(50));
                 return done(&record);
             }
         }
-        given = given || base.command(key.as_ref(), &args.order.command());
-        send(&mut base, &mut link, now_us);
-        if event == LineEvent::End {
+        if given.is_none() {
+            let mut streams = service.base().streams().collect::<Vec<_>>().into_iter();
+            given = streams.find(|(stream, who)| {
+                let wanted = station.is_none_or(|s| *who == Some(s));
+                wanted && service.base_mut().command(*stream, key.as_ref(), &args.order.command())
+            });
+        }
+        if !goes_on {
             bail!("{origin}: the line was closed before the recorder answered");
         }
     }
     match given {
-        false => bail!("{origin}: no recorder with a link was heard in {} s", args.wait),
-        true => bail!(
+        None => bail!("{origin}: no recorder with a link was heard in {} s", args.wait),
+        Some(_) => bail!(
             "{origin}: the recorder has not answered in {} s: is this its key? (it says BadCommand where it is not)",
             args.wait
         ),
     }
 }
 
-fn send(base: &mut Base, link: &mut LineLink, now_us: u64) {
-    while let Some(frame) = base.answer(now_us) {
-        link.send(frame);
+/// Where a command goes.
+struct To {
+    origin: Origin,
+    station: Option<u16>,
+    key: Option<Key>,
+}
+
+fn to(args: &Args) -> Result<To> {
+    let mut key = args.key.as_deref().map(command::key).transpose()?;
+    let (origin, station) = match (&args.serial, &args.tcp, &args.listen) {
+        (Some(device), ..) => (Origin::Serial { device: device.clone(), baud: args.baud }, None),
+        (_, Some(to), _) => (Origin::Connect(to.clone()), None),
+        (_, _, Some(at)) => (Origin::Listen(at.clone()), None),
+        _ => {
+            let path = args.stations.as_deref().context("--stations needs a file")?;
+            let id = args.station.context("--stations needs --station ID")?;
+            let listed = stations::find(&stations::read(path)?, id, path)?;
+            key = key.or(listed.key);
+            let line =
+                listed.line.with_context(|| format!("{}: station {id} has no `line`", path.display()))?;
+            (line, Some(id))
+        }
+    };
+    if let Origin::File { path, .. } = &origin {
+        bail!("{}: a file takes no commands", path.display());
     }
+    if key.is_none() && !args.unsigned {
+        bail!(
+            "a command is signed with --key FILE, or with the stations file's `key_file`; --unsigned for a recorder without a key"
+        );
+    }
+    Ok(To { origin, station, key: key.filter(|_| !args.unsigned) })
 }
 
 fn done(reply: &Value) -> Result<()> {

@@ -1,16 +1,11 @@
 //! `seabearing export`: records of a base station's store as files that other programs open.
 
 use super::instant;
-use crate::base::about::About;
 use crate::base::export::{self, Format, Positions};
-use crate::base::store;
+use crate::base::store::{self, Wanted};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
-use serde_json::Value;
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use time::OffsetDateTime;
-use time::format_description::well_known::Rfc3339;
 
 /// Arguments of `seabearing export`.
 #[derive(clap::Args)]
@@ -33,7 +28,7 @@ pub struct Args {
     to: Option<String>,
     /// Only records of this station
     #[arg(long, value_name = "ID")]
-    station: Option<u64>,
+    station: Option<u16>,
     /// Network file with the stations' positions, where the store does not know them
     #[arg(long, value_name = "STATIONS.toml")]
     stations: Option<PathBuf>,
@@ -66,8 +61,8 @@ pub fn run(args: Args) -> Result<()> {
         Some(Name::Parquet) => Format::Parquet,
     };
     let time = |option: &str, text: &Option<String>| text.as_deref().map(|t| instant(option, t)).transpose();
-    let span = Span { from: time("--from", &args.from)?, to: time("--to", &args.to)? };
-    if let (Some(from), Some(to)) = (span.from, span.to)
+    let (from, to) = (time("--from", &args.from)?, time("--to", &args.to)?);
+    if let (Some(from), Some(to)) = (from, to)
         && from >= to
     {
         bail!("--to must be later than --from");
@@ -77,30 +72,24 @@ pub fn run(args: Args) -> Result<()> {
     {
         bail!("{}: the store itself; write the export into another folder", args.out.display());
     }
-    let mut places = Positions { otherwise: About::read(&args.store)?.place, ..Positions::default() };
+    let kept = store::places(&args.store)?;
+    let mut places = Positions { otherwise: kept.get(&None).copied(), ..Positions::default() };
+    places.of_station.extend(kept.into_iter().filter_map(|(of, at)| Some((u64::from(of?), at))));
     for station in args.stations.as_deref().map(Station::read_network).transpose()?.unwrap_or_default() {
         places.of_station.extend(station.lat_lon_deg.map(|at| (u64::from(station.id), at)));
     }
     export::check(&args.out, format, &places, "--stations STATIONS.toml")?;
-    let mut stations = BTreeSet::new();
-    let (mut records, mut without_utc) = (Vec::new(), 0u64);
-    store::read(&args.store, |record| {
-        let station = record["station"].as_u64();
-        stations.extend(station);
-        if args.station.is_some() && station != args.station {
-            return;
+    if let Some(wanted) = args.station {
+        let stations = store::stations(&args.store)?;
+        if !stations.contains(&wanted) {
+            let known: Vec<String> = stations.iter().map(u16::to_string).collect();
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            bail!("{}: no records of station {wanted}; stations there: {known}", args.store.display());
         }
-        match span.holds(&record) {
-            Some(true) => records.push(record),
-            Some(false) => {}
-            None => without_utc += 1,
-        }
-    })?;
-    if let Some(wanted) = args.station.filter(|s| !stations.contains(s)) {
-        let known: Vec<String> = stations.iter().map(u64::to_string).collect();
-        let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-        bail!("{}: no records of station {wanted}; stations there: {known}", args.store.display());
     }
+    let mut records = Vec::new();
+    let wanted = Wanted { station: args.station, from, to, track: None };
+    let without_utc = store::read(&args.store, &wanted, |record| records.push(record))?;
     if without_utc > 0 {
         eprintln!(
             "seabearing: {without_utc} records left out that carry no UTC: `seabearing base` gives it to records it \
@@ -110,21 +99,4 @@ pub fn run(args: Args) -> Result<()> {
     export::write(&args.out, format, &records, &places).context("cannot export")?;
     eprintln!("seabearing: {} records to {}", records.len(), args.out.display());
     Ok(())
-}
-
-/// An interval of UTC, open where nothing is said.
-struct Span {
-    from: Option<OffsetDateTime>,
-    to: Option<OffsetDateTime>,
-}
-
-impl Span {
-    /// Whether a record lies within; `None` if it cannot be told.
-    fn holds(&self, record: &Value) -> Option<bool> {
-        if self.from.is_none() && self.to.is_none() {
-            return Some(true);
-        }
-        let utc = OffsetDateTime::parse(record["utc"].as_str()?, &Rfc3339).ok()?;
-        Some(self.from.is_none_or(|from| from <= utc) && self.to.is_none_or(|to| utc < to))
-    }
 }

@@ -2,6 +2,7 @@
 
 pub mod ais;
 pub mod base;
+mod base_screen;
 mod base_send;
 pub mod bearing;
 pub mod blob;

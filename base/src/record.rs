@@ -1,0 +1,129 @@
+//! A record as the base station keeps it: what was said, by whom, when it was true and when it came.
+
+use anyhow::{Context, Result};
+use seabearing_core::utc::Times;
+use seabearing_core::wire::{Message, bytes_of, message_of};
+use seabearing_host::record::{RecordFormat, utc};
+use serde_json::{Map, Value, json};
+use time::OffsetDateTime;
+
+/// Kinds of what the base station says itself begin here; below are the numbers of the recorder's messages.
+const SAID: u8 = 200;
+
+/// What a record holds.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Body {
+    /// A message of the recorder.
+    Message(Message),
+    /// What the base station notes itself: a loss, the state of a line, a warning; an object with its `type`.
+    Said(Value),
+}
+
+/// A record.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Number of the station, once it is known.
+    pub station: Option<u16>,
+    /// Session of that station.
+    pub session: Option<u32>,
+    /// Sequence number of its frame, or its place in the log of a link.
+    pub sequence: Option<u32>,
+    /// UTC in microseconds since 1970, and its standard deviation in seconds where that is known.
+    pub utc: Option<(i64, Option<f64>)>,
+    /// When it came, microseconds since 1970.
+    pub received_us: Option<i64>,
+    /// What it says.
+    pub body: Body,
+}
+
+impl Row {
+    /// The record for people and programs. `rate_hz`: samples a second of its session.
+    pub fn json(&self, rate_hz: Option<f64>) -> Value {
+        let rate_hz = rate_hz.unwrap_or(f64::NAN);
+        let format = RecordFormat { rate_hz, start: None, times: Times::default() };
+        let mut map = match &self.body {
+            Body::Message(message) => match format.json(message) {
+                Value::Object(map) => map,
+                _ => Map::new(),
+            },
+            Body::Said(Value::Object(map)) => map.clone(),
+            Body::Said(_) => Map::new(),
+        };
+        map.insert("utc".into(), self.utc.map_or(Value::Null, |(us, _)| rfc3339(us)));
+        // What the time message itself says of its own deviation is the same thing.
+        map.insert("sd_utc_s".into(), json!(self.utc.and_then(|(_, sd)| sd)));
+        map.insert("received_utc".into(), self.received_us.map_or(Value::Null, rfc3339));
+        map.insert("station".into(), json!(self.station));
+        map.insert("session".into(), json!(self.session));
+        if let Some(sequence) = self.sequence {
+            map.insert("sequence".into(), sequence.into());
+        }
+        Value::Object(map)
+    }
+
+    /// The number of the kind, and the bytes in which the body is stored.
+    pub fn stored(&self) -> (u8, Vec<u8>) {
+        match &self.body {
+            Body::Message(message) => {
+                let mut buffer = [0; seabearing_core::wire::frame::MESSAGE_BYTES];
+                let bytes = bytes_of(message, &mut buffer);
+                (bytes.first().copied().unwrap_or(SAID - 1), bytes.to_vec())
+            }
+            Body::Said(value) => (SAID, value.to_string().into_bytes()),
+        }
+    }
+
+    /// The body from what was stored.
+    ///
+    /// # Errors
+    /// The bytes are no such body.
+    pub fn body(kind: u8, bytes: &[u8]) -> Result<Body> {
+        if kind < SAID {
+            return message_of(bytes).map(Body::Message).context("a record is no message");
+        }
+        serde_json::from_slice(bytes).map(Body::Said).context("a record is no JSON")
+    }
+
+    /// Sample index of the moment that the record is of, where it is of one.
+    pub fn index(&self) -> Option<u64> {
+        let Body::Message(message) = &self.body else { return None };
+        index(message)
+    }
+
+    /// The track that it is of.
+    pub fn track(&self) -> Option<u16> {
+        match &self.body {
+            Body::Message(Message::Track(track)) => Some(track.id),
+            _ => None,
+        }
+    }
+}
+
+/// Sample index of the moment that a message is of, where it is of one.
+pub fn index(message: &Message) -> Option<u64> {
+    Some(match message {
+        Message::Hello(_) | Message::Reply(_) => return None,
+        Message::Bearing(m) => m.index,
+        Message::Track(m) => m.index,
+        Message::Health(m) => m.index,
+        Message::Azimuth(m) => m.index,
+        Message::Range(m) => m.index,
+        Message::Segment(m) => m.end,
+        Message::Fault(m) => m.index,
+        Message::FaultsHeld(m) => m.index,
+        Message::ShaftRate(m) => m.index,
+        Message::Time(m) => m.index,
+        Message::End(m) => m.index,
+    })
+}
+
+/// Microseconds since 1970 as RFC 3339; `null` where no calendar has them.
+pub fn rfc3339(us: i64) -> Value {
+    let at = OffsetDateTime::from_unix_timestamp_nanos(i128::from(us) * 1000).ok();
+    at.map(utc).filter(|text| !text.is_empty()).map_or(Value::Null, Value::String)
+}
+
+/// A time in microseconds since 1970.
+pub fn micros(at: OffsetDateTime) -> i64 {
+    (at.unix_timestamp_nanos() / 1000) as i64
+}

@@ -1,0 +1,210 @@
+//! The base station at work: lines read, their bytes kept, then decoded, then acknowledged.
+
+use super::line::{self, Answers, Line, Lines, Report};
+use super::record::Row;
+use super::store::{Entry, Event, Store, may_pass};
+use super::{Base, record::micros};
+use anyhow::{Context, Result};
+use std::collections::HashMap;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::{Duration, Instant};
+
+/// How often links are looked after while nothing comes.
+const TICK: Duration = Duration::from_millis(20);
+/// Most reports, and bytes, taken together.
+const TOGETHER: (usize, usize) = (512, 1 << 20);
+/// Time between attempts to write into a store that refuses.
+const AGAIN: Duration = Duration::from_secs(2);
+/// How often it is seen to that a store keeps no more days than it is to.
+const FORGET: Duration = Duration::from_secs(2);
+
+/// What a service is told besides its lines.
+#[derive(Clone, Copy, Debug)]
+pub struct Rules {
+    /// Time without a byte after which a line is silent.
+    pub idle: Duration,
+    /// Days that the store keeps; all if none is said.
+    pub keep_days: Option<u32>,
+    /// Ask every recorder who it is.
+    pub identify: bool,
+}
+
+/// A base station at work.
+pub struct Service {
+    base: Base,
+    store: Option<Store>,
+    lines: Lines,
+    settings: Vec<Line>,
+    rules: Rules,
+    answers: HashMap<u32, Answers>,
+    left: usize,
+    begun: Instant,
+    forgot: Instant,
+    notes: Vec<String>,
+}
+
+impl Service {
+    /// Opens the lines.
+    ///
+    /// # Errors
+    /// As [`line::start`].
+    pub fn start(base: Base, store: Option<Store>, lines: Vec<Line>, rules: Rules) -> Result<Self> {
+        let first = store.as_ref().map_or(1, Store::next_stream);
+        let opened = line::start(&lines, first, rules.idle)?;
+        let now = Instant::now();
+        Ok(Self {
+            base,
+            store,
+            lines: opened,
+            left: lines.len(),
+            settings: lines,
+            rules,
+            answers: HashMap::new(),
+            begun: now,
+            forgot: now,
+            notes: Vec::new(),
+        })
+    }
+
+    /// What is known.
+    pub fn base(&self) -> &Base {
+        &self.base
+    }
+
+    /// The same, to give commands.
+    pub fn base_mut(&mut self) -> &mut Base {
+        &mut self.base
+    }
+
+    /// The addresses listened at.
+    pub fn listening(&self) -> &[std::net::SocketAddr] {
+        &self.lines.listening
+    }
+
+    /// Whether every line comes to an end by itself, so that what does not keep up may be waited for.
+    pub fn ends(&self) -> bool {
+        self.settings.iter().all(|l| l.origin.ends())
+    }
+
+    /// What a person should know; each is told once.
+    pub fn notes(&mut self) -> Vec<String> {
+        let mut notes = std::mem::take(&mut self.notes);
+        notes.extend(self.base.warnings());
+        notes
+    }
+
+    /// Waits a moment for what comes, keeps it, decodes it, acknowledges it; the records are appended to `out`. False once
+    /// all lines have come to their ends.
+    ///
+    /// # Errors
+    /// A file cannot be read, or the store cannot be written and waiting does not help.
+    pub fn turn(&mut self, out: &mut Vec<Row>) -> Result<bool> {
+        let mut entries = Vec::new();
+        let mut bytes = 0;
+        let mut next = match self.lines.reports.recv_timeout(TICK) {
+            Ok(report) => Some(report),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => {
+                self.left = 0;
+                None
+            }
+        };
+        while let Some(report) = next {
+            match report {
+                Report::Happened(entry, answers) => {
+                    if let Event::Bytes(b) = &entry.event {
+                        bytes += b.len();
+                    }
+                    entries.push((entry, answers));
+                }
+                Report::Note(note) => self.notes.push(note),
+                Report::Finished => self.left = self.left.saturating_sub(1),
+                Report::Failed(e) => return Err(e),
+            }
+            let room = entries.len() < TOGETHER.0 && bytes < TOGETHER.1;
+            next = if room { self.lines.reports.try_recv().ok() } else { None };
+        }
+        self.take(entries, out)?;
+        self.answer();
+        self.forget()?;
+        Ok(self.left > 0)
+    }
+
+    fn take(&mut self, came: Vec<(Entry, Option<(Answers, usize)>)>, out: &mut Vec<Row>) -> Result<()> {
+        if came.is_empty() {
+            return Ok(());
+        }
+        let (entries, ways): (Vec<Entry>, Vec<_>) = came.into_iter().unzip();
+        self.persist(|store, _| store.keep(&entries))?;
+        let before = out.len();
+        let now_us = self.begun.elapsed().as_micros() as u64;
+        for (entry, way) in entries.iter().zip(ways) {
+            let settings = way.as_ref().map(|(_, n)| self.settings[*n].settings);
+            entry.tell(&mut self.base, now_us, settings, out);
+            if matches!(entry.event, Event::Ended(_)) {
+                self.answers.remove(&entry.stream);
+            }
+            if let Some((answers, _)) = way {
+                self.answers.insert(entry.stream, answers);
+                if self.rules.identify {
+                    self.base.identify(entry.stream);
+                }
+            }
+        }
+        let rows = out.get(before..).unwrap_or(&[]).to_vec();
+        self.persist(|store, base| store.derive(base, &rows))
+    }
+
+    /// Writes into the store, again and again where that may help: what comes waits meanwhile.
+    fn persist(&mut self, mut write: impl FnMut(&mut Store, &mut Base) -> Result<()>) -> Result<()> {
+        let ends = self.ends();
+        let Some(store) = &mut self.store else {
+            self.base.forget_changes();
+            return Ok(());
+        };
+        let mut complained = false;
+        loop {
+            match write(store, &mut self.base) {
+                Ok(()) => break,
+                Err(e) if ends || !may_pass(&e) => return Err(e),
+                Err(e) if !std::mem::replace(&mut complained, true) => {
+                    // Whoever waits for records must know at once.
+                    eprintln!("seabearing: {e:#}; it is tried again, and nothing is acknowledged meanwhile");
+                }
+                Err(_) => {}
+            }
+            std::thread::sleep(AGAIN);
+        }
+        if complained {
+            eprintln!("seabearing: the store takes records again");
+        }
+        Ok(())
+    }
+
+    /// Says what is due on every connection.
+    fn answer(&mut self) {
+        let now_us = self.begun.elapsed().as_micros() as u64;
+        for (stream, answers) in &self.answers {
+            while let Some(frame) = self.base.answer(*stream, now_us) {
+                answers.say(frame);
+            }
+        }
+        for stream in self.base.closing() {
+            if let Some(answers) = self.answers.get(&stream) {
+                answers.close();
+            }
+        }
+    }
+
+    /// Lets go of what is older than the store is to keep.
+    fn forget(&mut self) -> Result<()> {
+        let (Some(store), Some(days)) = (&mut self.store, self.rules.keep_days) else { return Ok(()) };
+        if self.forgot.elapsed() < FORGET {
+            return Ok(());
+        }
+        let before = micros(time::OffsetDateTime::now_utc()) - i64::from(days) * 86_400_000_000;
+        store.forget(before).context("cannot let go of old records")?;
+        self.forgot = Instant::now();
+        Ok(())
+    }
+}

@@ -1,0 +1,290 @@
+//! Reading a store: what opening needs, the bytes, and the records.
+
+use super::super::record::{Row, micros};
+use super::super::recorder::Session;
+use super::super::{Base, Beginning};
+use super::schema::{number, open_to_read, station};
+use super::{Entry, Event, damaged, earlier, unpacked};
+use anyhow::{Context, Result};
+use rusqlite::{Connection, OptionalExtension, params};
+use seabearing_core::wire::{Message, message_of};
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use time::OffsetDateTime;
+
+/// Reports of tracks that a base station has at hand when it begins.
+const REPORTS: i64 = 10_000;
+/// Messages about a session's clock that are looked at to know it.
+const CLOCKS: i64 = 64;
+/// Sessions and logs of a recorder that are taken up: those of which records may still come.
+const RECENT: i64 = 100;
+
+/// Tells a base station of sessions, links, the latest reports and what a person said of stations.
+pub(super) fn resume(db: &Connection, base: &mut Base) -> Result<()> {
+    let mut stations = db.prepare("SELECT station, rate_hz FROM stations")?;
+    let found = stations.query_map([], |r| Ok((r.get::<_, i64>(0)?, r.get::<_, Option<f64>>(1)?)))?;
+    for found in found {
+        let (of, rate_hz) = found?;
+        match station(of) {
+            Some(of) => base.recorder(Some(of)).rate_hz = rate_hz,
+            None => base.rate_hz = base.rate_hz.or(rate_hz),
+        }
+    }
+    let mut known = db.prepare("SELECT DISTINCT station FROM sessions")?;
+    for of in known.query_map([], |r| r.get::<_, i64>(0))? {
+        resume_station(db, of?, base)?;
+    }
+    let mut tracks = db.prepare(
+        "SELECT id FROM records WHERE track IS NOT NULL AND id > (SELECT ifnull(max(id), 0) FROM records) - 1000000 ORDER BY id DESC LIMIT ?1",
+    )?;
+    let ids = tracks.query_map([REPORTS], |r| r.get::<_, i64>(0))?.collect::<rusqlite::Result<Vec<_>>>()?;
+    for id in ids.into_iter().rev() {
+        let row = db.query_row(&format!("SELECT {COLUMNS} FROM records WHERE id = ?1"), [id], row)??;
+        let of = row.station;
+        base.recorder(of).keep_track(row, REPORTS as usize);
+    }
+    Ok(())
+}
+
+fn resume_station(db: &Connection, of: i64, base: &mut Base) -> Result<()> {
+    let mut sessions = db.prepare(
+        "SELECT session, boot, rate_hz, start_us FROM sessions WHERE station = ?1 ORDER BY session DESC LIMIT ?2",
+    )?;
+    let recorder = base.recorder(station(of));
+    let rows = sessions.query_map([of, RECENT], |r| {
+        let session =
+            Session { boot: r.get(1)?, rate_hz: r.get(2)?, start_us: r.get(3)?, ..Session::default() };
+        Ok((r.get::<_, u32>(0)?, session))
+    })?;
+    for row in rows {
+        let (number, mut session) = row?;
+        for message in clocks(db, of, number, i64::MAX)? {
+            session.note(&message);
+        }
+        recorder.sessions.insert(number, session);
+    }
+    recorder.plain = recorder.sessions.iter().rev().find(|(_, s)| s.boot.is_none()).map(|(n, _)| *n);
+    let mut logs =
+        db.prepare("SELECT log, progress FROM logs WHERE station = ?1 ORDER BY log DESC LIMIT ?2")?;
+    let rows = logs.query_map([of, RECENT], |r| Ok((r.get::<_, u32>(0)?, r.get::<_, Vec<u8>>(1)?)))?;
+    for row in rows {
+        let (log, progress) = row?;
+        if let Some(of) = station(of) {
+            base.logs.insert((of, log), unpacked(&progress)?);
+        }
+    }
+    Ok(())
+}
+
+/// What a session's recorder last said of its clock, oldest first.
+fn clocks(db: &Connection, of: i64, session: u32, before: i64) -> Result<Vec<Message>> {
+    let mut told = db.prepare(
+        "SELECT body FROM records WHERE station = ?1 AND session = ?2 AND kind IN (7, 12) AND id < ?3
+         ORDER BY id DESC LIMIT ?4",
+    )?;
+    let bodies = told.query_map(params![of, session, before, CLOCKS], |r| r.get::<_, Vec<u8>>(0))?;
+    let mut messages = bodies.map(|b| Ok(message_of(&b?))).collect::<Result<Vec<_>>>()?;
+    messages.reverse();
+    Ok(messages.into_iter().flatten().collect())
+}
+
+/// Rows of `bytes` from a number on.
+pub(super) fn entries(db: &Connection, from: i64, most: i64) -> Result<Vec<(i64, Entry)>> {
+    let mut rows = db.prepare(
+        "SELECT b.id, b.stream, b.received_us, b.event, b.data, s.line, s.peer, s.expected, s.lasting
+         FROM bytes b LEFT JOIN streams s ON s.stream = b.stream WHERE b.id >= ?1 ORDER BY b.id LIMIT ?2",
+    )?;
+    let found = rows.query_map([from, most], |r| {
+        let data: Option<Vec<u8>> = r.get(4)?;
+        let event = match r.get::<_, i64>(3)? {
+            0 => Event::Bytes(data.unwrap_or_default()),
+            1 => Event::Began(Beginning {
+                line: r.get::<_, Option<String>>(5)?.unwrap_or_default(),
+                peer: r.get(6)?,
+                station: r.get(7)?,
+                lasting: r.get::<_, Option<bool>>(8)?.unwrap_or_default(),
+            }),
+            2 => Event::Silent,
+            _ => Event::Ended(data.map(|d| String::from_utf8_lossy(&d).into_owned())),
+        };
+        Ok((r.get(0)?, Entry { stream: r.get(1)?, received_us: r.get(2)?, event }))
+    })?;
+    Ok(found.collect::<rusqlite::Result<_>>()?)
+}
+
+/// A connection of which all before a row was decoded: who speaks on it, and the frame that was not complete.
+pub(super) fn take_up(db: &Connection, stream: u32, before: i64, base: &mut Base) -> Result<()> {
+    let known = db
+        .query_row(
+            "SELECT line, peer, expected, lasting, station, session FROM streams WHERE stream = ?1",
+            [stream],
+            |r| {
+                let beginning =
+                    Beginning { line: r.get(0)?, peer: r.get(1)?, station: r.get(2)?, lasting: r.get(3)? };
+                Ok((beginning, r.get::<_, Option<u16>>(4)?, r.get::<_, Option<u32>>(5)?))
+            },
+        )
+        .optional()?;
+    let Some((beginning, who, session)) = known else { return Ok(()) };
+    base.begin(stream, beginning, None);
+    base.take_up(stream, who, session);
+    // Back to the delimiter before.
+    let mut rows = db.prepare(
+        "SELECT data FROM bytes WHERE stream = ?1 AND id < ?2 AND id > ?2 - 100000 AND event = 0 ORDER BY id DESC LIMIT 400",
+    )?;
+    let mut tail = Vec::new();
+    for data in rows.query_map(params![stream, before], |r| r.get::<_, Vec<u8>>(0))? {
+        let mut data = data?;
+        let end = data.iter().rposition(|b| *b == 0);
+        data.drain(..end.map_or(0, |at| at + 1));
+        data.append(&mut tail);
+        tail = data;
+        if end.is_some() {
+            break;
+        }
+    }
+    // Without a delimiter it gives nothing.
+    base.push(stream, 0, None, &tail, &mut Vec::new());
+    Ok(())
+}
+
+/// The columns that [`row`] reads.
+pub(super) const COLUMNS: &str = "station, session, sequence, utc_us, sd_s, received_us, kind, body";
+
+/// A record from its columns; an error inside is one of its body.
+pub(super) fn row(r: &rusqlite::Row<'_>) -> rusqlite::Result<Result<Row>> {
+    let body: Vec<u8> = r.get(7)?;
+    let kind: u8 = r.get(6)?;
+    let (utc_us, sd_s): (Option<i64>, Option<f64>) = (r.get(3)?, r.get(4)?);
+    let (of, session, sequence, received_us) = (r.get(0)?, r.get(1)?, r.get(2)?, r.get(5)?);
+    Ok(Row::body(kind, &body).map(|body| Row {
+        station: station(of),
+        session,
+        sequence,
+        utc: utc_us.map(|us| (us, sd_s)),
+        received_us,
+        body,
+    }))
+}
+
+/// Which records are wanted.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wanted {
+    /// At or after this UTC.
+    pub from: Option<OffsetDateTime>,
+    /// Before this UTC.
+    pub to: Option<OffsetDateTime>,
+    /// Of this station.
+    pub station: Option<u16>,
+    /// Of this track: its session and number.
+    pub track: Option<(u32, u16)>,
+}
+
+/// Hands out records of a store, oldest first: in the order in which they came, or by their UTC where an interval of that
+/// is wanted. Nothing in it is changed: a base station may be writing. Gives how many records of the station were left out
+/// of an interval because they carry no UTC.
+///
+/// # Errors
+/// There is no store, or it cannot be read.
+pub fn read(folder: &Path, wanted: &Wanted, mut take: impl FnMut(Value)) -> Result<u64> {
+    if earlier::is_one(folder) {
+        return earlier::read(folder, wanted, take);
+    }
+    let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
+    let given = (|| {
+        let db = open_to_read(folder)?;
+        let mut rates: BTreeMap<(i64, u32), Option<f64>> = BTreeMap::new();
+        let mut sessions = db.prepare("SELECT station, session, rate_hz FROM sessions")?;
+        for found in sessions.query_map([], |r| Ok(((r.get(0)?, r.get(1)?), r.get(2)?)))? {
+            let (key, rate_hz) = found?;
+            rates.insert(key, rate_hz);
+        }
+        let (mut conditions, mut values) = (Vec::new(), Vec::new());
+        let mut add = |condition: &str, value: i64| {
+            values.push(value);
+            conditions.push(format!("{condition} ?{}", values.len()));
+        };
+        if let Some(of) = wanted.station {
+            add("station =", of.into());
+        }
+        if let Some((session, track)) = wanted.track {
+            add("session =", session.into());
+            add("track =", track.into());
+        }
+        let undated = match wanted.from.or(wanted.to) {
+            None => 0,
+            Some(_) => {
+                let of = wanted.station.map_or(String::new(), |s| format!(" AND station = {s}"));
+                let query = format!("SELECT count(*) FROM records WHERE utc_us IS NULL{of}");
+                db.query_row(&query, [], |r| r.get::<_, i64>(0))? as u64
+            }
+        };
+        if let Some(from) = wanted.from {
+            add("utc_us >=", micros(from));
+        }
+        if let Some(to) = wanted.to {
+            add("utc_us <", micros(to));
+        }
+        let order = if wanted.from.or(wanted.to).is_some() { "utc_us, id" } else { "id" };
+        let filter =
+            if conditions.is_empty() { String::new() } else { format!("WHERE {}", conditions.join(" AND ")) };
+        let mut rows = db.prepare(&format!("SELECT {COLUMNS} FROM records {filter} ORDER BY {order}"))?;
+        for found in rows.query_map(rusqlite::params_from_iter(values), row)? {
+            let row = found??;
+            let rate_hz = row.session.and_then(|s| *rates.get(&(number(row.station), s))?);
+            take(row.json(rate_hz));
+        }
+        Ok(undated)
+    })();
+    given.map_err(|e| damaged(e, folder)).with_context(unreadable)
+}
+
+/// Where the stations of a store are, by number; `None` is what was said of any.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn places(folder: &Path) -> Result<BTreeMap<Option<u16>, (f64, f64)>> {
+    if earlier::is_one(folder) {
+        return Ok(earlier::About::read(folder)?.place.map(|p| (None, p)).into_iter().collect());
+    }
+    let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
+    let given = (|| {
+        let db = open_to_read(folder)?;
+        let mut places =
+            db.prepare("SELECT station, lat_deg, lon_deg FROM stations WHERE lat_deg IS NOT NULL")?;
+        let found = places.query_map([], |r| Ok((station(r.get(0)?), (r.get(1)?, r.get(2)?))))?;
+        Ok(found.collect::<rusqlite::Result<_>>()?)
+    })();
+    given.map_err(|e| damaged(e, folder)).with_context(unreadable)
+}
+
+/// UTC of the newest dated record, microseconds since 1970.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn newest_us(folder: &Path) -> Result<Option<i64>> {
+    let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
+    let given = open_to_read(folder).and_then(|db| {
+        Ok(db.query_row("SELECT max(utc_us) FROM records WHERE utc_us IS NOT NULL", [], |r| r.get(0))?)
+    });
+    given.with_context(unreadable)
+}
+
+/// The stations that have records.
+///
+/// # Errors
+/// The store cannot be read.
+pub fn stations(folder: &Path) -> Result<BTreeSet<u16>> {
+    if earlier::is_one(folder) {
+        return earlier::stations(folder);
+    }
+    let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
+    let given = (|| {
+        let db = open_to_read(folder)?;
+        let mut known = db.prepare("SELECT DISTINCT station FROM sessions")?;
+        let found = known.query_map([], |r| Ok(station(r.get(0)?)))?;
+        Ok(found.collect::<rusqlite::Result<Vec<_>>>()?.into_iter().flatten().collect())
+    })();
+    given.map_err(|e| damaged(e, folder)).with_context(unreadable)
+}
