@@ -20,7 +20,7 @@ use seabearing_host::{atomic, plot};
 
 use record::{Body, Row};
 pub use recorder::{Recorder, TrackKey};
-use seabearing_core::wire::link::{Loss, Settings};
+use seabearing_core::wire::link::{self, Loss, Settings};
 use seabearing_core::wire::{DecoderCounters, Message};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -95,6 +95,19 @@ struct Live {
     closing: bool,
 }
 
+/// What is known of a connection of which not all was decoded.
+#[derive(Clone, Copy, Debug, Default)]
+struct Halfway {
+    who: Option<u16>,
+    session: Option<u32>,
+    up: bool,
+    silent: bool,
+    replaced: Option<(i64, u32)>,
+    /// Number of the newest frame.
+    newest: Option<u16>,
+    log: Option<link::Session>,
+}
+
 /// A base station's knowledge.
 #[derive(Default)]
 pub struct Base {
@@ -107,7 +120,7 @@ pub struct Base {
     changed_streams: BTreeSet<u32>,
     /// Of connections that have ended.
     past: Counters,
-    link: Counters,
+    over_links: Counters,
     rate_hz: Option<f64>,
     said: Option<i64>,
     /// Counter of the newest signed command.
@@ -201,6 +214,7 @@ impl Base {
             ));
         }
         self.changed_logs.extend(live.stream.log());
+        self.changed_streams.insert(stream);
         for came in came {
             self.took(stream, received_us, came, out);
         }
@@ -218,12 +232,12 @@ impl Base {
                 (self.plain_session(stream, first), sequence.into(), message)
             }
             Came::Record { ordinal, boot, message } => {
-                self.link.records += 1;
+                self.over_links.records += 1;
                 let Some(message) = message else { return };
                 (self.recorder(who).session_of(boot), ordinal, message)
             }
             Came::Lost(loss) => {
-                self.link.records_lost += u64::from(loss.count);
+                self.over_links.records_lost += u64::from(loss.count);
                 return out.push(self.lost(who, &loss, received_us));
             }
             Came::Missed(frames) => {
@@ -267,7 +281,6 @@ impl Base {
                 live.stream.ask = true;
             }
         }
-        self.changed_streams.insert(stream);
         session
     }
 
@@ -288,14 +301,13 @@ impl Base {
             }
         }
         (live.who, live.up) = (Some(station), true);
-        let lasting = live.beginning.lasting;
-        self.changed_streams.insert(stream);
-        if !lasting {
+        if !live.beginning.lasting {
             return;
         }
         for (other, live) in &mut self.streams {
             if *other != stream && live.beginning.lasting && live.who == Some(station) && live.up {
                 live.replaced.get_or_insert((received_us.unwrap_or(0), stream));
+                self.changed_streams.insert(*other);
             }
         }
         out.extend(self.line_row(stream, "up", None, received_us));
@@ -359,6 +371,7 @@ impl Base {
         if let Some(live) = self.streams.get_mut(&stream)
             && !std::mem::replace(&mut live.silent, true)
         {
+            self.changed_streams.insert(stream);
             out.extend(self.line_row(stream, "silent", None, received_us));
         }
     }
@@ -381,10 +394,27 @@ impl Base {
     }
 
     /// A connection goes on of which some was heard before this program began.
-    fn take_up(&mut self, stream: u32, who: Option<u16>, session: Option<u32>) {
+    fn take_up(&mut self, stream: u32, known: &Halfway) {
+        let log = known.log.and_then(|s| Some((s, *self.logs.get(&(s.station, s.log))?)));
         if let Some(live) = self.streams.get_mut(&stream) {
-            (live.who, live.session, live.up, live.asked) = (who, session, who.is_some(), true);
+            (live.who, live.session, live.up, live.asked) = (known.who, known.session, known.up, true);
+            (live.silent, live.replaced) = (known.silent, known.replaced);
+            live.stream.resume(known.newest, log);
         }
+    }
+
+    /// What a store has to know of a connection to go on with it.
+    fn halfway(&mut self, stream: u32) -> Option<Halfway> {
+        let live = self.streams.get_mut(&stream)?;
+        Some(Halfway {
+            who: live.who,
+            session: live.session,
+            up: live.up,
+            silent: live.silent,
+            replaced: live.replaced,
+            newest: live.stream.newest(),
+            log: live.stream.peer(),
+        })
     }
 
     /// Says when a session's sample 0 was.
@@ -426,8 +456,11 @@ impl Base {
 
     /// Counters so far.
     pub fn counters(&self) -> Counters {
-        let mut sum =
-            Counters { records: self.link.records, records_lost: self.link.records_lost, ..self.past };
+        let mut sum = Counters {
+            records: self.over_links.records,
+            records_lost: self.over_links.records_lost,
+            ..self.past
+        };
         self.streams.values().for_each(|live| add(&mut sum, &live.stream));
         sum
     }

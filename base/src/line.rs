@@ -102,6 +102,8 @@ pub struct Lines {
     pub reports: Receiver<Report>,
     /// The addresses listened at; a port may have been chosen by the system.
     pub listening: Vec<std::net::SocketAddr>,
+    /// While this is here listeners go on.
+    _streams: Arc<AtomicU32>,
 }
 
 /// Starts a thread for each line. Connections are numbered from `first_stream` on. After `idle` without a byte a line is
@@ -117,6 +119,7 @@ pub fn start(lines: &[Line], first_stream: u32, idle: Duration) -> Result<Lines>
         connections: Arc::default(),
         idle,
     };
+    let alive = Arc::clone(&shared.streams);
     let mut listening = Vec::new();
     let mut ports: Vec<&str> = Vec::new();
     for (n, line) in lines.iter().enumerate() {
@@ -157,7 +160,7 @@ pub fn start(lines: &[Line], first_stream: u32, idle: Duration) -> Result<Lines>
             }
         }
     }
-    Ok(Lines { reports: receiver, listening })
+    Ok(Lines { reports: receiver, listening, _streams: alive })
 }
 
 fn open_file(origin: &Origin) -> Result<Box<dyn Read + Send>> {

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 /// Faults kept for the view.
 const FAULTS: usize = 8;
 /// Sessions whose clocks are kept at hand; records of older ones are dated no more.
-const SESSIONS: usize = 1000;
+pub(crate) const SESSIONS: usize = 1000;
 /// Times beyond this, of year 9889, are none, microseconds.
 const CALENDAR_US: u64 = 250_000_000_000_000_000;
 
@@ -87,7 +87,7 @@ impl Recorder {
     /// Begins a session.
     pub(crate) fn begin(&mut self, boot: Option<u32>) -> u32 {
         let session = self.sessions.last_key_value().map_or(1, |(n, _)| n + 1);
-        let rate_hz = self.hello.map(|h| h.rate_hz.into()).filter(|r| *r > 0.0).or(self.rate_hz);
+        let rate_hz = self.sessions.last_key_value().and_then(|(_, s)| s.rate_hz).or(self.rate_hz);
         self.sessions
             .insert(session, Session { boot, rate_hz, start_us: self.said.take(), ..Session::default() });
         if self.sessions.len() > SESSIONS {

@@ -131,6 +131,22 @@ impl Stream {
         self.link.peer().map(|(session, _)| session)
     }
 
+    /// The number of the newest frame.
+    pub(crate) fn newest(&mut self) -> Option<u16> {
+        self.link.decoder().newest()
+    }
+
+    /// Goes on where another program stopped: after a frame of this number, with a log of which so much has come.
+    pub(crate) fn resume(&mut self, newest: Option<u16>, log: Option<(Session, Progress)>) {
+        if let Some(newest) = newest {
+            let counters = self.link.line();
+            self.link.decoder().begin_again(newest, counters);
+        }
+        if let Some((session, progress)) = log {
+            self.link.resume(session, progress);
+        }
+    }
+
     /// The next bytes for the recorder, if any are due.
     pub(crate) fn answer(&mut self, now_us: u64) -> Option<&[u8]> {
         if std::mem::take(&mut self.ask) {

@@ -1,7 +1,7 @@
 use super::record::Row;
 use super::store::{Entry, Event, Store, Wanted, read};
 use super::*;
-use seabearing_core::wire::link::{Class, Link, MemoryStore};
+use seabearing_core::wire::link::{Arrival, Class, Inbox, Link, MemoryStore, Progress, Session};
 use seabearing_core::wire::{
     Encoder, End, Fault, FaultCode, Hello, Message, Reply, SCHEMA_HASH, Time, WIRE_VERSION, bytes_of,
 };
@@ -54,15 +54,12 @@ fn push(base: &mut Base, bytes: &[u8]) -> Vec<Value> {
 
 struct Nothing;
 
-impl seabearing_core::wire::link::Inbox for Nothing {
-    fn recall(
-        &mut self,
-        _: &seabearing_core::wire::link::Session,
-    ) -> Option<seabearing_core::wire::link::Progress> {
+impl Inbox for Nothing {
+    fn recall(&mut self, _: &Session) -> Option<Progress> {
         None
     }
 
-    fn take(&mut self, _: seabearing_core::wire::link::Arrival<'_>) {}
+    fn take(&mut self, _: Arrival<'_>) {}
 }
 
 /// A recorder with a link and a base station with a store that is opened anew every second; of the bytes of the recorder

@@ -8,6 +8,8 @@ extern crate seabearing_host;
 
 mod ais_kinematics;
 mod ais_paths;
+mod base_process;
+mod base_station;
 mod batch;
 pub mod bearing_limit;
 pub mod bearing_limit_source;
@@ -101,6 +103,9 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_table1::TABLE_1,
     shaft_rate::EXPERIMENT,
     link::EXPERIMENT,
+    base_station::LOAD,
+    base_station::KILL,
+    base_station::YEAR,
     line::ORIENTATION,
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,

@@ -328,7 +328,7 @@ fn write_rows(db: &Transaction<'_>, rows: &[Row]) -> Result<()> {
 }
 
 /// What has changed of sessions, logs and connections; records that can be dated now are.
-fn write_state(db: &Transaction<'_>, base: &Base) -> Result<()> {
+fn write_state(db: &Transaction<'_>, base: &mut Base) -> Result<()> {
     for (of, recorder) in &base.recorders {
         for session in &recorder.changed {
             let Some(known) = recorder.sessions.get(session) else { continue };
@@ -356,11 +356,25 @@ fn write_state(db: &Transaction<'_>, base: &Base) -> Result<()> {
         let Some(progress) = base.logs.get(&(*of, *log)) else { continue };
         db.execute("INSERT OR REPLACE INTO logs VALUES(?1, ?2, ?3)", params![of, log, packed(progress)])?;
     }
-    for stream in &base.changed_streams {
-        let Some(live) = base.streams.get(stream) else { continue };
+    for stream in base.changed_streams.clone() {
+        let Some(known) = base.halfway(stream) else { continue };
+        let (replaced_us, replaced_by) = known.replaced.unzip();
         db.execute(
-            "UPDATE streams SET station = ?2, session = ?3 WHERE stream = ?1",
-            params![stream, live.who.map(i64::from), live.session],
+            "UPDATE streams SET station = ?2, session = ?3, up = ?4, silent = ?5, replaced_us = ?6, replaced_by = ?7,
+             newest = ?8, log = ?9, boot = ?10, config_hash = ?11 WHERE stream = ?1",
+            params![
+                stream,
+                known.log.map(|l| l.station).or(known.who),
+                known.session,
+                known.up,
+                known.silent,
+                replaced_us,
+                replaced_by,
+                known.newest,
+                known.log.map(|l| l.log),
+                known.log.map(|l| l.boot),
+                known.log.map(|l| l.config_hash as i64)
+            ],
         )?;
     }
     Ok(())

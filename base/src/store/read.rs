@@ -1,24 +1,28 @@
 //! Reading a store: what opening needs, the bytes, and the records.
 
 use super::super::record::{Row, micros};
-use super::super::recorder::Session;
-use super::super::{Base, Beginning};
+use super::super::recorder::{SESSIONS, Session};
+use super::super::{Base, Beginning, Halfway};
 use super::schema::{number, open_to_read, station};
 use super::{Entry, Event, damaged, earlier, unpacked};
 use anyhow::{Context, Result};
 use rusqlite::{Connection, OptionalExtension, params};
-use seabearing_core::wire::{Message, message_of};
+use seabearing_core::wire::{Message, link, message_of};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use time::OffsetDateTime;
 
 /// Reports of tracks that a base station has at hand when it begins.
-const REPORTS: i64 = 10_000;
+const REPORTS: i64 = 2000;
+/// Records among which these are looked for.
+const LOOKED_AT: i64 = 20_000;
 /// Messages about a session's clock that are looked at to know it.
 const CLOCKS: i64 = 64;
 /// Sessions and logs of a recorder that are taken up: those of which records may still come.
-const RECENT: i64 = 100;
+const RECENT: i64 = SESSIONS as i64;
+/// Sessions whose clocks are taken up.
+const CLOCKED: usize = 10;
 
 /// Tells a base station of sessions, links, the latest reports and what a person said of stations.
 pub(super) fn resume(db: &Connection, base: &mut Base) -> Result<()> {
@@ -35,12 +39,13 @@ pub(super) fn resume(db: &Connection, base: &mut Base) -> Result<()> {
     for of in known.query_map([], |r| r.get::<_, i64>(0))? {
         resume_station(db, of?, base)?;
     }
-    let mut tracks = db.prepare(
-        "SELECT id FROM records WHERE track IS NOT NULL AND id > (SELECT ifnull(max(id), 0) FROM records) - 1000000 ORDER BY id DESC LIMIT ?1",
-    )?;
-    let ids = tracks.query_map([REPORTS], |r| r.get::<_, i64>(0))?.collect::<rusqlite::Result<Vec<_>>>()?;
-    for id in ids.into_iter().rev() {
-        let row = db.query_row(&format!("SELECT {COLUMNS} FROM records WHERE id = ?1"), [id], row)??;
+    let newest: i64 = db.query_row("SELECT ifnull(max(id), 0) FROM records", [], |r| r.get(0))?;
+    let mut tracks = db.prepare(&format!(
+        "SELECT {COLUMNS} FROM records WHERE track IS NOT NULL AND id > ?1 ORDER BY id DESC LIMIT ?2"
+    ))?;
+    let rows = tracks.query_map([newest - LOOKED_AT, REPORTS], row)?;
+    let rows = rows.map(|row| row?).collect::<Result<Vec<_>>>()?;
+    for row in rows.into_iter().rev() {
         let of = row.station;
         base.recorder(of).keep_track(row, REPORTS as usize);
     }
@@ -57,9 +62,9 @@ fn resume_station(db: &Connection, of: i64, base: &mut Base) -> Result<()> {
             Session { boot: r.get(1)?, rate_hz: r.get(2)?, start_us: r.get(3)?, ..Session::default() };
         Ok((r.get::<_, u32>(0)?, session))
     })?;
-    for row in rows {
+    for (n, row) in rows.enumerate() {
         let (number, mut session) = row?;
-        for message in clocks(db, of, number, i64::MAX)? {
+        for message in if n < CLOCKED { clocks(db, of, number)? } else { Vec::new() } {
             session.note(&message);
         }
         recorder.sessions.insert(number, session);
@@ -78,12 +83,12 @@ fn resume_station(db: &Connection, of: i64, base: &mut Base) -> Result<()> {
 }
 
 /// What a session's recorder last said of its clock, oldest first.
-fn clocks(db: &Connection, of: i64, session: u32, before: i64) -> Result<Vec<Message>> {
+fn clocks(db: &Connection, of: i64, session: u32) -> Result<Vec<Message>> {
     let mut told = db.prepare(
-        "SELECT body FROM records WHERE station = ?1 AND session = ?2 AND kind IN (7, 12) AND id < ?3
-         ORDER BY id DESC LIMIT ?4",
+        "SELECT body FROM records WHERE station = ?1 AND session = ?2 AND kind IN (7, 12)
+         ORDER BY id DESC LIMIT ?3",
     )?;
-    let bodies = told.query_map(params![of, session, before, CLOCKS], |r| r.get::<_, Vec<u8>>(0))?;
+    let bodies = told.query_map(params![of, session, CLOCKS], |r| r.get::<_, Vec<u8>>(0))?;
     let mut messages = bodies.map(|b| Ok(message_of(&b?))).collect::<Result<Vec<_>>>()?;
     messages.reverse();
     Ok(messages.into_iter().flatten().collect())
@@ -117,18 +122,36 @@ pub(super) fn entries(db: &Connection, from: i64, most: i64) -> Result<Vec<(i64,
 pub(super) fn take_up(db: &Connection, stream: u32, before: i64, base: &mut Base) -> Result<()> {
     let known = db
         .query_row(
-            "SELECT line, peer, expected, lasting, station, session FROM streams WHERE stream = ?1",
+            "SELECT line, peer, expected, lasting, station, session, up, silent, replaced_us, replaced_by, newest, log, boot,
+             config_hash FROM streams WHERE stream = ?1",
             [stream],
             |r| {
                 let beginning =
                     Beginning { line: r.get(0)?, peer: r.get(1)?, station: r.get(2)?, lasting: r.get(3)? };
-                Ok((beginning, r.get::<_, Option<u16>>(4)?, r.get::<_, Option<u32>>(5)?))
+                let who = r.get::<_, Option<u16>>(4)?;
+                let (log, boot, hash) = (r.get(11)?, r.get(12)?, r.get::<_, Option<i64>>(13)?);
+                let log = who.zip(log).zip(boot).zip(hash);
+                let halfway = Halfway {
+                    who,
+                    session: r.get(5)?,
+                    up: r.get(6)?,
+                    silent: r.get(7)?,
+                    replaced: r.get::<_, Option<i64>>(8)?.zip(r.get::<_, Option<u32>>(9)?),
+                    newest: r.get(10)?,
+                    log: log.map(|(((station, log), boot), hash)| link::Session {
+                        station,
+                        log,
+                        boot,
+                        config_hash: hash as u64,
+                    }),
+                };
+                Ok((beginning, halfway))
             },
         )
         .optional()?;
-    let Some((beginning, who, session)) = known else { return Ok(()) };
+    let Some((beginning, halfway)) = known else { return Ok(()) };
     base.begin(stream, beginning, None);
-    base.take_up(stream, who, session);
+    base.take_up(stream, &Halfway { replaced: None, silent: false, ..halfway });
     // Back to the delimiter before.
     let mut rows = db.prepare(
         "SELECT data FROM bytes WHERE stream = ?1 AND id < ?2 AND id > ?2 - 100000 AND event = 0 ORDER BY id DESC LIMIT 400",
@@ -146,6 +169,7 @@ pub(super) fn take_up(db: &Connection, stream: u32, before: i64, base: &mut Base
     }
     // Without a delimiter it gives nothing.
     base.push(stream, 0, None, &tail, &mut Vec::new());
+    base.take_up(stream, &Halfway { newest: None, log: None, ..halfway });
     Ok(())
 }
 

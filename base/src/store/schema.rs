@@ -18,7 +18,8 @@ CREATE TABLE about(layout INTEGER NOT NULL, decoded INTEGER NOT NULL, first_kept
 INSERT INTO about VALUES(1, 0, 1);
 CREATE TABLE bytes(id INTEGER PRIMARY KEY, stream INTEGER NOT NULL, received_us INTEGER, event INTEGER NOT NULL, data BLOB);
 CREATE TABLE streams(stream INTEGER PRIMARY KEY, line TEXT NOT NULL, peer TEXT, expected INTEGER, lasting INTEGER NOT NULL,
-    station INTEGER, session INTEGER);
+    station INTEGER, session INTEGER, up INTEGER NOT NULL DEFAULT 0, silent INTEGER NOT NULL DEFAULT 0,
+    replaced_us INTEGER, replaced_by INTEGER, newest INTEGER, log INTEGER, boot INTEGER, config_hash INTEGER);
 CREATE TABLE stations(station INTEGER PRIMARY KEY, lat_deg REAL, lon_deg REAL, rate_hz REAL);
 CREATE TABLE sessions(station INTEGER NOT NULL, session INTEGER NOT NULL, boot INTEGER, rate_hz REAL, start_us INTEGER,
     PRIMARY KEY(station, session)) WITHOUT ROWID;

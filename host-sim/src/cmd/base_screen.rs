@@ -69,7 +69,8 @@ impl Screen {
         if !self.json || self.texts.is_none() || count + self.not_shown == 0 {
             return Ok(());
         }
-        if !self.waits && self.waiting.load(Ordering::Relaxed) + count > WAITING {
+        let waiting = self.waiting.load(Ordering::Relaxed);
+        if !self.waits && waiting > 0 && waiting + count > WAITING {
             if self.not_shown == 0 {
                 eprintln!(
                     "seabearing: standard output is read too slowly; records are stored, and not all shown"

@@ -276,6 +276,11 @@ impl<S: Store> Link<S> {
         self.peer.map(|p| (p.session, p.progress))
     }
 
+    /// Goes on with a log of the peer of which so much has come, as if it had just opened it.
+    pub fn resume(&mut self, session: Session, progress: Progress) {
+        self.peer = Some(Peer { session, tag: session.tag(), progress, heard: 0 });
+    }
+
     /// Whether the peer knows this end's log and answers.
     pub fn up(&self) -> bool {
         self.opened && self.unanswered == 0

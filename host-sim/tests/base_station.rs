@@ -1,0 +1,346 @@
+//! `seabearing base` at work as a process: recorders that call, are silent, talk rubbish or have one number; a reader that
+//! does not read; a disk that is full; a kill.
+#![cfg(unix)]
+
+use seabearing_core::wire::link::{Arrival, Class, Inbox, Link, MemoryStore, Progress, Session, Settings};
+use seabearing_core::wire::{Encoder, End, Hello, Message, SCHEMA_HASH, WIRE_VERSION, bytes_of};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+const BINARY: &str = env!("CARGO_BIN_EXE_seabearing");
+
+/// A base station that listens, killed at the end.
+struct Base {
+    child: Child,
+    address: String,
+    stderr: BufReader<std::process::ChildStderr>,
+}
+
+impl Base {
+    fn start(folder: &Path, args: &[&str]) -> Self {
+        let mut command = Command::new(BINARY);
+        command.args(["base", "--json"]).args(args).current_dir(folder);
+        let mut child =
+            command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut stderr = BufReader::new(child.stderr.take().unwrap());
+        let mut address = String::new();
+        while !address.contains("listening at ") {
+            address.clear();
+            assert!(stderr.read_line(&mut address).unwrap() > 0, "it does not listen");
+        }
+        let address = address.trim().rsplit(' ').next().unwrap().to_owned();
+        Self { child, address, stderr }
+    }
+
+    fn call(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_nodelay(true).unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+        stream
+    }
+
+    /// What it has said on standard error, once it is dead.
+    fn kill(mut self) -> String {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+        let mut said = String::new();
+        self.stderr.read_to_string(&mut said).unwrap();
+        said
+    }
+}
+
+fn hello(station: u16) -> Message {
+    Message::Hello(Hello {
+        wire_version: WIRE_VERSION,
+        schema_hash: SCHEMA_HASH,
+        config_hash: 1,
+        version: (0, 1, 0),
+        station,
+        kind: 0,
+        rate_hz: 1000.0,
+        reset_cause: 1,
+    })
+}
+
+/// Records in a store, as an export gives them.
+fn kept(folder: &Path) -> Vec<Value> {
+    let out = folder.join("kept.jsonl");
+    let ran = Command::new(BINARY)
+        .args(["export", "--store", "store", "--out", "kept.jsonl"])
+        .current_dir(folder)
+        .output();
+    let ran = ran.unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    std::fs::read_to_string(out).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+}
+
+/// Waits until the store holds what is wanted.
+fn wait(folder: &Path, what: &str, enough: impl Fn(&[Value]) -> bool) -> Vec<Value> {
+    let begun = Instant::now();
+    loop {
+        let all = if folder.join("store/store.sqlite").exists() { kept(folder) } else { Vec::new() };
+        if enough(&all) {
+            return all;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60), "{what}: {} records", all.len());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+fn of(all: &[Value], station: u16, kind: &str) -> usize {
+    all.iter().filter(|r| r["station"] == station && r["type"] == kind).count()
+}
+
+#[test]
+fn silent_and_rubbish_callers_hold_up_nobody_and_two_of_one_number_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let base = Base::start(dir.path(), &["--listen", "127.0.0.1:0", "--store", "store", "--idle", "3"]);
+    let silent = base.call();
+    let mut rubbish = base.call();
+    let noise = [0x5au8; 1 << 14];
+    let mut encoders = [Encoder::default(), Encoder::default()];
+    let mut recorders = [(7u16, base.call()), (8, base.call())];
+    for (n, (station, stream)) in recorders.iter_mut().enumerate() {
+        stream.write_all(encoders[n].frame(&hello(*station))).unwrap();
+    }
+    for index in 0..50 {
+        let _ = rubbish.write_all(&noise);
+        for (n, (_, stream)) in recorders.iter_mut().enumerate() {
+            stream.write_all(encoders[n].frame(&Message::End(End { index, frames: 0 }))).unwrap();
+        }
+    }
+    let all = wait(dir.path(), "two recorders", |all| of(all, 7, "end") + of(all, 8, "end") == 100);
+    assert!(
+        all.iter()
+            .filter(|r| r["type"] != "line")
+            .all(|r| r["received_utc"].is_string() && r["session"] == 1)
+    );
+    // A newer connection of 7, while the older one still speaks.
+    let mut newer = base.call();
+    let mut encoder = Encoder::default();
+    newer.write_all(encoder.frame(&hello(7))).unwrap();
+    wait(dir.path(), "the newer", |all| of(all, 7, "hello") == 2);
+    std::thread::sleep(Duration::from_millis(2200));
+    recorders[0].1.write_all(encoders[0].frame(&Message::End(End { index: 999, frames: 0 }))).unwrap();
+    let all = wait(dir.path(), "the warning", |all| of(all, 7, "warning") == 1);
+    assert_eq!(of(&all, 7, "end"), 50);
+    // Those that say nothing are found out, told and closed.
+    let all =
+        wait(dir.path(), "silence", |all| all.iter().any(|r| r["state"] == "silent" && r["station"] == 8));
+    assert!(all.iter().any(|r| r["state"] == "up" && r["station"] == 8));
+    wait(dir.path(), "the end of it", |all| all.iter().any(|r| r["state"] == "down" && r["station"] == 8));
+    drop(silent);
+    // A second base station is refused the port, and the store.
+    let second = |args: &[&str]| {
+        let out = Command::new(BINARY).arg("base").args(args).current_dir(dir.path()).output().unwrap();
+        assert!(!out.status.success());
+        String::from_utf8_lossy(&out.stderr).into_owned()
+    };
+    let said = second(&["--listen", &base.address]);
+    assert!(said.contains(&base.address) && said.lines().count() == 1, "{said}");
+    let said = second(&["--listen", "127.0.0.1:0", "--store", "store"]);
+    assert!(said.contains("in use by process") && said.lines().count() == 1, "{said}");
+    let said = base.kill();
+    assert!(said.contains("two recorders say at once that they are station 7"), "{said}");
+}
+
+#[test]
+fn a_reader_that_does_not_read_does_not_stop_the_storing() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut base = Base::start(dir.path(), &["--listen", "127.0.0.1:0", "--store", "store"]);
+    let mut stream = base.call();
+    let mut encoder = Encoder::default();
+    stream.write_all(encoder.frame(&hello(7))).unwrap();
+    // Far more than a pipe and the queue before it hold.
+    let frames: Vec<u8> = (0..30_000)
+        .flat_map(|index| encoder.frame(&Message::End(End { index, frames: 0 })).to_vec())
+        .collect();
+    stream.write_all(&frames).unwrap();
+    let begun = Instant::now();
+    let check = || {
+        let out = Command::new(BINARY)
+            .args(["base", "check", "--json", "--store", "store"])
+            .current_dir(dir.path())
+            .output();
+        let out = out.unwrap();
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        serde_json::from_slice::<Value>(&out.stdout).unwrap()
+    };
+    while check()["stations"][0]["records"].as_u64().unwrap_or(0) < 30_002 {
+        assert!(begun.elapsed() < Duration::from_secs(120), "{}", check());
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    // Once it reads again, it is told how much it did not see; when it has gone, storing goes on.
+    let mut lines = BufReader::new(base.child.stdout.take().unwrap()).lines();
+    let mut seen = 0;
+    let gap = loop {
+        let line = loop {
+            stream.write_all(encoder.frame(&Message::End(End { index: 1, frames: 0 }))).unwrap();
+            break lines.next().unwrap().unwrap();
+        };
+        let record: Value = serde_json::from_str(&line).unwrap();
+        if record["type"] == "not_shown" {
+            break record["records"].as_u64().unwrap();
+        }
+        seen += 1;
+        assert!(seen < 200_000);
+    };
+    assert!(gap > 1000, "{gap}");
+    drop(lines);
+    for _ in 0..20 {
+        stream.write_all(encoder.frame(&Message::End(End { index: 2, frames: 0 }))).unwrap();
+        std::thread::sleep(Duration::from_millis(30));
+    }
+    assert!(base.child.try_wait().unwrap().is_none());
+    wait(dir.path(), "after the reader has gone", |all| all.last().is_some_and(|r| r["t_s"] == 0.002));
+    let said = base.kill();
+    assert!(said.contains("read too slowly") && said.contains("storing goes on"), "{said}");
+}
+
+struct Nothing;
+
+impl Inbox for Nothing {
+    fn recall(&mut self, _: &Session) -> Option<Progress> {
+        None
+    }
+
+    fn take(&mut self, _: Arrival<'_>) {}
+}
+
+/// A recorder with a link and a listening base station that is killed again and again: every record is there once.
+#[test]
+fn killed_at_any_moment_nothing_acknowledged_is_missing_and_nothing_is_twice() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut link = Link::new(Settings::serial(921_600), 7, 1, 0, MemoryStore::<60_000>::new());
+    let begun = Instant::now();
+    let mut buffer = [0; 160];
+    let (mut said, mut released) = (0u32, 0);
+    for round in 0..8u64 {
+        let base = Base::start(dir.path(), &["--listen", "127.0.0.1:0", "--store", "store"]);
+        let mut stream = base.call();
+        link.reconnected();
+        let (at, last) = (Instant::now(), round == 7);
+        let lives = Duration::from_millis(30 + 37 * round);
+        while (!last && at.elapsed() < lives) || (last && link.waiting() > 0) {
+            if !last && link.waiting() < 200 {
+                let message =
+                    if said == 0 { hello(7) } else { Message::End(End { index: said.into(), frames: 0 }) };
+                link.offer(Class::of(&message), bytes_of(&message, &mut buffer));
+                said += 1;
+            }
+            let now = begun.elapsed().as_micros() as u64;
+            while let Some(frame) = link.send(now) {
+                stream.write_all(frame).unwrap();
+            }
+            let mut answer = [0; 512];
+            if let Ok(n) = stream.read(&mut answer) {
+                answer[..n].iter().for_each(|b| link.receive(now, *b, &mut Nothing));
+            }
+            assert!(at.elapsed() < Duration::from_secs(60), "{} records wait", link.waiting());
+        }
+        released = said - link.waiting();
+        base.kill();
+    }
+    assert_eq!(released, said);
+    let all = kept(dir.path());
+    let mut sequences: Vec<u64> = all.iter().filter_map(|r| r["sequence"].as_u64()).collect();
+    sequences.sort_unstable();
+    assert!(said > 20 && sequences.into_iter().eq(0..u64::from(said)), "{said}");
+    let sound = Command::new(BINARY)
+        .args(["base", "check", "--store", "store"])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    assert!(sound.status.success(), "{}", String::from_utf8_lossy(&sound.stderr));
+}
+
+/// Stations of a file: each with its line, one of which comes up late and goes again.
+#[test]
+fn stations_of_a_file_are_read_at_once_and_called_until_they_answer() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let mut encoder = Encoder::default();
+    let mut bytes = encoder.frame(&hello(9)).to_vec();
+    bytes.extend(encoder.frame(&Message::End(End { index: 2000, frames: 0 })));
+    std::fs::write(dir.path().join("nine.bin"), &bytes).unwrap();
+    let stations = format!(
+        "[[stations]]\nid = 7\nline = \"tcp:127.0.0.1:{port}\"\n[[stations]]\nid = 8\nline = \"listen:127.0.0.1:0\"\n\
+         [[stations]]\nid = 9\nline = \"file:nine.bin\"\nutc_of_sample_0 = \"2024-05-01T09:00:00Z\"\n\
+         position = {{ lat_deg = 49.0, lon_deg = -123.0 }}\n"
+    );
+    file("stations.toml", &stations);
+    let base = Base::start(dir.path(), &["--stations", "stations.toml", "--store", "store"]);
+    let all = wait(dir.path(), "not up yet", |all| of(all, 9, "end") == 1 && of(all, 7, "line") == 1);
+    let end = all.iter().find(|r| r["type"] == "end").unwrap();
+    assert_eq!((&end["utc"], &end["sd_utc_s"]), (&"2024-05-01T09:00:02Z".into(), &Value::Null));
+    let late = std::net::TcpListener::bind(("127.0.0.1", port)).unwrap();
+    let (mut stream, _) = late.accept().unwrap();
+    stream.write_all(Encoder::default().frame(&hello(7))).unwrap();
+    wait(dir.path(), "up", |all| of(all, 7, "hello") == 1);
+    drop((stream, late));
+    let all = wait(dir.path(), "down", |all| of(all, 7, "line") == 3);
+    let states: Vec<&Value> =
+        all.iter().filter(|r| r["station"] == 7).map(|r| &r["state"]).filter(|s| s.is_string()).collect();
+    assert_eq!(states, ["down", "up", "down"]);
+    base.kill();
+    // What is wrong in the file is said with its place.
+    for (from, to, words) in [
+        ("file:nine.bin", "udp:nine", "stations.toml, line 9, column 1: `udp:nine`"),
+        ("id = 9", "id = 8", "two stations have the number 8"),
+        ("2024-05-01T09:00:00Z", "noon", "`noon` is no time"),
+        ("utc_of_sample_0", "utc_of_sample_1", "unknown field `utc_of_sample_1`"),
+        ("line = \"file", "key_file = \"absent.key\"\nline = \"file", "absent.key"),
+    ] {
+        file("wrong.toml", &stations.replace(from, to));
+        let out = Command::new(BINARY)
+            .args(["base", "--stations", "wrong.toml"])
+            .current_dir(dir.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&out.stderr);
+        let words = words.replace("stations.toml", "wrong.toml");
+        assert!(
+            !out.status.success() && said.contains(&words) && said.lines().count() == 1,
+            "{words}: {said}"
+        );
+    }
+}
+
+/// On a disk that is full the base says so once, acknowledges nothing, and goes on when there is room.
+#[test]
+fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
+    let dir = tempfile::tempdir().unwrap();
+    let mount = |args: &[&str]| {
+        let ran = Command::new("mount").args(args).arg(dir.path()).stderr(Stdio::null()).status();
+        ran.is_ok_and(|s| s.success())
+    };
+    if !mount(&["-t", "tmpfs", "-o", "size=1m", "tmpfs"]) {
+        seabearing_testkit::skipped("base_station", "no tmpfs can be mounted here");
+        return;
+    }
+    let base = Base::start(dir.path(), &["--listen", "127.0.0.1:0", "--store", "store"]);
+    let mut stream = base.call();
+    stream.set_write_timeout(Some(Duration::from_secs(1))).unwrap();
+    let mut encoder = Encoder::default();
+    let mut frames = encoder.frame(&hello(7)).to_vec();
+    (0..20_000).for_each(|index| frames.extend(encoder.frame(&Message::End(End { index, frames: 0 }))));
+    stream.write_all(&frames).unwrap();
+    let (said, says) = std::sync::mpsc::channel();
+    let Base { mut child, stderr, .. } = base;
+    std::thread::spawn(move || stderr.lines().map_while(Result::ok).for_each(|l| drop(said.send(l))));
+    let full = says.recv_timeout(Duration::from_secs(60)).unwrap();
+    let grown = mount(&["-o", "remount,size=64m"]);
+    let again = says.recv_timeout(Duration::from_secs(60));
+    let all = wait(dir.path(), "room again", |all| of(all, 7, "end") == 20_000);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let unmounted = Command::new("umount").arg(dir.path()).status().unwrap().success();
+    assert!(grown && unmounted && all.len() > 20_000);
+    assert!(full.contains("the disk is full") && full.contains("nothing is acknowledged"), "{full}");
+    assert!(again.is_ok_and(|l| l.contains("takes records again")));
+}
