@@ -178,10 +178,8 @@ fn a_reader_that_does_not_read_does_not_stop_the_storing() {
     let mut lines = BufReader::new(base.child.stdout.take().unwrap()).lines();
     let mut seen = 0;
     let gap = loop {
-        let line = loop {
-            stream.write_all(encoder.frame(&Message::End(End { index: 1, frames: 0 }))).unwrap();
-            break lines.next().unwrap().unwrap();
-        };
+        stream.write_all(encoder.frame(&Message::End(End { index: 1, frames: 0 }))).unwrap();
+        let line = lines.next().unwrap().unwrap();
         let record: Value = serde_json::from_str(&line).unwrap();
         if record["type"] == "not_shown" {
             break record["records"].as_u64().unwrap();
