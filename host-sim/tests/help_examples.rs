@@ -18,7 +18,7 @@ enum Expected {
 use Expected::{Lacks, Runs, Waits};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 19] = [
+const EXAMPLES: [(&str, &[Expected]); 20] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs]),
     ("bearing", &[Runs]),

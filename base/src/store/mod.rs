@@ -14,7 +14,7 @@ mod schema;
 mod tests;
 
 pub use check::{Soundness, check, rebuild};
-pub use read::{Wanted, newest_us, places, read, stations};
+pub use read::{Wanted, newest_us, positions, read, stations};
 
 use super::record::Row;
 use super::{Base, Beginning};

@@ -268,7 +268,7 @@ pub fn read(folder: &Path, wanted: &Wanted, mut take: impl FnMut(Value)) -> Resu
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn places(folder: &Path) -> Result<BTreeMap<Option<u16>, (f64, f64)>> {
+pub fn positions(folder: &Path) -> Result<BTreeMap<Option<u16>, (f64, f64)>> {
     if earlier::is_one(folder) {
         return Ok(earlier::About::read(folder)?.place.map(|p| (None, p)).into_iter().collect());
     }

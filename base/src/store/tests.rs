@@ -80,7 +80,7 @@ fn a_store_of_the_version_before_is_read_and_gone_on_with() {
     assert_eq!(records(dir.path()).len(), 2);
     let from = Some(time::macros::datetime!(2024-05-01 08:00 UTC));
     let undated = read(dir.path(), &Wanted { from, ..Wanted::default() }, |_| {}).unwrap();
-    assert_eq!((undated, places(dir.path()).unwrap()[&None]), (1, (49.0, -123.0)));
+    assert_eq!((undated, positions(dir.path()).unwrap()[&None]), (1, (49.0, -123.0)));
     assert!(stations(dir.path()).unwrap().contains(&7));
     let mut base = Base::new(None);
     let mut store = Store::open(dir.path(), &mut base).unwrap();
@@ -94,7 +94,7 @@ fn a_store_of_the_version_before_is_read_and_gone_on_with() {
         (all.len(), &all[2]["utc"], &all[5]["session"]),
         (6, &"2024-05-01T09:00:01Z".into(), &2.into())
     );
-    assert_eq!(places(dir.path()).unwrap()[&None], (49.0, -123.0));
+    assert_eq!(positions(dir.path()).unwrap()[&None], (49.0, -123.0));
     assert_eq!(std::fs::read(dir.path().join("raw.bin")).unwrap(), bytes);
     // Not taken over twice, and what was said survives that the records are made anew.
     assert_eq!(rebuild(dir.path()).unwrap(), 6);

@@ -72,7 +72,7 @@ pub fn run(args: Args) -> Result<()> {
     {
         bail!("{}: the store itself; write the export into another folder", args.out.display());
     }
-    let kept = store::places(&args.store)?;
+    let kept = store::positions(&args.store)?;
     let mut places = Positions { otherwise: kept.get(&None).copied(), ..Positions::default() };
     places.of_station.extend(kept.into_iter().filter_map(|(of, at)| Some((u64::from(of?), at))));
     for station in args.stations.as_deref().map(Station::read_network).transpose()?.unwrap_or_default() {
