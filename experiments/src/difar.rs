@@ -10,12 +10,13 @@
 use super::difar_tracks::{self, tracks};
 use super::report::CsvReport;
 use super::{Experiment, Options};
+use crate::angle::turn_deg;
 use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
 use crate::plot::{Plot, Scale};
 use crate::score::median;
 use anyhow::{Context, Result};
-use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
+use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_locate::orient::offset::{LEAST_RESIDUALS, Residual, offset};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -86,7 +87,7 @@ pub fn score(file: &Path) -> Result<DifarScore> {
     let (mut halves, mut predictions) = (0.0, 0.0);
     for residuals in buoys.iter().filter(|r| r.len() >= LEAST_RESIDUALS) {
         let Some(robust) = robust_deg(residuals) else { continue };
-        let centred: Vec<f64> = residuals.iter().map(|r| wrap_deg(r - robust)).collect();
+        let centred: Vec<f64> = residuals.iter().map(|r| turn_deg(robust, *r)).collect();
         s.buoys += 1;
         s.bearings += centred.len();
         let away = median(centred.to_vec()).abs();
@@ -158,7 +159,7 @@ fn residuals(heard: &[Heard], shift_s: f64) -> Vec<f64> {
             let (a, b) = (&heard[j - 1], &heard[j]);
             let f = (h.t_s - shift_s - a.t_s) / (b.t_s - a.t_s);
             let [x, y] = [0, 1].map(|k| a.antenna_m[k] + f * (b.antenna_m[k] - a.antenna_m[k]));
-            wrap_deg(x.atan2(y) / RAD_PER_DEG - h.measured_deg)
+            turn_deg(h.measured_deg, x.atan2(y) / RAD_PER_DEG)
         })
         .collect()
 }
@@ -170,7 +171,7 @@ fn common_shift(buoys: &Buoys) -> f64 {
         for b in buoys.values().filter(|b| b.len() >= LEAST_RESIDUALS) {
             let r = residuals(b, shift_s);
             let Some(offset) = robust_deg(&r) else { continue };
-            sum += r.iter().map(|x| wrap_deg(x - offset).abs()).sum::<f64>();
+            sum += r.iter().map(|x| turn_deg(offset, *x).abs()).sum::<f64>();
             n += r.len() as f64;
         }
         sum / n
@@ -189,11 +190,7 @@ fn robust_deg(residuals: &[f64]) -> Option<f64> {
 
 /// Robust location of residuals near zero; the median where they are too few for the robust fit.
 fn location(residuals: &[f64]) -> f64 {
-    robust_deg(residuals).map_or_else(|| median(residuals.to_vec()), wrap_deg)
-}
-
-fn wrap_deg(x: f64) -> f64 {
-    wrap_pi(x * RAD_PER_DEG) / RAD_PER_DEG
+    robust_deg(residuals).map_or_else(|| median(residuals.to_vec()), |x| turn_deg(0.0, x))
 }
 
 fn mean(x: &[f64]) -> f64 {

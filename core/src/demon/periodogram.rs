@@ -5,6 +5,7 @@
 
 use super::Scratch;
 use super::envelope::{Envelope, Plan, WINDOW};
+use crate::kit::order_statistic;
 use crate::math;
 use microfft::Complex32;
 
@@ -72,7 +73,8 @@ pub(super) fn demodulated<'a>(
     for (run, value) in floor.iter_mut().enumerate() {
         let from = (run.saturating_sub(SIDE) * RUN).max(FIRST);
         let to = ((run + SIDE + 1) * RUN).min(bins.len());
-        *value = median(bins.get(from..to).unwrap_or(&[])) / core::f32::consts::LN_2;
+        let near = bins.get(from..to).unwrap_or(&[]).iter().map(|bin| bin.im);
+        *value = order_statistic(near, 0.5).unwrap_or(0.0) / core::f32::consts::LN_2;
     }
     for (run, chunk) in bins.chunks_exact_mut(RUN).enumerate() {
         let here = floor.get(run).copied().unwrap_or(0.0);
@@ -134,17 +136,6 @@ fn transform(z: &mut [Complex32]) {
 /// Time within a window of so many outputs, −1/2 to 1/2.
 fn time(i: usize, window: usize) -> f32 {
     (i as f32 + 0.5) / window as f32 - 0.5
-}
-
-/// Median of the powers by bisection on their bit patterns (positive floats order as integers): no copy, no sort.
-fn median(bins: &[Complex32]) -> f32 {
-    let (mut below, mut above) = (0u32, f32::MAX.to_bits());
-    while below < above {
-        let middle = below + (above - below) / 2;
-        let count = bins.iter().filter(|b| b.im.to_bits() <= middle).count();
-        if 2 * count >= bins.len() { above = middle } else { below = middle + 1 }
-    }
-    f32::from_bits(above)
 }
 
 #[cfg(test)]

@@ -65,10 +65,10 @@ impl<P, const N: usize> Point<P, N> {
     }
 }
 
-/// Up to `steps` steps of [`Point::descend`] from a start, all parameters free; `None` where the start has no normal
-/// equations.
+/// Up to `steps` steps of [`Point::descend`] from a start; `None` where the start has no normal equations.
 pub fn minimise<P, const N: usize>(
     start: P,
+    free: &[bool; N],
     steps: usize,
     least_fall: f64,
     moved: impl Fn(&P, &[f64; N]) -> P,
@@ -77,7 +77,7 @@ pub fn minimise<P, const N: usize>(
     let normal = evaluate(&start)?;
     let mut point = Point { at: start, normal, damping: DAMPING_FRESH };
     for _ in 0..steps {
-        if point.descend(&[true; N], least_fall, &moved, &mut evaluate) == Progress::Converged {
+        if point.descend(free, least_fall, &moved, &mut evaluate) == Progress::Converged {
             break;
         }
     }
@@ -107,7 +107,7 @@ mod tests {
 
         #[test]
         fn a_bent_valley_is_followed_to_its_end(x in -3.0f64..3.0, y in -3.0f64..3.0) {
-            let end = minimise([x, y], 200, 1e-16, plus, valley).unwrap();
+            let end = minimise([x, y], &[true; 2], 200, 1e-16, plus, valley).unwrap();
             prop_assert!((end.at[0] - 1.0).abs() < 1e-6 && (end.at[1] - 1.0).abs() < 1e-6, "{end:?}");
         }
 
@@ -126,8 +126,8 @@ mod tests {
     #[test]
     fn a_place_without_equations_is_never_entered() {
         let wall = |at: &[f64; 2]| if at[0] > 0.0 { None } else { valley(at) };
-        let end = minimise([-1.0, 1.0], 50, 1e-12, plus, wall).unwrap();
+        let end = minimise([-1.0, 1.0], &[true; 2], 50, 1e-12, plus, wall).unwrap();
         assert!(end.at[0] <= 0.0 && end.normal.cost() < 4.0);
-        assert!(minimise([1.0, 1.0], 5, 1e-12, plus, wall).is_none());
+        assert!(minimise([1.0, 1.0], &[true; 2], 5, 1e-12, plus, wall).is_none());
     }
 }

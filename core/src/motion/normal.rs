@@ -4,7 +4,7 @@
 
 use super::model::{Limits, Line, PARAMETERS};
 use crate::kit::descent::LEAST_FALL;
-use crate::kit::{self, Progress, Square};
+use crate::kit::{self, Square};
 
 /// Columns of a row: derivatives by the parameters, then the residual.
 pub const COLUMNS: usize = PARAMETERS + 1;
@@ -38,15 +38,16 @@ impl Normal {
     }
 }
 
-/// One damped Gauss-Newton step of a line inside its limits: `evaluate` gives the normal equations at a line.
-pub fn descend(
-    point: &mut Point,
+/// The line of least cost that up to so many damped Gauss-Newton steps inside the limits lead to; `None` where the start has no normal equations.
+pub fn minimise(
+    line: &Line,
     free: &[bool; PARAMETERS],
     limits: &Limits,
+    steps: usize,
     evaluate: impl FnMut(&Line) -> Option<Normal>,
-) -> Progress {
+) -> Option<Point> {
     let moved = |line: &Line, step: &[f64; PARAMETERS]| line.moved(&bounded(step), limits);
-    point.descend(free, LEAST_FALL, moved, evaluate)
+    kit::minimise(line.moved(&[0.0; PARAMETERS], limits), free, steps, LEAST_FALL, moved, evaluate)
 }
 
 /// A step no longer than one radian in bearing and a factor e in `|q|` and `v`, direction kept.

@@ -11,7 +11,7 @@ use super::course::{Course, CourseCovariance};
 use super::evidence::{AzimuthEvidence, Minute, RangeEvidence};
 use super::travel::TravelTime;
 use crate::angle::wrap_pi;
-use crate::kit::{Normal, spd};
+use crate::kit::{Normal, reweighted};
 use crate::math;
 
 /// Probabilities that a present vessel shows in azimuth and in range [O, III D].
@@ -145,46 +145,47 @@ pub fn refine<I>(
 where
     I: Iterator<Item = Minute> + Clone,
 {
-    let mut course = *start;
-    let mut covariance = None;
-    for _ in 0..STEPS {
+    let equations = |_, course: &Course| {
         let mut normal = Normal::default();
         let weak = 1.0 / (SPEED_SPREAD_M_S * SPEED_SPREAD_M_S);
         let [_, _, vx, vy] = course.p;
         normal.observe(&[0.0, 0.0, 1.0, 0.0], -vx, weak);
         normal.observe(&[0.0, 0.0, 0.0, 1.0], -vy, weak);
         for m in minutes.clone() {
-            let s = course.seen(travel, step_s * f64::from(m.number));
-            let (x, y, r, t) = (s.place.0, s.place.1, s.range_m, s.since_s);
-            if let Some((ratio, e, sd)) = best_direction(&m, s.azimuth) {
-                let own = DETECTION.0 * ratio / (1.0 - DETECTION.0 + DETECTION.0 * ratio);
-                let (jx, jy) = (y / (r * r), -x / (r * r));
-                normal.observe(&[jx, jy, jx * t, jy * t], e, INDEPENDENT * own / (sd * sd));
-            }
-            if let Some((ratio, d)) = best_distance(&m, r, s.speed_m_s) {
-                let own = DETECTION.1 * ratio / (1.0 - DETECTION.1 + DETECTION.1 * ratio);
-                let (sr, sv) = spreads(&d);
-                let (ux, uy) = (x / r, y / r);
-                let w = INDEPENDENT * own;
-                normal.observe(&[ux, uy, ux * t, uy * t], d.range_m - r, w / (sr * sr));
-                // Radial speed u·v; its change with place is (v − u (u·v))/r.
-                let (ax, ay) = ((vx - ux * s.speed_m_s) / r, (vy - uy * s.speed_m_s) / r);
-                let j = [ax, ay, ux + ax * t, uy + ay * t];
-                normal.observe(&j, d.speed_m_s - s.speed_m_s, w / (sv * sv));
-            }
+            observe(&mut normal, course, travel, step_s, &m);
         }
-        let inv = spd::inverse(&normal.information(&[true; 4]))?;
+        Some(normal)
+    };
+    let advance = |_, course: &mut Course, step: &[f64; 4]| {
         let mut moved = 0.0;
-        for ((p, row), unit) in course.p.iter_mut().zip(&inv).zip([1.0, 1.0, 1e4, 1e4]) {
-            let step = spd::dot(row, &normal.gradient);
+        for ((p, step), unit) in course.p.iter_mut().zip(step).zip([1.0, 1.0, 1e4, 1e4]) {
             *p += step;
-            moved += math::f64::abs(step) * unit;
+            moved += math::f64::abs(*step) * unit;
         }
-        covariance = Some(inv);
-        if moved < 0.1 {
-            break;
-        }
+        moved >= 0.1
+    };
+    reweighted(*start, STEPS, equations, advance).filter(|(course, _)| course.p.iter().all(|x| x.is_finite()))
+}
+
+/// Adds what a minute's best modes say, each weighted by the chance that it is this vessel's.
+fn observe(normal: &mut Normal<4>, course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) {
+    let [_, _, vx, vy] = course.p;
+    let s = course.seen(travel, step_s * f64::from(m.number));
+    let (x, y, r, t) = (s.place.0, s.place.1, s.range_m, s.since_s);
+    if let Some((ratio, e, sd)) = best_direction(m, s.azimuth) {
+        let own = DETECTION.0 * ratio / (1.0 - DETECTION.0 + DETECTION.0 * ratio);
+        let (jx, jy) = (y / (r * r), -x / (r * r));
+        normal.observe(&[jx, jy, jx * t, jy * t], e, INDEPENDENT * own / (sd * sd));
     }
-    let finite = course.p.iter().all(|x| x.is_finite());
-    if finite { covariance.map(|c| (course, c)) } else { None }
+    if let Some((ratio, d)) = best_distance(m, r, s.speed_m_s) {
+        let own = DETECTION.1 * ratio / (1.0 - DETECTION.1 + DETECTION.1 * ratio);
+        let (sr, sv) = spreads(&d);
+        let (ux, uy) = (x / r, y / r);
+        let w = INDEPENDENT * own;
+        normal.observe(&[ux, uy, ux * t, uy * t], d.range_m - r, w / (sr * sr));
+        // Radial speed u·v; its change with place is (v − u (u·v))/r.
+        let (ax, ay) = ((vx - ux * s.speed_m_s) / r, (vy - uy * s.speed_m_s) / r);
+        let j = [ax, ay, ux + ax * t, uy + ay * t];
+        normal.observe(&j, d.speed_m_s - s.speed_m_s, w / (sv * sv));
+    }
 }

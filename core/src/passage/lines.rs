@@ -9,12 +9,11 @@ use super::known::Known;
 use super::node::Node;
 use super::settings::Config;
 use crate::angle::wrap_pi;
-use crate::kit::Progress;
 use crate::math::f64 as m;
 use crate::motion::chain::{Chain, Colour};
 use crate::motion::hypotheses::{add_priors, same};
 use crate::motion::model::{Limits, Line, PARAMETERS};
-use crate::motion::normal::{COLUMNS, Normal, Point, descend};
+use crate::motion::normal::{COLUMNS, Normal, Point, minimise};
 use crate::motion::solution::floor;
 use crate::motion::start::{STARTS, emitted, starts};
 
@@ -124,14 +123,7 @@ impl Problem<'_> {
     /// Up to `steps` damped steps from a line.
     #[inline(never)]
     fn descended(&self, line: Line, steps: usize) -> Option<Point> {
-        let free = self.config.free();
-        let mut point = Point { at: line, normal: self.evaluate(&line)?, damping: 1e-3 };
-        for _ in 0..steps {
-            if descend(&mut point, &free, &self.limits, |line| self.evaluate(line)) == Progress::Converged {
-                break;
-            }
-        }
-        Some(point)
+        minimise(&line, &self.config.free(), &self.limits, steps, |line| self.evaluate(line))
     }
 }
 

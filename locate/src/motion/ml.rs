@@ -9,12 +9,11 @@
 use super::covariance::Model;
 use super::hypotheses::{add_priors, same};
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
-use super::normal::{COLUMNS, Normal, Point, descend};
+use super::normal::{COLUMNS, Normal, Point, minimise};
 use super::solution::{Solution, solution};
 use super::start::{STARTS, emitted, starts};
 use super::whiten::{Factorisation, WhitenError, Workspace};
 use crate::angle::wrap_pi;
-use crate::kit::Progress;
 use crate::math::f64 as m;
 
 /// What is assumed.
@@ -125,7 +124,7 @@ pub fn fit<const N: usize>(
         let line = emitted(&start.line, &config.medium);
         let rough =
             |line: &Line| evaluate(config, &white, samples.iter().step_by(stride), line, &mut *work, &[]);
-        let Some(line) = minimise(line, &free, &limits, ROUGH_STEPS, rough).map(|p| p.at) else { continue };
+        let Some(line) = minimise(&line, &free, &limits, ROUGH_STEPS, rough).map(|p| p.at) else { continue };
         // Several starts lead to one minimum, which is looked at once.
         if tried.iter().flatten().any(|other| same(other, &line)) {
             continue;
@@ -141,7 +140,7 @@ pub fn fit<const N: usize>(
         }
     }
     let line = best.ok_or(FitError::NoMinimum)?.at;
-    let point = minimise(line, &free, &limits, FINE_STEPS, |line| {
+    let point = minimise(&line, &free, &limits, FINE_STEPS, |line| {
         evaluate(config, &factorisation, samples.iter(), line, &mut *work, dense)
     })
     .ok_or(FitError::NoMinimum)?;
@@ -158,7 +157,7 @@ pub fn refit<const N: usize>(
     dense: &[f64],
 ) -> Option<Fit> {
     let limits = check(config, samples).ok()?;
-    let point = minimise(*start, &config.free(), &limits, FINE_STEPS, |line| {
+    let point = minimise(start, &config.free(), &limits, FINE_STEPS, |line| {
         evaluate(config, factorisation, samples.iter(), line, &mut *work, dense)
     })?;
     finished(config, samples, &limits, factorisation, &point)
@@ -220,23 +219,6 @@ fn check(config: &Config, samples: &[Sample]) -> Result<Limits, FitError> {
     Ok(Limits { range_m: config.range_m, ln_speed: LN_SPEED, times_s: (first.t_s, last.t_s) })
 }
 
-fn minimise(
-    line: Line,
-    free: &[bool; PARAMETERS],
-    limits: &Limits,
-    steps: usize,
-    mut evaluate: impl FnMut(&Line) -> Option<Normal>,
-) -> Option<Point> {
-    let line = line.moved(&[0.0; PARAMETERS], limits);
-    let mut point = Point { at: line, normal: evaluate(&line)?, damping: 1e-6 };
-    for _ in 0..steps {
-        if descend(&mut point, free, limits, &mut evaluate) == Progress::Converged {
-            break;
-        }
-    }
-    Some(point)
-}
-
 fn finished(
     config: &Config,
     samples: &[Sample],
@@ -287,7 +269,7 @@ pub fn range_interval<const N: usize>(
         let stiff = 1e8;
         let mut start = *from;
         start.p[2] = start.p[3] - ln_range;
-        let point = minimise(start, &free, &limits, FINE_STEPS, |line| {
+        let point = minimise(&start, &free, &limits, FINE_STEPS, |line| {
             let mut normal = evaluate(config, &fit.factorisation, samples.iter(), line, &mut *work, dense)?;
             let off = ln_range - (line.p[3] - line.p[2]);
             normal.add(&[0.0, 0.0, -1.0, 1.0, 0.0, off], stiff);

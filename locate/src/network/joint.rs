@@ -177,7 +177,7 @@ fn fit_without(
         to.iter_mut().zip(step).for_each(|(x, s)| *x += s);
         to
     };
-    let end = minimise(start.1, STEPS, LEAST_FALL, moved, |state| Some(problem.normal(state)));
+    let end = minimise(start.1, &[true; 4], STEPS, LEAST_FALL, moved, |state| Some(problem.normal(state)));
     let end = end.ok_or(NetworkError::NotObservable)?;
     let state = end.at;
     let mut covariance =

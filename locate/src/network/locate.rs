@@ -8,6 +8,7 @@
 use super::model::Sighting;
 use super::search::{Maximum, maximum};
 use super::{MAX_ARRAYS, NetworkError, Region};
+use crate::kit::median;
 use crate::kit::spd::{self, Square};
 use crate::math::f64 as m;
 
@@ -175,8 +176,7 @@ fn median_distance_m(sightings: &[Sighting], left_out: Option<usize>, position_m
         // Never more than MAX_ARRAYS sightings pass the check.
         let _ = distances.push(m::sqrt(x * x + y * y + z * z));
     }
-    distances.sort_unstable_by(f64::total_cmp);
-    distances.get(distances.len() / 2).copied().unwrap_or(0.0)
+    median(&mut distances).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -224,7 +224,7 @@ fn climb(sightings: &[Sighting], region: &Region, start: [f64; 3], steps: usize)
         region.clamp(&to)
     };
     let evaluate = |own: &[f64; 3]| Some(normal(sightings, region, own));
-    let end = minimise(start, steps, LEAST_FALL, moved, evaluate)?;
+    let end = minimise(start, &[true; 3], steps, LEAST_FALL, moved, evaluate)?;
     Some((end.normal.cost(), end.at))
 }
 
