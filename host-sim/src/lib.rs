@@ -7,6 +7,7 @@ extern crate seabearing_host;
 
 pub mod cmd;
 
+#[cfg(feature = "base")]
 pub use seabearing_base as base;
 #[cfg(all(unix, feature = "emulation"))]
 pub use seabearing_emulation::{board, demo, emulator, rehearsal, sample_line, twin};

@@ -126,12 +126,13 @@ pub fn check() -> Result<()> {
 }
 
 /// What a user may leave out: every feature of the core alone and none, the command without experiments and emulation.
-const PARTS: [(&str, &str); 5] = [
+const PARTS: [(&str, &str); 6] = [
     ("seabearing-core", ""),
     ("seabearing-core", "array"),
     ("seabearing-core", "obs"),
     ("seabearing", ""),
     ("seabearing", "experiments"),
+    ("seabearing", "base"),
 ];
 
 /// Each part compiles by itself, warnings as errors.

@@ -1,14 +1,18 @@
 //! The subcommands, one file each.
 
 pub mod ais;
+#[cfg(feature = "base")]
 pub mod base;
+#[cfg(feature = "base")]
 mod base_screen;
+#[cfg(feature = "base")]
 mod base_send;
 pub mod bearing;
 pub mod blob;
 pub mod config;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod demo;
+#[cfg(feature = "base")]
 pub mod export;
 pub mod locate;
 pub mod orient;
@@ -87,8 +91,10 @@ pub enum Subcommand {
     #[cfg(all(unix, feature = "emulation"))]
     Twin(twin::Args),
     /// The base station: receive, store, show and export telemetry
+    #[cfg(feature = "base")]
     Base(base::Args),
     /// Records of a base station's store as CSV, JSON Lines, Parquet, GeoJSON or KML
+    #[cfg(feature = "base")]
     Export(export::Args),
     /// A simulated pass through the emulated firmware (`cargo xtask demo`)
     #[cfg(all(unix, feature = "emulation"))]
@@ -124,7 +130,9 @@ impl Subcommand {
             Self::Orient(args) => orient::run(args),
             #[cfg(all(unix, feature = "emulation"))]
             Self::Twin(args) => twin::run(args),
+            #[cfg(feature = "base")]
             Self::Base(args) => base::run(args),
+            #[cfg(feature = "base")]
             Self::Export(args) => export::run(args),
             #[cfg(all(unix, feature = "emulation"))]
             Self::Demo(args) => demo::run(args),
