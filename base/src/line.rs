@@ -289,7 +289,7 @@ fn accept(listener: &TcpListener, n: usize, line: &Line, shared: &Shared) {
 /// Opens a line, serves it, and opens it again, later and later while that fails.
 fn call(first: Option<Wire>, n: usize, line: &Line, shared: &Shared) {
     let mut wait = RETRY.0;
-    let mut complained = false;
+    let (mut complained, mut down) = (false, false);
     let mut next = first.map(Ok);
     loop {
         match next.take().unwrap_or_else(|| connect(&line.origin)) {
@@ -303,17 +303,18 @@ fn call(first: Option<Wire>, n: usize, line: &Line, shared: &Shared) {
                 if serve(wire, None, n, line, shared) {
                     wait = RETRY.0;
                 }
+                down = true;
             }
             Err(e) if !std::mem::replace(&mut complained, true) => {
                 let why = format!("{e:#}");
                 let note = Report::Note(format!("{why}; it is tried again"));
-                let stream = shared.streams.fetch_add(1, Ordering::Relaxed);
-                let beginning = beginning(line, None);
-                let told = shared.reports.send(note).is_ok()
-                    && shared.happened(stream, Event::Began(beginning), None)
-                    && shared.happened(stream, Event::Ended(Some(why)), None);
-                if !told {
+                if shared.reports.send(note).is_err() {
                     return;
+                }
+                if !std::mem::replace(&mut down, true) {
+                    let stream = shared.streams.fetch_add(1, Ordering::Relaxed);
+                    shared.happened(stream, Event::Began(beginning(line, None)), None);
+                    shared.happened(stream, Event::Ended(Some(why)), None);
                 }
             }
             Err(_) => {}

@@ -64,7 +64,7 @@ impl About {
 /// Takes the bytes of such a store into an empty one, all or none.
 pub(super) fn take_over(store: &mut Store, folder: &Path) -> Result<()> {
     let path = folder.join(BYTES);
-    if !path.exists() || store.number("SELECT count(*) FROM streams")? > 0 {
+    if !path.exists() || store.number("SELECT EXISTS(SELECT 1 FROM streams)")? > 0 {
         return Ok(());
     }
     let about = About::read(folder)?;

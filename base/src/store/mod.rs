@@ -110,7 +110,9 @@ impl Store {
         store.next_stream = store.number("SELECT ifnull(max(stream), 0) + 1 FROM streams")? as u32;
         read::resume(&store.db, base)?;
         store.catch_up(base)?;
-        store.resumed = store.number("SELECT ifnull(max(id) - min(id) + 1, 0) FROM records")? as u64;
+        store.resumed = store
+            .number("SELECT ifnull((SELECT max(id) FROM records) - (SELECT min(id) FROM records) + 1, 0)")?
+            as u64;
         Ok(store)
     }
 

@@ -41,7 +41,7 @@ pub(super) fn resume(db: &Connection, base: &mut Base) -> Result<()> {
     }
     let newest: i64 = db.query_row("SELECT ifnull(max(id), 0) FROM records", [], |r| r.get(0))?;
     let mut tracks = db.prepare(&format!(
-        "SELECT {COLUMNS} FROM records WHERE track IS NOT NULL AND id > ?1 ORDER BY id DESC LIMIT ?2"
+        "SELECT {COLUMNS} FROM records NOT INDEXED WHERE track IS NOT NULL AND id > ?1 ORDER BY id DESC LIMIT ?2"
     ))?;
     let rows = tracks.query_map([newest - LOOKED_AT, REPORTS], row)?;
     let rows = rows.map(|row| row?).collect::<Result<Vec<_>>>()?;

@@ -29,7 +29,7 @@ CREATE TABLE records(id INTEGER PRIMARY KEY, station INTEGER NOT NULL, session I
     track INTEGER, sample INTEGER, utc_us INTEGER, sd_s REAL, received_us INTEGER, body BLOB NOT NULL);
 CREATE INDEX records_by_utc ON records(utc_us) WHERE utc_us IS NOT NULL;
 CREATE INDEX records_by_track ON records(station, session, track) WHERE track IS NOT NULL;
-CREATE INDEX records_undated ON records(station, session) WHERE utc_us IS NULL AND sample IS NOT NULL;
+CREATE INDEX records_undated ON records(station, session) WHERE utc_us IS NULL;
 CREATE INDEX records_of_clocks ON records(station, session) WHERE kind IN (7, 12);
 ";
 
