@@ -5,6 +5,7 @@
 //! says so, and what is known of a [`Recorder`] outlives its connections. Damage costs the frames it hits and is counted.
 
 pub mod command;
+mod counters;
 pub mod export;
 pub mod line;
 pub mod origin;
@@ -18,10 +19,11 @@ pub mod view;
 
 use seabearing_host::{atomic, plot};
 
+pub use counters::Counters;
 use record::{Body, Row};
 pub use recorder::{Recorder, TrackKey};
+use seabearing_core::wire::Message;
 use seabearing_core::wire::link::{self, Loss, Settings};
-use seabearing_core::wire::{DecoderCounters, Message};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use stream::{Came, Logs, Stream, foreign};
@@ -36,35 +38,6 @@ const CLASSES: [&str; 5] = ["alarm", "final", "health", "bearing", "spectrum"];
 const NOISE: u64 = 1 << 20;
 /// Time in which bytes of a connection that another has taken over from may still be on their way, microseconds.
 const GRACE_US: i64 = 2_000_000;
-
-/// What was received and what was not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Bytes received.
-    pub bytes: u64,
-    /// Frames decoded, lost (within sessions) and damaged, as the decoders count them.
-    pub stream: DecoderCounters,
-    /// Records that came over links, each once.
-    pub records: u64,
-    /// Records that a recorder's full store dropped before they could come.
-    pub records_lost: u64,
-}
-
-impl std::fmt::Display for Counters {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let DecoderCounters { frames, lost, damaged, unknown, bytes_discarded, .. } = self.stream;
-        // Over a link what is lost comes again.
-        let lost = match self.records + self.records_lost {
-            0 => format!("{lost} lost"),
-            _ => format!("{lost} sent again, {} records, {} lost for good", self.records, self.records_lost),
-        };
-        write!(
-            f,
-            "{frames} frames, {lost}, {damaged} damaged, {unknown} unknown; {} bytes, {bytes_discarded} discarded",
-            self.bytes
-        )
-    }
-}
 
 /// A connection that begins.
 #[derive(Clone, Debug, Default)]
@@ -381,7 +354,7 @@ impl Base {
         let row = self.line_row(stream, "down", why, received_us);
         let Some(mut live) = self.streams.remove(&stream) else { return };
         live.stream.cut();
-        add(&mut self.past, &live.stream);
+        self.past.add(&live.stream);
         // Who called and was no recorder is no line that has gone down.
         if live.who.is_some() || live.beginning.peer.is_none() {
             out.extend(row.filter(|_| live.replaced.is_none()));
@@ -461,7 +434,7 @@ impl Base {
             records_lost: self.over_links.records_lost,
             ..self.past
         };
-        self.streams.values().for_each(|live| add(&mut sum, &live.stream));
+        self.streams.values().for_each(|live| sum.add(&live.stream));
         sum
     }
 
@@ -492,17 +465,6 @@ impl Base {
     pub fn track_records(&self) -> Vec<Value> {
         self.recorders.values().flat_map(|r| r.tracks.values().flatten()).map(|row| self.json(row)).collect()
     }
-}
-
-fn add(sum: &mut Counters, stream: &Stream) {
-    let (line, total) = (stream.line(), &mut sum.stream);
-    sum.bytes += stream.bytes;
-    total.frames += line.frames;
-    total.lost += line.lost;
-    total.repeated += line.repeated;
-    total.damaged += line.damaged;
-    total.unknown += line.unknown;
-    total.bytes_discarded += line.bytes_discarded;
 }
 
 #[cfg(test)]

@@ -2,8 +2,11 @@
 //! does not read; a disk that is full; a kill.
 #![cfg(unix)]
 
+use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::{Arrival, Class, Inbox, Link, MemoryStore, Progress, Session, Settings};
-use seabearing_core::wire::{Encoder, End, Hello, Message, SCHEMA_HASH, WIRE_VERSION, bytes_of};
+use seabearing_core::wire::{
+    Command as Order, Encoder, End, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION, bytes_of,
+};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -341,4 +344,73 @@ fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
     assert!(grown && unmounted && all.len() > 20_000);
     assert!(full.contains("the disk is full") && full.contains("nothing is acknowledged"), "{full}");
     assert!(again.is_ok_and(|l| l.contains("takes records again")));
+}
+
+/// A recorder's end that carries out signed commands.
+struct Obeys(Guard, Option<Order>);
+
+impl Inbox for Obeys {
+    fn recall(&mut self, _: &Session) -> Option<Progress> {
+        None
+    }
+
+    fn take(&mut self, arrival: Arrival<'_>) {
+        if let Arrival::Record(record) = arrival {
+            self.1 = self.0.admit(record.bytes).or(self.1);
+        }
+    }
+}
+
+/// `base send` finds line and key of a station in the stations file, and the recorder's answer.
+#[test]
+fn a_command_goes_to_the_station_of_a_file_signed_with_its_key() {
+    let dir = tempfile::tempdir().unwrap();
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    std::fs::write(dir.path().join("seven.key"), "07".repeat(32)).unwrap();
+    let stations = format!(
+        "[[stations]]\nid = 7\nline = \"tcp:127.0.0.1:{port}\"\nkey_file = \"seven.key\"\n[[stations]]\nid = 8\n"
+    );
+    std::fs::write(dir.path().join("stations.toml"), stations).unwrap();
+    let send = |args: &[&str]| {
+        let mut command = Command::new(BINARY);
+        command.args(["base", "send", "--wait", "20", "--stations", "stations.toml", "--station"]).args(args);
+        command.current_dir(dir.path()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.spawn().unwrap()
+    };
+    for (id, words) in [("8", "station 8 has no `line`"), ("9", "no station 9; stations there: 7, 8")] {
+        let out = send(&[id, "identify"]).wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert!(!out.status.success() && said.contains(words) && said.lines().count() == 1, "{said}");
+    }
+    let sender = send(&["7", "health-every", "600"]);
+    let (mut stream, _) = listener.accept().unwrap();
+    stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+    let mut link = Link::new(Settings::serial(115_200), 7, 3, 0, MemoryStore::<6400>::new());
+    let mut obeys = Obeys(Guard::keyed([7; 32], Recipient { station: 7, boot: 3 }), None);
+    let (begun, mut done, mut buffer) = (Instant::now(), None, [0; 160]);
+    link.offer(Class::Alarm, bytes_of(&hello(7), &mut buffer));
+    while begun.elapsed() < Duration::from_secs(20) && (done.is_none() || link.waiting() > 0) {
+        let now = begun.elapsed().as_micros() as u64;
+        while let Some(frame) = link.send(now) {
+            let _ = stream.write_all(frame);
+        }
+        let mut bytes = [0; 512];
+        match stream.read(&mut bytes) {
+            Ok(0) => break,
+            Ok(n) => bytes[..n].iter().for_each(|b| link.receive(now, *b, &mut obeys)),
+            Err(_) => {}
+        }
+        if let Some(Order::HealthEvery { token, seconds }) = obeys.1.take() {
+            done = Some(seconds);
+            link.offer(Class::Health, bytes_of(&Message::Reply(Reply { token, status: 0 }), &mut buffer));
+        }
+    }
+    let out = sender.wait_with_output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let said = String::from_utf8_lossy(&out.stdout);
+    assert!(
+        done == Some(600) && said.contains("\"type\":\"reply\"") && said.contains("\"station\":7"),
+        "{said}"
+    );
 }
