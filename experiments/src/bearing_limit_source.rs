@@ -27,7 +27,7 @@ pub enum AmbientField {
 pub type SignalPath = (f64, [f64; 4]);
 
 /// A lower triangle by row.
-type Root = [[Complex<f32>; 4]; 4];
+pub type Root = [[Complex<f32>; 4]; 4];
 
 /// Memory for making records.
 pub struct Desk {
@@ -90,6 +90,19 @@ impl Sounder {
             }
         }
         self
+    }
+
+    /// The same with a flat spectrum.
+    pub fn white(mut self) -> Self {
+        let bins = self.shape.len();
+        self.shape.iter_mut().for_each(|a| *a = (0.25 / bins as f32).sqrt());
+        self
+    }
+
+    /// Power of noise about a frequency (Hz), in any one unit that sounders of one length share.
+    pub fn density(&self, f_hz: f64) -> f64 {
+        let bin = (f_hz * self.samples as f64 / self.rate_hz) as usize;
+        self.shape.get(bin).map_or(0.0, |a| f64::from(a * a))
     }
 
     /// Seconds of one record.
@@ -230,7 +243,7 @@ fn normal_pair(rng: &mut ChaCha8Rng) -> Complex<f32> {
 }
 
 /// Coherence `E X_i X_j*` of the ambient noise at a frequency.
-fn coherence_matrix(geometry: &Geometry, f: f64, ambient: AmbientField) -> [[Complex<f64>; 4]; 4] {
+pub fn coherence_matrix(geometry: &Geometry, f: f64, ambient: AmbientField) -> [[Complex<f64>; 4]; 4] {
     let k = TAU * f / f64::from(geometry.sound_speed_m_s);
     let mut m = [[Complex::new(0.0, 0.0); 4]; 4];
     for (i, row) in m.iter_mut().enumerate() {
@@ -268,7 +281,7 @@ fn coherence_matrix(geometry: &Geometry, f: f64, ambient: AmbientField) -> [[Com
 }
 
 /// Lower root L of a Hermitian matrix, `L Lᴴ = M`.
-fn cholesky(m: &[[Complex<f64>; 4]; 4]) -> Root {
+pub fn cholesky(m: &[[Complex<f64>; 4]; 4]) -> Root {
     let mut l = [[Complex::new(0.0f64, 0.0); 4]; 4];
     for i in 0..4 {
         for j in 0..=i {

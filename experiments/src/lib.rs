@@ -39,6 +39,14 @@ pub mod real_ship_ee;
 mod real_ship_track;
 mod report;
 pub mod score;
+mod sea;
+mod sea_moving;
+mod sea_passes;
+mod sea_positions;
+mod sea_sick;
+mod sea_snaps;
+mod sea_transients;
+mod sea_weak;
 mod several_vessels;
 mod shaft_rate;
 mod sub_bands;
@@ -47,7 +55,7 @@ use anyhow::Result;
 use figure::Figures;
 use seabearing_host::{
     ais, angle, atomic, csv, delays, geodesy, ocean_bottom, orientation, plot, progress, propagation,
-    recording, station,
+    recording, replay, scenario, station, world,
 };
 use std::path::PathBuf;
 
@@ -94,6 +102,13 @@ pub struct Experiment {
 pub const EXPERIMENTS: &[Experiment] = &[
     bearing_limit::EXPERIMENT,
     sub_bands::EXPERIMENT,
+    sea_passes::SURFACE,
+    sea_passes::BOTTOM,
+    sea_weak::EXPERIMENT,
+    sea_sick::EXPERIMENT,
+    sea_snaps::EXPERIMENT,
+    sea_transients::EXPERIMENT,
+    sea_positions::EXPERIMENT,
     motion_checks::COVERAGE,
     motion_figures::FIGURE_1,
     motion_figures::FIGURE_2,

@@ -1,5 +1,6 @@
 //! One segment's estimate: from accumulated cross-spectra to a bearing, or to nothing.
 
+use super::agreement::{Agreement, Doubt};
 use super::chain::Scratch;
 use super::detect;
 use super::others;
@@ -12,7 +13,7 @@ use super::sick::{self, Sick, Sign};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
-use crate::wire::{Fault, FaultCode, Message};
+use crate::wire::Message;
 
 /// Segments over which the coherence spectrum is averaged: the weights need it steady, the vessel lets it change over
 /// tens of seconds.
@@ -24,8 +25,6 @@ const WHOLE_SHARE: f32 = 0.95;
 /// Most by which the mean square of the frames' power may exceed the square of its mean: a propeller whose sound goes to
 /// nothing in each turn has 1.5 (intensity) to 1.9 (amplitude); what is left of an explosion, or a few calls, has more.
 const MOST_UNEVEN: f64 = 2.2;
-/// Segments in a row whose pairs contradict the direction before the fault is raised: 2 s at the usual step.
-const CONTRADICTING_SEGMENTS: u32 = 4;
 /// Segments from one search for a second source to the next: it costs as much as the first, and others move slowly.
 const SECOND_EVERY: u32 = 8;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
@@ -47,7 +46,7 @@ pub(crate) struct Memory {
     swing: [f32; 2],
     /// Vessels whose distance is known.
     pub(crate) places: Places,
-    contradicting: u32,
+    agreement: Agreement,
     /// Segments so far.
     segments: u32,
     /// Direction of the second source the last search for one found.
@@ -95,7 +94,7 @@ impl Memory {
             turn_rate: [0.0; 2],
             swing: [0.0; 2],
             places: Places::new(),
-            contradicting: 0,
+            agreement: Agreement::new(),
             other: None,
             octave: 0,
             octaves: [None; OCTAVES],
@@ -219,7 +218,7 @@ impl Context<'_> {
     }
 
     /// Standard deviation of the sum over `terms` whitened, steered cross-spectra under noise alone.
-    fn deviation(&self, terms: f32) -> f32 {
+    pub(super) fn deviation(&self, terms: f32) -> f32 {
         m::sqrt(0.5 * terms / self.snapshots.max(1.0))
     }
 }
@@ -263,7 +262,7 @@ pub(crate) fn segment(
     let deviation = context.deviation(context.bins());
     let sign = if spectra.added.dead == 0 { sick::sign(&peaks, deviation) } else { Sign::Nothing };
     if let Sign::Sick(_, h) = sign {
-        memory.sick.take(plan, sign, context.index, sink);
+        memory.sick.take(plan, sign, None, context.index, sink);
         if memory.sick.out() >> h & 1 == 0 {
             // Not yet sure, but nothing can be said of directions.
             return;
@@ -286,7 +285,8 @@ pub(crate) fn segment(
             }
             _ => sign,
         };
-        memory.sick.take(plan, sign, context.index, sink);
+        let vessel = first.as_ref().map(|f| &f.refined.direction);
+        memory.sick.take(plan, sign, vessel, context.index, sink);
     }
     if let Some(first) = &first {
         let heard = heard(&context, spectra, start, centre, first.mean);
@@ -330,9 +330,13 @@ fn whole(
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
     let noise = context.noise(memory.averaged);
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
-    let agreeing = agreement(context, memory, first, peaks, scratch, sink);
+    let doubt = if context.band.used.all() {
+        memory.agreement.take(context, first, peaks, &scratch.search, sink)
+    } else {
+        Doubt::NONE
+    };
     if let Some(bearing) =
-        report::bearing(context, first, &scratch.spectrum, agreeing, memory.turned_meanwhile(context), 0)
+        report::bearing(context, first, &scratch.spectrum, doubt, memory.turned_meanwhile(context), 0)
     {
         sink(Message::Bearing(bearing));
     }
@@ -397,38 +401,4 @@ pub(super) fn examine(
         detect::diffuse_mean(&plan.geometry, &plan.crossing_s, &tau, low, high, plan.bin_rad_s, used);
     let statistic = (sum - diffuse) / level;
     (statistic > 1.0).then_some(Found { refined, tau, statistic, mean: sum / terms })
-}
-
-/// Whether the pairs' own correlation peaks agree with the common direction: 1, or 0.1 where at least three contradict it
-/// (swapped channels, a wrong geometry). Lasting contradiction is a fault.
-fn agreement(
-    context: &Context<'_>,
-    memory: &mut Memory,
-    found: &Found,
-    peaks: &[PairPeaks; PAIR_COUNT],
-    scratch: &Scratch,
-    sink: &mut impl FnMut(Message),
-) -> f32 {
-    let plan = context.plan;
-    let strong = 8.0 * context.deviation(context.bins());
-    let mut contradicting = 0;
-    for (p, (tau, PairPeaks { delay_s, peak, .. })) in
-        context.band.used.of(found.tau.iter().zip(peaks).enumerate())
-    {
-        let (delay, peak) = (*delay_s, *peak);
-        let apart = m::abs(delay - tau) * plan.rate_hz > 3.0;
-        if apart && peak > strong && peak > 1.5 * scratch.search.pair_value(plan, p, *tau) {
-            contradicting += 1;
-        }
-    }
-    if contradicting < 3 {
-        memory.contradicting = 0;
-        return 1.0;
-    }
-    memory.contradicting = memory.contradicting.saturating_add(1);
-    if memory.contradicting == CONTRADICTING_SEGMENTS {
-        let value = i64::from(memory.contradicting);
-        sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
-    }
-    0.1
 }

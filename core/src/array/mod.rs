@@ -3,12 +3,13 @@
 //! Enters: [`crate::block::Block`]s of converter codes. Leaves: [`crate::wire::Message::Bearing`] and
 //! [`crate::wire::Message::Fault`]. In the order data flows: [`crate::intake`] (continuity), `framing` (frames and accounting), `impulses` (snaps and bursts kept out of them), `transform` and
 //! `spectra` (windowed transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
-//! cross-spectra, covariance), `sick` (which hydrophone to leave out), `detect` (is there a source at all), `estimate` (one segment, all of these), `others` (quieter sources), `report` (the record with its uncertainty), `chain` (the
+//! cross-spectra, covariance), `sick` (which hydrophone to leave out), `detect` (is there a source at all), `estimate` (one segment, all of these), `others` (quieter sources), `agreement` (do the pairs contradict it), `report` (the record with its uncertainty), `chain` (the
 //! calls a recorder makes). Beside them: `limit` (what no estimator beats).
 //!
 //! Assumptions: one dominant source, noise of similar level at all hydrophones used, known positions and speed of sound.
 //! Relative sensitivities matter for levels and unweighted correlation only: whitening divides them out.
 
+mod agreement;
 mod chain;
 mod detect;
 mod estimate;

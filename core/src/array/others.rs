@@ -1,6 +1,7 @@
 //! Other sources than the strongest of the whole band: in its octaves, one a segment in turn, and in the whole band once the
 //! strongest is taken out, every eighth segment. Either costs about as much as the first search and uses the spectra up.
 
+use super::agreement::Doubt;
 use super::chain::Scratch;
 use super::estimate::{Context, Found, Memory, examine, find};
 use super::plan::{Band, OCTAVES};
@@ -84,7 +85,7 @@ pub(super) fn octave(
     let work = &mut scratch.spectrum;
     work.restore(refine::shared_signal(plan, context.band.used, &found.tau));
     refine::smoothed(&band, context.noise(1.0), &work.raw, &mut work.smooth);
-    let bearing = bearing(&context, &found, work, 1.0, 0.0, FIRST_OCTAVE + n as u8);
+    let bearing = bearing(&context, &found, work, Doubt::NONE, 0.0, FIRST_OCTAVE + n as u8);
     if let Some(bearing) = bearing.filter(|b| b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
     }
@@ -114,7 +115,7 @@ pub(super) fn second(
     refine::smoothed(context.band, context.noise(1.0), &work.raw, &mut work.smooth);
     let lasting =
         before.is_some_and(|d| wavefront::dot(&d, &other.refined.direction) > m::cos(SECOND_MOVES_RAD));
-    let bearing = bearing(context, &other, &scratch.spectrum, 1.0, 0.0, 1);
+    let bearing = bearing(context, &other, &scratch.spectrum, Doubt::NONE, 0.0, 1);
     if let Some(bearing) = bearing.filter(|b| lasting && b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
     }

@@ -5,13 +5,14 @@
 //!
 //! * Noise makes the pairs' own delays differ from the common direction's by up to `NOISE_RESIDUAL` variances of a pair's
 //!   delay. The mean square beyond that comes of paths and other vessels, and errors as large are in the arrival times of the
-//!   common direction.
+//!   common direction; more where they contradict it lastingly ([`super::agreement`]).
 //! * Hydrophones displaced by `position_sd_m` move their arrivals by as much over the speed of sound; a speed of sound or a
 //!   distance that are not as assumed change all arrivals together. These errors last: [`crate::passage`] keeps the first of
 //!   them apart from noise.
 //! * A vessel d deep and its image in the surface, seen from depth D at elevation β, are `2 d sin β cos β / D` apart in
 //!   elevation and come as one. Half of that is a standard deviation of the elevation (`vessel_depth_m`; 0: no surface).
 
+use super::agreement::Doubt;
 use super::estimate::{Context, Found, SpectrumWork};
 use super::refine;
 use super::wavefront::{self, PAIR_COUNT};
@@ -36,7 +37,7 @@ pub(super) fn bearing(
     context: &Context<'_>,
     found: &Found,
     work: &SpectrumWork,
-    agreeing: f32,
+    doubt: Doubt,
     turned: f32,
     band: u8,
 ) -> Option<Bearing> {
@@ -58,7 +59,7 @@ pub(super) fn bearing(
     let square = found.statistic * found.statistic;
     let lucky = NEAR_THRESHOLD / (square * square).max(1.0);
     let scale = variance.arrival * (1.0 + lucky)
-        + unexplained
+        + unexplained.max(doubt.unexplained_s2)
         + used.sensors() * plan.position_sd_s * plan.position_sd_s;
     // What a speed of sound and a distance that are not as assumed do to all arrival times together.
     let slowness = wavefront::arrivals(&plan.geometry, direction, curvature);
@@ -93,7 +94,7 @@ pub(super) fn bearing(
         cov: (cross * widen).clamp(-most, most),
         snr_db: math::db(mean / (1.0 - mean)),
         // A misfit of half as much again as noise explains costs nothing.
-        quality: agreeing * (1.5 / misfit.max(1.5)),
+        quality: doubt.quality * (1.5 / misfit.max(1.5)),
         closure_s: closure(&found.refined.pair_delay),
         statistic: found.statistic,
         band,

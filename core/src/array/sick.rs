@@ -8,7 +8,8 @@
 //!   is k times the sound it hears has `1/√(1+k)` of the others' coherence: 9 dB above are named.
 //! * Inverted: its pairs correlate negatively and the others positively.
 //! * Leaking: beyond what the vessel found gives, a pair correlates at no delay at all, and the one that receives has the
-//!   sender's delays with the two others.
+//!   sender's delays with the two others, and both stay while the vessel's own delays change: an echo off the bottom that
+//!   reaches one when the other hears the vessel looks the same for a while.
 //!
 //! One segment proves nothing: [`NAMED`] must say so more often than not. A sea in which nothing is heard proves nothing
 //! either way. With a channel left out nothing can be said about the remaining three. Cost: about 2000 instructions a segment
@@ -16,7 +17,7 @@
 
 use super::plan::{BINS, Band, Plan};
 use super::search::{PairPeaks, SearchWork};
-use super::wavefront::{PAIR_COUNT, Used};
+use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
 use crate::math::f32 as m;
@@ -43,8 +44,12 @@ const RECEIVED_SD: f32 = 2.0;
 /// Nearer than this to no delay, in samples, a sound hides what leaks.
 const APART_SAMPLES: f32 = 3.0;
 
+/// How much the delays of a vessel change, in samples, until no echo of it is where it was.
+const MOVED_SAMPLES: f32 = 3.0;
+
 /// What can be wrong, and the fault that says so.
 const KINDS: [FaultCode; 3] = [FaultCode::OwnNoise, FaultCode::Inverted, FaultCode::Leaking];
+const LEAKING: usize = 2;
 
 /// What one segment says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,11 +70,13 @@ pub(crate) struct Sick {
     well: u8,
     /// Bit h: hydrophone h is left out.
     out: u8,
+    /// Where the vessel was when a leak was first seen.
+    seen_from: Option<Direction>,
 }
 
 impl Sick {
     pub(crate) const fn new() -> Self {
-        Self { counts: [[0; CHANNELS]; KINDS.len()], well: 0, out: 0 }
+        Self { counts: [[0; CHANNELS]; KINDS.len()], well: 0, out: 0, seen_from: None }
     }
 
     /// Bit h: hydrophone h is left out.
@@ -77,21 +84,29 @@ impl Sick {
         self.out
     }
 
-    /// Takes what a segment says.
-    pub(crate) fn take(&mut self, plan: &Plan, sign: Sign, index: u64, sink: &mut impl FnMut(Message)) {
+    /// Takes what a segment says; `vessel` is where it is, where that is known.
+    pub(crate) fn take(
+        &mut self,
+        plan: &Plan,
+        sign: Sign,
+        vessel: Option<&Direction>,
+        index: u64,
+        sink: &mut impl FnMut(Message),
+    ) {
         if sign == Sign::Nothing {
             return;
         }
+        let moved = self.moved(plan, sign, vessel);
         let channel = |h: usize| i64::from(plan.channels.get(h).copied().unwrap_or(0));
         self.well = if sign == Sign::Well { self.well.saturating_add(1) } else { 0 };
         for (kind, (counts, code)) in self.counts.iter_mut().zip(KINDS).enumerate() {
             for (h, count) in counts.iter_mut().enumerate() {
                 if sign == Sign::Sick(kind, h) {
                     *count = (*count + 1).min(NAMED);
-                } else if kind < 2 || self.out >> h & 1 == 0 {
+                } else if kind != LEAKING || self.out >> h & 1 == 0 {
                     *count = count.saturating_sub(1);
                 }
-                if *count == NAMED && self.out >> h & 1 == 0 {
+                if *count == NAMED && self.out >> h & 1 == 0 && (kind != LEAKING || moved) {
                     self.out |= 1 << h;
                     sink(Message::Fault(Fault { code, index, value: channel(h) }));
                 }
@@ -106,6 +121,21 @@ impl Sick {
             }
             self.out = (0..CHANNELS).filter(|h| !back(*h)).fold(0, |out, h| out | self.out & 1 << h);
         }
+    }
+}
+
+impl Sick {
+    /// Whether the vessel has moved since a leak was first seen.
+    fn moved(&mut self, plan: &Plan, sign: Sign, vessel: Option<&Direction>) -> bool {
+        let [.., leaking] = &self.counts;
+        if leaking.iter().all(|n| *n == 0) {
+            self.seen_from = None;
+        }
+        let (Sign::Sick(LEAKING, _), Some(u)) = (sign, vessel) else { return false };
+        let from = self.seen_from.get_or_insert(*u);
+        let by = [u[0] - from[0], u[1] - from[1], u[2] - from[2]];
+        let longest = plan.crossing_s.iter().fold(0.0f32, |a, b| a.max(*b)) * plan.rate_hz;
+        wavefront::dot(&by, &by) * longest * longest > MOVED_SAMPLES * MOVED_SAMPLES
     }
 }
 
@@ -157,7 +187,7 @@ pub(crate) struct Beyond<'a> {
 impl Beyond<'_> {
     /// Whether one hydrophone hears another.
     pub(crate) fn sign(&self) -> Sign {
-        (0..PAIR_COUNT).find_map(|p| self.receiver(p)).map_or(Sign::Well, |h| Sign::Sick(2, h))
+        (0..PAIR_COUNT).find_map(|p| self.receiver(p)).map_or(Sign::Well, |h| Sign::Sick(LEAKING, h))
     }
 
     /// The hydrophone of pair `p` that hears the other one, if there is one.

@@ -1,6 +1,8 @@
 //! A vessel heard by a tetrahedron one of whose channels is sick.
 
-use super::super::test_sea::{AZIMUTH, ELEVATION, Normal, error, hear, plan, sea, standardised};
+use super::super::test_sea::{
+    AZIMUTH, ELEVATION, Normal, error, hear, noisy, plan, sea, source, standardised,
+};
 
 use crate::block::CHANNELS;
 use crate::wire::FaultCode;
@@ -66,11 +68,42 @@ fn an_inverted_channel_is_named_and_left_out() {
 
 #[test]
 fn crosstalk_is_named_by_the_channel_that_receives_it() {
+    let plan = plan(RATE);
     for channel in 0..CHANNELS {
         for snr_db in [10.0, 0.0] {
+            // Two degrees a second, in steps.
+            let rms = 10f64.powf(snr_db / 20.0);
+            let step =
+                |n: u64| source(&plan, (AZIMUTH + 0.035 * n as f64, ELEVATION), rms, None, 1, 90 * n + 7);
+            let mut sea = noisy((0..12).flat_map(step).collect(), 5 + channel as u64);
             let from = (channel + 1) % CHANNELS;
-            named(FaultCode::Leaking, channel, snr_db, |i, sea, c| sea[i][c] += 0.15 * sea[i][from]);
+            sea[2 * RATE as usize..].iter_mut().for_each(|x| x[channel] += 0.15 * x[from]);
+            let heard = hear(&plan, &sea);
+            let faults: Vec<_> =
+                heard.faults.iter().filter(|f| f.0 != FaultCode::Impulses).copied().collect();
+            let [(code, value, at_s)] = faults[..] else { panic!("{channel}: {:?}", heard.faults) };
+            assert_eq!((code, value), (FaultCode::Leaking, channel as i64));
+            assert!(at_s < 12.0, "{at_s}");
+            assert_eq!(heard.channels & 15, 1 << channel);
         }
+    }
+}
+
+#[test]
+fn an_echo_off_the_bottom_is_no_leak() {
+    let plan = plan(RATE);
+    for n in (0..24u64).step_by(3) {
+        let (azimuth, elevation) = (0.26 * n as f64, 0.15 + 0.01 * n as f64);
+        let sound = |down: f64| source(&plan, (azimuth, down * elevation), 3.0, None, 8, 40 + n);
+        let (direct, echo) = (sound(1.0), sound(-1.0));
+        // A bottom from nothing to some metres below the array.
+        let later = n as usize;
+        let mut sea = noisy(direct, 70 + n);
+        for (x, echo) in sea[later..].iter_mut().zip(&echo) {
+            x.iter_mut().zip(echo).for_each(|(x, e)| *x += 0.5 * e);
+        }
+        let heard = hear(&plan, &sea);
+        assert!(heard.faults.is_empty() && heard.channels == 0, "{n}: {:?}", heard.faults);
     }
 }
 

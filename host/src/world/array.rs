@@ -1,6 +1,6 @@
 //! A pass over a four-hydrophone array, sample by sample.
 //!
-//! For every vessel, hydrophone and path (direct and off the surface) the time of emission is solved exactly every 16
+//! For every vessel, hydrophone and path (direct, off the surface, off the bottom, off both) the time of emission is solved exactly every 16
 //! samples and joined by straight lines: with a range acceleration `v²/r` of 2 m/s² (15 m/s at 110 m) and 16 kHz that leaves
 //! `a h²/(8c)` = 2·10⁻¹⁰ s, −103 dB at 6 kHz; 64 kHz is sixteen times better. Pressure falls as one over the distance.
 //! Cost: eight interpolations of 64 points a vessel and sample; 200 s at 64 kHz in a few seconds.
@@ -8,7 +8,7 @@
 use super::converter::SimulatedConverter;
 use super::motion::VesselMotion;
 use super::noise::{NoiseStream, SpectrumShape};
-use super::scenario::ArrayScenario;
+use super::scenario::{ArrayScenario, Water};
 use super::source::{self, VesselSound};
 use anyhow::{Result, anyhow};
 use rayon::prelude::*;
@@ -34,7 +34,7 @@ struct Sailing {
 pub struct SimulatedArray {
     geometry: Geometry,
     depth_m: f64,
-    reflection: f64,
+    water: Water,
     /// True seconds per sample.
     period_s: f64,
     vessels: Vec<Sailing>,
@@ -84,7 +84,7 @@ impl SimulatedArray {
         Ok(Self {
             geometry,
             depth_m: config.depth_m,
-            reflection: scenario.water.surface_reflection,
+            water: scenario.water,
             period_s: 1.0 / (rate * (1.0 + scenario.recorder.clock_drift_ppm * 1e-6)),
             vessels,
             depths_m: scenario.vessels.iter().map(|v| v.depth_m).collect(),
@@ -110,9 +110,7 @@ impl SimulatedArray {
         let c = f64::from(self.geometry.sound_speed_m_s);
         let (first, period) = (self.next, self.period_s);
         for (sailing, depth) in self.vessels.iter_mut().zip(&self.depths_m) {
-            // Height above the array of the vessel and of its image in the surface.
-            let routes = [(self.depth_m - depth, 1.0), (self.depth_m + depth, self.reflection)];
-            let used = if self.reflection == 0.0 { 1 } else { 2 };
+            let routes = self.water.routes(self.depth_m, *depth);
             let motion = &sailing.motion;
             let source = &sailing.source;
             let paths: Vec<Vec<Path>> = self
@@ -123,7 +121,6 @@ impl SimulatedArray {
                     let h = h.map(f64::from);
                     routes
                         .iter()
-                        .take(used)
                         .map(|(z, gain)| path(motion, source, h, *z, *gain, c, first, period))
                         .collect()
                 })
@@ -217,7 +214,7 @@ pub(super) fn band(config: &StationConfig) -> (f64, f64) {
 }
 
 /// Density of the flat part of the ambient noise, µPa²/Hz.
-pub(super) fn ambient_level(scenario: &ArrayScenario, motions: &[VesselMotion]) -> f64 {
+pub fn ambient_level(scenario: &ArrayScenario, motions: &[VesselMotion]) -> f64 {
     let shape = ambient_shape(scenario);
     match (scenario.ambient.snr_at_cpa_db, motions.first()) {
         (Some(snr), Some(motion)) => {

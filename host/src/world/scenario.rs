@@ -111,16 +111,30 @@ impl Default for RecorderModel {
 }
 
 /// The sea.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Water {
     /// Amplitude of the surface's reflection: −1 pressure release, 0 none.
     pub surface_reflection: f64,
+    /// Amplitude of the bottom's reflection: 0 none.
+    pub bottom_reflection: f64,
+    /// Height of the array over the bottom, metres.
+    pub bottom_below_m: f64,
 }
 
 impl Default for Water {
     fn default() -> Self {
-        Self { surface_reflection: -1.0 }
+        Self { surface_reflection: -1.0, bottom_reflection: 0.0, bottom_below_m: 10.0 }
+    }
+}
+
+impl Water {
+    /// Height above an array of this depth and amplitude: of a vessel, of its image in the surface, and of the images of both
+    /// in the bottom, as far as they are heard.
+    pub fn routes(&self, depth_m: f64, vessel_depth_m: f64) -> Vec<(f64, f64)> {
+        let above = [(depth_m - vessel_depth_m, 1.0), (depth_m + vessel_depth_m, self.surface_reflection)];
+        let below = above.map(|(z, gain)| (-2.0 * self.bottom_below_m - z, gain * self.bottom_reflection));
+        above.into_iter().chain(below).filter(|route| route.1 != 0.0).collect()
     }
 }
 
@@ -300,6 +314,8 @@ impl ArrayScenario {
         within("recorder.clock_drift_ppm", self.recorder.clock_drift_ppm, -1000.0, 1000.0)?;
         within("recorder.file_s", self.recorder.file_s, 0.0, 1e6)?;
         within("water.surface_reflection", self.water.surface_reflection, -1.0, 1.0)?;
+        within("water.bottom_reflection", self.water.bottom_reflection, -1.0, 1.0)?;
+        within("water.bottom_below_m", self.water.bottom_below_m, 0.0, 1e4)?;
         let a = &self.ambient;
         within("ambient.level_db_1khz", a.level_db_1khz, -100.0, 200.0)?;
         within("ambient.slope_db_per_decade", a.slope_db_per_decade, -60.0, 20.0)?;
@@ -366,5 +382,24 @@ impl ArrayScenario {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_as_long_as_their_reflections() {
+        // A vessel 300 m aside and 4 m deep, an array 60 m deep, 10 m over the bottom.
+        let water = Water { surface_reflection: -1.0, bottom_reflection: 0.4, bottom_below_m: 10.0 };
+        let lengths: Vec<f64> = water.routes(60.0, 4.0).iter().map(|r| r.0.hypot(300.0)).collect();
+        let legs: [f64; 4] = [60.0 - 4.0, 60.0 + 4.0, 66.0 + 10.0, 4.0 + 70.0 + 10.0];
+        for (length, leg) in lengths.iter().zip(legs) {
+            assert!((length - leg.hypot(300.0)).abs() < 1e-9, "{length} {leg}");
+        }
+        let gains: Vec<f64> = water.routes(60.0, 4.0).iter().map(|r| r.1).collect();
+        assert_eq!(gains, [1.0, -1.0, 0.4, -0.4]);
+        assert_eq!(Water::default().routes(60.0, 4.0).len(), 2);
     }
 }

@@ -1,0 +1,144 @@
+//! Whether the pairs' own delays agree with the common direction.
+//!
+//! Enters: a segment's direction and what each pair shows by itself. Leaves: by how much to doubt the bearing, and the fault
+//! `Inconsistent` where the doubt lasts: channels exchanged or late, hydrophones elsewhere than told, a sound that comes from no
+//! direction at all.
+//!
+//! * Contradicted: three pairs at least have their highest correlations elsewhere than the direction wants them.
+//! * Strained: four arrival times have one degree of freedom beyond level and direction (how fast the sound crosses the array).
+//!   What is left in it is noise and multipath, which change from segment to segment, or an error that stays: the mean over
+//!   [`AVERAGED`] segments is most of their mean square, and more than what was told uncertain explains. An error that shows so
+//!   much in this one direction has as much in the two that turn the bearing, and nothing says how much: the bearing is
+//!   stated with [`UNSEEN`] times it. A late channel that the direction hides is not seen until the vessel has moved.
+//!
+//! Cost: about 300 instructions a segment.
+
+use super::estimate::{Context, Found};
+use super::search::{PairPeaks, SearchWork};
+use super::wavefront::{self, PAIR_COUNT};
+use crate::block::CHANNELS;
+use crate::geometry::PAIRS;
+use crate::math::f32 as m;
+use crate::wire::{Fault, FaultCode, Message};
+
+/// Segments in a row whose pairs contradict the direction before the fault is raised: 2 s at the usual step.
+const CONTRADICTING: u32 = 4;
+/// A pair's peak farther than this from where the direction wants it is another one, samples.
+const ELSEWHERE_SAMPLES: f32 = 0.8;
+/// Segments over which the strain is averaged, and at least.
+const AVERAGED: f32 = 12.0;
+/// Share of the mean square that the squared mean of a lasting strain has.
+const LASTING: f32 = 0.75;
+/// A strain below this many samples is left to multipath and the wavefront's curvature.
+const LEAST_SAMPLES: f32 = 0.3;
+/// Standard deviations of what was told uncertain that are no news.
+const TOLD_SD: f32 = 3.0;
+/// Error assumed in the bearing's own arrival times for a lasting strain, in units of it: the ratio of two such errors to the
+/// third is within this in nine of ten directions.
+const UNSEEN: f32 = 4.0;
+
+/// By how much a bearing is doubted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Doubt {
+    /// Factor of its quality.
+    pub(super) quality: f32,
+    /// Variance of the arrival times that noise does not explain, times the hydrophones, s².
+    pub(super) unexplained_s2: f32,
+}
+
+impl Doubt {
+    pub(super) const NONE: Self = Self { quality: 1.0, unexplained_s2: 0.0 };
+}
+
+/// What the segments before showed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Agreement {
+    /// Mean strain of each arrival, seconds, and mean square of all four.
+    strain: [f32; CHANNELS],
+    square: f32,
+    /// Segments in the means.
+    averaged: f32,
+    /// Segments in a row that contradict, or are strained.
+    doubted: u32,
+}
+
+impl Agreement {
+    pub(super) const fn new() -> Self {
+        Self { strain: [0.0; CHANNELS], square: 0.0, averaged: 0.0, doubted: 0 }
+    }
+
+    /// Takes a segment. All four hydrophones are used.
+    pub(super) fn take(
+        &mut self,
+        context: &Context<'_>,
+        found: &Found,
+        peaks: &[PairPeaks; PAIR_COUNT],
+        search: &SearchWork,
+        sink: &mut impl FnMut(Message),
+    ) -> Doubt {
+        let plan = context.plan;
+        let strong = 8.0 * context.deviation(context.bins());
+        let mut delays = found.refined.pair_delay;
+        let (mut contradicting, mut square) = (0, 0.0f32);
+        for (p, ((tau, own), delay)) in found.tau.iter().zip(peaks).zip(&mut delays).enumerate() {
+            let apart = own.delay_s - tau;
+            let elsewhere = m::abs(apart) * plan.rate_hz > ELSEWHERE_SAMPLES;
+            if elsewhere && own.peak > strong {
+                *delay = own.delay_s;
+                if own.peak > 1.5 * search.pair_value(plan, p, *tau) {
+                    contradicting += 1;
+                    square += apart * apart;
+                }
+            }
+        }
+        let clear = peaks.iter().all(|own| own.peak > strong);
+        let strained = if clear { self.strained(context, found, &delays) } else { None };
+        let doubt = if contradicting >= 3 { Some(square / contradicting as f32) } else { strained };
+        let Some(doubt) = doubt else {
+            self.doubted = 0;
+            return Doubt::NONE;
+        };
+        self.doubted = self.doubted.saturating_add(1);
+        if self.doubted == CONTRADICTING {
+            let value = i64::from(self.doubted);
+            sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
+        }
+        Doubt { quality: 0.1, unexplained_s2: CHANNELS as f32 * doubt }
+    }
+
+    /// Takes the arrivals' strain into the means; the variance to assume where it lasts.
+    fn strained(&mut self, context: &Context<'_>, found: &Found, delays: &[f32; PAIR_COUNT]) -> Option<f32> {
+        let plan = context.plan;
+        let mut strain = [0.0f32; CHANNELS];
+        for ((delay, tau), (i, j)) in delays.iter().zip(&found.tau).zip(PAIRS) {
+            let part = (delay - tau) / CHANNELS as f32;
+            for (h, at) in strain.iter_mut().enumerate() {
+                *at += if h == j {
+                    part
+                } else if h == i {
+                    -part
+                } else {
+                    0.0
+                };
+            }
+        }
+        self.averaged = (self.averaged + 1.0).min(AVERAGED);
+        let part = 1.0 / self.averaged;
+        let norm = |x: &[f32; CHANNELS]| x.iter().map(|x| x * x).sum::<f32>();
+        self.square += part * (norm(&strain) - self.square);
+        for (mean, new) in self.strain.iter_mut().zip(&strain) {
+            *mean += part * (new - *mean);
+        }
+        let lasting = norm(&self.strain);
+        let direction = &found.refined.direction;
+        let arrivals = norm(&wavefront::arrivals(&plan.geometry, direction, 0.0));
+        let rise = m::abs(direction[2]);
+        let image = plan.vessel_over_array_depth * rise * rise;
+        let speed = plan.sound_speed_sd * plan.sound_speed_sd + image * image;
+        let told = plan.position_sd_s * plan.position_sd_s + speed * arrivals;
+        let least = LEAST_SAMPLES / plan.rate_hz;
+        let unexpected = lasting > least * least + TOLD_SD * TOLD_SD * told;
+        let stays = self.averaged >= AVERAGED && lasting > LASTING * self.square;
+        (unexpected && stays).then_some(UNSEEN * UNSEEN * lasting)
+    }
+}
