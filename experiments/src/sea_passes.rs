@@ -195,7 +195,7 @@ fn surface(options: &Options) -> Result<()> {
     }
     let (mut places, mut scenes) = (Vec::new(), Vec::new());
     for depth_m in [60.0, 168.0] {
-        for cpa_m in [200.0, 400.0, 600.0, 800.0, 1000.0] {
+        for cpa_m in [200.0, 500.0, 1000.0] {
             places.push((depth_m, cpa_m));
             for n in 0..runs as u64 {
                 let seed = options.seed.wrapping_mul(9_000_011) + n * 10_000_000 + (depth_m + cpa_m) as u64;

@@ -55,7 +55,7 @@ fn trial(sd_m: f64, seed: u64) -> Result<Option<(f64, f64, bool)>> {
 }
 
 fn run(options: &Options) -> Result<()> {
-    let runs = options.runs.unwrap_or(200);
+    let runs = options.runs.unwrap_or(100);
     let mut report = CsvReport::new("sea_positions", "sd_m,bearings,az_deg,az_stated,ellipse_%");
     let bar = progress::bar(2 * runs as u64, "arrays");
     for (sd_m, name) in [(0.01, "1 cm"), (0.03, "3 cm")] {

@@ -95,7 +95,7 @@ fn trial(config: &StationConfig, sounder: &Sounder, seed: u64, snr_db: f64) -> R
 }
 
 fn run(options: &Options) -> Result<()> {
-    let runs = options.runs.unwrap_or(3);
+    let runs = options.runs.unwrap_or(2);
     let config = station();
     let geometry = config.geometry()?;
     let sounder = Sounder::new(&geometry, config.rate_hz, RECORD, AmbientField::Independent);

@@ -1,4 +1,5 @@
-//! `reproduce sea-transients`: half an hour of explosions and whale clicks, and no vessel: tracks and transients reported.
+//! `reproduce sea-transients`: explosions and whale clicks for ten minutes (two minutes a run), and no vessel: tracks and
+//! transients reported.
 //!
 //! 16 kHz, ambient noise of a falling spectrum. Explosions from one quarter, 40 dB over the noise, dying away within half a
 //! second, one in about 20 s; trains of clicks, 35 dB and a millisecond long, two a second for some seconds, from another. The
@@ -41,7 +42,7 @@ fn add(geometry: &Geometry, frames: &mut [Frame], at_s: f64, direction: (f64, f6
 }
 
 fn run(options: &Options) -> Result<()> {
-    let minutes = 2 * options.runs.unwrap_or(15);
+    let minutes = 2 * options.runs.unwrap_or(5);
     let config = station(RATE_HZ, 168.0, |_| {});
     let geometry = config.geometry()?;
     let sounder = Sounder::new(&geometry, RATE_HZ, RECORD, AmbientField::Independent);

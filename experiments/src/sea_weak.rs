@@ -123,7 +123,7 @@ impl Bench<'_> {
 }
 
 fn run(options: &Options) -> Result<()> {
-    let runs = options.runs.unwrap_or(8);
+    let runs = options.runs.unwrap_or(6);
     let figures = &options.figures;
     let mut report = CsvReport::new(
         "sea_weak",

@@ -280,8 +280,9 @@ pub(crate) fn segment(
         let sign = match &first {
             Some(first) if used.all() => {
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
-                let Found { tau, mean, .. } = first;
-                sick::Beyond { plan, search, tau, coherence, mean: *mean, deviation }.sign()
+                let Found { tau, mean, refined, .. } = first;
+                let direction = &refined.direction;
+                sick::Beyond { plan, search, tau, direction, coherence, mean: *mean, deviation }.sign()
             }
             _ => sign,
         };

@@ -41,11 +41,15 @@ const LEAK: f32 = 8.0;
 const LEAST_LEAK: f32 = 0.04;
 const RECEIVED: f32 = 0.35;
 const RECEIVED_SD: f32 = 2.0;
-/// Nearer than this to no delay, in samples, a sound hides what leaks.
+/// Nearer than this to no delay, in samples, a sound hides what leaks, and an echo passes for it.
 const APART_SAMPLES: f32 = 3.0;
 
-/// How much the delays of a vessel change, in samples, until no echo of it is where it was.
-const MOVED_SAMPLES: f32 = 3.0;
+/// How far below the horizon a bottom's echo comes from, at most: so many times as far as the vessel is above it, and this
+/// angle more, radians. At a bottom close below the array it is as far.
+const ECHO_STEEPER: f32 = 1.5;
+const ECHO_RAD: f32 = 0.05;
+/// How much the delays of a vessel change, in samples, until no echo of it passes for a leak any more.
+const MOVED_SAMPLES: f32 = 2.0 * APART_SAMPLES;
 
 /// What can be wrong, and the fault that says so.
 const KINDS: [FaultCode; 3] = [FaultCode::OwnNoise, FaultCode::Inverted, FaultCode::Leaking];
@@ -178,6 +182,8 @@ pub(crate) struct Beyond<'a> {
     pub(crate) plan: &'a Plan,
     pub(crate) search: &'a SearchWork,
     pub(crate) tau: &'a [f32; PAIR_COUNT],
+    /// Where it is.
+    pub(crate) direction: &'a Direction,
     pub(crate) coherence: &'a [f32; BINS],
     /// Its mean.
     pub(crate) mean: f32,
@@ -197,7 +203,7 @@ impl Beyond<'_> {
         let least = (LEAK * self.deviation).max(LEAST_LEAK * high.saturating_sub(incoherent) as f32);
         let hidden = m::abs(*self.tau.get(p)?) * self.plan.rate_hz < APART_SAMPLES;
         let leak = self.excess(p, 0.0)?;
-        if hidden || leak < least {
+        if hidden || leak < least || self.echoed(p) {
             return None;
         }
         // What one receives from the other stands with the remaining two at the sender's delays. A second sound from straight
@@ -212,6 +218,22 @@ impl Beyond<'_> {
             excess.sum::<f32>() > 2.0 * least
         };
         [(a, b), (b, a)].into_iter().find(|(to, from)| received(*to, *from)).map(|(to, _)| to)
+    }
+
+    /// Whether the vessel's echo off the bottom may reach both hydrophones of pair `p` at once. Hydrophones in a level plane hear
+    /// it with the vessel's own delays, so that it looks as if the third received from them.
+    fn echoed(&self, p: usize) -> bool {
+        let [east, north, up] = *self.direction;
+        let elevation = m::asin(up.clamp(0.0, 1.0));
+        let level = m::sqrt(1.0 - up * up).max(1e-3);
+        let delay = |below: f32| {
+            let (s, c) = m::sin_cos(below);
+            let from = [east * c / level, north * c / level, -s];
+            let arrivals = wavefront::arrivals(&self.plan.geometry, &from, 0.0);
+            wavefront::pair_delays(&arrivals).get(p).copied().unwrap_or(0.0) * self.plan.rate_hz
+        };
+        let (a, b) = (delay(elevation), delay(ECHO_STEEPER * elevation + ECHO_RAD));
+        a.min(b) < APART_SAMPLES && a.max(b) > -APART_SAMPLES
     }
 
     /// The pair of two hydrophones, and 1 or −1 where it is in the other order.
