@@ -74,6 +74,8 @@ pub struct Ads131m04 {
     pub delivered: Vec<u64>,
     /// What was read of them, for the host.
     pub codes: Vec<Codes>,
+    /// When each number's conversion was done; [`NEVER`] for those the converter left out.
+    pub moments: Vec<Ticks>,
 }
 
 impl std::fmt::Debug for Ads131m04 {
@@ -124,6 +126,7 @@ impl Ads131m04 {
             bytes: 0,
             delivered: Vec::new(),
             codes: Vec::new(),
+            moments: Vec::new(),
         };
         converter.reset(0);
         converter
@@ -206,6 +209,7 @@ impl Ads131m04 {
     /// A conversion is done, if it is due.
     pub fn advance(&mut self, now: Ticks) {
         while self.next_conversion <= now {
+            let done = self.next_conversion;
             self.phase += self.period();
             self.next_conversion = self.phase as Ticks;
             let recording = (self.rate() - self.rate_hz).abs() < 1e-6 * self.rate_hz;
@@ -217,6 +221,10 @@ impl Ads131m04 {
                 self.next_conversion = NEVER;
                 return;
             };
+            if let Some(number) = result.0 {
+                self.moments.resize(number as usize, NEVER);
+                self.moments.push(done);
+            }
             if self.output.len() == 2 {
                 self.output.pop_front();
             }

@@ -3,6 +3,7 @@
 //! The estimators never call these; [`crate::run::run`] does, and it is the same code on the target and on the host.
 
 use crate::block::Frame;
+use crate::utc::Pair;
 use crate::wire::FaultCode;
 
 /// What a [`SampleSource`] has for now.
@@ -33,6 +34,11 @@ pub trait SampleSource {
 
     /// Something about the source that the samples do not tell, once: a fault and its number.
     fn fault(&mut self) -> Option<(FaultCode, u64)> {
+        None
+    }
+
+    /// A sample's index and its UTC, once, where the source hears a clock that knows UTC.
+    fn pair(&mut self) -> Option<Pair> {
         None
     }
 }

@@ -9,6 +9,7 @@
 use crate::block::{Block, Frame};
 use crate::outlet::{Heard, Outlet, Plain};
 use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
+use crate::utc::Pair;
 use crate::wire::{Command, End, Fault, FaultCode, Message};
 
 /// Sample instants handled at a time: 1 ms at 64 kHz, which costs 1 KiB and is long against the loop's own work.
@@ -36,6 +37,9 @@ pub trait Application {
 
     /// Something went wrong outside: said as other faults are.
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message));
+
+    /// A sample's index and its UTC are known.
+    fn pair(&mut self, pair: Pair, sink: &mut impl FnMut(&Message));
 
     /// The input has ended: everything still held is said.
     fn finish(&mut self, sink: &mut impl FnMut(&Message));
@@ -147,6 +151,9 @@ pub fn run_over(
         if let Some((code, value)) = source.fault() {
             application.fault(code, value, &mut |m| outlet.say(m));
         }
+        if let Some(pair) = source.pair() {
+            application.pair(pair, &mut |m| outlet.say(m));
+        }
     }
     application.finish(&mut |m| outlet.say(m));
     outlet.say(&Message::End(End { index: summary.index, frames: outlet.said() }));
@@ -193,6 +200,7 @@ mod tests {
         fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
             sink(&Message::Fault(Fault { code, index: 0, value: value as i64 }));
         }
+        fn pair(&mut self, _: Pair, _: &mut impl FnMut(&Message)) {}
         fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
             sink(&Message::Health(Health { processed: self.0, ..Health::default() }));
         }

@@ -149,6 +149,14 @@ impl<B: Board> Acquisition<B> {
         }
     }
 
+    /// The index of an edge's sample, where the edge is of the present stretch of conversions and that has its place.
+    pub fn index_of(&self, edge: u64) -> Option<u64> {
+        match self.state {
+            State::On { first, .. } if edge >= first && !self.unplaced => Some(edge.wrapping_add(self.shift)),
+            _ => None,
+        }
+    }
+
     /// After the converter stood still: the index of its first edge, from how long that took.
     fn place(&mut self, first: u64, stamp: Stamp) {
         // Time does not go back, and at least one conversion is wanting.

@@ -12,7 +12,9 @@ extern crate std;
 pub mod acquisition;
 pub mod converter;
 pub mod fault;
+pub mod nmea;
 pub mod pace;
+pub mod receiver;
 
 #[cfg(feature = "mps2-an500")]
 pub mod mps2_an500;

@@ -15,6 +15,7 @@ pub(super) mod request {
     pub const TIM4_UP: u8 = 32;
     pub const SPI1_RX: u8 = 37;
     pub const SPI1_TX: u8 = 38;
+    pub const USART2_RX: u8 = 43;
     pub const USART3_RX: u8 = 45;
     pub const USART3_TX: u8 = 46;
     pub const TIM8_CH1: u8 = 47;

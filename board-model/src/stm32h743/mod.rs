@@ -1,7 +1,8 @@
 //! The hardware board: an STM32H743 on a NUCLEO-H743ZI2 class board with a converter on SPI1.
 //!
 //! Wiring: converter SCK PA5, DIN PB5, DOUT PA6, data ready PE9, chip select PD14 or SPI1's own (PA4, PA15), SYNC/RESET
-//! PD15 where that is an output; the serial line USART3 on PD8 and PD9.
+//! PD15 where that is an output; the serial line USART3 on PD8 and PD9; a satellite receiver's pulse on PA0, its sentences on
+//! PD6.
 
 mod clocks;
 mod dma;
@@ -30,13 +31,21 @@ use pins::{Mode, Pins};
 use places::{Peripheral, TIMERS, place};
 use spi::Spi;
 use timer::Timer;
-use usart::{Coming, Usart};
+use std::collections::VecDeque;
+use usart::{Port, Usart};
 use watchdog::Watchdog;
 
 const DATA_READY: Pin = Pin::new('E', 9);
 const CHIP_SELECT: Pin = Pin::new('D', 14);
 const HARDWARE_SELECTS: [Pin; 2] = [Pin::new('A', 4), Pin::new('A', 15)];
 const SYNC: Pin = Pin::new('D', 15);
+/// The receiver's pulse is channel 1 of TIM5 there, as alternate function 2; its sentences come where USART2 listens.
+const PULSE: (Pin, u32) = (Pin::new('A', 0), 2);
+const SENTENCES: (Pin, u32) = (Pin::new('D', 6), 7);
+/// Bits a second of the sentences.
+const RECEIVER_BAUD: u32 = 9600;
+const USART2: Port = Port { name: "USART2", interrupt: 38 };
+const USART3: Port = Port { name: "USART3", interrupt: 39 };
 const SPI_PINS: [Pin; 2] = [Pin::new('A', 5), Pin::new('A', 6)];
 const SPI_FUNCTION: u32 = 5;
 /// Requests that one pass of DMA may serve before something must be wrong.
@@ -80,6 +89,9 @@ pub struct Stm32h743 {
     dma: Dma,
     spi: Spi,
     usart: Usart,
+    receiver: Usart,
+    /// Levels of the receiver's pulse that are to come.
+    pulses: VecDeque<(Ticks, bool)>,
     timers: Vec<Timer>,
     watchdog: Watchdog,
     debug: u32,
@@ -119,6 +131,13 @@ pub fn machine(
     Machine::new(board, memory, image, costs, &[ITCM, FLASH])
 }
 
+/// All timers after a reset; their pins are high but for the receiver's pulse.
+fn timers() -> Vec<Timer> {
+    let mut timers: Vec<Timer> = TIMERS.iter().map(|place| Timer::new(*place)).collect();
+    timers.iter_mut().filter(|timer| timer.place.name == "TIM5").for_each(|timer| timer.pin(0, false));
+    timers
+}
+
 impl Stm32h743 {
     /// The board at power-on.
     fn new(parameters: &Parameters, source: Source, rate_hz: f64) -> Self {
@@ -131,8 +150,10 @@ impl Stm32h743 {
             pins: Pins::new(),
             dma: Dma::new(),
             spi: Spi::new(),
-            usart: Usart::new(parameters.baud),
-            timers: TIMERS.iter().map(|place| Timer::new(*place)).collect(),
+            usart: Usart::new(USART3, parameters.baud),
+            receiver: Usart::new(USART2, RECEIVER_BAUD),
+            pulses: VecDeque::new(),
+            timers: timers(),
             watchdog: Watchdog::new(watchdog),
             debug: 0,
             compensation: 0,
@@ -159,12 +180,17 @@ impl Stm32h743 {
 
     /// The same for bytes some of which have a wrong stop bit.
     pub fn disturb(&mut self, at: Ticks, bytes: impl IntoIterator<Item = (u8, bool)>) {
-        let frame = 10 * crate::time::period(u64::from(self.usart.host_baud));
-        let mut next = self.usart.coming.back().map_or(at, |last| at.max(last.at));
-        self.usart.coming.extend(bytes.into_iter().map(|(byte, broken)| {
-            next += frame;
-            Coming { at: next, byte, broken }
-        }));
+        self.usart.bring(at, bytes);
+    }
+
+    /// The receiver's pulse rises at `at` and falls at `until`; after all that were told before.
+    pub fn pulse(&mut self, at: Ticks, until: Ticks) {
+        self.pulses.extend([(at, true), (until, false)]);
+    }
+
+    /// The receiver says bytes, the first at `at`.
+    pub fn sentence(&mut self, at: Ticks, bytes: &[u8]) {
+        self.receiver.bring(at, bytes.iter().map(|byte| (*byte, false)));
     }
 
     /// Words of SPI lost because nobody emptied its FIFO.
@@ -184,7 +210,8 @@ impl Stm32h743 {
         self.dma = Dma::new();
         self.spi = Spi::new();
         self.usart.reset();
-        self.timers = TIMERS.iter().map(|place| Timer::new(*place)).collect();
+        self.receiver.reset();
+        self.timers = timers();
         self.watchdog.reset();
         self.debug = 0;
         self.compensation = 0;
@@ -210,6 +237,11 @@ impl Stm32h743 {
             }
             moved |= self.serve_dma(bus)?;
             self.usart.advance(bus.now, || self.clocks.usart_hz())?;
+            let deaf = self.pins.mode(SENTENCES.0) != Mode::Alternate(SENTENCES.1);
+            if deaf {
+                self.receiver.miss(bus.now);
+            }
+            self.receiver.advance(bus.now, || self.clocks.usart_hz())?;
             if !moved {
                 self.lines(bus);
                 return Ok(());
@@ -237,6 +269,16 @@ impl Stm32h743 {
             }
         }
         self.pins.drive(bus, DATA_READY, self.pins.input(DATA_READY));
+        while let Some((_, high)) = self.pulses.front().copied().filter(|pulse| pulse.0 <= bus.now) {
+            self.pulses.pop_front();
+            self.pins.drive(bus, PULSE.0, high);
+            if self.pins.mode(PULSE.0) == Mode::Alternate(PULSE.1)
+                && let Some(timer) = self.timers.iter_mut().find(|t| t.place.name == "TIM5")
+            {
+                timer.advance(bus.now);
+                timer.pin(0, high);
+            }
+        }
     }
 
     /// TIM1's trigger output is the internal trigger 0 of timers 2 to 5 and 8.
@@ -255,6 +297,7 @@ impl Stm32h743 {
     fn lines(&mut self, bus: &mut Bus<'_>) {
         self.spi.lines(bus);
         self.usart.lines(bus);
+        self.receiver.lines(bus);
         self.timers.iter_mut().for_each(|timer| timer.lines(bus));
     }
 
@@ -264,6 +307,7 @@ impl Stm32h743 {
         let levels = [
             (request::SPI1_RX, self.spi.wants_rx_dma()),
             (request::SPI1_TX, self.spi.wants_tx_dma()),
+            (request::USART2_RX, self.receiver.wants_rx_dma()),
             (request::USART3_TX, self.usart.wants_tx_dma()),
             (request::USART3_RX, self.usart.wants_rx_dma()),
         ];
@@ -348,6 +392,7 @@ impl Stm32h743 {
             Peripheral::Dma(controller) => self.dma.read(controller, word)?,
             Peripheral::DmaMux => self.dma.read_mux(word)?,
             Peripheral::Spi1 => self.spi.read(word, width.bytes() as usize)?,
+            Peripheral::Usart2 => self.receiver.read(word)?,
             Peripheral::Usart3 => self.usart.read(word)?,
             Peripheral::Timer(index) => {
                 self.timers[index].advance(bus.now);
@@ -379,7 +424,7 @@ impl Stm32h743 {
         let Some((peripheral, offset)) = self.locate(address)? else {
             return Err(Refusal::BusFault);
         };
-        let data = matches!((peripheral, offset), (Peripheral::Spi1, 0x20) | (Peripheral::Usart3, 0x28));
+        let data = matches!((peripheral, offset), (Peripheral::Spi1, 0x20) | (Peripheral::Usart2 | Peripheral::Usart3, 0x28));
         if width != Width::Word && !data && !matches!(peripheral, Peripheral::Timer(_)) {
             return Refusal::stop(format!("a narrow write of register {address:#010x}"));
         }
@@ -407,6 +452,7 @@ impl Stm32h743 {
             Peripheral::Dma(controller) => self.dma.write(bus, controller, offset, value)?,
             Peripheral::DmaMux => self.dma.write_mux(offset, value)?,
             Peripheral::Spi1 => self.spi.write(offset, value, width.bytes() as usize)?,
+            Peripheral::Usart2 => self.receiver.write(offset, value)?,
             Peripheral::Usart3 => self.usart.write(offset, value)?,
             Peripheral::Timer(index) => {
                 self.timers[index].advance(bus.now);
@@ -497,6 +543,8 @@ impl Board for Stm32h743 {
             .next_event()
             .min(self.spi.next_event())
             .min(self.usart.next_event())
+            .min(self.receiver.next_event())
+            .min(self.pulses.front().map_or(NEVER, |pulse| pulse.0))
             .min(self.watchdog.next_event())
             .min(timers.unwrap_or(NEVER))
     }

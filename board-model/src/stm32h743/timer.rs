@@ -237,6 +237,8 @@ impl Timer {
             let other = self.input_of(capture) == 2 && capture != channel;
             if wanted && self.registers[at::CCER] >> (4 * capture) & 1 != 0 && (own || other) {
                 self.registers[at::CCR1 + capture] = self.count;
+                // Captured again before the first was read.
+                self.registers[at::SR] |= (self.registers[at::SR] >> (1 + capture) & 1) << (9 + capture);
                 self.event(1 + capture);
             }
         }

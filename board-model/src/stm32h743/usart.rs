@@ -1,4 +1,4 @@
-//! USART3: both directions, FIFO, idle line (RM0433, chapter 48).
+//! USART2 and USART3: both directions, FIFO, idle line (RM0433, chapter 48).
 
 use super::clocks::unknown;
 use crate::board::{Bus, Refusal};
@@ -28,9 +28,17 @@ pub(super) struct Coming {
     pub broken: bool,
 }
 
+/// Which of them: its name and its interrupt.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Port {
+    pub name: &'static str,
+    pub interrupt: u16,
+}
+
 /// Registers and what is on the line.
 #[derive(Debug)]
 pub(super) struct Usart {
+    port: Port,
     control: [u32; 3],
     divider: u32,
     other: [u32; 2],
@@ -51,8 +59,9 @@ pub(super) struct Usart {
 }
 
 impl Usart {
-    pub fn new(host_baud: u32) -> Self {
+    pub fn new(port: Port, host_baud: u32) -> Self {
         Self {
+            port,
             control: [0; 3],
             divider: 0,
             other: [0; 2],
@@ -73,7 +82,7 @@ impl Usart {
     pub fn reset(&mut self) {
         let (coming, sent) = (std::mem::take(&mut self.coming), std::mem::take(&mut self.sent));
         let sent_at = std::mem::take(&mut self.sent_at);
-        *self = Self { coming, sent, sent_at, ..Self::new(self.host_baud) };
+        *self = Self { coming, sent, sent_at, ..Self::new(self.port, self.host_baud) };
     }
 
     fn on(&self) -> bool {
@@ -114,7 +123,24 @@ impl Usart {
         let flags = self.flags();
         let by_own_bit = flags & self.control[0] & (flag::IDLE | flag::RX | flag::TX_DONE | flag::TX);
         let errors = flags & 0xf != 0 && (self.control[2] & 1 != 0 || self.control[0] & flag::RX != 0);
-        bus.nvic.set_level(39, self.on() && (by_own_bit != 0 || errors));
+        bus.nvic.set_level(self.port.interrupt, self.on() && (by_own_bit != 0 || errors));
+    }
+
+    /// What is due does not arrive: the pin is not this port's.
+    pub fn miss(&mut self, now: Ticks) {
+        while self.coming.front().is_some_and(|coming| coming.at <= now) {
+            self.coming.pop_front();
+        }
+    }
+
+    /// Puts bytes on the line to the board, the first at `at`, one after the other; some may have a wrong stop bit.
+    pub fn bring(&mut self, at: Ticks, bytes: impl IntoIterator<Item = (u8, bool)>) {
+        let frame = 10 * crate::time::period(u64::from(self.host_baud));
+        let mut next = self.coming.back().map_or(at, |last| at.max(last.at));
+        self.coming.extend(bytes.into_iter().map(|(byte, broken)| {
+            next += frame;
+            Coming { at: next, byte, broken }
+        }));
     }
 
     /// Ticks of a frame of ten bits, which must fit the other side's.
@@ -130,8 +156,8 @@ impl Usart {
         let wrong = baud.abs_diff(u64::from(self.host_baud)) * 50 > u64::from(self.host_baud);
         if self.divider < 16 || wrong {
             return Refusal::stop(format!(
-                "USART3 runs at {baud} baud, the other side at {}",
-                self.host_baud
+                "{} runs at {baud} baud, the other side at {}",
+                self.port.name, self.host_baud
             ));
         }
         Ok(10 * PER_SECOND / baud)
@@ -147,7 +173,7 @@ impl Usart {
             0x24 => u32::from(self.rx.pop_front().unwrap_or(0)),
             0x28 => 0,
             0x2c => self.prescaler,
-            _ => return Err(unknown("USART3", offset)),
+            _ => return Err(unknown(self.port.name, offset)),
         })
     }
 
@@ -155,13 +181,15 @@ impl Usart {
         match offset {
             0x00 => {
                 if self.on() && value & 1 != 0 && (value ^ self.control[0]) & 0x3000_9000 != 0 {
-                    return Refusal::stop("the frame of USART3 is changed while it is on");
+                    return Refusal::stop(format!("the frame of {} is changed while it is on", self.port.name));
                 }
                 self.control[0] = value;
             }
             0x04 => self.control[1] = value,
             0x08 => self.control[2] = value,
-            0x0c if self.on() => return Refusal::stop("USART3_BRR is written while it is on"),
+            0x0c if self.on() => {
+                return Refusal::stop(format!("{}_BRR is written while it is on", self.port.name));
+            }
             0x0c => self.divider = value,
             0x10 | 0x14 => self.other[(offset - 0x10) / 4] = value,
             0x18 => {
@@ -172,16 +200,16 @@ impl Usart {
             0x20 => self.latched &= !value,
             0x28 => {
                 if !self.on() || self.control[0] & 8 == 0 {
-                    return Refusal::stop("USART3_TDR is written with the transmitter off");
+                    return Refusal::stop(format!("{}_TDR is written with the transmitter off", self.port.name));
                 }
                 if self.tx.len() >= self.room() {
-                    return Refusal::stop("USART3_TDR is written while it is full");
+                    return Refusal::stop(format!("{}_TDR is written while it is full", self.port.name));
                 }
                 self.tx.push_back(value as u8);
                 self.latched &= !flag::TX_DONE;
             }
             0x2c => self.prescaler = value,
-            _ => return Err(unknown("USART3", offset)),
+            _ => return Err(unknown(self.port.name, offset)),
         }
         Ok(())
     }

@@ -11,6 +11,7 @@ use crate::intake::{Event, Run, Step};
 use crate::run::Application;
 use crate::slot::Slot;
 use crate::traffic;
+use crate::utc::Pair;
 use crate::wire::{Command, FaultCode, Message};
 
 /// What follows from the configuration.
@@ -179,6 +180,10 @@ impl Application for ArrayRecorder {
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
         let condition = self.condition();
         self.reporter.command(command, self.state.next_index(), &condition, sink);
+    }
+
+    fn pair(&mut self, pair: Pair, sink: &mut impl FnMut(&Message)) {
+        self.reporter.pair(pair, sink);
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {

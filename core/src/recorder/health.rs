@@ -6,12 +6,15 @@ use crate::intake::GRID;
 use crate::math;
 use crate::utc::{Noted, Pair, UtcClock};
 use crate::version::VERSION;
-use crate::wire::{Command, Fault, FaultCode, Health, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
+use crate::wire::{Command, Fault, FaultCode, Health, Hello, Message, Reply, SCHEMA_HASH, Time, WIRE_VERSION};
 
 /// How old the newest sample may be when a command is carried out, s: a block of work.
 const SAMPLE_AGE_S: f64 = 0.02;
 /// Seconds of samples between health reports unless a command says otherwise.
 pub const HEALTH_EVERY_S: u16 = 60;
+
+/// Seconds of samples between two reports of the time by a clock that is heard all the time.
+const TIME_EVERY_S: u64 = 60;
 
 /// An index that leaps brings a report no earlier than this part of the time between two.
 const EARLY: u64 = 8;
@@ -44,6 +47,8 @@ pub struct Reporter {
     arrived: u64,
     records: u32,
     utc: UtcClock,
+    /// Samples at which the line of UTC was told: the first since it began, and the newest.
+    told: Option<(u64, u64)>,
 }
 
 impl Reporter {
@@ -61,6 +66,7 @@ impl Reporter {
             arrived: 0,
             records: 0,
             utc: UtcClock::new(),
+            told: None,
         }
     }
 
@@ -167,12 +173,39 @@ impl Reporter {
         match self.utc.note(Pair { sd_s, ..now }, self.rate_hz) {
             Noted::Taken(time) => sink(&Message::Time(time)),
             Noted::Refused => return 1,
-            Noted::Stepped(time, value) => {
-                sink(&Message::Fault(Fault { code: FaultCode::ClockStepped, index: now.index, value }));
-                sink(&Message::Time(time));
-            }
+            Noted::Stepped(time, value) => self.stepped(&time, value, sink),
         }
         0
+    }
+
+    /// A sample's UTC from a clock that is heard all the time. The line is told when it begins, then after a second, two, four
+    /// and so on, and once a minute in the end.
+    pub fn pair(&mut self, pair: Pair, sink: &mut impl FnMut(&Message)) {
+        match self.utc.note(pair, self.rate_hz) {
+            Noted::Taken(time) => {
+                let first = match self.told {
+                    Some((first, newest)) if newest <= time.index => {
+                        let (least, most) = (self.rate_hz as u64, TIME_EVERY_S * self.rate_hz as u64);
+                        // A pulse is a little more or less than a second's samples after the one before.
+                        if time.index - newest + least / 2 < (newest - first).max(least).min(most) {
+                            return;
+                        }
+                        first
+                    }
+                    _ => time.index,
+                };
+                self.told = Some((first, time.index));
+                sink(&Message::Time(time));
+            }
+            Noted::Refused => {}
+            Noted::Stepped(time, value) => self.stepped(&time, value, sink),
+        }
+    }
+
+    fn stepped(&mut self, time: &Time, value: i64, sink: &mut impl FnMut(&Message)) {
+        self.told = Some((time.index, time.index));
+        sink(&Message::Fault(Fault { code: FaultCode::ClockStepped, index: time.index, value }));
+        sink(&Message::Time(*time));
     }
 
     fn schedule(&mut self, index: u64) {
@@ -227,6 +260,34 @@ mod tests {
         r.command(Command::Identify { token: 9 }, 0, &Condition::default(), &mut |m| out.push(*m));
         assert!(matches!(out[0], Message::Hello(_)) && matches!(out[1], Message::Health(_)));
         assert_eq!(out[2], Message::Reply(Reply { token: 9, status: 0 }));
+    }
+
+    #[test]
+    fn a_pulse_each_second_is_told_ever_more_rarely_and_a_step_at_once() {
+        let mut r = Reporter { rate_hz: 100.0, ..Reporter::new() };
+        let start_us = 1_790_000_000_000_000;
+        let mut told = std::vec::Vec::new();
+        let mut hear = |r: &mut Reporter, index: u64, second: i64| {
+            let pair = Pair { index, utc_us: start_us + second * 1_000_000, sd_s: 2e-6 };
+            let mut faults = 0;
+            r.pair(pair, &mut |m| match m {
+                Message::Time(time) => told.push(time.index / 100),
+                Message::Fault(f) => faults += i64::from(f.code == FaultCode::ClockStepped) * f.value,
+                _ => {}
+            });
+            faults
+        };
+        for second in 0..300u64 {
+            assert_eq!(hear(&mut r, 100 * second, second as i64), 0);
+        }
+        // One wrong second is nothing; from the third on it is a step.
+        assert_eq!(hear(&mut r, 30_000, 301), 0);
+        assert_eq!(hear(&mut r, 30_100, 301), 0);
+        let steps: std::vec::Vec<i64> = (302..306).map(|s| hear(&mut r, 100 * s, s as i64 + 5)).collect();
+        assert_eq!(steps, [0, 0, 5_000_000, 0]);
+        // The index starts again.
+        assert_eq!(hear(&mut r, 0, 310), 0);
+        assert_eq!(told, [0, 1, 2, 4, 8, 16, 32, 64, 124, 184, 244, 304, 305, 0]);
     }
 
     #[test]

@@ -24,6 +24,7 @@ use crate::block::Block;
 use crate::config::{Kind, StationConfig};
 use crate::intake::Intake;
 use crate::run::Application;
+use crate::utc::Pair;
 use crate::wire::{Command, FaultCode, Message};
 
 /// Seconds without samples after which the source is called silent.
@@ -169,6 +170,10 @@ impl Application for Recorder<'_, '_> {
 
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
         whichever!(self, r => r.fault(code, value, sink));
+    }
+
+    fn pair(&mut self, pair: Pair, sink: &mut impl FnMut(&Message)) {
+        whichever!(self, r => r.pair(pair, sink));
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {

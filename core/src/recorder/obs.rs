@@ -7,6 +7,7 @@ use crate::config::StationConfig;
 use crate::intake::{Event, Step};
 use crate::obs::{self, PlanError, Table};
 use crate::run::Application;
+use crate::utc::Pair;
 use crate::wire::{Command, FaultCode, Message};
 
 /// Everything the ocean-bottom recorder needs, in one place; meant for a `static`. Its propagation table is read where it
@@ -123,6 +124,10 @@ impl Application for ObsRecorder<'_> {
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
         let condition = self.condition();
         self.reporter.command(command, self.index(), &condition, sink);
+    }
+
+    fn pair(&mut self, pair: Pair, sink: &mut impl FnMut(&Message)) {
+        self.reporter.pair(pair, sink);
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {

@@ -7,7 +7,8 @@ use seabearing_board_model::core::nvic::number::HARD_FAULT;
 use seabearing_board_model::stm32h743::{Stm32h743, cause};
 use seabearing_board_model::time::Ticks;
 
-/// Something that goes wrong while the board runs.
+/// Something that goes wrong while the board runs. What a satellite receiver does wrong is rehearsed only: the host, with
+/// which `twin` compares, hears none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum InjectedFault {
     /// The converter resets itself at this second.
@@ -32,6 +33,16 @@ pub enum InjectedFault {
     BrownOut(f64),
     /// The telemetry line brings noise from this second on, for so many seconds: bytes, half of them broken, without a pause.
     LineNoise(f64, f64),
+    /// The satellite receiver gives no pulses from this second on, for so many seconds; its sentences go on.
+    PulseLost(f64, f64),
+    /// A pulse that is none, at this second.
+    PulseGlitch(f64),
+    /// The sentence at this second names the one after it.
+    SecondWrong(f64),
+    /// Sentences are damaged from this second on, for so many seconds.
+    SentenceNoise(f64, f64),
+    /// From this second on the receiver's time is so many seconds ahead.
+    ClockStep(f64, f64),
 }
 
 /// The line in the source that an injected panic names.
@@ -90,7 +101,12 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
                 machine.board.converter.bit_errors_every = every;
                 continue;
             }
-            InjectedFault::LineNoise(..) => continue,
+            InjectedFault::LineNoise(..)
+            | InjectedFault::PulseLost(..)
+            | InjectedFault::PulseGlitch(_)
+            | InjectedFault::SecondWrong(_)
+            | InjectedFault::SentenceNoise(..)
+            | InjectedFault::ClockStep(..) => continue,
             InjectedFault::ConverterDead(at, length) | InjectedFault::ConverterMute(at, length) => {
                 (at, length)
             }
@@ -157,7 +173,14 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         InjectedFault::Panic(_) => panic(machine)?,
         InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
         InjectedFault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
-        InjectedFault::SpiBits(_) | InjectedFault::LineNoise(..) => {}
+        // On the wires from the start.
+        InjectedFault::SpiBits(_)
+        | InjectedFault::LineNoise(..)
+        | InjectedFault::PulseLost(..)
+        | InjectedFault::PulseGlitch(_)
+        | InjectedFault::SecondWrong(_)
+        | InjectedFault::SentenceNoise(..)
+        | InjectedFault::ClockStep(..) => {}
     }
     Ok(())
 }

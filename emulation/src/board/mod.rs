@@ -3,10 +3,12 @@
 
 mod host;
 mod injection;
+mod satellites;
 
 pub use host::host;
 pub(crate) use injection::mix;
 pub use injection::{InjectedFault, PANIC_LINE};
+pub use satellites::utc_us;
 
 use crate::twin::frames;
 use anyhow::{Context, Result, anyhow, bail};
@@ -14,7 +16,7 @@ use injection::{fill_line, inject, schedule};
 use seabearing_board_model::ads131m04::{Codes, REGISTER_ACQUISITION};
 use seabearing_board_model::core::Work;
 use seabearing_board_model::stm32h743::{self, Parameters, Stm32h743};
-use seabearing_board_model::time::{PER_SECOND, Ticks};
+use seabearing_board_model::time::{NEVER, PER_SECOND, Ticks};
 use seabearing_board_model::{Costs, Counts, Ending, Image, Machine};
 use seabearing_core::block::{Frame, MISSING};
 use seabearing_core::wire::{Decoder, Message};
@@ -37,6 +39,8 @@ pub struct Setup {
     pub commands: Vec<(f64, Vec<u8>)>,
     /// A bit of the configuration is wrong in the image's flash.
     pub damaged_configuration: bool,
+    /// A satellite receiver is there for so many seconds.
+    pub receiver_s: f64,
 }
 
 impl Default for Setup {
@@ -49,6 +53,7 @@ impl Default for Setup {
             most_s: None,
             commands: Vec::new(),
             damaged_configuration: false,
+            receiver_s: 0.0,
         }
     }
 }
@@ -81,6 +86,8 @@ pub struct BoardRun {
     pub numbers: Vec<u64>,
     /// Codes of each.
     pub codes: Vec<Codes>,
+    /// When the conversion of each number was done, s of the truth; infinite for those the converter left out.
+    pub moments_s: Vec<f64>,
     /// How many.
     pub delivered: u64,
     /// Conversions between the first and the last delivered that were not.
@@ -168,6 +175,8 @@ pub fn twin(
         .map_err(anyhow::Error::msg)?;
     machine.board.converter.acquisition = (setup.acquisition_s * PER_SECOND as f64) as Ticks;
     fill_line(&mut machine, &setup.commands, &setup.faults, setup.parameters.baud);
+    let board_clock_error = setup.parameters.board_clock_error;
+    satellites::fill(&mut machine, &setup.faults, board_clock_error, setup.receiver_s);
     let mut starts = vec![(0.0, 0)];
     let (began, ended) = run_board(&mut machine, setup, &mut starts)?;
     let converter = &machine.board.converter;
@@ -187,6 +196,7 @@ pub fn twin(
         delivered: converter.delivered.len() as u64,
         numbers: converter.delivered.clone(),
         codes: converter.codes.clone(),
+        moments_s: converter.moments.iter().map(|at| truth_s(*at, board_clock_error)).collect(),
         lost: span - converter.delivered.len() as u64,
         seconds: ticks as f64 / PER_SECOND as f64,
         handlers: ended.0.handlers.since(&began.0.handlers),
@@ -224,6 +234,11 @@ fn said(board: &Stm32h743) -> Vec<Said> {
 }
 
 type Moment = (Counts, Ticks);
+
+/// A moment of the board's time in seconds of the truth.
+fn truth_s(at: Ticks, board_clock_error: f64) -> f64 {
+    if at == NEVER { f64::INFINITY } else { seconds(at) / (1.0 + board_clock_error) }
+}
 
 fn seconds(ticks: Ticks) -> f64 {
     ticks as f64 / PER_SECOND as f64

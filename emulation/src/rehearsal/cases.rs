@@ -47,6 +47,7 @@ fn line(commands: &[(f64, Command)]) -> Vec<(f64, Vec<u8>)> {
 pub fn all(outages_s: &[f64]) -> Vec<Case> {
     let mut cases = failures();
     cases.extend(reach());
+    cases.extend(receiver());
     for &s in outages_s {
         let cut = InjectedFault::ConverterMute(AT_S, s);
         cases.push(outage("line cut", s, cut, AT_S, &[Wanted::Fault(FaultCode::Invalid, None)]));
@@ -198,6 +199,26 @@ fn reach() -> Vec<Case> {
             &[(AT_S + 0.55, Command::Start { token: 1 })],
         ),
         with(case("60 commands without a pause", &[], AT_S, 1.5, &burst_answers(&burst)), &burst),
+    ]
+}
+
+/// The satellite receiver, well and unwell; both clocks 50 ppm off in opposite senses.
+fn receiver() -> Vec<Case> {
+    let clocks = Parameters { board_clock_error: 5e-5, converter_clock_error: -5e-5, ..Parameters::default() };
+    let with = |name: &str, faults: &[InjectedFault], event_s: f64, seconds: f64, wanted: &[Wanted]| {
+        let case = case(&format!("receiver: {name}"), faults, event_s, seconds, wanted);
+        Case { setup: Setup { parameters: clocks, receiver_s: seconds + 1.0, ..case.setup }, ..case }
+    };
+    let (stepped, time) = (Wanted::Fault(FaultCode::ClockStepped, None), Wanted::Time);
+    vec![
+        with("well", &[], 0.0, 7.0, &[time, time, time]),
+        with("no pulse for 2 s", &[InjectedFault::PulseLost(4.0, 2.0)], 4.0, 8.5, &[time]),
+        with("a false pulse before the sentence", &[InjectedFault::PulseGlitch(4.42)], 4.3, 8.5, &[time]),
+        with("a wrong second", &[InjectedFault::SecondWrong(4.0)], 4.0, 8.5, &[time]),
+        with("noise in its sentences for 3 s", &[InjectedFault::SentenceNoise(3.0, 3.0)], 3.0, 8.5, &[time]),
+        with("its time steps by 2 s", &[InjectedFault::ClockStep(4.0, 2.0)], 4.0, 10.0, &[stepped, time]),
+        with("the core is reset", &[InjectedFault::PinReset(4.0)], 4.0, 8.5, &[Wanted::Start(PIN), time]),
+        with("the core is held for 1.5 s", &[InjectedFault::CoreHeld(4.0, 1.5)], 4.0, 9.5, &[time]),
     ]
 }
 

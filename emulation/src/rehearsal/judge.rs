@@ -1,8 +1,9 @@
 //! What came of a rehearsed case: what was told and how soon, and whether the records are those of the samples.
 
-use crate::board::{BoardRun, Said, host};
+use crate::board::{BoardRun, InjectedFault, Said, host, utc_us as utc_us_of};
 use anyhow::{Result, bail};
 use seabearing_core::angle::wrap_pi;
+use seabearing_core::utc::Times;
 use seabearing_core::wait::WAITING;
 use seabearing_core::wire::{Bearing, Decoder, FaultCode, Hello, Message};
 
@@ -19,6 +20,8 @@ pub enum Wanted {
     Reply(u8),
     /// The end of the recording.
     End,
+    /// When a sample was.
+    Time,
 }
 
 impl Wanted {
@@ -30,7 +33,7 @@ impl Wanted {
             (Self::Start(cause), Message::Hello(h)) => h.reset_cause == cause && h.kind != WAITING,
             (Self::Waits, Message::Hello(h)) => h.kind == WAITING,
             (Self::Reply(token), Message::Reply(r)) => r.token == token,
-            (Self::End, Message::End(_)) => true,
+            (Self::End, Message::End(_)) | (Self::Time, Message::Time(_)) => true,
             _ => false,
         }
     }
@@ -45,6 +48,7 @@ impl Wanted {
             Self::Waits => "waits".to_owned(),
             Self::Reply(token) => format!("answer {token}"),
             Self::End => "End".to_owned(),
+            Self::Time => "Time".to_owned(),
         }
     }
 }
@@ -233,6 +237,51 @@ fn is_of_samples(message: &Message, counters: bool) -> bool {
         | FaultCode::Restarted => true,
         _ => false,
     }
+}
+
+/// Every time told, and what follows from it for the samples up to the next, against the truth: `None` where none was told.
+/// A told time is right if it is within three of its standard deviations.
+pub fn clock(run: &BoardRun, faults: &[InjectedFault], rate_hz: f64) -> Option<Numbers> {
+    const MOST_SD: f64 = 3.0;
+    let (mut told, mut worst_sd, mut worst_s) = (0, 0f64, 0f64);
+    for session in sessions(run) {
+        let Some(base) = session.numbers.first() else { continue };
+        let mut times = Times::default();
+        let mut stepped = false;
+        let mut look = |times: &Times, index: u64| {
+            let at_s = run.moments_s.get((base + index) as usize).copied().filter(|s| s.is_finite());
+            if let (Some(at_s), Some((utc_us, sd_s))) = (at_s, times.utc(index, rate_hz)) {
+                let off_s = (utc_us as f64 - utc_us_of(faults, at_s)).abs() * 1e-6;
+                worst_sd = worst_sd.max(off_s / sd_s);
+                worst_s = worst_s.max(off_s);
+            }
+        };
+        for said in session.said {
+            match said.message {
+                Message::Time(time) => {
+                    if !stepped && told > 0 {
+                        // What the line before it said of this moment, and of one between.
+                        look(&times, time.index);
+                        look(&times, time.index.saturating_sub(rate_hz as u64 / 2));
+                    }
+                    times.note(time, std::mem::take(&mut stepped));
+                    look(&times, time.index);
+                    told += 1;
+                }
+                Message::Fault(fault) if fault.code == FaultCode::ClockStepped => stepped = true,
+                _ => {}
+            }
+        }
+    }
+    (told > 0).then(|| Numbers {
+        outcome: format!(
+            "{told} times, within {} sd, {} us",
+            worst_sd.ceil(),
+            // To the next of 1, 10, 100 and so on: it depends on the compiler.
+            10f64.powf((worst_s * 1e6).max(1.0).log10().ceil())
+        ),
+        right: worst_sd <= MOST_SD,
+    })
 }
 
 /// Instants to two digits: how many a held core costs depends on the compiler.

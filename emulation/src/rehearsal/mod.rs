@@ -140,7 +140,11 @@ impl Stage<'_> {
             .play(case.seconds, &Setup { most_s, ..case.setup.clone() })
             .with_context(|| case.name.clone())?;
         let told = judge::told(&report.said, &case.wanted, case.event_s);
-        let numbers = judge::numbers(&report, self.blob)?;
+        let mut numbers = judge::numbers(&report, self.blob)?;
+        if let Some(clock) = judge::clock(&report, &case.setup.faults, self.rate_hz) {
+            numbers.outcome = format!("{}; {}", numbers.outcome, clock.outcome);
+            numbers.right &= clock.right;
+        }
         let named = told.iter().all(|(_, after_s)| after_s.is_some_and(|s| s <= NAMED_S));
         let tenths = |s: f64| format!("{:.1} s", (s * 10.0).ceil() / 10.0);
         let words: Vec<String> = told

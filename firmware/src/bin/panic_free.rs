@@ -17,9 +17,11 @@ use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run, run_over};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{ReadBytes, Reader};
+use seabearing_core::utc::Pair;
 use seabearing_core::wire::FaultCode;
 use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::{Link as Reliably, MemoryStore, Settings};
+use seabearing_firmware::receiver::{Labels, Pulse};
 
 /// A device register: whatever is read there, the optimiser cannot know.
 const REGISTER: *mut u32 = 0x4000_0000 as *mut u32;
@@ -54,11 +56,19 @@ impl ByteSource for Device {
 struct Samples {
     file: Reader<Device>,
     line: sample_line::Reader<Device>,
+    labels: Labels,
 }
 
 impl SampleSource for Samples {
     fn read(&mut self, frames: &mut [Frame]) -> Chunk {
         if Device.word() == 0 { self.file.read(frames) } else { self.line.read(frames) }
+    }
+
+    fn pair(&mut self) -> Option<Pair> {
+        let word = || u64::from(Device.word()) << 32 | u64::from(Device.word());
+        self.labels.pulse(Pulse { edge: word(), late_ns: Device.word(), at_us: word() });
+        let (index, utc_us) = self.labels.byte(Device.word() as u8, word())?;
+        Some(Pair { index, utc_us, sd_s: f64::from(Device.word()) })
     }
 }
 
@@ -112,7 +122,11 @@ fn main() -> ! {
     if let Ok(config) = config_blob::station(blob) {
         let table = config_blob::section(blob, PROPAGATION).ok();
         if let Ok(mut recorder) = MEMORY.configure(&config, table) {
-            let mut samples = Samples { file: Reader::new(Device), line: sample_line::Reader::new(Device) };
+            let mut samples = Samples {
+                file: Reader::new(Device),
+                line: sample_line::Reader::new(Device),
+                labels: Labels::default(),
+            };
             run(&mut recorder, &mut samples, &mut Device, &mut Device, &mut Device, FRAMES);
             let settings = Settings {
                 bytes_per_second: Device.word(),

@@ -10,7 +10,7 @@ use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_executor::InterruptExecutor;
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_stm32::usart::Uart;
+use embassy_stm32::usart::{Uart, UartRx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, peripherals, usart};
 use seabearing_core::block::Frame;
@@ -22,8 +22,10 @@ use seabearing_core::wire::FaultCode;
 use seabearing_firmware::acquisition::{self, Acquisition};
 use seabearing_firmware::converter::Rate;
 use seabearing_firmware::fault;
+use seabearing_firmware::receiver::Timed;
 use seabearing_firmware::stm32h743::clock::Time;
-use seabearing_firmware::stm32h743::link::{RING_BYTES, Serial, transmit};
+use seabearing_firmware::stm32h743::link::{Incoming, RING_BYTES, Serial, transmit};
+use seabearing_firmware::stm32h743::pulse::{self, Satellites, on_pulse};
 use seabearing_firmware::stm32h743::sampling::{Sampling, on_wake};
 use seabearing_firmware::stm32h743::{Board, WATCHDOG_US, clocks, wake};
 
@@ -33,6 +35,8 @@ static BLOB: &[u8] = include_bytes!(env!("SEABEARING_STATION_BLOB"));
 bind_interrupts!(struct Interrupts {
     DMA2_STREAM0 => dma::InterruptHandler<peripherals::DMA2_CH0>;
     DMA2_STREAM1 => dma::InterruptHandler<peripherals::DMA2_CH1>;
+    DMA2_STREAM2 => dma::InterruptHandler<peripherals::DMA2_CH2>;
+    USART2 => usart::InterruptHandler<peripherals::USART2>;
     USART3 => usart::InterruptHandler<peripherals::USART3>;
 });
 
@@ -50,12 +54,18 @@ fn TIM1_CC() {
     on_wake();
 }
 
+#[interrupt]
+fn TIM5() {
+    on_pulse();
+}
+
 #[entry]
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
     static mut SAMPLES: [u16; acquisition::RING_BYTES / 2] = [0; acquisition::RING_BYTES / 2];
     static mut RING: [u8; RING_BYTES] = [0; RING_BYTES];
+    static mut SENTENCES: [u8; pulse::RING_BYTES] = [0; pulse::RING_BYTES];
 
     let p = embassy_stm32::init(clocks());
     let mut board = Board::new(IndependentWatchdog::new(p.IWDG1, WATCHDOG_US));
@@ -69,7 +79,13 @@ fn main() -> ! {
         panic!("the serial port does not take its configuration")
     };
     let (tx, rx) = uart.split();
-    let mut link = Serial::new(rx.into_ring_buffered(RING));
+    let mut link = Serial::new(Incoming::new(rx.into_ring_buffered(RING)));
+    let mut serial = usart::Config::default();
+    serial.baudrate = 9600;
+    let Ok(sentences) = UartRx::new(p.USART2, p.PD6, p.DMA2_CH2, Interrupts, serial) else {
+        panic!("the receiver's port does not take its configuration")
+    };
+    let satellites = Satellites::new(p.PA0, Incoming::new(sentences.into_ring_buffered(SENTENCES)));
 
     interrupt::UART4.set_priority(Priority::P6);
     let spawner = TASKS.start(interrupt::UART4);
@@ -95,7 +111,8 @@ fn main() -> ! {
     let reason = match recorder {
         Ok((mut recorder, rate)) => {
             let claimed = ((p.SPI1, p.TIM1, p.TIM2), (p.PA4, p.PA5, p.PA6, p.PB5, p.PE9));
-            let mut samples = Acquisition::new(Sampling::new(claimed, SAMPLES), rate, 0);
+            let acquisition = Acquisition::new(Sampling::new(claimed, SAMPLES), rate, 0);
+            let mut samples = Timed::new(acquisition, satellites);
             run(&mut recorder, &mut samples, &mut link, &mut time, &mut board, FRAMES);
             None
         }

@@ -1,7 +1,8 @@
-//! The board's clock: TIM5 counts microseconds, whether the core runs or not.
+//! The board's clock: TIM5 counts 24ths of a microsecond, whether the core runs or not.
 //!
 //! The hardware library's own time comes from a counter of 16 bits whose overflows are counted by interrupts: 65 ms without
-//! the core, and it has lost some. TIM5 has 32 bits; what wraps after 71 minutes is carried on at every look.
+//! the core, and it has lost some. TIM5 has 32 bits; what wraps after three minutes is carried on at every look. It is fine
+//! enough to say when a pulse came ([`super::pulse`]).
 
 use core::cell::Cell;
 use critical_section::Mutex;
@@ -12,12 +13,14 @@ use seabearing_core::port::Clock;
 
 /// Frequency of timers on the first peripheral bus, MHz: twice the bus.
 const TIMER_MHZ: u16 = 240;
+/// Ticks of a microsecond.
+pub const TICKS_PER_US: u32 = 24;
 
-/// Microseconds at the newest look.
+/// Ticks at the newest look.
 static NEWEST: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 
-/// Microseconds since [`Time::start`].
-pub fn now_us() -> u64 {
+/// Ticks since [`Time::start`].
+pub fn now_ticks() -> u64 {
     critical_section::with(|cs| {
         let newest = NEWEST.borrow(cs);
         let now =
@@ -25,6 +28,11 @@ pub fn now_us() -> u64 {
         newest.set(now);
         now
     })
+}
+
+/// Microseconds since [`Time::start`].
+pub fn now_us() -> u64 {
+    now_ticks() / u64::from(TICKS_PER_US)
 }
 
 /// The core's cycle counter, and seconds.
@@ -44,7 +52,7 @@ impl Time {
         dwt.enable_cycle_counter();
         pac::RCC.apb1lenr().modify(|w| w.set_tim5en(true));
         let counter = pac::TIM5;
-        counter.psc().write_value(TIMER_MHZ - 1);
+        counter.psc().write_value(TIMER_MHZ / TICKS_PER_US as u16 - 1);
         // The prescaler is taken over by an update.
         counter.egr().write(|w| w.set_ug(true));
         counter.cr1().write(|w| w.set_cen(true));

@@ -25,18 +25,42 @@ pub async fn transmit(mut uart: UartTx<'static, Async>) -> ! {
     }
 }
 
-/// The main loop's end of the line.
-pub struct Serial {
+/// Bytes that DMA puts into a ring.
+pub struct Incoming {
     inbox: RingBufferedUartRx<'static>,
     waiting: [u8; 16],
     from: usize,
     to: usize,
 }
 
-impl Serial {
+impl Incoming {
     /// Begins to receive.
     pub fn new(inbox: RingBufferedUartRx<'static>) -> Self {
         Self { inbox, waiting: [0; 16], from: 0, to: 0 }
+    }
+
+    /// The next byte, if there is one.
+    pub fn next(&mut self) -> Option<u8> {
+        if self.from == self.to {
+            // An overrun or a line error empties the ring; what it held fails its checksum.
+            self.to = arrived(&mut self.inbox, &mut self.waiting);
+            self.from = 0;
+        }
+        let byte = self.waiting.get(self.from).copied().filter(|_| self.from < self.to)?;
+        self.from += 1;
+        Some(byte)
+    }
+}
+
+/// The main loop's end of the line.
+pub struct Serial {
+    incoming: Incoming,
+}
+
+impl Serial {
+    /// Takes commands from these bytes.
+    pub fn new(incoming: Incoming) -> Self {
+        Self { incoming }
     }
 
     /// Waits until everything said has left, a second at most.
@@ -67,14 +91,7 @@ impl Link for Serial {
     }
 
     fn receive(&mut self) -> Option<u8> {
-        if self.from == self.to {
-            // An overrun or a line error empties the ring; the frames it held fail their CRC.
-            self.to = arrived(&mut self.inbox, &mut self.waiting);
-            self.from = 0;
-        }
-        let byte = self.waiting.get(self.from).copied().filter(|_| self.from < self.to)?;
-        self.from += 1;
-        Some(byte)
+        self.incoming.next()
     }
 }
 

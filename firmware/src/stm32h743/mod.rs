@@ -2,13 +2,14 @@
 //!
 //! Runs with its real drivers in an emulator in every test run; **not yet on silicon**. Wiring: SPI1 SCK PA5, MISO PA6,
 //! MOSI PB5, chip select PA4, data ready PE9; telemetry and commands on USART3 (PD8, PD9: the board's debugger shows it as
-//! a serial port), 921 600 baud. The core runs at 480 MHz with the instruction cache on and the data cache off (DMA buffers
+//! a serial port), 921 600 baud; a satellite receiver's pulse on PA0, its sentences on PD6 (USART2, 9600 baud). The core runs at 480 MHz with the instruction cache on and the data cache off (DMA buffers
 //! need no care then). Conversions are counted and moved by hardware ([`sampling`]).
 
 #![allow(unsafe_code)]
 
 pub mod clock;
 pub mod link;
+pub mod pulse;
 pub mod sampling;
 
 use crate::fault::{self, Record};

@@ -71,7 +71,7 @@ fn stream(n: usize) -> dma::St {
 }
 
 /// Edges counted by both timers.
-fn edges() -> u64 {
+pub(super) fn edges() -> u64 {
     loop {
         let high = pac::TIM2.cnt().read();
         let low = pac::TIM1.cnt().read().cnt();
@@ -155,7 +155,7 @@ impl Sampling {
 }
 
 /// Waits for something, not for ever.
-fn until(mut done: impl FnMut() -> bool) -> bool {
+pub(super) fn until(mut done: impl FnMut() -> bool) -> bool {
     let begun = cortex_m::peripheral::DWT::cycle_count();
     while !done() {
         if cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begun) > PATIENCE_CYCLES {

@@ -70,6 +70,15 @@ enum Order {
     Stop,
     /// Begin a new session, where it has stopped
     Start,
+    /// Tell it the time, for a recorder without a receiver
+    Utc {
+        /// `now`, by this computer's clock
+        #[arg(value_parser = ["now"])]
+        time: String,
+        /// How wrong that may be when it arrives, one standard deviation: this clock's error and the line's delay
+        #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
+        sd_ms: u32,
+    },
 }
 
 /// Number by which the answer is known.
@@ -78,6 +87,10 @@ const TOKEN: u8 = 0x5b;
 impl Order {
     fn command(&self) -> Command {
         match *self {
+            Self::Utc { sd_ms, .. } => {
+                let now = time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 1000;
+                Command::Utc { token: TOKEN, utc_us: now as i64, sd_us: sd_ms * 1000 }
+            }
             Self::Identify => Command::Identify { token: TOKEN },
             Self::HealthEvery { seconds } => Command::HealthEvery { token: TOKEN, seconds },
             Self::Stop => Command::Stop { token: TOKEN },
