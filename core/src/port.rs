@@ -81,6 +81,11 @@ pub trait Supervisor {
     /// What had ended the software before this start, if it had: [`FaultCode::Panicked`] or [`FaultCode::HardFault`], and
     /// the number that goes with it.
     fn last_fault(&mut self) -> Option<(FaultCode, i64)>;
+
+    /// Whether what made the recorder wait is over, so that it may begin again without being told to.
+    fn over(&mut self) -> bool {
+        false
+    }
 }
 
 /// A clock that stands still, for where nothing is measured.

@@ -17,7 +17,7 @@ const TELL_EVERY_S: u32 = 10;
 /// Why a recorder waits, and the number that goes with it.
 pub type Reason = (FaultCode, i64);
 
-/// Waits until [`Command::Start`] comes; then the board begins a new session. `station` is its number, 0 where unknown.
+/// Waits until [`Command::Start`] comes, or until the board says that the reason is over; then the board begins a new session. `station` is its number, 0 where unknown.
 pub fn wait(
     station: u16,
     reason: Option<Reason>,
@@ -47,6 +47,9 @@ pub fn wait(
     let mut told_s = clock.seconds().wrapping_sub(TELL_EVERY_S);
     loop {
         supervisor.feed();
+        if reason.is_some() && supervisor.over() {
+            return;
+        }
         let now_s = clock.seconds();
         if let Some(reason) = reason
             && now_s.wrapping_sub(told_s) >= TELL_EVERY_S

@@ -15,6 +15,7 @@ pub mod fault;
 pub mod nmea;
 pub mod pace;
 pub mod receiver;
+pub mod supply;
 
 #[cfg(feature = "mps2-an500")]
 pub mod mps2_an500;

@@ -206,7 +206,8 @@ mod tests {
         }
         // Noise for as long as it likes, then a good one.
         let mut sentences = Sentences::new();
-        let noise: std::vec::Vec<u8> = (0..100_000u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+        let noise: std::vec::Vec<u8> =
+            (0..100_000u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
         assert_eq!(hear(&mut sentences, &noise), []);
         assert_eq!(hear(&mut sentences, good.as_bytes()), [1_790_000_000]);
     }

@@ -296,11 +296,13 @@ pub enum FaultCode {
     Leaking,
     /// Snaps, clicks and bursts were kept out of the bearings: of how many frames of 8 ms (at 64 kHz) since the last time.
     Impulses,
+    /// The supply is low, the recording has ended, and the recorder waits until it is good: the threshold, mV.
+    SupplyLow,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -321,6 +323,7 @@ impl FaultCode {
         Self::Inverted,
         Self::Leaking,
         Self::Impulses,
+        Self::SupplyLow,
     ];
 }
 

@@ -33,6 +33,8 @@ pub(super) struct Clocks {
     pub(super) latency: u32,
     overdrive: bool,
     pub(super) reset_cause: u32,
+    /// The supply is below what the voltage detector may be set to.
+    pub(super) supply_low: bool,
 }
 
 /// Offsets in RCC.
@@ -53,6 +55,9 @@ mod at {
 
 /// Bits of the supply's registers.
 const VOLTAGE_READY: u32 = 1 << 13;
+/// The voltage detector: PVDE in PWR_CR1, PVDO in PWR_CSR1.
+const DETECTOR_ON: u32 = 1 << 4;
+const DETECTED: u32 = 1 << 4;
 
 impl Clocks {
     pub fn new(reset_cause: u32, kept_backup: u32) -> Self {
@@ -71,6 +76,7 @@ impl Clocks {
             latency: 0x37,
             overdrive: false,
             reset_cause,
+            supply_low: false,
         }
     }
 
@@ -188,8 +194,14 @@ impl Clocks {
     pub fn read_power(&self, offset: usize) -> Result<u32, Refusal> {
         let word = *self.power_control.get(offset / 4).ok_or_else(|| unknown("PWR", offset))?;
         Ok(match offset {
-            // Regulator and voltage are ready; the supply is above the detector's threshold.
-            4 => word | VOLTAGE_READY | (self.power_control[6] >> 14 & 3) << 14,
+            // Regulator and voltage are ready. The detector tells while it is on.
+            4 => {
+                let low = self.supply_low && self.power_control[0] & DETECTOR_ON != 0;
+                word & !DETECTED
+                    | VOLTAGE_READY
+                    | (self.power_control[6] >> 14 & 3) << 14
+                    | if low { DETECTED } else { 0 }
+            }
             8 => word | (word & 1) << 16,
             0x18 => word | VOLTAGE_READY,
             _ => word,

@@ -30,8 +30,8 @@ use dma::{Dma, request};
 use pins::{Mode, Pins};
 use places::{Peripheral, TIMERS, place};
 use spi::Spi;
-use timer::Timer;
 use std::collections::VecDeque;
+use timer::Timer;
 use usart::{Port, Usart};
 use watchdog::Watchdog;
 
@@ -193,6 +193,11 @@ impl Stm32h743 {
         self.receiver.bring(at, bytes.iter().map(|byte| (*byte, false)));
     }
 
+    /// The supply is low but not yet too low to work, or good again.
+    pub fn set_supply_low(&mut self, low: bool) {
+        self.clocks.supply_low = low;
+    }
+
     /// Words of SPI lost because nobody emptied its FIFO.
     pub fn spi_overruns(&self) -> u64 {
         self.spi.overruns
@@ -205,7 +210,9 @@ impl Stm32h743 {
 
     /// Peripherals as after a reset for this reason; the backup domain stays.
     pub fn reset(&mut self, cause: u32) {
+        let supply_low = self.clocks.supply_low;
         self.clocks = Clocks::new(cause, self.clocks.backup());
+        self.clocks.supply_low = supply_low;
         self.pins = Pins::new();
         self.dma = Dma::new();
         self.spi = Spi::new();
@@ -424,7 +431,10 @@ impl Stm32h743 {
         let Some((peripheral, offset)) = self.locate(address)? else {
             return Err(Refusal::BusFault);
         };
-        let data = matches!((peripheral, offset), (Peripheral::Spi1, 0x20) | (Peripheral::Usart2 | Peripheral::Usart3, 0x28));
+        let data = matches!(
+            (peripheral, offset),
+            (Peripheral::Spi1, 0x20) | (Peripheral::Usart2 | Peripheral::Usart3, 0x28)
+        );
         if width != Width::Word && !data && !matches!(peripheral, Peripheral::Timer(_)) {
             return Refusal::stop(format!("a narrow write of register {address:#010x}"));
         }

@@ -181,7 +181,10 @@ impl Usart {
         match offset {
             0x00 => {
                 if self.on() && value & 1 != 0 && (value ^ self.control[0]) & 0x3000_9000 != 0 {
-                    return Refusal::stop(format!("the frame of {} is changed while it is on", self.port.name));
+                    return Refusal::stop(format!(
+                        "the frame of {} is changed while it is on",
+                        self.port.name
+                    ));
                 }
                 self.control[0] = value;
             }
@@ -200,7 +203,10 @@ impl Usart {
             0x20 => self.latched &= !value,
             0x28 => {
                 if !self.on() || self.control[0] & 8 == 0 {
-                    return Refusal::stop(format!("{}_TDR is written with the transmitter off", self.port.name));
+                    return Refusal::stop(format!(
+                        "{}_TDR is written with the transmitter off",
+                        self.port.name
+                    ));
                 }
                 if self.tx.len() >= self.room() {
                     return Refusal::stop(format!("{}_TDR is written while it is full", self.port.name));

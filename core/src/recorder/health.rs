@@ -6,7 +6,9 @@ use crate::intake::GRID;
 use crate::math;
 use crate::utc::{Noted, Pair, UtcClock};
 use crate::version::VERSION;
-use crate::wire::{Command, Fault, FaultCode, Health, Hello, Message, Reply, SCHEMA_HASH, Time, WIRE_VERSION};
+use crate::wire::{
+    Command, Fault, FaultCode, Health, Hello, Message, Reply, SCHEMA_HASH, Time, WIRE_VERSION,
+};
 
 /// How old the newest sample may be when a command is carried out, s: a block of work.
 const SAMPLE_AGE_S: f64 = 0.02;

@@ -31,6 +31,8 @@ pub enum InjectedFault {
     PinReset(f64),
     /// The supply sags at this second.
     BrownOut(f64),
+    /// The supply is low from this second on, for so many seconds, but not so low that the core is reset.
+    SupplyLow(f64, f64),
     /// The telemetry line brings noise from this second on, for so many seconds: bytes, half of them broken, without a pause.
     LineNoise(f64, f64),
     /// The satellite receiver gives no pulses from this second on, for so many seconds; its sentences go on.
@@ -50,7 +52,7 @@ pub const PANIC_LINE: u32 = 4711;
 
 /// What [`InjectedFault`] is read from.
 const KINDS: &str = "converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
-                     core-held@S:LENGTH, line-noise@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S or \
+                     core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S or \
                      spi-bits@BYTES";
 
 impl std::str::FromStr for InjectedFault {
@@ -72,6 +74,7 @@ impl std::str::FromStr for InjectedFault {
                 ("converter-upset", None) => Self::ConverterUpset(at),
                 ("converter-dead", length) => Self::ConverterDead(at, length.unwrap_or(f64::INFINITY)),
                 ("converter-mute", length) => Self::ConverterMute(at, length.unwrap_or(f64::INFINITY)),
+                ("supply-low", Some(length)) => Self::SupplyLow(at, length),
                 ("core-held", Some(length)) => Self::CoreHeld(at, length),
                 ("line-noise", Some(length)) => Self::LineNoise(at, length),
                 ("hard-fault", None) => Self::HardFault(at),
@@ -107,9 +110,9 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             | InjectedFault::SecondWrong(_)
             | InjectedFault::SentenceNoise(..)
             | InjectedFault::ClockStep(..) => continue,
-            InjectedFault::ConverterDead(at, length) | InjectedFault::ConverterMute(at, length) => {
-                (at, length)
-            }
+            InjectedFault::ConverterDead(at, length)
+            | InjectedFault::ConverterMute(at, length)
+            | InjectedFault::SupplyLow(at, length) => (at, length),
             InjectedFault::ConverterReset(at)
             | InjectedFault::ConverterUpset(at)
             | InjectedFault::CoreHeld(at, _)
@@ -169,6 +172,7 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         InjectedFault::CoreHeld(_, length) => {
             machine.hold(now + ticks(length)).map_err(anyhow::Error::msg)?
         }
+        InjectedFault::SupplyLow(..) => machine.board.set_supply_low(!due.ends),
         InjectedFault::HardFault(_) => machine.nvic.pend(HARD_FAULT),
         InjectedFault::Panic(_) => panic(machine)?,
         InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),

@@ -28,7 +28,12 @@ pub fn utc_us(faults: &[InjectedFault], at_s: f64) -> f64 {
 }
 
 /// Puts pulses and sentences of so many seconds on the board's pins.
-pub(super) fn fill(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault], board_clock_error: f64, most_s: f64) {
+pub(super) fn fill(
+    machine: &mut Machine<Stm32h743>,
+    faults: &[InjectedFault],
+    board_clock_error: f64,
+    most_s: f64,
+) {
     // The machine's time is the board's.
     let board = |s: f64| ticks(s * (1.0 + board_clock_error));
     let within = |at: f64, from: f64, length: f64| (from..from + length).contains(&at);
@@ -39,7 +44,8 @@ pub(super) fn fill(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault], b
         if !faults.iter().any(lost) {
             pulses.push((at, PULSE_S));
         }
-        let wrong = faults.iter().any(|f| matches!(*f, InjectedFault::SecondWrong(from) if within(from, at, 1.0)));
+        let wrong =
+            faults.iter().any(|f| matches!(*f, InjectedFault::SecondWrong(from) if within(from, at, 1.0)));
         let utc_s = START_UTC_S + second + stepped(faults, at) + i64::from(wrong);
         let mut sentence = rmc(utc_s);
         for fault in faults {

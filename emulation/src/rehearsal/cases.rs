@@ -153,6 +153,14 @@ fn failures() -> Vec<Case> {
             4.0,
             &[Wanted::Start(WATCHDOG)],
         ),
+        case(
+            "supply low for a second, not too low to work",
+            &[InjectedFault::SupplyLow(AT_S, 1.0)],
+            AT_S,
+            AT_S + 7.5,
+            &[fault(FaultCode::SupplyLow), Wanted::End, Wanted::Waits, Wanted::Start(SOFTWARE)],
+        ),
+        case("supply low for 10 ms", &[InjectedFault::SupplyLow(AT_S, 0.01)], AT_S, 1.5, &[]),
         case("reset pin", &[InjectedFault::PinReset(AT_S)], AT_S, 1.5, &[Wanted::Start(PIN)]),
         case("supply sags", &[InjectedFault::BrownOut(AT_S)], AT_S, 1.5, &[Wanted::Start(BROWN_OUT)]),
     ]
@@ -204,7 +212,8 @@ fn reach() -> Vec<Case> {
 
 /// The satellite receiver, well and unwell; both clocks 50 ppm off in opposite senses.
 fn receiver() -> Vec<Case> {
-    let clocks = Parameters { board_clock_error: 5e-5, converter_clock_error: -5e-5, ..Parameters::default() };
+    let clocks =
+        Parameters { board_clock_error: 5e-5, converter_clock_error: -5e-5, ..Parameters::default() };
     let with = |name: &str, faults: &[InjectedFault], event_s: f64, seconds: f64, wanted: &[Wanted]| {
         let case = case(&format!("receiver: {name}"), faults, event_s, seconds, wanted);
         Case { setup: Setup { parameters: clocks, receiver_s: seconds + 1.0, ..case.setup }, ..case }

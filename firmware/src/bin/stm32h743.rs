@@ -27,7 +27,8 @@ use seabearing_firmware::stm32h743::clock::Time;
 use seabearing_firmware::stm32h743::link::{Incoming, RING_BYTES, Serial, transmit};
 use seabearing_firmware::stm32h743::pulse::{self, Satellites, on_pulse};
 use seabearing_firmware::stm32h743::sampling::{Sampling, on_wake};
-use seabearing_firmware::stm32h743::{Board, WATCHDOG_US, clocks, wake};
+use seabearing_firmware::stm32h743::{Board, VoltageDetector, WATCHDOG_US, clocks, wake};
+use seabearing_firmware::supply::{Supplied, THRESHOLD_MV};
 
 /// The station, as `seabearing blob` wrote it when the image was built.
 static BLOB: &[u8] = include_bytes!(env!("SEABEARING_STATION_BLOB"));
@@ -112,13 +113,17 @@ fn main() -> ! {
         Ok((mut recorder, rate)) => {
             let claimed = ((p.SPI1, p.TIM1, p.TIM2), (p.PA4, p.PA5, p.PA6, p.PB5, p.PE9));
             let acquisition = Acquisition::new(Sampling::new(claimed, SAMPLES), rate, 0);
-            let mut samples = Timed::new(acquisition, satellites);
+            let mut samples = Supplied::new(Timed::new(acquisition, satellites), VoltageDetector::start());
             run(&mut recorder, &mut samples, &mut link, &mut time, &mut board, FRAMES);
-            None
+            let failed = samples.has_failed();
+            if failed {
+                board.wait_for_supply();
+            }
+            failed.then_some((FaultCode::SupplyLow, i64::from(THRESHOLD_MV)))
         }
         Err(reason) => Some(reason),
     };
-    // Stopped by command, or nothing to record: the link lives.
+    // Stopped by command or by low supply, or nothing to record: the link lives.
     wait(station, reason, &mut link, &mut time, &mut board);
     link.flush(&mut board);
     board.start_again()

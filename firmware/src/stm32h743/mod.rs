@@ -13,6 +13,7 @@ pub mod pulse;
 pub mod sampling;
 
 use crate::fault::{self, Record};
+use crate::supply::{Detector, Supply};
 use embassy_stm32::Config;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::IWDG1;
@@ -77,12 +78,40 @@ pub fn reset_cause() -> u8 {
 /// Work after which the starts before it count as right.
 const SETTLED_US: u64 = 60_000_000;
 
+/// The voltage detector of the processor's supply: 2.85 V falling, 0.1 V more rising (RM0433, 6.5.2).
+#[derive(Debug)]
+pub struct VoltageDetector(());
+
+impl VoltageDetector {
+    /// Switches it on.
+    pub fn start() -> Self {
+        const AT_2_85_V: u8 = 6;
+        pac::PWR.cr1().modify(|w| {
+            w.set_pls(AT_2_85_V);
+            w.set_pvde(true);
+        });
+        Self(())
+    }
+}
+
+impl Detector for VoltageDetector {
+    fn is_low(&mut self) -> bool {
+        pac::PWR.csr1().read().pvdo()
+    }
+
+    fn now_us(&mut self) -> u64 {
+        clock::now_us()
+    }
+}
+
 /// Watchdog, idling, and what was before this start.
 pub struct Board {
     watchdog: IndependentWatchdog<'static, IWDG1>,
     cause: u8,
     fault: Option<Record>,
     starts: u32,
+    /// Where the board waits for its supply.
+    supply: Option<Supply>,
 }
 
 impl Board {
@@ -93,12 +122,17 @@ impl Board {
         if matches!(cause, 0 | 3) {
             fault::forget_starts();
         }
-        Self { watchdog, cause, fault: fault::take(), starts: fault::count_start() }
+        Self { watchdog, cause, fault: fault::take(), starts: fault::count_start(), supply: None }
     }
 
     /// Starts in a row without a minute's work between.
     pub fn starts(&self) -> u32 {
         self.starts
+    }
+
+    /// From now on the board waits until its supply is good.
+    pub fn wait_for_supply(&mut self) {
+        self.supply = Some(Supply::default());
     }
 
     /// Begins a new session.
@@ -129,6 +163,10 @@ impl Supervisor for Board {
 
     fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
         self.fault.take().map(Record::told)
+    }
+
+    fn over(&mut self) -> bool {
+        self.supply.as_mut().is_some_and(|supply| supply.has_recovered(&mut VoltageDetector(())))
     }
 }
 
