@@ -102,7 +102,7 @@ fn unfinished(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Command lines whose input, in place of `IN`, is hostile.
-const INPUTS: [&str; 33] = [
+const INPUTS: [&str; 34] = [
     "simulate IN --out o",
     "process --station IN IN",
     "process --station array.toml IN",
@@ -131,6 +131,7 @@ const INPUTS: [&str; 33] = [
     "propagation --profile ocean-profile.csv --depth-m 4340 --ray-table IN --out o/t.toml",
     "propagation --ray-table IN --out o/t.toml",
     "config check IN",
+    "plan IN",
     "ais speeds IN --lat-deg 50 --lon-deg -1",
     "reproduce IN --out o",
     "process --station array.toml IN --plots o --truth IN",
@@ -161,7 +162,12 @@ fn hostile_input_is_refused_on_one_line_by_every_command() {
 }
 
 /// Command lines with good input and a value that no command can work with.
-const OPTIONS: [&str; 22] = [
+const OPTIONS: [&str; 27] = [
+    "plan line.toml",
+    "plan array.toml --duty 0",
+    "plan array.toml --battery-wh 100",
+    "plan array.toml --vessels-a-day nan",
+    "plan array.toml --at-once 9",
     "reproduce several-vessels --runs 0 --out o",
     "reproduce several-vessels --runs -1 --out o",
     "track bearings.csv --height-m inf",

@@ -16,7 +16,7 @@ const SAMPLE_AGE_S: f64 = 0.02;
 pub const HEALTH_EVERY_S: u16 = 60;
 
 /// Seconds of samples between two reports of the time by a clock that is heard all the time.
-const TIME_EVERY_S: u64 = 60;
+pub const TIME_EVERY_S: u64 = 60;
 
 /// An index that leaps brings a report no earlier than this part of the time between two.
 const EARLY: u64 = 8;

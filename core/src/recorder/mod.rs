@@ -16,7 +16,7 @@ mod shaft;
 
 #[cfg(feature = "array")]
 pub use array::ArrayRecorder;
-pub use health::{Condition, HEALTH_EVERY_S, Reporter};
+pub use health::{Condition, HEALTH_EVERY_S, Reporter, TIME_EVERY_S};
 #[cfg(feature = "obs")]
 pub use obs::{ObsRecorder, SetupError as ObsSetupError};
 

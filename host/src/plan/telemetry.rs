@@ -5,9 +5,10 @@ use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::intake::faults::A_MINUTE;
 use seabearing_core::obs::limits::{AZIMUTH_MODES, RANGE_MODES, VESSELS};
 use seabearing_core::obs::plan::STEP_S;
+use seabearing_core::recorder::TIME_EVERY_S;
 use seabearing_core::traffic;
 use seabearing_core::wire::{
-    Azimuth, Bearing, Encoder, FaultCode, FaultsHeld, Health, Message, Range, ShaftRate, Track,
+    Azimuth, Bearing, Encoder, FaultCode, FaultsHeld, Health, Message, Range, ShaftRate, Time, Track,
 };
 
 /// Bytes of a message's frame.
@@ -93,7 +94,9 @@ pub fn most_per_s(config: &StationConfig, vessels: u32, health_s: f64) -> f64 {
     let held = FaultsHeld { code: FaultCode::Gap, index, count: u32::MAX, value: i64::MAX };
     let faults = FaultCode::ALL.len() as f64 * (f64::from(A_MINUTE) + 1.0) * bytes(Message::FaultsHeld(held));
     let health = if health_s > 0.0 { bytes(health(config.rate_hz)) / health_s } else { 0.0 };
-    found + faults / 60.0 + health
+    // Of a recorder that hears a satellite receiver.
+    let time = bytes(time(index)) / TIME_EVERY_S as f64;
+    found + faults / 60.0 + health + time
 }
 
 fn bearing(index: u64) -> Message {
@@ -154,6 +157,11 @@ fn shaft_rate(index: u64) -> Message {
         sd_speed_m_s: x,
         track: u16::MAX,
     })
+}
+
+fn time(index: u64) -> Message {
+    let x = 0.0;
+    Message::Time(Time { index, utc_us: i64::MAX, sd_s: x, drift: x, sd_drift: x, correlation: x })
 }
 
 fn azimuth(index: u64) -> Message {
