@@ -45,7 +45,7 @@ pub(super) fn fill(
             pulses.push((at, PULSE_S));
         }
         let wrong =
-            faults.iter().any(|f| matches!(*f, InjectedFault::SecondWrong(from) if within(from, at, 1.0)));
+            faults.iter().any(|f| matches!(*f, InjectedFault::SecondWrong(from) if within(at, from, 1.0)));
         let utc_s = START_UTC_S + second + stepped(faults, at) + i64::from(wrong);
         let mut sentence = rmc(utc_s);
         for fault in faults {

@@ -142,7 +142,9 @@ impl Stage<'_> {
         let told = judge::told(&report.said, &case.wanted, case.event_s);
         let mut numbers = judge::numbers(&report, self.blob)?;
         if let Some(clock) = judge::clock(&report, &case.setup.faults, self.rate_hz) {
-            numbers.outcome = format!("{}; {}", numbers.outcome, clock.outcome);
+            let both = [numbers.outcome, clock.outcome];
+            numbers.outcome =
+                both.iter().filter(|words| !words.is_empty()).cloned().collect::<Vec<_>>().join("; ");
             numbers.right &= clock.right;
         }
         let named = told.iter().all(|(_, after_s)| after_s.is_some_and(|s| s <= NAMED_S));
