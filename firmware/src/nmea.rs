@@ -1,8 +1,8 @@
 //! The time in what a satellite receiver says: sentences RMC and ZDA of NMEA 0183.
 //!
 //! Only a sentence with a right checksum counts, of a receiver that says its position is good, and of a whole second: the
-//! pulse is what it names. Sixty seconds (a leap second) and impossible dates are none. The parsers there are (`nmea`,
-//! `nmea0183`) read some thirty sentences; here two fields of two are wanted, without allocation and without a panic.
+//! pulse is what it names. Sixty seconds (a leap second) and impossible dates are none. General parsers (`nmea`,
+//! `nmea0183`) read far more; here two fields of two sentences are wanted, without a path to a panic.
 
 use seabearing_core::heapless;
 

@@ -20,6 +20,8 @@ const SENTENCE_US: u64 = 950_000;
 const BRIDGED_US: u64 = 30_000_000;
 /// Standard deviation of a pair, s: the core sees an edge some tenths of a microsecond late, and so is the pulse itself.
 const PAIR_SD_S: f64 = 2e-6;
+/// Turns of the loop from one look at the receiver to the next: some milliseconds, and a look costs as much as a block's care.
+const LOOK_EVERY: u8 = 8;
 /// Bytes of sentences taken at a time: more than come between two looks, less than would keep samples waiting.
 const MOST_BYTES: usize = 64;
 
@@ -93,12 +95,13 @@ pub struct Timed<B, R> {
     acquisition: Acquisition<B>,
     reception: R,
     labels: Labels,
+    turn: u8,
 }
 
 impl<B: Board, R: Reception> Timed<B, R> {
     /// Nothing heard yet.
     pub fn new(acquisition: Acquisition<B>, reception: R) -> Self {
-        Self { acquisition, reception, labels: Labels::default() }
+        Self { acquisition, reception, labels: Labels::default(), turn: 0 }
     }
 }
 
@@ -112,6 +115,10 @@ impl<B: Board, R: Reception> SampleSource for Timed<B, R> {
     }
 
     fn pair(&mut self) -> Option<Pair> {
+        self.turn = self.turn.wrapping_add(1);
+        if !self.turn.is_multiple_of(LOOK_EVERY) {
+            return None;
+        }
         // Sentences heard so far belong to the pulse before.
         if let Some(pulse) = self.reception.pulse() {
             self.labels.pulse(pulse);

@@ -49,6 +49,9 @@ impl Supply {
     }
 }
 
+/// Turns of the loop from one look at the detector to the next: some milliseconds.
+const LOOK_EVERY: u8 = 8;
+
 /// A source that ends when the supply is low.
 #[derive(Debug)]
 pub struct Supplied<S, D> {
@@ -57,12 +60,13 @@ pub struct Supplied<S, D> {
     supply: Supply,
     failed: bool,
     told: bool,
+    turn: u8,
 }
 
 impl<S: SampleSource, D: Detector> Supplied<S, D> {
     /// The supply is good so far.
     pub fn new(source: S, detector: D) -> Self {
-        Self { source, detector, supply: Supply::default(), failed: false, told: false }
+        Self { source, detector, supply: Supply::default(), failed: false, told: false, turn: 0 }
     }
 
     /// Whether it ended by the supply.
@@ -73,7 +77,10 @@ impl<S: SampleSource, D: Detector> Supplied<S, D> {
 
 impl<S: SampleSource, D: Detector> SampleSource for Supplied<S, D> {
     fn read(&mut self, frames: &mut [Frame]) -> Chunk {
-        self.failed |= self.supply.has_failed(&mut self.detector);
+        self.turn = self.turn.wrapping_add(1);
+        if self.turn.is_multiple_of(LOOK_EVERY) {
+            self.failed |= self.supply.has_failed(&mut self.detector);
+        }
         if self.failed { Chunk::End } else { self.source.read(frames) }
     }
 
@@ -124,7 +131,8 @@ mod tests {
         let mut source = Supplied::new(Samples, Battery(&battery));
         let mut read = |low: bool, us: u64| {
             battery.set((low, us));
-            (source.read(&mut []), source.fault(), source.has_failed())
+            let read = (0..LOOK_EVERY).map(|_| source.read(&mut [])).last();
+            (read.unwrap(), source.fault(), source.has_failed())
         };
         // Low since power-on, and dips shorter than what counts.
         assert_eq!(read(true, 5_000), (Chunk::Idle, None, false));

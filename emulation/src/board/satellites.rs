@@ -8,7 +8,7 @@ use time::OffsetDateTime;
 /// UTC at power-on, seconds since 1970: 2026-09-21 14:13:20.
 const START_UTC_S: i64 = 1_790_000_000;
 /// The first pulse after power-on, s.
-const FIRST_S: f64 = 0.3;
+const FIRST_S: f64 = 0.1;
 /// Length of a pulse, and from its beginning to that of the sentence.
 const PULSE_S: f64 = 0.1;
 const SENTENCE_S: f64 = 0.15;
