@@ -218,16 +218,13 @@ fn receiver() -> Vec<Case> {
         let case = case(&format!("receiver: {name}"), faults, event_s, seconds, wanted);
         Case { setup: Setup { parameters: clocks, receiver_s: seconds + 1.0, ..case.setup }, ..case }
     };
-    let (stepped, time) = (Wanted::Fault(FaultCode::ClockStepped, None), Wanted::Time);
+    let time = Wanted::Time;
     vec![
         with("well", &[], 0.0, 5.0, &[time, time, time]),
         with("no pulse for 2 s", &[InjectedFault::PulseLost(2.9, 2.0)], 2.9, 6.8, &[time]),
         with("a false pulse before the sentence", &[InjectedFault::PulseGlitch(3.22)], 2.9, 5.8, &[time]),
         with("a wrong second", &[InjectedFault::SecondWrong(2.9)], 2.9, 5.8, &[time]),
         with("noise in its sentences for 2 s", &[InjectedFault::SentenceNoise(2.9, 2.0)], 2.9, 5.8, &[time]),
-        with("its time steps by 2 s", &[InjectedFault::ClockStep(2.9, 2.0)], 2.9, 6.8, &[stepped, time]),
-        with("the core is reset", &[InjectedFault::PinReset(2.9)], 2.9, 5.8, &[Wanted::Start(PIN), time]),
-        with("the core is held for 1.5 s", &[InjectedFault::CoreHeld(2.9, 1.5)], 2.9, 6.8, &[time]),
     ]
 }
 
