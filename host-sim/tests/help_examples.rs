@@ -18,7 +18,7 @@ enum Expected {
 use Expected::{Lacks, Runs, Waits};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 20] = [
+const EXAMPLES: [(&str, &[Expected]); 21] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs]),
     ("bearing", &[Runs]),
@@ -46,6 +46,7 @@ const EXAMPLES: [(&str, &[Expected]); 20] = [
     ("reproduce", &[Runs]),
     ("propagation", &[Lacks("rays.csv"), Runs]),
     ("propagation fit", &[Lacks("station.toml")]),
+    ("schema", &[Runs]),
     ("config", &[]),
     ("config check", &[Runs]),
     ("plan", &[Runs, Runs]),

@@ -22,6 +22,8 @@ pub mod propagation;
 pub mod propagation_fit;
 #[cfg(feature = "experiments")]
 pub mod reproduce;
+#[cfg(feature = "schema")]
+pub mod schema;
 pub mod shaft_rate;
 pub mod simulate;
 pub mod track;
@@ -106,6 +108,9 @@ pub enum Subcommand {
     Reproduce(reproduce::Args),
     /// The interference table of an ocean-bottom station
     Propagation(propagation::Args),
+    /// What the records hold, as JSON Schema
+    #[cfg(feature = "schema")]
+    Schema(schema::Args),
     /// Check a station file
     Config(config::Args),
     /// What a deployment costs and whether it fits: work, memory, line, card, battery
@@ -140,6 +145,8 @@ impl Subcommand {
             #[cfg(feature = "experiments")]
             Self::Reproduce(args) => reproduce::run(args),
             Self::Propagation(args) => propagation::run(args),
+            #[cfg(feature = "schema")]
+            Self::Schema(args) => schema::run(args),
             Self::Config(args) => config::run(args),
             Self::Plan(args) => plan::run(args),
             Self::Ais(args) => ais::run(args),

@@ -1,0 +1,82 @@
+//! The published schema says what the records hold: it is that of the types, and records of the command agree with it.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+const PUBLISHED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/records.schema.json");
+
+fn output(folder: &Path, args: &[&str]) -> String {
+    let out = Command::new(env!("CARGO_BIN_EXE_seabearing")).args(args).current_dir(folder).output().unwrap();
+    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8(out.stdout).unwrap()
+}
+
+/// Whether a value is of one of the types a property allows.
+fn is_of(value: &Value, property: &Value) -> bool {
+    let own = match value {
+        Value::Null => "null",
+        Value::Bool(_) => "boolean",
+        Value::Number(n) if n.is_f64() => "number",
+        Value::Number(_) => "integer",
+        Value::String(_) => "string",
+        Value::Array(_) => "array",
+        Value::Object(_) => "object",
+    };
+    let agrees = |t: &Value| t == own || (t == "number" && own == "integer");
+    match &property["type"] {
+        Value::Array(types) => types.iter().any(agrees),
+        Value::Null => &property["const"] == value,
+        one => agrees(one),
+    }
+}
+
+/// The record is of a kind of the schema, with all its fields, no other ones, and their types.
+fn agrees(record: &Value, schema: &Value) {
+    let kinds = schema["oneOf"].as_array().unwrap();
+    let kind = kinds.iter().find(|k| k["title"] == record["type"]);
+    let kind = kind.unwrap_or_else(|| panic!("no such kind: {record}"));
+    for (key, value) in record.as_object().unwrap() {
+        let property = &kind["properties"][key];
+        assert!(property["description"].is_string(), "{key} of {record} is not described");
+        assert!(is_of(value, property), "{key} of {record} is not {property}");
+    }
+    for key in kind["required"].as_array().unwrap() {
+        assert!(record.get(key.as_str().unwrap()).is_some(), "{key} is missing in {record}");
+    }
+}
+
+#[test]
+fn the_published_schema_is_that_of_the_types() {
+    let made = output(Path::new("."), &["schema"]);
+    let published = std::fs::read_to_string(PUBLISHED).unwrap_or_default();
+    assert!(
+        made == published,
+        "docs/records.schema.json is old: `seabearing schema > docs/records.schema.json`"
+    );
+    let schema: Value = serde_json::from_str(&made).unwrap();
+    for kind in schema["oneOf"].as_array().unwrap() {
+        assert!(kind["description"].is_string(), "{kind}");
+        for (key, property) in kind["properties"].as_object().unwrap() {
+            let sentence = property["description"].as_str().unwrap_or_default();
+            assert!(sentence.ends_with('.'), "{key} of {} is not described", kind["title"]);
+        }
+    }
+}
+
+#[test]
+fn what_process_and_base_print_agrees_with_it() {
+    let scenarios = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenarios");
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let schema: Value = serde_json::from_str(&std::fs::read_to_string(PUBLISHED).unwrap()).unwrap();
+    output(at, &["simulate", &format!("{scenarios}/short-pass.toml"), "--out", "pass"]);
+    let station = ["process", "--station", "pass/station.toml", "pass", "--telemetry", "pass.telemetry"];
+    let heard = output(at, &station);
+    let received = output(at, &["base", "--store", "store", "--json", "pass.telemetry"]);
+    for text in [heard, received] {
+        let records: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert!(records.iter().any(|r| r["type"] == "bearing"), "{text}");
+        records.iter().for_each(|record| agrees(record, &schema));
+    }
+}

@@ -1,0 +1,148 @@
+//! The published schema of the records (JSON Schema 2020-12), made of the types that write them.
+//!
+//! Out: one object with a description for each kind of record; a record is valid if it is one of them. Names are for ever,
+//! and kinds may get new fields. `docs/records.schema.json` holds it.
+
+use super::kinds;
+use schemars::generate::SchemaSettings;
+use schemars::{JsonSchema, SchemaGenerator};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+/// When a record's sample was.
+#[derive(Serialize, JsonSchema)]
+struct Moment {
+    /// Seconds since sample 0 of the session; null where the sample rate is unknown.
+    t_s: Option<f64>,
+}
+
+/// What a record has where it is known.
+#[derive(Serialize, JsonSchema)]
+struct WhereKnown {
+    /// UTC of `t_s` (of a base station's own record: when it was made), RFC 3339; null or absent where no clock is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    utc: Option<String>,
+    /// Standard deviation of `utc`, seconds; null or absent where none is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sd_utc_s: Option<f64>,
+    /// When the base station received it, RFC 3339; only in its records.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    received_utc: Option<String>,
+    /// Number of the recorder's station; only in a base station's records.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    station: Option<u16>,
+    /// Session of that recorder, counted by the base station.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    session: Option<u32>,
+    /// Sequence number of its frame, or its place in the log of a link; only in a base station's records.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sequence: Option<u32>,
+}
+
+/// Records that a recorder made and that never came.
+#[derive(Serialize, JsonSchema)]
+struct Lost {
+    /// How many.
+    frames: u32,
+    /// Of which class of importance, where a link tells it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    class: Option<String>,
+    /// Why, where a link tells it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cause: Option<String>,
+    /// Whether the recorder itself gave them up.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dropped_by_recorder: Option<bool>,
+}
+
+/// The state of a line has changed.
+#[derive(Serialize, JsonSchema)]
+struct Line {
+    /// `up`, `down` or `silent`.
+    state: String,
+    /// The line, as the base station was told of it.
+    line: String,
+    /// Who is at the other end, where that is known.
+    peer: Option<String>,
+    /// Why, where something failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cause: Option<String>,
+}
+
+/// Something is doubtful about a set-up.
+#[derive(Serialize, JsonSchema)]
+struct Warning {
+    /// What, by name.
+    code: String,
+    /// The same in words, with what to do.
+    text: String,
+}
+
+/// The reader of standard output was too slow; these are stored, and not shown.
+#[derive(Serialize, JsonSchema)]
+struct NotShown {
+    /// How many records.
+    records: u64,
+}
+
+/// The properties of an object's type, and which of them are always there.
+fn fields<T: JsonSchema>(generator: &mut SchemaGenerator) -> (Map<String, Value>, Vec<Value>, Value) {
+    let schema = T::json_schema(generator).to_value();
+    let properties = schema["properties"].as_object().cloned().unwrap_or_default();
+    let required = schema["required"].as_array().cloned().unwrap_or_default();
+    (properties, required, schema["description"].clone())
+}
+
+/// A kind of record; `timed`: whether it is about a sample.
+fn kind<T: JsonSchema>(generator: &mut SchemaGenerator, name: &str, timed: bool) -> Value {
+    let (own, own_required, description) = fields::<T>(generator);
+    let mut properties = Map::new();
+    properties.insert("type".into(), json!({ "const": name, "description": "The kind of record." }));
+    let mut required = vec![json!("type")];
+    if timed {
+        let (moment, always, _) = fields::<Moment>(generator);
+        properties.extend(moment);
+        required.extend(always);
+    }
+    let (known, ..) = fields::<WhereKnown>(generator);
+    properties.extend(known);
+    properties.extend(own);
+    required.extend(own_required);
+    json!({
+        "title": name, "description": description, "type": "object",
+        "properties": properties, "required": required,
+    })
+}
+
+/// The schema of everything that `process` and `base` print.
+pub fn schema() -> Value {
+    let mut settings = SchemaSettings::draft2020_12().for_serialize();
+    settings.inline_subschemas = true;
+    let g = &mut settings.into_generator();
+    let kinds = [
+        kind::<kinds::Hello>(g, "hello", false),
+        kind::<kinds::Bearing>(g, "bearing", true),
+        kind::<kinds::Track>(g, "track", true),
+        kind::<kinds::Health>(g, "health", true),
+        kind::<kinds::Azimuth>(g, "azimuth", true),
+        kind::<kinds::Range>(g, "range", true),
+        kind::<kinds::Segment>(g, "segment", true),
+        kind::<kinds::Fault>(g, "fault", true),
+        kind::<kinds::FaultsHeld>(g, "faults_held", true),
+        kind::<kinds::Reply>(g, "reply", false),
+        kind::<kinds::ShaftRate>(g, "shaft_rate", true),
+        kind::<kinds::Time>(g, "time", true),
+        kind::<kinds::End>(g, "end", true),
+        kind::<Lost>(g, "lost", false),
+        kind::<Line>(g, "line", false),
+        kind::<Warning>(g, "warning", false),
+        kind::<NotShown>(g, "not_shown", false),
+    ];
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Records of seabearing",
+        "description": "One JSON object a line, as `process` and `base` print them. Null means: not detected, not \
+            observable, or not known. Angles are degrees, lengths metres.",
+        "oneOf": kinds,
+    })
+}
