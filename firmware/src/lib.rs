@@ -1,7 +1,8 @@
 //! The recorder's firmware: boards under the core's main loop.
 //!
 //! * `mps2_an500`: the emulated board (QEMU); samples by semihosting, telemetry and commands on UART0.
-//! * `stm32h743`: the hardware board; samples from the converter over SPI. It builds and links; it has never run.
+//! * `stm32h743`: the hardware board; samples from the converter over SPI. It has run in an
+//!   emulator with its real drivers, not on silicon.
 //!
 //! Everything a board offers the loop implements a trait of [`seabearing_core::port`].
 #![no_std]

@@ -43,8 +43,6 @@ pub enum InjectedFault {
     SecondWrong(f64),
     /// Sentences are damaged from this second on, for so many seconds.
     SentenceNoise(f64, f64),
-    /// From this second on the receiver's time is so many seconds ahead.
-    ClockStep(f64, f64),
 }
 
 /// The line in the source that an injected panic names.
@@ -108,8 +106,7 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             | InjectedFault::PulseLost(..)
             | InjectedFault::PulseGlitch(_)
             | InjectedFault::SecondWrong(_)
-            | InjectedFault::SentenceNoise(..)
-            | InjectedFault::ClockStep(..) => continue,
+            | InjectedFault::SentenceNoise(..) => continue,
             InjectedFault::ConverterDead(at, length)
             | InjectedFault::ConverterMute(at, length)
             | InjectedFault::SupplyLow(at, length) => (at, length),
@@ -183,8 +180,7 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         | InjectedFault::PulseLost(..)
         | InjectedFault::PulseGlitch(_)
         | InjectedFault::SecondWrong(_)
-        | InjectedFault::SentenceNoise(..)
-        | InjectedFault::ClockStep(..) => {}
+        | InjectedFault::SentenceNoise(..) => {}
     }
     Ok(())
 }

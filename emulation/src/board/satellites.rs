@@ -13,18 +13,9 @@ const FIRST_S: f64 = 0.1;
 const PULSE_S: f64 = 0.1;
 const SENTENCE_S: f64 = 0.15;
 
-/// Seconds by which the receiver's time is ahead of the truth at this second of the run.
-fn stepped(faults: &[InjectedFault], at_s: f64) -> i64 {
-    let steps = faults.iter().filter_map(|fault| match *fault {
-        InjectedFault::ClockStep(from, seconds) if at_s >= from => Some(seconds as i64),
-        _ => None,
-    });
-    steps.sum()
-}
-
 /// What the receiver would say of a second of the run, µs since 1970.
-pub fn utc_us(faults: &[InjectedFault], at_s: f64) -> f64 {
-    (START_UTC_S + stepped(faults, at_s)) as f64 * 1e6 + (at_s - FIRST_S) * 1e6
+pub fn utc_us(at_s: f64) -> f64 {
+    START_UTC_S as f64 * 1e6 + (at_s - FIRST_S) * 1e6
 }
 
 /// Puts pulses and sentences of so many seconds on the board's pins.
@@ -46,7 +37,7 @@ pub(super) fn fill(
         }
         let wrong =
             faults.iter().any(|f| matches!(*f, InjectedFault::SecondWrong(from) if within(at, from, 1.0)));
-        let utc_s = START_UTC_S + second + stepped(faults, at) + i64::from(wrong);
+        let utc_s = START_UTC_S + second + i64::from(wrong);
         let mut sentence = rmc(utc_s);
         for fault in faults {
             if let InjectedFault::SentenceNoise(from, length) = *fault
@@ -55,7 +46,7 @@ pub(super) fn fill(
                 // One bit in some forty is wrong.
                 for (n, byte) in sentence.iter_mut().enumerate() {
                     let mixed = super::mix(second as u64 * 1000 + n as u64);
-                    *byte ^= u8::from(mixed.is_multiple_of(5)) << (mixed >> 32) % 8;
+                    *byte ^= u8::from(mixed.is_multiple_of(5)) << ((mixed >> 32) % 8);
                 }
             }
         }

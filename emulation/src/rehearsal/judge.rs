@@ -241,7 +241,7 @@ fn is_of_samples(message: &Message, counters: bool) -> bool {
 
 /// Every time told, and what follows from it for the samples up to the next, against the truth: `None` where none was told.
 /// A told time is right if it is within three of its standard deviations.
-pub fn clock(run: &BoardRun, faults: &[InjectedFault], rate_hz: f64) -> Option<Numbers> {
+pub fn clock(run: &BoardRun, rate_hz: f64) -> Option<Numbers> {
     const MOST_SD: f64 = 3.0;
     let (mut told, mut worst_sd, mut worst_s) = (0, 0f64, 0f64);
     for session in sessions(run) {
@@ -251,7 +251,7 @@ pub fn clock(run: &BoardRun, faults: &[InjectedFault], rate_hz: f64) -> Option<N
         let mut look = |times: &Times, index: u64| {
             let at_s = run.moments_s.get((base + index) as usize).copied().filter(|s| s.is_finite());
             if let (Some(at_s), Some((utc_us, sd_s))) = (at_s, times.utc(index, rate_hz)) {
-                let off_s = (utc_us as f64 - utc_us_of(faults, at_s)).abs() * 1e-6;
+                let off_s = (utc_us as f64 - utc_us_of(at_s)).abs() * 1e-6;
                 worst_sd = worst_sd.max(off_s / sd_s);
                 worst_s = worst_s.max(off_s);
             }

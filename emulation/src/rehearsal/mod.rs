@@ -141,7 +141,7 @@ impl Stage<'_> {
             .with_context(|| case.name.clone())?;
         let told = judge::told(&report.said, &case.wanted, case.event_s);
         let mut numbers = judge::numbers(&report, self.blob)?;
-        if let Some(clock) = judge::clock(&report, &case.setup.faults, self.rate_hz) {
+        if let Some(clock) = judge::clock(&report, self.rate_hz) {
             let both = [numbers.outcome, clock.outcome];
             numbers.outcome =
                 both.iter().filter(|words| !words.is_empty()).cloned().collect::<Vec<_>>().join("; ");
