@@ -1,6 +1,6 @@
 //! What came of a rehearsed case: what was told and how soon, and whether the records are those of the samples.
 
-use crate::board::{BoardRun, InjectedFault, Said, host, utc_us as utc_us_of};
+use crate::board::{BoardRun, Said, host, utc_us as utc_us_of};
 use anyhow::{Result, bail};
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::utc::Times;
