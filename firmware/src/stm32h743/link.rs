@@ -40,7 +40,7 @@ impl Incoming {
     }
 
     /// The next byte, if there is one.
-    pub fn next(&mut self) -> Option<u8> {
+    pub fn byte(&mut self) -> Option<u8> {
         if self.from == self.to {
             // An overrun or a line error empties the ring; what it held fails its checksum.
             self.to = arrived(&mut self.inbox, &mut self.waiting);
@@ -91,7 +91,7 @@ impl Link for Serial {
     }
 
     fn receive(&mut self) -> Option<u8> {
-        self.incoming.next()
+        self.incoming.byte()
     }
 }
 

@@ -83,7 +83,7 @@ impl Reception for Satellites {
     }
 
     fn byte(&mut self) -> Option<u8> {
-        self.sentences.next()
+        self.sentences.byte()
     }
 
     fn now_us(&mut self) -> u64 {
