@@ -15,6 +15,7 @@
 mod assign;
 mod candidate;
 mod duty;
+mod heard;
 mod manoeuvre;
 
 use crate::config::StationConfig;
@@ -25,6 +26,7 @@ use crate::wire::{Bearing, Message};
 use assign::{Rules, Verdict};
 use candidate::Candidate;
 use duty::Duty;
+use heard::Heard;
 use manoeuvre::Manoeuvre;
 
 type Passage = passage::Passage<RECORDED>;
@@ -35,20 +37,6 @@ pub const VESSELS: usize = 8;
 const CANDIDATES: usize = 6;
 /// Bearings of one index that are used (whole band and sub-bands).
 const GROUP: usize = 8;
-
-/// Elevations used, radians (−30 to 80°). Low ones are not cut off: where noise decides which of them are kept, their mean
-/// is too high. Further up the array's own tilt decides.
-const ELEVATIONS_RAD: (f32, f32) = (-0.52, 1.4);
-/// Standard deviation of an elevation beyond what is reported, radians (1°): multipath that changes as the vessel moves.
-const ELEVATION_SD_RAD: f32 = 0.017_453;
-
-/// An elevation farther from another than this and three deviations of both is another path's, radians (3°).
-const OTHER_PATH_RAD: f32 = 0.052;
-/// Seconds for which a bearing of the whole band says where its vessel is heard.
-const RECENT_S: f64 = 3.0;
-
-/// Least share of a bearing's variance that is its own noise.
-const LEAST_OWN: f64 = 0.01;
 
 /// What the tracker assumes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,50 +89,6 @@ impl Config {
 
     fn index(&self, t_s: f64) -> u64 {
         m::round(t_s * self.rate_hz) as u64
-    }
-}
-
-/// A bearing without what association does not need.
-#[derive(Clone, Copy, Debug)]
-struct Heard {
-    azimuth: f64,
-    variance: f64,
-    /// Elevation and its variance, radians and rad²; infinite where there is none.
-    elevation: (f32, f32),
-}
-
-impl Heard {
-    const NO_ELEVATION: (f32, f32) = (0.0, f32::INFINITY);
-
-    /// An azimuth alone.
-    const fn azimuth(azimuth: f64, variance: f64) -> Self {
-        Self { azimuth, variance, elevation: Self::NO_ELEVATION }
-    }
-
-    /// A bearing; its elevation where the vessel's height above the array is known and it can tell range.
-    fn of(config: &Config, bearing: &Bearing) -> Self {
-        let azimuth = f64::from(bearing.azimuth);
-        // What lasts is the track's, not the noise's of each bearing.
-        let lasting = config.motion.lasting_sd_rad * config.motion.lasting_sd_rad;
-        let variance = f64::from(bearing.var_azimuth) - lasting;
-        let variance = variance.max(LEAST_OWN * f64::from(bearing.var_azimuth));
-        let (least, most) = ELEVATIONS_RAD;
-        let usable = config.motion.medium.height_m > 0.0
-            && (least..=most).contains(&bearing.elevation)
-            && bearing.var_elevation >= 0.0
-            && bearing.var_elevation.is_finite();
-        if !usable {
-            return Self::azimuth(azimuth, variance);
-        }
-        let own = bearing.var_elevation + ELEVATION_SD_RAD * ELEVATION_SD_RAD;
-        Self { azimuth, variance, elevation: (bearing.elevation, own) }
-    }
-
-    /// As a passage takes it.
-    fn measured(&self, t_s: f64) -> Measurement {
-        let (elevation, variance) = (f64::from(self.elevation.0), f64::from(self.elevation.1));
-        let elevation = variance.is_finite().then_some((elevation, variance));
-        Measurement { elevation, ..Measurement::azimuth(t_s, self.azimuth, self.variance) }
     }
 }
 
@@ -282,7 +226,7 @@ pub fn bearing(config: &Config, state: &mut State, bearing: &Bearing, sink: &mut
         state.index = bearing.index;
     }
     let heard = Heard::of(config, bearing);
-    if is_echo(config, state, bearing, &heard) {
+    if heard.is_echo(config, bearing, state.loudest.as_ref()) {
         return;
     }
     if bearing.band == 0 {
@@ -292,23 +236,6 @@ pub fn bearing(config: &Config, state: &mut State, bearing: &Bearing, sink: &mut
         *slot = heard;
         state.gathered += 1;
     }
-}
-
-/// Whether a bearing is of a vessel's sound by way of the bottom or the surface: from below the horizon, where no vessel is
-/// when the array lies deep; or from the azimuth of the loudest source and another elevation.
-fn is_echo(config: &Config, state: &State, bearing: &Bearing, heard: &Heard) -> bool {
-    if config.motion.medium.height_m <= 0.0 {
-        return false;
-    }
-    let three_sd = |variance: f32| 3.0 * crate::math::f32::sqrt(variance.max(0.0));
-    if bearing.elevation < -three_sd(bearing.var_elevation) - OTHER_PATH_RAD {
-        return true;
-    }
-    let Some((at_s, loudest)) = state.loudest.as_ref().filter(|_| bearing.band != 0) else { return false };
-    let recent = m::abs(config.seconds(bearing.index) - at_s) < RECENT_S;
-    let same = m::abs(crate::angle::wrap_pi(heard.azimuth - loudest.azimuth)) < config.merge_rad;
-    let apart = three_sd(heard.elevation.1 + loudest.elevation.1) + OTHER_PATH_RAD;
-    recent && same && (heard.elevation.0 - loudest.elevation.0).abs() > apart
 }
 
 /// The recording has reached sample `index`: what was gathered is judged, passages that have fallen silent are ended, and
