@@ -100,9 +100,6 @@ impl<L: Link> Outlet for Plain<'_, L> {
     }
 }
 
-/// Records that wait so that there is room for as many again in a store of some kilobytes.
-const CROWD: u32 = 48;
-
 /// Messages as records of a link; commands as the peer's records, or as an old base station's frames.
 pub struct Reliable<'a, L, S> {
     line: &'a mut L,
@@ -187,7 +184,7 @@ impl<L: Link, S: Store> Outlet for Reliable<'_, L, S> {
     }
 
     fn crowded(&self) -> bool {
-        self.link.waiting() > CROWD
+        self.link.waiting() > self.link.store().half()
     }
 
     fn waiting(&self) -> bool {

@@ -16,20 +16,16 @@ use seabearing_core::{
     outlet::Reliable,
     run::run_over,
     wire::guard::{Guard, Recipient},
-    wire::link::{Link, MemoryStore, Settings},
+    wire::link::{ByteStore, Link, Retained, Settings},
 };
 use seabearing_firmware::mps2_an500::{
     Board, blob, clock::BoardClock, host, input::Input, stack_use, uart::Uart,
 };
 
-/// Bytes of the link's store: with them the link takes 8 KiB.
-#[cfg(feature = "link")]
-const STORE_BYTES: usize = 6400;
-
 #[entry]
 fn main() -> ! {
     #[cfg(feature = "link")]
-    static mut LINK: Option<Link<MemoryStore<STORE_BYTES>>> = None;
+    static mut LINK: Option<Link<ByteStore<Retained<'static>>>> = None;
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
 
@@ -49,9 +45,9 @@ fn main() -> ! {
     let summary = run(&mut recorder, &mut samples, &mut uart, &mut clock, &mut board, FRAMES);
     #[cfg(feature = "link")]
     let summary = {
-        let Some(boot) = host::count_boot() else { host::fail(c"cannot count the boot in boots.bin\n") };
+        let (store, boot) = ByteStore::open(seabearing_firmware::mps2_an500::retained());
         let settings = Settings::serial(Uart::BAUD);
-        let link = LINK.insert(Link::new(settings, config.id, boot, config.hash(), MemoryStore::new()));
+        let link = LINK.insert(Link::new(settings, config.id, boot, config.hash(), store));
         let recipient = Recipient { station: config.id, boot };
         let guard = host::key().map_or(Guard::open(), |key| Guard::keyed(key, recipient));
         let mut outlet = Reliable::new(&mut uart, link, guard);

@@ -20,7 +20,7 @@ use seabearing_core::sbraw::{ReadBytes, Reader};
 use seabearing_core::utc::Pair;
 use seabearing_core::wire::FaultCode;
 use seabearing_core::wire::guard::{Guard, Recipient};
-use seabearing_core::wire::link::{Link as Reliably, MemoryStore, Settings};
+use seabearing_core::wire::link::{ByteStore, Link as Reliably, Retained, Settings};
 use seabearing_firmware::receiver::{Labels, Pulse};
 
 /// A device register: whatever is read there, the optimiser cannot know.
@@ -114,7 +114,8 @@ impl Supervisor for Device {
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
-    static mut LINK: Option<Reliably<MemoryStore<6400>>> = None;
+    static mut LINK: Option<Reliably<ByteStore<Retained<'static>>>> = None;
+    static mut RECORDS: [u8; 6400] = [0; 6400];
 
     let mut line = Device;
     // SAFETY: this image is never run.
@@ -136,9 +137,10 @@ fn main() -> ! {
                 keepalive_s: Device.word() as u16,
                 bytes_an_hour: (Device.word() != 0).then(|| Device.word()),
             };
-            let store = MemoryStore::<6400>::new();
-            let link = LINK.insert(Reliably::new(settings, config.id, Device.word(), config.hash(), store));
-            let recipient = Recipient { station: config.id, boot: Device.word() };
+            RECORDS.fill_with(|| Device.word() as u8);
+            let (store, boot) = ByteStore::open(RECORDS);
+            let link = LINK.insert(Reliably::new(settings, config.id, boot, config.hash(), store));
+            let recipient = Recipient { station: config.id, boot };
             let guard = Guard::keyed([Device.word() as u8; 32], recipient);
             let mut outlet = Reliable::new(&mut line, link, guard);
             run_over(&mut recorder, &mut samples, &mut outlet, &mut Device, &mut Device, FRAMES);

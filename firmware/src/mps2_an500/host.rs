@@ -60,16 +60,6 @@ pub fn command_line() -> [u8; 32] {
     line
 }
 
-/// Counts this start in `boots.bin`, where a board would use a word that survives; the count.
-pub fn count_boot() -> Option<u32> {
-    let mut word = [0u8; 4];
-    if let Some(mut file) = File::read_from(c"boots.bin") {
-        file.read(&mut word);
-    }
-    let boot = u32::from_le_bytes(word).wrapping_add(1);
-    File::write_to(c"boots.bin")?.write(&boot.to_le_bytes()).then_some(boot)
-}
-
 /// The key of signed commands, of the file `key.bin`, where there is one.
 pub fn key() -> Option<[u8; 32]> {
     let mut key = [0u8; 32];

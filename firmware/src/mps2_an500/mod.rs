@@ -26,6 +26,15 @@ pub fn blob() -> &'static [u8] {
     unsafe { core::slice::from_raw_parts(BLOB.0, BLOB.1) }
 }
 
+/// Memory of the board that start-up leaves alone, and that the emulator may keep in a file: what stands in it survives even a
+/// loss of power. Taken once, by `main`.
+#[cfg(feature = "link")]
+pub fn retained() -> &'static mut [u8] {
+    const RETAINED: (*mut u8, usize) = (0x6080_0000 as *mut u8, 1 << 15);
+    // SAFETY: PSRAM far behind the blob, plain memory that nothing else names.
+    unsafe { core::slice::from_raw_parts_mut(RETAINED.0, RETAINED.1) }
+}
+
 /// Bytes of stack there are, and the most that was used: start-up code paints the stack, use wipes the paint off.
 pub fn stack_use() -> (u32, u32) {
     const PAINT: u32 = 0xcccc_cccc;
