@@ -5,7 +5,7 @@
 //! blob is loaded into the emulated board's memory before the start. Nothing is lost at the end: the firmware waits
 //! for its transmitter, and the socket is read until QEMU closes it.
 
-use crate::interrupt::{self, Guard};
+use crate::beside::{Beside, Folder};
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_board_model::time::NEVER;
 use seabearing_board_model::{Ending, Image, mps2_an500};
@@ -13,9 +13,8 @@ use seabearing_core::wire::{Decoder, FaultCode, Message, Received};
 use std::io::{BufReader, BufWriter, ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::ScopedJoinHandle;
 use std::time::{Duration, Instant};
 
@@ -113,6 +112,22 @@ impl FirmwareSummary {
     }
 }
 
+/// The FIFO of the samples, in the board's folder.
+pub const SAMPLES: &str = "samples.sbraw";
+/// The file of the memory that survives a loss of power, in the board's folder.
+pub const RETAINED: &str = "psram.bin";
+
+/// The emulated board at work; its power goes when it is dropped.
+#[derive(Debug)]
+pub struct Board {
+    /// The emulator.
+    pub qemu: Beside,
+    /// Telemetry and commands.
+    pub telemetry: UnixStream,
+    /// The sample line, where samples come over one.
+    pub samples: Option<UnixStream>,
+}
+
 /// The emulated board's image, that of the checkout unless another is given.
 ///
 /// # Errors
@@ -134,50 +149,6 @@ pub fn image(path: Option<PathBuf>, name: &str, build: &str) -> Result<PathBuf> 
     }
 }
 
-/// Stops QEMU however the run ends, an interruption of this program included.
-struct Running {
-    child: Arc<Mutex<Child>>,
-    _listed: Guard,
-}
-
-impl Running {
-    fn new(child: Child, folder: &Path) -> Result<Self> {
-        let child = Arc::new(Mutex::new(child));
-        let (other, folder) = (Arc::clone(&child), folder.to_owned());
-        let undo = move || {
-            let _ = locked(&other).kill();
-            let _ = std::fs::remove_dir_all(&folder);
-        };
-        let (child, _listed) = interrupt::listing(|| Ok::<_, anyhow::Error>((child, Box::new(undo) as _)))?;
-        Ok(Self { child, _listed })
-    }
-
-    fn kill(&self) {
-        let _ = locked(&self.child).kill();
-    }
-
-    /// Waits for the end without keeping others from killing it.
-    fn wait(&self) -> std::io::Result<ExitStatus> {
-        loop {
-            if let Some(status) = locked(&self.child).try_wait()? {
-                return Ok(status);
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        self.kill();
-        let _ = locked(&self.child).wait();
-    }
-}
-
-fn locked(child: &Mutex<Child>) -> MutexGuard<'_, Child> {
-    child.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Emulator {
     /// Runs the firmware to its end. `feed` writes the `.sbraw` stream or the bytes of the sample line; `heard` gets
     /// telemetry as it comes and may write commands back.
@@ -193,28 +164,10 @@ impl Emulator {
         if self.engine == Engine::Model {
             return self.run_model(blob, feed, heard);
         }
-        let folder =
-            tempfile::Builder::new().prefix("seabearing-").tempdir().context("a temporary folder")?;
-        let fifo = folder.path().join("samples.sbraw");
-        let lines: &[&str] = match self.samples {
-            SamplePath::File => {
-                make_fifo(&fifo)?;
-                &["uart0"]
-            }
-            SamplePath::Uart => &["uart0", "uart1"],
-        };
-        std::fs::write(folder.path().join("station.sbcf"), blob)?;
-        let bind = |line: &&str| UnixListener::bind(folder.path().join(line));
-        let listeners = lines.iter().map(bind).collect::<Result<Vec<_>, _>>()?;
-        let qemu = Running::new(self.start(folder.path(), lines)?, folder.path())?;
-        let mut sockets = Vec::new();
-        for listener in &listeners {
-            sockets.push(accept(listener, &qemu, folder.path())?);
-        }
-        let mut sockets = sockets.into_iter();
-        let (Some(mut uart), sample_line) = (sockets.next(), sockets.next()) else {
-            bail!("QEMU connected no serial port");
-        };
+        let folder = Folder::new()?;
+        let fifo = folder.path().join(SAMPLES);
+        let Board { qemu, telemetry: mut uart, samples: sample_line } =
+            self.power_on(folder.path(), blob, false)?;
         uart.set_read_timeout(Some(Duration::from_millis(500)))?;
         // QEMU forgets what it has not read of a line that is closed: this end stays open until it has ended.
         let _open = sample_line.as_ref().map(UnixStream::try_clone).transpose()?;
@@ -296,9 +249,46 @@ impl Emulator {
         FirmwareSummary::of_run(ending == Ending::Exit(0), console.trim(), &summary)
     }
 
-    fn start(&self, folder: &Path, lines: &[&str]) -> Result<Child> {
+    /// Starts the board in a folder, which gets the FIFO [`SAMPLES`] where samples go that way. `retained`: its PSRAM is the
+    /// file [`RETAINED`] there, which survives a loss of power.
+    ///
+    /// # Errors
+    /// QEMU is missing, or does not start.
+    pub fn power_on(&self, folder: &Path, blob: &[u8], retained: bool) -> Result<Board> {
+        let fifo = folder.join(SAMPLES);
+        let lines: &[&str] = match self.samples {
+            SamplePath::File => {
+                // What was not read before the power went is not read now.
+                let _ = std::fs::remove_file(&fifo);
+                make_fifo(&fifo)?;
+                &["uart0"]
+            }
+            SamplePath::Uart => &["uart0", "uart1"],
+        };
+        std::fs::write(folder.join("station.sbcf"), blob)?;
+        let bind = |line: &&str| {
+            let _ = std::fs::remove_file(folder.join(line));
+            UnixListener::bind(folder.join(line))
+        };
+        let listeners = lines.iter().map(bind).collect::<Result<Vec<_>, _>>()?;
+        let qemu = self.start(folder, lines, retained)?;
+        let mut sockets = Vec::new();
+        for listener in &listeners {
+            sockets.push(accept(listener, &qemu, folder)?);
+        }
+        let mut sockets = sockets.into_iter();
+        let telemetry = sockets.next().context("QEMU connected no serial port")?;
+        Ok(Board { qemu, telemetry, samples: sockets.next() })
+    }
+
+    fn start(&self, folder: &Path, lines: &[&str], retained: bool) -> Result<Beside> {
         let mut command = Command::new("qemu-system-arm");
-        command.args(["-M", "mps2-an500", "-display", "none", "-monitor", "none", "-parallel", "none"]);
+        let machine = if retained { "mps2-an500,memory-backend=psram" } else { "mps2-an500" };
+        command.args(["-M", machine, "-display", "none", "-monitor", "none", "-parallel", "none"]);
+        if retained {
+            let file = format!("memory-backend-file,id=psram,size=16M,share=on,mem-path={RETAINED}");
+            command.args(["-object", &file]);
+        }
         let arguments = match self.samples {
             SamplePath::File => "",
             SamplePath::Uart => ",arg=samples=uart",
@@ -315,7 +305,7 @@ impl Emulator {
         let console = std::fs::File::create(folder.join("console"))?;
         command.current_dir(folder).stdin(Stdio::null());
         command.stdout(console.try_clone()?).stderr(console);
-        command.spawn().map_err(|e| match e.kind() {
+        Beside::start(&mut command).map_err(|e| match e.kind() {
             ErrorKind::NotFound => {
                 anyhow::anyhow!("no qemu-system-arm on the search path: run `cargo xtask setup`")
             }
@@ -350,7 +340,7 @@ impl<W: Write> Write for Counted<'_, W> {
 }
 
 /// Waits for QEMU to connect its serial port.
-fn accept(listener: &UnixListener, qemu: &Running, folder: &Path) -> Result<UnixStream> {
+fn accept(listener: &UnixListener, qemu: &Beside, folder: &Path) -> Result<UnixStream> {
     listener.set_nonblocking(true)?;
     let begun = Instant::now();
     loop {
@@ -362,7 +352,7 @@ fn accept(listener: &UnixListener, qemu: &Running, folder: &Path) -> Result<Unix
             Err(e) if e.kind() == ErrorKind::WouldBlock => {}
             Err(e) => return Err(e).context("waiting for QEMU's serial port"),
         }
-        if let Some(status) = locked(&qemu.child).try_wait()? {
+        if let Some(status) = qemu.ended()? {
             bail!("QEMU did not start: {}", console(folder, &status));
         }
         if begun.elapsed() > PATIENCE {

@@ -3,11 +3,12 @@
 use anyhow::{Context, Result, bail};
 use seabearing_core::wire::link::{Arrival, Class, Inbox, Link, MemoryStore, Progress, Session, Settings};
 use seabearing_core::wire::{Hello, Message, SCHEMA_HASH, WIRE_VERSION, bytes_of};
+use seabearing_host::beside::Beside;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Instant;
 
 /// Bytes of a recorder's store.
@@ -27,9 +28,9 @@ pub fn hello(station: u16, rate_hz: f32) -> Message {
     })
 }
 
-/// A base station that listens; killed when it is dropped.
+/// A base station that listens; ended when it is dropped.
 pub struct Process {
-    child: Child,
+    child: Beside,
     address: String,
 }
 
@@ -39,8 +40,8 @@ impl Process {
         let mut command = Command::new(std::env::current_exe().context("the command's own file")?);
         command.args(["base", "--json", "--listen", "127.0.0.1:0", "--store"]).arg(store);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let mut child = command.spawn().context("cannot start a base station")?;
-        let mut lines = BufReader::new(child.stderr.take().context("its standard error")?).lines();
+        let child = Beside::start(&mut command).context("cannot start a base station")?;
+        let mut lines = BufReader::new(child.stderr().context("its standard error")?).lines();
         let mut said = String::new();
         let address = loop {
             match lines.next() {
@@ -48,10 +49,7 @@ impl Process {
                     Some((_, address)) => break address.to_owned(),
                     None => said = line,
                 },
-                _ => {
-                    let _ = child.wait();
-                    bail!("the base station does not listen: {said}");
-                }
+                _ => bail!("the base station does not listen: {said}"),
             }
         };
         // What else it says is taken, so that it never waits for it.
@@ -65,17 +63,8 @@ impl Process {
     }
 
     /// Kills it outright.
-    pub fn kill(mut self) -> Result<()> {
-        self.child.kill()?;
-        self.child.wait()?;
-        Ok(())
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+    pub fn kill(self) {
+        self.child.kill();
     }
 }
 

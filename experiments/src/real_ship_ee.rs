@@ -187,7 +187,7 @@ pub fn score(judged: &[Judged]) -> BearingScore {
 
 /// The sets of the data, converted in a folder that goes again.
 fn judged(data: &Path) -> Result<Vec<Judged>> {
-    let folder = tempfile::tempdir()?;
+    let folder = seabearing_host::beside::Folder::new()?;
     ShipRecording::convert(data, folder.path())?.judge()
 }
 

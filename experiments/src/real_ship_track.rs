@@ -59,7 +59,7 @@ fn run(options: &Options) -> Result<()> {
         names.into_iter().for_each(|name| options.figures.state(name, None));
         return Ok(());
     };
-    let folder = tempfile::tempdir()?;
+    let folder = seabearing_host::beside::Folder::new()?;
     let recording = ShipRecording::convert(&data, folder.path())?;
     let judged = recording.judge()?;
     let height_m = recording.station.config.depth_m;

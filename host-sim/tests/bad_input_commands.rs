@@ -310,7 +310,7 @@ fn an_interrupted_command_leaves_nothing_unfinished_and_a_killed_one_is_cleared_
     let mut said = String::new();
     child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
     assert!(!child.wait().unwrap().success());
-    assert_eq!(said, "seabearing: interrupted; unfinished files are removed\n");
+    assert_eq!(said, "seabearing: interrupted; what was unfinished is removed\n");
     assert!(std::fs::read_dir(&out).unwrap().next().is_none(), "nothing is left");
 
     let mut child = begin();

@@ -48,31 +48,36 @@ fn absent_data_are_a_line_and_figures_without_a_value() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn an_interruption_ends_the_experiments_it_began() {
-    let dir = tempfile::tempdir().unwrap();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_seabearing"));
-    command.args(["reproduce", "all", "--runs", "1"]).current_dir(dir.path());
-    let mut all = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    let path = format!("/proc/{0}/task", all.id());
-    // Children of any of its threads.
-    let children = || -> Vec<String> {
-        let threads = std::fs::read_dir(&path).into_iter().flatten().flatten();
-        let lists = threads.filter_map(|t| std::fs::read_to_string(t.path().join("children")).ok());
-        lists.flat_map(|l| l.split_whitespace().map(str::to_owned).collect::<Vec<_>>()).collect()
-    };
-    let begun = std::time::Instant::now();
-    let wait = |done: &dyn Fn() -> bool| {
-        while !done() {
-            assert!(begun.elapsed().as_secs() < 60, "nothing happened for a minute");
-            std::thread::sleep(std::time::Duration::from_millis(10));
-        }
-    };
-    wait(&|| !children().is_empty());
-    let experiments = children();
-    assert!(Command::new("kill").args(["-s", "TERM", &all.id().to_string()]).status().unwrap().success());
-    all.wait().unwrap();
-    // A process that has ended has no command line, even while nobody has asked for its status.
-    wait(&|| {
-        experiments.iter().all(|p| std::fs::read(format!("/proc/{p}/cmdline")).unwrap_or_default().is_empty())
-    });
+fn an_interruption_ends_the_programs_it_began_and_leaves_no_folder() {
+    for name in ["all", "base-load"] {
+        let dir = tempfile::tempdir().unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_seabearing"));
+        command.args(["reproduce", name, "--runs", "1"]).current_dir(dir.path()).env("TMPDIR", dir.path());
+        let mut run =
+            command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        let path = format!("/proc/{0}/task", run.id());
+        // Children of any of its threads.
+        let children = || -> Vec<String> {
+            let threads = std::fs::read_dir(&path).into_iter().flatten().flatten();
+            let lists = threads.filter_map(|t| std::fs::read_to_string(t.path().join("children")).ok());
+            lists.flat_map(|l| l.split_whitespace().map(str::to_owned).collect::<Vec<_>>()).collect()
+        };
+        let begun = std::time::Instant::now();
+        let wait = |done: &dyn Fn() -> bool| {
+            while !done() {
+                assert!(begun.elapsed().as_secs() < 60, "{name}: nothing happened for a minute");
+                std::thread::sleep(std::time::Duration::from_millis(10));
+            }
+        };
+        wait(&|| !children().is_empty());
+        let began = children();
+        assert!(Command::new("kill").args(["-s", "TERM", &run.id().to_string()]).status().unwrap().success());
+        run.wait().unwrap();
+        // A process that has ended has no command line, even while nobody has asked for its status.
+        let cmdline = |p: &String| std::fs::read(format!("/proc/{p}/cmdline")).unwrap_or_default();
+        wait(&|| began.iter().all(|p| cmdline(p).is_empty()));
+        let left = std::fs::read_dir(dir.path()).unwrap().flatten().map(|f| f.file_name());
+        let left: Vec<_> = left.filter(|n| n.to_string_lossy().starts_with("seabearing-")).collect();
+        assert!(left.is_empty(), "{name}: {left:?}");
+    }
 }

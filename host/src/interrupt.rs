@@ -53,10 +53,10 @@ pub fn watch() {
         if let Some(signal) = interruption() {
             let mut list = listed();
             let unfinished = list.1.len();
-            list.1.values_mut().for_each(|undo| undo());
+            list.1.values_mut().rev().for_each(|undo| undo());
             let line = match unfinished {
                 0 => "seabearing: interrupted\n",
-                _ => "seabearing: interrupted; unfinished files are removed\n",
+                _ => "seabearing: interrupted; what was unfinished is removed\n",
             };
             let _ = std::io::stderr().write_all(line.as_bytes());
             // The list stays locked: nothing new is begun on the way out.
@@ -99,7 +99,7 @@ fn interruption() -> Option<impl FnOnce() -> Option<i32> + Send> {
 /// Ends the command early with a status, everything listed undone.
 pub fn leave(status: i32) -> ! {
     let mut list = listed();
-    list.1.values_mut().for_each(|undo| undo());
+    list.1.values_mut().rev().for_each(|undo| undo());
     std::process::exit(status)
 }
 

@@ -7,6 +7,7 @@ pub mod console;
 pub mod ais;
 pub mod angle;
 pub mod atomic;
+pub mod beside;
 pub mod blob;
 pub mod csv;
 pub mod delays;

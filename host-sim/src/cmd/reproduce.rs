@@ -2,16 +2,16 @@
 //! bar. A missed bar is exit status 3.
 
 use super::Missed;
+use crate::beside::Beside;
+use crate::progress;
 use crate::reproduce::figure::{self, Figures};
 use crate::reproduce::{EXPERIMENTS, Experiment, Options};
-use crate::{interrupt, progress};
 use anyhow::{Context, Result, bail};
 use std::io::Read;
 use std::path::PathBuf;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::sync::{Mutex, PoisonError};
 
 /// Arguments of `seabearing reproduce`.
 #[derive(clap::Args)]
@@ -154,33 +154,13 @@ fn apart(args: &Args, experiment: &Experiment, threads: usize) -> Result<Ran> {
     }
     command.env("RAYON_NUM_THREADS", threads.to_string());
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let begin = || -> Result<_> {
-        let child = command.spawn().with_context(|| format!("cannot start {}", experiment.name))?;
-        let child = Arc::new(Mutex::new(child));
-        let other = Arc::clone(&child);
-        let undo = move || drop(locked(&other).kill());
-        Ok((child, Box::new(undo) as _))
-    };
-    let (child, _listed) = interrupt::listing(begin)?;
-    let (out, err) = {
-        let mut child = locked(&child);
-        (child.stdout.take(), child.stderr.take())
-    };
+    let child = Beside::start(&mut command).with_context(|| format!("cannot start {}", experiment.name))?;
+    let (out, err) = (child.stdout(), child.stderr());
     let remarks = std::thread::spawn(move || text(err));
     let said = text(out)?;
     let remarks = remarks.join().ok().context("the reader of standard error")??;
-    // Its pipes are closed: it has ended or is about to.
-    let status = loop {
-        if let Some(status) = locked(&child).try_wait()? {
-            break status;
-        }
-        std::thread::sleep(Duration::from_millis(2));
-    };
+    let status = child.wait()?;
     Ok(Ran { status, said, remarks })
-}
-
-fn locked(child: &Mutex<Child>) -> MutexGuard<'_, Child> {
-    child.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// All that comes from a pipe.
