@@ -15,6 +15,7 @@ pub mod service;
 pub mod stations;
 pub mod store;
 mod stream;
+pub mod utc;
 pub mod view;
 
 use seabearing_host::{atomic, plot};
@@ -364,6 +365,12 @@ impl Base {
     /// Connections that are to be closed: they bring noise, or another recorder has their number.
     pub fn closing(&self) -> impl Iterator<Item = u32> {
         self.streams.iter().filter(|(_, live)| live.closing).map(|(stream, _)| *stream)
+    }
+
+    /// Connections over which a recorder has opened its link, and who it is.
+    pub(crate) fn linked(&self) -> Vec<(u32, link::Session)> {
+        let heard = self.streams.iter().filter(|(_, live)| live.replaced.is_none());
+        heard.filter_map(|(stream, live)| Some((*stream, live.stream.peer()?))).collect()
     }
 
     /// A connection goes on of which some was heard before this program began.

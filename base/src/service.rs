@@ -3,6 +3,7 @@
 use super::line::{self, Answers, Line, Lines, Report};
 use super::record::Row;
 use super::store::{Entry, Event, Store, may_pass};
+use super::utc::Teller;
 use super::{Base, record::micros};
 use anyhow::{Context, Result};
 use std::collections::HashMap;
@@ -41,6 +42,7 @@ pub struct Service {
     begun: Instant,
     forgot: Instant,
     notes: Vec<String>,
+    teller: Option<Teller>,
 }
 
 impl Service {
@@ -63,7 +65,13 @@ impl Service {
             begun: now,
             forgot: now,
             notes: Vec::new(),
+            teller: None,
         })
+    }
+
+    /// From now on recorders are told the time.
+    pub fn tell_utc(&mut self, teller: Teller) {
+        self.teller = Some(teller);
     }
 
     /// What is known.
@@ -125,6 +133,9 @@ impl Service {
             next = if room { self.lines.reports.try_recv().ok() } else { None };
         }
         self.take(entries, out)?;
+        if let Some(teller) = &mut self.teller {
+            teller.work(&mut self.base);
+        }
         self.answer();
         self.forget()?;
         Ok(self.left > 0)

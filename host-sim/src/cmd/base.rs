@@ -8,10 +8,12 @@ use crate::base::record::{Row, micros};
 use crate::base::service::{Rules, Service};
 use crate::base::stations::{self, Listed};
 use crate::base::store::{self, Store};
+use crate::base::utc::Teller;
 use crate::base::{Base, LINE_BAUD, view};
 use crate::station::Station;
 use anyhow::{Result, bail};
 use seabearing_core::wire::link::Settings;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -65,6 +67,10 @@ pub struct Args {
     /// Seconds without a byte after which a line is silent; a TCP connection is then closed
     #[arg(long, value_name = "SECONDS", default_value_t = 180, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     idle: u64,
+    /// Tell the stations of the stations file that have a key the time, when they start and every so many seconds: for
+    /// recorders without a satellite receiver
+    #[arg(long, value_name = "SECONDS", requires = "stations", value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    tell_utc: Option<u64>,
     /// Station file: position for exports, sample rate until the recorder tells it
     #[arg(long, value_name = "STATION.toml")]
     station: Option<PathBuf>,
@@ -185,6 +191,13 @@ pub fn run(args: Args) -> Result<()> {
         Rules { idle: Duration::from_secs(args.idle), keep_days: args.keep_days, identify: args.identify };
     let names: Vec<String> = lines.iter().map(|l| l.origin.to_string()).collect();
     let mut service = Service::start(base, store, lines, rules)?;
+    if let Some(every) = args.tell_utc {
+        let keys: BTreeMap<u16, _> = listed.iter().filter_map(|s| Some((s.config.id, s.key?))).collect();
+        for s in listed.iter().filter(|s| s.key.is_none()) {
+            eprintln!("seabearing: station {} has no `key_file`: it is not told the time", s.config.id);
+        }
+        service.tell_utc(Teller::new(Duration::from_secs(every), keys));
+    }
     for address in service.listening() {
         eprintln!("seabearing: listening at {address}");
     }
