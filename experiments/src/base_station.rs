@@ -9,6 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use seabearing_base::store::{Entry, Event, Store, Wanted, check, newest_us, read};
 use seabearing_base::{Base, Beginning};
 use seabearing_core::wire::{Bearing, Encoder, Health, Message, Time, Track};
+use seabearing_host::beside::Folder;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -43,7 +44,7 @@ const FASTER: u32 = 5;
 /// Records that a recorder holds at most.
 const BEHIND: u32 = 200;
 
-fn bearing(index: u64) -> Message {
+pub fn bearing(index: u64) -> Message {
     Message::Bearing(Bearing {
         index,
         azimuth: 1.5,
@@ -60,7 +61,7 @@ fn bearing(index: u64) -> Message {
     })
 }
 
-fn track(id: u16, index: u64, last: bool) -> Message {
+pub fn track(id: u16, index: u64, last: bool) -> Message {
     Message::Track(Track {
         id,
         stage: u8::from(last),
@@ -87,7 +88,7 @@ fn track(id: u16, index: u64, last: bool) -> Message {
 
 fn load(options: &Options) -> Result<()> {
     let minutes = options.runs.unwrap_or(1) as u32;
-    let folder = tempfile::tempdir()?;
+    let folder = Folder::new()?;
     let base = Process::start(folder.path())?;
     let mut callers: Vec<Caller> = (1..=RECORDERS).map(Caller::new).collect();
     callers.iter_mut().try_for_each(|c| c.call(&base))?;
@@ -118,7 +119,7 @@ fn load(options: &Options) -> Result<()> {
     }
     let took_s = begun.elapsed().as_secs_f64();
     let peak = base.peak_mb();
-    base.kill()?;
+    base.kill();
     let (missing, twice) = compare(folder.path(), &callers.iter().map(|c| c.said).collect::<Vec<_>>())?;
     let all = f64::from(each) * f64::from(RECORDERS);
     let worst = worst(&callers);
@@ -152,7 +153,7 @@ fn compare(folder: &Path, said: &[u32]) -> Result<(u64, u64)> {
 fn kill(options: &Options) -> Result<()> {
     let kills = options.runs.unwrap_or(10);
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
-    let folder = tempfile::tempdir()?;
+    let folder = Folder::new()?;
     let mut caller = Caller::new(1);
     let begun = Instant::now();
     let (mut slowest_s, mut while_waiting) = (0f64, 0u32);
@@ -174,7 +175,7 @@ fn kill(options: &Options) -> Result<()> {
             std::thread::sleep(Duration::from_micros(300));
         }
         while_waiting += u32::from(caller.waiting() > 0);
-        base.kill()?;
+        base.kill();
     }
     let (missing, twice) = compare(folder.path(), &[caller.said])?;
     let faults = check(folder.path())?.faults.len();
@@ -226,7 +227,7 @@ fn day(n: u64, encoder: &mut Encoder) -> Vec<u8> {
 
 fn year(options: &Options) -> Result<()> {
     let days = options.runs.unwrap_or(20) as u64;
-    let folder = tempfile::tempdir()?;
+    let folder = Folder::new()?;
     let begun = Instant::now();
     fill(folder.path(), days)?;
     let filled_s = begun.elapsed().as_secs_f64();
@@ -265,9 +266,26 @@ fn year(options: &Options) -> Result<()> {
     figures.at_most("records that were not found", records(days) as f64 - opened as f64, 0.0);
     figures.at_most("reports of the track that were not found", REPORTS as f64 - one as f64, 0.0);
     figures.state("records of the newest hour", hour as f64);
+    let (took_s, longest_s) = let_go(folder.path(), days / 2)?;
+    figures.state("letting go of the older half, s for a day of it", took_s / (days / 2).max(1) as f64);
+    figures.at_most("longest that storing waits for it, s", longest_s, 1.0);
     let mut table = CsvReport::new("base-year", "days,records,bytes,filled_s");
     table.row(&[days as f64, opened as f64, bytes as f64, filled_s]);
     table.finish(options)
+}
+
+/// Lets go of the oldest days as a base station at work does: how long it takes in all, and at most at once.
+fn let_go(folder: &Path, days: u64) -> Result<(f64, f64)> {
+    let mut store = Store::open(folder, &mut Base::new(None))?;
+    let (begun, mut longest_s) = (Instant::now(), 0f64);
+    loop {
+        let at = Instant::now();
+        let more = store.forget(BEGIN_US + (days * DAY_S) as i64 * 1_000_000)?;
+        longest_s = longest_s.max(at.elapsed().as_secs_f64());
+        if !more {
+            return Ok((begun.elapsed().as_secs_f64(), longest_s));
+        }
+    }
 }
 
 fn records(days: u64) -> u64 {

@@ -8,6 +8,7 @@ extern crate seabearing_host;
 
 mod ais_kinematics;
 mod ais_paths;
+mod base_power;
 mod base_process;
 mod base_station;
 mod batch;
@@ -16,6 +17,8 @@ pub mod bearing_limit_source;
 pub mod difar;
 mod difar_tracks;
 pub mod figure;
+mod fuzz;
+pub mod fuzz_targets;
 mod heard_vessels;
 mod line;
 mod link;
@@ -121,6 +124,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
     base_station::LOAD,
     base_station::KILL,
     base_station::YEAR,
+    base_power::EXPERIMENT,
+    fuzz::EXPERIMENT,
     line::ORIENTATION,
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,
