@@ -11,5 +11,7 @@ pub mod emulator;
 pub mod rehearsal;
 pub mod sample_line;
 pub mod twin;
+#[cfg(feature = "base")]
+pub mod two_recorders;
 
-use seabearing_host::{angle, blob, csv, interrupt, plot, record, world};
+use seabearing_host::{angle, beside, blob, csv, plot, record, world};

@@ -9,11 +9,13 @@ pub mod cmd;
 
 #[cfg(feature = "base")]
 pub use seabearing_base as base;
+#[cfg(all(unix, feature = "emulation", feature = "base"))]
+pub use seabearing_emulation::two_recorders;
 #[cfg(all(unix, feature = "emulation"))]
 pub use seabearing_emulation::{board, demo, emulator, rehearsal, sample_line, twin};
 #[cfg(feature = "experiments")]
 pub use seabearing_experiments as reproduce;
 pub use seabearing_host::{
-    ais, atomic, blob, console, csv, delays, geodesy, interrupt, motion, ocean_bottom, orientation, plan,
-    plot, progress, propagation, record, recording, replay, scenario, station, world,
+    ais, atomic, beside, blob, console, csv, delays, geodesy, interrupt, motion, ocean_bottom, orientation,
+    plan, plot, progress, propagation, record, recording, replay, scenario, station, world,
 };

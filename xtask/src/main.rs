@@ -20,6 +20,8 @@ const HELP: &str = "\
 cargo xtask TASK
 
   demo            build the firmware, boot it in QEMU, stream a vessel pass into it, show its track beside the truth
+  demo --two [--shorter N]  two recorders in QEMU and a base station: a line is pulled for a minute, the power goes, the base
+                  station is killed; then an account of every record (N: all times divided by it)
   test            set up and run every test, the emulated ones included
   test --random N property tests with other cases than always, N times as many; counterexamples are kept as FILE.cases
   setup           install what is missing: the Rust target (or a compiler that can build it) and QEMU
@@ -27,6 +29,7 @@ cargo xtask TASK
   example         run the core's example on the host and, in QEMU, on the target; they print the same
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
   panic-free      link the recorder with a panic handler that cannot be linked
+  fuzz [--inputs N]  hostile input in great numbers: N mutated inputs a way in; panics, false frames and hangs are counted
   lines           [REVISION]  lines of code outside tests, package by package
   pace REVISION   processor time of the command over recordings, beside that of a revision of git
   check           format, lints and documentation, warnings as errors
@@ -72,6 +75,7 @@ fn run(arguments: &[String]) -> Result<()> {
             [revision] => lines::command(Some(revision)),
             _ => bail!("lines takes nothing, or a revision of git"),
         },
+        "fuzz" => process::fuzz(options),
         "test" => suite::command(options),
         "help" | "-h" | "--help" => {
             print!("{HELP}");
@@ -83,17 +87,21 @@ fn run(arguments: &[String]) -> Result<()> {
 
 /// The demonstration; its work is done by `seabearing demo`.
 fn demo(options: &[String]) -> Result<()> {
-    let host_only = options.iter().any(|o| o == "--host-only");
+    let has = |flag: &str| options.iter().any(|o| o == flag);
+    let (parts, image, what) = match has("--two") {
+        true => (&process::WITH_BASE, &firmware::EMULATED_LINK, "two recorders, one base station"),
+        false => (&process::WITHOUT_EXPERIMENTS, &firmware::EMULATED, "a pass of 200 s through the recorder"),
+    };
     process::say("building the host's command");
-    let build = process::Beside::build_without_experiments()?;
-    if !host_only {
+    let build = process::Beside::build(parts)?;
+    if !has("--host-only") {
         let toolchain = toolchain::set_up()?;
-        firmware::build(&toolchain, &firmware::EMULATED)?;
+        firmware::build(&toolchain, image)?;
     }
     build.join()?;
-    process::say("a pass of 200 s through the recorder");
+    process::say(what);
     let arguments: Vec<&str> = std::iter::once("demo").chain(options.iter().map(String::as_str)).collect();
-    process::run(&mut process::host_without_experiments(&arguments), "the demonstration")
+    process::run(&mut process::host_with(parts, &arguments), "the demonstration")
 }
 
 /// The workspace's folder.

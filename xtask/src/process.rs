@@ -67,14 +67,13 @@ pub fn host(arguments: &[&str]) -> Command {
     }
 }
 
-/// The same without the experiments, which take a third of the time to build and which a demonstration does not need.
-pub fn host_without_experiments(arguments: &[&str]) -> Command {
-    host_with(&WITHOUT_EXPERIMENTS, arguments)
-}
+/// The command without the experiments, which take a third of the time to build and which a demonstration does not need.
+pub const WITHOUT_EXPERIMENTS: [&str; 3] = ["--no-default-features", "--features", "emulation"];
+/// The same with the base station.
+pub const WITH_BASE: [&str; 3] = ["--no-default-features", "--features", "emulation,base"];
 
-const WITHOUT_EXPERIMENTS: [&str; 3] = ["--no-default-features", "--features", "emulation"];
-
-fn host_with(features: &[&str], arguments: &[&str]) -> Command {
+/// The command with other features.
+pub fn host_with(features: &[&str], arguments: &[&str]) -> Command {
     let mut command = cargo();
     command.args(["run", "--quiet", "--package", "seabearing"]).args(features).arg("--");
     command.args(arguments).current_dir(root());
@@ -85,10 +84,10 @@ fn host_with(features: &[&str], arguments: &[&str]) -> Command {
 pub struct Beside(Child);
 
 impl Beside {
-    /// Begins to build what [`host_without_experiments`] runs: linking the firmware keeps one core busy, this the other.
-    pub fn build_without_experiments() -> Result<Self> {
+    /// Begins to build what [`host_with`] runs: linking the firmware keeps one core busy, this the other.
+    pub fn build(features: &[&str]) -> Result<Self> {
         let mut command = cargo();
-        command.args(["build", "--quiet", "--package", "seabearing"]).args(WITHOUT_EXPERIMENTS);
+        command.args(["build", "--quiet", "--package", "seabearing"]).args(features);
         let child = command.current_dir(root()).stdin(Stdio::null()).spawn().context("cargo build")?;
         Ok(Self(child))
     }
@@ -108,6 +107,18 @@ impl Drop for Beside {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
+}
+
+/// `cargo xtask fuzz`; its work is done by `seabearing reproduce fuzz`.
+pub fn fuzz(options: &[String]) -> Result<()> {
+    let options: Vec<&str> = options.iter().map(String::as_str).collect();
+    let inputs: &[&str] = match options[..] {
+        [] => &[],
+        ["--inputs", n] => &["--runs", n],
+        _ => bail!("fuzz takes --inputs N or nothing"),
+    };
+    let arguments = [&["reproduce", "fuzz"], inputs].concat();
+    run(&mut host(&arguments), "hostile input")
 }
 
 /// Format, lints and documentation, warnings as errors.

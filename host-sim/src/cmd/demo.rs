@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 /// Arguments of `seabearing demo`.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  cargo xtask demo")]
+#[command(after_help = "Examples:\n  cargo xtask demo\n  cargo xtask demo --two")]
 pub struct Args {
     /// Scenario with one vessel
     #[arg(long, value_name = "SCENARIO.toml", default_value = "scenarios/demo.toml")]
@@ -21,6 +21,20 @@ pub struct Args {
     /// Run the host's twin instead of the firmware
     #[arg(long)]
     host_only: bool,
+    /// Two recorders and a base station instead: a line is pulled, the power goes, the base station is killed, and every
+    /// record is accounted for
+    #[cfg(feature = "base")]
+    #[arg(long, conflicts_with_all = ["host_only", "out"])]
+    two: bool,
+    /// With --two: all times are divided by this
+    #[cfg(feature = "base")]
+    #[arg(long, value_name = "N", requires = "two", default_value_t = 1.0, value_parser = shorter)]
+    shorter: f64,
+}
+
+#[cfg(feature = "base")]
+fn shorter(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|n| (1.0..=10.0).contains(n)).ok_or_else(|| "a number from 1 to 10".into())
 }
 
 /// Runs the command.
@@ -32,12 +46,22 @@ pub fn run(args: Args) -> Result<()> {
         println!("host only: the host's twin stands in for the emulated firmware");
         return demo::run(&args.scenario, &args.out, None);
     }
+    #[cfg(feature = "base")]
+    if args.two {
+        let build = "cargo xtask build-firmware --board link";
+        let firmware = emulator::image(args.firmware, "mps2-an500-link.elf", build)?;
+        let command = std::env::current_exe()?;
+        return crate::two_recorders::run(&args.scenario, &in_qemu(firmware), &command, args.shorter);
+    }
     let firmware = emulator::firmware(args.firmware)?;
-    let emulator = Emulator {
+    demo::run(&args.scenario, &args.out, Some(&in_qemu(firmware)))
+}
+
+fn in_qemu(firmware: PathBuf) -> Emulator {
+    Emulator {
         firmware,
         count_instructions: false,
         samples: SamplePath::File,
         engine: emulator::Engine::Qemu,
-    };
-    demo::run(&args.scenario, &args.out, Some(&emulator))
+    }
 }
