@@ -201,9 +201,8 @@ fn mix(old: &[u8], new: &[u8], rng: &mut ChaCha8Rng) -> (Vec<u8>, bool) {
         let (from, to) = (n * SECTOR, ((n + 1) * SECTOR).min(new.len()));
         let cut = cut.min(to);
         out[from..cut].copy_from_slice(&new[from..cut]);
-        for at in cut..to {
-            out[at] = old.get(at).copied().unwrap_or(0);
-        }
+        let before = old.iter().skip(cut).copied().chain(std::iter::repeat(0));
+        out[cut..to].iter_mut().zip(before).for_each(|(to, from)| *to = from);
     }
     // How long the file is stands elsewhere on the disk.
     if new.len() > old.len() && rng.random_bool(0.5) {
