@@ -178,11 +178,6 @@ impl Mps2An500 {
         self.uarts[1].coming.extend(bytes);
     }
 
-    /// Bytes to come on UART0 (commands).
-    pub fn send_commands(&mut self, bytes: impl IntoIterator<Item = u8>) {
-        self.uarts[0].coming.extend(bytes);
-    }
-
     fn uart(address: u32) -> Option<(usize, u32)> {
         UARTS.iter().position(|base| address & !0xfff == *base).map(|uart| (uart, address & 0xfff))
     }

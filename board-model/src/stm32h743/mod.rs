@@ -198,11 +198,6 @@ impl Stm32h743 {
         self.clocks.supply_low = low;
     }
 
-    /// Words of SPI lost because nobody emptied its FIFO.
-    pub fn spi_overruns(&self) -> u64 {
-        self.spi.overruns
-    }
-
     /// Frequency of SPI's clock.
     pub fn spi_hz(&self) -> u64 {
         self.spi.line_hz

@@ -43,8 +43,6 @@ pub(super) struct Spi {
     shifting: u8,
     /// Hardware chip select is active.
     pub selected: bool,
-    /// Words lost because nobody emptied the FIFO.
-    pub overruns: u64,
     /// Frequency of the line when last used.
     pub line_hz: u64,
 }
@@ -67,7 +65,6 @@ impl Spi {
             done_at: NEVER,
             shifting: 0,
             selected: false,
-            overruns: 0,
             line_hz: 0,
         }
     }
@@ -260,7 +257,6 @@ impl Spi {
         let bytes = self.word_bytes();
         if self.rx.len() + bytes > FIFO_BYTES {
             self.latched |= flag::OVERRUN;
-            self.overruns += 1;
         }
         // Most significant byte first on the line, least significant first in the FIFO.
         let mut word = [0u8; 4];

@@ -69,11 +69,6 @@ impl Segmenter {
         }
     }
 
-    /// Whether a presence is believed now.
-    pub fn open(&self) -> bool {
-        self.open
-    }
-
     /// Takes a minute; `index_of` gives the sample index of a minute.
     pub fn minute(
         &mut self,
