@@ -1,14 +1,15 @@
 //! The demonstration: a simulated pass streamed into the firmware under QEMU, its track shown beside the truth.
 
-use crate::angle::{turn_deg, wrap_deg};
+use crate::angle::turn_deg;
 use crate::blob;
 use crate::csv::CsvTable;
 use crate::emulator::{Emulator, SamplePath};
 use crate::plot::{Plot, Scale, cut_at_wraps, write_panels};
 use crate::twin;
+use crate::world::ArrayScenario;
 use crate::world::array::SimulatedArray;
-use crate::world::{ArrayScenario, truth};
-use anyhow::{Result, bail};
+use crate::world::truth::{self, Truth};
+use anyhow::{Context, Result, bail};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::sbraw;
 use seabearing_core::wire::{Bearing, Decoder, Message, Track};
@@ -21,19 +22,6 @@ const CHUNK: usize = 16_000;
 const LINE_S: f64 = 10.0;
 /// What the demonstration's pass must reach: seconds, degrees, share of the range.
 const BAR: (f64, f64, f64) = (2.0, 1.0, 0.03);
-
-/// The truth at one moment.
-#[derive(Clone, Copy, Debug, Default)]
-struct Truth {
-    t_s: f64,
-    x_m: f64,
-    y_m: f64,
-    range_m: f64,
-    arrival_azimuth_deg: f64,
-    heading_deg: f64,
-    cpa_time_s: f64,
-    cpa_range_m: f64,
-}
 
 /// What was received so far.
 struct Received {
@@ -52,7 +40,8 @@ struct Received {
 pub fn run(scenario_path: &Path, out: &Path, emulator: Option<&Emulator>) -> Result<()> {
     let scenario = ArrayScenario::read(scenario_path)?;
     let rate_hz = scenario.station.config.rate_hz;
-    let truth = read_truth(&truth::csv(&scenario)?)?;
+    let truths = Truth::of(&CsvTable::parse(&truth::csv(&scenario)?, "truth.csv")?)?;
+    let (_, truth) = truths.into_iter().next().context("the scenario has no vessel to follow")?;
     let blob = blob::of(&scenario.station)?;
     let mut received = Received {
         decoder: Decoder::default(),
@@ -91,21 +80,6 @@ fn simulate(scenario: &ArrayScenario, out: &mut dyn Write) -> Result<()> {
     }
 }
 
-/// The rows of `truth.csv` for its first vessel.
-fn read_truth(csv: &str) -> Result<Vec<Truth>> {
-    let columns =
-        ["t_s", "x_m", "y_m", "range_m", "arrival_azimuth_deg", "heading_deg", "cpa_time_s", "cpa_range_m"];
-    let rows = CsvTable::parse(csv, "truth.csv")?.numbers(columns)?.into_iter().map(|(_, row)| {
-        let [t_s, x_m, y_m, range_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m] = row?;
-        Ok(Truth { t_s, x_m, y_m, range_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m })
-    });
-    let rows = rows.collect::<Result<Vec<_>>>()?;
-    if rows.is_empty() {
-        bail!("the scenario has no vessel to follow");
-    }
-    Ok(rows)
-}
-
 impl Received {
     fn hear(&mut self, bytes: &[u8]) -> Result<()> {
         for byte in bytes {
@@ -128,22 +102,6 @@ impl Received {
         Ok(())
     }
 
-    fn truth_at(&self, t_s: f64) -> Truth {
-        let at = self.truth.partition_point(|row| row.t_s < t_s).min(self.truth.len() - 1);
-        let (b, a) = (self.truth[at], self.truth[at.saturating_sub(1)]);
-        let share = if b.t_s > a.t_s { ((t_s - a.t_s) / (b.t_s - a.t_s)).clamp(0.0, 1.0) } else { 1.0 };
-        let between = |a: f64, b: f64| a + share * (b - a);
-        let turn = turn_deg(a.arrival_azimuth_deg, b.arrival_azimuth_deg);
-        Truth {
-            t_s,
-            x_m: between(a.x_m, b.x_m),
-            y_m: between(a.y_m, b.y_m),
-            range_m: between(a.range_m, b.range_m),
-            arrival_azimuth_deg: wrap_deg(a.arrival_azimuth_deg + share * turn),
-            ..b
-        }
-    }
-
     /// One line for every [`LINE_S`]: the bearing and the track as known then, with the truth.
     fn show(&mut self, bearing: &Bearing) {
         let t_s = bearing.index as f64 / self.rate_hz;
@@ -151,9 +109,10 @@ impl Received {
             return;
         }
         self.shown_s = (t_s / LINE_S).floor() * LINE_S;
-        let truth = self.truth_at(t_s);
+        let truth = self.truth[0];
+        let arrives_deg = Truth::azimuth_at(&self.truth, t_s).unwrap_or(f64::NAN);
         let azimuth = f64::from(bearing.azimuth).to_degrees();
-        print!("{t_s:6.1} s  {azimuth:6.2}°  ({:6.2}°)", truth.arrival_azimuth_deg);
+        print!("{t_s:6.1} s  {azimuth:6.2}°  ({arrives_deg:6.2}°)");
         match self.tracks.last() {
             Some(track) => println!(
                 "  | {:6.1} ± {:4.1} s ({:5.1})  {} ({:3.0})  {:5.1} ± {:4.1}° ({:4.1})",
@@ -184,13 +143,13 @@ impl Received {
         bearing.points("firmware", &measured);
         bearing.truth("truth (at the hydrophones)", &cut_at_wraps(&truth));
         let mut error = Plot::new("Its error", "time (s)", "error (°)");
-        let at = |b: &Bearing| self.truth_at(time(b)).arrival_azimuth_deg;
         let spread = |b: &Bearing| 1.96 * f64::from(b.var_azimuth).sqrt().to_degrees();
         let band: Vec<_> = self.bearings.iter().map(|b| (time(b), -spread(b), spread(b))).collect();
         let errors: Vec<_> = self
             .bearings
             .iter()
-            .map(|b| (time(b), turn_deg(at(b), f64::from(b.azimuth).to_degrees())))
+            .filter_map(|b| Some((b, Truth::azimuth_at(&self.truth, time(b))?)))
+            .map(|(b, truth_deg)| (time(b), turn_deg(truth_deg, f64::from(b.azimuth).to_degrees())))
             .collect();
         error.band("95 % as reported", &band).points("firmware", &errors);
         write_panels(&out.join("bearing.svg"), &[&bearing, &error], 1)?;

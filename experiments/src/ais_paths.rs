@@ -6,18 +6,15 @@
 //! positions, times of reception); turns shorter than some twenty seconds are blurred.
 
 use super::heard_vessels::HeardVessel;
-use crate::ais::AisReport;
-use crate::geodesy::LocalFrame;
+use crate::ais::{AisReport, IMPOSSIBLE_M_S, tracks};
+use crate::course::Fix;
 use nalgebra::{Matrix3, Vector3};
-use std::collections::BTreeMap;
 
 /// Longest time between reports of one path, seconds: a vessel that goes straight reports every 10 s, some are lost.
 const GAP_S: f64 = 45.0;
 /// Reports so far away in time take part in the parabola, seconds: the farther ones where there are too few near.
 const REACHES_S: [f64; 2] = [30.0, 60.0];
 const LEAST_REPORTS: usize = 6;
-/// A report that would need more speed than this joins wrong positions, m/s.
-const IMPOSSIBLE_M_S: f64 = 30.0;
 
 /// A vessel at one second.
 #[derive(Clone, Copy, Debug)]
@@ -60,29 +57,22 @@ pub type VesselPath = Vec<Instant>;
 /// The paths of at least `least_s` seconds in the reports, in order of vessel and time.
 pub fn paths(reports: &[AisReport], least_s: usize) -> Vec<VesselPath> {
     let Some(first) = reports.first() else { return Vec::new() };
-    let frame = LocalFrame::new(first.lat_lon_deg.0, first.lat_lon_deg.1);
-    let mut vessels: BTreeMap<u64, Vec<(f64, [f64; 2])>> = BTreeMap::new();
-    for r in reports {
-        let (x, y) = frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
-        vessels.entry(r.mmsi).or_default().push((r.t_s, [x, y]));
-    }
     let mut out = Vec::new();
-    for track in vessels.values_mut() {
-        track.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut piece: Vec<(f64, [f64; 2])> = Vec::new();
-        for report in track.iter() {
-            if let Some((t_s, [x, y])) = piece.last() {
+    for track in tracks(reports, first.lat_lon_deg).into_values() {
+        let mut piece: Vec<Fix> = Vec::new();
+        for (report, _) in track {
+            if let Some((t_s, (x, y))) = piece.last() {
                 let dt = report.0 - t_s;
                 if dt > GAP_S {
                     out.extend(smooth(&std::mem::take(&mut piece)));
                 } else if dt < 1.0
-                    || report.1 == [*x, *y]
-                    || (report.1[0] - x).hypot(report.1[1] - y) > IMPOSSIBLE_M_S * dt + 20.0
+                    || report.1 == (*x, *y)
+                    || (report.1.0 - x).hypot(report.1.1 - y) > IMPOSSIBLE_M_S * dt + 20.0
                 {
                     continue;
                 }
             }
-            piece.push(*report);
+            piece.push(report);
         }
         out.extend(smooth(&piece));
     }
@@ -91,7 +81,7 @@ pub fn paths(reports: &[AisReport], least_s: usize) -> Vec<VesselPath> {
 }
 
 /// Parabolas through one vessel's consecutive reports; cut where too few are near.
-fn smooth(reports: &[(f64, [f64; 2])]) -> Vec<VesselPath> {
+fn smooth(reports: &[Fix]) -> Vec<VesselPath> {
     let (Some(first), Some(last)) = (reports.first(), reports.last()) else { return Vec::new() };
     let mut out = vec![VesselPath::new()];
     for k in 0..=(last.0 - first.0) as u32 {
@@ -104,16 +94,16 @@ fn smooth(reports: &[(f64, [f64; 2])]) -> Vec<VesselPath> {
     out
 }
 
-fn parabola(reports: &[(f64, [f64; 2])], t_s: f64, reach_s: f64) -> Option<Instant> {
+fn parabola(reports: &[Fix], t_s: f64, reach_s: f64) -> Option<Instant> {
     let from = reports.partition_point(|r| r.0 <= t_s - reach_s);
     let near = reports[from..].iter().take_while(|r| r.0 < t_s + reach_s);
     let (mut normal, mut sides, mut count) = (Matrix3::zeros(), [Vector3::zeros(); 2], 0);
-    for (at, position) in near {
+    for (at, (x, y)) in near {
         let tau = (at - t_s) / reach_s;
         let weight = (1.0 - tau.abs().powi(3)).powi(3);
         let row = Vector3::new(1.0, tau, tau * tau);
         normal += weight * row * row.transpose();
-        for (side, p) in sides.iter_mut().zip(position) {
+        for (side, p) in sides.iter_mut().zip([x, y]) {
             *side += weight * *p * row;
         }
         count += 1;
@@ -149,6 +139,7 @@ impl HeardVessel for Passing<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geodesy::LocalFrame;
 
     #[test]
     fn a_circle_of_reports_has_its_speed_and_rate_of_turn() {

@@ -1,6 +1,7 @@
 //! Signals for the bearing experiments: a static source with exact fractional delays, and ambient noise with a given
 //! coherence between hydrophones. Everything is made in the frequency domain as one period of a long record.
 
+use nalgebra::Matrix4;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -9,6 +10,7 @@ use seabearing_core::block::Frame;
 use seabearing_core::geometry::{Geometry, PAIRS};
 use seabearing_core::math::f64::j0;
 use seabearing_signal::{Complex, ComplexToReal, Precision};
+use std::array;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -73,7 +75,7 @@ impl Sounder {
                 .into_par_iter()
                 .map(|g| {
                     let f = ((g * group) as f64 + 0.5 * group as f64) * rate_hz / samples as f64;
-                    cholesky(&coherence_matrix(geometry, f, ambient))
+                    root(coherence_matrix(geometry, f, ambient))
                 })
                 .collect();
             (group, roots)
@@ -113,7 +115,7 @@ impl Sounder {
     /// Memory for records of this length.
     pub fn desk(&self) -> Desk {
         Desk {
-            spectra: std::array::from_fn(|_| vec![Complex::new(0.0, 0.0); self.shape.len()]),
+            spectra: array::from_fn(|_| vec![Complex::new(0.0, 0.0); self.shape.len()]),
             signal: vec![0.0; self.samples],
             scratch: self.inverse.make_scratch_vec(),
             frames: vec![[0; 4]; self.samples],
@@ -243,12 +245,9 @@ fn normal_pair(rng: &mut ChaCha8Rng) -> Complex<f32> {
 }
 
 /// Coherence `E X_i X_j*` of the ambient noise at a frequency.
-pub fn coherence_matrix(geometry: &Geometry, f: f64, ambient: AmbientField) -> [[Complex<f64>; 4]; 4] {
+pub fn coherence_matrix(geometry: &Geometry, f: f64, ambient: AmbientField) -> Matrix4<Complex<f64>> {
     let k = TAU * f / f64::from(geometry.sound_speed_m_s);
-    let mut m = [[Complex::new(0.0, 0.0); 4]; 4];
-    for (i, row) in m.iter_mut().enumerate() {
-        row[i] = Complex::new(1.0 + 1e-6, 0.0);
-    }
+    let mut m = Matrix4::from_diagonal_element(Complex::new(1.0 + 1e-6, 0.0));
     for (i, j) in PAIRS {
         let d: Vec<f64> = (0..3)
             .map(|a| f64::from(geometry.position_m[j][a]) - f64::from(geometry.position_m[i][a]))
@@ -274,23 +273,14 @@ pub fn coherence_matrix(geometry: &Geometry, f: f64, ambient: AmbientField) -> [
                     .sum()
             }
         };
-        m[j][i] = gamma;
-        m[i][j] = gamma.conj();
+        m[(j, i)] = gamma;
+        m[(i, j)] = gamma.conj();
     }
     m
 }
 
-/// Lower root L of a Hermitian matrix, `L Lᴴ = M`.
-pub fn cholesky(m: &[[Complex<f64>; 4]; 4]) -> Root {
-    let mut l = [[Complex::new(0.0f64, 0.0); 4]; 4];
-    for i in 0..4 {
-        for j in 0..=i {
-            let mut sum = m[i][j];
-            for k in 0..j {
-                sum -= l[i][k] * l[j][k].conj();
-            }
-            l[i][j] = if i == j { Complex::new(sum.re.max(1e-9).sqrt(), 0.0) } else { sum / l[j][j].re };
-        }
-    }
-    l.map(|row| row.map(|x| Complex::new(x.re as f32, x.im as f32)))
+/// Lower root L of a coherence matrix, `L Lᴴ = M`.
+pub fn root(m: Matrix4<Complex<f64>>) -> Root {
+    let l = m.cholesky().expect("fields of independent directions have a positive definite coherence").l();
+    array::from_fn(|i| array::from_fn(|j| Complex::new(l[(i, j)].re as f32, l[(i, j)].im as f32)))
 }

@@ -57,7 +57,7 @@ mod sub_bands;
 use anyhow::Result;
 use figure::Figures;
 use seabearing_host::{
-    ais, angle, atomic, csv, delays, geodesy, ocean_bottom, orientation, plot, progress, propagation,
+    ais, angle, atomic, course, csv, delays, geodesy, ocean_bottom, orientation, plot, progress, propagation,
     recording, replay, scenario, station, world,
 };
 use std::path::PathBuf;

@@ -5,8 +5,8 @@
 
 use super::obs_world::{print, quiet, station_table};
 use super::{Experiment, Options};
+use crate::course::VesselCourse;
 use crate::csv::{CsvText, Fixed};
-use crate::ocean_bottom::course::VesselCourse;
 use crate::ocean_bottom::orient::orientation;
 use crate::ocean_bottom::place::{SEARCH_M, place};
 use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel};

@@ -5,8 +5,8 @@
 
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
+use crate::course::{VesselCourse, polar};
 use crate::csv::{CsvText, Fixed};
-use crate::ocean_bottom::course::{VesselCourse, polar};
 use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel};
 use crate::score::smad;
 use anyhow::Result;

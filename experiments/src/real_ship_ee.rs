@@ -11,6 +11,7 @@ use crate::geodesy::LocalFrame;
 use crate::plot::{Plot, Scale, write_panels};
 use crate::station::Station;
 use anyhow::{Context, Result};
+use seabearing_locate::between::{between, mixed};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -128,17 +129,11 @@ impl ShipRecording {
 
     /// Direction by GPS: linear between the fixes around a time, none where they are too far away.
     fn truth_at(&self, t_s: f64) -> Option<[f64; 3]> {
-        let after = self.truth.partition_point(|(t, _)| *t < t_s);
-        let (b, a) = (self.truth.get(after), after.checked_sub(1).and_then(|n| self.truth.get(n)));
-        let near = |p: Option<&(f64, [f64; 3])>| p.is_some_and(|(t, _)| (t - t_s).abs() <= GPS_MOST_S);
-        match (a, b) {
-            (Some((ta, ua)), Some((tb, ub))) if near(a) && near(b) && tb > ta => {
-                let share = (t_s - ta) / (tb - ta);
-                Some(std::array::from_fn(|k| ua[k] + share * (ub[k] - ua[k])))
-            }
-            (Some((_, u)), _) if near(a) => Some(*u),
-            (_, Some((_, u))) if near(b) => Some(*u),
-            _ => None,
+        let near = |(t, _): &&(f64, [f64; 3])| (t - t_s).abs() <= GPS_MOST_S;
+        match between(&self.truth, |fix| fix.0, t_s) {
+            Some((a, b, share)) if near(&a) && near(&b) => Some(mixed(&a.1, &b.1, share)),
+            Some((a, b, _)) => [a, b].into_iter().find(near).map(|fix| fix.1),
+            None => [self.truth.first(), self.truth.last()].into_iter().flatten().find(near).map(|fix| fix.1),
         }
     }
 

@@ -3,7 +3,7 @@
 //! A detection is compared with where the vessel was when the sound of its strongest path left it. Errors are
 //! summarised by the scaled median absolute deviation 1.4826 · median |e| (SMAD) [O section III F].
 
-use crate::ocean_bottom::course::VesselCourse;
+use crate::course::VesselCourse;
 use crate::ocean_bottom::simulate::MovingVessel;
 pub use crate::ocean_bottom::truth::{Then, closest, then};
 use crate::propagation::Propagation;

@@ -10,7 +10,6 @@ use crate::replay::replay;
 use crate::scenario::{Side, Straight};
 use crate::station::{Components, Station};
 use crate::world::ArrayScenario;
-use crate::world::motion::VesselMotion;
 use crate::world::scenario::{AmbientSpectrum, ArrayVessel, RecorderModel, Scene, Water};
 use anyhow::Result;
 use seabearing_core::angle::wrap_pi;
@@ -158,10 +157,10 @@ impl<I: Iterator<Item = Frame>> BlockSource for FrameSource<I> {
 /// Its course cannot be used.
 pub fn arrival(scenario: &ArrayScenario, vessel: &ArrayVessel, t_s: f64) -> Result<(f64, f64)> {
     let config = &scenario.station.config;
-    let motion = VesselMotion::of(vessel, None)?;
+    let motion = vessel.course(None)?;
     let height = config.depth_m - vessel.depth_m;
     let (emitted, _) = motion.emission(t_s, [0.0; 3], height, config.sound_speed_m_s, t_s);
-    let [x, y] = motion.position(emitted);
+    let (x, y) = motion.position(emitted);
     Ok((x.atan2(y), height.atan2(x.hypot(y))))
 }
 

@@ -5,10 +5,10 @@
 //! where the sound of the block's middle left it, and its noise reaches every hydrophone by all paths with their exact delays
 //! and losses; from block to block it is another draw of the same spectrum. There is no Doppler shift and no modulation.
 
-use super::bearing_limit_source::{AmbientField, Root, cholesky, coherence_matrix};
+use super::bearing_limit_source::{AmbientField, Root, coherence_matrix, root};
+use crate::course::VesselCourse;
 use crate::world::ArrayScenario;
 use crate::world::array::ambient_level;
-use crate::world::motion::VesselMotion;
 use crate::world::noise::SpectrumShape;
 use crate::world::source::density;
 use anyhow::{Result, anyhow};
@@ -29,7 +29,7 @@ const CODES_PER_UPA: f32 = 0.0189;
 
 /// A vessel at sea.
 struct Sailing {
-    motion: VesselMotion,
+    motion: VesselCourse,
     /// Heights above the array and amplitudes of the vessel and its images.
     routes: Vec<(f64, f64)>,
     /// Standard deviation of each part of each bin, 1 m away.
@@ -74,20 +74,20 @@ impl MovingSea {
         };
         let sea = &scenario.ambient;
         let shape = SpectrumShape { knee_hz: sea.knee_hz, slope_db_per_decade: sea.slope_db_per_decade };
-        let courses = scenario.vessels.iter().map(|v| VesselMotion::of(v, config.lat_lon_deg));
+        let courses = scenario.vessels.iter().map(|v| v.course(config.lat_lon_deg));
         let level = ambient_level(scenario, &courses.collect::<Result<Vec<_>>>()?);
         let share = sea.diffuse_share;
         let mixing = (0..=HOP).map(|k| {
             let mut m = coherence_matrix(&geometry, hz(k), AmbientField::Isotropic);
-            for (i, row) in m.iter_mut().enumerate() {
-                row.iter_mut().enumerate().filter(|(j, _)| *j != i).for_each(|(_, x)| *x *= share);
-            }
-            cholesky(&m)
+            let diagonal = m.diagonal();
+            m *= Complex::from(share);
+            m.set_diagonal(&diagonal);
+            root(m)
         });
         let mut vessels = Vec::new();
         for vessel in &scenario.vessels {
             vessels.push(Sailing {
-                motion: VesselMotion::of(vessel, config.lat_lon_deg)?,
+                motion: vessel.course(config.lat_lon_deg)?,
                 routes: scenario.water.routes(config.depth_m, vessel.depth_m),
                 amplitude: amplitudes(&density(vessel, rate_hz)),
             });

@@ -3,6 +3,7 @@
 //! Three layouts are known by their headers: MarineTraffic exports (`MMSI,STATUS,SPEED,...`, speed in tenths of a
 //! knot), CLS exports (`mmsi;source;locDate;...`, knots) and plain ones (`Time,MMSI,Latitude_degrees,...`, knots).
 
+use crate::course::{Fix, nearest};
 use crate::csv::shown;
 use crate::geodesy::LocalFrame;
 use anyhow::{Context, Result, anyhow, bail};
@@ -16,7 +17,7 @@ use time::{Date, PrimitiveDateTime, Time};
 /// Metres a second in a knot.
 const KNOT_M_S: f64 = 1852.0 / 3600.0;
 /// Faster than any vessel, m/s: a leg that needs more joins wrong positions.
-const IMPOSSIBLE_M_S: f64 = 40.0;
+pub const IMPOSSIBLE_M_S: f64 = 30.0;
 
 /// Longest text of a packed file, bytes: some four million reports, more than a year about one station.
 const LONGEST: u64 = 256 << 20;
@@ -203,19 +204,27 @@ fn seconds_of_parts(date: &str, clock: &str) -> Option<f64> {
     Some(PrimitiveDateTime::new(date, clock).assume_utc().unix_timestamp() as f64)
 }
 
+/// Every vessel's fixes about a point (latitude, longitude in degrees) with the speeds it reported (m/s), in order of time; of
+/// those at one time the first.
+pub fn tracks(reports: &[AisReport], lat_lon_deg: (f64, f64)) -> BTreeMap<u64, Vec<(Fix, Option<f64>)>> {
+    let frame = LocalFrame::new(lat_lon_deg.0, lat_lon_deg.1);
+    let mut vessels: BTreeMap<u64, Vec<(Fix, Option<f64>)>> = BTreeMap::new();
+    for r in reports {
+        let fix = (r.t_s, frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1));
+        vessels.entry(r.mmsi).or_default().push((fix, r.speed_m_s));
+    }
+    for track in vessels.values_mut() {
+        track.sort_by(|(a, _), (b, _)| a.0.total_cmp(&b.0));
+        track.dedup_by_key(|(fix, _)| fix.0);
+    }
+    vessels
+}
+
 /// The passes in the reports, in order of vessel and time. A pass is one stretch of legs within the range whose
 /// closest point lies inside it.
 pub fn passes(reports: &[AisReport], selection: &Selection) -> Vec<Pass> {
-    let mut vessels: BTreeMap<u64, Vec<&AisReport>> = BTreeMap::new();
-    for r in reports {
-        vessels.entry(r.mmsi).or_default().push(r);
-    }
-    let frame = LocalFrame::new(selection.lat_lon_deg.0, selection.lat_lon_deg.1);
-    let plane = |r: &AisReport| frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
     let mut out = Vec::new();
-    for (mmsi, mut track) in vessels {
-        track.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        track.dedup_by(|b, a| b.t_s == a.t_s);
+    for (mmsi, track) in tracks(reports, selection.lat_lon_deg) {
         // The nearest point of the current stretch, whether a later leg has moved away from it, and whether the
         // stretch began with a leg that came nearer.
         let mut held: Option<Pass> = None;
@@ -229,28 +238,21 @@ pub fn passes(reports: &[AisReport], selection: &Selection) -> Vec<Pass> {
             }
         };
         for pair in track.windows(2) {
-            let [a, b] = pair else { continue };
-            let ((xa, ya), (xb, yb)) = (plane(a), plane(b));
-            let (dx, dy, dt) = (xb - xa, yb - ya, b.t_s - a.t_s);
-            let length2 = dx * dx + dy * dy;
-            if dt > selection.max_gap_s || length2.sqrt() > IMPOSSIBLE_M_S * dt {
+            let [((ta, a), speed_a), ((tb, b), speed_b)] = *pair else { continue };
+            let (dx, dy, dt) = (b.0 - a.0, b.1 - a.1, tb - ta);
+            let (f, cpa_m) = nearest(a, b);
+            let wrong = dt > selection.max_gap_s || dx.hypot(dy) > IMPOSSIBLE_M_S * dt;
+            if wrong || cpa_m > selection.max_range_m {
                 flush(&mut held, last_interior);
                 continue;
             }
-            let f = if length2 > 0.0 { (-(xa * dx + ya * dy) / length2).clamp(0.0, 1.0) } else { 0.0 };
-            let cpa_m = (xa + f * dx).hypot(ya + f * dy);
-            if cpa_m > selection.max_range_m {
-                flush(&mut held, last_interior);
-                continue;
-            }
-            let over_ground = length2.sqrt() / dt;
-            let speed_m_s = match (a.speed_m_s, b.speed_m_s) {
+            let speed_m_s = match (speed_a, speed_b) {
                 (Some(u), Some(v)) => u + f * (v - u),
                 (Some(u), None) | (None, Some(u)) => u,
-                (None, None) => over_ground,
+                (None, None) => dx.hypot(dy) / dt,
             };
             let heading_deg = crate::angle::azimuth_deg(dx, dy);
-            let pass = Pass { mmsi, t_s: a.t_s + f * dt, cpa_m, speed_m_s, heading_deg };
+            let pass = Pass { mmsi, t_s: ta + f * dt, cpa_m, speed_m_s, heading_deg };
             match &held {
                 None => {
                     held = Some(pass);

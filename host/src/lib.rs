@@ -9,6 +9,7 @@ pub mod angle;
 pub mod atomic;
 pub mod beside;
 pub mod blob;
+pub mod course;
 pub mod csv;
 pub mod delays;
 pub mod geodesy;

@@ -7,12 +7,14 @@
 //! - [`delays`]: bearings from measured arrival-time differences;
 //! - [`network`]: positions from several arrays, at one instant or over time (paper N);
 //! - [`orient`]: which way a station looks, from vessels of known track (paper L);
-//! - [`mod@line`]: bearings of a uniform line array (paper L).
+//! - [`mod@line`]: bearings of a uniform line array (paper L);
+//! - [`mod@between`]: values between the rows of a table in order of time.
 #![no_std]
 
 #[cfg(test)]
 extern crate std;
 
+pub mod between;
 pub mod delays;
 pub mod line;
 pub mod motion;

@@ -1,4 +1,4 @@
-//! Values of a sampled signal between its samples: 64-point sinc under a Kaiser window.
+//! Values of a sampled signal between its samples: 64-point sinc under a Kaiser window (1974).
 //!
 //! The source signals hold nothing above 0.44 of the sample rate (the simulator sees to it), so the transition band is
 //! 0.12 of it and the window (β = 12) leaves an error below −110 dB; the kernel is tabulated at 1024 phases with a

@@ -47,6 +47,18 @@ pub const HARDWARE: Image =
 /// The hardware board with deferred logging of its library over the probe.
 pub const HARDWARE_LOGGING: Image =
     Image { name: "stm32h743-defmt.elf", bin: "stm32h743", features: "stm32h743,array,obs,defmt" };
+/// Every image.
+pub const IMAGES: [Image; 9] = [
+    EMULATED,
+    EMULATED_ARRAY,
+    EMULATED_OBS,
+    EMULATED_LINK,
+    EMULATED_FIT,
+    EMULATED_TRACKS,
+    EMULATED_TWICE,
+    HARDWARE,
+    HARDWARE_LOGGING,
+];
 /// The station an image for hardware holds unless another is given.
 const DEFAULT_STATION: &str = "scenarios/demo-station.toml";
 

@@ -1,7 +1,9 @@
 //! Running other programs.
 
+use crate::firmware::IMAGES;
 use crate::root;
 use anyhow::{Context, Result, bail};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
@@ -130,7 +132,6 @@ pub fn check() -> Result<()> {
     run(cargo().args(lints), "lints")?;
     board_lints()?;
     features_alone()?;
-    oldest()?;
     say("documentation");
     let doc = ["doc", "--workspace", "--no-deps", "--document-private-items", "--quiet", "--keep-going"];
     run(cargo().args(doc).env("RUSTDOCFLAGS", "-D warnings"), "documentation")
@@ -168,14 +169,15 @@ fn features_alone() -> Result<()> {
 /// The oldest compiler that the manifests promise, as rustup names it.
 const OLDEST: &str = concat!(env!("CARGO_PKG_RUST_VERSION"), ".0");
 
-/// The core, the wire format and the estimators compile with the oldest compiler promised, where rustup has it.
-fn oldest() -> Result<()> {
+/// The core, the wire format and the estimators compile with the oldest compiler promised, where rustup has it; else that
+/// stands in the register of what is skipped.
+pub fn oldest(skipped: &Path) -> Result<()> {
     let installed = find("rustup").and_then(|rustup| output(&rustup, &["toolchain", "list"]));
     if !installed.is_some_and(|list| list.lines().any(|l| l.starts_with(OLDEST))) {
-        say(&format!(
-            "skipped: the oldest compiler promised is not here (`rustup toolchain install {OLDEST}`)"
-        ));
-        return Ok(());
+        let line =
+            format!("skipped compiler {OLDEST}, the oldest promised: `rustup toolchain install {OLDEST}`\n");
+        let mut register = std::fs::OpenOptions::new().append(true).open(skipped)?;
+        return Ok(register.write_all(line.as_bytes())?);
     }
     say(&format!("compiler {OLDEST}"));
     let mut check = Command::new("rustup");
@@ -194,17 +196,9 @@ fn oldest() -> Result<()> {
     run(check.env_remove("RUSTUP_TOOLCHAIN").env_remove("CARGO").env_remove("RUSTC"), "the oldest compiler")
 }
 
-/// Every image the firmware is made into, as its binary and features.
-const IMAGES: [(&str, &str); 8] = [
-    ("mps2-an500", "mps2-an500,array,obs"),
-    ("mps2-an500", "mps2-an500,array"),
-    ("mps2-an500", "mps2-an500,obs"),
-    ("motion-fit", "motion-fit"),
-    ("tracks", "tracks"),
-    ("stm32h743", "stm32h743,array,obs"),
-    ("stm32h743", "stm32h743,array,obs,defmt"),
-    ("panic-free", "panic-free,array,obs"),
-];
+/// What is made of the firmware package besides its images: kind of target, name, features.
+const BESIDES: [(&str, &str, &str); 2] =
+    [("--bin", "panic-free", "panic-free,array,obs"), ("--example", "bearings", "example")];
 
 /// Lints of the boards' own code. Checked for the host's processor, for which the lint tool has a core library; what is
 /// particular to the target is behind calls.
@@ -214,11 +208,12 @@ fn board_lints() -> Result<()> {
     // The hardware image holds a configuration; any will do here.
     let blob = folder.join("station.sbcf");
     std::fs::write(&blob, b"").context("target/lint/station.sbcf")?;
-    for (bin, features) in IMAGES {
+    let images = IMAGES.iter().map(|image| ("--bin", image.bin, image.features));
+    for (kind, name, features) in images.chain(BESIDES) {
         say(&format!("lints of the firmware: {features}"));
         let mut clippy = cargo();
         clippy.args(["clippy", "--quiet", "--package", "seabearing-firmware", "--profile", "firmware"]);
-        clippy.args(["--no-default-features", "--features", features, "--lib", "--bin", bin, "--target-dir"]);
+        clippy.args(["--no-default-features", "--features", features, "--lib", kind, name, "--target-dir"]);
         clippy.arg(&folder).args(["--", "-D", "warnings"]);
         run(clippy.env("SEABEARING_STATION_BLOB", &blob), "lints of the firmware")?;
     }

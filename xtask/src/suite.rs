@@ -1,7 +1,7 @@
 //! `cargo xtask test`: every test, the emulated ones included, one line a step; at the end what was skipped, and a count.
 
 use crate::firmware::{self, EMULATED, HARDWARE, HARDWARE_LOGGING};
-use crate::process::{cargo, host, output, run, say, use_what_the_tests_built};
+use crate::process::{cargo, host, oldest, output, run, say, use_what_the_tests_built};
 use crate::toolchain::{self, Toolchain};
 use crate::{budget, example, panic_free, root, scenario};
 use anyhow::{Context, Result, bail};
@@ -65,6 +65,8 @@ pub fn command(options: &[String]) -> Result<()> {
         _ => bail!("test takes --host-only, --random N or nothing"),
     };
     let mut suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
+    let skipped = suite.skipped.clone();
+    suite.step("the oldest compiler promised", || oldest(&skipped));
     // What is missing is found before the long part; the host's tests run all the same.
     let mut toolchain = None;
     if !host_only {

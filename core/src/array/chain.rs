@@ -30,7 +30,7 @@ const DEAD_FRAMES: u8 = 71;
 /// Of so many instants one goes into the level: 2000 of half a second at 64 kHz.
 const LEVEL_EVERY: usize = 16;
 
-/// Everything the chain remembers (about 45 KiB).
+/// Everything the chain remembers; `docs/budget.txt` has the recorder's memory.
 #[derive(Clone, Debug)]
 pub struct State {
     pub(crate) intake: Intake,
@@ -49,7 +49,7 @@ pub struct State {
     dead_for: u8,
 }
 
-/// Work space without memory between calls (about 28 KiB).
+/// Work space without memory between calls.
 #[derive(Clone, Debug)]
 pub struct Scratch {
     pub(crate) work: Work,

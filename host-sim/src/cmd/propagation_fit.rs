@@ -1,7 +1,7 @@
 //! `seabearing propagation fit`: strengths of interferences from vessels of known track.
 
+use crate::course::of_file;
 use crate::csv::{CsvText, Fixed};
-use crate::ocean_bottom::course::of_file;
 use crate::ocean_bottom::stages::frames;
 use crate::ocean_bottom::strengths::{Branch, Cell, fit};
 use crate::plot::{Plot, write_panels};

@@ -4,13 +4,11 @@
 //! A passage is a run of a vessel's positions without a gap of 24 h, within 100 km, whose closest point is within 25 km.
 //! A leg that crosses the circle of 100 km counts as far as it lies inside, also where both its ends lie outside.
 
-use super::course::{EastNorth, VesselCourse};
 use super::scenario::{ObsScenario, Radiation};
 use super::simulate::{Extra, MovingVessel};
-use crate::ais::AisReport;
-use crate::geodesy::LocalFrame;
+use crate::ais::{AisReport, IMPOSSIBLE_M_S, tracks};
+use crate::course::{Fix, VesselCourse, nearest};
 use anyhow::{Result, bail};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Greatest gap within a passage, s.
@@ -21,8 +19,6 @@ pub const RADIUS_M: f64 = 100_000.0;
 const CLOSEST_M: f64 = 25_000.0;
 /// Longest leg taken as straight, m: across the area and half its width more, a few hours at sea.
 const LONGEST_LEG_M: f64 = 3.0 * RADIUS_M;
-/// Faster than any merchant vessel, m/s: a position that needs more is wrong.
-const FASTEST_M_S: f64 = 20.0;
 
 /// One vessel's passage.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,7 +26,7 @@ pub struct AisPassage {
     /// The vessel.
     pub mmsi: u64,
     /// UTC (seconds since 1970) and place of each position.
-    pub fixes: Vec<(f64, EastNorth)>,
+    pub fixes: Vec<Fix>,
     /// UTC of the closest point, seconds since 1970.
     pub cpa_unix_s: f64,
     /// Its range, m.
@@ -61,24 +57,17 @@ fn merchant_under_way(r: &AisReport) -> bool {
 
 /// Passages of all vessels about a station (latitude, longitude in degrees), in order of their closest point.
 pub fn passages(reports: &[AisReport], origin_deg: (f64, f64)) -> Vec<AisPassage> {
-    let frame = LocalFrame::new(origin_deg.0, origin_deg.1);
-    let mut by_vessel: BTreeMap<u64, Vec<(f64, EastNorth)>> = BTreeMap::new();
-    for r in reports {
-        let place = frame.east_north_m(r.lat_lon_deg.0, r.lat_lon_deg.1);
-        by_vessel.entry(r.mmsi).or_default().push((r.t_s, place));
-    }
     let mut out = Vec::new();
-    for (mmsi, mut fixes) in by_vessel {
-        fixes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut run: Vec<(f64, EastNorth)> = Vec::new();
-        let mut last: Option<(f64, EastNorth)> = None;
-        for fix in fixes {
+    for (mmsi, fixes) in tracks(reports, origin_deg) {
+        let mut run: Vec<Fix> = Vec::new();
+        let mut last: Option<Fix> = None;
+        for (fix, _) in fixes {
             let Some(from) = last else {
                 last = Some(fix);
                 continue;
             };
             let (dt, way) = (fix.0 - from.0, (fix.1.0 - from.1.0).hypot(fix.1.1 - from.1.1));
-            if dt < GAP_S && (dt <= 0.0 || way > FASTEST_M_S * dt.max(30.0)) {
+            if dt < GAP_S && (dt <= 0.0 || way > IMPOSSIBLE_M_S * dt.max(30.0)) {
                 // Two places of which one is wrong: the one outside, or else the newer.
                 if from.1.0.hypot(from.1.1) > RADIUS_M {
                     last = Some(fix);
@@ -108,7 +97,7 @@ pub fn passages(reports: &[AisReport], origin_deg: (f64, f64)) -> Vec<AisPassage
 }
 
 /// The part of a straight leg inside the surveyed area, a point of time and place at either end.
-fn inside(a: (f64, EastNorth), b: (f64, EastNorth)) -> Option<((f64, EastNorth), (f64, EastNorth))> {
+fn inside(a: Fix, b: Fix) -> Option<(Fix, Fix)> {
     let (dx, dy) = (b.1.0 - a.1.0, b.1.1 - a.1.1);
     let (length2, along) = (dx * dx + dy * dy, a.1.0 * dx + a.1.1 * dy);
     let beyond = a.1.0.powi(2) + a.1.1.powi(2) - RADIUS_M.powi(2);
@@ -123,30 +112,21 @@ fn inside(a: (f64, EastNorth), b: (f64, EastNorth)) -> Option<((f64, EastNorth),
         .then(|| (if enter > 0.0 { at(enter) } else { a }, if leave < 1.0 { at(leave) } else { b }))
 }
 
-fn passage(mmsi: u64, fixes: Vec<(f64, EastNorth)>) -> Option<AisPassage> {
-    if fixes.len() < 2 {
-        return None;
-    }
-    let mut best = (f64::INFINITY, 0.0);
-    for w in fixes.windows(2) {
-        let ((t0, a), (t1, b)) = (w[0], w[1]);
-        let (dx, dy) = (b.0 - a.0, b.1 - a.1);
-        let length2 = dx * dx + dy * dy;
-        let u = if length2 > 0.0 { (-(a.0 * dx + a.1 * dy) / length2).clamp(0.0, 1.0) } else { 0.0 };
-        let range = (a.0 + u * dx).hypot(a.1 + u * dy);
-        if range < best.0 {
-            best = (range, t0 + u * (t1 - t0));
-        }
-    }
-    (best.0 <= CLOSEST_M).then_some(AisPassage { mmsi, fixes, cpa_unix_s: best.1, cpa_range_m: best.0 })
+fn passage(mmsi: u64, fixes: Vec<Fix>) -> Option<AisPassage> {
+    let closest = |w: &[Fix]| {
+        let (share, range_m) = nearest(w[0].1, w[1].1);
+        (range_m, w[0].0 + share * (w[1].0 - w[0].0))
+    };
+    let (cpa_range_m, cpa_unix_s) = fixes.windows(2).map(closest).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    (cpa_range_m <= CLOSEST_M).then_some(AisPassage { mmsi, fixes, cpa_unix_s, cpa_range_m })
 }
 
 impl AisPassage {
     /// As a course in seconds from a start, its first and last legs carried on to the edge of the surveyed area: a
     /// terrestrial receiver's coverage ends, the vessel does not.
     pub fn course(&self, start_unix_s: f64) -> VesselCourse {
-        let mut fixes: Vec<(f64, EastNorth)> = self.fixes.iter().map(|f| (f.0 - start_unix_s, f.1)).collect();
-        let carry = |from: (f64, EastNorth), towards: (f64, EastNorth)| {
+        let mut fixes: Vec<Fix> = self.fixes.iter().map(|f| (f.0 - start_unix_s, f.1)).collect();
+        let carry = |from: Fix, towards: Fix| {
             let dt = towards.0 - from.0;
             let v = ((towards.1.0 - from.1.0) / dt, (towards.1.1 - from.1.1) / dt);
             let speed2 = v.0 * v.0 + v.1 * v.1;

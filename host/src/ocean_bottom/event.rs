@@ -1,9 +1,9 @@
 //! Sounds that are no vessels: whale calls, earthquakes, T phases, strumming of the buoy.
 
-use super::course::VesselCourse;
 use super::passage::{Field, add_event, emission};
 use super::scenario::{Burst, Strumming, Whale};
 use super::source::{Radiator, ToneLine};
+use crate::course::VesselCourse;
 use crate::propagation::{Complex, Propagation};
 use std::f64::consts::{PI, TAU};
 

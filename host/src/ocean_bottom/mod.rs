@@ -1,11 +1,10 @@
 //! The host side of an ocean-bottom station: its propagation table for the core, its simulator, its pictures.
 //!
 //! [`simulate::Simulator`] makes four-channel recordings of vessels ([`passage`]: what arrives of what [`source`]
-//! radiates along a [`course`]), of other sounds ([`event`]) and of the sea ([`ambient`]), as a [`scenario`] says.
+//! radiates along a [`crate::course`]), of other sounds ([`event`]) and of the sea ([`ambient`]), as a [`scenario`] says.
 
 pub mod ais;
 pub mod ambient;
-pub mod course;
 pub mod event;
 pub mod orient;
 pub mod passage;

@@ -4,9 +4,9 @@
 //! vessel; the mode of all and the scatter of the passages' modes give the value and its uncertainty. Assumes one vessel
 //! at a time near the station, and the station's place known ([`super::place`]).
 
-use super::course::{EastNorth, VesselCourse, polar};
 use super::place::{Travel, USED_M, alone, heard};
 use super::stages::SpectralFrame;
+use crate::course::{EastNorth, VesselCourse, polar};
 use seabearing_core::angle::wrap_pi;
 use std::f64::consts::TAU;
 

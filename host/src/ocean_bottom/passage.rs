@@ -6,8 +6,8 @@
 //! vertically cos θ (1 − R)/(1 + R) down, R the floor's coefficient: the floor moves as incident and reflected wave do.
 //! Delays, amplitudes and azimuths are exact at nodes half a second apart and linear between them.
 
-use super::course::{VesselCourse, polar};
 use super::source::Radiator;
+use crate::course::{VesselCourse, polar};
 use crate::propagation::bottom::Bottom;
 use crate::propagation::{Complex, Propagation};
 

@@ -4,12 +4,12 @@
 //! after the clutter filter, range log-likelihood with detections, presence with segments, tracks on a map with circles at
 //! 50 and 100 km; [`model`] draws the interference model against range. Times are hours from the recording's start.
 
-use super::course::EastNorth;
 use super::stages::{
     AZIMUTHS, BINS, RANGE_STEP_M, RANGES, SpectralFrame, azimuth_likelihood, frames, minutes,
     range_likelihood,
 };
 use crate::angle::{azimuth_deg, wrap_deg};
+use crate::course::EastNorth;
 use crate::plot::{ColourMap, HeatMap, Plot, RGBColor, Scale, cut_at_wraps, write_panels};
 use crate::propagation::Propagation;
 use crate::recording::BlockSource;

@@ -9,8 +9,8 @@
 //! Neighbouring moments share errors (of the table, of the filter), so the curvature of the likelihood claims too much:
 //! the covariance is that of the mean of up to six parts of the evidence, interleaved in pieces of 20 minutes.
 
-use super::course::{EastNorth, VesselCourse, polar};
 use super::stages::{MomentEvidence, RANGE_STEP_M};
+use crate::course::{EastNorth, VesselCourse, polar};
 use rayon::prelude::*;
 
 /// Ranges at which passages are used, m: nearer the azimuth turns fast, farther the vessel drowns.

@@ -4,11 +4,11 @@
 //! from the scenario's seed. [`Simulator`] is a [`BlockSource`].
 
 use super::ambient::{AmbientNoise, Directional, HOP};
-use super::course::VesselCourse;
 use super::event::{Caller, HeardEvent, Species, Wave};
 use super::passage::{Field, ReceivedVessel, gain};
 use super::scenario::{ObsFault, ObsScenario, Radiation};
 use super::source::{Radiator, ToneLine, noise_shape};
+use crate::course::VesselCourse;
 use crate::propagation::Propagation;
 use crate::recording::BlockSource;
 use anyhow::Result;

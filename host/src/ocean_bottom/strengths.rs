@@ -6,8 +6,8 @@
 //! [O C2]. A skew-normal law is then fitted to each branch by weighted least squares: every shape, location and scale of
 //! a grid with the amplitude in closed form, then a search that halves its steps.
 
-use super::course::VesselCourse;
 use super::stages::SpectralFrame;
+use crate::course::VesselCourse;
 use crate::propagation::Propagation;
 use crate::propagation::strength::SkewNormal;
 use seabearing_core::obs::cepstrum::noise_sd;

@@ -1,10 +1,10 @@
 //! Position and orientation of an ocean-bottom station from its records or recordings, and vessels of known track.
 
-use super::course::{EastNorth, VesselCourse, polar};
 use super::orient::orientation;
 use super::place::{Displacement, NotObserved, Travel, alone, heard, place};
 use super::records::{self, Detected};
 use super::stages::{self, SpectralFrame};
+use crate::course::{EastNorth, VesselCourse, polar};
 use crate::propagation::{Propagation, file};
 use crate::recording;
 use crate::station::Station;

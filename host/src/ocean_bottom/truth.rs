@@ -1,8 +1,8 @@
 //! Where a vessel truly was: at the moment the sound of its strongest path left it, and at its closest point.
 
-use super::course::VesselCourse;
 use super::passage::emission;
 use super::simulate::MovingVessel;
+use crate::course::{Steady, VesselCourse};
 use crate::propagation::Propagation;
 
 /// Where a vessel was when what arrives most strongly now left it.
@@ -32,9 +32,6 @@ pub fn then(table: &Propagation, paths: usize, vessel: &MovingVessel, t_s: f64) 
 
 /// Closest point of a straight course: time, range, heading, speed.
 pub fn closest(course: &VesselCourse) -> Option<(f64, f64, f64, f64)> {
-    let VesselCourse::Straight { cpa_time_s, closest_m, velocity_m_s: (vx, vy) } = course.straightened()?
-    else {
-        return None;
-    };
-    Some((cpa_time_s, closest_m.0.hypot(closest_m.1), vx.atan2(vy), vx.hypot(vy)))
+    let Steady { at_s, place_m, velocity_m_s: (vx, vy) } = course.straightened()?;
+    Some((at_s, place_m.0.hypot(place_m.1), vx.atan2(vy), vx.hypot(vy)))
 }

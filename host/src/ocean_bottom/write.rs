@@ -135,7 +135,7 @@ fn truth(simulator: &Simulator) -> String {
     for v in &simulator.vessels {
         for t in (0..=minutes).map(|m| 60.0 * m as f64) {
             let Some((x, y)) = v.course.at(t) else { continue };
-            let (range, azimuth) = super::course::polar((x, y));
+            let (range, azimuth) = crate::course::polar((x, y));
             let Some(h) = then(table, scenario.paths, v, t) else { continue };
             out.row(&[
                 &Fixed(t, 0),

@@ -1,4 +1,4 @@
-//! Reflection of sound at an elastic sea floor (fluid over a solid half-space): coefficient and phase.
+//! Reflection of sound at an elastic sea floor (fluid over a solid half-space): coefficient and phase (Brekhovskikh and Lysanov).
 //!
 //! `R = (Zp cos²2θs + Zs sin²2θs − Zw) / (Zp cos²2θs + Zs sin²2θs + Zw)`, `Z = ρ c / cos θ` of water, compressional and
 //! shear wave, Snell's law between the angles; beyond a critical angle the cosine is `+i √(sin² − 1)`, which in

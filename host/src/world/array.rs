@@ -6,10 +6,10 @@
 //! Cost: eight interpolations of 64 points a vessel and sample; 200 s at 64 kHz in a few seconds.
 
 use super::converter::SimulatedConverter;
-use super::motion::VesselMotion;
 use super::noise::{NoiseStream, SpectrumShape};
 use super::scenario::{ArrayScenario, Water};
 use super::source::{self, VesselSound};
+use crate::course::VesselCourse;
 use anyhow::{Result, anyhow};
 use rayon::prelude::*;
 use seabearing_core::block::{CHANNELS, Frame};
@@ -26,7 +26,7 @@ const AMBIENT_HOP: usize = 4096;
 
 /// A vessel at sea.
 struct Sailing {
-    motion: VesselMotion,
+    motion: VesselCourse,
     source: VesselSound,
 }
 
@@ -147,7 +147,7 @@ impl SimulatedArray {
 
 /// The knots of one path.
 fn path(
-    motion: &VesselMotion,
+    motion: &VesselCourse,
     source: &VesselSound,
     h: [f64; 3],
     z: f64,
@@ -196,8 +196,8 @@ impl Iterator for SimulatedArray {
 }
 
 /// The courses of all vessels.
-pub(super) fn motions(scenario: &ArrayScenario) -> Result<Vec<VesselMotion>> {
-    scenario.vessels.iter().map(|v| VesselMotion::of(v, scenario.station.config.lat_lon_deg)).collect()
+pub(super) fn motions(scenario: &ArrayScenario) -> Result<Vec<VesselCourse>> {
+    scenario.vessels.iter().map(|v| v.course(scenario.station.config.lat_lon_deg)).collect()
 }
 
 fn ambient_shape(scenario: &ArrayScenario) -> SpectrumShape {
@@ -214,7 +214,7 @@ pub(super) fn band(config: &StationConfig) -> (f64, f64) {
 }
 
 /// Density of the flat part of the ambient noise, µPa²/Hz.
-pub fn ambient_level(scenario: &ArrayScenario, motions: &[VesselMotion]) -> f64 {
+pub fn ambient_level(scenario: &ArrayScenario, motions: &[VesselCourse]) -> f64 {
     let shape = ambient_shape(scenario);
     match (scenario.ambient.snr_at_cpa_db, motions.first()) {
         (Some(snr), Some(motion)) => {
@@ -227,7 +227,7 @@ pub fn ambient_level(scenario: &ArrayScenario, motions: &[VesselMotion]) -> f64 
 }
 
 /// Power of the ambient noise in the station's band, µPa².
-pub(super) fn ambient_power(scenario: &ArrayScenario, motions: &[VesselMotion]) -> f64 {
+pub(super) fn ambient_power(scenario: &ArrayScenario, motions: &[VesselCourse]) -> f64 {
     let (f0, f1) = band(&scenario.station.config);
     ambient_level(scenario, motions) * ambient_shape(scenario).power(f0, f1)
 }

@@ -6,7 +6,6 @@
 
 pub mod array;
 pub mod converter;
-pub mod motion;
 pub mod noise;
 pub mod scenario;
 pub mod source;

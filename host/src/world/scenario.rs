@@ -1,10 +1,12 @@
 //! The scenario file of an array pass (TOML); unknown or wrong keys are errors that name the key and the line.
 
+use crate::course::{VesselCourse, fixes};
+use crate::csv::{CsvTable, good_rows};
 use crate::recording::write::Encoding;
 pub use crate::scenario::{Affected, Gap, Side, Straight};
 use crate::scenario::{ScenarioFile, ScenarioKind, StationFile, Wrong, check_gaps, forever, utc, within};
 use crate::station::Station;
-use anyhow::Result;
+use anyhow::{Result, anyhow, bail};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
@@ -194,6 +196,24 @@ pub struct ArrayVessel {
     pub tones: Vec<Tone>,
     /// Amplitude modulation of the noise by shaft and blades.
     pub modulation: Option<Modulation>,
+}
+
+impl ArrayVessel {
+    /// Its course; `lat_lon_deg` is the station's place, for tracks in degrees. Bad rows of a track are named and left out.
+    ///
+    /// # Errors
+    /// The track file cannot be used.
+    pub fn course(&self, lat_lon_deg: Option<(f64, f64)>) -> Result<VesselCourse> {
+        match (&self.straight, &self.track) {
+            (Some(s), _) => Ok(VesselCourse::straight(s)),
+            (None, Some(path)) => {
+                let table = CsvTable::read(path)?;
+                let rows = good_rows(table.name(), fixes(&table, lat_lon_deg, (0.0, 0.0))?)?;
+                VesselCourse::smooth(&rows).map_err(|e| anyhow!("{}: {e}", table.name()))
+            }
+            (None, None) => bail!("vessel `{}` has no course", self.name),
+        }
+    }
 }
 
 fn four() -> f64 {

@@ -2,9 +2,10 @@
 
 use super::array::{ambient_power, motions, signal_power};
 use super::scenario::ArrayScenario;
-use crate::angle::{azimuth_deg, turn_deg};
+use crate::angle::{azimuth_deg, turn_deg, wrap_deg};
 use crate::csv::{CsvTable, CsvText, Fixed};
 use anyhow::Result;
+use seabearing_locate::between::between;
 use std::path::Path;
 
 /// Header of the file; `docs/simulate.md` describes every column.
@@ -28,10 +29,10 @@ pub fn csv(scenario: &ArrayScenario) -> Result<String> {
         let true_t = t / rate;
         for (v, ((motion, cpa), vessel)) in motions.iter().zip(&closest).zip(&scenario.vessels).enumerate() {
             let z = config.depth_m - vessel.depth_m;
-            let [x, y] = motion.position(true_t);
+            let (x, y) = motion.position(true_t);
             let (emitted, _) = motion.emission(true_t, [0.0; 3], z, config.sound_speed_m_s, true_t);
-            let [ex, ey] = motion.position(emitted);
-            let [vx, vy] = motion.velocity(true_t);
+            let (ex, ey) = motion.position(emitted);
+            let (vx, vy) = motion.velocity(true_t);
             let elevation = |x: f64, y: f64| z.atan2(x.hypot(y)).to_degrees();
             let snr = 10.0 * (signal_power(scenario, v, ex.hypot(ey)) / noise).log10();
             out.row(&[
@@ -69,6 +70,12 @@ pub struct Truth {
     pub y_m: f64,
     /// Azimuth the sound arrives from, degrees.
     pub arrival_azimuth_deg: f64,
+    /// Heading, degrees.
+    pub heading_deg: f64,
+    /// Time of the closest point, seconds of the recorder's clock.
+    pub cpa_time_s: f64,
+    /// Horizontal range there, m.
+    pub cpa_range_m: f64,
 }
 
 impl Truth {
@@ -84,14 +91,16 @@ impl Truth {
     ///
     /// # Errors
     /// A column is missing.
-    fn of(table: &CsvTable) -> Result<Vec<(String, Vec<Self>)>> {
+    pub fn of(table: &CsvTable) -> Result<Vec<(String, Vec<Self>)>> {
         let vessel = table.column("vessel")?;
-        let rows = table.numbers(["t_s", "x_m", "y_m", "arrival_azimuth_deg"])?;
+        let columns =
+            ["t_s", "x_m", "y_m", "arrival_azimuth_deg", "heading_deg", "cpa_time_s", "cpa_range_m"];
+        let rows = table.numbers(columns)?;
         let mut out: Vec<(String, Vec<Self>)> = Vec::new();
         for (i, (_, row)) in rows.into_iter().enumerate() {
-            let [t_s, x_m, y_m, arrival_azimuth_deg] = row?;
+            let [t_s, x_m, y_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m] = row?;
             let name = table.text(i, vessel).unwrap_or("");
-            let truth = Self { t_s, x_m, y_m, arrival_azimuth_deg };
+            let truth = Self { t_s, x_m, y_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m };
             match out.iter_mut().find(|(n, _)| n == name) {
                 Some((_, rows)) => rows.push(truth),
                 None => out.push((name.to_owned(), vec![truth])),
@@ -102,9 +111,8 @@ impl Truth {
 
     /// Azimuth of arrival at a time, degrees, between two rows in order of time; `None` outside them.
     pub fn azimuth_at(rows: &[Self], t_s: f64) -> Option<f64> {
-        let after = rows.partition_point(|r| r.t_s <= t_s);
-        let (a, b) = (rows.get(after.checked_sub(1)?)?, rows.get(after)?);
+        let (a, b, share) = between(rows, |row| row.t_s, t_s)?;
         let turn = turn_deg(a.arrival_azimuth_deg, b.arrival_azimuth_deg);
-        Some(a.arrival_azimuth_deg + turn * (t_s - a.t_s) / (b.t_s - a.t_s))
+        Some(wrap_deg(a.arrival_azimuth_deg + share * turn))
     }
 }

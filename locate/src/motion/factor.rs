@@ -1,4 +1,4 @@
-//! The three factorisations behind [`super::whiten`]: Levinson-Durbin, chains of differences, Cholesky.
+//! The three factorisations behind [`super::whiten`]: Levinson-Durbin (docs/references.md), chains of differences, Cholesky.
 //!
 //! In: correlations by lag, or times. Out: one-step predictors and their error variances. Each is exact for its case;
 //! costs are O(K²), O(K) and O(K³).

@@ -1,6 +1,6 @@
 //! A vessel whose track is known (GPS or AIS): its position at any time between the given ones.
 
-use crate::math::f64 as m;
+use crate::between::{between, mixed};
 
 /// One known position.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,22 +47,12 @@ pub fn check(track: &[TrackPoint]) -> Result<(), KnownTrackError> {
 
 /// Position at a time by straight interpolation; `None` outside the track or across a gap longer than `gap_s`.
 pub fn position_at(track: &[TrackPoint], t_s: f64, gap_s: f64) -> Option<[f64; 3]> {
-    let after = track.partition_point(|p| p.t_s < t_s);
-    let b = track.get(after)?;
-    if b.t_s == t_s {
-        return Some(b.position_m);
-    }
-    let a = track.get(after.checked_sub(1)?)?;
-    let span = b.t_s - a.t_s;
-    if !(span > 0.0) || span > gap_s {
-        return None;
-    }
-    let f = (t_s - a.t_s) / span;
-    let mut out = a.position_m;
-    for (o, (p, q)) in out.iter_mut().zip(a.position_m.iter().zip(&b.position_m)) {
-        *o = p + f * (q - p);
-    }
-    if out.iter().all(|x| x.is_finite()) && !m::abs(f).is_nan() { Some(out) } else { None }
+    let (a, b, share) = between(track, |p| p.t_s, t_s)?;
+    // At a given position itself no gap matters.
+    let known = share == 0.0 || share == 1.0 || b.t_s - a.t_s <= gap_s;
+    known
+        .then(|| mixed(&a.position_m, &b.position_m, share))
+        .filter(|place| place.iter().all(|x| x.is_finite()))
 }
 
 #[cfg(test)]
