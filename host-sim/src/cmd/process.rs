@@ -52,6 +52,13 @@ pub struct Args {
 /// A bad station file, no usable recording, or nothing useful in it.
 pub fn run(args: Args) -> Result<()> {
     let station = Station::of_recorder(&args.station)?;
+    // Where nothing can be written is said before the work, not after.
+    let telemetry_file = args.telemetry.as_deref().map(atomic::Unfinished::beside).transpose()?;
+    if let Some(folder) = &args.plots
+        && let Some(file) = folder.ancestors().find(|path| path.exists()).filter(|path| !path.is_dir())
+    {
+        bail!("cannot write {}: {} is a file, a folder is needed", folder.display(), file.display());
+    }
     let start = args.start.as_deref().map(|t| super::instant("--start", t)).transpose()?;
     // A simulation writes what its kind of station can be compared with.
     let ocean_bottom = matches!(station.config.kind, Kind::Obs(_));
@@ -105,8 +112,9 @@ pub fn run(args: Args) -> Result<()> {
     })?;
     out.flush()?;
     source.bar.finish_and_clear();
-    if let Some(path) = &args.telemetry {
-        atomic::write(path, &telemetry)?;
+    if let Some(file) = telemetry_file {
+        file.as_file().write_all(&telemetry)?;
+        file.finish()?;
     }
     if let Some(folder) = args.plots.as_deref().filter(|_| matches!(station.config.kind, Kind::Array(_))) {
         // The clearest bearing shows best what the correlations look like.

@@ -20,11 +20,12 @@ use std::path::PathBuf;
     seabearing track bearings.csv --estimator recursive --json --plot track.svg\n  \
     seabearing track bearings.csv --robust --sigma-deg 2     # some bearings are wrong altogether\n  \
     seabearing track bearings.csv --known-track gps.csv      # the error model instead of a track\n\n\
-    BEARINGS.csv: t_s,azimuth_deg and optionally sigma_deg, elevation_deg; rows may be missing or irregular. Without\n\
+    BEARINGS.csv: t_s,azimuth_deg and optionally sigma_deg, elevation_deg; rows may be missing or irregular; or records\n\
+    of `seabearing process`, of which the strongest source's bearings are taken with the errors they state. Without\n\
     --speed a vessel's speed is taken as 7.3 ± 2.3 m/s; --speed alone means that it is known. `side` is the vessel's\n\
     side on which the array lies; x0, y0 are East and North of the array at the first bearing's time.")]
 pub struct Args {
-    /// Bearings, CSV.
+    /// Bearings: CSV, or records of `seabearing process`.
     bearings: PathBuf,
     /// Standard deviation of a bearing's error, degrees (a column sigma_deg goes before it).
     #[arg(long, default_value_t = 1.0)]

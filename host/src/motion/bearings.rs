@@ -1,9 +1,12 @@
-//! Bearings of one array from a CSV file: `t_s,azimuth_deg` and optionally `sigma_deg`, `elevation_deg`.
+//! Bearings of one array from a CSV file, `t_s,azimuth_deg` and optionally `sigma_deg`, `elevation_deg`, or from the records
+//! of `seabearing process`.
 
 use crate::csv::{CsvTable, good_rows};
-use anyhow::{Result, bail};
+use crate::ocean_bottom::records::is_records;
+use anyhow::{Context, Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_locate::motion::ml::Sample;
+use serde_json::Value;
 use std::path::Path;
 
 /// Reads the bearings in order of time. `sd_rad`: standard deviation of an azimuth where no column `sigma_deg` says
@@ -13,8 +16,50 @@ use std::path::Path;
 /// # Errors
 /// The file cannot be read, or no row of it is usable.
 pub fn read(path: &Path, sd_rad: f64, sd_elevation_rad: Option<f64>) -> Result<Vec<Sample>> {
-    let table = CsvTable::read(path)?;
     let name = path.display().to_string();
+    let rows = if is_records(path) {
+        of_records(path, sd_elevation_rad.is_some())?
+    } else {
+        of_table(&CsvTable::read(path)?, sd_rad, sd_elevation_rad)?
+    };
+    let mut samples = good_rows(&name, rows)?;
+    if !samples.is_sorted_by(|a, b| a.t_s <= b.t_s) {
+        eprintln!("seabearing: {name}: rows are not in order of time; sorted");
+        samples.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    }
+    Ok(samples)
+}
+
+/// The strongest source's bearings among records, each with the errors it states.
+fn of_records(path: &Path, elevations: bool) -> Result<Vec<(usize, Result<Sample>)>> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let bearing = |(n, line): (usize, &str)| {
+        let record: Value = serde_json::from_str(line).unwrap_or_default();
+        let number = |key: &str| record.get(key).and_then(Value::as_f64);
+        let is_one = record.get("type")?.as_str()? == "bearing" && number("band") == Some(0.0);
+        let rad = |key: &str| Some(number(key)? * RAD_PER_DEG);
+        let sample = || {
+            let (azimuth, sd) = (wrap_tau(rad("azimuth_deg")?), rad("sd_azimuth_deg")?);
+            let mut sample = Sample::azimuth(number("t_s")?, azimuth, sd);
+            if let (true, Some(e), Some(sd)) = (elevations, rad("elevation_deg"), rad("sd_elevation_deg")) {
+                sample.elevation_rad = (e as f32, sd as f32);
+            }
+            Some(sample)
+        };
+        let missing =
+            || format!("{}, line {}: a bearing without time, azimuth or error", path.display(), n + 1);
+        is_one.then(|| (n + 1, sample().with_context(missing)))
+    };
+    Ok(text.lines().enumerate().filter_map(bearing).collect())
+}
+
+/// The rows of a table.
+fn of_table(
+    table: &CsvTable,
+    sd_rad: f64,
+    sd_elevation_rad: Option<f64>,
+) -> Result<Vec<(usize, Result<Sample>)>> {
+    let name = table.name();
     let column = |key: &str, wanted: bool| -> Result<_> {
         (wanted && table.has(key)).then(|| table.numbers([key])).transpose()
     };
@@ -40,10 +85,30 @@ pub fn read(path: &Path, sd_rad: f64, sd_elevation_rad: Option<f64>) -> Result<V
         });
         rows.push((line, one));
     }
-    let mut samples = good_rows(&name, rows)?;
-    if !samples.is_sorted_by(|a, b| a.t_s <= b.t_s) {
-        eprintln!("seabearing: {name}: rows are not in order of time; sorted");
-        samples.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bearings_are_read_from_records() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("records.jsonl");
+        let bearing = |t_s: f64, band: u8| {
+            format!(
+                "{{\"type\":\"bearing\",\"t_s\":{t_s},\"azimuth_deg\":30.0,\"elevation_deg\":9.0,\
+                 \"sd_azimuth_deg\":0.5,\"sd_elevation_deg\":1.5,\"band\":{band}}}\n"
+            )
+        };
+        let text = ["{\"type\":\"hello\"}\n", &bearing(1.0, 0), &bearing(1.0, 1), &bearing(1.5, 0)].concat();
+        std::fs::write(&path, text).unwrap();
+        let samples = read(&path, 1.0, Some(1.0)).unwrap();
+        let mut first = Sample::azimuth(1.0, 30.0 * RAD_PER_DEG, 0.5 * RAD_PER_DEG);
+        first.elevation_rad = ((9.0 * RAD_PER_DEG) as f32, (1.5 * RAD_PER_DEG) as f32);
+        assert_eq!(samples[0], first);
+        assert_eq!(samples.iter().map(|s| s.t_s).collect::<Vec<_>>(), [1.0, 1.5]);
+        assert!(read(&path, 1.0, None).unwrap()[0].elevation_rad.1.is_infinite());
     }
-    Ok(samples)
 }
