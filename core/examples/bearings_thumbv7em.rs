@@ -13,7 +13,7 @@ const HYDROPHONES_M: [[f64; 3]; 4] =
 #[cortex_m_rt::entry]
 fn main() -> ! {
     let config = StationConfig::array(64_000.0, HYDROPHONES_M);
-    let memory = singleton!(: Memory = Memory::new()).unwrap();
+    let memory = singleton!(: Memory<'static> = Memory::new()).unwrap();
     let mut recorder = memory.configure(&config, None).unwrap();
     let lead = HYDROPHONES_M.map(|[x, y, _]| (100.5 + (x * 0.866 + y * 0.5) / 1484.0 * 64e3) as u32);
     let noise = |n: u32| (n.wrapping_mul(n ^ 0x9E37_79B9).wrapping_mul(0x85EB_CA6B) as i32) >> 14;
