@@ -32,7 +32,12 @@ pub trait Application {
     /// Carries out a command; the loop itself stops on [`Command::Stop`].
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message));
 
-    /// No samples have come for so many seconds; called once for each, from the first on.
+    /// Sample instants that end a silence; fewer do not interrupt it.
+    fn enough(&self) -> u32 {
+        1
+    }
+
+    /// Fewer samples than [`Self::enough`] have come for so many seconds; called once for each, from the first on.
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message));
 
     /// Something went wrong outside: said as other faults are.
@@ -62,13 +67,28 @@ pub struct Summary {
     pub frames_dropped: u32,
 }
 
-/// Seconds without samples.
+/// Seconds without samples, or with hardly any.
 struct Silence {
     since_s: u32,
     told_s: u32,
+    /// Instants that have come in it.
+    came: u32,
 }
 
 impl Silence {
+    /// None yet.
+    fn since(now_s: u32) -> Self {
+        Self { since_s: now_s, told_s: 0, came: 0 }
+    }
+
+    /// So many instants have come.
+    fn interrupt(&mut self, count: usize, enough: u32, now_s: u32) {
+        self.came = self.came.saturating_add(count as u32);
+        if self.came >= enough {
+            *self = Self::since(now_s);
+        }
+    }
+
     /// The next second that has gone by and was not told.
     fn next(&mut self, now_s: u32) -> Option<u32> {
         let silent_s = now_s.wrapping_sub(self.since_s);
@@ -108,7 +128,7 @@ pub fn run_over(
     if let Some((code, value)) = supervisor.last_fault() {
         outlet.say(&Message::Fault(Fault { code, index: 0, value }));
     }
-    let mut silence = Silence { since_s: clock.seconds(), told_s: 0 };
+    let mut silence = Silence::since(clock.seconds());
     let mut running = true;
     while running {
         supervisor.feed();
@@ -130,7 +150,7 @@ pub fn run_over(
         }
         match source.read(frames) {
             Chunk::Frames { first_index, count } => {
-                silence = Silence { since_s: clock.seconds(), told_s: 0 };
+                silence.interrupt(count, application.enough(), clock.seconds());
                 let begun = clock.ticks();
                 let block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
                 application.push(block, &mut |m| outlet.say(m));
@@ -354,7 +374,7 @@ mod tests {
             messages.filter_map(|m| if let Message::Fault(f) = m { Some(f.value) } else { None }).collect();
         assert!(told.starts_with(&[1, 2, 3, 4, 5]) && told.len() <= 8, "{told:?}");
         // A clock that jumps, here backwards over its wrap, tells no more than a minute.
-        let mut silence = Silence { since_s: 5, told_s: 0 };
+        let mut silence = Silence::since(5);
         let mut n = 0;
         while silence.next(4).is_some() {
             n += 1;

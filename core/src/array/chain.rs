@@ -222,10 +222,15 @@ pub(crate) fn event(
     }
 }
 
-/// The end of the input: the last segment is estimated and the last samples are accounted for.
-pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
+/// No samples come: the open segment is estimated, and samples that wait for a full frame are accounted for.
+pub(crate) fn pause(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
     state.framing.end(&mut state.intake.accounting);
     close_step(plan, state, scratch, sink);
+}
+
+/// The end of the input: the last segment is estimated and the last samples are accounted for.
+pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
+    pause(plan, state, scratch, sink);
     state.intake.finish(&plan.intake, sink);
 }
 

@@ -30,6 +30,6 @@ mod transform;
 pub mod wavefront;
 
 pub use chain::{Scratch, State, finish, push};
-pub(crate) use chain::{event, samples};
+pub(crate) use chain::{event, pause, samples};
 pub use others::BEARINGS_A_STEP;
 pub use plan::{FRAME, HOP, MAX_DELAY, Plan, PlanError, SHAFT_RATE_EVERY_S};

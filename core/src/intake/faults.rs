@@ -35,11 +35,16 @@ impl Faults {
 
     /// Sends a fault, or holds it back.
     pub fn note(&mut self, code: FaultCode, index: u64, value: u64, sink: &mut dyn FnMut(Message)) {
+        self.gather(Fault { code, index, value: i64::try_from(value).unwrap_or(i64::MAX) }, sink);
+    }
+
+    /// The same of a fault as it is.
+    pub(crate) fn gather(&mut self, fault: Fault, sink: &mut dyn FnMut(Message)) {
+        let Fault { code, value, .. } = fault;
         let Some(kind) = self.kinds.get_mut(code as usize) else { return };
-        let value = i64::try_from(value).unwrap_or(i64::MAX);
         if kind.sent < A_MINUTE {
             kind.sent += 1;
-            sink(Message::Fault(Fault { code, index, value }));
+            sink(Message::Fault(fault));
         } else {
             kind.held = kind.held.saturating_add(1);
             kind.value = match code {
@@ -60,9 +65,7 @@ impl Faults {
     /// Gathers a chain's message where it is a fault, and sends every other.
     pub fn pass(&mut self, message: Message, sink: &mut dyn FnMut(Message)) {
         match message {
-            Message::Fault(Fault { code, index, value }) => {
-                self.note(code, index, value.max(0).unsigned_abs(), sink);
-            }
+            Message::Fault(fault) => self.gather(fault, sink),
             other => sink(other),
         }
     }

@@ -6,8 +6,9 @@
 //! meets them: this file (index, missing instants), `channels` (dead, copied, clipped), `level`; beside them `faults`, which
 //! keeps what goes wrong often from filling the telemetry.
 //!
-//! * The index jumps ahead: a gap. It falls behind by up to `RESTART_S`: repeats, left out. Further, or repeats for longer
-//!   than that: time starts again.
+//! * The index jumps ahead: a gap. It falls behind by up to `RESTART_S`: repeats, left out. Further, or back to where this
+//!   time began, and it goes on from there for `BELIEVED` instants: time starts again, and those are left out. So it does
+//!   after `RESTART_S` of repeats.
 //! * An instant without a code on any needed channel is *absent*. A few absent instants, or a gap as short, are bridged by
 //!   straight lines ([`Plan::new`]); more end the run. A code missing on one channel alone is that channel's last one again.
 //! * Whatever the index does, a recorder looks at the time at least once in [`PATIENCE`] instants that come.
@@ -32,6 +33,9 @@ use crate::wire::{FaultCode, Message};
 /// An index that falls back by more than this, or repeats for longer, is time starting again, seconds: longer than a block
 /// sent twice, shorter than any report may be late.
 const RESTART_S: f64 = 30.0;
+
+/// Instants that must follow each other in what may be a new time before it is believed: more than a packet that strayed.
+const BELIEVED: u64 = GRID / 2;
 
 /// An index beyond this is damage, not time: a hundred years, seconds.
 const LAST_S: f64 = 3.2e9;
@@ -152,8 +156,12 @@ pub struct Intake {
     /// What is said about it.
     pub faults: Faults,
     started: bool,
+    /// Index at which this time began.
+    first: u64,
     /// Index after the last instant seen.
     next: u64,
+    /// What may be a new time: the index that continues it, and how many instants of it have come.
+    fallen: Option<(u64, u64)>,
     /// Whether the last instants belong to a run that may go on.
     running: bool,
     /// Newest code of each channel.
@@ -182,7 +190,9 @@ impl Intake {
             accounting: Accounting { processed: 0, lost: [0; crate::health::LOSS_CAUSES] },
             faults: Faults::new(),
             started: false,
+            first: 0,
             next: 0,
+            fallen: None,
             running: false,
             newest: [0; CHANNELS],
             absent: 0,
@@ -267,37 +277,46 @@ impl Intake {
     fn align(&mut self, plan: &Plan, rest: &mut Block<'_>, sink: &mut dyn FnMut(Message)) -> Option<Event> {
         if !self.started {
             self.started = true;
-            self.next = rest.first_index;
+            (self.first, self.next) = (rest.first_index, rest.first_index);
         }
-        if rest.first_index > self.next {
+        let Some(back) = self.next.checked_sub(rest.first_index) else {
             self.tell_repeats(sink);
+            self.fallen = None;
             let n = rest.first_index - self.next;
             self.next = rest.first_index;
             self.accounting.lose(LossCause::Gap, n);
             self.faults.note(FaultCode::Gap, self.next, n, sink);
             return self.lack(plan, n);
-        }
-        let back = self.next - rest.first_index;
+        };
         if back == 0 {
+            self.fallen = None;
             return None;
         }
-        if back > plan.restart || self.repeated >= plan.restart {
-            return Some(self.restart(plan, rest.first_index, sink));
+        let begins = back > plan.restart || rest.first_index <= self.first;
+        let fallen = match self.fallen {
+            Some((next, seen)) if next == rest.first_index => Some(seen),
+            _ if begins => Some(0),
+            _ => None,
+        };
+        if fallen.is_some_and(|seen| seen >= BELIEVED) || self.repeated >= plan.restart {
+            return Some(self.restart(plan, rest.first_index, fallen.unwrap_or(0), sink));
         }
+        let unsure = fallen.map_or(back, |seen| BELIEVED - seen);
         let most = self.patience().min(rest.frames.len() as u64);
-        let n = back.min(plan.restart - self.repeated).min(most);
+        let n = back.min(plan.restart - self.repeated).min(unsure).min(most);
+        self.fallen = fallen.map(|seen| (rest.first_index.saturating_add(n), seen + n));
         self.accounting.lose(LossCause::Overlap, n);
         self.repeated += n;
         self.pass_over(rest, n);
         None
     }
 
-    /// Time starts again.
-    fn restart(&mut self, plan: &Plan, index: u64, sink: &mut dyn FnMut(Message)) -> Event {
+    /// Time starts again; so many instants of it have gone by unused.
+    fn restart(&mut self, plan: &Plan, index: u64, unused: u64, sink: &mut dyn FnMut(Message)) -> Event {
         self.tell_repeats(sink);
         self.tell_invalid(plan, sink);
-        let back = self.next.saturating_sub(index);
-        self.next = index;
+        let back = self.next.saturating_sub(index).saturating_add(unused);
+        (self.first, self.next, self.fallen) = (index.saturating_sub(unused), index, None);
         (self.running, self.absent, self.bridged) = (false, 0, 0);
         self.restarted = Some(back);
         Event::Restart(index)

@@ -44,6 +44,6 @@ mod station;
 pub(crate) mod station_tests;
 
 pub use plan::{Plan, PlanError};
-pub(crate) use station::take;
+pub(crate) use station::{CLOSED_AFTER_S, close, take};
 pub use station::{Scratch, State, finish, push};
 pub use table::Table;

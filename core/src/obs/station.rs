@@ -35,6 +35,9 @@ const CEPSTRUM_UNIT: f32 = 1.0 / 32_768.0;
 /// Longest silence worked through minute by minute, minutes; after a longer one the station starts afresh.
 const LONGEST_SILENCE: u64 = 30;
 
+/// The same where the board's clock alone counts it, seconds.
+pub(crate) const CLOSED_AFTER_S: u32 = 60 * LONGEST_SILENCE as u32;
+
 /// One frame, kept for a window.
 #[derive(Clone, Debug)]
 struct Kept {
@@ -171,15 +174,23 @@ pub(crate) fn take(
         Step::Samples(run) => state.samples(plan, scratch, run, sink),
         Step::Mended(instant) => state.samples(plan, scratch, &instant.run(), sink),
         Step::Event(Event::Gap) => state.hops.end(&mut state.intake.accounting),
-        Step::Event(Event::Restart(_)) => {
-            state.conclude(plan, scratch, sink);
-            state.presence.start(plan.max_range_m());
-            state.clear();
-        }
+        Step::Event(Event::Restart(_)) => close(plan, state, scratch, sink),
         // While no run goes on nothing else says that minutes pass.
         Step::Time(index) if state.hops.begins() => state.catch_up(plan, scratch, *index, sink),
         Step::Time(_) => {}
     }
+}
+
+/// Nothing more comes of this time, or not for long ([`CLOSED_AFTER_S`]): what is open is reported and forgotten.
+pub(crate) fn close(
+    plan: &Plan<'_>,
+    state: &mut State,
+    scratch: &mut Scratch,
+    sink: &mut dyn FnMut(Message),
+) {
+    state.conclude(plan, scratch, sink);
+    state.presence.start(plan.max_range_m());
+    state.clear();
 }
 
 /// The end of the recording: what is still pending is reported.

@@ -2,7 +2,7 @@
 
 use super::health::{Condition, Reporter};
 use super::shaft;
-use super::{DEAF_S, silence};
+use super::{DEAF_S, SILENT_S, enough, silence};
 use crate::array;
 use crate::block::Block;
 use crate::config::StationConfig;
@@ -113,6 +113,21 @@ impl ArrayRecorder {
         reporter.restart(index);
     }
 
+    /// No samples have come for so many seconds: what is open goes on as if the index had gone on with the board's clock.
+    fn wait(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self else { return };
+        if seconds < SILENT_S {
+            return;
+        }
+        if seconds == SILENT_S {
+            array::pause(&plan.array, state, scratch, &mut outlet(plan, vessels, reporter, sink));
+        }
+        let missed = f64::from(seconds) * reporter.rate_hz();
+        let index = state.next_index().saturating_add(missed as u64);
+        traffic::advance(&plan.traffic, vessels, index, &mut |track| sink(&track));
+        state.set_places(vessels.places());
+    }
+
     /// The recording has reached this index.
     fn time(&mut self, index: u64, sink: &mut impl FnMut(&Message)) {
         let Self { plan: Slot::Full(plan), state, vessels, .. } = self else { return };
@@ -164,7 +179,12 @@ impl Application for ArrayRecorder {
         }
     }
 
+    fn enough(&self) -> u32 {
+        enough(&self.reporter)
+    }
+
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        self.wait(seconds, sink);
         if seconds >= DEAF_S {
             self.state.silent();
         }
@@ -179,11 +199,12 @@ impl Application for ArrayRecorder {
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
         let condition = self.condition();
-        self.reporter.command(command, self.state.next_index(), &condition, sink);
+        let index = self.state.next_index();
+        self.reporter.command(command, index, &condition, &mut self.state.intake.faults, sink);
     }
 
     fn pair(&mut self, pair: Pair, sink: &mut impl FnMut(&Message)) {
-        self.reporter.pair(pair, sink);
+        self.reporter.pair(pair, &mut self.state.intake.faults, sink);
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {

@@ -2,7 +2,7 @@
 
 use crate::config::StationConfig;
 use crate::health::Accounting;
-use crate::intake::GRID;
+use crate::intake::{Faults, GRID};
 use crate::math;
 use crate::utc::{Noted, Pair, UtcClock};
 use crate::version::VERSION;
@@ -117,14 +117,20 @@ impl Reporter {
         Some(self.health(index, condition))
     }
 
-    /// Time starts again at `index`.
+    /// Time starts again at `index`; UTC is not known of it.
     pub fn restart(&mut self, index: u64) {
         self.next = self.whole_period_after(index);
+        (self.utc, self.told) = (UtcClock::new(), None);
     }
 
-    /// Whether a health report is due after so many seconds without samples.
+    /// Whether a health report is due after so many seconds of silence.
     pub fn due_in_silence(&self, seconds: u32) -> bool {
         seconds.checked_rem(u32::from(self.every_s)) == Some(0)
+    }
+
+    /// Nominal sample rate, Hz.
+    pub(super) fn rate_hz(&self) -> f64 {
+        self.rate_hz
     }
 
     /// A health report now.
@@ -146,6 +152,7 @@ impl Reporter {
         command: Command,
         index: u64,
         condition: &Condition,
+        faults: &mut Faults,
         sink: &mut impl FnMut(&Message),
     ) {
         let token = match command {
@@ -162,7 +169,8 @@ impl Reporter {
             Command::Stop { token } => token, // the loop stops
             Command::Start { token } => return sink(&Message::Reply(Reply { token, status: 1 })),
             Command::Utc { token, utc_us, sd_us } => {
-                let status = self.time(Pair { index, utc_us, sd_s: f64::from(sd_us) * 1e-6 }, sink);
+                let now = Pair { index, utc_us, sd_s: f64::from(sd_us) * 1e-6 };
+                let status = self.time(now, faults, sink);
                 return sink(&Message::Reply(Reply { token, status }));
             }
         };
@@ -170,19 +178,19 @@ impl Reporter {
     }
 
     /// It is this time now, a little after the newest sample; the status of the answer.
-    fn time(&mut self, now: Pair, sink: &mut impl FnMut(&Message)) -> u8 {
+    fn time(&mut self, now: Pair, faults: &mut Faults, sink: &mut impl FnMut(&Message)) -> u8 {
         let sd_s = math::f64::sqrt(now.sd_s * now.sd_s + SAMPLE_AGE_S * SAMPLE_AGE_S);
         match self.utc.note(Pair { sd_s, ..now }, self.rate_hz) {
             Noted::Taken(time) => sink(&Message::Time(time)),
             Noted::Refused => return 1,
-            Noted::Stepped(time, value) => self.stepped(&time, value, sink),
+            Noted::Stepped(time, value) => self.stepped(&time, value, faults, sink),
         }
         0
     }
 
     /// A sample's UTC from a clock that is heard all the time. The line is told when it begins, then after a second, two, four
     /// and so on, and once a minute in the end.
-    pub fn pair(&mut self, pair: Pair, sink: &mut impl FnMut(&Message)) {
+    pub fn pair(&mut self, pair: Pair, faults: &mut Faults, sink: &mut impl FnMut(&Message)) {
         match self.utc.note(pair, self.rate_hz) {
             Noted::Taken(time) => {
                 let first = match self.told {
@@ -200,13 +208,14 @@ impl Reporter {
                 sink(&Message::Time(time));
             }
             Noted::Refused => {}
-            Noted::Stepped(time, value) => self.stepped(&time, value, sink),
+            Noted::Stepped(time, value) => self.stepped(&time, value, faults, sink),
         }
     }
 
-    fn stepped(&mut self, time: &Time, value: i64, sink: &mut impl FnMut(&Message)) {
+    fn stepped(&mut self, time: &Time, value: i64, faults: &mut Faults, sink: &mut impl FnMut(&Message)) {
         self.told = Some((time.index, time.index));
-        sink(&Message::Fault(Fault { code: FaultCode::ClockStepped, index: time.index, value }));
+        let fault = Fault { code: FaultCode::ClockStepped, index: time.index, value };
+        faults.gather(fault, &mut |message| sink(&message));
         sink(&Message::Time(*time));
     }
 
@@ -259,7 +268,9 @@ mod tests {
     fn commands_are_answered_with_their_token() {
         let mut r = Reporter::new();
         let mut out = std::vec::Vec::new();
-        r.command(Command::Identify { token: 9 }, 0, &Condition::default(), &mut |m| out.push(*m));
+        r.command(Command::Identify { token: 9 }, 0, &Condition::default(), &mut Faults::new(), &mut |m| {
+            out.push(*m)
+        });
         assert!(matches!(out[0], Message::Hello(_)) && matches!(out[1], Message::Health(_)));
         assert_eq!(out[2], Message::Reply(Reply { token: 9, status: 0 }));
     }
@@ -272,7 +283,7 @@ mod tests {
         let mut hear = |r: &mut Reporter, index: u64, second: i64| {
             let pair = Pair { index, utc_us: start_us + second * 1_000_000, sd_s: 2e-6 };
             let mut faults = 0;
-            r.pair(pair, &mut |m| match m {
+            r.pair(pair, &mut Faults::new(), &mut |m| match m {
                 Message::Time(time) => told.push(time.index / 100),
                 Message::Fault(f) => faults += i64::from(f.code == FaultCode::ClockStepped) * f.value,
                 _ => {}
@@ -298,7 +309,7 @@ mod tests {
         let mut tell = |index: u64, utc_us: i64| {
             let mut out = std::vec::Vec::new();
             let command = Command::Utc { token: 4, utc_us, sd_us: 1000 };
-            r.command(command, index, &Condition::default(), &mut |m| out.push(*m));
+            r.command(command, index, &Condition::default(), &mut Faults::new(), &mut |m| out.push(*m));
             out
         };
         let reply = |status| Message::Reply(Reply { token: 4, status });

@@ -2,143 +2,17 @@
 //! one interval of what arrives, faults stay gathered and none is forgotten, every instant is in one bucket, and the cut
 //! into blocks changes nothing.
 
+use super::test_recorder::{ARRAY_RATE, BOTH, BOTTOM_RATE, Heard, Which, listen, noise, source, trial};
 use super::{Memory, Recorder};
 use crate::block::{Block, Frame, MISSING};
-use crate::config::StationConfig;
+use crate::health::LossCause;
 use crate::obs::station_tests as bottom;
 use crate::run::Application;
-use crate::wire::{Command, FaultCode, Health, Message};
+use crate::utc::Pair;
+use crate::wire::{Command, FaultCode, Message};
 use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
-
-const ARRAY_RATE: u64 = 8000;
-const BOTTOM_RATE: u64 = 50;
-const HYDROPHONES_M: [[f64; 3]; 4] =
-    [[0.0, 1.0623, -0.3756], [0.92, -0.5312, -0.3756], [-0.92, -0.5312, -0.3756], [0.0, 0.0, 1.1267]];
-
-/// A kind of recorder.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Which {
-    Array,
-    Bottom,
-}
-
-const BOTH: [Which; 2] = [Which::Array, Which::Bottom];
-
-impl Which {
-    fn rate(self) -> u64 {
-        match self {
-            Self::Array => ARRAY_RATE,
-            Self::Bottom => BOTTOM_RATE,
-        }
-    }
-
-    fn configure<'m>(self, memory: &'m mut Memory<'static>) -> Recorder<'m, 'static> {
-        let (config, table) = match self {
-            Self::Array => (StationConfig::array(ARRAY_RATE as f64, HYDROPHONES_M), None),
-            Self::Bottom => (bottom::config(BOTTOM_RATE as f64), Some(bottom::table(BOTTOM_RATE as f64))),
-        };
-        memory.configure(&config, table).unwrap()
-    }
-}
-
-/// What was said, each with the instants fed before it.
-struct Heard {
-    rate: u64,
-    fed: u64,
-    all: Vec<(u64, Message)>,
-}
-
-impl Heard {
-    fn health(&self) -> Vec<(u64, Health)> {
-        let health =
-            |(fed, m): &(u64, Message)| if let Message::Health(h) = m { Some((*fed, *h)) } else { None };
-        self.all.iter().filter_map(health).collect()
-    }
-
-    fn last(&self) -> Health {
-        self.health().last().unwrap().1
-    }
-
-    /// Faults of a kind: when they were sent, and how many were told of later.
-    fn faults(&self, code: FaultCode) -> (Vec<u64>, u64) {
-        let (mut sent, mut held) = (Vec::new(), 0);
-        for (fed, m) in &self.all {
-            match m {
-                Message::Fault(f) if f.code == code => sent.push(*fed),
-                Message::FaultsHeld(h) if h.code == code => held += u64::from(h.count),
-                _ => {}
-            }
-        }
-        (sent, held)
-    }
-
-    /// The rules that hold whatever comes.
-    fn check(&self, what: &str) {
-        let slack = 2 * crate::intake::PATIENCE + 64;
-        let mut before = 0;
-        for (fed, _) in self.health() {
-            assert!(
-                fed - before <= 60 * self.rate + slack,
-                "{what}: {} s without Health",
-                (fed - before) / self.rate
-            );
-            before = fed;
-        }
-        for w in self.health().windows(21) {
-            assert!(w[20].0 - w[0].0 >= 60 * self.rate, "{what}: 21 Health within a minute");
-        }
-        let health = self.last();
-        let total = health.processed + health.lost.iter().sum::<u64>();
-        assert_eq!(total - health.lost[0], self.fed, "{what}: {health:?}");
-        for code in FaultCode::ALL {
-            let (sent, _) = self.faults(code);
-            // Any stretch as long as a minute touches two minutes.
-            for w in sent.windows(7) {
-                assert!(w[6] - w[0] >= 60 * self.rate, "{what}: seven of {code:?} within a minute");
-            }
-        }
-    }
-}
-
-fn noise(n: usize) -> Vec<Frame> {
-    let mut seed = 77u32;
-    let mut next = move || {
-        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (seed >> 12) as i32 - (1 << 19)
-    };
-    (0..n).map(|_| core::array::from_fn(|_| next())).collect()
-}
-
-fn listen(which: Which, runs: &[(u64, &[Frame])], cut: usize) -> Heard {
-    let mut memory = Box::<Memory<'_>>::default();
-    let mut recorder = which.configure(&mut memory);
-    let mut heard = Heard { rate: which.rate(), fed: 0, all: Vec::new() };
-    for (first, frames) in runs {
-        for (k, frames) in frames.chunks(cut).enumerate() {
-            heard.fed += frames.len() as u64;
-            let (fed, all) = (heard.fed, &mut heard.all);
-            let first_index = first.saturating_add((k * cut) as u64);
-            recorder.push(Block { first_index, frames }, &mut |m| all.push((fed, *m)));
-        }
-    }
-    let (fed, all) = (heard.fed, &mut heard.all);
-    recorder.finish(&mut |m| all.push((fed, *m)));
-    heard
-}
-
-/// The same however it is cut, and by the rules.
-fn trial(which: Which, what: &str, runs: &[(u64, &[Frame])]) -> Heard {
-    let heard = listen(which, runs, 64);
-    let other = listen(which, runs, 1000);
-    assert!(
-        heard.all.iter().map(|m| m.1).eq(other.all.iter().map(|m| m.1)),
-        "{which:?} {what}: blocks matter"
-    );
-    heard.check(&std::format!("{which:?} {what}"));
-    heard
-}
 
 #[test]
 fn restarts_in_a_row_are_all_told_and_health_goes_on() {
@@ -157,13 +31,18 @@ fn restarts_in_a_row_are_all_told_and_health_goes_on() {
 fn an_index_that_swings_between_two_times_does_not_fill_the_line() {
     for which in BOTH {
         let rate = which.rate();
-        let frames = noise(64);
-        let n = (200 * rate as usize / 64).min(4000);
-        let runs: Vec<(u64, &[Frame])> =
-            (0..n).map(|k| (if k % 2 == 0 { 0 } else { 10_000_000 }, frames.as_slice())).collect();
-        let heard = trial(which, "swings", &runs);
-        let (sent, held) = heard.faults(FaultCode::Restarted);
-        assert_eq!(sent.len() as u64 + held, (n as u64 - 1) / 2, "{which:?}");
+        let frames = noise(512);
+        // In short pieces neither time is believed until they have swung for half a minute, in long ones both are.
+        for piece in [64, 512] {
+            let n = (200 * rate as usize / piece).min(4000);
+            let runs: Vec<(u64, &[Frame])> =
+                (0..n).map(|k| (if k % 2 == 0 { 0 } else { 10_000_000 }, &frames[..piece])).collect();
+            let heard = trial(which, "swings", &runs);
+            let (sent, held) = heard.faults(FaultCode::Restarted);
+            let restarts = sent.len() as u64 + held;
+            let expected = if piece == 64 { 0..=200 / 30 } else { (n as u64 - 1) / 2..=(n as u64 - 1) / 2 };
+            assert!(expected.contains(&restarts), "{which:?} {piece}: {restarts} in {n}");
+        }
     }
 }
 
@@ -301,12 +180,7 @@ fn random_hostilities_keep_the_rules() {
 
 #[test]
 fn bearings_hold_the_documented_flags_and_no_other() {
-    let n = 8 * ARRAY_RATE as usize;
-    let all = noise(2 * n + 16);
-    // A source due east, and noise of each hydrophone's own.
-    let lead = HYDROPHONES_M.map(|[x, ..]| (8.5 + x / 1484.0 * ARRAY_RATE as f64) as usize);
-    let heard_at = |i: usize| core::array::from_fn(|c| all[i + lead[c]][0] + all[n + 16 + i][c] / 4);
-    let clean: Vec<Frame> = (0..n).map(heard_at).collect();
+    let clean = source(8);
     let (mut clipped, mut damaged) = (clean.clone(), clean.clone());
     clipped.iter_mut().skip(5).step_by(ARRAY_RATE as usize).for_each(|f| f[2] = (1 << 23) - 1);
     damaged.iter_mut().skip(77).step_by(900).for_each(|f| *f = [MISSING; 4]);
@@ -342,4 +216,92 @@ fn a_second_configuration_says_the_same_as_the_first() {
         recorder.push(Block { first_index: 0, frames: &frames }, &mut |m| all.push(*m));
     }
     assert_eq!(said[0], said[1]);
+}
+
+#[test]
+fn an_index_back_where_it_began_is_a_new_time_however_soon() {
+    let frames = source(60);
+    let rate = ARRAY_RATE as usize;
+    for (from, back) in [(0, 3), (0, 10), (0, 29), (777, 20), (0, 31)] {
+        let cut = back * rate + 5;
+        let heard = trial(Which::Array, "soon back", &[(from, &frames[..cut]), (from, &frames[cut..])]);
+        let bearings = heard.all.iter().filter(|m| matches!(m.1, Message::Bearing(_)));
+        let after: Vec<u64> = bearings.map(|m| m.0).filter(|fed| *fed > cut as u64).collect();
+        assert!(
+            after[0] - (cut as u64) < 2 * ARRAY_RATE,
+            "after {back} s: {} s",
+            (after[0] - cut as u64) / ARRAY_RATE
+        );
+        assert!(heard.last().lost[LossCause::Overlap as usize] <= 256, "after {back} s: {:?}", heard.last());
+        let (told, held) = heard.faults(FaultCode::Restarted);
+        assert_eq!((told.len(), held), (1, 0), "after {back} s");
+    }
+    // A board that resets over and over, after a little longer each time.
+    let runs: Vec<(u64, &[Frame])> = (0..40).map(|k| (0, &frames[..20 * rate + k * rate / 10])).collect();
+    let heard = trial(Which::Array, "resets", &runs);
+    assert!(heard.last().processed > heard.fed * 19 / 20, "{:?} of {}", heard.last(), heard.fed);
+}
+
+#[test]
+fn a_packet_that_strayed_is_left_out_however_late() {
+    let rate = BOTTOM_RATE as usize;
+    let frames = bottom::record(5400 * rate, rate as f64, 200.0, 1500.0);
+    let (at, undisturbed) = (3600 * rate, listen(Which::Bottom, &[(0, &frames)], 64));
+    for late_s in [1, 29, 31, 600, 3600] {
+        for n in [1, 8, 200] {
+            let old = at - late_s * rate;
+            let stray = &frames[old..old + n];
+            let runs = [(0, &frames[..at]), (old as u64, stray), (at as u64, &frames[at..])];
+            let heard = trial(Which::Bottom, "stray", &runs);
+            let estimates = |heard: &Heard| -> Vec<Message> {
+                let said = heard.all.iter().map(|m| m.1);
+                said.filter(|m| !matches!(m, Message::Health(_) | Message::Fault(_))).collect()
+            };
+            assert_eq!(estimates(&heard), estimates(&undisturbed), "{n} instants {late_s} s late");
+            let lost = heard.last().lost;
+            assert_eq!(lost[LossCause::Overlap as usize], n as u64, "{n} instants {late_s} s late");
+            assert_eq!(lost[LossCause::Gap as usize], 0, "{n} instants {late_s} s late");
+        }
+    }
+}
+
+#[test]
+fn utc_is_learnt_anew_after_a_restart() {
+    let frames = noise(10 * ARRAY_RATE as usize);
+    let mut memory = Box::<Memory<'_>>::default();
+    let mut recorder = Which::Array.configure(&mut memory);
+    let start_us = 1_790_000_000_000_000;
+    let tell = |recorder: &mut Recorder<'_, '_>, second: i64| {
+        let (mut status, mut stepped) = (None, false);
+        let utc_us = start_us + second * 1_000_000;
+        recorder.command(Command::Utc { token: 1, utc_us, sd_us: 1000 }, &mut |m| match m {
+            Message::Reply(reply) => status = Some(reply.status),
+            Message::Fault(_) => stepped = true,
+            _ => {}
+        });
+        (status, stepped)
+    };
+    recorder.push(Block { first_index: 0, frames: &frames[..8000] }, &mut |_| {});
+    assert_eq!(tell(&mut recorder, 1), (Some(0), false));
+    recorder.push(Block { first_index: 3600 * ARRAY_RATE, frames: &frames[..8000] }, &mut |_| {});
+    // Back to 0, and beyond the index at which UTC was told before.
+    recorder.push(Block { first_index: 0, frames: &frames }, &mut |_| {});
+    assert_eq!(tell(&mut recorder, 3611), (Some(0), false));
+}
+
+#[test]
+fn a_receiver_that_steps_again_and_again_does_not_fill_the_line() {
+    for which in BOTH {
+        let mut memory = Box::<Memory<'_>>::default();
+        let mut recorder = which.configure(&mut memory);
+        let mut steps = 0;
+        for second in 0..60u64 {
+            // Another second every three pulses.
+            let utc_us = 1_790_000_000_000_000 + (second + second / 3) as i64 * 1_000_000;
+            recorder.pair(Pair { index: second * which.rate(), utc_us, sd_s: 2e-6 }, &mut |m| {
+                steps += u32::from(matches!(m, Message::Fault(f) if f.code == FaultCode::ClockStepped));
+            });
+        }
+        assert_eq!(steps, 3, "{which:?}");
+    }
 }

@@ -33,6 +33,11 @@ const SILENT_S: u32 = 10;
 /// Seconds without samples after which the last levels say nothing of now.
 const DEAF_S: u32 = 60;
 
+/// Instants that end a silence: half a second's. Less in so many seconds is a source that stutters, and no time passes by it.
+fn enough(reporter: &Reporter) -> u32 {
+    (0.5 * reporter.rate_hz()) as u32
+}
+
 /// So many seconds have gone by without samples: says so once, and goes on with faults held back and health.
 fn silence(
     intake: &mut Intake,
@@ -48,7 +53,7 @@ fn silence(
     if seconds.is_multiple_of(60) {
         intake.faults.tell(index, &mut |message| sink(&message));
     }
-    if reporter.due_in_silence(seconds) {
+    if seconds >= SILENT_S && reporter.due_in_silence(seconds) {
         sink(&reporter.health(index, condition));
     }
 }
@@ -164,6 +169,10 @@ impl Application for Recorder<'_, '_> {
         whichever!(self, r => r.command(command, sink));
     }
 
+    fn enough(&self) -> u32 {
+        whichever!(self, r => r.enough())
+    }
+
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
         whichever!(self, r => r.silent(seconds, sink));
     }
@@ -183,3 +192,7 @@ impl Application for Recorder<'_, '_> {
 
 #[cfg(all(test, feature = "array", feature = "obs"))]
 mod hostile_tests;
+#[cfg(all(test, feature = "array", feature = "obs"))]
+mod silence_tests;
+#[cfg(all(test, feature = "array", feature = "obs"))]
+mod test_recorder;

@@ -1,7 +1,7 @@
 //! The ocean-bottom recorder: blocks to azimuths, ranges, segments and tracks, and health.
 
 use super::health::{Condition, Reporter};
-use super::{DEAF_S, silence};
+use super::{DEAF_S, enough, silence};
 use crate::block::Block;
 use crate::config::StationConfig;
 use crate::intake::{Event, Step};
@@ -52,6 +52,18 @@ impl<'t> ObsRecorder<'t> {
         self.configured = true;
         self.reporter.configure(config, 1);
         Ok(())
+    }
+
+    /// No samples have come for so many seconds: in the end what is open is closed.
+    fn wait(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        if let Self { plan, configured: true, state, scratch, reporter } = self
+            && seconds == obs::CLOSED_AFTER_S
+        {
+            obs::close(plan, state, scratch, &mut |message| {
+                reporter.count(&message);
+                sink(&message);
+            });
+        }
     }
 
     fn condition(&self) -> Condition {
@@ -108,7 +120,12 @@ impl Application for ObsRecorder<'_> {
         }
     }
 
+    fn enough(&self) -> u32 {
+        enough(&self.reporter)
+    }
+
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        self.wait(seconds, sink);
         if seconds >= DEAF_S {
             self.state.silent();
         }
@@ -123,11 +140,12 @@ impl Application for ObsRecorder<'_> {
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
         let condition = self.condition();
-        self.reporter.command(command, self.index(), &condition, sink);
+        let index = self.index();
+        self.reporter.command(command, index, &condition, &mut self.state.intake.faults, sink);
     }
 
     fn pair(&mut self, pair: Pair, sink: &mut impl FnMut(&Message)) {
-        self.reporter.pair(pair, sink);
+        self.reporter.pair(pair, &mut self.state.intake.faults, sink);
     }
 
     fn finish(&mut self, sink: &mut impl FnMut(&Message)) {
