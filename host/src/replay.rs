@@ -2,11 +2,12 @@
 
 use crate::recording::BlockSource;
 use anyhow::{Result, anyhow};
+use cpu_time::{ProcessTime, ThreadTime};
 use seabearing_core::config::StationConfig;
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::Application;
 use seabearing_core::wire::{End, Message};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// What a replay did.
 #[derive(Clone, Copy, Debug, Default)]
@@ -15,10 +16,10 @@ pub struct ReplaySummary {
     pub instants: u64,
     /// Index after the last sample.
     pub index: u64,
-    /// Time spent in the core alone.
+    /// Processor time spent in the core alone.
     pub core: Duration,
-    /// Time spent in all, reading and writing included.
-    pub wall: Duration,
+    /// Processor time of the whole process, reading and writing included.
+    pub all: Duration,
 }
 
 /// Feeds a recording to the recorder the station asks for; `heard` gets every message in order and may fail.
@@ -32,7 +33,7 @@ pub fn replay(
     source: &mut dyn BlockSource,
     mut heard: impl FnMut(&Message) -> Result<()>,
 ) -> Result<ReplaySummary> {
-    let begun = Instant::now();
+    let begun = ProcessTime::now();
     let mut summary = ReplaySummary::default();
     // The recorder's memory is large: it is built in place, on the heap.
     let mut memory: Box<Memory<'_>> = Box::default();
@@ -46,18 +47,18 @@ pub fn replay(
     recorder.start(0, &mut |m| messages.push(*m));
     deliver(&mut messages)?;
     while let Some(block) = source.next_block()? {
-        let before = Instant::now();
+        let before = ThreadTime::now();
         recorder.push(block, &mut |m| messages.push(*m));
         summary.core += before.elapsed();
         summary.instants += block.frames.len() as u64;
         summary.index = block.first_index + block.frames.len() as u64;
         deliver(&mut messages)?;
     }
-    let before = Instant::now();
+    let before = ThreadTime::now();
     recorder.finish(&mut |m| messages.push(*m));
     summary.core += before.elapsed();
     deliver(&mut messages)?;
     heard(&Message::End(End { index: summary.index, frames }))?;
-    summary.wall = begun.elapsed();
+    summary.all = begun.elapsed();
     Ok(summary)
 }

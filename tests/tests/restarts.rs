@@ -212,6 +212,7 @@ fn an_ocean_bottom_station_goes_on_whatever_happens_to_the_index() {
             // What was open is sent with the first block of the new time.
             let at_once: Vec<_> = heard.iter().filter(|m| m.0 > *at && m.0 <= *at + 1024).copied().collect();
             let azimuth = first(&heard, *at, rate, |m| matches!(m, Message::Azimuth(_)));
+            let range = first(&heard, *at, rate, |m| matches!(m, Message::Range(r) if r.detected));
             let again = first(&heard, *at, rate, |m| matches!(m, Message::Health(_)));
             let row = format!(
                 "{kind:?} at {:.0} s: track live {}, ended at once {}, segments sent at once {}; s to azimuth {}, range {}, track {}, health {}; segments in all {}; faults {}; accounted {}",
@@ -220,7 +221,7 @@ fn an_ocean_bottom_station_goes_on_whatever_happens_to_the_index() {
                 count(&at_once, is_track(1)),
                 count(&at_once, |m| matches!(m, Message::Segment(_))),
                 seconds(azimuth),
-                seconds(first(&heard, *at, rate, |m| matches!(m, Message::Range(r) if r.detected))),
+                seconds(range),
                 seconds(first(&heard, *at, rate, is_track(0))),
                 seconds(again),
                 count(&heard, |m| matches!(m, Message::Segment(_))),
@@ -228,9 +229,20 @@ fn an_ocean_bottom_station_goes_on_whatever_happens_to_the_index() {
                 if total == expected { "all" } else { "NOT ALL" },
             );
             assert_eq!(total, expected, "{row}");
-            assert!(again.is_some_and(|s| s <= 80.0), "{row}");
-            if matches!(kind, Kind::BackToZero | Kind::Repeated) && live == Some(true) {
-                assert_eq!(count(&at_once, is_track(1)), 1, "{row}");
+            for s in [azimuth, range, again] {
+                assert!(s.is_some_and(|s| s <= 80.0), "{row}");
+            }
+            assert!(health.level_half_db.iter().all(|l| (-127..0).contains(l)), "{row}: {health:?}");
+            if !matches!(kind, Kind::Stuck) {
+                assert!(count(&at_once, |m| matches!(m, Message::Segment(_))) > 0, "{row}");
+                assert!(live != Some(true) || count(&at_once, is_track(1)) == 1, "{row}");
+            }
+            // Evidence of minutes is gathered before there is a track: as long as from a first start, and a frame.
+            if let Kind::BackToZero = kind {
+                let fresh = [(0, &frames[*at as usize..])];
+                let fresh = first(&listen(&record.station, table.as_deref(), &fresh, || 512), 0, rate, is_track(0));
+                let track = first(&heard, *at, rate, is_track(0));
+                assert!(track.zip(fresh).is_some_and(|(track, fresh)| track <= fresh + 1024.0 / rate as f64), "{row}: {fresh:?}");
             }
             row
         })

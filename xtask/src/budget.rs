@@ -19,7 +19,7 @@ use std::path::Path;
 const SNAPSHOT: &str = "docs/budget.txt";
 /// Difference to the snapshot that is an ordinary change of compiler or code. Bars have none.
 const TOLERANCE: f64 = 0.03;
-/// Clock of the hardware's core; an instruction is taken for a cycle.
+/// Clock of the hardware's core.
 const CORE_HZ: f64 = 480e6;
 /// Where the length of the hardware's sample queue stands.
 const ACQUISITION: &str = include_str!("../../firmware/src/acquisition.rs");
@@ -123,6 +123,7 @@ fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
     figures.extend(slower(&firmware::build(toolchain, &EMULATED_ARRAY)?)?);
     figures.extend(fit(&firmware::build(toolchain, &EMULATED_FIT)?)?);
     figures.extend(tracks(&firmware::build(toolchain, &EMULATED_TRACKS)?)?);
+    figures.extend(together(&figures)?);
     figures.extend(hardware(toolchain)?);
     let mut text = format!(
         "# Budgets of the target: `cargo xtask budget` measures, `--bless` rewrites; tolerance {} %.\n\
@@ -190,7 +191,7 @@ fn measure(recorder: &Recorder, image: &Path, recording: &Recording) -> Result<V
         figures.push(Figure {
             name: name("worst block, million instr."),
             value: thousandths(get("worst_block_million_instructions")?),
-            bar: Some((queue_frames()? / 2.0 / rate_hz * CORE_HZ / 1e6).round()),
+            bar: Some(half_a_queue(rate_hz)?),
         });
     }
     // What one vessel, heard all the time, brings to the line; health reports come to it.
@@ -264,8 +265,10 @@ const FIT_MEMORY: f64 = 65_536.0;
 /// Instructions per tick of the emulated core clock with `-icount shift=0`.
 const INSTRUCTIONS_PER_TICK: f64 = 40.0;
 
-/// Half of what the hardware's sample queue holds: 64 ms at 480 MHz and 2.5 cycles an instruction, in millions.
-const HALF_A_QUEUE: f64 = 0.5 * 0.064 * 480.0 / 2.5;
+/// Work while half of it fills, million instructions.
+fn half_a_queue(rate_hz: f64) -> Result<f64> {
+    Ok(thousandths(queue_frames()? / 2.0 / rate_hz * CORE_HZ / HARDWARE_CYCLES / 1e6))
+}
 
 /// Runs an image that leaves a summary and reads its words; `blob` is the configuration it finds, if it needs one.
 fn summary(image: &Path, name: &str, blob: Option<&Path>) -> Result<Vec<u64>> {
@@ -313,11 +316,33 @@ fn tracks(image: &Path) -> Result<Vec<Figure>> {
         bail!("the tracks' summary is not six words")
     };
     let figure = |what: &str, value, bar| Figure { name: format!("tracks {what}"), value, bar };
+    let bar = half_a_queue(64_000.0)?;
     Ok(vec![
         figure("state of eight, bytes", bytes as f64, None),
         figure("stack used, bytes", stack as f64, None),
-        figure("worst 512 instants, million instr.", millions(heard), Some(HALF_A_QUEUE)),
-        figure("worst 512, eight ending at once", millions(ending), Some(HALF_A_QUEUE)),
+        figure("worst 512 instants, million instr.", millions(heard), Some(bar)),
+        figure("worst 512, eight ending at once", millions(ending), Some(bar)),
+    ])
+}
+
+/// The array's worst block, in which one vessel's track has its part, and the worst of eight tracks at the same moment: no less
+/// than what one block can bring.
+fn together(figures: &[Figure]) -> Result<Vec<Figure>> {
+    let value = |name: &str| {
+        let found = figures.iter().find(|f| f.name == name).map(|f| f.value);
+        found.with_context(|| format!("there is no figure `{name}`"))
+    };
+    let chain = value("array worst block, million instr.")?;
+    let sum = |what: &str, with: &str, bar| -> Result<Figure> {
+        Ok(Figure {
+            name: format!("array worst block and {what}"),
+            value: thousandths(chain + value(with)?),
+            bar,
+        })
+    };
+    Ok(vec![
+        sum("eight ending", "tracks worst 512, eight ending at once", Some(half_a_queue(64_000.0)?))?,
+        sum("eight turning", "tracks worst 512 instants, million instr.", None)?,
     ])
 }
 

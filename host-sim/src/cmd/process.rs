@@ -174,14 +174,15 @@ fn segment(input: &[PathBuf], station: &Station, middle: u64) -> Result<Vec<Fram
     Ok(frames)
 }
 
-/// One line about speed: seconds of data over seconds of work, of the core alone and of all.
+/// One line about speed: seconds of data over seconds of processor time, of the core alone and of all.
 fn stats(summary: &ReplaySummary, rate_hz: f64) -> String {
     let data_s = summary.instants as f64 / rate_hz;
     let times = |d: std::time::Duration| data_s / d.as_secs_f64().max(1e-9);
     format!(
-        "processed {data_s:.1} s of data ({} samples of four channels): {:.0} times real time, {:.0} times in the core alone",
+        "processed {data_s:.1} s of data ({} samples of four channels) in {:.2} s of processor time: {:.0} times real time, {:.0} times in the core alone",
         summary.instants,
-        times(summary.wall),
+        summary.all.as_secs_f64(),
+        times(summary.all),
         times(summary.core)
     )
 }
