@@ -23,8 +23,8 @@ use seabearing_host::{atomic, plot};
 pub use counters::Counters;
 use record::{Body, Row};
 pub use recorder::{Recorder, TrackKey};
-use seabearing_core::wire::Message;
 use seabearing_core::wire::link::{self, Loss, Settings};
+use seabearing_core::wire::{FaultCode, Message};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use stream::{Came, Logs, Stream, foreign};
@@ -235,7 +235,17 @@ impl Base {
         let (said, most) = (self.said.take(), KEPT / self.recorders.len().max(1));
         let recorder = self.recorder(who);
         recorder.said = said.or(recorder.said);
-        out.push(recorder.take(session, sequence, &message, received_us, most));
+        let mut of = recorder.told_late(session, &message);
+        if matches!(&message, Message::Fault(fault) if fault.code == FaultCode::Restarted) {
+            of = recorder.restarted(session);
+        }
+        out.push(recorder.take(of, sequence, &message, received_us, most));
+        if of > session
+            && let Some(live) = self.streams.get_mut(&stream)
+            && live.session == Some(session)
+        {
+            live.session = Some(of);
+        }
     }
 
     /// The session of a frame without a link.

@@ -12,7 +12,7 @@ pub(crate) const SESSIONS: usize = 1000;
 /// Times beyond this, of year 9889, are none, microseconds.
 const CALENDAR_US: u64 = 250_000_000_000_000_000;
 
-/// One session: from a start of the recorder to the next.
+/// One session: from a start of the recorder, or of its sample index, to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Session {
     /// The recorder's own count of its starts, where it has a link.
@@ -101,6 +101,28 @@ impl Recorder {
     pub(crate) fn session_of(&mut self, boot: u32) -> u32 {
         let known = self.sessions.iter().rev().find(|(_, s)| s.boot == Some(boot)).map(|(n, _)| *n);
         known.unwrap_or_else(|| self.begin(Some(boot)))
+    }
+
+    /// The sample index of a session has started again: what follows has another line of UTC, not yet known.
+    pub(crate) fn restarted(&mut self, session: u32) -> u32 {
+        let boot = self.sessions.get(&session).and_then(|s| s.boot);
+        let new = self.begin(boot);
+        if self.plain == Some(session) {
+            self.plain = Some(new);
+        }
+        new
+    }
+
+    /// The session of a message that came in this one: a restart is told before the last records of the passages it ended.
+    pub(crate) fn told_late(&self, session: u32, message: &Message) -> u32 {
+        let Message::Track(track) = message else { return session };
+        let boot = |session: u32| self.sessions.get(&session).map(|s| s.boot);
+        let before = session.saturating_sub(1);
+        let ended = track.stage == 1
+            && !self.tracks.contains_key(&(session, track.id))
+            && self.tracks.contains_key(&(before, track.id))
+            && boot(before) == boot(session);
+        if ended { before } else { session }
     }
 
     /// Takes a message; gives its record. `most`: bearings and reports of tracks to be kept for pictures and maps.

@@ -3,7 +3,7 @@ use super::store::{Entry, Event, Store, Wanted, read};
 use super::*;
 use seabearing_core::wire::link::{Arrival, Class, Inbox, Link, MemoryStore, Progress, Session};
 use seabearing_core::wire::{
-    Encoder, End, Fault, FaultCode, Hello, Message, Reply, SCHEMA_HASH, Time, WIRE_VERSION, bytes_of,
+    Encoder, End, Fault, FaultCode, Hello, Message, Reply, SCHEMA_HASH, Time, Track, WIRE_VERSION, bytes_of,
 };
 
 pub(crate) fn hello_of(station: u16) -> Message {
@@ -21,6 +21,32 @@ pub(crate) fn hello_of(station: u16) -> Message {
 
 pub(crate) fn end(index: u64) -> Message {
     Message::End(End { index, frames: 0 })
+}
+
+/// A report of track 3.
+pub(crate) fn a_track() -> Track {
+    Track {
+        id: 3,
+        stage: 0,
+        index: 0,
+        cpa_time_s: 2.0,
+        cpa_range_m: 500.0,
+        cpa_azimuth: 1.5,
+        heading: 0.5,
+        speed_m_s: 7.0,
+        starboard: true,
+        sd_cpa_time_s: 0.1,
+        sd_cpa_range_m: 20.0,
+        sd_heading: 0.01,
+        sd_speed_m_s: 0.2,
+        x_m: 0.0,
+        y_m: 500.0,
+        var_x_m2: 100.0,
+        var_y_m2: 400.0,
+        cov_xy_m2: 50.0,
+        range_observable: true,
+        n: 9,
+    }
 }
 
 /// A session of station 7 as frames: `Hello`, and then so many others.
@@ -335,4 +361,37 @@ fn records_from_before_the_first_time_get_their_utc_in_the_store() {
     assert_eq!(first.utc(6000).map(|(us, _)| us), Some(1_790_000_001_000_000));
     let fault = Message::Fault(Fault { code: FaultCode::Gap, index: 1, value: 1 });
     assert_eq!(record::index(&fault), Some(1));
+}
+
+#[test]
+fn an_index_that_starts_again_has_another_line_of_utc() {
+    const START_US: i64 = 1_790_000_000_000_000;
+    let time = |index: u64, second: i64| {
+        let utc_us = START_US + second * 1_000_000;
+        Message::Time(Time { index, utc_us, sd_s: 1e-3, drift: 0.0, sd_drift: 1e-6, correlation: 0.0 })
+    };
+    let track = |index: u64, stage: u8| Message::Track(Track { index, stage, ..a_track() });
+    let restarted = Message::Fault(Fault { code: FaultCode::Restarted, index: 0, value: 10_000_000 });
+    let mut encoder = Encoder::default();
+    let said = [
+        hello_of(7),
+        time(10_000_000, 10_000),
+        track(10_050_000, 0),
+        restarted,
+        // Of the passage that the restart ended.
+        track(10_060_000, 1),
+        end(1000),
+        time(2000, 10_070),
+        end(3000),
+    ];
+    let bytes: Vec<u8> = said.iter().flat_map(|m| encoder.frame(m).to_vec()).collect();
+    let mut base = one(None);
+    let mut rows = Vec::new();
+    base.push(1, 0, None, &bytes, &mut rows);
+    let seconds: Vec<Option<i64>> =
+        rows.iter().map(|row| row.utc.map(|(us, _)| (us - START_US) / 1_000_000)).collect();
+    let expected = [Some(10_050), None, Some(10_060), None, Some(10_070), Some(10_071)];
+    assert_eq!(seconds[2..], expected);
+    let sessions: Vec<Option<u32>> = rows.iter().map(|row| row.session).collect();
+    assert_eq!(sessions, [1, 1, 1, 2, 1, 2, 2, 2].map(Some));
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::tests::a_track;
 use crate::{Base, Beginning};
 use seabearing_core::wire::{Encoder, Message, Reply, Track};
 
@@ -12,26 +13,13 @@ fn records() -> Vec<Value> {
     let mut out = Vec::new();
     for i in 0..5u16 {
         let track = Track {
-            id: 3,
             stage: u8::from(i == 4),
             index: 1000 * u64::from(i),
-            cpa_time_s: 2.0,
-            cpa_range_m: 500.0,
-            cpa_azimuth: 1.5,
-            heading: 0.5,
-            speed_m_s: 7.0,
-            starboard: true,
-            sd_cpa_time_s: 0.1,
             sd_cpa_range_m: f32::INFINITY,
-            sd_heading: 0.01,
-            sd_speed_m_s: 0.2,
             x_m: 100.0 * f32::from(i),
-            y_m: 500.0,
-            var_x_m2: 100.0,
-            var_y_m2: 400.0,
-            cov_xy_m2: 50.0,
             range_observable: i > 0,
             n: i,
+            ..a_track()
         };
         base.push(1, 0, None, encoder.frame(&Message::Track(track)), &mut out);
     }

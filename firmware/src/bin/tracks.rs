@@ -1,7 +1,7 @@
 //! What the tracks of eight vessels cost on the emulated board: the worst work between two looks at the time.
 //!
-//! Eight vessels 45° apart pass at 500 m and more, heard twice a second for 150 s; after 60 s all turn by 60° at once, and
-//! then all fall silent in the same instant, so that eight passages end together. Leaves in `summary.bin` six words `u64le`:
+//! Eight vessels 45° apart pass 164 m above the array at 500 m and more, heard twice a second, elevations included, for
+//! 150 s; after 60 s all turn by 60° at once, and then all fall silent in the same instant, so that eight passages end together. Leaves in `summary.bin` six words `u64le`:
 //! ticks of the worst step of 512 instants while they are heard, of the worst while they end, of everything, bytes of the
 //! tracks, bytes of stack there were, most used. Fails if not every vessel was tracked to its end.
 #![no_std]
@@ -29,22 +29,24 @@ const HEARD_S: f64 = 150.0;
 /// Standard deviation of the bearings, radians.
 const SD_RAD: f64 = 0.01;
 const SPEED_M_S: f64 = 7.0;
+const HEIGHT_M: f64 = 164.0;
 
-/// Where a vessel is seen at a time of reception, travel time left out: East and North of the array in its own frame.
-fn azimuth(vessel: usize, t_s: f64) -> f64 {
+/// Azimuth and elevation at which a vessel is seen at a time of reception, travel time left out.
+fn direction(vessel: usize, t_s: f64) -> (f64, f64) {
     let range_m = 500.0 + 40.0 * vessel as f64;
     let along = SPEED_M_S * (t_s.min(TURN_S) - 70.0);
     let beyond = SPEED_M_S * (t_s - TURN_S).max(0.0);
     let (x, y) = (along + 0.5 * beyond, range_m + 0.866 * beyond);
-    wrap_tau(m::atan2(x, y) + m::TAU * vessel as f64 / VESSELS as f64)
+    let azimuth = wrap_tau(m::atan2(x, y) + m::TAU * vessel as f64 / VESSELS as f64);
+    (azimuth, m::atan2(HEIGHT_M, m::hypot(x, y)))
 }
 
-fn heard(index: u64, azimuth: f64) -> Bearing {
+fn heard(index: u64, azimuth: f64, elevation: f64) -> Bearing {
     let variance = (SD_RAD * SD_RAD) as f32;
     Bearing {
         index,
         azimuth: azimuth as f32,
-        elevation: 0.2,
+        elevation: elevation as f32,
         var_azimuth: variance,
         var_elevation: variance,
         cov: 0.0,
@@ -63,7 +65,9 @@ fn main() -> ! {
 
     let Some(peripherals) = cortex_m::Peripherals::take() else { fail(c"started twice\n") };
     let mut clock = BoardClock::new(peripherals.SYST);
-    let config = Config::with(passage::Config::new(&Tracking::default(), 1484.0), RATE_HZ);
+    let mut motion = passage::Config::new(&Tracking::default(), 1484.0);
+    motion.medium.height_m = HEIGHT_M;
+    let config = Config::with(motion, RATE_HZ);
     let mut random = Impulses(1);
     let (mut ended, mut worst, mut total) = (0usize, [0u64; 2], 0u64);
     let last = (HEARD_S * RATE_HZ) as u64;
@@ -78,8 +82,10 @@ fn main() -> ! {
         if index < last && index % BETWEEN < GRID {
             let at = index / BETWEEN * BETWEEN;
             for vessel in 0..VESSELS {
-                let azimuth = azimuth(vessel, at as f64 / RATE_HZ) + SD_RAD * random.draw();
-                traffic::bearing(&config, STATE, &heard(at.max(1), azimuth), &mut sink);
+                let (azimuth, elevation) = direction(vessel, at as f64 / RATE_HZ);
+                let (azimuth, elevation) =
+                    (azimuth + SD_RAD * random.draw(), elevation + SD_RAD * random.draw());
+                traffic::bearing(&config, STATE, &heard(at.max(1), azimuth, elevation), &mut sink);
             }
         }
         index += GRID;
