@@ -17,6 +17,7 @@ pub mod bearing_limit_source;
 pub mod difar;
 mod difar_tracks;
 pub mod figure;
+mod flash_cuts;
 mod fuzz;
 pub mod fuzz_targets;
 mod heard_vessels;
@@ -126,6 +127,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     base_station::YEAR,
     base_power::EXPERIMENT,
     fuzz::EXPERIMENT,
+    flash_cuts::EXPERIMENT,
     line::ORIENTATION,
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,

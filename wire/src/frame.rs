@@ -14,7 +14,8 @@ const PLAIN_BYTES: usize = MESSAGE_BYTES + 6;
 /// Longest frame on the wire, its delimiter included (COBS adds one byte in 254, and one).
 pub const FRAME_BYTES: usize = PLAIN_BYTES + PLAIN_BYTES / 254 + 2;
 
-static CRC: crc::Crc<u32, crc::Table<1>> = crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
+pub(crate) static CRC: crc::Crc<u32, crc::Table<1>> =
+    crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
 
 /// Makes frames; the state is the sequence number.
 #[derive(Clone, Debug)]

@@ -6,6 +6,7 @@
 //! order within a class, and each carries its ordinal over all classes. `docs/wire.md`, section 5, specifies every byte.
 
 mod budget;
+pub mod flash;
 mod incoming;
 mod memory;
 mod outgoing;

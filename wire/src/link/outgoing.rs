@@ -24,6 +24,7 @@ impl<S: Store> Link<S> {
     /// The next frame, if one may be sent now. The caller puts all of it on the line.
     pub fn send(&mut self, now: u64) -> Option<&[u8]> {
         self.budget.spend(now, 0);
+        self.store.work();
         if now < self.free_at {
             return None;
         }

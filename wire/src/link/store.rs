@@ -127,9 +127,12 @@ pub trait Store {
     /// Drops the oldest `count` records of a class, `lost` of them unacknowledged.
     fn drop_oldest(&mut self, class: Class, count: u32, lost: u32);
 
-    /// Copies a record that is kept, as far as `into` is long.
+    /// Copies a record that is kept, as far as `into` is long; `None` too where it cannot be read yet.
     fn read(&self, class: Class, number: u32, into: &mut [u8]) -> Option<Kept>;
 
     /// How many records of the usual length fill half of it, about.
     fn half(&self) -> u32;
+
+    /// Does what is due: called whenever the link may send.
+    fn work(&mut self) {}
 }

@@ -1,0 +1,573 @@
+//! A store in flash: records written one after the other into sectors that are erased in turn, so that all wear alike. It
+//! opens after power was cut at any write and at any erase.
+//!
+//! One sector is written (the head), the one after it in the ring is blank or being erased, the others hold what came
+//! before. When the head is full the blank one becomes the head, and the oldest is given up: what is kept there of faults
+//! and final tracks is brought along, 32 records at most, so that it outlasts everything else; other records there are
+//! lost if they were not acknowledged, and counted. A flash cannot be read while it erases: what comes meanwhile waits
+//! in memory, and is not given out before it is in flash, so that no number is ever used twice.
+//!
+//! What was acknowledged is noted at the next record, so that power cut before makes it go out again: the other end
+//! knows it by its number.
+
+mod entry;
+mod model;
+#[cfg(test)]
+mod tests;
+
+pub use model::{Cut, ModelFlash};
+
+use super::ahead;
+use super::store::{CLASSES, Class, Kept, Ledger, RECORD_BYTES, Store};
+use core::cell::Cell;
+use entry::{Found, Head, Kind};
+
+/// Bytes of a flash word: what is written, and protected against wrong bits, as one.
+pub const WORD_BYTES: usize = 32;
+/// A flash word.
+pub type Word = [u8; WORD_BYTES];
+/// A word that was erased and not written.
+pub(super) const ERASED: Word = [0xff; WORD_BYTES];
+/// Most sectors of a store.
+const MOST_SECTORS: u8 = 16;
+/// Records brought along from a sector that is given up.
+const MOST_MOVED: u16 = 32;
+/// Words before a sector's first record.
+const FIRST: u16 = 4;
+
+/// A flash, as a store needs it: words are written once between two erases of their sector. Nothing is read or written
+/// while it is busy.
+pub trait Flash {
+    /// Number of sectors, 3 to 16.
+    const SECTORS: u8;
+    /// Words of a sector, at least 256.
+    const WORDS: u16;
+
+    /// The word at a place; `None` where it cannot be read, because power was cut when it was written or erased.
+    fn read(&self, sector: u8, word: u16) -> Option<Word>;
+
+    /// Writes a word, which takes some 0.1 ms.
+    fn write(&mut self, sector: u8, word: u16, value: &Word);
+
+    /// Begins to erase a sector, which takes seconds.
+    fn erase(&mut self, sector: u8);
+
+    /// Whether a sector is being erased.
+    fn busy(&self) -> bool;
+}
+
+/// A record that waits in memory until it can be written.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    head: Head,
+    text: [u8; RECORD_BYTES],
+}
+
+/// The sector that is written.
+#[derive(Clone, Copy, Debug)]
+struct Writing {
+    sector: u8,
+    sequence: u32,
+    /// The next word.
+    word: u16,
+}
+
+/// The store; `WAITING` records wait in memory at most.
+#[derive(Clone, Debug)]
+pub struct FlashStore<F, const WAITING: usize> {
+    flash: F,
+    ledger: Ledger,
+    starts: u32,
+    writing: Option<Writing>,
+    /// The sector after the one that is written is blank.
+    blank: bool,
+    erasing: Option<u8>,
+    /// Sectors that hold records, as bits.
+    live: u16,
+    /// Classes whose part of the ledger is not noted in flash.
+    unnoted: [bool; CLASSES],
+    /// Where the record found last stands, by class: sector and word.
+    seek: Cell<[(u8, u16); CLASSES]>,
+    waiting: [Option<Waiting>; WAITING],
+    /// The first of those that wait, and how many.
+    first: usize,
+    waits: usize,
+}
+
+impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
+    /// Opens what a flash holds, or begins anew where that is nothing; counts the start.
+    pub fn open(flash: F) -> Self {
+        let mut store = Self {
+            flash,
+            ledger: Ledger::default(),
+            starts: 0,
+            writing: None,
+            blank: false,
+            erasing: None,
+            live: 0,
+            unnoted: [false; CLASSES],
+            seek: Cell::new([(0, 0); CLASSES]),
+            waiting: [None; WAITING],
+            first: 0,
+            waits: 0,
+        };
+        for sector in 0..F::SECTORS.min(MOST_SECTORS) {
+            let Some((sequence, ledger, starts)) = store.opened(sector) else { continue };
+            store.live |= 1 << sector;
+            if store.writing.is_none_or(|w| sequence > w.sequence) {
+                store.writing = Some(Writing { sector, sequence, word: FIRST });
+                (store.ledger, store.starts) = (ledger, starts);
+            }
+        }
+        if let Some(writing) = store.writing {
+            store.go_over(writing);
+            store.heal();
+            store.blank = store.is_blank(next::<F>(writing.sector), writing.sequence);
+        }
+        store.starts = store.starts.wrapping_add(1);
+        store.note_start();
+        match store.writing {
+            None => store.begin_erase(0),
+            Some(_) if !store.blank => store.give_up_oldest(),
+            Some(_) => {}
+        }
+        store
+    }
+
+    /// Starts of the software so far, this one included.
+    pub fn starts(&self) -> u32 {
+        self.starts
+    }
+
+    /// The flash, to look at.
+    pub fn flash(&self) -> &F {
+        &self.flash
+    }
+
+    /// The flash, to have its power cut.
+    pub fn flash_mut(&mut self) -> &mut F {
+        &mut self.flash
+    }
+
+    /// The flash, to open it again.
+    pub fn into_flash(self) -> F {
+        self.flash
+    }
+
+    /// Records that wait in memory.
+    pub fn waiting(&self) -> usize {
+        self.waits
+    }
+
+    /// The sequence number with which a sector was opened, and the ledger then.
+    fn opened(&self, sector: u8) -> Option<(u32, Ledger, u32)> {
+        let Found::Entry(head, _) = entry::look(&self.flash, sector, 1) else { return None };
+        let mut text = [0; RECORD_BYTES];
+        let whole = head.kind == Kind::Opened && entry::text(&self.flash, sector, 1, &head, &mut text);
+        whole.then(|| {
+            let (ledger, starts) = entry::ledger(&text);
+            (head.numbers[0], ledger, starts)
+        })
+    }
+
+    /// Whether a sector was erased to its end after the head was opened, and not written since.
+    fn is_blank(&self, sector: u8, sequence: u32) -> bool {
+        let mut text = [0; RECORD_BYTES];
+        let Found::Entry(head, _) = entry::look(&self.flash, sector, 0) else { return false };
+        head.kind == Kind::Blank
+            && head.numbers[0] == sequence
+            && entry::text(&self.flash, sector, 0, &head, &mut text)
+            && (1..FIRST).all(|word| self.flash.read(sector, word) == Some(ERASED))
+    }
+
+    /// Goes over the head: the ledger follows what was written, and the next word is found.
+    fn go_over(&mut self, mut writing: Writing) {
+        let mut text = [0; RECORD_BYTES];
+        loop {
+            let words = match entry::look(&self.flash, writing.sector, writing.word) {
+                Found::End => break,
+                Found::Broken(words) => words,
+                Found::Entry(head, words) => {
+                    if entry::text(&self.flash, writing.sector, writing.word, &head, &mut text) {
+                        self.follow(&head, &text);
+                    }
+                    words
+                }
+            };
+            writing.word = writing.word.saturating_add(words);
+        }
+        self.writing = Some(writing);
+    }
+
+    /// The ledger follows an entry.
+    fn follow(&mut self, head: &Head, text: &[u8]) {
+        let [a, b, c] = head.numbers;
+        match (head.kind, entry::class(head)) {
+            (Kind::Record, Some(class)) => {
+                if let Some(next) = self.ledger.next.get_mut(class as usize) {
+                    *next = a.wrapping_add(1);
+                }
+                self.ledger.ordinal = b.wrapping_add(1);
+            }
+            (Kind::Mark, Some(class)) => {
+                let of = class as usize;
+                let ledger = &mut self.ledger;
+                let parts = [&mut ledger.next, &mut ledger.oldest, &mut ledger.lost];
+                for (part, number) in parts.into_iter().zip([a, b, c]) {
+                    if let Some(to) = part.get_mut(of) {
+                        *to = number;
+                    }
+                }
+                let ordinal = text.first_chunk().map_or(0, |b| u32::from_le_bytes(*b));
+                if ahead(ordinal, ledger.ordinal) {
+                    ledger.ordinal = ordinal;
+                }
+            }
+            (Kind::Start, _) => {
+                self.starts = a;
+                self.ledger.log = (c != 0).then_some(b);
+            }
+            _ => {}
+        }
+    }
+
+    /// What should be kept and is not there any more is lost, and everything of its class before it.
+    fn heal(&mut self) {
+        for class in Class::ALL {
+            let of = class as usize;
+            let (Some(next), Some(oldest)) = (self.ledger.next.get(of), self.ledger.oldest.get(of)) else {
+                continue;
+            };
+            let (mut number, next) = (*oldest, *next);
+            while number != next {
+                if self.find(class, number).is_none() {
+                    self.lose(class, number);
+                }
+                number = number.wrapping_add(1);
+            }
+        }
+    }
+
+    /// A class's records up to this one are lost.
+    fn lose(&mut self, class: Class, number: u32) {
+        let Some(oldest) = self.ledger.oldest.get(class as usize) else { return };
+        let count = number.wrapping_add(1).wrapping_sub(*oldest);
+        if count <= self.ledger.kept(class) {
+            self.ledger.dropped(class, count, count);
+            self.change(class);
+        }
+    }
+
+    fn change(&mut self, class: Class) {
+        if let Some(unnoted) = self.unnoted.get_mut(class as usize) {
+            *unnoted = true;
+        }
+    }
+
+    /// Where a record stands: sector, word and head. Sought from where the last of its class was found.
+    fn find(&self, class: Class, number: u32) -> Option<(u8, u16, Head)> {
+        let mut seek = self.seek.get();
+        let (first, from) = seek.get(class as usize).copied().unwrap_or_default();
+        let mut sector = first.min(F::SECTORS.saturating_sub(1));
+        // The last turn is the part of the first sector that was left out.
+        for turn in 0..=F::SECTORS {
+            let (begin, end) = match turn {
+                0 => (from, F::WORDS),
+                turn if turn == F::SECTORS => (0, from),
+                _ => (0, F::WORDS),
+            };
+            if let Some((word, head)) = self.find_in(sector, begin, end, class, number) {
+                if let Some(at) = seek.get_mut(class as usize) {
+                    *at = (sector, word);
+                }
+                self.seek.set(seek);
+                return Some((sector, word, head));
+            }
+            sector = next::<F>(sector);
+        }
+        None
+    }
+
+    fn find_in(&self, sector: u8, begin: u16, end: u16, class: Class, number: u32) -> Option<(u16, Head)> {
+        if self.live >> sector & 1 == 0 {
+            return None;
+        }
+        let mut word = begin.max(FIRST);
+        while word < end {
+            word = match entry::look(&self.flash, sector, word) {
+                Found::End => return None,
+                Found::Broken(words) => word.saturating_add(words),
+                Found::Entry(head, words) => {
+                    let wanted = matches!(head.kind, Kind::Record | Kind::Moved)
+                        && (head.class, head.numbers[0]) == (class as u8, number);
+                    let mut text = [0; RECORD_BYTES];
+                    if wanted && entry::text(&self.flash, sector, word, &head, &mut text) {
+                        return Some((word, head));
+                    }
+                    word.saturating_add(words)
+                }
+            };
+        }
+        None
+    }
+
+    /// Writes an entry into the head, where it has room.
+    fn write(&mut self, head: &Head, text: &[u8]) -> bool {
+        let Some(writing) = self.writing.as_mut() else { return false };
+        let words = entry::words(text.len());
+        if words > F::WORDS.saturating_sub(writing.word) {
+            return false;
+        }
+        entry::write(&mut self.flash, writing.sector, writing.word, head, text);
+        writing.word = writing.word.saturating_add(words);
+        true
+    }
+
+    /// Notes what has changed of the ledger.
+    fn note(&mut self) {
+        for class in Class::ALL {
+            let of = class as usize;
+            let numbers = [self.ledger.next, self.ledger.oldest, self.ledger.lost]
+                .map(|part| part.get(of).copied().unwrap_or(0));
+            let ordinal = self.ledger.ordinal.to_le_bytes();
+            let mark = Head { kind: Kind::Mark, class: of as u8, length: 4, numbers };
+            // What waits is not in flash yet: its numbers are noted with it.
+            let waits = self.slots().any(|w| w.head.class == of as u8);
+            if self.unnoted.get(of) == Some(&true)
+                && !waits
+                && self.write(&mark, &ordinal)
+                && let Some(unnoted) = self.unnoted.get_mut(of)
+            {
+                *unnoted = false;
+            }
+        }
+    }
+
+    fn note_start(&mut self) {
+        let log = self.ledger.log;
+        let numbers = [self.starts, log.unwrap_or(0), log.is_some().into()];
+        self.write(&Head { kind: Kind::Start, class: 0, length: 0, numbers }, &[]);
+    }
+
+    /// The records that wait, in order.
+    fn slots(&self) -> impl Iterator<Item = &Waiting> {
+        let (front, back) = self.waiting.split_at_checked(self.first).unwrap_or((&[], &[]));
+        back.iter().chain(front).take(self.waits).flatten()
+    }
+
+    /// Whether a record could be written now; opens the next sector where the head is full.
+    fn has_room(&mut self) -> bool {
+        // Room for the longest record, for what changes with it and before the next sector, and for a start.
+        let wanted = entry::words(RECORD_BYTES) + 2 * CLASSES as u16 + 1;
+        loop {
+            if self.flash.busy() || self.erasing.is_some() && self.writing.is_none() {
+                return false;
+            }
+            match self.writing {
+                Some(writing) if F::WORDS.saturating_sub(writing.word) >= wanted => return true,
+                Some(writing) if self.blank => {
+                    // What was acknowledged is known even if power goes before the next sector is the head.
+                    self.note();
+                    self.begin_sector(next::<F>(writing.sector), writing.sequence.wrapping_add(1));
+                    self.give_up_oldest();
+                }
+                _ => return false,
+            }
+        }
+    }
+
+    /// A blank sector becomes the head.
+    fn begin_sector(&mut self, sector: u8, sequence: u32) {
+        // Of what waits nothing is known to the flash yet.
+        let mut ledger = self.ledger;
+        for waiting in self.slots() {
+            if let Some(next) = ledger.next.get_mut(usize::from(waiting.head.class)) {
+                *next = if ahead(*next, waiting.head.numbers[0]) { waiting.head.numbers[0] } else { *next };
+            }
+        }
+        ledger.ordinal = self.slots().next().map_or(ledger.ordinal, |w| w.head.numbers[1]);
+        let text = entry::of_ledger(&ledger, self.starts);
+        let head = Head { kind: Kind::Opened, class: 0, length: text.len() as u8, numbers: [sequence, 0, 0] };
+        entry::write(&mut self.flash, sector, 1, &head, &text);
+        self.writing = Some(Writing { sector, sequence, word: FIRST });
+        self.live |= 1 << sector;
+        self.blank = false;
+    }
+
+    /// Brings along what must outlast the oldest sector, and begins to erase it.
+    fn give_up_oldest(&mut self) {
+        let Some(writing) = self.writing else { return };
+        let oldest = next::<F>(writing.sector);
+        if self.live >> oldest & 1 != 0 {
+            let urgent = self.each_kept(oldest, |_, class, _, _| u16::from(class <= Class::Final));
+            let mut left_out = urgent.saturating_sub(MOST_MOVED);
+            self.each_kept(oldest, |store, class, head, text| {
+                let mut moved = false;
+                if class <= Class::Final && left_out == 0 {
+                    moved = store.write(&Head { kind: Kind::Moved, ..*head }, text);
+                } else if class <= Class::Final {
+                    left_out -= 1;
+                }
+                if !moved {
+                    store.lose(class, head.numbers[0]);
+                }
+                u16::from(moved)
+            });
+            self.note();
+        }
+        self.begin_erase(oldest);
+    }
+
+    /// Does something with each record of a sector that is kept; the sum of what that gives.
+    fn each_kept(&mut self, sector: u8, mut work: impl FnMut(&mut Self, Class, &Head, &[u8]) -> u16) -> u16 {
+        let (mut word, mut sum) = (FIRST, 0u16);
+        let mut text = [0; RECORD_BYTES];
+        loop {
+            let words = match entry::look(&self.flash, sector, word) {
+                Found::End => return sum,
+                Found::Broken(words) => words,
+                Found::Entry(head, words) => {
+                    let record = matches!(head.kind, Kind::Record | Kind::Moved);
+                    if let Some(class) = entry::class(&head).filter(|_| record)
+                        && let Some(oldest) = self.ledger.oldest.get(class as usize)
+                        && head.numbers[0].wrapping_sub(*oldest) < self.ledger.kept(class)
+                        && entry::text(&self.flash, sector, word, &head, &mut text)
+                    {
+                        let text = text.get(..usize::from(head.length)).unwrap_or_default();
+                        sum = sum.saturating_add(work(self, class, &head, text));
+                    }
+                    words
+                }
+            };
+            word = word.saturating_add(words);
+        }
+    }
+
+    fn begin_erase(&mut self, sector: u8) {
+        self.live &= !(1 << sector);
+        self.blank = false;
+        self.erasing = Some(sector);
+        self.flash.erase(sector);
+    }
+
+    /// What follows when a sector has been erased: that is noted in it, and of an empty flash it becomes the head.
+    fn erased(&mut self) {
+        let Some(sector) = self.erasing.filter(|_| !self.flash.busy()) else { return };
+        self.erasing = None;
+        let sequence = self.writing.map_or(0, |w| w.sequence);
+        let blank = Head { kind: Kind::Blank, class: 0, length: 0, numbers: [sequence, 0, 0] };
+        entry::write(&mut self.flash, sector, 0, &blank, &[]);
+        self.blank = true;
+        if self.writing.is_none() {
+            self.begin_sector(sector, 1);
+            self.begin_erase(next::<F>(sector));
+        }
+    }
+
+    /// Writes a record and what has changed.
+    fn put(&mut self, waiting: &Waiting) -> bool {
+        let text = waiting.text.get(..usize::from(waiting.head.length)).unwrap_or_default();
+        self.has_room() && self.write(&waiting.head, text)
+    }
+}
+
+/// The sector after this one in the ring.
+fn next<F: Flash>(sector: u8) -> u8 {
+    if sector + 1 >= F::SECTORS { 0 } else { sector + 1 }
+}
+
+impl<F: Flash, const WAITING: usize> Store for FlashStore<F, WAITING> {
+    fn ledger(&self) -> &Ledger {
+        &self.ledger
+    }
+
+    fn begin(&mut self, log: u32) {
+        self.ledger.log = Some(log);
+        if !self.flash.busy() {
+            self.note_start();
+        }
+    }
+
+    fn append(&mut self, class: Class, boot: u32, record: &[u8]) -> bool {
+        let mut text = [0; RECORD_BYTES];
+        let (Some(to), Ok(length)) = (text.get_mut(..record.len()), u8::try_from(record.len())) else {
+            return false;
+        };
+        for (to, from) in to.iter_mut().zip(record) {
+            *to = *from;
+        }
+        self.work();
+        // A new sector begins with the ledger: before this record has its number.
+        let room = self.waits == 0 && self.has_room();
+        let (number, ordinal) = self.ledger.written(class);
+        let head = Head { kind: Kind::Record, class: class as u8, length, numbers: [number, ordinal, boot] };
+        let waiting = Waiting { head, text };
+        if room && self.write(&head, record) {
+            self.note();
+            return true;
+        }
+        let at = (self.first + self.waits).checked_rem(WAITING).unwrap_or(0);
+        match self.waiting.get_mut(at) {
+            Some(slot) if self.waits < WAITING => {
+                *slot = Some(waiting);
+                self.waits += 1;
+            }
+            // No room in memory either: the flash has been busy for too long.
+            _ => self.lose(class, number),
+        }
+        true
+    }
+
+    fn pass(&mut self, class: Class) {
+        self.ledger.written(class);
+        self.ledger.dropped(class, 1, 1);
+        self.change(class);
+    }
+
+    fn drop_oldest(&mut self, class: Class, count: u32, lost: u32) {
+        self.ledger.dropped(class, count, lost);
+        self.change(class);
+    }
+
+    fn read(&self, class: Class, number: u32, into: &mut [u8]) -> Option<Kept> {
+        let oldest = self.ledger.oldest.get(class as usize)?;
+        let waits = |w: &Waiting| (w.head.class, w.head.numbers[0]) == (class as u8, number);
+        if number.wrapping_sub(*oldest) >= self.ledger.kept(class)
+            || self.flash.busy()
+            || self.slots().any(waits)
+        {
+            return None;
+        }
+        let (sector, word, head) = self.find(class, number)?;
+        let mut text = [0; RECORD_BYTES];
+        entry::text(&self.flash, sector, word, &head, &mut text).then(|| {
+            for (to, from) in into.iter_mut().zip(text.iter().take(usize::from(head.length))) {
+                *to = *from;
+            }
+            let [_, ordinal, boot] = head.numbers;
+            Kept { ordinal, boot, bytes: usize::from(head.length) }
+        })
+    }
+
+    fn half(&self) -> u32 {
+        const USUAL_BYTES: usize = 60;
+        // One sector is always blank, and one may be as good as empty.
+        let sectors = u32::from(F::SECTORS.saturating_sub(2));
+        let a_sector = F::WORDS.saturating_sub(FIRST).checked_div(entry::words(USUAL_BYTES)).unwrap_or(0);
+        sectors * u32::from(a_sector) / 2
+    }
+
+    fn work(&mut self) {
+        if self.flash.busy() {
+            return;
+        }
+        self.erased();
+        while let Some(Some(waiting)) = self.waiting.get(self.first).copied().filter(|_| self.waits > 0) {
+            if !self.put(&waiting) {
+                return;
+            }
+            self.first = (self.first + 1).checked_rem(WAITING).unwrap_or(0);
+            self.waits -= 1;
+        }
+    }
+}

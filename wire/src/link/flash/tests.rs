@@ -1,0 +1,165 @@
+use super::*;
+use std::collections::BTreeMap;
+use std::vec::Vec;
+
+type Small = ModelFlash<3, 256>;
+type Tested = FlashStore<Small, 16>;
+
+/// A record that says which it is.
+fn record(n: u32) -> Vec<u8> {
+    let length = 1 + (n as usize * 37) % RECORD_BYTES;
+    (0..length).map(|i| (n as usize * 31 + i) as u8).collect()
+}
+
+fn class_of(n: u32) -> Class {
+    Class::ALL[[3, 3, 2, 3, 4, 3, 0, 3, 3, 1, 3, 4][n as usize % 12]]
+}
+
+/// What can be read: by class and number, the bytes and the boot.
+fn readable(store: &Tested) -> BTreeMap<(u8, u32), (Vec<u8>, u32)> {
+    let mut all = BTreeMap::new();
+    for class in Class::ALL {
+        let (oldest, next) = (store.ledger().oldest[class as usize], store.ledger().next[class as usize]);
+        for number in oldest..next {
+            let mut bytes = [0; RECORD_BYTES];
+            if let Some(kept) = store.read(class, number, &mut bytes) {
+                all.insert((class as u8, number), (bytes[..kept.bytes].to_vec(), kept.boot));
+            }
+        }
+    }
+    all
+}
+
+/// Takes `records` records, acknowledged to some extent or not at all; what could be read when the power went, and what
+/// of it was not acknowledged.
+fn run(store: &mut Tested, records: std::ops::Range<u32>, acknowledged: bool) {
+    for n in records {
+        if store.flash().is_off() {
+            return;
+        }
+        store.append(class_of(n), store.starts(), &record(n));
+        // A base station that takes what it can read, a little later.
+        if acknowledged && n % 5 == 0 {
+            for class in Class::ALL {
+                let kept = store.ledger().kept(class);
+                let oldest = store.ledger().oldest[class as usize];
+                let there =
+                    (0..kept).take_while(|i| store.read(class, oldest + i, &mut []).is_some()).count();
+                if there as u32 > 2 {
+                    store.drop_oldest(class, there as u32 - 2, 0);
+                }
+            }
+        }
+        store.work();
+    }
+}
+
+fn settle(store: &mut Tested) {
+    (0..100).for_each(|_| store.work());
+}
+
+#[test]
+fn what_was_written_is_there_after_a_reset_and_numbers_go_on() {
+    let mut store = Tested::open(Small::new());
+    store.begin(7);
+    run(&mut store, 0..20, false);
+    settle(&mut store);
+    let before = readable(&store);
+    assert_eq!((before.len(), store.waiting(), store.starts()), (20, 0, 1));
+    let ledger = *store.ledger();
+    let mut store = Tested::open(store.into_flash());
+    assert_eq!((readable(&store), store.starts()), (before, 2));
+    assert_eq!(*store.ledger(), ledger);
+    assert!(store.append(Class::Alarm, 2, b"later"));
+    assert_eq!(store.ledger().next[0], ledger.next[0] + 1);
+    assert_eq!(store.flash().misuses(), 0);
+}
+
+#[test]
+fn the_oldest_goes_first_but_alarms_and_final_tracks_last() {
+    let mut store = Tested::open(Small::new());
+    store.begin(1);
+    assert!(store.append(Class::Alarm, 1, b"the first of all"));
+    settle(&mut store);
+    for n in 0..600u32 {
+        store.append(if n % 50 == 0 { Class::Final } else { Class::Bearing }, 1, &record(n));
+        settle(&mut store);
+    }
+    let kept = readable(&store);
+    assert_eq!(kept.get(&(0, 0)).map(|r| r.0.as_slice()), Some(&b"the first of all"[..]));
+    assert_eq!(kept.keys().filter(|k| k.0 == Class::Final as u8).count(), 12);
+    let (ledger, bearing) = (store.ledger(), Class::Bearing as usize);
+    assert_eq!((ledger.lost[0], ledger.lost[1]), (0, 0));
+    assert!(ledger.lost[bearing] > 300 && ledger.lost[bearing] == ledger.oldest[bearing], "{ledger:?}");
+    // Every sector wears as the others do.
+    let erases = store.flash().erases();
+    assert!(erases.iter().max().unwrap() - erases.iter().min().unwrap() <= 1, "{erases:?}");
+    assert_eq!(store.flash().misuses(), 0);
+}
+
+/// Power cut at every write and erase of a run: the store opens, has all that could be read before, and goes on.
+fn cut_everywhere(records: u32, acknowledged: bool) -> u32 {
+    let mut flash = Small::new();
+    flash.erase_looks = 3;
+    let mut whole = Tested::open(flash);
+    whole.begin(1);
+    for n in 0..records {
+        let before = readable(&whole);
+        let from = whole.clone();
+        run(&mut whole, n..n + 1, acknowledged);
+        for at in from.flash.operations()..whole.flash.operations() {
+            for cut in [Cut::Before, Cut::During, Cut::After] {
+                let mut store = from.clone();
+                store.flash.cut_at(at, cut);
+                run(&mut store, n..n + 1, acknowledged);
+                assert!(store.flash.is_off());
+                after_a_cut(store, &before, records, acknowledged, &std::format!("{at} {cut:?}"));
+            }
+        }
+    }
+    assert!(whole.flash.erases().iter().all(|n| *n > 1), "{:?}", whole.flash.erases());
+    whole.flash.operations()
+}
+
+/// The store opens again, has what could be read `before`, and takes more.
+fn after_a_cut(
+    store: Tested,
+    before: &BTreeMap<(u8, u32), (Vec<u8>, u32)>,
+    records: u32,
+    acknowledged: bool,
+    at: &str,
+) {
+    let mut flash = store.into_flash();
+    flash.switch_on();
+    let mut store = Tested::open(flash);
+    settle(&mut store);
+    let after = readable(&store);
+    for ((class, number), was) in before {
+        let of = usize::from(*class);
+        // What was acknowledged since, and what went for want of room, is counted.
+        let gone = *number < store.ledger().oldest[of];
+        assert!(gone || after.get(&(*class, *number)) == Some(was), "{at} {class} {number}");
+        assert!(!gone || acknowledged || store.ledger().lost[of] > *number, "{at} {class}");
+        assert!(store.ledger().next[of] > *number, "{at}: {class} {number} twice");
+    }
+    assert!(!acknowledged || store.ledger().lost == [0; CLASSES], "{at}");
+    run(&mut store, records..records + 30, acknowledged);
+    settle(&mut store);
+    assert_eq!(store.waiting(), 0);
+    let there = readable(&store);
+    for class in Class::ALL {
+        let of_class = there.keys().filter(|k| k.0 == class as u8).count();
+        assert_eq!(of_class as u32, store.ledger().kept(class), "{at} {class:?}");
+    }
+    assert_eq!(store.flash().misuses(), 0, "{at}");
+}
+
+#[test]
+fn power_cut_at_every_write_loses_nothing_that_could_be_read() {
+    assert!(cut_everywhere(420, true) > 1500);
+}
+
+#[test]
+fn power_cut_at_every_write_of_a_full_store_counts_what_is_lost() {
+    assert!(cut_everywhere(330, false) > 1000);
+}
