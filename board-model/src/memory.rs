@@ -27,11 +27,14 @@ pub(crate) struct Region {
     kind: Kind,
     /// Ticks of an access.
     pub(crate) cost: u64,
-    /// Stores need a closer look: code is cached there, it is flash, or its error correction is modelled.
+    /// Stores need a closer look: code is cached there, or it is flash.
     guarded: bool,
+    /// Its last write may be lost at a reset.
+    holds: bool,
 }
 
-const NONE: Region = Region { base: 0, size: 0, start: 0, kind: Kind::Sram, cost: 0, guarded: true };
+const NONE: Region =
+    Region { base: 0, size: 0, start: 0, kind: Kind::Sram, cost: 0, guarded: true, holds: false };
 
 /// A write that an error-correcting memory has not carried out yet.
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +51,6 @@ pub struct Memory {
     regions: [Region; REGIONS],
     count: usize,
     held: Option<Held>,
-    holds_writes: bool,
     /// While the data cache is on: what memory protection keeps out of it (start and length).
     uncached: Option<Vec<(u32, u64)>>,
 }
@@ -61,7 +63,6 @@ impl Default for Memory {
             regions: [NONE; REGIONS],
             count: 1,
             held: None,
-            holds_writes: false,
             uncached: None,
         }
     }
@@ -70,8 +71,8 @@ impl Default for Memory {
 impl Memory {
     /// Adds a region full of `fill`. Regions lie in granules of 8 MB of their own.
     pub fn add(&mut self, base: u32, size: u32, kind: Kind, fill: u8) {
-        let region =
-            Region { base, size, start: self.bytes.len(), kind, cost: 0, guarded: kind == Kind::Flash };
+        let (start, guarded) = (self.bytes.len(), kind == Kind::Flash);
+        let region = Region { base, size, start, kind, cost: 0, guarded, holds: false };
         self.regions[self.count] = region;
         for granule in (base >> GRANULE_BITS)..=(base + (size - 1)) >> GRANULE_BITS {
             self.map[granule as usize] = self.count as u8;
@@ -82,9 +83,8 @@ impl Memory {
 
     /// The last write of less than 64 bits to AXI SRAM is lost at a reset, as the manual warns of its error correction.
     pub fn hold_writes(&mut self) {
-        self.holds_writes = true;
         for region in &mut self.regions {
-            region.guarded |= region.kind == Kind::Axi && region.size > 0;
+            region.holds |= region.kind == Kind::Axi;
         }
     }
 
@@ -152,9 +152,23 @@ impl Memory {
         if region.guarded {
             return None;
         }
-        let (at, cost) = (self.place(region, address, N as u32)?, region.cost);
+        let (at, cost, holds) = (self.place(region, address, N as u32)?, region.cost, region.holds);
+        if holds {
+            self.hold(at);
+        }
         self.bytes.get_mut(at..at + N)?.copy_from_slice(&value);
         Some(cost)
+    }
+
+    /// Remembers what stood where the next write goes.
+    #[inline(always)]
+    fn hold(&mut self, at: usize) {
+        let word = at & !7;
+        if self.held.is_none_or(|held| held.at != word)
+            && let Some(before) = self.bytes.get(word..word + 8).and_then(|b| b.try_into().ok())
+        {
+            self.held = Some(Held { at: word, before });
+        }
     }
 
     /// A store that wants a closer look; the cost, or `None` where there is no memory to write.
@@ -164,12 +178,8 @@ impl Memory {
         if region.kind == Kind::Flash {
             return None;
         }
-        if self.holds_writes && region.kind == Kind::Axi {
-            let word = at & !7;
-            if self.held.is_none_or(|held| held.at != word) {
-                let before = self.bytes[word..word + 8].try_into().unwrap_or_default();
-                self.held = Some(Held { at: word, before });
-            }
+        if region.holds {
+            self.hold(at);
         }
         self.bytes[at..at + value.len()].copy_from_slice(value);
         Some(region.cost)

@@ -7,6 +7,7 @@ mod execute;
 mod float;
 pub mod nvic;
 mod system;
+mod systick;
 #[cfg(test)]
 mod tests;
 mod transfer;

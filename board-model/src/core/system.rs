@@ -2,9 +2,10 @@
 //! counter (ARMv7-M, B3.2 to B3.5; Cortex-M7 Technical Reference Manual for the caches' registers).
 
 use super::nvic::{Set, number};
+use super::systick::SysTick;
 use super::{Machine, Trouble};
 use crate::board::{Board, Refusal, Width, Wish};
-use crate::time::{NEVER, Ticks};
+use crate::time::Ticks;
 
 /// Costs in ticks.
 #[derive(Clone, Copy, Debug, Default)]
@@ -14,52 +15,6 @@ pub(super) struct Ticked {
     pub entry: Ticks,
     pub tail_chain: Ticks,
     pub exit: Ticks,
-}
-
-/// SysTick: counts down from `reload` from `since` on, a count every `period`.
-#[derive(Clone, Debug)]
-struct SysTick {
-    enabled: bool,
-    interrupts: bool,
-    core_clock: bool,
-    wrapped: bool,
-    reload: u32,
-    /// Value at `since`.
-    value: u32,
-    since: Ticks,
-    period: Ticks,
-}
-
-impl SysTick {
-    fn counts(&self, now: Ticks) -> u64 {
-        if self.enabled { (now - self.since) / self.period.max(1) } else { 0 }
-    }
-
-    /// Value now: from 0 it goes to the reload value.
-    fn now(&self, now: Ticks) -> u32 {
-        let counts = self.counts(now);
-        if counts <= u64::from(self.value) {
-            self.value - counts as u32
-        } else {
-            let past = (counts - u64::from(self.value) - 1) % (u64::from(self.reload) + 1);
-            self.reload - past as u32
-        }
-    }
-
-    fn rebase(&mut self, now: Ticks) {
-        let counts = self.counts(now);
-        self.value = self.now(now);
-        self.since = if self.enabled { self.since + counts * self.period } else { now };
-    }
-
-    /// When it next reaches zero.
-    fn next(&self) -> Ticks {
-        if !(self.enabled && self.interrupts) || self.reload == 0 {
-            return NEVER;
-        }
-        let counts = if self.value == 0 { u64::from(self.reload) + 1 } else { u64::from(self.value) };
-        self.since + counts * self.period
-    }
 }
 
 /// State of the system registers.
@@ -114,16 +69,7 @@ impl Default for System {
             mpu_control: 0,
             mpu_region: 0,
             mpu: [(0, 0); 16],
-            systick: SysTick {
-                enabled: false,
-                interrupts: false,
-                core_clock: false,
-                wrapped: false,
-                reload: 0,
-                value: 0,
-                since: 0,
-                period: 1,
-            },
+            systick: SysTick::off(),
             cycles_on: false,
             cycles_at: 0,
             cycles_since: 0,

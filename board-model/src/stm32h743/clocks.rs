@@ -32,6 +32,8 @@ pub(super) struct Clocks {
     supply_written: bool,
     pub(super) latency: u32,
     overdrive: bool,
+    /// Kernel clocks of SPI 1 to 3 and of the simple serial ports, as the registers set them.
+    kernel_hz: [u64; 2],
     pub(super) reset_cause: u32,
     /// The supply is below what the voltage detector may be set to.
     pub(super) supply_low: bool,
@@ -69,15 +71,18 @@ impl Clocks {
         rcc[0x30 / 4] = 0x0101_0280;
         rcc[0x38 / 4] = 0x0101_0280;
         rcc[0x40 / 4] = 0x0101_0280;
-        Self {
+        let mut clocks = Self {
             rcc,
             power_control: [0xf000_c000, 0x4000, 0, 0x46, 0, 0, 0x4000, 0, 0, 0, 0, 0, 0, 0, 0, 0],
             supply_written: false,
             latency: 0x37,
             overdrive: false,
+            kernel_hz: [0; 2],
             reset_cause,
             supply_low: false,
-        }
+        };
+        clocks.kernel_hz = clocks.kernels();
+        clocks
     }
 
     /// The register of the backup domain, which a reset leaves.
@@ -150,6 +155,7 @@ impl Clocks {
             }
             _ => return Refusal::stop(format!("an unknown register of RCC at {offset:#x}")),
         }
+        self.kernel_hz = self.kernels();
         if matches!(offset, at::CR | at::CFGR | at::D1CFGR | at::PLLCKSELR | at::PLLCFGR | 0x30) {
             let source = [(0, 0), (1, 7), (2, 16), (3, 24)]
                 .into_iter()
@@ -317,25 +323,31 @@ impl Clocks {
 
     /// Kernel clock of SPI 1 to 3.
     pub fn spi_hz(&self) -> u64 {
-        match self.field(at::D2CCIP1R, 12, 3) {
+        self.kernel_hz[0]
+    }
+
+    /// Kernel clock of USART 2, 3 and the other simple ones.
+    pub fn usart_hz(&self) -> u64 {
+        self.kernel_hz[1]
+    }
+
+    fn kernels(&self) -> [u64; 2] {
+        let spi = match self.field(at::D2CCIP1R, 12, 3) {
             0 => self.pll(0, 1),
             1 => self.pll(1, 0),
             2 => self.pll(2, 0),
             4 => HSI_HZ,
             _ => 0,
-        }
-    }
-
-    /// Kernel clock of USART 2, 3 and the other simple ones.
-    pub fn usart_hz(&self) -> u64 {
-        match self.field(at::D2CCIP2R, 0, 3) {
+        };
+        let usart = match self.field(at::D2CCIP2R, 0, 3) {
             0 => self.apb_hz(1),
             1 => self.pll(1, 1),
             2 => self.pll(2, 1),
             3 => self.oscillator(0),
             4 => CSI_HZ,
             _ => LSE_HZ,
-        }
+        };
+        [spi, usart]
     }
 
     /// Whether a peripheral's bit in one of the enable registers is set; offsets of `AHB3ENR` (0xd4) to `APB4ENR` (0xf4).

@@ -79,9 +79,15 @@ pub(super) struct Dma {
     /// Requests a generator has still to make, and whether it was triggered while it made them.
     generated: [u32; GENERATORS],
     overrun: u32,
+    /// The stream that serves each request, [`NOBODY`] where none does.
+    servants: [u8; 128],
+    /// Whether any generator has requests to make.
+    generating: bool,
     /// Items moved since the start, by stream.
     pub moved: [u64; STREAMS],
 }
+
+const NOBODY: u8 = u8::MAX;
 
 /// One item to move.
 #[derive(Clone, Copy, Debug)]
@@ -100,13 +106,24 @@ impl Dma {
             generators: [0; GENERATORS],
             generated: [0; GENERATORS],
             overrun: 0,
+            servants: [NOBODY; 128],
+            generating: false,
             moved: [0; STREAMS],
         }
     }
 
     /// The stream that would serve a request: the first enabled one.
     pub fn serving(&self, request: u8) -> Option<usize> {
-        (0..STREAMS).find(|s| self.streams[*s].on() && self.mux[*s] & 0x7f == u32::from(request))
+        let stream = self.servants[usize::from(request) & 127];
+        (stream != NOBODY).then_some(usize::from(stream))
+    }
+
+    /// Finds anew which stream serves which request.
+    fn assign(&mut self) {
+        self.servants = [NOBODY; 128];
+        for stream in (0..STREAMS).rev().filter(|s| self.streams[*s].on()) {
+            self.servants[self.mux[stream] as usize & 127] = stream as u8;
+        }
     }
 
     /// What a stream moves next.
@@ -126,6 +143,9 @@ impl Dma {
 
     /// The first request that a generator makes and a stream serves: that stream, and the generator to be told.
     pub fn generated(&self) -> Option<(usize, usize)> {
+        if !self.generating {
+            return None;
+        }
         let makes = |g: &usize| self.generated[*g] > 0;
         (0..GENERATORS).filter(makes).find_map(|g| Some((self.serving(g as u8 + 1)?, g)))
     }
@@ -133,6 +153,7 @@ impl Dma {
     /// A generator's request is served.
     pub fn one_generated(&mut self, generator: usize) {
         self.generated[generator] -= 1;
+        self.generating = self.generated.iter().any(|n| *n > 0);
     }
 
     /// A channel of DMAMUX1 has passed a request on and says so, if it is to.
@@ -151,6 +172,7 @@ impl Dma {
                 self.overrun |= 1 << g;
             } else {
                 self.generated[g] = (control >> 19 & 31) + 1;
+                self.generating = true;
             }
         }
     }
@@ -173,6 +195,7 @@ impl Dma {
             } else if s.control & 1 << 8 == 0 {
                 s.control &= !1;
                 s.left = 0;
+                self.assign();
             }
         }
         bus.nvic.set_level(INTERRUPTS[stream], self.streams[stream].interrupting());
@@ -226,6 +249,7 @@ impl Dma {
                 let stream = first + (offset - 0x10) / 0x18;
                 let register = (offset - 0x10) % 0x18;
                 self.write_stream(stream, register, value)?;
+                self.assign();
             }
             _ => return Err(unknown("DMA", offset)),
         }
@@ -300,6 +324,7 @@ impl Dma {
             }
             0..0x40 => {
                 self.mux[offset / 4] = value;
+                self.assign();
                 Ok(())
             }
             0x100..0x120 => {

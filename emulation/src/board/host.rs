@@ -10,18 +10,22 @@ use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::wire::FaultCode;
 use std::cell::RefCell;
 
-/// What a run of the host has sent, and how much of it before the input's end.
-#[derive(Default)]
-struct Heard {
+/// What a run of the host has sent, and whether more is wanted.
+struct Heard<'a> {
     bytes: Vec<u8>,
-    at_end: Option<usize>,
+    wanted: &'a mut dyn FnMut(&[u8]) -> bool,
+    goes_on: bool,
 }
 
-struct Telemetry<'a>(&'a RefCell<Heard>);
+struct Telemetry<'a, 'w>(&'a RefCell<Heard<'w>>);
 
-impl Link for Telemetry<'_> {
+impl Link for Telemetry<'_, '_> {
     fn send(&mut self, frame: &[u8]) -> bool {
-        self.0.borrow_mut().bytes.extend_from_slice(frame);
+        let mut heard = self.0.borrow_mut();
+        if heard.goes_on {
+            heard.bytes.extend_from_slice(frame);
+            heard.goes_on = (heard.wanted)(frame);
+        }
         true
     }
     fn receive(&mut self) -> Option<u8> {
@@ -30,18 +34,19 @@ impl Link for Telemetry<'_> {
 }
 
 /// Conversions with their numbers, from the first on.
-struct Delivered<'a> {
+struct Delivered<'a, 'w> {
     numbers: &'a [u64],
     codes: &'a [Codes],
     next: usize,
-    heard: &'a RefCell<Heard>,
+    stopped: bool,
+    heard: &'a RefCell<Heard<'w>>,
 }
 
-impl SampleSource for Delivered<'_> {
+impl SampleSource for Delivered<'_, '_> {
     fn read(&mut self, frames: &mut [Frame]) -> Chunk {
-        let Some(first) = self.numbers.get(self.next) else {
-            let mut heard = self.heard.borrow_mut();
-            heard.at_end = Some(heard.bytes.len());
+        let mut heard = self.heard.borrow_mut();
+        let Some(first) = self.numbers.get(self.next).filter(|_| heard.goes_on) else {
+            heard.goes_on &= self.stopped;
             return Chunk::End;
         };
         let mut count = 0;
@@ -73,6 +78,7 @@ impl Supervisor for Start {
 }
 
 /// What the host's loop says of these conversions; what it says at their end only where the board was told to stop there.
+/// It ends early where `wanted` says of a frame that no more is.
 ///
 /// # Errors
 /// The configuration cannot be run.
@@ -82,19 +88,16 @@ pub fn host(
     numbers: &[u64],
     codes: &[Codes],
     stopped: bool,
+    wanted: &mut dyn FnMut(&[u8]) -> bool,
 ) -> Result<Vec<u8>> {
     let config = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e:?}"))?;
     let table = config_blob::section(blob, PROPAGATION).ok();
     let mut memory: Box<Memory<'_>> = Box::default();
     let mut recorder = memory.configure(&config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
-    let heard = RefCell::new(Heard::default());
-    let mut source = Delivered { numbers, codes, next: 0, heard: &heard };
+    let heard = RefCell::new(Heard { bytes: Vec::new(), wanted, goes_on: true });
+    let mut source = Delivered { numbers, codes, next: 0, stopped, heard: &heard };
     let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     let mut start = Start(reset_cause);
     run(&mut recorder, &mut source, &mut Telemetry(&heard), &mut NoClock, &mut start, &mut frames);
-    let Heard { mut bytes, at_end } = heard.into_inner();
-    if !stopped {
-        bytes.truncate(at_end.unwrap_or(0));
-    }
-    Ok(bytes)
+    Ok(heard.into_inner().bytes)
 }

@@ -43,6 +43,8 @@ pub enum InjectedFault {
     SecondWrong(f64),
     /// Sentences are damaged from this second on, for so many seconds.
     SentenceNoise(f64, f64),
+    /// The receiver's clock is a second further from this second on.
+    ClockStep(f64),
 }
 
 /// The line in the source that an injected panic names.
@@ -106,7 +108,8 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             | InjectedFault::PulseLost(..)
             | InjectedFault::PulseGlitch(_)
             | InjectedFault::SecondWrong(_)
-            | InjectedFault::SentenceNoise(..) => continue,
+            | InjectedFault::SentenceNoise(..)
+            | InjectedFault::ClockStep(_) => continue,
             InjectedFault::ConverterDead(at, length)
             | InjectedFault::ConverterMute(at, length)
             | InjectedFault::SupplyLow(at, length) => (at, length),
@@ -180,7 +183,8 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         | InjectedFault::PulseLost(..)
         | InjectedFault::PulseGlitch(_)
         | InjectedFault::SecondWrong(_)
-        | InjectedFault::SentenceNoise(..) => {}
+        | InjectedFault::SentenceNoise(..)
+        | InjectedFault::ClockStep(_) => {}
     }
     Ok(())
 }

@@ -78,8 +78,6 @@ pub struct BoardRun {
     pub said: Vec<Said>,
     /// Starts of the core: when, s, and conversions delivered before.
     pub starts: Vec<(f64, usize)>,
-    /// What the host's loop said of the same conversions.
-    pub host: Vec<u8>,
     /// Conversions done while recording, and those delivered.
     pub converted: u64,
     /// Conversions read whole: their numbers, and what was read.
@@ -113,27 +111,30 @@ pub struct BoardRun {
 }
 
 impl BoardRun {
-    /// Whether board and host said the same.
-    pub fn identical(&self) -> bool {
-        self.firmware == self.host
-    }
-
-    /// One line about where they differ.
-    pub fn difference(&self) -> String {
-        let (host, firmware) = (frames(&self.host), frames(&self.firmware));
+    /// The host's loop over the same conversions: `None` if it says the same bytes, else one line about where they differ.
+    ///
+    /// # Errors
+    /// The configuration cannot be run.
+    pub fn difference(&self, blob: &[u8]) -> Result<Option<String>> {
+        const POWER: u8 = 0;
+        let said = host(blob, POWER, &self.numbers, &self.codes, false, &mut |_| true)?;
+        if said == self.firmware {
+            return Ok(None);
+        }
+        let (host, firmware) = (frames(&said), frames(&self.firmware));
         let at = host.iter().zip(&firmware).take_while(|(a, b)| a.0 == b.0).count();
         let show = |f: Option<&(Vec<u8>, _)>| match f {
             Some((_, Some(message))) => format!("{message:?}"),
             Some((bytes, None)) => format!("{} undecodable bytes", bytes.len()),
             None => "nothing".to_owned(),
         };
-        format!(
+        Ok(Some(format!(
             "telemetry differs from frame {at} (host {} bytes, board {} bytes): host says {} | board says {}",
-            self.host.len(),
+            said.len(),
             self.firmware.len(),
             show(host.get(at)),
             show(firmware.get(at))
-        )
+        )))
     }
 }
 
@@ -144,11 +145,11 @@ const PATIENCE: Ticks = 5 * PER_SECOND;
 /// Step between two looks at the board.
 const STEP: Ticks = PER_SECOND / 2000;
 
-/// Runs an image that holds this configuration over conversions at `rate_hz`, then the host over what was delivered.
+/// Runs an image that holds this configuration over conversions at `rate_hz`.
 ///
 /// # Errors
 /// The image is not the station's, the software did something the board does not allow, or it never read a conversion.
-pub fn twin(
+pub fn play(
     image: &Path,
     blob: &[u8],
     rate_hz: f64,
@@ -180,8 +181,6 @@ pub fn twin(
     let mut starts = vec![(0.0, 0)];
     let (began, ended) = run_board(&mut machine, setup, &mut starts)?;
     let converter = &machine.board.converter;
-    const POWER: u8 = 0;
-    let host = host(blob, POWER, &converter.delivered, &converter.codes, false)?;
     let span = match (converter.delivered.first(), converter.delivered.last()) {
         (Some(first), Some(last)) => last - first + 1,
         _ => 0,
@@ -191,7 +190,6 @@ pub fn twin(
         firmware: machine.board.sent().to_vec(),
         said: said(&machine.board),
         starts,
-        host,
         converted: converter.converted(),
         delivered: converter.delivered.len() as u64,
         numbers: converter.delivered.clone(),

@@ -13,9 +13,14 @@ const FIRST_S: f64 = 0.1;
 const PULSE_S: f64 = 0.1;
 const SENTENCE_S: f64 = 0.15;
 
-/// What the receiver would say of a second of the run, µs since 1970.
-pub fn utc_us(at_s: f64) -> f64 {
-    START_UTC_S as f64 * 1e6 + (at_s - FIRST_S) * 1e6
+/// What the receiver would say of a second of the run, µs since 1970: its clock is the truth, and it may step.
+pub fn utc_us(at_s: f64, faults: &[InjectedFault]) -> f64 {
+    (START_UTC_S + stepped_s(at_s, faults)) as f64 * 1e6 + (at_s - FIRST_S) * 1e6
+}
+
+/// Seconds by which its clock has stepped.
+fn stepped_s(at_s: f64, faults: &[InjectedFault]) -> i64 {
+    faults.iter().filter(|f| matches!(**f, InjectedFault::ClockStep(from) if from <= at_s)).count() as i64
 }
 
 /// Puts pulses and sentences of so many seconds on the board's pins.
@@ -37,7 +42,7 @@ pub(super) fn fill(
         }
         let wrong =
             faults.iter().any(|f| matches!(*f, InjectedFault::SecondWrong(from) if within(at, from, 1.0)));
-        let utc_s = START_UTC_S + second + i64::from(wrong);
+        let utc_s = START_UTC_S + second + i64::from(wrong) + stepped_s(at, faults);
         let mut sentence = rmc(utc_s);
         for fault in faults {
             if let InjectedFault::SentenceNoise(from, length) = *fault

@@ -225,6 +225,21 @@ fn receiver() -> Vec<Case> {
         with("a false pulse before the sentence", &[InjectedFault::PulseGlitch(3.22)], 2.9, 5.8, &[time]),
         with("a wrong second", &[InjectedFault::SecondWrong(2.9)], 2.9, 5.8, &[time]),
         with("noise in its sentences for 2 s", &[InjectedFault::SentenceNoise(2.9, 2.0)], 2.9, 5.8, &[time]),
+        with(
+            "its clock steps by a second",
+            &[InjectedFault::ClockStep(2.9)],
+            2.9,
+            6.8,
+            &[Wanted::Fault(FaultCode::ClockStepped, None), time],
+        ),
+        with(
+            "core held for 0.1 s",
+            &[InjectedFault::CoreHeld(2.9, 0.1)],
+            2.9,
+            5.8,
+            &[Wanted::Fault(FaultCode::Gap, None), time],
+        ),
+        with("reset pin", &[InjectedFault::PinReset(2.9)], 2.9, 5.8, &[Wanted::Start(PIN), time]),
     ]
 }
 

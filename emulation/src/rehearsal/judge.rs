@@ -1,6 +1,6 @@
 //! What came of a rehearsed case: what was told and how soon, and whether the records are those of the samples.
 
-use crate::board::{BoardRun, Said, host, utc_us as utc_us_of};
+use crate::board::{BoardRun, InjectedFault, Said, host, utc_us as utc_us_of};
 use anyhow::{Result, bail};
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::utc::Times;
@@ -168,8 +168,9 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
     // Where a command or the run's end cut it off there is nothing more to come; else what was under way is lost.
     let whole = session.last || end.is_some();
     let agree = |host: &[Message]| (host.len() == board.len() || !whole) && host.starts_with(&board);
-    // After the first standstill every number may be off by as much, as far as an estimate goes.
-    let host_off_by = |off: i64| -> Result<(Vec<Message>, u64)> {
+    // After the first standstill every number may be off by as much, as far as an estimate goes. `to_end`: even
+    // where it says something else than the board.
+    let host_off_by = |off: i64, to_end: bool| -> Result<(Vec<Message>, u64)> {
         let (mut shift, mut before, mut given_up) = (0, *base, 0u64);
         let (mut indices, mut codes) = (Vec::new(), Vec::new());
         for (number, code) in session.numbers.iter().zip(session.codes) {
@@ -188,13 +189,17 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
                 codes.push(*code);
             }
         }
-        let bytes = host(blob, session.hello.reset_cause, &indices, &codes, end.is_some())?;
-        let mut decoder = Decoder::default();
-        let heard = bytes.iter().filter_map(|b| decoder.push::<Message>(*b)).map(|r| r.message);
-        Ok((heard.filter(|m| is_of_samples(m, counters)).collect(), given_up))
+        let (mut decoder, mut heard) = (Decoder::default(), Vec::new());
+        let mut take = |frame: &[u8]| {
+            let messages = frame.iter().filter_map(|b| decoder.push::<Message>(*b)).map(|r| r.message);
+            heard.extend(messages.filter(|m| is_of_samples(m, counters)));
+            to_end || heard.iter().zip(&board).all(|(host, board)| host == board)
+        };
+        host(blob, session.hello.reset_cause, &indices, &codes, end.is_some(), &mut take)?;
+        Ok((heard, given_up))
     };
     let records = board.iter().any(|m| matches!(m, Message::Bearing(_)));
-    let (true_host, given_up) = host_off_by(0)?;
+    let (true_host, given_up) = host_off_by(0, true)?;
     if agree(&true_host) {
         let mut words = if restarts > 0 { "estimate, exact" } else { "exact" }.to_owned();
         if given_up > 0 {
@@ -204,7 +209,7 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
     }
     if restarts > 0 {
         for off in (1..=MOST_OFF).flat_map(|n| [n, -n]) {
-            if agree(&host_off_by(off)?.0) {
+            if agree(&host_off_by(off, false)?.0) {
                 return Ok(Some(format!("estimate, {} off", off.abs())));
             }
         }
@@ -241,7 +246,7 @@ fn is_of_samples(message: &Message, counters: bool) -> bool {
 
 /// Every time told, and what follows from it for the samples up to the next, against the truth: `None` where none was told.
 /// A told time is right if it is within three of its standard deviations.
-pub fn clock(run: &BoardRun, rate_hz: f64) -> Option<Numbers> {
+pub fn clock(run: &BoardRun, faults: &[InjectedFault], rate_hz: f64) -> Option<Numbers> {
     const MOST_SD: f64 = 3.0;
     let (mut told, mut worst_sd, mut worst_s) = (0, 0f64, 0f64);
     for session in sessions(run) {
@@ -251,7 +256,7 @@ pub fn clock(run: &BoardRun, rate_hz: f64) -> Option<Numbers> {
         let mut look = |times: &Times, index: u64| {
             let at_s = run.moments_s.get((base + index) as usize).copied().filter(|s| s.is_finite());
             if let (Some(at_s), Some((utc_us, sd_s))) = (at_s, times.utc(index, rate_hz)) {
-                let off_s = (utc_us as f64 - utc_us_of(at_s)).abs() * 1e-6;
+                let off_s = (utc_us as f64 - utc_us_of(at_s, faults)).abs() * 1e-6;
                 worst_sd = worst_sd.max(off_s / sd_s);
                 worst_s = worst_s.max(off_s);
             }

@@ -88,7 +88,7 @@ fn costs(cycles: f64) -> Costs {
 impl Stage<'_> {
     fn play(&self, seconds: f64, setup: &Setup) -> Result<BoardRun> {
         let instants = (seconds * self.rate_hz).round() as u64;
-        board::twin(self.image, self.blob, self.rate_hz, setup, noise(instants))
+        board::play(self.image, self.blob, self.rate_hz, setup, noise(instants))
     }
 
     /// Keeps up at the cost that is asked for.
@@ -99,12 +99,14 @@ impl Stage<'_> {
             let case = format!("{what}, {cycles} cycles an instruction, {register} an access");
             Row { case, told: String::new(), outcome, right }
         };
-        let same = if report.identical() { "the same bytes".to_owned() } else { report.difference() };
+        let difference = report.difference(self.blob)?;
+        let identical = difference.is_none();
+        let same = difference.unwrap_or("the same bytes".to_owned());
         let kept = report.lost == 0 && report.delivered == report.converted;
         let idle = report.idle * 100.0;
         Ok(vec![
             row("lost", format!("{} of {} in {seconds} s", report.lost, report.converted), kept),
-            row("telemetry against the host's", same, report.identical()),
+            row("telemetry against the host's", same, identical),
             row(
                 "interrupts a second",
                 format!("{:.0}", report.interrupts_per_s),
@@ -119,7 +121,7 @@ impl Stage<'_> {
         let (mut holds, mut breaks) = (0.0, None);
         for &cycles in tried {
             let report = self.play(1.0, &Setup { costs: costs(cycles), ..Setup::default() })?;
-            if !report.identical() || report.lost > 0 {
+            if report.lost > 0 || report.difference(self.blob)?.is_some() {
                 breaks = Some(cycles);
                 break;
             }
@@ -141,7 +143,7 @@ impl Stage<'_> {
             .with_context(|| case.name.clone())?;
         let told = judge::told(&report.said, &case.wanted, case.event_s);
         let mut numbers = judge::numbers(&report, self.blob)?;
-        if let Some(clock) = judge::clock(&report, self.rate_hz) {
+        if let Some(clock) = judge::clock(&report, &case.setup.faults, self.rate_hz) {
             let both = [numbers.outcome, clock.outcome];
             numbers.outcome =
                 both.iter().filter(|words| !words.is_empty()).cloned().collect::<Vec<_>>().join("; ");

@@ -133,7 +133,7 @@ pub(super) fn run(
                 waiting = receive.recv().ok()?.into_iter();
             }
         };
-        let report = board::twin(&image, &blob, rate_hz, &setup, next);
+        let report = board::play(&image, &blob, rate_hz, &setup, next);
         match reader.join() {
             Ok(read) => read?,
             Err(_) => bail!("the reader of the recording has panicked"),
@@ -143,11 +143,9 @@ pub(super) fn run(
     if let Some(path) = keep {
         crate::atomic::write(path, &report.firmware)?;
     }
-    say(&report, json)?;
-    if !report.identical() {
-        bail!("{}", report.difference());
-    }
-    Ok(())
+    let difference = report.difference(&blob)?;
+    say(&report, difference.is_none(), json)?;
+    difference.map_or(Ok(()), |difference| bail!("{difference}"))
 }
 
 fn setup(options: &BoardOptions) -> Result<Setup> {
@@ -190,7 +188,7 @@ fn setup(options: &BoardOptions) -> Result<Setup> {
     })
 }
 
-fn say(report: &BoardRun, json: bool) -> Result<()> {
+fn say(report: &BoardRun, identical: bool, json: bool) -> Result<()> {
     let per = |count: u64| count as f64 / (report.delivered as f64).max(1.0);
     let round = |x: f64| (x * 10.0).round() / 10.0;
     let (handlers, thread) = (report.handlers, report.thread);
@@ -202,7 +200,7 @@ fn say(report: &BoardRun, json: bool) -> Result<()> {
     let mut out = std::io::stdout().lock();
     if json {
         let record = serde_json::json!({
-            "type": "twin", "board": "stm32h743", "identical": report.identical(), "bytes": report.firmware.len(),
+            "type": "twin", "board": "stm32h743", "identical": identical, "bytes": report.firmware.len(),
             "seconds": report.seconds, "conversions": report.converted, "delivered": report.delivered,
             "lost": report.lost, "interrupts_per_s": round(report.interrupts_per_s), "idle": report.idle,
             "resets": report.resets, "spi_hz": report.spi_hz, "dma_items": report.dma_items,
@@ -216,7 +214,7 @@ fn say(report: &BoardRun, json: bool) -> Result<()> {
         writeln!(out, "{record}")?;
         return Ok(());
     }
-    let same = if report.identical() { "identical" } else { "DIFFERENT" };
+    let same = if identical { "identical" } else { "DIFFERENT" };
     writeln!(out, "{same}: {} bytes over {:.2} s of conversions", report.firmware.len(), report.seconds)?;
     writeln!(
         out,
