@@ -38,6 +38,7 @@ mod obs_orient;
 mod obs_pictures;
 mod obs_table1;
 mod obs_two_ships;
+mod obs_week;
 pub mod obs_world;
 pub mod real_ship_ee;
 mod real_ship_track;
@@ -120,6 +121,9 @@ pub const EXPERIMENTS: &[Experiment] = &[
     motion_figures::FLEET,
     motion_checks::ELEVATION,
     obs_table1::TABLE_1,
+    obs_week::WEEK,
+    obs_week::WEEK_5_DB,
+    obs_week::WEEK_10_DB,
     shaft_rate::EXPERIMENT,
     link::EXPERIMENT,
     base_station::LOAD,

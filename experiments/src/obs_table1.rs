@@ -24,7 +24,7 @@ pub const TABLE_1: Experiment = Experiment {
 };
 
 /// Deployment position of RR03 (latitude, longitude in degrees).
-const RR03_DEG: (f64, f64) = (-21.3732, 54.1294);
+pub(super) const RR03_DEG: (f64, f64) = (-21.3732, 54.1294);
 
 const DAYS: f64 = 6.0;
 const DAY_S: f64 = 86_400.0;
@@ -47,7 +47,7 @@ fn run(options: &Options) -> Result<()> {
     };
     let found = passages(&read(&file)?, RR03_DEG);
     let all: Vec<AisPassage> = found.iter().filter(|p| passes(p)).cloned().collect();
-    let Some((start, chosen)) = window(&all) else {
+    let Some((start, chosen)) = window(&all, DAYS) else {
         bail!("{} holds no passage", file.display());
     };
     let mut scenario = quiet(options.seed, DAYS * DAY_S);
@@ -81,7 +81,7 @@ fn run(options: &Options) -> Result<()> {
 }
 
 /// Whether a vessel really passes: before and after its closest point, and on a roughly straight way.
-fn passes(p: &AisPassage) -> bool {
+pub(super) fn passes(p: &AisPassage) -> bool {
     let around =
         |before: f64, after: f64| p.fixes.iter().any(|f| (before..after).contains(&(f.0 - p.cpa_unix_s)));
     let hour = 3_600.0;
@@ -93,14 +93,14 @@ fn passes(p: &AisPassage) -> bool {
 /// Seconds about the closest point in which a passage must have positions on both sides.
 const GREATEST_GAP_S: f64 = 4.0 * 3_600.0;
 
-/// The six days, starting at a midnight, with the most closest points, eleven at most.
-fn window(all: &[AisPassage]) -> Option<(f64, Vec<&AisPassage>)> {
+/// The days, starting at a midnight, with the most closest points, eleven at most.
+pub(super) fn window(all: &[AisPassage], days: f64) -> Option<(f64, Vec<&AisPassage>)> {
     let first = (all.first()?.cpa_unix_s / DAY_S).floor() as i64;
     let last = (all.last()?.cpa_unix_s / DAY_S).floor() as i64;
     (first..=last)
         .map(|d| {
             let start = d as f64 * DAY_S;
-            let inside = |p: &&AisPassage| (start..start + DAYS * DAY_S).contains(&p.cpa_unix_s);
+            let inside = |p: &&AisPassage| (start..start + days * DAY_S).contains(&p.cpa_unix_s);
             (start, all.iter().filter(inside).take(VESSELS).collect::<Vec<_>>())
         })
         .max_by_key(|(start, p)| (p.len(), -*start as i64))

@@ -68,9 +68,9 @@ pub struct Case {
     pub vessels: Vec<MovingVessel>,
     /// Other sounds that were there.
     pub heard: Vec<HeardEvent>,
-    table: Propagation,
-    paths: usize,
-    rate_hz: f64,
+    pub(super) table: Propagation,
+    pub(super) paths: usize,
+    pub(super) rate_hz: f64,
 }
 
 impl Case {
