@@ -80,7 +80,7 @@ fn full(base: &Recorder, out: &mut String) -> std::fmt::Result {
     if base.tracks().next().is_some() {
         writeln!(
             out,
-            "{:>7} {:8} {:>10}  {:>16}  {:>15}  {:>14}  {:>12}  {:10}",
+            "{:>7} {:9} {:>10}  {:>16}  {:>15}  {:>14}  {:>12}  {:10}",
             "track", "state", "time", "CPA time (s)", "CPA range (m)", "heading (°)", "speed (m/s)", "side"
         )?;
     }
@@ -88,9 +88,9 @@ fn full(base: &Recorder, out: &mut String) -> std::fmt::Result {
         let Some(t) = history.next_back() else { continue };
         writeln!(
             out,
-            "{:>7} {:8} {:>10}  {:>16}  {:>15}  {:>14}  {:>12}  {:10}",
+            "{:>7} {:9} {:>10}  {:>16}  {:>15}  {:>14}  {:>12}  {:10}",
             format!("{session}.{id}"),
-            if t.stage == 0 { "running" } else { "final" },
+            t.stage_name(),
             at(t.index),
             with_sd(t.cpa_time_s, t.sd_cpa_time_s.into()),
             range(t),

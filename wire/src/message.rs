@@ -125,7 +125,7 @@ pub struct Bearing {
 pub struct Track {
     /// Number of the track; one vessel keeps its number.
     pub id: u16,
-    /// 0 running estimate, 1 end-of-passage solution.
+    /// 0 running estimate, 1 end-of-passage solution, 2 withdrawn: what was reported of this track is no vessel's course.
     pub stage: u8,
     /// Sample index of the newest data used.
     pub index: u64,
@@ -163,6 +163,24 @@ pub struct Track {
     pub range_observable: bool,
     /// Measurements used.
     pub n: u16,
+}
+
+impl Track {
+    /// Stage of a running estimate.
+    pub const RUNNING: u8 = 0;
+    /// Stage of the solution at the passage's end.
+    pub const FINAL: u8 = 1;
+    /// Stage of a track that is no vessel's course.
+    pub const WITHDRAWN: u8 = 2;
+
+    /// What its stage is called in records: `running`, `final` or `withdrawn`.
+    pub fn stage_name(&self) -> &'static str {
+        match self.stage {
+            Self::RUNNING => "running",
+            Self::FINAL => "final",
+            _ => "withdrawn",
+        }
+    }
 }
 
 /// Counters since start and margins.

@@ -32,13 +32,16 @@ struct Drawn<'a> {
     ring: Vec<Value>,
 }
 
-/// Every track that has a place.
+/// Every track that has a place and was not withdrawn.
 fn drawn<'a>(records: &'a [Value], places: &Positions) -> Vec<Drawn<'a>> {
     let mut tracks: BTreeMap<[Option<u64>; 3], Vec<Report<'_>>> = BTreeMap::new();
+    let key = |record: &Value| ["station", "session", "id"].map(|k| record[k].as_u64());
     for record in records {
         let Some(place) = east_north(record) else { continue };
-        let key = ["station", "session", "id"].map(|k| record[k].as_u64());
-        tracks.entry(key).or_default().push((record, place));
+        tracks.entry(key(record)).or_default().push((record, place));
+    }
+    for record in records.iter().filter(|r| r["stage"] == "withdrawn") {
+        tracks.remove(&key(record));
     }
     let mut out = Vec::new();
     for ([station, session, id], reports) in tracks {

@@ -44,6 +44,8 @@ pub struct Score {
     pub directions: u16,
     /// Minutes with a range that is this vessel's.
     pub distances: u16,
+    /// Minutes with both.
+    pub both: u16,
 }
 
 /// Standard deviation of the sum of two independent errors.
@@ -125,6 +127,7 @@ pub fn score(
         out.log += a + r;
         out.directions += u16::from(a > 0.0);
         out.distances += u16::from(r > 0.0);
+        out.both += u16::from(a > 0.0 && r > 0.0);
     }
     out
 }

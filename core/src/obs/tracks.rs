@@ -1,11 +1,12 @@
 //! Tracks of the vessels present: found, refined while they pass, closed with the best course over their whole stay.
 //!
 //! Enters: the ring of evidence, once a minute. Leaves: `Track` messages, stage 0 every five minutes while a vessel
-//! passes, stage 1 once when it has gone or the record ends. Several vessels are several tracks: what one explains is
-//! hidden from the search for the next, the best explained first. A track is abandoned for a better course whenever one is found, which undoes
-//! early locks on a wrong branch. Cost: below 40 M instructions every five minutes, none between.
+//! passes, stage 1 once when it has gone or the record ends, or stage 2 once where a track that was reported is withdrawn:
+//! a truer course explains its evidence. Several vessels are several tracks: what one explains is hidden from the search for
+//! the next, the best explained first. A track is abandoned for a better course whenever one is found, which undoes early
+//! locks on a wrong branch. Cost: below 40 M instructions every five minutes, none between.
 
-use super::course::{Course, CourseCovariance};
+use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
 use super::limits::VESSELS;
@@ -32,23 +33,18 @@ const SEARCHED: u32 = 120;
 /// Minutes without support after which a track is closed.
 const SILENCE: u32 = 45;
 
-/// What a course must have explained to be a vessel: log score, minutes with direction, minutes with range.
-const ACCEPT: (f64, u16, u16) = (60.0, 15, 10);
+/// What a course must have explained to be a vessel: log score, minutes with direction, minutes with range, and of those
+/// minutes with both, since directions of one vessel and ranges of another make courses too.
+const ACCEPT: (f64, u16, u16, u16) = (60.0, 15, 10, 6);
 
-impl Score {
-    fn is_a_vessel(&self) -> bool {
-        self.log >= ACCEPT.0 && self.directions >= ACCEPT.1 && self.distances >= ACCEPT.2
-    }
-}
-
-/// Slower than this nothing is called a vessel under way, m/s.
-const LEAST_SPEED_M_S: f64 = 0.3;
+/// Speeds of vessels under way, m/s: no merchant vessel is faster.
+const SPEEDS_M_S: core::ops::Range<f64> = 0.3..15.0;
 
 /// Log score by which another course must be better to take a track over.
 const BETTER: f64 = 6.0;
 
 /// Most times the standard deviation of the closest range may exceed the range searched, m, for a track to be sent.
-const LEAST_KNOWN_M: f64 = 5_000.0;
+const LEAST_KNOWN_M: f32 = 5_000.0;
 
 /// One vessel.
 #[derive(Clone, Copy, Debug)]
@@ -60,6 +56,8 @@ struct Live {
     /// First and last minute it explains.
     from: u32,
     to: u32,
+    /// Whether anything was sent of it.
+    reported: bool,
 }
 
 /// All tracks.
@@ -87,15 +85,16 @@ impl Tracker {
             return;
         }
         let travel = &plan.travel;
-        self.improve(travel, evidence, now);
-        for k in 0..LIVE {
-            let Some(live) = self.live.get(k).copied().flatten() else { continue };
+        self.improve(plan, evidence, now, sink);
+        for slot in &mut self.live {
+            let Some(live) = slot else { continue };
             if now > live.to + SILENCE {
-                live.send(plan, 1, sink);
-                evidence.forget(|m| without(travel, &live.course, m));
-                self.drop(k);
+                live.end(plan, sink);
+                let course = live.course;
+                evidence.forget(|m| without(travel, &course, m));
+                *slot = None;
             } else if now < live.to + EVERY + 2 {
-                live.send(plan, 0, sink);
+                live.run(plan, sink);
             }
         }
         if self.live.iter().any(Option::is_none) {
@@ -105,7 +104,7 @@ impl Tracker {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
-                    found.send(plan, 0, sink);
+                    found.run(plan, sink);
                     *slot = Some(found);
                 }
             }
@@ -114,15 +113,17 @@ impl Tracker {
 
     /// Closes every track.
     pub fn finish(&mut self, plan: &Plan<'_>, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
-        self.improve(&plan.travel, evidence, now);
-        self.live.iter().flatten().for_each(|live| live.send(plan, 1, sink));
+        self.improve(plan, evidence, now, sink);
+        self.live.iter().flatten().for_each(|live| live.end(plan, sink));
         self.live = [None; LIVE];
     }
 
     /// Refines every track on what the others leave, then lets each, the strongest first, take over a better course
     /// in all that stronger ones leave: the directions of one vessel and the ranges of another, or one vessel at the wrong
-    /// pair of paths, cannot hold on to evidence that a truer course explains better. What no longer is a vessel goes.
-    fn improve(&mut self, travel: &TravelTime, evidence: &Evidence, now: u32) {
+    /// pair of paths, cannot hold on to evidence that a truer course explains better. What no longer is a vessel goes, and
+    /// is withdrawn where it was reported.
+    fn improve(&mut self, plan: &Plan<'_>, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
+        let travel = &plan.travel;
         for k in 0..LIVE {
             let others = self.courses(|other| other != k);
             if let Some(live) = self.live.get_mut(k).and_then(Option::as_mut) {
@@ -132,16 +133,14 @@ impl Tracker {
         let order = self.strongest_first();
         for (n, k) in order.iter().enumerate() {
             let stronger = self.courses(|other| order.iter().take(n).any(|s| *s == other));
-            let Some(live) = self.live.get_mut(*k).and_then(Option::as_mut) else { continue };
+            let Some(slot) = self.live.get_mut(*k) else { continue };
+            let Some(live) = slot else { continue };
             live.take_over(travel, evidence, &stronger, now);
-            if !live.score.is_a_vessel() {
-                self.drop(*k);
+            if !live.is_a_vessel() {
+                live.withdraw(plan, sink);
+                *slot = None;
             }
         }
-    }
-
-    fn drop(&mut self, k: usize) {
-        self.live.iter_mut().skip(k).take(1).for_each(|slot| *slot = None);
     }
 
     /// Places in the list of tracks, the best explained first, empty ones last.
@@ -213,13 +212,19 @@ fn find(
         return None;
     }
     let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes.clone())?;
-    let mut live = Live { id: 0, course, covariance, score: Score::default(), from, to };
+    let mut live = Live { id: 0, course, covariance, score: Score::default(), from, to, reported: false };
     live.bound(travel, evidence, others, to);
-    let moves = live.course.speed_m_s() >= LEAST_SPEED_M_S;
-    (moves && live.score.is_a_vessel()).then_some(live)
+    live.is_a_vessel().then_some(live)
 }
 
 impl Live {
+    /// Whether the course explains enough, at a speed that vessels have.
+    fn is_a_vessel(&self) -> bool {
+        let s = &self.score;
+        let explains = s.directions >= ACCEPT.1 && s.distances >= ACCEPT.2 && s.both >= ACCEPT.3;
+        s.log >= ACCEPT.0 && explains && SPEEDS_M_S.contains(&self.course.speed_m_s())
+    }
+
     /// Finds the stretch the course explains: from where, and to where, its terms add up to most.
     fn bound(&mut self, travel: &TravelTime, evidence: &Evidence, others: &[Option<Course>; LIVE], now: u32) {
         let minutes = || unexplained(travel, evidence, others, now.saturating_sub(MINUTES as u32), now);
@@ -271,24 +276,53 @@ impl Live {
         if let Some(mut other) = find(travel, evidence, stronger, from, now) {
             other.refine(travel, evidence, stronger, now);
             if other.score.log > self.score.log + BETTER {
-                *self = Self { id: self.id, ..other };
+                *self = Self { id: self.id, reported: self.reported, ..other };
             }
         }
     }
 
-    /// Sends the track as known now.
-    fn send(&self, plan: &Plan<'_>, stage: u8, sink: &mut dyn FnMut(Message)) {
-        let Some((c, s)) = self.course.closest(&self.covariance) else { return };
-        let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
-        let sd = |x: f64| math::f64::sqrt(x.max(0.0));
-        if !(sd(rr) < LEAST_KNOWN_M) {
-            return;
+    /// Sends the running estimate, where it says anything.
+    fn run(&mut self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
+        if let Some(track) = self.told(plan, Track::RUNNING) {
+            self.reported = true;
+            sink(Message::Track(track));
         }
+    }
+
+    /// Sends the solution at the passage's end; where there is none, what was reported is withdrawn.
+    fn end(&self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
+        match self.told(plan, Track::FINAL) {
+            Some(track) => sink(Message::Track(track)),
+            None => self.withdraw(plan, sink),
+        }
+    }
+
+    /// Says that what was reported is no vessel's course.
+    fn withdraw(&self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
+        if self.reported {
+            let track = self.as_sent(plan, Track::WITHDRAWN);
+            sink(Message::Track(Track { range_observable: false, ..track }));
+        }
+    }
+
+    /// The track as known now; `None` where its range is as good as unknown.
+    fn told(&self, plan: &Plan<'_>, stage: u8) -> Option<Track> {
+        let track = self.as_sent(plan, stage);
+        (track.sd_cpa_range_m < LEAST_KNOWN_M).then_some(track)
+    }
+
+    /// Its record; of a vessel that does not move the closest point is unknown.
+    fn as_sent(&self, plan: &Plan<'_>, stage: u8) -> Track {
+        const UNKNOWN: f64 = f64::NAN;
+        let still = Closest { time_s: UNKNOWN, range_m: UNKNOWN, heading: UNKNOWN, speed_m_s: 0.0 };
+        let (c, s) = self.course.closest(&self.covariance).unwrap_or((still, [[UNKNOWN; 4]; 4]));
+        let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
+        let sd = |x: f64| if x >= 0.0 { math::f64::sqrt(x) as f32 } else { f32::INFINITY };
         let t_s = STEP_S * f64::from(self.to);
         let (x, y) = self.course.at(t_s);
         let (xx, yy, xy) = self.course.place_covariance(&self.covariance, t_s);
         let side = if c.range_m > 0.0 { -math::f64::FRAC_PI_2 } else { math::f64::FRAC_PI_2 };
-        sink(Message::Track(Track {
+        Track {
             id: self.id,
             stage,
             index: math::f64::round(t_s * plan.rate_hz) as u64,
@@ -298,10 +332,10 @@ impl Live {
             heading: c.heading as f32,
             speed_m_s: c.speed_m_s as f32,
             starboard: c.range_m > 0.0,
-            sd_cpa_time_s: sd(tt) as f32,
-            sd_cpa_range_m: sd(rr) as f32,
-            sd_heading: sd(hh) as f32,
-            sd_speed_m_s: sd(vv) as f32,
+            sd_cpa_time_s: sd(tt),
+            sd_cpa_range_m: sd(rr),
+            sd_heading: sd(hh),
+            sd_speed_m_s: sd(vv),
             x_m: x as f32,
             y_m: y as f32,
             var_x_m2: xx as f32,
@@ -309,7 +343,7 @@ impl Live {
             cov_xy_m2: xy as f32,
             range_observable: true,
             n: self.score.directions + self.score.distances,
-        }));
+        }
     }
 }
 
@@ -400,5 +434,36 @@ mod tests {
         }
         tracker.finish(&plan, &evidence, 120, &mut |_| said += 1);
         assert_eq!(said, 0);
+    }
+
+    /// A track of the vessel `p` that was reported and explains nothing of the evidence.
+    fn reported_and_wrong(p: [f64; 4], from: u32, to: u32) -> Live {
+        let covariance = core::array::from_fn(|i| core::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
+        let score = Score { log: 100.0, directions: 20, distances: 20, both: 20 };
+        Live { id: 7, course: Course { t0_s: 0.0, p }, covariance, score, from, to, reported: true }
+    }
+
+    #[test]
+    fn a_track_that_was_reported_and_is_no_vessel_s_is_withdrawn() {
+        let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+        for at_the_end in [false, true] {
+            let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+            for n in 1..=60 {
+                evidence.push(minute(n).without(|_| true, |_| true));
+            }
+            tracker.live[1] = Some(reported_and_wrong(VESSELS[0], 1, 60));
+            let mut said = Vec::new();
+            let mut sink = |m: Message| {
+                if let Message::Track(t) = m {
+                    said.push((t.id, t.stage, t.range_observable));
+                }
+            };
+            if at_the_end {
+                tracker.finish(&plan, &evidence, 60, &mut sink);
+            } else {
+                tracker.minute(&plan, &mut evidence, 60, &mut sink);
+            }
+            assert_eq!(said, [(7, Track::WITHDRAWN, false)]);
+        }
     }
 }

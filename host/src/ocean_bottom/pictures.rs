@@ -331,14 +331,14 @@ fn map(messages: &[Message], truth: &[TruthCurve]) -> Plot {
     for t in truth {
         f.truth(&t.name, &t.places);
     }
-    let finished = messages.iter().any(|m| matches!(m, Message::Track(t) if t.stage == 1));
+    let finished = messages.iter().any(|m| matches!(m, Message::Track(t) if t.stage == Track::FINAL));
     let mut last: std::collections::BTreeMap<u16, Track> = std::collections::BTreeMap::new();
     for m in messages {
         // The end-of-passage solution stands for a track's running estimates, once there is one.
-        if let Message::Track(t) = m
-            && (t.stage == 1 || !finished)
-        {
-            last.insert(t.id, *t);
+        match m {
+            Message::Track(t) if t.stage == Track::WITHDRAWN => _ = last.remove(&t.id),
+            Message::Track(t) if t.stage == Track::FINAL || !finished => _ = last.insert(t.id, *t),
+            _ => {}
         }
     }
     for t in last.values() {

@@ -85,6 +85,7 @@ pub fn tracks(reports: &[Track], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -
     for report in reports {
         by_id.entry(report.id).or_default().push(report);
     }
+    by_id.retain(|_, reports| reports.iter().all(|t| t.stage != Track::WITHDRAWN));
     for (id, reports) in by_id {
         let placed = |t: &&Track| t.range_observable && t.x_m.is_finite() && t.y_m.is_finite();
         let line: Vec<_> = reports

@@ -73,7 +73,7 @@ record! {
     Track {
         /// Number of the track; one vessel keeps its number.
         id: u16,
-        /// `running` estimate or `final` solution at the passage's end.
+        /// `running` estimate, `final` solution at the passage's end, or `withdrawn`: what was reported of it is no vessel's course.
         stage: &'static str,
         /// Time of the closest point of approach, seconds since sample 0 (may lie ahead).
         cpa_time_s: Option<f64>,
@@ -392,7 +392,7 @@ impl From<&wire::Track> for Track {
     fn from(t: &wire::Track) -> Self {
         Self {
             id: t.id,
-            stage: if t.stage == 0 { "running" } else { "final" },
+            stage: t.stage_name(),
             cpa_time_s: number(t.cpa_time_s),
             cpa_range_m: number(t.cpa_range_m),
             cpa_azimuth_deg: degrees(t.cpa_azimuth),

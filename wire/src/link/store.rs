@@ -3,7 +3,7 @@
 //! A *log* is what one store wrote since it was empty for the first time: it is named by the boot in which that was, its
 //! records are numbered by class and, over all classes, by ordinal. A store that survives a reset goes on with its log.
 
-use crate::message::Message;
+use crate::message::{Message, Track};
 
 /// Number of classes.
 pub const CLASSES: usize = 5;
@@ -34,7 +34,7 @@ impl Class {
     pub fn of(message: &Message) -> Self {
         match message {
             Message::Hello(_) | Message::Fault(_) | Message::FaultsHeld(_) => Self::Alarm,
-            Message::Track(track) if track.stage == 1 => Self::Final,
+            Message::Track(track) if track.stage != Track::RUNNING => Self::Final,
             Message::Segment(_) => Self::Final,
             Message::Health(_) | Message::Time(_) | Message::Reply(_) | Message::End(_) => Self::Health,
             Message::Bearing(_)
