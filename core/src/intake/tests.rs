@@ -96,9 +96,11 @@ fn a_channel_without_codes_holds_its_last_and_the_others_go_on() {
 #[test]
 fn repeats_are_left_out_and_time_that_falls_far_back_starts_again() {
     let seen = see(&[ramp(0, 5000), ramp(4000, 2000), ramp(10, 600)], usize::MAX);
-    assert_eq!(seen.events, [Event::Restart(10)]);
-    assert!(seen.instants.iter().map(|i| i.0).eq((0..6000).chain(10..610)));
-    assert_eq!(seen.faults, [(FaultCode::Overlap, 5000, 1000), (FaultCode::Restarted, 10, 5990)]);
+    // It is believed after 256 instants.
+    assert_eq!(seen.events, [Event::Restart(266)]);
+    assert!(seen.instants.iter().map(|i| i.0).eq((0..6000).chain(266..610)));
+    let (repeats, unused) = ((FaultCode::Overlap, 5000, 1000), (FaultCode::Overlap, 6000, 256));
+    assert_eq!(seen.faults, [repeats, unused, (FaultCode::Restarted, 266, 5990)]);
     assert_eq!(seen.accounting.total(), 7600);
     // An index that stands still: after half a minute of repeats it is believed.
     let stuck: Vec<_> = (0..40).map(|_| ramp(700, 100)).collect();
