@@ -256,6 +256,8 @@ impl State {
     }
 
     /// Nothing more comes of this time: what is open is reported and closed.
+    // Called from several places, and large.
+    #[inline(never)]
     fn conclude(&mut self, plan: &Plan<'_>, scratch: &mut Scratch, sink: &mut dyn FnMut(Message)) {
         let end = self.end;
         self.catch_up(plan, scratch, end, sink);
@@ -332,6 +334,8 @@ impl State {
     }
 
     /// Makes the records of minute `k`; whether there was anything to hear.
+    // Called from several places, and large.
+    #[inline(never)]
     fn report(
         &mut self,
         plan: &Plan<'_>,

@@ -56,8 +56,8 @@ struct Live {
     /// First and last minute it explains.
     from: u32,
     to: u32,
-    /// Whether anything was sent of it.
-    reported: bool,
+    /// Records sent of it. A number, because an empty place must stay all zeros: the whole station is.
+    sent: u16,
 }
 
 /// All tracks.
@@ -212,7 +212,7 @@ fn find(
         return None;
     }
     let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes.clone())?;
-    let mut live = Live { id: 0, course, covariance, score: Score::default(), from, to, reported: false };
+    let mut live = Live { id: 0, course, covariance, score: Score::default(), from, to, sent: 0 };
     live.bound(travel, evidence, others, to);
     live.is_a_vessel().then_some(live)
 }
@@ -276,7 +276,7 @@ impl Live {
         if let Some(mut other) = find(travel, evidence, stronger, from, now) {
             other.refine(travel, evidence, stronger, now);
             if other.score.log > self.score.log + BETTER {
-                *self = Self { id: self.id, reported: self.reported, ..other };
+                *self = Self { id: self.id, sent: self.sent, ..other };
             }
         }
     }
@@ -284,7 +284,7 @@ impl Live {
     /// Sends the running estimate, where it says anything.
     fn run(&mut self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
         if let Some(track) = self.told(plan, Track::RUNNING) {
-            self.reported = true;
+            self.sent = self.sent.saturating_add(1);
             sink(Message::Track(track));
         }
     }
@@ -299,7 +299,7 @@ impl Live {
 
     /// Says that what was reported is no vessel's course.
     fn withdraw(&self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
-        if self.reported {
+        if self.sent > 0 {
             let track = self.as_sent(plan, Track::WITHDRAWN);
             sink(Message::Track(Track { range_observable: false, ..track }));
         }
@@ -440,7 +440,7 @@ mod tests {
     fn reported_and_wrong(p: [f64; 4], from: u32, to: u32) -> Live {
         let covariance = core::array::from_fn(|i| core::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
         let score = Score { log: 100.0, directions: 20, distances: 20, both: 20 };
-        Live { id: 7, course: Course { t0_s: 0.0, p }, covariance, score, from, to, reported: true }
+        Live { id: 7, course: Course { t0_s: 0.0, p }, covariance, score, from, to, sent: 1 }
     }
 
     #[test]

@@ -114,6 +114,8 @@ impl ArrayRecorder {
     }
 
     /// No samples have come for so many seconds: what is open goes on as if the index had gone on with the board's clock.
+    // Apart, because its work must not take stack while samples are worked on.
+    #[inline(never)]
     fn wait(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
         let Self { plan: Slot::Full(plan), state, scratch, vessels, reporter } = self else { return };
         if seconds < SILENT_S {

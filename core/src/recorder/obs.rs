@@ -55,6 +55,8 @@ impl<'t> ObsRecorder<'t> {
     }
 
     /// No samples have come for so many seconds: in the end what is open is closed.
+    // Apart, because its work must not take stack while samples are worked on.
+    #[inline(never)]
     fn wait(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
         if let Self { plan, configured: true, state, scratch, reporter } = self
             && seconds == obs::CLOSED_AFTER_S
