@@ -19,7 +19,8 @@ pub const SIGNED_BYTES: usize = HEAD + COMMAND_BYTES;
 
 const TAG: usize = 16;
 const HEAD: usize = 1 + 8 + TAG;
-const COMMAND_BYTES: usize = 8;
+/// Kind, token, 64 bits and 32 bits as postcard writes them: the longest command tells the time.
+const COMMAND_BYTES: usize = 1 + 1 + 10 + 5;
 
 /// Whom a command is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,7 +124,9 @@ mod tests {
     fn each_command_is_taken_once_by_the_one_it_is_for_and_in_order() {
         let mut guard = Guard::keyed(KEY, EAST);
         let (first, second) = (signed(1, Command::Stop { token: 1 }), signed(2, Command::Start { token: 2 }));
-        let longest = signed(u64::MAX, Command::HealthEvery { token: 255, seconds: u16::MAX });
+        let utc = Command::Utc { token: 255, utc_us: i64::MIN, sd_us: u32::MAX };
+        let longest = signed(u64::MAX, utc);
+        assert_eq!(longest.len(), SIGNED_BYTES);
         assert!(guard.admit(&[2, 1]).is_none(), "not signed");
         assert_eq!(guard.admit(&second), Some(Command::Start { token: 2 }));
         assert!(guard.admit(&second).is_none(), "replayed");
@@ -132,7 +135,7 @@ mod tests {
             assert!(Guard::keyed(KEY, other).admit(&longest).is_none(), "for another");
         }
         assert!(Guard::keyed([8; 32], EAST).admit(&longest).is_none(), "by another");
-        assert_eq!(guard.admit(&longest), Some(Command::HealthEvery { token: 255, seconds: u16::MAX }));
+        assert_eq!(guard.admit(&longest), Some(utc));
         assert_eq!(Guard::open().admit(&[2, 1]), Some(Command::Stop { token: 1 }));
     }
 
