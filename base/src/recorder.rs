@@ -118,7 +118,7 @@ impl Recorder {
         let Message::Track(track) = message else { return session };
         let boot = |session: u32| self.sessions.get(&session).map(|s| s.boot);
         let before = session.saturating_sub(1);
-        let ended = track.stage == 1
+        let ended = track.stage != Track::RUNNING
             && !self.tracks.contains_key(&(session, track.id))
             && self.tracks.contains_key(&(before, track.id))
             && boot(before) == boot(session);

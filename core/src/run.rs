@@ -189,7 +189,7 @@ pub fn run_over(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::port::NoClock;
     use crate::wire::{Decoder, Encoder, Health, Reply};
@@ -269,7 +269,8 @@ mod tests {
         }
     }
 
-    struct Idle;
+    /// Watches over nothing.
+    pub(crate) struct Idle;
 
     impl Supervisor for Idle {
         fn feed(&mut self) {}

@@ -4,7 +4,8 @@ use super::Memory;
 use super::test_recorder::{ARRAY_RATE, Which, noise, source};
 use crate::block::{Block, Frame};
 use crate::obs::station_tests as bottom;
-use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
+use crate::port::{Chunk, Clock, Link, SampleSource};
+use crate::run::tests::Idle;
 use crate::run::{Application, BLOCK_FRAMES, run};
 use crate::wire::{Decoder, FaultCode, Message};
 use std::boxed::Box;
@@ -99,19 +100,6 @@ impl Clock for Quarters<'_> {
     }
 }
 
-struct Unwatched;
-
-impl Supervisor for Unwatched {
-    fn feed(&mut self) {}
-    fn idle(&mut self) {}
-    fn reset_cause(&self) -> u8 {
-        0
-    }
-    fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
-        None
-    }
-}
-
 /// What was said, each with the quarter second at which.
 struct Line<'a> {
     now: &'a core::cell::Cell<u32>,
@@ -143,7 +131,7 @@ fn a_source_that_stutters_is_told_of_and_health_goes_on() {
         let mut source = Stutter { now: &now, frames: noise(count), every_s: 9, honest, came: 0 };
         let mut line = Line { now: &now, decoder: Decoder::default(), heard: Vec::new() };
         let mut room = [[0; 4]; BLOCK_FRAMES];
-        run(&mut recorder, &mut source, &mut line, &mut Quarters(&now), &mut Unwatched, &mut room);
+        run(&mut recorder, &mut source, &mut line, &mut Quarters(&now), &mut Idle, &mut room);
         let health = said(&line.heard, |m| matches!(m, Message::Health(_)));
         let longest = health.windows(2).map(|w| w[1] - w[0]).max().unwrap();
         assert!(longest <= 130 && health.len() > 90, "{count} {honest}: {health:?}");

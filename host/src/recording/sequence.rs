@@ -70,6 +70,21 @@ fn complain(what: &str) {
     eprintln!("seabearing: {what}");
 }
 
+/// Leaves out every file that begins when the one before it does, of files in order of their times and of equal times
+/// the longest first. Files shorter than their names tell the time may follow each other under one time.
+fn leave_out_copies(parts: &mut Vec<Part>, rate_hz: f64) {
+    parts.dedup_by(|later, earlier| {
+        let (Some(this), Some(that)) = (later.stamp, earlier.stamp) else { return false };
+        let long = earlier.info.frames.is_none_or(|n| n as f64 >= that.resolution_s * rate_hz);
+        let copy = this.at == that.at && long;
+        if copy {
+            let (later, earlier) = (later.path.display(), earlier.path.display());
+            complain(&format!("left out {later}: it begins when {earlier} does"));
+        }
+        copy
+    });
+}
+
 impl Sequence {
     /// Looks at every header. `complaints` are those of files already left out.
     ///
@@ -100,7 +115,8 @@ impl Sequence {
             complain(&format!("left out {c}"));
         }
         if parts.iter().all(|p| p.stamp.is_some()) {
-            parts.sort_by_key(|p| p.stamp.map(|s| s.at));
+            parts.sort_by_key(|p| (p.stamp.map(|s| s.at), std::cmp::Reverse(p.info.frames)));
+            leave_out_copies(&mut parts, config.rate_hz);
         }
         let end = place(&mut parts, config.rate_hz);
         let start = parts.first().and_then(|p| p.stamp).map(|s| s.at).or(start);
@@ -306,6 +322,17 @@ mod tests {
         for (k, p) in (0..20).zip(&parts[240..]) {
             assert_eq!(p.first_index, parts[240].first_index + HOUR * k);
         }
+    }
+
+    #[test]
+    fn a_copy_is_left_out_and_files_of_less_than_a_second_are_not() {
+        let mut parts = hourly([0.0, 0.0, 3600.0, 7200.0, 7200.0, 7200.0].into_iter());
+        leave_out_copies(&mut parts, RATE_HZ);
+        assert_eq!(parts.len(), 3);
+        let mut short = hourly([0.0, 0.0, 1.0].into_iter());
+        short.iter_mut().for_each(|p| p.info.frames = Some(500));
+        leave_out_copies(&mut short, RATE_HZ);
+        assert_eq!(short.len(), 3);
     }
 
     #[test]

@@ -1,4 +1,5 @@
 use super::*;
+use crate::link::store::Store;
 use std::collections::BTreeMap;
 use std::vec::Vec;
 
