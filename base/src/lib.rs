@@ -7,6 +7,7 @@
 pub mod command;
 mod counters;
 pub mod export;
+pub mod feed;
 pub mod line;
 pub mod origin;
 pub mod record;

@@ -1,7 +1,7 @@
 //! The base station at work: lines read, their bytes kept, then decoded, then acknowledged.
 
+use super::feed::Feed;
 use super::line::{self, Answers, Line, Lines, Report};
-use super::record::Row;
 use super::store::{Entry, Event, Store, may_pass};
 use super::utc::Teller;
 use super::{Base, record::micros};
@@ -43,6 +43,7 @@ pub struct Service {
     forgot: Instant,
     notes: Vec<String>,
     teller: Option<Teller>,
+    feed: Feed,
 }
 
 impl Service {
@@ -66,6 +67,7 @@ impl Service {
             forgot: now,
             notes: Vec::new(),
             teller: None,
+            feed: Feed::default(),
         })
     }
 
@@ -82,6 +84,11 @@ impl Service {
     /// The same, to give commands.
     pub fn base_mut(&mut self) -> &mut Base {
         &mut self.base
+    }
+
+    /// Where records are published once they are stored.
+    pub fn feed(&self) -> &Feed {
+        &self.feed
     }
 
     /// The addresses listened at.
@@ -101,12 +108,12 @@ impl Service {
         notes
     }
 
-    /// Waits a moment for what comes, keeps it, decodes it, acknowledges it; the records are appended to `out`. False once
-    /// all lines have come to their ends.
+    /// Waits a moment for what comes, keeps it, decodes it, publishes the records, acknowledges them. False once all lines
+    /// have come to their ends.
     ///
     /// # Errors
     /// A file cannot be read, or the store cannot be written and waiting does not help.
-    pub fn turn(&mut self, out: &mut Vec<Row>) -> Result<bool> {
+    pub fn turn(&mut self) -> Result<bool> {
         let mut entries = Vec::new();
         let mut bytes = 0;
         let mut next = match self.lines.reports.recv_timeout(TICK) {
@@ -132,7 +139,7 @@ impl Service {
             let room = entries.len() < TOGETHER.0 && bytes < TOGETHER.1;
             next = if room { self.lines.reports.try_recv().ok() } else { None };
         }
-        self.take(entries, out)?;
+        self.take(entries)?;
         if let Some(teller) = &mut self.teller {
             teller.work(&mut self.base);
         }
@@ -141,17 +148,17 @@ impl Service {
         Ok(self.left > 0)
     }
 
-    fn take(&mut self, came: Vec<(Entry, Option<(Answers, usize)>)>, out: &mut Vec<Row>) -> Result<()> {
+    fn take(&mut self, came: Vec<(Entry, Option<(Answers, usize)>)>) -> Result<()> {
         if came.is_empty() {
             return Ok(());
         }
         let (entries, ways): (Vec<Entry>, Vec<_>) = came.into_iter().unzip();
         self.persist(|store, _| store.keep(&entries))?;
-        let before = out.len();
+        let mut rows = Vec::new();
         let now_us = self.begun.elapsed().as_micros() as u64;
         for (entry, way) in entries.iter().zip(ways) {
             let settings = way.as_ref().map(|(_, n)| self.settings[*n].settings);
-            entry.tell(&mut self.base, now_us, settings, out);
+            entry.tell(&mut self.base, now_us, settings, &mut rows);
             if matches!(entry.event, Event::Ended(_)) {
                 self.answers.remove(&entry.stream);
             }
@@ -162,8 +169,11 @@ impl Service {
                 }
             }
         }
-        let rows = out.get(before..).unwrap_or(&[]).to_vec();
-        self.persist(|store, base| store.derive(base, &rows))
+        self.persist(|store, base| store.derive(base, &rows))?;
+        if self.feed.is_taken() {
+            self.feed.publish(rows.iter().map(|row| self.base.json(row)).collect());
+        }
+        Ok(())
     }
 
     /// Writes into the store, again and again where that may help: what comes waits meanwhile.

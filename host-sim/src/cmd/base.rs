@@ -4,7 +4,7 @@ use super::base_screen::{Exports, Screen};
 use crate::base::export::{self, Format, Positions};
 use crate::base::line::Line;
 use crate::base::origin::Origin;
-use crate::base::record::{Row, micros};
+use crate::base::record::micros;
 use crate::base::service::{Rules, Service};
 use crate::base::stations::{self, Listed};
 use crate::base::store::{self, Store};
@@ -203,19 +203,16 @@ pub fn run(args: Args) -> Result<()> {
     }
     let before = service.base().counters();
     let must_show = service.ends() || args.store.is_none();
-    let mut screen = Screen::start(args.json, service.ends());
+    let mut screen = Screen::start(args.json, service.ends(), service.feed());
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
-    let mut rows: Vec<Row> = Vec::new();
-    while service.turn(&mut rows)? {
+    while service.turn()? {
         service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
-        let shown = show(&mut screen, service.base(), &rows);
+        let shown = screen.look(|| view::text(service.base()));
         if shown.is_err() && !must_show {
             eprintln!("seabearing: nobody takes the results any more; storing goes on");
-            screen.give_up();
         } else {
             shown?;
         }
-        rows.clear();
         exports.now_and_then(service.base());
     }
     service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
@@ -230,8 +227,8 @@ pub fn run(args: Args) -> Result<()> {
             ),
         }
     }
-    let shown = show(&mut screen, service.base(), &rows);
-    let shown = shown.and_then(|()| screen.finish(&view::text(service.base())));
+    service.feed().end();
+    let shown = screen.finish(&view::text(service.base()));
     if must_show {
         shown?;
     }
@@ -239,12 +236,6 @@ pub fn run(args: Args) -> Result<()> {
         eprintln!("seabearing: {}", service.base().counters());
     }
     exports.finish(service.base())
-}
-
-/// Hands over what is to be printed, or the view.
-fn show(screen: &mut Screen, base: &Base, rows: &[Row]) -> Result<()> {
-    screen.records(rows.len(), || rows.iter().map(|row| format!("{}\n", base.json(row))).collect())?;
-    screen.picture(|| view::text(base))
 }
 
 /// Where stations are, as the command line, the stations file or the store says.

@@ -2,6 +2,7 @@
 //! reader who does not read, or a slow disk, holds up nothing.
 
 use crate::base::export::{self, Format, Positions};
+use crate::base::feed::{Behind, Feed, Subscription};
 use crate::base::{Base, Recorder};
 use crate::plot::result;
 use anyhow::{Context, Result, anyhow};
@@ -9,9 +10,7 @@ use seabearing_core::wire::{Bearing, Track};
 use serde_json::{Value, json};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -22,108 +21,61 @@ const EXPORT: Duration = Duration::from_secs(10);
 /// Records that wait for standard output.
 const WAITING: usize = 20_000;
 
-/// Standard output.
+/// Standard output: records as JSON Lines, or the view.
 pub(super) struct Screen {
-    json: bool,
-    /// Whoever reads is waited for: what comes can wait, too.
-    waits: bool,
     terminal: bool,
-    texts: Option<SyncSender<(usize, String)>>,
-    /// Records that wait.
-    waiting: Arc<AtomicUsize>,
-    /// Records that found no room.
-    not_shown: usize,
+    /// Pictures to be printed, unless records are.
+    pictures: Option<SyncSender<String>>,
+    /// Records that are not printed.
+    behind: Option<Behind>,
+    complained: bool,
     drawn: Option<Instant>,
     printer: Option<JoinHandle<std::io::Result<()>>>,
 }
 
 impl Screen {
-    /// Begins to print.
-    pub(super) fn start(json: bool, waits: bool) -> Self {
-        let (texts, coming) = sync_channel::<(usize, String)>(if waits { 16 } else { WAITING });
-        let waiting = Arc::new(AtomicUsize::new(0));
-        let taken = Arc::clone(&waiting);
-        let printer = std::thread::spawn(move || {
-            let mut out = std::io::stdout().lock();
-            for (records, text) in coming {
-                out.write_all(text.as_bytes())?;
-                out.flush()?;
-                taken.fetch_sub(records, Ordering::Relaxed);
-            }
-            Ok(())
-        });
-        Self {
-            json,
-            waits,
-            terminal: std::io::stdout().is_terminal(),
-            texts: Some(texts),
-            waiting,
-            not_shown: 0,
-            drawn: None,
-            printer: Some(printer),
-        }
-    }
-
-    /// Prints records as JSON Lines, if that is asked for. Those for which there is no room are counted.
-    pub(super) fn records(&mut self, count: usize, lines: impl FnOnce() -> String) -> Result<()> {
-        if !self.json || self.texts.is_none() || count + self.not_shown == 0 {
-            return Ok(());
-        }
-        let waiting = self.waiting.load(Ordering::Relaxed);
-        if !self.waits && waiting > 0 && waiting + count > WAITING {
-            if self.not_shown == 0 {
-                eprintln!(
-                    "seabearing: standard output is read too slowly; records are stored, and not all shown"
-                );
-            }
-            self.not_shown += count;
-            return Ok(());
-        }
-        let mut text = lines();
-        if self.not_shown > 0 {
-            let gap = json!({ "type": "not_shown", "records": self.not_shown });
-            text = format!("{gap}\n{text}");
-            self.not_shown = 0;
-        }
-        self.put(count, text)
-    }
-
-    /// Draws the view on a terminal, now and then.
-    pub(super) fn picture(&mut self, text: impl FnOnce() -> String) -> Result<()> {
-        if self.json || !self.terminal || self.drawn.is_some_and(|d| d.elapsed() < DRAW) {
-            return Ok(());
-        }
-        self.drawn = Some(Instant::now());
-        let picture = Self::drawn(&text());
-        self.put(0, picture)
-    }
-
-    /// Home, draw, and clear what is left of the picture before.
-    fn drawn(text: &str) -> String {
-        format!("\x1b[H{}\x1b[J", text.replace('\n', "\x1b[K\n"))
-    }
-
-    fn put(&mut self, count: usize, text: String) -> Result<()> {
-        let Some(texts) = &self.texts else { return Ok(()) };
-        self.waiting.fetch_add(count, Ordering::Relaxed);
-        let gone = if self.waits {
-            texts.send((count, text)).is_err()
+    /// Begins to print. `waits`: whoever reads is waited for, as what comes can wait, too.
+    pub(super) fn start(json: bool, waits: bool, feed: &Feed) -> Self {
+        let (mut pictures, mut behind) = (None, None);
+        let printer = if json {
+            let records = if waits { feed.subscribe_waiting() } else { feed.subscribe(WAITING) };
+            behind = Some(records.behind());
+            std::thread::spawn(move || print_records(&records))
         } else {
-            match texts.try_send((count, text)) {
-                Err(TrySendError::Full(_)) => {
-                    self.waiting.fetch_sub(count, Ordering::Relaxed);
-                    self.not_shown += count;
-                    false
-                }
-                sent => sent.is_err(),
-            }
+            let (to_print, coming) = sync_channel::<String>(1);
+            pictures = Some(to_print);
+            std::thread::spawn(move || coming.into_iter().try_for_each(|picture| print(&picture)))
         };
-        if gone { self.printed() } else { Ok(()) }
+        let terminal = std::io::stdout().is_terminal();
+        Self { terminal, pictures, behind, complained: false, drawn: None, printer: Some(printer) }
+    }
+
+    /// Looks whether all is printed, and draws the view on a terminal, now and then.
+    pub(super) fn look(&mut self, view: impl FnOnce() -> String) -> Result<()> {
+        if self.printer.as_ref().is_some_and(JoinHandle::is_finished) {
+            return self.printed();
+        }
+        let behind = self.behind.as_ref().is_some_and(|b| b.missed() > 0);
+        if behind && !self.complained {
+            eprintln!(
+                "seabearing: standard output is read too slowly; records are stored, and not all shown"
+            );
+        }
+        self.complained = behind;
+        if let Some(pictures) = &self.pictures
+            && self.terminal
+            && self.drawn.is_none_or(|d| d.elapsed() >= DRAW)
+        {
+            self.drawn = Some(Instant::now());
+            // Of a terminal that is still being drawn on one picture is left out.
+            let _ = pictures.try_send(drawn(&view()));
+        }
+        Ok(())
     }
 
     /// Waits for the printer, and says how it ended.
     fn printed(&mut self) -> Result<()> {
-        self.texts = None;
+        self.pictures = None;
         match self.printer.take().map(JoinHandle::join) {
             Some(Ok(ended)) => Ok(ended?),
             Some(Err(_)) => Err(anyhow!("the printer of records has failed")),
@@ -131,20 +83,36 @@ impl Screen {
         }
     }
 
-    /// Prints nothing any more.
-    pub(super) fn give_up(&mut self) {
-        self.texts = None;
-    }
-
-    /// Prints the view a last time and waits until all is printed.
+    /// Prints the view a last time and waits until all is printed; the feed has ended.
     pub(super) fn finish(&mut self, view: &str) -> Result<()> {
-        if !self.json && self.texts.is_some() {
-            let text = if self.terminal { Self::drawn(view) } else { view.to_owned() };
-            self.waits = true;
-            self.put(0, text)?;
+        if let Some(pictures) = &self.pictures {
+            // A printer that has ended says so itself.
+            let _ = pictures.send(if self.terminal { drawn(view) } else { view.to_owned() });
         }
         self.printed()
     }
+}
+
+/// Home, draw, and clear what is left of the picture before.
+fn drawn(text: &str) -> String {
+    format!("\x1b[H{}\x1b[J", text.replace('\n', "\x1b[K\n"))
+}
+
+fn print(text: &str) -> std::io::Result<()> {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    out.flush()
+}
+
+/// Records as JSON Lines, and how many were left out between them.
+fn print_records(records: &Subscription) -> std::io::Result<()> {
+    while let Some(taken) = records.take() {
+        let gap = json!({ "type": "not_shown", "records": taken.missed });
+        let gap = (taken.missed > 0).then_some(&gap);
+        let lines: String = gap.into_iter().chain(taken.records.iter()).map(|r| format!("{r}\n")).collect();
+        print(&lines)?;
+    }
+    Ok(())
 }
 
 /// What is drawn of a recorder.

@@ -83,6 +83,8 @@ enum Order {
 
 /// Number by which the answer is known.
 const TOKEN: u8 = 0x5b;
+/// Records of a turn that are looked at.
+const WAITING: usize = 20_000;
 
 impl Order {
     fn command(&self) -> Command {
@@ -119,22 +121,22 @@ pub fn run(args: &Args) -> Result<()> {
     let rules = Rules { idle: wait, keep_days: None, identify: false };
     let mut service = Service::start(Base::new(None), None, vec![line], rules)?;
     let mut given = None;
-    let mut rows = Vec::new();
+    let said = service.feed().subscribe(WAITING);
     while begun.elapsed() < wait {
-        let goes_on = service.turn(&mut rows)?;
+        let goes_on = service.turn()?;
         service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
-        for row in rows.drain(..) {
-            let record = service.base().json(&row);
-            let wanted = station.is_none_or(|s| row.station == Some(s));
+        let taken = said.take_within(Duration::ZERO);
+        for record in taken.iter().flat_map(|t| t.records.iter()) {
+            let wanted = station.is_none_or(|s| record["station"] == s);
             if given.is_none() || !wanted || record["type"] == "line" {
                 continue;
             }
             println!("{record}");
             if record["token"] == u64::from(TOKEN) {
                 // The recorder may forget the answer now: the acknowledgement is on its way.
-                service.turn(&mut Vec::new())?;
+                service.turn()?;
                 std::thread::sleep(Duration::from_millis(50));
-                return done(&record);
+                return done(record);
             }
         }
         if given.is_none() {
