@@ -62,7 +62,14 @@ pub fn scenario(
     duration_s: f64,
     seed: u64,
 ) -> ArrayScenario {
-    let station = Station { config, components: Components::default(), propagation: None };
+    let station = Station {
+        config,
+        components: Components::default(),
+        propagation: None,
+        seed_id: None,
+        file_channels: None,
+        name_offset: None,
+    };
     let ambient = AmbientSpectrum { level_db_1khz: 65.0, diffuse_share: 0.5, ..AmbientSpectrum::default() };
     let scene = Scene {
         kind: "array".into(),

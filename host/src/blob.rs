@@ -1,7 +1,7 @@
 //! The configuration of a station as the firmware stores it.
 
 use crate::station::Station;
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use seabearing_core::config_blob::{BlobError, PROPAGATION, Writer};
 
 /// Room for the blob of a station, its propagation table included.
@@ -12,6 +12,9 @@ const BLOB_BYTES: usize = 1 << 20;
 /// # Errors
 /// The propagation table cannot be read, or it does not fit.
 pub fn of(station: &Station) -> Result<Vec<u8>> {
+    if let Some(channels) = station.file_channels.filter(|c| c.iter().any(|c| *c > 3)) {
+        bail!("channels = {channels:?} are those of recordings; a recorder has channels 0 to 3");
+    }
     let mut bytes = vec![0u8; BLOB_BYTES];
     let table = crate::ocean_bottom::table::of_station(station)?;
     let length = write_blob(&mut bytes, station, table.as_deref())

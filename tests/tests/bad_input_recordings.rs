@@ -2,9 +2,11 @@
 
 use seabearing::recording;
 use seabearing::recording::write::{Encoding, wav};
+use seabearing::recording::{Asked, Recording, Span};
 use seabearing::station::Station;
 use seabearing_core::block::{Frame, MISSING};
 use std::path::{Path, PathBuf};
+use time::macros::datetime;
 
 const STATION: &str = "[station]\nid = 1\nkind = \"array\"\n[sampling]\nrate_hz = 16000\n[array]\nhydrophones_m = \
     [[0.0,1.06,-0.38],[0.92,-0.53,-0.38],[-0.92,-0.53,-0.38],[0.0,0.0,1.13]]\n";
@@ -147,4 +149,119 @@ fn a_sidecar_overrules_the_name_and_a_wrong_one_is_named() {
     assert_eq!(source.start().unwrap().to_string(), "2024-05-02 1:02:03.5 +00:00:00");
     std::fs::write(dir.path().join("x_20240501T000000Z.wav.start"), "yesterday").unwrap();
     assert!(complaint(path).contains(".start: not a time"));
+}
+
+/// A WAV of one channel, 24 bits, 16 kHz.
+fn mono(path: &Path, codes: impl Iterator<Item = i32>) {
+    let data: Vec<u8> = codes.flat_map(|x| x.to_le_bytes()[..3].to_vec()).collect();
+    let mut bytes =
+        b"RIFF\0\0\0\0WAVEfmt \x10\0\0\0\x01\0\x01\0\x80\x3e\0\0\x80\xbb\0\0\x03\0\x18\0data".to_vec();
+    bytes.extend_from_slice(&(data.len() as u32).to_le_bytes());
+    bytes.extend_from_slice(&data);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, bytes).unwrap();
+}
+
+fn frames(source: &mut dyn recording::BlockSource) -> Vec<(u64, Frame)> {
+    let mut all = Vec::new();
+    while let Some(block) = source.next_block().unwrap() {
+        all.extend((block.first_index..).zip(block.frames.iter().copied()));
+    }
+    all
+}
+
+#[test]
+fn one_file_per_channel_is_one_recording() {
+    let dir = tempfile::tempdir().unwrap();
+    let want: Vec<_> = (0u64..).zip(ramp(0, 1400)).collect();
+    // Two moments, a folder for each channel, and a copy of nothing: the second time is not a copy of the first.
+    for c in 0..4 {
+        for (second, from) in [("00", 0), ("01", 16_000)] {
+            let name = format!("stamped/{c}/unit_20240501T0000{second}Z.wav");
+            mono(&dir.path().join(name), (from..from + 16_000).map(|i| i + c));
+        }
+        mono(&dir.path().join(format!("named/dive3_ch{}.wav", c + 8)), (0..1400).map(|i| i + c));
+    }
+    let got = read(&[dir.path().join("stamped")]).unwrap();
+    assert!(got == (0u64..).zip(ramp(0, 32_000)).collect::<Vec<_>>());
+    assert_eq!(read(&[dir.path().join("named")]).unwrap(), want);
+    // One of them shorter: as much as all have. One of them missing: said, with the file.
+    mono(&dir.path().join("named/dive3_ch9.wav"), (0..1000).map(|i| i + 1));
+    assert_eq!(read(&[dir.path().join("named")]).unwrap(), want[..1000]);
+    std::fs::remove_file(dir.path().join("named/dive3_ch9.wav")).unwrap();
+    let text = complaint(dir.path().join("named"));
+    assert!(text.contains("dive3_ch8.wav: 1 channels (and 2 in files of the same time)"), "{text}");
+}
+
+#[test]
+fn of_more_channels_the_station_file_chooses_four() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("six.wav");
+    let data: Vec<u8> = (0..500)
+        .flat_map(|i| (0..6).flat_map(move |c| (10 * i + c as i32).to_le_bytes()[..3].to_vec()))
+        .collect();
+    let mut bytes = std::fs::read(foreign(dir.path(), "six.wav", 6, 16_000)).unwrap();
+    bytes.truncate(40);
+    bytes.extend_from_slice(&(data.len() as u32).to_le_bytes());
+    bytes.extend_from_slice(&data);
+    std::fs::write(&path, bytes).unwrap();
+    let text = complaint(path.clone());
+    assert!(text.contains("six.wav: 6 channels") && text.contains("`channels = "), "{text}");
+    let station = |c: &str| Station::parse(&format!("{STATION}channels = {c}\n"), "s.toml", Path::new("."));
+    let read = |s: &Station| frames(&mut *recording::open(std::slice::from_ref(&path), s, None).unwrap());
+    let got = read(&station("[5, 0, 2, 3]").unwrap());
+    assert!(got.into_iter().eq((0u64..500).zip((0..500).map(|i| [
+        10 * i + 5,
+        10 * i,
+        10 * i + 2,
+        10 * i + 3
+    ]))));
+    // A recorder's own channels are sorted by the recorder.
+    let own = station("[1, 0, 2, 3]").unwrap();
+    assert_eq!(read(&own)[1].1, [10, 11, 12, 13]);
+    let twice = station("[5, 0, 5, 3]").unwrap_err().to_string();
+    assert!(twice.contains("channels") && twice.contains("line 8"), "{twice}");
+}
+
+#[test]
+fn folders_are_searched_and_a_span_of_time_is_cut_out_to_the_sample() {
+    let dir = tempfile::tempdir().unwrap();
+    for (i, name) in ["2024/05/a_20240501_100000.wav", "2024/05/a_20240501_100001", "b_20240501_100004.wav"]
+        .iter()
+        .enumerate()
+    {
+        let path = dir.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        wav(&path, 16_000, Encoding::Int24, ramp(16_000 * i as i32, 16_000)).unwrap();
+    }
+    std::fs::write(dir.path().join("notes.txt"), "calm").unwrap();
+    std::fs::write(dir.path().join("2024/.a_20240501_100000.wav"), "hidden").unwrap();
+    let all = read(&[dir.path().to_owned()]).unwrap();
+    assert_eq!((all.len(), all.last().unwrap().0), (48_000, 79_999));
+    // The names are two hours ahead of UTC.
+    let asked = |from, to| Asked {
+        span: Span { from, to },
+        name_offset: Some(time::UtcOffset::from_hms(2, 0, 0).unwrap()),
+        ..Asked::default()
+    };
+    let find = |asked: &Asked| Recording::find(&[dir.path().to_owned()], &station(), asked);
+    let whole = find(&asked(None, None)).unwrap();
+    assert!(whole.days().unwrap().into_iter().eq([time::macros::date!(2024 - 05 - 01)]));
+    let span = Span {
+        from: Some(datetime!(2024-05-01 08:00:00.5 UTC)),
+        to: Some(datetime!(2024-05-01 08:00:04.25 UTC)),
+    };
+    let mut source = find(&asked(span.from, span.to)).unwrap().source(span).unwrap();
+    assert_eq!(source.start(), span.from);
+    let got = frames(&mut *source);
+    let want: Vec<_> =
+        all.iter().filter(|a| (8000..68_000).contains(&a.0)).map(|(i, f)| (i - 8000, *f)).collect();
+    assert!(got == want, "{} {}", got.len(), want.len());
+    // The same through the files' own places, late in the second file.
+    let late = Span { from: Some(datetime!(2024-05-01 08:00:01.75 UTC)), to: None };
+    let got = frames(&mut *whole.source(late).unwrap());
+    assert!(got.iter().map(|g| g.1).eq(all.iter().filter(|a| a.0 >= 28_000).map(|a| a.1)));
+    let after = Span { from: Some(datetime!(2024-05-02 00:00 UTC)), to: None };
+    let none = whole.source(after).map(|_| ()).unwrap_err().to_string();
+    assert_eq!(none, "nothing was recorded from 2024-05-02T00:00:00Z on");
 }

@@ -4,7 +4,7 @@ use seabearing::ocean_bottom::scenario::ObsScenario;
 use seabearing::ocean_bottom::simulate::Simulator;
 use seabearing::ocean_bottom::write::write;
 use seabearing::propagation::{Propagation, bottom::Bottom, file, profile::SpeedProfile, trace};
-use seabearing::recording::{self, BlockSource};
+use seabearing::recording::{self, Asked, BlockSource, Recording, Span};
 use seabearing::station::Station;
 use seabearing_core::block::{Frame, MISSING};
 use std::path::{Path, PathBuf};
@@ -107,6 +107,108 @@ fn a_missing_component_is_missing_and_bad_input_is_named() {
     let cut = dir.path().join("cut.mseed");
     std::fs::write(&cut, &std::fs::read(&files[0]).unwrap()[..4000]).unwrap();
     assert!(error(&[cut], &station).contains("BDH"));
+}
+
+/// The samples of a station's miniSEED files as SAC files, version 6.
+fn as_sac(folder: &Path, start: time::OffsetDateTime, all: &[(u64, Frame)], big: bool) -> Vec<PathBuf> {
+    ["BDH", "BH1", "BH2", "BHZ"]
+        .iter()
+        .enumerate()
+        .map(|(c, code)| {
+            let mut words = [(-12345i32).cast_unsigned(); 158];
+            words[..70].fill((-12345f32).to_bits());
+            let (first, last) = (all[0].0, all[all.len() - 1].0);
+            assert_eq!(last - first + 1, all.len() as u64);
+            words[0] = 0.02f32.to_bits();
+            words[5] = (first as f32 / 50.0).to_bits();
+            let at = [start.year(), start.ordinal().into(), start.hour().into(), start.minute().into()];
+            for (word, value) in
+                (70..).zip(at.into_iter().chain([start.second().into(), start.millisecond().into(), 6]))
+            {
+                words[if word == 76 { 76 } else { word }] = value.cast_unsigned();
+            }
+            for (word, value) in [(79, all.len() as u32), (85, 1), (105, 1)] {
+                words[word] = value;
+            }
+            let order = |w: u32| if big { w.to_be_bytes() } else { w.to_le_bytes() };
+            let mut bytes: Vec<u8> = words.iter().flat_map(|w| order(*w)).collect();
+            bytes[440..].fill(b' ');
+            bytes[440..443].copy_from_slice(b"S01");
+            bytes[600..603].copy_from_slice(code.as_bytes());
+            bytes[608..610].copy_from_slice(b"XX");
+            bytes.extend(all.iter().flat_map(|(_, f)| order((f[c] as f32).to_bits())));
+            let path = folder.join(format!("{code}.{big}.sac"));
+            std::fs::write(&path, bytes).unwrap();
+            path
+        })
+        .collect()
+}
+
+#[test]
+fn sac_files_give_what_miniseed_gives() {
+    let dir = tempfile::tempdir().unwrap();
+    let (station, files) = written(dir.path(), &scenario(dir.path(), ""));
+    let mut source = recording::open(&files, &station, None).unwrap();
+    let start = source.start().unwrap();
+    let want: Vec<_> = all(source.as_mut()).into_iter().take(20_000).collect();
+    // 24-bit codes are whole 32-bit floating-point numbers.
+    assert!(want.iter().all(|(_, f)| f.iter().all(|x| x.abs() < 1 << 24)));
+    for big in [false, true] {
+        let sac = as_sac(dir.path(), start, &want, big);
+        let mut source = recording::open(&sac, &station, None).unwrap();
+        assert_eq!(source.start(), Some(start));
+        assert!(all(source.as_mut()) == want);
+    }
+    let volts = dir.path().join("BDH.false.sac");
+    let mut bytes = std::fs::read(&volts).unwrap();
+    bytes[632..]
+        .as_chunks_mut::<4>()
+        .0
+        .iter_mut()
+        .for_each(|b| *b = (f32::from_le_bytes(*b) * 1e-9).to_le_bytes());
+    std::fs::write(&volts, bytes).unwrap();
+    let error = recording::open(&[volts], &station, None).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("BDH"), "{error}");
+}
+
+#[test]
+fn of_an_archive_the_named_station_and_the_days_asked_for_are_read() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut station, files) = written(dir.path(), &scenario(dir.path(), ""));
+    let want = all(recording::open(&files, &station, None).unwrap().as_mut());
+    let day = recording::open(&files, &station, None).unwrap().start().unwrap().date();
+    // As SDS has it: YEAR/NET/STA/CHAN.D/NET.STA.LOC.CHAN.D.YEAR.DAY, no ending in the name; beside it other stations'.
+    let archive = dir.path().join("sds");
+    for (station, shift) in [("OTHER", 1u8), ("S01", 0)] {
+        for path in &files {
+            let mut bytes = std::fs::read(path).unwrap();
+            let code = String::from_utf8_lossy(&bytes[15..18]).into_owned();
+            for record in bytes.chunks_mut(4096) {
+                record[8..13].copy_from_slice(format!("{station:5}").as_bytes());
+                let last = record.len() - 1;
+                record[last] ^= shift;
+            }
+            let folder = archive.join(format!("{}/XX/{station}/{code}.D", day.year()));
+            std::fs::create_dir_all(&folder).unwrap();
+            let name = format!("XX.{station}..{code}.D.{}.{:03}", day.year(), day.ordinal());
+            std::fs::write(folder.join(name), bytes).unwrap();
+        }
+    }
+    let find =
+        |station: &Station, asked: &Asked| Recording::find(std::slice::from_ref(&archive), station, asked);
+    let several = find(&station, &Asked::default()).map(|_| ()).unwrap_err().to_string();
+    assert!(several.contains("several stations") && several.contains("seed_id"), "{several}");
+    station.seed_id = Some("XX.S01".into());
+    assert!(
+        all(find(&station, &Asked::default()).unwrap().source(Span::default()).unwrap().as_mut()) == want
+    );
+    let midnight = (day.next_day().unwrap().next_day().unwrap()).midnight().assume_utc();
+    let later = Asked { span: Span { from: Some(midnight), to: None }, ..Asked::default() };
+    let none = find(&station, &later).map(|_| ()).unwrap_err().to_string();
+    assert!(none.contains("no recording from"), "{none}");
+    station.seed_id = Some("XX.S0".into());
+    let none = find(&station, &Asked::default()).map(|_| ()).unwrap_err().to_string();
+    assert!(none.contains("no recording"), "{none}");
 }
 
 #[test]

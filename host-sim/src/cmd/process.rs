@@ -3,11 +3,11 @@
 use crate::ocean_bottom::pictures;
 use crate::plot::result;
 use crate::progress;
-use crate::recording::{self, BlockSource};
+use crate::recording::{Asked, BlockSource, Recording, Span, written_time};
 use crate::replay::{ReplaySummary, replay};
 use crate::station::Station;
 use crate::{atomic, record};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config::Kind;
 use seabearing_core::wire::{Encoder, Message};
@@ -17,17 +17,30 @@ use time::OffsetDateTime;
 
 /// Arguments of `seabearing process`.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  seabearing process --station east.toml recording.wav > records.jsonl")]
+#[command(
+    after_help = "Examples:\n  seabearing process --station east.toml recording.wav > records.jsonl\n  \
+    seabearing process --station east.toml east --from 2024-05-01T09:00:05Z --to 2024-05-01T09:00:30Z\n\n\
+    docs/recordings.md says which files are read, and how whole archives are."
+)]
 pub struct Args {
     /// Station file of the recorder.
     #[arg(long)]
     station: PathBuf,
-    /// Recordings (WAV, FLAC, miniSEED) or folders of them.
+    /// Recordings (WAV, FLAC, miniSEED, SAC), or folders and archives of them
     #[arg(required = true)]
     input: Vec<PathBuf>,
-    /// UTC of the first sample (RFC 3339), where neither the recording nor its name tells it.
-    #[arg(long)]
+    /// UTC of the first sample (RFC 3339), where neither the recording nor its name tells it
+    #[arg(long, value_name = "TIME")]
     start: Option<String>,
+    /// Only what was recorded at or after this UTC, RFC 3339
+    #[arg(long, value_name = "TIME")]
+    from: Option<String>,
+    /// Only what was recorded before this UTC, RFC 3339
+    #[arg(long, value_name = "TIME")]
+    to: Option<String>,
+    /// Offset from UTC of the times in files' names that do not tell it, as +10:00 (key `name_offset` of the station file)
+    #[arg(long, value_name = "OFFSET", allow_hyphen_values = true)]
+    name_offset: Option<String>,
     /// Also write the telemetry the recorder would have sent, byte for byte.
     #[arg(long)]
     telemetry: Option<PathBuf>,
@@ -46,6 +59,25 @@ pub struct Args {
     json: bool,
 }
 
+impl Args {
+    /// What is asked of the recordings.
+    fn asked(&self) -> Result<Asked> {
+        let time = |option: &str, text: &Option<String>| {
+            text.as_deref().map(|t| super::instant(option, t)).transpose()
+        };
+        let offset = |t: &String| {
+            let parsed = written_time::offset(t);
+            parsed.with_context(|| format!("--name-offset {t}: not an offset; one like +10:00 was expected"))
+        };
+        let span = Span { from: time("--from", &self.from)?, to: time("--to", &self.to)? };
+        if span.from.zip(span.to).is_some_and(|(from, to)| from >= to) {
+            bail!("--to must be later than --from");
+        }
+        let name_offset = self.name_offset.as_ref().map(offset).transpose()?;
+        Ok(Asked { start: time("--start", &self.start)?, span, name_offset })
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -59,7 +91,7 @@ pub fn run(args: Args) -> Result<()> {
     {
         bail!("cannot write {}: {} is a file, a folder is needed", folder.display(), file.display());
     }
-    let start = args.start.as_deref().map(|t| super::instant("--start", t)).transpose()?;
+    let asked = args.asked()?;
     // A simulation writes what its kind of station can be compared with.
     let ocean_bottom = matches!(station.config.kind, Kind::Obs(_));
     let truth = args
@@ -77,7 +109,8 @@ pub fn run(args: Args) -> Result<()> {
         .transpose()?
         .unwrap_or_default();
     let table = crate::ocean_bottom::table::of_station(&station)?;
-    let source = recording::open(&args.input, &station, start)?;
+    let recording = Recording::find(&args.input, &station, &asked)?;
+    let source = recording.source(asked.span)?;
     let records = record::RecordFormat {
         rate_hz: station.config.rate_hz,
         start: source.start(),
@@ -120,7 +153,7 @@ pub fn run(args: Args) -> Result<()> {
         // The clearest bearing shows best what the correlations look like.
         let clearest = bearings.iter().max_by(|a, b| a.snr_db.total_cmp(&b.snr_db));
         let segment = match clearest {
-            Some(b) => Some((b, segment(&args.input, &station, b.index)?)),
+            Some(b) => Some((b, segment(&recording, asked.span, &station, b.index)?)),
             None => None,
         };
         let segment =
@@ -131,7 +164,7 @@ pub fn run(args: Args) -> Result<()> {
         (&args.plots, station.propagation.as_ref().filter(|_| table.is_some()))
     {
         // The pictures show intermediate stages, which the records do not carry: a second pass makes them again.
-        let mut again = recording::open(&args.input, &station, start)?;
+        let mut again = recording.source(asked.span)?;
         let interference = crate::propagation::file::read(path)?;
         if pictures::draw(folder, &mut *again, &station.config, &interference, &messages, &heard)?.is_empty()
         {
@@ -159,10 +192,10 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 /// The second of samples about an index, as far as it was recorded without a gap.
-fn segment(input: &[PathBuf], station: &Station, middle: u64) -> Result<Vec<Frame>> {
+fn segment(recording: &Recording, span: Span, station: &Station, middle: u64) -> Result<Vec<Frame>> {
     let half = (station.config.rate_hz / 2.0) as u64;
     let (from, to) = (middle.saturating_sub(half), middle + half);
-    let mut source = recording::open(input, station, None)?;
+    let mut source = recording.source(span)?;
     let mut frames = Vec::new();
     while let Some(block) = source.next_block()? {
         if block.first_index >= to {

@@ -2,7 +2,7 @@
 
 use super::wav::Info;
 use anyhow::{Context, Result, bail};
-use seabearing_core::block::{CHANNELS, Frame};
+use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use std::fs::File;
 use std::path::Path;
 
@@ -11,6 +11,8 @@ pub(super) struct Flac {
     reader: claxon::FlacReader<File>,
     /// Left shift that makes 24-bit codes; negative: right.
     shift: i32,
+    /// Which of the file's channels become the recorder's.
+    pick: [usize; CHANNELS],
     buffer: Vec<i32>,
 }
 
@@ -32,7 +34,12 @@ impl Flac {
             promised: about.samples,
         };
         let shift = 24 - about.bits_per_sample as i32;
-        Ok((Self { reader, shift, buffer: Vec::new() }, info))
+        Ok((Self { reader, shift, pick: super::pick::FIRST, buffer: Vec::new() }, info))
+    }
+
+    /// Which of the file's channels, all of which it has, become the recorder's.
+    pub(super) fn pick(&mut self, pick: [usize; CHANNELS]) {
+        self.pick = pick;
     }
 
     /// Decodes the next frames into `out` (emptied first); none at the end.
@@ -43,18 +50,17 @@ impl Flac {
         out.clear();
         let buffer = std::mem::take(&mut self.buffer);
         let Some(block) = self.reader.blocks().read_next_or_eof(buffer)? else { return Ok(()) };
-        if block.channels() as usize == CHANNELS {
-            let channel = [block.channel(0), block.channel(1), block.channel(2), block.channel(3)];
-            let greatest = if self.shift > 0 { (1 << (23 - self.shift)) - 1 } else { i32::MAX };
-            let code = |x: i32| match self.shift {
-                s if s > 0 && x == greatest => 0x7f_ffff,
-                s if s >= 0 => x << s,
-                s => x >> -s,
-            };
-            out.extend(
-                (0..block.duration() as usize).map(|i| channel.map(|c| c.get(i).map_or(0, |x| code(*x)))),
-            );
-        }
+        let greatest = if self.shift > 0 { (1 << (23 - self.shift)) - 1 } else { i32::MAX };
+        let code = |x: i32| match self.shift {
+            s if s > 0 && x == greatest => 0x7f_ffff,
+            s if s >= 0 => x << s,
+            s => x >> -s,
+        };
+        let there = block.channels();
+        let channels = self.pick.map(|c| if (c as u32) < there { block.channel(c as u32) } else { &[] });
+        out.extend(
+            (0..block.duration() as usize).map(|i| channels.map(|c| c.get(i).map_or(MISSING, |x| code(*x)))),
+        );
         self.buffer = block.into_buffer();
         Ok(())
     }

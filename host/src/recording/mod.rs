@@ -1,7 +1,8 @@
-//! Recordings: four-channel WAV and FLAC files, miniSEED, and `.sbraw` streams, as blocks of 24-bit codes, and writing them.
+//! Recordings: WAV and FLAC files, miniSEED, SAC, and `.sbraw` streams, as blocks of four 24-bit codes, and writing them.
 //!
-//! Enters: files or folders, in any order. Leaves: [`BlockSource::next_block`], blocks whose sample index counts from the
-//! first sample of the first file. Conventions:
+//! Enters: files or folders with folders in them, in any order; what a file is its first bytes say. Leaves: a [`Recording`],
+//! which knows what there is and when it was, and of it [`BlockSource::next_block`], blocks at the recorder's rate whose
+//! sample index counts from the first sample of the first file, or of a span of time. Conventions:
 //!
 //! - Codes are those of a 24-bit converter, full scale ±2²³. 24-bit files come through as they are; 32-bit integers
 //!   lose their lowest eight bits; 16-bit codes are multiplied by 256, and the greatest one (32767) becomes 2²³ − 1, so
@@ -20,18 +21,25 @@
 mod flac;
 mod mseed;
 pub(crate) mod mseed_record;
+mod pick;
 mod raw;
+mod resample;
+mod sac;
 mod sequence;
 mod wav;
+mod window;
 pub mod write;
 pub mod written_time;
 
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::Block;
+use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use time::OffsetDateTime;
+use time::{Date, OffsetDateTime, UtcOffset};
+
+pub use window::Span;
 
 /// Where blocks of samples come from.
 pub trait BlockSource {
@@ -57,6 +65,8 @@ pub enum Container {
     Flac,
     /// miniSEED, version 2 or 3.
     MiniSeed,
+    /// SAC.
+    Sac,
     /// A stream of codes with their indices.
     Raw,
 }
@@ -67,17 +77,20 @@ impl Container {
     /// # Errors
     /// The file cannot be read.
     pub fn of(path: &Path) -> Result<Option<Self>> {
-        let mut head = [0u8; 12];
+        const LOOKED_AT: usize = sac::VERSION_AT + 4;
+        let mut head = [0u8; LOOKED_AT];
         let file = std::fs::File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
         let mut got = 0;
-        let mut file = file.take(12);
+        let mut file = file.take(LOOKED_AT as u64);
         while let Some(space) = head.get_mut(got..).filter(|s| !s.is_empty()) {
             match file.read(space).with_context(|| format!("cannot read {}", path.display()))? {
                 0 => break,
                 n => got += n,
             }
         }
-        Ok(match &head {
+        let (start, rest) = head.split_at(12);
+        let start: &[u8; 12] = start.try_into()?;
+        Ok(match start {
             [b'R', b'I', b'F', b'F', .., b'W', b'A', b'V', b'E'] => Some(Self::Wav),
             [b'R', b'F', b'6', b'4', .., b'W', b'A', b'V', b'E'] => Some(Self::Wav),
             [b'B', b'W', b'6', b'4', .., b'W', b'A', b'V', b'E'] => Some(Self::Wav),
@@ -86,12 +99,168 @@ impl Container {
             [magic @ .., _, _, _, _] if *magic == seabearing_core::sbraw::MAGIC => Some(Self::Raw),
             // Version 2: six digits of sequence number, then a quality letter.
             [number @ .., _, _, _, _, _, _]
-                if number.iter().all(u8::is_ascii_digit) && matches!(head[6], b'D' | b'R' | b'Q' | b'M') =>
+                if number.iter().all(|b| b.is_ascii_digit() || *b == b' ')
+                    && matches!(start[6], b'D' | b'R' | b'Q' | b'M') =>
             {
                 Some(Self::MiniSeed)
             }
-            _ => None,
+            _ => {
+                let version = rest.last_chunk().copied().filter(|_| got == LOOKED_AT);
+                version.and_then(sac::Order::of).map(|_| Self::Sac)
+            }
         })
+    }
+}
+
+/// What is asked of recordings beside what the station file says.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Asked {
+    /// UTC of the first sample, where neither name nor sidecar tells it.
+    pub start: Option<OffsetDateTime>,
+    /// What lies outside need not be looked at.
+    pub span: Span,
+    /// Offset of the times in files' names from UTC, where the names do not tell it.
+    pub name_offset: Option<UtcOffset>,
+}
+
+/// The recordings of a station, looked at and not yet read.
+pub struct Recording {
+    found: Found,
+    start: Option<OffsetDateTime>,
+    /// The recorder's samples a second, and the code that means clipping.
+    rate_hz: f64,
+    full_scale: i32,
+}
+
+enum Found {
+    Audio(sequence::Parts),
+    Seismic(Box<mseed::Components>),
+    Raw(PathBuf),
+}
+
+impl Recording {
+    /// Looks for a station's recordings in files and folders.
+    ///
+    /// # Errors
+    /// Nothing usable was found; the line names the file and what to do.
+    pub fn find(paths: &[PathBuf], station: &Station, asked: &Asked) -> Result<Self> {
+        let files = expand(paths, station.seed_id.as_deref(), asked.span)?;
+        let mut audio = Vec::new();
+        let mut seismic = Vec::new();
+        let mut complaints = Vec::new();
+        let config = &station.config;
+        let of = |found| Self {
+            found,
+            start: asked.start,
+            rate_hz: config.rate_hz,
+            full_scale: config.full_scale,
+        };
+        if let [(path, _)] = &files[..]
+            && Container::of(path)? == Some(Container::Raw)
+        {
+            return Ok(of(Found::Raw(path.clone())));
+        }
+        for (path, named) in files {
+            match Container::of(&path) {
+                Ok(Some(Container::Raw)) => {
+                    bail!("{}: an .sbraw stream has indices of its own; give it alone", path.display())
+                }
+                Ok(Some(container @ (Container::MiniSeed | Container::Sac))) => {
+                    seismic.push((path, container))
+                }
+                Ok(Some(container)) => audio.push((path, container)),
+                // What else lies in a folder is passed over.
+                Ok(None) if !named => {}
+                Ok(None) => complaints.push(format!("{}: {}", path.display(), foreign(&path))),
+                Err(e) => complaints.push(format!("{e:#}")),
+            }
+        }
+        if !seismic.is_empty() && !audio.is_empty() {
+            let path = seismic[0].0.display();
+            bail!("{path}: give either miniSEED and SAC or WAV and FLAC files, not both");
+        }
+        if !seismic.is_empty() {
+            for complaint in complaints {
+                complain(&format!("left out {complaint}"));
+            }
+            return Ok(of(Found::Seismic(Box::new(mseed::Components::find(seismic, station)?))));
+        }
+        let reading = sequence::Reading {
+            rate_hz: config.rate_hz,
+            channels: station.file_channels,
+            offset: asked.name_offset.or(station.name_offset).unwrap_or(UtcOffset::UTC),
+        };
+        Ok(of(Found::Audio(sequence::Parts::find(audio, &reading, complaints)?)))
+    }
+
+    /// Samples a second in the files.
+    fn file_rate_hz(&self) -> f64 {
+        match &self.found {
+            Found::Audio(parts) => parts.rate_hz,
+            Found::Seismic(components) => components.rate_hz,
+            Found::Raw(_) => self.rate_hz,
+        }
+    }
+
+    /// The days (UTC) on which something was recorded; `None` where the files do not tell when they were.
+    pub fn days(&self) -> Option<BTreeSet<Date>> {
+        let spans = match &self.found {
+            Found::Audio(parts) => parts.spans()?,
+            Found::Seismic(components) => components.spans(),
+            Found::Raw(_) => return None,
+        };
+        let mut days = BTreeSet::new();
+        for (begins, ends) in spans {
+            // What ends at midnight has nothing of the day after.
+            let last = (ends - time::Duration::nanoseconds(1)).date();
+            let mut day = begins.date();
+            while day <= last {
+                days.insert(day);
+                let Some(next) = day.next_day() else { break };
+                day = next;
+            }
+        }
+        Some(days)
+    }
+
+    /// The files that hold something of a span of time.
+    pub fn files(&self, span: Span) -> Vec<PathBuf> {
+        match &self.found {
+            Found::Audio(parts) => parts.files(span),
+            Found::Seismic(components) => components.files(span),
+            Found::Raw(path) => vec![path.clone()],
+        }
+    }
+
+    /// The samples of a span of time at the recorder's rate. Index 0 is the first of them.
+    ///
+    /// # Errors
+    /// There are none, or the recording does not tell when it was.
+    pub fn source(&self, span: Span) -> Result<Box<dyn BlockSource>> {
+        let rate_hz = self.file_rate_hz();
+        let mut source: Box<dyn BlockSource> = match &self.found {
+            Found::Audio(parts) => {
+                let mut sequence = parts.sequence(span, self.start)?;
+                if let Some((start, from)) = sequence.start().zip(span.from) {
+                    sequence.skip_to(window::index_at(start, from, rate_hz));
+                }
+                Box::new(sequence)
+            }
+            Found::Seismic(components) => Box::new(components.recording(span)?),
+            Found::Raw(path) => Box::new(raw::Raw::open(path, self.start)?),
+        };
+        if !span.is_all() {
+            let Some(start) = source.start() else {
+                bail!(
+                    "the recording does not tell when it was: no part of it can be chosen {span} (--start tells it)"
+                )
+            };
+            source = Box::new(window::Window::new(source, start, rate_hz, span));
+        }
+        if (rate_hz / self.rate_hz - 1.0).abs() > 1e-3 {
+            source = Box::new(resample::Resampled::new(source, rate_hz, self.rate_hz, self.full_scale));
+        }
+        Ok(source)
     }
 }
 
@@ -105,70 +274,73 @@ pub fn open(
     station: &Station,
     start: Option<OffsetDateTime>,
 ) -> Result<Box<dyn BlockSource>> {
-    let files = expand(paths)?;
-    let mut audio = Vec::new();
-    let mut seismic = Vec::new();
-    let mut complaints = Vec::new();
-    if let [path] = &files[..]
-        && Container::of(path)? == Some(Container::Raw)
-    {
-        return Ok(Box::new(raw::Raw::open(path, start)?));
-    }
-    for path in files {
-        match Container::of(&path) {
-            Ok(Some(Container::Raw)) => {
-                bail!("{}: an .sbraw stream has indices of its own; give it alone", path.display())
-            }
-            Ok(Some(Container::MiniSeed)) => seismic.push(path),
-            Ok(Some(container)) => audio.push((path, container)),
-            Ok(None) => complaints.push(format!("{}: {}", path.display(), foreign(&path))),
-            Err(e) => complaints.push(format!("{e:#}")),
-        }
-    }
-    if !seismic.is_empty() && !audio.is_empty() {
-        bail!("{}: give either miniSEED or WAV and FLAC files, not both", seismic[0].display());
-    }
-    if !seismic.is_empty() {
-        for complaint in complaints {
-            eprintln!("seabearing: left out {complaint}");
-        }
-        return Ok(Box::new(mseed::MiniSeed::open(seismic, station)?));
-    }
-    Ok(Box::new(sequence::Sequence::open(audio, &station.config, start, complaints)?))
+    Recording::find(paths, station, &Asked { start, ..Asked::default() })?.source(Span::default())
+}
+
+/// Says on standard error what is odd about a recording.
+fn complain(what: &str) {
+    eprintln!("seabearing: {what}");
 }
 
 /// Why a file is no recording.
 fn foreign(path: &Path) -> &'static str {
     match std::fs::metadata(path).map(|m| m.len()) {
-        Ok(0) => "empty file; a recording (WAV, FLAC, miniSEED or .sbraw) was expected",
-        _ => "not a recording (WAV, FLAC, miniSEED or .sbraw expected)",
+        Ok(0) => "empty file; a recording (WAV, FLAC, miniSEED, SAC or .sbraw) was expected",
+        _ => "not a recording (WAV, FLAC, miniSEED, SAC or .sbraw expected)",
     }
 }
 
-/// Folders become the recordings in them, by name.
-fn expand(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+/// Folders become the files in them and in folders in them, by name; whether a file was named itself. In an SDS archive
+/// (`NET.STA.LOC.CHA.TYPE.YEAR.DAY`) files of other stations and of days outside a span are not looked at.
+fn expand(paths: &[PathBuf], seed_id: Option<&str>, span: Span) -> Result<Vec<(PathBuf, bool)>> {
     let mut files = Vec::new();
     for path in paths {
         if !path.is_dir() {
-            files.push(path.clone());
+            files.push((path.clone(), true));
             continue;
         }
-        let entries =
-            std::fs::read_dir(path).with_context(|| format!("cannot read folder {}", path.display()))?;
-        let known = |p: &PathBuf| {
-            let ending = p.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-            matches!(ending.as_deref(), Some("wav" | "flac" | "mseed" | "msd" | "ms3" | "seed" | "sbraw"))
-        };
-        let mut inside: Vec<PathBuf> =
-            entries.filter_map(|e| e.ok().map(|e| e.path())).filter(known).collect();
-        if inside.is_empty() {
-            bail!("{}: no recording (.wav, .flac, .mseed, .sbraw) in this folder", path.display());
+        let before = files.len();
+        let (mut folders, mut passed) = (vec![path.clone()], false);
+        while let Some(folder) = folders.pop() {
+            let cannot = || format!("cannot read folder {}", folder.display());
+            let entries = std::fs::read_dir(&folder).with_context(cannot)?;
+            for entry in entries {
+                let path = entry.with_context(cannot)?.path();
+                let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
+                if path.is_dir() && !hidden {
+                    folders.push(path);
+                } else if is_outside(&path, seed_id, span) {
+                    passed = true;
+                } else if !hidden && path.is_file() && (Container::of(&path).is_ok_and(|c| c.is_some())) {
+                    files.push((path, false));
+                }
+            }
         }
-        inside.sort();
-        files.extend(inside);
+        files[before..].sort_by_cached_key(|(path, _)| pick::natural(&path.to_string_lossy()));
+        if files.len() == before {
+            let name = path.display();
+            match passed {
+                true => bail!("{name}: no recording {span} of the station in this folder"),
+                false => bail!("{name}: no recording (WAV, FLAC, miniSEED, SAC, .sbraw) in this folder"),
+            }
+        }
     }
     if files.is_empty() {
         bail!("no recording given");
     }
     Ok(files)
+}
+
+/// Whether the name of a file of an SDS archive says that it holds nothing of a span of time or of a station.
+fn is_outside(path: &Path, seed_id: Option<&str>, span: Span) -> bool {
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
+    let fields: Vec<&str> = name.split('.').collect();
+    let [network, station, location, _, "D", year, day] = fields[..] else { return false };
+    let date = year.parse().ok().zip(day.parse().ok()).and_then(|(y, d)| Date::from_ordinal_date(y, d).ok());
+    let Some(midnight) = date.map(|d| d.midnight().assume_utc()) else { return false };
+    let id = format!("{network}.{station}.{location}");
+    // A file may begin or end with a record that reaches over midnight.
+    let hour = time::Duration::HOUR;
+    seed_id.is_some_and(|wanted| !mseed::is_of(&id, wanted))
+        || !span.meets((midnight - hour, midnight + 25 * hour))
 }

@@ -1,4 +1,5 @@
-//! miniSEED recordings of an ocean-bottom station: several files, or one with several channels, as four-channel blocks.
+//! miniSEED and SAC recordings of an ocean-bottom station: several files, or one with several channels, as four-channel
+//! blocks.
 //!
 //! A first pass over the headers finds every record's place, time and length; samples are decoded once, when they are due,
 //! so memory stays small. Sample 0 is the earliest sample of any component. A component that has no data somewhere has
@@ -7,15 +8,16 @@
 //! drifted since the start: samples are counted, and the drift is said. What overlaps is used once. Every irregularity is
 //! named once on stderr.
 
-use super::BlockSource;
 use super::mseed_record::{self, Header, LONGEST};
+use super::{BlockSource, Container, Span, complain, sac};
 use crate::station::Station;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use time::OffsetDateTime;
 
 /// Frames of one block.
@@ -25,13 +27,26 @@ const BLOCK: usize = 4096;
 /// rounded to ratios of 16-bit numbers.)
 const WORST_CLOCK: f64 = 1e-4;
 
+/// Least rate that a station file may state.
+const SLOWEST_HZ: f64 = 20.0;
+
 /// Least step from one possible record to the next, when looking for one after damage.
 const RESYNC: usize = 64;
+
+/// How a record's samples are written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Form {
+    /// A record of miniSEED.
+    MiniSeed,
+    /// Floating-point numbers of a SAC file, in the order of its bytes.
+    Sac(sac::Order),
+}
 
 /// Where a record's samples are.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     file: usize,
+    form: Form,
     offset: u64,
     bytes: usize,
     start_ns: i128,
@@ -40,7 +55,7 @@ struct Piece {
     samples: usize,
 }
 
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Channel {
     pieces: Vec<Piece>,
     rates_hz: Vec<f64>,
@@ -59,9 +74,19 @@ struct Reader {
     file: Option<(usize, File)>,
 }
 
-/// A miniSEED recording.
-pub(super) struct MiniSeed {
-    files: Vec<PathBuf>,
+/// The components of a station in miniSEED and SAC files, looked at and not yet read.
+#[derive(Clone)]
+pub(super) struct Components {
+    files: Arc<Vec<PathBuf>>,
+    /// Code and records of pressure, north, east and vertical.
+    channels: [(String, Channel); CHANNELS],
+    /// Samples a second.
+    pub rate_hz: f64,
+}
+
+/// A seismic recording.
+pub(super) struct Seismic {
+    files: Arc<Vec<PathBuf>>,
     readers: [Reader; CHANNELS],
     start: OffsetDateTime,
     next: i64,
@@ -69,32 +94,50 @@ pub(super) struct MiniSeed {
     frames: Vec<Frame>,
 }
 
-fn complain(what: &str) {
-    eprintln!("seabearing: {what}");
-}
-
-impl MiniSeed {
+impl Components {
     /// Finds the station's components in files.
     ///
     /// # Errors
-    /// No pressure component, components of unlike rate or of a rate other than the station's, several stations.
-    pub(super) fn open(files: Vec<PathBuf>, station: &Station) -> Result<Self> {
+    /// No pressure component, components of unlike rate or of one the recorder cannot be given, several stations.
+    pub(super) fn find(files: Vec<(PathBuf, Container)>, station: &Station) -> Result<Self> {
         let mut channels: BTreeMap<String, Channel> = BTreeMap::new();
-        for (number, path) in files.iter().enumerate() {
-            if let Err(e) = scan(path, number, &mut channels) {
+        let mut passed: BTreeSet<String> = BTreeSet::new();
+        for (number, (path, container)) in files.iter().enumerate() {
+            let mut found = BTreeMap::new();
+            let scanned = match container {
+                Container::Sac => scan_sac(path, number, &mut found),
+                _ => scan(path, number, &mut found),
+            };
+            if let Err(e) = scanned {
                 complain(&format!("left out {e:#}"));
             }
+            for ((id, code), found) in found {
+                if !station.seed_id.as_deref().is_none_or(|wanted| is_of(&id, wanted)) {
+                    passed.insert(id);
+                    continue;
+                }
+                let channel = channels.entry(code).or_default();
+                channel.pieces.extend(found.pieces);
+                let new = |id: &String| !channel.stations.contains(id);
+                channel.stations.extend(found.stations.into_iter().filter(new).collect::<Vec<_>>());
+                let new = |rate: &f64| !channel.rates_hz.contains(rate);
+                channel.rates_hz.extend(found.rates_hz.into_iter().filter(new).collect::<Vec<_>>());
+            }
+        }
+        if let (Some(wanted), true) = (&station.seed_id, channels.is_empty()) {
+            let passed = passed.into_iter().collect::<Vec<_>>().join(", ");
+            bail!("no record of {wanted} (`seed_id`); the files hold: {passed}");
         }
         let c = &station.components;
         let wanted =
             [("pressure", &c.pressure), ("north", &c.north), ("east", &c.east), ("vertical", &c.vertical)];
         let there = channels.keys().cloned().collect::<Vec<_>>().join(", ");
-        let mut chosen: Vec<Channel> = Vec::new();
+        let mut chosen: Vec<(String, Channel)> = Vec::new();
         for (role, code) in wanted {
             let channel = channels.remove(code.as_str()).unwrap_or_default();
             if channel.pieces.is_empty() && role == "pressure" {
                 bail!(
-                    "no component {code} (pressure) in the miniSEED files, they hold: {}",
+                    "no component {code} (pressure) in the files, they hold: {}",
                     if there.is_empty() { "nothing" } else { &there }
                 );
             }
@@ -103,27 +146,63 @@ impl MiniSeed {
             }
             if channel.stations.len() > 1 {
                 bail!(
-                    "component {code} comes from several stations ({}): give one station's files",
+                    "component {code} comes from several stations ({}): give one station's files, or `seed_id` in [obs]",
                     channel.stations.join(", ")
                 );
             }
-            for &rate in &channel.rates_hz {
-                if (rate / station.config.rate_hz - 1.0).abs() > WORST_CLOCK {
-                    bail!(
-                        "component {code} has {rate} samples a second, the station file says rate_hz = {}",
-                        station.config.rate_hz
-                    );
-                }
-            }
-            chosen.push(channel);
+            chosen.push((code.clone(), channel));
         }
-        let rate = station.config.rate_hz;
-        let Some(zero) = chosen.iter().flat_map(|c| &c.pieces).map(|p| p.start_ns).min() else {
-            bail!("no sample in the miniSEED files");
+        let own = station.config.rate_hz;
+        let clock = |a: f64, b: f64| (a / b - 1.0).abs() <= WORST_CLOCK;
+        let rates = || chosen.iter().flat_map(|(code, c)| c.rates_hz.iter().map(move |r| (code, *r)));
+        let first = rates().next().map_or(own, |(_, r)| r);
+        let rate_hz = if clock(first, own) { own } else { first };
+        if let Some((code, rate)) = rates().find(|(_, r)| !clock(*r, rate_hz)) {
+            bail!(
+                "component {code} has {rate} samples a second and others have {rate_hz}; the station file says rate_hz = {own}"
+            );
+        }
+        // What a station file can say it must say: a lower rate would leave an empty band.
+        if rate_hz < own && rate_hz >= SLOWEST_HZ {
+            bail!(
+                "the components have {rate_hz} samples a second, the station file says rate_hz = {own}: correct it there"
+            );
+        }
+        let channels: [_; CHANNELS] =
+            chosen.try_into().map_err(|_| anyhow!("a recorder has four components"))?;
+        Ok(Self { files: Arc::new(files.into_iter().map(|(path, _)| path).collect()), channels, rate_hz })
+    }
+
+    /// When each record began and ended.
+    pub(super) fn spans(&self) -> Vec<(OffsetDateTime, OffsetDateTime)> {
+        let pieces = self.channels.iter().flat_map(|(_, c)| &c.pieces);
+        pieces.filter_map(|p| p.span(self.rate_hz)).collect()
+    }
+
+    /// The files that hold something of a span of time.
+    pub(super) fn files(&self, span: Span) -> Vec<PathBuf> {
+        let inside = self.channels.iter().flat_map(|(_, c)| &c.pieces);
+        let inside = inside.filter(|p| p.span(self.rate_hz).is_none_or(|own| span.meets(own)));
+        let numbers: BTreeSet<usize> = inside.map(|p| p.file).collect();
+        numbers.into_iter().filter_map(|n| self.files.get(n).cloned()).collect()
+    }
+
+    /// What was recorded in a span of time, from the first record that reaches into it.
+    ///
+    /// # Errors
+    /// Nothing was.
+    pub(super) fn recording(&self, span: Span) -> Result<Seismic> {
+        let rate = self.rate_hz;
+        let mut chosen = self.channels.clone();
+        for (_, channel) in &mut chosen {
+            channel.pieces.retain(|p| p.span(rate).is_none_or(|own| span.meets(own)));
+        }
+        let Some(zero) = chosen.iter().flat_map(|(_, c)| &c.pieces).map(|p| p.start_ns).min() else {
+            bail!("no sample in the files {span}");
         };
         let mut end = 0;
         let mut starts = Vec::new();
-        for ((_, code), channel) in wanted.iter().zip(&mut chosen) {
+        for (code, channel) in &mut chosen {
             let placed = place(&mut channel.pieces, zero, rate);
             if placed.overlapping > 0 {
                 complain(&format!(
@@ -140,7 +219,7 @@ impl MiniSeed {
                 ));
             }
             if let Some(p) = channel.pieces.first() {
-                starts.push((*code, p.start_ns));
+                starts.push((code.clone(), p.start_ns));
             }
             end = end.max(channel.pieces.iter().map(|p| p.first + p.samples as i64).max().unwrap_or(0));
         }
@@ -161,13 +240,28 @@ impl MiniSeed {
             OffsetDateTime::from_unix_timestamp_nanos(zero).context("the recording's start is no time")?;
         let mut chosen = chosen.into_iter();
         let readers = std::array::from_fn(|_| Reader {
-            pieces: chosen.next().unwrap_or_default().pieces.into_iter(),
+            pieces: chosen.next().unwrap_or_default().1.pieces.into_iter(),
             held: Vec::new(),
             used: 0,
             first: 0,
             file: None,
         });
-        Ok(Self { files, readers, start, next: 0, end, frames: Vec::new() })
+        let files = Arc::clone(&self.files);
+        Ok(Seismic { files, readers, start, next: 0, end, frames: Vec::new() })
+    }
+}
+
+/// Whether a source `NET.STA.LOC` is a wanted one, which may leave out the location.
+pub(super) fn is_of(id: &str, wanted: &str) -> bool {
+    id.strip_prefix(wanted).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+}
+
+impl Piece {
+    /// When it began and ended.
+    fn span(&self, rate_hz: f64) -> Option<(OffsetDateTime, OffsetDateTime)> {
+        let at = OffsetDateTime::from_unix_timestamp_nanos(self.start_ns).ok()?;
+        let length = time::Duration::checked_seconds_f64(self.samples as f64 / rate_hz)?;
+        Some((at, at.checked_add(length)?))
     }
 }
 
@@ -211,8 +305,31 @@ fn place(pieces: &mut [Piece], zero_ns: i128, rate_hz: f64) -> Placed {
     placed
 }
 
-/// Finds the records of a file.
-fn scan(path: &std::path::Path, number: usize, channels: &mut BTreeMap<String, Channel>) -> Result<()> {
+/// Channels by source (`NET.STA.LOC`) and code.
+type Found = BTreeMap<(String, String), Channel>;
+
+/// Finds a SAC file's samples, in pieces that can be read one at a time.
+fn scan_sac(path: &Path, number: usize, channels: &mut Found) -> Result<()> {
+    let about = sac::header(path)?;
+    let c = channels.entry((about.station.clone(), about.channel)).or_default();
+    c.stations.push(about.station);
+    c.rates_hz.push(about.rate_hz);
+    for first in (0..about.count).step_by(BLOCK) {
+        c.pieces.push(Piece {
+            file: number,
+            form: Form::Sac(about.order),
+            offset: sac::HEADER + 4 * first as u64,
+            bytes: 4 * BLOCK.min(about.count - first),
+            start_ns: about.start_ns + (first as f64 / about.rate_hz * 1e9).round() as i128,
+            first: 0,
+            samples: BLOCK.min(about.count - first),
+        });
+    }
+    Ok(())
+}
+
+/// Finds the records of a miniSEED file.
+fn scan(path: &Path, number: usize, channels: &mut Found) -> Result<()> {
     let unreadable = || format!("cannot read {}", path.display());
     let mut file = File::open(path).with_context(unreadable)?;
     // Always a whole record ahead, except at the end of the file.
@@ -234,7 +351,7 @@ fn scan(path: &std::path::Path, number: usize, channels: &mut BTreeMap<String, C
             Ok(h) => {
                 found += 1;
                 let Header { channel, station, rate_hz, start_ns, count, bytes } = h;
-                let c = channels.entry(channel).or_default();
+                let c = channels.entry((station.clone(), channel)).or_default();
                 if count > 0 {
                     if !c.stations.contains(&station) {
                         c.stations.push(station);
@@ -244,6 +361,7 @@ fn scan(path: &std::path::Path, number: usize, channels: &mut BTreeMap<String, C
                     }
                     c.pieces.push(Piece {
                         file: number,
+                        form: Form::MiniSeed,
                         offset: begins + at as u64,
                         bytes,
                         start_ns,
@@ -308,11 +426,14 @@ impl Reader {
         let mut raw = vec![0; p.bytes];
         file.read_exact(&mut raw)?;
         self.file = Some((p.file, file));
-        mseed_record::samples(&raw)
+        match p.form {
+            Form::MiniSeed => mseed_record::samples(&raw),
+            Form::Sac(order) => Ok(sac::samples(&raw, order)),
+        }
     }
 }
 
-impl BlockSource for MiniSeed {
+impl BlockSource for Seismic {
     fn start(&self) -> Option<OffsetDateTime> {
         Some(self.start)
     }
@@ -322,7 +443,7 @@ impl BlockSource for MiniSeed {
     }
 
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
-        let files = &self.files;
+        let files: &[PathBuf] = &self.files;
         let Some(first) = self.readers.iter_mut().filter_map(|r| r.ready(files)).min() else {
             return Ok(None);
         };
@@ -366,6 +487,7 @@ mod tests {
         let start = |k: usize| (k as f64 * 500.0 / 50.002 + if k < 100 { 0.0 } else { 30.0 }) * 1e9;
         let piece = |k: usize| Piece {
             file: 0,
+            form: Form::MiniSeed,
             offset: 0,
             bytes: 0,
             start_ns: start(k) as i128,

@@ -78,15 +78,17 @@ pub(super) fn header(data: &[u8]) -> Result<Header> {
 /// Not a record, cut, or damaged.
 pub(super) fn samples(data: &[u8]) -> Result<Vec<i32>> {
     let record = decode(&checked(data)?.0).map_err(|e| anyhow!("{e}"))?;
-    let code = |x: f64| {
-        if x.is_finite() { x.round().clamp(-2_147_483_647.0, 2_147_483_647.0) as i32 } else { MISSING }
-    };
     Ok(match &record.samples {
         // The one code that stands for "missing" cannot be a sample.
         Samples::Int(x) => x.iter().map(|x| (*x).max(-i32::MAX)).collect(),
-        Samples::Float(x) => x.iter().map(|x| code(f64::from(*x))).collect(),
-        Samples::Double(x) => x.iter().map(|x| code(*x)).collect(),
+        Samples::Float(x) => x.iter().map(|x| code_of(f64::from(*x))).collect(),
+        Samples::Double(x) => x.iter().map(|x| code_of(*x)).collect(),
     })
+}
+
+/// A number of counts as a code; [`MISSING`] where it is none.
+pub(super) fn code_of(x: f64) -> i32 {
+    if x.is_finite() { x.round().clamp(-2_147_483_647.0, 2_147_483_647.0) as i32 } else { MISSING }
 }
 
 /// The record at the start of some bytes, its header in the order that `miniseed-rs` expects, and the seconds by which its

@@ -77,7 +77,7 @@ impl BlockSource for Raw {
         match self.reader.ending() {
             Ending::NotSbraw => bail!("{path}: not an .sbraw stream (docs/firmware.md)"),
             Ending::Truncated => {
-                eprintln!("seabearing: {path}: ends within a record; what is whole of it was used")
+                super::complain(&format!("{path}: ends within a record; what is whole of it was used"))
             }
             Ending::Open | Ending::Clean => {}
         }

@@ -50,6 +50,9 @@ const FRAMES: usize = 16_384;
 pub(super) struct Wav {
     file: File,
     code: Code,
+    /// Channels of the file, and which of them become the recorder's.
+    channels: usize,
+    pick: [usize; CHANNELS],
     left: u64,
     bytes: Vec<u8>,
 }
@@ -101,7 +104,8 @@ impl Wav {
                         (0 | 0xffff_f000.., _) => None,
                         _ => Some(size),
                     };
-                    let frame = (format.code.bytes() * usize::from(format.channels.max(1))) as u64;
+                    let channels = usize::from(format.channels.max(1));
+                    let frame = (format.code.bytes() * channels) as u64;
                     let left = promised.unwrap_or(there).min(there) / frame;
                     let info = Info {
                         rate_hz: f64::from(format.rate_hz),
@@ -110,8 +114,9 @@ impl Wav {
                         promised: promised.map(|p| p / frame),
                     };
                     file.seek(SeekFrom::Start(at)).with_context(|| format!("cannot read {name}"))?;
-                    let bytes = vec![0u8; FRAMES * CHANNELS * format.code.bytes()];
-                    return Ok((Self { file, code: format.code, left, bytes }, info));
+                    let bytes = vec![0u8; FRAMES * channels * format.code.bytes()];
+                    let pick = super::pick::FIRST;
+                    return Ok((Self { file, code: format.code, channels, pick, left, bytes }, info));
                 }
                 _ => {}
             }
@@ -119,11 +124,27 @@ impl Wav {
         }
     }
 
+    /// Which of the file's channels, all of which it has, become the recorder's.
+    pub(super) fn pick(&mut self, pick: [usize; CHANNELS]) {
+        self.pick = pick;
+    }
+
+    /// Passes over frames.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub(super) fn skip(&mut self, frames: u64) -> Result<()> {
+        let frames = frames.min(self.left);
+        self.left -= frames;
+        let bytes = frames * (self.channels * self.code.bytes()) as u64;
+        Ok(self.file.seek_relative(i64::try_from(bytes)?)?)
+    }
+
     /// Decodes the next frames into `out` (emptied first); none at the end.
     pub(super) fn read(&mut self, out: &mut Vec<Frame>) -> Result<()> {
         out.clear();
         let width = self.code.bytes();
-        let want = (FRAMES as u64).min(self.left) as usize * CHANNELS * width;
+        let want = (FRAMES as u64).min(self.left) as usize * self.channels * width;
         let mut got = 0;
         while let Some(space) = self.bytes.get_mut(got..want).filter(|s| !s.is_empty()) {
             match self.file.read(space) {
@@ -134,18 +155,19 @@ impl Wav {
             }
         }
         let bytes = self.bytes.get(..got).unwrap_or(&[]);
+        let from = (self.channels, self.pick);
         match self.code {
-            Code::Int16 => decode::<2>(bytes, out, |b| {
+            Code::Int16 => decode::<2>(bytes, from, out, |b| {
                 let x = i32::from(i16::from_le_bytes(b)) << 8;
                 if x == 0x7fff00 { 0x7f_ffff } else { x }
             }),
-            Code::Int24 => decode::<3>(bytes, out, |[a, b, c]| i32::from_le_bytes([0, a, b, c]) >> 8),
-            Code::Int32 => decode::<4>(bytes, out, |b| i32::from_le_bytes(b) >> 8),
-            Code::Float32 => decode::<4>(bytes, out, |b| from_float(f64::from(f32::from_le_bytes(b)))),
-            Code::Float64 => decode::<8>(bytes, out, |b| from_float(f64::from_le_bytes(b))),
+            Code::Int24 => decode::<3>(bytes, from, out, |[a, b, c]| i32::from_le_bytes([0, a, b, c]) >> 8),
+            Code::Int32 => decode::<4>(bytes, from, out, |b| i32::from_le_bytes(b) >> 8),
+            Code::Float32 => decode::<4>(bytes, from, out, |b| from_float(f64::from(f32::from_le_bytes(b)))),
+            Code::Float64 => decode::<8>(bytes, from, out, |b| from_float(f64::from_le_bytes(b))),
         }
         // A file that shrank under us ends here.
-        self.left = if out.len() * CHANNELS * width < want { 0 } else { self.left - out.len() as u64 };
+        self.left = if out.len() * self.channels * width < want { 0 } else { self.left - out.len() as u64 };
         Ok(())
     }
 }
@@ -155,8 +177,20 @@ fn from_float(x: f64) -> i32 {
     if x.is_finite() { (x * 8_388_608.0).round().clamp(-8_388_608.0, 8_388_607.0) as i32 } else { MISSING }
 }
 
-/// Decodes interleaved samples of `N` bytes; a fraction of a frame at the end is left.
-fn decode<const N: usize>(bytes: &[u8], out: &mut Vec<Frame>, code: impl Fn([u8; N]) -> i32) {
+/// Decodes interleaved samples of `N` bytes of so many channels; a fraction of a frame at the end is left.
+fn decode<const N: usize>(
+    bytes: &[u8],
+    (channels, pick): (usize, [usize; CHANNELS]),
+    out: &mut Vec<Frame>,
+    code: impl Fn([u8; N]) -> i32,
+) {
+    if channels != CHANNELS || pick != super::pick::FIRST {
+        out.extend(bytes.chunks_exact(channels * N).map(|frame| {
+            let samples = frame.as_chunks::<N>().0;
+            pick.map(|c| samples.get(c).map_or(MISSING, |s| code(*s)))
+        }));
+        return;
+    }
     out.extend(bytes.chunks_exact(CHANNELS * N).map(|frame| {
         let mut samples = [0; CHANNELS];
         for (to, from) in samples.iter_mut().zip(frame.as_chunks::<N>().0) {

@@ -2,10 +2,11 @@
 //!
 //! Recognised: a date of eight digits (`20240131`; or six, `240131`, as some recorders write) and a time of six,
 //! together or with one of `T`, `t`, `_`, `-`, `.` between, and a fraction after `.`: `east_20240131T120000.125Z.wav`,
-//! `20240131_120000.wav`, `AMAR.20240131.120000.flac`, `5731.240131120000.wav`. Times are UTC. The last match in the
-//! name counts; serial numbers come first.
+//! `20240131_120000.wav`, `AMAR.20240131.120000.flac`, `5731.240131120000.wav`. The last match in the
+//! name counts; serial numbers come first. Behind `T` an offset from UTC may follow, `20240131T220000+1000`. A name that says
+//! neither `Z` nor an offset is in UTC, or in the zone its reader is told.
 
-use time::{Date, Month, OffsetDateTime, PrimitiveDateTime, Time};
+use time::{Date, Month, OffsetDateTime, PrimitiveDateTime, Time, UtcOffset};
 
 /// A start time and how finely it was written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,13 +18,13 @@ pub struct WrittenTime {
 }
 
 impl WrittenTime {
-    /// The time in a file name.
-    pub fn in_name(name: &str) -> Option<Self> {
+    /// The time in a file name; `zone` is that of names that tell none.
+    pub fn in_name(name: &str, zone: UtcOffset) -> Option<Self> {
         let bytes = name.as_bytes();
         (0..bytes.len()).rev().find_map(|at| {
             let begins = at == 0 || !bytes[at - 1].is_ascii_digit();
             if begins {
-                date_and_time(&name[at..], 8).or_else(|| date_and_time(&name[at..], 6))
+                date_and_time(&name[at..], 8, zone).or_else(|| date_and_time(&name[at..], 6, zone))
             } else {
                 None
             }
@@ -35,7 +36,7 @@ impl WrittenTime {
         let at = OffsetDateTime::parse(text.trim(), &time::format_description::well_known::Rfc3339).ok()?;
         let fraction =
             text.split_once('.').map_or(0, |(_, f)| f.bytes().take_while(u8::is_ascii_digit).count());
-        Some(Self { at: at.to_offset(time::UtcOffset::UTC), resolution_s: 10f64.powi(-(fraction as i32)) })
+        Some(Self { at: at.to_offset(UtcOffset::UTC), resolution_s: 10f64.powi(-(fraction as i32)) })
     }
 
     /// The form [`WrittenTime::in_name`] reads, with microseconds: `20240131T120000.000000Z`.
@@ -53,7 +54,7 @@ impl WrittenTime {
     }
 }
 
-fn date_and_time(text: &str, digits: usize) -> Option<WrittenTime> {
+fn date_and_time(text: &str, digits: usize, zone: UtcOffset) -> Option<WrittenTime> {
     let number = |from: usize, n: usize| -> Option<i32> {
         let part = text.get(from..from + n)?;
         part.bytes().all(|b| b.is_ascii_digit()).then(|| part.parse().ok())?
@@ -78,10 +79,33 @@ fn date_and_time(text: &str, digits: usize) -> Option<WrittenTime> {
     };
     let nano = if fraction.is_empty() { 0 } else { format!("{fraction:0<9}").parse().ok()? };
     let time = Time::from_hms_nano(h, m, s, nano).ok()?;
+    let behind = rest.strip_prefix('.').map_or(rest, |f| f.trim_start_matches(|c: char| c.is_ascii_digit()));
+    let zone = match behind.as_bytes().first() {
+        Some(b'Z' | b'z') => UtcOffset::UTC,
+        // Without the `T` of ISO 8601 what follows may be a serial number.
+        Some(b'+' | b'-') if text.as_bytes().get(digits) == Some(&b'T') => offset(behind).unwrap_or(zone),
+        _ => zone,
+    };
     Some(WrittenTime {
-        at: PrimitiveDateTime::new(date, time).assume_utc(),
+        at: PrimitiveDateTime::new(date, time).assume_offset(zone).to_offset(UtcOffset::UTC),
         resolution_s: 10f64.powi(-(fraction.len() as i32)),
     })
+}
+
+/// An offset from UTC at the start of a text: `+1000`, `-03:30`, `+10`. Hours up to 14, and quarters of an hour.
+pub fn offset(text: &str) -> Option<UtcOffset> {
+    let sign = match text.as_bytes().first()? {
+        b'+' => 1,
+        b'-' => -1,
+        _ => return None,
+    };
+    let hours: i8 = text.get(1..3)?.parse().ok()?;
+    let rest = text.get(3..)?;
+    let minutes = rest.strip_prefix(':').unwrap_or(rest);
+    let minutes = minutes.get(..2).filter(|m| m.bytes().all(|b| b.is_ascii_digit()));
+    let minutes: i8 = minutes.map_or(Some(0), |m| m.parse().ok())?;
+    (hours <= 14 && minutes < 60 && minutes % 15 == 0).then_some(())?;
+    UtcOffset::from_hms(sign * hours, sign * minutes, 0).ok()
 }
 
 #[cfg(test)]
@@ -100,18 +124,38 @@ mod tests {
             "20240131120000.wav",
         ] {
             assert_eq!(
-                WrittenTime::in_name(name),
+                WrittenTime::in_name(name, UtcOffset::UTC),
                 Some(WrittenTime { at: noon, resolution_s: 1.0 }),
                 "{name}"
             );
         }
-        let fine = WrittenTime::in_name("x_20240131T120000.015625Z.wav").unwrap();
+        let fine = WrittenTime::in_name("x_20240131T120000.015625Z.wav", UtcOffset::UTC).unwrap();
         assert_eq!(fine.at, noon + time::Duration::microseconds(15_625));
         assert!((fine.resolution_s - 1e-6).abs() < 1e-12);
         for name in ["pass.wav", "part-12.wav", "20241399T250000.wav", "123456789012345.wav"] {
-            assert_eq!(WrittenTime::in_name(name), None, "{name}");
+            assert_eq!(WrittenTime::in_name(name, UtcOffset::UTC), None, "{name}");
         }
-        assert_eq!(WrittenTime::in_name(&format!("a_{}.wav", WrittenTime::name(fine.at))), Some(fine));
+        let name = format!("a_{}.wav", WrittenTime::name(fine.at));
+        assert_eq!(WrittenTime::in_name(&name, UtcOffset::UTC), Some(fine));
         assert_eq!(WrittenTime::parse("2024-01-31T13:00:00+01:00\n").unwrap().at, noon);
+    }
+    #[test]
+    fn names_in_local_time_tell_their_offset_or_are_told_it() {
+        let noon = Some(datetime!(2024-01-31 12:00:00 UTC));
+        let east = offset("+10:00").unwrap();
+        let at = |name: &str| WrittenTime::in_name(name, east).map(|t| t.at);
+        for name in [
+            "20240131_220000.wav",
+            "20240131T120000Z.wav",
+            "20240131T220000+1000_rec.wav",
+            "20240131T083000.000-0330.wav",
+            "20240131_220000-0001.wav",
+            "20240131_220000-0800.wav",
+        ] {
+            assert_eq!(at(name), noon, "{name}");
+        }
+        for wrong in ["10", "+1", "+15:00", "+01:07", "UTC"] {
+            assert_eq!(offset(wrong), None, "{wrong}");
+        }
     }
 }

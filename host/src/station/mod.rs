@@ -4,6 +4,7 @@ mod tables;
 
 pub use tables::Components;
 
+use crate::recording::written_time;
 use crate::toml_file::TomlFile;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::array::{self, PlanError};
@@ -13,6 +14,7 @@ use seabearing_core::config::{
 use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
 use std::path::{Path, PathBuf};
 use tables::{File, NetworkFile, StationTable, default_full_scale};
+use time::UtcOffset;
 
 /// A station of a list, and how a base station reaches it.
 #[derive(Debug, Clone)]
@@ -36,6 +38,12 @@ pub struct Station {
     pub components: Components,
     /// The propagation table of an ocean-bottom station, resolved against the station file's folder.
     pub propagation: Option<PathBuf>,
+    /// Network, station and location (`7D.FN01A.00`) whose records are an ocean-bottom station's; all where it names none.
+    pub seed_id: Option<String>,
+    /// Channels of the recordings that are the recorder's 0 to 3, where the station file names them.
+    pub file_channels: Option<[u8; 4]>,
+    /// Offset from UTC of the times in names of recordings, where the station file tells it.
+    pub name_offset: Option<UtcOffset>,
 }
 
 impl Station {
@@ -97,12 +105,23 @@ impl Station {
         };
         let mut components = Components::default();
         let mut propagation = None;
+        let mut seed_id = None;
+        let mut file_channels = None;
         let kind = match kind.as_str() {
             "array" => {
                 let Some(a) = file.array else { bail!("{name}: kind = \"array\" needs a table [array]") };
+                let usual = [0, 1, 2, 3];
+                let named = a.channels.map(|c| four(&c, &here("array.channels"), "channels")).transpose()?;
+                // Channels beyond the recorder's four are chosen while reading; then hydrophone i is on channel i.
+                let chosen = named.is_some_and(|c| c.iter().any(|c| *c > 3));
+                file_channels = named.map(|c| if chosen { c } else { usual });
+                let channels = if chosen { usual } else { named.unwrap_or(usual) };
+                if let Some(c) = named.filter(|c| chosen && (0..4).any(|i| c[..i].contains(&c[i]))) {
+                    bail!("{}: {c:?}: `channels` must be four different ones", here("array.channels"));
+                }
                 Kind::Array(ArrayConfig {
                     hydrophones_m: four(&a.hydrophones_m, &here("array.hydrophones_m"), "hydrophones_m")?,
-                    channels: four(&a.channels, &here("array.channels"), "channels")?,
+                    channels,
                     sensitivity_db_re_1v_upa: four(
                         &a.sensitivity_db_re_1v_upa,
                         &here("array.sensitivity_db_re_1v_upa"),
@@ -123,6 +142,7 @@ impl Station {
                 let Some(o) = file.obs else { bail!("{name}: kind = \"obs\" needs a table [obs]") };
                 components = o.components.unwrap_or_default();
                 propagation = o.propagation.map(|p| folder.join(p));
+                seed_id = o.seed_id;
                 Kind::Obs(ObsConfig {
                     orientation_of_north_deg: o.orientation_of_north_deg,
                     intensity_towards: match o.intensity.as_str() {
@@ -170,7 +190,14 @@ impl Station {
             ..base(&file.station, "station", source)?
         };
         config.validate().map_err(|e| explain(&e, source))?;
-        Ok(Self { config, components, propagation })
+        let name_offset = sampling.as_ref().and_then(|s| s.name_offset.as_deref());
+        let name_offset = name_offset.map(|text| {
+            let what =
+                || format!("name_offset = \"{text}\"; an offset from UTC like \"+10:00\" was expected");
+            written_time::offset(text).ok_or_else(|| source.wrong("sampling.name_offset", what()))
+        });
+        let name_offset = name_offset.transpose()?;
+        Ok(Self { config, components, propagation, seed_id, file_channels, name_offset })
     }
 
     /// Reads a network file: a list of `[[stations]]`.

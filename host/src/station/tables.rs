@@ -69,6 +69,7 @@ pub(super) struct Sampling {
     pub(super) rate_hz: f64,
     #[serde(default = "default_full_scale")]
     pub(super) full_scale: i32,
+    pub(super) name_offset: Option<String>,
 }
 
 pub(super) fn default_full_scale() -> i32 {
@@ -79,7 +80,7 @@ pub(super) fn default_full_scale() -> i32 {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Array {
     pub(super) hydrophones_m: Vec<[f64; 3]>,
-    pub(super) channels: Vec<u8>,
+    pub(super) channels: Option<Vec<u8>>,
     pub(super) sensitivity_db_re_1v_upa: Vec<f64>,
     pub(super) reference_range_m: f64,
     pub(super) band_hz: [f64; 2],
@@ -98,7 +99,7 @@ impl Default for Array {
         let usual = ArrayConfig::new([[0.0; 3]; 4]);
         Self {
             hydrophones_m: Vec::new(),
-            channels: usual.channels.to_vec(),
+            channels: None,
             sensitivity_db_re_1v_upa: usual.sensitivity_db_re_1v_upa.to_vec(),
             reference_range_m: usual.reference_range_m,
             band_hz: usual.band_hz.into(),
@@ -116,6 +117,7 @@ impl Default for Array {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Obs {
+    pub(super) seed_id: Option<String>,
     pub(super) components: Option<Components>,
     #[serde(default)]
     pub(super) orientation_of_north_deg: f64,
