@@ -2,11 +2,13 @@
 //!
 //! Whoever makes such a thing registers how to undo it; the guard that comes back takes it off the list. On SIGINT,
 //! SIGTERM or SIGHUP (where there is one, and unless the command was started with the signal ignored, as `nohup` does) everything listed is
-//! undone, one line says so, and the command ends by that signal, as a shell expects.
+//! undone, one line says so, and the command ends by that signal, as a shell expects. Work that is worth keeping as far
+//! as it got asks to be told instead ([`Keeping`]): it is left to end by itself, and a second signal ends it at once.
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::collections::BTreeMap;
 use std::io::Write;
+use std::sync::atomic::{AtomicI32, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// How to undo something.
@@ -45,12 +47,56 @@ pub fn listing<T, E>(make: impl FnOnce() -> Result<(T, Undo), E>) -> Result<(T, 
     Ok((made, Guard(number)))
 }
 
+/// How many want to end by themselves, and the signal that asks them to.
+static KEEPING: AtomicUsize = AtomicUsize::new(0);
+static ASKED: AtomicI32 = AtomicI32::new(0);
+
+/// While this lives the first interruption is only told, by [`asked()`].
+#[must_use]
+#[derive(Debug)]
+pub struct Keeping(());
+
+impl Keeping {
+    /// From now on.
+    pub fn begin() -> Self {
+        KEEPING.fetch_add(1, Ordering::SeqCst);
+        Self(())
+    }
+
+    /// What was asked to be kept is kept. If an interruption came, says what in one line and ends the command by that signal.
+    pub fn end(self, what: impl FnOnce() -> String) {
+        let signal = ASKED.load(Ordering::SeqCst);
+        if signal == 0 {
+            return;
+        }
+        let mut list = listed();
+        list.1.values_mut().rev().for_each(|undo| undo());
+        let _ = writeln!(std::io::stderr(), "seabearing: interrupted: {}", what());
+        let _ = signal_hook::low_level::emulate_default_handler(signal);
+        std::process::exit(128 + signal)
+    }
+}
+
+impl Drop for Keeping {
+    fn drop(&mut self) {
+        KEEPING.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+/// Whether the command was asked to end.
+pub fn asked() -> bool {
+    ASKED.load(Ordering::SeqCst) != 0
+}
+
 /// Waits for interruptions from now on, in a thread of its own.
 pub fn watch() {
     // Without handlers an interruption still ends the command, and the next run clears up after it.
-    let Some(interruption) = interruption() else { return };
+    let Some(mut interruption) = interruption() else { return };
     std::thread::spawn(move || {
-        if let Some(signal) = interruption() {
+        while let Some(signal) = interruption() {
+            if KEEPING.load(Ordering::SeqCst) > 0 && ASKED.swap(signal, Ordering::SeqCst) == 0 {
+                continue;
+            }
             let mut list = listed();
             let unfinished = list.1.len();
             list.1.values_mut().rev().for_each(|undo| undo());
@@ -68,7 +114,7 @@ pub fn watch() {
 
 /// What waits for an interruption and says which signal it was.
 #[cfg(unix)]
-fn interruption() -> Option<impl FnOnce() -> Option<i32> + Send> {
+fn interruption() -> Option<impl FnMut() -> Option<i32> + Send> {
     let ignored = ignored_signals();
     let all = [SIGINT, SIGTERM, signal_hook::consts::SIGHUP];
     let wanted = all.into_iter().filter(|s| ignored >> (s - 1) & 1 == 0);
@@ -78,16 +124,16 @@ fn interruption() -> Option<impl FnOnce() -> Option<i32> + Send> {
 
 /// The same where signals only raise flags: these are looked at ten times a second.
 #[cfg(not(unix))]
-fn interruption() -> Option<impl FnOnce() -> Option<i32> + Send> {
+fn interruption() -> Option<impl FnMut() -> Option<i32> + Send> {
     use std::sync::Arc;
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::atomic::AtomicBool;
     let flags = [SIGINT, SIGTERM].map(|signal| {
         let came = Arc::new(AtomicBool::new(false));
         signal_hook::flag::register(signal, Arc::clone(&came)).ok().map(|_| (signal, came))
     });
     Some(move || {
         loop {
-            let raised = flags.iter().flatten().find(|(_, came)| came.load(Ordering::Relaxed));
+            let raised = flags.iter().flatten().find(|(_, came)| came.swap(false, Ordering::Relaxed));
             if let Some((signal, _)) = raised {
                 return Some(*signal);
             }
@@ -114,7 +160,7 @@ fn ignored_signals() -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::{AtomicU32, Ordering};
+    use std::sync::atomic::AtomicU32;
 
     #[test]
     fn what_is_finished_is_no_longer_listed() {

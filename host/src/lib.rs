@@ -6,6 +6,7 @@ pub mod console;
 
 pub mod ais;
 pub mod angle;
+pub mod archive;
 pub mod atomic;
 pub mod beside;
 pub mod blob;

@@ -1,5 +1,7 @@
 //! `seabearing process`: recordings through the recorder core, exactly as the recorder would.
 
+use crate::archive::{self, Member, Outcome, Unit};
+use crate::interrupt::{self, Keeping};
 use crate::ocean_bottom::pictures;
 use crate::plot::result;
 use crate::progress;
@@ -8,24 +10,26 @@ use crate::replay::{ReplaySummary, replay};
 use crate::station::Station;
 use crate::{atomic, record};
 use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config::Kind;
 use seabearing_core::wire::{Encoder, Message};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use time::OffsetDateTime;
 
 /// Arguments of `seabearing process`.
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  seabearing process --station east.toml recording.wav > records.jsonl\n  \
-    seabearing process --station east.toml east --from 2024-05-01T09:00:05Z --to 2024-05-01T09:00:30Z\n\n\
+    seabearing process --station east.toml east --from 2024-05-01T09:00:05Z --to 2024-05-01T09:00:30Z\n  \
+    seabearing process --station east.toml east --out records --jobs 2\n\n\
     docs/recordings.md says which files are read, and how whole archives are."
 )]
 pub struct Args {
-    /// Station file of the recorder.
-    #[arg(long)]
-    station: PathBuf,
+    /// Station file of the recorder; of several stations, one after another, into --out
+    #[arg(long, required = true, value_name = "STATION.toml")]
+    station: Vec<PathBuf>,
     /// Recordings (WAV, FLAC, miniSEED, SAC), or folders and archives of them
     #[arg(required = true)]
     input: Vec<PathBuf>,
@@ -41,8 +45,18 @@ pub struct Args {
     /// Offset from UTC of the times in files' names that do not tell it, as +10:00 (key `name_offset` of the station file)
     #[arg(long, value_name = "OFFSET", allow_hyphen_values = true)]
     name_offset: Option<String>,
-    /// Also write the telemetry the recorder would have sent, byte for byte.
-    #[arg(long)]
+    /// Write the records of each station and day into files in this folder, with what they were made of; what is there already
+    /// is passed over, so that a run that was ended goes on
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["plots", "stats", "telemetry"])]
+    out: Option<PathBuf>,
+    /// How many stations and days to process at once (default: one a processor)
+    #[arg(long, value_name = "N", requires = "out")]
+    jobs: Option<usize>,
+    /// Only the I-th of N shares of the stations and days, counted from 1, for N jobs that know nothing of each other
+    #[arg(long, value_name = "I/N", requires = "out")]
+    share: Option<String>,
+    /// Also write the telemetry the recorder would have sent, byte for byte
+    #[arg(long, value_name = "FILE")]
     telemetry: Option<PathBuf>,
     /// Write pictures into this folder: bearings and errors against time, tracks on a map, correlations
     /// (array); spectrogram, azigram, likelihoods, cepstrograms, presence, map (ocean bottom).
@@ -83,7 +97,13 @@ impl Args {
 /// # Errors
 /// A bad station file, no usable recording, or nothing useful in it.
 pub fn run(args: Args) -> Result<()> {
-    let station = Station::of_recorder(&args.station)?;
+    if let Some(folder) = &args.out {
+        return archive(&args, folder);
+    }
+    let [station] = &args.station[..] else {
+        bail!("several stations need a folder for their records: --out DIR");
+    };
+    let station = Station::of_recorder(station)?;
     // Where nothing can be written is said before the work, not after.
     let telemetry_file = args.telemetry.as_deref().map(atomic::Unfinished::beside).transpose()?;
     if let Some(folder) = &args.plots
@@ -120,6 +140,7 @@ pub fn run(args: Args) -> Result<()> {
         source.expected_end().map_or(0, |n| (n as f64 / station.config.rate_hz) as u64),
         "processing",
     );
+    let keeping = Keeping::begin();
     let mut source = Watched { source, bar, rate_hz: station.config.rate_hz };
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     let mut encoder = Encoder::default();
@@ -149,6 +170,8 @@ pub fn run(args: Args) -> Result<()> {
         file.as_file().write_all(&telemetry)?;
         file.finish()?;
     }
+    let seconds = summary.index as f64 / station.config.rate_hz;
+    keeping.end(|| format!("the records of the first {seconds:.0} s are kept"));
     if let Some(folder) = args.plots.as_deref().filter(|_| matches!(station.config.kind, Kind::Array(_))) {
         // The clearest bearing shows best what the correlations look like.
         let clearest = bearings.iter().max_by(|a, b| a.snr_db.total_cmp(&b.snr_db));
@@ -189,6 +212,54 @@ pub fn run(args: Args) -> Result<()> {
         ),
         None => bail!("the recording holds no samples"),
     }
+}
+
+/// Every day of every station into a folder.
+fn archive(args: &Args, folder: &Path) -> Result<()> {
+    let asked = args.asked()?;
+    let (share, shares) = args.share.as_deref().map_or(Ok((1, 1)), share)?;
+    let mut members = Vec::new();
+    for path in &args.station {
+        let member = Member::find(Station::of_recorder(path)?, &args.input, &asked);
+        members.push(member.with_context(|| path.display().to_string())?);
+    }
+    let units = archive::units(&members, asked.span)?;
+    if units.is_empty() {
+        bail!("nothing was recorded {}", asked.span);
+    }
+    let mine: Vec<_> = units.iter().skip(share - 1).step_by(shares).collect();
+    let bar = progress::bar(mine.len() as u64, "processing");
+    // A recorder's memory is made on the stack before it is put into its place.
+    let pool =
+        rayon::ThreadPoolBuilder::new().num_threads(args.jobs.unwrap_or(0)).stack_size(1 << 25).build()?;
+    let keeping = Keeping::begin();
+    let one = |unit: &&Unit| {
+        let outcome = archive::process(unit, &members, folder);
+        bar.inc(1);
+        outcome.with_context(|| unit.name.clone())
+    };
+    // One thread takes the units in their order; several take them as they come.
+    let outcomes: Vec<Result<Outcome>> = pool.install(|| mine.par_iter().with_max_len(1).map(one).collect());
+    bar.finish_and_clear();
+    let count = |wanted: fn(&Outcome) -> bool| outcomes.iter().flatten().filter(|o| wanted(o)).count();
+    let (done, there) = (count(|o| matches!(o, Outcome::Done(_))), count(|o| *o == Outcome::There));
+    keeping.end(|| {
+        format!("{} of {} station-days are done and kept; the same command goes on", done + there, mine.len())
+    });
+    let failed: Vec<&anyhow::Error> = outcomes.iter().filter_map(|o| o.as_ref().err()).collect();
+    eprintln!("seabearing: {done} station-days processed, {there} were there, {} failed", failed.len());
+    if let Some((last, before)) = failed.split_last() {
+        before.iter().for_each(|e| eprintln!("seabearing: {e:#}"));
+        bail!("{last:#}");
+    }
+    Ok(())
+}
+
+/// `I/N`, I from 1 to N.
+fn share(text: &str) -> Result<(usize, usize)> {
+    let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    let share = parsed.filter(|(i, n)| (1..=*n).contains(i));
+    share.with_context(|| format!("--share {text}: not a share; one from 1/N to N/N was expected, as 3/16"))
 }
 
 /// The second of samples about an index, as far as it was recorded without a gap.
@@ -237,6 +308,10 @@ impl BlockSource for Watched {
     }
 
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
+        // What was done until an interruption is worth keeping.
+        if interrupt::asked() {
+            return Ok(None);
+        }
         let block = self.source.next_block()?;
         if let Some(block) = &block {
             self.bar.set_position((block.first_index as f64 / self.rate_hz) as u64);

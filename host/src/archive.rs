@@ -1,0 +1,194 @@
+//! Archives through the recorder: every day of every station a unit of work with an output of its own.
+//!
+//! Enters: stations with their recordings. Leaves: in one folder, for each station and day (UTC) that something was recorded
+//! on, `NAME.DAY.jsonl`, its records, and `NAME.DAY.manifest.json`, what they were made of. Each unit is what a recorder
+//! started at midnight would have said; so units may be processed in any order, at once or on several machines, with the
+//! same bytes. A file appears whole or not at all, and the manifest last: a run that ended anywhere is gone on with by
+//! running it again, for what has a manifest that still holds is passed over.
+
+use crate::atomic::{self, Unfinished};
+use crate::interrupt;
+use crate::record::{self, RecordFormat};
+use crate::recording::{Asked, BlockSource, Recording, Span};
+use crate::replay::replay;
+use crate::station::Station;
+use anyhow::{Context, Result, bail};
+use seabearing_core::block::Block;
+use seabearing_core::wire::Message;
+use seabearing_core::wire::hash::fnv1a;
+use serde_json::{Value, json};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use time::{Date, OffsetDateTime};
+
+/// A station and its recordings.
+pub struct Member {
+    station: Station,
+    table: Option<Vec<u8>>,
+    recording: Recording,
+}
+
+impl Member {
+    /// Looks for a station's recordings.
+    ///
+    /// # Errors
+    /// As [`Recording::find`], or its propagation table cannot be used.
+    pub fn find(station: Station, input: &[PathBuf], asked: &Asked) -> Result<Self> {
+        let table = crate::ocean_bottom::table::of_station(&station)?;
+        let recording = Recording::find(input, &station, asked)?;
+        Ok(Self { station, table, recording })
+    }
+
+    /// What its files are called by.
+    fn name(&self) -> String {
+        let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+        self.station.config.name.chars().map(plain).collect()
+    }
+}
+
+/// A day of a station, or all of it where its recordings do not tell when they were.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unit {
+    /// How its files' names begin.
+    pub name: String,
+    member: usize,
+    day: Option<Date>,
+    span: Span,
+}
+
+/// The units of some stations within a span of time, by name.
+///
+/// # Errors
+/// Two stations of one name.
+pub fn units(members: &[Member], within: Span) -> Result<Vec<Unit>> {
+    let mut units = Vec::new();
+    for (number, member) in members.iter().enumerate() {
+        let name = member.name();
+        if members[..number].iter().any(|m| m.name() == name) {
+            bail!("two stations are called {name}: their files would be, too; name them apart");
+        }
+        let Some(days) = member.recording.days() else {
+            units.push(Unit { name, member: number, day: None, span: within });
+            continue;
+        };
+        for day in days {
+            let from = day.midnight().assume_utc();
+            let to = from + time::Duration::DAY;
+            let span = Span {
+                from: Some(within.from.map_or(from, |f| f.max(from))),
+                to: Some(within.to.map_or(to, |t| t.min(to))),
+            };
+            if span.from < span.to {
+                units.push(Unit { name: format!("{name}.{day}"), member: number, day: Some(day), span });
+            }
+        }
+    }
+    units.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(units)
+}
+
+/// What became of a unit.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// It was processed: so many seconds of recording.
+    Done(f64),
+    /// It had been before.
+    There,
+    /// The command was interrupted before its end; nothing is left of it.
+    Interrupted,
+}
+
+/// Processes a unit into a folder.
+///
+/// # Errors
+/// Nothing usable was recorded, or the folder cannot be written.
+pub fn process(unit: &Unit, members: &[Member], folder: &Path) -> Result<Outcome> {
+    let Some(member) = members.get(unit.member) else { bail!("{}: no such station", unit.name) };
+    let station = &member.station;
+    let manifest = folder.join(format!("{}.manifest.json", unit.name));
+    let made_of = made_of(unit, member)?;
+    if is_done(&manifest, &made_of, folder) {
+        return Ok(Outcome::There);
+    }
+    if interrupt::asked() {
+        return Ok(Outcome::Interrupted);
+    }
+    let mut source = Interruptible(member.recording.source(unit.span)?);
+    let format =
+        RecordFormat { rate_hz: station.config.rate_hz, start: source.start(), times: Default::default() };
+    let name = format!("{}.jsonl", unit.name);
+    let records = Unfinished::beside(&folder.join(&name))?;
+    let mut processed = 0;
+    let summary = {
+        let mut out = BufWriter::new(records.as_file());
+        let summary = replay(&station.config, member.table.as_deref(), &mut source, |message| {
+            if let Message::Health(health) = message {
+                processed = health.processed;
+            }
+            serde_json::to_writer(&mut out, &format.json(message))?;
+            Ok(out.write_all(b"\n")?)
+        })?;
+        out.flush()?;
+        summary
+    };
+    if interrupt::asked() {
+        return Ok(Outcome::Interrupted);
+    }
+    if processed == 0 {
+        bail!("no sample could be used of {} recorded", summary.instants);
+    }
+    let bytes = records.as_file().metadata()?.len();
+    records.finish()?;
+    let mut told = made_of;
+    told["samples"] = json!(summary.instants);
+    told["output"] = json!({ "file": name, "bytes": bytes });
+    atomic::write(&manifest, format!("{told:#}\n").as_bytes())?;
+    Ok(Outcome::Done(summary.instants as f64 / station.config.rate_hz))
+}
+
+/// Everything that a unit's output depends on.
+fn made_of(unit: &Unit, member: &Member) -> Result<Value> {
+    let time = |at: Option<OffsetDateTime>| at.map(record::utc);
+    let mut inputs = Vec::new();
+    for path in member.recording.files(unit.span) {
+        let about = std::fs::metadata(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let modified = about.modified().ok().map(|m| record::utc(m.into()));
+        inputs
+            .push(json!({ "path": path.display().to_string(), "bytes": about.len(), "modified": modified }));
+    }
+    Ok(json!({
+        "unit": unit.name, "station": member.station.config.name.as_str(), "day": unit.day.map(|d| d.to_string()),
+        "from": time(unit.span.from), "to": time(unit.span.to), "software": env!("CARGO_PKG_VERSION"),
+        "config_hash": format!("{:016x}", member.station.config.hash()),
+        "table_hash": member.table.as_deref().map(|t| format!("{:016x}", fnv1a(t))),
+        "inputs": inputs,
+    }))
+}
+
+/// Whether a manifest says that this was done, and its outputs are there.
+fn is_done(manifest: &Path, made_of: &Value, folder: &Path) -> bool {
+    let Ok(bytes) = std::fs::read(manifest) else { return false };
+    let Ok(Value::Object(mut told)) = serde_json::from_slice::<Value>(&bytes) else { return false };
+    let output = told.remove("output").unwrap_or_default();
+    told.remove("samples");
+    let length =
+        output["file"].as_str().and_then(|f| std::fs::metadata(folder.join(f)).ok()).map(|m| m.len());
+    Value::Object(told) == *made_of && length.is_some() && length == output["bytes"].as_u64()
+}
+
+/// A source that ends when the command is interrupted.
+struct Interruptible(Box<dyn BlockSource>);
+
+impl BlockSource for Interruptible {
+    fn start(&self) -> Option<OffsetDateTime> {
+        self.0.start()
+    }
+
+    fn expected_end(&self) -> Option<u64> {
+        self.0.expected_end()
+    }
+
+    fn next_block(&mut self) -> Result<Option<Block<'_>>> {
+        if interrupt::asked() { Ok(None) } else { self.0.next_block() }
+    }
+}
