@@ -161,6 +161,7 @@ mod tests {
                     status: None,
                     ship_type: None,
                     terrestrial: None,
+                    length_m: None,
                 }
             })
             .collect();

@@ -7,6 +7,7 @@
 extern crate seabearing_host;
 
 mod ais_kinematics;
+mod ais_match;
 mod ais_paths;
 mod base_power;
 mod base_process;
@@ -137,6 +138,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_orient::ORIENT,
     several_vessels::EXPERIMENT,
     ais_kinematics::EXPERIMENT,
+    ais_match::EXPERIMENT,
     obs_one_ship::ONE_SHIP,
     obs_two_ships::TWO_SHIPS,
     obs_core_clutter::CLUTTER,

@@ -41,6 +41,8 @@ pub struct AisReport {
     pub ship_type: Option<u8>,
     /// Whether a receiver on land heard it, where given.
     pub terrestrial: Option<bool>,
+    /// Length of the vessel, m, where given.
+    pub length_m: Option<f64>,
 }
 
 /// One vessel going by.
@@ -138,7 +140,7 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<AisReport>, Vec<String>)> {
         None => (find(&["speed"]), 0.1 * KNOT_M_S, 1021.0),
     };
     let (status, ship_type) = (find(&["status", "navigationstatus"]), find(&["aisshiptype"]));
-    let receiver = find(&["station"]);
+    let (receiver, length) = (find(&["station"]), find(&["shiplength", "length_m"]));
     let whole = find(&["time", "timestamp utc"]);
     let parts = find(&["locdate"]).zip(find(&["loctime"]));
     if whole.is_none() && parts.is_none() {
@@ -169,6 +171,8 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<AisReport>, Vec<String>)> {
                 status: status.and_then(|k| cell(k).parse().ok()),
                 ship_type: ship_type.and_then(|k| cell(k).parse().ok()),
                 terrestrial: receiver.map(|k| cell(k) == "TER"),
+                // 0 is "not available".
+                length_m: length.and_then(|k| number(k, 1.0, 1022.0)),
             })
         })();
         match report {
@@ -355,6 +359,7 @@ mod tests {
                 status: None,
                 ship_type: None,
                 terrestrial: None,
+                length_m: None,
             })
             .collect();
         let found = passes(&reports, &HERE);

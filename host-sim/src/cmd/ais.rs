@@ -19,6 +19,9 @@ pub struct Args {
 enum What {
     /// Speeds of passing vessels: mean, spread, and histograms of speed and heading against CPA distance
     Speeds(Speeds),
+    /// Which vessel each track is, if any, and the errors of the tracks against AIS
+    #[cfg(feature = "base")]
+    Match(super::ais_match::Args),
 }
 
 /// Arguments of `seabearing ais speeds`.
@@ -60,7 +63,11 @@ struct Speeds {
 /// # Errors
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
-    let What::Speeds(args) = args.what;
+    let args = match args.what {
+        What::Speeds(args) => args,
+        #[cfg(feature = "base")]
+        What::Match(args) => return super::ais_match::run(&args),
+    };
     if !(-90.0..=90.0).contains(&args.lat_deg) || !(-180.0..=360.0).contains(&args.lon_deg) {
         bail!("--lat-deg {} --lon-deg {}: no place on Earth", args.lat_deg, args.lon_deg);
     }

@@ -2,6 +2,8 @@
 
 pub mod ais;
 #[cfg(feature = "base")]
+mod ais_match;
+#[cfg(feature = "base")]
 pub mod base;
 #[cfg(feature = "base")]
 mod base_screen;

@@ -211,6 +211,7 @@ mod tests {
             status: Some(0),
             ship_type: Some(70),
             terrestrial: None,
+            length_m: None,
         }
     }
 
