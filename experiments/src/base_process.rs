@@ -31,20 +31,33 @@ pub fn hello(station: u16, rate_hz: f32) -> Message {
 /// A base station that listens; ended when it is dropped.
 pub struct Process {
     child: Beside,
-    address: String,
+    /// Where it listens.
+    pub address: String,
+    /// Its page, where it has one.
+    pub page: Option<String>,
 }
 
 impl Process {
     /// Starts this command as a base station with a store.
     pub fn start(store: &Path) -> Result<Self> {
+        Self::start_with(store, &[], Path::new("."))
+    }
+
+    /// The same with other arguments, in a folder; a page is named before it listens.
+    pub fn start_with(store: &Path, arguments: &[&str], folder: &Path) -> Result<Self> {
         let mut command = Command::new(std::env::current_exe().context("the command's own file")?);
         command.args(["base", "--json", "--listen", "127.0.0.1:0", "--store"]).arg(store);
+        command.args(arguments).current_dir(folder);
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
         let child = Beside::start(&mut command).context("cannot start a base station")?;
         let mut lines = BufReader::new(child.stderr().context("its standard error")?).lines();
         let mut said = String::new();
+        let mut page = None;
         let address = loop {
             match lines.next() {
+                Some(Ok(line)) if line.contains("page at ") => {
+                    page = line.split(' ').next_back().map(str::to_owned)
+                }
                 Some(Ok(line)) => match line.split_once("listening at ") {
                     Some((_, address)) => break address.to_owned(),
                     None => said = line,
@@ -54,7 +67,7 @@ impl Process {
         };
         // What else it says is taken, so that it never waits for it.
         std::thread::spawn(move || lines.for_each(drop));
-        Ok(Self { child, address })
+        Ok(Self { child, address, page })
     }
 
     /// Most memory it has used so far, MB; `None` where the system does not tell.

@@ -41,6 +41,7 @@ mod obs_table1;
 mod obs_two_ships;
 mod obs_week;
 pub mod obs_world;
+mod page;
 pub mod real_ship_ee;
 mod real_ship_track;
 mod report;
@@ -131,6 +132,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     base_station::KILL,
     base_station::YEAR,
     base_power::EXPERIMENT,
+    page::EXPERIMENT,
     fuzz::EXPERIMENT,
     flash_cuts::EXPERIMENT,
     line::ORIENTATION,

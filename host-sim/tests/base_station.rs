@@ -147,6 +147,10 @@ fn silent_and_rubbish_callers_hold_up_nobody_and_two_of_one_number_are_named() {
     assert!(said.contains(&base.address) && said.lines().count() == 1, "{said}");
     let said = second(&["--listen", "127.0.0.1:0", "--store", "store"]);
     assert!(said.contains("in use by process") && said.lines().count() == 1, "{said}");
+    // So is a page at an address in use, before anything is stored.
+    let said = second(&["--listen", "127.0.0.1:0", "--store", "other", "--page", &base.address]);
+    assert!(said.contains(&base.address) && said.lines().count() == 1, "{said}");
+    assert!(!dir.path().join("other").exists());
     let said = base.kill();
     assert!(said.contains("two recorders say at once that they are station 7"), "{said}");
 }

@@ -1,7 +1,9 @@
 //! Programs that this one starts and folders it needs for a while: both are gone when it ends, interrupted or not.
 
 use crate::interrupt::{self, Guard};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,6 +14,24 @@ use tempfile::TempDir;
 const LOOK: Duration = Duration::from_millis(2);
 /// Time in which a program that is asked to end undoes what it has not finished.
 const GRACE: Duration = Duration::from_secs(2);
+
+/// What a program's page answers to a request for a path (`http://ADDRESS/` and HTTP/1.1, for checks of our own).
+///
+/// # Errors
+/// It does not answer, or with an error.
+pub fn ask(page: &str, path: &str) -> Result<Vec<u8>> {
+    let host = page.trim_start_matches("http://").trim_end_matches('/');
+    let mut stream = TcpStream::connect(host).with_context(|| format!("{page} does not answer"))?;
+    stream.set_read_timeout(Some(Duration::from_secs(30)))?;
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")?;
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer)?;
+    let body = answer.windows(4).position(|w| w == b"\r\n\r\n").map_or(answer.len(), |at| at + 4);
+    if !answer.starts_with(b"HTTP/1.1 200") {
+        bail!("{page} {path}: {}", String::from_utf8_lossy(&answer).lines().next().unwrap_or("no answer"));
+    }
+    Ok(answer.split_off(body))
+}
 
 /// A program that runs beside this one; it is ended when this is dropped, and when this program is interrupted.
 #[derive(Debug)]

@@ -19,7 +19,8 @@ use std::process::ExitCode;
 const HELP: &str = "\
 cargo xtask TASK
 
-  demo            build the firmware, boot it in QEMU, stream a vessel pass into it, show its track beside the truth
+  demo [--no-page]  build the firmware, boot it in QEMU, stream a vessel pass into it, show its track beside the truth; then
+                  two recorders live on the base station's page, whose address is named (not with --no-page)
   demo --two [--shorter N]  two recorders in QEMU and a base station: a line is pulled for a minute, the power goes, the base
                   station is killed; then an account of every record (N: all times divided by it)
   test            set up and run every test, the emulated ones included
@@ -89,19 +90,26 @@ fn run(arguments: &[String]) -> Result<()> {
 /// The demonstration; its work is done by `seabearing demo`.
 fn demo(options: &[String]) -> Result<()> {
     let has = |flag: &str| options.iter().any(|o| o == flag);
-    let (parts, image, what) = match has("--two") {
-        true => (&process::WITH_BASE, &firmware::EMULATED_LINK, "two recorders, one base station"),
-        false => (&process::WITHOUT_EXPERIMENTS, &firmware::EMULATED, "a pass of 200 s through the recorder"),
+    const PASS: &str = "a pass of 200 s through the recorder";
+    let alone = has("--no-page") || has("--host-only");
+    let (parts, images, what): (_, &[_], _) = match has("--two") {
+        true => (&process::WITH_BASE, &[&firmware::EMULATED_LINK], "two recorders, one base station"),
+        false if alone => (&process::WITHOUT_EXPERIMENTS, &[&firmware::EMULATED], PASS),
+        false => (&process::WITH_PAGE, &[&firmware::EMULATED, &firmware::EMULATED_LINK], PASS),
     };
     process::say("building the host's command");
     let build = process::Beside::build(parts)?;
     if !has("--host-only") {
         let toolchain = toolchain::set_up()?;
-        firmware::build(&toolchain, image)?;
+        for image in images {
+            firmware::build(&toolchain, image)?;
+        }
     }
     build.join()?;
     process::say(what);
-    let arguments: Vec<&str> = std::iter::once("demo").chain(options.iter().map(String::as_str)).collect();
+    // Without the page there is nothing to leave out.
+    let options = options.iter().map(String::as_str).filter(|o| *o != "--no-page");
+    let arguments: Vec<&str> = std::iter::once("demo").chain(options).collect();
     process::run(&mut process::host_with(parts, &arguments), "the demonstration")
 }
 

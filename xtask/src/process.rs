@@ -73,6 +73,8 @@ pub fn host(arguments: &[&str]) -> Command {
 pub const WITHOUT_EXPERIMENTS: [&str; 3] = ["--no-default-features", "--features", "emulation"];
 /// The same with the base station.
 pub const WITH_BASE: [&str; 3] = ["--no-default-features", "--features", "emulation,base"];
+/// The same with the base station's page.
+pub const WITH_PAGE: [&str; 3] = ["--no-default-features", "--features", "emulation,page"];
 
 /// The command with other features.
 pub fn host_with(features: &[&str], arguments: &[&str]) -> Command {

@@ -6,6 +6,7 @@
 
 mod check;
 mod earlier;
+mod history;
 mod lock;
 mod read;
 mod schema;
@@ -14,6 +15,7 @@ mod schema;
 mod tests;
 
 pub use check::{Soundness, check, rebuild};
+pub use history::{History, Moment, Path as TrackPath};
 pub use read::{Wanted, newest_us, positions, read, stations};
 
 use super::record::Row;

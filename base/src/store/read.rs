@@ -173,6 +173,13 @@ pub(super) fn take_up(db: &Connection, stream: u32, before: i64, base: &mut Base
     Ok(())
 }
 
+/// Samples a second of every session, by station.
+pub(super) fn rates(db: &Connection) -> Result<BTreeMap<(i64, u32), Option<f64>>> {
+    let mut sessions = db.prepare("SELECT station, session, rate_hz FROM sessions")?;
+    let found = sessions.query_map([], |r| Ok(((r.get(0)?, r.get(1)?), r.get(2)?)))?;
+    Ok(found.collect::<rusqlite::Result<_>>()?)
+}
+
 /// The columns that [`row`] reads.
 pub(super) const COLUMNS: &str = "station, session, sequence, utc_us, sd_s, received_us, kind, body";
 
@@ -218,12 +225,7 @@ pub fn read(folder: &Path, wanted: &Wanted, mut take: impl FnMut(Value)) -> Resu
     let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
     let given = (|| {
         let db = open_to_read(folder)?;
-        let mut rates: BTreeMap<(i64, u32), Option<f64>> = BTreeMap::new();
-        let mut sessions = db.prepare("SELECT station, session, rate_hz FROM sessions")?;
-        for found in sessions.query_map([], |r| Ok(((r.get(0)?, r.get(1)?), r.get(2)?)))? {
-            let (key, rate_hz) = found?;
-            rates.insert(key, rate_hz);
-        }
+        let rates = rates(&db)?;
         let (mut conditions, mut values) = (Vec::new(), Vec::new());
         let mut add = |condition: &str, value: i64| {
             values.push(value);

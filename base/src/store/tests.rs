@@ -194,3 +194,55 @@ fn only_so_much_is_kept_and_the_newest_goes_on() {
     let said = format!("{:#}", rebuild(dir.path()).unwrap_err());
     assert!(said.contains("retention") && records(dir.path()) == all, "{said}");
 }
+
+#[test]
+fn a_moment_is_what_was_known_then_and_a_long_series_is_thinned() {
+    use seabearing_core::wire::{Message, Time};
+    let dir = tempfile::tempdir().unwrap();
+    let mut base = Base::new(None);
+    let mut store = Store::open(dir.path(), &mut base).unwrap();
+    take(&mut store, &mut base, &[entry(1, Event::Began(Beginning::default()))]);
+    let begin_us = 1_790_000_000_000_000i64;
+    let time = |index: u64, utc_us| {
+        Message::Time(Time { index, utc_us, sd_s: 0.1, drift: 0.0, sd_drift: 0.0, correlation: 0.0 })
+    };
+    let mut encoder = Encoder::default();
+    let mut bytes = encoder.frame(&hello_of(7)).to_vec();
+    bytes.extend(encoder.frame(&time(0, begin_us)));
+    // A report a second, and one whose range is not observable.
+    for second in 0..1000u64 {
+        let report = seabearing_core::wire::Track {
+            index: second * 1000,
+            x_m: second as f32,
+            range_observable: second != 500,
+            ..super::super::tests::a_track()
+        };
+        bytes.extend(encoder.frame(&Message::Track(report)));
+        bytes.extend(encoder.frame(&end(second * 1000)));
+    }
+    // A clock that says 2090.
+    bytes.extend(encoder.frame(&time(1_000_000, 3_800_000_000_000_000)));
+    take(
+        &mut store,
+        &mut base,
+        &[Entry { stream: 1, received_us: Some(begin_us), event: Event::Bytes(bytes) }],
+    );
+    drop(store);
+    let history = History::open(dir.path()).unwrap();
+    let at = |second: i64| begin_us + second * 1_000_000;
+    assert_eq!(history.span_us().unwrap(), Some((at(0), at(999))));
+    let moment = history.moment(at(700) + 1, at(100)).unwrap();
+    let of = |kind: &str| moment.records.iter().filter(|r| r["type"] == kind).collect::<Vec<_>>();
+    assert_eq!((of("hello").len(), of("end").len(), of("track").len()), (1, 1, 1));
+    assert_eq!((&of("track")[0]["x_m"], &of("end")[0]["t_s"]), (&700.0.into(), &700.0.into()));
+    let [path] = &moment.paths[..] else { panic!("{:?}", moment.paths) };
+    let places = &path.places;
+    assert!(places.len() > 50 && places.len() <= 61 && places[0][1] >= 100.0, "{}", places.len());
+    assert!(places.is_sorted_by(|a, b| a[0] <= b[0]) && places.iter().all(|p| p[1] != 500.0));
+    // Before anything was, nothing is known.
+    assert!(history.moment(at(-10), at(-20)).unwrap().records.is_empty());
+    let thin = history.series(Some(7), 9, at(0), at(1000), 100).unwrap();
+    assert!(thin.len() == 100 && thin[99]["t_s"].as_f64() >= Some(980.0), "{}", thin.len());
+    assert_eq!(history.series(Some(7), 9, at(0), at(50), 100).unwrap().len(), 50);
+    assert!(history.series(Some(8), 9, at(0), at(1000), 100).unwrap().is_empty());
+}

@@ -24,6 +24,7 @@ use std::time::Duration;
     seabearing base --serial /dev/ttyACM0 --baud 115200 --store out/base\n  \
     seabearing base --listen 127.0.0.1:4500 --json | jq 'select(.type == \"track\")'\n  \
     seabearing base --stations stations.toml --store out/network --keep-days 400\n  \
+    seabearing base --stations stations.toml --store out/network --page 127.0.0.1:8080\n  \
     seabearing base check --store out/base\n\n\
     A stations file is a list of [[stations]] with the keys of [station] and\n  \
     line = \"listen:ADDR:PORT\", \"tcp:HOST:PORT\", \"serial:DEVICE:BAUD\" or \"file:PATH\"\n  \
@@ -89,6 +90,10 @@ pub struct Args {
     /// Folder for pictures of bearings and tracks
     #[arg(long, alias = "plot", value_name = "DIR")]
     plots: Option<PathBuf>,
+    /// Serve the live page at this address, and go on until interrupted even where all input has ended
+    #[cfg(feature = "page")]
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    page: Option<String>,
     /// Records as JSON Lines on standard output instead of the view
     #[arg(long)]
     json: bool,
@@ -168,6 +173,8 @@ pub fn run(args: Args) -> Result<()> {
     if lines.is_empty() {
         bail!("{}: no station has a `line`", args.stations.unwrap_or_default().display());
     }
+    #[cfg(feature = "page")]
+    let page = args.page.as_deref().map(seabearing_page::Page::bind).transpose()?;
     let mut base = Base::new(station.as_ref().map(|s| s.config.rate_hz));
     let mut store = args.store.as_deref().map(|folder| Store::open(folder, &mut base)).transpose()?;
     if let Some(store) = &mut store {
@@ -198,6 +205,10 @@ pub fn run(args: Args) -> Result<()> {
         }
         service.tell_utc(Teller::new(Duration::from_secs(every), keys));
     }
+    #[cfg(feature = "page")]
+    let page = page
+        .map(|page| super::base_page::serve(page, &service, args.store.clone(), &listed, &places))
+        .transpose()?;
     for address in service.listening() {
         eprintln!("seabearing: listening at {address}");
     }
@@ -205,8 +216,15 @@ pub fn run(args: Args) -> Result<()> {
     let must_show = service.ends() || args.store.is_none();
     let mut screen = Screen::start(args.json, service.ends(), service.feed());
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
+    let tell = |notes: Vec<String>| {
+        for note in notes {
+            eprintln!("seabearing: {note}");
+            #[cfg(feature = "page")]
+            page.iter().for_each(|page| page.note(&note));
+        }
+    };
     while service.turn()? {
-        service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
+        tell(service.notes());
         let shown = screen.look(|| view::text(service.base()));
         if shown.is_err() && !must_show {
             eprintln!("seabearing: nobody takes the results any more; storing goes on");
@@ -215,7 +233,7 @@ pub fn run(args: Args) -> Result<()> {
         }
         exports.now_and_then(service.base());
     }
-    service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
+    tell(service.notes());
     let after = service.base().counters();
     // Of streams without a single frame there is nothing to show but the reason.
     if after.stream.frames == before.stream.frames {
@@ -235,7 +253,12 @@ pub fn run(args: Args) -> Result<()> {
     if args.json {
         eprintln!("seabearing: {}", service.base().counters());
     }
-    exports.finish(service.base())
+    exports.finish(service.base())?;
+    #[cfg(feature = "page")]
+    if page.is_some() {
+        super::base_page::stay();
+    }
+    Ok(())
 }
 
 /// Where stations are, as the command line, the stations file or the store says.

@@ -5,9 +5,15 @@ use crate::emulator::{self, Emulator, SamplePath};
 use anyhow::Result;
 use std::path::PathBuf;
 
+/// What builds the firmware of recorders whose records wait for the base station.
+#[cfg(feature = "base")]
+const LINK: &str = "cargo xtask build-firmware --board link";
+
 /// Arguments of `seabearing demo`.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  cargo xtask demo\n  cargo xtask demo --two")]
+#[command(
+    after_help = "Examples:\n  cargo xtask demo\n  cargo xtask demo --no-page\n  cargo xtask demo --two"
+)]
 pub struct Args {
     /// Scenario with one vessel
     #[arg(long, value_name = "SCENARIO.toml", default_value = "scenarios/demo.toml")]
@@ -21,6 +27,10 @@ pub struct Args {
     /// Run the host's twin instead of the firmware
     #[arg(long)]
     host_only: bool,
+    /// Do not show two live recorders on the base station's page at the end
+    #[cfg(feature = "page")]
+    #[arg(long)]
+    no_page: bool,
     /// Two recorders and a base station instead: a line is pulled, the power goes, the base station is killed, and every
     /// record is accounted for
     #[cfg(feature = "base")]
@@ -48,13 +58,18 @@ pub fn run(args: Args) -> Result<()> {
     }
     #[cfg(feature = "base")]
     if args.two {
-        let build = "cargo xtask build-firmware --board link";
-        let firmware = emulator::image(args.firmware, "mps2-an500-link.elf", build)?;
+        let firmware = emulator::image(args.firmware, "mps2-an500-link.elf", LINK)?;
         let command = std::env::current_exe()?;
         return crate::two_recorders::run(&args.scenario, &in_qemu(firmware), &command, args.shorter);
     }
     let firmware = emulator::firmware(args.firmware)?;
-    demo::run(&args.scenario, &args.out, Some(&in_qemu(firmware)))
+    demo::run(&args.scenario, &args.out, Some(&in_qemu(firmware)))?;
+    #[cfg(feature = "page")]
+    if !args.no_page {
+        let firmware = emulator::image(None, "mps2-an500-link.elf", LINK)?;
+        crate::two_recorders::show(&args.scenario, &in_qemu(firmware), &std::env::current_exe()?)?;
+    }
+    Ok(())
 }
 
 fn in_qemu(firmware: PathBuf) -> Emulator {

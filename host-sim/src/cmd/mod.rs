@@ -5,6 +5,8 @@ pub mod ais;
 mod ais_match;
 #[cfg(feature = "base")]
 pub mod base;
+#[cfg(feature = "page")]
+mod base_page;
 #[cfg(feature = "base")]
 mod base_screen;
 #[cfg(feature = "base")]

@@ -1,0 +1,280 @@
+//! What the page shows, made of records: of each station the newest state, its tracks and series for plots, and events.
+//!
+//! The same picture is made of what comes now and of what a store says of a moment; the browser goes on from it with the
+//! records that follow.
+
+use seabearing_base::store::Moment;
+use serde::{Serialize, Serializer};
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, VecDeque};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+/// Records of one kind that a station shows at once: vessels, modes.
+const AT_ONCE: usize = 6;
+/// Tracks of a station.
+const TRACKS: usize = 40;
+/// Places of a track; of more every second one is left out.
+const PLACES: usize = 400;
+/// Points of a plot.
+pub const POINTS: usize = 1500;
+/// Events of all stations.
+const EVENTS: usize = 300;
+/// Alarms, cleared ones too.
+const ALARMS: usize = 200;
+
+/// What a record tells that is worth a line of its own.
+const TOLD: [&str; 7] = ["fault", "faults_held", "line", "lost", "warning", "note", "end"];
+/// Records of which a station has one.
+const STATES: [&str; 7] = ["hello", "health", "time", "line", "end", "shaft_rate", "segment"];
+
+/// One station, by its number; those that have not said theirs are one.
+#[derive(Default, Serialize)]
+struct Station {
+    states: BTreeMap<String, Value>,
+    newest: BTreeMap<String, VecDeque<Value>>,
+    #[serde(serialize_with = "listed")]
+    tracks: BTreeMap<(u64, u64), Track>,
+    #[serde(skip)]
+    series: Series,
+    /// The newest record: when it was true, and when it came.
+    last_utc: Value,
+    last_received_utc: Value,
+}
+
+/// Points of plots, by name: `bearings` as time (ms since 1970), azimuth, its deviation, elevation (degrees), SNR (dB), band;
+/// `levels` as time and dB of each channel; `azimuths` as time, azimuth, its deviation, ln presence, detected; `ranges` as
+/// time, metres, deviation, detected.
+pub type Series = BTreeMap<&'static str, VecDeque<Value>>;
+
+fn listed<S: Serializer>(tracks: &BTreeMap<(u64, u64), Track>, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_seq(tracks.values())
+}
+
+fn numbered<S: Serializer>(stations: &BTreeMap<Option<u64>, Station>, to: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Numbered<'a> {
+        station: Option<u64>,
+        #[serde(flatten)]
+        of: &'a Station,
+    }
+    to.collect_seq(stations.iter().map(|(station, of)| Numbered { station: *station, of }))
+}
+
+/// A track: its newest report, and where it was.
+#[derive(Serialize)]
+struct Track {
+    report: Value,
+    /// Milliseconds since 1970, metres East and North of the station.
+    path: Vec<[f64; 3]>,
+}
+
+/// Everything but the series, as the browser is given it.
+#[derive(Default, Serialize)]
+pub struct Picture {
+    #[serde(serialize_with = "numbered")]
+    stations: BTreeMap<Option<u64>, Station>,
+    events: VecDeque<Value>,
+    alarms: VecDeque<Value>,
+}
+
+/// When a record was true, milliseconds since 1970; when it came if that is unknown.
+pub fn when_ms(record: &Value) -> Option<f64> {
+    let text = record["utc"].as_str().or(record["received_utc"].as_str())?;
+    let at = OffsetDateTime::parse(text, &Rfc3339).ok()?;
+    Some((at.unix_timestamp_nanos() / 1_000_000) as f64)
+}
+
+impl Picture {
+    /// The picture of a moment.
+    pub fn of(moment: &Moment) -> Self {
+        let mut picture = Self::default();
+        moment.records.iter().for_each(|r| picture.take(r));
+        for path in &moment.paths {
+            let station = picture.stations.get_mut(&path.station.map(u64::from));
+            if let Some(track) =
+                station.and_then(|s| s.tracks.get_mut(&(path.session.into(), path.track.into())))
+            {
+                track.path.clone_from(&path.places);
+            }
+        }
+        picture
+    }
+
+    /// Takes a record; what it is no picture of is left out.
+    pub fn take(&mut self, record: &Value) {
+        let Some(kind) = record["type"].as_str() else { return };
+        match kind {
+            "alarm" => return self.alarm(record),
+            "acknowledge" => return,
+            _ => {}
+        }
+        if TOLD.contains(&kind) {
+            put(&mut self.events, record.clone(), EVENTS);
+        }
+        let of = record["station"].as_u64();
+        // What the base station says of nobody is no station.
+        if of.is_some() || !(TOLD.contains(&kind) && record["session"].is_null()) {
+            self.stations.entry(of).or_default().take(kind, record);
+        }
+    }
+
+    /// An alarm is its newest state.
+    fn alarm(&mut self, record: &Value) {
+        self.alarms.retain(|known| known["id"] != record["id"]);
+        put(&mut self.alarms, record.clone(), ALARMS);
+        put(&mut self.events, record.clone(), EVENTS);
+    }
+
+    /// The alarms, oldest first.
+    pub fn alarms(&self) -> Value {
+        self.alarms.iter().cloned().collect()
+    }
+
+    /// What is plotted of a station.
+    pub fn series(&self, of: Option<u64>) -> Series {
+        self.stations.get(&of).map_or_else(Series::new, |s| s.series.clone())
+    }
+}
+
+impl Station {
+    fn take(&mut self, kind: &str, record: &Value) {
+        (self.last_utc, self.last_received_utc) = (record["utc"].clone(), record["received_utc"].clone());
+        if STATES.contains(&kind) {
+            self.states.insert(kind.to_owned(), record.clone());
+        }
+        let at = json!(when_ms(record));
+        let columns = |name: &'static str, keys: &[&str]| {
+            let values = std::iter::once(at.clone()).chain(keys.iter().map(|k| record[*k].clone()));
+            (name, values.collect::<Value>())
+        };
+        let point = match kind {
+            "bearing" => {
+                columns("bearings", &["azimuth_deg", "sd_azimuth_deg", "elevation_deg", "snr_db", "band"])
+            }
+            "azimuth" => columns("azimuths", &["azimuth_deg", "sd_deg", "log_presence", "detected"]),
+            "range" => columns("ranges", &["range_m", "sd_range_m", "detected"]),
+            "health" => {
+                let levels = record["level_db_full_scale"].as_array().into_iter().flatten().cloned();
+                ("levels", std::iter::once(at).chain(levels).collect())
+            }
+            "track" => return self.report(record),
+            // A recorder that starts has forgotten its end.
+            "hello" => return drop(self.states.remove("end")),
+            _ => return,
+        };
+        put(self.series.entry(point.0).or_default(), point.1, POINTS);
+        if kind != "health" {
+            put(self.newest.entry(kind.to_owned()).or_default(), record.clone(), AT_ONCE);
+        }
+    }
+
+    fn report(&mut self, record: &Value) {
+        let (Some(session), Some(id)) = (record["session"].as_u64(), record["id"].as_u64()) else { return };
+        let place = [when_ms(record), record["x_m"].as_f64(), record["y_m"].as_f64()];
+        let track = self
+            .tracks
+            .entry((session, id))
+            .or_insert_with(|| Track { report: Value::Null, path: Vec::new() });
+        track.report = record.clone();
+        if let ([Some(at), Some(x), Some(y)], true) = (place, record["range_observable"] == true) {
+            track.path.push([at, x, y]);
+            if track.path.len() > PLACES {
+                let mut n = 0;
+                track.path.retain(|_| {
+                    n += 1;
+                    n % 2 == 1
+                });
+            }
+        }
+        if record["stage"] == "withdrawn" {
+            self.tracks.remove(&(session, id));
+        }
+        while self.tracks.len() > TRACKS {
+            self.tracks.pop_first();
+        }
+    }
+}
+
+/// Keeps the newest.
+fn put(into: &mut VecDeque<Value>, value: Value, most: usize) {
+    into.push_back(value);
+    if into.len() > most {
+        into.pop_front();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bearing(station: u64, second: usize) -> Value {
+        json!({ "type": "bearing", "station": station, "session": 1, "utc": format!("2026-01-01T00:{:02}:{:02}Z", second / 60 % 60, second % 60),
+                "azimuth_deg": second as f64 % 360.0, "sd_azimuth_deg": 0.5, "elevation_deg": 3.0, "snr_db": 12.0, "band": 0 })
+    }
+
+    #[test]
+    fn a_picture_is_bounded_whatever_comes() {
+        let mut picture = Picture::default();
+        for n in 0..2000 {
+            picture.take(&bearing(7, n));
+            picture.take(&json!({ "type": "fault", "station": 7, "session": 1, "code": "Gap", "utc": null }));
+            picture.take(&json!({ "type": "alarm", "id": n, "state": "raised", "station": 7 }));
+            let track = json!({ "type": "track", "station": 7, "session": 1, "id": n / 500, "stage": "running", "x_m": 1.0,
+                "y_m": n, "range_observable": true, "utc": "2026-01-01T00:00:00Z" });
+            picture.take(&track);
+        }
+        let all = json!(picture);
+        let station = &all["stations"][0];
+        assert_eq!(station["newest"]["bearing"].as_array().map(Vec::len), Some(AT_ONCE));
+        assert_eq!(all["events"].as_array().map(Vec::len), Some(EVENTS));
+        assert_eq!(picture.alarms().as_array().map(Vec::len), Some(ALARMS));
+        let series = json!(picture.series(Some(7)));
+        assert_eq!(series["bearings"].as_array().map(Vec::len), Some(POINTS));
+        assert_eq!(series["bearings"][0].as_array().map(Vec::len), Some(6));
+        let tracks = station["tracks"].as_array().unwrap();
+        assert_eq!(tracks.len(), 4);
+        for track in tracks {
+            let path = track["path"].as_array().unwrap();
+            assert!(path.len() > PLACES / 2 - 2 && path.len() <= PLACES, "{}", path.len());
+        }
+        assert_eq!(tracks[3]["report"]["y_m"], 1999);
+    }
+
+    #[test]
+    fn withdrawn_tracks_go_and_an_alarm_is_its_newest_state() {
+        let mut picture = Picture::default();
+        let track = |stage: &str| {
+            json!({ "type": "track", "station": 1, "session": 2, "id": 3, "stage": stage, "x_m": null, "y_m": null,
+                    "range_observable": false, "utc": "2026-01-01T00:00:00Z" })
+        };
+        picture.take(&track("running"));
+        let json = json!(picture);
+        let tracks = json["stations"][0]["tracks"].as_array().unwrap();
+        // Without a range there is no place.
+        assert_eq!((tracks.len(), tracks[0]["path"].as_array().map(Vec::len)), (1, Some(0)));
+        picture.take(&track("withdrawn"));
+        assert_eq!(json!(picture)["stations"][0]["tracks"], json!([]));
+        for state in ["raised", "acknowledged"] {
+            picture.take(&json!({ "type": "alarm", "id": 5, "state": state, "station": 1 }));
+        }
+        assert_eq!(picture.alarms().as_array().map(Vec::len), Some(1));
+        assert_eq!(picture.alarms()[0]["state"], "acknowledged");
+    }
+
+    #[test]
+    fn what_cannot_be_is_left_out() {
+        let mut picture = Picture::default();
+        for record in
+            [json!(null), json!(7), json!({}), json!({ "type": 3 }), json!({ "type": "track", "station": 1 })]
+        {
+            picture.take(&record);
+        }
+        picture.take(&json!({ "type": "bearing", "station": 1, "utc": "no time", "azimuth_deg": null }));
+        assert_eq!(json!(picture.series(Some(1)))["bearings"][0][0], Value::Null);
+        // A line that could not be opened is an event, and no station.
+        picture.take(&json!({ "type": "line", "state": "down", "station": null, "session": null }));
+        assert_eq!(json!(picture)["stations"].as_array().map(Vec::len), Some(1));
+        assert_eq!(json!(picture)["events"].as_array().map(Vec::len), Some(1));
+    }
+}

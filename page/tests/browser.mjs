@@ -1,0 +1,144 @@
+// The page in a real browser: how soon it shows, how smooth it is, whether everyone can use it, and its pictures.
+//
+// node browser.mjs --url http://.. [--line HOST:PORT --frames HEX,HEX,..] [--pictures DIR] [--chromium PATH]
+//
+// puppeteer-core and axe-core are looked for beside the current folder. Out: one JSON object a line, a name and a value.
+
+import { createRequire } from 'node:module';
+import { connect } from 'node:net';
+import { join } from 'node:path';
+
+const require = createRequire(join(process.cwd(), 'here.js'));
+const puppeteer = require('puppeteer-core').default ?? require('puppeteer-core');
+const axe = require('axe-core').source;
+
+const given = Object.fromEntries(process.argv.slice(2).map((a, n, all) => (a.startsWith('--') ? [a.slice(2), all[n + 1]] : [])).filter((p) => p.length));
+const tell = (name, value, more) => console.log(JSON.stringify({ name, value, ...more }));
+const pause = (ms) => new Promise((done) => { setTimeout(done, ms); });
+
+const browser = await puppeteer.launch({
+  executablePath: given.chromium ?? '/usr/bin/chromium', headless: true,
+  args: ['--no-sandbox', '--disable-dev-shm-usage', '--hide-scrollbars'],
+});
+const page = await browser.newPage();
+const complaints = [];
+page.on('pageerror', (e) => complaints.push(String(e)));
+page.on('console', (m) => { if (m.type() === 'error') complaints.push(m.text()); });
+await page.setViewport({ width: 1600, height: 1000 });
+
+const shown = () => page.waitForFunction('Number(document.documentElement.dataset.pictures) > 0 && document.querySelectorAll("#station-rows tr").length + !document.querySelector("#no-stations").hidden > 0', { polling: 'raf', timeout: 30000 });
+
+try {
+  await firstView();
+  if (given.line) await update();
+  await access('live');
+  if (given.pictures) await pictures();
+  await pan();
+  await replay();
+  tell('complaints of the browser', complaints.length, { complaints });
+} finally {
+  await browser.close();
+}
+
+// From asking for the page to stations in its tables and on its map.
+async function firstView() {
+  await page.goto(given.url, { waitUntil: 'commit' }).catch(() => page.goto(given.url));
+  await shown();
+  tell('first view, s', (await page.evaluate('performance.now()')) / 1000);
+}
+
+// From a recorder's bytes on the line to the record in the page's tables.
+async function update() {
+  const socket = connect(Number(given.line.split(':').at(-1)), '127.0.0.1');
+  const [hello, ...frames] = given.frames.split(',').map((hex) => Buffer.from(hex, 'hex'));
+  const count = () => page.evaluate('Number(document.documentElement.dataset.records ?? 0)');
+  socket.write(hello);
+  await pause(1500);
+  let worst = 0;
+  for (const frame of frames) {
+    const before = await count();
+    const sent = performance.now();
+    socket.write(frame);
+    await page.waitForFunction((n) => Number(document.documentElement.dataset.records) > n, { polling: 'raf', timeout: 20000 }, before);
+    worst = Math.max(worst, performance.now() - sent);
+    await pause(300);
+  }
+  tell('update after a record arrives, s', worst / 1000);
+  socket.destroy();
+}
+
+// Findings of axe in both themes.
+async function access(where) {
+  for (const theme of ['light', 'dark']) {
+    await page.evaluate((t) => { if (document.documentElement.dataset.theme !== t) document.getElementById('theme').click(); }, theme);
+    await pause(500);
+    await page.evaluate(axe);
+    const { violations } = await page.evaluate('axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] })');
+    const grave = violations.filter((v) => ['serious', 'critical'].includes(v.impact));
+    const said = violations.map((v) => `${v.impact} ${v.id}: ${v.nodes.slice(0, 3).map((n) => n.target.join(' ')).join('; ')}`);
+    tell(`serious findings of axe, ${where}, ${theme}`, grave.length, { said });
+    tell(`findings of contrast, ${where}, ${theme}`, violations.filter((v) => v.id.startsWith('color-contrast')).length);
+  }
+}
+
+async function pictures() {
+  for (const theme of ['light', 'dark']) {
+    await page.evaluate((t) => { if (document.documentElement.dataset.theme !== t) document.getElementById('theme').click(); }, theme);
+    await pause(800);
+    await page.screenshot({ path: join(given.pictures, `page-${theme}.png`) });
+  }
+}
+
+// Three seconds of panning over 10 000 points of tracks.
+async function pan() {
+  const found = await page.evaluate(async () => {
+    const { model, map } = window.seabearing;
+    const s = [...model.stations.values()][0] ?? { station: 1, states: {}, newest: {}, tracks: new Map() };
+    model.stations.set(s.station, s);
+    const utc = new Date().toISOString();
+    s.tracks = new Map(Array.from({ length: 25 }, (_, t) => {
+      const path = Array.from({ length: 400 }, (_, n) => [Date.now(), 20 * n - 4000, 2000 * Math.sin(n / 40 + t) + 100 * t]);
+      const report = { type: 'track', utc, station: s.station, session: 1, id: t, stage: 'running', range_observable: true, x_m: 0, y_m: 0, var_x_m2: 4e4, var_y_m2: 9e4, cov_xy_m2: 1e4, heading_deg: 90, cpa_range_m: 500 + 50 * t, sd_cpa_range_m: 20, cpa_azimuth_deg: 10 * t, cpa_time_s: 10, t_s: 0 };
+      return [`1.${t}`, { report, path }];
+    }));
+    map.fit();
+    map.draw();
+    const draws = [];
+    const draw = map.draw.bind(map);
+    map.draw = () => { const from = performance.now(); draw(); draws.push(performance.now() - from); };
+    const begun = performance.now();
+    let frames = 0;
+    await new Promise((done) => {
+      const step = (at) => {
+        frames += 1;
+        map.move(30 * Math.sin(frames / 10), 20);
+        if (at - begun < 3000) requestAnimationFrame(step); else done();
+      };
+      requestAnimationFrame(step);
+    });
+    delete map.draw;
+    draws.sort((a, b) => a - b);
+    return [draws[Math.floor(draws.length * 0.95)], frames / ((performance.now() - begun) / 1000)];
+  });
+  tell('pan with 10 000 track points: time of a frame, 95 of 100, ms', found[0]);
+  tell('pan with 10 000 track points: frames a second', found[1]);
+}
+
+// Moments all over the time slider, from asking to the picture.
+async function replay() {
+  const found = await page.evaluate(async () => {
+    const { state, look } = window.seabearing;
+    if (!state.span) return null;
+    const took = [];
+    for (let n = 0; n < 12; n += 1) {
+      const [from, to] = state.span;
+      const begun = performance.now();
+      await look(from + (to - from) * ((n * 0.618) % 1));
+      await new Promise(requestAnimationFrame);
+      took.push(performance.now() - begun);
+    }
+    return Math.max(...took);
+  });
+  if (found !== null) tell('replay in the browser: longest to a moment, ms', found);
+  await access('replay');
+}
