@@ -1,7 +1,7 @@
 //! The base station's live page: what recorders say, on a map and in plots, in any browser, without anything from outside.
 //!
-//! Records come over the base station's feed ([`hub`]) and make a [`picture`]; what was before is looked up in the store.
-//! [`server`] answers the browser's requests; what runs in the browser is `page/web/`, built into the program.
+//! Records come over the base station's feed (`hub`) and make a picture (`picture`); what was before is looked up in the store.
+//! `server` answers the browser's requests; what runs in the browser is `page/web/`, built into the program.
 
 mod hub;
 mod picture;
