@@ -9,6 +9,7 @@ fn main() {
         return;
     }
     println!("cargo:rerun-if-env-changed=SEABEARING_STATION_BLOB");
+    println!("cargo:rerun-if-env-changed=SEABEARING_KEY");
     let board = if env::var_os("CARGO_FEATURE_STM32H743").is_some() {
         "REGION_ALIAS(\"FLASH\", H743_FLASH);\nREGION_ALIAS(\"RAM\", H743_AXI);\n"
     } else {

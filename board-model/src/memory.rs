@@ -95,6 +95,14 @@ impl Memory {
         }
     }
 
+    /// What a loss of power does to them: everything but flash holds `fill`.
+    pub fn lose_power(&mut self, fill: u8) {
+        self.held = None;
+        for region in self.regions.iter().take(self.count).filter(|r| r.size > 0 && r.kind != Kind::Flash) {
+            self.bytes[region.start..region.start + region.size as usize].fill(fill);
+        }
+    }
+
     /// What is kept out of the data cache; `None` while it is off.
     pub(crate) fn set_uncached(&mut self, uncached: Option<Vec<(u32, u64)>>) {
         self.uncached = uncached;

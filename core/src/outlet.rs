@@ -68,6 +68,18 @@ impl<'a, L: Link> Plain<'a, L> {
     }
 }
 
+impl<'a, L> Plain<'a, L> {
+    /// The line.
+    pub fn line(&self) -> &L {
+        self.line
+    }
+
+    /// The line, for a session that begins anew.
+    pub fn into_line(self) -> &'a mut L {
+        self.line
+    }
+}
+
 impl<L: Link> Outlet for Plain<'_, L> {
     fn say(&mut self, message: &Message) {
         let frame = self.encoder.frame(&completed(message, self.dropped));
@@ -113,6 +125,18 @@ impl<'a, L: Link, S: Store> Reliable<'a, L, S> {
     /// A link on a line; `guard` says which commands are carried out.
     pub fn new(line: &'a mut L, link: &'a mut link::Link<S>, guard: Guard) -> Self {
         Self { line, link, now_us: 0, said: 0, desk: Desk { guard, heard: Deque::new(), bad: 0 } }
+    }
+}
+
+impl<L, S> Reliable<'_, L, S> {
+    /// The line.
+    pub fn line(&self) -> &L {
+        self.line
+    }
+
+    /// The link, to look at.
+    pub fn link(&self) -> &link::Link<S> {
+        self.link
     }
 }
 

@@ -3,10 +3,9 @@
 //! A board comes here after a `Stop`, with a configuration it cannot use, or after too many starts in a row: it can always
 //! be reached.
 
-use crate::port::{Clock, Link, Supervisor};
-use crate::wire::{
-    Command, Decoder, Encoder, Fault, FaultCode, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION,
-};
+use crate::outlet::{Heard, Outlet};
+use crate::port::{Clock, Supervisor};
+use crate::wire::{Command, Fault, FaultCode, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
 
 /// [`Hello::kind`] of a recorder that waits.
 pub const WAITING: u8 = 255;
@@ -21,12 +20,10 @@ pub type Reason = (FaultCode, i64);
 pub fn wait(
     station: u16,
     reason: Option<Reason>,
-    link: &mut impl Link,
+    outlet: &mut impl Outlet,
     clock: &mut impl Clock,
     supervisor: &mut impl Supervisor,
 ) {
-    let mut encoder = Encoder::default();
-    let mut commands = Decoder::default();
     let hello = Message::Hello(Hello {
         wire_version: WIRE_VERSION,
         schema_hash: SCHEMA_HASH,
@@ -38,15 +35,15 @@ pub fn wait(
         reset_cause: supervisor.reset_cause(),
     });
     let fault = |(code, value): Reason| Message::Fault(Fault { code, index: 0, value });
-    // What finds no room on the line is told again.
-    let mut say = |link: &mut _, message: &Message| Link::send(link, encoder.frame(message));
-    say(link, &hello);
+    // What finds no room on a line without a link is told again.
+    outlet.say(&hello);
     if let Some(earlier) = supervisor.last_fault() {
-        say(link, &fault(earlier));
+        outlet.say(&fault(earlier));
     }
     let mut told_s = clock.seconds().wrapping_sub(TELL_EVERY_S);
     loop {
         supervisor.feed();
+        outlet.work(clock);
         if reason.is_some() && supervisor.over() {
             return;
         }
@@ -55,22 +52,22 @@ pub fn wait(
             && now_s.wrapping_sub(told_s) >= TELL_EVERY_S
         {
             told_s = now_s;
-            say(link, &fault(reason));
+            outlet.say(&fault(reason));
         }
-        while let Some(byte) = link.receive() {
-            let Some(received) = commands.push::<Command>(byte) else { continue };
-            let (token, status) = match received.message {
+        while let Some(heard) = outlet.hear() {
+            let Heard::Command(command) = heard else { continue };
+            let (token, status) = match command {
                 Command::Start { token } | Command::Identify { token } => (token, 0),
                 Command::HealthEvery { token, .. } | Command::Stop { token } | Command::Utc { token, .. } => {
                     (token, 1)
                 }
             };
-            if matches!(received.message, Command::Identify { .. }) {
-                say(link, &hello);
-                reason.into_iter().for_each(|reason| _ = say(link, &fault(reason)));
+            if matches!(command, Command::Identify { .. }) {
+                outlet.say(&hello);
+                reason.into_iter().for_each(|reason| outlet.say(&fault(reason)));
             }
-            say(link, &Message::Reply(Reply { token, status }));
-            if matches!(received.message, Command::Start { .. }) {
+            outlet.say(&Message::Reply(Reply { token, status }));
+            if matches!(command, Command::Start { .. }) {
                 return;
             }
         }
@@ -81,6 +78,9 @@ pub fn wait(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::outlet::Plain;
+    use crate::port::Link;
+    use crate::wire::{Decoder, Encoder};
     use std::vec::Vec;
 
     /// Commands by the second in which they come, and what was said by then.
@@ -142,7 +142,8 @@ mod tests {
         let mut line = Line { second: 0, commands, heard: Vec::new(), decoder: Decoder::default() };
         let seconds = Seconds(core::cell::Cell::new(0));
         let reason = Some((FaultCode::BadConfiguration, 2));
-        wait(7, reason, &mut (&mut line, &seconds), &mut &seconds, &mut &seconds);
+        let mut ends = (&mut line, &seconds);
+        wait(7, reason, &mut Plain::new(&mut ends), &mut &seconds, &mut &seconds);
         let fault = |code, value| Message::Fault(Fault { code, index: 0, value });
         let bad = fault(FaultCode::BadConfiguration, 2);
         let reply = |token, status| Message::Reply(Reply { token, status });

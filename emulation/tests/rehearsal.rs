@@ -15,10 +15,12 @@ fn every_fault_is_named_and_no_wrong_record_passes_as_good() {
     let blob = std::fs::read(firmware.join("station.sbcf")).unwrap();
     let stage = Stage {
         image: &firmware.join("images/stm32h743.elf"),
+        link_image: &firmware.join("images/stm32h743-link.elf"),
         blob: &blob,
         rate_hz: config_blob::station(&blob).unwrap().rate_hz,
     };
-    let length = Length { pace_s: 1.5, costs: vec![LEAST_BREAKING], outages_s: vec![0.001, 0.1, 1.0] };
+    let length =
+        Length { pace_s: 1.5, costs: vec![LEAST_BREAKING], outages_s: vec![0.001, 0.1, 1.0], cuts: Some(4) };
     let rows = stage.rehearse(&length, |_| {}).unwrap();
     let table: Vec<String> = rows.iter().map(ToString::to_string).collect();
     insta::assert_snapshot!(table.join("\n"));

@@ -11,6 +11,7 @@
 extern crate std;
 
 pub mod acquisition;
+pub mod bank;
 pub mod converter;
 pub mod fault;
 pub mod nmea;

@@ -44,11 +44,14 @@ pub const EMULATED_TWICE: Image =
 /// The hardware board with everything.
 pub const HARDWARE: Image =
     Image { name: "stm32h743.elf", bin: "stm32h743", features: "stm32h743,array,obs" };
+/// The same, whose records wait in flash until the base station has them.
+pub const HARDWARE_LINK: Image =
+    Image { name: "stm32h743-link.elf", bin: "stm32h743", features: "stm32h743,array,obs,link" };
 /// The hardware board with deferred logging of its library over the probe.
 pub const HARDWARE_LOGGING: Image =
     Image { name: "stm32h743-defmt.elf", bin: "stm32h743", features: "stm32h743,array,obs,defmt" };
 /// Every image.
-pub const IMAGES: [Image; 9] = [
+pub const IMAGES: [Image; 10] = [
     EMULATED,
     EMULATED_ARRAY,
     EMULATED_OBS,
@@ -57,6 +60,7 @@ pub const IMAGES: [Image; 9] = [
     EMULATED_TRACKS,
     EMULATED_TWICE,
     HARDWARE,
+    HARDWARE_LINK,
     HARDWARE_LOGGING,
 ];
 /// The station an image for hardware holds unless another is given.
@@ -72,13 +76,34 @@ pub fn cargo_path(bin: &str) -> PathBuf {
     root().join("target/firmware").join(TARGET).join("firmware").join(bin)
 }
 
-/// Builds an image for hardware, which holds its station's configuration.
-pub fn build_hardware(toolchain: &Toolchain, image: &Image, station: Option<&str>) -> Result<PathBuf> {
+/// Builds an image for hardware, which holds its station's configuration and, where its records wait, the key of its commands.
+pub fn build_hardware(
+    toolchain: &Toolchain,
+    image: &Image,
+    station: Option<&str>,
+    key: Option<&str>,
+) -> Result<PathBuf> {
     let station = station.unwrap_or(DEFAULT_STATION);
     let blob = root().join("target/firmware/station.sbcf");
     say(&format!("writing the configuration of {station} for the image"));
     run(host(&["blob", "--station", station, "--out"]).arg(&blob), "seabearing blob")?;
-    build_with(toolchain, image, Some(&blob))
+    let binary = root().join("target/firmware/station.key");
+    std::fs::write(&binary, key.map(read_key).transpose()?.unwrap_or_default())
+        .with_context(|| binary.display().to_string())?;
+    build_with(toolchain, image, Some((&blob, &binary)))
+}
+
+/// The 32 bytes of a key's file of 64 hexadecimal digits.
+fn read_key(path: &str) -> Result<Vec<u8>> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {path}"))?;
+    let text = text.trim();
+    let byte = |at: usize| text.get(at..at + 2).and_then(|two| u8::from_str_radix(two, 16).ok());
+    let bytes: Option<Vec<u8>> = (0..64).step_by(2).map(byte).collect();
+    bytes.filter(|_| text.len() == 64).with_context(|| {
+        format!(
+            "{path} is no key: it must hold 64 hexadecimal digits (head -c 32 /dev/urandom | xxd -p -c 64)"
+        )
+    })
 }
 
 /// Builds an image.
@@ -86,13 +111,13 @@ pub fn build(toolchain: &Toolchain, image: &Image) -> Result<PathBuf> {
     build_with(toolchain, image, None)
 }
 
-fn build_with(toolchain: &Toolchain, image: &Image, blob: Option<&Path>) -> Result<PathBuf> {
+fn build_with(toolchain: &Toolchain, image: &Image, holds: Option<(&Path, &Path)>) -> Result<PathBuf> {
     say(&format!("building firmware {} ({})", image.name, image.features));
     let mut cargo = toolchain.cargo("build");
     cargo.args(["--quiet", "--package", "seabearing-firmware", "--profile", "firmware"]);
     cargo.args(["--no-default-features", "--features", image.features, "--bin", image.bin]);
-    if let Some(blob) = blob {
-        cargo.env("SEABEARING_STATION_BLOB", blob);
+    if let Some((blob, key)) = holds {
+        cargo.env("SEABEARING_STATION_BLOB", blob).env("SEABEARING_KEY", key);
     }
     run(&mut cargo, &format!("building {}", image.name))?;
     let to = path(image);
@@ -105,18 +130,20 @@ fn build_with(toolchain: &Toolchain, image: &Image, blob: Option<&Path>) -> Resu
 struct Options<'a> {
     board: &'a str,
     station: Option<&'a str>,
+    key: Option<&'a str>,
 }
 
 impl<'a> Options<'a> {
     fn read(options: &'a [String], board: &'a str) -> Result<Self> {
-        let mut read = Self { board, station: None };
+        let mut read = Self { board, station: None, key: None };
         let mut rest = options.iter();
         while let Some(flag) = rest.next() {
             let value = rest.next().with_context(|| format!("{flag} needs a value"))?;
             match flag.as_str() {
                 "--board" => read.board = value,
                 "--station" => read.station = Some(value),
-                other => bail!("there is no option `{other}`: --board and --station"),
+                "--key" => read.key = Some(value),
+                other => bail!("there is no option `{other}`: --board, --station and --key"),
             }
         }
         Ok(read)
@@ -128,17 +155,20 @@ pub fn command(options: &[String]) -> Result<()> {
     let options = Options::read(options, "mps2-an500")?;
     let emulated: &[&Image] = match options.board {
         "mps2-an500" => &[&EMULATED],
-        "stm32h743" => &[],
+        "stm32h743" | "stm32h743-link" => &[],
         "all" => &[&EMULATED, &EMULATED_ARRAY, &EMULATED_OBS, &EMULATED_LINK],
         "link" => &[&EMULATED_LINK],
-        other => bail!("there is no board `{other}`: mps2-an500, link, stm32h743 or all"),
+        other => bail!("there is no board `{other}`: mps2-an500, link, stm32h743, stm32h743-link or all"),
     };
     let toolchain = Toolchain::find()?;
     for image in emulated {
         report(&build(&toolchain, image)?)?;
     }
     if matches!(options.board, "stm32h743" | "all") {
-        report(&build_hardware(&toolchain, &HARDWARE, options.station)?)?;
+        report(&build_hardware(&toolchain, &HARDWARE, options.station, None)?)?;
+    }
+    if matches!(options.board, "stm32h743-link" | "all") {
+        report(&build_hardware(&toolchain, &HARDWARE_LINK, options.station, options.key)?)?;
     }
     Ok(())
 }
@@ -149,7 +179,8 @@ pub fn flash(options: &[String]) -> Result<()> {
     let probe = find("probe-rs").context(
         "probe-rs is not installed: `cargo install probe-rs-tools --locked`, then connect the board and run this again",
     )?;
-    let image = build_hardware(&Toolchain::find()?, &HARDWARE, options.station)?;
+    let kind = if options.board == "stm32h743-link" { &HARDWARE_LINK } else { &HARDWARE };
+    let image = build_hardware(&Toolchain::find()?, kind, options.station, options.key)?;
     say("flashing; the board's reset and faults are shown until interrupted");
     run(Command::new(probe).args(["run", "--chip", "STM32H743ZITx"]).arg(image), "probe-rs")
 }

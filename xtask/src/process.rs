@@ -217,7 +217,8 @@ fn board_lints() -> Result<()> {
         clippy.args(["clippy", "--quiet", "--package", "seabearing-firmware", "--profile", "firmware"]);
         clippy.args(["--no-default-features", "--features", features, "--lib", kind, name, "--target-dir"]);
         clippy.arg(&folder).args(["--", "-D", "warnings"]);
-        run(clippy.env("SEABEARING_STATION_BLOB", &blob), "lints of the firmware")?;
+        clippy.env("SEABEARING_STATION_BLOB", &blob).env("SEABEARING_KEY", &blob);
+        run(&mut clippy, "lints of the firmware")?;
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! `cargo xtask test`: every test, the emulated ones included, one line a step; at the end what was skipped, and a count.
 
-use crate::firmware::{self, EMULATED, HARDWARE, HARDWARE_LOGGING};
+use crate::firmware::{self, EMULATED, HARDWARE, HARDWARE_LINK, HARDWARE_LOGGING};
 use crate::process::{cargo, host, oldest, output, run, say, use_what_the_tests_built};
 use crate::toolchain::{self, Toolchain};
 use crate::{budget, example, panic_free, root, scenario};
@@ -139,7 +139,7 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
         run(&mut tests, "the rehearsal")
     });
     suite.step("stm32h743 with deferred logging links within memory.x", || {
-        firmware::build_hardware(toolchain, &HARDWARE_LOGGING, None).map(|_| ())
+        firmware::build_hardware(toolchain, &HARDWARE_LOGGING, None, None).map(|_| ())
     });
 }
 
@@ -148,7 +148,9 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
 fn hardware_twin(toolchain: &Toolchain) -> Result<()> {
     let recording = scenario::simulate("short-pass")?;
     let station = recording.station.to_string_lossy().into_owned();
-    firmware::build_hardware(toolchain, &HARDWARE, Some(&station))?;
+    for image in [&HARDWARE, &HARDWARE_LINK] {
+        firmware::build_hardware(toolchain, image, Some(&station), None)?;
+    }
     let boards: [&[&str]; 2] =
         [&["--board", "stm32h743", "--cycles", "2.5", "--register-cycles", "30"], &["--emulator", "model"]];
     for board in boards {

@@ -210,6 +210,10 @@ impl<B: Board> Machine<B> {
         let (exception, status) = match trouble {
             Trouble::Stop(reason) => return Err(reason),
             Trouble::Bus { address, write } => {
+                // A handler above all others may look whether an access fails (BFHFNMIGN, B3.2.8); not at instructions.
+                if self.system.ignores_bus_faults() && self.nvic.barrier(false) <= -1 && address != pc {
+                    return Ok(());
+                }
                 self.system.bfar = address;
                 let _imprecise_stores_are_precise_here = write;
                 (number::BUS, fault::PRECISE | fault::BUS_ADDRESS_VALID)

@@ -97,6 +97,10 @@ impl System {
         self.cpacr >> 20 & 15 == 15
     }
 
+    pub fn ignores_bus_faults(&self) -> bool {
+        self.ccr & 1 << 8 != 0
+    }
+
     pub fn traps_division(&self) -> bool {
         self.ccr & 16 != 0
     }

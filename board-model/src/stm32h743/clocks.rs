@@ -197,6 +197,16 @@ impl Clocks {
         Ok(())
     }
 
+    /// Whether the delays of programming are right for the flash's clock (`WRHIGHFREQ`; RM0433, table 17).
+    pub fn may_program(&self) -> bool {
+        let needed = match self.ahb_hz() {
+            ..=70_000_000 => 0,
+            ..=185_000_000 => 1,
+            _ => 2,
+        };
+        self.latency >> 4 & 3 == needed
+    }
+
     pub fn read_power(&self, offset: usize) -> Result<u32, Refusal> {
         let word = *self.power_control.get(offset / 4).ok_or_else(|| unknown("PWR", offset))?;
         Ok(match offset {

@@ -6,6 +6,7 @@
 
 mod clocks;
 mod dma;
+pub mod flash;
 mod pins;
 mod places;
 mod registers;
@@ -28,6 +29,7 @@ use crate::memory::{Kind, Memory};
 use crate::time::{NEVER, Ticks};
 use clocks::Clocks;
 use dma::{Dma, request};
+use flash::{BANK_2, Flash, FlashTimes};
 use pins::{Mode, Pins};
 use places::TIMERS;
 use spi::Spi;
@@ -68,6 +70,8 @@ pub struct Parameters {
     pub baud: u32,
     /// A write to AXI SRAM of less than 64 bits is lost if a reset follows it at once.
     pub loses_last_write: bool,
+    /// How long the flash takes to program and to erase.
+    pub flash: FlashTimes,
 }
 
 impl Default for Parameters {
@@ -78,6 +82,7 @@ impl Default for Parameters {
             watchdog_clock_error: 0.0,
             baud: 921_600,
             loses_last_write: true,
+            flash: FlashTimes::default(),
         }
     }
 }
@@ -98,6 +103,8 @@ pub struct Stm32h743 {
     debug: u32,
     compensation: u32,
     backup: [u32; 32],
+    /// The second bank of the flash.
+    pub flash: Flash,
     /// The converter.
     pub converter: Ads131m04,
     /// Bytes moved by DMA.
@@ -115,7 +122,8 @@ pub fn machine(
     source: Source,
     rate_hz: f64,
 ) -> Result<Machine<Stm32h743>, String> {
-    const FLASH: (u32, u32) = (0x0800_0000, 2 << 20);
+    // The second bank is read by way of its controller.
+    const FLASH: (u32, u32) = (0x0800_0000, 1 << 20);
     const ITCM: (u32, u32) = (0, 64 << 10);
     let mut memory = Memory::default();
     memory.add(ITCM.0, ITCM.1, Kind::TightlyCoupled, AT_POWER_ON);
@@ -159,6 +167,7 @@ impl Stm32h743 {
             debug: 0,
             compensation: 0,
             backup: [0; 32],
+            flash: Flash::new(parameters.flash),
             converter: Ads131m04::new(source, rate_hz, error),
             dma_items: 0,
         }
@@ -216,6 +225,7 @@ impl Stm32h743 {
         self.receiver.reset();
         self.timers = timers();
         self.watchdog.reset();
+        self.flash.reset();
         self.debug = 0;
         self.compensation = 0;
     }
@@ -376,6 +386,9 @@ impl Stm32h743 {
 
 impl Board for Stm32h743 {
     fn read(&mut self, bus: &mut Bus<'_>, address: u32, width: Width) -> Result<u32, Refusal> {
+        if address.wrapping_sub(BANK_2.0) < BANK_2.1 {
+            return self.flash.load(address, width);
+        }
         let value = self.register_read(bus, address, width)?;
         // Reading data makes room; other reads change nothing.
         if matches!(address & !0xff, 0x4001_3000 | 0x4000_4800) || address & 0xffff_0000 == 0x4000_0000 {
@@ -385,6 +398,9 @@ impl Board for Stm32h743 {
     }
 
     fn write(&mut self, bus: &mut Bus<'_>, address: u32, value: u32, width: Width) -> Result<(), Refusal> {
+        if address.wrapping_sub(BANK_2.0) < BANK_2.1 {
+            return self.flash.store(address, value, width, bus.now);
+        }
         self.register_write(bus, address, value, width)?;
         self.settle(bus)
     }
@@ -392,6 +408,16 @@ impl Board for Stm32h743 {
     fn advance(&mut self, bus: &mut Bus<'_>) -> Result<(), Refusal> {
         if self.watchdog.next_event() <= bus.now {
             self.reset(cause::WATCHDOG);
+            bus.wishes.push(Wish::Reset);
+            return Ok(());
+        }
+        if self.flash.next_event() <= bus.now && self.flash.advance(bus.now) {
+            // Nothing but the flash outlasts a loss of power.
+            bus.memory.lose_power(AT_POWER_ON);
+            self.clocks = Clocks::new(cause::POWER, 0);
+            self.backup = [0; 32];
+            self.reset(cause::POWER);
+            self.converter.reset(bus.now);
             bus.wishes.push(Wish::Reset);
             return Ok(());
         }
@@ -423,6 +449,7 @@ impl Board for Stm32h743 {
             .min(self.receiver.next_event())
             .min(self.pulses.front().map_or(NEVER, |pulse| pulse.0))
             .min(self.watchdog.next_event())
+            .min(self.flash.next_event())
             .min(timers.unwrap_or(NEVER))
     }
 

@@ -20,6 +20,7 @@ impl Stm32h743 {
             Peripheral::Rcc => self.clocks.read_rcc(word)?,
             Peripheral::Power => self.clocks.read_power(word)?,
             Peripheral::Flash if word == 0 => self.clocks.latency,
+            Peripheral::Flash if (0x104..0x200).contains(&word) => self.flash.read(word - 0x104)?,
             Peripheral::Flash => return Refusal::stop(format!("flash register {word:#x} is not modelled")),
             Peripheral::SystemConfiguration => match word {
                 8..0x18 => *self.pins.source((word - 8) / 4),
@@ -78,6 +79,9 @@ impl Stm32h743 {
             }
             Peripheral::Power => self.clocks.write_power(offset, value)?,
             Peripheral::Flash if offset == 0 => self.clocks.latency = value,
+            Peripheral::Flash if (0x104..0x200).contains(&offset) => {
+                self.flash.write(offset - 0x104, value, bus.now, self.clocks.may_program())?;
+            }
             Peripheral::Flash => return Refusal::stop(format!("flash register {offset:#x} is not modelled")),
             Peripheral::SystemConfiguration => match offset {
                 8..0x18 => *self.pins.source((offset - 8) / 4) = value,

@@ -35,6 +35,10 @@ pub enum InjectedFault {
     SupplyLow(f64, f64),
     /// The telemetry line brings noise from this second on, for so many seconds: bytes, half of them broken, without a pause.
     LineNoise(f64, f64),
+    /// Power fails in the middle of this programming or erasing of the flash, counted from the first, and comes back at once.
+    FlashCut(u32),
+    /// One bit goes wrong in every flash word that was written by this second.
+    FlashBits(f64),
     /// The satellite receiver gives no pulses from this second on, for so many seconds; its sentences go on.
     PulseLost(f64, f64),
     /// A pulse that is none, at this second.
@@ -52,8 +56,8 @@ pub const PANIC_LINE: u32 = 4711;
 
 /// What [`InjectedFault`] is read from.
 const KINDS: &str = "converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
-                     core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S or \
-                     spi-bits@BYTES";
+                     core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S, \
+                     flash-cut@WORK, flash-bits@S or spi-bits@BYTES";
 
 impl std::str::FromStr for InjectedFault {
     type Err = String;
@@ -63,6 +67,9 @@ impl std::str::FromStr for InjectedFault {
             let (kind, at) = text.split_once('@')?;
             if kind == "spi-bits" {
                 return at.parse().ok().filter(|n| *n > 0).map(Self::SpiBits);
+            }
+            if kind == "flash-cut" {
+                return at.parse().ok().map(Self::FlashCut);
             }
             let seconds = |text: &str| text.parse().ok().filter(|s: &f64| *s >= 0.0 && s.is_finite());
             let (at, length) = match at.split_once(':') {
@@ -81,6 +88,7 @@ impl std::str::FromStr for InjectedFault {
                 ("panic", None) => Self::Panic(at),
                 ("pin-reset", None) => Self::PinReset(at),
                 ("brown-out", None) => Self::BrownOut(at),
+                ("flash-bits", None) => Self::FlashBits(at),
                 _ => return None,
             })
         };
@@ -104,6 +112,10 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
                 machine.board.converter.bit_errors_every = every;
                 continue;
             }
+            InjectedFault::FlashCut(number) => {
+                machine.board.flash.cut_at = Some(number);
+                continue;
+            }
             InjectedFault::LineNoise(..)
             | InjectedFault::PulseLost(..)
             | InjectedFault::PulseGlitch(_)
@@ -119,6 +131,7 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             | InjectedFault::HardFault(at)
             | InjectedFault::Panic(at)
             | InjectedFault::PinReset(at)
+            | InjectedFault::FlashBits(at)
             | InjectedFault::BrownOut(at) => (at, f64::INFINITY),
         };
         due.push(Due { at: ticks(at), fault, ends: false });
@@ -177,8 +190,13 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         InjectedFault::Panic(_) => panic(machine)?,
         InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
         InjectedFault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
-        // On the wires from the start.
+        InjectedFault::FlashBits(_) => {
+            let words: Vec<usize> = machine.board.flash.written().collect();
+            words.into_iter().for_each(|word| machine.board.flash.upset(word, 1));
+        }
+        // There from the start.
         InjectedFault::SpiBits(_)
+        | InjectedFault::FlashCut(_)
         | InjectedFault::LineNoise(..)
         | InjectedFault::PulseLost(..)
         | InjectedFault::PulseGlitch(_)

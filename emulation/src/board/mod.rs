@@ -1,6 +1,7 @@
 //! The hardware board's twin: its image runs on the modelled board, what the converter delivered goes through the host's
 //! loop too, and both must say the same.
 
+mod base;
 mod host;
 mod injection;
 mod satellites;
@@ -12,6 +13,7 @@ pub use satellites::utc_us;
 
 use crate::twin::frames;
 use anyhow::{Context, Result, anyhow, bail};
+use base::Base;
 use injection::{fill_line, inject, schedule};
 use seabearing_board_model::ads131m04::{Codes, REGISTER_ACQUISITION};
 use seabearing_board_model::core::Work;
@@ -41,6 +43,8 @@ pub struct Setup {
     pub damaged_configuration: bool,
     /// A satellite receiver is there for so many seconds.
     pub receiver_s: f64,
+    /// The image's records wait until a base station has them, which is at the other end of the line.
+    pub link: bool,
 }
 
 impl Default for Setup {
@@ -54,17 +58,20 @@ impl Default for Setup {
             commands: Vec::new(),
             damaged_configuration: false,
             receiver_s: 0.0,
+            link: false,
         }
     }
 }
 
-/// A frame that the board sent.
+/// A message that the board sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Said {
-    /// When it had left, s.
+    /// When it had left or, of a record, had come, s.
     pub at_s: f64,
-    /// Its number.
+    /// The number of its frame; of a record 0 where a session begins.
     pub sequence: u16,
+    /// Of a record the boot in which it was written; of a frame 0.
+    pub boot: u32,
     /// What it says.
     pub message: Message,
 }
@@ -74,8 +81,14 @@ pub struct Said {
 pub struct BoardRun {
     /// What the board sent.
     pub firmware: Vec<u8>,
-    /// The same frame by frame.
+    /// The same frame by frame; of records those that came, in their order.
     pub said: Vec<Said>,
+    /// The image's records wait until a base station has them.
+    pub linked: bool,
+    /// Records that did not come once and in order.
+    pub missing: u32,
+    /// Flash words programmed, sectors erased.
+    pub flash: (u32, u32),
     /// Starts of the core: when, s, and conversions delivered before.
     pub starts: Vec<(f64, usize)>,
     /// Conversions done while recording, and those delivered.
@@ -118,6 +131,9 @@ impl BoardRun {
     pub fn difference(&self, blob: &[u8]) -> Result<Option<String>> {
         const POWER: u8 = 0;
         let said = host(blob, POWER, &self.numbers, &self.codes, false, &mut |_| true)?;
+        if self.linked {
+            return Ok(self.differing_record(&frames(&said)));
+        }
         if said == self.firmware {
             return Ok(None);
         }
@@ -135,6 +151,29 @@ impl BoardRun {
             show(host.get(at)),
             show(firmware.get(at))
         )))
+    }
+}
+
+impl BoardRun {
+    /// One line about the first record that is not the host's message, or about what did not come.
+    fn differing_record(&self, host: &[(Vec<u8>, Option<Message>)]) -> Option<String> {
+        let host: Vec<Message> = host.iter().filter_map(|(_, message)| *message).collect();
+        let board: Vec<Message> = self.said.iter().map(|said| said.message).collect();
+        if self.missing > 0 {
+            return Some(format!("{} records are missing at the base station", self.missing));
+        }
+        if host == board {
+            return None;
+        }
+        let at = host.iter().zip(&board).take_while(|(a, b)| a == b).count();
+        let show = |m: Option<&Message>| m.map_or("nothing".to_owned(), |m| format!("{m:?}"));
+        Some(format!(
+            "records differ from {at} (host {}, board {}): host says {} | board says {}",
+            host.len(),
+            board.len(),
+            show(host.get(at)),
+            show(board.get(at))
+        ))
     }
 }
 
@@ -179,7 +218,12 @@ pub fn play(
     let board_clock_error = setup.parameters.board_clock_error;
     satellites::fill(&mut machine, &setup.faults, board_clock_error, setup.receiver_s);
     let mut starts = vec![(0.0, 0)];
-    let (began, ended) = run_board(&mut machine, setup, &mut starts)?;
+    let mut base = setup.link.then(|| Base::new(setup.parameters.baud));
+    let (began, ended) = run_board(&mut machine, setup, &mut starts, base.as_mut())?;
+    let (said, missing) = match &base {
+        Some(base) => base.said()?,
+        None => (said(&machine.board), 0),
+    };
     let converter = &machine.board.converter;
     let span = match (converter.delivered.first(), converter.delivered.last()) {
         (Some(first), Some(last)) => last - first + 1,
@@ -188,7 +232,10 @@ pub fn play(
     let ticks = ended.1 - began.1;
     Ok(BoardRun {
         firmware: machine.board.sent().to_vec(),
-        said: said(&machine.board),
+        said,
+        linked: setup.link,
+        missing,
+        flash: (machine.board.flash.operations - machine.board.flash.erased, machine.board.flash.erased),
         starts,
         converted: converter.converted(),
         delivered: converter.delivered.len() as u64,
@@ -226,7 +273,7 @@ fn said(board: &Stm32h743) -> Vec<Said> {
         .filter_map(|(byte, at)| {
             let received = decoder.push(*byte)?;
             let at_s = seconds(*at);
-            Some(Said { at_s, sequence: received.sequence, message: received.message })
+            Some(Said { at_s, sequence: received.sequence, boot: 0, message: received.message })
         })
         .collect()
 }
@@ -252,6 +299,7 @@ fn run_board(
     machine: &mut Machine<Stm32h743>,
     setup: &Setup,
     starts: &mut Vec<(f64, usize)>,
+    mut base: Option<&mut Base>,
 ) -> Result<(Moment, Moment)> {
     let mut pending = schedule(machine, &setup.faults);
     let (mut began, mut ended): (Option<Moment>, Option<Moment>) = (None, None);
@@ -266,6 +314,9 @@ fn run_board(
         until = until.max(now);
         for due in pending.extract_if(.., |due| due.at <= now) {
             inject(machine, &due)?;
+        }
+        if let Some(base) = &mut base {
+            base.look(machine);
         }
         let counts = machine.counts();
         if counts.resets as usize >= starts.len() {

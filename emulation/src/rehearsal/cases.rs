@@ -4,6 +4,7 @@ use super::judge::Wanted;
 use super::{AT_S, COST, costs};
 use crate::board::{InjectedFault, PANIC_LINE, Setup};
 use seabearing_board_model::stm32h743::Parameters;
+use seabearing_board_model::stm32h743::flash::FlashTimes;
 use seabearing_core::wire::{Command, Encoder, FaultCode};
 
 /// One thing done to the board.
@@ -21,6 +22,7 @@ pub struct Case {
 }
 
 /// Reasons of a start as `Hello` tells them.
+const POWER: u8 = 0;
 const WATCHDOG: u8 = 1;
 const SOFTWARE: u8 = 2;
 const PIN: u8 = 3;
@@ -70,6 +72,48 @@ fn outage(what: &str, length_s: f64, fault: InjectedFault, event_s: f64, wanted:
     let name = format!("{what} for {length_s} s, clocks 1 % off");
     let case = case(&name, &[fault], event_s, AT_S + length_s + 1.0, wanted);
     Case { setup: Setup { parameters: wrong_clocks(), ..case.setup }, ..case }
+}
+
+/// How long the flash takes in a rehearsal: to program the longest that the data sheet gives, to erase a fortieth of it.
+const FLASH: FlashTimes = FlashTimes { program_us: 200.0, erase_s: 0.05 };
+/// Programmings and erasings of a short run: a second, asked eight times who it is.
+pub const SHORT_RUN: u32 = 40;
+
+/// With records that wait in flash: power cut in the middle of these programmings and erasings, and other ends.
+pub fn with_store(cuts: &[u32]) -> Vec<Case> {
+    let linked = |case: Case| {
+        let parameters = Parameters { flash: FLASH, ..case.setup.parameters };
+        Case {
+            name: format!("store: {}", case.name),
+            setup: Setup { link: true, parameters, ..case.setup },
+            ..case
+        }
+    };
+    let cut = |n: &u32| {
+        let name = format!("power cut in the middle of work {n} of the flash");
+        let case = case(&name, &[InjectedFault::FlashCut(*n)], 0.0, 1.0, &[Wanted::Start(POWER)]);
+        let asked = |n: u8| (0.25 + 0.05 * f64::from(n), Command::Identify { token: n });
+        let commands = line(&(0..8).map(asked).collect::<Vec<_>>());
+        Case { setup: Setup { commands, ..case.setup }, ..case }
+    };
+    let mut cases: Vec<Case> = cuts.iter().map(cut).collect();
+    let ends = [
+        ("reset pin", InjectedFault::PinReset(AT_S), Wanted::Start(PIN)),
+        ("panic", InjectedFault::Panic(AT_S), Wanted::Start(SOFTWARE)),
+    ];
+    cases.extend(ends.map(|(name, fault, wanted)| case(name, &[fault], AT_S, 1.2, &[wanted])));
+    let bits = [InjectedFault::FlashBits(AT_S), InjectedFault::PinReset(AT_S)];
+    cases.push(case("one wrong bit in every word, reset pin", &bits, AT_S, 1.2, &[Wanted::Start(PIN)]));
+    let stop = case(
+        "Stop, Start",
+        &[],
+        AT_S,
+        1.5,
+        &[Wanted::Reply(1), Wanted::End, Wanted::Waits, Wanted::Reply(2)],
+    );
+    let commands = line(&[(AT_S, Command::Stop { token: 1 }), (AT_S + 0.5, Command::Start { token: 2 })]);
+    cases.push(Case { setup: Setup { commands, ..stop.setup }, ..stop });
+    cases.into_iter().map(linked).collect()
 }
 
 /// What fails, and is to be named.

@@ -85,9 +85,15 @@ fn sessions(run: &BoardRun) -> Vec<Session<'_>> {
     let begins: Vec<(usize, Hello)> =
         run.said.iter().enumerate().filter_map(|(i, s)| Some((i, first(s)?))).collect();
     let starts = |at_s: f64| run.starts.iter().rposition(|(start_s, _)| *start_s <= at_s).unwrap_or(0);
+    // Records of a boot may come in a later one; every start is a boot.
+    let newest = run.said.iter().map(|s| s.boot).max().unwrap_or(0);
+    let start_of = |said: &Said| match said.boot {
+        0 => starts(said.at_s),
+        boot => (run.starts.len() - 1).saturating_sub((newest - boot) as usize),
+    };
     let session = |(n, (from, hello)): (usize, &(usize, Hello))| {
         let to = begins.get(n + 1).map_or(run.said.len(), |next| next.0);
-        let start = starts(run.said[*from].at_s);
+        let start = start_of(&run.said[*from]);
         let end = run.starts.get(start + 1).map_or(run.numbers.len(), |next| next.1);
         let conversions = run.starts[start].1..end;
         Session {

@@ -3,7 +3,7 @@
 mod cases;
 mod judge;
 
-use crate::board::{self, BoardRun, Setup, mix};
+use crate::board::{self, BoardRun, InjectedFault, Setup, mix};
 use anyhow::{Context, Result, bail};
 use cases::Case;
 use seabearing_board_model::Costs;
@@ -54,6 +54,8 @@ const PATIENCE_S: f64 = 0.5;
 pub struct Stage<'a> {
     /// The image.
     pub image: &'a Path,
+    /// The image whose records wait in flash.
+    pub link_image: &'a Path,
     /// The configuration in it.
     pub blob: &'a [u8],
     /// Samples a second.
@@ -69,6 +71,21 @@ pub struct Length {
     pub costs: Vec<f64>,
     /// Lengths of outages, s.
     pub outages_s: Vec<f64>,
+    /// Of the works of the flash in a short run, how many power is cut at; all where that is `None`.
+    pub cuts: Option<u32>,
+}
+
+impl Length {
+    /// The works of the flash at which power is cut, in their order: one of each stretch of them, as a fixed seed has it.
+    fn cuts(&self) -> Vec<u32> {
+        let all = cases::SHORT_RUN;
+        let count = self.cuts.unwrap_or(all).clamp(1, all);
+        let one = |n: u32| {
+            let (from, to) = (n * all / count, (n + 1) * all / count);
+            from + (mix(u64::from(n)) % u64::from(to - from)) as u32
+        };
+        (0..count).map(one).collect()
+    }
 }
 
 /// Noise from a direction: four channels of the same numbers a few instants apart, for so many instants.
@@ -88,7 +105,8 @@ fn costs(cycles: f64) -> Costs {
 impl Stage<'_> {
     fn play(&self, seconds: f64, setup: &Setup) -> Result<BoardRun> {
         let instants = (seconds * self.rate_hz).round() as u64;
-        board::play(self.image, self.blob, self.rate_hz, setup, noise(instants))
+        let image = if setup.link { self.link_image } else { self.image };
+        board::play(image, self.blob, self.rate_hz, setup, noise(instants))
     }
 
     /// Keeps up at the cost that is asked for.
@@ -114,6 +132,24 @@ impl Stage<'_> {
             ),
             row("asleep", format!("{idle:.0} %"), report.idle >= LEAST_IDLE),
         ])
+    }
+
+    /// The store's first start with erasures as slow as the data sheet allows: nothing is lost meanwhile.
+    fn erasing(&self) -> Result<Vec<Row>> {
+        const SECONDS: f64 = 4.6;
+        let report = self.play(SECONDS, &Setup { costs: costs(COST.0), link: true, ..Setup::default() })?;
+        let difference = report.difference(self.blob)?;
+        let sectors = report.flash.1;
+        let right = report.lost == 0
+            && report.delivered == report.converted
+            && sectors == 2
+            && report.idle >= LEAST_IDLE
+            && difference.is_none();
+        let same = difference.unwrap_or("the host's records".to_owned());
+        let (lost, converted, idle) = (report.lost, report.converted, report.idle * 100.0);
+        let outcome = format!("{lost} of {converted} lost; asleep {idle:.0} %; {same}, each once");
+        let case = "store: first start, two sectors erased, 2 s each".to_owned();
+        Ok(vec![Row { case, told: String::new(), outcome, right }])
     }
 
     /// The cost at which it breaks.
@@ -143,6 +179,17 @@ impl Stage<'_> {
             .with_context(|| case.name.clone())?;
         let told = judge::told(&report.said, &case.wanted, case.event_s);
         let mut numbers = judge::numbers(&report, self.blob)?;
+        if case.setup.link {
+            let uncut = |f: &InjectedFault| matches!(f, InjectedFault::FlashCut(_)) && report.resets == 0;
+            if case.setup.faults.iter().any(uncut) {
+                bail!("{}: the run has fewer works of the flash", case.name);
+            }
+            numbers.right &= report.missing == 0;
+            numbers.outcome += match report.missing {
+                0 => "; each record once",
+                _ => "; RECORDS MISSING",
+            };
+        }
         if let Some(clock) = judge::clock(&report, &case.setup.faults, self.rate_hz) {
             let both = [numbers.outcome, clock.outcome];
             numbers.outcome =
@@ -168,13 +215,15 @@ impl Stage<'_> {
     /// # Errors
     /// The image is not there or not the station's, or the board did what no board allows.
     pub fn rehearse(&self, length: &Length, mut say: impl FnMut(&Row)) -> Result<Vec<Row>> {
-        let cases = cases::all(&length.outages_s);
+        let mut cases = cases::all(&length.outages_s);
+        cases.extend(cases::with_store(&length.cuts()));
         let play = |n: usize| match n {
             0 => self.pace(length.pace_s),
             1 => self.breaking(&length.costs),
-            n => self.judge(&cases[n - 2]).map(|row| vec![row]),
+            2 => self.erasing(),
+            n => self.judge(&cases[n - 3]).map(|row| vec![row]),
         };
-        let count = cases.len() + 2;
+        let count = cases.len() + 3;
         let next = AtomicUsize::new(0);
         let workers = std::thread::available_parallelism().map_or(1, |n| n.get());
         let (send, receive) = mpsc::channel();

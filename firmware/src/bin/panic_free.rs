@@ -18,9 +18,12 @@ use seabearing_core::run::{BLOCK_FRAMES, run, run_over};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{ReadBytes, Reader};
 use seabearing_core::utc::Pair;
+use seabearing_core::wait::wait;
 use seabearing_core::wire::FaultCode;
 use seabearing_core::wire::guard::{Guard, Recipient};
+use seabearing_core::wire::link::flash::{FlashStore, Word};
 use seabearing_core::wire::link::{ByteStore, Link as Reliably, Retained, Settings};
+use seabearing_firmware::bank::{Bank, Controller, Part, Ring};
 use seabearing_firmware::receiver::{Labels, Pulse};
 
 /// A device register: whatever is read there, the optimiser cannot know.
@@ -86,6 +89,25 @@ impl Link for Device {
     }
 }
 
+impl Controller for Device {
+    fn read(&self, _: u32) -> Option<Word> {
+        (self.word() != 0).then(|| [self.word() as u8; 32])
+    }
+
+    fn program(&mut self, word: u32, value: &Word) {
+        self.send(value);
+        self.send(&word.to_le_bytes());
+    }
+
+    fn erase(&mut self, sector: u8) {
+        self.send(&[sector]);
+    }
+
+    fn works(&self) -> bool {
+        self.word() != 0
+    }
+}
+
 impl Clock for Device {
     fn ticks(&mut self) -> u32 {
         self.word()
@@ -116,6 +138,7 @@ fn main() -> ! {
     static mut MEMORY: Memory<'static> = Memory::new();
     static mut LINK: Option<Reliably<ByteStore<Retained<'static>>>> = None;
     static mut RECORDS: [u8; 6400] = [0; 6400];
+    static mut RING: Ring = Ring::new();
 
     let mut line = Device;
     // SAFETY: this image is never run.
@@ -143,6 +166,14 @@ fn main() -> ! {
             let recipient = Recipient { station: config.id, boot };
             let guard = Guard::keyed([Device.word() as u8; 32], recipient);
             let mut outlet = Reliable::new(&mut line, link, guard);
+            run_over(&mut recorder, &mut samples, &mut outlet, &mut Device, &mut Device, FRAMES);
+            wait(config.id, None, &mut outlet, &mut Device, &mut Device);
+            let bank = Bank::new(Device, RING);
+            let store = FlashStore::<_, 64>::open(Part::<_, 2, 6>::of(&bank));
+            let boot = store.starts();
+            let mut link = Reliably::new(settings, config.id, boot, config.hash(), store);
+            let guard = Guard::keyed([Device.word() as u8; 32], Recipient { station: config.id, boot });
+            let mut outlet = Reliable::new(&mut line, &mut link, guard);
             run_over(&mut recorder, &mut samples, &mut outlet, &mut Device, &mut Device, FRAMES);
         }
     }

@@ -1,4 +1,5 @@
-//! The recorder on the STM32H743: it runs with its real drivers in an emulator; not yet on silicon.
+//! The recorder on the STM32H743: it runs with its real drivers in an emulator; not yet on silicon. With the feature `link` its
+//! records wait in flash until the base station has them.
 #![no_std]
 #![no_main]
 #![allow(unsafe_code)]
@@ -6,6 +7,7 @@
 #[cfg(feature = "defmt")]
 use defmt_rtt as _;
 
+use core::mem::MaybeUninit;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_executor::InterruptExecutor;
 use embassy_stm32::interrupt;
@@ -15,8 +17,10 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, peripherals, usart};
 use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
+#[cfg(not(feature = "link"))]
+use seabearing_core::outlet::Plain;
 use seabearing_core::recorder::Memory;
-use seabearing_core::run::{BLOCK_FRAMES, run};
+use seabearing_core::run::{BLOCK_FRAMES, run_over};
 use seabearing_core::wait::wait;
 use seabearing_core::wire::FaultCode;
 use seabearing_firmware::acquisition::{self, Acquisition};
@@ -24,6 +28,8 @@ use seabearing_firmware::converter::Rate;
 use seabearing_firmware::fault;
 use seabearing_firmware::receiver::Timed;
 use seabearing_firmware::stm32h743::clock::Time;
+#[cfg(feature = "link")]
+use seabearing_firmware::stm32h743::kept;
 use seabearing_firmware::stm32h743::link::{Incoming, RING_BYTES, Serial, transmit};
 use seabearing_firmware::stm32h743::pulse::{self, Satellites, on_pulse};
 use seabearing_firmware::stm32h743::sampling::{Sampling, on_wake};
@@ -32,6 +38,13 @@ use seabearing_firmware::supply::{Supplied, THRESHOLD_MV};
 
 /// The station, as `seabearing blob` wrote it when the image was built.
 static BLOB: &[u8] = include_bytes!(env!("SEABEARING_STATION_BLOB"));
+
+/// The key of signed commands: 32 bytes, or none.
+#[cfg(feature = "link")]
+static KEY: &[u8] = include_bytes!(env!("SEABEARING_KEY"));
+
+/// Bits a second of the line.
+const BAUD: u32 = 921_600;
 
 bind_interrupts!(struct Interrupts {
     DMA2_STREAM0 => dma::InterruptHandler<peripherals::DMA2_CH0>;
@@ -65,6 +78,9 @@ fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
     static mut SAMPLES: [u16; acquisition::RING_BYTES / 2] = [0; acquisition::RING_BYTES / 2];
+    #[cfg(feature = "link")]
+    static mut KEPT: kept::Memory = kept::Memory::new();
+    static mut LINE: MaybeUninit<Serial> = MaybeUninit::uninit();
     static mut RING: [u8; RING_BYTES] = [0; RING_BYTES];
     static mut SENTENCES: [u8; pulse::RING_BYTES] = [0; pulse::RING_BYTES];
 
@@ -75,12 +91,12 @@ fn main() -> ! {
     let mut time = Time::start(p.TIM5, &mut core.DCB, &mut core.DWT);
 
     let mut serial = usart::Config::default();
-    serial.baudrate = 921_600;
+    serial.baudrate = BAUD;
     let Ok(uart) = Uart::new(p.USART3, p.PD9, p.PD8, p.DMA2_CH0, p.DMA2_CH1, Interrupts, serial) else {
         panic!("the serial port does not take its configuration")
     };
     let (tx, rx) = uart.split();
-    let mut link = Serial::new(Incoming::new(rx.into_ring_buffered(RING)));
+    let line = LINE.write(Serial::new(Incoming::new(rx.into_ring_buffered(RING))));
     let mut serial = usart::Config::default();
     serial.baudrate = 9600;
     let Ok(sentences) = UartRx::new(p.USART2, p.PD6, p.DMA2_CH2, Interrupts, serial) else {
@@ -109,12 +125,19 @@ fn main() -> ! {
         },
     };
 
+    #[cfg(feature = "link")]
+    let mut outlet = {
+        let who = (station, config.as_ref().map_or(0, |config| config.hash()));
+        KEPT.open(p.FLASH, &mut core.MPU, line, BAUD, who, KEY)
+    };
+    #[cfg(not(feature = "link"))]
+    let mut outlet = Plain::new(line);
     let reason = match recorder {
         Ok((mut recorder, rate)) => {
             let claimed = ((p.SPI1, p.TIM1, p.TIM2), (p.PA4, p.PA5, p.PA6, p.PB5, p.PE9));
             let acquisition = Acquisition::new(Sampling::new(claimed, SAMPLES), rate, 0);
             let mut samples = Supplied::new(Timed::new(acquisition, satellites), VoltageDetector::start());
-            run(&mut recorder, &mut samples, &mut link, &mut time, &mut board, FRAMES);
+            run_over(&mut recorder, &mut samples, &mut outlet, &mut time, &mut board, FRAMES);
             let failed = samples.has_failed();
             if failed {
                 board.wait_for_supply();
@@ -124,8 +147,12 @@ fn main() -> ! {
         Err(reason) => Some(reason),
     };
     // Stopped by command or by low supply, or nothing to record: the link lives.
-    wait(station, reason, &mut link, &mut time, &mut board);
-    link.flush(&mut board);
+    #[cfg(not(feature = "link"))]
+    let mut outlet = Plain::new(outlet.into_line());
+    wait(station, reason, &mut outlet, &mut time, &mut board);
+    #[cfg(feature = "link")]
+    kept::settle(&mut outlet, &mut time, &mut board);
+    outlet.line().flush(&mut board);
     board.start_again()
 }
 

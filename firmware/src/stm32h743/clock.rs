@@ -68,4 +68,8 @@ impl Clock for Time {
     fn seconds(&mut self) -> u32 {
         (now_us() / 1_000_000) as u32
     }
+
+    fn micros(&mut self) -> u64 {
+        now_us()
+    }
 }

@@ -8,6 +8,9 @@
 #![allow(unsafe_code)]
 
 pub mod clock;
+pub mod flash;
+#[cfg(feature = "link")]
+pub mod kept;
 pub mod link;
 pub mod pulse;
 pub mod sampling;

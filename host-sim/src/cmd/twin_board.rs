@@ -48,9 +48,12 @@ pub struct BoardOptions {
     converter_start_us: f64,
     /// What goes wrong and when (s): converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH,
     /// converter-mute@S:LENGTH, core-held@S:LENGTH, line-noise@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S,
-    /// spi-bits@BYTES
+    /// flash-cut@WORK, flash-bits@S, spi-bits@BYTES
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<InjectedFault>,
+    /// The image whose records wait in flash until a base station has them, and one at the other end of the line
+    #[arg(long)]
+    link: bool,
     /// Play every way of going wrong with noise instead of a recording, outages of up to so many seconds (60 are asked
     /// for, and take minutes), and print the table of what came of it
     #[arg(long, value_name = "S")]
@@ -63,11 +66,19 @@ const OUTAGES_S: [f64; 6] = [0.001, 0.01, 0.1, 1.0, 10.0, 60.0];
 /// Prints the table of the rehearsal; conversions lost are counted over `pace_s`.
 fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: f64, json: bool) -> Result<()> {
     let blob = blob::of(station)?;
-    let stage = Stage { image, blob: &blob, rate_hz: station.config.rate_hz };
+    let link_image = image.with_file_name("stm32h743-link.elf");
+    if !link_image.is_file() {
+        bail!(
+            "no image at {}: run `cargo xtask build-firmware --board stm32h743-link`, with --station where it is another's",
+            link_image.display()
+        );
+    }
+    let stage = Stage { image, link_image: &link_image, blob: &blob, rate_hz: station.config.rate_hz };
     let length = Length {
         pace_s,
         costs: rehearsal::COSTS.to_vec(),
         outages_s: OUTAGES_S.into_iter().filter(|s| *s <= longest_s).collect(),
+        cuts: (longest_s < 10.0).then_some(6),
     };
     let rows = stage.rehearse(&length, |row| {
         let line = if json {
@@ -97,7 +108,11 @@ pub(super) fn run(
     keep: Option<&Path>,
     json: bool,
 ) -> Result<()> {
-    let image = emulator::image(firmware, "stm32h743.elf", "cargo xtask build-firmware --board stm32h743")?;
+    let (name, build) = match options.link {
+        true => ("stm32h743-link.elf", "cargo xtask build-firmware --board stm32h743-link"),
+        false => ("stm32h743.elf", "cargo xtask build-firmware --board stm32h743"),
+    };
+    let image = emulator::image(firmware, name, build)?;
     let rate_hz = station.config.rate_hz;
     if let Some(longest_s) = options.rehearse {
         return rehearse(&image, station, longest_s, options.seconds.unwrap_or(5.0), json);
@@ -184,6 +199,7 @@ fn setup(options: &BoardOptions) -> Result<Setup> {
         parameters,
         acquisition_s: options.converter_start_us * 1e-6,
         faults,
+        link: options.link,
         ..Setup::default()
     })
 }
@@ -209,6 +225,7 @@ fn say(report: &BoardRun, identical: bool, json: bool) -> Result<()> {
             "register_accesses_per_conversion": registers,
             "memory_loads_per_conversion": per(handlers.loads + thread.loads),
             "memory_accesses_per_conversion": memory,
+            "flash_words": report.flash.0, "flash_sectors": report.flash.1,
             "stack_bytes": report.stack.1, "stack_size_bytes": report.stack.0,
         });
         writeln!(out, "{record}")?;

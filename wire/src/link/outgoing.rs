@@ -25,6 +25,7 @@ impl<S: Store> Link<S> {
     pub fn send(&mut self, now: u64) -> Option<&[u8]> {
         self.budget.spend(now, 0);
         self.store.work();
+        self.sending.follow(self.store.ledger());
         if now < self.free_at {
             return None;
         }

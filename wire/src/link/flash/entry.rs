@@ -56,7 +56,7 @@ pub(super) enum Found {
 }
 
 /// Words of an entry with a text of so many bytes.
-pub(super) fn words(length: usize) -> u16 {
+pub(super) const fn words(length: usize) -> u16 {
     1 + length.saturating_sub(IN_HEAD).div_ceil(WORD_BYTES) as u16
 }
 

@@ -4,7 +4,7 @@
 //! One sector is written (the head), the one after it in the ring is blank or being erased, the others hold what came
 //! before. When the head is full the blank one becomes the head, and the oldest is given up: what is kept there of faults
 //! and final tracks is brought along, 32 records at most, so that it outlasts everything else; other records there are
-//! lost if they were not acknowledged, and counted. A flash cannot be read while it erases: what comes meanwhile waits
+//! lost if they were not acknowledged, and counted. A flash cannot be read while it works: what comes meanwhile waits
 //! in memory, and is not given out before it is in flash, so that no number is ever used twice.
 //!
 //! What was acknowledged is noted at the next record, so that power cut before makes it go out again: the other end
@@ -36,8 +36,15 @@ const MOST_MOVED: u16 = 32;
 /// Words before a sector's first record.
 const FIRST: u16 = 4;
 
-/// A flash, as a store needs it: words are written once between two erases of their sector. Nothing is read or written
-/// while it is busy.
+/// Most words written between two looks at [`Flash::busy`]: a sector is opened, everything is brought along that may be, and
+/// what has changed is noted twice.
+pub const MOST_WRITES: usize = MOST_MOVED as usize * entry::words(RECORD_BYTES) as usize
+    + 2 * CLASSES
+    + 2 * entry::words(RECORD_BYTES) as usize;
+
+/// A flash, as a store needs it: words are written once between two erases of their sector, in the order in which they are
+/// given. Nothing is read or written while it is busy; a flash that takes its time may put off what it is told until it is
+/// next asked whether it is, and must then hold [`MOST_WRITES`] words and an erase, and give out what it holds.
 pub trait Flash {
     /// Number of sectors, 3 to 16.
     const SECTORS: u8;
@@ -47,13 +54,13 @@ pub trait Flash {
     /// The word at a place; `None` where it cannot be read, because power was cut when it was written or erased.
     fn read(&self, sector: u8, word: u16) -> Option<Word>;
 
-    /// Writes a word, which takes some 0.1 ms.
+    /// Writes a word.
     fn write(&mut self, sector: u8, word: u16, value: &Word);
 
-    /// Begins to erase a sector, which takes seconds.
+    /// Begins to erase a sector, after what was written before.
     fn erase(&mut self, sector: u8);
 
-    /// Whether a sector is being erased.
+    /// Whether it writes or erases; begins with what was put off.
     fn busy(&self) -> bool;
 }
 
@@ -89,6 +96,8 @@ pub struct FlashStore<F, const WAITING: usize> {
     unnoted: [bool; CLASSES],
     /// Where the record found last stands, by class: sector and word.
     seek: Cell<[(u8, u16); CLASSES]>,
+    /// A record that was asked for and cannot be read any more.
+    missing: Cell<Option<(Class, u32)>>,
     waiting: [Option<Waiting>; WAITING],
     /// The first of those that wait, and how many.
     first: usize,
@@ -108,6 +117,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
             live: 0,
             unnoted: [false; CLASSES],
             seek: Cell::new([(0, 0); CLASSES]),
+            missing: Cell::new(None),
             waiting: [None; WAITING],
             first: 0,
             waits: 0,
@@ -153,6 +163,11 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
     /// The flash, to open it again.
     pub fn into_flash(self) -> F {
         self.flash
+    }
+
+    /// Whether everything it was given is in flash, and nothing is being erased.
+    pub fn rests(&self) -> bool {
+        self.waits == 0 && !self.flash.busy()
     }
 
     /// Records that wait in memory.

@@ -68,6 +68,12 @@ impl<const SECTORS: usize, const WORDS: usize> ModelFlash<SECTORS, WORDS> {
         self.looks.set(0);
     }
 
+    /// A word cannot be read any more.
+    pub fn damage(&mut self, sector: u8, word: u16) {
+        let cell = self.words.get_mut(usize::from(sector)).and_then(|s| s.get_mut(usize::from(word)));
+        cell.into_iter().for_each(|cell| cell.damaged = true);
+    }
+
     /// Writes and erases so far.
     pub fn operations(&self) -> u32 {
         self.operations

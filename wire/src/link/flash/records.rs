@@ -66,7 +66,10 @@ impl<F: Flash, const WAITING: usize> Store for FlashStore<F, WAITING> {
         {
             return None;
         }
-        let (sector, word, head) = self.find(class, number)?;
+        let Some((sector, word, head)) = self.find(class, number) else {
+            self.missing.set(Some((class, number)));
+            return None;
+        };
         let mut text = [0; RECORD_BYTES];
         entry::text(&self.flash, sector, word, &head, &mut text).then(|| {
             for (to, from) in into.iter_mut().zip(text.iter().take(usize::from(head.length))) {
@@ -90,6 +93,10 @@ impl<F: Flash, const WAITING: usize> Store for FlashStore<F, WAITING> {
             return;
         }
         self.erased();
+        // Worn out, or never written: it would be waited for for ever.
+        if let Some((class, number)) = self.missing.take() {
+            self.lose(class, number);
+        }
         while let Some(Some(waiting)) = self.waiting.get(self.first).copied().filter(|_| self.waits > 0) {
             if !self.put(&waiting) {
                 return;

@@ -98,6 +98,52 @@ fn the_oldest_goes_first_but_alarms_and_final_tracks_last() {
     assert_eq!(store.flash().misuses(), 0);
 }
 
+#[test]
+fn a_record_that_cannot_be_read_any_more_is_counted_and_the_others_go_on() {
+    let mut store = Tested::open(Small::new());
+    store.begin(1);
+    (0..5).for_each(|n| assert!(store.append(Class::Alarm, 1, &[n; 100])));
+    settle(&mut store);
+    let (sector, word, _) = store.find(Class::Alarm, 1).unwrap();
+    store.flash_mut().damage(sector, word + 1);
+    let settings = crate::link::Settings::serial(921_600);
+    let mut link = crate::link::Link::new(settings, 7, 1, 0, store);
+    let far = crate::link::MemoryStore::<500>::new();
+    let mut base = crate::link::Link::new(crate::link::Settings { leads: false, ..settings }, 0, 1, 0, far);
+    let mut came = Came::default();
+    for now in (0..20_000_000).step_by(1000) {
+        for byte in link.send(now).map(<[u8]>::to_vec).unwrap_or_default() {
+            base.receive(now, byte, &mut came);
+        }
+        for byte in base.send(now).map(<[u8]>::to_vec).unwrap_or_default() {
+            link.receive(now, byte, &mut Came::default());
+        }
+    }
+    // Numbers 0 and 1 went with the damage if 0 had not come before it was noticed.
+    assert!(came.records.ends_with(&[2, 3, 4]) && came.lost >= 1, "{came:?}");
+    assert_eq!(came.records.len() as u32 + came.lost, 5);
+}
+
+#[derive(Debug, Default)]
+struct Came {
+    records: Vec<u32>,
+    lost: u32,
+}
+
+impl crate::link::Inbox for Came {
+    fn recall(&mut self, _: &crate::link::Session) -> Option<crate::link::Progress> {
+        None
+    }
+
+    fn take(&mut self, arrival: crate::link::Arrival<'_>) {
+        match arrival {
+            crate::link::Arrival::Record(record) => self.records.push(record.number),
+            crate::link::Arrival::Lost(loss) => self.lost += loss.count,
+            _ => {}
+        }
+    }
+}
+
 /// Power cut at every write and erase of a run: the store opens, has all that could be read before, and goes on.
 fn cut_everywhere(records: u32, acknowledged: bool) -> u32 {
     let mut flash = Small::new();
