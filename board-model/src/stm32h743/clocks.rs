@@ -200,8 +200,8 @@ impl Clocks {
     /// Whether the delays of programming are right for the flash's clock (`WRHIGHFREQ`; RM0433, table 17).
     pub fn may_program(&self) -> bool {
         let needed = match self.ahb_hz() {
-            ..=70_000_000 => 0,
-            ..=185_000_000 => 1,
+            ..70_000_001 => 0,
+            70_000_001..185_000_001 => 1,
             _ => 2,
         };
         self.latency >> 4 & 3 == needed
