@@ -76,8 +76,8 @@ fn outage(what: &str, length_s: f64, fault: InjectedFault, event_s: f64, wanted:
 
 /// How long the flash takes in a rehearsal: to program the longest that the data sheet gives, to erase a fortieth of it.
 const FLASH: FlashTimes = FlashTimes { program_us: 200.0, erase_s: 0.05 };
-/// Programmings and erasings of a short run: a second, asked eight times who it is.
-pub const SHORT_RUN: u32 = 40;
+/// Programmings and erasings of a short run: a second, and twenty commands.
+pub const SHORT_RUN: u32 = 32;
 
 /// With records that wait in flash: power cut in the middle of these programmings and erasings, and other ends.
 pub fn with_store(cuts: &[u32]) -> Vec<Case> {
@@ -92,8 +92,9 @@ pub fn with_store(cuts: &[u32]) -> Vec<Case> {
     let cut = |n: &u32| {
         let name = format!("power cut in the middle of work {n} of the flash");
         let case = case(&name, &[InjectedFault::FlashCut(*n)], 0.0, 1.0, &[Wanted::Start(POWER)]);
-        let asked = |n: u8| (0.25 + 0.05 * f64::from(n), Command::Identify { token: n });
-        let commands = line(&(0..8).map(asked).collect::<Vec<_>>());
+        // Refused while it records, which is a record each.
+        let asked = |n: u8| (0.2 + 0.03 * f64::from(n), Command::Start { token: n });
+        let commands = line(&(0..20).map(asked).collect::<Vec<_>>());
         Case { setup: Setup { commands, ..case.setup }, ..case }
     };
     let mut cases: Vec<Case> = cuts.iter().map(cut).collect();
