@@ -67,6 +67,7 @@ pub fn scenario(
         components: Components::default(),
         propagation: None,
         seed_id: None,
+        gains: [1.0; 4],
         file_channels: None,
         name_offset: None,
     };

@@ -18,7 +18,7 @@ enum Expected {
 use Expected::{Lacks, Runs, Waits};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 21] = [
+const EXAMPLES: [(&str, &[Expected]); 23] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs, Runs, Runs]),
     ("bearing", &[Runs]),
@@ -47,6 +47,8 @@ const EXAMPLES: [(&str, &[Expected]); 21] = [
     ("propagation", &[Lacks("rays.csv"), Runs]),
     ("propagation fit", &[Lacks("station.toml")]),
     ("schema", &[Runs]),
+    ("station", &[]),
+    ("station import", &[Lacks("network.xml"), Lacks("network.xml")]),
     ("config", &[]),
     ("config check", &[Runs]),
     ("plan", &[Runs, Runs]),

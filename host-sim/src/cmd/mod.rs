@@ -30,6 +30,7 @@ pub mod reproduce;
 pub mod schema;
 pub mod shaft_rate;
 pub mod simulate;
+pub mod station;
 pub mod track;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod twin;
@@ -115,6 +116,8 @@ pub enum Subcommand {
     /// What the records hold, as JSON Schema
     #[cfg(feature = "schema")]
     Schema(schema::Args),
+    /// Make station files of StationXML
+    Station(station::Args),
     /// Check a station file
     Config(config::Args),
     /// What a deployment costs and whether it fits: work, memory, line, card, battery
@@ -151,6 +154,7 @@ impl Subcommand {
             Self::Propagation(args) => propagation::run(args),
             #[cfg(feature = "schema")]
             Self::Schema(args) => schema::run(args),
+            Self::Station(args) => station::run(args),
             Self::Config(args) => config::run(args),
             Self::Plan(args) => plan::run(args),
             Self::Ais(args) => ais::run(args),

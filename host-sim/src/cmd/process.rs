@@ -8,6 +8,8 @@ use crate::progress;
 use crate::recording::{Asked, BlockSource, Recording, Span, written_time};
 use crate::replay::{ReplaySummary, replay};
 use crate::station::Station;
+use crate::station::import::{self, Imported};
+use crate::station::xml::{self, Wanted};
 use crate::{atomic, record};
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
@@ -16,6 +18,7 @@ use seabearing_core::config::Kind;
 use seabearing_core::wire::{Encoder, Message};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use time::OffsetDateTime;
 
 /// Arguments of `seabearing process`.
@@ -27,9 +30,12 @@ use time::OffsetDateTime;
     docs/recordings.md says which files are read, and how whole archives are."
 )]
 pub struct Args {
-    /// Station file of the recorder; of several stations, one after another, into --out
+    /// Station file of the recorder, or StationXML; of several stations, one after another, into --out
     #[arg(long, required = true, value_name = "STATION.toml")]
     station: Vec<PathBuf>,
+    /// Propagation table of the stations that StationXML describes, which else is traced through a typical sea
+    #[arg(long, value_name = "TABLE.toml")]
+    propagation: Option<PathBuf>,
     /// Recordings (WAV, FLAC, miniSEED, SAC), or folders and archives of them
     #[arg(required = true)]
     input: Vec<PathBuf>,
@@ -74,6 +80,24 @@ pub struct Args {
 }
 
 impl Args {
+    /// The stations, and what keeps the files that were made of StationXML.
+    fn stations(&self) -> Result<Vec<(Option<Arc<Imported>>, Station)>> {
+        let mut out = Vec::new();
+        for path in &self.station {
+            if !xml::is_xml(path) {
+                out.push((None, Station::of_recorder(path)?));
+                continue;
+            }
+            let at = self.asked()?.span.from;
+            let wanted = Wanted { at, ..Wanted::default() };
+            let imported = Arc::new(import::import(path, &wanted, self.propagation.as_deref())?);
+            for file in &imported.files {
+                out.push((Some(Arc::clone(&imported)), Station::of_recorder(file)?));
+            }
+        }
+        Ok(out)
+    }
+
     /// What is asked of the recordings.
     fn asked(&self) -> Result<Asked> {
         let time = |option: &str, text: &Option<String>| {
@@ -97,13 +121,14 @@ impl Args {
 /// # Errors
 /// A bad station file, no usable recording, or nothing useful in it.
 pub fn run(args: Args) -> Result<()> {
+    let stations = args.stations()?;
     if let Some(folder) = &args.out {
-        return archive(&args, folder);
+        return archive(&args, stations, folder);
     }
-    let [station] = &args.station[..] else {
+    let mut stations = stations.into_iter();
+    let (Some((_imported, station)), None) = (stations.next(), stations.next()) else {
         bail!("several stations need a folder for their records: --out DIR");
     };
-    let station = Station::of_recorder(station)?;
     // Where nothing can be written is said before the work, not after.
     let telemetry_file = args.telemetry.as_deref().map(atomic::Unfinished::beside).transpose()?;
     if let Some(folder) = &args.plots
@@ -215,13 +240,19 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 /// Every day of every station into a folder.
-fn archive(args: &Args, folder: &Path) -> Result<()> {
+fn archive(args: &Args, stations: Vec<(Option<Arc<Imported>>, Station)>, folder: &Path) -> Result<()> {
     let asked = args.asked()?;
     let (share, shares) = args.share.as_deref().map_or(Ok((1, 1)), share)?;
     let mut members = Vec::new();
-    for path in &args.station {
-        let member = Member::find(Station::of_recorder(path)?, &args.input, &asked);
-        members.push(member.with_context(|| path.display().to_string())?);
+    let several = stations.len() > 1;
+    for (imported, station) in stations {
+        let name = station.config.name.clone();
+        match Member::find(station, &args.input, &asked) {
+            Ok(member) => members.push(member),
+            // StationXML tells of whole networks; the archive need not hold all of it.
+            Err(e) if several && imported.is_some() => eprintln!("seabearing: left out {name}: {e:#}"),
+            Err(e) => return Err(e.context(name.to_string())),
+        }
     }
     let units = archive::units(&members, asked.span)?;
     if units.is_empty() {

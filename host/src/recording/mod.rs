@@ -278,7 +278,7 @@ pub fn open(
 }
 
 /// Says on standard error what is odd about a recording.
-fn complain(what: &str) {
+pub(crate) fn complain(what: &str) {
     eprintln!("seabearing: {what}");
 }
 

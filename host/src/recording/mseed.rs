@@ -8,7 +8,7 @@
 //! drifted since the start: samples are counted, and the drift is said. What overlaps is used once. Every irregularity is
 //! named once on stderr.
 
-use super::mseed_record::{self, Header, LONGEST};
+use super::mseed_record::{self, Header, LONGEST, code_of};
 use super::{BlockSource, Container, Span, complain, sac};
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
@@ -80,6 +80,8 @@ pub(super) struct Components {
     files: Arc<Vec<PathBuf>>,
     /// Code and records of pressure, north, east and vertical.
     channels: [(String, Channel); CHANNELS],
+    /// What their codes are multiplied by.
+    gains: [f64; CHANNELS],
     /// Samples a second.
     pub rate_hz: f64,
 }
@@ -87,6 +89,7 @@ pub(super) struct Components {
 /// A seismic recording.
 pub(super) struct Seismic {
     files: Arc<Vec<PathBuf>>,
+    gains: [f64; CHANNELS],
     readers: [Reader; CHANNELS],
     start: OffsetDateTime,
     next: i64,
@@ -170,7 +173,12 @@ impl Components {
         }
         let channels: [_; CHANNELS] =
             chosen.try_into().map_err(|_| anyhow!("a recorder has four components"))?;
-        Ok(Self { files: Arc::new(files.into_iter().map(|(path, _)| path).collect()), channels, rate_hz })
+        Ok(Self {
+            files: Arc::new(files.into_iter().map(|(path, _)| path).collect()),
+            channels,
+            gains: station.gains,
+            rate_hz,
+        })
     }
 
     /// When each record began and ended.
@@ -247,7 +255,7 @@ impl Components {
             file: None,
         });
         let files = Arc::clone(&self.files);
-        Ok(Seismic { files, readers, start, next: 0, end, frames: Vec::new() })
+        Ok(Seismic { files, gains: self.gains, readers, start, next: 0, end, frames: Vec::new() })
     }
 }
 
@@ -469,7 +477,13 @@ impl BlockSource for Seismic {
             self.frames.resize(from + run, [MISSING; CHANNELS]);
             for (c, reader) in self.readers.iter_mut().enumerate().filter(|(c, _)| there[*c]) {
                 let samples = reader.take(run);
-                self.frames[from..].iter_mut().zip(samples).for_each(|(frame, x)| frame[c] = *x);
+                let gain = self.gains[c];
+                let code = |x: i32| match x {
+                    MISSING => x,
+                    _ if gain == 1.0 => x,
+                    _ => code_of(f64::from(x) * gain),
+                };
+                self.frames[from..].iter_mut().zip(samples).for_each(|(frame, x)| frame[c] = code(*x));
             }
             self.next += run as i64;
         }

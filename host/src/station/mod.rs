@@ -1,6 +1,8 @@
 //! The station file (TOML): unknown or wrong keys are errors that name the key and the line.
 
+pub mod import;
 mod tables;
+pub mod xml;
 
 pub use tables::Components;
 
@@ -40,6 +42,8 @@ pub struct Station {
     pub propagation: Option<PathBuf>,
     /// Network, station and location (`7D.FN01A.00`) whose records are an ocean-bottom station's; all where it names none.
     pub seed_id: Option<String>,
+    /// What the codes of pressure, north, east and vertical in miniSEED and SAC files are multiplied by.
+    pub gains: [f64; 4],
     /// Channels of the recordings that are the recorder's 0 to 3, where the station file names them.
     pub file_channels: Option<[u8; 4]>,
     /// Offset from UTC of the times in names of recordings, where the station file tells it.
@@ -106,6 +110,7 @@ impl Station {
         let mut components = Components::default();
         let mut propagation = None;
         let mut seed_id = None;
+        let mut gains = [1.0; 4];
         let mut file_channels = None;
         let kind = match kind.as_str() {
             "array" => {
@@ -143,6 +148,10 @@ impl Station {
                 components = o.components.unwrap_or_default();
                 propagation = o.propagation.map(|p| folder.join(p));
                 seed_id = o.seed_id;
+                gains = o.sensitivity.map_or(gains, |s| s.gains());
+                if !gains.iter().all(|g| g.is_finite() && *g != 0.0) {
+                    bail!("{}: each sensitivity must be a number other than 0", here("obs.sensitivity"));
+                }
                 Kind::Obs(ObsConfig {
                     orientation_of_north_deg: o.orientation_of_north_deg,
                     intensity_towards: match o.intensity.as_str() {
@@ -197,7 +206,7 @@ impl Station {
             written_time::offset(text).ok_or_else(|| source.wrong("sampling.name_offset", what()))
         });
         let name_offset = name_offset.transpose()?;
-        Ok(Self { config, components, propagation, seed_id, file_channels, name_offset })
+        Ok(Self { config, components, propagation, seed_id, gains, file_channels, name_offset })
     }
 
     /// Reads a network file: a list of `[[stations]]`.

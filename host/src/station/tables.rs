@@ -118,6 +118,7 @@ impl Default for Array {
 #[serde(deny_unknown_fields)]
 pub(super) struct Obs {
     pub(super) seed_id: Option<String>,
+    pub(super) sensitivity: Option<Sensitivity>,
     pub(super) components: Option<Components>,
     #[serde(default)]
     pub(super) orientation_of_north_deg: f64,
@@ -125,6 +126,28 @@ pub(super) struct Obs {
     pub(super) intensity: String,
     pub(super) propagation: Option<PathBuf>,
     pub(super) compatibility: Option<String>,
+}
+
+/// Counts for a pascal and for a metre a second; negative where a component is reversed.
+#[derive(Deserialize, Clone, Copy)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Sensitivity {
+    pub(super) pressure: f64,
+    pub(super) north: f64,
+    pub(super) east: f64,
+    pub(super) vertical: f64,
+}
+
+impl Sensitivity {
+    /// What codes are multiplied by so that all motion has the size of north's and nothing is reversed; what differs by
+    /// less than a thousandth is left.
+    pub(super) fn gains(self) -> [f64; 4] {
+        let motion = |s: f64| {
+            let gain = self.north.abs() / s;
+            if (gain - 1.0).abs() < 1e-3 { 1.0 } else { gain }
+        };
+        [self.pressure.signum(), motion(self.north), motion(self.east), motion(self.vertical)]
+    }
 }
 
 pub(super) fn default_intensity() -> String {

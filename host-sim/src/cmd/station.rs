@@ -1,0 +1,75 @@
+//! `seabearing station`: station files from what data centres keep.
+
+use super::instant;
+use crate::station::import;
+use crate::station::xml::{self, Wanted};
+use anyhow::{Result, bail};
+use std::path::PathBuf;
+
+/// Arguments of `seabearing station`.
+#[derive(clap::Args)]
+#[command(arg_required_else_help = true)]
+pub struct Args {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(clap::Subcommand)]
+enum Action {
+    /// A station file, and the propagation table beside it, from StationXML
+    Import(ImportArgs),
+}
+
+/// Arguments of `seabearing station import`.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Examples:\n  seabearing station import network.xml --station RR03 --out rr03.toml\n  \
+    seabearing station import network.xml --network YV --station RR03 --propagation table.toml --out rr03.toml\n\n\
+    Codes, orientation, position, rate and sensitivities are those of the XML. Without --propagation a table is traced through \
+    a typical subtropical sea of the station's depth; `seabearing propagation` makes one of the sea's own profile."
+)]
+struct ImportArgs {
+    /// StationXML of one or more stations
+    xml: PathBuf,
+    /// Network code
+    #[arg(long, value_name = "CODE")]
+    network: Option<String>,
+    /// Station code
+    #[arg(long, value_name = "CODE")]
+    station: Option<String>,
+    /// Location code, -- for the empty one
+    #[arg(long, value_name = "CODE", allow_hyphen_values = true)]
+    location: Option<String>,
+    /// UTC at which the station recorded, where the XML tells several epochs (by default the latest counts)
+    #[arg(long, value_name = "TIME")]
+    at: Option<String>,
+    /// Number of the station
+    #[arg(long, default_value_t = 1)]
+    id: u16,
+    /// Propagation table of the station
+    #[arg(long, value_name = "TABLE.toml")]
+    propagation: Option<PathBuf>,
+    /// Station file to write
+    #[arg(long, value_name = "STATION.toml")]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One line for a person.
+pub fn run(args: Args) -> Result<()> {
+    let Action::Import(args) = args.action;
+    let at = args.at.as_deref().map(|t| instant("--at", t)).transpose()?;
+    let wanted = Wanted { network: args.network, station: args.station, location: args.location, at };
+    let found = xml::read(&args.xml, &wanted)?;
+    let [station] = &found[..] else {
+        let codes: Vec<&str> = found.iter().map(|d| d.code.as_str()).collect();
+        bail!(
+            "{}: several stations, choose by --network and --station: {}",
+            args.xml.display(),
+            codes.join(", ")
+        );
+    };
+    import::write(station, args.id, args.propagation.as_deref(), &args.out)
+}

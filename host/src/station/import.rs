@@ -1,0 +1,75 @@
+//! A station file and its propagation table from StationXML.
+
+use super::xml::{Described, Wanted, read};
+use crate::interrupt::{self, Guard};
+use crate::ocean_bottom::table;
+use crate::propagation::bottom::Bottom;
+use crate::propagation::profile::SpeedProfile;
+use crate::propagation::{file, trace};
+use crate::{atomic, recording};
+use anyhow::{Context, Result};
+use std::path::{Path, PathBuf};
+
+/// Rows of a table traced here and their distance, m: the range that the detectors look at, and a bit.
+const ROWS: usize = 730;
+const STEP_M: f64 = 70.0;
+
+/// Writes a station file, and beside it a propagation table where none is given. That is traced through the profile of
+/// [`SpeedProfile::subtropical`]: ranges want the sea's own.
+///
+/// # Errors
+/// Something cannot be written, or the depth is none of a station at the bottom of an ocean.
+pub fn write(described: &Described, id: u16, propagation: Option<&Path>, out: &Path) -> Result<()> {
+    let beside = out.with_extension("propagation.toml");
+    let name = match propagation {
+        Some(path) => {
+            // The station file may lie elsewhere: its table is named by its whole path.
+            let whole =
+                std::fs::canonicalize(path).with_context(|| format!("cannot read {}", path.display()))?;
+            whole.display().to_string()
+        }
+        None => {
+            let profile = SpeedProfile::subtropical(described.depth_m)
+                .with_context(|| format!("{} at {} m of depth", described.code, described.depth_m))?;
+            let traced = trace::trace(&described.code, &profile, &Bottom::default(), STEP_M, ROWS, || ());
+            table::blob(&traced, &described.code, described.recorder_hz())?;
+            file::write(&traced, &beside)?;
+            beside.file_name().unwrap_or_default().to_string_lossy().into_owned()
+        }
+    };
+    atomic::write(out, described.station_file(id, &name).as_bytes())
+}
+
+/// Station files made of StationXML for as long as this lives.
+#[derive(Debug)]
+pub struct Imported {
+    /// The station files.
+    pub files: Vec<PathBuf>,
+    _folder: tempfile::TempDir,
+    _listed: Guard,
+}
+
+/// Makes station files of all that are wanted of a StationXML file, in a temporary folder.
+///
+/// # Errors
+/// As [`read`] and [`write()`].
+pub fn import(path: &Path, wanted: &Wanted, propagation: Option<&Path>) -> Result<Imported> {
+    let (folder, listed) = interrupt::listing(|| {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().to_owned();
+        Ok::<_, std::io::Error>((folder, Box::new(move || drop(std::fs::remove_dir_all(&path))) as _))
+    })?;
+    let mut files = Vec::new();
+    for (id, described) in (1..).zip(read(path, wanted)?) {
+        let out = folder.path().join(format!("{}.toml", described.code));
+        write(&described, id, propagation, &out)?;
+        if propagation.is_none() {
+            recording::complain(&format!(
+                "{}: ranges by a typical subtropical sea {:.0} m deep; --propagation gives the sea's own",
+                described.code, described.depth_m
+            ));
+        }
+        files.push(out);
+    }
+    Ok(Imported { files, _folder: folder, _listed: listed })
+}
