@@ -18,7 +18,7 @@ enum Expected {
 use Expected::{Lacks, Runs, Waits};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 23] = [
+const EXAMPLES: [(&str, &[Expected]); 25] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs, Runs, Runs]),
     ("bearing", &[Runs]),
@@ -40,17 +40,19 @@ const EXAMPLES: [(&str, &[Expected]); 23] = [
     ("twin", &[Lacks("out/station.toml"), Lacks("out/station.toml"), Lacks("out/station.toml")]),
     ("base", &[Runs, Waits("/dev/ttyACM0"), Waits("127.0.0.1:"), Lacks("stations.toml"), Runs]),
     ("base send", &[Lacks("east.key"), Lacks("east.key"), Lacks("stations.toml")]),
-    ("export", &[Runs, Runs]),
+    ("export", &[Runs, Runs, Runs, Runs]),
     ("demo", &[]),
     ("blob", &[Runs]),
     ("reproduce", &[Runs]),
     ("propagation", &[Lacks("rays.csv"), Runs]),
     ("propagation fit", &[Lacks("station.toml")]),
-    ("schema", &[Runs]),
+    ("schema", &[Runs, Runs]),
     ("station", &[]),
     ("station import", &[Lacks("network.xml"), Lacks("network.xml")]),
+    ("completions", &[Runs]),
+    ("man", &[Runs]),
     ("config", &[]),
-    ("config check", &[Runs]),
+    ("config check", &[Runs, Runs]),
     ("plan", &[Runs, Runs]),
     ("ais speeds", &[Runs]),
 ];
@@ -114,7 +116,9 @@ fn folder() -> tempfile::TempDir {
     }
     std::fs::copy(dir.path().join("east.toml"), dir.path().join("station.toml")).unwrap();
     let made = ["process", "--station", "east.toml", "recording.wav", "--telemetry", "telemetry.bin"];
-    assert!(seabearing(&made, dir.path()).status.success());
+    let made = seabearing(&made, dir.path());
+    assert!(made.status.success());
+    std::fs::write(dir.path().join("records.jsonl"), &made.stdout).unwrap();
     let kept = [
         "base",
         "telemetry.bin",

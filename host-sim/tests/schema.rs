@@ -80,3 +80,44 @@ fn what_process_and_base_print_agrees_with_it() {
         records.iter().for_each(|record| agrees(record, &schema));
     }
 }
+
+/// Every property of a schema, with its path.
+fn properties(schema: &Value, above: &str, out: &mut Vec<(String, Value)>) {
+    for (key, property) in schema["properties"].as_object().into_iter().flatten() {
+        let path = format!("{above}.{key}");
+        out.push((path.clone(), property.clone()));
+        properties(property, &path, out);
+        for one in property["anyOf"].as_array().into_iter().flatten().chain([&property["items"]]) {
+            properties(one, &path, out);
+        }
+    }
+}
+
+#[test]
+fn the_schemas_of_files_are_those_of_the_types_and_explain_every_key() {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    for (what, keys) in [("station", 60), ("network", 10)] {
+        let made = output(Path::new("."), &["schema", what]);
+        let name = format!("{what}.schema.json");
+        let published = std::fs::read_to_string(docs.join(&name)).unwrap_or_default();
+        assert!(made == published, "docs/{name} is old: `seabearing schema {what} > docs/{name}`");
+        let schema: Value = serde_json::from_str(&made).unwrap();
+        let mut all = Vec::new();
+        properties(&schema, "", &mut all);
+        assert!(all.len() >= keys, "{what}: {}", all.len());
+        for (path, property) in all {
+            assert!(property["description"].is_string(), "{what}: {path} is not described");
+        }
+    }
+    let station = docs.join("../scenarios/tetrahedron.toml");
+    let station = ["config", "check", station.to_str().unwrap(), "--explain"];
+    let explained = output(Path::new("."), &station);
+    for part in [
+        "array.hydrophones_m ",
+        "tracking.speed_from_shaft.blades ",
+        "obs.components.pressure ",
+        "Default 8388608",
+    ] {
+        assert!(explained.contains(part), "{part}: {explained}");
+    }
+}

@@ -1,9 +1,11 @@
 //! Records into files that other programs open.
 //!
 //! In: records as `process` and `base` print them. Out: JSON Lines, CSV or Parquet with every record (`table`); GeoJSON
-//! (RFC 7946) or KML (OGC 2.3) with the tracks on a map (`map`). A track's record gets latitude and longitude wherever
+//! (RFC 7946) or KML (OGC 2.3) with the tracks on a map (`map`); Raven, Audacity, PAMpal or QuakeML with what happened when
+//! (`events`). A track's record gets latitude and longitude wherever
 //! its station's position is known and its range observable. Files appear whole or not at all.
 
+mod events;
 mod map;
 #[cfg(feature = "parquet")]
 mod parquet;
@@ -29,6 +31,14 @@ pub enum Format {
     Kml,
     /// One record a row, typed columns.
     Parquet,
+    /// A selection table of Raven.
+    Raven,
+    /// Labels of Audacity.
+    Audacity,
+    /// Events by which PAMpal groups PAMGuard's detections.
+    PamGuard,
+    /// Picks of calls and T phases.
+    QuakeMl,
 }
 
 impl Format {
@@ -37,6 +47,13 @@ impl Format {
     /// # Errors
     /// The ending is none that is known.
     pub fn of(path: &Path) -> Result<Self> {
+        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("").to_ascii_lowercase();
+        if name.ends_with("selections.txt") {
+            return Ok(Self::Raven);
+        }
+        if name.ends_with("labels.txt") {
+            return Ok(Self::Audacity);
+        }
         let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
         Ok(match ending.as_str() {
             "jsonl" => Self::JsonLines,
@@ -44,8 +61,10 @@ impl Format {
             "geojson" | "json" => Self::GeoJson,
             "kml" => Self::Kml,
             "parquet" => Self::Parquet,
+            "quakeml" | "xml" => Self::QuakeMl,
             _ => bail!(
-                "{}: the name of an export must end in .csv, .geojson, .jsonl, .kml or .parquet",
+                "{}: the name of an export must end in .csv, .geojson, .jsonl, .kml, .parquet, .quakeml, \
+                 selections.txt (Raven) or labels.txt (Audacity); or give --format",
                 path.display()
             ),
         })
@@ -64,6 +83,8 @@ pub struct Positions {
     pub of_station: BTreeMap<u64, (f64, f64)>,
     /// Of any other, and of records that do not tell their station.
     pub otherwise: Option<(f64, f64)>,
+    /// What seismologists call the station: `NET.STA`, with `.LOC` and `.CHAN` where known.
+    pub seed_id: Option<String>,
 }
 
 impl Positions {
@@ -90,6 +111,9 @@ pub fn check(path: &Path, format: Format, places: &Positions, option: &str) -> R
             path.display()
         );
     }
+    if format == Format::QuakeMl && places.seed_id.is_none() {
+        bail!("{}: picks are of a station: give --seed-id NET.STA.LOC", path.display());
+    }
     if format == Format::Parquet && cfg!(not(feature = "parquet")) {
         bail!("{}: this build has no Parquet (feature `parquet`); use .csv", path.display());
     }
@@ -107,6 +131,19 @@ pub fn write(path: &Path, format: Format, records: &[Value], places: &Positions)
     }
     if format == Format::Kml {
         return atomic::write(path, map::kml(records, places)?.as_bytes());
+    }
+    type ToEvents = fn(&[events::Event], &mut dyn Write) -> Result<()>;
+    let to_events: Option<ToEvents> = match format {
+        Format::Raven => Some(|e, mut out| events::raven(e, &mut out)),
+        Format::Audacity => Some(|e, mut out| events::audacity(e, &mut out)),
+        Format::PamGuard => Some(|e, mut out| events::pamguard(e, &mut out)),
+        _ => None,
+    };
+    if let Some(to_events) = to_events {
+        return atomic::write_with(path, |out| to_events(&events::events(records), out));
+    }
+    if let (Format::QuakeMl, Some(seed_id)) = (format, &places.seed_id) {
+        return atomic::write_with(path, |out| events::quakeml(&events::events(records), seed_id, out));
     }
     let records: Vec<Value> = records.iter().map(|r| placed(r, places)).collect();
     atomic::write_with(path, |out| match format {

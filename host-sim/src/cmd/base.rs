@@ -272,8 +272,7 @@ fn places(args: &Args, station: Option<&Station>, listed: &[Listed]) -> Result<P
         _ => Default::default(),
     };
     let said = station.and_then(|s| s.config.lat_lon_deg);
-    let mut places =
-        Positions { otherwise: said.or(kept.get(&None).copied()), of_station: Default::default() };
+    let mut places = Positions { otherwise: said.or(kept.get(&None).copied()), ..Positions::default() };
     let kept = kept.into_iter().filter_map(|(of, at)| Some((u64::from(of?), at)));
     let listed = listed.iter().filter_map(|s| Some((u64::from(s.config.id), s.config.lat_lon_deg?)));
     places.of_station.extend(kept.chain(listed));

@@ -26,15 +26,21 @@ enum Action {
 
 /// Arguments of `seabearing config check`.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  seabearing config check east.toml\n\n\
+#[command(
+    after_help = "Examples:\n  seabearing config check east.toml\n  seabearing config check east.toml --explain\n\n\
     The expected accuracy is the physical limit of one segment for a source whose spectrum has the shape of the \
-    noise's: no estimator does better. An error of 1 cm in a hydrophone's position adds about 0.3° to a 1.85 m array.")]
+    noise's: no estimator does better. An error of 1 cm in a hydrophone's position adds about 0.3° to a 1.85 m array."
+)]
 struct CheckArgs {
     /// Station file.
     station: PathBuf,
     /// Results as one JSON record.
     #[arg(long)]
     json: bool,
+    /// Explain every key of a station file first: its meaning, unit, bounds and default
+    #[cfg(feature = "schema")]
+    #[arg(long, conflicts_with = "json")]
+    explain: bool,
 }
 
 /// Signal-to-noise ratios for which accuracy is stated, dB.
@@ -51,6 +57,13 @@ const RANGES_M: [f64; 4] = [10_000.0, 20_000.0, 35_000.0, 50_000.0];
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     let Action::Check(args) = args.action;
+    #[cfg(feature = "schema")]
+    if args.explain {
+        let keys = crate::station::schema::keys();
+        let width = keys.iter().map(|(key, _)| key.len()).max().unwrap_or(0);
+        keys.iter().for_each(|(key, text)| println!("{key:width$}  {text}"));
+        println!();
+    }
     let station = Station::of_recorder(&args.station)?;
     let config = &station.config;
     let mut record = json!({

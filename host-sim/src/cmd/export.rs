@@ -1,22 +1,30 @@
-//! `seabearing export`: records of a base station's store as files that other programs open.
+//! `seabearing export`: records, of a base station's store or of `process`, as files that other programs open.
 
 use super::instant;
 use crate::base::export::{self, Format, Positions};
 use crate::base::store::{self, Wanted};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `seabearing export`.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  seabearing export --store out/base --format csv --out records.csv\n  \
-    seabearing export --store out/base --format kml --from 2024-05-01T09:00:00Z --to 2024-05-01T12:00:00Z --out morning.kml\n\n\
-    JSON Lines, CSV and Parquet hold every record, GeoJSON and KML the tracks. A store that a base station is writing \
-    into may be read.")]
+    seabearing export --store out/base --format kml --from 2024-05-01T09:00:00Z --to 2024-05-01T12:00:00Z --out morning.kml\n  \
+    seabearing export records.jsonl --format raven --out pass.selections.txt\n  \
+    seabearing export records.jsonl --seed-id YV.RR03.00 --out calls.quakeml\n\n\
+    JSON Lines, CSV and Parquet hold every record, GeoJSON and KML the tracks; Raven, Audacity and PAMGuard (events for PAMpal) \
+    tracks, presences, calls and bearings, QuakeML the calls and T phases of an ocean-bottom station. A store that a base \
+    station is writing into may be read.")]
 pub struct Args {
+    /// Records of `process` or `base` (JSON Lines)
+    #[arg(value_name = "RECORDS.jsonl", required_unless_present = "store", conflicts_with = "store")]
+    records: Vec<PathBuf>,
     /// Folder of the store (`seabearing base --store`)
     #[arg(long, value_name = "DIR")]
-    store: PathBuf,
+    store: Option<PathBuf>,
     /// What the file is written as; by default what its name ends in
     #[arg(long, value_enum)]
     format: Option<Name>,
@@ -32,6 +40,9 @@ pub struct Args {
     /// Network file with the stations' positions, where the store does not know them
     #[arg(long, value_name = "STATIONS.toml")]
     stations: Option<PathBuf>,
+    /// What seismologists call the station, for QuakeML
+    #[arg(long, value_name = "NET.STA.LOC.CHAN")]
+    seed_id: Option<String>,
     /// File to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -45,6 +56,10 @@ enum Name {
     Geojson,
     Kml,
     Parquet,
+    Raven,
+    Audacity,
+    Pamguard,
+    Quakeml,
 }
 
 /// Runs the command.
@@ -59,6 +74,10 @@ pub fn run(args: Args) -> Result<()> {
         Some(Name::Geojson) => Format::GeoJson,
         Some(Name::Kml) => Format::Kml,
         Some(Name::Parquet) => Format::Parquet,
+        Some(Name::Raven) => Format::Raven,
+        Some(Name::Audacity) => Format::Audacity,
+        Some(Name::Pamguard) => Format::PamGuard,
+        Some(Name::Quakeml) => Format::QuakeMl,
     };
     let time = |option: &str, text: &Option<String>| text.as_deref().map(|t| instant(option, t)).transpose();
     let (from, to) = (time("--from", &args.from)?, time("--to", &args.to)?);
@@ -67,36 +86,84 @@ pub fn run(args: Args) -> Result<()> {
     {
         bail!("--to must be later than --from");
     }
-    let folder = args.out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if std::fs::canonicalize(folder).ok().is_some_and(|f| std::fs::canonicalize(&args.store).ok() == Some(f))
-    {
-        bail!("{}: the store itself; write the export into another folder", args.out.display());
+    let mut places = Positions { seed_id: args.seed_id, ..Positions::default() };
+    if let Some(store) = &args.store {
+        let folder = args.out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if std::fs::canonicalize(folder).ok().is_some_and(|f| std::fs::canonicalize(store).ok() == Some(f)) {
+            bail!("{}: the store itself; write the export into another folder", args.out.display());
+        }
+        let kept = store::positions(store)?;
+        places.otherwise = kept.get(&None).copied();
+        places.of_station.extend(kept.into_iter().filter_map(|(of, at)| Some((u64::from(of?), at))));
     }
-    let kept = store::positions(&args.store)?;
-    let mut places = Positions { otherwise: kept.get(&None).copied(), ..Positions::default() };
-    places.of_station.extend(kept.into_iter().filter_map(|(of, at)| Some((u64::from(of?), at))));
     for station in args.stations.as_deref().map(Station::read_network).transpose()?.unwrap_or_default() {
         places.of_station.extend(station.lat_lon_deg.map(|at| (u64::from(station.id), at)));
     }
     export::check(&args.out, format, &places, "--stations STATIONS.toml")?;
-    if let Some(wanted) = args.station {
-        let stations = store::stations(&args.store)?;
-        if !stations.contains(&wanted) {
+    let wanted = Wanted { station: args.station, from, to, track: None };
+    let records = match &args.store {
+        Some(store) => of_store(store, &wanted)?,
+        None => of_files(&args.records, &wanted)?,
+    };
+    export::write(&args.out, format, &records, &places).context("cannot export")?;
+    eprintln!("seabearing: {} records to {}", records.len(), args.out.display());
+    Ok(())
+}
+
+/// The records wanted of a base station's store.
+fn of_store(store: &Path, wanted: &Wanted) -> Result<Vec<Value>> {
+    if let Some(station) = wanted.station {
+        let stations = store::stations(store)?;
+        if !stations.contains(&station) {
             let known: Vec<String> = stations.iter().map(u16::to_string).collect();
             let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-            bail!("{}: no records of station {wanted}; stations there: {known}", args.store.display());
+            bail!("{}: no records of station {station}; stations there: {known}", store.display());
         }
     }
     let mut records = Vec::new();
-    let wanted = Wanted { station: args.station, from, to, track: None };
-    let without_utc = store::read(&args.store, &wanted, |record| records.push(record))?;
+    let without_utc = store::read(store, wanted, |record| records.push(record))?;
     if without_utc > 0 {
         eprintln!(
             "seabearing: {without_utc} records left out that carry no UTC: `seabearing base` gives it to records it \
              receives with --start"
         );
     }
-    export::write(&args.out, format, &records, &places).context("cannot export")?;
-    eprintln!("seabearing: {} records to {}", records.len(), args.out.display());
-    Ok(())
+    Ok(records)
+}
+
+/// The records wanted of files. Those that tell no station are of any; those without UTC are left out where a span is asked for.
+fn of_files(files: &[PathBuf], wanted: &Wanted) -> Result<Vec<Value>> {
+    let mut records = Vec::new();
+    let mut without_utc = 0;
+    for path in files {
+        let name = path.display();
+        let file = std::fs::File::open(path).with_context(|| format!("cannot read {name}"))?;
+        for (line, n) in std::io::BufReader::new(file).lines().zip(1..) {
+            let line = line.with_context(|| format!("cannot read {name}"))?;
+            let record: Value = match serde_json::from_str(&line) {
+                Ok(record @ Value::Object(_)) => record,
+                _ if line.trim().is_empty() => continue,
+                _ => bail!("{name}, line {n}: no record; JSON Lines of `process` or `base` were expected"),
+            };
+            let of = record["station"].as_u64().filter(|_| record["type"] != "hello");
+            if wanted.station.zip(of).is_some_and(|(w, of)| u64::from(w) != of) {
+                continue;
+            }
+            if wanted.from.is_some() || wanted.to.is_some() {
+                let utc = record["utc"].as_str().and_then(|t| instant("utc", t).ok());
+                let Some(utc) = utc else {
+                    without_utc += 1;
+                    continue;
+                };
+                if wanted.from.is_some_and(|from| utc < from) || wanted.to.is_some_and(|to| utc >= to) {
+                    continue;
+                }
+            }
+            records.push(record);
+        }
+    }
+    if without_utc > 0 {
+        eprintln!("seabearing: {without_utc} records left out that carry no UTC");
+    }
+    Ok(records)
 }

@@ -29,6 +29,7 @@ pub mod reproduce;
 #[cfg(feature = "schema")]
 pub mod schema;
 pub mod shaft_rate;
+pub mod shell;
 pub mod simulate;
 pub mod station;
 pub mod track;
@@ -113,7 +114,7 @@ pub enum Subcommand {
     Reproduce(reproduce::Args),
     /// The interference table of an ocean-bottom station
     Propagation(propagation::Args),
-    /// What the records hold, as JSON Schema
+    /// What records, station files and lists of stations hold, as JSON Schema
     #[cfg(feature = "schema")]
     Schema(schema::Args),
     /// Make station files of StationXML
@@ -124,6 +125,10 @@ pub enum Subcommand {
     Plan(plan::Args),
     /// Statistics of vessel traffic from AIS files
     Ais(ais::Args),
+    /// What a shell completes
+    Completions(shell::CompletionsArgs),
+    /// Manual pages
+    Man(shell::ManArgs),
 }
 
 impl Subcommand {
@@ -158,6 +163,8 @@ impl Subcommand {
             Self::Config(args) => config::run(args),
             Self::Plan(args) => plan::run(args),
             Self::Ais(args) => ais::run(args),
+            Self::Completions(args) => shell::completions(args),
+            Self::Man(args) => shell::man(args),
         }
     }
 }

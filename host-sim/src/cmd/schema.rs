@@ -1,18 +1,41 @@
-//! `seabearing schema`: what the records hold, as JSON Schema.
+//! `seabearing schema`: what records, station files and lists of stations hold, as JSON Schema.
 
-use crate::record::schema;
+use crate::record;
+use crate::station;
 use anyhow::Result;
 use std::io::Write;
 
 /// Arguments of `seabearing schema`.
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  seabearing schema > records.schema.json")]
-pub struct Args {}
+#[command(after_help = "Examples:\n  seabearing schema > records.schema.json\n  \
+    seabearing schema station > station.schema.json\n\n\
+    An editor with a TOML language server completes and explains the keys of a station file that begins with\n  \
+    #:schema ./station.schema.json")]
+pub struct Args {
+    /// Of what
+    #[arg(value_enum, default_value_t = What::Records)]
+    what: What,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum What {
+    /// What `process` and `base` print
+    Records,
+    /// A station file
+    Station,
+    /// A list of stations
+    Network,
+}
 
 /// Prints the schema.
 ///
 /// # Errors
 /// Standard output cannot be written.
-pub fn run(_: Args) -> Result<()> {
-    Ok(writeln!(std::io::stdout(), "{:#}", schema())?)
+pub fn run(args: Args) -> Result<()> {
+    let schema = match args.what {
+        What::Records => record::schema(),
+        What::Station => station::schema::station(),
+        What::Network => station::schema::network(),
+    };
+    Ok(writeln!(std::io::stdout(), "{schema:#}")?)
 }

@@ -1,6 +1,8 @@
 //! The station file (TOML): unknown or wrong keys are errors that name the key and the line.
 
 pub mod import;
+#[cfg(feature = "schema")]
+pub mod schema;
 mod tables;
 pub mod xml;
 

@@ -4,37 +4,58 @@ use seabearing_core::config::{ArrayConfig, Tracking};
 use serde::Deserialize;
 use std::path::PathBuf;
 
+/// A recorder: where it is, what it hears with, and what is assumed.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct File {
+    /// Who and where the recorder is.
     pub(super) station: StationTable,
+    /// How it samples; not of a line array.
     pub(super) sampling: Option<Sampling>,
+    /// A compact array of four hydrophones (`kind = "array"`).
     pub(super) array: Option<Array>,
+    /// An ocean-bottom station: hydrophone and three components of motion (`kind = "obs"`).
     pub(super) obs: Option<Obs>,
+    /// A uniform line array (`kind = "line"`).
     pub(super) line: Option<Line>,
+    /// What fits of tracks may assume of the vessels here.
     pub(super) tracking: Option<TrackingTable>,
 }
 
+/// A list of stations: positions for `locate`, lines for `base`.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NetworkFile {
+    /// The stations.
     pub(super) stations: Vec<StationTable>,
 }
 
+/// Who and where a recorder is.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StationTable {
+    /// Number of the station, 0 to 65535; 0 where it is not said.
     pub(super) id: Option<u16>,
+    /// Name, at most 24 bytes; `station-ID` where it is not said.
     pub(super) name: Option<String>,
+    /// `array`, `obs` or `line`; needed except in a list of stations.
     pub(super) kind: Option<String>,
+    /// Where it is; not needed for bearings alone.
     pub(super) position: Option<Position>,
+    /// Azimuth of the array's own North, degrees clockwise from true North.
     #[serde(default)]
     pub(super) orientation_deg: f64,
+    /// Speed of sound at the station, m/s.
     #[serde(default = "default_sound_speed")]
     pub(super) sound_speed_m_s: f64,
-    // Of a base station's list only.
+    /// Of a list only: how the base station reaches it, `listen:ADDR:PORT`, `tcp:HOST:PORT`, `serial:DEVICE:BAUD` or `file:PATH`.
     pub(super) line: Option<String>,
+    /// Of a list only: file with the key that commands are signed with.
     pub(super) key_file: Option<PathBuf>,
+    /// Of a list only: UTC of sample 0 (RFC 3339) of a recorder without a clock.
     pub(super) utc_of_sample_0: Option<String>,
 }
 
@@ -54,21 +75,32 @@ pub(super) fn default_sound_speed() -> f64 {
     1484.0
 }
 
+/// A position on the Earth, or in a network's own plane.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize, Clone)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Position {
+    /// Latitude, degrees; with `lon_deg`.
     pub(super) lat_deg: Option<f64>,
+    /// Longitude, degrees; with `lat_deg`.
     pub(super) lon_deg: Option<f64>,
+    /// Depth below the surface, metres.
     pub(super) depth_m: Option<f64>,
+    /// East, North and up of a network's origin, metres.
     pub(super) local_m: Option<[f64; 3]>,
 }
 
+/// How the recorder samples.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Sampling {
+    /// Samples a second of the recorder: array 4000 to 200000, ocean bottom 20 to 500. Recordings of a higher rate are brought to it.
     pub(super) rate_hz: f64,
+    /// The code that means clipping.
     #[serde(default = "default_full_scale")]
     pub(super) full_scale: i32,
+    /// Offset from UTC of the times in names of recordings that do not tell it, as "+10:00".
     pub(super) name_offset: Option<String>,
 }
 
@@ -76,20 +108,34 @@ pub(super) fn default_full_scale() -> i32 {
     1 << 23
 }
 
+/// A compact array of four hydrophones.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Array {
+    /// East, North and up of the four hydrophones before orientation, metres; not all in one plane.
     pub(super) hydrophones_m: Vec<[f64; 3]>,
+    /// Channel of each hydrophone: of the recorder 0 to 3, or four of the channels of recordings that have more.
     pub(super) channels: Option<Vec<u8>>,
+    /// Sensitivity of each hydrophone, dB re 1 V/µPa, -260 to -60.
     pub(super) sensitivity_db_re_1v_upa: Vec<f64>,
+    /// Range for which delays are expected, metres, 5 or more; inf means a plane wave.
     pub(super) reference_range_m: f64,
+    /// Band used for bearings, Hz: lowest and highest.
     pub(super) band_hz: [f64; 2],
+    /// Length of the data of one bearing, seconds, 0.1 to 10.
     pub(super) segment_s: f64,
+    /// Time from one bearing to the next, seconds, 0.05 to `segment_s`.
     pub(super) step_s: f64,
+    /// Lowest and highest elevation searched, degrees.
     pub(super) elevation_deg: [f64; 2],
+    /// Bearings allowed from noise alone, an hour; sets the detection threshold.
     pub(super) false_alarms_per_hour: f64,
+    /// Depth of the vessels' sources, metres; 0: no image in the surface is expected.
     pub(super) vessel_depth_m: f64,
+    /// Standard deviation of each coordinate of each hydrophone, metres.
     pub(super) position_sd_m: f64,
+    /// Standard deviation of the speed of sound, m/s.
     pub(super) sound_speed_sd_m_s: f64,
 }
 
@@ -114,27 +160,41 @@ impl Default for Array {
     }
 }
 
+/// An ocean-bottom station.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Obs {
+    /// Whose records of an archive are the station's: `NET.STA` or `NET.STA.LOC`.
     pub(super) seed_id: Option<String>,
+    /// Counts for a pascal and for a metre a second; motion is brought to north's, and reversed components are turned.
     pub(super) sensitivity: Option<Sensitivity>,
+    /// Channel codes of the components.
     pub(super) components: Option<Components>,
+    /// True azimuth of the component called north, degrees.
     #[serde(default)]
     pub(super) orientation_of_north_deg: f64,
+    /// `away`: active intensity points away from the source (physical); `towards` where polarity reverses it.
     #[serde(default = "default_intensity")]
     pub(super) intensity: String,
+    /// Propagation table (`seabearing propagation`), from the station file's folder; the recorder needs it.
     pub(super) propagation: Option<PathBuf>,
+    /// `paper`: the paper's own choices, for comparison.
     pub(super) compatibility: Option<String>,
 }
 
 /// Counts for a pascal and for a metre a second; negative where a component is reversed.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize, Clone, Copy)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Sensitivity {
+    /// Counts for a pascal.
     pub(super) pressure: f64,
+    /// Counts for a metre a second.
     pub(super) north: f64,
+    /// Counts for a metre a second.
     pub(super) east: f64,
+    /// Counts for a metre a second.
     pub(super) vertical: f64,
 }
 
@@ -155,6 +215,7 @@ pub(super) fn default_intensity() -> String {
 }
 
 /// Channel code of each component of an ocean-bottom station.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize, Clone, Debug, PartialEq, Eq)]
 #[serde(deny_unknown_fields)]
 pub struct Components {
@@ -174,31 +235,48 @@ impl Default for Components {
     }
 }
 
+/// A uniform line array.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Line {
+    /// Number of sensors, 3 to 32.
     pub(super) sensors: u8,
+    /// Distance between neighbours, metres.
     pub(super) spacing_m: f64,
 }
 
+/// What fits of tracks may assume.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct TrackingTable {
+    /// Mean speed of vessels here, m/s.
     pub(super) speed_m_s: f64,
+    /// Its standard deviation, m/s; 0: known.
     pub(super) speed_sd_m_s: f64,
+    /// Standard deviation of a bearing's error beyond what the estimator states, degrees.
     pub(super) bearing_sd_deg: f64,
+    /// Correlation time of that error, seconds.
     pub(super) bearing_tau_s: f64,
+    /// Nearest and farthest closest point of approach considered, metres.
     pub(super) range_m: [f64; 2],
+    /// Speed of vessels here from the rate of their shafts.
     pub(super) speed_from_shaft: Option<ShaftTable>,
 }
 
 /// Speed of the vessels here from the rate of their shafts.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ShaftTable {
+    /// Speed at no turns, m/s.
     pub(super) at_zero_m_s: f64,
+    /// Metres made good for each turn of the shaft.
     pub(super) metres_a_turn: f64,
+    /// Standard deviation of the speed so found, m/s.
     pub(super) sd_m_s: f64,
+    /// Blades of the propellers, 2 to 7, where all have as many.
     pub(super) blades: Option<u8>,
 }
 

@@ -234,7 +234,7 @@ fn put_together(
 impl Described {
     /// The recorder's rate for it, Hz.
     pub(super) fn recorder_hz(&self) -> f64 {
-        self.rate_hz.min(RECORDER_HZ).max(20.0)
+        self.rate_hz.clamp(20.0, RECORDER_HZ)
     }
 
     /// The text of its station file; `propagation` is the name of its table.
