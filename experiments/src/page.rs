@@ -91,7 +91,13 @@ fn run(options: &Options) -> Result<()> {
             }
         }
     }
-    figures.at_most("complaints of the browser", of("complaints of the browser"), 0.0);
+    for name in [
+        "places and lengths that the map puts wrong",
+        "coastlines taken or refused wrongly",
+        "complaints of the browser",
+    ] {
+        figures.at_most(name, of(name), 0.0);
+    }
     base.kill();
     Ok(())
 }

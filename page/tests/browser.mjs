@@ -32,6 +32,8 @@ try {
   await firstView();
   if (given.line) await update();
   await access('live');
+  await places();
+  await coast();
   if (given.pictures) await pictures();
   await pan();
   await replay();
@@ -65,6 +67,44 @@ async function update() {
   }
   tell('update after a record arrives, s', worst / 1000);
   socket.destroy();
+}
+
+// Stations at the poles and across the date line stand where they are: how many lengths and places come out wrong.
+async function places() {
+  const wrong = await page.evaluate(async () => {
+    const { Plane, middle } = await import('/sphere.js');
+    const rad = Math.PI / 180;
+    const apart = ([a, b], [c, d]) => 2 * Math.asin(Math.sqrt(Math.sin(((c - a) * rad) / 2) ** 2 + Math.cos(a * rad) * Math.cos(c * rad) * Math.sin(((d - b) * rad) / 2) ** 2));
+    let bad = 0;
+    for (const pair of [[[89.99, 10], [89.98, -170]], [[90, 0], [89.9, 77]], [[-17, 179.99], [-17.02, -179.99]], [[-89.999, 0], [-89.99, 120]], [[49, -123], [49.1, -123.2]]]) {
+      const plane = new Plane(middle(pair));
+      const [p, q] = pair.map((at) => plane.xy(...at));
+      const length = apart(...pair) * plane.radius;
+      bad += Math.abs(Math.hypot(p[0] - q[0], p[1] - q[1]) - length) > 0.001 * length;
+      for (const at of pair) bad += !(apart(plane.place(...plane.xy(...at)), at) < 1e-9);
+      const [x, y] = plane.near(pair[0], 300, -400);
+      bad += !(Math.abs(Math.hypot(x - p[0], y - p[1]) - 500) < 0.5);
+    }
+    return bad;
+  });
+  tell('places and lengths that the map puts wrong', wrong);
+}
+
+// A coastline is taken; a file that is none is refused in one line, and nothing stops.
+async function coast() {
+  const drop = (name, text) => page.evaluate((n, t) => {
+    const files = new DataTransfer();
+    files.items.add(new File([t], n));
+    document.dispatchEvent(new DragEvent('drop', { dataTransfer: files, cancelable: true }));
+  }, name, text);
+  let wrong = 0;
+  await drop('broken.geojson', '{"type":"FeatureCollection"');
+  await page.waitForFunction('document.getElementById("mode").textContent.includes("broken.geojson")', { timeout: 5000 }).catch(() => { wrong += 1; });
+  const land = [[-123.75, 48.8], [-123.6, 49.0], [-123.66, 49.2], [-123.8, 49.4], [-124.2, 49.4], [-124.2, 48.8], [-123.75, 48.8]];
+  await drop('coast.geojson', JSON.stringify({ type: 'Feature', properties: {}, geometry: { type: 'Polygon', coordinates: [land] } }));
+  await page.waitForFunction('window.seabearing.map.coast?.rings.length === 1', { timeout: 5000 }).catch(() => { wrong += 1; });
+  tell('coastlines taken or refused wrongly', wrong);
+  await page.waitForFunction('!window.seabearing.state.error', { timeout: 15000 });
 }
 
 // Findings of axe in both themes.
