@@ -333,6 +333,11 @@ impl Base {
         self.said_row(who, received_us, body)
     }
 
+    /// Something that was found beside all connections, of a station.
+    pub fn note(&self, station: Option<u16>, what: Value, received_us: Option<i64>, out: &mut Vec<Row>) {
+        out.push(self.said_row(station, received_us, what));
+    }
+
     /// A record of what the base station notes itself.
     fn said_row(&self, station: Option<u16>, received_us: Option<i64>, body: Value) -> Row {
         let session = self.recorders.get(&station).and_then(Recorder::session);

@@ -6,8 +6,9 @@ use super::store::{Entry, Event, Store, may_pass};
 use super::utc::Teller;
 use super::{Base, record::micros};
 use anyhow::{Context, Result};
+use serde_json::Value;
 use std::collections::HashMap;
-use std::sync::mpsc::RecvTimeoutError;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
 /// How often links are looked after while nothing comes.
@@ -16,6 +17,8 @@ const TICK: Duration = Duration::from_millis(20);
 const TOGETHER: (usize, usize) = (512, 1 << 20);
 /// Time between attempts to write into a store that refuses.
 const AGAIN: Duration = Duration::from_secs(2);
+/// The stream of what is noted beside all connections; these are numbered from 1.
+const BESIDE: u32 = 0;
 /// How often it is seen to that a store keeps no more days than it is to.
 const FORGET: Duration = Duration::from_secs(2);
 
@@ -44,6 +47,19 @@ pub struct Service {
     notes: Vec<String>,
     teller: Option<Teller>,
     feed: Feed,
+    noted: (Sender<Entry>, Receiver<Entry>),
+}
+
+/// Where others put records of their own, as alarms: they are stored and published as those of recorders are.
+#[derive(Clone, Debug)]
+pub struct Notebook(Sender<Entry>);
+
+impl Notebook {
+    /// Puts a record, an object with its `type`, of a station; false once the service has ended.
+    pub fn note(&self, station: Option<u16>, what: Value) -> bool {
+        let received_us = Some(micros(time::OffsetDateTime::now_utc()));
+        self.0.send(Entry { stream: BESIDE, received_us, event: Event::Noted(station, what) }).is_ok()
+    }
 }
 
 impl Service {
@@ -68,6 +84,7 @@ impl Service {
             notes: Vec::new(),
             teller: None,
             feed: Feed::default(),
+            noted: channel(),
         })
     }
 
@@ -89,6 +106,11 @@ impl Service {
     /// Where records are published once they are stored.
     pub fn feed(&self) -> &Feed {
         &self.feed
+    }
+
+    /// Where others put records of their own.
+    pub fn notebook(&self) -> Notebook {
+        Notebook(self.noted.0.clone())
     }
 
     /// The addresses listened at.
@@ -139,6 +161,7 @@ impl Service {
             let room = entries.len() < TOGETHER.0 && bytes < TOGETHER.1;
             next = if room { self.lines.reports.try_recv().ok() } else { None };
         }
+        entries.extend(self.noted.1.try_iter().take(TOGETHER.0).map(|entry| (entry, None)));
         self.take(entries)?;
         if let Some(teller) = &mut self.teller {
             teller.work(&mut self.base);

@@ -1,8 +1,12 @@
-//! What an operator watches: records of tracks beside AIS ([`ais`], [`matching`], [`errors`]).
+//! What an operator watches: tracks beside AIS ([`ais`], [`matching`], [`errors`]), alarms ([`alarms`]), what chart plotters
+//! ([`nmea`]) and monitors ([`metrics`]) read.
 //!
 //! In: records as the base station publishes and stores them. Out: records again, and what other programs read.
 
 pub mod ais;
+pub mod alarms;
 pub mod errors;
 pub mod matching;
+pub mod metrics;
+pub mod nmea;
 pub mod report;

@@ -24,6 +24,7 @@ use anyhow::{Context, Result, bail};
 use rusqlite::{Connection, ErrorCode, OptionalExtension, Transaction, params};
 use schema::number;
 use seabearing_core::wire::link::{CLASSES, Progress, Settings};
+use serde_json::Value;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -52,6 +53,8 @@ pub enum Event {
     Silent,
     /// It has ended, or could not be made, for this reason.
     Ended(Option<String>),
+    /// Something that was found beside all connections is noted, of a station: an object with its `type`.
+    Noted(Option<u16>, Value),
 }
 
 impl Entry {
@@ -62,6 +65,7 @@ impl Entry {
             Event::Bytes(bytes) => base.push(self.stream, now_us, self.received_us, bytes, out),
             Event::Silent => base.silent(self.stream, self.received_us, out),
             Event::Ended(why) => base.end(self.stream, why.as_deref(), self.received_us, out),
+            Event::Noted(station, what) => base.note(*station, what.clone(), self.received_us, out),
         }
     }
 }
@@ -179,6 +183,7 @@ impl Store {
             let mut insert = transaction
                 .prepare("INSERT INTO bytes(stream, received_us, event, data) VALUES(?1, ?2, ?3, ?4)")?;
             for entry in entries {
+                let note: String;
                 let (event, data): (i64, Option<&[u8]>) = match &entry.event {
                     Event::Bytes(bytes) => (0, Some(bytes)),
                     Event::Began(beginning) => {
@@ -187,6 +192,10 @@ impl Store {
                     }
                     Event::Silent => (2, None),
                     Event::Ended(why) => (3, why.as_deref().map(str::as_bytes)),
+                    Event::Noted(station, what) => {
+                        note = serde_json::json!([station, what]).to_string();
+                        (4, Some(note.as_bytes()))
+                    }
                 };
                 newest = insert.insert(params![entry.stream, entry.received_us, event, data])?;
             }

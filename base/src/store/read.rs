@@ -111,6 +111,10 @@ pub(super) fn entries(db: &Connection, from: i64, most: i64) -> Result<Vec<(i64,
                 lasting: r.get::<_, Option<bool>>(8)?.unwrap_or_default(),
             }),
             2 => Event::Silent,
+            4 => {
+                let (station, what) = serde_json::from_slice(&data.unwrap_or_default()).unwrap_or_default();
+                Event::Noted(station, what)
+            }
             _ => Event::Ended(data.map(|d| String::from_utf8_lossy(&d).into_owned())),
         };
         Ok((r.get(0)?, Entry { stream: r.get(1)?, received_us: r.get(2)?, event }))

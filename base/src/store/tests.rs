@@ -246,3 +246,27 @@ fn a_moment_is_what_was_known_then_and_a_long_series_is_thinned() {
     assert_eq!(history.series(Some(7), 9, at(0), at(50), 100).unwrap().len(), 50);
     assert!(history.series(Some(8), 9, at(0), at(1000), 100).unwrap().is_empty());
 }
+
+#[test]
+fn what_is_noted_beside_the_connections_is_kept_checked_and_made_anew() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut base = Base::new(None);
+    let mut store = Store::open(dir.path(), &mut base).unwrap();
+    let alarm = serde_json::json!({ "type": "alarm", "id": 5, "state": "raised" });
+    take(&mut store, &mut base, &[entry(0, Event::Noted(Some(7), alarm.clone()))]);
+    // Killed before it was decoded.
+    store.keep(&[entry(0, Event::Noted(None, alarm))]).unwrap();
+    drop(store);
+    drop(Store::open(dir.path(), &mut Base::new(None)).unwrap());
+    let noted = |dir: &Path| {
+        let of =
+            |r: Value| (r["type"].to_string(), r["station"].as_u64(), r["id"].as_u64(), r["utc"].is_string());
+        records(dir).into_iter().map(of).collect::<Vec<_>>()
+    };
+    let both =
+        [("\"alarm\"".to_owned(), Some(7), Some(5), true), ("\"alarm\"".to_owned(), None, Some(5), true)];
+    assert_eq!(noted(dir.path()), both);
+    assert!(check(dir.path()).unwrap().faults.is_empty());
+    assert_eq!(rebuild(dir.path()).unwrap(), 2);
+    assert_eq!(noted(dir.path()), both);
+}

@@ -94,6 +94,9 @@ pub struct Args {
     #[cfg(feature = "page")]
     #[arg(long, value_name = "ADDRESS:PORT")]
     page: Option<String>,
+    /// What else watches the records
+    #[command(flatten)]
+    watch: super::base_watch::Args,
     /// Records as JSON Lines on standard output instead of the view
     #[arg(long)]
     json: bool,
@@ -108,6 +111,8 @@ enum Action {
     Check(Kept),
     /// Make the records of a store anew from its bytes
     Rebuild(Kept),
+    /// Tell the base station of a store that a person has seen an alarm
+    Acknowledge(super::base_watch::Acknowledge),
 }
 
 /// A store.
@@ -154,6 +159,7 @@ pub fn run(args: Args) -> Result<()> {
     match &args.action {
         Some(Action::Send(args)) => return super::base_send::run(args),
         Some(Action::Check(kept)) => return check(kept),
+        Some(Action::Acknowledge(args)) => return super::base_watch::acknowledge(args),
         Some(Action::Rebuild(kept)) => {
             let records = store::rebuild(&kept.store)?;
             eprintln!("seabearing: {records} records made anew in {}", kept.store.display());
@@ -215,6 +221,7 @@ pub fn run(args: Args) -> Result<()> {
     let before = service.base().counters();
     let must_show = service.ends() || args.store.is_none();
     let mut screen = Screen::start(args.json, service.ends(), service.feed());
+    args.watch.start(&service, args.store.as_deref(), &listed, &places)?;
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
     let tell = |notes: Vec<String>| {
         for note in notes {

@@ -11,6 +11,8 @@ mod base_page;
 mod base_screen;
 #[cfg(feature = "base")]
 mod base_send;
+#[cfg(feature = "base")]
+mod base_watch;
 pub mod bearing;
 pub mod blob;
 pub mod config;

@@ -1,0 +1,99 @@
+//! What watches the records of `seabearing base`: alarms, chart plotters, counters.
+
+use crate::base::export::Positions;
+use crate::base::service::Service;
+use crate::base::stations::Listed;
+use crate::base::store::{self, Wanted};
+use anyhow::{Result, bail};
+use seabearing_watch::alarms::rules::{Alarms, Condition};
+use seabearing_watch::alarms::{Watcher, deliver};
+use seabearing_watch::{metrics, nmea};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+use time::OffsetDateTime;
+
+/// Options.
+#[derive(clap::Args)]
+pub(super) struct Args {
+    /// File of alarms: when they are raised and who is told
+    #[arg(long, value_name = "ALARMS.toml")]
+    alarms: Option<PathBuf>,
+    /// Tracks as NMEA 0183 (TLL, TTM) for chart plotters that connect to this address
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    nmea: Option<String>,
+    /// Counters for Prometheus at http://ADDRESS:PORT/metrics
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    metrics: Option<String>,
+}
+
+/// Arguments of `seabearing base acknowledge`.
+#[derive(clap::Args)]
+pub(super) struct Acknowledge {
+    /// Folder of the store
+    #[arg(long, value_name = "DIR")]
+    store: PathBuf,
+    /// Number of the alarm (`id` of its record)
+    id: u64,
+}
+
+/// Days of records in which alarms that still stand are looked for.
+const STANDING_DAYS: i64 = 30;
+
+impl Args {
+    /// Starts what is asked for.
+    pub(super) fn start(
+        &self,
+        service: &Service,
+        store: Option<&Path>,
+        listed: &[Listed],
+        places: &Positions,
+    ) -> Result<()> {
+        let known = places.of_station.iter().filter_map(|(of, at)| Some((u16::try_from(*of).ok()?, *at)));
+        let known: BTreeMap<u16, (f64, f64)> = known.collect();
+        if let Some(at) = &self.nmea {
+            if known.is_empty() {
+                bail!(
+                    "--nmea {at}: no station's position is known: give --stations with `lat_deg` and `lon_deg`"
+                );
+            }
+            eprintln!(
+                "seabearing: NMEA 0183 for chart plotters at {}",
+                nmea::serve(at, &known, service.feed())?
+            );
+        }
+        if let Some(at) = &self.metrics {
+            eprintln!("seabearing: counters at http://{}/metrics", metrics::serve(at, service.feed())?);
+        }
+        let Some(path) = &self.alarms else { return Ok(()) };
+        let alarms = Alarms::read(path)?;
+        if known.is_empty() && alarms.rules.iter().any(|r| matches!(r.condition, Condition::Inside(_))) {
+            bail!("{}: an area needs stations with `lat_deg` and `lon_deg` (--stations)", path.display());
+        }
+        let mut stations: BTreeMap<u16, Option<(f64, f64)>> =
+            known.into_iter().map(|(of, at)| (of, Some(at))).collect();
+        listed.iter().for_each(|s| drop(stations.entry(s.config.id).or_default()));
+        let mut standing = Vec::new();
+        if let Some(folder) = store {
+            let from = Some(OffsetDateTime::now_utc() - time::Duration::days(STANDING_DAYS));
+            store::read(folder, &Wanted { from, ..Wanted::default() }, |record| {
+                if record["type"] == "alarm" {
+                    standing.push(record);
+                }
+            })?;
+        }
+        let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
+        let watcher = Watcher::new(alarms.rules, &stations, now_s);
+        let folder = store.map(Path::to_owned);
+        deliver::start(watcher, alarms.deliveries, service.feed(), service.notebook(), folder, &standing);
+        Ok(())
+    }
+}
+
+/// `seabearing base acknowledge`.
+pub(super) fn acknowledge(args: &Acknowledge) -> Result<()> {
+    if !args.store.is_dir() {
+        bail!("{}: no base station's store", args.store.display());
+    }
+    deliver::acknowledge(&args.store, args.id)
+}

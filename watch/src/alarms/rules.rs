@@ -1,0 +1,222 @@
+//! The file of alarms (TOML): when they are raised, and who is told.
+
+use super::area::Area;
+use anyhow::{Result, bail};
+use seabearing_host::toml_file::TomlFile;
+use serde::Deserialize;
+use std::path::Path;
+
+/// What raises an alarm.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Condition {
+    /// A vessel is inside an area with a probability.
+    Inside(Area),
+    /// A vessel is within a range of a station, m, with a probability.
+    Range(f64),
+    /// A vessel's closest point of approach to a station, m, will be within a time, s, with a probability.
+    Approach {
+        /// Range of the closest point, m.
+        distance_m: f64,
+        /// Time until then, s.
+        within_s: f64,
+    },
+    /// A station of the list has not been heard for so long, s.
+    Silent(f64),
+    /// A channel is dead, deaf, reversed or leaking.
+    Channel,
+    /// UTC is less certain than this, s (one standard deviation), or has stepped.
+    Clock(f64),
+    /// The supply is low.
+    Supply,
+    /// A recorder's store is full and drops records.
+    Storage,
+}
+
+/// A rule.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rule {
+    /// Its name.
+    pub name: String,
+    /// The stations it is about; all if empty.
+    pub stations: Vec<u16>,
+    /// What raises it.
+    pub condition: Condition,
+    /// Probability from which it is raised.
+    pub probability: f64,
+    /// Probability below which it is cleared.
+    pub clear_probability: f64,
+    /// Time for which it must not be true before it is cleared, s.
+    pub clear_after_s: f64,
+}
+
+/// Who is told.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Delivery {
+    /// A POST of the record to this address.
+    Webhook(String),
+    /// A program with its arguments; the record comes on its standard input.
+    Command(Vec<String>),
+}
+
+/// The file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Alarms {
+    /// Rules.
+    pub rules: Vec<Rule>,
+    /// Deliveries.
+    pub deliveries: Vec<Delivery>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    alarms: Vec<Table>,
+    #[serde(default)]
+    deliver: Vec<DeliverTable>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    kind: String,
+    name: Option<String>,
+    #[serde(default)]
+    stations: Vec<u16>,
+    polygon: Option<Vec<(f64, f64)>>,
+    range_m: Option<f64>,
+    distance_m: Option<f64>,
+    within_s: Option<f64>,
+    after_s: Option<f64>,
+    sd_s: Option<f64>,
+    probability: Option<f64>,
+    clear_probability: Option<f64>,
+    clear_after_s: Option<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DeliverTable {
+    webhook: Option<String>,
+    command: Option<Vec<String>>,
+}
+
+/// Kinds, for messages.
+const KINDS: &str = "inside, range, approach, silent, channel, clock, supply or storage";
+
+impl Alarms {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// One line: file, line, key, and what is allowed.
+    pub fn read(path: &Path) -> Result<Self> {
+        Self::of(&TomlFile::read(path, "file of alarms")?)
+    }
+
+    /// The same of text at hand.
+    ///
+    /// # Errors
+    /// As [`Alarms::read`].
+    pub fn of(source: &TomlFile) -> Result<Self> {
+        let file: File = source.parse()?;
+        if file.alarms.is_empty() {
+            bail!("{}: no [[alarms]]", source.name());
+        }
+        let rules = file.alarms.into_iter().enumerate().map(|(n, table)| rule(source, n, table));
+        let deliveries = file.deliver.into_iter().enumerate().map(|(n, table)| match (table.webhook, table.command) {
+            (Some(url), None) if url.starts_with("http://") => Ok(Delivery::Webhook(url)),
+            (Some(url), None) => Err(source.wrong(
+                &format!("deliver.{n}.webhook"),
+                format!("`{url}`: an address that begins with http:// (for TLS, a command like curl, or a proxy beside)"),
+            )),
+            (None, Some(command)) if !command.is_empty() => Ok(Delivery::Command(command)),
+            _ => Err(source.wrong(&format!("deliver.{n}"), "either `webhook` or `command = [\"PROGRAM\", ..]`")),
+        });
+        Ok(Self { rules: rules.collect::<Result<_>>()?, deliveries: deliveries.collect::<Result<_>>()? })
+    }
+}
+
+fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
+    let at = |key: &str| format!("alarms.{n}.{key}");
+    let needed = |key: &str, value: Option<f64>| match value {
+        Some(x) if x > 0.0 && x.is_finite() => Ok(x),
+        Some(x) => Err(source.wrong(&at(key), format!("{key} is {x}; above 0"))),
+        None => Err(source.wrong(&at("kind"), format!("kind = \"{}\" needs `{key}`", table.kind))),
+    };
+    let or = |key: &str, value: Option<f64>, usual: f64| needed(key, Some(value.unwrap_or(usual)));
+    let condition = match table.kind.as_str() {
+        "inside" => {
+            let Some(corners) = table.polygon else {
+                return Err(source.wrong(&at("kind"), "kind = \"inside\" needs `polygon = [[LAT, LON], ..]`"));
+            };
+            Condition::Inside(
+                Area::new(corners).map_err(|e| source.wrong(&at("polygon"), format!("polygon: {e}")))?,
+            )
+        }
+        "range" => Condition::Range(needed("range_m", table.range_m)?),
+        "approach" => Condition::Approach {
+            distance_m: needed("distance_m", table.distance_m)?,
+            within_s: needed("within_s", table.within_s)?,
+        },
+        "silent" => Condition::Silent(or("after_s", table.after_s, 180.0)?),
+        "channel" => Condition::Channel,
+        "clock" => Condition::Clock(or("sd_s", table.sd_s, 1.0)?),
+        "supply" => Condition::Supply,
+        "storage" => Condition::Storage,
+        other => return Err(source.wrong(&at("kind"), format!("kind = \"{other}\"; {KINDS}"))),
+    };
+    let probability = or("probability", table.probability, 0.8)?;
+    let clear_probability = or("clear_probability", table.clear_probability, 0.5 * probability)?;
+    if !(probability <= 1.0 && clear_probability <= probability) {
+        return Err(source.wrong(&at("probability"), "clear_probability <= probability <= 1 is needed"));
+    }
+    let usual = match condition {
+        Condition::Inside(_) | Condition::Range(_) | Condition::Approach { .. } => 30.0,
+        Condition::Storage => 600.0,
+        _ => 0.001,
+    };
+    Ok(Rule {
+        name: table.name.unwrap_or_else(|| table.kind.clone()),
+        stations: table.stations,
+        condition,
+        probability,
+        clear_probability,
+        clear_after_s: or("clear_after_s", table.clear_after_s, usual)?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wrong(text: &str) -> String {
+        Alarms::of(&TomlFile::of(text, "alarms.toml")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_file_is_read_and_what_is_wrong_is_said_with_its_line() {
+        let text = "[[alarms]]\nkind = \"inside\"\nname = \"port\"\npolygon = [[50.0, -1.0], [50.1, -1.0], [50.1, -0.9]]\n\
+            [[alarms]]\nkind = \"silent\"\nafter_s = 20\n[[deliver]]\nwebhook = \"http://127.0.0.1:9/x\"\n";
+        let alarms = Alarms::of(&TomlFile::of(text, "alarms.toml")).unwrap();
+        assert_eq!((alarms.rules[0].name.as_str(), alarms.rules[0].clear_probability), ("port", 0.4));
+        assert_eq!(alarms.rules[1].condition, Condition::Silent(20.0));
+        assert_eq!(alarms.deliveries, [Delivery::Webhook("http://127.0.0.1:9/x".into())]);
+        let crossed = wrong(
+            "[[alarms]]\nkind = \"inside\"\npolygon = [[50.0, 0.0], [50.1, 0.1], [50.0, 0.1], [50.1, 0.0]]\n",
+        );
+        assert!(
+            crossed.starts_with("alarms.toml, line 3, column 1: polygon: it crosses itself"),
+            "{crossed}"
+        );
+        assert!(wrong("[[alarms]]\nkind = \"loud\"\n").contains("inside, range, approach"));
+        assert!(wrong("[[alarms]]\nkind = \"range\"\n").contains("needs `range_m`"));
+        assert!(
+            wrong("[[alarms]]\nkind = \"range\"\nrange_m = -1\n").contains("line 3, column 1: range_m is -1")
+        );
+        assert!(
+            wrong("[[alarms]]\nkind = \"silent\"\n[[deliver]]\nwebhook = \"https://x\"\n")
+                .contains("http://")
+        );
+        assert!(wrong("deliver = []\n").contains("no [[alarms]]"));
+    }
+}

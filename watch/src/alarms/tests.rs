@@ -1,0 +1,161 @@
+use super::rules::Alarms;
+use super::*;
+use seabearing_host::toml_file::TomlFile;
+
+const HERE: (f64, f64) = (50.0, -1.0);
+
+fn watcher(rules: &str) -> Watcher {
+    let alarms = Alarms::of(&TomlFile::of(rules, "alarms.toml")).unwrap();
+    Watcher::new(alarms.rules, &[(1, Some(HERE)), (2, None)].into(), 0.0)
+}
+
+/// A vessel so far East of station 1, with a standard deviation of 20 m.
+fn track(east_m: f64, stage: &str) -> Value {
+    json!({
+        "type": "track", "station": 1, "session": 3, "id": 7, "stage": stage, "t_s": 0.0, "utc": "1970-01-01T00:00:00Z",
+        "x_m": east_m, "y_m": 0.0, "var_x_m2": 400.0, "var_y_m2": 400.0, "cov_xy_m2": 0.0, "range_observable": true,
+        "cpa_time_s": 300.0, "sd_cpa_time_s": 5.0, "cpa_range_m": 200.0, "sd_cpa_range_m": 20.0,
+    })
+}
+
+const EAST: &str = "[[alarms]]\nkind = \"inside\"\nname = \"east\"\n\
+    polygon = [[49.99, -0.99], [50.01, -0.99], [50.01, -0.98], [49.99, -0.98]]\n";
+
+fn states(records: &[Value]) -> Vec<&str> {
+    records.iter().filter_map(|r| r["state"].as_str()).collect()
+}
+
+#[test]
+fn a_vessel_in_an_area_is_told_once_and_its_leaving_once() {
+    // The area begins 717 m East of the station.
+    let mut watcher = watcher(EAST);
+    let mut out = Vec::new();
+    for t in 0..300 {
+        let east_m = if (50..150).contains(&t) { 900.0 } else { 600.0 };
+        let at = f64::from(t);
+        out.extend(watcher.take(&track(east_m, "running"), at).into_iter().map(|r| (t, r)));
+        out.extend(watcher.tick(at).into_iter().map(|r| (t, r)));
+    }
+    let told: Vec<_> = out.iter().map(|(t, r)| (*t, r["state"].as_str().unwrap())).collect();
+    assert_eq!(told, [(50, "raised"), (180, "cleared")]);
+    assert_eq!(out[0].1["id"], out[1].1["id"]);
+    assert_eq!((&out[0].1["code"], &out[0].1["track"]), (&json!("VesselInside"), &json!(7)));
+    assert!(
+        out[0].1["text"].as_str().unwrap().starts_with("vessel 1.3.7: it is inside east, with probability")
+    );
+}
+
+#[test]
+fn the_border_is_no_place_for_an_alarm_to_come_and_go() {
+    let mut watcher = watcher(EAST);
+    let mut out = Vec::new();
+    for t in 0..600 {
+        // 1.5 standard deviations either side of the border.
+        let east_m = 717.0 + 30.0 * f64::from(t).sin();
+        out.extend(watcher.take(&track(east_m, "running"), f64::from(t)));
+        out.extend(watcher.tick(f64::from(t)));
+    }
+    assert_eq!(states(&out), ["raised"]);
+    let acknowledged = watcher.acknowledge(out[0]["id"].as_u64().unwrap()).unwrap();
+    assert_eq!((&acknowledged["state"], watcher.standing()), (&json!("acknowledged"), (1, 0)));
+    assert_eq!(watcher.acknowledge(out[0]["id"].as_u64().unwrap()), None);
+    // Its track ends there.
+    watcher.take(&track(717.0, "final"), 600.0);
+    assert_eq!(states(&watcher.tick(631.0)), ["cleared"]);
+}
+
+#[test]
+fn a_track_that_goes_silent_and_one_without_a_range_raise_nothing_for_ever() {
+    let mut watcher = watcher(EAST);
+    let mut blind = track(900.0, "running");
+    blind["range_observable"] = false.into();
+    assert!(watcher.take(&blind, 0.0).is_empty());
+    assert_eq!(states(&watcher.take(&track(900.0, "running"), 1.0)), ["raised"]);
+    let mut out = Vec::new();
+    (2..400).for_each(|t| out.extend(watcher.tick(f64::from(t)).into_iter().map(|r| (t, r))));
+    assert_eq!(out.iter().map(|(t, _)| *t).collect::<Vec<_>>(), [152], "120 s of silence and 30 s");
+}
+
+#[test]
+fn a_silent_recorder_is_told_within_ten_seconds_once_and_cleared_once() {
+    let mut watcher = watcher("[[alarms]]\nkind = \"silent\"\nafter_s = 60\nstations = [1]\n");
+    let bearing = json!({ "type": "bearing", "station": 1 });
+    let line = json!({ "type": "line", "station": 1, "state": "down" });
+    let mut out = Vec::new();
+    for half in 0..1000 {
+        let t = 0.5 * f64::from(half);
+        if !(100.0..300.0).contains(&t) {
+            out.extend(watcher.take(&bearing, t).into_iter().map(|r| (t, r)));
+        }
+        out.extend(watcher.take(&line, t).into_iter().map(|r| (t, r)));
+        out.extend(watcher.tick(t).into_iter().map(|r| (t, r)));
+    }
+    let told: Vec<_> = out.iter().map(|(t, r)| (*t, r["state"].as_str().unwrap())).collect();
+    assert_eq!(told, [(160.0, "raised"), (300.5, "cleared")], "after the 60 s that the rule asks for");
+}
+
+#[test]
+fn what_is_expected_and_what_is_near_count_by_their_probability() {
+    let mut approach = watcher("[[alarms]]\nkind = \"approach\"\ndistance_m = 250\nwithin_s = 600\n");
+    assert_eq!(states(&approach.take(&track(2000.0, "running"), 0.0)), ["raised"]);
+    let mut far = track(2000.0, "running");
+    far["sd_cpa_range_m"] = 500.0.into();
+    assert!(
+        watcher("[[alarms]]\nkind = \"approach\"\ndistance_m = 250\nwithin_s = 600\n")
+            .take(&far, 0.0)
+            .is_empty()
+    );
+    assert!(
+        watcher("[[alarms]]\nkind = \"approach\"\ndistance_m = 250\nwithin_s = 60\n")
+            .take(&track(2000.0, "running"), 0.0)
+            .is_empty()
+    );
+    let mut range = watcher("[[alarms]]\nkind = \"range\"\nrange_m = 500\n");
+    assert!(range.take(&track(495.0, "running"), 0.0).is_empty(), "60 % are not 80 %");
+    assert_eq!(states(&range.take(&track(450.0, "running"), 0.0)), ["raised"]);
+}
+
+#[test]
+fn channels_clocks_supplies_and_stores_are_watched() {
+    let every = "[[alarms]]\nkind = \"channel\"\n[[alarms]]\nkind = \"clock\"\n[[alarms]]\nkind = \"supply\"\n[[alarms]]\nkind = \"storage\"\n";
+    let mut watcher = watcher(every);
+    let fault =
+        |code: &str, value: i64| json!({ "type": "fault", "station": 2, "code": code, "value": value });
+    let health = |dead: Value| json!({ "type": "health", "station": 2, "dead_channels": dead });
+    let time = |sd: f64| json!({ "type": "time", "station": 2, "sd_utc_s": sd });
+    let lost = json!({ "type": "lost", "station": 2, "frames": 3, "cause": "the recorder's store was full" });
+    let steps = [
+        (fault("OwnNoise", 2), "ChannelSick"),
+        (time(3.0), "ClockUnsure"),
+        (fault("SupplyLow", 9600), "SupplyLow"),
+        (lost, "StorageFull"),
+        (health(json!([2])), ""),
+        (time(0.9), ""),
+        (fault("ChannelBack", 2), ""),
+        (time(0.1), ""),
+        (json!({ "type": "hello", "station": 2 }), ""),
+    ];
+    let mut codes = Vec::new();
+    for (t, (record, code)) in steps.iter().enumerate() {
+        let out = watcher.take(record, t as f64);
+        let found = out.first().and_then(|r| r["code"].as_str()).unwrap_or("");
+        assert_eq!(found, *code, "{record}");
+        codes.extend(
+            watcher.tick(t as f64 + 0.9).iter().map(|r| (r["state"].to_string(), r["code"].to_string())),
+        );
+    }
+    assert_eq!(watcher.standing().0, 1, "the store's alarm waits for ten minutes");
+    assert_eq!(states(&watcher.tick(1000.0)), ["cleared"]);
+    assert!(codes.iter().all(|(state, _)| state == "\"cleared\"") && codes.len() == 3, "{codes:?}");
+}
+
+#[test]
+fn a_base_station_that_starts_again_goes_on_with_what_stood() {
+    let mut before = watcher(EAST);
+    let raised = before.take(&track(900.0, "running"), 10.0);
+    let mut after = watcher(EAST);
+    after.resume(&raised, 20.0);
+    assert!(after.take(&track(900.0, "running"), 21.0).is_empty(), "it is raised once");
+    after.take(&track(300.0, "running"), 30.0);
+    assert_eq!(states(&after.tick(61.0)), ["cleared"]);
+}
