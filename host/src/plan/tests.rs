@@ -59,7 +59,7 @@ fn the_usual_fits_and_is_what_was_measured() {
     // The model's own count of sleep, but for the interrupts' entries and what the board sends.
     let asleep = row("stm32h743 asleep, %");
     assert!((100.0 * (1.0 - plan.awake) - asleep).abs() < 0.5, "{} {asleep}", plan.awake);
-    assert_eq!((plan.ram_bytes.1, plan.flash_bytes.1), (524_288.0, 2_097_152.0));
+    assert_eq!((plan.ram_bytes.1, plan.flash_bytes.1), (524_288.0, 1_048_576.0));
     assert_eq!(plan.card_bytes_a_day, 64_000.0 * 12.0 * 86_400.0);
     assert!(plan.link_bytes_a_day < plan.worst_bytes_a_day);
 }
