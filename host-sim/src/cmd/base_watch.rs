@@ -72,7 +72,9 @@ impl Args {
         }
         let mut stations: BTreeMap<u16, Option<(f64, f64)>> =
             known.into_iter().map(|(of, at)| (of, Some(at))).collect();
-        listed.iter().for_each(|s| drop(stations.entry(s.config.id).or_default()));
+        for s in listed {
+            stations.entry(s.config.id).or_default();
+        }
         let mut standing = Vec::new();
         if let Some(folder) = store {
             let from = Some(OffsetDateTime::now_utc() - time::Duration::days(STANDING_DAYS));
