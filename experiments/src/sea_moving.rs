@@ -131,9 +131,13 @@ impl MovingSea {
             let direct = vessel.motion.emission(t_s, [0.0; 3], vessel.routes[0].0, c, t_s).1;
             let mut noise: Vec<_> = vessel.amplitude.iter().map(|a| normal(&mut self.rng) * *a).collect();
             noise[0] = Complex::default();
-            for (h, bins) in self.geometry.position_m.iter().zip(&mut self.bins) {
-                for (z, gain) in &vessel.routes {
-                    let (_, distance) = vessel.motion.emission(t_s, h.map(f64::from), *z, c, t_s);
+            for (z, gain) in &vessel.routes {
+                // One wavefront: all hydrophones hear what left the vessel at the same place.
+                let (emitted, _) = vessel.motion.emission(t_s, [0.0; 3], *z, c, t_s);
+                let (x, y) = vessel.motion.position(emitted);
+                for (h, bins) in self.geometry.position_m.iter().zip(&mut self.bins) {
+                    let [east, north, up] = h.map(f64::from);
+                    let distance = (x - east).hypot(y - north).hypot(z - up);
                     let delay_s = (distance - direct) / c;
                     let step = Complex::from_polar(1.0, -TAU * delay_s * self.rate_hz / BLOCK as f64);
                     let mut phase = Complex::new(gain / distance.max(1.0), 0.0);

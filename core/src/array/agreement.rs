@@ -4,7 +4,8 @@
 //! `Inconsistent` where the doubt lasts: channels exchanged or late, hydrophones elsewhere than told, a sound that comes from no
 //! direction at all.
 //!
-//! * Contradicted: three pairs at least have their highest correlations elsewhere than the direction wants them.
+//! * Contradicted: three pairs at least have their highest correlations elsewhere than the direction wants them. Nothing is
+//!   said of directions then; where it lasts, not until [`AGREEING`] segments have agreed.
 //! * Strained: four arrival times have one degree of freedom beyond level and direction (how fast the sound crosses the array).
 //!   What is left in it is noise and multipath, which change from segment to segment, or an error that stays: the mean over
 //!   [`AVERAGED`] segments is most of their mean square, and more than what was told uncertain explains. An error that shows so
@@ -22,7 +23,11 @@ use crate::math::f32 as m;
 use crate::wire::{Fault, FaultCode, Message};
 
 /// Segments in a row whose pairs contradict the direction before the fault is raised: 2 s at the usual step.
-const CONTRADICTING: u32 = 4;
+const CONTRADICTING: u16 = 4;
+/// Pairs that contradict a direction.
+const CONTRADICTING_PAIRS: usize = 3;
+/// Segments that agree until directions are told again.
+const AGREEING: u16 = 8;
 /// A pair's peak farther than this from where the direction wants it is another one, samples.
 const ELSEWHERE_SAMPLES: f32 = 0.8;
 /// Segments over which the strain is averaged, and at least.
@@ -59,15 +64,17 @@ pub(super) struct Agreement {
     /// Segments in the means.
     averaged: f32,
     /// Segments in a row that contradict, or are strained.
-    doubted: u32,
+    doubted: u16,
+    /// Segments that must agree until directions are told again.
+    withheld: u16,
 }
 
 impl Agreement {
     pub(super) const fn new() -> Self {
-        Self { strain: [0.0; CHANNELS], square: 0.0, averaged: 0.0, doubted: 0 }
+        Self { strain: [0.0; CHANNELS], square: 0.0, averaged: 0.0, doubted: 0, withheld: 0 }
     }
 
-    /// Takes a segment. All four hydrophones are used.
+    /// Takes a segment; how much to doubt its direction, `None` where the pairs let none be told. All four hydrophones are used.
     pub(super) fn take(
         &mut self,
         context: &Context<'_>,
@@ -75,35 +82,38 @@ impl Agreement {
         peaks: &[PairPeaks; PAIR_COUNT],
         search: &SearchWork,
         sink: &mut impl FnMut(Message),
-    ) -> Doubt {
+    ) -> Option<Doubt> {
         let plan = context.plan;
         let strong = 8.0 * context.deviation(context.bins());
         let mut delays = found.refined.pair_delay;
-        let (mut contradicting, mut square) = (0, 0.0f32);
+        let mut contradicting = 0;
         for (p, ((tau, own), delay)) in found.tau.iter().zip(peaks).zip(&mut delays).enumerate() {
-            let apart = own.delay_s - tau;
-            let elsewhere = m::abs(apart) * plan.rate_hz > ELSEWHERE_SAMPLES;
+            let elsewhere = m::abs(own.delay_s - tau) * plan.rate_hz > ELSEWHERE_SAMPLES;
             if elsewhere && own.peak > strong {
                 *delay = own.delay_s;
-                if own.peak > 1.5 * search.pair_value(plan, p, *tau) {
-                    contradicting += 1;
-                    square += apart * apart;
-                }
+                contradicting += usize::from(own.peak > 1.5 * search.pair_value(plan, p, *tau));
             }
         }
-        let clear = peaks.iter().all(|own| own.peak > strong);
-        let strained = if clear { self.strained(context, found, &delays) } else { None };
-        let doubt = if contradicting >= 3 { Some(square / contradicting as f32) } else { strained };
-        let Some(doubt) = doubt else {
+        let contradicted = contradicting >= CONTRADICTING_PAIRS;
+        let clear = !contradicted && peaks.iter().all(|own| own.peak > strong);
+        let strain = if clear { self.strained(context, found, &delays) } else { None };
+        if contradicted || strain.is_some() {
+            self.doubted = self.doubted.saturating_add(1);
+            if self.doubted == CONTRADICTING {
+                let value = i64::from(self.doubted);
+                sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
+            }
+            if contradicted && self.doubted >= CONTRADICTING {
+                self.withheld = AGREEING;
+            }
+        } else {
             self.doubted = 0;
-            return Doubt::NONE;
-        };
-        self.doubted = self.doubted.saturating_add(1);
-        if self.doubted == CONTRADICTING {
-            let value = i64::from(self.doubted);
-            sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
+            self.withheld = self.withheld.saturating_sub(1);
         }
-        Doubt { quality: 0.1, unexplained_s2: CHANNELS as f32 * doubt }
+        if contradicted || self.withheld > 0 {
+            return None;
+        }
+        Some(strain.map_or(Doubt::NONE, |s2| Doubt { quality: 0.1, unexplained_s2: CHANNELS as f32 * s2 }))
     }
 
     /// Takes the arrivals' strain into the means; the variance to assume where it lasts.

@@ -8,7 +8,6 @@ use super::places::Places;
 use super::plan::{BINS, Band, HOP, OCTAVES, Plan};
 use super::refine;
 use super::report;
-use super::search::PairPeaks;
 use super::sick::{self, Sick, Sign};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -276,6 +275,11 @@ pub(crate) fn segment(
         refine::leave_out(spectra, used);
     }
     let first = found(&context, Some(&*memory), spectra, scratch);
+    let doubt = match &first {
+        Some(first) if used.all() => memory.agreement.take(&context, first, &peaks, &scratch.search, sink),
+        _ => Some(Doubt::NONE),
+    };
+    let Some(doubt) = doubt else { return };
     if sign == Sign::Well {
         let sign = match &first {
             Some(first) if used.all() => {
@@ -291,7 +295,7 @@ pub(crate) fn segment(
     }
     if let Some(first) = &first {
         let heard = heard(&context, spectra, start, centre, first.mean);
-        whole(&heard, memory, first, &peaks, scratch, sink);
+        whole(&heard, memory, first, doubt, scratch, sink);
     }
     // Either uses the spectra up.
     memory.segments = memory.segments.wrapping_add(1);
@@ -321,7 +325,7 @@ fn whole(
     context: &Context<'_>,
     memory: &mut Memory,
     first: &Found,
-    peaks: &[PairPeaks; PAIR_COUNT],
+    doubt: Doubt,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
 ) {
@@ -331,11 +335,6 @@ fn whole(
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
     let noise = context.noise(memory.averaged);
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
-    let doubt = if context.band.used.all() {
-        memory.agreement.take(context, first, peaks, &scratch.search, sink)
-    } else {
-        Doubt::NONE
-    };
     if let Some(bearing) =
         report::bearing(context, first, &scratch.spectrum, doubt, memory.turned_meanwhile(context), 0)
     {

@@ -12,6 +12,10 @@ use crate::intake;
 use crate::math::{f32 as m, f64 as md};
 use core::num::NonZeroU64;
 
+/// Least relative standard deviation of the speed of sound: what frames do not share of long delays looks like so much of it.
+/// Three hydrophones take it for a direction.
+const LEAST_SPEED_SD: f64 = 1e-4;
+
 /// Length of one transform, samples. Short frames suffice: a delay of 80 samples still overlaps by 84 %, and the
 /// joint estimator loses nothing against 4096 points (docs/references.md).
 pub const FRAME: usize = 512;
@@ -270,7 +274,7 @@ impl Plan {
                 0.0
             },
             position_sd_s: (array.position_sd_m / config.sound_speed_m_s) as f32,
-            sound_speed_sd: (array.sound_speed_sd_m_s / config.sound_speed_m_s) as f32,
+            sound_speed_sd: (array.sound_speed_sd_m_s / config.sound_speed_m_s).max(LEAST_SPEED_SD) as f32,
             envelope_low: high,
             shaft: None,
             geometry,
