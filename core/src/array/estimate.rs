@@ -46,6 +46,8 @@ pub(crate) struct Memory {
     /// Vessels whose distance is known.
     pub(crate) places: Places,
     agreement: Agreement,
+    /// Mean square by which pair delays miss the common direction's, in variances of a pair's delay.
+    misfit: f32,
     /// Segments so far.
     segments: u32,
     /// Direction of the second source the last search for one found.
@@ -94,6 +96,7 @@ impl Memory {
             swing: [0.0; 2],
             places: Places::new(),
             agreement: Agreement::new(),
+            misfit: 0.0,
             other: None,
             octave: 0,
             octaves: [None; OCTAVES],
@@ -335,8 +338,9 @@ fn whole(
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
     let noise = context.noise(memory.averaged);
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
+    let turned = memory.turned_meanwhile(context);
     if let Some(bearing) =
-        report::bearing(context, first, &scratch.spectrum, doubt, memory.turned_meanwhile(context), 0)
+        report::bearing(context, first, &scratch.spectrum, doubt, turned, 0, Some(&mut memory.misfit))
     {
         sink(Message::Bearing(bearing));
     }

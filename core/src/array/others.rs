@@ -85,7 +85,7 @@ pub(super) fn octave(
     let work = &mut scratch.spectrum;
     work.restore(refine::shared_signal(plan, context.band.used, &found.tau));
     refine::smoothed(&band, context.noise(1.0), &work.raw, &mut work.smooth);
-    let bearing = bearing(&context, &found, work, Doubt::NONE, 0.0, FIRST_OCTAVE + n as u8);
+    let bearing = bearing(&context, &found, work, Doubt::NONE, 0.0, FIRST_OCTAVE + n as u8, None);
     if let Some(bearing) = bearing.filter(|b| b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
     }
@@ -115,7 +115,7 @@ pub(super) fn second(
     refine::smoothed(context.band, context.noise(1.0), &work.raw, &mut work.smooth);
     let lasting =
         before.is_some_and(|d| wavefront::dot(&d, &other.refined.direction) > m::cos(SECOND_MOVES_RAD));
-    let bearing = bearing(context, &other, &scratch.spectrum, Doubt::NONE, 0.0, 1);
+    let bearing = bearing(context, &other, &scratch.spectrum, Doubt::NONE, 0.0, 1, None);
     if let Some(bearing) = bearing.filter(|b| lasting && b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
     }

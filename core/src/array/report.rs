@@ -5,7 +5,8 @@
 //!
 //! * Noise makes the pairs' own delays differ from the common direction's by up to `NOISE_RESIDUAL` variances of a pair's
 //!   delay. The mean square beyond that comes of paths and other vessels, and errors as large are in the arrival times of the
-//!   common direction; more where they contradict it lastingly (`agreement`).
+//!   common direction; more where they contradict it lastingly (`agreement`). Noise changes from segment to segment and
+//!   another vessel's part does not, so the mean over [`AVERAGED`] segments tells of less than one segment alone.
 //! * Hydrophones displaced by `position_sd_m` move their arrivals by as much over the speed of sound; a speed of sound or a
 //!   distance that are not as assumed change all arrivals together. These errors last: [`crate::passage`] keeps the first of
 //!   them apart from noise.
@@ -25,6 +26,11 @@ const DELAY_FLOOR_SAMPLES: f32 = 0.02;
 /// Mean square by which pair delays miss the common direction's under noise alone, in variances of a pair's delay: 0.7 is
 /// expected, nine in ten segments stay below this.
 const NOISE_RESIDUAL: f32 = 3.0;
+/// Segments over which the misfit is averaged; its mean under noise alone, in the same unit, and what an error so large in the pairs
+/// puts on the direction: two of six dimensions are the direction's own, and the pairs share theirs unequally.
+const AVERAGED: f32 = 12.0;
+const MEAN_RESIDUAL: f32 = 1.2;
+const SHARED_UNEQUALLY: f32 = 2.0;
 /// The same at high signal-to-noise ratios, where what frames of two hydrophones do not share dominates: samples.
 const ROUNDING_SAMPLES: f32 = 0.004;
 /// Near its threshold a peak may stand on the neighbouring lobe, and its coherence is the luckiest of many: the variance is
@@ -40,6 +46,7 @@ pub(super) fn bearing(
     doubt: Doubt,
     turned: f32,
     band: u8,
+    misfit: Option<&mut f32>,
 ) -> Option<Bearing> {
     let plan = context.plan;
     let used = context.band.used;
@@ -56,10 +63,14 @@ pub(super) fn bearing(
     let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / used.pairs();
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
+    let lasting = misfit.map_or(0.0, |mean| {
+        *mean += (residual / (variance.pair + rounding * rounding) - *mean) / AVERAGED;
+        SHARED_UNEQUALLY * (*mean - MEAN_RESIDUAL).max(0.0) * variance.pair
+    });
     let square = found.statistic * found.statistic;
     let lucky = NEAR_THRESHOLD / (square * square).max(1.0);
     let scale = variance.arrival * (1.0 + lucky)
-        + unexplained.max(doubt.unexplained_s2)
+        + unexplained.max(lasting).max(doubt.unexplained_s2)
         + used.sensors() * plan.position_sd_s * plan.position_sd_s;
     // What a speed of sound and a distance that are not as assumed do to all arrival times together.
     let slowness = wavefront::arrivals(&plan.geometry, direction, curvature);

@@ -149,3 +149,28 @@ fn healthy_channels_are_never_named() {
         assert!(heard.faults.is_empty() && heard.channels == 0, "{snr_db}: {:?}", heard.faults);
     }
 }
+
+#[test]
+fn no_direction_is_told_while_noise_common_to_all_contradicts_it() {
+    let plan = plan(RATE);
+    for (seed, snr_db) in [(1, 10.0), (2, 5.0), (3, 0.0)] {
+        let mut sea = sea(&plan, snr_db, seed);
+        let (from, to) = (2 * RATE as usize, 6 * RATE as usize);
+        let mut random = Normal(seed + 40);
+        for x in &mut sea[from..to] {
+            let common = 3.0 * 10f64.powf(snr_db / 20.0) * random.next();
+            x.iter_mut().for_each(|x| *x += common);
+        }
+        let heard = hear(&plan, &sea);
+        let codes: Vec<_> = heard.faults.iter().map(|f| f.0).filter(|f| *f != FaultCode::Impulses).collect();
+        assert_eq!(codes, [FaultCode::Inconsistent], "{snr_db}");
+        let between = |from_s: f64, to_s: f64| {
+            let within = move |t: f64| t > from_s && t < to_s;
+            heard.bearings.iter().filter(move |b| within(b.index as f64 / RATE)).count()
+        };
+        assert_eq!(between(2.5, 6.0), 0, "{snr_db}");
+        assert!(between(0.0, 2.0) >= 2, "{snr_db}");
+        // Eight segments that agree, then as before.
+        assert!(between(10.5, f64::INFINITY) >= 2, "{snr_db}");
+    }
+}

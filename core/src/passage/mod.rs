@@ -239,14 +239,16 @@ impl<const N: usize> Passage<N> {
         let problem = Problem { limits, ..self.problem(config, &links) };
         let (line, normal) = problem.within_limits(&self.best()?.line)?;
         let known = solution(&line, &normal, &config.free(), &limits, self.seen, problem.measurements())?;
-        if config.lasting_sd_rad <= 0.0 {
+        let mut covariance = known.covariance;
+        let scale = config.scale_variance(covariance[3][3]);
+        if config.lasting_sd_rad <= 0.0 && scale <= 0.0 {
             return Some(known);
         }
         // An error of all azimuths turns the track; one that changes with the azimuth, as positions' do, stretches it as well.
-        let mut covariance = known.covariance;
         for k in [0, 2] {
             covariance[k][k] += config.lasting_sd_rad * config.lasting_sd_rad;
         }
+        covariance[3][3] += scale;
         from_covariance(&line, &covariance, &limits, self.seen, known.consistency)
     }
 

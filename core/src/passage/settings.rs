@@ -49,6 +49,8 @@ pub struct Config {
     pub extra_tau_s: f64,
     /// Travel time and height of the vessel above the array.
     pub medium: Medium,
+    /// Standard deviation of that height, metres.
+    pub height_sd_m: f64,
     /// Standard deviation of a bias common to all elevations (multipath), radians.
     pub elevation_bias_sd_rad: f64,
     /// Tails of the errors, whose stated variance is then that of good bearings; `None`: Gaussian.
@@ -73,6 +75,7 @@ impl Config {
             extra_sd_rad: t.bearing_sd_deg * crate::angle::RAD_PER_DEG,
             extra_tau_s: t.bearing_tau_s,
             medium: Medium::of_sound_speed(sound_speed_m_s),
+            height_sd_m: 0.0,
             elevation_bias_sd_rad: 0.0,
             tails: None,
             lasting_sd_rad: 0.0,
@@ -85,7 +88,7 @@ impl Config {
         let mut config = Self::new(&station.tracking, station.sound_speed_m_s);
         let height_m = height_m(station);
         if height_m >= LEAST_HEIGHT_M {
-            config.medium.height_m = height_m;
+            (config.medium.height_m, config.height_sd_m) = (height_m, 0.5 * vessel_depth_m(station));
             config.elevation_bias_sd_rad = ELEVATION_BIAS_SD_RAD;
         }
         config.lasting_sd_rad = lasting_sd_rad(station);
@@ -134,6 +137,17 @@ impl Config {
         (doubted.max(0.5 * white), 2.0 * tails.loss(r) - weight * r * r)
     }
 
+    /// Variance of ln speed that an error of the height gives, of the variance that it has: elevations tell the scale of the track in
+    /// the proportion in which they add to what is assumed of the speed.
+    pub(super) fn scale_variance(&self, known: f64) -> f64 {
+        let (height_m, prior) = (self.medium.height_m, self.speed_sd_m_s / self.speed_m_s);
+        if height_m <= 0.0 || prior <= 0.0 {
+            return 0.0;
+        }
+        let told = (1.0 - known / (prior * prior)).max(0.0) * self.height_sd_m / height_m;
+        told * told
+    }
+
     /// Coloured variance, correlation time, and variance to count as white.
     pub(crate) fn errors(&self) -> (f64, f64, f64) {
         let variance = self.extra_sd_rad * self.extra_sd_rad;
@@ -150,10 +164,14 @@ fn lasting_sd_rad(station: &StationConfig) -> f64 {
     if spread > 0.0 { array.position_sd_m / m::sqrt(spread) } else { 0.0 }
 }
 
-/// Height of the vessels listened to above the station, metres: its depth less theirs, at least 0.
+/// Height of the vessels listened to above the station, metres: its depth less half of theirs, at least 0. With its image in the
+/// surface a vessel is heard from the surface, without it from where it is.
 pub fn height_m(station: &StationConfig) -> f64 {
-    let vessels_m = if let Kind::Array(array) = &station.kind { array.vessel_depth_m } else { 0.0 };
-    (station.depth_m - vessels_m).max(0.0)
+    (station.depth_m - 0.5 * vessel_depth_m(station)).max(0.0)
+}
+
+fn vessel_depth_m(station: &StationConfig) -> f64 {
+    if let Kind::Array(array) = &station.kind { array.vessel_depth_m } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -89,6 +89,7 @@ pub fn one_by_one(
         elevation_bias_sd_rad: config.elevation_bias_sd_rad,
         tails: robust.then_some(STUDENT),
         lasting_sd_rad: 0.0,
+        height_sd_m: 0.0,
     };
     let mut lone = Lone::new(assumed, gate_sd);
     for s in samples {

@@ -59,7 +59,7 @@ fn the_vessels_depth_is_one_value() {
         let text = GOOD.replace("[array]\n", &format!("[array]\nvessel_depth_m = {depth}\n"));
         seabearing_core::passage::Config::of_station(&parse(&text).unwrap().config)
     };
-    assert_eq!((motion("4.0").medium.height_m, motion("9.0").medium.height_m), (164.0, 159.0));
+    assert_eq!((motion("4.0").medium.height_m, motion("9.0").medium.height_m), (166.0, 163.5));
 }
 
 #[test]
