@@ -197,8 +197,8 @@ fn one_file_per_channel_is_one_recording() {
 fn of_more_channels_the_station_file_chooses_four() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("six.wav");
-    let data: Vec<u8> = (0..500)
-        .flat_map(|i| (0..6).flat_map(move |c| (10 * i + c as i32).to_le_bytes()[..3].to_vec()))
+    let data: Vec<u8> = (0..500_i32)
+        .flat_map(|i| (0..6).flat_map(move |c| (10 * i + c).to_le_bytes()[..3].to_vec()))
         .collect();
     let mut bytes = std::fs::read(foreign(dir.path(), "six.wav", 6, 16_000)).unwrap();
     bytes.truncate(40);
