@@ -38,7 +38,17 @@ const EXAMPLES: [(&str, &[Expected]); 25] = [
         ],
     ),
     ("twin", &[Lacks("out/station.toml"), Lacks("out/station.toml"), Lacks("out/station.toml")]),
-    ("base", &[Runs, Waits("/dev/ttyACM0"), Waits("127.0.0.1:"), Lacks("stations.toml"), Runs]),
+    (
+        "base",
+        &[
+            Runs,
+            Waits("/dev/ttyACM0"),
+            Waits("127.0.0.1:"),
+            Lacks("stations.toml"),
+            Lacks("stations.toml"),
+            Runs,
+        ],
+    ),
     ("base send", &[Lacks("east.key"), Lacks("east.key"), Lacks("stations.toml")]),
     ("export", &[Runs, Runs, Runs, Runs]),
     ("demo", &[]),

@@ -11,13 +11,17 @@ use std::time::Duration;
 const STATION: &str = "[station]\nid = 1\nname = \"east\"\nkind = \"array\"\n[sampling]\nrate_hz = 16000\n[array]\n\
     hydrophones_m = [[0.0,1.06,-0.38],[0.92,-0.53,-0.38],[-0.92,-0.53,-0.38],[0.0,0.0,1.13]]\n";
 
-/// Noise that is coherent between the channels, three seconds on each of five days, the last over midnight.
+/// By how many samples each hydrophone hears a wave from azimuth 328°, elevation 40°, at 1500 m/s, before the last of them.
+const EARLIER: [usize; 4] = [15, 0, 8, 18];
+
+/// Noise from that direction, three seconds on each of five days, one of them over midnight.
 fn archive(folder: &Path) {
     std::fs::write(folder.join("east.toml"), STATION).unwrap();
     for (day, time) in [(1, "120000"), (2, "120000"), (3, "000000"), (4, "235958"), (7, "010000")] {
         let mut noise = ChaCha8Rng::seed_from_u64(day);
         let codes: Vec<i32> = (0..48_100).map(|_| noise.random_range(-100_000..100_000)).collect();
-        let frames = (0..48_000).map(|i| [0, 11, 23, 40].map(|delay| codes[i + delay]));
+        let frames = (0..48_000)
+            .map(|i| EARLIER.map(|earlier| codes[i + earlier] + noise.random_range(-20_000..20_000)));
         let path = folder.join(format!("data/2024-05/{day}/a_2024050{day}_{time}.wav"));
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         wav(&path, 16_000, Encoding::Int24, frames).unwrap();
@@ -138,7 +142,7 @@ fn an_interrupted_run_keeps_what_is_done_and_says_so() {
 
     // A single recording, long enough to be interrupted: its records and telemetry are whole.
     let frames = (0..16_000 * 120)
-        .map(|i: i32| [0, 1, 2, 3].map(|c| (i + c).wrapping_mul(0x9e37_79b9_u32 as i32) >> 12));
+        .map(|i| EARLIER.map(|earlier| ((i + earlier) as i32).wrapping_mul(0x9e37_79b9_u32 as i32) >> 12));
     wav(&dir.path().join("long.wav"), 16_000, Encoding::Int24, frames).unwrap();
     let mut child = Command::new(env!("CARGO_BIN_EXE_seabearing"))
         .args(["process", "--station", "east.toml", "long.wav", "--telemetry", "t.bin"])

@@ -133,7 +133,7 @@ fn bad_recordings_and_stations_are_one_clear_line() {
     let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();
     write("notes.wav", b"no sound in here at all");
     write("empty.wav", b"");
-    write("wrong.toml", STATION.replace("16000", "8000").as_bytes());
+    write("wrong.toml", STATION.replace("16000", "32000").as_bytes());
     write("unknown.toml", STATION.replace("rate_hz", "rate_khz").as_bytes());
     write("flat.toml", STATION.replace("1.1267", "-0.3756").as_bytes());
     write("twin.toml", STATION.replace("[0.92, -0.5312", "[0.0, 1.0623").as_bytes());
@@ -141,7 +141,7 @@ fn bad_recordings_and_stations_are_one_clear_line() {
         ("station.toml", "notes.wav", &["notes.wav", "not a recording"][..]),
         ("station.toml", "empty.wav", &["empty.wav", "empty file"]),
         ("station.toml", "absent.wav", &["absent.wav"]),
-        ("wrong.toml", FIRST, &["16000", "8000", "rate_hz"]),
+        ("wrong.toml", FIRST, &["16000", "32000", "rate_hz"]),
         ("unknown.toml", FIRST, &["unknown.toml, line 8", "rate_khz"]),
         ("flat.toml", FIRST, &["flat.toml, line 10", "plane"]),
         ("twin.toml", FIRST, &["twin.toml, line 10", "same place"]),

@@ -63,11 +63,15 @@ struct Speeds {
 /// # Errors
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
-    let args = match args.what {
-        What::Speeds(args) => args,
+    match args.what {
+        What::Speeds(args) => speeds(&args),
         #[cfg(feature = "base")]
-        What::Match(args) => return super::ais_match::run(&args),
-    };
+        What::Match(args) => super::ais_match::run(&args),
+    }
+}
+
+/// `seabearing ais speeds`.
+fn speeds(args: &Speeds) -> Result<()> {
     if !(-90.0..=90.0).contains(&args.lat_deg) || !(-180.0..=360.0).contains(&args.lon_deg) {
         bail!("--lat-deg {} --lon-deg {}: no place on Earth", args.lat_deg, args.lon_deg);
     }

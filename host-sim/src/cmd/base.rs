@@ -96,7 +96,7 @@ pub struct Args {
     page: Option<String>,
     /// What else watches the records
     #[command(flatten)]
-    watch: super::base_watch::Args,
+    watch: super::base_watch::Watch,
     /// Records as JSON Lines on standard output instead of the view
     #[arg(long)]
     json: bool,

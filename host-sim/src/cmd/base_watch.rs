@@ -15,7 +15,7 @@ use time::OffsetDateTime;
 
 /// Options.
 #[derive(clap::Args)]
-pub(super) struct Args {
+pub(super) struct Watch {
     /// File of alarms: when they are raised and who is told
     #[arg(long, value_name = "ALARMS.toml")]
     alarms: Option<PathBuf>,
@@ -40,7 +40,7 @@ pub(super) struct Acknowledge {
 /// Days of records in which alarms that still stand are looked for.
 const STANDING_DAYS: i64 = 30;
 
-impl Args {
+impl Watch {
     /// Starts what is asked for.
     pub(super) fn start(
         &self,

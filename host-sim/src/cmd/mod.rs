@@ -170,3 +170,14 @@ impl Subcommand {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    /// What the parser of arguments asks of its commands (names that are told twice, groups that are not there): it asks
+    /// only of those that run.
+    #[test]
+    fn every_command_is_put_together_soundly() {
+        <super::Subcommand as clap::Subcommand>::augment_subcommands(clap::Command::new("seabearing"))
+            .debug_assert();
+    }
+}
