@@ -26,6 +26,7 @@ pub use seabearing_wire::health;
 #[cfg(feature = "array")]
 pub mod array;
 pub mod demon;
+pub mod levels;
 #[cfg(feature = "obs")]
 pub mod obs;
 

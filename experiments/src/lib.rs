@@ -22,6 +22,7 @@ mod flash_cuts;
 mod fuzz;
 pub mod fuzz_targets;
 mod heard_vessels;
+mod levels;
 mod line;
 mod link;
 mod link_ends;
@@ -139,6 +140,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,
     several_vessels::EXPERIMENT,
+    levels::EXPERIMENT,
     ais_kinematics::EXPERIMENT,
     ais_match::EXPERIMENT,
     obs_one_ship::ONE_SHIP,

@@ -71,8 +71,18 @@ fn what_process_and_base_print_agrees_with_it() {
     let at = folder.path();
     let schema: Value = serde_json::from_str(&std::fs::read_to_string(PUBLISHED).unwrap()).unwrap();
     output(at, &["simulate", &format!("{scenarios}/short-pass.toml"), "--out", "pass"]);
-    let station = ["process", "--station", "pass/station.toml", "pass", "--telemetry", "pass.telemetry"];
+    let station = [
+        "process",
+        "--station",
+        "pass/station.toml",
+        "pass",
+        "--telemetry",
+        "pass.telemetry",
+        "--levels",
+        "2",
+    ];
     let heard = output(at, &station);
+    assert!(heard.contains(r#"{"type":"level""#));
     let received = output(at, &["base", "--store", "store", "--json", "pass.telemetry"]);
     for text in [heard, received] {
         let records: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();

@@ -8,9 +8,10 @@
 
 use crate::atomic::{self, Unfinished};
 use crate::interrupt;
+use crate::levels::Meter;
 use crate::record::{self, RecordFormat};
 use crate::recording::{Asked, BlockSource, Recording, Span};
-use crate::replay::replay;
+use crate::replay::{Said, with_levels};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::Block;
@@ -26,6 +27,8 @@ pub struct Member {
     station: Station,
     table: Option<Vec<u8>>,
     recording: Recording,
+    /// Length of the intervals whose levels are measured, s.
+    levels_s: Option<f64>,
 }
 
 impl Member {
@@ -33,10 +36,10 @@ impl Member {
     ///
     /// # Errors
     /// As [`Recording::find`], or its propagation table cannot be used.
-    pub fn find(station: Station, input: &[PathBuf], asked: &Asked) -> Result<Self> {
+    pub fn find(station: Station, input: &[PathBuf], asked: &Asked, levels_s: Option<f64>) -> Result<Self> {
         let table = crate::ocean_bottom::table::of_station(&station)?;
         let recording = Recording::find(input, &station, asked)?;
-        Ok(Self { station, table, recording })
+        Ok(Self { station, table, recording, levels_s })
     }
 
     /// What its files are called by.
@@ -121,11 +124,13 @@ pub fn process(unit: &Unit, members: &[Member], folder: &Path) -> Result<Outcome
     let mut processed = 0;
     let summary = {
         let mut out = BufWriter::new(records.as_file());
-        let summary = replay(&station.config, member.table.as_deref(), &mut source, |message| {
-            if let Message::Health(health) = message {
+        let mut meter = member.levels_s.map(|s| Meter::new(station, s, false)).transpose()?;
+        let table = member.table.as_deref();
+        let summary = with_levels(&station.config, table, &mut source, meter.as_mut(), |said| {
+            if let Said::Message(Message::Health(health)) = said {
                 processed = health.processed;
             }
-            serde_json::to_writer(&mut out, &format.json(message))?;
+            serde_json::to_writer(&mut out, &format.said(said))?;
             Ok(out.write_all(b"\n")?)
         })?;
         out.flush()?;
@@ -156,13 +161,19 @@ fn made_of(unit: &Unit, member: &Member) -> Result<Value> {
         inputs
             .push(json!({ "path": path.display().to_string(), "bytes": about.len(), "modified": modified }));
     }
-    Ok(json!({
+    let mut made_of = json!({
         "unit": unit.name, "station": member.station.config.name.as_str(), "day": unit.day.map(|d| d.to_string()),
         "from": time(unit.span.from), "to": time(unit.span.to), "software": env!("CARGO_PKG_VERSION"),
         "config_hash": format!("{:016x}", member.station.config.hash()),
         "table_hash": member.table.as_deref().map(|t| format!("{:016x}", fnv1a(t))),
         "inputs": inputs,
-    }))
+    });
+    if let Some(seconds) = member.levels_s {
+        let calibration = format!("{:?}", member.station.calibration);
+        made_of["levels_s"] = json!(seconds);
+        made_of["calibration_hash"] = json!(format!("{:016x}", fnv1a(calibration.as_bytes())));
+    }
+    Ok(made_of)
 }
 
 /// Whether a manifest says that this was done, and its outputs are there.

@@ -15,6 +15,7 @@ pub mod csv;
 pub mod delays;
 pub mod geodesy;
 pub mod interrupt;
+pub mod levels;
 pub mod motion;
 pub mod ocean_bottom;
 pub mod orientation;

@@ -1,5 +1,7 @@
 //! Recordings through the recorder core, exactly as the recorder would: blocks in, messages out.
 
+use crate::levels::Meter;
+use crate::record::Level;
 use crate::recording::BlockSource;
 use anyhow::{Result, anyhow};
 use cpu_time::{ProcessTime, ThreadTime};
@@ -22,6 +24,15 @@ pub struct ReplaySummary {
     pub all: Duration,
 }
 
+/// What a replay says.
+#[derive(Clone, Debug)]
+pub enum Said<'a> {
+    /// What the recorder sends.
+    Message(&'a Message),
+    /// Levels of an interval that begins at this index.
+    Level(u64, Level),
+}
+
 /// Feeds a recording to the recorder the station asks for; `heard` gets every message in order and may fail.
 /// `table` is the propagation table of an ocean-bottom station as its binary blob.
 ///
@@ -33,6 +44,24 @@ pub fn replay(
     source: &mut dyn BlockSource,
     mut heard: impl FnMut(&Message) -> Result<()>,
 ) -> Result<ReplaySummary> {
+    with_levels(config, table, source, None, |said| match said {
+        Said::Message(message) => heard(message),
+        Said::Level(..) => Ok(()),
+    })
+}
+
+/// The same, and levels beside it, on a second processor where there is one. Levels come after the messages of the block
+/// that ends their interval.
+///
+/// # Errors
+/// As [`replay`].
+pub fn with_levels(
+    config: &StationConfig,
+    table: Option<&[u8]>,
+    source: &mut dyn BlockSource,
+    mut meter: Option<&mut Meter>,
+    mut heard: impl FnMut(Said<'_>) -> Result<()>,
+) -> Result<ReplaySummary> {
     let begun = ProcessTime::now();
     let mut summary = ReplaySummary::default();
     // The recorder's memory is large: it is built in place, on the heap.
@@ -40,25 +69,36 @@ pub fn replay(
     let mut recorder = memory.configure(config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
     let mut messages = Vec::new();
     let mut frames = 0u32;
-    let mut deliver = |messages: &mut Vec<Message>| -> Result<()> {
+    let mut deliver = |messages: &mut Vec<Message>, meter: Option<&mut Meter>| -> Result<()> {
         frames = frames.wrapping_add(messages.len() as u32);
-        messages.drain(..).try_for_each(|m| heard(&m))
+        messages.drain(..).try_for_each(|m| heard(Said::Message(&m)))?;
+        let levels = meter.map(Meter::take).unwrap_or_default();
+        levels.into_iter().try_for_each(|(index, level)| heard(Said::Level(index, level)))
     };
     recorder.start(0, &mut |m| messages.push(*m));
-    deliver(&mut messages)?;
+    deliver(&mut messages, None)?;
     while let Some(block) = source.next_block()? {
-        let before = ThreadTime::now();
-        recorder.push(block, &mut |m| messages.push(*m));
-        summary.core += before.elapsed();
+        let mut work = || {
+            let before = ThreadTime::now();
+            recorder.push(block, &mut |m| messages.push(*m));
+            before.elapsed()
+        };
+        summary.core += match meter.as_deref_mut() {
+            Some(meter) => rayon::join(work, || meter.push(block)).0,
+            None => work(),
+        };
         summary.instants += block.frames.len() as u64;
         summary.index = block.first_index + block.frames.len() as u64;
-        deliver(&mut messages)?;
+        deliver(&mut messages, meter.as_deref_mut())?;
     }
     let before = ThreadTime::now();
     recorder.finish(&mut |m| messages.push(*m));
     summary.core += before.elapsed();
-    deliver(&mut messages)?;
-    heard(&Message::End(End { index: summary.index, frames }))?;
+    if let Some(meter) = meter.as_deref_mut() {
+        meter.finish();
+    }
+    deliver(&mut messages, meter)?;
+    heard(Said::Message(&Message::End(End { index: summary.index, frames })))?;
     summary.all = begun.elapsed();
     Ok(summary)
 }

@@ -80,9 +80,18 @@ impl TomlFile {
         place.map_or_else(|| self.name.clone(), |at| self.place(at))
     }
 
-    /// Whether a key stands at the top of the file.
+    /// Whether the file says a key, `rate_hz` at its top or `array.hydrophones_m` in a table.
     pub fn has(&self, key: &str) -> bool {
-        self.table().is_ok_and(|t| t.get_ref().iter().any(|(k, _)| k.get_ref() == key))
+        fn holds(table: &DeTable<'_>, key: &str) -> bool {
+            let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
+            let value = table.iter().find(|(k, _)| k.get_ref() == first).map(|(_, v)| v.get_ref());
+            match (value, rest) {
+                (Some(DeValue::Table(table)), Some(rest)) => holds(table, rest),
+                (value, None) => value.is_some(),
+                _ => false,
+            }
+        }
+        self.table().is_ok_and(|t| holds(t.get_ref(), key))
     }
 
     /// The text with another value of a key in a table; as it is where the key is not there.

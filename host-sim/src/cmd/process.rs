@@ -2,11 +2,12 @@
 
 use crate::archive::{self, Member, Outcome, Unit};
 use crate::interrupt::{self, Keeping};
+use crate::levels::{Meter, picture};
 use crate::ocean_bottom::pictures;
 use crate::plot::result;
 use crate::progress;
 use crate::recording::{Asked, BlockSource, Recording, Span, written_time};
-use crate::replay::{ReplaySummary, replay};
+use crate::replay::{ReplaySummary, Said, with_levels};
 use crate::station::Station;
 use crate::station::import::{self, Imported};
 use crate::station::xml::{self, Wanted};
@@ -26,7 +27,8 @@ use time::OffsetDateTime;
 #[command(
     after_help = "Examples:\n  seabearing process --station east.toml recording.wav > records.jsonl\n  \
     seabearing process --station east.toml east --from 2024-05-01T09:00:05Z --to 2024-05-01T09:00:30Z\n  \
-    seabearing process --station east.toml east --out records --jobs 2\n\n\
+    seabearing process --station east.toml east --out records --jobs 2\n  \
+    seabearing process --station east.toml recording.wav --levels 10 --plots pictures\n\n\
     docs/recordings.md says which files are read, and how whole archives are."
 )]
 pub struct Args {
@@ -61,11 +63,14 @@ pub struct Args {
     /// Only the I-th of N shares of the stations and days, counted from 1, for N jobs that know nothing of each other
     #[arg(long, value_name = "I/N", requires = "out")]
     share: Option<String>,
+    /// Also measure levels over intervals of so many seconds (60 is usual): decidecade and decade bands, spectra, percentiles
+    #[arg(long, value_name = "SECONDS")]
+    levels: Option<f64>,
     /// Also write the telemetry the recorder would have sent, byte for byte
     #[arg(long, value_name = "FILE")]
     telemetry: Option<PathBuf>,
     /// Write pictures into this folder: bearings and errors against time, tracks on a map, correlations
-    /// (array); spectrogram, azigram, likelihoods, cepstrograms, presence, map (ocean bottom).
+    /// (array); spectrogram, azigram, likelihoods, cepstrograms, presence, map (ocean bottom); levels with --levels.
     #[arg(long, alias = "plot", value_name = "DIR")]
     plots: Option<PathBuf>,
     /// Truth to draw beside the results: the truth.csv of a simulation.
@@ -154,6 +159,7 @@ pub fn run(args: Args) -> Result<()> {
         .transpose()?
         .unwrap_or_default();
     let table = crate::ocean_bottom::table::of_station(&station)?;
+    let mut meter = args.levels.map(|s| Meter::new(&station, s, args.plots.is_some())).transpose()?;
     let recording = Recording::find(&args.input, &station, &asked)?;
     let source = recording.source(asked.span)?;
     let records = record::RecordFormat {
@@ -172,8 +178,18 @@ pub fn run(args: Args) -> Result<()> {
     let mut telemetry = Vec::new();
     let mut messages = Vec::new();
     let mut last_health = None;
-    let (mut bearings, mut tracks) = (Vec::new(), Vec::new());
-    let summary = replay(&station.config, table.as_deref(), &mut source, |message| {
+    let (mut bearings, mut tracks, mut levels) = (Vec::new(), Vec::new(), Vec::new());
+    let summary = with_levels(&station.config, table.as_deref(), &mut source, meter.as_mut(), |said| {
+        let message = match &said {
+            Said::Message(message) => *message,
+            Said::Level(index, level) => {
+                if args.plots.is_some() {
+                    levels.push((records.t_s(*index), level.clone()));
+                }
+                serde_json::to_writer(&mut out, &records.said(said))?;
+                return Ok(out.write_all(b"\n")?);
+            }
+        };
         if args.telemetry.is_some() {
             telemetry.extend_from_slice(encoder.frame(message));
         }
@@ -219,6 +235,9 @@ pub fn run(args: Args) -> Result<()> {
             eprintln!("seabearing: no pictures of less than two whole minutes");
         }
     }
+    if let (Some(folder), Some(meter)) = (&args.plots, &meter) {
+        picture::draw(folder, meter, &levels, records.start)?;
+    }
     if args.stats {
         eprintln!("{}", stats(&summary, station.config.rate_hz));
     }
@@ -247,7 +266,7 @@ fn archive(args: &Args, stations: Vec<(Option<Arc<Imported>>, Station)>, folder:
     let several = stations.len() > 1;
     for (imported, station) in stations {
         let name = station.config.name.clone();
-        match Member::find(station, &args.input, &asked) {
+        match Member::find(station, &args.input, &asked, args.levels) {
             Ok(member) => members.push(member),
             // StationXML tells of whole networks; the archive need not hold all of it.
             Err(e) if several && imported.is_some() => eprintln!("seabearing: left out {name}: {e:#}"),

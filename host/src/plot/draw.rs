@@ -336,8 +336,13 @@ const COLOURS: f64 = 100.0;
 /// `plot` is the size of the plotting area in points.
 fn cells(chart: &mut Chart<'_>, heat: &HeatMap, (x, y): (Axis, Axis), plot: (i32, i32)) -> Result<()> {
     // Rectangles overlap by a hair, or viewers show the seams between them; more than one step, or rounding eats it.
-    let hair =
-        (1.6 * (x.to - x.from) / f64::from(plot.0 * FINE), 1.6 * (y.to - y.from) / f64::from(plot.1 * FINE));
+    let past = |axis: Axis, v: f64, points: i32| {
+        let hair = 1.6 / f64::from(points * FINE);
+        match axis.scale {
+            Scale::Log => v * (axis.to / axis.from).powf(hair),
+            Scale::Linear | Scale::Degrees => v + hair * (axis.to - axis.from),
+        }
+    };
     let columns = heat.columns.max(1);
     let rows = heat.values.len() / columns;
     let (nx, ny) = (columns.min(MOST_CELLS), rows.min(MOST_CELLS));
@@ -349,9 +354,17 @@ fn cells(chart: &mut Chart<'_>, heat: &HeatMap, (x, y): (Axis, Axis), plot: (i32
         v.is_finite().then(|| (share * COLOURS).round() as i32)
     };
     let clamp = |axis: Axis, v: f64| v.clamp(axis.from.min(axis.to), axis.from.max(axis.to));
-    let edge = |range: (f64, f64), i: usize, n: usize| range.0 + (range.1 - range.0) * i as f64 / n as f64;
+    // Cells of a logarithmic axis have one ratio.
+    let edge = |axis: Axis, range: (f64, f64), i: usize, n: usize| {
+        let share = i as f64 / n as f64;
+        match axis.scale {
+            Scale::Log => range.0 * (range.1 / range.0).powf(share),
+            Scale::Linear | Scale::Degrees => range.0 + (range.1 - range.0) * share,
+        }
+    };
     for j in 0..ny {
-        let (y0, y1) = (clamp(y, edge(heat.y, j, ny)), clamp(y, edge(heat.y, j + 1, ny) + hair.1));
+        let (y0, y1) =
+            (clamp(y, edge(y, heat.y, j, ny)), clamp(y, past(y, edge(y, heat.y, j + 1, ny), plot.1)));
         let mut i = 0;
         while i < nx {
             let colour = step(i, j);
@@ -359,7 +372,8 @@ fn cells(chart: &mut Chart<'_>, heat: &HeatMap, (x, y): (Axis, Axis), plot: (i32
             while i < nx && step(i, j) == colour {
                 i += 1;
             }
-            let (x0, x1) = (clamp(x, edge(heat.x, start, nx)), clamp(x, edge(heat.x, i, nx) + hair.0));
+            let (x0, x1) =
+                (clamp(x, edge(x, heat.x, start, nx)), clamp(x, past(x, edge(x, heat.x, i, nx), plot.0)));
             if let (Some(c), true) = (colour, x0 != x1 && y0 != y1) {
                 let colour = heat.map.colour(f64::from(c) / COLOURS);
                 chart.draw_series([Rectangle::new([(x0, y0), (x1, y1)], colour.filled())]).map_err(failed)?;

@@ -267,6 +267,60 @@ record! {
 }
 
 record! {
+    /// Levels of one channel over the interval that begins at `t_s` (`process --levels`; docs/levels.md). Decibels are re
+    /// `reference`, spectral densities re its square in a hertz. Null: the interval has no whole data for it, the band is
+    /// narrower than what can be resolved, or the response is not known there.
+    Level {
+        /// Channel of the recorder, from 0.
+        channel: u8,
+        /// What was measured: `pressure`, `velocity_north`, `velocity_east`, `velocity_vertical`.
+        quantity: &'static str,
+        /// Reference value: `1 µPa`, `1 nm/s`, or `full scale` where the station file states no sensitivity.
+        reference: &'static str,
+        /// Length of the interval, seconds.
+        duration_s: f64,
+        /// Share of it, 0 to 1, that the levels are of: what neither misses a sample nor is clipped.
+        used: f64,
+        /// Samples missing.
+        missing: u64,
+        /// Samples clipped.
+        clipped: u64,
+        /// Lower edge of the band of `broadband_db`, Hz.
+        from_hz: f64,
+        /// Its upper edge, Hz.
+        to_hz: f64,
+        /// Level of that band.
+        broadband_db: Option<f64>,
+        /// Lower edges of the decades that lie within that band, Hz; the upper ones are ten times as high.
+        decade_from_hz: Vec<f64>,
+        /// Their levels.
+        decade_db: Vec<Option<f64>>,
+        /// Midband frequencies of the decidecades (base-ten third octaves), Hz.
+        decidecade_hz: Vec<f64>,
+        /// Their levels.
+        decidecade_db: Vec<Option<f64>>,
+        /// Standard deviation of those in Gaussian noise, dB.
+        decidecade_sd_db: Vec<Option<f64>>,
+        /// Levels that 5 % of the snapshots (a second, or a window where that is longer) are below.
+        decidecade_p5_db: Vec<Option<f64>>,
+        /// Levels that half of the snapshots are below.
+        decidecade_p50_db: Vec<Option<f64>>,
+        /// Levels that 95 % of the snapshots are below.
+        decidecade_p95_db: Vec<Option<f64>>,
+        /// Frequencies of the spectral densities, forty a decade, Hz.
+        psd_hz: Vec<f64>,
+        /// Spectral density, mean of the interval.
+        psd_db: Vec<Option<f64>>,
+        /// Spectral density that 5 % of the snapshots are below.
+        psd_p5_db: Vec<Option<f64>>,
+        /// Spectral density that half of the snapshots are below.
+        psd_p50_db: Vec<Option<f64>>,
+        /// Spectral density that 95 % of the snapshots are below.
+        psd_p95_db: Vec<Option<f64>>,
+    }
+}
+
+record! {
     /// The input has ended.
     End {
         /// Records sent before this one.
@@ -301,6 +355,7 @@ pub enum Kind {
     Reply(Reply),
     ShaftRate(ShaftRate),
     Time(Time),
+    Level(Level),
     End(End),
 }
 

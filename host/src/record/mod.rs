@@ -4,10 +4,11 @@ mod kinds;
 #[cfg(feature = "schema")]
 mod schema;
 
-pub use kinds::Kind;
+pub use kinds::{Kind, Level};
 #[cfg(feature = "schema")]
 pub use schema::schema;
 
+use crate::replay::Said;
 use seabearing_core::utc::Times;
 use seabearing_core::wire::Message;
 use serde_json::{Map, Value, json};
@@ -47,6 +48,19 @@ impl RecordFormat {
     /// The record of one message.
     pub fn json(&self, message: &Message) -> Value {
         let (index, kind) = Kind::of(message, |index| self.t_s(index));
+        self.record(index, kind)
+    }
+
+    /// The record of what a replay says.
+    pub fn said(&self, said: Said<'_>) -> Value {
+        match said {
+            Said::Message(message) => self.json(message),
+            Said::Level(index, level) => self.record(Some(index), Kind::Level(level)),
+        }
+    }
+
+    /// The record of a kind about a sample.
+    pub fn record(&self, index: Option<u64>, kind: Kind) -> Value {
         // Kinds hold numbers and texts alone, which JSON takes.
         let Ok(Value::Object(body)) = serde_json::to_value(kind) else { return Value::Null };
         let mut out = Map::new();

@@ -1,11 +1,13 @@
 //! The station file (TOML): unknown or wrong keys are errors that name the key and the line.
 
+mod calibration;
 pub mod import;
 #[cfg(feature = "schema")]
 pub mod schema;
 mod tables;
 pub mod xml;
 
+pub use calibration::Calibration;
 pub use tables::Components;
 
 use crate::recording::written_time;
@@ -50,6 +52,8 @@ pub struct Station {
     pub file_channels: Option<[u8; 4]>,
     /// Offset from UTC of the times in names of recordings, where the station file tells it.
     pub name_offset: Option<UtcOffset>,
+    /// What levels of each recorder channel are levels of.
+    pub calibration: [Calibration; 4],
 }
 
 impl Station {
@@ -113,6 +117,7 @@ impl Station {
         let mut propagation = None;
         let mut seed_id = None;
         let mut gains = [1.0; 4];
+        let mut sensitivity = None;
         let mut file_channels = None;
         let kind = match kind.as_str() {
             "array" => {
@@ -150,6 +155,7 @@ impl Station {
                 components = o.components.unwrap_or_default();
                 propagation = o.propagation.map(|p| folder.join(p));
                 seed_id = o.seed_id;
+                sensitivity = o.sensitivity;
                 gains = o.sensitivity.map_or(gains, |s| s.gains());
                 if !gains.iter().all(|g| g.is_finite() && *g != 0.0) {
                     bail!("{}: each sensitivity must be a number other than 0", here("obs.sensitivity"));
@@ -208,7 +214,10 @@ impl Station {
             written_time::offset(text).ok_or_else(|| source.wrong("sampling.name_offset", what()))
         });
         let name_offset = name_offset.transpose()?;
-        Ok(Self { config, components, propagation, seed_id, gains, file_channels, name_offset })
+        let sensitive = source.has("array.sensitivity_db_re_1v_upa");
+        let calibration =
+            calibration::of_channels(file.calibration.as_ref(), &config, sensitive, sensitivity, source)?;
+        Ok(Self { config, components, propagation, seed_id, gains, file_channels, name_offset, calibration })
     }
 
     /// Reads a network file: a list of `[[stations]]`.

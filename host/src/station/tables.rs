@@ -21,6 +21,8 @@ pub(super) struct File {
     pub(super) line: Option<Line>,
     /// What fits of tracks may assume of the vessels here.
     pub(super) tracking: Option<TrackingTable>,
+    /// What levels need beside the sensitivities: volts at full scale, and frequency responses.
+    pub(super) calibration: Option<CalibrationTable>,
 }
 
 /// A list of stations: positions for `locate`, lines for `base`.
@@ -212,6 +214,25 @@ impl Sensitivity {
 
 pub(super) fn default_intensity() -> String {
     "away".into()
+}
+
+/// What levels (`process --levels`) need beside the sensitivities.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CalibrationTable {
+    /// Volts at the converter that give its full scale, 0.000001 to 1000; of an array. Without it levels are re full scale.
+    pub(super) full_scale_v: Option<f64>,
+    /// Gain between hydrophone and converter, dB, -120 to 120; of an array.
+    #[serde(default)]
+    pub(super) gain_db: f64,
+    /// Frequency response of the hydrophones and what follows them: rising frequencies, Hz, and dB against the sensitivity.
+    /// Between them it is linear in the logarithm of frequency; beyond them nothing is told. Flat where there is no table.
+    #[serde(default)]
+    pub(super) response_db: Vec<[f64; 2]>,
+    /// The same of the components of motion of an ocean-bottom station.
+    #[serde(default)]
+    pub(super) motion_response_db: Vec<[f64; 2]>,
 }
 
 /// Channel code of each component of an ocean-bottom station.
