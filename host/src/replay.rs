@@ -25,12 +25,12 @@ pub struct ReplaySummary {
 }
 
 /// What a replay says.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub enum Said<'a> {
     /// What the recorder sends.
     Message(&'a Message),
     /// Levels of an interval that begins at this index.
-    Level(u64, Level),
+    Level(u64, &'a Level),
 }
 
 /// Feeds a recording to the recorder the station asks for; `heard` gets every message in order and may fail.
@@ -73,7 +73,7 @@ pub fn with_levels(
         frames = frames.wrapping_add(messages.len() as u32);
         messages.drain(..).try_for_each(|m| heard(Said::Message(&m)))?;
         let levels = meter.map(Meter::take).unwrap_or_default();
-        levels.into_iter().try_for_each(|(index, level)| heard(Said::Level(index, level)))
+        levels.iter().try_for_each(|(index, level)| heard(Said::Level(*index, level)))
     };
     recorder.start(0, &mut |m| messages.push(*m));
     deliver(&mut messages, None)?;

@@ -193,6 +193,6 @@ impl Plan {
 
 /// Weight of a stage against the one before it: 1 up to [`YIELDS`], 0 from [`PASS`], a cosine between.
 fn fade(share: f64) -> f64 {
-    let x = ((share - YIELDS) / (PASS - YIELDS)).max(0.0).min(1.0);
+    let x = ((share - YIELDS) / (PASS - YIELDS)).clamp(0.0, 1.0);
     0.5 + 0.5 * math::f64::cos(math::f64::PI * x)
 }

@@ -180,11 +180,11 @@ pub fn run(args: Args) -> Result<()> {
     let mut last_health = None;
     let (mut bearings, mut tracks, mut levels) = (Vec::new(), Vec::new(), Vec::new());
     let summary = with_levels(&station.config, table.as_deref(), &mut source, meter.as_mut(), |said| {
-        let message = match &said {
-            Said::Message(message) => *message,
+        let message = match said {
+            Said::Message(message) => message,
             Said::Level(index, level) => {
                 if args.plots.is_some() {
-                    levels.push((records.t_s(*index), level.clone()));
+                    levels.push((records.t_s(index), level.clone()));
                 }
                 serde_json::to_writer(&mut out, &records.said(said))?;
                 return Ok(out.write_all(b"\n")?);

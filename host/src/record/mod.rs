@@ -55,7 +55,7 @@ impl RecordFormat {
     pub fn said(&self, said: Said<'_>) -> Value {
         match said {
             Said::Message(message) => self.json(message),
-            Said::Level(index, level) => self.record(Some(index), Kind::Level(level)),
+            Said::Level(index, level) => self.record(Some(index), Kind::Level(level.clone())),
         }
     }
 

@@ -114,7 +114,7 @@ fn response(rows: &[[f64; 2]], key: &str, source: &TomlFile) -> Result<Vec<(f64,
             );
         }
     }
-    if let Some([[f, _], [next, _]]) = rows.array_windows().find(|[a, b]| a[0] >= b[0]) {
+    if let Some(([f, _], [next, _])) = rows.iter().zip(rows.iter().skip(1)).find(|(a, b)| a[0] >= b[0]) {
         bail!("{}: `{key}` has {next} Hz after {f} Hz; frequencies must rise", at());
     }
     Ok(rows.iter().map(|[f, db]| (*f, *db)).collect())
