@@ -6,7 +6,7 @@
 //! * Noise makes the pairs' own delays differ from the common direction's by up to `NOISE_RESIDUAL` variances of a pair's
 //!   delay. The mean square beyond that comes of paths and other vessels, and errors as large are in the arrival times of the
 //!   common direction; more where they contradict it lastingly (`agreement`). Noise changes from segment to segment and
-//!   another vessel's part does not, so the mean over [`AVERAGED`] segments tells of less than one segment alone.
+//!   another vessel's part does not, so the mean over `AVERAGED` segments tells of less than one segment alone.
 //! * Hydrophones displaced by `position_sd_m` move their arrivals by as much over the speed of sound; a speed of sound or a
 //!   distance that are not as assumed change all arrivals together. These errors last: [`crate::passage`] keeps the first of
 //!   them apart from noise.
