@@ -2,7 +2,7 @@
 
 use super::Base;
 use anyhow::{Context, Result, bail};
-use seabearing_core::wire::guard::{Key, Recipient, SIGNED_BYTES, sign};
+use seabearing_core::wire::guard::{COMMAND_BYTES, Key, Recipient, SIGNED_BYTES, sign_bytes};
 use seabearing_core::wire::link::Class;
 use seabearing_core::wire::{Command, bytes_of};
 use std::path::Path;
@@ -26,6 +26,13 @@ impl Base {
     /// Gives a command to the recorder that has opened its link on a connection; `false` while none has. It is signed with
     /// the key for the recorder's present boot; its counter is the time in microseconds, which goes on over restarts.
     pub fn command(&mut self, stream: u32, key: Option<&Key>, command: &Command) -> bool {
+        let mut buffer = [0; COMMAND_BYTES];
+        let bytes = bytes_of(command, &mut buffer).to_vec();
+        self.order(stream, key, &bytes)
+    }
+
+    /// The same of the bytes of a command.
+    pub fn order(&mut self, stream: u32, key: Option<&Key>, command: &[u8]) -> bool {
         let Some(live) = self.streams.get_mut(&stream) else { return false };
         let Some(session) = live.stream.peer() else { return false };
         let mut buffer = [0; SIGNED_BYTES];
@@ -34,9 +41,9 @@ impl Base {
                 let now = (time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 1000) as u64;
                 self.counter = now.max(self.counter + 1);
                 let recipient = Recipient { station: session.station, boot: session.boot };
-                sign(key, &recipient, self.counter, command, &mut buffer)
+                sign_bytes(key, &recipient, self.counter, command, &mut buffer)
             }
-            None => bytes_of(command, &mut buffer),
+            None => command,
         };
         live.stream.link().offer(Class::Health, bytes);
         true

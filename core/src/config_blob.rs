@@ -21,7 +21,8 @@ const SECTION_HEAD: usize = 12;
 /// Bytes before the first section.
 const HEAD: usize = HEADER.len() + 4;
 
-static CRC: crc::Crc<u32, crc::Table<1>> = crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
+/// The checksum of sections and of whole configurations on their way.
+pub static CRC: crc::Crc<u32, crc::Table<1>> = crc::Crc::<u32, crc::Table<1>>::new(&crc::CRC_32_ISO_HDLC);
 
 /// What is wrong with a blob.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -40,6 +40,7 @@ pub use seabearing_wire as wire;
 /// Names and texts of the configuration are its strings.
 pub use heapless;
 
+pub mod keeper;
 pub mod outlet;
 pub mod port;
 #[cfg(any(feature = "array", feature = "obs"))]
@@ -49,6 +50,7 @@ pub mod sample_line;
 pub mod sbraw;
 #[cfg(feature = "array")]
 mod slot;
+pub mod slots;
 pub mod utc;
 mod version;
 pub mod wait;

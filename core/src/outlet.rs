@@ -1,10 +1,12 @@
 //! How messages leave and commands come: in frames that are sent once ([`Plain`]), or over a link that keeps them until
 //! the base station has them ([`Reliable`]).
 
+use crate::keeper::{BuiltIn, Done, Keeper, UNKNOWN};
 use crate::port::{Clock, Link};
+use crate::wire::configure::{self, Configure};
 use crate::wire::guard::Guard;
 use crate::wire::link::{self, Arrival, Class, Inbox, Progress, RECORD_BYTES, Session, Store};
-use crate::wire::{Command, Decoder, Encoder, Health, Message};
+use crate::wire::{Command, Decoder, Encoder, Health, Message, Reply, command_of};
 use heapless::Deque;
 
 /// What came over the line.
@@ -14,6 +16,8 @@ pub enum Heard {
     Command(Command),
     /// Something that is none: how many so far.
     Bad(u32),
+    /// The recorder is to start again with another configuration; the command with this token, if there is one, is answered.
+    Restart(Option<u8>),
 }
 
 /// The way out of the recorder's loop.
@@ -26,6 +30,9 @@ pub trait Outlet {
 
     /// Does what is due.
     fn work(&mut self, clock: &mut impl Clock);
+
+    /// As many samples have come as end a silence.
+    fn sampled(&mut self) {}
 
     /// Messages taken so far.
     fn said(&self) -> u32;
@@ -90,8 +97,15 @@ impl<L: Link> Outlet for Plain<'_, L> {
 
     fn hear(&mut self) -> Option<Heard> {
         while let Some(byte) = self.line.receive() {
-            if let Some(received) = self.decoder.push::<Command>(byte) {
-                return Some(Heard::Command(received.message));
+            if self.decoder.push_frame(byte).is_some() {
+                let message = self.decoder.message();
+                if let Some(command) = command_of(message) {
+                    return Some(Heard::Command(command));
+                }
+                match configure::token_of(message) {
+                    Some(token) => self.say(&Message::Reply(Reply { token, status: UNKNOWN })),
+                    None => self.decoder.unknown(),
+                }
             }
             if byte == 0 && self.bad != self.decoder.bad() {
                 self.bad = self.decoder.bad();
@@ -112,26 +126,64 @@ impl<L: Link> Outlet for Plain<'_, L> {
     }
 }
 
-/// Messages as records of a link; commands as the peer's records, or as an old base station's frames.
-pub struct Reliable<'a, L, S> {
+/// Messages as records of a link; commands as the peer's records, or as an old base station's frames. `K` keeps the station's
+/// configurations.
+pub struct Reliable<'a, L, S, K = BuiltIn> {
     line: &'a mut L,
     link: &'a mut link::Link<S>,
+    /// It is to start again; the token of the order that is answered so.
+    restart: Option<Option<u8>>,
+    restarts: bool,
     now_us: u64,
     said: u32,
-    desk: Desk,
+    desk: Desk<K>,
 }
 
 impl<'a, L: Link, S: Store> Reliable<'a, L, S> {
     /// A link on a line; `guard` says which commands are carried out.
     pub fn new(line: &'a mut L, link: &'a mut link::Link<S>, guard: Guard) -> Self {
-        Self { line, link, now_us: 0, said: 0, desk: Desk { guard, heard: Deque::new(), bad: 0 } }
+        Self::with(line, link, guard, BuiltIn)
     }
 }
 
-impl<L, S> Reliable<'_, L, S> {
+impl<'a, L: Link, S: Store, K: Keeper> Reliable<'a, L, S, K> {
+    /// The same with a keeper of configurations.
+    pub fn with(line: &'a mut L, link: &'a mut link::Link<S>, guard: Guard, keeper: K) -> Self {
+        let desk = Desk { guard, keeper, heard: Deque::new(), bad: 0, reached: false };
+        Self { line, link, restart: None, restarts: false, now_us: 0, said: 0, desk }
+    }
+
+    /// The keeper.
+    pub fn keeper(&mut self) -> &mut K {
+        &mut self.desk.keeper
+    }
+
+    fn put(&mut self, message: &Message) {
+        let mut buffer = [0; RECORD_BYTES];
+        let message = completed(message, self.dropped());
+        let bytes = crate::wire::bytes_of(&message, &mut buffer);
+        self.link.offer(Class::of(&message), bytes);
+        self.said = self.said.saturating_add(1);
+    }
+
+    /// An order is done.
+    fn finish(&mut self, done: Done) {
+        match done {
+            Done::Reply(token, status) => self.put(&Message::Reply(Reply { token, status })),
+            Done::Restart(token) => self.restart = Some(token),
+        }
+    }
+}
+
+impl<L, S, K> Reliable<'_, L, S, K> {
     /// The line.
     pub fn line(&self) -> &L {
         self.line
+    }
+
+    /// Whether the recorder is to start again.
+    pub fn restarts(&self) -> bool {
+        self.restarts
     }
 
     /// The link, to look at.
@@ -141,13 +193,31 @@ impl<L, S> Reliable<'_, L, S> {
 }
 
 /// Commands that have come and were not carried out yet.
-struct Desk {
+struct Desk<K> {
     guard: Guard,
-    heard: Deque<Heard, 8>,
+    keeper: K,
+    heard: Deque<Order, 8>,
     bad: u32,
+    /// A command has come that is carried out.
+    reached: bool,
 }
 
-impl Inbox for Desk {
+/// What a base station wants, or what it is to be told.
+#[derive(Clone, Copy, Debug)]
+enum Order {
+    Heard(Heard),
+    Done(Done),
+}
+
+impl<K> Desk<K> {
+    /// What has come is no command, or not for this recorder.
+    fn refuse(&mut self) -> Option<Order> {
+        self.bad = self.bad.saturating_add(1);
+        Some(Order::Heard(Heard::Bad(self.bad)))
+    }
+}
+
+impl<K: Keeper> Inbox for Desk<K> {
     fn recall(&mut self, _: &Session) -> Option<Progress> {
         None
     }
@@ -158,45 +228,71 @@ impl Inbox for Desk {
             Arrival::Plain { message, .. } => message,
             Arrival::Opened(_) | Arrival::Lost(_) => return,
         };
-        // Where too many came at once, the next look tells of those that found no room.
+        // More commands than fit between two looks: the base station asks again for what is not answered.
         if self.heard.is_full() {
             self.bad = self.bad.saturating_add(1);
             return;
         }
-        let heard = match self.guard.admit(bytes) {
-            Some(command) => Heard::Command(command),
-            None => {
-                self.bad = self.bad.saturating_add(1);
-                Heard::Bad(self.bad)
-            }
+        let order = match self.guard.open_up(bytes) {
+            Some(bytes) => match Configure::decode(bytes) {
+                Some(order) => {
+                    self.reached = true;
+                    self.keeper.take(&order).map(Order::Done)
+                }
+                None => command_of(bytes).map(Heard::Command).map(Order::Heard).or_else(|| self.refuse()),
+            },
+            None => self.refuse(),
         };
-        let _ = self.heard.push_back(heard);
+        if let Some(order) = order {
+            let _ = self.heard.push_back(order);
+        }
     }
 }
 
-impl<L: Link, S: Store> Outlet for Reliable<'_, L, S> {
+impl<L: Link, S: Store, K: Keeper> Outlet for Reliable<'_, L, S, K> {
     fn say(&mut self, message: &Message) {
-        let mut buffer = [0; RECORD_BYTES];
-        let message = completed(message, self.dropped());
-        let bytes = crate::wire::bytes_of(&message, &mut buffer);
-        self.link.offer(Class::of(&message), bytes);
-        self.said = self.said.saturating_add(1);
+        self.put(message);
+        if matches!(message, Message::Hello(_))
+            && let Some(fault) = self.desk.keeper.news()
+        {
+            self.put(&Message::Fault(fault));
+        }
     }
 
     fn hear(&mut self) -> Option<Heard> {
-        while self.desk.heard.is_empty() {
-            let byte = self.line.receive()?;
-            self.link.receive(self.now_us, byte, &mut self.desk);
+        loop {
+            if let Some(token) = self.restart.take() {
+                self.restarts = true;
+                return Some(Heard::Restart(token));
+            }
+            while self.desk.heard.is_empty() {
+                let byte = self.line.receive()?;
+                self.link.receive(self.now_us, byte, &mut self.desk);
+            }
+            match self.desk.heard.pop_front()? {
+                Order::Heard(heard) => {
+                    self.desk.reached |= matches!(heard, Heard::Command(_));
+                    return Some(heard);
+                }
+                Order::Done(done) => self.finish(done),
+            }
         }
-        self.desk.heard.pop_front()
     }
 
     fn work(&mut self, clock: &mut impl Clock) {
         self.now_us = clock.micros();
+        let reached = self.desk.reached || self.link.up();
+        if let Some(done) = self.desk.keeper.work((self.now_us / 1_000_000) as u32, reached) {
+            self.finish(done);
+        }
         while let Some(frame) = self.link.send(self.now_us) {
             // A frame for which the line has no room is one that is lost: it comes again.
             self.line.send(frame);
         }
+    }
+
+    fn sampled(&mut self) {
+        self.desk.keeper.sampled();
     }
 
     fn said(&self) -> u32 {
@@ -219,8 +315,8 @@ impl<L: Link, S: Store> Outlet for Reliable<'_, L, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wire::End;
     use crate::wire::link::{MemoryStore, Settings};
-    use crate::wire::{End, Reply};
     use std::vec::Vec;
 
     type End2 = link::Link<MemoryStore<2000>>;
@@ -313,5 +409,45 @@ mod tests {
         came.sort_by_key(|(ordinal, _)| *ordinal);
         assert!(came.iter().map(|c| c.0).eq(0..22), "{came:?}");
         assert_eq!(came[21].1, Message::End(End { index: 7, frames: 21 }));
+    }
+
+    /// A line that ends in two lists of bytes.
+    #[derive(Default)]
+    struct Ends(Vec<u8>, Vec<u8>);
+
+    impl Link for Ends {
+        fn send(&mut self, frame: &[u8]) -> bool {
+            self.0.extend_from_slice(frame);
+            true
+        }
+
+        fn receive(&mut self) -> Option<u8> {
+            (!self.1.is_empty()).then(|| self.1.remove(0))
+        }
+    }
+
+    #[test]
+    fn a_recorder_without_places_answers_a_new_configuration_with_or_without_a_link() {
+        let mut orders = Encoder::default();
+        let mut buffer = [0; crate::wire::guard::COMMAND_BYTES];
+        let begin = orders.frame_of(Configure::Begin { token: 9, length: 5, crc: 1 }.encode(&mut buffer));
+        let mut line = Ends(Vec::new(), begin.to_vec());
+        line.1.extend_from_slice(orders.frame(&Command::Stop { token: 4 }));
+        let stop = Some(Heard::Command(Command::Stop { token: 4 }));
+        let refused = Message::Reply(Reply { token: 9, status: UNKNOWN });
+        let mut plain = Ends(Vec::new(), line.1.clone());
+        let mut outlet = Plain::new(&mut plain);
+        assert_eq!([outlet.hear(), outlet.hear()], [stop, None]);
+        let mut decoder = Decoder::default();
+        let said = plain.0.iter().find_map(|byte| decoder.push::<Message>(*byte));
+        assert_eq!(said.map(|said| said.message), Some(refused));
+        let mut link = End2::new(Settings::serial(921_600), 7, 1, 5, MemoryStore::new());
+        let mut outlet = Reliable::new(&mut line, &mut link, Guard::open());
+        assert_eq!([outlet.hear(), outlet.hear()], [stop, None]);
+        let kept = link.store().ledger();
+        let number = kept.oldest[Class::Health as usize];
+        let mut record = [0; RECORD_BYTES];
+        let of = link.store().read(Class::Health, number, &mut record).unwrap();
+        assert_eq!(crate::wire::message_of(&record[..of.bytes]), Some(refused));
     }
 }

@@ -7,10 +7,11 @@
 //! when a link ([`crate::outlet::Reliable`]) sends.
 
 use crate::block::{Block, Frame};
+use crate::keeper::DONE;
 use crate::outlet::{Heard, Outlet, Plain};
 use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
 use crate::utc::Pair;
-use crate::wire::{Command, End, Fault, FaultCode, Message};
+use crate::wire::{Command, End, Fault, FaultCode, Message, Reply};
 
 /// Sample instants handled at a time: 1 ms at 64 kHz, which costs 1 KiB and is long against the loop's own work.
 pub const BLOCK_FRAMES: usize = 64;
@@ -81,12 +82,14 @@ impl Silence {
         Self { since_s: now_s, told_s: 0, came: 0 }
     }
 
-    /// So many instants have come.
-    fn interrupt(&mut self, count: usize, enough: u32, now_s: u32) {
+    /// So many instants have come; whether they are enough.
+    fn interrupt(&mut self, count: usize, enough: u32, now_s: u32) -> bool {
         self.came = self.came.saturating_add(count as u32);
-        if self.came >= enough {
+        let interrupted = self.came >= enough;
+        if interrupted {
             *self = Self::since(now_s);
         }
+        interrupted
     }
 
     /// The next second that has gone by and was not told.
@@ -142,6 +145,12 @@ pub fn run_over(
                 Heard::Bad(n) => {
                     application.fault(FaultCode::BadCommand, u64::from(n), &mut |m| outlet.say(m));
                 }
+                Heard::Restart(token) => {
+                    running = false;
+                    token
+                        .into_iter()
+                        .for_each(|token| outlet.say(&Message::Reply(Reply { token, status: DONE })));
+                }
             }
         }
         if source.waits() && outlet.crowded() {
@@ -150,7 +159,9 @@ pub fn run_over(
         }
         match source.read(frames) {
             Chunk::Frames { first_index, count } => {
-                silence.interrupt(count, application.enough(), clock.seconds());
+                if silence.interrupt(count, application.enough(), clock.seconds()) {
+                    outlet.sampled();
+                }
                 let begun = clock.ticks();
                 let block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
                 application.push(block, &mut |m| outlet.say(m));
@@ -192,7 +203,7 @@ pub fn run_over(
 pub(crate) mod tests {
     use super::*;
     use crate::port::NoClock;
-    use crate::wire::{Decoder, Encoder, Health, Reply};
+    use crate::wire::{Decoder, Encoder, Health};
     use std::vec::Vec;
 
     struct Counting(u64);

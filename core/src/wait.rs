@@ -3,6 +3,7 @@
 //! A board comes here after a `Stop`, with a configuration it cannot use, or after too many starts in a row: it can always
 //! be reached.
 
+use crate::keeper::DONE;
 use crate::outlet::{Heard, Outlet};
 use crate::port::{Clock, Supervisor};
 use crate::wire::{Command, Fault, FaultCode, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
@@ -16,7 +17,8 @@ const TELL_EVERY_S: u32 = 10;
 /// Why a recorder waits, and the number that goes with it.
 pub type Reason = (FaultCode, i64);
 
-/// Waits until [`Command::Start`] comes, or until the board says that the reason is over; then the board begins a new session. `station` is its number, 0 where unknown.
+/// Waits until [`Command::Start`] comes, until the board says that the reason is over, or until there is another configuration;
+/// then the board begins a new session. `station` is its number, 0 where unknown.
 pub fn wait(
     station: u16,
     reason: Option<Reason>,
@@ -55,7 +57,16 @@ pub fn wait(
             outlet.say(&fault(reason));
         }
         while let Some(heard) = outlet.hear() {
-            let Heard::Command(command) = heard else { continue };
+            let command = match heard {
+                Heard::Command(command) => command,
+                Heard::Bad(_) => continue,
+                Heard::Restart(token) => {
+                    token
+                        .into_iter()
+                        .for_each(|token| outlet.say(&Message::Reply(Reply { token, status: DONE })));
+                    return;
+                }
+            };
             let (token, status) = match command {
                 Command::Start { token } | Command::Identify { token } => (token, 0),
                 Command::HealthEvery { token, .. } | Command::Stop { token } | Command::Utc { token, .. } => {

@@ -19,8 +19,8 @@ pub const SIGNED_BYTES: usize = HEAD + COMMAND_BYTES;
 
 const TAG: usize = 16;
 const HEAD: usize = 1 + 8 + TAG;
-/// Kind, token, 64 bits and 32 bits as postcard writes them: the longest command tells the time.
-const COMMAND_BYTES: usize = 1 + 1 + 10 + 5;
+/// Kind, token, 16 bits as postcard writes them, and a piece of a configuration: the longest command.
+pub const COMMAND_BYTES: usize = 1 + 1 + 3 + crate::configure::PIECE_BYTES;
 
 /// Whom a command is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +53,12 @@ impl Guard {
 
     /// The command that these bytes are, if it is to be carried out.
     pub fn admit(&mut self, bytes: &[u8]) -> Option<Command> {
-        let Some(key) = &self.key else { return command_of(bytes) };
+        command_of(self.open_up(bytes)?)
+    }
+
+    /// The bytes of the command that these are, if it is to be carried out.
+    pub fn open_up<'a>(&mut self, bytes: &'a [u8]) -> Option<&'a [u8]> {
+        let Some(key) = &self.key else { return Some(bytes) };
         let (head, command) = bytes.split_first_chunk::<HEAD>()?;
         let (kind, rest) = head.split_first()?;
         let (counter, tag) = rest.split_first_chunk::<8>()?;
@@ -64,7 +69,7 @@ impl Guard {
         mac(key, &self.recipient, counter, command)?.verify_truncated_left(tag).ok()?;
         // Of a command that nobody knows the counter is used up all the same.
         self.newest = counter;
-        command_of(command)
+        Some(command)
     }
 }
 
@@ -77,7 +82,17 @@ pub fn sign<'a>(
     into: &'a mut [u8; SIGNED_BYTES],
 ) -> &'a [u8] {
     let mut buffer = [0; COMMAND_BYTES];
-    let command = crate::message::bytes_of(command, &mut buffer);
+    sign_bytes(key, recipient, counter, crate::message::bytes_of(command, &mut buffer), into)
+}
+
+/// The same of the bytes of a command.
+pub fn sign_bytes<'a>(
+    key: &Key,
+    recipient: &Recipient,
+    counter: u64,
+    command: &[u8],
+    into: &'a mut [u8; SIGNED_BYTES],
+) -> &'a [u8] {
     let Some(mac) = mac(key, recipient, counter, command) else { return &[] };
     let tag = mac.finalize().into_bytes();
     let from = [SIGNED].into_iter().chain(counter.to_le_bytes());
@@ -126,7 +141,7 @@ mod tests {
         let (first, second) = (signed(1, Command::Stop { token: 1 }), signed(2, Command::Start { token: 2 }));
         let utc = Command::Utc { token: 255, utc_us: i64::MIN, sd_us: u32::MAX };
         let longest = signed(u64::MAX, utc);
-        assert_eq!(longest.len(), SIGNED_BYTES);
+        assert!(longest.len() <= SIGNED_BYTES && SIGNED_BYTES <= crate::link::RECORD_BYTES);
         assert!(guard.admit(&[2, 1]).is_none(), "not signed");
         assert_eq!(guard.admit(&second), Some(Command::Start { token: 2 }));
         assert!(guard.admit(&second).is_none(), "replayed");
@@ -137,6 +152,24 @@ mod tests {
         assert!(Guard::keyed([8; 32], EAST).admit(&longest).is_none(), "by another");
         assert_eq!(guard.admit(&longest), Some(utc));
         assert_eq!(Guard::open().admit(&[2, 1]), Some(Command::Stop { token: 1 }));
+    }
+
+    #[test]
+    fn pieces_of_a_configuration_are_taken_once_and_never_from_an_outsider() {
+        use crate::configure::Configure;
+        let piece = Configure::Piece { token: 1, number: 2, bytes: [[9; 32]; 3] };
+        let mut buffer = [0; COMMAND_BYTES];
+        let plain = piece.encode(&mut buffer).to_vec();
+        let signed = sign_bytes(&KEY, &EAST, 5, &plain, &mut [0; SIGNED_BYTES]).to_vec();
+        let mut guard = Guard::keyed(KEY, EAST);
+        assert_eq!(guard.open_up(&plain), None, "not signed");
+        assert_eq!(guard.open_up(&signed).and_then(Configure::decode), Some(piece));
+        assert_eq!(guard.open_up(&signed), None, "replayed");
+        for at in 0..signed.len() {
+            let mut forged = signed.clone();
+            forged[at] ^= 1;
+            assert_eq!(Guard::keyed(KEY, EAST).open_up(&forged), None, "{at}");
+        }
     }
 
     #[test]

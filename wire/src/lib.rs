@@ -6,6 +6,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod configure;
 pub mod frame;
 pub mod guard;
 pub mod hash;

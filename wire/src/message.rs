@@ -316,11 +316,15 @@ pub enum FaultCode {
     Impulses,
     /// The supply is low, the recording has ended, and the recorder waits until it is good: the threshold, mV.
     SupplyLow,
+    /// A new configuration was given up, and the recorder is back at the one before. Low 8 bits why: 1 it started again before
+    /// the new one was kept, 2 no samples in time, 3 no recorder could be set up, 4 it cannot be read any more, 5 no base
+    /// station was heard in time; above them its number.
+    RolledBack,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 22] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -342,6 +346,7 @@ impl FaultCode {
         Self::Leaking,
         Self::Impulses,
         Self::SupplyLow,
+        Self::RolledBack,
     ];
 }
 

@@ -5,6 +5,7 @@
 //! (health, the end of a silent passage) happens when it says the time, so that how the samples are cut into blocks changes
 //! nothing. Only while no samples come is it the board's clock that says the time.
 
+mod configuration;
 mod health;
 
 #[cfg(feature = "array")]
@@ -16,6 +17,7 @@ mod shaft;
 
 #[cfg(feature = "array")]
 pub use array::ArrayRecorder;
+pub use configuration::configuration;
 pub use health::{Condition, HEALTH_EVERY_S, Reporter, TIME_EVERY_S};
 #[cfg(feature = "obs")]
 pub use obs::{ObsRecorder, SetupError as ObsSetupError};

@@ -13,10 +13,11 @@ use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::outlet::Reliable;
 use seabearing_core::port::{Chunk, Clock, Link, SampleSource, Supervisor};
-use seabearing_core::recorder::Memory;
+use seabearing_core::recorder::{Memory, configuration};
 use seabearing_core::run::{BLOCK_FRAMES, run, run_over};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{ReadBytes, Reader};
+use seabearing_core::slots::Slots;
 use seabearing_core::utc::Pair;
 use seabearing_core::wait::wait;
 use seabearing_core::wire::FaultCode;
@@ -139,6 +140,7 @@ fn main() -> ! {
     static mut LINK: Option<Reliably<ByteStore<Retained<'static>>>> = None;
     static mut RECORDS: [u8; 6400] = [0; 6400];
     static mut RING: Ring = Ring::new();
+    static mut SCRATCH: [u8; 4096] = [0; 4096];
 
     let mut line = Device;
     // SAFETY: this image is never run.
@@ -173,8 +175,13 @@ fn main() -> ! {
             let boot = store.starts();
             let mut link = Reliably::new(settings, config.id, boot, config.hash(), store);
             let guard = Guard::keyed([Device.word() as u8; 32], Recipient { station: config.id, boot });
-            let mut outlet = Reliable::new(&mut line, &mut link, guard);
+            let usable = |blob: &[u8]| configuration(blob, config.id).is_some();
+            let mut slots = Slots::new(Part::<_, 0, 2>::of(&bank), SCRATCH, usable);
+            slots.choose(&mut [0; 4096]);
+            slots.give_up();
+            let mut outlet = Reliable::with(&mut line, &mut link, guard, slots);
             run_over(&mut recorder, &mut samples, &mut outlet, &mut Device, &mut Device, FRAMES);
+            wait(config.id, None, &mut outlet, &mut Device, &mut Device);
         }
     }
     #[cfg(feature = "seeded-panic")]

@@ -20,6 +20,8 @@ use seabearing_core::config_blob::{self, PROPAGATION};
 #[cfg(not(feature = "link"))]
 use seabearing_core::outlet::Plain;
 use seabearing_core::recorder::Memory;
+#[cfg(feature = "link")]
+use seabearing_core::recorder::configuration;
 use seabearing_core::run::{BLOCK_FRAMES, run_over};
 use seabearing_core::wait::wait;
 use seabearing_core::wire::FaultCode;
@@ -42,6 +44,14 @@ static BLOB: &[u8] = include_bytes!(env!("SEABEARING_STATION_BLOB"));
 /// The key of signed commands: 32 bytes, or none.
 #[cfg(feature = "link")]
 static KEY: &[u8] = include_bytes!(env!("SEABEARING_KEY"));
+
+/// Whether the recorder could run with a configuration: it is this station's, of a kind that is here, at a rate that the
+/// converter has.
+#[cfg(feature = "link")]
+fn usable(blob: &[u8]) -> bool {
+    let config = config_blob::station(BLOB).ok().and_then(|built_in| configuration(blob, built_in.id));
+    config.is_some_and(|config| Rate::of(config.rate_hz).is_some())
+}
 
 /// Bits a second of the line.
 const BAUD: u32 = 921_600;
@@ -110,7 +120,13 @@ fn main() -> ! {
     spawner.spawn(wake);
     spawner.spawn(transmit);
 
-    let (config, table) = (config_blob::station(BLOB), config_blob::section(BLOB, PROPAGATION).ok());
+    #[cfg(feature = "link")]
+    let kept = KEPT.open(p.FLASH, &mut core.MPU, usable);
+    #[cfg(feature = "link")]
+    let blob = kept.blob().unwrap_or(BLOB);
+    #[cfg(not(feature = "link"))]
+    let blob = BLOB;
+    let (config, table) = (config_blob::station(blob), config_blob::section(blob, PROPAGATION).ok());
     let station = config.as_ref().map_or(0, |config| config.id);
     let rate = config.as_ref().ok().and_then(|config| Rate::of(config.rate_hz));
     // Why there is nothing to record, where that is so.
@@ -128,7 +144,7 @@ fn main() -> ! {
     #[cfg(feature = "link")]
     let mut outlet = {
         let who = (station, config.as_ref().map_or(0, |config| config.hash()));
-        KEPT.open(p.FLASH, &mut core.MPU, line, BAUD, who, KEY)
+        kept.over(line, BAUD, who, KEY)
     };
     #[cfg(not(feature = "link"))]
     let mut outlet = Plain::new(line);
@@ -149,7 +165,17 @@ fn main() -> ! {
     // Stopped by command or by low supply, or nothing to record: the link lives.
     #[cfg(not(feature = "link"))]
     let mut outlet = Plain::new(outlet.into_line());
-    wait(station, reason, &mut outlet, &mut time, &mut board);
+    #[cfg(feature = "link")]
+    if matches!(reason, Some((FaultCode::BadConfiguration, _))) {
+        outlet.keeper().give_up();
+    }
+    #[cfg(feature = "link")]
+    let waits = !outlet.restarts();
+    #[cfg(not(feature = "link"))]
+    let waits = true;
+    if waits {
+        wait(station, reason, &mut outlet, &mut time, &mut board);
+    }
     #[cfg(feature = "link")]
     kept::settle(&mut outlet, &mut time, &mut board);
     outlet.line().flush(&mut board);

@@ -1,17 +1,19 @@
-//! The link whose records wait in the second bank of flash until the base station has them.
+//! The second bank of flash: two places for the configuration, and the link whose records wait there until the base station has
+//! them.
 
 use super::flash::BankTwo;
 use crate::bank::{Bank, Part, Ring};
 use core::mem::MaybeUninit;
 use embassy_stm32::Peri;
 use embassy_stm32::peripherals::FLASH;
-use seabearing_core::outlet::{Outlet, Reliable};
+use seabearing_core::outlet::{Outlet as _, Reliable};
 use seabearing_core::port::{self, Clock, Supervisor};
+use seabearing_core::slots::Slots;
 use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::flash::FlashStore;
 use seabearing_core::wire::link::{Link, Settings};
 
-/// Sectors of the bank before the records'.
+/// Sectors of the bank before the records': the configurations'.
 pub const RECORDS_FIRST: u8 = 2;
 /// Sectors of records.
 pub const RECORDS_SECTORS: u8 = 6;
@@ -23,36 +25,78 @@ const SETTLE_S: u32 = 5;
 /// Where the records are.
 pub type Records = FlashStore<Part<'static, BankTwo, RECORDS_FIRST, RECORDS_SECTORS>, WAITING>;
 
+/// Longest configuration that can be replaced, bytes.
+pub const BLOB_BYTES: usize = 4096;
+
+/// Where the configurations are.
+pub type Configurations = Slots<Part<'static, BankTwo, 0, RECORDS_FIRST>, fn(&[u8]) -> bool>;
+/// The way out of the recorder's loop.
+pub type Outlet<L> = Reliable<'static, L, Records, Configurations>;
+
 /// Memory of all this: all zeros before [`Memory::open`].
 pub struct Memory {
     ring: Ring,
     bank: MaybeUninit<Bank<BankTwo>>,
     link: MaybeUninit<Link<Records>>,
+    blob: [u8; BLOB_BYTES],
+    scratch: [u8; BLOB_BYTES],
+}
+
+/// The bank, and the configuration that was found in it.
+pub struct Opened {
+    bank: &'static Bank<BankTwo>,
+    link: &'static mut MaybeUninit<Link<Records>>,
+    slots: Configurations,
+    blob: Option<&'static [u8]>,
 }
 
 impl Memory {
     /// Nothing yet.
     pub const fn new() -> Self {
-        Self { ring: Ring::new(), bank: MaybeUninit::uninit(), link: MaybeUninit::uninit() }
+        Self {
+            ring: Ring::new(),
+            bank: MaybeUninit::uninit(),
+            link: MaybeUninit::uninit(),
+            blob: [0; BLOB_BYTES],
+            scratch: [0; BLOB_BYTES],
+        }
+    }
+
+    /// Looks what configuration to run with; `usable` says of a new one whether it could be run here.
+    pub fn open(
+        &'static mut self,
+        flash: Peri<'static, FLASH>,
+        mpu: &mut cortex_m::peripheral::MPU,
+        usable: fn(&[u8]) -> bool,
+    ) -> Opened {
+        let bank: &'static _ = self.bank.write(Bank::new(BankTwo::new(flash, mpu), &mut self.ring));
+        let mut slots = Slots::new(Part::of(bank), &mut self.scratch, usable);
+        let found = slots.choose(&mut self.blob);
+        let blob: &'static [u8] = &self.blob;
+        Opened { bank, link: &mut self.link, slots, blob: found.and_then(|found| blob.get(..found.length)) }
+    }
+}
+
+impl Opened {
+    /// The configuration, where there is another than what was built in.
+    pub fn blob(&self) -> Option<&'static [u8]> {
+        self.blob
     }
 
     /// Opens the store and, over a serial line of `baud` bits a second, the link of a station with this configuration. Commands
     /// must be signed with the key, where there is one.
-    pub fn open<L: port::Link>(
-        &'static mut self,
-        flash: Peri<'static, FLASH>,
-        mpu: &mut cortex_m::peripheral::MPU,
+    pub fn over<L: port::Link>(
+        self,
         line: &'static mut L,
         baud: u32,
         (station, config_hash): (u16, u64),
         key: &[u8],
-    ) -> Reliable<'static, L, Records> {
-        let bank: &'static _ = self.bank.write(Bank::new(BankTwo::new(flash, mpu), &mut self.ring));
-        let store = FlashStore::open(Part::of(bank));
+    ) -> Outlet<L> {
+        let store = FlashStore::open(Part::of(self.bank));
         let boot = store.starts();
         let link = self.link.write(Link::new(Settings::serial(baud), station, boot, config_hash, store));
         let keyed = |key: &[u8; 32]| Guard::keyed(*key, Recipient { station, boot });
-        Reliable::new(line, link, key.first_chunk().map_or(Guard::open(), keyed))
+        Reliable::with(line, link, key.first_chunk().map_or(Guard::open(), keyed), self.slots)
     }
 }
 
@@ -64,7 +108,7 @@ impl Default for Memory {
 
 /// Waits until everything said is in flash.
 pub fn settle<L: port::Link>(
-    outlet: &mut Reliable<'static, L, Records>,
+    outlet: &mut Outlet<L>,
     clock: &mut impl Clock,
     supervisor: &mut impl Supervisor,
 ) {

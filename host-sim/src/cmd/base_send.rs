@@ -4,10 +4,11 @@ use crate::base::line::Line;
 use crate::base::origin::Origin;
 use crate::base::service::{Rules, Service};
 use crate::base::{Base, command, stations};
+use crate::cmd::base_configure::Change;
 use anyhow::{Context, Result, bail};
-use seabearing_core::wire::Command;
-use seabearing_core::wire::guard::Key;
+use seabearing_core::wire::guard::{COMMAND_BYTES, Key};
 use seabearing_core::wire::link::Settings;
+use seabearing_core::wire::{Command, bytes_of};
 use serde_json::Value;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -16,7 +17,8 @@ use std::time::{Duration, Instant};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  seabearing base send --serial /dev/ttyACM0 --key east.key identify\n  \
     seabearing base send --tcp 10.0.0.7:4500 --key east.key health-every 600\n  \
-    seabearing base send --stations stations.toml --station 7 identify\n\n\
+    seabearing base send --stations stations.toml --station 7 identify\n  \
+    seabearing base send --stations stations.toml --station 7 station new.toml\n\n\
     The line must be free: where a base station holds it, stop that one first. A stations file gives line and key.")]
 #[command(group(clap::ArgGroup::new("to").required(true).args(["serial", "tcp", "listen", "stations"])))]
 #[command(group(clap::ArgGroup::new("signature").args(["key", "unsigned"])))]
@@ -79,6 +81,12 @@ enum Order {
         #[arg(long, value_name = "MS", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
         sd_ms: u32,
     },
+    /// Give it another configuration: it starts again with it, and goes back if it does not come up
+    Station {
+        /// Its new station file
+        #[arg(value_name = "STATION.toml")]
+        file: PathBuf,
+    },
 }
 
 /// Number by which the answer is known.
@@ -86,17 +94,83 @@ const TOKEN: u8 = 0x5b;
 /// Records of a turn that are looked at.
 const WAITING: usize = 20_000;
 
-impl Order {
-    fn command(&self) -> Command {
-        match *self {
-            Self::Utc { sd_ms, .. } => {
+/// What is said to the recorder, one thing after the other.
+enum Talk {
+    /// One command; whether it was given, and whether it was answered.
+    Once { command: Command, given: bool, answered: bool },
+    /// Another configuration.
+    Station(Change),
+}
+
+impl Talk {
+    fn of(order: &Order, station: Option<u16>) -> Result<Self> {
+        let command = match *order {
+            Order::Utc { sd_ms, .. } => Command::Utc { token: TOKEN, utc_us: 0, sd_us: sd_ms * 1000 },
+            Order::Identify => Command::Identify { token: TOKEN },
+            Order::HealthEvery { seconds } => Command::HealthEvery { token: TOKEN, seconds },
+            Order::Stop => Command::Stop { token: TOKEN },
+            Order::Start => Command::Start { token: TOKEN },
+            Order::Station { ref file } => return Ok(Self::Station(Change::of(file, station)?)),
+        };
+        Ok(Self::Once { command, given: false, answered: false })
+    }
+
+    /// What is to be given now.
+    fn due(&self) -> Option<Vec<u8>> {
+        match self {
+            Self::Station(change) => change.due(),
+            Self::Once { given: true, .. } => None,
+            Self::Once { command, .. } => {
                 let now = time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 1000;
-                Command::Utc { token: TOKEN, utc_us: now as i64, sd_us: sd_ms * 1000 }
+                let command = match *command {
+                    Command::Utc { token, sd_us, .. } => Command::Utc { token, utc_us: now as i64, sd_us },
+                    other => other,
+                };
+                Some(bytes_of(&command, &mut [0; COMMAND_BYTES]).to_vec())
             }
-            Self::Identify => Command::Identify { token: TOKEN },
-            Self::HealthEvery { seconds } => Command::HealthEvery { token: TOKEN, seconds },
-            Self::Stop => Command::Stop { token: TOKEN },
-            Self::Start => Command::Start { token: TOKEN },
+        }
+    }
+
+    fn given(&mut self) {
+        match self {
+            Self::Station(change) => change.given(),
+            Self::Once { given, .. } => *given = true,
+        }
+    }
+
+    /// Whether what the recorder says brings it on.
+    fn heard(&mut self, record: &Value) -> Result<bool> {
+        match self {
+            Self::Station(change) => change.heard(record),
+            Self::Once { answered, .. } if record["token"] == u64::from(TOKEN) => {
+                done(record)?;
+                *answered = true;
+                Ok(true)
+            }
+            Self::Once { .. } => Ok(false),
+        }
+    }
+
+    fn done(&self) -> bool {
+        match self {
+            Self::Station(change) => change.done(),
+            Self::Once { answered, .. } => *answered,
+        }
+    }
+
+    /// How long the recorder may be silent, beside what any answer takes.
+    fn patience(&self) -> Duration {
+        match self {
+            Self::Station(change) => change.patience(),
+            Self::Once { .. } => Duration::ZERO,
+        }
+    }
+
+    /// What is to be said when it was silent for longer, where it has answered before.
+    fn silence(&self) -> Option<String> {
+        match self {
+            Self::Station(change) => change.silence(),
+            Self::Once { .. } => None,
         }
     }
 }
@@ -117,42 +191,51 @@ pub fn run(args: &Args) -> Result<()> {
     // Where several call, the first need not be the one.
     let once = station.is_none() || !matches!(origin, Origin::Listen(_));
     let line = Line { origin: origin.clone(), station, settings, once };
-    let (begun, wait) = (Instant::now(), Duration::from_secs(args.wait));
+    let mut talk = Talk::of(&args.order, station)?;
+    let (mut since, wait) = (Instant::now(), Duration::from_secs(args.wait));
     let rules = Rules { idle: wait, keep_days: None, identify: false };
     let mut service = Service::start(Base::new(None), None, vec![line], rules)?;
-    let mut given = None;
+    let mut heard = false;
     let said = service.feed().subscribe(WAITING);
-    while begun.elapsed() < wait {
+    while since.elapsed() < wait + talk.patience() {
         let goes_on = service.turn()?;
         service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
         let taken = said.take_within(Duration::ZERO);
         for record in taken.iter().flat_map(|t| t.records.iter()) {
             let wanted = station.is_none_or(|s| record["station"] == s);
-            if given.is_none() || !wanted || record["type"] == "line" {
+            if !heard || !wanted || record["type"] == "line" {
                 continue;
             }
             println!("{record}");
-            if record["token"] == u64::from(TOKEN) {
+            if talk.heard(record)? {
+                since = Instant::now();
+            }
+            if talk.done() {
                 // The recorder may forget the answer now: the acknowledgement is on its way.
                 service.turn()?;
                 std::thread::sleep(Duration::from_millis(50));
-                return done(record);
+                return Ok(());
             }
         }
-        if given.is_none() {
+        if let Some(order) = talk.due() {
             let mut streams = service.base().streams().collect::<Vec<_>>().into_iter();
-            given = streams.find(|(stream, who)| {
-                let wanted = station.is_none_or(|s| *who == Some(s));
-                wanted && service.base_mut().command(*stream, key.as_ref(), &args.order.command())
+            let given = streams.any(|(stream, who)| {
+                let wanted = station.is_none_or(|s| who == Some(s));
+                wanted && service.base_mut().order(stream, key.as_ref(), &order)
             });
+            if given {
+                heard = true;
+                talk.given();
+            }
         }
         if !goes_on {
             bail!("{origin}: the line was closed before the recorder answered");
         }
     }
-    match given {
-        None => bail!("{origin}: no recorder with a link was heard in {} s", args.wait),
-        Some(_) => bail!(
+    match (heard, talk.silence()) {
+        (false, _) => bail!("{origin}: no recorder with a link was heard in {} s", args.wait),
+        (true, Some(words)) => bail!("{origin}: {words}"),
+        (true, None) => bail!(
             "{origin}: the recorder has not answered in {} s: is this its key? (it says BadCommand where it is not)",
             args.wait
         ),

@@ -5,6 +5,8 @@ pub mod ais;
 mod ais_match;
 #[cfg(feature = "base")]
 pub mod base;
+#[cfg(feature = "base")]
+mod base_configure;
 #[cfg(feature = "page")]
 mod base_page;
 #[cfg(feature = "base")]
