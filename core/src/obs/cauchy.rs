@@ -133,6 +133,23 @@ impl Codes {
         self.azimuth.get(..self.held).unwrap_or_default()
     }
 
+    /// Standard deviation, in azimuth steps, of the mean of what points within 45° of azimuth step `a`: the mean deviation
+    /// over the frames that are independent, half of them.
+    pub fn sd_of_mean(&self, a: usize) -> f32 {
+        let (mut sum, mut n) = (0u32, 0u32);
+        for code in self.azimuths() {
+            let apart = (usize::from(*code) + CIRCLE - SUB * a % CIRCLE) % CIRCLE;
+            let apart = apart.min(CIRCLE.saturating_sub(apart));
+            if apart < CIRCLE / 8 {
+                sum += apart as u32;
+                n += 1;
+            }
+        }
+        let n = n.max(1) as f32;
+        // Of a normal law the standard deviation is 1.25 mean deviations.
+        1.25 / SUB as f32 * sum as f32 / n / math::f32::sqrt(0.5 * n)
+    }
+
     fn phases(&self) -> &[u8] {
         self.phase.get(..self.held).unwrap_or_default()
     }

@@ -4,21 +4,23 @@
 //! 0.6], refined parameters and their covariance. Each minute's azimuth term is `ln(0.1 + 0.9 max_k ratio_k)` over its
 //! modes, its range term the same with 0.6 and the mode's weight; a ratio is the mode's Gaussian over the uniform
 //! density. The refinement is Gauss-Newton on that, each mode weighted by the chance that it is this vessel's.
-//! Assumes: windows of three minutes overlap and the range posterior remembers, so a minute counts a third.
+//! Assumes: windows of three minutes overlap and the range posterior remembers, so a minute counts a third; the covariance
+//! counts it for less where the residuals are larger than stated or alike from minute to minute (see `residuals`).
 //! Cost: 700 instructions a minute of evidence and step.
 
 use super::course::{Course, CourseCovariance};
 use super::evidence::{AzimuthEvidence, Minute, RangeEvidence};
+use super::residuals::{OVERLAPPED, Residuals};
 use super::travel::TravelTime;
 use crate::angle::wrap_pi;
-use crate::kit::{Normal, reweighted};
+use crate::kit::{Normal, reweighted, spd};
 use crate::math;
 
 /// Probabilities that a present vessel shows in azimuth and in range [O, III D].
 const DETECTION: (f64, f64) = (0.9, 0.6);
 
-/// Independent share of a minute's evidence.
-const INDEPENDENT: f64 = 1.0 / 3.0;
+/// By how much the variance of the fit exceeds that from independent errors as stated: directions, ranges.
+type Excess = (f64, f64);
 
 /// Error of direction beyond what the detector knows (propagation, interfering paths), rad.
 const EXTRA_AZIMUTH: f64 = 0.02;
@@ -155,7 +157,7 @@ where
         normal.observe(&[0.0, 0.0, 1.0, 0.0], -vx, weak);
         normal.observe(&[0.0, 0.0, 0.0, 1.0], -vy, weak);
         for m in minutes.clone() {
-            observe(&mut normal, course, travel, step_s, &m);
+            observe(&mut normal, course, travel, step_s, &m, (OVERLAPPED, OVERLAPPED));
         }
         Some(normal)
     };
@@ -167,24 +169,68 @@ where
         }
         moved >= 0.1
     };
-    reweighted(*start, STEPS, equations, advance).filter(|(course, _)| course.p.iter().all(|x| x.is_finite()))
+    let (course, _) = reweighted(*start, STEPS, equations, advance)?;
+    if !course.p.iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    let excess = excess(&course, travel, step_s, minutes.clone());
+    let mut normal = Normal::default();
+    minutes.for_each(|m| observe(&mut normal, &course, travel, step_s, &m, excess));
+    spd::inverse(&normal.information(&[true; 4])).map(|covariance| (course, covariance))
+}
+
+/// What the residuals of a course say about its errors.
+fn excess(
+    course: &Course,
+    travel: &TravelTime,
+    step_s: f64,
+    minutes: impl Iterator<Item = Minute>,
+) -> Excess {
+    let (mut directions, mut distances) = (Residuals::default(), Residuals::default());
+    for m in minutes {
+        let s = course.seen(travel, step_s * f64::from(m.number));
+        if let Some((own, e, sd)) = own_direction(&m, s.azimuth) {
+            directions.take(e / sd, own);
+        }
+        if let Some((own, d)) = own_distance(&m, s.range_m, s.speed_m_s) {
+            distances.take((d.range_m - s.range_m) / spreads(&d).0, own);
+        }
+    }
+    (directions.excess(), distances.excess())
+}
+
+/// A minute's best direction for an azimuth: the chance that it is this vessel's, residual, spread.
+fn own_direction(m: &Minute, azimuth: f64) -> Option<(f64, f64, f64)> {
+    let (ratio, e, sd) = best_direction(m, azimuth)?;
+    Some((DETECTION.0 * ratio / (1.0 - DETECTION.0 + DETECTION.0 * ratio), e, sd))
+}
+
+/// A minute's best range: the chance that it is this vessel's, and the mode.
+fn own_distance(m: &Minute, range_m: f64, speed_m_s: f64) -> Option<(f64, RangeEvidence)> {
+    let (ratio, d) = best_distance(m, range_m, speed_m_s)?;
+    Some((DETECTION.1 * ratio / (1.0 - DETECTION.1 + DETECTION.1 * ratio), d))
 }
 
 /// Adds what a minute's best modes say, each weighted by the chance that it is this vessel's.
-fn observe(normal: &mut Normal<4>, course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) {
+fn observe(
+    normal: &mut Normal<4>,
+    course: &Course,
+    travel: &TravelTime,
+    step_s: f64,
+    m: &Minute,
+    excess: Excess,
+) {
     let [_, _, vx, vy] = course.p;
     let s = course.seen(travel, step_s * f64::from(m.number));
     let (x, y, r, t) = (s.place.0, s.place.1, s.range_m, s.since_s);
-    if let Some((ratio, e, sd)) = best_direction(m, s.azimuth) {
-        let own = DETECTION.0 * ratio / (1.0 - DETECTION.0 + DETECTION.0 * ratio);
+    if let Some((own, e, sd)) = own_direction(m, s.azimuth) {
         let (jx, jy) = (y / (r * r), -x / (r * r));
-        normal.observe(&[jx, jy, jx * t, jy * t], e, INDEPENDENT * own / (sd * sd));
+        normal.observe(&[jx, jy, jx * t, jy * t], e, own / (excess.0 * sd * sd));
     }
-    if let Some((ratio, d)) = best_distance(m, r, s.speed_m_s) {
-        let own = DETECTION.1 * ratio / (1.0 - DETECTION.1 + DETECTION.1 * ratio);
+    if let Some((own, d)) = own_distance(m, r, s.speed_m_s) {
         let (sr, sv) = spreads(&d);
         let (ux, uy) = (x / r, y / r);
-        let w = INDEPENDENT * own;
+        let w = own / excess.1;
         normal.observe(&[ux, uy, ux * t, uy * t], d.range_m - r, w / (sr * sr));
         // Radial speed u·v; its change with place is (v − u (u·v))/r.
         let (ax, ay) = ((vx - ux * s.speed_m_s) / r, (vy - uy * s.speed_m_s) / r);

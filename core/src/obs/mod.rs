@@ -35,6 +35,7 @@ pub mod radial;
 mod course;
 pub mod evidence;
 mod fit;
+mod residuals;
 mod search;
 mod segment;
 mod tracks;

@@ -49,7 +49,9 @@ pub struct Tonal {
     pub best: [u16; AZIMUTH_BINS],
     /// 1 where it is not yet a mode's.
     pub free: [u16; AZIMUTH_BINS],
-    rest: [u32; WORDS - SPAN - AZIMUTHS - 3 * AZIMUTH_BINS],
+    /// How far, in azimuth steps, a bin may lie from a vessel that it is of.
+    pub reach: [u16; AZIMUTH_BINS],
+    rest: [u32; WORDS - SPAN - AZIMUTHS - 3 * AZIMUTH_BINS - AZIMUTH_BINS / 2],
 }
 
 /// Envelope of one cepstrum.

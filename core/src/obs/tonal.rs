@@ -13,7 +13,8 @@
 //! - A fourth: short sounds rich in frequency. In frames whose pressure is uneven in time the bin's neighbours tell what
 //!   directions a call gives it; and since a call lies in both frames that overlap it, such frames count half against it.
 //! - The phase between pressure and velocity must be steady over the window as well.
-//! - Bins that agree with the strongest mode are set aside and the rest searched again: several vessels give several modes.
+//! - Bins that agree with the strongest mode within their own spread are set aside and the rest searched again: several
+//!   vessels give several modes.
 //!
 //! Cost: 0.2 M instructions a window in noise, up to 15 M when every bin carries a vessel.
 
@@ -30,8 +31,14 @@ pub const LOG_THRESHOLD: f32 = 9.21;
 /// Fewest frames a window needs.
 const LEAST_FRAMES: usize = 8;
 
-/// Half the width within which bins count as the same vessel, in azimuth steps (15 degrees).
+/// Half the width within which bins add to a vessel's azimuth, in azimuth steps (15 degrees).
 const SAME_VESSEL: usize = 11;
+
+/// Standard deviations of a bin's own direction within which it may be a vessel's that is farther off, at most
+/// [`FARTHEST`] azimuth steps (45 degrees): a vessel fills dozens of bins a minute, and the worst of a day must not pass for
+/// another vessel.
+const WITHIN: f32 = 5.0;
+const FARTHEST: f32 = 32.0;
 
 /// One direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,8 +117,9 @@ impl WrappedCauchy {
         // A short sound lies in both frames that overlap it: against one, uneven frames count half.
         let bursts = rows.iter().filter(|r| r.may_hold_a_call()).count();
         let share = 1.0 - 0.5 * bursts as f32 / rows.len().max(1) as f32;
-        let weights = s.peak.iter_mut().zip(&mut s.adjust).zip(&mut s.best).zip(&mut s.free);
-        for (f, (((peak, adjust), best), free)) in weights.enumerate().take(bins) {
+        let weights =
+            s.peak.iter_mut().zip(&mut s.adjust).zip(&mut s.best).zip(&mut s.free).zip(&mut s.reach);
+        for (f, ((((peak, adjust), best), free), reach)) in weights.enumerate().take(bins) {
             let codes = Codes::of(rows, f);
             let (middle, most) = codes.crowd();
             let frames = codes.azimuths().len();
@@ -134,6 +142,8 @@ impl WrappedCauchy {
                 (phase - log_sum(log_sum(0.0, axial), noise)).min(against_short)
             };
             (*peak, *best, *free) = (top + *adjust, step as u16, 1);
+            let spread = if self.paper { 0.0 } else { WITHIN * codes.sd_of_mean(step) };
+            *reach = spread.max(SAME_VESSEL as f32).min(FARTHEST) as u16;
         }
     }
 
@@ -170,13 +180,14 @@ impl WrappedCauchy {
         s.profile = [0.0; SPAN];
         let mut used = 0u16;
         for f in 0..bins.min(AZIMUTH_BINS) {
-            if get(&s.free, f) == 0 || distance(usize::from(get(&s.best, f)), best) > SAME_VESSEL {
+            let apart = distance(usize::from(get(&s.best, f)), best);
+            if get(&s.free, f) == 0 || apart > usize::from(get(&s.reach, f)) {
                 continue;
             }
             if let Some(free) = s.free.get_mut(f) {
                 *free = 0;
             }
-            if get(&s.peak, f) > 0.0 || self.paper {
+            if apart <= SAME_VESSEL && (get(&s.peak, f) > 0.0 || self.paper) {
                 used += 1;
                 self.accumulate(&Codes::of(rows, f), best, &mut s.profile);
             }
@@ -272,6 +283,23 @@ mod tests {
             rows.push(row);
         }
         rows
+    }
+
+    /// A lone vessel: four bins that point to code 800 closely and one, of a weak tone, that scatters 18° beside it by 12°.
+    fn lone() -> Vec<Row> {
+        let mut rows = window(0, 4, 14);
+        for (n, row) in rows.iter_mut().enumerate() {
+            let mut codes: Vec<_> = row.directions().collect();
+            codes[180] = Some((781 + (n * 83 % 140) as u16, 5 + (n % 4) as u8));
+            row.fill(codes.into_iter());
+        }
+        rows
+    }
+
+    #[test]
+    fn a_weak_tone_of_a_lone_vessel_is_no_second_one() {
+        let found = modes(&lone());
+        assert!(found.len() == 1 && (found[0] - 281.0).abs() < 2.0, "{found:?}");
     }
 
     fn modes(rows: &[Row]) -> Vec<f32> {
