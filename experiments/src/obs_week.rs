@@ -2,7 +2,8 @@
 //!
 //! The days with the most closest points are taken from the AIS positions, eleven vessels at most as in Table I of \[O\];
 //! where the positions are absent, as many seeded passages with slow bends stand in. Sound is simulated, so the truth is
-//! known: vessels found, errors of their final tracks, finals of nobody, and how often the truth lies inside what was stated.
+//! known: vessels found, errors of their final tracks against the way itself at its closest point, finals of nobody, and how
+//! often the truth lies inside what was stated.
 //! `--runs` is the number of days (7: the whole week).
 
 use super::figure::Bar;
@@ -14,7 +15,7 @@ use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::ais::{passages, read};
 use crate::ocean_bottom::scenario::{DirectionalTable, Radiation};
 use crate::ocean_bottom::simulate::{Extra, MovingVessel};
-use crate::score::{TrackMiss, closest, median, then, track};
+use crate::score::{TrackMiss, closest, median, then, track, track_passed};
 use anyhow::{Result, bail};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -130,7 +131,7 @@ fn run(options: &Options, level: &Level) -> Result<()> {
     let (mut errors, mut stated): (Vec<TrackMiss>, Stated) = (Vec::new(), Stated::default());
     for (i, vessel) in case.vessels.iter().enumerate() {
         let own: Vec<&Track> = finals.iter().filter(|t| whose(t, &case.vessels) == Some(i)).collect();
-        let miss = own.last().and_then(|t| track(t, &vessel.course));
+        let miss = own.last().and_then(|t| track_passed(t, &vessel.course));
         found += usize::from(miss.is_some());
         split += own.len().saturating_sub(1);
         if let (Some(t), Some(e)) = (own.last(), miss) {

@@ -5,7 +5,7 @@
 
 use crate::course::VesselCourse;
 use crate::ocean_bottom::simulate::MovingVessel;
-pub use crate::ocean_bottom::truth::{Then, closest, then};
+pub use crate::ocean_bottom::truth::{Then, closest, passed, then};
 use crate::propagation::Propagation;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::kit::quantile;
@@ -126,13 +126,21 @@ pub struct TrackMiss {
 
 /// A track's errors against a vessel's (straightened) course.
 pub fn track(t: &Track, course: &VesselCourse) -> Option<TrackMiss> {
-    let (time, range, heading, speed) = closest(course)?;
-    Some(TrackMiss {
+    closest(course).map(|truth| missed(t, truth))
+}
+
+/// A track's errors against the way itself at its closest point.
+pub fn track_passed(t: &Track, course: &VesselCourse) -> Option<TrackMiss> {
+    passed(course).map(|truth| missed(t, truth))
+}
+
+fn missed(t: &Track, (time, range, heading, speed): (f64, f64, f64, f64)) -> TrackMiss {
+    TrackMiss {
         cpa_time_s: t.cpa_time_s - time,
         cpa_range_m: f64::from(t.cpa_range_m) - range,
         heading: wrap_pi(f64::from(t.heading) - heading),
         speed_m_s: f64::from(t.speed_m_s) - speed,
-    })
+    }
 }
 
 /// The vessel a track belongs to: nearest in time of the closest point, then heading; `None` where none is within an

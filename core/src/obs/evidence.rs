@@ -184,4 +184,11 @@ impl Evidence {
         let skip = MINUTES - self.held;
         older.iter().chain(newer).skip(skip).filter(move |m| (from..=to).contains(&m.number)).copied()
     }
+
+    /// The same, newest first.
+    pub fn between_back(&self, from: u32, to: u32) -> impl Iterator<Item = Minute> + '_ {
+        let (newer, older) = self.minutes.split_at_checked(self.next).unwrap_or_default();
+        let all = newer.iter().rev().chain(older.iter().rev()).take(self.held);
+        all.filter(move |m| (from..=to).contains(&m.number)).copied()
+    }
 }

@@ -23,19 +23,22 @@ const DETECTION: (f64, f64) = (0.9, 0.6);
 type Excess = (f64, f64);
 
 /// Error of direction beyond what the detector knows (propagation, interfering paths), rad.
-const EXTRA_AZIMUTH: f64 = 0.02;
+pub(super) const EXTRA_AZIMUTH: f64 = 0.02;
 
 /// Error of range beyond what the detector knows (table), m.
-const EXTRA_RANGE_M: f64 = 40.0;
+pub(super) const EXTRA_RANGE_M: f64 = 40.0;
 
 /// Error of radial speed beyond what the detector knows, m/s.
-const EXTRA_SPEED_M_S: f64 = 0.4;
+pub(super) const EXTRA_SPEED_M_S: f64 = 0.4;
 
 /// Extent of the uniform alternative: 50 km and 26 m/s.
 const UNIFORM: (f64, f64) = (50_000.0, 26.0);
 
 /// Ranges between which a vessel should show in range, m.
 const RANGE_SHOWS_M: (f64, f64) = (7_000.0, 40_000.0);
+
+/// A course taken as it is.
+const SURE: (f64, f64) = (0.0, 0.0);
 
 /// How a course fares.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -55,17 +58,20 @@ fn together(a: f64, b: f64) -> f64 {
     math::f64::sqrt(a * a + b * b)
 }
 
-/// Ratio of a direction's density at the course's to uniform, and the residual.
-fn direction_ratio(d: &AzimuthEvidence, azimuth: f64) -> (f64, f64, f64) {
+/// Ratio of a direction's density at the course's to uniform, the residual, and the spread of the direction; `doubt` is the
+/// standard deviation of the course's.
+fn direction_ratio(d: &AzimuthEvidence, azimuth: f64, doubt: f64) -> (f64, f64, f64) {
     let sd = together(d.sd, EXTRA_AZIMUTH);
+    let all = together(sd, doubt);
     let e = wrap_pi(d.azimuth - azimuth);
-    let z = e / sd;
-    (math::f64::TAU / 2.5066 / sd * math::f64::exp(-0.5 * z * z), e, sd)
+    let z = e / all;
+    (math::f64::TAU / 2.5066 / all * math::f64::exp(-0.5 * z * z), e, sd)
 }
 
-/// Ratio of a range's density at the course's to uniform.
-fn distance_ratio(d: &RangeEvidence, range_m: f64, speed_m_s: f64) -> f64 {
+/// Ratio of a range's density at the course's to uniform; `doubts` are the standard deviations of the course's.
+fn distance_ratio(d: &RangeEvidence, range_m: f64, speed_m_s: f64, doubts: (f64, f64)) -> f64 {
     let (sr, sv) = spreads(d);
+    let (sr, sv) = (together(sr, doubts.0), together(sv, doubts.1));
     let (zr, zv) = ((d.range_m - range_m) / sr, (d.speed_m_s - speed_m_s) / sv);
     let z = zr * zr + zv * zv;
     if z > 60.0 {
@@ -80,22 +86,27 @@ fn spreads(d: &RangeEvidence) -> (f64, f64) {
 
 /// Whether a direction is better explained by a vessel at `azimuth` than by none.
 pub fn explains_direction(d: &AzimuthEvidence, azimuth: f64) -> bool {
-    direction_ratio(d, azimuth).0 > 0.3
+    direction_ratio(d, azimuth, 0.0).0 > 0.3
 }
 
 /// Whether a range is better explained by a vessel at that range and radial speed than by none.
 pub fn explains_distance(d: &RangeEvidence, range_m: f64, speed_m_s: f64) -> bool {
-    distance_ratio(&RangeEvidence { weight: 1.0, ..*d }, range_m, speed_m_s) > 0.1
+    distance_ratio(&RangeEvidence { weight: 1.0, ..*d }, range_m, speed_m_s, SURE) > 0.1
 }
 
 /// Best direction of a minute for an azimuth: ratio, residual, spread.
-fn best_direction(m: &Minute, azimuth: f64) -> Option<(f64, f64, f64)> {
-    m.directions().map(|d| direction_ratio(&d, azimuth)).max_by(|a, b| a.0.total_cmp(&b.0))
+fn best_direction(m: &Minute, azimuth: f64, doubt: f64) -> Option<(f64, f64, f64)> {
+    m.directions().map(|d| direction_ratio(&d, azimuth, doubt)).max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// Best range of a minute: ratio and the mode.
-fn best_distance(m: &Minute, range_m: f64, speed_m_s: f64) -> Option<(f64, RangeEvidence)> {
-    let ratios = m.distances().map(|d| (distance_ratio(&d, range_m, speed_m_s), d));
+fn best_distance(
+    m: &Minute,
+    range_m: f64,
+    speed_m_s: f64,
+    doubts: (f64, f64),
+) -> Option<(f64, RangeEvidence)> {
+    let ratios = m.distances().map(|d| (distance_ratio(&d, range_m, speed_m_s, doubts), d));
     ratios.max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
@@ -103,12 +114,12 @@ fn best_distance(m: &Minute, range_m: f64, speed_m_s: f64) -> Option<(f64, Range
 pub fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> (f64, f64) {
     let s = course.seen(travel, step_s * f64::from(m.number));
     // A minute without any mode says little: the vessel may be masked, the channel dead.
-    let azimuth = match best_direction(m, s.azimuth) {
+    let azimuth = match best_direction(m, s.azimuth, 0.0) {
         Some((ratio, ..)) => math::f64::ln(1.0 - DETECTION.0 + DETECTION.0 * ratio),
         None => -0.3,
     };
     let shows = s.range_m > RANGE_SHOWS_M.0 && s.range_m < RANGE_SHOWS_M.1;
-    let range = match best_distance(m, s.range_m, s.speed_m_s) {
+    let range = match best_distance(m, s.range_m, s.speed_m_s, SURE) {
         Some((ratio, _)) if ratio > 1.0 || shows => math::f64::ln(1.0 - DETECTION.1 + DETECTION.1 * ratio),
         None if shows => -0.3,
         _ => 0.0,
@@ -189,10 +200,10 @@ fn excess(
     let (mut directions, mut distances) = (Residuals::default(), Residuals::default());
     for m in minutes {
         let s = course.seen(travel, step_s * f64::from(m.number));
-        if let Some((own, e, sd)) = own_direction(&m, s.azimuth) {
+        if let Some((own, e, sd)) = own_direction(&m, s.azimuth, 0.0) {
             directions.take(e / sd, own);
         }
-        if let Some((own, d)) = own_distance(&m, s.range_m, s.speed_m_s) {
+        if let Some((own, d)) = own_distance(&m, s.range_m, s.speed_m_s, SURE) {
             distances.take((d.range_m - s.range_m) / spreads(&d).0, own);
         }
     }
@@ -200,14 +211,19 @@ fn excess(
 }
 
 /// A minute's best direction for an azimuth: the chance that it is this vessel's, residual, spread.
-fn own_direction(m: &Minute, azimuth: f64) -> Option<(f64, f64, f64)> {
-    let (ratio, e, sd) = best_direction(m, azimuth)?;
+pub(super) fn own_direction(m: &Minute, azimuth: f64, doubt: f64) -> Option<(f64, f64, f64)> {
+    let (ratio, e, sd) = best_direction(m, azimuth, doubt)?;
     Some((DETECTION.0 * ratio / (1.0 - DETECTION.0 + DETECTION.0 * ratio), e, sd))
 }
 
 /// A minute's best range: the chance that it is this vessel's, and the mode.
-fn own_distance(m: &Minute, range_m: f64, speed_m_s: f64) -> Option<(f64, RangeEvidence)> {
-    let (ratio, d) = best_distance(m, range_m, speed_m_s)?;
+pub(super) fn own_distance(
+    m: &Minute,
+    range_m: f64,
+    speed_m_s: f64,
+    doubts: (f64, f64),
+) -> Option<(f64, RangeEvidence)> {
+    let (ratio, d) = best_distance(m, range_m, speed_m_s, doubts)?;
     Some((DETECTION.1 * ratio / (1.0 - DETECTION.1 + DETECTION.1 * ratio), d))
 }
 
@@ -223,11 +239,11 @@ fn observe(
     let [_, _, vx, vy] = course.p;
     let s = course.seen(travel, step_s * f64::from(m.number));
     let (x, y, r, t) = (s.place.0, s.place.1, s.range_m, s.since_s);
-    if let Some((own, e, sd)) = own_direction(m, s.azimuth) {
+    if let Some((own, e, sd)) = own_direction(m, s.azimuth, 0.0) {
         let (jx, jy) = (y / (r * r), -x / (r * r));
         normal.observe(&[jx, jy, jx * t, jy * t], e, own / (excess.0 * sd * sd));
     }
-    if let Some((own, d)) = own_distance(m, r, s.speed_m_s) {
+    if let Some((own, d)) = own_distance(m, r, s.speed_m_s, SURE) {
         let (sr, sv) = spreads(&d);
         let (ux, uy) = (x / r, y / r);
         let w = own / excess.1;

@@ -32,6 +32,7 @@ pub mod presence;
 mod presence_tests;
 pub mod radial;
 
+mod bend;
 mod course;
 pub mod evidence;
 mod fit;

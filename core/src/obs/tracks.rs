@@ -6,6 +6,7 @@
 //! the next, the best explained first. A track is abandoned for a better course whenever one is found, which undoes early
 //! locks on a wrong branch. Cost: below 40 M instructions every five minutes, none between.
 
+use super::bend;
 use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
@@ -60,6 +61,12 @@ struct Live {
     sent: u16,
 }
 
+/// What a track is told from: the evidence, and the courses of the other tracks.
+struct Seen<'a> {
+    evidence: &'a Evidence,
+    others: [Option<Course>; LIVE],
+}
+
 /// All tracks.
 #[derive(Clone, Debug)]
 pub struct Tracker {
@@ -86,15 +93,17 @@ impl Tracker {
         }
         let travel = &plan.travel;
         self.improve(plan, evidence, now, sink);
-        for slot in &mut self.live {
+        for k in 0..LIVE {
+            let others = self.courses(|other| other != k);
+            let Some(slot) = self.live.get_mut(k) else { continue };
             let Some(live) = slot else { continue };
             if now > live.to + SILENCE {
-                live.end(plan, sink);
+                live.end(plan, &Seen { evidence, others }, sink);
                 let course = live.course;
                 evidence.forget(|m| without(travel, &course, m));
                 *slot = None;
             } else if now < live.to + EVERY + 2 {
-                live.run(plan, sink);
+                live.run(plan, &Seen { evidence, others }, sink);
             }
         }
         if self.live.iter().any(Option::is_none) {
@@ -104,7 +113,7 @@ impl Tracker {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
-                    found.run(plan, sink);
+                    found.run(plan, &Seen { evidence, others }, sink);
                     *slot = Some(found);
                 }
             }
@@ -114,7 +123,12 @@ impl Tracker {
     /// Closes every track.
     pub fn finish(&mut self, plan: &Plan<'_>, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
         self.improve(plan, evidence, now, sink);
-        self.live.iter().flatten().for_each(|live| live.end(plan, sink));
+        for k in 0..LIVE {
+            let others = self.courses(|other| other != k);
+            if let Some(live) = self.live.get(k).and_then(Option::as_ref) {
+                live.end(plan, &Seen { evidence, others }, sink);
+            }
+        }
         self.live = [None; LIVE];
     }
 
@@ -184,9 +198,12 @@ fn unexplained<'a>(
     from: u32,
     to: u32,
 ) -> impl Iterator<Item = Minute> + Clone + 'a {
-    evidence
-        .between(from, to)
-        .map(move |m| others.iter().flatten().fold(m, |m, course| without(travel, course, m)))
+    evidence.between(from, to).map(move |m| without_all(travel, others, m))
+}
+
+/// A minute without what any of these vessels explains.
+fn without_all(travel: &TravelTime, others: &[Option<Course>; LIVE], m: Minute) -> Minute {
+    others.iter().flatten().fold(m, |m, course| without(travel, course, m))
 }
 
 /// A minute without what one vessel explains.
@@ -281,17 +298,29 @@ impl Live {
         }
     }
 
+    /// Its course about the closest point: the straight one where that cannot be told.
+    fn bent(&self, plan: &Plan<'_>, seen: &Seen<'_>) -> (Course, CourseCovariance) {
+        let travel = &plan.travel;
+        let left = |m| without_all(travel, &seen.others, m);
+        let (before, after) = (
+            seen.evidence.between(self.from, self.to).map(left),
+            seen.evidence.between_back(self.from, self.to).map(left),
+        );
+        bend::about_closest(&self.course, travel, STEP_S, before, after)
+            .unwrap_or((self.course, self.covariance))
+    }
+
     /// Sends the running estimate, where it says anything.
-    fn run(&mut self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
-        if let Some(track) = self.told(plan, Track::RUNNING) {
+    fn run(&mut self, plan: &Plan<'_>, seen: &Seen<'_>, sink: &mut dyn FnMut(Message)) {
+        if let Some(track) = self.told(plan, seen, Track::RUNNING) {
             self.sent = self.sent.saturating_add(1);
             sink(Message::Track(track));
         }
     }
 
     /// Sends the solution at the passage's end; where there is none, what was reported is withdrawn.
-    fn end(&self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
-        match self.told(plan, Track::FINAL) {
+    fn end(&self, plan: &Plan<'_>, seen: &Seen<'_>, sink: &mut dyn FnMut(Message)) {
+        match self.told(plan, seen, Track::FINAL) {
             Some(track) => sink(Message::Track(track)),
             None => self.withdraw(plan, sink),
         }
@@ -300,22 +329,22 @@ impl Live {
     /// Says that what was reported is no vessel's course.
     fn withdraw(&self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
         if self.sent > 0 {
-            let track = self.as_sent(plan, Track::WITHDRAWN);
+            let track = self.as_sent(plan, Track::WITHDRAWN, &(self.course, self.covariance));
             sink(Message::Track(Track { range_observable: false, ..track }));
         }
     }
 
     /// The track as known now; `None` where its range is as good as unknown.
-    fn told(&self, plan: &Plan<'_>, stage: u8) -> Option<Track> {
-        let track = self.as_sent(plan, stage);
+    fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
+        let track = self.as_sent(plan, stage, &self.bent(plan, seen));
         (track.sd_cpa_range_m < LEAST_KNOWN_M).then_some(track)
     }
 
-    /// Its record; of a vessel that does not move the closest point is unknown.
-    fn as_sent(&self, plan: &Plan<'_>, stage: u8) -> Track {
+    /// Its record, its closest point that of the course given; of a vessel that does not move the closest point is unknown.
+    fn as_sent(&self, plan: &Plan<'_>, stage: u8, bent: &(Course, CourseCovariance)) -> Track {
         const UNKNOWN: f64 = f64::NAN;
         let still = Closest { time_s: UNKNOWN, range_m: UNKNOWN, heading: UNKNOWN, speed_m_s: 0.0 };
-        let (c, s) = self.course.closest(&self.covariance).unwrap_or((still, [[UNKNOWN; 4]; 4]));
+        let (c, s) = bent.0.closest(&bent.1).unwrap_or((still, [[UNKNOWN; 4]; 4]));
         let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
         let sd = |x: f64| if x >= 0.0 { math::f64::sqrt(x) as f32 } else { f32::INFINITY };
         let t_s = STEP_S * f64::from(self.to);

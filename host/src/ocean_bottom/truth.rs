@@ -35,3 +35,19 @@ pub fn closest(course: &VesselCourse) -> Option<(f64, f64, f64, f64)> {
     let Steady { at_s, place_m, velocity_m_s: (vx, vy) } = course.straightened()?;
     Some((at_s, place_m.0.hypot(place_m.1), vx.atan2(vy), vx.hypot(vy)))
 }
+
+/// How long before and after its closest point a vessel's heading and speed there are taken over, s: longer than the jitter of
+/// its fixes, shorter than its bends.
+const PASSING_S: f64 = 300.0;
+
+/// Farthest that the closest point of the way itself is looked for from that of the straight course, s.
+const WITHIN_S: f64 = 3600.0;
+
+/// Closest point of the way itself, bends and all: time, range, heading, speed.
+pub fn passed(course: &VesselCourse) -> Option<(f64, f64, f64, f64)> {
+    let (straight_s, ..) = closest(course)?;
+    let cpa = course.cpa(straight_s - WITHIN_S, straight_s + WITHIN_S);
+    let (a, b) = (course.at(cpa.time_s - PASSING_S)?, course.at(cpa.time_s + PASSING_S)?);
+    let (vx, vy) = ((b.0 - a.0) / (2.0 * PASSING_S), (b.1 - a.1) / (2.0 * PASSING_S));
+    Some((cpa.time_s, cpa.range_m, vx.atan2(vy), vx.hypot(vy)))
+}
