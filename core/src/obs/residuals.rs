@@ -40,7 +40,7 @@ impl Residuals {
         if square <= 0.0 {
             return OVERLAPPED;
         }
-        let alike = (mean(self.products) / square).max(0.0).min(MOST_ALIKE);
+        let alike = (mean(self.products) / square).clamp(0.0, MOST_ALIKE);
         (square * (1.0 + alike) / (1.0 - alike)).max(OVERLAPPED)
     }
 }
