@@ -217,7 +217,7 @@ fn plans_are_refused_where_there_is_no_time_for_two_windows() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(seabearing_testkit::property(12))]
     #[test]
     fn twice_the_pressure_is_six_decibels_more_however_the_samples_come(
         seed in 1u32..1_000_000,
