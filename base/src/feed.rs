@@ -168,6 +168,11 @@ impl Subscription {
 }
 
 impl Behind {
+    /// Records that the subscriber has not asked beyond yet.
+    pub fn waiting(&self) -> usize {
+        self.waiting.load(Ordering::Relaxed)
+    }
+
     /// Records missed of which the subscriber has not been told yet.
     pub fn missed(&self) -> usize {
         self.missed.load(Ordering::Relaxed)

@@ -8,6 +8,7 @@ pub mod command;
 mod counters;
 pub mod export;
 pub mod feed;
+pub mod fusion;
 pub mod line;
 pub mod origin;
 pub mod record;
@@ -333,9 +334,13 @@ impl Base {
         self.said_row(who, received_us, body)
     }
 
-    /// Something that was found beside all connections, of a station.
+    /// Something that was found beside all connections, of a station. What says itself of when it was true (`utc`) is dated
+    /// so.
     pub fn note(&self, station: Option<u16>, what: Value, received_us: Option<i64>, out: &mut Vec<Row>) {
-        out.push(self.said_row(station, received_us, what));
+        let true_us = record::us_of(&what["utc"]);
+        let mut row = self.said_row(station, received_us, what);
+        row.utc = true_us.map_or(row.utc, |us| Some((us, None)));
+        out.push(row);
     }
 
     /// A record of what the base station notes itself.

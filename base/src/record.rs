@@ -6,6 +6,7 @@ use seabearing_core::wire::{Message, bytes_of, message_of};
 use seabearing_host::record::{RecordFormat, utc};
 use serde_json::{Map, Value, json};
 use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
 
 /// Kinds of what the base station says itself begin here; below are the numbers of the recorder's messages.
 const SAID: u8 = 200;
@@ -121,6 +122,11 @@ pub fn index(message: &Message) -> Option<u64> {
 pub fn rfc3339(us: i64) -> Value {
     let at = OffsetDateTime::from_unix_timestamp_nanos(i128::from(us) * 1000).ok();
     at.map(utc).filter(|text| !text.is_empty()).map_or(Value::Null, Value::String)
+}
+
+/// The same back; none where there is no time.
+pub fn us_of(utc: &Value) -> Option<i64> {
+    OffsetDateTime::parse(utc.as_str()?, &Rfc3339).ok().map(micros)
 }
 
 /// A time in microseconds since 1970.

@@ -171,6 +171,17 @@ impl Service {
         Ok(self.left > 0)
     }
 
+    /// Stores and publishes what others have noted by now; false if that is nothing.
+    ///
+    /// # Errors
+    /// As [`Self::turn`].
+    pub fn take_noted(&mut self) -> Result<bool> {
+        let entries: Vec<_> = self.noted.1.try_iter().take(TOGETHER.0).map(|entry| (entry, None)).collect();
+        let some = !entries.is_empty();
+        self.take(entries)?;
+        Ok(some)
+    }
+
     fn take(&mut self, came: Vec<(Entry, Option<(Answers, usize)>)>) -> Result<()> {
         if came.is_empty() {
             return Ok(());

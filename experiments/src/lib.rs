@@ -9,6 +9,7 @@ extern crate seabearing_host;
 mod ais_kinematics;
 mod ais_match;
 mod ais_paths;
+mod base_fusion;
 mod base_power;
 mod base_process;
 mod base_station;
@@ -132,6 +133,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     base_station::LOAD,
     base_station::KILL,
     base_station::YEAR,
+    base_fusion::EXPERIMENT,
     base_power::EXPERIMENT,
     page::EXPERIMENT,
     fuzz::EXPERIMENT,

@@ -114,17 +114,29 @@ impl Said {
 /// The configuration cannot be run.
 pub fn hear(config: &StationConfig, frames: impl Iterator<Item = Frame>) -> Result<Said> {
     let mut said = Said::default();
-    let mut source = FrameSource { frames, block: Vec::new(), next: 0 };
-    replay(config, None, &mut source, |message| {
+    for message in messages(config, frames)? {
         match message {
-            Message::Bearing(b) => said.bearings.push(*b),
-            Message::Track(t) => said.tracks.push(*t),
-            Message::Fault(f) => said.faults.push(*f),
+            Message::Bearing(b) => said.bearings.push(b),
+            Message::Track(t) => said.tracks.push(t),
+            Message::Fault(f) => said.faults.push(f),
             _ => {}
         }
+    }
+    Ok(said)
+}
+
+/// Everything that the recorder sends of frames.
+///
+/// # Errors
+/// The configuration cannot be run.
+pub fn messages(config: &StationConfig, frames: impl Iterator<Item = Frame>) -> Result<Vec<Message>> {
+    let mut all = Vec::new();
+    let mut source = FrameSource { frames, block: Vec::new(), next: 0 };
+    replay(config, None, &mut source, |message| {
+        all.push(*message);
         Ok(())
     })?;
-    Ok(said)
+    Ok(all)
 }
 
 /// A scene, made and heard.

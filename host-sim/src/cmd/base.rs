@@ -2,6 +2,8 @@
 
 use super::base_screen::{Exports, Screen};
 use crate::base::export::{self, Format, Positions};
+use crate::base::fusion::sites::Sites;
+use crate::base::fusion::task::Task;
 use crate::base::line::Line;
 use crate::base::origin::Origin;
 use crate::base::record::micros;
@@ -14,7 +16,7 @@ use crate::station::Station;
 use anyhow::{Result, bail};
 use seabearing_core::wire::link::Settings;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Arguments of `seabearing base`.
@@ -29,7 +31,8 @@ use std::time::Duration;
     A stations file is a list of [[stations]] with the keys of [station] and\n  \
     line = \"listen:ADDR:PORT\", \"tcp:HOST:PORT\", \"serial:DEVICE:BAUD\" or \"file:PATH\"\n  \
     key_file = \"east.key\", to sign commands with (`seabearing base send`)\n  \
-    utc_of_sample_0 = \"2024-05-01T09:00:00Z\", where a recorder has no clock"
+    utc_of_sample_0 = \"2024-05-01T09:00:00Z\", where a recorder has no clock\n  \
+    orientation_sd_deg = 0.5, how well its orientation is known; bearings of stations with positions are fused"
 )]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(group(clap::ArgGroup::new("origin").required(true).multiple(true).args(["input", "serial", "tcp", "listen", "stations"])))]
@@ -222,6 +225,7 @@ pub fn run(args: Args) -> Result<()> {
     let must_show = service.ends() || args.store.is_none();
     let mut screen = Screen::start(args.json, service.ends(), service.feed());
     args.watch.start(&service, args.store.as_deref(), &listed, &places)?;
+    let fusion = fuse(&service, &listed, args.store.as_deref())?;
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
     let tell = |notes: Vec<String>| {
         for note in notes {
@@ -239,6 +243,10 @@ pub fn run(args: Args) -> Result<()> {
             shown?;
         }
         exports.now_and_then(service.base());
+    }
+    if let Some(fusion) = &fusion {
+        fusion.settle();
+        while service.take_noted()? {}
     }
     tell(service.notes());
     let after = service.base().counters();
@@ -266,6 +274,22 @@ pub fn run(args: Args) -> Result<()> {
         super::base_page::stay();
     }
     Ok(())
+}
+
+/// Fuses the bearings of the stations of a stations file, where two or more have a position.
+fn fuse(service: &Service, listed: &[Listed], store: Option<&Path>) -> Result<Option<Task>> {
+    if listed.len() < 2 {
+        return Ok(None);
+    }
+    let (sites, notes) = Sites::of(listed);
+    if sites.sites.len() < 2 {
+        eprintln!("seabearing: fewer than two stations have a position (`position`): bearings are not fused");
+        return Ok(None);
+    }
+    for note in notes {
+        eprintln!("seabearing: {note}");
+    }
+    Task::start(sites, service, store).map(Some)
 }
 
 /// Where stations are, as the command line, the stations file or the store says.

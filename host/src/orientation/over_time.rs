@@ -52,7 +52,10 @@ pub fn motion(
         .collect();
     let first = rows.iter().map(|r| r.station).min().unwrap_or(0);
     let sound_speed_m_s = network.stations[first].sound_speed_m_s;
-    fit(&bearings, &JointSettings { z_m: -source_depth_m, sound_speed_m_s, robust })
+    fit(
+        &bearings,
+        &JointSettings { z_m: -source_depth_m, sound_speed_m_s, robust, shared: Default::default() },
+    )
 }
 
 /// Median time between bearings of one station, seconds; infinite where there are fewer than two.

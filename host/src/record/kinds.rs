@@ -321,6 +321,64 @@ record! {
 }
 
 record! {
+    /// A track of a station that takes part in a vessel's network track.
+    Member {
+        /// Number of the station.
+        station: u16,
+        /// Session of that station, counted by the base station.
+        session: u32,
+        /// Number of its track there.
+        id: u16,
+    }
+}
+
+record! {
+    /// A vessel's straight motion from the bearings of several stations, as the base station fits it without any assumption of
+    /// its speed (docs/network.md). Its `utc` is that of the newest bearing used. Null: the geometry does not tell it.
+    NetworkTrack {
+        /// Number of the network track; one vessel keeps its number.
+        id: u32,
+        /// `live`; `final` where the tracks of all members have ended; `withdrawn` where its members are one vessel's no more.
+        state: &'static str,
+        /// The tracks of stations that it is made of.
+        members: Vec<Member>,
+        /// UTC of the first bearing used, RFC 3339.
+        from_utc: Option<String>,
+        /// UTC of the last one, RFC 3339.
+        to_utc: Option<String>,
+        /// Latitude of the vessel at `utc`, degrees; null also where stations are in a plane of their own.
+        lat_deg: Option<f64>,
+        /// Longitude then, degrees.
+        lon_deg: Option<f64>,
+        /// East of the first station of the stations file (or of its plane's origin) then, metres.
+        x_m: Option<f64>,
+        /// North of it, metres.
+        y_m: Option<f64>,
+        /// Variance of `x_m`, square metres.
+        var_x_m2: Option<f64>,
+        /// Variance of `y_m`, square metres.
+        var_y_m2: Option<f64>,
+        /// Covariance of both, square metres.
+        cov_xy_m2: Option<f64>,
+        /// Heading, degrees clockwise from the North of that plane.
+        heading_deg: Option<f64>,
+        /// Its standard deviation, degrees.
+        sd_heading_deg: Option<f64>,
+        /// Speed, metres a second.
+        speed_m_s: Option<f64>,
+        /// Its standard deviation, metres a second.
+        sd_speed_m_s: Option<f64>,
+        /// Covariance of East, North (m), velocity East and velocity North (m/s) at `utc`: 16 numbers, row by row.
+        covariance: Option<Vec<f64>>,
+        /// Whether the stations agree within their stated errors (99.9 %); where they do not, the covariance has grown and may
+        /// still be too small.
+        consistent: Option<bool>,
+        /// Bearings used.
+        n: usize,
+    }
+}
+
+record! {
     /// The input has ended.
     End {
         /// Records sent before this one.
@@ -356,6 +414,7 @@ pub enum Kind {
     ShaftRate(ShaftRate),
     Time(Time),
     Level(Level),
+    NetworkTrack(NetworkTrack),
     End(End),
 }
 

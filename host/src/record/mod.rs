@@ -4,7 +4,7 @@ mod kinds;
 #[cfg(feature = "schema")]
 mod schema;
 
-pub use kinds::{Kind, Level};
+pub use kinds::{Kind, Level, Member, NetworkTrack};
 #[cfg(feature = "schema")]
 pub use schema::schema;
 

@@ -133,6 +133,7 @@ pub fn schema() -> Value {
         kind::<kinds::ShaftRate>(g, "shaft_rate", true),
         kind::<kinds::Time>(g, "time", true),
         kind::<kinds::Level>(g, "level", true),
+        kind::<kinds::NetworkTrack>(g, "network_track", false),
         kind::<kinds::End>(g, "end", true),
         kind::<Lost>(g, "lost", false),
         kind::<Line>(g, "line", false),

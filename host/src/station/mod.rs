@@ -33,6 +33,8 @@ pub struct ListedStation {
     pub key_file: Option<PathBuf>,
     /// `utc_of_sample_0`, for a recorder without a clock, RFC 3339.
     pub utc_of_sample_0: Option<String>,
+    /// `orientation_sd_deg`: standard deviation of the orientation, degrees.
+    pub orientation_sd_deg: Option<f64>,
 }
 
 /// A station file as read.
@@ -245,6 +247,7 @@ impl Station {
                 line: s.line,
                 key_file: s.key_file,
                 utc_of_sample_0: s.utc_of_sample_0,
+                orientation_sd_deg: s.orientation_sd_deg,
             })
         };
         let stations = file.stations.into_iter().enumerate().map(listed).collect::<Result<_>>()?;

@@ -59,6 +59,9 @@ pub(super) struct StationTable {
     pub(super) key_file: Option<PathBuf>,
     /// Of a list only: UTC of sample 0 (RFC 3339) of a recorder without a clock.
     pub(super) utc_of_sample_0: Option<String>,
+    /// Of a list only: standard deviation of `orientation_deg`, degrees, 0 to 180; what a base station that fuses bearings
+    /// assumes, 0.5 where it is not said.
+    pub(super) orientation_sd_deg: Option<f64>,
 }
 
 impl StationTable {
@@ -68,6 +71,7 @@ impl StationTable {
             ("line", self.line.is_some()),
             ("key_file", self.key_file.is_some()),
             ("utc_of_sample_0", self.utc_of_sample_0.is_some()),
+            ("orientation_sd_deg", self.orientation_sd_deg.is_some()),
         ];
         keys.into_iter().find(|(_, there)| *there).map(|(key, _)| key)
     }

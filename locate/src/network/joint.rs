@@ -4,7 +4,9 @@
 //! Gaussian likelihood. One array's azimuths leave range and speed scaled together [M 5, 6]; a second array, or
 //! elevations with the depth known, fix the scale. Each bearing points to where the vessel was when the sound left it.
 //! Single wrong bearings pull no more than one of three standard deviations does (Huber's likelihood). Where the whole
-//! misfit is beyond its 99.9 % point and one array is the cause, that array is set aside and named.
+//! misfit is beyond its 99.9 % point and one array is the cause, that array is set aside and named. An error that all
+//! bearings of an array share (its orientation, its clock) is an unknown of that array with a Gaussian prior; at every
+//! state it takes its likeliest value, and what it leaves open is in the covariance.
 //!
 //! Start: the linear least-squares solution of the bearing lines `(x − x_n) cos α = (y − y_n) sin α`, or that of the
 //! positions the elevations give, whichever is likelier; then Levenberg-Marquardt over four unknowns. O(1) memory
@@ -22,6 +24,8 @@ use crate::math::f64 as m;
 const STEPS: usize = 100;
 /// Fall of the cost that is not worth a step.
 const LEAST_FALL: f64 = 1e-11;
+/// Steps to the likeliest shared errors: without bearings beyond the corner the first one ends there.
+const SHARED_STEPS: usize = 4;
 /// Where a standardised residual stops to count squared: 0.3 % of Gaussian ones are beyond.
 const HUBER: Huber = Huber { corner: 3.0 };
 
@@ -36,6 +40,21 @@ pub struct DatedSighting {
     pub sighting: Sighting,
 }
 
+/// Standard deviations of what all bearings of one array share; 0: none.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SharedError {
+    /// Error of all azimuths, radians: the array's orientation.
+    pub azimuth: f64,
+    /// Error of all times, seconds: the array's clock.
+    pub clock_s: f64,
+}
+
+impl SharedError {
+    fn variances(&self) -> [f64; 2] {
+        [self.azimuth * self.azimuth, self.clock_s * self.clock_s]
+    }
+}
+
 /// What is assumed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSettings {
@@ -45,6 +64,8 @@ pub struct JointSettings {
     pub sound_speed_m_s: f64,
     /// Set one array aside where it contradicts the others; needs three.
     pub robust: bool,
+    /// What the bearings of each array share.
+    pub shared: [SharedError; MAX_ARRAYS],
 }
 
 /// A straight track.
@@ -133,7 +154,8 @@ pub fn fit(bearings: &[DatedSighting], settings: &JointSettings) -> Result<Joint
             return Err(NetworkError::TooManyArrays);
         }
     }
-    if !settings.z_m.is_finite() || !(settings.sound_speed_m_s > 0.0) {
+    let shared = settings.shared.iter().flat_map(SharedError::variances).all(|v| v.is_finite());
+    if !settings.z_m.is_finite() || !(settings.sound_speed_m_s > 0.0) || !shared {
         return Err(NetworkError::NotFinite);
     }
     let all = fit_without(bearings, settings, None);
@@ -199,6 +221,43 @@ fn fit_without(
     }
 }
 
+/// One standardised angle: derivatives by state and by what its array shares, and the residual without that.
+struct Row {
+    by_state: [f64; 4],
+    by_shared: [f64; 2],
+    residual: f64,
+}
+
+impl Row {
+    /// Less what the array shares.
+    fn residual(&self, shared: &[f64; 2]) -> f64 {
+        self.residual - spd::dot(&self.by_shared, shared)
+    }
+}
+
+fn unit<const N: usize>(k: usize) -> [f64; N] {
+    let mut out = [0.0; N];
+    out[k] = 1.0;
+    out
+}
+
+/// Normal equations of the state alone, the last two parameters taking their likeliest values: Schur's complement.
+fn eliminated(both: &Normal<6>) -> Normal<4> {
+    let (h, g) = (both.information(&[true; 6]), both.gradient);
+    let mut out = Normal::default();
+    out.observe_at_cost(&[0.0; 4], 0.0, 0.0, both.cost());
+    let shared = [[h[4][4], h[4][5]], [h[5][4], h[5][5]]];
+    let left = spd::inverse(&shared).unwrap_or_default();
+    for i in 0..4 {
+        let share = spd::times(&left, &[h[i][4], h[i][5]]);
+        out.gradient[i] = g[i] - spd::dot(&share, &[g[4], g[5]]);
+        for j in i..4 {
+            out.upper[i][j] = h[i][j] - spd::dot(&share, &[h[j][4], h[j][5]]);
+        }
+    }
+    out
+}
+
 struct Problem<'a> {
     bearings: &'a [DatedSighting],
     settings: &'a JointSettings,
@@ -229,36 +288,88 @@ impl Problem<'_> {
         b.t_s - self.distance(&b.sighting, first, state) / c
     }
 
+    /// Misfit of all arrays, each with the shared errors that fit it best.
     fn misfit(&self, state: &[f64; 4]) -> f64 {
-        self.rows(state).map(|(_, r)| HUBER.clipped(r) * HUBER.clipped(r)).sum()
+        let of = |array: usize| {
+            let at = self.shared(array, state);
+            let square = |r: f64| HUBER.clipped(r) * HUBER.clipped(r);
+            let rows = self.rows(array, state).map(|row| square(row.residual(&at))).sum::<f64>();
+            let prior = self.shared_variances(array).into_iter().zip(at).filter(|(v, _)| *v > 0.0);
+            rows + prior.map(|(v, x)| x * x / v).sum::<f64>()
+        };
+        (0..MAX_ARRAYS).map(of).sum()
     }
 
-    /// Derivatives and residual of every angle, standardised.
-    fn rows(&self, state: &[f64; 4]) -> impl Iterator<Item = ([f64; 4], f64)> {
-        self.used().flat_map(move |b| {
+    fn shared_variances(&self, array: usize) -> [f64; 2] {
+        self.settings.shared.get(array).map_or([0.0; 2], SharedError::variances)
+    }
+
+    /// Every angle of an array, standardised.
+    fn rows(&self, array: usize, state: &[f64; 4]) -> impl Iterator<Item = Row> {
+        self.used().filter(move |b| b.array == array).flat_map(move |b| {
             let s = &b.sighting;
             let t = self.emission(b, state);
             let dt = t - self.t_ref_s;
             let place = self.place(t, state);
             let (azimuth, elevation) = bearing(&s.array_m, &place);
             let (ga, gb) = gradients(&s.array_m, &place);
-            let row = |[x, y, _]: [f64; 3], residual: f64, sd: f64| {
-                ([x, y, x * dt, y * dt].map(|d| d / sd), residual / sd)
+            let row = |[x, y, _]: [f64; 3], residual: f64, sd: f64, turned: f64| Row {
+                by_state: [x, y, x * dt, y * dt].map(|d| d / sd),
+                // A clock that is late stamps what it hears with a later time.
+                by_shared: [turned, -(x * state[2] + y * state[3])].map(|d| d / sd),
+                residual: residual / sd,
             };
-            let of_azimuth = row(ga, wrap_pi(s.azimuth - azimuth), s.sd_azimuth);
-            [Some(of_azimuth), s.elevation.map(|e| row(gb, e - elevation, s.sd_elevation))]
+            let of_azimuth = row(ga, wrap_pi(s.azimuth - azimuth), s.sd_azimuth, 1.0);
+            [Some(of_azimuth), s.elevation.map(|e| row(gb, e - elevation, s.sd_elevation, 0.0))]
                 .into_iter()
                 .flatten()
         })
     }
 
-    /// Normal equations of the robust likelihood.
-    fn normal(&self, state: &[f64; 4]) -> Normal<4> {
-        let mut normal = Normal::default();
-        for (row, r) in self.rows(state) {
-            normal.observe_at_cost(&row, r, HUBER.weight(r), 2.0 * HUBER.loss(r));
+    /// The shared errors of an array that are likeliest for a state.
+    fn shared(&self, array: usize, state: &[f64; 4]) -> [f64; 2] {
+        let variances = self.shared_variances(array);
+        let free = variances.map(|v| v > 0.0);
+        let mut at = [0.0; 2];
+        if free == [false; 2] {
+            return at;
         }
-        normal
+        for _ in 0..SHARED_STEPS {
+            let mut normal = Normal::<2>::default();
+            for row in self.rows(array, state) {
+                let r = row.residual(&at);
+                normal.observe(&row.by_shared, r, HUBER.weight(r));
+            }
+            for (k, v) in variances.into_iter().enumerate().filter(|(_, v)| *v > 0.0) {
+                normal.observe(&unit(k), -at[k], 1.0 / v);
+            }
+            let Some(step) = normal.step(&free, 0.0) else { break };
+            at.iter_mut().zip(step).for_each(|(x, s)| *x += s);
+        }
+        at
+    }
+
+    /// Normal equations of the robust likelihood, shared errors eliminated.
+    fn normal(&self, state: &[f64; 4]) -> Normal<4> {
+        let mut all = Normal::default();
+        for array in 0..MAX_ARRAYS {
+            let (at, variances) = (self.shared(array, state), self.shared_variances(array));
+            let mut normal = Normal::<6>::default();
+            for row in self.rows(array, state) {
+                let r = row.residual(&at);
+                let ([a, b, c, d], [e, f]) = (row.by_state, row.by_shared);
+                normal.observe_at_cost(&[a, b, c, d, e, f], r, HUBER.weight(r), 2.0 * HUBER.loss(r));
+            }
+            for (k, v) in variances.into_iter().enumerate() {
+                if v > 0.0 {
+                    normal.observe(&unit(4 + k), -at[k], 1.0 / v);
+                } else {
+                    normal.hold(4 + k);
+                }
+            }
+            all.join(&eliminated(&normal));
+        }
+        all
     }
 
     /// Linear start from the bearing lines.
@@ -292,92 +403,4 @@ impl Problem<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use std::vec::Vec;
-
-    const TWO: [[f64; 3]; 2] = [[0.0, 100.0, -168.0], [0.0, -100.0, -168.0]];
-    const SETTINGS: JointSettings = JointSettings { z_m: -5.0, sound_speed_m_s: 1484.0, robust: true };
-
-    /// Exact bearings of a vessel with travel time, at different instants for each array.
-    fn bearings(arrays: &[[f64; 3]], elevation: bool) -> Vec<DatedSighting> {
-        let mut out = Vec::new();
-        for k in 0..100 {
-            for (i, array_m) in arrays.iter().enumerate() {
-                let emitted = 2.0 * f64::from(k) + 0.7 * i as f64;
-                let p = [400.0 + 2.0 * emitted, -700.0 + 7.0 * emitted, -5.0];
-                let (a, b) = bearing(array_m, &p);
-                let d: f64 = p.iter().zip(array_m).map(|(x, y)| (x - y) * (x - y)).sum();
-                let sighting = Sighting {
-                    array_m: *array_m,
-                    azimuth: a,
-                    elevation: elevation.then_some(b),
-                    sd_azimuth: 0.026,
-                    sd_elevation: 0.028,
-                };
-                out.push(DatedSighting { t_s: emitted + d.sqrt() / 1484.0, array: i, sighting });
-            }
-        }
-        out
-    }
-
-    #[test]
-    fn two_arrays_need_no_speed_and_one_with_depth_neither() {
-        for (arrays, elevation) in [(&TWO[..], false), (&TWO[..], true), (&TWO[..1], true)] {
-            let motion = fit(&bearings(arrays, elevation), &SETTINGS).unwrap();
-            let (v, sd) = motion.speed_m_s();
-            assert!((v - 53f64.sqrt()).abs() < 1e-4 && sd > 0.0, "{v} {sd}");
-            assert!((motion.heading().0 - 2f64.atan2(7.0)).abs() < 1e-5);
-            let [x, y] = motion.position_m(0.0);
-            assert!((x - 400.0).abs() < 0.01 && (y + 700.0).abs() < 0.01, "{x} {y}");
-        }
-    }
-
-    #[test]
-    fn one_array_without_elevation_is_refused() {
-        assert_eq!(fit(&bearings(&TWO[..1], false), &SETTINGS), Err(NetworkError::NotObservable));
-    }
-
-    #[test]
-    fn a_turned_array_is_set_aside_and_single_wrong_bearings_hardly_pull() {
-        let three = [TWO[0], TWO[1], [150.0, 0.0, -168.0]];
-        let mut turned = bearings(&three, false);
-        for b in turned.iter_mut().filter(|b| b.array == 2) {
-            b.sighting.azimuth += 0.4;
-        }
-        let motion = fit(&turned, &SETTINGS).unwrap();
-        assert_eq!(motion.rejected, Some(2));
-        assert!((motion.speed_m_s().0 - 53f64.sqrt()).abs() < 1e-3, "{motion:?}");
-        let mut wrong = bearings(&TWO, false);
-        for b in wrong.iter_mut().step_by(17) {
-            b.sighting.azimuth += 2.0;
-        }
-        let motion = fit(&wrong, &SETTINGS).unwrap();
-        let (v, sd) = motion.speed_m_s();
-        assert!((v - 53f64.sqrt()).abs() < 2.0 * sd && sd < 0.2, "{v} {sd}");
-    }
-
-    #[test]
-    fn closest_approach() {
-        let motion = JointTrack {
-            t_ref_s: 10.0,
-            state: [300.0, -100.0, 0.0, 5.0],
-            covariance: [
-                [4.0, 0.0, 0.0, 0.0],
-                [0.0, 9.0, 0.0, 0.0],
-                [0.0, 0.0, 0.01, 0.0],
-                [0.0, 0.0, 0.0, 0.0],
-            ],
-            misfit: 0.0,
-            freedom: 1,
-            rejected: None,
-        };
-        let a = motion.closest([0.0, 0.0]).unwrap();
-        assert!((a.t_s.0 - 30.0).abs() < 1e-12 && (a.range_m.0 - 300.0).abs() < 1e-12);
-        // A vessel heading North at x = 300: the origin is to port. The range moves with x and, 20 s later, with v_x.
-        assert!(!a.to_starboard && (a.range_m.1 - (4.0f64 + 400.0 * 0.01).sqrt()).abs() < 1e-9, "{a:?}");
-        // The time: σ_y/v, and the turn of the way by δv_x/v at 300 m.
-        let turned = (9.0f64 / 25.0 + (300.0f64 / 25.0).powi(2) * 0.01).sqrt();
-        assert!((a.t_s.1 - turned).abs() < 1e-9, "{a:?}");
-    }
-}
+mod tests;

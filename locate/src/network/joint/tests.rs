@@ -1,0 +1,123 @@
+use super::*;
+use std::vec::Vec;
+
+const TWO: [[f64; 3]; 2] = [[0.0, 100.0, -168.0], [0.0, -100.0, -168.0]];
+const EXACT: SharedError = SharedError { azimuth: 0.0, clock_s: 0.0 };
+const SETTINGS: JointSettings =
+    JointSettings { z_m: -5.0, sound_speed_m_s: 1484.0, robust: true, shared: [EXACT; MAX_ARRAYS] };
+
+/// Exact bearings of a vessel with travel time, at different instants for each array.
+fn bearings(arrays: &[[f64; 3]], elevation: bool) -> Vec<DatedSighting> {
+    let mut out = Vec::new();
+    for k in 0..100 {
+        for (i, array_m) in arrays.iter().enumerate() {
+            let emitted = 2.0 * f64::from(k) + 0.7 * i as f64;
+            let p = [400.0 + 2.0 * emitted, -700.0 + 7.0 * emitted, -5.0];
+            let (a, b) = bearing(array_m, &p);
+            let d: f64 = p.iter().zip(array_m).map(|(x, y)| (x - y) * (x - y)).sum();
+            let sighting = Sighting {
+                array_m: *array_m,
+                azimuth: a,
+                elevation: elevation.then_some(b),
+                sd_azimuth: 0.026,
+                sd_elevation: 0.028,
+            };
+            out.push(DatedSighting { t_s: emitted + d.sqrt() / 1484.0, array: i, sighting });
+        }
+    }
+    out
+}
+
+#[test]
+fn two_arrays_need_no_speed_and_one_with_depth_neither() {
+    for (arrays, elevation) in [(&TWO[..], false), (&TWO[..], true), (&TWO[..1], true)] {
+        let motion = fit(&bearings(arrays, elevation), &SETTINGS).unwrap();
+        let (v, sd) = motion.speed_m_s();
+        assert!((v - 53f64.sqrt()).abs() < 1e-4 && sd > 0.0, "{v} {sd}");
+        assert!((motion.heading().0 - 2f64.atan2(7.0)).abs() < 1e-5);
+        let [x, y] = motion.position_m(0.0);
+        assert!((x - 400.0).abs() < 0.01 && (y + 700.0).abs() < 0.01, "{x} {y}");
+    }
+}
+
+#[test]
+fn one_array_without_elevation_is_refused() {
+    assert_eq!(fit(&bearings(&TWO[..1], false), &SETTINGS), Err(NetworkError::NotObservable));
+}
+
+#[test]
+fn a_turned_array_is_set_aside_and_single_wrong_bearings_hardly_pull() {
+    let three = [TWO[0], TWO[1], [150.0, 0.0, -168.0]];
+    let mut turned = bearings(&three, false);
+    for b in turned.iter_mut().filter(|b| b.array == 2) {
+        b.sighting.azimuth += 0.4;
+    }
+    let motion = fit(&turned, &SETTINGS).unwrap();
+    assert_eq!(motion.rejected, Some(2));
+    assert!((motion.speed_m_s().0 - 53f64.sqrt()).abs() < 1e-3, "{motion:?}");
+    let mut wrong = bearings(&TWO, false);
+    for b in wrong.iter_mut().step_by(17) {
+        b.sighting.azimuth += 2.0;
+    }
+    let motion = fit(&wrong, &SETTINGS).unwrap();
+    let (v, sd) = motion.speed_m_s();
+    assert!((v - 53f64.sqrt()).abs() < 2.0 * sd && sd < 0.2, "{v} {sd}");
+}
+
+/// Three arrays 2 km apart, and a vessel between them; no error but what is shared.
+fn shared(turned: [f64; 3], late_s: [f64; 3]) -> Vec<DatedSighting> {
+    let three = [[0.0, 0.0, -168.0], [2000.0, 0.0, -168.0], [900.0, 1800.0, -168.0]];
+    let mut all = bearings(&three, false);
+    for b in &mut all {
+        b.sighting.azimuth += turned[b.array];
+        b.sighting.sd_azimuth = 0.003;
+        b.t_s += late_s[b.array];
+    }
+    all
+}
+
+#[test]
+fn turned_arrays_and_late_clocks_are_within_the_stated_error_where_they_are_assumed() {
+    let one = SharedError { azimuth: 0.01, clock_s: 3.0 };
+    let assumed = JointSettings { shared: [one; MAX_ARRAYS], ..SETTINGS };
+    for (turned, late_s) in
+        [([0.01, -0.01, 0.0], [0.0; 3]), ([0.0; 3], [3.0, 0.0, -3.0]), ([0.01, 0.0, -0.01], [0.0, 3.0, 0.0])]
+    {
+        let bearings = shared(turned, late_s);
+        let off = |settings: &JointSettings| {
+            let motion = fit(&bearings, settings).unwrap();
+            let truth = [400.0 + 2.0 * motion.t_ref_s, -700.0 + 7.0 * motion.t_ref_s, 2.0, 7.0];
+            let mut d = motion.state;
+            d.iter_mut().zip(truth).for_each(|(x, t)| *x -= t);
+            let chi2 = spd::dot(&d, &spd::solve(&motion.covariance, &d).unwrap());
+            (chi2, motion.rejected)
+        };
+        let (chi2, rejected) = off(&assumed);
+        // 95 % of four degrees of freedom: 9.5.
+        assert!(chi2 < 9.5 && rejected.is_none(), "{turned:?} {late_s:?}: {chi2}");
+    }
+    // Without any such error the estimate is the same, and knows less.
+    let exact = shared([0.0; 3], [0.0; 3]);
+    let (with, without) = (fit(&exact, &assumed).unwrap(), fit(&exact, &SETTINGS).unwrap());
+    assert!((0..4).all(|k| (with.state[k] - without.state[k]).abs() < 1e-3), "{with:?} {without:?}");
+    assert!((0..4).all(|k| with.covariance[k][k] > 4.0 * without.covariance[k][k]));
+}
+
+#[test]
+fn closest_approach() {
+    let motion = JointTrack {
+        t_ref_s: 10.0,
+        state: [300.0, -100.0, 0.0, 5.0],
+        covariance: [[4.0, 0.0, 0.0, 0.0], [0.0, 9.0, 0.0, 0.0], [0.0, 0.0, 0.01, 0.0], [0.0, 0.0, 0.0, 0.0]],
+        misfit: 0.0,
+        freedom: 1,
+        rejected: None,
+    };
+    let a = motion.closest([0.0, 0.0]).unwrap();
+    assert!((a.t_s.0 - 30.0).abs() < 1e-12 && (a.range_m.0 - 300.0).abs() < 1e-12);
+    // A vessel heading North at x = 300: the origin is to port. The range moves with x and, 20 s later, with v_x.
+    assert!(!a.to_starboard && (a.range_m.1 - (4.0f64 + 400.0 * 0.01).sqrt()).abs() < 1e-9, "{a:?}");
+    // The time: σ_y/v, and the turn of the way by δv_x/v at 300 m.
+    let turned = (9.0f64 / 25.0 + (300.0f64 / 25.0).powi(2) * 0.01).sqrt();
+    assert!((a.t_s.1 - turned).abs() < 1e-9, "{a:?}");
+}
