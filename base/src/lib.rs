@@ -28,7 +28,7 @@ pub use recorder::{Recorder, TrackKey};
 use seabearing_core::wire::link::{self, Loss, Settings};
 use seabearing_core::wire::{FaultCode, Message};
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use stream::{Came, Logs, Stream, foreign};
 
 /// Bearings, and reports of tracks, kept of all recorders for pictures and maps.
@@ -102,6 +102,8 @@ pub struct Base {
     /// Counter of the newest signed command.
     counter: u64,
     warnings: Vec<String>,
+    /// Reports of network tracks.
+    networks: VecDeque<Row>,
 }
 
 impl Base {
@@ -336,10 +338,16 @@ impl Base {
 
     /// Something that was found beside all connections, of a station. What says itself of when it was true (`utc`) is dated
     /// so.
-    pub fn note(&self, station: Option<u16>, what: Value, received_us: Option<i64>, out: &mut Vec<Row>) {
+    pub fn note(&mut self, station: Option<u16>, what: Value, received_us: Option<i64>, out: &mut Vec<Row>) {
         let true_us = record::us_of(&what["utc"]);
         let mut row = self.said_row(station, received_us, what);
         row.utc = true_us.map_or(row.utc, |us| Some((us, None)));
+        if matches!(&row.body, Body::Said(said) if said["type"] == "network_track") {
+            self.networks.push_back(row.clone());
+            if self.networks.len() > KEPT {
+                self.networks.pop_front();
+            }
+        }
         out.push(row);
     }
 
@@ -489,9 +497,10 @@ impl Base {
         row.json(rate_hz)
     }
 
-    /// The reports of the tracks kept, as records, in order.
+    /// The reports of the tracks kept, as records, in order; those of network tracks last.
     pub fn track_records(&self) -> Vec<Value> {
-        self.recorders.values().flat_map(|r| r.tracks.values().flatten()).map(|row| self.json(row)).collect()
+        let of_stations = self.recorders.values().flat_map(|r| r.tracks.values().flatten());
+        of_stations.chain(&self.networks).map(|row| self.json(row)).collect()
     }
 }
 

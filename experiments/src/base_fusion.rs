@@ -148,6 +148,8 @@ struct Score {
     contradicted: usize,
     /// Outside the 95 % and not said to be contradicted.
     confident: usize,
+    /// Sum of the squared errors of the states in units of their covariance; four are expected of each.
+    squares: f64,
     /// Sum of the semi-major axes of the ellipses, m, standard deviations.
     axes_m: f64,
 }
@@ -161,6 +163,7 @@ impl Score {
         self.ghosts += other.ghosts;
         self.contradicted += other.contradicted;
         self.confident += other.confident;
+        self.squares += other.squares;
         self.axes_m += other.axes_m;
         self
     }
@@ -199,6 +202,7 @@ impl Score {
             found[nearest] = true;
             score.places.take(place <= ELLIPSE_95);
             score.states.take(whole <= STATE_95);
+            score.squares += whole;
             score.confident += usize::from(place > ELLIPSE_95 && track["consistent"] == true);
             let (half, diff) = (
                 (covariance[0][0] + covariance[1][1]) / 2.0,
@@ -334,7 +338,7 @@ fn run(options: &Options) -> Result<()> {
 fn report(options: &Options, scores: &[(&str, Score)]) -> Result<()> {
     let mut table = CsvReport::new(
         "base_fusion",
-        "scene,vessels,found,place_%,state_%,ghosts,contradicted,wrong_and_confident,mean_axis_m",
+        "scene,vessels,found,place_%,state_%,ghosts,contradicted,wrong_and_confident,mean_chi2_of_4,mean_axis_m",
     );
     let figures = &options.figures;
     for (n, (name, s)) in scores.iter().enumerate() {
@@ -347,6 +351,7 @@ fn report(options: &Options, scores: &[(&str, Score)]) -> Result<()> {
             s.ghosts as f64,
             s.contradicted as f64,
             s.confident as f64,
+            s.squares / s.found as f64,
             s.axes_m / s.found as f64,
         ]);
         match n {

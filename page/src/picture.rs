@@ -22,6 +22,8 @@ pub const POINTS: usize = 1500;
 const EVENTS: usize = 300;
 /// Alarms, cleared ones too.
 const ALARMS: usize = 200;
+/// Network tracks.
+const NETWORKS: usize = 60;
 
 /// What a record tells that is worth a line of its own.
 const TOLD: [&str; 7] = ["fault", "faults_held", "line", "lost", "warning", "note", "end"];
@@ -69,6 +71,18 @@ struct Track {
     path: Vec<[f64; 3]>,
 }
 
+/// A network track: its newest report, and where it was.
+#[derive(Default, Serialize)]
+struct Network {
+    report: Value,
+    /// Milliseconds since 1970, latitude, longitude (degrees).
+    path: Vec<[f64; 3]>,
+}
+
+fn reported<S: Serializer>(networks: &BTreeMap<u64, Network>, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_seq(networks.values())
+}
+
 /// Everything but the series, as the browser is given it.
 #[derive(Default, Serialize)]
 pub struct Picture {
@@ -76,6 +90,8 @@ pub struct Picture {
     stations: BTreeMap<Option<u64>, Station>,
     events: VecDeque<Value>,
     alarms: VecDeque<Value>,
+    #[serde(serialize_with = "reported")]
+    networks: BTreeMap<u64, Network>,
 }
 
 /// When a record was true, milliseconds since 1970; when it came if that is unknown.
@@ -106,6 +122,7 @@ impl Picture {
         let Some(kind) = record["type"].as_str() else { return };
         match kind {
             "alarm" => return self.alarm(record),
+            "network_track" => return self.network(record),
             "acknowledge" => return,
             _ => {}
         }
@@ -124,6 +141,24 @@ impl Picture {
         self.alarms.retain(|known| known["id"] != record["id"]);
         put(&mut self.alarms, record.clone(), ALARMS);
         put(&mut self.events, record.clone(), EVENTS);
+    }
+
+    fn network(&mut self, record: &Value) {
+        let Some(id) = record["id"].as_u64() else { return };
+        if record["state"] == "withdrawn" {
+            self.networks.remove(&id);
+            return;
+        }
+        let network = self.networks.entry(id).or_default();
+        network.report = record.clone();
+        let place = [when_ms(record), record["lat_deg"].as_f64(), record["lon_deg"].as_f64()];
+        if let [Some(at), Some(lat), Some(lon)] = place {
+            network.path.push([at, lat, lon]);
+            thin(&mut network.path);
+        }
+        while self.networks.len() > NETWORKS {
+            self.networks.pop_first();
+        }
     }
 
     /// The alarms, oldest first.
@@ -179,13 +214,7 @@ impl Station {
         track.report = record.clone();
         if let ([Some(at), Some(x), Some(y)], true) = (place, record["range_observable"] == true) {
             track.path.push([at, x, y]);
-            if track.path.len() > PLACES {
-                let mut n = 0;
-                track.path.retain(|_| {
-                    n += 1;
-                    n % 2 == 1
-                });
-            }
+            thin(&mut track.path);
         }
         if record["stage"] == "withdrawn" {
             self.tracks.remove(&(session, id));
@@ -193,6 +222,17 @@ impl Station {
         while self.tracks.len() > TRACKS {
             self.tracks.pop_first();
         }
+    }
+}
+
+/// Of more than so many places every second one is left out.
+fn thin(path: &mut Vec<[f64; 3]>) {
+    if path.len() > PLACES {
+        let mut n = 0;
+        path.retain(|_| {
+            n += 1;
+            n % 2 == 1
+        });
     }
 }
 
@@ -260,6 +300,24 @@ mod tests {
         }
         assert_eq!(picture.alarms().as_array().map(Vec::len), Some(1));
         assert_eq!(picture.alarms()[0]["state"], "acknowledged");
+    }
+
+    #[test]
+    fn a_network_track_is_its_newest_report_with_its_places_until_it_is_withdrawn() {
+        let mut picture = Picture::default();
+        let track = |state: &str, lat: Option<f64>| {
+            json!({ "type": "network_track", "id": 3, "state": state, "lat_deg": lat, "lon_deg": -123.0, "station": null,
+                    "session": null, "utc": "2026-01-01T00:00:00Z" })
+        };
+        picture.take(&track("live", Some(49.0)));
+        picture.take(&track("live", None));
+        let all = json!(picture);
+        assert_eq!(
+            (&all["networks"][0]["path"], &all["stations"]),
+            (&json!([[1767225600000.0, 49.0, -123.0]]), &json!([]))
+        );
+        picture.take(&track("withdrawn", None));
+        assert_eq!(json!(picture)["networks"], json!([]));
     }
 
     #[test]

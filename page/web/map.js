@@ -148,6 +148,7 @@ export class ChartMap {
     this.inMetres(() => this.drawCoast());
     if (!this.unplaced && this.shown.length) this.drawGrid(w, h);
     for (const [number, place] of this.shown) this.drawStation(number, place);
+    if (!this.unplaced) for (const track of this.model.networks.values()) this.drawNetwork(track);
     for (const [number] of this.shown) this.drawMark(number);
     this.drawScale(w, h);
     this.dirty = false;
@@ -292,6 +293,27 @@ export class ChartMap {
       const turn = (r.cpa_azimuth_deg * Math.PI) / 180;
       if (Number.isFinite(r.cpa_range_m) && Number.isFinite(turn)) this.drawClosest(place, r, turn, !past && (number === this.model.chosen || this.shown.length < 5));
     }
+    c.restore();
+  }
+
+  // What several stations tell together: a double line in no station's colour.
+  drawNetwork(track) {
+    const [c, r, end] = [this.context, track.report, track.path.at(-1)];
+    if (!end) return;
+    c.save();
+    c.globalAlpha = when(r) < this.now - PAST ? 0.45 : 1;
+    for (const [width, colour] of [[5, this.colours.text], [2, this.colours.panel]]) {
+      c.strokeStyle = colour;
+      c.lineWidth = width;
+      c.beginPath();
+      track.path.forEach(([, lat, lon], n) => (n ? c.lineTo(...this.pixels(this.plane.xy(lat, lon))) : c.moveTo(...this.pixels(this.plane.xy(lat, lon)))));
+      c.stroke();
+    }
+    c.strokeStyle = c.fillStyle = this.colours.text;
+    if (r.consistent === false) c.setLineDash([4, 4]);
+    const place = [end[1], end[2]];
+    const [[x0, y0], [x, y]] = [this.plane.xy(...place), this.plane.near(place, 0, 1000)];
+    this.drawEllipse(this.pixels([x0, y0]), r, Math.atan2(x - x0, y - y0));
     c.restore();
   }
 

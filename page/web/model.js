@@ -30,6 +30,8 @@ export class Model {
     this.places = [];
     this.events = [];
     this.alarms = new Map();
+    // Network tracks by their number, with their places as [ms, lat, lon].
+    this.networks = new Map();
     this.records = 0;
     this.missed = 0;
     // The station whose series are kept.
@@ -46,6 +48,7 @@ export class Model {
       this.stations.set(s.station, { ...s, tracks });
     }
     this.events = picture.events;
+    this.networks = new Map((picture.networks ?? []).map((t) => [t.report.id, t]));
     this.alarms = new Map(picture.alarms.map((a) => [String(a.id), a]));
     if (!this.stations.has(this.chosen)) this.chosen = this.numbers()[0] ?? null;
   }
@@ -67,6 +70,7 @@ export class Model {
     // What the picture already had comes once more where both overlap.
     const known = TOLD.includes(r.type) && this.events.slice(-50).some((e) => JSON.stringify(e) === JSON.stringify(r));
     if (TOLD.includes(r.type) && !known) bounded(this.events, r, EVENTS);
+    if (r.type === 'network_track') return void this.network(r);
     if (r.type === 'alarm' || r.type === 'acknowledge' || r.type === 'note') return;
     const number = r.station ?? null;
     if (number === null && (r.session ?? null) === null) return;
@@ -82,6 +86,16 @@ export class Model {
     if (made && number === this.chosen) bounded((this.series[made[0]] ??= []), made[1], POINTS);
     if (made && r.type !== 'health') bounded((s.newest[r.type] ??= []), r, AT_ONCE);
     if (r.type === 'track') this.report(s, r);
+  }
+
+  network(r) {
+    if (r.state === 'withdrawn') return void this.networks.delete(r.id);
+    if (!this.networks.has(r.id)) this.networks.set(r.id, { path: [] });
+    const track = this.networks.get(r.id);
+    track.report = r;
+    if (Number.isFinite(r.lat_deg) && when(r) !== track.path.at(-1)?.[0]) track.path.push([when(r), r.lat_deg, r.lon_deg]);
+    if (track.path.length > PLACES) track.path = track.path.filter((_, n) => n % 2 === 0);
+    if (this.networks.size > TRACKS) this.networks.delete(this.networks.keys().next().value);
   }
 
   report(s, r) {

@@ -201,6 +201,14 @@ function fillTracks(at) {
       element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
       element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s')));
   });
+  const networks = [...model.networks.values()].map((t) => t.report).sort((a, b) => when(b) - when(a)).slice(0, 30);
+  const fused = networks.map((r) => element('tr', {},
+    element('th', { scope: 'row' }, `network ${r.id}${r.state === 'final' ? ' final' : ''}`),
+    element('td', {}, r.consistent === false ? 'stations disagree' : r.x_m === null ? 'not observable' : ''),
+    element('td', {}, `stations ${r.members.map((m) => m.station).join(', ')}`),
+    element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
+    element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s'))));
+  made.unshift(...fused);
   $('track-rows').replaceChildren(...made);
   $('no-tracks').hidden = made.length > 0;
 }

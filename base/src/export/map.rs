@@ -24,9 +24,10 @@ fn point((lat, lon): (f64, f64)) -> Value {
 /// A track's record and the place it tells, metres East and North of the station.
 type Report<'a> = (&'a Value, (f64, f64));
 
-/// A track, by station, session and number.
+/// A track, by station, session and number; or a network track.
 struct Drawn<'a> {
     name: String,
+    kind: &'static str,
     /// Its reports with a place, in order.
     reports: Vec<(&'a Value, Value)>,
     ring: Vec<Value>,
@@ -48,16 +49,48 @@ fn drawn<'a>(records: &'a [Value], places: &Positions) -> Vec<Drawn<'a>> {
         let Some(&(last, centre)) = reports.last() else { continue };
         let Some(at) = places.of(last) else { continue };
         let on_map = |place| point(lat_lon(at, place));
-        let variances =
-            ["var_x_m2", "var_y_m2", "cov_xy_m2"].map(|k| last[k].as_f64().unwrap_or(f64::INFINITY));
-        let outline = ellipse_outline(centre, variances.into(), 0.95);
-        let ring: Vec<Value> =
-            outline.into_iter().filter(|p| p.0.is_finite() && p.1.is_finite()).map(on_map).collect();
         let number = |n: Option<u64>| n.map_or_else(|| "?".to_owned(), |n| n.to_string());
+        let ring = ring(centre, last, on_map);
         out.push(Drawn {
             name: format!("{}.{}.{}", number(station), number(session), number(id)),
+            kind: "track",
             reports: reports.into_iter().map(|(record, place)| (record, on_map(place))).collect(),
-            ring: if ring.len() > 3 { ring } else { Vec::new() },
+            ring,
+        });
+    }
+    out.extend(networks(records));
+    out
+}
+
+/// The 95 % ellipse of a report about a place; empty where there is none.
+fn ring(centre: (f64, f64), report: &Value, on_map: impl Fn((f64, f64)) -> Value) -> Vec<Value> {
+    let variances =
+        ["var_x_m2", "var_y_m2", "cov_xy_m2"].map(|k| report[k].as_f64().unwrap_or(f64::INFINITY));
+    let outline = ellipse_outline(centre, variances.into(), 0.95);
+    let ring: Vec<Value> =
+        outline.into_iter().filter(|p| p.0.is_finite() && p.1.is_finite()).map(on_map).collect();
+    if ring.len() > 3 { ring } else { Vec::new() }
+}
+
+/// Every network track that has a place and was not withdrawn: these say themselves where they are.
+fn networks(records: &[Value]) -> Vec<Drawn<'_>> {
+    let mut tracks: BTreeMap<Option<u64>, Vec<&Value>> = BTreeMap::new();
+    for record in records.iter().filter(|r| r["type"] == "network_track") {
+        if record["state"] == "withdrawn" {
+            tracks.remove(&record["id"].as_u64());
+        } else if record["lat_deg"].is_number() {
+            tracks.entry(record["id"].as_u64()).or_default().push(record);
+        }
+    }
+    let place = |r: &Value| Some((r["lat_deg"].as_f64()?, r["lon_deg"].as_f64()?));
+    let mut out = Vec::new();
+    for (id, reports) in tracks {
+        let Some((last, at)) = reports.last().and_then(|r| Some((*r, place(r)?))) else { continue };
+        out.push(Drawn {
+            name: format!("network {}", id.unwrap_or(0)),
+            kind: "network_track",
+            ring: ring((0.0, 0.0), last, |off| point(lat_lon(at, off))),
+            reports: reports.into_iter().filter_map(|r| Some((r, point(place(r)?)))).collect(),
         });
     }
     out
@@ -65,7 +98,8 @@ fn drawn<'a>(records: &'a [Value], places: &Positions) -> Vec<Drawn<'a>> {
 
 /// The stations that the records are of, with their places.
 fn stations(records: &[Value], places: &Positions) -> Vec<(Value, Value)> {
-    let seen: BTreeSet<Option<u64>> = records.iter().map(|r| r["station"].as_u64()).collect();
+    let of_recorders = records.iter().filter(|r| r["type"] != "network_track");
+    let seen: BTreeSet<Option<u64>> = of_recorders.map(|r| r["station"].as_u64()).collect();
     // Records before the recorder said who it is belong to the one that does.
     let known = |s: &Option<u64>| s.is_some() || seen.len() == 1;
     let of = |s: &Option<u64>| {
@@ -93,7 +127,21 @@ fn properties(report: &Value) -> Map<String, Value> {
         "cpa_range_m",
         "sd_cpa_range_m",
     ];
-    SAID.iter().map(|key| ((*key).to_owned(), report[*key].clone())).collect()
+    const OF_NETWORK: [&str; 11] = [
+        "id",
+        "state",
+        "members",
+        "from_utc",
+        "utc",
+        "heading_deg",
+        "sd_heading_deg",
+        "speed_m_s",
+        "sd_speed_m_s",
+        "consistent",
+        "n",
+    ];
+    let said = if report["type"] == "network_track" { &OF_NETWORK[..] } else { &SAID };
+    said.iter().map(|key| ((*key).to_owned(), report[*key].clone())).collect()
 }
 
 /// The tracks as GeoJSON.
@@ -109,7 +157,7 @@ pub(super) fn geojson(records: &[Value], places: &Positions) -> Value {
     for track in drawn(records, places) {
         let Some((last, at)) = track.reports.last() else { continue };
         let mut said = properties(last);
-        said.insert("kind".into(), "track".into());
+        said.insert("kind".into(), track.kind.into());
         said.insert("times".into(), track.reports.iter().map(|(r, _)| r["utc"].clone()).collect());
         let line: Vec<&Value> = track.reports.iter().map(|(_, at)| at).collect();
         let geometry = match &line[..] {
@@ -120,7 +168,7 @@ pub(super) fn geojson(records: &[Value], places: &Positions) -> Value {
         if !track.ring.is_empty() {
             features.push(feature(
                 json!({ "type": "Polygon", "coordinates": [track.ring] }),
-                json!({ "kind": "ellipse", "probability": 0.95, "station": last["station"],
+                json!({ "kind": "ellipse", "of": track.kind, "probability": 0.95, "station": last["station"],
                         "session": last["session"], "id": last["id"] }),
             ));
         }
@@ -152,12 +200,14 @@ pub(super) fn kml(records: &[Value], places: &Positions) -> Result<String> {
             crate::view::with_sd(number(key), number(&format!("sd_{key}")))
         };
         let line: Vec<&Value> = track.reports.iter().map(|(_, at)| at).collect();
+        let closest = match track.kind {
+            "track" => format!("CPA {} m at {} s, ", with_sd("cpa_range_m"), with_sd("cpa_time_s")),
+            _ => String::new(),
+        };
         writeln!(
             out,
-            "<Placemark><name>track {name}</name><description>CPA {} m at {} s, heading {}°, speed {} m/s\
+            "<Placemark><name>track {name}</name><description>{closest}heading {}°, speed {} m/s\
              </description><LineString><coordinates>{}</coordinates></LineString></Placemark>",
-            with_sd("cpa_range_m"),
-            with_sd("cpa_time_s"),
             with_sd("heading_deg"),
             with_sd("speed_m_s"),
             text(&line)

@@ -9,10 +9,11 @@
 
 use super::heard::{Average, TrackNumber};
 use super::sites::Sites;
+use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_locate::network::joint::{self, DatedSighting, JointSettings, JointTrack, SharedError};
 use seabearing_locate::network::locate::misfit_limit;
 use seabearing_locate::network::{NetworkError, Sighting};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Height of a vessel's sound source, metres.
 const SOURCE_Z_M: f64 = -5.0;
@@ -28,6 +29,14 @@ const FASTEST_M_S: f64 = 30.0;
 const CLEAR: f64 = 6.0;
 /// Excess a degree of freedom beyond which a covariance grows: one motion of seven of two tracks is beyond by chance.
 const BY_CHANCE: f64 = 2.0;
+/// Freedom of the averages about their courses from which their scatter is known, and the least share of what they state
+/// that is believed.
+const LEAST_FREEDOM: f64 = 12.0;
+const LEAST_SCALE: f64 = 0.01;
+/// A pair whose excess is so many times its bar is no vessel for good.
+const HOPELESS: f64 = 10.0;
+/// Directions that differ by no more are the same, radians.
+const ALIKE_RAD: f64 = 2.0 * RAD_PER_DEG;
 /// Tracks in a group, groups that are weighed, and sets of them that are looked at.
 const LARGEST: usize = 8;
 const WEIGHED: usize = 48;
@@ -73,15 +82,19 @@ pub struct Group {
     pub consistent: bool,
 }
 
-/// Fits made before, by tracks and their versions.
-pub type Fits = HashMap<Vec<(Key, u32)>, Result<JointTrack, NetworkError>>;
+type Known = HashMap<Vec<(Key, u32)>, Result<JointTrack, NetworkError>>;
+
+/// Fits made before, by tracks and their versions; and pairs of tracks that no further bearing makes one vessel's.
+#[derive(Debug, Default)]
+pub struct Fits {
+    known: Known,
+    hopeless: HashSet<[Key; 2]>,
+}
 
 /// The groups that are believed in. `before`: groups as they were, which stay where others are no better.
 pub fn groups(sites: &Sites, nodes: &[Node], before: &[Vec<Key>], fits: &mut Fits) -> Vec<Group> {
-    let mut search = Search { sites, nodes, used: Fits::new(), fits };
+    let mut search = Search { sites, nodes, used: Known::new(), fits };
     let (possible, contradicted) = search.all();
-    let used = std::mem::take(&mut search.used);
-    *fits = used;
     let held = |g: &Group| {
         let keys: Vec<Key> = g.nodes.iter().map(|n| nodes[*n].key).collect();
         before.iter().any(|b| b.iter().filter(|k| keys.contains(k)).count() >= 2)
@@ -98,6 +111,7 @@ pub fn groups(sites: &Sites, nodes: &[Node], before: &[Vec<Key>], fits: &mut Fit
         let other = Packing::best(&seen, Some(*n));
         if other.explained < best.explained || other.excess > best.excess + CLEAR {
             let mut group = seen[*n].clone();
+            group.excess += if held(&group) { CLEAR } else { 0.0 };
             // A further station agrees with each of them, and not with both.
             group.consistent &= !contradicted.iter().any(|c| group.nodes.iter().all(|n| c.nodes.contains(n)));
             out.push(group);
@@ -115,6 +129,12 @@ pub fn groups(sites: &Sites, nodes: &[Node], before: &[Vec<Key>], fits: &mut Fit
             out.push(g);
         }
     }
+    for g in &mut out {
+        if let Some(motion) = search.refined(g) {
+            g.motion = Some(motion);
+        }
+    }
+    fits.known = std::mem::take(&mut search.used);
     out
 }
 
@@ -127,8 +147,8 @@ impl Node {
 struct Search<'a> {
     sites: &'a Sites,
     nodes: &'a [Node],
-    fits: &'a Fits,
-    used: Fits,
+    fits: &'a mut Fits,
+    used: Known,
 }
 
 impl Search<'_> {
@@ -142,13 +162,17 @@ impl Search<'_> {
         for a in 0..n {
             for b in a + 1..n {
                 let (one, other) = (&self.nodes[a], &self.nodes[b]);
-                if !one.goes_with(other) {
+                let keys = [one.key, other.key];
+                if !one.goes_with(other) || self.fits.hopeless.contains(&keys) {
                     continue;
                 }
                 let pair = vec![a, b];
                 let together = one.key.0 == other.key.0 || {
                     let group = self.group(&pair);
                     let agrees = group.as_ref().is_some_and(|g| g.consistent);
+                    if group.as_ref().is_some_and(|g| g.excess > HOPELESS * misfit_limit(2)) {
+                        self.fits.hopeless.insert(keys);
+                    }
                     possible.extend(group.filter(|_| agrees));
                     agrees
                 };
@@ -172,7 +196,7 @@ impl Search<'_> {
                             possible.push(g);
                             next.push(wider);
                         }
-                        Some(g) => contradicted.push(g),
+                        Some(g) => contradicted.extend(Some(g).filter(|g| g.motion.is_some())),
                         // One station's alone.
                         None => next.push(wider),
                     }
@@ -195,9 +219,9 @@ impl Search<'_> {
         }
         let name: Vec<(Key, u32)> =
             nodes.iter().map(|n| (self.nodes[*n].key, self.nodes[*n].version)).collect();
-        let fitted = match self.used.get(&name).or_else(|| self.fits.get(&name)) {
+        let fitted = match self.used.get(&name).or_else(|| self.fits.known.get(&name)) {
             Some(known) => *known,
-            None => self.fit(nodes),
+            None => self.fit(nodes, 1.0),
         };
         self.used.insert(name, fitted);
         let nodes = nodes.to_vec();
@@ -210,13 +234,52 @@ impl Search<'_> {
                 Some(Group { nodes, motion: Some(grown(motion, excess, freedom)), excess, consistent })
             }
             Err(NetworkError::NotObservable) => {
-                Some(Group { nodes, motion: None, excess: 0.0, consistent: true })
+                let consistent = self.alike(&nodes);
+                Some(Group { nodes, motion: None, excess: 0.0, consistent })
             }
             Err(_) => None,
         }
     }
 
-    fn fit(&self, nodes: &[usize]) -> Result<JointTrack, NetworkError> {
+    /// Whether tracks without a common motion are heard in the same direction all the time: then there is no parallax, and
+    /// they may be one vessel's. Others contradict each other.
+    fn alike(&self, nodes: &[usize]) -> bool {
+        let azimuths = |n: &usize| {
+            let node = &self.nodes[*n];
+            let north = self.sites.sites[node.key.0].north;
+            node.averages.iter().map(move |a| (a.t_s, a.azimuth + north, a.variance))
+        };
+        let Some((first, others)) = nodes.split_first() else { return false };
+        others.iter().flat_map(azimuths).all(|(t_s, azimuth, variance)| {
+            let near = azimuths(first).min_by(|a, b| (a.0 - t_s).abs().total_cmp(&(b.0 - t_s).abs()));
+            near.is_some_and(|(_, of_first, v)| {
+                wrap_pi(azimuth - of_first).abs() < ALIKE_RAD + 3.0 * (variance + v).sqrt()
+            })
+        })
+    }
+
+    /// The motion with the variance that the averages show about the stations' own courses, where that is less than they
+    /// state: of errors that do not last.
+    fn refined(&self, group: &Group) -> Option<JointTrack> {
+        let motion = group.motion.filter(|_| group.consistent && group.excess <= self.by_chance(group))?;
+        let freedom = |n: &usize| self.nodes[*n].averages.len() as f64 - 3.0;
+        let (own, free) = group
+            .nodes
+            .iter()
+            .fold((0.0, 0.0), |(own, free), n| (own + self.nodes[*n].own, free + freedom(n).max(0.0)));
+        if free < LEAST_FREEDOM {
+            return Some(motion);
+        }
+        let scale = (own / free).clamp(LEAST_SCALE, 1.0);
+        Some(self.fit(&group.nodes, scale).unwrap_or(motion))
+    }
+
+    fn by_chance(&self, group: &Group) -> f64 {
+        BY_CHANCE * f64::from(3 * group.nodes.len() as u32 - 4)
+    }
+
+    /// The motion of tracks, the variances of whose averages are so many times what they state.
+    fn fit(&self, nodes: &[usize], scale: f64) -> Result<JointTrack, NetworkError> {
         let mut shared = [SharedError::default(); seabearing_locate::network::MAX_ARRAYS];
         let mut bearings = Vec::new();
         let mut sound = 0.0;
@@ -233,7 +296,7 @@ impl Search<'_> {
                     array_m: site.at_m,
                     azimuth: a.azimuth + site.north,
                     elevation: None,
-                    sd_azimuth: a.variance.sqrt(),
+                    sd_azimuth: (a.variance * scale).sqrt(),
                     sd_elevation: 1.0,
                 },
             }));

@@ -22,7 +22,7 @@ const STALE_S: f64 = 60.0;
 const PENDING: usize = 4000;
 const KEPT: usize = 20_000;
 /// Averages of a track, and the least time that one spans, s.
-const AVERAGES: usize = 24;
+const AVERAGES: usize = 16;
 const LEAST_S: f64 = 10.0;
 /// Time over which the errors of successive bearings are alike, s, and the least of them, radians.
 const TAU_S: f64 = 5.0;
@@ -90,7 +90,7 @@ pub struct StationTrack {
     bearings: Vec<Heard>,
     /// No more will come.
     pub over: bool,
-    /// Goes up with every report.
+    /// Goes up with every report and bearing.
     pub version: u32,
 }
 
@@ -169,7 +169,7 @@ pub struct Station {
 }
 
 impl Station {
-    /// Takes a bearing that came `t_s` seconds after sample 0 of its session. Gives by how much the station's clock has
+    /// Takes a bearing of `t_s` seconds after sample 0 of its session. Gives by how much the station's clock has
     /// jumped, s, if it has: then all that was heard before is forgotten, since nobody knows when it was.
     pub fn bearing(&mut self, session: u32, t_s: f64, heard: Heard) -> Option<f64> {
         let (zero, sd) = (heard.t_s - t_s, heard.sd_clock_s);
@@ -209,6 +209,19 @@ impl Station {
         self.tracks.remove(&number);
     }
 
+    /// Whether a bearing of a time comes after the last word of a track that may want it, as what a link sends again does.
+    pub fn is_late(&self, t_s: f64) -> bool {
+        self.tracks.values().any(|t| t.over && t_s <= t.course.t_s)
+    }
+
+    /// Gives out what can be given by now.
+    pub fn settle(&mut self) {
+        let told = |t: &StationTrack| if t.over { t.course.t_s } else { t.course.t_s - TOLD_S };
+        if let Some(until) = self.tracks.values().map(told).max_by(f64::total_cmp) {
+            self.give_out(until);
+        }
+    }
+
     fn give_out(&mut self, until_s: f64) {
         let mut left = VecDeque::new();
         for heard in self.pending.drain(..) {
@@ -239,6 +252,7 @@ impl StationTrack {
     fn take(&mut self, heard: Heard) {
         let at = self.bearings.partition_point(|b| b.t_s < heard.t_s);
         let room = self.bearings.len() < KEPT;
+        self.version += 1;
         match self.bearings.get_mut(at) {
             Some(same) if same.t_s == heard.t_s => {
                 if heard.variance < same.variance {

@@ -50,8 +50,8 @@ pub struct Fusion {
     told: Vec<Told>,
     fits: Fits,
     newest_s: f64,
-    /// When the tracks of a station were looked at last, by its records.
-    looked_s: Vec<f64>,
+    /// When the tracks were looked at last, by the record that led to it.
+    looked_s: f64,
     newest_id: u32,
 }
 
@@ -63,9 +63,9 @@ impl Fusion {
             sites,
             stations: vec![Station::default(); n],
             told: Vec::new(),
-            fits: Fits::new(),
+            fits: Fits::default(),
             newest_s: f64::NEG_INFINITY,
-            looked_s: vec![f64::NEG_INFINITY; n],
+            looked_s: f64::NEG_INFINITY,
             newest_id: 0,
         }
     }
@@ -104,8 +104,17 @@ impl Fusion {
                     variance: sd.to_radians().powi(2),
                 };
                 self.newest_s = self.newest_s.max(utc_s);
+                let late = self.stations[site].is_late(utc_s);
                 let jumped = self.stations[site].bearing(session, t_s, heard);
-                jumped.map(|by_s| jump(station, by_s)).into_iter().collect()
+                if jumped.is_some() {
+                    self.fits = Fits::default();
+                }
+                let mut out: Vec<_> = jumped.map(|by_s| jump(station, by_s)).into_iter().collect();
+                if late && (utc_s - self.looked_s).abs() >= EVERY_S {
+                    self.looked_s = utc_s;
+                    out.extend(self.look());
+                }
+                out
             }
             "track" => {
                 let Some(id) = record["id"].as_u64().and_then(|n| u16::try_from(n).ok()) else {
@@ -122,10 +131,10 @@ impl Fusion {
                 let course = Course { t_s: utc_s, at_m: [x, y], velocity_m_s: [speed * s, speed * c] };
                 let over = stage == "final";
                 self.stations[site].report((session, id), course, over);
-                if !over && (utc_s - self.looked_s[site]).abs() < EVERY_S {
+                if !over && (utc_s - self.looked_s).abs() < EVERY_S {
                     return Vec::new();
                 }
-                self.looked_s[site] = utc_s;
+                self.looked_s = utc_s;
                 self.look()
             }
             _ => Vec::new(),
@@ -155,6 +164,7 @@ impl Fusion {
     fn look(&mut self) -> Vec<(Option<u16>, Value)> {
         let oldest_s = self.newest_s - FORGOTTEN_S;
         for station in &mut self.stations {
+            station.settle();
             station.tracks.retain(|_, track| track.span().is_none_or(|s| s.1 > oldest_s));
         }
         self.told.retain(|t| t.to_s > oldest_s);
@@ -263,12 +273,15 @@ impl Fusion {
             &motion.covariance,
         );
         (track.x_m, track.y_m) = (Some(x), Some(y));
-        (track.var_x_m2, track.var_y_m2) = (Some(covariance[0][0]), Some(covariance[1][1]));
-        track.cov_xy_m2 = Some(covariance[0][1]);
-        (track.lat_deg, track.lon_deg) = self.sites.frame.map(|f| f.lat_lon_deg(x, y)).unzip();
+        let (place, north) = self.sites.lat_lon_deg([x, y]);
+        (track.lat_deg, track.lon_deg) = place.unzip();
+        let (s, c) = north.sin_cos();
+        let [[xx, xy, ..], [_, yy, ..], ..] = covariance;
+        let [[xx, xy], [_, yy]] = spd::propagated(&[[c, -s], [s, c]], &[[xx, xy], [xy, yy]]);
+        (track.var_x_m2, track.var_y_m2, track.cov_xy_m2) = (Some(xx), Some(yy), Some(xy));
         let ((heading, sd_heading), (speed, sd_speed)) = (motion.heading(), motion.speed_m_s());
         if sd_heading < HEADING_SD {
-            track.heading_deg = Some(heading.to_degrees().rem_euclid(360.0));
+            track.heading_deg = Some((heading - north).to_degrees().rem_euclid(360.0));
             track.sd_heading_deg = Some(sd_heading.to_degrees());
         }
         if sd_speed.is_finite() {
@@ -285,3 +298,6 @@ fn jump(station: u16, by_s: f64) -> (Option<u16>, Value) {
     );
     (Some(station), json!({ "type": "warning", "code": "ClockJumped", "text": text }))
 }
+
+#[cfg(test)]
+mod tests;

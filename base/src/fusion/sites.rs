@@ -81,14 +81,26 @@ impl Sites {
             let first = self.sites.first().map_or(0, |s| s.station);
             return Err(format!("is {:.0} km or more from station {first}", FARTHEST_M / 1000.0));
         }
-        let north = frame.east_north_m(lat + NORTH_STEP_DEG, lon);
-        Ok((at, (north.0 - at.0).atan2(north.1 - at.1)))
+        Ok((at, north(&frame, at, (lat, lon))))
+    }
+
+    /// Latitude and longitude of a place in the plane, degrees, where known, and the azimuth of its true North.
+    pub fn lat_lon_deg(&self, at_m: [f64; 2]) -> (Option<(f64, f64)>, f64) {
+        let Some(frame) = &self.frame else { return (None, 0.0) };
+        let place = frame.lat_lon_deg(at_m[0], at_m[1]);
+        (Some(place), north(frame, at_m.into(), place))
     }
 
     /// Which of them a station is.
     pub fn find(&self, station: u16) -> Option<usize> {
         self.sites.iter().position(|s| s.station == station)
     }
+}
+
+/// Azimuth in the plane of true North at a place of it.
+fn north(frame: &LocalFrame, (x, y): (f64, f64), (lat, lon): (f64, f64)) -> f64 {
+    let (east, north) = frame.east_north_m(lat + NORTH_STEP_DEG, lon);
+    (east - x).atan2(north - y)
 }
 
 fn none() -> String {

@@ -354,13 +354,13 @@ record! {
         x_m: Option<f64>,
         /// North of it, metres.
         y_m: Option<f64>,
-        /// Variance of `x_m`, square metres.
+        /// Variance of the place towards the East at the vessel, square metres.
         var_x_m2: Option<f64>,
-        /// Variance of `y_m`, square metres.
+        /// Variance towards the North there, square metres.
         var_y_m2: Option<f64>,
         /// Covariance of both, square metres.
         cov_xy_m2: Option<f64>,
-        /// Heading, degrees clockwise from the North of that plane.
+        /// Heading, degrees clockwise from true North at the vessel.
         heading_deg: Option<f64>,
         /// Its standard deviation, degrees.
         sd_heading_deg: Option<f64>,
@@ -368,7 +368,7 @@ record! {
         speed_m_s: Option<f64>,
         /// Its standard deviation, metres a second.
         sd_speed_m_s: Option<f64>,
-        /// Covariance of East, North (m), velocity East and velocity North (m/s) at `utc`: 16 numbers, row by row.
+        /// Covariance of `x_m`, `y_m` and the velocity along both (m/s) at `utc`: 16 numbers, row by row.
         covariance: Option<Vec<f64>>,
         /// Whether the stations agree within their stated errors (99.9 %); where they do not, the covariance has grown and may
         /// still be too small.

@@ -24,8 +24,10 @@ use crate::math::f64 as m;
 const STEPS: usize = 100;
 /// Fall of the cost that is not worth a step.
 const LEAST_FALL: f64 = 1e-11;
-/// Steps to the likeliest shared errors: without bearings beyond the corner the first one ends there.
-const SHARED_STEPS: usize = 4;
+/// Steps to the likeliest shared errors.
+const SHARED_STEPS: usize = 5;
+/// Square of a step, in variances of what is shared, after which there is no need of another.
+const SHARED_SMALL: f64 = 1e-10;
 /// Where a standardised residual stops to count squared: 0.3 % of Gaussian ones are beyond.
 const HUBER: Huber = Huber { corner: 3.0 };
 
@@ -221,18 +223,11 @@ fn fit_without(
     }
 }
 
-/// One standardised angle: derivatives by state and by what its array shares, and the residual without that.
+/// One standardised angle: derivatives by state and by what its array shares, and the residual.
 struct Row {
     by_state: [f64; 4],
     by_shared: [f64; 2],
     residual: f64,
-}
-
-impl Row {
-    /// Less what the array shares.
-    fn residual(&self, shared: &[f64; 2]) -> f64 {
-        self.residual - spd::dot(&self.by_shared, shared)
-    }
 }
 
 fn unit<const N: usize>(k: usize) -> [f64; N] {
@@ -281,11 +276,11 @@ impl Problem<'_> {
         m::sqrt(x * x + y * y + z * z)
     }
 
-    /// When the sound of a bearing left the vessel: two rounds suffice, a vessel is far slower than sound.
-    fn emission(&self, b: &DatedSighting, state: &[f64; 4]) -> f64 {
+    /// When the sound of a bearing that came at a time left the vessel: two rounds suffice, a vessel is far slower than sound.
+    fn emission(&self, s: &Sighting, t_s: f64, state: &[f64; 4]) -> f64 {
         let c = self.settings.sound_speed_m_s;
-        let first = b.t_s - self.distance(&b.sighting, b.t_s, state) / c;
-        b.t_s - self.distance(&b.sighting, first, state) / c
+        let first = t_s - self.distance(s, t_s, state) / c;
+        t_s - self.distance(s, first, state) / c
     }
 
     /// Misfit of all arrays, each with the shared errors that fit it best.
@@ -293,7 +288,7 @@ impl Problem<'_> {
         let of = |array: usize| {
             let at = self.shared(array, state);
             let square = |r: f64| HUBER.clipped(r) * HUBER.clipped(r);
-            let rows = self.rows(array, state).map(|row| square(row.residual(&at))).sum::<f64>();
+            let rows = self.rows(array, state, at).map(|row| square(row.residual)).sum::<f64>();
             let prior = self.shared_variances(array).into_iter().zip(at).filter(|(v, _)| *v > 0.0);
             rows + prior.map(|(v, x)| x * x / v).sum::<f64>()
         };
@@ -304,22 +299,22 @@ impl Problem<'_> {
         self.settings.shared.get(array).map_or([0.0; 2], SharedError::variances)
     }
 
-    /// Every angle of an array, standardised.
-    fn rows(&self, array: usize, state: &[f64; 4]) -> impl Iterator<Item = Row> {
+    /// Every angle of an array, standardised, its azimuths turned and its clock late by so much.
+    fn rows(&self, array: usize, state: &[f64; 4], [turned, late_s]: [f64; 2]) -> impl Iterator<Item = Row> {
         self.used().filter(move |b| b.array == array).flat_map(move |b| {
             let s = &b.sighting;
-            let t = self.emission(b, state);
+            let t = self.emission(s, b.t_s - late_s, state);
             let dt = t - self.t_ref_s;
             let place = self.place(t, state);
             let (azimuth, elevation) = bearing(&s.array_m, &place);
             let (ga, gb) = gradients(&s.array_m, &place);
-            let row = |[x, y, _]: [f64; 3], residual: f64, sd: f64, turned: f64| Row {
+            let row = |[x, y, _]: [f64; 3], residual: f64, sd: f64, by_turn: f64| Row {
                 by_state: [x, y, x * dt, y * dt].map(|d| d / sd),
                 // A clock that is late stamps what it hears with a later time.
-                by_shared: [turned, -(x * state[2] + y * state[3])].map(|d| d / sd),
+                by_shared: [by_turn, -(x * state[2] + y * state[3])].map(|d| d / sd),
                 residual: residual / sd,
             };
-            let of_azimuth = row(ga, wrap_pi(s.azimuth - azimuth), s.sd_azimuth, 1.0);
+            let of_azimuth = row(ga, wrap_pi(s.azimuth - turned - azimuth), s.sd_azimuth, 1.0);
             [Some(of_azimuth), s.elevation.map(|e| row(gb, e - elevation, s.sd_elevation, 0.0))]
                 .into_iter()
                 .flatten()
@@ -336,15 +331,17 @@ impl Problem<'_> {
         }
         for _ in 0..SHARED_STEPS {
             let mut normal = Normal::<2>::default();
-            for row in self.rows(array, state) {
-                let r = row.residual(&at);
-                normal.observe(&row.by_shared, r, HUBER.weight(r));
+            for row in self.rows(array, state, at) {
+                normal.observe(&row.by_shared, row.residual, HUBER.weight(row.residual));
             }
             for (k, v) in variances.into_iter().enumerate().filter(|(_, v)| *v > 0.0) {
                 normal.observe(&unit(k), -at[k], 1.0 / v);
             }
             let Some(step) = normal.step(&free, 0.0) else { break };
             at.iter_mut().zip(step).for_each(|(x, s)| *x += s);
+            if step.iter().zip(variances).all(|(s, v)| s * s <= SHARED_SMALL * v) {
+                break;
+            }
         }
         at
     }
@@ -355,8 +352,8 @@ impl Problem<'_> {
         for array in 0..MAX_ARRAYS {
             let (at, variances) = (self.shared(array, state), self.shared_variances(array));
             let mut normal = Normal::<6>::default();
-            for row in self.rows(array, state) {
-                let r = row.residual(&at);
+            for row in self.rows(array, state, at) {
+                let r = row.residual;
                 let ([a, b, c, d], [e, f]) = (row.by_state, row.by_shared);
                 normal.observe_at_cost(&[a, b, c, d, e, f], r, HUBER.weight(r), 2.0 * HUBER.loss(r));
             }
