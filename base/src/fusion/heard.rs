@@ -198,8 +198,11 @@ impl Station {
             over,
             version: 0,
         });
-        (track.course, track.over) = (course, over);
-        track.version += 1;
+        // A link may send the last word first: it stands.
+        if over || !track.over {
+            (track.course, track.over) = (course, over);
+            track.version += 1;
+        }
         let until = if over { course.t_s } else { course.t_s - TOLD_S };
         self.give_out(until);
     }

@@ -289,14 +289,16 @@ pub fn positions(folder: &Path) -> Result<BTreeMap<Option<u16>, (f64, f64)>> {
     given.map_err(|e| damaged(e, folder)).with_context(unreadable)
 }
 
-/// UTC of the newest dated record, microseconds since 1970.
+/// UTC of the newest dated record of a recorder, microseconds since 1970; what the base station notes itself does not count.
 ///
 /// # Errors
 /// The store cannot be read.
 pub fn newest_us(folder: &Path) -> Result<Option<i64>> {
     let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
     let given = open_to_read(folder).and_then(|db| {
-        Ok(db.query_row("SELECT max(utc_us) FROM records WHERE utc_us IS NOT NULL", [], |r| r.get(0))?)
+        let newest =
+            "SELECT utc_us FROM records WHERE utc_us IS NOT NULL AND kind < 200 ORDER BY utc_us DESC LIMIT 1";
+        Ok(db.query_row(newest, [], |r| r.get(0)).optional()?)
     });
     given.with_context(unreadable)
 }
