@@ -65,6 +65,8 @@ impl LocalFrame {
             let parallel = vertical * lat.to_radians().cos().max(1e-6);
             lon += ((east_m - e) / parallel).to_degrees();
         }
+        // Across the date line.
+        let lon = if lon.abs() > 180.0 { crate::angle::turn_deg(0.0, lon) } else { lon };
         (lat, lon)
     }
 }
@@ -98,7 +100,7 @@ mod tests {
             assert!(e.hypot(n) < 120e3 && e > 0.0);
             let (lat, lon) = f.lat_lon_deg(e, n);
             let turn = crate::angle::turn_deg(at.1, lon);
-            assert!((lat - at.0).abs() < 1e-9 && turn.abs() < 1e-9, "{lat} {lon}");
+            assert!((lat - at.0).abs() < 1e-9 && turn.abs() < 1e-9 && lon.abs() <= 180.0, "{lat} {lon}");
         }
     }
 
