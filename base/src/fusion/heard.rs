@@ -1,7 +1,7 @@
 //! What one station hears: its bearings, given to its own tracks.
 //!
 //! A recorder says which vessels it tracks, not which bearing made which track. A bearing belongs to the track whose course
-//! passes it within [`GATE_RAD`]; one that two tracks pass belongs to neither. Bearings wait for the courses that may want
+//! passes it within 4°; one that two tracks pass belongs to neither. Bearings wait for the courses that may want
 //! them. For fits a track's bearings are averaged about its course, which takes the bend out of them.
 
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
