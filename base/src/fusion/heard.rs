@@ -96,7 +96,7 @@ pub struct StationTrack {
 
 impl StationTrack {
     /// Bearings it has.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.bearings.len()
     }
 
@@ -258,9 +258,7 @@ impl StationTrack {
         self.version += 1;
         match self.bearings.get_mut(at) {
             Some(same) if same.t_s == heard.t_s => {
-                if heard.variance < same.variance {
-                    *same = heard;
-                }
+                *same = if heard.variance < same.variance { heard } else { *same };
             }
             _ if room => self.bearings.insert(at, heard),
             _ => {}
@@ -293,7 +291,7 @@ mod tests {
         listen(&mut station, |t| course(t).azimuth(t), 0..200);
         station.report((1, 1), course(200.0), true);
         let track = &station.tracks[&(1, 1)];
-        assert!(track.len() > 170, "{}", track.len());
+        assert!(track.count() > 170, "{}", track.count());
         let (averages, own) = track.averages();
         assert!(averages.len() > 15 && own < 1e-12, "{averages:?} {own}");
         assert!(averages.iter().all(|a| wrap_pi(a.azimuth - course(0.0).azimuth(a.t_s)).abs() < 1e-9));
@@ -339,7 +337,7 @@ mod tests {
         let mut station = Station::default();
         listen(&mut station, |t| course(t).azimuth(t), 0..100);
         station.report((1, 1), course(100.0), false);
-        assert!(station.tracks[&(1, 1)].len() > 50);
+        assert!(station.tracks[&(1, 1)].count() > 50);
         assert_eq!(station.bearing(1, 100.0, heard(100.9, 0.0)), None);
         let jumped = station.bearing(1, 101.0, heard(131.0, 0.0)).unwrap();
         assert!((jumped - 29.1).abs() < 1e-9 && station.tracks.is_empty());

@@ -31,6 +31,9 @@ const FORGOTTEN_S: f64 = 7200.0;
 /// Beyond so much a heading is not known, radians: a uniform circle has 1.8.
 const HEADING_SD: f64 = 1.2;
 
+/// A record that fusion leads to: its station, where it is of one, and its body.
+pub type Found = (Option<u16>, Value);
+
 /// A network track as it was told last.
 #[derive(Clone, Debug)]
 struct Told {
@@ -72,7 +75,7 @@ impl Fusion {
 
     /// Takes a record as the base station publishes it; gives the station and the body of those that it leads to. Records
     /// without UTC, or of other stations, lead to none.
-    pub fn take(&mut self, record: &Value) -> Vec<(Option<u16>, Value)> {
+    pub fn take(&mut self, record: &Value) -> Vec<Found> {
         let kind = record["type"].as_str().unwrap_or("");
         if kind == "network_track" {
             self.remember(record);
@@ -161,7 +164,7 @@ impl Fusion {
     }
 
     /// Looks at all tracks that are there; what has changed is told.
-    fn look(&mut self) -> Vec<(Option<u16>, Value)> {
+    fn look(&mut self) -> Vec<Found> {
         let oldest_s = self.newest_s - FORGOTTEN_S;
         for station in &mut self.stations {
             station.settle();
@@ -170,7 +173,7 @@ impl Fusion {
         self.told.retain(|t| t.to_s > oldest_s);
         let mut nodes = Vec::new();
         for (site, station) in self.stations.iter().enumerate() {
-            for (number, track) in station.tracks.iter().filter(|(_, t)| t.len() >= LEAST) {
+            for (number, track) in station.tracks.iter().filter(|(_, t)| t.count() >= LEAST) {
                 let Some(span) = track.span() else { continue };
                 let (averages, own) = track.averages();
                 let (key, sd_clock_s) = ((site, *number), track.sd_clock_s());
@@ -189,7 +192,7 @@ impl Fusion {
             let was = was.filter(|i| common(&self.told[*i]) > 0).map(|i| self.told.remove(i));
             let tracks = || members.iter().filter_map(|(site, n)| self.stations[*site].tracks.get(n));
             let over = tracks().all(|t| t.over);
-            let n = tracks().map(|t| t.len()).sum();
+            let n = tracks().map(|t| t.count()).sum();
             let spans = || tracks().filter_map(|t| t.span());
             let from_s = spans().map(|s| s.0).fold(f64::INFINITY, f64::min);
             let to_s = spans().map(|s| s.1).fold(f64::NEG_INFINITY, f64::max);

@@ -1,12 +1,11 @@
 //! The thread that fuses, beside a base station at work: what it is too slow for waits on its subscription.
 
-use super::Fusion;
 use super::sites::Sites;
+use super::{Found, Fusion};
 use crate::feed::{Behind, Feed, Subscription};
 use crate::service::{Notebook, Service};
 use crate::store::{self, Wanted};
 use anyhow::Result;
-use serde_json::Value;
 use std::path::Path;
 use std::time::Duration;
 use time::OffsetDateTime;
@@ -65,7 +64,7 @@ fn work(mut fusion: Fusion, records: &Subscription, notebook: &Notebook) {
 }
 
 /// Fusion as it stood, and network tracks that had ended and were not told.
-fn taken_up(sites: Sites, store: Option<&Path>) -> Result<(Fusion, Vec<(Option<u16>, Value)>)> {
+fn taken_up(sites: Sites, store: Option<&Path>) -> Result<(Fusion, Vec<Found>)> {
     let mut fusion = Fusion::new(sites);
     let mut due = Vec::new();
     let Some(folder) = store else { return Ok((fusion, due)) };
@@ -89,7 +88,7 @@ fn taken_up(sites: Sites, store: Option<&Path>) -> Result<(Fusion, Vec<(Option<u
         due.extend(fusion.take(record));
     }
     // Only what stands at the end, and is not what was told.
-    let mut last: Vec<(Option<u16>, Value)> = Vec::new();
+    let mut last: Vec<Found> = Vec::new();
     for (station, what) in due.into_iter().filter(|(_, what)| what["type"] == "network_track") {
         last.retain(|(_, other)| other["id"] != what["id"]);
         last.push((station, what));
