@@ -3,14 +3,14 @@
 //!
 //! Enters: minutes of modes and the straight course that explains them. Leaves: place and velocity at the straight course's
 //! closest point, or at the end of the stretch next to it, with their covariance. A Kalman filter with velocity as a random
-//! walk ([`DRIFT`]) runs from either end of the stretch to that time, and the two are joined (the smoother of Fraser and
+//! walk ([`DRIFT`]; less where the straight course leaves little unexplained) runs from either end of the stretch to that time, and the two are joined (the smoother of Fraser and
 //! Potter 1969 at one time). A minute's best mode is taken at the filter's own prediction, with the weight of the chance that
 //! it is this vessel's. Assumes as the straight fit that a minute counts a third.
 //! Cost: 3000 instructions a minute of evidence.
 
 use super::course::{Course, CourseCovariance, N};
 use super::evidence::Minute;
-use super::fit::{EXTRA_RANGE_M, EXTRA_SPEED_M_S, own_direction, own_distance};
+use super::fit::{EXTRA_RANGE_M, EXTRA_SPEED_M_S, excess, own_direction, own_distance};
 use super::residuals::OVERLAPPED;
 use super::travel::TravelTime;
 use crate::kit::spd;
@@ -19,6 +19,11 @@ use crate::math;
 /// Variance that each component of the velocity gains a second, m²/s³: 0.25 m/s within an hour, 500 m of place. Merchant ships
 /// on passage bend by 0.5 to 2.5 km within the two hours about their closest point.
 const DRIFT: f64 = 1.7e-5;
+
+/// By how much the residuals of the straight course exceed errors of the stated size where the whole of [`DRIFT`] is believed,
+/// and the share of it where they do not: no vessel goes quite straight.
+const BENT_EXCESS: f64 = 2.0 * OVERLAPPED;
+const LEAST_BENT: f64 = 0.02;
 
 /// What the straight course is worth at the far ends: place, m, and velocity, m/s.
 const FIRST_SD: (f64, f64) = (3_000.0, 1.5);
@@ -32,6 +37,8 @@ const LEAST_OWN: f64 = 0.05;
 /// The filter: East, North, velocity at a time of emission.
 #[derive(Clone, Copy, Debug)]
 struct Filter {
+    /// Variance that each component of the velocity gains a second, m²/s³.
+    drift: f64,
     t_s: f64,
     p: [f64; N],
     covariance: CourseCovariance,
@@ -39,7 +46,7 @@ struct Filter {
 
 impl Filter {
     /// At a time, with what the straight course says.
-    fn new(course: &Course, t_s: f64) -> Self {
+    fn new(course: &Course, drift: f64, t_s: f64) -> Self {
         let (x, y) = course.at(t_s);
         let [_, _, vx, vy] = course.p;
         let (place, velocity) = (FIRST_SD.0 * FIRST_SD.0, FIRST_SD.1 * FIRST_SD.1);
@@ -47,7 +54,7 @@ impl Filter {
         for (i, (row, v)) in covariance.iter_mut().zip([place, place, velocity, velocity]).enumerate() {
             row[i] = v;
         }
-        Self { t_s, p: [x, y, vx, vy], covariance }
+        Self { drift, t_s, p: [x, y, vx, vy], covariance }
     }
 
     /// Goes to a time, before or after.
@@ -57,7 +64,7 @@ impl Filter {
         self.p = [x + vx * dt, y + vy * dt, vx, vy];
         let step = [[1.0, 0.0, dt, 0.0], [0.0, 1.0, 0.0, dt], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
         self.covariance = spd::propagated(&step, &self.covariance);
-        let (gained, sign) = (DRIFT * math::f64::abs(dt), dt.signum());
+        let (gained, sign) = (self.drift * math::f64::abs(dt), dt.signum());
         let [[xx, _, xu, _], [_, yy, _, yw], [ux, _, uu, _], [_, wy, _, ww]] = &mut self.covariance;
         for (place, cross, other, velocity) in [(xx, xu, ux, uu), (yy, yw, wy, ww)] {
             *place += gained * dt * dt / 3.0;
@@ -121,17 +128,20 @@ pub fn about_closest(
     course: &Course,
     travel: &TravelTime,
     step_s: f64,
-    before: impl Iterator<Item = Minute>,
+    before: impl Iterator<Item = Minute> + Clone,
     after: impl Iterator<Item = Minute>,
 ) -> Option<(Course, CourseCovariance)> {
     let closest_s = course.closest(&[[0.0; N]; N])?.0.time_s;
     let at = |m: &Minute| step_s * f64::from(m.number);
+    let (directions, ranges) = excess(course, travel, step_s, before.clone());
+    let unexplained = (directions.max(ranges) - OVERLAPPED) / (BENT_EXCESS - OVERLAPPED);
+    let drift = DRIFT * unexplained.clamp(LEAST_BENT, 1.0);
     let (mut here, mut there): (Option<Filter>, Option<Filter>) = (None, None);
     for m in before.take_while(|m| at(m) <= closest_s) {
-        here.get_or_insert_with(|| Filter::new(course, at(&m))).minute(travel, at(&m), &m);
+        here.get_or_insert_with(|| Filter::new(course, drift, at(&m))).minute(travel, at(&m), &m);
     }
     for m in after.take_while(|m| at(m) > closest_s) {
-        there.get_or_insert_with(|| Filter::new(course, at(&m))).minute(travel, at(&m), &m);
+        there.get_or_insert_with(|| Filter::new(course, drift, at(&m))).minute(travel, at(&m), &m);
     }
     let joined = match (here, there) {
         (Some(mut a), Some(mut b)) => {
@@ -163,7 +173,7 @@ fn join(a: &Filter, b: &Filter) -> Option<Filter> {
     let moved = spd::times(&covariance, &spd::times(&of_b, &apart));
     let mut p = a.p;
     p.iter_mut().zip(&moved).for_each(|(p, m)| *p += m);
-    Some(Filter { t_s: a.t_s, p, covariance })
+    Some(Filter { p, covariance, ..*a })
 }
 
 #[cfg(test)]
@@ -174,9 +184,9 @@ mod tests {
     use crate::obs::tonal::{Directions, Mode};
     use std::vec::Vec;
 
-    /// A vessel that turns by 6° within four hours; what it shows each minute, with errors of the stated size.
+    /// A vessel that turns by 17° within four hours; what it shows each minute, with errors of the stated size.
     fn seen() -> (Vec<Minute>, Course) {
-        let (mut x, mut y, mut heading) = (-60_000.0f64, 6_000.0f64, 1.45f64);
+        let (mut x, mut y, mut heading) = (-60_000.0f64, 6_000.0f64, 1.35f64);
         let (mut seed, mut out) = (5u32, Vec::new());
         let mut closest = Course { t0_s: 0.0, p: [x, y, 0.0, 0.0] };
         let mut normal = || {
@@ -186,7 +196,7 @@ mod tests {
             })
         };
         for n in 1..=240u32 {
-            heading += 0.1 / 240.0;
+            heading += 0.3 / 240.0;
             let (vx, vy) = (8.0 * math::f64::sin(heading), 8.0 * math::f64::cos(heading));
             (x, y) = (x + 60.0 * vx, y + 60.0 * vy);
             let r = math::f64::hypot(x, y);

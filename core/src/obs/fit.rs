@@ -190,8 +190,8 @@ where
     spd::inverse(&normal.information(&[true; 4])).map(|covariance| (course, covariance))
 }
 
-/// What the residuals of a course say about its errors.
-fn excess(
+/// What the residuals of a course say about its errors: of directions, of ranges.
+pub(super) fn excess(
     course: &Course,
     travel: &TravelTime,
     step_s: f64,

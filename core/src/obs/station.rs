@@ -460,7 +460,7 @@ fn send(
             sd_speed_m_s: m.sd_speed_m_s,
             log_presence: ranges.log_odds,
             weight: m.weight,
-            detected,
+            detected: detected && (paper || m.weight >= CLEAR_WEIGHT),
         }));
     }
     if !sent {
@@ -479,3 +479,7 @@ fn send(
 
 /// Modes lighter than this are not worth their bytes.
 const LEAST_WEIGHT: f32 = 0.1;
+
+/// Share of its vessel's posterior from which a mode is a measurement: below it another pair of paths is as good as one in ten
+/// likely, and a stated spread of one mode would not hold the truth. Tracks weigh every mode.
+const CLEAR_WEIGHT: f32 = 0.9;

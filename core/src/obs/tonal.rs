@@ -114,6 +114,7 @@ impl WrappedCauchy {
     /// Finds the bins worth a full profile, and their peak and correction.
     fn weigh_bins(&self, bins: usize, ambient: &Ambient, s: &mut Tonal, rows: &[&Row]) {
         s.free = [0; AZIMUTH_BINS];
+        s.peak = [0.0; AZIMUTH_BINS];
         // A short sound lies in both frames that overlap it: against one, uneven frames count half.
         let bursts = rows.iter().filter(|r| r.may_hold_a_call()).count();
         let share = 1.0 - 0.5 * bursts as f32 / rows.len().max(1) as f32;
@@ -194,29 +195,10 @@ impl WrappedCauchy {
         }
         let (step, part) = if self.paper { (best, 0.0) } else { refine(&s.profile, best) };
         let azimuth = (step as f32 + part) * (math::f32::TAU / AZIMUTHS as f32);
-        // Spread: scatter of the observations that take part, over the number that are independent (a tone fills
-        // three bins of the Hann window; half-overlapped frames share a third).
-        let (mut square, mut n) = (0f32, 0u32);
-        for f in 0..bins.min(AZIMUTH_BINS) {
-            if get(&s.free, f) > 0
-                || get(&s.peak, f) <= 0.0
-                || distance(usize::from(get(&s.best, f)), best) > SAME_VESSEL
-            {
-                continue;
-            }
-            for c in Codes::of(rows, f).azimuths() {
-                let d = crate::angle::wrap_pi_f32(f32::from(*c) * (math::f32::TAU / CIRCLE as f32) - azimuth);
-                if d.abs() < 0.35 {
-                    square += d * d;
-                    n += 1;
-                }
-            }
-        }
-        let independent = (n as f32 / 4.0).max(1.0);
-        let scatter = if n > 0 { square / n as f32 } else { 0.03 };
-        let sd = math::f32::sqrt(scatter / independent + LEAST_SD * LEAST_SD);
+        let (lean, var) = self.weighted(bins, s, rows, best, azimuth);
+        let sd = math::f32::sqrt(var + LEAST_SD * LEAST_SD);
         Some(Mode {
-            azimuth: crate::angle::wrap_tau_f32(azimuth),
+            azimuth: crate::angle::wrap_tau_f32(if self.paper { azimuth } else { azimuth + lean }),
             sd,
             log_presence,
             bins: used,
@@ -224,7 +206,60 @@ impl WrappedCauchy {
             impulsive: false,
         })
     }
+
+    /// How far the mode's bins lean from `azimuth` in the mean, rad, and that mean's variance, rad². Never inlined: it would
+    /// be copied for every mode.
+    ///
+    /// Each bin counts by its own scatter, for bins of strong tones point more closely than those of weak ones. A limit cuts
+    /// off what lies farther than [`TAKEN`], so that a bin answers a turn of its vessel by less than the whole: by one less
+    /// the density at the limit times its width (the slope of a truncated mean). Of four directions one is independent: a
+    /// tone fills three bins of the Hann window, and half-overlapped frames share a third. Where bins lean to sides of their
+    /// own in every frame, by another source's share in them, the variance is that of the bins' sums instead, neighbours
+    /// weighted down linearly to the third [Newey and West 1987, 5].
+    #[inline(never)]
+    fn weighted(&self, bins: usize, s: &Tonal, rows: &[&Row], best: usize, azimuth: f32) -> (f32, f32) {
+        let (mut weights, mut sum, mut sides) = (0f32, 0f32, 0f32);
+        let (mut before, mut last) = (0f32, 0f32);
+        for f in 0..bins.min(AZIMUTH_BINS) {
+            let (mut lean, mut square, mut n, mut cut) = (0f32, 0f32, 0f32, 0f32);
+            let apart = distance(usize::from(get(&s.best, f)), best);
+            if get(&s.free, f) == 0 && get(&s.peak, f) > 0.0 && apart <= SAME_VESSEL {
+                for c in Codes::of(rows, f).azimuths() {
+                    let code = f32::from(*c) * (math::f32::TAU / CIRCLE as f32);
+                    let d = crate::angle::wrap_pi_f32(code - azimuth);
+                    if d.abs() < TAKEN {
+                        (lean, square, n) = (lean + d, square + d * d, n + 1.0);
+                        cut += if d.abs() > EDGE { 1.0 } else { 0.0 };
+                    }
+                }
+                let var = (square + FRAMES_BEFORE * VAR_BEFORE) / (n + FRAMES_BEFORE);
+                let slope = (1.0 - TAKEN / (TAKEN - EDGE) * cut / n.max(1.0)).max(0.1);
+                lean *= slope / var;
+                weights += n * slope * slope / var;
+                sum += lean;
+                sides += lean * (lean + 4.0 / 3.0 * last + 2.0 / 3.0 * before);
+            }
+            (before, last) = (last, lean);
+        }
+        if weights <= 0.0 {
+            return (0.0, MOST_VAR);
+        }
+        (sum / weights, (4.0 / weights).max(sides / (weights * weights)).min(MOST_VAR))
+    }
 }
+
+/// Farther from the azimuth than this a frame's direction is no vessel's, rad (20 degrees).
+const TAKEN: f32 = 0.35;
+
+/// From here to [`TAKEN`] a bin's directions are counted for how many the limit cuts off, rad.
+const EDGE: f32 = 0.25;
+
+/// Frames that a bin's scatter counts for before it is seen, and their variance (5 degrees squared), rad².
+const FRAMES_BEFORE: f32 = 4.0;
+const VAR_BEFORE: f32 = 0.0076;
+
+/// Greatest variance of an azimuth: that of nothing known within 17 degrees, rad².
+const MOST_VAR: f32 = 0.03;
 
 /// What no averaging removes: a third of a degree, the size of an orientation error, rad.
 const LEAST_SD: f32 = 0.006;
