@@ -128,7 +128,7 @@ fn interrupt(child: &Child) {
 fn interrupted(mut spawn: impl FnMut() -> Child, ready: impl Fn() -> bool) -> String {
     for _ in 0..20 {
         let mut child = spawn();
-        until("something is done", || ready());
+        until("something is done", &ready);
         interrupt(&child);
         let mut said = String::new();
         std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut said).unwrap();
