@@ -14,13 +14,14 @@ const STATION: &str = "[station]\nid = 1\nname = \"east\"\nkind = \"array\"\n[sa
 /// By how many samples each hydrophone hears a wave from azimuth 328°, elevation 40°, at 1500 m/s, before the last of them.
 const EARLIER: [usize; 4] = [15, 0, 8, 18];
 
-/// Noise from that direction, three seconds on each of five days, one of them over midnight.
-fn archive(folder: &Path) {
+/// Noise from that direction, so many seconds on each of five days, one of them over midnight.
+fn archive(folder: &Path, seconds: usize) {
     std::fs::write(folder.join("east.toml"), STATION).unwrap();
     for (day, time) in [(1, "120000"), (2, "120000"), (3, "000000"), (4, "235958"), (7, "010000")] {
         let mut noise = ChaCha8Rng::seed_from_u64(day);
-        let codes: Vec<i32> = (0..48_100).map(|_| noise.random_range(-100_000..100_000)).collect();
-        let frames = (0..48_000)
+        let frames = 16_000 * seconds;
+        let codes: Vec<i32> = (0..frames + 100).map(|_| noise.random_range(-100_000..100_000)).collect();
+        let frames = (0..frames)
             .map(|i| EARLIER.map(|earlier| codes[i + earlier] + noise.random_range(-20_000..20_000)));
         let path = folder.join(format!("data/2024-05/{day}/a_2024050{day}_{time}.wav"));
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -48,7 +49,7 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 #[test]
 fn units_are_the_same_at_once_one_by_one_and_shared_out() {
     let dir = tempfile::tempdir().unwrap();
-    archive(dir.path());
+    archive(dir.path(), 3);
     let out = |more: &str| {
         let ran = run(dir.path(), more);
         assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
@@ -86,7 +87,7 @@ fn units_are_the_same_at_once_one_by_one_and_shared_out() {
 #[test]
 fn killed_at_random_moments_and_gone_on_with_the_bytes_are_the_same() {
     let dir = tempfile::tempdir().unwrap();
-    archive(dir.path());
+    archive(dir.path(), 3);
     let begun = std::time::Instant::now();
     assert!(run(dir.path(), "--out whole").status.success());
     let whole_s = begun.elapsed().as_secs_f64();
@@ -143,7 +144,8 @@ fn interrupted(mut spawn: impl FnMut() -> Child, ready: impl Fn() -> bool) -> St
 #[cfg(unix)]
 fn an_interrupted_run_keeps_what_is_done_and_says_so() {
     let dir = tempfile::tempdir().unwrap();
-    archive(dir.path());
+    // Long enough that an interruption comes before the end.
+    archive(dir.path(), 60);
     let out = dir.path().join("o");
     let said = interrupted(
         || {
