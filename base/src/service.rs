@@ -2,7 +2,7 @@
 
 use super::feed::Feed;
 use super::line::{self, Answers, Line, Lines, Report};
-use super::store::{Entry, Event, Store, may_pass};
+use super::store::{Entry, Event, Retain, Store, may_pass};
 use super::utc::Teller;
 use super::{Base, record::micros};
 use anyhow::{Context, Result};
@@ -19,8 +19,8 @@ const TOGETHER: (usize, usize) = (512, 1 << 20);
 const AGAIN: Duration = Duration::from_secs(2);
 /// The stream of what is noted beside all connections; these are numbered from 1.
 const BESIDE: u32 = 0;
-/// How often it is seen to that a store keeps no more days than it is to.
-const FORGET: Duration = Duration::from_secs(2);
+/// How often a store moves some of its old months into their files, and lets go of what it keeps no longer.
+const TIDY: Duration = Duration::from_secs(2);
 
 /// What a service is told besides its lines.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +29,8 @@ pub struct Rules {
     pub idle: Duration,
     /// Days that the store keeps; all if none is said.
     pub keep_days: Option<u32>,
+    /// Months that the store keeps.
+    pub retain: Retain,
     /// Ask every recorder who it is.
     pub identify: bool,
 }
@@ -43,7 +45,7 @@ pub struct Service {
     answers: HashMap<u32, Answers>,
     left: usize,
     begun: Instant,
-    forgot: Instant,
+    tidied: Instant,
     notes: Vec<String>,
     teller: Option<Teller>,
     feed: Feed,
@@ -80,7 +82,7 @@ impl Service {
             rules,
             answers: HashMap::new(),
             begun: now,
-            forgot: now,
+            tidied: now,
             notes: Vec::new(),
             teller: None,
             feed: Feed::default(),
@@ -167,7 +169,7 @@ impl Service {
             teller.work(&mut self.base);
         }
         self.answer();
-        self.forget()?;
+        self.tidy()?;
         Ok(self.left > 0)
     }
 
@@ -251,15 +253,22 @@ impl Service {
         }
     }
 
-    /// Lets go of what is older than the store is to keep.
-    fn forget(&mut self) -> Result<()> {
-        let (Some(store), Some(days)) = (&mut self.store, self.rules.keep_days) else { return Ok(()) };
-        if self.forgot.elapsed() < FORGET {
+    /// Moves old months into their files and lets go of what is kept no longer, a little at a time. What the disk does not
+    /// take now is tried again.
+    fn tidy(&mut self) -> Result<()> {
+        let Some(store) = &mut self.store else { return Ok(()) };
+        if self.tidied.elapsed() < TIDY {
             return Ok(());
         }
-        let before = micros(time::OffsetDateTime::now_utc()) - i64::from(days) * 86_400_000_000;
-        store.forget(before).context("cannot let go of old records")?;
-        self.forgot = Instant::now();
-        Ok(())
+        self.tidied = Instant::now();
+        let mut tidied = store.tidy(self.rules.retain).map(drop);
+        if let (Ok(()), Some(days)) = (&tidied, self.rules.keep_days) {
+            let before = micros(time::OffsetDateTime::now_utc()) - i64::from(days) * 86_400_000_000;
+            tidied = store.forget(before).map(drop);
+        }
+        match tidied {
+            Err(e) if !may_pass(&e) => Err(e).context("cannot move or let go of old records"),
+            _ => Ok(()),
+        }
     }
 }

@@ -6,7 +6,7 @@ use super::{Experiment, Options};
 use anyhow::{Context, Result};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use seabearing_base::store::{Entry, Event, Store, Wanted, check, newest_us, read};
+use seabearing_base::store::{Entry, Event, Retain, Store, Wanted, check, newest_us, read};
 use seabearing_base::{Base, Beginning};
 use seabearing_core::wire::{Bearing, Encoder, Health, Message, Time, Track};
 use seabearing_host::beside::Folder;
@@ -229,10 +229,10 @@ fn year(options: &Options) -> Result<()> {
     let days = options.runs.unwrap_or(20) as u64;
     let folder = Folder::new()?;
     let begun = Instant::now();
-    fill(folder.path(), days)?;
+    let moved_s = fill(folder.path(), days)?;
     let filled_s = begun.elapsed().as_secs_f64();
     let figures = &options.figures;
-    let bytes = std::fs::metadata(folder.path().join("store.sqlite"))?.len();
+    let bytes = size(folder.path())? + size(&folder.path().join("months"))?;
     figures.state(format!("{days} days: records written a second"), records(days) as f64 / filled_s);
     figures.state(format!("{days} days: store, MB"), bytes as f64 / 1e6);
     let measured = |name: &str, what: &dyn Fn() -> Result<usize>| -> Result<usize> {
@@ -269,9 +269,23 @@ fn year(options: &Options) -> Result<()> {
     let (took_s, longest_s) = let_go(folder.path(), days / 2)?;
     figures.state("letting go of the older half, s for a day of it", took_s / (days / 2).max(1) as f64);
     figures.at_most("longest that storing waits for it, s", longest_s, 1.0);
+    figures.at_most("longest that storing waits while a month is moved, s", moved_s, 1.0);
     let mut table = CsvReport::new("base-year", "days,records,bytes,filled_s");
     table.row(&[days as f64, opened as f64, bytes as f64, filled_s]);
     table.finish(options)
+}
+
+/// Bytes in the files of a folder; none where it is not.
+fn size(folder: &Path) -> Result<u64> {
+    if !folder.exists() {
+        return Ok(0);
+    }
+    let mut sum = 0;
+    for entry in std::fs::read_dir(folder)? {
+        let about = entry?.metadata()?;
+        sum += if about.is_file() { about.len() } else { 0 };
+    }
+    Ok(sum)
 }
 
 /// Lets go of the oldest days as a base station at work does: how long it takes in all, and at most at once.
@@ -292,22 +306,33 @@ fn records(days: u64) -> u64 {
     1 + days * (1440 + 24 + PASSES * (BEARINGS + REPORTS))
 }
 
-/// Writes so many days through the base station's own ways.
-fn fill(folder: &Path, days: u64) -> Result<()> {
+/// Writes so many days through the base station's own ways; gives the longest that storing waited while rows were moved into
+/// the files of their months, s.
+fn fill(folder: &Path, days: u64) -> Result<f64> {
     let mut base = Base::new(None);
     let mut store = Store::open(folder, &mut base)?;
     let mut encoder = Encoder::default();
+    let mut longest_s = 0f64;
     let mut put = |received_us, event| -> Result<()> {
         let entry = [Entry { stream: 1, received_us: Some(received_us), event }];
         store.keep(&entry)?;
         let mut rows = Vec::new();
         entry[0].tell(&mut base, 0, None, &mut rows);
-        store.derive(&mut base, &rows)
+        store.derive(&mut base, &rows)?;
+        loop {
+            let at = Instant::now();
+            let more = store.tidy(Retain::default())?;
+            longest_s = longest_s.max(at.elapsed().as_secs_f64());
+            if !more {
+                return Ok(());
+            }
+        }
     };
     put(BEGIN_US, Event::Began(Beginning { line: "file:year".into(), ..Beginning::default() }))?;
     put(BEGIN_US, Event::Bytes(encoder.frame(&hello(1, RATE_HZ as f32)).to_vec()))?;
     for n in 0..days {
         put(BEGIN_US + (n * DAY_S) as i64 * 1_000_000, Event::Bytes(day(n, &mut encoder)))?;
     }
-    put(BEGIN_US + (days * DAY_S) as i64 * 1_000_000, Event::Ended(None))
+    put(BEGIN_US + (days * DAY_S) as i64 * 1_000_000, Event::Ended(None))?;
+    Ok(longest_s)
 }

@@ -4,7 +4,8 @@
 use super::super::record::micros;
 use super::super::{Base, Beginning};
 use super::read::Wanted;
-use super::{Entry, Event, Store, begin};
+use super::write::begin;
+use super::{Entry, Event, Store};
 use anyhow::{Context, Result, ensure};
 use rusqlite::params;
 use serde_json::Value;

@@ -2,29 +2,39 @@
 //!
 //! Bytes are committed first ([`Store::keep`]); the records decoded from them, and how far links have come, follow in a
 //! second transaction ([`Store::derive`]), after which they may be acknowledged. What a crash leaves between the two is
-//! decoded when the store is opened. Nothing that opening does depends on how much the store holds.
+//! decoded when the store is opened. Nothing that opening does depends on how much the store holds: what came before the
+//! last month has files of its own ([`months`]).
 
 mod check;
 mod earlier;
 mod history;
 mod lock;
+mod look;
+mod months;
 mod read;
+mod rebuild;
 mod schema;
+mod state;
+mod write;
 
 #[cfg(test)]
 mod tests;
 
-pub use check::{Soundness, check, rebuild};
+pub use check::{Soundness, check};
 pub use history::{History, Moment, Path as TrackPath};
+pub use months::Retain;
 pub use read::{Wanted, newest_us, positions, read, stations};
+pub use rebuild::rebuild;
 
 use super::record::Row;
 use super::{Base, Beginning};
-use anyhow::{Context, Result, bail};
-use rusqlite::{Connection, ErrorCode, OptionalExtension, Transaction, params};
+use anyhow::{Context, Result};
+use rusqlite::{Connection, ErrorCode, OptionalExtension, params};
 use schema::number;
-use seabearing_core::wire::link::{CLASSES, Progress, Settings};
+use seabearing_core::wire::link::Settings;
 use serde_json::Value;
+use state::Replay;
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -80,7 +90,15 @@ pub struct Store {
     resumed: u64,
     /// The newest row of `bytes`.
     newest: i64,
+    /// The newest of which the records are written.
+    decoded: i64,
+    /// The newest row of `records`.
+    newest_record: i64,
     next_stream: u32,
+    /// Connections that have begun since it was opened, and not ended.
+    open_streams: BTreeSet<u32>,
+    /// The open month, as `2026-08`, once something has come.
+    month: Option<String>,
 }
 
 impl Store {
@@ -109,17 +127,41 @@ impl Store {
 
     fn open_locked(folder: &Path, lock: File, base: &mut Base) -> Result<Self> {
         let db = schema::open(folder)?;
-        let mut store =
-            Self { _lock: lock, db, folder: folder.to_owned(), resumed: 0, newest: 0, next_stream: 1 };
+        let mut store = Self {
+            _lock: lock,
+            db,
+            folder: folder.to_owned(),
+            resumed: 0,
+            newest: 0,
+            decoded: 0,
+            newest_record: 0,
+            next_stream: 1,
+            open_streams: BTreeSet::new(),
+            month: None,
+        };
         earlier::take_over(&mut store, folder)?;
-        store.newest = store.number("SELECT ifnull(max(id), 0) FROM bytes")?;
-        store.next_stream = store.number("SELECT ifnull(max(stream), 0) + 1 FROM streams")? as u32;
+        store.take_numbers()?;
         read::resume(&store.db, base)?;
         store.catch_up(base)?;
-        store.resumed = store
-            .number("SELECT ifnull((SELECT max(id) FROM records) - (SELECT min(id) FROM records) + 1, 0)")?
-            as u64;
+        store.clear(&months::months(&store.db)?)?;
+        rebuild::clear(&store)?;
+        store.resumed = (store.newest_record + 1 - store.number("SELECT first_record FROM about")?) as u64;
         Ok(store)
+    }
+
+    /// Where its rows are.
+    fn take_numbers(&mut self) -> Result<()> {
+        // Rows that were moved or let go have had their numbers.
+        self.newest = self.number(
+            "SELECT max(ifnull((SELECT max(id) FROM bytes), 0), moved_bytes, first_kept - 1) FROM about",
+        )?;
+        self.newest_record = self.number(
+            "SELECT max(ifnull((SELECT max(id) FROM records), 0), moved_records, first_record - 1) FROM about",
+        )?;
+        self.decoded = self.number("SELECT decoded FROM about")?;
+        self.next_stream = self.number("SELECT ifnull(max(stream), 0) + 1 FROM streams")? as u32;
+        self.month = self.db.query_row("SELECT month FROM about", [], |row| row.get(0))?;
+        Ok(())
     }
 
     fn number(&self, query: &str) -> Result<i64> {
@@ -128,20 +170,17 @@ impl Store {
 
     /// Decodes what was kept and not decoded.
     fn catch_up(&mut self, base: &mut Base) -> Result<()> {
-        let decoded = self.number("SELECT decoded FROM about")?;
-        let mut streams = std::collections::BTreeSet::new();
-        let mut from = decoded + 1;
+        let mut from = self.decoded + 1;
+        // Nothing of these bytes is written yet: what is known of their connections is what it was before them.
+        let known = schema::open_to_read(&self.folder)?.0;
+        let mut replay = Replay::new(Some(&known));
         loop {
-            let entries = read::entries(&self.db, from, 1000)?;
+            let entries = read::entries(&self.db, &self.db, from, 1000)?;
             let Some((last, _)) = entries.last() else { break };
             from = last + 1;
             let mut rows = Vec::new();
             for (id, entry) in &entries {
-                if streams.insert(entry.stream) && !matches!(entry.event, Event::Began(_)) {
-                    // Its beginning was decoded before: it goes on with the frame that was not complete.
-                    read::take_up(&self.db, entry.stream, *id, base)?;
-                }
-                entry.tell(base, 0, None, &mut rows);
+                replay.tell(*id, entry, base, &mut rows)?;
                 earlier::date(self, entry, base)?;
             }
             self.put(base, &rows, from - 1)?;
@@ -175,19 +214,21 @@ impl Store {
     }
 
     fn try_keep(&mut self, entries: &[Entry]) -> Result<()> {
+        self.turn_month(entries.iter().find_map(|entry| entry.received_us))?;
         // The transaction after this one is put on the disk with this one.
         self.db.execute_batch("PRAGMA synchronous = NORMAL")?;
         let transaction = self.db.transaction()?;
         let mut newest = self.newest;
         {
-            let mut insert = transaction
-                .prepare("INSERT INTO bytes(stream, received_us, event, data) VALUES(?1, ?2, ?3, ?4)")?;
+            let mut insert = transaction.prepare(
+                "INSERT INTO bytes(id, stream, received_us, event, data) VALUES(?1, ?2, ?3, ?4, ?5)",
+            )?;
             for entry in entries {
                 let note: String;
                 let (event, data): (i64, Option<&[u8]>) = match &entry.event {
                     Event::Bytes(bytes) => (0, Some(bytes)),
                     Event::Began(beginning) => {
-                        begin(&transaction, entry.stream, beginning)?;
+                        write::begin(&transaction, entry.stream, beginning)?;
                         (1, None)
                     }
                     Event::Silent => (2, None),
@@ -197,11 +238,19 @@ impl Store {
                         (4, Some(note.as_bytes()))
                     }
                 };
-                newest = insert.insert(params![entry.stream, entry.received_us, event, data])?;
+                newest += 1;
+                insert.execute(params![newest, entry.stream, entry.received_us, event, data])?;
             }
         }
         transaction.commit()?;
         self.newest = newest;
+        for entry in entries {
+            match entry.event {
+                Event::Began(_) => self.open_streams.insert(entry.stream),
+                Event::Ended(_) => self.open_streams.remove(&entry.stream),
+                _ => continue,
+            };
+        }
         Ok(())
     }
 
@@ -218,10 +267,12 @@ impl Store {
     fn put(&mut self, base: &mut Base, rows: &[Row], decoded: i64) -> Result<()> {
         self.db.execute_batch("PRAGMA synchronous = FULL")?;
         let transaction = self.db.transaction()?;
-        write_rows(&transaction, rows)?;
-        write_state(&transaction, base)?;
+        write::rows(&transaction, rows, self.newest_record)?;
+        write::state(&transaction, &self.folder, base)?;
         transaction.execute("UPDATE about SET decoded = ?1", [decoded])?;
         transaction.commit()?;
+        self.newest_record += rows.len() as i64;
+        self.decoded = decoded;
         base.stored();
         Ok(())
     }
@@ -256,27 +307,23 @@ impl Store {
     }
 
     fn try_forget(&mut self, before_us: i64) -> Result<bool> {
+        self.forget_months(before_us)?;
         let transaction = self.db.transaction()?;
         let mut more = false;
-        for table in ["bytes", "records"] {
+        for (table, decoded, first) in [
+            ("bytes", " AND id <= (SELECT decoded FROM about)", "first_kept"),
+            ("records", "", "first_record"),
+        ] {
             // Rows are numbered as they came.
             let oldest = format!("SELECT id FROM {table} ORDER BY id LIMIT {FORGOTTEN}");
-            let query = format!(
-                "SELECT max(id) FROM {table} WHERE id IN ({oldest}) AND received_us < ?1 AND id <= (SELECT decoded FROM about)"
-            );
-            let query = if table == "bytes" {
-                query
-            } else {
-                query.replace(" AND id <= (SELECT decoded FROM about)", "")
-            };
+            let query =
+                format!("SELECT max(id) FROM {table} WHERE id IN ({oldest}) AND received_us < ?1{decoded}");
             let last: Option<i64> =
                 transaction.query_row(&query, [before_us], |r| r.get(0)).optional()?.flatten();
             if let Some(last) = last {
                 let count = transaction.execute(&format!("DELETE FROM {table} WHERE id <= ?1"), [last])?;
                 more |= count as i64 == FORGOTTEN;
-                if table == "bytes" {
-                    transaction.execute("UPDATE about SET first_kept = ?1", [last + 1])?;
-                }
+                transaction.execute(&format!("UPDATE about SET {first} = ?1"), [last + 1])?;
             }
         }
         transaction.commit()?;
@@ -305,113 +352,6 @@ fn damaged(error: anyhow::Error, folder: &Path) -> anyhow::Error {
         _ => return error,
     };
     error.context(what)
-}
-
-fn begin(db: &Transaction<'_>, stream: u32, beginning: &Beginning) -> Result<()> {
-    let Beginning { line, peer, station, lasting } = beginning;
-    db.execute(
-        "INSERT INTO streams(stream, line, peer, expected, lasting) VALUES(?1, ?2, ?3, ?4, ?5)",
-        params![stream, line, peer, station, lasting],
-    )?;
-    Ok(())
-}
-
-fn write_rows(db: &Transaction<'_>, rows: &[Row]) -> Result<()> {
-    let mut insert = db.prepare(
-        "INSERT INTO records(station, session, sequence, kind, track, sample, utc_us, sd_s, received_us, body)
-         VALUES(?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
-    )?;
-    for row in rows {
-        let (kind, body) = row.stored();
-        let (utc_us, sd_s) = row.utc.unzip();
-        insert.execute(params![
-            number(row.station),
-            row.session,
-            row.sequence,
-            kind,
-            row.track(),
-            row.index().map(|index| index as i64),
-            utc_us,
-            sd_s.flatten(),
-            row.received_us,
-            body
-        ])?;
-    }
-    Ok(())
-}
-
-/// What has changed of sessions, logs and connections; records that can be dated now are.
-fn write_state(db: &Transaction<'_>, base: &mut Base) -> Result<()> {
-    for (of, recorder) in &base.recorders {
-        for session in &recorder.changed {
-            let Some(known) = recorder.sessions.get(session) else { continue };
-            db.execute(
-                "INSERT INTO sessions VALUES(?1, ?2, ?3, ?4, ?5) ON CONFLICT DO UPDATE SET boot = excluded.boot,
-                 rate_hz = excluded.rate_hz, start_us = excluded.start_us",
-                params![number(*of), session, known.boot, known.rate_hz, known.start_us],
-            )?;
-        }
-        for session in &recorder.dated {
-            let Some(known) = recorder.sessions.get(session) else { continue };
-            let mut update = db.prepare("UPDATE records SET utc_us = ?2, sd_s = ?3 WHERE id = ?1")?;
-            let mut undated = db.prepare(
-                "SELECT id, sample FROM records WHERE station = ?1 AND session = ?2 AND utc_us IS NULL AND sample IS NOT NULL",
-            )?;
-            let found = undated.query_map(params![number(*of), session], |r| Ok((r.get(0)?, r.get(1)?)))?;
-            for (id, sample) in found.collect::<rusqlite::Result<Vec<(i64, i64)>>>()? {
-                if let Some((utc_us, sd_s)) = known.utc(sample as u64) {
-                    update.execute(params![id, utc_us, sd_s])?;
-                }
-            }
-        }
-    }
-    for (of, log) in &base.changed_logs {
-        let Some(progress) = base.logs.get(&(*of, *log)) else { continue };
-        db.execute("INSERT OR REPLACE INTO logs VALUES(?1, ?2, ?3)", params![of, log, packed(progress)])?;
-    }
-    for stream in base.changed_streams.clone() {
-        let Some(known) = base.halfway(stream) else { continue };
-        let (replaced_us, replaced_by) = known.replaced.unzip();
-        db.execute(
-            "UPDATE streams SET station = ?2, session = ?3, up = ?4, silent = ?5, replaced_us = ?6, replaced_by = ?7,
-             newest = ?8, log = ?9, boot = ?10, config_hash = ?11 WHERE stream = ?1",
-            params![
-                stream,
-                known.log.map(|l| l.station).or(known.who),
-                known.session,
-                known.up,
-                known.silent,
-                replaced_us,
-                replaced_by,
-                known.newest,
-                known.log.map(|l| l.log),
-                known.log.map(|l| l.boot),
-                known.log.map(|l| l.config_hash as i64)
-            ],
-        )?;
-    }
-    Ok(())
-}
-
-/// How far a log has come, as bytes: the next number of each class, then the sets of later ones.
-fn packed(progress: &Progress) -> Vec<u8> {
-    let next = progress.next.iter().flat_map(|n| n.to_le_bytes());
-    next.chain(progress.later.iter().flat_map(|n| n.to_le_bytes())).collect()
-}
-
-/// The same back.
-fn unpacked(bytes: &[u8]) -> Result<Progress> {
-    let mut progress = Progress::default();
-    let Some((next, later)) = bytes.split_at_checked(4 * CLASSES) else {
-        bail!("a link's progress is cut short")
-    };
-    for (to, from) in progress.next.iter_mut().zip(next.as_chunks::<4>().0) {
-        *to = u32::from_le_bytes(*from);
-    }
-    for (to, from) in progress.later.iter_mut().zip(later.as_chunks::<8>().0) {
-        *to = u64::from_le_bytes(*from);
-    }
-    Ok(progress)
 }
 
 /// Whether what kept a store from being written may pass by itself, as a full disk does.

@@ -3,8 +3,10 @@
 use super::super::record::{Row, micros};
 use super::super::recorder::{SESSIONS, Session};
 use super::super::{Base, Beginning, Halfway};
+use super::look::Look;
 use super::schema::{number, open_to_read, station};
-use super::{Entry, Event, damaged, earlier, unpacked};
+use super::write::unpacked;
+use super::{Entry, Event, damaged, earlier};
 use anyhow::{Context, Result};
 use rusqlite::{Connection, OptionalExtension, params};
 use seabearing_core::wire::{Message, link, message_of};
@@ -14,15 +16,15 @@ use std::path::Path;
 use time::OffsetDateTime;
 
 /// Reports of tracks that a base station has at hand when it begins.
-const REPORTS: i64 = 2000;
+pub(super) const REPORTS: i64 = 2000;
 /// Records among which these are looked for.
-const LOOKED_AT: i64 = 20_000;
+pub(super) const LOOKED_AT: i64 = 20_000;
 /// Messages about a session's clock that are looked at to know it.
-const CLOCKS: i64 = 64;
+pub(super) const CLOCKS: i64 = 64;
 /// Sessions and logs of a recorder that are taken up: those of which records may still come.
 const RECENT: i64 = SESSIONS as i64;
 /// Sessions whose clocks are taken up.
-const CLOCKED: usize = 10;
+pub(super) const CLOCKED: usize = 10;
 
 /// Tells a base station of sessions, links, the latest reports and what a person said of stations.
 pub(super) fn resume(db: &Connection, base: &mut Base) -> Result<()> {
@@ -94,22 +96,29 @@ fn clocks(db: &Connection, of: i64, session: u32) -> Result<Vec<Message>> {
     Ok(messages.into_iter().flatten().collect())
 }
 
-/// Rows of `bytes` from a number on.
-pub(super) fn entries(db: &Connection, from: i64, most: i64) -> Result<Vec<(i64, Entry)>> {
+/// Rows of `bytes` from a number on. `store`: the store's own file, where the connections stand.
+pub(super) fn entries(
+    db: &Connection,
+    store: &Connection,
+    from: i64,
+    most: i64,
+) -> Result<Vec<(i64, Entry)>> {
     let mut rows = db.prepare(
-        "SELECT b.id, b.stream, b.received_us, b.event, b.data, s.line, s.peer, s.expected, s.lasting
-         FROM bytes b LEFT JOIN streams s ON s.stream = b.stream WHERE b.id >= ?1 ORDER BY b.id LIMIT ?2",
+        "SELECT id, stream, received_us, event, data FROM bytes WHERE id >= ?1 ORDER BY id LIMIT ?2",
     )?;
+    let mut streams = store.prepare("SELECT line, peer, expected, lasting FROM streams WHERE stream = ?1")?;
+    let mut beginning = |stream: u32| {
+        let found = streams.query_row([stream], |r| {
+            Ok(Beginning { line: r.get(0)?, peer: r.get(1)?, station: r.get(2)?, lasting: r.get(3)? })
+        });
+        found.optional().map(Option::unwrap_or_default)
+    };
     let found = rows.query_map([from, most], |r| {
         let data: Option<Vec<u8>> = r.get(4)?;
+        let stream = r.get(1)?;
         let event = match r.get::<_, i64>(3)? {
             0 => Event::Bytes(data.unwrap_or_default()),
-            1 => Event::Began(Beginning {
-                line: r.get::<_, Option<String>>(5)?.unwrap_or_default(),
-                peer: r.get(6)?,
-                station: r.get(7)?,
-                lasting: r.get::<_, Option<bool>>(8)?.unwrap_or_default(),
-            }),
+            1 => Event::Began(beginning(stream)?),
             2 => Event::Silent,
             4 => {
                 let (station, what) = serde_json::from_slice(&data.unwrap_or_default()).unwrap_or_default();
@@ -117,7 +126,7 @@ pub(super) fn entries(db: &Connection, from: i64, most: i64) -> Result<Vec<(i64,
             }
             _ => Event::Ended(data.map(|d| String::from_utf8_lossy(&d).into_owned())),
         };
-        Ok((r.get(0)?, Entry { stream: r.get(1)?, received_us: r.get(2)?, event }))
+        Ok((r.get(0)?, Entry { stream, received_us: r.get(2)?, event }))
     })?;
     Ok(found.collect::<rusqlite::Result<_>>()?)
 }
@@ -227,47 +236,65 @@ pub fn read(folder: &Path, wanted: &Wanted, mut take: impl FnMut(Value)) -> Resu
         return earlier::read(folder, wanted, take);
     }
     let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
-    let given = (|| {
-        let db = open_to_read(folder)?;
-        let rates = rates(&db)?;
-        let (mut conditions, mut values) = (Vec::new(), Vec::new());
-        let mut add = |condition: &str, value: i64| {
-            values.push(value);
-            conditions.push(format!("{condition} ?{}", values.len()));
-        };
-        if let Some(of) = wanted.station {
-            add("station =", of.into());
-        }
-        if let Some((session, track)) = wanted.track {
-            add("session =", session.into());
-            add("track =", track.into());
-        }
-        let undated = match wanted.from.or(wanted.to) {
-            None => 0,
-            Some(_) => {
-                let of = wanted.station.map_or(String::new(), |s| format!(" AND station = {s}"));
-                let query = format!("SELECT count(*) FROM records WHERE utc_us IS NULL{of}");
-                db.query_row(&query, [], |r| r.get::<_, i64>(0))? as u64
-            }
-        };
-        if let Some(from) = wanted.from {
-            add("utc_us >=", micros(from));
-        }
-        if let Some(to) = wanted.to {
-            add("utc_us <", micros(to));
-        }
-        let order = if wanted.from.or(wanted.to).is_some() { "utc_us, id" } else { "id" };
-        let filter =
-            if conditions.is_empty() { String::new() } else { format!("WHERE {}", conditions.join(" AND ")) };
-        let mut rows = db.prepare(&format!("SELECT {COLUMNS} FROM records {filter} ORDER BY {order}"))?;
-        for found in rows.query_map(rusqlite::params_from_iter(values), row)? {
-            let row = found??;
-            let rate_hz = row.session.and_then(|s| *rates.get(&(number(row.station), s))?);
-            take(row.json(rate_hz));
-        }
-        Ok(undated)
-    })();
+    let given = try_read(folder, wanted, &mut take);
     given.map_err(|e| damaged(e, folder)).with_context(unreadable)
+}
+
+fn try_read(folder: &Path, wanted: &Wanted, take: &mut dyn FnMut(Value)) -> Result<u64> {
+    let (mut live, _) = open_to_read(folder)?;
+    // One look at it, whatever is written meanwhile.
+    let live = live.transaction()?;
+    let rates = rates(&live)?;
+    let (mut conditions, mut values) = (Vec::new(), Vec::new());
+    let mut add = |condition: &str, value: i64| {
+        values.push(value);
+        conditions.push(format!("{condition} ?{}", values.len()));
+    };
+    if let Some(of) = wanted.station {
+        add("station =", of.into());
+    }
+    if let Some((session, track)) = wanted.track {
+        add("session =", session.into());
+        add("track =", track.into());
+    }
+    let (from, to) = (wanted.from.map(micros), wanted.to.map(micros));
+    from.into_iter().for_each(|us| add("utc_us >=", us));
+    to.into_iter().for_each(|us| add("utc_us <", us));
+    let timed = from.or(to).map(|_| (from.unwrap_or(i64::MIN), to.unwrap_or(i64::MAX)));
+    let look = Look::at(&live, folder)?;
+    let mut undated = 0;
+    if timed.is_some() {
+        let of = wanted.station.map_or(String::new(), |s| format!(" AND station = {s}"));
+        let query = format!("SELECT count(*) FROM records WHERE utc_us IS NULL{of}");
+        for db in look.records(None)?.iter().chain([&*live]) {
+            undated += db.query_row(&query, [], |r| r.get::<_, i64>(0))? as u64;
+        }
+    }
+    let order = if timed.is_some() { "utc_us, id" } else { "id" };
+    let filter =
+        if conditions.is_empty() { String::new() } else { format!("WHERE {}", conditions.join(" AND ")) };
+    let query = format!("SELECT {COLUMNS} FROM records {filter} ORDER BY {order}");
+    let files = look.records(timed)?;
+    let all = files.iter().chain([&*live]);
+    let mut parts = all.map(|db| Ok(db.prepare(&query)?)).collect::<Result<Vec<_>>>()?;
+    let mut parts = parts
+        .iter_mut()
+        .map(|part| Ok(part.query_map(rusqlite::params_from_iter(&values), row)?.peekable()))
+        .collect::<Result<Vec<_>>>()?;
+    loop {
+        // Months follow each other as they came; by UTC a record may belong before those of an earlier month.
+        let next = parts.iter_mut().enumerate().filter_map(|(n, part)| {
+            let utc = match part.peek()? {
+                Ok(Ok(row)) if timed.is_some() => row.utc.map(|u| u.0),
+                _ => None,
+            };
+            Some((utc, n))
+        });
+        let Some(found) = next.min().and_then(|(_, n)| parts.get_mut(n)?.next()) else { return Ok(undated) };
+        let row = found??;
+        let rate_hz = row.session.and_then(|s| *rates.get(&(number(row.station), s))?);
+        take(row.json(rate_hz));
+    }
 }
 
 /// Where the stations of a store are, by number; `None` is what was said of any.
@@ -280,7 +307,7 @@ pub fn positions(folder: &Path) -> Result<BTreeMap<Option<u16>, (f64, f64)>> {
     }
     let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
     let given = (|| {
-        let db = open_to_read(folder)?;
+        let (db, _) = open_to_read(folder)?;
         let mut places =
             db.prepare("SELECT station, lat_deg, lon_deg FROM stations WHERE lat_deg IS NOT NULL")?;
         let found = places.query_map([], |r| Ok((station(r.get(0)?), (r.get(1)?, r.get(2)?))))?;
@@ -295,12 +322,20 @@ pub fn positions(folder: &Path) -> Result<BTreeMap<Option<u16>, (f64, f64)>> {
 /// The store cannot be read.
 pub fn newest_us(folder: &Path) -> Result<Option<i64>> {
     let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
-    let given = open_to_read(folder).and_then(|db| {
-        let newest =
-            "SELECT utc_us FROM records WHERE utc_us IS NOT NULL AND kind < 200 ORDER BY utc_us DESC LIMIT 1";
-        Ok(db.query_row(newest, [], |r| r.get(0)).optional()?)
-    });
-    given.with_context(unreadable)
+    try_newest_us(folder).map_err(|e| damaged(e, folder)).with_context(unreadable)
+}
+
+fn try_newest_us(folder: &Path) -> Result<Option<i64>> {
+    let (mut live, _) = open_to_read(folder)?;
+    let live = live.transaction()?;
+    let newest =
+        "SELECT utc_us FROM records WHERE utc_us IS NOT NULL AND kind < 200 ORDER BY utc_us DESC LIMIT 1";
+    let ask = |db: &Connection| db.query_row(newest, [], |r| r.get::<_, i64>(0)).optional();
+    if let Some(found) = ask(&live)? {
+        return Ok(Some(found));
+    }
+    let months = Look::at(&live, folder)?.records(None)?;
+    Ok(months.iter().map(ask).collect::<rusqlite::Result<Vec<_>>>()?.into_iter().flatten().max())
 }
 
 /// The stations that have records.
@@ -313,7 +348,7 @@ pub fn stations(folder: &Path) -> Result<BTreeSet<u16>> {
     }
     let unreadable = || format!("{}: cannot read the store of a base station", folder.display());
     let given = (|| {
-        let db = open_to_read(folder)?;
+        let (db, _) = open_to_read(folder)?;
         let mut known = db.prepare("SELECT DISTINCT station FROM sessions")?;
         let found = known.query_map([], |r| Ok(station(r.get(0)?)))?;
         Ok(found.collect::<rusqlite::Result<Vec<_>>>()?.into_iter().flatten().collect())

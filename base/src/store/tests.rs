@@ -3,6 +3,8 @@ use super::*;
 use seabearing_core::wire::Encoder;
 use serde_json::Value;
 
+mod months;
+
 fn records(folder: &Path) -> Vec<Value> {
     let mut all = Vec::new();
     read(folder, &Wanted::default(), |r| all.push(r)).unwrap();

@@ -9,7 +9,7 @@ use crate::base::origin::Origin;
 use crate::base::record::micros;
 use crate::base::service::{Rules, Service};
 use crate::base::stations::{self, Listed};
-use crate::base::store::{self, Store};
+use crate::base::store::{self, Retain, Store};
 use crate::base::utc::Teller;
 use crate::base::{Base, LINE_BAUD, view};
 use crate::station::Station;
@@ -25,7 +25,7 @@ use std::time::Duration;
     after_help = "Examples:\n  seabearing base telemetry.bin --station station.toml --export tracks.kml\n  \
     seabearing base --serial /dev/ttyACM0 --baud 115200 --store out/base\n  \
     seabearing base --listen 127.0.0.1:4500 --json | jq 'select(.type == \"track\")'\n  \
-    seabearing base --stations stations.toml --store out/network --keep-days 400\n  \
+    seabearing base --stations stations.toml --store out/network --retain raw=3m,records=2y\n  \
     seabearing base --stations stations.toml --store out/network --page 127.0.0.1:8080\n  \
     seabearing base check --store out/base\n\n\
     A stations file is a list of [[stations]] with the keys of [station] and\n  \
@@ -87,6 +87,9 @@ pub struct Args {
     /// Let go of what came more than so many days ago
     #[arg(long, value_name = "DAYS", requires = "store", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     keep_days: Option<u32>,
+    /// Months that the store keeps, of bytes and of records, before the open one: as raw=3m,records=2y
+    #[arg(long, value_name = "RULE", requires = "store")]
+    retain: Option<Retain>,
     /// File for the tracks, .csv, .geojson, .jsonl, .kml or .parquet (may be given several times)
     #[arg(long, value_name = "FILE")]
     export: Vec<PathBuf>,
@@ -203,8 +206,12 @@ pub fn run(args: Args) -> Result<()> {
             base.say_start_of(s.config.id, micros(start));
         }
     }
-    let rules =
-        Rules { idle: Duration::from_secs(args.idle), keep_days: args.keep_days, identify: args.identify };
+    let rules = Rules {
+        idle: Duration::from_secs(args.idle),
+        keep_days: args.keep_days,
+        retain: args.retain.unwrap_or_default(),
+        identify: args.identify,
+    };
     let names: Vec<String> = lines.iter().map(|l| l.origin.to_string()).collect();
     let mut service = Service::start(base, store, lines, rules)?;
     if let Some(every) = args.tell_utc {

@@ -3,6 +3,7 @@
 use crate::base::line::Line;
 use crate::base::origin::Origin;
 use crate::base::service::{Rules, Service};
+use crate::base::store::Retain;
 use crate::base::{Base, command, stations};
 use crate::cmd::base_configure::Change;
 use anyhow::{Context, Result, bail};
@@ -193,7 +194,7 @@ pub fn run(args: &Args) -> Result<()> {
     let line = Line { origin: origin.clone(), station, settings, once };
     let mut talk = Talk::of(&args.order, station)?;
     let (mut since, wait) = (Instant::now(), Duration::from_secs(args.wait));
-    let rules = Rules { idle: wait, keep_days: None, identify: false };
+    let rules = Rules { idle: wait, keep_days: None, retain: Retain::default(), identify: false };
     let mut service = Service::start(Base::new(None), None, vec![line], rules)?;
     let mut heard = false;
     let said = service.feed().subscribe(WAITING);
