@@ -96,12 +96,14 @@ impl Look {
             let path = month.file(&self.folder, holds);
             let name = || path.display().to_string();
             let file = open_file_to_read(&path).with_context(name)?;
-            let table = if holds == Holds::Bytes { "bytes" } else { "records" };
-            // Rows beyond are in the store still; those before were let go.
-            let counts = format!(
-                "CREATE TEMP VIEW {table} AS SELECT * FROM main.{table} WHERE id >= {first} AND id <= {moved}"
-            );
-            file.execute_batch(&counts).with_context(name)?;
+            if begins + 1 < first || last > moved {
+                // Rows beyond are in the store still; those before were let go. (The sign keeps the indices in use.)
+                let table = if holds == Holds::Bytes { "bytes" } else { "records" };
+                let counts = format!(
+                    "CREATE TEMP VIEW {table} AS SELECT * FROM main.{table} WHERE +id >= {first} AND +id <= {moved}"
+                );
+                file.execute_batch(&counts).with_context(name)?;
+            }
             files.push(file);
         }
         Ok(files)
