@@ -13,9 +13,9 @@ use rusqlite::{Connection, params};
 use std::path::{Path, PathBuf};
 
 /// Rows moved at once.
-const ROWS: i64 = 5000;
+const ROWS: i64 = 2000;
 /// Bytes moved at once, about.
-const SIZE: i64 = 2_000_000;
+const SIZE: i64 = 1_000_000;
 
 /// What of each month a store keeps, in months before the open one in which something came; at least the last one of them
 /// stays. All where nothing is said.
