@@ -1,6 +1,9 @@
 //! `seabearing base` with three stations that hear one vessel, killed in the middle: one network track, before and after.
 #![cfg(unix)]
 
+mod base_process;
+
+use base_process::{BINARY, Running};
 use seabearing_core::wire::link::{Arrival, Class, Inbox, Link, MemoryStore, Progress, Session, Settings};
 use seabearing_core::wire::{Bearing, End, Hello, Message, SCHEMA_HASH, Time, Track, WIRE_VERSION, bytes_of};
 use serde_json::Value;
@@ -8,10 +11,9 @@ use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const BINARY: &str = env!("CARGO_BIN_EXE_seabearing");
 const RATE_HZ: u64 = 1000;
 const LASTS_S: u32 = 400;
 /// 2026-06-01.
@@ -140,8 +142,8 @@ impl Recorder {
 }
 
 /// A base station that listens.
-fn base(folder: &Path) -> (Child, String, BufReader<std::process::ChildStderr>) {
-    let mut child = Command::new(BINARY)
+fn base(folder: &Path) -> (Running, String, BufReader<std::process::ChildStderr>) {
+    let child = Command::new(BINARY)
         .args([
             "base",
             "--json",
@@ -156,9 +158,9 @@ fn base(folder: &Path) -> (Child, String, BufReader<std::process::ChildStderr>) 
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut stderr = BufReader::new(child.stderr.take().unwrap());
+        .spawn();
+    let mut child = Running(child.unwrap());
+    let mut stderr = BufReader::new(child.0.stderr.take().unwrap());
     let (mut address, mut line) = (String::new(), String::new());
     // Who takes no part is named after the address.
     while address.is_empty() || !line.contains("fused") {
@@ -200,7 +202,7 @@ fn a_vessel_past_three_stations_is_one_network_track_through_a_restart_of_the_ba
     let half = recorders[0].left.len() / 2;
     let mut before = Vec::new();
     for round in 0..2 {
-        let (mut child, address, _stderr) = base(folder);
+        let (child, address, _stderr) = base(folder);
         let mut streams: Vec<TcpStream> = (0..3)
             .map(|_| {
                 let stream = TcpStream::connect(&address).unwrap();
@@ -231,8 +233,7 @@ fn a_vessel_past_three_stations_is_one_network_track_through_a_restart_of_the_ba
             assert!(begun.elapsed() < Duration::from_secs(100), "{round}: {before:?}");
             std::thread::sleep(Duration::from_millis(50));
         }
-        child.kill().unwrap();
-        child.wait().unwrap();
+        drop(child);
     }
     // One vessel, one number, whoever heard of it first.
     assert!(before.iter().all(|t| t["id"] == 1 && t["state"] != "withdrawn"), "{before:?}");

@@ -2,101 +2,16 @@
 //! does not read; a disk that is full; a kill.
 #![cfg(unix)]
 
+mod base_process;
+
+use base_process::{BINARY, Base, hello, kept, of, wait};
 use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::{Arrival, Class, Inbox, Link, MemoryStore, Progress, Session, Settings};
-use seabearing_core::wire::{
-    Command as Order, Encoder, End, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION, bytes_of,
-};
+use seabearing_core::wire::{Command as Order, Encoder, End, Message, Reply, bytes_of};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-
-const BINARY: &str = env!("CARGO_BIN_EXE_seabearing");
-
-/// A base station that listens, killed at the end.
-struct Base {
-    child: Child,
-    address: String,
-    stderr: BufReader<std::process::ChildStderr>,
-}
-
-impl Base {
-    fn start(folder: &Path, args: &[&str]) -> Self {
-        let mut command = Command::new(BINARY);
-        command.args(["base", "--json"]).args(args).current_dir(folder);
-        let mut child =
-            command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut stderr = BufReader::new(child.stderr.take().unwrap());
-        let mut address = String::new();
-        while !address.contains("listening at ") {
-            address.clear();
-            assert!(stderr.read_line(&mut address).unwrap() > 0, "it does not listen");
-        }
-        let address = address.trim().rsplit(' ').next().unwrap().to_owned();
-        Self { child, address, stderr }
-    }
-
-    fn call(&self) -> TcpStream {
-        let stream = TcpStream::connect(&self.address).unwrap();
-        stream.set_nodelay(true).unwrap();
-        stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
-        stream
-    }
-
-    /// What it has said on standard error, once it is dead.
-    fn kill(mut self) -> String {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
-        let mut said = String::new();
-        self.stderr.read_to_string(&mut said).unwrap();
-        said
-    }
-}
-
-fn hello(station: u16) -> Message {
-    Message::Hello(Hello {
-        wire_version: WIRE_VERSION,
-        schema_hash: SCHEMA_HASH,
-        config_hash: 1,
-        version: (0, 1, 0),
-        station,
-        kind: 0,
-        rate_hz: 1000.0,
-        reset_cause: 1,
-    })
-}
-
-/// Records in a store, as an export gives them.
-fn kept(folder: &Path) -> Vec<Value> {
-    let out = folder.join("kept.jsonl");
-    let ran = Command::new(BINARY)
-        .args(["export", "--store", "store", "--out", "kept.jsonl"])
-        .current_dir(folder)
-        .output();
-    let ran = ran.unwrap();
-    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
-    std::fs::read_to_string(out).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect()
-}
-
-/// Waits until the store holds what is wanted.
-fn wait(folder: &Path, what: &str, enough: impl Fn(&[Value]) -> bool) -> Vec<Value> {
-    let begun = Instant::now();
-    loop {
-        let all = if folder.join("store/store.sqlite").exists() { kept(folder) } else { Vec::new() };
-        if enough(&all) {
-            return all;
-        }
-        assert!(begun.elapsed() < Duration::from_secs(60), "{what}: {} records", all.len());
-        std::thread::sleep(Duration::from_millis(50));
-    }
-}
-
-fn of(all: &[Value], station: u16, kind: &str) -> usize {
-    all.iter().filter(|r| r["station"] == station && r["type"] == kind).count()
-}
 
 #[test]
 fn silent_and_rubbish_callers_hold_up_nobody_and_two_of_one_number_are_named() {
@@ -182,7 +97,7 @@ fn a_reader_that_does_not_read_does_not_stop_the_storing() {
         std::thread::sleep(Duration::from_millis(200));
     }
     // Once it reads again, it is told how much it did not see; when it has gone, storing goes on.
-    let mut lines = BufReader::new(base.child.stdout.take().unwrap()).lines();
+    let mut lines = BufReader::new(base.child.0.stdout.take().unwrap()).lines();
     let mut seen = 0;
     let gap = loop {
         stream.write_all(encoder.frame(&Message::End(End { index: 1, frames: 0 }))).unwrap();
@@ -200,7 +115,7 @@ fn a_reader_that_does_not_read_does_not_stop_the_storing() {
         stream.write_all(encoder.frame(&Message::End(End { index: 2, frames: 0 }))).unwrap();
         std::thread::sleep(Duration::from_millis(30));
     }
-    assert!(base.child.try_wait().unwrap().is_none());
+    assert!(base.child.0.try_wait().unwrap().is_none());
     wait(dir.path(), "after the reader has gone", |all| all.last().is_some_and(|r| r["t_s"] == 0.002));
     let said = base.kill();
     assert!(said.contains("read too slowly") && said.contains("storing goes on"), "{said}");
@@ -336,14 +251,13 @@ fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
     (0..20_000).for_each(|index| frames.extend(encoder.frame(&Message::End(End { index, frames: 0 }))));
     stream.write_all(&frames).unwrap();
     let (said, says) = std::sync::mpsc::channel();
-    let Base { mut child, stderr, .. } = base;
+    let Base { child, stderr, .. } = base;
     std::thread::spawn(move || stderr.lines().map_while(Result::ok).for_each(|l| drop(said.send(l))));
     let full = says.recv_timeout(Duration::from_secs(60)).unwrap();
     let grown = mount(&["-o", "remount,size=64m"]);
     let again = says.recv_timeout(Duration::from_secs(60));
     let all = wait(dir.path(), "room again", |all| of(all, 7, "end") == 20_000);
-    child.kill().unwrap();
-    child.wait().unwrap();
+    drop(child);
     let unmounted = Command::new("umount").arg(dir.path()).status().unwrap().success();
     assert!(grown && unmounted && all.len() > 20_000);
     assert!(full.contains("the disk is full") && full.contains("nothing is acknowledged"), "{full}");

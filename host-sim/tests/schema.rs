@@ -131,3 +131,45 @@ fn the_schemas_of_files_are_those_of_the_types_and_explain_every_key() {
         assert!(explained.contains(part), "{part}: {explained}");
     }
 }
+
+/// The book's tables say of every record and every key what the schemas say.
+#[test]
+fn the_book_explains_every_record_and_every_key() {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    let read = |name: &str| std::fs::read_to_string(docs.join(name)).unwrap();
+    let schema = |name: &str| serde_json::from_str::<Value>(&read(name)).unwrap();
+    let said = |of: &Value| of["description"].as_str().unwrap_or_default().replace('\n', " ");
+    let has = |text: &str, key: &str, of: &Value| {
+        let (begin, end) = (format!("| `{key}` | "), format!(" | {} |", said(of)));
+        text.lines().any(|line| line.starts_with(&begin) && line.ends_with(&end))
+    };
+    let book = read("records.md");
+    let section = |title: &str| {
+        let (_, after) = book.split_once(&format!("\n## {title}\n")).unwrap_or_else(|| panic!("no {title}"));
+        after.split("\n## ").next().unwrap()
+    };
+    let common = section("Fields of most records");
+    for kind in schema("records.schema.json")["oneOf"].as_array().unwrap() {
+        let title = kind["title"].as_str().unwrap();
+        let listed = format!("| [`{title}`](#{title}) | {} |", said(kind));
+        assert!(book.lines().any(|line| line == listed), "docs/records.md lists no {title}");
+        for (key, of) in kind["properties"].as_object().unwrap().iter().filter(|(key, _)| *key != "type") {
+            assert!(
+                has(common, key, of) || has(section(title), key, of),
+                "docs/records.md does not explain {key} of {title}: {}",
+                said(of)
+            );
+        }
+    }
+    for what in ["station", "network"] {
+        let (mut all, text) = (Vec::new(), read(&format!("{what}-file.md")));
+        properties(&schema(&format!("{what}.schema.json")), "", &mut all);
+        for (path, of) in all {
+            let key = path.rsplit('.').next().unwrap();
+            // Tables of keys have headings.
+            let (one, many) = (format!("## `[{}]`", &path[1..]), format!("## `[[{}]]`", &path[1..]));
+            let headed = text.lines().any(|line| line == one || line == many);
+            assert!(headed || has(&text, key, &of), "docs/{what}-file.md does not explain {path}");
+        }
+    }
+}

@@ -4,6 +4,7 @@ mod budget;
 mod elf;
 mod example;
 mod firmware;
+mod fuzz;
 mod lines;
 mod pace;
 mod panic_free;
@@ -31,7 +32,9 @@ cargo xtask TASK
   example         run the core's example on the host and, in QEMU, on the target; they print the same
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
   panic-free      link the recorder with a panic handler that cannot be linked
-  fuzz [--inputs N]  hostile input in great numbers: N mutated inputs a way in; panics, false frames and hangs are counted
+  fuzz [--inputs N] [--target NAME]  hostile input in great numbers: N mutated inputs (of slow targets a share); panics, false
+                  frames and hangs are counted
+  fuzz --guided SECONDS [--target NAME]  the same targets for so long each, guided by coverage (libFuzzer; needs a C++ compiler)
   lines           [REVISION]  lines of code outside tests, package by package
   pace REVISION   processor time of the command over recordings, beside that of a revision of git
   check           format, lints and documentation, warnings as errors
@@ -77,7 +80,7 @@ fn run(arguments: &[String]) -> Result<()> {
             [revision] => lines::command(Some(revision)),
             _ => bail!("lines takes nothing, or a revision of git"),
         },
-        "fuzz" => process::fuzz(options),
+        "fuzz" => fuzz::command(options),
         "test" => suite::command(options),
         "help" | "-h" | "--help" => {
             print!("{HELP}");

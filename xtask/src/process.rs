@@ -113,18 +113,6 @@ impl Drop for Beside {
     }
 }
 
-/// `cargo xtask fuzz`; its work is done by `seabearing reproduce fuzz`.
-pub fn fuzz(options: &[String]) -> Result<()> {
-    let options: Vec<&str> = options.iter().map(String::as_str).collect();
-    let inputs: &[&str] = match options[..] {
-        [] => &[],
-        ["--inputs", n] => &["--runs", n],
-        _ => bail!("fuzz takes --inputs N or nothing"),
-    };
-    let arguments = [&["reproduce", "fuzz"], inputs].concat();
-    run(&mut host(&arguments), "hostile input")
-}
-
 /// Format, lints and documentation, warnings as errors.
 pub fn check() -> Result<()> {
     say("format");
@@ -132,6 +120,20 @@ pub fn check() -> Result<()> {
     say("lints");
     let lints = ["clippy", "--workspace", "--all-targets", "--quiet", "--", "-D", "warnings"];
     run(cargo().args(lints), "lints")?;
+    say("lints of the guided fuzzer's targets");
+    let targets = [
+        "clippy",
+        "--quiet",
+        "--package",
+        "seabearing-fuzz",
+        "--features",
+        "targets",
+        "--bins",
+        "--",
+        "-D",
+        "warnings",
+    ];
+    run(cargo().args(targets), "lints of the guided fuzzer's targets")?;
     board_lints()?;
     features_alone()?;
     say("documentation");

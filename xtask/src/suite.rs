@@ -1,6 +1,6 @@
 //! `cargo xtask test`: every test, the emulated ones included, one line a step; at the end what was skipped, and a count.
 
-use crate::firmware::{self, EMULATED, HARDWARE, HARDWARE_LINK, HARDWARE_LOGGING};
+use crate::firmware::{self, EMULATED, EMULATED_LINK, HARDWARE, HARDWARE_LINK, HARDWARE_LOGGING};
 use crate::process::{cargo, host, oldest, output, run, say, use_what_the_tests_built};
 use crate::toolchain::{self, Toolchain};
 use crate::{budget, example, panic_free, root, scenario};
@@ -126,6 +126,10 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     let mut tests = suite.tests(&names);
     tests.env("SEABEARING_EMULATED", "now");
     suite.step("samples over the emulated serial line; commands", || run(&mut tests, "emulated tests"));
+    suite.step(
+        "two recorders, a pulled line, resets, a killed base station: every record once, with its UTC",
+        || two_recorders(toolchain),
+    );
     suite.step("the core's example, on the target as on the host", || example::check(toolchain));
     suite.step("panic freedom", || panic_free::check(toolchain));
     suite.step("budget of the target, as in the snapshot", || budget::check(toolchain));
@@ -159,6 +163,12 @@ fn hardware_twin(toolchain: &Toolchain) -> Result<()> {
         run(&mut twin, "seabearing twin")?;
     }
     Ok(())
+}
+
+/// `demo --two` in a fifth of its time, which fails where its account does not balance.
+fn two_recorders(toolchain: &Toolchain) -> Result<()> {
+    firmware::build(toolchain, &EMULATED_LINK)?;
+    run(&mut host(&["demo", "--two", "--shorter", "5"]), "seabearing demo --two")
 }
 
 /// Simulates a scenario and compares the telemetry of firmware and host.

@@ -141,7 +141,30 @@ pub(super) struct Exports {
 impl Exports {
     /// Nothing is written yet.
     pub(super) fn start(files: Vec<PathBuf>, plots: Option<PathBuf>, places: Positions) -> Self {
-        Self { files, plots, places, jobs: None, last: Instant::now() }
+        let mut exports = Self { files, plots, places, jobs: None, last: Instant::now() };
+        if !exports.files.is_empty() || exports.plots.is_some() {
+            exports.jobs = Some(exports.writer());
+        }
+        exports
+    }
+
+    /// The thread that writes. It takes a job when it has written the one before.
+    fn writer(&self) -> SyncSender<Job> {
+        let (files, plots, places) = (self.files.clone(), self.plots.clone(), self.places.clone());
+        let (jobs, coming) = sync_channel::<Job>(0);
+        std::thread::spawn(move || {
+            let mut complained = String::new();
+            for job in coming {
+                let said = write(&job, &files, plots.as_deref(), &places)
+                    .err()
+                    .map_or(String::new(), |e| format!("seabearing: {e:#}; it is tried again"));
+                if !said.is_empty() && said != complained {
+                    eprintln!("{said}");
+                }
+                complained = said;
+            }
+        });
+        jobs
     }
 
     fn job(&self, base: &Base) -> Job {
@@ -153,30 +176,14 @@ impl Exports {
 
     /// Writes the files while telemetry comes in, if it is time and the last ones are written.
     pub(super) fn now_and_then(&mut self, base: &Base) {
-        if self.last.elapsed() < EXPORT || (self.files.is_empty() && self.plots.is_none()) {
+        if self.last.elapsed() < EXPORT {
             return;
         }
         self.last = Instant::now();
-        let jobs = self.jobs.get_or_insert_with(|| {
-            let (files, plots, places) = (self.files.clone(), self.plots.clone(), self.places.clone());
-            let (jobs, coming) = sync_channel::<Job>(0);
-            std::thread::spawn(move || {
-                let mut complained = String::new();
-                for job in coming {
-                    let said = write(&job, &files, plots.as_deref(), &places)
-                        .err()
-                        .map_or(String::new(), |e| format!("seabearing: {e:#}; it is tried again"));
-                    if !said.is_empty() && said != complained {
-                        eprintln!("{said}");
-                    }
-                    complained = said;
-                }
-            });
-            jobs
-        });
-        // Whoever still writes is not waited for.
-        let jobs = jobs.clone();
-        let _ = jobs.try_send(self.job(base));
+        if let Some(jobs) = &self.jobs {
+            // Whoever still writes is not waited for.
+            let _ = jobs.try_send(self.job(base));
+        }
     }
 
     /// Writes the files a last time.

@@ -78,6 +78,43 @@ struct Warning {
     text: String,
 }
 
+/// Something that somebody should look after, raised once, acknowledged by a person, cleared once (docs/alarms.md).
+#[derive(Serialize, JsonSchema)]
+struct Alarm {
+    /// Number of the alarm, never used again; the same in all its states.
+    id: u64,
+    /// What, by name.
+    code: String,
+    /// The name of its rule.
+    name: String,
+    /// `raised`, `acknowledged` or `cleared`.
+    state: String,
+    /// Number of the station's track that it is about.
+    track: Option<u32>,
+    /// Session of that track.
+    of_session: Option<u32>,
+    /// Channel that it is about, from 0.
+    channel: Option<u8>,
+    /// How likely it is true, 0 to 1, where the rule asks for a probability.
+    probability: Option<f64>,
+    /// The same in words, as when it was raised.
+    text: String,
+}
+
+/// A person has acknowledged an alarm on the page; not stored: what is stored is the `alarm` in its new state.
+#[derive(Serialize, JsonSchema)]
+struct Acknowledge {
+    /// Number of the alarm.
+    id: u64,
+}
+
+/// A line for a person on the page, and only there.
+#[derive(Serialize, JsonSchema)]
+struct Note {
+    /// What it says.
+    text: String,
+}
+
 /// The reader of standard output was too slow; these are stored, and not shown.
 #[derive(Serialize, JsonSchema)]
 struct NotShown {
@@ -138,6 +175,9 @@ pub fn schema() -> Value {
         kind::<Lost>(g, "lost", false),
         kind::<Line>(g, "line", false),
         kind::<Warning>(g, "warning", false),
+        kind::<Alarm>(g, "alarm", false),
+        kind::<Acknowledge>(g, "acknowledge", false),
+        kind::<Note>(g, "note", false),
         kind::<NotShown>(g, "not_shown", false),
     ];
     json!({
