@@ -308,7 +308,7 @@ impl<L: Link, S: Store, K: Keeper> Outlet for Reliable<'_, L, S, K> {
     }
 
     fn waiting(&self) -> bool {
-        self.link.waiting() > 0 && self.link.up()
+        self.link.waiting() > 0 && self.link.reachable()
     }
 }
 

@@ -71,8 +71,12 @@ fn mutated(asked: &Asked<'_>) -> Result<()> {
     let mut command = cargo();
     command.args(["run", "--quiet", "--profile", "fuzz", "--package", "seabearing", "--no-default-features"]);
     command.args(["--features", "experiments", "--", "reproduce", "fuzz"]);
-    asked.inputs.iter().for_each(|n| drop(command.args(["--runs", n])));
-    asked.target.iter().for_each(|name| drop(command.env("SEABEARING_FUZZ_TARGET", name)));
+    if let Some(n) = asked.inputs {
+        command.args(["--runs", n]);
+    }
+    if let Some(name) = asked.target {
+        command.env("SEABEARING_FUZZ_TARGET", name);
+    }
     run(&mut command, "hostile input")
 }
 

@@ -31,6 +31,8 @@ use sending::Sending;
 const OVERTAKE: i16 = 4;
 /// Data packets that are acknowledged together, and that a half-duplex end sends in its turn.
 const TOGETHER: u8 = 12;
+/// Answers in a row after which a peer that did not give them is gone: some 5 s.
+const GONE: u8 = 5;
 /// Time a peer takes to answer, besides its line's.
 const THINK_US: u64 = 20_000;
 
@@ -278,6 +280,12 @@ impl<S: Store> Link<S> {
     /// Whether the peer knows this end's log and answers.
     pub fn up(&self) -> bool {
         self.opened && self.unanswered == 0
+    }
+
+    /// Whether the peer has answered before, and has not failed to so often since that it is taken for gone: one answer may be
+    /// late where the peer is busy.
+    pub fn reachable(&self) -> bool {
+        self.opened && self.unanswered < GONE
     }
 
     /// Records not acknowledged yet.

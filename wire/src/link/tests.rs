@@ -132,6 +132,25 @@ fn the_urgent_goes_first_and_each_class_keeps_its_order() {
 }
 
 #[test]
+fn a_peer_is_gone_only_after_several_answers_that_did_not_come() {
+    let mut pair = Pair::new(settings(false));
+    assert!(!pair.ends[0].reachable(), "it has never answered");
+    pair.ends[0].offer(Class::Health, b"first");
+    pair.run(5, |_, _| true);
+    pair.ends[0].offer(Class::Health, b"second");
+    // One answer is late.
+    while pair.ends[0].up() {
+        pair.run(1, |from, _| from == 0);
+        assert!(pair.now < 60_000_000);
+    }
+    assert!(pair.ends[0].reachable());
+    pair.run(60, |from, _| from == 0);
+    assert!(!pair.ends[0].reachable() && pair.ends[0].waiting() == 1);
+    pair.run(10, |_, _| true);
+    assert!(pair.ends[0].reachable() && pair.ends[0].waiting() == 0);
+}
+
+#[test]
 fn half_duplex_ends_never_speak_at_once_and_lose_nothing() {
     let mut pair = Pair::new(settings(true));
     let mut n = 0u32;
