@@ -189,7 +189,10 @@ impl Store {
     /// The folder of the months' files, made where it is missing.
     fn months_folder(&self) -> Result<PathBuf> {
         let months = folder(&self.db, &self.folder)?;
-        std::fs::create_dir_all(&months).with_context(|| months.display().to_string())?;
+        if !months.exists() {
+            std::fs::create_dir_all(&months).with_context(|| months.display().to_string())?;
+            state::sync(&self.folder);
+        }
         Ok(months)
     }
 
@@ -232,10 +235,7 @@ impl Store {
         open_month(&month.file(&months, Holds::Bytes))?;
         let db = open_month(&month.file(&months, Holds::Records))?;
         summarise(&self.db, month, &db)?;
-        if let Ok(folder) = std::fs::File::open(&months) {
-            // Where folders cannot be opened there is no need.
-            let _ = folder.sync_all();
-        }
+        state::sync(&months);
         Ok(())
     }
 

@@ -19,7 +19,17 @@ pub(super) fn write(store: &Connection, open: &BTreeSet<u32>, path: &Path) -> Re
         _ => {}
     }
     fill(store, open, &made).with_context(|| path.display().to_string())?;
-    std::fs::rename(&made, path).with_context(|| path.display().to_string())
+    std::fs::rename(&made, path).with_context(|| path.display().to_string())?;
+    path.parent().map(sync);
+    Ok(())
+}
+
+/// Puts the names of a folder's files on the disk.
+pub(super) fn sync(folder: &Path) {
+    if let Ok(folder) = std::fs::File::open(folder) {
+        // Where folders cannot be opened there is no need.
+        let _ = folder.sync_all();
+    }
 }
 
 fn fill(store: &Connection, open: &BTreeSet<u32>, path: &Path) -> Result<()> {
