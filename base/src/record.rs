@@ -114,6 +114,9 @@ pub fn index(message: &Message) -> Option<u64> {
         Message::FaultsHeld(m) => m.index,
         Message::ShaftRate(m) => m.index,
         Message::Time(m) => m.index,
+        Message::Snippet(m) => m.index,
+        Message::Samples(m) => m.index,
+        Message::Spectrum(m) => m.index,
         Message::End(m) => m.index,
     })
 }

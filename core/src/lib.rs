@@ -40,6 +40,8 @@ pub use seabearing_wire as wire;
 /// Names and texts of the configuration are its strings.
 pub use heapless;
 
+#[cfg(any(feature = "array", feature = "obs"))]
+mod density;
 pub mod keeper;
 pub mod outlet;
 pub mod port;
@@ -51,6 +53,7 @@ pub mod sbraw;
 #[cfg(feature = "array")]
 mod slot;
 pub mod slots;
+pub mod snippet;
 pub mod utc;
 mod version;
 pub mod wait;

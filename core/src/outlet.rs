@@ -1,8 +1,10 @@
 //! How messages leave and commands come: in frames that are sent once ([`Plain`]), or over a link that keeps them until
 //! the base station has them ([`Reliable`]).
 
+use crate::block::Block;
 use crate::keeper::{BuiltIn, Done, Keeper, UNKNOWN};
 use crate::port::{Clock, Link};
+use crate::snippet::Snippets;
 use crate::wire::configure::{self, Configure};
 use crate::wire::guard::Guard;
 use crate::wire::link::{self, Arrival, Class, Inbox, Progress, RECORD_BYTES, Session, Store};
@@ -33,6 +35,15 @@ pub trait Outlet {
 
     /// As many samples have come as end a silence.
     fn sampled(&mut self) {}
+
+    /// Samples have come.
+    fn block(&mut self, _: &Block<'_>) {}
+
+    /// A snippet of so many instants of these channels (bit c: channel c) is asked for; the status of the reply. On a line
+    /// without a link it would come in place of what was found.
+    fn snippet(&mut self, _token: u8, _channels: u8, _instants: u32) -> u8 {
+        UNKNOWN
+    }
 
     /// Messages taken so far.
     fn said(&self) -> u32;
@@ -126,6 +137,10 @@ impl<L: Link> Outlet for Plain<'_, L> {
     }
 }
 
+/// Pieces of a snippet that the store holds at most: a few frames, so that the line never waits for one, and a full store
+/// never lets go of anything for them.
+const PIECES_AHEAD: u32 = 24;
+
 /// Messages as records of a link; commands as the peer's records, or as an old base station's frames. `K` keeps the station's
 /// configurations.
 pub struct Reliable<'a, L, S, K = BuiltIn> {
@@ -137,6 +152,7 @@ pub struct Reliable<'a, L, S, K = BuiltIn> {
     now_us: u64,
     said: u32,
     desk: Desk<K>,
+    snippets: Snippets<'a>,
 }
 
 impl<'a, L: Link, S: Store> Reliable<'a, L, S> {
@@ -150,7 +166,13 @@ impl<'a, L: Link, S: Store, K: Keeper> Reliable<'a, L, S, K> {
     /// The same with a keeper of configurations.
     pub fn with(line: &'a mut L, link: &'a mut link::Link<S>, guard: Guard, keeper: K) -> Self {
         let desk = Desk { guard, keeper, heard: Deque::new(), bad: 0, reached: false };
-        Self { line, link, restart: None, restarts: false, now_us: 0, said: 0, desk }
+        let snippets = Snippets::new(&mut []);
+        Self { line, link, restart: None, restarts: false, now_us: 0, said: 0, desk, snippets }
+    }
+
+    /// The same with memory for a snippet of as many codes.
+    pub fn with_snippets(self, memory: &'a mut [i32]) -> Self {
+        Self { snippets: Snippets::new(memory), ..self }
     }
 
     /// The keeper.
@@ -285,6 +307,12 @@ impl<L: Link, S: Store, K: Keeper> Outlet for Reliable<'_, L, S, K> {
         if let Some(done) = self.desk.keeper.work((self.now_us / 1_000_000) as u32, reached) {
             self.finish(done);
         }
+        while !self.crowded()
+            && self.link.store().ledger().kept(Class::Spectrum) < PIECES_AHEAD
+            && let Some(message) = self.snippets.next()
+        {
+            self.put(&message);
+        }
         while let Some(frame) = self.link.send(self.now_us) {
             // A frame for which the line has no room is one that is lost: it comes again.
             self.line.send(frame);
@@ -293,6 +321,14 @@ impl<L: Link, S: Store, K: Keeper> Outlet for Reliable<'_, L, S, K> {
 
     fn sampled(&mut self) {
         self.desk.keeper.sampled();
+    }
+
+    fn block(&mut self, block: &Block<'_>) {
+        self.snippets.take(block);
+    }
+
+    fn snippet(&mut self, token: u8, channels: u8, instants: u32) -> u8 {
+        self.snippets.order(token, channels, instants)
     }
 
     fn said(&self) -> u32 {
@@ -308,7 +344,7 @@ impl<L: Link, S: Store, K: Keeper> Outlet for Reliable<'_, L, S, K> {
     }
 
     fn waiting(&self) -> bool {
-        self.link.waiting() > 0 && self.link.reachable()
+        (self.link.waiting() > 0 || self.snippets.sends()) && self.link.reachable()
     }
 }
 

@@ -30,7 +30,7 @@ pub trait Application {
     /// Takes consecutive samples.
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message));
 
-    /// Carries out a command; the loop itself stops on [`Command::Stop`].
+    /// Carries out a command; the loop itself stops on [`Command::Stop`] and answers [`Command::Snippet`].
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message));
 
     /// Sample instants that end a silence; fewer do not interrupt it.
@@ -138,6 +138,10 @@ pub fn run_over(
         outlet.work(clock);
         while let Some(heard) = outlet.hear() {
             match heard {
+                Heard::Command(Command::Snippet { token, channels, instants }) => {
+                    let status = outlet.snippet(token, channels, instants);
+                    outlet.say(&Message::Reply(Reply { token, status }));
+                }
                 Heard::Command(command) => {
                     running &= !matches!(command, Command::Stop { .. });
                     application.command(command, &mut |m| outlet.say(m));
@@ -164,6 +168,7 @@ pub fn run_over(
                 }
                 let begun = clock.ticks();
                 let block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
+                outlet.block(&block);
                 application.push(block, &mut |m| outlet.say(m));
                 let ticks = clock.ticks().wrapping_sub(begun);
                 summary.busy_ticks = summary.busy_ticks.saturating_add(u64::from(ticks));

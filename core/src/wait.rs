@@ -69,9 +69,11 @@ pub fn wait(
             };
             let (token, status) = match command {
                 Command::Start { token } | Command::Identify { token } => (token, 0),
-                Command::HealthEvery { token, .. } | Command::Stop { token } | Command::Utc { token, .. } => {
-                    (token, 1)
-                }
+                Command::HealthEvery { token, .. }
+                | Command::Stop { token }
+                | Command::Utc { token, .. }
+                | Command::Snippet { token, .. }
+                | Command::Spectrum { token, .. } => (token, 1),
             };
             if matches!(command, Command::Identify { .. }) {
                 outlet.say(&hello);

@@ -2,12 +2,14 @@
 //! They are the recorder's own code over a line of this computer, with a model of their flash.
 #![cfg(unix)]
 
+mod recorder;
+
+use recorder::{Line, Noise, Since};
 use seabearing::{blob, station::Station};
-use seabearing_core::block::Frame;
 use seabearing_core::config_blob;
 use seabearing_core::keeper::{BuiltIn, Done, Keeper};
 use seabearing_core::outlet::Reliable;
-use seabearing_core::port::{self, Chunk, Clock, NoBoard, SampleSource};
+use seabearing_core::port::NoBoard;
 use seabearing_core::recorder::{Memory, configuration};
 use seabearing_core::run::{BLOCK_FRAMES, run_over};
 use seabearing_core::slots::Slots;
@@ -17,13 +19,11 @@ use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::flash::{Flash, ModelFlash, Word};
 use seabearing_core::wire::link::{Link, MemoryStore, Settings};
 use std::cell::RefCell;
-use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::rc::Rc;
 use std::sync::mpsc::{self, Receiver, Sender};
-use std::time::{Duration, Instant};
 
 const KEY: [u8; 32] = [7; 32];
 
@@ -49,63 +49,6 @@ impl Flash for Chip {
 
     fn busy(&self) -> bool {
         self.0.borrow().busy()
-    }
-}
-
-struct Line(TcpStream);
-
-impl port::Link for Line {
-    fn send(&mut self, frame: &[u8]) -> bool {
-        self.0.write_all(frame).is_ok()
-    }
-
-    fn receive(&mut self) -> Option<u8> {
-        let mut byte = [0];
-        (self.0.read(&mut byte).ok()? == 1).then_some(byte[0])
-    }
-}
-
-#[derive(Clone, Copy)]
-struct Since(Instant);
-
-impl Clock for Since {
-    fn ticks(&mut self) -> u32 {
-        0
-    }
-
-    fn seconds(&mut self) -> u32 {
-        self.0.elapsed().as_secs() as u32
-    }
-
-    fn micros(&mut self) -> u64 {
-        self.0.elapsed().as_micros() as u64
-    }
-}
-
-/// Noise, as fast as time goes by; or the end of everything at once.
-struct Noise {
-    since: Instant,
-    rate_hz: f64,
-    index: u64,
-    hangs: bool,
-}
-
-impl SampleSource for Noise {
-    fn read(&mut self, frames: &mut [Frame]) -> Chunk {
-        if self.hangs {
-            return Chunk::End;
-        }
-        let count = frames.len();
-        if ((self.index + count as u64) as f64) > self.since.elapsed().as_secs_f64() * self.rate_hz {
-            std::thread::sleep(Duration::from_micros(200));
-            return Chunk::Idle;
-        }
-        for (n, frame) in (self.index..).zip(frames) {
-            *frame =
-                [3, 2, 1, 0].map(|k| ((n + k).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 46) as i32 - (1 << 17));
-        }
-        self.index += count as u64;
-        Chunk::Frames { first_index: self.index - count as u64, count }
     }
 }
 
@@ -156,12 +99,11 @@ impl<C: FnMut(&[u8]) -> bool> Keeper for Places<C> {
 
 /// A recorder, start after start; the names of the stations it starts as are told.
 fn recorder(stream: TcpStream, built_in: &[u8], like: Like, starts: &Sender<String>) {
-    stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
-    let mut line = Line(stream);
+    let mut line = Line::over(stream);
     let chip = Chip(Rc::new(RefCell::new(ModelFlash::new())));
     let mut store = MemoryStore::<20_000>::new();
     let mut memory: Box<Memory<'static>> = Box::default();
-    let mut clock = Since(Instant::now());
+    let mut clock = Since::now();
     for boot in 1.. {
         let usable = |blob: &[u8]| configuration(blob, 1).is_some();
         let mut slots = Slots::new(chip.clone(), Box::leak(Box::new([0; 4096])), usable);
@@ -175,7 +117,7 @@ fn recorder(stream: TcpStream, built_in: &[u8], like: Like, starts: &Sender<Stri
         let mut link = Link::new(Settings::serial(921_600), config.id, boot, config.hash(), store);
         let guard = Guard::keyed(KEY, Recipient { station: config.id, boot });
         let hangs = like == Like::Hangs && running.is_some_and(|running| running.trial);
-        let mut samples = Noise { since: Instant::now(), rate_hz: config.rate_hz, index: 0, hangs };
+        let mut samples = Noise::new(config.rate_hz, hangs);
         let places = if like == Like::HasNoSlots { Places::None(BuiltIn) } else { Places::Two(slots) };
         let mut outlet = Reliable::with(&mut line, &mut link, guard, places);
         let mut frames = [[0; 4]; BLOCK_FRAMES];

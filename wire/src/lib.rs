@@ -13,6 +13,7 @@ pub mod hash;
 pub mod health;
 pub mod link;
 pub mod message;
+pub mod sound;
 
 pub use frame::{Decoder, DecoderCounters, Encoder, Received};
 pub use message::*;

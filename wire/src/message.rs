@@ -4,6 +4,7 @@
 //! A standard deviation of infinity means "not observable". No NaN is ever sent.
 
 use crate::health::LOSS_CAUSES;
+pub use crate::sound::*;
 use serde::{Deserialize, Serialize};
 
 /// Version of the framing and of this enum's meaning; goes up only when old decoders would misread.
@@ -66,6 +67,12 @@ pub enum Message {
     FaultsHeld(FaultsHeld),
     /// When a sample was.
     Time(Time),
+    /// Raw samples were taken and follow.
+    Snippet(Snippet),
+    /// A piece of them.
+    Samples(Samples),
+    /// The spectrum of one channel.
+    Spectrum(Spectrum),
 }
 
 /// Identity of recorder, software and configuration.
@@ -459,4 +466,30 @@ pub enum Command {
         /// Standard deviation of that on arrival, the line's delay included, µs.
         sd_us: u32,
     },
+    /// Number of `Begin` of [`crate::configure::Configure`]; there is none here.
+    Begin(Elsewhere),
+    /// Number of `Piece`.
+    Piece(Elsewhere),
+    /// Number of `Take`.
+    Take(Elsewhere),
+    /// Send raw samples of the moment: the next so many instants that follow each other without a gap.
+    Snippet {
+        /// Returned in the reply, and in what is sent.
+        token: u8,
+        /// Bit c: channel c.
+        channels: u8,
+        /// How many.
+        instants: u32,
+    },
+    /// Send the spectra of the last data that were analysed.
+    Spectrum {
+        /// Returned in the reply, and in what is sent.
+        token: u8,
+        /// Bit c: channel c.
+        channels: u8,
+    },
 }
+
+/// A command whose number is taken, and that only [`crate::configure::Configure`] holds, because it is long. There is no value of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Elsewhere {}

@@ -10,6 +10,7 @@ use super::spectra::{Kept, Spectra};
 use super::transform::Work;
 use crate::block::{Block, CHANNELS};
 use crate::demon;
+use crate::density::Density;
 use crate::health::{Accounting, LossCause};
 use crate::intake::{Channels, Event, Intake, Levels, Run, Step, Tolerance};
 use crate::slot::Slot;
@@ -136,6 +137,12 @@ impl State {
     #[must_use]
     pub fn level_half_db(&self, plan: &Plan) -> [i8; CHANNELS] {
         self.levels.half_db(self.intake.elapsed(), plan.intake.minute())
+    }
+
+    /// Spectrum of a recorder channel over the last step in which frames could be used.
+    pub(crate) fn density(&self, plan: &Plan, channel: u8) -> Option<Density> {
+        let hydrophone = plan.channels.iter().position(|c| *c == channel)?;
+        self.previous.density(plan, hydrophone)
     }
 
     /// No samples have come for a minute.

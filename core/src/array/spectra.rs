@@ -8,6 +8,7 @@ use super::plan::{BINS, FRAME, Plan};
 use super::transform::{self, RUN, Work};
 use super::wavefront::PAIR_COUNT;
 use crate::block::CHANNELS;
+use crate::density::{self, Density};
 use microfft::Complex32;
 
 /// Neighbouring bins of all pairs and hydrophones.
@@ -146,6 +147,28 @@ impl Kept {
     /// Whether it holds the step before this one.
     pub(crate) fn precedes(&self, step: u64) -> bool {
         self.added.frames > 0 && self.added.step.saturating_add(1) == step
+    }
+}
+
+impl Kept {
+    /// Spectrum of a hydrophone.
+    pub(crate) fn density(&self, plan: &Plan, hydrophone: usize) -> Option<Density> {
+        let Added { frames, step, centres, .. } = self.added;
+        let middle = centres.checked_div(u64::from(frames))?;
+        let of_run = (2 * PAIR_COUNT + hydrophone) * RUN;
+        // One-sided; twice the hydrophone's spectrum is four times its power, as in the window's.
+        let unit = 2.0 * FRAME as f32
+            / (plan.window_power * plan.rate_hz * frames as f32 * plan.full_scale * plan.full_scale);
+        let of_bin = |bin: usize| {
+            let kept = self.runs.get(bin / RUN).and_then(|run| run.get(of_run + bin % RUN));
+            kept.map_or(0.0, |kept| unit * f32::from_bits(u32::from(*kept) << 16))
+        };
+        Some(Density {
+            index: step.saturating_mul(plan.step_samples.get()).saturating_add(middle),
+            frames: frames.min(u32::from(u16::MAX)) as u16,
+            bin_hz: plan.rate_hz / FRAME as f32,
+            tenth_db: density::levels(1, plan.whole.high, |_, bins| bins.map(of_bin).sum()),
+        })
     }
 }
 

@@ -5,6 +5,7 @@
 //! wave has that phase near zero or at least steady; pressure and a shaking instrument have it at random.
 //! Assumes: equal gain and phase of north and east. Cost: three transforms (150 k instructions) and 266 × 210.
 
+use super::averages::Averages;
 use super::background::{Background, straightened};
 use super::limits::{CIRCLE, FRAME, HOP, USED_CHANNELS};
 use super::row::{PHASES, Row};
@@ -77,9 +78,11 @@ pub fn analyse(
     new: &[[f32; HOP]; USED_CHANNELS],
     sources: Sources,
     row: &mut Row,
+    averages: &mut Averages,
 ) {
     let ([p0, n0, e0], [p1, n1, e1]) = (old, new);
     let pressure = transform(&mut scratch.buffer, p0, p1);
+    averages.add(0, pressure);
     // The transform packs the real Nyquist bin into the imaginary part of the (real) zero bin.
     let (zero, nyquist) = pressure.first().map_or((0.0, 0.0), |z| (z.re, z.im));
     let log = |power: f32| 0.5 * ln(power.max(EMPTY_POWER));
@@ -95,9 +98,11 @@ pub fn analyse(
         return;
     }
     let north = transform(&mut scratch.buffer, n0, n1);
+    averages.add(1, north);
     let skipped = north.iter().skip(band.first_bin);
     scratch.intensity.iter_mut().zip(skipped).for_each(|(a, b)| *a = [b.re, b.im]);
     let east = transform(&mut scratch.buffer, e0, e1);
+    averages.add(2, east);
     let components = scratch.pressure.iter().zip(east.iter()).skip(band.first_bin);
     let bins = components.zip(&mut scratch.intensity).zip(&mut scratch.phase).take(band.bins);
     for ((([pre, pim], e), north), phase) in bins {

@@ -15,6 +15,7 @@ mod travel;
 
 mod hops;
 
+mod averages;
 mod azigram;
 mod background;
 

@@ -7,6 +7,7 @@
 //! Directions and ranges are those of the vessel when its sound left it.
 
 use super::ambient::Ambient;
+use super::averages::Averages;
 use super::azigram::{self, Sources};
 use super::cepstrum;
 use super::clutter::Clutter;
@@ -62,6 +63,7 @@ pub struct State {
     next_kept: usize,
     ambient: Ambient,
     clutter: Clutter,
+    pub(crate) averages: Averages,
     presence: Presence,
     evidence: Evidence,
     segmenter: Segmenter,
@@ -100,6 +102,7 @@ impl State {
             next_kept: 0,
             ambient: Ambient::new(),
             clutter: Clutter::new(),
+            averages: Averages::new(),
             presence: Presence::new(),
             evidence: Evidence::new(),
             segmenter: Segmenter::new(),
@@ -249,6 +252,7 @@ impl State {
         }
         // Sums run over places: the same from any beginning.
         self.next_kept = 0;
+        self.averages = Averages::new();
         self.evidence.clear();
         self.several = false;
         self.silent = 0;
@@ -316,8 +320,17 @@ impl State {
             (true, true) => Sources::Several,
         };
         let Some(kept) = self.kept.get_mut(self.next_kept) else { return };
+        self.averages.begin(old.end);
         let spectra = scratch.shared.spectra();
-        azigram::analyse(&plan.band, spectra, &old.samples, &new.samples, sources, &mut kept.row);
+        azigram::analyse(
+            &plan.band,
+            spectra,
+            &old.samples,
+            &new.samples,
+            sources,
+            &mut kept.row,
+            &mut self.averages,
+        );
         kept.row.uneven = old.uneven.max(new.uneven);
         kept.label = old.end;
         kept.used = true;

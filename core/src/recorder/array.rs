@@ -7,12 +7,14 @@ use crate::array;
 use crate::block::Block;
 use crate::config::StationConfig;
 use crate::demon::SpeedCurve;
+use crate::density;
 use crate::intake::{Event, Run, Step};
+use crate::keeper::REFUSED;
 use crate::run::Application;
 use crate::slot::Slot;
 use crate::traffic;
 use crate::utc::Pair;
-use crate::wire::{Command, FaultCode, Message};
+use crate::wire::{Command, FaultCode, Message, Reply};
 
 /// What follows from the configuration.
 #[derive(Debug)]
@@ -89,6 +91,14 @@ impl ArrayRecorder {
                 Slot::Empty => [i8::MIN; 4],
             },
         }
+    }
+
+    /// Says the spectra of the last step; the status of the reply.
+    // Apart, because its work must not take stack while samples are worked on.
+    #[inline(never)]
+    fn spectrum(&self, token: u8, channels: u8, sink: &mut impl FnMut(&Message)) -> u8 {
+        let Slot::Full(plan) = &self.plan else { return REFUSED };
+        density::tell(token, channels, |channel| self.state.density(&plan.array, channel), sink)
     }
 
     /// Takes samples that follow those before.
@@ -200,6 +210,10 @@ impl Application for ArrayRecorder {
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
+        if let Command::Spectrum { token, channels } = command {
+            let status = self.spectrum(token, channels, sink);
+            return sink(&Message::Reply(Reply { token, status }));
+        }
         let condition = self.condition();
         let index = self.state.next_index();
         self.reporter.command(command, index, &condition, &mut self.state.intake.faults, sink);

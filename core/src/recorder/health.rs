@@ -167,7 +167,9 @@ impl Reporter {
                 token
             }
             Command::Stop { token } => token, // the loop stops
-            Command::Start { token } => return sink(&Message::Reply(Reply { token, status: 1 })),
+            Command::Start { token } | Command::Snippet { token, .. } | Command::Spectrum { token, .. } => {
+                return sink(&Message::Reply(Reply { token, status: 1 }));
+            }
             Command::Utc { token, utc_us, sd_us } => {
                 let now = Pair { index, utc_us, sd_s: f64::from(sd_us) * 1e-6 };
                 let status = self.time(now, faults, sink);

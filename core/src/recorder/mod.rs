@@ -197,4 +197,6 @@ mod hostile_tests;
 #[cfg(all(test, feature = "array", feature = "obs"))]
 mod silence_tests;
 #[cfg(all(test, feature = "array", feature = "obs"))]
+mod spectrum_tests;
+#[cfg(all(test, feature = "array", feature = "obs"))]
 mod test_recorder;

@@ -4,11 +4,12 @@ use super::health::{Condition, Reporter};
 use super::{DEAF_S, enough, silence};
 use crate::block::Block;
 use crate::config::StationConfig;
+use crate::density;
 use crate::intake::{Event, Step};
 use crate::obs::{self, PlanError, Table};
 use crate::run::Application;
 use crate::utc::Pair;
-use crate::wire::{Command, FaultCode, Message};
+use crate::wire::{Command, FaultCode, Message, Reply};
 
 /// Everything the ocean-bottom recorder needs, in one place; meant for a `static`. Its propagation table is read where it
 /// lies, for `'t`.
@@ -141,6 +142,10 @@ impl Application for ObsRecorder<'_> {
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
+        if let Command::Spectrum { token, channels } = command {
+            let status = density::tell(token, channels, |c| self.state.averages.density(&self.plan, c), sink);
+            return sink(&Message::Reply(Reply { token, status }));
+        }
         let condition = self.condition();
         let index = self.index();
         self.reporter.command(command, index, &condition, &mut self.state.intake.faults, sink);

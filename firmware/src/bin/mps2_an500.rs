@@ -15,6 +15,7 @@ use seabearing_core::run::run;
 use seabearing_core::{
     outlet::Reliable,
     run::run_over,
+    snippet::MOST_CODES,
     wire::guard::{Guard, Recipient},
     wire::link::{ByteStore, Link, Retained, Settings},
 };
@@ -26,6 +27,8 @@ use seabearing_firmware::mps2_an500::{
 fn main() -> ! {
     #[cfg(feature = "link")]
     static mut LINK: Option<Link<ByteStore<Retained<'static>>>> = None;
+    #[cfg(feature = "link")]
+    static mut SNIPPET: [i32; MOST_CODES] = [0; MOST_CODES];
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
 
@@ -50,7 +53,7 @@ fn main() -> ! {
         let link = LINK.insert(Link::new(settings, config.id, boot, config.hash(), store));
         let recipient = Recipient { station: config.id, boot };
         let guard = host::key().map_or(Guard::open(), |key| Guard::keyed(key, recipient));
-        let mut outlet = Reliable::new(&mut uart, link, guard);
+        let mut outlet = Reliable::new(&mut uart, link, guard).with_snippets(SNIPPET);
         run_over(&mut recorder, &mut samples, &mut outlet, &mut clock, &mut board, FRAMES)
     };
     uart.flush();

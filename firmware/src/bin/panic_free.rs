@@ -18,6 +18,7 @@ use seabearing_core::run::{BLOCK_FRAMES, run, run_over};
 use seabearing_core::sample_line::{self, Arrival, ByteSource};
 use seabearing_core::sbraw::{ReadBytes, Reader};
 use seabearing_core::slots::Slots;
+use seabearing_core::snippet::MOST_CODES;
 use seabearing_core::utc::Pair;
 use seabearing_core::wait::wait;
 use seabearing_core::wire::FaultCode;
@@ -141,6 +142,7 @@ fn main() -> ! {
     static mut RECORDS: [u8; 6400] = [0; 6400];
     static mut RING: Ring = Ring::new();
     static mut SCRATCH: [u8; 4096] = [0; 4096];
+    static mut SNIPPET: [i32; MOST_CODES] = [0; MOST_CODES];
 
     let mut line = Device;
     // SAFETY: this image is never run.
@@ -167,7 +169,7 @@ fn main() -> ! {
             let link = LINK.insert(Reliably::new(settings, config.id, boot, config.hash(), store));
             let recipient = Recipient { station: config.id, boot };
             let guard = Guard::keyed([Device.word() as u8; 32], recipient);
-            let mut outlet = Reliable::new(&mut line, link, guard);
+            let mut outlet = Reliable::new(&mut line, link, guard).with_snippets(SNIPPET);
             run_over(&mut recorder, &mut samples, &mut outlet, &mut Device, &mut Device, FRAMES);
             wait(config.id, None, &mut outlet, &mut Device, &mut Device);
             let bank = Bank::new(Device, RING);

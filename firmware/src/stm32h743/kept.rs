@@ -9,6 +9,7 @@ use embassy_stm32::peripherals::FLASH;
 use seabearing_core::outlet::{Outlet as _, Reliable};
 use seabearing_core::port::{self, Clock, Supervisor};
 use seabearing_core::slots::Slots;
+use seabearing_core::snippet::MOST_CODES;
 use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::flash::FlashStore;
 use seabearing_core::wire::link::{Link, Settings};
@@ -40,6 +41,7 @@ pub struct Memory {
     link: MaybeUninit<Link<Records>>,
     blob: [u8; BLOB_BYTES],
     scratch: [u8; BLOB_BYTES],
+    snippet: [i32; MOST_CODES],
 }
 
 /// The bank, and the configuration that was found in it.
@@ -47,6 +49,7 @@ pub struct Opened {
     bank: &'static Bank<BankTwo>,
     link: &'static mut MaybeUninit<Link<Records>>,
     slots: Configurations,
+    snippet: &'static mut [i32],
     blob: Option<&'static [u8]>,
 }
 
@@ -59,6 +62,7 @@ impl Memory {
             link: MaybeUninit::uninit(),
             blob: [0; BLOB_BYTES],
             scratch: [0; BLOB_BYTES],
+            snippet: [0; MOST_CODES],
         }
     }
 
@@ -73,7 +77,8 @@ impl Memory {
         let mut slots = Slots::new(Part::of(bank), &mut self.scratch, usable);
         let found = slots.choose(&mut self.blob);
         let blob: &'static [u8] = &self.blob;
-        Opened { bank, link: &mut self.link, slots, blob: found.and_then(|found| blob.get(..found.length)) }
+        let blob = found.and_then(|found| blob.get(..found.length));
+        Opened { bank, link: &mut self.link, slots, snippet: &mut self.snippet, blob }
     }
 }
 
@@ -96,7 +101,8 @@ impl Opened {
         let boot = store.starts();
         let link = self.link.write(Link::new(Settings::serial(baud), station, boot, config_hash, store));
         let keyed = |key: &[u8; 32]| Guard::keyed(*key, Recipient { station, boot });
-        Reliable::with(line, link, key.first_chunk().map_or(Guard::open(), keyed), self.slots)
+        let guard = key.first_chunk().map_or(Guard::open(), keyed);
+        Reliable::with(line, link, guard, self.slots).with_snippets(self.snippet)
     }
 }
 

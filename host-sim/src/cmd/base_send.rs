@@ -6,6 +6,7 @@ use crate::base::service::{Rules, Service};
 use crate::base::store::Retain;
 use crate::base::{Base, command, stations};
 use crate::cmd::base_configure::Change;
+use crate::cmd::base_listen::{Length, Snippet, Spectrum};
 use anyhow::{Context, Result, bail};
 use seabearing_core::wire::guard::{COMMAND_BYTES, Key};
 use seabearing_core::wire::link::Settings;
@@ -19,7 +20,9 @@ use std::time::{Duration, Instant};
 #[command(after_help = "Examples:\n  seabearing base send --serial /dev/ttyACM0 --key east.key identify\n  \
     seabearing base send --tcp 10.0.0.7:4500 --key east.key health-every 600\n  \
     seabearing base send --stations stations.toml --station 7 identify\n  \
-    seabearing base send --stations stations.toml --station 7 station new.toml\n\n\
+    seabearing base send --stations stations.toml --station 7 station new.toml\n  \
+    seabearing base send --stations stations.toml --station 7 snippet --channels 0,1 --seconds 0.05 --out sea.wav\n  \
+    seabearing base send --stations stations.toml --station 7 spectrum --calibration east.toml\n\n\
     The line must be free: where a base station holds it, stop that one first. A stations file gives line and key.")]
 #[command(group(clap::ArgGroup::new("to").required(true).args(["serial", "tcp", "listen", "stations"])))]
 #[command(group(clap::ArgGroup::new("signature").args(["key", "unsigned"])))]
@@ -88,7 +91,36 @@ enum Order {
         #[arg(value_name = "STATION.toml")]
         file: PathBuf,
     },
+    /// Send raw samples of the moment, in one piece: at most 8192 in all channels together
+    Snippet {
+        /// Recorder channels, from 0
+        #[arg(long, visible_alias = "channel", value_name = "C,..", value_delimiter = ',', default_values_t = ALL,
+            value_parser = clap::value_parser!(u8).range(..4))]
+        channels: Vec<u8>,
+        /// Samples of each channel; as many as there may be where neither is said
+        #[arg(long, value_name = "N", conflicts_with = "seconds")]
+        samples: Option<u32>,
+        /// Seconds
+        #[arg(long, value_name = "S")]
+        seconds: Option<f64>,
+        /// Write them to this file, whole or not at all; their records are not shown then
+        #[arg(long, value_name = "FILE.wav")]
+        out: Option<PathBuf>,
+    },
+    /// Send the spectra of the last data that were analysed
+    Spectrum {
+        /// Recorder channels, from 0
+        #[arg(long, visible_alias = "channel", value_name = "C,..", value_delimiter = ',', default_values_t = ALL,
+            value_parser = clap::value_parser!(u8).range(..4))]
+        channels: Vec<u8>,
+        /// Its station file, to show levels re 1 µPa (and 1 nm/s) instead of re full scale
+        #[arg(long, value_name = "STATION.toml")]
+        calibration: Option<PathBuf>,
+    },
 }
+
+/// Recorder channels.
+const ALL: [u8; 4] = [0, 1, 2, 3];
 
 /// Number by which the answer is known.
 const TOKEN: u8 = 0x5b;
@@ -101,6 +133,10 @@ enum Talk {
     Once { command: Command, given: bool, answered: bool },
     /// Another configuration.
     Station(Change),
+    /// Raw samples.
+    Snippet(Snippet),
+    /// Spectra.
+    Spectrum(Spectrum),
 }
 
 impl Talk {
@@ -111,6 +147,17 @@ impl Talk {
             Order::HealthEvery { seconds } => Command::HealthEvery { token: TOKEN, seconds },
             Order::Stop => Command::Stop { token: TOKEN },
             Order::Start => Command::Start { token: TOKEN },
+            Order::Snippet { ref channels, samples, seconds, ref out } => {
+                let length = match (samples, seconds) {
+                    (Some(n), _) => Length::Instants(n),
+                    (_, Some(s)) => Length::Seconds(s),
+                    _ => Length::Most,
+                };
+                return Ok(Self::Snippet(Snippet::new(channels, length, out.clone())));
+            }
+            Order::Spectrum { ref channels, ref calibration } => {
+                return Ok(Self::Spectrum(Spectrum::new(channels, calibration.as_ref())?));
+            }
             Order::Station { ref file } => return Ok(Self::Station(Change::of(file, station)?)),
         };
         Ok(Self::Once { command, given: false, answered: false })
@@ -120,6 +167,8 @@ impl Talk {
     fn due(&self) -> Option<Vec<u8>> {
         match self {
             Self::Station(change) => change.due(),
+            Self::Snippet(snippet) => snippet.due(),
+            Self::Spectrum(spectrum) => spectrum.due(),
             Self::Once { given: true, .. } => None,
             Self::Once { command, .. } => {
                 let now = time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 1000;
@@ -135,6 +184,8 @@ impl Talk {
     fn given(&mut self) {
         match self {
             Self::Station(change) => change.given(),
+            Self::Snippet(snippet) => snippet.given(),
+            Self::Spectrum(spectrum) => spectrum.given(),
             Self::Once { given, .. } => *given = true,
         }
     }
@@ -143,6 +194,8 @@ impl Talk {
     fn heard(&mut self, record: &Value) -> Result<bool> {
         match self {
             Self::Station(change) => change.heard(record),
+            Self::Snippet(snippet) => snippet.heard(record),
+            Self::Spectrum(spectrum) => spectrum.heard(record),
             Self::Once { answered, .. } if record["token"] == u64::from(TOKEN) => {
                 done(record)?;
                 *answered = true;
@@ -155,6 +208,8 @@ impl Talk {
     fn done(&self) -> bool {
         match self {
             Self::Station(change) => change.done(),
+            Self::Snippet(snippet) => snippet.done(),
+            Self::Spectrum(spectrum) => spectrum.done(),
             Self::Once { answered, .. } => *answered,
         }
     }
@@ -163,7 +218,8 @@ impl Talk {
     fn patience(&self) -> Duration {
         match self {
             Self::Station(change) => change.patience(),
-            Self::Once { .. } => Duration::ZERO,
+            Self::Snippet(snippet) => snippet.patience(),
+            Self::Spectrum(_) | Self::Once { .. } => Duration::ZERO,
         }
     }
 
@@ -171,7 +227,17 @@ impl Talk {
     fn silence(&self) -> Option<String> {
         match self {
             Self::Station(change) => change.silence(),
-            Self::Once { .. } => None,
+            Self::Snippet(snippet) => snippet.silence(),
+            Self::Spectrum(_) | Self::Once { .. } => None,
+        }
+    }
+
+    /// The record as it is shown, where it is.
+    fn shown(&self, record: &Value) -> Option<Value> {
+        match self {
+            Self::Spectrum(spectrum) => Some(spectrum.shown(record)),
+            Self::Snippet(snippet) if !snippet.shows(record) => None,
+            _ => Some(record.clone()),
         }
     }
 }
@@ -207,7 +273,9 @@ pub fn run(args: &Args) -> Result<()> {
             if !heard || !wanted || record["type"] == "line" {
                 continue;
             }
-            println!("{record}");
+            if let Some(shown) = talk.shown(record) {
+                println!("{shown}");
+            }
             if talk.heard(record)? {
                 since = Instant::now();
             }

@@ -23,7 +23,7 @@ pub struct Tally {
     pub bearings: u64,
     /// Bytes of their frames.
     pub bearing_bytes: u64,
-    /// Bytes of what else is found or goes wrong: greeting, health, answers and the end are not in it.
+    /// Bytes of what else is found or goes wrong: greeting, health, answers, what was asked for and the end are not in it.
     pub other_bytes: u64,
 }
 
@@ -41,7 +41,10 @@ impl Tally {
                 | Message::Health(_)
                 | Message::Reply(_)
                 | Message::End(_)
-                | Message::Time(_) => {}
+                | Message::Time(_)
+                | Message::Snippet(_)
+                | Message::Samples(_)
+                | Message::Spectrum(_) => {}
                 _ => tally.other_bytes += frame_bytes(message),
             }
         }

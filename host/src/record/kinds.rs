@@ -1,5 +1,6 @@
 //! The records by their kinds: what stands in each field, in which unit. The published schema is made of these types.
 
+use super::sound::{Samples, Snippet, Spectrum};
 use seabearing_core::wire::{self, Message};
 use serde::Serialize;
 
@@ -415,6 +416,9 @@ pub enum Kind {
     Time(Time),
     Level(Level),
     NetworkTrack(NetworkTrack),
+    Snippet(Snippet),
+    Samples(Samples),
+    Spectrum(Spectrum),
     End(End),
 }
 
@@ -460,6 +464,9 @@ impl Kind {
                 };
                 (Some(t.index), Self::Time(time))
             }
+            Message::Snippet(s) => (Some(s.index), Self::Snippet(Snippet::from(s))),
+            Message::Samples(s) => (Some(s.index), Self::Samples(Samples::from(s))),
+            Message::Spectrum(s) => (Some(s.index), Self::Spectrum(Spectrum::from(s))),
             Message::End(e) => (Some(e.index), Self::End(End { frames: e.frames })),
         }
     }

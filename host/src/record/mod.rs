@@ -3,10 +3,12 @@
 mod kinds;
 #[cfg(feature = "schema")]
 mod schema;
+mod sound;
 
 pub use kinds::{Kind, Level, Member, NetworkTrack};
 #[cfg(feature = "schema")]
 pub use schema::schema;
+pub use sound::{Samples, Snippet, Spectrum};
 
 use crate::replay::Said;
 use seabearing_core::utc::Times;

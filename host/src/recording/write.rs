@@ -14,6 +14,26 @@ pub enum Encoding {
     Float,
 }
 
+/// Writes codes of so many channels, instant after instant, as a WAV file: of 24 bits, of 32 where one of them needs that; a
+/// missing one as zero.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn codes(path: &Path, rate_hz: u32, channels: u16, codes: &[Option<i32>]) -> Result<()> {
+    let short = codes.iter().flatten().all(|code| (-(1 << 23)..1 << 23).contains(code));
+    let bits_per_sample = if short { 24 } else { 32 };
+    let sample_format = hound::SampleFormat::Int;
+    let spec = hound::WavSpec { channels, sample_rate: rate_hz, bits_per_sample, sample_format };
+    crate::atomic::write_with(path, |out| {
+        let cannot = || format!("cannot write {}", path.display());
+        let mut writer = hound::WavWriter::new(out, spec).with_context(cannot)?;
+        for code in codes {
+            writer.write_sample(code.unwrap_or(0)).with_context(cannot)?;
+        }
+        writer.finalize().with_context(cannot)
+    })
+}
+
 /// Writes 24-bit codes as a WAV file. 24-bit files cannot say [`MISSING`]: it is written as zero.
 ///
 /// # Errors

@@ -37,6 +37,9 @@ impl Class {
             Message::Track(track) if track.stage != Track::RUNNING => Self::Final,
             Message::Segment(_) => Self::Final,
             Message::Health(_) | Message::Time(_) | Message::Reply(_) | Message::End(_) => Self::Health,
+            // What says that samples come must not go for them.
+            Message::Snippet(_) => Self::Health,
+            Message::Samples(_) | Message::Spectrum(_) => Self::Spectrum,
             Message::Bearing(_)
             | Message::Track(_)
             | Message::Azimuth(_)

@@ -1,0 +1,88 @@
+//! The records of the sound itself: raw samples and spectra, as commands ask for them.
+
+use seabearing_core::block::MISSING;
+use seabearing_core::wire::{self, EDGES};
+use serde::Serialize;
+
+/// Raw samples were taken as a command asked, and follow as `samples`.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Snippet {
+    /// Number of the command.
+    pub token: u8,
+    /// Sample index of the first instant.
+    pub index: u64,
+    /// Instants: so many samples of each channel.
+    pub instants: u32,
+    /// Recorder channels, from 0.
+    pub channels: Vec<u8>,
+}
+
+/// A piece of a `snippet`: codes of the converter as they are.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Samples {
+    /// Number of the command.
+    pub token: u8,
+    /// Sample index of the first instant.
+    pub index: u64,
+    /// Recorder channels, from 0.
+    pub channels: Vec<u8>,
+    /// Codes, instant after instant, in each the channels in order; null where the converter gave none.
+    pub codes: Vec<Option<i32>>,
+}
+
+/// Power spectral density of one channel, averaged over frames and the bins of each band.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Spectrum {
+    /// Number of the command.
+    pub token: u8,
+    /// Recorder channel, from 0.
+    pub channel: u8,
+    /// Channels that the answer to the command holds.
+    pub channels: Vec<u8>,
+    /// Frames averaged.
+    pub frames: u16,
+    /// What the levels are of: `full scale`, or the unit in which a station file calibrates the channel.
+    pub reference: String,
+    /// Edges of the bands, Hz: one more than there are bands.
+    pub edges_hz: Vec<f64>,
+    /// Level of the one-sided density in each band, dB re the reference squared in a hertz; null where it was not measured.
+    pub density_db: Vec<Option<f64>>,
+}
+
+/// The channels of bits.
+fn channels(bits: u8) -> Vec<u8> {
+    (0..4).filter(|c| bits >> c & 1 == 1).collect()
+}
+
+impl From<&wire::Snippet> for Snippet {
+    fn from(s: &wire::Snippet) -> Self {
+        Self { token: s.token, index: s.index, instants: s.instants, channels: channels(s.channels) }
+    }
+}
+
+impl From<&wire::Samples> for Samples {
+    fn from(s: &wire::Samples) -> Self {
+        let codes = s.codes().map(|code| (code != MISSING).then_some(code)).collect();
+        Self { token: s.token, index: s.index, channels: channels(s.channels), codes }
+    }
+}
+
+impl From<&wire::Spectrum> for Spectrum {
+    fn from(s: &wire::Spectrum) -> Self {
+        // A bin stands for half a distance on either side.
+        let edge_hz = |edge: &u16| (f64::from(*edge) - 0.5) * f64::from(s.bin_hz);
+        let level = |tenth: &i16| (*tenth != wire::Spectrum::NOTHING).then_some(f64::from(*tenth) / 10.0);
+        Self {
+            token: s.token,
+            channel: s.channel,
+            channels: channels(s.of),
+            frames: s.frames,
+            reference: "full scale".to_owned(),
+            edges_hz: EDGES.iter().map(edge_hz).collect(),
+            density_db: s.tenth_db.iter().map(level).collect(),
+        }
+    }
+}
