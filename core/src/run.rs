@@ -30,7 +30,7 @@ pub trait Application {
     /// Takes consecutive samples.
     fn push(&mut self, block: Block<'_>, sink: &mut impl FnMut(&Message));
 
-    /// Carries out a command; the loop itself stops on [`Command::Stop`] and answers [`Command::Snippet`].
+    /// Carries out a command; the loop itself stops on [`Command::Stop`] and answers [`Command::SendSnippet`].
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message));
 
     /// Sample instants that end a silence; fewer do not interrupt it.
@@ -138,7 +138,7 @@ pub fn run_over(
         outlet.work(clock);
         while let Some(heard) = outlet.hear() {
             match heard {
-                Heard::Command(Command::Snippet { token, channels, instants }) => {
+                Heard::Command(Command::SendSnippet { token, channels, instants }) => {
                     let status = outlet.snippet(token, channels, instants);
                     outlet.say(&Message::Reply(Reply { token, status }));
                 }

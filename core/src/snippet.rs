@@ -9,8 +9,8 @@ use crate::block::{Block, CHANNELS};
 use crate::keeper::{DONE, REFUSED, UNKNOWN};
 use crate::wire::{Message, SAMPLES_BYTES, Samples, Snippet};
 
-/// Codes (instants times channels) that boards have memory for: 128 ms of one channel at 64 kHz, 41 s of four at 50 Hz.
-pub const MOST_CODES: usize = 8192;
+/// Codes (instants times channels) that boards have memory for: 256 ms of one channel at 64 kHz, 82 s of four at 50 Hz.
+pub const MOST_CODES: usize = 16_384;
 
 /// How far it is.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -72,8 +72,8 @@ pub fn wait(
                 Command::HealthEvery { token, .. }
                 | Command::Stop { token }
                 | Command::Utc { token, .. }
-                | Command::Snippet { token, .. }
-                | Command::Spectrum { token, .. } => (token, 1),
+                | Command::SendSnippet { token, .. }
+                | Command::SendSpectrum { token, .. } => (token, 1),
             };
             if matches!(command, Command::Identify { .. }) {
                 outlet.say(&hello);

@@ -115,7 +115,7 @@ fn a_spectrum_of_every_channel_comes_in_the_unit_of_the_calibration() {
 fn a_recorder_refuses_what_it_cannot_take_and_what_is_not_signed() {
     let dir = tempfile::tempdir().unwrap();
     for (key, memory, order, words) in [
-        ("07", true, &["snippet", "--samples", "2049"][..], "too many"),
+        ("07", true, &["snippet", "--samples", "4097"][..], "too many"),
         ("07", false, &["snippet"], "no memory for snippets"),
         ("08", true, &["--wait", "3", "snippet", "--out", "sea.wav"], "is this its key?"),
         ("08", true, &["--wait", "3", "spectrum"], "is this its key?"),

@@ -6,7 +6,9 @@ use seabearing::emulator::{self, Emulator, Engine, SamplePath};
 use seabearing::sample_line::{SendTiming, Sender};
 use seabearing::station::Station;
 use seabearing::twin;
-use seabearing_core::block::Block;
+use seabearing_core::block::{Block, Frame};
+use seabearing_core::recorder::Memory;
+use seabearing_core::run::Application;
 use seabearing_core::sbraw;
 use seabearing_core::wire::{Command, Decoder, Encoder, End, Fault, FaultCode, Hello, Message, Reply};
 use seabearing_testkit::emulated;
@@ -145,6 +147,28 @@ fn an_ocean_bottom_station_answers_while_its_sample_line_is_silent_and_while_it_
     assert_eq!(summary.index, index);
 }
 
+/// The n-th 512 instants of some sound.
+fn half_a_thousand(n: u64) -> Vec<Frame> {
+    let noise = |k: u64| ((n * 512 + k).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 44) as i32 - (1 << 19);
+    (0..512).map(|k| [noise(k), noise(k + 7), noise(k + 31), noise(k + 97)]).collect()
+}
+
+/// What the host's recorder says when it is asked for its spectra of the step about `index`.
+fn spectra_on_the_host(station: &Station, index: u64) -> Vec<Message> {
+    let mut memory: Box<Memory<'_>> = Box::default();
+    let mut recorder = memory.configure(&station.config, None).unwrap();
+    for n in 0..index / 512 + 500 {
+        recorder.push(Block { first_index: n * 512, frames: &half_a_thousand(n) }, &mut |_| ());
+        let mut said = Vec::new();
+        recorder.command(Command::SendSpectrum { token: 4, channels: 15 }, &mut |m| said.push(*m));
+        said.retain(|m| matches!(m, Message::Spectrum(_)));
+        if said.iter().any(|m| matches!(m, Message::Spectrum(s) if s.index == index)) {
+            return said;
+        }
+    }
+    Vec::new()
+}
+
 #[test]
 fn an_array_answers_and_stops_while_samples_stream_in() {
     if !emulated("an_array_answers_and_stops_while_samples_stream_in") {
@@ -157,14 +181,12 @@ fn an_array_answers_and_stops_while_samples_stream_in() {
         out.write_all(&sbraw::MAGIC)?;
         // Without end: only the stop ends it.
         for n in 0u64.. {
-            let noise = |k: u64| ((n * 512 + k).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 44) as i32 - (1 << 19);
-            let frames: Vec<_> =
-                (0..512).map(|k| [noise(k), noise(k + 7), noise(k + 31), noise(k + 97)]).collect();
-            twin::write_block(out, Block { first_index: n * 512, frames: &frames })?;
+            twin::write_block(out, Block { first_index: n * 512, frames: &half_a_thousand(n) })?;
         }
         Ok(())
     };
     let mut base = Base::default();
+    let mut asked = false;
     let mut answer = |message: &Message, encoder: &mut Encoder| match *message {
         Message::Hello(Hello { reset_cause: 0, .. }) => {
             encoder.frame(&Command::Identify { token: 1 }).to_vec()
@@ -172,8 +194,15 @@ fn an_array_answers_and_stops_while_samples_stream_in() {
         Message::Reply(Reply { token: 1, .. }) => {
             encoder.frame(&Command::HealthEvery { token: 2, seconds: 1 }).to_vec()
         }
-        // Two healths after the change: then enough.
-        Message::Health(h) if h.index >= 128_000 => encoder.frame(&Command::Stop { token: 3 }).to_vec(),
+        // Two healths after the change: then what it hears, and enough.
+        Message::Health(h) if h.index >= 128_000 && !asked => {
+            asked = true;
+            let mut bytes = encoder.frame(&Command::SendSpectrum { token: 4, channels: 15 }).to_vec();
+            let snippet = Command::SendSnippet { token: 5, channels: 15, instants: 64 };
+            bytes.extend_from_slice(encoder.frame(&snippet));
+            bytes
+        }
+        Message::Reply(Reply { token: 5, .. }) => encoder.frame(&Command::Stop { token: 3 }).to_vec(),
         _ => Vec::new(),
     };
     emulator(SamplePath::File).run(&blob, feed, |bytes, line| base.hear(bytes, line, &mut answer)).unwrap();
@@ -181,6 +210,13 @@ fn an_array_answers_and_stops_while_samples_stream_in() {
         base.position(&done(1)) < base.position(&done(2))
             && base.position(&done(2)) < base.position(&done(3))
     );
+    // Its spectra are the host's, bit by bit; without a link it takes no snippet.
+    let spectra: Vec<Message> =
+        base.heard.iter().filter(|m| matches!(m, Message::Spectrum(_))).copied().collect();
+    let [Message::Spectrum(first), ..] = spectra[..] else { panic!("{:?}", base.heard) };
+    assert_eq!(spectra.len(), 4);
+    assert_eq!(spectra, spectra_on_the_host(&station, first.index));
+    assert!(base.position(&done(4)) < base.position(&Message::Reply(Reply { token: 5, status: 2 })));
     let [.., Message::Health(last), Message::End(End { index, .. })] = base.heard[..] else {
         panic!("{:?}", base.heard)
     };

@@ -14,6 +14,28 @@ fn example(name: &str) -> Vec<u8> {
     line.split_whitespace().skip(1).map(|h| u8::from_str_radix(h, 16).expect("hexadecimal bytes")).collect()
 }
 
+/// Pairs of codes in two bytes each.
+fn samples(codes: &[i16]) -> Samples {
+    let mut bytes = [[0; 30]; 2];
+    let to = bytes.as_flattened_mut().chunks_exact_mut(2);
+    to.zip(codes).for_each(|(to, code)| to.copy_from_slice(&code.to_le_bytes()));
+    let instants = (codes.len() / 2) as u8;
+    Samples { token: 6, index: 640_000, instants, channels: 0b1010, width: 2, bytes }
+}
+
+fn spectrum() -> Spectrum {
+    let level = |n: usize| if n < 21 { -1000 - 5 * n as i16 } else { Spectrum::NOTHING };
+    Spectrum {
+        token: 7,
+        index: 704_000,
+        channel: 2,
+        of: 0b1111,
+        frames: 71,
+        bin_hz: 125.0,
+        tenth_db: std::array::from_fn(level),
+    }
+}
+
 fn messages() -> Vec<(&'static str, Message)> {
     let pow = |e: i32| 2f32.powi(e);
     vec![
@@ -158,6 +180,9 @@ fn messages() -> Vec<(&'static str, Message)> {
                 correlation: -0.5,
             }),
         ),
+        ("Snippet", Message::Snippet(Snippet { token: 6, index: 640_000, instants: 2048, channels: 0b1010 })),
+        ("Samples", Message::Samples(samples(&[1, -1, 300, -32_768, 32_767, 0]))),
+        ("Spectrum", Message::Spectrum(spectrum())),
     ]
 }
 
@@ -198,6 +223,8 @@ fn the_examples_of_commands_too() {
         ("Stop", Command::Stop { token: 3 }),
         ("Start", Command::Start { token: 4 }),
         ("Utc", Command::Utc { token: 5, utc_us: 1_790_000_000_250_000, sd_us: 250_000 }),
+        ("SendSnippet", Command::SendSnippet { token: 6, channels: 0b1010, instants: 2048 }),
+        ("SendSpectrum", Command::SendSpectrum { token: 7, channels: 0b1111 }),
     ];
     let mut encoder = Encoder::default();
     let mut decoder = Decoder::default();

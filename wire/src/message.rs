@@ -473,7 +473,7 @@ pub enum Command {
     /// Number of `Take`.
     Take(Elsewhere),
     /// Send raw samples of the moment: the next so many instants that follow each other without a gap.
-    Snippet {
+    SendSnippet {
         /// Returned in the reply, and in what is sent.
         token: u8,
         /// Bit c: channel c.
@@ -482,7 +482,7 @@ pub enum Command {
         instants: u32,
     },
     /// Send the spectra of the last data that were analysed.
-    Spectrum {
+    SendSpectrum {
         /// Returned in the reply, and in what is sent.
         token: u8,
         /// Bit c: channel c.

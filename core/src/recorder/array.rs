@@ -210,7 +210,7 @@ impl Application for ArrayRecorder {
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
-        if let Command::Spectrum { token, channels } = command {
+        if let Command::SendSpectrum { token, channels } = command {
             let status = self.spectrum(token, channels, sink);
             return sink(&Message::Reply(Reply { token, status }));
         }

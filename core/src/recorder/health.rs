@@ -167,7 +167,9 @@ impl Reporter {
                 token
             }
             Command::Stop { token } => token, // the loop stops
-            Command::Start { token } | Command::Snippet { token, .. } | Command::Spectrum { token, .. } => {
+            Command::Start { token }
+            | Command::SendSnippet { token, .. }
+            | Command::SendSpectrum { token, .. } => {
                 return sink(&Message::Reply(Reply { token, status: 1 }));
             }
             Command::Utc { token, utc_us, sd_us } => {

@@ -142,7 +142,7 @@ impl Application for ObsRecorder<'_> {
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {
-        if let Command::Spectrum { token, channels } = command {
+        if let Command::SendSpectrum { token, channels } = command {
             let status = density::tell(token, channels, |c| self.state.averages.density(&self.plan, c), sink);
             return sink(&Message::Reply(Reply { token, status }));
         }

@@ -18,7 +18,7 @@ fn answer(which: Which, instants: usize, channels: u8) -> (Vec<Spectrum>, Vec<Me
         recorder.push(Block { first_index: 64 * n as u64, frames }, &mut |_| ());
     }
     let (mut spectra, mut others) = (Vec::new(), Vec::new());
-    recorder.command(Command::Spectrum { token: 5, channels }, &mut |message| match message {
+    recorder.command(Command::SendSpectrum { token: 5, channels }, &mut |message| match message {
         Message::Spectrum(s) => spectra.push(*s),
         other => others.push(*other),
     });

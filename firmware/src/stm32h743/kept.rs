@@ -90,6 +90,8 @@ impl Opened {
 
     /// Opens the store and, over a serial line of `baud` bits a second, the link of a station with this configuration. Commands
     /// must be signed with the key, where there is one.
+    // Apart: the store passes over the stack, which must not stay taken while samples are worked on.
+    #[inline(never)]
     pub fn over<L: port::Link>(
         self,
         line: &'static mut L,

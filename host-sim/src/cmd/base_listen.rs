@@ -80,9 +80,11 @@ impl Snippet {
         let command = match (self.known, self.given) {
             (_, true) => return None,
             (false, _) => Command::Identify { token: WHO },
-            (true, _) => {
-                Command::Snippet { token: TOKEN, channels: bits(&self.channels), instants: self.instants() }
-            }
+            (true, _) => Command::SendSnippet {
+                token: TOKEN,
+                channels: bits(&self.channels),
+                instants: self.instants(),
+            },
         };
         Some(bytes_of(&command, &mut [0; COMMAND_BYTES]).to_vec())
     }
@@ -260,7 +262,7 @@ impl Spectrum {
 
     /// The command, if it is due now.
     pub fn due(&self) -> Option<Vec<u8>> {
-        let command = Command::Spectrum { token: TOKEN, channels: self.channels };
+        let command = Command::SendSpectrum { token: TOKEN, channels: self.channels };
         (!self.given).then(|| bytes_of(&command, &mut [0; COMMAND_BYTES]).to_vec())
     }
 
@@ -328,7 +330,7 @@ mod tests {
         assert!(talk.heard(&json!({"type": "hello", "rate_hz": 100.0})).unwrap());
         assert!(talk.due().is_none());
         assert!(talk.heard(&json!({"type": "reply", "token": WHO, "status": 0})).unwrap());
-        let asked = Command::Snippet { token: TOKEN, channels: 0b101, instants: 4 };
+        let asked = Command::SendSnippet { token: TOKEN, channels: 0b101, instants: 4 };
         assert_eq!(talk.due().unwrap(), bytes_of(&asked, &mut [0; COMMAND_BYTES]));
         talk.given();
         talk

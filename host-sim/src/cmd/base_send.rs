@@ -91,7 +91,7 @@ enum Order {
         #[arg(value_name = "STATION.toml")]
         file: PathBuf,
     },
-    /// Send raw samples of the moment, in one piece: at most 8192 in all channels together
+    /// Send raw samples of the moment, in one piece: at most 16384 in all channels together
     Snippet {
         /// Recorder channels, from 0
         #[arg(long, visible_alias = "channel", value_name = "C,..", value_delimiter = ',', default_values_t = ALL,
@@ -124,6 +124,8 @@ const ALL: [u8; 4] = [0, 1, 2, 3];
 
 /// Number by which the answer is known.
 const TOKEN: u8 = 0x5b;
+/// Silence beyond the wait after which the line itself is given up.
+const LONGEST_SILENCE: Duration = Duration::from_secs(300);
 /// Records of a turn that are looked at.
 const WAITING: usize = 20_000;
 
@@ -260,7 +262,9 @@ pub fn run(args: &Args) -> Result<()> {
     let line = Line { origin: origin.clone(), station, settings, once };
     let mut talk = Talk::of(&args.order, station)?;
     let (mut since, wait) = (Instant::now(), Duration::from_secs(args.wait));
-    let rules = Rules { idle: wait, keep_days: None, retain: Retain::default(), identify: false };
+    // How long an answer may take the wait says; a recorder that takes samples for minutes is silent meanwhile.
+    let idle = wait + LONGEST_SILENCE;
+    let rules = Rules { idle, keep_days: None, retain: Retain::default(), identify: false };
     let mut service = Service::start(Base::new(None), None, vec![line], rules)?;
     let mut heard = false;
     let said = service.feed().subscribe(WAITING);

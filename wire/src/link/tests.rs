@@ -2,7 +2,7 @@
 //! `seabearing reproduce link`.
 
 use super::*;
-use crate::message::{Command, End, FaultCode, Message, Reply};
+use crate::message::{Command, End, FaultCode, Message, Reply, Samples, Snippet, Spectrum};
 use std::collections::VecDeque;
 use std::vec::Vec;
 
@@ -248,6 +248,21 @@ fn every_message_fits_a_record_and_has_its_class() {
     assert_eq!(Class::of(&fault), Class::Alarm);
     let reply = Message::Reply(Reply { token: 1, status: 0 });
     assert_eq!(Class::of(&reply), Class::Health);
+    let full = [[255; 30]; 2];
+    let (token, index, channels) = (255, u64::MAX, 255);
+    let samples = Samples { token, index, instants: 255, channels, width: 255, bytes: full };
+    let (bin_hz, tenth_db) = (f32::MAX, [Spectrum::NOTHING; crate::sound::BANDS]);
+    let spectrum = Spectrum { token, index, channel: 255, of: channels, frames: u16::MAX, bin_hz, tenth_db };
+    let snippet = Snippet { token, index, instants: u32::MAX, channels };
+    for (message, class) in [
+        (Message::Samples(samples), Class::Spectrum),
+        (Message::Spectrum(spectrum), Class::Spectrum),
+        (Message::Snippet(snippet), Class::Health),
+    ] {
+        let mut buffer = [0; RECORD_BYTES];
+        assert_eq!(Class::of(&message), class);
+        assert!(postcard::to_slice(&message, &mut buffer).is_ok());
+    }
     // The longest message: counters at their limits.
     let health = Message::Health(crate::message::Health {
         index: u64::MAX,
