@@ -309,7 +309,7 @@ impl<L: Link, S: Store, K: Keeper> Outlet for Reliable<'_, L, S, K> {
         }
         while !self.crowded()
             && self.link.store().ledger().kept(Class::Spectrum) < PIECES_AHEAD
-            && let Some(message) = self.snippets.next()
+            && let Some(message) = self.snippets.next_message()
         {
             self.put(&message);
         }

@@ -88,7 +88,7 @@ impl<'a> Snippets<'a> {
     }
 
     /// What is to be sent next.
-    pub fn next(&mut self) -> Option<Message> {
+    pub fn next_message(&mut self) -> Option<Message> {
         let Self { token, channels, index, width, .. } = *self;
         let sent = match self.stage {
             Stage::Taken => {
@@ -138,7 +138,7 @@ mod tests {
             let frames: Vec<Frame> = (0..*count as u64).map(frame).collect();
             snippets.take(&Block { first_index: *first_index, frames: &frames });
         }
-        core::iter::from_fn(|| snippets.next()).collect()
+        core::iter::from_fn(|| snippets.next_message()).collect()
     }
 
     proptest! {

@@ -49,7 +49,17 @@ const EXAMPLES: [(&str, &[Expected]); 25] = [
             Runs,
         ],
     ),
-    ("base send", &[Lacks("east.key"), Lacks("east.key"), Lacks("stations.toml"), Lacks("stations.toml")]),
+    (
+        "base send",
+        &[
+            Lacks("east.key"),
+            Lacks("east.key"),
+            Lacks("stations.toml"),
+            Lacks("stations.toml"),
+            Lacks("stations.toml"),
+            Lacks("stations.toml"),
+        ],
+    ),
     ("export", &[Runs, Runs, Runs, Runs]),
     ("demo", &[]),
     ("blob", &[Runs]),

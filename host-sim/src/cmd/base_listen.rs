@@ -1,7 +1,7 @@
 //! `base send … snippet` and `… spectrum`: what a recorder hears, put together from its pieces.
 
 use crate::recording::write;
-use crate::station::Station;
+use crate::station::{Calibration, Station};
 use anyhow::{Context, Result, bail};
 use seabearing_core::keeper::{DONE, REFUSED};
 use seabearing_core::snippet::MOST_CODES;
@@ -235,7 +235,8 @@ impl Snippet {
 /// Spectra on their way.
 pub struct Spectrum {
     channels: u8,
-    station: Option<Station>,
+    /// Of each channel.
+    calibration: Option<Box<[Calibration; 4]>>,
     given: bool,
     answered: bool,
     /// Bits of the channels that came, and of those that are to come.
@@ -254,10 +255,10 @@ impl Spectrum {
             if station.calibration.iter().all(|c| c.reference == "full scale") {
                 bail!("{}: no sensitivity and full scale that levels could be made with", file.display());
             }
-            Ok(station)
+            Ok(Box::new(station.calibration))
         };
-        let station = station.map(read).transpose()?;
-        Ok(Self { channels: bits(channels), station, given: false, answered: false, came: 0, of: None })
+        let calibration = station.map(read).transpose()?;
+        Ok(Self { channels: bits(channels), calibration, given: false, answered: false, came: 0, of: None })
     }
 
     /// The command, if it is due now.
@@ -299,7 +300,7 @@ impl Spectrum {
     pub fn shown(&self, record: &Value) -> Value {
         let mut shown = record.clone();
         let channel = record["channel"].as_u64().and_then(|c| usize::try_from(c).ok());
-        let of = self.station.as_ref().zip(channel).and_then(|(s, c)| s.calibration.get(c));
+        let of = self.calibration.as_ref().zip(channel).and_then(|(all, c)| all.get(c));
         if let Some(calibration) = of.filter(|_| record["type"] == "spectrum")
             && let Some(levels) = record["density_db"].as_array()
         {
