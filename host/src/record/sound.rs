@@ -38,6 +38,8 @@ pub struct Samples {
 pub struct Spectrum {
     /// Number of the command.
     pub token: u8,
+    /// Sample index of the middle of the data used.
+    pub index: u64,
     /// Recorder channel, from 0.
     pub channel: u8,
     /// Channels that the answer to the command holds.
@@ -77,6 +79,7 @@ impl From<&wire::Spectrum> for Spectrum {
         let level = |tenth: &i16| (*tenth != wire::Spectrum::NOTHING).then_some(f64::from(*tenth) / 10.0);
         Self {
             token: s.token,
+            index: s.index,
             channel: s.channel,
             channels: channels(s.of),
             frames: s.frames,
