@@ -128,7 +128,17 @@ pub(super) fn entries(
         };
         Ok((r.get(0)?, Entry { stream, received_us: r.get(2)?, event }))
     })?;
-    Ok(found.collect::<rusqlite::Result<_>>()?)
+    let found = found.collect::<rusqlite::Result<Vec<(i64, Entry)>>>()?;
+    let mut least = from;
+    for (id, _) in &found {
+        if *id < least {
+            // Whoever goes on after the last would come to the same rows for ever.
+            let damage = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
+            return Err(rusqlite::Error::SqliteFailure(damage, Some("rows out of order".into())).into());
+        }
+        least = id.saturating_add(1);
+    }
+    Ok(found)
 }
 
 /// A connection of which all before a row was decoded: who speaks on it, and the frame that was not complete.
