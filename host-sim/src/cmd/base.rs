@@ -181,6 +181,7 @@ pub fn run(args: Args) -> Result<()> {
         // A wrong ending or a missing position is better known now than after the deployment.
         export::check(path, Format::of(path)?, &places, "--station STATION.toml")?;
     }
+    let alarms = args.watch.read(&places)?;
     let lines = args.lines(&listed, station.as_ref().map(|s| s.config.id).filter(|id| *id > 0));
     if lines.is_empty() {
         bail!("{}: no station has a `line`", args.stations.unwrap_or_default().display());
@@ -231,7 +232,7 @@ pub fn run(args: Args) -> Result<()> {
     let before = service.base().counters();
     let must_show = service.ends() || args.store.is_none();
     let mut screen = Screen::start(args.json, service.ends(), service.feed());
-    args.watch.start(&service, args.store.as_deref(), &listed, &places)?;
+    args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places)?;
     let fusion = fuse(&service, &listed, args.store.as_deref())?;
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
     let tell = |notes: Vec<String>| {

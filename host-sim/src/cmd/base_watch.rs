@@ -41,22 +41,33 @@ pub(super) struct Acknowledge {
 const STANDING_DAYS: i64 = 30;
 
 impl Watch {
+    /// Reads the alarms, and refuses what cannot be: before anything is begun.
+    pub(super) fn read(&self, places: &Positions) -> Result<Option<Alarms>> {
+        let nowhere = known(places).is_empty();
+        if let Some(at) = self.nmea.as_ref().filter(|_| nowhere) {
+            bail!(
+                "--nmea {at}: no station's position is known: give --stations with `lat_deg` and `lon_deg`"
+            );
+        }
+        let Some(path) = &self.alarms else { return Ok(None) };
+        let alarms = Alarms::read(path)?;
+        if nowhere && alarms.rules.iter().any(|r| matches!(r.condition, Condition::Inside(_))) {
+            bail!("{}: an area needs stations with `lat_deg` and `lon_deg` (--stations)", path.display());
+        }
+        Ok(Some(alarms))
+    }
+
     /// Starts what is asked for.
     pub(super) fn start(
         &self,
+        alarms: Option<Alarms>,
         service: &Service,
         store: Option<&Path>,
         listed: &[Listed],
         places: &Positions,
     ) -> Result<()> {
-        let known = places.of_station.iter().filter_map(|(of, at)| Some((u16::try_from(*of).ok()?, *at)));
-        let known: BTreeMap<u16, (f64, f64)> = known.collect();
+        let known = known(places);
         if let Some(at) = &self.nmea {
-            if known.is_empty() {
-                bail!(
-                    "--nmea {at}: no station's position is known: give --stations with `lat_deg` and `lon_deg`"
-                );
-            }
             eprintln!(
                 "seabearing: NMEA 0183 for chart plotters at {}",
                 nmea::serve(at, &known, service.feed())?
@@ -65,11 +76,7 @@ impl Watch {
         if let Some(at) = &self.metrics {
             eprintln!("seabearing: counters at http://{}/metrics", metrics::serve(at, service.feed())?);
         }
-        let Some(path) = &self.alarms else { return Ok(()) };
-        let alarms = Alarms::read(path)?;
-        if known.is_empty() && alarms.rules.iter().any(|r| matches!(r.condition, Condition::Inside(_))) {
-            bail!("{}: an area needs stations with `lat_deg` and `lon_deg` (--stations)", path.display());
-        }
+        let Some(alarms) = alarms else { return Ok(()) };
         let mut stations: BTreeMap<u16, Option<(f64, f64)>> =
             known.into_iter().map(|(of, at)| (of, Some(at))).collect();
         for s in listed {
@@ -90,6 +97,11 @@ impl Watch {
         deliver::start(watcher, alarms.deliveries, service.feed(), service.notebook(), folder, &standing);
         Ok(())
     }
+}
+
+/// Latitudes and longitudes of the stations that have them, degrees.
+fn known(places: &Positions) -> BTreeMap<u16, (f64, f64)> {
+    places.of_station.iter().filter_map(|(of, at)| Some((u16::try_from(*of).ok()?, *at))).collect()
 }
 
 /// `seabearing base acknowledge`.
