@@ -7,7 +7,7 @@ use std::io::Write;
 
 /// Find, follow and report vessels with underwater recorders: simulate, replay, receive, reproduce.
 #[derive(Parser)]
-#[command(name = "seabearing", version, propagate_version = true)]
+#[command(name = "seabearing", version, propagate_version = true, after_help = seabearing::cmd::STATUSES)]
 struct Cli {
     #[command(subcommand)]
     command: Subcommand,

@@ -43,6 +43,14 @@ pub mod twin;
 #[cfg(all(unix, feature = "emulation"))]
 mod twin_board;
 
+/// What the command ends with, as `--help` and the manual page say it.
+pub const STATUSES: &str = "Exit status:\n  \
+    0        it is done\n  \
+    1        it is not done, or not all of it; one line on standard error says why\n  \
+    2        a mistake in the arguments; nothing was begun\n  \
+    3        `reproduce`: a figure misses its bar\n  \
+    128 + n  ended by the signal n: 130 for Ctrl-C";
+
 /// Figures that miss their bars, named: the work was done, its result is not as it should be.
 #[derive(Debug, thiserror::Error)]
 #[error("{}{}", Self::WORDS, self.0)]

@@ -27,7 +27,8 @@ pub struct ManArgs {
 fn whole() -> clap::Command {
     let command = clap::Command::new("seabearing")
         .version(env!("CARGO_PKG_VERSION"))
-        .about("Find, follow and report vessels with underwater recorders");
+        .about("Find, follow and report vessels with underwater recorders")
+        .after_help(super::STATUSES);
     <Subcommand as clap::Subcommand>::augment_subcommands(command).subcommand_required(true)
 }
 
