@@ -66,7 +66,7 @@ const EXAMPLES: [(&str, &[Expected]); 26] = [
     ("reproduce", &[Runs]),
     ("propagation", &[Lacks("rays.csv"), Runs]),
     ("propagation fit", &[Lacks("station.toml")]),
-    ("schema", &[Runs, Runs]),
+    ("schema", &[Runs, Runs, Runs]),
     ("station", &[]),
     ("station import", &[Lacks("network.xml"), Lacks("network.xml")]),
     ("completions", &[Runs]),

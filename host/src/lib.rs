@@ -27,6 +27,8 @@ pub mod record;
 pub mod recording;
 pub mod replay;
 pub mod scenario;
+#[cfg(feature = "schema")]
+pub mod schema_page;
 pub mod station;
 pub mod toml_file;
 pub mod world;
