@@ -7,6 +7,7 @@ mod ais_match;
 pub mod base;
 #[cfg(feature = "base")]
 mod base_configure;
+#[cfg(feature = "base")]
 mod base_listen;
 #[cfg(feature = "page")]
 mod base_page;
