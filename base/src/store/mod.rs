@@ -3,7 +3,7 @@
 //! Bytes are committed first ([`Store::keep`]); the records decoded from them, and how far links have come, follow in a
 //! second transaction ([`Store::derive`]), after which they may be acknowledged. What a crash leaves between the two is
 //! decoded when the store is opened. Nothing that opening does depends on how much the store holds: what came before the
-//! last month has files of its own ([`months`]).
+//! last month has files of its own (`months.rs`).
 
 mod check;
 mod earlier;
@@ -29,7 +29,7 @@ pub use rebuild::rebuild;
 use super::record::Row;
 use super::{Base, Beginning};
 use anyhow::{Context, Result};
-use rusqlite::{Connection, ErrorCode, OptionalExtension, params};
+use rusqlite::{Connection, ErrorCode, params};
 use schema::number;
 use seabearing_core::wire::link::Settings;
 use serde_json::Value;
@@ -40,6 +40,8 @@ use std::path::{Path, PathBuf};
 
 /// Rows deleted in one go where a store keeps only so many days.
 const FORGOTTEN: i64 = 5000;
+/// 2000-01-01, microseconds since 1970: a computer whose clock says less has not been told the time yet.
+const CLOCK_SET_US: i64 = 946_684_800_000_000;
 
 /// Something that happened on a connection.
 #[derive(Clone, Debug)]
@@ -311,15 +313,17 @@ impl Store {
         let transaction = self.db.transaction()?;
         let mut more = false;
         for (table, decoded, first) in [
-            ("bytes", " AND id <= (SELECT decoded FROM about)", "first_kept"),
+            ("bytes", " WHERE id <= (SELECT decoded FROM about)", "first_kept"),
             ("records", "", "first_record"),
         ] {
-            // Rows are numbered as they came.
-            let oldest = format!("SELECT id FROM {table} ORDER BY id LIMIT {FORGOTTEN}");
-            let query =
-                format!("SELECT max(id) FROM {table} WHERE id IN ({oldest}) AND received_us < ?1{decoded}");
-            let last: Option<i64> =
-                transaction.query_row(&query, [before_us], |r| r.get(0)).optional()?.flatten();
+            // Rows are numbered as they came. What came before something old goes; what came after something that is kept
+            // stays, and so does what came while the clock was not set, whatever it said.
+            let old = format!(
+                "WITH oldest AS (SELECT id, received_us FROM {table}{decoded} ORDER BY id LIMIT {FORGOTTEN})
+                 SELECT max(id) FROM oldest WHERE received_us >= ?2 AND received_us < ?1
+                 AND id < ifnull((SELECT min(id) FROM oldest WHERE received_us >= ?1), id + 1)"
+            );
+            let last: Option<i64> = transaction.query_row(&old, [before_us, CLOCK_SET_US], |r| r.get(0))?;
             if let Some(last) = last {
                 let count = transaction.execute(&format!("DELETE FROM {table} WHERE id <= ?1"), [last])?;
                 more |= count as i64 == FORGOTTEN;

@@ -6,8 +6,9 @@
 //! then out of the store: whatever happens between, none is lost, and `moved_*` of `about` says from where on each counts.
 
 use super::super::recorder::Session;
+use super::read::{CLOCKED, CLOCKS};
 use super::schema::{FILE, open_month};
-use super::{Store, state};
+use super::{CLOCK_SET_US, Store, state};
 use anyhow::{Context, Result};
 use rusqlite::{Connection, params};
 use std::path::{Path, PathBuf};
@@ -134,6 +135,7 @@ impl Store {
     /// Ends the open month if what comes now is of another. A clock that was a moment in the month before does not begin
     /// that again; one that was far ahead does not keep the next from beginning.
     pub(super) fn turn_month(&mut self, received_us: Option<i64>) -> Result<()> {
+        let received_us = received_us.filter(|us| *us >= CLOCK_SET_US);
         let Some(name) = received_us.and_then(name_of) else { return Ok(()) };
         if self.month.as_deref() == Some(&name) || self.decoded < self.newest {
             return Ok(());
@@ -151,39 +153,47 @@ impl Store {
     }
 
     fn open_month(&mut self, name: String, ended: Option<String>) -> Result<()> {
-        if let Some(ended) = ended {
-            let months = self.months_folder()?;
-            let taken = |name: &str| {
-                self.db.query_row("SELECT EXISTS(SELECT 1 FROM months WHERE name = ?1)", [name], |r| {
-                    r.get::<_, bool>(0)
-                })
-            };
-            let mut month = ended.clone();
-            // Of a clock that came back to a month which was left.
-            for again in 2.. {
-                if !taken(&month)? {
-                    break;
-                }
-                month = format!("{ended}-{again}");
-            }
-            let month = Month {
-                number: 0,
-                name: month,
-                bytes: self.newest,
-                records: self.newest_record,
-                whole: false,
-                span_us: None,
-                undated: 0,
-            };
-            state::write(&self.db, &self.open_streams, &month.file(&months, Holds::State))?;
-            self.db.execute(
+        let ended = ended.map(|ended| self.end_month(ended)).transpose()?;
+        let turned = self.db.transaction()?;
+        if let Some(month) = ended {
+            turned.execute(
                 "INSERT INTO months(name, bytes, records) VALUES(?1, ?2, ?3)",
                 params![month.name, month.bytes, month.records],
             )?;
         }
-        self.db.execute("UPDATE about SET month = ?1", [&name])?;
+        turned.execute("UPDATE about SET month = ?1", [&name])?;
+        turned.commit()?;
         self.month = Some(name);
         Ok(())
+    }
+
+    /// Keeps what is known now for a month that ends here.
+    fn end_month(&self, ended: String) -> Result<Month> {
+        let months = self.months_folder()?;
+        let taken = |name: &str| {
+            self.db.query_row("SELECT EXISTS(SELECT 1 FROM months WHERE name = ?1)", [name], |r| {
+                r.get::<_, bool>(0)
+            })
+        };
+        let mut month = ended.clone();
+        // Of a clock that came back to a month which was left.
+        for again in 2.. {
+            if !taken(&month)? {
+                break;
+            }
+            month = format!("{ended}-{again}");
+        }
+        let month = Month {
+            number: 0,
+            name: month,
+            bytes: self.newest,
+            records: self.newest_record,
+            whole: false,
+            span_us: None,
+            undated: 0,
+        };
+        state::write(&self.db, &self.open_streams, &month.file(&months, Holds::State))?;
+        Ok(month)
     }
 
     /// The folder of the months' files, made where it is missing.
@@ -262,6 +272,9 @@ impl Store {
             )?;
         }
         let moved = self.db.transaction()?;
+        if table == "records" {
+            keep_clocks(&moved, upto)?;
+        }
         moved.execute(&format!("DELETE FROM {table} WHERE id <= ?1"), [upto])?;
         moved.execute(&format!("UPDATE about SET moved_{table} = ?1"), [upto])?;
         Ok(moved.commit()?)
@@ -269,9 +282,14 @@ impl Store {
 
     /// Drops the months that are kept no longer.
     fn drop_months(&mut self, all: &[Month], retain: Retain) -> Result<()> {
+        // A clock that goes back and forth makes pieces of a month, and they count once.
         let last_of = |keep: Option<u32>| {
-            let dropped = all.len().checked_sub(keep?.max(1) as usize)?;
-            all.get(dropped.checked_sub(1)?)
+            let keep = keep?.max(1) as usize;
+            let mut names = std::collections::BTreeSet::new();
+            all.iter().rev().find(|month| {
+                names.insert(month.name.get(..7));
+                names.len() > keep
+            })
         };
         if let Some(last) = last_of(retain.raw) {
             self.db.execute("UPDATE about SET first_kept = max(first_kept, ?1 + 1)", [last.bytes])?;
@@ -286,7 +304,8 @@ impl Store {
     pub(super) fn forget_months(&mut self, before_us: i64) -> Result<()> {
         let Some(before) = name_of(before_us) else { return Ok(()) };
         let all = months(&self.db)?;
-        let Some(last) = all.iter().rfind(|m| m.whole && m.name < before) else { return Ok(()) };
+        // Rows of a month that came after something that is kept stay, whatever the clock said then.
+        let Some(last) = all.iter().take_while(|m| m.whole && m.name < before).last() else { return Ok(()) };
         self.db.execute(
             "UPDATE about SET first_kept = max(first_kept, ?1 + 1), first_record = max(first_record, ?2 + 1)",
             [last.bytes, last.records],
@@ -302,9 +321,16 @@ impl Store {
                 Ok((r.get(0)?, r.get(1)?))
             })?;
         for (n, month) in all.iter().enumerate() {
-            let remove = |holds| match std::fs::remove_file(month.file(&months, holds)) {
-                Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(e),
-                _ => Ok(()),
+            let remove = |holds| {
+                for ending in ["", "-wal", "-shm"] {
+                    let mut path = month.file(&months, holds).into_os_string();
+                    path.push(ending);
+                    match std::fs::remove_file(path) {
+                        Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(e),
+                        _ => {}
+                    }
+                }
+                Ok(())
             };
             if month.bytes < first {
                 remove(Holds::Bytes)?;
@@ -360,6 +386,28 @@ fn summarise(db: &Connection, month: &Month, file: &Connection) -> Result<()> {
         "UPDATE months SET whole = 1, first_us = ?2, last_us = ?3, undated = ?4 WHERE number = ?1",
         params![month.number, first, last, undated],
     )?;
+    Ok(())
+}
+
+/// Keeps what records up to a number say of clocks: those of a session that goes on for years are in other files then.
+fn keep_clocks(db: &Connection, upto: i64) -> Result<()> {
+    let told = "FROM records WHERE id <= ?1 AND kind IN (7, 12)";
+    let sessions = format!("SELECT DISTINCT station, session {told}");
+    let sessions = db
+        .prepare(&sessions)?
+        .query_map([upto], |r| Ok((r.get(0)?, r.get(1)?)))?
+        .collect::<rusqlite::Result<Vec<(i64, Option<u32>)>>>()?;
+    db.execute(&format!("INSERT OR REPLACE INTO clocks SELECT id, station, session, body {told}"), [upto])?;
+    for (of, session) in sessions {
+        let of_session = "FROM clocks WHERE station = ?1 AND session = ?2";
+        let newest = format!("SELECT id {of_session} ORDER BY id DESC LIMIT {CLOCKS}");
+        db.execute(&format!("DELETE {of_session} AND id NOT IN ({newest})"), params![of, session])?;
+        // Of older sessions nothing comes any more.
+        db.execute(
+            "DELETE FROM clocks WHERE station = ?1 AND session < (SELECT max(session) FROM sessions WHERE station = ?1) - ?2",
+            params![of, CLOCKED as i64],
+        )?;
+    }
     Ok(())
 }
 

@@ -87,8 +87,8 @@ fn resume_station(db: &Connection, of: i64, base: &mut Base) -> Result<()> {
 /// What a session's recorder last said of its clock, oldest first.
 fn clocks(db: &Connection, of: i64, session: u32) -> Result<Vec<Message>> {
     let mut told = db.prepare(
-        "SELECT body FROM records WHERE station = ?1 AND session = ?2 AND kind IN (7, 12)
-         ORDER BY id DESC LIMIT ?3",
+        "SELECT body, id FROM records WHERE station = ?1 AND session = ?2 AND kind IN (7, 12)
+         UNION SELECT body, id FROM clocks WHERE station = ?1 AND session = ?2 ORDER BY id DESC LIMIT ?3",
     )?;
     let bodies = told.query_map(params![of, session, CLOCKS], |r| r.get::<_, Vec<u8>>(0))?;
     let mut messages = bodies.map(|b| Ok(message_of(&b?))).collect::<Result<Vec<_>>>()?;

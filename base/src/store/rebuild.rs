@@ -29,11 +29,14 @@ pub fn rebuild(folder: &Path) -> Result<u64> {
 
 fn try_rebuild(store: &Path) -> Result<u64> {
     let rebuilt = store.join(REBUILT);
+    if !store.join(FILE).exists() && !store.join("raw.bin").exists() {
+        bail!("there is none");
+    }
     let old = super::schema::open(store)?;
     let look = Look::at(&old, store)?;
     let Some(start) = look.start() else {
         bail!(
-            "its oldest bytes were let go by a rule of retention in days, and some of the rest cannot be read without them"
+            "its oldest bytes were let go by a rule of retention, and what was known then was not kept: some of the rest cannot be read without them"
         );
     };
     match std::fs::remove_dir_all(&rebuilt) {
@@ -110,7 +113,7 @@ fn put_in_place(new: Store, old: Connection, store: &Path) -> Result<()> {
     let close = "PRAGMA wal_checkpoint(TRUNCATE); PRAGMA journal_mode = DELETE";
     new.db.execute_batch(close)?;
     drop(new);
-    old.execute_batch(close)?;
+    old.execute_batch(close).context("another program reads it: wait until it has ended, or stop it")?;
     drop(old);
     std::fs::rename(store.join(REBUILT).join(FILE), store.join(FILE))?;
     if before.exists() {
@@ -145,22 +148,22 @@ impl Store {
         std::fs::create_dir_all(&months_folder)?;
         let first_record: i64 = old.query_row("SELECT first_record FROM about", [], |r| r.get(0))?;
         let ended: Vec<_> = months(old)?.into_iter().filter(|m| m.bytes <= start.bytes).collect();
-        for (path, name) in
-            look.kept(&ended, first_record).into_iter().chain([state.clone()]).filter_map(|path| {
-                let name = path.file_name()?.to_owned();
-                Some((path, name))
-            })
-        {
-            let to = months_folder.join(name);
-            if std::fs::hard_link(&path, &to).is_err() {
-                std::fs::copy(&path, &to).with_context(|| path.display().to_string())?;
-            }
+        for path in look.kept(&ended, first_record) {
+            let name = path.file_name().context("a month's file")?;
+            // With what a reader has kept from going into the file so far.
+            open_file_to_read(&path)?
+                .execute("VACUUM INTO ?1", [months_folder.join(name).display().to_string()])
+                .with_context(|| path.display().to_string())?;
         }
+        let name = state.file_name().context("a month's file")?;
+        std::fs::copy(state, months_folder.join(name)).with_context(|| state.display().to_string())?;
         self.db.execute("ATTACH ?1 AS state", [state.display().to_string()])?;
         self.db.execute("ATTACH ?1 AS old", [old.path()])?;
         self.db.execute_batch(
             "BEGIN; DELETE FROM streams; INSERT INTO streams SELECT * FROM state.streams;
-             INSERT INTO sessions SELECT * FROM state.sessions; INSERT INTO logs SELECT * FROM state.logs;",
+             INSERT INTO sessions SELECT * FROM state.sessions; INSERT INTO logs SELECT * FROM state.logs;
+             INSERT INTO clocks SELECT * FROM state.clocks;
+             INSERT OR IGNORE INTO clocks SELECT id, station, session, body FROM state.records WHERE kind IN (7, 12);",
         )?;
         self.db.execute("INSERT INTO months SELECT * FROM old.months WHERE bytes <= ?1", [start.bytes])?;
         self.db.execute(

@@ -54,6 +54,8 @@ ALTER TABLE about ADD COLUMN moved_records INTEGER NOT NULL DEFAULT 0;
 ALTER TABLE about ADD COLUMN first_record INTEGER NOT NULL DEFAULT 1;
 ALTER TABLE about ADD COLUMN month TEXT;
 ALTER TABLE about ADD COLUMN folder TEXT NOT NULL DEFAULT 'months';
+CREATE TABLE clocks(id INTEGER PRIMARY KEY, station INTEGER NOT NULL, session INTEGER, body BLOB NOT NULL);
+CREATE INDEX clocks_of_sessions ON clocks(station, session);
 CREATE TABLE months(number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, bytes INTEGER NOT NULL,
     records INTEGER NOT NULL, whole INTEGER NOT NULL DEFAULT 0, first_us INTEGER, last_us INTEGER,
     undated INTEGER NOT NULL DEFAULT 0);
@@ -113,7 +115,8 @@ pub(super) fn tables_of_a_store(db: &Connection) -> Result<()> {
 pub(super) fn open_month(path: &Path) -> Result<Connection> {
     let db = Connection::open(path)?;
     db.busy_timeout(Duration::from_secs(10))?;
-    db.execute_batch("PRAGMA journal_mode = DELETE; PRAGMA synchronous = FULL; PRAGMA cache_size = -8000;")?;
+    // With a log of its own no reader holds up who writes.
+    db.execute_batch("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA cache_size = -8000;")?;
     let of = if path.to_string_lossy().ends_with(".bytes.sqlite") { BYTES } else { RECORDS };
     db.execute_batch(of)?;
     Ok(db)

@@ -43,7 +43,8 @@ fn fill(store: &Connection, open: &BTreeSet<u32>, path: &Path) -> Result<()> {
         "UPDATE about SET decoded = (SELECT decoded FROM store.about);
          INSERT INTO sessions SELECT * FROM store.sessions;
          INSERT INTO logs SELECT * FROM store.logs;
-         INSERT INTO stations SELECT * FROM store.stations;",
+         INSERT INTO stations SELECT * FROM store.stations;
+         INSERT INTO clocks SELECT * FROM store.clocks;",
     )?;
     {
         let mut streams = db.prepare("INSERT INTO streams SELECT * FROM store.streams WHERE stream = ?1")?;

@@ -3,6 +3,7 @@ use super::*;
 use seabearing_core::wire::Encoder;
 use serde_json::Value;
 
+mod disturbed;
 mod months;
 
 fn records(folder: &Path) -> Vec<Value> {

@@ -8,16 +8,16 @@ use std::collections::BTreeMap;
 use time::OffsetDateTime;
 
 /// 2026-01-10T00:00:00Z.
-const BEGIN_US: i64 = 1_768_003_200_000_000;
+pub(super) const BEGIN_US: i64 = 1_768_003_200_000_000;
 const MONTH_US: i64 = 2_635_200_000_000;
 
 /// When the record of a number comes: a few a month.
-fn at(n: u64) -> i64 {
+pub(super) fn at(n: u64) -> i64 {
     BEGIN_US + n as i64 * MONTH_US / 7
 }
 
 /// What a recorder with a clock says, record by record: one in ten is a track's report.
-fn said(n: u64) -> Message {
+pub(super) fn said(n: u64) -> Message {
     match n {
         0 => hello_of(7),
         n if n % 5 == 1 => Message::Time(Time {
@@ -49,7 +49,7 @@ fn pieces(count: u64) -> Vec<(i64, Vec<u8>)> {
 }
 
 /// Keeps `count` records over their months, starting again before every `restart`-th piece.
-fn fill(folder: &Path, count: u64, restart: usize, retain: Retain) {
+pub(super) fn fill(folder: &Path, count: u64, restart: usize, retain: Retain) {
     let mut base = Base::new(None);
     let mut store = Store::open(folder, &mut base).unwrap();
     take(&mut store, &mut base, &[Entry { received_us: Some(at(0)), ..entry(1, Event::Began(of_seven())) }]);
@@ -75,7 +75,7 @@ fn fill(folder: &Path, count: u64, restart: usize, retain: Retain) {
     }
 }
 
-fn of_seven() -> Beginning {
+pub(super) fn of_seven() -> Beginning {
     Beginning { station: Some(7), ..Beginning::default() }
 }
 
@@ -90,7 +90,7 @@ fn files(store: &Path) -> BTreeMap<String, usize> {
 }
 
 /// All that a record says but when it was told so.
-fn plain(all: &[Value]) -> Vec<String> {
+pub(super) fn plain(all: &[Value]) -> Vec<String> {
     all.iter().map(Value::to_string).collect()
 }
 
