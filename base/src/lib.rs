@@ -99,6 +99,8 @@ pub struct Base {
     over_links: Counters,
     rate_hz: Option<f64>,
     said: Option<i64>,
+    /// Classes of which records are left with the recorders.
+    borrows: [bool; link::CLASSES],
     /// Counter of the newest signed command.
     counter: u64,
     warnings: Vec<String>,
@@ -110,6 +112,11 @@ impl Base {
     /// Nothing heard yet. `rate_hz` is used until a recorder tells its own; without a rate records carry no time.
     pub fn new(rate_hz: Option<f64>) -> Self {
         Self { rate_hz, ..Self::default() }
+    }
+
+    /// From now on records of these classes are read, and left with recorders that have a link: for whoever keeps them.
+    pub fn borrow_records(&mut self, of: [bool; link::CLASSES]) {
+        self.borrows = of;
     }
 
     /// UTC of sample 0 in the session of whatever is heard next, microseconds since 1970. A recorder that starts again
@@ -131,9 +138,11 @@ impl Base {
     pub fn begin(&mut self, stream: u32, beginning: Beginning, line: Option<Settings>) {
         let who = beginning.station;
         let session = who.and_then(|who| self.recorder(Some(who)).plain);
+        let mut connection = Stream::new(line);
+        connection.link().withhold(self.borrows);
         let live = Live {
             beginning,
-            stream: Stream::new(line),
+            stream: connection,
             who,
             session,
             up: false,
@@ -329,9 +338,14 @@ impl Base {
 
     /// The record of a loss.
     fn lost(&self, who: Option<u16>, loss: &Loss, received_us: Option<i64>) -> Row {
+        let cause = match loss.told {
+            told if told >= loss.count => "the recorder's store was full",
+            0 => "somebody else has acknowledged them to the recorder",
+            _ => "the recorder's store was full, and somebody else has acknowledged some to it",
+        };
         let body = json!({
             "type": "lost", "frames": loss.count, "class": CLASSES[loss.class as usize],
-            "cause": "the recorder's store was full", "dropped_by_recorder": loss.told,
+            "cause": cause, "dropped_by_recorder": loss.told,
         });
         self.said_row(who, received_us, body)
     }

@@ -13,6 +13,9 @@ const TOKEN: u8 = 0x75;
 /// How wrong the time may be when it arrives, one standard deviation: this clock's error and the line's delay.
 const SD_US: u32 = 500_000;
 
+/// 2020-01-01, microseconds since 1970: no computer that runs this has a right clock that says less.
+const CLOCK_SET_US: i64 = 1_577_836_800_000_000;
+
 /// Tells recorders the time, by signed commands.
 #[derive(Debug)]
 pub struct Teller {
@@ -30,13 +33,17 @@ impl Teller {
 
     /// Tells whoever is due.
     pub(crate) fn work(&mut self, base: &mut Base) {
+        let utc_us = micros(OffsetDateTime::now_utc());
+        if utc_us < CLOCK_SET_US {
+            // This computer does not know it itself yet.
+            return;
+        }
         for (stream, session) in base.linked() {
             let Some(key) = self.keys.get(&session.station) else { continue };
             let told = self.told.get(&session.station);
             if told.is_some_and(|(boot, at)| *boot == session.boot && at.elapsed() < self.every) {
                 continue;
             }
-            let utc_us = micros(OffsetDateTime::now_utc());
             if base.command(stream, Some(key), &Command::Utc { token: TOKEN, utc_us, sd_us: SD_US }) {
                 self.told.insert(session.station, (session.boot, Instant::now()));
             }

@@ -112,7 +112,7 @@ pub struct Args {
 #[derive(clap::Subcommand)]
 enum Action {
     /// Give a command to a recorder with a link, and print its answer
-    Send(super::base_send::Args),
+    Send(Box<super::base_send::Args>),
     /// Say what is in a store and whether it is sound
     Check(Kept),
     /// Make the records of a store anew from its bytes

@@ -8,7 +8,7 @@ use seabearing_core::snippet::MOST_CODES;
 use seabearing_core::wire::guard::COMMAND_BYTES;
 use seabearing_core::wire::{Command, bytes_of};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Number by which the answers are known.
@@ -50,10 +50,27 @@ fn bits(channels: &[u8]) -> u8 {
 
 impl Snippet {
     /// Of these channels, from 0.
-    pub fn new(channels: &[u8], length: Length, out: Option<PathBuf>) -> Self {
+    ///
+    /// # Errors
+    /// The length is none, or the file's folder is not there.
+    pub fn new(channels: &[u8], length: Length, out: Option<PathBuf>) -> Result<Self> {
+        match length {
+            Length::Instants(0) => bail!("--samples 0: none"),
+            Length::Seconds(s) if !(s.is_finite() && s > 0.0) => bail!("--seconds {s}: no length of time"),
+            _ => {}
+        }
+        if let Some(out) = &out {
+            let folder = out.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            if out.is_dir() {
+                bail!("cannot write {}: it is a folder", out.display());
+            }
+            if !folder.is_dir() {
+                bail!("cannot write {}: there is no folder {}", out.display(), folder.display());
+            }
+        }
         let channels: Vec<u8> = (0..4).filter(|c| channels.contains(c)).collect();
         let codes = Vec::new();
-        Self {
+        Ok(Self {
             channels,
             length,
             out,
@@ -63,7 +80,7 @@ impl Snippet {
             taken: None,
             codes,
             done: false,
-        }
+        })
     }
 
     /// Instants to ask for.
@@ -135,7 +152,8 @@ impl Snippet {
             Some("lost") if self.known && record["class"] == "spectrum" => {
                 bail!("{} pieces were lost on the recorder: ask again", record["frames"])
             }
-            _ => return Ok(false),
+            // What it has to send first is life, too.
+            _ => return Ok(self.known && self.taken.is_none()),
         }
         Ok(true)
     }
@@ -220,8 +238,9 @@ impl Snippet {
         match (self.known, self.taken) {
             (false, _) => None,
             (true, None) => Some(
-                "the recorder has said who it is, and has sent no samples: none come without a gap, or its software does not \
-                 know snippets (it says BadCommand then)"
+                "the recorder has said who it is, and has sent no samples: none come without a gap, its records stand before them \
+                 (--store DIR takes those into the base station's store), or its software does not know snippets (it says \
+                 BadCommand then)"
                     .to_owned(),
             ),
             (true, Some((_, instants))) => Some(format!(
@@ -326,7 +345,7 @@ mod tests {
     use super::*;
 
     fn talk(out: Option<PathBuf>) -> Snippet {
-        let mut talk = Snippet::new(&[2, 0], Length::Seconds(0.04), out);
+        let mut talk = Snippet::new(&[2, 0], Length::Seconds(0.04), out).unwrap();
         talk.given();
         assert!(talk.heard(&json!({"type": "hello", "rate_hz": 100.0})).unwrap());
         assert!(talk.due().is_none());

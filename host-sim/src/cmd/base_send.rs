@@ -3,13 +3,14 @@
 use crate::base::line::Line;
 use crate::base::origin::Origin;
 use crate::base::service::{Rules, Service};
-use crate::base::store::Retain;
+use crate::base::store::{Retain, Store};
 use crate::base::{Base, command, stations};
+use crate::cmd::base_clock::Clock;
 use crate::cmd::base_configure::Change;
 use crate::cmd::base_listen::{Length, Snippet, Spectrum};
 use anyhow::{Context, Result, bail};
 use seabearing_core::wire::guard::{COMMAND_BYTES, Key};
-use seabearing_core::wire::link::Settings;
+use seabearing_core::wire::link::{CLASSES, Class, Settings};
 use seabearing_core::wire::{Command, bytes_of};
 use serde_json::Value;
 use std::path::PathBuf;
@@ -23,7 +24,10 @@ use std::time::{Duration, Instant};
     seabearing base send --stations stations.toml --station 7 station new.toml\n  \
     seabearing base send --stations stations.toml --station 7 snippet --channels 0,1 --seconds 0.05 --out sea.wav\n  \
     seabearing base send --stations stations.toml --station 7 spectrum --calibration east.toml\n\n\
-    The line must be free: where a base station holds it, stop that one first. A stations file gives line and key.")]
+    The line must be free: where a base station holds it, stop that one first. A stations file gives line and key. The records that \
+    the recorder holds are left with it, for the base station; with --store they are taken into the base station's store on the way, which is needed where \
+    so many stand before the answer that it does not come, and is advised for another configuration: the recorder starts \
+    again with nothing to send.")]
 #[command(group(clap::ArgGroup::new("to").required(true).args(["serial", "tcp", "listen", "stations"])))]
 #[command(group(clap::ArgGroup::new("signature").args(["key", "unsigned"])))]
 pub struct Args {
@@ -57,6 +61,9 @@ pub struct Args {
     /// Seconds to wait for the recorder and for its answer
     #[arg(long, default_value_t = 60)]
     wait: u64,
+    /// Store of the base station, which is to take the recorder's records on the way; without it they are left with the recorder
+    #[arg(long, value_name = "DIR")]
+    store: Option<PathBuf>,
     /// What the recorder is to do
     #[command(subcommand)]
     order: Order,
@@ -133,6 +140,8 @@ const WAITING: usize = 20_000;
 enum Talk {
     /// One command; whether it was given, and whether it was answered.
     Once { command: Command, given: bool, answered: bool },
+    /// The time.
+    Clock(Clock),
     /// Another configuration.
     Station(Change),
     /// Raw samples.
@@ -144,7 +153,7 @@ enum Talk {
 impl Talk {
     fn of(order: &Order, station: Option<u16>) -> Result<Self> {
         let command = match *order {
-            Order::Utc { sd_ms, .. } => Command::Utc { token: TOKEN, utc_us: 0, sd_us: sd_ms * 1000 },
+            Order::Utc { sd_ms, .. } => return Ok(Self::Clock(Clock::new(sd_ms * 1000))),
             Order::Identify => Command::Identify { token: TOKEN },
             Order::HealthEvery { seconds } => Command::HealthEvery { token: TOKEN, seconds },
             Order::Stop => Command::Stop { token: TOKEN },
@@ -155,7 +164,7 @@ impl Talk {
                     (_, Some(s)) => Length::Seconds(s),
                     _ => Length::Most,
                 };
-                return Ok(Self::Snippet(Snippet::new(channels, length, out.clone())));
+                return Ok(Self::Snippet(Snippet::new(channels, length, out.clone())?));
             }
             Order::Spectrum { ref channels, ref calibration } => {
                 return Ok(Self::Spectrum(Spectrum::new(channels, calibration.as_ref())?));
@@ -172,14 +181,8 @@ impl Talk {
             Self::Snippet(snippet) => snippet.due(),
             Self::Spectrum(spectrum) => spectrum.due(),
             Self::Once { given: true, .. } => None,
-            Self::Once { command, .. } => {
-                let now = time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 1000;
-                let command = match *command {
-                    Command::Utc { token, sd_us, .. } => Command::Utc { token, utc_us: now as i64, sd_us },
-                    other => other,
-                };
-                Some(bytes_of(&command, &mut [0; COMMAND_BYTES]).to_vec())
-            }
+            Self::Clock(clock) => clock.due(),
+            Self::Once { command, .. } => Some(bytes_of(command, &mut [0; COMMAND_BYTES]).to_vec()),
         }
     }
 
@@ -188,6 +191,7 @@ impl Talk {
             Self::Station(change) => change.given(),
             Self::Snippet(snippet) => snippet.given(),
             Self::Spectrum(spectrum) => spectrum.given(),
+            Self::Clock(clock) => clock.given(),
             Self::Once { given, .. } => *given = true,
         }
     }
@@ -198,6 +202,7 @@ impl Talk {
             Self::Station(change) => change.heard(record),
             Self::Snippet(snippet) => snippet.heard(record),
             Self::Spectrum(spectrum) => spectrum.heard(record),
+            Self::Clock(clock) => clock.heard(record),
             Self::Once { answered, .. } if record["token"] == u64::from(TOKEN) => {
                 done(record)?;
                 *answered = true;
@@ -207,11 +212,23 @@ impl Talk {
         }
     }
 
+    /// Classes of which records are left with the recorder: all but that of samples and spectra, which come only where they
+    /// were asked for. A recorder that is to start again does so once nothing waits any more: it is relieved of everything.
+    fn leaves(&self) -> [bool; CLASSES] {
+        Class::ALL.map(|class| class != Class::Spectrum && !self.relieves())
+    }
+
+    /// Whether the recorder's records are taken, and are to be shown for that.
+    fn relieves(&self) -> bool {
+        matches!(self, Self::Station(_))
+    }
+
     fn done(&self) -> bool {
         match self {
             Self::Station(change) => change.done(),
             Self::Snippet(snippet) => snippet.done(),
             Self::Spectrum(spectrum) => spectrum.done(),
+            Self::Clock(clock) => clock.done(),
             Self::Once { answered, .. } => *answered,
         }
     }
@@ -221,7 +238,7 @@ impl Talk {
         match self {
             Self::Station(change) => change.patience(),
             Self::Snippet(snippet) => snippet.patience(),
-            Self::Spectrum(_) | Self::Once { .. } => Duration::ZERO,
+            Self::Clock(_) | Self::Spectrum(_) | Self::Once { .. } => Duration::ZERO,
         }
     }
 
@@ -230,7 +247,7 @@ impl Talk {
         match self {
             Self::Station(change) => change.silence(),
             Self::Snippet(snippet) => snippet.silence(),
-            Self::Spectrum(_) | Self::Once { .. } => None,
+            Self::Clock(_) | Self::Spectrum(_) | Self::Once { .. } => None,
         }
     }
 
@@ -265,25 +282,38 @@ pub fn run(args: &Args) -> Result<()> {
     // How long an answer may take the wait says; a recorder that takes samples for minutes is silent meanwhile.
     let idle = wait + LONGEST_SILENCE;
     let rules = Rules { idle, keep_days: None, retain: Retain::default(), identify: false };
-    let mut service = Service::start(Base::new(None), None, vec![line], rules)?;
-    let mut heard = false;
+    let mut base = Base::new(None);
+    let store = args.store.as_deref().map(|folder| Store::open(folder, &mut base)).transpose()?;
+    if store.is_none() {
+        // A base station will want them, and keep them.
+        base.borrow_records(talk.leaves());
+    }
+    let mut service = Service::start(base, store, vec![line], rules)?;
+    let (mut heard, mut relieved, begun) = (false, 0u64, Instant::now());
     let said = service.feed().subscribe(WAITING);
-    while since.elapsed() < wait + talk.patience() {
+    while since.elapsed() < wait + talk.patience() && begun.elapsed() < idle + talk.patience() {
         let goes_on = service.turn()?;
         service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
         let taken = said.take_within(Duration::ZERO);
         for record in taken.iter().flat_map(|t| t.records.iter()) {
             let wanted = station.is_none_or(|s| record["station"] == s);
-            if !heard || !wanted || record["type"] == "line" {
+            if !wanted || record["type"] == "line" || !(heard || talk.relieves()) {
                 continue;
             }
+            relieved += u64::from(talk.relieves() && args.store.is_none());
             if let Some(shown) = talk.shown(record) {
                 println!("{shown}");
             }
-            if talk.heard(record)? {
+            if heard && talk.heard(record)? {
                 since = Instant::now();
             }
             if talk.done() {
+                if relieved > 0 {
+                    eprintln!(
+                        "seabearing: {relieved} records of the recorder stand above and nowhere else: --store DIR takes them into the \
+                         base station's store"
+                    );
+                }
                 // The recorder may forget the answer now: the acknowledgement is on its way.
                 service.turn()?;
                 std::thread::sleep(Duration::from_millis(50));
@@ -308,6 +338,11 @@ pub fn run(args: &Args) -> Result<()> {
     match (heard, talk.silence()) {
         (false, _) => bail!("{origin}: no recorder with a link was heard in {} s", args.wait),
         (true, Some(words)) => bail!("{origin}: {words}"),
+        (true, None) if args.store.is_none() => bail!(
+            "{origin}: the recorder has not answered in {} s: is this its key? (it says BadCommand where it is not); or do its \
+             records stand before the answer? (--store DIR takes them into the base station's store)",
+            args.wait
+        ),
         (true, None) => bail!(
             "{origin}: the recorder has not answered in {} s: is this its key? (it says BadCommand where it is not)",
             args.wait
@@ -349,7 +384,8 @@ fn to(args: &Args) -> Result<To> {
     Ok(To { origin, station, key: key.filter(|_| !args.unsigned) })
 }
 
-fn done(reply: &Value) -> Result<()> {
+/// Whether the recorder has done what it was told.
+pub(super) fn done(reply: &Value) -> Result<()> {
     match reply["status"].as_u64() {
         Some(0) => Ok(()),
         Some(1) => bail!("the recorder has refused the command"),

@@ -6,6 +6,8 @@ mod ais_match;
 #[cfg(feature = "base")]
 pub mod base;
 #[cfg(feature = "base")]
+mod base_clock;
+#[cfg(feature = "base")]
 mod base_configure;
 #[cfg(feature = "base")]
 mod base_listen;

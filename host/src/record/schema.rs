@@ -50,9 +50,9 @@ struct Lost {
     /// Why, where a link tells it.
     #[serde(skip_serializing_if = "Option::is_none")]
     cause: Option<String>,
-    /// Whether the recorder itself gave them up.
+    /// How many of the class the recorder says it has dropped unsent in all, where a link tells it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    dropped_by_recorder: Option<bool>,
+    dropped_by_recorder: Option<u32>,
 }
 
 /// The state of a line has changed.

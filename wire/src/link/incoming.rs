@@ -86,9 +86,10 @@ impl<S: Store> Link<S> {
             tag: session.tag(),
             // Of a log that was never heard of, what went before is not missed.
             progress: inbox.recall(&session).unwrap_or(Progress { next: *start, ..Progress::default() }),
+            first: *start,
             heard: sequence,
         });
-        peer.heard = sequence;
+        (peer.heard, peer.first) = (sequence, *start);
         if known.is_none_or(|p| ahead(session.boot, p.session.boot)) {
             peer.session = session;
             inbox.take(Arrival::Opened(session));

@@ -161,6 +161,8 @@ struct Peer {
     session: Session,
     tag: u16,
     progress: Progress,
+    /// The first records of it that this end might ask for.
+    first: PerClass,
     /// Newest frame of it.
     heard: u16,
 }
@@ -209,6 +211,8 @@ pub struct Link<S> {
     earlier: u8,
     /// Records refused because they are too long or empty.
     refused: u32,
+    /// Classes of which nothing is acknowledged for good.
+    withholds: [bool; CLASSES],
 }
 
 impl<S: Store> Link<S> {
@@ -239,6 +243,7 @@ impl<S: Store> Link<S> {
             met: false,
             earlier: 0,
             refused: 0,
+            withholds: [false; CLASSES],
         }
     }
 
@@ -274,7 +279,13 @@ impl<S: Store> Link<S> {
 
     /// Goes on with a log of the peer of which so much has come, as if it had just opened it.
     pub fn resume(&mut self, session: Session, progress: Progress) {
-        self.peer = Some(Peer { session, tag: session.tag(), progress, heard: 0 });
+        self.peer = Some(Peer { session, tag: session.tag(), progress, first: progress.next, heard: 0 });
+    }
+
+    /// From now on this end takes no record of these classes from the peer for good: it reads what comes, at most as many of a
+    /// class as may be on their way, and leaves them in the peer's store for another that keeps them.
+    pub fn withhold(&mut self, of: [bool; CLASSES]) {
+        self.withholds = of;
     }
 
     /// Whether the peer knows this end's log and answers.

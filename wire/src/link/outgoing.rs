@@ -75,7 +75,8 @@ impl<S: Store> Link<S> {
         if self.debts.ack_at.is_some_and(|at| now >= at || self.settings.half_duplex) {
             (self.debts.ack_at, self.debts.packets) = (None, 0);
             if let Some(peer) = &self.peer {
-                let ack = Packet::Ack { tag: peer.tag, heard: peer.heard, progress: peer.progress };
+                let progress = peer.progress.withheld(&peer.first, &self.withholds);
+                let ack = Packet::Ack { tag: peer.tag, heard: peer.heard, progress };
                 return Some((Writer::new(&ack, false), Wants::Nothing));
             }
         }

@@ -49,6 +49,24 @@ impl Progress {
         }
     }
 
+    /// The same, with nothing of these classes said to have come for good: the peer keeps all from `first` on, and does not say
+    /// again what has come after that while it hears of it.
+    pub(super) fn withheld(&self, first: &PerClass, withheld: &[bool; CLASSES]) -> Self {
+        let mut told = *self;
+        let told_of = told.next.iter_mut().zip(told.later.iter_mut());
+        for ((next, to), (first, _)) in told_of.zip(first.iter().zip(withheld)).filter(|(_, (_, w))| **w) {
+            let (n, later) = (next.wrapping_sub(*first), *to);
+            *next = *first;
+            // Bit k is number first + 1 + k: those before `next`, then those after it.
+            let before = match n {
+                0 | 1 => 0,
+                n => u64::MAX.checked_shr(65u32.saturating_sub(n)).unwrap_or(u64::MAX),
+            };
+            *to = before | later.checked_shl(n).unwrap_or(0);
+        }
+        told
+    }
+
     /// Records of the class before `start` will not come any more: how many of them had not come.
     pub(super) fn skip(&mut self, class: usize, start: u32) -> u32 {
         let (Some(next), Some(later)) = (self.next.get_mut(class), self.later.get_mut(class)) else {

@@ -196,6 +196,43 @@ fn a_full_store_drops_the_oldest_of_the_least_urgent_and_both_ends_count_it() {
 }
 
 #[test]
+fn an_end_that_withholds_reads_and_takes_nothing_away() {
+    let mut pair = Pair::new(settings(false));
+    pair.ends[1].withhold([true; CLASSES]);
+    let offer = |pair: &mut Pair, from: u32, to: u32| {
+        for n in from..to {
+            pair.ends[0].offer(Class::Bearing, &n.to_le_bytes());
+        }
+    };
+    let came = |pair: &Pair| {
+        pair.desks[1]
+            .texts()
+            .iter()
+            .map(|b| u32::from_le_bytes(b[..4].try_into().unwrap()))
+            .collect::<Vec<_>>()
+    };
+    offer(&mut pair, 0, 100);
+    pair.ends[0].offer(Class::Health, &1000u32.to_le_bytes());
+    // Three of ten frames are lost.
+    pair.run(60, |from, number| (number * 7 + from as u16 * 3) % 10 > 2);
+    // As many as may be on their way, each once; none is gone.
+    let mut all = came(&pair);
+    all.sort_unstable();
+    assert!(all.iter().copied().eq((0..64).chain([1000])), "{all:?}");
+    assert_eq!(pair.ends[0].waiting(), 101);
+    // What it has dropped itself is not asked for.
+    pair.ends[0].store.drop_oldest(Class::Bearing, 10, 10);
+    pair.run(60, |_, _| true);
+    assert_eq!((pair.ends[0].waiting(), came(&pair).len()), (91, 75));
+    // Who takes them has them all, once.
+    pair.ends[1] = Link::new(Settings { leads: false, ..settings(false) }, 0, 2, 0, Memory::new());
+    pair.desks[1] = Desk::default();
+    pair.run(60, |_, _| true);
+    assert!(came(&pair).into_iter().eq([1000].into_iter().chain(10..100)), "{:?}", came(&pair));
+    assert_eq!(pair.ends[0].waiting(), 0);
+}
+
+#[test]
 fn an_end_that_begins_again_asks_who_speaks_and_goes_on_with_what_it_kept() {
     let mut pair = Pair::new(settings(false));
     pair.ends[0].offer(Class::Bearing, b"b0");
