@@ -181,6 +181,7 @@ fn samples_come_behind_what_a_store_takes_on_the_way() {
     let out = seabearing(dir.path(), &[&send[..], &snippet].concat());
     let said = String::from_utf8_lossy(&out.stderr);
     assert!(!out.status.success() && said.contains("--store"), "{said}");
+    std::fs::create_dir(dir.path().join("store")).unwrap();
     let out = seabearing(dir.path(), &[&send[..], &["--store", "store"], &snippet].concat());
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
     assert!(dir.path().join("sea.wav").exists());
@@ -203,5 +204,23 @@ fn what_cannot_be_is_refused_before_the_line_is_opened() {
         let said = String::from_utf8_lossy(&out.stderr);
         assert!(!out.status.success() && said.contains(word), "{said}");
         assert!(begun.elapsed() < Duration::from_secs(20), "{wrong:?}");
+    }
+}
+
+/// What a recorder still holds of its answers to one command is none to the next.
+#[test]
+fn an_answer_to_the_command_before_is_none() {
+    let dir = tempfile::tempdir().unwrap();
+    let (address, _) = recorder(dir.path(), 921_600, Vec::new(), Duration::ZERO);
+    let mut newest = -1.0;
+    for _ in 0..4 {
+        let out = seabearing(dir.path(), &["base", "send", "--tcp", &address, "--unsigned", "identify"]);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        let said = json(&out.stdout);
+        let times = said.iter().filter(|r| r["type"] == "health").filter_map(|r| r["t_s"].as_f64());
+        let last = times.fold(-1.0, f64::max);
+        assert!(last > newest, "health of {last} s after that of {newest} s");
+        newest = last;
+        std::thread::sleep(Duration::from_millis(300));
     }
 }

@@ -40,8 +40,8 @@ use std::path::{Path, PathBuf};
 
 /// Rows deleted in one go where a store keeps only so many days.
 const FORGOTTEN: i64 = 5000;
-/// 2000-01-01, microseconds since 1970: a computer whose clock says less has not been told the time yet.
-const CLOCK_SET_US: i64 = 946_684_800_000_000;
+/// 2020-01-01, microseconds since 1970: a computer whose clock says less has not been told the time yet.
+const CLOCK_SET_US: i64 = 1_577_836_800_000_000;
 
 /// Something that happened on a connection.
 #[derive(Clone, Debug)]
@@ -325,6 +325,9 @@ impl Store {
             );
             let last: Option<i64> = transaction.query_row(&old, [before_us, CLOCK_SET_US], |r| r.get(0))?;
             if let Some(last) = last {
+                if table == "records" {
+                    months::keep_clocks(&transaction, last)?;
+                }
                 let count = transaction.execute(&format!("DELETE FROM {table} WHERE id <= ?1"), [last])?;
                 more |= count as i64 == FORGOTTEN;
                 transaction.execute(&format!("UPDATE about SET {first} = ?1"), [last + 1])?;

@@ -6,7 +6,7 @@
 //! then out of the store: whatever happens between, none is lost, and `moved_*` of `about` says from where on each counts.
 
 use super::super::recorder::Session;
-use super::read::{CLOCKED, CLOCKS};
+use super::read::{CLOCKED, CLOCKS, CLOCKS_OF};
 use super::schema::{FILE, open_month};
 use super::{CLOCK_SET_US, Store, state};
 use anyhow::{Context, Result};
@@ -287,7 +287,11 @@ impl Store {
             let keep = keep?.max(1) as usize;
             let mut names = std::collections::BTreeSet::new();
             all.iter().rev().find(|month| {
-                names.insert(month.name.get(..7));
+                // Nor does a piece of the open month, or what a clock that was far ahead made of it.
+                let name = month.name.get(..7);
+                if name < self.month.as_deref() {
+                    names.insert(name);
+                }
                 names.len() > keep
             })
         };
@@ -390,8 +394,8 @@ fn summarise(db: &Connection, month: &Month, file: &Connection) -> Result<()> {
 }
 
 /// Keeps what records up to a number say of clocks: those of a session that goes on for years are in other files then.
-fn keep_clocks(db: &Connection, upto: i64) -> Result<()> {
-    let told = "FROM records WHERE id <= ?1 AND kind IN (7, 12)";
+pub(super) fn keep_clocks(db: &Connection, upto: i64) -> Result<()> {
+    let told = format!("FROM records WHERE id <= ?1 AND {CLOCKS_OF}");
     let sessions = format!("SELECT DISTINCT station, session {told}");
     let sessions = db
         .prepare(&sessions)?

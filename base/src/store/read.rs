@@ -21,6 +21,8 @@ pub(super) const REPORTS: i64 = 2000;
 pub(super) const LOOKED_AT: i64 = 20_000;
 /// Messages about a session's clock that are looked at to know it.
 pub(super) const CLOCKS: i64 = 64;
+/// Which records these are: `Time`, and of `Fault` (its code is the second byte) `ClockStepped`.
+pub(super) const CLOCKS_OF: &str = "(kind = 12 OR kind = 7 AND hex(substr(body, 2, 1)) = '0F')";
 /// Sessions and logs of a recorder that are taken up: those of which records may still come.
 const RECENT: i64 = SESSIONS as i64;
 /// Sessions whose clocks are taken up.
@@ -86,10 +88,10 @@ fn resume_station(db: &Connection, of: i64, base: &mut Base) -> Result<()> {
 
 /// What a session's recorder last said of its clock, oldest first.
 fn clocks(db: &Connection, of: i64, session: u32) -> Result<Vec<Message>> {
-    let mut told = db.prepare(
-        "SELECT body, id FROM records WHERE station = ?1 AND session = ?2 AND kind IN (7, 12)
-         UNION SELECT body, id FROM clocks WHERE station = ?1 AND session = ?2 ORDER BY id DESC LIMIT ?3",
-    )?;
+    let mut told = db.prepare(&format!(
+        "SELECT body, id FROM records WHERE station = ?1 AND session = ?2 AND kind IN (7, 12) AND {CLOCKS_OF}
+         UNION SELECT body, id FROM clocks WHERE station = ?1 AND session = ?2 ORDER BY id DESC LIMIT ?3"
+    ))?;
     let bodies = told.query_map(params![of, session, CLOCKS], |r| r.get::<_, Vec<u8>>(0))?;
     let mut messages = bodies.map(|b| Ok(message_of(&b?))).collect::<Result<Vec<_>>>()?;
     messages.reverse();

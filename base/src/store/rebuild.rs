@@ -4,7 +4,7 @@ use super::super::Base;
 use super::look::{Look, Start};
 use super::months::{Retain, folder, months};
 use super::read::{entries, resume};
-use super::schema::{FILE, open_file_to_read, station};
+use super::schema::{FILE, open_file_to_read, open_month, station};
 use super::state::Replay;
 use super::{Event, Store, damaged};
 use anyhow::{Context, Result, bail};
@@ -151,9 +151,11 @@ impl Store {
         for path in look.kept(&ended, first_record) {
             let name = path.file_name().context("a month's file")?;
             // With what a reader has kept from going into the file so far.
+            let copy = months_folder.join(name);
             open_file_to_read(&path)?
-                .execute("VACUUM INTO ?1", [months_folder.join(name).display().to_string()])
+                .execute("VACUUM INTO ?1", [copy.display().to_string()])
                 .with_context(|| path.display().to_string())?;
+            open_month(&copy)?;
         }
         let name = state.file_name().context("a month's file")?;
         std::fs::copy(state, months_folder.join(name)).with_context(|| state.display().to_string())?;

@@ -61,9 +61,10 @@ CREATE TABLE months(number INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, bytes
     undated INTEGER NOT NULL DEFAULT 0);
 INSERT INTO months(name, bytes, records)
     SELECT strftime('%Y-%m', received_us / 1000000, 'unixepoch') AS month, max(id), 0 FROM bytes
-    WHERE received_us IS NOT NULL GROUP BY month ORDER BY max(id);
+    WHERE received_us >= 1577836800000000 GROUP BY month ORDER BY max(id);
 UPDATE months SET records = ifnull((SELECT id FROM records
-    WHERE received_us <= (SELECT received_us FROM bytes WHERE id = months.bytes) ORDER BY id DESC LIMIT 1), 0);
+    WHERE received_us >= 1577836800000000
+    AND received_us <= (SELECT received_us FROM bytes WHERE id = months.bytes) ORDER BY id DESC LIMIT 1), 0);
 UPDATE months SET records = (SELECT max(records) FROM months m WHERE m.number <= months.number);
 UPDATE about SET layout = 2, month = (SELECT name FROM months ORDER BY number DESC LIMIT 1),
     first_record = ifnull((SELECT min(id) FROM records), 1);

@@ -1,7 +1,7 @@
 //! What a base station knew when a month ended: a small store of its own, from which the next month's bytes can be decoded
 //! without those before them.
 
-use super::read::{CLOCKED, CLOCKS, LOOKED_AT, REPORTS, take_up};
+use super::read::{CLOCKED, CLOCKS, CLOCKS_OF, LOOKED_AT, REPORTS, take_up};
 use super::schema::tables_of_a_store;
 use super::{Base, Entry, Event, Row};
 use anyhow::{Context, Result};
@@ -59,10 +59,10 @@ fn fill(store: &Connection, open: &BTreeSet<u32>, path: &Path) -> Result<()> {
         }
         let mut sessions =
             db.prepare("SELECT session FROM sessions WHERE station = ?1 ORDER BY session DESC LIMIT ?2")?;
-        let mut clocks = db.prepare(
+        let mut clocks = db.prepare(&format!(
             "INSERT INTO records SELECT * FROM (SELECT * FROM store.records WHERE station = ?1 AND session = ?2
-             AND kind IN (7, 12) ORDER BY id DESC LIMIT ?3)",
-        )?;
+             AND kind IN (7, 12) AND {CLOCKS_OF} ORDER BY id DESC LIMIT ?3)"
+        ))?;
         let mut stations = db.prepare("SELECT DISTINCT station FROM sessions")?;
         let stations = stations.query_map([], |r| r.get(0))?.collect::<rusqlite::Result<Vec<i64>>>()?;
         for of in stations {

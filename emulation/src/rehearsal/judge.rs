@@ -287,7 +287,7 @@ pub fn clock(run: &BoardRun, faults: &[InjectedFault], rate_hz: f64) -> Option<N
     (told > 0).then(|| Numbers {
         outcome: format!(
             "{told} times, within {} sd, {} us",
-            worst_sd.ceil(),
+            worst_sd.max(1.0).ceil(),
             // To the next of 1, 10, 100 and so on: it depends on the compiler.
             10f64.powf((worst_s * 1e6).max(1.0).log10().ceil())
         ),

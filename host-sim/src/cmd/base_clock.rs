@@ -3,15 +3,13 @@
 //! A link says again what has not come, and a time that comes late is wrong by as much. So the recorder is asked who it is
 //! first; only after a quick answer it is told the time, and told again where that answer was late.
 
+use super::base_tokens::{order, who};
 use anyhow::{Result, bail};
 use seabearing_core::wire::guard::COMMAND_BYTES;
 use seabearing_core::wire::{Command, bytes_of};
 use serde_json::Value;
 use std::time::{Duration, Instant};
 
-/// Numbers by which the answers are known.
-const WHO: u8 = 0x5c;
-const TOLD: u8 = 0x5d;
 /// Answers that may be late.
 const MOST_LATE: u32 = 5;
 
@@ -38,8 +36,8 @@ impl Clock {
         }
         let utc_us = (time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 1000) as i64;
         let command = match self.quick {
-            false => Command::Identify { token: WHO },
-            true => Command::Utc { token: TOLD, utc_us, sd_us: self.sd_us },
+            false => Command::Identify { token: who() },
+            true => Command::Utc { token: order(), utc_us, sd_us: self.sd_us },
         };
         Some(bytes_of(&command, &mut [0; COMMAND_BYTES]).to_vec())
     }
@@ -54,7 +52,7 @@ impl Clock {
     /// # Errors
     /// It refuses, or its answers are late again and again.
     pub fn heard(&mut self, record: &Value) -> Result<bool> {
-        let token = if self.quick { TOLD } else { WHO };
+        let token = if self.quick { order() } else { who() };
         if record["type"] != "reply" || record["token"] != u64::from(token) {
             return Ok(false);
         }
@@ -101,9 +99,9 @@ mod tests {
             clock.heard(&reply(token)).unwrap();
             clock.done()
         };
-        assert!(!answer(true, WHO) && !answer(false, WHO));
+        assert!(!answer(true, who()) && !answer(false, who()));
         // Told, and the answer is late: is the line quick now?
-        assert!(!answer(true, TOLD) && !answer(false, WHO) && answer(false, TOLD));
+        assert!(!answer(true, order()) && !answer(false, who()) && answer(false, order()));
     }
 
     #[test]
@@ -112,7 +110,7 @@ mod tests {
         let said = loop {
             clock.given();
             std::thread::sleep(Duration::from_millis(5));
-            if let Err(e) = clock.heard(&reply(WHO)) {
+            if let Err(e) = clock.heard(&reply(who())) {
                 break e.to_string();
             }
         };

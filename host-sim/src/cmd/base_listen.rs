@@ -1,5 +1,6 @@
 //! `base send … snippet` and `… spectrum`: what a recorder hears, put together from its pieces.
 
+use super::base_tokens::{order, who};
 use crate::recording::write;
 use crate::station::{Calibration, Station};
 use anyhow::{Context, Result, bail};
@@ -10,11 +11,6 @@ use seabearing_core::wire::{Command, bytes_of};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-
-/// Number by which the answers are known.
-const TOKEN: u8 = 0x5c;
-/// The same of the question who it is, which goes before.
-const WHO: u8 = 0x5d;
 
 /// How long a snippet is.
 #[derive(Clone, Copy, Debug)]
@@ -96,9 +92,9 @@ impl Snippet {
     pub fn due(&self) -> Option<Vec<u8>> {
         let command = match (self.known, self.given) {
             (_, true) => return None,
-            (false, _) => Command::Identify { token: WHO },
+            (false, _) => Command::Identify { token: who() },
             (true, _) => Command::SendSnippet {
-                token: TOKEN,
+                token: order(),
                 channels: bits(&self.channels),
                 instants: self.instants(),
             },
@@ -116,7 +112,7 @@ impl Snippet {
     /// # Errors
     /// It refuses, it was interrupted, or the file cannot be written.
     pub fn heard(&mut self, record: &Value) -> Result<bool> {
-        let ours = record["token"] == u64::from(TOKEN);
+        let ours = record["token"] == u64::from(order());
         match record["type"].as_str() {
             Some("hello") if self.known => bail!(
                 "the recorder has started again, and has forgotten what it had not sent: {} of {} samples came",
@@ -124,7 +120,7 @@ impl Snippet {
                 self.taken.map_or(self.instants() as usize, |(_, n)| n)
             ),
             Some("hello") => self.rate_hz = record["rate_hz"].as_f64().filter(|rate| *rate > 0.0),
-            Some("reply") if record["token"] == u64::from(WHO) => {
+            Some("reply") if record["token"] == u64::from(who()) => {
                 let rate_hz = self.rate_hz.context("the recorder does not record now")?;
                 (self.known, self.given) = (true, false);
                 let codes = u64::from(self.instants()) * self.channels.len() as u64;
@@ -282,7 +278,7 @@ impl Spectrum {
 
     /// The command, if it is due now.
     pub fn due(&self) -> Option<Vec<u8>> {
-        let command = Command::SendSpectrum { token: TOKEN, channels: self.channels };
+        let command = Command::SendSpectrum { token: order(), channels: self.channels };
         (!self.given).then(|| bytes_of(&command, &mut [0; COMMAND_BYTES]).to_vec())
     }
 
@@ -296,7 +292,7 @@ impl Spectrum {
     /// # Errors
     /// It refuses.
     pub fn heard(&mut self, record: &Value) -> Result<bool> {
-        if record["token"] != u64::from(TOKEN) {
+        if record["token"] != u64::from(order()) {
             return Ok(false);
         }
         match (record["type"].as_str(), record["status"].as_u64()) {
@@ -349,15 +345,15 @@ mod tests {
         talk.given();
         assert!(talk.heard(&json!({"type": "hello", "rate_hz": 100.0})).unwrap());
         assert!(talk.due().is_none());
-        assert!(talk.heard(&json!({"type": "reply", "token": WHO, "status": 0})).unwrap());
-        let asked = Command::SendSnippet { token: TOKEN, channels: 0b101, instants: 4 };
+        assert!(talk.heard(&json!({"type": "reply", "token": who(), "status": 0})).unwrap());
+        let asked = Command::SendSnippet { token: order(), channels: 0b101, instants: 4 };
         assert_eq!(talk.due().unwrap(), bytes_of(&asked, &mut [0; COMMAND_BYTES]));
         talk.given();
         talk
     }
 
     fn piece(index: u64, codes: &[i32]) -> Value {
-        json!({"type": "samples", "token": TOKEN, "index": index, "channels": [0, 2], "codes": codes})
+        json!({"type": "samples", "token": order(), "index": index, "channels": [0, 2], "codes": codes})
     }
 
     #[test]
@@ -368,7 +364,7 @@ mod tests {
         // What is left of a snippet before.
         assert!(!talk.heard(&piece(7, &[9, 9])).unwrap());
         let taken =
-            json!({"type": "snippet", "token": TOKEN, "index": 10, "instants": 4, "channels": [0, 2]});
+            json!({"type": "snippet", "token": order(), "index": 10, "instants": 4, "channels": [0, 2]});
         assert!(talk.heard(&taken).unwrap());
         assert!(!talk.heard(&piece(8, &[9, 9])).unwrap());
         assert!(talk.heard(&piece(10, &[1, -2, 3, -4])).unwrap());
@@ -386,7 +382,7 @@ mod tests {
     #[test]
     fn what_is_missing_or_interrupted_is_said_and_no_file_is_written() {
         let taken =
-            json!({"type": "snippet", "token": TOKEN, "index": 10, "instants": 4, "channels": [0, 2]});
+            json!({"type": "snippet", "token": order(), "index": 10, "instants": 4, "channels": [0, 2]});
         for (last, words) in [
             (piece(12, &[5, 6]), "samples 11 to 12 have not come"),
             (
@@ -403,17 +399,16 @@ mod tests {
             assert!(said.contains(words), "{said}");
             assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
         }
-        let refused = talk(None).heard(&json!({"type": "reply", "token": TOKEN, "status": 1})).unwrap_err();
+        let refused = talk(None).heard(&json!({"type": "reply", "token": order(), "status": 1})).unwrap_err();
         assert!(refused.to_string().contains("does not take 4 samples of 2 channels"), "{refused}");
     }
 
     #[test]
     fn spectra_are_whole_once_the_reply_and_all_channels_have_come() {
         let mut talk = Spectrum::new(&[0, 1, 3], None).unwrap();
-        let of =
-            |channel: u8| json!({"type": "spectrum", "token": TOKEN, "channel": channel, "channels": [0, 1]});
+        let of = |channel: u8| json!({"type": "spectrum", "token": order(), "channel": channel, "channels": [0, 1]});
         assert!(talk.heard(&of(1)).unwrap());
-        assert!(talk.heard(&json!({"type": "reply", "token": TOKEN, "status": 0})).unwrap());
+        assert!(talk.heard(&json!({"type": "reply", "token": order(), "status": 0})).unwrap());
         assert!(!talk.done());
         assert!(talk.heard(&of(0)).unwrap());
         assert!(talk.done());

@@ -8,6 +8,7 @@ use crate::base::{Base, command, stations};
 use crate::cmd::base_clock::Clock;
 use crate::cmd::base_configure::Change;
 use crate::cmd::base_listen::{Length, Snippet, Spectrum};
+use crate::cmd::base_tokens;
 use anyhow::{Context, Result, bail};
 use seabearing_core::wire::guard::{COMMAND_BYTES, Key};
 use seabearing_core::wire::link::{CLASSES, Class, Settings};
@@ -129,8 +130,6 @@ enum Order {
 /// Recorder channels.
 const ALL: [u8; 4] = [0, 1, 2, 3];
 
-/// Number by which the answer is known.
-const TOKEN: u8 = 0x5b;
 /// Silence beyond the wait after which the line itself is given up.
 const LONGEST_SILENCE: Duration = Duration::from_secs(300);
 /// Records of a turn that are looked at.
@@ -154,10 +153,10 @@ impl Talk {
     fn of(order: &Order, station: Option<u16>) -> Result<Self> {
         let command = match *order {
             Order::Utc { sd_ms, .. } => return Ok(Self::Clock(Clock::new(sd_ms * 1000))),
-            Order::Identify => Command::Identify { token: TOKEN },
-            Order::HealthEvery { seconds } => Command::HealthEvery { token: TOKEN, seconds },
-            Order::Stop => Command::Stop { token: TOKEN },
-            Order::Start => Command::Start { token: TOKEN },
+            Order::Identify => Command::Identify { token: base_tokens::order() },
+            Order::HealthEvery { seconds } => Command::HealthEvery { token: base_tokens::order(), seconds },
+            Order::Stop => Command::Stop { token: base_tokens::order() },
+            Order::Start => Command::Start { token: base_tokens::order() },
             Order::Snippet { ref channels, samples, seconds, ref out } => {
                 let length = match (samples, seconds) {
                     (Some(n), _) => Length::Instants(n),
@@ -203,7 +202,7 @@ impl Talk {
             Self::Snippet(snippet) => snippet.heard(record),
             Self::Spectrum(spectrum) => spectrum.heard(record),
             Self::Clock(clock) => clock.heard(record),
-            Self::Once { answered, .. } if record["token"] == u64::from(TOKEN) => {
+            Self::Once { answered, .. } if record["token"] == u64::from(base_tokens::order()) => {
                 done(record)?;
                 *answered = true;
                 Ok(true)
@@ -266,6 +265,21 @@ impl Talk {
 /// # Errors
 /// One line for a person: the line or the key cannot be used, no recorder with a link was heard, or it did not answer.
 pub fn run(args: &Args) -> Result<()> {
+    let mut relieved = 0;
+    let ran = run_counting(args, &mut relieved);
+    if relieved == 0 {
+        return ran;
+    }
+    let taken = format!(
+        "{relieved} records of the recorder stand above and nowhere else: --store DIR takes them into the base station's store"
+    );
+    ran.map_err(|e| anyhow::anyhow!("{e:#}; {taken}"))?;
+    eprintln!("seabearing: {taken}");
+    Ok(())
+}
+
+/// Runs it; `relieved`: the records that the recorder was relieved of, and that no store has.
+fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
     let To { origin, station, key } = to(args)?;
     if key.is_none() {
         eprintln!(
@@ -283,13 +297,16 @@ pub fn run(args: &Args) -> Result<()> {
     let idle = wait + LONGEST_SILENCE;
     let rules = Rules { idle, keep_days: None, retain: Retain::default(), identify: false };
     let mut base = Base::new(None);
+    if let Some(folder) = args.store.as_deref().filter(|folder| !folder.is_dir()) {
+        bail!("--store {}: there is no such folder: it is the base station's store", folder.display());
+    }
     let store = args.store.as_deref().map(|folder| Store::open(folder, &mut base)).transpose()?;
     if store.is_none() {
         // A base station will want them, and keep them.
         base.borrow_records(talk.leaves());
     }
     let mut service = Service::start(base, store, vec![line], rules)?;
-    let (mut heard, mut relieved, begun) = (false, 0u64, Instant::now());
+    let (mut heard, begun) = (false, Instant::now());
     let said = service.feed().subscribe(WAITING);
     while since.elapsed() < wait + talk.patience() && begun.elapsed() < idle + talk.patience() {
         let goes_on = service.turn()?;
@@ -300,7 +317,7 @@ pub fn run(args: &Args) -> Result<()> {
             if !wanted || record["type"] == "line" || !(heard || talk.relieves()) {
                 continue;
             }
-            relieved += u64::from(talk.relieves() && args.store.is_none());
+            *relieved += u64::from(talk.relieves() && args.store.is_none());
             if let Some(shown) = talk.shown(record) {
                 println!("{shown}");
             }
@@ -308,12 +325,6 @@ pub fn run(args: &Args) -> Result<()> {
                 since = Instant::now();
             }
             if talk.done() {
-                if relieved > 0 {
-                    eprintln!(
-                        "seabearing: {relieved} records of the recorder stand above and nowhere else: --store DIR takes them into the \
-                         base station's store"
-                    );
-                }
                 // The recorder may forget the answer now: the acknowledgement is on its way.
                 service.turn()?;
                 std::thread::sleep(Duration::from_millis(50));

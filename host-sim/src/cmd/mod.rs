@@ -18,6 +18,8 @@ mod base_screen;
 #[cfg(feature = "base")]
 mod base_send;
 #[cfg(feature = "base")]
+mod base_tokens;
+#[cfg(feature = "base")]
 mod base_watch;
 pub mod bearing;
 pub mod blob;

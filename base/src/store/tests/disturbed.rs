@@ -187,3 +187,52 @@ fn records_of_months_are_dated_while_somebody_reads() {
     assert_eq!(rebuild(dir.path()).unwrap(), 31);
     assert_eq!(plain(&records(dir.path())), plain(&all));
 }
+
+/// A recorder that said its time once and has had many faults since, with days as the rule.
+#[test]
+fn a_clock_outlives_faults_and_days() {
+    use seabearing_core::wire::{Fault, FaultCode};
+    let fault = |code| Message::Fault(Fault { code, index: 5, value: 1 });
+    let mut buffer = [0; 128];
+    let bytes = seabearing_core::wire::bytes_of(&fault(FaultCode::ClockStepped), &mut buffer);
+    assert_eq!(bytes.get(..2), Some(&[7, 15][..]), "as the queries have it");
+    let dir = tempfile::tempdir().unwrap();
+    let mut base = Base::new(None);
+    let mut store = Store::open(dir.path(), &mut base).unwrap();
+    let mut encoder = Encoder::default();
+    let mut say = |store: &mut Store, base: &mut Base, n: u64, message: &Message| {
+        let event = Event::Bytes(encoder.frame(message).to_vec());
+        take(store, base, &[Entry { stream: 1, received_us: Some(at(0) + n as i64 * 3_600_000_000), event }]);
+    };
+    take(&mut store, &mut base, &[Entry { received_us: Some(at(0)), ..entry(1, Event::Began(of_seven())) }]);
+    say(&mut store, &mut base, 0, &hello_of(7));
+    let time = Time { index: 0, utc_us: at(0), sd_s: 0.1, drift: 0.0, sd_drift: 0.0, correlation: 0.0 };
+    say(&mut store, &mut base, 0, &Message::Time(time));
+    (1..200).for_each(|n| say(&mut store, &mut base, n, &fault(FaultCode::Impulses)));
+    // Three days are kept, of the same month.
+    while store.forget(at(0) + 130 * 3_600_000_000).unwrap() {}
+    drop(store);
+    let mut base = Base::new(None);
+    let mut store = Store::open(dir.path(), &mut base).unwrap();
+    take(&mut store, &mut base, &[Entry { received_us: Some(at(2)), ..entry(2, Event::Began(of_seven())) }]);
+    let event = Event::Bytes(Encoder::default().frame(&end(9000)).to_vec());
+    take(&mut store, &mut base, &[Entry { stream: 2, received_us: Some(at(2)), event }]);
+    drop(store);
+    let all = records(dir.path());
+    assert_eq!(all.len(), 71);
+    assert!(all.iter().all(|r| r["utc"].is_string()), "{:?}", all.last());
+}
+
+/// A computer whose clock starts at 2001 before it is told the time, and one that is far ahead for a moment, with the
+/// strictest rule.
+#[test]
+fn clocks_that_are_wrong_at_starts_drop_nothing_of_this_month() {
+    let dir = tempfile::tempdir().unwrap();
+    let day = 86_400_000_000;
+    for (name, wrong) in [("behind", 980_000_000_000_000), ("ahead", 4_070_908_800_000_000)] {
+        let times: Vec<i64> =
+            (0..12).map(|n| if n % 2 == 1 { wrong } else { BEGIN_US + day * n / 2 }).collect();
+        let strict = Retain { raw: Some(1), records: Some(1) };
+        assert_eq!(say_at(&dir.path().join(name), &times, strict, None), 12, "{name}");
+    }
+}
