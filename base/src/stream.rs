@@ -70,8 +70,9 @@ impl Stream {
     /// A stream that begins. `line`: it is spoken over, to recorders with a link, which speak first.
     pub(crate) fn new(line: Option<Settings>) -> Self {
         let settings = Settings { leads: false, ..line.unwrap_or(Settings::serial(super::LINE_BAUD)) };
-        // A log of commands lives as long as the connection.
-        let boot = time::OffsetDateTime::now_utc().unix_timestamp() as u32;
+        // A log of commands lives as long as the connection. Its name is another hundredth of a second: of two logs of one name
+        // a recorder would take the second's commands for those that it has had.
+        let boot = (time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 10_000_000) as u32;
         let link = Link::new(settings, 0, boot, 0, MemoryStore::new());
         Self { link, plain: Encoder::default(), ask: false, bytes: 0, noise: 0, unknown: 0 }
     }
