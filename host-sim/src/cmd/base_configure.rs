@@ -1,6 +1,7 @@
 //! `base send … station`: another configuration for a recorder, in pieces, and what becomes of it.
 
 use crate::blob;
+use crate::cmd::base_tokens;
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_core::config_blob::CRC;
@@ -73,7 +74,7 @@ impl Change {
             enough: 0.5 * new.config.rate_hz,
             stage: Stage::Sending,
             open: None,
-            token: 0,
+            token: base_tokens::who().wrapping_add(1),
             asked: None,
         })
     }

@@ -112,7 +112,7 @@ impl Snippet {
     /// # Errors
     /// It refuses, it was interrupted, or the file cannot be written.
     pub fn heard(&mut self, record: &Value) -> Result<bool> {
-        let ours = record["token"] == u64::from(order());
+        let ours = self.known && record["token"] == u64::from(order());
         match record["type"].as_str() {
             Some("hello") if self.known => bail!(
                 "the recorder has started again, and has forgotten what it had not sent: {} of {} samples came",

@@ -137,8 +137,8 @@ const WAITING: usize = 20_000;
 
 /// What is said to the recorder, one thing after the other.
 enum Talk {
-    /// One command; whether it was given, and whether it was answered.
-    Once { command: Command, given: bool, answered: bool },
+    /// One command, made with its token; whether it was given, and whether it was answered.
+    Once { command: Box<dyn Fn(u8) -> Command>, given: bool, answered: bool },
     /// The time.
     Clock(Clock),
     /// Another configuration.
@@ -151,12 +151,12 @@ enum Talk {
 
 impl Talk {
     fn of(order: &Order, station: Option<u16>) -> Result<Self> {
-        let command = match *order {
+        let command: Box<dyn Fn(u8) -> Command> = match *order {
             Order::Utc { sd_ms, .. } => return Ok(Self::Clock(Clock::new(sd_ms * 1000))),
-            Order::Identify => Command::Identify { token: base_tokens::order() },
-            Order::HealthEvery { seconds } => Command::HealthEvery { token: base_tokens::order(), seconds },
-            Order::Stop => Command::Stop { token: base_tokens::order() },
-            Order::Start => Command::Start { token: base_tokens::order() },
+            Order::Identify => Box::new(|token| Command::Identify { token }),
+            Order::HealthEvery { seconds } => Box::new(move |token| Command::HealthEvery { token, seconds }),
+            Order::Stop => Box::new(|token| Command::Stop { token }),
+            Order::Start => Box::new(|token| Command::Start { token }),
             Order::Snippet { ref channels, samples, seconds, ref out } => {
                 let length = match (samples, seconds) {
                     (Some(n), _) => Length::Instants(n),
@@ -181,7 +181,9 @@ impl Talk {
             Self::Spectrum(spectrum) => spectrum.due(),
             Self::Once { given: true, .. } => None,
             Self::Clock(clock) => clock.due(),
-            Self::Once { command, .. } => Some(bytes_of(command, &mut [0; COMMAND_BYTES]).to_vec()),
+            Self::Once { command, .. } => {
+                Some(bytes_of(&command(base_tokens::order()), &mut [0; COMMAND_BYTES]).to_vec())
+            }
         }
     }
 
@@ -220,6 +222,11 @@ impl Talk {
     /// Whether the recorder's records are taken, and are to be shown for that.
     fn relieves(&self) -> bool {
         matches!(self, Self::Station(_))
+    }
+
+    /// Whether it asks itself who the recorder is, before its command.
+    fn asks(&self) -> bool {
+        matches!(self, Self::Clock(_) | Self::Snippet(_))
     }
 
     fn done(&self) -> bool {
@@ -306,6 +313,9 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
         base.borrow_records(talk.leaves());
     }
     let mut service = Service::start(base, store, vec![line], rules)?;
+    // Who the recorder is, is asked first: what it holds of its answers to earlier commands has come then.
+    let who = bytes_of(&Command::Identify { token: base_tokens::who() }, &mut [0; COMMAND_BYTES]).to_vec();
+    let (mut asked, mut met) = (false, talk.asks());
     let (mut heard, begun) = (false, Instant::now());
     let said = service.feed().subscribe(WAITING);
     while since.elapsed() < wait + talk.patience() && begun.elapsed() < idle + talk.patience() {
@@ -318,11 +328,14 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
                 continue;
             }
             *relieved += u64::from(talk.relieves() && args.store.is_none());
-            if let Some(shown) = talk.shown(record) {
+            // The answer to the question before the command is nothing that was asked for.
+            let of_question = ["hello", "health", "reply"].iter().any(|of| record["type"] == *of);
+            if let Some(shown) = talk.shown(record).filter(|_| met || !of_question || talk.relieves()) {
                 println!("{shown}");
             }
-            if heard && talk.heard(record)? {
-                since = Instant::now();
+            let answers = heard && base_tokens::hear(record);
+            if heard && if met { talk.heard(record)? } else { answers } {
+                (since, met) = (Instant::now(), true);
             }
             if talk.done() {
                 // The recorder may forget the answer now: the acknowledgement is on its way.
@@ -331,7 +344,12 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
                 return Ok(());
             }
         }
-        if let Some(order) = talk.due() {
+        let due = match (met, asked) {
+            (true, _) => talk.due(),
+            (false, true) => None,
+            (false, false) => Some(who.clone()),
+        };
+        if let Some(order) = due {
             let mut streams = service.base().streams().collect::<Vec<_>>().into_iter();
             let given = streams.any(|(stream, who)| {
                 let wanted = station.is_none_or(|s| who == Some(s));
@@ -339,7 +357,7 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
             });
             if given {
                 heard = true;
-                talk.given();
+                if met { talk.given() } else { asked = true }
             }
         }
         if !goes_on {
