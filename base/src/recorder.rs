@@ -80,7 +80,8 @@ pub struct Recorder {
     pub(crate) bearings: VecDeque<(u32, Bearing)>,
     pub(crate) faults: VecDeque<Fault>,
     pub(crate) ended: bool,
-    pub(crate) heard_us: Option<i64>,
+    /// When it was heard last, microseconds since 1970, by the clock of the base station.
+    pub heard_us: Option<i64>,
 }
 
 impl Recorder {

@@ -142,6 +142,17 @@ fn interruption() -> Option<impl FnMut() -> Option<i32> + Send> {
     })
 }
 
+/// Interrupts this command as Ctrl-C does, for a terminal whose keys make no signals; also where it was started to ignore
+/// that of Ctrl-C, as a shell does with what it starts in the background.
+pub fn raise() {
+    #[cfg(unix)]
+    let signal = if ignored_signals() >> (SIGINT - 1) & 1 == 1 { SIGTERM } else { SIGINT };
+    #[cfg(not(unix))]
+    let signal = SIGINT;
+    // Without a handler the signal does what it does.
+    let _ = signal_hook::low_level::raise(signal);
+}
+
 /// Ends the command early with a status, everything listed undone.
 pub fn leave(status: i32) -> ! {
     let mut list = listed();

@@ -1,5 +1,5 @@
 //! What an operator watches: tracks beside AIS ([`ais`], [`matching`], [`errors`]), alarms ([`alarms`]), what chart plotters
-//! ([`nmea`]) and monitors ([`metrics`]) read.
+//! ([`nmea`]) and monitors ([`metrics`]) read; with the feature `terminal` a view of all of it on a terminal.
 //!
 //! In: records as the base station publishes and stores them. Out: records again, and what other programs read.
 
@@ -10,3 +10,5 @@ pub mod matching;
 pub mod metrics;
 pub mod nmea;
 pub mod report;
+#[cfg(feature = "terminal")]
+pub mod terminal;

@@ -1,6 +1,6 @@
 //! `seabearing base`: the base station: receive telemetry of any number of recorders, store, show, export.
 
-use super::base_screen::{Exports, Screen};
+use super::base_screen::{Exports, Known, Screen};
 use crate::base::export::{self, Format, Positions};
 use crate::base::fusion::sites::Sites;
 use crate::base::fusion::task::Task;
@@ -231,10 +231,12 @@ pub fn run(args: Args) -> Result<()> {
     }
     let before = service.base().counters();
     let must_show = service.ends() || args.store.is_none();
-    let mut screen = Screen::start(args.json, service.ends(), service.feed());
-    args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places)?;
+    let alarms = args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places)?;
     let fusion = fuse(&service, &listed, args.store.as_deref())?;
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
+    let reads_keys = args.input.iter().any(|path| path.as_os_str() == "-");
+    let known = Known { listed: &listed, alarms: &alarms, reads_keys };
+    let mut screen = Screen::start(args.json, service.ends(), &service, known);
     let tell = |notes: Vec<String>| {
         for note in notes {
             eprintln!("seabearing: {note}");
@@ -244,7 +246,7 @@ pub fn run(args: Args) -> Result<()> {
     };
     while service.turn()? {
         tell(service.notes());
-        let shown = screen.look(|| view::text(service.base()));
+        let shown = screen.look();
         if shown.is_err() && !must_show {
             eprintln!("seabearing: nobody takes the results any more; storing goes on");
         } else {

@@ -2,57 +2,71 @@
 //! reader who does not read, or a slow disk, holds up nothing.
 
 use crate::base::export::{self, Format, Positions};
-use crate::base::feed::{Behind, Feed, Subscription};
+use crate::base::feed::{Behind, Subscription};
+#[cfg(feature = "terminal")]
+use crate::base::record::micros;
+use crate::base::service::Service;
+use crate::base::stations::Listed;
 use crate::base::{Base, Recorder};
 use crate::plot::result;
 use anyhow::{Context, Result, anyhow};
 use seabearing_core::wire::{Bearing, Track};
 use serde_json::{Value, json};
-use std::io::{IsTerminal, Write};
+#[cfg(feature = "terminal")]
+use std::io::IsTerminal;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How often the terminal view is drawn.
-const DRAW: Duration = Duration::from_millis(250);
 /// How often exports are written while telemetry comes in.
 const EXPORT: Duration = Duration::from_secs(10);
 /// Records that wait for standard output.
 const WAITING: usize = 20_000;
 
-/// Standard output: records as JSON Lines, or the view.
+/// Standard output: records as JSON Lines, the live view of a terminal, or at the end what is known.
 pub(super) struct Screen {
-    terminal: bool,
-    /// Pictures to be printed, unless records are.
-    pictures: Option<SyncSender<String>>,
+    shows: Shows,
     /// Records that are not printed.
     behind: Option<Behind>,
     complained: bool,
-    drawn: Option<Instant>,
-    printer: Option<JoinHandle<std::io::Result<()>>>,
+}
+
+/// What is on standard output.
+enum Shows {
+    Records(Option<JoinHandle<std::io::Result<()>>>),
+    #[cfg(feature = "terminal")]
+    Live(seabearing_watch::terminal::View),
+    /// Nothing until the end.
+    Last,
 }
 
 impl Screen {
-    /// Begins to print. `waits`: whoever reads is waited for, as what comes can wait, too.
-    pub(super) fn start(json: bool, waits: bool, feed: &Feed) -> Self {
-        let (mut pictures, mut behind) = (None, None);
-        let printer = if json {
-            let records = if waits { feed.subscribe_waiting() } else { feed.subscribe(WAITING) };
+    /// Begins to print. `waits`: whoever reads is waited for, as what comes can wait, too. `live`: on a terminal what comes is
+    /// shown as it comes.
+    pub(super) fn start(json: bool, waits: bool, service: &Service, known: Known<'_>) -> Self {
+        let mut behind = None;
+        let shows = if json {
+            let records =
+                if waits { service.feed().subscribe_waiting() } else { service.feed().subscribe(WAITING) };
             behind = Some(records.behind());
-            std::thread::spawn(move || print_records(&records))
+            Shows::Records(Some(std::thread::spawn(move || print_records(&records))))
         } else {
-            let (to_print, coming) = sync_channel::<String>(1);
-            pictures = Some(to_print);
-            std::thread::spawn(move || coming.into_iter().try_for_each(|picture| print(&picture)))
+            known.show(waits, service)
         };
-        let terminal = std::io::stdout().is_terminal();
-        Self { terminal, pictures, behind, complained: false, drawn: None, printer: Some(printer) }
+        Self { shows, behind, complained: false }
     }
 
-    /// Looks whether all is printed, and draws the view on a terminal, now and then.
-    pub(super) fn look(&mut self, view: impl FnOnce() -> String) -> Result<()> {
-        if self.printer.as_ref().is_some_and(JoinHandle::is_finished) {
+    /// Looks whether what is shown gets through.
+    pub(super) fn look(&mut self) -> Result<()> {
+        let ended = match &self.shows {
+            Shows::Records(printer) => printer.as_ref().is_some_and(JoinHandle::is_finished),
+            #[cfg(feature = "terminal")]
+            Shows::Live(view) => view.is_finished(),
+            Shows::Last => false,
+        };
+        if ended {
             return self.printed();
         }
         let behind = self.behind.as_ref().is_some_and(|b| b.missed() > 0);
@@ -62,40 +76,66 @@ impl Screen {
             );
         }
         self.complained = behind;
-        if let Some(pictures) = &self.pictures
-            && self.terminal
-            && self.drawn.is_none_or(|d| d.elapsed() >= DRAW)
-        {
-            self.drawn = Some(Instant::now());
-            // Of a terminal that is still being drawn on one picture is left out.
-            let _ = pictures.try_send(drawn(&view()));
-        }
         Ok(())
     }
 
-    /// Waits for the printer, and says how it ended.
+    /// Waits until all is printed, and says how that ended.
     fn printed(&mut self) -> Result<()> {
-        self.pictures = None;
-        match self.printer.take().map(JoinHandle::join) {
-            Some(Ok(ended)) => Ok(ended?),
-            Some(Err(_)) => Err(anyhow!("the printer of records has failed")),
-            None => Ok(()),
+        match &mut self.shows {
+            Shows::Records(printer) => match printer.take().map(JoinHandle::join) {
+                Some(Ok(ended)) => Ok(ended?),
+                Some(Err(_)) => Err(anyhow!("the printer of records has failed")),
+                None => Ok(()),
+            },
+            #[cfg(feature = "terminal")]
+            Shows::Live(view) => view.end(),
+            Shows::Last => Ok(()),
         }
     }
 
-    /// Prints the view a last time and waits until all is printed; the feed has ended.
+    /// Waits until all is printed, and prints what is known where records are not; the feed has ended.
     pub(super) fn finish(&mut self, view: &str) -> Result<()> {
-        if let Some(pictures) = &self.pictures {
-            // A printer that has ended says so itself.
-            let _ = pictures.send(if self.terminal { drawn(view) } else { view.to_owned() });
+        self.printed()?;
+        match self.shows {
+            Shows::Records(_) => Ok(()),
+            _ => Ok(print(view)?),
         }
-        self.printed()
     }
 }
 
-/// Home, draw, and clear what is left of the picture before.
-fn drawn(text: &str) -> String {
-    format!("\x1b[H{}\x1b[J", text.replace('\n', "\x1b[K\n"))
+/// What is known before records come.
+pub(super) struct Known<'a> {
+    /// Stations of the stations file.
+    pub listed: &'a [Listed],
+    /// Alarms that may stand, oldest first.
+    pub alarms: &'a [Value],
+    /// The terminal's keys are telemetry.
+    pub reads_keys: bool,
+}
+
+impl Known<'_> {
+    /// The live view, where there is somebody to look at it while records come.
+    #[cfg(feature = "terminal")]
+    fn show(&self, ends: bool, service: &Service) -> Shows {
+        use seabearing_watch::terminal::{View, board::Board};
+        if ends || self.reads_keys || !std::io::stdout().is_terminal() {
+            return Shows::Last;
+        }
+        let mut board = Board::default();
+        self.listed.iter().for_each(|s| board.expect(s.config.id, &s.config.name));
+        let now_us = micros(time::OffsetDateTime::now_utc());
+        for recorder in service.base().recorders() {
+            let heard_s = recorder.heard_us.map(|us| (us - now_us) as f64 * 1e-6);
+            heard_s.into_iter().for_each(|s| board.was_heard(recorder.station, s));
+        }
+        self.alarms.iter().for_each(|alarm| drop(board.take(alarm, 0.0)));
+        Shows::Live(View::start(board, service.feed()))
+    }
+
+    #[cfg(not(feature = "terminal"))]
+    fn show(&self, _: bool, _: &Service) -> Shows {
+        Shows::Last
+    }
 }
 
 fn print(text: &str) -> std::io::Result<()> {

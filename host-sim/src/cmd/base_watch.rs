@@ -8,6 +8,7 @@ use anyhow::{Result, bail};
 use seabearing_watch::alarms::rules::{Alarms, Condition};
 use seabearing_watch::alarms::{Watcher, deliver};
 use seabearing_watch::{metrics, nmea};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -57,7 +58,7 @@ impl Watch {
         Ok(Some(alarms))
     }
 
-    /// Starts what is asked for.
+    /// Starts what is asked for; gives the alarms of the store, oldest first.
     pub(super) fn start(
         &self,
         alarms: Option<Alarms>,
@@ -65,7 +66,7 @@ impl Watch {
         store: Option<&Path>,
         listed: &[Listed],
         places: &Positions,
-    ) -> Result<()> {
+    ) -> Result<Vec<Value>> {
         let known = known(places);
         if let Some(at) = &self.nmea {
             eprintln!(
@@ -76,7 +77,7 @@ impl Watch {
         if let Some(at) = &self.metrics {
             eprintln!("seabearing: counters at http://{}/metrics", metrics::serve(at, service.feed())?);
         }
-        let Some(alarms) = alarms else { return Ok(()) };
+        let Some(alarms) = alarms else { return Ok(Vec::new()) };
         let mut stations: BTreeMap<u16, Option<(f64, f64)>> =
             known.into_iter().map(|(of, at)| (of, Some(at))).collect();
         for s in listed {
@@ -95,7 +96,7 @@ impl Watch {
         let watcher = Watcher::new(alarms.rules, &stations, now_s);
         let folder = store.map(Path::to_owned);
         deliver::start(watcher, alarms.deliveries, service.feed(), service.notebook(), folder, &standing);
-        Ok(())
+        Ok(standing)
     }
 }
 
