@@ -104,6 +104,7 @@ impl Screen {
 }
 
 /// What is known before records come.
+#[cfg_attr(not(feature = "terminal"), expect(dead_code, reason = "only the live view begins with it"))]
 pub(super) struct Known<'a> {
     /// Stations of the stations file.
     pub listed: &'a [Listed],
