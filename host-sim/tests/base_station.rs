@@ -319,10 +319,16 @@ fn a_command_goes_to_the_station_of_a_file_signed_with_its_key() {
             Ok(n) => bytes[..n].iter().for_each(|b| link.receive(now, *b, &mut obeys)),
             Err(_) => {}
         }
-        if let Some(Order::HealthEvery { token, seconds }) = obeys.1.take() {
-            done = Some(seconds);
-            link.offer(Class::Health, bytes_of(&Message::Reply(Reply { token, status: 0 }), &mut buffer));
-        }
+        let token = match obeys.1.take() {
+            Some(Order::HealthEvery { token, seconds }) => {
+                done = Some(seconds);
+                token
+            }
+            // It is asked who it is before.
+            Some(Order::Identify { token }) => token,
+            _ => continue,
+        };
+        link.offer(Class::Health, bytes_of(&Message::Reply(Reply { token, status: 0 }), &mut buffer));
     }
     let out = sender.wait_with_output().unwrap();
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));

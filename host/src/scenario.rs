@@ -1,8 +1,11 @@
 //! What scenario files of both kinds of recorder share: the file with its old spellings, the start, straight courses,
 //! gaps and the times of faults.
 
+use crate::ocean_bottom::{self, scenario::ObsScenario, simulate::Simulator};
+use crate::propagation;
 use crate::station::Station;
 use crate::toml_file::TomlFile;
+use crate::world::{self, ArrayScenario};
 use anyhow::{Context, Result, bail};
 use seabearing_core::config;
 use serde::de::Error as _;
@@ -65,6 +68,22 @@ impl Written {
             ("table", self.table.as_ref()),
         ];
         recordings.chain(rest.into_iter().filter_map(|(kind, path)| Some((kind, path?.as_path()))))
+    }
+}
+
+/// Simulates a scenario of either kind into a folder.
+///
+/// # Errors
+/// One line: the file, the key and what is allowed, or what cannot be written.
+pub fn write(scenario: &Path, folder: &Path) -> Result<Written> {
+    match ScenarioFile::read(scenario)?.kind {
+        ScenarioKind::Array => world::write(&ArrayScenario::read(scenario)?, folder),
+        ScenarioKind::Obs => {
+            let scenario = ObsScenario::read(scenario)?;
+            let table = propagation::file::read(&scenario.propagation)?;
+            let extra = ocean_bottom::ais::extras(&scenario)?;
+            ocean_bottom::write::write(&mut Simulator::new(scenario, table, extra)?, folder)
+        }
     }
 }
 

@@ -9,6 +9,7 @@ mod lines;
 mod pace;
 mod panic_free;
 mod process;
+mod python;
 mod scenario;
 mod suite;
 mod toolchain;
@@ -35,6 +36,8 @@ cargo xtask TASK
   fuzz [--inputs N] [--target NAME]  hostile input in great numbers: N mutated inputs (of slow targets a share); panics, false
                   frames and hangs are counted
   fuzz --guided SECONDS [--target NAME]  the same targets for so long each, guided by coverage (libFuzzer; needs a C++ compiler)
+  python [--bless | --wheel]  the Python package in an environment of its own: tests, types, notebooks, whose pages are compared
+                  or, with --bless, written anew; --wheel builds a wheel into target/wheels
   lines           [REVISION]  lines of code outside tests, package by package
   pace REVISION   processor time of the command over recordings, beside that of a revision of git
   check           format, lints and documentation, warnings as errors
@@ -81,6 +84,7 @@ fn run(arguments: &[String]) -> Result<()> {
             _ => bail!("lines takes nothing, or a revision of git"),
         },
         "fuzz" => fuzz::command(options),
+        "python" => python::command(options),
         "test" => suite::command(options),
         "help" | "-h" | "--help" => {
             print!("{HELP}");

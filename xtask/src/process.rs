@@ -57,6 +57,11 @@ pub fn use_what_the_tests_built() {
     }
 }
 
+/// The command that [`use_what_the_tests_built`] found.
+pub fn built() -> Option<&'static Path> {
+    BUILT.get().map(PathBuf::as_path)
+}
+
 /// The command `seabearing` of this checkout, built if need be.
 pub fn host(arguments: &[&str]) -> Command {
     match BUILT.get() {

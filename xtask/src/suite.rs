@@ -1,10 +1,11 @@
 //! `cargo xtask test`: every test, the emulated ones included, one line a step; at the end what was skipped, and a count.
 
 use crate::firmware::{self, EMULATED, EMULATED_LINK, HARDWARE, HARDWARE_LINK, HARDWARE_LOGGING};
-use crate::process::{cargo, host, oldest, output, run, say, use_what_the_tests_built};
+use crate::process::{built, cargo, host, oldest, output, run, say, use_what_the_tests_built};
 use crate::toolchain::{self, Toolchain};
-use crate::{budget, example, panic_free, root, scenario};
+use crate::{budget, example, panic_free, python, root, scenario};
 use anyhow::{Context, Result, bail};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
@@ -30,6 +31,15 @@ impl Suite {
                 say(&format!("FAILED: {name}: {error:#}"));
                 self.failed.push(name);
             }
+        }
+    }
+
+    /// Takes note of what cannot be done here.
+    fn skip(&self, what: &str) {
+        let register = std::fs::OpenOptions::new().append(true).open(&self.skipped);
+        let noted = register.and_then(|mut file| writeln!(file, "skipped {what}"));
+        if noted.is_err() {
+            say(&format!("skipped {what}"));
         }
     }
 
@@ -85,6 +95,12 @@ pub fn command(options: &[String]) -> Result<()> {
         use_what_the_tests_built();
         run(&mut tests, "cargo test")
     });
+    match python::missing() {
+        None => suite.step("the Python package: tests, types, notebooks", || {
+            python::check(python::Pages::Compared, built())
+        }),
+        Some(why) => suite.skip(&format!("the Python package: {why}")),
+    }
     match toolchain {
         Some(toolchain) => emulated(&mut suite, &toolchain),
         None if host_only => say("--host-only: the firmware was not built, and nothing was emulated"),

@@ -63,10 +63,16 @@ mod tests {
         assert_eq!(free(254, |token| token != 7), 7);
         assert_eq!(free(254, |token| !(2..=253).contains(&token)), 2);
         assert_eq!(free(9, |_| true), 9);
-        let [who, next] = any();
-        assert!(!hear(&json!({"type": "samples", "token": who})));
-        assert!(hear(&json!({"type": "reply", "token": who})));
-        hear(&json!({"type": "reply", "token": next}));
-        assert!(order() != who && order() != next && order() == order());
+        assert!(order() != who() && order() == order());
+    }
+
+    #[test]
+    fn an_answer_to_the_question_is_a_reply_with_its_number() {
+        assert!(hear(&json!({"type": "reply", "token": who()})));
+        for other in
+            [json!({"type": "samples", "token": who()}), json!({"type": "reply", "token": who() ^ 1})]
+        {
+            assert!(!hear(&other));
+        }
     }
 }

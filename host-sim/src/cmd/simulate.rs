@@ -1,8 +1,6 @@
 //! `seabearing simulate`: write simulated recordings, their truth and the station file.
 
-use crate::ocean_bottom::{scenario::ObsScenario, simulate::Simulator, write::write};
-use crate::scenario::{ScenarioFile, ScenarioKind};
-use crate::world::{self, ArrayScenario};
+use crate::scenario;
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -26,15 +24,7 @@ pub struct Args {
 /// # Errors
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
-    let written = match ScenarioFile::read(&args.scenario)?.kind {
-        ScenarioKind::Array => world::write(&ArrayScenario::read(&args.scenario)?, &args.out)?,
-        ScenarioKind::Obs => {
-            let scenario = ObsScenario::read(&args.scenario)?;
-            let table = crate::propagation::file::read(&scenario.propagation)?;
-            let extra = crate::ocean_bottom::ais::extras(&scenario)?;
-            write(&mut Simulator::new(scenario, table, extra)?, &args.out)?
-        }
-    };
+    let written = scenario::write(&args.scenario, &args.out)?;
     for (kind, path) in written.files() {
         if args.json {
             println!("{}", serde_json::json!({ "type": kind, "path": path }));

@@ -135,7 +135,7 @@ fn files_of_the_project_that_documents_name_exist() {
             let first = path.split('/').next().unwrap_or_default();
             let plain = path.chars().all(|c| c.is_ascii_alphanumeric() || "/_-.".contains(c));
             let of_here =
-                path.contains('/') && !["", "target"].contains(&first) && root().join(first).is_dir();
+                path.contains('/') && !["", "target", "out"].contains(&first) && root().join(first).is_dir();
             if plain && of_here && !code.contains("TARGET") && !root().join(path).exists() {
                 wrongs.push(format!("{}:{line}: `{code}`", document.name));
             }

@@ -24,11 +24,12 @@ pub fn root() -> PathBuf {
 
 /// README and the chapters.
 pub fn documents() -> Vec<Document> {
-    let chapters = std::fs::read_dir(root().join("docs")).unwrap();
-    let mut names: Vec<String> = chapters
-        .map(|e| format!("docs/{}", e.unwrap().file_name().into_string().unwrap()))
-        .filter(|name| name.ends_with(".md"))
-        .collect();
+    let chapters = |folder: &'static str| {
+        let entries = std::fs::read_dir(root().join(folder)).unwrap();
+        entries.map(move |e| format!("{folder}/{}", e.unwrap().file_name().into_string().unwrap()))
+    };
+    let mut names: Vec<String> = chapters("docs").chain(chapters("docs/notebooks")).collect();
+    names.retain(|name| name.ends_with(".md"));
     names.push("README.md".into());
     names.sort();
     names

@@ -19,6 +19,7 @@
 //! `hound`'s sample by sample.
 
 mod flac;
+mod memory;
 mod mseed;
 pub(crate) mod mseed_record;
 mod pick;
@@ -33,10 +34,11 @@ pub mod written_time;
 
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
-use seabearing_core::block::Block;
+use seabearing_core::block::{Block, Frame};
 use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use time::{Date, OffsetDateTime, UtcOffset};
 
 pub use window::Span;
@@ -136,6 +138,8 @@ enum Found {
     Audio(sequence::Parts),
     Seismic(Box<mseed::Components>),
     Raw(PathBuf),
+    /// Samples, and how many there are in a second.
+    Memory(Arc<[Frame]>, f64),
 }
 
 impl Recording {
@@ -193,12 +197,26 @@ impl Recording {
         Ok(of(Found::Audio(sequence::Parts::find(audio, &reading, complaints)?)))
     }
 
+    /// Codes of a station's recorder that are in memory already, of which there are so many in a second.
+    ///
+    /// # Errors
+    /// No sensible rate.
+    pub fn of_frames(frames: Vec<Frame>, rate_hz: f64, station: &Station, asked: &Asked) -> Result<Self> {
+        if !(rate_hz > 0.0 && rate_hz.is_finite()) {
+            bail!("{rate_hz} samples a second: a number above 0 was expected");
+        }
+        let config = &station.config;
+        let found = Found::Memory(frames.into(), rate_hz);
+        Ok(Self { found, start: asked.start, rate_hz: config.rate_hz, full_scale: config.full_scale })
+    }
+
     /// Samples a second in the files.
     fn file_rate_hz(&self) -> f64 {
         match &self.found {
             Found::Audio(parts) => parts.rate_hz,
             Found::Seismic(components) => components.rate_hz,
             Found::Raw(_) => self.rate_hz,
+            Found::Memory(_, rate_hz) => *rate_hz,
         }
     }
 
@@ -207,7 +225,7 @@ impl Recording {
         let spans = match &self.found {
             Found::Audio(parts) => parts.spans()?,
             Found::Seismic(components) => components.spans(),
-            Found::Raw(_) => return None,
+            Found::Raw(_) | Found::Memory(..) => return None,
         };
         let mut days = BTreeSet::new();
         for (begins, ends) in spans {
@@ -229,6 +247,7 @@ impl Recording {
             Found::Audio(parts) => parts.files(span),
             Found::Seismic(components) => components.files(span),
             Found::Raw(path) => vec![path.clone()],
+            Found::Memory(..) => Vec::new(),
         }
     }
 
@@ -248,6 +267,7 @@ impl Recording {
             }
             Found::Seismic(components) => Box::new(components.recording(span)?),
             Found::Raw(path) => Box::new(raw::Raw::open(path, self.start)?),
+            Found::Memory(frames, _) => Box::new(memory::Memory::new(Arc::clone(frames), self.start)),
         };
         if !span.is_all() {
             let Some(start) = source.start() else {
