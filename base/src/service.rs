@@ -6,7 +6,7 @@ use super::store::{Entry, Event, Retain, Store, may_pass};
 use super::utc::Teller;
 use super::{Base, record::micros};
 use anyhow::{Context, Result};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
@@ -226,14 +226,18 @@ impl Service {
                 Err(e) if ends || !may_pass(&e) => return Err(e),
                 Err(e) if !std::mem::replace(&mut complained, true) => {
                     // Whoever waits for records must know at once.
-                    eprintln!("seabearing: {e:#}; it is tried again, and nothing is acknowledged meanwhile");
+                    let text = format!("{e:#}; it is tried again, and nothing is acknowledged meanwhile");
+                    eprintln!("seabearing: {text}");
+                    self.feed.publish(vec![json!({ "type": "note", "code": "StoreFails", "text": text })]);
                 }
                 Err(_) => {}
             }
             std::thread::sleep(AGAIN);
         }
         if complained {
-            eprintln!("seabearing: the store takes records again");
+            let text = "the store takes records again";
+            eprintln!("seabearing: {text}");
+            self.feed.publish(vec![json!({ "type": "note", "code": "StoreTakes", "text": text })]);
         }
         Ok(())
     }

@@ -18,7 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::kit::straight_line::through;
-use seabearing_watch::ais::Fleet;
+use seabearing_watch::ais::{Fleet, Vessel};
 use seabearing_watch::errors::{of_track, over_fleet};
 use seabearing_watch::matching::{Heard, Rules, Verdict, judge};
 use seabearing_watch::report::{Covariance, TrackId, TrackReport};
@@ -147,6 +147,7 @@ fn of_sea(
     let ways = ways(reports, sea, about);
     let vessels: BTreeSet<u64> = ways.iter().map(|(mmsi, _)| *mmsi).collect();
     let dark: BTreeSet<u64> = vessels.iter().copied().skip(2).step_by(DARK_EVERY).collect();
+    let everybody = Fleet::of(reports, &BTreeMap::new());
     let (mut tracks, mut truth, mut together) = (Vec::new(), Vec::new(), 0);
     for station in 1..=options.runs.map_or(STATIONS, |n| n as u16) {
         // Beside some moving vessel's way.
@@ -163,8 +164,8 @@ fn of_sea(
                 way.iter().map(|(t, (x, y))| (*t, own_place(&frame, &own, (*x, *y)))).collect();
             here.extend(passage(sea, &moved, &mut rng).into_iter().map(|track| (*mmsi, track)));
         }
-        for (k, (mmsi, reports)) in here.iter().enumerate() {
-            if here.iter().enumerate().any(|(other, (_, its))| other != k && is_one_sound(reports, its)) {
+        for (mmsi, reports) in &here {
+            if is_one_sound(sea, *mmsi, reports, &own, &everybody) {
                 together += 1;
                 continue;
             }
@@ -258,15 +259,23 @@ fn own_place(from: &LocalFrame, to: &LocalFrame, (x, y): (f64, f64)) -> (f64, f6
     to.east_north_m(lat, lon)
 }
 
-/// Whether two vessels are nearer to each other in azimuth, for half of a track and more, than a recorder tells apart.
-fn is_one_sound(one: &[TrackReport], other: &[TrackReport]) -> bool {
-    let azimuth = |r: &TrackReport| r.place.map(|((x, y), _)| x.atan2(y));
-    let near = one.iter().filter(|a| {
-        let then = other.iter().find(|b| b.utc_s.zip(a.utc_s).is_some_and(|(b, a)| (b.0 - a.0).abs() < 5.0));
-        let apart = then.and_then(|b| Some(wrap_pi(azimuth(a)? - azimuth(b)?).abs()));
-        apart.is_some_and(|apart| apart < MERGED_RAD)
-    });
-    2 * near.count() > one.len()
+/// Whether other vessels under way that the station hears, by all their reports, are nearer to one in azimuth, for half of
+/// its track and more, than a recorder tells apart. They need no track of their own: of some the truth is not sharp enough
+/// for one, and they sound nevertheless.
+fn is_one_sound(sea: &Sea, mmsi: u64, track: &[TrackReport], own: &LocalFrame, everybody: &Fleet) -> bool {
+    let others: Vec<&Vessel> = everybody.vessels.iter().filter(|v| v.mmsi != mmsi).collect();
+    let beside = |report: &&TrackReport| {
+        let (Some((t_s, _)), Some(((x, y), _))) = (report.utc_s, report.place) else { return false };
+        others.iter().any(|v| {
+            let placed = v.at(t_s, own, Rules::default().gap_s, everybody.time_sd_s);
+            placed.is_some_and(|p| {
+                let ((px, py), (vx, vy)) = (p.place_m, p.velocity_m_s);
+                let heard = px.hypot(py) <= sea.heard_m && vx.hypot(vy) >= LEAST_M_S;
+                heard && wrap_pi(px.atan2(py) - x.atan2(y)).abs() < MERGED_RAD
+            })
+        })
+    };
+    2 * track.iter().filter(beside).count() > track.len()
 }
 
 /// Place and velocity by the straight line through the reports about a time; `None` where there are too few,

@@ -46,6 +46,7 @@ const EXAMPLES: [(&str, &[Expected]); 26] = [
             Waits("127.0.0.1:"),
             Lacks("stations.toml"),
             Lacks("stations.toml"),
+            Lacks("stations.toml"),
             Runs,
         ],
     ),

@@ -67,6 +67,8 @@ fn numbered<S: Serializer>(stations: &BTreeMap<Option<u64>, Station>, to: S) -> 
 #[derive(Serialize)]
 struct Track {
     report: Value,
+    /// Which vessel of AIS it is, as the newest `ais_match` says.
+    ais: Value,
     /// Milliseconds since 1970, metres East and North of the station.
     path: Vec<[f64; 3]>,
 }
@@ -105,7 +107,10 @@ impl Picture {
     /// The picture of a moment.
     pub fn of(moment: &Moment) -> Self {
         let mut picture = Self::default();
-        moment.records.iter().for_each(|r| picture.take(r));
+        // A verdict may be as old as the report it is of: all tracks come first.
+        let (verdicts, others): (Vec<_>, Vec<_>) =
+            moment.records.iter().partition(|r| r["type"] == "ais_match");
+        others.into_iter().chain(verdicts).for_each(|r| picture.take(r));
         for path in &moment.paths {
             let station = picture.stations.get_mut(&path.station.map(u64::from));
             if let Some(track) =
@@ -124,6 +129,7 @@ impl Picture {
             "alarm" => return self.alarm(record),
             "network_track" => return self.network(record),
             "acknowledge" => return,
+            "ais_match" => return self.matched(record),
             _ => {}
         }
         if TOLD.contains(&kind) {
@@ -133,6 +139,15 @@ impl Picture {
         // What the base station says of nobody is no station.
         if of.is_some() || !(TOLD.contains(&kind) && record["session"].is_null()) {
             self.stations.entry(of).or_default().take(kind, record);
+        }
+    }
+
+    /// A track's vessel is that of the newest verdict.
+    fn matched(&mut self, record: &Value) {
+        let key = record["of_session"].as_u64().or(record["session"].as_u64()).zip(record["id"].as_u64());
+        let station = self.stations.get_mut(&record["station"].as_u64());
+        if let Some(track) = station.zip(key).and_then(|(s, key)| s.tracks.get_mut(&key)) {
+            track.ais = record.clone();
         }
     }
 
@@ -207,10 +222,11 @@ impl Station {
     fn report(&mut self, record: &Value) {
         let (Some(session), Some(id)) = (record["session"].as_u64(), record["id"].as_u64()) else { return };
         let place = [when_ms(record), record["x_m"].as_f64(), record["y_m"].as_f64()];
-        let track = self
-            .tracks
-            .entry((session, id))
-            .or_insert_with(|| Track { report: Value::Null, path: Vec::new() });
+        let track = self.tracks.entry((session, id)).or_insert_with(|| Track {
+            report: Value::Null,
+            ais: Value::Null,
+            path: Vec::new(),
+        });
         track.report = record.clone();
         if let ([Some(at), Some(x), Some(y)], true) = (place, record["range_observable"] == true) {
             track.path.push([at, x, y]);
@@ -279,6 +295,19 @@ mod tests {
             assert!(path.len() > PLACES / 2 - 2 && path.len() <= PLACES, "{}", path.len());
         }
         assert_eq!(tracks[3]["report"]["y_m"], 1999);
+    }
+
+    #[test]
+    fn a_track_has_the_vessel_of_its_newest_verdict_also_in_a_moment_of_one_time() {
+        let track = json!({ "type": "track", "station": 1, "session": 2, "id": 3, "stage": "running", "utc": "2026-01-01T00:00:00Z" });
+        let verdict = |verdict: &str, session: u64| json!({ "type": "ais_match", "station": 1, "session": session, "of_session": 2, "id": 3, "verdict": verdict });
+        let records = vec![verdict("dark", 2), verdict("vessel", 4), track];
+        let picture = json!(Picture::of(&Moment { records, paths: Vec::new() }));
+        let of = &picture["stations"][0];
+        assert_eq!(
+            (&of["tracks"][0]["ais"]["verdict"], of["tracks"].as_array().map(Vec::len)),
+            (&json!("vessel"), Some(1))
+        );
     }
 
     #[test]

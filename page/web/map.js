@@ -292,6 +292,11 @@ export class ChartMap {
       this.drawEllipse(this.pixels(this.plane.near(place, end[1], end[2])), r, this.north.get(number));
       const turn = (r.cpa_azimuth_deg * Math.PI) / 180;
       if (Number.isFinite(r.cpa_range_m) && Number.isFinite(turn)) this.drawClosest(place, r, turn, !past && (number === this.model.chosen || this.shown.length < 5));
+      const name = track.ais?.verdict === 'dark' ? 'dark' : track.ais?.verdict === 'vessel' ? track.ais.name || track.ais.mmsi : null;
+      if (name && !past) {
+        const [x, y] = this.pixels(this.plane.near(place, end[1], end[2]));
+        this.label(String(name), x + 12, y + 16, 0.7);
+      }
     }
     c.restore();
   }

@@ -71,6 +71,11 @@ export class Model {
     const known = TOLD.includes(r.type) && this.events.slice(-50).some((e) => JSON.stringify(e) === JSON.stringify(r));
     if (TOLD.includes(r.type) && !known) bounded(this.events, r, EVENTS);
     if (r.type === 'network_track') return void this.network(r);
+    if (r.type === 'ais_match') {
+      const track = this.stations.get(r.station)?.tracks.get(`${r.of_session ?? r.session}.${r.id}`);
+      if (track) track.ais = r;
+      return;
+    }
     if (r.type === 'alarm' || r.type === 'acknowledge' || r.type === 'note') return;
     const number = r.station ?? null;
     if (number === null && (r.session ?? null) === null) return;

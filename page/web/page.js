@@ -4,7 +4,7 @@ import { ChartMap, coastline } from '/map.js';
 import { Model, when } from '/model.js';
 import { Plots } from '/plots.js';
 import { fillHealth, healthInAWord } from '/health.js';
-import { ago, bearing, clock, element, event, withSd } from '/words.js';
+import { ago, bearing, clock, element, event, vessel, withSd } from '/words.js';
 
 const $ = (id) => document.getElementById(id);
 const asked = new URLSearchParams(location.search);
@@ -187,9 +187,9 @@ function fillStations(at) {
 }
 
 function fillTracks(at) {
-  const all = [...model.stations.values()].flatMap((s) => [...s.tracks.values()].map((t) => [s.station, t.report]));
+  const all = [...model.stations.values()].flatMap((s) => [...s.tracks.values()].map((t) => [s.station, t.report, t.ais]));
   all.sort(([, a], [, b]) => when(b) - when(a));
-  const made = all.slice(0, 30).map(([number, r]) => {
+  const made = all.slice(0, 30).map(([number, r, ais]) => {
     const ms = when(r) + (r.cpa_time_s - r.t_s) * 1000;
     const swatch = element('span', { class: 'swatch', 'aria-hidden': 'true' });
     swatch.style.background = map.colour(number);
@@ -199,7 +199,8 @@ function fillTracks(at) {
       element('td', {}, r.range_observable ? withSd(r.cpa_range_m, r.sd_cpa_range_m, 'm') : 'not observable'),
       element('td', {}, closest),
       element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
-      element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s')));
+      element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s')),
+      element('td', { class: ais?.verdict === 'dark' ? 'warn' : false }, vessel(ais)));
   });
   const networks = [...model.networks.values()].map((t) => t.report).sort((a, b) => when(b) - when(a)).slice(0, 30);
   const fused = networks.map((r) => element('tr', {},
@@ -207,7 +208,8 @@ function fillTracks(at) {
     element('td', {}, r.consistent === false ? 'stations disagree' : r.x_m === null ? 'not observable' : ''),
     element('td', {}, `stations ${r.members.map((m) => m.station).join(', ')}`),
     element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
-    element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s'))));
+    element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s')),
+    element('td', {}, '–')));
   made.unshift(...fused);
   $('track-rows').replaceChildren(...made);
   $('no-tracks').hidden = made.length > 0;

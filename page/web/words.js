@@ -31,6 +31,17 @@ export const bearing = (deg) => (Number.isFinite(deg) ? `${String(Math.round(deg
 
 export const metres = (m) => (m >= 10000 ? `${(m / 1000).toFixed(0)} km` : m >= 1000 ? `${(m / 1000).toFixed(1)} km` : `${Math.round(m)} m`);
 
+// Which vessel of AIS a track is, as the newest verdict on it says; '–' where there is none.
+export function vessel(r) {
+  const sure = Number.isFinite(r?.probability) ? ` (${(100 * r.probability).toFixed(1)} %)` : '';
+  switch (r?.verdict) {
+    case 'vessel': return `${r.name ? `${r.name} ` : ''}${r.mmsi}${sure}`;
+    case 'dark': return `dark${sure}`;
+    case 'unmatched': return `unknown: ${r.reason}`;
+    default: return '–';
+  }
+}
+
 // An event in one line, and how grave it is.
 export function event(r) {
   const who = r.station === null || r.station === undefined ? '' : `station ${r.station}: `;

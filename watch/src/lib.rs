@@ -1,9 +1,10 @@
-//! What an operator watches: tracks beside AIS ([`ais`], [`matching`], [`errors`]), alarms ([`alarms`]), what chart plotters
+//! What an operator watches: tracks beside AIS ([`ais`], [`ais_live`], [`matching`], [`errors`]), alarms ([`alarms`]), what chart plotters
 //! ([`nmea`]) and monitors ([`metrics`]) read; with the feature `terminal` a view of all of it on a terminal.
 //!
 //! In: records as the base station publishes and stores them. Out: records again, and what other programs read.
 
 pub mod ais;
+pub mod ais_live;
 pub mod alarms;
 pub mod errors;
 pub mod matching;

@@ -4,7 +4,7 @@
 //!
 //! A track is compared with a vessel at up to nine of its reports. Their differences share most of their error, so that
 //! the squared distances (in standard deviations of track and AIS together) are averaged, weighted by how sharp each report
-//! is, and not added; to this come heading and speed. Beyond the 99.9 % point of χ² with four degrees of freedom the
+//! is, and not added; to this come heading and speed, likewise. Beyond the 99.9 % point of χ² with four degrees of freedom the
 //! vessel is out of the question. What remains is weighed by its likelihood against a vessel that does not report and
 //! might be anywhere about the station, or beside one that does: a vessel for a track is accepted, and its absence believed, with a probability
 //! of 97 %. One vessel has at most one of the tracks that a station has at one time, for which the most probable choice
@@ -28,7 +28,7 @@ const ACCEPTED_4: f64 = 13.277;
 /// Tracks of one station that share less time may be one vessel's, s.
 const SHARED_S: f64 = 30.0;
 /// A vessel that leaves its reports out for so long is not thought of, s.
-const HIDDEN_S: f64 = 7200.0;
+pub const HIDDEN_S: f64 = 7200.0;
 /// Speed of a vessel that does not tell where it is, m/s.
 const HIDDEN_M_S: f64 = 15.0;
 /// A vessel whose own reports nowhere tell its place to so much, or as well as the track, is not accepted, m.
@@ -180,10 +180,52 @@ pub fn motion_difference(report: &TrackReport, placed: &Placed) -> (Option<WithS
     (heading, report.speed_m_s.map(|(v, sd_v)| (v - speed, sd_v.hypot(along))))
 }
 
+/// Differences of a track from a vessel at several reports, which share most of their error: averaged, weighted by their
+/// sharpness.
+#[derive(Clone, Copy, Debug, Default)]
+struct Shared {
+    weights: f64,
+    squares: f64,
+    logs: f64,
+    /// The same about a companion, whose motion differs by more.
+    wide: [f64; 3],
+}
+
+impl Shared {
+    fn add(&mut self, difference: Option<WithSd>, beside: f64) {
+        let Some((x, sd)) = difference else { return };
+        let wide = sd.hypot(beside);
+        self.weights += 1.0 / sd;
+        self.squares += (x / sd).powi(2) / sd;
+        self.logs += (TAU.sqrt() * sd).ln() / sd;
+        let [weights, squares, logs] = self.wide;
+        self.wide = [
+            weights + 1.0 / wide,
+            squares + (x / wide).powi(2) / wide,
+            logs + (TAU.sqrt() * wide).ln() / wide,
+        ];
+    }
+
+    /// Squared distance in standard deviations.
+    fn distance2(&self) -> f64 {
+        if self.weights > 0.0 { self.squares / self.weights } else { 0.0 }
+    }
+
+    fn density(&self) -> f64 {
+        if self.weights > 0.0 { ((-0.5 * self.squares - self.logs) / self.weights).exp() } else { 1.0 }
+    }
+
+    fn density_beside(&self) -> f64 {
+        let [weights, squares, logs] = self.wide;
+        if weights > 0.0 { ((-0.5 * squares - logs) / weights).exp() } else { 1.0 }
+    }
+}
+
 fn fit(heard: &Heard, compared: &[&TrackReport], vessel: usize, fleet: &Fleet, rules: &Rules) -> Option<Fit> {
     let of = fleet.vessels.get(vessel)?;
     let (mut sum, mut weights, mut sharpest, mut last, mut least) =
         (0.0, 0.0, f64::INFINITY, None, f64::INFINITY);
+    let (mut heading, mut speed) = (Shared::default(), Shared::default());
     let (mut found, mut logs, mut told) = (0, 0.0, false);
     for report in compared {
         let Some(placed) = of.at(report.utc_s?.0, &heard.frame, rules.gap_s, fleet.time_sd_s) else {
@@ -200,24 +242,21 @@ fn fit(heard: &Heard, compared: &[&TrackReport], vessel: usize, fleet: &Fleet, r
         weights += 1.0 / spread;
         sharpest = f64::min(sharpest, spread);
         least = f64::min(least, d2);
-        last = Some((report, placed));
+        let (turned, faster) = motion_difference(report, &placed);
+        heading.add(turned, COMPANION_RAD);
+        speed.add(faster, COMPANION_M_S);
+        last = Some(());
     }
     // Of a vessel that reports during less than half of the track nothing can be said.
-    let (report, placed) = last.filter(|_| 2 * found >= compared.len() && least < 4.0 * GATE_2)?;
+    last.filter(|()| 2 * found >= compared.len() && least < 4.0 * GATE_2)?;
     let place2 = sum / weights;
-    let (heading, speed) = motion_difference(report, &placed);
-    let z2 = |d: Option<(f64, f64)>| d.map_or(0.0, |(x, sd)| (x / sd).powi(2));
-    let motion2 = z2(heading) + z2(speed);
-    let distance2 = place2 + motion2;
+    let distance2 = place2 + heading.distance2() + speed.distance2();
     if !(place2 <= GATE_2 && distance2 <= GATE_4) {
         return None;
     }
-    let normal =
-        |d: Option<(f64, f64)>| d.map_or(1.0, |(x, sd)| (-0.5 * (x / sd).powi(2)).exp() / (TAU.sqrt() * sd));
-    let weight =
-        (1.0 - rules.dark_share) * (-0.5 * place2 - logs / weights).exp() * normal(heading) * normal(speed);
-    let turned = |d: Option<(f64, f64)>, spread: f64| normal(d.map(|(x, sd)| (x, sd.hypot(spread))));
-    let motion = turned(heading, COMPANION_RAD) * turned(speed, COMPANION_M_S);
+    let motion = heading.density() * speed.density();
+    let weight = (1.0 - rules.dark_share) * (-0.5 * place2 - logs / weights).exp() * motion;
+    let motion = heading.density_beside() * speed.density_beside();
     let beside = 1.0 / (0.5 * TAU * (COMPANION_M * COMPANION_M + sharpest));
     let accepted = told && place2 <= ACCEPTED_2 && distance2 <= ACCEPTED_4;
     Some(Fit { vessel, distance2, accepted, weight, beside, motion })

@@ -1,6 +1,7 @@
 //! A track's report, as a record tells it, dated and placed.
 
 use serde_json::Value;
+use std::time::{SystemTime, UNIX_EPOCH};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -133,6 +134,11 @@ impl TrackReport {
 pub fn utc(text: &Value) -> Option<f64> {
     let at = OffsetDateTime::parse(text.as_str()?, &Rfc3339).ok()?;
     Some(at.unix_timestamp_nanos() as f64 * 1e-9)
+}
+
+/// Seconds since 1970 by this computer's clock.
+pub fn unix_now_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
 }
 
 /// Seconds since 1970 as a record tells a time.

@@ -27,6 +27,7 @@ use std::time::Duration;
     seabearing base --listen 127.0.0.1:4500 --json | jq 'select(.type == \"track\")'\n  \
     seabearing base --stations stations.toml --store out/network --retain raw=3m,records=2y\n  \
     seabearing base --stations stations.toml --store out/network --page 127.0.0.1:8080\n  \
+    seabearing base --stations stations.toml --store out/network --ais udp:0.0.0.0:10110\n  \
     seabearing base check --store out/base\n\n\
     A stations file is a list of [[stations]] with the keys of [station] and\n  \
     line = \"listen:ADDR:PORT\", \"tcp:HOST:PORT\", \"serial:DEVICE:BAUD\" or \"file:PATH\"\n  \
@@ -181,7 +182,7 @@ pub fn run(args: Args) -> Result<()> {
         // A wrong ending or a missing position is better known now than after the deployment.
         export::check(path, Format::of(path)?, &places, "--station STATION.toml")?;
     }
-    let alarms = args.watch.read(&places)?;
+    let alarms = args.watch.read(&places, args.store.is_some())?;
     let lines = args.lines(&listed, station.as_ref().map(|s| s.config.id).filter(|id| *id > 0));
     if lines.is_empty() {
         bail!("{}: no station has a `line`", args.stations.unwrap_or_default().display());

@@ -1,13 +1,15 @@
-//! What watches the records of `seabearing base`: alarms, chart plotters, counters.
+//! What watches the records of `seabearing base`: alarms, AIS, chart plotters, counters.
 
 use crate::base::export::Positions;
 use crate::base::service::Service;
 use crate::base::stations::Listed;
 use crate::base::store::{self, Wanted};
 use anyhow::{Result, bail};
+use seabearing_watch::ais_live::source::Source;
+use seabearing_watch::ais_live::{self, Live};
 use seabearing_watch::alarms::rules::{Alarms, Condition};
 use seabearing_watch::alarms::{Watcher, deliver};
-use seabearing_watch::{metrics, nmea};
+use seabearing_watch::{matching, metrics, nmea};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,6 +25,9 @@ pub(super) struct Watch {
     /// Tracks as NMEA 0183 (TLL, TTM) for chart plotters that connect to this address
     #[arg(long, value_name = "ADDRESS:PORT")]
     nmea: Option<String>,
+    /// Live AIS beside the tracks, or a file of it: each track is told its vessel, or that it is dark (may be given several times)
+    #[arg(long, value_name = "tcp:HOST:PORT|udp:ADDRESS:PORT|serial:DEVICE:BAUD|FILE")]
+    ais: Vec<Source>,
     /// Counters for Prometheus at http://ADDRESS:PORT/metrics
     #[arg(long, value_name = "ADDRESS:PORT")]
     metrics: Option<String>,
@@ -43,17 +48,25 @@ const STANDING_DAYS: i64 = 30;
 
 impl Watch {
     /// Reads the alarms, and refuses what cannot be: before anything is begun.
-    pub(super) fn read(&self, places: &Positions) -> Result<Option<Alarms>> {
+    pub(super) fn read(&self, places: &Positions, stores: bool) -> Result<Option<Alarms>> {
         let nowhere = known(places).is_empty();
         if let Some(at) = self.nmea.as_ref().filter(|_| nowhere) {
             bail!(
                 "--nmea {at}: no station's position is known: give --stations with `lat_deg` and `lon_deg`"
             );
         }
+        if let Some(source) = self.ais.first().filter(|_| nowhere) {
+            bail!(
+                "--ais {source}: no station's position is known: give --stations with `lat_deg` and `lon_deg`"
+            );
+        }
         let Some(path) = &self.alarms else { return Ok(None) };
         let alarms = Alarms::read(path)?;
         if nowhere && alarms.rules.iter().any(|r| matches!(r.condition, Condition::Inside(_))) {
             bail!("{}: an area needs stations with `lat_deg` and `lon_deg` (--stations)", path.display());
+        }
+        if !stores && alarms.rules.iter().any(|r| matches!(r.condition, Condition::Disk { .. })) {
+            bail!("{}: kind = \"disk\" needs a store (--store)", path.display());
         }
         Ok(Some(alarms))
     }
@@ -76,6 +89,10 @@ impl Watch {
         }
         if let Some(at) = &self.metrics {
             eprintln!("seabearing: counters at http://{}/metrics", metrics::serve(at, service.feed())?);
+        }
+        if !self.ais.is_empty() {
+            let live = Live::new(&known, matching::Rules::default());
+            ais_live::start(live, &self.ais, service.feed(), service.notebook())?;
         }
         let Some(alarms) = alarms else { return Ok(Vec::new()) };
         let mut stations: BTreeMap<u16, Option<(f64, f64)>> =

@@ -101,6 +101,86 @@ struct Alarm {
     text: String,
 }
 
+/// Which vessel of AIS a track is, when that is first known, when it changes, and with all errors at the track's end
+/// (`base --ais`, `ais match`; docs/ais.md).
+#[derive(Serialize, JsonSchema)]
+struct AisMatch {
+    /// Number of the station's track.
+    id: u32,
+    /// Session of that track; `session` where it is absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    of_session: Option<u32>,
+    /// `running`, or `final` once the track has ended; only of a base station.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stage: Option<String>,
+    /// `vessel`, `dark` (no vessel of AIS is it) or `unmatched` (nobody can say).
+    verdict: String,
+    /// Why nobody can say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<String>,
+    /// Probability of the verdict, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    probability: Option<f64>,
+    /// First report of the track, RFC 3339.
+    from_utc: String,
+    /// Last report of the track, RFC 3339.
+    to_utc: String,
+    /// Number of the vessel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mmsi: Option<u64>,
+    /// Which of several vessels with that number, from 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    twin: Option<u8>,
+    /// Its name; null where AIS does not tell it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
+    /// Its length, metres; null where AIS does not tell it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    length_m: Option<f64>,
+    /// Its distance from the track in standard deviations, heading and speed with it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    distance_sd: Option<f64>,
+    /// Reports compared; errors follow where there are any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    n: Option<u32>,
+    /// Root mean square of the distances from AIS, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rms_position_error_m: Option<f64>,
+    /// Mean squared distance in standard deviations; 2 where covariances are honest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mean_distance2: Option<f64>,
+    /// Error of the last heading, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    heading_error_deg: Option<f64>,
+    /// The same in standard deviations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    heading_error_sd: Option<f64>,
+    /// Error of the last speed, metres a second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    speed_error_m_s: Option<f64>,
+    /// The same in standard deviations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    speed_error_sd: Option<f64>,
+    /// Error of the time of the closest point, seconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cpa_time_error_s: Option<f64>,
+    /// The same in standard deviations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cpa_time_error_sd: Option<f64>,
+    /// Error of the range of the closest point, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cpa_range_error_m: Option<f64>,
+    /// The same in standard deviations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cpa_range_error_sd: Option<f64>,
+    /// Greatest range of the vessel at a report, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    heard_to_m: Option<f64>,
+    /// Its speed by AIS at the last report, metres a second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vessel_speed_m_s: Option<f64>,
+}
+
 /// A person has acknowledged an alarm on the page; not stored: what is stored is the `alarm` in its new state.
 #[derive(Serialize, JsonSchema)]
 struct Acknowledge {
@@ -108,9 +188,12 @@ struct Acknowledge {
     id: u64,
 }
 
-/// A line for a person on the page, and only there.
+/// A line for a person on the page and the terminal, not stored.
 #[derive(Serialize, JsonSchema)]
 struct Note {
+    /// What, by name, where it has one: `StoreFails`, `StoreTakes`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    code: Option<String>,
     /// What it says.
     text: String,
 }
@@ -179,6 +262,7 @@ pub fn schema() -> Value {
         kind::<Line>(g, "line", false),
         kind::<Warning>(g, "warning", false),
         kind::<Alarm>(g, "alarm", false),
+        kind::<AisMatch>(g, "ais_match", false),
         kind::<Acknowledge>(g, "acknowledge", false),
         kind::<Note>(g, "note", false),
         kind::<NotShown>(g, "not_shown", false),

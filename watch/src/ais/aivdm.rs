@@ -167,7 +167,7 @@ fn told(message: AisMessage, t_s: f64) -> Vec<Told> {
 }
 
 /// The time of a line, seconds since 1970: `c:` of a tag block before the sentence, or a number behind it.
-fn time_of(line: &str) -> Option<f64> {
+pub fn time_of(line: &str) -> Option<f64> {
     let tag = line.strip_prefix('\\').and_then(|l| l.split_once('\\')).map(|(tag, _)| tag);
     let of_tag = tag.and_then(|t| t.split([',', '*']).find_map(|f| f.strip_prefix("c:")));
     let behind =

@@ -67,6 +67,11 @@ fn watch(
         if looked.elapsed() >= TICK {
             looked = Instant::now();
             out.extend(watcher.tick(now_s()));
+            if let Some(store) = store.filter(|_| watcher.asks_for_disk())
+                && let (Ok(free), Ok(total)) = (fs4::available_space(store), fs4::total_space(store))
+            {
+                out.extend(watcher.disk(free, total, now_s()));
+            }
             for id in store.map(acknowledged).unwrap_or_default() {
                 match watcher.acknowledge(id) {
                     Some(record) => out.push(record),

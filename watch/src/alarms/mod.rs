@@ -17,12 +17,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// A track that says nothing for so long has ended, s.
 const TRACK_ENDS_S: f64 = 120.0;
+/// A disk has room again with so many times the room at which that was told.
+const ROOM_AGAIN: f64 = 1.1;
 /// Records that a base station makes itself: of them no recorder is heard.
 const OWN: [&str; 6] = ["alarm", "line", "lost", "warning", "not_shown", "ais_match"];
 
 /// What an alarm is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum About {
+    /// This base station itself.
+    Base,
     Track(TrackId),
     Station(u16),
     Channel(u16, u8),
@@ -48,6 +52,8 @@ pub struct Watcher {
     heard_s: BTreeMap<u16, f64>,
     raised: BTreeMap<(usize, About), Raised>,
     newest_id: u64,
+    /// The store takes nothing.
+    fails: bool,
 }
 
 impl Watcher {
@@ -63,13 +69,20 @@ impl Watcher {
             corners.extend(frames.iter().map(|(of, frame)| ((n, *of), area.corners_m(frame))));
         }
         let heard_s = stations.keys().map(|of| (*of, now_s)).collect();
-        Self { rules, corners, heard_s, raised: BTreeMap::new(), newest_id: 0 }
+        Self { rules, corners, heard_s, raised: BTreeMap::new(), newest_id: 0, fails: false }
     }
 
     /// Takes a record at a time; gives the alarms that change.
     pub fn take(&mut self, record: &Value, now_s: f64) -> Vec<Value> {
         let mut out = Vec::new();
         let kind = record["type"].as_str().unwrap_or("");
+        if kind == "note" {
+            return self.store(
+                record["code"].as_str().unwrap_or(""),
+                record["text"].as_str().unwrap_or(""),
+                now_s,
+            );
+        }
         let Some(station) = record["station"].as_u64().and_then(|n| u16::try_from(n).ok()) else {
             return out;
         };
@@ -83,6 +96,51 @@ impl Watcher {
                     out.extend(self.note(n, about, truth, now_s));
                 }
             }
+        }
+        out
+    }
+
+    /// The store takes nothing, or takes records again.
+    fn store(&mut self, code: &str, text: &str, now_s: f64) -> Vec<Value> {
+        let truth = || match code {
+            "StoreFails" => Some(Truth::yes("StoreFails", text.to_owned())),
+            "StoreTakes" => Some(Truth::over("the store takes records again")),
+            _ => None,
+        };
+        self.fails = if truth().is_some() { code == "StoreFails" } else { self.fails };
+        let rules =
+            (0..self.rules.len()).filter(|n| matches!(self.rules[*n].condition, Condition::Disk { .. }));
+        rules
+            .collect::<Vec<_>>()
+            .into_iter()
+            .filter_map(|n| self.note(n, About::Base, truth()?, now_s))
+            .collect()
+    }
+
+    /// Whether any rule asks for the room on the store's disk.
+    pub fn asks_for_disk(&self) -> bool {
+        self.rules.iter().any(|rule| matches!(rule.condition, Condition::Disk { .. }))
+    }
+
+    /// Takes how much of the store's disk is free, and how large it is, bytes.
+    pub fn disk(&mut self, free: u64, total: u64, now_s: f64) -> Vec<Value> {
+        let mut out = Vec::new();
+        let (mb, percent) = (free as f64 * 1e-6, 100.0 * free as f64 / (total as f64).max(1.0));
+        for n in 0..self.rules.len() {
+            let Condition::Disk { free_mb, free_percent } = self.rules[n].condition else { continue };
+            let below = |times: f64| {
+                free_mb.is_some_and(|least| mb < times * least)
+                    || free_percent.is_some_and(|least| percent < times * least)
+            };
+            let truth = if below(1.0) {
+                let text = format!("the disk of the store has {mb:.0} MB free, {percent:.1} % of it");
+                Truth::yes("DiskLow", text)
+            } else if below(ROOM_AGAIN) || self.fails {
+                Truth::unknown()
+            } else {
+                Truth::over("there is room again")
+            };
+            out.extend(self.note(n, About::Base, truth, now_s));
         }
         out
     }
@@ -151,9 +209,9 @@ impl Watcher {
             let Some(n) = self.rules.iter().position(|rule| record["name"] == rule.name.as_str()) else {
                 continue;
             };
-            let Some(station) = record["station"].as_u64().and_then(|s| u16::try_from(s).ok()) else {
-                continue;
-            };
+            let station = record["station"].as_u64().and_then(|s| u16::try_from(s).ok());
+            let base = matches!(self.rules[n].condition, Condition::Disk { .. });
+            let Some(station) = station.or(base.then_some(0)) else { continue };
             let number = |key: &str| record[key].as_u64();
             let about = match (number("track"), number("channel")) {
                 (Some(track), _) => About::Track(TrackId {
@@ -162,6 +220,7 @@ impl Watcher {
                     id: track as u16,
                 }),
                 (_, Some(channel)) => About::Channel(station, channel as u8),
+                _ if base => About::Base,
                 _ => About::Station(station),
             };
             let acknowledged = record["state"] == "acknowledged";
@@ -215,7 +274,7 @@ impl Watcher {
             }
             // Nothing says that there is room: it is over when nothing is lost any more.
             Condition::Storage if kind != "alarm" => vec![(here, Truth::over("nothing is lost any more"))],
-            Condition::Storage => Vec::new(),
+            Condition::Storage | Condition::Disk { .. } => Vec::new(),
         }
     }
 
@@ -282,6 +341,7 @@ impl Watcher {
         // The time in microseconds, so that no two are alike, of one run or of two.
         self.newest_id = (self.newest_id + 1).max((now_s * 1e6) as u64);
         let (station, track, channel) = match about {
+            About::Base => (None, None, None),
             About::Track(track) => (track.station, Some(track), None),
             About::Station(station) => (Some(station), None, None),
             About::Channel(station, channel) => (Some(station), None, Some(channel)),

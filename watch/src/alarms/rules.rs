@@ -30,6 +30,13 @@ pub enum Condition {
     Supply,
     /// A recorder's store is full and drops records.
     Storage,
+    /// The disk of this base station's store has less free room than that, or the store takes nothing.
+    Disk {
+        /// Least free room, million bytes.
+        free_mb: Option<f64>,
+        /// Least free room, percent of the disk.
+        free_percent: Option<f64>,
+    },
 }
 
 /// A rule.
@@ -89,6 +96,8 @@ struct Table {
     within_s: Option<f64>,
     after_s: Option<f64>,
     sd_s: Option<f64>,
+    free_mb: Option<f64>,
+    free_percent: Option<f64>,
     probability: Option<f64>,
     clear_probability: Option<f64>,
     clear_after_s: Option<f64>,
@@ -102,7 +111,7 @@ struct DeliverTable {
 }
 
 /// Kinds, for messages.
-const KINDS: &str = "inside, range, approach, silent, channel, clock, supply or storage";
+const KINDS: &str = "inside, range, approach, silent, channel, clock, supply, storage or disk";
 
 impl Alarms {
     /// Reads a file.
@@ -163,6 +172,16 @@ fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
         "clock" => Condition::Clock(or("sd_s", table.sd_s, 1.0)?),
         "supply" => Condition::Supply,
         "storage" => Condition::Storage,
+        "disk" => {
+            let given = |key: &str, value: Option<f64>| value.map(|x| needed(key, Some(x))).transpose();
+            let (free_mb, free_percent) =
+                (given("free_mb", table.free_mb)?, given("free_percent", table.free_percent)?);
+            if let Some(x) = free_percent.filter(|x| *x >= 100.0) {
+                return Err(source.wrong(&at("free_percent"), format!("free_percent is {x}; below 100")));
+            }
+            let usual = free_mb.is_none() && free_percent.is_none();
+            Condition::Disk { free_mb, free_percent: if usual { Some(5.0) } else { free_percent } }
+        }
         other => return Err(source.wrong(&at("kind"), format!("kind = \"{other}\"; {KINDS}"))),
     };
     let probability = or("probability", table.probability, 0.8)?;

@@ -159,3 +159,41 @@ fn a_base_station_that_starts_again_goes_on_with_what_stood() {
     after.take(&track(300.0, "running"), 30.0);
     assert_eq!(states(&after.tick(61.0)), ["cleared"]);
 }
+
+#[test]
+fn a_disk_that_fills_is_told_once_and_cleared_with_room_to_spare() {
+    let mut watcher = watcher("[[alarms]]\nkind = \"disk\"\nfree_mb = 100\nfree_percent = 10\n");
+    let mut out = Vec::new();
+    for (t, free_mb) in [2000, 101, 99, 98, 101, 109, 111, 111, 50, 2000].into_iter().enumerate() {
+        // A disk of 500 MB: a tenth is less than what is asked for in bytes.
+        out.extend(watcher.disk(free_mb * 1_000_000, 500_000_000, t as f64));
+        out.extend(watcher.tick(t as f64));
+        out.extend(watcher.tick(t as f64 + 0.5));
+    }
+    assert_eq!(states(&out), ["raised", "cleared", "raised", "cleared"]);
+    assert_eq!((&out[0]["code"], &out[0]["station"]), (&json!("DiskLow"), &Value::Null));
+    assert!(out[0]["text"].as_str().unwrap().contains("99 MB free, 19.8 % of it"), "{}", out[0]);
+    // By its share of a large disk.
+    assert_eq!(states(&watcher.disk(9_000_000_000, 100_000_000_000, 20.0)), ["raised"]);
+}
+
+#[test]
+fn a_store_that_takes_nothing_is_an_alarm_until_it_takes_records_again() {
+    let mut watcher = watcher("[[alarms]]\nkind = \"disk\"\n");
+    let fails = json!({ "type": "note", "code": "StoreFails", "text": "cannot write: no space left" });
+    let said = watcher.take(&fails, 0.0);
+    assert_eq!((states(&said), &said[0]["code"]), (vec!["raised"], &json!("StoreFails")));
+    assert!(said[0]["text"].as_str().unwrap().contains("no space left"));
+    // Room alone does not say that it takes records.
+    watcher.disk(50, 100, 1.0);
+    assert!(watcher.tick(2.0).is_empty());
+    // A base station that starts again goes on with it.
+    let mut again = self::watcher("[[alarms]]\nkind = \"disk\"\n");
+    again.resume(&said, 3.0);
+    assert!(again.take(&fails, 4.0).is_empty());
+    for watcher in [&mut watcher, &mut again] {
+        watcher.take(&json!({ "type": "note", "code": "StoreTakes" }), 5.0);
+        watcher.disk(50, 100, 6.0);
+        assert_eq!(states(&watcher.tick(6.0)), ["cleared"]);
+    }
+}

@@ -226,7 +226,9 @@ impl Station {
 
     /// Which vessel of AIS a track is.
     fn matched(&mut self, record: &Value) {
-        let (Some(session), Some(id)) = (record["session"].as_u64(), record["id"].as_u64()) else { return };
+        let (Some(session), Some(id)) = (record["of_session"].as_u64(), record["id"].as_u64()) else {
+            return;
+        };
         let Some(track) = self.tracks.get_mut(&(session, id)) else { return };
         track.ais = match record["verdict"].as_str() {
             Some("vessel") => {
@@ -276,7 +278,7 @@ fn event(kind: &str, record: &Value) -> Option<Event> {
         }
         "ais_match" if record["verdict"] == "dark" => (
             Weight::Doubtful,
-            format!("track {}.{}: no vessel of AIS is it", record["session"], record["id"]),
+            format!("track {}.{}: no vessel of AIS is it", record["of_session"], record["id"]),
         ),
         _ => return None,
     };

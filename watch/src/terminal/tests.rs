@@ -46,7 +46,7 @@ fn harbour() -> Board {
         &[
             json!({ "type": "bearing", "station": 7, "session": 1, "azimuth_deg": 123.4, "sd_azimuth_deg": 0.52, "snr_db": 17.6 }),
             track(7, "running"),
-            json!({ "type": "ais_match", "station": 7, "session": 2, "id": 5, "verdict": "vessel", "mmsi": 235_000_001, "name": "ANNA", "utc": at(100) }),
+            json!({ "type": "ais_match", "station": 7, "session": 3, "of_session": 2, "id": 5, "verdict": "vessel", "mmsi": 235_000_001, "name": "ANNA", "utc": at(100) }),
             json!({ "type": "alarm", "station": 9, "id": 41, "code": "RecorderSilent", "state": "raised",
             "text": "station 9 has not been heard for 60 s", "utc": at(62) }),
             json!({ "type": "alarm", "station": 8, "id": 42, "code": "ChannelSick", "state": "raised",

@@ -1,0 +1,85 @@
+//! `seabearing base --ais`: tracks with their vessels as they come, stored; a source that says nonsense and goes away.
+
+mod base_process;
+
+use base_process::{Base, hello, wait};
+use seabearing_core::wire::{Encoder, Message, Time, Track};
+use serde_json::Value;
+use std::io::Write;
+use std::net::TcpListener;
+
+/// 2026-06-01, microseconds since 1970.
+const BEGIN_US: i64 = 1_780_272_000_000_000;
+const STATIONS: &str = "[[stations]]\nid = 7\nposition = { lat_deg = 0.0, lon_deg = 0.0, depth_m = 100.0 }\nline = \"listen:127.0.0.1:0\"\n";
+/// Metres in a degree at the equator, closely.
+const DEGREE_M: f64 = 111_195.0;
+
+/// A vessel `x_m` East of the station that goes North at 5 m/s.
+fn track(id: u16, x_m: f32, second: u32) -> Message {
+    Message::Track(Track {
+        id,
+        stage: Track::RUNNING,
+        index: u64::from(second) * 1000,
+        cpa_time_s: 100.0,
+        cpa_range_m: x_m.abs(),
+        cpa_azimuth: 1.57,
+        heading: 0.0,
+        speed_m_s: 5.0,
+        starboard: false,
+        sd_cpa_time_s: 2.0,
+        sd_cpa_range_m: 20.0,
+        sd_heading: 0.05,
+        sd_speed_m_s: 0.3,
+        x_m,
+        y_m: 5.0 * second as f32 - 500.0,
+        var_x_m2: 400.0,
+        var_y_m2: 400.0,
+        cov_xy_m2: 0.0,
+        range_observable: true,
+        n: 20,
+    })
+}
+
+#[test]
+fn tracks_get_their_vessels_and_a_source_that_fails_stops_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("stations.toml"), STATIONS).unwrap();
+    let mut traffic = String::from("mmsi,time,lat,lon\n");
+    for second in (0..200u32).step_by(10) {
+        let north = 5.0 * f64::from(second) - 500.0;
+        let (minute, rest) = (second / 60, second % 60);
+        traffic +=
+            &format!("11,2026-06-01 00:{minute:02}:{rest:02},{},{}\n", north / DEGREE_M, 600.0 / DEGREE_M);
+    }
+    std::fs::write(dir.path().join("traffic.csv"), traffic).unwrap();
+    let receiver = TcpListener::bind("127.0.0.1:0").unwrap();
+    let source = format!("tcp:{}", receiver.local_addr().unwrap());
+    let args = ["--stations", "stations.toml", "--store", "store", "--ais", "traffic.csv", "--ais", &source];
+    let base = Base::start(dir.path(), &args);
+    let (mut line, mut encoder) = (base.call(), Encoder::default());
+    let time = Time { index: 0, utc_us: BEGIN_US, sd_s: 0.01, drift: 0.0, sd_drift: 1e-7, correlation: 0.0 };
+    for message in [hello(7), Message::Time(time)] {
+        line.write_all(encoder.frame(&message)).unwrap();
+    }
+    for second in (0..200u32).step_by(10) {
+        for message in [track(1, 605.0, second), track(2, -700.0, second)] {
+            line.write_all(encoder.frame(&message)).unwrap();
+        }
+    }
+    let mut peer = receiver.accept().unwrap().0;
+    peer.write_all(b"no sentence\n").unwrap();
+    drop(peer);
+    let has = |all: &[Value], key: &str, word: &str| all.iter().any(|r| r[key] == word);
+    let all = wait(dir.path(), "verdicts and warnings", |all| {
+        has(all, "verdict", "vessel")
+            && has(all, "verdict", "dark")
+            && has(all, "code", "AisBroken")
+            && has(all, "code", "AisAway")
+    });
+    let of = |id: u16| all.iter().rfind(|r| r["type"] == "ais_match" && r["id"] == id).unwrap();
+    assert_eq!((of(1)["verdict"].as_str(), of(1)["mmsi"].as_u64()), (Some("vessel"), Some(11)), "{}", of(1));
+    assert_eq!((of(2)["verdict"].as_str(), of(2)["station"].as_u64()), (Some("dark"), Some(7)), "{}", of(2));
+    assert_eq!(all.iter().filter(|r| r["code"] == "AisAway").count(), 1);
+    // It is called again.
+    drop(receiver.accept().unwrap());
+}

@@ -1,0 +1,248 @@
+//! AIS beside the base station as it comes: every track with its vessel, or none.
+//!
+//! In: records of the feed, sentences of any number of [`source`]s. Out: records `ais_match`, one when the verdict on a track
+//! changes and one with its errors when it has ended, and `warning`s. Tracks of the last quarter of an hour are judged anew
+//! as reports come; those of AIS are kept for as long as a vessel that leaves its reports out is thought of.
+
+pub mod source;
+
+use crate::ais::Fleet;
+use crate::ais::aivdm::Told;
+use crate::errors::{of_track, record};
+use crate::matching::{HIDDEN_S, Heard, Rules, Verdict, heard, judge};
+use crate::report::{TrackId, TrackReport};
+use anyhow::Result;
+use seabearing_base::feed::{Feed, Subscription};
+use seabearing_base::service::Notebook;
+use seabearing_host::ais::AisReport;
+use serde_json::{Value, json};
+use source::{Said, Source};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::{Duration, Instant};
+
+/// Records, and sentences, that wait.
+const RECORDS: usize = 20_000;
+const SENTENCES: usize = 10_000;
+/// How often tracks are judged.
+const EVERY: Duration = Duration::from_secs(2);
+const TICK: Duration = Duration::from_millis(100);
+/// A track that has said nothing for so long has ended: the reports after it have come, s.
+const SETTLED_S: f64 = 60.0;
+/// Tracks are judged for so long after their last report, s.
+const JUDGED_S: f64 = 900.0;
+/// Most reports of AIS, of tracks, and of one track: of more every second one is left out.
+const AIS: usize = 400_000;
+const TRACKS: usize = 2000;
+const REPORTS: usize = 200;
+/// What is said of a set of vessels is said again at most so many times.
+const REMARKS: usize = 1000;
+
+/// What is known of a track.
+#[derive(Debug, Default)]
+struct Known {
+    reports: Vec<TrackReport>,
+    /// When it was told of last, seconds of the steady clock.
+    heard_s: f64,
+    over: bool,
+    /// The verdict told last, as kind and vessel; and that its end was told.
+    told: Option<(&'static str, Option<u64>)>,
+    settled: bool,
+}
+
+/// Tracks beside AIS.
+pub struct Live {
+    stations: BTreeMap<Option<u16>, (f64, f64)>,
+    rules: Rules,
+    ais: Vec<AisReport>,
+    names: BTreeMap<u64, String>,
+    lengths: BTreeMap<u64, f64>,
+    tracks: BTreeMap<TrackId, Known>,
+    remarked: BTreeSet<(u64, bool)>,
+    changed: bool,
+}
+
+impl Live {
+    /// With these stations: latitude and longitude, degrees.
+    pub fn new(stations: &BTreeMap<u16, (f64, f64)>, rules: Rules) -> Self {
+        Self {
+            stations: stations.iter().map(|(of, at)| (Some(*of), *at)).collect(),
+            rules,
+            ais: Vec::new(),
+            names: BTreeMap::new(),
+            lengths: BTreeMap::new(),
+            tracks: BTreeMap::new(),
+            remarked: BTreeSet::new(),
+            changed: false,
+        }
+    }
+
+    /// Takes a record at a time, seconds of the steady clock.
+    pub fn take(&mut self, record: &Value, now_s: f64) {
+        let Some(report) = TrackReport::of(record) else { return };
+        if report.is_withdrawn {
+            self.tracks.remove(&report.track);
+            return;
+        }
+        let known = self.tracks.entry(report.track).or_default();
+        (known.heard_s, known.over) = (now_s, report.is_final);
+        known.settled = false;
+        known.reports.push(report);
+        if known.reports.len() > REPORTS {
+            let mut n = 0;
+            known.reports.retain(|_| {
+                n += 1;
+                n % 2 == 1
+            });
+        }
+        self.changed = true;
+        if self.tracks.len() > TRACKS {
+            let oldest =
+                self.tracks.iter().min_by(|a, b| a.1.heard_s.total_cmp(&b.1.heard_s)).map(|(id, _)| *id);
+            oldest.into_iter().for_each(|id| drop(self.tracks.remove(&id)));
+        }
+    }
+
+    /// Takes what AIS tells.
+    pub fn told(&mut self, told: Told) {
+        match told {
+            Told::Position(report) => self.ais.push(report),
+            Told::Particulars { mmsi, name, length_m } => {
+                self.names.extend(name.map(|name| (mmsi, name)));
+                self.lengths.extend(length_m.map(|l| (mmsi, l)));
+            }
+        }
+        self.changed = true;
+    }
+
+    /// Judges the tracks; gives the records that are to be told, each with its station.
+    pub fn judge(&mut self, now_s: f64) -> Vec<(Option<u16>, Value)> {
+        self.tracks.retain(|_, known| now_s - known.heard_s <= JUDGED_S);
+        let settles = |known: &Known| !known.settled && now_s - known.heard_s > SETTLED_S;
+        let due = self.tracks.values().any(settles);
+        if self.tracks.is_empty() || !(std::mem::take(&mut self.changed) || due) {
+            self.forget();
+            return Vec::new();
+        }
+        self.forget();
+        for report in &mut self.ais {
+            report.length_m = report.length_m.or(self.lengths.get(&report.mmsi).copied());
+        }
+        let reports = self.tracks.values().flat_map(|known| known.reports.iter().copied());
+        let (tracks, _) = heard(reports, &self.stations);
+        let fleet = Fleet::of(&self.ais, &self.names);
+        let mut out: Vec<(Option<u16>, Value)> = self.remarks(&fleet.remarks).map(|r| (None, r)).collect();
+        let verdicts = judge(&tracks, &fleet, &self.rules);
+        for (track, verdict) in tracks.iter().zip(&verdicts) {
+            let record = self.tell(track, verdict, &fleet, now_s);
+            out.extend(record.map(|r| (track.track.station, r)));
+        }
+        out
+    }
+
+    /// The record of a track, where it says something new.
+    fn tell(&mut self, track: &Heard, verdict: &Verdict, fleet: &Fleet, now_s: f64) -> Option<Value> {
+        let known = self.tracks.get_mut(&track.track)?;
+        let settles = !known.settled && now_s - known.heard_s > SETTLED_S;
+        let is = match verdict {
+            Verdict::Vessel { vessel, .. } => ("vessel", fleet.vessels.get(*vessel).map(|v| v.mmsi)),
+            Verdict::Dark { .. } => ("dark", None),
+            Verdict::Unmatched(_) => ("unmatched", None),
+        };
+        if known.told == Some(is) && !settles {
+            return None;
+        }
+        known.told = Some(is);
+        known.settled |= settles;
+        let errors = match verdict {
+            Verdict::Vessel { vessel, .. } => {
+                fleet.vessels.get(*vessel).and_then(|v| of_track(track, v, fleet, &self.rules))
+            }
+            _ => None,
+        };
+        let mut record = record(track, verdict, errors.as_ref(), fleet);
+        record["stage"] = if known.settled { "final" } else { "running" }.into();
+        record["of_session"] = json!(track.track.session);
+        record["utc"] = record["to_utc"].clone();
+        Some(record)
+    }
+
+    /// What is doubtful about vessels, each once.
+    fn remarks(&mut self, remarks: &[String]) -> impl Iterator<Item = Value> + use<> {
+        let new: Vec<&String> = remarks
+            .iter()
+            .filter(|text| {
+                let mmsi = text.split(':').next().and_then(|n| n.parse().ok()).unwrap_or(0);
+                self.remarked.len() < REMARKS
+                    && self.remarked.insert((mmsi, text.contains("vessels have this number")))
+            })
+            .collect();
+        let texts: Vec<Value> =
+            new.into_iter().map(|text| warning("AisDoubtful", &format!("AIS: {text}"))).collect();
+        texts.into_iter()
+    }
+
+    /// Lets go of reports that no track can be compared with any more.
+    fn forget(&mut self) {
+        let time = |r: &TrackReport| r.utc_s.map(|(t_s, _)| t_s);
+        let first =
+            self.tracks.values().flat_map(|k| k.reports.iter().filter_map(time)).min_by(f64::total_cmp);
+        let newest = self.ais.iter().map(|r| r.t_s).max_by(f64::total_cmp);
+        let from_s = first.or(newest).unwrap_or(0.0).min(newest.unwrap_or(0.0)) - HIDDEN_S;
+        self.ais.retain(|r| r.t_s >= from_s);
+        if self.ais.len() > AIS {
+            self.ais.drain(..self.ais.len() - AIS);
+        }
+    }
+}
+
+/// A warning as a record.
+fn warning(code: &str, text: &str) -> Value {
+    json!({ "type": "warning", "code": code, "text": text })
+}
+
+/// Starts to match the tracks of a feed with these sources, in threads of their own.
+///
+/// # Errors
+/// A file cannot be read, or an address not be listened at.
+pub fn start(live: Live, sources: &[Source], feed: &Feed, notebook: Notebook) -> Result<()> {
+    let (to, said) = sync_channel(SENTENCES);
+    for source in sources {
+        source::start(source.clone(), to.clone())?;
+    }
+    let records = feed.subscribe(RECORDS);
+    std::thread::spawn(move || watch(live, &records, &said, &notebook));
+    Ok(())
+}
+
+fn watch(mut live: Live, records: &Subscription, said: &Receiver<Said>, notebook: &Notebook) {
+    let begun = Instant::now();
+    let mut judged = begun;
+    while let Some(taken) = records.take_within(TICK) {
+        let now_s = begun.elapsed().as_secs_f64();
+        taken.records.iter().for_each(|record| live.take(record, now_s));
+        for said in said.try_iter().take(SENTENCES) {
+            let goes_on = match said {
+                Said::Of(told) => {
+                    live.told(told);
+                    true
+                }
+                Said::Note(code, text) => notebook.note(None, warning(code, &text)),
+            };
+            if !goes_on {
+                return;
+            }
+        }
+        if judged.elapsed() >= EVERY {
+            judged = Instant::now();
+            for (station, record) in live.judge(now_s) {
+                if !notebook.note(station, record) {
+                    return;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
