@@ -227,7 +227,7 @@ impl Service {
                 Err(e) if !std::mem::replace(&mut complained, true) => {
                     // Whoever waits for records must know at once.
                     let text = format!("{e:#}; it is tried again, and nothing is acknowledged meanwhile");
-                    eprintln!("seabearing: {text}");
+                    log::warn!("{text}");
                     self.feed.publish(vec![json!({ "type": "note", "code": "StoreFails", "text": text })]);
                 }
                 Err(_) => {}
@@ -236,7 +236,7 @@ impl Service {
         }
         if complained {
             let text = "the store takes records again";
-            eprintln!("seabearing: {text}");
+            log::info!("{text}");
             self.feed.publish(vec![json!({ "type": "note", "code": "StoreTakes", "text": text })]);
         }
         Ok(())

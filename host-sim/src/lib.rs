@@ -18,5 +18,5 @@ pub use seabearing_experiments as reproduce;
 pub use seabearing_host::{
     ais, archive, atomic, beside, blob, console, course, csv, delays, geodesy, interrupt, levels, motion,
     ocean_bottom, orientation, plan, plot, progress, propagation, record, recording, replay, scenario,
-    station, world,
+    standard_input, station, world,
 };

@@ -2,23 +2,23 @@
 
 use clap::Parser;
 use clap::error::ErrorKind;
-use seabearing::cmd::{Missed, Subcommand};
+use seabearing::cmd::{Cli, Missed, logging};
+use seabearing::standard_input;
 use std::io::Write;
 
-/// Find, follow and report vessels with underwater recorders: simulate, replay, receive, reproduce.
-#[derive(Parser)]
-#[command(name = "seabearing", version, propagate_version = true, after_help = seabearing::cmd::STATUSES)]
-struct Cli {
-    #[command(subcommand)]
-    command: Subcommand,
+fn main() -> std::process::ExitCode {
+    // Standard input may be read while the arguments are.
+    seabearing::interrupt::watch();
+    let status = match Cli::try_parse() {
+        Ok(cli) => run(cli),
+        Err(error) => usage(&error),
+    };
+    standard_input::forget();
+    status
 }
 
-fn main() -> std::process::ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) => return usage(&error),
-    };
-    seabearing::interrupt::watch();
+fn run(cli: Cli) -> std::process::ExitCode {
+    logging::begin(&cli.verbosity);
     match cli.command.run() {
         Ok(()) => std::process::ExitCode::SUCCESS,
         // The reader of our output has gone (`seabearing … | head`): nothing is wrong.
@@ -61,7 +61,7 @@ fn one_line(error: &anyhow::Error) -> String {
             parts.push(text);
         }
     }
-    parts.join(": ")
+    standard_input::named(&parts.join(": "))
 }
 
 fn is_broken_pipe(error: &anyhow::Error) -> bool {

@@ -122,11 +122,7 @@ fn clear_up(folder: &Path) {
         .filter(|path| std::fs::remove_file(path).is_ok())
         .collect();
     if !left.is_empty() {
-        eprintln!(
-            "seabearing: removed {} unfinished file(s) of a killed run in {}",
-            left.len(),
-            folder.display()
-        );
+        log::warn!("removed {} unfinished file(s) of a killed run in {}", left.len(), folder.display());
     }
 }
 

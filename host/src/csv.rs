@@ -158,13 +158,13 @@ pub fn good_rows<T>(name: &str, rows: Vec<(usize, Result<T>)>) -> Result<Vec<T>>
             Err(e) => {
                 bad += 1;
                 if bad <= 10 {
-                    eprintln!("seabearing: skipped {e:#}");
+                    log::warn!("skipped {e:#}");
                 }
             }
         }
     }
     if bad > 10 {
-        eprintln!("seabearing: skipped {} more bad rows of {name}", bad - 10);
+        log::warn!("skipped {} more bad rows of {name}", bad - 10);
     }
     if good.is_empty() {
         bail!("{name}: no usable row in {total}");

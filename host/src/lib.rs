@@ -29,6 +29,7 @@ pub mod replay;
 pub mod scenario;
 #[cfg(feature = "schema")]
 pub mod schema_page;
+pub mod standard_input;
 pub mod station;
 pub mod toml_file;
 pub mod world;

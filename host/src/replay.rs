@@ -100,5 +100,11 @@ pub fn with_levels(
     deliver(&mut messages, meter)?;
     heard(Said::Message(&Message::End(End { index: summary.index, frames })))?;
     summary.all = begun.elapsed();
+    log::debug!(
+        "{}: {:.1} s of data in {:.2} s of processor time",
+        config.name,
+        summary.instants as f64 / config.rate_hz,
+        summary.all.as_secs_f64()
+    );
     Ok(summary)
 }

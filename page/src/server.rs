@@ -74,7 +74,7 @@ pub fn start(listener: TcpListener, hub: Arc<Hub>, store: Option<PathBuf>, place
     };
     let guarded = move || {
         if let Err(e) = serve() {
-            eprintln!("seabearing: the page is served no more: {e:#}; storing goes on");
+            log::warn!("the page is served no more: {e:#}; storing goes on");
         }
     };
     std::thread::Builder::new().name("page".into()).spawn(guarded).context("cannot serve the page")?;

@@ -6,6 +6,7 @@
 mod columns;
 mod error;
 mod input;
+mod logging;
 mod read;
 mod run;
 mod simulation;
@@ -19,6 +20,12 @@ mod _native {
     use super::read::{Samples, read};
     #[pymodule_export]
     use super::run::{Run, process};
+    #[pymodule_init]
+    fn init(_module: &pyo3::Bound<'_, pyo3::types::PyModule>) -> pyo3::PyResult<()> {
+        super::logging::begin();
+        Ok(())
+    }
+
     #[pymodule_export]
     use super::simulation::{propagation_table, simulate};
 }

@@ -61,3 +61,12 @@ def test_an_interruption_ends_it(short_pass: Pass) -> None:
     with pytest.raises(KeyboardInterrupt):
         for _ in range(100):
             sb.process(samples, rate_hz=64000, station=short_pass.station)
+
+
+def test_what_is_left_out_is_logged(short_pass: Pass, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "notes.txt").write_text("no recording")
+    with caplog.at_level("DEBUG", logger="seabearing"):
+        sb.process([short_pass.recording, tmp_path / "notes.txt"], station=short_pass.station)
+    levels = {record.levelname for record in caplog.records if "notes.txt" in record.getMessage()}
+    assert levels == {"WARNING"}
+    assert any(record.levelname == "DEBUG" and "Wav" in record.getMessage() for record in caplog.records)

@@ -1,5 +1,6 @@
 //! Project automation: set-up, firmware, emulation, tests and budgets. `cargo xtask help` lists the tasks.
 
+mod book;
 mod budget;
 mod elf;
 mod example;
@@ -36,6 +37,7 @@ cargo xtask TASK
   fuzz [--inputs N] [--target NAME]  hostile input in great numbers: N mutated inputs (of slow targets a share); panics, false
                   frames and hangs are counted
   fuzz --guided SECONDS [--target NAME]  the same targets for so long each, guided by coverage (libFuzzer; needs a C++ compiler)
+  book            the book out of docs/ into target/book, by mdBook, which is installed into target/ where it is missing
   python [--bless | --wheel]  the Python package in an environment of its own: tests, types, notebooks, whose pages are compared
                   or, with --bless, written anew; --wheel builds a wheel into target/wheels
   lines           [REVISION]  lines of code outside tests, package by package
@@ -85,6 +87,7 @@ fn run(arguments: &[String]) -> Result<()> {
         },
         "fuzz" => fuzz::command(options),
         "python" => python::command(options),
+        "book" => book::build(),
         "test" => suite::command(options),
         "help" | "-h" | "--help" => {
             print!("{HELP}");

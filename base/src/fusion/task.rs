@@ -51,7 +51,7 @@ impl Task {
 fn work(mut fusion: Fusion, records: &Subscription, notebook: &Notebook) {
     while let Some(taken) = records.take() {
         if taken.missed > 0 {
-            eprintln!("seabearing: {} records came faster than they were fused, and are not", taken.missed);
+            log::warn!("{} records came faster than they were fused, and are not", taken.missed);
         }
         for record in taken.records.iter().filter(|r| r["type"] != "network_track") {
             for (station, what) in fusion.take(record) {

@@ -33,7 +33,7 @@ enum What {
 )]
 struct Speeds {
     /// AIS files (MarineTraffic, CLS or plain layout), packed with xz or not.
-    #[arg(required = true)]
+    #[arg(required = true, value_parser = super::input())]
     files: Vec<PathBuf>,
     /// Latitude of the station, degrees.
     #[arg(long, allow_negative_numbers = true)]
@@ -82,10 +82,10 @@ fn speeds(args: &Speeds) -> Result<()> {
     for file in &args.files {
         let (good, bad) = read(file)?;
         for line in bad.iter().take(5) {
-            eprintln!("seabearing: skipped {line}");
+            log::warn!("skipped {line}");
         }
         if bad.len() > 5 {
-            eprintln!("seabearing: skipped {} more bad rows of {}", bad.len() - 5, file.display());
+            log::warn!("skipped {} more bad rows of {}", bad.len() - 5, file.display());
         }
         reports.extend(good);
     }

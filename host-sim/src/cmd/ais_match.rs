@@ -23,10 +23,10 @@ use std::path::{Path, PathBuf};
     the range at which vessels are heard against speed and length.")]
 pub struct Args {
     /// Records with tracks (.jsonl), or the folder of a store
-    #[arg(required = true, value_name = "TRACKS")]
+    #[arg(required = true, value_name = "TRACKS", value_parser = super::input())]
     tracks: Vec<PathBuf>,
     /// AIS files
-    #[arg(long, required = true, value_name = "FILE")]
+    #[arg(long, required = true, value_name = "FILE", value_parser = super::input())]
     ais: Vec<PathBuf>,
     /// Network file with the stations' positions
     #[arg(long, value_name = "STATIONS.toml")]
@@ -79,24 +79,22 @@ pub(super) fn run(args: &Args) -> Result<()> {
         bail!("no track with UTC of a station of {} in {total} reports", args.stations.display());
     }
     if left_out > 0 {
-        eprintln!(
-            "seabearing: {left_out} of {total} reports left out: no UTC, or a station that is not in the list"
-        );
+        log::warn!("{left_out} of {total} reports left out: no UTC, or a station that is not in the list");
     }
     let (mut vessels, mut names) = (Vec::new(), BTreeMap::new());
     for path in &args.ais {
         let AisFile { reports, names: of, bad } = ais::read(path)?;
-        bad.iter().take(SHOWN).for_each(|line| eprintln!("seabearing: skipped {line}"));
+        bad.iter().take(SHOWN).for_each(|line| log::warn!("skipped {line}"));
         if bad.len() > SHOWN {
-            eprintln!("seabearing: skipped {} more bad lines of {}", bad.len() - SHOWN, path.display());
+            log::warn!("skipped {} more bad lines of {}", bad.len() - SHOWN, path.display());
         }
         vessels.extend(reports);
         names.extend(of);
     }
     let fleet = Fleet::of(&vessels, &names);
-    fleet.remarks.iter().take(SHOWN).for_each(|remark| eprintln!("seabearing: {remark}"));
+    fleet.remarks.iter().take(SHOWN).for_each(|remark| log::warn!("{remark}"));
     if fleet.remarks.len() > SHOWN {
-        eprintln!("seabearing: {} more remarks like these", fleet.remarks.len() - SHOWN);
+        log::warn!("{} more remarks like these", fleet.remarks.len() - SHOWN);
     }
     super::print_records(&errors::records(&tracks, &fleet, &rules), args.json)
 }

@@ -169,7 +169,7 @@ pub fn run(args: Args) -> Result<()> {
         Some(Action::Acknowledge(args)) => return super::base_watch::acknowledge(args),
         Some(Action::Rebuild(kept)) => {
             let records = store::rebuild(&kept.store)?;
-            eprintln!("seabearing: {records} records made anew in {}", kept.store.display());
+            log::info!("{records} records made anew in {}", kept.store.display());
             return Ok(());
         }
         None => {}
@@ -199,7 +199,7 @@ pub fn run(args: Args) -> Result<()> {
             store.describe(Some(s.config.id), s.config.lat_lon_deg, None)?;
         }
         if store.resumed() > 0 {
-            eprintln!("seabearing: going on after {} records", store.resumed());
+            log::info!("going on after {} records", store.resumed());
         }
     }
     base.say_start(start.map(micros));
@@ -219,7 +219,7 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(every) = args.tell_utc {
         let keys: BTreeMap<u16, _> = listed.iter().filter_map(|s| Some((s.config.id, s.key?))).collect();
         for s in listed.iter().filter(|s| s.key.is_none()) {
-            eprintln!("seabearing: station {} has no `key_file`: it is not told the time", s.config.id);
+            log::warn!("station {} has no `key_file`: it is not told the time", s.config.id);
         }
         service.tell_utc(Teller::new(Duration::from_secs(every), keys));
     }
@@ -228,7 +228,7 @@ pub fn run(args: Args) -> Result<()> {
         .map(|page| super::base_page::serve(page, &service, args.store.clone(), &listed, &places))
         .transpose()?;
     for address in service.listening() {
-        eprintln!("seabearing: listening at {address}");
+        log::info!("listening at {address}");
     }
     let before = service.base().counters();
     let must_show = service.ends() || args.store.is_none();
@@ -240,7 +240,7 @@ pub fn run(args: Args) -> Result<()> {
     let mut screen = Screen::start(args.json, service.ends(), &service, known);
     let tell = |notes: Vec<String>| {
         for note in notes {
-            eprintln!("seabearing: {note}");
+            log::warn!("{note}");
             #[cfg(feature = "page")]
             page.iter().for_each(|page| page.note(&note));
         }
@@ -249,7 +249,7 @@ pub fn run(args: Args) -> Result<()> {
         tell(service.notes());
         let shown = screen.look();
         if shown.is_err() && !must_show {
-            eprintln!("seabearing: nobody takes the results any more; storing goes on");
+            log::warn!("nobody takes the results any more; storing goes on");
         } else {
             shown?;
         }
@@ -277,7 +277,7 @@ pub fn run(args: Args) -> Result<()> {
         shown?;
     }
     if args.json {
-        eprintln!("seabearing: {}", service.base().counters());
+        log::info!("{}", service.base().counters());
     }
     exports.finish(service.base())?;
     #[cfg(feature = "page")]
@@ -294,11 +294,11 @@ fn fuse(service: &Service, listed: &[Listed], store: Option<&Path>) -> Result<Op
     }
     let (sites, notes) = Sites::of(listed);
     if sites.sites.len() < 2 {
-        eprintln!("seabearing: fewer than two stations have a position (`position`): bearings are not fused");
+        log::warn!("fewer than two stations have a position (`position`): bearings are not fused");
         return Ok(None);
     }
     for note in notes {
-        eprintln!("seabearing: {note}");
+        log::warn!("{note}");
     }
     Task::start(sites, service, store).map(Some)
 }

@@ -198,8 +198,8 @@ impl Snippet {
         write::codes(out, whole_hz as u32, self.channels.len() as u16, &self.codes)?;
         let missing = self.codes.iter().filter(|code| code.is_none()).count();
         let first = self.taken.map_or(0, |(first, _)| first);
-        eprintln!(
-            "seabearing: {}: {} samples of channels {:?} at {rate_hz} Hz, from sample {first} on{}{}",
+        log::info!(
+            "{}: {} samples of channels {:?} at {rate_hz} Hz, from sample {first} on{}{}",
             out.display(),
             self.came(),
             self.channels,

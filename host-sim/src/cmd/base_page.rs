@@ -35,13 +35,13 @@ pub(super) fn serve(
     }
     let url = page.url();
     let serving = page.serve(service.feed(), store, &places)?;
-    eprintln!("seabearing: page at {url}");
+    log::info!("page at {url}");
     Ok(serving)
 }
 
 /// The page stays when all input has ended.
 pub(super) fn stay() -> ! {
-    eprintln!("seabearing: all input has ended; the page stays until this is interrupted");
+    log::info!("all input has ended; the page stays until this is interrupted");
     loop {
         std::thread::park();
     }

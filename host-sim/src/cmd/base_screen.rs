@@ -71,9 +71,7 @@ impl Screen {
         }
         let behind = self.behind.as_ref().is_some_and(|b| b.missed() > 0);
         if behind && !self.complained {
-            eprintln!(
-                "seabearing: standard output is read too slowly; records are stored, and not all shown"
-            );
+            log::warn!("standard output is read too slowly; records are stored, and not all shown");
         }
         self.complained = behind;
         Ok(())

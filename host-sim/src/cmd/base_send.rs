@@ -281,7 +281,7 @@ pub fn run(args: &Args) -> Result<()> {
         "{relieved} records of the recorder stand above and nowhere else: --store DIR takes them into the base station's store"
     );
     ran.map_err(|e| anyhow::anyhow!("{e:#}; {taken}"))?;
-    eprintln!("seabearing: {taken}");
+    log::warn!("{taken}");
     Ok(())
 }
 
@@ -289,9 +289,7 @@ pub fn run(args: &Args) -> Result<()> {
 fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
     let To { origin, station, key } = to(args)?;
     if key.is_none() {
-        eprintln!(
-            "seabearing: \x1b[31mthe command is not signed: anyone who reaches the line could give it\x1b[0m"
-        );
+        log::warn!("the command is not signed: anyone who reaches the line could give it");
     }
     let settings =
         Settings { half_duplex: args.half_duplex, ..Settings::serial(origin.baud().unwrap_or(args.baud)) };
@@ -320,7 +318,7 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
     let said = service.feed().subscribe(WAITING);
     while since.elapsed() < wait + talk.patience() && begun.elapsed() < idle + talk.patience() {
         let goes_on = service.turn()?;
-        service.notes().iter().for_each(|note| eprintln!("seabearing: {note}"));
+        service.notes().iter().for_each(|note| log::warn!("{note}"));
         let taken = said.take_within(Duration::ZERO);
         for record in taken.iter().flat_map(|t| t.records.iter()) {
             let wanted = station.is_none_or(|s| record["station"] == s);

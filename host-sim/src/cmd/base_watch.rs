@@ -82,13 +82,10 @@ impl Watch {
     ) -> Result<Vec<Value>> {
         let known = known(places);
         if let Some(at) = &self.nmea {
-            eprintln!(
-                "seabearing: NMEA 0183 for chart plotters at {}",
-                nmea::serve(at, &known, service.feed())?
-            );
+            log::info!("NMEA 0183 for chart plotters at {}", nmea::serve(at, &known, service.feed())?);
         }
         if let Some(at) = &self.metrics {
-            eprintln!("seabearing: counters at http://{}/metrics", metrics::serve(at, service.feed())?);
+            log::info!("counters at http://{}/metrics", metrics::serve(at, service.feed())?);
         }
         if !self.ais.is_empty() {
             let live = Live::new(&known, matching::Rules::default());

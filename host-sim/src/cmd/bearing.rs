@@ -18,6 +18,7 @@ use std::path::PathBuf;
     solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`).")]
 pub struct Args {
     /// Arrival-time differences: t_s,tdoa01_s,...,tdoa23_s.
+    #[arg(value_parser = super::input())]
     tdoa: PathBuf,
     /// Station file (kind = "array").
     #[arg(long)]

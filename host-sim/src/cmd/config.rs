@@ -33,6 +33,7 @@ enum Action {
 )]
 struct CheckArgs {
     /// Station file.
+    #[arg(value_parser = super::input())]
     station: PathBuf,
     /// Results as one JSON record.
     #[arg(long)]

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
     station is writing into may be read.")]
 pub struct Args {
     /// Records of `process` or `base` (JSON Lines)
-    #[arg(value_name = "RECORDS.jsonl", required_unless_present = "store", conflicts_with = "store")]
+    #[arg(value_name = "RECORDS.jsonl", required_unless_present = "store", conflicts_with = "store", value_parser = super::input())]
     records: Vec<PathBuf>,
     /// Folder of the store (`seabearing base --store`)
     #[arg(long, value_name = "DIR")]
@@ -106,7 +106,7 @@ pub fn run(args: Args) -> Result<()> {
         None => of_files(&args.records, &wanted)?,
     };
     export::write(&args.out, format, &records, &places).context("cannot export")?;
-    eprintln!("seabearing: {} records to {}", records.len(), args.out.display());
+    log::info!("{} records to {}", records.len(), args.out.display());
     Ok(())
 }
 
@@ -123,8 +123,8 @@ fn of_store(store: &Path, wanted: &Wanted) -> Result<Vec<Value>> {
     let mut records = Vec::new();
     let without_utc = store::read(store, wanted, |record| records.push(record))?;
     if without_utc > 0 {
-        eprintln!(
-            "seabearing: {without_utc} records left out that carry no UTC: `seabearing base` gives it to records it \
+        log::warn!(
+            "{without_utc} records left out that carry no UTC: `seabearing base` gives it to records it \
              receives with --start"
         );
     }
@@ -163,7 +163,7 @@ fn of_files(files: &[PathBuf], wanted: &Wanted) -> Result<Vec<Value>> {
         }
     }
     if without_utc > 0 {
-        eprintln!("seabearing: {without_utc} records left out that carry no UTC");
+        log::warn!("{without_utc} records left out that carry no UTC");
     }
     Ok(records)
 }

@@ -1,5 +1,6 @@
 //! `seabearing locate`: positions from a network of arrays; a vessel's motion and the shift of its antenna.
 
+use crate::ocean_bottom::records::is_records;
 use crate::orientation::network_file::{Network, read_rows};
 use crate::orientation::over_time::{self, SOURCE_DEPTH_M, heard_by};
 use crate::orientation::record_file;
@@ -27,7 +28,7 @@ use std::path::{Path, PathBuf};
     record for each station (x0, y0: at the first bearing's time, in the frame of the network).")]
 pub struct Args {
     /// Bearings: one CSV file t_s,station,azimuth_deg,elevation_deg, or records of `process` or `base` (.jsonl).
-    #[arg(required = true)]
+    #[arg(required = true, value_parser = super::input())]
     bearings: Vec<PathBuf>,
     /// Network file: a list of `[[stations]]`.
     #[arg(long)]
@@ -57,7 +58,7 @@ pub struct Args {
     #[arg(long, default_value_t = 0.0)]
     tau_s: f64,
     /// Known track of the vessel, t_s,x_m,y_m or t_s,lat,lon: how far the sound source is behind the antenna.
-    #[arg(long, value_name = "TRACK.csv", conflicts_with = "motion")]
+    #[arg(long, value_name = "TRACK.csv", conflicts_with = "motion", value_parser = super::input())]
     known_track: Option<PathBuf>,
     /// Largest such shift considered either way, seconds.
     #[arg(long, default_value_t = 60.0)]
@@ -99,9 +100,10 @@ pub fn run(args: Args) -> Result<()> {
     }
     let network = Network::read(&args.stations)?;
     let sd = (args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG);
-    let is_records = |p: &PathBuf| p.extension().is_some_and(|e| e == "jsonl" || e == "json");
     let (mut rows, clock) = match args.bearings.as_slice() {
-        files if files.iter().all(is_records) => record_file::read(files, &network, sd, args.relative)?,
+        files if files.iter().all(|path| is_records(path)) => {
+            record_file::read(files, &network, sd, args.relative)?
+        }
         [table] => (read_rows(table, &network, sd, args.relative)?, None),
         _ => bail!("{}: one CSV file, or records (.jsonl) of any number of stations", args.name()),
     };

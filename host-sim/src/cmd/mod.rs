@@ -29,6 +29,7 @@ pub mod demo;
 #[cfg(feature = "base")]
 pub mod export;
 pub mod locate;
+pub mod logging;
 pub mod orient;
 pub mod plan;
 pub mod process;
@@ -93,6 +94,25 @@ fn print_records(records: &[serde_json::Value], json: bool) -> anyhow::Result<()
         }
     }
     Ok(out.flush()?)
+}
+
+/// Find, follow and report vessels with underwater recorders: simulate, replay, receive, reproduce.
+#[derive(clap::Parser)]
+#[command(name = "seabearing", version, propagate_version = true, after_help = STATUSES)]
+pub struct Cli {
+    /// What is to be done.
+    #[command(subcommand)]
+    pub command: Subcommand,
+    /// How much is said of it.
+    #[command(flatten)]
+    pub verbosity: clap_verbosity_flag::Verbosity<clap_verbosity_flag::InfoLevel>,
+}
+
+/// A file that is read, or `-` for standard input.
+fn input() -> impl clap::builder::TypedValueParser<Value = std::path::PathBuf> {
+    use clap::builder::TypedValueParser;
+    let file = |path| crate::standard_input::file(path).map_err(|e| format!("{e:#}"));
+    clap::builder::PathBufValueParser::new().try_map(file)
 }
 
 /// What the command line asks for.

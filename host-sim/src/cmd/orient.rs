@@ -3,11 +3,13 @@
 use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
 use crate::ocean_bottom::place::{Displacement, SEARCH_M};
+use crate::ocean_bottom::records::is_records;
 use crate::ocean_bottom::survey::{Survey, Turn, survey};
 use crate::orientation::known_vessel::{self, LineRecord, LineSearch};
 use crate::orientation::track_file;
 use crate::propagation::Propagation;
 use crate::record::finite;
+use crate::recording::Container;
 use crate::station::Station;
 use anyhow::{Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
@@ -33,13 +35,13 @@ use std::path::PathBuf;
 pub struct Args {
     /// What the station measured: CSV, its header depends on the station's kind; records or recordings of an
     /// ocean-bottom station.
-    #[arg(required = true, value_name = "INPUT")]
+    #[arg(required = true, value_name = "INPUT", value_parser = super::input())]
     input: Vec<PathBuf>,
     /// Station file.
     #[arg(long)]
     station: PathBuf,
     /// Track of a vessel: t_s,x_m,y_m or t_s,lat,lon; repeated for more vessels (ocean-bottom stations).
-    #[arg(long, required = true, value_name = "TRACK.csv")]
+    #[arg(long, required = true, value_name = "TRACK.csv", value_parser = super::input())]
     track: Vec<PathBuf>,
     /// Depth of the vessel's sound source, metres.
     #[arg(long, default_value_t = 5.0)]
@@ -107,9 +109,10 @@ pub fn run(args: Args) -> Result<()> {
     super::print_records(&records, args.json)
 }
 
-/// Whether the input is one CSV file, by its name.
+/// Whether the input is one table: no folder, no records and no recording.
 fn is_table(input: &[PathBuf]) -> bool {
-    matches!(input, [one] if one.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")))
+    let [one] = input else { return false };
+    one.is_file() && !is_records(one) && Container::of(one).is_ok_and(|container| container.is_none())
 }
 
 /// The vessels' tracks.
@@ -192,11 +195,11 @@ fn of_survey(station: &Station, found: Survey) -> Result<Vec<Value>> {
     let mut out = Vec::new();
     match &found.turn {
         Ok(turn) => out.push(turn_record(station, turn)),
-        Err(reason) => eprintln!("seabearing: {reason}"),
+        Err(reason) => log::warn!("{reason}"),
     }
     match (&found.position, &found.turn) {
         (Ok(offset), _) => out.push(position_record(&station.config, offset, &found.table)),
-        (Err(reason), Ok(_)) => eprintln!("seabearing: {reason}"),
+        (Err(reason), Ok(_)) => log::warn!("{reason}"),
         (Err(reason), Err(turn)) => bail!("{turn}; {reason}"),
     }
     Ok(out)

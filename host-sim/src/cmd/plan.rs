@@ -21,6 +21,7 @@ use std::path::PathBuf;
 )]
 pub struct Args {
     /// Station file
+    #[arg(value_parser = super::input())]
     station: PathBuf,
     /// Vessels that pass a day
     #[arg(long, value_name = "N", default_value_t = 20.0)]

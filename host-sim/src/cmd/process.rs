@@ -39,7 +39,7 @@ pub struct Args {
     #[arg(long, value_name = "TABLE.toml")]
     propagation: Option<PathBuf>,
     /// Recordings (WAV, FLAC, miniSEED, SAC), or folders and archives of them
-    #[arg(required = true)]
+    #[arg(required = true, value_parser = super::input())]
     input: Vec<PathBuf>,
     /// UTC of the first sample (RFC 3339), where neither the recording nor its name tells it
     #[arg(long, value_name = "TIME")]
@@ -232,7 +232,7 @@ pub fn run(args: Args) -> Result<()> {
         let interference = crate::propagation::file::read(path)?;
         if pictures::draw(folder, &mut *again, &station.config, &interference, &messages, &heard)?.is_empty()
         {
-            eprintln!("seabearing: no pictures of less than two whole minutes");
+            log::warn!("no pictures of less than two whole minutes");
         }
     }
     if let (Some(folder), Some(meter)) = (&args.plots, &meter) {
@@ -269,7 +269,7 @@ fn archive(args: &Args, stations: Vec<(Option<Arc<Imported>>, Station)>, folder:
         match Member::find(station, &args.input, &asked, args.levels) {
             Ok(member) => members.push(member),
             // StationXML tells of whole networks; the archive need not hold all of it.
-            Err(e) if several && imported.is_some() => eprintln!("seabearing: left out {name}: {e:#}"),
+            Err(e) if several && imported.is_some() => log::warn!("left out {name}: {e:#}"),
             Err(e) => return Err(e.context(name.to_string())),
         }
     }
@@ -297,9 +297,9 @@ fn archive(args: &Args, stations: Vec<(Option<Arc<Imported>>, Station)>, folder:
         format!("{} of {} station-days are done and kept; the same command goes on", done + there, mine.len())
     });
     let failed: Vec<&anyhow::Error> = outcomes.iter().filter_map(|o| o.as_ref().err()).collect();
-    eprintln!("seabearing: {done} station-days processed, {there} were there, {} failed", failed.len());
+    log::info!("{done} station-days processed, {there} were there, {} failed", failed.len());
     if let Some((last, before)) = failed.split_last() {
-        before.iter().for_each(|e| eprintln!("seabearing: {e:#}"));
+        before.iter().for_each(|e| log::error!("{e:#}"));
         bail!("{last:#}");
     }
     Ok(())

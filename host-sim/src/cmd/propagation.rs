@@ -20,10 +20,10 @@ pub struct Args {
     #[command(subcommand)]
     fit: Option<Tool>,
     /// Ray-trace through this sound-speed profile (CSV: depth_m,speed_m_s).
-    #[arg(long, conflicts_with = "ray_table", requires = "depth_m")]
+    #[arg(long, conflicts_with = "ray_table", requires = "depth_m", value_parser = super::input())]
     profile: Option<PathBuf>,
     /// Convert this ready ray table (CSV).
-    #[arg(long)]
+    #[arg(long, value_parser = super::input())]
     ray_table: Option<PathBuf>,
     /// Depth of the flat floor, m (estimated from a ray table where not given).
     #[arg(long)]

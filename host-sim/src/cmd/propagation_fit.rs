@@ -23,13 +23,13 @@ pub struct Args {
     #[arg(long)]
     station: PathBuf,
     /// Where the vessels were (CSV).
-    #[arg(long)]
+    #[arg(long, value_parser = super::input())]
     tracks: PathBuf,
     /// The table to write: the station's with the fitted strengths.
     #[arg(long)]
     out: PathBuf,
     /// Recordings (miniSEED or WAV) or folders of them.
-    #[arg(required = true)]
+    #[arg(required = true, value_parser = super::input())]
     input: Vec<PathBuf>,
     /// Print one JSON record a branch.
     #[arg(long)]

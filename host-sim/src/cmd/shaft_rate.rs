@@ -24,7 +24,7 @@ pub struct Args {
     #[arg(long)]
     station: PathBuf,
     /// Recordings (WAV, FLAC) or folders of them.
-    #[arg(required = true)]
+    #[arg(required = true, value_parser = super::input())]
     input: Vec<PathBuf>,
     /// Corner of the high-pass before the envelope, Hz.
     #[arg(long, default_value_t = 3000.0)]

@@ -1,7 +1,8 @@
 //! `seabearing completions` and `seabearing man`: what a shell and `man` know of the command.
 
-use super::Subcommand;
+use super::Cli;
 use anyhow::{Context, Result};
+use clap::CommandFactory;
 use std::path::PathBuf;
 
 /// Arguments of `seabearing completions`.
@@ -23,22 +24,13 @@ pub struct ManArgs {
     folder: PathBuf,
 }
 
-/// The whole command.
-fn whole() -> clap::Command {
-    let command = clap::Command::new("seabearing")
-        .version(env!("CARGO_PKG_VERSION"))
-        .about("Find, follow and report vessels with underwater recorders")
-        .after_help(super::STATUSES);
-    <Subcommand as clap::Subcommand>::augment_subcommands(command).subcommand_required(true)
-}
-
 /// Prints a completion script.
 ///
 /// # Errors
 /// Standard output cannot be written.
 pub fn completions(args: CompletionsArgs) -> Result<()> {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut whole(), "seabearing", &mut script);
+    clap_complete::generate(args.shell, &mut Cli::command(), "seabearing", &mut script);
     Ok(std::io::Write::write_all(&mut std::io::stdout(), &script)?)
 }
 
@@ -49,5 +41,5 @@ pub fn completions(args: CompletionsArgs) -> Result<()> {
 pub fn man(args: ManArgs) -> Result<()> {
     let cannot = || format!("cannot write {}", args.folder.display());
     std::fs::create_dir_all(&args.folder).with_context(cannot)?;
-    clap_mangen::generate_to(whole(), &args.folder).with_context(cannot)
+    clap_mangen::generate_to(Cli::command(), &args.folder).with_context(cannot)
 }

@@ -30,6 +30,7 @@ enum Action {
 )]
 struct ImportArgs {
     /// StationXML of one or more stations
+    #[arg(value_parser = super::input())]
     xml: PathBuf,
     /// Network code
     #[arg(long, value_name = "CODE")]

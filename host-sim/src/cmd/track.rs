@@ -26,6 +26,7 @@ use std::path::PathBuf;
     side on which the array lies; x0, y0 are East and North of the array at the first bearing's time.")]
 pub struct Args {
     /// Bearings: CSV, or records of `seabearing process`.
+    #[arg(value_parser = super::input())]
     bearings: PathBuf,
     /// Standard deviation of a bearing's error, degrees (a column sigma_deg goes before it).
     #[arg(long, default_value_t = 1.0)]
@@ -70,7 +71,7 @@ pub struct Args {
     #[arg(long)]
     gate_sd: Option<f64>,
     /// Known track t_s,x_m,y_m: estimate the error model from it instead of a track.
-    #[arg(long, value_name = "TRACK.csv")]
+    #[arg(long, value_name = "TRACK.csv", value_parser = super::input())]
     known_track: Option<PathBuf>,
     /// Draw bearings and track into this SVG file.
     #[arg(long, value_name = "FILE.svg")]
@@ -187,8 +188,8 @@ pub fn run(args: Args) -> Result<()> {
         Estimator::Ml => batch(&assumed, &samples, args.robust),
         Estimator::Recursive => {
             if !matches!(assumed.model, Model::White | Model::Markov) {
-                eprintln!(
-                    "seabearing: the recursive estimator takes correlated errors as Gauss-Markov (--model markov)"
+                log::warn!(
+                    "the recursive estimator takes correlated errors as Gauss-Markov (--model markov)"
                 );
             }
             one_by_one(&assumed, &samples, sd_rad, args.gate_sd.unwrap_or(f64::INFINITY), args.robust)
@@ -196,8 +197,8 @@ pub fn run(args: Args) -> Result<()> {
     };
     let found = found.with_context(|| args.bearings.display().to_string())?;
     if found.nugget > 0.0 {
-        eprintln!(
-            "seabearing: the {} model is nearly singular for these times; a white part of {:.0} % of the error's \
+        log::warn!(
+            "the {} model is nearly singular for these times; a white part of {:.0} % of the error's \
              standard deviation was added",
             assumed.model.name(),
             100.0 * found.nugget.sqrt()

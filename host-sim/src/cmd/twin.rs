@@ -3,6 +3,7 @@
 use crate::emulator::{self, Emulator, SamplePath};
 use crate::plan::telemetry::Tally;
 use crate::progress;
+use crate::recording::Container;
 use crate::sample_line::{SendTiming, Sender};
 use crate::station::Station;
 use crate::twin::Listener;
@@ -114,7 +115,7 @@ pub fn run(args: Args) -> Result<()> {
         (Samples::Uart, Some(x)) if x > 0.0 && x.is_finite() => (SamplePath::Uart, SendTiming::Times(x)),
         (Samples::Uart, Some(x)) => bail!("--speed is {x}; a positive number is needed"),
     };
-    let raw = args.input.len() == 1 && args.input[0].extension().is_some_and(|e| e == "sbraw");
+    let raw = matches!(&args.input[..], [one] if is_raw(one));
     if raw && samples == SamplePath::Uart {
         bail!("{}: --samples uart takes recordings, not an .sbraw stream", args.input[0].display());
     }
@@ -190,6 +191,14 @@ fn copy(path: &Path, out: &mut dyn Write) -> Result<()> {
     out.write_all(&magic)?;
     std::io::copy(&mut file, out)?;
     Ok(())
+}
+
+/// Whether it is an .sbraw stream. One that comes through a pipe is known by its name: its first bytes can be read once.
+fn is_raw(path: &Path) -> bool {
+    match path.is_file() {
+        true => Container::of(path).is_ok_and(|container| container == Some(Container::Raw)),
+        false => path.extension().is_some_and(|e| e == "sbraw"),
+    }
 }
 
 /// The blocks of recordings, with a progress bar.

@@ -24,7 +24,7 @@ pub fn read(path: &Path, sd_rad: f64, sd_elevation_rad: Option<f64>) -> Result<V
     };
     let mut samples = good_rows(&name, rows)?;
     if !samples.is_sorted_by(|a, b| a.t_s <= b.t_s) {
-        eprintln!("seabearing: {name}: rows are not in order of time; sorted");
+        log::warn!("{name}: rows are not in order of time; sorted");
         samples.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     }
     Ok(samples)

@@ -41,7 +41,7 @@ pub fn read(path: &Path) -> Result<Vec<AisReport>> {
     let name = path.display();
     let (mut reports, bad) = crate::ais::read(path)?;
     if !bad.is_empty() {
-        eprintln!("seabearing: {name}: skipped {} unreadable rows", bad.len());
+        log::warn!("{name}: skipped {} unreadable rows", bad.len());
     }
     reports.retain(merchant_under_way);
     if reports.is_empty() {

@@ -54,13 +54,13 @@ pub fn read(paths: &[impl AsRef<Path>]) -> Result<Detected> {
                 None => {
                     bad += 1;
                     if bad <= 5 {
-                        eprintln!("seabearing: skipped {name}, line {}: no record of `process`", n + 1);
+                        log::warn!("skipped {name}, line {}: no record of `process`", n + 1);
                     }
                 }
             }
         }
         if bad > 5 {
-            eprintln!("seabearing: skipped {} more lines of {name}", bad - 5);
+            log::warn!("skipped {} more lines of {name}", bad - 5);
         }
     }
     if modes.is_empty() && records.azimuths.is_empty() {

@@ -40,9 +40,7 @@ pub fn read(
     }
     let start = found.iter().map(|d| d.utc).min().flatten();
     if start.is_none() && files.len() > 1 {
-        eprintln!(
-            "seabearing: not all files have a clock (`utc`): their recordings are taken to begin together"
-        );
+        log::warn!("not all files have a clock (`utc`): their recordings are taken to begin together");
     }
     let mut rows: Vec<BearingRow> = found
         .into_iter()

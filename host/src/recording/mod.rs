@@ -165,7 +165,11 @@ impl Recording {
             return Ok(of(Found::Raw(path.clone())));
         }
         for (path, named) in files {
-            match Container::of(&path) {
+            let container = Container::of(&path);
+            if let Ok(Some(container)) = &container {
+                log::debug!("{}: {container:?}", path.display());
+            }
+            match container {
                 Ok(Some(Container::Raw)) => {
                     bail!("{}: an .sbraw stream has indices of its own; give it alone", path.display())
                 }
@@ -299,7 +303,7 @@ pub fn open(
 
 /// Says on standard error what is odd about a recording.
 pub(crate) fn complain(what: &str) {
-    eprintln!("seabearing: {what}");
+    log::warn!("{what}");
 }
 
 /// Why a file is no recording.

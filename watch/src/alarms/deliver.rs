@@ -75,7 +75,7 @@ fn watch(
             for id in store.map(acknowledged).unwrap_or_default() {
                 match watcher.acknowledge(id) {
                     Some(record) => out.push(record),
-                    None => eprintln!("seabearing: there is no alarm {id} to acknowledge"),
+                    None => log::warn!("there is no alarm {id} to acknowledge"),
                 }
             }
         }
@@ -83,10 +83,7 @@ fn watch(
             let station = record["station"].as_u64().and_then(|s| u16::try_from(s).ok());
             for way in ways {
                 if let Err(TrySendError::Full(_)) = way.try_send(record.clone()) {
-                    eprintln!(
-                        "seabearing: {UNDELIVERED} alarms wait to be delivered; one is not: {}",
-                        record["text"]
-                    );
+                    log::warn!("{UNDELIVERED} alarms wait to be delivered; one is not: {}", record["text"]);
                 }
             }
             if !notebook.note(station, record) {
@@ -116,10 +113,7 @@ fn deliver(delivery: &Delivery, alarms: &Receiver<Value>) {
             match told {
                 Ok(()) => break,
                 Err(e) if attempt == ATTEMPTS => {
-                    eprintln!(
-                        "seabearing: alarm {} was not delivered in {ATTEMPTS} attempts: {e:#}",
-                        alarm["id"]
-                    );
+                    log::warn!("alarm {} was not delivered in {ATTEMPTS} attempts: {e:#}", alarm["id"]);
                 }
                 Err(_) => {
                     std::thread::sleep(wait);
