@@ -81,6 +81,8 @@ fn run(options: &Options) -> Result<()> {
     if let Some(rate) = of(pan) {
         figures.state(pan, rate);
     }
+    let moved = "map after a pan: share of it that is not as drawn anew, %";
+    figures.at_most(moved, of(moved), 1.0);
     let replay = "replay in the browser: longest to a moment, ms";
     figures.at_most(replay, of(replay), 300.0);
     for place in ["live", "replay"] {

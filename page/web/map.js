@@ -10,24 +10,44 @@ const [SIDES, ELLIPSE] = [1.96, 5.991];
 const [STALE, PAST] = [60e3, 1800e3];
 // Bearings of one instant, ms.
 const INSTANT = 15e3;
+// The drawing is made larger than the view by this share on every side, so that moving it within draws nothing anew.
+const MARGIN = 0.25;
+// While somebody moves the view, what comes meanwhile is drawn at most so often; moving has ended after so long, ms.
+const [CALM, STILL] = [500, 250];
 const STEPS = [30, 15, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001];
 
 export class ChartMap {
   constructor(canvas, model, choose) {
     [this.canvas, this.model, this.choose] = [canvas, model, choose];
-    this.context = canvas.getContext('2d');
+    [this.front, this.layer] = [canvas.getContext('2d', { alpha: false }), document.createElement('canvas')];
+    this.context = this.front;
     // Metres of the plane in the middle of the view; pixels a metre.
     [this.x, this.y, this.scale] = [0, 0, 0.02];
     this.moved = false;
     this.coast = null;
+    // What is in the layer: the view it was made for, and when.
+    this.made = null;
+    [this.pending, this.movedAt] = [true, -Infinity];
     this.colours = {};
     this.now = Date.now();
     this.listen();
   }
 
+  // Something else is to be shown: the layer is made anew.
+  set dirty(is) {
+    this.pending = is;
+    if (is && this.made) this.made.old = true;
+  }
+
+  get dirty() {
+    return this.pending;
+  }
+
   // The plane of the stations' places; a station without any stands in its middle, if no other has one.
   settle() {
-    const known = this.model.numbers().map((n) => [n, this.model.place(n)]);
+    const numbers = this.model.numbers();
+    this.order = new Map(numbers.map((n, k) => [n, k]));
+    const known = numbers.map((n) => [n, this.model.place(n)]);
     const placed = known.filter(([, p]) => Number.isFinite(p.lat_deg) && Number.isFinite(p.lon_deg));
     const places = placed.map(([, p]) => [p.lat_deg, p.lon_deg]);
     const alone = places.length === 0 && this.model.chosen !== null;
@@ -77,7 +97,8 @@ export class ChartMap {
     const far = 2e7;
     this.x = Math.min(far, Math.max(-far, this.x + dx));
     this.y = Math.min(far, Math.max(-far, this.y + dy));
-    this.moved = this.dirty = true;
+    this.moved = this.pending = true;
+    this.movedAt = performance.now();
   }
 
   metres(px, py) {
@@ -132,26 +153,58 @@ export class ChartMap {
   }
 
   colour(number) {
-    return this.colours[`c${Math.max(0, this.model.numbers().indexOf(number)) % 8}`];
+    return this.colours[`c${Math.max(0, this.order?.get(number) ?? 0) % 8}`];
   }
 
   draw() {
     this.settle();
-    const [c, canvas, dots] = [this.context, this.canvas, window.devicePixelRatio || 1];
+    const [canvas, dots] = [this.canvas, window.devicePixelRatio || 1];
     const [w, h] = [canvas.clientWidth, canvas.clientHeight];
-    if (canvas.width !== Math.round(w * dots) || canvas.height !== Math.round(h * dots)) {
-      [canvas.width, canvas.height] = [Math.round(w * dots), Math.round(h * dots)];
-    }
+    const [px, py] = [Math.round(w * dots), Math.round(h * dots)];
+    if (canvas.width !== px || canvas.height !== py) [canvas.width, canvas.height] = [px, py];
+    const waits = this.fits(w, h, dots);
+    if (!waits) this.drawLayer(w, h, dots);
+    const [c, made] = [this.front, this.made];
+    this.context = c;
+    c.setTransform(1, 0, 0, 1, 0, 0);
+    const [dx, dy] = [(made.x - this.x) * this.scale * dots, (this.y - made.y) * this.scale * dots];
+    c.drawImage(this.layer, Math.round(dx) - made.right, Math.round(dy) - made.down);
     c.setTransform(dots, 0, 0, dots, 0, 0);
+    if (!this.unplaced && this.shown.length) this.drawGrid(w, h, 1, false);
+    this.drawScale(w, h);
+    // What came while the view was moved is drawn soon.
+    this.pending = made.old;
+  }
+
+  // Whether the layer can be shown as it is: nothing else is to be seen, or that can wait until the moving has ended.
+  fits(w, h, dots) {
+    const made = this.made;
+    if (!made || made.scale !== this.scale || made.size !== `${w} ${h} ${dots}` || made.key !== this.key) return false;
+    const [dx, dy] = [Math.abs(made.x - this.x) * this.scale, Math.abs(made.y - this.y) * this.scale];
+    if (dx > MARGIN * w - 1 || dy > MARGIN * h - 1) return false;
+    const now = performance.now();
+    return !made.old || (now - this.movedAt < STILL && now - made.at < CALM);
+  }
+
+  // Everything but the scale and the grid's numbers, larger than the view.
+  drawLayer(w, h, dots) {
+    const [right, down] = [Math.round(MARGIN * w * dots), Math.round(MARGIN * h * dots)];
+    const [px, py] = [Math.round(w * dots) + 2 * right, Math.round(h * dots) + 2 * down];
+    if (this.layer.width !== px || this.layer.height !== py) {
+      [this.layer.width, this.layer.height] = [px, py];
+      this.back = this.layer.getContext('2d', { alpha: false });
+    }
+    const c = this.context = this.back;
+    c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = this.colours.sea;
-    c.fillRect(0, 0, w, h);
+    c.fillRect(0, 0, px, py);
+    c.setTransform(dots, 0, 0, dots, right, down);
     this.inMetres(() => this.drawCoast());
-    if (!this.unplaced && this.shown.length) this.drawGrid(w, h);
+    if (!this.unplaced && this.shown.length) this.drawGrid(w, h, 1 + 2 * MARGIN, true);
     for (const [number, place] of this.shown) this.drawStation(number, place);
     if (!this.unplaced) for (const track of this.model.networks.values()) this.drawNetwork(track);
     for (const [number] of this.shown) this.drawMark(number);
-    this.drawScale(w, h);
-    this.dirty = false;
+    this.made = { x: this.x, y: this.y, scale: this.scale, size: `${w} ${h} ${dots}`, key: this.key, right, down, at: performance.now(), old: false };
   }
 
   // Draws in metres of the plane.
@@ -185,14 +238,16 @@ export class ChartMap {
     c.stroke(coast.drawn.lines);
   }
 
-  drawGrid(w, h) {
+  // The grid's lines for so many times the view, or its numbers at the edges.
+  drawGrid(w, h, larger, lines) {
     const c = this.context;
     const [lat, lon] = this.plane.place(this.x, this.y);
-    const high = (h / 2 / this.scale / this.plane.radius) * (180 / Math.PI);
-    const polar = Math.abs(lat) + high > 84 || high > 40;
-    const wide = polar ? 180 : Math.min(180, ((w / h) * high) / Math.cos(((Math.abs(lat) + high) * Math.PI) / 180));
+    const seen = (h / 2 / this.scale / this.plane.radius) * (180 / Math.PI);
+    const polar = Math.abs(lat) + 2 * seen > 84 || seen > 30;
+    const across = polar ? 180 : Math.min(180, ((w / h) * seen) / Math.cos(((Math.abs(lat) + seen) * Math.PI) / 180));
+    const [high, wide] = [Math.min(180, seen * larger), Math.min(180, across * larger)];
     const stepOf = (half) => STEPS.findLast((s) => (2 * half) / s <= 9) ?? 30;
-    const [dLat, dLon] = [stepOf(high), polar ? 30 : stepOf(wide)];
+    const [dLat, dLon] = [stepOf(seen), polar ? 30 : stepOf(across)];
     c.strokeStyle = this.colours.grid;
     c.fillStyle = this.colours.quiet;
     c.font = `${this.size * 0.6}px system-ui, sans-serif`;
@@ -205,13 +260,19 @@ export class ChartMap {
     };
     const parts = Array.from({ length: 33 }, (_, n) => n / 16 - 1);
     for (let n = Math.ceil(Math.max(-90, lat - high) / dLat); n * dLat <= Math.min(90, lat + high); n += 1) {
-      line(parts.map((p) => [n * dLat, lon + p * wide]));
+      if (lines) {
+        line(parts.map((p) => [n * dLat, lon + p * wide]));
+        continue;
+      }
       const [, y] = this.pixels(this.plane.xy(n * dLat, lon));
       c.fillText(`${Math.abs(n * dLat).toFixed(digits(dLat))}°${n < 0 ? 'S' : n > 0 ? 'N' : ''}`, 4, y - 3);
     }
     for (let n = Math.ceil((lon - wide) / dLon); n * dLon < lon + wide; n += 1) {
       const at = ((((n * dLon + 180) % 360) + 360) % 360) - 180;
-      line(parts.map((p) => [Math.min(90, Math.max(-90, lat + p * high)), at]));
+      if (lines) {
+        line(parts.map((p) => [Math.min(90, Math.max(-90, lat + p * high)), at]));
+        continue;
+      }
       const [x] = this.pixels(this.plane.xy(lat, at));
       if (!polar) c.fillText(`${Math.abs(at).toFixed(digits(dLon))}°${at < 0 ? 'W' : 'E'}`, x + 3, h - 5);
     }

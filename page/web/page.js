@@ -56,6 +56,8 @@ async function showNow() {
     if (state.at === null) {
       model.load(now);
       slider(now.span);
+      // Plots follow; nobody waits for them to see who is heard.
+      shown();
       await chosenSeries();
       state.waiting?.forEach((r) => model.take(r));
     }
@@ -189,6 +191,10 @@ function fillStations(at) {
 function fillTracks(at) {
   const all = [...model.stations.values()].flatMap((s) => [...s.tracks.values()].map((t) => [s.station, t.report, t.ais]));
   all.sort(([, a], [, b]) => when(b) - when(a));
+  // Without AIS there is no column of it.
+  const beside = all.some(([, , ais]) => ais);
+  $('ais-head').hidden = !beside;
+  const of = (text, grave) => (beside ? [element('td', { class: grave ?? false }, text)] : []);
   const made = all.slice(0, 30).map(([number, r, ais]) => {
     const ms = when(r) + (r.cpa_time_s - r.t_s) * 1000;
     const swatch = element('span', { class: 'swatch', 'aria-hidden': 'true' });
@@ -196,20 +202,20 @@ function fillTracks(at) {
     const closest = Number.isFinite(ms) && Number.isFinite(r.cpa_time_s) ? `${clock(ms)} ± ${(r.sd_cpa_time_s ?? NaN).toFixed(0)} s, ${ago(at - ms)}` : 'unknown';
     return element('tr', {},
       element('th', { scope: 'row' }, swatch, `${number ?? '?'}.${r.session}.${r.id}${r.stage === 'final' ? ' final' : ''}`),
+      ...of(vessel(ais), ais?.verdict === 'dark' && 'warn'),
       element('td', {}, r.range_observable ? withSd(r.cpa_range_m, r.sd_cpa_range_m, 'm') : 'not observable'),
       element('td', {}, closest),
       element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
-      element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s')),
-      element('td', { class: ais?.verdict === 'dark' ? 'warn' : false }, vessel(ais)));
+      element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s')));
   });
   const networks = [...model.networks.values()].map((t) => t.report).sort((a, b) => when(b) - when(a)).slice(0, 30);
   const fused = networks.map((r) => element('tr', {},
     element('th', { scope: 'row' }, `network ${r.id}${r.state === 'final' ? ' final' : ''}`),
+    ...of('–'),
     element('td', {}, r.consistent === false ? 'stations disagree' : r.x_m === null ? 'not observable' : ''),
     element('td', {}, `stations ${r.members.map((m) => m.station).join(', ')}`),
     element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
-    element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s')),
-    element('td', {}, '–')));
+    element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s'))));
   made.unshift(...fused);
   $('track-rows').replaceChildren(...made);
   $('no-tracks').hidden = made.length > 0;
