@@ -22,12 +22,13 @@ use std::time::Duration;
 use tokio::sync::broadcast::error::RecvError;
 
 /// The files that run in the browser.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 10] = [
     ("/", "text/html; charset=utf-8", include_str!("../web/index.html")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../web/page.css")),
     ("/page.js", "text/javascript; charset=utf-8", include_str!("../web/page.js")),
     ("/model.js", "text/javascript; charset=utf-8", include_str!("../web/model.js")),
     ("/health.js", "text/javascript; charset=utf-8", include_str!("../web/health.js")),
+    ("/coast.js", "text/javascript; charset=utf-8", include_str!("../web/coast.js")),
     ("/map.js", "text/javascript; charset=utf-8", include_str!("../web/map.js")),
     ("/sphere.js", "text/javascript; charset=utf-8", include_str!("../web/sphere.js")),
     ("/plots.js", "text/javascript; charset=utf-8", include_str!("../web/plots.js")),

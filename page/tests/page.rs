@@ -56,6 +56,7 @@ fn a_browser_gets_files_pictures_and_what_comes_live() {
         "/",
         "/page.css",
         "/page.js",
+        "/coast.js",
         "/model.js",
         "/map.js",
         "/sphere.js",

@@ -1,6 +1,7 @@
 // The page: what comes is taken into the model, and shown once a frame; the time slider looks back into the store.
 
-import { ChartMap, coastline } from '/map.js';
+import { coastline } from '/coast.js';
+import { ChartMap } from '/map.js';
 import { Model, when } from '/model.js';
 import { Plots } from '/plots.js';
 import { fillHealth, healthInAWord } from '/health.js';
