@@ -13,12 +13,14 @@ pub mod line;
 pub mod origin;
 pub mod record;
 pub mod recorder;
+pub mod relay;
 pub mod service;
 pub mod stations;
 pub mod store;
 mod stream;
 pub mod utc;
 pub mod view;
+pub mod waiting;
 
 use seabearing_host::{atomic, plot};
 
@@ -106,6 +108,8 @@ pub struct Base {
     warnings: Vec<String>,
     /// Reports of network tracks.
     networks: VecDeque<Row>,
+    /// Other base stations whose records come here.
+    sources: relay::Sources,
 }
 
 impl Base {
@@ -470,6 +474,7 @@ impl Base {
         }
         self.changed_logs.clear();
         self.changed_streams.clear();
+        self.sources.stored();
     }
 
     /// What a person should know; each is told once.
@@ -505,10 +510,14 @@ impl Base {
         self.recorders.entry(station).or_insert_with(new)
     }
 
+    /// Samples a second of a record's session.
+    pub(crate) fn rate_of(&self, row: &Row) -> Option<f64> {
+        row.session.and_then(|s| self.recorders.get(&row.station)?.rate_hz(s))
+    }
+
     /// A record as JSON.
     pub fn json(&self, row: &Row) -> Value {
-        let rate_hz = row.session.and_then(|s| self.recorders.get(&row.station)?.rate_hz(s));
-        row.json(rate_hz)
+        row.json(self.rate_of(row))
     }
 
     /// The reports of the tracks kept, as records, in order; those of network tracks last.

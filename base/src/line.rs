@@ -52,12 +52,23 @@ pub struct Line {
 pub enum Report {
     /// Something happened on a connection; with its beginning comes the way to answer, and the number of its line.
     Happened(Entry, Option<(Answers, usize)>),
+    /// Records of other base stations have come; whoever brought them is told when they are stored.
+    Relayed(Entry, Stored),
     /// Something that a person should know.
     Note(String),
     /// A line has come to its end.
     Finished,
     /// A line cannot be read, and it makes no sense to try again.
     Failed(Error),
+}
+
+/// Tells that what came is stored.
+pub struct Stored(pub Box<dyn FnOnce() + Send>);
+
+impl std::fmt::Debug for Stored {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Stored")
+    }
 }
 
 /// The way back to the other end of a connection.
@@ -100,6 +111,8 @@ impl Shared {
 pub struct Lines {
     /// What happens.
     pub reports: Receiver<Report>,
+    /// For what comes by other ways than lines; to be dropped once they have theirs.
+    pub door: Option<SyncSender<Report>>,
     /// The addresses listened at; a port may have been chosen by the system.
     pub listening: Vec<std::net::SocketAddr>,
     /// While this is here listeners go on.
@@ -119,7 +132,7 @@ pub fn start(lines: &[Line], first_stream: u32, idle: Duration) -> Result<Lines>
         connections: Arc::default(),
         idle,
     };
-    let alive = Arc::clone(&shared.streams);
+    let (alive, door) = (Arc::clone(&shared.streams), Some(shared.reports.clone()));
     let mut listening = Vec::new();
     let mut ports: Vec<&str> = Vec::new();
     for (n, line) in lines.iter().enumerate() {
@@ -160,7 +173,7 @@ pub fn start(lines: &[Line], first_stream: u32, idle: Duration) -> Result<Lines>
             }
         }
     }
-    Ok(Lines { reports: receiver, listening, _streams: alive })
+    Ok(Lines { reports: receiver, door, listening, _streams: alive })
 }
 
 fn open_file(origin: &Origin) -> Result<Box<dyn Read + Send>> {

@@ -91,9 +91,7 @@ impl Recorder {
         let rate_hz = self.sessions.last_key_value().and_then(|(_, s)| s.rate_hz).or(self.rate_hz);
         self.sessions
             .insert(session, Session { boot, rate_hz, start_us: self.said.take(), ..Session::default() });
-        if self.sessions.len() > SESSIONS {
-            self.sessions.pop_first();
-        }
+        self.forget_oldest();
         self.changed.insert(session);
         session
     }
@@ -135,9 +133,6 @@ impl Recorder {
         received_us: Option<i64>,
         most: usize,
     ) -> Row {
-        self.records += 1;
-        self.heard_us = received_us.or(self.heard_us);
-        self.ended = matches!(message, Message::End(_));
         let said = self.said.take();
         let known = self.sessions.entry(session).or_default();
         known.start_us = said.or(known.start_us);
@@ -157,6 +152,16 @@ impl Recorder {
             received_us,
             body: Body::Message(*message),
         };
+        self.know(session, &row, most);
+        row
+    }
+
+    /// Takes a record of a session into what is known now.
+    pub(crate) fn know(&mut self, session: u32, row: &Row, most: usize) {
+        let Body::Message(message) = &row.body else { return };
+        self.records += 1;
+        self.heard_us = row.received_us.or(self.heard_us);
+        self.ended = matches!(message, Message::End(_));
         match message {
             Message::Hello(hello) => self.hello = Some(*hello),
             Message::Health(health) => self.health = Some(*health),
@@ -177,7 +182,13 @@ impl Recorder {
             Message::FaultsHeld(held) => self.faults_in_all += u64::from(held.count),
             _ => {}
         }
-        row
+    }
+
+    /// Sessions beyond those whose clocks are kept at hand are forgotten.
+    pub(crate) fn forget_oldest(&mut self) {
+        if self.sessions.len() > SESSIONS {
+            self.sessions.pop_first();
+        }
     }
 
     /// Keeps the report of a track; the oldest tracks are forgotten first.

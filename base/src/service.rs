@@ -1,14 +1,16 @@
 //! The base station at work: lines read, their bytes kept, then decoded, then acknowledged.
 
 use super::feed::Feed;
-use super::line::{self, Answers, Line, Lines, Report};
+use super::line::{self, Answers, Line, Lines, Report, Stored};
 use super::store::{Entry, Event, Retain, Store, may_pass};
 use super::utc::Teller;
+use super::waiting::Waiting;
 use super::{Base, record::micros};
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 use std::collections::HashMap;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel};
 use std::time::{Duration, Instant};
 
 /// How often links are looked after while nothing comes.
@@ -50,6 +52,29 @@ pub struct Service {
     teller: Option<Teller>,
     feed: Feed,
     noted: (Sender<Entry>, Receiver<Entry>),
+    /// Records come from a broker, too.
+    relays: bool,
+    waiting: Option<Arc<Waiting>>,
+}
+
+/// Where records of other base stations are brought.
+#[derive(Clone, Debug)]
+pub struct Door(SyncSender<Report>);
+
+impl Door {
+    /// Brings records, as [`packed`](super::relay::packed) gives them, and waits until they are taken; `stored` is called once
+    /// they are on the disk. False if the service has ended.
+    pub fn bring(&self, records: Vec<u8>, stored: Box<dyn FnOnce() + Send>) -> bool {
+        let received_us = Some(micros(time::OffsetDateTime::now_utc()));
+        let entry = Entry { stream: BESIDE, received_us, event: Event::Relayed(records) };
+        self.0.send(Report::Relayed(entry, Stored(stored))).is_ok()
+    }
+
+    /// Something that a person should know.
+    pub fn note(&self, text: String) {
+        // Of a service that has ended nobody reads it.
+        let _ = self.0.send(Report::Note(text));
+    }
 }
 
 /// Where others put records of their own, as alarms: they are stored and published as those of recorders are.
@@ -87,6 +112,8 @@ impl Service {
             teller: None,
             feed: Feed::default(),
             noted: channel(),
+            relays: false,
+            waiting: None,
         })
     }
 
@@ -115,6 +142,20 @@ impl Service {
         Notebook(self.noted.0.clone())
     }
 
+    /// Where records of other base stations are brought from now on. To be asked before the first turn.
+    pub fn door(&mut self) -> Option<Door> {
+        let door = self.lines.door.clone().map(Door)?;
+        if !std::mem::replace(&mut self.relays, true) {
+            self.left += 1;
+        }
+        Some(door)
+    }
+
+    /// What is taken from now on waits for somebody in memory, at most so many records.
+    pub fn waiting(&mut self, room: usize) -> Arc<Waiting> {
+        Arc::clone(self.waiting.get_or_insert_with(|| Arc::new(Waiting::new(room))))
+    }
+
     /// The addresses listened at.
     pub fn listening(&self) -> &[std::net::SocketAddr] {
         &self.lines.listening
@@ -122,7 +163,7 @@ impl Service {
 
     /// Whether every line comes to an end by itself, so that what does not keep up may be waited for.
     pub fn ends(&self) -> bool {
-        self.settings.iter().all(|l| l.origin.ends())
+        !self.relays && self.settings.iter().all(|l| l.origin.ends())
     }
 
     /// What a person should know; each is told once.
@@ -138,7 +179,8 @@ impl Service {
     /// # Errors
     /// A file cannot be read, or the store cannot be written and waiting does not help.
     pub fn turn(&mut self) -> Result<bool> {
-        let mut entries = Vec::new();
+        self.lines.door = None;
+        let (mut entries, mut brought) = (Vec::new(), Vec::new());
         let mut bytes = 0;
         let mut next = match self.lines.reports.recv_timeout(TICK) {
             Ok(report) => Some(report),
@@ -156,6 +198,13 @@ impl Service {
                     }
                     entries.push((entry, answers));
                 }
+                Report::Relayed(entry, stored) => {
+                    if let Event::Relayed(b) = &entry.event {
+                        bytes += b.len();
+                    }
+                    entries.push((entry, None));
+                    brought.push(stored);
+                }
                 Report::Note(note) => self.notes.push(note),
                 Report::Finished => self.left = self.left.saturating_sub(1),
                 Report::Failed(e) => return Err(e),
@@ -165,6 +214,7 @@ impl Service {
         }
         entries.extend(self.noted.1.try_iter().take(TOGETHER.0).map(|entry| (entry, None)));
         self.take(entries)?;
+        brought.into_iter().for_each(|Stored(tell)| tell());
         if let Some(teller) = &mut self.teller {
             teller.work(&mut self.base);
         }
@@ -206,6 +256,9 @@ impl Service {
             }
         }
         self.persist(|store, base| store.derive(base, &rows))?;
+        if let Some(waiting) = &self.waiting {
+            waiting.put(&self.base, &rows);
+        }
         if self.feed.is_taken() {
             self.feed.publish(rows.iter().map(|row| self.base.json(row)).collect());
         }

@@ -9,7 +9,8 @@ use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::Instant;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Bytes of a recorder's store.
 const STORE: usize = 1 << 16;
@@ -35,7 +36,12 @@ pub struct Process {
     pub address: String,
     /// Its page, where it has one.
     pub page: Option<String>,
+    /// What it says on standard error after that.
+    said: Arc<Mutex<Vec<String>>>,
 }
+
+/// Longest that something is waited for that it is to say.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 impl Process {
     /// Starts this command as a base station with a store.
@@ -66,13 +72,43 @@ impl Process {
             }
         };
         // What else it says is taken, so that it never waits for it.
-        std::thread::spawn(move || lines.for_each(drop));
-        Ok(Self { child, address, page })
+        let said: Arc<Mutex<Vec<String>>> = Arc::default();
+        let keep = Arc::clone(&said);
+        std::thread::spawn(move || {
+            for line in lines.map_while(Result::ok) {
+                keep.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+            }
+        });
+        Ok(Self { child, address, page, said })
+    }
+
+    /// Waits until it has said a text.
+    pub fn wait_for(&self, text: &str) -> Result<()> {
+        let begun = Instant::now();
+        while begun.elapsed() < PATIENCE {
+            let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+            if said.iter().any(|line| line.contains(text)) {
+                return Ok(());
+            }
+            drop(said);
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        bail!("the base station has not said `{text}`")
     }
 
     /// Most memory it has used so far, MB; `None` where the system does not tell.
     pub fn peak_mb(&self) -> Option<f64> {
         peak_mb(&self.child.id().to_string())
+    }
+
+    /// Processor time it has used so far, s; `None` where the system does not tell.
+    pub fn processor_s(&self) -> Option<f64> {
+        /// The unit that the system tells it in, s.
+        const TICK_S: f64 = 0.01;
+        let text = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).ok()?;
+        // The name, in parentheses, may hold anything; user and system time are the 14th and 15th field.
+        let ticks = |n: usize| text.rsplit(") ").next()?.split(' ').nth(n - 3)?.parse::<f64>().ok();
+        Some((ticks(14)? + ticks(15)?) * TICK_S)
     }
 
     /// Kills it outright.

@@ -28,9 +28,11 @@ mod line;
 mod link;
 mod link_ends;
 mod link_line;
+pub mod mosquitto;
 mod motion;
 mod motion_checks;
 mod motion_figures;
+mod mqtt;
 mod network;
 mod network_vessels;
 mod obs_appendix_b;
@@ -136,6 +138,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
     base_fusion::EXPERIMENT,
     base_power::EXPERIMENT,
     page::EXPERIMENT,
+    mqtt::OUTAGE,
+    mqtt::NODE,
     fuzz::EXPERIMENT,
     flash_cuts::EXPERIMENT,
     line::ORIENTATION,

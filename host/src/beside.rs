@@ -77,6 +77,11 @@ impl Beside {
         let _ = child.wait();
     }
 
+    /// Asks it to end, so that it puts in order what it has at hand; ends it outright where it takes too long.
+    pub fn stop(&self) {
+        end(&self.child);
+    }
+
     /// How it ended, if it has.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! What an operator watches: tracks beside AIS ([`ais`], [`ais_live`], [`matching`], [`errors`]), alarms ([`alarms`]), what chart plotters
-//! ([`nmea`]) and monitors ([`metrics`]) read; with the feature `terminal` a view of all of it on a terminal.
+//! ([`nmea`]) and monitors ([`metrics`]) read; with the feature `terminal` a view of all of it on a terminal, with `mqtt` the
+//! way over a broker to other base stations.
 //!
 //! In: records as the base station publishes and stores them. Out: records again, and what other programs read.
 
@@ -9,6 +10,8 @@ pub mod alarms;
 pub mod errors;
 pub mod matching;
 pub mod metrics;
+#[cfg(feature = "mqtt")]
+pub mod mqtt;
 pub mod nmea;
 pub mod report;
 #[cfg(feature = "terminal")]

@@ -146,11 +146,16 @@ impl Counters {
     }
 }
 
-/// Counts what a feed brings and serves it; gives the address listened at.
+/// Counts what a feed brings and serves it, and after it what others count (`more`, text of the same format); gives the address
+/// listened at.
 ///
 /// # Errors
 /// The address cannot be listened at.
-pub fn serve(at: &str, feed: &Feed) -> Result<SocketAddr> {
+pub fn serve(
+    at: &str,
+    feed: &Feed,
+    more: impl Fn() -> String + Clone + Send + Sync + 'static,
+) -> Result<SocketAddr> {
     let listener = TcpListener::bind(at).with_context(|| format!("--metrics {at}: cannot listen"))?;
     let address = listener.local_addr()?;
     listener.set_nonblocking(true)?;
@@ -164,7 +169,7 @@ pub fn serve(at: &str, feed: &Feed) -> Result<SocketAddr> {
         }
     });
     let text = move || {
-        let text = counters.lock().unwrap_or_else(PoisonError::into_inner).text();
+        let text = counters.lock().unwrap_or_else(PoisonError::into_inner).text() + &more();
         std::future::ready(([(CONTENT_TYPE, "text/plain; version=0.0.4")], text))
     };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
@@ -187,7 +192,7 @@ mod tests {
     #[test]
     fn counters_are_served_as_prometheus_reads_them() {
         let feed = Feed::default();
-        let address = serve("127.0.0.1:0", &feed).unwrap();
+        let address = serve("127.0.0.1:0", &feed, || "seabearing_more 1\n".to_owned()).unwrap();
         feed.publish(vec![
             json!({ "type": "bearing", "station": 7, "received_utc": "1970-01-01T00:01:40Z" }),
             json!({ "type": "bearing", "station": 7, "received_utc": "1970-01-01T00:01:41Z" }),
@@ -212,6 +217,7 @@ mod tests {
             "seabearing_records_lost_total{station=\"7\"} 3",
             "seabearing_heard_timestamp_seconds{station=\"7\"} 101",
             "seabearing_alarms{code=\"RecorderSilent\",acknowledged=\"false\"} 1",
+            "seabearing_more 1",
         ] {
             assert!(text.lines().any(|l| l == line), "{line} is missing in\n{text}");
         }

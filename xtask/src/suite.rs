@@ -81,6 +81,7 @@ pub fn command(options: &[String]) -> Result<()> {
     let mut toolchain = None;
     if !host_only {
         suite.step("set-up", || {
+            toolchain::broker();
             toolchain = Some(toolchain::set_up()?);
             Ok(())
         });

@@ -108,6 +108,18 @@ pub fn emulator() -> Result<()> {
     }
 }
 
+/// An MQTT broker for the tests that need a real one; without it they are skipped, and say so.
+pub fn broker() {
+    const NAME: &str = "mosquitto";
+    // Debian has it where only the administrator looks.
+    if find(NAME).is_some() || Path::new("/usr/sbin").join(NAME).is_file() {
+        return;
+    }
+    if let Err(e) = install(&[NAME], "an MQTT broker for tests on the loopback interface") {
+        say(&format!("no {NAME}, tests with a broker are skipped: {e:#}"));
+    }
+}
+
 fn no_compiler() -> String {
     format!(
         "no compiler for {TARGET}: `rustup target add {TARGET}`, or on Debian `apt-get install --no-install-recommends \

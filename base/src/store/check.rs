@@ -2,6 +2,7 @@
 
 use super::super::Base;
 use super::super::record::rfc3339;
+use super::super::relay::RelayCounters;
 use super::damaged;
 use super::look::Look;
 use super::read::{COLUMNS, entries, resume, row};
@@ -52,10 +53,17 @@ pub fn check(folder: &Path) -> Result<Soundness> {
         };
         let (mut bytes, mut records) = (bytes, records);
         let (bytes, records): (Vec<Part<'_>>, Vec<Part<'_>>) = (all(&mut bytes), all(&mut records));
+        let mut relayed = RelayCounters::default();
         if faults.is_empty() {
-            faults.extend(as_the_bytes_say(&live, &look, &bytes, &records)?);
+            faults.extend(as_the_bytes_say(&live, &look, &bytes, &records, &mut relayed)?);
         }
-        Ok(Soundness { contents: contents(&live, &look, &bytes, &records)?, faults })
+        let mut contents = contents(&live, &look, &bytes, &records)?;
+        if relayed.logs > 0 {
+            let RelayCounters { taken, again, missing, logs } = relayed;
+            contents["relayed"] =
+                json!({ "records": taken, "again": again, "missing": missing, "base_stations": logs });
+        }
+        Ok(Soundness { contents, faults })
     });
     found.map_err(|e| damaged(e, folder)).with_context(unreadable)
 }
@@ -83,12 +91,13 @@ fn whole(db: &Connection) -> Result<Vec<String>> {
     Ok(said.into_iter().filter(|line| line != "ok").map(|line| line.replace('\n', " ")).collect())
 }
 
-/// Decodes all bytes again and compares.
+/// Decodes all bytes again and compares; `relayed` becomes what has come of other base stations.
 fn as_the_bytes_say(
     live: &Connection,
     look: &Look,
     bytes: &[Part<'_>],
     records: &[Part<'_>],
+    relayed: &mut RelayCounters,
 ) -> Result<Option<String>> {
     let (decoded, first_record): (i64, i64) = live
         .query_row("SELECT decoded, first_record FROM about", [], |r| Ok((r.get(0)?, r.get(1)?)))
@@ -138,6 +147,7 @@ fn as_the_bytes_say(
             }
         }
     }
+    *relayed = base.relay_counters();
     Ok(kept.next().is_some().then(|| format!("there are more records than the {n} that the bytes give")))
 }
 

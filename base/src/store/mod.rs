@@ -15,6 +15,7 @@ mod read;
 mod rebuild;
 mod schema;
 mod state;
+mod tail;
 mod write;
 
 #[cfg(test)]
@@ -25,6 +26,7 @@ pub use history::{History, Moment, Path as TrackPath};
 pub use months::Retain;
 pub use read::{Wanted, newest_us, positions, read, stations};
 pub use rebuild::rebuild;
+pub use tail::{Numbered, Tail};
 
 use super::record::Row;
 use super::{Base, Beginning};
@@ -67,6 +69,8 @@ pub enum Event {
     Ended(Option<String>),
     /// Something that was found beside all connections is noted, of a station: an object with its `type`.
     Noted(Option<u16>, Value),
+    /// Records of other base stations have come, as [`packed`](super::relay::packed) gives them.
+    Relayed(Vec<u8>),
 }
 
 impl Entry {
@@ -78,6 +82,7 @@ impl Entry {
             Event::Silent => base.silent(self.stream, self.received_us, out),
             Event::Ended(why) => base.end(self.stream, why.as_deref(), self.received_us, out),
             Event::Noted(station, what) => base.note(*station, what.clone(), self.received_us, out),
+            Event::Relayed(bytes) => base.relayed(bytes, out),
         }
     }
 }
@@ -239,6 +244,7 @@ impl Store {
                         note = serde_json::json!([station, what]).to_string();
                         (4, Some(note.as_bytes()))
                     }
+                    Event::Relayed(bytes) => (5, Some(bytes)),
                 };
                 newest += 1;
                 insert.execute(params![newest, entry.stream, entry.received_us, event, data])?;

@@ -4,7 +4,7 @@ use super::super::record::{Row, micros};
 use super::super::recorder::{SESSIONS, Session};
 use super::super::{Base, Beginning, Halfway};
 use super::look::Look;
-use super::schema::{number, open_to_read, station};
+use super::schema::{knows_relayed, number, open_to_read, station};
 use super::write::unpacked;
 use super::{Entry, Event, damaged, earlier};
 use anyhow::{Context, Result};
@@ -52,6 +52,25 @@ pub(super) fn resume(db: &Connection, base: &mut Base) -> Result<()> {
     for row in rows.into_iter().rev() {
         let of = row.station;
         base.recorder(of).keep_track(row, REPORTS as usize);
+    }
+    if knows_relayed(db, "main")? { resume_relayed(db, base) } else { Ok(()) }
+}
+
+/// What has come of other base stations.
+fn resume_relayed(db: &Connection, base: &mut Base) -> Result<()> {
+    let mut runs = db.prepare("SELECT log, first, last FROM relayed")?;
+    let runs = runs.query_map([], |r| Ok((r.get::<_, i64>(0)?, r.get::<_, i64>(1)?, r.get::<_, i64>(2)?)))?;
+    for run in runs {
+        let (log, first, last) = run?;
+        base.sources.seen.entry(log as u64).or_default().runs.insert(first as u64, last as u64);
+    }
+    let mut sessions = db.prepare("SELECT log, station, session, here FROM relayed_sessions")?;
+    let sessions = sessions.query_map([], |r| {
+        Ok(((r.get::<_, i64>(0)? as u64, station(r.get(1)?), r.get(2)?), r.get::<_, u32>(3)?))
+    })?;
+    for known in sessions {
+        let (of, here) = known?;
+        base.sources.sessions.insert(of, here);
     }
     Ok(())
 }
@@ -126,6 +145,7 @@ pub(super) fn entries(
                 let (station, what) = serde_json::from_slice(&data.unwrap_or_default()).unwrap_or_default();
                 Event::Noted(station, what)
             }
+            5 => Event::Relayed(data.unwrap_or_default()),
             _ => Event::Ended(data.map(|d| String::from_utf8_lossy(&d).into_owned())),
         };
         Ok((r.get(0)?, Entry { stream, received_us: r.get(2)?, event }))

@@ -4,7 +4,7 @@ use super::super::Base;
 use super::look::{Look, Start};
 use super::months::{Retain, folder, months};
 use super::read::{entries, resume};
-use super::schema::{FILE, open_file_to_read, open_month, station};
+use super::schema::{FILE, knows_relayed, open_file_to_read, open_month, station};
 use super::state::Replay;
 use super::{Event, Store, damaged};
 use anyhow::{Context, Result, bail};
@@ -167,6 +167,12 @@ impl Store {
              INSERT INTO clocks SELECT * FROM state.clocks;
              INSERT OR IGNORE INTO clocks SELECT id, station, session, body FROM state.records WHERE kind IN (7, 12);",
         )?;
+        if knows_relayed(&self.db, "state")? {
+            self.db.execute_batch(
+                "INSERT INTO relayed SELECT * FROM state.relayed;
+                 INSERT INTO relayed_sessions SELECT * FROM state.relayed_sessions;",
+            )?;
+        }
         self.db.execute("INSERT INTO months SELECT * FROM old.months WHERE bytes <= ?1", [start.bytes])?;
         self.db.execute(
             "UPDATE about SET decoded = ?1, first_kept = ?1 + 1, moved_bytes = ?1, moved_records = ?2,

@@ -46,6 +46,15 @@ CREATE INDEX IF NOT EXISTS records_undated ON records(station, session) WHERE ut
 CREATE INDEX IF NOT EXISTS records_by_station ON records(station, kind, utc_us) WHERE utc_us IS NOT NULL;
 ";
 
+/// What is known of records that come from other base stations: which have come, in runs of their numbers, and the sessions
+/// that they are of here.
+const RELAYED: &str = "
+CREATE TABLE IF NOT EXISTS relayed(log INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL,
+    PRIMARY KEY(log, first)) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS relayed_sessions(log INTEGER NOT NULL, station INTEGER NOT NULL, session INTEGER NOT NULL,
+    here INTEGER NOT NULL, PRIMARY KEY(log, station, session)) WITHOUT ROWID;
+";
+
 /// What makes the second layout of the first: months. Those that a store of the first layout holds become months of their
 /// own, whose beginnings were not kept.
 const SECOND: &str = "
@@ -104,12 +113,13 @@ pub(super) fn open(folder: &Path) -> Result<Connection> {
         made.execute_batch(SECOND)?;
         made.commit()?;
     }
+    db.execute_batch(RELAYED)?;
     Ok(db)
 }
 
 /// Makes the tables of an empty store.
 pub(super) fn tables_of_a_store(db: &Connection) -> Result<()> {
-    [BYTES, RECORDS, TABLES, SECOND].iter().try_for_each(|tables| Ok(db.execute_batch(tables)?))
+    [BYTES, RECORDS, TABLES, SECOND, RELAYED].iter().try_for_each(|tables| Ok(db.execute_batch(tables)?))
 }
 
 /// Opens a month's file to write into it; makes it where there is none.
@@ -147,4 +157,10 @@ fn known(db: &Connection) -> Result<i64> {
         bail!("it was written by a later version (layout {layout}, this program knows {VERSION})");
     }
     Ok(layout)
+}
+
+/// Whether a file of a store has the tables of records of other base stations, which those of earlier versions have not.
+pub(super) fn knows_relayed(db: &Connection, file: &str) -> Result<bool> {
+    let query = format!("SELECT EXISTS(SELECT 1 FROM {file}.sqlite_schema WHERE name = 'relayed_sessions')");
+    Ok(db.query_row(&query, [], |r| r.get(0))?)
 }

@@ -44,7 +44,9 @@ fn fill(store: &Connection, open: &BTreeSet<u32>, path: &Path) -> Result<()> {
          INSERT INTO sessions SELECT * FROM store.sessions;
          INSERT INTO logs SELECT * FROM store.logs;
          INSERT INTO stations SELECT * FROM store.stations;
-         INSERT INTO clocks SELECT * FROM store.clocks;",
+         INSERT INTO clocks SELECT * FROM store.clocks;
+         INSERT INTO relayed SELECT * FROM store.relayed;
+         INSERT INTO relayed_sessions SELECT * FROM store.relayed_sessions;",
     )?;
     {
         let mut streams = db.prepare("INSERT INTO streams SELECT * FROM store.streams WHERE stream = ?1")?;

@@ -66,6 +66,7 @@ pub(super) fn state(db: &Transaction<'_>, store: &Path, base: &mut Base) -> Resu
         let Some(progress) = base.logs.get(&(*of, *log)) else { continue };
         db.execute("INSERT OR REPLACE INTO logs VALUES(?1, ?2, ?3)", params![of, log, packed(progress)])?;
     }
+    relayed(db, base)?;
     for stream in base.changed_streams.clone() {
         let Some(known) = base.halfway(stream) else { continue };
         let (replaced_us, replaced_by) = known.replaced.unzip();
@@ -85,6 +86,28 @@ pub(super) fn state(db: &Transaction<'_>, store: &Path, base: &mut Base) -> Resu
                 known.log.map(|l| l.boot),
                 known.log.map(|l| l.config_hash as i64)
             ],
+        )?;
+    }
+    Ok(())
+}
+
+/// What has changed of what came from other base stations.
+fn relayed(db: &Transaction<'_>, base: &Base) -> Result<()> {
+    let mut put = db.prepare("INSERT OR REPLACE INTO relayed VALUES(?1, ?2, ?3)")?;
+    let mut drop = db.prepare("DELETE FROM relayed WHERE log = ?1 AND first = ?2")?;
+    for (log, seen) in &base.sources.seen {
+        for first in &seen.changed {
+            match seen.runs.get(first) {
+                Some(last) => put.execute(params![*log as i64, *first as i64, *last as i64])?,
+                None => drop.execute(params![*log as i64, *first as i64])?,
+            };
+        }
+    }
+    for of in &base.sources.changed {
+        let (log, station, session) = of;
+        db.execute(
+            "INSERT OR REPLACE INTO relayed_sessions VALUES(?1, ?2, ?3, ?4)",
+            params![*log as i64, number(*station), session, base.sources.sessions.get(of)],
         )?;
     }
     Ok(())

@@ -19,6 +19,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+/// Options that say where telemetry comes from.
+#[cfg(feature = "mqtt")]
+const ORIGINS: [&str; 6] = ["input", "serial", "tcp", "listen", "stations", "from_mqtt"];
+#[cfg(not(feature = "mqtt"))]
+const ORIGINS: [&str; 5] = ["input", "serial", "tcp", "listen", "stations"];
+
 /// Arguments of `seabearing base`.
 #[derive(clap::Args)]
 #[command(
@@ -28,6 +34,8 @@ use std::time::Duration;
     seabearing base --stations stations.toml --store out/network --retain raw=3m,records=2y\n  \
     seabearing base --stations stations.toml --store out/network --page 127.0.0.1:8080\n  \
     seabearing base --stations stations.toml --store out/network --ais udp:0.0.0.0:10110\n  \
+    seabearing base --listen 0.0.0.0:4500 --store out/north --mqtt mqtt://127.0.0.1:1883/seabearing/north\n  \
+    seabearing base --from-mqtt centre.toml --stations stations.toml --store out/centre\n  \
     seabearing base check --store out/base\n\n\
     A stations file is a list of [[stations]] with the keys of [station] and\n  \
     line = \"listen:ADDR:PORT\", \"tcp:HOST:PORT\", \"serial:DEVICE:BAUD\" or \"file:PATH\"\n  \
@@ -36,7 +44,7 @@ use std::time::Duration;
     orientation_sd_deg = 0.5, how well its orientation is known; bearings of stations with positions are fused"
 )]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-#[command(group(clap::ArgGroup::new("origin").required(true).multiple(true).args(["input", "serial", "tcp", "listen", "stations"])))]
+#[command(group(clap::ArgGroup::new("origin").required(true).multiple(true).args(ORIGINS)))]
 pub struct Args {
     #[command(subcommand)]
     action: Option<Action>,
@@ -101,6 +109,10 @@ pub struct Args {
     #[cfg(feature = "page")]
     #[arg(long, value_name = "ADDRESS:PORT")]
     page: Option<String>,
+    /// Records over a broker
+    #[cfg(feature = "mqtt")]
+    #[command(flatten)]
+    mqtt: super::base_mqtt::Mqtt,
     /// What else watches the records
     #[command(flatten)]
     watch: super::base_watch::Watch,
@@ -184,7 +196,13 @@ pub fn run(args: Args) -> Result<()> {
     }
     let alarms = args.watch.read(&places, args.store.is_some())?;
     let lines = args.lines(&listed, station.as_ref().map(|s| s.config.id).filter(|id| *id > 0));
-    if lines.is_empty() {
+    #[cfg(feature = "mqtt")]
+    let brokers = args.mqtt.read()?;
+    #[cfg(feature = "mqtt")]
+    let brought = brokers.brings();
+    #[cfg(not(feature = "mqtt"))]
+    let brought = false;
+    if lines.is_empty() && !brought {
         bail!("{}: no station has a `line`", args.stations.unwrap_or_default().display());
     }
     #[cfg(feature = "page")]
@@ -216,6 +234,12 @@ pub fn run(args: Args) -> Result<()> {
     };
     let names: Vec<String> = lines.iter().map(|l| l.origin.to_string()).collect();
     let mut service = Service::start(base, store, lines, rules)?;
+    #[cfg(feature = "mqtt")]
+    let mqtt = brokers.start(&mut service, args.store.as_deref())?;
+    #[cfg(feature = "mqtt")]
+    let counters = mqtt.counters();
+    #[cfg(not(feature = "mqtt"))]
+    let counters = String::new;
     if let Some(every) = args.tell_utc {
         let keys: BTreeMap<u16, _> = listed.iter().filter_map(|s| Some((s.config.id, s.key?))).collect();
         for s in listed.iter().filter(|s| s.key.is_none()) {
@@ -232,7 +256,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let before = service.base().counters();
     let must_show = service.ends() || args.store.is_none();
-    let alarms = args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places)?;
+    let alarms = args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places, counters)?;
     let fusion = fuse(&service, &listed, args.store.as_deref())?;
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
     let reads_keys = args.input.iter().any(|path| path.as_os_str() == "-");
@@ -247,6 +271,8 @@ pub fn run(args: Args) -> Result<()> {
     };
     while service.turn()? {
         tell(service.notes());
+        #[cfg(feature = "mqtt")]
+        tell(mqtt.notes());
         let shown = screen.look();
         if shown.is_err() && !must_show {
             log::warn!("nobody takes the results any more; storing goes on");
@@ -260,6 +286,11 @@ pub fn run(args: Args) -> Result<()> {
         while service.take_noted()? {}
     }
     tell(service.notes());
+    #[cfg(feature = "mqtt")]
+    {
+        mqtt.settle(args.store.is_some());
+        tell(mqtt.notes());
+    }
     let after = service.base().counters();
     // Of streams without a single frame there is nothing to show but the reason.
     if after.stream.frames == before.stream.frames {

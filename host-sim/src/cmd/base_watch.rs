@@ -71,7 +71,7 @@ impl Watch {
         Ok(Some(alarms))
     }
 
-    /// Starts what is asked for; gives the alarms of the store, oldest first.
+    /// Starts what is asked for; gives the alarms of the store, oldest first. `more`: counters of others.
     pub(super) fn start(
         &self,
         alarms: Option<Alarms>,
@@ -79,13 +79,14 @@ impl Watch {
         store: Option<&Path>,
         listed: &[Listed],
         places: &Positions,
+        more: impl Fn() -> String + Clone + Send + Sync + 'static,
     ) -> Result<Vec<Value>> {
         let known = known(places);
         if let Some(at) = &self.nmea {
             log::info!("NMEA 0183 for chart plotters at {}", nmea::serve(at, &known, service.feed())?);
         }
         if let Some(at) = &self.metrics {
-            log::info!("counters at http://{}/metrics", metrics::serve(at, service.feed())?);
+            log::info!("counters at http://{}/metrics", metrics::serve(at, service.feed(), more)?);
         }
         if !self.ais.is_empty() {
             let live = Live::new(&known, matching::Rules::default());

@@ -11,6 +11,8 @@ mod base_clock;
 mod base_configure;
 #[cfg(feature = "base")]
 mod base_listen;
+#[cfg(feature = "mqtt")]
+mod base_mqtt;
 #[cfg(feature = "page")]
 mod base_page;
 #[cfg(feature = "base")]

@@ -19,7 +19,7 @@ enum Otherwise {
 use Otherwise::{Lacks, Parsed, Waits};
 
 /// Commands that are not run to their end, and why.
-const OTHERWISE: [(&str, Otherwise, &str); 11] = [
+const OTHERWISE: [(&str, Otherwise, &str); 13] = [
     ("seabearing base --serial /dev/ttyACM0 --store out/base", Waits("/dev/ttyACM0"), "needs a device"),
     ("seabearing base --serial /dev/ttyACM0", Waits("/dev/ttyACM0"), "needs a device"),
     (
@@ -31,6 +31,16 @@ const OTHERWISE: [(&str, Otherwise, &str); 11] = [
         "seabearing base --stations stations.toml --store out/network --alarms alarms.toml --page 127.0.0.1:8080",
         Waits("http://127.0.0.1:"),
         "waits for recorders",
+    ),
+    (
+        "seabearing base --listen 0.0.0.0:4500 --store out/north --mqtt mqtt://127.0.0.1:1883/seabearing/north",
+        Waits("records to mqtt://127.0.0.1:1883"),
+        "waits for recorders",
+    ),
+    (
+        "seabearing base --from-mqtt mqtt://127.0.0.1:1883/seabearing/north --stations stations.toml --store out/centre",
+        Waits("records from mqtt://127.0.0.1:1883"),
+        "waits for a broker",
     ),
     (
         "seabearing base send --stations stations.toml --station 7 station my-station.toml",

@@ -1,0 +1,164 @@
+use super::super::store::{Entry, Event, Retain, Store, Tail, Wanted, check, read, rebuild};
+use super::super::tests::{a_track, end, frames, hello_of};
+use super::super::{Base, Beginning};
+use super::*;
+use proptest::prelude::*;
+use seabearing_core::wire::{Encoder, Message, Time};
+use serde_json::Value;
+use std::path::Path;
+
+/// 2026-09-21.
+const NOW_US: i64 = 1_790_000_000_000_000;
+
+fn take(store: &mut Store, base: &mut Base, stream: u32, received_us: i64, event: Event) -> usize {
+    let entry = Entry { stream, received_us: Some(received_us), event };
+    store.keep(std::slice::from_ref(&entry)).unwrap();
+    let mut rows = Vec::new();
+    entry.tell(base, 0, None, &mut rows);
+    store.derive(base, &rows).unwrap();
+    rows.len()
+}
+
+fn records(folder: &Path) -> Vec<Value> {
+    let mut all = Vec::new();
+    read(folder, &Wanted::default(), |r| all.push(r)).unwrap();
+    all
+}
+
+/// A base station that has heard a station's session, as a store of its own; and all of it as it is relayed.
+fn heard(folder: &Path, bytes: &[u8], log: u64) -> Vec<Relayed> {
+    let mut base = Base::new(None);
+    let mut store = Store::open(folder, &mut base).unwrap();
+    take(
+        &mut store,
+        &mut base,
+        1,
+        NOW_US,
+        Event::Began(Beginning { line: "x".into(), ..Beginning::default() }),
+    );
+    take(&mut store, &mut base, 1, NOW_US, Event::Bytes(bytes.to_vec()));
+    let mut tail = Tail::open(folder).unwrap();
+    let all = tail.after(0, 1000).unwrap();
+    assert_eq!(all.last().unwrap().number, tail.newest().unwrap());
+    all.iter().map(|n| Relayed::of(&n.row, log, n.number as u64, n.rate_hz)).collect()
+}
+
+/// Hello, a track before UTC is known, UTC, and what follows.
+fn session() -> Vec<u8> {
+    let mut encoder = Encoder::default();
+    let time = Time { index: 500, utc_us: NOW_US, sd_s: 1e-3, drift: 0.0, sd_drift: 1e-7, correlation: 0.0 };
+    let messages = [hello_of(7), Message::Track(a_track()), Message::Time(time), end(900), end(1000)];
+    messages.iter().flat_map(|m| encoder.frame(m).to_vec()).collect()
+}
+
+#[test]
+fn a_centre_has_the_records_of_a_base_station_as_they_are_there_and_each_once() {
+    let (near, far) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let relayed = heard(near.path(), &session(), 5);
+    // Each comes as it was when it was stored: before `Time` without UTC.
+    let undated: Vec<Relayed> =
+        relayed.iter().map(|r| Relayed { utc: r.utc.filter(|_| r.number > 2), ..r.clone() }).collect();
+    let (mut base, mut came) = (Base::new(None), 0);
+    let mut store = Store::open(far.path(), &mut base).unwrap();
+    for (part, now_us) in [(&undated[..3], NOW_US), (&undated[1..4], NOW_US), (&undated[..], NOW_US + 1)] {
+        came += take(&mut store, &mut base, 0, now_us, Event::Relayed(packed(part).unwrap()));
+    }
+    assert_eq!(came, relayed.len());
+    assert_eq!(records(far.path()), records(near.path()));
+    assert!(
+        records(far.path())
+            .iter()
+            .any(|r| r["type"] == "track" && r["utc"].is_string() && r["t_s"].is_number())
+    );
+    let counters = base.relay_counters();
+    assert_eq!(counters, RelayCounters { taken: 5, again: 6, missing: 0, logs: 1 });
+    // Started again, and killed between keeping and decoding.
+    let more = Relayed { number: 9, ..relayed[4].clone() };
+    let again = [relayed.clone(), vec![more]].concat();
+    let event = Event::Relayed(packed(&again).unwrap());
+    store.keep(&[Entry { stream: 0, received_us: Some(NOW_US + 2), event }]).unwrap();
+    drop(store);
+    let mut base = Base::new(None);
+    let store = Store::open(far.path(), &mut base).unwrap();
+    assert_eq!(base.relay_counters().missing, 3);
+    assert_eq!(store.resumed(), 6);
+    drop(store);
+    assert!(check(far.path()).unwrap().faults.is_empty());
+    let before = records(far.path());
+    rebuild(far.path()).unwrap();
+    assert_eq!(records(far.path()), before);
+}
+
+#[test]
+fn what_has_come_is_known_beyond_the_end_of_a_month_and_without_the_bytes_before() {
+    let (near, far) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let relayed = heard(near.path(), &session(), u64::MAX);
+    let month_us = 31 * 86_400_000_000;
+    let mut base = Base::new(None);
+    let mut store = Store::open(far.path(), &mut base).unwrap();
+    for (n, part) in [&relayed[..2], &relayed[..3], &relayed[2..4], &relayed[..]].into_iter().enumerate() {
+        take(&mut store, &mut base, 0, NOW_US + n as i64 * month_us, Event::Relayed(packed(part).unwrap()));
+        while store.tidy(Retain { raw: Some(1), records: None }).unwrap() {}
+    }
+    drop(store);
+    assert_eq!(records(far.path()), records(near.path()));
+    assert!(check(far.path()).unwrap().faults.is_empty());
+    rebuild(far.path()).unwrap();
+    assert_eq!(records(far.path()), records(near.path()));
+    // A store's tail goes through the files of its months.
+    let numbers = |after, most| {
+        let found = Tail::open(far.path()).unwrap().after(after, most).unwrap();
+        found.iter().map(|n| n.number).collect::<Vec<_>>()
+    };
+    assert_eq!((numbers(0, 9), numbers(1, 3)), (vec![1, 2, 3, 4, 5], vec![2, 3, 4]));
+    let first = Tail::open(far.path()).unwrap().after(0, 1).unwrap().remove(0);
+    assert_eq!((first.row.station, first.rate_hz), (Some(7), Some(1000.0)));
+}
+
+#[test]
+fn a_station_heard_by_two_base_stations_has_sessions_of_both() {
+    let (one, two, far) =
+        (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let first = heard(one.path(), &frames(7, 3).concat(), 1);
+    let second = heard(two.path(), &frames(7, 2).concat(), 2);
+    let mut base = Base::new(None);
+    let mut store = Store::open(far.path(), &mut base).unwrap();
+    let mixed = [&first[..2], &second[..2], &first[2..], &second[2..]].concat();
+    take(&mut store, &mut base, 0, NOW_US, Event::Relayed(packed(&mixed).unwrap()));
+    let sessions: Vec<u64> = records(far.path()).iter().filter_map(|r| r["session"].as_u64()).collect();
+    assert_eq!(sessions, [1, 1, 2, 2, 1, 1, 2]);
+}
+
+#[test]
+fn what_another_base_station_found_itself_is_left_out_and_damage_is_named() {
+    let mut base = Base::new(None);
+    let said = |kind: &str, number| {
+        let body = Body::Said(serde_json::json!({ "type": kind }));
+        let row = Row { station: Some(7), session: None, sequence: None, utc: None, received_us: None, body };
+        Relayed::of(&row, 1, number, None)
+    };
+    let all = [said("network_track", 1), said("alarm", 2), said("line", 3)];
+    let mut rows = Vec::new();
+    base.relayed(&packed(&all).unwrap(), &mut rows);
+    assert_eq!(rows.len(), 1);
+    assert_eq!(base.relay_counters().missing, 0);
+    base.relayed(&[200, 1], &mut rows);
+    base.relayed(&packed(&[Relayed { kind: 1, body: vec![255], ..said("line", 4) }]).unwrap(), &mut rows);
+    let warnings = base.warnings();
+    assert!(rows.len() == 1 && warnings.len() == 2, "{warnings:?}");
+}
+
+proptest! {
+    #![proptest_config(seabearing_testkit::property(300))]
+    #[test]
+    fn runs_of_numbers_join_whatever_their_order(numbers in proptest::collection::vec(0u64..40, 0..80)) {
+        let (mut seen, mut all) = (Seen::default(), BTreeSet::new());
+        for n in &numbers {
+            prop_assert_eq!(seen.take(*n), all.insert(*n));
+        }
+        let known: Vec<u64> = seen.runs.iter().flat_map(|(first, last)| *first..=*last).collect();
+        prop_assert!(known.iter().eq(&all));
+        let next = seen.runs.keys().skip(1);
+        prop_assert!(seen.runs.values().zip(next).all(|(last, next)| last + 1 < *next), "{:?}", seen.runs);
+    }
+}

@@ -1,0 +1,103 @@
+//! The way of `seabearing base` over a broker: records published (`--mqtt`), and those of other base stations taken
+//! (`--from-mqtt`).
+
+use crate::base::service::Service;
+use crate::base::store::Tail;
+use anyhow::Result;
+use seabearing_watch::mqtt::broker::Broker;
+use seabearing_watch::mqtt::publish::{self, Publisher, Source};
+use seabearing_watch::mqtt::subscribe::{self, Subscriber};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Longest that the end of all input waits for the broker.
+const SETTLE: Duration = Duration::from_secs(30);
+
+/// Options.
+#[derive(clap::Args)]
+pub(super) struct Mqtt {
+    /// Publish every record to this broker: mqtt://[USER@]HOST[:PORT][/PREFIX], the same with mqtts, or a TOML file
+    #[arg(long, value_name = "BROKER")]
+    mqtt: Option<String>,
+    /// Take the records that other base stations publish to this broker
+    #[arg(long, value_name = "BROKER")]
+    from_mqtt: Option<String>,
+}
+
+/// The brokers, read and not yet spoken to.
+pub(super) struct Brokers {
+    to: Option<Broker>,
+    from: Option<Broker>,
+}
+
+/// What is at work.
+#[derive(Default)]
+pub(super) struct AtWork {
+    publisher: Option<Publisher>,
+    subscriber: Option<Subscriber>,
+}
+
+impl Mqtt {
+    /// Reads what is said of brokers: before anything is begun.
+    pub(super) fn read(&self) -> Result<Brokers> {
+        let read = |text: &Option<String>| text.as_deref().map(Broker::read).transpose();
+        Ok(Brokers { to: read(&self.mqtt)?, from: read(&self.from_mqtt)? })
+    }
+}
+
+impl Brokers {
+    /// Whether records come from a broker.
+    pub(super) fn brings(&self) -> bool {
+        self.from.is_some()
+    }
+
+    /// Starts what is asked for.
+    pub(super) fn start(self, service: &mut Service, store: Option<&Path>) -> Result<AtWork> {
+        let mut at_work = AtWork::default();
+        if let Some(broker) = self.to {
+            let source = match store {
+                Some(folder) => Source::Store(Tail::open(folder)?),
+                None => Source::Memory(service.waiting(broker.room)),
+            };
+            log::info!("records to {broker}, topics {}/STATION/TYPE", broker.prefix);
+            at_work.publisher = Some(publish::start(broker, source, store)?);
+        }
+        if let Some(broker) = self.from
+            && let Some(door) = service.door()
+        {
+            log::info!("records from {broker}");
+            at_work.subscriber = Some(subscribe::start(broker, door, store)?);
+        }
+        Ok(at_work)
+    }
+}
+
+impl AtWork {
+    /// What a person should know; each is told once.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let of = self.publisher.iter().map(Publisher::counts);
+        of.chain(self.subscriber.iter().map(Subscriber::counts)).flat_map(|counts| counts.notes()).collect()
+    }
+
+    /// Counters for Prometheus.
+    pub(super) fn counters(&self) -> impl Fn() -> String + Clone + Send + Sync + 'static {
+        let publisher = self.publisher.as_ref().map(|p| Arc::clone(p.counts()));
+        let subscriber = self.subscriber.as_ref().map(|s| Arc::clone(s.counts()));
+        move || {
+            let text = |counts: &Option<Arc<seabearing_watch::mqtt::Counts>>, way| {
+                counts.as_ref().map_or(String::new(), |counts| counts.text(way))
+            };
+            text(&publisher, "publish") + &text(&subscriber, "subscribe")
+        }
+    }
+
+    /// All input has ended: the broker is given time to take what there is.
+    pub(super) fn settle(&self, kept: bool) {
+        let left = self.publisher.as_ref().map_or(0, |p| p.settle(SETTLE));
+        if left > 0 {
+            let then = if kept { "they wait in the store" } else { "they are lost" };
+            log::warn!("{left} records are not published: {then}");
+        }
+    }
+}
