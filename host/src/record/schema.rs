@@ -37,22 +37,10 @@ struct WhereKnown {
     /// Sequence number of its frame, or its place in the log of a link; only in a base station's records.
     #[serde(skip_serializing_if = "Option::is_none")]
     sequence: Option<u32>,
-    /// What a broker's readers need beside the record; only where it is published over MQTT.
+    /// Only where it is published over MQTT (docs/fleet.md): `base` that publishes it, `log` (the number of its store), `number`
+    /// of the record there, and `packed`, what another base station needs to keep it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    relay: Option<Relay>,
-}
-
-/// A record on its way over a broker (docs/fleet.md).
-#[derive(Serialize, JsonSchema)]
-struct Relay {
-    /// What the base station is called that publishes it.
-    base: String,
-    /// Number of the store that it is from, 16 hexadecimal digits.
-    log: String,
-    /// Number of the record in that store, from 1: with `log` it is this record and no other.
-    number: u64,
-    /// The record as another base station keeps it, hexadecimal digits.
-    packed: String,
+    relay: Option<Map<String, Value>>,
 }
 
 /// A base station is at its broker, or is there no more; only on a broker, where it is retained (docs/fleet.md).
