@@ -47,6 +47,8 @@ const EXAMPLES: [(&str, &[Expected]); 26] = [
             Lacks("stations.toml"),
             Lacks("stations.toml"),
             Lacks("stations.toml"),
+            Waits("records to mqtt://127.0.0.1:1883"),
+            Lacks("stations.toml"),
             Runs,
         ],
     ),
