@@ -19,6 +19,7 @@ fn main() -> std::process::ExitCode {
 
 fn run(cli: Cli) -> std::process::ExitCode {
     logging::begin(&cli.verbosity);
+    seabearing::plot::format::write_as(&cli.pictures);
     match cli.command.run() {
         Ok(()) => std::process::ExitCode::SUCCESS,
         // The reader of our output has gone (`seabearing … | head`): nothing is wrong.

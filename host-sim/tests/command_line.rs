@@ -75,6 +75,27 @@ fn a_recording_its_records_and_tables_come_from_standard_input() {
 }
 
 #[test]
+fn pictures_are_what_is_asked_for() {
+    let (folder, wav) = pass();
+    let process = ["process", "--station", "pass/station.toml", "-", "--plots", "drawn"];
+    let names = |more: &[&str]| {
+        let out = seabearing(folder.path(), &wav, &[&process[..], more].concat());
+        assert!(out.status.success(), "{}", said(&out));
+        let entries = std::fs::read_dir(folder.path().join("drawn")).unwrap().flatten();
+        let mut names: Vec<_> = entries.map(|e| e.file_name().into_string().unwrap()).collect();
+        names.sort();
+        std::fs::remove_dir_all(folder.path().join("drawn")).unwrap();
+        names
+    };
+    assert_eq!(names(&[]), ["bearings.svg", "correlations.svg", "tracks.svg"]);
+    let both =
+        ["bearings.pdf", "bearings.png", "correlations.pdf", "correlations.png", "tracks.pdf", "tracks.png"];
+    assert_eq!(names(&["--pictures", "png,pdf"]), both);
+    let out = seabearing(folder.path(), b"", &["--pictures", "gif", "process", "--station", "x", "-"]);
+    assert!(out.status.code() == Some(2) && said(&out).contains("svg, png, pdf"), "{}", said(&out));
+}
+
+#[test]
 fn what_is_wrong_with_standard_input_is_said_by_its_name() {
     let (folder, _) = pass();
     for (input, arguments, words) in [

@@ -105,6 +105,9 @@ pub struct Cli {
     /// What is to be done.
     #[command(subcommand)]
     pub command: Subcommand,
+    /// What pictures are written as: svg, png, pdf; several with commas between them
+    #[arg(long, global = true, value_name = "FORMAT,..", value_delimiter = ',', default_value = "svg")]
+    pub pictures: Vec<crate::plot::format::Format>,
     /// How much is said of it.
     #[command(flatten)]
     pub verbosity: clap_verbosity_flag::Verbosity<clap_verbosity_flag::InfoLevel>,

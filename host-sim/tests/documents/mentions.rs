@@ -1,15 +1,14 @@
 //! Code within lines: subcommands, options, experiments, tasks and files that are named exist.
 
 use crate::text::{documents, root};
-use clap::{Command, Subcommand};
+use clap::{Command, CommandFactory};
 
 /// Options of others: of cargo.
 const OF_CARGO: [&str; 5] = ["--features", "--no-default-features", "--bench", "--path", "--release"];
 
 /// The whole command.
 pub fn command() -> Command {
-    let mut command = seabearing::cmd::Subcommand::augment_subcommands(Command::new("seabearing"));
-    command = command.version("0").propagate_version(true);
+    let mut command = seabearing::cmd::Cli::command();
     command.build();
     command
 }

@@ -19,6 +19,7 @@ mod axis;
 mod colour;
 pub mod correlation;
 mod draw;
+pub mod format;
 
 pub mod result;
 
@@ -225,7 +226,7 @@ impl Plot {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        crate::atomic::write(path, self.svg()?.as_bytes())
+        format::write(path, &self.svg()?)
     }
 
     fn add(&mut self, name: &str, width: f64, shape: Shape) -> &mut Self {
@@ -246,7 +247,7 @@ impl Plot {
 /// # Errors
 /// The file cannot be written.
 pub fn write_panels(path: &Path, figures: &[&Plot], columns: usize) -> Result<()> {
-    crate::atomic::write(path, draw::page(figures, columns)?.as_bytes())
+    format::write(path, &draw::page(figures, columns)?)
 }
 
 /// A cyclic curve (degrees) cut where it jumps by more than half a turn, so that it is not drawn across the figure.
