@@ -212,7 +212,7 @@ impl Base {
     /// What has come of other base stations.
     pub fn relay_counters(&self) -> RelayCounters {
         let Sources { taken, again, seen, .. } = &self.sources;
-        let missing = seen.values().map(Seen::missing).sum();
+        let missing = seen.values().map(Seen::missing).fold(0, u64::saturating_add);
         RelayCounters { taken: *taken, again: *again, missing, logs: seen.len() as u64 }
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::base::service::Service;
 use crate::base::store::Tail;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use seabearing_watch::mqtt::broker::Broker;
 use seabearing_watch::mqtt::publish::{self, Publisher, Source};
 use seabearing_watch::mqtt::subscribe::{self, Subscriber};
@@ -42,7 +42,17 @@ impl Mqtt {
     /// Reads what is said of brokers: before anything is begun.
     pub(super) fn read(&self) -> Result<Brokers> {
         let read = |text: &Option<String>| text.as_deref().map(Broker::read).transpose();
-        Ok(Brokers { to: read(&self.mqtt)?, from: read(&self.from_mqtt)? })
+        let brokers = Brokers { to: read(&self.mqtt)?, from: read(&self.from_mqtt)? };
+        if let (Some(to), Some(from)) = (&brokers.to, &brokers.from)
+            && from.hears(to)
+        {
+            bail!(
+                "--from-mqtt takes the topics below {} that --mqtt publishes, on one broker: records would go round for \
+                 ever; give --mqtt another prefix",
+                to.prefix
+            );
+        }
+        Ok(brokers)
     }
 }
 
@@ -67,7 +77,8 @@ impl Brokers {
             && let Some(door) = service.door()
         {
             log::info!("records from {broker}");
-            at_work.subscriber = Some(subscribe::start(broker, door, store)?);
+            let own = at_work.publisher.as_ref().map(Publisher::log);
+            at_work.subscriber = Some(subscribe::start(broker, door, store, own)?);
         }
         Ok(at_work)
     }

@@ -175,7 +175,7 @@ pub fn time_of(line: &str) -> Option<f64> {
     let t_s: f64 = of_tag.or_else(behind)?.parse().ok()?;
     // Some write milliseconds.
     let t_s = if t_s > 1e11 { t_s * 1e-3 } else { t_s };
-    (t_s > 1e8).then_some(t_s)
+    (1e8..1e10).contains(&t_s).then_some(t_s)
 }
 
 /// What a file of sentences holds.
@@ -324,6 +324,11 @@ mod tests {
         assert!((reports[1].t_s - 1_700_000_100.0).abs() <= 30.0);
         assert!(bad[0].starts_with("x.nmea, line 4: no sentence"), "{bad:?}");
         assert!(file(CLASS_A, "x").unwrap_err().to_string().contains("when it was received"));
+        // No time that there is.
+        assert_eq!(
+            ["inf", "NaN", "1e300", "-5"].map(|c| time_of(&format!("\\c:{c}*00\\{CLASS_A}"))),
+            [None; 4]
+        );
         assert!(file("!AIVDM,x", "x").unwrap_err().to_string().contains("no position report"));
     }
 }

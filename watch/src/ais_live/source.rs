@@ -18,10 +18,14 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_millis(200);
 /// Time between attempts to open a source again: at first, and at most.
 const RETRY: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+/// A connection that has lasted for so long was one.
+const LASTS: Duration = Duration::from_secs(30);
 /// A source that says nothing for so long is named, and a connection made anew.
 const SILENT: Duration = Duration::from_secs(180);
 /// Broken sentences are told at most so often.
 const BROKEN: Duration = Duration::from_secs(600);
+/// That its clock is off, or right again, is told at most so often.
+const CLOCK: Duration = Duration::from_secs(600);
 /// Longest line; what is longer is no sentence.
 const LONGEST: usize = 1024;
 /// Times of sentences may lie so far from this computer's clock, s: else they are told of, and used.
@@ -151,6 +155,7 @@ struct Reader<'a> {
     broken: u64,
     told_broken: Option<Instant>,
     clock_off: bool,
+    told_clock: Option<Instant>,
 }
 
 impl<'a> Reader<'a> {
@@ -165,6 +170,7 @@ impl<'a> Reader<'a> {
             broken: 0,
             told_broken: None,
             clock_off: false,
+            told_clock: None,
         }
     }
 
@@ -175,14 +181,12 @@ impl<'a> Reader<'a> {
 
     /// Opens the source again and again.
     fn call(mut self) {
-        let (mut wait, mut away) = (RETRY.0, false);
+        let mut wait = RETRY.0;
         loop {
+            let begun = Instant::now();
             let why = match open(self.source) {
                 Ok(from) => {
-                    if std::mem::take(&mut away) && !self.note("AisBack", "it is there again") {
-                        return;
-                    }
-                    (self.heard, wait) = (Instant::now(), RETRY.0);
+                    self.heard = Instant::now();
                     match self.read(from) {
                         Some(why) => why,
                         None => return,
@@ -191,7 +195,11 @@ impl<'a> Reader<'a> {
                 Err(e) => format!("{e:#}"),
             };
             self.line.clear();
-            if !std::mem::replace(&mut away, true)
+            // One that lets in and sends away at once is not called every second.
+            if begun.elapsed() > LASTS {
+                wait = RETRY.0;
+            }
+            if !std::mem::replace(&mut self.silent, true)
                 && !self.note("AisAway", &format!("{why}; it is tried again"))
             {
                 return;
@@ -271,8 +279,9 @@ impl<'a> Reader<'a> {
         let now_s = unix_now_s();
         let t_s = time_of(line).unwrap_or(now_s);
         let off = (t_s - now_s).abs() > CLOCK_S;
-        if off != self.clock_off {
-            self.clock_off = off;
+        // Of several receivers behind one source one may be off, and some tell no times.
+        if off != self.clock_off && self.told_clock.is_none_or(|at| at.elapsed() >= CLOCK) {
+            (self.clock_off, self.told_clock) = (off, Some(Instant::now()));
             let by = format!(
                 "its times are {:.0} s from this computer's clock; they are used as they are",
                 t_s - now_s

@@ -162,6 +162,18 @@ fn a_peer_that_goes_away_is_told_once_and_called_again() {
 }
 
 #[test]
+fn a_peer_that_lets_in_and_sends_away_is_named_once() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let (to, said) = sync_channel(100);
+    source::start(Source::Tcp(listener.local_addr().unwrap().to_string()), to).unwrap();
+    for _ in 0..3 {
+        drop(listener.accept().unwrap());
+    }
+    assert!(matches!(next(&said), Said::Note("AisAway", _)));
+    assert_eq!(said.try_recv().ok(), None);
+}
+
+#[test]
 fn datagrams_are_taken_and_times_far_from_the_clock_are_told() {
     let probe = UdpSocket::bind("127.0.0.1:0").unwrap();
     let at = probe.local_addr().unwrap().to_string();
@@ -169,8 +181,16 @@ fn datagrams_are_taken_and_times_far_from_the_clock_are_told() {
     let (to, said) = sync_channel(100);
     source::start(Source::Udp(at.clone()), to).unwrap();
     let from = UdpSocket::bind("127.0.0.1:0").unwrap();
-    from.send_to(format!("\\c:1696241893*5F\\{SENTENCE}").as_bytes(), at).unwrap();
+    from.send_to(format!("\\c:1696241893*5F\\{SENTENCE}").as_bytes(), &at).unwrap();
     assert!(matches!(next(&said), Said::Note("AisClock", _)));
     let Said::Of(Told::Position(report)) = next(&said) else { panic!("no position") };
     assert!((report.t_s - 1_696_241_893.0).abs() <= 30.0);
+    // Beside it a receiver that tells no time: it is not told with every sentence.
+    for _ in 0..3 {
+        from.send_to(SENTENCE.as_bytes(), &at).unwrap();
+        from.send_to(format!("\\c:1696241893*5F\\{SENTENCE}").as_bytes(), &at).unwrap();
+    }
+    for _ in 0..6 {
+        assert!(matches!(next(&said), Said::Of(Told::Position(_))));
+    }
 }

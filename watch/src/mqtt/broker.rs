@@ -207,15 +207,27 @@ impl Broker {
         Ok(options)
     }
 
+    /// Whether what is published to another is subscribed to here: it would come back for ever.
+    pub fn hears(&self, other: &Self) -> bool {
+        let published = format!("{}/1/bearing", other.prefix);
+        let same = (&self.host, self.port) == (&other.host, other.port);
+        same && self.all_topics().iter().any(|filter| matches(filter, &published))
+    }
+
+    fn all_topics(&self) -> Vec<String> {
+        match self.topics.is_empty() {
+            true => vec![format!("{}/+/+", self.prefix)],
+            false => self.topics.clone(),
+        }
+    }
+
     /// The topics subscribed to, as the broker wants them.
     pub(super) fn filters(&self) -> Vec<String> {
-        let all = [format!("{}/+/+", self.prefix)];
-        let topics = if self.topics.is_empty() { &all[..] } else { &self.topics };
         let shared = |topic: &String| match &self.group {
             Some(group) => format!("$share/{group}/{topic}"),
             None => topic.clone(),
         };
-        topics.iter().map(shared).collect()
+        self.all_topics().iter().map(shared).collect()
     }
 }
 
@@ -225,6 +237,19 @@ impl std::fmt::Display for Broker {
         match self.host.contains(':') {
             true => write!(f, "{kind}://[{}]:{}", self.host, self.port),
             false => write!(f, "{kind}://{}:{}", self.host, self.port),
+        }
+    }
+}
+
+/// Whether a filter of topics takes a topic.
+fn matches(filter: &str, topic: &str) -> bool {
+    let (mut filter, mut topic) = (filter.split('/'), topic.split('/'));
+    loop {
+        match (filter.next(), topic.next()) {
+            (Some("#"), _) | (None, None) => return true,
+            (Some("+"), Some(_)) => {}
+            (Some(wanted), Some(level)) if wanted == level => {}
+            _ => return false,
         }
     }
 }
@@ -248,6 +273,13 @@ mod tests {
         let broker = Broker::read("mqtt://sea.example").unwrap();
         assert_eq!((broker.to_string().as_str(), &*broker.prefix), ("mqtt://sea.example:1883", "seabearing"));
         assert_eq!(broker.filters(), ["seabearing/+/+"]);
+        let hears = |url: &str| broker.hears(&Broker::read(url).unwrap());
+        assert!(hears("mqtt://sea.example") && hears("mqtt://me@sea.example:1883/seabearing"));
+        assert!(!hears("mqtt://sea.example/seabearing/north") && !hears("mqtt://lake.example"));
+        let topics = |topic: &str| Broker { topics: vec![topic.to_owned()], ..broker.clone() };
+        let north = Broker::read("mqtt://sea.example/seabearing/north").unwrap();
+        assert!(topics("#").hears(&north) && topics("seabearing/+/+/+").hears(&north));
+        assert!(!topics("seabearing/south/#").hears(&north) && !topics("seabearing/+").hears(&north));
         let broker = Broker::read("mqtts://me@[::1]:99/north sea/ä/").unwrap();
         assert_eq!((broker.to_string().as_str(), &*broker.prefix), ("mqtts://[::1]:99", "north sea/ä"));
         assert_eq!(broker.user, Some(("me".to_owned(), String::new())));

@@ -19,6 +19,10 @@ use std::time::{Duration, Instant};
 const RETRY: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 /// Time after which the same complaint is made again: at first, and at most.
 const COMPLAIN: (Duration, Duration) = (Duration::from_secs(60), Duration::from_secs(3600));
+/// A connection that has lasted for so long was one: after a shorter one the broker is left alone for longer each time.
+const LASTS: Duration = Duration::from_secs(5);
+/// The same complaint after a connection in between is made again after this, at most.
+const FLAPS: Duration = Duration::from_secs(600);
 /// Time in which a broker hears from a client that has nothing to say, seconds.
 const KEEP_ALIVE_S: u16 = 30;
 
@@ -87,19 +91,23 @@ struct Complaints {
     broker: String,
     last: Option<(String, Instant, Duration)>,
     retry: Duration,
+    /// When the connection began that is there, or was there last.
+    since: Option<Instant>,
+    /// That it is back was told.
+    back: bool,
 }
 
 impl Complaints {
     fn of(broker: &Broker) -> Self {
-        Self { broker: broker.to_string(), last: None, retry: RETRY.0 }
+        Self { broker: broker.to_string(), last: None, retry: RETRY.0, since: None, back: true }
     }
 
     /// It is there, and has taken something or promised to give it.
     fn connected(&mut self, counts: &Counts) {
         counts.connected.store(true, Ordering::Relaxed);
         let before = counts.connections.fetch_add(1, Ordering::Relaxed);
-        self.retry = RETRY.0;
-        if self.last.take().is_some() || before == 0 {
+        self.since = Some(Instant::now());
+        if !std::mem::replace(&mut self.back, true) || before == 0 {
             counts.note(format!("{}: connected", self.broker));
         }
     }
@@ -107,13 +115,25 @@ impl Complaints {
     /// It is not. Gives how long to wait before the next attempt.
     fn away(&mut self, why: &str, meanwhile: &str, counts: &Counts) -> Duration {
         counts.connected.store(false, Ordering::Relaxed);
+        let lasted = self.since.take().map(|since| since.elapsed());
+        if lasted.is_some_and(|lasted| lasted >= LASTS) {
+            self.retry = RETRY.0;
+        }
+        // What lets in and closes in turn is not told of each time.
+        if lasted.is_some_and(|lasted| lasted >= COMPLAIN.0) {
+            self.last = None;
+        }
+        let most = if lasted.is_some() { FLAPS } else { COMPLAIN.1 };
         let due = match &self.last {
-            Some((said, at, again)) if said == why => (at.elapsed() >= *again).then_some(*again * 2),
+            Some((said, at, again)) if said == why => {
+                (at.elapsed() >= (*again).min(most)).then_some(*again * 2)
+            }
             _ => Some(COMPLAIN.0),
         };
         if let Some(again) = due {
             counts.note(format!("{}: {why}; it is tried again, {meanwhile}", self.broker));
             self.last = Some((why.to_owned(), Instant::now(), again.min(COMPLAIN.1)));
+            self.back = false;
         }
         let next = (self.retry * 2).min(RETRY.1);
         std::mem::replace(&mut self.retry, next)
@@ -176,8 +196,19 @@ mod tests {
         // What was not away is not said to be back.
         complaints.connected(&counts);
         assert!(counts.notes().is_empty());
+        complaints.since = Instant::now().checked_sub(LASTS);
         assert_eq!(complaints.away("gone", "", &counts), RETRY.0);
+        assert_eq!(counts.notes().len(), 1);
+        // One that lets in and closes at once: no two lines each time, and it is left alone for longer and longer.
+        let waits: Vec<_> = (0..4)
+            .map(|_| {
+                complaints.connected(&counts);
+                complaints.away("gone", "", &counts).as_secs()
+            })
+            .collect();
+        assert_eq!(waits, [2, 4, 8, 16]);
+        assert_eq!(counts.notes(), ["mqtt://127.0.0.1:1: connected"]);
         let text = counts.text("publish");
-        assert!(text.contains("\nseabearing_mqtt_publish_connections_total 2\n"), "{text}");
+        assert!(text.contains("\nseabearing_mqtt_publish_connections_total 6\n"), "{text}");
     }
 }

@@ -1,7 +1,7 @@
 //! A record on its way over a broker: as `--json` prints it, and beside that what another base station needs to keep it as it
 //! was kept here.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use seabearing_base::relay::Relayed;
 use seabearing_base::store::Numbered;
 use serde::Deserialize;
@@ -9,6 +9,8 @@ use serde_json::{Value, json};
 
 /// What stands for a station that is not known, or in records that are of none.
 const NONE: &str = "none";
+/// Greatest number of a record in a store.
+const MOST: u64 = i64::MAX as u64;
 
 /// Topic below the prefix of a record: `STATION/TYPE`.
 pub fn topic(record: &Value) -> String {
@@ -64,7 +66,12 @@ pub fn relayed(payload: &[u8]) -> Result<Relayed> {
     let envelope: Envelope<'_> = serde_json::from_slice(payload).context("no record of a base station")?;
     let packed =
         bytes(envelope.relay.packed).context("no record of a base station: `relay.packed` is no hex")?;
-    postcard::from_bytes(&packed).context("no record of a base station: `relay.packed` is damaged")
+    let relayed: Relayed =
+        postcard::from_bytes(&packed).context("no record of a base station: `relay.packed` is damaged")?;
+    if !(1..=MOST).contains(&relayed.number) {
+        bail!("no record of a base station: no store has a record {}", relayed.number);
+    }
+    Ok(relayed)
 }
 
 fn hex(bytes: &[u8]) -> String {
@@ -104,6 +111,12 @@ mod tests {
             let came = relayed(published.to_string().as_bytes()).unwrap();
             assert_eq!(came, Relayed::of(&sent.row, 0xfeed_0000_0000_0001, 12, Some(1000.1)));
             assert_eq!(Row::body(came.kind, &came.body).unwrap(), body);
+        }
+        for number in [0, u64::MAX] {
+            let sent = Relayed::of(&numbered(Some(7), Body::Said(json!({}))).row, 1, number, None);
+            let packed = hex(&postcard::to_stdvec(&sent).unwrap());
+            let wrong = json!({ "relay": { "packed": packed } }).to_string();
+            assert!(relayed(wrong.as_bytes()).is_err(), "{number}");
         }
         for wrong in [
             "",

@@ -56,12 +56,18 @@ impl Source {
 /// A publisher at work.
 pub struct Publisher {
     counts: Arc<Counts>,
+    log: u64,
 }
 
 impl Publisher {
     /// What it has done so far.
     pub fn counts(&self) -> &Arc<Counts> {
         &self.counts
+    }
+
+    /// Number of the store that it publishes.
+    pub fn log(&self) -> u64 {
+        self.log
     }
 
     /// Waits until the broker has all there is, at most so long; gives how many records it does not have.
@@ -95,12 +101,12 @@ pub fn start(broker: Broker, source: Source, store: Option<&Path>) -> Result<Pub
         Source::Store(_) => "records wait in the store".to_owned(),
         Source::Memory(_) => format!("at most {} records wait in memory", broker.room),
     };
-    let state = BTreeMap::new();
+    let (state, log) = (BTreeMap::new(), cursor.log);
     let mut work =
         Work { broker, name, source, cursor, state, counts: Arc::clone(&counts), complaints, meanwhile };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     std::thread::spawn(move || runtime.block_on(work.go_on()));
-    Ok(Publisher { counts })
+    Ok(Publisher { counts, log })
 }
 
 struct Work {

@@ -38,11 +38,12 @@ impl Subscriber {
     }
 }
 
-/// Starts to bring a service the records of other base stations. `store`: its folder, where this client's name is kept.
+/// Starts to bring a service the records of other base stations. `store`: its folder, where this client's name is kept. `own`: number
+/// of the store that this program publishes itself; what comes back of it is left out.
 ///
 /// # Errors
 /// The store's folder cannot be written, or a certificate is none.
-pub fn start(broker: Broker, door: Door, store: Option<&Path>) -> Result<Subscriber> {
+pub fn start(broker: Broker, door: Door, store: Option<&Path>, own: Option<u64>) -> Result<Subscriber> {
     let name = match &broker.name {
         Some(name) => format!("{name}-centre"),
         None => format!("seabearing-{:016x}-centre", Cursor::open(store, i64::MAX)?.log),
@@ -54,7 +55,16 @@ pub fn start(broker: Broker, door: Door, store: Option<&Path>) -> Result<Subscri
     let (bringing, bring_counts) = (Arc::clone(&inbox), Arc::clone(&counts));
     std::thread::spawn(move || bring(&bringing, &door, &bring_counts));
     let complaints = Complaints::of(&broker);
-    let mut work = Work { broker, name, lasting, inbox, counts: Arc::clone(&counts), complaints };
+    let mut work = Work {
+        broker,
+        name,
+        lasting,
+        own,
+        own_told: false.into(),
+        inbox,
+        counts: Arc::clone(&counts),
+        complaints,
+    };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     std::thread::spawn(move || runtime.block_on(work.go_on()));
     Ok(Subscriber { counts })
@@ -77,7 +87,8 @@ struct Came {
 
 /// How a record is acknowledged: on the connection it came over, if that is still there.
 struct Acknowledgement {
-    ack: ManualAck,
+    /// None where the broker wants none: a message of quality of service 0.
+    ack: Option<ManualAck>,
     to: UnboundedSender<Vec<ManualAck>>,
 }
 
@@ -124,7 +135,7 @@ fn acknowledge(all: Vec<Acknowledgement>) {
             let _ = before.send(std::mem::take(&mut acks));
         }
         to = Some(one.to);
-        acks.push(one.ack);
+        acks.extend(one.ack);
     }
     if let Some(to) = to {
         let _ = to.send(acks);
@@ -136,6 +147,9 @@ struct Work {
     name: String,
     /// The broker is to keep what comes while this client is away.
     lasting: bool,
+    /// The store of this base station as it publishes it itself.
+    own: Option<u64>,
+    own_told: std::cell::Cell<bool>,
     inbox: Arc<Inbox>,
     counts: Arc<Counts>,
     complaints: Complaints,
@@ -231,18 +245,33 @@ impl Work {
         publish: &Publish,
         stored: &UnboundedSender<Vec<ManualAck>>,
     ) -> bool {
-        let Some(ack) = client.prepare_ack(publish) else { return true };
+        let ack = client.prepare_ack(publish);
         let Ok(record) = payload::relayed(&publish.payload) else {
             // It would come for ever.
-            let _ = stored.send(vec![ack]);
+            let _ = stored.send(ack.into_iter().collect());
             return false;
         };
+        if Some(record.log) == self.own {
+            // This base station's own, on a way back.
+            let _ = stored.send(ack.into_iter().collect());
+            self.own_came(record.number);
+            return true;
+        }
         self.counts.waiting.fetch_add(1, Ordering::Relaxed);
         let mut came = self.inbox.state();
         came.records.push((record, Acknowledgement { ack, to: stored.clone() }));
         drop(came);
         self.inbox.changed.notify_one();
         true
+    }
+
+    fn own_came(&self, number: u64) {
+        if !self.own_told.replace(true) {
+            self.counts.note(format!(
+                "{}: records that are published here come back (number {number}); they are left out",
+                self.broker
+            ));
+        }
     }
 }
 
