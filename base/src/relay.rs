@@ -15,6 +15,9 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Runs of numbers kept of a log; in what lies between the oldest of more than these nothing comes again.
 const RUNS: usize = 100_000;
 
+/// Kinds of records that cannot be read are told of at most so often.
+const UNREAD: usize = 1000;
+
 /// What a base station finds by its own fusion and its own alarms: it is not taken from others, whose numbers are others'.
 const OWN: [&str; 2] = ["network_track", "alarm"];
 
@@ -104,8 +107,10 @@ impl Seen {
     /// Numbers between the first and the last that have not come.
     fn missing(&self) -> u64 {
         let span = self.runs.first_key_value().zip(self.runs.last_key_value());
-        let span = span.map_or(0, |((first, _), (_, last))| last - first + 1);
-        span - self.runs.iter().map(|(first, last)| last - first + 1).sum::<u64>()
+        let between = span.map_or(0, |((first, _), (_, last))| last - first);
+        // All that have come but one, so that no sum is greater than the greatest number.
+        let come = self.runs.iter().map(|(first, last)| last - first).sum::<u64>();
+        between - come - (self.runs.len() as u64).saturating_sub(1)
     }
 }
 
@@ -117,6 +122,8 @@ pub(crate) struct Sources {
     pub(crate) sessions: BTreeMap<(u64, Option<u16>, u32), u32>,
     /// Those of which a store has to note the session.
     pub(crate) changed: BTreeSet<(u64, Option<u16>, u32)>,
+    /// Logs and kinds of records of them that cannot be read, as a base station of a later version has: told once each.
+    unread: BTreeSet<(u64, u8)>,
     taken: u64,
     again: u64,
 }
@@ -174,8 +181,11 @@ impl Base {
                 Ok(body) => out.push(self.take_relayed(&record, body)),
                 Err(e) => {
                     let (log, number) = (record.log, record.number);
-                    self.warnings
-                        .push(format!("record {number} of base station {log:016x}: {e:#}; it is left out"));
+                    if self.sources.unread.len() < UNREAD && self.sources.unread.insert((log, record.kind)) {
+                        self.warnings.push(format!(
+                            "record {number} of base station {log:016x}: {e:#}; it is left out, and others like it"
+                        ));
+                    }
                 }
             }
         }

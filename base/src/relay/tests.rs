@@ -143,9 +143,17 @@ fn what_another_base_station_found_itself_is_left_out_and_damage_is_named() {
     assert_eq!(rows.len(), 1);
     assert_eq!(base.relay_counters().missing, 0);
     base.relayed(&[200, 1], &mut rows);
-    base.relayed(&packed(&[Relayed { kind: 1, body: vec![255], ..said("line", 4) }]).unwrap(), &mut rows);
+    let unread = [4, 5].map(|number| Relayed { kind: 1, body: vec![255], ..said("line", number) });
+    base.relayed(&packed(&unread).unwrap(), &mut rows);
     let warnings = base.warnings();
     assert!(rows.len() == 1 && warnings.len() == 2, "{warnings:?}");
+}
+
+#[test]
+fn numbers_of_no_store_are_counted_without_a_panic() {
+    let mut seen = Seen::default();
+    assert!(seen.take(0) && seen.take(u64::MAX) && !seen.take(u64::MAX));
+    assert_eq!(seen.missing(), u64::MAX - 1);
 }
 
 proptest! {
@@ -158,6 +166,8 @@ proptest! {
         }
         let known: Vec<u64> = seen.runs.iter().flat_map(|(first, last)| *first..=*last).collect();
         prop_assert!(known.iter().eq(&all));
+        let span = all.first().zip(all.last()).map_or(0, |(first, last)| last - first + 1);
+        prop_assert_eq!(seen.missing(), span - all.len() as u64);
         let next = seen.runs.keys().skip(1);
         prop_assert!(seen.runs.values().zip(next).all(|(last, next)| last + 1 < *next), "{:?}", seen.runs);
     }

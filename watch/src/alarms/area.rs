@@ -75,7 +75,10 @@ type Side = ((f64, f64), (f64, f64));
 fn cross((a, b): Side, (c, d): Side) -> bool {
     let turn =
         |p: (f64, f64), q: (f64, f64), r: (f64, f64)| (q.0 - p.0) * (r.1 - p.1) - (q.1 - p.1) * (r.0 - p.0);
-    turn(a, b, c) * turn(a, b, d) <= 0.0 && turn(c, d, a) * turn(c, d, b) <= 0.0
+    // Of sides on one line all turns are none: whether they reach each other is another matter.
+    let reach = |a: f64, b: f64, c: f64, d: f64| a.max(b) >= c.min(d) && c.max(d) >= a.min(b);
+    let near = reach(a.0, b.0, c.0, d.0) && reach(a.1, b.1, c.1, d.1);
+    near && turn(a, b, c) * turn(a, b, d) <= 0.0 && turn(c, d, a) * turn(c, d, b) <= 0.0
 }
 
 /// Whether a place lies inside: a ray to the East crosses an odd number of sides.
@@ -122,6 +125,16 @@ mod tests {
         assert!(wrong(&[(50.0, 0.0), (91.0, 0.1), (50.0, 0.1)]).starts_with("[91, 0.1] is no latitude"));
         assert!(wrong(&[(50.0, 0.0), (0.0, 0.1), (50.0, 0.1)]).contains("more than 300 km"));
         assert!(wrong(&[(50.0, 0.0), (50.1, 0.0), (50.2, 0.0)]).contains("on a line"));
+    }
+
+    #[test]
+    fn an_area_may_have_sides_on_one_line() {
+        let east =
+            [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.2, 0.1), (0.2, 0.0), (0.3, 0.0), (0.3, 0.2), (0.0, 0.2)];
+        assert!(Area::new(east.to_vec()).is_ok());
+        // One that comes back onto its own side.
+        let back = [(0.0, 0.0), (0.2, 0.0), (0.2, 0.1), (0.1, 0.0), (0.3, 0.0), (0.3, 0.2), (0.0, 0.2)];
+        assert!(Area::new(back.to_vec()).unwrap_err().contains("crosses itself"));
     }
 
     #[test]

@@ -30,6 +30,20 @@ fn now_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
 }
 
+/// The same from when this began on, of a clock that nobody sets: a recorder is not silent because a computer was told the time.
+#[derive(Clone, Copy)]
+struct Steady(Instant, f64);
+
+impl Steady {
+    fn begin() -> Self {
+        Self(Instant::now(), now_s())
+    }
+
+    fn now_s(self) -> f64 {
+        self.1 + self.0.elapsed().as_secs_f64()
+    }
+}
+
 /// Starts to watch what a service publishes: alarms go into its store and onto its feed, and to the deliveries. `standing`:
 /// the alarm records of the store, oldest first. Acknowledgements come over the feed
 /// (`{"type":"acknowledge","id":..}`), or as files of the store's folder ([`acknowledge`]).
@@ -41,14 +55,16 @@ pub fn start(
     store: Option<PathBuf>,
     standing: &[Value],
 ) {
-    watcher.resume(standing, now_s());
+    let clock = Steady::begin();
+    watcher.resume(standing, clock.now_s());
     let records = feed.subscribe(WAITING);
     let ways: Vec<SyncSender<Value>> = deliveries.into_iter().map(way).collect();
-    std::thread::spawn(move || watch(watcher, &records, &ways, &notebook, store.as_deref()));
+    std::thread::spawn(move || watch(watcher, clock, &records, &ways, &notebook, store.as_deref()));
 }
 
 fn watch(
     mut watcher: Watcher,
+    clock: Steady,
     records: &Subscription,
     ways: &[SyncSender<Value>],
     notebook: &Notebook,
@@ -61,16 +77,16 @@ fn watch(
             if record["type"] == "acknowledge" {
                 out.extend(record["id"].as_u64().and_then(|id| watcher.acknowledge(id)));
             } else {
-                out.extend(watcher.take(record, now_s()));
+                out.extend(watcher.take(record, clock.now_s()));
             }
         }
         if looked.elapsed() >= TICK {
             looked = Instant::now();
-            out.extend(watcher.tick(now_s()));
+            out.extend(watcher.tick(clock.now_s()));
             if let Some(store) = store.filter(|_| watcher.asks_for_disk())
                 && let (Ok(free), Ok(total)) = (fs4::available_space(store), fs4::total_space(store))
             {
-                out.extend(watcher.disk(free, total, now_s()));
+                out.extend(watcher.disk(free, total, clock.now_s()));
             }
             for id in store.map(acknowledged).unwrap_or_default() {
                 match watcher.acknowledge(id) {
