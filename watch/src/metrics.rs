@@ -106,7 +106,11 @@ impl Counters {
                 counts(s).iter().map(move |(key, count)| (n, key, *count as f64)).collect::<Vec<_>>()
             });
             lines
-                .map(|(n, key, count)| (format!("{{station=\"{}\",{label}=\"{key}\"}}", name(n)), count))
+                .map(|(n, key, count)| {
+                    // What another base station tells of may be called anything.
+                    let key = key.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
+                    (format!("{{station=\"{}\",{label}=\"{key}\"}}", name(n)), count)
+                })
                 .collect()
         };
         family("records_total", "counter", "Records stored", by("type", &|s| &s.records))?;
@@ -197,6 +201,7 @@ mod tests {
             json!({ "type": "bearing", "station": 7, "received_utc": "1970-01-01T00:01:40Z" }),
             json!({ "type": "bearing", "station": 7, "received_utc": "1970-01-01T00:01:41Z" }),
             json!({ "type": "lost", "station": 7, "frames": 3 }),
+            json!({ "type": "a\"\n\\", "station": 8 }),
             json!({ "type": "alarm", "station": 7, "id": 1, "state": "raised", "code": "RecorderSilent" }),
             json!({ "type": "alarm", "station": 7, "id": 2, "state": "raised", "code": "SupplyLow" }),
             json!({ "type": "alarm", "station": 7, "id": 2, "state": "cleared", "code": "SupplyLow" }),
@@ -215,6 +220,7 @@ mod tests {
             "# TYPE seabearing_records_total counter",
             "seabearing_records_total{station=\"7\",type=\"bearing\"} 2",
             "seabearing_records_lost_total{station=\"7\"} 3",
+            r#"seabearing_records_total{station="8",type="a\"\n\\"} 1"#,
             "seabearing_heard_timestamp_seconds{station=\"7\"} 101",
             "seabearing_alarms{code=\"RecorderSilent\",acknowledged=\"false\"} 1",
             "seabearing_more 1",

@@ -73,17 +73,23 @@ pub fn write_as(formats: &[Format]) {
 /// # Errors
 /// The file cannot be written.
 pub(super) fn write(path: &Path, svg: &str) -> Result<()> {
-    let named = path.extension().and_then(|e| e.to_str()).and_then(|e| Format::from_str(e).ok());
+    let named = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .and_then(|e| Format::from_str(&e.to_ascii_lowercase()).ok());
     let wanted = WANTED.get().map_or(&[Format::Svg][..], Vec::as_slice);
     let formats = match named {
-        Some(Format::Svg) | None => wanted,
+        Some(Format::Svg) => wanted,
+        // There is one file of this name.
+        None => wanted.get(..1).unwrap_or(wanted),
         #[cfg(feature = "pictures")]
         Some(Format::Png) => &[Format::Png],
         #[cfg(feature = "pictures")]
         Some(Format::Pdf) => &[Format::Pdf],
     };
     formats.iter().try_for_each(|format| {
-        let path = if named.is_some() { path.with_extension(format.name()) } else { path.to_owned() };
+        let other = named.is_some_and(|named| named != *format);
+        let path = if other { path.with_extension(format.name()) } else { path.to_owned() };
         crate::atomic::write(&path, &format.of(svg)?)
     })
 }
@@ -154,7 +160,8 @@ mod tests {
         assert!(pdf.starts_with(b"%PDF-"));
         // Its words are text, of the font that is built in.
         assert!(pdf.windows(6).any(|w| w == b"DejaVu"));
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
+        assert!(write("b.PNG").starts_with(b"\x89PNG") && write("b").starts_with(b"<svg"));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 5);
         assert!(Format::from_str("gif").unwrap_err().contains("svg, png, pdf"));
     }
 }

@@ -56,10 +56,15 @@ pub fn start(
     standing: &[Value],
 ) {
     let clock = Steady::begin();
-    watcher.resume(standing, clock.now_s());
+    let cleared = watcher.resume(standing, clock.now_s());
     let records = feed.subscribe(WAITING);
     let ways: Vec<SyncSender<Value>> = deliveries.into_iter().map(way).collect();
-    std::thread::spawn(move || watch(watcher, clock, &records, &ways, &notebook, store.as_deref()));
+    std::thread::spawn(move || {
+        // Alarms of rules that are no more.
+        if cleared.into_iter().all(|record| notebook.note(station_of(&record), record)) {
+            watch(watcher, clock, &records, &ways, &notebook, store.as_deref());
+        }
+    });
 }
 
 fn watch(
@@ -96,7 +101,7 @@ fn watch(
             }
         }
         for record in out {
-            let station = record["station"].as_u64().and_then(|s| u16::try_from(s).ok());
+            let station = station_of(&record);
             for way in ways {
                 if let Err(TrySendError::Full(_)) = way.try_send(record.clone()) {
                     log::warn!("{UNDELIVERED} alarms wait to be delivered; one is not: {}", record["text"]);
@@ -107,6 +112,10 @@ fn watch(
             }
         }
     }
+}
+
+fn station_of(record: &Value) -> Option<u16> {
+    record["station"].as_u64().and_then(|s| u16::try_from(s).ok())
 }
 
 /// A thread that delivers.

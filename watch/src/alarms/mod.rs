@@ -201,12 +201,21 @@ impl Watcher {
         (self.raised.len(), self.raised.values().filter(|r| !r.acknowledged).count())
     }
 
-    /// Takes up what stood when a base station ended before: its alarm records, oldest first.
-    pub fn resume(&mut self, records: &[Value], now_s: f64) {
+    /// Takes up what stood when a base station ended before: its alarm records, oldest first. Gives those that are cleared, as
+    /// there is no such rule any more.
+    pub fn resume(&mut self, records: &[Value], now_s: f64) -> Vec<Value> {
+        let mut out = Vec::new();
+        let over = |record: &Value| {
+            let mut record = record.clone();
+            record["state"] = "cleared".into();
+            record
+        };
         let newest: BTreeMap<u64, &Value> =
             records.iter().filter_map(|r| Some((r["id"].as_u64()?, r))).collect();
         for (id, record) in newest.into_iter().filter(|(_, r)| r["state"] != "cleared") {
+            self.newest_id = self.newest_id.max(id);
             let Some(n) = self.rules.iter().position(|rule| record["name"] == rule.name.as_str()) else {
+                out.push(over(record));
                 continue;
             };
             let station = record["station"].as_u64().and_then(|s| u16::try_from(s).ok());
@@ -224,10 +233,11 @@ impl Watcher {
                 _ => About::Station(station),
             };
             let acknowledged = record["state"] == "acknowledged";
-            self.newest_id = self.newest_id.max(id);
             let raised = Raised { id, acknowledged, untrue_s: None, heard_s: now_s, record: record.clone() };
-            self.raised.insert((n, about), raised);
+            // Of two of one name, as a version before left them, the later one goes on.
+            out.extend(self.raised.insert((n, about), raised).map(|before| over(&before.record)));
         }
+        out
     }
 
     /// What a record says of a rule.

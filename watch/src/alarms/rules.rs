@@ -4,6 +4,7 @@ use super::area::Area;
 use anyhow::{Result, bail};
 use seabearing_host::toml_file::TomlFile;
 use serde::Deserialize;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// What raises an alarm.
@@ -141,8 +142,24 @@ impl Alarms {
             (None, Some(command)) if !command.is_empty() => Ok(Delivery::Command(command)),
             _ => Err(source.wrong(&format!("deliver.{n}"), "either `webhook` or `command = [\"PROGRAM\", ..]`")),
         });
-        Ok(Self { rules: rules.collect::<Result<_>>()?, deliveries: deliveries.collect::<Result<_>>()? })
+        let rules = apart(rules.collect::<Result<_>>()?);
+        Ok(Self { rules, deliveries: deliveries.collect::<Result<_>>()? })
     }
+}
+
+/// Gives rules of one name names of their own: what stands is found again by them after a restart.
+fn apart(mut rules: Vec<Rule>) -> Vec<Rule> {
+    let mut taken = BTreeSet::new();
+    for rule in &mut rules {
+        let first = rule.name.clone();
+        for n in 2.. {
+            if taken.insert(rule.name.clone()) {
+                break;
+            }
+            rule.name = format!("{first} {n}");
+        }
+    }
+    rules
 }
 
 fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
@@ -220,6 +237,14 @@ mod tests {
         assert_eq!((alarms.rules[0].name.as_str(), alarms.rules[0].clear_probability), ("port", 0.4));
         assert_eq!(alarms.rules[1].condition, Condition::Silent(20.0));
         assert_eq!(alarms.deliveries, [Delivery::Webhook("http://127.0.0.1:9/x".into())]);
+        let silent = "[[alarms]]\nkind = \"silent\"\n";
+        let twice = Alarms::of(&TomlFile::of(
+            &format!("{silent}{silent}{silent}name = \"silent 2\"\n"),
+            "alarms.toml",
+        ))
+        .unwrap();
+        let names: Vec<_> = twice.rules.iter().map(|r| r.name.as_str()).collect();
+        assert_eq!(names, ["silent", "silent 2", "silent 2 2"]);
         let crossed = wrong(
             "[[alarms]]\nkind = \"inside\"\npolygon = [[50.0, 0.0], [50.1, 0.1], [50.0, 0.1], [50.1, 0.0]]\n",
         );

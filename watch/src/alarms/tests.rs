@@ -154,10 +154,28 @@ fn a_base_station_that_starts_again_goes_on_with_what_stood() {
     let mut before = watcher(EAST);
     let raised = before.take(&track(900.0, "running"), 10.0);
     let mut after = watcher(EAST);
-    after.resume(&raised, 20.0);
+    assert!(after.resume(&raised, 20.0).is_empty());
     assert!(after.take(&track(900.0, "running"), 21.0).is_empty(), "it is raised once");
     after.take(&track(300.0, "running"), 30.0);
     assert_eq!(states(&after.tick(61.0)), ["cleared"]);
+}
+
+#[test]
+fn rules_of_one_kind_go_on_with_their_own_alarms_and_none_stands_for_ever_without_a_rule() {
+    let silent = |after_s: u32| format!("[[alarms]]\nkind = \"silent\"\nafter_s = {after_s}\n");
+    let both = silent(2) + &silent(4);
+    let mut before = watcher(&both);
+    let raised = [before.tick(3.0), before.tick(5.0)].concat();
+    let many = raised.len();
+    assert!(many >= 2 && states(&raised).iter().all(|s| *s == "raised"), "{raised:?}");
+    let mut after = watcher(&both);
+    assert!(after.resume(&raised, 6.0).is_empty());
+    assert_eq!((after.standing().0, after.tick(20.0).len()), (many, 0));
+    assert_eq!(states(&watcher(&silent(2)).resume(&raised, 6.0)), vec!["cleared"; many / 2]);
+    // Two of one name.
+    let mut alike = raised.clone();
+    alike.iter_mut().for_each(|record| record["name"] = "silent".into());
+    assert_eq!(states(&watcher(&both).resume(&alike, 6.0)), vec!["cleared"; many / 2]);
 }
 
 #[test]
