@@ -55,6 +55,8 @@ pub struct Live {
     stations: BTreeMap<Option<u16>, (f64, f64)>,
     rules: Rules,
     ais: Vec<AisReport>,
+    /// Those of files: tracks of any of their times may come.
+    files: Vec<AisReport>,
     names: BTreeMap<u64, String>,
     lengths: BTreeMap<u64, f64>,
     tracks: BTreeMap<TrackId, Known>,
@@ -69,6 +71,7 @@ impl Live {
             stations: stations.iter().map(|(of, at)| (Some(*of), *at)).collect(),
             rules,
             ais: Vec::new(),
+            files: Vec::new(),
             names: BTreeMap::new(),
             lengths: BTreeMap::new(),
             tracks: BTreeMap::new(),
@@ -115,6 +118,25 @@ impl Live {
         self.changed = true;
     }
 
+    /// Takes what a file tells: it is kept.
+    pub fn told_of_file(&mut self, told: Told) {
+        match told {
+            Told::Position(report) => {
+                self.files.push(report);
+                self.changed = true;
+            }
+            particulars @ Told::Particulars { .. } => self.told(particulars),
+        }
+    }
+
+    /// What files tell of the time of the tracks.
+    fn of_files(&self) -> Vec<AisReport> {
+        let times = self.tracks.values().flat_map(|k| k.reports.iter().filter_map(|r| r.utc_s.map(|t| t.0)));
+        let (from_s, to_s) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+        let near = from_s - HIDDEN_S..=to_s + HIDDEN_S;
+        self.files.iter().filter(|r| near.contains(&r.t_s)).copied().collect()
+    }
+
     /// Judges the tracks; gives the records that are to be told, each with its station.
     pub fn judge(&mut self, now_s: f64) -> Vec<(Option<u16>, Value)> {
         self.tracks.retain(|_, known| now_s - known.heard_s <= JUDGED_S);
@@ -125,12 +147,16 @@ impl Live {
             return Vec::new();
         }
         self.forget();
-        for report in &mut self.ais {
+        let mut of_files = self.of_files();
+        for report in self.ais.iter_mut().chain(&mut of_files) {
             report.length_m = report.length_m.or(self.lengths.get(&report.mmsi).copied());
         }
         let reports = self.tracks.values().flat_map(|known| known.reports.iter().copied());
         let (tracks, _) = heard(reports, &self.stations);
-        let fleet = Fleet::of(&self.ais, &self.names);
+        let fleet = match of_files.is_empty() {
+            true => Fleet::of(&self.ais, &self.names),
+            false => Fleet::of(&[of_files, self.ais.clone()].concat(), &self.names),
+        };
         let mut out: Vec<(Option<u16>, Value)> = self.remarks(&fleet.remarks).map(|r| (None, r)).collect();
         let verdicts = judge(&tracks, &fleet, &self.rules);
         for (track, verdict) in tracks.iter().zip(&verdicts) {
@@ -225,6 +251,10 @@ fn watch(mut live: Live, records: &Subscription, said: &Receiver<Said>, notebook
             let goes_on = match said {
                 Said::Of(told) => {
                     live.told(told);
+                    true
+                }
+                Said::OfFile(told) => {
+                    live.told_of_file(told);
                     true
                 }
                 Said::Note(code, text) => notebook.note(None, warning(code, &text)),

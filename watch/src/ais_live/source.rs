@@ -49,6 +49,8 @@ pub enum Source {
 pub enum Said {
     /// Of a vessel.
     Of(Told),
+    /// Of a vessel, in a file.
+    OfFile(Told),
     /// For a person: a name of the trouble, and one line.
     Note(&'static str, String),
 }
@@ -114,7 +116,7 @@ pub fn start(source: Source, to: SyncSender<Said>) -> Result<()> {
                 let particulars =
                     names.map(|(mmsi, name)| Told::Particulars { mmsi, name: Some(name), length_m: None });
                 let all = particulars.chain(reports.into_iter().map(Told::Position));
-                all.map(Said::Of).try_for_each(|said| to.send(said))
+                all.map(Said::OfFile).try_for_each(|said| to.send(said))
             });
         }
         Source::Udp(at) => {

@@ -110,6 +110,23 @@ fn two_vessels_with_one_number_are_told_once() {
 }
 
 #[test]
+fn a_file_is_there_for_tracks_of_any_of_its_times() {
+    let mut live = live();
+    for k in 0..20 {
+        live.told_of_file(report(11, 600.0, 10.0 * f64::from(k)));
+        live.told_of_file(report(11, 600.0, 90_000.0 + 10.0 * f64::from(k)));
+    }
+    // Nothing is heard for a while.
+    assert!(live.judge(2.0).is_empty() && live.judge(4.0).is_empty());
+    for k in 0..20 {
+        let t_s = 10.0 * f64::from(k);
+        live.take(&track(1, 605.0, t_s, "running"), 5.0);
+    }
+    let said = live.judge(6.0);
+    assert_eq!((said.len(), &said[0].1["mmsi"]), (1, &json!(11)), "{said:?}");
+}
+
+#[test]
 fn memory_is_bounded_whatever_comes() {
     let mut live = live();
     for k in 0..3000u32 {
