@@ -88,6 +88,8 @@ def codes(samples: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
         # What was clipped is clipped.
         scaled[samples == 32767] = FULL_SCALE - 1
     elif samples.dtype.kind == "f":
+        # Half precision ends at 65504: codes are beyond that.
+        samples = samples.astype(np.float32) if samples.dtype.itemsize < 4 else samples
         # As when floating-point files are read.
         whole = np.clip(np.rint(samples * float(FULL_SCALE)), -FULL_SCALE, FULL_SCALE - 1)
         scaled = np.where(np.isfinite(samples), whole, Samples.MISSING).astype(np.int32)
