@@ -17,7 +17,7 @@ const SETTLE: Duration = Duration::from_secs(30);
 /// Options.
 #[derive(clap::Args)]
 pub(super) struct Mqtt {
-    /// Publish every record to this broker: mqtt://[USER@]HOST[:PORT][/PREFIX], the same with mqtts, or a TOML file
+    /// Publish every record to this broker: mqtt://USER@HOST:PORT/PREFIX, all but HOST may be left out; mqtts for TLS; or a TOML file
     #[arg(long, value_name = "BROKER")]
     mqtt: Option<String>,
     /// Take the records that other base stations publish to this broker
