@@ -89,7 +89,7 @@ fn environment() -> Result<PathBuf> {
 /// A program of the environment.
 fn tool(bin: &Path, name: &str) -> Command {
     let mut command = Command::new(bin.join(name));
-    command.env("VIRTUAL_ENV", bin.parent().unwrap_or(bin)).env("MPLBACKEND", "agg").env("NO_COLOR", "1");
+    command.env_remove("MPLBACKEND").env("VIRTUAL_ENV", bin.parent().unwrap_or(bin)).env("NO_COLOR", "1");
     command
 }
 
