@@ -117,6 +117,7 @@ pub fn index(message: &Message) -> Option<u64> {
         Message::Snippet(m) => m.index,
         Message::Samples(m) => m.index,
         Message::Spectrum(m) => m.index,
+        Message::Azigram(m) => m.index,
         Message::End(m) => m.index,
     })
 }

@@ -87,6 +87,8 @@ pub struct ObsConfig {
     pub intensity_towards: bool,
     /// The paper's own choices instead of ours, for comparison.
     pub paper_compatibility: bool,
+    /// Whether directions by frequency are said once a minute.
+    pub azigram: bool,
 }
 
 /// The uniform line array.

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use seabearing_base::store::{Entry, Event, Store};
 use seabearing_base::{Base, Beginning};
 use seabearing_core::wire::{
-    Azimuth, Bearing, Encoder, Fault, FaultCode, Health, Message, Range, Time, Track,
+    AZIGRAM_BANDS, Azigram, Azimuth, Bearing, Encoder, Fault, FaultCode, Health, Message, Range, Time, Track,
 };
 use seabearing_host::beside::{Folder, ask};
 use serde_json::Value;
@@ -96,6 +96,7 @@ fn run(options: &Options) -> Result<()> {
     for name in [
         "places and lengths that the map puts wrong",
         "coastlines taken or refused wrongly",
+        "azigrams without colours or words",
         "complaints of the browser",
     ] {
         figures.at_most(name, of(name), 0.0);
@@ -229,6 +230,31 @@ fn track(station: u16, hour: u64, index: u64, last: bool) -> Message {
     })
 }
 
+/// Directions by frequency: lines of a vessel every few bands where there is one, surf from one side below, and chance.
+fn azigram(station: u16, index: u64, vessel: Option<f32>) -> Message {
+    let chance = |band: usize| {
+        let mixed = (index / RATE_HZ + 977 * band as u64 + 31 * u64::from(station))
+            .wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (mixed >> 32) as u8
+    };
+    let of = |band: usize| match vessel {
+        Some(azimuth) if band % 5 != 1 => {
+            ((azimuth / std::f32::consts::TAU * 256.0) as u8, 150 + chance(band) / 3)
+        }
+        _ if band < 5 => (40 + chance(band) / 12, 90 + chance(band) / 8),
+        _ => (chance(band), 10 + chance(band + 1) / 8),
+    };
+    Message::Azigram(Azigram {
+        index,
+        frames: 6,
+        bin_hz: 50.0 / 1024.0,
+        first_bin: 226,
+        bins: 266,
+        azimuth: std::array::from_fn::<_, AZIGRAM_BANDS, _>(|band| of(band).0),
+        coherence: std::array::from_fn(|band| of(band).1),
+    })
+}
+
 /// An hour of a station.
 fn hour(station: u16, hour: u64, begin_us: i64, each_minute: u64) -> Vec<Message> {
     let from = hour * 3600 * RATE_HZ;
@@ -294,6 +320,7 @@ fn hour(station: u16, hour: u64, begin_us: i64, each_minute: u64) -> Vec<Message
                 detected: there,
             };
             said.push((index, Message::Range(range)));
+            said.push((index, azigram(station, index, there.then_some(azimuth))));
             continue;
         }
         said.extend((0..each_minute).map(|n| {

@@ -46,7 +46,7 @@ struct Station {
 
 /// Points of plots, by name: `bearings` as time (ms since 1970), azimuth, its deviation, elevation (degrees), SNR (dB), band;
 /// `levels` as time and dB of each channel; `azimuths` as time, azimuth, its deviation, ln presence, detected; `ranges` as
-/// time, metres, deviation, detected.
+/// time, metres, deviation, detected; `azigrams` as time, edges of the bands (Hz), their azimuths (degrees) and coherences.
 pub type Series = BTreeMap<&'static str, VecDeque<Value>>;
 
 fn listed<S: Serializer>(tracks: &BTreeMap<(u64, u64), Track>, to: S) -> Result<S::Ok, S::Error> {
@@ -204,6 +204,7 @@ impl Station {
             }
             "azimuth" => columns("azimuths", &["azimuth_deg", "sd_deg", "log_presence", "detected"]),
             "range" => columns("ranges", &["range_m", "sd_range_m", "detected"]),
+            "azigram" => columns("azigrams", &["edges_hz", "azimuth_deg", "coherence"]),
             "health" => {
                 let levels = record["level_db_full_scale"].as_array().into_iter().flatten().cloned();
                 ("levels", std::iter::once(at).chain(levels).collect())
@@ -214,7 +215,7 @@ impl Station {
             _ => return,
         };
         put(self.series.entry(point.0).or_default(), point.1, POINTS);
-        if kind != "health" {
+        if !matches!(kind, "health" | "azigram") {
             put(self.newest.entry(kind.to_owned()).or_default(), record.clone(), AT_ONCE);
         }
     }
@@ -308,6 +309,16 @@ mod tests {
             (&of["tracks"][0]["ais"]["verdict"], of["tracks"].as_array().map(Vec::len)),
             (&json!("vessel"), Some(1))
         );
+    }
+
+    #[test]
+    fn an_azigram_is_a_point_of_its_series_and_stays_out_of_the_picture_itself() {
+        let mut picture = Picture::default();
+        picture.take(&json!({ "type": "azigram", "station": 1, "session": 2, "utc": "2026-01-01T00:00:00Z", "frames": 6,
+            "edges_hz": [11.0, 12.0, 13.0], "azimuth_deg": [90.0, null], "coherence": [0.5, 0.0] }));
+        let wanted = json!([[1767225600000.0, [11.0, 12.0, 13.0], [90.0, null], [0.5, 0.0]]]);
+        assert_eq!(json!(picture.series(Some(1)))["azigrams"], wanted);
+        assert_eq!(json!(picture)["stations"][0]["newest"], json!({}));
     }
 
     #[test]

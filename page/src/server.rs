@@ -22,7 +22,7 @@ use std::time::Duration;
 use tokio::sync::broadcast::error::RecvError;
 
 /// The files that run in the browser.
-const FILES: [(&str, &str, &str); 10] = [
+const FILES: [(&str, &str, &str); 11] = [
     ("/", "text/html; charset=utf-8", include_str!("../web/index.html")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../web/page.css")),
     ("/page.js", "text/javascript; charset=utf-8", include_str!("../web/page.js")),
@@ -31,6 +31,7 @@ const FILES: [(&str, &str, &str); 10] = [
     ("/coast.js", "text/javascript; charset=utf-8", include_str!("../web/coast.js")),
     ("/map.js", "text/javascript; charset=utf-8", include_str!("../web/map.js")),
     ("/sphere.js", "text/javascript; charset=utf-8", include_str!("../web/sphere.js")),
+    ("/azigram.js", "text/javascript; charset=utf-8", include_str!("../web/azigram.js")),
     ("/plots.js", "text/javascript; charset=utf-8", include_str!("../web/plots.js")),
     ("/words.js", "text/javascript; charset=utf-8", include_str!("../web/words.js")),
 ];
@@ -221,8 +222,8 @@ async fn series(State(shared): State<Arc<Shared>>, asked: Asked) -> Response {
     }
     look(shared, move |history| {
         let mut moment = Moment::default();
-        // Bearings, health, azimuths and ranges, by the numbers of their messages.
-        for kind in [1, 3, 4, 5] {
+        // Bearings, health, azimuths, ranges and azigrams, by the numbers of their messages.
+        for kind in [1, 3, 4, 5, 16] {
             moment.records.extend(history.series(
                 of,
                 kind,

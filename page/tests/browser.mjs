@@ -35,6 +35,7 @@ try {
   await places();
   await coast();
   if (given.pictures) await pictures();
+  await azigram();
   await pan();
   await replay();
   tell('complaints of the browser', complaints.length, { complaints });
@@ -126,6 +127,34 @@ async function pictures() {
     await page.evaluate((t) => { if (document.documentElement.dataset.theme !== t) document.getElementById('theme').click(); }, theme);
     await pause(800);
     await page.screenshot({ path: join(given.pictures, `page-${theme}.png`) });
+  }
+}
+
+// The azigram of the first station at the ocean bottom: its plot has colours, and everyone can use what surrounds it.
+async function azigram() {
+  const chosen = await page.evaluate(async () => {
+    for (const button of document.querySelectorAll('#station-rows button')) {
+      button.click();
+      await new Promise((done) => { setTimeout(done, 700); });
+      if (window.seabearing.model.series.azigrams?.length) return true;
+    }
+    return false;
+  });
+  if (!chosen) return;
+  const found = await page.evaluate(() => {
+    const figure = [...document.querySelectorAll('figure')].find((f) => f.textContent.startsWith('Azigram'));
+    const canvas = figure.querySelector('canvas');
+    const { data } = canvas.getContext('2d').getImageData(0, canvas.height * 0.25, canvas.width, canvas.height * 0.5);
+    let coloured = 0;
+    for (let k = 0; k < data.length; k += 4) coloured += data[k + 3] > 60 && Math.max(data[k], data[k + 1], data[k + 2]) - Math.min(data[k], data[k + 1], data[k + 2]) > 40;
+    return [coloured / (data.length / 4), canvas.getAttribute('aria-label')];
+  });
+  tell('azigrams without colours or words', Number(found[0] < 0.1) + Number(!/^Azigram: (clearest|none)/.test(found[1])), { said: found[1] });
+  if (!given.pictures) return;
+  for (const theme of ['light', 'dark']) {
+    await page.evaluate((t) => { if (document.documentElement.dataset.theme !== t) document.getElementById('theme').click(); }, theme);
+    await pause(800);
+    await page.screenshot({ path: join(given.pictures, `page-bottom-${theme}.png`) });
   }
 }
 

@@ -61,6 +61,7 @@ fn a_browser_gets_files_pictures_and_what_comes_live() {
         "/map.js",
         "/sphere.js",
         "/plots.js",
+        "/azigram.js",
         "/words.js",
         "/health.js",
     ] {

@@ -19,6 +19,7 @@ function point(r) {
     case 'bearing': return ['bearings', [at, r.azimuth_deg, r.sd_azimuth_deg, r.elevation_deg, r.snr_db, r.band]];
     case 'azimuth': return ['azimuths', [at, r.azimuth_deg, r.sd_deg, r.log_presence, r.detected]];
     case 'range': return ['ranges', [at, r.range_m, r.sd_range_m, r.detected]];
+    case 'azigram': return ['azigrams', [at, r.edges_hz, r.azimuth_deg, r.coherence]];
     case 'health': return ['levels', [at, ...r.level_db_full_scale]];
     default: return null;
   }
@@ -89,7 +90,7 @@ export class Model {
     if (r.type === 'hello') delete s.states.end;
     const made = point(r);
     if (made && number === this.chosen) bounded((this.series[made[0]] ??= []), made[1], POINTS);
-    if (made && r.type !== 'health') bounded((s.newest[r.type] ??= []), r, AT_ONCE);
+    if (made && !['health', 'azigram'].includes(r.type)) bounded((s.newest[r.type] ??= []), r, AT_ONCE);
     if (r.type === 'track') this.report(s, r);
   }
 

@@ -1,5 +1,6 @@
-// Plots of one station against time: bearings or azimuths, presence, signal-to-noise ratio, levels, range.
+// Plots of one station against time: bearings or azimuths, azigram, presence, signal-to-noise ratio, levels, range.
 
+import { KEY, cells, inWords, limits } from '/azigram.js';
 import { clock, element } from '/words.js';
 
 // The plots there are: their series, columns, unit, and the range of values that is always shown.
@@ -7,6 +8,7 @@ const PLOTS = [
   { name: 'Bearing', series: 'bearings', unit: '°', column: 1, sd: 2, range: [0, 360], ticks: 90, shade: (p) => (p[5] === 0 ? 1 : 0.5) },
   { name: 'Signal to noise', series: 'bearings', unit: 'dB', column: 4, range: [0, 20] },
   { name: 'Azimuth', series: 'azimuths', unit: '°', column: 1, sd: 2, range: [0, 360], ticks: 90, shade: (p) => (p[4] ? 1 : 0.35) },
+  { name: 'Azigram', series: 'azigrams', unit: 'Hz', limits, inWords, paint: cells, wide: true, above: KEY },
   { name: 'Presence, ln', series: 'azimuths', unit: '', column: 3, range: [-5, 5] },
   { name: 'Range', series: 'ranges', unit: 'm', column: 1, sd: 2, range: [0, 1000] },
   { name: 'Levels re full scale', series: 'levels', unit: 'dB', column: 1, columns: 4, range: [-90, 0], line: true, threshold: 0 },
@@ -27,7 +29,7 @@ export class Plots {
       this.shown = new Map(wanted.map((plot) => {
         const canvas = element('canvas', { role: 'img' });
         const caption = element('figcaption', {});
-        return [plot, { canvas, caption, figure: element('figure', {}, caption, element('div', {}, canvas)) }];
+        return [plot, { canvas, caption, figure: element('figure', { class: plot.wide ? 'wide' : false }, caption, element('div', {}, canvas)) }];
       }));
       this.parent.replaceChildren(...[...this.shown.values()].map((s) => s.figure));
       if (!wanted.length) this.parent.append(element('p', { class: 'empty' }, 'Nothing to plot yet.'));
@@ -43,18 +45,15 @@ function drawPlot(plot, points, canvas, caption, from, to, theme) {
     [canvas.width, canvas.height] = [Math.round(w * dots), Math.round(h * dots)];
   }
   const inside = points.filter((p) => p[0] >= from && p[0] <= to);
-  const columns = Array.from({ length: plot.columns ?? 1 }, (_, n) => plot.column + n);
-  const values = inside.flatMap((p) => columns.map((k) => p[k])).filter(Number.isFinite);
-  const last = inside.at(-1);
-  const newest = last ? columns.map((k) => (Number.isFinite(last[k]) ? `${last[k].toFixed(1)}` : 'none')).join(', ') : 'none at this time';
-  const known = last && columns.some((k) => Number.isFinite(last[k]));
-  const text = `${plot.name}: ${newest}${known && plot.unit ? `${plot.unit === '°' ? '' : ' '}${plot.unit}` : ''}`;
+  const text = plot.inWords ? plot.inWords(inside.at(-1)) : newestInWords(plot, inside.at(-1));
   if (caption.textContent !== text) caption.textContent = text;
   canvas.setAttribute('aria-label', `${text}, ${inside.length} points from ${clock(from, true)} to ${clock(to, true)} UTC`);
-  let [low, high] = plot.range;
-  if (!plot.ticks) for (const v of values) [low, high] = [Math.min(low, v), Math.max(high, v)];
+  const columns = columnsOf(plot);
+  const values = inside.flatMap((p) => columns.map((k) => p[k])).filter(Number.isFinite);
+  let [low, high] = plot.range ?? plot.limits(inside);
+  if (!plot.ticks && !plot.paint) for (const v of values) [low, high] = [Math.min(low, v), Math.max(high, v)];
   const size = theme.size * 0.62;
-  const [left, bottom, top] = [size * 3.4, size * 1.5, 4];
+  const [left, bottom, top] = [size * 3.4, size * 1.5, 4 + size * (plot.above ?? 0)];
   const x = (ms) => left + ((ms - from) / (to - from || 1)) * (w - left - 6);
   const y = (v) => top + ((high - v) / (high - low || 1)) * (h - top - bottom);
   c.setTransform(dots, 0, 0, dots, 0, 0);
@@ -77,6 +76,7 @@ function drawPlot(plot, points, canvas, caption, from, to, theme) {
     line(c, [[x(at), top], [x(at), h - bottom]]);
     c.fillText(clock(at).slice(0, 5), Math.min(w - size * 1.6, x(at)), h - 3);
   }
+  if (plot.paint) return void plot.paint(c, inside, { x, y, from, to, left, right: w - 6, size }, theme);
   columns.forEach((k, n) => {
     c.strokeStyle = c.fillStyle = theme.colours[`c${(n + (plot.sd ? 0 : 1)) % 8}`];
     const good = inside.filter((p) => Number.isFinite(p[k]));
@@ -93,6 +93,15 @@ function drawPlot(plot, points, canvas, caption, from, to, theme) {
     }
     c.globalAlpha = 1;
   });
+}
+
+const columnsOf = (plot) => Array.from({ length: plot.columns ?? 1 }, (_, n) => plot.column + n);
+
+function newestInWords(plot, last) {
+  const columns = columnsOf(plot);
+  const newest = last ? columns.map((k) => (Number.isFinite(last[k]) ? `${last[k].toFixed(1)}` : 'none')).join(', ') : 'none at this time';
+  const known = last && columns.some((k) => Number.isFinite(last[k]));
+  return `${plot.name}: ${newest}${known && plot.unit ? `${plot.unit === '°' ? '' : ' '}${plot.unit}` : ''}`;
 }
 
 function line(c, points) {

@@ -36,6 +36,12 @@ fn spectrum() -> Spectrum {
     }
 }
 
+fn azigram() -> Azigram {
+    let azimuth = std::array::from_fn(|n| (10 * n + 5) as u8);
+    let coherence = std::array::from_fn(|n| 255 - 11 * n as u8);
+    Azigram { index: 3000, frames: 6, bin_hz: 0.0625, first_bin: 225, bins: 266, azimuth, coherence }
+}
+
 fn messages() -> Vec<(&'static str, Message)> {
     let pow = |e: i32| 2f32.powi(e);
     vec![
@@ -183,6 +189,7 @@ fn messages() -> Vec<(&'static str, Message)> {
         ("Snippet", Message::Snippet(Snippet { token: 6, index: 640_000, instants: 2048, channels: 0b1010 })),
         ("Samples", Message::Samples(samples(&[1, -1, 300, -32_768, 32_767, 0]))),
         ("Spectrum", Message::Spectrum(spectrum())),
+        ("Azigram", Message::Azigram(azigram())),
     ]
 }
 

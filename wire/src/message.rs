@@ -73,6 +73,8 @@ pub enum Message {
     Samples(Samples),
     /// The spectrum of one channel.
     Spectrum(Spectrum),
+    /// Directions of a minute by frequency.
+    Azigram(Azigram),
 }
 
 /// Identity of recorder, software and configuration.

@@ -86,6 +86,35 @@ impl Spectrum {
     pub const NOTHING: i16 = i16::MIN;
 }
 
+/// Bands of an [`Azigram`].
+pub const AZIGRAM_BANDS: usize = 24;
+
+/// Directions of the active acoustic intensity at an ocean-bottom station over a minute, in bands of frequency.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Azigram {
+    /// Sample index of the minute's centre.
+    pub index: u64,
+    /// Frames of the minute.
+    pub frames: u8,
+    /// Distance of two bins, Hz.
+    pub bin_hz: f32,
+    /// The first bin of the first band.
+    pub first_bin: u16,
+    /// Bins of all bands together ([`Azigram::edge`]).
+    pub bins: u16,
+    /// Direction in which the bins of a band agree best, in steps of 1/256 of a turn clockwise from true North.
+    pub azimuth: [u8; AZIGRAM_BANDS],
+    /// How far they agree, in steps of 1/255: 1 where all bins of all frames point to one side.
+    pub coherence: [u8; AZIGRAM_BANDS],
+}
+
+impl Azigram {
+    /// The bin with which a band begins, counted from the first; `edge(band + 1)` ends it.
+    pub const fn edge(bins: usize, band: usize) -> usize {
+        bins * band / AZIGRAM_BANDS
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

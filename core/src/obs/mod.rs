@@ -18,6 +18,7 @@ mod hops;
 mod averages;
 mod azigram;
 mod background;
+mod bands;
 
 mod ambient;
 mod cauchy;

@@ -73,6 +73,8 @@ pub struct Plan<'t> {
     pub(super) clip: i32,
     pub(super) full_scale: f32,
     pub(super) paper: bool,
+    /// Whether azigrams are sent.
+    pub(super) azigram: bool,
     pub(super) tones: WrappedCauchy,
     pub(super) calls: Calls,
     pub(super) interference: Interference<'t>,
@@ -90,6 +92,7 @@ impl<'t> Plan<'t> {
         clip: 0,
         full_scale: 0.0,
         paper: false,
+        azigram: false,
         tones: WrappedCauchy { paper: false },
         calls: Calls::EMPTY,
         interference: Interference::EMPTY,
@@ -144,6 +147,7 @@ impl<'t> Plan<'t> {
         self.clip = config.full_scale.saturating_sub(1);
         self.full_scale = config.full_scale as f32;
         self.paper = obs.paper_compatibility;
+        self.azigram = obs.azigram;
         self.tones = WrappedCauchy { paper: obs.paper_compatibility };
         self.calls.fill(inner_rate_hz);
         self.interference = Interference::new(table);

@@ -9,12 +9,13 @@
 use super::ambient::Ambient;
 use super::averages::Averages;
 use super::azigram::{self, Sources};
+use super::bands;
 use super::cepstrum;
 use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
 use super::hops::Hops;
 use super::impulsive::{self, Call};
-use super::limits::{QUEFRENCIES, WINDOW_FRAMES};
+use super::limits::{MINUTE_FRAMES, QUEFRENCIES, WINDOW_FRAMES};
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
 use super::presence::{ExpectedVessels, Presence, RangeMode, RangePresence};
@@ -409,6 +410,16 @@ impl State {
             self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
+            if plan.azigram {
+                let half_s = 0.5 * STEP_S;
+                let of_minute = |kept: &&Kept| kept.used && (-half_s..half_s).contains(&offset_s(kept.label));
+                let (mut minute, mut held) = ([&NO_ROW; MINUTE_FRAMES], 0);
+                for (slot, kept) in minute.iter_mut().zip(self.kept.iter().filter(of_minute)) {
+                    (*slot, held) = (&kept.row, held + 1);
+                }
+                let azigram = bands::azigram(plan, index, minute.get(..held).unwrap_or_default());
+                azigram.into_iter().for_each(|azigram| sink(Message::Azigram(azigram)));
+            }
         }
         self.tracker.minute(plan, &mut self.evidence, k as u32, sink);
         heard

@@ -8,7 +8,7 @@ use super::table_encode::{BranchColumns, Header, encode};
 use crate::block::{Block, Frame, MISSING};
 use crate::config::{Kind, ObsConfig, StationConfig, Tracking};
 use crate::math;
-use crate::wire::{FaultCode, Message};
+use crate::wire::{AZIGRAM_BANDS, Azigram, FaultCode, Message};
 use std::boxed::Box;
 use std::vec::Vec;
 use std::{format, vec};
@@ -28,6 +28,7 @@ pub(crate) fn config(rate_hz: f64) -> StationConfig {
             orientation_of_north_deg: 77.0,
             intensity_towards: false,
             paper_compatibility: false,
+            azigram: true,
         }),
         tracking: Tracking::default(),
     }
@@ -46,7 +47,7 @@ pub(crate) fn table(rate_hz: f64) -> &'static [u8] {
     blob
 }
 
-fn plan(rate_hz: f64) -> Plan<'static> {
+pub(super) fn plan(rate_hz: f64) -> Plan<'static> {
     Plan::new(&config(rate_hz), &Table::parse(table(rate_hz)).unwrap()).unwrap()
 }
 
@@ -99,6 +100,34 @@ fn a_tone_is_found_where_it_comes_from_at_every_rate() {
         let a = azimuths(&messages);
         assert!(a.len() >= 4, "{rate}: {a:?}");
         assert!(a.iter().all(|a| (a - 200.0).abs() < 3.0), "{rate}: {a:?}");
+    }
+}
+
+#[test]
+fn a_tone_stands_in_the_azigram_of_every_minute_unless_none_is_wanted() {
+    for rate in [50.0, 100.0] {
+        let frames = record((400.0 * rate) as usize, rate, 200.0, 1500.0);
+        let mut p = plan(rate);
+        let found = |messages: &[Message]| -> Vec<Azigram> {
+            messages
+                .iter()
+                .filter_map(|m| if let Message::Azigram(a) = m { Some(*a) } else { None })
+                .collect()
+        };
+        let all = found(&run(&p, &[(0, &frames)]).0);
+        assert!(all.windows(2).all(|w| w[1].index - w[0].index == (60.0 * rate) as u64), "{all:?}");
+        assert!(all.len() >= 5, "{rate}: {}", all.len());
+        for a in &all {
+            let bin = (15.03 / f64::from(a.bin_hz)) as usize - usize::from(a.first_bin);
+            let band = (0..AZIGRAM_BANDS).find(|b| bin < Azigram::edge(a.bins.into(), b + 1)).unwrap();
+            let azimuth_deg = f64::from(a.azimuth[band]) * 360.0 / 256.0;
+            assert!((azimuth_deg - 200.0).abs() < 30.0, "{rate}: {azimuth_deg} {a:?}");
+            let others =
+                a.coherence.iter().enumerate().filter(|(n, _)| n.abs_diff(band) > 1).map(|(_, c)| *c);
+            assert!(a.coherence[band] > others.max().unwrap(), "{rate}: {band} {a:?}");
+        }
+        p.azigram = false;
+        assert!(found(&run(&p, &[(0, &frames)]).0).is_empty());
     }
 }
 

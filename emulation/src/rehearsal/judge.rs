@@ -232,7 +232,7 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
 fn is_of_samples(message: &Message, counters: bool) -> bool {
     let code = match message {
         Message::Bearing(_) | Message::Track(_) | Message::ShaftRate(_) => return true,
-        Message::Azimuth(_) | Message::Range(_) | Message::Segment(_) => return true,
+        Message::Azimuth(_) | Message::Range(_) | Message::Segment(_) | Message::Azigram(_) => return true,
         Message::Health(_) => return counters,
         Message::Fault(f) => f.code,
         Message::FaultsHeld(f) => f.code,

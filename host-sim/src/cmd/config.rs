@@ -145,6 +145,7 @@ fn obs_details(station: &Station, obs: &ObsConfig) -> Result<Value> {
         "kind": "obs", "orientation_of_north_deg": obs.orientation_of_north_deg,
         "intensity": if obs.intensity_towards { "towards" } else { "away" },
         "compatibility": if obs.paper_compatibility { "paper" } else { "none" },
+        "azigram": obs.azigram,
         "ambiguity": "none in azimuth; range by its propagation table",
         "propagation": station.propagation.as_ref().map(|p| p.display().to_string()),
     });

@@ -8,7 +8,8 @@ use seabearing_core::obs::plan::STEP_S;
 use seabearing_core::recorder::TIME_EVERY_S;
 use seabearing_core::traffic;
 use seabearing_core::wire::{
-    Azimuth, Bearing, Encoder, FaultCode, FaultsHeld, Health, Message, Range, ShaftRate, Time, Track,
+    AZIGRAM_BANDS, Azigram, Azimuth, Bearing, Encoder, FaultCode, FaultsHeld, Health, Message, Range,
+    ShaftRate, Time, Track,
 };
 
 /// Bytes of a message's frame.
@@ -85,10 +86,11 @@ pub fn most_per_s(config: &StationConfig, vessels: u32, health_s: f64) -> f64 {
                 + f64::from(vessels) * track / traffic::Config::new(config).report_s
                 + bytes(shaft_rate(index)) / SHAFT_RATE_EVERY_S
         }
-        // Azimuths of tones and one of calls, ranges, and at most a track of each vessel.
-        Kind::Obs(_) => {
+        // Azimuths of tones and one of calls, ranges, an azigram, and at most a track of each vessel.
+        Kind::Obs(obs) => {
             ((AZIMUTH_MODES + 1) as f64 * bytes(azimuth(index))
                 + RANGE_MODES as f64 * bytes(range(index))
+                + f64::from(u8::from(obs.azigram)) * bytes(azigram(index))
                 + f64::from(vessels.min(VESSELS as u32)) * track)
                 / STEP_S
         }
@@ -191,5 +193,18 @@ fn range(index: u64) -> Message {
         log_presence: x,
         weight: x,
         detected: false,
+    })
+}
+
+fn azigram(index: u64) -> Message {
+    let most = [u8::MAX; AZIGRAM_BANDS];
+    Message::Azigram(Azigram {
+        index,
+        frames: u8::MAX,
+        bin_hz: 0.0,
+        first_bin: u16::MAX,
+        bins: u16::MAX,
+        azimuth: most,
+        coherence: most,
     })
 }

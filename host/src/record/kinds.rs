@@ -1,6 +1,6 @@
 //! The records by their kinds: what stands in each field, in which unit. The published schema is made of these types.
 
-use super::sound::{Samples, Snippet, Spectrum};
+use super::sound::{Azigram, Samples, Snippet, Spectrum};
 use seabearing_core::wire::{self, Message};
 use serde::Serialize;
 
@@ -419,6 +419,7 @@ pub enum Kind {
     Snippet(Snippet),
     Samples(Samples),
     Spectrum(Spectrum),
+    Azigram(Azigram),
     End(End),
 }
 
@@ -467,6 +468,7 @@ impl Kind {
             Message::Snippet(s) => (Some(s.index), Self::Snippet(Snippet::from(s))),
             Message::Samples(s) => (Some(s.index), Self::Samples(Samples::from(s))),
             Message::Spectrum(s) => (Some(s.index), Self::Spectrum(Spectrum::from(s))),
+            Message::Azigram(a) => (Some(a.index), Self::Azigram(Azigram::from(a))),
             Message::End(e) => (Some(e.index), Self::End(End { frames: e.frames })),
         }
     }

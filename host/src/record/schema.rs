@@ -272,6 +272,7 @@ pub fn schema() -> Value {
         kind::<super::sound::Snippet>(g, "snippet", true),
         kind::<super::sound::Samples>(g, "samples", true),
         kind::<super::sound::Spectrum>(g, "spectrum", true),
+        kind::<super::sound::Azigram>(g, "azigram", true),
         kind::<kinds::End>(g, "end", true),
         kind::<Lost>(g, "lost", false),
         kind::<Line>(g, "line", false),

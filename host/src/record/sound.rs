@@ -1,7 +1,7 @@
-//! The records of the sound itself: raw samples and spectra, as commands ask for them.
+//! The records of the sound itself: raw samples and spectra, as commands ask for them, and directions by frequency.
 
 use seabearing_core::block::MISSING;
-use seabearing_core::wire::{self, EDGES};
+use seabearing_core::wire::{self, AZIGRAM_BANDS, EDGES};
 use serde::Serialize;
 
 /// Raw samples were taken as a command asked, and follow as `samples`.
@@ -54,6 +54,21 @@ pub struct Spectrum {
     pub density_db: Vec<Option<f64>>,
 }
 
+/// Where the sound comes from at an ocean-bottom station, by frequency, over the minute about `t_s`.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Azigram {
+    /// Frames of the minute.
+    pub frames: u8,
+    /// Edges of the bands, Hz: one more than there are bands.
+    pub edges_hz: Vec<f64>,
+    /// Direction of the active intensity in which the bins of each band agree best, clockwise from true North; null where there is none.
+    pub azimuth_deg: Vec<Option<f64>>,
+    /// How far they agree: 1 where all point to one side all the time, √(m/n) where m bins of n do, about 0.25 where they point
+    /// anywhere.
+    pub coherence: Vec<f64>,
+}
+
 /// The channels of bits.
 fn channels(bits: u8) -> Vec<u8> {
     (0..4).filter(|c| bits >> c & 1 == 1).collect()
@@ -88,4 +103,26 @@ impl From<&wire::Spectrum> for Spectrum {
             density_db: s.tenth_db.iter().map(level).collect(),
         }
     }
+}
+
+impl From<&wire::Azigram> for Azigram {
+    fn from(a: &wire::Azigram) -> Self {
+        let edge = |band| usize::from(a.first_bin) + wire::Azigram::edge(a.bins.into(), band);
+        // A bin stands for half a distance on either side.
+        let edge_hz = |band| rounded((edge(band) as f64 - 0.5) * f64::from(a.bin_hz), 1e3);
+        let azimuth = |(turn, coherence): (&u8, &u8)| {
+            (*coherence > 0).then(|| rounded(f64::from(*turn) * 360.0 / 256.0, 10.0))
+        };
+        Self {
+            frames: a.frames,
+            edges_hz: (0..=AZIGRAM_BANDS).map(edge_hz).collect(),
+            azimuth_deg: a.azimuth.iter().zip(&a.coherence).map(azimuth).collect(),
+            coherence: a.coherence.iter().map(|c| rounded(f64::from(*c) / 255.0, 1e3)).collect(),
+        }
+    }
+}
+
+/// Rounded to parts of one: steps are coarser, and digits cost.
+fn rounded(x: f64, parts: f64) -> f64 {
+    (x * parts).round() / parts
 }

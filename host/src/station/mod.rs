@@ -179,6 +179,7 @@ impl Station {
                             )
                         }
                     },
+                    azigram: o.azigram,
                 })
             }
             "line" => {

@@ -22,7 +22,7 @@ pub enum Class {
     Health = 2,
     /// Bearings, azimuths, ranges, running tracks.
     Bearing = 3,
-    /// Spectra and samples.
+    /// Spectra, azigrams and samples.
     Spectrum = 4,
 }
 
@@ -39,7 +39,7 @@ impl Class {
             Message::Health(_) | Message::Time(_) | Message::Reply(_) | Message::End(_) => Self::Health,
             // What says that samples come must not go for them.
             Message::Snippet(_) => Self::Health,
-            Message::Samples(_) | Message::Spectrum(_) => Self::Spectrum,
+            Message::Samples(_) | Message::Spectrum(_) | Message::Azigram(_) => Self::Spectrum,
             Message::Bearing(_)
             | Message::Track(_)
             | Message::Azimuth(_)

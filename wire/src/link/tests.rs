@@ -2,7 +2,7 @@
 //! `seabearing reproduce link`.
 
 use super::*;
-use crate::message::{Command, End, FaultCode, Message, Reply, Samples, Snippet, Spectrum};
+use crate::message::{Azigram, Command, End, FaultCode, Message, Reply, Samples, Snippet, Spectrum};
 use std::collections::VecDeque;
 use std::vec::Vec;
 
@@ -290,10 +290,14 @@ fn every_message_fits_a_record_and_has_its_class() {
     let samples = Samples { token, index, instants: 255, channels, width: 255, bytes: full };
     let (bin_hz, tenth_db) = (f32::MAX, [Spectrum::NOTHING; crate::sound::BANDS]);
     let spectrum = Spectrum { token, index, channel: 255, of: channels, frames: u16::MAX, bin_hz, tenth_db };
+    let most = [255; crate::sound::AZIGRAM_BANDS];
+    let (first_bin, bins) = (u16::MAX, u16::MAX);
+    let azigram = Azigram { index, frames: 255, bin_hz, first_bin, bins, azimuth: most, coherence: most };
     let snippet = Snippet { token, index, instants: u32::MAX, channels };
     for (message, class) in [
         (Message::Samples(samples), Class::Spectrum),
         (Message::Spectrum(spectrum), Class::Spectrum),
+        (Message::Azigram(azigram), Class::Spectrum),
         (Message::Snippet(snippet), Class::Health),
     ] {
         let mut buffer = [0; RECORD_BYTES];
