@@ -259,10 +259,8 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
     let [c0, c1, c2, c3] = &state.framing.codes;
     // One in so many, as whole pieces: stepping through all four at once would visit every instant.
     let [c0, c1, c2, c3] = [c0, c1, c2, c3].map(|c| c.as_chunks::<LEVEL_EVERY>().0);
-    for ((([a, ..], [b, ..]), [c, ..]), [d, ..]) in c0.iter().zip(c1).zip(c2).zip(c3).take(HOP / LEVEL_EVERY)
-    {
-        state.levels.add(&[*a, *b, *c, *d]);
-    }
+    let some = c0.iter().zip(c1).zip(c2).zip(c3).take(HOP / LEVEL_EVERY);
+    state.levels.extend(some.map(|((([a, ..], [b, ..]), [c, ..]), [d, ..])| [*a, *b, *c, *d]));
     let lost = if found.holed {
         Some(LossCause::Invalid)
     } else if !left {

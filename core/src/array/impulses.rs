@@ -6,8 +6,8 @@
 //! of the frames' powers, which rises and falls by at most 6 dB a second: a passing vessel is slower.
 //!
 //! * Blanked: what exceeds [`BLANK`] standard deviations of the frame without its impulses (or of the usual power, if that is
-//!   more), with [`BEFORE`] samples before and [`AFTER`] behind, where anything exceeds six of them, or four and a half where another channel or the frame before has heard an impulse. One that rings beyond its frame is
-//!   blanked in the next.
+//!   more), with [`BEFORE`] samples before and [`AFTER`] behind, where anything exceeds six of them, or four and a half where
+//!   another channel or the frame before has heard an impulse. One that rings beyond its frame is blanked in the next.
 //! * Burst: a frame with [`BURST`] times the usual power that is no impulse, on two channels at least.
 //!
 //! A vessel's own beat stays within both: its loud moments are of two or three times its mean power. Cost: about 150
@@ -17,19 +17,17 @@ use super::plan::{FRAME, HOP, Plan};
 use crate::block::CHANNELS;
 use crate::math::f32 as m;
 
-/// When a sample is an impulse.
-struct Sight {
-    /// Standard deviations that it exceeds.
-    limit: f32,
-    /// Of so many samples one is glanced at, where the bound on a frame's magnitudes does not tell that there is none.
-    every: usize,
-}
-
-/// Anywhere. What is shorter than four samples and weaker than twice the limit may be overlooked.
-const ANY: Sight = Sight { limit: 6.0, every: 4 };
-/// Where another channel, or the frame before, has heard one: by chance a snap that stands out on one hydrophone does not on
-/// the next.
-const NEAR: Sight = Sight { limit: 4.5, every: 1 };
+/// Standard deviations that an impulse exceeds. One shorter than [`GLANCE_EVERY`] samples and weaker than twice the limit may
+/// be overlooked, and one within the shared samples of the first frame of a run.
+const IMPULSE: f32 = 6.0;
+/// The same where another channel, or the frame before, has heard one: by chance a snap that stands out on one hydrophone does
+/// not on the next.
+const NEAR: f32 = 4.5;
+/// Of so many samples not shared with the frame before one is glanced at, where the bound on a frame's magnitudes does not
+/// tell that there is no impulse.
+const GLANCE_EVERY: usize = 4;
+/// Samples glanced at in one piece, as the compiler unrolls it.
+const GLANCE: usize = 32;
 /// Standard deviations beyond which a sample is blanked where there is an impulse.
 const BLANK: f32 = 4.0;
 /// Samples blanked before and behind: the rise of a snap and its ringing below the limit, of 0.4 ms in each neper.
@@ -79,15 +77,15 @@ impl Impulses {
         dead: u8,
     ) -> bool {
         let (mut impulses, mut bursts) = (0u8, 0u8);
-        let mut clean = |usual: &[f32; CHANNELS], rings: &mut [u8; CHANNELS], of: u8, sight: &Sight| {
+        let mut clean = |usual: &[f32; CHANNELS], rings: &mut [u8; CHANNELS], of: u8, limit: f32| {
             let channels = codes.iter_mut().zip(rough).zip(loudest).zip(usual.iter().zip(rings)).enumerate();
             for (c, (((codes, (mean, power)), loudest), (usual, rings))) in
                 channels.filter(|(c, _)| of >> c & 1 == 1)
             {
                 let usual = if *usual > 0.0 { *usual } else { *power };
                 let most = *loudest as f32 + m::abs(*mean);
-                if *rings > 0 || most * most > sight.limit * sight.limit * usual {
-                    match clean(codes, *mean, usual, sight, rings) {
+                if *rings > 0 || most * most > limit * limit * usual {
+                    match clean(codes, *mean, usual, limit, rings) {
                         Found::Impulse => impulses |= 1 << c,
                         Found::Burst => bursts |= 1 << c,
                         Found::Nothing => {}
@@ -96,9 +94,9 @@ impl Impulses {
             }
             impulses
         };
-        let heard = clean(&self.usual, &mut self.rings, !dead, if self.near { &NEAR } else { &ANY });
+        let heard = clean(&self.usual, &mut self.rings, !dead, if self.near { NEAR } else { IMPULSE });
         if heard != 0 && !self.near {
-            clean(&self.usual, &mut self.rings, !(dead | heard), &NEAR);
+            clean(&self.usual, &mut self.rings, !(dead | heard), NEAR);
         }
         self.near = heard != 0;
         let change = CHANGE_A_SECOND * HOP as f32 / plan.rate_hz;
@@ -133,18 +131,33 @@ enum Found {
     Burst,
 }
 
-/// Blanks the impulses of a channel, where there is one; `rings` is
-/// how far one of the frame before rings beyond that, and becomes how far one of this frame does. Apart: most frames have none.
+/// Whether one of the samples glanced at is farther than `limit` from `quiet`.
+fn glance(codes: &[i32; FRAME], quiet: i32, limit: f32) -> bool {
+    // One comparison for both signs.
+    let (least, most) = (quiet.wrapping_sub(limit as i32), 2 * (limit as u32));
+    const { assert!(FRAME.is_multiple_of(GLANCE) && (FRAME - HOP).is_multiple_of(GLANCE)) };
+    let pieces = codes.as_chunks::<GLANCE>().0.iter();
+    pieces
+        .skip((FRAME - HOP) / GLANCE)
+        .any(|piece| piece.iter().step_by(GLANCE_EVERY).any(|x| x.wrapping_sub(least) as u32 > most))
+}
+
+/// Blanks the impulses of a channel, where there is one beyond `limit` standard deviations; `rings` is how far one of the
+/// frame before rings beyond that, and becomes how far one of this frame does. Apart: most frames have none.
 #[inline(never)]
-fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32, sight: &Sight, rings: &mut u8) -> Found {
+fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32, limit: f32, rings: &mut u8) -> Found {
     let quiet = mean as i32;
     let ringing = core::mem::take(rings);
-    let beyond = |codes: &[i32; FRAME], every: usize, limit: f32| {
-        // One comparison for both signs.
-        let least = quiet.wrapping_sub(limit as i32);
-        codes.iter().step_by(every).any(|x| x.wrapping_sub(least) as u32 > 2 * (limit as u32))
+    let beyond = |codes: &[i32; FRAME], limit: f32| {
+        let limit = limit as u32;
+        codes.iter().any(|x| x.abs_diff(quiet) > limit)
     };
-    if ringing == 0 && !beyond(codes, sight.every, sight.limit * m::sqrt(usual)) {
+    let seen = if limit < IMPULSE {
+        beyond(codes, limit * m::sqrt(usual))
+    } else {
+        glance(codes, quiet, limit * m::sqrt(usual))
+    };
+    if ringing == 0 && !seen {
         return Found::Nothing;
     }
     let mut scale = f32::MAX;
@@ -158,7 +171,7 @@ fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32, sight: &Sight, rings: 
         return Found::Burst;
     }
     let scale = m::sqrt(usual.max(scale * scale));
-    if ringing == 0 && !beyond(codes, 1, sight.limit * scale) {
+    if ringing == 0 && !beyond(codes, limit * scale) {
         return Found::Nothing;
     }
     let least = (BLANK * scale) as u32;

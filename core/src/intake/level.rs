@@ -47,6 +47,27 @@ impl Levels {
         }
     }
 
+    /// Takes instants, the sums in registers meanwhile.
+    #[cfg(feature = "array")]
+    #[inline]
+    pub(crate) fn extend(&mut self, mut frames: impl Iterator<Item = Frame>) {
+        if self.n == 0
+            && let Some(first) = frames.next()
+        {
+            self.add(&first);
+        }
+        let (origin, mut sum, mut square, mut n) = (self.origin, self.sum, self.square, self.n);
+        for frame in frames {
+            n += 1;
+            for c in 0..CHANNELS {
+                let x = frame[c].wrapping_sub(origin[c]) as f32;
+                sum[c] += x;
+                square[c] += x * x;
+            }
+        }
+        (self.sum, self.square, self.n) = (sum, square, n);
+    }
+
     /// What was taken since the level, to find out what comes after: sums about the origin, of squares, number.
     #[cfg(feature = "array")]
     #[inline]
