@@ -25,6 +25,7 @@ pub mod fuzz_targets;
 mod heard_vessels;
 mod levels;
 mod line;
+mod line_bound;
 mod link;
 mod link_ends;
 mod link_line;
@@ -143,6 +144,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     fuzz::EXPERIMENT,
     flash_cuts::EXPERIMENT,
     line::ORIENTATION,
+    line_bound::EXPERIMENT,
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,
     several_vessels::EXPERIMENT,

@@ -37,9 +37,9 @@ const FREQUENCY_HZ: f64 = 702.0;
 const SOUND_SPEED_M_S: f64 = 1484.0;
 const SUBARRAYS: usize = 5;
 const FORGETTING: f64 = 0.4;
-const ORIENTATION_DEG: f64 = -35.1;
+pub(super) const ORIENTATION_DEG: f64 = -35.1;
 const SHIFT_S: f64 = 2.0;
-const ETA: f64 = 0.976;
+pub(super) const ETA: f64 = 0.976;
 const BEARINGS: u32 = 87;
 /// Samples a second and in a frame.
 const RATE_HZ: f64 = 2048.0;
@@ -48,7 +48,7 @@ const FRAMES_A_SECOND: usize = 16;
 const RUNS: usize = 20;
 
 /// The vessel: 6 m/s, closest 330 m away, its bearing turning by about 50°.
-fn vessel(t_s: f64) -> [f64; 2] {
+pub(super) fn vessel(t_s: f64) -> [f64; 2] {
     let (s, c) = (125.0 * RAD_PER_DEG).sin_cos();
     [120.0 + 6.0 * s * t_s, 520.0 + 6.0 * c * t_s]
 }
@@ -65,8 +65,12 @@ fn track() -> Vec<TrackPoint> {
 
 /// What the array's sine is at a true time.
 fn sine(t_s: f64) -> f64 {
-    let [x, y] = vessel(t_s);
-    ETA * (x.atan2(y) - ORIENTATION_DEG * RAD_PER_DEG).cos()
+    sine_of(vessel(t_s), ORIENTATION_DEG * RAD_PER_DEG, ETA)
+}
+
+/// Sine of the bearing of a place for a line of such orientation (radians) and η.
+pub(super) fn sine_of([x, y]: [f64; 2], orientation: f64, eta: f64) -> f64 {
+    eta * (x.atan2(y) - orientation).cos()
 }
 
 /// Mean age of a covariance at the end of its last second: half a second, and μ/(1 − μ) for what is remembered.

@@ -172,10 +172,18 @@ fn line(args: &Args, table: &CsvTable, track: &[TrackPoint]) -> Result<Value> {
     Ok(match args.method {
         Method::Fit => {
             let fit = read.fit(track)?;
+            if fit.off_track > 0 {
+                log::warn!(
+                    "the track tells nothing of the times of {} of {} bearings",
+                    fit.off_track,
+                    fit.n + fit.wrong + fit.off_track
+                );
+            }
             json!({
                 "type": "orientation", "orientation_deg": degrees(fit.orientation), "sd_deg": fit.sd / RAD_PER_DEG,
                 "time_shift_s": fit.time_shift_s, "eta": fit.eta, "mean_error_deg": fit.mean_error / RAD_PER_DEG,
-                "n": fit.n, "sd_time_shift_s": fit.sd_time_shift_s, "sd_eta": fit.sd_eta,
+                "n": fit.n, "sd_time_shift_s": fit.sd_time_shift_s, "sd_eta": fit.sd_eta, "wrong": fit.wrong,
+                "off_track": fit.off_track,
             })
         }
         Method::ClosedForm => {

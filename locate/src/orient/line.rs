@@ -3,15 +3,13 @@
 //! With the vessel at azimuth φ, the array's axis at azimuth a and a common elevation ψ, `η = cos ψ`, the processor
 //! gives `ξ = η cos(φ − a)` [L 3, 14-16]. For a given clock shift that is linear in `(η cos a, η sin a)`, so orientation
 //! and η follow from a 2×2 system, whichever side the vessel is on and however often it changes sides; only the shift
-//! is searched. The bearing stamped t belongs to the track's t − shift. The fit is robust (Huber's, then Tukey's weights on
-//! the median absolute deviation), its uncertainty (that of the free shift) a jackknife over blocks in time, because successive bearings of an
-//! averaged covariance have common errors.
+//! is searched. The bearing stamped t belongs to the track's t − shift. A robust fit (Huber's, then Tukey's weights on
+//! the median absolute deviation) finds the neighbourhood and what is wrong; [`shift`] then weighs all shifts about it.
 //!
 //! Fails (says so) where the vessel's bearing hardly turns: shift, η and orientation then trade against each other.
-//! Cost: 241 plain fits for the noise, 2 × 280 robust ones, and 20 × 65 for the jackknife; a fit is six rounds over the
-//! bearings.
+//! Cost: 241 plain fits for the noise, 260 robust ones of six rounds over the bearings, and some 1200 plain ones.
 
-use super::{BLOCKS, OrientError, block_of, jackknife, quantile};
+use super::{OrientError, quantile, shift};
 use crate::angle::{wrap_pi, wrap_tau};
 use crate::kit::{Huber, MAD_TO_SD, Normal, Tukey, golden};
 use crate::math::f64 as m;
@@ -24,10 +22,7 @@ const GRID: u32 = 240;
 /// Rounds of reweighting, half with either weight: they settle to 1e-3 in three.
 const ROUNDS: u32 = 6;
 /// Smallest noise of ξ the robust scale assumes, so that exact data do not divide by zero.
-const LEAST_SCALE: f64 = 1e-9;
-/// Loss a whole shift may cost: three standard deviations (4.5) times (1 + μ)/(1 − μ) = 2.33, by which the errors of
-/// bearings from a covariance with forgetting factor μ = 0.4 widen the loss's own scatter.
-const LARGEST_LOSS: f64 = 10.5;
+pub(super) const LEAST_SCALE: f64 = 1e-9;
 /// Largest standard deviation of an orientation that is one, radians (20°).
 const LARGEST_SD: f64 = 0.35;
 
@@ -49,8 +44,8 @@ pub struct LineSettings {
     pub eta: (f64, f64),
     /// Longest gap of the track that is interpolated, seconds.
     pub gap_s: f64,
-    /// Clocks that are set by whole seconds or blocks are wrong by whole ones: a shift of a multiple of this is preferred
-    /// where the data do not contradict it (paper L searches whole bearings only), seconds; zero: no preference.
+    /// Clocks that are set by whole seconds or blocks are wrong by whole ones: shifts of a multiple of this have nine tenths of
+    /// the prior probability (paper L searches whole bearings only), seconds; zero: no preference.
     pub whole_s: f64,
 }
 
@@ -59,20 +54,24 @@ pub struct LineSettings {
 pub struct LineOrientation {
     /// Azimuth of the direction of rising sensor numbers, radians in [0, 2π).
     pub orientation: f64,
-    /// Its standard deviation (jackknife), radians.
+    /// Its standard deviation, what is not known of shift and η included, radians.
     pub sd: f64,
     /// How late the array's clock is, seconds.
     pub time_shift_s: f64,
-    /// Standard deviation of the shift (jackknife), seconds.
+    /// Its standard deviation, seconds.
     pub sd_time_shift_s: f64,
     /// Cosine of the common elevation.
     pub eta: f64,
-    /// Standard deviation of η (jackknife).
+    /// Its standard deviation.
     pub sd_eta: f64,
     /// Mean angle between true and computed positions, Δ [L 13], radians.
     pub mean_error: f64,
     /// Bearings used.
     pub n: usize,
+    /// Bearings on the track that contradict the others and were not used.
+    pub wrong: usize,
+    /// Bearings of times of which the track tells nothing.
+    pub off_track: usize,
 }
 
 /// Finds the orientation; the track is in the array's frame (array at the origin).
@@ -86,41 +85,45 @@ pub fn orient(
 ) -> Result<LineOrientation, OrientError> {
     check(bearings, settings)?;
     crate::network::known_track::check(track).map_err(|_| OrientError::NotFinite)?;
-    let all = Data { bearings, track, settings, skip: None };
-    let whole = (settings.shift_s, GRID);
-    let first = all.search(whole, all.least_scale()?)?;
-    let scale = all.scale(first.shift_s, first.components());
-    let free = all.search(whole, scale)?;
-    let best = all.whole_shift(&free, scale).unwrap_or(free);
-    let (mut n, mut error) = (0usize, 0.0);
-    for (azimuth, b) in all.pairs(best.shift_s) {
-        error += computed_error(azimuth, b.sine / best.eta, best.orientation);
-        n += 1;
-    }
-    if n < LEAST_BEARINGS {
-        return Err(OrientError::TooFew);
-    }
-    // The shift is searched again within a twentieth of its limits, in which no second minimum fits.
-    let near = 0.05 * (settings.shift_s.1 - settings.shift_s.0);
-    let window = ((free.shift_s - near, free.shift_s + near), GRID / 10);
-    let [sd, sd_time_shift_s, sd_eta] = jackknife(BLOCKS, |block| {
-        let part = Data { skip: Some(block), ..all }.search(window, scale).ok()?;
-        Some([wrap_pi(part.orientation - best.orientation), part.shift_s - best.shift_s, part.eta - best.eta])
-    })
-    .ok_or(OrientError::TooFew)?;
-    if !(sd <= LARGEST_SD) {
+    let all = Data { bearings, track, settings };
+    let rough = all.search(all.least_scale()?)?;
+    let scale = all.scale(rough.shift_s, rough.components());
+    let rough = shift::Rough { shift_s: rough.shift_s, components: rough.components(), scale };
+    let interval_s = interval(bearings);
+    let found = shift::Data { bearings, track, settings, interval_s }.refine(&rough)?;
+    if !(found.orientation.1 <= LARGEST_SD) {
         return Err(OrientError::NotObservable);
     }
+    let (orientation, eta) = (found.orientation.0, found.eta.0);
+    let (mut on_track, mut error) = (0usize, 0.0);
+    for ((c, s), b) in all.pairs(found.shift_s.0) {
+        error += computed_error(m::atan2(s, c), b.sine / eta, orientation);
+        on_track += 1;
+    }
     Ok(LineOrientation {
-        orientation: wrap_tau(best.orientation),
-        sd,
-        time_shift_s: best.shift_s,
-        sd_time_shift_s,
-        eta: best.eta,
-        sd_eta,
-        mean_error: error / n as f64,
-        n,
+        orientation: wrap_tau(orientation),
+        sd: found.orientation.1,
+        time_shift_s: found.shift_s.0,
+        sd_time_shift_s: found.shift_s.1,
+        eta,
+        sd_eta: found.eta.1,
+        mean_error: error / on_track.max(1) as f64,
+        n: found.n,
+        wrong: on_track.saturating_sub(found.n),
+        off_track: bearings.len() - on_track,
     })
+}
+
+/// Cosine and sine of the azimuth of a place; North where it is the origin.
+pub(super) fn unit(east: f64, north: f64) -> (f64, f64) {
+    let range = m::sqrt(east * east + north * north);
+    if range > 0.0 { (north / range, east / range) } else { (1.0, 0.0) }
+}
+
+/// Usual time from one bearing to the next, seconds: the median of the positive ones; 1 where there is none.
+fn interval(bearings: &[LineBearing]) -> f64 {
+    let steps = bearings.iter().zip(bearings.iter().skip(1)).map(|(a, b)| b.t_s - a.t_s).filter(|d| *d > 0.0);
+    crate::kit::order_statistic(steps, 0.5).unwrap_or(1.0)
 }
 
 pub(super) fn check(bearings: &[LineBearing], settings: &LineSettings) -> Result<(), OrientError> {
@@ -164,20 +167,15 @@ struct Data<'a> {
     bearings: &'a [LineBearing],
     track: &'a [TrackPoint],
     settings: &'a LineSettings,
-    skip: Option<usize>,
 }
 
 impl<'a> Data<'a> {
-    /// True azimuth and bearing of every bearing on the track at a shift.
-    fn pairs(&self, shift_s: f64) -> impl Iterator<Item = (f64, &'a LineBearing)> + Clone + use<'a> {
-        let (track, gap_s, skip) = (self.track, self.settings.gap_s, self.skip);
-        let total = self.bearings.len();
-        self.bearings.iter().enumerate().filter_map(move |(i, b)| {
-            if Some(block_of(i, total)) == skip {
-                return None;
-            }
+    /// Cosine and sine of the true azimuth, and bearing, of every bearing on the track at a shift.
+    fn pairs(&self, shift_s: f64) -> impl Iterator<Item = ((f64, f64), &'a LineBearing)> + Clone + use<'a> {
+        let (track, gap_s) = (self.track, self.settings.gap_s);
+        self.bearings.iter().filter_map(move |b| {
             let [x, y, _] = position_at(track, b.t_s - shift_s, gap_s)?;
-            Some((m::atan2(x, y), b))
+            Some((unit(x, y), b))
         })
     }
 
@@ -202,15 +200,16 @@ impl<'a> Data<'a> {
         })
     }
 
-    /// Best shift on a grid of so many steps between two limits, then sections about it.
-    fn search(&self, ((lo, hi), grid): ((f64, f64), u32), scale: f64) -> Result<Candidate, OrientError> {
-        let at = |k: u32| lo + (hi - lo) * f64::from(k) / f64::from(grid);
-        let most = (0..=grid).map(|k| self.pairs(at(k)).count()).max().unwrap_or(0);
+    /// Best shift on a grid, then sections about it.
+    fn search(&self, scale: f64) -> Result<Candidate, OrientError> {
+        let (lo, hi) = self.settings.shift_s;
+        let at = |k: u32| lo + (hi - lo) * f64::from(k) / f64::from(GRID);
+        let most = (0..=GRID).map(|k| self.pairs(at(k)).count()).max().unwrap_or(0);
         if most < LEAST_BEARINGS {
             return Err(OrientError::TooFew);
         }
         let mut best: Option<(u32, Candidate)> = None;
-        for k in 0..=grid {
+        for k in 0..=GRID {
             let Some(c) = self.fit(at(k), scale) else { continue };
             // A shift that pushes a fifth of the bearings off the track is not comparable with one that keeps them.
             if 5 * c.n >= 4 * most && best.is_none_or(|(_, b)| c.cost < b.cost) {
@@ -222,7 +221,7 @@ impl<'a> Data<'a> {
         }
         let (k, mut best) = best.ok_or(OrientError::NotObservable)?;
         if hi > lo {
-            golden(at(k.saturating_sub(1)), at((k + 1).min(grid)), 20, |shift_s| {
+            golden(at(k.saturating_sub(1)), at((k + 1).min(GRID)), 20, |shift_s| {
                 let Some(found) = self.fit(shift_s, scale) else { return f64::NAN };
                 if found.cost < best.cost && found.n == best.n {
                     best = found;
@@ -231,21 +230,6 @@ impl<'a> Data<'a> {
             });
         }
         Ok(best)
-    }
-
-    /// The better of the two whole shifts about a free one, if the bearings do not speak against it.
-    fn whole_shift(&self, free: &Candidate, scale: f64) -> Option<Candidate> {
-        let step = self.settings.whole_s;
-        if !(step > 0.0) {
-            return None;
-        }
-        let below = step * m::floor(free.shift_s / step);
-        let whole = [below, below + step]
-            .into_iter()
-            .filter(|s| *s >= self.settings.shift_s.0 && *s <= self.settings.shift_s.1)
-            .filter_map(|s| self.fit(s, scale))
-            .min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-        (free.n as f64 * (whole.cost - free.cost) <= LARGEST_LOSS).then_some(whole)
     }
 
     /// Robust fit of orientation and η at a shift, for a noise of ξ (infinite: plain least squares).
@@ -257,19 +241,17 @@ impl<'a> Data<'a> {
             let huber = 2 * round < rounds;
             let weight = |r| if huber { Huber::EFFICIENT.weight(r) } else { Tukey::EFFICIENT.weight(r) };
             let mut normal = Normal::<2>::default();
-            for (azimuth, b) in self.pairs(shift_s) {
-                let (s, c) = m::sin_cos(azimuth);
+            for ((c, s), b) in self.pairs(shift_s) {
                 let w = state.map_or(1.0, |(p, q)| weight((b.sine - p * c - q * s) / scale));
                 normal.observe(&[c, s], b.sine, w);
             }
             // The two directions cos φ and sin φ must both vary: a bearing that never turns has no solution.
             let [p, q] = normal.solution()?;
-            state = Some(self.bounded(p, q, &normal));
+            state = Some(bounded(self.settings.eta, p, q, &normal));
         }
         let (p, q) = state?;
         let (mut cost, mut n) = (0.0, 0usize);
-        for (azimuth, b) in self.pairs(shift_s) {
-            let (s, c) = m::sin_cos(azimuth);
+        for ((c, s), b) in self.pairs(shift_s) {
             cost += Tukey::EFFICIENT.loss((b.sine - p * c - q * s) / scale);
             n += 1;
         }
@@ -282,39 +264,35 @@ impl<'a> Data<'a> {
         })
     }
 
-    /// Brings η inside its limits: the least squares on the circle of that radius, by Newton steps in the angle.
-    fn bounded(&self, p: f64, q: f64, normal: &Normal<2>) -> (f64, f64) {
-        let ([[cc, cs], [_, ss]], [cx, sx]) = (normal.upper, normal.gradient);
-        let eta = m::sqrt(p * p + q * q);
-        let (lo, hi) = self.settings.eta;
-        let radius = eta.clamp(lo, hi.max(lo));
-        if radius == eta {
-            return (p, q);
-        }
-        let mut a = m::atan2(q, p);
-        for _ in 0..20 {
-            let (s, c) = m::sin_cos(a);
-            let (p, q) = (radius * c, radius * s);
-            let (gp, gq) = (cc * p + cs * q - cx, cs * p + ss * q - sx);
-            let slope = -gp * q + gq * p;
-            let bend = cc * q * q - 2.0 * cs * p * q + ss * p * p - gp * p - gq * q;
-            if !(m::abs(bend) > 0.0) {
-                break;
-            }
-            a -= (slope / m::abs(bend)).clamp(-0.3, 0.3);
-        }
-        let (s, c) = m::sin_cos(a);
-        (radius * c, radius * s)
-    }
-
     /// Robust standard deviation of ξ about a fit.
     fn scale(&self, shift_s: f64, (p, q): (f64, f64)) -> f64 {
-        let residuals = self.pairs(shift_s).map(move |(azimuth, b)| {
-            let (s, c) = m::sin_cos(azimuth);
-            m::abs(b.sine - p * c - q * s)
-        });
+        let residuals = self.pairs(shift_s).map(move |((c, s), b)| m::abs(b.sine - p * c - q * s));
         (MAD_TO_SD * quantile(residuals, 0.5)).max(LEAST_SCALE)
     }
+}
+
+/// Brings η inside its limits: the least squares on the circle of that radius, by Newton steps in the angle.
+pub(super) fn bounded((lo, hi): (f64, f64), p: f64, q: f64, normal: &Normal<2>) -> (f64, f64) {
+    let ([[cc, cs], [_, ss]], [cx, sx]) = (normal.upper, normal.gradient);
+    let eta = m::sqrt(p * p + q * q);
+    let radius = eta.clamp(lo, hi.max(lo));
+    if radius == eta {
+        return (p, q);
+    }
+    let mut a = m::atan2(q, p);
+    for _ in 0..20 {
+        let (s, c) = m::sin_cos(a);
+        let (p, q) = (radius * c, radius * s);
+        let (gp, gq) = (cc * p + cs * q - cx, cs * p + ss * q - sx);
+        let slope = -gp * q + gq * p;
+        let bend = cc * q * q - 2.0 * cs * p * q + ss * p * p - gp * p - gq * q;
+        if !(m::abs(bend) > 0.0) {
+            break;
+        }
+        a -= (slope / m::abs(bend)).clamp(-0.3, 0.3);
+    }
+    let (s, c) = m::sin_cos(a);
+    (radius * c, radius * s)
 }
 
 #[cfg(test)]
@@ -370,8 +348,10 @@ pub(super) mod tests {
         assert!(error < 0.3 * RAD_PER_DEG && error < 4.0 * found.sd, "{found:?}");
         assert!((found.time_shift_s - 2.0).abs() < 1.0, "{found:?}");
         let whole = orient(&b, &track(), &LineSettings { whole_s: 1.0, ..SETTINGS }).unwrap();
-        assert!(whole.time_shift_s.fract() == 0.0 && (whole.time_shift_s - 2.0).abs() <= 1.0, "{whole:?}");
-        // Exact bearings do speak against a shift that is not a multiple.
+        assert!((whole.time_shift_s - 2.0).abs() <= 1.0, "{whole:?}");
+        // Exact bearings speak for a whole shift, and against one that is not a multiple.
+        let whole = orient(&bearings(0.0), &track(), &LineSettings { whole_s: 1.0, ..SETTINGS }).unwrap();
+        assert!((whole.time_shift_s - 2.0).abs() < 1e-6 && whole.sd_time_shift_s < 1e-3, "{whole:?}");
         let free = orient(&bearings(0.0), &track(), &LineSettings { whole_s: 1.5, ..SETTINGS }).unwrap();
         assert!((free.time_shift_s - 2.0).abs() < 1e-2, "{free:?}");
     }

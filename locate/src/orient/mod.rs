@@ -14,6 +14,7 @@ pub mod hydrophones;
 pub mod line;
 pub mod offset;
 pub mod rotation;
+mod shift;
 
 /// Why there is no orientation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
