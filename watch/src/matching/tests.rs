@@ -111,6 +111,22 @@ fn tracks_side_by_side_share_the_vessels_out() {
 }
 
 #[test]
+fn one_that_goes_along_ahead_is_told_by_how_the_line_of_sight_turns() {
+    // 500 m ahead of the only vessel that reports, which is 1.7 standard deviations: now farther away, now nearer than it is.
+    let fleet = fleet(&[(11, 1500.0, 0.0)]);
+    let ahead = track(1, 1500.0, -500.0 / 7.0, 300.0);
+    assert_eq!(numbers(&[ahead], &fleet), [None]);
+    // An error as large that stays, as of a speed of sound or an orientation, is no other vessel.
+    let mut wrong = track(1, 1500.0, 0.0, 300.0);
+    for report in &mut wrong.reports {
+        let Some(((x, y), _)) = &mut report.place else { continue };
+        let longer = 1.0 + 500.0 / x.hypot(*y);
+        (*x, *y) = (*x * longer, *y * longer);
+    }
+    assert_eq!(numbers(&[wrong], &fleet), [Some(11)]);
+}
+
+#[test]
 fn withdrawn_tracks_and_undated_reports_are_left_out() {
     let mut reports = track(1, 0.0, 0.0, 10.0).reports;
     let mut other = track(2, 0.0, 0.0, 10.0).reports;
