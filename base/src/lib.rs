@@ -373,7 +373,7 @@ impl Base {
     fn said_row(&self, station: Option<u16>, received_us: Option<i64>, body: Value) -> Row {
         let session = self.recorders.get(&station).and_then(Recorder::session);
         let utc = received_us.map(|us| (us, None));
-        Row { station, session, sequence: None, utc, received_us, body: Body::Said(body) }
+        Row { origin: None, station, session, sequence: None, utc, received_us, body: Body::Said(body) }
     }
 
     /// The record of a line's state, where the line has one.

@@ -20,9 +20,42 @@ pub enum Body {
     Said(Value),
 }
 
+/// The store in which a record was made first, by its log, and the record's number there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// Number of the store.
+    pub log: u64,
+    /// Number of the record in it, from 1.
+    pub number: u64,
+}
+
+/// Bytes behind a body that say its origin: a zero, which is in no JSON and ends every message's decoding, and both numbers.
+const ORIGIN_BYTES: usize = 17;
+
+impl Origin {
+    fn bytes(self) -> [u8; ORIGIN_BYTES] {
+        let mut out = [0; ORIGIN_BYTES];
+        let numbers = self.log.to_le_bytes().into_iter().chain(self.number.to_le_bytes());
+        out.iter_mut().skip(1).zip(numbers).for_each(|(to, from)| *to = from);
+        out
+    }
+
+    /// What is before an origin, and the origin.
+    fn split(bytes: &[u8]) -> Option<(&[u8], Self)> {
+        let (body, [0, numbers @ ..]) = bytes.split_last_chunk::<ORIGIN_BYTES>()? else { return None };
+        let (log, number) = numbers.split_first_chunk()?;
+        Some((
+            body,
+            Self { log: u64::from_le_bytes(*log), number: u64::from_le_bytes(number.try_into().ok()?) },
+        ))
+    }
+}
+
 /// A record.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
+    /// Where it was made, if it has come from another base station.
+    pub origin: Option<Origin>,
     /// Number of the station, once it is known.
     pub station: Option<u16>,
     /// Session of that station.
@@ -64,25 +97,33 @@ impl Row {
 
     /// The number of the kind, and the bytes in which the body is stored.
     pub fn stored(&self) -> (u8, Vec<u8>) {
-        match &self.body {
+        let (kind, mut bytes) = match &self.body {
             Body::Message(message) => {
                 let mut buffer = [0; seabearing_core::wire::frame::MESSAGE_BYTES];
                 let bytes = bytes_of(message, &mut buffer);
                 (bytes.first().copied().unwrap_or(SAID - 1), bytes.to_vec())
             }
             Body::Said(value) => (SAID, value.to_string().into_bytes()),
-        }
+        };
+        bytes.extend(self.origin.into_iter().flat_map(Origin::bytes));
+        (kind, bytes)
     }
 
-    /// The body from what was stored.
+    /// The body from what was stored, and where it was made if it has come from another base station.
     ///
     /// # Errors
     /// The bytes are no such body.
-    pub fn body(kind: u8, bytes: &[u8]) -> Result<Body> {
-        if kind < SAID {
-            return message_of(bytes).map(Body::Message).context("a record is no message");
+    pub fn body(kind: u8, bytes: &[u8]) -> Result<(Body, Option<Origin>)> {
+        let alone = |bytes: &[u8]| {
+            if kind < SAID {
+                return message_of(bytes).map(Body::Message).context("a record is no message");
+            }
+            serde_json::from_slice(bytes).map(Body::Said).context("a record is no JSON")
+        };
+        match (alone(bytes), Origin::split(bytes)) {
+            (Err(_), Some((body, origin))) => Ok((alone(body)?, Some(origin))),
+            (body, _) => Ok((body?, None)),
         }
-        serde_json::from_slice(bytes).map(Body::Said).context("a record is no JSON")
     }
 
     /// Sample index of the moment that the record is of, where it is of one.

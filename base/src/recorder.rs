@@ -145,6 +145,7 @@ impl Recorder {
             self.dated.insert(session);
         }
         let row = Row {
+            origin: None,
             station: self.station,
             session: Some(session),
             sequence: Some(sequence),

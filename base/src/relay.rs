@@ -1,22 +1,24 @@
 //! Records of other base stations, as a broker hands them on: at least once, so that what has come already is known by its
-//! number in the store it comes from.
+//! number in the store it comes from, and by its [`Origin`] where that has it from another: by whatever way it comes, it is taken
+//! once, and records cannot go round.
 //!
 //! A record on its way ([`Relayed`]) is what a store keeps of it. A base station that takes it keeps it as it came
 //! ([`Event::Relayed`](super::store::Event)) and makes the same record of it: its UTC, its session and its number in a link's
 //! log are those of the base station that heard it.
 
 use super::Base;
-use super::record::{Body, Row, index};
+use super::record::{Body, Origin, Row, index};
 use super::recorder::{Recorder, Session};
 use anyhow::{Context, Result};
+use seen::{Known, LOGS, Taken};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Runs of numbers kept of a log; in what lies between the oldest of more than these nothing comes again.
-const RUNS: usize = 100_000;
-
 /// Kinds of records that cannot be read are told of at most so often.
 const UNREAD: usize = 1000;
+
+/// Sessions of other base stations' stations; of further ones nothing is taken.
+const SESSIONS: usize = 200_000;
 
 /// What a base station finds by its own fusion and its own alarms: it is not taken from others, whose numbers are others'.
 const OWN: [&str; 2] = ["network_track", "alarm"];
@@ -53,6 +55,12 @@ impl Relayed {
         let Row { station, session, sequence, utc, received_us, .. } = *row;
         Self { log, number, station, session, sequence, utc, received_us, rate_hz, kind, body }
     }
+
+    /// Where it was made first.
+    pub fn origin(&self) -> Origin {
+        let from = Row::body(self.kind, &self.body).ok().and_then(|(_, origin)| origin);
+        from.unwrap_or(Origin { log: self.log, number: self.number })
+    }
 }
 
 /// Records as bytes.
@@ -68,56 +76,12 @@ fn unpacked(bytes: &[u8]) -> Result<Vec<Relayed>> {
     postcard::from_bytes(bytes).context("records of another base station are damaged")
 }
 
-/// Which numbers of a log have come: runs of them, the first of each and the last.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Seen {
-    pub(crate) runs: BTreeMap<u64, u64>,
-    /// First numbers of runs that have changed, or are no more, since they were last stored.
-    pub(crate) changed: BTreeSet<u64>,
-}
-
-impl Seen {
-    /// Takes a number; false if it has come before.
-    pub(crate) fn take(&mut self, number: u64) -> bool {
-        let before = self.runs.range(..=number).next_back().map(|(first, last)| (*first, *last));
-        if before.is_some_and(|(_, last)| number <= last) {
-            return false;
-        }
-        // Below the oldest run only where the beginning was left out, or is forgotten.
-        let joined = before.filter(|(_, last)| last + 1 == number);
-        let first = joined.map_or(number, |(first, _)| first);
-        let after = number.checked_add(1).and_then(|next| self.runs.remove(&next).map(|last| (next, last)));
-        self.changed.extend(after.map(|(next, _)| next));
-        self.runs.insert(first, after.map_or(number, |(_, last)| last));
-        self.changed.insert(first);
-        if self.runs.len() > RUNS {
-            self.join_oldest();
-        }
-        true
-    }
-
-    fn join_oldest(&mut self) {
-        let mut oldest = self.runs.iter().map(|(first, last)| (*first, *last));
-        let (Some((first, _)), Some((second, last))) = (oldest.next(), oldest.next()) else { return };
-        self.runs.remove(&second);
-        self.runs.insert(first, last);
-        self.changed.extend([first, second]);
-    }
-
-    /// Numbers between the first and the last that have not come.
-    fn missing(&self) -> u64 {
-        let span = self.runs.first_key_value().zip(self.runs.last_key_value());
-        let between = span.map_or(0, |((first, _), (_, last))| last - first);
-        // All that have come but one, so that no sum is greater than the greatest number.
-        let come = self.runs.iter().map(|(first, last)| last - first).sum::<u64>();
-        between - come - (self.runs.len() as u64).saturating_sub(1)
-    }
-}
-
 /// What is known of the stores that records come from.
 #[derive(Debug, Default)]
 pub(crate) struct Sources {
-    pub(crate) seen: BTreeMap<u64, Seen>,
+    seen: Known,
+    /// Origins that have come by way of other base stations.
+    onward: Known,
     /// The session here of a log's station and session.
     pub(crate) sessions: BTreeMap<(u64, Option<u16>, u32), u32>,
     /// Those of which a store has to note the session.
@@ -126,6 +90,7 @@ pub(crate) struct Sources {
     unread: BTreeSet<(u64, u8)>,
     taken: u64,
     again: u64,
+    refused: u64,
 }
 
 /// What has come of other base stations since this one began.
@@ -139,20 +104,47 @@ pub struct RelayCounters {
     pub missing: u64,
     /// Stores that they come from.
     pub logs: u64,
+    /// Records that were not taken, because they name more stores or sessions than fit.
+    pub refused: u64,
 }
 
 impl Sources {
     /// What has changed is in the store.
     pub(crate) fn stored(&mut self) {
         self.changed.clear();
-        self.seen.values_mut().for_each(|seen| seen.changed.clear());
+        self.seen.stored();
+        self.onward.stored();
+    }
+
+    /// The numbers that have come, with the names of their tables.
+    pub(crate) fn seen(&self) -> [(&'static str, &Known); 2] {
+        [("relayed", &self.seen), ("relayed_onward", &self.onward)]
+    }
+
+    /// The same, to be changed.
+    pub(crate) fn seen_mut(&mut self) -> [(&'static str, &mut Known); 2] {
+        [("relayed", &mut self.seen), ("relayed_onward", &mut self.onward)]
+    }
+
+    /// Takes note of a record that has come by way of another base station, or straight; whether it is new.
+    fn note(&mut self, origin: Origin, straight: bool) -> Taken {
+        let Origin { log, number } = origin;
+        match straight {
+            true if self.onward.has(log, number) => Taken::Again,
+            true => Taken::New,
+            false if self.seen.has(log, number) => Taken::Again,
+            false => self.onward.take(log, number),
+        }
     }
 
     /// Two logs may count the sessions of one station, and it may be heard here, too: one whose number is taken gets the
     /// next that is free.
-    fn session(&mut self, of: (u64, Option<u16>, u32), recorder: Option<&Recorder>) -> u32 {
+    fn session(&mut self, of: (u64, Option<u16>, u32), recorder: Option<&Recorder>) -> Option<u32> {
         if let Some(here) = self.sessions.get(&of) {
-            return *here;
+            return Some(*here);
+        }
+        if self.sessions.len() >= SESSIONS {
+            return None;
         }
         let (.., session) = of;
         let taken = recorder.is_some_and(|r| r.sessions.contains_key(&session));
@@ -160,7 +152,7 @@ impl Sources {
         let here = if taken { newest.saturating_add(1) } else { session };
         self.sessions.insert(of, here);
         self.changed.insert(of);
-        here
+        Some(here)
     }
 }
 
@@ -172,13 +164,26 @@ impl Base {
             Err(e) => return self.warnings.push(format!("{e:#}; they are left out")),
         };
         for record in records {
-            if !self.sources.seen.entry(record.log).or_default().take(record.number) {
-                self.sources.again += 1;
-                continue;
+            match self.sources.seen.take(record.log, record.number) {
+                Taken::New => {}
+                taken => {
+                    self.left_out(taken);
+                    continue;
+                }
             }
             match Row::body(record.kind, &record.body) {
-                Ok(Body::Said(said)) if OWN.iter().any(|kind| said["type"] == *kind) => {}
-                Ok(body) => out.push(self.take_relayed(&record, body)),
+                Ok((Body::Said(said), _)) if OWN.iter().any(|kind| said["type"] == *kind) => {}
+                Ok((body, from)) => {
+                    let straight = Origin { log: record.log, number: record.number };
+                    let origin = from.unwrap_or(straight);
+                    match self.sources.note(origin, origin == straight) {
+                        Taken::New => match self.take_relayed(&record, origin, body) {
+                            Some(row) => out.push(row),
+                            None => self.left_out(Taken::Refused),
+                        },
+                        taken => self.left_out(taken),
+                    }
+                }
                 Err(e) => {
                     let (log, number) = (record.log, record.number);
                     if self.sources.unread.len() < UNREAD && self.sources.unread.insert((log, record.kind)) {
@@ -191,16 +196,34 @@ impl Base {
         }
     }
 
-    fn take_relayed(&mut self, record: &Relayed, body: Body) -> Row {
-        self.sources.taken += 1;
-        self.over_links.records += 1;
+    fn left_out(&mut self, taken: Taken) {
+        match taken {
+            Taken::Refused => {
+                self.sources.refused += 1;
+                if self.sources.refused == 1 {
+                    self.warnings.push(format!(
+                        "records of more than {LOGS} base stations or {SESSIONS} sessions have come: those of further ones are left out"
+                    ));
+                }
+            }
+            _ => self.sources.again += 1,
+        }
+    }
+
+    /// None where its session is one too many.
+    fn take_relayed(&mut self, record: &Relayed, origin: Origin, body: Body) -> Option<Row> {
         let most = super::KEPT / self.recorders.len().max(1);
         let of = |session| (record.log, record.station, session);
         let heard = self.recorders.get(&record.station);
-        let own = record.session.map(|session| self.sources.session(of(session), heard));
+        let own = match record.session {
+            Some(session) => Some(self.sources.session(of(session), heard)?),
+            None => None,
+        };
+        self.sources.taken += 1;
+        self.over_links.records += 1;
         let Relayed { station, sequence, utc, received_us, .. } = *record;
-        let mut row = Row { station, session: own, sequence, utc, received_us, body };
-        let (Some(session), Body::Message(message)) = (own, &row.body) else { return row };
+        let mut row = Row { origin: Some(origin), station, session: own, sequence, utc, received_us, body };
+        let (Some(session), Body::Message(message)) = (own, &row.body) else { return Some(row) };
         let recorder = self.recorder(station);
         let new = !recorder.sessions.contains_key(&session);
         let known: &mut Session = recorder.sessions.entry(session).or_default();
@@ -216,16 +239,17 @@ impl Base {
         }
         recorder.forget_oldest();
         recorder.know(session, &row, most);
-        row
+        Some(row)
     }
 
     /// What has come of other base stations.
     pub fn relay_counters(&self) -> RelayCounters {
-        let Sources { taken, again, seen, .. } = &self.sources;
-        let missing = seen.values().map(Seen::missing).fold(0, u64::saturating_add);
-        RelayCounters { taken: *taken, again: *again, missing, logs: seen.len() as u64 }
+        let Sources { taken, again, refused, seen, .. } = &self.sources;
+        let (missing, logs) = (seen.missing(), seen.len() as u64);
+        RelayCounters { taken: *taken, again: *again, missing, logs, refused: *refused }
     }
 }
 
+mod seen;
 #[cfg(test)]
 mod tests;

@@ -73,6 +73,7 @@ mod tests {
     fn the_oldest_make_room_and_what_was_taken_is_forgotten() {
         let (waiting, base) = (Waiting::new(4), Base::new(None));
         let row = Row {
+            origin: None,
             station: Some(7),
             session: None,
             sequence: None,

@@ -292,6 +292,7 @@ fn fill(broker: &Mosquitto, first: i64, last: i64) -> Result<()> {
 fn message(number: i64) -> Result<(String, String)> {
     let at_us = 1_790_000_000_000_000 + number * 1000;
     let row = Row {
+        origin: None,
         station: Some((number % i64::from(RECORDERS)) as u16 + 1),
         session: Some(1),
         sequence: Some(u32::try_from(number).context("too many records")?),

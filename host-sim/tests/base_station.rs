@@ -231,7 +231,7 @@ fn stations_of_a_file_are_read_at_once_and_called_until_they_answer() {
     }
 }
 
-/// On a disk that is full the base says so once, acknowledges nothing, and goes on when there is room.
+/// On a disk that is full the base says so once, raises both alarms, acknowledges nothing, and goes on when there is room.
 #[test]
 fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
     let dir = tempfile::tempdir().unwrap();
@@ -243,7 +243,32 @@ fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
         seabearing_testkit::skipped("base_station", "no tmpfs can be mounted here");
         return;
     }
-    let base = Base::start(dir.path(), &["--listen", "127.0.0.1:0", "--store", "store"]);
+    // Whoever is told of alarms stands elsewhere.
+    let elsewhere = tempfile::tempdir().unwrap();
+    let (told, alarms) = (elsewhere.path().join("told"), elsewhere.path().join("alarms.toml"));
+    let tell = format!("[[deliver]]\ncommand = [\"sh\", \"-c\", \"cat >> {}\"]\n", told.display());
+    std::fs::write(&alarms, format!("[[alarms]]\nkind = \"disk\"\nfree_percent = 50\n{tell}")).unwrap();
+    let args = ["--listen", "127.0.0.1:0", "--store", "store", "--alarms", alarms.to_str().unwrap()];
+    let base = Base::start(dir.path(), &args);
+    let told_until = |wanted: usize| -> Vec<String> {
+        let begun = Instant::now();
+        loop {
+            let text = std::fs::read_to_string(&told).unwrap_or_default();
+            let records = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+            let alarms: Vec<String> =
+                records.map(|r| format!("{} {}", r["code"], r["state"]).replace('"', "")).collect();
+            if alarms.len() >= wanted || begun.elapsed().as_secs() > 60 {
+                return alarms;
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    };
+    // Somebody else takes the room, and gives it back.
+    let taken = dir.path().join("taken");
+    std::fs::write(&taken, vec![1; 500_000]).unwrap();
+    assert_eq!(told_until(1), ["DiskLow raised"]);
+    std::fs::remove_file(&taken).unwrap();
+    assert_eq!(told_until(2).len(), 2);
     let mut stream = base.call();
     stream.set_write_timeout(Some(Duration::from_secs(1))).unwrap();
     let mut encoder = Encoder::default();
@@ -257,11 +282,13 @@ fn a_full_disk_is_named_and_storing_goes_on_when_there_is_room() {
     let grown = mount(&["-o", "remount,size=64m"]);
     let again = says.recv_timeout(Duration::from_secs(60));
     let all = wait(dir.path(), "room again", |all| of(all, 7, "end") == 20_000);
+    let all_told = told_until(4);
     drop(child);
     let unmounted = Command::new("umount").arg(dir.path()).status().unwrap().success();
     assert!(grown && unmounted && all.len() > 20_000);
     assert!(full.contains("the disk is full") && full.contains("nothing is acknowledged"), "{full}");
     assert!(again.is_ok_and(|l| l.contains("takes records again")));
+    assert_eq!(all_told, ["DiskLow raised", "DiskLow cleared", "StoreFails raised", "StoreFails cleared"]);
 }
 
 /// A recorder's end that carries out signed commands.

@@ -109,6 +109,11 @@ fn stations(records: &[Value], places: &Positions) -> Vec<(Value, Value)> {
     seen.iter().filter(|s| known(s)).filter_map(of).collect()
 }
 
+/// Records that stand on a map.
+pub(super) fn written(records: &[Value], places: &Positions) -> usize {
+    drawn(records, places).iter().map(|track| track.reports.len()).sum()
+}
+
 /// What is said of a track besides its line.
 fn properties(report: &Value) -> Map<String, Value> {
     const SAID: [&str; 14] = [

@@ -154,6 +154,28 @@ pub fn write(path: &Path, format: Format, records: &[Value], places: &Positions)
     })
 }
 
+/// How many of these records [`write()`] puts into a file: a map takes those that tell a place, of stations whose position is known.
+pub fn written(format: Format, records: &[Value], places: &Positions) -> usize {
+    match format {
+        Format::GeoJson | Format::Kml => map::written(records, places),
+        Format::Raven | Format::Audacity | Format::PamGuard | Format::QuakeMl => {
+            events::events(records).len()
+        }
+        Format::Csv | Format::Parquet | Format::JsonLines => records.len(),
+    }
+}
+
+/// What a format takes, in words.
+pub fn takes(format: Format) -> &'static str {
+    match format {
+        Format::GeoJson | Format::Kml => {
+            "reports of tracks that have a place, of stations whose position is known"
+        }
+        Format::Raven | Format::Audacity | Format::PamGuard | Format::QuakeMl => "events",
+        Format::Csv | Format::Parquet | Format::JsonLines => "all",
+    }
+}
+
 /// The vessel's place in a track's record, metres East and North of the station; `None` where its range is not observable.
 fn east_north(record: &Value) -> Option<(f64, f64)> {
     let is_placed = record["type"] == "track" && record["range_observable"] == true;

@@ -76,6 +76,18 @@ fn maps_hold_the_track_with_its_times() {
 }
 
 #[test]
+fn what_a_map_leaves_out_is_not_counted_as_written() {
+    let all = records();
+    let elsewhere = Positions { of_station: [(999, (1.0, 2.0))].into(), ..Positions::default() };
+    for format in [Format::GeoJson, Format::Kml] {
+        let counts =
+            [at(49.0, -123.0), elsewhere.clone()].map(|places| super::written(format, &all, &places));
+        assert_eq!(counts, [4, 0], "{format:?}");
+    }
+    assert_eq!(super::written(Format::Csv, &all, &elsewhere), all.len());
+}
+
+#[test]
 fn what_cannot_be_written_is_told_with_the_remedy() {
     let refused = |name: &str| written(name, &Positions::default()).unwrap_err().to_string();
     assert!(refused("t.kml").contains("a station file"));

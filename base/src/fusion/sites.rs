@@ -34,12 +34,14 @@ pub struct Sites {
     pub sites: Vec<Site>,
     /// The plane, where latitudes are known; its origin is the first station.
     pub frame: Option<LocalFrame>,
+    /// Stations that would be fused if there were not so many.
+    pub beyond: usize,
 }
 
 impl Sites {
     /// Of a stations file, and a line for each station that cannot take part.
     pub fn of(listed: &[Listed]) -> (Self, Vec<String>) {
-        let (mut out, mut notes) = (Self::default(), Vec::new());
+        let (mut out, mut notes, mut beyond) = (Self::default(), Vec::new(), Vec::new());
         let local = |s: &Listed| s.config.local_east_north_m;
         let plane = !listed.is_empty() && listed.iter().all(|s| s.config.lat_lon_deg.is_none());
         for s in listed {
@@ -47,7 +49,7 @@ impl Sites {
             let place = if plane { local(s).map(|p| (p, 0.0)).ok_or_else(none) } else { out.place(s) };
             let (at, north) = match place {
                 Ok(_) if out.sites.len() == MAX_ARRAYS => {
-                    notes.push(format!("station {id}: {MAX_ARRAYS} stations are fused already; it is not"));
+                    beyond.push(id);
                     continue;
                 }
                 Ok(place) => place,
@@ -64,6 +66,14 @@ impl Sites {
                 sound_speed_m_s: config.sound_speed_m_s,
             });
         }
+        if let [first, .., last] | [first @ last] = &beyond[..] {
+            notes.push(format!(
+                "{MAX_ARRAYS} stations are fused, the first of the stations file; {} are not (from {first} to {last}): give the \
+                 stations of each region to a base station of its own",
+                beyond.len()
+            ));
+        }
+        out.beyond = beyond.len();
         (out, notes)
     }
 
@@ -122,6 +132,15 @@ mod tests {
         let mut config = StationConfig::array(16_000.0, [[0.0; 3]; 4]);
         (config.id, config.lat_lon_deg, config.depth_m) = (id, lat_lon_deg, 100.0);
         Listed { config, line: None, key: None, start: None, sd_orientation_deg: 0.5 }
+    }
+
+    #[test]
+    fn stations_beyond_the_most_are_counted_and_told_in_one_line() {
+        let all: Vec<Listed> =
+            (1..=20).map(|id| listed(id, Some((49.0, -123.0 + 0.01 * f64::from(id))))).collect();
+        let (sites, notes) = Sites::of(&all);
+        assert_eq!((sites.sites.len(), sites.beyond, notes.len()), (MAX_ARRAYS, 4, 1), "{notes:?}");
+        assert!(notes[0].contains("4 are not (from 17 to 20)"), "{notes:?}");
     }
 
     #[test]

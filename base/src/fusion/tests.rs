@@ -24,7 +24,7 @@ fn sites() -> Sites {
         sd_orientation: 0.5f64.to_radians(),
         sound_speed_m_s: 1484.0,
     };
-    Sites { sites: PLACES.iter().enumerate().map(site).collect(), frame: None }
+    Sites { sites: PLACES.iter().enumerate().map(site).collect(), frame: None, beyond: 0 }
 }
 
 /// Errors that are normal, the same in every run.

@@ -1,6 +1,7 @@
-use super::super::store::{Entry, Event, Retain, Store, Tail, Wanted, check, read, rebuild};
+use super::super::store::{Entry, Event, Logs, Retain, Store, Tail, Wanted, check, read, rebuild};
 use super::super::tests::{a_track, end, frames, hello_of};
 use super::super::{Base, Beginning};
+use super::seen::Seen;
 use super::*;
 use proptest::prelude::*;
 use seabearing_core::wire::{Encoder, Message, Time};
@@ -71,7 +72,7 @@ fn a_centre_has_the_records_of_a_base_station_as_they_are_there_and_each_once() 
             .any(|r| r["type"] == "track" && r["utc"].is_string() && r["t_s"].is_number())
     );
     let counters = base.relay_counters();
-    assert_eq!(counters, RelayCounters { taken: 5, again: 6, missing: 0, logs: 1 });
+    assert_eq!(counters, RelayCounters { taken: 5, again: 6, missing: 0, logs: 1, refused: 0 });
     // Started again, and killed between keeping and decoding.
     let more = Relayed { number: 9, ..relayed[4].clone() };
     let again = [relayed.clone(), vec![more]].concat();
@@ -134,7 +135,15 @@ fn what_another_base_station_found_itself_is_left_out_and_damage_is_named() {
     let mut base = Base::new(None);
     let said = |kind: &str, number| {
         let body = Body::Said(serde_json::json!({ "type": kind }));
-        let row = Row { station: Some(7), session: None, sequence: None, utc: None, received_us: None, body };
+        let row = Row {
+            origin: None,
+            station: Some(7),
+            session: None,
+            sequence: None,
+            utc: None,
+            received_us: None,
+            body,
+        };
         Relayed::of(&row, 1, number, None)
     };
     let all = [said("network_track", 1), said("alarm", 2), said("line", 3)];
@@ -147,6 +156,100 @@ fn what_another_base_station_found_itself_is_left_out_and_damage_is_named() {
     base.relayed(&packed(&unread).unwrap(), &mut rows);
     let warnings = base.warnings();
     assert!(rows.len() == 1 && warnings.len() == 2, "{warnings:?}");
+}
+
+#[test]
+fn records_that_go_round_by_way_of_another_centre_are_known_and_so_are_both_ways_to_one() {
+    let near = tempfile::tempdir().unwrap();
+    let heard = heard(near.path(), &session(), 5);
+    // What a centre with this log publishes of what it has taken.
+    let onward = |base: &mut Base, from: &[Relayed], log: u64| -> Vec<Relayed> {
+        let mut rows = Vec::new();
+        base.relayed(&packed(from).unwrap(), &mut rows);
+        assert!(rows.iter().all(|row| row.origin.is_some_and(|o| o.log == 5)));
+        (1..).zip(&rows).map(|(number, row)| Relayed::of(row, log, number, None)).collect()
+    };
+    let (mut one, mut two) = (Base::new(None), Base::new(None));
+    let by_one = onward(&mut one, &heard, 100);
+    let by_two = onward(&mut two, &by_one, 200);
+    assert_eq!((by_one.len(), by_two.len()), (heard.len(), heard.len()));
+    assert_eq!(by_two[2].origin(), Origin { log: 5, number: 3 });
+    // Back at the first, and straight to the second after it had come by way of the first.
+    assert!(onward(&mut one, &by_two, 100).is_empty());
+    assert!(onward(&mut two, &heard, 200).is_empty());
+    assert_eq!((one.relay_counters().again, two.relay_counters().again), (5, 5));
+    // That outlives the program, and the bytes give the same records anew.
+    let far = tempfile::tempdir().unwrap();
+    let mut base = Base::new(None);
+    let mut store = Store::open(far.path(), &mut base).unwrap();
+    take(&mut store, &mut base, 0, NOW_US, Event::Relayed(packed(&by_one).unwrap()));
+    drop(store);
+    let mut base = Base::new(None);
+    let mut store = Store::open(far.path(), &mut base).unwrap();
+    for again in [&by_two, &heard] {
+        assert_eq!(take(&mut store, &mut base, 0, NOW_US, Event::Relayed(packed(again).unwrap())), 0);
+    }
+    let kept = Tail::open(far.path()).unwrap().after(0, 9).unwrap();
+    assert_eq!(kept[4].row.origin, Some(Origin { log: 5, number: 5 }));
+    drop(store);
+    assert!(check(far.path()).unwrap().faults.is_empty());
+}
+
+#[test]
+fn a_copy_of_a_store_that_goes_on_by_itself_gives_other_numbers_and_what_it_was_copied_with_stays_known() {
+    let (first, copy) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    drop(heard(first.path(), &session(), 0));
+    for file in std::fs::read_dir(first.path()).unwrap().flatten() {
+        std::fs::copy(file.path(), copy.path().join(file.file_name())).unwrap();
+    }
+    let goes_on = |folder: &Path, index| {
+        let mut base = Base::new(None);
+        let mut store = Store::open(folder, &mut base).unwrap();
+        let stream = store.next_stream();
+        let began = Beginning { line: "x".into(), ..Beginning::default() };
+        take(&mut store, &mut base, stream, NOW_US, Event::Began(began));
+        let mut encoder = Encoder::default();
+        let bytes = [hello_of(7), end(index)].iter().flat_map(|m| encoder.frame(m).to_vec()).collect();
+        take(&mut store, &mut base, stream, NOW_US, Event::Bytes(bytes));
+        let logs = Logs::of(folder).unwrap();
+        let all = Tail::open(folder).unwrap().after(0, 99).unwrap();
+        all.iter()
+            .map(|n| Relayed::of(&n.row, logs.log(n.number), n.number as u64, n.rate_hz))
+            .collect::<Vec<_>>()
+    };
+    // Twice each: a store that stays where it is keeps its log.
+    let logs = |records: &[Relayed]| records.iter().map(|r| r.log).collect::<BTreeSet<_>>().len();
+    goes_on(first.path(), 2000);
+    goes_on(copy.path(), 3000);
+    let (ours, theirs) = (goes_on(first.path(), 2001), goes_on(copy.path(), 3001));
+    assert_eq!((ours.len(), theirs.len(), logs(&ours), logs(&theirs)), (9, 9, 1, 2));
+    let (mut base, mut rows) = (Base::new(None), Vec::new());
+    base.relayed(&packed(&ours).unwrap(), &mut rows);
+    base.relayed(&packed(&theirs).unwrap(), &mut rows);
+    assert_eq!((rows.len(), base.relay_counters().again), (9 + 4, 5));
+}
+
+#[test]
+fn what_a_hostile_publisher_says_fills_no_memory() {
+    let mut base = Base::new(None);
+    let row = Row {
+        origin: None,
+        station: Some(7),
+        session: None,
+        sequence: None,
+        utc: None,
+        received_us: None,
+        body: Body::Said(serde_json::json!({ "type": "line" })),
+    };
+    let all: Vec<Relayed> = (0..LOGS as u64 + 50).map(|log| Relayed::of(&row, log, 1, None)).collect();
+    let mut rows = Vec::new();
+    base.relayed(&packed(&all).unwrap(), &mut rows);
+    let counters = base.relay_counters();
+    assert_eq!((rows.len(), counters.logs, counters.refused), (LOGS, LOGS as u64, 50));
+    assert_eq!(base.warnings().len(), 1);
+    // Those that are known go on.
+    base.relayed(&packed(&[Relayed::of(&row, 3, 2, None)]).unwrap(), &mut rows);
+    assert_eq!(rows.len(), LOGS + 1);
 }
 
 #[test]

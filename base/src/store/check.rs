@@ -59,9 +59,9 @@ pub fn check(folder: &Path) -> Result<Soundness> {
         }
         let mut contents = contents(&live, &look, &bytes, &records)?;
         if relayed.logs > 0 {
-            let RelayCounters { taken, again, missing, logs } = relayed;
+            let RelayCounters { taken, again, missing, logs, refused } = relayed;
             contents["relayed"] =
-                json!({ "records": taken, "again": again, "missing": missing, "base_stations": logs });
+                json!({ "records": taken, "again": again, "missing": missing, "base_stations": logs, "refused": refused });
         }
         Ok(Soundness { contents, faults })
     });

@@ -7,6 +7,7 @@
 
 mod check;
 mod earlier;
+mod epochs;
 mod history;
 mod lock;
 mod look;
@@ -22,6 +23,7 @@ mod write;
 mod tests;
 
 pub use check::{Soundness, check};
+pub use epochs::{Logs, begin_log};
 pub use history::{History, Moment, Path as TrackPath};
 pub use months::Retain;
 pub use read::{Wanted, newest_us, positions, read, stations};
@@ -122,7 +124,7 @@ impl Store {
         let opened = Self::open_locked(folder, lock, base);
         if opened.is_err() && !begun {
             // Nothing half made is left.
-            for name in ["store.sqlite", "store.sqlite-wal", "store.sqlite-shm", "lock"] {
+            for name in ["store.sqlite", "store.sqlite-wal", "store.sqlite-shm", "lock", "place"] {
                 let _ = std::fs::remove_file(folder.join(name));
             }
             if new {
@@ -152,6 +154,7 @@ impl Store {
         store.catch_up(base)?;
         store.clear(&months::months(&store.db)?)?;
         rebuild::clear(&store)?;
+        epochs::note_place(&store.db, folder, store.newest_record)?;
         store.resumed = (store.newest_record + 1 - store.number("SELECT first_record FROM about")?) as u64;
         Ok(store)
     }

@@ -58,11 +58,14 @@ pub(super) fn resume(db: &Connection, base: &mut Base) -> Result<()> {
 
 /// What has come of other base stations.
 fn resume_relayed(db: &Connection, base: &mut Base) -> Result<()> {
-    let mut runs = db.prepare("SELECT log, first, last FROM relayed")?;
-    let runs = runs.query_map([], |r| Ok((r.get::<_, i64>(0)?, r.get::<_, i64>(1)?, r.get::<_, i64>(2)?)))?;
-    for run in runs {
-        let (log, first, last) = run?;
-        base.sources.seen.entry(log as u64).or_default().runs.insert(first as u64, last as u64);
+    for (table, seen) in base.sources.seen_mut() {
+        let mut runs = db.prepare(&format!("SELECT log, first, last FROM {table}"))?;
+        let numbers =
+            |r: &rusqlite::Row<'_>| Ok([r.get::<_, i64>(0)?, r.get(1)?, r.get(2)?].map(|n| n as u64));
+        for run in runs.query_map([], numbers)? {
+            let [log, first, last] = run?;
+            seen.resume(log, first, last);
+        }
     }
     let mut sessions = db.prepare("SELECT log, station, session, here FROM relayed_sessions")?;
     let sessions = sessions.query_map([], |r| {
@@ -234,7 +237,8 @@ pub(super) fn row(r: &rusqlite::Row<'_>) -> rusqlite::Result<Result<Row>> {
     let kind: u8 = r.get(6)?;
     let (utc_us, sd_s): (Option<i64>, Option<f64>) = (r.get(3)?, r.get(4)?);
     let (of, session, sequence, received_us) = (r.get(0)?, r.get(1)?, r.get(2)?, r.get(5)?);
-    Ok(Row::body(kind, &body).map(|body| Row {
+    Ok(Row::body(kind, &body).map(|(body, origin)| Row {
+        origin,
         station: station(of),
         session,
         sequence,

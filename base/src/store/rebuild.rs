@@ -170,6 +170,7 @@ impl Store {
         if knows_relayed(&self.db, "state")? {
             self.db.execute_batch(
                 "INSERT INTO relayed SELECT * FROM state.relayed;
+                 INSERT INTO relayed_onward SELECT * FROM state.relayed_onward;
                  INSERT INTO relayed_sessions SELECT * FROM state.relayed_sessions;",
             )?;
         }

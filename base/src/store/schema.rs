@@ -46,9 +46,12 @@ CREATE INDEX IF NOT EXISTS records_undated ON records(station, session) WHERE ut
 CREATE INDEX IF NOT EXISTS records_by_station ON records(station, kind, utc_us) WHERE utc_us IS NOT NULL;
 ";
 
-/// What is known of records that come from other base stations: which have come, in runs of their numbers, and the sessions
-/// that they are of here.
+/// What is known of records that come from other base stations: which have come, in runs of their numbers, directly or by way of
+/// others, and the sessions that they are of here. And the logs of this store ([`super::epochs`]).
 const RELAYED: &str = "
+CREATE TABLE IF NOT EXISTS epochs(first INTEGER PRIMARY KEY, log INTEGER NOT NULL);
+CREATE TABLE IF NOT EXISTS relayed_onward(log INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL,
+    PRIMARY KEY(log, first)) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS relayed(log INTEGER NOT NULL, first INTEGER NOT NULL, last INTEGER NOT NULL,
     PRIMARY KEY(log, first)) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS relayed_sessions(log INTEGER NOT NULL, station INTEGER NOT NULL, session INTEGER NOT NULL,
@@ -161,6 +164,6 @@ fn known(db: &Connection) -> Result<i64> {
 
 /// Whether a file of a store has the tables of records of other base stations, which those of earlier versions have not.
 pub(super) fn knows_relayed(db: &Connection, file: &str) -> Result<bool> {
-    let query = format!("SELECT EXISTS(SELECT 1 FROM {file}.sqlite_schema WHERE name = 'relayed_sessions')");
+    let query = format!("SELECT EXISTS(SELECT 1 FROM {file}.sqlite_schema WHERE name = 'relayed_onward')");
     Ok(db.query_row(&query, [], |r| r.get(0))?)
 }

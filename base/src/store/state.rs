@@ -46,6 +46,7 @@ fn fill(store: &Connection, open: &BTreeSet<u32>, path: &Path) -> Result<()> {
          INSERT INTO stations SELECT * FROM store.stations;
          INSERT INTO clocks SELECT * FROM store.clocks;
          INSERT INTO relayed SELECT * FROM store.relayed;
+         INSERT INTO relayed_onward SELECT * FROM store.relayed_onward;
          INSERT INTO relayed_sessions SELECT * FROM store.relayed_sessions;",
     )?;
     {

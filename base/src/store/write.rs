@@ -93,13 +93,13 @@ pub(super) fn state(db: &Transaction<'_>, store: &Path, base: &mut Base) -> Resu
 
 /// What has changed of what came from other base stations.
 fn relayed(db: &Transaction<'_>, base: &Base) -> Result<()> {
-    let mut put = db.prepare("INSERT OR REPLACE INTO relayed VALUES(?1, ?2, ?3)")?;
-    let mut drop = db.prepare("DELETE FROM relayed WHERE log = ?1 AND first = ?2")?;
-    for (log, seen) in &base.sources.seen {
-        for first in &seen.changed {
-            match seen.runs.get(first) {
-                Some(last) => put.execute(params![*log as i64, *first as i64, *last as i64])?,
-                None => drop.execute(params![*log as i64, *first as i64])?,
+    for (table, seen) in base.sources.seen() {
+        let mut put = db.prepare(&format!("INSERT OR REPLACE INTO {table} VALUES(?1, ?2, ?3)"))?;
+        let mut drop = db.prepare(&format!("DELETE FROM {table} WHERE log = ?1 AND first = ?2"))?;
+        for (log, first, last) in seen.changed() {
+            match last {
+                Some(last) => put.execute(params![log as i64, first as i64, last as i64])?,
+                None => drop.execute(params![log as i64, first as i64])?,
             };
         }
     }

@@ -254,9 +254,12 @@ pub fn run(args: Args) -> Result<()> {
     for address in service.listening() {
         log::info!("listening at {address}");
     }
+    let fused = fused(&listed);
+    let counters = move || counters() + &fused;
     let before = service.base().counters();
     let must_show = service.ends() || args.store.is_none();
-    let alarms = args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places, counters)?;
+    let (alarms, ais) =
+        args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places, counters)?;
     let fusion = fuse(&service, &listed, args.store.as_deref())?;
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
     let reads_keys = args.input.iter().any(|path| path.as_os_str() == "-");
@@ -283,6 +286,10 @@ pub fn run(args: Args) -> Result<()> {
     }
     if let Some(fusion) = &fusion {
         fusion.settle();
+        while service.take_noted()? {}
+    }
+    if let Some(ais) = &ais {
+        ais.settle();
         while service.take_noted()? {}
     }
     tell(service.notes());
@@ -316,6 +323,20 @@ pub fn run(args: Args) -> Result<()> {
         super::base_page::stay();
     }
     Ok(())
+}
+
+/// How many stations are fused, and how many are too many, for Prometheus.
+fn fused(listed: &[Listed]) -> String {
+    let (sites, _) = Sites::of(listed);
+    let line = |name: &str, help: &str, n: usize| {
+        format!("# HELP seabearing_{name} {help}.\n# TYPE seabearing_{name} gauge\nseabearing_{name} {n}\n")
+    };
+    line("fusion_stations", "Stations whose bearings are fused", sites.sites.len())
+        + &line(
+            "fusion_stations_left_out",
+            "Stations that are not fused, because there are too many",
+            sites.beyond,
+        )
 }
 
 /// Fuses the bearings of the stations of a stations file, where two or more have a position.

@@ -77,7 +77,7 @@ impl Brokers {
             && let Some(door) = service.door()
         {
             log::info!("records from {broker}");
-            let own = at_work.publisher.as_ref().map(Publisher::log);
+            let own = at_work.publisher.as_ref().map(|p| p.logs().clone());
             at_work.subscriber = Some(subscribe::start(broker, door, store, own)?);
         }
         Ok(at_work)

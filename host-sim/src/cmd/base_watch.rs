@@ -6,7 +6,7 @@ use crate::base::stations::Listed;
 use crate::base::store::{self, Wanted};
 use anyhow::{Result, bail};
 use seabearing_watch::ais_live::source::Source;
-use seabearing_watch::ais_live::{self, Live};
+use seabearing_watch::ais_live::{self, AtWork, Live};
 use seabearing_watch::alarms::rules::{Alarms, Condition};
 use seabearing_watch::alarms::{Watcher, deliver};
 use seabearing_watch::{matching, metrics, nmea};
@@ -71,7 +71,7 @@ impl Watch {
         Ok(Some(alarms))
     }
 
-    /// Starts what is asked for; gives the alarms of the store, oldest first. `more`: counters of others.
+    /// Starts what is asked for; gives the alarms of the store, oldest first, and what matches tracks with AIS. `more`: counters of others.
     pub(super) fn start(
         &self,
         alarms: Option<Alarms>,
@@ -80,7 +80,7 @@ impl Watch {
         listed: &[Listed],
         places: &Positions,
         more: impl Fn() -> String + Clone + Send + Sync + 'static,
-    ) -> Result<Vec<Value>> {
+    ) -> Result<(Vec<Value>, Option<AtWork>)> {
         let known = known(places);
         if let Some(at) = &self.nmea {
             log::info!("NMEA 0183 for chart plotters at {}", nmea::serve(at, &known, service.feed())?);
@@ -88,11 +88,12 @@ impl Watch {
         if let Some(at) = &self.metrics {
             log::info!("counters at http://{}/metrics", metrics::serve(at, service.feed(), more)?);
         }
+        let mut ais = None;
         if !self.ais.is_empty() {
             let live = Live::new(&known, matching::Rules::default());
-            ais_live::start(live, &self.ais, service.feed(), service.notebook())?;
+            ais = Some(ais_live::start(live, &self.ais, service.feed(), service.notebook())?);
         }
-        let Some(alarms) = alarms else { return Ok(Vec::new()) };
+        let Some(alarms) = alarms else { return Ok((Vec::new(), ais)) };
         let mut stations: BTreeMap<u16, Option<(f64, f64)>> =
             known.into_iter().map(|(of, at)| (of, Some(at))).collect();
         for s in listed {
@@ -111,7 +112,7 @@ impl Watch {
         let watcher = Watcher::new(alarms.rules, &stations, now_s);
         let folder = store.map(Path::to_owned);
         deliver::start(watcher, alarms.deliveries, service.feed(), service.notebook(), folder, &standing);
-        Ok(standing)
+        Ok((standing, ais))
     }
 }
 

@@ -106,7 +106,16 @@ pub fn run(args: Args) -> Result<()> {
         None => of_files(&args.records, &wanted)?,
     };
     export::write(&args.out, format, &records, &places).context("cannot export")?;
-    log::info!("{} records to {}", records.len(), args.out.display());
+    let written = export::written(format, &records, &places);
+    match written == records.len() {
+        true => log::info!("{written} records to {}", args.out.display()),
+        false => log::info!(
+            "{written} of {} records to {}: {}",
+            records.len(),
+            args.out.display(),
+            export::takes(format)
+        ),
+    }
     Ok(())
 }
 

@@ -38,7 +38,7 @@ struct WhereKnown {
     #[serde(skip_serializing_if = "Option::is_none")]
     sequence: Option<u32>,
     /// Only where it is published over MQTT (docs/fleet.md): `base` that publishes it, `log` (the number of its store), `number`
-    /// of the record there, and `packed`, what another base station needs to keep it.
+    /// of the record there, `packed`, what another base station needs to keep it, and `origin` (`log` and `number`) if it was made elsewhere.
     #[serde(skip_serializing_if = "Option::is_none")]
     relay: Option<Map<String, Value>>,
 }
@@ -114,6 +114,39 @@ struct Alarm {
     probability: Option<f64>,
     /// The same in words, as when it was raised.
     text: String,
+}
+
+/// What became of all tracks beside AIS that have ended, every hour and at the end (`base --ais`), or of all tracks (`ais match`;
+/// docs/ais.md).
+#[derive(Serialize, JsonSchema)]
+struct AisFleet {
+    /// Tracks.
+    tracks: u64,
+    /// Those that are a vessel of AIS.
+    vessels: u64,
+    /// Those that are none.
+    dark: u64,
+    /// Those of which nobody can say.
+    unmatched: u64,
+    /// Median distance of places from AIS, metres.
+    median_position_error_m: Option<f64>,
+    /// Mean squared distance in standard deviations: 2 where covariances are honest.
+    mean_distance2: Option<f64>,
+    /// Places within the 95 % ellipse, percent.
+    within_95_percent: Option<f64>,
+    /// Errors of heading: `n`, `rms`, `median`, `rms_sd` (in standard deviations), and `histogram_sd`: `counts` a standard deviation
+    /// wide each from `from` on, the first and the last with all beyond.
+    heading_deg: Map<String, Value>,
+    /// The same of speed.
+    speed_m_s: Map<String, Value>,
+    /// The same of the time of the closest point.
+    cpa_time_s: Map<String, Value>,
+    /// The same of its range.
+    cpa_range_m: Map<String, Value>,
+    /// Ranges to which vessels are heard, by speed: `from`, `to`, `tracks`, `median_heard_to_m`, `heard_to_90_percent_m`.
+    heard_by_speed_m_s: Vec<Map<String, Value>>,
+    /// The same by length.
+    heard_by_length_m: Vec<Map<String, Value>>,
 }
 
 /// Which vessel of AIS a track is, when that is first known, when it changes, and with all errors at the track's end
@@ -279,6 +312,7 @@ pub fn schema() -> Value {
         kind::<Warning>(g, "warning", false),
         kind::<Alarm>(g, "alarm", false),
         kind::<AisMatch>(g, "ais_match", false),
+        kind::<AisFleet>(g, "ais_fleet", false),
         kind::<Acknowledge>(g, "acknowledge", false),
         kind::<Note>(g, "note", false),
         kind::<NotShown>(g, "not_shown", false),

@@ -1,9 +1,10 @@
 //! AIS beside the base station as it comes: every track with its vessel, or none.
 //!
 //! In: records of the feed, sentences of any number of [`source`]s. Out: records `ais_match`, one when the verdict on a track
-//! changes and one with its errors when it has ended, and `warning`s. Tracks of the last quarter of an hour are judged anew
+//! changes and one with its errors when it has ended, `ais_fleet` over all that have ended, every hour and at the end, and `warning`s. Tracks of the last quarter of an hour are judged anew
 //! as reports come; those of AIS are kept for as long as a vessel that leaves its reports out is thought of.
 
+mod fleet;
 pub mod source;
 
 use crate::ais::Fleet;
@@ -12,13 +13,14 @@ use crate::errors::{of_track, record};
 use crate::matching::{HIDDEN_S, Heard, Rules, Verdict, heard, judge};
 use crate::report::{TrackId, TrackReport};
 use anyhow::Result;
+use fleet::Ended;
 use seabearing_base::feed::{Feed, Subscription};
 use seabearing_base::service::Notebook;
 use seabearing_host::ais::AisReport;
 use serde_json::{Value, json};
 use source::{Said, Source};
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 use std::time::{Duration, Instant};
 
 /// Records, and sentences, that wait.
@@ -37,6 +39,11 @@ const TRACKS: usize = 2000;
 const REPORTS: usize = 200;
 /// What is said of a set of vessels is said again at most so many times.
 const REMARKS: usize = 1000;
+/// Vessels of which name and length are kept: of more those with the lowest numbers are forgotten, whose reports tell them again.
+const NAMES: usize = 100_000;
+/// At the end all has come once nothing has for so long, and is not waited for any longer than that.
+const QUIET: Duration = Duration::from_millis(300);
+const LONGEST: Duration = Duration::from_secs(10);
 
 /// What is known of a track.
 #[derive(Debug, Default)]
@@ -61,6 +68,7 @@ pub struct Live {
     lengths: BTreeMap<u64, f64>,
     tracks: BTreeMap<TrackId, Known>,
     remarked: BTreeSet<(u64, bool)>,
+    ended: Ended,
     changed: bool,
 }
 
@@ -76,6 +84,7 @@ impl Live {
             lengths: BTreeMap::new(),
             tracks: BTreeMap::new(),
             remarked: BTreeSet::new(),
+            ended: Ended::default(),
             changed: false,
         }
     }
@@ -113,6 +122,12 @@ impl Live {
             Told::Particulars { mmsi, name, length_m } => {
                 self.names.extend(name.map(|name| (mmsi, name)));
                 self.lengths.extend(length_m.map(|l| (mmsi, l)));
+                if self.names.len() > NAMES {
+                    self.names.pop_first();
+                }
+                if self.lengths.len() > NAMES {
+                    self.lengths.pop_first();
+                }
             }
         }
         self.changed = true;
@@ -163,6 +178,21 @@ impl Live {
             let record = self.tell(track, verdict, &fleet, now_s);
             out.extend(record.map(|r| (track.track.station, r)));
         }
+        out.extend(self.ended.due(now_s).map(|r| (None, r)));
+        out
+    }
+
+    /// Nothing more comes: what is to be told, all tracks being at their end, and of all together.
+    pub fn finish(&mut self) -> Vec<(Option<u16>, Value)> {
+        let last_s = self.tracks.values().map(|known| known.heard_s).fold(0.0, f64::max);
+        let mut out = Vec::new();
+        if self.tracks.values().any(|known| !known.settled) {
+            // None that was judged so far is forgotten for that.
+            self.tracks.values_mut().for_each(|known| known.heard_s = last_s);
+            self.changed = true;
+            out = self.judge(last_s + SETTLED_S + 1.0);
+        }
+        out.extend(self.ended.record(last_s).map(|r| (None, r)));
         out
     }
 
@@ -187,6 +217,13 @@ impl Live {
             _ => None,
         };
         let mut record = record(track, verdict, errors.as_ref(), fleet);
+        if settles {
+            let length_m = match verdict {
+                Verdict::Vessel { vessel, .. } => fleet.vessels.get(*vessel).and_then(|v| v.length_m),
+                _ => None,
+            };
+            self.ended.take(track.track, verdict, errors.map(|e| (e, length_m)));
+        }
         record["stage"] = if known.settled { "final" } else { "running" }.into();
         record["of_session"] = json!(track.track.session);
         record["utc"] = record["to_utc"].clone();
@@ -227,27 +264,53 @@ fn warning(code: &str, text: &str) -> Value {
     json!({ "type": "warning", "code": code, "text": text })
 }
 
+/// Matching at work.
+pub struct AtWork {
+    finish: Sender<Sender<()>>,
+}
+
+impl AtWork {
+    /// All input has ended: waits until what came is judged and told.
+    pub fn settle(&self) {
+        let (done, is_done) = channel();
+        if self.finish.send(done).is_ok() {
+            let _ = is_done.recv_timeout(LONGEST * 2);
+        }
+    }
+}
+
 /// Starts to match the tracks of a feed with these sources, in threads of their own.
 ///
 /// # Errors
 /// A file cannot be read, or an address not be listened at.
-pub fn start(live: Live, sources: &[Source], feed: &Feed, notebook: Notebook) -> Result<()> {
+pub fn start(live: Live, sources: &[Source], feed: &Feed, notebook: Notebook) -> Result<AtWork> {
     let (to, said) = sync_channel(SENTENCES);
     for source in sources {
         source::start(source.clone(), to.clone())?;
     }
     let records = feed.subscribe(RECORDS);
-    std::thread::spawn(move || watch(live, &records, &said, &notebook));
-    Ok(())
+    let (finish, ends) = channel();
+    std::thread::spawn(move || watch(live, &records, &said, &notebook, &ends));
+    Ok(AtWork { finish })
 }
 
-fn watch(mut live: Live, records: &Subscription, said: &Receiver<Said>, notebook: &Notebook) {
+fn watch(
+    mut live: Live,
+    records: &Subscription,
+    said: &Receiver<Said>,
+    notebook: &Notebook,
+    ends: &Receiver<Sender<()>>,
+) {
     let begun = Instant::now();
-    let mut judged = begun;
+    let (mut judged, mut ending, mut came) = (begun, None, begun);
     while let Some(taken) = records.take_within(TICK) {
         let now_s = begun.elapsed().as_secs_f64();
+        if !taken.records.is_empty() {
+            came = Instant::now();
+        }
         taken.records.iter().for_each(|record| live.take(record, now_s));
         for said in said.try_iter().take(SENTENCES) {
+            came = Instant::now();
             let goes_on = match said {
                 Said::Of(told) => {
                     live.told(told);
@@ -263,13 +326,22 @@ fn watch(mut live: Live, records: &Subscription, said: &Receiver<Said>, notebook
                 return;
             }
         }
-        if judged.elapsed() >= EVERY {
-            judged = Instant::now();
-            for (station, record) in live.judge(now_s) {
-                if !notebook.note(station, record) {
-                    return;
-                }
+        ending = ending.or_else(|| ends.try_recv().ok().map(|done| (done, Instant::now())));
+        let over =
+            ending.as_ref().is_some_and(|(_, since)| came.elapsed() >= QUIET || since.elapsed() >= LONGEST);
+        let told = match over {
+            true => live.finish(),
+            false if judged.elapsed() >= EVERY => {
+                judged = Instant::now();
+                live.judge(now_s)
             }
+            false => Vec::new(),
+        };
+        if !told.into_iter().all(|(station, record)| notebook.note(station, record)) {
+            return;
+        }
+        if let Some((done, _)) = ending.take_if(|_| over) {
+            let _ = done.send(());
         }
     }
 }

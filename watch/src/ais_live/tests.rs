@@ -211,3 +211,40 @@ fn datagrams_are_taken_and_times_far_from_the_clock_are_told() {
         assert!(matches!(next(&said), Said::Of(Told::Position(_))));
     }
 }
+
+#[test]
+fn what_became_of_all_tracks_is_told_at_the_end_and_every_hour() {
+    let mut live = live();
+    passage(&mut live);
+    let end = live.finish();
+    let kinds: Vec<(&str, &str)> =
+        end.iter().map(|(_, r)| (r["type"].as_str().unwrap(), r["stage"].as_str().unwrap_or(""))).collect();
+    assert_eq!(kinds, [("ais_match", "final"), ("ais_match", "final"), ("ais_fleet", "")]);
+    let fleet = &end[2].1;
+    assert_eq!((&fleet["tracks"], &fleet["vessels"], &fleet["dark"]), (&json!(2), &json!(1), &json!(1)));
+    let heading = &fleet["heading_deg"]["histogram_sd"]["counts"];
+    assert_eq!(heading.as_array().unwrap().iter().filter_map(Value::as_u64).sum::<u64>(), 1);
+    // 80 m long and 5 m/s fast.
+    assert_eq!(
+        (&fleet["heard_by_length_m"][1]["tracks"], &fleet["heard_by_speed_m_s"][1]["tracks"]),
+        (&json!(1), &json!(1))
+    );
+    // Nothing has ended since.
+    assert!(live.finish().is_empty());
+    // One that goes on and ends again is still one; it is told an hour later.
+    live.take(&track(1, 605.0, 210.0, "final"), 250.0);
+    assert!(live.judge(320.0).iter().all(|(_, r)| r["type"] != "ais_fleet"));
+    live.take(&track(3, 5000.0, 220.0, "running"), 4000.0);
+    let hourly = live.judge(4001.0);
+    let fleet = hourly.iter().find(|(_, r)| r["type"] == "ais_fleet").map(|(_, r)| r);
+    assert_eq!(fleet.map(|f| f["tracks"].clone()), Some(json!(2)), "{hourly:?}");
+}
+
+#[test]
+fn names_of_vessels_that_nobody_ever_saw_fill_no_memory() {
+    let mut live = live();
+    for mmsi in 0..NAMES as u64 + 500 {
+        live.told(Told::Particulars { mmsi, name: Some("X".to_owned()), length_m: Some(9.0) });
+    }
+    assert_eq!((live.names.len(), live.lengths.len()), (NAMES, NAMES));
+}

@@ -1,9 +1,9 @@
 //! How far a broker has acknowledged a store's records: a small file in the store's folder.
 
 use anyhow::{Context, Result};
+use seabearing_base::store::{Logs, begin_log};
 use seabearing_host::atomic;
 use serde::{Deserialize, Serialize};
-use std::hash::{BuildHasher, Hasher, RandomState};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -22,8 +22,8 @@ struct Kept {
 #[derive(Debug)]
 pub(super) struct Cursor {
     path: Option<PathBuf>,
-    /// Number of the store, never another's.
-    pub(super) log: u64,
+    /// The logs of the store, never another's.
+    pub(super) logs: Logs,
     /// Number of the record up to which all are acknowledged; none where nothing was published yet.
     pub(super) acknowledged: Option<i64>,
     saved: (Option<i64>, Instant),
@@ -43,10 +43,17 @@ impl Cursor {
             }
             _ => None,
         };
-        // A cursor ahead of its store is another store's, whose numbers say nothing here.
-        let kept = kept.filter(|(_, acknowledged)| acknowledged.is_none_or(|n| n <= newest));
-        let (log, acknowledged) = kept.unwrap_or_else(|| (RandomState::new().build_hasher().finish(), None));
-        let mut cursor = Self { path, log, acknowledged, saved: (None, Instant::now()) };
+        let mut logs = store.map_or_else(|| Ok(Logs::new()), Logs::of)?;
+        // A store that was rebuilt has other numbers.
+        let kept = kept.filter(|(log, _)| logs.has(*log));
+        let mut acknowledged = kept.and_then(|(_, acknowledged)| acknowledged);
+        // One that is behind what was published was put back from a copy, and its next numbers have been given already.
+        if let (Some(folder), true) = (store, acknowledged.is_some_and(|n| n > newest)) {
+            begin_log(folder, newest)?;
+            logs = Logs::of(folder)?;
+            acknowledged = Some(newest);
+        }
+        let mut cursor = Self { path, logs, acknowledged, saved: (None, Instant::now()) };
         cursor.save()?;
         Ok(cursor)
     }
@@ -60,6 +67,11 @@ impl Cursor {
         if saved != self.acknowledged && at.elapsed() >= SAVE { self.save() } else { Ok(()) }
     }
 
+    /// Whether how far it is is noted.
+    pub(super) fn is_saved(&self) -> bool {
+        self.path.is_none() || self.saved.0 == self.acknowledged
+    }
+
     /// Notes how far it is.
     ///
     /// # Errors
@@ -67,7 +79,7 @@ impl Cursor {
     pub(super) fn save(&mut self) -> Result<()> {
         self.saved = (self.acknowledged, Instant::now());
         let Some(path) = &self.path else { return Ok(()) };
-        let kept = Kept { log: format!("{:016x}", self.log), acknowledged: self.acknowledged };
+        let kept = Kept { log: format!("{:016x}", self.logs.newest()), acknowledged: self.acknowledged };
         atomic::write(path, serde_json::to_string(&kept)?.as_bytes())
     }
 }
@@ -85,24 +97,37 @@ fn damaged(path: Option<&Path>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use seabearing_base::Base;
+    use seabearing_base::store::Store;
 
     #[test]
     fn a_cursor_outlives_the_program_and_belongs_to_its_store() {
         let dir = tempfile::tempdir().unwrap();
-        let mut cursor = Cursor::open(Some(dir.path()), 100).unwrap();
+        let store = dir.path();
+        drop(Store::open(store, &mut Base::new(None)).unwrap());
+        let mut cursor = Cursor::open(Some(store), 100).unwrap();
         assert_eq!(cursor.acknowledged, None);
-        let log = cursor.log;
+        let log = cursor.logs.newest();
         cursor.acknowledged = Some(40);
         cursor.now_and_then().unwrap();
+        assert!(!cursor.is_saved());
         cursor.save().unwrap();
-        let again = Cursor::open(Some(dir.path()), 100).unwrap();
-        assert_eq!((again.log, again.acknowledged), (log, Some(40)));
-        // Another store has fewer records than were acknowledged.
-        let other = Cursor::open(Some(dir.path()), 39).unwrap();
-        assert!(other.log != log && other.acknowledged.is_none());
-        std::fs::write(dir.path().join(FILE), "{").unwrap();
-        let e = format!("{:#}", Cursor::open(Some(dir.path()), 100).unwrap_err());
+        let again = Cursor::open(Some(store), 100).unwrap();
+        assert_eq!((again.logs.newest(), again.acknowledged, again.is_saved()), (log, Some(40), true));
+        // A store put back from a copy has fewer records than were acknowledged: what comes next is not what came before.
+        let older = Cursor::open(Some(store), 39).unwrap();
+        assert_eq!(
+            (older.logs.log(39), older.logs.log(40) != log, older.acknowledged),
+            (log, true, Some(39))
+        );
+        // Another store in its place.
+        std::fs::remove_file(store.join("store.sqlite")).unwrap();
+        drop(Store::open(store, &mut Base::new(None)).unwrap());
+        let other = Cursor::open(Some(store), 100).unwrap();
+        assert!(!other.logs.has(log) && other.acknowledged.is_none());
+        std::fs::write(store.join(FILE), "{").unwrap();
+        let e = format!("{:#}", Cursor::open(Some(store), 100).unwrap_err());
         assert!(e.contains(FILE) && e.contains("never published"), "{e}");
-        assert!(Cursor::open(None, 0).unwrap().log != Cursor::open(None, 0).unwrap().log);
+        assert!(Cursor::open(None, 0).unwrap().logs != Cursor::open(None, 0).unwrap().logs);
     }
 }

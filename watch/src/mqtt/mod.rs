@@ -38,6 +38,10 @@ pub struct Counts {
     waiting: AtomicU64,
     /// Records that can come no more.
     lost: AtomicU64,
+    /// All input has ended: how far it is is noted without delay.
+    ending: AtomicBool,
+    /// How far it is is noted.
+    noted: AtomicBool,
     notes: Mutex<Vec<String>>,
 }
 

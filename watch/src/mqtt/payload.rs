@@ -2,6 +2,7 @@
 //! was kept here.
 
 use anyhow::{Context, Result, bail};
+use seabearing_base::record::Origin;
 use seabearing_base::relay::Relayed;
 use seabearing_base::store::Numbered;
 use serde::Deserialize;
@@ -44,6 +45,9 @@ pub fn record(record: &Numbered, base: &str, log: u64) -> Result<Value> {
     let mut out = row.json(*rate_hz);
     out["relay"] =
         json!({ "base": base, "log": format!("{log:016x}"), "number": number, "packed": hex(&packed) });
+    if let Some(Origin { log, number }) = row.origin {
+        out["relay"]["origin"] = json!({ "log": format!("{log:016x}"), "number": number });
+    }
     Ok(out)
 }
 
@@ -94,7 +98,15 @@ mod tests {
 
     fn numbered(station: Option<u16>, body: Body) -> Numbered {
         let utc = Some((1_790_000_000_250_001, Some(0.1 + 0.2)));
-        let row = Row { station, session: Some(3), sequence: Some(9), utc, received_us: Some(-5), body };
+        let row = Row {
+            origin: None,
+            station,
+            session: Some(3),
+            sequence: Some(9),
+            utc,
+            received_us: Some(-5),
+            body,
+        };
         Numbered { number: 12, row, rate_hz: Some(1000.1) }
     }
 
@@ -110,7 +122,7 @@ mod tests {
             assert_eq!(published["relay"]["log"], "feed000000000001");
             let came = relayed(published.to_string().as_bytes()).unwrap();
             assert_eq!(came, Relayed::of(&sent.row, 0xfeed_0000_0000_0001, 12, Some(1000.1)));
-            assert_eq!(Row::body(came.kind, &came.body).unwrap(), body);
+            assert_eq!(Row::body(came.kind, &came.body).unwrap(), (body, None));
         }
         for number in [0, u64::MAX] {
             let sent = Relayed::of(&numbered(Some(7), Body::Said(json!({}))).row, 1, number, None);

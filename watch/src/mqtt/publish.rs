@@ -12,7 +12,7 @@ use rumqttc::{
     AsyncClient, Event, EventLoop, LastWill, Packet, PubAckReason, PublishNotice, PublishNoticeError,
     PublishOptions, QoS,
 };
-use seabearing_base::store::{Numbered, Tail};
+use seabearing_base::store::{Logs, Numbered, Tail};
 use seabearing_base::waiting::Waiting;
 use serde_json::json;
 use std::collections::{BTreeMap, VecDeque};
@@ -56,7 +56,7 @@ impl Source {
 /// A publisher at work.
 pub struct Publisher {
     counts: Arc<Counts>,
-    log: u64,
+    logs: Logs,
 }
 
 impl Publisher {
@@ -65,17 +65,19 @@ impl Publisher {
         &self.counts
     }
 
-    /// Number of the store that it publishes.
-    pub fn log(&self) -> u64 {
-        self.log
+    /// The logs of what it publishes.
+    pub fn logs(&self) -> &Logs {
+        &self.logs
     }
 
-    /// Waits until the broker has all there is, at most so long; gives how many records it does not have.
+    /// Waits until the broker has all there is and that is noted, at most so long; gives how many records it does not have.
     pub fn settle(&self, most: Duration) -> u64 {
         let begun = Instant::now();
         // What was stored last may not have been seen yet.
         std::thread::sleep(LOOK * 4);
-        while self.counts.waiting() > 0 && begun.elapsed() < most {
+        self.counts.ending.store(true, Ordering::Relaxed);
+        let settled = || self.counts.waiting() == 0 && self.counts.noted.load(Ordering::Relaxed);
+        while !settled() && begun.elapsed() < most {
             std::thread::sleep(LOOK);
         }
         self.counts.waiting()
@@ -93,7 +95,7 @@ pub fn start(broker: Broker, source: Source, store: Option<&Path>) -> Result<Pub
         cursor.acknowledged = Some(if broker.backfill { 0 } else { newest });
         cursor.save()?;
     }
-    let name = broker.name.clone().unwrap_or_else(|| format!("seabearing-{:016x}", cursor.log));
+    let name = broker.name.clone().unwrap_or_else(|| format!("seabearing-{:016x}", cursor.logs.newest()));
     broker.options(&name)?;
     let counts = Arc::new(Counts::default());
     let complaints = Complaints::of(&broker);
@@ -101,12 +103,12 @@ pub fn start(broker: Broker, source: Source, store: Option<&Path>) -> Result<Pub
         Source::Store(_) => "records wait in the store".to_owned(),
         Source::Memory(_) => format!("at most {} records wait in memory", broker.room),
     };
-    let (state, log) = (BTreeMap::new(), cursor.log);
+    let (state, logs) = (BTreeMap::new(), cursor.logs.clone());
     let mut work =
         Work { broker, name, source, cursor, state, counts: Arc::clone(&counts), complaints, meanwhile };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     std::thread::spawn(move || runtime.block_on(work.go_on()));
-    Ok(Publisher { counts, log })
+    Ok(Publisher { counts, logs })
 }
 
 struct Work {
@@ -171,7 +173,7 @@ impl Work {
     }
 
     fn status(&self, state: &str) -> (String, String) {
-        let log = format!("{:016x}", self.cursor.log);
+        let log = format!("{:016x}", self.cursor.logs.newest());
         let status = json!({ "type": "base", "base": self.name, "log": log, "state": state });
         (format!("{}/bases/{}/state", self.broker.prefix, self.name), status.to_string())
     }
@@ -216,7 +218,11 @@ impl Work {
                 }
             }
             // A disk that is full for a while costs nothing but records sent twice.
-            let _ = self.cursor.now_and_then();
+            let _ = match self.counts.ending.load(Ordering::Relaxed) && on_their_way.is_empty() {
+                true if !self.cursor.is_saved() => self.cursor.save(),
+                _ => self.cursor.now_and_then(),
+            };
+            self.counts.noted.store(self.cursor.is_saved(), Ordering::Relaxed);
         }
     }
 
@@ -258,7 +264,7 @@ impl Work {
         on_their_way: &mut VecDeque<OnItsWay>,
     ) -> Result<()> {
         let number = record.number;
-        let published = payload::record(record, &self.name, self.cursor.log)?;
+        let published = payload::record(record, &self.name, self.cursor.logs.log(number))?;
         let text = published.to_string();
         if let Some((topic, stands)) = payload::retained(&published) {
             let topic = self.topic(&topic);

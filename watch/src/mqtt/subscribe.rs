@@ -2,15 +2,16 @@
 //! are on the disk.
 
 use super::broker::Broker;
-use super::cursor::Cursor;
 use super::{Complaints, Counts, payload, why};
 use anyhow::{Result, anyhow};
 use rumqttc::{
     AckMode, AsyncClient, BrokerSessionResumePolicy, Event, EventLoop, ManualAck, Packet, Publish, QoS,
     SessionMode, SubscribeReasonCode,
 };
+use seabearing_base::record::Origin;
 use seabearing_base::relay::{Relayed, packed};
 use seabearing_base::service::Door;
+use seabearing_base::store::Logs;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -38,15 +39,17 @@ impl Subscriber {
     }
 }
 
-/// Starts to bring a service the records of other base stations. `store`: its folder, where this client's name is kept. `own`: number
-/// of the store that this program publishes itself; what comes back of it is left out.
+/// Starts to bring a service the records of other base stations. `store`: its folder, where this client's name is kept. `own`: the logs
+/// that this program publishes itself; what comes back of them, by whatever way, is left out.
 ///
 /// # Errors
 /// The store's folder cannot be written, or a certificate is none.
-pub fn start(broker: Broker, door: Door, store: Option<&Path>, own: Option<u64>) -> Result<Subscriber> {
+pub fn start(broker: Broker, door: Door, store: Option<&Path>, own: Option<Logs>) -> Result<Subscriber> {
     let name = match &broker.name {
         Some(name) => format!("{name}-centre"),
-        None => format!("seabearing-{:016x}-centre", Cursor::open(store, i64::MAX)?.log),
+        None => {
+            format!("seabearing-{:016x}-centre", store.map_or_else(|| Ok(Logs::new()), Logs::of)?.newest())
+        }
     };
     let lasting = store.is_some();
     broker.options(&name)?;
@@ -148,7 +151,7 @@ struct Work {
     /// The broker is to keep what comes while this client is away.
     lasting: bool,
     /// The store of this base station as it publishes it itself.
-    own: Option<u64>,
+    own: Option<Logs>,
     own_told: std::cell::Cell<bool>,
     inbox: Arc<Inbox>,
     counts: Arc<Counts>,
@@ -251,10 +254,13 @@ impl Work {
             let _ = stored.send(ack.into_iter().collect());
             return false;
         };
-        if Some(record.log) == self.own {
+        if let Some(own) = &self.own
+            && let Origin { log, number } = record.origin()
+            && own.has(log)
+        {
             // This base station's own, on a way back.
             let _ = stored.send(ack.into_iter().collect());
-            self.own_came(record.number);
+            self.own_came(number);
             return true;
         }
         self.counts.waiting.fetch_add(1, Ordering::Relaxed);
