@@ -7,12 +7,17 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use seabearing_core::block::{Block, Frame};
-use seabearing_core::config::StationConfig;
 use seabearing_core::levels::bands::{class_1_db, decidecade_hz, edge_hz, of_decidecade};
 use seabearing_core::levels::{self, EMPTY_ROW, Plan, ROWS, Report, Row, Scratch, State};
 use seabearing_core::recorder::ArrayRecorder;
 use seabearing_core::run::Application;
+use seabearing_host::levels::Meter;
+use seabearing_host::recording::{Asked, Recording, Span};
+use seabearing_host::replay::with_levels;
+use seabearing_host::station::Station;
 use std::f64::consts::TAU;
+use std::path::Path;
+use std::time::Instant;
 
 pub const EXPERIMENT: Experiment = Experiment {
     name: "levels",
@@ -39,10 +44,18 @@ fn run(o: &Options) -> Result<()> {
     let (margin, tried) = class_1()?;
     o.figures.state("tones held against the mask of each decidecade", tried as f64);
     o.figures.at_least("class 1 of IEC 61260: least distance from the mask, dB", margin, 0.0);
-    let (chain_s, levels_s) = cost(&mut random)?;
+    let minute = minute(&mut random)?;
+    let (chain_s, levels_s) = cost(&minute)?;
     o.figures
         .state("array's chain, one minute of four channels at 64 kHz: ms of processor time", 1e3 * chain_s);
     o.figures.state("levels of the same minute: ms of processor time", 1e3 * levels_s);
+    o.figures.state("processor time with levels over that without", 1.0 + levels_s / chain_s);
+    let name = "time of a clock with levels over that without, two processors";
+    if std::thread::available_parallelism().is_ok_and(|n| n.get() >= 2) {
+        o.figures.at_most(name, slower(&minute)?, 1.05);
+    } else {
+        o.figures.state(name, None);
+    }
     Ok(())
 }
 
@@ -135,26 +148,55 @@ fn class_1() -> Result<(f64, usize)> {
     Ok((margin, tried))
 }
 
-/// Processor time, s, of the array's chain and of levels for one minute of four channels at 64 kHz.
-fn cost(random: &mut ChaCha8Rng) -> Result<(f64, f64)> {
-    let rate_hz = 64_000.0;
-    let hydrophones = [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38], [0.0, 0.0, 1.13]];
-    let config = StationConfig::array(rate_hz, hydrophones);
-    let mut recorder = Box::new(ArrayRecorder::new());
-    recorder.configure(&config)?;
-    let plan = Plan::new(rate_hz, config.full_scale, 60.0)?;
-    let mut counts = vec![EMPTY_ROW; ROWS];
+/// Samples a second of the minute whose cost is measured.
+const FAST_HZ: f64 = 64_000.0;
+
+/// A minute of four channels of noise.
+fn minute(random: &mut ChaCha8Rng) -> Result<Vec<Frame>> {
     let normal = Normal::new(0.0, 1e5)?;
     let second: Vec<Frame> = (0..64_000)
         .map(|_| std::array::from_fn(|_| Distribution::<f64>::sample(&normal, random) as i32))
         .collect();
-    let minute: Vec<Frame> = second.iter().cycle().take(60 * 64_000).copied().collect();
+    Ok(second.iter().cycle().take(60 * 64_000).copied().collect())
+}
+
+const STATION: &str = "[station]\nid = 1\nkind = \"array\"\n[sampling]\nrate_hz = 64000\n[array]\nhydrophones_m = \
+    [[0.0,1.07,-0.38],[0.93,-0.53,-0.38],[-0.93,-0.53,-0.38],[0.0,0.0,1.13]]\n";
+
+/// Processor time, s, of the array's chain and of levels for a minute.
+fn cost(minute: &[Frame]) -> Result<(f64, f64)> {
+    let station = Station::parse(STATION, "station", Path::new("."))?;
+    let mut recorder = Box::new(ArrayRecorder::new());
+    recorder.configure(&station.config)?;
+    let plan = Plan::new(FAST_HZ, station.config.full_scale, 60.0)?;
+    let mut counts = vec![EMPTY_ROW; ROWS];
     let begun = ThreadTime::now();
     for (number, frames) in minute.chunks(16_384).enumerate() {
         recorder.push(Block { first_index: number as u64 * 16_384, frames }, &mut |_| {});
     }
     let chain_s = begun.elapsed().as_secs_f64();
     let begun = ThreadTime::now();
-    report(&plan, &minute, &mut counts);
+    report(&plan, minute, &mut counts);
     Ok((chain_s, begun.elapsed().as_secs_f64()))
+}
+
+/// How much longer a recording's processing takes with levels, as `process` does it: the shortest of several runs of each,
+/// which take turns, so that what else the machine does weighs on both.
+fn slower(minute: &[Frame]) -> Result<f64> {
+    const RUNS: usize = 9;
+    let station = Station::parse(STATION, "station", Path::new("."))?;
+    let recording = Recording::of_frames(minute.to_vec(), FAST_HZ, &station, &Asked::default())?;
+    let took = |levels: bool| -> Result<f64> {
+        let mut meter = levels.then(|| Meter::new(&station, 60.0, false)).transpose()?;
+        let mut source = recording.source(Span::default())?;
+        let begun = Instant::now();
+        with_levels(&station.config, None, &mut *source, meter.as_mut(), |_| Ok(()))?;
+        Ok(begun.elapsed().as_secs_f64())
+    };
+    let (mut without, mut with) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..RUNS {
+        without = without.min(took(false)?);
+        with = with.min(took(true)?);
+    }
+    Ok(with / without)
 }

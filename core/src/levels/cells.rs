@@ -58,6 +58,8 @@ pub struct Plan {
     pub(super) filters: Filters,
     first_cell: i32,
     cells: usize,
+    /// Edges of the cells, Hz, from the first one's lower edge on.
+    edges: [f64; CELLS + 1],
 }
 
 impl Plan {
@@ -90,6 +92,8 @@ impl Plan {
         let first_cell = IN_DECIDECADE * math::f64::ceil(10.0 * math::f64::log10(lowest_hz) - 1e-9) as i32;
         let end = math::f64::floor(40.0 * math::f64::log10(0.5 * rate_hz) + 1e-9) as i32 + 2;
         let full_scale = full_scale.max(2);
+        let mut edges = [0.0; CELLS + 1];
+        edges.iter_mut().zip(first_cell..).for_each(|(edge, cell)| *edge = edge_hz(cell));
         Ok(Self {
             rate_hz,
             interval: math::f64::round(interval_s * rate_hz) as u64,
@@ -100,6 +104,7 @@ impl Plan {
             filters: Filters::new(),
             first_cell,
             cells: (end.saturating_sub(first_cell).max(0) as usize).min(CELLS),
+            edges,
         })
     }
 
@@ -116,6 +121,15 @@ impl Plan {
     /// Place of a cell in reports.
     pub fn place(&self, cell: i32) -> Option<usize> {
         self.cells().contains(&cell).then(|| (cell - self.first_cell) as usize)
+    }
+
+    /// Lower edge of the first and upper edge of the last of some of the cells that are measured, Hz.
+    pub(super) fn edges_hz(&self, cells: &Range<i32>) -> Range<f64> {
+        let edge = |cell: i32| {
+            let place = usize::try_from(cell - self.first_cell).ok();
+            place.and_then(|place| self.edges.get(place)).copied().unwrap_or(0.0)
+        };
+        edge(cells.start)..edge(cells.end)
     }
 
     /// Whether a cell is as wide as the noise bandwidth of the window, so that its spectral density is one.

@@ -3,7 +3,7 @@
 //! Intervals begin at multiples of their length, counted from index 0. Samples go on through the stages in chunks whose ends
 //! hang on the index alone, so reports do not depend on how samples are cut into blocks.
 
-use super::bands::{edge_hz, of_decidecade};
+use super::bands::of_decidecade;
 use super::cells::{CELLS, Plan, STAGES};
 use super::decimate::{Between, CHUNK, Decimator, FACTOR};
 use super::lanes::Lanes;
@@ -226,17 +226,16 @@ impl Levels<'_> {
     fn convert(&mut self, frames: &[Frame]) {
         let State { chunk, waiting, passed, bad, good, clipped, .. } = &mut *self.state;
         let room = chunk.iter_mut().skip(*waiting);
-        let mut peak = [0; CHANNELS];
+        let mut peak = Lanes::ZERO;
         for (to, frame) in room.zip(frames) {
-            let [a, b, c, d] = *frame;
-            *to = Lanes([a as f32, b as f32, c as f32, d as f32]);
-            for (peak, code) in peak.iter_mut().zip(frame) {
-                *peak = code.unsigned_abs().max(*peak);
-            }
+            *to = Lanes(frame.map(|code| code as f32));
+            peak = peak.greater(to.magnitude());
         }
+        // A code that rounds to a clipped one is looked at, too.
+        let clip = self.plan.clip as f32;
         good.iter_mut().for_each(|good| *good += frames.len() as u64);
         let first = *passed + *waiting as u64;
-        for c in (0..CHANNELS).filter(|c| peak.get(*c).is_some_and(|p| *p >= self.plan.clip)) {
+        for c in (0..CHANNELS).filter(|c| peak.0.get(*c).is_some_and(|p| *p >= clip)) {
             let room = chunk.iter_mut().skip(*waiting);
             let (Some(bad), Some(good), Some(clipped)) =
                 (bad.get_mut(c), good.get_mut(c), clipped.get_mut(c))
@@ -319,7 +318,8 @@ impl Levels<'_> {
             let least = self.plan.pairs.get(number).copied().unwrap_or(1);
             let taken = stage.taken.map(|taken| 2 * taken >= least);
             let mean = Lanes(stage.taken.map(|taken| self.plan.scale / taken.max(1) as f32));
-            let mut note = |row: usize, band_hz: core::ops::Range<f64>| {
+            let mut note = |row: usize, cells: core::ops::Range<i32>| {
+                let band_hz = self.plan.edges_hz(&cells);
                 let middle = crate::math::f64::sqrt(band_hz.start * band_hz.end);
                 if self.plan.stage_of(middle) == number {
                     percentiles::note(
@@ -331,12 +331,12 @@ impl Levels<'_> {
                 }
             };
             for (place, cell) in self.plan.cells().enumerate() {
-                note(place, edge_hz(cell)..edge_hz(cell + 1));
+                note(place, cell..cell + 1);
             }
             for decidecade in self.plan.decidecades() {
                 let cells = of_decidecade(decidecade);
                 let row = self.plan.place(cells.start).map(row_of_decidecade);
-                note(row.unwrap_or(usize::MAX), edge_hz(cells.start)..edge_hz(cells.end));
+                note(row.unwrap_or(usize::MAX), cells);
             }
         }
         stage.powers = [Lanes::ZERO; LENGTH];
@@ -380,7 +380,9 @@ impl Levels<'_> {
                     },
                 ));
             for (cell, out) in self.plan.cells().zip(&mut report.mean_square) {
-                if let Some(part) = self.plan.part(&stage.total, number, edge_hz(cell)..edge_hz(cell + 1)) {
+                if let Some(part) =
+                    self.plan.part(&stage.total, number, self.plan.edges_hz(&(cell..cell + 1)))
+                {
                     *out = (Lanes(*out) + part * mean).0;
                 }
             }

@@ -16,6 +16,16 @@ impl Lanes {
         let ([a, b, c, d], [e, g, h, i]) = (self.0, other.0);
         Self([f(a, e), f(b, g), f(c, h), f(d, i)])
     }
+
+    #[inline(always)]
+    pub(super) fn greater(self, other: Self) -> Self {
+        self.with(other, |a, b| if a > b { a } else { b })
+    }
+
+    #[inline(always)]
+    pub(super) fn magnitude(self) -> Self {
+        Self(self.0.map(f32::abs))
+    }
 }
 
 impl Add for Lanes {

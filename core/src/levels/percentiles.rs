@@ -45,22 +45,24 @@ pub(super) fn note(counts: &mut [Row], row: usize, mean_square: Lanes, taken: [b
     }
 }
 
-/// Level of a row that `percent` of the snapshots of a channel are below, dB re full scale squared, within half a decibel;
+/// Levels of a row that [`PERCENT`] of the snapshots of a channel are below, dB re full scale squared, within half a decibel;
 /// `None` without snapshots and below −189.5 dB.
-pub fn percentile_db(counts: &[Row], row: usize, channel: usize, percent: u8) -> Option<f32> {
+pub fn percentiles_db(counts: &[Row], row: usize, channel: usize) -> [Option<f32>; PERCENT.len()] {
     let row = || counts.get(row).into_iter().flatten().filter_map(|s| s.get(channel)).copied();
     let all: u64 = row().map(u64::from).sum();
-    let wanted = all as f32 * f32::from(percent) / 100.0;
+    let mut wanted = PERCENT.map(|percent| (all as f32 * f32::from(percent) / 100.0, None));
     let mut below = 0.0;
     for (step, count) in row().enumerate().filter(|(_, n)| *n > 0) {
         let count = count as f32;
-        if below + count >= wanted {
-            let share = (wanted - below) / count;
-            return (step > 0).then_some(LOWEST_DB + STEP_DB * (step as f32 + share));
+        for (wanted, level) in &mut wanted {
+            if level.is_none() && below + count >= *wanted {
+                let share = (*wanted - below) / count;
+                *level = Some((step > 0).then_some(LOWEST_DB + STEP_DB * (step as f32 + share)));
+            }
         }
         below += count;
     }
-    None
+    wanted.map(|(_, level)| level.flatten())
 }
 
 #[cfg(test)]
@@ -74,13 +76,13 @@ mod tests {
             let power = math::f32::powf(10.0, (-100.0 + 0.02 * n as f32) / 10.0);
             note(&mut all, 3, Lanes([power, 0.0, power, 1.0]), [true, true, false, true]);
         }
-        for (percent, want) in [(5, -99.0), (50, -90.0), (95, -81.0)] {
-            assert!((percentile_db(&all, 3, 0, percent).unwrap() - want).abs() < 0.5);
+        for (got, want) in percentiles_db(&all, 3, 0).into_iter().zip([-99.0f32, -90.0, -81.0]) {
+            assert!((got.unwrap() - want).abs() < 0.5);
         }
-        let at = |row, channel| percentile_db(&all, row, channel, 50);
+        let at = |row, channel| percentiles_db(&all, row, channel)[1];
         assert_eq!((at(3, 1), at(3, 2), at(4, 0)), (None, None, None));
         assert!(at(3, 3).unwrap().abs() < 0.5);
         clear(&mut all);
-        assert_eq!(percentile_db(&all, 3, 0, 50), None);
+        assert_eq!(percentiles_db(&all, 3, 0), [None; 3]);
     }
 }

@@ -82,28 +82,63 @@ static WINDOW: [f32; LENGTH] = {
 
 /// Adds the powers of the two windows in `samples` to `powers`, of the channels whose `taken` is 1 (else 0).
 pub(super) fn add(samples: &[Lanes; PAIR], taken: Lanes, work: &mut Work, powers: &mut Powers) {
-    let (first, second) = (samples.first_chunk::<LENGTH>(), samples.last_chunk::<LENGTH>());
-    let (Some(first), Some(second)) = (first, second) else { return };
-    let (mean, later_mean) = (mean(first), mean(second));
-    for (((z, a), b), w) in work.iter_mut().zip(first).zip(second).zip(&WINDOW) {
-        *z = Complex { re: (*a - mean) * *w, im: (*b - later_mean) * *w };
-    }
+    windowed(samples, work);
     pass::<256, 1>(work);
     pass::<64, 4>(work);
     pass::<16, 16>(work);
     pass::<4, 64>(work);
-    pass::<1, 256>(work);
-    for (sum, z) in powers.iter_mut().zip(work) {
-        *sum += (z.re * z.re + z.im * z.im) * taken;
+    last(work, taken, powers);
+}
+
+/// The two windows, each less its mean, as real and imaginary parts.
+#[inline(never)]
+fn windowed(samples: &[Lanes; PAIR], work: &mut Work) {
+    let (first, second) = (samples.first_chunk::<LENGTH>(), samples.last_chunk::<LENGTH>());
+    let (Some(first), Some(second)) = (first, second) else { return };
+    let mut sums = samples.as_chunks::<HOP>().0.iter().map(sum);
+    let mut next = || sums.next().unwrap_or(Lanes::ZERO);
+    let (early, middle, late) = (next(), next(), next());
+    let (mean, later_mean) =
+        ((early + middle) * (1.0 / LENGTH as f32), (middle + late) * (1.0 / LENGTH as f32));
+    for (((z, a), b), w) in work.iter_mut().zip(first).zip(second).zip(&WINDOW) {
+        *z = Complex { re: (*a - mean) * *w, im: (*b - later_mean) * *w };
     }
 }
 
-fn mean(samples: &[Lanes; LENGTH]) -> Lanes {
-    let mut sum = Lanes::ZERO;
-    for x in samples {
-        sum += *x;
+/// Four sums side by side, so that additions need not wait for one another.
+fn sum(samples: &[Lanes; HOP]) -> Lanes {
+    let mut sums = [Lanes::ZERO; 4];
+    for four in samples.as_chunks::<4>().0 {
+        for (sum, x) in sums.iter_mut().zip(four) {
+            *sum += *x;
+        }
     }
-    sum * (1.0 / LENGTH as f32)
+    let [a, b, c, d] = sums;
+    (a + b) + (c + d)
+}
+
+/// The last pass, whose turns are none, straight into powers.
+#[inline(never)]
+fn last(work: &Work, taken: Lanes, powers: &mut Powers) {
+    for ([a, b, c, d], sums) in work.as_chunks::<4>().0.iter().zip(powers.as_chunks_mut::<4>().0) {
+        let all = four(*a, *b, *c, *d);
+        for (sum, z) in sums.iter_mut().zip(all) {
+            *sum += (z.re * z.re + z.im * z.im) * taken;
+        }
+    }
+}
+
+/// Transform of four values.
+#[inline(always)]
+fn four(a: Complex, b: Complex, c: Complex, d: Complex) -> [Complex; 4] {
+    let (even, odd) = (a.plus(c), a.minus(c));
+    let (other, turn) = (b.plus(d), b.minus(d));
+    // −i times the difference.
+    let (right, left) = (
+        Complex { re: odd.re + turn.im, im: odd.im - turn.re },
+        Complex { re: odd.re - turn.im, im: odd.im + turn.re },
+    );
+    [even.plus(other), right, even.minus(other), left]
 }
 
 /// One pass over parts of 4`Q` values, whose turns are `STEP` apart in the table.
@@ -117,14 +152,11 @@ fn pass<const Q: usize, const STEP: usize>(work: &mut Work) {
         let thrice = TURNS.iter().step_by(3 * STEP);
         let values = a.iter_mut().zip(b).zip(c).zip(d);
         for ((((((a, b), c), d), w1), w2), w3) in values.zip(turns).zip(twice).zip(thrice) {
-            let (even, odd) = (a.plus(*c), a.minus(*c));
-            let (other, turn) = (b.plus(*d), b.minus(*d));
-            // −i times the difference.
-            let turn = Complex { re: turn.im, im: Lanes::ZERO - turn.re };
-            *a = even.plus(other);
-            *b = odd.plus(turn).turned(*w1);
-            *c = even.minus(other).turned(*w2);
-            *d = odd.minus(turn).turned(*w3);
+            let [none, once, two, three] = four(*a, *b, *c, *d);
+            *a = none;
+            *b = once.turned(*w1);
+            *c = two.turned(*w2);
+            *d = three.turned(*w3);
         }
     }
 }

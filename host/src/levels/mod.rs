@@ -3,7 +3,10 @@
 //! In: the blocks that the recorder gets, and the station's calibration. Out, for each interval and channel: a [`Level`];
 //! and for pictures everything over the whole recording. docs/levels.md has the definitions.
 
+mod beside;
 pub mod picture;
+
+pub use beside::Beside;
 
 use crate::record::Level;
 use crate::station::{Calibration, Station};
@@ -11,7 +14,7 @@ use anyhow::{Result, anyhow};
 use seabearing_core::block::{Block, CHANNELS};
 use seabearing_core::levels::bands::{decidecade_hz, edge_hz, middle_hz, of_decade, of_decidecade};
 use seabearing_core::levels::{
-    self, EMPTY_ROW, PERCENT, Plan, ROWS, Report, Row, Scratch, State, percentile_db, row_of_decidecade,
+    self, EMPTY_ROW, Plan, ROWS, Report, Row, Scratch, State, percentiles_db, row_of_decidecade,
 };
 use std::ops::Range;
 
@@ -95,6 +98,13 @@ fn rounded(db: f64) -> Option<f64> {
     db.is_finite().then(|| (db * 100.0).round() / 100.0)
 }
 
+/// Rows of three as three columns.
+fn columns(rows: impl Iterator<Item = [Option<f64>; 3]>) -> [Vec<Option<f64>>; 3] {
+    let mut out = [Vec::new(), Vec::new(), Vec::new()];
+    rows.for_each(|row| out.iter_mut().zip(row).for_each(|(column, level)| column.push(level)));
+    out
+}
+
 fn db(power: f64) -> f64 {
     10.0 * power.log10()
 }
@@ -127,31 +137,26 @@ impl Maker {
         let width_db = |cell: i32| db(edge_hz(cell + 1) - edge_hz(cell));
         let resolved = |cell: &i32| if plan.is_resolved(*cell) { 0.0 } else { f64::NAN };
         // Percentiles are of what the converter saw; a band's correction is that of its mean.
-        let below = |row: usize, percent: u8, more: f64| {
-            percentile_db(counts, row, channel, percent).and_then(|level| rounded(f64::from(level) + more))
+        let below = |row: usize, more: f64| {
+            percentiles_db(counts, row, channel).map(|level| level.and_then(|x| rounded(f64::from(x) + more)))
         };
-        let of_decidecades = |percent: u8| {
-            let one = |number: &i32| {
-                let cells = of_decidecade(*number);
-                let row = row_of_decidecade(plan.place(cells.start)?);
-                let seen = cells.clone().filter_map(|c| report.mean_square.get(plan.place(c)?));
-                let seen = db(seen.map(|p| f64::from(p[channel])).sum());
-                below(row, percent, band(cells) - seen)
-            };
-            decidecades.iter().map(one).collect::<Vec<_>>()
-        };
-        let of_cells = |percent: u8| {
-            let one = |cell: &i32| {
-                let more = calibration.db(middle_hz(*cell))? - width_db(*cell) + resolved(cell);
-                below(plan.place(*cell)?, percent, more)
-            };
-            cells.iter().map(one).collect::<Vec<_>>()
-        };
+        let of_decidecades = decidecades.iter().map(|number| {
+            let cells = of_decidecade(*number);
+            let Some(place) = plan.place(cells.start) else { return [None; 3] };
+            let seen = cells.clone().filter_map(|c| report.mean_square.get(plan.place(c)?));
+            let seen = db(seen.map(|p| f64::from(p[channel])).sum());
+            below(row_of_decidecade(place), band(cells) - seen)
+        });
+        let of_cells = cells.iter().map(|cell| {
+            let more = calibration.db(middle_hz(*cell)).map(|more| more - width_db(*cell) + resolved(cell));
+            plan.place(*cell).zip(more).map_or([None; 3], |(place, more)| below(place, more))
+        });
+        let [decidecade_p5_db, decidecade_p50_db, decidecade_p95_db] = columns(of_decidecades);
+        let [psd_p5_db, psd_p50_db, psd_p95_db] = columns(of_cells);
         let sd = |number: &i32| {
             let cells = of_decidecade(*number);
             rounded(plan.sd_db(edge_hz(cells.start)..edge_hz(cells.end), &report.transforms[channel]))
         };
-        let [low, middle, high] = PERCENT;
         let (good, clipped) = (report.good[channel], report.clipped[channel]);
         Level {
             channel: channel as u8,
@@ -169,14 +174,14 @@ impl Maker {
             decidecade_hz: decidecades.iter().map(|n| short(decidecade_hz(*n))).collect(),
             decidecade_db: decidecades.iter().map(|n| rounded(band(of_decidecade(*n)))).collect(),
             decidecade_sd_db: decidecades.iter().map(sd).collect(),
-            decidecade_p5_db: of_decidecades(low),
-            decidecade_p50_db: of_decidecades(middle),
-            decidecade_p95_db: of_decidecades(high),
+            decidecade_p5_db,
+            decidecade_p50_db,
+            decidecade_p95_db,
             psd_hz: cells.iter().map(|c| short(middle_hz(*c))).collect(),
             psd_db: cells.iter().map(|c| rounded(db(power(*c)) - width_db(*c) + resolved(c))).collect(),
-            psd_p5_db: of_cells(low),
-            psd_p50_db: of_cells(middle),
-            psd_p95_db: of_cells(high),
+            psd_p5_db,
+            psd_p50_db,
+            psd_p95_db,
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::record::{Level, utc};
 use anyhow::Result;
 use seabearing_core::kit::quantile;
 use seabearing_core::levels::bands::{edge_hz, middle_hz};
-use seabearing_core::levels::percentile_db;
+use seabearing_core::levels::percentiles_db;
 use std::path::Path;
 use time::OffsetDateTime;
 
@@ -125,11 +125,10 @@ fn spectrum(meter: &Meter, own: &[&(f64, Level)]) -> Plot {
         }
         let more = meter.maker.calibration[channel].db(f).unwrap_or(f64::NAN)
             - db(edge_hz(cell + 1) - edge_hz(cell));
-        let at = |percent: u8| {
-            percentile_db(&meter.whole, place, channel, percent).map_or(f64::NAN, |x| f64::from(x) + more)
-        };
-        band.push((f, at(5), at(95)));
-        median.push((f, at(50)));
+        let [low, middle, high] = percentiles_db(&meter.whole, place, channel)
+            .map(|level| level.map_or(f64::NAN, |x| f64::from(x) + more));
+        band.push((f, low, high));
+        median.push((f, middle));
         mean.push((f, mean_db(own.iter().map(|(_, l)| l.psd_db.get(place).copied().flatten()))));
     }
     let label = format!("spectral density ({unit})");
