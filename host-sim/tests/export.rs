@@ -181,3 +181,38 @@ fn what_is_wrong_is_told_and_nothing_is_left() {
     assert!(!dir.path().join("x.csv").exists() && !dir.path().join("x.kml").exists());
     assert_eq!(kept(), before);
 }
+
+#[test]
+fn process_prints_the_tables_that_export_writes() {
+    let dir = tempfile::tempdir().unwrap();
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenarios/short-pass.toml");
+    succeeds(dir.path(), &["simulate", scenario, "--out", "pass"]);
+    // Nowhere on the Earth: a station with a position has columns for its tracks' latitudes and longitudes, too.
+    let station = dir.path().join("pass/station.toml");
+    let text = std::fs::read_to_string(&station).unwrap();
+    let nowhere = text.lines().filter(|line| !line.starts_with("position")).collect::<Vec<_>>().join("\n");
+    std::fs::write(&station, nowhere).unwrap();
+    let process = |format: &str| {
+        let args = ["process", "--station", "pass/station.toml", "pass", "--levels", "2", "--format", format];
+        let out = run(dir.path(), &args);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        out.stdout
+    };
+    let lines = process("jsonl");
+    assert!(lines.starts_with(b"{\"type\":\"hello\""));
+    std::fs::write(dir.path().join("records.jsonl"), &lines).unwrap();
+    for format in ["csv", "parquet"] {
+        let args = ["export", "records.jsonl", "--format", format, "--out", "table"];
+        succeeds(dir.path(), &args);
+        let table = std::fs::read(dir.path().join("table")).unwrap();
+        assert!(process(format) == table, "{format}");
+        assert!(table.len() > 1000);
+    }
+    let refused = run(
+        dir.path(),
+        &["process", "--station", "pass/station.toml", "pass", "--format", "csv", "--out", "x"],
+    );
+    assert_eq!(refused.status.code(), Some(2), "a folder of days has JSON Lines");
+    std::fs::write(&station, text).unwrap();
+    assert!(String::from_utf8(process("csv")).unwrap().lines().next().unwrap().contains("lat_deg"));
+}

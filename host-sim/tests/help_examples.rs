@@ -20,7 +20,7 @@ use Expected::{Lacks, Runs, Waits};
 /// Subcommands, and what becomes of each example, in the order of the help.
 const EXAMPLES: [(&str, &[Expected]); 26] = [
     ("simulate", &[Runs, Runs]),
-    ("process", &[Runs, Runs, Runs, Runs]),
+    ("process", &[Runs, Runs, Runs, Runs, Runs]),
     ("bearing", &[Runs]),
     ("track", &[Runs, Runs, Runs, Runs]),
     ("shaft-rate", &[Runs]),

@@ -39,6 +39,9 @@ impl Member {
     pub fn find(station: Station, input: &[PathBuf], asked: &Asked, levels_s: Option<f64>) -> Result<Self> {
         let table = crate::ocean_bottom::table::of_station(&station)?;
         let recording = Recording::find(input, &station, asked)?;
+        if recording.is_live() {
+            bail!("--out keeps whole days of recordings that are there: process a live station without it");
+        }
         Ok(Self { station, table, recording, levels_s })
     }
 

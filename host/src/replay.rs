@@ -1,6 +1,6 @@
 //! Recordings through the recorder core, exactly as the recorder would: blocks in, messages out.
 
-use crate::levels::Meter;
+use crate::levels::{Beside, Meter};
 use crate::record::Level;
 use crate::recording::BlockSource;
 use anyhow::{Result, anyhow};
@@ -59,7 +59,7 @@ pub fn with_levels(
     config: &StationConfig,
     table: Option<&[u8]>,
     source: &mut dyn BlockSource,
-    mut meter: Option<&mut Meter>,
+    meter: Option<&mut Meter>,
     mut heard: impl FnMut(Said<'_>) -> Result<()>,
 ) -> Result<ReplaySummary> {
     let begun = ProcessTime::now();
@@ -67,37 +67,51 @@ pub fn with_levels(
     // The recorder's memory is large: it is built in place, on the heap.
     let mut memory: Box<Memory<'_>> = Box::default();
     let mut recorder = memory.configure(config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
-    let mut messages = Vec::new();
     let mut frames = 0u32;
-    let mut deliver = |messages: &mut Vec<Message>, meter: Option<&mut Meter>| -> Result<()> {
+    let mut deliver = |messages: &mut Vec<Message>, levels: Vec<(u64, Level)>| -> Result<()> {
         frames = frames.wrapping_add(messages.len() as u32);
         messages.drain(..).try_for_each(|m| heard(Said::Message(&m)))?;
-        let levels = meter.map(Meter::take).unwrap_or_default();
         levels.iter().try_for_each(|(index, level)| heard(Said::Level(*index, level)))
     };
-    recorder.start(0, &mut |m| messages.push(*m));
-    deliver(&mut messages, None)?;
-    while let Some(block) = source.next_block()? {
-        let mut work = || {
+    std::thread::scope(|scope| {
+        // What is live is not kept waiting for what comes after it: there is time to measure it at once.
+        let live = source.is_live();
+        let (mut at_once, meter) = if live { (meter, None) } else { (None, meter) };
+        let mut beside = meter.map(|meter| Beside::begin(scope, meter));
+        let mut messages = Vec::new();
+        recorder.start(0, &mut |m| messages.push(*m));
+        deliver(&mut messages, Vec::new())?;
+        while let Some(block) = source.next_block()? {
+            if let Some(beside) = &mut beside {
+                beside.measure(block)?;
+            }
             let before = ThreadTime::now();
             recorder.push(block, &mut |m| messages.push(*m));
-            before.elapsed()
+            summary.core += before.elapsed();
+            summary.instants += block.frames.len() as u64;
+            summary.index = block.first_index + block.frames.len() as u64;
+            let levels = at_once.as_deref_mut().map(|meter| {
+                meter.push(block);
+                meter.take()
+            });
+            match &mut beside {
+                None => deliver(&mut messages, levels.unwrap_or_default())?,
+                Some(beside) => beside.said(&mut messages, &mut deliver)?,
+            }
+        }
+        let before = ThreadTime::now();
+        recorder.finish(&mut |m| messages.push(*m));
+        summary.core += before.elapsed();
+        let levels = match (beside, at_once) {
+            (Some(beside), _) => beside.end(&mut deliver)?,
+            (None, Some(meter)) => {
+                meter.finish();
+                meter.take()
+            }
+            (None, None) => Vec::new(),
         };
-        summary.core += match meter.as_deref_mut() {
-            Some(meter) => rayon::join(work, || meter.push(block)).0,
-            None => work(),
-        };
-        summary.instants += block.frames.len() as u64;
-        summary.index = block.first_index + block.frames.len() as u64;
-        deliver(&mut messages, meter.as_deref_mut())?;
-    }
-    let before = ThreadTime::now();
-    recorder.finish(&mut |m| messages.push(*m));
-    summary.core += before.elapsed();
-    if let Some(meter) = meter.as_deref_mut() {
-        meter.finish();
-    }
-    deliver(&mut messages, meter)?;
+        deliver(&mut messages, levels)
+    })?;
     heard(Said::Message(&Message::End(End { index: summary.index, frames })))?;
     summary.all = begun.elapsed();
     log::debug!(

@@ -145,13 +145,26 @@ pub fn write(path: &Path, format: Format, records: &[Value], places: &Positions)
     if let (Format::QuakeMl, Some(seed_id)) = (format, &places.seed_id) {
         return atomic::write_with(path, |out| events::quakeml(&events::events(records), seed_id, out));
     }
+    atomic::write_with(path, |out| table_to(out, format, records, places))
+}
+
+/// Writes every record as CSV or Parquet, else as JSON Lines.
+///
+/// # Errors
+/// It cannot be written.
+pub fn table_to(
+    out: &mut (impl Write + Send),
+    format: Format,
+    records: &[Value],
+    places: &Positions,
+) -> Result<()> {
     let records: Vec<Value> = records.iter().map(|r| placed(r, places)).collect();
-    atomic::write_with(path, |out| match format {
+    match format {
         Format::Csv => table::csv(&records, out),
         #[cfg(feature = "parquet")]
         Format::Parquet => parquet::write(&records, out),
         _ => records.iter().try_for_each(|r| Ok(writeln!(out, "{r}")?)),
-    })
+    }
 }
 
 /// How many of these records [`write()`] puts into a file: a map takes those that tell a place, of stations whose position is known.

@@ -1,6 +1,8 @@
 //! `seabearing process`: recordings through the recorder core, exactly as the recorder would.
 
 use crate::archive::{self, Member, Outcome, Unit};
+#[cfg(feature = "base")]
+use crate::base::export::{self, Format, Positions};
 use crate::interrupt::{self, Keeping};
 use crate::levels::{Meter, picture};
 use crate::ocean_bottom::pictures;
@@ -17,6 +19,8 @@ use rayon::prelude::*;
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config::Kind;
 use seabearing_core::wire::{Encoder, Message};
+#[cfg(feature = "base")]
+use std::io::IsTerminal;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,7 +32,8 @@ use time::OffsetDateTime;
     after_help = "Examples:\n  seabearing process --station east.toml recording.wav > records.jsonl\n  \
     seabearing process --station east.toml east --from 2024-05-01T09:00:05Z --to 2024-05-01T09:00:30Z\n  \
     seabearing process --station east.toml east --out records --jobs 2\n  \
-    seabearing process --station east.toml recording.wav --levels 10 --plots pictures\n\n\
+    seabearing process --station east.toml recording.wav --levels 10 --plots pictures\n  \
+    seabearing process --station east.toml recording.wav --format csv > records.csv\n\n\
     docs/recordings.md says which files are read, and how whole archives are."
 )]
 pub struct Args {
@@ -38,7 +43,8 @@ pub struct Args {
     /// Propagation table of the stations that StationXML describes, which else is traced through a typical sea
     #[arg(long, value_name = "TABLE.toml")]
     propagation: Option<PathBuf>,
-    /// Recordings (WAV, FLAC, miniSEED, SAC), or folders and archives of them
+    /// Recordings (WAV, FLAC, miniSEED, SAC), folders and archives of them, or a station of a SeedLink server as it records:
+    /// seedlink://HOST:PORT/NET_STA
     #[arg(required = true, value_parser = super::input())]
     input: Vec<PathBuf>,
     /// UTC of the first sample (RFC 3339), where neither the recording nor its name tells it
@@ -66,6 +72,11 @@ pub struct Args {
     /// Also measure levels over intervals of so many seconds (60 is usual): decidecade and decade bands, spectra, percentiles
     #[arg(long, value_name = "SECONDS")]
     levels: Option<f64>,
+    /// What the records on standard output are: JSON Lines as they are made, or, at the end, a table with a row a record and a column
+    /// a field
+    #[cfg(feature = "base")]
+    #[arg(long, value_enum, default_value = "jsonl", conflicts_with = "out")]
+    format: Table,
     /// Also write the telemetry the recorder would have sent, byte for byte
     #[arg(long, value_name = "FILE")]
     telemetry: Option<PathBuf>,
@@ -79,12 +90,38 @@ pub struct Args {
     /// Print how much was processed, how fast, and what was lost, on standard error.
     #[arg(long)]
     stats: bool,
-    /// JSON Lines (what this command always prints).
+    /// JSON Lines (what this command prints without --format).
     #[arg(long)]
     json: bool,
 }
 
+/// What records are written as.
+#[cfg(feature = "base")]
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Table {
+    Jsonl,
+    Csv,
+    Parquet,
+}
+
 impl Args {
+    /// The table that the records become, if they do.
+    #[cfg(feature = "base")]
+    fn table(&self) -> Result<Option<Format>> {
+        Ok(match self.format {
+            Table::Jsonl => None,
+            Table::Csv => Some(Format::Csv),
+            Table::Parquet if std::io::stdout().is_terminal() => {
+                bail!("--format parquet is not for a terminal: `> records.parquet`")
+            }
+            Table::Parquet => {
+                let to = Path::new("standard output");
+                export::check(to, Format::Parquet, &Positions::default(), "")?;
+                Some(Format::Parquet)
+            }
+        })
+    }
+
     /// The stations, and what keeps the files that were made of StationXML.
     fn stations(&self) -> Result<Vec<(Option<Arc<Imported>>, Station)>> {
         let mut out = Vec::new();
@@ -161,6 +198,10 @@ pub fn run(args: Args) -> Result<()> {
     let table = crate::ocean_bottom::table::of_station(&station)?;
     let mut meter = args.levels.map(|s| Meter::new(&station, s, args.plots.is_some())).transpose()?;
     let recording = Recording::find(&args.input, &station, &asked)?;
+    let live = recording.is_live();
+    if live && args.plots.is_some() {
+        bail!("--plots needs a recording that has an end: draw the records of a live station afterwards");
+    }
     let source = recording.source(asked.span)?;
     let records = record::RecordFormat {
         rate_hz: station.config.rate_hz,
@@ -179,6 +220,22 @@ pub fn run(args: Args) -> Result<()> {
     let mut messages = Vec::new();
     let mut last_health = None;
     let (mut bearings, mut tracks, mut levels) = (Vec::new(), Vec::new(), Vec::new());
+    #[cfg(feature = "base")]
+    let (as_table, mut rows) = (args.table()?, Vec::new());
+    let mut write = |record: serde_json::Value| -> Result<()> {
+        #[cfg(feature = "base")]
+        if as_table.is_some() {
+            rows.push(record);
+            return Ok(());
+        }
+        serde_json::to_writer(&mut out, &record)?;
+        out.write_all(b"\n")?;
+        // What is live is waited for.
+        if live {
+            out.flush()?;
+        }
+        Ok(())
+    };
     let summary = with_levels(&station.config, table.as_deref(), &mut source, meter.as_mut(), |said| {
         let message = match said {
             Said::Message(message) => message,
@@ -186,8 +243,7 @@ pub fn run(args: Args) -> Result<()> {
                 if args.plots.is_some() {
                     levels.push((records.t_s(index), level.clone()));
                 }
-                serde_json::to_writer(&mut out, &records.said(said))?;
-                return Ok(out.write_all(b"\n")?);
+                return write(records.said(said));
             }
         };
         if args.telemetry.is_some() {
@@ -202,9 +258,15 @@ pub fn run(args: Args) -> Result<()> {
         if args.plots.is_some() && table.is_some() {
             messages.push(*message);
         }
-        serde_json::to_writer(&mut out, &records.json(message))?;
-        Ok(out.write_all(b"\n")?)
+        write(records.json(message))
     })?;
+    #[cfg(feature = "base")]
+    if let Some(format) = as_table {
+        let places = Positions { otherwise: station.config.lat_lon_deg, ..Positions::default() };
+        let mut table = Vec::new();
+        export::table_to(&mut table, format, &rows, &places)?;
+        out.write_all(&table)?;
+    }
     out.flush()?;
     source.bar.finish_and_clear();
     if let Some(file) = telemetry_file {
@@ -355,6 +417,10 @@ impl BlockSource for Watched {
 
     fn expected_end(&self) -> Option<u64> {
         self.source.expected_end()
+    }
+
+    fn is_live(&self) -> bool {
+        self.source.is_live()
     }
 
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {

@@ -15,6 +15,8 @@
 //! - A damaged, foreign or wrongly sampled file among good ones is left out with one line on stderr; what is whole of a
 //!   truncated file is used. It is an error only when nothing is left.
 //!
+//! - A station on a SeedLink server is a recording that goes on ([`BlockSource::is_live`]).
+//!
 //! Cost: blocks of 16384 frames are decoded in bulk; `cargo bench -p seabearing --bench recording` prints how fast, beside
 //! `hound`'s sample by sample.
 
@@ -26,6 +28,7 @@ mod pick;
 mod raw;
 mod resample;
 mod sac;
+mod seedlink;
 mod sequence;
 mod wav;
 mod window;
@@ -56,6 +59,11 @@ pub trait BlockSource {
     /// # Errors
     /// The source is lost for good. (A damaged file in a sequence is reported and passed over, not an error.)
     fn next_block(&mut self) -> Result<Option<Block<'_>>>;
+
+    /// Whether blocks come as they are recorded, so that what is said of them is wanted at once.
+    fn is_live(&self) -> bool {
+        false
+    }
 }
 
 /// What a file holds, by its first bytes.
@@ -140,6 +148,8 @@ enum Found {
     Raw(PathBuf),
     /// Samples, and how many there are in a second.
     Memory(Arc<[Frame]>, f64),
+    /// A station on a server, from now on.
+    Live(Box<seedlink::Remote>),
 }
 
 impl Recording {
@@ -148,6 +158,19 @@ impl Recording {
     /// # Errors
     /// Nothing usable was found; the line names the file and what to do.
     pub fn find(paths: &[PathBuf], station: &Station, asked: &Asked) -> Result<Self> {
+        if let Some(remote) = paths.iter().find(|path| seedlink::Address::is_one(path)) {
+            if paths.len() > 1 {
+                bail!("{}: give one station of a server, and nothing else", remote.display());
+            }
+            let found = Found::Live(Box::new(seedlink::Remote::of(remote, station)?));
+            let config = &station.config;
+            return Ok(Self {
+                found,
+                start: asked.start,
+                rate_hz: config.rate_hz,
+                full_scale: config.full_scale,
+            });
+        }
         let files = expand(paths, station.seed_id.as_deref(), asked.span)?;
         let mut audio = Vec::new();
         let mut seismic = Vec::new();
@@ -221,6 +244,7 @@ impl Recording {
             Found::Seismic(components) => components.rate_hz,
             Found::Raw(_) => self.rate_hz,
             Found::Memory(_, rate_hz) => *rate_hz,
+            Found::Live(_) => self.rate_hz,
         }
     }
 
@@ -229,7 +253,7 @@ impl Recording {
         let spans = match &self.found {
             Found::Audio(parts) => parts.spans()?,
             Found::Seismic(components) => components.spans(),
-            Found::Raw(_) | Found::Memory(..) => return None,
+            Found::Raw(_) | Found::Memory(..) | Found::Live(_) => return None,
         };
         let mut days = BTreeSet::new();
         for (begins, ends) in spans {
@@ -251,8 +275,13 @@ impl Recording {
             Found::Audio(parts) => parts.files(span),
             Found::Seismic(components) => components.files(span),
             Found::Raw(path) => vec![path.clone()],
-            Found::Memory(..) => Vec::new(),
+            Found::Memory(..) | Found::Live(_) => Vec::new(),
         }
+    }
+
+    /// Whether it goes on: it can be read once, from now on.
+    pub fn is_live(&self) -> bool {
+        matches!(self.found, Found::Live(_))
     }
 
     /// The samples of a span of time at the recorder's rate. Index 0 is the first of them.
@@ -271,6 +300,7 @@ impl Recording {
             }
             Found::Seismic(components) => Box::new(components.recording(span)?),
             Found::Raw(path) => Box::new(raw::Raw::open(path, self.start)?),
+            Found::Live(remote) => Box::new(remote.open(span)?),
             Found::Memory(frames, _) => Box::new(memory::Memory::new(Arc::clone(frames), self.start)),
         };
         if !span.is_all() {

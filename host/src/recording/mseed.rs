@@ -25,7 +25,7 @@ const BLOCK: usize = 4096;
 
 /// Worst clock that is one: share by which a stated rate may differ from the station's. (Rates of version 2 are also
 /// rounded to ratios of 16-bit numbers.)
-const WORST_CLOCK: f64 = 1e-4;
+pub(super) const WORST_CLOCK: f64 = 1e-4;
 
 /// Least rate that a station file may state.
 const SLOWEST_HZ: f64 = 20.0;
@@ -259,6 +259,11 @@ impl Components {
     }
 }
 
+/// A code multiplied; one that is missing stays it.
+pub(super) fn scaled(x: i32, gain: f64) -> i32 {
+    if x == MISSING { x } else { code_of(f64::from(x) * gain) }
+}
+
 /// Whether a source `NET.STA.LOC` is a wanted one, which may leave out the location.
 pub(super) fn is_of(id: &str, wanted: &str) -> bool {
     id.strip_prefix(wanted).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
@@ -478,11 +483,7 @@ impl BlockSource for Seismic {
             for (c, reader) in self.readers.iter_mut().enumerate().filter(|(c, _)| there[*c]) {
                 let samples = reader.take(run);
                 let gain = self.gains[c];
-                let code = |x: i32| match x {
-                    MISSING => x,
-                    _ if gain == 1.0 => x,
-                    _ => code_of(f64::from(x) * gain),
-                };
+                let code = |x: i32| if gain == 1.0 { x } else { scaled(x, gain) };
                 self.frames[from..].iter_mut().zip(samples).for_each(|(frame, x)| frame[c] = code(*x));
             }
             self.next += run as i64;

@@ -72,6 +72,10 @@ impl BlockSource for Window {
         self.source.expected_end().map(|end| end.min(self.to).saturating_sub(self.from))
     }
 
+    fn is_live(&self) -> bool {
+        self.source.is_live()
+    }
+
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
         loop {
             let Some(block) = self.source.next_block()? else { return Ok(None) };
