@@ -33,11 +33,14 @@ pub mod mosquitto;
 mod motion;
 mod motion_checks;
 mod motion_figures;
+mod motion_speeds;
 mod mqtt;
 mod network;
+mod network_scene;
 mod network_vessels;
 mod obs_appendix_b;
 mod obs_core_clutter;
+mod obs_model;
 mod obs_noise_week;
 mod obs_one_ship;
 mod obs_orient;
@@ -126,6 +129,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
     motion_figures::FIGURE_2,
     motion_figures::FIGURE_3,
     motion_figures::FLEET,
+    motion_speeds::SPEEDS,
+    motion_speeds::TRAFFIC,
     motion_checks::ELEVATION,
     obs_table1::TABLE_1,
     obs_week::WEEK,
@@ -145,6 +150,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     flash_cuts::EXPERIMENT,
     line::ORIENTATION,
     line_bound::EXPERIMENT,
+    line::FREQUENCIES,
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,
     several_vessels::EXPERIMENT,
@@ -156,7 +162,9 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_core_clutter::CLUTTER,
     obs_appendix_b::APPENDIX_B,
     obs_pictures::PICTURES,
+    obs_model::EXPERIMENT,
     network_vessels::EXPERIMENT,
+    network_scene::EXPERIMENT,
     network::FIGURE_2,
     network::FIGURE_3,
     difar::EXPERIMENT,

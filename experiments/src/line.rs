@@ -33,6 +33,7 @@ pub const ORIENTATION: Experiment = Experiment {
 
 const SENSORS: usize = 23;
 const SPACING_M: f64 = 0.75;
+/// Frequency of the paper's figures.
 const FREQUENCY_HZ: f64 = 702.0;
 const SOUND_SPEED_M_S: f64 = 1484.0;
 const SUBARRAYS: usize = 5;
@@ -82,14 +83,14 @@ fn mean_age_s() -> f64 {
 type Snapshots = Vec<[Complex; MAX_SENSORS]>;
 
 /// One recording, second by second, as the sensors' spectra at the tone's frequency.
-fn recording(seed: u64, run: usize, snr_db: f64) -> Vec<Snapshots> {
+fn recording(seed: u64, run: usize, snr_db: f64, frequency_hz: f64) -> Vec<Snapshots> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(run as u64);
     let window: Vec<f64> = (0..FRAME).map(|k| 0.5 - 0.5 * (TAU * k as f64 / FRAME as f64).cos()).collect();
     let (sum, squares) = (window.iter().sum::<f64>(), window.iter().map(|w| w * w).sum::<f64>());
     // Power of the tone's transform over the noise's: (sum/2)² / (σ² Σ w²).
     let sigma = (0.25 * sum * sum / squares / 10f64.powf(snr_db / 10.0)).sqrt();
-    let turn = |k: usize| TAU * FREQUENCY_HZ * k as f64 / RATE_HZ;
+    let turn = |k: usize| TAU * frequency_hz * k as f64 / RATE_HZ;
     let kernel: Vec<Complex> = (0..FRAME).map(|k| unit(-turn(k)).scale(window[k])).collect();
     // The tone's own transform: of its two rotating halves, for a phase of zero.
     let half = |sign: f64| {
@@ -110,7 +111,7 @@ fn recording(seed: u64, run: usize, snr_db: f64) -> Vec<Snapshots> {
             phase += step;
             let at = sine(begin + 0.5 * FRAME as f64 / RATE_HZ - SHIFT_S);
             for (m, x) in snapshot.iter_mut().enumerate().take(SENSORS) {
-                let delay = TAU * FREQUENCY_HZ * SPACING_M * m as f64 * at / SOUND_SPEED_M_S;
+                let delay = TAU * frequency_hz * SPACING_M * m as f64 * at / SOUND_SPEED_M_S;
                 let mut value = forward * unit(phase + delay) + backward * unit(-phase - delay);
                 for kernel in &kernel {
                     let noise: f64 = StandardNormal.sample(&mut rng);
@@ -125,8 +126,12 @@ fn recording(seed: u64, run: usize, snr_db: f64) -> Vec<Snapshots> {
 }
 
 /// A recording's bearings: (as measured, true sine, standard deviation claimed).
-fn heard(recording: &[Snapshots], method: MusicMethod) -> Result<Vec<(LineBearing, f64, f64)>> {
-    let plan = LinePlan::new(SENSORS, SPACING_M, FREQUENCY_HZ, SOUND_SPEED_M_S, SUBARRAYS, FORGETTING, 1)
+fn heard(
+    recording: &[Snapshots],
+    method: MusicMethod,
+    frequency_hz: f64,
+) -> Result<Vec<(LineBearing, f64, f64)>> {
+    let plan = LinePlan::new(SENSORS, SPACING_M, frequency_hz, SOUND_SPEED_M_S, SUBARRAYS, FORGETTING, 1)
         .map_err(|e| anyhow!("line plan: {e:?}"))?;
     let (mut state, mut scratch) = (State::new(), Scratch::new());
     let mut out = Vec::new();
@@ -146,7 +151,7 @@ fn heard(recording: &[Snapshots], method: MusicMethod) -> Result<Vec<(LineBearin
 type Outcome = [f64; 11];
 
 fn outcome(recording: &[Snapshots], method: MusicMethod) -> Result<Outcome> {
-    let heard = heard(recording, method)?;
+    let heard = heard(recording, method, FREQUENCY_HZ)?;
     let bearings: Vec<LineBearing> = heard.iter().map(|h| h.0).collect();
     let settings = LineSettings { shift_s: (-1.0, 7.0), eta: (0.85, 1.05), gap_s: 60.0, whole_s: 1.0 };
     let settings_free = LineSettings { whole_s: 0.0, ..settings };
@@ -184,7 +189,7 @@ fn run(options: &Options) -> Result<()> {
     let outcomes = (0..runs)
         .into_par_iter()
         .map(|run| {
-            let recording = recording(options.seed, run, 10.0);
+            let recording = recording(options.seed, run, 10.0, FREQUENCY_HZ);
             bar.inc(1);
             Ok([outcome(&recording, METHODS[0])?, outcome(&recording, METHODS[1])?])
         })
@@ -218,7 +223,7 @@ fn run(options: &Options) -> Result<()> {
 
 /// One recording: its bearings, and the mean angle error over η for each shift, as the paper's figure 5.
 fn pictures(options: &Options) -> Result<()> {
-    let heard = heard(&recording(options.seed, 0, 10.0), MusicMethod::Root)?;
+    let heard = heard(&recording(options.seed, 0, 10.0, FREQUENCY_HZ), MusicMethod::Root, FREQUENCY_HZ)?;
     let mut figure = Plot::new("Sine of the bearing at 702 Hz (paper L, figure 4)", "time (s)", "sine");
     figure.truth("true", &heard.iter().map(|(b, s, _)| (b.t_s, *s)).collect::<Vec<_>>());
     figure.points("root-MUSIC", &heard.iter().map(|(b, _, _)| (b.t_s, b.sine)).collect::<Vec<_>>());
@@ -240,4 +245,84 @@ fn pictures(options: &Options) -> Result<()> {
         figure.line(&format!("k = {k}"), &curve);
     }
     figure.write(&options.out.join("line-orientation-search.svg"))
+}
+
+/// Several frequencies.
+pub const FREQUENCIES: Experiment = Experiment {
+    name: "line-frequencies",
+    about: "paper L, section 5: orientation at 444, 666 and 702 Hz, and the mean over frequencies",
+    run: frequencies,
+};
+
+/// Frequency (Hz), and the paper's shift (s), η and orientation (degrees): of several minima those of which it takes the mean.
+const PAPER: [(f64, f64, f64, f64); 3] =
+    [(444.0, 2.0, 1.020, -37.0), (666.0, 1.0, 0.956, -34.4), (702.0, 2.0, 0.976, ORIENTATION_DEG)];
+/// The paper's means over frequencies, η found and η = 1, degrees.
+const PAPER_MEANS_DEG: [f64; 2] = [-35.5, -35.4];
+
+/// The paper's own closed form and grids: all shifts and η, and η = 1 alone.
+fn frequencies(options: &Options) -> Result<()> {
+    let runs = options.runs.unwrap_or(RUNS);
+    let grid = LineSettings { shift_s: (0.0, 6.0), eta: (0.85, 1.05), gap_s: 60.0, whole_s: 1.0 };
+    let level = LineSettings { eta: (1.0, 1.0), ..grid };
+    let mut report = CsvReport::new(
+        "line-frequencies",
+        "frequency_hz,mean_deg,sd_deg,mean_shift_s,mean_eta,paper_deg,paper_shift_s,paper_eta",
+    );
+    // Of each run the orientations at the frequencies: η found, and η = 1.
+    let mut all = vec![[Vec::new(), Vec::new()]; runs];
+    for (k, (frequency_hz, paper_shift_s, paper_eta, paper_deg)) in PAPER.into_iter().enumerate() {
+        let found = (0..runs)
+            .into_par_iter()
+            .map(|run| {
+                // Each frequency has noise and a wandering phase of its own.
+                let sound = recording(options.seed, PAPER.len() * run + k, 10.0, frequency_hz);
+                let heard = heard(&sound, MusicMethod::Root, frequency_hz)?;
+                let bearings: Vec<LineBearing> = heard.iter().map(|h| h.0).collect();
+                let search = |settings: &LineSettings| {
+                    closed_form::search(&bearings, &track(), settings, 1.0, 0.001).map_err(|e| anyhow!("{e}"))
+                };
+                let (free, level) = (search(&grid)?, search(&level)?);
+                Ok([wrap_pi(free.orientation), free.time_shift_s, free.eta, wrap_pi(level.orientation)])
+            })
+            .collect::<Result<Vec<[f64; 4]>>>()?;
+        let mean = |i: usize| found.iter().map(|f| f[i]).sum::<f64>() / runs as f64;
+        let spread = (found.iter().map(|f| (f[0] - mean(0)).powi(2)).sum::<f64>() / runs as f64).sqrt();
+        report.row(&[
+            frequency_hz,
+            mean(0) / RAD_PER_DEG,
+            spread / RAD_PER_DEG,
+            mean(1),
+            mean(2),
+            paper_deg,
+            paper_shift_s,
+            paper_eta,
+        ]);
+        for (run, found) in all.iter_mut().zip(&found) {
+            run[0].push(found[0] / RAD_PER_DEG);
+            run[1].push(found[3] / RAD_PER_DEG);
+        }
+    }
+    report.finish(options)?;
+    let figures = &options.figures;
+    for (form, (name, paper)) in ["η searched", "η = 1"].into_iter().zip(PAPER_MEANS_DEG).enumerate() {
+        let means: Vec<f64> =
+            all.iter().map(|run| run[form].iter().sum::<f64>() / PAPER.len() as f64).collect();
+        let mean = means.iter().sum::<f64>() / runs as f64;
+        figures.state(format!("mean over frequencies, {name}, deg (truth {ORIENTATION_DEG})"), mean);
+        figures.state(format!("the paper's, {name}, deg"), paper);
+        let worst = means.iter().fold(0.0f64, |m, x| m.max((x - ORIENTATION_DEG).abs()));
+        if form == 0 {
+            figures.at_most("largest error of a run's mean over frequencies, η searched, deg", worst, 0.3);
+        } else {
+            figures.state("largest error of a run's mean over frequencies, η = 1, deg", worst);
+        }
+    }
+    let spread = |of: &[f64]| {
+        of.iter().copied().fold(f64::MIN, f64::max) - of.iter().copied().fold(f64::MAX, f64::min)
+    };
+    let ours = all.iter().map(|run| spread(&run[0])).sum::<f64>() / runs as f64;
+    figures.state("from the least to the greatest frequency's orientation, mean of runs, deg", ours);
+    figures.state("the paper's, deg", spread(&PAPER.map(|p| p.3)));
+    Ok(())
 }

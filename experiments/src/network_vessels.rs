@@ -1,4 +1,4 @@
-//! `reproduce network-vessels`: the counterpart of paper N's figures 6 to 8: two arrays, known depth, vessels on real
+//! `reproduce network-vessels`: the counterpart of paper N's figures 5 to 8: two arrays, known depth, vessels on real
 //! tracks, median errors per 20 m cell.
 //!
 //! Tracks: pieces of AIS tracks of the Solent where they stand beside the project (positions and manoeuvres real,
@@ -31,7 +31,7 @@ use std::collections::BTreeMap;
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
     name: "network-vessels",
-    about: "paper N, figures 6 to 8: median errors per cell of vessels on real tracks, two arrays, known depth",
+    about: "paper N, figures 5 to 8: positions and median errors per cell of vessels on real tracks, two arrays, known depth",
     run,
 };
 
@@ -289,7 +289,7 @@ fn bands(options: &Options, all: &[&Judged]) -> Result<()> {
     write_panels(&options.out.join("network-vessels-range.svg"), &panels.each_ref(), 3)
 }
 
-/// Figures 6 and 7: median errors per cell.
+/// Figures 5 to 7: positions and median errors per cell.
 fn pictures(options: &Options, all: &[&Judged]) -> Result<()> {
     let columns = (2.0 * HALF_M / CELL_M) as usize;
     let mut cells: Vec<Vec<&Judged>> = vec![Vec::new(); columns * columns];
@@ -323,7 +323,20 @@ fn pictures(options: &Options, all: &[&Judged]) -> Result<()> {
         });
         figure
     };
+    // Figure 5: where the vessels were.
+    let most = cells.iter().map(Vec::len).max().unwrap_or(1);
+    let mut where_heard = Plot::map("Positions");
+    where_heard.size(520, 470).heat(HeatMap {
+        x: (-HALF_M, HALF_M),
+        y: (-HALF_M, HALF_M),
+        columns,
+        values: cells.iter().map(|c| if c.is_empty() { f64::NAN } else { c.len() as f64 }).collect(),
+        range: Some((0.0, most as f64)),
+        map: ColourMap::Amount,
+        label: "positions in a cell".to_owned(),
+    });
     let panels = [
+        where_heard,
         map("Azimuth", "median error (°)", 3.0, &|j| j.azimuth_deg),
         map("Range", "median error (m)", 100.0, &|j| j.range_m),
         map("Position", "median error (m)", 100.0, &|j| j.position_m),

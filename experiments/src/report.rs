@@ -69,7 +69,8 @@ impl CsvReport {
         out
     }
 
-    fn csv(&self) -> String {
+    /// The table as CSV.
+    pub fn csv(&self) -> String {
         let mut out = CsvText::new(&self.columns.join(","));
         for row in &self.rows {
             let blank: &dyn Display = &"";

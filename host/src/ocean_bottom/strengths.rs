@@ -96,6 +96,31 @@ pub fn fit(frames: &[SpectralFrame], courses: &[VesselCourse], table: &Propagati
         .collect()
 }
 
+/// Mean envelope of the cepstrum against range and quefrency: a row for each cell of range (of the first branch that is
+/// there), a value for each quefrency; NaN where nothing was heard [O, figure 5a].
+pub fn stack(frames: &[SpectralFrame], courses: &[VesselCourse], table: &Propagation) -> Vec<Vec<f32>> {
+    let quefrencies = frames.first().map_or(0, |f| f.filtered.len());
+    let mut envelope = Envelope::new(quefrencies);
+    let mut sums = vec![(vec![0f64; quefrencies], 0usize); CELLS];
+    for f in frames {
+        let near = |c: &&VesselCourse| c.at(f.t_s).is_some_and(|p| p.0.hypot(p.1) < 70_000.0);
+        let mut inside = courses.iter().filter(near);
+        let (Some(course), None) = (inside.next(), inside.next()) else { continue };
+        let heard = (0..table.strengths.len()).find_map(|b| at_emission(table, course, b, f.t_s));
+        let Some((sum, n)) = heard.and_then(|(range, _)| sums.get_mut((range / CELL_M) as usize)) else {
+            continue;
+        };
+        *n += 1;
+        sum.iter_mut().zip(envelope.of(&f.filtered)).for_each(|(s, e)| *s += e.sqrt());
+    }
+    sums.into_iter()
+        .map(|(sum, n)| {
+            let mean = |s: f64| if n > 0 { (s / n as f64) as f32 } else { f32::NAN };
+            sum.into_iter().map(mean).collect()
+        })
+        .collect()
+}
+
 /// Range at the emission of what interferes in a branch at a time (mean travel time of its two paths), and the delay.
 fn at_emission(table: &Propagation, course: &VesselCourse, branch: usize, t_s: f64) -> Option<(f64, f64)> {
     let mut place = course.at(t_s)?;
