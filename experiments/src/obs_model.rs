@@ -165,6 +165,7 @@ fn envelope(
         y: (0.0, quefrencies as f64 / 50.0),
         columns: stacked.len(),
         values,
+        strength: Vec::new(),
         range: Some((0.0, 0.1)),
         map: ColourMap::Amount,
         label: "envelope".to_owned(),

@@ -7,6 +7,7 @@ use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel, Radiation, Side, Str
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::station;
 use crate::score::then;
+use crate::station::Calibration;
 use anyhow::Result;
 
 /// The experiment.
@@ -63,7 +64,8 @@ fn run(options: &Options) -> Result<()> {
     let config = station::config(&scenario(options.seed), false)?;
     let mut again = Simulator::new(scenario(options.seed), table.clone(), Vec::new())?;
     let dir = options.out.join("obs-pictures");
-    let mut written = draw(&dir, &mut again, &config, &table, &case.messages, &truth)?;
+    let mut written =
+        draw(&dir, &mut again, &config, &table, &Calibration::default(), &case.messages, &truth)?;
     written.push(dir.join("model.svg"));
     model(&dir.join("model.svg"), &table)?;
     for path in written {

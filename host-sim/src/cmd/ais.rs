@@ -178,6 +178,7 @@ fn write(found: &[Pass], max_range_m: f64, out: &std::path::Path) -> Result<()> 
             y: (0.0, top),
             columns: DISTANCES,
             values: counts.into_iter().map(|c| if c > 0.0 { c } else { f64::NAN }).collect(),
+            strength: Vec::new(),
             range: None,
             map: ColourMap::Amount,
             label: "passes".into(),

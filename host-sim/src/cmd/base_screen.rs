@@ -9,6 +9,7 @@ use crate::base::service::Service;
 use crate::base::stations::Listed;
 use crate::base::{Base, Recorder};
 use crate::plot::result;
+use crate::plot::times::Times;
 use anyhow::{Context, Result, anyhow};
 use seabearing_core::wire::{Bearing, Track};
 use serde_json::{Value, json};
@@ -260,6 +261,9 @@ fn pictured(recorder: &Recorder) -> Pictured {
 
 /// Bearings against time, and tracks on a map.
 fn pictures(recorder: &Pictured, folder: &Path) -> Result<()> {
-    result::bearings(&recorder.bearings, recorder.rate_hz, &[]).write(&folder.join("bearings.svg"))?;
+    let longest_s = recorder.bearings.last().map_or(0.0, |b| b.index as f64 / recorder.rate_hz);
+    let times = Times::new(None, longest_s);
+    result::bearings(&recorder.bearings, recorder.rate_hz, &times, &[])
+        .write(&folder.join("bearings.svg"))?;
     result::tracks(&recorder.tracks, recorder.rate_hz, &[]).write(&folder.join("tracks.svg"))
 }

@@ -6,7 +6,7 @@ use crate::base::export::{self, Format, Positions};
 use crate::interrupt::{self, Keeping};
 use crate::levels::{Meter, picture};
 use crate::ocean_bottom::pictures;
-use crate::plot::result;
+use crate::plot::{passage, result};
 use crate::progress;
 use crate::recording::{Asked, BlockSource, Recording, Span, written_time};
 use crate::replay::{ReplaySummary, Said, with_levels};
@@ -84,6 +84,10 @@ pub struct Args {
     /// (array); spectrogram, azigram, likelihoods, cepstrograms, presence, map (ocean bottom); levels with --levels.
     #[arg(long, alias = "plot", value_name = "DIR")]
     plots: Option<PathBuf>,
+    /// Also draw a page for each passage: spectrogram, azimuth and elevation (ocean bottom: range), course on a map with times
+    /// and ellipse, and what is stated of it
+    #[arg(long, requires = "plots")]
+    passages: bool,
     /// Truth to draw beside the results: the truth.csv of a simulation.
     #[arg(long, requires = "plots", value_name = "TRUTH.csv")]
     truth: Option<PathBuf>,
@@ -255,7 +259,7 @@ pub fn run(args: Args) -> Result<()> {
             Message::Track(t) if args.plots.is_some() => tracks.push(*t),
             _ => {}
         }
-        if args.plots.is_some() && table.is_some() {
+        if args.passages || args.plots.is_some() && table.is_some() {
             messages.push(*message);
         }
         write(records.json(message))
@@ -284,7 +288,7 @@ pub fn run(args: Args) -> Result<()> {
         };
         let segment =
             segment.as_ref().map(|(b, frames)| (*b, frames.as_slice())).filter(|s| s.1.len() > 4096);
-        result::write_all(folder, &station.config, (&bearings, &tracks), &truth, segment)?;
+        result::write_all(folder, &station.config, records.start, (&bearings, &tracks), &truth, segment)?;
     }
     if let (Some(folder), Some(path)) =
         (&args.plots, station.propagation.as_ref().filter(|_| table.is_some()))
@@ -292,9 +296,16 @@ pub fn run(args: Args) -> Result<()> {
         // The pictures show intermediate stages, which the records do not carry: a second pass makes them again.
         let mut again = recording.source(asked.span)?;
         let interference = crate::propagation::file::read(path)?;
-        if pictures::draw(folder, &mut *again, &station.config, &interference, &messages, &heard)?.is_empty()
-        {
+        let (config, pressure) = (&station.config, &station.calibration[0]);
+        let drawn = pictures::draw(folder, &mut *again, config, &interference, pressure, &messages, &heard)?;
+        if drawn.is_empty() {
             log::warn!("no pictures of less than two whole minutes");
+        }
+    }
+    if let Some(folder) = args.plots.as_deref().filter(|_| args.passages) {
+        let mut again = recording.source(asked.span)?;
+        if passage::write_all(folder, &station, records.start, &messages, &mut *again)? == 0 {
+            log::info!("no passage to draw a page of");
         }
     }
     if let (Some(folder), Some(meter)) = (&args.plots, &meter) {

@@ -73,6 +73,11 @@ const OTHERWISE: [(&str, Otherwise, &str); 13] = [
         "needs hours of passages: `orient_ocean_bottom` has them",
     ),
     (
+        "seabearing process --station rr03.toml seedlink://server.example:18000/YV_RR03",
+        Lacks("rr03.toml"),
+        "needs a server",
+    ),
+    (
         "seabearing twin --board stm32h743 --station scenarios/demo-station.toml --rehearse 0.1 --seconds 60",
         Parsed,
         "needs an image of the firmware",

@@ -105,6 +105,7 @@ fn average(own: &[&(f64, Level)], start: Option<OffsetDateTime>) -> Plot {
         y: (from_hz, to_hz),
         columns,
         values,
+        strength: Vec::new(),
         range: Some((low.floor(), high.ceil().max(low.floor() + 1.0))),
         map: ColourMap::Amount,
         label,

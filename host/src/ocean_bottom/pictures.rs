@@ -2,17 +2,20 @@
 //!
 //! Each is one SVG: spectrogram, azigram (cyclic colours), azimuth log-likelihood with detections, cepstrogram before and
 //! after the clutter filter, range log-likelihood with detections, presence with segments, tracks on a map with circles at
-//! 50 and 100 km; [`model`] draws the interference model against range. Times are hours from the recording's start.
+//! 50 and 100 km; [`model`] draws the interference model against range. Times are UTC where the recording has a clock.
 
 use super::stages::{
-    AZIMUTHS, BINS, RANGE_STEP_M, RANGES, SpectralFrame, azimuth_likelihood, frames, minutes,
+    self, AZIMUTHS, BINS, RANGE_STEP_M, RANGES, SpectralFrame, azimuth_likelihood, frames, minutes,
     range_likelihood,
 };
 use crate::angle::{azimuth_deg, wrap_deg};
 use crate::course::EastNorth;
+use crate::plot::passage;
+use crate::plot::times::Times;
 use crate::plot::{ColourMap, HeatMap, Plot, RGBColor, Scale, cut_at_wraps, write_panels};
 use crate::propagation::Propagation;
 use crate::recording::BlockSource;
+use crate::station::Calibration;
 use anyhow::{Context, Result};
 use seabearing_core::config::StationConfig;
 use seabearing_core::kit::quantile;
@@ -82,15 +85,19 @@ pub fn draw(
     source: &mut dyn BlockSource,
     config: &StationConfig,
     table: &Propagation,
+    calibration: &Calibration,
     messages: &[Message],
     truth: &[TruthCurve],
 ) -> Result<Vec<PathBuf>> {
     let rate = config.rate_hz;
+    let start = source.start();
     let all = frames(source, config)?;
     let when = if all.is_empty() { Vec::new() } else { minutes(&all) };
     if when.len() < LEAST_MINUTES {
         return Ok(Vec::new());
     }
+    let times = &Times::new(start, all[all.len() - 1].t_s);
+    let passages = passage::passages(messages, rate);
     let mut written = Vec::new();
     let mut keep = |name: &str, figures: &[&Plot]| -> Result<()> {
         let path = dir.join(format!("{name}.svg"));
@@ -98,11 +105,12 @@ pub fn draw(
         written.push(path);
         Ok(())
     };
-    keep("spectrogram", &[&spectrogram(&all)])?;
-    keep("azigram", &[&azigram(&all)])?;
+    keep("spectrogram", &[&spectrogram(&all, times, config, calibration)])?;
+    keep("azigram", &[&azigram(&all, times)])?;
     let mut azimuth = heat(
         "Azimuth: log-likelihood ratio",
         "azimuth (°)",
+        times,
         &when,
         &azimuth_likelihood(&all, &when),
         (0.0, 360.0),
@@ -110,41 +118,47 @@ pub fn draw(
         "ln likelihood ratio",
     );
     azimuth.y_scale(Scale::Degrees);
-    azimuth.points("tonal", &azimuths(messages, rate, TONAL)).coloured(DETECTION);
-    let calls = azimuths(messages, rate, IMPULSIVE);
+    azimuth.points("tonal", &azimuths(messages, rate, times, TONAL)).coloured(DETECTION);
+    let calls = azimuths(messages, rate, times, IMPULSIVE);
     if !calls.is_empty() {
         azimuth.points("impulsive (calls)", &calls).coloured(CALL);
     }
     for t in truth {
-        let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (h.0 / 3600.0, h.1.to_degrees())).collect();
+        let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (times.at(h.0), h.1.to_degrees())).collect();
         azimuth.truth(&t.name, &cut_at_wraps(&points));
     }
+    for p in &passages {
+        azimuth.line(&format!("track {}", p.last.id), &p.azimuths(times, rate));
+    }
     keep("azimuth", &[&azimuth])?;
-    let before = cepstrogram("Cepstrogram", &all, &|f: &SpectralFrame, k: usize| {
+    let before = cepstrogram("Cepstrogram", &all, times, &|f: &SpectralFrame, k: usize| {
         f.raw.get(k).copied().unwrap_or(f32::NAN)
     });
-    let after = cepstrogram("Cepstrogram after the clutter filter", &all, &|f, k| {
+    let after = cepstrogram("Cepstrogram after the clutter filter", &all, times, &|f, k| {
         f.filtered.get(k).copied().unwrap_or(f32::NAN)
     });
     keep("cepstrogram", &[&before, &after])?;
     let mut range = heat(
         "Range: log-likelihood ratio",
         "range (km)",
+        times,
         &when,
         &range_likelihood(&all, &when, table),
         (0.0, RANGE_STEP_M * RANGES as f64 / 1e3),
         (0.0, 40.0),
         "ln likelihood ratio",
     );
-    range.points("detections", &ranges(messages, rate)).coloured(DETECTION);
+    range.points("detections", &ranges(messages, rate, times)).coloured(DETECTION);
     for t in truth {
-        let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (h.0 / 3600.0, h.2 / 1e3)).collect();
+        let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (times.at(h.0), h.2 / 1e3)).collect();
         range.truth(&t.name, &points);
+    }
+    for p in &passages {
+        range.line(&format!("track {}", p.last.id), &p.ranges_km(times, rate));
     }
     range.y_range(0.0, 50.0);
     keep("range", &[&range])?;
-    let hours = (all[0].t_s / 3600.0, all[all.len() - 1].t_s / 3600.0);
-    let panels = presence(messages, rate, hours);
+    let panels = presence(messages, rate, times, span(&all, times));
     keep("presence", &panels.iter().collect::<Vec<_>>())?;
     keep("map", &[&map(messages, truth)])?;
     Ok(written)
@@ -165,59 +179,99 @@ fn columns(
     (groups.len(), out)
 }
 
-fn span(all: &[SpectralFrame]) -> (f64, f64) {
-    (all[0].t_s / 3600.0, all[all.len() - 1].t_s / 3600.0)
+fn span(all: &[SpectralFrame], times: &Times) -> (f64, f64) {
+    (times.at(all[0].t_s), times.at(all[all.len() - 1].t_s))
 }
 
-/// Cells against time (hours): columns and values row after row, between limits; whole circles in the colours of a circle.
+/// Cells against time: columns and values row after row, between limits; whole circles in the colours of a circle.
 fn grid(
     title: &str,
     y_label: &str,
+    times: &Times,
     x: (f64, f64),
     y: (f64, f64),
-    (columns, values): (usize, Vec<f64>),
+    (columns, values, strength): (usize, Vec<f64>, Vec<f64>),
     limits: (f64, f64),
     label: &str,
 ) -> Plot {
     let map = if limits == (0.0, 360.0) { ColourMap::Cyclic } else { ColourMap::Amount };
-    let mut f = Plot::new(title, "time (h)", y_label);
-    f.heat(HeatMap { x, y, columns, values, range: Some(limits), map, label: label.to_owned() });
+    let mut f = Plot::new(title, "", y_label);
+    times.along(&mut f);
+    f.heat(HeatMap { x, y, columns, values, strength, range: Some(limits), map, label: label.to_owned() });
     f
 }
 
 /// Level of pressure against time and frequency (figure 2).
-fn spectrogram(all: &[SpectralFrame]) -> Plot {
+fn spectrogram(
+    all: &[SpectralFrame],
+    times: &Times,
+    config: &StationConfig,
+    calibration: &Calibration,
+) -> Plot {
     let rows = BINS / 2;
+    // One-sided density of full scale squared under Hann's window.
+    let (length, full_scale) = (stages::length(config.rate_hz) as f64, f64::from(config.full_scale));
+    let scale = 2.0 / (config.rate_hz * 0.375 * length * full_scale * full_scale);
+    let bin_hz = config.rate_hz / length;
     let (n, values) = columns(all, rows, &|g, row| {
         let sum: f64 = g
             .iter()
             .flat_map(|f| &f.log_pressure[2 * row..2 * row + 2])
             .map(|l| f64::from(2.0 * l).exp())
             .sum();
-        10.0 * (sum / (2.0 * g.len() as f64)).log10()
+        let more = calibration.db(bin_hz * (2.0 * row as f64 + 1.0)).unwrap_or(f64::NAN);
+        10.0 * (scale * sum / (2.0 * g.len() as f64)).log10() + more
     });
     let mut sorted = values.clone();
     let mut at = |share: f64| quantile(&mut sorted, share).unwrap_or(0.0);
-    let (limits, label) = ((at(0.02), at(0.995)), "level (dB re 1 count²)");
-    grid("Spectrogram of pressure", "frequency (Hz)", span(all), (0.0, 25.0), (n, values), limits, label)
+    let limits = (at(0.02).floor(), at(0.995).ceil());
+    let label = match calibration.reference {
+        "1 µPa" => "spectral density (dB re 1 µPa²/Hz)".to_owned(),
+        other => format!("spectral density (dB re {other}²/Hz)"),
+    };
+    let x = span(all, times);
+    grid(
+        "Spectrogram of pressure",
+        "frequency (Hz)",
+        times,
+        x,
+        (0.0, 25.0),
+        (n, values, Vec::new()),
+        limits,
+        &label,
+    )
 }
 
-/// Azimuth of active intensity against time and frequency (figure 3b).
-fn azigram(all: &[SpectralFrame]) -> Plot {
+/// Azimuth of active intensity against time and frequency (figure 3b), faded where the azimuths of a cell do not agree.
+fn azigram(all: &[SpectralFrame], times: &Times) -> Plot {
     let rows = BINS / 2;
+    // Mean direction of a cell's azimuths as a vector, and how many there are.
+    let mean = |g: &[SpectralFrame], row: usize| {
+        let azimuths = g.iter().flat_map(|f| &f.azimuth[2 * row..2 * row + 2]).filter(|a| a.is_finite());
+        let (s, c, n) = azimuths
+            .fold((0.0, 0.0, 0.0), |(s, c, n), a| (s + f64::from(a.sin()), c + f64::from(a.cos()), n + 1.0));
+        (s / n, c / n, n)
+    };
     let (n, values) = columns(all, rows, &|g, row| {
-        let (mut s, mut c) = (0.0, 0.0);
-        for a in g.iter().flat_map(|f| &f.azimuth[2 * row..2 * row + 2]) {
-            s += f64::from(a.sin());
-            c += f64::from(a.cos());
-        }
+        let (s, c, _) = mean(g, row);
         azimuth_deg(s, c)
     });
+    // Its squared length less what directions at random have.
+    let (_, strength) = columns(all, rows, &|g, row| {
+        let (s, c, n) = mean(g, row);
+        ((n * (s * s + c * c) - 1.0) / (n - 1.0)).max(0.0).sqrt()
+    });
     let (circle, label) = ((0.0, 360.0), "azimuth of the source (°)");
-    grid("Azigram", "frequency (Hz)", span(all), (0.0, 25.0), (n, values), circle, label)
+    let cells = (n, values, strength);
+    grid("Azigram", "frequency (Hz)", times, span(all, times), (0.0, 25.0), cells, circle, label)
 }
 
-fn cepstrogram(title: &str, all: &[SpectralFrame], at: &dyn Fn(&SpectralFrame, usize) -> f32) -> Plot {
+fn cepstrogram(
+    title: &str,
+    all: &[SpectralFrame],
+    times: &Times,
+    at: &dyn Fn(&SpectralFrame, usize) -> f32,
+) -> Plot {
     // Quefrencies 0.4 to 7 s in rows of two: the branches' span; nearer zero lies the spectrum's own shape.
     let (from, rows) = (20, 165);
     let (n, values) = columns(all, rows, &|g, row| {
@@ -225,12 +279,22 @@ fn cepstrogram(title: &str, all: &[SpectralFrame], at: &dyn Fn(&SpectralFrame, u
         let (sum, count) = cells.filter(|c| c.is_finite()).fold((0.0, 0), |(s, k), c| (s + c.abs(), k + 1));
         if count > 0 { f64::from(sum) / f64::from(count) } else { f64::NAN }
     });
-    grid(title, "quefrency (s)", span(all), (0.4, 7.0), (n, values), (0.0, 0.08), "|cepstrum|")
+    grid(
+        title,
+        "quefrency (s)",
+        times,
+        span(all, times),
+        (0.4, 7.0),
+        (n, values, Vec::new()),
+        (0.0, 0.08),
+        "|cepstrum|",
+    )
 }
 
 fn heat(
     title: &str,
     y_label: &str,
+    times: &Times,
     when: &[f64],
     likelihood: &[Vec<f32>],
     y: (f64, f64),
@@ -250,32 +314,34 @@ fn heat(
         }));
     }
     let (first, last) = (when.first().copied().unwrap_or(0.0), when.last().copied().unwrap_or(60.0));
-    let hours = ((first - 30.0) / 3600.0, (last + 30.0) / 3600.0);
-    grid(title, y_label, hours, y, (groups.len(), values), range, label)
+    let x = (times.at(first - 30.0), times.at(last + 30.0));
+    grid(title, y_label, times, x, y, (groups.len(), values, Vec::new()), range, label)
 }
 
-fn azimuths(messages: &[Message], rate: f64, kind: u8) -> Vec<(f64, f64)> {
+fn azimuths(messages: &[Message], rate: f64, times: &Times, kind: u8) -> Vec<(f64, f64)> {
     let one = |m: &Message| match m {
         Message::Azimuth(a) if a.detected && a.kind == kind => {
-            Some((a.index as f64 / rate / 3600.0, wrap_deg(f64::from(a.azimuth).to_degrees())))
+            Some((times.at(a.index as f64 / rate), wrap_deg(f64::from(a.azimuth).to_degrees())))
         }
         _ => None,
     };
     messages.iter().filter_map(one).collect()
 }
 
-fn ranges(messages: &[Message], rate: f64) -> Vec<(f64, f64)> {
+fn ranges(messages: &[Message], rate: f64, times: &Times) -> Vec<(f64, f64)> {
     let one = |m: &Message| match m {
-        Message::Range(r) if r.detected => Some((r.index as f64 / rate / 3600.0, f64::from(r.range_m) / 1e3)),
+        Message::Range(r) if r.detected => {
+            Some((times.at(r.index as f64 / rate), f64::from(r.range_m) / 1e3))
+        }
         _ => None,
     };
     messages.iter().filter_map(one).collect()
 }
 
 /// Presence of azimuth and range, and the segments (figure 7).
-fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Plot> {
-    let hour = |index: u64| index as f64 / rate / 3600.0;
-    let mut evidence = Plot::new("Presence and segments", "time (h)", "ln ratio of presence");
+fn presence(messages: &[Message], rate: f64, times: &Times, shown: (f64, f64)) -> Vec<Plot> {
+    let at = |index: u64| times.at(index as f64 / rate);
+    let mut evidence = Plot::new("Presence and segments", "", "ln ratio of presence");
     let mut tops = [Vec::<(f64, f64)>::new(), Vec::new()];
     for m in messages {
         let (slot, index, value) = match m {
@@ -283,7 +349,7 @@ fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Plot> {
             Message::Range(r) => (1, r.index, r.log_presence),
             _ => continue,
         };
-        let point = (hour(index), f64::from(value).clamp(-20.0, 60.0));
+        let point = (at(index), f64::from(value).clamp(-20.0, 60.0));
         match tops[slot].last_mut().filter(|l| l.0 == point.0) {
             Some(l) => l.1 = l.1.max(point.1),
             None => tops[slot].push(point),
@@ -300,7 +366,7 @@ fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Plot> {
         let name = ["segment", "approaching", "leaving"][usize::from(kind)];
         let height = [(-20.0, -16.0), (-16.0, -13.0), (-16.0, -13.0)][usize::from(kind)];
         for (n, s) in segments.values().filter(|s| s.kind == kind).enumerate() {
-            let band = [(hour(s.start), height.0, height.1), (hour(s.end), height.0, height.1)];
+            let band = [(at(s.start), height.0, height.1), (at(s.end), height.0, height.1)];
             evidence.band(if n == 0 { name } else { "" }, &band);
             if n > 0 {
                 evidence.same_colour();
@@ -308,18 +374,22 @@ fn presence(messages: &[Message], rate: f64, hours: (f64, f64)) -> Vec<Plot> {
         }
     }
     evidence.line("azimuth (drawn up to 60)", &tops[0]).line("range (posterior odds)", &tops[1]);
-    evidence.x_range(hours.0, hours.1).y_range(-21.0, 62.0);
-    let mut azimuth = Plot::new("Azimuth detections", "time (h)", "azimuth (°)");
-    azimuth.points("tonal", &azimuths(messages, rate, TONAL)).x_range(hours.0, hours.1).y_range(0.0, 360.0);
-    let calls = azimuths(messages, rate, IMPULSIVE);
+    evidence.x_range(shown.0, shown.1).y_range(-21.0, 62.0);
+    let mut azimuth = Plot::new("Azimuth detections", "", "azimuth (°)");
+    azimuth
+        .points("tonal", &azimuths(messages, rate, times, TONAL))
+        .x_range(shown.0, shown.1)
+        .y_range(0.0, 360.0);
+    let calls = azimuths(messages, rate, times, IMPULSIVE);
     if !calls.is_empty() {
         azimuth.points("impulsive (calls)", &calls);
     }
     azimuth.y_scale(Scale::Degrees);
-    let mut range = Plot::new("Range detections", "time (h)", "range (km)");
-    range.points("range", &ranges(messages, rate)).x_range(hours.0, hours.1).y_range(0.0, 50.0);
+    let mut range = Plot::new("Range detections", "", "range (km)");
+    range.points("range", &ranges(messages, rate, times)).x_range(shown.0, shown.1).y_range(0.0, 50.0);
     for f in [&mut evidence, &mut azimuth, &mut range] {
         f.size(900, 300);
+        times.along(f);
     }
     vec![azimuth, evidence, range]
 }
@@ -384,6 +454,7 @@ pub fn model(path: &Path, table: &Propagation) -> Result<()> {
         y: (0.4, 7.0),
         columns,
         values,
+        strength: Vec::new(),
         range: None,
         map: ColourMap::Amount,
         label: "height of the pulse".into(),

@@ -59,10 +59,14 @@ pub struct SpectralFrame {
     pub filtered: [f32; QUEFRENCIES],
 }
 
+/// Samples of a frame at a rate.
+pub fn length(rate_hz: f64) -> usize {
+    N * (rate_hz / 51.0).ceil().max(1.0) as usize
+}
+
 /// All frames of a recording.
 pub fn frames(source: &mut dyn BlockSource, config: &StationConfig) -> Result<Vec<SpectralFrame>> {
-    let factor = (config.rate_hz / 51.0).ceil().max(1.0) as usize;
-    let n = N * factor;
+    let n = length(config.rate_hz);
     let turn = match &config.kind {
         Kind::Obs(o) => {
             let away = if o.intensity_towards { 0.0 } else { PI };

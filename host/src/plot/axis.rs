@@ -13,7 +13,35 @@ pub enum Scale {
     Log,
     /// Degrees: ticks at divisors of 360.
     Degrees,
+    /// Seconds since 1970 (UTC): ticks at whole seconds, minutes, hours or days, written as a clock shows them.
+    Utc,
 }
+
+/// Steps of time between ticks, s.
+const TIMES_S: [f64; 22] = [
+    1.0,
+    2.0,
+    5.0,
+    10.0,
+    15.0,
+    30.0,
+    60.0,
+    120.0,
+    300.0,
+    600.0,
+    900.0,
+    1800.0,
+    3600.0,
+    7200.0,
+    10_800.0,
+    21_600.0,
+    43_200.0,
+    86_400.0,
+    172_800.0,
+    432_000.0,
+    864_000.0,
+    2_592_000.0,
+];
 
 /// One axis: ends and scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +83,7 @@ impl Axis {
         let share = match self.scale {
             Scale::Log if x > 0.0 => (x / self.from).ln() / (self.to / self.from).ln(),
             Scale::Log => return None,
-            Scale::Linear | Scale::Degrees => (x - self.from) / (self.to - self.from),
+            _ => (x - self.from) / (self.to - self.from),
         };
         share.is_finite().then_some(share)
     }
@@ -73,7 +101,10 @@ impl Axis {
             return log_ticks(lo, hi, most);
         }
         let rough = (hi - lo) / most as f64;
-        let step = if self.scale == Scale::Degrees && rough > 1.0 {
+        let step = if self.scale == Scale::Utc && rough > 0.5 {
+            let longest = TIMES_S[TIMES_S.len() - 1];
+            TIMES_S.into_iter().find(|s| *s >= rough).unwrap_or(longest * (rough / longest).ceil())
+        } else if self.scale == Scale::Degrees && rough > 1.0 {
             [2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 90.0, 180.0]
                 .into_iter()
                 .find(|s| *s >= rough)
@@ -93,6 +124,9 @@ impl Axis {
 
     /// The text at a tick.
     pub fn label(&self, x: f64) -> String {
+        if self.scale == Scale::Utc {
+            return self.clock(x);
+        }
         let span = if self.scale == Scale::Log { x.abs() } else { (self.to - self.from).abs() };
         let decimals = if span > 0.0 { (1.3 - span.log10()).ceil().clamp(0.0, 9.0) as usize } else { 0 };
         if x != 0.0 && (x.abs() >= 1e6 || x.abs() < 1e-4) {
@@ -105,6 +139,25 @@ impl Axis {
             text
         };
         if text == "-0" { "0".to_owned() } else { text.replace('-', "\u{2212}") }
+    }
+}
+
+impl Axis {
+    /// A moment as a clock shows it, as finely as the axis needs; midnights of longer axes as their date.
+    fn clock(&self, x: f64) -> String {
+        let (span_s, fraction) = ((self.to - self.from).abs(), x.rem_euclid(1.0));
+        let Ok(at) = time::OffsetDateTime::from_unix_timestamp(x.floor() as i64) else {
+            return String::new();
+        };
+        let (h, m, s) = at.to_hms();
+        if span_s > 43_200.0 && (h, m, s) == (0, 0, 0) {
+            return format!("{} {}", at.day(), &at.month().to_string()[..3]);
+        }
+        if span_s > 300.0 {
+            return format!("{h:02}:{m:02}");
+        }
+        let seconds = f64::from(s) + fraction;
+        if span_s > 3.0 { format!("{h:02}:{m:02}:{s:02}") } else { format!("{h:02}:{m:02}:{seconds:05.2}") }
     }
 }
 

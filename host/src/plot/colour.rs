@@ -1,7 +1,10 @@
 //! Colours: a palette for series, a map from dark to light for amounts, and a cyclic one for angles.
 //!
-//! All are computed in OKLCH (lightness, chroma, hue; B. Ottosson, 2020), so that equal steps look equal. The
-//! cyclic map goes once round the hues at constant lightness: 0° and 360° meet without an edge.
+//! All are computed in OKLCH (lightness, chroma, hue; B. Ottosson, 2020), so that equal steps look equal. The cyclic map goes once
+//! round the hues, from light through yellow to dark and through blue back, so that who sees no difference of red and green
+//! sees a circle of lightness and yellow against blue: directions a quarter turn apart differ for all. Its lightest direction
+//! lies 30° from North, so that North, East, South and West differ in grey as well. (No cyclic map can tell *all* directions a quarter turn apart in
+//! grey: four differences sum to zero.)
 
 use plotters::style::RGBColor;
 
@@ -29,6 +32,9 @@ pub enum ColourMap {
     Cyclic,
 }
 
+/// The share of a circle, degrees, at which the cyclic map is lightest.
+const LIGHTEST_DEG: f64 = 30.0;
+
 impl ColourMap {
     /// The colour of a share 0..1 of the range; outside it the nearest end.
     pub fn colour(self, share: f64) -> RGBColor {
@@ -38,8 +44,17 @@ impl ColourMap {
                 let (lightness, hue_deg) = (0.20 + 0.76 * t, 285.0 - 185.0 * t);
                 oklch(lightness, (0.8 * greatest_chroma(lightness, hue_deg)).min(0.12), hue_deg)
             }
-            // Full chroma that every hue of this lightness can show in sRGB.
-            Self::Cyclic => oklch(0.74, 0.125, 25.0 + 360.0 * t),
+            Self::Cyclic => {
+                let turn = (360.0 * t - LIGHTEST_DEG).rem_euclid(360.0);
+                let lightness = 0.60 + 0.30 * turn.to_radians().cos();
+                // Yellow (100) a quarter turn from the lightest, blue (265) at the opposite side.
+                let hue_deg = if (90.0..270.0).contains(&turn) {
+                    100.0 - (turn - 90.0) * 195.0 / 180.0
+                } else {
+                    265.0 - (turn + 90.0).rem_euclid(360.0) * 165.0 / 180.0
+                };
+                oklch(lightness, (0.9 * greatest_chroma(lightness, hue_deg)).min(0.16), hue_deg)
+            }
         }
     }
 }
@@ -91,6 +106,49 @@ mod tests {
         let steps: Vec<f64> =
             (0..=20).map(|i| bright(ColourMap::Amount.colour(f64::from(i) / 20.0))).collect();
         assert!(steps.windows(2).all(|w| w[1] > w[0]), "{steps:?}");
+    }
+
+    /// CIE L*a*b* (D65) of linear RGB.
+    fn lab(rgb: [f64; 3]) -> [f64; 3] {
+        let f = |t: f64| if t > 0.008_856 { t.cbrt() } else { 7.787 * t + 16.0 / 116.0 };
+        let [r, g, b] = rgb;
+        let x = f((0.4124 * r + 0.3576 * g + 0.1805 * b) / 0.9505);
+        let y = f(0.2126 * r + 0.7152 * g + 0.0722 * b);
+        let z = f((0.0193 * r + 0.1192 * g + 0.9505 * b) / 1.089);
+        [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+    }
+
+    fn linear(c: RGBColor) -> [f64; 3] {
+        [c.0, c.1, c.2].map(|x| {
+            let x = f64::from(x) / 255.0;
+            if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+        })
+    }
+
+    /// Without the middle cones (Machado, Oliveira and Fernandes, 2009, severity 1).
+    fn deuteranope(c: RGBColor) -> [f64; 3] {
+        let [r, g, b] = linear(c);
+        [
+            0.367_322 * r + 0.860_646 * g - 0.227_968 * b,
+            0.280_085 * r + 0.672_501 * g + 0.047_413 * b,
+            -0.011_820 * r + 0.042_940 * g + 0.968_881 * b,
+        ]
+    }
+
+    fn difference(a: [f64; 3], b: [f64; 3]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    }
+
+    #[test]
+    fn directions_a_quarter_turn_apart_differ_for_the_colour_blind_and_in_grey() {
+        let at = |deg: f64| ColourMap::Cyclic.colour(deg.rem_euclid(360.0) / 360.0);
+        let seen = |deg: f64| lab(deuteranope(at(deg)));
+        let all = (0..360).map(f64::from).map(|deg| difference(seen(deg), seen(deg + 90.0)));
+        let least = all.fold(f64::INFINITY, f64::min);
+        assert!(least > 10.0, "{least}");
+        let grey = |deg: f64| lab(linear(at(deg)))[0];
+        let winds = [0.0, 90.0, 180.0, 270.0].map(|deg| (grey(deg) - grey(deg + 90.0)).abs());
+        assert!(winds.iter().all(|d| *d > 10.0), "{winds:?}");
     }
 
     #[test]

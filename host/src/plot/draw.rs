@@ -1,6 +1,7 @@
 //! Drawing figures with plotters' SVG backend, on a canvas of twice the size for finer positions.
 
 use super::axis::{Axis, Scale};
+use super::raster::{COLOURS, Images, heat_range};
 use super::{ColourMap, HeatMap, Plot, Shape};
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
@@ -21,7 +22,7 @@ const LEGEND: i32 = 20;
 const GREY: RGBColor = RGBColor(110, 110, 110);
 
 type Point = (f64, f64);
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Axis, Axis>>;
 
 /// All figures on one page.
@@ -33,7 +34,7 @@ pub(super) fn page(figures: &[&Plot], columns: usize) -> Result<String> {
         .map(|c| rows.iter().filter_map(|r| r.get(c)).map(|f| f.size.0 as i32).max().unwrap_or(0))
         .collect();
     let (width, height) = (column_width.iter().sum::<i32>(), rows.iter().map(row_height).sum::<i32>());
-    let mut svg = String::new();
+    let (mut svg, mut images) = (String::new(), Images::default());
     {
         let canvas = ((width * FINE) as u32, (height * FINE) as u32);
         let root = SVGBackend::with_string(&mut svg, canvas).into_drawing_area();
@@ -44,18 +45,19 @@ pub(super) fn page(figures: &[&Plot], columns: usize) -> Result<String> {
             for (figure, w) in row.iter().zip(&column_width) {
                 let corner = (x * FINE, y * FINE);
                 let size = (figure.size.0 * FINE as u32, figure.size.1 * FINE as u32);
-                one(&root.clone().shrink(corner, size), figure)?;
+                one(&root.clone().shrink(corner, size), figure, &mut images)?;
                 x += w;
             }
             y += row_height(row);
         }
         root.present().map_err(failed)?;
     }
+    let svg = images.put_into(svg);
     let canvas = format!("width=\"{}\" height=\"{}\"", width * FINE, height * FINE);
     Ok(svg.replacen(&canvas, &format!("width=\"{width}\" height=\"{height}\""), 1))
 }
 
-fn failed<E: std::fmt::Display>(e: E) -> anyhow::Error {
+pub(super) fn failed<E: std::fmt::Display>(e: E) -> anyhow::Error {
     anyhow!("cannot draw the figure: {e}")
 }
 
@@ -68,12 +70,19 @@ fn text_width(text: &str, size: i32) -> i32 {
     (text.chars().count() as f64 * f64::from(size) * 0.5).ceil() as i32
 }
 
-fn one(area: &Area<'_>, figure: &Plot) -> Result<()> {
+fn one(area: &Area<'_>, figure: &Plot, images: &mut Images) -> Result<()> {
     let (width, _) = area.dim_in_pixel();
     let width = width as i32 / FINE;
     let title = font(17).pos(Pos::new(HPos::Center, VPos::Center));
     area.draw(&Text::new(figure.title.clone(), (width * FINE / 2, TITLE * FINE / 2), title))
         .map_err(failed)?;
+    for (k, line) in (0..).zip(&figure.words) {
+        let at = ((LEFT_EDGE + LEFT / 2) * FINE, (TITLE + 12 + 26 * k) * FINE);
+        area.draw(&Text::new(line.clone(), at, font(15))).map_err(failed)?;
+    }
+    if !figure.words.is_empty() {
+        return Ok(());
+    }
     let legend_rows = legend(area, figure, width)?;
     let (_, body) = area.split_vertically((TITLE + legend_rows * LEGEND) * FINE);
     let (body, bar) = match &figure.heat {
@@ -98,7 +107,8 @@ fn one(area: &Area<'_>, figure: &Plot) -> Result<()> {
         .build_cartesian_2d(x, y)
         .map_err(failed)?;
     if let Some(heat) = &figure.heat {
-        cells(&mut chart, heat, (x, y), plot)?;
+        let (left_right, top_bottom) = chart.plotting_area().get_pixel_range();
+        images.place(area, heat, (x, y), (left_right, top_bottom))?;
     }
     chart
         .configure_mesh()
@@ -164,6 +174,7 @@ fn legend(area: &Area<'_>, figure: &Plot, width: i32) -> Result<i32> {
                     let r = (series.width * 1.4 * f64::from(FINE)) as i32;
                     area.draw(&Circle::new(((x0 + x1) / 2, y), r, series.colour.filled())).map_err(failed)?;
                 }
+                Shape::Notes(_) => {}
                 Shape::Band(_) => {
                     let corners = [(x0, y - 5 * FINE), (x1, y + 5 * FINE)];
                     area.draw(&Rectangle::new(corners, series.colour.mix(0.25).filled())).map_err(failed)?;
@@ -214,6 +225,7 @@ fn extent(shape: &Shape) -> Vec<(f64, f64)> {
     match shape {
         Shape::Line(p) | Shape::Dashed(p) | Shape::Points(p) | Shape::Outline(p) => p.clone(),
         Shape::Band(p) => p.iter().flat_map(|(x, a, b)| [(*x, *a), (*x, *b)]).collect(),
+        Shape::Notes(notes) => notes.iter().map(|(at, _)| *at).collect(),
     }
 }
 
@@ -236,6 +248,14 @@ fn draw_series(chart: &mut Chart<'_>, series: &super::Series, x: Axis, y: Axis) 
             chart
                 .draw_series(shown.map(|p| Circle::new(*p, r, series.colour.mix(0.8).filled())))
                 .map_err(failed)?;
+        }
+        Shape::Notes(notes) => {
+            let style = font(11).color(&series.colour).pos(Pos::new(HPos::Left, VPos::Bottom));
+            for (at, text) in notes.iter().filter(|(at, _)| x.holds(at.0) && y.holds(at.1)) {
+                // Beside what it is of, not on it.
+                let text = Text::new(text.clone(), (5 * FINE, -3 * FINE), style.clone());
+                chart.draw_series([EmptyElement::at(*at) + text]).map_err(failed)?;
+            }
         }
         Shape::Band(points) => {
             let (lo, hi) = if y.from < y.to { (y.from, y.to) } else { (y.to, y.from) };
@@ -292,7 +312,7 @@ fn clip(a: Point, b: Point, x: Axis, y: Axis) -> Option<(Point, Point, bool)> {
     }
     let at = |axis: Axis, s: f64| match axis.scale {
         Scale::Log => axis.from * (axis.to / axis.from).powf(s),
-        Scale::Linear | Scale::Degrees => axis.from + s * (axis.to - axis.from),
+        _ => axis.from + s * (axis.to - axis.from),
     };
     let point = |t: f64| (at(x, ax + t * (bx - ax)), at(y, ay + t * (by - ay)));
     Some((if from > 0.0 { point(from) } else { a }, if to < 1.0 { point(to) } else { b }, to >= 1.0))
@@ -326,66 +346,6 @@ fn circles(chart: &mut Chart<'_>, radii: &[f64], x: Axis, y: Axis) -> Result<()>
         .draw_series([TriangleMarker::new((0.0, 0.0), 7 * FINE, RGBColor(0, 0, 0).filled())])
         .map_err(failed)?;
     Ok(())
-}
-
-/// Most cells drawn across and up; a larger grid is thinned.
-const MOST_CELLS: usize = 400;
-/// Colours of a heat map are rounded to this many steps, so that equal neighbours become one rectangle.
-const COLOURS: f64 = 100.0;
-
-/// `plot` is the size of the plotting area in points.
-fn cells(chart: &mut Chart<'_>, heat: &HeatMap, (x, y): (Axis, Axis), plot: (i32, i32)) -> Result<()> {
-    // Rectangles overlap by a hair, or viewers show the seams between them; more than one step, or rounding eats it.
-    let past = |axis: Axis, v: f64, points: i32| {
-        let hair = 1.6 / f64::from(points * FINE);
-        match axis.scale {
-            Scale::Log => v * (axis.to / axis.from).powf(hair),
-            Scale::Linear | Scale::Degrees => v + hair * (axis.to - axis.from),
-        }
-    };
-    let columns = heat.columns.max(1);
-    let rows = heat.values.len() / columns;
-    let (nx, ny) = (columns.min(MOST_CELLS), rows.min(MOST_CELLS));
-    let (lo, hi) = heat_range(heat);
-    let step = |i: usize, j: usize| {
-        let (c, r) = ((2 * i + 1) * columns / (2 * nx), (2 * j + 1) * rows / (2 * ny));
-        let v = *heat.values.get(r * columns + c)?;
-        let share = ((v - lo) / (hi - lo)).clamp(0.0, 1.0);
-        v.is_finite().then(|| (share * COLOURS).round() as i32)
-    };
-    let clamp = |axis: Axis, v: f64| v.clamp(axis.from.min(axis.to), axis.from.max(axis.to));
-    // Cells of a logarithmic axis have one ratio.
-    let edge = |axis: Axis, range: (f64, f64), i: usize, n: usize| {
-        let share = i as f64 / n as f64;
-        match axis.scale {
-            Scale::Log => range.0 * (range.1 / range.0).powf(share),
-            Scale::Linear | Scale::Degrees => range.0 + (range.1 - range.0) * share,
-        }
-    };
-    for j in 0..ny {
-        let (y0, y1) =
-            (clamp(y, edge(y, heat.y, j, ny)), clamp(y, past(y, edge(y, heat.y, j + 1, ny), plot.1)));
-        let mut i = 0;
-        while i < nx {
-            let colour = step(i, j);
-            let start = i;
-            while i < nx && step(i, j) == colour {
-                i += 1;
-            }
-            let (x0, x1) =
-                (clamp(x, edge(x, heat.x, start, nx)), clamp(x, past(x, edge(x, heat.x, i, nx), plot.0)));
-            if let (Some(c), true) = (colour, x0 != x1 && y0 != y1) {
-                let colour = heat.map.colour(f64::from(c) / COLOURS);
-                chart.draw_series([Rectangle::new([(x0, y0), (x1, y1)], colour.filled())]).map_err(failed)?;
-            }
-        }
-    }
-    Ok(())
-}
-
-fn heat_range(heat: &HeatMap) -> (f64, f64) {
-    let axis = Axis::around(heat.values.iter().copied(), Scale::Linear, true);
-    heat.range.filter(|(a, b)| a.is_finite() && b.is_finite() && a != b).unwrap_or((axis.from, axis.to))
 }
 
 fn colour_bar(area: &Area<'_>, heat: &HeatMap) -> Result<()> {

@@ -20,8 +20,11 @@ mod colour;
 pub mod correlation;
 mod draw;
 pub mod format;
-
+pub mod passage;
+mod raster;
 pub mod result;
+mod spectrogram;
+pub mod times;
 
 pub use axis::{Axis, Scale};
 pub use colour::{ColourMap, PALETTE, TRUTH};
@@ -41,6 +44,8 @@ pub struct HeatMap {
     pub columns: usize,
     /// Row after row from the lowest; what is not finite stays blank.
     pub values: Vec<f64>,
+    /// How much of its colour each cell shows, 0 (the page's) to 1; empty: all of it.
+    pub strength: Vec<f64>,
     /// Values at the two ends of the colours; `None`: least and greatest value.
     pub range: Option<(f64, f64)>,
     /// Which colours.
@@ -57,6 +62,7 @@ enum Shape {
     Points(Vec<(f64, f64)>),
     Band(Vec<(f64, f64, f64)>),
     Outline(Vec<(f64, f64)>),
+    Notes(Vec<((f64, f64), String)>),
 }
 
 #[derive(Clone, Debug)]
@@ -83,6 +89,7 @@ pub struct Plot {
     equal: bool,
     circles: Option<Vec<f64>>,
     next: usize,
+    words: Vec<String>,
 }
 
 impl Plot {
@@ -102,6 +109,7 @@ impl Plot {
             equal: false,
             circles: None,
             next: 0,
+            words: Vec::new(),
         }
     }
 
@@ -173,6 +181,17 @@ impl Plot {
     /// A band between two curves: (x, lower, upper).
     pub fn band(&mut self, name: &str, points: &[(f64, f64, f64)]) -> &mut Self {
         self.add(name, 0.0, Shape::Band(points.to_vec()))
+    }
+
+    /// Lines of text in place of axes.
+    pub fn words(&mut self, lines: Vec<String>) -> &mut Self {
+        self.words = lines;
+        self
+    }
+
+    /// Words beside points.
+    pub fn notes(&mut self, notes: Vec<((f64, f64), String)>) -> &mut Self {
+        self.push("", TRUTH, 0.0, Shape::Notes(notes))
     }
 
     /// The ellipse that holds a two-dimensional Gaussian position with a probability: centre, variances of x and y and

@@ -1,6 +1,7 @@
 //! Pictures of what a recorder reports: bearings against time, tracks on a map, correlations of the pairs.
 
 use super::correlation::Correlations;
+use super::times::Times;
 use super::{Plot, Scale, cut_at_wraps};
 use crate::angle::turn_deg;
 use crate::world::truth::Truth;
@@ -11,14 +12,16 @@ use seabearing_core::geometry::PAIRS;
 use seabearing_core::kit::median;
 use seabearing_core::wire::{Bearing, Track};
 use std::collections::BTreeMap;
+use time::OffsetDateTime;
 
 /// Half the width of a 95 % interval of a Gaussian, in standard deviations.
 const Z95: f64 = 1.959_964;
 
 /// Azimuths against time with their 95 % band, and the truth where known.
-pub fn bearings(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Plot {
-    let mut figure = Plot::new("Bearings of the recorder", "time (s)", "azimuth (°)");
+pub fn bearings(bearings: &[Bearing], rate_hz: f64, times: &Times, truth: &[(String, Vec<Truth>)]) -> Plot {
+    let mut figure = Plot::new("Bearings of the recorder", "", "azimuth (°)");
     figure.y_scale(Scale::Degrees);
+    times.along(&mut figure);
     let at = |b: &Bearing| b.index as f64 / rate_hz;
     let deg = |x: f32| f64::from(x).to_degrees();
     let mut band = Vec::new();
@@ -31,15 +34,15 @@ pub fn bearings(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>
         let (t, azimuth) = (at(b), deg(b.azimuth));
         let half = Z95 * deg(b.var_azimuth.max(0.0).sqrt());
         if last.is_some_and(|(t0, a0)| t - t0 > 4.0 * usual || (azimuth - a0).abs() > 90.0) {
-            band.push((t, f64::NAN, f64::NAN));
+            band.push((times.at(t), f64::NAN, f64::NAN));
         }
-        band.push((t, azimuth - half, azimuth + half));
-        points.push((t, azimuth));
+        band.push((times.at(t), azimuth - half, azimuth + half));
+        points.push((times.at(t), azimuth));
         last = Some((t, azimuth));
     }
     figure.band("95 % band", &band).points("bearings", &points).same_colour();
     for (i, (_, rows)) in truth.iter().enumerate() {
-        let line: Vec<_> = rows.iter().map(|r| (r.t_s, r.arrival_azimuth_deg)).collect();
+        let line: Vec<_> = rows.iter().map(|r| (times.at(r.t_s), r.arrival_azimuth_deg)).collect();
         figure.truth(&legend(truth, i), &cut_at_wraps(&line));
     }
     figure
@@ -52,8 +55,14 @@ fn legend(truth: &[(String, Vec<Truth>)], i: usize) -> String {
 }
 
 /// Error of each azimuth against the nearest vessel's truth, with the 95 % band the recorder states.
-pub fn bearing_errors(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<Truth>)]) -> Plot {
-    let mut figure = Plot::new("Errors of the bearings", "time (s)", "azimuth error (°)");
+pub fn bearing_errors(
+    bearings: &[Bearing],
+    rate_hz: f64,
+    times: &Times,
+    truth: &[(String, Vec<Truth>)],
+) -> Plot {
+    let mut figure = Plot::new("Errors of the bearings", "", "azimuth error (°)");
+    times.along(&mut figure);
     let mut band = Vec::new();
     let mut errors = Vec::new();
     for b in bearings {
@@ -66,11 +75,25 @@ pub fn bearing_errors(bearings: &[Bearing], rate_hz: f64, truth: &[(String, Vec<
             .min_by(|a, b| a.abs().total_cmp(&b.abs()));
         if let Some(error) = nearest {
             let half = Z95 * f64::from(b.var_azimuth.max(0.0).sqrt()).to_degrees();
-            band.push((t, -half, half));
-            errors.push((t, error));
+            band.push((times.at(t), -half, half));
+            errors.push((times.at(t), error));
         }
     }
     figure.band("95 % band as reported", &band).points("error", &errors);
+    figure
+}
+
+/// Elevations against time with their 95 % band.
+fn elevations(bearings: &[Bearing], rate_hz: f64, times: &Times) -> Plot {
+    let mut figure = Plot::new("Elevations", "", "elevation (°)");
+    times.along(&mut figure);
+    let deg = |x: f32| f64::from(x).to_degrees();
+    let at = |b: &Bearing| times.at(b.index as f64 / rate_hz);
+    let half = |b: &Bearing| Z95 * deg(b.var_elevation.max(0.0).sqrt());
+    let band = |b: &Bearing| (at(b), deg(b.elevation) - half(b), deg(b.elevation) + half(b));
+    figure.band("95 % band", &bearings.iter().map(band).collect::<Vec<_>>());
+    let points: Vec<_> = bearings.iter().map(|b| (at(b), deg(b.elevation))).collect();
+    figure.points("bearings", &points).same_colour();
     figure
 }
 
@@ -147,22 +170,27 @@ pub fn delays(config: &StationConfig, azimuth: f64, elevation: f64) -> Result<[f
     Ok(PAIRS.map(|(i, j)| arrival[j] - arrival[i]))
 }
 
-/// All pictures of one array recording: `bearings.svg`, `tracks.svg`, with truth `errors.svg`, and with the samples of a
-/// segment about a bearing `correlations.svg`.
+/// All pictures of one array recording: `bearings.svg` (azimuths and elevations), `tracks.svg`, with truth `errors.svg`, and with the samples of a
+/// segment about a bearing `correlations.svg`. `start`: UTC of sample 0.
 ///
 /// # Errors
 /// The folder cannot be written.
 pub fn write_all(
     folder: &std::path::Path,
     config: &StationConfig,
+    start: Option<OffsetDateTime>,
     (found, reports): (&[Bearing], &[Track]),
     truth: &[(String, Vec<Truth>)],
     segment: Option<(&Bearing, &[Frame])>,
 ) -> Result<()> {
-    bearings(found, config.rate_hz, truth).write(&folder.join("bearings.svg"))?;
+    let longest_s = found.last().map_or(0.0, |b| b.index as f64 / config.rate_hz);
+    let times = Times::new(start, longest_s);
+    let azimuths = bearings(found, config.rate_hz, &times, truth);
+    let elevations = elevations(found, config.rate_hz, &times);
+    super::write_panels(&folder.join("bearings.svg"), &[&azimuths, &elevations], 1)?;
     tracks(reports, config.rate_hz, truth).write(&folder.join("tracks.svg"))?;
     if !truth.is_empty() {
-        bearing_errors(found, config.rate_hz, truth).write(&folder.join("errors.svg"))?;
+        bearing_errors(found, config.rate_hz, &times, truth).write(&folder.join("errors.svg"))?;
     }
     if let Some((bearing, frames)) = segment {
         let curves = super::correlation::correlations(frames, config)?;

@@ -1,0 +1,199 @@
+//! Cells as images in a drawing: a tenth of the size of as many rectangles.
+//!
+//! plotters' SVG has no images. A rectangle of a colour that nothing else has keeps each one's place while the figure is
+//! drawn; in the finished text it becomes the image, a PNG with a palette.
+
+use super::HeatMap;
+use super::axis::{Axis, Scale};
+use super::draw::{Area, failed};
+use anyhow::{Context, Result};
+use base64::Engine;
+use plotters::prelude::*;
+use std::ops::Range;
+
+/// Most cells drawn across and up; a larger grid is thinned.
+const MOST_CELLS: usize = 400;
+
+/// Steps of the colours.
+pub(super) const COLOURS: f64 = 100.0;
+
+/// Steps of their strength, and what shows where there is none: a light grey, apart from what is not there.
+const STRENGTHS: f64 = 15.0;
+const PAGE: f64 = 235.0;
+
+/// Palette's entry of what is not there.
+const NOTHING: u8 = 101;
+
+/// The images of a page, in the order of their places.
+#[derive(Default)]
+pub(super) struct Images(Vec<String>);
+
+impl Images {
+    /// Keeps the place of a figure's cells on a page, `at` pixels from left to right and from top to bottom.
+    pub(super) fn place(
+        &mut self,
+        area: &Area<'_>,
+        heat: &HeatMap,
+        (x, y): (Axis, Axis),
+        at: (Range<i32>, Range<i32>),
+    ) -> Result<()> {
+        let Some((png, across, up)) = image(heat, x, y)? else { return Ok(()) };
+        let pixel = |range: &Range<i32>, share: f64| {
+            f64::from(range.start) + share * f64::from(range.end - range.start)
+        };
+        let (left, right) = (pixel(&at.0, across.0), pixel(&at.0, across.1));
+        let (bottom, top) = (pixel(&at.1, 1.0 - up.0), pixel(&at.1, 1.0 - up.1));
+        let (left, right) = (left.min(right), left.max(right));
+        let (top, bottom) = (top.min(bottom), top.max(bottom));
+        let (width, height) = (right - left, bottom - top);
+        let data = base64::engine::general_purpose::STANDARD.encode(png);
+        let colour = self.mark();
+        self.0.push(format!(
+            "<image x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
+             image-rendering=\"optimizeSpeed\" style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{data}\"/>"
+        ));
+        // Where the mark is does not matter.
+        area.draw(&Rectangle::new([(0, 0), (1, 1)], colour.filled())).map_err(failed)
+    }
+
+    /// The colour that stands for the next image.
+    fn mark(&self) -> RGBColor {
+        RGBColor(1, 2 + (self.0.len() / 256) as u8, (self.0.len() % 256) as u8)
+    }
+
+    /// The drawing with the images in their places.
+    pub(super) fn put_into(self, svg: String) -> String {
+        let mut out = svg;
+        for (n, image) in self.0.iter().enumerate() {
+            let mark = format!("fill=\"#01{:02X}{:02X}\"", 2 + n / 256, n % 256);
+            let Some(at) = out.find(&mark) else { continue };
+            let (Some(from), Some(length)) = (out[..at].rfind('<'), out[at..].find("/>")) else { continue };
+            out.replace_range(from..at + length + 2, image);
+        }
+        out
+    }
+}
+
+/// Shares of an axis between which something lies.
+type Part = (f64, f64);
+
+/// What of the cells lies on the axes, as PNG, and the shares of the axes that it takes; `None` where nothing does.
+fn image(heat: &HeatMap, x: Axis, y: Axis) -> Result<Option<(Vec<u8>, Part, Part)>> {
+    let columns = heat.columns.max(1);
+    let rows = heat.values.len() / columns;
+    let (Some(across), Some(up)) = (part(x, heat.x), part(y, heat.y)) else { return Ok(None) };
+    if rows == 0 {
+        return Ok(None);
+    }
+    // As many pixels as there are cells to be seen.
+    let pixels = |axis: Axis, cells: (f64, f64), (from, to): Part, n: usize| {
+        let all = axis.share(cells.1).zip(axis.share(cells.0)).map_or(1.0, |(b, a)| (b - a).abs());
+        (((to - from).abs() / all * n as f64).ceil() as usize).clamp(1, MOST_CELLS)
+    };
+    let (width, height) = (pixels(x, heat.x, across, columns), pixels(y, heat.y, up, rows));
+    // The cell at a share of an axis; those of a logarithmic axis have one ratio.
+    let cell = |axis: Axis, cells: (f64, f64), share: f64, n: usize| {
+        let (a, b) = axis.share(cells.0).zip(axis.share(cells.1))?;
+        let at = ((share - a) / (b - a) * n as f64).floor();
+        (at >= 0.0 && at < n as f64).then_some(at as usize)
+    };
+    let middle = |(from, to): Part, k: usize, n: usize| from + (to - from) * (k as f64 + 0.5) / n as f64;
+    let (lo, hi) = heat_range(heat);
+    let mut pixels = Vec::with_capacity(width * height);
+    for j in (0..height).rev() {
+        for i in 0..width {
+            let c = cell(x, heat.x, middle(across, i, width), columns);
+            let r = cell(y, heat.y, middle(up, j, height), rows);
+            let at = c.zip(r).map(|(c, r)| r * columns + c);
+            let value = at.and_then(|at| heat.values.get(at)).copied().filter(|v| v.is_finite());
+            let strength = at.and_then(|at| heat.strength.get(at)).copied().unwrap_or(1.0).clamp(0.0, 1.0);
+            pixels.push(value.map(|v| {
+                let share = ((v - lo) / (hi - lo)).clamp(0.0, 1.0);
+                ((share * COLOURS).round() as u8, (strength * STRENGTHS).round() as u8)
+            }));
+        }
+    }
+    let png = if heat.strength.is_empty() {
+        let pixels: Vec<u8> = pixels.iter().map(|p| p.map_or(NOTHING, |(colour, _)| colour)).collect();
+        let colours = (0..=100).map(|k| heat.map.colour(f64::from(k) / COLOURS));
+        let palette = colours.chain([RGBColor(255, 255, 255)]).flat_map(|c| [c.0, c.1, c.2]).collect();
+        png((width, height), png::ColorType::Indexed, &pixels, Some(palette))?
+    } else {
+        let faded = |(colour, strength): (u8, u8)| {
+            let RGBColor(r, g, b) = heat.map.colour(f64::from(colour) / COLOURS);
+            let share = f64::from(strength) / STRENGTHS;
+            [r, g, b].map(|c| (PAGE + share * (f64::from(c) - PAGE)).round() as u8)
+        };
+        let pixels: Vec<u8> = pixels.iter().flat_map(|p| p.map_or([255; 3], faded)).collect();
+        png((width, height), png::ColorType::Rgb, &pixels, None)?
+    };
+    Ok(Some((png, across, up)))
+}
+
+/// Shares of an axis that a range takes, as far as it can be seen.
+fn part(axis: Axis, range: (f64, f64)) -> Option<Part> {
+    let (a, b) = axis.share(range.0).zip(axis.share(range.1))?;
+    let (from, to) = (a.min(b).max(0.0), a.max(b).min(1.0));
+    (to > from).then_some((from, to))
+}
+
+fn png(
+    (width, height): (usize, usize),
+    kind: png::ColorType,
+    pixels: &[u8],
+    palette: Option<Vec<u8>>,
+) -> Result<Vec<u8>> {
+    let mut out = Vec::new();
+    let mut encoder = png::Encoder::new(&mut out, width as u32, height as u32);
+    encoder.set_color(kind);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Best);
+    if let Some(palette) = palette {
+        encoder.set_palette(palette);
+        encoder.set_trns([[255; NOTHING as usize].as_slice(), &[0]].concat());
+    }
+    let mut writer = encoder.write_header().context("an image of cells")?;
+    writer.write_image_data(pixels).context("an image of cells")?;
+    writer.finish().context("an image of cells")?;
+    Ok(out)
+}
+
+/// Values at the two ends of the colours.
+pub(super) fn heat_range(heat: &HeatMap) -> (f64, f64) {
+    let axis = Axis::around(heat.values.iter().copied(), Scale::Linear, true);
+    heat.range.filter(|(a, b)| a.is_finite() && b.is_finite() && a != b).unwrap_or((axis.from, axis.to))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{ColourMap, Plot};
+    use super::*;
+
+    #[test]
+    fn a_large_grid_is_an_image_of_bounded_size() {
+        let mut seed = 1u32;
+        let mut random = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(seed >> 8)
+        };
+        let heat = |values: Vec<f64>, strength| HeatMap {
+            x: (0.0, 10.0),
+            y: (0.0, 5.0),
+            columns: 1000,
+            values,
+            strength,
+            range: None,
+            map: ColourMap::Amount,
+            label: "x".into(),
+        };
+        let values: Vec<f64> = (0..800_000).map(|_| random()).collect();
+        let mut figure = Plot::new("noise", "x", "y");
+        let svg = figure.heat(heat(values.clone(), Vec::new())).svg().unwrap();
+        assert_eq!((svg.matches("<image").count(), svg.matches("#0102").count()), (1, 0));
+        assert!(svg.len() < 500_000, "{}", svg.len());
+        let faded = figure.heat(heat(values.clone(), vec![0.0; values.len()])).svg().unwrap();
+        assert!(faded.len() < svg.len() / 4, "all of one grey: {}", faded.len());
+        // Outside the axes nothing is drawn, half outside half of it.
+        assert!(!figure.x_range(20.0, 30.0).svg().unwrap().contains("<image"));
+    }
+}

@@ -1,0 +1,56 @@
+//! Where the times of a recording lie on an axis: UTC where it has a clock, else seconds, minutes or hours from its start.
+
+use super::{Plot, Scale};
+use time::OffsetDateTime;
+
+/// The times of a recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Times {
+    start: Option<OffsetDateTime>,
+    /// Seconds of a unit, and its name.
+    unit: (f64, &'static str),
+}
+
+impl Times {
+    /// Of a recording that began then, about `longest_s` of which is drawn.
+    pub fn new(start: Option<OffsetDateTime>, longest_s: f64) -> Self {
+        let unit = match longest_s {
+            s if s > 3.0 * 3600.0 => (3600.0, "h"),
+            s if s > 600.0 => (60.0, "min"),
+            _ => (1.0, "s"),
+        };
+        Self { start, unit }
+    }
+
+    /// The place of a time, seconds after sample 0.
+    pub fn at(&self, t_s: f64) -> f64 {
+        match self.start {
+            Some(start) => start.unix_timestamp_nanos() as f64 * 1e-9 + t_s,
+            None => t_s / self.unit.0,
+        }
+    }
+
+    /// What the axis is called; with a date, for whoever finds the picture alone.
+    pub fn label(&self) -> String {
+        match self.start {
+            Some(start) => format!("time (UTC), from {}", start.date()),
+            None => format!("time ({})", self.unit.1),
+        }
+    }
+
+    /// Makes the horizontal axis of a figure one of these times.
+    pub fn along(&self, figure: &mut Plot) {
+        figure.x_label = self.label();
+        if self.start.is_some() {
+            figure.x_scale(Scale::Utc);
+        }
+    }
+
+    /// A time as a clock shows it, to be written beside something.
+    pub fn clock(&self, t_s: f64) -> String {
+        let Some(start) = self.start else { return format!("{:.1} {}", t_s / self.unit.0, self.unit.1) };
+        let at = start + time::Duration::seconds_f64(t_s);
+        let (h, m, s) = at.to_hms();
+        format!("{h:02}:{m:02}:{s:02}")
+    }
+}
