@@ -1,9 +1,9 @@
 //! Where bands lie: decidecades, decades, and the cells that both are made of.
 //!
 //! A *decidecade* (one-third octave, base ten) of number x has the midband frequency 10^(x/10) Hz and edges 10^(∓1/20) from it
-//! (IEC 61260-1:2014, 5.2 to 5.4, with G = 10^(3/10), b = 3, and numbers counted from 1 Hz instead of 1 kHz; ISO 18405:2017,
-//! 3.1.4.2). A *decade* of number n lies between 10ⁿ and 10ⁿ⁺¹ Hz (ISO 18405:2017, 3.1.4.1). Cell c lies between 10^((c−2)/40)
-//! and 10^((c−1)/40) Hz: four make a decidecade, forty a decade, and both begin where a cell does.
+//! (IEC 61260-1:2014 with G = 10^(3/10), b = 3, and numbers counted from 1 Hz instead of 1 kHz; ISO 18405:2017). A *decade* of
+//! number n lies between 10ⁿ and 10ⁿ⁺¹ Hz (ISO 18405:2017). Cell c lies between 10^((c−2)/40) and 10^((c−1)/40) Hz: four make
+//! a decidecade, forty a decade, and both begin where a cell does.
 
 use crate::math;
 use core::ops::Range;
@@ -40,9 +40,9 @@ pub fn of_decade(number: i32) -> Range<i32> {
 }
 
 /// Least and greatest relative attenuation, dB, of a decidecade filter of class 1 for a tone at `ratio` times its midband
-/// frequency. IEC 61260-1:2014, 5.10: limits are those of an octave filter at Gʰ, moved to
+/// frequency. IEC 61260-1:2014: limits are those of an octave filter at Gʰ, moved to
 /// 1 + (G^(1/6) − 1)/(G^(1/2) − 1) · (Gʰ − 1) (and its inverse below the middle), and linear in ln ratio between. The numbers
-/// are those of the first edition (IEC 61260:1995, table 1), which left no room for the uncertainty of a laboratory's
+/// are those of the first edition (IEC 61260:1995), which left no room for the uncertainty of a laboratory's
 /// measurement and so are the narrower ones.
 pub fn class_1_db(ratio: f64) -> (f64, f64) {
     // Exponent h, least, greatest.
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn limits_of_class_1_are_those_of_the_table_for_third_octaves() {
-        // Ratios as IEC 61260:1995, table B.1 prints them.
+        // Ratios as IEC 61260:1995 prints them.
         for (ratio, low, high) in [
             (1.0, -0.3, 0.3),
             (1.02667, -0.3, 0.4),

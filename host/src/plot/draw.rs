@@ -1,7 +1,7 @@
 //! Drawing figures with plotters' SVG backend, on a canvas of twice the size for finer positions.
 
 use super::axis::{Axis, Scale};
-use super::raster::{COLOURS, Images, heat_range};
+use super::raster::{COLOURS, Cells, Images, heat_range};
 use super::{ColourMap, HeatMap, Plot, Shape};
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
@@ -26,7 +26,7 @@ pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Axis, Axis>>;
 
 /// All figures on one page.
-pub(super) fn page(figures: &[&Plot], columns: usize) -> Result<String> {
+pub(super) fn page(figures: &[&Plot], columns: usize, cells: Cells) -> Result<String> {
     let columns = columns.clamp(1, figures.len().max(1));
     let rows: Vec<&[&Plot]> = figures.chunks(columns).collect();
     let row_height = |row: &&[&Plot]| row.iter().map(|f| f.size.1 as i32).max().unwrap_or(0);
@@ -34,7 +34,7 @@ pub(super) fn page(figures: &[&Plot], columns: usize) -> Result<String> {
         .map(|c| rows.iter().filter_map(|r| r.get(c)).map(|f| f.size.0 as i32).max().unwrap_or(0))
         .collect();
     let (width, height) = (column_width.iter().sum::<i32>(), rows.iter().map(row_height).sum::<i32>());
-    let (mut svg, mut images) = (String::new(), Images::default());
+    let (mut svg, mut images) = (String::new(), Images::of(cells));
     {
         let canvas = ((width * FINE) as u32, (height * FINE) as u32);
         let root = SVGBackend::with_string(&mut svg, canvas).into_drawing_area();
@@ -115,7 +115,7 @@ fn one(area: &Area<'_>, figure: &Plot, images: &mut Images) -> Result<()> {
         .x_desc(figure.x_label.as_str())
         .y_desc(figure.y_label.as_str())
         .x_labels((plot.0 / 62).clamp(2, 14) as usize)
-        .y_labels((plot.1 / 38).clamp(2, 12) as usize)
+        .y_labels((plot.1 / 30).clamp(2, 12) as usize)
         .max_light_lines(0)
         .bold_line_style(RGBColor(0, 0, 0).mix(0.10).stroke_width(FINE as u32))
         .light_line_style(TRANSPARENT)

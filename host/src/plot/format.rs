@@ -3,6 +3,7 @@
 //! Every picture is drawn as SVG. PNG is drawn of it at 288 points an inch, PDF keeps its lines and its text; both with the
 //! font that is built in, so that they look the same on every machine.
 
+use super::raster::Cells;
 use anyhow::Result;
 use std::path::Path;
 use std::str::FromStr;
@@ -72,7 +73,7 @@ pub fn write_as(formats: &[Format]) {
 ///
 /// # Errors
 /// The file cannot be written.
-pub(super) fn write(path: &Path, svg: &str) -> Result<()> {
+pub(super) fn write(path: &Path, drawn: impl Fn(Cells) -> Result<String>) -> Result<()> {
     let named = path
         .extension()
         .and_then(|e| e.to_str())
@@ -90,7 +91,8 @@ pub(super) fn write(path: &Path, svg: &str) -> Result<()> {
     formats.iter().try_for_each(|format| {
         let other = named.is_some_and(|named| named != *format);
         let path = if other { path.with_extension(format.name()) } else { path.to_owned() };
-        crate::atomic::write(&path, &format.of(svg)?)
+        let cells = if *format == Format::Svg { Cells::Image } else { Cells::Rectangles };
+        crate::atomic::write(&path, &format.of(&drawn(cells)?)?)
     })
 }
 

@@ -237,7 +237,7 @@ impl Plot {
     /// # Errors
     /// The figure is too small to draw in.
     pub fn svg(&self) -> Result<String> {
-        draw::page(&[self], 1)
+        draw::page(&[self], 1, raster::Cells::Image)
     }
 
     /// Writes the figure, atomically.
@@ -245,7 +245,7 @@ impl Plot {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<()> {
-        format::write(path, &self.svg()?)
+        write_panels(path, &[self], 1)
     }
 
     fn add(&mut self, name: &str, width: f64, shape: Shape) -> &mut Self {
@@ -266,7 +266,7 @@ impl Plot {
 /// # Errors
 /// The file cannot be written.
 pub fn write_panels(path: &Path, figures: &[&Plot], columns: usize) -> Result<()> {
-    format::write(path, &draw::page(figures, columns)?)
+    format::write(path, |cells| draw::page(figures, columns, cells))
 }
 
 /// A cyclic curve (degrees) cut where it jumps by more than half a turn, so that it is not drawn across the figure.

@@ -1,14 +1,16 @@
 //! Cells as images in a drawing: a tenth of the size of as many rectangles.
 //!
 //! plotters' SVG has no images. A rectangle of a colour that nothing else has keeps each one's place while the figure is
-//! drawn; in the finished text it becomes the image, a PNG with a palette.
+//! drawn; in the finished text it becomes the image, a PNG. Where the drawing is only the way to pixels or to a page (PNG, PDF) it
+//! becomes rectangles, which need no decoder there.
 
-use super::HeatMap;
 use super::axis::{Axis, Scale};
 use super::draw::{Area, failed};
+use super::{ColourMap, HeatMap};
 use anyhow::{Context, Result};
 use base64::Engine;
 use plotters::prelude::*;
+use std::fmt::Write;
 use std::ops::Range;
 
 /// Most cells drawn across and up; a larger grid is thinned.
@@ -24,11 +26,21 @@ const PAGE: f64 = 235.0;
 /// Palette's entry of what is not there.
 const NOTHING: u8 = 101;
 
+/// What cells are drawn as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Cells {
+    Image,
+    Rectangles,
+}
+
 /// The images of a page, in the order of their places.
-#[derive(Default)]
-pub(super) struct Images(Vec<String>);
+pub(super) struct Images(Cells, Vec<String>);
 
 impl Images {
+    pub(super) fn of(cells: Cells) -> Self {
+        Self(cells, Vec::new())
+    }
+
     /// Keeps the place of a figure's cells on a page, `at` pixels from left to right and from top to bottom.
     pub(super) fn place(
         &mut self,
@@ -37,7 +49,7 @@ impl Images {
         (x, y): (Axis, Axis),
         at: (Range<i32>, Range<i32>),
     ) -> Result<()> {
-        let Some((png, across, up)) = image(heat, x, y)? else { return Ok(()) };
+        let Some((pixels, across, up)) = pixels(heat, x, y) else { return Ok(()) };
         let pixel = |range: &Range<i32>, share: f64| {
             f64::from(range.start) + share * f64::from(range.end - range.start)
         };
@@ -46,25 +58,30 @@ impl Images {
         let (left, right) = (left.min(right), left.max(right));
         let (top, bottom) = (top.min(bottom), top.max(bottom));
         let (width, height) = (right - left, bottom - top);
-        let data = base64::engine::general_purpose::STANDARD.encode(png);
         let colour = self.mark();
-        self.0.push(format!(
-            "<image x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
-             image-rendering=\"optimizeSpeed\" style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{data}\"/>"
-        ));
+        self.1.push(if self.0 == Cells::Rectangles {
+            pixels.rectangles((left, top), (width, height))
+        } else {
+            let data = base64::engine::general_purpose::STANDARD.encode(pixels.png()?);
+            format!(
+                "<image x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
+                 preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\" \
+                 href=\"data:image/png;base64,{data}\"/>"
+            )
+        });
         // Where the mark is does not matter.
         area.draw(&Rectangle::new([(0, 0), (1, 1)], colour.filled())).map_err(failed)
     }
 
     /// The colour that stands for the next image.
     fn mark(&self) -> RGBColor {
-        RGBColor(1, 2 + (self.0.len() / 256) as u8, (self.0.len() % 256) as u8)
+        RGBColor(1, 2 + (self.1.len() / 256) as u8, (self.1.len() % 256) as u8)
     }
 
     /// The drawing with the images in their places.
     pub(super) fn put_into(self, svg: String) -> String {
         let mut out = svg;
-        for (n, image) in self.0.iter().enumerate() {
+        for (n, image) in self.1.iter().enumerate() {
             let mark = format!("fill=\"#01{:02X}{:02X}\"", 2 + n / 256, n % 256);
             let Some(at) = out.find(&mark) else { continue };
             let (Some(from), Some(length)) = (out[..at].rfind('<'), out[at..].find("/>")) else { continue };
@@ -77,20 +94,78 @@ impl Images {
 /// Shares of an axis between which something lies.
 type Part = (f64, f64);
 
-/// What of the cells lies on the axes, as PNG, and the shares of the axes that it takes; `None` where nothing does.
-fn image(heat: &HeatMap, x: Axis, y: Axis) -> Result<Option<(Vec<u8>, Part, Part)>> {
+/// Cells to be drawn, row after row from the top.
+struct Pixels {
+    width: usize,
+    height: usize,
+    map: ColourMap,
+    /// Whether some are weaker than others.
+    faded: bool,
+    /// Colour and strength in their steps; nothing where nothing is.
+    values: Vec<Option<(u8, u8)>>,
+}
+
+impl Pixels {
+    fn colour(&self, (colour, strength): (u8, u8)) -> [u8; 3] {
+        let RGBColor(r, g, b) = self.map.colour(f64::from(colour) / COLOURS);
+        let share = f64::from(strength) / STRENGTHS;
+        [r, g, b].map(|c| (PAGE + share * (f64::from(c) - PAGE)).round() as u8)
+    }
+
+    fn png(&self) -> Result<Vec<u8>> {
+        let size = (self.width, self.height);
+        if self.faded {
+            let bytes: Vec<u8> =
+                self.values.iter().flat_map(|p| p.map_or([255; 3], |p| self.colour(p))).collect();
+            return png(size, png::ColorType::Rgb, &bytes, None);
+        }
+        let bytes: Vec<u8> = self.values.iter().map(|p| p.map_or(NOTHING, |(colour, _)| colour)).collect();
+        let colours = (0..=COLOURS as u8).map(|k| self.colour((k, STRENGTHS as u8)));
+        let palette = colours.chain([[255; 3]]).flatten().collect();
+        png(size, png::ColorType::Indexed, &bytes, Some(palette))
+    }
+
+    /// The same as rectangles, neighbours of one colour as one; each reaches a little under those drawn after it, or viewers show
+    /// the seams.
+    fn rectangles(&self, (left, top): (f64, f64), (width, height): (f64, f64)) -> String {
+        let mut out = String::from("<g shape-rendering=\"crispEdges\">");
+        let (w, h) = (width / self.width as f64, height / self.height as f64);
+        for (j, row) in self.values.chunks(self.width).enumerate() {
+            let mut i = 0;
+            while let Some(value) = row.get(i) {
+                let run = row.iter().skip(i).take_while(|v| *v == value).count();
+                if let Some([r, g, b]) = value.map(|v| self.colour(v)) {
+                    let more = |at_end: bool| if at_end { 0.0 } else { 0.6 };
+                    let _ = write!(
+                        out,
+                        "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"#{r:02x}{g:02x}{b:02x}\"/>",
+                        left + i as f64 * w,
+                        top + j as f64 * h,
+                        run as f64 * w + more(i + run == self.width),
+                        h + more(j + 1 == self.height),
+                    );
+                }
+                i += run;
+            }
+        }
+        out + "</g>"
+    }
+}
+
+/// What of the cells lies on the axes, and the shares of the axes that it takes; `None` where nothing does.
+fn pixels(heat: &HeatMap, x: Axis, y: Axis) -> Option<(Pixels, Part, Part)> {
     let columns = heat.columns.max(1);
     let rows = heat.values.len() / columns;
-    let (Some(across), Some(up)) = (part(x, heat.x), part(y, heat.y)) else { return Ok(None) };
+    let (across, up) = part(x, heat.x).zip(part(y, heat.y))?;
     if rows == 0 {
-        return Ok(None);
+        return None;
     }
     // As many pixels as there are cells to be seen.
-    let pixels = |axis: Axis, cells: (f64, f64), (from, to): Part, n: usize| {
+    let seen = |axis: Axis, cells: (f64, f64), (from, to): Part, n: usize| {
         let all = axis.share(cells.1).zip(axis.share(cells.0)).map_or(1.0, |(b, a)| (b - a).abs());
         (((to - from).abs() / all * n as f64).ceil() as usize).clamp(1, MOST_CELLS)
     };
-    let (width, height) = (pixels(x, heat.x, across, columns), pixels(y, heat.y, up, rows));
+    let (width, height) = (seen(x, heat.x, across, columns), seen(y, heat.y, up, rows));
     // The cell at a share of an axis; those of a logarithmic axis have one ratio.
     let cell = |axis: Axis, cells: (f64, f64), share: f64, n: usize| {
         let (a, b) = axis.share(cells.0).zip(axis.share(cells.1))?;
@@ -99,7 +174,7 @@ fn image(heat: &HeatMap, x: Axis, y: Axis) -> Result<Option<(Vec<u8>, Part, Part
     };
     let middle = |(from, to): Part, k: usize, n: usize| from + (to - from) * (k as f64 + 0.5) / n as f64;
     let (lo, hi) = heat_range(heat);
-    let mut pixels = Vec::with_capacity(width * height);
+    let mut values = Vec::with_capacity(width * height);
     for j in (0..height).rev() {
         for i in 0..width {
             let c = cell(x, heat.x, middle(across, i, width), columns);
@@ -107,27 +182,14 @@ fn image(heat: &HeatMap, x: Axis, y: Axis) -> Result<Option<(Vec<u8>, Part, Part
             let at = c.zip(r).map(|(c, r)| r * columns + c);
             let value = at.and_then(|at| heat.values.get(at)).copied().filter(|v| v.is_finite());
             let strength = at.and_then(|at| heat.strength.get(at)).copied().unwrap_or(1.0).clamp(0.0, 1.0);
-            pixels.push(value.map(|v| {
+            values.push(value.map(|v| {
                 let share = ((v - lo) / (hi - lo)).clamp(0.0, 1.0);
                 ((share * COLOURS).round() as u8, (strength * STRENGTHS).round() as u8)
             }));
         }
     }
-    let png = if heat.strength.is_empty() {
-        let pixels: Vec<u8> = pixels.iter().map(|p| p.map_or(NOTHING, |(colour, _)| colour)).collect();
-        let colours = (0..=100).map(|k| heat.map.colour(f64::from(k) / COLOURS));
-        let palette = colours.chain([RGBColor(255, 255, 255)]).flat_map(|c| [c.0, c.1, c.2]).collect();
-        png((width, height), png::ColorType::Indexed, &pixels, Some(palette))?
-    } else {
-        let faded = |(colour, strength): (u8, u8)| {
-            let RGBColor(r, g, b) = heat.map.colour(f64::from(colour) / COLOURS);
-            let share = f64::from(strength) / STRENGTHS;
-            [r, g, b].map(|c| (PAGE + share * (f64::from(c) - PAGE)).round() as u8)
-        };
-        let pixels: Vec<u8> = pixels.iter().flat_map(|p| p.map_or([255; 3], faded)).collect();
-        png((width, height), png::ColorType::Rgb, &pixels, None)?
-    };
-    Ok(Some((png, across, up)))
+    let faded = !heat.strength.is_empty();
+    Some((Pixels { width, height, map: heat.map, faded, values }, across, up))
 }
 
 /// Shares of an axis that a range takes, as far as it can be seen.
@@ -166,7 +228,7 @@ pub(super) fn heat_range(heat: &HeatMap) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{ColourMap, Plot};
+    use super::super::Plot;
     use super::*;
 
     #[test]
@@ -193,6 +255,8 @@ mod tests {
         assert!(svg.len() < 500_000, "{}", svg.len());
         let faded = figure.heat(heat(values.clone(), vec![0.0; values.len()])).svg().unwrap();
         assert!(faded.len() < svg.len() / 4, "all of one grey: {}", faded.len());
+        let drawn = super::super::draw::page(&[&figure], 1, Cells::Rectangles).unwrap();
+        assert!(!drawn.contains("<image") && drawn.contains("fill=\"#ebebeb\""));
         // Outside the axes nothing is drawn, half outside half of it.
         assert!(!figure.x_range(20.0, 30.0).svg().unwrap().contains("<image"));
     }

@@ -2,7 +2,7 @@
 //!
 //! Of an array: level = 20 lg(rms code / full scale) + 20 lg(volts at full scale) − gain − sensitivity − response. Of an
 //! ocean-bottom station, whose sensitivity is in counts: level = 20 lg(rms counts / sensitivity) − response, in pascals and
-//! metres a second brought to the reference values of ISO 18405:2017: 1 µPa (3.2.1.1) and 1 nm/s (3.2.1.3).
+//! metres a second brought to the reference values of ISO 18405:2017: 1 µPa and 1 nm/s.
 
 use super::tables::{CalibrationTable, Sensitivity};
 use crate::toml_file::TomlFile;

@@ -5,7 +5,7 @@
 //!
 //! A connection that is lost is made again, with pauses that double up to a minute, and goes on after the last record that
 //! came; what the server no longer holds is a gap. The first connection is tried once: a wrong address should be said.
-//! A client of our own, for none in Rust is kept: two hundred lines, of a protocol that is frozen.
+//! A client of our own: two hundred lines, of a protocol that is frozen (docs/dependencies.md).
 
 mod align;
 mod line;
