@@ -13,6 +13,8 @@ pub enum Scale {
     Log,
     /// Degrees: ticks at divisors of 360.
     Degrees,
+    /// Metres, written in kilometres.
+    Kilometres,
     /// Seconds since 1970 (UTC): ticks at whole seconds, minutes, hours or days, written as a clock shows them.
     Utc,
 }
@@ -124,8 +126,13 @@ impl Axis {
 
     /// The text at a tick.
     pub fn label(&self, x: f64) -> String {
-        if self.scale == Scale::Utc {
-            return self.clock(x);
+        match self.scale {
+            Scale::Utc => return self.clock(x),
+            Scale::Kilometres => {
+                return Self { from: self.from / 1e3, to: self.to / 1e3, scale: Scale::Linear }
+                    .label(x / 1e3);
+            }
+            _ => {}
         }
         let span = if self.scale == Scale::Log { x.abs() } else { (self.to - self.from).abs() };
         let decimals = if span > 0.0 { (1.3 - span.log10()).ceil().clamp(0.0, 9.0) as usize } else { 0 };
@@ -225,6 +232,22 @@ mod tests {
         assert_eq!(a.label(0.01), "0.01");
         let a = Axis { from: -2.0e-4, to: 3.0e-4, scale: Scale::Linear };
         assert_eq!(a.label(-1.0e-4), "\u{2212}0.0001");
+    }
+
+    #[test]
+    fn moments_are_written_as_a_clock_shows_them_and_long_ways_in_kilometres() {
+        let (begins, scale) = (1_369_098_000.0, Scale::Utc);
+        let a = Axis { from: begins, to: begins + 3600.0, scale };
+        assert_eq!(
+            a.ticks(7).iter().map(|t| a.label(*t)).collect::<Vec<_>>(),
+            ["01:00", "01:10", "01:20", "01:30", "01:40", "01:50", "02:00"]
+        );
+        let a = Axis { from: begins, to: begins + 4.0 * 86_400.0, scale };
+        assert_eq!(a.label(a.ticks(4)[0]), "22 May");
+        let a = Axis { from: begins, to: begins + 60.0, scale };
+        assert_eq!(a.label(begins + 15.0), "01:00:15");
+        let a = Axis { from: -20_000.0, to: 20_000.0, scale: Scale::Kilometres };
+        assert_eq!((a.ticks(4).len(), a.label(-10_000.0).as_str()), (5, "\u{2212}10"));
     }
 
     #[test]

@@ -19,6 +19,8 @@ const BAR: i32 = 84;
 /// Height of the title and of one row of the legend.
 const TITLE: i32 = 34;
 const LEGEND: i32 = 20;
+/// Width from which on a map is in kilometres, m.
+const LARGE_MAP_M: f64 = 10_000.0;
 const GREY: RGBColor = RGBColor(110, 110, 110);
 
 type Point = (f64, f64);
@@ -112,8 +114,8 @@ fn one(area: &Area<'_>, figure: &Plot, images: &mut Images) -> Result<()> {
     }
     chart
         .configure_mesh()
-        .x_desc(figure.x_label.as_str())
-        .y_desc(figure.y_label.as_str())
+        .x_desc(unit(&figure.x_label, x))
+        .y_desc(unit(&figure.y_label, y))
         .x_labels((plot.0 / 62).clamp(2, 14) as usize)
         .y_labels((plot.1 / 30).clamp(2, 12) as usize)
         .max_light_lines(0)
@@ -135,6 +137,11 @@ fn one(area: &Area<'_>, figure: &Plot, images: &mut Images) -> Result<()> {
         colour_bar(&bar, heat)?;
     }
     Ok(())
+}
+
+/// What an axis is called, in the unit that it shows.
+fn unit(label: &str, axis: Axis) -> String {
+    if axis.scale == Scale::Kilometres { label.replace("(m)", "(km)") } else { label.to_owned() }
 }
 
 /// Draws the legend in rows under the title; how many.
@@ -217,6 +224,9 @@ fn axes(figure: &Plot, aspect: f64) -> (Axis, Axis) {
             let extra = (w / aspect - h) / 2.0;
             (y.from, y.to) = (y.from - extra, y.to + extra);
         }
+        if x.to - x.from > LARGE_MAP_M {
+            (x.scale, y.scale) = (Scale::Kilometres, Scale::Kilometres);
+        }
     }
     (x, y)
 }
@@ -250,10 +260,12 @@ fn draw_series(chart: &mut Chart<'_>, series: &super::Series, x: Axis, y: Axis) 
                 .map_err(failed)?;
         }
         Shape::Notes(notes) => {
-            let style = font(11).color(&series.colour).pos(Pos::new(HPos::Left, VPos::Bottom));
             for (at, text) in notes.iter().filter(|(at, _)| x.holds(at.0) && y.holds(at.1)) {
-                // Beside what it is of, not on it.
-                let text = Text::new(text.clone(), (5 * FINE, -3 * FINE), style.clone());
+                // Beside what it is of, not on it, and within the picture.
+                let right = x.share(at.0).is_some_and(|share| share > 0.8);
+                let (side, beside) = if right { (HPos::Right, -5) } else { (HPos::Left, 5) };
+                let style = font(11).color(&series.colour).pos(Pos::new(side, VPos::Bottom));
+                let text = Text::new(text.clone(), (beside * FINE, -3 * FINE), style);
                 chart.draw_series([EmptyElement::at(*at) + text]).map_err(failed)?;
             }
         }
