@@ -106,7 +106,8 @@ impl Passage {
 
     fn draw(&self, options: &Options) -> Result<()> {
         type Angle = fn((f64, f64)) -> f64;
-        let angles: [(&str, Angle, fn(&TimedBearing) -> Option<f64>); 2] =
+        type Measured = fn(&TimedBearing) -> Option<f64>;
+        let angles: [(&str, Angle, Measured); 2] =
             [("azimuth (°)", |b| b.0, |h| h.azimuth), ("elevation (°)", |b| b.1, |h| h.elevation)];
         let mut panels = Vec::new();
         for (label, of, measured) in angles {

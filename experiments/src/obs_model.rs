@@ -72,12 +72,8 @@ fn passage(
         speed_m_s: 8.0,
         side: if k.is_multiple_of(2) { Side::Port } else { Side::Starboard },
     };
-    let vessel = ObsVessel {
-        name: format!("{k}"),
-        straight: straight.clone(),
-        active_s: [-1e9, 1e9],
-        radiation: Radiation::default(),
-    };
+    let vessel =
+        ObsVessel { name: format!("{k}"), straight, active_s: [-1e9, 1e9], radiation: Radiation::default() };
     let scenario = ObsScenario { vessels: vec![vessel], ..quiet(seed + k as u64, RECORD_S) };
     let config = station::config(&scenario, false)?;
     let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
@@ -129,7 +125,7 @@ fn strengths(options: &Options, branches: &[Branch]) -> Result<()> {
         });
         figures.state(format!("interference {name}: what the law leaves, RMS, share of its height"), left);
         let points: Vec<_> = branch.cells.iter().map(|c| (c.range_m / 1e3, c.envelope)).collect();
-        figure.points(&format!("{name}"), &points);
+        figure.points(name, &points);
         let curve = |law: &SkewNormal| {
             (0..=200).map(|i| 0.25 * f64::from(i)).map(|km| (km, law.at(1e3 * km))).collect::<Vec<_>>()
         };
