@@ -18,6 +18,8 @@ const TRACKS: usize = 40;
 const PLACES: usize = 400;
 /// Points of a plot.
 pub const POINTS: usize = 1500;
+/// Azigrams of a plot, each of which is many numbers.
+pub const AZIGRAMS: usize = 400;
 /// Events of all stations.
 const EVENTS: usize = 300;
 /// Alarms, cleared ones too.
@@ -214,7 +216,8 @@ impl Station {
             "hello" => return drop(self.states.remove("end")),
             _ => return,
         };
-        put(self.series.entry(point.0).or_default(), point.1, POINTS);
+        let most = if kind == "azigram" { AZIGRAMS } else { POINTS };
+        put(self.series.entry(point.0).or_default(), point.1, most);
         if !matches!(kind, "health" | "azigram") {
             put(self.newest.entry(kind.to_owned()).or_default(), record.clone(), AT_ONCE);
         }
@@ -318,6 +321,12 @@ mod tests {
             "edges_hz": [11.0, 12.0, 13.0], "azimuth_deg": [90.0, null], "coherence": [0.5, 0.0] }));
         let wanted = json!([[1767225600000.0, [11.0, 12.0, 13.0], [90.0, null], [0.5, 0.0]]]);
         assert_eq!(json!(picture.series(Some(1)))["azigrams"], wanted);
+        for _ in 0..2 * AZIGRAMS {
+            picture.take(
+                &json!({ "type": "azigram", "station": 1, "session": 2, "utc": "2026-01-01T00:00:00Z" }),
+            );
+        }
+        assert_eq!(picture.series(Some(1))["azigrams"].len(), AZIGRAMS);
         assert_eq!(json!(picture)["stations"][0]["newest"], json!({}));
     }
 

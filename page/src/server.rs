@@ -1,7 +1,7 @@
 //! What a browser may ask: the page's files, the picture of now or of a moment, a station's series, what comes from now on.
 
 use crate::hub::Hub;
-use crate::picture::{POINTS, Picture};
+use crate::picture::{AZIGRAMS, POINTS, Picture};
 use anyhow::{Context, Result};
 use axum::Router;
 use axum::extract::{Path, Query, State};
@@ -223,14 +223,8 @@ async fn series(State(shared): State<Arc<Shared>>, asked: Asked) -> Response {
     look(shared, move |history| {
         let mut moment = Moment::default();
         // Bearings, health, azimuths, ranges and azigrams, by the numbers of their messages.
-        for kind in [1, 3, 4, 5, 16] {
-            moment.records.extend(history.series(
-                of,
-                kind,
-                (from * 1e3) as i64,
-                (to * 1e3) as i64,
-                POINTS,
-            )?);
+        for (kind, most) in [(1, POINTS), (3, POINTS), (4, POINTS), (5, POINTS), (16, AZIGRAMS)] {
+            moment.records.extend(history.series(of, kind, (from * 1e3) as i64, (to * 1e3) as i64, most)?);
         }
         Ok(serde_json::to_string(&Picture::of(&moment).series(of.map(u64::from)))?)
     })

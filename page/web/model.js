@@ -2,7 +2,7 @@
 
 const STATES = ['hello', 'health', 'time', 'line', 'end', 'shaft_rate', 'segment'];
 const TOLD = ['fault', 'faults_held', 'line', 'lost', 'warning', 'note', 'end', 'alarm'];
-const [AT_ONCE, TRACKS, PLACES, POINTS, EVENTS] = [6, 40, 400, 1500, 300];
+const [AT_ONCE, TRACKS, PLACES, POINTS, AZIGRAMS, EVENTS] = [6, 40, 400, 1500, 400, 300];
 
 // When a record was true, ms since 1970; when it came if that is unknown.
 export const when = (r) => Date.parse(r.utc ?? r.received_utc ?? '');
@@ -89,7 +89,7 @@ export class Model {
     if (STATES.includes(r.type)) s.states[r.type] = r;
     if (r.type === 'hello') delete s.states.end;
     const made = point(r);
-    if (made && number === this.chosen) bounded((this.series[made[0]] ??= []), made[1], POINTS);
+    if (made && number === this.chosen) bounded((this.series[made[0]] ??= []), made[1], r.type === 'azigram' ? AZIGRAMS : POINTS);
     if (made && !['health', 'azigram'].includes(r.type)) bounded((s.newest[r.type] ??= []), r, AT_ONCE);
     if (r.type === 'track') this.report(s, r);
   }

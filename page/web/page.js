@@ -207,7 +207,7 @@ function fillTracks(at) {
       element('td', {}, r.range_observable ? withSd(r.cpa_range_m, r.sd_cpa_range_m, 'm') : 'not observable'),
       element('td', {}, closest),
       element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
-      element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s')));
+      element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, '').trim()));
   });
   const networks = [...model.networks.values()].map((t) => t.report).sort((a, b) => when(b) - when(a)).slice(0, 30);
   const fused = networks.map((r) => element('tr', {},
@@ -216,7 +216,7 @@ function fillTracks(at) {
     element('td', {}, r.consistent === false ? 'stations disagree' : r.x_m === null ? 'not observable' : ''),
     element('td', {}, `stations ${r.members.map((m) => m.station).join(', ')}`),
     element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
-    element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, 'm/s'))));
+    element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, '').trim())));
   made.unshift(...fused);
   $('track-rows').replaceChildren(...made);
   $('no-tracks').hidden = made.length > 0;

@@ -11,8 +11,11 @@
 //! for a track is accepted, and its absence believed, with a probability of 97.5 %. One vessel has at most one of the tracks
 //! that a station has at one time, for which the most probable choice of all tracks together is found.
 
+mod drift;
+
 use crate::ais::{Fleet, Placed};
 use crate::report::{Covariance, TrackId, TrackReport, WithSd};
+use drift::Drift;
 use seabearing_core::angle::wrap_pi;
 use seabearing_host::geodesy::LocalFrame;
 use std::collections::BTreeMap;
@@ -27,9 +30,6 @@ const GATE_4: f64 = 18.467;
 /// reports that do not share all of their error scatters less; two of a thousand tracks are further from their own vessel.
 const ACCEPTED_2: f64 = 9.210;
 const ACCEPTED_4: f64 = 7.779;
-/// Standard deviation by which the difference from the track's own vessel changes between the halves of a track, in those of a
-/// report: what reports do not share of their error.
-const DRIFT: f64 = 0.5;
 /// Tracks of one station that share less time may be one vessel's, s.
 const SHARED_S: f64 = 30.0;
 /// A vessel that leaves its reports out for so long is not thought of, s.
@@ -223,35 +223,6 @@ impl Shared {
     fn density_beside(&self) -> f64 {
         let [weights, squares, logs] = self.wide;
         if weights > 0.0 { ((-0.5 * squares - logs) / weights).exp() } else { 1.0 }
-    }
-}
-
-/// Differences of a track from a vessel along and across the line of sight, in standard deviations, report after report. From
-/// its own vessel they stay nearly what they are. One that goes along at a distance is now more ahead, now more beside of it, as
-/// the line of sight turns.
-#[derive(Clone, Debug, Default)]
-struct Drift(Vec<(f64, f64)>);
-
-impl Drift {
-    fn add(&mut self, (dx, dy): (f64, f64), covariance: Covariance, (x, y): (f64, f64)) {
-        let range = x.hypot(y);
-        let (s, c) = if range > 0.0 { (x / range, y / range) } else { (0.0, 1.0) };
-        let Covariance { xx, yy, xy } = covariance;
-        let along = (dx * s + dy * c) / (s * s * xx + c * c * yy + 2.0 * s * c * xy).sqrt();
-        let across = (dx * c - dy * s) / (c * c * xx + s * s * yy - 2.0 * s * c * xy).sqrt();
-        self.0.push((along, across));
-    }
-
-    /// Likelihood of the change from the first half to the second, 1 where there is none.
-    fn likelihood(&self) -> f64 {
-        let half = self.0.len() / 2;
-        let mean = |part: &[(f64, f64)]| {
-            let n = part.len().max(1) as f64;
-            (part.iter().map(|p| p.0).sum::<f64>() / n, part.iter().map(|p| p.1).sum::<f64>() / n)
-        };
-        let (before, after) = (&self.0[..half], &self.0[self.0.len() - half..]);
-        let ((a, b), (c, d)) = (mean(before), mean(after));
-        (-0.5 * ((c - a).powi(2) + (d - b).powi(2)) / (DRIFT * DRIFT)).exp()
     }
 }
 
