@@ -9,7 +9,7 @@
 use super::bands::{self, IN_DECIDECADE, edge_hz, middle_hz};
 use super::decimate::{FACTOR, Filters, PASS};
 use super::lanes::Lanes;
-use super::transform::{BINS, LENGTH, NOISE_BINS, PAIR};
+use super::transform::{BINS, HOP, LENGTH, NOISE_BINS};
 use crate::math;
 use core::ops::Range;
 
@@ -27,6 +27,10 @@ const YIELDS: f64 = 0.2;
 
 /// Least length of a snapshot, s.
 const SNAPSHOT_S: f64 = 1.0;
+
+/// Windows of a second from which on they stand side by side instead of overlapping: there are enough of them, and half the
+/// work.
+const SIDE_BY_SIDE: f64 = 10.0;
 
 /// Longest interval, s.
 const LONGEST_S: f64 = 86_400.0;
@@ -55,6 +59,8 @@ pub struct Plan {
     pub(super) stages: usize,
     /// Pairs of windows of a snapshot, by stage.
     pub(super) pairs: [u32; STAGES],
+    /// From one window of a pair to the other, by stage, samples.
+    pub(super) apart: [usize; STAGES],
     pub(super) filters: Filters,
     first_cell: i32,
     cells: usize,
@@ -71,20 +77,22 @@ impl Plan {
         if !(rate_hz > 1.0 && rate_hz < 1e6) {
             return Err(PlanError::Rate(rate_hz));
         }
-        // Two pairs of windows that overlap by half.
-        let longest = (PAIR + LENGTH) as f64;
-        let shortest_s = longest / rate_hz;
+        let apart = |stage_hz: f64| if stage_hz >= SIDE_BY_SIDE * LENGTH as f64 { LENGTH } else { HOP };
+        // Two pairs of windows.
+        let longest = |stage_hz: f64| (3 * apart(stage_hz) + LENGTH) as f64 / stage_hz;
+        let shortest_s = longest(rate_hz);
         if !(shortest_s..=LONGEST_S).contains(&interval_s) {
             return Err(PlanError::Interval(interval_s, shortest_s, LONGEST_S));
         }
         let (mut stages, mut last_hz, mut pairs) = (0, rate_hz, [1; STAGES]);
-        let mut stage_hz = rate_hz;
-        for pairs in &mut pairs {
+        let (mut stage_hz, mut aparts) = (rate_hz, [HOP; STAGES]);
+        for (pairs, own_apart) in pairs.iter_mut().zip(&mut aparts) {
             // A stage's windows begin anew with each interval.
-            if longest / stage_hz > interval_s {
+            if longest(stage_hz) > interval_s {
                 break;
             }
-            *pairs = math::f64::ceil(SNAPSHOT_S * stage_hz / LENGTH as f64) as u32;
+            *own_apart = apart(stage_hz);
+            *pairs = math::f64::ceil(SNAPSHOT_S * stage_hz / (2 * *own_apart) as f64) as u32;
             (stages, last_hz, stage_hz) = (stages + 1, stage_hz, stage_hz / FACTOR as f64);
         }
         let share = edge_hz(IN_DECIDECADE) - edge_hz(0);
@@ -101,6 +109,7 @@ impl Plan {
             scale: 1.0 / (full_scale as f32 * full_scale as f32),
             stages,
             pairs,
+            apart: aparts,
             filters: Filters::new(),
             first_cell,
             cells: (end.saturating_sub(first_cell).max(0) as usize).min(CELLS),
@@ -139,14 +148,16 @@ impl Plan {
     }
 
     /// Standard deviation that a band's level has in Gaussian noise, dB, from the transforms that each stage took: mean of n
-    /// Hann windows that overlap by half and B bins, whose powers are correlated (Harris 1978, table 1 and equation 15): by
-    /// 0.028 from window to next, 0.44 and 0.028 from bin to the next two.
+    /// Hann windows and B bins, whose powers are correlated (Harris 1978, table 1 and equation 15): by
+    /// 0.028 from window to next where they overlap by half, 0.44 and 0.028 from bin to the next two.
     pub fn sd_db(&self, band_hz: Range<f64>, transforms: &[u32; STAGES]) -> f64 {
         const DB: f64 = 10.0 / core::f64::consts::LN_10;
         let stage = self.stage_of(math::f64::sqrt(band_hz.start * band_hz.end));
         let bins = (band_hz.end - band_hz.start) / self.bin_hz(stage);
         let windows = transforms.get(stage).copied().unwrap_or(0);
-        DB * math::f64::sqrt(1.056 * 1.944 / (bins * f64::from(windows)))
+        let overlapping = self.apart.get(stage).is_none_or(|apart| *apart < LENGTH);
+        let of_windows = if overlapping { 1.056 } else { 1.0 };
+        DB * math::f64::sqrt(of_windows * 1.944 / (bins * f64::from(windows)))
     }
 
     fn bin_hz(&self, stage: usize) -> f64 {

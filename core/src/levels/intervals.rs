@@ -8,7 +8,7 @@ use super::cells::{CELLS, Plan, STAGES};
 use super::decimate::{Between, CHUNK, Decimator, FACTOR};
 use super::lanes::Lanes;
 use super::percentiles::{self, Row, row_of_decidecade};
-use super::transform::{self, BINS, Complex, HOP, LENGTH, PAIR, Powers, Work};
+use super::transform::{self, BINS, Complex, LENGTH, Powers, ROOM, Work};
 use crate::block::{Block, CHANNELS, Frame, MISSING};
 
 /// Further back than this is time starting again, s (as [`crate::intake`] has it).
@@ -36,7 +36,7 @@ pub struct Report {
 /// One stage: samples of two windows, and sums of spectra.
 #[derive(Clone, Debug)]
 struct Stage {
-    samples: [Lanes; PAIR],
+    samples: [Lanes; ROOM],
     filled: usize,
     /// Samples of this stage since the run began that were before `samples`.
     before: u64,
@@ -51,7 +51,7 @@ struct Stage {
 
 impl Stage {
     const NEW: Self = Self {
-        samples: [Lanes::ZERO; PAIR],
+        samples: [Lanes::ZERO; ROOM],
         filled: 0,
         before: 0,
         powers: [Lanes::ZERO; LENGTH],
@@ -275,27 +275,28 @@ impl Levels<'_> {
             let State { stages, chunk, bad, .. } = &mut *self.state;
             let Some(stage) = stages.get_mut(number) else { return };
             let part = chunk.iter().take(n).skip(done);
-            let m = (PAIR - stage.filled.min(PAIR)).min(n - done);
-            for (to, x) in stage.samples.iter_mut().skip(stage.filled).zip(part) {
+            let apart = self.plan.apart.get(number).copied().unwrap_or(LENGTH);
+            let pair = LENGTH + apart;
+            let m = (pair - stage.filled.min(pair)).min(n - done);
+            for (to, x) in stage.samples.iter_mut().skip(stage.filled).zip(part.take(m)) {
                 *to = *x;
             }
             (stage.filled, done) = (stage.filled + m, done + m);
-            if stage.filled < PAIR {
+            if stage.filled < pair {
                 continue;
             }
             let begins = stage.before.saturating_mul(power_of(FACTOR as u64, number));
             let whole = bad.map(|bad| bad <= begins);
             let weights = Lanes(whole.map(|whole| f32::from(u8::from(whole))));
-            transform::add(&stage.samples, weights, &mut self.scratch.work, &mut stage.powers);
+            transform::add(&stage.samples, apart, weights, &mut self.scratch.work, &mut stage.powers);
             stage.pairs += 1;
             for (taken, whole) in stage.taken.iter_mut().zip(whole) {
                 *taken += u32::from(whole);
             }
-            let (kept, rest) = stage.samples.split_at_mut(HOP);
-            for (to, x) in kept.iter_mut().zip(rest.iter().skip(HOP)) {
-                *to = *x;
-            }
-            (stage.filled, stage.before) = (HOP, stage.before + LENGTH as u64);
+            // What the next pair begins with: nothing, or half of the last window.
+            let kept = LENGTH - apart;
+            stage.samples.copy_within(pair - kept..pair, 0);
+            (stage.filled, stage.before) = (kept, stage.before + 2 * apart as u64);
             if self.plan.pairs.get(number).is_some_and(|pairs| stage.pairs >= *pairs) {
                 self.snapshot(number);
             }
@@ -392,8 +393,9 @@ impl Levels<'_> {
                 }
             }
         }
-        // Of an interval without a break one pair's length is lost at its end, and half a window before.
-        let possible = (instants.saturating_sub(HOP as u64) / LENGTH as u64).max(1);
+        // Of an interval without a break a part of a pair is left at its end.
+        let apart = self.plan.apart.first().copied().unwrap_or(LENGTH);
+        let possible = (instants.saturating_sub((LENGTH - apart) as u64) / (2 * apart) as u64).max(1);
         let taken = stages.first().map_or([0; CHANNELS], |stage| stage.all_taken);
         report.used = taken.map(|taken| (taken as f32 / possible as f32).min(1.0));
     }

@@ -5,7 +5,7 @@
 //! of the interval that is of. All in units of full scale squared; sensitivities are the caller's.
 //!
 //! In the order a sample meets them: `intervals` (index, missing and clipped codes), `decimate` (by eight, from stage to
-//! stage), `transform` (overlapping spectra of 1024 points of each stage), `cells` (what of which stage
+//! stage), `transform` (spectra of 1024 points of each stage), `cells` (what of which stage
 //! belongs into which cell), `percentiles`.
 //!
 //! Every transform is of whole data: one with a missing or clipped code of a channel is not taken for that channel.

@@ -1,7 +1,7 @@
-//! Power spectra of two overlapping windows of all channels at once, four channels side by side.
+//! Power spectra of two windows of all channels at once, four channels side by side.
 //!
-//! Enters: one and a half windows of samples. Leaves: the sum of the two windows' powers. The first window is the real part
-//! of a complex signal z, the second, half a window later, its imaginary part; of their transforms X₁ and X₂
+//! Enters: samples of two windows, which may overlap. Leaves: the sum of the two windows' powers. The first window is the real part
+//! of a complex signal z, the second its imaginary part; of their transforms X₁ and X₂
 //! |X₁(k)|² + |X₂(k)|² = (|Z(k)|² + |Z(−k)|²)/2, so that nothing has to be taken apart. 1024 = 4⁵: five passes of radix four,
 //! decimated in frequency, which leave bin k at the place of its base-four digits in reverse.
 //!
@@ -15,11 +15,11 @@ use crate::math::constant::cos_of_turn;
 /// Points of a transform.
 pub const LENGTH: usize = 1024;
 
-/// From one window to the next: half overlap.
+/// From one window to the next where they overlap by half.
 pub(super) const HOP: usize = LENGTH / 2;
 
-/// Samples of two windows.
-pub(super) const PAIR: usize = LENGTH + HOP;
+/// Samples of two windows side by side, the most that a pair takes.
+pub(super) const ROOM: usize = 2 * LENGTH;
 
 /// Bins of a spectrum, those of 0 and of half the rate included.
 pub(super) const BINS: usize = LENGTH / 2 + 1;
@@ -80,9 +80,12 @@ static WINDOW: [f32; LENGTH] = {
     table
 };
 
-/// Adds the powers of the two windows in `samples` to `powers`, of the channels whose `taken` is 1 (else 0).
-pub(super) fn add(samples: &[Lanes; PAIR], taken: Lanes, work: &mut Work, powers: &mut Powers) {
-    windowed(samples, work);
+/// Adds the powers of two windows, the second `apart` samples after the first, to `powers`, of the channels whose `taken` is 1
+/// (else 0).
+pub(super) fn add(samples: &[Lanes; ROOM], apart: usize, taken: Lanes, work: &mut Work, powers: &mut Powers) {
+    let second = samples.get(apart..).and_then(|rest| rest.first_chunk());
+    let (Some(first), Some(second)) = (samples.first_chunk(), second) else { return };
+    windowed(first, second, work);
     pass::<256, 1>(work);
     pass::<64, 4>(work);
     pass::<16, 16>(work);
@@ -92,21 +95,15 @@ pub(super) fn add(samples: &[Lanes; PAIR], taken: Lanes, work: &mut Work, powers
 
 /// The two windows, each less its mean, as real and imaginary parts.
 #[inline(never)]
-fn windowed(samples: &[Lanes; PAIR], work: &mut Work) {
-    let (first, second) = (samples.first_chunk::<LENGTH>(), samples.last_chunk::<LENGTH>());
-    let (Some(first), Some(second)) = (first, second) else { return };
-    let mut sums = samples.as_chunks::<HOP>().0.iter().map(sum);
-    let mut next = || sums.next().unwrap_or(Lanes::ZERO);
-    let (early, middle, late) = (next(), next(), next());
-    let (mean, later_mean) =
-        ((early + middle) * (1.0 / LENGTH as f32), (middle + late) * (1.0 / LENGTH as f32));
+fn windowed(first: &[Lanes; LENGTH], second: &[Lanes; LENGTH], work: &mut Work) {
+    let (mean, later_mean) = (sum(first) * (1.0 / LENGTH as f32), sum(second) * (1.0 / LENGTH as f32));
     for (((z, a), b), w) in work.iter_mut().zip(first).zip(second).zip(&WINDOW) {
         *z = Complex { re: (*a - mean) * *w, im: (*b - later_mean) * *w };
     }
 }
 
 /// Four sums side by side, so that additions need not wait for one another.
-fn sum(samples: &[Lanes; HOP]) -> Lanes {
+fn sum(samples: &[Lanes; LENGTH]) -> Lanes {
     let mut sums = [Lanes::ZERO; 4];
     for four in samples.as_chunks::<4>().0 {
         for (sum, x) in sums.iter_mut().zip(four) {
@@ -188,16 +185,23 @@ mod tests {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (seed >> 8) as f32 / (1 << 24) as f32 - 0.5
         };
-        let samples: Vec<Lanes> = (0..PAIR).map(|_| Lanes([random(), random(), random(), 1.0])).collect();
-        let samples: &[Lanes; PAIR] = samples.as_slice().try_into().unwrap();
-        let (mut work, mut powers) = ([Complex::ZERO; LENGTH], [Lanes::ZERO; LENGTH]);
-        add(samples, Lanes([1.0, 1.0, 0.0, 1.0]), &mut work, &mut powers);
-        let mut got = [Lanes::ZERO; BINS];
-        bins(&powers, &mut got);
+        let samples: Vec<Lanes> = (0..ROOM).map(|_| Lanes([random(), random(), random(), 1.0])).collect();
+        let samples: &[Lanes; ROOM] = samples.as_slice().try_into().unwrap();
+        let mut work = [Complex::ZERO; LENGTH];
+        for apart in [HOP, LENGTH] {
+            let mut powers = [Lanes::ZERO; LENGTH];
+            add(samples, apart, Lanes([1.0, 1.0, 0.0, 1.0]), &mut work, &mut powers);
+            let mut got = [Lanes::ZERO; BINS];
+            bins(&powers, &mut got);
+            held(samples, apart, &got);
+        }
+    }
+
+    fn held(samples: &[Lanes; ROOM], apart: usize, got: &[Lanes; BINS]) {
         for k in [1, 2, 77, 300, 511] {
             for c in 0..2 {
                 let mut want = 0.0;
-                for start in [0, HOP] {
+                for start in [0, apart] {
                     let window = &samples[start..start + LENGTH];
                     let mean: f64 = window.iter().map(|x| f64::from(x.0[c])).sum::<f64>() / LENGTH as f64;
                     let (mut re, mut im, mut square) = (0.0, 0.0, 0.0);
