@@ -19,6 +19,7 @@ use align::Aligner;
 use anyhow::{Context, Result, bail};
 use line::{Line, Patience};
 use seabearing_core::block::{Block, Frame};
+use seabearing_core::config::Kind;
 use std::fmt;
 use std::path::Path;
 use time::OffsetDateTime;
@@ -96,9 +97,15 @@ impl Remote {
     /// What a station file wants of an address.
     ///
     /// # Errors
-    /// No address, or one of another station than the file's `seed_id`.
+    /// No address, one of another station than the file's `seed_id`, or an array.
     pub(super) fn of(path: &Path, station: &Station) -> Result<Self> {
         let address = Address::parse(path)?;
+        if !matches!(station.config.kind, Kind::Obs(_)) {
+            bail!(
+                "{address}: servers have the components of ocean-bottom stations, and {} is an array",
+                station.config.name
+            );
+        }
         let mut location = String::new();
         if let Some(id) = &station.seed_id {
             let named = format!("{}.{}", address.network, address.station);

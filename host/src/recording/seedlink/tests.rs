@@ -212,6 +212,11 @@ fn addresses_are_told_apart() {
     {
         assert_eq!(read(wrong), None, "{wrong}");
     }
+    let array = "[station]\nid = 1\nkind = \"array\"\n[sampling]\nrate_hz = 64000\n[array]\nhydrophones_m = \
+        [[0.0,1.06,-0.38],[0.92,-0.53,-0.38],[-0.92,-0.53,-0.38],[0.0,0.0,1.13]]\n";
+    let array = Station::parse(array, "s", Path::new(".")).unwrap();
+    let refused = Remote::of(Path::new("seedlink://h/YV_RR03"), &array).err().unwrap();
+    assert!(refused.to_string().contains("is an array"), "{refused}");
     assert!(Address::is_one(Path::new("seedlink://x")) && !Address::is_one(Path::new("x.mseed")));
 }
 
