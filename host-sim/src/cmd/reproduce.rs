@@ -50,8 +50,9 @@ pub fn run(args: Args) -> Result<()> {
     };
     let chosen = EXPERIMENTS.iter().find(|e| e.name == name);
     if chosen.is_none() && name != "all" {
-        let names: Vec<_> = EXPERIMENTS.iter().map(|e| e.name).collect();
-        bail!("no experiment `{name}`; there are: all, {}", names.join(", "));
+        bail!(
+            "no experiment `{name}`: `seabearing reproduce` without a name lists them, `all` runs them all"
+        );
     }
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot make folder {}", args.out.display()))?;
