@@ -70,6 +70,7 @@ pub fn scenario(
         gains: [1.0; 4],
         file_channels: None,
         name_offset: None,
+        line: Default::default(),
         calibration: Default::default(),
     };
     let ambient = AmbientSpectrum { level_db_1khz: 65.0, diffuse_share: 0.5, ..AmbientSpectrum::default() };

@@ -16,6 +16,7 @@ pub mod delays;
 pub mod geodesy;
 pub mod interrupt;
 pub mod levels;
+pub mod line;
 pub mod motion;
 pub mod ocean_bottom;
 pub mod orientation;

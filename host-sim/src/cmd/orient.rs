@@ -2,6 +2,7 @@
 
 use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
+use crate::line::records as line_records;
 use crate::ocean_bottom::place::{Displacement, SEARCH_M};
 use crate::ocean_bottom::records::is_records;
 use crate::ocean_bottom::survey::{Survey, Turn, survey};
@@ -16,12 +17,13 @@ use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_locate::network::known_track::TrackPoint;
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `seabearing orient`.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     seabearing orient --station line.toml --track ship.csv bearings.csv      # t_s,sin_bearing\n  \
+    seabearing orient --station line.toml --track ship.csv records.jsonl     # of `process`\n  \
     seabearing orient --station array.toml --track ship.csv bearings.csv     # t_s,azimuth_deg,elevation_deg\n  \
     seabearing orient --station array.toml --track ship.csv differences.csv  # t_s,tdoa01_s,...: hydrophone positions\n  \
     seabearing orient --station obs.toml --track ship.csv azimuths.csv       # t_s,azimuth_deg\n  \
@@ -127,29 +129,12 @@ fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
     };
     let tracks = tracks(args, station)?;
     let [track] = &tracks[..] else { bail!("one --track goes with a CSV file, {} were given", tracks.len()) };
-    let table = CsvTable::read(input)?;
+    let table = || CsvTable::read(input);
     match &station.kind {
-        Kind::Line(_) => line(args, &table, track),
-        Kind::Array(_) if table.has("tdoa01_s") => {
-            let found = known_vessel::positions(station, &table, track, args.max_gap_s)?;
-            Ok(json!({
-                "type": "hydrophones", "hydrophones_m": found.position_m, "sd_m": found.sd_m,
-                "scale_s": found.scale_s, "n": found.n,
-            }))
-        }
-        Kind::Array(_) => {
-            let found = known_vessel::array(station, &table, track, args.max_gap_s, args.correlated)?;
-            Ok(json!({
-                "type": "orientation",
-                "orientation_deg": degrees(found.heading + station.orientation_deg * RAD_PER_DEG),
-                "sd_deg": found.sd[0] / RAD_PER_DEG,
-                "pitch_deg": found.pitch / RAD_PER_DEG, "sd_pitch_deg": found.sd[1] / RAD_PER_DEG,
-                "roll_deg": found.roll / RAD_PER_DEG, "sd_roll_deg": found.sd[2] / RAD_PER_DEG,
-                "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "matrix": found.matrix,
-            }))
-        }
+        Kind::Line(_) => line(args, input, track),
+        Kind::Array(_) => array(args, station, &table()?, track),
         Kind::Obs(o) => {
-            let found = known_vessel::horizontals(station, &table, track, args.max_gap_s)?;
+            let found = known_vessel::horizontals(station, &table()?, track, args.max_gap_s)?;
             Ok(json!({
                 "type": "orientation",
                 "orientation_deg": degrees(found.offset + o.orientation_of_north_deg * RAD_PER_DEG),
@@ -160,15 +145,39 @@ fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
     }
 }
 
+/// The compact array: how it leans, or where its hydrophones are.
+fn array(args: &Args, station: &StationConfig, table: &CsvTable, track: &[TrackPoint]) -> Result<Value> {
+    if table.has("tdoa01_s") {
+        let found = known_vessel::positions(station, table, track, args.max_gap_s)?;
+        return Ok(json!({
+            "type": "hydrophones", "hydrophones_m": found.position_m, "sd_m": found.sd_m,
+            "scale_s": found.scale_s, "n": found.n,
+        }));
+    }
+    let found = known_vessel::array(station, table, track, args.max_gap_s, args.correlated)?;
+    Ok(json!({
+        "type": "orientation",
+        "orientation_deg": degrees(found.heading + station.orientation_deg * RAD_PER_DEG),
+        "sd_deg": found.sd[0] / RAD_PER_DEG,
+        "pitch_deg": found.pitch / RAD_PER_DEG, "sd_pitch_deg": found.sd[1] / RAD_PER_DEG,
+        "roll_deg": found.roll / RAD_PER_DEG, "sd_roll_deg": found.sd[2] / RAD_PER_DEG,
+        "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "matrix": found.matrix,
+    }))
+}
+
 /// The line array: orientation, clock shift and η.
-fn line(args: &Args, table: &CsvTable, track: &[TrackPoint]) -> Result<Value> {
+fn line(args: &Args, input: &Path, track: &[TrackPoint]) -> Result<Value> {
     let search = LineSearch {
         max_shift_s: args.max_shift_s,
         free_shift: args.free_shift,
         eta: (args.eta[0], args.eta[1]),
         gap_s: args.max_gap_s,
     };
-    let read = LineRecord::of(table, &search)?;
+    let read = if is_records(input) {
+        LineRecord::of_bearings(line_records::read(input)?, &search, input.display().to_string())
+    } else {
+        LineRecord::of(&CsvTable::read(input)?, &search)?
+    };
     Ok(match args.method {
         Method::Fit => {
             let fit = read.fit(track)?;

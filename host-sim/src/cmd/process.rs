@@ -5,6 +5,7 @@ use crate::archive::{self, Member, Outcome, Unit};
 use crate::base::export::{self, Format, Positions};
 use crate::interrupt::{self, Keeping};
 use crate::levels::{Meter, picture};
+use crate::line::{Line, picture as line_picture, records as line_records};
 use crate::ocean_bottom::pictures;
 use crate::plot::{passage, result};
 use crate::progress;
@@ -16,6 +17,7 @@ use crate::station::xml::{self, Wanted};
 use crate::{atomic, record};
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
+use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config::Kind;
 use seabearing_core::wire::{Encoder, Message};
@@ -175,6 +177,9 @@ pub fn run(args: Args) -> Result<()> {
     let (Some((_imported, station)), None) = (stations.next(), stations.next()) else {
         bail!("several stations need a folder for their records: --out DIR");
     };
+    if matches!(station.config.kind, Kind::Line(_)) {
+        return line(&args, &station);
+    }
     // Where nothing can be written is said before the work, not after.
     let telemetry_file = args.telemetry.as_deref().map(atomic::Unfinished::beside).transpose()?;
     if let Some(folder) = &args.plots
@@ -329,6 +334,53 @@ pub fn run(args: Args) -> Result<()> {
         ),
         None => bail!("the recording holds no samples"),
     }
+}
+
+/// A line of sensors: no recorder's core, but MUSIC.
+fn line(args: &Args, station: &Station) -> Result<()> {
+    for (given, option) in [
+        (args.levels.is_some(), "--levels"),
+        (args.telemetry.is_some(), "--telemetry"),
+        (args.truth.is_some(), "--truth"),
+    ] {
+        if given {
+            bail!("{option} is not possible with a line of sensors (kind = \"line\")");
+        }
+    }
+    let asked = args.asked()?;
+    let found = Line::find(&args.input, station, &asked)?;
+    let records = record::RecordFormat {
+        rate_hz: station.config.rate_hz,
+        start: found.start(),
+        times: Default::default(),
+    };
+    let orientation = station.config.orientation_deg * RAD_PER_DEG;
+    let keeping = Keeping::begin();
+    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+    let mut bearings = Vec::new();
+    let begun = std::time::Instant::now();
+    let summary = found.run(|bearing| {
+        if args.plots.is_some() {
+            bearings.push(bearing);
+        }
+        serde_json::to_writer(&mut out, &line_records::json(&bearing, orientation, &records))?;
+        Ok(out.write_all(b"\n")?)
+    })?;
+    out.flush()?;
+    let seconds = (summary.used + summary.lost) as f64 / station.config.rate_hz;
+    keeping.end(|| format!("the records of the first {seconds:.0} s are kept"));
+    if let Some(folder) = &args.plots {
+        line_picture::draw(folder, &bearings, station, records.start)?;
+    }
+    if args.stats {
+        let took_s = begun.elapsed().as_secs_f64();
+        let lost_s = summary.lost as f64 / station.config.rate_hz;
+        eprintln!("processed {seconds:.1} s of data in {took_s:.2} s; {lost_s:.2} s were left out");
+    }
+    if summary.used == 0 {
+        bail!("the recording holds no whole transform of samples of all sensors");
+    }
+    Ok(())
 }
 
 /// Every day of every station into a folder.

@@ -59,12 +59,17 @@ impl LineRecord {
             });
             (line, row)
         });
-        let mut bearings = good_rows(&name, rows.collect())?;
+        let bearings = good_rows(&name, rows.collect())?;
+        Ok(Self::of_bearings(bearings, search, name))
+    }
+
+    /// The same of bearings in any order; `name` stands in messages.
+    pub fn of_bearings(mut bearings: Vec<LineBearing>, search: &LineSearch, name: String) -> Self {
         bearings.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let mut steps: Vec<f64> =
             bearings.windows(2).map(|w| w[1].t_s - w[0].t_s).filter(|d| *d > 0.0).collect();
         let interval_s = median(&mut steps).unwrap_or(1.0);
-        let duration_s = bearings[bearings.len() - 1].t_s - bearings[0].t_s;
+        let duration_s = bearings.last().zip(bearings.first()).map_or(0.0, |(b, a)| b.t_s - a.t_s);
         let most = search.max_shift_s.unwrap_or((6.0 * interval_s).max(0.1 * duration_s));
         let settings = LineSettings {
             shift_s: (-most, most),
@@ -72,7 +77,7 @@ impl LineRecord {
             gap_s: search.gap_s,
             whole_s: if search.free_shift { 0.0 } else { interval_s },
         };
-        Ok(Self { bearings, settings, interval_s, name })
+        Self { bearings, settings, interval_s, name }
     }
 
     /// Orientation, clock shift and η by the robust, continuous fit.

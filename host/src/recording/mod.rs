@@ -38,6 +38,7 @@ pub mod written_time;
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::{Block, Frame};
+use seabearing_core::config::Kind;
 use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -219,6 +220,12 @@ impl Recording {
         let reading = sequence::Reading {
             rate_hz: config.rate_hz,
             channels: station.file_channels,
+            least: match &config.kind {
+                Kind::Line(line) => {
+                    station.line.channels.iter().max().map_or(line.sensors, |c| c.saturating_add(1)).into()
+                }
+                _ => 0,
+            },
             offset: asked.name_offset.or(station.name_offset).unwrap_or(UtcOffset::UTC),
         };
         Ok(of(Found::Audio(sequence::Parts::find(audio, &reading, complaints)?)))

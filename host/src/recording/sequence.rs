@@ -81,6 +81,8 @@ pub(super) struct Reading {
     pub rate_hz: f64,
     /// Channels of the file for the recorder's, where the station file names them.
     pub channels: Option<[u8; CHANNELS]>,
+    /// Channels that a file must have to be a recording by itself; of a line more than the four that are read at a time.
+    pub least: usize,
     /// Offset of the times in names from UTC.
     pub offset: UtcOffset,
 }
@@ -102,7 +104,7 @@ impl Parts {
                 Err(e) => complaints.push(format!("{e:#}")),
             }
         }
-        let mut parts = together(found, reading.channels, &mut complaints);
+        let mut parts = together(found, reading, &mut complaints);
         // Files at the recorder's rate, or where there are none at that of the first.
         let same = |a: f64, b: f64| (a - b).abs() <= 1e-3 * b.max(1.0);
         let rates: Vec<f64> = parts.iter().map(|p| p.info.rate_hz).collect();
@@ -182,9 +184,9 @@ impl Parts {
 }
 
 /// Parts of the recorder's channels each, from files of any number of channels.
-fn together(found: Vec<Part>, wanted: Option<[u8; CHANNELS]>, complaints: &mut Vec<String>) -> Vec<Part> {
-    let named = wanted.map(|w| w.map(usize::from));
-    let least = named.map_or(CHANNELS, |n| n.iter().max().map_or(CHANNELS, |m| m + 1));
+fn together(found: Vec<Part>, reading: &Reading, complaints: &mut Vec<String>) -> Vec<Part> {
+    let named = reading.channels.map(|w| w.map(usize::from));
+    let least = named.map_or(CHANNELS, |n| n.iter().max().map_or(CHANNELS, |m| m + 1)).max(reading.least);
     let mut parts = Vec::new();
     let mut groups: BTreeMap<(Option<OffsetDateTime>, String), Vec<Part>> = BTreeMap::new();
     for mut part in found {

@@ -10,6 +10,7 @@ pub mod xml;
 pub use calibration::Calibration;
 pub use tables::Components;
 
+use crate::line::Analysis;
 use crate::recording::written_time;
 use crate::toml_file::TomlFile;
 use anyhow::{Result, anyhow, bail};
@@ -18,6 +19,7 @@ use seabearing_core::config::{
     ArrayConfig, ConfigError, Kind, LineConfig, ObsConfig, StationConfig, Tracking,
 };
 use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
+use seabearing_locate::line::{MAX_FREQUENCIES, MusicMethod};
 use std::path::{Path, PathBuf};
 use tables::{File, NetworkFile, StationTable, default_full_scale};
 use time::UtcOffset;
@@ -40,6 +42,8 @@ pub struct ListedStation {
 /// A station file as read.
 #[derive(Debug, Clone)]
 pub struct Station {
+    /// How a line's recordings are analysed.
+    pub line: Analysis,
     /// The validated configuration.
     pub config: StationConfig,
     /// Channel codes of an ocean-bottom station.
@@ -121,6 +125,7 @@ impl Station {
         let mut gains = [1.0; 4];
         let mut sensitivity = None;
         let mut file_channels = None;
+        let mut line = Analysis::default();
         let kind = match kind.as_str() {
             "array" => {
                 let Some(a) = file.array else { bail!("{name}: kind = \"array\" needs a table [array]") };
@@ -184,6 +189,7 @@ impl Station {
             }
             "line" => {
                 let Some(l) = file.line else { bail!("{name}: kind = \"line\" needs a table [line]") };
+                line = line_analysis(&l, source)?;
                 Kind::Line(LineConfig { sensors: l.sensors, spacing_m: l.spacing_m })
             }
             other => bail!("{}: kind = \"{other}\"; array, obs or line", here("station.kind")),
@@ -220,7 +226,17 @@ impl Station {
         let sensitive = source.has("array.sensitivity_db_re_1v_upa");
         let calibration =
             calibration::of_channels(file.calibration.as_ref(), &config, sensitive, sensitivity, source)?;
-        Ok(Self { config, components, propagation, seed_id, gains, file_channels, name_offset, calibration })
+        Ok(Self {
+            config,
+            components,
+            propagation,
+            seed_id,
+            gains,
+            file_channels,
+            name_offset,
+            calibration,
+            line,
+        })
     }
 
     /// Reads a network file: a list of `[[stations]]`.
@@ -254,6 +270,48 @@ impl Station {
         let stations = file.stations.into_iter().enumerate().map(listed).collect::<Result<_>>()?;
         Ok((source, stations))
     }
+}
+
+/// How a line's recordings are analysed.
+fn line_analysis(l: &tables::Line, source: &TomlFile) -> Result<Analysis> {
+    let usual = Analysis::default();
+    let here = |key: &str| source.at(&format!("line.{key}"));
+    let number = |key: &str, given: Option<f64>, usual: f64, possible: std::ops::Range<f64>| match given {
+        Some(x) if !possible.contains(&x) => {
+            bail!("{}: {key} = {x}; {} to below {} is possible", here(key), possible.start, possible.end)
+        }
+        given => Ok(given.unwrap_or(usual)),
+    };
+    let frequencies_hz = l.frequencies_hz.clone().unwrap_or_default();
+    if frequencies_hz.len() > MAX_FREQUENCIES || !frequencies_hz.iter().all(|f| *f > 0.0 && f.is_finite()) {
+        bail!(
+            "{}: `frequencies_hz`: up to {MAX_FREQUENCIES} positive numbers are possible",
+            here("frequencies_hz")
+        );
+    }
+    let channels = l.channels.clone().unwrap_or_default();
+    let distinct = channels.iter().enumerate().all(|(i, c)| !channels.iter().take(i).any(|d| d == c));
+    if !(channels.is_empty() || channels.len() == usize::from(l.sensors)) || !distinct {
+        bail!("{}: `channels` must be {} different ones, one a sensor", here("channels"), l.sensors);
+    }
+    let method = match l.method.as_deref() {
+        None | Some("root") => MusicMethod::Root,
+        Some("spectrum") => MusicMethod::Spectrum,
+        Some(other) => bail!("{}: method = \"{other}\"; root or spectrum", here("method")),
+    };
+    let sources = usize::from(l.sources.unwrap_or(usual.sources as u8));
+    // A subarray needs more sensors than there are sources.
+    let most = usize::from(l.sensors).saturating_sub(sources + 1).max(1);
+    Ok(Analysis {
+        frequencies_hz,
+        frame_s: number("frame_s", l.frame_s, usual.frame_s, 1e-4..60.0)?,
+        step_s: number("step_s", l.step_s, usual.step_s, 1e-3..3600.0)?,
+        forgetting: number("forgetting", l.forgetting, usual.forgetting, 0.0..1.0)?,
+        subarrays: l.subarrays.map_or(usual.subarrays.min(most), usize::from),
+        sources,
+        method,
+        channels,
+    })
 }
 
 /// The part every station has, from the table at a path; the kind is a placeholder for the caller to replace.

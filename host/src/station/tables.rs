@@ -276,6 +276,22 @@ pub(super) struct Line {
     pub(super) sensors: u8,
     /// Distance between neighbours, metres.
     pub(super) spacing_m: f64,
+    /// Frequencies at which its recordings are analysed, Hz: at most eight, each below half a wavelength between neighbours.
+    pub(super) frequencies_hz: Option<Vec<f64>>,
+    /// Length of a transform, seconds; 0.0625 by default.
+    pub(super) frame_s: Option<f64>,
+    /// Time from one bearing to the next, seconds; 1 by default.
+    pub(super) step_s: Option<f64>,
+    /// Share of the past in the covariance, 0 to below 1; 0.4 by default.
+    pub(super) forgetting: Option<f64>,
+    /// Overlapping subarrays over which the covariance is averaged; 5 by default, fewer with few sensors.
+    pub(super) subarrays: Option<u8>,
+    /// Most sources at one time, 1 to 4; 2 by default.
+    pub(super) sources: Option<u8>,
+    /// `root` (root-MUSIC, the default) or `spectrum` (MUSIC).
+    pub(super) method: Option<String>,
+    /// Channel of the recording of each sensor, counted from 0; the first so many by default.
+    pub(super) channels: Option<Vec<u8>>,
 }
 
 /// What fits of tracks may assume.

@@ -52,6 +52,8 @@ pub struct LinePlan {
     sensors: usize,
     subarrays: usize,
     sources: usize,
+    /// Whether the number of sources is estimated, `sources` at most.
+    counted: bool,
     forgetting: f64,
     /// `ω/ξ`, radians: the phase from one sensor to the next at endfire.
     phase: f64,
@@ -127,7 +129,14 @@ impl LinePlan {
         if phase > m::PI {
             return Err(LineError::Aliased);
         }
-        Ok(Self { sensors, subarrays, sources, forgetting, phase })
+        Ok(Self { sensors, subarrays, sources, counted: false, forgetting, phase })
+    }
+
+    /// The same, with as many sources at each step as the covariance shows, at most those it was made for: the shortest
+    /// description of the data (Wax and Kailath 1985) by as many snapshots as went into it. Two within half a beam are one.
+    #[must_use]
+    pub fn counting(self) -> Self {
+        Self { counted: true, ..self }
     }
 
     /// Takes in snapshots and finds the bearings; the first so many of `arrivals` are set, strongest match first.
@@ -156,51 +165,65 @@ impl LinePlan {
         if !eigen(&mut scratch.matrix, length, &mut scratch.vectors) {
             return Err(LineError::Singular);
         }
-        let signal = self.signal_columns(&scratch.matrix, length);
-        let noise = self.noise_power(&scratch.matrix, length, &signal);
-        let coefficients = projector(&scratch.vectors, length, &signal);
-        let count = match method {
-            MusicMethod::Spectrum => self.minima(&coefficients, length, arrivals),
-            MusicMethod::Root => self.nearest_roots(&coefficients, length, &mut scratch.roots, arrivals),
-        };
-        for arrival in arrivals.iter_mut().take(count) {
-            let (sd, snr) = self.accuracy(arrival.sine, scratch, length, &signal, noise, state.snapshots);
-            arrival.sd = sd;
-            arrival.snr = snr;
-        }
-        Ok(count)
-    }
-
-    /// Which columns of the eigenvectors belong to the largest eigenvalues.
-    fn signal_columns(&self, values: &HermitianMatrix, length: usize) -> [bool; MAX_SENSORS] {
-        let mut signal = [false; MAX_SENSORS];
-        for _ in 0..self.sources {
-            let mut best: Option<(usize, f64)> = None;
-            for (k, row) in values.iter().enumerate().take(length) {
-                let value = row.get(k).map_or(0.0, |x| x.re);
-                let taken = signal.get(k).copied().unwrap_or(true);
-                if !taken && best.is_none_or(|(_, b)| value > b) {
-                    best = Some((k, value));
+        let most =
+            if self.counted { self.count(&scratch.matrix, length, state.snapshots) } else { self.sources };
+        for sources in (1..=most).rev() {
+            let signal = signal_columns(&scratch.matrix, length, sources);
+            let noise = noise_power(&scratch.matrix, length, &signal);
+            let coefficients = projector(&scratch.vectors, length, &signal);
+            let count = match method {
+                MusicMethod::Spectrum => self.minima(&coefficients, length, arrivals, sources),
+                MusicMethod::Root => {
+                    self.nearest_roots(&coefficients, length, &mut scratch.roots, arrivals, sources)
                 }
+            };
+            let found = arrivals.get_mut(..count).unwrap_or_default();
+            if self.counted && sources > 1 && self.one_in_two(found, length) {
+                continue;
             }
-            if let Some(slot) = best.and_then(|(k, _)| signal.get_mut(k)) {
-                *slot = true;
+            for arrival in found {
+                let (sd, snr) = self.accuracy(arrival.sine, scratch, length, &signal, noise, state.snapshots);
+                arrival.sd = sd;
+                arrival.snr = snr;
             }
+            return Ok(count);
         }
-        signal
+        Ok(0)
     }
 
-    /// Mean of the other eigenvalues.
-    fn noise_power(&self, values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
-        let sum: f64 = values
-            .iter()
-            .zip(signal)
-            .enumerate()
-            .take(length)
-            .filter(|(_, (_, s))| !**s)
-            .map(|(k, (row, _))| row.get(k).map_or(0.0, |x| x.re))
-            .sum();
-        (sum / (length - self.sources.min(length - 1)) as f64).max(0.0)
+    /// Whether two of the arrivals are nearer to each other than half a beam (`λ/(2md)` in sine): a source that moves while the
+    /// covariance averages looks like two beside it.
+    fn one_in_two(&self, arrivals: &[LineArrival], length: usize) -> bool {
+        let least = 0.5 * m::TAU / (self.phase * length as f64);
+        let near = |(i, a): (usize, &LineArrival)| {
+            arrivals.iter().skip(i + 1).any(|b| m::abs(a.sine - b.sine) < least)
+        };
+        arrivals.iter().enumerate().any(near)
+    }
+
+    /// How many sources the eigenvalues show: the number k with the shortest description
+    /// `N (m − k) ln(arithmetic/geometric mean of the m − k least) + ½ k (2m − k) ln N`.
+    fn count(&self, values: &HermitianMatrix, length: usize, snapshots: f64) -> usize {
+        let mut sorted = [0.0f64; MAX_SENSORS];
+        for (k, (slot, row)) in sorted.iter_mut().zip(values).enumerate().take(length) {
+            *slot = row.get(k).map_or(0.0, |x| x.re);
+        }
+        let sorted = sorted.get_mut(..length).unwrap_or_default();
+        sorted.sort_unstable_by(|a, b| b.total_cmp(a));
+        // What rounding makes of nothing.
+        let floor = 1e-12 * sorted.first().copied().unwrap_or(0.0);
+        let description = |k: usize| {
+            let noise = sorted.get(k..).unwrap_or_default();
+            let n = noise.len() as f64;
+            let mean = noise.iter().map(|x| x.max(floor)).sum::<f64>() / n;
+            let ln_mean = noise.iter().map(|x| m::ln(x.max(floor))).sum::<f64>() / n;
+            let free = 0.5 * (k * (2 * length - k)) as f64;
+            snapshots * n * (m::ln(mean) - ln_mean) + free * m::ln(snapshots.max(1.0))
+        };
+        (0..=self.sources)
+            .min_by(|a, b| description(*a).total_cmp(&description(*b)))
+            .filter(|_| floor > 0.0)
+            .unwrap_or(0)
     }
 
     /// Deepest minima of the null spectrum on the unit circle.
@@ -209,6 +232,7 @@ impl LinePlan {
         coefficients: &[Complex; MAX_SENSORS],
         length: usize,
         arrivals: &mut [LineArrival; MAX_SOURCES],
+        sources: usize,
     ) -> usize {
         let at = |k: usize| self.phase * (2.0 * k as f64 / GRID as f64 - 1.0);
         let mut found: [(f64, f64); MAX_SOURCES] = [(f64::INFINITY, 0.0); MAX_SOURCES];
@@ -229,7 +253,7 @@ impl LinePlan {
             (before, here) = (here, after);
         }
         let mut count = 0;
-        for (arrival, (depth, w)) in arrivals.iter_mut().zip(&found).take(self.sources) {
+        for (arrival, (depth, w)) in arrivals.iter_mut().zip(&found).take(sources) {
             if depth.is_finite() {
                 *arrival = LineArrival { sine: w / self.phase, sd: 0.0, snr: 0.0 };
                 count += 1;
@@ -245,6 +269,7 @@ impl LinePlan {
         length: usize,
         found: &mut [Complex; MAX_COEFFICIENTS],
         arrivals: &mut [LineArrival; MAX_SOURCES],
+        sources: usize,
     ) -> usize {
         let mut polynomial = [Complex::ZERO; MAX_COEFFICIENTS];
         let centre = length - 1;
@@ -273,7 +298,7 @@ impl LinePlan {
             }
         }
         let mut count = 0;
-        for (arrival, (distance, sine)) in arrivals.iter_mut().zip(&best).take(self.sources) {
+        for (arrival, (distance, sine)) in arrivals.iter_mut().zip(&best).take(sources) {
             if distance.is_finite() {
                 *arrival = LineArrival { sine: *sine, sd: 0.0, snr: 0.0 };
                 count += 1;
@@ -376,6 +401,36 @@ fn null(coefficients: &[Complex; MAX_SENSORS], length: usize, w: f64) -> f64 {
     coefficients.first().map_or(0.0, |c| c.re) + 2.0 * sum.re
 }
 
+/// Which columns of the eigenvectors belong to the largest eigenvalues.
+fn signal_columns(values: &HermitianMatrix, length: usize, sources: usize) -> [bool; MAX_SENSORS] {
+    let mut signal = [false; MAX_SENSORS];
+    for _ in 0..sources {
+        let mut best: Option<(usize, f64)> = None;
+        for (k, row) in values.iter().enumerate().take(length) {
+            let value = row.get(k).map_or(0.0, |x| x.re);
+            let taken = signal.get(k).copied().unwrap_or(true);
+            if !taken && best.is_none_or(|(_, b)| value > b) {
+                best = Some((k, value));
+            }
+        }
+        if let Some(slot) = best.and_then(|(k, _)| signal.get_mut(k)) {
+            *slot = true;
+        }
+    }
+    signal
+}
+
+/// Mean of the other eigenvalues.
+fn noise_power(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
+    let noise = values.iter().zip(signal).enumerate().take(length).filter(|(_, (_, s))| !**s);
+    let (mut sum, mut n) = (0.0, 0usize);
+    for (k, (row, _)) in noise {
+        sum += row.get(k).map_or(0.0, |x| x.re);
+        n += 1;
+    }
+    (sum / n.max(1) as f64).max(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -444,6 +499,21 @@ mod tests {
                 assert!((found[0].sine - 0.1).abs() < 0.01, "{method:?} {coherent} {found:?}");
                 assert!((found[1].sine - 0.25).abs() < 0.01, "{method:?} {coherent} {found:?}");
                 assert!(found[0].sd > 0.0 && found[0].sd < 0.01);
+            }
+        }
+    }
+
+    #[test]
+    fn sources_are_counted() {
+        for method in [MusicMethod::Spectrum, MusicMethod::Root] {
+            for (sines, expected) in
+                [(&[][..], 0), (&[0.4][..], 1), (&[0.1, 0.3][..], 2), (&[0.1, 0.11][..], 1)]
+            {
+                let mut arrivals = [LineArrival::default(); MAX_SOURCES];
+                let (mut state, mut scratch) = (State::new(), Scratch::new());
+                let heard = snapshots(sines, false, 0.5);
+                let n = plan(4).counting().step(&mut state, &mut scratch, &heard, method, &mut arrivals);
+                assert_eq!(n, Ok(expected), "{method:?} {sines:?} {arrivals:?}");
             }
         }
     }

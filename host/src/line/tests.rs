@@ -1,0 +1,234 @@
+//! A line's recording, made here, through the whole chain.
+
+use super::*;
+use seabearing_core::angle::RAD_PER_DEG;
+use seabearing_locate::network::known_track::TrackPoint;
+use seabearing_locate::orient::line::{self, LineSettings, orient};
+use std::path::Path;
+
+const RATE_HZ: u32 = 2048;
+const SENSORS: u16 = 23;
+const SPACING_M: f64 = 0.75;
+const ORIENTATION_DEG: f64 = -35.1;
+const FREQUENCIES_HZ: [f64; 3] = [444.0, 666.0, 702.0];
+
+fn station(more: &str) -> Station {
+    let text = format!(
+        "[station]\nname = \"line\"\nkind = \"line\"\nsound_speed_m_s = 1484.0\norientation_deg = {ORIENTATION_DEG}\n\
+         [sampling]\nrate_hz = {RATE_HZ}.0\n[line]\nsensors = {SENSORS}\nspacing_m = {SPACING_M}\n{more}"
+    );
+    Station::parse(&text, "line.toml", Path::new(".")).unwrap()
+}
+
+fn three() -> Station {
+    station("frequencies_hz = [444.0, 666.0, 702.0]\n")
+}
+
+/// The vessel at a time: East and North, metres.
+fn vessel(t_s: f64) -> [f64; 2] {
+    let (s, c) = (125.0 * RAD_PER_DEG).sin_cos();
+    [120.0 + 6.0 * s * t_s, 520.0 + 6.0 * c * t_s]
+}
+
+fn sine(t_s: f64) -> f64 {
+    let [x, y] = vessel(t_s);
+    (x.atan2(y) - ORIENTATION_DEG * RAD_PER_DEG).cos()
+}
+
+/// Random numbers about zero of variance one: twelve uniform ones.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        let mut sum = -6.0;
+        for _ in 0..12 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            sum += (self.0 >> 11) as f64 / (1u64 << 53) as f64;
+        }
+        sum
+    }
+}
+
+/// So many seconds of tones from `sines`, whose phases wander, in noise; one value a sensor and instant.
+fn recording(seconds: u32, seed: u64, sines: &dyn Fn(f64) -> Vec<f64>, noise: f64) -> Vec<Vec<f64>> {
+    let mut rng = Noise(seed);
+    let mut phases = vec![[0.3, 1.1, 2.0]; sines(0.0).len()];
+    (0..seconds * RATE_HZ)
+        .map(|n| {
+            let t_s = f64::from(n) / f64::from(RATE_HZ);
+            let sines = sines(t_s);
+            let mut out: Vec<f64> = (0..SENSORS).map(|_| noise * rng.next()).collect();
+            for (phases, sine) in phases.iter_mut().zip(&sines) {
+                for (phase, f) in phases.iter_mut().zip(FREQUENCIES_HZ) {
+                    // A radian in a transform.
+                    *phase += (16.0 / f64::from(RATE_HZ)).sqrt() * rng.next();
+                    let turn = std::f64::consts::TAU * f;
+                    for (m, x) in out.iter_mut().enumerate() {
+                        *x += (turn * (t_s + SPACING_M * m as f64 * sine / 1484.0) + *phase).cos();
+                    }
+                }
+            }
+            out
+        })
+        .collect()
+}
+
+/// Writes channels of a recording, in the order asked for.
+fn write(path: &Path, recording: &[Vec<f64>], channels: &[usize]) {
+    let spec = hound::WavSpec {
+        channels: channels.len() as u16,
+        sample_rate: RATE_HZ,
+        bits_per_sample: 24,
+        sample_format: hound::SampleFormat::Int,
+    };
+    let mut out = hound::WavWriter::create(path, spec).unwrap();
+    for instant in recording {
+        for c in channels {
+            out.write_sample((4e5 * instant[*c]) as i32).unwrap();
+        }
+    }
+    out.finalize().unwrap();
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("seabearing-line-{name}-{}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn heard(station: &Station, files: &[PathBuf]) -> (Vec<LineBearing>, Summary) {
+    let mut bearings = Vec::new();
+    let line = Line::find(files, station, &Asked::default()).unwrap();
+    let summary = line
+        .run(|b| {
+            bearings.push(b);
+            Ok(())
+        })
+        .unwrap();
+    (bearings, summary)
+}
+
+const IN_ORDER: [usize; SENSORS as usize] =
+    [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22];
+
+#[test]
+fn bearings_of_a_recording_orient_the_line() {
+    let folder = folder("orient");
+    let file = folder.join("pass.wav");
+    write(&file, &recording(60, 7, &|t| vec![sine(t)], 1.0), &IN_ORDER);
+    let (bearings, summary) = heard(&three(), &[file]);
+    let strongest: Vec<_> = bearings.iter().filter(|b| b.source == 0).collect();
+    assert_eq!((strongest.len(), summary.steps, summary.lost), (60, 60, 0));
+    let standardised: Vec<f64> = strongest.iter().map(|b| (b.sine - sine(b.t_s)) / b.sd).collect();
+    let rms = (standardised.iter().map(|z| z * z).sum::<f64>() / 60.0).sqrt();
+    assert!((0.7..1.5).contains(&rms), "{rms}: {standardised:?}");
+    assert!(strongest.iter().filter(|b| b.frequencies == 3).count() > 50);
+    let ghosts = bearings.len() - strongest.len();
+    assert!(ghosts <= 2, "{ghosts} ghosts");
+
+    let measured: Vec<_> = strongest.iter().map(|b| line::LineBearing { t_s: b.t_s, sine: b.sine }).collect();
+    let track: Vec<_> = (-1..8)
+        .map(|k| {
+            let t_s = 10.0 * f64::from(k);
+            let [x, y] = vessel(t_s);
+            TrackPoint { t_s, position_m: [x, y, 0.0] }
+        })
+        .collect();
+    let settings = LineSettings { shift_s: (-5.0, 5.0), eta: (0.9, 1.02), gap_s: 60.0, whole_s: 0.0 };
+    let found = orient(&measured, &track, &settings).unwrap();
+    let error = seabearing_core::angle::wrap_pi(found.orientation - ORIENTATION_DEG * RAD_PER_DEG);
+    assert!(error.abs() < 3.0 * found.sd && found.sd < 1.5 * RAD_PER_DEG, "{error} {found:?}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn two_vessels_are_two_sources_and_noise_is_none() {
+    let folder = folder("two");
+    let file = folder.join("two.wav");
+    write(&file, &recording(12, 3, &|_| vec![0.5, -0.3], 0.7), &IN_ORDER);
+    let (bearings, _) = heard(&three(), std::slice::from_ref(&file));
+    for (true_sine, least) in [(0.5, 11), (-0.3, 11)] {
+        let near = bearings.iter().filter(|b| (b.sine - true_sine).abs() < 0.02).count();
+        assert!(near >= least, "{near} at {true_sine}: {bearings:?}");
+    }
+    write(&file, &recording(40, 4, &|_| Vec::new(), 1.0), &IN_ORDER);
+    let (bearings, summary) = heard(&three(), &[file]);
+    assert!(summary.steps == 40 && bearings.len() <= 2, "{bearings:?}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn sensors_on_other_channels_and_in_several_files_give_the_same() {
+    let folder = folder("channels");
+    let whole = recording(6, 5, &|t| vec![sine(t)], 1.0);
+    let one = folder.join("one.wav");
+    write(&one, &whole, &IN_ORDER);
+    let (expected, _) = heard(&three(), &[one]);
+    assert!(expected.len() >= 6);
+    // Backwards in one file.
+    let backwards: Vec<usize> = IN_ORDER.iter().rev().copied().collect();
+    let other = folder.join("other.wav");
+    write(&other, &whole, &backwards);
+    let named = station(&format!("frequencies_hz = [444.0, 666.0, 702.0]\nchannels = {backwards:?}\n"));
+    assert_eq!(heard(&named, &[other]).0, expected);
+    // In two files that begin together, twelve channels and eleven.
+    let parts = ["part-1.wav", "part-2.wav"].map(|name| folder.join(name));
+    write(&parts[0], &whole, &IN_ORDER[..12]);
+    write(&parts[1], &whole, &IN_ORDER[12..]);
+    assert_eq!(heard(&three(), &parts).0, expected);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn what_is_missing_or_impossible_is_said_in_one_line() {
+    let folder = folder("wrong");
+    let file = folder.join("few.wav");
+    let few = recording(2, 1, &|_| vec![0.1], 1.0);
+    write(&file, &few, &IN_ORDER[..20]);
+    let said = |station: &Station| {
+        let found = Line::find(std::slice::from_ref(&file), station, &Asked::default());
+        format!("{:#}", found.err().expect("refused"))
+    };
+    assert!(said(&three()).contains("20 channels"), "{}", said(&three()));
+    assert!(said(&station("")).contains("frequencies_hz"));
+    let high = said(&station("frequencies_hz = [1020.0]\n"));
+    assert!(high.contains("1020") && high.contains("possible"), "{high}");
+    let alias = said(&station("frequencies_hz = [990.1]\n"));
+    assert!(alias.contains("half a wavelength"), "{alias}");
+    let wrong = |more: &str| {
+        let text = format!("[station]\nkind = \"line\"\n[line]\nsensors = 4\nspacing_m = 1.0\n{more}");
+        format!("{:#}", Station::parse(&text, "line.toml", Path::new(".")).err().expect("refused"))
+    };
+    for (more, key) in [
+        ("channels = [0, 1, 1, 2]\n", "channels"),
+        ("channels = [0, 1]\n", "channels"),
+        ("method = \"esprit\"\n", "method"),
+        ("forgetting = 1.0\n", "forgetting"),
+        ("frequencies_hz = [-3.0]\n", "frequencies_hz"),
+    ] {
+        let text = wrong(more);
+        assert!(text.contains(key) && text.lines().count() == 1, "{text}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_gap_begins_anew_and_is_counted() {
+    let folder = folder("gap");
+    let whole = recording(9, 6, &|t| vec![sine(t)], 0.5);
+    let rate = RATE_HZ as usize;
+    let parts = [("x-20240501T000000Z.wav", 0..4 * rate), ("x-20240501T000006Z.wav", 6 * rate..9 * rate)];
+    let files = parts.map(|(name, span)| {
+        let file = folder.join(name);
+        write(&file, &whole[span], &IN_ORDER);
+        file
+    });
+    let (bearings, summary) = heard(&three(), &files);
+    assert_eq!(summary.steps, 7);
+    let strongest: Vec<_> = bearings.iter().filter(|b| b.source == 0).collect();
+    // The first after the gap rests on its own step alone.
+    assert!(strongest.iter().any(|b| b.t_s == 6.5), "{strongest:?}");
+    assert!(strongest.iter().all(|b| (b.sine - sine(b.t_s)).abs() < 5.0 * b.sd), "{strongest:?}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
