@@ -171,6 +171,11 @@ impl Args {
 pub fn run(args: Args) -> Result<()> {
     let stations = args.stations()?;
     if let Some(folder) = &args.out {
+        if stations.iter().any(|(_, station)| matches!(station.config.kind, Kind::Line(_))) {
+            bail!(
+                "--out is not possible with a line of sensors (kind = \"line\"): its records go to standard output"
+            );
+        }
         return archive(&args, stations, folder);
     }
     let mut stations = stations.into_iter();
@@ -342,6 +347,7 @@ fn line(args: &Args, station: &Station) -> Result<()> {
         (args.levels.is_some(), "--levels"),
         (args.telemetry.is_some(), "--telemetry"),
         (args.truth.is_some(), "--truth"),
+        (args.table()?.is_some(), "--format"),
     ] {
         if given {
             bail!("{option} is not possible with a line of sensors (kind = \"line\")");
