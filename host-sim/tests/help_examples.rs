@@ -30,6 +30,7 @@ const EXAMPLES: [(&str, &[Expected]); 26] = [
         "orient",
         &[
             Lacks("line.toml"),
+            Lacks("line.toml"),
             Lacks("array.toml"),
             Lacks("array.toml"),
             Lacks("obs.toml"),

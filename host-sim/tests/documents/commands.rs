@@ -2,6 +2,8 @@
 
 use crate::text::{Document, documents};
 use crate::{examples, mentions, sds};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -128,6 +130,8 @@ fn folder(pages: &[Document]) -> tempfile::TempDir {
     std::fs::write(at("stations.toml"), block(pages, "docs/base-station.md", "toml")).unwrap();
     std::fs::write(at("west.key"), "07".repeat(32)).unwrap();
     std::fs::write(at("alarms.toml"), block(pages, "docs/alarms.md", "toml")).unwrap();
+    std::fs::write(at("line.toml"), block(pages, "docs/orientation.md", "toml")).unwrap();
+    line_pass(dir.path());
     let deep = tempfile::tempdir().unwrap();
     sds::archive(deep.path(), "RR03");
     sds::metadata(deep.path(), "RR03");
@@ -135,6 +139,45 @@ fn folder(pages: &[Document]) -> tempfile::TempDir {
         copy_all(&deep.path().join(from), &at(to));
     }
     dir
+}
+
+/// Twenty seconds of a vessel that radiates tones, as the line of the documents hears it (`line.wav`), and the vessel's track.
+fn line_pass(folder: &Path) {
+    const RATE_HZ: u32 = 2048;
+    const SENSORS: u16 = 23;
+    let place = |t_s: f64| [60.0 + 20.0 * t_s, 300.0 - 5.0 * t_s];
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut codes = Vec::new();
+    for n in 0..20 * RATE_HZ {
+        let t_s = f64::from(n) / f64::from(RATE_HZ);
+        let [x, y] = place(t_s);
+        let delay_s = 0.75 * (x.atan2(y) + 0.6).cos() / 1484.0;
+        for sensor in 0..SENSORS {
+            let at_s = t_s + delay_s * f64::from(sensor);
+            let tones = [444.0, 666.0, 702.0].map(|f: f64| (std::f64::consts::TAU * f * at_s).cos());
+            let noise: f64 = rng.random_range(-3.0..3.0);
+            codes.extend(((3000.0 * (tones.iter().sum::<f64>() + noise)) as i16).to_le_bytes());
+        }
+    }
+    let frame = 2 * SENSORS;
+    let mut wav = Vec::new();
+    let size = codes.len() as u32;
+    wav.extend(b"RIFF");
+    wav.extend((36 + size).to_le_bytes());
+    wav.extend(b"WAVEfmt ");
+    wav.extend(16u32.to_le_bytes());
+    wav.extend([1, SENSORS].map(u16::to_le_bytes).concat());
+    wav.extend([RATE_HZ, RATE_HZ * u32::from(frame)].map(u32::to_le_bytes).concat());
+    wav.extend([frame, 16].map(u16::to_le_bytes).concat());
+    wav.extend(b"data");
+    wav.extend(size.to_le_bytes());
+    wav.extend(codes);
+    std::fs::write(folder.join("line.wav"), wav).unwrap();
+    let rows = [-20.0, 0.0, 20.0, 40.0].map(|t_s| {
+        let [x, y] = place(t_s);
+        format!("{t_s},{x},{y}\n")
+    });
+    std::fs::write(folder.join("ship.csv"), format!("t_s,x_m,y_m\n{}", rows.concat())).unwrap();
 }
 
 /// Copies a file, or a folder with what is in it.

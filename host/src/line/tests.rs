@@ -198,7 +198,7 @@ fn what_is_missing_or_impossible_is_said_in_one_line() {
     assert!(alias.contains("half a wavelength"), "{alias}");
     let wrong = |more: &str| {
         let text = format!("[station]\nkind = \"line\"\n[line]\nsensors = 4\nspacing_m = 1.0\n{more}");
-        format!("{:#}", Station::parse(&text, "line.toml", Path::new(".")).err().expect("refused"))
+        format!("{:#}", Station::parse(&text, "line.toml", Path::new(".")).expect_err("refused"))
     };
     for (more, key) in [
         ("channels = [0, 1, 1, 2]\n", "channels"),
