@@ -121,3 +121,25 @@ fn wrong_bearings_are_survived_with_robust_and_counted() {
     let plain: Value = serde_json::from_slice(&run(&[]).stdout).unwrap();
     assert!((plain["cpa_range_m"].as_f64().unwrap() - 500.0).abs() > 5.0, "{plain}");
 }
+
+#[test]
+fn a_source_behind_the_antenna_is_a_shift_and_no_scatter() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    write(Path::new(&at("b.csv")), |_| true, "");
+    // The antenna is 7 s, 49 m, ahead of what is heard.
+    let mut track = String::from("t_s,x_m,y_m\n");
+    for t_s in (-40..=240).step_by(10) {
+        let (s, c) = 45f64.to_radians().sin_cos();
+        let along = 7.0 * (f64::from(t_s) + 7.0 - 100.0);
+        let _ = writeln!(track, "{t_s},{},{}", -500.0 * c + s * along, 500.0 * s + c * along);
+    }
+    std::fs::write(at("gps.csv"), track).unwrap();
+    let out =
+        seabearing(&["track", &at("b.csv"), "--known-track", &at("gps.csv"), "--model", "white", "--json"]);
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let r: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let of = |key: &str| r[key].as_f64().unwrap_or_else(|| panic!("{key} in {r}"));
+    assert!((of("shift_s") - 7.0).abs() < 0.05 && of("sigma_deg") < 0.05, "{r}");
+    assert!(of("offset_deg").abs() < 0.05 && of("sd_shift_s") > 0.0, "{r}");
+}

@@ -4,10 +4,11 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::motion::{Line, Medium};
+use seabearing_locate::motion::bound;
 use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::errors::{self, Difference};
 use seabearing_locate::motion::ml::{Config, FitError, Sample, fit, range_interval};
 use seabearing_locate::motion::whiten::{Factorisation, WhitenError, WhitenMethod, Workspace};
-use seabearing_locate::motion::{bound, errors};
 
 const SD: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
@@ -180,19 +181,26 @@ fn profile_interval_surrounds_the_estimate_and_opens_when_flat() {
 fn error_model_is_found_from_a_known_track() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
     let mut work = Box::new(Workspace::<2001>::new());
-    let (tau, sd, offset) = (12.0, 0.02, 0.05);
+    let (tau, sd, offset, shift_s) = (12.0, 0.02, 0.05, 7.0);
     let (mut e, mut d) = (0.0f64, Vec::new());
     for k in 0..2000 {
         let keep = (-0.5f64 / tau).exp();
         e = keep * e + (1.0 - keep * keep).sqrt() * rng.sample::<f64, _>(StandardNormal);
         if k % 11 != 3 {
-            d.push((0.5 * f64::from(k), offset + sd * e));
+            let t_s = 0.5 * f64::from(k);
+            // A passage: it turns fastest in the middle.
+            let rate_rad_s = 0.02 / (1.0 + ((t_s - 500.0) / 100.0).powi(2));
+            d.push(Difference { t_s, error_rad: offset - shift_s * rate_rad_s + sd * e, rate_rad_s });
         }
     }
     let found = errors::estimate(Model::Markov, &d, &mut work, &mut []).unwrap();
     assert!((found.tau_s / tau).ln().abs() < 3.0 * found.sd_ln_tau && found.sd_ln_tau < 0.3, "{found:?}");
     assert!((found.sd_rad / sd - 1.0).abs() < 3.0 * found.sd_relative, "{found:?}");
     assert!((found.offset_rad.0 - offset).abs() < 3.0 * found.offset_rad.1, "{found:?}");
+    assert!((found.shift_s.0 - shift_s).abs() < 3.0 * found.shift_s.1 && found.shift_s.1 < 1.0, "{found:?}");
+    let even: Vec<_> = d.iter().map(|d| Difference { rate_rad_s: 0.01, ..*d }).collect();
+    let even = errors::estimate(Model::Markov, &even, &mut work, &mut []).unwrap();
+    assert!(even.shift_s.0 == 0.0 && even.shift_s.1 == f64::INFINITY, "{even:?}");
     let white = errors::estimate(Model::White, &d, &mut work, &mut []).unwrap();
     assert!(white.ln_likelihood < found.ln_likelihood - 50.0);
 }

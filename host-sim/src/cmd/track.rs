@@ -225,6 +225,7 @@ fn print_error_model(args: &Args, model: Model, e: &ErrorModel, n: usize) {
             json!({
                 "type": "error_model", "model": model.name(), "sigma_deg": sd, "sd_sigma_deg": sd_sd,
                 "tau_s": e.tau_s, "sd_tau_s": finite(sd_tau_s), "offset_deg": offset, "sd_offset_deg": sd_offset,
+                "shift_s": e.shift_s.0, "sd_shift_s": finite(e.shift_s.1),
                 "log_likelihood": e.ln_likelihood, "n": n,
             })
         );
@@ -233,6 +234,7 @@ fn print_error_model(args: &Args, model: Model, e: &ErrorModel, n: usize) {
         println!("standard deviation   {sd:.3}° ± {sd_sd:.3}°");
         println!("correlation interval {:.2} s ± {sd_tau_s:.2} s", e.tau_s);
         println!("offset               {offset:.3}° ± {sd_offset:.3}°");
+        println!("shift                {:.2} s ± {:.2} s", e.shift_s.0, e.shift_s.1);
         println!("log likelihood       {:.2}", e.ln_likelihood);
     }
 }
