@@ -7,6 +7,7 @@ use super::utc::Teller;
 use super::waiting::Waiting;
 use super::{Base, record::micros};
 use anyhow::{Context, Result};
+use seabearing_host::interrupt;
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -276,7 +277,7 @@ impl Service {
         loop {
             match write(store, &mut self.base) {
                 Ok(()) => break,
-                Err(e) if ends || !may_pass(&e) => return Err(e),
+                Err(e) if ends || !may_pass(&e) || interrupt::asked() => return Err(e),
                 Err(e) if !std::mem::replace(&mut complained, true) => {
                     // Whoever waits for records must know at once.
                     let text = format!("{e:#}; it is tried again, and nothing is acknowledged meanwhile");

@@ -1,12 +1,15 @@
-//! `seabearing base --ais`: tracks with their vessels as they come, stored; a source that says nonsense and goes away.
+//! `seabearing base --ais`: tracks with their vessels as they come, stored; a source that says nonsense and goes away;
+//! an end by a signal.
+#![cfg(unix)]
 
 mod base_process;
 
-use base_process::{Base, hello, wait};
+use base_process::{Base, hello, kept, wait};
 use seabearing_core::wire::{Encoder, Message, Time, Track};
 use serde_json::Value;
 use std::io::Write;
 use std::net::TcpListener;
+use std::process::Command;
 
 /// 2026-06-01, microseconds since 1970.
 const BEGIN_US: i64 = 1_780_272_000_000_000;
@@ -55,7 +58,7 @@ fn tracks_get_their_vessels_and_a_source_that_fails_stops_nothing() {
     let receiver = TcpListener::bind("127.0.0.1:0").unwrap();
     let source = format!("tcp:{}", receiver.local_addr().unwrap());
     let args = ["--stations", "stations.toml", "--store", "store", "--ais", "traffic.csv", "--ais", &source];
-    let base = Base::start(dir.path(), &args);
+    let mut base = Base::start(dir.path(), &[&args[..], &["--export", "tracks.csv"]].concat());
     let (mut line, mut encoder) = (base.call(), Encoder::default());
     let time = Time { index: 0, utc_us: BEGIN_US, sd_s: 0.01, drift: 0.0, sd_drift: 1e-7, correlation: 0.0 };
     for message in [hello(7), Message::Time(time)] {
@@ -82,4 +85,14 @@ fn tracks_get_their_vessels_and_a_source_that_fails_stops_nothing() {
     assert_eq!(all.iter().filter(|r| r["code"] == "AisAway").count(), 1);
     // It is called again.
     drop(receiver.accept().unwrap());
+    // Before files are written as time goes by, a signal ends it in order: what all came to is stored and exported.
+    let pid = base.child.0.id().to_string();
+    assert!(Command::new("kill").args(["-s", "TERM", &pid]).status().unwrap().success());
+    assert!(base.child.0.wait().unwrap().code().is_none());
+    let said = base.kill();
+    assert!(said.ends_with("seabearing: interrupted: what came is written\n"), "{said}");
+    let fleet: Vec<Value> = kept(dir.path()).into_iter().filter(|r| r["type"] == "ais_fleet").collect();
+    assert_eq!((fleet.len(), fleet[0]["vessels"].as_u64(), fleet[0]["dark"].as_u64()), (1, Some(1), Some(1)));
+    let tracks = std::fs::read_to_string(dir.path().join("tracks.csv")).unwrap();
+    assert_eq!(tracks.lines().count(), 1 + 40);
 }

@@ -11,7 +11,7 @@ use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run_over};
 use seabearing_core::wire::guard::Guard;
 use seabearing_core::wire::link::{Class, Link, MemoryStore, Settings};
-use seabearing_core::wire::{End, Message, Range, bytes_of};
+use seabearing_core::wire::{AZIGRAM_BANDS, Azigram, End, Message, Range, bytes_of};
 use serde_json::Value;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -115,7 +115,20 @@ fn stored(dir: &Path, kind: &str) -> usize {
 #[test]
 fn a_command_takes_no_records_away_from_the_base_station() {
     let dir = tempfile::tempdir().unwrap();
-    let held = (0..500).map(|index| (Class::Final, Message::End(End { index, frames: 7777 }))).collect();
+    let azigram = |index| {
+        let (azimuth, coherence) = ([1; AZIGRAM_BANDS], [1; AZIGRAM_BANDS]);
+        Message::Azigram(Azigram {
+            index,
+            frames: 6,
+            bin_hz: 0.05,
+            first_bin: 220,
+            bins: 266,
+            azimuth,
+            coherence,
+        })
+    };
+    let ends = (0..400).map(|index| (Class::Final, Message::End(End { index, frames: 7777 })));
+    let held = ends.chain((0..100).map(|index| (Class::Spectrum, azigram(index)))).collect();
     let (address, _) = recorder(dir.path(), 921_600, held, Duration::ZERO);
     let to = format!("tcp:{address}");
     std::fs::write(dir.path().join("stations.toml"), format!("[[stations]]\nid = 1\nline = \"{to}\"\n"))
@@ -133,14 +146,18 @@ fn a_command_takes_no_records_away_from_the_base_station() {
         .spawn()
         .unwrap();
     let begun = Instant::now();
-    let mut ends = 0;
-    while ends < 500 && begun.elapsed() < Duration::from_secs(60) {
+    let mut came = 0;
+    while came < 500 && begun.elapsed() < Duration::from_secs(60) {
         std::thread::sleep(Duration::from_millis(500));
-        ends = if dir.path().join("store/store.sqlite").exists() { stored(dir.path(), "end") } else { 0 };
+        came = if dir.path().join("store/store.sqlite").exists() {
+            stored(dir.path(), "end") + stored(dir.path(), "azigram")
+        } else {
+            0
+        };
     }
     base.kill().unwrap();
     base.wait().unwrap();
-    assert_eq!((ends, stored(dir.path(), "lost")), (500, 0));
+    assert_eq!((came, stored(dir.path(), "lost")), (500, 0));
 }
 
 #[test]

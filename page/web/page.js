@@ -29,11 +29,12 @@ const shownAt = () => state.at ?? Date.now() + state.ahead;
 
 function listen() {
   const source = new EventSource('/api/live');
-  source.onopen = () => { state.connected = true; if (state.at === null) showNow(); };
+  source.onopen = () => { [state.connected, state.ended] = [true, false]; if (state.at === null) showNow(); };
+  // A base station that has ended may be started again: it is called until it is.
   source.onerror = () => { state.connected = false; mode(); };
   source.onmessage = (message) => {
     const said = JSON.parse(message.data);
-    if (said.ended) { source.close(); state.ended = true; return mode(); }
+    if (said.ended) { state.ended = true; return mode(); }
     if (said.behind) return state.at === null && showNow();
     model.missed += said.missed;
     if (state.waiting) state.waiting.push(...said.records);
@@ -141,8 +142,7 @@ function choose(number) {
 
 function mode() {
   const badge = $('mode');
-  const live = state.connected || state.ended;
-  const is = state.at !== null ? 'replay' : live ? 'live' : 'lost';
+  const is = state.at !== null ? 'replay' : state.connected ? 'live' : 'lost';
   const text = state.error || { replay: 'replay', live: state.ended ? 'input ended' : 'live', lost: 'no answer' }[is];
   if (badge.textContent !== text) badge.textContent = text;
   badge.dataset.is = state.error ? 'lost' : is;

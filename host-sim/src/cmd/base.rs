@@ -12,6 +12,7 @@ use crate::base::stations::{self, Listed};
 use crate::base::store::{self, Retain, Store};
 use crate::base::utc::Teller;
 use crate::base::{Base, LINE_BAUD, view};
+use crate::interrupt::{self, Keeping};
 use crate::station::Station;
 use anyhow::{Result, bail};
 use seabearing_core::wire::link::Settings;
@@ -24,6 +25,9 @@ use std::time::Duration;
 const ORIGINS: [&str; 6] = ["input", "serial", "tcp", "listen", "stations", "from_mqtt"];
 #[cfg(not(feature = "mqtt"))]
 const ORIGINS: [&str; 5] = ["input", "serial", "tcp", "listen", "stations"];
+
+/// What an interruption waits for is waited for so long.
+const HURRY: Duration = Duration::from_secs(3);
 
 /// Arguments of `seabearing base`.
 #[derive(clap::Args)]
@@ -272,7 +276,9 @@ pub fn run(args: Args) -> Result<()> {
             page.iter().for_each(|page| page.note(&note));
         }
     };
-    while service.turn()? {
+    // Of lines that go on an interruption is the end like any other; files are there to be read again.
+    let keeping = (!service.ends()).then(Keeping::begin);
+    while service.turn()? && !interrupt::asked() {
         tell(service.notes());
         #[cfg(feature = "mqtt")]
         tell(mqtt.notes());
@@ -289,18 +295,18 @@ pub fn run(args: Args) -> Result<()> {
         while service.take_noted()? {}
     }
     if let Some(ais) = &ais {
-        ais.settle();
+        ais.settle(interrupt::asked().then_some(HURRY));
         while service.take_noted()? {}
     }
     tell(service.notes());
     #[cfg(feature = "mqtt")]
     {
-        mqtt.settle(args.store.is_some());
+        mqtt.settle(args.store.is_some(), interrupt::asked().then_some(HURRY));
         tell(mqtt.notes());
     }
     let after = service.base().counters();
     // Of streams without a single frame there is nothing to show but the reason.
-    if after.stream.frames == before.stream.frames {
+    if after.stream.frames == before.stream.frames && !interrupt::asked() {
         let names = names.join(", ");
         match after.bytes - before.bytes {
             0 => bail!("{names}: no telemetry came"),
@@ -310,14 +316,19 @@ pub fn run(args: Args) -> Result<()> {
         }
     }
     service.feed().end();
-    let shown = screen.finish(&view::text(service.base()));
-    if must_show {
+    // Files first: whoever reads standard output may not read on.
+    let written = exports.finish(service.base());
+    let shown = screen.finish(&view::text(service.base()), interrupt::asked().then_some(HURRY));
+    written?;
+    if must_show && !interrupt::asked() {
         shown?;
     }
     if args.json {
         log::info!("{}", service.base().counters());
     }
-    exports.finish(service.base())?;
+    if let Some(keeping) = keeping {
+        keeping.end(|| "what came is written".to_owned());
+    }
     #[cfg(feature = "page")]
     if page.is_some() {
         super::base_page::stay();

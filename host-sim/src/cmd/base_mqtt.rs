@@ -103,9 +103,10 @@ impl AtWork {
         }
     }
 
-    /// All input has ended: the broker is given time to take what there is.
-    pub(super) fn settle(&self, kept: bool) {
-        let left = self.publisher.as_ref().map_or(0, |p| p.settle(SETTLE));
+    /// All input has ended: the broker is given time to take what there is, `hurry` where that is `kept` in a store.
+    pub(super) fn settle(&self, kept: bool, hurry: Option<Duration>) {
+        let most = hurry.filter(|_| kept).unwrap_or(SETTLE);
+        let left = self.publisher.as_ref().map_or(0, |p| p.settle(most));
         if left > 0 {
             let then = if kept { "they wait in the store" } else { "they are lost" };
             log::warn!("{left} records are not published: {then}");

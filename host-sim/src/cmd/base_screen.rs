@@ -23,6 +23,8 @@ use std::time::{Duration, Instant};
 
 /// How often exports are written while telemetry comes in.
 const EXPORT: Duration = Duration::from_secs(10);
+/// How often it is seen whether all is printed.
+const LOOK: Duration = Duration::from_millis(10);
 /// Records that wait for standard output.
 const WAITING: usize = 20_000;
 
@@ -59,15 +61,19 @@ impl Screen {
         Self { shows, behind, complained: false }
     }
 
-    /// Looks whether what is shown gets through.
-    pub(super) fn look(&mut self) -> Result<()> {
-        let ended = match &self.shows {
+    /// Whether nothing is shown any more of what comes.
+    fn has_ended(&self) -> bool {
+        match &self.shows {
             Shows::Records(printer) => printer.as_ref().is_some_and(JoinHandle::is_finished),
             #[cfg(feature = "terminal")]
             Shows::Live(view) => view.is_finished(),
             Shows::Last => false,
-        };
-        if ended {
+        }
+    }
+
+    /// Looks whether what is shown gets through.
+    pub(super) fn look(&mut self) -> Result<()> {
+        if self.has_ended() {
             return self.printed();
         }
         let behind = self.behind.as_ref().is_some_and(|b| b.missed() > 0);
@@ -92,8 +98,15 @@ impl Screen {
         }
     }
 
-    /// Waits until all is printed, and prints what is known where records are not; the feed has ended.
-    pub(super) fn finish(&mut self, view: &str) -> Result<()> {
+    /// Waits until all is printed, at most so long, and prints what is known where records are not; the feed has ended.
+    pub(super) fn finish(&mut self, view: &str, most: Option<Duration>) -> Result<()> {
+        let begun = Instant::now();
+        while let (Some(most), Shows::Records(Some(_)), false) = (most, &self.shows, self.has_ended()) {
+            if begun.elapsed() >= most {
+                return Ok(());
+            }
+            std::thread::sleep(LOOK);
+        }
         self.printed()?;
         match self.shows {
             Shows::Records(_) => Ok(()),
@@ -174,7 +187,8 @@ pub(super) struct Exports {
     files: Vec<PathBuf>,
     plots: Option<PathBuf>,
     places: Positions,
-    jobs: Option<SyncSender<Job>>,
+    /// The thread that writes, and the way to it.
+    jobs: Option<(SyncSender<Job>, JoinHandle<()>)>,
     last: Instant,
 }
 
@@ -189,10 +203,10 @@ impl Exports {
     }
 
     /// The thread that writes. It takes a job when it has written the one before.
-    fn writer(&self) -> SyncSender<Job> {
+    fn writer(&self) -> (SyncSender<Job>, JoinHandle<()>) {
         let (files, plots, places) = (self.files.clone(), self.plots.clone(), self.places.clone());
         let (jobs, coming) = sync_channel::<Job>(0);
-        std::thread::spawn(move || {
+        let writer = std::thread::spawn(move || {
             let mut complained = String::new();
             for job in coming {
                 let said = write(&job, &files, plots.as_deref(), &places)
@@ -204,7 +218,7 @@ impl Exports {
                 complained = said;
             }
         });
-        jobs
+        (jobs, writer)
     }
 
     fn job(&self, base: &Base) -> Job {
@@ -220,7 +234,7 @@ impl Exports {
             return;
         }
         self.last = Instant::now();
-        if let Some(jobs) = &self.jobs {
+        if let Some((jobs, _)) = &self.jobs {
             // Whoever still writes is not waited for.
             let _ = jobs.try_send(self.job(base));
         }
@@ -228,7 +242,11 @@ impl Exports {
 
     /// Writes the files a last time.
     pub(super) fn finish(&mut self, base: &Base) -> Result<()> {
-        self.jobs = None;
+        if let Some((jobs, writer)) = self.jobs.take() {
+            // What it still writes is older, and must not take the place of what is written now.
+            drop(jobs);
+            let _ = writer.join();
+        }
         write(&self.job(base), &self.files, self.plots.as_deref(), &self.places)
     }
 }

@@ -213,13 +213,22 @@ impl Talk {
         }
     }
 
-    /// Classes of which records are left with the recorder: all but that of samples and spectra, which come only where they
-    /// were asked for. A recorder that is to start again does so once nothing waits any more: it is relieved of everything.
+    /// Classes of which records are left with the recorder: all but that of samples and spectra where these are asked for. A
+    /// recorder that is to start again does so once nothing waits any more: it is relieved of everything.
     fn leaves(&self) -> [bool; CLASSES] {
-        Class::ALL.map(|class| class != Class::Spectrum && !self.relieves())
+        Class::ALL.map(|class| !(self.relieves() || class == Class::Spectrum && self.asks_for_pieces()))
     }
 
-    /// Whether the recorder's records are taken, and are to be shown for that.
+    fn asks_for_pieces(&self) -> bool {
+        matches!(self, Self::Snippet(_) | Self::Spectrum(_))
+    }
+
+    /// Whether a record is taken that nobody asked for, as azigrams are on the way to samples: it is to be shown for that.
+    fn relieves_of(&self, record: &Value) -> bool {
+        self.relieves() || record["type"] == "azigram" && self.asks_for_pieces()
+    }
+
+    /// Whether all of the recorder's records are taken, and are to be shown for that.
     fn relieves(&self) -> bool {
         matches!(self, Self::Station(_))
     }
@@ -322,10 +331,10 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
         let taken = said.take_within(Duration::ZERO);
         for record in taken.iter().flat_map(|t| t.records.iter()) {
             let wanted = station.is_none_or(|s| record["station"] == s);
-            if !wanted || record["type"] == "line" || !(heard || talk.relieves()) {
+            if !wanted || record["type"] == "line" || !(heard || talk.relieves_of(record)) {
                 continue;
             }
-            *relieved += u64::from(talk.relieves() && args.store.is_none());
+            *relieved += u64::from(talk.relieves_of(record) && args.store.is_none());
             // The answer to the question before the command is nothing that was asked for.
             let of_question = ["hello", "health", "reply"].iter().any(|of| record["type"] == *of);
             if let Some(shown) = talk.shown(record).filter(|_| met || !of_question || talk.relieves()) {

@@ -126,5 +126,7 @@ pub(super) fn acknowledge(args: &Acknowledge) -> Result<()> {
     if !args.store.is_dir() {
         bail!("{}: no base station's store", args.store.display());
     }
+    // Any other folder is left as it is.
+    store::newest_us(&args.store)?;
     deliver::acknowledge(&args.store, args.id)
 }

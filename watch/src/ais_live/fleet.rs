@@ -30,6 +30,11 @@ impl Ended {
         }
     }
 
+    /// A track that had ended was none.
+    pub(super) fn withdraw(&mut self, track: TrackId) {
+        self.new |= self.tracks.remove(&track).is_some();
+    }
+
     /// The record, if it is time for it.
     pub(super) fn due(&mut self, now_s: f64) -> Option<Value> {
         if now_s - self.told_s >= EVERY_S { self.record(now_s) } else { None }

@@ -94,6 +94,7 @@ impl Live {
         let Some(report) = TrackReport::of(record) else { return };
         if report.is_withdrawn {
             self.tracks.remove(&report.track);
+            self.ended.withdraw(report.track);
             return;
         }
         let known = self.tracks.entry(report.track).or_default();
@@ -250,7 +251,8 @@ impl Live {
         let time = |r: &TrackReport| r.utc_s.map(|(t_s, _)| t_s);
         let first =
             self.tracks.values().flat_map(|k| k.reports.iter().filter_map(time)).min_by(f64::total_cmp);
-        let newest = self.ais.iter().map(|r| r.t_s).max_by(f64::total_cmp);
+        // That of the last to come: of a receiver whose clock has jumped ahead once all others would be old for ever.
+        let newest = self.ais.last().map(|r| r.t_s);
         let from_s = first.or(newest).unwrap_or(0.0).min(newest.unwrap_or(0.0)) - HIDDEN_S;
         self.ais.retain(|r| r.t_s >= from_s);
         if self.ais.len() > AIS {
@@ -264,17 +266,22 @@ fn warning(code: &str, text: &str) -> Value {
     json!({ "type": "warning", "code": code, "text": text })
 }
 
+/// Asks for the end: who is told of it, and how long it may wait for more.
+type End = (Sender<()>, Duration);
+
 /// Matching at work.
 pub struct AtWork {
-    finish: Sender<Sender<()>>,
+    finish: Sender<End>,
 }
 
 impl AtWork {
-    /// All input has ended: waits until what came is judged and told.
-    pub fn settle(&self) {
+    /// All input has ended: waits until what came is judged and told. Live sentences that go on coming are waited for at most
+    /// so long.
+    pub fn settle(&self, most: Option<Duration>) {
         let (done, is_done) = channel();
-        if self.finish.send(done).is_ok() {
-            let _ = is_done.recv_timeout(LONGEST * 2);
+        let most = most.unwrap_or(LONGEST);
+        if self.finish.send((done, most)).is_ok() {
+            let _ = is_done.recv_timeout(most + LONGEST);
         }
     }
 }
@@ -299,7 +306,7 @@ fn watch(
     records: &Subscription,
     said: &Receiver<Said>,
     notebook: &Notebook,
-    ends: &Receiver<Sender<()>>,
+    ends: &Receiver<End>,
 ) {
     let begun = Instant::now();
     let (mut judged, mut ending, mut came) = (begun, None, begun);
@@ -326,9 +333,9 @@ fn watch(
                 return;
             }
         }
-        ending = ending.or_else(|| ends.try_recv().ok().map(|done| (done, Instant::now())));
+        ending = ending.or_else(|| ends.try_recv().ok().map(|(done, most)| (done, Instant::now() + most)));
         let over =
-            ending.as_ref().is_some_and(|(_, since)| came.elapsed() >= QUIET || since.elapsed() >= LONGEST);
+            ending.as_ref().is_some_and(|(_, until)| came.elapsed() >= QUIET || Instant::now() >= *until);
         let told = match over {
             true => live.finish(),
             false if judged.elapsed() >= EVERY => {

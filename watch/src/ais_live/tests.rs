@@ -248,3 +248,25 @@ fn names_of_vessels_that_nobody_ever_saw_fill_no_memory() {
     }
     assert_eq!((live.names.len(), live.lengths.len()), (NAMES, NAMES));
 }
+
+#[test]
+fn a_track_withdrawn_after_its_end_is_counted_no_more() {
+    let mut live = live();
+    passage(&mut live);
+    live.judge(190.0 + SETTLED_S + 1.0);
+    live.take(&track(2, -700.0, 200.0, "withdrawn"), 260.0);
+    let end = live.finish();
+    let fleet = end.iter().find(|(_, r)| r["type"] == "ais_fleet").map(|(_, r)| r).unwrap();
+    assert_eq!((&fleet["tracks"], &fleet["dark"]), (&json!(1), &json!(0)));
+}
+
+#[test]
+fn one_report_of_a_clock_that_has_jumped_ahead_lets_no_others_be_forgotten() {
+    let mut live = live();
+    live.told(report(12, 600.0, 1e8));
+    for k in 0..20 {
+        live.told(report(11, 600.0, 10.0 * f64::from(k)));
+        live.judge(f64::from(k));
+    }
+    assert_eq!(live.ais.len(), 21);
+}

@@ -77,10 +77,13 @@ impl Cursor {
     /// # Errors
     /// The file cannot be written.
     pub(super) fn save(&mut self) -> Result<()> {
-        self.saved = (self.acknowledged, Instant::now());
-        let Some(path) = &self.path else { return Ok(()) };
-        let kept = Kept { log: format!("{:016x}", self.logs.newest()), acknowledged: self.acknowledged };
-        atomic::write(path, serde_json::to_string(&kept)?.as_bytes())
+        self.saved.1 = Instant::now();
+        if let Some(path) = &self.path {
+            let kept = Kept { log: format!("{:016x}", self.logs.newest()), acknowledged: self.acknowledged };
+            atomic::write(path, serde_json::to_string(&kept)?.as_bytes())?;
+        }
+        self.saved.0 = self.acknowledged;
+        Ok(())
     }
 }
 
