@@ -55,19 +55,20 @@ impl LocalFrame {
     }
 
     /// Latitude and longitude of a local position, degrees: the inverse of [`Self::east_north_m`] within 1000 km, by steps
-    /// on the tangent plane.
+    /// on the tangent plane, where a pole is a place like any other.
     pub fn lat_lon_deg(&self, east_m: f64, north_m: f64) -> (f64, f64) {
-        let (meridian, vertical) = self.radii_m;
-        let (mut lat, mut lon) = self.origin_deg;
+        let (o, (s, c), (sl, cl)) = (self.centre_m, self.sin_cos_lat, self.sin_cos_lon);
+        let (mut u, mut v) = (east_m, north_m);
+        let mut at = self.origin_deg;
         for _ in 0..TURNS {
-            let (e, n) = self.east_north_m(lat, lon);
-            lat += ((north_m - n) / meridian).to_degrees();
-            let parallel = vertical * lat.to_radians().cos().max(1e-6);
-            lon += ((east_m - e) / parallel).to_degrees();
+            let (x, y) = (o[0] - u * sl - v * s * cl, o[1] + u * cl - v * s * sl);
+            let z = o[2] + v * c;
+            let lat = z.atan2(x.hypot(y) * (1.0 - ECCENTRICITY_2));
+            at = (lat.to_degrees(), y.atan2(x).to_degrees());
+            let (e, n) = self.east_north_m(at.0, at.1);
+            (u, v) = (u + east_m - e, v + north_m - n);
         }
-        // Across the date line.
-        let lon = if lon.abs() > 180.0 { crate::angle::turn_deg(0.0, lon) } else { lon };
-        (lat, lon)
+        at
     }
 }
 
@@ -101,6 +102,19 @@ mod tests {
             let (lat, lon) = f.lat_lon_deg(e, n);
             let turn = crate::angle::turn_deg(at.1, lon);
             assert!((lat - at.0).abs() < 1e-9 && turn.abs() < 1e-9 && lon.abs() <= 180.0, "{lat} {lon}");
+        }
+    }
+
+    #[test]
+    fn there_and_back_about_the_poles() {
+        for (lat, lon) in [(90.0, 0.0), (-90.0, 20.0), (89.99, 30.0), (-89.9, 170.0), (89.0, -10.0)] {
+            let f = LocalFrame::new(lat, lon);
+            for (x, y) in [(0.0, 0.0), (1000.0, 0.0), (0.0, 3000.0), (-20e3, 15e3), (70e3, -70e3)] {
+                let at = f.lat_lon_deg(x, y);
+                let (e, n) = f.east_north_m(at.0, at.1);
+                assert!((e - x).hypot(n - y) < 1e-3, "{lat} {x} {y}: {e} {n}");
+                assert!(at.0.abs() <= 90.0 && at.1.abs() <= 180.0, "{at:?}");
+            }
         }
     }
 

@@ -6,6 +6,7 @@
 use super::{Positions, degrees, east_north};
 use crate::plot::ellipse_outline;
 use anyhow::Result;
+use seabearing_host::angle::turn_deg;
 use seabearing_host::geodesy::LocalFrame;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -149,6 +150,21 @@ fn properties(report: &Value) -> Map<String, Value> {
     said.iter().map(|key| ((*key).to_owned(), report[*key].clone())).collect()
 }
 
+/// Points of a line or ring that goes across the date line, so that none is a turn of the Earth from the one before: a
+/// reader of GeoJSON draws a line between two numbers, and would draw it the other way round.
+fn in_one_piece(mut points: Vec<Value>) -> Vec<Value> {
+    let mut before: Option<f64> = None;
+    for point in &mut points {
+        let Some(lon) = point[0].as_f64() else { continue };
+        let turned = before.map_or(lon, |before| before + turn_deg(before, lon));
+        before = Some(turned);
+        if (turned - lon).abs() > 1.0 {
+            point[0] = json!(degrees(turned));
+        }
+    }
+    points
+}
+
 /// The tracks as GeoJSON.
 pub(super) fn geojson(records: &[Value], places: &Positions) -> Value {
     let feature = |geometry: Value, properties: Value| json!({ "type": "Feature", "geometry": geometry, "properties": properties });
@@ -164,7 +180,7 @@ pub(super) fn geojson(records: &[Value], places: &Positions) -> Value {
         let mut said = properties(last);
         said.insert("kind".into(), track.kind.into());
         said.insert("times".into(), track.reports.iter().map(|(r, _)| r["utc"].clone()).collect());
-        let line: Vec<&Value> = track.reports.iter().map(|(_, at)| at).collect();
+        let line = in_one_piece(track.reports.iter().map(|(_, at)| at.clone()).collect());
         let geometry = match &line[..] {
             [_] => json!({ "type": "Point", "coordinates": at }),
             _ => json!({ "type": "LineString", "coordinates": line }),
@@ -172,7 +188,7 @@ pub(super) fn geojson(records: &[Value], places: &Positions) -> Value {
         features.push(feature(geometry, said.into()));
         if !track.ring.is_empty() {
             features.push(feature(
-                json!({ "type": "Polygon", "coordinates": [track.ring] }),
+                json!({ "type": "Polygon", "coordinates": [in_one_piece(track.ring)] }),
                 json!({ "kind": "ellipse", "of": track.kind, "probability": 0.95, "station": last["station"],
                         "session": last["session"], "id": last["id"] }),
             ));
@@ -209,10 +225,12 @@ pub(super) fn kml(records: &[Value], places: &Positions) -> Result<String> {
             "track" => format!("CPA {} m at {} s, ", with_sd("cpa_range_m"), with_sd("cpa_time_s")),
             _ => String::new(),
         };
+        // A line has two places or more.
+        let shape = if line.len() > 1 { "LineString" } else { "Point" };
         writeln!(
             out,
             "<Placemark><name>track {name}</name><description>{closest}heading {}°, speed {} m/s\
-             </description><LineString><coordinates>{}</coordinates></LineString></Placemark>",
+             </description><{shape}><coordinates>{}</coordinates></{shape}></Placemark>",
             with_sd("heading_deg"),
             with_sd("speed_m_s"),
             text(&line)

@@ -76,6 +76,32 @@ fn maps_hold_the_track_with_its_times() {
 }
 
 #[test]
+fn a_track_of_one_place_is_a_point() {
+    let (places, all) = (at(49.0, -123.0), records());
+    let kml = map::kml(&all[4..], &places).unwrap();
+    assert!(
+        !kml.contains("<LineString>") && map::kml(&all, &places).unwrap().contains("<LineString>"),
+        "{kml}"
+    );
+    assert_eq!(map::geojson(&all[4..], &places)["features"][1]["geometry"]["type"], "Point");
+}
+
+#[test]
+fn a_track_across_the_date_line_does_not_go_round_the_earth() {
+    for lon in [179.9975, -179.9975] {
+        let map: Value = serde_json::from_slice(&written("t.geojson", &at(0.0, lon)).unwrap()).unwrap();
+        for (feature, pointer) in [(1, "/geometry/coordinates"), (2, "/geometry/coordinates/0")] {
+            let points = map["features"][feature].pointer(pointer).and_then(Value::as_array).unwrap();
+            let lons: Vec<f64> = points.iter().map(|p| p[0].as_f64().unwrap()).collect();
+            assert!(lons.windows(2).all(|w| (w[1] - w[0]).abs() < 0.1), "{lons:?}");
+        }
+    }
+    // Points of KML stay between -180 and 180 degrees: its readers take the shorter way.
+    let kml = String::from_utf8(written("t.kml", &at(0.0, 179.9975)).unwrap()).unwrap();
+    assert!(kml.contains(">-179.99"), "{kml}");
+}
+
+#[test]
 fn what_a_map_leaves_out_is_not_counted_as_written() {
     let all = records();
     let elsewhere = Positions { of_station: [(999, (1.0, 2.0))].into(), ..Positions::default() };
