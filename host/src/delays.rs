@@ -30,7 +30,8 @@ pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> R
     };
     let geometry =
         config.geometry().map_err(|e| anyhow!("the station's hydrophones give no bearings: {e:?}"))?;
-    let solver = Solver::new(&geometry, array.reference_range_m, tolerance_s, array.elevation_deg);
+    let solver = Solver::new(&geometry, array.reference_range_m, tolerance_s, array.elevation_deg)
+        .uncertain(array.position_sd_m, array.sound_speed_sd_m_s);
     let name = tdoa.display().to_string();
     let mut rows = good_rows(&name, CsvTable::read(tdoa)?.numbers(COLUMNS)?)?;
     rows.sort_by(|a, b| a[0].total_cmp(&b[0]));

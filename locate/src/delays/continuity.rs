@@ -23,6 +23,8 @@ const GATE_RATE_RAD_S: f32 = 0.01;
 const GATE_MOST_RAD: f32 = 0.35;
 /// Sets over which the variance of a delay is averaged.
 const LEARNT_FROM: f32 = 64.0;
+/// Sets over which errors of single hydrophones are averaged: a lasting one shows differently from other directions.
+const SHARED_FROM: f32 = 1024.0;
 /// Bearings in a row a rival needs before it replaces the main hypothesis.
 const RIVAL_NEEDS: usize = 6;
 
@@ -51,6 +53,9 @@ pub struct Continuity {
     residual_s2: f32,
     about_s2: f32,
     learnt: f32,
+    /// What the residuals have that is of single hydrophones, s², and over how many sets.
+    shared_s2: f32,
+    shared: f32,
 }
 
 impl Continuity {
@@ -63,6 +68,8 @@ impl Continuity {
             residual_s2: 0.0,
             about_s2: 0.0,
             learnt: 0.0,
+            shared_s2: 0.0,
+            shared: 0.0,
         }
     }
 
@@ -116,10 +123,19 @@ impl Continuity {
         }
     }
 
-    /// Mean variance of a pair's delay over recent accepted sets, s²: the larger of what residuals and what scatter
-    /// about the predictions say.
-    pub fn scatter_s2(&self) -> f32 {
-        self.residual_s2.max(self.about_s2)
+    /// Takes what an accepted set of all pairs has of errors of single hydrophones (their places, their clocks): the part of its
+    /// residual that closes around every triangle, s², one degree of freedom. Errors of pairs close around none, so that the
+    /// mean over all residuals makes too little of those of hydrophones, all of which are in the direction. Such errors last: the mean
+    /// is over many sets.
+    pub fn learn_shared(&mut self, square_s2: f32) {
+        self.shared = (self.shared + 1.0).min(SHARED_FROM);
+        self.shared_s2 += (square_s2 - self.shared_s2) / self.shared;
+    }
+
+    /// Mean variance of a pair's delay over recent accepted sets, s²: the largest of what residuals, what their part of single
+    /// hydrophones (less `told_s2`, which is reckoned with elsewhere), and what scatter about the predictions say.
+    pub fn scatter_s2(&self, told_s2: f32) -> f32 {
+        self.residual_s2.max(self.about_s2).max(self.shared_s2 - told_s2)
     }
 }
 

@@ -16,6 +16,7 @@
 use super::continuity::Continuity;
 use super::report::closure;
 use super::wavefront::{self, Direction, PAIR_COUNT};
+use crate::block::CHANNELS;
 use crate::geometry::{Geometry, PAIRS};
 use crate::kit::{Factor, Normal, reweighted};
 use crate::math::f32 as m;
@@ -42,6 +43,9 @@ pub struct Solver {
     tolerance_s: f32,
     /// Range of sines of elevation admitted.
     elevation: (f32, f32),
+    /// Standard deviation of the hydrophones' coordinates, as time, s, and relative one of the speed of sound.
+    position_sd_s: f32,
+    speed_sd: f32,
 }
 
 /// One set's direction.
@@ -79,6 +83,8 @@ struct Fit {
     used: u8,
     direction: Direction,
     residual_s: f32,
+    /// Of all six pairs: the part of the squared residuals that closes around every triangle, s².
+    shared_s2: Option<f32>,
     length: f32,
     /// Inverse of JᵀJ in the tangent plane.
     inverse: [[f32; 2]; 2],
@@ -103,7 +109,17 @@ impl Solver {
             curvature: (1.0 / range_m) as f32,
             tolerance_s: tolerance_s.map_or(RESIDUAL_SHARE * longest, |t| t as f32),
             elevation: (sine(elevation_deg.0), sine(elevation_deg.1)),
+            position_sd_s: 0.0,
+            speed_sd: 0.0,
         }
+    }
+
+    /// The same for hydrophones whose coordinates, and a speed of sound which, are known to such standard deviations (m, m/s):
+    /// errors that last, and are in every direction's covariance.
+    #[must_use]
+    pub fn uncertain(self, position_sd_m: f64, sound_speed_sd_m_s: f64) -> Self {
+        let c = self.geometry.sound_speed_m_s;
+        Self { position_sd_s: position_sd_m as f32 / c, speed_sd: sound_speed_sd_m_s as f32 / c, ..self }
     }
 
     /// The residual limit in use, s.
@@ -127,11 +143,11 @@ impl Solver {
         let mut whole: Option<Fit> = None;
         for used in 1u8..64 {
             let count = used.count_ones();
-            if count < 4 && !(count == 3 && predicted.is_some() && spans(used)) {
+            // Three pairs of four hydrophones agree with some direction whatever they measured: nothing is left to contradict it.
+            if count < 4 {
                 continue;
             }
-            let start = predicted.map(|p| p.direction);
-            let Some(fit) = self.fit(used, delays_s, start) else { continue };
+            let Some(fit) = self.fit(used, delays_s) else { continue };
             if count == 6 {
                 whole = Some(fit);
             }
@@ -170,6 +186,9 @@ impl Solver {
                         fit.used.count_ones(),
                         off.map(|off| off * off / spread),
                     );
+                    if let Some(shared_s2) = fit.shared_s2 {
+                        continuity.learn_shared(shared_s2);
+                    }
                 }
                 Some(self.solution(&fit, closure_s, accepted, continuity))
             }
@@ -192,20 +211,13 @@ impl Solver {
     }
 
     /// Least squares over the pairs in `used`.
-    fn fit(&self, used: u8, delays: &[f32; PAIR_COUNT], start: Option<Direction>) -> Option<Fit> {
-        let linear = self.linear(used, delays);
-        let (start, length) = match (linear, start) {
-            (Some(s), _) => {
-                let length = m::sqrt(wavefront::dot(&s, &s));
-                if length < 1e-3 {
-                    return None;
-                }
-                (s.map(|x| x / length), length)
-            }
-            // Three pairs do not fix the length; continuity says on which side of their plane the source is.
-            (None, Some(start)) => (start, 1.0),
-            (None, None) => return None,
-        };
+    fn fit(&self, used: u8, delays: &[f32; PAIR_COUNT]) -> Option<Fit> {
+        let linear = self.linear(used, delays)?;
+        let length = m::sqrt(wavefront::dot(&linear, &linear));
+        if length < 1e-3 {
+            return None;
+        }
+        let start = linear.map(|x| x / length);
         let equations = |_, direction: &Direction| {
             let normal = self.linearised(used, delays, direction);
             let [[aa, ab], [_, bb]] = normal.upper;
@@ -221,16 +233,26 @@ impl Solver {
         let inverse = inverse.map(|row| row.map(|x| x as f32));
         let tau = wavefront::pair_delays(&wavefront::arrivals(&self.geometry, &direction, self.curvature));
         let mut square = 0.0;
-        for (p, (d, t)) in delays.iter().zip(&tau).enumerate() {
+        let mut of_hydrophone = [0.0f32; CHANNELS];
+        for (p, ((i, j), (d, t))) in PAIRS.into_iter().zip(delays.iter().zip(&tau)).enumerate() {
             if used >> p & 1 == 1 {
                 square += (d - t) * (d - t);
+                for (h, sign) in [(i, -1.0), (j, 1.0)] {
+                    if let Some(sum) = of_hydrophone.get_mut(h) {
+                        *sum += sign * (d - t);
+                    }
+                }
             }
         }
+        // Arrival times that explain most of the residuals are a quarter of these sums.
+        let shared_s2 = (used.count_ones() == PAIR_COUNT as u32)
+            .then(|| of_hydrophone.iter().map(|t| t * t).sum::<f32>() / CHANNELS as f32);
         let residual_s = m::sqrt(square / used.count_ones().max(1) as f32);
         direction.iter().chain([&residual_s]).all(|x| x.is_finite()).then_some(Fit {
             used,
             direction,
             residual_s,
+            shared_s2,
             length,
             inverse,
         })
@@ -278,7 +300,9 @@ impl Solver {
         let own = fit.residual_s * fit.residual_s * fit.used.count_ones() as f32
             / (fit.used.count_ones() as f32 - 2.0).max(1.0);
         // A single set's few residuals say little about its variance: the mean over accepted sets does.
-        let variance = own.max(continuity.scatter_s2());
+        let told_s2 = CHANNELS as f32 * self.position_sd_s * self.position_sd_s;
+        let variance = own.max(continuity.scatter_s2(told_s2));
+        let lasting = self.lasting(fit);
         let horizontal = m::sqrt(fit.direction[0] * fit.direction[0] + fit.direction[1] * fit.direction[1]);
         let widen = 1.0 / horizontal.max(1e-3);
         let most = m::PI * m::PI / 3.0;
@@ -288,9 +312,9 @@ impl Solver {
             direction: fit.direction,
             azimuth,
             elevation,
-            var_azimuth: (variance * fit.inverse[0][0] * widen * widen).min(most),
-            var_elevation: (variance * fit.inverse[1][1]).min(most),
-            cov: (variance * fit.inverse[0][1] * widen).clamp(-most, most),
+            var_azimuth: ((variance * fit.inverse[0][0] + lasting[0][0]) * widen * widen).min(most),
+            var_elevation: (variance * fit.inverse[1][1] + lasting[1][1]).min(most),
+            cov: ((variance * fit.inverse[0][1] + lasting[0][1]) * widen).clamp(-most, most),
             residual_s: fit.residual_s,
             closure_s,
             length: fit.length,
@@ -303,16 +327,50 @@ impl Solver {
     }
 }
 
-/// Whether three pairs belong to at least three hydrophones in a way that fixes two tangents (no repeated direction):
-/// the four triangles do not count (their third delay repeats the other two), the trees of four hydrophones do.
-fn spans(used: u8) -> bool {
-    let mut seen = 0u8;
-    for (p, (i, j)) in PAIRS.into_iter().enumerate() {
-        if used >> p & 1 == 1 {
-            seen |= 1 << i | 1 << j;
+impl Solver {
+    /// Covariance of the two tangents from what is not known of the hydrophones' coordinates and of the speed of sound: each
+    /// coordinate along the direction moves one hydrophone's arrival, the speed stretches all delays.
+    fn lasting(&self, fit: &Fit) -> [[f32; 2]; 2] {
+        let mut out = [[0.0; 2]; 2];
+        if self.position_sd_s == 0.0 && self.speed_sd == 0.0 {
+            return out;
         }
+        let e = wavefront::tangents(&fit.direction);
+        let of = |t: &Direction| {
+            wavefront::pair_delays(&wavefront::gradient(&self.geometry, &fit.direction, t, self.curvature))
+        };
+        let (g1, g2) = (of(&e.0), of(&e.1));
+        let tau =
+            wavefront::pair_delays(&wavefront::arrivals(&self.geometry, &fit.direction, self.curvature));
+        // What a second of error of a hydrophone's arrival, and of all delays in proportion, does to the tangents.
+        let mut moved = [[0.0f32; 2]; CHANNELS];
+        let mut stretched = [0.0f32; 2];
+        for (p, (((i, j), (a, b)), tau)) in PAIRS.into_iter().zip(g1.iter().zip(&g2)).zip(&tau).enumerate() {
+            if fit.used >> p & 1 == 0 {
+                continue;
+            }
+            for (k, row) in fit.inverse.iter().enumerate() {
+                let gain = row[0] * a + row[1] * b;
+                for (h, sign) in [(i, -1.0), (j, 1.0)] {
+                    if let Some(x) = moved.get_mut(h).and_then(|m| m.get_mut(k)) {
+                        *x += sign * gain;
+                    }
+                }
+                if let Some(x) = stretched.get_mut(k) {
+                    *x += gain * tau;
+                }
+            }
+        }
+        let sources = moved.iter().map(|m| (m, self.position_sd_s)).chain([(&stretched, self.speed_sd)]);
+        for (m, sd) in sources {
+            for (row, a) in out.iter_mut().zip(m) {
+                for (x, b) in row.iter_mut().zip(m) {
+                    *x += sd * sd * a * b;
+                }
+            }
+        }
+        out
     }
-    seen == 0b1111
 }
 
 #[cfg(test)]
@@ -328,6 +386,32 @@ mod tests {
     fn delays(s: &Solver, azimuth: f32, elevation: f32) -> [f32; 6] {
         let u = unit_vector(azimuth, elevation);
         wavefront::pair_delays(&wavefront::arrivals(&s.geometry, &u, s.curvature))
+    }
+
+    #[test]
+    fn uncertain_positions_and_speed_are_in_the_covariance() {
+        let at = |x: f32, h: usize, along: usize| {
+            let mut places =
+                [[0.0, 0.0, 0.0], [0.52, -0.12, -0.81], [-0.46, -0.36, -0.8], [-0.14, 0.61, -0.77]];
+            places[h][along] += f64::from(x);
+            Solver::new(&Geometry::new(&places, 0.4, 1488.0).unwrap(), 500.0, None, (-90.0, 90.0))
+        };
+        let truth = solver();
+        let measured = delays(&truth, 1.0, 0.4);
+        let told = solver().uncertain(0.01, 0.0).solve(&mut Continuity::new(), 0.0, &measured).unwrap();
+        let untold = truth.solve(&mut Continuity::new(), 0.0, &measured).unwrap();
+        // What wrong places of a centimetre, one coordinate at a time, do to the azimuth.
+        let mut expected = 0.0;
+        for h in 0..4 {
+            for along in 0..3 {
+                let wrong = at(0.01, h, along).solve(&mut Continuity::new(), 0.0, &measured).unwrap();
+                expected += (wrong.azimuth - untold.azimuth).powi(2);
+            }
+        }
+        let stated = told.var_azimuth - untold.var_azimuth;
+        assert!((stated / expected - 1.0).abs() < 0.1, "{stated} {expected}");
+        let fast = solver().uncertain(0.0, 15.0).solve(&mut Continuity::new(), 0.0, &measured).unwrap();
+        assert!(fast.var_elevation > 10.0 * untold.var_elevation.max(1e-9), "{fast:?} {untold:?}");
     }
 
     #[test]
