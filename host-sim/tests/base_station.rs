@@ -5,6 +5,7 @@
 mod base_process;
 
 use base_process::{BINARY, Base, hello, kept, of, wait};
+use seabearing::beside::ask;
 use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::{Arrival, Class, Inbox, Link, MemoryStore, Progress, Session, Settings};
 use seabearing_core::wire::{Command as Order, Encoder, End, Message, Reply, bytes_of};
@@ -119,6 +120,30 @@ fn a_reader_that_does_not_read_does_not_stop_the_storing() {
     wait(dir.path(), "after the reader has gone", |all| all.last().is_some_and(|r| r["t_s"] == 0.002));
     let said = base.kill();
     assert!(said.contains("read too slowly") && said.contains("storing goes on"), "{said}");
+}
+
+#[test]
+fn an_alarm_that_stands_is_on_the_page_after_a_restart() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("stations.toml", "[[stations]]\nid = 7\nline = \"listen:127.0.0.1:0\"\n");
+    write("alarms.toml", "[[alarms]]\nkind = \"silent\"\nafter_s = 1\n");
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let page = free.local_addr().unwrap().to_string();
+    drop(free);
+    let args =
+        ["--stations", "stations.toml", "--alarms", "alarms.toml", "--store", "store", "--page", &page];
+    for _ in 0..2 {
+        let base = Base::start(dir.path(), &args);
+        wait(dir.path(), "the alarm", |all| of(all, 7, "alarm") == 1);
+        let begun = Instant::now();
+        let shown = || serde_json::from_slice::<Value>(&ask(&page, "/api/alarms").unwrap()).unwrap();
+        while shown()[0]["state"] != "raised" {
+            assert!(begun.elapsed() < Duration::from_secs(10), "{}", shown());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        base.kill();
+    }
 }
 
 struct Nothing;

@@ -89,6 +89,12 @@ pub struct Serving {
 }
 
 impl Serving {
+    /// Shows alarms of before that may stand, oldest first: a look back at who was heard may not find them.
+    pub fn stand(&self, alarms: &[Value]) {
+        let mut picture = self.hub.picture();
+        alarms.iter().for_each(|alarm| picture.stand(alarm));
+    }
+
     /// Shows a line for a person among the events.
     pub fn note(&self, text: &str) {
         self.hub.note(text);

@@ -155,9 +155,18 @@ impl Picture {
 
     /// An alarm is its newest state.
     fn alarm(&mut self, record: &Value) {
-        self.alarms.retain(|known| known["id"] != record["id"]);
-        put(&mut self.alarms, record.clone(), ALARMS);
+        self.stand(record);
         put(&mut self.events, record.clone(), EVENTS);
+    }
+
+    /// An alarm of before. One that stands is let go of only where all stand.
+    pub fn stand(&mut self, record: &Value) {
+        self.alarms.retain(|known| known["id"] != record["id"]);
+        self.alarms.push_back(record.clone());
+        if self.alarms.len() > ALARMS {
+            let over = self.alarms.iter().position(|known| known["state"] == "cleared");
+            self.alarms.remove(over.unwrap_or(0));
+        }
     }
 
     fn network(&mut self, record: &Value) {
@@ -349,6 +358,19 @@ mod tests {
         }
         assert_eq!(picture.alarms().as_array().map(Vec::len), Some(1));
         assert_eq!(picture.alarms()[0]["state"], "acknowledged");
+    }
+
+    #[test]
+    fn an_alarm_that_stands_outlasts_any_number_of_others() {
+        let mut picture = Picture::default();
+        picture.stand(&json!({ "type": "alarm", "id": 1, "state": "raised", "station": 1 }));
+        for id in 2..1000 {
+            for state in ["raised", "cleared"] {
+                picture.take(&json!({ "type": "alarm", "id": id, "state": state, "station": 1 }));
+            }
+        }
+        let alarms = picture.alarms();
+        assert_eq!((&alarms[0]["id"], alarms.as_array().map(Vec::len)), (&json!(1), Some(ALARMS)));
     }
 
     #[test]

@@ -67,7 +67,7 @@ export class Model {
 
   take(r) {
     this.records += 1;
-    if (r.type === 'alarm') this.alarms.set(String(r.id), r);
+    if (r.type === 'alarm') this.alarms[r.state === 'cleared' ? 'delete' : 'set'](String(r.id), r);
     // What the picture already had comes once more where both overlap.
     const known = TOLD.includes(r.type) && this.events.slice(-50).some((e) => JSON.stringify(e) === JSON.stringify(r));
     if (TOLD.includes(r.type) && !known) bounded(this.events, r, EVENTS);

@@ -233,13 +233,17 @@ function fillEvents() {
 }
 
 function fillAlarms() {
-  const active = [...model.alarms.values()].filter((a) => a.state !== 'cleared');
+  // The newest that nobody has seen, then the newest of the others.
+  const active = [...model.alarms.values()].filter((a) => a.state !== 'cleared').sort((a, b) => (a.state === 'raised') - (b.state === 'raised'));
   const section = $('alarms');
   const key = JSON.stringify(active.map((a) => [a.id, a.state]));
   if (section.dataset.key === key) return;
   section.dataset.key = key;
   section.hidden = active.length === 0;
-  section.replaceChildren(...active.slice(-5).map((a) => element('p', {},
+  const more = active.slice(0, -5);
+  const unseen = more.filter((a) => a.state === 'raised').length;
+  const others = more.length ? [element('p', {}, `${more.length} more alarms stand, ${unseen} of them not acknowledged`)] : [];
+  section.replaceChildren(...others, ...active.slice(-5).map((a) => element('p', {},
     `${clock(when(a))} ${event(a)[0]}`,
     a.state === 'raised' && state.at === null ? element('button', { type: 'button', on: { click: () => acknowledge(a.id) } }, `Acknowledge alarm ${a.id}`) : '')));
 }

@@ -66,7 +66,8 @@ function drawPlot(plot, points, canvas, caption, from, to, theme) {
   const power = 10 ** Math.floor(Math.log10(rough || 1));
   const tick = plot.ticks ?? [1, 2, 5, 10].map((k) => k * power).find((k) => k >= rough) ?? power;
   c.textAlign = 'right';
-  for (let v = Math.ceil(low / tick) * tick; v <= high + 1e-9; v += tick) {
+  // No more than there are, also where numbers are so great that a step more is none.
+  for (let [n, v] = [0, Math.ceil(low / tick) * tick]; n < 20 && v <= high + 1e-9; [n, v] = [n + 1, v + tick]) {
     line(c, [[left, y(v)], [w - 6, y(v)]]);
     c.fillText(`${Math.round(v)}${plot.unit === '°' ? '°' : ''}`, left - 4, y(v) + size * 0.35);
   }

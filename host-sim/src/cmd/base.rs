@@ -264,6 +264,8 @@ pub fn run(args: Args) -> Result<()> {
     let must_show = service.ends() || args.store.is_none();
     let (alarms, ais) =
         args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places, counters)?;
+    #[cfg(feature = "page")]
+    page.iter().for_each(|page| page.stand(&alarms));
     let fusion = fuse(&service, &listed, args.store.as_deref())?;
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
     let reads_keys = args.input.iter().any(|path| path.as_os_str() == "-");
