@@ -347,11 +347,14 @@ fn line(args: &Args, station: &Station) -> Result<()> {
         (args.levels.is_some(), "--levels"),
         (args.telemetry.is_some(), "--telemetry"),
         (args.truth.is_some(), "--truth"),
-        (args.table()?.is_some(), "--format"),
     ] {
         if given {
             bail!("{option} is not possible with a line of sensors (kind = \"line\")");
         }
+    }
+    #[cfg(feature = "base")]
+    if args.table()?.is_some() {
+        bail!("--format is not possible with a line of sensors (kind = \"line\")");
     }
     let asked = args.asked()?;
     let found = Line::find(&args.input, station, &asked)?;
