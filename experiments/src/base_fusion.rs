@@ -299,7 +299,7 @@ fn sites() -> Sites {
         sd_orientation: SD_ORIENTATION_DEG.to_radians(),
         sound_speed_m_s: 1484.0,
     };
-    Sites { sites: PLACES.iter().enumerate().map(site).collect(), frame: None, beyond: 0 }
+    Sites { sites: PLACES.iter().enumerate().map(site).collect(), frame: None }
 }
 
 const HOW: [(&str, Coming); 5] = [

@@ -35,7 +35,7 @@ impl LocalFrame {
         }
     }
 
-    /// East and North of a position, metres.
+    /// East and North of a position, metres; the distance is the arc's, also beyond the horizon.
     pub fn east_north_m(&self, lat_deg: f64, lon_deg: f64) -> (f64, f64) {
         let (p, o) = (centred(lat_deg, lon_deg), self.centre_m);
         let d = [p[0] - o[0], p[1] - o[1], p[2] - o[2]];
@@ -45,7 +45,8 @@ impl LocalFrame {
         let chord = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
         let flat = east.hypot(north);
         if flat == 0.0 {
-            return (0.0, 0.0);
+            // Here, or on the other side of the Earth, where every direction leads there.
+            return (0.0, if chord < RADIUS_M { 0.0 } else { std::f64::consts::PI * RADIUS_M });
         }
         let (meridian, vertical) = self.radii_m;
         let (cos2, sin2) = ((north / flat).powi(2), (east / flat).powi(2));

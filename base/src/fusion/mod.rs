@@ -3,13 +3,15 @@
 //! In: records as they are stored. Out: records `{"type":"network_track",..}` ([`NetworkTrack`]). [`Fusion`] is a function of
 //! the records it is given, in any order of the stations; a track that comes hours late is fused then.
 //!
-//! - [`sites`]: the stations in one plane;
+//! - [`regions`]: which stations are fused with each other, and a fusion for each region;
+//! - [`sites`]: the stations of a region in one plane;
 //! - [`heard`]: a station's bearings, given to its own tracks;
 //! - [`groups`]: tracks of several stations that are one vessel's, by [`seabearing_locate::network::joint`];
 //! - [`task`]: the thread that does it beside the base station.
 
 pub mod groups;
 pub mod heard;
+pub mod regions;
 pub mod sites;
 pub mod task;
 
@@ -46,7 +48,7 @@ struct Told {
     n: usize,
 }
 
-/// Fuses.
+/// Fuses what the stations of one region hear.
 pub struct Fusion {
     sites: Sites,
     stations: Vec<Station>,

@@ -1,7 +1,7 @@
 //! The thread that fuses, beside a base station at work: what it is too slow for waits on its subscription.
 
-use super::sites::Sites;
-use super::{Found, Fusion};
+use super::Found;
+use super::regions::{Fusions, Regions};
 use crate::feed::{Behind, Feed, Subscription};
 use crate::service::{Notebook, Service};
 use crate::store::{self, Wanted};
@@ -28,9 +28,9 @@ impl Task {
     ///
     /// # Errors
     /// The store cannot be read.
-    pub fn start(sites: Sites, service: &Service, store: Option<&Path>) -> Result<Self> {
+    pub fn start(regions: Regions, service: &Service, store: Option<&Path>) -> Result<Self> {
         let (feed, notebook): (&Feed, Notebook) = (service.feed(), service.notebook());
-        let (fusion, due) = taken_up(sites, store)?;
+        let (fusion, due) = taken_up(regions, store)?;
         let records = if service.ends() { feed.subscribe_waiting() } else { feed.subscribe(WAITING) };
         let behind = records.behind();
         for (station, what) in due {
@@ -48,7 +48,7 @@ impl Task {
     }
 }
 
-fn work(mut fusion: Fusion, records: &Subscription, notebook: &Notebook) {
+fn work(mut fusion: Fusions, records: &Subscription, notebook: &Notebook) {
     while let Some(taken) = records.take() {
         if taken.missed > 0 {
             log::warn!("{} records came faster than they were fused, and are not", taken.missed);
@@ -64,8 +64,8 @@ fn work(mut fusion: Fusion, records: &Subscription, notebook: &Notebook) {
 }
 
 /// Fusion as it stood, and network tracks that had ended and were not told.
-fn taken_up(sites: Sites, store: Option<&Path>) -> Result<(Fusion, Vec<Found>)> {
-    let mut fusion = Fusion::new(sites);
+fn taken_up(regions: Regions, store: Option<&Path>) -> Result<(Fusions, Vec<Found>)> {
+    let mut fusion = Fusions::new(regions);
     let mut due = Vec::new();
     let Some(folder) = store else { return Ok((fusion, due)) };
     let newest = store::newest_us(folder)?.unwrap_or(0);

@@ -3,7 +3,7 @@
 use super::*;
 use sites::Site;
 
-const PLACES: [[f64; 2]; 3] = [[0.0, 0.0], [3000.0, 0.0], [1500.0, 2600.0]];
+pub(super) const PLACES: [[f64; 2]; 3] = [[0.0, 0.0], [3000.0, 0.0], [1500.0, 2600.0]];
 /// 2026-06-01.
 const BEGIN_US: i64 = 1_780_272_000_000_000;
 const LASTS_S: u32 = 400;
@@ -11,9 +11,9 @@ const LASTS_S: u32 = 400;
 const FAR: f64 = 18.47;
 
 /// Place at the beginning, velocity.
-type Way = [f64; 4];
+pub(super) type Way = [f64; 4];
 
-const NORTHWARDS: Way = [900.0, -1500.0, 1.0, 6.0];
+pub(super) const NORTHWARDS: Way = [900.0, -1500.0, 1.0, 6.0];
 const WESTWARDS: Way = [4200.0, 1100.0, -6.5, -0.5];
 
 fn sites() -> Sites {
@@ -24,7 +24,7 @@ fn sites() -> Sites {
         sd_orientation: 0.5f64.to_radians(),
         sound_speed_m_s: 1484.0,
     };
-    Sites { sites: PLACES.iter().enumerate().map(site).collect(), frame: None, beyond: 0 }
+    Sites { sites: PLACES.iter().enumerate().map(site).collect(), frame: None }
 }
 
 /// Errors that are normal, the same in every run.
@@ -47,7 +47,7 @@ fn at([x, y, vx, vy]: Way, t_s: f64) -> [f64; 2] {
 
 /// What a station sends of vessels, in order of time: a bearing of each a second, a report of each track every five, and the
 /// last ones. It believes that vessels are 1.3 times as fast as they are, and is turned by `turned` radians.
-fn sends(n: usize, ways: &[Way], turned: f64) -> Vec<Value> {
+pub(super) fn sends(n: usize, ways: &[Way], turned: f64) -> Vec<Value> {
     let mut errors = Errors(n as u64 + 1);
     let utc = |t_s: f64| rfc3339(BEGIN_US + (t_s * 1e6) as i64);
     let mut out = Vec::new();
@@ -94,7 +94,7 @@ fn fused(fusion: &mut Fusion, records: &[Value]) -> (Vec<Value>, Vec<Value>) {
     (standing, said)
 }
 
-fn by_time(mut records: Vec<Value>) -> Vec<Value> {
+pub(super) fn by_time(mut records: Vec<Value>) -> Vec<Value> {
     records.sort_by_key(|r| us_of(&r["utc"]));
     records
 }

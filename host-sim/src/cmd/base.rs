@@ -2,7 +2,7 @@
 
 use super::base_screen::{Exports, Known, Screen};
 use crate::base::export::{self, Format, Positions};
-use crate::base::fusion::sites::Sites;
+use crate::base::fusion::regions::Regions;
 use crate::base::fusion::task::Task;
 use crate::base::line::Line;
 use crate::base::origin::Origin;
@@ -340,15 +340,15 @@ pub fn run(args: Args) -> Result<()> {
 
 /// How many stations are fused, and how many are too many, for Prometheus.
 fn fused(listed: &[Listed]) -> String {
-    let (sites, _) = Sites::of(listed);
+    let (regions, _) = Regions::of(listed);
     let line = |name: &str, help: &str, n: usize| {
         format!("# HELP seabearing_{name} {help}.\n# TYPE seabearing_{name} gauge\nseabearing_{name} {n}\n")
     };
-    line("fusion_stations", "Stations whose bearings are fused", sites.sites.len())
+    line("fusion_stations", "Stations whose bearings are fused", regions.stations())
         + &line(
             "fusion_stations_left_out",
             "Stations that are not fused, because there are too many",
-            sites.beyond,
+            regions.left_out,
         )
 }
 
@@ -357,15 +357,15 @@ fn fuse(service: &Service, listed: &[Listed], store: Option<&Path>) -> Result<Op
     if listed.len() < 2 {
         return Ok(None);
     }
-    let (sites, notes) = Sites::of(listed);
-    if sites.sites.len() < 2 {
-        log::warn!("fewer than two stations have a position (`position`): bearings are not fused");
-        return Ok(None);
-    }
+    let (regions, notes) = Regions::of(listed);
     for note in notes {
         log::warn!("{note}");
     }
-    Task::start(sites, service, store).map(Some)
+    if regions.regions.is_empty() {
+        log::warn!("no two stations have a position (`position`) near each other: bearings are not fused");
+        return Ok(None);
+    }
+    Task::start(regions, service, store).map(Some)
 }
 
 /// Where stations are, as the command line, the stations file or the store says.

@@ -351,7 +351,7 @@ record! {
         lat_deg: Option<f64>,
         /// Longitude then, degrees.
         lon_deg: Option<f64>,
-        /// East of the first station of the stations file (or of its plane's origin) then, metres.
+        /// East of the first station of the region in the stations file (or of its plane's origin) then, metres.
         x_m: Option<f64>,
         /// North of it, metres.
         y_m: Option<f64>,
