@@ -23,10 +23,9 @@ pub struct Listed {
     pub start: Option<OffsetDateTime>,
     /// `orientation_sd_deg`: standard deviation of its orientation, degrees.
     pub sd_orientation_deg: f64,
+    /// `clock_sd_s`: standard deviation of its clock, seconds, where the list says it.
+    pub sd_clock_s: Option<f64>,
 }
-
-/// Standard deviation of an orientation of which none is stated, degrees: what passes of known vessels give.
-const ORIENTATION_SD_DEG: f64 = 0.5;
 
 /// Reads a stations file; files that it names stand beside it.
 ///
@@ -54,12 +53,9 @@ pub fn read(path: &Path) -> Result<Vec<Listed>> {
                 source.wrong(&at("utc_of_sample_0"), format!("`{text}` is no time like 2024-05-01T09:00:00Z"))
             })
         });
-        let sd_orientation_deg = station.orientation_sd_deg.unwrap_or(ORIENTATION_SD_DEG);
-        if !(0.0..=180.0).contains(&sd_orientation_deg) {
-            let what = format!("orientation_sd_deg = {sd_orientation_deg}; 0 to 180 was expected");
-            return Err(source.wrong(&at("orientation_sd_deg"), what));
-        }
-        out.push(Listed { sd_orientation_deg, config: station.config, line, key, start: start.transpose()? });
+        let (sd_orientation_deg, sd_clock_s) = (station.orientation_sd_deg, station.clock_sd_s);
+        let start = start.transpose()?;
+        out.push(Listed { sd_orientation_deg, sd_clock_s, config: station.config, line, key, start });
     }
     Ok(out)
 }

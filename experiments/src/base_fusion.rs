@@ -297,6 +297,7 @@ fn sites() -> Sites {
         at_m: [*x, *y, -DEPTH_M],
         north: 0.0,
         sd_orientation: SD_ORIENTATION_DEG.to_radians(),
+        sd_clock_s: None,
         sound_speed_m_s: 1484.0,
     };
     Sites { sites: PLACES.iter().enumerate().map(site).collect(), frame: None }

@@ -36,6 +36,7 @@ mod motion_figures;
 mod motion_speeds;
 mod mqtt;
 mod network;
+mod network_offsets;
 mod network_scene;
 mod network_vessels;
 mod obs_appendix_b;
@@ -165,6 +166,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_model::EXPERIMENT,
     network_vessels::EXPERIMENT,
     network_scene::EXPERIMENT,
+    network_offsets::EXPERIMENT,
     network::FIGURE_2,
     network::FIGURE_3,
     difar::EXPERIMENT,

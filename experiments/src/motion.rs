@@ -5,20 +5,14 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
-use seabearing_core::motion::{Line, Medium};
-use seabearing_locate::motion::bound::{self, Bounds};
+pub use seabearing_host::bounds::passage::{POSITIONS, STEP_S, StraightPass, config, limits};
+use seabearing_locate::motion::bound;
 use seabearing_locate::motion::covariance::Model;
-use seabearing_locate::motion::ml::{self, Config, Sample};
+use seabearing_locate::motion::ml;
 use seabearing_locate::motion::whiten::{Factorisation, Workspace};
 
-/// Time between bearings, s [M section IV-B].
-pub const STEP_S: f64 = 0.5;
-/// Bearings of the longest window: 400 s.
-pub const POSITIONS: usize = 801;
 /// Speed of the simulated vessel [M section IV-A], m/s.
 pub const SPEED_M_S: f64 = 7.0;
-/// Its heading, degrees.
-const HEADING_DEG: f64 = 45.0;
 
 /// How bearing errors are drawn.
 #[derive(Clone, Copy, Debug)]
@@ -32,48 +26,14 @@ pub enum BearingNoise {
     Butterworth(Butterworth),
 }
 
-/// One geometry: constant speed, CPA in the middle of the window at time 0, array to starboard.
-#[derive(Clone, Copy, Debug)]
-pub struct StraightPass {
-    /// Range of CPA, m.
-    pub range_m: f64,
-    /// Length of the window, s.
-    pub window_s: f64,
-    /// Standard deviation of errors, radians.
-    pub sd_rad: f64,
-    /// Correlation interval, s.
-    pub tau_s: f64,
-    /// True speed, m/s.
-    pub speed_m_s: f64,
+/// Draws of the errors of a pass.
+pub trait Drawn {
+    /// Errors of one run, radians.
+    fn errors(&self, noise: &BearingNoise, rng: &mut ChaCha8Rng) -> Vec<f64>;
 }
 
-impl StraightPass {
-    /// The true line.
-    pub fn line(&self) -> Line {
-        let cpa = (HEADING_DEG - 90.0).to_radians();
-        Line { p: [cpa, 0.0, (self.speed_m_s / self.range_m).ln(), self.speed_m_s.ln(), 0.0], sense: 1.0 }
-    }
-
-    /// Number of bearings.
-    pub fn count(&self) -> usize {
-        (self.window_s / STEP_S).round() as usize + 1
-    }
-
-    /// Bearings with these errors (radians).
-    pub fn samples(&self, medium: &Medium, errors: &[f64]) -> Vec<Sample> {
-        let line = self.line();
-        errors
-            .iter()
-            .enumerate()
-            .map(|(k, e)| {
-                let t = -0.5 * self.window_s + STEP_S * k as f64;
-                Sample::azimuth(t, wrap_pi(line.azimuth(medium, t) + e), self.sd_rad)
-            })
-            .collect()
-    }
-
-    /// Errors of one run, radians.
-    pub fn errors(&self, noise: &BearingNoise, rng: &mut ChaCha8Rng) -> Vec<f64> {
+impl Drawn for StraightPass {
+    fn errors(&self, noise: &BearingNoise, rng: &mut ChaCha8Rng) -> Vec<f64> {
         let n = self.count();
         let mut gauss = || -> f64 { StandardNormal.sample(rng) };
         let steps = (self.tau_s / STEP_S).round() as usize;
@@ -150,19 +110,6 @@ impl Butterworth {
     }
 }
 
-/// The fit's assumptions for a scene.
-pub fn config(model: Model, tau_s: f64, speed_m_s: f64) -> Config {
-    Config {
-        model,
-        tau_s,
-        speed_m_s,
-        speed_sd_m_s: 0.0,
-        range_m: (20.0, 20_000.0),
-        medium: Medium::of_sound_speed(f64::INFINITY),
-        elevation_bias_sd_rad: 0.0,
-    }
-}
-
 /// Root-mean-square errors of range (m) and heading (degrees) over runs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rmse {
@@ -221,17 +168,6 @@ pub fn repeat(
         .reduce(zero, |a, b| a.iter().zip(&b).map(|(a, b)| (a.0 + b.0, a.1 + b.1)).collect());
     let n = runs.max(1) as f64;
     sums.iter().map(|s| Rmse { range_m: (s.0 / n).sqrt(), heading_deg: (s.1 / n).sqrt() }).collect()
-}
-
-/// Bounds of the estimator with the right (linear) model, and true spread of the one with the diagonal matrix.
-pub fn limits(scene: &StraightPass) -> Option<(Bounds, Bounds)> {
-    let mut work = Box::new(Workspace::<POSITIONS>::new());
-    let c = config(Model::Linear, scene.tau_s, scene.speed_m_s);
-    let s = scene.samples(&c.medium, &vec![0.0; scene.count()]);
-    let plan = Factorisation::new(c.model, c.tau_s, s.iter().map(|s| s.t_s), &mut work, &mut []).ok()?;
-    let best = bound::cramer_rao(&c, &s, &scene.line(), &plan, &mut work, &[])?;
-    let diagonal = bound::sandwich(&c, &s, &scene.line(), Model::Linear, scene.tau_s)?;
-    Some((best, diagonal))
 }
 
 /// The paper's own bound of CPA range, m: from the 2×2 block of position in the middle of the window [M 28], heading held.

@@ -1,7 +1,7 @@
 //! Motion beyond paper M: elevations instead of a speed, reported spreads against errors made, recursive against batch.
 
 use super::figure::Bar;
-use super::motion::{BearingNoise, POSITIONS, StraightPass, config, generator};
+use super::motion::{BearingNoise, Drawn, POSITIONS, StraightPass, config, generator};
 use super::report::CsvReport;
 use super::{Experiment, Options};
 use crate::progress;

@@ -9,7 +9,7 @@
 //! within 3000 m of points in the Solent 5 km apart stand for them, those of every second vessel as training, the others as
 //! test.
 
-use super::motion::{BearingNoise, POSITIONS, SPEED_M_S, StraightPass, config, generator, limits};
+use super::motion::{BearingNoise, Drawn, POSITIONS, SPEED_M_S, StraightPass, config, generator, limits};
 use super::report::CsvReport;
 use super::{Experiment, Options};
 use crate::ais::{Pass, Selection, passes, read};

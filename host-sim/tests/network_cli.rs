@@ -90,16 +90,21 @@ fn positions_follow_the_vessel() {
 }
 
 #[test]
-fn one_motion_from_all_arrays_needs_no_speed_and_names_a_turned_array() {
+fn one_motion_from_all_arrays_needs_no_speed_and_finds_a_turned_array() {
     let dir = tempfile::tempdir().unwrap();
-    for (turn, rejected) in [(0.0, None), (25.0, Some(3))] {
+    for turn in [0.0, 25.0] {
         let (stations, bearings) = write(dir.path(), 0.0, |id| if id == 3 { turn } else { 0.0 });
         let (s, b) = (stations.to_str().unwrap(), bearings.to_str().unwrap());
         let tracks = records(&["locate", "--stations", s, "--depth-m", "5", "--motion", b, "--json"]);
         assert_eq!(tracks.len(), 3);
         for (track, (id, [x, y, _])) in tracks.iter().zip(ARRAYS_M) {
             assert_eq!((&track["type"], number(track, "station")), (&Value::from("track"), f64::from(id)));
-            assert_eq!(track["rejected"].as_u64(), rejected);
+            let bad = turn != 0.0 && id == 3;
+            assert_eq!(track["wrong"].as_str(), bad.then_some("orientation"), "{track}");
+            assert_eq!((&track["rejected"], &track["consistent"]), (&Value::Null, &Value::from(true)));
+            let turned = number(track, "turned_deg") - if bad { turn } else { 0.0 };
+            assert!(turned.abs() < 2.0 * number(track, "sd_turned_deg") && turned.abs() < 1.0, "{track}");
+            assert!(number(track, "late_s").abs() <= 2.0 * number(track, "sd_late_s"), "{track}");
             // By hand: the course is x = 300 + s τ, y = c τ; the array's distance from that line, and when.
             let (sine, cosine) = 20f64.to_radians().sin_cos();
             let (dx, dy) = (300.0 - x, -y);
@@ -116,6 +121,78 @@ fn one_motion_from_all_arrays_needs_no_speed_and_names_a_turned_array() {
             }
             assert_eq!(track["side"], if across > 0.0 { "port" } else { "starboard" });
         }
+    }
+}
+
+#[test]
+fn a_second_vessel_in_one_array_is_set_aside_and_of_two_arrays_the_contradiction_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stations, bearings) = write(dir.path(), 0.0, |_| 0.0);
+    let (s, b) = (stations.to_str().unwrap(), bearings.to_str().unwrap());
+    let text = std::fs::read_to_string(&bearings).unwrap();
+    // The third array hears another vessel, 400 m West of it and southbound.
+    let other = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        let t: f64 = cells[0].parse().unwrap();
+        let (east, north) = (-400.0 + 0.5 * t, 900.0 - 5.0 * t);
+        format!("{t},{},{},", cells[1], east.atan2(north).to_degrees().rem_euclid(360.0))
+    };
+    let rows: Vec<String> =
+        text.lines().map(|l| if l.contains(",s3,") { other(l) } else { l.to_owned() }).collect();
+    std::fs::write(&bearings, rows.join("\n")).unwrap();
+    let tracks = records(&["locate", "--stations", s, "--depth-m", "5", "--motion", b, "--json"]);
+    for track in &tracks {
+        assert_eq!(track["rejected"], 3, "{track}");
+        assert!((number(track, "speed_m_s") - 6.0).abs() < 2.0 * number(track, "sd_speed_m_s"), "{track}");
+    }
+    assert!(tracks[0].get("turned_deg").is_some() && tracks[2].get("turned_deg").is_none());
+    // Of two arrays nobody knows which.
+    let rows = rows.iter().filter(|l| !l.contains(",s2,")).cloned().collect::<Vec<_>>();
+    std::fs::write(&bearings, rows.join("\n")).unwrap();
+    let said = refusal(&["locate", "--stations", s, "--depth-m", "5", "--motion", b]);
+    assert!(said.contains("contradict each other"), "{said}");
+    // One vessel, and one of the two turned: that is found, and said.
+    let (_, bearings) = write(dir.path(), 0.0, |id| if id == 2 { 6.0 } else { 0.0 });
+    let text = std::fs::read_to_string(&bearings).unwrap();
+    let rows: Vec<&str> = text.lines().filter(|l| !l.contains(",s3,")).collect();
+    std::fs::write(&bearings, rows.join("\n")).unwrap();
+    let out = seabearing(&["locate", "--stations", s, "--depth-m", "5", "--motion", b, "--json"]);
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert!(said.contains("`s2`") && said.contains("too large") && said.lines().count() == 1, "{said}");
+    let text = String::from_utf8(out.stdout).unwrap();
+    let track: Value = serde_json::from_str(text.lines().nth(1).unwrap()).unwrap();
+    assert!(track["wrong"] == "orientation" && (number(&track, "turned_deg") - 6.0).abs() < 1.0, "{track}");
+}
+
+#[test]
+fn priors_of_orientation_and_clock_stand_in_the_network_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let (stations, bearings) = write(dir.path(), 0.0, |id| if id == 2 { 4.0 } else { 0.0 });
+    let (s, b) = (stations.to_str().unwrap(), bearings.to_str().unwrap());
+    let network = std::fs::read_to_string(&stations).unwrap();
+    let ask = |keys: &str| {
+        std::fs::write(&stations, network.replace("kind = \"array\"", &format!("kind = \"array\"\n{keys}")))
+            .unwrap();
+        seabearing(&["locate", "--stations", s, "--depth-m", "5", "--motion", b, "--json"])
+    };
+    let second = |keys: &str| {
+        let out = ask(keys);
+        let text = String::from_utf8(out.stdout).unwrap();
+        serde_json::from_str::<Value>(text.lines().nth(1).unwrap()).unwrap()
+    };
+    // Known to be hardly known, it is found; said to be known, it is found to be wrong.
+    let open = second("orientation_sd_deg = 5.0\nclock_sd_s = 0.01");
+    assert!(open.get("wrong").is_none() && (number(&open, "turned_deg") - 4.0).abs() < 1.0, "{open}");
+    assert!(number(&open, "sd_late_s") < 0.02);
+    let known = second("orientation_sd_deg = 0.1\nclock_sd_s = 0.01");
+    assert!(known["wrong"] == "orientation" && (number(&known, "turned_deg") - 4.0).abs() < 1.0, "{known}");
+    for keys in
+        ["orientation_sd_deg = -1.0", "orientation_sd_deg = 181.0", "clock_sd_s = -1.0", "clock_sd_s = nan"]
+    {
+        let out = ask(keys);
+        let said = String::from_utf8(out.stderr).unwrap();
+        let key = keys.split(' ').next().unwrap();
+        assert!(!out.status.success() && said.lines().count() == 1 && said.contains(key), "{keys}: {said}");
     }
 }
 
@@ -238,4 +315,85 @@ fn records_of_recorders_with_clocks_of_their_own_start_are_brought_together() {
     let track =
         records(&[&["locate", "--stations", s, "--depth-m", "5", "--motion", "--json"], &f[..]].concat());
     assert!((number(&track[0], "speed_m_s") - 6.0).abs() < 0.1, "{track:?}");
+}
+
+/// A compact array's station file, and a track past it, 300 m off at 163 m of height.
+fn compact(dir: &Path) -> (String, String) {
+    let path = |name: &str| dir.join(name).to_str().unwrap().to_owned();
+    std::fs::write(
+        path("array.toml"),
+        "[station]\nid = 1\nkind = \"array\"\nposition = { local_m = [0.0, 0.0, -168.0] }\n[sampling]\nrate_hz = 64000\n\
+         [array]\nhydrophones_m = [[0.0, 0.0, 0.0], [0.52, -0.12, -0.81], [-0.46, -0.36, -0.8], [-0.14, 0.61, -0.77]]\n",
+    )
+    .unwrap();
+    let mut track = String::from("t_s,x_m,y_m\n");
+    for t in (0..=200).step_by(10) {
+        let _ = writeln!(track, "{t},{},{}", 250.0, -700.0 + 7.0 * f64::from(t));
+    }
+    std::fs::write(path("ship.csv"), track).unwrap();
+    (path("array.toml"), path("ship.csv"))
+}
+
+/// The unit vector to the ship when the sound of a time left it, nearly.
+fn to_the_ship(t: f64) -> [f64; 3] {
+    let at = [250.0, -700.0 + 7.0 * t, 163.0];
+    let distance = at.iter().map(|x| x * x).sum::<f64>().sqrt();
+    at.map(|x| x / distance)
+}
+
+#[test]
+fn directions_of_mirrored_sign_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let (station, track) = compact(dir.path());
+    let bearings = dir.path().join("bearings.csv").to_str().unwrap().to_owned();
+    let delays = dir.path().join("delays.csv").to_str().unwrap().to_owned();
+    const PLACES: [[f64; 3]; 4] =
+        [[0.0, 0.0, 0.0], [0.52, -0.12, -0.81], [-0.46, -0.36, -0.8], [-0.14, 0.61, -0.77]];
+    let write = |sign: f64| {
+        let mut rows = String::from("t_s,azimuth_deg,elevation_deg\n");
+        let mut differences = String::from("t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s\n");
+        for k in 0..200 {
+            let u = to_the_ship(f64::from(k)).map(|x| sign * x);
+            let azimuth = u[0].atan2(u[1]).to_degrees().rem_euclid(360.0);
+            let _ = writeln!(rows, "{k},{azimuth},{}", u[2].asin().to_degrees());
+            let _ = write!(differences, "{k}");
+            for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+                let along: f64 = (0..3).map(|x| (PLACES[i][x] - PLACES[j][x]) * u[x]).sum();
+                let _ = write!(differences, ",{}", along / SOUND_SPEED_M_S);
+            }
+            differences += "\n";
+        }
+        std::fs::write(&bearings, rows).unwrap();
+        std::fs::write(&delays, differences).unwrap();
+    };
+    let orient = ["orient", "--station", &station, "--track", &track, &bearings, "--json"];
+    let bearing = ["bearing", "--station", &station, &delays, "--json"];
+    write(1.0);
+    let turned = number(&records(&orient)[0], "orientation_deg");
+    assert!(turned.abs() < 0.5, "{turned}");
+    assert_eq!(records(&bearing).len(), 200);
+    write(-1.0);
+    let said = refusal(&orient);
+    assert!(said.contains("lean") && said.contains("mirrored") && said.contains("bearings.csv"), "{said}");
+    let said = refusal(&bearing);
+    assert!(said.contains("below the horizon") && said.contains("delays.csv"), "{said}");
+}
+
+#[test]
+fn bearings_off_the_track_are_counted_and_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let (station, track) = compact(dir.path());
+    let bearings = dir.path().join("bearings.csv").to_str().unwrap().to_owned();
+    let mut rows = String::from("t_s,azimuth_deg,elevation_deg\n");
+    for k in 0..300 {
+        let u = to_the_ship(f64::from(k));
+        let azimuth = u[0].atan2(u[1]).to_degrees().rem_euclid(360.0);
+        let _ = writeln!(rows, "{k},{azimuth},{}", u[2].asin().to_degrees());
+    }
+    std::fs::write(&bearings, rows).unwrap();
+    let out = seabearing(&["orient", "--station", &station, "--track", &track, &bearings, "--json"]);
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert!(said.contains("99 of 300") && said.lines().count() == 1, "{said}");
+    let found: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((number(&found, "n"), number(&found, "off_track")), (201.0, 99.0), "{found}");
 }

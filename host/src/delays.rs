@@ -20,6 +20,27 @@ pub struct SetResult {
     pub solution: Option<DelaySolution>,
 }
 
+/// How far below the horizon no vessel is heard, whatever bends the sound, degrees.
+const BELOW_DEG: f32 = 5.0;
+
+/// Whether the accepted sets cannot be of vessels, which are above every hydrophone: more than half of them point below the
+/// horizon by more than 5° and three standard deviations.
+///
+/// # Errors
+/// One line: how many do.
+pub fn check_above(results: &[SetResult]) -> Result<()> {
+    let accepted = || results.iter().filter_map(|r| r.solution).filter(|s| s.accepted);
+    let below = |s: &DelaySolution| s.elevation < -BELOW_DEG.to_radians().max(3.0 * s.var_elevation.sqrt());
+    let (all, wrong) = (accepted().count(), accepted().filter(below).count());
+    if 2 * wrong > all {
+        bail!(
+            "{wrong} of {all} bearings point below the horizon, where no vessel is: tdoaIJ is the arrival at J minus that at I; \
+             are signs or pairs mirrored, or the hydrophones upside down?"
+        );
+    }
+    Ok(())
+}
+
 /// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out.
 ///
 /// # Errors

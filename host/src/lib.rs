@@ -10,6 +10,7 @@ pub mod archive;
 pub mod atomic;
 pub mod beside;
 pub mod blob;
+pub mod bounds;
 pub mod course;
 pub mod csv;
 pub mod delays;

@@ -10,15 +10,16 @@
 use super::heard::{Average, TrackNumber};
 use super::sites::Sites;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_locate::network::joint::{self, DatedSighting, JointSettings, JointTrack, SharedError};
+use seabearing_host::station::CLOCK_SD_S;
+use seabearing_locate::network::joint::{
+    self, DatedSighting, JointSettings, JointTrack, Scatter, SharedError,
+};
 use seabearing_locate::network::locate::misfit_limit;
 use seabearing_locate::network::{NetworkError, Sighting};
 use std::collections::{HashMap, HashSet};
 
 /// Height of a vessel's sound source, metres.
 const SOURCE_Z_M: f64 = -5.0;
-/// Standard deviation of a clock that states none, s.
-const UNKNOWN_CLOCK_S: f64 = 1.0;
 /// Tracks this far apart in time may still be one vessel, s.
 const APART_S: f64 = 60.0;
 /// Overlap of one station's tracks that are one vessel's, s.
@@ -287,7 +288,8 @@ impl Search<'_> {
             let node = &self.nodes[*n];
             let site = self.sites.sites[node.key.0];
             sound += site.sound_speed_m_s / nodes.len() as f64;
-            let clock_s = if node.sd_clock_s.is_finite() { node.sd_clock_s } else { UNKNOWN_CLOCK_S };
+            let stated_s = if node.sd_clock_s.is_finite() { node.sd_clock_s } else { CLOCK_SD_S };
+            let clock_s = site.sd_clock_s.unwrap_or(stated_s);
             shared[node.key.0] = SharedError { azimuth: site.sd_orientation, clock_s };
             bearings.extend(node.averages.iter().map(|a| DatedSighting {
                 t_s: a.t_s,
@@ -301,7 +303,9 @@ impl Search<'_> {
                 },
             }));
         }
-        let settings = JointSettings { z_m: SOURCE_Z_M, sound_speed_m_s: sound, robust: false, shared };
+        let scatter = Scatter::Told;
+        let settings =
+            JointSettings { z_m: SOURCE_Z_M, sound_speed_m_s: sound, robust: false, scatter, shared };
         joint::fit(&bearings, &settings)
     }
 }

@@ -68,6 +68,8 @@ pub struct Site {
     pub north: f64,
     /// Standard deviation of its orientation, radians.
     pub sd_orientation: f64,
+    /// Standard deviation of its clock, s, where it is not what the recorder states.
+    pub sd_clock_s: Option<f64>,
     /// Speed of sound, m/s.
     pub sound_speed_m_s: f64,
 }
@@ -100,6 +102,7 @@ impl Sites {
                 at_m: [at.0, at.1, -s.config.depth_m],
                 north: turned,
                 sd_orientation: s.sd_orientation_deg.to_radians(),
+                sd_clock_s: s.sd_clock_s,
                 sound_speed_m_s: s.config.sound_speed_m_s,
             }
         };

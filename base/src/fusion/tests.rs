@@ -22,6 +22,7 @@ fn sites() -> Sites {
         at_m: [*x, *y, -100.0],
         north: 0.0,
         sd_orientation: 0.5f64.to_radians(),
+        sd_clock_s: None,
         sound_speed_m_s: 1484.0,
     };
     Sites { sites: PLACES.iter().enumerate().map(site).collect(), frame: None }

@@ -1,8 +1,8 @@
 //! `seabearing bearing`: bearings from measured arrival-time differences.
 
-use crate::delays::{SetResult, solve};
+use crate::delays::{SetResult, check_above, solve};
 use crate::station::Station;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use seabearing_core::geometry::PAIRS;
 use seabearing_locate::delays::tdoa::DelaySolution;
 use serde_json::{Value, json};
@@ -15,7 +15,8 @@ use std::path::PathBuf;
     seabearing bearing --station east.toml tdoa.csv --json\n\n\
     TDOA.csv has the header t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s; tdoaIJ is the arrival time at \
     hydrophone J minus that at hydrophone I, in seconds. `accepted` is the outlier test: residual, length of the \
-    solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`).")]
+    solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`). \
+    A file of which most bearings point below the horizon is refused: signs or pairs are mirrored.")]
 pub struct Args {
     /// Arrival-time differences: t_s,tdoa01_s,...,tdoa23_s.
     #[arg(value_parser = super::input())]
@@ -47,6 +48,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let station = Station::read(&args.station)?;
     let results = solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
+    check_above(&results).with_context(|| args.tdoa.display().to_string())?;
     let mut out = std::io::stdout().lock();
     if !args.json {
         writeln!(

@@ -1,13 +1,14 @@
 //! `seabearing locate`: positions from a network of arrays; a vessel's motion and the shift of its antenna.
 
 use crate::ocean_bottom::records::is_records;
-use crate::orientation::network_file::{Network, read_rows};
+use crate::orientation::network_file::{Network, NetworkBearings, read_rows};
 use crate::orientation::over_time::{self, SOURCE_DEPTH_M, heard_by};
 use crate::orientation::record_file;
-use crate::orientation::sets::{BearingRow, SightingSet, gather};
+use crate::orientation::sets::{SightingSet, gather};
 use crate::record::RecordFormat;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
+use seabearing_locate::network::joint::{JointTrack, Wrong};
 use seabearing_locate::network::{Fix, FixSettings, Region, locate};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -100,28 +101,33 @@ pub fn run(args: Args) -> Result<()> {
     }
     let network = Network::read(&args.stations)?;
     let sd = (args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG);
-    let (mut rows, clock) = match args.bearings.as_slice() {
+    let mut heard = match args.bearings.as_slice() {
         files if files.iter().all(|path| is_records(path)) => {
             record_file::read(files, &network, sd, args.relative)?
         }
-        [table] => (read_rows(table, &network, sd, args.relative)?, None),
+        [table] => {
+            let rows = read_rows(table, &network, sd, args.relative)?;
+            NetworkBearings { rows, ..NetworkBearings::default() }
+        }
         _ => bail!("{}: one CSV file, or records (.jsonl) of any number of stations", args.name()),
     };
     let records = if args.motion {
-        motion(&args, &network, &mut rows)?
+        motion(&args, &network, &mut heard)?
     } else if let Some(track) = &args.known_track {
-        alignment(&args, &network, &rows, track)?
+        alignment(&args, &network, &heard, track)?
     } else {
-        return positions(&args, &network, &mut rows, clock);
+        return positions(&args, &network, &mut heard);
     };
     super::print_records(&records, args.json)
 }
 
 /// One straight motion from all rows: a `track` record for each station that was heard.
-fn motion(args: &Args, network: &Network, rows: &mut [BearingRow]) -> Result<Vec<Value>> {
+fn motion(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Result<Vec<Value>> {
     let depth_m = args.depth_m.unwrap_or(SOURCE_DEPTH_M);
-    let found = over_time::motion(network, rows, args.tau_s, depth_m, !args.keep_outliers)
+    let found = over_time::motion(network, heard, args.tau_s, depth_m, !args.keep_outliers)
         .with_context(|| args.name())?;
+    let rows = &heard.rows;
+    warn_of(network, &found);
     let (speed, sd_speed) = found.speed_m_s();
     let (heading, sd_heading) = found.heading();
     let [x0, y0] = found.position_m(rows[0].t_s);
@@ -136,7 +142,24 @@ fn motion(args: &Args, network: &Network, rows: &mut [BearingRow]) -> Result<Vec
             "sd_cpa_time_s": cpa.t_s.1, "sd_cpa_range_m": cpa.range_m.1,
             "sd_heading_deg": sd_heading / RAD_PER_DEG, "sd_speed_m_s": sd_speed, "range_observable": true,
             "x0_m": x0, "y0_m": y0, "n": rows.len(), "misfit": found.misfit, "freedom": found.freedom,
+            "consistent": found.consistent, "growth": found.growth.sqrt(),
         });
+        if found.rejected != Some(i) {
+            let offset = found.offsets[i];
+            for (key, angle) in [("turned_deg", offset.azimuth.0), ("sd_turned_deg", offset.azimuth.1)] {
+                record[key] = (angle / RAD_PER_DEG).into();
+            }
+            record["late_s"] = offset.clock_s.0.into();
+            record["sd_late_s"] = offset.clock_s.1.into();
+            record["scatter"] = found.scatter[i].to_vec().into();
+        }
+        let Wrong { orientation, clock } = found.wrong;
+        match (orientation == Some(i), clock == Some(i)) {
+            (true, true) => record["wrong"] = "orientation and clock".into(),
+            (true, false) => record["wrong"] = "orientation".into(),
+            (false, true) => record["wrong"] = "clock".into(),
+            (false, false) => {}
+        }
         if let Some(id) = rejected {
             record["rejected"] = id.into();
         }
@@ -145,8 +168,39 @@ fn motion(args: &Args, network: &Network, rows: &mut [BearingRow]) -> Result<Vec
     heard_by(network, rows).into_iter().map(record).collect()
 }
 
+/// Says in a line what a motion found wrong.
+fn warn_of(network: &Network, found: &JointTrack) {
+    let name = |k: usize| network.stations[k].name.as_str();
+    if let Some(k) = found.wrong.orientation {
+        let (turned, sd) = found.offsets[k].azimuth;
+        log::warn!(
+            "the azimuths of `{}` are {:.2}° ± {:.2}° too large, more than its orientation_sd_deg allows: is its \
+             orientation_deg right, and is it the same vessel?",
+            name(k),
+            turned / RAD_PER_DEG,
+            sd / RAD_PER_DEG
+        );
+    }
+    if let Some(k) = found.wrong.clock {
+        let (late_s, sd_s) = found.offsets[k].clock_s;
+        let first = found.offsets.iter().position(|o| o.clock_s.1 == 0.0 && o.azimuth.1 > 0.0).unwrap_or(0);
+        log::warn!(
+            "the clock of `{}` is {late_s:.2} s ± {sd_s:.2} s late against that of `{}`, more than their clock_sd_s allow",
+            name(k),
+            name(first)
+        );
+    }
+    if !found.consistent {
+        log::warn!(
+            "the stations contradict each other by more than their bearings scatter and their orientations and clocks are \
+             said to err, and which of them is wrong cannot be told: the stated errors have grown"
+        );
+    }
+}
+
 /// How late the heard vessel is behind its known track: an `alignment` record for each station that was heard.
-fn alignment(args: &Args, network: &Network, rows: &[BearingRow], track: &Path) -> Result<Vec<Value>> {
+fn alignment(args: &Args, network: &Network, heard: &NetworkBearings, track: &Path) -> Result<Vec<Value>> {
+    let rows = &heard.rows;
     let depth_m = args.depth_m.unwrap_or(SOURCE_DEPTH_M);
     let sd = [args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG];
     let record = |i: usize| {
@@ -162,14 +216,9 @@ fn alignment(args: &Args, network: &Network, rows: &[BearingRow], track: &Path) 
 }
 
 /// A fix, or a reason, for every measurement set.
-fn positions(
-    args: &Args,
-    network: &Network,
-    rows: &mut [BearingRow],
-    clock: Option<time::OffsetDateTime>,
-) -> Result<()> {
-    let sets = gather(rows, &network.arrays_m);
-    let clock = RecordFormat { rate_hz: 1.0, start: clock, times: Default::default() };
+fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Result<()> {
+    let sets = gather(&mut heard.rows, &network.arrays_m);
+    let clock = RecordFormat { rate_hz: 1.0, start: heard.start, times: Default::default() };
     let settings = FixSettings { region: region(network, args)?, robust: !args.keep_outliers };
 
     let bar = crate::progress::bar(sets.len() as u64, "fixes");

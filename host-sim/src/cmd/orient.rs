@@ -134,12 +134,12 @@ fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
         Kind::Line(_) => line(args, input, track),
         Kind::Array(_) => array(args, station, &table()?, track),
         Kind::Obs(o) => {
-            let found = known_vessel::horizontals(station, &table()?, track, args.max_gap_s)?;
+            let (found, off_track) = known_vessel::horizontals(station, &table()?, track, args.max_gap_s)?;
             Ok(json!({
                 "type": "orientation",
                 "orientation_deg": degrees(found.offset + o.orientation_of_north_deg * RAD_PER_DEG),
                 "sd_deg": found.sd / RAD_PER_DEG, "mean_error_deg": found.scale / RAD_PER_DEG,
-                "support": found.support, "n": found.n, "passes": found.passes,
+                "support": found.support, "n": found.n, "passes": found.passes, "off_track": off_track,
             }))
         }
     }
@@ -148,20 +148,20 @@ fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
 /// The compact array: how it leans, or where its hydrophones are.
 fn array(args: &Args, station: &StationConfig, table: &CsvTable, track: &[TrackPoint]) -> Result<Value> {
     if table.has("tdoa01_s") {
-        let found = known_vessel::positions(station, table, track, args.max_gap_s)?;
+        let (found, off_track) = known_vessel::positions(station, table, track, args.max_gap_s)?;
         return Ok(json!({
             "type": "hydrophones", "hydrophones_m": found.position_m, "sd_m": found.sd_m,
-            "scale_s": found.scale_s, "n": found.n,
+            "scale_s": found.scale_s, "n": found.n, "off_track": off_track,
         }));
     }
-    let found = known_vessel::array(station, table, track, args.max_gap_s, args.correlated)?;
+    let (found, off_track) = known_vessel::array(station, table, track, args.max_gap_s, args.correlated)?;
     Ok(json!({
         "type": "orientation",
         "orientation_deg": degrees(found.heading + station.orientation_deg * RAD_PER_DEG),
         "sd_deg": found.sd[0] / RAD_PER_DEG,
         "pitch_deg": found.pitch / RAD_PER_DEG, "sd_pitch_deg": found.sd[1] / RAD_PER_DEG,
         "roll_deg": found.roll / RAD_PER_DEG, "sd_roll_deg": found.sd[2] / RAD_PER_DEG,
-        "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "matrix": found.matrix,
+        "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "off_track": off_track, "matrix": found.matrix,
     }))
 }
 

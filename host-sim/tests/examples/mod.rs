@@ -74,7 +74,7 @@ pub fn folder() -> tempfile::TempDir {
     write(
         "tdoa.csv",
         "t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s\n\
-         0,0.00048515,0.00122482,0.00067107,0.00073967,0.00018592,-0.00055375\n",
+         0,-0.00048515,-0.00122482,-0.00067107,-0.00073967,-0.00018592,0.00055375\n",
     );
     let mut bearings = String::from("t_s,azimuth_deg\n");
     for k in 0..=200 {

@@ -102,58 +102,106 @@ impl LineRecord {
     }
 }
 
-/// The turn of a compact array. `correlated`: how many successive bearings share one error.
+/// Angle to the vertical beyond which an array is not believed to lean, radians (30°): it would lie on its side.
+const MOST_LEANING: f64 = 30.0 * RAD_PER_DEG;
+
+/// What of the rows of a table lies on the track, and how many do not; where these are some, a line says so.
+fn on_track<T>(
+    name: &str,
+    rows: Vec<T>,
+    heard: impl Fn(&T) -> Option<[f64; 3]>,
+) -> (Vec<(T, [f64; 3])>, usize) {
+    let all = rows.len();
+    let found: Vec<_> = rows.into_iter().filter_map(|row| heard(&row).map(|at| (row, at))).collect();
+    let off_track = all - found.len();
+    if off_track > 0 && off_track < all {
+        log::warn!("{name}: the track tells nothing of the times of {off_track} of {all} rows");
+    }
+    (found, off_track)
+}
+
+/// How far the Up axis of a rotation is from the vertical, radians.
+fn lean(of: &Rotation) -> f64 {
+    let [_, _, [_, _, up]] = of.matrix;
+    up.clamp(-1.0, 1.0).acos()
+}
+
+/// The turn of a compact array, and of how many bearings the track tells nothing. `correlated`: how many successive bearings
+/// share one error.
 ///
 /// # Errors
-/// A column is missing, or the data do not tell.
+/// A column is missing, or the data do not tell; the array would lie on its side, and stand upright if the signs of what it
+/// measured were mirrored.
 pub fn array(
     station: &StationConfig,
     table: &CsvTable,
     track: &[TrackPoint],
     gap_s: f64,
     correlated: f64,
-) -> Result<Rotation> {
-    let rows = good_rows(table.name(), table.numbers(["t_s", "azimuth_deg", "elevation_deg"])?)?;
+) -> Result<(Rotation, usize)> {
+    let name = table.name();
+    let rows = good_rows(name, table.numbers(["t_s", "azimuth_deg", "elevation_deg"])?)?;
+    let (rows, off_track) =
+        on_track(name, rows, |[t_s, ..]| heard_at(track, *t_s, gap_s, station.sound_speed_m_s));
     let directions: Vec<DirectionPair> = rows
         .into_iter()
-        .filter_map(|[t_s, azimuth_deg, elevation_deg]| {
-            let p = heard_at(track, t_s, gap_s, station.sound_speed_m_s)?;
+        .filter_map(|([_, azimuth_deg, elevation_deg], p)| {
             let n = p.iter().map(|x| x * x).sum::<f64>().sqrt();
             let (sa, ca) = (azimuth_deg * RAD_PER_DEG).sin_cos();
             let (se, ce) = (elevation_deg * RAD_PER_DEG).sin_cos();
             (n > 0.0).then(|| DirectionPair { measured: [sa * ce, ca * ce, se], known: p.map(|x| x / n) })
         })
         .collect();
-    rotation(&directions, correlated).with_context(|| table.name().to_owned())
+    let found = rotation(&directions, correlated).with_context(|| name.to_owned())?;
+    let opposite: Vec<_> =
+        directions.iter().map(|d| DirectionPair { measured: d.measured.map(|x| -x), ..*d }).collect();
+    let (leaning, mirrored) =
+        (lean(&found), rotation(&opposite, correlated).map_or(f64::INFINITY, |r| lean(&r)));
+    if leaning > MOST_LEANING && mirrored < leaning {
+        bail!(
+            "{name}: the array would lean by {:.0}°, and by {:.0}° if all directions were opposite: are the signs mirrored, or the \
+             hydrophones upside down?",
+            leaning / RAD_PER_DEG,
+            mirrored / RAD_PER_DEG
+        );
+    }
+    Ok((found, off_track))
 }
 
-/// Positions of a compact array's hydrophones, in the frame of the station file (before orientation).
+/// Positions of a compact array's hydrophones, in the frame of the station file (before orientation), and of how many sets
+/// the track tells nothing.
 ///
 /// # Errors
-/// A column is missing, or the data do not tell.
+/// A column is missing, or the data do not tell; the array would hang upside down.
 pub fn positions(
     station: &StationConfig,
     table: &CsvTable,
     track: &[TrackPoint],
     gap_s: f64,
-) -> Result<Hydrophones> {
+) -> Result<(Hydrophones, usize)> {
     let rows = good_rows(table.name(), table.numbers(COLUMNS)?)?;
-    let sets: Vec<Differences> = rows
-        .into_iter()
-        .filter_map(|[t_s, tdoa_s @ ..]| {
-            Some(Differences { source_m: heard_at(track, t_s, gap_s, station.sound_speed_m_s)?, tdoa_s })
-        })
-        .collect();
+    let (rows, off_track) =
+        on_track(table.name(), rows, |[t_s, ..]| heard_at(track, *t_s, gap_s, station.sound_speed_m_s));
+    let sets: Vec<Differences> =
+        rows.into_iter().map(|([_, tdoa_s @ ..], source_m)| Differences { source_m, tdoa_s }).collect();
     let geometry = station.geometry().map_err(|e| anyhow!("the station's hydrophones: {e}"))?;
     let configured = geometry.position_m.map(|p| p.map(f64::from));
     let found =
         hydrophones(&sets, &configured, station.sound_speed_m_s).with_context(|| table.name().to_owned())?;
+    let heights = |h: &[[f64; 3]; 4]| h.map(|p| p[2] - h.iter().map(|p| p[2]).sum::<f64>() / 4.0);
+    let upright: f64 = heights(&configured).iter().zip(heights(&found.position_m)).map(|(a, b)| a * b).sum();
+    if upright < 0.0 {
+        bail!(
+            "{}: the hydrophones would hang upside down: tdoaIJ is the arrival at J minus that at I; are the signs or pairs mirrored?",
+            table.name()
+        );
+    }
     let (s, c) = (station.orientation_deg * RAD_PER_DEG).sin_cos();
     let position_m = found.position_m.map(|[x, y, z]| [x * c - y * s, x * s + y * c, z]);
-    Ok(Hydrophones { position_m, ..found })
+    Ok((Hydrophones { position_m, ..found }, off_track))
 }
 
-/// What to add to an ocean-bottom station's azimuths.
+/// What to add to an ocean-bottom station's azimuths, and of how many of them the track tells nothing.
 ///
 /// # Errors
 /// A column is missing, or the data do not tell.
@@ -162,18 +210,19 @@ pub fn horizontals(
     table: &CsvTable,
     track: &[TrackPoint],
     gap_s: f64,
-) -> Result<Offset> {
+) -> Result<(Offset, usize)> {
     let mut rows = good_rows(table.name(), table.numbers(["t_s", "azimuth_deg"])?)?;
     rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let (mut pass, mut last) = (0u32, f64::NEG_INFINITY);
     let mut residuals = Vec::new();
-    for [t_s, azimuth_deg] in rows {
-        let Some([x, y, _]) = heard_at(track, t_s, gap_s, station.sound_speed_m_s) else { continue };
+    let (rows, off_track) =
+        on_track(table.name(), rows, |[t_s, _]| heard_at(track, *t_s, gap_s, station.sound_speed_m_s));
+    for ([t_s, azimuth_deg], [x, y, _]) in rows {
         if t_s - last > PASS_GAP_S && last.is_finite() {
             pass += 1;
         }
         last = t_s;
         residuals.push(Residual { angle: wrap_pi(x.atan2(y) - azimuth_deg * RAD_PER_DEG), pass });
     }
-    offset(&residuals).with_context(|| table.name().to_owned())
+    Ok((offset(&residuals).with_context(|| table.name().to_owned())?, off_track))
 }

@@ -3,12 +3,14 @@
 use super::sets::BearingRow;
 use crate::csv::{CsvTable, good_rows};
 use crate::geodesy::LocalFrame;
-use crate::station::Station;
+use crate::station::{CLOCK_SD_S, Station};
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_core::config::StationConfig;
 use seabearing_locate::network::MAX_ARRAYS;
+use seabearing_locate::network::joint::SharedError;
 use std::path::Path;
+use time::OffsetDateTime;
 
 /// The stations in one local frame.
 pub struct Network {
@@ -18,6 +20,10 @@ pub struct Network {
     pub arrays_m: Vec<[f64; 3]>,
     /// The local frame, where the file gives latitudes: its origin is the first station.
     pub frame: Option<LocalFrame>,
+    /// Standard deviation of each one's orientation, radians.
+    pub sd_orientation: Vec<f64>,
+    /// Standard deviation of each one's clock, seconds, where the file says it.
+    pub sd_clock_s: Vec<Option<f64>>,
 }
 
 impl Network {
@@ -26,7 +32,10 @@ impl Network {
     /// # Errors
     /// One line that names the file and what is wrong.
     pub fn read(path: &Path) -> Result<Self> {
-        let stations = Station::read_network(path)?;
+        let (_, listed) = Station::read_listed(path)?;
+        let sd_orientation = listed.iter().map(|s| s.orientation_sd_deg * RAD_PER_DEG).collect();
+        let sd_clock_s = listed.iter().map(|s| s.clock_sd_s).collect();
+        let stations: Vec<_> = listed.into_iter().map(|s| s.config).collect();
         let name = path.display();
         if stations.len() > MAX_ARRAYS {
             bail!("{name}: {} stations; at most {MAX_ARRAYS} make one network", stations.len());
@@ -41,7 +50,7 @@ impl Network {
             .map(|s| s.local_east_north_m.map(|(east, north)| [east, north, -s.depth_m]))
             .collect();
         if let Some(arrays_m) = local {
-            return Ok(Self { stations, arrays_m, frame: None });
+            return Ok(Self { stations, arrays_m, frame: None, sd_orientation, sd_clock_s });
         }
         let Some((lat, lon)) = stations[0].lat_lon_deg else {
             bail!("{name}: station `{}` has no position (lat_deg and lon_deg, or local_m)", stations[0].name)
@@ -57,7 +66,19 @@ impl Network {
                 Ok([east, north, -s.depth_m])
             })
             .collect::<Result<_>>()?;
-        Ok(Self { stations, arrays_m, frame: Some(frame) })
+        Ok(Self { stations, arrays_m, frame: Some(frame), sd_orientation, sd_clock_s })
+    }
+
+    /// What the bearings of each station share: errors of its orientation and its clock. `stated_s`: what each recorder
+    /// states of its clock, which counts where the file says nothing.
+    pub fn shared(&self, stated_s: &[Option<f64>]) -> [SharedError; MAX_ARRAYS] {
+        let mut out = [SharedError::default(); MAX_ARRAYS];
+        for (i, (of, azimuth)) in out.iter_mut().zip(&self.sd_orientation).enumerate() {
+            let stated_s = stated_s.get(i).copied().flatten();
+            let clock_s = self.sd_clock_s[i].or(stated_s).unwrap_or(CLOCK_SD_S);
+            *of = SharedError { azimuth: *azimuth, clock_s };
+        }
+        out
     }
 
     /// Station named in a cell, by id or by name.
@@ -74,6 +95,17 @@ impl Network {
                 anyhow!("station `{cell}` is not in the network; there are {}", known.join(", "))
             })
     }
+}
+
+/// Bearings of a network.
+#[derive(Default)]
+pub struct NetworkBearings {
+    /// The bearings.
+    pub rows: Vec<BearingRow>,
+    /// UTC of time zero, where there is a clock.
+    pub start: Option<OffsetDateTime>,
+    /// Standard deviation of each station's clock that its recorder states, seconds.
+    pub sd_clock_s: Vec<Option<f64>>,
 }
 
 /// Reads `t_s,station,azimuth_deg,elevation_deg`; `relative`: azimuths are from each array's own North. Rows that

@@ -1,12 +1,12 @@
 //! What bearings of a network tell over time: one straight motion, or how late a vessel of known track is heard.
 
-use super::network_file::Network;
+use super::network_file::{Network, NetworkBearings};
 use super::sets::BearingRow;
 use super::track_file;
 use anyhow::Result;
 use seabearing_core::kit::median;
 use seabearing_locate::network::align::{AlignError, AlignSettings, Shift, TimedBearing, align};
-use seabearing_locate::network::joint::{DatedSighting, JointSettings, JointTrack, fit};
+use seabearing_locate::network::joint::{DatedSighting, JointSettings, JointTrack, Scatter, fit};
 use seabearing_locate::network::{NetworkError, Sighting};
 use std::path::Path;
 
@@ -20,18 +20,19 @@ pub fn heard_by(network: &Network, rows: &[BearingRow]) -> Vec<usize> {
     (0..network.stations.len()).filter(|i| rows.iter().any(|r| r.station == *i)).collect()
 }
 
-/// One straight motion from all rows, which are brought in order of time. `tau_s`: interval over which successive
+/// One straight motion from all bearings, which are brought in order of time. `tau_s`: interval over which successive
 /// bearings of an array share one error; `robust`: an array that contradicts the others is set aside.
 ///
 /// # Errors
 /// The bearings do not determine the motion.
 pub fn motion(
     network: &Network,
-    rows: &mut [BearingRow],
+    heard: &mut NetworkBearings,
     tau_s: f64,
     source_depth_m: f64,
     robust: bool,
 ) -> Result<JointTrack, NetworkError> {
+    let rows = &mut heard.rows;
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     // Errors that last over so many bearings weigh like one.
     let shared: Vec<f64> =
@@ -52,10 +53,9 @@ pub fn motion(
         .collect();
     let first = rows.iter().map(|r| r.station).min().unwrap_or(0);
     let sound_speed_m_s = network.stations[first].sound_speed_m_s;
-    fit(
-        &bearings,
-        &JointSettings { z_m: -source_depth_m, sound_speed_m_s, robust, shared: Default::default() },
-    )
+    let shared = network.shared(&heard.sd_clock_s);
+    let scatter = Scatter::Measured;
+    fit(&bearings, &JointSettings { z_m: -source_depth_m, sound_speed_m_s, robust, scatter, shared })
 }
 
 /// Median time between bearings of one station, seconds; infinite where there are fewer than two.

@@ -4,7 +4,7 @@
 //! times are seconds since the earliest bearing; otherwise `t_s` is taken as it is, which is right only for recordings
 //! that began together.
 
-use super::network_file::Network;
+use super::network_file::{Network, NetworkBearings};
 use super::sets::BearingRow;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
@@ -16,20 +16,17 @@ use time::format_description::well_known::Rfc3339;
 /// A bearing with both its times.
 struct UtcRow {
     utc: Option<OffsetDateTime>,
+    /// What the recorder states of its clock.
+    sd_utc_s: Option<f64>,
     row: BearingRow,
 }
 
-/// Reads the bearings of all files, in order of time; and the UTC of time zero where the files have a clock. `sd`
-/// (azimuth, elevation; radians) is joined to each record's own.
+/// Reads the bearings of all files, in order of time, with what is told of their clocks. `sd` (azimuth, elevation;
+/// radians) is joined to each record's own.
 ///
 /// # Errors
 /// A file cannot be read, holds no bearing, or does not tell its station.
-pub fn read(
-    files: &[PathBuf],
-    network: &Network,
-    sd: (f64, f64),
-    relative: bool,
-) -> Result<(Vec<BearingRow>, Option<OffsetDateTime>)> {
+pub fn read(files: &[PathBuf], network: &Network, sd: (f64, f64), relative: bool) -> Result<NetworkBearings> {
     let mut found: Vec<UtcRow> = Vec::new();
     for file in files {
         let before = found.len();
@@ -42,6 +39,11 @@ pub fn read(
     if start.is_none() && files.len() > 1 {
         log::warn!("not all files have a clock (`utc`): their recordings are taken to begin together");
     }
+    let mut sd_clock_s = vec![None; network.stations.len()];
+    for d in &found {
+        let sd_s: &mut Option<f64> = &mut sd_clock_s[d.row.station];
+        *sd_s = d.sd_utc_s.map(|x| sd_s.unwrap_or(0.0).max(x)).or(*sd_s);
+    }
     let mut rows: Vec<BearingRow> = found
         .into_iter()
         .map(|d| match (start, d.utc) {
@@ -50,7 +52,7 @@ pub fn read(
         })
         .collect();
     rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-    Ok((rows, start))
+    Ok(NetworkBearings { rows, start, sd_clock_s })
 }
 
 fn one_file(
@@ -87,6 +89,7 @@ fn one_file(
             record.get("utc").and_then(Value::as_str).and_then(|t| OffsetDateTime::parse(t, &Rfc3339).ok());
         found.push(UtcRow {
             utc,
+            sd_utc_s: number("sd_utc_s").filter(|x| x.is_finite() && *x >= 0.0),
             row: BearingRow {
                 t_s,
                 station,

@@ -6,6 +6,7 @@
 //! lies 30° from North, so that North, East, South and West differ in grey as well. (No cyclic map can tell *all* directions a quarter turn apart in
 //! grey: four differences sum to zero.)
 
+use super::Scale;
 use plotters::style::RGBColor;
 
 /// Colours of the first series of a figure, told apart also with common colour-vision deficiencies
@@ -28,6 +29,8 @@ pub const TRUTH: RGBColor = RGBColor(40, 40, 40);
 pub enum ColourMap {
     /// From dark blue to light yellow, for amounts.
     Amount,
+    /// The same by decades: equal colours for equal ratios; what is not above zero stays blank.
+    Decades,
     /// Round the hues, for angles: least and greatest value have the same colour.
     Cyclic,
 }
@@ -36,11 +39,20 @@ pub enum ColourMap {
 const LIGHTEST_DEG: f64 = 30.0;
 
 impl ColourMap {
+    /// How the values of its colours run.
+    pub(super) fn scale(self) -> Scale {
+        match self {
+            Self::Amount => Scale::Linear,
+            Self::Decades => Scale::Log,
+            Self::Cyclic => Scale::Degrees,
+        }
+    }
+
     /// The colour of a share 0..1 of the range; outside it the nearest end.
     pub fn colour(self, share: f64) -> RGBColor {
         let t = share.clamp(0.0, 1.0);
         match self {
-            Self::Amount => {
+            Self::Amount | Self::Decades => {
                 let (lightness, hue_deg) = (0.20 + 0.76 * t, 285.0 - 185.0 * t);
                 oklch(lightness, (0.8 * greatest_chroma(lightness, hue_deg)).min(0.12), hue_deg)
             }

@@ -2,7 +2,7 @@
 
 use super::axis::{Axis, Scale};
 use super::raster::{COLOURS, Cells, Images, heat_range};
-use super::{ColourMap, HeatMap, Plot, Shape};
+use super::{HeatMap, Plot, Shape};
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -365,8 +365,7 @@ fn colour_bar(area: &Area<'_>, heat: &HeatMap) -> Result<()> {
     let (top, bottom) = (MARGIN * FINE, height as i32 - (BELOW + 8) * FINE);
     let (left, right) = (4 * FINE, 20 * FINE);
     let (from, to) = heat_range(heat);
-    let scale = if heat.map == ColourMap::Cyclic { Scale::Degrees } else { Scale::Linear };
-    let axis = Axis { from, to, scale };
+    let axis = Axis { from, to, scale: heat.map.scale() };
 
     let y = |share: f64| bottom + (share * f64::from(top - bottom)).round() as i32;
     for k in 0..COLOURS as i32 {

@@ -17,6 +17,7 @@
 
 mod axis;
 mod colour;
+pub mod contour;
 pub mod correlation;
 mod draw;
 pub mod format;
@@ -120,6 +121,12 @@ impl Plot {
         figure.equal = true;
         figure.circles = Some(Vec::new());
         figure
+    }
+
+    /// Equal lengths on both axes.
+    pub fn equal(&mut self) -> &mut Self {
+        self.equal = true;
+        self
     }
 
     /// Width and height in points.

@@ -173,7 +173,8 @@ fn pixels(heat: &HeatMap, x: Axis, y: Axis) -> Option<(Pixels, Part, Part)> {
         (at >= 0.0 && at < n as f64).then_some(at as usize)
     };
     let middle = |(from, to): Part, k: usize, n: usize| from + (to - from) * (k as f64 + 0.5) / n as f64;
-    let (lo, hi) = heat_range(heat);
+    let (from, to) = heat_range(heat);
+    let colours = Axis { from, to, scale: heat.map.scale() };
     let mut values = Vec::with_capacity(width * height);
     for j in (0..height).rev() {
         for i in 0..width {
@@ -182,8 +183,8 @@ fn pixels(heat: &HeatMap, x: Axis, y: Axis) -> Option<(Pixels, Part, Part)> {
             let at = c.zip(r).map(|(c, r)| r * columns + c);
             let value = at.and_then(|at| heat.values.get(at)).copied().filter(|v| v.is_finite());
             let strength = at.and_then(|at| heat.strength.get(at)).copied().unwrap_or(1.0).clamp(0.0, 1.0);
-            values.push(value.map(|v| {
-                let share = ((v - lo) / (hi - lo)).clamp(0.0, 1.0);
+            values.push(value.and_then(|v| colours.share(v)).map(|share| {
+                let share = share.clamp(0.0, 1.0);
                 ((share * COLOURS).round() as u8, (strength * STRENGTHS).round() as u8)
             }));
         }
@@ -222,8 +223,10 @@ fn png(
 
 /// Values at the two ends of the colours.
 pub(super) fn heat_range(heat: &HeatMap) -> (f64, f64) {
-    let axis = Axis::around(heat.values.iter().copied(), Scale::Linear, true);
-    heat.range.filter(|(a, b)| a.is_finite() && b.is_finite() && a != b).unwrap_or((axis.from, axis.to))
+    let scale = heat.map.scale();
+    let axis = Axis::around(heat.values.iter().copied(), scale, true);
+    let shown = |a: f64| a.is_finite() && (scale != Scale::Log || a > 0.0);
+    heat.range.filter(|(a, b)| shown(*a) && shown(*b) && a != b).unwrap_or((axis.from, axis.to))
 }
 
 #[cfg(test)]
@@ -257,6 +260,17 @@ mod tests {
         assert!(faded.len() < svg.len() / 4, "all of one grey: {}", faded.len());
         let drawn = super::super::draw::page(&[&figure], 1, Cells::Rectangles).unwrap();
         assert!(!drawn.contains("<image") && drawn.contains("fill=\"#ebebeb\""));
+        // By decades the middle of the colours is the geometric mean.
+        let of = |map, value: f64| {
+            let cells =
+                HeatMap { map, range: Some((1.0, 100.0)), columns: 1, ..heat(vec![value], Vec::new()) };
+            let mut figure = Plot::new("one", "x", "y");
+            super::super::draw::page(&[figure.heat(cells)], 1, Cells::Rectangles).unwrap()
+        };
+        assert!(of(ColourMap::Decades, 0.0).matches("crispEdges\"></g>").count() == 1);
+        let middle = ColourMap::Amount.colour(0.5);
+        let fill = format!("fill=\"#{:02x}{:02x}{:02x}\"/></g>", middle.0, middle.1, middle.2);
+        assert!(of(ColourMap::Decades, 10.0).contains(&fill) && !of(ColourMap::Amount, 10.0).contains(&fill));
         // Outside the axes nothing is drawn, half outside half of it.
         assert!(!figure.x_range(20.0, 30.0).svg().unwrap().contains("<image"));
     }

@@ -35,9 +35,17 @@ pub struct ListedStation {
     pub key_file: Option<PathBuf>,
     /// `utc_of_sample_0`, for a recorder without a clock, RFC 3339.
     pub utc_of_sample_0: Option<String>,
-    /// `orientation_sd_deg`: standard deviation of the orientation, degrees.
-    pub orientation_sd_deg: Option<f64>,
+    /// `orientation_sd_deg`: standard deviation of the orientation, degrees; [`ORIENTATION_SD_DEG`] where none is said.
+    pub orientation_sd_deg: f64,
+    /// `clock_sd_s`: standard deviation of the clock against those of the others, seconds.
+    pub clock_sd_s: Option<f64>,
 }
+
+/// Standard deviation of an orientation of which none is stated, degrees: what passes of known vessels give.
+pub const ORIENTATION_SD_DEG: f64 = 0.5;
+/// Standard deviation of a clock of which neither the list nor the recorder states one, seconds: that of a part in a million,
+/// three weeks after it was set.
+pub const CLOCK_SD_S: f64 = 2.0;
 
 /// A station file as read.
 #[derive(Debug, Clone)]
@@ -259,12 +267,21 @@ impl Station {
         }
         let listed = |(i, s): (usize, StationTable)| {
             let config = base(&s, &format!("stations.{i}"), &source)?;
+            for (key, sd, most) in
+                [("orientation_sd_deg", s.orientation_sd_deg, 180.0), ("clock_sd_s", s.clock_sd_s, 86_400.0)]
+            {
+                if let Some(sd) = sd.filter(|sd| !(0.0..=most).contains(sd)) {
+                    let what = format!("{key} = {sd}; 0 to {most} was expected");
+                    return Err(source.wrong(&format!("stations.{i}.{key}"), what));
+                }
+            }
             Ok(ListedStation {
                 config,
                 line: s.line,
                 key_file: s.key_file,
                 utc_of_sample_0: s.utc_of_sample_0,
-                orientation_sd_deg: s.orientation_sd_deg,
+                orientation_sd_deg: s.orientation_sd_deg.unwrap_or(ORIENTATION_SD_DEG),
+                clock_sd_s: s.clock_sd_s,
             })
         };
         let stations = file.stations.into_iter().enumerate().map(listed).collect::<Result<_>>()?;

@@ -97,6 +97,29 @@ pub fn polar_bound(sightings: &[Sighting], source_m: &[f64; 3]) -> Result<PolarB
     Ok(PolarBound { azimuth: m::sqrt(aa), elevation: m::sqrt(bb), range_m: m::sqrt(rr) })
 }
 
+/// Covariance of (x, y) at a true position of known depth, square metres [N 13, 17d, e]; `None` where it is not observable.
+///
+/// # Errors
+/// As [`model::check`].
+pub fn known_depth_bound(
+    sightings: &[Sighting],
+    source_m: &[f64; 3],
+) -> Result<Option<Square<2>>, NetworkError> {
+    model::check(sightings)?;
+    Ok(spd::inverse(&horizontal(&information(sightings, source_m))))
+}
+
+/// Standard deviations of azimuth (radians) and horizontal range (metres) of a position about a point, of its covariance:
+/// the polar form [N 17a, c] of what is known with the depth.
+pub fn about([x0, y0]: [f64; 2], [x, y, _]: &[f64; 3], covariance_m2: &Square<2>) -> (f64, f64) {
+    let (east, north) = (x - x0, y - y0);
+    let range = m::sqrt(east * east + north * north);
+    let variance = |u: [f64; 2]| spd::quadratic(&u, covariance_m2, &u).max(0.0);
+    let along = m::sqrt(variance([east / range, north / range]));
+    let across = m::sqrt(variance([north / range, -east / range]));
+    (across / range, along)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,6 +176,28 @@ mod tests {
             (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| p[i] * p[j] * c[i][j]).sum();
         let polar = polar_bound(&s, &p).unwrap();
         assert!((polar.range_m - var.sqrt() / r).abs() < 1e-6 * polar.range_m);
+    }
+
+    /// The known-depth covariance is that of the rectangular bound, and a polar form of it keeps its area.
+    #[test]
+    fn the_polar_form_of_a_known_depth() {
+        let (s, p) = (sightings(THREE), source(600.0));
+        let c = known_depth_bound(&s, &p).unwrap().unwrap();
+        let known = rectangular_bound(&s, &p).unwrap().known_depth_m.unwrap();
+        assert!((c[0][0].sqrt() - known[0]).abs() < 1e-9 && (c[1][1].sqrt() - known[1]).abs() < 1e-9);
+        let (azimuth, range) = about([0.0, 0.0], &p, &c);
+        // Azimuths alone of an array at the origin give its own standard deviation across.
+        let here = [Sighting { array_m: [0.0, 0.0, -168.0], ..s[0] }];
+        let own = known_depth_bound(&here, &p).unwrap().unwrap();
+        let (of_one, _) = about([0.0, 0.0], &p, &own);
+        assert!((of_one / here[0].sd_azimuth - 1.0).abs() < 1e-9, "{of_one}");
+        assert!(
+            azimuth < of_one && (range * range + (600.0 * azimuth).powi(2) - c[0][0] - c[1][1]).abs() < 1e-6
+        );
+        // Without elevations range comes from the parallax alone.
+        let flat = s.map(|s| Sighting { elevation: None, ..s });
+        let (_, by_azimuths) = about([0.0, 0.0], &p, &known_depth_bound(&flat, &p).unwrap().unwrap());
+        assert!(by_azimuths > range);
     }
 
     #[test]

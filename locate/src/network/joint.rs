@@ -3,31 +3,33 @@
 //! `x(t) = x_r + v_x (t − t_r)`, `y(t) = y_r + v_y (t − t_r)` at a known height, all bearings of all arrays in one
 //! Gaussian likelihood. One array's azimuths leave range and speed scaled together [M 5, 6]; a second array, or
 //! elevations with the depth known, fix the scale. Each bearing points to where the vessel was when the sound left it.
-//! Single wrong bearings pull no more than one of three standard deviations does (Huber's likelihood). Where the whole
-//! misfit is beyond its 99.9 % point and one array is the cause, that array is set aside and named. An error that all
+//! Single wrong bearings pull no more than one of three standard deviations does (Huber's likelihood). An error that all
 //! bearings of an array share (its orientation, its clock) is an unknown of that array with a Gaussian prior; at every
 //! state it takes its likeliest value, and what it leaves open is in the covariance.
 //!
-//! Start: the linear least-squares solution of the bearing lines `(x − x_n) cos α = (y − y_n) sin α`, or that of the
-//! positions the elevations give, whichever is likelier; then Levenberg-Marquardt over four unknowns. O(1) memory
-//! beside the caller's bearings.
+//! Whether the arrays contradict each other is told by the deviations that were stated ([`Scatter::Told`]: where the whole
+//! misfit is beyond its 99.9 % point and one array is the cause, that array is set aside and named) or by those that the
+//! bearings show ([`Scatter::Measured`]: `scatter`, `blame`). What is left of a contradiction makes the covariance grow.
+//!
+//! - `problem`: the likelihood, its maximum (Levenberg-Marquardt over four unknowns from the linear least-squares solution
+//!   of the bearing lines `(x − x_n) cos α = (y − y_n) sin α`, or of the positions the elevations give), its information;
+//! - `scatter`: each array's own course, and the errors about it;
+//! - `blame`: whose orientation or clock is wrong, or which array is to be set aside.
+//!
+//! O(1) memory beside the caller's bearings.
 
-use super::model::{Sighting, bearing, gradients};
+mod blame;
+mod problem;
+mod scatter;
+
+use super::model::Sighting;
 use super::{MAX_ARRAYS, NetworkError, locate};
-use crate::angle::wrap_pi;
-use crate::kit::normal::least_squares;
+use crate::kit::Huber;
 use crate::kit::spd::{self, Square};
-use crate::kit::{Huber, Normal, minimise};
 use crate::math::f64 as m;
+use problem::Problem;
+use scatter::Courses;
 
-/// Most damped steps; convergence takes about ten.
-const STEPS: usize = 100;
-/// Fall of the cost that is not worth a step.
-const LEAST_FALL: f64 = 1e-11;
-/// Steps to the likeliest shared errors.
-const SHARED_STEPS: usize = 5;
-/// Square of a step, in variances of what is shared, after which there is no need of another.
-const SHARED_SMALL: f64 = 1e-10;
 /// Where a standardised residual stops to count squared: 0.3 % of Gaussian ones are beyond.
 const HUBER: Huber = Huber { corner: 3.0 };
 
@@ -57,6 +59,42 @@ impl SharedError {
     }
 }
 
+/// By which errors arrays contradict each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scatter {
+    /// Those stated with the bearings.
+    #[default]
+    Told,
+    /// Those that the bearings of each array show about a course of its own; the bearings are in order of time. What is
+    /// stated of the motion rests on the larger of both.
+    Measured,
+}
+
+/// What the bearings of one array are found to share, each with its standard deviation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Offset {
+    /// By how much all azimuths are too large, radians.
+    pub azimuth: (f64, f64),
+    /// How late the clock is against that of the first array that was heard, seconds.
+    pub clock_s: (f64, f64),
+}
+
+/// What is wrong by more than was assumed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wrong {
+    /// The array whose orientation is.
+    pub orientation: Option<usize>,
+    /// The array whose clock is; the second of two, either of which it may be.
+    pub clock: Option<usize>,
+}
+
+impl Wrong {
+    /// How many errors.
+    fn count(&self) -> u32 {
+        u32::from(self.orientation.is_some()) + u32::from(self.clock.is_some())
+    }
+}
+
 /// What is assumed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointSettings {
@@ -66,6 +104,8 @@ pub struct JointSettings {
     pub sound_speed_m_s: f64,
     /// Set one array aside where it contradicts the others; needs three.
     pub robust: bool,
+    /// By which errors they contradict each other.
+    pub scatter: Scatter,
     /// What the bearings of each array share.
     pub shared: [SharedError; MAX_ARRAYS],
 }
@@ -73,18 +113,31 @@ pub struct JointSettings {
 /// A straight track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointTrack {
-    /// Reference time: the mean of the bearings' times, seconds.
+    /// Reference time, in the middle of the bearings, seconds.
     pub t_ref_s: f64,
     /// x, y (metres) at the reference time, and velocity East, North (m/s).
     pub state: [f64; 4],
-    /// Covariance of the state; grown by misfit over freedom where the bearings scatter more than they claim.
+    /// Covariance of the state, grown.
     pub covariance: Square<4>,
+    /// Factor by which the covariance has grown, 1 or more: misfit over freedom where the bearings scatter more than they
+    /// claim, and what is left of a contradiction between arrays.
+    pub growth: f64,
     /// Sum of squared standardised residuals, those beyond three counted as three.
     pub misfit: f64,
     /// Angles minus four.
     pub freedom: u32,
     /// The array that was set aside.
     pub rejected: Option<usize>,
+    /// What of one array is wrong by more than was assumed, where that explains a contradiction and nothing else does; its
+    /// value is in `offsets`.
+    pub wrong: Wrong,
+    /// Whether the arrays agree, those set aside and what is `wrong` apart.
+    pub consistent: bool,
+    /// What the bearings of each array share, as far as they and what was assumed tell it.
+    pub offsets: [Offset; MAX_ARRAYS],
+    /// Measured over stated deviation of each array's azimuths and elevations, successive errors counted for what they have
+    /// in common; 1 where it was not measured.
+    pub scatter: [[f64; 2]; MAX_ARRAYS],
 }
 
 /// Closest approach of a track to a point.
@@ -142,7 +195,7 @@ impl JointTrack {
 ///
 /// # Errors
 /// [`NetworkError::NoBearings`], [`NetworkError::NotFinite`]; [`NetworkError::NotObservable`] where position or
-/// velocity is not determined.
+/// velocity is not determined, [`NetworkError::Contradictory`] where it is not because the arrays contradict each other.
 pub fn fit(bearings: &[DatedSighting], settings: &JointSettings) -> Result<JointTrack, NetworkError> {
     if bearings.is_empty() {
         return Err(NetworkError::NoBearings);
@@ -160,243 +213,115 @@ pub fn fit(bearings: &[DatedSighting], settings: &JointSettings) -> Result<Joint
     if !settings.z_m.is_finite() || !(settings.sound_speed_m_s > 0.0) || !shared {
         return Err(NetworkError::NotFinite);
     }
-    let all = fit_without(bearings, settings, None);
-    let arrays = (0..MAX_ARRAYS).filter(|i| bearings.iter().any(|b| b.array == *i));
-    let doubtful = all.is_ok_and(|m| m.misfit > locate::misfit_limit(m.freedom));
-    if !(settings.robust && doubtful && arrays.clone().count() >= 3) {
+    let used = bearings.iter().fold(0, |used, b| used | 1 << b.array);
+    let told = Problem::new(bearings, settings, used);
+    match settings.scatter {
+        Scatter::Told => by_told(&told, settings.robust),
+        Scatter::Measured => by_measured(&told, settings.robust),
+    }
+}
+
+/// What no unbiased estimator of the state beats: its covariance at a true state, of bearings whose angles are those of the
+/// truth. What arrays share counts as in [`fit`]. `None` where the state is not determined.
+pub fn bound(
+    bearings: &[DatedSighting],
+    settings: &JointSettings,
+    t_ref_s: f64,
+    state: &[f64; 4],
+) -> Option<Square<4>> {
+    let used = bearings.iter().filter(|b| b.array < MAX_ARRAYS).fold(0, |used, b| used | 1 << b.array);
+    let problem = Problem { t_ref_s, ..Problem::new(bearings, settings, used) };
+    problem.covariance(state)
+}
+
+/// The fit where stated deviations decide.
+fn by_told(told: &Problem<'_>, robust: bool) -> Result<JointTrack, NetworkError> {
+    let agrees = |motion: &JointTrack| motion.misfit <= locate::misfit_limit(motion.freedom);
+    let of = |problem: &Problem<'_>| {
+        let state = problem.minimum().ok_or(NetworkError::NotObservable)?;
+        let least = problem.covariance(&state).ok_or(NetworkError::NotObservable)?;
+        let motion = stated(problem, &state, least, 1.0)?;
+        Ok(JointTrack { consistent: agrees(&motion), ..motion })
+    };
+    let all = of(told);
+    let doubtful = all.is_ok_and(|motion| !motion.consistent);
+    if !(robust && doubtful && told.arrays().count() >= 3) {
         return all;
     }
     // The others agree without the culprit, and without it alone.
-    let agreeing = |i: &usize| {
-        let motion = fit_without(bearings, settings, Some(*i)).ok()?;
-        (motion.misfit <= locate::misfit_limit(motion.freedom)).then_some(motion)
+    let agreeing = |k: usize| {
+        let motion = of(&told.of_arrays(told.used & !(1 << k))).ok()?;
+        motion.consistent.then_some(JointTrack { rejected: Some(k), ..motion })
     };
-    let mut found = arrays.filter_map(|i| agreeing(&i));
+    let mut found = told.arrays().filter_map(agreeing);
     match (found.next(), found.next()) {
         (Some(only), None) => Ok(only),
         _ => all,
     }
 }
 
-/// The fit without one array.
-fn fit_without(
-    bearings: &[DatedSighting],
-    settings: &JointSettings,
-    rejected: Option<usize>,
-) -> Result<JointTrack, NetworkError> {
-    let used = || bearings.iter().filter(move |b| Some(b.array) != rejected);
-    let n = used().count().max(1) as f64;
-    let t_ref_s = used().map(|b| b.t_s).sum::<f64>() / n;
-    let problem = Problem { bearings, settings, t_ref_s, rejected };
-    let angles: u32 = used().map(|b| 1 + u32::from(b.sighting.elevation.is_some())).sum();
-    let start = [problem.start_of_lines(), problem.start_of_elevations()]
-        .into_iter()
-        .flatten()
-        .map(|s| (problem.normal(&s).cost(), s))
-        .filter(|(c, _)| c.is_finite())
-        .min_by(|a, b| a.0.total_cmp(&b.0))
-        .ok_or(NetworkError::NotObservable)?;
-    let moved = |state: &[f64; 4], step: &[f64; 4]| {
-        let mut to = *state;
-        to.iter_mut().zip(step).for_each(|(x, s)| *x += s);
-        to
-    };
-    let end = minimise(start.1, &[true; 4], STEPS, LEAST_FALL, moved, |state| Some(problem.normal(state)));
-    let end = end.ok_or(NetworkError::NotObservable)?;
-    let state = end.at;
-    let mut covariance =
-        spd::inverse(&end.normal.information(&[true; 4])).ok_or(NetworkError::NotObservable)?;
-    let (misfit, freedom) = (problem.misfit(&state), angles.saturating_sub(4));
-    let growth = (misfit / f64::from(freedom.max(1))).max(1.0);
-    for x in covariance.iter_mut().flatten() {
-        *x *= growth;
+/// The fit where measured deviations decide.
+fn by_measured(told: &Problem<'_>, robust: bool) -> Result<JointTrack, NetworkError> {
+    let start = told.minimum().ok_or(NetworkError::NotObservable)?;
+    let courses = Courses::near(told, &start);
+    let measured = Problem { scale: courses.scale, ..*told };
+    let verdict = blame::judge(measured, &courses, &start, robust).ok_or(NetworkError::NotObservable)?;
+    // What is measured says where the vessel is; how well that is known rests on the larger deviations.
+    let scale = courses.scale.map(|of| of.map(|x| x.max(1.0)));
+    let (likeliest, state) = (verdict.problem, verdict.state);
+    let larger = Problem { scale, ..likeliest };
+    let untold = if verdict.consistent { NetworkError::NotObservable } else { NetworkError::Contradictory };
+    let least = larger.covariance(&state).ok_or(untold)?;
+    let motion =
+        stated(&larger, &state, larger.averaged(&state, &least), verdict.growth).map_err(|_| untold)?;
+    let mut offsets = motion.offsets;
+    let mut first_s = None;
+    for array in likeliest.arrays() {
+        let [turned, late_s] = likeliest.likeliest(array, &state);
+        offsets[array].azimuth.0 = turned;
+        offsets[array].clock_s.0 = late_s - *first_s.get_or_insert(late_s);
     }
-    let motion = JointTrack { t_ref_s, state, covariance, misfit, freedom, rejected };
+    Ok(JointTrack {
+        offsets,
+        rejected: verdict.rejected,
+        wrong: verdict.wrong,
+        consistent: verdict.consistent,
+        scatter: courses.scale,
+        ..motion
+    })
+}
+
+/// The track of a state with its covariance; `growth`: what a contradiction makes of that.
+fn stated(
+    problem: &Problem<'_>,
+    state: &[f64; 4],
+    least: Square<4>,
+    growth: f64,
+) -> Result<JointTrack, NetworkError> {
+    let state = *state;
+    let (misfit, freedom) = (problem.misfit(&state), problem.angles().saturating_sub(4));
+    let growth = growth.max(1.0) * (misfit / f64::from(freedom.max(1))).max(1.0);
+    let covariance = least.map(|row| row.map(|x| x * growth));
+    let offsets = problem.offsets(&state, &covariance, growth);
     let [[xx, xy, ..], [_, yy, ..], ..] = covariance;
     let sd = m::sqrt(spd::largest_eigenvalue(&[[xx, xy], [xy, yy]]));
-    let distance = used().map(|b| problem.distance(&b.sighting, b.t_s, &state)).sum::<f64>() / n;
     let finite = state.iter().all(|x| x.is_finite());
-    if finite && sd <= locate::LARGEST_RELATIVE_SD * distance && motion.freedom > 0 {
-        Ok(motion)
-    } else {
-        Err(NetworkError::NotObservable)
+    if !(finite && sd <= locate::LARGEST_RELATIVE_SD * problem.mean_distance(&state) && freedom > 0) {
+        return Err(NetworkError::NotObservable);
     }
-}
-
-/// One standardised angle: derivatives by state and by what its array shares, and the residual.
-struct Row {
-    by_state: [f64; 4],
-    by_shared: [f64; 2],
-    residual: f64,
-}
-
-fn unit<const N: usize>(k: usize) -> [f64; N] {
-    let mut out = [0.0; N];
-    out[k] = 1.0;
-    out
-}
-
-/// Normal equations of the state alone, the last two parameters taking their likeliest values: Schur's complement.
-fn eliminated(both: &Normal<6>) -> Normal<4> {
-    let (h, g) = (both.information(&[true; 6]), both.gradient);
-    let mut out = Normal::default();
-    out.observe_at_cost(&[0.0; 4], 0.0, 0.0, both.cost());
-    let shared = [[h[4][4], h[4][5]], [h[5][4], h[5][5]]];
-    let left = spd::inverse(&shared).unwrap_or_default();
-    for i in 0..4 {
-        let share = spd::times(&left, &[h[i][4], h[i][5]]);
-        out.gradient[i] = g[i] - spd::dot(&share, &[g[4], g[5]]);
-        for j in i..4 {
-            out.upper[i][j] = h[i][j] - spd::dot(&share, &[h[j][4], h[j][5]]);
-        }
-    }
-    out
-}
-
-struct Problem<'a> {
-    bearings: &'a [DatedSighting],
-    settings: &'a JointSettings,
-    t_ref_s: f64,
-    rejected: Option<usize>,
-}
-
-impl Problem<'_> {
-    fn used(&self) -> impl Iterator<Item = &DatedSighting> + '_ {
-        self.bearings.iter().filter(|b| Some(b.array) != self.rejected)
-    }
-
-    fn place(&self, t_s: f64, state: &[f64; 4]) -> [f64; 3] {
-        let [x, y, vx, vy] = *state;
-        let dt = t_s - self.t_ref_s;
-        [x + vx * dt, y + vy * dt, self.settings.z_m]
-    }
-
-    fn distance(&self, s: &Sighting, t_s: f64, state: &[f64; 4]) -> f64 {
-        let [x, y, z] = super::model::difference(&self.place(t_s, state), &s.array_m);
-        m::sqrt(x * x + y * y + z * z)
-    }
-
-    /// When the sound of a bearing that came at a time left the vessel: two rounds suffice, a vessel is far slower than sound.
-    fn emission(&self, s: &Sighting, t_s: f64, state: &[f64; 4]) -> f64 {
-        let c = self.settings.sound_speed_m_s;
-        let first = t_s - self.distance(s, t_s, state) / c;
-        t_s - self.distance(s, first, state) / c
-    }
-
-    /// Misfit of all arrays, each with the shared errors that fit it best.
-    fn misfit(&self, state: &[f64; 4]) -> f64 {
-        let of = |array: usize| {
-            let at = self.shared(array, state);
-            let square = |r: f64| HUBER.clipped(r) * HUBER.clipped(r);
-            let rows = self.rows(array, state, at).map(|row| square(row.residual)).sum::<f64>();
-            let prior = self.shared_variances(array).into_iter().zip(at).filter(|(v, _)| *v > 0.0);
-            rows + prior.map(|(v, x)| x * x / v).sum::<f64>()
-        };
-        (0..MAX_ARRAYS).map(of).sum()
-    }
-
-    fn shared_variances(&self, array: usize) -> [f64; 2] {
-        self.settings.shared.get(array).map_or([0.0; 2], SharedError::variances)
-    }
-
-    /// Every angle of an array, standardised, its azimuths turned and its clock late by so much.
-    fn rows(&self, array: usize, state: &[f64; 4], [turned, late_s]: [f64; 2]) -> impl Iterator<Item = Row> {
-        self.used().filter(move |b| b.array == array).flat_map(move |b| {
-            let s = &b.sighting;
-            let t = self.emission(s, b.t_s - late_s, state);
-            let dt = t - self.t_ref_s;
-            let place = self.place(t, state);
-            let (azimuth, elevation) = bearing(&s.array_m, &place);
-            let (ga, gb) = gradients(&s.array_m, &place);
-            let row = |[x, y, _]: [f64; 3], residual: f64, sd: f64, by_turn: f64| Row {
-                by_state: [x, y, x * dt, y * dt].map(|d| d / sd),
-                // A clock that is late stamps what it hears with a later time.
-                by_shared: [by_turn, -(x * state[2] + y * state[3])].map(|d| d / sd),
-                residual: residual / sd,
-            };
-            let of_azimuth = row(ga, wrap_pi(s.azimuth - turned - azimuth), s.sd_azimuth, 1.0);
-            [Some(of_azimuth), s.elevation.map(|e| row(gb, e - elevation, s.sd_elevation, 0.0))]
-                .into_iter()
-                .flatten()
-        })
-    }
-
-    /// The shared errors of an array that are likeliest for a state.
-    fn shared(&self, array: usize, state: &[f64; 4]) -> [f64; 2] {
-        let variances = self.shared_variances(array);
-        let free = variances.map(|v| v > 0.0);
-        let mut at = [0.0; 2];
-        if free == [false; 2] {
-            return at;
-        }
-        for _ in 0..SHARED_STEPS {
-            let mut normal = Normal::<2>::default();
-            for row in self.rows(array, state, at) {
-                normal.observe(&row.by_shared, row.residual, HUBER.weight(row.residual));
-            }
-            for (k, v) in variances.into_iter().enumerate().filter(|(_, v)| *v > 0.0) {
-                normal.observe(&unit(k), -at[k], 1.0 / v);
-            }
-            let Some(step) = normal.step(&free, 0.0) else { break };
-            at.iter_mut().zip(step).for_each(|(x, s)| *x += s);
-            if step.iter().zip(variances).all(|(s, v)| s * s <= SHARED_SMALL * v) {
-                break;
-            }
-        }
-        at
-    }
-
-    /// Normal equations of the robust likelihood, shared errors eliminated.
-    fn normal(&self, state: &[f64; 4]) -> Normal<4> {
-        let mut all = Normal::default();
-        for array in 0..MAX_ARRAYS {
-            let (at, variances) = (self.shared(array, state), self.shared_variances(array));
-            let mut normal = Normal::<6>::default();
-            for row in self.rows(array, state, at) {
-                let r = row.residual;
-                let ([a, b, c, d], [e, f]) = (row.by_state, row.by_shared);
-                normal.observe_at_cost(&[a, b, c, d, e, f], r, HUBER.weight(r), 2.0 * HUBER.loss(r));
-            }
-            for (k, v) in variances.into_iter().enumerate() {
-                if v > 0.0 {
-                    normal.observe(&unit(4 + k), -at[k], 1.0 / v);
-                } else {
-                    normal.hold(4 + k);
-                }
-            }
-            all.join(&eliminated(&normal));
-        }
-        all
-    }
-
-    /// Linear start from the bearing lines.
-    fn start_of_lines(&self) -> Option<[f64; 4]> {
-        let rows = self.used().map(|b| {
-            let (sa, ca) = m::sin_cos(b.sighting.azimuth);
-            let [x, y, _] = b.sighting.array_m;
-            let dt = b.t_s - self.t_ref_s;
-            ([ca, -sa, ca * dt, -sa * dt], x * ca - y * sa)
-        });
-        least_squares(rows)
-    }
-
-    /// Linear start from positions by azimuth, elevation and the known height.
-    fn start_of_elevations(&self) -> Option<[f64; 4]> {
-        let rows = self.used().flat_map(|b| {
-            let s = &b.sighting;
-            let [x, y, z] = s.array_m;
-            let dt = b.t_s - self.t_ref_s;
-            let (sa, ca) = m::sin_cos(s.azimuth);
-            let d = s.elevation.map_or(0.0, |e| (self.settings.z_m - z) / m::tan(e));
-            // Ranges from shallow elevations are worthless and would dominate squares: weight by 1/d.
-            let w = if d > 0.0 && d.is_finite() { 1.0 / (1.0 + d) } else { 0.0 };
-            [
-                ([w, 0.0, w * dt, 0.0], w * (x + if w > 0.0 { d * sa } else { 0.0 })),
-                ([0.0, w, 0.0, w * dt], w * (y + if w > 0.0 { d * ca } else { 0.0 })),
-            ]
-        });
-        least_squares(rows)
-    }
+    Ok(JointTrack {
+        t_ref_s: problem.t_ref_s,
+        state,
+        covariance,
+        growth,
+        misfit,
+        freedom,
+        rejected: None,
+        wrong: Wrong::default(),
+        consistent: true,
+        offsets,
+        scatter: [[1.0; 2]; MAX_ARRAYS],
+    })
 }
 
 #[cfg(test)]

@@ -13,10 +13,11 @@
 //! - [`fn@locate`]: a fix or a refusal, robust to one bad array, less the second-order bias of the likelihood;
 //! - [`common_time`]: bearings of different instants brought to one instant by their own rates;
 //! - [`known_track`], [`align`]: a vessel with a known track and the antenna-to-propeller shift [N 22];
-//! - [`joint`]: straight motion from bearings of several arrays over time, without any speed prior.
+//! - [`joint`]: straight motion from bearings of several arrays over time, without any speed prior; orientation and clock
+//!   of each array are unknowns with priors.
 //!
-//! Assumes straight horizontal sound paths (constant sound speed) and arrays whose positions and orientations are
-//! right: an orientation error is a bias this module cannot see with two arrays.
+//! Assumes straight horizontal sound paths (constant sound speed) and arrays whose positions are right. At one instant
+//! their orientations and clocks are taken to be right, too.
 
 pub mod align;
 pub mod bound;
@@ -29,7 +30,7 @@ pub mod model;
 pub mod region;
 pub mod search;
 
-pub use bound::{PolarBound, RectangularBound, polar_bound, rectangular_bound};
+pub use bound::{PolarBound, RectangularBound, known_depth_bound, polar_bound, rectangular_bound};
 pub use locate::{Fix, FixSettings, locate};
 pub use model::Sighting;
 pub use region::Region;
@@ -56,6 +57,9 @@ pub enum NetworkError {
     /// the arrays, or a source so far that its range is not resolved.
     #[error("not observable: the bearings do not determine the position")]
     NotObservable,
+    /// The arrays contradict each other, and with what would explain it they determine nothing.
+    #[error("the arrays contradict each other: are all bearings of one vessel on one course?")]
+    Contradictory,
     /// The likelihood is greatest at the edge of the search region: the source is probably outside it.
     #[error("the most likely position is at the edge of the search region")]
     OutsideRegion,

@@ -1,10 +1,16 @@
 use super::*;
+use crate::network::model::bearing;
 use std::vec::Vec;
 
 const TWO: [[f64; 3]; 2] = [[0.0, 100.0, -168.0], [0.0, -100.0, -168.0]];
 const EXACT: SharedError = SharedError { azimuth: 0.0, clock_s: 0.0 };
-const SETTINGS: JointSettings =
-    JointSettings { z_m: -5.0, sound_speed_m_s: 1484.0, robust: true, shared: [EXACT; MAX_ARRAYS] };
+const SETTINGS: JointSettings = JointSettings {
+    z_m: -5.0,
+    sound_speed_m_s: 1484.0,
+    robust: true,
+    scatter: Scatter::Told,
+    shared: [EXACT; MAX_ARRAYS],
+};
 
 /// Exact bearings of a vessel with travel time, at different instants for each array.
 fn bearings(arrays: &[[f64; 3]], elevation: bool) -> Vec<DatedSighting> {
@@ -112,6 +118,11 @@ fn closest_approach() {
         misfit: 0.0,
         freedom: 1,
         rejected: None,
+        growth: 1.0,
+        wrong: Wrong::default(),
+        consistent: true,
+        offsets: [Offset::default(); MAX_ARRAYS],
+        scatter: [[1.0; 2]; MAX_ARRAYS],
     };
     let a = motion.closest([0.0, 0.0]).unwrap();
     assert!((a.t_s.0 - 30.0).abs() < 1e-12 && (a.range_m.0 - 300.0).abs() < 1e-12);
@@ -120,4 +131,109 @@ fn closest_approach() {
     // The time: σ_y/v, and the turn of the way by δv_x/v at 300 m.
     let turned = (9.0f64 / 25.0 + (300.0f64 / 25.0).powi(2) * 0.01).sqrt();
     assert!((a.t_s.1 - turned).abs() < 1e-9, "{a:?}");
+}
+
+/// Bearings of the vessel between two arrays 900 m apart, or more; errors of `noise` radians, stated as 0.026.
+fn noisy(arrays: &[[f64; 3]], elevation: bool, noise: f64, turned: f64, late_s: f64) -> Vec<DatedSighting> {
+    let mut all = bearings(arrays, elevation);
+    let mut x = 7u64;
+    let mut white = || {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            sum += (x >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+        }
+        noise * sum
+    };
+    for b in &mut all {
+        b.sighting.azimuth += white();
+        b.sighting.elevation = b.sighting.elevation.map(|e| e + white());
+        if b.array == 1 {
+            b.sighting.azimuth += turned;
+            b.t_s += late_s;
+        }
+    }
+    all
+}
+
+const APART: [[f64; 3]; 2] = [[0.0, 0.0, -100.0], [900.0, 100.0, -100.0]];
+const MEASURED: JointSettings = JointSettings {
+    scatter: Scatter::Measured,
+    shared: [SharedError { azimuth: 0.0087, clock_s: 1.0 }; MAX_ARRAYS],
+    ..SETTINGS
+};
+
+/// Squared error of the state in units of its covariance.
+fn chi2(motion: &JointTrack) -> f64 {
+    let truth = [400.0 + 2.0 * motion.t_ref_s, -700.0 + 7.0 * motion.t_ref_s, 2.0, 7.0];
+    let mut d = motion.state;
+    d.iter_mut().zip(truth).for_each(|(x, t)| *x -= t);
+    spd::dot(&d, &spd::solve(&motion.covariance, &d).unwrap())
+}
+
+#[test]
+fn what_is_wrong_is_told_by_the_scatter_that_the_bearings_show() {
+    // Turned by 3° against 0.5° that are assumed; errors of 0.3° stated as 1.5°.
+    let turned = fit(&noisy(&APART, true, 0.005, 0.052, 0.0), &MEASURED).unwrap();
+    assert_eq!(
+        (turned.wrong, turned.consistent),
+        (Wrong { orientation: Some(1), clock: None }, true),
+        "{turned:?}"
+    );
+    let (found, sd) = turned.offsets[1].azimuth;
+    assert!((found - 0.052).abs() < 0.005 && sd < 0.02 && chi2(&turned) < 9.5, "{turned:?}");
+    let late = fit(&noisy(&APART, true, 0.002, 0.0, 8.0), &MEASURED).unwrap();
+    assert_eq!(
+        (late.wrong, late.consistent),
+        (Wrong { orientation: None, clock: Some(1) }, true),
+        "{late:?}"
+    );
+    let (found, sd) = late.offsets[1].clock_s;
+    assert!((found - 8.0).abs() < 0.5 && sd < 2.0, "{late:?}");
+    // Nothing is wrong.
+    let good = fit(&noisy(&APART, true, 0.005, 0.0, 0.0), &MEASURED).unwrap();
+    assert_eq!((good.wrong, good.consistent, good.growth), (Wrong::default(), true, 1.0));
+    assert!(good.scatter[..2].iter().flatten().all(|s| (0.15..0.25).contains(s)), "{:?}", good.scatter);
+    // The errors that were stated would hide it.
+    let told = JointSettings { scatter: Scatter::Told, ..MEASURED };
+    assert!(fit(&noisy(&APART, true, 0.005, 0.052, 0.0), &told).unwrap().consistent);
+}
+
+#[test]
+fn which_of_two_arrays_side_by_side_is_wrong_cannot_be_told() {
+    // Only that they differ is observable: no parallax tells where North is.
+    let beside = [[0.0, 0.0, -168.0], [20.0, 5.0, -168.0]];
+    let motion = fit(&noisy(&beside, true, 0.005, 0.08, 0.0), &MEASURED).unwrap();
+    assert!(!motion.consistent && motion.wrong == Wrong::default(), "{motion:?}");
+    // What is stated holds whichever it is.
+    assert!(chi2(&motion) < 9.5 && motion.offsets[1].azimuth.1 > 0.03, "{} {motion:?}", chi2(&motion));
+}
+
+#[test]
+fn an_orientation_that_nothing_tells_stays_as_unknown_as_it_was() {
+    // One array, elevations and the depth: the way is known but for the array's own North.
+    let motion = fit(&noisy(&APART[..1], true, 0.002, 0.0, 0.0), &MEASURED).unwrap();
+    let assumed = MEASURED.shared[0].azimuth;
+    let (turned, sd) = motion.offsets[0].azimuth;
+    assert!((sd / assumed - 1.0).abs() < 1e-3 && turned.abs() < 1e-3, "{turned} {sd}");
+    assert!(motion.consistent && motion.heading().1 > assumed, "{motion:?}");
+}
+
+#[test]
+fn bearings_that_scatter_more_than_stated_make_the_error_grow() {
+    let sd = |noise: f64| fit(&noisy(&APART, true, noise, 0.0, 0.0), &MEASURED).unwrap().speed_m_s().1;
+    let (stated, larger) = (sd(0.02), sd(0.1));
+    assert!(larger > 2.0 * stated, "{larger} {stated}");
+}
+
+#[test]
+fn the_bound_is_the_covariance_of_an_exact_fit() {
+    let exact = bearings(&APART, true);
+    let settings = JointSettings { shared: MEASURED.shared, ..SETTINGS };
+    let motion = fit(&exact, &settings).unwrap();
+    let least = bound(&exact, &settings, motion.t_ref_s, &motion.state).unwrap();
+    for (a, b) in least.iter().flatten().zip(motion.covariance.iter().flatten()) {
+        assert!((a - b).abs() <= 1e-6 * (a.abs() + b.abs()), "{least:?} {motion:?}");
+    }
+    assert_eq!(bound(&bearings(&TWO[..1], false), &SETTINGS, 100.0, &[400.0, 0.0, 2.0, 7.0]), None);
 }
