@@ -76,7 +76,7 @@ const EXAMPLES: [(&str, &[Expected]); 26] = [
     ("completions", &[Runs]),
     ("man", &[Runs]),
     ("config", &[]),
-    ("config check", &[Runs, Runs]),
+    ("config check", &[Runs, Runs, Runs, Lacks("network.toml")]),
     ("plan", &[Runs, Runs]),
     ("ais speeds", &[Runs]),
     ("ais match", &[Lacks("stations.toml"), Lacks("stations.toml")]),

@@ -1,12 +1,20 @@
-//! `seabearing config`: check a station file, and say what its geometry can resolve.
+//! `seabearing config`: check a station file or a list of stations, and say what accuracy to expect.
 
+use super::config_network;
+use crate::bounds::passage::{self as limits, StraightPass};
+use crate::bounds::picture::{self, Curve};
+use crate::orientation::over_time::SOURCE_DEPTH_M;
 use crate::propagation;
 use crate::record::finite;
 use crate::station::Station;
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::array::{FRAME, Plan, limit};
 use seabearing_core::config::{ArrayConfig, Kind, LineConfig, ObsConfig, StationConfig};
 use seabearing_core::geometry::PAIRS;
+use seabearing_core::motion::Medium;
+use seabearing_host::toml_file::TomlFile;
+use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::ml as motion;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -20,24 +28,53 @@ pub struct Args {
 
 #[derive(clap::Subcommand)]
 enum Action {
-    /// Validate a station file; print geometry, ambiguity and expected accuracy
+    /// Validate a station file or a list of stations; print geometry, ambiguity and expected accuracy
     Check(CheckArgs),
 }
 
 /// Arguments of `seabearing config check`.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Examples:\n  seabearing config check east.toml\n  seabearing config check east.toml --explain\n\n\
-    The expected accuracy is the physical limit of one segment for a source whose spectrum has the shape of the \
-    noise's: no estimator does better. An error of 1 cm in a hydrophone's position adds about 0.3° to a 1.85 m array."
+    after_help = "Examples:\n  seabearing config check east.toml\n  seabearing config check east.toml --explain\n  \
+    seabearing config check east.toml --plots out/expected\n  \
+    seabearing config check network.toml --plots out/expected --max-range-m 1000   # a list of stations\n\n\
+    The expected accuracy of a bearing is the physical limit of one segment for a source whose spectrum has the shape of the \
+    noise's: no estimator does better. An error of 1 cm in a hydrophone's position adds about 0.3° to a 1.85 m array. \
+    That of a passage is the bound for the bearing errors of [tracking]. Of a list of stations ([[stations]]) it is that of \
+    positions and straight passages against their place, for errors of --sigma-azimuth-deg and --sigma-elevation-deg and with \
+    what the list says of orientations and clocks; --plots draws it as maps."
 )]
-struct CheckArgs {
-    /// Station file.
+pub(super) struct CheckArgs {
+    /// Station file, or list of stations.
     #[arg(value_parser = super::input())]
-    station: PathBuf,
+    pub(super) station: PathBuf,
     /// Results as one JSON record.
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
+    /// Folder for pictures of what to expect.
+    #[arg(long, value_name = "DIR")]
+    pub(super) plots: Option<PathBuf>,
+    /// List of stations: standard deviation of azimuths, degrees.
+    #[arg(long, default_value_t = 1.5)]
+    pub(super) sigma_azimuth_deg: f64,
+    /// List of stations: standard deviation of elevations, degrees.
+    #[arg(long, default_value_t = 1.6)]
+    pub(super) sigma_elevation_deg: f64,
+    /// List of stations: depth of the source, metres.
+    #[arg(long, default_value_t = SOURCE_DEPTH_M)]
+    pub(super) depth_m: f64,
+    /// List of stations: how far about its centre, metres.
+    #[arg(long, default_value_t = 2000.0)]
+    pub(super) max_range_m: f64,
+    /// Speed of passing vessels, m/s.
+    #[arg(long = "speed", value_name = "M_S", default_value_t = 7.0)]
+    pub(super) speed_m_s: f64,
+    /// For how long a passing vessel is heard.
+    #[arg(long, default_value_t = 5.0)]
+    pub(super) minutes: f64,
+    /// List of stations: time between bearings of a passage whose errors are independent, seconds.
+    #[arg(long, default_value_t = 10.0)]
+    pub(super) every_s: f64,
     /// Explain every key of a station file first: its meaning, unit, bounds and default
     #[cfg(feature = "schema")]
     #[arg(long, conflicts_with = "json")]
@@ -46,6 +83,8 @@ struct CheckArgs {
 
 /// Signal-to-noise ratios for which accuracy is stated, dB.
 const SNR_DB: [f64; 3] = [10.0, 0.0, -10.0];
+/// Least standard deviation of a bearing of a passage, degrees.
+const LEAST_SD_DEG: f64 = 0.01;
 /// Elevations for which accuracy is stated, degrees.
 const ELEVATIONS_DEG: [f64; 3] = [0.0, 20.0, 60.0];
 
@@ -58,6 +97,12 @@ const RANGES_M: [f64; 4] = [10_000.0, 20_000.0, 35_000.0, 50_000.0];
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     let Action::Check(args) = args.action;
+    if TomlFile::read(&args.station, "station file")?.has("stations") {
+        return config_network::run(&args);
+    }
+    if !(args.speed_m_s > 0.0 && args.speed_m_s.is_finite()) || !(args.minutes > 0.0 && args.minutes <= 6.6) {
+        bail!("--speed must be a positive number, and --minutes at most 6.6 for one array");
+    }
     #[cfg(feature = "schema")]
     if args.explain {
         let keys = crate::station::schema::keys();
@@ -73,7 +118,11 @@ pub fn run(args: Args) -> Result<()> {
         "orientation_deg": config.orientation_deg, "depth_m": config.depth_m, "rate_hz": config.rate_hz,
     });
     let details = match &config.kind {
-        Kind::Array(array) => array_details(config, array)?,
+        Kind::Array(array) => {
+            let mut details = array_details(config, array)?;
+            details["expected_passages"] = passages(&args, config, array)?;
+            details
+        }
         Kind::Line(line) => line_details(config, line),
         Kind::Obs(obs) => obs_details(&station, obs)?,
     };
@@ -84,8 +133,72 @@ pub fn run(args: Args) -> Result<()> {
         println!("{record}");
     } else {
         print(&record);
+        println!("the station file is valid");
     }
     Ok(())
+}
+
+/// Ranges of closest points for which passages are stated, metres.
+const CLOSEST_M: [f64; 5] = [250.0, 500.0, 1000.0, 2000.0, 4000.0];
+/// Ranges of the curves drawn, metres: so many from the first to the last.
+const DRAWN: (usize, f64, f64) = (40, 100.0, 5000.0);
+
+/// Bounds of straight passages: by azimuths with the speed that [tracking] assumes, and where the depths are known, by
+/// elevations too, without any speed. `null` where nothing is told.
+fn passages(args: &CheckArgs, config: &StationConfig, array: &ArrayConfig) -> Result<Value> {
+    let tracking = &config.tracking;
+    let sd_rad = tracking.bearing_sd_deg.max(LEAST_SD_DEG).to_radians();
+    let height_m = config.depth_m - array.vessel_depth_m;
+    let pass = |range_m: f64| StraightPass {
+        range_m,
+        window_s: 60.0 * args.minutes,
+        sd_rad,
+        tau_s: tracking.bearing_tau_s,
+        speed_m_s: args.speed_m_s,
+    };
+    let model = if tracking.bearing_tau_s > 0.0 { Model::Linear } else { Model::White };
+    let assumed = limits::config(model, tracking.bearing_tau_s, args.speed_m_s);
+    let sigma_k = tracking.speed_sd_m_s / args.speed_m_s;
+    let by_speed = |range_m: f64| {
+        let b = limits::limit(&pass(range_m), &assumed, None)?;
+        Some((b.cpa_range_with_speed_error(range_m, sigma_k), b.heading_rad.to_degrees(), b.cpa_time_s))
+    };
+    let medium = Medium { height_m, ..assumed.medium };
+    let free = motion::Config { speed_sd_m_s: f64::INFINITY, medium, ..assumed };
+    // Elevations are bounded as independent ones: so many that share an error weigh like one.
+    let sd_elevation = sd_rad * (tracking.bearing_tau_s / limits::STEP_S).max(1.0).sqrt();
+    let by_elevations = |range_m: f64| {
+        let b = limits::limit(&pass(range_m), &free, Some(sd_elevation)).filter(|_| height_m > 0.0)?;
+        Some((b.cpa_range_m, b.heading_rad.to_degrees(), b.speed_m_s))
+    };
+    if let Some(folder) = &args.plots {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make folder {}", folder.display()))?;
+        let (n, from, to) = DRAWN;
+        let ranges = (0..=n).map(|k| from * (to / from).powf(k as f64 / n as f64));
+        let curve = |name: String, of: &dyn Fn(f64) -> Option<(f64, f64, f64)>| -> Curve {
+            (name, ranges.clone().filter_map(|r| of(r).map(|(sd_m, sd_deg, _)| (r, sd_m, sd_deg))).collect())
+        };
+        let known = format!("azimuths, speed to {:.1} m/s", tracking.speed_sd_m_s);
+        let mut curves = vec![curve(known, &by_speed)];
+        if height_m > 0.0 {
+            curves.push(curve("azimuths and elevations, any speed".to_owned(), &by_elevations));
+        }
+        picture::passages(&pass(1000.0), &curves, &folder.join("accuracy.svg"))?;
+    }
+    let rows = CLOSEST_M.iter().map(|range_m| {
+        let told = |x: Option<f64>| x.map_or(Value::Null, finite);
+        let (speed, elevations) = (by_speed(*range_m), by_elevations(*range_m));
+        json!({
+            "cpa_range_m": range_m,
+            "sd_cpa_range_m": told(speed.map(|s| s.0)), "sd_heading_deg": told(speed.map(|s| s.1)),
+            "sd_cpa_time_s": told(speed.map(|s| s.2)),
+            "elevations_sd_cpa_range_m": told(elevations.map(|s| s.0)),
+            "elevations_sd_heading_deg": told(elevations.map(|s| s.1)),
+            "elevations_sd_speed_m_s": told(elevations.map(|s| s.2)),
+        })
+    });
+    Ok(rows.collect())
 }
 
 fn array_details(config: &StationConfig, array: &ArrayConfig) -> Result<Value> {
@@ -192,7 +305,7 @@ fn line_details(config: &StationConfig, line: &LineConfig) -> Value {
 }
 
 /// The record for a person: one key a line, tables as tables.
-fn print(record: &Value) {
+pub(super) fn print(record: &Value) {
     let Some(map) = record.as_object() else { return };
     for (key, value) in map.iter().filter(|(k, _)| *k != "type") {
         match value {
@@ -206,7 +319,6 @@ fn print(record: &Value) {
             _ => println!("{key}: {}", cell(value)),
         }
     }
-    println!("the station file is valid");
 }
 
 fn cell(value: &Value) -> String {

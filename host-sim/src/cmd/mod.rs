@@ -26,6 +26,7 @@ mod base_watch;
 pub mod bearing;
 pub mod blob;
 pub mod config;
+mod config_network;
 #[cfg(all(unix, feature = "emulation"))]
 pub mod demo;
 #[cfg(feature = "base")]

@@ -14,6 +14,8 @@ const CELLS: usize = 81;
 /// Arrays on the colours, and lines of equal value.
 const ARRAYS: RGBColor = RGBColor(213, 94, 0);
 const LINES: RGBColor = RGBColor(255, 255, 255);
+/// Least distance of the words beside them, share of the width.
+const WORDS_APART: f64 = 0.06;
 /// Standard deviations at the ends of the colours, and of the lines of equal value, metres and degrees.
 const ENDS_M: (f64, f64) = (1.0, 1000.0);
 const LINES_M: [f64; 6] = [5.0, 10.0, 20.0, 50.0, 100.0, 200.0];
@@ -73,7 +75,7 @@ pub fn map(network: &Network, of: &Bearings, pass: &Passage, half_m: f64, path: 
                 title,
                 heat,
                 if metres { LINES_M } else { LINES_DEG },
-                if metres { "m" } else { "°" },
+                if metres { " m" } else { "°" },
             )
         })
         .collect();
@@ -85,13 +87,16 @@ fn panel(network: &Network, title: &str, heat: HeatMap, lines: [f64; 6], unit: &
     let mut figure = Plot::new(title, "East (m)", "North (m)");
     figure.size(520, 480).equal().x_range(heat.x.0, heat.x.1).y_range(heat.y.0, heat.y.1);
     let arrays: Vec<(f64, f64)> = network.arrays_m.iter().map(|a| (a[0], a[1])).collect();
-    let mut notes = Vec::new();
-    for value in lines {
+    let mut notes: Vec<((f64, f64), String)> = Vec::new();
+    let apart_m = WORDS_APART * (heat.x.1 - heat.x.0);
+    for value in lines.into_iter().rev() {
         let line = contour(&heat, value);
-        // Beside the line's northernmost place.
-        let north = line.iter().filter(|p| p.1.is_finite()).max_by(|a, b| a.1.total_cmp(&b.1));
-        notes.extend(north.map(|at| (*at, format!("{value} {unit}"))));
         figure.line("", &line).coloured(LINES);
+        // Beside the line's northernmost place, unless there stands another.
+        let north = line.iter().filter(|p| p.1.is_finite()).max_by(|a, b| a.1.total_cmp(&b.1));
+        let free = |at: &&(f64, f64)| notes.iter().all(|(n, _)| (n.0 - at.0).hypot(n.1 - at.1) > apart_m);
+        let word = north.filter(free).map(|at| (*at, format!("{value}{unit}")));
+        notes.extend(word);
     }
     figure.heat(heat);
     figure.notes(notes).coloured(LINES);

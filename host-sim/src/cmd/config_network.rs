@@ -1,0 +1,125 @@
+//! `seabearing config check` of a list of stations: what accuracy to expect of positions and passages, printed and drawn.
+
+use super::config::{CheckArgs, print};
+use crate::bounds::network::{Bearings, Passage, at, centre, passage};
+use crate::bounds::picture;
+use crate::orientation::network_file::Network;
+use anyhow::{Context, Result, bail};
+use seabearing_core::angle::RAD_PER_DEG;
+use seabearing_core::kit::median;
+use serde_json::{Value, json};
+
+/// Directions from the centre over which accuracies are stated.
+const DIRECTIONS: usize = 36;
+/// Ranges from the centre at which they are, shares of the largest.
+const SHARES: [f64; 5] = [0.1, 0.25, 0.5, 0.75, 1.0];
+
+/// Checks the list and says what to expect.
+///
+/// # Errors
+/// One line for a person.
+pub fn run(args: &CheckArgs) -> Result<()> {
+    for (key, x) in [
+        ("sigma-azimuth-deg", args.sigma_azimuth_deg),
+        ("sigma-elevation-deg", args.sigma_elevation_deg),
+        ("max-range-m", args.max_range_m),
+        ("speed", args.speed_m_s),
+        ("minutes", args.minutes),
+        ("every-s", args.every_s),
+    ] {
+        if !(x > 0.0 && x.is_finite()) {
+            bail!("--{key} is {x}; a positive number is needed");
+        }
+    }
+    if !args.depth_m.is_finite() {
+        bail!("--depth-m is {}; a finite number is needed", args.depth_m);
+    }
+    let pass = Passage { speed_m_s: args.speed_m_s, duration_s: 60.0 * args.minutes, every_s: args.every_s };
+    if !(pass.duration_s / pass.every_s <= 1000.0) {
+        bail!(
+            "--minutes {} with --every-s {}: at most 1000 bearings of a passage",
+            args.minutes,
+            args.every_s
+        );
+    }
+    let network = Network::read(&args.station)?;
+    let of = Bearings {
+        sd_azimuth: args.sigma_azimuth_deg * RAD_PER_DEG,
+        sd_elevation: args.sigma_elevation_deg * RAD_PER_DEG,
+        depth_m: args.depth_m,
+    };
+    let record = record(&network, &of, &pass, args.max_range_m);
+    if let Some(folder) = &args.plots {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make folder {}", folder.display()))?;
+        picture::map(&network, &of, &pass, args.max_range_m, &folder.join("accuracy.svg"))?;
+    }
+    if args.json {
+        println!("{record}");
+    } else {
+        print(&record);
+        println!("the list of stations is valid");
+    }
+    Ok(())
+}
+
+fn record(network: &Network, of: &Bearings, pass: &Passage, half_m: f64) -> Value {
+    let stations: Vec<Value> = network
+        .stations
+        .iter()
+        .enumerate()
+        .map(|(i, s)| {
+            let [x, y, _] = network.arrays_m[i];
+            json!({
+                "station": s.id, "name": s.name.as_str(), "x_m": x, "y_m": y, "depth_m": s.depth_m,
+                "orientation_deg": s.orientation_deg, "orientation_sd_deg": network.sd_orientation[i] / RAD_PER_DEG,
+                "clock_sd_s": network.shared(&[])[i].clock_s,
+            })
+        })
+        .collect();
+    let places = &network.arrays_m;
+    let apart = |i: usize, j: usize| (places[i][0] - places[j][0]).hypot(places[i][1] - places[j][1]);
+    let pairs: Vec<Value> = (0..places.len())
+        .flat_map(|i| (i + 1..places.len()).map(move |j| (i, j)))
+        .map(|(i, j)| {
+            json!({"pair": format!("{} {}", network.stations[i].id, network.stations[j].id), "separation_m": apart(i, j)})
+        })
+        .collect();
+    let [x0, y0] = centre(network);
+    let rows: Vec<Value> = SHARES.iter().map(|share| row(network, of, pass, share * half_m)).collect();
+    json!({
+        "type": "network", "stations": stations, "pairs": pairs, "centre_m": [x0, y0],
+        "sigma_azimuth_deg": of.sd_azimuth / RAD_PER_DEG, "sigma_elevation_deg": of.sd_elevation / RAD_PER_DEG,
+        "source_depth_m": of.depth_m, "speed_m_s": pass.speed_m_s, "passage_s": pass.duration_s, "every_s": pass.every_s,
+        "expected_accuracy": rows,
+    })
+}
+
+/// Medians over the directions from the centre; null where more than half of them tell nothing.
+fn row(network: &Network, of: &Bearings, pass: &Passage, range_m: f64) -> Value {
+    let [x0, y0] = centre(network);
+    let places: Vec<[f64; 2]> = (0..DIRECTIONS)
+        .map(|k| {
+            let (s, c) = (std::f64::consts::TAU * (k as f64 + 0.5) / DIRECTIONS as f64).sin_cos();
+            [x0 + range_m * s, y0 + range_m * c]
+        })
+        .collect();
+    let positions: Vec<_> = places.iter().map(|p| at(network, of, *p)).collect();
+    let ways: Vec<_> = places.iter().map(|p| passage(network, of, pass, true, *p)).collect();
+    let middle = |of: Vec<Option<f64>>, unit: f64| -> Value {
+        let mut all: Vec<f64> = of.into_iter().map(|x| x.unwrap_or(f64::INFINITY)).collect();
+        crate::record::finite(median(&mut all).unwrap_or(f64::INFINITY) / unit)
+    };
+    let angles = RAD_PER_DEG;
+    json!({
+        "range_m": range_m,
+        "sd_position_m": middle(positions.iter().map(|p| p.position_m).collect(), 1.0),
+        "sd_azimuths_alone_m": middle(positions.iter().map(|p| p.azimuths_m).collect(), 1.0),
+        "sd_depth_unknown_m": middle(positions.iter().map(|p| p.free_m).collect(), 1.0),
+        "sd_range_m": middle(positions.iter().map(|p| p.polar.map(|p| p.1)).collect(), 1.0),
+        "sd_azimuth_deg": middle(positions.iter().map(|p| p.polar.map(|p| p.0)).collect(), angles),
+        "sd_passage_m": middle(ways.iter().map(|w| w.map(|w| w.position_m)).collect(), 1.0),
+        "sd_heading_deg": middle(ways.iter().map(|w| w.map(|w| w.heading)).collect(), angles),
+        "sd_speed_m_s": middle(ways.iter().map(|w| w.map(|w| w.speed_m_s)).collect(), 1.0),
+    })
+}
