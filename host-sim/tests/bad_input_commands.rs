@@ -162,7 +162,7 @@ fn hostile_input_is_refused_on_one_line_by_every_command() {
 }
 
 /// Command lines with good input and a value that no command can work with.
-const OPTIONS: [&str; 30] = [
+const OPTIONS: [&str; 36] = [
     "base acknowledge --store . 3",
     "base --listen 127.0.0.1:0 --store o --alarms bearings.csv",
     "base --listen 127.0.0.1:0 --store o --nmea 127.0.0.1:0",

@@ -83,6 +83,8 @@ pub(super) struct CheckArgs {
 
 /// Signal-to-noise ratios for which accuracy is stated, dB.
 const SNR_DB: [f64; 3] = [10.0, 0.0, -10.0];
+/// Longest passage of one array, minutes: a bearing each half second.
+const LONGEST_MIN: f64 = 6.5;
 /// Least standard deviation of a bearing of a passage, degrees.
 const LEAST_SD_DEG: f64 = 0.01;
 /// Elevations for which accuracy is stated, degrees.
@@ -100,8 +102,10 @@ pub fn run(args: Args) -> Result<()> {
     if TomlFile::read(&args.station, "station file")?.has("stations") {
         return config_network::run(&args);
     }
-    if !(args.speed_m_s > 0.0 && args.speed_m_s.is_finite()) || !(args.minutes > 0.0 && args.minutes <= 6.6) {
-        bail!("--speed must be a positive number, and --minutes at most 6.6 for one array");
+    let positive = args.speed_m_s > 0.0 && args.speed_m_s.is_finite();
+    let heard = args.minutes > 0.0 && args.minutes <= LONGEST_MIN;
+    if !(positive && heard) {
+        bail!("--speed must be a positive number, and --minutes at most {LONGEST_MIN} for one array");
     }
     #[cfg(feature = "schema")]
     if args.explain {
