@@ -241,7 +241,9 @@ pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut 
     state.intake.finish(&plan.intake, sink);
 }
 
-/// Uses the full frame, or loses it to a cause.
+/// Uses the full frame, or loses it to a cause. Inlined into the loop over blocks, each of these would reckon hundreds of addresses
+/// that only a full frame needs.
+#[inline(never)]
 fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
     let index = state.framing.index();
     let centre = index.saturating_add(FRAME as u64 / 2);

@@ -6,7 +6,7 @@
 //! of the frames' powers, which rises and falls by at most 6 dB a second: a passing vessel is slower.
 //!
 //! * Blanked: what exceeds [`BLANK`] standard deviations of the frame without its impulses (or of the usual power, if that is
-//!   more), with [`BEFORE`] samples before and [`AFTER`] behind, where anything exceeds six of them, or four and a half where
+//!   more), with [`BEFORE`] samples before and [`AFTER`] behind, where anything exceeds five of them, or four and a half where
 //!   another channel or the frame before has heard an impulse. One that rings beyond its frame is blanked in the next.
 //! * Burst: a frame with [`BURST`] times the usual power that is no impulse, on two channels at least.
 //!
@@ -18,8 +18,11 @@ use crate::block::CHANNELS;
 use crate::math::f32 as m;
 
 /// Standard deviations that an impulse exceeds. One shorter than [`GLANCE_EVERY`] samples and weaker than twice the limit may
-/// be overlooked, and one within the shared samples of the first frame of a run.
-const IMPULSE: f32 = 6.0;
+/// be overlooked, and one within the shared samples of the first frame of a run. Four channels at 64 kHz exceed it by chance
+/// every seven seconds, and lose a thousandth of a second.
+const IMPULSE: f32 = 5.0;
+/// What is told of exceeds this on one channel, or is heard by two: by chance every half an hour.
+const TOLD: f32 = 6.0;
 /// The same where another channel, or the frame before, has heard one: by chance a snap that stands out on one hydrophone does
 /// not on the next.
 const NEAR: f32 = 4.5;
@@ -76,7 +79,7 @@ impl Impulses {
         loudest: &[i32; CHANNELS],
         dead: u8,
     ) -> bool {
-        let (mut impulses, mut bursts) = (0u8, 0u8);
+        let (mut impulses, mut strong, mut bursts) = (0u8, false, 0u8);
         let mut clean = |usual: &[f32; CHANNELS], rings: &mut [u8; CHANNELS], of: u8, limit: f32| {
             let channels = codes.iter_mut().zip(rough).zip(loudest).zip(usual.iter().zip(rings)).enumerate();
             for (c, (((codes, (mean, power)), loudest), (usual, rings))) in
@@ -86,7 +89,10 @@ impl Impulses {
                 let most = *loudest as f32 + m::abs(*mean);
                 if *rings > 0 || most * most > limit * limit * usual {
                     match clean(codes, *mean, usual, limit, rings) {
-                        Found::Impulse => impulses |= 1 << c,
+                        Found::Impulse { told } => {
+                            impulses |= 1 << c;
+                            strong |= told;
+                        }
                         Found::Burst => bursts |= 1 << c,
                         Found::Nothing => {}
                     }
@@ -94,11 +100,12 @@ impl Impulses {
             }
             impulses
         };
-        let heard = clean(&self.usual, &mut self.rings, !dead, if self.near { NEAR } else { IMPULSE });
+        let mut heard = clean(&self.usual, &mut self.rings, !dead, if self.near { NEAR } else { IMPULSE });
         if heard != 0 && !self.near {
-            clean(&self.usual, &mut self.rings, !(dead | heard), NEAR);
+            heard = clean(&self.usual, &mut self.rings, !(dead | heard), NEAR);
         }
         self.near = heard != 0;
+        let told = strong || heard.count_ones() > 1;
         let change = CHANGE_A_SECOND * HOP as f32 / plan.rate_hz;
         let known = self.usual.iter_mut().zip(rough).enumerate();
         for (_, (usual, (_, power))) in known.filter(|(c, _)| dead >> c & 1 == 0) {
@@ -109,7 +116,7 @@ impl Impulses {
             *usual = (*usual * step).max(f32::MIN_POSITIVE);
         }
         let burst = bursts.count_ones() >= HEARD_BY;
-        self.frames = self.frames.saturating_add(u32::from(heard != 0 || burst));
+        self.frames = self.frames.saturating_add(u32::from(told || burst));
         burst
     }
 
@@ -127,7 +134,10 @@ impl Impulses {
 /// What a channel's frame holds.
 enum Found {
     Nothing,
-    Impulse,
+    Impulse {
+        /// Strong enough to be told of by itself.
+        told: bool,
+    },
     Burst,
 }
 
@@ -174,6 +184,7 @@ fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32, limit: f32, rings: &mu
     if ringing == 0 && !beyond(codes, limit * scale) {
         return Found::Nothing;
     }
+    let told = beyond(codes, TOLD * scale);
     let least = (BLANK * scale) as u32;
     let far = |x: &i32| x.abs_diff(quiet) > least;
     // The last sample beyond the limit before each, forwards and then backwards.
@@ -197,7 +208,7 @@ fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32, limit: f32, rings: &mu
         }
         before = before.saturating_sub(1);
     }
-    Found::Impulse
+    Found::Impulse { told }
 }
 
 #[cfg(test)]
