@@ -21,7 +21,7 @@ use crate::math::f32 as m;
 /// be overlooked, and one within the shared samples of the first frame of a run. Four channels at 64 kHz exceed it by chance
 /// every seven seconds, and lose a thousandth of a second.
 const IMPULSE: f32 = 5.0;
-/// What is told of exceeds this on one channel, or is heard by two: by chance every half an hour.
+/// What is told of exceeds this: by chance every half an hour.
 const TOLD: f32 = 6.0;
 /// The same where another channel, or the frame before, has heard one: by chance a snap that stands out on one hydrophone does
 /// not on the next.
@@ -100,12 +100,11 @@ impl Impulses {
             }
             impulses
         };
-        let mut heard = clean(&self.usual, &mut self.rings, !dead, if self.near { NEAR } else { IMPULSE });
+        let heard = clean(&self.usual, &mut self.rings, !dead, if self.near { NEAR } else { IMPULSE });
         if heard != 0 && !self.near {
-            heard = clean(&self.usual, &mut self.rings, !(dead | heard), NEAR);
+            clean(&self.usual, &mut self.rings, !(dead | heard), NEAR);
         }
         self.near = heard != 0;
-        let told = strong || heard.count_ones() > 1;
         let change = CHANGE_A_SECOND * HOP as f32 / plan.rate_hz;
         let known = self.usual.iter_mut().zip(rough).enumerate();
         for (_, (usual, (_, power))) in known.filter(|(c, _)| dead >> c & 1 == 0) {
@@ -116,7 +115,7 @@ impl Impulses {
             *usual = (*usual * step).max(f32::MIN_POSITIVE);
         }
         let burst = bursts.count_ones() >= HEARD_BY;
-        self.frames = self.frames.saturating_add(u32::from(told || burst));
+        self.frames = self.frames.saturating_add(u32::from(strong || burst));
         burst
     }
 
@@ -135,7 +134,7 @@ impl Impulses {
 enum Found {
     Nothing,
     Impulse {
-        /// Strong enough to be told of by itself.
+        /// Strong enough to be told of.
         told: bool,
     },
     Burst,
