@@ -6,7 +6,7 @@
 use super::{Experiment, Options};
 use crate::angle::{azimuth_deg, turn_deg};
 use crate::csv::{CsvTable, CsvText, Fixed};
-use crate::delays::{COLUMNS, SetResult, solve};
+use crate::delays::{COLUMNS, SetResult, check_above, solve};
 use crate::geodesy::LocalFrame;
 use crate::plot::{Plot, Scale, write_panels};
 use crate::station::Station;
@@ -124,6 +124,7 @@ impl ShipRecording {
     /// As the command.
     pub fn judge(&self) -> Result<Vec<Judged>> {
         let results = solve(&self.station.config, &self.tdoa, None)?;
+        check_above(&results)?;
         Ok(results.into_iter().filter_map(|r| self.judged(r)).collect())
     }
 

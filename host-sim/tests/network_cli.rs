@@ -444,3 +444,22 @@ fn what_a_network_will_tell_is_printed_and_drawn_before_it_is_deployed() {
         "{last_worse}"
     );
 }
+
+#[test]
+fn an_error_that_lasts_is_told_over_many_positions_though_none_of_them_shows_it() {
+    let dir = tempfile::tempdir().unwrap();
+    for turn in [0.0, 3.0] {
+        let (stations, bearings) = write(dir.path(), 0.0, |id| if id == 3 { turn } else { 0.0 });
+        let (s, b) = (stations.to_str().unwrap(), bearings.to_str().unwrap());
+        // Each bearing is said to err by 3°.
+        let args = ["--depth-m", "5", "--sigma-azimuth-deg", "3", "--sigma-elevation-deg", "3", "--json"];
+        let out = seabearing(&[&["locate", "--stations", s, b], &args[..]].concat());
+        let said = String::from_utf8(out.stderr).unwrap();
+        let text = String::from_utf8(out.stdout).unwrap();
+        let fixes: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        let fixes: Vec<&Value> = fixes.iter().filter(|f| f["type"] == "fix").collect();
+        assert!(fixes.len() > 150 && fixes.iter().all(|f| number(f, "misfit") < 16.0), "{}", fixes.len());
+        assert_eq!(said.contains("`s3`") && said.contains("in the mean"), turn != 0.0, "{said}");
+        assert!(fixes.iter().all(|f| f["consistent"] == (turn == 0.0)), "{turn}");
+    }
+}

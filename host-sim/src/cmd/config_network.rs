@@ -105,7 +105,9 @@ fn row(network: &Network, of: &Bearings, pass: &Passage, range_m: f64) -> Value 
         })
         .collect();
     let positions: Vec<_> = places.iter().map(|p| at(network, of, *p)).collect();
-    let ways: Vec<_> = places.iter().map(|p| passage(network, of, pass, true, *p)).collect();
+    let [ways, alone] = [true, false].map(|elevations| -> Vec<_> {
+        places.iter().map(|p| passage(network, of, pass, elevations, *p)).collect()
+    });
     let middle = |of: Vec<Option<f64>>, unit: f64| -> Value {
         let mut all: Vec<f64> = of.into_iter().map(|x| x.unwrap_or(f64::INFINITY)).collect();
         crate::record::finite(median(&mut all).unwrap_or(f64::INFINITY) / unit)
@@ -120,6 +122,8 @@ fn row(network: &Network, of: &Bearings, pass: &Passage, range_m: f64) -> Value 
         "sd_azimuth_deg": middle(positions.iter().map(|p| p.polar.map(|p| p.0)).collect(), angles),
         "sd_passage_m": middle(ways.iter().map(|w| w.map(|w| w.position_m)).collect(), 1.0),
         "sd_heading_deg": middle(ways.iter().map(|w| w.map(|w| w.heading)).collect(), angles),
+        "sd_passage_azimuths_alone_m": middle(alone.iter().map(|w| w.map(|w| w.position_m)).collect(), 1.0),
+        "sd_heading_azimuths_alone_deg": middle(alone.iter().map(|w| w.map(|w| w.heading)).collect(), angles),
         "sd_speed_m_s": middle(ways.iter().map(|w| w.map(|w| w.speed_m_s)).collect(), 1.0),
     })
 }

@@ -1,6 +1,7 @@
 //! `seabearing locate`: positions from a network of arrays; a vessel's motion and the shift of its antenna.
 
 use crate::ocean_bottom::records::is_records;
+use crate::orientation::lasting::{Lasting, lasting, widened};
 use crate::orientation::network_file::{Network, NetworkBearings, read_rows};
 use crate::orientation::over_time::{self, SOURCE_DEPTH_M, heard_by};
 use crate::orientation::record_file;
@@ -222,6 +223,18 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     let settings = FixSettings { region: region(network, args)?, robust: !args.keep_outliers };
 
     let bar = crate::progress::bar(sets.len() as u64, "fixes");
+    let fix = |set: &SightingSet| {
+        bar.inc(1);
+        locate(&set.sightings, &settings)
+    };
+    let mut fixes: Vec<_> = sets.iter().map(fix).collect();
+    let errors = lasting(network, &sets, &fixes);
+    let contradicted = errors.iter().any(Option::is_some);
+    if contradicted {
+        warn_of_lasting(network, &errors);
+        fixes = widened(&sets, &errors).iter().map(|set| locate(&set.sightings, &settings)).collect();
+        fixes.iter_mut().flatten().for_each(|fix| fix.consistent = false);
+    }
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     if !args.json {
         writeln!(
@@ -230,10 +243,8 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
             "t_s", "x_m", "y_m", "z_m", "sd_x", "sd_y", "sd_z"
         )?;
     }
-    for set in &sets {
-        let result = locate(&set.sightings, &settings);
-        bar.inc(1);
-        match (&result, args.json) {
+    for (set, fix) in sets.iter().zip(&fixes) {
+        match (fix, args.json) {
             (Ok(fix), true) => writeln!(out, "{}", dated(record(network, set, fix), &clock, set))?,
             (Ok(fix), false) => writeln!(out, "{}", line(network, set, fix))?,
             (Err(e), true) => {
@@ -248,6 +259,20 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     bar.finish_and_clear();
     out.flush()?;
     Ok(())
+}
+
+/// Says in a line for each which stations' azimuths are off those of the positions all the time.
+fn warn_of_lasting(network: &Network, errors: &[Option<Lasting>]) {
+    for (station, error) in network.stations.iter().zip(errors) {
+        let Some(Lasting { mean, sd }) = error else { continue };
+        log::warn!(
+            "the azimuths of `{}` are {:.2}° ± {:.2}° off those of the positions in the mean: an orientation or a clock is wrong by more \
+             than the network file allows (--motion tells which), and the stated errors have grown",
+            station.name,
+            mean / RAD_PER_DEG,
+            sd / RAD_PER_DEG
+        );
+    }
 }
 
 fn region(network: &Network, args: &Args) -> Result<Region> {

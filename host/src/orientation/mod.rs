@@ -3,6 +3,7 @@
 //! The estimators are the core's (`seabearing_locate::network`, `orient`, `line`); here is what reads their input.
 
 pub mod known_vessel;
+pub mod lasting;
 pub mod network_file;
 pub mod over_time;
 pub mod record_file;
