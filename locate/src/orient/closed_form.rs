@@ -4,8 +4,7 @@
 //! least error `δ² = 2(R − C)`, `R = mean(ρ_i²)`, with `τ_i = G_i √(1 − ξ_i²)`, G = +1 for a vessel to the right of the
 //! axis. The sides depend on the answer: from each of sixteen axes they are set, the form solved, and set again until
 //! they stay; the least error wins. `|ξ/η| > 1` is not admissible: such a bearing is left out, and η with it if that
-//! happens to more than a tenth. All shifts are judged by the same bearings: those on the track at the first and the last of
-//! them. The robust fit of [`super::line`] is the better estimator (this one weights by range
+//! happens to more than a tenth. The robust fit of [`super::line`] is the better estimator (this one weights by range
 //! and bends at |ξ| = 1); it stands here as the published method and as a check.
 
 use super::line::{LEAST_BEARINGS, LineBearing, LineSettings, check, computed_error};
@@ -51,7 +50,7 @@ pub fn search(
     if !(step_s > 0.0 && step_eta > 0.0) {
         return Err(OrientError::NotFinite);
     }
-    grids(bearings, track, settings, settings.shift_s, (step_s, step_eta), None).ok_or(OrientError::TooFew)
+    grids(bearings, track, settings, (step_s, step_eta), None).ok_or(OrientError::TooFew)
 }
 
 /// Standard deviation of the orientation that [`search`] found, radians: a jackknife over blocks in time. The grids are
@@ -72,18 +71,17 @@ pub fn spread(
         ..*settings
     };
     let [sd] = jackknife(BLOCKS, |block| {
-        let part = grids(bearings, track, &near, settings.shift_s, (step_s, step_eta), Some(block))?;
+        let part = grids(bearings, track, &near, (step_s, step_eta), Some(block))?;
         Some([wrap_pi(part.orientation - found.orientation)])
     })?;
     Some(sd)
 }
 
-/// The best of the grids, one block of bearings left out or none. The bearings are those on the track at both ends of `all_s`.
+/// The best of the grids, one block of bearings left out or none.
 fn grids(
     bearings: &[LineBearing],
     track: &[TrackPoint],
     settings: &LineSettings,
-    all_s: (f64, f64),
     (step_s, step_eta): (f64, f64),
     skip: Option<usize>,
 ) -> Option<ClosedForm> {
@@ -95,9 +93,7 @@ fn grids(
         for j in 0..=steps(e0, e1, step_eta) {
             let shift_s = s0 + step_s * f64::from(i);
             let eta = e0 + step_eta * f64::from(j);
-            let Some(found) = without(skip, bearings, track, settings.gap_s, all_s, shift_s, eta) else {
-                continue;
-            };
+            let Some(found) = without(skip, bearings, track, settings.gap_s, shift_s, eta) else { continue };
             if best.is_none_or(|b| found.mean_error < b.mean_error) {
                 best = Some(found);
             }
@@ -134,16 +130,15 @@ pub fn solve(
     shift_s: f64,
     eta: f64,
 ) -> Option<ClosedForm> {
-    without(None, bearings, track, gap_s, (shift_s, shift_s), shift_s, eta)
+    without(None, bearings, track, gap_s, shift_s, eta)
 }
 
-/// As [`solve`], one block of bearings left out or none, with the bearings on the track at both ends of `all_s`.
+/// As [`solve`], one block of bearings left out or none.
 fn without(
     skip: Option<usize>,
     bearings: &[LineBearing],
     track: &[TrackPoint],
     gap_s: f64,
-    all_s: (f64, f64),
     shift_s: f64,
     eta: f64,
 ) -> Option<ClosedForm> {
@@ -152,8 +147,7 @@ fn without(
             if Some(block_of(i, bearings.len())) == skip {
                 return None;
             }
-            let at = |shift_s: f64| position_at(track, b.t_s - shift_s, gap_s);
-            let [x, y, _] = at(all_s.0).and(at(all_s.1)).and(at(shift_s))?;
+            let [x, y, _] = position_at(track, b.t_s - shift_s, gap_s)?;
             Some((x, y, b.sine / eta))
         })
     };
@@ -218,22 +212,6 @@ mod tests {
         assert!((found.eta - 0.976).abs() < 1e-9, "{found:?}");
         assert!(wrap_pi(found.orientation + 35.1 * RAD_PER_DEG).abs() < 1e-6);
         assert!(found.error_m2 < 1e-6);
-    }
-
-    #[test]
-    fn every_shift_is_judged_by_the_same_bearings() {
-        let (all, track) = (bearings(0.002), track());
-        // A track that covers a part of the bearings.
-        let part = &track[2..7];
-        let n = |shift_s: (f64, f64)| {
-            search(&all, part, &LineSettings { shift_s, ..SETTINGS }, 1.0, 0.001).unwrap().n
-        };
-        // The bearings are seconds apart: of a search that is wider by six either way as many less are on the track at all.
-        assert_eq!(n((2.0, 2.0)), n((-4.0, 8.0)) + 12);
-        let found =
-            search(&all, part, &LineSettings { shift_s: (-4.0, 8.0), ..SETTINGS }, 1.0, 0.001).unwrap();
-        let error = wrap_pi(found.orientation + 35.1 * RAD_PER_DEG).abs();
-        assert!(error < 2.0 * RAD_PER_DEG, "{found:?}");
     }
 
     #[test]
