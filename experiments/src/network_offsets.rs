@@ -34,7 +34,7 @@ pub const EXPERIMENT: Experiment = Experiment {
 };
 
 /// Passages of each case.
-const RUNS: usize = 100;
+const RUNS: usize = 60;
 /// Length of a passage, seconds.
 const DURATION_S: i32 = 200;
 const SOURCE_M: f64 = -5.0;

@@ -399,53 +399,6 @@ fn bearings_off_the_track_are_counted_and_said() {
 }
 
 #[test]
-fn what_a_network_will_tell_is_printed_and_drawn_before_it_is_deployed() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
-    // The two arrays of paper N: 125.4 m at 1 km with the depth known, towards −5°.
-    std::fs::write(
-        path("two.toml"),
-        "[[stations]]\nid = 1\nposition = { local_m = [4.5, -21.2, -168.0] }\norientation_sd_deg = 0.0\n\
-         [[stations]]\nid = 2\nposition = { local_m = [-4.5, 21.2, -168.0] }\norientation_sd_deg = 0.0\n",
-    )
-    .unwrap();
-    let ask = |more: &[&str]| {
-        let (file, plots) = (path("two.toml"), path("plots"));
-        let args = ["config", "check", &file, "--json", "--max-range-m", "1000", "--plots", &plots];
-        records(&[&args, more].concat())[0].clone()
-    };
-    let record = ask(&[]);
-    assert_eq!((&record["type"], record["stations"].as_array().unwrap().len()), (&Value::from("network"), 2));
-    let rows = record["expected_accuracy"].as_array().unwrap();
-    let last = rows.last().unwrap();
-    assert!((number(last, "sd_position_m") - 125.4).abs() < 3.0, "{last}");
-    // 43 m of parallax tell no depth, and hardly a range without elevations, a kilometre away.
-    assert!(last["sd_depth_unknown_m"].is_null() && last["sd_azimuths_alone_m"].is_null(), "{last}");
-    assert!((number(last, "sd_azimuth_deg") - 1.5 / 2f64.sqrt()).abs() < 0.05, "{last}");
-    let polar = number(last, "sd_range_m").hypot(1000.0 * number(last, "sd_azimuth_deg").to_radians());
-    assert!((polar / number(last, "sd_position_m") - 1.0).abs() < 0.03, "{last}");
-    assert!(number(last, "sd_heading_deg") > number(&rows[0], "sd_heading_deg"));
-    let svg = std::fs::read_to_string(path("plots/accuracy.svg")).unwrap();
-    for words in [
-        "azimuths alone",
-        "depth unknown",
-        "Range from the centre",
-        "Heading",
-        "standard deviation (m)",
-        "East (m)",
-    ] {
-        assert!(svg.contains(words), "{words}");
-    }
-    // What is known worse is told worse.
-    let worse = ask(&["--sigma-elevation-deg", "3.2"]);
-    let last_worse = worse["expected_accuracy"].as_array().unwrap().last().unwrap().clone();
-    assert!(
-        last_worse["sd_position_m"].is_null() || number(&last_worse, "sd_position_m") > 200.0,
-        "{last_worse}"
-    );
-}
-
-#[test]
 fn an_error_that_lasts_is_told_over_many_positions_though_none_of_them_shows_it() {
     let dir = tempfile::tempdir().unwrap();
     for turn in [0.0, 3.0] {

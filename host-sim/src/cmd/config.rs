@@ -1,8 +1,10 @@
 //! `seabearing config`: check a station file or a list of stations, and say what accuracy to expect.
 
 use super::config_network;
+use crate::bounds::network::{self, Bearings};
 use crate::bounds::passage::{self as limits, StraightPass};
 use crate::bounds::picture::{self, Curve};
+use crate::orientation::network_file::Network;
 use crate::orientation::over_time::SOURCE_DEPTH_M;
 use crate::propagation;
 use crate::record::finite;
@@ -148,7 +150,7 @@ const CLOSEST_M: [f64; 5] = [250.0, 500.0, 1000.0, 2000.0, 4000.0];
 const DRAWN: (usize, f64, f64) = (40, 100.0, 5000.0);
 
 /// Bounds of straight passages: by azimuths with the speed that [tracking] assumes, and where the depths are known, by
-/// elevations too, without any speed. `null` where nothing is told.
+/// elevations too, without any speed; and of a position by one bearing. `null` where nothing is told.
 fn passages(args: &CheckArgs, config: &StationConfig, array: &ArrayConfig) -> Result<Value> {
     let tracking = &config.tracking;
     let sd_rad = tracking.bearing_sd_deg.max(LEAST_SD_DEG).to_radians();
@@ -175,6 +177,16 @@ fn passages(args: &CheckArgs, config: &StationConfig, array: &ArrayConfig) -> Re
         let b = limits::limit(&pass(range_m), &free, Some(sd_elevation)).filter(|_| height_m > 0.0)?;
         Some((b.cpa_range_m, b.heading_rad.to_degrees(), b.speed_m_s))
     };
+    let alone = Network {
+        stations: vec![config.clone()],
+        arrays_m: vec![[0.0, 0.0, -config.depth_m]],
+        frame: None,
+        sd_orientation: vec![0.0],
+        sd_clock_s: vec![None],
+    };
+    let bearings = Bearings { sd_azimuth: sd_rad, sd_elevation: sd_rad, depth_m: array.vessel_depth_m };
+    let one_bearing =
+        |range_m: f64| network::at(&alone, &bearings, [0.0, range_m]).position_m.filter(|_| height_m > 0.0);
     if let Some(folder) = &args.plots {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make folder {}", folder.display()))?;
@@ -188,7 +200,8 @@ fn passages(args: &CheckArgs, config: &StationConfig, array: &ArrayConfig) -> Re
         if height_m > 0.0 {
             curves.push(curve("azimuths and elevations, any speed".to_owned(), &by_elevations));
         }
-        picture::passages(&pass(1000.0), &curves, &folder.join("accuracy.svg"))?;
+        let positions: Vec<_> = ranges.filter_map(|r| Some((r, one_bearing(r)?))).collect();
+        picture::passages(&pass(1000.0), &curves, &positions, &folder.join("accuracy.svg"))?;
     }
     let rows = CLOSEST_M.iter().map(|range_m| {
         let told = |x: Option<f64>| x.map_or(Value::Null, finite);
@@ -200,6 +213,7 @@ fn passages(args: &CheckArgs, config: &StationConfig, array: &ArrayConfig) -> Re
             "elevations_sd_cpa_range_m": told(elevations.map(|s| s.0)),
             "elevations_sd_heading_deg": told(elevations.map(|s| s.1)),
             "elevations_sd_speed_m_s": told(elevations.map(|s| s.2)),
+            "one_bearing_sd_position_m": told(one_bearing(*range_m)),
         })
     });
     Ok(rows.collect())

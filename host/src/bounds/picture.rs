@@ -108,11 +108,12 @@ fn panel(network: &Network, title: &str, heat: HeatMap, lines: [f64; 6], unit: &
 /// of the heading (degrees).
 pub type Curve = (String, Vec<(f64, f64, f64)>);
 
-/// Range of the closest point and heading of passages against that range.
+/// Range of the closest point and heading of passages against that range; and `positions`, of one bearing with elevation against
+/// its range, where there are any.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn passages(pass: &StraightPass, curves: &[Curve], path: &Path) -> Result<()> {
+pub fn passages(pass: &StraightPass, curves: &[Curve], positions: &[(f64, f64)], path: &Path) -> Result<()> {
     let about = format!("{:.0} s, {:.1} m/s", pass.window_s, pass.speed_m_s);
     let panel = |title: &str, label: &str, of: fn(&(f64, f64, f64)) -> f64| {
         let mut figure = Plot::new(&format!("{title}, {about}"), "range of the closest point (m)", label);
@@ -124,5 +125,11 @@ pub fn passages(pass: &StraightPass, curves: &[Curve], path: &Path) -> Result<()
     };
     let range = panel("Range of the closest point", "standard deviation (m)", |p| p.1);
     let heading = panel("Heading", "standard deviation (°)", |p| p.2);
-    write_panels(path, &[&range, &heading], 2)
+    if positions.is_empty() {
+        return write_panels(path, &[&range, &heading], 2);
+    }
+    let mut place = Plot::new("Position by one bearing", "horizontal range (m)", "standard deviation (m)");
+    place.size(520, 400).x_scale(crate::plot::Scale::Log).y_scale(crate::plot::Scale::Log);
+    place.line("azimuth and elevation, depth known", positions);
+    write_panels(path, &[&range, &heading, &place], 3)
 }
