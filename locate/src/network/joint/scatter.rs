@@ -81,9 +81,12 @@ fn scatter(residuals: impl Iterator<Item = f64> + Clone, fitted: f64) -> Option<
         last = r;
     }
     let found = if squares > 0.0 { products / squares } else { 0.0 };
-    // Marriott and Pope 1954: the mean of an estimate of ρ is low by (1 + 3ρ)/n, and as much again for what was fitted.
-    let common = (found + (1.0 + 4.0 * found.max(0.0)) / n).clamp(0.0, MOST_COMMON);
-    let variance = squares / (n - fitted) * (1.0 + common) / (1.0 - common);
+    // Marriott and Pope 1954: the mean of an estimate of ρ is low by (1 + 3ρ)/n; each further parameter that was fitted takes
+    // (1 + ρ)/n more. Of errors with so much in common there are fewer, and each parameter takes one of those.
+    let low = (fitted + (fitted + 2.0) * found.max(0.0)) / n;
+    let common = (found + low).clamp(0.0, MOST_COMMON);
+    let inflation = (1.0 + common) / (1.0 - common);
+    let variance = squares / (n - (fitted * inflation).min(0.5 * n)) * inflation;
     Some((sd * m::sqrt(variance)).max(LEAST_SCATTER))
 }
 
