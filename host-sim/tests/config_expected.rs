@@ -26,7 +26,18 @@ fn what_a_network_will_tell_is_printed_and_drawn_before_it_is_deployed() {
     .unwrap();
     let ask = |more: &[&str]| {
         let (file, plots) = (path("two.toml"), path("plots"));
-        let args = ["config", "check", &file, "--json", "--max-range-m", "1000", "--plots", &plots];
+        let args = [
+            "config",
+            "check",
+            &file,
+            "--json",
+            "--max-range-m",
+            "1000",
+            "--every-s",
+            "50",
+            "--plots",
+            &plots,
+        ];
         records(&[&args, more].concat())[0].clone()
     };
     let record = ask(&[]);
