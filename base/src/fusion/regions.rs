@@ -2,7 +2,7 @@
 //! each, and a fusion for each region.
 //!
 //! In: the stations file. Nearest stations come together first, as long as a region stays small and near enough (the
-//! clusters of single linkage, with a bound); a region that is left with fewer than [`LEAST`] takes its nearest stations from a larger
+//! clusters of single linkage, with a bound); a region that is left with fewer than three takes its nearest stations from a larger
 //! one. A vessel that goes from one region to another is a network track of each.
 
 use super::sites::{Place, Sites};

@@ -149,7 +149,7 @@ const CLOSEST_M: [f64; 5] = [250.0, 500.0, 1000.0, 2000.0, 4000.0];
 /// Ranges of the curves drawn, metres: so many from the first to the last.
 const DRAWN: (usize, f64, f64) = (40, 100.0, 5000.0);
 
-/// Bounds of straight passages: by azimuths with the speed that [tracking] assumes, and where the depths are known, by
+/// Bounds of straight passages: by azimuths with the speed that `[tracking]` assumes, and where the depths are known, by
 /// elevations too, without any speed; and of a position by one bearing. `null` where nothing is told.
 fn passages(args: &CheckArgs, config: &StationConfig, array: &ArrayConfig) -> Result<Value> {
     let tracking = &config.tracking;

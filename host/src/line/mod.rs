@@ -1,7 +1,7 @@
 //! A uniform line of sensors, from its recording to bearings (paper L, section 3).
 //!
 //! Enters: a recording of all sensors (WAV or FLAC), and what the table `[line]` of the station file says of how it is to be
-//! analysed. Leaves: a [`LineBearing`] for each source and step. In the order data flows: [`wide`] (all sensors side by side),
+//! analysed. Leaves: a [`LineBearing`] for each source and step. In the order data flows: `wide` (all sensors side by side),
 //! `frames` (spectra at the frequencies), [`seabearing_locate::line`] (covariance, number of sources, MUSIC, and what several
 //! frequencies have in common).
 //!

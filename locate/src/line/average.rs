@@ -1,7 +1,7 @@
 //! Bearings of several frequencies of one line, joined: what a vessel radiates at 444, 666 and 702 Hz comes from one direction.
 //!
 //! In: arrivals of each frequency. Out: arrivals with the mean of the sines, weighted by their variances. Arrivals of two
-//! frequencies are one where they differ by less than [`SAME`] standard deviations. Cost: some hundred comparisons.
+//! frequencies are one where they differ by less than four standard deviations. Cost: some hundred comparisons.
 
 use super::{LineArrival, MAX_SOURCES};
 use crate::math::f64 as m;

@@ -4,7 +4,7 @@
 //! gives `ξ = η cos(φ − a)` [L 3, 14-16]. For a given clock shift that is linear in `(η cos a, η sin a)`, so orientation
 //! and η follow from a 2×2 system, whichever side the vessel is on and however often it changes sides; only the shift
 //! is searched. The bearing stamped t belongs to the track's t − shift. A robust fit (Huber's, then Tukey's weights on
-//! the median absolute deviation) finds the neighbourhood and what is wrong; [`shift`] then weighs all shifts about it.
+//! the median absolute deviation) finds the neighbourhood and what is wrong; `shift` then weighs all shifts about it.
 //!
 //! Fails (says so) where the vessel's bearing hardly turns: shift, η and orientation then trade against each other.
 //! Cost: 241 plain fits for the noise, 260 robust ones of six rounds over the bearings, and some 1200 plain ones.
