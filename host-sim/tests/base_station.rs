@@ -128,22 +128,45 @@ fn an_alarm_that_stands_is_on_the_page_after_a_restart() {
     let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
     write("stations.toml", "[[stations]]\nid = 7\nline = \"listen:127.0.0.1:0\"\n");
     write("alarms.toml", "[[alarms]]\nkind = \"silent\"\nafter_s = 1\n");
-    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    let page = free.local_addr().unwrap().to_string();
-    drop(free);
+    let free_address =
+        || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let page = free_address();
     let args =
         ["--stations", "stations.toml", "--alarms", "alarms.toml", "--store", "store", "--page", &page];
+    let metrics = free_address();
     for _ in 0..2 {
-        let base = Base::start(dir.path(), &args);
+        let base = Base::start(dir.path(), &[&args[..], &["--metrics", &metrics]].concat());
         wait(dir.path(), "the alarm", |all| of(all, 7, "alarm") == 1);
         let begun = Instant::now();
         let shown = || serde_json::from_slice::<Value>(&ask(&page, "/api/alarms").unwrap()).unwrap();
-        while shown()[0]["state"] != "raised" {
-            assert!(begun.elapsed() < Duration::from_secs(10), "{}", shown());
+        let counted = || String::from_utf8(ask(&metrics, "/metrics").unwrap()).unwrap();
+        let line = "seabearing_alarms{code=\"RecorderSilent\",acknowledged=\"false\"} 1";
+        while shown()[0]["state"] != "raised" || !counted().contains(line) {
+            assert!(begun.elapsed() < Duration::from_secs(10), "{} {}", shown(), counted());
             std::thread::sleep(Duration::from_millis(50));
         }
         base.kill();
     }
+    // Its rule is no more: whoever is told of alarms is told so, with the time at which it was cleared.
+    let told = dir.path().join("told");
+    let tell = format!("[[deliver]]\ncommand = [\"sh\", \"-c\", \"cat >> {}\"]\n", told.display());
+    write("alarms.toml", &format!("[[alarms]]\nkind = \"channel\"\n{tell}"));
+    let base = Base::start(dir.path(), &args);
+    let all = wait(dir.path(), "its end", |all| of(all, 7, "alarm") == 2);
+    let begun = Instant::now();
+    let delivered: Value = loop {
+        let text = std::fs::read_to_string(&told).unwrap_or_default();
+        if let Some(line) = text.strip_suffix('\n') {
+            break serde_json::from_str(line).unwrap();
+        }
+        assert!(begun.elapsed() < Duration::from_secs(10), "nobody is told");
+        std::thread::sleep(Duration::from_millis(50));
+    };
+    base.kill();
+    let alarms: Vec<&Value> = all.iter().filter(|r| r["type"] == "alarm").collect();
+    assert_eq!((&delivered["state"], &delivered["id"]), (&"cleared".into(), &alarms[0]["id"]));
+    assert_eq!((&delivered["utc"], &alarms[1]["state"]), (&alarms[1]["utc"], &"cleared".into()));
+    assert_ne!(alarms[0]["utc"], alarms[1]["utc"]);
 }
 
 struct Nothing;

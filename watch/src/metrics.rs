@@ -1,5 +1,6 @@
 //! Counters for Prometheus (text format 0.0.4) at `/metrics`.
 
+use crate::report::{is_of_recorder, utc};
 use anyhow::{Context, Result};
 use axum::http::header::CONTENT_TYPE;
 use axum::{Router, routing::get};
@@ -52,18 +53,14 @@ impl Counters {
         if kind == "acknowledge" {
             return;
         }
-        if kind == "alarm"
-            && let Some(id) = record["id"].as_u64()
-        {
-            let code = record["code"].as_str().unwrap_or("").to_owned();
-            match record["state"].as_str() {
-                Some("cleared") => drop(self.alarms.remove(&id)),
-                state => drop(self.alarms.insert(id, (code, state == Some("acknowledged")))),
-            }
+        if kind == "alarm" {
+            self.stand(record);
         }
         let station = self.stations.entry(record["station"].as_u64()).or_default();
         *station.records.entry(kind.to_owned()).or_default() += 1;
-        station.heard_s = crate::report::utc(&record["received_utc"]).or(station.heard_s);
+        if is_of_recorder(kind) {
+            station.heard_s = utc(&record["received_utc"]).or(station.heard_s);
+        }
         match kind {
             "line" => station.up = Some(record["state"] == "up"),
             "lost" => station.lost += record["frames"].as_u64().unwrap_or(0),
@@ -76,6 +73,16 @@ impl Counters {
                 station.dead_channels = record["dead_channels"].as_array().map(Vec::len);
             }
             _ => {}
+        }
+    }
+
+    /// Takes an alarm, of now or of before this began, without counting it.
+    pub fn stand(&mut self, alarm: &Value) {
+        let Some(id) = alarm["id"].as_u64() else { return };
+        let code = alarm["code"].as_str().unwrap_or("").to_owned();
+        match alarm["state"].as_str() {
+            Some("cleared") => drop(self.alarms.remove(&id)),
+            state => drop(self.alarms.insert(id, (code, state == Some("acknowledged")))),
         }
     }
 
@@ -151,19 +158,22 @@ impl Counters {
 }
 
 /// Counts what a feed brings and serves it, and after it what others count (`more`, text of the same format); gives the address
-/// listened at.
+/// listened at. `standing`: the alarm records of before, oldest first.
 ///
 /// # Errors
 /// The address cannot be listened at.
 pub fn serve(
     at: &str,
     feed: &Feed,
+    standing: &[Value],
     more: impl Fn() -> String + Clone + Send + Sync + 'static,
 ) -> Result<SocketAddr> {
     let listener = TcpListener::bind(at).with_context(|| format!("--metrics {at}: cannot listen"))?;
     let address = listener.local_addr()?;
     listener.set_nonblocking(true)?;
-    let counters: Arc<Mutex<Counters>> = Arc::default();
+    let mut counters = Counters::default();
+    standing.iter().for_each(|alarm| counters.stand(alarm));
+    let counters = Arc::new(Mutex::new(counters));
     let (records, counted) = (feed.subscribe(WAITING), Arc::clone(&counters));
     std::thread::spawn(move || {
         while let Some(taken) = records.take() {
@@ -196,11 +206,15 @@ mod tests {
     #[test]
     fn counters_are_served_as_prometheus_reads_them() {
         let feed = Feed::default();
-        let address = serve("127.0.0.1:0", &feed, || "seabearing_more 1\n".to_owned()).unwrap();
+        let before = [(3, "raised"), (4, "raised"), (3, "acknowledged"), (4, "cleared")]
+            .map(|(id, state)| json!({ "type": "alarm", "id": id, "state": state, "code": "ChannelSick" }));
+        let address = serve("127.0.0.1:0", &feed, &before, || "seabearing_more 1\n".to_owned()).unwrap();
         feed.publish(vec![
             json!({ "type": "bearing", "station": 7, "received_utc": "1970-01-01T00:01:40Z" }),
             json!({ "type": "bearing", "station": 7, "received_utc": "1970-01-01T00:01:41Z" }),
-            json!({ "type": "lost", "station": 7, "frames": 3 }),
+            // What the base station says itself.
+            json!({ "type": "lost", "station": 7, "frames": 3, "received_utc": "1970-01-01T00:02:00Z" }),
+            json!({ "type": "network_track", "id": 1, "received_utc": "1970-01-01T00:02:00Z" }),
             json!({ "type": "a\"\n\\", "station": 8 }),
             json!({ "type": "alarm", "station": 7, "id": 1, "state": "raised", "code": "RecorderSilent" }),
             json!({ "type": "alarm", "station": 7, "id": 2, "state": "raised", "code": "SupplyLow" }),
@@ -212,7 +226,7 @@ mod tests {
             let kind = answer.headers.iter().find(|(name, _)| name.eq_ignore_ascii_case("content-type"));
             assert!(kind.is_some_and(|(_, kind)| kind.starts_with("text/plain; version=0.0.4")), "{kind:?}");
             let text = answer.as_str().unwrap().to_owned();
-            if text.contains("alarms{") || begun.elapsed() > Duration::from_secs(5) {
+            if text.contains("alarms{code=\"RecorderSilent") || begun.elapsed() > Duration::from_secs(5) {
                 break text;
             }
         };
@@ -223,10 +237,16 @@ mod tests {
             r#"seabearing_records_total{station="8",type="a\"\n\\"} 1"#,
             "seabearing_heard_timestamp_seconds{station=\"7\"} 101",
             "seabearing_alarms{code=\"RecorderSilent\",acknowledged=\"false\"} 1",
+            "seabearing_alarms{code=\"ChannelSick\",acknowledged=\"true\"} 1",
             "seabearing_more 1",
         ] {
             assert!(text.lines().any(|l| l == line), "{line} is missing in\n{text}");
         }
+        assert!(!text.contains("heard_timestamp_seconds{station=\"unknown"), "{text}");
+        assert!(
+            !text.contains("ChannelSick\",acknowledged=\"false")
+                && !text.contains("records_total{station=\"unknown\",type=\"alarm")
+        );
         assert!(!text.contains("SupplyLow\",ack") && text.ends_with('\n'));
         assert_eq!(
             minreq::get(format!("http://{address}/")).with_timeout(5).send().unwrap().status_code,

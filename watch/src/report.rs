@@ -136,6 +136,27 @@ pub fn utc(text: &Value) -> Option<f64> {
     Some(at.unix_timestamp_nanos() as f64 * 1e-9)
 }
 
+/// Records that a base station makes itself.
+const OF_BASE: [&str; 12] = [
+    "acknowledge",
+    "ais_fleet",
+    "ais_match",
+    "alarm",
+    "base",
+    "line",
+    "lost",
+    "network_track",
+    "not_shown",
+    "note",
+    "store",
+    "warning",
+];
+
+/// Whether a recorder is heard by a record of this `type`: not by what the base station finds itself.
+pub fn is_of_recorder(kind: &str) -> bool {
+    !OF_BASE.contains(&kind)
+}
+
 /// Seconds since 1970 by this computer's clock.
 pub fn unix_now_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())

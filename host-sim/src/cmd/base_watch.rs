@@ -85,28 +85,21 @@ impl Watch {
         if let Some(at) = &self.nmea {
             log::info!("NMEA 0183 for chart plotters at {}", nmea::serve(at, &known, service.feed())?);
         }
+        let standing = alarms.as_ref().and(store).map_or(Ok(Vec::new()), standing)?;
         if let Some(at) = &self.metrics {
-            log::info!("counters at http://{}/metrics", metrics::serve(at, service.feed(), more)?);
+            let address = metrics::serve(at, service.feed(), &standing, more)?;
+            log::info!("counters at http://{address}/metrics");
         }
         let mut ais = None;
         if !self.ais.is_empty() {
             let live = Live::new(&known, matching::Rules::default());
             ais = Some(ais_live::start(live, &self.ais, service.feed(), service.notebook())?);
         }
-        let Some(alarms) = alarms else { return Ok((Vec::new(), ais)) };
+        let Some(alarms) = alarms else { return Ok((standing, ais)) };
         let mut stations: BTreeMap<u16, Option<(f64, f64)>> =
             known.into_iter().map(|(of, at)| (of, Some(at))).collect();
         for s in listed {
             stations.entry(s.config.id).or_default();
-        }
-        let mut standing = Vec::new();
-        if let Some(folder) = store {
-            let from = Some(OffsetDateTime::now_utc() - time::Duration::days(STANDING_DAYS));
-            store::read(folder, &Wanted { from, ..Wanted::default() }, |record| {
-                if record["type"] == "alarm" {
-                    standing.push(record);
-                }
-            })?;
         }
         let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
         let watcher = Watcher::new(alarms.rules, &stations, now_s);
@@ -114,6 +107,18 @@ impl Watch {
         deliver::start(watcher, alarms.deliveries, service.feed(), service.notebook(), folder, &standing);
         Ok((standing, ais))
     }
+}
+
+/// The alarm records of a store, oldest first.
+fn standing(store: &Path) -> Result<Vec<Value>> {
+    let from = Some(OffsetDateTime::now_utc() - time::Duration::days(STANDING_DAYS));
+    let mut standing = Vec::new();
+    store::read(store, &Wanted { from, ..Wanted::default() }, |record| {
+        if record["type"] == "alarm" {
+            standing.push(record);
+        }
+    })?;
+    Ok(standing)
 }
 
 /// Latitudes and longitudes of the stations that have them, degrees.

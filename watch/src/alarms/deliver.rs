@@ -61,7 +61,7 @@ pub fn start(
     let ways: Vec<SyncSender<Value>> = deliveries.into_iter().map(way).collect();
     std::thread::spawn(move || {
         // Alarms of rules that are no more.
-        if cleared.into_iter().all(|record| notebook.note(station_of(&record), record)) {
+        if cleared.into_iter().all(|record| tell(record, &ways, &notebook)) {
             watch(watcher, clock, &records, &ways, &notebook, store.as_deref());
         }
     });
@@ -100,18 +100,21 @@ fn watch(
                 }
             }
         }
-        for record in out {
-            let station = station_of(&record);
-            for way in ways {
-                if let Err(TrySendError::Full(_)) = way.try_send(record.clone()) {
-                    log::warn!("{UNDELIVERED} alarms wait to be delivered; one is not: {}", record["text"]);
-                }
-            }
-            if !notebook.note(station, record) {
-                return;
-            }
+        if !out.into_iter().all(|record| tell(record, ways, notebook)) {
+            return;
         }
     }
+}
+
+/// Dates an alarm, and hands it to the deliveries and the store; false once the service has ended.
+fn tell(mut record: Value, ways: &[SyncSender<Value>], notebook: &Notebook) -> bool {
+    record["utc"] = crate::report::rfc3339(now_s());
+    for way in ways {
+        if let Err(TrySendError::Full(_)) = way.try_send(record.clone()) {
+            log::warn!("{UNDELIVERED} alarms wait to be delivered; one is not: {}", record["text"]);
+        }
+    }
+    notebook.note(station_of(&record), record)
 }
 
 fn station_of(record: &Value) -> Option<u16> {
@@ -126,8 +129,7 @@ fn way(delivery: Delivery) -> SyncSender<Value> {
 }
 
 fn deliver(delivery: &Delivery, alarms: &Receiver<Value>) {
-    for mut alarm in alarms {
-        alarm["utc"] = crate::report::rfc3339(now_s());
+    for alarm in alarms {
         let text = alarm.to_string();
         let mut wait = AGAIN;
         for attempt in 1..=ATTEMPTS {

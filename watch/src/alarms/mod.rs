@@ -8,7 +8,7 @@ pub mod area;
 pub mod deliver;
 pub mod rules;
 
-use crate::report::{Covariance, TrackId, TrackReport};
+use crate::report::{Covariance, TrackId, TrackReport, is_of_recorder};
 use area::{is_inside, share};
 use rules::{Condition, Rule};
 use seabearing_host::geodesy::LocalFrame;
@@ -19,8 +19,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const TRACK_ENDS_S: f64 = 120.0;
 /// A disk has room again with so many times the room at which that was told.
 const ROOM_AGAIN: f64 = 1.1;
-/// Records that a base station makes itself: of them no recorder is heard.
-const OWN: [&str; 6] = ["alarm", "line", "lost", "warning", "not_shown", "ais_match"];
+/// What a store adds to a record.
+const OF_THE_STORE: [&str; 5] = ["utc", "sd_utc_s", "received_utc", "session", "sequence"];
 
 /// What an alarm is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -86,7 +86,7 @@ impl Watcher {
         let Some(station) = record["station"].as_u64().and_then(|n| u16::try_from(n).ok()) else {
             return out;
         };
-        if !OWN.contains(&kind) {
+        if is_of_recorder(kind) {
             self.heard_s.insert(station, now_s);
         }
         for n in 0..self.rules.len() {
@@ -202,11 +202,11 @@ impl Watcher {
     }
 
     /// Takes up what stood when a base station ended before: its alarm records, oldest first. Gives those that are cleared, as
-    /// there is no such rule any more.
+    /// there is no such rule any more, or it is about other stations now.
     pub fn resume(&mut self, records: &[Value], now_s: f64) -> Vec<Value> {
         let mut out = Vec::new();
         let over = |record: &Value| {
-            let mut record = record.clone();
+            let mut record = anew(record);
             record["state"] = "cleared".into();
             record
         };
@@ -221,6 +221,11 @@ impl Watcher {
             let station = record["station"].as_u64().and_then(|s| u16::try_from(s).ok());
             let base = matches!(self.rules[n].condition, Condition::Disk { .. });
             let Some(station) = station.or(base.then_some(0)) else { continue };
+            let of = &self.rules[n].stations;
+            if !base && !of.is_empty() && !of.contains(&station) {
+                out.push(over(record));
+                continue;
+            }
             let number = |key: &str| record[key].as_u64();
             let about = match (number("track"), number("channel")) {
                 (Some(track), _) => About::Track(TrackId {
@@ -233,7 +238,7 @@ impl Watcher {
                 _ => About::Station(station),
             };
             let acknowledged = record["state"] == "acknowledged";
-            let raised = Raised { id, acknowledged, untrue_s: None, heard_s: now_s, record: record.clone() };
+            let raised = Raised { id, acknowledged, untrue_s: None, heard_s: now_s, record: anew(record) };
             // Of two of one name, as a version before left them, the later one goes on.
             out.extend(self.raised.insert((n, about), raised).map(|before| over(&before.record)));
         }
@@ -249,7 +254,7 @@ impl Watcher {
                 let Some(report) = TrackReport::of(record) else { return Vec::new() };
                 vec![(About::Track(report.track), self.vessel(n, station, &report, now_s))]
             }
-            Condition::Silent(_) if OWN.contains(&kind) => Vec::new(),
+            Condition::Silent(_) if !is_of_recorder(kind) => Vec::new(),
             Condition::Silent(_) => vec![(here, Truth::over("it is heard again"))],
             Condition::Channel => channels(station, kind, fault, record),
             Condition::Clock(limit_s) => match (kind, fault, record["sd_utc_s"].as_f64()) {
@@ -371,6 +376,15 @@ impl Watcher {
         self.raised.insert((n, about), raised);
         Some(record)
     }
+}
+
+/// A record of a store without what belongs to its time: to be said again.
+fn anew(record: &Value) -> Value {
+    let mut record = record.clone();
+    if let Some(map) = record.as_object_mut() {
+        map.retain(|key, _| !OF_THE_STORE.contains(&key.as_str()));
+    }
+    record
 }
 
 /// An alarm's record in another state.

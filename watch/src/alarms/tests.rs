@@ -179,6 +179,36 @@ fn rules_of_one_kind_go_on_with_their_own_alarms_and_none_stands_for_ever_withou
 }
 
 #[test]
+fn what_goes_on_has_times_of_its_own_and_ends_where_its_rule_names_other_stations() {
+    let silent = |rest: &str| format!("[[alarms]]\nkind = \"silent\"\n{rest}\n");
+    let mut raised = watcher(&silent("stations = [1]")).tick(200.0);
+    assert_eq!(states(&raised), ["raised"]);
+    // As the store hands it out.
+    for key in ["utc", "received_utc"] {
+        raised[0][key] = "1970-01-01T00:03:20Z".into();
+    }
+    let mut after = watcher(&silent("after_s = 900"));
+    assert!(after.resume(&raised, 300.0).is_empty());
+    let seen = after.acknowledge(raised[0]["id"].as_u64().unwrap()).unwrap();
+    after.take(&json!({ "type": "bearing", "station": 1 }), 301.0);
+    let heard = after.tick(302.0);
+    let other = watcher(&silent("stations = [2]")).resume(&raised, 300.0);
+    assert_eq!((states(&heard), states(&other)), (vec!["cleared"], vec!["cleared"]));
+    for said in [&seen, &heard[0], &other[0]] {
+        assert_eq!((&said["id"], &said["station"]), (&raised[0]["id"], &json!(1)));
+        assert!(said["utc"].is_null() && said["received_utc"].is_null(), "{said}");
+    }
+}
+
+#[test]
+fn what_the_base_station_finds_itself_is_no_recorder_heard() {
+    let mut watcher = watcher("[[alarms]]\nkind = \"silent\"\nafter_s = 60\nstations = [1]\n");
+    watcher.take(&json!({ "type": "network_track", "station": 1 }), 50.0);
+    watcher.take(&json!({ "type": "ais_fleet", "station": 1 }), 55.0);
+    assert_eq!(states(&watcher.tick(61.0)), ["raised"]);
+}
+
+#[test]
 fn a_disk_that_fills_is_told_once_and_cleared_with_room_to_spare() {
     let mut watcher = watcher("[[alarms]]\nkind = \"disk\"\nfree_mb = 100\nfree_percent = 10\n");
     let mut out = Vec::new();
