@@ -1,4 +1,5 @@
-//! Writing output files so that a reader never sees half of one: a temporary file beside it, then a rename.
+//! Writing output files so that a reader never sees half of one: a temporary file beside it, then a rename. Where a name is a link
+//! the file it leads to is written; a device or a pipe gets the bytes once they are all there.
 //!
 //! An interruption removes the temporary file ([`crate::interrupt`]). One that a run left which was killed outright is
 //! removed by the next run that writes into the folder: the temporary file's name tells the process it belonged to.
@@ -13,6 +14,8 @@ use tempfile::NamedTempFile;
 
 /// Begins the names of temporary files; the process's number follows.
 const PREFIX: &str = ".seabearing-";
+/// Links followed, as many as Linux does.
+const LINKS: usize = 40;
 
 /// Writes a whole file atomically; its folder is made if missing.
 ///
@@ -44,6 +47,8 @@ pub fn write_with(
 pub struct Unfinished {
     file: NamedTempFile,
     path: PathBuf,
+    /// It is no file, and is written into instead of replaced.
+    special: bool,
     listed: Guard,
 }
 
@@ -53,11 +58,19 @@ impl Unfinished {
     /// # Errors
     /// The folder cannot be made or written; the line names the path.
     pub fn beside(path: &Path) -> Result<Self> {
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let cannot = || format!("cannot write {}", path.display());
-        if path.is_dir() {
+        let there = std::fs::metadata(path).ok();
+        if there.as_ref().is_some_and(|m| m.is_dir()) {
             anyhow::bail!("cannot write {}: it is a folder", path.display());
         }
+        let special = there.as_ref().is_some_and(|m| !m.is_file());
+        let path = if special { path.to_owned() } else { linked(path).with_context(cannot)? };
+        let elsewhere = std::env::temp_dir();
+        let folder = if special {
+            &elsewhere
+        } else {
+            path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+        };
         std::fs::create_dir_all(folder).with_context(cannot)?;
         clear_up(folder);
         let (file, listed) = interrupt::listing(|| {
@@ -72,7 +85,7 @@ impl Unfinished {
             Ok::<_, std::io::Error>((file, Box::new(move || drop(std::fs::remove_file(&begun))) as _))
         })
         .with_context(cannot)?;
-        Ok(Self { file, path: path.to_owned(), listed })
+        Ok(Self { file, path, special, listed })
     }
 
     /// The file to write into.
@@ -85,10 +98,15 @@ impl Unfinished {
     /// # Errors
     /// It cannot be renamed; the line names the path.
     pub fn finish(self) -> Result<()> {
-        let Self { file, path, listed } = self;
-        file.persist(&path)
-            .map_err(|e| e.error)
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        let Self { file, path, special, listed } = self;
+        let done = if special {
+            let from = file.reopen();
+            let to = std::fs::OpenOptions::new().write(true).open(&path);
+            from.and_then(|mut from| std::io::copy(&mut from, &mut to?)).map(drop)
+        } else {
+            file.persist(&path).map(drop).map_err(|e| e.error)
+        };
+        done.with_context(|| format!("cannot write {}", path.display()))?;
         drop(listed);
         Ok(())
     }
@@ -96,6 +114,18 @@ impl Unfinished {
     fn cannot(&self) -> String {
         format!("cannot write {}", self.path.display())
     }
+}
+
+/// Where a name leads to: that of the last of a chain of links, which need not exist.
+fn linked(path: &Path) -> std::io::Result<PathBuf> {
+    let mut path = path.to_owned();
+    for _ in 0..LINKS {
+        match std::fs::read_link(&path) {
+            Ok(to) => path = path.parent().unwrap_or(Path::new("")).join(to),
+            Err(_) => return Ok(path),
+        }
+    }
+    Err(std::io::Error::other("links that lead in a circle"))
 }
 
 /// Removes what a process that is no more has left in a folder; once a folder and run.
@@ -140,6 +170,35 @@ mod tests {
         );
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_one_and_a_pipe_is_written_into() {
+        use std::io::Read;
+        let dir = tempfile::tempdir().unwrap();
+        let (real, link) = (dir.path().join("real.txt"), dir.path().join("link.txt"));
+        std::os::unix::fs::symlink("real.txt", &link).unwrap();
+        for text in ["new", "newer"] {
+            write(&link, text.as_bytes()).unwrap();
+            assert_eq!(std::fs::read_to_string(&real).unwrap(), text);
+            assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+        }
+        std::os::unix::fs::symlink("round.txt", dir.path().join("round.txt")).unwrap();
+        assert!(write(&dir.path().join("round.txt"), b"x").is_err());
+        let pipe = dir.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || {
+                let mut text = String::new();
+                std::fs::File::open(pipe).unwrap().read_to_string(&mut text).unwrap();
+                text
+            }
+        });
+        write(&pipe, b"through").unwrap();
+        assert_eq!(reader.join().unwrap(), "through");
+        assert!(!std::fs::symlink_metadata(&pipe).unwrap().is_file());
     }
 
     #[test]

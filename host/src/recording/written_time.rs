@@ -22,7 +22,7 @@ impl WrittenTime {
     pub fn in_name(name: &str, zone: UtcOffset) -> Option<Self> {
         let bytes = name.as_bytes();
         (0..bytes.len()).rev().find_map(|at| {
-            let begins = at == 0 || !bytes[at - 1].is_ascii_digit();
+            let begins = bytes[at].is_ascii_digit() && (at == 0 || !bytes[at - 1].is_ascii_digit());
             if begins {
                 date_and_time(&name[at..], 8, zone).or_else(|| date_and_time(&name[at..], 6, zone))
             } else {
@@ -132,7 +132,11 @@ mod tests {
         let fine = WrittenTime::in_name("x_20240131T120000.015625Z.wav", UtcOffset::UTC).unwrap();
         assert_eq!(fine.at, noon + time::Duration::microseconds(15_625));
         assert!((fine.resolution_s - 1e-6).abs() < 1e-12);
-        for name in ["pass.wav", "part-12.wav", "20241399T250000.wav", "123456789012345.wav"] {
+        let name = "Überfahrt – 20240131T120000Z é.wav";
+        assert_eq!(WrittenTime::in_name(name, UtcOffset::UTC).unwrap().at, noon);
+        for name in
+            ["pass.wav", "part-12.wav", "20241399T250000.wav", "123456789012345.wav", "Ärmelkanal 1é2.wav"]
+        {
             assert_eq!(WrittenTime::in_name(name, UtcOffset::UTC), None, "{name}");
         }
         let name = format!("a_{}.wav", WrittenTime::name(fine.at));

@@ -21,6 +21,14 @@ const STEP_M: f64 = 70.0;
 /// Something cannot be written, or the depth is none of a station at the bottom of an ocean.
 pub fn write(described: &Described, id: u16, propagation: Option<&Path>, out: &Path) -> Result<()> {
     let beside = out.with_extension("propagation.toml");
+    let silent = described.without_sensitivity();
+    if !silent.is_empty() {
+        recording::complain(&format!(
+            "{}: no sensitivity of {}; levels are re full scale, of all channels",
+            described.code,
+            silent.join(", ")
+        ));
+    }
     let name = match propagation {
         Some(path) => {
             // The station file may lie elsewhere: its table is named by its whole path.
@@ -34,6 +42,10 @@ pub fn write(described: &Described, id: u16, propagation: Option<&Path>, out: &P
             let traced = trace::trace(&described.code, &profile, &Bottom::default(), STEP_M, ROWS, || ());
             table::blob(&traced, &described.code, described.recorder_hz())?;
             file::write(&traced, &beside)?;
+            recording::complain(&format!(
+                "{}: ranges by a typical subtropical sea {:.0} m deep; --propagation gives the sea's own",
+                described.code, described.depth_m
+            ));
             beside.file_name().unwrap_or_default().to_string_lossy().into_owned()
         }
     };
@@ -63,12 +75,6 @@ pub fn import(path: &Path, wanted: &Wanted, propagation: Option<&Path>) -> Resul
     for (id, described) in (1..).zip(read(path, wanted)?) {
         let out = folder.path().join(format!("{}.toml", described.code));
         write(&described, id, propagation, &out)?;
-        if propagation.is_none() {
-            recording::complain(&format!(
-                "{}: ranges by a typical subtropical sea {:.0} m deep; --propagation gives the sea's own",
-                described.code, described.depth_m
-            ));
-        }
         files.push(out);
     }
     Ok(Imported { files, _folder: folder, _listed: listed })

@@ -195,11 +195,26 @@ fn put_together(
 ) -> Result<Described> {
     let azimuth = |c: &Channel| c.azimuth_deg.with_context(|| format!("{} has no azimuth", c.code));
     let (azimuth_a, azimuth_b) = (azimuth(a)?, azimuth(b)?);
+    let up = match vertical.dip_deg {
+        None => true,
+        Some(d) if 90.0 - d.abs() <= SQUARE_DEG => d < 0.0,
+        Some(d) => bail!("{} is not vertical: its dip is {d}°", vertical.code),
+    };
+    if !up && [a, b, vertical, pressure].iter().any(|c| c.sensitivity.is_none()) {
+        bail!(
+            "{} points down, and without the sensitivities of all channels it cannot be turned",
+            vertical.code
+        );
+    }
+    // Counts for upward motion: a component that points down counts it as negative.
+    let vertical =
+        &Channel { sensitivity: vertical.sensitivity.map(|s| if up { s } else { -s }), ..vertical.clone() };
     for c in [a, b] {
         if c.dip_deg.is_some_and(|d| d.abs() > SQUARE_DEG) {
             bail!("{} is not horizontal: its dip is {}°", c.code, c.dip_deg.unwrap_or(f64::NAN));
         }
     }
+    let pressure = &in_pascals(pressure)?;
     for c in [a, b, vertical] {
         let unit = c.unit.to_ascii_lowercase().replace(' ', "");
         if !unit.is_empty() && unit != "m/s" {
@@ -231,7 +246,27 @@ fn put_together(
     })
 }
 
+/// A hydrophone's channel with its counts for a pascal.
+fn in_pascals(c: &Channel) -> Result<Channel> {
+    let unit = c.unit.to_ascii_lowercase();
+    let pascals = match unit.trim() {
+        "" | "pa" | "pascal" | "pascals" => 1.0,
+        "hpa" | "mbar" => 100.0,
+        "kpa" => 1e3,
+        "upa" | "µpa" | "micropascal" => 1e-6,
+        _ => bail!("{} measures {}; pressure (Pa) is needed", c.code, c.unit),
+    };
+    Ok(Channel { sensitivity: c.sensitivity.map(|s| s / pascals), ..c.clone() })
+}
+
 impl Described {
+    /// Codes of the channels of which no sensitivity is told, though one is of others: levels have no unit then.
+    pub fn without_sensitivity(&self) -> Vec<&str> {
+        let missing: Vec<&str> =
+            self.channels.iter().filter(|c| c.sensitivity.is_none()).map(|c| c.code.as_str()).collect();
+        if missing.len() < self.channels.len() { missing } else { Vec::new() }
+    }
+
     /// The recorder's rate for it, Hz.
     pub(super) fn recorder_hz(&self) -> f64 {
         self.rate_hz.clamp(20.0, RECORDER_HZ)
@@ -387,6 +422,35 @@ mod tests {
         );
         assert!(parse("<html/>", &Wanted::default()).unwrap_err().to_string().contains("no StationXML"));
         assert!(parse("<a", &Wanted::default()).is_err());
+    }
+
+    #[test]
+    fn a_vertical_that_points_down_is_turned_and_pressure_is_brought_to_pascals() {
+        let of = |vertical: String, pressure: String| {
+            let mut channels = usual([77.0, 167.0]);
+            channels.truncate(2);
+            channels.extend([xml("BHZ", &vertical), xml("BDH", &pressure)]);
+            parse(&document(&channels), &Wanted::default()).map(|mut all| all.remove(0))
+        };
+        let pa = |unit: &str| motion(0.0, -90.0, 100.0, 1600.0).replace("M/S", unit);
+        let down = of(motion(0.0, 90.0, 100.0, 5e8), pa("PA")).unwrap();
+        assert_eq!(down.channels.each_ref().map(|c| c.sensitivity.unwrap()), [1600.0, 5e8, -2.5e8, -5e8]);
+        let read = Station::parse(&down.station_file(3, "t.toml"), "s.toml", Path::new("/x")).unwrap();
+        assert_eq!(read.gains, [1.0, 1.0, -2.0, -1.0]);
+        let hecto = of(motion(0.0, -90.0, 100.0, 5e8), pa("hPa")).unwrap();
+        assert_eq!(hecto.channels[0].sensitivity, Some(16.0));
+        assert!(hecto.without_sensitivity().is_empty());
+        let why = |vertical, pressure| format!("{:#}", of(vertical, pressure).unwrap_err());
+        assert!(
+            why(motion(0.0, -90.0, 100.0, 5e8), pa("V")).contains("BDH measures V; pressure (Pa) is needed")
+        );
+        assert!(
+            why(motion(0.0, -10.0, 100.0, 5e8), pa("PA")).contains("BHZ is not vertical: its dip is -10°")
+        );
+        let unknown = pa("PA").replace("1600", "0");
+        assert!(why(motion(0.0, 90.0, 100.0, 5e8), unknown.clone()).contains("BHZ points down"));
+        let quiet = of(motion(0.0, -90.0, 100.0, 5e8), unknown).unwrap();
+        assert_eq!(quiet.without_sensitivity(), ["BDH"]);
     }
 
     #[test]
