@@ -120,6 +120,35 @@ fn an_interval_and_a_station() {
 }
 
 #[test]
+fn records_that_tell_their_station_once_are_of_it() {
+    let dir = store(&["--start", "2024-05-01T09:00:00Z"]);
+    succeeds(dir.path(), &["export", "--store", "kept", "--out", "all.jsonl"]);
+    // As `process` prints them.
+    let text = std::fs::read_to_string(dir.path().join("all.jsonl")).unwrap();
+    let records = text.lines().map(|l| serde_json::from_str::<Value>(l).unwrap()).map(|mut r| {
+        if r["type"] != "hello" {
+            r.as_object_mut().unwrap().remove("station");
+        }
+        r.to_string() + "\n"
+    });
+    std::fs::write(dir.path().join("p.jsonl"), records.collect::<String>()).unwrap();
+    std::fs::write(dir.path().join("stations.toml"), "[[stations]]\nid = 7\nname = \"west\"\nkind = \"array\"\nposition = { lat_deg = 49.0, lon_deg = -123.0, depth_m = 150.0 }\n").unwrap();
+    let export = |more: &[&str]| {
+        let args = [&["export", "p.jsonl"][..], more].concat();
+        let out = run(dir.path(), &args);
+        (out.status.success(), String::from_utf8_lossy(&out.stderr).into_owned())
+    };
+    let (ok, said) = export(&["--station", "8", "--out", "8.jsonl"]);
+    assert!(ok && said.contains("0 records"), "{said}");
+    let (ok, said) = export(&["--station", "7", "--stations", "stations.toml", "--out", "7.kml"]);
+    assert!(ok, "{said}");
+    let kml = std::fs::read_to_string(dir.path().join("7.kml")).unwrap();
+    assert!(kml.contains("<Placemark>"), "{kml}");
+    let (ok, said) = export(&["--seed-id", "YV.RR03", "--out", "7.quakeml"]);
+    assert!(ok && said.contains("0 of") && said.contains("calls and T phases"), "{said}");
+}
+
+#[test]
 fn a_base_station_started_again_still_knows_time_and_place() {
     let dir = store(&["--start", "2024-05-01T09:00:00Z"]);
     let last = || -> Value {

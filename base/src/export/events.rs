@@ -157,6 +157,11 @@ fn utc(e: &Event) -> Result<(OffsetDateTime, OffsetDateTime)> {
     Ok(utc)
 }
 
+/// What QuakeML takes: calls and T phases.
+pub(super) fn picks(events: &[Event]) -> impl Iterator<Item = &Event> {
+    events.iter().filter(|e| e.kind == "call")
+}
+
 /// Calls and T phases as picks of QuakeML 1.2 (basic event description), one event a pick; `seed_id` is the station's
 /// `NET.STA[.LOC[.CHAN]]`.
 pub(super) fn quakeml(events: &[Event], seed_id: &str, out: &mut impl Write) -> Result<()> {
@@ -178,7 +183,7 @@ pub(super) fn quakeml(events: &[Event], seed_id: &str, out: &mut impl Write) -> 
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<q:quakeml xmlns:q=\"http://quakeml.org/xmlns/quakeml/1.2\" \
          xmlns=\"http://quakeml.org/xmlns/bed/1.2\">\n<eventParameters publicID=\"smi:local/seabearing/{network}.{station}\">"
     )?;
-    for e in events.iter().filter(|e| e.kind == "call") {
+    for e in picks(events) {
         let at = utc(e)?.0;
         let name = format!("smi:local/seabearing/{network}.{station}/{}", at.unix_timestamp_nanos() / 1000);
         let azimuth = e.azimuth_deg.map_or_else(String::new, |(azimuth, sd)| {

@@ -171,9 +171,8 @@ pub fn table_to(
 pub fn written(format: Format, records: &[Value], places: &Positions) -> usize {
     match format {
         Format::GeoJson | Format::Kml => map::written(records, places),
-        Format::Raven | Format::Audacity | Format::PamGuard | Format::QuakeMl => {
-            events::events(records).len()
-        }
+        Format::Raven | Format::Audacity | Format::PamGuard => events::events(records).len(),
+        Format::QuakeMl => events::picks(&events::events(records)).count(),
         Format::Csv | Format::Parquet | Format::JsonLines => records.len(),
     }
 }
@@ -184,7 +183,8 @@ pub fn takes(format: Format) -> &'static str {
         Format::GeoJson | Format::Kml => {
             "reports of tracks that have a place, of stations whose position is known"
         }
-        Format::Raven | Format::Audacity | Format::PamGuard | Format::QuakeMl => "events",
+        Format::Raven | Format::Audacity | Format::PamGuard => "events",
+        Format::QuakeMl => "calls and T phases, which an ocean-bottom station hears",
         Format::Csv | Format::Parquet | Format::JsonLines => "all",
     }
 }

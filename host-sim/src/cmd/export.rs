@@ -103,7 +103,7 @@ pub fn run(args: Args) -> Result<()> {
     let wanted = Wanted { station: args.station, from, to, track: None };
     let records = match &args.store {
         Some(store) => of_store(store, &wanted)?,
-        None => of_files(&args.records, &wanted)?,
+        None => of_files(&args.records, &wanted, matches!(format, Format::GeoJson | Format::Kml))?,
     };
     export::write(&args.out, format, &records, &places).context("cannot export")?;
     let written = export::written(format, &records, &places);
@@ -140,21 +140,29 @@ fn of_store(store: &Path, wanted: &Wanted) -> Result<Vec<Value>> {
     Ok(records)
 }
 
-/// The records wanted of files. Those that tell no station are of any; those without UTC are left out where a span is asked for.
-fn of_files(files: &[PathBuf], wanted: &Wanted) -> Result<Vec<Value>> {
+/// The records wanted of files. Those that tell no station are of the one whose `hello` came before them in their file, or of any;
+/// those without UTC are left out where a span is asked for. `placed`: each tells its station.
+fn of_files(files: &[PathBuf], wanted: &Wanted, placed: bool) -> Result<Vec<Value>> {
     let mut records = Vec::new();
     let mut without_utc = 0;
     for path in files {
         let name = path.display();
         let file = std::fs::File::open(path).with_context(|| format!("cannot read {name}"))?;
+        let mut greeted = None;
         for (line, n) in std::io::BufReader::new(file).lines().zip(1..) {
             let line = line.with_context(|| format!("cannot read {name}"))?;
-            let record: Value = match serde_json::from_str(&line) {
+            let mut record: Value = match serde_json::from_str(&line) {
                 Ok(record @ Value::Object(_)) => record,
                 _ if line.trim().is_empty() => continue,
                 _ => bail!("{name}, line {n}: no record; JSON Lines of `process` or `base` were expected"),
             };
-            let of = record["station"].as_u64().filter(|_| record["type"] != "hello");
+            if record["type"] == "hello" {
+                greeted = record["station"].as_u64();
+            }
+            let of = record["station"].as_u64().or(greeted);
+            if placed && let Some(of) = of {
+                record["station"] = of.into();
+            }
             if wanted.station.zip(of).is_some_and(|(w, of)| u64::from(w) != of) {
                 continue;
             }
