@@ -167,6 +167,34 @@ fn an_alarm_that_stands_is_on_the_page_after_a_restart() {
     assert_eq!((&delivered["state"], &delivered["id"]), (&"cleared".into(), &alarms[0]["id"]));
     assert_eq!((&delivered["utc"], &alarms[1]["state"]), (&alarms[1]["utc"], &"cleared".into()));
     assert_ne!(alarms[0]["utc"], alarms[1]["utc"]);
+    // Only what the store holds can be acknowledged.
+    let acknowledge = |id: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_seabearing"));
+        command
+            .current_dir(dir.path())
+            .args(["base", "acknowledge", "--store", "store", id])
+            .output()
+            .unwrap()
+    };
+    assert!(acknowledge(&alarms[0]["id"].to_string()).status.success());
+    for id in ["99999", "18446744073709551615"] {
+        let refused = acknowledge(id);
+        let said = String::from_utf8(refused.stderr).unwrap();
+        assert_eq!(refused.status.code(), Some(1), "{said}");
+        assert!(
+            said.contains(&format!("the store holds no alarm {id}")) && said.lines().count() == 1,
+            "{said}"
+        );
+        assert!(!dir.path().join("store/acknowledged").join(id).exists());
+    }
+    // Nor is there a rule for what no station can raise.
+    write("alarms.toml", "[[alarms]]\nkind = \"silent\"\nstations = [7, 99]\n");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_seabearing"));
+    let refused = command.current_dir(dir.path()).arg("base").args(args).output().unwrap();
+    let said = String::from_utf8(refused.stderr).unwrap();
+    let words =
+        "alarms.toml, line 3, column 1: rule `silent`: stations: the stations file lists no station 99";
+    assert!(refused.status.code() == Some(1) && said.contains(words) && said.lines().count() == 1, "{said}");
 }
 
 struct Nothing;

@@ -198,7 +198,7 @@ pub fn run(args: Args) -> Result<()> {
         // A wrong ending or a missing position is better known now than after the deployment.
         export::check(path, Format::of(path)?, &places, "--station STATION.toml")?;
     }
-    let alarms = args.watch.read(&places, args.store.is_some())?;
+    let alarms = args.watch.read(&places, &listed, args.store.is_some())?;
     let lines = args.lines(&listed, station.as_ref().map(|s| s.config.id).filter(|id| *id > 0));
     #[cfg(feature = "mqtt")]
     let brokers = args.mqtt.read()?;

@@ -11,7 +11,7 @@ use seabearing_watch::alarms::rules::{Alarms, Condition};
 use seabearing_watch::alarms::{Watcher, deliver};
 use seabearing_watch::{matching, metrics, nmea};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 use time::OffsetDateTime;
@@ -48,7 +48,7 @@ const STANDING_DAYS: i64 = 30;
 
 impl Watch {
     /// Reads the alarms, and refuses what cannot be: before anything is begun.
-    pub(super) fn read(&self, places: &Positions, stores: bool) -> Result<Option<Alarms>> {
+    pub(super) fn read(&self, places: &Positions, listed: &[Listed], stores: bool) -> Result<Option<Alarms>> {
         let nowhere = known(places).is_empty();
         if let Some(at) = self.nmea.as_ref().filter(|_| nowhere) {
             bail!(
@@ -61,7 +61,8 @@ impl Watch {
             );
         }
         let Some(path) = &self.alarms else { return Ok(None) };
-        let alarms = Alarms::read(path)?;
+        let listed: BTreeSet<u16> = listed.iter().map(|s| s.config.id).collect();
+        let alarms = Alarms::read(path, Some(&listed).filter(|l| !l.is_empty()))?;
         if nowhere && alarms.rules.iter().any(|r| matches!(r.condition, Condition::Inside(_))) {
             bail!("{}: an area needs stations with `lat_deg` and `lon_deg` (--stations)", path.display());
         }
@@ -133,5 +134,22 @@ pub(super) fn acknowledge(args: &Acknowledge) -> Result<()> {
     }
     // Any other folder is left as it is.
     store::newest_us(&args.store)?;
+    // Its number is about the time at which it was raised, unless a clock was wrong: then all records are looked at.
+    let raised = OffsetDateTime::from_unix_timestamp_nanos(i128::from(args.id) * 1000).ok();
+    let near = raised.map(|at| Wanted {
+        from: at.checked_sub(time::Duration::DAY),
+        to: at.checked_add(time::Duration::DAY),
+        ..Wanted::default()
+    });
+    let mut is_there = false;
+    for wanted in near.into_iter().chain([Wanted::default()]) {
+        if !is_there {
+            let of = |record: &Value| record["type"] == "alarm" && record["id"] == args.id;
+            store::read(&args.store, &wanted, |record| is_there |= of(&record))?;
+        }
+    }
+    if !is_there {
+        bail!("{}: the store holds no alarm {}", args.store.display(), args.id);
+    }
     deliver::acknowledge(&args.store, args.id)
 }

@@ -113,14 +113,33 @@ struct DeliverTable {
 
 /// Kinds, for messages.
 const KINDS: &str = "inside, range, approach, silent, channel, clock, supply, storage or disk";
+/// Kinds that are about vessels, and those that are about stations.
+const OF_VESSELS: [&str; 3] = ["inside", "range", "approach"];
+const NOT_DISK: [&str; 8] =
+    ["inside", "range", "approach", "silent", "channel", "clock", "supply", "storage"];
 
 impl Alarms {
-    /// Reads a file.
+    /// Reads a file, where there is one of stations for these stations.
     ///
     /// # Errors
     /// One line: file, line, key, and what is allowed.
-    pub fn read(path: &Path) -> Result<Self> {
-        Self::of(&TomlFile::read(path, "file of alarms")?)
+    pub fn read(path: &Path, stations: Option<&BTreeSet<u16>>) -> Result<Self> {
+        let source = TomlFile::read(path, "file of alarms")?;
+        let alarms = Self::of(&source)?;
+        stations.map_or(Ok(()), |listed| alarms.are_of(listed, &source))?;
+        Ok(alarms)
+    }
+
+    /// Refuses rules about a station that is not listed: nothing would ever raise them.
+    fn are_of(&self, listed: &BTreeSet<u16>, source: &TomlFile) -> Result<()> {
+        for (n, rule) in self.rules.iter().enumerate() {
+            if let Some(other) = rule.stations.iter().find(|of| !listed.contains(of)) {
+                let what =
+                    format!("rule `{}`: stations: the stations file lists no station {other}", rule.name);
+                return Err(source.wrong(&format!("alarms.{n}.stations"), what));
+            }
+        }
+        Ok(())
     }
 
     /// The same of text at hand.
@@ -162,7 +181,27 @@ fn apart(mut rules: Vec<Rule>) -> Vec<Rule> {
     rules
 }
 
+impl Table {
+    /// Keys that only some kinds have: whether they are given, and which kinds.
+    fn own_keys(&self) -> [(&'static str, bool, &'static [&'static str]); 11] {
+        [
+            ("stations", !self.stations.is_empty(), &NOT_DISK),
+            ("polygon", self.polygon.is_some(), &["inside"]),
+            ("range_m", self.range_m.is_some(), &["range"]),
+            ("distance_m", self.distance_m.is_some(), &["approach"]),
+            ("within_s", self.within_s.is_some(), &["approach"]),
+            ("after_s", self.after_s.is_some(), &["silent"]),
+            ("sd_s", self.sd_s.is_some(), &["clock"]),
+            ("free_mb", self.free_mb.is_some(), &["disk"]),
+            ("free_percent", self.free_percent.is_some(), &["disk"]),
+            ("probability", self.probability.is_some(), &OF_VESSELS),
+            ("clear_probability", self.clear_probability.is_some(), &OF_VESSELS),
+        ]
+    }
+}
+
 fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
+    let own_keys = table.own_keys();
     let at = |key: &str| format!("alarms.{n}.{key}");
     let needed = |key: &str, value: Option<f64>| match value {
         Some(x) if x > 0.0 && x.is_finite() => Ok(x),
@@ -201,6 +240,14 @@ fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
         }
         other => return Err(source.wrong(&at("kind"), format!("kind = \"{other}\"; {KINDS}"))),
     };
+    let name = table.name.unwrap_or_else(|| table.kind.clone());
+    let foreign =
+        own_keys.into_iter().find(|(_, given, kinds)| *given && !kinds.contains(&table.kind.as_str()));
+    if let Some((key, _, kinds)) = foreign {
+        let (kind, of) = (&table.kind, kinds.join(", "));
+        return Err(source
+            .wrong(&at(key), format!("rule `{name}`: kind = \"{kind}\" has no `{key}` (that is of {of})")));
+    }
     let probability = or("probability", table.probability, 0.8)?;
     let clear_probability = or("clear_probability", table.clear_probability, 0.5 * probability)?;
     if !(probability <= 1.0 && clear_probability <= probability) {
@@ -212,7 +259,7 @@ fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
         _ => 0.001,
     };
     Ok(Rule {
-        name: table.name.unwrap_or_else(|| table.kind.clone()),
+        name,
         stations: table.stations,
         condition,
         probability,
@@ -227,6 +274,25 @@ mod tests {
 
     fn wrong(text: &str) -> String {
         Alarms::of(&TomlFile::of(text, "alarms.toml")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_key_of_another_kind_is_refused_with_its_rule_and_line() {
+        for (kind, key, value) in [
+            ("silent", "within_s", "4"),
+            ("range", "polygon", "[[50.0, 0.0], [50.1, 0.1], [50.0, 0.1]]"),
+            ("clock", "after_s", "5"),
+            ("storage", "probability", "0.5"),
+            ("disk", "stations", "[1]"),
+        ] {
+            let needed = if kind == "range" { "range_m = 5\n" } else { "" };
+            let said =
+                wrong(&format!("[[alarms]]\nkind = \"{kind}\"\nname = \"x\"\n{key} = {value}\n{needed}"));
+            let words = format!("alarms.toml, line 4, column 1: rule `x`: kind = \"{kind}\" has no `{key}`");
+            assert!(said.starts_with(&words), "{said}");
+        }
+        // A kind that nobody knows comes first.
+        assert!(wrong("[[alarms]]\nkind = \"loud\"\nafter_s = 3\n").contains("kind = \"loud\""));
     }
 
     #[test]
