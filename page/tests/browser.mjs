@@ -38,9 +38,18 @@ try {
   await azigram();
   await pan();
   await replay();
+  await nonsense();
   tell('complaints of the browser', complaints.length, { complaints });
 } finally {
   await browser.close();
+}
+
+// A moment that is none: said, and live.
+async function nonsense() {
+  await page.goto(`${new URL(given.url)}?at=garbage`, { waitUntil: 'commit' });
+  await shown();
+  await page.waitForFunction(() => document.body.textContent.includes('at=garbage: no time'), { timeout: 5000 })
+    .catch(() => complaints.push('at=garbage is not said'));
 }
 
 // From asking for the page to stations in its tables and on its map.

@@ -243,9 +243,12 @@ function fillAlarms() {
   const more = active.slice(0, -5);
   const unseen = more.filter((a) => a.state === 'raised').length;
   const others = more.length ? [element('p', {}, `${more.length} more alarms stand, ${unseen} of them not acknowledged`)] : [];
+  const held = section.contains(document.activeElement);
   section.replaceChildren(...others, ...active.slice(-5).map((a) => element('p', {},
     `${clock(when(a))} ${event(a)[0]}`,
     a.state === 'raised' && state.at === null ? element('button', { type: 'button', on: { click: () => acknowledge(a.id) } }, `Acknowledge alarm ${a.id}`) : '')));
+  // The keyboard goes on with the next.
+  if (held) (section.querySelector('button') ?? $('live')).focus();
 }
 
 function acknowledge(id) {
@@ -326,6 +329,12 @@ function kept(key, value) {
   return null;
 }
 
+// Says for a while what was wrong with what was asked.
+function complain(text) {
+  state.error = text;
+  setTimeout(() => { if (state.error === text) state.error = ''; }, 8000);
+}
+
 async function dropped(file) {
   if (!file) return;
   try {
@@ -335,8 +344,7 @@ async function dropped(file) {
     kept('coast', text);
     say(`coastline ${file.name}`);
   } catch (e) {
-    state.error = `${file.name}: no coastline in GeoJSON: ${e.message}`;
-    setTimeout(() => { state.error = ''; }, 8000);
+    complain(`${file.name}: no coastline in GeoJSON: ${e.message}`);
   }
   map.dirty = state.tables = true;
 }
@@ -368,6 +376,11 @@ if (asked.get('station')) model.chosen = Number(asked.get('station'));
 try { if (kept('coast')) map.coast = coastline(kept('coast')); } catch { /* as good as none */ }
 listen();
 frame();
-showNow().then(() => { if (asked.get('at') && state.span) look(Date.parse(asked.get('at'))); });
+showNow().then(() => {
+  const text = asked.get('at');
+  const at = Date.parse(text ?? '');
+  if (Number.isFinite(at)) { if (state.span) look(at); }
+  else if (text) complain(`at=${text}: no time (2026-06-01T12:00:00Z was expected)`);
+});
 // For measurements from outside.
 window.seabearing = { model, map, look, goLive, state };
