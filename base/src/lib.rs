@@ -29,6 +29,7 @@ use record::{Body, Row};
 pub use recorder::{Recorder, TrackKey};
 use seabearing_core::wire::link::{self, Loss, Settings};
 use seabearing_core::wire::{FaultCode, Message};
+use seabearing_host::station::Calibrations;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use stream::{Came, Logs, Stream, foreign};
@@ -110,6 +111,8 @@ pub struct Base {
     networks: VecDeque<Row>,
     /// Other base stations whose records come here.
     sources: relay::Sources,
+    /// What levels are of.
+    calibrations: Calibrations,
 }
 
 impl Base {
@@ -515,9 +518,16 @@ impl Base {
         row.session.and_then(|s| self.recorders.get(&row.station)?.rate_hz(s))
     }
 
+    /// Levels are told with these from now on; a store keeps them as they come.
+    pub fn calibrate(&mut self, calibrations: Calibrations) {
+        self.calibrations = calibrations;
+    }
+
     /// A record as JSON.
     pub fn json(&self, row: &Row) -> Value {
-        row.json(self.rate_of(row))
+        let mut record = row.json(self.rate_of(row));
+        self.calibrations.apply(&mut record);
+        record
     }
 
     /// The reports of the tracks kept, as records, in order; those of network tracks last.

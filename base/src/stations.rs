@@ -5,7 +5,7 @@ use super::origin::Origin;
 use anyhow::{Result, bail};
 use seabearing_core::config::StationConfig;
 use seabearing_core::wire::guard::Key;
-use seabearing_host::station::Station;
+use seabearing_host::station::{Calibration, Station};
 use std::path::Path;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -25,6 +25,8 @@ pub struct Listed {
     pub sd_orientation_deg: f64,
     /// `clock_sd_s`: standard deviation of its clock, seconds, where the list says it.
     pub sd_clock_s: Option<f64>,
+    /// What levels of its channels are levels of, where it names its station file.
+    pub calibration: Option<[Calibration; 4]>,
 }
 
 /// Reads a stations file; files that it names stand beside it.
@@ -53,9 +55,15 @@ pub fn read(path: &Path) -> Result<Vec<Listed>> {
                 source.wrong(&at("utc_of_sample_0"), format!("`{text}` is no time like 2024-05-01T09:00:00Z"))
             })
         });
-        let (sd_orientation_deg, sd_clock_s) = (station.orientation_sd_deg, station.clock_sd_s);
-        let start = start.transpose()?;
-        out.push(Listed { sd_orientation_deg, sd_clock_s, config: station.config, line, key, start });
+        out.push(Listed {
+            sd_orientation_deg: station.orientation_sd_deg,
+            sd_clock_s: station.clock_sd_s,
+            config: station.config,
+            line,
+            key,
+            start: start.transpose()?,
+            calibration: station.calibration,
+        });
     }
     Ok(out)
 }

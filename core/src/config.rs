@@ -35,6 +35,31 @@ pub struct StationConfig {
     pub kind: Kind,
     /// Tracker settings.
     pub tracking: Tracking,
+    /// Levels sent unasked. In a section of their own of the blob, so that blobs without it stay as they are.
+    #[serde(skip)]
+    pub levels: Levels,
+}
+
+/// Levels that a recorder sends of itself: a spectrum of one channel, averaged over so long.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Levels {
+    /// Seconds of each; 0: none are sent.
+    pub every_s: u16,
+    /// Recorder channel.
+    pub channel: u8,
+}
+
+impl Levels {
+    /// The bytes that a blob holds.
+    pub const fn bytes(self) -> [u8; 3] {
+        let [low, high] = self.every_s.to_le_bytes();
+        [low, high, self.channel]
+    }
+
+    /// The same back.
+    pub const fn of([low, high, channel]: [u8; 3]) -> Self {
+        Self { every_s: u16::from_le_bytes([low, high]), channel }
+    }
 }
 
 /// The kinds of recorder.
@@ -180,6 +205,7 @@ impl StationConfig {
             full_scale: 1 << 23,
             kind,
             tracking: Tracking::default(),
+            levels: Levels::default(),
         }
     }
 
@@ -196,6 +222,8 @@ impl StationConfig {
     /// # Errors
     /// The first key found wrong.
     pub fn validate(&self) -> Result<(), ConfigError> {
+        // Apart, because there are many of them.
+        #[inline(never)]
         fn within(key: &'static str, x: f64, lo: f64, hi: f64) -> Result<(), ConfigError> {
             if x >= lo && x <= hi { Ok(()) } else { Err(ConfigError::OutOfRange(key, x, lo, hi)) }
         }
@@ -222,6 +250,16 @@ impl StationConfig {
             within("valid_m_s[0]", curve.valid_m_s.0, slowest, fastest)?;
             within("valid_m_s[1]", curve.valid_m_s.1, curve.valid_m_s.0, fastest)?;
             within("blades", f64::from(curve.blades.unwrap_or(2)), 2.0, 7.0)?;
+        }
+        if self.levels.every_s > 0 {
+            // An interval holds several steps of an array, several frames of an ocean bottom, which is asked for pressure.
+            let (least, most, channel) = match &self.kind {
+                Kind::Array(_) => (10.0, 3600.0, 3.0),
+                Kind::Obs(_) => (60.0, 3600.0, 0.0),
+                Kind::Line(_) => (0.0, 0.0, 0.0),
+            };
+            within("levels.every_s", f64::from(self.levels.every_s), least, most)?;
+            within("levels.channel", f64::from(self.levels.channel), 0.0, channel)?;
         }
         match &self.kind {
             Kind::Array(a) => {
@@ -282,12 +320,14 @@ impl StationConfig {
         }
     }
 
-    /// Identifies the configuration: FNV-1a of its postcard bytes (64 bits). Equal configurations have equal hashes.
+    /// Identifies the configuration: FNV-1a (64 bits) of its postcard bytes, and of the levels' where any are sent. Equal
+    /// configurations have equal hashes.
     pub fn hash(&self) -> u64 {
         let mut buffer = [0u8; 1024];
-        match postcard::to_slice(self, &mut buffer) {
-            Ok(bytes) => crate::wire::hash::fnv1a(bytes),
-            Err(_) => 0,
-        }
+        let Ok(length) = postcard::to_slice(self, &mut buffer).map(|bytes| bytes.len()) else { return 0 };
+        let levels = self.levels.bytes();
+        let behind = if self.levels.every_s > 0 { levels.len() } else { 0 };
+        buffer.iter_mut().skip(length).zip(levels).for_each(|(to, from)| *to = from);
+        crate::wire::hash::fnv1a(buffer.get(..length + behind).unwrap_or_default())
     }
 }

@@ -5,10 +5,11 @@
 //! section = tag:[u8;4] length:u32le crc:u32le body:[u8;length]
 //! ```
 //! The CRC is CRC-32/ISO-HDLC of the body. Section `STAT` is the postcard form of [`StationConfig`] and must be
-//! there; `PROP` is an ocean-bottom station's propagation table. Unknown sections are skipped, and so is whatever
-//! follows the blob, so that a whole page of flash may be given to the reader.
+//! there; `PROP` is an ocean-bottom station's propagation table; `LEVL` says which levels are sent unasked, none where it is
+//! not there: seconds:u16le channel:u8. Unknown sections are skipped, and so is whatever follows the blob, so that a whole page
+//! of flash may be given to the reader.
 
-use crate::config::{ConfigError, StationConfig};
+use crate::config::{ConfigError, Levels, StationConfig};
 
 /// First bytes of every blob: magic and version.
 pub const HEADER: [u8; 5] = *b"SBCF\x01";
@@ -16,6 +17,8 @@ pub const HEADER: [u8; 5] = *b"SBCF\x01";
 pub const STATION: [u8; 4] = *b"STAT";
 /// Tag of the propagation table's section.
 pub const PROPAGATION: [u8; 4] = *b"PROP";
+/// Tag of the section of the levels sent unasked.
+pub const LEVELS: [u8; 4] = *b"LEVL";
 /// Bytes of a section before its body.
 const SECTION_HEAD: usize = 12;
 /// Bytes before the first section.
@@ -94,9 +97,21 @@ pub fn section(blob: &[u8], tag: [u8; 4]) -> Result<&[u8], BlobError> {
 /// What is wrong with the blob or with the configuration in it.
 pub fn station(blob: &[u8]) -> Result<StationConfig, BlobError> {
     let body = section(blob, STATION)?;
-    let config: StationConfig = postcard::from_bytes(body).map_err(|_| BlobError::Decode(STATION))?;
+    let mut config: StationConfig = postcard::from_bytes(body).map_err(|_| BlobError::Decode(STATION))?;
+    config.levels = levels(blob).ok_or(BlobError::Crc(LEVELS))?;
     config.validate().map_err(BlobError::Invalid)?;
     Ok(config)
+}
+
+/// The levels that are sent unasked: off where no section says so; `None` where it is damaged.
+// Apart: what looks for the other sections of a blob that is known when the image is built is to stay open to the optimiser.
+#[inline(never)]
+fn levels(blob: &[u8]) -> Option<Levels> {
+    match section(blob, LEVELS) {
+        Ok(body) => body.first_chunk().copied().map(Levels::of),
+        Err(BlobError::Missing(_)) => Some(Levels::default()),
+        Err(_) => None,
+    }
 }
 
 /// Writes a blob section by section into a caller's buffer.
@@ -139,12 +154,20 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Adds the station's section.
+    /// Adds the station's section, and that of the levels where any are sent.
     ///
     /// # Errors
     /// [`BlobError::Full`] if it does not fit.
     pub fn station(&mut self, config: &StationConfig) -> Result<(), BlobError> {
-        self.section(STATION, |body| postcard::to_slice(config, body).ok().map(|b| b.len()))
+        self.section(STATION, |body| postcard::to_slice(config, body).ok().map(|b| b.len()))?;
+        if config.levels.every_s == 0 {
+            return Ok(());
+        }
+        let levels = config.levels.bytes();
+        self.section(LEVELS, |body| {
+            *body.first_chunk_mut()? = levels;
+            Some(levels.len())
+        })
     }
 
     /// The finished blob's length.
@@ -176,6 +199,7 @@ mod tests {
             full_scale: 1 << 23,
             kind: Kind::Line(LineConfig { sensors: 23, spacing_m: 0.75 }),
             tracking: Tracking::default(),
+            levels: Levels::default(),
         }
     }
 

@@ -3,7 +3,6 @@
 use crate::keeper::{DONE, REFUSED};
 use crate::math;
 use crate::wire::{BANDS, EDGES, Message, Spectrum};
-use core::ops::Range;
 
 /// What one channel's spectrum says.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,26 +17,49 @@ pub(crate) struct Density {
     pub(crate) tenth_db: [i16; BANDS],
 }
 
-/// Levels of the bands that lie in bins `low` up to before `high`; `sum` of the densities of a band's bins, full scale squared
-/// a hertz.
-pub(crate) fn levels(
-    low: usize,
-    high: usize,
-    mut sum: impl FnMut(usize, Range<usize>) -> f32,
-) -> [i16; BANDS] {
-    let mut out = [Spectrum::NOTHING; BANDS];
-    for (band, ((out, from), to)) in out.iter_mut().zip(&EDGES).zip(EDGES.iter().skip(1)).enumerate() {
-        let bins = usize::from(*from)..usize::from(*to);
-        if bins.start >= low && bins.end <= high {
-            let n = bins.len() as f32;
-            *out = tenth_db(sum(band, bins) / n);
+/// What makes densities of a chain's transforms.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scale {
+    /// One-sided density that a squared magnitude of 1 stands for, full scale squared a hertz.
+    pub(crate) unit: f32,
+    /// Distance of two bins, Hz.
+    pub(crate) bin_hz: f32,
+    /// The first bin that is measured.
+    pub(crate) low: u16,
+    /// The one after the last.
+    pub(crate) high: u16,
+}
+
+impl Scale {
+    /// Nothing measured; all zeros.
+    #[cfg(feature = "obs")]
+    pub(crate) const EMPTY: Self = Self { unit: 0.0, bin_hz: 0.0, low: 0, high: 0 };
+
+    /// Levels of the bands that are measured as a whole of sums over its bins and so many frames.
+    #[inline(never)]
+    pub(crate) fn levels(&self, frames: u32, sums: &[f32; BANDS]) -> [i16; BANDS] {
+        let mut out = [Spectrum::NOTHING; BANDS];
+        for (((out, sum), from), to) in out.iter_mut().zip(sums).zip(&EDGES).zip(EDGES.iter().skip(1)) {
+            if *from >= self.low && *to <= self.high {
+                *out = tenth_db(self.unit * sum / (frames as f32 * f32::from(to - from)));
+            }
         }
+        out
     }
-    out
+}
+
+/// Adds to each band's sum what its bins have.
+// One loop for all: it is rare, and code is dear.
+#[cfg(feature = "array")]
+#[inline(never)]
+pub(crate) fn add(sums: &mut [f32; BANDS], of_bin: &dyn Fn(usize) -> f32) {
+    for ((sum, from), to) in sums.iter_mut().zip(&EDGES).zip(EDGES.iter().skip(1)) {
+        *sum += (usize::from(*from)..usize::from(*to)).map(of_bin).sum::<f32>();
+    }
 }
 
 /// A density's level, tenths of a decibel.
-pub(crate) fn tenth_db(density: f32) -> i16 {
+fn tenth_db(density: f32) -> i16 {
     if density > 0.0 {
         // Saturates.
         math::f32::floor(100.0 * math::f32::log10(density) + 0.5) as i16

@@ -53,6 +53,8 @@ pub mod sbraw;
 #[cfg(feature = "array")]
 mod slot;
 pub mod slots;
+#[cfg(any(feature = "array", feature = "obs"))]
+mod slow_levels;
 pub mod snippet;
 pub mod utc;
 mod version;

@@ -10,9 +10,15 @@ pub mod f32 {
     pub use core::f32::consts::{FRAC_PI_2, PI, TAU};
     pub use libm::{
         acosf as acos, asinf as asin, atan2f as atan2, atanf as atan, ceilf as ceil, cosf as cos,
-        expf as exp, fabsf as abs, floorf as floor, hypotf as hypot, log1pf as ln_1p, log10f as log10,
-        logf as ln, powf, roundf as round, sincosf as sin_cos, sinf as sin, sqrtf as sqrt, tanf as tan,
+        expf as exp, fabsf as abs, floorf as floor, hypotf as hypot, log1pf as ln_1p, logf as ln, powf,
+        roundf as round, sincosf as sin_cos, sinf as sin, sqrtf as sqrt, tanf as tan,
     };
+
+    /// Logarithm to base ten: rare, and long.
+    #[inline(never)]
+    pub fn log10(x: f32) -> f32 {
+        libm::log10f(x)
+    }
 }
 
 /// Double-precision functions, for the few-per-second fits whose conditioning needs them (the Cortex-M7 of both

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::array::{self, Plan, Scratch, State, limit};
 use seabearing_core::block::{Block, Frame};
-use seabearing_core::config::{ArrayConfig, Kind, StationConfig, Tracking};
+use seabearing_core::config::{ArrayConfig, Kind, Levels, StationConfig, Tracking};
 use seabearing_core::wire::{Bearing, Message};
 
 /// The experiment.
@@ -73,6 +73,7 @@ pub fn station() -> StationConfig {
             sound_speed_sd_m_s: 0.0,
         }),
         tracking: Tracking::default(),
+        levels: Levels::default(),
     }
 }
 

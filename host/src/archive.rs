@@ -133,7 +133,9 @@ pub fn process(unit: &Unit, members: &[Member], folder: &Path) -> Result<Outcome
             if let Said::Message(Message::Health(health)) = said {
                 processed = health.processed;
             }
-            serde_json::to_writer(&mut out, &format.said(said))?;
+            let mut record = format.said(said);
+            record::calibrate(&mut record, &station.calibration);
+            serde_json::to_writer(&mut out, &record)?;
             Ok(out.write_all(b"\n")?)
         })?;
         out.flush()?;
@@ -172,8 +174,10 @@ fn made_of(unit: &Unit, member: &Member) -> Result<Value> {
         "inputs": inputs,
     });
     if let Some(seconds) = member.levels_s {
-        let calibration = format!("{:?}", member.station.calibration);
         made_of["levels_s"] = json!(seconds);
+    }
+    if member.levels_s.is_some() || member.station.config.levels.every_s > 0 {
+        let calibration = format!("{:?}", member.station.calibration);
         made_of["calibration_hash"] = json!(format!("{:016x}", fnv1a(calibration.as_bytes())));
     }
     Ok(made_of)

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use seabearing_host::levels::Meter;
 use seabearing_host::ocean_bottom::table;
-use seabearing_host::record::RecordFormat;
+use seabearing_host::record::{RecordFormat, calibrate};
 use seabearing_host::recording::BlockSource as _;
 use seabearing_host::replay::with_levels;
 use serde_json::{Map, Value};
@@ -94,7 +94,9 @@ fn work(input: Input, levels_s: Option<f64>, progress: Option<Py<PyAny>>) -> Res
     let format = RecordFormat { rate_hz: config.rate_hz, start, times: Default::default() };
     let mut records = Vec::new();
     let summary = with_levels(config, table.as_deref(), &mut source, meter.as_mut(), |said| {
-        if let Value::Object(record) = format.said(said) {
+        let mut record = format.said(said);
+        calibrate(&mut record, &opened.station.calibration);
+        if let Value::Object(record) = record {
             records.push(record);
         }
         Ok(())

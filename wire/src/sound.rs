@@ -64,15 +64,15 @@ pub const BANDS: usize = 25;
 /// Power spectral density of one channel, averaged over frames and the bins of each band.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Spectrum {
-    /// The command's.
+    /// The command's, or [`Spectrum::UNASKED`].
     pub token: u8,
     /// Index of the middle of the data used.
     pub index: u64,
     /// Recorder channel.
     pub channel: u8,
-    /// Bit c: the answer to the command holds channel c.
+    /// Bit c: the answer to the command holds channel c. 0 of what no command has asked for.
     pub of: u8,
-    /// Frames averaged.
+    /// Frames averaged; 65535 also where they were more.
     pub frames: u16,
     /// Distance of two bins, Hz.
     pub bin_hz: f32,
@@ -84,6 +84,14 @@ pub struct Spectrum {
 impl Spectrum {
     /// Level of a band that was not measured, or in which there was nothing.
     pub const NOTHING: i16 = i16::MIN;
+
+    /// Token of a spectrum that a recorder sends of itself, every so many seconds as its configuration says.
+    pub const UNASKED: u8 = 0;
+
+    /// Whether no command has asked for it.
+    pub const fn is_unasked(&self) -> bool {
+        self.of == 0
+    }
 }
 
 /// Bands of an [`Azigram`].

@@ -207,7 +207,27 @@ fn measure(recorder: &Recorder, image: &Path, recording: &Recording) -> Result<V
             figures.push(Figure { name: name(what), value: thousandths(value), bar: None });
         }
     }
+    figures.extend(levels(recorder, image, recording, &said)?);
     Ok(figures)
+}
+
+/// The most that levels may add, instructions a second.
+const LEVELS_WORK: f64 = 1e6;
+
+/// What levels each minute add to a run without them, of which this was said.
+fn levels(recorder: &Recorder, image: &Path, recording: &Recording, without: &str) -> Result<[Figure; 2]> {
+    say(&format!("the same with levels each minute: {}", recorder.name));
+    let station = recording.station.with_file_name("station-with-levels.toml");
+    let text = std::fs::read_to_string(&recording.station).context("the scenario's station file")?;
+    std::fs::write(&station, text + "\n[levels]\nevery_s = 60\n").context("a station file with levels")?;
+    let said = counted(image, &Recording { station, files: recording.files.clone() })?;
+    let more = |key: &str| Ok::<_, anyhow::Error>(told(&said, key)? - told(without, key)?);
+    let name = |what: &str| format!("{} levels each minute, {what}", recorder.name);
+    let (work, minutes) = (1e6 * more("million_instructions_per_s")?, told(&said, "seconds")? / 60.0);
+    Ok([
+        Figure { name: name("instr./s"), value: work.round(), bar: Some(LEVELS_WORK) },
+        Figure { name: name("bytes/min"), value: thousandths(more("other_bytes")? / minutes), bar: None },
+    ])
 }
 
 fn thousandths(x: f64) -> f64 {

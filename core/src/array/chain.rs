@@ -14,6 +14,7 @@ use crate::density::Density;
 use crate::health::{Accounting, LossCause};
 use crate::intake::{Channels, Event, Intake, Levels, Run, Step, Tolerance};
 use crate::slot::Slot;
+use crate::slow_levels::SlowLevels;
 use crate::wire::{FaultCode, Message};
 use microfft::Complex32;
 
@@ -38,6 +39,7 @@ pub struct State {
     framing: Framing,
     channels: Channels,
     levels: Levels,
+    slow: SlowLevels,
     impulses: Impulses,
     /// Number of the step the newest frame belongs to.
     step: u64,
@@ -79,6 +81,7 @@ impl State {
             framing: Framing::new(),
             channels: Channels::new(),
             levels: Levels::new(),
+            slow: SlowLevels::new(),
             impulses: Impulses::new(),
             step: 0,
             current: Spectra::new(),
@@ -140,6 +143,8 @@ impl State {
     }
 
     /// Spectrum of a recorder channel over the last step in which frames could be used.
+    // Apart, because it is asked for in two places.
+    #[inline(never)]
     pub(crate) fn density(&self, plan: &Plan, channel: u8) -> Option<Density> {
         let hydrophone = plan.channels.iter().position(|c| *c == channel)?;
         self.previous.density(plan, hydrophone)
@@ -156,6 +161,7 @@ impl State {
         self.framing.forget();
         self.channels = Channels::new();
         self.levels = Levels::new();
+        self.slow = SlowLevels::new();
         self.impulses = Impulses::new();
         self.step = 0;
         self.current.begin(0);
@@ -220,6 +226,7 @@ pub(crate) fn event(
     state.framing.end(&mut state.intake.accounting);
     if let Event::Restart(_) = event {
         close_step(plan, state, scratch, sink);
+        state.slow.end(&plan.slow, sink);
         state.current.begin(0);
         state.previous.forget();
         state.memory.forget();
@@ -238,6 +245,7 @@ pub(crate) fn pause(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink:
 /// The end of the input: the last segment is estimated and the last samples are accounted for.
 pub fn finish(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
     pause(plan, state, scratch, sink);
+    state.slow.end(&plan.slow, sink);
     state.intake.finish(&plan.intake, sink);
 }
 
@@ -252,6 +260,7 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
         end_step(plan, state, scratch, sink);
         state.current.begin(step);
         state.step = step;
+        state.slow.go_on(&plan.slow, step.saturating_mul(plan.step_samples.get()), sink);
     }
     let look = state.framing.look();
     let found = look.verdict(&TOLERANCE);
@@ -309,6 +318,9 @@ fn close_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut 
     if state.current.added.frames == 0 {
         return;
     }
+    if plan.slow.is_on() {
+        loudness(plan, state, sink);
+    }
     let two = plan.steps_per_segment == 2;
     let shortened = two && state.memory.turns_fast(plan);
     let join = two && !shortened && state.previous.precedes(state.current.added.step);
@@ -318,6 +330,19 @@ fn close_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut 
     let sink = &mut |message| intake.faults.pass(message, sink);
     estimate::segment(plan, memory, current, scratch, shortened, sink);
     current.begin(step);
+}
+
+/// The step's frames into the slow levels, unless their hydrophone was dead.
+fn loudness(plan: &Plan, state: &mut State, sink: &mut impl FnMut(Message)) {
+    let added = &state.current.added;
+    let hydrophone = plan.channels.iter().position(|c| *c == plan.slow.channel);
+    let (Some(hydrophone), Some(middle)) = (hydrophone, added.middle(plan)) else { return };
+    state.slow.go_on(&plan.slow, added.step.saturating_mul(plan.step_samples.get()), sink);
+    if added.dead >> hydrophone & 1 == 0
+        && let Some(sums) = state.slow.add(added.frames, middle)
+    {
+        state.current.add_bands(hydrophone, sums);
+    }
 }
 
 const _: () = assert!(HOP < FRAME && CHANNELS == 4);

@@ -7,9 +7,11 @@ use super::wavefront::Used;
 use crate::block::CHANNELS;
 use crate::config::{ConfigError, Kind, StationConfig};
 use crate::demon;
+use crate::density::Scale;
 use crate::geometry::Geometry;
 use crate::intake;
 use crate::math::{f32 as m, f64 as md};
+use crate::slow_levels;
 use core::num::NonZeroU64;
 
 /// Least relative standard deviation of the speed of sound: what frames do not share of long delays looks like so much of it.
@@ -133,6 +135,10 @@ pub struct Plan {
     pub(crate) position_sd_s: f32,
     /// Relative standard deviation of the speed of sound.
     pub(crate) sound_speed_sd: f32,
+    /// What makes densities of auto-spectra.
+    pub(crate) scale: Scale,
+    /// Levels sent unasked.
+    pub(crate) slow: slow_levels::Plan,
     /// First bin of the band whose envelope gives the shaft rate.
     pub(crate) envelope_low: usize,
     /// Shaft rate; `None` where the sampling rate is too low for it.
@@ -244,6 +250,16 @@ impl Plan {
             });
         }
 
+        // Four times, because separation gives twice a channel's spectrum.
+        let window_power = 4.0 * sum2 * FRAME as f32;
+        let full_scale = config.full_scale as f32;
+        let scale = Scale {
+            // One-sided.
+            unit: 2.0 * FRAME as f32 / (window_power * rate as f32 * full_scale * full_scale),
+            bin_hz: bin_hz as f32,
+            low: 1,
+            high: high as u16,
+        };
         let plan = Self {
             intake: intake::Plan::new(rate, intake::ALL, BRIDGE),
             inv_c: 1.0 / geometry.sound_speed_m_s,
@@ -252,8 +268,7 @@ impl Plan {
             offset_leak: offset_leak(),
             shared: shared(),
             snapshots_per_frame,
-            // Four times, because separation gives twice a channel's spectrum.
-            window_power: 4.0 * sum2 * FRAME as f32,
+            window_power,
             whole,
             octaves,
             bin_rad_s,
@@ -262,7 +277,7 @@ impl Plan {
             nominal_frames: (array.segment_s * rate / HOP as f64) as f32,
             channels: array.channels,
             clip_code: config.full_scale.saturating_sub(1),
-            full_scale: config.full_scale as f32,
+            full_scale,
             elevation: (
                 md::sin(array.elevation_deg.0 * crate::angle::RAD_PER_DEG) as f32,
                 md::sin(array.elevation_deg.1 * crate::angle::RAD_PER_DEG) as f32,
@@ -275,6 +290,8 @@ impl Plan {
             },
             position_sd_s: (array.position_sd_m / config.sound_speed_m_s) as f32,
             sound_speed_sd: (array.sound_speed_sd_m_s / config.sound_speed_m_s).max(LEAST_SPEED_SD) as f32,
+            scale,
+            slow: slow_levels::Plan::new(config, scale),
             envelope_low: high,
             shaft: None,
             geometry,

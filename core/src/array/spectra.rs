@@ -9,6 +9,7 @@ use super::transform::{self, RUN, Work};
 use super::wavefront::PAIR_COUNT;
 use crate::block::CHANNELS;
 use crate::density::{self, Density};
+use crate::wire::BANDS;
 use microfft::Complex32;
 
 /// Neighbouring bins of all pairs and hydrophones.
@@ -70,6 +71,12 @@ impl Added {
             dead: 0,
             burst: false,
         }
+    }
+
+    /// Index of the middle of the frames; none without any.
+    pub(crate) fn middle(&self, plan: &Plan) -> Option<u64> {
+        let after = self.centres.checked_div(u64::from(self.frames))?;
+        Some(self.step.saturating_mul(plan.step_samples.get()).saturating_add(after))
     }
 
     /// With those of a later step; steps are of so many samples.
@@ -153,21 +160,20 @@ impl Kept {
 impl Kept {
     /// Spectrum of a hydrophone.
     pub(crate) fn density(&self, plan: &Plan, hydrophone: usize) -> Option<Density> {
-        let Added { frames, step, centres, .. } = self.added;
-        let middle = centres.checked_div(u64::from(frames))?;
+        let Added { frames, .. } = self.added;
+        let index = self.added.middle(plan)?;
         let of_run = (2 * PAIR_COUNT + hydrophone) * RUN;
-        // One-sided; twice the hydrophone's spectrum is four times its power, as in the window's.
-        let unit = 2.0 * FRAME as f32
-            / (plan.window_power * plan.rate_hz * frames as f32 * plan.full_scale * plan.full_scale);
         let of_bin = |bin: usize| {
             let kept = self.runs.get(bin / RUN).and_then(|run| run.get(of_run + bin % RUN));
-            kept.map_or(0.0, |kept| unit * f32::from_bits(u32::from(*kept) << 16))
+            kept.map_or(0.0, |kept| f32::from_bits(u32::from(*kept) << 16))
         };
+        let mut sums = [0.0; BANDS];
+        density::add(&mut sums, &of_bin);
         Some(Density {
-            index: step.saturating_mul(plan.step_samples.get()).saturating_add(middle),
+            index,
             frames: frames.min(u32::from(u16::MAX)) as u16,
-            bin_hz: plan.rate_hz / FRAME as f32,
-            tenth_db: density::levels(1, plan.whole.high, |_, bins| bins.map(of_bin).sum()),
+            bin_hz: plan.scale.bin_hz,
+            tenth_db: plan.scale.levels(frames, &sums),
         })
     }
 }
@@ -189,6 +195,17 @@ impl Spectra {
     pub(crate) fn begin(&mut self, step: u64) {
         self.runs.fill(NO_RUN);
         self.added = Added::none(step);
+    }
+
+    /// Adds a hydrophone's squared magnitudes, of all frames, to the sums of bands.
+    // Apart, because it is rare.
+    #[inline(never)]
+    pub(crate) fn add_bands(&self, hydrophone: usize, sums: &mut [f32; BANDS]) {
+        let of_bin = |bin: usize| {
+            let auto = self.runs.get(bin / RUN).and_then(|run| run.auto.get(hydrophone)?.get(bin % RUN));
+            auto.copied().unwrap_or(0.0)
+        };
+        density::add(sums, &of_bin);
     }
 
     /// These of the runs.

@@ -3,16 +3,14 @@
 //! Enters: the transforms of every frame, by the way. Leaves: the [`Density`] of the last [`FRAMES`] frames that were
 //! complete (overlapping by half under a Hann window; a minute at 50 Hz). Cost: 512 × 6 instructions a channel and frame.
 
-use super::limits::{FRAME, HOP, USED_CHANNELS};
+use super::limits::{HOP, USED_CHANNELS};
 use super::plan::Plan;
-use crate::density::{self, Density};
+use crate::density::Density;
 use crate::wire::{BANDS, EDGES};
 use microfft::Complex32;
 
 /// Frames of an average.
 const FRAMES: u16 = 6;
-/// The first bin that a constant offset does not reach through the window.
-const LOW: usize = 2;
 
 /// Sums over frames.
 #[derive(Clone, Copy, Debug)]
@@ -39,12 +37,14 @@ impl Sums {
 pub struct Averages {
     now: Sums,
     before: Sums,
+    /// Of the newest frame's pressure.
+    newest: [f32; BANDS],
 }
 
 impl Averages {
     /// Nothing yet; all zeros.
     pub const fn new() -> Self {
-        Self { now: Sums::NONE, before: Sums::NONE }
+        Self { now: Sums::NONE, before: Sums::NONE, newest: [0.0; BANDS] }
     }
 
     /// A frame about this index begins, with the transform of pressure.
@@ -65,10 +65,20 @@ impl Averages {
             return;
         };
         *frames += 1;
-        for ((sum, from), to) in power.iter_mut().zip(&EDGES).zip(EDGES.iter().skip(1)) {
+        let mut sums = [0.0; BANDS];
+        for ((sum, from), to) in sums.iter_mut().zip(&EDGES).zip(EDGES.iter().skip(1)) {
             let bins = transform.get(usize::from(*from)..usize::from(*to)).unwrap_or_default();
-            *sum += bins.iter().map(|z| z.re * z.re + z.im * z.im).sum::<f32>();
+            *sum = bins.iter().map(|z| z.re * z.re + z.im * z.im).sum();
         }
+        power.iter_mut().zip(&sums).for_each(|(all, sum)| *all += sum);
+        if channel == 0 {
+            self.newest = sums;
+        }
+    }
+
+    /// Squared magnitudes of the newest frame's pressure, summed over the bins of each band.
+    pub fn newest(&self) -> &[f32; BANDS] {
+        &self.newest
     }
 
     /// Spectrum of a recorder channel; of fewer frames where there were no more.
@@ -76,15 +86,11 @@ impl Averages {
         let of = if self.before.full() && !self.now.full() { &self.before } else { &self.now };
         let frames = *of.frames.get(usize::from(channel)).filter(|n| **n > 0)?;
         let power = of.power.get(usize::from(channel))?;
-        let rate_hz = plan.inner_rate_hz as f32;
-        // One-sided; the sum of squares of a Hann window of N points that sums to 1 is 3/(2N).
-        let unit =
-            4.0 * FRAME as f32 / (3.0 * rate_hz * f32::from(frames) * plan.full_scale * plan.full_scale);
         Some(Density {
             index: of.first + (of.last - of.first) / 2,
             frames,
-            bin_hz: rate_hz / FRAME as f32,
-            tenth_db: density::levels(LOW, HOP, |band, _| unit * power.get(band).unwrap_or(&0.0)),
+            bin_hz: plan.scale.bin_hz,
+            tenth_db: plan.scale.levels(u32::from(frames), power),
         })
     }
 }

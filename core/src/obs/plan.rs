@@ -13,8 +13,10 @@ use super::table::{Table, TableError};
 use super::travel::TravelTime;
 use crate::angle::RAD_PER_DEG;
 use crate::config::{ConfigError, Kind, StationConfig};
+use crate::density::Scale;
 use crate::intake;
 use crate::math;
+use crate::slow_levels;
 
 /// Why a station cannot be planned.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -59,6 +61,9 @@ const NEEDED: u8 = 0b0001;
 /// Longest absence that is bridged, in this part of a hop: 0.64 s at 50 Hz, four lost frames of a sample line.
 const BRIDGED: usize = 16;
 
+/// The first bin of spectra: one that a constant offset does not reach through the window.
+const FIRST_MEASURED: u16 = 2;
+
 /// Everything computed once.
 #[derive(Clone, Debug)]
 pub struct Plan<'t> {
@@ -72,6 +77,10 @@ pub struct Plan<'t> {
     /// Codes at or beyond this are clipped.
     pub(super) clip: i32,
     pub(super) full_scale: f32,
+    /// What makes densities of transforms.
+    pub(super) scale: Scale,
+    /// Levels sent unasked.
+    pub(super) slow: slow_levels::Plan,
     pub(super) paper: bool,
     /// Whether azigrams are sent.
     pub(super) azigram: bool,
@@ -91,6 +100,8 @@ impl<'t> Plan<'t> {
         band: Band::EMPTY,
         clip: 0,
         full_scale: 0.0,
+        scale: Scale::EMPTY,
+        slow: slow_levels::Plan::EMPTY,
         paper: false,
         azigram: false,
         tones: WrappedCauchy { paper: false },
@@ -146,6 +157,14 @@ impl<'t> Plan<'t> {
         };
         self.clip = config.full_scale.saturating_sub(1);
         self.full_scale = config.full_scale as f32;
+        self.scale = Scale {
+            // One-sided; the sum of squares of a Hann window of N points that sums to 1 is 3/(2N).
+            unit: 4.0 * FRAME as f32 / (3.0 * inner_rate_hz as f32 * self.full_scale * self.full_scale),
+            bin_hz: (inner_rate_hz / FRAME as f64) as f32,
+            low: FIRST_MEASURED,
+            high: HOP as u16,
+        };
+        self.slow = slow_levels::Plan::new(config, self.scale);
         self.paper = obs.paper_compatibility;
         self.azigram = obs.azigram;
         self.tones = WrappedCauchy { paper: obs.paper_compatibility };

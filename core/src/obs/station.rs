@@ -29,6 +29,7 @@ use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
 use crate::intake::{Event, Intake, Run, Step};
 use crate::math;
+use crate::slow_levels::SlowLevels;
 use crate::wire::{Azimuth, Message, Range};
 
 /// Steps of a stored cepstrum.
@@ -65,6 +66,7 @@ pub struct State {
     ambient: Ambient,
     clutter: Clutter,
     pub(crate) averages: Averages,
+    slow: SlowLevels,
     presence: Presence,
     evidence: Evidence,
     segmenter: Segmenter,
@@ -104,6 +106,7 @@ impl State {
             ambient: Ambient::new(),
             clutter: Clutter::new(),
             averages: Averages::new(),
+            slow: SlowLevels::new(),
             presence: Presence::new(),
             evidence: Evidence::new(),
             segmenter: Segmenter::new(),
@@ -146,6 +149,7 @@ impl State {
         self.hops.forget();
         self.ambient.forget();
         self.clutter.forget();
+        self.slow = SlowLevels::new();
         self.segmenter = Segmenter::new();
         self.tracker = Tracker::new();
         self.clear();
@@ -233,6 +237,7 @@ impl State {
             if self.hops.take(plan, &mut self.intake, run, at, sink) && self.hops.pair() {
                 // Records of a minute must not contain a frame later than its window.
                 self.catch_up(plan, scratch, self.hops.old.end, sink);
+                self.slow.go_on(&plan.slow, self.hops.old.end, sink);
                 self.frame(plan, scratch);
             }
         }
@@ -276,6 +281,7 @@ impl State {
         if let Some(k) = self.minute {
             self.close(plan, k.saturating_sub(1), sink);
         }
+        self.slow.end(&plan.slow, sink);
         self.hops.end(&mut self.intake.accounting);
     }
 
@@ -332,6 +338,9 @@ impl State {
             &mut kept.row,
             &mut self.averages,
         );
+        if let Some(sums) = self.slow.add(1, old.end) {
+            sums.iter_mut().zip(self.averages.newest()).for_each(|(all, newest)| *all += newest);
+        }
         kept.row.uneven = old.uneven.max(new.uneven);
         kept.label = old.end;
         kept.used = true;

@@ -197,6 +197,8 @@ mod hostile_tests;
 #[cfg(all(test, feature = "array", feature = "obs"))]
 mod silence_tests;
 #[cfg(all(test, feature = "array", feature = "obs"))]
+mod slow_levels_tests;
+#[cfg(all(test, feature = "array", feature = "obs"))]
 mod spectrum_tests;
 #[cfg(all(test, feature = "array", feature = "obs"))]
 mod test_recorder;

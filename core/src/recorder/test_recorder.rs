@@ -31,11 +31,16 @@ impl Which {
         }
     }
 
-    pub(super) fn configure<'m>(self, memory: &'m mut Memory<'static>) -> Recorder<'m, 'static> {
-        let (config, table) = match self {
+    /// Its configuration and its table.
+    pub(super) fn config(self) -> (StationConfig, Option<&'static [u8]>) {
+        match self {
             Self::Array => (StationConfig::array(ARRAY_RATE as f64, HYDROPHONES_M), None),
             Self::Bottom => (bottom::config(BOTTOM_RATE as f64), Some(bottom::table(BOTTOM_RATE as f64))),
-        };
+        }
+    }
+
+    pub(super) fn configure<'m>(self, memory: &'m mut Memory<'static>) -> Recorder<'m, 'static> {
+        let (config, table) = self.config();
         memory.configure(&config, table).unwrap()
     }
 }

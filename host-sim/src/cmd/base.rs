@@ -13,7 +13,7 @@ use crate::base::store::{self, Retain, Store};
 use crate::base::utc::Teller;
 use crate::base::{Base, LINE_BAUD, view};
 use crate::interrupt::{self, Keeping};
-use crate::station::Station;
+use crate::station::{Calibrations, Station};
 use anyhow::{Result, bail};
 use seabearing_core::wire::link::Settings;
 use std::collections::BTreeMap;
@@ -45,6 +45,7 @@ const HURRY: Duration = Duration::from_secs(3);
     line = \"listen:ADDR:PORT\", \"tcp:HOST:PORT\", \"serial:DEVICE:BAUD\" or \"file:PATH\"\n  \
     key_file = \"east.key\", to sign commands with (`seabearing base send`)\n  \
     utc_of_sample_0 = \"2024-05-01T09:00:00Z\", where a recorder has no clock\n  \
+    station_file = \"east.toml\", for the sensitivities with which levels are told\n  \
     orientation_sd_deg = 0.5, how well its orientation is known; bearings of stations with positions are fused"
 )]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -88,7 +89,7 @@ pub struct Args {
     /// recorders without a satellite receiver
     #[arg(long, value_name = "SECONDS", requires = "stations", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     tell_utc: Option<u64>,
-    /// Station file: position for exports, sample rate until the recorder tells it
+    /// Station file: position for exports, sensitivities for levels, sample rate until the recorder tells it
     #[arg(long, value_name = "STATION.toml")]
     station: Option<PathBuf>,
     /// UTC of sample 0, RFC 3339
@@ -224,6 +225,9 @@ pub fn run(args: Args) -> Result<()> {
             log::info!("going on after {} records", store.resumed());
         }
     }
+    let own = listed.iter().map(|s| (s.config.id, s.calibration.clone()));
+    let calibrations = Calibrations::new(own, station.as_ref().map(|s| s.calibration.clone()));
+    base.calibrate(calibrations);
     base.say_start(start.map(micros));
     for s in &listed {
         if let Some(start) = s.start {

@@ -1,6 +1,7 @@
 //! `base send … snippet` and `… spectrum`: what a recorder hears, put together from its pieces.
 
 use super::base_tokens::{order, who};
+use crate::record::calibrate;
 use crate::recording::write;
 use crate::station::{Calibration, Station};
 use anyhow::{Context, Result, bail};
@@ -314,18 +315,8 @@ impl Spectrum {
     /// The record as it is shown: levels by the calibration.
     pub fn shown(&self, record: &Value) -> Value {
         let mut shown = record.clone();
-        let channel = record["channel"].as_u64().and_then(|c| usize::try_from(c).ok());
-        let of = self.calibration.as_ref().zip(channel).and_then(|(all, c)| all.get(c));
-        if let Some(calibration) = of.filter(|_| record["type"] == "spectrum")
-            && let Some(levels) = record["density_db"].as_array()
-        {
-            let edge_hz = |n: usize| record["edges_hz"][n].as_f64();
-            let level = |(n, level): (usize, &Value)| {
-                let middle_hz = (edge_hz(n)? * edge_hz(n + 1)?).sqrt();
-                Some(level.as_f64()? + calibration.db(middle_hz)?)
-            };
-            shown["density_db"] = levels.iter().enumerate().map(level).collect::<Vec<_>>().into();
-            shown["reference"] = calibration.reference.into();
+        if let Some(calibration) = &self.calibration {
+            calibrate(&mut shown, calibration.as_ref());
         }
         shown
     }

@@ -3,6 +3,7 @@
 //! A number is a byte, and one by chance may be that of an answer which is held. So the recorder is first asked who it is: what
 //! it said before that has come when it answers, and the command gets a number that none of it has.
 
+use seabearing_core::wire::Spectrum;
 use serde_json::Value;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -29,12 +30,12 @@ pub fn who() -> u8 {
     who
 }
 
-/// Of the command: none that was heard before this was asked for the first time.
+/// Of the command: none that was heard before this was asked for the first time, nor that of what a recorder sends unasked.
 pub fn order() -> u8 {
     let heard = |token: u8| HEARD.get(usize::from(token)).is_some_and(|h| h.load(Ordering::Relaxed));
     *ORDER.get_or_init(|| {
         let [who, from] = any();
-        free(from, |token| token == who || heard(token))
+        free(from, |token| token == Spectrum::UNASKED || token == who || heard(token))
     })
 }
 

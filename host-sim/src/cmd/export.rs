@@ -3,7 +3,7 @@
 use super::instant;
 use crate::base::export::{self, Format, Positions};
 use crate::base::store::{self, Wanted};
-use crate::station::Station;
+use crate::station::{Calibrations, Station};
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 use std::io::BufRead;
@@ -37,7 +37,8 @@ pub struct Args {
     /// Only records of this station
     #[arg(long, value_name = "ID")]
     station: Option<u16>,
-    /// Network file with the stations' positions, where the store does not know them
+    /// Network file with the stations' positions, where the store does not know them, and the station files of which levels of a
+    /// store get their sensitivities
     #[arg(long, value_name = "STATIONS.toml")]
     stations: Option<PathBuf>,
     /// What seismologists call the station, for QuakeML
@@ -96,13 +97,21 @@ pub fn run(args: Args) -> Result<()> {
         places.otherwise = kept.get(&None).copied();
         places.of_station.extend(kept.into_iter().filter_map(|(of, at)| Some((u64::from(of?), at))));
     }
-    for station in args.stations.as_deref().map(Station::read_network).transpose()?.unwrap_or_default() {
+    let listed = args.stations.as_deref().map(Station::read_listed).transpose()?;
+    let listed = listed.map_or_else(Vec::new, |(_, listed)| listed);
+    for station in listed.iter().map(|s| &s.config) {
         places.of_station.extend(station.lat_lon_deg.map(|at| (u64::from(station.id), at)));
     }
     export::check(&args.out, format, &places, "--stations STATIONS.toml")?;
     let wanted = Wanted { station: args.station, from, to, track: None };
     let records = match &args.store {
-        Some(store) => of_store(store, &wanted)?,
+        Some(store) => {
+            let mut records = of_store(store, &wanted)?;
+            let own = listed.iter().map(|s| (s.config.id, s.calibration.clone()));
+            let calibrations = Calibrations::new(own, None);
+            records.iter_mut().for_each(|record| calibrations.apply(record));
+            records
+        }
         None => of_files(&args.records, &wanted, matches!(format, Format::GeoJson | Format::Kml))?,
     };
     export::write(&args.out, format, &records, &places).context("cannot export")?;

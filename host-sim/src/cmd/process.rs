@@ -272,7 +272,9 @@ pub fn run(args: Args) -> Result<()> {
         if args.passages || args.plots.is_some() && table.is_some() {
             messages.push(*message);
         }
-        write(records.json(message))
+        let mut record = records.json(message);
+        record::calibrate(&mut record, &station.calibration);
+        write(record)
     })?;
     #[cfg(feature = "base")]
     if let Some(format) = as_table {

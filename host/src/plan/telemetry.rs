@@ -8,8 +8,8 @@ use seabearing_core::obs::plan::STEP_S;
 use seabearing_core::recorder::TIME_EVERY_S;
 use seabearing_core::traffic;
 use seabearing_core::wire::{
-    AZIGRAM_BANDS, Azigram, Azimuth, Bearing, Encoder, FaultCode, FaultsHeld, Health, Message, Range,
-    ShaftRate, Time, Track,
+    AZIGRAM_BANDS, Azigram, Azimuth, BANDS, Bearing, Encoder, FaultCode, FaultsHeld, Health, Message, Range,
+    ShaftRate, Spectrum, Time, Track,
 };
 
 /// Bytes of a message's frame.
@@ -37,6 +37,9 @@ impl Tally {
                 Message::Bearing(_) => {
                     tally.bearings += 1;
                     tally.bearing_bytes += frame_bytes(message);
+                }
+                Message::Spectrum(spectrum) if spectrum.is_unasked() => {
+                    tally.other_bytes += frame_bytes(message);
                 }
                 Message::Hello(_)
                 | Message::Health(_)
@@ -101,7 +104,11 @@ pub fn most_per_s(config: &StationConfig, vessels: u32, health_s: f64) -> f64 {
     let health = if health_s > 0.0 { bytes(health(config.rate_hz)) / health_s } else { 0.0 };
     // Of a recorder that hears a satellite receiver.
     let time = bytes(time(index)) / TIME_EVERY_S as f64;
-    found + faults / 60.0 + health + time
+    let levels = match config.levels.every_s {
+        0 => 0.0,
+        every_s => bytes(spectrum(index)) / f64::from(every_s),
+    };
+    found + faults / 60.0 + health + time + levels
 }
 
 fn bearing(index: u64) -> Message {
@@ -194,6 +201,12 @@ fn range(index: u64) -> Message {
         weight: x,
         detected: false,
     })
+}
+
+fn spectrum(index: u64) -> Message {
+    let (token, channel, of, frames) = (Spectrum::UNASKED, u8::MAX, 0, u16::MAX);
+    let tenth_db = [Spectrum::NOTHING; BANDS];
+    Message::Spectrum(Spectrum { token, index, channel, of, frames, bin_hz: 0.0, tenth_db })
 }
 
 fn azigram(index: u64) -> Message {

@@ -8,7 +8,7 @@ mod sound;
 pub use kinds::{Kind, Level, Member, NetworkTrack};
 #[cfg(feature = "schema")]
 pub use schema::schema;
-pub use sound::{Azigram, Samples, Snippet, Spectrum};
+pub use sound::{Azigram, Samples, Snippet, Spectrum, calibrate};
 
 use crate::replay::Said;
 use seabearing_core::utc::Times;

@@ -1,8 +1,10 @@
 //! The records of the sound itself: raw samples and spectra, as commands ask for them, and directions by frequency.
 
+use crate::station::Calibration;
 use seabearing_core::block::MISSING;
 use seabearing_core::wire::{self, AZIGRAM_BANDS, EDGES};
 use serde::Serialize;
+use serde_json::{Value, json};
 
 /// Raw samples were taken as a command asked, and follow as `samples`.
 #[derive(Clone, Debug, Serialize)]
@@ -36,15 +38,15 @@ pub struct Samples {
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Spectrum {
-    /// Number of the command.
+    /// Number of the command; 0 where the recorder sends it of itself (`[levels]` of the station file).
     pub token: u8,
     /// Sample index of the middle of the data used.
     pub index: u64,
     /// Recorder channel, from 0.
     pub channel: u8,
-    /// Channels that the answer to the command holds.
+    /// Channels that the answer to the command holds; none where no command asked.
     pub channels: Vec<u8>,
-    /// Frames averaged.
+    /// Frames averaged; 65535 also where they were more.
     pub frames: u16,
     /// What the levels are of: `full scale`, or the unit in which a station file calibrates the channel.
     pub reference: String,
@@ -52,6 +54,8 @@ pub struct Spectrum {
     pub edges_hz: Vec<f64>,
     /// Level of the one-sided density in each band, dB re the reference squared in a hertz; null where it was not measured.
     pub density_db: Vec<Option<f64>>,
+    /// Level of each band, dB re the reference: of the density times the band's width.
+    pub band_db: Vec<Option<f64>>,
 }
 
 /// Where the sound comes from at an ocean-bottom station, by frequency, over the minute about `t_s`.
@@ -92,6 +96,11 @@ impl From<&wire::Spectrum> for Spectrum {
         // A bin stands for half a distance on either side.
         let edge_hz = |edge: &u16| (f64::from(*edge) - 0.5) * f64::from(s.bin_hz);
         let level = |tenth: &i16| (*tenth != wire::Spectrum::NOTHING).then_some(f64::from(*tenth) / 10.0);
+        let bins = EDGES.iter().zip(EDGES.iter().skip(1)).map(|(from, to)| to - from);
+        let band = |(tenth, bins): (&i16, u16)| {
+            let width_db = 10.0 * (f64::from(bins) * f64::from(s.bin_hz)).log10();
+            level(tenth).map(|level| rounded(level + width_db, 100.0))
+        };
         Self {
             token: s.token,
             index: s.index,
@@ -101,8 +110,29 @@ impl From<&wire::Spectrum> for Spectrum {
             reference: "full scale".to_owned(),
             edges_hz: EDGES.iter().map(edge_hz).collect(),
             density_db: s.tenth_db.iter().map(level).collect(),
+            band_db: s.tenth_db.iter().zip(bins).map(band).collect(),
         }
     }
+}
+
+/// Brings the levels of a record `spectrum` to the reference of its channel; any other record stays as it is. A band has the
+/// response at its middle, and is null where that is not known.
+pub fn calibrate(record: &mut Value, of: &[Calibration]) {
+    let channel = record["channel"].as_u64().and_then(|c| usize::try_from(c).ok());
+    let Some(calibration) = channel.and_then(|c| of.get(c)).filter(|_| record["type"] == "spectrum") else {
+        return;
+    };
+    let edge_hz = |n: usize| record["edges_hz"][n].as_f64();
+    let bands = record["edges_hz"].as_array().map_or(0, Vec::len).saturating_sub(1);
+    let middle_hz = |n| Some((edge_hz(n)? * edge_hz(n + 1)?).sqrt());
+    let more: Vec<Option<f64>> = (0..bands).map(|n| calibration.db(middle_hz(n)?)).collect();
+    for key in ["density_db", "band_db"] {
+        for (level, more) in record[key].as_array_mut().into_iter().flatten().zip(&more) {
+            *level =
+                level.as_f64().zip(*more).map_or(Value::Null, |(l, more)| json!(rounded(l + more, 100.0)));
+        }
+    }
+    record["reference"] = calibration.reference.into();
 }
 
 impl From<&wire::Azigram> for Azigram {

@@ -5,10 +5,13 @@
 //! metres a second brought to the reference values of ISO 18405:2017: 1 µPa and 1 nm/s.
 
 use super::tables::{CalibrationTable, Sensitivity};
+use crate::record::calibrate;
 use crate::toml_file::TomlFile;
 use anyhow::{Result, bail};
 use seabearing_core::block::CHANNELS;
 use seabearing_core::config::{Kind, StationConfig};
+use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// What levels of a channel are levels of.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +47,34 @@ impl Calibration {
             None => return None,
         };
         Some(self.full_scale_db - response)
+    }
+}
+
+/// Calibrations of stations whose records come together.
+#[derive(Clone, Debug, Default)]
+pub struct Calibrations {
+    /// By the station's number.
+    pub of_station: BTreeMap<u64, [Calibration; CHANNELS]>,
+    /// Of any other, and of records that do not tell their station.
+    pub otherwise: Option<[Calibration; CHANNELS]>,
+}
+
+impl Calibrations {
+    /// Of stations by their numbers, and of any other.
+    pub fn new(
+        listed: impl Iterator<Item = (u16, Option<[Calibration; CHANNELS]>)>,
+        otherwise: Option<[Calibration; CHANNELS]>,
+    ) -> Self {
+        let of_station = listed.filter_map(|(station, of)| Some((u64::from(station), of?))).collect();
+        Self { of_station, otherwise }
+    }
+
+    /// Brings a record's levels to the reference of its station ([`calibrate`]).
+    pub fn apply(&self, record: &mut Value) {
+        let station = record["station"].as_u64();
+        if let Some(of) = station.and_then(|s| self.of_station.get(&s)).or(self.otherwise.as_ref()) {
+            calibrate(record, of);
+        }
     }
 }
 

@@ -7,7 +7,7 @@ pub mod schema;
 mod tables;
 pub mod xml;
 
-pub use calibration::Calibration;
+pub use calibration::{Calibration, Calibrations};
 pub use tables::Components;
 
 use crate::line::Analysis;
@@ -16,7 +16,7 @@ use crate::toml_file::TomlFile;
 use anyhow::{Result, anyhow, bail};
 use seabearing_core::array::{self, PlanError};
 use seabearing_core::config::{
-    ArrayConfig, ConfigError, Kind, LineConfig, ObsConfig, StationConfig, Tracking,
+    ArrayConfig, ConfigError, Kind, Levels, LineConfig, ObsConfig, StationConfig, Tracking,
 };
 use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
 use seabearing_locate::line::{MAX_FREQUENCIES, MusicMethod};
@@ -39,6 +39,8 @@ pub struct ListedStation {
     pub orientation_sd_deg: f64,
     /// `clock_sd_s`: standard deviation of the clock against those of the others, seconds.
     pub clock_sd_s: Option<f64>,
+    /// What levels of each recorder channel are levels of, as its `station_file` says.
+    pub calibration: Option<[Calibration; 4]>,
 }
 
 /// Standard deviation of an orientation of which none is stated, degrees: what passes of known vessels give.
@@ -221,6 +223,9 @@ impl Station {
                     valid_m_s: VESSEL_SPEEDS_M_S,
                 }),
             },
+            levels: file
+                .levels
+                .map_or_else(Levels::default, |l| Levels { every_s: l.every_s, channel: l.channel }),
             ..base(&file.station, "station", source)?
         };
         config.validate().map_err(|e| explain(&e, source))?;
@@ -265,6 +270,7 @@ impl Station {
         if file.stations.is_empty() {
             bail!("{}: no [[stations]]", source.name());
         }
+        let folder = path.parent().unwrap_or(Path::new("."));
         let listed = |(i, s): (usize, StationTable)| {
             let config = base(&s, &format!("stations.{i}"), &source)?;
             for (key, sd, most) in
@@ -275,8 +281,12 @@ impl Station {
                     return Err(source.wrong(&format!("stations.{i}.{key}"), what));
                 }
             }
+            let own = s.station_file.map(|file| Self::read(&folder.join(file))).transpose();
+            let own =
+                own.map_err(|e| source.wrong(&format!("stations.{i}.station_file"), format!("{e:#}")))?;
             Ok(ListedStation {
                 config,
+                calibration: own.map(|own| own.calibration),
                 line: s.line,
                 key_file: s.key_file,
                 utc_of_sample_0: s.utc_of_sample_0,
@@ -365,6 +375,7 @@ fn base(s: &StationTable, path: &str, source: &TomlFile) -> Result<StationConfig
         full_scale: default_full_scale(),
         kind: Kind::Line(LineConfig { sensors: 3, spacing_m: 1.0 }),
         tracking: Tracking::default(),
+        levels: Levels::default(),
     })
 }
 

@@ -21,6 +21,8 @@ pub(super) struct File {
     pub(super) line: Option<Line>,
     /// What fits of tracks may assume of the vessels here.
     pub(super) tracking: Option<TrackingTable>,
+    /// Levels that the recorder sends of itself; not of a line array.
+    pub(super) levels: Option<LevelsTable>,
     /// What levels need beside the sensitivities: volts at full scale, and frequency responses.
     pub(super) calibration: Option<CalibrationTable>,
 }
@@ -65,6 +67,8 @@ pub(super) struct StationTable {
     /// Of a list only: standard deviation of its clock against the others, seconds, 0 to 86400; where it is not said what
     /// the recorder states of its clock counts, and 2 where it states nothing: a part in a million, three weeks after it was set.
     pub(super) clock_sd_s: Option<f64>,
+    /// Of a list only: the recorder's own station file, for the sensitivities with which its levels are told.
+    pub(super) station_file: Option<PathBuf>,
 }
 
 impl StationTable {
@@ -76,6 +80,7 @@ impl StationTable {
             ("utc_of_sample_0", self.utc_of_sample_0.is_some()),
             ("orientation_sd_deg", self.orientation_sd_deg.is_some()),
             ("clock_sd_s", self.clock_sd_s.is_some()),
+            ("station_file", self.station_file.is_some()),
         ];
         keys.into_iter().find(|(_, there)| *there).map(|(key, _)| key)
     }
@@ -229,6 +234,18 @@ pub(super) fn default_azigram() -> bool {
 
 pub(super) fn default_intensity() -> String {
     "away".into()
+}
+
+/// Levels that the recorder sends of itself: records `spectrum` of one channel, each the mean of an interval.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LevelsTable {
+    /// Seconds of an interval: array 10 to 3600, ocean bottom 60 to 3600; 0: no levels, as without this table. Each takes some 70 bytes.
+    pub(super) every_s: u16,
+    /// Recorder channel, 0 to 3; of an ocean bottom 0, pressure.
+    #[serde(default)]
+    pub(super) channel: u8,
 }
 
 /// What levels (`process --levels`) need beside the sensitivities.

@@ -7,7 +7,15 @@ use seabearing_core::config::StationConfig;
 fn listed(id: u16, lat_lon_deg: Option<(f64, f64)>) -> Listed {
     let mut config = StationConfig::array(16_000.0, [[0.0; 3]; 4]);
     (config.id, config.lat_lon_deg, config.depth_m) = (id, lat_lon_deg, 100.0);
-    Listed { config, line: None, key: None, start: None, sd_orientation_deg: 0.5, sd_clock_s: None }
+    Listed {
+        config,
+        line: None,
+        key: None,
+        start: None,
+        sd_orientation_deg: 0.5,
+        sd_clock_s: None,
+        calibration: None,
+    }
 }
 
 /// Stations in a plane, kilometres.
