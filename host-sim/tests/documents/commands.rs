@@ -125,6 +125,7 @@ fn folder(pages: &[Document]) -> tempfile::TempDir {
     let west =
         std::fs::read_to_string(at("east.toml")).unwrap().replace("id = 1", "id = 2").replace("east", "west");
     std::fs::write(at("west.toml"), west).unwrap();
+    std::fs::write(at("west-station.toml"), std::fs::read(at("west.toml")).unwrap()).unwrap();
     std::fs::create_dir(at("archive")).unwrap();
     copy("recording.wav", "archive/20240501T090000Z.wav");
     std::fs::write(at("stations.toml"), block(pages, "docs/base-station.md", "toml")).unwrap();
