@@ -33,6 +33,7 @@ cargo xtask TASK
   flash           [--board stm32h743-link] [--station STATION.toml] [--key FILE]  build for stm32h743, write it with probe-rs and show its faults
   example         run the core's example on the host and, in QEMU, on the target; they print the same
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
+  rehearse        [--bless]  the image for hardware on the modelled board: its bytes, then every fault against the table kept
   panic-free      link the recorder with a panic handler that cannot be linked
   fuzz [--inputs N] [--target NAME]  hostile input in great numbers: N mutated inputs (of slow targets a share); panics, false
                   frames and hangs are counted
@@ -74,6 +75,11 @@ fn run(arguments: &[String]) -> Result<()> {
         },
         "example" => example::check(&toolchain::Toolchain::find()?),
         "flash" => firmware::flash(options),
+        "rehearse" => match options {
+            [] => suite::rehearse(false),
+            [flag] if flag == "--bless" => suite::rehearse(true),
+            _ => bail!("rehearse takes nothing, or --bless"),
+        },
         "panic-free" => panic_free::check(&toolchain::Toolchain::find()?),
         "pace" => match options {
             [revision] => pace::command(revision),

@@ -154,14 +154,32 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
         hardware_twin(toolchain)
     });
     // The image of the step before.
-    let mut tests = suite.tests(&["--workspace", "--test", "rehearsal"]);
-    tests.env("SEABEARING_EMULATED", "now");
+    let mut tests = rehearsal(suite);
     suite.step("the hardware image rehearsed: every fault named, no wrong record", || {
         run(&mut tests, "the rehearsal")
     });
     suite.step("stm32h743 with deferred logging links within memory.x", || {
         firmware::build_hardware(toolchain, &HARDWARE_LOGGING, None, None).map(|_| ())
     });
+}
+
+/// `cargo xtask rehearse`: the two steps about the image for hardware, alone; with `bless` the table is written anew.
+pub fn rehearse(bless: bool) -> Result<()> {
+    let toolchain = Toolchain::find()?;
+    let suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
+    hardware_twin(&toolchain)?;
+    let mut tests = rehearsal(&suite);
+    if bless {
+        tests.env("INSTA_UPDATE", "always");
+    }
+    run(&mut tests, "the rehearsal")
+}
+
+/// The test that keeps the table of faults.
+fn rehearsal(suite: &Suite) -> Command {
+    let mut tests = suite.tests(&["--package", "seabearing-emulation", "--test", "rehearsal"]);
+    tests.env("SEABEARING_EMULATED", "now");
+    tests
 }
 
 /// The image for hardware, with the short scenario's station, on the modelled board at plausible costs; then the emulated
