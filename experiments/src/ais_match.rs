@@ -21,7 +21,7 @@ use seabearing_core::kit::straight_line::through;
 use seabearing_watch::ais::{Fleet, Vessel};
 use seabearing_watch::errors::{of_track, over_fleet};
 use seabearing_watch::matching::{Heard, Rules, Verdict, judge};
-use seabearing_watch::report::{Covariance, TrackId, TrackReport};
+use seabearing_watch::report::{Covariance, TrackId, TrackReport, VesselId};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The experiment.
@@ -169,9 +169,14 @@ fn of_sea(
                 together += 1;
                 continue;
             }
-            let track = TrackId { station: Some(station), session: Some(1), id: tracks.len() as u16 };
-            let reports = reports.iter().map(|r| TrackReport { track, ..*r }).collect();
-            tracks.push(Heard { track, frame: own, reports });
+            let vessel = VesselId::Track(TrackId {
+                station: Some(station),
+                session: Some(1),
+                id: tracks.len() as u16,
+            });
+            let reports =
+                reports.iter().map(|r| TrackReport { vessel, station: Some(station), ..*r }).collect();
+            tracks.push(Heard { vessel, stations: vec![Some(station)], frame: own, reports });
             truth.push(*mmsi);
         }
     }
@@ -205,12 +210,13 @@ fn of_sea(
             Verdict::Dark { probability } => ("dark", String::new(), *probability, f64::NAN),
             Verdict::Unmatched(reason) => (reason.as_str(), String::new(), f64::NAN, f64::NAN),
         };
-        let station = heard.track.station.unwrap_or(0);
+        let VesselId::Track(track) = heard.vessel else { continue };
+        let station = track.station.unwrap_or(0);
         list.row(&[
             mmsi,
             &!is_dark,
             &station,
-            &heard.track.id,
+            &track.id,
             &heard.reports.len(),
             &range_m.round(),
             &said,
@@ -323,7 +329,8 @@ fn passage(sea: &Sea, fixes: &[Fix], rng: &mut ChaCha8Rng) -> Vec<Vec<TrackRepor
         let along = range * range * (sd_range * sd_range + WHITE * WHITE);
         let across = range * range * 1.25 * sd_azimuth * sd_azimuth;
         now.push(TrackReport {
-            track: TrackId { station: None, session: None, id: 0 },
+            vessel: VesselId::Track(TrackId { station: None, session: None, id: 0 }),
+            station: None,
             is_final: false,
             is_withdrawn: false,
             utc_s: Some((t_s, Some(0.1))),

@@ -26,6 +26,9 @@ const STATIONS: &str = "[[stations]]\nid = 1\nposition = { lat_deg = 0.0, lon_de
     orientation_sd_deg = 0.3\n\
     [[stations]]\nid = 3\nposition = { lat_deg = 0.018087, lon_deg = 180.0, depth_m = 100.0 }\n\
     [[stations]]\nid = 4\n";
+/// An area that holds the vessel all the time.
+const ALARMS: &str = "[[alarms]]\nkind = \"inside\"\nname = \"here\"\n\
+    polygon = [[-0.1, 179.9], [-0.1, -179.9], [0.1, -179.9], [0.1, 179.9]]\n";
 const WAY: [f64; 4] = [600.0, -900.0, 1.5, 6.0];
 
 fn at(t_s: f64) -> [f64; 2] {
@@ -153,6 +156,8 @@ fn base(folder: &Path) -> (Running, String, BufReader<std::process::ChildStderr>
             "127.0.0.1:0",
             "--store",
             "store",
+            "--alarms",
+            "alarms.toml",
         ])
         .current_dir(folder)
         .stdin(Stdio::null())
@@ -181,10 +186,15 @@ fn run(folder: &Path, args: &[&str]) {
 
 /// Network tracks in the store, oldest first.
 fn network(folder: &Path) -> Vec<Value> {
+    stored(folder, "network_track")
+}
+
+/// Records of a type in the store, oldest first.
+fn stored(folder: &Path, kind: &str) -> Vec<Value> {
     run(folder, &["export", "--store", "store", "--out", "kept.jsonl"]);
     let all = std::fs::read_to_string(folder.join("kept.jsonl")).unwrap();
     let all = all.lines().map(|l| serde_json::from_str::<Value>(l).unwrap());
-    all.filter(|r| r["type"] == "network_track").collect()
+    all.filter(|r| r["type"] == kind).collect()
 }
 
 #[test]
@@ -192,6 +202,7 @@ fn a_vessel_past_three_stations_is_one_network_track_through_a_restart_of_the_ba
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path();
     std::fs::write(folder.join("stations.toml"), STATIONS).unwrap();
+    std::fs::write(folder.join("alarms.toml"), ALARMS).unwrap();
     let begun = Instant::now();
     let mut recorders: Vec<Recorder> = (0..3)
         .map(|n| Recorder {
@@ -237,6 +248,8 @@ fn a_vessel_past_three_stations_is_one_network_track_through_a_restart_of_the_ba
     }
     // One vessel, one number, whoever heard of it first.
     assert!(before.iter().all(|t| t["id"] == 1 && t["state"] != "withdrawn"), "{before:?}");
+    let alarms = stored(folder, "alarm");
+    assert_eq!(alarms.len(), 1, "one vessel, one alarm: {alarms:?}");
     let track = before.last().unwrap();
     assert_eq!(track["members"].as_array().unwrap().len(), 3);
     let n = |key: &str| track[key].as_f64().unwrap();

@@ -79,6 +79,8 @@ struct Track {
 #[derive(Default, Serialize)]
 struct Network {
     report: Value,
+    /// Which vessel of AIS it is.
+    ais: Value,
     /// Milliseconds since 1970, latitude, longitude (degrees).
     path: Vec<[f64; 3]>,
 }
@@ -146,6 +148,10 @@ impl Picture {
 
     /// A track's vessel is that of the newest verdict.
     fn matched(&mut self, record: &Value) {
+        if let Some(network) = record["network"].as_u64().and_then(|id| self.networks.get_mut(&id)) {
+            network.ais = record.clone();
+            return;
+        }
         let key = record["of_session"].as_u64().or(record["session"].as_u64()).zip(record["id"].as_u64());
         let station = self.stations.get_mut(&record["station"].as_u64());
         if let Some(track) = station.zip(key).and_then(|(s, key)| s.tracks.get_mut(&key)) {
@@ -382,7 +388,11 @@ mod tests {
         };
         picture.take(&track("live", Some(49.0)));
         picture.take(&track("live", None));
+        picture.take(
+            &json!({ "type": "ais_match", "station": null, "id": null, "network": 3, "verdict": "dark" }),
+        );
         let all = json!(picture);
+        assert_eq!(all["networks"][0]["ais"]["verdict"], "dark");
         assert_eq!(
             (&all["networks"][0]["path"], &all["stations"]),
             (&json!([[1767225600000.0, 49.0, -123.0]]), &json!([]))

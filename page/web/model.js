@@ -73,7 +73,7 @@ export class Model {
     if (TOLD.includes(r.type) && !known) bounded(this.events, r, EVENTS);
     if (r.type === 'network_track') return void this.network(r);
     if (r.type === 'ais_match') {
-      const track = this.stations.get(r.station)?.tracks.get(`${r.of_session ?? r.session}.${r.id}`);
+      const track = this.networks.get(r.network) ?? this.stations.get(r.station)?.tracks.get(`${r.of_session ?? r.session}.${r.id}`);
       if (track) track.ais = r;
       return;
     }

@@ -193,7 +193,7 @@ function fillTracks(at) {
   const all = [...model.stations.values()].flatMap((s) => [...s.tracks.values()].map((t) => [s.station, t.report, t.ais]));
   all.sort(([, a], [, b]) => when(b) - when(a));
   // Without AIS there is no column of it.
-  const beside = all.some(([, , ais]) => ais);
+  const beside = all.some(([, , ais]) => ais) || [...model.networks.values()].some((t) => t.ais);
   $('ais-head').hidden = !beside;
   const of = (text, grave) => (beside ? [element('td', { class: grave ?? false }, text)] : []);
   const made = all.slice(0, 30).map(([number, r, ais]) => {
@@ -209,10 +209,10 @@ function fillTracks(at) {
       element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),
       element('td', {}, withSd(r.speed_m_s, r.sd_speed_m_s, '').trim()));
   });
-  const networks = [...model.networks.values()].map((t) => t.report).sort((a, b) => when(b) - when(a)).slice(0, 30);
-  const fused = networks.map((r) => element('tr', {},
+  const networks = [...model.networks.values()].sort((a, b) => when(b.report) - when(a.report)).slice(0, 30);
+  const fused = networks.map(({ report: r, ais }) => element('tr', {},
     element('th', { scope: 'row' }, `network ${r.id}${r.state === 'final' ? ' final' : ''}`),
-    ...of('–'),
+    ...of(vessel(ais), ais?.verdict === 'dark' && 'warn'),
     element('td', {}, r.consistent === false ? 'stations disagree' : r.x_m === null ? 'not observable' : ''),
     element('td', {}, `stations ${r.members.map((m) => m.station).join(', ')}`),
     element('td', {}, withSd(r.heading_deg, r.sd_heading_deg, '°').replace(' °', '°')),

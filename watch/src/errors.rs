@@ -6,7 +6,7 @@
 
 use crate::ais::{Fleet, Vessel};
 use crate::matching::{Heard, Rules, Verdict, difference, motion_difference};
-use crate::report::{WithSd, rfc3339};
+use crate::report::{VesselId, WithSd, rfc3339};
 use seabearing_core::kit::{median, quantile};
 use serde_json::{Map, Value, json};
 
@@ -117,10 +117,15 @@ fn rounded(x: impl Into<Option<f64>>) -> Value {
 /// The record of a track's verdict.
 pub fn record(heard: &Heard, verdict: &Verdict, errors: Option<&TrackErrors>, fleet: &Fleet) -> Value {
     let (from, to) = heard.span_s();
-    let mut out = json!({
-        "type": "ais_match", "station": heard.track.station, "session": heard.track.session, "id": heard.track.id,
-        "from_utc": rfc3339(from), "to_utc": rfc3339(to),
-    });
+    let mut out = match heard.vessel {
+        VesselId::Track(track) => json!({
+            "type": "ais_match", "station": track.station, "session": track.session, "id": track.id,
+        }),
+        VesselId::Network(id) => json!({
+            "type": "ais_match", "station": null, "session": null, "id": null, "network": id,
+        }),
+    };
+    (out["from_utc"], out["to_utc"]) = (rfc3339(from), rfc3339(to));
     match verdict {
         Verdict::Vessel { vessel, probability, distance2 } => {
             let of = fleet.vessels.get(*vessel);
@@ -271,9 +276,10 @@ mod tests {
             })
             .collect();
         let fleet = Fleet::of(&reports, &BTreeMap::new());
-        let track = TrackId { station: Some(1), session: Some(1), id: 1 };
+        let vessel = VesselId::Track(TrackId { station: Some(1), session: Some(1), id: 1 });
         let report = |t_s: f64| TrackReport {
-            track,
+            vessel,
+            station: Some(1),
             is_final: false,
             is_withdrawn: false,
             utc_s: Some((t_s, Some(0.0))),
@@ -283,7 +289,8 @@ mod tests {
             cpa_utc_s: Some((610.0, 5.0)),
             cpa_range_m: Some((1040.0, 20.0)),
         };
-        let heard = Heard { track, frame, reports: [400.0, 600.0, 800.0].map(report).to_vec() };
+        let reports = [400.0, 600.0, 800.0].map(report).to_vec();
+        let heard = Heard { vessel, stations: vec![Some(1)], frame, reports };
         let rules = Rules::default();
         let e = of_track(&heard, &fleet.vessels[0], &fleet, &rules).unwrap();
         assert!(e.position_m.iter().all(|d| (d - 40.0).abs() < 1.0), "{e:?}");

@@ -14,7 +14,7 @@
 mod drift;
 
 use crate::ais::{Fleet, Placed};
-use crate::report::{Covariance, TrackId, TrackReport, WithSd};
+use crate::report::{Covariance, TrackReport, VesselId, WithSd};
 use drift::Drift;
 use seabearing_core::angle::wrap_pi;
 use seabearing_host::geodesy::LocalFrame;
@@ -73,11 +73,13 @@ impl Default for Rules {
     }
 }
 
-/// A track with its station.
+/// A track, of one station or of several, and a station that hears it.
 #[derive(Clone, Debug)]
 pub struct Heard {
     /// Which.
-    pub track: TrackId,
+    pub vessel: VesselId,
+    /// The stations that hear it; in the plane of the first its places are.
+    pub stations: Vec<Option<u16>>,
     /// East and North of the station.
     pub frame: LocalFrame,
     /// Its reports with a time, in order.
@@ -110,17 +112,21 @@ pub fn heard(
     reports: impl IntoIterator<Item = TrackReport>,
     stations: &BTreeMap<Option<u16>, (f64, f64)>,
 ) -> (Vec<Heard>, usize) {
-    let mut tracks: BTreeMap<TrackId, Heard> = BTreeMap::new();
+    let mut tracks: BTreeMap<VesselId, Heard> = BTreeMap::new();
     let (mut withdrawn, mut left_out) = (Vec::new(), 0);
     for report in reports {
         if report.is_withdrawn {
-            withdrawn.push(report.track);
+            withdrawn.push(report.vessel);
         }
-        match stations.get(&report.track.station).filter(|_| report.utc_s.is_some()) {
+        match stations.get(&report.station).filter(|_| report.utc_s.is_some()) {
             Some((lat, lon)) => {
-                let new =
-                    || Heard { track: report.track, frame: LocalFrame::new(*lat, *lon), reports: Vec::new() };
-                tracks.entry(report.track).or_insert_with(new).reports.push(report);
+                let new = || Heard {
+                    vessel: report.vessel,
+                    stations: vec![report.station],
+                    frame: LocalFrame::new(*lat, *lon),
+                    reports: Vec::new(),
+                };
+                tracks.entry(report.vessel).or_insert_with(new).reports.push(report);
             }
             None => left_out += 1,
         }
@@ -361,7 +367,8 @@ fn rivals(a: usize, tracks: &[Heard], open: &[Open]) -> Vec<usize> {
     let of = |(b, (other, its)): (usize, (&Heard, &Open))| {
         let shared = to.min(its.span_s.1) - from.max(its.span_s.0);
         let same = mine.fits.iter().any(|f| its.fits.iter().any(|g| g.vessel == f.vessel));
-        (b != a && other.track.station == track.track.station && shared > SHARED_S && same).then_some(b)
+        let heard_by_one = other.stations.iter().any(|of| track.stations.contains(of));
+        (b != a && heard_by_one && shared > SHARED_S && same).then_some(b)
     };
     tracks.iter().zip(open).enumerate().filter_map(of).collect()
 }

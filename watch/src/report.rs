@@ -16,10 +16,39 @@ pub struct TrackId {
     pub id: u16,
 }
 
+impl TrackId {
+    /// That of a record, or of a member of a network track.
+    pub fn of(record: &Value) -> Option<Self> {
+        Some(Self {
+            station: record["station"].as_u64().and_then(|n| n.try_into().ok()),
+            session: record["session"].as_u64().and_then(|n| n.try_into().ok()),
+            id: record["id"].as_u64()?.try_into().ok()?,
+        })
+    }
+}
+
 impl std::fmt::Display for TrackId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let number = |n: Option<u32>| n.map_or_else(|| "?".to_owned(), |n| n.to_string());
         write!(f, "{}.{}.{}", number(self.station.map(u32::from)), number(self.session), self.id)
+    }
+}
+
+/// Which vessel, as far as it is told from others: a track of one station, or the tracks of several stations that are one vessel's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum VesselId {
+    /// A station's track.
+    Track(TrackId),
+    /// The network track with this number.
+    Network(u32),
+}
+
+impl std::fmt::Display for VesselId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Track(track) => track.fmt(f),
+            Self::Network(id) => write!(f, "N{id}"),
+        }
     }
 }
 
@@ -50,6 +79,16 @@ impl Covariance {
         Self { xx: self.xx + other.xx, yy: self.yy + other.yy, xy: self.xy + other.xy }
     }
 
+    /// The same along axes of which the North is turned clockwise by an angle, radians, from the North of these.
+    pub fn turned(self, by: f64) -> Self {
+        let (s, c) = by.sin_cos();
+        Self {
+            xx: c * c * self.xx - 2.0 * s * c * self.xy + s * s * self.yy,
+            yy: s * s * self.xx + 2.0 * s * c * self.xy + c * c * self.yy,
+            xy: s * c * (self.xx - self.yy) + (c * c - s * s) * self.xy,
+        }
+    }
+
     /// Determinant; not above 0 where it is no covariance.
     pub fn determinant(&self) -> f64 {
         self.xx * self.yy - self.xy * self.xy
@@ -69,15 +108,17 @@ pub type WithSd = (f64, f64);
 /// What one record says of a vessel's motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackReport {
-    /// The track.
-    pub track: TrackId,
+    /// The vessel.
+    pub vessel: VesselId,
+    /// The station whose East and North `place` is in, and that the closest point is of.
+    pub station: Option<u16>,
     /// It is the last word on it.
     pub is_final: bool,
     /// What was said of it is no vessel's course.
     pub is_withdrawn: bool,
     /// UTC, seconds since 1970, and standard deviation where told.
     pub utc_s: Option<(f64, Option<f64>)>,
-    /// East and North of the station, metres, with covariance; `None` where the range is not observable.
+    /// East and North of that station, metres, with covariance; `None` where the range is not observable.
     pub place: Option<((f64, f64), Covariance)>,
     /// Heading, radians clockwise from true North.
     pub heading_rad: Option<WithSd>,
@@ -90,7 +131,7 @@ pub struct TrackReport {
 }
 
 impl TrackReport {
-    /// From a record; `None` if it is none of a track.
+    /// From a record; `None` if it is none of a station's track.
     pub fn of(record: &Value) -> Option<Self> {
         if record["type"] != "track" {
             return None;
@@ -106,12 +147,10 @@ impl TrackReport {
         };
         let ahead = |t_s: f64| Some(number("cpa_time_s")? - number("t_s")? + t_s);
         let degrees = |(value, sd): WithSd| (value.to_radians(), sd.to_radians());
+        let track = TrackId::of(record)?;
         Some(Self {
-            track: TrackId {
-                station: record["station"].as_u64().and_then(|n| n.try_into().ok()),
-                session: record["session"].as_u64().and_then(|n| n.try_into().ok()),
-                id: record["id"].as_u64()?.try_into().ok()?,
-            },
+            vessel: VesselId::Track(track),
+            station: track.station,
             is_final: record["stage"] == "final",
             is_withdrawn: record["stage"] == "withdrawn",
             utc_s,
@@ -181,7 +220,7 @@ mod tests {
             "cpa_time_s": 90.0, "sd_cpa_time_s": 1.0, "cpa_range_m": 5.0, "sd_cpa_range_m": 1.0,
         });
         let report = TrackReport::of(&record).unwrap();
-        assert_eq!(report.track.to_string(), "7.2.5");
+        assert_eq!(report.vessel.to_string(), "7.2.5");
         assert_eq!(report.utc_s, Some((100.0, Some(0.25))));
         assert_eq!(report.cpa_utc_s, Some((90.0, 1.0)));
         let (place, covariance) = report.place.unwrap();
@@ -203,5 +242,11 @@ mod tests {
         let turned = Covariance::along_across((s, c), 9.0, 1.0);
         assert!((turned.determinant() - 9.0).abs() < 1e-9);
         assert!((turned.distance2((3.0 * s, 3.0 * c)).unwrap() - 1.0).abs() < 1e-9);
+        // Along axes that are turned likewise it is the first again.
+        let back = turned.turned(0.7);
+        assert!(
+            (back.xx - 1.0).abs() < 1e-9 && (back.yy - 9.0).abs() < 1e-9 && back.xy.abs() < 1e-9,
+            "{back:?}"
+        );
     }
 }

@@ -19,7 +19,7 @@ use crate::record::{rfc3339, us_of};
 use groups::{Fits, Group, Key, Node};
 use heard::{Course, Heard, Station};
 use seabearing_core::kit::spd;
-use seabearing_host::record::{Kind, Member, NetworkTrack};
+use seabearing_host::record::{Closest, Kind, Member, NetworkTrack};
 use seabearing_locate::network::joint::JointTrack;
 use serde_json::{Value, json};
 use sites::Sites;
@@ -259,6 +259,7 @@ impl Fusion {
             speed_m_s: None,
             sd_speed_m_s: None,
             covariance: None,
+            closest: None,
             consistent: motion.and(group).map(|g| g.consistent),
             n: told.n,
         };
@@ -293,6 +294,24 @@ impl Fusion {
             (track.speed_m_s, track.sd_speed_m_s) = (Some(speed), Some(sd_speed));
         }
         track.covariance = Some(covariance.into_iter().flatten().collect());
+        let mut stations: Vec<u16> = track.members.iter().map(|m| m.station).collect();
+        stations.dedup();
+        track.closest =
+            Some(stations.into_iter().filter_map(|station| self.closest(motion, station)).collect());
+    }
+
+    /// The closest point of approach to a station.
+    fn closest(&self, motion: &JointTrack, station: u16) -> Option<Closest> {
+        let [x, y, _] = self.sites.sites.get(self.sites.find(station)?)?.at_m;
+        let closest = motion.closest([x, y])?;
+        let finite = |x: f64| Some(x).filter(|x| x.is_finite());
+        Some(Closest {
+            station,
+            utc: rfc3339((closest.t_s.0 * 1e6) as i64).as_str().map(str::to_owned),
+            sd_s: finite(closest.t_s.1),
+            range_m: finite(closest.range_m.0),
+            sd_range_m: finite(closest.range_m.1),
+        })
     }
 }
 

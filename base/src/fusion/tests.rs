@@ -133,6 +133,22 @@ fn a_vessel_past_three_stations_is_one_track_whatever_the_order_in_which_they_co
     assert!(chi2(track, NORTHWARDS) < FAR, "{}", chi2(track, NORTHWARDS));
     assert!((track["speed_m_s"].as_f64().unwrap() - 37f64.sqrt()).abs() < 0.3, "{track}");
     assert_eq!((&track["lat_deg"], &track["from_utc"]), (&Value::Null, &"2026-06-01T00:00:00Z".into()));
+    let closest = track["closest"].as_array().unwrap();
+    assert_eq!(closest.len(), 3, "{track}");
+    for (n, of) in closest.iter().enumerate() {
+        let ([x, y], [vx, vy]) = (at(NORTHWARDS, 0.0), [NORTHWARDS[2], NORTHWARDS[3]]);
+        let (x, y) = (x - PLACES[n][0], y - PLACES[n][1]);
+        let after_s = -(x * vx + y * vy) / (vx * vx + vy * vy);
+        let [x, y] = [x + vx * after_s, y + vy * after_s];
+        let told_s = (us_of(&of["utc"]).unwrap() - BEGIN_US) as f64 * 1e-6;
+        let number = |key: &str| of[key].as_f64().unwrap();
+        assert!((told_s - after_s).abs() < 5.0 * number("sd_s"), "{of}: {after_s} s");
+        assert!(
+            (number("range_m") - x.hypot(y)).abs() < 5.0 * number("sd_range_m"),
+            "{of}: {} m",
+            x.hypot(y)
+        );
+    }
     // One station after the other, as files are read.
     let mut in_turn = Fusion::new(sites());
     let late: Vec<Value> = [1, 2, 0].into_iter().flat_map(|n| sends(n, &[NORTHWARDS], 0.0)).collect();
@@ -184,7 +200,7 @@ fn where_the_geometry_tells_nothing_it_is_null() {
     let records = [sends(0, &[away], 0.0), sends(1, &[away], 0.0)].concat();
     let (standing, _) = fused(&mut Fusion::new(sites()), &by_time(records));
     let [track] = &standing[..] else { panic!("{standing:?}") };
-    for key in ["x_m", "y_m", "var_x_m2", "heading_deg", "speed_m_s", "covariance", "consistent"] {
+    for key in ["x_m", "y_m", "var_x_m2", "heading_deg", "speed_m_s", "covariance", "closest", "consistent"] {
         assert!(track[key].is_null(), "{key} of {track}");
     }
     assert_eq!(members(track), [(1, 1), (2, 1)]);

@@ -6,7 +6,8 @@ use anyhow::{Context, Result, bail};
 use seabearing_watch::ais::{self, AisFile, Fleet};
 use seabearing_watch::errors;
 use seabearing_watch::matching::{Rules, heard};
-use seabearing_watch::report::TrackReport;
+use seabearing_watch::report::{TrackReport, VesselId, utc};
+use seabearing_watch::vessels::{Vessels, Word};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::BufRead;
@@ -69,12 +70,26 @@ pub(super) fn run(args: &Args) -> Result<()> {
         // Records of `process` do not tell their station.
         places.extend(only.lat_lon_deg.map(|at| (None, at)));
     }
-    let mut reports = Vec::new();
+    let known: BTreeMap<u16, (f64, f64)> = places.iter().filter_map(|(of, at)| Some(((*of)?, *at))).collect();
+    let mut told = Vessels::new(&known);
+    let mut reports: BTreeMap<VesselId, Vec<TrackReport>> = BTreeMap::new();
     for path in &args.tracks {
-        read_tracks(path, &mut |record| reports.extend(TrackReport::of(record)))?;
+        read_tracks(path, &mut |record| {
+            let at_s = utc(&record["received_utc"]).or_else(|| utc(&record["utc"])).unwrap_or(0.0);
+            for word in told.take(record, at_s) {
+                match word {
+                    Word::Joins(track, _) => drop(reports.remove(&VesselId::Track(track))),
+                    Word::Parts(network, _) => drop(reports.remove(&VesselId::Network(network))),
+                    Word::Says(seen) => keep(&mut reports, &seen),
+                }
+            }
+        })?;
     }
-    let total = reports.len();
-    let (tracks, left_out) = heard(reports, &places);
+    let total = reports.values().map(Vec::len).sum::<usize>();
+    let (mut tracks, left_out) = heard(reports.into_values().flatten(), &places);
+    for track in tracks.iter_mut().filter(|t| matches!(t.vessel, VesselId::Network(_))) {
+        track.stations = told.stations(track.vessel).into_iter().map(Some).collect();
+    }
     if tracks.is_empty() {
         bail!("no track with UTC of a station of {} in {total} reports", args.stations.display());
     }
@@ -97,6 +112,14 @@ pub(super) fn run(args: &Args) -> Result<()> {
         log::warn!("{} more remarks like these", fleet.remarks.len() - SHOWN);
     }
     super::print_records(&errors::records(&tracks, &fleet, &rules), args.json)
+}
+
+/// Keeps a vessel's report as seen from the station of its first one.
+fn keep(reports: &mut BTreeMap<VesselId, Vec<TrackReport>>, seen: &[TrackReport]) {
+    let Some(first) = seen.first() else { return };
+    let of = reports.entry(first.vessel).or_default();
+    let from = of.first().map_or(first.station, |first| first.station);
+    of.extend(seen.iter().find(|r| r.station == from));
 }
 
 /// Hands out the records of a file or of a store.

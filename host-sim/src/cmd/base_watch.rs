@@ -43,8 +43,9 @@ pub(super) struct Acknowledge {
     id: u64,
 }
 
-/// Days of records in which alarms that still stand are looked for.
+/// Days of records in which alarms that still stand are looked for, and hours of network tracks that these may be about.
 const STANDING_DAYS: i64 = 30;
+const NETWORK_HOURS: i64 = 2;
 
 impl Watch {
     /// Reads the alarms, and refuses what cannot be: before anything is begun.
@@ -103,23 +104,36 @@ impl Watch {
             stations.entry(s.config.id).or_default();
         }
         let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
-        let watcher = Watcher::new(alarms.rules, &stations, now_s);
+        let watcher = Watcher::new(alarms.rules, &stations, now_s, !service.ends());
         let folder = store.map(Path::to_owned);
-        deliver::start(watcher, alarms.deliveries, service.feed(), service.notebook(), folder, &standing);
+        let mut before = store.map_or(Ok(Vec::new()), networks)?;
+        before.extend(standing.iter().cloned());
+        deliver::start(watcher, alarms.deliveries, service.feed(), service.notebook(), folder, &before);
         Ok((standing, ais))
     }
 }
 
 /// The alarm records of a store, oldest first.
 fn standing(store: &Path) -> Result<Vec<Value>> {
-    let from = Some(OffsetDateTime::now_utc() - time::Duration::days(STANDING_DAYS));
-    let mut standing = Vec::new();
-    store::read(store, &Wanted { from, ..Wanted::default() }, |record| {
-        if record["type"] == "alarm" {
-            standing.push(record);
+    records(store, OffsetDateTime::now_utc() - time::Duration::days(STANDING_DAYS), "alarm")
+}
+
+/// The network tracks of the end of a store, oldest first.
+fn networks(store: &Path) -> Result<Vec<Value>> {
+    let newest = store::newest_us(store)?.unwrap_or(0);
+    let newest = OffsetDateTime::from_unix_timestamp_nanos(i128::from(newest) * 1000)?;
+    records(store, newest - time::Duration::hours(NETWORK_HOURS), "network_track")
+}
+
+/// The records of a kind in a store from a time on, oldest first.
+fn records(store: &Path, from: OffsetDateTime, kind: &str) -> Result<Vec<Value>> {
+    let mut out = Vec::new();
+    store::read(store, &Wanted { from: Some(from), ..Wanted::default() }, |record| {
+        if record["type"] == kind {
+            out.push(record);
         }
     })?;
-    Ok(standing)
+    Ok(out)
 }
 
 /// Latitudes and longitudes of the stations that have them, degrees.

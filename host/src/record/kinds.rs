@@ -334,6 +334,22 @@ record! {
 }
 
 record! {
+    /// A vessel's closest point of approach to a station that takes part in its network track, along its straight motion.
+    Closest {
+        /// Number of the station.
+        station: u16,
+        /// UTC of the closest point, RFC 3339.
+        utc: Option<String>,
+        /// Its standard deviation, seconds.
+        sd_s: Option<f64>,
+        /// Horizontal range there, metres.
+        range_m: Option<f64>,
+        /// Its standard deviation, metres.
+        sd_range_m: Option<f64>,
+    }
+}
+
+record! {
     /// A vessel's straight motion from the bearings of several stations, as the base station fits it without any assumption of
     /// its speed (docs/network.md). Its `utc` is that of the newest bearing used. Null: the geometry does not tell it.
     NetworkTrack {
@@ -371,6 +387,8 @@ record! {
         sd_speed_m_s: Option<f64>,
         /// Covariance of `x_m`, `y_m` and the velocity along both (m/s) at `utc`: 16 numbers, row by row.
         covariance: Option<Vec<f64>>,
+        /// Closest points of approach to the stations of the members.
+        closest: Option<Vec<Closest>>,
         /// Whether the stations agree within their stated errors (99.9 %); where they do not, the covariance has grown and may
         /// still be too small.
         consistent: Option<bool>,

@@ -5,7 +5,7 @@ mod kinds;
 mod schema;
 mod sound;
 
-pub use kinds::{Kind, Level, Member, NetworkTrack};
+pub use kinds::{Closest, Kind, Level, Member, NetworkTrack};
 #[cfg(feature = "schema")]
 pub use schema::schema;
 pub use sound::{Azigram, Samples, Snippet, Spectrum, calibrate};

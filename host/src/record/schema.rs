@@ -108,6 +108,8 @@ struct Alarm {
     track: Option<u32>,
     /// Session of that track.
     of_session: Option<u32>,
+    /// Number of the network track that it is about; `station` is then the first of its members' that the rule is about.
+    network: Option<u32>,
     /// Channel that it is about, from 0.
     channel: Option<u8>,
     /// How likely it is true, 0 to 1, where the rule asks for a probability.
@@ -153,8 +155,11 @@ struct AisFleet {
 /// (`base --ais`, `ais match`; docs/ais.md).
 #[derive(Serialize, JsonSchema)]
 struct AisMatch {
-    /// Number of the station's track.
-    id: u32,
+    /// Number of the station's track; null where it is of a network track.
+    id: Option<u32>,
+    /// Number of the network track that it is of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    network: Option<u32>,
     /// Session of that track; `session` where it is absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     of_session: Option<u32>,

@@ -2,7 +2,7 @@
 
 use crate::errors::{Measured, over_fleet};
 use crate::matching::Verdict;
-use crate::report::TrackId;
+use crate::report::VesselId;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ const EVERY_S: f64 = 3600.0;
 /// The verdicts on tracks that have ended, and their errors.
 #[derive(Debug, Default)]
 pub(super) struct Ended {
-    tracks: BTreeMap<TrackId, (Verdict, Option<Measured>)>,
+    tracks: BTreeMap<VesselId, (Verdict, Option<Measured>)>,
     /// Tracks have ended since the record was made last, and when that was.
     new: bool,
     told_s: f64,
@@ -22,8 +22,8 @@ pub(super) struct Ended {
 
 impl Ended {
     /// Takes a track that has ended; one that had ended before counts as it is now.
-    pub(super) fn take(&mut self, track: TrackId, verdict: &Verdict, errors: Option<Measured>) {
-        self.tracks.insert(track, (verdict.clone(), errors));
+    pub(super) fn take(&mut self, vessel: VesselId, verdict: &Verdict, errors: Option<Measured>) {
+        self.tracks.insert(vessel, (verdict.clone(), errors));
         self.new = true;
         if self.tracks.len() > MOST {
             self.tracks.pop_first();
@@ -31,8 +31,8 @@ impl Ended {
     }
 
     /// A track that had ended was none.
-    pub(super) fn withdraw(&mut self, track: TrackId) {
-        self.new |= self.tracks.remove(&track).is_some();
+    pub(super) fn withdraw(&mut self, vessel: VesselId) {
+        self.new |= self.tracks.remove(&vessel).is_some();
     }
 
     /// The record, if it is time for it.

@@ -1,7 +1,7 @@
 //! AIS beside the base station as it comes: every track with its vessel, or none.
 //!
 //! In: records of the feed, sentences of any number of [`source`]s. Out: records `ais_match`, one when the verdict on a track
-//! changes and one with its errors when it has ended, `ais_fleet` over all that have ended, every hour and at the end, and `warning`s. Tracks of the last quarter of an hour are judged anew
+//! changes and one with its errors when it has ended (a network track in the place of the stations' tracks that it joins), `ais_fleet` over all that have ended, every hour and at the end, and `warning`s. Tracks of the last quarter of an hour are judged anew
 //! as reports come; those of AIS are kept for as long as a vessel that leaves its reports out is thought of.
 
 mod fleet;
@@ -11,7 +11,8 @@ use crate::ais::Fleet;
 use crate::ais::aivdm::Told;
 use crate::errors::{of_track, record};
 use crate::matching::{HIDDEN_S, Heard, Rules, Verdict, heard, judge};
-use crate::report::{TrackId, TrackReport};
+use crate::report::{TrackReport, VesselId};
+use crate::vessels::{Vessels, Word};
 use anyhow::Result;
 use fleet::Ended;
 use seabearing_base::feed::{Feed, Subscription};
@@ -66,7 +67,8 @@ pub struct Live {
     files: Vec<AisReport>,
     names: BTreeMap<u64, String>,
     lengths: BTreeMap<u64, f64>,
-    tracks: BTreeMap<TrackId, Known>,
+    vessels: Vessels,
+    tracks: BTreeMap<VesselId, Known>,
     remarked: BTreeSet<(u64, bool)>,
     ended: Ended,
     changed: bool,
@@ -82,6 +84,7 @@ impl Live {
             files: Vec::new(),
             names: BTreeMap::new(),
             lengths: BTreeMap::new(),
+            vessels: Vessels::new(stations),
             tracks: BTreeMap::new(),
             remarked: BTreeSet::new(),
             ended: Ended::default(),
@@ -91,13 +94,30 @@ impl Live {
 
     /// Takes a record at a time, seconds of the steady clock.
     pub fn take(&mut self, record: &Value, now_s: f64) {
-        let Some(report) = TrackReport::of(record) else { return };
-        if report.is_withdrawn {
-            self.tracks.remove(&report.track);
-            self.ended.withdraw(report.track);
-            return;
+        for word in self.vessels.take(record, now_s) {
+            match word {
+                // The tracks of its stations count no more, and after that they count again.
+                Word::Joins(track, _) => self.forget_track(VesselId::Track(track)),
+                Word::Parts(network, _) => self.forget_track(VesselId::Network(network)),
+                Word::Says(seen) => self.says(&seen, now_s),
+            }
         }
-        let known = self.tracks.entry(report.track).or_default();
+    }
+
+    fn forget_track(&mut self, vessel: VesselId) {
+        self.tracks.remove(&vessel);
+        self.ended.withdraw(vessel);
+    }
+
+    /// Takes a report; of a vessel that several stations hear as seen from the station of its first report.
+    fn says(&mut self, seen: &[TrackReport], now_s: f64) {
+        let Some(report) = seen.first() else { return };
+        if report.is_withdrawn {
+            return self.forget_track(report.vessel);
+        }
+        let known = self.tracks.entry(report.vessel).or_default();
+        let from = known.reports.first().map_or(report.station, |first| first.station);
+        let Some(report) = seen.iter().find(|r| r.station == from).copied() else { return };
         (known.heard_s, known.over) = (now_s, report.is_final);
         known.settled = false;
         known.reports.push(report);
@@ -168,7 +188,10 @@ impl Live {
             report.length_m = report.length_m.or(self.lengths.get(&report.mmsi).copied());
         }
         let reports = self.tracks.values().flat_map(|known| known.reports.iter().copied());
-        let (tracks, _) = heard(reports, &self.stations);
+        let (mut tracks, _) = heard(reports, &self.stations);
+        for track in tracks.iter_mut().filter(|t| matches!(t.vessel, VesselId::Network(_))) {
+            track.stations = self.vessels.stations(track.vessel).into_iter().map(Some).collect();
+        }
         let fleet = match of_files.is_empty() {
             true => Fleet::of(&self.ais, &self.names),
             false => Fleet::of(&[of_files, self.ais.clone()].concat(), &self.names),
@@ -177,7 +200,11 @@ impl Live {
         let verdicts = judge(&tracks, &fleet, &self.rules);
         for (track, verdict) in tracks.iter().zip(&verdicts) {
             let record = self.tell(track, verdict, &fleet, now_s);
-            out.extend(record.map(|r| (track.track.station, r)));
+            let station = match track.vessel {
+                VesselId::Track(track) => track.station,
+                VesselId::Network(_) => None,
+            };
+            out.extend(record.map(|r| (station, r)));
         }
         out.extend(self.ended.due(now_s).map(|r| (None, r)));
         out
@@ -199,7 +226,7 @@ impl Live {
 
     /// The record of a track, where it says something new.
     fn tell(&mut self, track: &Heard, verdict: &Verdict, fleet: &Fleet, now_s: f64) -> Option<Value> {
-        let known = self.tracks.get_mut(&track.track)?;
+        let known = self.tracks.get_mut(&track.vessel)?;
         let settles = !known.settled && now_s - known.heard_s > SETTLED_S;
         let is = match verdict {
             Verdict::Vessel { vessel, .. } => ("vessel", fleet.vessels.get(*vessel).map(|v| v.mmsi)),
@@ -223,10 +250,12 @@ impl Live {
                 Verdict::Vessel { vessel, .. } => fleet.vessels.get(*vessel).and_then(|v| v.length_m),
                 _ => None,
             };
-            self.ended.take(track.track, verdict, errors.map(|e| (e, length_m)));
+            self.ended.take(track.vessel, verdict, errors.map(|e| (e, length_m)));
         }
         record["stage"] = if known.settled { "final" } else { "running" }.into();
-        record["of_session"] = json!(track.track.session);
+        if let VesselId::Track(track) = track.vessel {
+            record["of_session"] = json!(track.session);
+        }
         record["utc"] = record["to_utc"].clone();
         Some(record)
     }

@@ -270,3 +270,38 @@ fn one_report_of_a_clock_that_has_jumped_ahead_lets_no_others_be_forgotten() {
     }
     assert_eq!(live.ais.len(), 21);
 }
+
+#[test]
+fn a_vessel_that_two_stations_hear_has_one_verdict_and_counts_once() {
+    let mut live = Live::new(&BTreeMap::from([(7, PLACE), (8, (50.0, -1.01))]), Rules::default());
+    let frame = LocalFrame::new(PLACE.0, PLACE.1);
+    let network = |t_s: f64, state: &str| {
+        let (lat, lon) = frame.lat_lon_deg(605.0, 5.0 * t_s - 500.0);
+        let member = |station: u16| json!({ "station": station, "session": 3, "id": 1 });
+        json!({ "type": "network_track", "id": 4, "state": state, "utc": rfc3339(THEN_S + t_s), "members": [member(7), member(8)],
+            "lat_deg": lat, "lon_deg": lon, "var_x_m2": 100.0, "var_y_m2": 100.0, "cov_xy_m2": 0.0,
+            "heading_deg": 0.0, "sd_heading_deg": 3.0, "speed_m_s": 5.0, "sd_speed_m_s": 0.3 })
+    };
+    let mut said = Vec::new();
+    for k in 0..20 {
+        let t_s = 10.0 * f64::from(k);
+        live.told(report(11, 600.0, t_s));
+        live.take(&track(1, 605.0, t_s, "running"), t_s);
+        let mut other = track(1, 605.0 + 717.0, t_s, "running");
+        other["station"] = 8.into();
+        live.take(&other, t_s);
+        if k >= 5 {
+            live.take(&network(t_s, if k < 19 { "live" } else { "final" }), t_s);
+        }
+        said.extend(live.judge(t_s));
+    }
+    said.extend(live.finish());
+    let last: Vec<&Value> = said.iter().map(|(_, r)| r).filter(|r| r["stage"] == "final").collect();
+    assert_eq!(last.len(), 1, "{said:?}");
+    assert_eq!(
+        (&last[0]["network"], &last[0]["id"], &last[0]["mmsi"]),
+        (&json!(4), &Value::Null, &json!(11))
+    );
+    let fleet = &said.iter().rfind(|(_, r)| r["type"] == "ais_fleet").unwrap().1;
+    assert_eq!((&fleet["tracks"], &fleet["vessels"]), (&json!(1), &json!(1)));
+}

@@ -2,21 +2,30 @@
 //!
 //! In: records as they are stored, and the time. Out: records `{"type":"alarm","state":"raised|acknowledged|cleared",..}`. A
 //! vessel counts by the probability that it is where the rule says, given its covariance; a track whose range is not
-//! observable is nowhere. What is true again before it has been untrue for `clear_after_s` was true all the time.
+//! observable is nowhere. One that several stations hear is one vessel ([`crate::vessels`]), and its alarm goes on when fusion finds that, or
+//! takes it back. What is true again before it has been untrue for `clear_after_s` was true all the time.
 
 pub mod area;
+mod clock;
 pub mod deliver;
 pub mod rules;
+mod truth;
+mod vessel;
 
-use crate::report::{Covariance, TrackId, TrackReport, is_of_recorder};
-use area::{is_inside, share};
+use crate::report::{TrackId, TrackReport, VesselId, is_of_recorder, rfc3339};
+use crate::vessels::{Vessels, Word};
+use clock::Clock;
 use rules::{Condition, Rule};
-use seabearing_host::geodesy::LocalFrame;
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
+use truth::{Truth, channels, storage, supply};
 
 /// A track that says nothing for so long has ended, s.
 const TRACK_ENDS_S: f64 = 120.0;
+/// Time in which fusion may find that a station's track is a vessel which has an alarm already, s.
+const FUSED_S: f64 = 12.0;
+/// Why an alarm is over when its vessel is heard no more.
+const ENDED: &str = "its track has ended";
 /// A disk has room again with so many times the room at which that was told.
 const ROOM_AGAIN: f64 = 1.1;
 /// What a store adds to a record.
@@ -27,7 +36,7 @@ const OF_THE_STORE: [&str; 5] = ["utc", "sd_utc_s", "received_utc", "session", "
 enum About {
     /// This base station itself.
     Base,
-    Track(TrackId),
+    Vessel(VesselId),
     Station(u16),
     Channel(u16, u8),
 }
@@ -41,7 +50,17 @@ struct Raised {
     untrue_s: Option<f64>,
     /// When a track was heard of last.
     heard_s: f64,
+    /// Where its vessel was told to be last.
+    report: Option<TrackReport>,
     record: Value,
+}
+
+/// An alarm that may be another's: it waits for fusion.
+#[derive(Clone, Debug)]
+struct Held {
+    since_s: f64,
+    truth: Truth,
+    report: TrackReport,
 }
 
 /// Watches records.
@@ -49,32 +68,54 @@ pub struct Watcher {
     rules: Vec<Rule>,
     /// Corners of a rule's area in a station's frame.
     corners: BTreeMap<(usize, u16), Vec<(f64, f64)>>,
-    heard_s: BTreeMap<u16, f64>,
+    vessels: Vessels,
+    /// When each station was heard last; none: not since this began.
+    heard_s: BTreeMap<u16, Option<f64>>,
+    clocks: BTreeMap<u16, Clock>,
+    begun_s: f64,
     raised: BTreeMap<(usize, About), Raised>,
+    held: BTreeMap<(usize, VesselId), Held>,
     newest_id: u64,
     /// The store takes nothing.
     fails: bool,
+    /// What comes is of now.
+    of_now: bool,
 }
 
 impl Watcher {
-    /// Watches these stations (latitude and longitude in degrees, where known) from `now_s` on, seconds since 1970.
-    pub fn new(rules: Vec<Rule>, stations: &BTreeMap<u16, Option<(f64, f64)>>, now_s: f64) -> Self {
-        let frames: BTreeMap<u16, LocalFrame> = stations
-            .iter()
-            .filter_map(|(of, at)| at.map(|(lat, lon)| (*of, LocalFrame::new(lat, lon))))
-            .collect();
+    /// Watches these stations (latitude and longitude in degrees, where known) from `now_s` on, seconds since 1970. `of_now`: what
+    /// comes is not read from files, so that recorders' clocks can be compared with this computer's.
+    pub fn new(
+        rules: Vec<Rule>,
+        stations: &BTreeMap<u16, Option<(f64, f64)>>,
+        now_s: f64,
+        of_now: bool,
+    ) -> Self {
+        let places = stations.iter().filter_map(|(of, at)| Some((*of, (*at)?))).collect();
+        let vessels = Vessels::new(&places);
         let mut corners = BTreeMap::new();
         for (n, rule) in rules.iter().enumerate() {
             let Condition::Inside(area) = &rule.condition else { continue };
-            corners.extend(frames.iter().map(|(of, frame)| ((n, *of), area.corners_m(frame))));
+            let of = |of: &u16| Some(((n, *of), area.corners_m(vessels.frame(*of)?)));
+            corners.extend(places.keys().filter_map(of));
         }
-        let heard_s = stations.keys().map(|of| (*of, now_s)).collect();
-        Self { rules, corners, heard_s, raised: BTreeMap::new(), newest_id: 0, fails: false }
+        Self {
+            rules,
+            corners,
+            vessels,
+            heard_s: stations.keys().map(|of| (*of, None)).collect(),
+            clocks: BTreeMap::new(),
+            begun_s: now_s,
+            raised: BTreeMap::new(),
+            held: BTreeMap::new(),
+            newest_id: 0,
+            fails: false,
+            of_now,
+        }
     }
 
     /// Takes a record at a time; gives the alarms that change.
     pub fn take(&mut self, record: &Value, now_s: f64) -> Vec<Value> {
-        let mut out = Vec::new();
         let kind = record["type"].as_str().unwrap_or("");
         if kind == "note" {
             return self.store(
@@ -83,18 +124,70 @@ impl Watcher {
                 now_s,
             );
         }
-        let Some(station) = record["station"].as_u64().and_then(|n| u16::try_from(n).ok()) else {
-            return out;
-        };
+        let mut out = Vec::new();
+        for word in self.vessels.take(record, now_s) {
+            out.extend(match word {
+                Word::Joins(track, network) => {
+                    self.goes_on(VesselId::Track(track), &[VesselId::Network(network)])
+                }
+                Word::Parts(network, into) => self.goes_on(VesselId::Network(network), &into),
+                Word::Says(seen) => self.says(&seen, now_s),
+            });
+        }
+        let station = record["station"].as_u64().and_then(|n| u16::try_from(n).ok());
+        let Some(station) = station.filter(|_| kind != "network_track") else { return out };
+        let mut tells = false;
         if is_of_recorder(kind) {
-            self.heard_s.insert(station, now_s);
+            self.heard_s.insert(station, Some(now_s));
+            tells = self.clocks.entry(station).or_default().take(kind, record, now_s, self.of_now);
         }
         for n in 0..self.rules.len() {
             let rule = &self.rules[n];
             if rule.stations.is_empty() || rule.stations.contains(&station) {
-                for (about, truth) in self.judge(n, station, kind, record, now_s) {
-                    out.extend(self.note(n, about, truth, now_s));
+                for (about, truth) in self.judge(n, station, kind, record, now_s, tells) {
+                    out.extend(self.note(n, about, truth, None, now_s));
                 }
+            }
+        }
+        out
+    }
+
+    /// Takes what is said of a vessel.
+    fn says(&mut self, seen: &[TrackReport], now_s: f64) -> Vec<Value> {
+        let mut out = Vec::new();
+        for n in
+            (0..self.rules.len()).filter(|n| self.rules[*n].condition.is_of_vessels()).collect::<Vec<_>>()
+        {
+            let Some((truth, report)) = self.vessel(n, seen, now_s) else { continue };
+            let (about, key) = (About::Vessel(report.vessel), (n, report.vessel));
+            let is_new = truth.is == Some(true) && !self.raised.contains_key(&(n, about));
+            if is_new && self.may_be_known(n, &report) {
+                let since_s = self.held.get(&key).map_or(now_s, |held| held.since_s);
+                self.held.insert(key, Held { since_s, truth, report });
+                continue;
+            }
+            if truth.is.is_some() {
+                self.held.remove(&key);
+            }
+            out.extend(self.note(n, about, truth, Some(report), now_s));
+        }
+        out
+    }
+
+    /// A vessel is told as another from now on, the first of these that has no alarm of a rule: its alarm of that rule goes on. Where
+    /// all have one it is cleared.
+    fn goes_on(&mut self, was: VesselId, into: &[VesselId]) -> Vec<Value> {
+        self.held.retain(|(_, vessel), _| *vessel != was);
+        let mut out = Vec::new();
+        for n in 0..self.rules.len() {
+            let Some(mut raised) = self.raised.remove(&(n, About::Vessel(was))) else { continue };
+            match into.iter().find(|vessel| !self.raised.contains_key(&(n, About::Vessel(**vessel)))) {
+                Some(vessel) => {
+                    name(&mut raised.record, Some(*vessel));
+                    raised.report = raised.report.map(|report| TrackReport { vessel: *vessel, ..report });
+                    self.raised.insert((n, About::Vessel(*vessel)), raised);
+                }
+                None => out.push(state(&raised, "cleared")),
             }
         }
         out
@@ -113,7 +206,7 @@ impl Watcher {
         rules
             .collect::<Vec<_>>()
             .into_iter()
-            .filter_map(|n| self.note(n, About::Base, truth()?, now_s))
+            .filter_map(|n| self.note(n, About::Base, truth()?, None, now_s))
             .collect()
     }
 
@@ -140,7 +233,7 @@ impl Watcher {
             } else {
                 Truth::over("there is room again")
             };
-            out.extend(self.note(n, About::Base, truth, now_s));
+            out.extend(self.note(n, About::Base, truth, None, now_s));
         }
         out
     }
@@ -152,28 +245,34 @@ impl Watcher {
             let Condition::Silent(after_s) = self.rules[n].condition else { continue };
             for (station, heard_s) in self.heard_s.clone() {
                 let of = &self.rules[n].stations;
-                let silent = now_s - heard_s;
-                if (of.is_empty() || of.contains(&station)) && silent > after_s {
-                    let text = format!("station {station} has not been heard for {silent:.0} s");
-                    out.extend(self.note(
-                        n,
-                        About::Station(station),
-                        Truth::yes("RecorderSilent", text),
-                        now_s,
-                    ));
+                let silent = now_s - heard_s.unwrap_or(self.begun_s) > after_s;
+                if (of.is_empty() || of.contains(&station)) && silent {
+                    let since = rfc3339(heard_s.unwrap_or(self.begun_s).floor());
+                    let began = if heard_s.is_none() { "this base station began, " } else { "" };
+                    let since = since.as_str().unwrap_or("?");
+                    let text = format!("station {station} has not been heard since {began}{since}");
+                    let truth = Truth::yes("RecorderSilent", text);
+                    out.extend(self.note(n, About::Station(station), truth, None, now_s));
                 }
             }
+        }
+        let waited = |held: &Held| now_s - held.since_s >= FUSED_S;
+        let due: Vec<(usize, VesselId)> =
+            self.held.iter().filter(|(_, h)| waited(h)).map(|(key, _)| *key).collect();
+        for (n, vessel) in due {
+            let Some(held) = self.held.remove(&(n, vessel)) else { continue };
+            out.extend(self.note(n, About::Vessel(vessel), held.truth, Some(held.report), now_s));
         }
         let stale: Vec<(usize, About)> = self
             .raised
             .iter()
             .filter(|((_, about), raised)| {
-                matches!(about, About::Track(_)) && now_s - raised.heard_s > TRACK_ENDS_S
+                matches!(about, About::Vessel(_)) && now_s - raised.heard_s > TRACK_ENDS_S
             })
             .map(|(key, _)| *key)
             .collect();
         for (n, about) in stale {
-            out.extend(self.note(n, about, Truth::over("its track has ended"), now_s));
+            out.extend(self.note(n, about, Truth::over(ENDED), None, now_s));
         }
         let due: Vec<(usize, About)> = self
             .raised
@@ -201,8 +300,8 @@ impl Watcher {
         (self.raised.len(), self.raised.values().filter(|r| !r.acknowledged).count())
     }
 
-    /// Takes up what stood when a base station ended before: its alarm records, oldest first. Gives those that are cleared, as
-    /// there is no such rule any more, or it is about other stations now.
+    /// Takes up what stood when a base station ended before: its alarm records and network tracks, oldest first. Gives those that are
+    /// cleared, as there is no such rule any more, or it is of another kind or about other stations now.
     pub fn resume(&mut self, records: &[Value], now_s: f64) -> Vec<Value> {
         let mut out = Vec::new();
         let over = |record: &Value| {
@@ -210,11 +309,17 @@ impl Watcher {
             record["state"] = "cleared".into();
             record
         };
-        let newest: BTreeMap<u64, &Value> =
-            records.iter().filter_map(|r| Some((r["id"].as_u64()?, r))).collect();
+        for record in records.iter().filter(|r| r["type"] == "network_track") {
+            self.vessels.take(record, now_s);
+        }
+        let alarms = records.iter().filter(|r| r["type"] != "network_track");
+        let newest: BTreeMap<u64, &Value> = alarms.filter_map(|r| Some((r["id"].as_u64()?, r))).collect();
         for (id, record) in newest.into_iter().filter(|(_, r)| r["state"] != "cleared") {
             self.newest_id = self.newest_id.max(id);
-            let Some(n) = self.rules.iter().position(|rule| record["name"] == rule.name.as_str()) else {
+            let code = record["code"].as_str().unwrap_or("");
+            let goes_on =
+                |rule: &Rule| record["name"] == rule.name.as_str() && rule.condition.codes().contains(&code);
+            let Some(n) = self.rules.iter().position(goes_on) else {
                 out.push(over(record));
                 continue;
             };
@@ -227,120 +332,64 @@ impl Watcher {
                 continue;
             }
             let number = |key: &str| record[key].as_u64();
+            let network = number("network").and_then(|id| u32::try_from(id).ok());
             let about = match (number("track"), number("channel")) {
-                (Some(track), _) => About::Track(TrackId {
+                _ if network.is_some() => About::Vessel(VesselId::Network(network.unwrap_or(0))),
+                (Some(track), _) => About::Vessel(self.vessels.told_as(TrackId {
                     station: Some(station),
                     session: number("of_session").and_then(|s| u32::try_from(s).ok()),
                     id: track as u16,
-                }),
+                })),
                 (_, Some(channel)) => About::Channel(station, channel as u8),
                 _ if base => About::Base,
                 _ => About::Station(station),
             };
             let acknowledged = record["state"] == "acknowledged";
-            let raised = Raised { id, acknowledged, untrue_s: None, heard_s: now_s, record: anew(record) };
+            let record = anew(record);
+            let raised = Raised { id, acknowledged, untrue_s: None, heard_s: now_s, report: None, record };
             // Of two of one name, as a version before left them, the later one goes on.
             out.extend(self.raised.insert((n, about), raised).map(|before| over(&before.record)));
         }
         out
     }
 
-    /// What a record says of a rule.
-    fn judge(&self, n: usize, station: u16, kind: &str, record: &Value, now_s: f64) -> Vec<(About, Truth)> {
-        let (rule, here) = (&self.rules[n], About::Station(station));
+    /// What a record of a recorder says of a rule. `tells`: of its clock.
+    fn judge(
+        &self,
+        n: usize,
+        station: u16,
+        kind: &str,
+        record: &Value,
+        now_s: f64,
+        tells: bool,
+    ) -> Vec<(About, Truth)> {
         let fault = if kind == "fault" { record["code"].as_str().unwrap_or("") } else { "" };
-        match &rule.condition {
-            Condition::Inside(_) | Condition::Range(_) | Condition::Approach { .. } => {
-                let Some(report) = TrackReport::of(record) else { return Vec::new() };
-                vec![(About::Track(report.track), self.vessel(n, station, &report, now_s))]
+        let truth = match &self.rules[n].condition {
+            Condition::Silent(_) => is_of_recorder(kind).then(|| Truth::over("it is heard again")),
+            Condition::Channel => return channels(station, kind, fault, record),
+            Condition::Clock(rule) => {
+                self.clocks.get(&station).filter(|_| tells).map(|clock| clock.judge(station, rule, now_s))
             }
-            Condition::Silent(_) if !is_of_recorder(kind) => Vec::new(),
-            Condition::Silent(_) => vec![(here, Truth::over("it is heard again"))],
-            Condition::Channel => channels(station, kind, fault, record),
-            Condition::Clock(limit_s) => match (kind, fault, record["sd_utc_s"].as_f64()) {
-                (_, "ClockStepped", _) => {
-                    let text = format!("station {station}: its clock has stepped by {} µs", record["value"]);
-                    vec![(here, Truth::yes("ClockUnsure", text))]
-                }
-                ("time", _, Some(sd)) if sd > *limit_s => {
-                    let text =
-                        format!("station {station}: UTC is known to {sd:.3} s, the limit is {limit_s} s");
-                    vec![(here, Truth::yes("ClockUnsure", text))]
-                }
-                ("time", _, Some(sd)) if sd < 0.8 * limit_s => vec![(here, Truth::over("UTC is sure again"))],
-                _ => Vec::new(),
-            },
-            Condition::Supply => match (kind, fault) {
-                (_, "SupplyLow") => {
-                    let text = format!("station {station}: the supply is below {} mV", record["value"]);
-                    vec![(here, Truth::yes("SupplyLow", text))]
-                }
-                // It records again.
-                ("hello" | "bearing" | "azimuth", _) => vec![(here, Truth::over("it records again"))],
-                _ => Vec::new(),
-            },
-            Condition::Storage if kind == "lost" && record["cause"].is_string() => {
-                let text = format!(
-                    "station {station}: {} records lost: {}",
-                    record["frames"],
-                    record["cause"].as_str().unwrap_or("")
-                );
-                vec![(here, Truth::yes("StorageFull", text))]
-            }
-            // Nothing says that there is room: it is over when nothing is lost any more.
-            Condition::Storage if kind != "alarm" => vec![(here, Truth::over("nothing is lost any more"))],
-            Condition::Storage | Condition::Disk { .. } => Vec::new(),
-        }
-    }
-
-    /// What a track's report says of a rule about vessels.
-    fn vessel(&self, n: usize, station: u16, report: &TrackReport, now_s: f64) -> Truth {
-        if report.is_withdrawn || report.is_final {
-            return Truth::over("its track has ended");
-        }
-        let rule = &self.rules[n];
-        let (probability, what, code) = match &rule.condition {
-            Condition::Inside(_) => {
-                let Some(((place, covariance), corners)) = report.place.zip(self.corners.get(&(n, station)))
-                else {
-                    return Truth::unknown();
-                };
-                let p = share(place, &covariance, |at| is_inside(corners, at));
-                (p, format!("is inside {}", rule.name), "VesselInside")
-            }
-            Condition::Range(range_m) => {
-                let Some((place, covariance)) = report.place else { return Truth::unknown() };
-                let p = share(place, &covariance, |(x, y)| x.hypot(y) <= *range_m);
-                (p, format!("is within {range_m:.0} m"), "VesselNear")
-            }
-            Condition::Approach { distance_m, within_s } => {
-                let (Some((cpa_s, _)), Some((range_m, sd_m))) = (report.cpa_utc_s, report.cpa_range_m) else {
-                    return Truth::unknown();
-                };
-                let ahead = cpa_s - report.utc_s.map_or(now_s, |(t_s, _)| t_s);
-                if !(0.0..=*within_s).contains(&ahead) {
-                    return Truth::over("its closest point has passed, or is further off");
-                }
-                let spread = Covariance { xx: sd_m * sd_m, yy: 0.0, xy: 0.0 };
-                let p = share((range_m, 0.0), &spread, |(r, _)| r <= *distance_m);
-                (p, format!("will pass at {range_m:.0} m in {ahead:.0} s"), "VesselApproaches")
-            }
-            _ => return Truth::unknown(),
+            Condition::Supply => supply(station, kind, fault, record),
+            Condition::Storage => storage(station, kind, record),
+            Condition::Inside(_) | Condition::Range(_) | Condition::Approach { .. } => None,
+            Condition::Disk { .. } => None,
         };
-        if probability >= rule.probability {
-            let text = format!("vessel {}: it {what}, with probability {probability:.2}", report.track);
-            Truth { is: Some(true), code, text, probability: Some(probability) }
-        } else if probability < rule.clear_probability {
-            Truth::over("it is outside")
-        } else {
-            Truth::unknown()
-        }
+        truth.map(|truth| (About::Station(station), truth)).into_iter().collect()
     }
 
     /// Notes what is so; gives the record of a new alarm.
-    fn note(&mut self, n: usize, about: About, truth: Truth, now_s: f64) -> Option<Value> {
+    fn note(
+        &mut self,
+        n: usize,
+        about: About,
+        truth: Truth,
+        report: Option<TrackReport>,
+        now_s: f64,
+    ) -> Option<Value> {
         if let Some(raised) = self.raised.get_mut(&(n, about)) {
-            if !matches!(truth.text.as_str(), "its track has ended") {
+            raised.report = report.filter(|r| r.place.is_some()).or(raised.report);
+            if truth.text != ENDED {
                 raised.heard_s = now_s;
             }
             match truth.is {
@@ -355,22 +404,24 @@ impl Watcher {
         }
         // The time in microseconds, so that no two are alike, of one run or of two.
         self.newest_id = (self.newest_id + 1).max((now_s * 1e6) as u64);
-        let (station, track, channel) = match about {
+        let (station, vessel, channel) = match about {
             About::Base => (None, None, None),
-            About::Track(track) => (track.station, Some(track), None),
+            About::Vessel(vessel) => (report.and_then(|r| r.station), Some(vessel), None),
             About::Station(station) => (Some(station), None, None),
             About::Channel(station, channel) => (Some(station), None, Some(channel)),
         };
-        let record = json!({
+        let mut record = json!({
             "type": "alarm", "id": self.newest_id, "code": truth.code, "name": self.rules[n].name, "state": "raised",
-            "station": station, "track": track.map(|t| t.id), "of_session": track.and_then(|t| t.session),
-            "channel": channel, "probability": truth.probability, "text": truth.text,
+            "station": station, "track": null, "of_session": null, "network": null, "channel": channel,
+            "probability": truth.probability, "text": truth.text,
         });
+        name(&mut record, vessel);
         let raised = Raised {
             id: self.newest_id,
             acknowledged: false,
             untrue_s: None,
             heard_s: now_s,
+            report,
             record: record.clone(),
         };
         self.raised.insert((n, about), raised);
@@ -387,68 +438,23 @@ fn anew(record: &Value) -> Value {
     record
 }
 
+/// Writes into an alarm's record which vessel it is about. Its station stays what it was: the alarm is found again by it.
+fn name(record: &mut Value, vessel: Option<VesselId>) {
+    let (track, network) = match vessel {
+        Some(VesselId::Track(track)) => (Some(track), None),
+        Some(VesselId::Network(id)) => (None, Some(id)),
+        None => (None, None),
+    };
+    record["track"] = json!(track.map(|t| t.id));
+    record["of_session"] = json!(track.and_then(|t| t.session));
+    record["network"] = json!(network);
+}
+
 /// An alarm's record in another state.
 fn state(raised: &Raised, state: &str) -> Value {
     let mut record = raised.record.clone();
     record["state"] = state.into();
     record
-}
-
-/// Channels that a record says are sick, or well.
-fn channels(station: u16, kind: &str, fault: &str, record: &Value) -> Vec<(About, Truth)> {
-    let about = |channel: u8| About::Channel(station, channel);
-    let sick = |channel: u8, how: &str| {
-        (about(channel), Truth::yes("ChannelSick", format!("station {station}: channel {channel} {how}")))
-    };
-    let value = record["value"].as_u64().and_then(|c| u8::try_from(c).ok());
-    match (kind, fault, value) {
-        (_, "DeadChannel", Some(c)) => vec![sick(c, "is dead")],
-        (_, "OwnNoise", Some(c)) => vec![sick(c, "does not hear what the others hear")],
-        (_, "Inverted", Some(c)) => vec![sick(c, "has the sign of the others turned round")],
-        (_, "Leaking", Some(c)) => vec![sick(c, "holds some of another's signal")],
-        (_, "ChannelBack", Some(c)) => vec![(about(c), Truth::over("it is back"))],
-        ("health", ..) => {
-            let dead: BTreeSet<u8> = record["dead_channels"]
-                .as_array()
-                .into_iter()
-                .flatten()
-                .filter_map(|c| u8::try_from(c.as_u64()?).ok())
-                .collect();
-            (0..4u8)
-                .map(|c| {
-                    if dead.contains(&c) {
-                        sick(c, "is dead or left out")
-                    } else {
-                        (about(c), Truth::over("it is well"))
-                    }
-                })
-                .collect()
-        }
-        _ => Vec::new(),
-    }
-}
-
-/// What is so of a rule.
-struct Truth {
-    /// `None`: nobody knows, and all stays as it is.
-    is: Option<bool>,
-    code: &'static str,
-    text: String,
-    probability: Option<f64>,
-}
-
-impl Truth {
-    fn yes(code: &'static str, text: String) -> Self {
-        Self { is: Some(true), code, text, probability: None }
-    }
-
-    fn over(why: &str) -> Self {
-        Self { is: Some(false), code: "", text: why.to_owned(), probability: None }
-    }
-
-    fn unknown() -> Self {
-        Self { is: None, code: "", text: String::new(), probability: None }
-    }
 }
 
 #[cfg(test)]

@@ -7,6 +7,17 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+/// When a recorder's clock raises an alarm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClockRule {
+    /// Greatest standard deviation of UTC, s.
+    pub sd_s: f64,
+    /// Longest time in which its records have no UTC, s.
+    pub without_s: f64,
+    /// Most that its UTC may be behind this computer's, s: as long as records may wait on a recorder.
+    pub off_s: f64,
+}
+
 /// What raises an alarm.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Condition {
@@ -25,8 +36,8 @@ pub enum Condition {
     Silent(f64),
     /// A channel is dead, deaf, reversed or leaking.
     Channel,
-    /// UTC is less certain than this, s (one standard deviation), or has stepped.
-    Clock(f64),
+    /// UTC is not known, not well, or not this computer's; or it has stepped.
+    Clock(ClockRule),
     /// The supply is low.
     Supply,
     /// A recorder's store is full and drops records.
@@ -38,6 +49,28 @@ pub enum Condition {
         /// Least free room, percent of the disk.
         free_percent: Option<f64>,
     },
+}
+
+impl Condition {
+    /// The codes of its alarms.
+    pub fn codes(&self) -> &'static [&'static str] {
+        match self {
+            Self::Inside(_) => &["VesselInside"],
+            Self::Range(_) => &["VesselNear"],
+            Self::Approach { .. } => &["VesselApproaches"],
+            Self::Silent(_) => &["RecorderSilent"],
+            Self::Channel => &["ChannelSick"],
+            Self::Clock(_) => &["ClockUnsure", "ClockMissing", "ClockWrong"],
+            Self::Supply => &["SupplyLow"],
+            Self::Storage => &["StorageFull"],
+            Self::Disk { .. } => &["DiskLow", "StoreFails"],
+        }
+    }
+
+    /// Whether it is about vessels.
+    pub fn is_of_vessels(&self) -> bool {
+        matches!(self, Self::Inside(_) | Self::Range(_) | Self::Approach { .. })
+    }
 }
 
 /// A rule.
@@ -97,6 +130,8 @@ struct Table {
     within_s: Option<f64>,
     after_s: Option<f64>,
     sd_s: Option<f64>,
+    without_s: Option<f64>,
+    off_s: Option<f64>,
     free_mb: Option<f64>,
     free_percent: Option<f64>,
     probability: Option<f64>,
@@ -183,7 +218,7 @@ fn apart(mut rules: Vec<Rule>) -> Vec<Rule> {
 
 impl Table {
     /// Keys that only some kinds have: whether they are given, and which kinds.
-    fn own_keys(&self) -> [(&'static str, bool, &'static [&'static str]); 11] {
+    fn own_keys(&self) -> [(&'static str, bool, &'static [&'static str]); 13] {
         [
             ("stations", !self.stations.is_empty(), &NOT_DISK),
             ("polygon", self.polygon.is_some(), &["inside"]),
@@ -192,6 +227,8 @@ impl Table {
             ("within_s", self.within_s.is_some(), &["approach"]),
             ("after_s", self.after_s.is_some(), &["silent"]),
             ("sd_s", self.sd_s.is_some(), &["clock"]),
+            ("without_s", self.without_s.is_some(), &["clock"]),
+            ("off_s", self.off_s.is_some(), &["clock"]),
             ("free_mb", self.free_mb.is_some(), &["disk"]),
             ("free_percent", self.free_percent.is_some(), &["disk"]),
             ("probability", self.probability.is_some(), &OF_VESSELS),
@@ -225,7 +262,11 @@ fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
         },
         "silent" => Condition::Silent(or("after_s", table.after_s, 180.0)?),
         "channel" => Condition::Channel,
-        "clock" => Condition::Clock(or("sd_s", table.sd_s, 1.0)?),
+        "clock" => Condition::Clock(ClockRule {
+            sd_s: or("sd_s", table.sd_s, 1.0)?,
+            without_s: or("without_s", table.without_s, 600.0)?,
+            off_s: or("off_s", table.off_s, 2_592_000.0)?,
+        }),
         "supply" => Condition::Supply,
         "storage" => Condition::Storage,
         "disk" => {
@@ -254,7 +295,7 @@ fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
         return Err(source.wrong(&at("probability"), "clear_probability <= probability <= 1 is needed"));
     }
     let usual = match condition {
-        Condition::Inside(_) | Condition::Range(_) | Condition::Approach { .. } => 30.0,
+        _ if condition.is_of_vessels() => 30.0,
         Condition::Storage => 600.0,
         _ => 0.001,
     };

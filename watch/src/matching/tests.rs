@@ -1,4 +1,5 @@
 use super::*;
+use crate::report::TrackId;
 use seabearing_host::ais::AisReport;
 
 const HERE: (f64, f64) = (50.0, -1.0);
@@ -29,9 +30,10 @@ fn fleet(courses: &[(u64, f64, f64)]) -> Fleet {
 
 /// A track that goes North like them, with such a standard deviation, from 600 to 1200 s.
 fn track(id: u16, east_m: f64, late_s: f64, sd_m: f64) -> Heard {
-    let which = TrackId { station: Some(1), session: Some(1), id };
+    let which = VesselId::Track(TrackId { station: Some(1), session: Some(1), id });
     let reports = (0..20).map(|k| 600.0 + 30.0 * f64::from(k)).map(|t_s| TrackReport {
-        track: which,
+        vessel: which,
+        station: Some(1),
         is_final: false,
         is_withdrawn: false,
         utc_s: Some((t_s, Some(0.1))),
@@ -44,7 +46,12 @@ fn track(id: u16, east_m: f64, late_s: f64, sd_m: f64) -> Heard {
         cpa_utc_s: None,
         cpa_range_m: None,
     });
-    Heard { track: which, frame: LocalFrame::new(HERE.0, HERE.1), reports: reports.collect() }
+    Heard {
+        vessel: which,
+        stations: vec![Some(1)],
+        frame: LocalFrame::new(HERE.0, HERE.1),
+        reports: reports.collect(),
+    }
 }
 
 fn numbers(tracks: &[Heard], fleet: &Fleet) -> Vec<Option<u64>> {

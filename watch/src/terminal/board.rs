@@ -278,7 +278,10 @@ fn event(kind: &str, record: &Value) -> Option<Event> {
         }
         "ais_match" if record["verdict"] == "dark" => (
             Weight::Doubtful,
-            format!("track {}.{}: no vessel of AIS is it", record["of_session"], record["id"]),
+            match record["network"].as_u64() {
+                Some(id) => format!("network track {id}: no vessel of AIS is it"),
+                None => format!("track {}.{}: no vessel of AIS is it", record["of_session"], record["id"]),
+            },
         ),
         _ => return None,
     };
