@@ -1,5 +1,6 @@
 //! Axes: where the ticks of a linear, logarithmic or angular axis go and what stands beside them.
 
+use super::{clock, text};
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use std::ops::Range;
 
@@ -15,35 +16,9 @@ pub enum Scale {
     Degrees,
     /// Metres, written in kilometres.
     Kilometres,
-    /// Seconds since 1970 (UTC): ticks at whole seconds, minutes, hours or days, written as a clock shows them.
+    /// Seconds since 1970 (UTC), from left to right: ticks at whole steps of clock and calendar.
     Utc,
 }
-
-/// Steps of time between ticks, s.
-const TIMES_S: [f64; 22] = [
-    1.0,
-    2.0,
-    5.0,
-    10.0,
-    15.0,
-    30.0,
-    60.0,
-    120.0,
-    300.0,
-    600.0,
-    900.0,
-    1800.0,
-    3600.0,
-    7200.0,
-    10_800.0,
-    21_600.0,
-    43_200.0,
-    86_400.0,
-    172_800.0,
-    432_000.0,
-    864_000.0,
-    2_592_000.0,
-];
 
 /// One axis: ends and scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,10 +78,7 @@ impl Axis {
             return log_ticks(lo, hi, most);
         }
         let rough = (hi - lo) / most as f64;
-        let step = if self.scale == Scale::Utc && rough > 0.5 {
-            let longest = TIMES_S[TIMES_S.len() - 1];
-            TIMES_S.into_iter().find(|s| *s >= rough).unwrap_or(longest * (rough / longest).ceil())
-        } else if self.scale == Scale::Degrees && rough > 1.0 {
+        let step = if self.scale == Scale::Degrees && rough > 1.0 {
             [2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 90.0, 180.0]
                 .into_iter()
                 .find(|s| *s >= rough)
@@ -126,13 +98,8 @@ impl Axis {
 
     /// The text at a tick.
     pub fn label(&self, x: f64) -> String {
-        match self.scale {
-            Scale::Utc => return self.clock(x),
-            Scale::Kilometres => {
-                return Self { from: self.from / 1e3, to: self.to / 1e3, scale: Scale::Linear }
-                    .label(x / 1e3);
-            }
-            _ => {}
+        if self.scale == Scale::Kilometres {
+            return Self { from: self.from / 1e3, to: self.to / 1e3, scale: Scale::Linear }.label(x / 1e3);
         }
         let span = if self.scale == Scale::Log { x.abs() } else { (self.to - self.from).abs() };
         let decimals = if span > 0.0 { (1.3 - span.log10()).ceil().clamp(0.0, 9.0) as usize } else { 0 };
@@ -146,25 +113,6 @@ impl Axis {
             text
         };
         if text == "-0" { "0".to_owned() } else { text.replace('-', "\u{2212}") }
-    }
-}
-
-impl Axis {
-    /// A moment as a clock shows it, as finely as the axis needs; midnights of longer axes as their date.
-    fn clock(&self, x: f64) -> String {
-        let (span_s, fraction) = ((self.to - self.from).abs(), x.rem_euclid(1.0));
-        let Ok(at) = time::OffsetDateTime::from_unix_timestamp(x.floor() as i64) else {
-            return String::new();
-        };
-        let (h, m, s) = at.to_hms();
-        if span_s > 43_200.0 && (h, m, s) == (0, 0, 0) {
-            return format!("{} {}", at.day(), &at.month().to_string()[..3]);
-        }
-        if span_s > 300.0 {
-            return format!("{h:02}:{m:02}");
-        }
-        let seconds = f64::from(s) + fraction;
-        if span_s > 3.0 { format!("{h:02}:{m:02}:{s:02}") } else { format!("{h:02}:{m:02}:{seconds:05.2}") }
     }
 }
 
@@ -193,27 +141,69 @@ fn log_ticks(lo: f64, hi: f64, most: usize) -> Vec<f64> {
         .collect()
 }
 
-impl Ranged for Axis {
+/// An axis on the page, with its length there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ruler {
+    pub(super) axis: Axis,
+    /// Points.
+    pub(super) length: f64,
+    /// From left to right, not up.
+    pub(super) across: bool,
+}
+
+/// Size of the labels at ticks, points.
+pub(super) const LABEL: i32 = 13;
+
+impl Ruler {
+    /// Ticks and their labels: all different, none over another.
+    pub(super) fn ticks(&self) -> Vec<(f64, String)> {
+        let Axis { from, to, scale } = self.axis;
+        if scale == Scale::Utc && self.across {
+            return clock::ticks((from, to), self.length, LABEL);
+        }
+        let labelled = |most| -> Vec<(f64, String)> {
+            self.axis.ticks(most).into_iter().map(|x| (x, self.axis.label(x))).collect()
+        };
+        if !self.across {
+            return labelled(((self.length / 30.0) as usize).clamp(2, 12));
+        }
+        let most = ((self.length / 50.0) as usize).clamp(2, 14);
+        let tries = (2..=most).rev().map(labelled).find(|ticks| self.have_room(ticks));
+        tries.unwrap_or_else(|| labelled(2))
+    }
+
+    fn have_room(&self, ticks: &[(f64, String)]) -> bool {
+        let at = |x: f64| self.axis.share(x).unwrap_or(0.0) * self.length;
+        let half = |label: &str| 0.5 * text::width(label, LABEL);
+        ticks.windows(2).all(|pair| match pair {
+            [(a, first), (b, second)] => (at(*b) - at(*a)).abs() >= half(first) + half(second) + 8.0,
+            _ => true,
+        })
+    }
+}
+
+impl Ranged for Ruler {
     type FormatOption = NoDefaultFormatting;
     type ValueType = f64;
 
     fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
-        let share = self.share(*value).unwrap_or(0.0).clamp(-10.0, 10.0);
+        let share = self.axis.share(*value).unwrap_or(0.0).clamp(-10.0, 10.0);
         limit.0 + (share * f64::from(limit.1 - limit.0)).round() as i32
     }
 
-    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        self.ticks(hint.bold_points())
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        self.ticks().into_iter().map(|(x, _)| x).collect()
     }
 
     fn range(&self) -> Range<f64> {
-        self.from..self.to
+        self.axis.from..self.axis.to
     }
 }
 
-impl ValueFormatter<f64> for Axis {
+impl ValueFormatter<f64> for Ruler {
     fn format_ext(&self, value: &f64) -> String {
-        self.label(*value)
+        let own = self.ticks().into_iter().find(|(x, _)| x == value);
+        own.map_or_else(|| self.axis.label(*value), |(_, label)| label)
     }
 }
 
@@ -235,19 +225,18 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_written_as_a_clock_shows_them_and_long_ways_in_kilometres() {
-        let (begins, scale) = (1_369_098_000.0, Scale::Utc);
-        let a = Axis { from: begins, to: begins + 3600.0, scale };
-        assert_eq!(
-            a.ticks(7).iter().map(|t| a.label(*t)).collect::<Vec<_>>(),
-            ["01:00", "01:10", "01:20", "01:30", "01:40", "01:50", "02:00"]
-        );
-        let a = Axis { from: begins, to: begins + 4.0 * 86_400.0, scale };
-        assert_eq!(a.label(a.ticks(4)[0]), "22 May");
-        let a = Axis { from: begins, to: begins + 60.0, scale };
-        assert_eq!(a.label(begins + 15.0), "01:00:15");
+    fn long_ways_are_written_in_kilometres_and_labels_have_room() {
         let a = Axis { from: -20_000.0, to: 20_000.0, scale: Scale::Kilometres };
         assert_eq!((a.ticks(4).len(), a.label(-10_000.0).as_str()), (5, "\u{2212}10"));
+        let axis = Axis { from: 1000.0, to: 1000.07, scale: Scale::Linear };
+        let ruler = Ruler { axis, length: 300.0, across: true };
+        let ticks = ruler.ticks();
+        assert!(
+            ticks.len() >= 2
+                && ruler.have_room(&ticks)
+                && !ruler.have_room(&axis.ticks(8).iter().map(|x| (*x, axis.label(*x))).collect::<Vec<_>>()),
+            "{ticks:?}"
+        );
     }
 
     #[test]

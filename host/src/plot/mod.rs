@@ -2,7 +2,7 @@
 //!
 //! A [`Plot`] collects series and is written atomically; [`write_panels`] puts several on one page. What a figure
 //! cannot show (NaN, values at or below zero on a logarithmic axis, points outside a given range) is left out, and a
-//! line is interrupted there.
+//! line is interrupted there. A page is at most half a megabyte, however much is on it: layers of many points become pixels.
 //!
 //! ```
 //! use seabearing_host::plot::{Plot, Scale};
@@ -16,15 +16,20 @@
 //! ```
 
 mod axis;
+mod clock;
 mod colour;
 pub mod contour;
 pub mod correlation;
+mod dense;
 mod draw;
 pub mod format;
+mod legend;
 pub mod passage;
 mod raster;
 pub mod result;
+mod series;
 mod spectrogram;
+mod text;
 pub mod times;
 
 pub use axis::{Axis, Scale};
@@ -91,6 +96,7 @@ pub struct Plot {
     circles: Option<Vec<f64>>,
     next: usize,
     words: Vec<String>,
+    caption: String,
 }
 
 impl Plot {
@@ -111,6 +117,7 @@ impl Plot {
             circles: None,
             next: 0,
             words: Vec::new(),
+            caption: String::new(),
         }
     }
 
@@ -193,6 +200,12 @@ impl Plot {
     /// Lines of text in place of axes.
     pub fn words(&mut self, lines: Vec<String>) -> &mut Self {
         self.words = lines;
+        self
+    }
+
+    /// What is drawn, in plain words that stand below the figure: what, of which unit, what bands mean, where the data are from.
+    pub fn caption(&mut self, words: &str) -> &mut Self {
+        self.caption = words.to_owned();
         self
     }
 

@@ -5,11 +5,13 @@
 //! becomes rectangles, which need no decoder there.
 
 use super::axis::{Axis, Scale};
+use super::dense::Layer;
 use super::draw::{Area, failed};
-use super::{ColourMap, HeatMap};
+use super::{ColourMap, HeatMap, Series};
 use anyhow::{Context, Result};
 use base64::Engine;
 use plotters::prelude::*;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::ops::Range;
 
@@ -34,11 +36,16 @@ pub(super) enum Cells {
 }
 
 /// The images of a page, in the order of their places.
-pub(super) struct Images(Cells, Vec<String>);
+pub(super) struct Images {
+    cells: Cells,
+    /// Pixels across and up, as a share of those that an image has where it may.
+    pub(super) fineness: f64,
+    made: Vec<String>,
+}
 
 impl Images {
-    pub(super) fn of(cells: Cells) -> Self {
-        Self(cells, Vec::new())
+    pub(super) fn of(cells: Cells, fineness: f64) -> Self {
+        Self { cells, fineness, made: Vec::new() }
     }
 
     /// Keeps the place of a figure's cells on a page, `at` pixels from left to right and from top to bottom.
@@ -49,7 +56,8 @@ impl Images {
         (x, y): (Axis, Axis),
         at: (Range<i32>, Range<i32>),
     ) -> Result<()> {
-        let Some((pixels, across, up)) = pixels(heat, x, y) else { return Ok(()) };
+        let most = (MOST_CELLS as f64 * self.fineness) as usize;
+        let Some((pixels, across, up)) = pixels(heat, (x, y), most) else { return Ok(()) };
         let pixel = |range: &Range<i32>, share: f64| {
             f64::from(range.start) + share * f64::from(range.end - range.start)
         };
@@ -58,30 +66,52 @@ impl Images {
         let (left, right) = (left.min(right), left.max(right));
         let (top, bottom) = (top.min(bottom), top.max(bottom));
         let (width, height) = (right - left, bottom - top);
+        let place = ((left, top), (width, height));
+        let image = match self.cells {
+            Cells::Rectangles => pixels.rectangles(place.0, place.1),
+            Cells::Image => element(place, "pixelated", &pixels.png()?),
+        };
+        self.keep(area, image)
+    }
+
+    /// Keeps the place of a layer of points and bands over a figure's axes.
+    pub(super) fn layer(
+        &mut self,
+        area: &Area<'_>,
+        series: &[Series],
+        axes: (Axis, Axis),
+        at: (Range<i32>, Range<i32>),
+    ) -> Result<()> {
+        let (left, top) = (f64::from(at.0.start.min(at.0.end)), f64::from(at.1.start.min(at.1.end)));
+        let (width, height) =
+            (f64::from((at.0.end - at.0.start).abs()), f64::from((at.1.end - at.1.start).abs()));
+        let pixels = |length: f64| (length * self.fineness).round().max(1.0) as usize;
+        let scale = self.fineness * f64::from(super::draw::FINE);
+        let layer = Layer::of(series, axes, (pixels(width), pixels(height)), scale);
+        let place = ((left, top), (width, height));
+        let image = match self.cells {
+            Cells::Rectangles => runs(&layer, place),
+            Cells::Image => element(place, "auto", &layer_png(&layer)?),
+        };
+        self.keep(area, image)
+    }
+
+    /// Draws the mark of an image. Where it is drawn does not matter, only after what.
+    fn keep(&mut self, area: &Area<'_>, image: String) -> Result<()> {
         let colour = self.mark();
-        self.1.push(if self.0 == Cells::Rectangles {
-            pixels.rectangles((left, top), (width, height))
-        } else {
-            let data = base64::engine::general_purpose::STANDARD.encode(pixels.png()?);
-            format!(
-                "<image x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
-                 preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\" \
-                 href=\"data:image/png;base64,{data}\"/>"
-            )
-        });
-        // Where the mark is does not matter.
+        self.made.push(image);
         area.draw(&Rectangle::new([(0, 0), (1, 1)], colour.filled())).map_err(failed)
     }
 
     /// The colour that stands for the next image.
     fn mark(&self) -> RGBColor {
-        RGBColor(1, 2 + (self.1.len() / 256) as u8, (self.1.len() % 256) as u8)
+        RGBColor(1, 2 + (self.made.len() / 256) as u8, (self.made.len() % 256) as u8)
     }
 
     /// The drawing with the images in their places.
     pub(super) fn put_into(self, svg: String) -> String {
         let mut out = svg;
-        for (n, image) in self.1.iter().enumerate() {
+        for (n, image) in self.made.iter().enumerate() {
             let mark = format!("fill=\"#01{:02X}{:02X}\"", 2 + n / 256, n % 256);
             let Some(at) = out.find(&mark) else { continue };
             let (Some(from), Some(length)) = (out[..at].rfind('<'), out[at..].find("/>")) else { continue };
@@ -89,6 +119,64 @@ impl Images {
         }
         out
     }
+}
+
+/// Corner and size of an image, pixels of the canvas.
+type Place = ((f64, f64), (f64, f64));
+
+fn element(((left, top), (width, height)): Place, rendering: &str, png: &[u8]) -> String {
+    let data = base64::engine::general_purpose::STANDARD.encode(png);
+    format!(
+        "<image x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
+         preserveAspectRatio=\"none\" style=\"image-rendering:{rendering}\" \
+         href=\"data:image/png;base64,{data}\"/>"
+    )
+}
+
+/// A layer as PNG, by its colours where they are few.
+fn layer_png(layer: &Layer) -> Result<Vec<u8>> {
+    let size = (layer.width, layer.height);
+    let mut colours: BTreeMap<[u8; 4], u8> = BTreeMap::new();
+    let mut indices = Vec::with_capacity(layer.pixels.len());
+    for run in layer.pixels.chunk_by(|a, b| a == b) {
+        let Some(pixel) = run.first() else { continue };
+        let next = u8::try_from(colours.len());
+        let index = colours.get(pixel).copied().or(next.ok());
+        let Some(index) = index else {
+            return png(size, png::ColorType::Rgba, layer.pixels.as_flattened(), None);
+        };
+        colours.entry(*pixel).or_insert(index);
+        indices.resize(indices.len() + run.len(), index);
+    }
+    let mut palette = vec![[0; 4]; colours.len()];
+    for (colour, index) in colours {
+        palette[usize::from(index)] = colour;
+    }
+    png(size, png::ColorType::Indexed, &indices, Some(&palette))
+}
+
+/// A layer as rectangles, neighbours of one colour as one.
+fn runs(layer: &Layer, ((left, top), (width, height)): Place) -> String {
+    let (w, h) = (width / layer.width as f64, height / layer.height as f64);
+    let mut out = String::from("<g shape-rendering=\"crispEdges\">");
+    for (j, row) in layer.pixels.chunks(layer.width.max(1)).enumerate() {
+        let mut i = 0;
+        for run in row.chunk_by(|a, b| a == b) {
+            if let [[r, g, b, opacity @ 1..=255], ..] = run {
+                let _ = write!(
+                    out,
+                    "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{h:.1}\" fill=\"#{r:02x}{g:02x}{b:02x}\" \
+                     fill-opacity=\"{:.2}\"/>",
+                    left + i as f64 * w,
+                    top + j as f64 * h,
+                    run.len() as f64 * w,
+                    f64::from(*opacity) / 255.0,
+                );
+            }
+            i += run.len();
+        }
+    }
+    out + "</g>"
 }
 
 /// Shares of an axis between which something lies.
@@ -121,8 +209,9 @@ impl Pixels {
         }
         let bytes: Vec<u8> = self.values.iter().map(|p| p.map_or(NOTHING, |(colour, _)| colour)).collect();
         let colours = (0..=COLOURS as u8).map(|k| self.colour((k, STRENGTHS as u8)));
-        let palette = colours.chain([[255; 3]]).flatten().collect();
-        png(size, png::ColorType::Indexed, &bytes, Some(palette))
+        let palette: Vec<[u8; 4]> =
+            colours.map(|[r, g, b]| [r, g, b, 255]).chain([[255, 255, 255, 0]]).collect();
+        png(size, png::ColorType::Indexed, &bytes, Some(&palette))
     }
 
     /// The same as rectangles, neighbours of one colour as one; each reaches a little under those drawn after it, or viewers show
@@ -153,7 +242,7 @@ impl Pixels {
 }
 
 /// What of the cells lies on the axes, and the shares of the axes that it takes; `None` where nothing does.
-fn pixels(heat: &HeatMap, x: Axis, y: Axis) -> Option<(Pixels, Part, Part)> {
+fn pixels(heat: &HeatMap, (x, y): (Axis, Axis), most: usize) -> Option<(Pixels, Part, Part)> {
     let columns = heat.columns.max(1);
     let rows = heat.values.len() / columns;
     let (across, up) = part(x, heat.x).zip(part(y, heat.y))?;
@@ -163,7 +252,7 @@ fn pixels(heat: &HeatMap, x: Axis, y: Axis) -> Option<(Pixels, Part, Part)> {
     // As many pixels as there are cells to be seen.
     let seen = |axis: Axis, cells: (f64, f64), (from, to): Part, n: usize| {
         let all = axis.share(cells.1).zip(axis.share(cells.0)).map_or(1.0, |(b, a)| (b - a).abs());
-        (((to - from).abs() / all * n as f64).ceil() as usize).clamp(1, MOST_CELLS)
+        (((to - from).abs() / all * n as f64).ceil() as usize).clamp(1, most.max(1))
     };
     let (width, height) = (seen(x, heat.x, across, columns), seen(y, heat.y, up, rows));
     // The cell at a share of an axis; those of a logarithmic axis have one ratio.
@@ -204,7 +293,7 @@ fn png(
     (width, height): (usize, usize),
     kind: png::ColorType,
     pixels: &[u8],
-    palette: Option<Vec<u8>>,
+    palette: Option<&[[u8; 4]]>,
 ) -> Result<Vec<u8>> {
     let mut out = Vec::new();
     let mut encoder = png::Encoder::new(&mut out, width as u32, height as u32);
@@ -212,8 +301,8 @@ fn png(
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Best);
     if let Some(palette) = palette {
-        encoder.set_palette(palette);
-        encoder.set_trns([[255; NOTHING as usize].as_slice(), &[0]].concat());
+        encoder.set_palette(palette.iter().flat_map(|c| [c[0], c[1], c[2]]).collect::<Vec<u8>>());
+        encoder.set_trns(palette.iter().map(|c| c[3]).collect::<Vec<u8>>());
     }
     let mut writer = encoder.write_header().context("an image of cells")?;
     writer.write_image_data(pixels).context("an image of cells")?;

@@ -30,10 +30,10 @@ impl Times {
         }
     }
 
-    /// What the axis is called; with a date, for whoever finds the picture alone.
-    pub fn label(&self) -> String {
+    /// What the axis is called; one of UTC gets its dates where it is drawn.
+    fn label(&self) -> String {
         match self.start {
-            Some(start) => format!("time (UTC), from {}", start.date()),
+            Some(_) => "time".to_owned(),
             None => format!("time ({})", self.unit.1),
         }
     }
