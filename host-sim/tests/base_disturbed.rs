@@ -9,7 +9,7 @@ use seabearing_core::wire::{Encoder, End, Fault, FaultCode, Hello, Message};
 use serde_json::Value;
 #[cfg(target_os = "linux")]
 use std::fs::File;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -148,4 +148,49 @@ fn a_recorder_of_another_schema_is_named_and_what_is_known_of_it_is_stored() {
     assert_eq!((of(&all, 7, "hello"), of(&all, 7, "lost")), (1, 0), "{all:?}");
     let said = base.kill();
     assert!(said.contains("station 7: the recorder's message schema is 0000000000000005"), "{said}");
+}
+
+#[test]
+fn an_alarm_that_nobody_took_before_a_stop_is_named_and_told_after_the_next_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let alarms = format!("[[alarms]]\nkind = \"channel\"\n[[deliver]]\nwebhook = \"http://{at}/alarm\"\n");
+    std::fs::write(dir.path().join("alarms.toml"), alarms).unwrap();
+    let args = ["--listen", "127.0.0.1:0", "--store", "store", "--alarms", "alarms.toml"];
+    let mut base = Base::start(dir.path(), &args);
+    let mut recorder = base.call();
+    let mut encoder = Encoder::default();
+    recorder.write_all(encoder.frame(&hello(7))).unwrap();
+    let dead = Fault { index: 1, code: FaultCode::DeadChannel, value: 2 };
+    recorder.write_all(encoder.frame(&Message::Fault(dead))).unwrap();
+    let all = wait(dir.path(), "the alarm", |all| of(all, 7, "alarm") == 1);
+    let id = all.iter().find(|r| r["type"] == "alarm").unwrap()["id"].clone();
+    let pid = base.child.0.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-s", "TERM", &pid]).status().unwrap().success());
+    base.child.0.wait().unwrap();
+    let said = base.kill();
+    let words = format!("is not delivered to http://{at}/alarm: it waits in the store");
+    assert!(said.contains(&format!("alarm {id} (")) && said.contains(&words), "{said}");
+    // Now somebody answers.
+    let webhook = TcpListener::bind(at).unwrap();
+    let _base = Base::start(dir.path(), &args);
+    let (mut call, _) = webhook.accept().unwrap();
+    call.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    let mut told = Vec::new();
+    let mut some = [0; 4096];
+    while !String::from_utf8_lossy(&told).contains(&format!("\"id\":{id}")) {
+        let n = call.read(&mut some).unwrap();
+        assert!(n > 0, "{}", String::from_utf8_lossy(&told));
+        told.extend_from_slice(&some[..n]);
+    }
+    call.write_all(b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n").unwrap();
+    let begun = Instant::now();
+    let waits = || {
+        let ways = std::fs::read_dir(dir.path().join("store/undelivered")).unwrap();
+        ways.flatten().flat_map(|way| std::fs::read_dir(way.path()).unwrap()).count()
+    };
+    while waits() > 0 {
+        assert!(begun.elapsed() < Duration::from_secs(10), "what was told waits for ever");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }

@@ -28,6 +28,8 @@ const ORIGINS: [&str; 5] = ["input", "serial", "tcp", "listen", "stations"];
 
 /// What an interruption waits for is waited for so long.
 const HURRY: Duration = Duration::from_secs(3);
+/// Longest that the end of all input waits for the broker, and for alarms to be delivered.
+const SETTLE: Duration = Duration::from_secs(30);
 
 /// Arguments of `seabearing base`.
 #[derive(clap::Args)]
@@ -266,14 +268,13 @@ pub fn run(args: Args) -> Result<()> {
     let counters = move || counters() + &fused;
     let before = service.base().counters();
     let must_show = service.ends() || args.store.is_none();
-    let (alarms, ais) =
-        args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places, counters)?;
+    let watch = args.watch.start(alarms, &service, args.store.as_deref(), &listed, &places, counters)?;
     #[cfg(feature = "page")]
-    page.iter().for_each(|page| page.stand(&alarms));
+    page.iter().for_each(|page| page.stand(&watch.standing));
     let fusion = fuse(&service, &listed, args.store.as_deref())?;
     let mut exports = Exports::start(args.export.clone(), args.plots.clone(), places);
     let reads_keys = args.input.iter().any(|path| path.as_os_str() == "-");
-    let known = Known { listed: &listed, alarms: &alarms, reads_keys };
+    let known = Known { listed: &listed, alarms: &watch.standing, reads_keys };
     let mut screen = Screen::start(args.json, service.ends(), &service, known);
     let tell = |notes: Vec<String>| {
         for note in notes {
@@ -300,14 +301,15 @@ pub fn run(args: Args) -> Result<()> {
         fusion.settle();
         while service.take_noted()? {}
     }
-    if let Some(ais) = &ais {
-        ais.settle(interrupt::asked().then_some(HURRY));
-        while service.take_noted()? {}
-    }
+    let hurry = interrupt::asked().then_some(HURRY);
+    watch.settle(&mut service, hurry)?;
     tell(service.notes());
+    // What a store keeps is told after the next start.
+    let most = hurry.filter(|_| args.store.is_some()).unwrap_or(SETTLE);
+    watch.finish(most);
     #[cfg(feature = "mqtt")]
     {
-        mqtt.settle(args.store.is_some(), interrupt::asked().then_some(HURRY));
+        mqtt.settle(args.store.is_some(), most);
         tell(mqtt.notes());
     }
     let after = service.base().counters();

@@ -11,9 +11,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Longest that the end of all input waits for the broker.
-const SETTLE: Duration = Duration::from_secs(30);
-
 /// Options.
 #[derive(clap::Args)]
 pub(super) struct Mqtt {
@@ -103,9 +100,8 @@ impl AtWork {
         }
     }
 
-    /// All input has ended: the broker is given time to take what there is, `hurry` where that is `kept` in a store.
-    pub(super) fn settle(&self, kept: bool, hurry: Option<Duration>) {
-        let most = hurry.filter(|_| kept).unwrap_or(SETTLE);
+    /// All input has ended: the broker is given time to take what there is, and not `kept` in a store.
+    pub(super) fn settle(&self, kept: bool, most: Duration) {
         let left = self.publisher.as_ref().map_or(0, |p| p.settle(most));
         if left > 0 {
             let then = if kept { "they wait in the store" } else { "they are lost" };

@@ -6,14 +6,14 @@ use crate::base::stations::Listed;
 use crate::base::store::{self, Wanted};
 use anyhow::{Result, bail};
 use seabearing_watch::ais_live::source::Source;
-use seabearing_watch::ais_live::{self, AtWork, Live};
+use seabearing_watch::ais_live::{self, Live};
 use seabearing_watch::alarms::rules::{Alarms, Condition};
 use seabearing_watch::alarms::{Watcher, deliver};
 use seabearing_watch::{matching, metrics, nmea};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use time::OffsetDateTime;
 
 /// Options.
@@ -41,6 +41,35 @@ pub(super) struct Acknowledge {
     store: PathBuf,
     /// Number of the alarm (`id` of its record)
     id: u64,
+}
+
+/// What is at work.
+pub(super) struct AtWork {
+    /// The alarms of the store, oldest first.
+    pub(super) standing: Vec<Value>,
+    ais: Option<ais_live::AtWork>,
+    delivery: Option<deliver::AtWork>,
+}
+
+impl AtWork {
+    /// All input has ended: what came is looked at, judged and stored. Live sentences of AIS that go on coming are waited for at most so
+    /// long, where that is said.
+    pub(super) fn settle(&self, service: &mut Service, hurry: Option<Duration>) -> Result<()> {
+        if let Some(ais) = &self.ais {
+            ais.settle(hurry);
+            while service.take_noted()? {}
+        }
+        if let Some(delivery) = &self.delivery {
+            delivery.settle();
+            while service.take_noted()? {}
+        }
+        Ok(())
+    }
+
+    /// Alarms are delivered, for so long at most.
+    pub(super) fn finish(&self, most: Duration) {
+        self.delivery.iter().for_each(|delivery| delivery.finish(most));
+    }
 }
 
 /// Days of records in which alarms that still stand are looked for, and hours of network tracks that these may be about.
@@ -73,7 +102,7 @@ impl Watch {
         Ok(Some(alarms))
     }
 
-    /// Starts what is asked for; gives the alarms of the store, oldest first, and what matches tracks with AIS. `more`: counters of others.
+    /// Starts what is asked for. `more`: counters of others.
     pub(super) fn start(
         &self,
         alarms: Option<Alarms>,
@@ -82,7 +111,7 @@ impl Watch {
         listed: &[Listed],
         places: &Positions,
         more: impl Fn() -> String + Clone + Send + Sync + 'static,
-    ) -> Result<(Vec<Value>, Option<AtWork>)> {
+    ) -> Result<AtWork> {
         let known = known(places);
         if let Some(at) = &self.nmea {
             log::info!("NMEA 0183 for chart plotters at {}", nmea::serve(at, &known, service.feed())?);
@@ -92,12 +121,12 @@ impl Watch {
             let address = metrics::serve(at, service.feed(), &standing, more)?;
             log::info!("counters at http://{address}/metrics");
         }
-        let mut ais = None;
+        let (mut ais, mut delivery) = (None, None);
         if !self.ais.is_empty() {
             let live = Live::new(&known, matching::Rules::default());
             ais = Some(ais_live::start(live, &self.ais, service.feed(), service.notebook())?);
         }
-        let Some(alarms) = alarms else { return Ok((standing, ais)) };
+        let Some(alarms) = alarms else { return Ok(AtWork { standing, ais, delivery }) };
         let mut stations: BTreeMap<u16, Option<(f64, f64)>> =
             known.into_iter().map(|(of, at)| (of, Some(at))).collect();
         for s in listed {
@@ -108,8 +137,9 @@ impl Watch {
         let folder = store.map(Path::to_owned);
         let mut before = store.map_or(Ok(Vec::new()), networks)?;
         before.extend(standing.iter().cloned());
-        deliver::start(watcher, alarms.deliveries, service.feed(), service.notebook(), folder, &before);
-        Ok((standing, ais))
+        let (feed, notebook) = (service.feed(), service.notebook());
+        delivery = Some(deliver::start(watcher, alarms.deliveries, feed, notebook, folder, &before));
+        Ok(AtWork { standing, ais, delivery })
     }
 }
 

@@ -1,27 +1,26 @@
-//! The thread that watches, and those that tell: a webhook or a program that is slow holds up nothing else.
+//! The thread that watches: alarms go into the store, onto the feed, and on the ways that tell people.
 
 use super::Watcher;
 use super::rules::Delivery;
-use anyhow::{Context, Result, bail};
-use seabearing_base::feed::{Feed, Subscription};
+use super::way::{self, Way};
+use anyhow::Result;
+use seabearing_base::feed::{Behind, Feed, Subscription};
 use seabearing_base::service::Notebook;
 use seabearing_host::atomic;
 use serde_json::{Value, json};
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// How often time alone is looked at.
 const TICK: Duration = Duration::from_millis(500);
-/// Records that wait for the watcher, and alarms for a delivery.
+/// Records that wait for the watcher.
 const WAITING: usize = 20_000;
-const UNDELIVERED: usize = 1000;
-/// Attempts at a delivery, the time between them at first, and how long one may take.
-const ATTEMPTS: u32 = 4;
-const AGAIN: Duration = Duration::from_secs(2);
-const PATIENCE: Duration = Duration::from_secs(10);
+/// How often it is seen whether it has looked at all, and how long that is waited for.
+const LOOK: Duration = Duration::from_millis(2);
+const LOOKED: Duration = Duration::from_secs(10);
+/// Alarms that are named where they are not delivered at the end; of more their number.
+const NAMED: usize = 10;
 /// The folder in a store where acknowledgements are put.
 const FOLDER: &str = "acknowledged";
 
@@ -46,7 +45,8 @@ impl Steady {
 
 /// Starts to watch what a service publishes: alarms go into its store and onto its feed, and to the deliveries. `standing`:
 /// the alarm records of the store, oldest first. Acknowledgements come over the feed
-/// (`{"type":"acknowledge","id":..}`), or as files of the store's folder ([`acknowledge`]).
+/// (`{"type":"acknowledge","id":..}`), or as files of the store's folder ([`acknowledge`]). What was not delivered when a base station of
+/// the store ended is delivered now.
 pub fn start(
     mut watcher: Watcher,
     deliveries: Vec<Delivery>,
@@ -54,24 +54,63 @@ pub fn start(
     notebook: Notebook,
     store: Option<PathBuf>,
     standing: &[Value],
-) {
+) -> AtWork {
     let clock = Steady::begin();
     let cleared = watcher.resume(standing, clock.now_s());
     let records = feed.subscribe(WAITING);
-    let ways: Vec<SyncSender<Value>> = deliveries.into_iter().map(way).collect();
+    let behind = records.behind();
+    let ways = way::begin(deliveries, store.as_deref());
+    let at_work = AtWork { behind, ways: ways.clone() };
     std::thread::spawn(move || {
         // Alarms of rules that are no more.
         if cleared.into_iter().all(|record| tell(record, &ways, &notebook)) {
             watch(watcher, clock, &records, &ways, &notebook, store.as_deref());
         }
     });
+    at_work
+}
+
+/// Alarms at work.
+pub struct AtWork {
+    behind: Behind,
+    ways: Vec<Arc<Way>>,
+}
+
+impl AtWork {
+    /// Waits until all that was published is looked at; what came of it is in the service's notebook.
+    pub fn settle(&self) {
+        let begun = Instant::now();
+        while self.behind.waiting() > 0 && begun.elapsed() < LOOKED {
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Waits until all alarms are delivered, for so long at most; says which are not.
+    pub fn finish(&self, most: Duration) {
+        let until = Instant::now() + most;
+        for way in &self.ways {
+            let left = way.settle(until);
+            for (alarm, kept) in left.iter().take(NAMED) {
+                let then = if *kept { "it waits in the store for the next start" } else { "it is lost" };
+                log::warn!(
+                    "alarm {} ({}, {}) is not delivered to {way}: {then}",
+                    alarm["id"],
+                    alarm["state"],
+                    alarm["text"]
+                );
+            }
+            if left.len() > NAMED {
+                log::warn!("{} more alarms are not delivered to {way}", left.len() - NAMED);
+            }
+        }
+    }
 }
 
 fn watch(
     mut watcher: Watcher,
     clock: Steady,
     records: &Subscription,
-    ways: &[SyncSender<Value>],
+    ways: &[Arc<Way>],
     notebook: &Notebook,
     store: Option<&Path>,
 ) {
@@ -107,88 +146,14 @@ fn watch(
 }
 
 /// Dates an alarm, and hands it to the deliveries and the store; false once the service has ended.
-fn tell(mut record: Value, ways: &[SyncSender<Value>], notebook: &Notebook) -> bool {
+fn tell(mut record: Value, ways: &[Arc<Way>], notebook: &Notebook) -> bool {
     record["utc"] = crate::report::rfc3339(now_s());
-    for way in ways {
-        if let Err(TrySendError::Full(_)) = way.try_send(record.clone()) {
-            log::warn!("{UNDELIVERED} alarms wait to be delivered; one is not: {}", record["text"]);
-        }
-    }
+    ways.iter().for_each(|way| way.put(&record));
     notebook.note(station_of(&record), record)
 }
 
 fn station_of(record: &Value) -> Option<u16> {
     record["station"].as_u64().and_then(|s| u16::try_from(s).ok())
-}
-
-/// A thread that delivers.
-fn way(delivery: Delivery) -> SyncSender<Value> {
-    let (way, alarms) = sync_channel(UNDELIVERED);
-    std::thread::spawn(move || deliver(&delivery, &alarms));
-    way
-}
-
-fn deliver(delivery: &Delivery, alarms: &Receiver<Value>) {
-    for alarm in alarms {
-        let text = alarm.to_string();
-        let mut wait = AGAIN;
-        for attempt in 1..=ATTEMPTS {
-            let told = match delivery {
-                Delivery::Webhook(url) => post(url, &text),
-                Delivery::Command(command) => run(command, &text),
-            };
-            match told {
-                Ok(()) => break,
-                Err(e) if attempt == ATTEMPTS => {
-                    log::warn!("alarm {} was not delivered in {ATTEMPTS} attempts: {e:#}", alarm["id"]);
-                }
-                Err(_) => {
-                    std::thread::sleep(wait);
-                    wait *= 2;
-                }
-            }
-        }
-    }
-}
-
-/// Posts a record.
-fn post(url: &str, text: &str) -> Result<()> {
-    let request = minreq::post(url).with_header("Content-Type", "application/json").with_body(text);
-    let answer = request.with_timeout(PATIENCE.as_secs()).send().with_context(|| url.to_owned())?;
-    if !(200..300).contains(&answer.status_code) {
-        bail!("{url}: answered {} {}", answer.status_code, answer.reason_phrase);
-    }
-    Ok(())
-}
-
-/// Runs a program with a record on its standard input.
-fn run(command: &[String], text: &str) -> Result<()> {
-    let Some((program, arguments)) = command.split_first() else { return Ok(()) };
-    let mut child = Command::new(program)
-        .args(arguments)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn()
-        .with_context(|| format!("cannot start {program}"))?;
-    if let Some(mut to) = child.stdin.take() {
-        // A program that does not read it may still do its work.
-        let _ = writeln!(to, "{text}");
-    }
-    let begun = Instant::now();
-    loop {
-        if let Some(status) = child.try_wait()? {
-            if !status.success() {
-                bail!("{program}: {status}");
-            }
-            return Ok(());
-        }
-        if begun.elapsed() > PATIENCE {
-            child.kill()?;
-            child.wait()?;
-            bail!("{program}: still at work after {} s, ended", PATIENCE.as_secs());
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
 }
 
 /// Tells the base station that holds a store that a person has seen an alarm.

@@ -11,6 +11,7 @@ pub mod deliver;
 pub mod rules;
 mod truth;
 mod vessel;
+mod way;
 
 use crate::report::{TrackId, TrackReport, VesselId, is_of_recorder, rfc3339};
 use crate::vessels::{Vessels, Word};
