@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use clap::error::ErrorKind;
-use seabearing::cmd::{Cli, Missed, logging};
+use seabearing::cmd::{Cli, Missed, Mistake, logging};
 use seabearing::standard_input;
 use std::io::Write;
 
@@ -29,6 +29,9 @@ fn run(cli: Cli) -> std::process::ExitCode {
             let _ = writeln!(std::io::stderr(), "seabearing: {}", one_line(&error));
             if error.is::<Missed>() {
                 return std::process::ExitCode::from(Missed::STATUS as u8);
+            }
+            if error.is::<Mistake>() {
+                return std::process::ExitCode::from(Mistake::STATUS);
             }
             std::process::ExitCode::FAILURE
         }

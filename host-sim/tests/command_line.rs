@@ -74,6 +74,55 @@ fn a_recording_its_records_and_tables_come_from_standard_input() {
     assert_eq!(left, 0, "the copy of standard input is gone");
 }
 
+/// Mistakes in the arguments are known from what cannot be done: by their status, on one line, before anything is begun.
+#[test]
+fn mistakes_in_arguments_have_a_status_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = [
+        "base --page foo telemetry.bin",
+        "base --metrics :1 telemetry.bin",
+        "base --nmea 0.0.0.0:99999 telemetry.bin",
+        "base --listen here --store kept",
+        "base --mqtt http://localhost telemetry.bin",
+        "base --start yesterday telemetry.bin",
+        "base telemetry.bin --export tracks.xls",
+        "process --station s.toml --levels 0 r.wav",
+        "process --station s.toml --from noon r.wav",
+        "process --station s.toml --from 2024-05-02T00:00:00Z --to 2024-05-01T00:00:00Z r.wav",
+        "process --station s.toml --out d --share 3/2 r.wav",
+        "process --station s.toml --name-offset UTC r.wav",
+        "export records.jsonl --out tracks.xls",
+        "track bearings.csv --sigma-deg 0",
+        "ais speeds fixes.csv --lat-deg 91 --lon-deg 0",
+        "station import network.xml --out -",
+        "station import network.xml --at yesterday --out s.toml",
+    ];
+    for line in lines {
+        let arguments: Vec<&str> = line.split(' ').collect();
+        let out = seabearing(folder.path(), b"", &arguments);
+        assert!(out.status.code() == Some(2) && said(&out).lines().count() == 1, "{line}: {}", said(&out));
+    }
+    let left = std::fs::read_dir(folder.path()).unwrap().flatten().map(|e| e.file_name());
+    assert!(left.into_iter().all(|name| name == "tmp"), "something was begun");
+}
+
+#[test]
+fn a_station_file_comes_from_standard_input_and_goes_to_standard_output() {
+    let (folder, _) = pass();
+    let station = std::fs::read(folder.path().join("pass/station.toml")).unwrap();
+    let named = seabearing(folder.path(), b"", &["process", "--station", "pass/station.toml", "pass"]);
+    let piped = seabearing(folder.path(), &station, &["process", "--station", "-", "pass"]);
+    assert!(
+        named.status.success() && !named.stdout.is_empty() && named.stdout == piped.stdout,
+        "{}",
+        said(&piped)
+    );
+    let blob = seabearing(folder.path(), &station, &["blob", "--station", "-", "--out", "-"]);
+    let kept = seabearing(folder.path(), &station, &["blob", "--station", "pass/station.toml", "--out", "b"]);
+    assert!(blob.status.success() && kept.status.success(), "{}", said(&blob));
+    assert_eq!(blob.stdout, std::fs::read(folder.path().join("b")).unwrap());
+}
+
 #[test]
 fn pictures_are_what_is_asked_for() {
     let (folder, wav) = pass();

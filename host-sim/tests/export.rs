@@ -194,7 +194,7 @@ fn what_is_wrong_is_told_and_nothing_is_left() {
         ),
         (&["--store", "absent", "--out", "x.csv"][..], "absent"),
         (&["--store", "kept", "--station", "9", "--out", "x.csv"], "stations there: 7"),
-        (&["--store", "kept", "--from", "noon", "--out", "x.csv"], "--from noon"),
+        (&["--store", "kept", "--from", "noon", "--out", "x.csv"], "'noon' for '--from"),
         (&["--store", "kept", "--out", "x.xls"], ".parquet"),
     ] {
         let out = run(dir.path(), &[&["export"][..], args].concat());

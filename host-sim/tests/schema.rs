@@ -106,14 +106,16 @@ fn properties(schema: &Value, above: &str, out: &mut Vec<(String, Value)>) {
 #[test]
 fn the_schemas_of_files_are_those_of_the_types_and_explain_every_key() {
     let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
-    for (what, keys) in [("station", 60), ("network", 10)] {
+    for (what, keys) in [("station", 60), ("network", 10), ("scenario", 60)] {
         let made = output(Path::new("."), &["schema", what]);
         let name = format!("{what}.schema.json");
         let published = std::fs::read_to_string(docs.join(&name)).unwrap_or_default();
         assert!(made == published, "docs/{name} is old: `seabearing schema {what} > docs/{name}`");
         let schema: Value = serde_json::from_str(&made).unwrap();
         let mut all = Vec::new();
-        properties(&schema, "", &mut all);
+        for one in schema["oneOf"].as_array().into_iter().flatten().chain([&schema]) {
+            properties(one, "", &mut all);
+        }
         assert!(all.len() >= keys, "{what}: {}", all.len());
         for (path, property) in all {
             assert!(property["description"].is_string(), "{what}: {path} is not described");
@@ -132,6 +134,63 @@ fn the_schemas_of_files_are_those_of_the_types_and_explain_every_key() {
     }
 }
 
+/// What of a value a schema does not allow, if anything.
+fn misfit(value: &Value, schema: &Value, path: &str) -> Option<String> {
+    for several in ["oneOf", "anyOf"] {
+        if let Some(kinds) = schema[several].as_array() {
+            let misfits: Vec<String> = kinds.iter().map_while(|k| misfit(value, k, path)).collect();
+            return (misfits.len() == kinds.len()).then(|| misfits.join("; or "));
+        }
+    }
+    if schema.get("const").is_some_and(|c| c != value)
+        || (schema.get("type").is_some() && !is_of(value, schema))
+    {
+        return Some(format!("{path}: {value} is not {}", schema.get("const").unwrap_or(&schema["type"])));
+    }
+    if let (Some(table), Some(keys)) = (value.as_object(), schema["properties"].as_object()) {
+        let missing = schema["required"].as_array().into_iter().flatten();
+        let missing = missing.filter_map(Value::as_str).find(|key| !table.contains_key(*key));
+        return missing.map(|key| format!("{path}: {key} is missing")).or_else(|| {
+            table.iter().find_map(|(key, value)| match keys.get(key) {
+                Some(property) => misfit(value, property, &format!("{path}.{key}")),
+                None => Some(format!("{path}: no key {key}")),
+            })
+        });
+    }
+    let items = value.as_array().filter(|_| schema["items"].is_object());
+    items?.iter().enumerate().find_map(|(i, item)| misfit(item, &schema["items"], &format!("{path}[{i}]")))
+}
+
+/// What an editor checks: every file of `scenarios` is as its schema says, and a wrong one is not.
+#[test]
+fn the_files_of_scenarios_agree_with_their_schemas() {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let schema =
+        |what: &str| -> Value { serde_json::from_str(&output(Path::new("."), &["schema", what])).unwrap() };
+    let (scenario, station, network) = (schema("scenario"), schema("station"), schema("network"));
+    let mut seen = [0; 3];
+    for file in std::fs::read_dir(here.join("../scenarios")).unwrap() {
+        let path = file.unwrap().path();
+        if path.extension().is_none_or(|e| e != "toml") {
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).unwrap();
+        let value = serde_json::to_value(text.parse::<toml::Table>().unwrap()).unwrap();
+        let (kind, schema) = match () {
+            () if value["stations"].is_array() => (0, &network),
+            () if value["station"].is_object() => (1, &station),
+            () if value["kind"].is_string() => (2, &scenario),
+            () => continue,
+        };
+        seen[kind] += 1;
+        assert_eq!(misfit(&value, schema, ""), None, "{}", path.display());
+        let mut wrong = value.clone();
+        wrong["sation"] = 1.into();
+        assert!(misfit(&wrong, schema, "").is_some(), "{}", path.display());
+    }
+    assert!(seen.iter().all(|n| *n > 0), "{seen:?}");
+}
+
 /// The book's pages of records and keys are those of the schemas.
 #[test]
 fn the_book_explains_every_record_and_every_key() {
@@ -140,6 +199,7 @@ fn the_book_explains_every_record_and_every_key() {
         ("records", "records.md", 300),
         ("station", "station-file.md", 100),
         ("network", "network-file.md", 25),
+        ("scenario", "scenario-file.md", 100),
     ] {
         let made = output(Path::new("."), &["schema", what, "--markdown"]);
         let book = std::fs::read_to_string(docs.join(name)).unwrap();

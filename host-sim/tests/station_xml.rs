@@ -57,7 +57,7 @@ fn what_cannot_be_imported_is_said_in_one_line() {
         ("network.xml --station S02", "no such station"),
         ("page.xml", "no StationXML: the outermost element is <html>"),
         ("absent.xml", "cannot read absent.xml"),
-        ("network.xml --at yesterday", "--at yesterday"),
+        ("network.xml --at yesterday", "'yesterday' for '--at"),
     ] {
         let ran = seabearing(dir.path(), &format!("station import {line} --out s.toml"));
         let said = String::from_utf8_lossy(&ran.stderr).into_owned();

@@ -202,6 +202,7 @@ pub fn within(key: &str, x: f64, lo: f64, hi: f64) -> Result<(), Wrong> {
 }
 
 /// A straight course.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Straight {
@@ -231,6 +232,7 @@ impl Straight {
 }
 
 /// A side of a vessel.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Side {
@@ -241,6 +243,7 @@ pub enum Side {
 }
 
 /// A time without samples, by the recorder's clock.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gap {
@@ -265,6 +268,7 @@ pub fn check_gaps(gaps: &[Gap], duration_s: f64) -> Result<(), Wrong> {
 }
 
 /// Channel and time of a fault.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Affected {

@@ -100,10 +100,49 @@ pub fn keys(schema: &Value) -> String {
     page
 }
 
+/// The page of scenarios, from [`crate::station::schema::scenario`]: of each kind the keys of the file and then its tables.
+pub fn scenarios(schema: &Value) -> String {
+    let mut page = opening(schema);
+    for kind in schema["oneOf"].as_array().into_iter().flatten() {
+        let _ = write!(page, "\n# {}\n\n{}\n\n", kind["title"].as_str().unwrap_or_default(), said(kind));
+        rows(kind, &mut page);
+        tables(kind, "", &mut page);
+    }
+    page
+}
+
+/// The keys of a table that are no tables.
+fn rows(body: &Value, page: &mut String) {
+    *page += "| key | type | default | meaning |\n|---|---|---|---|\n";
+    let needed = |name: &str| body["required"].as_array().is_some_and(|all| all.iter().any(|n| n == name));
+    let is_table = |key: &Value| {
+        key["properties"].is_object()
+            || key["items"]["properties"].is_object()
+            || key["items"]["oneOf"].is_array()
+    };
+    for (name, key) in properties(body).filter(|(_, key)| !is_table(key)) {
+        let default = match &key["default"] {
+            _ if needed(name) => "needed".to_owned(),
+            Value::Null => String::new(),
+            Value::Array(none) if none.is_empty() => String::new(),
+            one => format!("`{one}`"),
+        };
+        let _ = writeln!(page, "| `{name}` | {} | {default} | {} |", kind(key), said(key));
+    }
+}
+
 /// The tables of a table, each with its keys and then its own tables.
 fn tables(of: &Value, above: &str, page: &mut String) {
     for (name, table) in properties(of) {
         let path = format!("{above}{name}");
+        if let Some(kinds) = table["items"]["oneOf"].as_array() {
+            let _ = write!(page, "\n## `[[{path}]]`\n\n{}\n", said(table));
+            for one in kinds {
+                let _ = write!(page, "\n`kind = {}`: {}\n\n", one["properties"]["kind"]["const"], said(one));
+                rows(one, page);
+            }
+            continue;
+        }
         let many = table["items"]["properties"].is_object();
         let body = if many { &table["items"] } else { table };
         if !body["properties"].is_object() {
@@ -111,18 +150,7 @@ fn tables(of: &Value, above: &str, page: &mut String) {
         }
         let heading = if many { format!("[[{path}]]") } else { format!("[{path}]") };
         let _ = write!(page, "\n## `{heading}`\n\n{}\n\n", said(table));
-        *page += "| key | type | default | meaning |\n|---|---|---|---|\n";
-        let needed =
-            |name: &str| body["required"].as_array().is_some_and(|all| all.iter().any(|n| n == name));
-        for (name, key) in properties(body).filter(|(_, key)| !key["properties"].is_object()) {
-            let default = match &key["default"] {
-                _ if needed(name) => "needed".to_owned(),
-                Value::Null => String::new(),
-                Value::Array(none) if none.is_empty() => String::new(),
-                one => format!("`{one}`"),
-            };
-            let _ = writeln!(page, "| `{name}` | {} | {default} | {} |", kind(key), said(key));
-        }
+        rows(body, page);
         tables(body, &format!("{path}."), page);
     }
 }

@@ -1,5 +1,6 @@
 //! `seabearing ais`: statistics of vessel traffic from AIS files.
 
+use super::mistake;
 use crate::ais::{Pass, Selection, passes, read};
 use crate::csv::{CsvText, Fixed};
 use crate::plot::{ColourMap, HeatMap, Plot, write_panels};
@@ -73,10 +74,10 @@ pub fn run(args: Args) -> Result<()> {
 /// `seabearing ais speeds`.
 fn speeds(args: &Speeds) -> Result<()> {
     if !(-90.0..=90.0).contains(&args.lat_deg) || !(-180.0..=360.0).contains(&args.lon_deg) {
-        bail!("--lat-deg {} --lon-deg {}: no place on Earth", args.lat_deg, args.lon_deg);
+        mistake!("--lat-deg {} --lon-deg {}: no place on Earth", args.lat_deg, args.lon_deg);
     }
     if !(args.max_range_m > 0.0 && args.max_range_m.is_finite()) {
-        bail!("--max-range-m is {}, it must be above 0", args.max_range_m);
+        mistake!("--max-range-m is {}, it must be above 0", args.max_range_m);
     }
     let mut reports = Vec::new();
     for file in &args.files {

@@ -1,5 +1,6 @@
 //! `seabearing ais match`: which vessel of AIS each track is, and how wrong the tracks are.
 
+use super::mistake;
 use crate::base::store::{self, Wanted};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
@@ -30,7 +31,7 @@ pub struct Args {
     #[arg(long, required = true, value_name = "FILE", value_parser = super::input())]
     ais: Vec<PathBuf>,
     /// Network file with the stations' positions
-    #[arg(long, value_name = "STATIONS.toml")]
+    #[arg(long, value_name = "STATIONS.toml", value_parser = super::input())]
     stations: PathBuf,
     /// Longest gap between reports of a vessel that is bridged, seconds
     #[arg(long, default_value_t = Rules::default().gap_s)]
@@ -52,10 +53,10 @@ const SHOWN: usize = 5;
 /// One line for a person.
 pub(super) fn run(args: &Args) -> Result<()> {
     if !(args.max_gap_s > 0.0 && args.max_gap_s <= 86_400.0) {
-        bail!("--max-gap-s is {}; above 0, at most 86400", args.max_gap_s);
+        mistake!("--max-gap-s is {}; above 0, at most 86400", args.max_gap_s);
     }
     if !(args.dark_share > 0.0 && args.dark_share < 1.0) {
-        bail!("--dark-share is {}; between 0 and 1", args.dark_share);
+        mistake!("--dark-share is {}; between 0 and 1", args.dark_share);
     }
     let rules = Rules { gap_s: args.max_gap_s, dark_share: args.dark_share, ..Rules::default() };
     let mut places: BTreeMap<Option<u16>, (f64, f64)> = BTreeMap::new();

@@ -67,10 +67,10 @@ pub struct Args {
     #[arg(long)]
     half_duplex: bool,
     /// Connect to a recorder or a serial server (may be given several times)
-    #[arg(long, value_name = "HOST:PORT")]
+    #[arg(long, value_name = "HOST:PORT", value_parser = super::address)]
     tcp: Vec<String>,
     /// Take calls of any number of recorders at once (may be given several times)
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = super::address)]
     listen: Vec<String>,
     /// File of stations, each with its line
     #[arg(long, value_name = "STATIONS.toml")]
@@ -95,8 +95,8 @@ pub struct Args {
     #[arg(long, value_name = "STATION.toml")]
     station: Option<PathBuf>,
     /// UTC of sample 0, RFC 3339
-    #[arg(long, value_name = "TIME")]
-    start: Option<String>,
+    #[arg(long, value_name = "TIME", value_parser = super::instant)]
+    start: Option<time::OffsetDateTime>,
     /// Folder that keeps all bytes and records; a base station started again goes on from there
     #[arg(long, value_name = "DIR")]
     store: Option<PathBuf>,
@@ -114,7 +114,7 @@ pub struct Args {
     plots: Option<PathBuf>,
     /// Serve the live page at this address, and go on until interrupted even where all input has ended
     #[cfg(feature = "page")]
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = super::address)]
     page: Option<String>,
     /// Records over a broker
     #[cfg(feature = "mqtt")]
@@ -195,11 +195,12 @@ pub fn run(args: Args) -> Result<()> {
     }
     let station = args.station.as_deref().map(Station::read).transpose()?;
     let listed = args.stations.as_deref().map(stations::read).transpose()?.unwrap_or_default();
-    let start = args.start.as_deref().map(|t| super::instant("--start", t)).transpose()?;
+    let start = args.start;
     let places = places(&args, station.as_ref(), &listed)?;
     for path in &args.export {
         // A wrong ending or a missing position is better known now than after the deployment.
-        export::check(path, Format::of(path)?, &places, "--station STATION.toml")?;
+        let format = Format::of(path).map_err(|e| super::Mistake(format!("{e:#}")))?;
+        export::check(path, format, &places, "--station STATION.toml")?;
     }
     let alarms = args.watch.read(&places, &listed, args.store.is_some())?;
     let lines = args.lines(&listed, station.as_ref().map(|s| s.config.id).filter(|id| *id > 0));

@@ -1,6 +1,7 @@
 //! `base send … snippet` and `… spectrum`: what a recorder hears, put together from its pieces.
 
 use super::base_tokens::{order, who};
+use super::mistake;
 use crate::record::calibrate;
 use crate::recording::write;
 use crate::station::{Calibration, Station};
@@ -52,8 +53,8 @@ impl Snippet {
     /// The length is none, or the file's folder is not there.
     pub fn new(channels: &[u8], length: Length, out: Option<PathBuf>) -> Result<Self> {
         match length {
-            Length::Instants(0) => bail!("--samples 0: none"),
-            Length::Seconds(s) if !(s.is_finite() && s > 0.0) => bail!("--seconds {s}: no length of time"),
+            Length::Instants(0) => mistake!("--samples 0: none"),
+            Length::Seconds(s) if !(s.is_finite() && s > 0.0) => mistake!("--seconds {s}: no length of time"),
             _ => {}
         }
         if let Some(out) = &out {

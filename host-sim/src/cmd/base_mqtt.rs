@@ -1,9 +1,10 @@
 //! The way of `seabearing base` over a broker: records published (`--mqtt`), and those of other base stations taken
 //! (`--from-mqtt`).
 
+use super::mistake;
 use crate::base::service::Service;
 use crate::base::store::Tail;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use seabearing_watch::mqtt::broker::Broker;
 use seabearing_watch::mqtt::publish::{self, Publisher, Source};
 use seabearing_watch::mqtt::subscribe::{self, Subscriber};
@@ -38,12 +39,20 @@ pub(super) struct AtWork {
 impl Mqtt {
     /// Reads what is said of brokers: before anything is begun.
     pub(super) fn read(&self) -> Result<Brokers> {
-        let read = |text: &Option<String>| text.as_deref().map(Broker::read).transpose();
-        let brokers = Brokers { to: read(&self.mqtt)?, from: read(&self.from_mqtt)? };
+        let read = |option: &str, text: &Option<String>| {
+            let Some(text) = text else { return Ok(None) };
+            Broker::read(text).map(Some).or_else(|e| match text.contains("://") {
+                true => mistake!("{option}: {e:#}"),
+                // A file of the broker's.
+                false => Err(e),
+            })
+        };
+        let brokers =
+            Brokers { to: read("--mqtt", &self.mqtt)?, from: read("--from-mqtt", &self.from_mqtt)? };
         if let (Some(to), Some(from)) = (&brokers.to, &brokers.from)
             && from.hears(to)
         {
-            bail!(
+            mistake!(
                 "--from-mqtt takes the topics below {} that --mqtt publishes, on one broker: records would go round for \
                  ever; give --mqtt another prefix",
                 to.prefix

@@ -1,5 +1,6 @@
 //! `seabearing base send`: one command to a recorder, and its answer.
 
+use super::mistake;
 use crate::base::line::Line;
 use crate::base::origin::Origin;
 use crate::base::service::{Rules, Service};
@@ -42,19 +43,19 @@ pub struct Args {
     #[arg(long)]
     half_duplex: bool,
     /// Connect to a recorder or a serial server
-    #[arg(long, value_name = "HOST:PORT")]
+    #[arg(long, value_name = "HOST:PORT", value_parser = super::address)]
     tcp: Option<String>,
     /// Wait for the recorder's connection
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = super::address)]
     listen: Option<String>,
     /// File of stations, each with its line and its key
-    #[arg(long, value_name = "STATIONS.toml", requires = "station")]
+    #[arg(long, value_name = "STATIONS.toml", requires = "station", value_parser = super::input())]
     stations: Option<PathBuf>,
     /// Number of the station in that file
     #[arg(long, value_name = "ID", requires = "stations")]
     station: Option<u16>,
     /// File with the recorder's key: 64 hexadecimal digits
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = super::input())]
     key: Option<PathBuf>,
     /// Do not sign: for a recorder without a key, which whoever reaches the line commands
     #[arg(long)]
@@ -96,7 +97,7 @@ enum Order {
     /// Give it another configuration: it starts again with it, and goes back if it does not come up
     Station {
         /// Its new station file
-        #[arg(value_name = "STATION.toml")]
+        #[arg(value_name = "STATION.toml", value_parser = super::input())]
         file: PathBuf,
     },
     /// Send raw samples of the moment, in one piece: at most 16384 in all channels together
@@ -122,7 +123,7 @@ enum Order {
             value_parser = clap::value_parser!(u8).range(..4))]
         channels: Vec<u8>,
         /// Its station file, to show levels re 1 µPa (and 1 nm/s) instead of re full scale
-        #[arg(long, value_name = "STATION.toml")]
+        #[arg(long, value_name = "STATION.toml", value_parser = super::input())]
         calibration: Option<PathBuf>,
     },
 }
@@ -312,7 +313,7 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
     let rules = Rules { idle, keep_days: None, retain: Retain::default(), identify: false };
     let mut base = Base::new(None);
     if let Some(folder) = args.store.as_deref().filter(|folder| !folder.is_dir()) {
-        bail!("--store {}: there is no such folder: it is the base station's store", folder.display());
+        mistake!("--store {}: there is no such folder: it is the base station's store", folder.display());
     }
     let store = args.store.as_deref().map(|folder| Store::open(folder, &mut base)).transpose()?;
     if store.is_none() {

@@ -1,5 +1,6 @@
 //! What watches the records of `seabearing base`: alarms, AIS, chart plotters, counters.
 
+use super::mistake;
 use crate::base::export::Positions;
 use crate::base::service::Service;
 use crate::base::stations::Listed;
@@ -23,13 +24,13 @@ pub(super) struct Watch {
     #[arg(long, value_name = "ALARMS.toml")]
     alarms: Option<PathBuf>,
     /// Tracks as NMEA 0183 (TLL, TTM) for chart plotters that connect to this address
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = super::address)]
     nmea: Option<String>,
     /// Live AIS beside the tracks, or a file of it: each track is told its vessel, or that it is dark (may be given several times)
     #[arg(long, value_name = "tcp:HOST:PORT|udp:ADDRESS:PORT|serial:DEVICE:BAUD|FILE")]
     ais: Vec<Source>,
     /// Counters for Prometheus at http://ADDRESS:PORT/metrics
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = super::address)]
     metrics: Option<String>,
 }
 
@@ -81,12 +82,12 @@ impl Watch {
     pub(super) fn read(&self, places: &Positions, listed: &[Listed], stores: bool) -> Result<Option<Alarms>> {
         let nowhere = known(places).is_empty();
         if let Some(at) = self.nmea.as_ref().filter(|_| nowhere) {
-            bail!(
+            mistake!(
                 "--nmea {at}: no station's position is known: give --stations with `lat_deg` and `lon_deg`"
             );
         }
         if let Some(source) = self.ais.first().filter(|_| nowhere) {
-            bail!(
+            mistake!(
                 "--ais {source}: no station's position is known: give --stations with `lat_deg` and `lon_deg`"
             );
         }

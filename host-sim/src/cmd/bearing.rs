@@ -1,5 +1,6 @@
 //! `seabearing bearing`: bearings from measured arrival-time differences.
 
+use super::mistake;
 use crate::delays::{SetResult, check_above, solve};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
@@ -22,7 +23,7 @@ pub struct Args {
     #[arg(value_parser = super::input())]
     tdoa: PathBuf,
     /// Station file (kind = "array").
-    #[arg(long)]
+    #[arg(long, value_parser = super::input())]
     station: PathBuf,
     /// Greatest root-mean-square residual of an accepted set, microseconds; default 2.25 % of the time sound takes
     /// across the array.
@@ -44,7 +45,7 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(t) = args.tolerance_us
         && (t <= 0.0 || !t.is_finite())
     {
-        bail!("--tolerance-us is {t}; a number above zero was expected");
+        mistake!("--tolerance-us is {t}; a number above zero was expected");
     }
     let station = Station::read(&args.station)?;
     let results = solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;

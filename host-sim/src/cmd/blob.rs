@@ -10,10 +10,10 @@ use std::path::PathBuf;
 #[command(after_help = "Example:\n  seabearing blob --station east.toml --out east.sbcf")]
 pub struct Args {
     /// Station file
-    #[arg(long, value_name = "STATION.toml")]
+    #[arg(long, value_name = "STATION.toml", value_parser = super::input())]
     station: PathBuf,
     /// File to write (docs/firmware.md describes it)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = super::output())]
     out: PathBuf,
 }
 

@@ -1,6 +1,7 @@
 //! `seabearing config`: check a station file or a list of stations, and say what accuracy to expect.
 
 use super::config_network;
+use super::mistake;
 use crate::bounds::network::{self, Bearings};
 use crate::bounds::passage::{self as limits, StraightPass};
 use crate::bounds::picture::{self, Curve};
@@ -107,7 +108,7 @@ pub fn run(args: Args) -> Result<()> {
     let positive = args.speed_m_s > 0.0 && args.speed_m_s.is_finite();
     let heard = args.minutes > 0.0 && args.minutes <= LONGEST_MIN;
     if !(positive && heard) {
-        bail!("--speed must be a positive number, and --minutes at most {LONGEST_MIN} for one array");
+        mistake!("--speed must be a positive number, and --minutes at most {LONGEST_MIN} for one array");
     }
     #[cfg(feature = "schema")]
     if args.explain {
@@ -134,6 +135,13 @@ pub fn run(args: Args) -> Result<()> {
     };
     if let (Some(record), Value::Object(details)) = (record.as_object_mut(), details) {
         record.extend(details);
+    }
+    let levels = &config.levels;
+    if levels.every_s > 0
+        && let Some(record) = record.as_object_mut()
+    {
+        record.insert("levels_every_s".into(), levels.every_s.into());
+        record.insert("levels_channel".into(), levels.channel.into());
     }
     if args.json {
         println!("{record}");

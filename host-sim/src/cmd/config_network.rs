@@ -1,10 +1,11 @@
 //! `seabearing config check` of a list of stations: what accuracy to expect of positions and passages, printed and drawn.
 
 use super::config::{CheckArgs, print};
+use super::mistake;
 use crate::bounds::network::{Bearings, Passage, at, centre, passage};
 use crate::bounds::picture;
 use crate::orientation::network_file::Network;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_core::kit::median;
 use serde_json::{Value, json};
@@ -28,15 +29,15 @@ pub fn run(args: &CheckArgs) -> Result<()> {
         ("every-s", args.every_s),
     ] {
         if !(x > 0.0 && x.is_finite()) {
-            bail!("--{key} is {x}; a positive number is needed");
+            mistake!("--{key} is {x}; a positive number is needed");
         }
     }
     if !args.depth_m.is_finite() {
-        bail!("--depth-m is {}; a finite number is needed", args.depth_m);
+        mistake!("--depth-m is {}; a finite number is needed", args.depth_m);
     }
     let pass = Passage { speed_m_s: args.speed_m_s, duration_s: 60.0 * args.minutes, every_s: args.every_s };
     if !(pass.duration_s / pass.every_s <= 1000.0) {
-        bail!(
+        mistake!(
             "--minutes {} with --every-s {}: at most 1000 bearings of a passage",
             args.minutes,
             args.every_s

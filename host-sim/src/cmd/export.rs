@@ -1,6 +1,6 @@
 //! `seabearing export`: records, of a base station's store or of `process`, as files that other programs open.
 
-use super::instant;
+use super::{Mistake, instant, mistake};
 use crate::base::export::{self, Format, Positions};
 use crate::base::store::{self, Wanted};
 use crate::station::{Calibrations, Station};
@@ -29,23 +29,23 @@ pub struct Args {
     #[arg(long, value_enum)]
     format: Option<Name>,
     /// Only records at or after this UTC, RFC 3339
-    #[arg(long, value_name = "TIME")]
-    from: Option<String>,
+    #[arg(long, value_name = "TIME", value_parser = instant)]
+    from: Option<time::OffsetDateTime>,
     /// Only records before this UTC, RFC 3339
-    #[arg(long, value_name = "TIME")]
-    to: Option<String>,
+    #[arg(long, value_name = "TIME", value_parser = instant)]
+    to: Option<time::OffsetDateTime>,
     /// Only records of this station
     #[arg(long, value_name = "ID")]
     station: Option<u16>,
     /// Network file with the stations' positions, where the store does not know them, and the station files of which levels of a
     /// store get their sensitivities
-    #[arg(long, value_name = "STATIONS.toml")]
+    #[arg(long, value_name = "STATIONS.toml", value_parser = super::input())]
     stations: Option<PathBuf>,
     /// What seismologists call the station, for QuakeML
     #[arg(long, value_name = "NET.STA.LOC.CHAN")]
     seed_id: Option<String>,
     /// File to write
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = super::output())]
     out: PathBuf,
 }
 
@@ -69,7 +69,7 @@ enum Name {
 /// One line for a person: no store, no such station, or a map without positions.
 pub fn run(args: Args) -> Result<()> {
     let format = match args.format {
-        None => Format::of(&args.out)?,
+        None => Format::of(&args.out).map_err(|e| Mistake(format!("{e:#}")))?,
         Some(Name::Jsonl) => Format::JsonLines,
         Some(Name::Csv) => Format::Csv,
         Some(Name::Geojson) => Format::GeoJson,
@@ -80,12 +80,11 @@ pub fn run(args: Args) -> Result<()> {
         Some(Name::Pamguard) => Format::PamGuard,
         Some(Name::Quakeml) => Format::QuakeMl,
     };
-    let time = |option: &str, text: &Option<String>| text.as_deref().map(|t| instant(option, t)).transpose();
-    let (from, to) = (time("--from", &args.from)?, time("--to", &args.to)?);
+    let (from, to) = (args.from, args.to);
     if let (Some(from), Some(to)) = (from, to)
         && from >= to
     {
-        bail!("--to must be later than --from");
+        mistake!("--to must be later than --from");
     }
     let mut places = Positions { seed_id: args.seed_id, ..Positions::default() };
     if let Some(store) = &args.store {
@@ -176,7 +175,7 @@ fn of_files(files: &[PathBuf], wanted: &Wanted, placed: bool) -> Result<Vec<Valu
                 continue;
             }
             if wanted.from.is_some() || wanted.to.is_some() {
-                let utc = record["utc"].as_str().and_then(|t| instant("utc", t).ok());
+                let utc = record["utc"].as_str().and_then(|t| instant(t).ok());
                 let Some(utc) = utc else {
                     without_utc += 1;
                     continue;

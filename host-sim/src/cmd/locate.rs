@@ -1,5 +1,6 @@
 //! `seabearing locate`: positions from a network of arrays; a vessel's motion and the shift of its antenna.
 
+use super::mistake;
 use crate::ocean_bottom::records::is_records;
 use crate::orientation::lasting::{Lasting, lasting, widened};
 use crate::orientation::network_file::{Network, NetworkBearings, read_rows};
@@ -33,7 +34,7 @@ pub struct Args {
     #[arg(required = true, value_parser = super::input())]
     bearings: Vec<PathBuf>,
     /// Network file: a list of `[[stations]]`.
-    #[arg(long)]
+    #[arg(long, value_parser = super::input())]
     stations: PathBuf,
     /// Standard deviation of azimuths, degrees (joined to what records claim: geometry, multipath).
     #[arg(long, default_value_t = 1.5)]
@@ -89,16 +90,16 @@ pub fn run(args: Args) -> Result<()> {
         ("max-shift-s", args.max_shift_s),
     ] {
         if !(x > 0.0 && x.is_finite()) {
-            bail!("--{key} is {x}; a positive number is needed");
+            mistake!("--{key} is {x}; a positive number is needed");
         }
     }
     if !(args.tau_s >= 0.0 && args.tau_s.is_finite()) {
-        bail!("--tau-s is {}; zero or a positive number is needed", args.tau_s);
+        mistake!("--tau-s is {}; zero or a positive number is needed", args.tau_s);
     }
     if let Some(d) = args.depth_m
         && !d.is_finite()
     {
-        bail!("--depth-m is {d}; a finite number is needed");
+        mistake!("--depth-m is {d}; a finite number is needed");
     }
     let network = Network::read(&args.stations)?;
     let sd = (args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG);

@@ -72,12 +72,43 @@ impl Missed {
     pub const WORDS: &'static str = "missed: ";
 }
 
+/// A mistake in the arguments that shows only when they are taken together, or with what they name.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Mistake(pub String);
+
+impl Mistake {
+    /// Exit status of a command that ends so, as of one whose arguments cannot be read.
+    pub const STATUS: u8 = 2;
+}
+
+/// Ends with a [`Mistake`], as `bail!` ends with an error.
+macro_rules! mistake {
+    ($($said:tt)+) => { return Err($crate::cmd::Mistake(format!($($said)+)).into()) };
+}
+use mistake;
+
 /// A time as an option gives it, RFC 3339.
-fn instant(option: &str, text: &str) -> anyhow::Result<time::OffsetDateTime> {
+fn instant(text: &str) -> Result<time::OffsetDateTime, &'static str> {
     let parsed = time::OffsetDateTime::parse(text, &time::format_description::well_known::Rfc3339);
-    parsed.map_err(|_| {
-        anyhow::anyhow!("{option} {text}: not a time; one like 2024-05-01T09:00:00Z was expected")
-    })
+    parsed.map_err(|_| "not a time; one like 2024-05-01T09:00:00Z was expected")
+}
+
+/// `ADDRESS:PORT` to listen at.
+#[cfg(feature = "base")]
+fn address(text: &str) -> Result<String, &'static str> {
+    let port =
+        text.rsplit_once(':').filter(|(host, _)| !host.is_empty()).map(|(_, port)| port.parse::<u16>());
+    match port {
+        Some(Ok(_)) => Ok(text.to_owned()),
+        _ => Err("not an address; one like 127.0.0.1:8080 was expected"),
+    }
+}
+
+/// Seconds, above 0.
+fn seconds(text: &str) -> Result<f64, &'static str> {
+    let seconds = text.parse::<f64>().ok().filter(|s| s.is_finite() && *s > 0.0);
+    seconds.ok_or("not a length of time; seconds above 0 were expected")
 }
 
 /// Records as JSON Lines, or key by key for people.
@@ -118,6 +149,17 @@ pub struct Cli {
 fn input() -> impl clap::builder::TypedValueParser<Value = std::path::PathBuf> {
     use clap::builder::TypedValueParser;
     let file = |path| crate::standard_input::file(path).map_err(|e| format!("{e:#}"));
+    clap::builder::PathBufValueParser::new().try_map(file)
+}
+
+/// A file that is written, or `-` for standard output.
+fn output() -> impl clap::builder::TypedValueParser<Value = std::path::PathBuf> {
+    use clap::builder::TypedValueParser;
+    let file = |path: std::path::PathBuf| match path.as_os_str() == "-" {
+        false => Ok(path),
+        true if cfg!(unix) => Ok("/dev/stdout".into()),
+        true => Err("standard output takes no file here: name one"),
+    };
     clap::builder::PathBufValueParser::new().try_map(file)
 }
 

@@ -1,5 +1,6 @@
 //! `seabearing orient`: station orientation from a vessel of known track.
 
+use super::mistake;
 use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
 use crate::line::records as line_records;
@@ -40,7 +41,7 @@ pub struct Args {
     #[arg(required = true, value_name = "INPUT", value_parser = super::input())]
     input: Vec<PathBuf>,
     /// Station file.
-    #[arg(long)]
+    #[arg(long, value_parser = super::input())]
     station: PathBuf,
     /// Track of a vessel: t_s,x_m,y_m or t_s,lat,lon; repeated for more vessels (ocean-bottom stations).
     #[arg(long, required = true, value_name = "TRACK.csv", value_parser = super::input())]
@@ -91,14 +92,14 @@ enum Method {
 pub fn run(args: Args) -> Result<()> {
     for (key, x) in [("max-gap-s", args.max_gap_s), ("max-shift-s", args.max_shift_s.unwrap_or(1.0))] {
         if !(x > 0.0 && x.is_finite()) {
-            bail!("--{key} is {x}; a positive number is needed");
+            mistake!("--{key} is {x}; a positive number is needed");
         }
     }
     if !(args.source_depth_m.is_finite() && args.correlated >= 1.0 && args.correlated.is_finite()) {
-        bail!("--source-depth-m must be finite and --correlated at least 1");
+        mistake!("--source-depth-m must be finite and --correlated at least 1");
     }
     if !(args.search_m >= 100.0 && args.search_m <= 20_000.0) {
-        bail!("--search-m is {}; 100 to 20000 m are possible", args.search_m);
+        mistake!("--search-m is {}; 100 to 20000 m are possible", args.search_m);
     }
     let read = Station::read(&args.station)?;
     let records = match &read.config.kind {

@@ -1,5 +1,6 @@
 //! `seabearing process`: recordings through the recorder core, exactly as the recorder would.
 
+use super::{Mistake, mistake};
 use crate::archive::{self, Member, Outcome, Unit};
 #[cfg(feature = "base")]
 use crate::base::export::{self, Format, Positions};
@@ -40,27 +41,27 @@ use time::OffsetDateTime;
 )]
 pub struct Args {
     /// Station file of the recorder, or StationXML; of several stations, one after another, into --out
-    #[arg(long, required = true, value_name = "STATION.toml")]
+    #[arg(long, required = true, value_name = "STATION.toml", value_parser = super::input())]
     station: Vec<PathBuf>,
     /// Propagation table of the stations that StationXML describes, which else is traced through a typical sea
-    #[arg(long, value_name = "TABLE.toml")]
+    #[arg(long, value_name = "TABLE.toml", value_parser = super::input())]
     propagation: Option<PathBuf>,
     /// Recordings (WAV, FLAC, miniSEED, SAC), folders and archives of them, or a station of a SeedLink server as it records:
     /// seedlink://HOST:PORT/NET_STA
     #[arg(required = true, value_parser = super::input())]
     input: Vec<PathBuf>,
     /// UTC of the first sample (RFC 3339), where neither the recording nor its name tells it
-    #[arg(long, value_name = "TIME")]
-    start: Option<String>,
+    #[arg(long, value_name = "TIME", value_parser = super::instant)]
+    start: Option<OffsetDateTime>,
     /// Only what was recorded at or after this UTC, RFC 3339
-    #[arg(long, value_name = "TIME")]
-    from: Option<String>,
+    #[arg(long, value_name = "TIME", value_parser = super::instant)]
+    from: Option<OffsetDateTime>,
     /// Only what was recorded before this UTC, RFC 3339
-    #[arg(long, value_name = "TIME")]
-    to: Option<String>,
+    #[arg(long, value_name = "TIME", value_parser = super::instant)]
+    to: Option<OffsetDateTime>,
     /// Offset from UTC of the times in files' names that do not tell it, as +10:00 (key `name_offset` of the station file)
-    #[arg(long, value_name = "OFFSET", allow_hyphen_values = true)]
-    name_offset: Option<String>,
+    #[arg(long, value_name = "OFFSET", allow_hyphen_values = true, value_parser = offset)]
+    name_offset: Option<time::UtcOffset>,
     /// Write the records of each station and day into files in this folder, with what they were made of; what is there already
     /// is passed over, so that a run that was ended goes on
     #[arg(long, value_name = "DIR", conflicts_with_all = ["plots", "stats", "telemetry"])]
@@ -69,10 +70,10 @@ pub struct Args {
     #[arg(long, value_name = "N", requires = "out")]
     jobs: Option<usize>,
     /// Only the I-th of N shares of the stations and days, counted from 1, for N jobs that know nothing of each other
-    #[arg(long, value_name = "I/N", requires = "out")]
-    share: Option<String>,
+    #[arg(long, value_name = "I/N", requires = "out", value_parser = share)]
+    share: Option<(usize, usize)>,
     /// Also measure levels over intervals of so many seconds (60 is usual): decidecade and decade bands, spectra, percentiles
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = super::seconds)]
     levels: Option<f64>,
     /// What the records on standard output are: JSON Lines as they are made, or, at the end, a table with a row a record and a column
     /// a field
@@ -80,7 +81,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "jsonl", conflicts_with = "out")]
     format: Table,
     /// Also write the telemetry the recorder would have sent, byte for byte
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = super::output())]
     telemetry: Option<PathBuf>,
     /// Write pictures into this folder: bearings and errors against time, tracks on a map, correlations
     /// (array); spectrogram, azigram, likelihoods, cepstrograms, presence, map (ocean bottom); levels with --levels.
@@ -91,7 +92,7 @@ pub struct Args {
     #[arg(long, requires = "plots")]
     passages: bool,
     /// Truth to draw beside the results: the truth.csv of a simulation.
-    #[arg(long, requires = "plots", value_name = "TRUTH.csv")]
+    #[arg(long, requires = "plots", value_name = "TRUTH.csv", value_parser = super::input())]
     truth: Option<PathBuf>,
     /// Print how much was processed, how fast, and what was lost, on standard error.
     #[arg(long)]
@@ -118,7 +119,7 @@ impl Args {
             Table::Jsonl => None,
             Table::Csv => Some(Format::Csv),
             Table::Parquet if std::io::stdout().is_terminal() => {
-                bail!("--format parquet is not for a terminal: `> records.parquet`")
+                mistake!("--format parquet is not for a terminal: `> records.parquet`")
             }
             Table::Parquet => {
                 let to = Path::new("standard output");
@@ -148,19 +149,11 @@ impl Args {
 
     /// What is asked of the recordings.
     fn asked(&self) -> Result<Asked> {
-        let time = |option: &str, text: &Option<String>| {
-            text.as_deref().map(|t| super::instant(option, t)).transpose()
-        };
-        let offset = |t: &String| {
-            let parsed = written_time::offset(t);
-            parsed.with_context(|| format!("--name-offset {t}: not an offset; one like +10:00 was expected"))
-        };
-        let span = Span { from: time("--from", &self.from)?, to: time("--to", &self.to)? };
+        let span = Span { from: self.from, to: self.to };
         if span.from.zip(span.to).is_some_and(|(from, to)| from >= to) {
-            bail!("--to must be later than --from");
+            mistake!("--to must be later than --from");
         }
-        let name_offset = self.name_offset.as_ref().map(offset).transpose()?;
-        Ok(Asked { start: time("--start", &self.start)?, span, name_offset })
+        Ok(Asked { start: self.start, span, name_offset: self.name_offset })
     }
 }
 
@@ -169,10 +162,11 @@ impl Args {
 /// # Errors
 /// A bad station file, no usable recording, or nothing useful in it.
 pub fn run(args: Args) -> Result<()> {
+    let asked = args.asked()?;
     let stations = args.stations()?;
     if let Some(folder) = &args.out {
         if stations.iter().any(|(_, station)| matches!(station.config.kind, Kind::Line(_))) {
-            bail!(
+            mistake!(
                 "--out is not possible with a line of sensors (kind = \"line\"): its records go to standard output"
             );
         }
@@ -192,7 +186,6 @@ pub fn run(args: Args) -> Result<()> {
     {
         bail!("cannot write {}: {} is a file, a folder is needed", folder.display(), file.display());
     }
-    let asked = args.asked()?;
     // A simulation writes what its kind of station can be compared with.
     let ocean_bottom = matches!(station.config.kind, Kind::Obs(_));
     let truth = args
@@ -210,11 +203,12 @@ pub fn run(args: Args) -> Result<()> {
         .transpose()?
         .unwrap_or_default();
     let table = crate::ocean_bottom::table::of_station(&station)?;
-    let mut meter = args.levels.map(|s| Meter::new(&station, s, args.plots.is_some())).transpose()?;
+    let meter = args.levels.map(|s| Meter::new(&station, s, args.plots.is_some()));
+    let mut meter = meter.transpose().map_err(|e| Mistake(format!("{e:#}")))?;
     let recording = Recording::find(&args.input, &station, &asked)?;
     let live = recording.is_live();
     if live && args.plots.is_some() {
-        bail!("--plots needs a recording that has an end: draw the records of a live station afterwards");
+        mistake!("--plots needs a recording that has an end: draw the records of a live station afterwards");
     }
     let source = recording.source(asked.span)?;
     let records = record::RecordFormat {
@@ -356,7 +350,7 @@ fn line(args: &Args, station: &Station) -> Result<()> {
     }
     #[cfg(feature = "base")]
     if args.table()?.is_some() {
-        bail!("--format is not possible with a line of sensors (kind = \"line\")");
+        mistake!("--format is not possible with a line of sensors (kind = \"line\")");
     }
     let asked = args.asked()?;
     let found = Line::find(&args.input, station, &asked)?;
@@ -397,7 +391,7 @@ fn line(args: &Args, station: &Station) -> Result<()> {
 /// Every day of every station into a folder.
 fn archive(args: &Args, stations: Vec<(Option<Arc<Imported>>, Station)>, folder: &Path) -> Result<()> {
     let asked = args.asked()?;
-    let (share, shares) = args.share.as_deref().map_or(Ok((1, 1)), share)?;
+    let (share, shares) = args.share.unwrap_or((1, 1));
     let mut members = Vec::new();
     let several = stations.len() > 1;
     for (imported, station) in stations {
@@ -442,10 +436,15 @@ fn archive(args: &Args, stations: Vec<(Option<Arc<Imported>>, Station)>, folder:
 }
 
 /// `I/N`, I from 1 to N.
-fn share(text: &str) -> Result<(usize, usize)> {
+fn share(text: &str) -> Result<(usize, usize), &'static str> {
     let parsed = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
     let share = parsed.filter(|(i, n)| (1..=*n).contains(i));
-    share.with_context(|| format!("--share {text}: not a share; one from 1/N to N/N was expected, as 3/16"))
+    share.ok_or("not a share; one from 1/N to N/N was expected, as 3/16")
+}
+
+/// An offset from UTC.
+fn offset(text: &str) -> Result<time::UtcOffset, &'static str> {
+    written_time::offset(text).ok_or("not an offset; one like +10:00 was expected")
 }
 
 /// The second of samples about an index, as far as it was recorded without a gap.

@@ -1,5 +1,6 @@
 //! `seabearing propagation`: the interference table of an ocean-bottom station.
 
+use super::mistake;
 use crate::progress;
 use crate::propagation::bottom::Bottom;
 use crate::propagation::profile::SpeedProfile;
@@ -29,7 +30,7 @@ pub struct Args {
     #[arg(long)]
     depth_m: Option<f64>,
     /// The table to write (TOML).
-    #[arg(long)]
+    #[arg(long, value_parser = super::output())]
     out: Option<PathBuf>,
     /// Name written into the table; the input's name where not given.
     #[arg(long)]
@@ -78,9 +79,9 @@ pub fn run(args: Args) -> Result<()> {
     if let Some(Tool::Fit(fit)) = args.fit {
         return super::propagation_fit::run(fit);
     }
-    let Some(out) = &args.out else { bail!("--out TABLE is missing: where should the table be written?") };
+    let Some(out) = &args.out else { mistake!("--out TABLE is missing: where should the table be written?") };
     if !(0.0..=1e6).contains(&args.range_m) {
-        bail!("--range-m is {}; allowed 0 to 1000000", args.range_m);
+        mistake!("--range-m is {}; allowed 0 to 1000000", args.range_m);
     }
     let mut table = match (&args.profile, &args.ray_table) {
         (Some(profile), None) => traced(&args, profile)?,

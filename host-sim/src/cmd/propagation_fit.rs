@@ -20,13 +20,13 @@ use std::path::{Path, PathBuf};
 )]
 pub struct Args {
     /// Station file; its propagation table gives the delays.
-    #[arg(long)]
+    #[arg(long, value_parser = super::input())]
     station: PathBuf,
     /// Where the vessels were (CSV).
     #[arg(long, value_parser = super::input())]
     tracks: PathBuf,
     /// The table to write: the station's with the fitted strengths.
-    #[arg(long)]
+    #[arg(long, value_parser = super::output())]
     out: PathBuf,
     /// Recordings (miniSEED or WAV) or folders of them.
     #[arg(required = true, value_parser = super::input())]

@@ -1,4 +1,4 @@
-//! `seabearing schema`: what records, station files and lists of stations hold, as JSON Schema.
+//! `seabearing schema`: what records, station files, lists of stations and scenarios hold, as JSON Schema.
 
 use crate::record;
 use crate::station;
@@ -30,6 +30,8 @@ enum What {
     Station,
     /// A list of stations
     Network,
+    /// What `simulate` plays, of either kind of recorder
+    Scenario,
 }
 
 /// Prints the schema.
@@ -41,11 +43,13 @@ pub fn run(args: Args) -> Result<()> {
         What::Records => record::schema(),
         What::Station => station::schema::station(),
         What::Network => station::schema::network(),
+        What::Scenario => station::schema::scenario(),
     };
     let text = match args.what {
         _ if !args.markdown => format!("{schema:#}\n"),
         What::Records => schema_page::records(&schema),
         What::Station | What::Network => schema_page::keys(&schema),
+        What::Scenario => schema_page::scenarios(&schema),
     };
     Ok(std::io::stdout().write_all(text.as_bytes())?)
 }

@@ -1,5 +1,6 @@
 //! `seabearing shaft-rate`: the rate of a vessel's propeller from the envelope of its noise.
 
+use super::mistake;
 use crate::progress;
 use crate::recording;
 use crate::station::Station;
@@ -21,7 +22,7 @@ const PIECE: usize = 1024;
 )]
 pub struct Args {
     /// Station file of the recorder.
-    #[arg(long)]
+    #[arg(long, value_parser = super::input())]
     station: PathBuf,
     /// Recordings (WAV, FLAC) or folders of them.
     #[arg(required = true, value_parser = super::input())]
@@ -73,7 +74,7 @@ pub fn run(args: Args) -> Result<()> {
                 valid_m_s: VESSEL_SPEEDS_M_S,
             })
         }
-        Some(_) => bail!("--speed-curve takes A,B,SD with B above 0 and SD at least 0"),
+        Some(_) => mistake!("--speed-curve takes A,B,SD with B above 0 and SD at least 0"),
     };
     let curve = curve.or(station.config.tracking.shaft_speed);
     let mut source = recording::open(&args.input, &station, None)?;

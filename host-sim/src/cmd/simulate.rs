@@ -10,6 +10,7 @@ use std::path::PathBuf;
                         seabearing process --station out/pass/station.toml out/pass/*.wav")]
 pub struct Args {
     /// What to simulate (TOML; `docs/simulate.md` describes every key).
+    #[arg(value_parser = super::input())]
     scenario: PathBuf,
     /// Folder for recordings, truth.csv and station.toml (made if missing).
     #[arg(long)]

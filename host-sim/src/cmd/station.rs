@@ -1,10 +1,10 @@
 //! `seabearing station`: station files from what data centres keep.
 
-use super::instant;
+use super::mistake;
 use crate::station::import;
 use crate::station::xml::{self, Wanted};
 use anyhow::{Result, bail};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `seabearing station`.
 #[derive(clap::Args)]
@@ -42,16 +42,16 @@ struct ImportArgs {
     #[arg(long, value_name = "CODE", allow_hyphen_values = true)]
     location: Option<String>,
     /// UTC at which the station recorded, where the XML tells several epochs (by default the latest counts)
-    #[arg(long, value_name = "TIME")]
-    at: Option<String>,
+    #[arg(long, value_name = "TIME", value_parser = super::instant)]
+    at: Option<time::OffsetDateTime>,
     /// Number of the station
     #[arg(long, default_value_t = 1)]
     id: u16,
     /// Propagation table of the station
-    #[arg(long, value_name = "TABLE.toml")]
+    #[arg(long, value_name = "TABLE.toml", value_parser = super::input())]
     propagation: Option<PathBuf>,
-    /// Station file to write
-    #[arg(long, value_name = "STATION.toml")]
+    /// Station file to write, or - for standard output
+    #[arg(long, value_name = "STATION.toml", value_parser = super::output())]
     out: PathBuf,
 }
 
@@ -61,8 +61,11 @@ struct ImportArgs {
 /// One line for a person.
 pub fn run(args: Args) -> Result<()> {
     let Action::Import(args) = args.action;
-    let at = args.at.as_deref().map(|t| instant("--at", t)).transpose()?;
-    let wanted = Wanted { network: args.network, station: args.station, location: args.location, at };
+    if args.out == Path::new("/dev/stdout") && args.propagation.is_none() {
+        mistake!("--out - needs --propagation: a table made here is a file beside the station file");
+    }
+    let wanted =
+        Wanted { network: args.network, station: args.station, location: args.location, at: args.at };
     let found = xml::read(&args.xml, &wanted)?;
     let [station] = &found[..] else {
         let codes: Vec<&str> = found.iter().map(|d| d.code.as_str()).collect();

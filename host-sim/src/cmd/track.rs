@@ -1,9 +1,10 @@
 //! `seabearing track`: motion of a vessel from bearings of one array.
 
+use super::mistake;
 use crate::motion::estimate::{Estimate as Found, batch, one_by_one};
 use crate::motion::{bearings, errors, picture};
 use crate::record::finite;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use seabearing_core::angle::RAD_PER_DEG;
@@ -98,7 +99,7 @@ impl Args {
     fn check(&self) -> Result<()> {
         let least = |name: &str, x: f64, least: f64, above: bool| -> Result<()> {
             if x.is_nan() || x < least || (above && x <= least) {
-                bail!("--{name} is {x}, it must be {} {least}", if above { "above" } else { "at least" });
+                mistake!("--{name} is {x}, it must be {} {least}", if above { "above" } else { "at least" });
             }
             Ok(())
         };
@@ -112,13 +113,15 @@ impl Args {
         least("elevation-bias-deg", self.elevation_bias_deg, 0.0, false)?;
         least("height-m", self.height_m.unwrap_or(1.0), 0.0, true)?;
         if self.robust && self.estimator == Estimator::Ml && self.tau_s > 0.0 {
-            bail!("--robust takes errors as independent; with --tau-s give --estimator recursive beside it");
+            mistake!(
+                "--robust takes errors as independent; with --tau-s give --estimator recursive beside it"
+            );
         }
         least("gate-sd", self.gate_sd.unwrap_or(1.0), 0.0, true)?;
         if let Some(v) = self.speed
             && !(0.2..=40.0).contains(&v)
         {
-            bail!("--speed is {v} m/s, a vessel's speed is between 0.2 and 40");
+            mistake!("--speed is {v} m/s, a vessel's speed is between 0.2 and 40");
         }
         for (name, x) in [
             ("tau-s", self.tau_s),
@@ -129,7 +132,7 @@ impl Args {
             ("elevation-bias-deg", self.elevation_bias_deg),
         ] {
             if !x.is_finite() {
-                bail!("--{name} must be finite");
+                mistake!("--{name} must be finite");
             }
         }
         Ok(())

@@ -1,5 +1,6 @@
 //! `seabearing twin`: run the firmware in an emulator and the host over the same input and compare their telemetry.
 
+use super::mistake;
 use crate::emulator::{self, Emulator, SamplePath};
 use crate::plan::telemetry::Tally;
 use crate::progress;
@@ -26,7 +27,7 @@ use std::path::{Path, PathBuf};
     RECORDING is what `process` takes, or one .sbraw stream (docs/firmware.md).")]
 pub struct Args {
     /// Station file
-    #[arg(long, value_name = "STATION.toml")]
+    #[arg(long, value_name = "STATION.toml", value_parser = super::input())]
     station: PathBuf,
     /// Board: mps2-an500 in QEMU, or stm32h743, the image for hardware on the modelled board (docs/board-model.md)
     #[arg(long, value_enum, default_value = "mps2-an500")]
@@ -47,7 +48,7 @@ pub struct Args {
     #[arg(long, value_name = "FACTOR")]
     speed: Option<f64>,
     /// Keep the firmware's telemetry in this file
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = super::output())]
     keep: Option<PathBuf>,
     /// Print the result as JSON
     #[arg(long)]
@@ -55,7 +56,7 @@ pub struct Args {
     #[command(flatten)]
     board_options: super::twin_board::BoardOptions,
     /// Recordings
-    #[arg(required_unless_present = "rehearse", value_name = "RECORDING")]
+    #[arg(required_unless_present = "rehearse", value_name = "RECORDING", value_parser = super::input())]
     input: Vec<PathBuf>,
 }
 
@@ -107,13 +108,13 @@ pub fn run(args: Args) -> Result<()> {
     }
     let (samples, pace) = match (args.samples, args.speed) {
         (Samples::File, None) => (SamplePath::File, SendTiming::Free),
-        (Samples::File, Some(_)) => bail!("--speed goes with --samples uart"),
+        (Samples::File, Some(_)) => mistake!("--speed goes with --samples uart"),
         (Samples::Uart, _) if !matches!(station.config.kind, Kind::Obs(_)) => {
-            bail!("--samples uart is for ocean-bottom stations: the line carries no array's samples")
+            mistake!("--samples uart is for ocean-bottom stations: the line carries no array's samples")
         }
         (Samples::Uart, None) => (SamplePath::Uart, SendTiming::Free),
         (Samples::Uart, Some(x)) if x > 0.0 && x.is_finite() => (SamplePath::Uart, SendTiming::Times(x)),
-        (Samples::Uart, Some(x)) => bail!("--speed is {x}; a positive number is needed"),
+        (Samples::Uart, Some(x)) => mistake!("--speed is {x}; a positive number is needed"),
     };
     let raw = matches!(&args.input[..], [one] if is_raw(one));
     if raw && samples == SamplePath::Uart {

@@ -1,5 +1,5 @@
-//! Bearings of one array from a CSV file, `t_s,azimuth_deg` and optionally `sigma_deg`, `elevation_deg`, or from the records
-//! of `seabearing process`.
+//! Bearings of one array from a CSV file, `t_s,azimuth_deg` and optionally `sigma_deg` (or `sd_azimuth_deg`, as records call
+//! it), `elevation_deg`, `sd_elevation_deg`, or from the records of `seabearing process`.
 
 use crate::csv::{CsvTable, good_rows};
 use crate::ocean_bottom::records::is_records;
@@ -63,14 +63,28 @@ fn of_table(
     let column = |key: &str, wanted: bool| -> Result<_> {
         (wanted && table.has(key)).then(|| table.numbers([key])).transpose()
     };
-    let sigmas = column("sigma_deg", true)?;
+    let sigma = if table.has("sigma_deg") { "sigma_deg" } else { "sd_azimuth_deg" };
+    let sigmas = column(sigma, true)?;
     let elevations = column("elevation_deg", sd_elevation_rad.is_some())?;
+    let sd_elevations = column("sd_elevation_deg", sd_elevation_rad.is_some())?;
+    // A table of records: the strongest source's bearings.
+    let places = |key: &str| table.has(key).then(|| table.column(key)).transpose();
+    let (of_type, of_band) = (places("type")?, places("band")?);
+    let is_bearing = |i: usize| {
+        let says = |column: Option<usize>, wanted: &str| {
+            column.is_none_or(|c| table.text(i, c).is_some_and(|cell| cell.trim() == wanted))
+        };
+        of_type.is_none() || says(of_type, "bearing") && says(of_band, "0")
+    };
     let mut rows = Vec::new();
     for (i, (line, row)) in table.numbers(["t_s", "azimuth_deg"])?.into_iter().enumerate() {
+        if !is_bearing(i) {
+            continue;
+        }
         let one = row.and_then(|[t_s, azimuth_deg]| {
             let sd_rad = match sigmas.as_ref().and_then(|s| s.get(i)) {
                 Some((_, Ok([s]))) if *s > 0.0 => s * RAD_PER_DEG,
-                Some((_, Ok([s]))) => bail!("{name}, line {line}: `sigma_deg` is {s}, it must be above 0"),
+                Some((_, Ok([s]))) => bail!("{name}, line {line}: `{sigma}` is {s}, it must be above 0"),
                 Some((_, Err(e))) => bail!("{e:#}"),
                 None => sd_rad,
             };
@@ -79,6 +93,11 @@ fn of_table(
             if let (Some((_, Ok([e]))), Some(sd)) =
                 (elevations.as_ref().and_then(|e| e.get(i)), sd_elevation_rad)
             {
+                let own = sd_elevations.as_ref().and_then(|s| s.get(i));
+                let sd = match own {
+                    Some((_, Ok([s]))) if *s > 0.0 => s * RAD_PER_DEG,
+                    _ => sd,
+                };
                 sample.elevation_rad = ((e * RAD_PER_DEG) as f32, sd as f32);
             }
             Ok(sample)
@@ -91,6 +110,20 @@ fn of_table(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_table_of_records_gives_its_bearings_with_their_errors() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("records.csv");
+        let text = "type,t_s,azimuth_deg,sd_azimuth_deg,elevation_deg,sd_elevation_deg,band\n\
+                    hello,,,,,,\nbearing,1.0,10,0.5,20,1.5,0\nbearing,1.0,12,3,20,4,2\nhealth,2.0,,,,,\n\
+                    bearing,2.0,11,0.25,,,0\n";
+        std::fs::write(&path, text).unwrap();
+        let samples = read(&path, 1.0, Some(1.0)).unwrap();
+        let sd: Vec<f64> = samples.iter().map(|s| f64::from(s.sd_rad) / RAD_PER_DEG).collect();
+        assert!(sd.len() == 2 && (sd[0] - 0.5).abs() < 1e-6 && (sd[1] - 0.25).abs() < 1e-6, "{samples:?}");
+        assert!((f64::from(samples[0].elevation_rad.1) / RAD_PER_DEG - 1.5).abs() < 1e-5, "{samples:?}");
+    }
 
     #[test]
     fn bearings_are_read_from_records() {

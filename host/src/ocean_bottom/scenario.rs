@@ -35,10 +35,12 @@ use std::path::PathBuf;
 use time::OffsetDateTime;
 
 /// A scenario as a person writes it.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObsScenario {
     /// Always `obs`.
+    #[cfg_attr(feature = "schema", schemars(extend("const" = "obs")))]
     pub kind: String,
     /// Seed of everything random.
     #[serde(default = "one")]
@@ -47,6 +49,7 @@ pub struct ObsScenario {
     pub duration_s: f64,
     /// UTC of the first sample.
     #[serde(rename = "start_utc", default = "default_start", deserialize_with = "utc")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub start: OffsetDateTime,
     /// The recorder's station file, from which the fields from `rate_hz` to `intensity` then come.
     pub station: Option<PathBuf>,
@@ -106,6 +109,7 @@ pub struct ObsScenario {
 }
 
 /// Ambient noise.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AmbientTable {
@@ -122,6 +126,7 @@ pub struct AmbientTable {
 }
 
 /// Ambient noise from one direction.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DirectionalTable {
@@ -132,6 +137,7 @@ pub struct DirectionalTable {
 }
 
 /// What a vessel radiates.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Radiation {
@@ -148,6 +154,7 @@ pub struct Radiation {
 }
 
 /// A vessel on a straight course.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObsVessel {
@@ -165,6 +172,7 @@ pub struct ObsVessel {
 }
 
 /// Vessels of an AIS file that pass the station.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AisShips {
@@ -178,6 +186,7 @@ pub struct AisShips {
 }
 
 /// A calling whale.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Whale {
@@ -196,6 +205,7 @@ pub struct Whale {
 }
 
 /// A burst of noise.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Burst {
@@ -210,6 +220,7 @@ pub struct Burst {
 }
 
 /// Strumming of buoy and rope.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Strumming {
@@ -229,6 +240,7 @@ pub struct Strumming {
 }
 
 /// What goes wrong in the recorder.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum ObsFault {
@@ -243,6 +255,7 @@ pub enum ObsFault {
 }
 
 /// A channel, all along.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channel {
@@ -251,6 +264,7 @@ pub struct Channel {
 }
 
 /// A step of the clock.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClockStep {

@@ -4,6 +4,7 @@ use super::wav::Info;
 use anyhow::{Context, Result, bail};
 use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// An open FLAC file.
@@ -22,7 +23,8 @@ impl Flac {
     /// # Errors
     /// It is damaged.
     pub(super) fn open(path: &Path) -> Result<(Self, Info)> {
-        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let mut file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        begin(&mut file).with_context(|| format!("cannot read {}", path.display()))?;
         let Ok(reader) = claxon::FlacReader::new(file) else {
             bail!("{}: the FLAC header is damaged or cut short, nothing to use", path.display());
         };
@@ -66,6 +68,31 @@ impl Flac {
     }
 }
 
+/// Whether a file's first bytes are those of FLAC or of an ID3v2 tag, which some programs put before it.
+pub(super) fn begins(head: &[u8]) -> bool {
+    head.starts_with(b"fLaC") || head.starts_with(TAG)
+}
+
+/// How an ID3v2 tag begins; two bytes of version, one of flags and its length without this header follow, four digits to the
+/// base of 128 (ID3v2.4, 3.1).
+const TAG: &[u8] = b"ID3";
+
+/// Goes to where FLAC begins: behind tags.
+fn begin(file: &mut File) -> std::io::Result<()> {
+    loop {
+        let at = file.stream_position()?;
+        let mut head = [0; 10];
+        if file.read_exact(&mut head).is_err() || !head.starts_with(TAG) {
+            return file.seek(SeekFrom::Start(at)).map(drop);
+        }
+        let [.., flags, a, b, c, d] = head;
+        let length = [a, b, c, d].iter().fold(0, |sum, digit| sum << 7 | u64::from(digit & 0x7f));
+        // A footer is a copy of the header.
+        let footer = if flags & 0x10 == 0 { 0 } else { 10 };
+        file.seek(SeekFrom::Start(at + 10 + length + footer))?;
+    }
+}
+
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -97,6 +124,26 @@ pub(super) mod tests {
             out.extend_from_slice(&frame);
         }
         out
+    }
+
+    #[test]
+    fn a_tag_before_the_stream_is_passed_over() {
+        let frames: Vec<[i32; 4]> = (0..256).map(|i| [i, -i, 7, 8]).collect();
+        let mut bytes = b"ID3\x04\0\0\0\0\x01\x02".to_vec();
+        bytes.extend([b'x'; 130]);
+        bytes.extend(encode(&frames, 24, 64_000));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), &bytes).unwrap();
+        assert_eq!(super::super::Container::of(file.path()).unwrap(), Some(super::super::Container::Flac));
+        let (mut flac, _) = Flac::open(file.path()).unwrap();
+        let mut some = Vec::new();
+        flac.read(&mut some).unwrap();
+        assert_eq!((some.len(), some[9]), (256, [9, -9, 7, 8]));
+        // A tag that says it is longer than the file, and one that is cut short.
+        for cut in [6, 100] {
+            std::fs::write(file.path(), &bytes[..cut]).unwrap();
+            assert!(Flac::open(file.path()).is_err());
+        }
     }
 
     #[test]

@@ -105,7 +105,7 @@ impl Container {
             [b'R', b'I', b'F', b'F', .., b'W', b'A', b'V', b'E'] => Some(Self::Wav),
             [b'R', b'F', b'6', b'4', .., b'W', b'A', b'V', b'E'] => Some(Self::Wav),
             [b'B', b'W', b'6', b'4', .., b'W', b'A', b'V', b'E'] => Some(Self::Wav),
-            [b'f', b'L', b'a', b'C', ..] => Some(Self::Flac),
+            head if flac::begins(head) => Some(Self::Flac),
             [b'M', b'S', 3, ..] => Some(Self::MiniSeed),
             [magic @ .., _, _, _, _] if *magic == seabearing_core::sbraw::MAGIC => Some(Self::Raw),
             // Version 2: six digits of sequence number, then a quality letter.

@@ -5,6 +5,7 @@ use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use std::path::Path;
 
 /// How samples are stored.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Encoding {

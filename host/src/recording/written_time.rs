@@ -1,8 +1,9 @@
 //! Start times in file names, as recorders write them.
 //!
 //! Recognised: a date of eight digits (`20240131`; or six, `240131`, as some recorders write) and a time of six,
-//! together or with one of `T`, `t`, `_`, `-`, `.` between, and a fraction after `.`: `east_20240131T120000.125Z.wav`,
-//! `20240131_120000.wav`, `AMAR.20240131.120000.flac`, `5731.240131120000.wav`. The last match in the
+//! together or with one of `T`, `t`, `_`, `-`, `.` or a blank between, and a fraction after `.`: `east_20240131T120000.125Z.wav`,
+//! `20240131_120000.wav`, `AMAR.20240131.120000.flac`, `5731.240131120000.wav`; either may be parted by `-`, `_` or `.`
+//! (a time by `:` as well), `2024-01-31_12-00-00.wav`. The last match in the
 //! name counts; serial numbers come first. Behind `T` an offset from UTC may follow, `20240131T220000+1000`. A name that says
 //! neither `Z` nor an offset is in UTC, or in the zone its reader is told.
 
@@ -23,11 +24,8 @@ impl WrittenTime {
         let bytes = name.as_bytes();
         (0..bytes.len()).rev().find_map(|at| {
             let begins = bytes[at].is_ascii_digit() && (at == 0 || !bytes[at - 1].is_ascii_digit());
-            if begins {
-                date_and_time(&name[at..], 8, zone).or_else(|| date_and_time(&name[at..], 6, zone))
-            } else {
-                None
-            }
+            // A number that something parts from one before it may be the day or the month of a whole date.
+            if begins { date_and_time(&name[at..], zone) } else { None }
         })
     }
 
@@ -54,22 +52,39 @@ impl WrittenTime {
     }
 }
 
-fn date_and_time(text: &str, digits: usize, zone: UtcOffset) -> Option<WrittenTime> {
-    let number = |from: usize, n: usize| -> Option<i32> {
-        let part = text.get(from..from + n)?;
-        part.bytes().all(|b| b.is_ascii_digit()).then(|| part.parse().ok())?
-    };
-    let y = digits - 4;
-    let year = number(0, y)? + if y == 2 { 2000 } else { 0 };
-    let month = Month::try_from(u8::try_from(number(y, 2)?).ok()?).ok()?;
-    let date = Date::from_calendar_date(year, month, number(y + 2, 2)? as u8).ok()?;
+/// Three numbers of so many digits, together or with one and the same of these bytes between them, and what follows.
+fn three<'a>(text: &'a str, digits: [usize; 3], between: &[u8]) -> Option<([i32; 3], &'a str)> {
+    let [first, ..] = digits;
+    let parted = text.as_bytes().get(first).copied().filter(|b| between.contains(b));
+    let mut rest = text;
+    let mut out = [0; 3];
+    for (i, (digits, number)) in digits.into_iter().zip(&mut out).enumerate() {
+        if let (Some(by), 1..) = (parted, i) {
+            rest = rest.strip_prefix(char::from(by))?;
+        }
+        let part = rest.get(..digits).filter(|p| p.bytes().all(|b| b.is_ascii_digit()))?;
+        *number = part.parse().ok()?;
+        rest = &rest[digits..];
+    }
+    Some((out, rest))
+}
+
+/// A date of these digits and the time after it.
+fn date_and_time(text: &str, zone: UtcOffset) -> Option<WrittenTime> {
+    of_digits(text, 4, b"-_.", zone).or_else(|| of_digits(text, 2, b"", zone))
+}
+
+fn of_digits(text: &str, of_year: usize, between: &[u8], zone: UtcOffset) -> Option<WrittenTime> {
+    let ([year, month, day], behind) = three(text, [of_year, 2, 2], between)?;
+    let year = year + if of_year == 2 { 2000 } else { 0 };
+    let date = Date::from_calendar_date(year, Month::try_from(month as u8).ok()?, day as u8).ok()?;
     if !(1950..2150).contains(&year) {
         return None;
     }
-    let between = usize::from(matches!(text.as_bytes().get(digits), Some(b'T' | b't' | b'_' | b'-' | b'.')));
-    let t = digits + between;
-    let (h, m, s) = (number(t, 2)? as u8, number(t + 2, 2)? as u8, number(t + 4, 2)? as u8);
-    let rest = text.get(t + 6..)?;
+    let iso = behind.starts_with('T');
+    let ([h, m, s], rest) =
+        three(behind.strip_prefix(['T', 't', '_', '-', '.', ' ']).unwrap_or(behind), [2; 3], b"-_.:")?;
+    let (h, m, s) = (h as u8, m as u8, s as u8);
     if rest.starts_with(|c: char| c.is_ascii_digit()) {
         return None;
     }
@@ -83,7 +98,7 @@ fn date_and_time(text: &str, digits: usize, zone: UtcOffset) -> Option<WrittenTi
     let zone = match behind.as_bytes().first() {
         Some(b'Z' | b'z') => UtcOffset::UTC,
         // Without the `T` of ISO 8601 what follows may be a serial number.
-        Some(b'+' | b'-') if text.as_bytes().get(digits) == Some(&b'T') => offset(behind).unwrap_or(zone),
+        Some(b'+' | b'-') if iso => offset(behind).unwrap_or(zone),
         _ => zone,
     };
     Some(WrittenTime {
@@ -122,6 +137,12 @@ mod tests {
             "AMAR123.20240131.120000.flac",
             "5731.240131120000.wav",
             "20240131120000.wav",
+            "x_2024-01-31_12-00-00.wav",
+            "2024-01-31T12:00:00Z.flac",
+            "2024_01_31_12_00_00.wav",
+            "2024-01-31 12.00.00.wav",
+            "2024-01-31_120000_7.wav",
+            "20240131_12-00-00.wav",
         ] {
             assert_eq!(
                 WrittenTime::in_name(name, UtcOffset::UTC),
@@ -134,9 +155,17 @@ mod tests {
         assert!((fine.resolution_s - 1e-6).abs() < 1e-12);
         let name = "Überfahrt – 20240131T120000Z é.wav";
         assert_eq!(WrittenTime::in_name(name, UtcOffset::UTC).unwrap().at, noon);
-        for name in
-            ["pass.wav", "part-12.wav", "20241399T250000.wav", "123456789012345.wav", "Ärmelkanal 1é2.wav"]
-        {
+        for name in [
+            "pass.wav",
+            "part-12.wav",
+            "20241399T250000.wav",
+            "123456789012345.wav",
+            "Ärmelkanal 1é2.wav",
+            "2024-01_31_12-00-00.wav",
+            "2024-13-31_12-00-00.wav",
+            "2024-01-31_12-00.wav",
+            "2024-01-31_12-00-001.wav",
+        ] {
             assert_eq!(WrittenTime::in_name(name, UtcOffset::UTC), None, "{name}");
         }
         let name = format!("a_{}.wav", WrittenTime::name(fine.at));

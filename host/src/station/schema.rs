@@ -1,11 +1,13 @@
-//! The published schemas of station files and of lists of stations (JSON Schema 2020-12), made of the types that read them.
+//! The published schemas of station files, of lists of stations and of scenarios (JSON Schema 2020-12), made of the types that read them.
 //!
 //! Editors that know JSON Schema complete and check such files with them; `config check --explain` prints their words.
 
 use super::tables::{File, NetworkFile};
+use crate::ocean_bottom::scenario::ObsScenario;
+use crate::world::scenario::Scene;
 use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, SchemaGenerator};
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 fn generator() -> SchemaGenerator {
     let mut settings = SchemaSettings::draft2020_12();
@@ -27,6 +29,21 @@ pub fn station() -> Value {
 /// Of a list of stations.
 pub fn network() -> Value {
     of::<NetworkFile>("List of stations of seabearing")
+}
+
+/// Of a scenario: one of two.
+pub fn scenario() -> Value {
+    let array = of::<Scene>("Scenario of an array");
+    let obs = of::<ObsScenario>("Scenario of an ocean-bottom station");
+    let mut schema = json!({ "$schema": array["$schema"], "title": "Scenario of seabearing",
+        "description": "What `seabearing simulate` plays: `kind` says for which recorder. Paths are taken from the file's folder." });
+    schema["oneOf"] = [array, obs]
+        .map(|mut one| {
+            one.as_object_mut().map(|o| o.remove("$schema"));
+            one
+        })
+        .into();
+    schema
 }
 
 /// Every key of a station file with its meaning and, where it has one, its default, in order.

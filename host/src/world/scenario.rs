@@ -26,10 +26,12 @@ pub struct ArrayScenario {
 }
 
 /// What a scenario file says, but for the station file's content.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Always `array`.
+    #[cfg_attr(feature = "schema", schemars(extend("const" = "array")))]
     pub kind: String,
     /// The recorder's station file, relative to the scenario.
     pub station: PathBuf,
@@ -40,6 +42,7 @@ pub struct Scene {
     pub seed: u64,
     /// UTC of the first sample.
     #[serde(rename = "start_utc", default = "default_start", deserialize_with = "utc")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub start: OffsetDateTime,
     /// The recorder's electronics and files.
     #[serde(default)]
@@ -82,6 +85,7 @@ fn half() -> f64 {
 }
 
 /// Preamplifier, converter, clock and files.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RecorderModel {
@@ -113,6 +117,7 @@ impl Default for RecorderModel {
 }
 
 /// The sea.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Water {
@@ -141,6 +146,7 @@ impl Water {
 }
 
 /// Ambient noise: flat up to the knee, then falling by a slope.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AmbientSpectrum {
@@ -171,6 +177,7 @@ impl Default for AmbientSpectrum {
 }
 
 /// One vessel.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArrayVessel {
@@ -227,6 +234,7 @@ fn hundred() -> f64 {
 }
 
 /// A tone.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tone {
@@ -237,6 +245,7 @@ pub struct Tone {
 }
 
 /// Amplitude modulation `1 + m_s cos(2π f t) + Σ_k m_b/k cos(2π k n f t)` for shaft rate f and n blades, at equal power.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Modulation {
@@ -259,6 +268,7 @@ fn one() -> u32 {
 }
 
 /// What happens to a channel.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "lowercase", tag = "kind")]
 pub enum ArrayFault {
@@ -275,6 +285,7 @@ pub enum ArrayFault {
 }
 
 /// A channel that is too loud.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Loud {
@@ -291,6 +302,7 @@ pub struct Loud {
 }
 
 /// Two exchanged channels.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Swap {
