@@ -8,7 +8,7 @@ use crate::base::record::micros;
 use crate::base::service::Service;
 use crate::base::stations::Listed;
 use crate::base::{Base, Recorder};
-use crate::plot::result;
+use crate::plot::result::Pictures;
 use crate::plot::times::Times;
 use anyhow::{Context, Result, anyhow};
 use seabearing_core::wire::{Bearing, Track};
@@ -281,7 +281,7 @@ fn pictured(recorder: &Recorder) -> Pictured {
 fn pictures(recorder: &Pictured, folder: &Path) -> Result<()> {
     let longest_s = recorder.bearings.last().map_or(0.0, |b| b.index as f64 / recorder.rate_hz);
     let times = Times::new(None, longest_s);
-    result::bearings(&recorder.bearings, recorder.rate_hz, &times, &[])
-        .write(&folder.join("bearings.svg"))?;
-    result::tracks(&recorder.tracks, recorder.rate_hz, &[]).write(&folder.join("tracks.svg"))
+    let drawn = Pictures::new(&recorder.bearings, &recorder.tracks, recorder.rate_hz, &times, &[], "");
+    drawn.azimuths.write(&folder.join("bearings.svg"))?;
+    drawn.tracks.write(&folder.join("tracks.svg"))
 }

@@ -10,6 +10,7 @@ pub mod orient;
 pub mod passage;
 pub mod pictures;
 pub mod place;
+mod presence;
 pub mod records;
 pub mod run;
 pub mod scenario;

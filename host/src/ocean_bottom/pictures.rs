@@ -4,32 +4,29 @@
 //! after the clutter filter, range log-likelihood with detections, presence with segments, tracks on a map with circles at
 //! 50 and 100 km; [`model`] draws the interference model against range. Times are UTC where the recording has a clock.
 
+use super::presence::{IMPULSIVE, TONAL, azimuths, presence, ranges};
 use super::stages::{
     self, AZIMUTHS, BINS, RANGE_STEP_M, RANGES, SpectralFrame, azimuth_likelihood, frames, minutes,
     range_likelihood,
 };
-use crate::angle::{azimuth_deg, wrap_deg};
+use crate::angle::azimuth_deg;
 use crate::course::EastNorth;
-use crate::plot::passage;
 use crate::plot::times::Times;
 use crate::plot::{ColourMap, HeatMap, Plot, RGBColor, Scale, cut_at_wraps, write_panels};
+use crate::plot::{passage, ways};
 use crate::propagation::Propagation;
 use crate::recording::BlockSource;
 use crate::station::Calibration;
 use anyhow::{Context, Result};
 use seabearing_core::config::StationConfig;
 use seabearing_core::kit::quantile;
-use seabearing_core::wire::{Message, Track};
+use seabearing_core::wire::Message;
 use std::path::{Path, PathBuf};
 
 /// Detections on dark cells: seen there and in the legend.
 const DETECTION: RGBColor = RGBColor(232, 70, 70);
 /// Colour of calls, apart from vessels and visible on the same map.
 const CALL: RGBColor = RGBColor(120, 200, 255);
-/// Kinds of azimuths, as the wire numbers them.
-const TONAL: u8 = 0;
-const IMPULSIVE: u8 = 1;
-
 /// Columns a picture has at most: more cannot be seen.
 const COLUMNS: usize = 360;
 
@@ -97,7 +94,8 @@ pub fn draw(
         return Ok(Vec::new());
     }
     let times = &Times::new(start, all[all.len() - 1].t_s);
-    let passages = passage::passages(messages, rate);
+    let found = passage::ocean_bottom(messages, config);
+    let source = times.source(&config.name);
     let mut written = Vec::new();
     let mut keep = |name: &str, figures: &[&Plot]| -> Result<()> {
         let path = dir.join(format!("{name}.svg"));
@@ -105,8 +103,15 @@ pub fn draw(
         written.push(path);
         Ok(())
     };
-    keep("spectrogram", &[&spectrogram(&all, times, config, calibration)])?;
-    keep("azigram", &[&azigram(&all, times)])?;
+    let said = |mut figure: Plot, words: &str| {
+        figure.caption(&format!("{words} {source}"));
+        figure
+    };
+    let sound = "Spectral density of pressure against time and frequency: mean over the frames of each cell (Hann windows).";
+    keep("spectrogram", &[&said(spectrogram(&all, times, config, calibration), sound)])?;
+    let directions = "Azimuth that each cell of time and frequency comes from, by the horizontal active intensity; paler where the directions \
+         of a cell agree less, grey where they do not agree at all.";
+    keep("azigram", &[&said(azigram(&all, times), directions)])?;
     let mut azimuth = heat(
         "Azimuth: log-likelihood ratio",
         "azimuth (°)",
@@ -127,16 +132,22 @@ pub fn draw(
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (times.at(h.0), h.1.to_degrees())).collect();
         azimuth.truth(&t.name, &cut_at_wraps(&points));
     }
-    for p in &passages {
-        azimuth.line(&format!("track {}", p.last.id), &p.azimuths(times, rate));
+    for p in &found.passages {
+        azimuth.line(&p.name(), &p.azimuths(times, rate)).coloured(p.colour());
     }
-    keep("azimuth", &[&azimuth])?;
+    let words = "Colours: natural logarithm of the likelihood of a vessel at each azimuth over that of none, at each minute. Points: detections. \
+         Coloured lines: tracks by their last solution.";
+    keep("azimuth", &[&said(azimuth, words)])?;
     let before = cepstrogram("Cepstrogram", &all, times, &|f: &SpectralFrame, k: usize| {
         f.raw.get(k).copied().unwrap_or(f32::NAN)
     });
     let after = cepstrogram("Cepstrogram after the clutter filter", &all, times, &|f, k| {
         f.filtered.get(k).copied().unwrap_or(f32::NAN)
     });
+    let after = said(
+        after,
+        "Magnitude of the cepstrum of pressure: ridges are delays between paths by surface and floor. Below without the part that stays for long.",
+    );
     keep("cepstrogram", &[&before, &after])?;
     let mut range = heat(
         "Range: log-likelihood ratio",
@@ -153,34 +164,61 @@ pub fn draw(
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (times.at(h.0), h.2 / 1e3)).collect();
         range.truth(&t.name, &points);
     }
-    for p in &passages {
-        range.line(&format!("track {}", p.last.id), &p.ranges_km(times, rate));
+    for p in &found.passages {
+        range.line(&p.name(), &p.ranges_km(times, rate)).coloured(p.colour());
     }
     range.y_range(0.0, 50.0);
-    keep("range", &[&range])?;
-    let panels = presence(messages, rate, times, span(&all, times));
+    let words = "Colours: natural logarithm of the likelihood of a vessel at each range over that of none, at each minute. Points: detections. \
+         Coloured lines: tracks by their last solution.";
+    keep("range", &[&said(range, words)])?;
+    let panels = presence(messages, rate, times, span(&all, times), &source);
     keep("presence", &panels.iter().collect::<Vec<_>>())?;
-    keep("map", &[&map(messages, truth)])?;
+    let mut map = Plot::map("Tracks");
+    map.range_circles(&[50_000.0, 100_000.0]);
+    for t in truth {
+        map.truth(&t.name, &t.places);
+    }
+    ways::courses(&mut map, &found, times, rate);
+    keep("map", &[&said(map, &ways::words(&found))])?;
     Ok(written)
 }
 
-/// Columns averaged down to what can be seen: `value(frames of a column, row)`.
+/// Time from one frame to the next where none is missing, s.
+fn hop_s(all: &[SpectralFrame]) -> f64 {
+    all.windows(2).map(|w| w[1].t_s - w[0].t_s).fold(f64::INFINITY, f64::min)
+}
+
+/// Frames of one column: as many steps as make no more columns than can be seen.
+fn per_column(all: &[SpectralFrame]) -> usize {
+    let steps = (all[all.len() - 1].t_s - all[0].t_s) / hop_s(all);
+    (steps.round() as usize + 1).div_ceil(COLUMNS)
+}
+
+/// Columns averaged down to what can be seen: `value(frames of a column, row)`; blank where there are none.
 fn columns(
     all: &[SpectralFrame],
     rows: usize,
     value: &dyn Fn(&[SpectralFrame], usize) -> f64,
 ) -> (usize, Vec<f64>) {
-    let per = all.len().div_ceil(COLUMNS);
-    let groups: Vec<&[SpectralFrame]> = all.chunks(per).collect();
+    let length_s = per_column(all) as f64 * hop_s(all);
+    let column = |f: &SpectralFrame| ((f.t_s - all[0].t_s) / length_s + 1e-6) as usize;
+    let mut groups: Vec<&[SpectralFrame]> = vec![&[]; column(&all[all.len() - 1]) + 1];
+    for group in all.chunk_by(|a, b| column(a) == column(b)) {
+        groups[column(&group[0])] = group;
+    }
     let mut out = Vec::with_capacity(rows * groups.len());
     for row in 0..rows {
-        out.extend(groups.iter().map(|g| value(g, row)));
+        out.extend(groups.iter().map(|g| if g.is_empty() { f64::NAN } else { value(g, row) }));
     }
     (groups.len(), out)
 }
 
+/// From the beginning of the first column to the end of the last.
 fn span(all: &[SpectralFrame], times: &Times) -> (f64, f64) {
-    (times.at(all[0].t_s), times.at(all[all.len() - 1].t_s))
+    let (hop, first) = (hop_s(all), all[0].t_s);
+    let per = per_column(all) as f64;
+    let columns = ((all[all.len() - 1].t_s - first) / (per * hop) + 1e-6).floor() + 1.0;
+    (times.at(first - 0.5 * hop), times.at(first + (columns * per - 0.5) * hop))
 }
 
 /// Cells against time: columns and values row after row, between limits; whole circles in the colours of a circle.
@@ -313,117 +351,9 @@ fn heat(
             f64::from(cells.fold(f32::NEG_INFINITY, |a, b| a.max(*b)))
         }));
     }
-    let (first, last) = (when.first().copied().unwrap_or(0.0), when.last().copied().unwrap_or(60.0));
-    let x = (times.at(first - 30.0), times.at(last + 30.0));
+    let first = when.first().copied().unwrap_or(0.0);
+    let x = (times.at(first - 30.0), times.at(first - 30.0 + 60.0 * (per * groups.len()) as f64));
     grid(title, y_label, times, x, y, (groups.len(), values, Vec::new()), range, label)
-}
-
-fn azimuths(messages: &[Message], rate: f64, times: &Times, kind: u8) -> Vec<(f64, f64)> {
-    let one = |m: &Message| match m {
-        Message::Azimuth(a) if a.detected && a.kind == kind => {
-            Some((times.at(a.index as f64 / rate), wrap_deg(f64::from(a.azimuth).to_degrees())))
-        }
-        _ => None,
-    };
-    messages.iter().filter_map(one).collect()
-}
-
-fn ranges(messages: &[Message], rate: f64, times: &Times) -> Vec<(f64, f64)> {
-    let one = |m: &Message| match m {
-        Message::Range(r) if r.detected => {
-            Some((times.at(r.index as f64 / rate), f64::from(r.range_m) / 1e3))
-        }
-        _ => None,
-    };
-    messages.iter().filter_map(one).collect()
-}
-
-/// Presence of azimuth and range, and the segments (figure 7).
-fn presence(messages: &[Message], rate: f64, times: &Times, shown: (f64, f64)) -> Vec<Plot> {
-    let at = |index: u64| times.at(index as f64 / rate);
-    let mut evidence = Plot::new("Presence and segments", "", "ln ratio of presence");
-    let mut tops = [Vec::<(f64, f64)>::new(), Vec::new()];
-    for m in messages {
-        let (slot, index, value) = match m {
-            Message::Azimuth(a) => (0, a.index, a.log_presence),
-            Message::Range(r) => (1, r.index, r.log_presence),
-            _ => continue,
-        };
-        let point = (at(index), f64::from(value).clamp(-20.0, 60.0));
-        match tops[slot].last_mut().filter(|l| l.0 == point.0) {
-            Some(l) => l.1 = l.1.max(point.1),
-            None => tops[slot].push(point),
-        }
-    }
-    // The last word on each segment counts.
-    let mut segments = std::collections::BTreeMap::new();
-    for m in messages {
-        if let Message::Segment(s) = m {
-            segments.insert((s.id, s.kind), *s);
-        }
-    }
-    for kind in 0..3u8 {
-        let name = ["segment", "approaching", "leaving"][usize::from(kind)];
-        let height = [(-20.0, -16.0), (-16.0, -13.0), (-16.0, -13.0)][usize::from(kind)];
-        for (n, s) in segments.values().filter(|s| s.kind == kind).enumerate() {
-            let band = [(at(s.start), height.0, height.1), (at(s.end), height.0, height.1)];
-            evidence.band(if n == 0 { name } else { "" }, &band);
-            if n > 0 {
-                evidence.same_colour();
-            }
-        }
-    }
-    evidence.line("azimuth (drawn up to 60)", &tops[0]).line("range (posterior odds)", &tops[1]);
-    evidence.x_range(shown.0, shown.1).y_range(-21.0, 62.0);
-    let mut azimuth = Plot::new("Azimuth detections", "", "azimuth (°)");
-    azimuth
-        .points("tonal", &azimuths(messages, rate, times, TONAL))
-        .x_range(shown.0, shown.1)
-        .y_range(0.0, 360.0);
-    let calls = azimuths(messages, rate, times, IMPULSIVE);
-    if !calls.is_empty() {
-        azimuth.points("impulsive (calls)", &calls);
-    }
-    azimuth.y_scale(Scale::Degrees);
-    let mut range = Plot::new("Range detections", "", "range (km)");
-    range.points("range", &ranges(messages, rate, times)).x_range(shown.0, shown.1).y_range(0.0, 50.0);
-    for f in [&mut evidence, &mut azimuth, &mut range] {
-        f.size(900, 300);
-        times.along(f);
-    }
-    vec![azimuth, evidence, range]
-}
-
-/// Tracks on a map with circles at 50 and 100 km (figure 8).
-fn map(messages: &[Message], truth: &[TruthCurve]) -> Plot {
-    let mut f = Plot::map("Tracks");
-    f.range_circles(&[50_000.0, 100_000.0]);
-    for t in truth {
-        f.truth(&t.name, &t.places);
-    }
-    let finished = messages.iter().any(|m| matches!(m, Message::Track(t) if t.stage == Track::FINAL));
-    let mut last: std::collections::BTreeMap<u16, Track> = std::collections::BTreeMap::new();
-    for m in messages {
-        // The end-of-passage solution stands for a track's running estimates, once there is one.
-        match m {
-            Message::Track(t) if t.stage == Track::WITHDRAWN => _ = last.remove(&t.id),
-            Message::Track(t) if t.stage == Track::FINAL || !finished => _ = last.insert(t.id, *t),
-            _ => {}
-        }
-    }
-    for t in last.values() {
-        let (s, c) = f64::from(t.heading).sin_cos();
-        let (sa, ca) = f64::from(t.cpa_azimuth).sin_cos();
-        let range = f64::from(t.cpa_range_m);
-        let half = (110_000f64.powi(2) - range * range).max(0.0).sqrt();
-        let at = |along: f64| (range * sa + along * s, range * ca + along * c);
-        f.line(&format!("track {}", t.id), &[at(-half), at(half)]);
-        let now = (f64::from(t.x_m), f64::from(t.y_m));
-        let spread = (f64::from(t.var_x_m2), f64::from(t.var_y_m2), f64::from(t.cov_xy_m2));
-        f.ellipse("", now, spread, 0.95).same_colour();
-    }
-    f.points("station", &[(0.0, 0.0)]);
-    f
 }
 
 /// The interference model against range: envelope of the pulses, and the branches' delays (figure 5b).
@@ -469,6 +399,33 @@ pub fn model(path: &Path, table: &Propagation) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_gap_of_a_recording_is_blank_and_what_follows_it_stands_at_its_time() {
+        let frame = |k: usize| SpectralFrame {
+            t_s: 10.0 + 5.0 * k as f64,
+            log_pressure: Vec::new(),
+            azimuth: Vec::new(),
+            raw: Vec::new(),
+            filtered: [k as f32; seabearing_core::obs::limits::QUEFRENCIES],
+        };
+        let all: Vec<SpectralFrame> = (0..1000).filter(|k| !(300..700).contains(k)).map(frame).collect();
+        let (n, values) = columns(&all, 1, &|g, _| f64::from(g[0].filtered[0]));
+        let (from, to) = span(&all, &Times::new(None, 60.0));
+        // Each column is 3 frames long, and begins with its own.
+        assert_eq!((n, from, to), (334, 7.5, 7.5 + 334.0 * 15.0));
+        for (k, value) in values.iter().enumerate() {
+            let there = !(100..233).contains(&k);
+            assert!(
+                if there {
+                    *value == (3 * k).max(if k == 233 { 700 } else { 0 }) as f64
+                } else {
+                    value.is_nan()
+                },
+                "{k} {value}"
+            );
+        }
+    }
 
     #[test]
     fn truth_of_a_simulation_is_read_vessel_by_vessel() {

@@ -180,6 +180,9 @@ pub fn azimuth_likelihood(frames: &[SpectralFrame], minutes: &[f64]) -> Vec<Vec<
         .par_iter()
         .map(|&t| {
             let window = around(frames, t);
+            if window.is_empty() {
+                return vec![f32::NAN; AZIMUTHS];
+            }
             let mut sums = vec![[0f32; AZIMUTHS]; TONES.len()];
             for f in window {
                 for (sum, azimuth) in sums.iter_mut().zip(&f.azimuth[TONES]) {
@@ -255,6 +258,9 @@ pub fn range_likelihood(frames: &[SpectralFrame], minutes: &[f64], table: &Propa
         .par_iter()
         .map(|&t| {
             let window = around(frames, t);
+            if window.is_empty() {
+                return vec![f32::NAN; RANGES];
+            }
             let first = frames.partition_point(|f| f.t_s < t - 90.0);
             let speeds: Vec<Vec<f32>> = (-12..=12)
                 .map(|v| {

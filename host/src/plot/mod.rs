@@ -21,8 +21,10 @@ mod colour;
 pub mod contour;
 pub mod correlation;
 mod dense;
+mod directions;
 mod draw;
 pub mod format;
+pub(crate) mod heard;
 mod legend;
 pub mod passage;
 mod raster;
@@ -31,6 +33,7 @@ mod series;
 mod spectrogram;
 mod text;
 pub mod times;
+pub(crate) mod ways;
 
 pub use axis::{Axis, Scale};
 pub use colour::{ColourMap, PALETTE, TRUTH};
@@ -233,6 +236,14 @@ impl Plot {
                 self.next += PALETTE.len() - 1;
             }
             last.colour = colour;
+        }
+        self
+    }
+
+    /// Gives the last series lines or points of another width or radius, points of the page.
+    pub fn sized(&mut self, width: f64) -> &mut Self {
+        if let Some(last) = self.series.last_mut() {
+            last.width = width;
         }
         self
     }

@@ -1,101 +1,55 @@
 //! A page for each passage of a vessel: what it sounded like, where it was heard from, its course and what is stated of it.
 //!
 //! Enters: what the recorder said of a whole recording, and the samples once more, for spectrograms. Leaves:
-//! `passage-N.svg`, N the track's number. The array's page shows azimuth and elevation, the ocean bottom's azimuth and range.
+//! `passage-N.svg`, N the track's number. The array's page shows azimuth and elevation, the ocean bottom's azimuth and range;
+//! its panels have one axis of time. The page's own track stands out; what belongs to others is faded and named.
 //! The line in the panels is the final course; its band is not drawn, for errors along a course hang together.
 
+use super::directions::{self, Angle, NOBODY, faded};
+use super::heard::{Belonging, Heard, Passage, reports};
 use super::spectrogram::Spectrogram;
 use super::times::Times;
-use super::{Plot, Scale, cut_at_wraps, write_panels};
-use crate::angle::{azimuth_deg, wrap_deg};
+use super::{Plot, Scale, ways, write_panels};
+use crate::angle::wrap_deg;
 use crate::recording::BlockSource;
 use crate::station::Station;
 use anyhow::Result;
-use seabearing_core::config::Kind;
-use seabearing_core::wire::{Message, Track};
-use std::collections::BTreeMap;
+use seabearing_core::config::{Kind, StationConfig};
+use seabearing_core::wire::{Bearing, Message, Track};
 use std::path::Path;
 use time::OffsetDateTime;
-
-/// Half the width of a 95 % interval of a Gaussian, in standard deviations.
-const Z95: f64 = 1.959_964;
-
-/// What is shown before the first and after the last report, as a share of the time between, and at least s.
-const ROOM: f64 = 0.1;
-const LEAST_ROOM_S: f64 = 5.0;
 
 /// Width of the left column, and of the right one, points.
 pub(super) const LEFT: u32 = 760;
 const RIGHT: u32 = 540;
 
-/// A vessel's passage.
-pub(crate) struct Passage {
-    /// The final solution, or the last report.
-    pub(crate) last: Track,
-    /// Time of its first and last report, s.
-    heard_s: (f64, f64),
-    /// What is drawn, s.
-    shown_s: (f64, f64),
+/// A range of the ocean bottom belongs to a track whose course is so near, km, or within three standard deviations.
+const RANGE_GATE_KM: f64 = 3.0;
+
+/// The bearings among messages, and the directions they are.
+fn of_array(messages: &[Message], rate_hz: f64) -> (Vec<Bearing>, Vec<Heard>) {
+    let bearing = |m: &Message| if let Message::Bearing(b) = m { Some(*b) } else { None };
+    let bearings: Vec<Bearing> = messages.iter().filter_map(bearing).collect();
+    let heard = bearings.iter().map(|b| Heard::of(b, rate_hz)).collect();
+    (bearings, heard)
 }
 
-impl Passage {
-    /// The vessel's place by the last solution at a time, East and North, m.
-    fn place(&self, t_s: f64, rate_hz: f64) -> (f64, f64) {
-        let since = t_s - self.last.index as f64 / rate_hz;
-        let way = f64::from(self.last.speed_m_s) * since;
-        let (s, c) = f64::from(self.last.heading).sin_cos();
-        (f64::from(self.last.x_m) + way * s, f64::from(self.last.y_m) + way * c)
-    }
-
-    fn is_placed(&self) -> bool {
-        self.last.range_observable && self.last.x_m.is_finite() && self.last.y_m.is_finite()
-    }
-
-    /// Azimuth of the course against time, degrees.
-    pub(crate) fn azimuths(&self, times: &Times, rate_hz: f64) -> Vec<(f64, f64)> {
-        cut_at_wraps(&self.course(|t_s, (x, y)| (times.at(t_s), wrap_deg(azimuth_deg(x, y))), rate_hz))
-    }
-
-    /// Its range against time, km.
-    pub(crate) fn ranges_km(&self, times: &Times, rate_hz: f64) -> Vec<(f64, f64)> {
-        self.course(|t_s, (x, y)| (times.at(t_s), x.hypot(y) / 1e3), rate_hz)
-    }
-
-    /// Of the course's times and places; nothing where the place is not known.
-    fn course(&self, of: impl Fn(f64, (f64, f64)) -> (f64, f64), rate_hz: f64) -> Vec<(f64, f64)> {
-        let placed = self.is_placed();
-        self.times_s().filter(|_| placed).map(|t_s| of(t_s, self.place(t_s, rate_hz))).collect()
-    }
-
-    /// A hundred times of the passage, s.
-    fn times_s(&self) -> impl Iterator<Item = f64> {
-        let (from, to) = self.heard_s;
-        (0..=100).map(move |k| from + (to - from) * f64::from(k) / 100.0)
-    }
-}
-
-/// The passages that were reported and not withdrawn.
-pub(crate) fn passages(messages: &[Message], rate_hz: f64) -> Vec<Passage> {
-    let mut by_id: BTreeMap<u16, Vec<Track>> = BTreeMap::new();
-    for message in messages {
-        if let Message::Track(t) = message {
-            by_id.entry(t.id).or_default().push(*t);
-        }
-    }
-    by_id.retain(|_, reports| reports.iter().all(|t| t.stage != Track::WITHDRAWN));
-    let passage = |reports: Vec<Track>| {
-        let last = *reports.iter().rev().find(|t| t.stage == Track::FINAL).or(reports.last())?;
-        let index = |of: fn(u64, u64) -> u64| reports.iter().map(|t| t.index).reduce(of);
-        let heard_s = (index(u64::min)? as f64 / rate_hz, index(u64::max)? as f64 / rate_hz);
-        // The closest point belongs to it, if it was not long ago or ahead.
-        let length = heard_s.1 - heard_s.0;
-        let near = (last.cpa_time_s - heard_s.0).abs().min((last.cpa_time_s - heard_s.1).abs()) <= length;
-        let cpa_s = last.cpa_time_s;
-        let heard_s = if near { (heard_s.0.min(cpa_s), heard_s.1.max(cpa_s)) } else { heard_s };
-        let room = (ROOM * (heard_s.1 - heard_s.0)).max(LEAST_ROOM_S);
-        Some(Passage { last, heard_s, shown_s: ((heard_s.0 - room).max(0.0), heard_s.1 + room) })
+/// The tonal detections of an ocean-bottom station as directions.
+fn of_ocean_bottom(messages: &[Message], rate_hz: f64) -> Vec<Heard> {
+    let tonal = |m: &Message| match m {
+        Message::Azimuth(a) if a.detected && a.kind == 0 => Some(Heard {
+            t_s: a.index as f64 / rate_hz,
+            azimuth_deg: wrap_deg(f64::from(a.azimuth).to_degrees()),
+            sd_deg: f64::from(a.sd).to_degrees(),
+        }),
+        _ => None,
     };
-    by_id.into_values().filter_map(passage).collect()
+    messages.iter().filter_map(tonal).collect()
+}
+
+/// The passages that an ocean-bottom station reported and did not withdraw, with their detections.
+pub(crate) fn ocean_bottom(messages: &[Message], config: &StationConfig) -> Belonging {
+    Belonging::of(&reports(messages), &of_ocean_bottom(messages, config.rate_hz), config)
 }
 
 /// Draws the pages; how many. `source` is the recording from its beginning, `start` its UTC.
@@ -109,126 +63,135 @@ pub fn write_all(
     messages: &[Message],
     source: &mut dyn BlockSource,
 ) -> Result<usize> {
-    let rate_hz = station.config.rate_hz;
-    let all = passages(messages, rate_hz);
-    let mut sounds: Vec<Spectrogram> =
-        all.iter().map(|p| Spectrogram::new(rate_hz, p.shown_s, &station.calibration[0])).collect();
-    let end_s = all.iter().map(|p| p.shown_s.1).fold(0.0, f64::max);
+    let config = &station.config;
+    let rate_hz = config.rate_hz;
+    let at_bottom = matches!(config.kind, Kind::Obs(_));
+    let (bearings, heard) = if at_bottom {
+        (Vec::new(), of_ocean_bottom(messages, rate_hz))
+    } else {
+        of_array(messages, rate_hz)
+    };
+    let found = Belonging::of(&reports(messages), &heard, config);
+    let mut sounds: Vec<Spectrogram> = found
+        .passages
+        .iter()
+        .map(|p| Spectrogram::new(rate_hz, p.shown_s(), &station.calibration[0]))
+        .collect();
+    let end_s = found.passages.iter().map(|p| p.shown_s().1).fold(0.0, f64::max);
     while let Some(block) = source.next_block()? {
         sounds.iter_mut().for_each(|sound| sound.take(&block));
         if block.first_index as f64 > end_s * rate_hz {
             break;
         }
     }
-    let full_scale = f64::from(station.config.full_scale);
-    for (passage, sound) in all.iter().zip(&sounds) {
-        let times = Times::new(start, passage.shown_s.1);
-        let mut panels = vec![sound.plot(&times, full_scale), map(passage, &times, rate_hz)];
-        let (azimuth, other) = match &station.config.kind {
-            Kind::Obs(_) => heard(passage, &times, messages, rate_hz),
-            _ => bearings(passage, &times, messages, rate_hz),
+    let full_scale = f64::from(config.full_scale);
+    for (k, (passage, sound)) in found.passages.iter().zip(&sounds).enumerate() {
+        let times = Times::new(start, passage.shown_s().1);
+        let source = times.source(&config.name);
+        let mut sound = sound.plot(&times, full_scale);
+        sound.caption(&format!(
+            "Spectral density of {} against time and frequency: mean of Hann windows in each cell. {source}",
+            station.calibration[0].quantity.replace('_', " ")
+        ));
+        let mut map = Plot::map("Course");
+        map.size(RIGHT, 440).caption(&map_words(passage));
+        ways::alone(&mut map, passage, &times, rate_hz);
+        let [mut azimuth, mut other] = if at_bottom {
+            detections(k, &found, &heard, &times, messages, rate_hz)
+        } else {
+            [Angle::Azimuth, Angle::Elevation].map(|angle| {
+                let mut figure =
+                    directions::panel(angle, &bearings, &found, rate_hz, &times, passage.shown_s(), Some(k));
+                figure.caption(&directions::words(angle, true));
+                figure
+            })
         };
-        panels.extend([azimuth, stated(passage, &times, &station.config.name), other]);
+        azimuth.truth("course", &passage.azimuths(&times, rate_hz));
+        if at_bottom {
+            other.truth("course", &passage.ranges_km(&times, rate_hz));
+        }
+        let (from, to) = passage.shown_s();
+        for figure in [&mut sound, &mut azimuth, &mut other] {
+            figure.x_range(times.at(from), times.at(to));
+        }
+        for figure in [&mut azimuth, &mut other] {
+            figure.size(LEFT, 280);
+        }
+        let panels = [sound, map, azimuth, stated(passage, &times, &config.name), other];
         let path = folder.join(format!("passage-{}.svg", passage.last.id));
         write_panels(&path, &panels.iter().collect::<Vec<_>>(), 2)?;
     }
-    Ok(all.len())
+    Ok(found.passages.len())
 }
 
-/// An empty panel against the time shown.
-fn against_time(title: &str, label: &str, passage: &Passage, times: &Times) -> Plot {
-    let mut figure = Plot::new(title, "", label);
-    figure.size(LEFT, 280).x_range(times.at(passage.shown_s.0), times.at(passage.shown_s.1));
-    times.along(&mut figure);
-    figure
+fn map_words(passage: &Passage) -> String {
+    if !passage.is_placed() {
+        return "No course is drawn: nothing is known of the track's range.".to_owned();
+    }
+    "Straight course by the last solution, with UTC at its ends and its closest point; the ellipse holds the last place with 95 %. \
+     Black triangle: the station."
+        .to_owned()
 }
 
-/// Azimuth and elevation of an array.
-fn bearings(passage: &Passage, times: &Times, messages: &[Message], rate_hz: f64) -> (Plot, Plot) {
-    let mut azimuth = against_time("Azimuth", "azimuth (°)", passage, times);
-    let mut elevation = against_time("Elevation", "elevation (°)", passage, times);
-    azimuth.y_scale(Scale::Degrees);
-    let mut bands = [Vec::new(), Vec::new()];
-    let mut points = [Vec::new(), Vec::new()];
+/// Azimuth and range of the detections of an ocean-bottom station.
+fn detections(
+    alone: usize,
+    found: &Belonging,
+    heard: &[Heard],
+    times: &Times,
+    messages: &[Message],
+    rate_hz: f64,
+) -> [Plot; 2] {
+    let mut azimuth = Plot::new("Azimuth", "", "azimuth (°)");
+    let mut range = Plot::new("Range", "", "range (km)");
+    let own = found.passages.get(alone);
+    let (from, to) = own.map_or((0.0, 0.0), Passage::shown_s);
+    let shown = |t_s: f64| (from..=to).contains(&t_s);
+    let of = |whose: Option<usize>| {
+        let these = heard.iter().zip(&found.whose).filter(|(h, w)| **w == whose && shown(h.t_s));
+        these.map(|(h, _)| (times.at(h.t_s), h.azimuth_deg)).collect::<Vec<_>>()
+    };
+    azimuth.points("of no track", &of(None)).coloured(NOBODY).sized(1.6);
+    for (k, passage) in found.passages.iter().enumerate().filter(|(k, _)| *k != alone) {
+        let points = of(Some(k));
+        if !points.is_empty() {
+            azimuth
+                .points(&format!("{} (another)", passage.name()), &points)
+                .coloured(faded(passage.colour()))
+                .sized(1.6);
+        }
+    }
+    let mut ranges = [Vec::new(), Vec::new()];
     for message in messages {
-        let Message::Bearing(b) = message else { continue };
-        let t_s = b.index as f64 / rate_hz;
-        if t_s < passage.shown_s.0 || t_s > passage.shown_s.1 {
+        let Message::Range(r) = message else { continue };
+        let (t_s, km) = (r.index as f64 / rate_hz, f64::from(r.range_m) / 1e3);
+        if !r.detected || !shown(t_s) {
             continue;
         }
-        let values = [(b.azimuth, b.var_azimuth), (b.elevation, b.var_elevation)];
-        for ((band, points), (value, variance)) in bands.iter_mut().zip(&mut points).zip(values) {
-            let value = f64::from(value).to_degrees();
-            let half = Z95 * f64::from(variance.max(0.0).sqrt()).to_degrees();
-            if points.last().is_some_and(|p: &(f64, f64)| (p.1 - value).abs() > 90.0) {
-                band.push((times.at(t_s), f64::NAN, f64::NAN));
-            }
-            band.push((times.at(t_s), value - half, value + half));
-            points.push((times.at(t_s), value));
-        }
+        let near = own.is_some_and(|passage| {
+            let (x, y) = passage.place(t_s, rate_hz);
+            (x.hypot(y) / 1e3 - km).abs() <= RANGE_GATE_KM.max(3e-3 * f64::from(r.sd_range_m))
+        });
+        ranges[usize::from(near)].push((times.at(t_s), km));
     }
-    for (figure, (band, points)) in [&mut azimuth, &mut elevation].into_iter().zip(bands.iter().zip(&points))
-    {
-        figure.band("95 % band", band).points("bearings", points).same_colour();
+    range.points("of no track, or of another", &ranges[0]).coloured(NOBODY).sized(1.6);
+    if let Some(passage) = own {
+        azimuth.points(&passage.name(), &of(Some(alone))).coloured(passage.colour());
+        range.points(&passage.name(), &ranges[1]).coloured(passage.colour());
     }
-    azimuth.truth("course", &passage.azimuths(times, rate_hz));
-    (azimuth, elevation)
-}
-
-/// Azimuth and range at the ocean bottom.
-fn heard(passage: &Passage, times: &Times, messages: &[Message], rate_hz: f64) -> (Plot, Plot) {
-    let mut azimuth = against_time("Azimuth", "azimuth (°)", passage, times);
-    let mut range = against_time("Range", "range (km)", passage, times);
-    azimuth.y_scale(Scale::Degrees);
-    let shown = |index: u64| {
-        let t_s = index as f64 / rate_hz;
-        (passage.shown_s.0..=passage.shown_s.1).contains(&t_s).then(|| times.at(t_s))
-    };
-    let azimuths = messages.iter().filter_map(|m| match m {
-        Message::Azimuth(a) if a.detected => {
-            Some((shown(a.index)?, wrap_deg(f64::from(a.azimuth).to_degrees())))
-        }
-        _ => None,
-    });
-    let ranges = messages.iter().filter_map(|m| match m {
-        Message::Range(r) if r.detected => Some((shown(r.index)?, f64::from(r.range_m) / 1e3)),
-        _ => None,
-    });
-    azimuth.points("detections", &azimuths.collect::<Vec<_>>());
-    azimuth.truth("course", &passage.azimuths(times, rate_hz));
-    range.points("detections", &ranges.collect::<Vec<_>>());
-    range.truth("course", &passage.ranges_km(times, rate_hz));
-    (azimuth, range)
-}
-
-/// The course on a map, with times, the way it goes and the ellipse of its last point.
-fn map(passage: &Passage, times: &Times, rate_hz: f64) -> Plot {
-    let mut figure = Plot::map("Course");
-    figure.size(RIGHT, 440);
-    if !passage.is_placed() {
-        return figure;
+    azimuth.y_scale(Scale::Degrees).y_range(0.0, 360.0);
+    azimuth.caption(
+        "Azimuth of each tonal detection, degrees clockwise from true North: this track's in full colour, others' faded, those \
+         of no track grey. Line: the course by the last solution.",
+    );
+    range.caption(
+        "Horizontal range of each detection: those within 3 km, or three standard deviations, of this track's course in colour, others grey. Line: \
+         the course by the last solution.",
+    );
+    for figure in [&mut azimuth, &mut range] {
+        times.along(figure);
     }
-    let t = &passage.last;
-    let (from, to) = passage.heard_s;
-    let at = |t_s: f64| passage.place(t_s, rate_hz);
-    figure.line(&format!("track {}", t.id), &[at(from), at(to)]);
-    // The way it goes: a head at the end.
-    let length = 0.05 * (at(to).0 - at(from).0).hypot(at(to).1 - at(from).1);
-    let barb = |turn: f64| {
-        let (s, c) = (f64::from(t.heading) + turn).sin_cos();
-        (at(to).0 - length * s, at(to).1 - length * c)
-    };
-    figure.line("", &[barb(0.4), at(to), barb(-0.4)]).same_colour();
-    let centre = (f64::from(t.x_m), f64::from(t.y_m));
-    let variances = (t.var_x_m2.into(), t.var_y_m2.into(), t.cov_xy_m2.into());
-    figure.ellipse("95 % ellipse", centre, variances, 0.95).same_colour();
-    let mut marked = vec![from, to];
-    if t.cpa_time_s > from && t.cpa_time_s < to {
-        marked.push(t.cpa_time_s);
-    }
-    figure.points("", &marked.iter().map(|t_s| at(*t_s)).collect::<Vec<_>>()).same_colour();
-    figure.notes(marked.into_iter().map(|t_s| (at(t_s), times.clock(t_s))).collect());
-    figure
+    [azimuth, range]
 }
 
 /// What is stated of the passage, in words.
@@ -239,6 +202,8 @@ fn stated(passage: &Passage, times: &Times, station: &str) -> Plot {
         if !value.is_finite() {
             "not observable".to_owned()
         } else if sd.is_finite() {
+            // Two digits of the deviation.
+            let digits = if sd > 0.0 { (1.0 - sd.log10().floor()).clamp(0.0, 4.0) as usize } else { digits };
             format!("{value:.digits$} ± {sd:.digits$} {unit}")
         } else {
             format!("{value:.digits$} {unit}")
@@ -249,7 +214,7 @@ fn stated(passage: &Passage, times: &Times, station: &str) -> Plot {
     let side = if t.starboard { "starboard" } else { "port" };
     let lines = [
         format!("Station {station}, track {}: {solution}", t.id),
-        format!("Heard from {} to {}", times.clock(passage.heard_s.0), times.clock(passage.heard_s.1)),
+        heard_words(passage, times),
         format!(
             "Closest at {} ± {:.1} s, at {:.1}°",
             times.clock(t.cpa_time_s),
@@ -267,45 +232,32 @@ fn stated(passage: &Passage, times: &Times, station: &str) -> Plot {
     figure
 }
 
+/// When it was heard: its first and last direction, or where none is told apart, its reports.
+fn heard_words(passage: &Passage, times: &Times) -> String {
+    let (from, to) = (times.clock(passage.heard_s.0), times.clock(passage.heard_s.1));
+    match passage.own {
+        0 => format!("Reported from {from} to {to}"),
+        n => format!("Heard from {from} to {to}, {n} directions"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::heard::tests::{RATE_HZ, bearing, track};
     use super::*;
 
-    fn track(id: u16, stage: u8, index: u64) -> Message {
-        Message::Track(Track {
-            id,
-            stage,
-            index,
-            cpa_time_s: 50.0,
-            cpa_range_m: 500.0,
-            cpa_azimuth: 0.0,
-            heading: 1.570_796_4,
-            speed_m_s: 7.0,
-            starboard: true,
-            sd_cpa_time_s: 0.1,
-            sd_cpa_range_m: 9.0,
-            sd_heading: 0.01,
-            sd_speed_m_s: 0.0,
-            x_m: 350.0,
-            y_m: 500.0,
-            var_x_m2: 100.0,
-            var_y_m2: 400.0,
-            cov_xy_m2: 50.0,
-            range_observable: true,
-            n: 200,
-        })
-    }
-
     #[test]
-    fn a_passage_is_what_was_not_withdrawn_and_its_course_goes_through_its_closest_point() {
-        let rate_hz = 100.0;
-        let (running, last) = (track(1, Track::RUNNING, 2_000), track(1, Track::FINAL, 10_000));
-        let gone = [track(2, Track::RUNNING, 3_000), track(2, Track::WITHDRAWN, 4_000)];
-        let all = passages(&[running, gone[0], gone[1], last], rate_hz);
-        assert_eq!(all.len(), 1);
-        let passage = &all[0];
-        assert_eq!((passage.heard_s, passage.last.stage), ((20.0, 100.0), Track::FINAL));
-        let (x, y) = passage.place(50.0, rate_hz);
-        assert!(x.abs() < 1e-3 && (y - 500.0).abs() < 1e-3, "{x} {y}");
+    fn a_track_is_heard_from_its_first_bearing_on_not_from_its_first_report() {
+        let way = (50.0, 500.0);
+        let messages: Vec<Message> = (10..90)
+            .map(|t| Message::Bearing(bearing(f64::from(t), way)))
+            .chain((30..90).map(|t| Message::Track(track(1, 0, f64::from(t), way))))
+            .collect();
+        let (_, heard) = of_array(&messages, RATE_HZ);
+        let mut found = Belonging::of_array(&reports(&messages), &heard, RATE_HZ);
+        let times = Times::new(None, 100.0);
+        assert_eq!(heard_words(&found.passages[0], &times), "Heard from 10.0 s to 89.0 s, 80 directions");
+        found = Belonging::of_array(&reports(&messages), &[], RATE_HZ);
+        assert_eq!(heard_words(&found.passages[0], &times), "Reported from 30.0 s to 89.0 s");
     }
 }

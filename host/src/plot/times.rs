@@ -46,6 +46,26 @@ impl Times {
         }
     }
 
+    /// Where the data of a picture are from, in words.
+    pub fn source(&self, station: &str) -> String {
+        let station =
+            if station.is_empty() { "the recorder".to_owned() } else { format!("station {station}") };
+        match self.start {
+            Some(start) => {
+                let (h, m, s) = start.to_hms();
+                format!("Data: {station}, recorded from {} {h:02}:{m:02}:{s:02} UTC.", start.date())
+            }
+            None => format!("Data: {station}; times count from the first sample, for no clock is known."),
+        }
+    }
+
+    /// A time with its date, to be read alone.
+    pub fn moment(&self, t_s: f64) -> String {
+        let Some(start) = self.start else { return format!("{t_s:.2} s after the first sample") };
+        let at = start + time::Duration::seconds_f64(t_s);
+        format!("{} {} UTC", at.date(), self.clock(t_s))
+    }
+
     /// A time as a clock shows it, to be written beside something.
     pub fn clock(&self, t_s: f64) -> String {
         let Some(start) = self.start else { return format!("{:.1} {}", t_s / self.unit.0, self.unit.1) };

@@ -1,0 +1,84 @@
+//! Courses on a map: where a vessel went while it was heard, with times, the way it goes and the ellipse of its last place.
+
+use super::Plot;
+use super::heard::{Belonging, Passage};
+use super::times::Times;
+
+/// Length of an arrow's head, as a share of the longest course.
+const HEAD: f64 = 0.05;
+
+/// Tracks above which only their numbers stand beside them.
+const FEW: usize = 6;
+
+/// Draws the courses of passages whose place is known; what of the others is said below the map.
+pub(crate) fn courses(figure: &mut Plot, found: &Belonging, times: &Times, rate_hz: f64) {
+    let placed: Vec<&Passage> = found.passages.iter().filter(|p| p.is_placed()).collect();
+    let length = |p: &&Passage| ends(p, rate_hz).map_or(0.0, |(a, b)| (b.0 - a.0).hypot(b.1 - a.1));
+    let head_m = HEAD * placed.iter().map(length).fold(0.0, f64::max);
+    let mut notes = Vec::new();
+    for passage in &placed {
+        course(figure, passage, rate_hz, head_m);
+        let Some((from, to)) = ends(passage, rate_hz) else { continue };
+        let (from_s, to_s) = passage.heard_s;
+        if placed.len() <= FEW {
+            notes.push((from, times.clock(from_s)));
+            notes.push((to, format!("{} at {}", passage.last.id, times.clock(to_s))));
+        } else {
+            notes.push((to, passage.last.id.to_string()));
+        }
+    }
+    figure.notes(notes);
+}
+
+/// The two ends of a course, m.
+fn ends(passage: &Passage, rate_hz: f64) -> Option<((f64, f64), (f64, f64))> {
+    let (from, to) = passage.heard_s;
+    passage.is_placed().then(|| (passage.place(from, rate_hz), passage.place(to, rate_hz)))
+}
+
+/// Draws one course with its arrow and ellipse.
+fn course(figure: &mut Plot, passage: &Passage, rate_hz: f64, head_m: f64) {
+    let Some((from, to)) = ends(passage, rate_hz) else { return };
+    let t = &passage.last;
+    figure.line(&passage.name(), &[from, to]).coloured(passage.colour());
+    let barb = |turn: f64| {
+        let (s, c) = (f64::from(t.heading) + turn).sin_cos();
+        (to.0 - head_m * s, to.1 - head_m * c)
+    };
+    figure.line("", &[barb(0.4), to, barb(-0.4)]).same_colour();
+    let centre = (f64::from(t.x_m), f64::from(t.y_m));
+    let variances = (t.var_x_m2.into(), t.var_y_m2.into(), t.cov_xy_m2.into());
+    figure.ellipse("", centre, variances, 0.95).same_colour();
+}
+
+/// One course alone, with the times of its beginning, closest point and end.
+pub(super) fn alone(figure: &mut Plot, passage: &Passage, times: &Times, rate_hz: f64) {
+    let Some((from, to)) = ends(passage, rate_hz) else { return };
+    course(figure, passage, rate_hz, HEAD * (to.0 - from.0).hypot(to.1 - from.1));
+    let (from_s, to_s) = passage.heard_s;
+    let mut marked = vec![from_s, to_s];
+    let cpa_s = passage.last.cpa_time_s;
+    // Not where its words would lie on those of an end.
+    if cpa_s - from_s > 0.1 * (to_s - from_s) && to_s - cpa_s > 0.1 * (to_s - from_s) {
+        marked.push(cpa_s);
+    }
+    let at = |t_s: f64| passage.place(t_s, rate_hz);
+    figure.points("", &marked.iter().map(|t_s| at(*t_s)).collect::<Vec<_>>()).coloured(passage.colour());
+    figure.notes(marked.into_iter().map(|t_s| (at(t_s), times.clock(t_s))).collect());
+}
+
+/// What a map of courses shows, in words.
+pub(crate) fn words(found: &Belonging) -> String {
+    let without: Vec<String> =
+        found.passages.iter().filter(|p| !p.is_placed()).map(|p| p.last.id.to_string()).collect();
+    let without = match without.as_slice() {
+        [] => String::new(),
+        [one] => format!(" Track {one} is not drawn: nothing is known of its range."),
+        several => format!(" Tracks {} are not drawn: nothing is known of their ranges.", several.join(", ")),
+    };
+    format!(
+        "Straight course of each track by its last solution, while it was heard, with its number and UTC; the arrow shows the \
+         way it goes, the ellipse holds its last place with 95 %. Black triangle: the station, about which circles show \
+         the range.{without}"
+    )
+}
