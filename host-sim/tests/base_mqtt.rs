@@ -286,3 +286,26 @@ fn without_a_store_records_wait_in_memory_and_those_that_do_not_fit_are_counted(
     // A hundred, who it is and that its line is up; ten are left.
     assert!(all.contains(": 92 records are not published: no more fit into memory"), "{all}");
 }
+
+#[test]
+fn a_file_for_a_broker_that_is_not_there_says_so_once_and_fails_with_its_records_shown() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut encoder = Encoder::default();
+    let mut bytes = encoder.frame(&hello(7)).to_vec();
+    (0..5).for_each(|index| bytes.extend_from_slice(encoder.frame(&end(index))));
+    fs::write(dir.path().join("telemetry.bin"), bytes).unwrap();
+    let nobody = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let mut stores = Command::new(base_process::BINARY);
+    stores.args(["base", "--json", "telemetry.bin", "--mqtt", &format!("mqtt://{nobody}")]);
+    let out = stores.current_dir(dir.path()).output().unwrap();
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(!out.status.success(), "{said}");
+    let at = |text: &str| said.find(text).unwrap_or_else(|| panic!("{text}: {said}"));
+    assert!(at("it is tried again") < at("6 records are not published: they are lost"), "{said}");
+    assert_eq!(
+        (said.matches("it is tried again").count(), said.matches("not published").count()),
+        (1, 1),
+        "{said}"
+    );
+    assert_eq!(String::from_utf8_lossy(&out.stdout).lines().count(), 6);
+}

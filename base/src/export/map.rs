@@ -5,6 +5,7 @@
 
 use super::{Positions, degrees, east_north};
 use crate::plot::ellipse_outline;
+use crate::record::{rfc3339, us_of};
 use anyhow::Result;
 use seabearing_host::angle::turn_deg;
 use seabearing_host::geodesy::LocalFrame;
@@ -133,7 +134,7 @@ fn properties(report: &Value) -> Map<String, Value> {
         "cpa_range_m",
         "sd_cpa_range_m",
     ];
-    const OF_NETWORK: [&str; 11] = [
+    const OF_NETWORK: [&str; 12] = [
         "id",
         "state",
         "members",
@@ -143,11 +144,50 @@ fn properties(report: &Value) -> Map<String, Value> {
         "sd_heading_deg",
         "speed_m_s",
         "sd_speed_m_s",
+        "closest",
         "consistent",
         "n",
     ];
     let said = if report["type"] == "network_track" { &OF_NETWORK[..] } else { &SAID };
-    said.iter().map(|key| ((*key).to_owned(), report[*key].clone())).collect()
+    let mut properties: Map<String, Value> =
+        said.iter().map(|key| ((*key).to_owned(), report[*key].clone())).collect();
+    if report["type"] != "network_track" {
+        properties.insert("cpa_utc".into(), closest_utc(report));
+    }
+    properties
+}
+
+/// UTC of a track's closest point to its station; null where it is not known.
+fn closest_utc(report: &Value) -> Value {
+    let number = |key: &str| report[key].as_f64();
+    let dated = us_of(&report["utc"]).zip(number("cpa_time_s").zip(number("t_s")));
+    dated.map_or(Value::Null, |(us, (cpa_s, t_s))| rfc3339(us + ((cpa_s - t_s) * 1e6) as i64))
+}
+
+/// A track's closest point, or a network track's closest points, as a person reads it.
+fn closest(report: &Value) -> String {
+    let with_sd = |of: &Value, key: &str| {
+        let number = |key: &str| of[key].as_f64().unwrap_or(f64::NAN);
+        crate::view::with_sd(number(key), number(&format!("sd_{key}")))
+    };
+    // To the second: what it is known to stands behind it.
+    let at = |utc: &Value| {
+        let to_second = us_of(utc).map(|us| rfc3339((us + 500_000).div_euclid(1_000_000) * 1_000_000));
+        to_second.and_then(|utc| utc.as_str().map(str::to_owned))
+    };
+    let sd = |sd_s: &Value| sd_s.as_f64().map_or_else(String::new, |sd_s| format!(" ± {sd_s:.0} s"));
+    if report["type"] == "network_track" {
+        let points = report["closest"].as_array().into_iter().flatten().filter_map(|of| {
+            let (range, at, sd) = (with_sd(of, "range_m"), at(&of["utc"])?, sd(&of["sd_s"]));
+            Some(format!("CPA to station {} {range} m at {at}{sd}, ", of["station"]))
+        });
+        return points.collect();
+    }
+    let range = with_sd(report, "cpa_range_m");
+    match at(&closest_utc(report)) {
+        Some(at) => format!("CPA {range} m at {at}{}, ", sd(&report["sd_cpa_time_s"])),
+        None => format!("CPA {range} m {} s after the first sample, ", with_sd(report, "cpa_time_s")),
+    }
 }
 
 /// Points of a line or ring that goes across the date line, so that none is a turn of the Earth from the one before: a
@@ -221,10 +261,7 @@ pub(super) fn kml(records: &[Value], places: &Positions) -> Result<String> {
             crate::view::with_sd(number(key), number(&format!("sd_{key}")))
         };
         let line: Vec<&Value> = track.reports.iter().map(|(_, at)| at).collect();
-        let closest = match track.kind {
-            "track" => format!("CPA {} m at {} s, ", with_sd("cpa_range_m"), with_sd("cpa_time_s")),
-            _ => String::new(),
-        };
+        let closest = closest(last);
         // A line has two places or more.
         let shape = if line.len() > 1 { "LineString" } else { "Point" };
         writeln!(

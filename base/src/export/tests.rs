@@ -2,6 +2,7 @@ use super::*;
 use crate::tests::a_track;
 use crate::{Base, Beginning};
 use seabearing_core::wire::{Encoder, Message, Reply, Track};
+use serde_json::json;
 
 /// Five reports of one track; in the first its range is not observable.
 fn records() -> Vec<Value> {
@@ -73,6 +74,25 @@ fn maps_hold_the_track_with_its_times() {
     assert_eq!(ring.first(), ring.last());
     let kml = String::from_utf8(written("t.kml", &at(49.0, -123.0)).unwrap()).unwrap();
     assert_eq!(kml.matches("<when>").count(), 4);
+}
+
+#[test]
+fn closest_points_have_their_utc() {
+    let (places, mut all) = (at(49.0, -123.0), records());
+    let last = &mut all[4];
+    (last["cpa_time_s"], last["sd_cpa_time_s"], last["sd_cpa_range_m"]) =
+        (63.6.into(), 2.0.into(), 20.0.into());
+    last["cpa_range_m"] = 500.0.into();
+    let kml = map::kml(&all, &places).unwrap();
+    assert!(kml.contains("CPA 500±20 m at 2024-05-01T09:01:04Z ± 2 s, heading"), "{kml}");
+    assert_eq!(map::geojson(&all, &places)["features"][1]["properties"]["cpa_utc"], "2024-05-01T09:01:03.6Z");
+    all[4]["utc"] = Value::Null;
+    let kml = map::kml(&all, &places).unwrap();
+    assert!(kml.contains("CPA 500±20 m 63.6±2.0 s after the first sample"), "{kml}");
+    let network = json!({ "type": "network_track", "id": 3, "state": "final", "lat_deg": 49.0, "lon_deg": -123.0,
+        "closest": [{ "station": 7, "utc": "2024-05-01T09:01:03Z", "sd_s": 3.0, "range_m": 500.0, "sd_range_m": 20.0 }] });
+    let kml = map::kml(&[network], &places).unwrap();
+    assert!(kml.contains("CPA to station 7 500±20 m at 2024-05-01T09:01:03Z ± 3 s, heading"), "{kml}");
 }
 
 #[test]

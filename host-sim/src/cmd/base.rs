@@ -309,10 +309,19 @@ pub fn run(args: Args) -> Result<()> {
     let most = hurry.filter(|_| args.store.is_some()).unwrap_or(SETTLE);
     watch.finish(most);
     #[cfg(feature = "mqtt")]
-    {
-        mqtt.settle(args.store.is_some(), most);
-        tell(mqtt.notes());
-    }
+    let unpublished = mqtt.settle(args.store.is_some(), most, &tell);
+    #[cfg(feature = "mqtt")]
+    tell(mqtt.notes());
+    #[cfg(not(feature = "mqtt"))]
+    let unpublished: Option<String> = None;
+    // Whoever ends it knows that something may be left: it is told, and no failure.
+    let unpublished = match unpublished {
+        Some(text) if interrupt::asked() => {
+            log::warn!("{text}");
+            None
+        }
+        other => other,
+    };
     let after = service.base().counters();
     // Of streams without a single frame there is nothing to show but the reason.
     if after.stream.frames == before.stream.frames && !interrupt::asked() {
@@ -340,9 +349,10 @@ pub fn run(args: Args) -> Result<()> {
     }
     #[cfg(feature = "page")]
     if page.is_some() {
+        unpublished.iter().for_each(|text| log::warn!("{text}"));
         super::base_page::stay();
     }
-    Ok(())
+    unpublished.map_or(Ok(()), |text| bail!("{text}"))
 }
 
 /// How many stations are fused, and how many are too many, for Prometheus.

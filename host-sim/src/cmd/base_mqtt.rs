@@ -12,6 +12,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+/// Longest that reading files waits for a broker's first word.
+const FIRST: Duration = Duration::from_secs(2);
+
 /// Options.
 #[derive(clap::Args)]
 pub(super) struct Mqtt {
@@ -77,7 +80,12 @@ impl Brokers {
                 None => Source::Memory(service.waiting(broker.room)),
             };
             log::info!("records to {broker}, topics {}/STATION/TYPE", broker.prefix);
-            at_work.publisher = Some(publish::start(broker, source, store)?);
+            let publisher = publish::start(broker, source, store)?;
+            if service.ends() {
+                // Where files are read at once a broker that is not there is better known before.
+                publisher.begun(FIRST);
+            }
+            at_work.publisher = Some(publisher);
         }
         if let Some(broker) = self.from
             && let Some(door) = service.door()
@@ -109,12 +117,12 @@ impl AtWork {
         }
     }
 
-    /// All input has ended: the broker is given time to take what there is, and not `kept` in a store.
-    pub(super) fn settle(&self, kept: bool, most: Duration) {
-        let left = self.publisher.as_ref().map_or(0, |p| p.settle(most));
-        if left > 0 {
-            let then = if kept { "they wait in the store" } else { "they are lost" };
-            log::warn!("{left} records are not published: {then}");
-        }
+    /// All input has ended: the broker is given time to take what there is, and what a person should know is told. Says what is
+    /// not published, and `kept` in a store or not.
+    pub(super) fn settle(&self, kept: bool, most: Duration, tell: &dyn Fn(Vec<String>)) -> Option<String> {
+        let publisher = self.publisher.as_ref()?;
+        let left = publisher.settle(most, || tell(self.notes()));
+        let then = if kept { "they wait in the store" } else { "they are lost" };
+        (left > 0).then(|| format!("{left} records are not published: {then}"))
     }
 }

@@ -55,6 +55,12 @@ impl Counts {
         std::mem::take(&mut self.notes.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
+    /// Whether there was a connection, or is something to be said.
+    fn is_heard_of(&self) -> bool {
+        let notes = self.notes.lock().unwrap_or_else(PoisonError::into_inner);
+        self.connections.load(Ordering::Relaxed) > 0 || !notes.is_empty()
+    }
+
     /// Records that wait for the broker.
     pub fn waiting(&self) -> u64 {
         self.waiting.load(Ordering::Relaxed)

@@ -29,6 +29,9 @@ const TOGETHER: usize = 250;
 /// How often new records are looked for.
 const LOOK: Duration = Duration::from_millis(50);
 
+/// Longest that a broker is waited for at the end which was never there.
+const NEVER: Duration = Duration::from_secs(10);
+
 /// Where the records are.
 pub enum Source {
     /// In a store.
@@ -70,17 +73,29 @@ impl Publisher {
         &self.logs
     }
 
-    /// Waits until the broker has all there is and that is noted, at most so long; gives how many records it does not have.
-    pub fn settle(&self, most: Duration) -> u64 {
+    /// Waits until it is known whether the broker is there, at most so long.
+    pub fn begun(&self, most: Duration) {
+        let begun = Instant::now();
+        while !self.counts.is_heard_of() && begun.elapsed() < most {
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Waits until the broker has all there is and that is noted, at most so long, and `tells` meanwhile; gives how many records it
+    /// does not have, those among them that were let go of.
+    pub fn settle(&self, most: Duration, tells: impl Fn()) -> u64 {
         let begun = Instant::now();
         // What was stored last may not have been seen yet.
         std::thread::sleep(LOOK * 4);
         self.counts.ending.store(true, Ordering::Relaxed);
+        // One that was never there is waited for less.
+        let most = if self.counts.connections.load(Ordering::Relaxed) == 0 { most.min(NEVER) } else { most };
         let settled = || self.counts.waiting() == 0 && self.counts.noted.load(Ordering::Relaxed);
         while !settled() && begun.elapsed() < most {
             std::thread::sleep(LOOK);
+            tells();
         }
-        self.counts.waiting()
+        self.counts.waiting() + self.counts.lost.load(Ordering::Relaxed)
     }
 }
 
