@@ -104,6 +104,28 @@ fn a_tone_and_noise_of_known_level_come_out_with_it_at_the_base_station() {
             }
             assert!(measured > 18, "{record}");
         }
+        // Their percentiles, printed and drawn.
+        std::fs::write(at.join("told.jsonl"), told.iter().map(|r| format!("{r}\n")).collect::<String>())
+            .unwrap();
+        let percentiles = output(at, &["levels", "told.jsonl", "--json", "--plot", "levels.svg"]);
+        let whole: Value = percentiles
+            .lines()
+            .map(|l| serde_json::from_str(l).unwrap())
+            .find(|r: &Value| r["n"] == 3)
+            .unwrap();
+        let width = |key: &str| whole[key].as_f64().unwrap();
+        let expected = noise_db + 10.0 * (width("to_hz") - width("from_hz")).log10();
+        let expected = if tone > 0.0 {
+            10.0 * (10f64.powf(expected / 10.0) + 10f64.powf(tone_db / 10.0)).log10()
+        } else {
+            expected
+        };
+        for key in ["l5_db", "l50_db", "l95_db", "mean_db"] {
+            assert!((whole[key].as_f64().unwrap() - expected).abs() < 0.2, "{whole} {expected}");
+        }
+        let printed = output(at, &["levels", "told.jsonl"]);
+        assert!(printed.contains("L5     L50     L95") && printed.contains("the whole time"), "{printed}");
+        assert!(std::fs::read_to_string(at.join("levels.svg")).unwrap().contains("L95 to L5"));
         // The same by a list of stations that name their files, out of a store, and without a sensitivity re full scale.
         let from_store = |stations: &str, folder: &str| {
             let start = "2024-05-01T09:00:00Z";

@@ -56,6 +56,12 @@ fn levels_stand_beside_the_other_records_and_in_days() {
     }
     let svg = std::fs::read_to_string(at.join("plots/levels.svg")).unwrap();
     assert!(svg.contains("dB re 1 µPa²/Hz") && svg.contains("Long-term spectral average"), "{}", svg.len());
+    // In UTC, for the recording's name tells its beginning.
+    assert!(
+        svg.contains("time (UTC, 2024-05-01)") && svg.contains("recorded from 2024-05-01"),
+        "{}",
+        svg.len()
+    );
     // Nothing else changes by it, and a day's file has the same.
     let without = output(at, &["process", "--station", "east.toml", "pass"]);
     assert!(lines(&without, "level").is_empty());

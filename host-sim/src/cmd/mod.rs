@@ -31,6 +31,7 @@ mod config_network;
 pub mod demo;
 #[cfg(feature = "base")]
 pub mod export;
+pub mod levels;
 pub mod locate;
 pub mod logging;
 pub mod orient;
@@ -177,6 +178,8 @@ pub enum Subcommand {
     Track(track::Args),
     /// Propeller rate and speed of a vessel from the envelope of its noise
     ShaftRate(shaft_rate::Args),
+    /// Percentiles and pictures of the levels that recorders send of themselves
+    Levels(levels::Args),
     /// Positions from a network of arrays
     Locate(locate::Args),
     /// Station orientation (ocean bottom: and position) from vessels of known track
@@ -229,6 +232,7 @@ impl Subcommand {
             Self::Bearing(args) => bearing::run(args),
             Self::Track(args) => track::run(args),
             Self::ShaftRate(args) => shaft_rate::run(args),
+            Self::Levels(args) => levels::run(args),
             Self::Locate(args) => locate::run(args),
             Self::Orient(args) => orient::run(args),
             #[cfg(all(unix, feature = "emulation"))]

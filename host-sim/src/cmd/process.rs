@@ -315,7 +315,7 @@ pub fn run(args: Args) -> Result<()> {
         }
     }
     if let (Some(folder), Some(meter)) = (&args.plots, &meter) {
-        picture::draw(folder, meter, &levels, records.start)?;
+        picture::draw(folder, meter, &levels, records.start, &station.config.name)?;
     }
     if args.stats {
         eprintln!("{}", stats(&summary, station.config.rate_hz));

@@ -47,7 +47,8 @@ pub fn folder() -> tempfile::TempDir {
     let station = std::fs::read_to_string(scenarios.join("demo-station.toml")).unwrap();
     write(
         "scenarios/demo-station.toml",
-        &station.replace("rate_hz = 64000", "rate_hz = 16000").replace("25000", "7500"),
+        &(station.replace("rate_hz = 64000", "rate_hz = 16000").replace("25000", "7500")
+            + "\n[levels]\nevery_s = 10\n"),
     );
     let out = seabearing(&["simulate", "scenarios/demo.toml", "--out", "east"], dir.path());
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));

@@ -5,6 +5,8 @@
 
 mod beside;
 pub mod picture;
+pub mod told;
+pub mod told_picture;
 
 pub use beside::Beside;
 

@@ -2,8 +2,9 @@
 //! and the spectrum's mean and percentiles.
 
 use super::{Meter, db};
+use crate::plot::times::Times;
 use crate::plot::{ColourMap, HeatMap, Plot, Scale, write_panels};
-use crate::record::{Level, utc};
+use crate::record::Level;
 use anyhow::Result;
 use seabearing_core::kit::quantile;
 use seabearing_core::levels::bands::{edge_hz, middle_hz};
@@ -16,7 +17,7 @@ const COLUMNS: usize = 120;
 const ROW: usize = 2;
 
 /// Draws `levels.svg` into a folder, of the intervals of a recording (seconds since sample 0, and levels); nothing where
-/// nothing was measured. `start`: UTC of sample 0.
+/// nothing was measured. `start`: UTC of sample 0; `station`: its name.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -25,12 +26,16 @@ pub fn draw(
     meter: &Meter,
     levels: &[(f64, Level)],
     start: Option<OffsetDateTime>,
+    station: &str,
 ) -> Result<()> {
     let mut figures = Vec::new();
+    let longest_s = levels.last().map_or(0.0, |(t_s, level)| t_s + level.duration_s);
+    let times = Times::new(start, longest_s);
+    let source = times.source(station);
     for channel in 0..4u8 {
         let own: Vec<&(f64, Level)> = levels.iter().filter(|(_, l)| l.channel == channel).collect();
         if own.iter().any(|(_, level)| level.psd_db.iter().any(Option::is_some)) {
-            figures.push(average(&own, start));
+            figures.push(average(&own, &times, &source));
             figures.push(spectrum(meter, &own));
         }
     }
@@ -61,10 +66,9 @@ fn mean_db(levels: impl Iterator<Item = Option<f64>>) -> f64 {
     if n > 0 { db(sum / f64::from(n)) } else { f64::NAN }
 }
 
-fn average(own: &[&(f64, Level)], start: Option<OffsetDateTime>) -> Plot {
+fn average(own: &[&(f64, Level)], times: &Times, source: &str) -> Plot {
     let (first, last) = (own[0], own[own.len() - 1]);
     let (begins, ends) = (first.0, last.0 + last.1.duration_s);
-    let (unit_s, unit) = if ends - begins > 3.0 * 3600.0 { (3600.0, "h") } else { (60.0, "min") };
     let duration_s = own.iter().map(|(_, l)| l.duration_s).fold(0.0, f64::max);
     let intervals = ((ends - begins) / duration_s).round().max(1.0) as usize;
     let per = intervals.div_ceil(COLUMNS);
@@ -92,16 +96,17 @@ fn average(own: &[&(f64, Level)], start: Option<OffsetDateTime>) -> Plot {
     let (low, high) =
         (quantile(&mut sorted, 0.01).unwrap_or(0.0), quantile(&mut sorted, 0.995).unwrap_or(1.0));
     let (name, label) = names(&first.1);
-    let time = match start.map(|s| s + time::Duration::seconds_f64(begins)) {
-        Some(at) => format!("time after {} ({unit})", utc(at)),
-        None => format!("time ({unit})"),
-    };
-    let mut figure = Plot::new(&format!("Long-term spectral average, {name}"), &time, "frequency (Hz)");
+    let mut figure = Plot::new(&format!("Long-term spectral average, {name}"), "", "frequency (Hz)");
+    times.along(&mut figure);
+    figure.caption(&format!(
+        "Spectral density against time and frequency: means over {:.0} s, of the power; blank: nothing measured. {source}",
+        duration_s * per as f64
+    ));
     let half_cell = 10f64.powf(1.0 / 80.0);
     let from_hz = first.1.psd_hz[lowest] / half_cell;
     let to_hz = from_hz * half_cell.powi(2 * (ROW * rows) as i32);
     figure.size(760, 330).y_scale(Scale::Log).heat(HeatMap {
-        x: (begins / unit_s, (begins + duration_s * (per * columns) as f64) / unit_s),
+        x: (times.at(begins), times.at(begins + duration_s * (per * columns) as f64)),
         y: (from_hz, to_hz),
         columns,
         values,
@@ -136,5 +141,9 @@ fn spectrum(meter: &Meter, own: &[&(f64, Level)]) -> Plot {
     let mut figure = Plot::new(&format!("Spectrum, {name}"), "frequency (Hz)", &label);
     figure.size(620, 330).x_scale(Scale::Log);
     figure.band("5 to 95 % of snapshots", &band).line("median", &median).same_colour().dashed("mean", &mean);
+    figure.caption(
+        "Spectral density over the whole recording: level of the mean power, median, and the levels that 5 and 95 % of the snapshots (of a second or \
+         more) are below.",
+    );
     figure
 }
