@@ -68,6 +68,7 @@ pub fn scenario(
         propagation: None,
         seed_id: None,
         gains: [1.0; 4],
+        responses: [const { None }; 4],
         file_channels: None,
         name_offset: None,
         line: Default::default(),

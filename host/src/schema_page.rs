@@ -113,13 +113,16 @@ pub fn scenarios(schema: &Value) -> String {
 
 /// The keys of a table that are no tables.
 fn rows(body: &Value, page: &mut String) {
-    *page += "| key | type | default | meaning |\n|---|---|---|---|\n";
     let needed = |name: &str| body["required"].as_array().is_some_and(|all| all.iter().any(|n| n == name));
     let is_table = |key: &Value| {
         key["properties"].is_object()
             || key["items"]["properties"].is_object()
             || key["items"]["oneOf"].is_array()
     };
+    if properties(body).all(|(_, key)| is_table(key)) {
+        return;
+    }
+    *page += "| key | type | default | meaning |\n|---|---|---|---|\n";
     for (name, key) in properties(body).filter(|(_, key)| !is_table(key)) {
         let default = match &key["default"] {
             _ if needed(name) => "needed".to_owned(),

@@ -5,8 +5,8 @@ use pyo3::prelude::*;
 use seabearing_core::block::Frame;
 use seabearing_host::recording::{Asked, Recording, Span, written_time};
 use seabearing_host::station::Station;
+use seabearing_host::station::described::Wanted;
 use seabearing_host::station::import::{self, Imported};
-use seabearing_host::station::xml::{self, Wanted};
 use std::path::PathBuf;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -67,7 +67,7 @@ impl Input {
         };
         let name_offset = self.name_offset.map(offset).transpose()?;
         let asked = Asked { start: instant("start", self.start)?, span, name_offset };
-        let imported = match xml::is_xml(&self.station) {
+        let imported = match import::is_metadata(&self.station) {
             true => {
                 let wanted = Wanted { at: span.from, ..Wanted::default() };
                 Some(import::import(&self.station, &wanted, self.propagation.as_deref())?)

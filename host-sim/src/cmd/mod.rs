@@ -206,7 +206,7 @@ pub enum Subcommand {
     /// What records, station files and lists of stations hold, as JSON Schema
     #[cfg(feature = "schema")]
     Schema(schema::Args),
-    /// Make station files of StationXML
+    /// Make station files of StationXML or dataless SEED
     Station(station::Args),
     /// Check a station file
     Config(config::Args),

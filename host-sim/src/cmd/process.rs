@@ -13,8 +13,8 @@ use crate::progress;
 use crate::recording::{Asked, BlockSource, Recording, Span, written_time};
 use crate::replay::{ReplaySummary, Said, with_levels};
 use crate::station::Station;
+use crate::station::described::Wanted;
 use crate::station::import::{self, Imported};
-use crate::station::xml::{self, Wanted};
 use crate::{atomic, record};
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
@@ -40,10 +40,10 @@ use time::OffsetDateTime;
     docs/recordings.md says which files are read, and how whole archives are."
 )]
 pub struct Args {
-    /// Station file of the recorder, or StationXML; of several stations, one after another, into --out
+    /// Station file of the recorder, StationXML or dataless SEED; of several stations, one after another, into --out
     #[arg(long, required = true, value_name = "STATION.toml", value_parser = super::input())]
     station: Vec<PathBuf>,
-    /// Propagation table of the stations that StationXML describes, which else is traced through a typical sea
+    /// Propagation table of the stations that metadata describe, which else is traced through a typical sea
     #[arg(long, value_name = "TABLE.toml", value_parser = super::input())]
     propagation: Option<PathBuf>,
     /// Recordings (WAV, FLAC, miniSEED, SAC), folders and archives of them, or a station of a SeedLink server as it records:
@@ -129,11 +129,11 @@ impl Args {
         })
     }
 
-    /// The stations, and what keeps the files that were made of StationXML.
+    /// The stations, and what keeps the files that were made of metadata.
     fn stations(&self) -> Result<Vec<(Option<Arc<Imported>>, Station)>> {
         let mut out = Vec::new();
         for path in &self.station {
-            if !xml::is_xml(path) {
+            if !import::is_metadata(path) {
                 out.push((None, Station::of_recorder(path)?));
                 continue;
             }

@@ -1,8 +1,8 @@
 //! `seabearing station`: station files from what data centres keep.
 
 use super::mistake;
+use crate::station::described::Wanted;
 use crate::station::import;
-use crate::station::xml::{self, Wanted};
 use anyhow::{Result, bail};
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ pub struct Args {
 
 #[derive(clap::Subcommand)]
 enum Action {
-    /// A station file, and the propagation table beside it, from StationXML
+    /// A station file, and the propagation table beside it, from StationXML or dataless SEED
     Import(ImportArgs),
 }
 
@@ -25,11 +25,11 @@ enum Action {
 #[command(
     after_help = "Examples:\n  seabearing station import network.xml --station RR03 --out rr03.toml\n  \
     seabearing station import network.xml --network YV --station RR03 --propagation table.toml --out rr03.toml\n\n\
-    Codes, orientation, position, rate and sensitivities are those of the XML. Without --propagation a table is traced through \
+    Codes, orientation, position, rate, sensitivities and responses are those of the XML. Without --propagation a table is traced through \
     a typical subtropical sea of the station's depth; `seabearing propagation` makes one of the sea's own profile."
 )]
 struct ImportArgs {
-    /// StationXML of one or more stations
+    /// StationXML or dataless SEED of one or more stations
     #[arg(value_parser = super::input())]
     xml: PathBuf,
     /// Network code
@@ -66,7 +66,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let wanted =
         Wanted { network: args.network, station: args.station, location: args.location, at: args.at };
-    let found = xml::read(&args.xml, &wanted)?;
+    let found = import::read(&args.xml, &wanted)?;
     let [station] = &found[..] else {
         let codes: Vec<&str> = found.iter().map(|d| d.code.as_str()).collect();
         bail!(

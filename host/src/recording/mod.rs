@@ -20,6 +20,7 @@
 //! Cost: blocks of 16384 frames are decoded in bulk; `cargo bench -p seabearing --bench recording` prints how fast, beside
 //! `hound`'s sample by sample.
 
+mod equalise;
 mod flac;
 mod memory;
 mod mseed;
@@ -36,8 +37,9 @@ pub mod write;
 pub mod written_time;
 
 use crate::station::Station;
+use crate::station::response::Response;
 use anyhow::{Context, Result, bail};
-use seabearing_core::block::{Block, Frame};
+use seabearing_core::block::{Block, CHANNELS, Frame};
 use seabearing_core::config::Kind;
 use std::collections::BTreeSet;
 use std::io::Read;
@@ -141,6 +143,8 @@ pub struct Recording {
     /// The recorder's samples a second, and the code that means clipping.
     rate_hz: f64,
     full_scale: i32,
+    /// What is taken out of the components of motion and pressure.
+    responses: [Option<Response>; CHANNELS],
 }
 
 enum Found {
@@ -170,6 +174,7 @@ impl Recording {
                 start: asked.start,
                 rate_hz: config.rate_hz,
                 full_scale: config.full_scale,
+                responses: station.responses.clone(),
             });
         }
         let files = expand(paths, station.seed_id.as_deref(), asked.span)?;
@@ -182,6 +187,7 @@ impl Recording {
             start: asked.start,
             rate_hz: config.rate_hz,
             full_scale: config.full_scale,
+            responses: station.responses.clone(),
         };
         if let [(path, _)] = &files[..]
             && Container::of(path)? == Some(Container::Raw)
@@ -241,7 +247,8 @@ impl Recording {
         }
         let config = &station.config;
         let found = Found::Memory(frames.into(), rate_hz);
-        Ok(Self { found, start: asked.start, rate_hz: config.rate_hz, full_scale: config.full_scale })
+        let (rate_hz, full_scale) = (config.rate_hz, config.full_scale);
+        Ok(Self { found, start: asked.start, rate_hz, full_scale, responses: station.responses.clone() })
     }
 
     /// Samples a second in the files.
@@ -320,6 +327,11 @@ impl Recording {
         }
         if (rate_hz / self.rate_hz - 1.0).abs() > 1e-3 {
             source = Box::new(resample::Resampled::new(source, rate_hz, self.rate_hz, self.full_scale));
+        }
+        // A raw stream is what the recorder itself hears.
+        if self.responses.iter().any(Option::is_some) && !matches!(self.found, Found::Raw(_)) {
+            source =
+                Box::new(equalise::Equalised::new(source, self.rate_hz, &self.responses, self.full_scale));
         }
         Ok(source)
     }

@@ -1,6 +1,7 @@
-//! A station file and its propagation table from StationXML.
+//! A station file and its propagation table from what data centres keep: StationXML or dataless SEED.
 
-use super::xml::{Described, Wanted, read};
+use super::described::{Described, Wanted, choose};
+use super::{dataless, xml};
 use crate::interrupt::{self, Guard};
 use crate::ocean_bottom::table;
 use crate::propagation::bottom::Bottom;
@@ -13,6 +14,29 @@ use std::path::{Path, PathBuf};
 /// Rows of a table traced here and their distance, m: the range that the detectors look at, and a bit.
 const ROWS: usize = 730;
 const STEP_M: f64 = 70.0;
+
+/// Whether a file is metadata and no station file, by its first bytes.
+pub fn is_metadata(path: &Path) -> bool {
+    use std::io::Read;
+    let mut head = [0u8; 64];
+    let read = std::fs::File::open(path).and_then(|mut f| f.read(&mut head)).unwrap_or(0);
+    xml::begins(&head[..read]) || dataless::begins(&head[..read])
+}
+
+/// Reads the ocean-bottom stations of a StationXML file or a dataless SEED volume.
+///
+/// # Errors
+/// One line: neither of both, or no station with a hydrophone and three components of motion, and why.
+pub fn read(path: &Path, wanted: &Wanted) -> Result<Vec<Described>> {
+    use std::io::Read;
+    let mut head = [0u8; 64];
+    let file = std::fs::File::open(path);
+    let n = file
+        .and_then(|mut f| f.read(&mut head))
+        .with_context(|| format!("cannot read {}", path.display()))?;
+    let told = if dataless::begins(&head[..n]) { dataless::read(path)? } else { xml::read(path)? };
+    choose(told, wanted).with_context(|| path.display().to_string())
+}
 
 /// Writes a station file, and beside it a propagation table where none is given. That is traced through the profile of
 /// [`SpeedProfile::subtropical`]: ranges want the sea's own.
@@ -27,6 +51,19 @@ pub fn write(described: &Described, id: u16, propagation: Option<&Path>, out: &P
             "{}: no sensitivity of {}; levels are re full scale, of all channels",
             described.code,
             silent.join(", ")
+        ));
+    }
+    let departing: Vec<String> = described
+        .departing()
+        .into_iter()
+        .flatten()
+        .map(|(code, _, db, deg)| format!("{code} by up to {db:.1} dB and {deg:.0}°"))
+        .collect();
+    if !departing.is_empty() {
+        recording::complain(&format!(
+            "{}: responses depart from flat between 2 and 24 Hz, {}: taken out where recordings are read, and not by a recorder itself",
+            described.code,
+            departing.join(", ")
         ));
     }
     let name = match propagation {

@@ -1,11 +1,14 @@
 //! The station file (TOML): unknown or wrong keys are errors that name the key and the line.
 
 mod calibration;
+mod dataless;
+pub mod described;
 pub mod import;
+pub mod response;
 #[cfg(feature = "schema")]
 pub mod schema;
 mod tables;
-pub mod xml;
+mod xml;
 
 pub use calibration::{Calibration, Calibrations};
 pub use tables::Components;
@@ -14,6 +17,7 @@ use crate::line::Analysis;
 use crate::recording::written_time;
 use crate::toml_file::TomlFile;
 use anyhow::{Result, anyhow, bail};
+use response::Response;
 use seabearing_core::array::{self, PlanError};
 use seabearing_core::config::{
     ArrayConfig, ConfigError, Kind, Levels, LineConfig, ObsConfig, StationConfig, Tracking,
@@ -64,6 +68,8 @@ pub struct Station {
     pub seed_id: Option<String>,
     /// What the codes of pressure, north, east and vertical in miniSEED and SAC files are multiplied by.
     pub gains: [f64; 4],
+    /// What of pressure, north, east and vertical is not flat, and taken out of recordings.
+    pub responses: [Option<Response>; 4],
     /// Channels of the recordings that are the recorder's 0 to 3, where the station file names them.
     pub file_channels: Option<[u8; 4]>,
     /// Offset from UTC of the times in names of recordings, where the station file tells it.
@@ -133,6 +139,7 @@ impl Station {
         let mut propagation = None;
         let mut seed_id = None;
         let mut gains = [1.0; 4];
+        let mut responses = [const { None }; 4];
         let mut sensitivity = None;
         let mut file_channels = None;
         let mut line = Analysis::default();
@@ -176,6 +183,17 @@ impl Station {
                 gains = o.sensitivity.map_or(gains, |s| s.gains());
                 if !gains.iter().all(|g| g.is_finite() && *g != 0.0) {
                     bail!("{}: each sensitivity must be a number other than 0", here("obs.sensitivity"));
+                }
+                let r = o.responses;
+                responses = [r.pressure, r.north, r.east, r.vertical];
+                let named = ["pressure", "north", "east", "vertical"].into_iter().zip(&responses);
+                let mut unsound = named.filter(|(_, r)| r.as_ref().is_some_and(|r| !r.is_sound()));
+                if let Some((component, _)) = unsound.next() {
+                    bail!(
+                        "{}: at most 64 poles, all of negative real part, and 64 zeros, rad/s, and `at_hz` above 0 where the \
+                         response is not 0",
+                        here(&format!("obs.responses.{component}"))
+                    );
                 }
                 Kind::Obs(ObsConfig {
                     orientation_of_north_deg: o.orientation_of_north_deg,
@@ -245,6 +263,7 @@ impl Station {
             propagation,
             seed_id,
             gains,
+            responses,
             file_channels,
             name_offset,
             calibration,

@@ -1,5 +1,6 @@
 //! The tables of a station file and of a list of stations, as they are written.
 
+use super::response::Response;
 use seabearing_core::config::{ArrayConfig, Tracking};
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -186,6 +187,9 @@ pub(super) struct Obs {
     pub(super) sensitivity: Option<Sensitivity>,
     /// Channel codes of the components.
     pub(super) components: Option<Components>,
+    /// Poles and zeros of components that are not flat from 2 to 24 Hz; taken out where recordings are read, and not by the recorder itself.
+    #[serde(default)]
+    pub(super) responses: Responses,
     /// True azimuth of the component called north, degrees.
     #[serde(default)]
     pub(super) orientation_of_north_deg: f64,
@@ -199,6 +203,21 @@ pub(super) struct Obs {
     /// Whether directions by frequency leave once a minute (`azigram`): 70 bytes, about as many as all else when little goes on.
     #[serde(default = "default_azigram")]
     pub(super) azigram: bool,
+}
+
+/// Poles and zeros of what is analogue before the converter, of each component that is not flat.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Responses {
+    /// Of the hydrophone.
+    pub(super) pressure: Option<Response>,
+    /// Of the first horizontal.
+    pub(super) north: Option<Response>,
+    /// Of the second horizontal.
+    pub(super) east: Option<Response>,
+    /// Of the vertical.
+    pub(super) vertical: Option<Response>,
 }
 
 /// Counts for a pascal and for a metre a second; negative where a component is reversed.

@@ -1,327 +1,98 @@
-//! Station files from StationXML (FDSN StationXML 1.0 to 1.2), the metadata that data centres keep of seismic stations.
-//!
-//! Enters: the XML. Leaves: for each ocean-bottom station in it, one with a hydrophone and three components of motion at one
-//! rate, the text of a station file. Conventions, of the schema's documentation: azimuth clockwise from North, dip down
-//! from the horizontal (a vertical that is positive up has −90), elevation up from sea level, sensitivity in counts for the
-//! input unit. Components are renamed, not turned: "north" is the horizontal whose other one lies 90° clockwise, and its
-//! azimuth the station's orientation.
+//! StationXML (FDSN StationXML 1.0 to 1.2), the metadata that data centres keep of seismic stations.
 
-use crate::angle::wrap_deg;
+use super::described::{Channel, Told};
+use super::response::Response;
 use anyhow::{Context, Result, anyhow, bail};
 use roxmltree::{Document, Node};
-use std::fmt::Write as _;
 use std::path::Path;
 use time::OffsetDateTime;
 
 /// Longest text taken, bytes: a network of a hundred stations with full responses has some 20 MB.
 const LONGEST: u64 = 128 << 20;
 
-/// The recorder's rate where the files have as many samples a second, Hz: that which the methods were made for [O, L].
-const RECORDER_HZ: f64 = 50.0;
-
-/// By how much horizontals may fail to be level and square to each other, degrees.
-const SQUARE_DEG: f64 = 5.0;
-
-/// Which of the stations in the XML are meant; what is not said is any.
-#[derive(Clone, Debug, Default)]
-pub struct Wanted {
-    /// Network code.
-    pub network: Option<String>,
-    /// Station code.
-    pub station: Option<String>,
-    /// Location code; `--` or nothing for the empty one.
-    pub location: Option<String>,
-    /// A moment at which it recorded; where none is said, the latest epoch counts.
-    pub at: Option<OffsetDateTime>,
+/// Whether bytes begin as XML does.
+pub(super) fn begins(head: &[u8]) -> bool {
+    head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head).trim_ascii_start().starts_with(b"<")
 }
 
-/// A station as the XML tells it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Described {
-    /// Network and station code, `7D.FN01A`.
-    pub code: String,
-    /// The same with the location where all components have one.
-    pub seed_id: String,
-    /// Latitude and longitude, degrees.
-    pub lat_lon_deg: (f64, f64),
-    /// Depth below sea level, metres.
-    pub depth_m: f64,
-    /// Samples a second in the files.
-    pub rate_hz: f64,
-    /// Pressure, north, east and vertical.
-    pub channels: [Channel; 4],
-    /// Azimuth of the component called north, degrees.
-    pub orientation_of_north_deg: f64,
-}
-
-/// A channel as the XML tells it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Channel {
-    /// Its code.
-    pub code: String,
-    location: String,
-    azimuth_deg: Option<f64>,
-    dip_deg: Option<f64>,
-    elevation_m: Option<f64>,
-    rate_hz: f64,
-    start: Option<OffsetDateTime>,
-    /// Counts for a pascal or for a metre a second, where told.
-    pub sensitivity: Option<f64>,
-    unit: String,
-}
-
-/// Whether a file is XML, by its first bytes.
-pub fn is_xml(path: &Path) -> bool {
-    use std::io::Read;
-    let mut head = [0u8; 64];
-    let read = std::fs::File::open(path).and_then(|mut f| f.read(&mut head));
-    let text = head[..read.unwrap_or(0)].strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head).trim_ascii_start();
-    text.starts_with(b"<")
-}
-
-/// Reads the ocean-bottom stations of a StationXML file.
+/// What a StationXML file tells.
 ///
 /// # Errors
-/// One line: not StationXML, or no station with a hydrophone and three components of motion, and why.
-pub fn read(path: &Path, wanted: &Wanted) -> Result<Vec<Described>> {
-    use std::io::Read;
+/// One line: it cannot be read, or is not StationXML.
+pub(super) fn read(path: &Path) -> Result<Vec<Told>> {
     let name = path.display();
-    let mut text = String::new();
-    let file = std::fs::File::open(path).with_context(|| format!("cannot read {name}"))?;
-    file.take(LONGEST + 1).read_to_string(&mut text).with_context(|| format!("cannot read {name}"))?;
-    if text.len() as u64 > LONGEST {
+    let length = std::fs::metadata(path).with_context(|| format!("cannot read {name}"))?.len();
+    if length > LONGEST {
         bail!("{name}: longer than {} MiB: ask the data centre for one network alone", LONGEST >> 20);
     }
-    parse(&text, wanted).with_context(|| name.to_string())
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
+    let text = match bytes[..] {
+        [0x1f, 0x8b, ..] => bail!("{name}: packed by gzip: unpack it"),
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => bail!("{name}: UTF-16: save it as UTF-8"),
+        _ => String::from_utf8(bytes).map_err(|e| anyhow!("{name}: no text in UTF-8: {}", e.utf8_error()))?,
+    };
+    parse(&text).with_context(|| name.to_string())
 }
 
 /// As [`read()`], of text at hand.
 ///
 /// # Errors
 /// As [`read()`].
-pub fn parse(text: &str, wanted: &Wanted) -> Result<Vec<Described>> {
+pub(super) fn parse(text: &str) -> Result<Vec<Told>> {
     let document = Document::parse(text.trim_start_matches('\u{feff}')).map_err(|e| anyhow!("{e}"))?;
     if document.root_element().tag_name().name() != "FDSNStationXML" {
         bail!("no StationXML: the outermost element is <{}>", document.root_element().tag_name().name());
     }
-    let (mut out, mut refused) = (Vec::new(), Vec::new());
-    for network in children(document.root_element(), "Network") {
-        for station in children(network, "Station") {
-            let (n, s) = (attribute(network, "code"), attribute(station, "code"));
-            let meant = |wanted: &Option<String>, code: &str| wanted.as_deref().is_none_or(|w| w == code);
-            if !meant(&wanted.network, n) || !meant(&wanted.station, s) {
-                continue;
-            }
-            match described(format!("{n}.{s}"), station, wanted) {
-                // An epoch told twice is one station.
-                Ok(d) => {
-                    out.retain(|o: &Described| o.code != d.code);
-                    out.push(d);
-                }
-                Err(e) => refused.push(format!("{n}.{s}: {e:#}")),
-            }
-        }
-    }
-    refused.retain(|r| !out.iter().any(|o| r.starts_with(&format!("{}:", o.code))));
-    if out.is_empty() {
-        match refused.len() {
-            0 => bail!("no such station"),
-            1 => bail!("{}", refused.remove(0)),
-            n => bail!("{} ({} more stations cannot be used either)", refused.remove(0), n - 1),
-        }
-    }
-    Ok(out)
-}
-
-fn described(code: String, station: Node<'_, '_>, wanted: &Wanted) -> Result<Described> {
-    let mut channels = Vec::new();
-    for node in children(station, "Channel") {
-        let location = attribute(node, "locationCode").trim();
-        let meant = wanted.location.as_deref().map(|l| l.trim_matches(['-', ' ']));
-        if meant.is_some_and(|l| l != location) || !is_open(node, wanted.at) {
-            continue;
-        }
-        channels.push(channel(node, location));
-    }
-    // Of epochs of one channel the latest.
-    channels.sort_by_key(|c| c.start);
-    let mut latest: Vec<Channel> = Vec::new();
-    for c in channels {
-        latest.retain(|l| (&l.code, &l.location) != (&c.code, &c.location));
-        latest.push(c);
-    }
-    let is = |c: &Channel, instrument: &str, ends: &str| {
-        let mut letters = c.code.chars().skip(1);
-        letters.next().is_some_and(|l| instrument.contains(l))
-            && letters.next().is_some_and(|l| ends.contains(l))
-    };
-    let motion = |ends: &'static str| latest.iter().filter(move |c| is(c, "HL", ends));
-    // Of several rates the lowest that is enough, else the highest.
-    let mut verticals: Vec<&Channel> = motion("Z").collect();
-    verticals.sort_by(|a, b| {
-        let enough = |c: &Channel| c.rate_hz >= RECORDER_HZ;
-        let rate = if enough(a) { a.rate_hz.total_cmp(&b.rate_hz) } else { b.rate_hz.total_cmp(&a.rate_hz) };
-        enough(b).cmp(&enough(a)).then(rate)
+    let stations = children(document.root_element(), "Network")
+        .flat_map(|network| children(network, "Station").map(move |station| (network, station)));
+    let told = stations.map(|(network, station)| Told {
+        codes: [network, station].map(|node| attribute(node, "code").to_owned()),
+        lat_lon_deg: (number(station, "Latitude"), number(station, "Longitude")),
+        elevation_m: number(station, "Elevation"),
+        channels: children(station, "Channel").map(channel).collect(),
     });
-    let mut why = anyhow!("no vertical component (a code like BHZ)");
-    for vertical in verticals {
-        let beside = |c: &&Channel| {
-            c.location == vertical.location
-                && c.rate_hz == vertical.rate_hz
-                && c.code[..2] == vertical.code[..2]
-        };
-        let mut first = motion("1N").filter(beside);
-        let mut second = motion("2E").filter(beside);
-        let pressure = latest.iter().find(|c| is(c, "D", "HFGO") && c.rate_hz == vertical.rate_hz);
-        let (Some(a), Some(b)) = (first.next(), second.next()) else {
-            why = anyhow!("{} has no two horizontal components beside it", vertical.code);
-            continue;
-        };
-        let Some(pressure) = pressure else {
-            why = anyhow!("no hydrophone (a code like BDH) at {} samples a second", vertical.rate_hz);
-            continue;
-        };
-        return put_together(code, station, pressure, (a, b), vertical);
-    }
-    Err(why)
+    Ok(told.collect())
 }
 
-fn put_together(
-    code: String,
-    station: Node<'_, '_>,
-    pressure: &Channel,
-    (a, b): (&Channel, &Channel),
-    vertical: &Channel,
-) -> Result<Described> {
-    let azimuth = |c: &Channel| c.azimuth_deg.with_context(|| format!("{} has no azimuth", c.code));
-    let (azimuth_a, azimuth_b) = (azimuth(a)?, azimuth(b)?);
-    let up = match vertical.dip_deg {
-        None => true,
-        Some(d) if 90.0 - d.abs() <= SQUARE_DEG => d < 0.0,
-        Some(d) => bail!("{} is not vertical: its dip is {d}°", vertical.code),
-    };
-    if !up && [a, b, vertical, pressure].iter().any(|c| c.sensitivity.is_none()) {
-        bail!(
-            "{} points down, and without the sensitivities of all channels it cannot be turned",
-            vertical.code
-        );
-    }
-    // Counts for upward motion: a component that points down counts it as negative.
-    let vertical =
-        &Channel { sensitivity: vertical.sensitivity.map(|s| if up { s } else { -s }), ..vertical.clone() };
-    for c in [a, b] {
-        if c.dip_deg.is_some_and(|d| d.abs() > SQUARE_DEG) {
-            bail!("{} is not horizontal: its dip is {}°", c.code, c.dip_deg.unwrap_or(f64::NAN));
-        }
-    }
-    let pressure = &in_pascals(pressure)?;
-    for c in [a, b, vertical] {
-        let unit = c.unit.to_ascii_lowercase().replace(' ', "");
-        if !unit.is_empty() && unit != "m/s" {
-            bail!("{} measures {}; velocity (m/s) is needed", c.code, c.unit);
-        }
-    }
-    // From the one to the other, clockwise.
-    let between = wrap_deg(azimuth_b - azimuth_a);
-    let between = if between > 180.0 { between - 360.0 } else { between };
-    let (north, east, of_north) = if (between - 90.0).abs() <= SQUARE_DEG {
-        (a, b, azimuth_a + 0.5 * (between - 90.0))
-    } else if (between + 90.0).abs() <= SQUARE_DEG {
-        (b, a, azimuth_b - 0.5 * (between + 90.0))
-    } else {
-        bail!("{} ({azimuth_a}°) and {} ({azimuth_b}°) are not square to each other", a.code, b.code);
-    };
-    let number =
-        |name: &'static str| -> Result<f64> { number(station, name).with_context(|| format!("no {name}")) };
-    let elevation_m = pressure.elevation_m.map_or_else(|| number("Elevation"), Ok)?;
-    let one = [a, b, vertical].iter().all(|c| c.location == pressure.location);
-    Ok(Described {
-        seed_id: if one { format!("{code}.{}", pressure.location) } else { code.clone() },
-        code,
-        lat_lon_deg: (number("Latitude")?, number("Longitude")?),
-        depth_m: -elevation_m,
-        rate_hz: pressure.rate_hz,
-        channels: [pressure, north, east, vertical].map(Channel::clone),
-        orientation_of_north_deg: wrap_deg(of_north),
-    })
-}
-
-/// A hydrophone's channel with its counts for a pascal.
-fn in_pascals(c: &Channel) -> Result<Channel> {
-    let unit = c.unit.to_ascii_lowercase();
-    let pascals = match unit.trim() {
-        "" | "pa" | "pascal" | "pascals" => 1.0,
-        "hpa" | "mbar" => 100.0,
-        "kpa" => 1e3,
-        "upa" | "µpa" | "micropascal" => 1e-6,
-        _ => bail!("{} measures {}; pressure (Pa) is needed", c.code, c.unit),
-    };
-    Ok(Channel { sensitivity: c.sensitivity.map(|s| s / pascals), ..c.clone() })
-}
-
-impl Described {
-    /// Codes of the channels of which no sensitivity is told, though one is of others: levels have no unit then.
-    pub fn without_sensitivity(&self) -> Vec<&str> {
-        let missing: Vec<&str> =
-            self.channels.iter().filter(|c| c.sensitivity.is_none()).map(|c| c.code.as_str()).collect();
-        if missing.len() < self.channels.len() { missing } else { Vec::new() }
-    }
-
-    /// The recorder's rate for it, Hz.
-    pub(super) fn recorder_hz(&self) -> f64 {
-        self.rate_hz.clamp(20.0, RECORDER_HZ)
-    }
-
-    /// The text of its station file; `propagation` is the name of its table.
-    pub fn station_file(&self, id: u16, propagation: &str) -> String {
-        let [pressure, north, east, vertical] = self.channels.each_ref().map(|c| c.code.as_str());
-        let mut out = format!(
-            "# From StationXML. Azimuths are as told there; `seabearing orient` measures them.\n[station]\nid = {id}\n\
-             name = {:?}\nkind = \"obs\"\nposition = {{ lat_deg = {:?}, lon_deg = {:?}, depth_m = {:?} }}\n\
-             sound_speed_m_s = 1500.0\n\n[sampling]\nrate_hz = {:?}\n\n[obs]\nseed_id = {:?}\n\
-             components = {{ pressure = {pressure:?}, north = {north:?}, east = {east:?}, vertical = {vertical:?} }}\n\
-             orientation_of_north_deg = {:?}\npropagation = {propagation:?}\n",
-            self.code.chars().take(24).collect::<String>(),
-            self.lat_lon_deg.0,
-            self.lat_lon_deg.1,
-            self.depth_m,
-            self.recorder_hz(),
-            self.seed_id,
-            self.orientation_of_north_deg,
-        );
-        let sensitivity = self.channels.each_ref().map(|c| c.sensitivity);
-        if let [Some(p), Some(n), Some(e), Some(v)] = sensitivity {
-            let _ = writeln!(
-                out,
-                "sensitivity = {{ pressure = {p:?}, north = {n:?}, east = {e:?}, vertical = {v:?} }}"
-            );
-        }
-        out
-    }
-}
-
-fn channel(node: Node<'_, '_>, location: &str) -> Channel {
+fn channel(node: Node<'_, '_>) -> Channel {
     let response = children(node, "Response").next();
     let sensitivity = response.and_then(|r| children(r, "InstrumentSensitivity").next());
     let unit = sensitivity.and_then(|s| children(s, "InputUnits").next()).and_then(|u| text(u, "Name"));
     Channel {
         code: attribute(node, "code").to_owned(),
-        location: location.to_owned(),
+        location: attribute(node, "locationCode").trim().to_owned(),
         azimuth_deg: number(node, "Azimuth"),
         dip_deg: number(node, "Dip"),
         elevation_m: number(node, "Elevation"),
         rate_hz: number(node, "SampleRate").unwrap_or(0.0),
         start: moment(attribute(node, "startDate")),
+        end: moment(attribute(node, "endDate")),
         sensitivity: sensitivity.and_then(|s| number(s, "Value")).filter(|v| *v != 0.0),
         unit: unit.unwrap_or("").to_owned(),
+        response: response.and_then(|r| poles(r, sensitivity.and_then(|s| number(s, "Frequency")))),
     }
 }
 
-/// Whether a channel's epoch holds a moment.
-fn is_open(node: Node<'_, '_>, at: Option<OffsetDateTime>) -> bool {
-    let Some(at) = at else { return true };
-    let (start, end) = (moment(attribute(node, "startDate")), moment(attribute(node, "endDate")));
-    start.is_none_or(|s| s <= at) && end.is_none_or(|e| at < e)
+/// The analogue poles and zeros of a response, flat at the sensitivity's frequency.
+fn poles(response: Node<'_, '_>, sensitivity_hz: Option<f64>) -> Option<Response> {
+    let stages = children(response, "Stage").flat_map(|stage| children(stage, "PolesZeros"));
+    let mut out = Response { at_hz: sensitivity_hz.unwrap_or(1.0), ..Response::default() };
+    for stage in stages {
+        let per_unit = match text(stage, "PzTransferFunctionType")? {
+            "LAPLACE (RADIANS/SECOND)" => 1.0,
+            "LAPLACE (HERTZ)" => std::f64::consts::TAU,
+            // Digital filters are flat where they are used.
+            _ => continue,
+        };
+        let roots = |name| {
+            let parts =
+                |root| Some([number(root, "Real")? * per_unit, number(root, "Imaginary")? * per_unit]);
+            children(stage, name).map(parts).collect::<Option<Vec<_>>>()
+        };
+        out.zeros.extend(roots("Zero")?);
+        out.poles.extend(roots("Pole")?);
+    }
+    (!out.poles.is_empty() || !out.zeros.is_empty()).then_some(out)
 }
 
 /// A date of the schema, whose zone may be left out: UTC.
@@ -349,9 +120,15 @@ fn number(node: Node<'_, '_>, name: &'static str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::described::{Described, Wanted, choose};
     use super::*;
     use crate::station::Station;
     use seabearing_core::config::Kind;
+
+    /// What is chosen of a text.
+    fn parse(text: &str, wanted: &Wanted) -> Result<Vec<Described>> {
+        choose(super::parse(text)?, wanted)
+    }
 
     /// A channel of a test's XML.
     fn xml(code: &str, more: &str) -> String {
