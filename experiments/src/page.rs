@@ -85,7 +85,7 @@ fn run(options: &Options) -> Result<()> {
     figures.at_most(moved, of(moved), 1.0);
     let replay = "replay in the browser: longest to a moment, ms";
     figures.at_most(replay, of(replay), 300.0);
-    for place in ["live", "replay"] {
+    for place in ["live", "alarms", "replay"] {
         for theme in ["light", "dark"] {
             for what in ["serious findings of axe", "findings of contrast"] {
                 let name = format!("{what}, {place}, {theme}");
@@ -97,6 +97,8 @@ fn run(options: &Options) -> Result<()> {
         "places and lengths that the map puts wrong",
         "coastlines taken or refused wrongly",
         "azigrams without colours or words",
+        "alarms that shift the map, hide their day or cannot be acknowledged together",
+        "parts of a narrow page that overlap or do not fit",
         "complaints of the browser",
     ] {
         figures.at_most(name, of(name), 0.0);

@@ -147,6 +147,13 @@ fn an_alarm_that_stands_is_on_the_page_after_a_restart() {
         }
         base.kill();
     }
+    let all_of_them = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_seabearing"));
+        command.current_dir(dir.path()).args(["base", "acknowledge", "--store", "store", "--all"]);
+        String::from_utf8(command.output().unwrap().stdout).unwrap()
+    };
+    assert_eq!(all_of_them(), "1 acknowledged\n");
+    assert_eq!(std::fs::read_dir(dir.path().join("store/acknowledged")).unwrap().count(), 1);
     // Its rule is no more: whoever is told of alarms is told so, with the time at which it was cleared.
     let told = dir.path().join("told");
     let tell = format!("[[deliver]]\ncommand = [\"sh\", \"-c\", \"cat >> {}\"]\n", told.display());
@@ -167,6 +174,7 @@ fn an_alarm_that_stands_is_on_the_page_after_a_restart() {
     assert_eq!((&delivered["state"], &delivered["id"]), (&"cleared".into(), &alarms[0]["id"]));
     assert_eq!((&delivered["utc"], &alarms[1]["state"]), (&alarms[1]["utc"], &"cleared".into()));
     assert_ne!(alarms[0]["utc"], alarms[1]["utc"]);
+    assert_eq!(all_of_them(), "0 acknowledged\n");
     // Only what the store holds can be acknowledged.
     let acknowledge = |id: &str| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_seabearing"));

@@ -35,11 +35,13 @@ try {
   await places();
   await coast();
   if (given.pictures) await pictures();
+  await banner();
+  await narrow();
   await azigram();
   await pan();
   await replay();
   await nonsense();
-  tell('complaints of the browser', complaints.length, { complaints });
+  tell('complaints of the browser', complaints.length, { said: complaints });
 } finally {
   await browser.close();
 }
@@ -100,6 +102,107 @@ async function places() {
   tell('places and lengths that the map puts wrong', wrong);
 }
 
+// A banner of alarms opens: everything is in view again, what somebody has moved into view still is, other days are named, and
+// all that are shown are acknowledged by one key. How much of that is wrong.
+async function banner() {
+  const alarm = (id, ago) => ({ type: 'alarm', id, station: 1, code: 'RecorderSilent', name: 'silent', state: 'raised', text: 'station 1 has not been heard since 2026-05-01T00:00:00Z', utc: new Date(Date.now() - ago).toISOString() });
+  const inView = () => page.evaluate(() => {
+    const { map } = window.seabearing;
+    const [w, h] = [map.canvas.clientWidth, map.canvas.clientHeight];
+    return [...map.at.values()].every((at) => { const [x, y] = map.pixels(at); return x > 0 && y > 0 && x < w && y < h; });
+  });
+  const open = (alarms) => page.evaluate((all) => { all.forEach((a) => window.seabearing.model.take(a)); window.seabearing.state.tables = true; }, alarms);
+  const close = () => page.evaluate(() => { window.seabearing.model.alarms.clear(); window.seabearing.model.events.length = 0; window.seabearing.state.tables = true; });
+  const wrong = [];
+  const expect = (what, is) => { if (!is) wrong.push(what); };
+  const day = 864e5;
+  const all = Array.from({ length: 9 }, (_, n) => alarm(1000 + n, n < 4 ? 0 : 3 * day));
+  await page.evaluate(() => window.seabearing.map.fit());
+  const high = await page.evaluate('window.seabearing.map.canvas.clientHeight');
+  await open(all);
+  await page.waitForFunction('!document.getElementById("alarms").hidden', { timeout: 5000 });
+  await pause(500);
+  expect('the banner takes no room', (await page.evaluate('window.seabearing.map.canvas.clientHeight')) < high);
+  expect('stations are out of view', await inView());
+  (await overlapping()).forEach((what) => expect(what, false));
+  if (given.pictures) await page.screenshot({ path: join(given.pictures, 'page-alarms.png') });
+  const text = await page.evaluate('document.getElementById("alarms").textContent + document.getElementById("events").textContent');
+  const then = new Date(Date.now() - 3 * day).toISOString().slice(0, 10);
+  expect('the day of what was days ago is not named', text.split(then).length > 6);
+  expect('the day of today is named', !text.includes(new Date().toISOString().slice(0, 10)));
+  // By the keyboard alone: all of them are shown, and acknowledged.
+  await page.evaluate(() => { window.asked = []; window.fetch = async (path) => { window.asked.push(path); return new Response('{}'); }; });
+  await page.focus('#alarms button[data-is="show"]');
+  await page.keyboard.press('Enter');
+  await pause(500);
+  await page.focus('#alarms button[data-is="all"]');
+  await page.keyboard.press('Enter');
+  await pause(300);
+  const asked = await page.evaluate('window.asked');
+  expect(`${asked.length} are acknowledged`, asked.filter((path) => /^\/api\/alarms\/100\d\/acknowledge$/.test(path)).length === all.length);
+  await access('alarms');
+  await close();
+  await pause(500);
+  // Moved, the middle stays where it is, and what is about it in view.
+  const found = await page.evaluate(() => { const { map } = window.seabearing; map.zoom(3); map.move(500, 300); return [map.x, map.y, map.scale]; });
+  await open(all);
+  await pause(700);
+  const [x, y, scale] = await page.evaluate(() => { const { map } = window.seabearing; return [map.x, map.y, map.scale]; });
+  expect('a view that was moved has gone', x === found[0] && y === found[1] && scale < found[2]);
+  await close();
+  await pause(700);
+  expect('a view that was moved does not come back', Math.abs((await page.evaluate('window.seabearing.map.scale')) / found[2] - 1) < 1e-6);
+  tell('alarms that shift the map, hide their day or cannot be acknowledged together', wrong.length, { said: wrong });
+  await page.goto(given.url);
+  await shown();
+}
+
+// On a telephone: nothing is wider than the screen, or lies over something else.
+async function narrow() {
+  const text = 'station 1: channel 2 does not hear what the others hear';
+  const alarms = Array.from({ length: 7 }, (_, n) => ({ type: 'alarm', id: 1795443352084393 + n, station: 1, state: 'raised', text, utc: new Date().toISOString() }));
+  await page.setViewport({ width: 360, height: 740 });
+  const wrong = [];
+  for (const all of [[], alarms]) {
+    await page.evaluate((a) => { a.forEach((r) => window.seabearing.model.take(r)); window.seabearing.state.tables = true; }, all);
+    await pause(1000);
+    wrong.push(...await overlapping());
+    if (given.pictures) await page.screenshot({ path: join(given.pictures, `page-narrow${all.length ? '-alarms' : ''}.png`), fullPage: !all.length });
+  }
+  tell('parts of a narrow page that overlap or do not fit', wrong.length, { said: wrong });
+  await page.setViewport({ width: 1600, height: 1000 });
+  await page.goto(given.url);
+  await shown();
+}
+
+async function overlapping() {
+  return page.evaluate(() => {
+    const out = [];
+    const wide = document.documentElement.clientWidth;
+    if (document.documentElement.scrollWidth > wide) out.push(`${document.documentElement.scrollWidth} pixels wide`);
+    const boxes = [...document.querySelectorAll('header > *, #alarms p > *, main > section > *, figure, figure > *, .over > *, #stations-title, footer > *')];
+    const name = (e) => e.id || e.className || e.parentElement.id || e.tagName;
+    // What is scrolled out of a list is not seen.
+    const seen = (e) => {
+      const [p, list] = [e.getBoundingClientRect(), e.closest('.list')?.getBoundingClientRect()];
+      return list ? new DOMRect(p.x, Math.max(p.y, list.y), p.width, Math.min(p.bottom, list.bottom) - Math.max(p.y, list.y)) : p;
+    };
+    const box = new Map(boxes.map((e) => [e, seen(e)]).filter(([, p]) => p.width > 0 && p.height > 0));
+    for (const [n, a] of [...box.keys()].entries()) {
+      const p = box.get(a);
+      if (p.right > wide + 0.5) out.push(`${name(a)} ends at ${Math.round(p.right)}`);
+      if (a.scrollWidth > a.clientWidth + 1 && getComputedStyle(a).overflowX === 'visible' && a.clientWidth) out.push(`${name(a)} holds ${a.scrollWidth} in ${a.clientWidth}`);
+      for (const b of [...box.keys()].slice(n + 1)) {
+        const q = box.get(b);
+        if (a.contains(b) || b.contains(a) || a.closest('footer') || b.closest('footer')) continue;
+        const [w, h] = [Math.min(p.right, q.right) - Math.max(p.left, q.left), Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top)];
+        if (w > 1 && h > 1) out.push(`${name(a)} lies over ${name(b)}`);
+      }
+    }
+    return out;
+  });
+}
+
 // A coastline is taken; a file that is none is refused in one line, and nothing stops.
 async function coast() {
   const drop = (name, text) => page.evaluate((n, t) => {
@@ -114,7 +217,7 @@ async function coast() {
   await drop('coast.geojson', JSON.stringify({ type: 'Feature', properties: {}, geometry: { type: 'Polygon', coordinates: [land] } }));
   await page.waitForFunction('window.seabearing.map.coast?.rings.length === 1', { timeout: 5000 }).catch(() => { wrong += 1; });
   tell('coastlines taken or refused wrongly', wrong);
-  await page.waitForFunction('!window.seabearing.state.error', { timeout: 15000 });
+  await page.waitForFunction('!window.seabearing.state.said', { timeout: 15000 });
 }
 
 // Findings of axe in both themes.

@@ -86,6 +86,15 @@ export class ChartMap {
     this.dirty = true;
   }
 
+  // The canvas has another size: everything is in view again, or what somebody has moved into view still is.
+  resized() {
+    const [w, h] = [this.canvas.clientWidth, this.canvas.clientHeight];
+    if (!w || !h) return;
+    if (this.moved && this.span) this.scale = Math.min(w / this.span[0], h / this.span[1]);
+    else this.fit();
+    this.dirty = true;
+  }
+
   zoom(factor, [px, py] = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2]) {
     const [x, y] = this.metres(px, py);
     this.scale = Math.min(10, Math.max(2e-5, this.scale * factor));
@@ -97,6 +106,7 @@ export class ChartMap {
     const far = 2e7;
     this.x = Math.min(far, Math.max(-far, this.x + dx));
     this.y = Math.min(far, Math.max(-far, this.y + dy));
+    this.span = [this.canvas.clientWidth / this.scale, this.canvas.clientHeight / this.scale];
     this.moved = this.pending = true;
     this.movedAt = performance.now();
   }

@@ -5,7 +5,7 @@ import { ChartMap } from '/map.js';
 import { Model, when } from '/model.js';
 import { Plots } from '/plots.js';
 import { fillHealth, healthInAWord } from '/health.js';
-import { ago, bearing, clock, element, event, vessel, withSd } from '/words.js';
+import { ago, bearing, clock, element, event, moment, vessel, withSd } from '/words.js';
 
 const $ = (id) => document.getElementById(id);
 const asked = new URLSearchParams(location.search);
@@ -13,7 +13,7 @@ const model = new Model();
 const map = new ChartMap($('map'), model, choose);
 const plots = new Plots($('plots'));
 // Live, or at a moment of the store; what came while the picture was fetched.
-const state = { at: null, waiting: null, span: null, ahead: 0, connected: false, tables: true, playing: null, error: '' };
+const state = { at: null, waiting: null, span: null, ahead: 0, connected: false, tables: true, playing: null, error: '', said: '' };
 
 async function fetched(path, options) {
   const answer = await fetch(path, options);
@@ -143,9 +143,10 @@ function choose(number) {
 function mode() {
   const badge = $('mode');
   const is = state.at !== null ? 'replay' : state.connected ? 'live' : 'lost';
-  const text = state.error || { replay: 'replay', live: state.ended ? 'input ended' : 'live', lost: 'no answer' }[is];
+  const wrong = state.said || state.error;
+  const text = wrong || { replay: 'replay', live: state.ended ? 'input ended' : 'live', lost: 'no answer' }[is];
   if (badge.textContent !== text) badge.textContent = text;
-  badge.dataset.is = state.error ? 'lost' : is;
+  badge.dataset.is = wrong ? 'lost' : is;
 }
 
 const rows = new Map();
@@ -200,7 +201,7 @@ function fillTracks(at) {
     const ms = when(r) + (r.cpa_time_s - r.t_s) * 1000;
     const swatch = element('span', { class: 'swatch', 'aria-hidden': 'true' });
     swatch.style.background = map.colour(number);
-    const closest = Number.isFinite(ms) && Number.isFinite(r.cpa_time_s) ? `${clock(ms)} ± ${(r.sd_cpa_time_s ?? NaN).toFixed(0)} s, ${ago(at - ms)}` : 'unknown';
+    const closest = Number.isFinite(ms) && Number.isFinite(r.cpa_time_s) ? `${moment(ms, at)} ± ${(r.sd_cpa_time_s ?? NaN).toFixed(0)} s, ${ago(at - ms)}` : 'unknown';
     return element('tr', {},
       element('th', { scope: 'row' }, swatch, `${number ?? '?'}.${r.session}.${r.id}${r.stage === 'final' ? ' final' : ''}`),
       ...of(vessel(ais), ais?.verdict === 'dark' && 'warn'),
@@ -222,33 +223,45 @@ function fillTracks(at) {
   $('no-tracks').hidden = made.length > 0;
 }
 
-function fillEvents() {
+function fillEvents(at) {
   const made = [...model.events].reverse().slice(0, 100).map((r) => {
     const [text, grave] = event(r);
     const ms = when(r);
-    return element('li', {}, element('time', { datetime: Number.isFinite(ms) ? new Date(ms).toISOString() : false }, clock(ms)), element('span', { class: grave }, text));
+    return element('li', {}, element('time', { datetime: Number.isFinite(ms) ? new Date(ms).toISOString() : false }, moment(ms, at)), element('span', { class: grave }, text));
   });
   $('events').replaceChildren(...made);
   $('no-events').hidden = made.length > 0;
 }
 
-function fillAlarms() {
+// Alarms in the banner, unless all are to be seen.
+const FEW = 5;
+
+function fillAlarms(at) {
   // The newest that nobody has seen, then the newest of the others.
   const active = [...model.alarms.values()].filter((a) => a.state !== 'cleared').sort((a, b) => (a.state === 'raised') - (b.state === 'raised'));
   const section = $('alarms');
-  const key = JSON.stringify(active.map((a) => [a.id, a.state]));
+  if (active.length <= FEW) state.all = false;
+  const live = state.at === null;
+  const key = JSON.stringify([active.map((a) => [a.id, a.state]), Math.floor(at / 864e5), live, state.all]);
   if (section.dataset.key === key) return;
   section.dataset.key = key;
   section.hidden = active.length === 0;
-  const more = active.slice(0, -5);
+  const seen = state.all ? active : active.slice(-FEW);
+  const more = active.slice(0, active.length - seen.length);
   const unseen = more.filter((a) => a.state === 'raised').length;
-  const others = more.length ? [element('p', {}, `${more.length} more alarms stand, ${unseen} of them not acknowledged`)] : [];
-  const held = section.contains(document.activeElement);
-  section.replaceChildren(...others, ...active.slice(-5).map((a) => element('p', {},
-    `${clock(when(a))} ${event(a)[0]}`,
-    a.state === 'raised' && state.at === null ? element('button', { type: 'button', on: { click: () => acknowledge(a.id) } }, `Acknowledge alarm ${a.id}`) : '')));
-  // The keyboard goes on with the next.
-  if (held) (section.querySelector('button') ?? $('live')).focus();
+  const raised = seen.filter((a) => a.state === 'raised');
+  const button = (text, click, named, label) => element('button', { type: 'button', 'data-is': named, 'aria-label': label, on: { click } }, text);
+  const tools = [];
+  if (more.length) tools.push(element('span', {}, `${more.length} more alarms stand, ${unseen} of them not acknowledged`));
+  if (active.length > FEW) tools.push(button(state.all ? 'Show fewer' : 'Show all alarms', () => { state.all = !state.all; state.tables = true; }, 'show'));
+  if (live && raised.length > 1) tools.push(button(`Acknowledge all ${raised.length} shown`, () => raised.forEach((a) => acknowledge(a.id)), 'all'));
+  const held = section.contains(document.activeElement) && (document.activeElement.dataset.is ?? 'one');
+  const line = (a) => element('p', {}, element('span', {}, `${moment(when(a), at)} ${event(a)[0]}`),
+    live && a.state === 'raised' ? button('Acknowledge', () => acknowledge(a.id), 'one', `Acknowledge alarm ${a.id}`) : '');
+  const list = element('div', { class: 'list', tabindex: state.all ? '0' : false, role: state.all ? 'region' : false, 'aria-label': state.all ? 'List of alarms' : false }, ...seen.map(line));
+  section.replaceChildren(...(tools.length ? [element('p', {}, ...tools)] : []), list);
+  // The keyboard goes on with the same button, or the next.
+  if (held) (section.querySelector(`button[data-is="${held}"]`) ?? section.querySelector('button') ?? $('live')).focus();
 }
 
 function acknowledge(id) {
@@ -291,8 +304,8 @@ function frame() {
   $('summary').textContent = `${up} of ${model.numbers().length} lines up${model.missed ? `, ${model.missed} records not shown` : ''}`;
   fillStations(at);
   fillTracks(at);
-  fillEvents();
-  fillAlarms();
+  fillEvents(at);
+  fillAlarms(at);
   const s = model.stations.get(model.chosen);
   $('plots-title').textContent = model.chosen === null ? 'Station' : `Station ${model.place(model.chosen).name || model.chosen}`;
   fillHealth($('health'), s, at);
@@ -329,10 +342,10 @@ function kept(key, value) {
   return null;
 }
 
-// Says for a while what was wrong with what was asked.
+// Says for a while what was wrong with what was asked, whatever comes meanwhile.
 function complain(text) {
-  state.error = text;
-  setTimeout(() => { if (state.error === text) state.error = ''; }, 8000);
+  state.said = text;
+  setTimeout(() => { if (state.said === text) state.said = ''; state.tables = true; }, 8000);
 }
 
 async function dropped(file) {
@@ -366,7 +379,10 @@ $('time').addEventListener('keydown', (e) => {
   if (minutes) { e.preventDefault(); look((state.at ?? state.span[1]) + minutes * 60e3); }
 });
 $('window').addEventListener('change', () => (state.at === null ? choose(model.chosen) : look(state.at)));
-const resized = new ResizeObserver(() => { map.dirty = state.tables = true; });
+const resized = new ResizeObserver((entries) => {
+  if (entries.some((e) => e.target === $('map'))) map.resized();
+  map.dirty = state.tables = true;
+});
 [$('map'), $('plots')].forEach((e) => resized.observe(e));
 
 theme(asked.get('theme') ?? kept('theme') ?? (matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light'));

@@ -10,6 +10,9 @@ export function clock(ms, day) {
   return day ? `${at.toISOString().slice(0, 10)} ${time}` : time;
 }
 
+// The same as of another time: with its day where that is another.
+export const moment = (ms, at) => clock(ms, Number.isFinite(ms) && Number.isFinite(at) && Math.floor(ms / 864e5) !== Math.floor(at / 864e5));
+
 // How long ago, in words.
 export function ago(ms) {
   if (!Number.isFinite(ms)) return 'unknown';
@@ -54,7 +57,8 @@ export function event(r) {
     case 'faults_held': return [`${who}${r.count} faults ${r.code} more`, 'warn'];
     case 'lost': return [`${who}${r.frames} records lost${r.cause ? `: ${r.cause}` : ''}`, 'bad'];
     case 'warning': return [`${who}${r.text ?? r.code}`, 'warn'];
-    case 'alarm': return [`${who}alarm ${r.state}: ${r.text ?? r.code}`, r.state === 'cleared' ? 'good' : 'bad'];
+    // Most texts say themselves whose alarm it is.
+    case 'alarm': return [`${r.text?.startsWith('station ') ? '' : who}alarm ${r.state}: ${r.text ?? r.code}`, r.state === 'cleared' ? 'good' : 'bad'];
     case 'end': return [`${who}its input has ended`, ''];
     default: return [`${who}${r.text ?? r.type}`, ''];
   }

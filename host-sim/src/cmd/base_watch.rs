@@ -40,8 +40,12 @@ pub(super) struct Acknowledge {
     /// Folder of the store
     #[arg(long, value_name = "DIR")]
     store: PathBuf,
-    /// Number of the alarm (`id` of its record)
-    id: u64,
+    /// Numbers of the alarms (`id` of their records)
+    #[arg(required_unless_present = "all")]
+    id: Vec<u64>,
+    /// All that stand and that nobody has acknowledged
+    #[arg(long, conflicts_with = "id")]
+    all: bool,
 }
 
 /// What is at work.
@@ -179,8 +183,33 @@ pub(super) fn acknowledge(args: &Acknowledge) -> Result<()> {
     }
     // Any other folder is left as it is.
     store::newest_us(&args.store)?;
+    let ids = if args.all { raised(&standing(&args.store)?) } else { args.id.clone() };
+    // None is acknowledged where one is not there.
+    for id in &args.id {
+        if !holds(&args.store, *id)? {
+            bail!("{}: the store holds no alarm {id}", args.store.display());
+        }
+    }
+    for id in &ids {
+        deliver::acknowledge(&args.store, *id)?;
+    }
+    if args.all {
+        println!("{} acknowledged", ids.len());
+    }
+    Ok(())
+}
+
+/// The numbers of the alarms that stand and that nobody has acknowledged.
+fn raised(standing: &[Value]) -> Vec<u64> {
+    let newest: BTreeMap<u64, &Value> =
+        standing.iter().filter_map(|r| Some((r["id"].as_u64()?, &r["state"]))).collect();
+    newest.into_iter().filter(|(_, state)| **state == "raised").map(|(id, _)| id).collect()
+}
+
+/// Whether a store holds an alarm.
+fn holds(store: &Path, id: u64) -> Result<bool> {
     // Its number is about the time at which it was raised, unless a clock was wrong: then all records are looked at.
-    let raised = OffsetDateTime::from_unix_timestamp_nanos(i128::from(args.id) * 1000).ok();
+    let raised = OffsetDateTime::from_unix_timestamp_nanos(i128::from(id) * 1000).ok();
     let near = raised.map(|at| Wanted {
         from: at.checked_sub(time::Duration::DAY),
         to: at.checked_add(time::Duration::DAY),
@@ -189,12 +218,9 @@ pub(super) fn acknowledge(args: &Acknowledge) -> Result<()> {
     let mut is_there = false;
     for wanted in near.into_iter().chain([Wanted::default()]) {
         if !is_there {
-            let of = |record: &Value| record["type"] == "alarm" && record["id"] == args.id;
-            store::read(&args.store, &wanted, |record| is_there |= of(&record))?;
+            let of = |record: &Value| record["type"] == "alarm" && record["id"] == id;
+            store::read(store, &wanted, |record| is_there |= of(&record))?;
         }
     }
-    if !is_there {
-        bail!("{}: the store holds no alarm {}", args.store.display(), args.id);
-    }
-    deliver::acknowledge(&args.store, args.id)
+    Ok(is_there)
 }

@@ -192,6 +192,9 @@ fn act(key: KeyEvent, choice: &mut Choice, board: &mut Board, feed: &Feed) -> Ac
             }
         }
         (KeyCode::Char('a'), false) => acknowledge(choice, board, feed),
+        (KeyCode::Char('A'), false) => {
+            (0..board.alarms.len()).for_each(|_| acknowledge(&Choice::default(), board, feed));
+        }
         (KeyCode::Up, _) => scroll(choice, -1),
         (KeyCode::Down, _) => scroll(choice, 1),
         (KeyCode::PageUp, _) => scroll(choice, -(page as isize)),

@@ -158,6 +158,17 @@ fn a_key_acknowledges_the_alarm_chosen_and_it_stays_until_it_is_cleared() {
     assert!(board.alarms.iter().all(|a| a.acknowledged) && board.alarms.len() == 2);
     board.take(&state("cleared"), 100.0);
     assert_eq!(board.alarms.iter().map(|a| a.id).collect::<Vec<_>>(), [42]);
+    // Another key acknowledges all.
+    for id in 50..53 {
+        board.take(&json!({ "type": "alarm", "id": id, "state": "raised", "text": "" }), 100.0);
+    }
+    act(KeyEvent::new(KeyCode::Char('A'), KeyModifiers::SHIFT), &mut Choice::default(), &mut board, &feed);
+    let said =
+        (0..3).map(|_| records.take_within(Duration::ZERO).unwrap().records.to_vec()).collect::<Vec<_>>();
+    assert_eq!(
+        said.concat().iter().map(|r| r["id"].as_u64()).collect::<Vec<_>>(),
+        [Some(50), Some(51), Some(52)]
+    );
 }
 
 #[test]
