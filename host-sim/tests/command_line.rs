@@ -92,6 +92,7 @@ fn mistakes_in_arguments_have_a_status_of_their_own() {
         "process --station s.toml --out d --share 3/2 r.wav",
         "process --station s.toml --name-offset UTC r.wav",
         "export records.jsonl --out tracks.xls",
+        "export records.jsonl --out picks.xml --seed-id garbage",
         "track bearings.csv --sigma-deg 0",
         "ais speeds fixes.csv --lat-deg 91 --lon-deg 0",
         "station import network.xml --out -",

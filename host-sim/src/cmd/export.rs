@@ -42,7 +42,7 @@ pub struct Args {
     #[arg(long, value_name = "STATIONS.toml", value_parser = super::input())]
     stations: Option<PathBuf>,
     /// What seismologists call the station, for QuakeML
-    #[arg(long, value_name = "NET.STA.LOC.CHAN")]
+    #[arg(long, value_name = "NET.STA.LOC.CHAN", value_parser = seed_id)]
     seed_id: Option<String>,
     /// File to write
     #[arg(long, value_name = "FILE", value_parser = super::output())]
@@ -61,6 +61,14 @@ enum Name {
     Audacity,
     Pamguard,
     Quakeml,
+}
+
+/// A station as seismologists write it.
+fn seed_id(text: &str) -> Result<String, &'static str> {
+    let codes: Vec<&str> = text.split('.').collect();
+    let named = matches!(codes[..], [network, station, ..] if !network.is_empty() && !station.is_empty());
+    let ok = named && codes.len() <= 4;
+    ok.then(|| text.to_owned()).ok_or("not a station; NET.STA, NET.STA.LOC or NET.STA.LOC.CHAN was expected")
 }
 
 /// Runs the command.

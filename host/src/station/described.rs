@@ -133,6 +133,14 @@ fn described(code: &str, station: &Told, wanted: &Wanted) -> Result<Described> {
     };
     let meant = |c: &&Channel| location.is_none_or(|l| l == c.location) && open(c);
     let mut channels: Vec<Channel> = station.channels.iter().filter(meant).cloned().collect();
+    if let (Some(at), true) = (wanted.at, channels.is_empty()) {
+        let day = |t: Option<OffsetDateTime>| t.map_or("…".to_owned(), |t| t.date().to_string());
+        let mut epochs: Vec<String> =
+            station.channels.iter().map(|c| format!("{} to {}", day(c.start), day(c.end))).collect();
+        epochs.sort_unstable();
+        epochs.dedup();
+        bail!("nothing is told of {}; epochs: {}", at.date(), epochs.join(", "));
+    }
     // Of epochs of one channel the latest.
     channels.sort_by_key(|c| c.start);
     let mut latest: Vec<Channel> = Vec::new();

@@ -241,5 +241,9 @@ mod tests {
                 .orientation_of_north_deg
         };
         assert_eq!((of(""), of("2012-06-01T00:00:00Z")), (88.0, 77.0));
+        let at = moment("2011-06-01T00:00:00Z");
+        let before = parse(&document(&channels), &Wanted { at, ..Wanted::default() }).unwrap_err();
+        let epochs = "YV.RR03: nothing is told of 2011-06-01; epochs: 2012-01-01 to …, 2013-01-01 to …";
+        assert_eq!(before.to_string(), epochs);
     }
 }
