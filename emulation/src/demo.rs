@@ -152,6 +152,9 @@ impl Received {
             .map(|(b, truth_deg)| (time(b), turn_deg(truth_deg, f64::from(b.azimuth).to_degrees())))
             .collect();
         error.band("95 % as reported", &band).points("firmware", &errors);
+        error.same_colour();
+        bearing.caption("Azimuth of each bearing that the firmware sent, degrees clockwise from true North, and the truth of the simulation.");
+        error.caption("Azimuth sent less the truth. Shaded: the 95 % interval that the firmware states.");
         write_panels(&out.join("bearing.svg"), &[&bearing, &error], 1)?;
 
         let mut map = Plot::map("Track as the firmware followed it");
@@ -166,6 +169,9 @@ impl Received {
                 (f64::from(track.var_x_m2), f64::from(track.var_y_m2), f64::from(track.cov_xy_m2));
             map.ellipse("95 % of the last", place(track), variances, 0.95);
         }
+        map.caption(
+            "Points: places of the vessel as the firmware sent them during the pass; the ellipse holds the last with 95 %. Line: the truth. Black triangle: the array.",
+        );
         map.write(&out.join("track.svg"))?;
         println!("plots: {} and {}", out.join("bearing.svg").display(), out.join("track.svg").display());
         Ok(())

@@ -194,6 +194,9 @@ fn write(found: &[Pass], max_range_m: f64, out: &std::path::Path) -> Result<()> 
             map: ColourMap::Amount,
             label: "passes".into(),
         });
+        figure.caption(&format!(
+            "Passages of vessels in the AIS files within {max_range_m} m of the station, counted by the distance of their closest point of approach (CPA)."
+        ));
         figures.push(figure);
     }
     write_panels(&out.join("fleet.svg"), &figures.iter().collect::<Vec<_>>(), 1)

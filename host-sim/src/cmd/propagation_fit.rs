@@ -135,5 +135,9 @@ fn draw(path: &Path, fitted: &[Branch], table: &Propagation) -> Result<()> {
         top.line(&format!("{name} fitted"), &curve).same_colour();
         bottom.line(name, &points(&|c| c.envelope - law.at(c.range_m)));
     }
+    top.caption(
+        "Points: envelope of the cepstrum at the delays of each pair of paths, means over cells of range. Lines: the law fitted to them.",
+    );
+    bottom.caption("What the laws leave of the measured envelopes.");
     write_panels(path, &[&top, &bottom], 1)
 }

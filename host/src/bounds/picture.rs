@@ -101,6 +101,9 @@ fn panel(network: &Network, title: &str, heat: HeatMap, lines: [f64; 6], unit: &
     figure.heat(heat);
     figure.notes(notes).coloured(LINES);
     figure.points("arrays", &arrays).coloured(ARRAYS);
+    figure.caption(
+        "Colour and white lines: standard deviation to expect there, from the bounds of the stations file's errors; blank: nothing would be told.",
+    );
     figure
 }
 
@@ -121,6 +124,9 @@ pub fn passages(pass: &StraightPass, curves: &[Curve], positions: &[(f64, f64)],
         for (name, points) in curves {
             figure.line(name, &points.iter().map(|p| (p.0, of(p))).collect::<Vec<_>>());
         }
+        figure.caption(
+            "Standard deviation to expect at the end of a straight passage, from the bound of the station file's [tracking], against the range of its closest point.",
+        );
         figure
     };
     let range = panel("Range of the closest point", "standard deviation (m)", |p| p.1);
@@ -131,5 +137,7 @@ pub fn passages(pass: &StraightPass, curves: &[Curve], positions: &[(f64, f64)],
     let mut place = Plot::new("Position by one bearing", "horizontal range (m)", "standard deviation (m)");
     place.size(520, 400).x_scale(crate::plot::Scale::Log).y_scale(crate::plot::Scale::Log);
     place.line("azimuth and elevation, depth known", positions);
+    place
+        .caption("Standard deviation of the position that one bearing gives, the depth of the source known.");
     write_panels(path, &[&range, &heading, &place], 3)
 }

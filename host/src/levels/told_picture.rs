@@ -3,7 +3,7 @@
 
 use super::told::{Percentiles, Told, mean_db};
 use crate::plot::times::Times;
-use crate::plot::{ColourMap, HeatMap, Plot, Scale, write_panels};
+use crate::plot::{ColourMap, HeatMap, Plot, RGBColor, Scale, write_panels};
 use anyhow::Result;
 use seabearing_core::kit::quantile;
 use std::path::Path;
@@ -12,6 +12,9 @@ use time::OffsetDateTime;
 /// Most columns, and rows of the density.
 const COLUMNS: usize = 360;
 const ROWS: usize = 90;
+
+/// Colour of single intervals under their percentiles.
+const GREY: RGBColor = RGBColor(140, 140, 140);
 
 /// Draws all channels into one picture.
 ///
@@ -137,7 +140,7 @@ fn over_time(told: &Told, clock: &Clock, period_s: f64) -> Plot {
             middle.push((at, median));
         }
     }
-    figure.size(760, 300).points("each interval", &points).sized(1.3);
+    figure.size(760, 300).points("each interval", &points).coloured(GREY).sized(1.3);
     figure.band("L95 to L5", &band).line("L50", &middle).same_colour();
     figure.x_range(clock.at(from), clock.at(to));
     clock.times.along(&mut figure);

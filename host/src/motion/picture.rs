@@ -18,6 +18,7 @@ pub fn draw(samples: &[Sample], medium: &Medium, s: &Solution, path: &Path) -> R
     let fitted: Vec<_> =
         times.iter().map(|t| (*t, wrap_tau(s.line.azimuth(medium, *t)).to_degrees())).collect();
     angles.y_scale(Scale::Degrees).points("measured", &measured).line("fit", &cut_at_wraps(&fitted));
+    angles.caption("Points: azimuths as measured, degrees clockwise from true North. Line: azimuth of the fitted straight course.");
     if !s.range_observable {
         return angles.write(path);
     }
@@ -27,10 +28,17 @@ pub fn draw(samples: &[Sample], medium: &Medium, s: &Solution, path: &Path) -> R
     map.line("track", &track);
     for (i, t) in [s.t0_s, s.cpa_time_s, s.t1_s].into_iter().enumerate() {
         let ([x, y], [xx, yy, xy]) = at(t);
-        map.ellipse(if i == 0 { "95 % of position" } else { "" }, (x, y), (xx, yy, xy), 0.95);
-        if i > 0 {
-            map.same_colour();
-        }
+        map.ellipse(if i == 0 { "95 % of position" } else { "" }, (x, y), (xx, yy, xy), 0.95).same_colour();
     }
+    // The way it goes: a head at the end.
+    let ([x0, y0], [x1, y1]) = (at(s.t0_s).0, at(s.t1_s).0);
+    let (length, heading) = (0.05 * (x1 - x0).hypot(y1 - y0), (x1 - x0).atan2(y1 - y0));
+    let barb = |turn: f64| (x1 - length * (heading + turn).sin(), y1 - length * (heading + turn).cos());
+    map.line("", &[barb(0.4), (x1, y1), barb(-0.4)]).same_colour();
+    map.notes(vec![((x0, y0), format!("{:.0} s", s.t0_s)), ((x1, y1), format!("{:.0} s", s.t1_s))]);
+    map.caption(
+        "Straight course fitted to the bearings, with the times of the first and last; the arrow shows the way it goes. Ellipses hold the place with 95 % at the \
+         first bearing, at the closest point and at the last. Black triangle: the array.",
+    );
     write_panels(path, &[&angles, &map], 1)
 }

@@ -30,6 +30,9 @@ const CALL: RGBColor = RGBColor(120, 200, 255);
 /// Columns a picture has at most: more cannot be seen.
 const COLUMNS: usize = 360;
 
+/// Times at which likelihoods are drawn, at most.
+const MOST_TIMES: usize = 4 * COLUMNS;
+
 /// What a vessel really did, for comparison.
 #[derive(Clone, Debug)]
 pub struct TruthCurve {
@@ -89,10 +92,18 @@ pub fn draw(
     let rate = config.rate_hz;
     let start = source.start();
     let all = frames(source, config)?;
-    let when = if all.is_empty() { Vec::new() } else { minutes(&all) };
+    let mut when = if all.is_empty() { Vec::new() } else { minutes(&all) };
     if when.len() < LEAST_MINUTES {
         return Ok(Vec::new());
     }
+    // A week has more minutes than can be told apart.
+    let step = when.len().div_ceil(MOST_TIMES);
+    when = when.into_iter().step_by(step).collect();
+    let each = if step == 1 {
+        "at each minute".to_owned()
+    } else {
+        format!("over three minutes, every {step} minutes")
+    };
     let times = &Times::new(start, all[all.len() - 1].t_s);
     let found = passage::ocean_bottom(messages, config);
     let source = times.source(&config.name);
@@ -135,9 +146,11 @@ pub fn draw(
     for p in &found.passages {
         azimuth.line(&p.name(), &p.azimuths(times, rate)).coloured(p.colour());
     }
-    let words = "Colours: natural logarithm of the likelihood of a vessel at each azimuth over that of none, at each minute. Points: detections. \
-         Coloured lines: tracks by their last solution.";
-    keep("azimuth", &[&said(azimuth, words)])?;
+    let words = format!(
+        "Colours: natural logarithm of the likelihood of a vessel at each azimuth over that of none, {each}. Points: detections. \
+         Coloured lines: tracks by their last solution."
+    );
+    keep("azimuth", &[&said(azimuth, &words)])?;
     let before = cepstrogram("Cepstrogram", &all, times, &|f: &SpectralFrame, k: usize| {
         f.raw.get(k).copied().unwrap_or(f32::NAN)
     });
@@ -168,9 +181,11 @@ pub fn draw(
         range.line(&p.name(), &p.ranges_km(times, rate)).coloured(p.colour());
     }
     range.y_range(0.0, 50.0);
-    let words = "Colours: natural logarithm of the likelihood of a vessel at each range over that of none, at each minute. Points: detections. \
-         Coloured lines: tracks by their last solution.";
-    keep("range", &[&said(range, words)])?;
+    let words = format!(
+        "Colours: natural logarithm of the likelihood of a vessel at each range over that of none, {each}. Points: detections. \
+         Coloured lines: tracks by their last solution."
+    );
+    keep("range", &[&said(range, &words)])?;
     let panels = presence(messages, rate, times, span(&all, times), &source);
     keep("presence", &panels.iter().collect::<Vec<_>>())?;
     let mut map = Plot::map("Tracks");
@@ -352,7 +367,9 @@ fn heat(
         }));
     }
     let first = when.first().copied().unwrap_or(0.0);
-    let x = (times.at(first - 30.0), times.at(first - 30.0 + 60.0 * (per * groups.len()) as f64));
+    let step_s = when.get(1).map_or(60.0, |second| second - first);
+    let begins = first - 0.5 * step_s;
+    let x = (times.at(begins), times.at(begins + step_s * (per * groups.len()) as f64));
     grid(title, y_label, times, x, y, (groups.len(), values, Vec::new()), range, label)
 }
 
@@ -393,6 +410,9 @@ pub fn model(path: &Path, table: &Propagation) -> Result<()> {
         f.dashed(name, curve);
     }
     f.y_range(0.4, 7.0);
+    f.caption(
+        "Colour: height of the pulses that pairs of paths make in the cepstrum, by the propagation table; dashed: the delay of each pair (numbers of the paths).",
+    );
     f.write(path)
 }
 

@@ -202,10 +202,11 @@ pub fn azimuth_likelihood(frames: &[SpectralFrame], minutes: &[f64]) -> Vec<Vec<
         .collect()
 }
 
-/// Log-likelihood ratio of range of each single frame: [`RANGES`] values [O 19, one frame].
-pub fn range_evidence(frames: &[SpectralFrame], table: &Propagation) -> Vec<MomentEvidence> {
-    // Pulses of every branch at every range: first quefrency, heights over variance, half the energy.
-    let pulses: Vec<Vec<(usize, Vec<f32>, f32)>> = (0..RANGES)
+/// Pulses of every branch at every range: first quefrency, heights over variance, half the energy.
+type Pulses = Vec<Vec<(usize, Vec<f32>, f32)>>;
+
+fn pulses(table: &Propagation) -> Pulses {
+    (0..RANGES)
         .map(|j| {
             let range = RANGE_STEP_M * j as f64;
             let row = (range / table.step_m).round() as usize;
@@ -230,30 +231,44 @@ pub fn range_evidence(frames: &[SpectralFrame], table: &Propagation) -> Vec<Mome
                 })
                 .collect()
         })
-        .collect();
-    frames
-        .par_iter()
-        .map(|f| {
-            let log_ratio = pulses
-                .iter()
-                .map(|branches| {
-                    branches
-                        .iter()
-                        .filter(|(from, heights, _)| from + heights.len() <= QUEFRENCIES)
-                        .map(|(from, heights, energy)| {
-                            heights.iter().zip(&f.filtered[*from..]).map(|(h, c)| h * c).sum::<f32>() - energy
-                        })
-                        .sum()
-                })
-                .collect();
-            MomentEvidence { t_s: f.t_s, log_ratio }
-        })
         .collect()
+}
+
+fn evidence(f: &SpectralFrame, pulses: &Pulses) -> MomentEvidence {
+    let log_ratio = pulses
+        .iter()
+        .map(|branches| {
+            branches
+                .iter()
+                .filter(|(from, heights, _)| from + heights.len() <= QUEFRENCIES)
+                .map(|(from, heights, energy)| {
+                    heights.iter().zip(&f.filtered[*from..]).map(|(h, c)| h * c).sum::<f32>() - energy
+                })
+                .sum()
+        })
+        .collect();
+    MomentEvidence { t_s: f.t_s, log_ratio }
+}
+
+/// Log-likelihood ratio of range of each single frame: [`RANGES`] values [O 19, one frame].
+pub fn range_evidence(frames: &[SpectralFrame], table: &Propagation) -> Vec<MomentEvidence> {
+    let pulses = pulses(table);
+    frames.par_iter().map(|f| evidence(f, &pulses)).collect()
 }
 
 /// Log-likelihood ratio of range at each minute, radial speeds from −12 to 12 m/s averaged: [`RANGES`] values [O 19].
 pub fn range_likelihood(frames: &[SpectralFrame], minutes: &[f64], table: &Propagation) -> Vec<Vec<f32>> {
-    let per_frame = range_evidence(frames, table);
+    // Frames that no minute is near are not looked at.
+    let mut needed = vec![false; frames.len()];
+    for t in minutes {
+        let first = frames.partition_point(|f| f.t_s < t - 90.0);
+        needed.iter_mut().skip(first).take(around(frames, *t).len()).for_each(|needed| *needed = true);
+    }
+    let pulses = pulses(table);
+    let nothing = |f: &SpectralFrame| MomentEvidence { t_s: f.t_s, log_ratio: Vec::new() };
+    let per_frame: Vec<MomentEvidence> = (frames.par_iter().zip(&needed))
+        .map(|(f, needed)| if *needed { evidence(f, &pulses) } else { nothing(f) })
+        .collect();
     minutes
         .par_iter()
         .map(|&t| {
@@ -266,11 +281,13 @@ pub fn range_likelihood(frames: &[SpectralFrame], minutes: &[f64], table: &Propa
                 .map(|v| {
                     let mut sum = vec![0f32; RANGES];
                     for (g, f) in per_frame[first..].iter().zip(window) {
-                        let shift = f64::from(v) * (f.t_s - t) / RANGE_STEP_M;
-                        for (j, s) in sum.iter_mut().enumerate() {
-                            let at = (j as f64 + shift).round();
-                            *s += g.log_ratio.get(at.max(0.0) as usize).copied().unwrap_or(0.0);
-                        }
+                        // So many steps farther out, rounded; nearer than the first it counts as the first.
+                        let shift = (f64::from(v) * (f.t_s - t) / RANGE_STEP_M + 0.5).floor() as isize;
+                        let (skipped, from) = ((-shift).max(0) as usize, shift.max(0) as usize);
+                        let nearest = g.log_ratio.first().copied().unwrap_or(0.0);
+                        sum.iter_mut().take(skipped).for_each(|s| *s += nearest);
+                        let farther = g.log_ratio.get(from..).unwrap_or(&[]);
+                        sum.iter_mut().skip(skipped).zip(farther).for_each(|(s, g)| *s += g);
                     }
                     sum
                 })

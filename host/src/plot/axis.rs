@@ -132,7 +132,7 @@ fn log_ticks(lo: f64, hi: f64, most: usize) -> Vec<f64> {
     let (first, last) = (lo.log10().floor() as i32, hi.log10().ceil() as i32);
     let decades = (hi / lo).log10().max(1e-6);
     let within = |x: &f64| *x >= lo * (1.0 - 1e-9) && *x <= hi * (1.0 + 1e-9);
-    let factors: &[f64] = if decades * 3.0 <= most as f64 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    let factors: &[f64] = if decades * 2.2 <= most as f64 { &[1.0, 2.0, 5.0] } else { &[1.0] };
     let stride = ((decades / most as f64).ceil() as i32).max(1);
     (first..=last)
         .filter(|d| d % stride == 0)

@@ -8,7 +8,7 @@ use seabearing_core::kit::median;
 use seabearing_core::wire::Bearing;
 
 /// Half the width of a 95 % interval of a Gaussian, in standard deviations.
-pub(super) const Z95: f64 = 1.959_964;
+pub(crate) const Z95: f64 = 1.959_964;
 
 /// The colour of what belongs to no track.
 pub(super) const NOBODY: RGBColor = RGBColor(165, 165, 165);
@@ -29,13 +29,13 @@ pub(super) fn faded(colour: RGBColor) -> RGBColor {
     RGBColor(mix(colour.0), mix(colour.1), mix(colour.2))
 }
 
-/// One direction: where its time lies on the axis, value and half of its band, degrees.
+/// One direction: where its time lies on the axis, its time, value and half of its band (degrees, or both a sine).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Direction {
-    pub(super) at: f64,
-    pub(super) t_s: f64,
-    pub(super) deg: f64,
-    pub(super) half_deg: f64,
+pub(crate) struct Direction {
+    pub(crate) at: f64,
+    pub(crate) t_s: f64,
+    pub(crate) value: f64,
+    pub(crate) half: f64,
 }
 
 /// Which angle of a bearing.
@@ -82,11 +82,11 @@ pub(super) fn panel(
         let t_s = b.index as f64 / rate_hz;
         let (deg, sd_deg) = angle.of(b);
         match whose.and_then(|k| own.get_mut(k)) {
-            Some(of) => of.push(Direction { at: times.at(t_s), t_s, deg, half_deg: Z95 * sd_deg }),
+            Some(of) => of.push(Direction { at: times.at(t_s), t_s, value: deg, half: Z95 * sd_deg }),
             None => nobody.push((times.at(t_s), deg)),
         }
     }
-    let values = own.iter().flatten().map(|d| d.deg).chain(nobody.iter().map(|p| p.1));
+    let values = own.iter().flatten().map(|d| d.value).chain(nobody.iter().map(|p| p.1));
     let (from, to) = limits(angle, values);
     figure.y_range(from, to);
     if !nobody.is_empty() {
@@ -98,7 +98,7 @@ pub(super) fn panel(
     drawn.sort_by_key(order);
     for k in drawn {
         let (Some(passage), Some(directions)) = (found.passages.get(k), own.get(k)) else { continue };
-        let points: Vec<(f64, f64)> = directions.iter().map(|d| (d.at, d.deg)).collect();
+        let points: Vec<(f64, f64)> = directions.iter().map(|d| (d.at, d.value)).collect();
         if alone.is_some_and(|alone| alone != k) {
             figure
                 .points(&format!("{} (another)", passage.name()), &points)
@@ -128,7 +128,7 @@ fn limits(angle: Angle, values: impl Iterator<Item = f64>) -> (f64, f64) {
 
 /// The band of directions of one source: interrupted where it was not heard and where an azimuth goes over North, beyond which the
 /// band is drawn on the other side.
-pub(super) fn band(directions: &[Direction], circle: bool) -> Vec<(f64, f64, f64)> {
+pub(crate) fn band(directions: &[Direction], circle: bool) -> Vec<(f64, f64, f64)> {
     let mut steps: Vec<f64> = directions.windows(2).map(|w| w[1].t_s - w[0].t_s).collect();
     let gap_s = (GAP_STEPS * median(&mut steps).unwrap_or(0.0)).max(LEAST_GAP_S);
     let shifts: &[f64] = if circle { &[0.0, 360.0, -360.0] } else { &[0.0] };
@@ -136,13 +136,13 @@ pub(super) fn band(directions: &[Direction], circle: bool) -> Vec<(f64, f64, f64
     for shift in shifts {
         let mut last: Option<&Direction> = None;
         for d in directions {
-            let half = d.half_deg.min(180.0);
-            let (low, high) = (d.deg - half + shift, d.deg + half + shift);
+            let half = d.half.min(180.0);
+            let (low, high) = (d.value - half + shift, d.value + half + shift);
             if *shift != 0.0 && (high < 0.0 || low > 360.0) {
                 last = None;
                 continue;
             }
-            let jumps = |l: &Direction| d.t_s - l.t_s > gap_s || circle && (d.deg - l.deg).abs() > 90.0;
+            let jumps = |l: &Direction| d.t_s - l.t_s > gap_s || circle && (d.value - l.value).abs() > 90.0;
             if last.is_none_or(jumps) {
                 out.push((d.at, f64::NAN, f64::NAN));
             }
@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn bands_are_interrupted_by_silence_and_go_on_beyond_north() {
-        let one = |t_s: f64, deg: f64| Direction { at: t_s, t_s, deg, half_deg: 5.0 };
+        let one = |t_s: f64, value: f64| Direction { at: t_s, t_s, value, half: 5.0 };
         let mut heard: Vec<Direction> = (0..9).map(|k| one(f64::from(k), 100.0)).collect();
         heard.push(one(30.0, 120.0));
         let corners = band(&heard, true);

@@ -197,8 +197,9 @@ fn axes(figure: &Plot, aspect: f64) -> (Axis, Axis) {
     };
     // The origin of a map is the station: it is always shown.
     let origin = figure.circles.iter().map(|_| 0.0);
-    let mut x = fixed(figure.x_range, figure.x_scale)
-        .unwrap_or_else(|| Axis::around(xs.chain(origin.clone()), figure.x_scale, tight));
+    let mut x = fixed(figure.x_range, figure.x_scale).unwrap_or_else(|| {
+        Axis::around(xs.chain(origin.clone()), figure.x_scale, tight || figure.x_scale == Scale::Utc)
+    });
     let mut y = fixed(figure.y_range, figure.y_scale)
         .unwrap_or_else(|| Axis::around(ys.chain(origin), figure.y_scale, tight));
     if figure.equal {

@@ -21,7 +21,7 @@ mod colour;
 pub mod contour;
 pub mod correlation;
 mod dense;
-mod directions;
+pub(crate) mod directions;
 mod draw;
 pub mod format;
 pub(crate) mod heard;

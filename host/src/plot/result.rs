@@ -168,3 +168,52 @@ pub fn write_all(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::heard::tests::{RATE_HZ, bearing, track};
+    use super::*;
+    use cpu_time::ThreadTime;
+
+    /// Vessels one after the other and two at a time, each for two hours, over so many seconds; a bearing of each every `step_s`.
+    fn passages(seconds: f64, step_s: f64) -> (Vec<Bearing>, Vec<Track>) {
+        let (mut bearings, mut reports) = (Vec::new(), Vec::new());
+        for k in 0..(seconds / 3600.0) as u16 {
+            let begins = 3600.0 * f64::from(k);
+            let way = (begins + 3600.0, if k % 2 == 0 { 800.0 } else { -500.0 });
+            let times = |step: f64| (0..(7200.0 / step) as usize).map(move |n| begins + n as f64 * step);
+            bearings.extend(times(step_s).map(|t| Bearing { var_azimuth: 1e-3, ..bearing(t, way) }));
+            reports.extend(times(60.0).map(|t| track(k, 0, t, way)));
+            reports.push(track(k, Track::FINAL, begins + 7199.0, way));
+        }
+        bearings.sort_by_key(|b| b.index);
+        reports.sort_by_key(|t| t.index);
+        (bearings, reports)
+    }
+
+    #[test]
+    fn a_week_of_vessels_is_drawn_in_seconds_and_a_few_hundred_kilobytes() {
+        let (bearings, reports) = passages(604_800.0, 12.0);
+        assert!(bearings.len() > 100_000);
+        let dir = tempfile::tempdir().unwrap();
+        let begun = ThreadTime::now();
+        let start = OffsetDateTime::from_unix_timestamp(1_714_521_600).unwrap();
+        let times = Times::new(Some(start), 604_800.0);
+        let pictures = Pictures::new(&bearings, &reports, RATE_HZ, &times, &[], "east");
+        let (angles, map) = (dir.path().join("bearings.svg"), dir.path().join("tracks.svg"));
+        super::super::write_panels(&angles, &[&pictures.azimuths, &pictures.elevations], 1).unwrap();
+        pictures.tracks.write(&map).unwrap();
+        assert!(begun.elapsed().as_secs_f64() < 10.0, "{:?}", begun.elapsed());
+        let [angles, map] = [angles, map].map(|path| std::fs::read_to_string(path).unwrap());
+        assert!(angles.len() < 500_000 && map.len() < 500_000, "{} {}", angles.len(), map.len());
+        // Seven days, tracks that are named as far as there is room, and all courses.
+        for words in ["2 May", "7 May", "time (UTC, 2024-05-01 to 2024-05-08)", "track 7"] {
+            assert!(angles.contains(&format!("\n{words}\n")), "{words}");
+        }
+        assert!(angles.contains("more\n") && map.matches("<polyline").count() > 2 * 168);
+        // Every bearing belongs to its vessel: the colours of two at a time are there in the middle of the week.
+        let heard: Vec<Heard> = bearings.iter().map(|b| Heard::of(b, RATE_HZ)).collect();
+        let found = Belonging::of_array(&reports, &heard, RATE_HZ);
+        assert!(found.whose.iter().all(Option::is_some));
+    }
+}
