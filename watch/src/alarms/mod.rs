@@ -346,7 +346,10 @@ impl Watcher {
                 _ => About::Station(station),
             };
             let acknowledged = record["state"] == "acknowledged";
-            let record = anew(record);
+            let mut record = anew(record);
+            if let About::Vessel(vessel) = about {
+                name(&mut record, Some(vessel));
+            }
             let raised = Raised { id, acknowledged, untrue_s: None, heard_s: now_s, report: None, record };
             // Of two of one name, as a version before left them, the later one goes on.
             out.extend(self.raised.insert((n, about), raised).map(|before| over(&before.record)));

@@ -359,7 +359,8 @@ fn a_base_station_that_starts_again_knows_whose_alarm_it_is() {
         assert!(after.take(&report, 21.0).is_empty(), "{report}");
     }
     assert!(after.take(&network(5, 905.0, "final"), 22.0).is_empty());
-    assert_eq!(states(&after.tick(60.0)), ["cleared"]);
+    let cleared = after.tick(60.0);
+    assert_eq!((states(&cleared), &cleared[0]["network"]), (vec!["cleared"], &json!(5)));
 }
 
 #[test]
