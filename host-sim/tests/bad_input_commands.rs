@@ -102,7 +102,7 @@ fn unfinished(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Command lines whose input, in place of `IN`, is hostile.
-const INPUTS: [&str; 34] = [
+const INPUTS: [&str; 35] = [
     "simulate IN --out o",
     "process --station IN IN",
     "process --station array.toml IN",
@@ -110,6 +110,7 @@ const INPUTS: [&str; 34] = [
     "bearing --station array.toml IN",
     "bearing --station IN tdoa.csv",
     "track IN",
+    "levels IN",
     "track bearings.csv --known-track IN",
     "shaft-rate --station array.toml IN",
     "shaft-rate --station IN IN",

@@ -56,6 +56,13 @@ fn levels_stand_beside_the_other_records_and_in_days() {
     }
     let svg = std::fs::read_to_string(at.join("plots/levels.svg")).unwrap();
     assert!(svg.contains("dB re 1 µPa²/Hz") && svg.contains("Long-term spectral average"), "{}", svg.len());
+    // Every picture says what is drawn, and of what.
+    for name in ["levels", "bearings", "tracks", "correlations"] {
+        let svg = std::fs::read_to_string(at.join(format!("plots/{name}.svg"))).unwrap();
+        assert!(svg.contains("Data: station ") && svg.len() < 500_000, "{name}");
+    }
+    let correlations = std::fs::read_to_string(at.join("plots/correlations.svg")).unwrap();
+    assert_eq!(correlations.matches(" UTC\n").count(), 6);
     // In UTC, for the recording's name tells its beginning.
     assert!(
         svg.contains("time (UTC, 2024-05-01)") && svg.contains("recorded from 2024-05-01"),

@@ -225,3 +225,63 @@ fn extent(shape: &Shape) -> Vec<(f64, f64)> {
         Shape::Notes(notes) => notes.iter().map(|(at, _)| *at).collect(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{ColourMap, HeatMap};
+    use super::*;
+
+    /// Where a text stands, across, each time that it is there.
+    fn places<'a>(svg: &'a str, text: &str) -> Vec<&'a str> {
+        let ends: Vec<usize> = svg.match_indices(&format!("\n{text}\n")).map(|(at, _)| at).collect();
+        let rests =
+            ends.into_iter().filter_map(|at| svg[..at].rfind("<text x=\"").map(|from| &svg[from + 9..]));
+        rests.filter_map(|rest| rest.split('"').next()).collect()
+    }
+
+    #[test]
+    fn panels_below_each_other_have_one_axis_also_beside_a_bar_of_colours() {
+        let begins = 1_714_521_600.0;
+        let panel = || {
+            let mut figure = Plot::new("t", "time", "y");
+            let line = [(begins, 0.0), (begins + 7200.0, 1.0)];
+            figure.x_scale(Scale::Utc).x_range(begins, begins + 7200.0).line("l", &line);
+            figure
+        };
+        let (mut above, below) = (panel(), panel());
+        above.heat(HeatMap {
+            x: (begins, begins + 7200.0),
+            y: (0.0, 1.0),
+            columns: 2,
+            values: vec![0.0, 1.0],
+            strength: Vec::new(),
+            range: None,
+            map: ColourMap::Amount,
+            label: "c".into(),
+        });
+        let svg = page(&[&above, &below], 1, Cells::Image).unwrap();
+        let found = places(&svg, "01:00");
+        assert!(found.len() == 2 && found[0] == found[1], "{found:?}");
+        // Beside what has another axis nothing is kept free.
+        let mut other = panel();
+        other.x_label = "frequency".into();
+        let svg = page(&[&above, &other], 1, Cells::Image).unwrap();
+        let found = places(&svg, "01:00");
+        assert!(found.len() == 2 && found[0] != found[1], "{found:?}");
+    }
+
+    #[test]
+    fn a_caption_stands_below_its_figure() {
+        let mut figure = Plot::new("t", "x", "y");
+        figure.line("l", &[(0.0, 0.0), (1.0, 1.0)]);
+        let without = figure.svg().unwrap();
+        let words = "What is drawn here, in so many words that they need a second line below the figure, because one is not as \
+                     wide as all of them together are.";
+        let with = figure.caption(words).svg().unwrap();
+        let height = |svg: &str| -> i32 {
+            svg.split("height=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap()
+        };
+        assert_eq!((height(&without), height(&with)), (500, 500 + 2 * 15 + 8));
+        assert!(with.contains("What is drawn here,") && !without.contains("What is drawn"));
+    }
+}

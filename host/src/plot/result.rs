@@ -101,8 +101,8 @@ pub fn bearing_errors(
 }
 
 /// Cross-correlations of the six pairs against lag, in the order of [`PAIRS`]; the delays of a bearing are marked.
-/// `when`: the time of the bearing, in words.
-pub fn correlations(found: &Correlations, delays_s: &[f64; 6], when: &str) -> [Plot; 6] {
+/// `when`: the time of the bearing, and `source`: where the data are from, in words.
+pub fn correlations(found: &Correlations, delays_s: &[f64; 6], when: &str, source: &str) -> [Plot; 6] {
     std::array::from_fn(|p| {
         let (i, j) = PAIRS[p];
         let mut figure = Plot::new(&format!("Hydrophones {i} and {j}, {when}"), "lag (ms)", "correlation");
@@ -111,9 +111,9 @@ pub fn correlations(found: &Correlations, delays_s: &[f64; 6], when: &str) -> [P
         let (lo, hi) = points.iter().fold((0.0f64, 0.0f64), |(a, b), p| (a.min(p.1), b.max(p.1)));
         let lag = delays_s[p] * 1e3;
         figure.line("correlation (PHAT)", &points).dashed("delay of the bearing", &[(lag, lo), (lag, hi)]);
-        figure.caption(
-            "Cross-correlation with the phase transform, against how much later the second hydrophone hears.",
-        );
+        figure.caption(&format!(
+            "Cross-correlation with the phase transform, against how much later the second hydrophone hears. {source}"
+        ));
         figure
     })
 }
@@ -162,7 +162,8 @@ pub fn write_all(
     if let Some((bearing, frames)) = segment {
         let curves = super::correlation::correlations(frames, config)?;
         let delays = delays(config, bearing.azimuth.into(), bearing.elevation.into())?;
-        let figures = correlations(&curves, &delays, &times.moment(bearing.index as f64 / config.rate_hz));
+        let when = times.moment(bearing.index as f64 / config.rate_hz);
+        let figures = correlations(&curves, &delays, &when, &times.source(&config.name));
         let all: Vec<&Plot> = figures.iter().collect();
         super::write_panels(&folder.join("correlations.svg"), &all, 3)?;
     }

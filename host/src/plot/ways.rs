@@ -82,3 +82,55 @@ pub(crate) fn words(found: &Belonging) -> String {
          the range.{without}"
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Shape;
+    use super::super::heard::tests::{RATE_HZ, track};
+    use super::*;
+    use time::OffsetDateTime;
+
+    #[test]
+    fn a_map_has_times_arrows_and_ellipses_and_the_station_once() {
+        let reports: Vec<_> = [(1, (600.0, 500.0)), (2, (900.0, -400.0))]
+            .into_iter()
+            .flat_map(|(id, way)| [track(id, 0, 300.0, way), track(id, 1, 1200.0, way)])
+            .collect();
+        let found = Belonging::of_array(&reports, &[], RATE_HZ);
+        let times = Times::new(OffsetDateTime::from_unix_timestamp(1_714_521_600).ok(), 1200.0);
+        let mut figure = Plot::map("Tracks");
+        courses(&mut figure, &found, &times, RATE_HZ);
+        for passage in &found.passages {
+            let own = figure.series.iter().filter(|s| s.colour == passage.colour());
+            let shapes: Vec<(usize, bool)> = own
+                .map(|s| match &s.shape {
+                    Shape::Line(points) => (points.len(), false),
+                    Shape::Outline(_) => (0, true),
+                    other => panic!("{other:?}"),
+                })
+                .collect();
+            // The course, its arrow's head, the ellipse: all in the track's colour.
+            assert_eq!(shapes, [(2, false), (3, false), (0, true)]);
+        }
+        let notes: Vec<&str> = (figure.series.iter())
+            .filter_map(|s| if let Shape::Notes(notes) = &s.shape { Some(notes) } else { None })
+            .flatten()
+            .map(|(_, text)| text.as_str())
+            .collect();
+        assert_eq!(notes, ["00:05:00", "1 at 00:20:00", "00:05:00", "2 at 00:20:00"]);
+        let svg = figure.svg().unwrap();
+        // The station is the only filled shape: a triangle.
+        assert_eq!((svg.matches("<polygon").count(), svg.matches("<circle").count()), (1, 0));
+    }
+
+    #[test]
+    fn of_a_track_without_a_range_it_is_said_that_it_is_not_drawn() {
+        let mut report = track(4, 1, 300.0, (600.0, 500.0));
+        report.range_observable = false;
+        let found = Belonging::of_array(&[report], &[], RATE_HZ);
+        let mut figure = Plot::map("Tracks");
+        courses(&mut figure, &found, &Times::new(None, 300.0), RATE_HZ);
+        assert!(figure.series.iter().all(|s| matches!(&s.shape, Shape::Notes(n) if n.is_empty())));
+        assert!(words(&found).contains("Track 4 is not drawn"));
+    }
+}
