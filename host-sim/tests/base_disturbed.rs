@@ -5,7 +5,7 @@
 mod base_process;
 
 use base_process::{Base, hello, kept, of, wait};
-use seabearing_core::wire::{Encoder, End, Fault, FaultCode, Hello, Message};
+use seabearing_core::wire::{Encoder, End, Fault, FaultCode, Hello, Message, Time};
 use serde_json::Value;
 #[cfg(target_os = "linux")]
 use std::fs::File;
@@ -193,4 +193,48 @@ fn an_alarm_that_nobody_took_before_a_stop_is_named_and_told_after_the_next_star
         assert!(begun.elapsed() < Duration::from_secs(10), "what was told waits for ever");
         std::thread::sleep(Duration::from_millis(20));
     }
+}
+
+#[test]
+fn a_recorder_without_utc_and_one_of_another_year_are_alarms_until_the_clock_is_right() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("alarms.toml"), "[[alarms]]\nkind = \"clock\"\nwithout_s = 1\n").unwrap();
+    let args = ["--listen", "127.0.0.1:0", "--store", "store", "--alarms", "alarms.toml"];
+    let base = Base::start(dir.path(), &args);
+    let mut encoder = Encoder::default();
+    let mut streams: Vec<_> = [7, 8].map(|station| (station, base.call())).into();
+    for (station, stream) in &mut streams {
+        stream.write_all(encoder.frame(&hello(*station))).unwrap();
+    }
+    let now_us = (time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 1000) as i64;
+    let mut told = |stream: &mut std::net::TcpStream, index: u64, off_us: i64| {
+        let time =
+            Time { index, utc_us: now_us + off_us, sd_s: 0.01, drift: 0.0, sd_drift: 1e-7, correlation: 0.0 };
+        stream.write_all(encoder.frame(&Message::Time(time))).unwrap();
+    };
+    // The second has a clock, of two years ago.
+    told(&mut streams[1].1, 0, -63_000_000_000_000);
+    let codes = |all: &[Value]| {
+        let alarms = all.iter().filter(|r| r["type"] == "alarm");
+        let said =
+            |r: &Value| ["code", "state"].map(|key| r[key].as_str().unwrap_or("").to_owned()).join(" ");
+        alarms.map(|r| (r["station"].as_u64(), said(r))).collect::<std::collections::BTreeSet<_>>()
+    };
+    let mut plain = Encoder::default();
+    let begun = Instant::now();
+    while codes(&kept(dir.path())).len() < 2 {
+        assert!(begun.elapsed() < Duration::from_secs(30), "{:?}", codes(&kept(dir.path())));
+        streams[0].1.write_all(plain.frame(&end(1))).unwrap();
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    told(&mut streams[0].1, 2, 0);
+    told(&mut streams[1].1, 2, 0);
+    let all = wait(dir.path(), "both are right", |all| codes(all).len() == 4);
+    let wanted = [
+        (7, "ClockMissing cleared"),
+        (7, "ClockMissing raised"),
+        (8, "ClockWrong cleared"),
+        (8, "ClockWrong raised"),
+    ];
+    assert_eq!(codes(&all), wanted.map(|(station, said)| (Some(station), said.to_owned())).into());
 }
