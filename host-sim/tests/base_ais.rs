@@ -6,7 +6,7 @@ mod base_process;
 
 use base_process::{Base, hello, kept, wait};
 use seabearing_core::wire::{Encoder, Message, Time, Track};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::net::TcpListener;
 use std::process::Command;
@@ -43,10 +43,8 @@ fn track(id: u16, x_m: f32, second: u32) -> Message {
     })
 }
 
-#[test]
-fn tracks_get_their_vessels_and_a_source_that_fails_stops_nothing() {
-    let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join("stations.toml"), STATIONS).unwrap();
+/// A vessel of AIS 600 m East of the station that goes North at 5 m/s, for 200 s.
+fn traffic() -> String {
     let mut traffic = String::from("mmsi,time,lat,lon\n");
     for second in (0..200u32).step_by(10) {
         let north = 5.0 * f64::from(second) - 500.0;
@@ -54,7 +52,57 @@ fn tracks_get_their_vessels_and_a_source_that_fails_stops_nothing() {
         traffic +=
             &format!("11,2026-06-01 00:{minute:02}:{rest:02},{},{}\n", north / DEGREE_M, 600.0 / DEGREE_M);
     }
-    std::fs::write(dir.path().join("traffic.csv"), traffic).unwrap();
+    traffic
+}
+
+#[test]
+fn records_of_a_vessel_that_two_stations_hear_have_one_verdict() {
+    let dir = tempfile::tempdir().unwrap();
+    let second = STATIONS.replace("id = 7", "id = 8").replace("lon_deg = 0.0", "lon_deg = 0.01");
+    std::fs::write(dir.path().join("stations.toml"), STATIONS.to_owned() + &second).unwrap();
+    std::fs::write(dir.path().join("traffic.csv"), traffic()).unwrap();
+    let mut records = String::new();
+    for t in (0..200u32).step_by(10) {
+        let north = 5.0 * f64::from(t) - 500.0;
+        let utc = format!("2026-06-01T00:{:02}:{:02}Z", t / 60, t % 60);
+        for (station, x_m) in [(7, 600.0), (8, 600.0 - 0.01 * DEGREE_M)] {
+            let track = json!({ "type": "track", "station": station, "session": 1, "id": 1, "stage": "running", "t_s": t,
+                "utc": utc, "x_m": x_m, "y_m": north, "var_x_m2": 400.0, "var_y_m2": 400.0, "cov_xy_m2": 0.0,
+                "range_observable": true, "heading_deg": 0.0, "sd_heading_deg": 3.0, "speed_m_s": 5.0, "sd_speed_m_s": 0.3 });
+            records += &format!("{track}\n");
+        }
+        let member = |station: u16| json!({ "station": station, "session": 1, "id": 1 });
+        let network = json!({ "type": "network_track", "id": 4, "state": "live", "utc": utc, "members": [member(7), member(8)],
+            "lat_deg": north / DEGREE_M, "lon_deg": 600.0 / DEGREE_M, "var_x_m2": 100.0, "var_y_m2": 100.0, "cov_xy_m2": 0.0,
+            "heading_deg": 0.0, "sd_heading_deg": 3.0, "speed_m_s": 5.0, "sd_speed_m_s": 0.3 });
+        records += &format!("{network}\n");
+    }
+    std::fs::write(dir.path().join("records.jsonl"), records).unwrap();
+    let mut command = Command::new(base_process::BINARY);
+    command.args([
+        "ais",
+        "match",
+        "--stations",
+        "stations.toml",
+        "--ais",
+        "traffic.csv",
+        "--json",
+        "records.jsonl",
+    ]);
+    let out = command.current_dir(dir.path()).output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let said = String::from_utf8(out.stdout).unwrap();
+    let said: Vec<Value> = said.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let verdicts: Vec<&Value> = said.iter().filter(|r| r["type"] == "ais_match").collect();
+    assert_eq!(verdicts.len(), 1, "{said:?}");
+    assert_eq!((&verdicts[0]["network"], &verdicts[0]["mmsi"]), (&4.into(), &11.into()), "{said:?}");
+}
+
+#[test]
+fn tracks_get_their_vessels_and_a_source_that_fails_stops_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("stations.toml"), STATIONS).unwrap();
+    std::fs::write(dir.path().join("traffic.csv"), traffic()).unwrap();
     let receiver = TcpListener::bind("127.0.0.1:0").unwrap();
     let source = format!("tcp:{}", receiver.local_addr().unwrap());
     let args = ["--stations", "stations.toml", "--store", "store", "--ais", "traffic.csv", "--ais", &source];
