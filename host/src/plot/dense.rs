@@ -214,6 +214,15 @@ mod tests {
     }
 
     #[test]
+    fn on_the_way_to_a_page_the_pixels_are_one_shape_for_each_colour() {
+        let mut figure = busy(WEEK_S, 600.0);
+        figure.heat = None;
+        let drawn = draw::page(&[&figure], 1, Cells::Rectangles).unwrap();
+        let shapes = drawn.matches("<path d=\"M").count();
+        assert!((6..2000).contains(&shapes) && !drawn.contains("<image"), "{shapes}");
+    }
+
+    #[test]
     fn what_can_be_drawn_one_by_one_is() {
         let few = busy(600.0, 6.0).svg().unwrap();
         assert!(few.matches("<circle").count() > 500 && few.matches("<image").count() == 1);

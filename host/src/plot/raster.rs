@@ -155,28 +155,30 @@ fn layer_png(layer: &Layer) -> Result<Vec<u8>> {
     png(size, png::ColorType::Indexed, &indices, Some(&palette))
 }
 
-/// A layer as rectangles, neighbours of one colour as one.
+/// A layer as one shape for each colour, of the rectangles of neighbours: shapes that are partly seen through cost, rectangles of one shape
+/// show no seams.
 fn runs(layer: &Layer, ((left, top), (width, height)): Place) -> String {
     let (w, h) = (width / layer.width as f64, height / layer.height as f64);
-    let mut out = String::from("<g shape-rendering=\"crispEdges\">");
+    let mut shapes: BTreeMap<[u8; 4], String> = BTreeMap::new();
     for (j, row) in layer.pixels.chunks(layer.width.max(1)).enumerate() {
         let mut i = 0;
         for run in row.chunk_by(|a, b| a == b) {
-            if let [[r, g, b, opacity @ 1..=255], ..] = run {
+            if let [colour @ [_, _, _, 1..=255], ..] = run {
+                let (x, y, along) = (left + i as f64 * w, top + j as f64 * h, run.len() as f64 * w);
                 let _ = write!(
-                    out,
-                    "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{h:.1}\" fill=\"#{r:02x}{g:02x}{b:02x}\" \
-                     fill-opacity=\"{:.2}\"/>",
-                    left + i as f64 * w,
-                    top + j as f64 * h,
-                    run.len() as f64 * w,
-                    f64::from(*opacity) / 255.0,
+                    shapes.entry(*colour).or_default(),
+                    "M{x:.1} {y:.1}h{along:.1}v{h:.1}h{:.1}z",
+                    -along
                 );
             }
             i += run.len();
         }
     }
-    out + "</g>"
+    let shape = |([r, g, b, opacity], path): (&[u8; 4], &String)| {
+        let opacity = f64::from(*opacity) / 255.0;
+        format!("<path d=\"{path}\" fill=\"#{r:02x}{g:02x}{b:02x}\" fill-opacity=\"{opacity:.2}\"/>")
+    };
+    format!("<g>{}</g>", shapes.iter().map(shape).collect::<String>())
 }
 
 /// Shares of an axis between which something lies.
