@@ -145,6 +145,12 @@ fn watch(
     }
 }
 
+impl Drop for AtWork {
+    fn drop(&mut self) {
+        self.ways.iter().for_each(|way| way.end());
+    }
+}
+
 /// Dates an alarm, and hands it to the deliveries and the store; false once the service has ended.
 fn tell(mut record: Value, ways: &[Arc<Way>], notebook: &Notebook) -> bool {
     record["utc"] = crate::report::rfc3339(now_s());

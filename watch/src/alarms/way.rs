@@ -47,7 +47,18 @@ pub(super) struct Way {
     folder: Option<PathBuf>,
     queue: Mutex<Queue>,
     changed: Condvar,
+    running: Running,
 }
+
+/// The program that is being told, if one is; and that no other is to be started.
+#[derive(Debug, Default)]
+struct Running(Mutex<(Option<Group>, bool)>);
+
+/// The process group of a program.
+#[cfg(unix)]
+type Group = rustix::process::Pid;
+#[cfg(not(unix))]
+type Group = ();
 
 impl std::fmt::Display for Way {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -91,7 +102,13 @@ fn paths(folder: &Path) -> Vec<PathBuf> {
 
 impl Way {
     fn new(delivery: Delivery, parent: Option<&Path>) -> Self {
-        let mut way = Self { delivery, folder: None, queue: Mutex::default(), changed: Condvar::new() };
+        let mut way = Self {
+            delivery,
+            folder: None,
+            queue: Mutex::default(),
+            changed: Condvar::new(),
+            running: Running::default(),
+        };
         let Some(parent) = parent else { return way };
         let folder = parent.join(format!("{:016x}", fnv1a(way.to_string().as_bytes())));
         let mut queue = Queue::default();
@@ -129,6 +146,17 @@ impl Way {
         self.changed.notify_all();
     }
 
+    fn has_ended(&self) -> bool {
+        self.running.0.lock().unwrap_or_else(PoisonError::into_inner).1
+    }
+
+    /// Ends the program that is being told, with all that it has started: none outlives this one.
+    pub(super) fn end(&self) {
+        let mut running = self.running.0.lock().unwrap_or_else(PoisonError::into_inner);
+        running.1 = true;
+        end(running.0.take());
+    }
+
     /// Waits until all is told, at most so long. What is not told then, and whether it is in the store.
     pub(super) fn settle(&self, until: Instant) -> Vec<(Value, bool)> {
         let mut queue = self.queue();
@@ -150,6 +178,10 @@ impl Way {
             };
             drop(queue);
             self.deliver(&alarm);
+            if self.has_ended() {
+                // It waits in the store.
+                return;
+            }
             queue = self.queue();
             if let Some(file) = queue.waiting.pop_front().and_then(|entry| entry.file)
                 && let Err(e) = std::fs::remove_file(&file)
@@ -166,10 +198,11 @@ impl Way {
         for attempt in 1..=ATTEMPTS {
             let told = match &self.delivery {
                 Delivery::Webhook(url) => post(url, &text),
-                Delivery::Command(command) => run(command, &text, PATIENCE),
+                Delivery::Command(command) => run(command, &text, PATIENCE, &self.running),
             };
             match told {
                 Ok(()) => break,
+                Err(_) if self.has_ended() => break,
                 Err(e) if attempt == ATTEMPTS => {
                     log::warn!("alarm {} was not delivered in {ATTEMPTS} attempts: {e:#}", alarm["id"]);
                 }
@@ -193,17 +226,23 @@ fn post(url: &str, text: &str) -> Result<()> {
 }
 
 /// Runs a program with a record on its standard input, for so long at most; after that it and all that it has started are ended.
-fn run(command: &[String], text: &str, patience: Duration) -> Result<()> {
+fn run(command: &[String], text: &str, patience: Duration, running: &Running) -> Result<()> {
     let Some((program, arguments)) = command.split_first() else { return Ok(()) };
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::null());
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
     // It does not outlive this program where that is interrupted.
+    let lock = || running.0.lock().unwrap_or_else(PoisonError::into_inner);
     let started = interrupt::listing(|| {
+        let mut running = lock();
+        if running.1 {
+            return Err(std::io::Error::other("this program ends"));
+        }
         let child = command.spawn()?;
         let group = group(&child);
-        std::io::Result::Ok((child, Box::new(move || end(group)) as Box<dyn FnMut() + Send>))
+        running.0 = group;
+        Ok((child, Box::new(move || end(group)) as Box<dyn FnMut() + Send>))
     });
     let (mut child, listed) = started.with_context(|| format!("cannot start {program}"))?;
     if let Some(mut to) = child.stdin.take() {
@@ -212,15 +251,17 @@ fn run(command: &[String], text: &str, patience: Duration) -> Result<()> {
     }
     let begun = Instant::now();
     loop {
+        let mut running = lock();
         if let Some(status) = child.try_wait()? {
-            drop(listed);
+            running.0 = None;
+            drop((running, listed));
             if !status.success() {
                 bail!("{program}: {status}");
             }
             return Ok(());
         }
         if begun.elapsed() > patience {
-            end(group(&child));
+            end(running.0.take());
             child.kill()?;
             child.wait()?;
             bail!(
@@ -228,19 +269,20 @@ fn run(command: &[String], text: &str, patience: Duration) -> Result<()> {
                 patience.as_secs()
             );
         }
+        drop(running);
         std::thread::sleep(Duration::from_millis(20));
     }
 }
 
 /// The process group of a program.
 #[cfg(unix)]
-fn group(child: &Child) -> Option<rustix::process::Pid> {
+fn group(child: &Child) -> Option<Group> {
     rustix::process::Pid::from_raw(child.id() as i32)
 }
 
 /// Ends a process group.
 #[cfg(unix)]
-fn end(group: Option<rustix::process::Pid>) {
+fn end(group: Option<Group>) {
     if let Some(group) = group {
         // It may have ended by itself.
         let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
@@ -248,10 +290,12 @@ fn end(group: Option<rustix::process::Pid>) {
 }
 
 #[cfg(not(unix))]
-fn group(_: &Child) {}
+fn group(_: &Child) -> Option<Group> {
+    None
+}
 
 #[cfg(not(unix))]
-fn end((): ()) {}
+fn end(_: Option<Group>) {}
 
 #[cfg(test)]
 mod tests {
@@ -308,16 +352,10 @@ mod tests {
         assert!(begin(Vec::new(), Some(&store)).is_empty() && paths(&store.join(FOLDER)).is_empty());
     }
 
+    /// Whether a program whose number stands in a file is gone, soon.
     #[cfg(unix)]
-    #[test]
-    fn a_program_is_ended_with_all_that_it_has_started() {
-        let dir = tempfile::tempdir().unwrap();
-        let file = dir.path().join("child");
-        let script = format!("sleep 300 & echo $! > '{}'; wait", file.display());
-        let command = ["sh".to_owned(), "-c".to_owned(), script];
-        let error = run(&command, "{}", Duration::from_millis(500)).unwrap_err().to_string();
-        assert!(error.contains("ended with all that it had started"), "{error}");
-        let child: i32 = std::fs::read_to_string(&file).unwrap().trim().parse().unwrap();
+    fn is_gone(file: &Path) -> bool {
+        let child: i32 = std::fs::read_to_string(file).unwrap().trim().parse().unwrap();
         let child = rustix::process::Pid::from_raw(child).unwrap();
         let begun = Instant::now();
         // It is gone once whoever adopts it has taken note.
@@ -326,9 +364,39 @@ mod tests {
             let is_dead = state.is_ok_and(|s| s.contains(") Z "));
             !is_dead && rustix::process::test_kill_process(child).is_ok()
         };
-        while lives() {
-            assert!(begun.elapsed() < Duration::from_secs(5), "the program's child is alive");
+        while lives() && begun.elapsed() < Duration::from_secs(5) {
             std::thread::sleep(Duration::from_millis(10));
         }
+        !lives()
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_program_is_ended_with_all_that_it_has_started() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("child");
+        let script = format!("sleep 300 & echo $! > '{0}.new'; mv '{0}.new' '{0}'; wait", file.display());
+        let command = vec!["sh".to_owned(), "-c".to_owned(), script];
+        let error =
+            run(&command, "{}", Duration::from_millis(500), &Running::default()).unwrap_err().to_string();
+        assert!(error.contains("ended with all that it had started"), "{error}");
+        assert!(is_gone(&file), "the program's child is alive");
+        // At the end of this program it does not wait for that time, and starts no other.
+        std::fs::remove_file(&file).unwrap();
+        let way = begin(vec![Delivery::Command(command)], Some(dir.path())).remove(0);
+        (1..=2).for_each(|id| way.put(&told(id)));
+        while !file.exists() {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        way.end();
+        assert!(is_gone(&file), "the program's child is alive");
+        std::fs::remove_file(&file).unwrap();
+        std::thread::sleep(AGAIN + Duration::from_millis(500));
+        assert!(!file.exists(), "another was started");
+        assert_eq!(
+            way.settle(Instant::now()).iter().filter(|(_, kept)| *kept).count(),
+            2,
+            "they wait in the store"
+        );
     }
 }
