@@ -15,7 +15,7 @@ pub(super) const NOBODY: RGBColor = RGBColor(165, 165, 165);
 
 /// Gaps beyond so many usual steps, and at least so many seconds, interrupt a band.
 const GAP_STEPS: f64 = 4.0;
-const LEAST_GAP_S: f64 = 12.0;
+const LEAST_GAP_S: f64 = 4.0;
 
 /// Share of its own colour that another track keeps on a track's page.
 const FADED: f64 = 0.45;
@@ -150,6 +150,22 @@ pub(crate) fn band(directions: &[Direction], circle: bool) -> Vec<(f64, f64, f64
             last = Some(d);
         }
     }
+    let mut apart: Vec<f64> =
+        directions.windows(2).map(|w| w[1].at - w[0].at).filter(|step| *step > 0.0).collect();
+    widened(&out, 0.5 * median(&mut apart).unwrap_or(0.0))
+}
+
+/// A band in which a direction that stands alone is so wide to both sides, or nothing would be seen of it.
+fn widened(band: &[(f64, f64, f64)], half: f64) -> Vec<(f64, f64, f64)> {
+    let mut out = Vec::with_capacity(band.len());
+    for run in band.chunk_by(|_, next| next.1.is_finite()) {
+        match run {
+            [gap, (at, low, high)] if gap.1.is_nan() => {
+                out.extend([*gap, (at - half, *low, *high), (at + half, *low, *high)]);
+            }
+            _ => out.extend_from_slice(run),
+        }
+    }
     out
 }
 
@@ -236,7 +252,9 @@ mod tests {
         heard.push(one(30.0, 120.0));
         let corners = band(&heard, true);
         assert_eq!(corners.iter().filter(|c| c.1.is_nan()).count(), 2);
+        // What stands alone is as wide as the time between others.
+        assert_eq!(&corners[11..], [(29.5, 115.0, 125.0), (30.5, 115.0, 125.0)].as_slice());
         let corners = band(&[one(0.0, 357.0), one(1.0, 359.0), one(2.0, 1.0)], true);
-        assert!(corners.contains(&(1.0, -6.0, 4.0)) && corners.contains(&(2.0, 356.0, 366.0)), "{corners:?}");
+        assert!(corners.contains(&(1.0, -6.0, 4.0)) && corners.contains(&(1.5, 356.0, 366.0)), "{corners:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! Pictures of what a recorder reports: bearings against time, tracks on a map, correlations of the pairs.
 
 use super::correlation::Correlations;
-use super::directions::{self, Angle, Z95};
+use super::directions::{self, Angle, Direction, Z95};
 use super::heard::{Belonging, Heard};
 use super::times::Times;
 use super::{Plot, cut_at_wraps, ways};
@@ -48,6 +48,15 @@ impl Pictures {
             let line: Vec<_> = rows.iter().map(|r| (times.at(r.t_s), r.arrival_azimuth_deg)).collect();
             azimuths.truth(&legend(truth, i), &cut_at_wraps(&line));
         }
+        let mut elevations = panel(Angle::Elevation);
+        // One axis for both.
+        let rows = truth.iter().flat_map(|(_, rows)| rows.iter().map(|r| r.t_s));
+        let heard_s = bearings.iter().map(|b| b.index as f64 / rate_hz);
+        let (from, to) =
+            rows.chain(heard_s).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+        for figure in [&mut azimuths, &mut elevations] {
+            figure.x_range(times.at(from), times.at(to));
+        }
         let mut tracks = Plot::map("Tracks");
         for (i, (_, rows)) in truth.iter().enumerate() {
             let line: Vec<_> = rows.iter().map(|r| (r.x_m, r.y_m)).collect();
@@ -55,7 +64,7 @@ impl Pictures {
         }
         ways::courses(&mut tracks, &found, times, rate_hz);
         tracks.caption(&format!("{} {source}", ways::words(&found)));
-        Self { azimuths, elevations: panel(Angle::Elevation), tracks }
+        Self { azimuths, elevations, tracks }
     }
 }
 
@@ -74,28 +83,36 @@ pub fn bearing_errors(
 ) -> Plot {
     let mut figure = Plot::new("Errors of the bearings", "", "azimuth error (°)");
     times.along(&mut figure);
-    let mut band = Vec::new();
-    let mut errors = Vec::new();
+    // Of each vessel.
+    let mut stated: Vec<Vec<Direction>> = vec![Vec::new(); truth.len()];
+    let mut errors: Vec<Vec<(f64, f64)>> = vec![Vec::new(); truth.len()];
     for b in bearings {
         let t = b.index as f64 / rate_hz;
         let azimuth = f64::from(b.azimuth).to_degrees();
         let nearest = truth
             .iter()
-            .filter_map(|(_, rows)| Truth::azimuth_at(rows, t))
-            .map(|a| turn_deg(a, azimuth))
-            .min_by(|a, b| a.abs().total_cmp(&b.abs()));
-        if let Some(error) = nearest {
+            .enumerate()
+            .filter_map(|(k, (_, rows))| Some((k, turn_deg(Truth::azimuth_at(rows, t)?, azimuth))))
+            .min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+        if let Some((k, error)) = nearest
+            && let (Some(stated), Some(errors)) = (stated.get_mut(k), errors.get_mut(k))
+        {
             let half = Z95 * f64::from(b.var_azimuth.max(0.0).sqrt()).to_degrees();
-            band.push((times.at(t), -half, half));
+            stated.push(Direction { at: times.at(t), t_s: t, value: 0.0, half });
             errors.push((times.at(t), error));
         }
     }
-    figure.band("95 % interval as reported", &band).points("error", &errors).same_colour().sized(1.7);
+    for ((name, _), (stated, errors)) in truth.iter().zip(stated.iter().zip(&errors)) {
+        if !errors.is_empty() {
+            figure.band("", &directions::band(stated, false)).points(name, errors).same_colour().sized(1.7);
+        }
+    }
     // An interval of a bearing that says nothing would hide the others.
-    let reach = errors.iter().map(|e| e.1.abs()).fold(0.5, f64::max) * 1.2;
+    let reach = errors.iter().flatten().map(|e| e.1.abs()).fold(0.5, f64::max) * 1.2;
     figure.y_range(-reach, reach);
     figure.caption(
-        "Azimuth of each bearing less that of the nearest vessel of the truth, degrees. Shaded: the 95 % interval that the recorder states.",
+        "Azimuth of each bearing less that of the nearest vessel of the truth, degrees, a colour for each vessel. Shaded about zero: the 95 % interval that the recorder \
+         states.",
     );
     figure
 }
@@ -212,6 +229,10 @@ mod tests {
             assert!(angles.contains(&format!("\n{words}\n")), "{words}");
         }
         assert!(angles.contains("more\n") && map.matches("<polyline").count() > 2 * 168);
+        // Both panels show one time.
+        assert!(
+            pictures.azimuths.x_range.is_some() && pictures.azimuths.x_range == pictures.elevations.x_range
+        );
         // Every bearing belongs to its vessel: the colours of two at a time are there in the middle of the week.
         let heard: Vec<Heard> = bearings.iter().map(|b| Heard::of(b, RATE_HZ)).collect();
         let found = Belonging::of_array(&reports, &heard, RATE_HZ);
