@@ -9,6 +9,7 @@ extern crate seabearing_host;
 mod ais_kinematics;
 mod ais_match;
 mod ais_paths;
+mod archive;
 mod base_fusion;
 mod base_power;
 mod base_process;
@@ -137,6 +138,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_week::WEEK,
     obs_week::WEEK_5_DB,
     obs_week::WEEK_10_DB,
+    archive::EXPERIMENT,
     shaft_rate::EXPERIMENT,
     link::EXPERIMENT,
     base_station::LOAD,
