@@ -1,6 +1,6 @@
 //! What metadata of data centres tell of ocean-bottom stations, whatever their format: chosen, checked and written as station files.
 //!
-//! Enters: what a file tells of stations and channels ([`super::xml`], [`super::dataless`]). Leaves: for each ocean-bottom station
+//! Enters: what a file tells of stations and channels (`xml`, `dataless`). Leaves: for each ocean-bottom station
 //! in it, one with a hydrophone and three components of motion at one rate, the text of a station file. Conventions, of both
 //! formats: azimuth clockwise from North, dip down from the horizontal (a vertical that is positive up has −90), elevation up
 //! from sea level, sensitivity in counts for the input unit. Components are renamed, not turned: "north" is the horizontal whose
