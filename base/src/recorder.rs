@@ -207,6 +207,11 @@ impl Recorder {
         self.sessions.get(&session).and_then(|s| s.rate_hz)
     }
 
+    /// UTC of a sample of a session, microseconds since 1970, where its clock is known.
+    pub fn utc_us(&self, session: u32, index: u64) -> Option<i64> {
+        Some(self.sessions.get(&session)?.utc(index)?.0)
+    }
+
     /// The newest session, if one was heard.
     pub fn session(&self) -> Option<u32> {
         self.sessions.last_key_value().map(|(n, _)| *n)

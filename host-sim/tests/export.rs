@@ -71,6 +71,22 @@ fn store(start: &[&str]) -> tempfile::TempDir {
 }
 
 #[test]
+fn pictures_of_a_base_station_are_in_utc_where_the_clock_is_known() {
+    let dir = store(&[]);
+    for (start, words) in
+        [(&["--start", "2024-05-01T09:00:00Z"][..], "2024-05-01 09:00:00 UTC"), (&[], "no clock is known")]
+    {
+        let args = ["base", "telemetry.bin", "--station", "west.toml", "--plots", "drawn"];
+        succeeds(dir.path(), &[&args[..], start].concat());
+        for name in ["bearings.svg", "tracks.svg"] {
+            let drawn = std::fs::read_to_string(dir.path().join("drawn").join(name)).unwrap();
+            let text = drawn.replace("</tspan><tspan>", " ");
+            assert!(text.contains(words) && text.contains("station 7"), "{name}: {words}");
+        }
+    }
+}
+
+#[test]
 fn every_format_by_name_and_by_ending() {
     let dir = store(&["--start", "2024-05-01T09:00:00Z"]);
     let export = |format: &str, out: &str| {

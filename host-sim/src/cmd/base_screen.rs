@@ -20,6 +20,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use time::OffsetDateTime;
 
 /// How often exports are written while telemetry comes in.
 const EXPORT: Duration = Duration::from_secs(10);
@@ -136,7 +137,7 @@ impl Known<'_> {
         }
         let mut board = Board::default();
         self.listed.iter().for_each(|s| board.expect(s.config.id, &s.config.name));
-        let now_us = micros(time::OffsetDateTime::now_utc());
+        let now_us = micros(OffsetDateTime::now_utc());
         for recorder in service.base().recorders() {
             let heard_s = recorder.heard_us.map(|us| (us - now_us) as f64 * 1e-6);
             heard_s.into_iter().for_each(|s| board.was_heard(recorder.station, s));
@@ -172,6 +173,8 @@ fn print_records(records: &Subscription) -> std::io::Result<()> {
 struct Pictured {
     name: Option<u16>,
     rate_hz: f64,
+    /// UTC of sample 0 as of the last bearing, where the clock is known.
+    start: Option<OffsetDateTime>,
     bearings: Vec<Bearing>,
     tracks: Vec<Track>,
 }
@@ -269,10 +272,19 @@ fn write(job: &Job, files: &[PathBuf], plots: Option<&Path>, places: &Positions)
 /// Bearings and tracks of a recorder's last session.
 fn pictured(recorder: &Recorder) -> Pictured {
     let session = recorder.session().unwrap_or(0);
+    let rate_hz = recorder.rate_hz(session).unwrap_or(f64::NAN);
+    let bearings: Vec<Bearing> =
+        recorder.bearings().filter(|(s, _)| *s == session).map(|(_, b)| *b).collect();
+    let last = bearings.last().map_or(0, |b| b.index);
+    let start = recorder.utc_us(session, last).and_then(|us| {
+        let began_us = us as f64 - last as f64 / rate_hz * 1e6;
+        OffsetDateTime::from_unix_timestamp_nanos((began_us as i128).checked_mul(1000)?).ok()
+    });
     Pictured {
         name: recorder.station,
-        rate_hz: recorder.rate_hz(session).unwrap_or(f64::NAN),
-        bearings: recorder.bearings().filter(|(s, _)| *s == session).map(|(_, b)| *b).collect(),
+        rate_hz,
+        start,
+        bearings,
         tracks: recorder.tracks().filter(|((s, _), _)| *s == session).flat_map(|(_, t)| t).copied().collect(),
     }
 }
@@ -280,8 +292,15 @@ fn pictured(recorder: &Recorder) -> Pictured {
 /// Bearings against time, and tracks on a map.
 fn pictures(recorder: &Pictured, folder: &Path) -> Result<()> {
     let longest_s = recorder.bearings.last().map_or(0.0, |b| b.index as f64 / recorder.rate_hz);
-    let times = Times::new(None, longest_s);
-    let drawn = Pictures::new(&recorder.bearings, &recorder.tracks, recorder.rate_hz, &times, &[], "");
+    let times = Times::new(recorder.start, longest_s);
+    let drawn = Pictures::new(
+        &recorder.bearings,
+        &recorder.tracks,
+        recorder.rate_hz,
+        &times,
+        &[],
+        &recorder.name.map_or(String::new(), |name| name.to_string()),
+    );
     drawn.azimuths.write(&folder.join("bearings.svg"))?;
     drawn.tracks.write(&folder.join("tracks.svg"))
 }
