@@ -74,6 +74,9 @@ fn legend(truth: &[(String, Vec<Truth>)], i: usize) -> String {
     if i == 0 { format!("truth: {}", names.join(", ")) } else { String::new() }
 }
 
+/// What an axis of errors reaches at least, degrees.
+const LEAST_REACH_DEG: f64 = 1e-3;
+
 /// Error of each azimuth against the nearest vessel's truth, with the 95 % band the recorder states.
 pub fn bearing_errors(
     bearings: &[Bearing],
@@ -107,8 +110,11 @@ pub fn bearing_errors(
             figure.band("", &directions::band(stated, false)).points(name, errors).same_colour().sized(1.7);
         }
     }
-    // An interval of a bearing that says nothing would hide the others.
-    let reach = errors.iter().flatten().map(|e| e.1.abs()).fold(0.5, f64::max) * 1.2;
+    // An interval of a bearing that says nothing would hide the others: one in twenty may be cut.
+    let mut halves: Vec<f64> = stated.iter().flatten().map(|d| d.half).collect();
+    halves.sort_unstable_by(f64::total_cmp);
+    let usual = halves.get(halves.len() * 19 / 20).copied().unwrap_or(0.0).min(180.0);
+    let reach = errors.iter().flatten().map(|e| e.1.abs()).fold(usual.max(LEAST_REACH_DEG), f64::max) * 1.2;
     figure.y_range(-reach, reach);
     figure.caption(
         "Azimuth of each bearing less that of the nearest vessel of the truth, degrees, a colour for each vessel. Shaded about zero: the 95 % interval that the recorder \
