@@ -52,6 +52,7 @@ fn what_a_network_will_tell_is_printed_and_drawn_before_it_is_deployed() {
     assert!((polar / number(last, "sd_position_m") - 1.0).abs() < 0.03, "{last}");
     assert!(number(last, "sd_heading_deg") > number(&rows[0], "sd_heading_deg"));
     let svg = std::fs::read_to_string(path("plots/accuracy.svg")).unwrap();
+    assert!(svg.len() < 500_000, "{}", svg.len());
     for words in [
         "azimuths alone",
         "depth unknown",
@@ -109,5 +110,6 @@ fn what_an_array_will_tell_of_passages_is_printed_and_drawn() {
     let by_hand = (500.0 * sigma).hypot(slant2 * sigma / 163.0);
     assert!((number(&rows[1], "one_bearing_sd_position_m") / by_hand - 1.0).abs() < 0.01, "{}", rows[1]);
     let svg = std::fs::read_to_string(dir.path().join("plots/accuracy.svg")).unwrap();
+    assert!(svg.len() < 500_000, "{}", svg.len());
     assert!(svg.contains("Heading, 200 s") && svg.contains("Position by one bearing"), "{}", svg.len());
 }

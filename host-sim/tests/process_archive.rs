@@ -80,6 +80,7 @@ fn units_are_the_same_at_once_one_by_one_and_shared_out() {
     std::fs::write(&file, &std::fs::read(&file).unwrap()[..96_000]).unwrap();
     assert!(out("--out serial").contains("1 station-days processed, 5 were there"));
     assert!(contents(&dir.path().join("serial"))["east.2024-05-02.jsonl"] != serial["east.2024-05-02.jsonl"]);
+    assert!(out("--out serial --name-offset +05:00").contains(" 0 were there"));
     let missed = run(dir.path(), "--out x --share 3/2");
     assert!(
         !missed.status.success() && String::from_utf8_lossy(&missed.stderr).contains("'3/2' for '--share")

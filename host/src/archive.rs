@@ -32,6 +32,11 @@ pub struct Member {
 }
 
 impl Member {
+    /// What was recorded.
+    pub fn recording(&self) -> &Recording {
+        &self.recording
+    }
+
     /// Looks for a station's recordings.
     ///
     /// # Errors
@@ -173,6 +178,13 @@ fn made_of(unit: &Unit, member: &Member) -> Result<Value> {
         "table_hash": member.table.as_deref().map(|t| format!("{:016x}", fnv1a(t))),
         "inputs": inputs,
     });
+    // How samples are made of files, beyond what the recorder itself is told.
+    let Station { gains, responses, components, seed_id, file_channels, line, .. } = &member.station;
+    let reading = format!(
+        "{gains:?} {responses:?} {components:?} {seed_id:?} {file_channels:?} {line:?} {:?}",
+        member.recording.name_offset()
+    );
+    made_of["reading_hash"] = json!(format!("{:016x}", fnv1a(reading.as_bytes())));
     if let Some(seconds) = member.levels_s {
         made_of["levels_s"] = json!(seconds);
     }

@@ -119,6 +119,12 @@ pub fn run(args: Args) -> Result<()> {
     }
     let station = Station::of_recorder(&args.station)?;
     let config = &station.config;
+    if let (Some(folder), Kind::Obs(_) | Kind::Line(_)) = (&args.plots, &config.kind) {
+        mistake!(
+            "--plots {}: what an array or a list of stations will tell is drawn, not this",
+            folder.display()
+        );
+    }
     let mut record = json!({
         "type": "config", "station": config.id, "name": config.name.as_str(),
         "hash": format!("{:016x}", config.hash()), "sound_speed_m_s": config.sound_speed_m_s,

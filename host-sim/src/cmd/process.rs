@@ -173,7 +173,7 @@ pub fn run(args: Args) -> Result<()> {
         return archive(&args, stations, folder);
     }
     let mut stations = stations.into_iter();
-    let (Some((_imported, station)), None) = (stations.next(), stations.next()) else {
+    let (Some((imported, station)), None) = (stations.next(), stations.next()) else {
         bail!("several stations need a folder for their records: --out DIR");
     };
     if matches!(station.config.kind, Kind::Line(_)) {
@@ -206,6 +206,9 @@ pub fn run(args: Args) -> Result<()> {
     let meter = args.levels.map(|s| Meter::new(&station, s, args.plots.is_some()));
     let mut meter = meter.transpose().map_err(|e| Mistake(format!("{e:#}")))?;
     let recording = Recording::find(&args.input, &station, &asked)?;
+    if let Some(imported) = imported.as_ref().filter(|_| asked.span.from.is_none()) {
+        imported.hold(&station.config.name, recording.days().as_ref());
+    }
     let live = recording.is_live();
     if live && args.plots.is_some() {
         mistake!("--plots needs a recording that has an end: draw the records of a live station afterwards");
@@ -397,7 +400,12 @@ fn archive(args: &Args, stations: Vec<(Option<Arc<Imported>>, Station)>, folder:
     for (imported, station) in stations {
         let name = station.config.name.clone();
         match Member::find(station, &args.input, &asked, args.levels) {
-            Ok(member) => members.push(member),
+            Ok(member) => {
+                if let Some(imported) = imported.as_ref().filter(|_| asked.span.from.is_none()) {
+                    imported.hold(&name, member.recording().days().as_ref());
+                }
+                members.push(member);
+            }
             // StationXML tells of whole networks; the archive need not hold all of it.
             Err(e) if several && imported.is_some() => log::warn!("left out {name}: {e:#}"),
             Err(e) => return Err(e.context(name.to_string())),

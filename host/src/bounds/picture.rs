@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use std::path::Path;
 
 /// Cells of a map, each way.
-const CELLS: usize = 81;
+const CELLS: usize = 61;
 /// Arrays on the colours, and lines of equal value.
 const ARRAYS: RGBColor = RGBColor(213, 94, 0);
 const LINES: RGBColor = RGBColor(255, 255, 255);

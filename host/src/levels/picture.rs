@@ -133,14 +133,19 @@ fn spectrum(meter: &Meter, own: &[&(f64, Level)]) -> Plot {
             - db(edge_hz(cell + 1) - edge_hz(cell));
         let [low, middle, high] = percentiles_db(&meter.whole, place, channel)
             .map(|level| level.map_or(f64::NAN, |x| f64::from(x) + more));
-        band.push((f, low, high));
+        if low.is_finite() && high.is_finite() {
+            band.push((f, low, high));
+        }
         median.push((f, middle));
         mean.push((f, mean_db(own.iter().map(|(_, l)| l.psd_db.get(place).copied().flatten()))));
     }
     let label = format!("spectral density ({unit})");
     let mut figure = Plot::new(&format!("Spectrum, {name}"), "frequency (Hz)", &label);
     figure.size(620, 330).x_scale(Scale::Log);
-    figure.band("5 to 95 % of snapshots", &band).line("median", &median).same_colour().dashed("mean", &mean);
+    if !band.is_empty() {
+        figure.band("5 to 95 % of snapshots", &band);
+    }
+    figure.line("median", &median).same_colour().dashed("mean", &mean);
     figure.caption(
         "Spectral density over the whole recording: level of the mean power, median, and the levels that 5 and 95 % of the snapshots (of a second or \
          more) are below.",

@@ -368,7 +368,8 @@ fn heat(
     }
     let first = when.first().copied().unwrap_or(0.0);
     let step_s = when.get(1).map_or(60.0, |second| second - first);
-    let begins = first - 0.5 * step_s;
+    // Not before the recording: half a cell is less than can be seen, another date is not.
+    let begins = (first - 0.5 * step_s).max(0.0);
     let x = (times.at(begins), times.at(begins + step_s * (per * groups.len()) as f64));
     grid(title, y_label, times, x, y, (groups.len(), values, Vec::new()), range, label)
 }

@@ -4,7 +4,7 @@
 //! font that is built in, so that they look the same on every machine.
 
 use super::raster::Cells;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use std::path::Path;
 use std::str::FromStr;
 use std::sync::OnceLock;
@@ -78,6 +78,13 @@ pub(super) fn write(path: &Path, drawn: impl Fn(Cells) -> Result<String>) -> Res
         .extension()
         .and_then(|e| e.to_str())
         .and_then(|e| Format::from_str(&e.to_ascii_lowercase()).ok());
+    if let (None, Some(ending)) = (named, path.extension()) {
+        bail!(
+            "{}: no picture is written as .{}; .svg, .png and .pdf are",
+            path.display(),
+            ending.to_string_lossy()
+        );
+    }
     let wanted = WANTED.get().map_or(&[Format::Svg][..], Vec::as_slice);
     let formats = match named {
         Some(Format::Svg) => wanted,

@@ -76,8 +76,10 @@ pub(crate) fn words(found: &Belonging) -> String {
         [one] => format!(" Track {one} is not drawn: nothing is known of its range."),
         several => format!(" Tracks {} are not drawn: nothing is known of their ranges.", several.join(", ")),
     };
+    let placed = found.passages.len() - found.passages.iter().filter(|p| !p.is_placed()).count();
+    let beside = if placed <= FEW { "its number and UTC" } else { "its number (colours return after seven)" };
     format!(
-        "Straight course of each track by its last solution, while it was heard, with its number and UTC; the arrow shows the \
+        "Straight course of each track by its last solution, while it was heard, with {beside}; the arrow shows the \
          way it goes, the ellipse holds its last place with 95 %. Black triangle: the station, about which circles show \
          the range.{without}"
     )

@@ -18,7 +18,7 @@ use time::OffsetDateTime;
 /// then right within 0.7 %.
 const HALF_S: f64 = 4.0;
 /// What is smaller than this share of the response where the sensitivity is told is not raised further: 20 dB.
-const WATER_LEVEL: f64 = 0.1;
+pub(crate) const WATER_LEVEL: f64 = 0.1;
 /// Points of the spectra that filters are made of.
 const POINTS: usize = 4096;
 
@@ -248,7 +248,12 @@ mod tests {
 
     #[test]
     fn a_tone_through_a_geophone_comes_out_as_it_went_in() {
-        let high_pass = Response { poles: vec![[-TAU * 2.0, 0.0]], zeros: vec![[0.0, 0.0]], at_hz: 20.0 };
+        let high_pass = Response {
+            poles: vec![[-TAU * 2.0, 0.0]],
+            zeros: vec![[0.0, 0.0]],
+            at_hz: 20.0,
+            reversed: false,
+        };
         let responses = [Some(high_pass.clone()), Some(geophone(4.5, 0.56)), None, Some(geophone(4.5, 0.56))];
         for hz in [2.0, 3.0, 4.5, 7.3, 12.0, 20.0] {
             let of = |response: Option<&Response>, i: usize| {

@@ -47,6 +47,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use time::{Date, OffsetDateTime, UtcOffset};
 
+pub(crate) use equalise::WATER_LEVEL;
 pub use window::Span;
 
 /// Where blocks of samples come from.
@@ -145,6 +146,8 @@ pub struct Recording {
     full_scale: i32,
     /// What is taken out of the components of motion and pressure.
     responses: [Option<Response>; CHANNELS],
+    /// Offset of the times in names from UTC, where somebody told it.
+    name_offset: Option<UtcOffset>,
 }
 
 enum Found {
@@ -175,6 +178,7 @@ impl Recording {
                 rate_hz: config.rate_hz,
                 full_scale: config.full_scale,
                 responses: station.responses.clone(),
+                name_offset: None,
             });
         }
         let files = expand(paths, station.seed_id.as_deref(), asked.span)?;
@@ -188,6 +192,7 @@ impl Recording {
             rate_hz: config.rate_hz,
             full_scale: config.full_scale,
             responses: station.responses.clone(),
+            name_offset: asked.name_offset.or(station.name_offset),
         };
         if let [(path, _)] = &files[..]
             && Container::of(path)? == Some(Container::Raw)
@@ -248,7 +253,19 @@ impl Recording {
         let config = &station.config;
         let found = Found::Memory(frames.into(), rate_hz);
         let (rate_hz, full_scale) = (config.rate_hz, config.full_scale);
-        Ok(Self { found, start: asked.start, rate_hz, full_scale, responses: station.responses.clone() })
+        Ok(Self {
+            found,
+            start: asked.start,
+            rate_hz,
+            full_scale,
+            responses: station.responses.clone(),
+            name_offset: None,
+        })
+    }
+
+    /// Offset of the times in names from UTC, where somebody told it.
+    pub fn name_offset(&self) -> Option<UtcOffset> {
+        self.name_offset
     }
 
     /// Samples a second in the files.

@@ -22,11 +22,14 @@ impl WrittenTime {
     /// The time in a file name; `zone` is that of names that tell none.
     pub fn in_name(name: &str, zone: UtcOffset) -> Option<Self> {
         let bytes = name.as_bytes();
-        (0..bytes.len()).rev().find_map(|at| {
-            let begins = bytes[at].is_ascii_digit() && (at == 0 || !bytes[at - 1].is_ascii_digit());
-            // A number that something parts from one before it may be the day or the month of a whole date.
-            if begins { date_and_time(&name[at..], zone) } else { None }
-        })
+        let last = |of_year: usize, between: &[u8]| {
+            (0..bytes.len()).rev().find_map(|at| {
+                let begins = bytes[at].is_ascii_digit() && (at == 0 || !bytes[at - 1].is_ascii_digit());
+                if begins { of_digits(&name[at..], of_year, between, zone) } else { None }
+            })
+        };
+        // Where a year is written out, six digits are no date but a time or a serial number.
+        last(4, b"-_.").or_else(|| last(2, b""))
     }
 
     /// The time written as RFC 3339.
@@ -69,11 +72,7 @@ fn three<'a>(text: &'a str, digits: [usize; 3], between: &[u8]) -> Option<([i32;
     Some((out, rest))
 }
 
-/// A date of these digits and the time after it.
-fn date_and_time(text: &str, zone: UtcOffset) -> Option<WrittenTime> {
-    of_digits(text, 4, b"-_.", zone).or_else(|| of_digits(text, 2, b"", zone))
-}
-
+/// A date whose year has so many digits, and the time after it.
 fn of_digits(text: &str, of_year: usize, between: &[u8], zone: UtcOffset) -> Option<WrittenTime> {
     let ([year, month, day], behind) = three(text, [of_year, 2, 2], between)?;
     let year = year + if of_year == 2 { 2000 } else { 0 };
@@ -98,13 +97,19 @@ fn of_digits(text: &str, of_year: usize, between: &[u8], zone: UtcOffset) -> Opt
     let zone = match behind.as_bytes().first() {
         Some(b'Z' | b'z') => UtcOffset::UTC,
         // Without the `T` of ISO 8601 what follows may be a serial number.
-        Some(b'+' | b'-') if iso => offset(behind).unwrap_or(zone),
+        Some(b'+' | b'-') if iso && tells_minutes(behind) => offset(behind).unwrap_or(zone),
         _ => zone,
     };
     Some(WrittenTime {
         at: PrimitiveDateTime::new(date, time).assume_offset(zone).to_offset(UtcOffset::UTC),
         resolution_s: 10f64.powi(-(fraction.len() as i32)),
     })
+}
+
+/// Whether an offset tells its minutes: two digits alone behind a time may be a serial number.
+fn tells_minutes(text: &str) -> bool {
+    let digits = text.bytes().skip(1).filter(|b| *b != b':').take_while(u8::is_ascii_digit);
+    digits.count() == 4
 }
 
 /// An offset from UTC at the start of a text: `+1000`, `-03:30`, `+10`. Hours up to 14, and quarters of an hour.
@@ -143,6 +148,10 @@ mod tests {
             "2024-01-31 12.00.00.wav",
             "2024-01-31_120000_7.wav",
             "20240131_12-00-00.wav",
+            "x_20240131_120000_123456.wav",
+            "PAM_20240131_120000_101112.wav",
+            "20240131T120000-01.wav",
+            "2024-01-31T12-00-00-02.wav",
         ] {
             assert_eq!(
                 WrittenTime::in_name(name, UtcOffset::UTC),

@@ -4,8 +4,10 @@
 //! ocean-bottom station, whose sensitivity is in counts: level = 20 lg(rms counts / sensitivity) − response, in pascals and
 //! metres a second brought to the reference values of ISO 18405:2017: 1 µPa and 1 nm/s.
 
+use super::response::Response;
 use super::tables::{CalibrationTable, Sensitivity};
 use crate::record::calibrate;
+use crate::recording::WATER_LEVEL;
 use crate::toml_file::TomlFile;
 use anyhow::{Result, bail};
 use seabearing_core::block::CHANNELS;
@@ -24,18 +26,29 @@ pub struct Calibration {
     full_scale_db: f64,
     /// Frequency, Hz, and by how many decibels the channel is more sensitive there; rising. Empty: flat.
     response_db: Vec<(f64, f64)>,
+    /// Below this, Hz, nothing is told: there is less in the recording than was taken out of it.
+    from_hz: f64,
 }
 
 impl Default for Calibration {
     /// Pressure, of which nothing is known.
     fn default() -> Self {
-        Self { quantity: "pressure", reference: "full scale", full_scale_db: 0.0, response_db: Vec::new() }
+        Self {
+            quantity: "pressure",
+            reference: "full scale",
+            full_scale_db: 0.0,
+            response_db: Vec::new(),
+            from_hz: 0.0,
+        }
     }
 }
 
 impl Calibration {
     /// What is to be added to a level re full scale at a frequency, dB; `None` where the response is not known.
     pub fn db(&self, f_hz: f64) -> Option<f64> {
+        if f_hz < self.from_hz {
+            return None;
+        }
         if self.response_db.is_empty() {
             return Some(self.full_scale_db);
         }
@@ -78,8 +91,25 @@ impl Calibrations {
     }
 }
 
-/// The calibration of each of a station's channels; `sensitive`: whether an array's file states its sensitivities.
+/// The calibration of each of a station's channels; `sensitive`: whether an array's file states its sensitivities; `responses`: what is
+/// taken out of its recordings.
 pub(super) fn of_channels(
+    table: Option<&CalibrationTable>,
+    config: &StationConfig,
+    sensitive: bool,
+    sensitivity: Option<Sensitivity>,
+    responses: &[Option<Response>; CHANNELS],
+    source: &TomlFile,
+) -> Result<[Calibration; CHANNELS]> {
+    let mut out = flat(table, config, sensitive, sensitivity, source)?;
+    for (c, response) in out.iter_mut().zip(responses) {
+        c.from_hz = response.as_ref().map_or(0.0, |r| r.falls_below(WATER_LEVEL));
+    }
+    Ok(out)
+}
+
+/// The same where nothing is taken out.
+fn flat(
     table: Option<&CalibrationTable>,
     config: &StationConfig,
     sensitive: bool,
@@ -197,6 +227,14 @@ mod tests {
             assert_eq!((got[2].reference, got[2].db(99.0)), ("full scale", Some(0.0)));
         }
         assert_eq!(read(&stated).unwrap()[2].reference, "1 µPa");
+    }
+
+    #[test]
+    fn nothing_is_told_where_a_response_was_taken_out_of_nothing() {
+        // A geophone of 4.5 Hz, in rad/s.
+        let responses = "\n[obs.responses]\nnorth = { poles = [[-15.8, 23.4], [-15.8, -23.4]], zeros = [[0.0, 0.0], [0.0, 0.0]], at_hz = 20.0 }\n";
+        let got = read(&format!("{OBS}{responses}")).unwrap();
+        assert_eq!((got[1].db(1.0), got[1].db(2.0).is_some(), got[0].db(0.1).is_some()), (None, true, true));
     }
 
     #[test]

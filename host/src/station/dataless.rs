@@ -203,10 +203,12 @@ impl Fields<'_> {
             "B" => TAU,
             _ => return Some(()),
         };
-        // Stage, units, normalisation and its frequency.
-        self.text(2 + 3 + 3 + 12)?;
-        let at_hz = self.number(12)?.filter(|hz| *hz > 0.0).unwrap_or(1.0);
+        // Stage and units, then the factor of normalisation and its frequency.
+        self.text(2 + 3 + 3)?;
+        let reversed = self.number(12)?.is_some_and(|factor| factor < 0.0);
+        let at_hz = self.number(12)?.filter(|hz| *hz > 0.0).unwrap_or(0.0);
         let response = channel.response.get_or_insert_with(|| Response { at_hz, ..Response::default() });
+        response.reversed ^= reversed;
         for roots in [&mut response.zeros, &mut response.poles] {
             for _ in 0..self.number(3)?? as usize {
                 let root = [self.number(12)?? * per_unit, self.number(12)?? * per_unit];

@@ -44,6 +44,9 @@ pub(super) struct Told {
     pub channels: Vec<Channel>,
 }
 
+/// A beginning and an end, where they are told.
+pub type Epoch = (Option<OffsetDateTime>, Option<OffsetDateTime>);
+
 /// A station that can be used.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Described {
@@ -57,6 +60,8 @@ pub struct Described {
     pub depth_m: f64,
     /// Samples a second in the files.
     pub rate_hz: f64,
+    /// When all of its channels began to be so, and when the first of them ceased, where that is told.
+    pub epoch: Epoch,
     /// Pressure, north, east and vertical.
     pub channels: [Channel; 4],
     /// Azimuth of the component called north, degrees.
@@ -107,11 +112,12 @@ pub(super) fn choose(told: Vec<Told>, wanted: &Wanted) -> Result<Vec<Described>>
         }
         let code = format!("{n}.{s}");
         match described(&code, &station, wanted) {
-            // An epoch told twice is one station.
-            Ok(d) => {
-                out.retain(|o: &Described| o.code != d.code);
-                out.push(d);
-            }
+            // A station told twice is one, in its latest epoch.
+            Ok(d) => match out.iter_mut().find(|o: &&mut Described| o.code == d.code) {
+                Some(other) if other.epoch.0 <= d.epoch.0 => *other = d,
+                Some(_) => {}
+                None => out.push(d),
+            },
             Err(e) => refused.push(format!("{code}: {e:#}")),
         }
     }
@@ -234,6 +240,10 @@ fn put_together(
         lat_lon_deg: (told(lat_deg, "latitude")?, told(lon_deg, "longitude")?),
         depth_m: -elevation_m,
         rate_hz: pressure.rate_hz,
+        epoch: (
+            [pressure, north, east, vertical].iter().filter_map(|c| c.start).max(),
+            [pressure, north, east, vertical].iter().filter_map(|c| c.end).min(),
+        ),
         channels: [pressure, north, east, vertical].map(Channel::clone),
         orientation_of_north_deg: wrap_deg(of_north),
     })
@@ -304,10 +314,11 @@ impl Described {
         }
         let mut heading = "\n[obs.responses]\n";
         for (component, response) in COMPONENTS.into_iter().zip(self.departing()) {
-            if let Some((_, Response { poles, zeros, at_hz }, ..)) = response {
+            if let Some((_, Response { poles, zeros, at_hz, reversed }, ..)) = response {
+                let reversed = if *reversed { ", reversed = true" } else { "" };
                 let _ = writeln!(
                     out,
-                    "{heading}{component} = {{ poles = {poles:?}, zeros = {zeros:?}, at_hz = {at_hz:?} }}"
+                    "{heading}{component} = {{ poles = {poles:?}, zeros = {zeros:?}, at_hz = {at_hz:?}{reversed} }}"
                 );
                 heading = "";
             }

@@ -1,6 +1,6 @@
 //! A station file and its propagation table from what data centres keep: StationXML or dataless SEED.
 
-use super::described::{Described, Wanted, choose};
+use super::described::{Described, Epoch, Wanted, choose};
 use super::{dataless, xml};
 use crate::interrupt::{self, Guard};
 use crate::ocean_bottom::table;
@@ -9,7 +9,9 @@ use crate::propagation::profile::SpeedProfile;
 use crate::propagation::{file, trace};
 use crate::{atomic, recording};
 use anyhow::{Context, Result};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use time::{Date, OffsetDateTime};
 
 /// Rows of a table traced here and their distance, m: the range that the detectors look at, and a bit.
 const ROWS: usize = 730;
@@ -53,6 +55,13 @@ pub fn write(described: &Described, id: u16, propagation: Option<&Path>, out: &P
             silent.join(", ")
         ));
     }
+    for c in described.channels.iter().filter(|c| c.response.as_ref().is_some_and(|r| !r.is_sound())) {
+        recording::complain(&format!(
+            "{}: the poles and zeros of {} cannot be used (a pole that is not in the left half plane, or no known response at the sensitivity's \
+             frequency): its response is taken as flat",
+            described.code, c.code
+        ));
+    }
     let departing: Vec<String> = described
         .departing()
         .into_iter()
@@ -94,8 +103,28 @@ pub fn write(described: &Described, id: u16, propagation: Option<&Path>, out: &P
 pub struct Imported {
     /// The station files.
     pub files: Vec<PathBuf>,
+    /// Names of the stations, and from when to when what is told of each holds.
+    epochs: Vec<(String, Epoch)>,
     _folder: tempfile::TempDir,
     _listed: Guard,
+}
+
+impl Imported {
+    /// Says so where a station recorded on days of which its metadata tell something else, or nothing.
+    pub fn hold(&self, station: &str, days: Option<&BTreeSet<Date>>) {
+        // A station file's name is cut.
+        let told = self.epochs.iter().find(|(code, _)| code.starts_with(station) && !station.is_empty());
+        let (Some((code, (from, to))), Some(days)) = (told, days) else { return };
+        let outside =
+            |day: &&Date| from.is_some_and(|t| **day < t.date()) || to.is_some_and(|t| **day > t.date());
+        let Some(day) = days.iter().find(outside) else { return };
+        let date = |t: &Option<OffsetDateTime>| t.map_or("…".to_owned(), |t| t.date().to_string());
+        recording::complain(&format!(
+            "{code}: recorded on {day}, but what is told of it here holds from {} to {}: --from chooses another epoch",
+            date(from),
+            date(to)
+        ));
+    }
 }
 
 /// Makes station files of all that are wanted of a StationXML file, in a temporary folder.
@@ -108,11 +137,12 @@ pub fn import(path: &Path, wanted: &Wanted, propagation: Option<&Path>) -> Resul
         let path = folder.path().to_owned();
         Ok::<_, std::io::Error>((folder, Box::new(move || drop(std::fs::remove_dir_all(&path))) as _))
     })?;
-    let mut files = Vec::new();
+    let (mut files, mut epochs) = (Vec::new(), Vec::new());
     for (id, described) in (1..).zip(read(path, wanted)?) {
         let out = folder.path().join(format!("{}.toml", described.code));
         write(&described, id, propagation, &out)?;
         files.push(out);
+        epochs.push((described.code.clone(), described.epoch));
     }
-    Ok(Imported { files, _folder: folder, _listed: listed })
+    Ok(Imported { files, epochs, _folder: folder, _listed: listed })
 }

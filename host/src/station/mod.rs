@@ -255,8 +255,14 @@ impl Station {
         });
         let name_offset = name_offset.transpose()?;
         let sensitive = source.has("array.sensitivity_db_re_1v_upa");
-        let calibration =
-            calibration::of_channels(file.calibration.as_ref(), &config, sensitive, sensitivity, source)?;
+        let calibration = calibration::of_channels(
+            file.calibration.as_ref(),
+            &config,
+            sensitive,
+            sensitivity,
+            &responses,
+            source,
+        )?;
         Ok(Self {
             config,
             components,

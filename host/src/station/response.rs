@@ -19,6 +19,9 @@ pub struct Response {
     pub zeros: Vec<[f64; 2]>,
     /// Frequency at which the sensitivity is told, Hz.
     pub at_hz: f64,
+    /// The factor before poles and zeros is negative.
+    #[serde(default)]
+    pub reversed: bool,
 }
 
 /// Where the methods for the ocean bottom listen, Hz: tones from 2 Hz on, noise up to half the recorder's 50 samples a second.
@@ -37,7 +40,7 @@ impl Response {
             product(&self.zeros) / product(&self.poles)
         };
         let phase = |roots: &[[f64; 2]]| roots.iter().map(|[re, im]| (TAU * hz - im).atan2(-re)).sum::<f64>();
-        let turned = phase(&self.zeros) - phase(&self.poles);
+        let turned = phase(&self.zeros) - phase(&self.poles) + if self.reversed { PI } else { 0.0 };
         (size(hz) / size(self.at_hz), turned - TAU * (turned / TAU).round())
     }
 
@@ -49,6 +52,18 @@ impl Response {
             && self.poles.iter().all(|[re, _]| *re < 0.0)
             && self.at_hz > 0.0
             && self.at(self.at_hz).0.is_finite()
+    }
+
+    /// Frequency below which it is smaller than a share of what it is where the sensitivity is told, Hz; 0 where it is nowhere so.
+    pub fn falls_below(&self, share: f64) -> f64 {
+        let small = |hz: f64| self.at(hz).0 < share;
+        // A thirtieth of a decade from frequency to frequency.
+        let mut looked_at =
+            (0..=120).map(|k| 10f64.powf(f64::from(k) / 30.0 - 2.0)).take_while(|hz| *hz < self.at_hz);
+        if !small(0.01) {
+            return 0.0;
+        }
+        looked_at.find(|hz| !small(*hz)).unwrap_or(self.at_hz)
     }
 
     /// By how much it departs where the methods listen, up to a frequency: dB, degrees, and whether that is more than is flat.
@@ -72,7 +87,12 @@ pub(crate) mod tests {
     pub(crate) fn geophone(f0: f64, h: f64) -> Response {
         let w = TAU * f0;
         let im = w * (1.0 - h * h).sqrt();
-        Response { poles: vec![[-h * w, im], [-h * w, -im]], zeros: vec![[0.0; 2]; 2], at_hz: 20.0 }
+        Response {
+            poles: vec![[-h * w, im], [-h * w, -im]],
+            zeros: vec![[0.0; 2]; 2],
+            at_hz: 20.0,
+            reversed: false,
+        }
     }
 
     #[test]
@@ -88,6 +108,21 @@ pub(crate) mod tests {
         // A seismometer of 120 s is flat where ships are heard.
         let (db, deg, departs) = geophone(1.0 / 120.0, 0.707).departs(25.0);
         assert!(db < 0.01 && deg < 0.5 && !departs, "{db} {deg}");
+        // A zero in the right half plane before a negative factor, as velocity sensors have that tell it so: no reversal.
+        let w = TAU * 150.0;
+        let guralp = Response {
+            zeros: vec![[0.0; 2], [0.0; 2], [w, 0.0]],
+            reversed: true,
+            ..geophone(1.0 / 30.0, 0.707)
+        };
+        let phase = guralp.at(5.0).1;
+        assert!((phase + (5f64 / 150.0).atan()).abs() < 0.02, "{phase}");
+        // A tenth of what it is at 20 Hz: (f/4.5)² = 0.1 · 1.06 or so.
+        assert!((1.2..1.6).contains(&g.falls_below(0.1)), "{}", g.falls_below(0.1));
+        assert_eq!(
+            Response { poles: vec![[-1e4, 0.0]], zeros: Vec::new(), ..g.clone() }.falls_below(0.1),
+            0.0
+        );
         assert!(!Response { poles: vec![[1.0, 0.0]], ..g }.is_sound());
     }
 }

@@ -76,7 +76,9 @@ fn channel(node: Node<'_, '_>) -> Channel {
 /// The analogue poles and zeros of a response, flat at the sensitivity's frequency.
 fn poles(response: Node<'_, '_>, sensitivity_hz: Option<f64>) -> Option<Response> {
     let stages = children(response, "Stage").flat_map(|stage| children(stage, "PolesZeros"));
-    let mut out = Response { at_hz: sensitivity_hz.unwrap_or(1.0), ..Response::default() };
+    let mut out = Response::default();
+    // The sensitivity's frequency goes before that of a stage.
+    let mut at_hz = sensitivity_hz.filter(|hz| *hz > 0.0);
     for stage in stages {
         let per_unit = match text(stage, "PzTransferFunctionType")? {
             "LAPLACE (RADIANS/SECOND)" => 1.0,
@@ -84,6 +86,8 @@ fn poles(response: Node<'_, '_>, sensitivity_hz: Option<f64>) -> Option<Response
             // Digital filters are flat where they are used.
             _ => continue,
         };
+        out.reversed ^= number(stage, "NormalizationFactor").is_some_and(|factor| factor < 0.0);
+        at_hz = at_hz.or(number(stage, "NormalizationFrequency").filter(|hz| *hz > 0.0));
         let roots = |name| {
             let parts =
                 |root| Some([number(root, "Real")? * per_unit, number(root, "Imaginary")? * per_unit]);
@@ -92,6 +96,7 @@ fn poles(response: Node<'_, '_>, sensitivity_hz: Option<f64>) -> Option<Response
         out.zeros.extend(roots("Zero")?);
         out.poles.extend(roots("Pole")?);
     }
+    out.at_hz = at_hz.unwrap_or(0.0);
     (!out.poles.is_empty() || !out.zeros.is_empty()).then_some(out)
 }
 
@@ -242,6 +247,12 @@ mod tests {
         };
         assert_eq!((of(""), of("2012-06-01T00:00:00Z")), (88.0, 77.0));
         let at = moment("2011-06-01T00:00:00Z");
+        // In whichever order, and as stations of their own.
+        let two = document(&channels[..4]).replace("</Network></FDSNStationXML>", "") + "<Station";
+        let second = document(&channels[4..]);
+        let second = second.split_once("<Station").unwrap().1;
+        let split = parse(&(two + second), &Wanted::default()).unwrap();
+        assert_eq!((split.len(), split[0].orientation_of_north_deg), (1, 88.0));
         let before = parse(&document(&channels), &Wanted { at, ..Wanted::default() }).unwrap_err();
         let epochs = "YV.RR03: nothing is told of 2011-06-01; epochs: 2012-01-01 to …, 2013-01-01 to …";
         assert_eq!(before.to_string(), epochs);
