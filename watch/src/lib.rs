@@ -7,6 +7,7 @@
 pub mod ais;
 pub mod ais_live;
 pub mod alarms;
+pub mod before;
 pub mod errors;
 pub mod matching;
 pub mod metrics;

@@ -8,7 +8,7 @@
 //! vessel is out of the question. What reports share of their error stays what it is: the less the difference from a vessel
 //! changes along and across the line of sight while that turns, the more it is the vessel's. What remains is weighed by its
 //! likelihood against a vessel that does not report and might be anywhere about the station, or beside one that does: a vessel
-//! for a track is accepted, and its absence believed, with a probability of 97.5 %. One vessel has at most one of the tracks
+//! for a track is accepted, and its absence believed, with a probability of 97.5 %, of a minute or more. One vessel has at most one of the tracks
 //! that a station has at one time, for which the most probable choice of all tracks together is found.
 
 mod drift;
@@ -32,6 +32,8 @@ const ACCEPTED_2: f64 = 9.210;
 const ACCEPTED_4: f64 = 7.779;
 /// Tracks of one station that share less time may be one vessel's, s.
 const SHARED_S: f64 = 30.0;
+/// Places of a track that lie in less time tell nothing for certain, s: one moment fits whoever was there.
+const LEAST_S: f64 = 60.0;
 /// A vessel that leaves its reports out for so long is not thought of, s.
 pub const HIDDEN_S: f64 = 7200.0;
 /// Speed of a vessel that does not tell where it is, m/s.
@@ -337,6 +339,12 @@ fn open(heard: &Heard, fleet: &Fleet, rules: &Rules) -> Open {
     }
     if !fleet.covers(t_s, rules.gap_s) {
         open.reason = Some("no vessel reported at that time".to_owned());
+        return open;
+    }
+    let at = |r: Option<&&TrackReport>| r.and_then(|r| r.utc_s).map_or(f64::NAN, |(t_s, _)| t_s);
+    let told_s = at(compared.last()) - at(compared.first());
+    if told_s < LEAST_S {
+        open.reason = Some(format!("too short: its places are those of {told_s:.0} s"));
         return open;
     }
     open.fits = (0..fleet.vessels.len()).filter_map(|v| fit(heard, &compared, v, fleet, rules)).collect();

@@ -5,6 +5,7 @@ use crate::base::store::{self, Wanted};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_watch::ais::{self, AisFile, Fleet};
+use seabearing_watch::before::{Before, as_before};
 use seabearing_watch::errors;
 use seabearing_watch::matching::{Rules, heard};
 use seabearing_watch::report::{TrackReport, VesselId, utc};
@@ -74,17 +75,29 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let known: BTreeMap<u16, (f64, f64)> = places.iter().filter_map(|(of, at)| Some(((*of)?, *at))).collect();
     let mut told = Vessels::new(&known);
     let mut reports: BTreeMap<VesselId, Vec<TrackReport>> = BTreeMap::new();
+    let mut before = Before::default();
     for path in &args.tracks {
         read_tracks(path, &mut |record| {
             let at_s = utc(&record["received_utc"]).or_else(|| utc(&record["utc"])).unwrap_or(0.0);
             for word in told.take(record, at_s) {
                 match word {
-                    Word::Joins(track, _) => drop(reports.remove(&VesselId::Track(track))),
+                    Word::Joins(track, _) => {
+                        let said = reports.remove(&VesselId::Track(track)).unwrap_or_default();
+                        before.joins(track, said, at_s);
+                    }
                     Word::Parts(network, _) => drop(reports.remove(&VesselId::Network(network))),
-                    Word::Says(seen) => keep(&mut reports, &seen),
+                    Word::Says(seen) => {
+                        let Some(vessel) = seen.first().map(|r| r.vessel) else { continue };
+                        let of = reports.entry(vessel).or_default();
+                        of.extend(before.parts(vessel));
+                        of.extend(as_before(of.first(), &seen, &told));
+                    }
                 }
             }
         })?;
+    }
+    for (vessel, said) in &mut reports {
+        *said = before.with(*vessel, said, &told);
     }
     let total = reports.values().map(Vec::len).sum::<usize>();
     let (mut tracks, left_out) = heard(reports.into_values().flatten(), &places);
@@ -113,14 +126,6 @@ pub(super) fn run(args: &Args) -> Result<()> {
         log::warn!("{} more remarks like these", fleet.remarks.len() - SHOWN);
     }
     super::print_records(&errors::records(&tracks, &fleet, &rules), args.json)
-}
-
-/// Keeps a vessel's report as seen from the station of its first one.
-fn keep(reports: &mut BTreeMap<VesselId, Vec<TrackReport>>, seen: &[TrackReport]) {
-    let Some(first) = seen.first() else { return };
-    let of = reports.entry(first.vessel).or_default();
-    let from = of.first().map_or(first.station, |first| first.station);
-    of.extend(seen.iter().find(|r| r.station == from));
 }
 
 /// Hands out the records of a file or of a store.

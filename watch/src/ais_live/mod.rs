@@ -9,6 +9,7 @@ pub mod source;
 
 use crate::ais::Fleet;
 use crate::ais::aivdm::Told;
+use crate::before::{Before, as_before};
 use crate::errors::{of_track, record};
 use crate::matching::{HIDDEN_S, Heard, Rules, Verdict, heard, judge};
 use crate::report::{TrackReport, VesselId};
@@ -69,6 +70,7 @@ pub struct Live {
     lengths: BTreeMap<u64, f64>,
     vessels: Vessels,
     tracks: BTreeMap<VesselId, Known>,
+    before: Before,
     remarked: BTreeSet<(u64, bool)>,
     ended: Ended,
     changed: bool,
@@ -86,6 +88,7 @@ impl Live {
             lengths: BTreeMap::new(),
             vessels: Vessels::new(stations),
             tracks: BTreeMap::new(),
+            before: Before::default(),
             remarked: BTreeSet::new(),
             ended: Ended::default(),
             changed: false,
@@ -97,7 +100,12 @@ impl Live {
         for word in self.vessels.take(record, now_s) {
             match word {
                 // The tracks of its stations count no more, and after that they count again.
-                Word::Joins(track, _) => self.forget_track(VesselId::Track(track)),
+                Word::Joins(track, _) => {
+                    let known = self.tracks.get_mut(&VesselId::Track(track));
+                    let said = known.map(|known| std::mem::take(&mut known.reports)).unwrap_or_default();
+                    self.before.joins(track, said, now_s);
+                    self.forget_track(VesselId::Track(track));
+                }
                 Word::Parts(network, _) => self.forget_track(VesselId::Network(network)),
                 Word::Says(seen) => self.says(&seen, now_s),
             }
@@ -109,15 +117,16 @@ impl Live {
         self.ended.withdraw(vessel);
     }
 
-    /// Takes a report; of a vessel that several stations hear as seen from the station of its first report.
+    /// Takes a report; of a vessel that several stations hear as seen from the station of its first report, which may have left it.
     fn says(&mut self, seen: &[TrackReport], now_s: f64) {
         let Some(report) = seen.first() else { return };
+        let before = self.before.parts(report.vessel);
         if report.is_withdrawn {
             return self.forget_track(report.vessel);
         }
         let known = self.tracks.entry(report.vessel).or_default();
-        let from = known.reports.first().map_or(report.station, |first| first.station);
-        let Some(report) = seen.iter().find(|r| r.station == from).copied() else { return };
+        known.reports.extend(before);
+        let Some(report) = as_before(known.reports.first(), seen, &self.vessels) else { return };
         (known.heard_s, known.over) = (now_s, report.is_final);
         known.settled = false;
         known.reports.push(report);
@@ -176,6 +185,9 @@ impl Live {
     /// Judges the tracks; gives the records that are to be told, each with its station.
     pub fn judge(&mut self, now_s: f64) -> Vec<(Option<u16>, Value)> {
         self.tracks.retain(|_, known| now_s - known.heard_s <= JUDGED_S);
+        let tracks = &self.tracks;
+        let counts = |vessel, joined_s| now_s - joined_s <= JUDGED_S || tracks.contains_key(&vessel);
+        self.before.retain(&self.vessels, counts);
         let settles = |known: &Known| !known.settled && now_s - known.heard_s > SETTLED_S;
         let due = self.tracks.values().any(settles);
         if self.tracks.is_empty() || !(std::mem::take(&mut self.changed) || due) {
@@ -187,7 +199,9 @@ impl Live {
         for report in self.ais.iter_mut().chain(&mut of_files) {
             report.length_m = report.length_m.or(self.lengths.get(&report.mmsi).copied());
         }
-        let reports = self.tracks.values().flat_map(|known| known.reports.iter().copied());
+        let all =
+            |(vessel, known): (&VesselId, &Known)| self.before.with(*vessel, &known.reports, &self.vessels);
+        let reports = self.tracks.iter().flat_map(all);
         let (mut tracks, _) = heard(reports, &self.stations);
         for track in tracks.iter_mut().filter(|t| matches!(t.vessel, VesselId::Network(_))) {
             track.stations = self.vessels.stations(track.vessel).into_iter().map(Some).collect();

@@ -271,27 +271,110 @@ fn one_report_of_a_clock_that_has_jumped_ahead_lets_no_others_be_forgotten() {
     assert_eq!(live.ais.len(), 21);
 }
 
+fn by_two() -> Live {
+    Live::new(&BTreeMap::from([(7, PLACE), (8, (50.0, -1.01))]), Rules::default())
+}
+
+/// The network track of track 1 of these stations, 605 m East of the first.
+fn network(t_s: f64, state: &str, stations: &[u16]) -> Value {
+    let (lat, lon) = LocalFrame::new(PLACE.0, PLACE.1).lat_lon_deg(605.0, 5.0 * t_s - 500.0);
+    let members: Vec<Value> =
+        stations.iter().map(|station| json!({ "station": station, "session": 3, "id": 1 })).collect();
+    json!({ "type": "network_track", "id": 4, "state": state, "utc": rfc3339(THEN_S + t_s), "members": members,
+        "lat_deg": lat, "lon_deg": lon, "var_x_m2": 100.0, "var_y_m2": 100.0, "cov_xy_m2": 0.0,
+        "heading_deg": 0.0, "sd_heading_deg": 3.0, "speed_m_s": 5.0, "sd_speed_m_s": 0.3 })
+}
+
+/// The same as [`track`] 1, as the second station has it.
+fn by_second(t_s: f64, stage: &str) -> Value {
+    let mut record = track(1, 605.0 + 717.0, t_s, stage);
+    record["station"] = 8.into();
+    record
+}
+
+/// The last that is told of the network track, all having ended.
+fn last_of_network(live: &mut Live) -> Value {
+    live.finish().into_iter().map(|(_, r)| r).rfind(|r| r["network"] == 4).unwrap()
+}
+
+#[test]
+fn a_network_track_that_comes_at_the_end_is_judged_by_what_its_members_said_before() {
+    // One vessel goes the same way; another meets it at the end and no time before.
+    for (mmsi, from_m, verdict) in [(11, 605.0, "vessel"), (12, -3000.0, "dark")] {
+        let mut live = by_two();
+        for k in 0..25 {
+            let t_s = 10.0 * f64::from(k);
+            live.told(report(mmsi, from_m + (605.0 - from_m) * t_s / 190.0, t_s));
+        }
+        for k in 0..20 {
+            let t_s = 10.0 * f64::from(k);
+            live.take(&track(1, 605.0, t_s, if k < 19 { "running" } else { "final" }), 0.0);
+            live.take(&by_second(t_s, if k < 19 { "running" } else { "final" }), 0.0);
+        }
+        live.take(&network(190.0, "live", &[7, 8]), 0.0);
+        live.take(&network(190.0, "final", &[7, 8]), 0.0);
+        let last = last_of_network(&mut live);
+        assert_eq!((&last["verdict"], &last["from_utc"]), (&json!(verdict), &rfc3339(THEN_S)), "{last}");
+    }
+}
+
+#[test]
+fn a_network_track_of_one_moment_is_of_nobody_for_certain() {
+    let mut live = by_two();
+    for k in 0..20 {
+        live.told(report(11, 605.0, 10.0 * f64::from(k)));
+    }
+    live.take(&network(190.0, "live", &[7, 8]), 0.0);
+    let last = last_of_network(&mut live);
+    assert_eq!(
+        (&last["verdict"], &last["reason"]),
+        (&json!("unmatched"), &json!("too short: its places are those of 0 s"))
+    );
+}
+
+#[test]
+fn a_network_track_goes_on_when_its_first_station_leaves_it() {
+    let mut live = by_two();
+    for k in 0..20 {
+        let t_s = 10.0 * f64::from(k);
+        live.told(report(11, 600.0, t_s));
+        live.take(&network(t_s, "live", if k < 3 { &[7, 8] } else { &[8] }), t_s);
+    }
+    let last = last_of_network(&mut live);
+    assert_eq!((&last["verdict"], &last["to_utc"]), (&json!("vessel"), &rfc3339(THEN_S + 190.0)), "{last}");
+}
+
+#[test]
+fn a_track_that_fusion_lets_go_of_has_all_it_said() {
+    let mut live = by_two();
+    for k in 0..20 {
+        let t_s = 10.0 * f64::from(k);
+        live.told(report(11, 600.0, t_s));
+        live.take(&track(1, 605.0, t_s, "running"), t_s);
+        if k == 17 {
+            live.take(&network(t_s, "live", &[7, 8]), t_s);
+            live.take(&network(t_s, "withdrawn", &[7, 8]), t_s);
+        }
+    }
+    let end = live.finish();
+    let last = end.iter().map(|(_, r)| r).find(|r| r["type"] == "ais_match").unwrap();
+    assert_eq!(
+        (&last["verdict"], &last["from_utc"], &last["id"]),
+        (&json!("vessel"), &rfc3339(THEN_S), &json!(1))
+    );
+}
+
 #[test]
 fn a_vessel_that_two_stations_hear_has_one_verdict_and_counts_once() {
-    let mut live = Live::new(&BTreeMap::from([(7, PLACE), (8, (50.0, -1.01))]), Rules::default());
-    let frame = LocalFrame::new(PLACE.0, PLACE.1);
-    let network = |t_s: f64, state: &str| {
-        let (lat, lon) = frame.lat_lon_deg(605.0, 5.0 * t_s - 500.0);
-        let member = |station: u16| json!({ "station": station, "session": 3, "id": 1 });
-        json!({ "type": "network_track", "id": 4, "state": state, "utc": rfc3339(THEN_S + t_s), "members": [member(7), member(8)],
-            "lat_deg": lat, "lon_deg": lon, "var_x_m2": 100.0, "var_y_m2": 100.0, "cov_xy_m2": 0.0,
-            "heading_deg": 0.0, "sd_heading_deg": 3.0, "speed_m_s": 5.0, "sd_speed_m_s": 0.3 })
-    };
+    let mut live = by_two();
     let mut said = Vec::new();
     for k in 0..20 {
         let t_s = 10.0 * f64::from(k);
         live.told(report(11, 600.0, t_s));
         live.take(&track(1, 605.0, t_s, "running"), t_s);
-        let mut other = track(1, 605.0 + 717.0, t_s, "running");
-        other["station"] = 8.into();
-        live.take(&other, t_s);
+        live.take(&by_second(t_s, "running"), t_s);
         if k >= 5 {
-            live.take(&network(t_s, if k < 19 { "live" } else { "final" }), t_s);
+            live.take(&network(t_s, if k < 19 { "live" } else { "final" }, &[7, 8]), t_s);
         }
         said.extend(live.judge(t_s));
     }

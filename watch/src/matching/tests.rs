@@ -99,6 +99,12 @@ fn what_cannot_be_said_is_not_said_and_why() {
     let mut late = track(1, 500.0, 0.0, 30.0);
     late.reports.iter_mut().for_each(|r| r.utc_s = Some((90_000.0, None)));
     assert_eq!(reason(&[late], &one), "no vessel reported at that time");
+    let mut short = track(1, 500.0, 0.0, 30.0);
+    short.reports.truncate(2);
+    assert_eq!(reason(&[short.clone()], &one), "too short: its places are those of 30 s");
+    // Of nobody's, either.
+    short.reports.iter_mut().for_each(|r| r.place.as_mut().unwrap().0.0 = -900.0);
+    assert_eq!(reason(&[short], &one), "too short: its places are those of 30 s");
     let mut blind = track(1, 500.0, 0.0, 30.0);
     blind.reports.iter_mut().for_each(|r| r.place = None);
     assert_eq!(reason(&[blind], &one), "its range is not observable");
