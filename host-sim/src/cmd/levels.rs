@@ -32,6 +32,9 @@ pub struct Args {
     json: bool,
 }
 
+/// The longest period of percentiles, seconds.
+const LONGEST_S: f64 = 366.0 * 86_400.0;
+
 /// Runs the command.
 ///
 /// # Errors
@@ -68,6 +71,9 @@ pub fn run(args: Args) -> Result<()> {
     let too_short = |one: &&Told| args.period.is_some_and(|period| period < one.every_s());
     if let Some(one) = told.iter().find(too_short) {
         mistake!("--period must be at least the recorder's interval, {:.0} s", one.every_s());
+    }
+    if args.period.is_some_and(|period| period > LONGEST_S) {
+        mistake!("--period must be at most {LONGEST_S} s, a year");
     }
     let period_s = |one: &Told| args.period.unwrap_or_else(|| one.period_s());
     if let Some(path) = &args.plot {

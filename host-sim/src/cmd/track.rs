@@ -208,7 +208,7 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     if let Some(path) = &args.plot {
-        picture::draw(&samples, &assumed.medium, &found.solution, path)?;
+        picture::draw(&samples, &assumed.medium, &found.solution, bearings::start(&args.bearings), path)?;
     }
     if args.json {
         println!("{}", record(&args, &found));

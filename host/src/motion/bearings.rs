@@ -8,6 +8,8 @@ use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_locate::motion::ml::Sample;
 use serde_json::Value;
 use std::path::Path;
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
 
 /// Reads the bearings in order of time. `sd_rad`: standard deviation of an azimuth where no column `sigma_deg` says
 /// another; `sd_elevation_rad`: that of elevations, which are read only where it is given. Rows that cannot be used are
@@ -22,12 +24,34 @@ pub fn read(path: &Path, sd_rad: f64, sd_elevation_rad: Option<f64>) -> Result<V
     } else {
         of_table(&CsvTable::read(path)?, sd_rad, sd_elevation_rad)?
     };
+    if rows.is_empty() {
+        bail!("{name}: no bearing of an array in it");
+    }
     let mut samples = good_rows(&name, rows)?;
     if !samples.is_sorted_by(|a, b| a.t_s <= b.t_s) {
         log::warn!("{name}: rows are not in order of time; sorted");
         samples.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
     }
     Ok(samples)
+}
+
+/// UTC of time 0, where the first bearing tells its own.
+pub fn start(path: &Path) -> Option<OffsetDateTime> {
+    let (utc, t_s) = if is_records(path) {
+        let text = std::fs::read_to_string(path).ok()?;
+        let mut records = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+        let first = records.find(|r| r["type"] == "bearing")?;
+        (first["utc"].as_str()?.to_owned(), first["t_s"].as_f64()?)
+    } else {
+        let table = CsvTable::read(path).ok()?;
+        let (utc, t_s) = (table.column("utc").ok()?, table.column("t_s").ok()?);
+        let mut rows =
+            (0..table.len()).filter_map(|row| Some((table.text(row, utc)?, table.text(row, t_s)?)));
+        let (utc, t_s) = rows.find(|(utc, _)| !utc.is_empty())?;
+        (utc.to_owned(), t_s.parse().ok()?)
+    };
+    let at = OffsetDateTime::parse(&utc, &Rfc3339).ok()?;
+    at.checked_sub(time::Duration::checked_seconds_f64(t_s)?)
 }
 
 /// The strongest source's bearings among records, each with the errors it states.
@@ -120,9 +144,22 @@ mod tests {
                     bearing,2.0,11,0.25,,,0\n";
         std::fs::write(&path, text).unwrap();
         let samples = read(&path, 1.0, Some(1.0)).unwrap();
+        assert_eq!(start(&path), None);
         let sd: Vec<f64> = samples.iter().map(|s| f64::from(s.sd_rad) / RAD_PER_DEG).collect();
         assert!(sd.len() == 2 && (sd[0] - 0.5).abs() < 1e-6 && (sd[1] - 0.25).abs() < 1e-6, "{samples:?}");
         assert!((f64::from(samples[0].elevation_rad.1) / RAD_PER_DEG - 1.5).abs() < 1e-5, "{samples:?}");
+    }
+
+    #[test]
+    fn the_start_is_that_of_the_first_bearing_whose_utc_is_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let (lines, table) = (dir.path().join("r.jsonl"), dir.path().join("r.csv"));
+        let record =
+            r#"{"type":"bearing","t_s":2.5,"utc":"2024-05-01T09:00:02.5Z","azimuth_deg":1.0,"band":0}"#;
+        std::fs::write(&lines, format!("{}\n{record}\n", r#"{"type":"hello","station":1}"#)).unwrap();
+        std::fs::write(&table, "type,t_s,utc\nhello,,\nbearing,2.5,2024-05-01T09:00:02.5Z\n").unwrap();
+        let began = Some(time::macros::datetime!(2024-05-01 09:00:00 UTC));
+        assert_eq!((start(&lines), start(&table)), (began, began));
     }
 
     #[test]
@@ -138,6 +175,7 @@ mod tests {
         let text = ["{\"type\":\"hello\"}\n", &bearing(1.0, 0), &bearing(1.0, 1), &bearing(1.5, 0)].concat();
         std::fs::write(&path, text).unwrap();
         let samples = read(&path, 1.0, Some(1.0)).unwrap();
+        assert_eq!(start(&path), None);
         let mut first = Sample::azimuth(1.0, 30.0 * RAD_PER_DEG, 0.5 * RAD_PER_DEG);
         first.elevation_rad = ((9.0 * RAD_PER_DEG) as f32, (1.5 * RAD_PER_DEG) as f32);
         assert_eq!(samples[0], first);

@@ -148,7 +148,7 @@ pub fn draw(
     }
     let words = format!(
         "Colours: natural logarithm of the likelihood of a vessel at each azimuth over that of none, {each}. Points: detections. \
-         Coloured lines: tracks by their last solution."
+         Coloured lines: tracks by their last solution, where the vessels were: sound is heard from there half a minute later at 40 km."
     );
     keep("azimuth", &[&said(azimuth, &words)])?;
     let before = cepstrogram("Cepstrogram", &all, times, &|f: &SpectralFrame, k: usize| {
@@ -183,7 +183,7 @@ pub fn draw(
     range.y_range(0.0, 50.0);
     let words = format!(
         "Colours: natural logarithm of the likelihood of a vessel at each range over that of none, {each}. Points: detections. \
-         Coloured lines: tracks by their last solution."
+         Coloured lines: tracks by their last solution, where the vessels were: sound is heard from there half a minute later at 40 km."
     );
     keep("range", &[&said(range, &words)])?;
     let panels = presence(messages, rate, times, span(&all, times), &source);
