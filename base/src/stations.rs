@@ -6,6 +6,7 @@ use anyhow::{Result, bail};
 use seabearing_core::config::StationConfig;
 use seabearing_core::wire::guard::Key;
 use seabearing_host::station::{Calibration, Station};
+use serde::Deserialize;
 use std::path::Path;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -29,6 +30,17 @@ pub struct Listed {
     pub calibration: Option<[Calibration; 4]>,
 }
 
+/// The numbers that a file says: one that it leaves out is no station's.
+#[derive(Deserialize)]
+struct Numbers {
+    stations: Vec<Number>,
+}
+
+#[derive(Deserialize)]
+struct Number {
+    id: Option<u16>,
+}
+
 /// Reads a stations file; files that it names stand beside it.
 ///
 /// # Errors
@@ -36,10 +48,15 @@ pub struct Listed {
 pub fn read(path: &Path) -> Result<Vec<Listed>> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let (source, listed) = Station::read_listed(path)?;
+    let said = source.parse::<Numbers>()?.stations;
+    let said: Vec<bool> = said.iter().map(|station| station.id.is_some()).collect();
     let mut out: Vec<Listed> = Vec::new();
     for (n, station) in listed.into_iter().enumerate() {
         let at = |key: &str| format!("stations.{n}.{key}");
         let id = station.config.id;
+        if !said.get(n).copied().unwrap_or(false) {
+            return Err(source.wrong(&format!("stations.{n}"), "it has no `id`: the number that the recorder sends of itself"));
+        }
         if out.iter().any(|other| other.config.id == id) {
             return Err(source.wrong(&at("id"), format!("two stations have the number {id}")));
         }

@@ -10,6 +10,7 @@ use seabearing_watch::ais_live::source::Source;
 use seabearing_watch::ais_live::{self, Live};
 use seabearing_watch::alarms::rules::{Alarms, Condition};
 use seabearing_watch::alarms::{Watcher, deliver};
+use seabearing_watch::report::utc;
 use seabearing_watch::{matching, metrics, nmea};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -132,16 +133,15 @@ impl Watch {
             ais = Some(ais_live::start(live, &self.ais, service.feed(), service.notebook())?);
         }
         let Some(alarms) = alarms else { return Ok(AtWork { standing, ais, delivery }) };
-        let mut stations: BTreeMap<u16, Option<(f64, f64)>> =
-            known.into_iter().map(|(of, at)| (of, Some(at))).collect();
-        for s in listed {
-            stations.entry(s.config.id).or_default();
-        }
+        let stations = listed.iter().map(|s| s.config.id).collect();
         let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
-        let watcher = Watcher::new(alarms.rules, &stations, now_s, !service.ends());
+        let watcher = Watcher::new(alarms.rules, &known, stations, now_s, !service.ends());
         let folder = store.map(Path::to_owned);
         let mut before = store.map_or(Ok(Vec::new()), networks)?;
         before.extend(standing.iter().cloned());
+        // Whose an alarm is follows from both, as they came.
+        let came_s = |record: &Value| utc(&record["received_utc"]).unwrap_or(0.0);
+        before.sort_by(|a, b| came_s(a).total_cmp(&came_s(b)));
         let (feed, notebook) = (service.feed(), service.notebook());
         delivery = Some(deliver::start(watcher, alarms.deliveries, feed, notebook, folder, &before));
         Ok(AtWork { standing, ais, delivery })

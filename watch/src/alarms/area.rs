@@ -16,11 +16,12 @@ pub struct Area {
 }
 
 impl Area {
-    /// From the corners in order; the last one joins the first.
+    /// From the corners in order; the last one joins the first. One that is given several times in a row counts once.
     ///
     /// # Errors
     /// What is wrong, in a few words.
     pub fn new(mut corners_deg: Vec<(f64, f64)>) -> Result<Self, String> {
+        corners_deg.dedup();
         if corners_deg.len() > 1 && corners_deg.first() == corners_deg.last() {
             corners_deg.pop();
         }
@@ -125,6 +126,16 @@ mod tests {
         assert!(wrong(&[(50.0, 0.0), (91.0, 0.1), (50.0, 0.1)]).starts_with("[91, 0.1] is no latitude"));
         assert!(wrong(&[(50.0, 0.0), (0.0, 0.1), (50.0, 0.1)]).contains("more than 300 km"));
         assert!(wrong(&[(50.0, 0.0), (50.1, 0.0), (50.2, 0.0)]).contains("on a line"));
+    }
+
+    #[test]
+    fn a_corner_given_several_times_in_a_row_is_one() {
+        let (a, b, c) = ((49.0, -123.4), (49.0, -123.3), (49.1, -123.3));
+        let plain = Area::new(vec![a, b, c]).unwrap();
+        for doubled in [vec![a, b, b, b, c], vec![a, a, b, c, c], vec![a, b, c, c, a, a]] {
+            assert_eq!(Area::new(doubled), Ok(plain.clone()));
+        }
+        assert!(Area::new(vec![a, b, b, a]).unwrap_err().contains("2 corners"));
     }
 
     #[test]

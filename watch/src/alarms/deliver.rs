@@ -10,10 +10,12 @@ use seabearing_host::atomic;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// How often time alone is looked at.
+/// How often time alone is looked at; and how often whether all has ended.
 const TICK: Duration = Duration::from_millis(500);
+const TURN: Duration = Duration::from_millis(100);
 /// Records that wait for the watcher.
 const WAITING: usize = 20_000;
 /// How often it is seen whether it has looked at all, and how long that is waited for.
@@ -60,11 +62,12 @@ pub fn start(
     let records = feed.subscribe(WAITING);
     let behind = records.behind();
     let ways = way::begin(deliveries, store.as_deref());
-    let at_work = AtWork { behind, ways: ways.clone() };
+    let (finish, ends) = channel();
+    let at_work = AtWork { behind, finish, ways: ways.clone() };
     std::thread::spawn(move || {
         // Alarms of rules that are no more.
         if cleared.into_iter().all(|record| tell(record, &ways, &notebook)) {
-            watch(watcher, clock, &records, &ways, &notebook, store.as_deref());
+            watch(watcher, clock, (&records, &ends), &ways, &notebook, store.as_deref());
         }
     });
     at_work
@@ -73,15 +76,21 @@ pub fn start(
 /// Alarms at work.
 pub struct AtWork {
     behind: Behind,
+    finish: Sender<Sender<()>>,
     ways: Vec<Arc<Way>>,
 }
 
 impl AtWork {
-    /// Waits until all that was published is looked at; what came of it is in the service's notebook.
+    /// All input has ended: waits until all that was published is looked at, and what waits for fusion is raised; what came of it is in
+    /// the service's notebook.
     pub fn settle(&self) {
         let begun = Instant::now();
         while self.behind.waiting() > 0 && begun.elapsed() < LOOKED {
             std::thread::sleep(LOOK);
+        }
+        let (done, is_done) = channel();
+        if self.finish.send(done).is_ok() {
+            let _ = is_done.recv_timeout(LOOKED);
         }
     }
 
@@ -109,13 +118,13 @@ impl AtWork {
 fn watch(
     mut watcher: Watcher,
     clock: Steady,
-    records: &Subscription,
+    (records, ends): (&Subscription, &Receiver<Sender<()>>),
     ways: &[Arc<Way>],
     notebook: &Notebook,
     store: Option<&Path>,
 ) {
     let mut looked = Instant::now();
-    while let Some(taken) = records.take_within(TICK) {
+    while let Some(taken) = records.take_within(TURN) {
         let mut out = Vec::new();
         for record in taken.records.iter() {
             if record["type"] == "acknowledge" {
@@ -139,8 +148,15 @@ fn watch(
                 }
             }
         }
+        let ended = ends.try_recv().ok();
+        if ended.is_some() {
+            out.extend(watcher.finish(clock.now_s()));
+        }
         if !out.into_iter().all(|record| tell(record, ways, notebook)) {
             return;
+        }
+        if let Some(done) = ended {
+            let _ = done.send(());
         }
     }
 }

@@ -8,29 +8,28 @@
 pub mod area;
 mod clock;
 pub mod deliver;
+mod held;
+mod resume;
 pub mod rules;
 mod truth;
 mod vessel;
 mod way;
 
-use crate::report::{TrackId, TrackReport, VesselId, is_of_recorder, rfc3339};
+use crate::report::{TrackReport, VesselId, is_of_recorder, rfc3339};
 use crate::vessels::{Vessels, Word};
 use clock::Clock;
+use held::Held;
 use rules::{Condition, Rule};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use truth::{Truth, channels, storage, supply};
 
 /// A track that says nothing for so long has ended, s.
 const TRACK_ENDS_S: f64 = 120.0;
-/// Time in which fusion may find that a station's track is a vessel which has an alarm already, s.
-const FUSED_S: f64 = 12.0;
 /// Why an alarm is over when its vessel is heard no more.
 const ENDED: &str = "its track has ended";
 /// A disk has room again with so many times the room at which that was told.
 const ROOM_AGAIN: f64 = 1.1;
-/// What a store adds to a record.
-const OF_THE_STORE: [&str; 5] = ["utc", "sd_utc_s", "received_utc", "session", "sequence"];
 
 /// What an alarm is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -51,17 +50,9 @@ struct Raised {
     untrue_s: Option<f64>,
     /// When a track was heard of last.
     heard_s: f64,
-    /// Where its vessel was told to be last.
-    report: Option<TrackReport>,
+    /// Where its vessel was told to be since then.
+    reports: Vec<TrackReport>,
     record: Value,
-}
-
-/// An alarm that may be another's: it waits for fusion.
-#[derive(Clone, Debug)]
-struct Held {
-    since_s: f64,
-    truth: Truth,
-    report: TrackReport,
 }
 
 /// Watches records.
@@ -70,7 +61,9 @@ pub struct Watcher {
     /// Corners of a rule's area in a station's frame.
     corners: BTreeMap<(usize, u16), Vec<(f64, f64)>>,
     vessels: Vessels,
-    /// When each station was heard last; none: not since this began.
+    /// The stations of the list, where there is one: no other is missed.
+    listed: BTreeSet<u16>,
+    /// When each station that would be missed was heard last; none: not since this began.
     heard_s: BTreeMap<u16, Option<f64>>,
     clocks: BTreeMap<u16, Clock>,
     begun_s: f64,
@@ -84,16 +77,20 @@ pub struct Watcher {
 }
 
 impl Watcher {
-    /// Watches these stations (latitude and longitude in degrees, where known) from `now_s` on, seconds since 1970. `of_now`: what
-    /// comes is not read from files, so that recorders' clocks can be compared with this computer's.
+    /// Watches from `now_s` on, seconds since 1970. `places`: latitude and longitude of stations, degrees. `listed`: those that are
+    /// missed when they are not heard; where there is no list, those that a rule names or that have been heard. `of_now`: what comes
+    /// is not read from files, so that recorders' clocks can be compared with this computer's.
     pub fn new(
         rules: Vec<Rule>,
-        stations: &BTreeMap<u16, Option<(f64, f64)>>,
+        places: &BTreeMap<u16, (f64, f64)>,
+        listed: BTreeSet<u16>,
         now_s: f64,
         of_now: bool,
     ) -> Self {
-        let places = stations.iter().filter_map(|(of, at)| Some((*of, (*at)?))).collect();
-        let vessels = Vessels::new(&places);
+        let vessels = Vessels::new(places);
+        let named = rules.iter().filter(|rule| matches!(rule.condition, Condition::Silent(_)));
+        let named = named.flat_map(|rule| rule.stations.iter().copied()).filter(|_| listed.is_empty());
+        let heard_s = listed.iter().copied().chain(named).map(|of| (of, None)).collect();
         let mut corners = BTreeMap::new();
         for (n, rule) in rules.iter().enumerate() {
             let Condition::Inside(area) = &rule.condition else { continue };
@@ -104,7 +101,8 @@ impl Watcher {
             rules,
             corners,
             vessels,
-            heard_s: stations.keys().map(|of| (*of, None)).collect(),
+            listed,
+            heard_s,
             clocks: BTreeMap::new(),
             begun_s: now_s,
             raised: BTreeMap::new(),
@@ -139,7 +137,9 @@ impl Watcher {
         let Some(station) = station.filter(|_| kind != "network_track") else { return out };
         let mut tells = false;
         if is_of_recorder(kind) {
-            self.heard_s.insert(station, Some(now_s));
+            if self.misses(station) {
+                self.heard_s.insert(station, Some(now_s));
+            }
             tells = self.clocks.entry(station).or_default().take(kind, record, now_s, self.of_now);
         }
         for n in 0..self.rules.len() {
@@ -153,6 +153,11 @@ impl Watcher {
         out
     }
 
+    /// Whether a station is missed when it is not heard.
+    fn misses(&self, station: u16) -> bool {
+        self.listed.is_empty() || self.listed.contains(&station)
+    }
+
     /// Takes what is said of a vessel.
     fn says(&mut self, seen: &[TrackReport], now_s: f64) -> Vec<Value> {
         let mut out = Vec::new();
@@ -160,17 +165,9 @@ impl Watcher {
             (0..self.rules.len()).filter(|n| self.rules[*n].condition.is_of_vessels()).collect::<Vec<_>>()
         {
             let Some((truth, report)) = self.vessel(n, seen, now_s) else { continue };
-            let (about, key) = (About::Vessel(report.vessel), (n, report.vessel));
-            let is_new = truth.is == Some(true) && !self.raised.contains_key(&(n, about));
-            if is_new && self.may_be_known(n, &report) {
-                let since_s = self.held.get(&key).map_or(now_s, |held| held.since_s);
-                self.held.insert(key, Held { since_s, truth, report });
-                continue;
+            if let Some(truth) = self.hold(n, truth, &report, now_s) {
+                out.extend(self.note(n, About::Vessel(report.vessel), truth, Some(report), now_s));
             }
-            if truth.is.is_some() {
-                self.held.remove(&key);
-            }
-            out.extend(self.note(n, about, truth, Some(report), now_s));
         }
         out
     }
@@ -178,15 +175,16 @@ impl Watcher {
     /// A vessel is told as another from now on, the first of these that has no alarm of a rule: its alarm of that rule goes on. Where
     /// all have one it is cleared.
     fn goes_on(&mut self, was: VesselId, into: &[VesselId]) -> Vec<Value> {
-        self.held.retain(|(_, vessel), _| *vessel != was);
         let mut out = Vec::new();
         for n in 0..self.rules.len() {
+            self.waits_on(n, was, into);
             let Some(mut raised) = self.raised.remove(&(n, About::Vessel(was))) else { continue };
             match into.iter().find(|vessel| !self.raised.contains_key(&(n, About::Vessel(**vessel)))) {
                 Some(vessel) => {
                     name(&mut raised.record, Some(*vessel));
-                    raised.report = raised.report.map(|report| TrackReport { vessel: *vessel, ..report });
+                    raised.reports.iter_mut().for_each(|report| report.vessel = *vessel);
                     self.raised.insert((n, About::Vessel(*vessel)), raised);
+                    self.held.remove(&(n, *vessel));
                 }
                 None => out.push(state(&raised, "cleared")),
             }
@@ -257,13 +255,7 @@ impl Watcher {
                 }
             }
         }
-        let waited = |held: &Held| now_s - held.since_s >= FUSED_S;
-        let due: Vec<(usize, VesselId)> =
-            self.held.iter().filter(|(_, h)| waited(h)).map(|(key, _)| *key).collect();
-        for (n, vessel) in due {
-            let Some(held) = self.held.remove(&(n, vessel)) else { continue };
-            out.extend(self.note(n, About::Vessel(vessel), held.truth, Some(held.report), now_s));
-        }
+        out.extend(self.raise_held(now_s, held::FUSED_S));
         let stale: Vec<(usize, About)> = self
             .raised
             .iter()
@@ -289,6 +281,11 @@ impl Watcher {
         out
     }
 
+    /// Nothing more comes: gives the alarms that wait for fusion.
+    pub fn finish(&mut self, now_s: f64) -> Vec<Value> {
+        self.raise_held(now_s, 0.0)
+    }
+
     /// A person has seen an alarm.
     pub fn acknowledge(&mut self, id: u64) -> Option<Value> {
         let raised = self.raised.values_mut().find(|raised| raised.id == id && !raised.acknowledged)?;
@@ -299,62 +296,6 @@ impl Watcher {
     /// Alarms that are raised now, and how many of them nobody has seen.
     pub fn standing(&self) -> (usize, usize) {
         (self.raised.len(), self.raised.values().filter(|r| !r.acknowledged).count())
-    }
-
-    /// Takes up what stood when a base station ended before: its alarm records and network tracks, oldest first. Gives those that are
-    /// cleared, as there is no such rule any more, or it is of another kind or about other stations now.
-    pub fn resume(&mut self, records: &[Value], now_s: f64) -> Vec<Value> {
-        let mut out = Vec::new();
-        let over = |record: &Value| {
-            let mut record = anew(record);
-            record["state"] = "cleared".into();
-            record
-        };
-        for record in records.iter().filter(|r| r["type"] == "network_track") {
-            self.vessels.take(record, now_s);
-        }
-        let alarms = records.iter().filter(|r| r["type"] != "network_track");
-        let newest: BTreeMap<u64, &Value> = alarms.filter_map(|r| Some((r["id"].as_u64()?, r))).collect();
-        for (id, record) in newest.into_iter().filter(|(_, r)| r["state"] != "cleared") {
-            self.newest_id = self.newest_id.max(id);
-            let code = record["code"].as_str().unwrap_or("");
-            let goes_on =
-                |rule: &Rule| record["name"] == rule.name.as_str() && rule.condition.codes().contains(&code);
-            let Some(n) = self.rules.iter().position(goes_on) else {
-                out.push(over(record));
-                continue;
-            };
-            let station = record["station"].as_u64().and_then(|s| u16::try_from(s).ok());
-            let base = matches!(self.rules[n].condition, Condition::Disk { .. });
-            let Some(station) = station.or(base.then_some(0)) else { continue };
-            let of = &self.rules[n].stations;
-            if !base && !of.is_empty() && !of.contains(&station) {
-                out.push(over(record));
-                continue;
-            }
-            let number = |key: &str| record[key].as_u64();
-            let network = number("network").and_then(|id| u32::try_from(id).ok());
-            let about = match (number("track"), number("channel")) {
-                _ if network.is_some() => About::Vessel(VesselId::Network(network.unwrap_or(0))),
-                (Some(track), _) => About::Vessel(self.vessels.told_as(TrackId {
-                    station: Some(station),
-                    session: number("of_session").and_then(|s| u32::try_from(s).ok()),
-                    id: track as u16,
-                })),
-                (_, Some(channel)) => About::Channel(station, channel as u8),
-                _ if base => About::Base,
-                _ => About::Station(station),
-            };
-            let acknowledged = record["state"] == "acknowledged";
-            let mut record = anew(record);
-            if let About::Vessel(vessel) = about {
-                name(&mut record, Some(vessel));
-            }
-            let raised = Raised { id, acknowledged, untrue_s: None, heard_s: now_s, report: None, record };
-            // Of two of one name, as a version before left them, the later one goes on.
-            out.extend(self.raised.insert((n, about), raised).map(|before| over(&before.record)));
-        }
-        out
     }
 
     /// What a record of a recorder says of a rule. `tells`: of its clock.
@@ -392,7 +333,7 @@ impl Watcher {
         now_s: f64,
     ) -> Option<Value> {
         if let Some(raised) = self.raised.get_mut(&(n, about)) {
-            raised.report = report.filter(|r| r.place.is_some()).or(raised.report);
+            held::keep(&mut raised.reports, report);
             if truth.text != ENDED {
                 raised.heard_s = now_s;
             }
@@ -425,21 +366,12 @@ impl Watcher {
             acknowledged: false,
             untrue_s: None,
             heard_s: now_s,
-            report,
+            reports: report.into_iter().collect(),
             record: record.clone(),
         };
         self.raised.insert((n, about), raised);
         Some(record)
     }
-}
-
-/// A record of a store without what belongs to its time: to be said again.
-fn anew(record: &Value) -> Value {
-    let mut record = record.clone();
-    if let Some(map) = record.as_object_mut() {
-        map.retain(|key, _| !OF_THE_STORE.contains(&key.as_str()));
-    }
-    record
 }
 
 /// Writes into an alarm's record which vessel it is about. Its station stays what it was: the alarm is found again by it.

@@ -99,6 +99,15 @@ pub enum Delivery {
     Command(Vec<String>),
 }
 
+impl std::fmt::Display for Delivery {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Webhook(url) => write!(f, "{url}"),
+            Self::Command(command) => write!(f, "{}", command.join(" ")),
+        }
+    }
+}
+
 /// The file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Alarms {
@@ -197,7 +206,17 @@ impl Alarms {
             _ => Err(source.wrong(&format!("deliver.{n}"), "either `webhook` or `command = [\"PROGRAM\", ..]`")),
         });
         let rules = apart(rules.collect::<Result<_>>()?);
-        Ok(Self { rules, deliveries: deliveries.collect::<Result<_>>()? })
+        let deliveries = deliveries.collect::<Result<Vec<_>>>()?;
+        let mut named = BTreeSet::new();
+        for (n, delivery) in deliveries.iter().enumerate() {
+            // What waits for it is kept under its text.
+            if !named.insert(delivery.to_string()) {
+                let what =
+                    format!("`{delivery}` is told already: a [[deliver]] of the same text stands above");
+                return Err(source.wrong(&format!("deliver.{n}"), what));
+            }
+        }
+        Ok(Self { rules, deliveries })
     }
 }
 
@@ -369,5 +388,16 @@ mod tests {
                 .contains("http://")
         );
         assert!(wrong("deliver = []\n").contains("no [[alarms]]"));
+        for (one, other) in [
+            ("command = [\"tell\", \"a b\"]", "command = [\"tell a\", \"b\"]"),
+            ("webhook = \"http://x\"", "webhook = \"http://x\""),
+        ] {
+            let twice =
+                wrong(&format!("[[alarms]]\nkind = \"silent\"\n[[deliver]]\n{one}\n[[deliver]]\n{other}\n"));
+            assert!(
+                twice.starts_with("alarms.toml, line 5, column 1: `") && twice.contains("is told already"),
+                "{twice}"
+            );
+        }
     }
 }

@@ -1,15 +1,10 @@
-//! Rules about vessels: what is so of one, and whether two alarms may be about one vessel.
+//! Rules about vessels: what is so of one.
 
 use super::Watcher;
 use super::area::{is_inside, share};
 use super::rules::Condition;
 use super::truth::Truth;
 use crate::report::{Covariance, TrackReport, VesselId, rfc3339};
-
-/// 99 % point of chi-squared of two: places that differ by more are two vessels'.
-const FAR: f64 = 9.210;
-/// Speed with which places of different times may differ, m/s.
-const FAST_M_S: f64 = 10.0;
 
 impl Watcher {
     /// What the reports of a vessel, as seen from some stations, say of a rule about vessels: the likeliest of what is so of one of
@@ -78,32 +73,5 @@ impl Watcher {
         } else {
             Truth::unknown()
         }
-    }
-
-    /// Whether a station's track may be a vessel that other stations hear, and that has an alarm of a rule: fusion finds out.
-    pub(super) fn may_be_known(&self, n: usize, report: &TrackReport) -> bool {
-        let VesselId::Track(track) = report.vessel else { return false };
-        let of_rule = self.raised.range((n, super::About::Base)..).take_while(|((rule, _), _)| *rule == n);
-        of_rule.filter_map(|(_, raised)| raised.report).any(|other| {
-            // A station tells its own vessels apart.
-            let heard_here = self.vessels.stations(other.vessel).iter().any(|s| Some(*s) == track.station);
-            !heard_here && self.are_near(report, &other)
-        })
-    }
-
-    /// Whether the places of two reports are one within their errors; not where one has none.
-    fn are_near(&self, report: &TrackReport, other: &TrackReport) -> bool {
-        let frame = |r: &TrackReport| r.station.and_then(|station| self.vessels.frame(station)).copied();
-        let difference = || {
-            let (here, there) = (frame(report)?, frame(other)?);
-            let (((x, y), own), ((u, v), its)) = (report.place?, other.place?);
-            let (lat, lon) = there.lat_lon_deg(u, v);
-            let (u, v) = here.east_north_m(lat, lon);
-            let apart_s = report.utc_s.zip(other.utc_s).map_or(0.0, |(a, b)| a.0 - b.0);
-            let moved = (FAST_M_S * apart_s).powi(2);
-            let sum = own.plus(its).plus(Covariance { xx: moved, yy: moved, xy: 0.0 });
-            sum.distance2((u - x, v - y))
-        };
-        difference().is_some_and(|d2| d2 <= FAR)
     }
 }

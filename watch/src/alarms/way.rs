@@ -62,10 +62,7 @@ type Group = ();
 
 impl std::fmt::Display for Way {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match &self.delivery {
-            Delivery::Webhook(url) => write!(f, "{url}"),
-            Delivery::Command(command) => write!(f, "{}", command.join(" ")),
-        }
+        self.delivery.fmt(f)
     }
 }
 
