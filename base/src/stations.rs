@@ -55,7 +55,10 @@ pub fn read(path: &Path) -> Result<Vec<Listed>> {
         let at = |key: &str| format!("stations.{n}.{key}");
         let id = station.config.id;
         if !said.get(n).copied().unwrap_or(false) {
-            return Err(source.wrong(&format!("stations.{n}"), "it has no `id`: the number that the recorder sends of itself"));
+            return Err(source.wrong(
+                &format!("stations.{n}"),
+                "it has no `id`: the number that the recorder sends of itself",
+            ));
         }
         if out.iter().any(|other| other.config.id == id) {
             return Err(source.wrong(&at("id"), format!("two stations have the number {id}")));

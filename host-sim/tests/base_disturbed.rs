@@ -171,6 +171,16 @@ fn an_alarm_that_nobody_took_before_a_stop_is_named_and_told_after_the_next_star
     let said = base.kill();
     let words = format!("is not delivered to http://{at}/alarm: it waits in the store");
     assert!(said.contains(&format!("alarm {id} (")) && said.contains(&words), "{said}");
+    // Without a file of alarms it still waits, which is said.
+    let base = Base::start(dir.path(), &args[..4]);
+    let mut recorder = base.call();
+    recorder.write_all(Encoder::default().frame(&hello(7))).unwrap();
+    wait(dir.path(), "hello", |all| of(all, 7, "hello") == 2);
+    let said = base.kill();
+    assert!(
+        said.contains("1 alarms wait in the store to be delivered: they are told with --alarms"),
+        "{said}"
+    );
     // Now somebody answers.
     let webhook = TcpListener::bind(at).unwrap();
     let _base = Base::start(dir.path(), &args);

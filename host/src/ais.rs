@@ -11,8 +11,9 @@ use lzma_rust2::XzReader;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
+use time::format_description::well_known::Rfc3339;
 use time::macros::format_description;
-use time::{Date, PrimitiveDateTime, Time};
+use time::{Date, OffsetDateTime, PrimitiveDateTime, Time};
 
 /// Metres a second in a knot.
 const KNOT_M_S: f64 = 1852.0 / 3600.0;
@@ -23,6 +24,10 @@ pub const IMPOSSIBLE_M_S: f64 = 30.0;
 const LONGEST: u64 = 256 << 20;
 /// Memory for unpacking, KiB: twice the dictionary of `xz -9`.
 const DICTIONARY_KIB: u32 = 128 << 10;
+
+/// How times are written.
+const TIME: &str = "UTC like 2024-05-01 09:00:00 or 2024-05-01T09:00:00Z";
+const TIME_PARTS: &str = "a date like 05/12/2012 and a time like 19:32:09";
 
 /// One position report.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,7 +129,8 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<AisReport>, Vec<String>)> {
         .flexible(true)
         .trim(::csv::Trim::All)
         .from_reader(text.as_bytes());
-    let columns: Vec<String> = reader.headers()?.iter().map(str::to_lowercase).collect();
+    let titles: Vec<String> = reader.headers()?.iter().map(str::to_owned).collect();
+    let columns: Vec<String> = titles.iter().map(|title| title.to_lowercase()).collect();
     let find = |names: &[&str]| columns.iter().position(|c| names.contains(&c.as_str()));
     let (Some(mmsi), Some(lat), Some(lon)) =
         (find(&["mmsi"]), find(&["lat", "latitude_degrees"]), find(&["lon", "longitude_degrees"]))
@@ -149,7 +155,7 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<AisReport>, Vec<String>)> {
             shown(header)
         );
     }
-    let (mut reports, mut bad) = (Vec::new(), Vec::new());
+    let (mut reports, mut bad, mut first) = (Vec::new(), Vec::new(), None);
     for record in reader.records() {
         let record = record.with_context(|| format!("{name}: unreadable"))?;
         let cells: Vec<&str> = record.iter().collect();
@@ -157,16 +163,20 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<AisReport>, Vec<String>)> {
         let number = |k: usize, lo: f64, hi: f64| -> Option<f64> {
             cell(k).parse::<f64>().ok().filter(|x| (lo..=hi).contains(x))
         };
-        let t_s = match (whole, parts) {
-            (Some(k), _) => seconds(cell(k)),
-            (_, Some((d, t))) => seconds_of_parts(cell(d), cell(t)),
-            _ => None,
-        };
+        // Where a row is wrong, and what was expected there.
         let report = (|| {
-            Some(AisReport {
-                mmsi: cell(mmsi).parse().ok()?,
+            let t_s = match (whole, parts) {
+                (Some(k), _) => seconds(cell(k)).ok_or((k, TIME)),
+                (_, Some((d, t))) => seconds_of_parts(cell(d), cell(t)).ok_or((d, TIME_PARTS)),
+                _ => Err((0, TIME)),
+            };
+            Ok(AisReport {
+                mmsi: cell(mmsi).parse().map_err(|_| (mmsi, "a vessel's number"))?,
                 t_s: t_s?,
-                lat_lon_deg: (number(lat, -90.0, 90.0)?, number(lon, -180.0, 360.0)?),
+                lat_lon_deg: (
+                    number(lat, -90.0, 90.0).ok_or((lat, "degrees, -90 to 90"))?,
+                    number(lon, -180.0, 360.0).ok_or((lon, "degrees, -180 to 360"))?,
+                ),
                 speed_m_s: knots.and_then(|k| number(k, 0.0, most)).map(|v| v * scale),
                 status: status.and_then(|k| cell(k).parse().ok()),
                 ship_type: ship_type.and_then(|k| cell(k).parse().ok()),
@@ -176,21 +186,32 @@ pub fn parse(text: &str, name: &str) -> Result<(Vec<AisReport>, Vec<String>)> {
             })
         })();
         match report {
-            Some(r) => reports.push(r),
-            None => {
+            Ok(r) => reports.push(r),
+            Err((column, expected)) => {
                 let (line, text) = (record.position().map_or(0, |p| p.line()), cells.join(&mark));
+                let title = titles.get(column).map_or("", String::as_str);
+                first.get_or_insert_with(|| {
+                    format!(
+                        "line {line}, column `{title}`: {expected} expected, there is `{}`",
+                        shown(cell(column))
+                    )
+                });
                 bad.push(format!("{name}, line {line}: no MMSI, time or position in `{text}`"));
             }
         }
     }
     if reports.is_empty() {
-        bail!("{name}: no usable report in {} rows", bad.len());
+        let first = first.map_or(String::new(), |first| format!("; {first}"));
+        bail!("{name}: no usable report in {} rows{first}", bad.len());
     }
     Ok((reports, bad))
 }
 
-/// `2012-10-29 00:04` with optional seconds.
+/// `2012-10-29 00:04` with optional seconds, or RFC 3339.
 fn seconds(text: &str) -> Option<f64> {
+    if let Ok(at) = OffsetDateTime::parse(text, &Rfc3339) {
+        return Some(at.unix_timestamp() as f64 + f64::from(at.nanosecond()) * 1e-9);
+    }
     let long = format_description!("[year]-[month]-[day] [hour]:[minute]:[second]");
     let short = format_description!("[year]-[month]-[day] [hour]:[minute]");
     let text = text.replace('T', " ");
@@ -298,6 +319,29 @@ mod tests {
         }
         assert_eq!(all[2].1, ["x, line 3: no MMSI, time or position in `x,,,`"]);
         assert!(parse("a,b\n1,2\n", "x").is_err());
+    }
+
+    #[test]
+    fn times_of_rfc_3339_are_read_and_a_file_without_any_report_says_where_and_what_was_expected() {
+        let file = |time: &str| format!("mmsi,Time,lat,lon\n7,{time},50.0,-1.0\n");
+        for time in
+            ["2024-05-01T09:00:00Z", "2024-05-01T11:00:00+02:00", "2024-05-01 09:00:00", "2024-05-01T09:00"]
+        {
+            assert_eq!(parse(&file(time), "x").unwrap().0[0].t_s, 1_714_554_000.0, "{time}");
+        }
+        assert_eq!(parse(&file("2024-05-01T09:00:00.25Z"), "x").unwrap().0[0].t_s, 1_714_554_000.25);
+        let wrong = |text: &str| parse(text, "x").unwrap_err().to_string();
+        assert_eq!(
+            wrong(&file("noon")),
+            "x: no usable report in 1 rows; line 2, column `Time`: UTC like 2024-05-01 09:00:00 or 2024-05-01T09:00:00Z \
+             expected, there is `noon`"
+        );
+        let south = wrong("mmsi,time,lat,lon\n7,2024-05-01 09:00,91,0\n");
+        assert!(
+            south.ends_with("line 2, column `lat`: degrees, -90 to 90 expected, there is `91`"),
+            "{south}"
+        );
+        assert_eq!(wrong("mmsi,time,lat,lon\n"), "x: no usable report in 0 rows");
     }
 
     fn packed(bytes: &[u8]) -> Vec<u8> {

@@ -64,7 +64,7 @@ impl Format {
             "quakeml" | "xml" => Self::QuakeMl,
             _ => bail!(
                 "{}: the name of an export must end in .csv, .geojson, .jsonl, .kml, .parquet, .quakeml, \
-                 selections.txt (Raven) or labels.txt (Audacity); or give --format",
+                 selections.txt (Raven) or labels.txt (Audacity)",
                 path.display()
             ),
         })

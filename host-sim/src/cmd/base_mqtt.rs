@@ -44,6 +44,9 @@ impl Mqtt {
     pub(super) fn read(&self) -> Result<Brokers> {
         let read = |option: &str, text: &Option<String>| {
             let Some(text) = text else { return Ok(None) };
+            if text.trim().is_empty() {
+                mistake!("{option}: no broker is named; mqtt://HOST or a TOML file was expected");
+            }
             Broker::read(text).map(Some).or_else(|e| match text.contains("://") {
                 true => mistake!("{option}: {e:#}"),
                 // A file of the broker's.
@@ -124,5 +127,24 @@ impl AtWork {
         let left = publisher.settle(most, || tell(self.notes()));
         let then = if kept { "they wait in the store" } else { "they are lost" };
         (left > 0).then(|| format!("{left} records are not published: {then}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_broker_without_a_name_is_a_mistake_of_arguments() {
+        for options in [
+            Mqtt { mqtt: Some(String::new()), from_mqtt: None },
+            Mqtt { mqtt: None, from_mqtt: Some(" ".to_owned()) },
+        ] {
+            let error = options.read().err().unwrap();
+            assert!(
+                error.is::<crate::cmd::Mistake>() && error.to_string().contains("no broker is named"),
+                "{error}"
+            );
+        }
     }
 }

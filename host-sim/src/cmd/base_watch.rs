@@ -132,7 +132,13 @@ impl Watch {
             let live = Live::new(&known, matching::Rules::default());
             ais = Some(ais_live::start(live, &self.ais, service.feed(), service.notebook())?);
         }
-        let Some(alarms) = alarms else { return Ok(AtWork { standing, ais, delivery }) };
+        let Some(alarms) = alarms else {
+            let left = store.map_or(0, deliver::undelivered);
+            if left > 0 {
+                log::warn!("{left} alarms wait in the store to be delivered: they are told with --alarms");
+            }
+            return Ok(AtWork { standing, ais, delivery });
+        };
         let stations = listed.iter().map(|s| s.config.id).collect();
         let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
         let watcher = Watcher::new(alarms.rules, &known, stations, now_s, !service.ends());
@@ -183,11 +189,15 @@ pub(super) fn acknowledge(args: &Acknowledge) -> Result<()> {
     }
     // Any other folder is left as it is.
     store::newest_us(&args.store)?;
-    let ids = if args.all { raised(&standing(&args.store)?) } else { args.id.clone() };
-    // None is acknowledged where one is not there.
+    let standing = standing(&args.store)?;
+    let ids =
+        if args.all { raised(&standing, &deliver::acknowledgements(&args.store)) } else { args.id.clone() };
+    // None is acknowledged where one is not there, or stands no more.
     for id in &args.id {
-        if !holds(&args.store, *id)? {
-            bail!("{}: the store holds no alarm {id}", args.store.display());
+        match state(&args.store, &standing, *id)?.as_deref() {
+            None => bail!("{}: the store holds no alarm {id}", args.store.display()),
+            Some("cleared") => bail!("{}: alarm {id} is cleared already", args.store.display()),
+            Some(_) => {}
         }
     }
     for id in &ids {
@@ -199,28 +209,26 @@ pub(super) fn acknowledge(args: &Acknowledge) -> Result<()> {
     Ok(())
 }
 
-/// The numbers of the alarms that stand and that nobody has acknowledged.
-fn raised(standing: &[Value]) -> Vec<u64> {
+/// The numbers of the alarms that stand and that nobody has acknowledged, nor will have by what `waits`.
+fn raised(standing: &[Value], waits: &BTreeSet<u64>) -> Vec<u64> {
     let newest: BTreeMap<u64, &Value> =
         standing.iter().filter_map(|r| Some((r["id"].as_u64()?, &r["state"]))).collect();
-    newest.into_iter().filter(|(_, state)| **state == "raised").map(|(id, _)| id).collect()
+    let is_new = |(id, state): &(u64, &Value)| *state == "raised" && !waits.contains(id);
+    newest.into_iter().filter(is_new).map(|(id, _)| id).collect()
 }
 
-/// Whether a store holds an alarm.
-fn holds(store: &Path, id: u64) -> Result<bool> {
-    // Its number is about the time at which it was raised, unless a clock was wrong: then all records are looked at.
-    let raised = OffsetDateTime::from_unix_timestamp_nanos(i128::from(id) * 1000).ok();
-    let near = raised.map(|at| Wanted {
-        from: at.checked_sub(time::Duration::DAY),
-        to: at.checked_add(time::Duration::DAY),
-        ..Wanted::default()
-    });
-    let mut is_there = false;
-    for wanted in near.into_iter().chain([Wanted::default()]) {
-        if !is_there {
-            let of = |record: &Value| record["type"] == "alarm" && record["id"] == id;
-            store::read(store, &wanted, |record| is_there |= of(&record))?;
-        }
+/// The state of an alarm that the store holds.
+fn state(store: &Path, standing: &[Value], id: u64) -> Result<Option<String>> {
+    let of = |record: &Value| (record["id"] == id).then(|| record["state"].as_str().map(str::to_owned))?;
+    let recent = standing.iter().rev().find_map(of);
+    if recent.is_some() {
+        return Ok(recent);
     }
-    Ok(is_there)
+    let mut last = None;
+    store::read(store, &Wanted::default(), |record| {
+        if record["type"] == "alarm" {
+            last = of(&record).or(last.take());
+        }
+    })?;
+    Ok(last)
 }

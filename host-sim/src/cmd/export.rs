@@ -77,7 +77,7 @@ fn seed_id(text: &str) -> Result<String, &'static str> {
 /// One line for a person: no store, no such station, or a map without positions.
 pub fn run(args: Args) -> Result<()> {
     let format = match args.format {
-        None => Format::of(&args.out).map_err(|e| Mistake(format!("{e:#}")))?,
+        None => Format::of(&args.out).map_err(|e| Mistake(format!("{e:#}; or give --format")))?,
         Some(Name::Jsonl) => Format::JsonLines,
         Some(Name::Csv) => Format::Csv,
         Some(Name::Geojson) => Format::GeoJson,

@@ -8,6 +8,7 @@ use seabearing_base::feed::{Behind, Feed, Subscription};
 use seabearing_base::service::Notebook;
 use seabearing_host::atomic;
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -186,12 +187,23 @@ pub fn acknowledge(store: &Path, id: u64) -> Result<()> {
     atomic::write(&store.join(FOLDER).join(id.to_string()), json!({ "id": id }).to_string().as_bytes())
 }
 
+/// The alarms whose acknowledgement waits for the base station of a store.
+pub fn acknowledgements(store: &Path) -> BTreeSet<u64> {
+    files(store).map(|(id, _)| id).collect()
+}
+
 /// The alarms acknowledged since this was last asked.
 fn acknowledged(store: &Path) -> Vec<u64> {
+    files(store).filter_map(|(id, file)| std::fs::remove_file(file).ok().map(|()| id)).collect()
+}
+
+/// Acknowledgements, each with its file.
+fn files(store: &Path) -> impl Iterator<Item = (u64, PathBuf)> {
     let files = std::fs::read_dir(store.join(FOLDER)).into_iter().flatten().flatten();
-    let id = |file: std::fs::DirEntry| {
-        let id = file.file_name().to_str()?.parse().ok()?;
-        std::fs::remove_file(file.path()).ok().map(|()| id)
-    };
-    files.filter_map(id).collect()
+    files.filter_map(|file| Some((file.file_name().to_str()?.parse().ok()?, file.path())))
+}
+
+/// Alarms that wait in a store to be delivered by a base station that watches.
+pub fn undelivered(store: &Path) -> usize {
+    way::waiting(store)
 }

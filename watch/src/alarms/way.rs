@@ -89,6 +89,11 @@ pub(super) fn begin(deliveries: Vec<Delivery>, store: Option<&Path>) -> Vec<Arc<
     ways
 }
 
+/// Alarms that wait in a store to be delivered.
+pub(super) fn waiting(store: &Path) -> usize {
+    paths(&store.join(FOLDER)).iter().map(|way| paths(way).len()).sum()
+}
+
 /// What is in a folder, in order.
 fn paths(folder: &Path) -> Vec<PathBuf> {
     let mut paths: Vec<PathBuf> =
@@ -338,7 +343,7 @@ mod tests {
         (4..=5).for_each(|id| way.put(&told(id)));
         let again = Way::new(keeper(dir.path()), Some(&store.join(FOLDER)));
         let left: Vec<_> = again.settle(Instant::now()).iter().map(|(a, _)| a["id"].as_u64()).collect();
-        assert_eq!(left, [Some(4), Some(5)]);
+        assert_eq!((left, waiting(&store)), (vec![Some(4), Some(5)], 2));
         again.put(&told(6));
         std::fs::write(dir.path().join("go"), "").unwrap();
         assert!(way.settle(soon(20)).is_empty());
