@@ -159,6 +159,7 @@ pub fn index(message: &Message) -> Option<u64> {
         Message::Samples(m) => m.index,
         Message::Spectrum(m) => m.index,
         Message::Azigram(m) => m.index,
+        Message::Margins(m) => m.index,
         Message::End(m) => m.index,
     })
 }

@@ -60,6 +60,11 @@ pub trait Outlet {
     fn waiting(&self) -> bool {
         false
     }
+
+    /// Records that wait for the base station, and about how many there is room for; 0 where none ever wait.
+    fn kept(&self) -> (u32, u32) {
+        (0, 0)
+    }
 }
 
 /// Health with what only the outlet knows.
@@ -341,6 +346,10 @@ impl<L: Link, S: Store, K: Keeper> Outlet for Reliable<'_, L, S, K> {
 
     fn crowded(&self) -> bool {
         self.link.waiting() > self.link.store().half()
+    }
+
+    fn kept(&self) -> (u32, u32) {
+        (self.link.waiting(), 2 * self.link.store().half())
     }
 
     fn waiting(&self) -> bool {

@@ -4,7 +4,7 @@
 
 use crate::block::Frame;
 use crate::utc::Pair;
-use crate::wire::FaultCode;
+use crate::wire::{FaultCode, Margins};
 
 /// What a [`SampleSource`] has for now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +67,17 @@ pub trait Clock {
     }
 }
 
+/// What the loop knows of its own margins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Load {
+    /// Sample index after the last sample seen.
+    pub index: u64,
+    /// Most ticks of the clock that one block took.
+    pub longest_ticks: u32,
+    /// Records that wait for the base station, and how many there is room for; 0 without a link.
+    pub waiting: (u32, u32),
+}
+
 /// Watchdog, idling, and the reason of the last start.
 pub trait Supervisor {
     /// The loop is alive: called once a block, and while idle.
@@ -81,6 +92,11 @@ pub trait Supervisor {
     /// What had ended the software before this start, if it had: [`FaultCode::Panicked`] or [`FaultCode::HardFault`], and
     /// the number that goes with it.
     fn last_fault(&mut self) -> Option<(FaultCode, i64)>;
+
+    /// What the board has left besides `load`, where it can measure that: asked for after each [`crate::wire::Health`].
+    fn margins(&mut self, _load: &Load) -> Option<Margins> {
+        None
+    }
 
     /// Whether what made the recorder wait is over, so that it may begin again without being told to.
     fn over(&mut self) -> bool {

@@ -2,14 +2,14 @@
 //!
 //! Enters: a [`SampleSource`], a [`Link`], a [`Clock`] and a [`Supervisor`]. Leaves: frames on the link. What the loop
 //! adds to the recorder's own messages is the count of frames the link refused ([`frames_dropped`](seabearing_wire::message::Health::frames_dropped)) and the
-//! closing [`End`]. While no samples come it tells the recorder the seconds by the board's clock, so
+//! closing [`End`]; after each `Health` come the board's margins, where it measures them. While no samples come it tells the recorder the seconds by the board's clock, so
 //! that a dead converter is reported and `Health` goes on; otherwise the clock measures work and influences nothing but
 //! when a link ([`crate::outlet::Reliable`]) sends.
 
 use crate::block::{Block, Frame};
 use crate::keeper::DONE;
 use crate::outlet::{Heard, Outlet, Plain};
-use crate::port::{Chunk, Clock, Link, SampleSource, Supervisor};
+use crate::port::{Chunk, Clock, Link, Load, SampleSource, Supervisor};
 use crate::utc::Pair;
 use crate::wire::{Command, End, Fault, FaultCode, Message, Reply};
 
@@ -104,6 +104,12 @@ impl Silence {
     }
 }
 
+/// Says a message; whether it is one that the board's margins follow.
+fn said(outlet: &mut impl Outlet, message: &Message) -> bool {
+    outlet.say(message);
+    matches!(message, Message::Health(_))
+}
+
 /// Runs until the input ends or a stop is commanded; frames are sent once.
 pub fn run(
     application: &mut impl Application,
@@ -132,7 +138,7 @@ pub fn run_over(
         outlet.say(&Message::Fault(Fault { code, index: 0, value }));
     }
     let mut silence = Silence::since(clock.seconds());
-    let mut running = true;
+    let (mut running, mut told) = (true, false);
     while running {
         supervisor.feed();
         outlet.work(clock);
@@ -144,7 +150,7 @@ pub fn run_over(
                 }
                 Heard::Command(command) => {
                     running &= !matches!(command, Command::Stop { .. });
-                    application.command(command, &mut |m| outlet.say(m));
+                    application.command(command, &mut |m| told |= said(outlet, m));
                 }
                 Heard::Bad(n) => {
                     application.fault(FaultCode::BadCommand, u64::from(n), &mut |m| outlet.say(m));
@@ -169,7 +175,7 @@ pub fn run_over(
                 let begun = clock.ticks();
                 let block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
                 outlet.block(&block);
-                application.push(block, &mut |m| outlet.say(m));
+                application.push(block, &mut |m| told |= said(outlet, m));
                 let ticks = clock.ticks().wrapping_sub(begun);
                 summary.busy_ticks = summary.busy_ticks.saturating_add(u64::from(ticks));
                 summary.worst_block_ticks = summary.worst_block_ticks.max(ticks);
@@ -179,7 +185,7 @@ pub fn run_over(
             Chunk::Idle => {
                 supervisor.idle();
                 while let Some(seconds) = silence.next(clock.seconds()) {
-                    application.silent(seconds, &mut |m| outlet.say(m));
+                    application.silent(seconds, &mut |m| told |= said(outlet, m));
                 }
             }
             Chunk::End => running = false,
@@ -189,6 +195,16 @@ pub fn run_over(
         }
         if let Some(pair) = source.pair() {
             application.pair(pair, &mut |m| outlet.say(m));
+        }
+        if core::mem::take(&mut told) {
+            let load = Load {
+                index: summary.index,
+                longest_ticks: summary.worst_block_ticks,
+                waiting: outlet.kept(),
+            };
+            if let Some(margins) = supervisor.margins(&load) {
+                outlet.say(&Message::Margins(margins));
+            }
         }
     }
     application.finish(&mut |m| outlet.say(m));

@@ -5,7 +5,7 @@
 
 use crate::keeper::DONE;
 use crate::outlet::{Heard, Outlet};
-use crate::port::{Clock, Supervisor};
+use crate::port::{Clock, Load, Supervisor};
 use crate::wire::{Command, Fault, FaultCode, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
 
 /// [`Hello::kind`] of a recorder that waits.
@@ -55,6 +55,9 @@ pub fn wait(
         {
             told_s = now_s;
             outlet.say(&fault(reason));
+            if let Some(margins) = supervisor.margins(&Load { waiting: outlet.kept(), ..Load::default() }) {
+                outlet.say(&Message::Margins(margins));
+            }
         }
         while let Some(heard) = outlet.hear() {
             let command = match heard {

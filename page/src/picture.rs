@@ -30,7 +30,7 @@ const NETWORKS: usize = 60;
 /// What a record tells that is worth a line of its own.
 const TOLD: [&str; 7] = ["fault", "faults_held", "line", "lost", "warning", "note", "end"];
 /// Records of which a station has one.
-const STATES: [&str; 7] = ["hello", "health", "time", "line", "end", "shaft_rate", "segment"];
+const STATES: [&str; 8] = ["hello", "health", "margins", "time", "line", "end", "shaft_rate", "segment"];
 
 /// One station, by its number; those that have not said theirs are one.
 #[derive(Default, Serialize)]

@@ -19,9 +19,24 @@ export function healthInAWord(s) {
   return h ? ['well', 'good'] : ['not told', ''];
 }
 
+// Below these the text warns: V of the supply, whose recording ends at 2.85 V, and of the clock's cell; share of memory.
+const [SUPPLY_V, CELL_V, MEMORY] = [3.0, 2.4, 0.05];
+
+// What the board has left.
+function margins(m, add) {
+  const share = m.memory_free_bytes / (m.memory_bytes || 1);
+  add('Memory', `${(m.memory_free_bytes / 1024).toFixed(1)} of ${(m.memory_bytes / 1024).toFixed(1)} KiB for the stack never used`, share < MEMORY ? 'bad' : 'good');
+  add('Longest work', `${(1000 * m.longest_s).toFixed(1)} ms on a block`);
+  if (m.room !== null) add('Waiting', `${m.waiting} records, room for about ${m.room}`, m.waiting > 0.8 * m.room ? 'bad' : 'good');
+  const volts = (name, v, least) => add(name, v === null ? 'not measured' : `${v.toFixed(2)} V`, v === null ? '' : v < least ? 'bad' : 'good');
+  volts('Supply', m.supply_v, SUPPLY_V);
+  volts("Clock's cell", m.battery_v, CELL_V);
+  if (m.temperature_c !== null) add('Temperature', `${m.temperature_c} °C in the processor`);
+}
+
 // Terms and what is said of them.
 function told(s, at) {
-  const { hello, health: h, time, line } = s.states;
+  const { hello, health: h, margins: m, time, line } = s.states;
   const said = [];
   const add = (name, text, grave = '') => said.push([name, text, grave]);
   if (hello) add('Recorder', `${{ array: 'array', obs: 'ocean bottom' }[hello.kind] ?? 'waits for commands'}, ${hello.rate_hz} Hz, firmware ${hello.version}`);
@@ -43,8 +58,9 @@ function told(s, at) {
     add('Clock', s.last_utc ? 'as a person said' : 'none: times are those of arrival', 'warn');
   }
   if (ahead(s)) add('Clock', `its records are ${ago(Date.parse(s.last_received_utc) - Date.parse(s.last_utc))} of their arrival: it has jumped`, 'bad');
+  if (m) margins(m, add);
   // What the recorder's records do not hold is not guessed.
-  add('Memory, supply', 'not reported by the recorder');
+  else add('Memory, supply', 'this board does not measure them');
   return said;
 }
 

@@ -1,6 +1,6 @@
 // What is known, as the server's picture says it and the records that follow change it.
 
-const STATES = ['hello', 'health', 'time', 'line', 'end', 'shaft_rate', 'segment'];
+const STATES = ['hello', 'health', 'margins', 'time', 'line', 'end', 'shaft_rate', 'segment'];
 const TOLD = ['fault', 'faults_held', 'line', 'lost', 'warning', 'note', 'end', 'alarm'];
 const [AT_ONCE, TRACKS, PLACES, POINTS, AZIGRAMS, EVENTS] = [6, 40, 400, 1500, 400, 300];
 

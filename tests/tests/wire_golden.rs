@@ -190,6 +190,20 @@ fn messages() -> Vec<(&'static str, Message)> {
         ("Samples", Message::Samples(samples(&[1, -1, 300, -32_768, 32_767, 0]))),
         ("Spectrum", Message::Spectrum(spectrum())),
         ("Azigram", Message::Azigram(azigram())),
+        (
+            "Margins",
+            Message::Margins(Margins {
+                index: 640_000,
+                memory: 90_000,
+                memory_free: 66_144,
+                longest_us: 7150,
+                waiting: 12,
+                room: 7000,
+                supply_mv: Some(3295),
+                battery_mv: None,
+                temperature_c: Some(-2),
+            }),
+        ),
     ]
 }
 

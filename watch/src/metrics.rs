@@ -24,6 +24,18 @@ const HEALTH: [(&str, &str); 7] = [
     ("frames_dropped", "Records it dropped because the line was full"),
 ];
 
+/// Numbers of `margins` records that are handed on.
+const MARGINS: [(&str, &str); 8] = [
+    ("memory_bytes", "Memory that the stack may fill"),
+    ("memory_free_bytes", "How much of it was never used since the start"),
+    ("longest_s", "The longest work on one block of samples"),
+    ("waiting", "Records that wait on the recorder"),
+    ("room", "Records for which the recorder has room"),
+    ("supply_v", "The processor's supply"),
+    ("battery_v", "The cell that keeps the clock"),
+    ("temperature_c", "Temperature of the processor"),
+];
+
 /// What is counted of a station.
 #[derive(Clone, Debug, Default)]
 struct Station {
@@ -35,6 +47,7 @@ struct Station {
     sd_utc_s: Option<f64>,
     health: [Option<f64>; HEALTH.len()],
     dead_channels: Option<usize>,
+    margins: [Option<f64>; MARGINS.len()],
 }
 
 /// All counters.
@@ -72,6 +85,7 @@ impl Counters {
                 station.health = HEALTH.map(|(field, _)| record[field].as_f64());
                 station.dead_channels = record["dead_channels"].as_array().map(Vec::len);
             }
+            "margins" => station.margins = MARGINS.map(|(field, _)| record[field].as_f64()),
             _ => {}
         }
     }
@@ -139,6 +153,9 @@ impl Counters {
         )?;
         for (k, (field, help)) in HEALTH.iter().enumerate() {
             family(&format!("health_{field}"), "gauge", help, of(&|s| s.health[k]))?;
+        }
+        for (k, (field, help)) in MARGINS.iter().enumerate() {
+            family(&format!("margins_{field}"), "gauge", help, of(&|s| s.margins[k]))?;
         }
         let mut alarms: BTreeMap<(&str, bool), u64> = BTreeMap::new();
         for (code, seen) in self.alarms.values() {

@@ -12,6 +12,7 @@ pub mod guard;
 pub mod hash;
 pub mod health;
 pub mod link;
+pub mod margins;
 pub mod message;
 pub mod sound;
 

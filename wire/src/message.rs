@@ -4,6 +4,7 @@
 //! A standard deviation of infinity means "not observable". No NaN is ever sent.
 
 use crate::health::LOSS_CAUSES;
+pub use crate::margins::Margins;
 pub use crate::sound::*;
 use serde::{Deserialize, Serialize};
 
@@ -75,6 +76,8 @@ pub enum Message {
     Spectrum(Spectrum),
     /// Directions of a minute by frequency.
     Azigram(Azigram),
+    /// What the board has left.
+    Margins(Margins),
 }
 
 /// Identity of recorder, software and configuration.
@@ -329,11 +332,18 @@ pub enum FaultCode {
     /// the new one was kept, 2 no samples in time, 3 no recorder could be set up, 4 it cannot be read any more, 5 no base
     /// station was heard in time; above them its number.
     RolledBack,
+    /// The card takes no sound: low 8 bits why (1 no card, 2 not prepared for this, 3 it answers with errors, 4 it was slower
+    /// than its buffer is long); above them how many instants were not recorded since it last took any.
+    CardFailed,
+    /// The card takes sound again: how many instants it has missed.
+    CardBack,
+    /// The card is full: how many instants it holds of this start.
+    CardFull,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 25] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -356,6 +366,9 @@ impl FaultCode {
         Self::Impulses,
         Self::SupplyLow,
         Self::RolledBack,
+        Self::CardFailed,
+        Self::CardBack,
+        Self::CardFull,
     ];
 }
 

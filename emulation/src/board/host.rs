@@ -4,10 +4,10 @@ use anyhow::{Result, anyhow};
 use seabearing_board_model::ads131m04::Codes;
 use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
-use seabearing_core::port::{Chunk, Link, NoClock, SampleSource, Supervisor};
+use seabearing_core::port::{Chunk, Link, Load, NoClock, SampleSource, Supervisor};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
-use seabearing_core::wire::FaultCode;
+use seabearing_core::wire::{FaultCode, Margins};
 use std::cell::RefCell;
 
 /// What a run of the host has sent, and whether more is wanted.
@@ -63,10 +63,10 @@ impl SampleSource for Delivered<'_, '_> {
     }
 }
 
-/// A start for this reason.
-struct Start(u8);
+/// A start for this reason, and what the board measured of itself: the host has none of its own.
+struct Start<'a>(u8, std::slice::Iter<'a, Margins>);
 
-impl Supervisor for Start {
+impl Supervisor for Start<'_> {
     fn feed(&mut self) {}
     fn idle(&mut self) {}
     fn reset_cause(&self) -> u8 {
@@ -75,16 +75,19 @@ impl Supervisor for Start {
     fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
         None
     }
+    fn margins(&mut self, _: &Load) -> Option<Margins> {
+        self.1.next().copied()
+    }
 }
 
-/// What the host's loop says of these conversions; what it says at their end only where the board was told to stop there.
+/// What the host's loop says of these conversions, with the margins that a board has measured; what it says at their end only where the board was told to stop there.
 /// It ends early where `wanted` says of a frame that no more is.
 ///
 /// # Errors
 /// The configuration cannot be run.
 pub fn host(
     blob: &[u8],
-    reset_cause: u8,
+    (reset_cause, margins): (u8, &[Margins]),
     numbers: &[u64],
     codes: &[Codes],
     stopped: bool,
@@ -97,7 +100,7 @@ pub fn host(
     let heard = RefCell::new(Heard { bytes: Vec::new(), wanted, goes_on: true });
     let mut source = Delivered { numbers, codes, next: 0, stopped, heard: &heard };
     let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
-    let mut start = Start(reset_cause);
+    let mut start = Start(reset_cause, margins.iter());
     run(&mut recorder, &mut source, &mut Telemetry(&heard), &mut NoClock, &mut start, &mut frames);
     Ok(heard.into_inner().bytes)
 }

@@ -21,7 +21,7 @@ use seabearing_board_model::stm32h743::{self, Parameters, Stm32h743};
 use seabearing_board_model::time::{NEVER, PER_SECOND, Ticks};
 use seabearing_board_model::{Costs, Counts, Ending, Image, Machine};
 use seabearing_core::block::{Frame, MISSING};
-use seabearing_core::wire::{Decoder, Message};
+use seabearing_core::wire::{Decoder, Margins, Message};
 use std::path::Path;
 
 /// How the board runs.
@@ -130,7 +130,14 @@ impl BoardRun {
     /// The configuration cannot be run.
     pub fn difference(&self, blob: &[u8]) -> Result<Option<String>> {
         const POWER: u8 = 0;
-        let said = host(blob, POWER, &self.numbers, &self.codes, false, &mut |_| true)?;
+        let margins: Vec<Margins> = self
+            .said
+            .iter()
+            .filter_map(
+                |said| if let Message::Margins(margins) = said.message { Some(margins) } else { None },
+            )
+            .collect();
+        let said = host(blob, (POWER, &margins), &self.numbers, &self.codes, false, &mut |_| true)?;
         if self.linked {
             return Ok(self.differing_record(&frames(&said)));
         }

@@ -201,7 +201,7 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
             heard.extend(messages.filter(|m| is_of_samples(m, counters)));
             to_end || heard.iter().zip(&board).all(|(host, board)| host == board)
         };
-        host(blob, session.hello.reset_cause, &indices, &codes, end.is_some(), &mut take)?;
+        host(blob, (session.hello.reset_cause, &[]), &indices, &codes, end.is_some(), &mut take)?;
         Ok((heard, given_up))
     };
     let records = board.iter().any(|m| matches!(m, Message::Bearing(_)));

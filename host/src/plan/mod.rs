@@ -128,7 +128,7 @@ pub fn of(station: &Station, deployment: &Deployment) -> Result<Plan> {
         _ => Cost::of_obs(&budget, config.rate_hz, cycles, blob.len()),
     };
     let health = if deployment.health_s > 0.0 {
-        telemetry::frame_bytes(&telemetry::health(config.rate_hz)) as f64 * DAY_S / deployment.health_s
+        telemetry::report_bytes(config.rate_hz) as f64 * DAY_S / deployment.health_s
     } else {
         0.0
     };

@@ -8,8 +8,8 @@ use seabearing_core::obs::plan::STEP_S;
 use seabearing_core::recorder::TIME_EVERY_S;
 use seabearing_core::traffic;
 use seabearing_core::wire::{
-    AZIGRAM_BANDS, Azigram, Azimuth, BANDS, Bearing, Encoder, FaultCode, FaultsHeld, Health, Message, Range,
-    ShaftRate, Spectrum, Time, Track,
+    AZIGRAM_BANDS, Azigram, Azimuth, BANDS, Bearing, Encoder, FaultCode, FaultsHeld, Health, Margins,
+    Message, Range, ShaftRate, Spectrum, Time, Track,
 };
 
 /// Bytes of a message's frame.
@@ -63,8 +63,12 @@ fn after_years(rate_hz: f64) -> u64 {
     (YEARS * 365.25 * 86_400.0 * rate_hz) as u64
 }
 
-/// A health report as long as it gets.
-pub fn health(rate_hz: f64) -> Message {
+/// A health report as long as it gets, and what a board tells of itself after it, in bytes.
+pub fn report_bytes(rate_hz: f64) -> u64 {
+    frame_bytes(&health(rate_hz)) + frame_bytes(&margins(after_years(rate_hz)))
+}
+
+fn health(rate_hz: f64) -> Message {
     let most = after_years(rate_hz);
     Message::Health(Health {
         index: most,
@@ -74,6 +78,22 @@ pub fn health(rate_hz: f64) -> Message {
         level_half_db: [i8::MIN; 4],
         records: u32::MAX,
         frames_dropped: u32::MAX,
+    })
+}
+
+fn margins(index: u64) -> Message {
+    let most = u32::MAX;
+    let (voltage, temperature_c) = (Some(u16::MAX), Some(i8::MIN));
+    Message::Margins(Margins {
+        index,
+        memory: most,
+        memory_free: most,
+        longest_us: most,
+        waiting: most,
+        room: most,
+        supply_mv: voltage,
+        battery_mv: voltage,
+        temperature_c,
     })
 }
 
@@ -101,7 +121,8 @@ pub fn most_per_s(config: &StationConfig, vessels: u32, health_s: f64) -> f64 {
     };
     let held = FaultsHeld { code: FaultCode::Gap, index, count: u32::MAX, value: i64::MAX };
     let faults = FaultCode::ALL.len() as f64 * (f64::from(A_MINUTE) + 1.0) * bytes(Message::FaultsHeld(held));
-    let health = if health_s > 0.0 { bytes(health(config.rate_hz)) / health_s } else { 0.0 };
+    let report = report_bytes(config.rate_hz) as f64;
+    let health = if health_s > 0.0 { report / health_s } else { 0.0 };
     // Of a recorder that hears a satellite receiver.
     let time = bytes(time(index)) / TIME_EVERY_S as f64;
     let levels = match config.levels.every_s {

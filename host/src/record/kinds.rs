@@ -1,5 +1,6 @@
 //! The records by their kinds: what stands in each field, in which unit. The published schema is made of these types.
 
+use super::margins::Margins;
 use super::sound::{Azigram, Samples, Snippet, Spectrum};
 use seabearing_core::wire::{self, Message};
 use serde::Serialize;
@@ -438,6 +439,7 @@ pub enum Kind {
     Samples(Samples),
     Spectrum(Spectrum),
     Azigram(Azigram),
+    Margins(Margins),
     End(End),
 }
 
@@ -487,6 +489,7 @@ impl Kind {
             Message::Samples(s) => (Some(s.index), Self::Samples(Samples::from(s))),
             Message::Spectrum(s) => (Some(s.index), Self::Spectrum(Spectrum::from(s))),
             Message::Azigram(a) => (Some(a.index), Self::Azigram(Azigram::from(a))),
+            Message::Margins(m) => (Some(m.index), Self::Margins(Margins::from(m))),
             Message::End(e) => (Some(e.index), Self::End(End { frames: e.frames })),
         }
     }

@@ -1,11 +1,13 @@
 //! Records: what the recorder's messages look like to people and other programs (JSON Lines, degrees).
 
 mod kinds;
+mod margins;
 #[cfg(feature = "schema")]
 mod schema;
 mod sound;
 
 pub use kinds::{Closest, Kind, Level, Member, NetworkTrack};
+pub use margins::Margins;
 #[cfg(feature = "schema")]
 pub use schema::schema;
 pub use sound::{Azigram, Samples, Snippet, Spectrum, calibrate};

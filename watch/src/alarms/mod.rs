@@ -22,7 +22,7 @@ use held::Held;
 use rules::{Condition, Rule};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use truth::{Truth, channels, storage, supply};
+use truth::{Truth, card, channels, margin, storage, supply};
 
 /// A track that says nothing for so long has ended, s.
 const TRACK_ENDS_S: f64 = 120.0;
@@ -317,6 +317,8 @@ impl Watcher {
             }
             Condition::Supply => supply(station, kind, fault, record),
             Condition::Storage => storage(station, kind, record),
+            Condition::Margin(limits) => (kind == "margins").then(|| margin(station, limits, record)),
+            Condition::Card => card(station, kind, fault, record),
             Condition::Inside(_) | Condition::Range(_) | Condition::Approach { .. } => None,
             Condition::Disk { .. } => None,
         };

@@ -42,6 +42,10 @@ pub enum Condition {
     Supply,
     /// A recorder's store is full and drops records.
     Storage,
+    /// A recorder is nearer to a limit than that.
+    Margin(Limits),
+    /// A recorder's card is full or takes no sound.
+    Card,
     /// The disk of this base station's store has less free room than that, or the store takes nothing.
     Disk {
         /// Least free room, million bytes.
@@ -49,6 +53,33 @@ pub enum Condition {
         /// Least free room, percent of the disk.
         free_percent: Option<f64>,
     },
+}
+
+/// How near to its limits a recorder may come; `None`: not looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Limits {
+    /// Least supply of the processor, V.
+    pub supply_v: Option<f64>,
+    /// Least voltage of the clock's cell, V.
+    pub cell_v: Option<f64>,
+    /// Least memory that the stack never used, bytes.
+    pub memory_bytes: Option<f64>,
+    /// Most of its store that waits for the base station, percent.
+    pub full_percent: Option<f64>,
+    /// Highest temperature of the processor, °C.
+    pub temperature_c: Option<f64>,
+}
+
+impl Limits {
+    /// What is watched where a rule names none. The recording ends at 2.85 V; a lithium cell of 3 V is empty below 2.4 V; the
+    /// processor bears 85 °C.
+    const USUAL: Self = Self {
+        supply_v: Some(3.0),
+        cell_v: Some(2.4),
+        memory_bytes: Some(4096.0),
+        full_percent: Some(80.0),
+        temperature_c: Some(75.0),
+    };
 }
 
 impl Condition {
@@ -63,6 +94,8 @@ impl Condition {
             Self::Clock(_) => &["ClockUnsure", "ClockMissing", "ClockWrong"],
             Self::Supply => &["SupplyLow"],
             Self::Storage => &["StorageFull"],
+            Self::Margin(_) => &["MarginSmall"],
+            Self::Card => &["CardFailed", "CardFull"],
             Self::Disk { .. } => &["DiskLow", "StoreFails"],
         }
     }
@@ -143,6 +176,11 @@ struct Table {
     off_s: Option<f64>,
     free_mb: Option<f64>,
     free_percent: Option<f64>,
+    supply_v: Option<f64>,
+    cell_v: Option<f64>,
+    memory_bytes: Option<f64>,
+    full_percent: Option<f64>,
+    temperature_c: Option<f64>,
     probability: Option<f64>,
     clear_probability: Option<f64>,
     clear_after_s: Option<f64>,
@@ -156,11 +194,11 @@ struct DeliverTable {
 }
 
 /// Kinds, for messages.
-const KINDS: &str = "inside, range, approach, silent, channel, clock, supply, storage or disk";
+const KINDS: &str = "inside, range, approach, silent, channel, clock, supply, storage, margin, card or disk";
 /// Kinds that are about vessels, and those that are about stations.
 const OF_VESSELS: [&str; 3] = ["inside", "range", "approach"];
-const NOT_DISK: [&str; 8] =
-    ["inside", "range", "approach", "silent", "channel", "clock", "supply", "storage"];
+const NOT_DISK: [&str; 10] =
+    ["inside", "range", "approach", "silent", "channel", "clock", "supply", "storage", "margin", "card"];
 
 impl Alarms {
     /// Reads a file, where there is one of stations for these stations.
@@ -237,7 +275,7 @@ fn apart(mut rules: Vec<Rule>) -> Vec<Rule> {
 
 impl Table {
     /// Keys that only some kinds have: whether they are given, and which kinds.
-    fn own_keys(&self) -> [(&'static str, bool, &'static [&'static str]); 13] {
+    fn own_keys(&self) -> [(&'static str, bool, &'static [&'static str]); 18] {
         [
             ("stations", !self.stations.is_empty(), &NOT_DISK),
             ("polygon", self.polygon.is_some(), &["inside"]),
@@ -250,6 +288,11 @@ impl Table {
             ("off_s", self.off_s.is_some(), &["clock"]),
             ("free_mb", self.free_mb.is_some(), &["disk"]),
             ("free_percent", self.free_percent.is_some(), &["disk"]),
+            ("supply_v", self.supply_v.is_some(), &["margin"]),
+            ("cell_v", self.cell_v.is_some(), &["margin"]),
+            ("memory_bytes", self.memory_bytes.is_some(), &["margin"]),
+            ("full_percent", self.full_percent.is_some(), &["margin"]),
+            ("temperature_c", self.temperature_c.is_some(), &["margin"]),
             ("probability", self.probability.is_some(), &OF_VESSELS),
             ("clear_probability", self.clear_probability.is_some(), &OF_VESSELS),
         ]
@@ -288,6 +331,18 @@ fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
         }),
         "supply" => Condition::Supply,
         "storage" => Condition::Storage,
+        "card" => Condition::Card,
+        "margin" => {
+            let given = |key: &str, value: Option<f64>| value.map(|x| needed(key, Some(x))).transpose();
+            let limits = Limits {
+                supply_v: given("supply_v", table.supply_v)?,
+                cell_v: given("cell_v", table.cell_v)?,
+                memory_bytes: given("memory_bytes", table.memory_bytes)?,
+                full_percent: given("full_percent", table.full_percent)?,
+                temperature_c: given("temperature_c", table.temperature_c)?,
+            };
+            Condition::Margin(if limits == Limits::default() { Limits::USUAL } else { limits })
+        }
         "disk" => {
             let given = |key: &str, value: Option<f64>| value.map(|x| needed(key, Some(x))).transpose();
             let (free_mb, free_percent) =

@@ -152,6 +152,38 @@ fn channels_clocks_supplies_and_stores_are_watched() {
 }
 
 #[test]
+fn margins_and_cards_are_watched() {
+    let mut watcher = watcher("[[alarms]]\nkind = \"margin\"\n[[alarms]]\nkind = \"card\"\n");
+    let margins = |supply_v: Value, waiting: u32| {
+        json!({ "type": "margins", "station": 2, "memory_bytes": 90000, "memory_free_bytes": 66144, "longest_s": 0.007,
+            "waiting": waiting, "room": 7000, "supply_v": supply_v, "battery_v": null, "temperature_c": 12 })
+    };
+    let fault =
+        |code: &str, value: i64| json!({ "type": "fault", "station": 2, "code": code, "value": value });
+    let steps = [
+        (margins(json!(3.3), 0), vec![]),
+        (margins(Value::Null, 0), vec![]),
+        (margins(json!(2.99), 0), vec![("raised", "MarginSmall")]),
+        (margins(json!(3.01), 0), vec![]),
+        (margins(json!(3.2), 0), vec![("cleared", "MarginSmall")]),
+        (margins(json!(3.2), 6000), vec![("raised", "MarginSmall")]),
+        (margins(json!(3.2), 100), vec![("cleared", "MarginSmall")]),
+        (fault("CardFailed", 64_000 << 8 | 4), vec![("raised", "CardFailed")]),
+        (fault("CardFailed", 128_000 << 8 | 4), vec![]),
+        (fault("CardBack", 192_000), vec![("cleared", "CardFailed")]),
+        (fault("CardFull", 1 << 40), vec![("raised", "CardFull")]),
+        (json!({ "type": "hello", "station": 2 }), vec![("cleared", "CardFull")]),
+    ];
+    for (t, (record, wanted)) in steps.into_iter().enumerate() {
+        let mut out = watcher.take(&record, t as f64);
+        out.extend(watcher.tick(t as f64 + 0.5));
+        let found: Vec<_> =
+            out.iter().map(|r| (r["state"].as_str().unwrap(), r["code"].as_str().unwrap())).collect();
+        assert_eq!(found, wanted, "{record}");
+    }
+}
+
+#[test]
 fn a_base_station_that_starts_again_goes_on_with_what_stood() {
     let mut before = watcher(EAST);
     let raised = before.take(&track(900.0, "running"), 10.0);

@@ -1,6 +1,7 @@
 //! What is so of a rule, and what a record of a recorder says of it.
 
 use super::About;
+use super::rules::Limits;
 use serde_json::Value;
 use std::collections::BTreeSet;
 
@@ -88,5 +89,56 @@ pub(super) fn storage(station: u16, kind: &str, record: &Value) -> Option<Truth>
         "alarm" => None,
         // Nothing says that there is room: it is over when nothing is lost any more.
         _ => Some(Truth::over("nothing is lost any more")),
+    }
+}
+
+/// A limit is kept again only so far away from it.
+const AWAY: f64 = 0.02;
+
+/// Whether a recorder's margins are smaller than they should be; between a limit and 2 % more nothing changes.
+pub(super) fn margin(station: u16, limits: &Limits, record: &Value) -> Truth {
+    let number = |key: &str| record[key].as_f64();
+    let full = number("waiting").zip(number("room")).map(|(waiting, room)| 100.0 * waiting / room.max(1.0));
+    // What it is, in which unit; its value, the limit, and whether that is the least one.
+    let watched = [
+        ("the supply is", " V", number("supply_v"), limits.supply_v, true),
+        ("the clock's cell has", " V", number("battery_v"), limits.cell_v, true),
+        ("memory never used is", " bytes", number("memory_free_bytes"), limits.memory_bytes, true),
+        ("what waits fills", " % of its room", full, limits.full_percent, false),
+        ("the processor has", " °C", number("temperature_c"), limits.temperature_c, false),
+    ];
+    let mut near = false;
+    for (what, unit, value, limit, least) in watched {
+        let Some((value, limit)) = value.zip(limit) else { continue };
+        let beyond = |x: f64, limit: f64| if least { x < limit } else { x > limit };
+        if beyond(value, limit) {
+            let (value, than) = ((100.0 * value).round() / 100.0, if least { "below" } else { "above" });
+            return Truth::yes(
+                "MarginSmall",
+                format!("station {station}: {what} {value}{unit}, {than} {limit}"),
+            );
+        }
+        near |= beyond(value, limit * if least { 1.0 + AWAY } else { 1.0 - AWAY });
+    }
+    if near { Truth::unknown() } else { Truth::over("its margins are large enough") }
+}
+
+/// Whether a recorder's card takes no sound.
+pub(super) fn card(station: u16, kind: &str, fault: &str, record: &Value) -> Option<Truth> {
+    let value = record["value"].as_u64().unwrap_or(0);
+    let why = match value & 0xff {
+        1 => "there is no card",
+        2 => "the card is not prepared",
+        3 => "the card answers with errors",
+        4 => "the card is too slow",
+        _ => "the card takes no sound",
+    };
+    match (kind, fault) {
+        (_, "CardFull") => Some(Truth::yes("CardFull", format!("station {station}: the card is full"))),
+        (_, "CardFailed") => Some(Truth::yes("CardFailed", format!("station {station}: {why}"))),
+        (_, "CardBack") => Some(Truth::over("it takes sound again")),
+        // A new start says anew what is wrong with its card.
+        ("hello", _) => Some(Truth::over("the recorder has started again")),
+        _ => None,
     }
 }

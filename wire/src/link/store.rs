@@ -36,7 +36,11 @@ impl Class {
             Message::Hello(_) | Message::Fault(_) | Message::FaultsHeld(_) => Self::Alarm,
             Message::Track(track) if track.stage != Track::RUNNING => Self::Final,
             Message::Segment(_) => Self::Final,
-            Message::Health(_) | Message::Time(_) | Message::Reply(_) | Message::End(_) => Self::Health,
+            Message::Health(_)
+            | Message::Margins(_)
+            | Message::Time(_)
+            | Message::Reply(_)
+            | Message::End(_) => Self::Health,
             // What says that samples come must not go for them.
             Message::Snippet(_) => Self::Health,
             Message::Samples(_) | Message::Spectrum(_) | Message::Azigram(_) => Self::Spectrum,

@@ -2,7 +2,7 @@
 //! `seabearing reproduce link`.
 
 use super::*;
-use crate::message::{Azigram, Command, End, FaultCode, Message, Reply, Samples, Snippet, Spectrum};
+use crate::message::{Azigram, Command, End, FaultCode, Margins, Message, Reply, Samples, Snippet, Spectrum};
 use std::collections::VecDeque;
 use std::vec::Vec;
 
@@ -294,7 +294,20 @@ fn every_message_fits_a_record_and_has_its_class() {
     let (first_bin, bins) = (u16::MAX, u16::MAX);
     let azigram = Azigram { index, frames: 255, bin_hz, first_bin, bins, azimuth: most, coherence: most };
     let snippet = Snippet { token, index, instants: u32::MAX, channels };
+    let most = u32::MAX;
+    let margins = Margins {
+        index,
+        memory: most,
+        memory_free: most,
+        longest_us: most,
+        waiting: most,
+        room: most,
+        supply_mv: Some(u16::MAX),
+        battery_mv: Some(u16::MAX),
+        temperature_c: Some(i8::MIN),
+    };
     for (message, class) in [
+        (Message::Margins(margins), Class::Health),
         (Message::Samples(samples), Class::Spectrum),
         (Message::Spectrum(spectrum), Class::Spectrum),
         (Message::Azigram(azigram), Class::Spectrum),
