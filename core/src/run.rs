@@ -104,10 +104,13 @@ impl Silence {
     }
 }
 
-/// Says a message; whether it is one that the board's margins follow.
-fn said(outlet: &mut impl Outlet, message: &Message) -> bool {
-    outlet.say(message);
-    matches!(message, Message::Health(_))
+/// Where messages go; notes one that the board's margins follow. One type of sink for all calls: each other would be another copy of
+/// the recorder in flash.
+fn said(outlet: &mut impl Outlet, told: &mut bool) -> impl FnMut(&Message) {
+    move |message| {
+        *told |= matches!(message, Message::Health(_));
+        outlet.say(message);
+    }
 }
 
 /// Runs until the input ends or a stop is commanded; frames are sent once.
@@ -132,13 +135,13 @@ pub fn run_over(
     supervisor: &mut impl Supervisor,
     frames: &mut [Frame; BLOCK_FRAMES],
 ) -> Summary {
-    let mut summary = Summary::default();
-    application.start(supervisor.reset_cause(), &mut |m| outlet.say(m));
+    let (mut summary, mut told) = (Summary::default(), false);
+    application.start(supervisor.reset_cause(), &mut said(outlet, &mut told));
     if let Some((code, value)) = supervisor.last_fault() {
         outlet.say(&Message::Fault(Fault { code, index: 0, value }));
     }
     let mut silence = Silence::since(clock.seconds());
-    let (mut running, mut told) = (true, false);
+    let mut running = true;
     while running {
         supervisor.feed();
         outlet.work(clock);
@@ -150,10 +153,10 @@ pub fn run_over(
                 }
                 Heard::Command(command) => {
                     running &= !matches!(command, Command::Stop { .. });
-                    application.command(command, &mut |m| told |= said(outlet, m));
+                    application.command(command, &mut said(outlet, &mut told));
                 }
                 Heard::Bad(n) => {
-                    application.fault(FaultCode::BadCommand, u64::from(n), &mut |m| outlet.say(m));
+                    application.fault(FaultCode::BadCommand, u64::from(n), &mut said(outlet, &mut told));
                 }
                 Heard::Restart(token) => {
                     running = false;
@@ -175,7 +178,7 @@ pub fn run_over(
                 let begun = clock.ticks();
                 let block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
                 outlet.block(&block);
-                application.push(block, &mut |m| told |= said(outlet, m));
+                application.push(block, &mut said(outlet, &mut told));
                 let ticks = clock.ticks().wrapping_sub(begun);
                 summary.busy_ticks = summary.busy_ticks.saturating_add(u64::from(ticks));
                 summary.worst_block_ticks = summary.worst_block_ticks.max(ticks);
@@ -185,16 +188,16 @@ pub fn run_over(
             Chunk::Idle => {
                 supervisor.idle();
                 while let Some(seconds) = silence.next(clock.seconds()) {
-                    application.silent(seconds, &mut |m| told |= said(outlet, m));
+                    application.silent(seconds, &mut said(outlet, &mut told));
                 }
             }
             Chunk::End => running = false,
         }
         if let Some((code, value)) = source.fault() {
-            application.fault(code, value, &mut |m| outlet.say(m));
+            application.fault(code, value, &mut said(outlet, &mut told));
         }
         if let Some(pair) = source.pair() {
-            application.pair(pair, &mut |m| outlet.say(m));
+            application.pair(pair, &mut said(outlet, &mut told));
         }
         if core::mem::take(&mut told) {
             let load = Load {
@@ -207,7 +210,7 @@ pub fn run_over(
             }
         }
     }
-    application.finish(&mut |m| outlet.say(m));
+    application.finish(&mut said(outlet, &mut told));
     outlet.say(&Message::End(End { index: summary.index, frames: outlet.said() }));
     let ended_s = clock.seconds();
     while outlet.waiting() && clock.seconds().wrapping_sub(ended_s) < LINGER_S {

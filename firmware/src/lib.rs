@@ -14,10 +14,14 @@ pub mod acquisition;
 pub mod bank;
 pub mod converter;
 pub mod fault;
+pub mod gauges;
 pub mod nmea;
 pub mod pace;
 pub mod receiver;
 pub mod supply;
+
+#[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]
+pub mod stack;
 
 #[cfg(feature = "mps2-an500")]
 pub mod mps2_an500;

@@ -48,8 +48,10 @@ mod at {
     pub const D3CFGR: usize = 0x20;
     pub const PLLCKSELR: usize = 0x28;
     pub const PLLCFGR: usize = 0x2c;
+    pub const D1CCIPR: usize = 0x4c;
     pub const D2CCIP1R: usize = 0x50;
     pub const D2CCIP2R: usize = 0x54;
+    pub const D3CCIPR: usize = 0x58;
     pub const BDCR: usize = 0x70;
     pub const CSR: usize = 0x74;
     pub const RSR: usize = 0xd0;
@@ -339,6 +341,16 @@ impl Clocks {
     /// Kernel clock of USART 2, 3 and the other simple ones.
     pub fn usart_hz(&self) -> u64 {
         self.kernel_hz[1]
+    }
+
+    /// Kernel clock of the analog converters.
+    pub fn adc_hz(&self) -> u64 {
+        match self.field(at::D3CCIPR, 16, 2) {
+            0 => self.pll(1, 0),
+            1 => self.pll(2, 2),
+            // The peripherals' own clock: HSI, CSI or HSE.
+            _ => self.oscillator(self.field(at::D1CCIPR, 28, 2)),
+        }
     }
 
     fn kernels(&self) -> [u64; 2] {

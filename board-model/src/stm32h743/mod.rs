@@ -4,6 +4,7 @@
 //! PD15 where that is an output; the serial line USART3 on PD8 and PD9; a satellite receiver's pulse on PA0, its sentences on
 //! PD6.
 
+mod adc;
 mod clocks;
 mod dma;
 pub mod flash;
@@ -17,6 +18,7 @@ mod timer;
 mod usart;
 mod watchdog;
 
+pub use adc::Analog;
 pub use clocks::cause;
 pub use pins::Pin;
 
@@ -27,6 +29,7 @@ use crate::costs::Costs;
 use crate::elf::Image;
 use crate::memory::{Kind, Memory};
 use crate::time::{NEVER, Ticks};
+use adc::Adc;
 use clocks::Clocks;
 use dma::{Dma, request};
 use flash::{BANK_2, Flash, FlashTimes};
@@ -72,6 +75,8 @@ pub struct Parameters {
     pub loses_last_write: bool,
     /// How long the flash takes to program and to erase.
     pub flash: FlashTimes,
+    /// Supply, cell and temperature.
+    pub analog: Analog,
 }
 
 impl Default for Parameters {
@@ -83,6 +88,7 @@ impl Default for Parameters {
             baud: 921_600,
             loses_last_write: true,
             flash: FlashTimes::default(),
+            analog: Analog::default(),
         }
     }
 }
@@ -103,6 +109,9 @@ pub struct Stm32h743 {
     debug: u32,
     compensation: u32,
     backup: [u32; 32],
+    adc: Adc,
+    /// Supply, cell and temperature.
+    pub analog: Analog,
     /// The second bank of the flash.
     pub flash: Flash,
     /// The converter.
@@ -133,6 +142,12 @@ pub fn machine(
     memory.add(0x3000_0000, 288 << 10, Kind::Sram, AT_POWER_ON);
     memory.add(0x3800_0000, 64 << 10, Kind::Sram, AT_POWER_ON);
     memory.add(0x3880_0000, 4 << 10, Kind::Sram, AT_POWER_ON);
+    // What the factory wrote into the processor.
+    memory.add(0x1ff0_0000, 128 << 10, Kind::Flash, 0xff);
+    for (address, word) in adc::FACTORY {
+        let place = memory.bytes_mut(address, 2).ok_or("no place for the factory's words")?;
+        place.copy_from_slice(&word.to_le_bytes());
+    }
     if parameters.loses_last_write {
         memory.hold_writes();
     }
@@ -167,6 +182,8 @@ impl Stm32h743 {
             debug: 0,
             compensation: 0,
             backup: [0; 32],
+            adc: Adc::new(),
+            analog: parameters.analog,
             flash: Flash::new(parameters.flash),
             converter: Ads131m04::new(source, rate_hz, error),
             dma_items: 0,
@@ -205,6 +222,9 @@ impl Stm32h743 {
 
     /// The supply is low but not yet too low to work, or good again.
     pub fn set_supply_low(&mut self, low: bool) {
+        const LOW_V: f64 = 2.8;
+        const GOOD_V: f64 = 3.3;
+        self.analog.supply_v = if low { LOW_V } else { GOOD_V };
         self.clocks.supply_low = low;
     }
 
@@ -225,6 +245,7 @@ impl Stm32h743 {
         self.receiver.reset();
         self.timers = timers();
         self.watchdog.reset();
+        self.adc = Adc::new();
         self.flash.reset();
         self.debug = 0;
         self.compensation = 0;

@@ -40,6 +40,7 @@ impl Stm32h743 {
                 self.timers[index].read(word)?
             }
             Peripheral::Watchdog => self.watchdog.read(word)?,
+            Peripheral::Adc => self.adc.read(word, bus.now)?,
             Peripheral::Debug => {
                 if word == 0 {
                     0x2003_6450
@@ -106,6 +107,10 @@ impl Stm32h743 {
                 self.timers[index].write(offset, value)?;
             }
             Peripheral::Watchdog => self.watchdog.write(offset, value, bus.now)?,
+            Peripheral::Adc => {
+                let kernel_hz = self.clocks.adc_hz();
+                self.adc.write(offset, value, bus.now, kernel_hz, &self.analog)?;
+            }
             Peripheral::Debug => {
                 self.debug = value;
                 // DBGSLEEP_D1 keeps the core's clock, and with it the cycle counter, running in sleep.

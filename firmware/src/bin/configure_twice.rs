@@ -9,7 +9,8 @@
 use cortex_m_rt::entry;
 use seabearing_core::config_blob::{self, PROPAGATION};
 use seabearing_core::recorder::Memory;
-use seabearing_firmware::mps2_an500::{blob, host::fail, measurement::end, stack_use};
+use seabearing_firmware::mps2_an500::{blob, host::fail, measurement::end};
+use seabearing_firmware::stack;
 
 #[entry]
 fn main() -> ! {
@@ -24,7 +25,7 @@ fn main() -> ! {
         if MEMORY.configure(&config, table).is_err() {
             fail(c"this image holds no recorder for this configuration\n");
         }
-        *used = u64::from(stack_use().1);
+        *used = u64::from(stack::used().1);
     }
     end(&words)
 }

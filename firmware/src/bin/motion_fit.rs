@@ -12,7 +12,8 @@ use seabearing_core::math::f64 as m;
 use seabearing_core::motion::{Line, Medium};
 use seabearing_core::port::Clock;
 use seabearing_firmware::mps2_an500::measurement::{Impulses, end};
-use seabearing_firmware::mps2_an500::{clock::BoardClock, host::fail, stack_use};
+use seabearing_firmware::mps2_an500::{clock::BoardClock, host::fail};
+use seabearing_firmware::stack;
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::ml::{self, Config, Sample};
 use seabearing_locate::motion::whiten::{WhitenMethod, Workspace};
@@ -71,7 +72,7 @@ fn main() -> ! {
             fail(c"the fit is wrong\n");
         }
     }
-    let (stack, used) = stack_use();
+    let (stack, used) = stack::used();
     let words = [ticks[0], ticks[1], u64::from(stack), u64::from(used)];
     end(&words)
 }

@@ -19,9 +19,8 @@ use seabearing_core::{
     wire::guard::{Guard, Recipient},
     wire::link::{ByteStore, Link, Retained, Settings},
 };
-use seabearing_firmware::mps2_an500::{
-    Board, blob, clock::BoardClock, host, input::Input, stack_use, uart::Uart,
-};
+use seabearing_firmware::mps2_an500::{Board, blob, clock::BoardClock, host, input::Input, uart::Uart};
+use seabearing_firmware::stack;
 
 #[entry]
 fn main() -> ! {
@@ -57,7 +56,7 @@ fn main() -> ! {
         run_over(&mut recorder, &mut samples, &mut outlet, &mut clock, &mut board, FRAMES)
     };
     uart.flush();
-    if !host::leave_summary(&summary, stack_use(), samples.losses()) {
+    if !host::leave_summary(&summary, stack::used(), samples.losses()) {
         host::fail(c"cannot write summary.bin\n");
     }
     match samples.ending() {

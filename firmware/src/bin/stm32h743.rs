@@ -30,6 +30,7 @@ use seabearing_firmware::converter::Rate;
 use seabearing_firmware::fault;
 use seabearing_firmware::receiver::Timed;
 use seabearing_firmware::stm32h743::clock::Time;
+use seabearing_firmware::stm32h743::gauges::Gauges;
 #[cfg(feature = "link")]
 use seabearing_firmware::stm32h743::kept;
 use seabearing_firmware::stm32h743::link::{Incoming, RING_BYTES, Serial, transmit};
@@ -95,7 +96,7 @@ fn main() -> ! {
     static mut SENTENCES: [u8; pulse::RING_BYTES] = [0; pulse::RING_BYTES];
 
     let p = embassy_stm32::init(clocks());
-    let mut board = Board::new(IndependentWatchdog::new(p.IWDG1, WATCHDOG_US));
+    let mut board = Board::new(IndependentWatchdog::new(p.IWDG1, WATCHDOG_US), Gauges::start(p.ADC3));
     let Some(mut core) = cortex_m::Peripherals::take() else { cortex_m::peripheral::SCB::sys_reset() };
     core.SCB.enable_icache();
     let mut time = Time::start(p.TIM5, &mut core.DCB, &mut core.DWT);

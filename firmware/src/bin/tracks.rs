@@ -18,7 +18,8 @@ use seabearing_core::port::Clock;
 use seabearing_core::traffic::{self, Config, State, VESSELS};
 use seabearing_core::wire::{Bearing, Message};
 use seabearing_firmware::mps2_an500::measurement::{Impulses, end};
-use seabearing_firmware::mps2_an500::{clock::BoardClock, host::fail, stack_use};
+use seabearing_firmware::mps2_an500::{clock::BoardClock, host::fail};
+use seabearing_firmware::stack;
 
 /// Sample instants a second, and between two bearings.
 const RATE_HZ: f64 = 64_000.0;
@@ -98,7 +99,7 @@ fn main() -> ! {
     if STATE.vessels() != 0 || ended < VESSELS {
         fail(c"not every vessel was tracked to its end\n");
     }
-    let (stack, used) = stack_use();
+    let (stack, used) = stack::used();
     let bytes = size_of::<State>() as u64;
     let words = [worst[0], worst[1], total, bytes, u64::from(stack), u64::from(used)];
     end(&words)

@@ -9,6 +9,7 @@
 
 pub mod clock;
 pub mod flash;
+pub mod gauges;
 #[cfg(feature = "link")]
 pub mod kept;
 pub mod link;
@@ -16,17 +17,20 @@ pub mod pulse;
 pub mod sampling;
 
 use crate::fault::{self, Record};
+use crate::stack;
 use crate::supply::{Detector, Supply};
 use embassy_stm32::Config;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::IWDG1;
+use embassy_stm32::rcc::mux::Adcsel;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, HSIPrescaler, Pll, PllDiv, PllMul, PllPreDiv, PllSource,
 };
 use embassy_stm32::rcc::{Sysclk, VoltageScale};
 use embassy_stm32::wdg::IndependentWatchdog;
-use seabearing_core::port::Supervisor;
-use seabearing_core::wire::FaultCode;
+use gauges::Gauges;
+use seabearing_core::port::{Load, Supervisor};
+use seabearing_core::wire::{FaultCode, Margins};
 
 /// Frequency of the core.
 pub const CORE_HZ: u32 = 480_000_000;
@@ -55,6 +59,8 @@ pub fn clocks() -> Config {
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     config.rcc.apb3_pre = APBPrescaler::DIV2;
     config.rcc.apb4_pre = APBPrescaler::DIV2;
+    // ADC3's clock: 64 MHz, which its driver divides by two and the converter by two again.
+    config.rcc.mux.adcsel = Adcsel::PER;
     config.rcc.voltage_scale = VoltageScale::Scale0;
     config
 }
@@ -115,17 +121,18 @@ pub struct Board {
     starts: u32,
     /// Where the board waits for its supply.
     supply: Option<Supply>,
+    gauges: Gauges,
 }
 
 impl Board {
     /// Starts the watchdog and counts the start, unless a person or the supply made it.
-    pub fn new(mut watchdog: IndependentWatchdog<'static, IWDG1>) -> Self {
+    pub fn new(mut watchdog: IndependentWatchdog<'static, IWDG1>, gauges: Gauges) -> Self {
         watchdog.unleash();
         let cause = reset_cause();
         if matches!(cause, 0 | 3) {
             fault::forget_starts();
         }
-        Self { watchdog, cause, fault: fault::take(), starts: fault::count_start(), supply: None }
+        Self { watchdog, cause, fault: fault::take(), starts: fault::count_start(), supply: None, gauges }
     }
 
     /// Starts in a row without a minute's work between.
@@ -166,6 +173,22 @@ impl Supervisor for Board {
 
     fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
         self.fault.take().map(Record::told)
+    }
+
+    fn margins(&mut self, load: &Load) -> Option<Margins> {
+        let (memory, used) = stack::used();
+        let gauged = self.gauges.read();
+        Some(Margins {
+            index: load.index,
+            memory,
+            memory_free: memory - used,
+            longest_us: load.longest_ticks / (CORE_HZ / 1_000_000),
+            waiting: load.waiting.0,
+            room: load.waiting.1,
+            supply_mv: gauged.supply_mv,
+            battery_mv: gauged.cell_mv,
+            temperature_c: gauged.temperature_c,
+        })
     }
 
     fn over(&mut self) -> bool {
