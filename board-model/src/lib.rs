@@ -8,6 +8,7 @@
 //! strict: an instruction or a register it does not know, an access to a peripheral without a clock or in a wrong order
 //! stops the run with one line. `docs/board-model.md` says what is modelled and what only silicon can tell.
 
+pub mod ads1282;
 pub mod ads131m04;
 pub mod board;
 pub mod core;

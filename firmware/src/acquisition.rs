@@ -6,33 +6,48 @@
 //! nothing. Only where the converter itself stood still, so that there were no edges, must a clock say how many
 //! conversions there would have been; that number is told as what it is, an estimate ([`FaultCode::ConverterRestarted`]).
 
-use crate::converter::{self, Bus, FRAME_BYTES, Rate, Read};
+use crate::converter::Read;
 use crate::pace::{Pace, Stamp};
 use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use seabearing_core::port::{Chunk, SampleSource};
 use seabearing_core::wire::FaultCode;
 
-/// Frames the ring holds: 64 ms at 64 kHz, three times the recorder's longest block of work.
-pub const RING_FRAMES: usize = 4096;
-/// Its length in bytes.
-pub const RING_BYTES: usize = RING_FRAMES * FRAME_BYTES;
 /// Frames the hardware may write while some are taken; what is older is given up.
 const MARGIN: u64 = 128;
-/// Without an edge for so long the converter stands still.
-const STANDSTILL_US: u64 = 50_000;
 /// From one attempt to set the converter up to the next.
 const RETRY_US: u64 = 100_000;
-/// Longer than a transfer and the time to the next.
+/// Longer than a transfer.
 const TRANSFER_US: u64 = 50;
 /// Looks at a ring in that time, whatever the clock says.
 const MOST_LOOKS: u32 = 10_000;
-/// Edges over which their rate is looked at, at least; two clocks that are 1 % wrong differ by less than a sixteenth.
-const LEAST_TIMED: u64 = 200;
 /// Nothing but damaged frames for so long may be a converter that was set otherwise.
 const DAMAGED_S: u32 = 120;
+/// From one look at the converter's settings to the next.
+const CHECK_US: u64 = 4_000_000;
 
-/// What a board's hardware does for the acquisition.
-pub trait Board: Bus {
+/// What a board's hardware does for the acquisition, its converter included.
+pub trait Board {
+    /// Frames the ring holds.
+    const RING_FRAMES: usize;
+    /// Bytes of the ring that a frame takes.
+    const FRAME_BYTES: usize;
+    /// Edges over which their rate is looked at, at least; two clocks that are 1 % wrong differ by less than a sixteenth.
+    const LEAST_TIMED: u64;
+
+    /// Conversions a second that are asked for.
+    fn hz(&self) -> u32;
+
+    /// Without an edge for so long the converter stands still, µs; as long as it takes to begin, at least.
+    fn standstill_us(&self) -> u64;
+
+    /// Sets the converter up; it begins to convert. Whether it answered as it must.
+    fn set_up(&mut self) -> bool;
+
+    /// Looks whether the converter is still set as it was, where its frames do not say so; no conversion is lost by that.
+    fn is_as_set(&mut self) -> bool {
+        true
+    }
+
     /// Edges of data-ready since power-on, counted by hardware. An edge's number is the count before it.
     fn edges(&mut self) -> u64;
 
@@ -43,7 +58,7 @@ pub trait Board: Bus {
     fn now_us(&mut self) -> u64;
 
     /// From now on every edge starts a transfer into the ring, from its start on. `behind`: conversions have been done
-    /// that nobody read, so the converter's output of two is read first. The number of the edge whose frame is the
+    /// that nobody read; where the converter keeps two, they are read first. The number of the edge whose frame is the
     /// ring's first; `None` where it could not be done in time.
     fn arm(&mut self, behind: bool) -> Option<u64>;
 
@@ -53,8 +68,8 @@ pub trait Board: Bus {
     /// Bytes put into the ring since it was armed, modulo its length.
     fn received(&mut self) -> usize;
 
-    /// A frame of the ring.
-    fn frame(&mut self, slot: usize) -> [u8; FRAME_BYTES];
+    /// What a frame of the ring says.
+    fn frame(&mut self, slot: usize) -> Read;
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,8 +84,6 @@ enum State {
 #[derive(Debug)]
 pub struct Acquisition<B> {
     board: B,
-    rate: Rate,
-    gain_log2: u8,
     state: State,
     /// Index of an edge, less its number.
     shift: u64,
@@ -80,6 +93,8 @@ pub struct Acquisition<B> {
     seen: (u64, u64),
     /// The newest moment by which the edges' rate was looked at.
     timed: Option<Stamp>,
+    /// When the converter's settings were last looked at.
+    checked_us: u64,
     /// Damaged frames in a row.
     damaged: u32,
     /// The converter's rate in the board's time.
@@ -93,16 +108,15 @@ pub struct Acquisition<B> {
 
 impl<B: Board> Acquisition<B> {
     /// A converter not yet set up.
-    pub fn new(board: B, rate: Rate, gain_log2: u8) -> Self {
+    pub fn new(board: B) -> Self {
         Self {
             board,
-            rate,
-            gain_log2,
             state: State::Off { retry_us: 0 },
             shift: 0,
             index: 0,
             seen: (0, 0),
             timed: None,
+            checked_us: 0,
             damaged: 0,
             pace: None,
             unplaced: false,
@@ -114,18 +128,18 @@ impl<B: Board> Acquisition<B> {
     /// Sets the converter up and arms the hardware before the first conversion.
     fn begin(&mut self, now_us: u64) {
         self.state = State::Off { retry_us: now_us + RETRY_US };
-        if converter::set_up(&mut self.board, self.rate, self.gain_log2).is_err() {
+        if !self.board.set_up() {
             if !self.told_silent {
                 self.told_silent = true;
                 self.fault = Some((FaultCode::NoSamples, 0));
             }
             return;
         }
-        converter::wake_up(&mut self.board);
         let Some(first) = self.board.arm(false) else { return };
         self.state = State::On { first, next: first };
         self.seen = (first, now_us);
         self.timed = None;
+        self.checked_us = now_us;
         self.damaged = 0;
         if self.index == 0 {
             self.shift = 0u64.wrapping_sub(first);
@@ -163,27 +177,28 @@ impl<B: Board> Acquisition<B> {
         let mut index = self.index + 1;
         if let Some(pace) = self.pace {
             let before = pace.newest();
-            let passed = pace.conversions(stamp.at_us.saturating_sub(before.at_us), self.rate.hz());
+            let passed = pace.conversions(stamp.at_us.saturating_sub(before.at_us));
             let by_clock = before.edges.wrapping_add(self.shift).wrapping_add(passed);
             index = index.max(by_clock.saturating_sub(stamp.edges.saturating_sub(first)));
         }
         self.fault = Some((FaultCode::ConverterRestarted, index - self.index));
         self.shift = index.wrapping_sub(first);
-        self.pace = Some(Pace::new(stamp));
+        self.pace = Some(Pace::new(stamp, self.board.hz()));
         self.unplaced = false;
     }
 
-    /// Whether edges come at the rate that was asked for: a converter whose clock register has changed does not know.
-    fn at_rate(&mut self, stamp: Stamp) -> bool {
+    /// Whether edges come at the rate that was asked for, since they were last looked at; `None` where that is too short a
+    /// time. A converter whose clock register has changed does not know.
+    fn at_rate(&mut self, stamp: Stamp) -> Option<bool> {
         let before = *self.timed.get_or_insert(stamp);
         let edges = stamp.edges.saturating_sub(before.edges);
-        if edges < LEAST_TIMED {
-            return true;
+        if edges < B::LEAST_TIMED {
+            return None;
         }
         self.timed = Some(stamp);
         let us = stamp.at_us.saturating_sub(before.at_us);
-        let by_clock = us.saturating_mul(u64::from(self.rate.hz())) / 1_000_000;
-        by_clock.abs_diff(edges) <= edges / 16
+        let by_clock = us.saturating_mul(u64::from(self.board.hz())) / 1_000_000;
+        Some(by_clock.abs_diff(edges) <= edges / 16)
     }
 
     /// Frames in the ring since it was armed, of which the first was that of edge `first`, and the number of edges: at a
@@ -195,7 +210,7 @@ impl<B: Board> Acquisition<B> {
             let received = self.board.received();
             let whole = before.saturating_sub(first);
             if self.board.edges() == before
-                && received as u64 == whole % RING_FRAMES as u64 * FRAME_BYTES as u64
+                && received as u64 == whole % B::RING_FRAMES as u64 * B::FRAME_BYTES as u64
             {
                 return Some((whole, before));
             }
@@ -210,8 +225,8 @@ impl<B: Board> Acquisition<B> {
     fn take(&mut self, first: u64, next: u64, count: u64, frames: &mut [Frame]) -> Result<usize, Read> {
         let mut taken = 0;
         for (edge, to) in (next..next.wrapping_add(count)).zip(frames) {
-            let slot = edge.wrapping_sub(first) as usize % RING_FRAMES;
-            match converter::parse(&self.board.frame(slot)) {
+            let slot = edge.wrapping_sub(first) as usize % B::RING_FRAMES;
+            match self.board.frame(slot) {
                 Read::Samples(frame) => (*to, self.damaged) = (frame, 0),
                 Read::Damaged => (*to, self.damaged) = ([MISSING; CHANNELS], self.damaged.saturating_add(1)),
                 Read::Reset => return if taken > 0 { Ok(taken) } else { Err(Read::Reset) },
@@ -241,16 +256,17 @@ impl<B: Board> SampleSource for Acquisition<B> {
         if edges != self.seen.0 {
             self.seen = (edges, now_us);
         }
-        let still = now_us.saturating_sub(self.seen.1) > STANDSTILL_US;
+        let still = now_us.saturating_sub(self.seen.1) > self.board.standstill_us();
         let end = first.wrapping_add(whole);
         let mut ready = end.wrapping_sub(next);
-        if ready > RING_FRAMES as u64 - MARGIN {
+        if ready > B::RING_FRAMES as u64 - MARGIN {
             // Nobody came for longer than the ring lasts: half of it is still whole for a while.
-            next = end.wrapping_sub(RING_FRAMES as u64 / 2);
-            ready = RING_FRAMES as u64 / 2;
+            next = end.wrapping_sub(B::RING_FRAMES as u64 / 2);
+            ready = B::RING_FRAMES as u64 / 2;
         }
         let stamp = self.board.stamp();
-        if still && ready == 0 || stamp.edges > first && !self.at_rate(stamp) {
+        let at_rate = if stamp.edges > first { self.at_rate(stamp) } else { None };
+        if still && ready == 0 || at_rate == Some(false) {
             self.restart(now_us);
             return Chunk::Idle;
         }
@@ -262,8 +278,9 @@ impl<B: Board> SampleSource for Acquisition<B> {
                 return Chunk::Idle;
             }
             self.place(first, stamp);
-        } else if stamp.edges > first {
-            self.pace.get_or_insert(Pace::new(stamp)).note(stamp);
+        } else if at_rate == Some(true) {
+            // Edges of a converter that goes wrong measure nothing.
+            self.pace.get_or_insert(Pace::new(stamp, self.board.hz())).note(stamp);
         }
         let count = match self.take(first, next, ready.min(frames.len() as u64), frames) {
             Ok(count) => count,
@@ -273,14 +290,18 @@ impl<B: Board> SampleSource for Acquisition<B> {
             }
         };
         self.state = State::On { first, next: next.wrapping_add(count as u64) };
-        if self.board.edges().wrapping_sub(next) >= RING_FRAMES as u64 {
+        if self.board.edges().wrapping_sub(next) >= B::RING_FRAMES as u64 {
             // Overwritten while it was taken: given up, and counted as a gap.
             return Chunk::Idle;
         }
         let first_index = next.wrapping_add(self.shift);
         self.index = first_index + count as u64;
         self.told_silent = false;
-        if self.damaged >= DAMAGED_S * self.rate.hz() {
+        let look = now_us.saturating_sub(self.checked_us) > CHECK_US;
+        if look {
+            self.checked_us = now_us;
+        }
+        if self.damaged >= DAMAGED_S * self.board.hz() || look && !self.board.is_as_set() {
             self.restart(now_us);
         }
         Chunk::Frames { first_index, count }

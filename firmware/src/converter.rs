@@ -12,6 +12,11 @@ const WORD: usize = 3;
 /// Bytes of a frame: status, four channels, CRC.
 pub const FRAME_BYTES: usize = WORD * (CHANNELS + 2);
 
+/// Frames the ring holds: 64 ms at 64 kHz, three times the recorder's longest block of work.
+pub const RING_FRAMES: usize = 4096;
+/// Its length in bytes.
+pub const RING_BYTES: usize = RING_FRAMES * FRAME_BYTES;
+
 const RESET: u16 = 0x0011;
 /// The answer to a reset of a converter with four channels.
 const RESET_DONE: u16 = 0xff24;

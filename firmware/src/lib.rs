@@ -18,6 +18,7 @@ pub mod gauges;
 pub mod nmea;
 pub mod pace;
 pub mod receiver;
+pub mod seismic;
 pub mod supply;
 
 #[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]

@@ -23,7 +23,7 @@ const TOLERANCE: f64 = 0.03;
 /// Clock of the hardware's core.
 const CORE_HZ: f64 = 480e6;
 /// Where the length of the hardware's sample queue stands.
-const ACQUISITION: &str = include_str!("../../firmware/src/acquisition.rs");
+const ACQUISITION: &str = include_str!("../../firmware/src/converter.rs");
 
 /// One kind of recorder and what it may cost.
 struct Recorder {
@@ -276,7 +276,7 @@ fn slower(image: &Path) -> Result<Vec<Figure>> {
 fn queue_frames() -> Result<f64> {
     let (_, rest) = ACQUISITION
         .split_once("RING_FRAMES: usize = ")
-        .context("firmware/src/acquisition.rs: no RING_FRAMES")?;
+        .context("firmware/src/converter.rs: no RING_FRAMES")?;
     let number = rest.split(';').next().unwrap_or_default().replace('_', "");
     number.parse().with_context(|| format!("RING_FRAMES is `{number}`"))
 }

@@ -3,6 +3,7 @@
 use crate::elf::Elf;
 use crate::process::{find, host, run, say};
 use crate::root;
+use crate::scenario;
 use crate::toolchain::{TARGET, Toolchain};
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
@@ -47,11 +48,13 @@ pub const HARDWARE: Image =
 /// The same, whose records wait in flash until the base station has them.
 pub const HARDWARE_LINK: Image =
     Image { name: "stm32h743-link.elf", bin: "stm32h743", features: "stm32h743,array,obs,link" };
+/// The same board with an ocean-bottom recorder's converters.
+pub const HARDWARE_OBS: Image = Image { name: "stm32h743-obs.elf", bin: "stm32h743", features: "seismic" };
 /// The hardware board with deferred logging of its library over the probe.
 pub const HARDWARE_LOGGING: Image =
     Image { name: "stm32h743-defmt.elf", bin: "stm32h743", features: "stm32h743,array,obs,defmt" };
 /// Every image.
-pub const IMAGES: [Image; 10] = [
+pub const IMAGES: [Image; 11] = [
     EMULATED,
     EMULATED_ARRAY,
     EMULATED_OBS,
@@ -61,10 +64,13 @@ pub const IMAGES: [Image; 10] = [
     EMULATED_TWICE,
     HARDWARE,
     HARDWARE_LINK,
+    HARDWARE_OBS,
     HARDWARE_LOGGING,
 ];
 /// The station an image for hardware holds unless another is given.
 const DEFAULT_STATION: &str = "scenarios/demo-station.toml";
+/// The same of an ocean-bottom recorder.
+const DEFAULT_OBS: &str = "scenarios/ocean-bottom-station.toml";
 
 /// Where an image is once built.
 pub fn path(image: &Image) -> PathBuf {
@@ -155,10 +161,12 @@ pub fn command(options: &[String]) -> Result<()> {
     let options = Options::read(options, "mps2-an500")?;
     let emulated: &[&Image] = match options.board {
         "mps2-an500" => &[&EMULATED],
-        "stm32h743" | "stm32h743-link" => &[],
+        "stm32h743" | "stm32h743-link" | "stm32h743-obs" => &[],
         "all" => &[&EMULATED, &EMULATED_ARRAY, &EMULATED_OBS, &EMULATED_LINK],
         "link" => &[&EMULATED_LINK],
-        other => bail!("there is no board `{other}`: mps2-an500, link, stm32h743, stm32h743-link or all"),
+        other => bail!(
+            "there is no board `{other}`: mps2-an500, link, stm32h743, stm32h743-link, stm32h743-obs or all"
+        ),
     };
     let toolchain = Toolchain::find()?;
     for image in emulated {
@@ -170,6 +178,16 @@ pub fn command(options: &[String]) -> Result<()> {
     if matches!(options.board, "stm32h743-link" | "all") {
         report(&build_hardware(&toolchain, &HARDWARE_LINK, options.station, options.key)?)?;
     }
+    if options.board == "stm32h743-obs" {
+        let station = match options.station {
+            Some(station) => station,
+            None => {
+                scenario::trace_table()?;
+                DEFAULT_OBS
+            }
+        };
+        report(&build_hardware(&toolchain, &HARDWARE_OBS, Some(station), None)?)?;
+    }
     Ok(())
 }
 
@@ -179,7 +197,11 @@ pub fn flash(options: &[String]) -> Result<()> {
     let probe = find("probe-rs").context(
         "probe-rs is not installed: `cargo install probe-rs-tools --locked`, then connect the board and run this again",
     )?;
-    let kind = if options.board == "stm32h743-link" { &HARDWARE_LINK } else { &HARDWARE };
+    let kind = match options.board {
+        "stm32h743-link" => &HARDWARE_LINK,
+        "stm32h743-obs" => &HARDWARE_OBS,
+        _ => &HARDWARE,
+    };
     let image = build_hardware(&Toolchain::find()?, kind, options.station, options.key)?;
     say("flashing; the board's reset and faults are shown until interrupted");
     run(Command::new(probe).args(["run", "--chip", "STM32H743ZITx"]).arg(image), "probe-rs")

@@ -29,8 +29,8 @@ cargo xtask TASK
   test            set up and run every test, the emulated ones included
   test --random N property tests with other cases than always, N times as many; counterexamples are kept as FILE.cases
   setup           install what is missing: the Rust target (or a compiler that can build it) and QEMU
-  build-firmware  [--board mps2-an500|link|stm32h743|stm32h743-link|all] [--station STATION.toml] [--key FILE]
-  flash           [--board stm32h743-link] [--station STATION.toml] [--key FILE]  build for stm32h743, write it with probe-rs and show its faults
+  build-firmware  [--board mps2-an500|link|stm32h743|stm32h743-link|stm32h743-obs|all] [--station STATION.toml] [--key FILE]
+  flash           [--board stm32h743-link|stm32h743-obs] [--station STATION.toml] [--key FILE]  build for stm32h743, write it with probe-rs and show its faults
   example         run the core's example on the host and, in QEMU, on the target; they print the same
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
   rehearse        [--bless]  the image for hardware on the modelled board: its bytes, then every fault against the table kept

@@ -57,7 +57,7 @@ fn record(scenario: &Path, folder: &Path) -> Result<Recording> {
 }
 
 /// The interference table that the ocean-bottom scenario names.
-fn trace_table() -> Result<()> {
+pub fn trace_table() -> Result<()> {
     std::fs::create_dir_all(root().join("out"))?;
     let arguments = [
         "propagation",

@@ -201,11 +201,12 @@ impl Clocks {
 
     /// Whether the delays of programming are right for the flash's clock (`WRHIGHFREQ`; RM0433, table 17).
     pub fn may_program(&self) -> bool {
-        let needed = match self.ahb_hz() {
-            ..70_000_001 => 0,
-            70_000_001..185_000_001 => 1,
-            _ => 2,
+        let (slow, middle) = match self.scale() {
+            0 | 1 => (70_000_000, 185_000_000),
+            2 => (55_000_000, 165_000_000),
+            _ => (45_000_000, 135_000_000),
         };
+        let needed = u32::from(self.ahb_hz() > slow) + u32::from(self.ahb_hz() > middle);
         self.latency >> 4 & 3 == needed
     }
 

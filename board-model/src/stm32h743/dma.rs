@@ -15,6 +15,9 @@ pub(super) mod request {
     pub const TIM4_UP: u8 = 32;
     pub const SPI1_RX: u8 = 37;
     pub const SPI1_TX: u8 = 38;
+    pub const SPI2_RX: u8 = 39;
+    pub const SPI3_RX: u8 = 61;
+    pub const SPI4_RX: u8 = 83;
     pub const USART2_RX: u8 = 43;
     pub const USART3_RX: u8 = 45;
     pub const USART3_TX: u8 = 46;

@@ -1,6 +1,10 @@
-//! The hardware board: an STM32H743 on a NUCLEO-H743ZI2 class board with a converter on SPI1.
+//! The hardware board: an STM32H743 on a NUCLEO-H743ZI2 class board with a converter on SPI1, or with four seismic ones.
 //!
-//! Wiring: converter SCK PA5, DIN PB5, DOUT PA6, data ready PE9, chip select PD14 or SPI1's own (PA4, PA15), SYNC/RESET
+//! Wiring of those: SPI1 is their clock (PA5, and as a slave's clock PB13, PC10, PE12) and their data in (PB5); data out on PA6
+//! and, of the other three, where SPI2, SPI3 and SPI4 listen as slaves (PB15, PC12, PE14); reset PD14, SYNC PD15 (low and high while
+//! nothing drives them); data ready of the first on PE9, of the second on PE11.
+//!
+//! Wiring of the array's: converter SCK PA5, DIN PB5, DOUT PA6, data ready PE9, chip select PD14 or SPI1's own (PA4, PA15), SYNC/RESET
 //! PD15 where that is an output; the serial line USART3 on PD8 and PD9; a satellite receiver's pulse on PA0, its sentences on
 //! PD6.
 
@@ -22,7 +26,8 @@ pub use adc::Analog;
 pub use clocks::cause;
 pub use pins::Pin;
 
-use crate::ads131m04::{Ads131m04, Source};
+use crate::ads131m04::{Ads131m04, Codes, Source};
+use crate::ads1282::Ads1282s;
 use crate::board::{Board, Bus, Refusal, Width, Wish};
 use crate::core::Machine;
 use crate::costs::Costs;
@@ -54,6 +59,15 @@ const USART2: Port = Port { name: "USART2", interrupt: 38 };
 const USART3: Port = Port { name: "USART3", interrupt: 39 };
 const SPI_PINS: [Pin; 2] = [Pin::new('A', 5), Pin::new('A', 6)];
 const SPI_FUNCTION: u32 = 5;
+/// Clock and data of each slave, and the pins' function.
+const SLAVE_PINS: [([Pin; 2], u32); 3] = [
+    ([Pin::new('B', 13), Pin::new('B', 15)], 5),
+    ([Pin::new('C', 10), Pin::new('C', 12)], 6),
+    ([Pin::new('E', 12), Pin::new('E', 14)], 5),
+];
+const SLAVES: [&str; 3] = ["SPI2", "SPI3", "SPI4"];
+const SECOND_READY: Pin = Pin::new('E', 11);
+const CHIPS_RESET: Pin = Pin::new('D', 14);
 /// Requests that one pass of DMA may serve before something must be wrong.
 const MOST_ITEMS: usize = 10_000;
 
@@ -77,6 +91,8 @@ pub struct Parameters {
     pub flash: FlashTimes,
     /// Supply, cell and temperature.
     pub analog: Analog,
+    /// The converters are an ocean-bottom recorder's.
+    pub seismic: bool,
 }
 
 impl Default for Parameters {
@@ -89,6 +105,7 @@ impl Default for Parameters {
             loses_last_write: true,
             flash: FlashTimes::default(),
             analog: Analog::default(),
+            seismic: false,
         }
     }
 }
@@ -100,6 +117,7 @@ pub struct Stm32h743 {
     pins: Pins,
     dma: Dma,
     spi: Spi,
+    slaves: [Spi; 3],
     usart: Usart,
     receiver: Usart,
     /// Levels of the receiver's pulse that are to come.
@@ -114,8 +132,10 @@ pub struct Stm32h743 {
     pub analog: Analog,
     /// The second bank of the flash.
     pub flash: Flash,
-    /// The converter.
+    /// The array's converter; without its supply where there are others.
     pub converter: Ads131m04,
+    /// Those of an ocean-bottom recorder.
+    pub seismic: Option<Ads1282s>,
     /// Bytes moved by DMA.
     pub dma_items: u64,
 }
@@ -155,6 +175,21 @@ pub fn machine(
     Machine::new(board, memory, image, costs, &[ITCM, FLASH])
 }
 
+/// What a converter has done.
+#[derive(Debug, Clone, Copy)]
+pub struct Conversions<'a> {
+    /// Numbers of those that were read whole, in order.
+    pub delivered: &'a [u64],
+    /// What was read of them: codes, of seismic converters the words.
+    pub codes: &'a [Codes],
+    /// When each number's was.
+    pub moments: &'a [Ticks],
+    /// How many were done.
+    pub done: u64,
+    /// The source has ended.
+    pub exhausted: bool,
+}
+
 /// All timers after a reset; their pins are high but for the receiver's pulse.
 fn timers() -> Vec<Timer> {
     let mut timers: Vec<Timer> = TIMERS.iter().map(|place| Timer::new(*place)).collect();
@@ -169,11 +204,21 @@ impl Stm32h743 {
         let board = 1.0 + parameters.board_clock_error;
         let error = (1.0 + parameters.converter_clock_error) / board - 1.0;
         let watchdog = (1.0 + parameters.watchdog_clock_error) / board - 1.0;
+        let mut converter;
+        let mut seismic = None;
+        if parameters.seismic {
+            seismic = Some(Ads1282s::new(source, rate_hz, error));
+            converter = Ads131m04::new(Box::new(|| None), rate_hz, error);
+            converter.set_dead(true, 0);
+        } else {
+            converter = Ads131m04::new(source, rate_hz, error);
+        }
         Self {
             clocks: Clocks::new(cause::POWER, 0),
             pins: Pins::new(),
             dma: Dma::new(),
             spi: Spi::new(),
+            slaves: SLAVES.map(Spi::slave),
             usart: Usart::new(USART3, parameters.baud),
             receiver: Usart::new(USART2, RECEIVER_BAUD),
             pulses: VecDeque::new(),
@@ -185,9 +230,29 @@ impl Stm32h743 {
             adc: Adc::new(),
             analog: parameters.analog,
             flash: Flash::new(parameters.flash),
-            converter: Ads131m04::new(source, rate_hz, error),
+            converter,
+            seismic,
             dma_items: 0,
         }
+    }
+
+    /// What the converter that is there has done.
+    pub fn conversions(&self) -> Conversions<'_> {
+        let c = &self.converter;
+        let array = || Conversions {
+            delivered: &c.delivered,
+            codes: &c.codes,
+            moments: &c.moments,
+            done: c.converted(),
+            exhausted: c.exhausted(),
+        };
+        self.seismic.as_ref().map_or_else(array, |chips| Conversions {
+            delivered: &chips.delivered,
+            codes: &chips.codes,
+            moments: chips.moments(),
+            done: chips.converted(),
+            exhausted: chips.exhausted(),
+        })
     }
 
     /// Bytes that have left on the serial line.
@@ -241,6 +306,7 @@ impl Stm32h743 {
         self.pins = Pins::new();
         self.dma = Dma::new();
         self.spi = Spi::new();
+        self.slaves = SLAVES.map(Spi::slave);
         self.usart.reset();
         self.receiver.reset();
         self.timers = timers();
@@ -263,8 +329,11 @@ impl Stm32h743 {
         for _ in 0..MOST_ITEMS {
             self.wires(bus);
             let mut moved = self.spi.start(bus.now, || self.clocks.spi_hz())?;
-            if moved && self.selected() {
-                self.converter.check_bus(self.spi.mode(), self.spi.line_hz)?;
+            if moved && (self.selected() || self.seismic.is_some()) {
+                match &mut self.seismic {
+                    Some(chips) => chips.check(self.spi.mode(), self.spi.line_hz)?,
+                    None => self.converter.check_bus(self.spi.mode(), self.spi.line_hz)?,
+                }
                 if !SPI_PINS.iter().all(|pin| self.pins.mode(*pin) == Mode::Alternate(SPI_FUNCTION)) {
                     return Refusal::stop("SPI1 runs while its pins PA5 and PA6 are not its own");
                 }
@@ -292,15 +361,17 @@ impl Stm32h743 {
             self.converter.sync(high, bus.now);
         }
         while let Some(high) = self.converter.next_edge() {
-            self.pins.drive(bus, DATA_READY, high);
-            // PE9 is channel 1 of TIM1 as alternate function 1.
-            if self.pins.mode(DATA_READY) == Mode::Alternate(1)
-                && let Some(timer) = self.timers.iter_mut().find(|t| t.place.name == "TIM1")
-            {
-                timer.pin(0, high);
-                let pulses = std::mem::take(&mut timer.triggers);
-                self.trigger_from_first(pulses);
-            }
+            self.ready(bus, 0, high);
+        }
+        if let Some(chips) = &mut self.seismic {
+            let high = |pin, otherwise| match self.pins.mode(pin) {
+                Mode::Output => self.pins.output(pin),
+                _ => otherwise,
+            };
+            chips.lines(high(CHIPS_RESET, false), high(SYNC, true), bus.now);
+        }
+        while let Some((chip, high)) = self.seismic.as_mut().and_then(Ads1282s::next_edge) {
+            self.ready(bus, chip, high);
         }
         self.pins.drive(bus, DATA_READY, self.pins.input(DATA_READY));
         while let Some((_, high)) = self.pulses.front().copied().filter(|pulse| pulse.0 <= bus.now) {
@@ -312,6 +383,20 @@ impl Stm32h743 {
                 timer.advance(bus.now);
                 timer.pin(0, high);
             }
+        }
+    }
+
+    /// Data ready of the first or second chip has this level; the others' go nowhere.
+    fn ready(&mut self, bus: &mut Bus<'_>, chip: usize, high: bool) {
+        let Some(pin) = [DATA_READY, SECOND_READY].get(chip).copied() else { return };
+        self.pins.drive(bus, pin, high);
+        // PE9 and PE11 are channels 1 and 2 of TIM1 as alternate function 1.
+        if self.pins.mode(pin) == Mode::Alternate(1)
+            && let Some(timer) = self.timers.iter_mut().find(|t| t.place.name == "TIM1")
+        {
+            timer.pin(chip, high);
+            let pulses = std::mem::take(&mut timer.triggers);
+            self.trigger_from_first(pulses);
         }
     }
 
@@ -341,6 +426,9 @@ impl Stm32h743 {
         let levels = [
             (request::SPI1_RX, self.spi.wants_rx_dma()),
             (request::SPI1_TX, self.spi.wants_tx_dma()),
+            (request::SPI2_RX, self.slaves[0].wants_rx_dma()),
+            (request::SPI3_RX, self.slaves[1].wants_rx_dma()),
+            (request::SPI4_RX, self.slaves[2].wants_rx_dma()),
             (request::USART2_RX, self.receiver.wants_rx_dma()),
             (request::USART3_TX, self.usart.wants_tx_dma()),
             (request::USART3_RX, self.usart.wants_rx_dma()),
@@ -412,7 +500,9 @@ impl Board for Stm32h743 {
         }
         let value = self.register_read(bus, address, width)?;
         // Reading data makes room; other reads change nothing.
-        if matches!(address & !0xff, 0x4001_3000 | 0x4000_4800) || address & 0xffff_0000 == 0x4000_0000 {
+        if matches!(address & !0xff, 0x4001_3000 | 0x4001_3400 | 0x4000_4800)
+            || address & 0xffff_0000 == 0x4000_0000
+        {
             self.settle(bus)?;
         }
         Ok(value)
@@ -439,15 +529,29 @@ impl Board for Stm32h743 {
             self.backup = [0; 32];
             self.reset(cause::POWER);
             self.converter.reset(bus.now);
+            self.seismic.iter_mut().for_each(|chips| chips.reset_chips(None, bus.now));
             bus.wishes.push(Wish::Reset);
             return Ok(());
         }
         self.converter.advance(bus.now);
+        self.seismic.iter_mut().for_each(|chips| chips.advance(bus.now));
         // The next word begins when all has settled.
         if self.spi.next_event() <= bus.now {
             let selected = self.selected();
             let (converter, now) = (&mut self.converter, bus.now);
-            self.spi.shifted(|byte| if selected { converter.exchange(byte, now) } else { 0xff });
+            let (line_hz, pins, slaves) = (self.spi.line_hz, &self.pins, &mut self.slaves);
+            match &mut self.seismic {
+                Some(chips) => self.spi.shifted(|byte| {
+                    let [first, others @ ..] = chips.exchange(byte, now, line_hz);
+                    for ((slave, (wires, function)), byte) in slaves.iter_mut().zip(SLAVE_PINS).zip(others) {
+                        if wires.iter().all(|pin| pins.mode(*pin) == Mode::Alternate(function)) {
+                            slave.hear(byte);
+                        }
+                    }
+                    first
+                }),
+                None => self.spi.shifted(|byte| if selected { converter.exchange(byte, now) } else { 0xff }),
+            }
         }
         for index in 0..self.timers.len() {
             if self.timers[index].next_event() <= bus.now {
@@ -465,6 +569,7 @@ impl Board for Stm32h743 {
         let timers = self.timers.iter().map(Timer::next_event).min();
         self.converter
             .next_event()
+            .min(self.seismic.as_ref().map_or(NEVER, Ads1282s::next_event))
             .min(self.spi.next_event())
             .min(self.usart.next_event())
             .min(self.receiver.next_event())

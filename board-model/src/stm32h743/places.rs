@@ -14,6 +14,8 @@ pub(super) enum Peripheral {
     Dma(usize),
     DmaMux,
     Spi1,
+    /// SPI2 to 4.
+    Slave(usize),
     Usart2,
     Usart3,
     Timer(usize),
@@ -89,6 +91,9 @@ pub(super) fn place(address: u32) -> Option<Found> {
         0x4002_0400 => found(Peripheral::Dma(1), "DMA2", block, Some((AHB1, 1))),
         0x4002_0800 => found(Peripheral::DmaMux, "DMAMUX1", block, None),
         0x4001_3000 => found(Peripheral::Spi1, "SPI1", block, Some((APB2, 12))),
+        0x4000_3800 => found(Peripheral::Slave(0), "SPI2", block, Some((APB1L, 14))),
+        0x4000_3c00 => found(Peripheral::Slave(1), "SPI3", block, Some((APB1L, 15))),
+        0x4001_3400 => found(Peripheral::Slave(2), "SPI4", block, Some((APB2, 13))),
         0x4000_4400 => found(Peripheral::Usart2, "USART2", block, Some((APB1L, 17))),
         0x4000_4800 => found(Peripheral::Usart3, "USART3", block, Some((APB1L, 18))),
         0x5800_4800 => found(Peripheral::Watchdog, "IWDG1", block, None),

@@ -33,6 +33,7 @@ impl Stm32h743 {
             Peripheral::Dma(controller) => self.dma.read(controller, word)?,
             Peripheral::DmaMux => self.dma.read_mux(word)?,
             Peripheral::Spi1 => self.spi.read(word, width.bytes() as usize)?,
+            Peripheral::Slave(index) => self.slaves[index].read(word, width.bytes() as usize)?,
             Peripheral::Usart2 => self.receiver.read(word)?,
             Peripheral::Usart3 => self.usart.read(word)?,
             Peripheral::Timer(index) => {
@@ -100,6 +101,7 @@ impl Stm32h743 {
             Peripheral::Dma(controller) => self.dma.write(bus, controller, offset, value)?,
             Peripheral::DmaMux => self.dma.write_mux(offset, value)?,
             Peripheral::Spi1 => self.spi.write(offset, value, width.bytes() as usize)?,
+            Peripheral::Slave(index) => self.slaves[index].write(offset, value, width.bytes() as usize)?,
             Peripheral::Usart2 => self.receiver.write(offset, value)?,
             Peripheral::Usart3 => self.usart.write(offset, value)?,
             Peripheral::Timer(index) => {

@@ -1,4 +1,5 @@
-//! SPI1 as master: FIFOs, transfer size, hardware chip select (RM0433, chapter 50).
+//! SPI1 as master: FIFOs, transfer size, hardware chip select (RM0433, chapter 50). SPI2 to 4 as slaves that only hear, selected
+//! by software.
 //!
 //! A transfer of a set size may be started again by CSTART alone, as the manual's text allows; only silicon can tell
 //! whether the flag of the one before must be cleared first.
@@ -25,6 +26,9 @@ mod flag {
 /// Registers and the transfer under way.
 #[derive(Debug)]
 pub(super) struct Spi {
+    name: &'static str,
+    /// Wired as a slave.
+    slave: bool,
     cr1: u32,
     cr2: u32,
     cfg1: u32,
@@ -48,8 +52,20 @@ pub(super) struct Spi {
 }
 
 impl Spi {
+    /// SPI1.
     pub fn new() -> Self {
+        Self::named("SPI1", false)
+    }
+
+    /// One that is wired as a slave.
+    pub fn slave(name: &'static str) -> Self {
+        Self::named(name, true)
+    }
+
+    fn named(name: &'static str, slave: bool) -> Self {
         Self {
+            name,
+            slave,
             cr1: 0,
             cr2: 0,
             cfg1: 0x0007_0007,
@@ -137,7 +153,7 @@ impl Spi {
             }
             0x40..=0x4c => self.other[(offset - 0x40) / 4],
             0x50 => 0,
-            _ => return Err(unknown("SPI1", offset)),
+            _ => return Err(unknown(self.name, offset)),
         })
     }
 
@@ -178,7 +194,7 @@ impl Spi {
             0x40..=0x4c => self.other[(offset - 0x40) / 4] = value,
             0x50 if value & 1 == 0 => {}
             0x50 => return Refusal::stop("I2S is not modelled"),
-            _ => return Err(unknown("SPI1", offset)),
+            _ => return Err(unknown(self.name, offset)),
         }
         Ok(())
     }
@@ -190,8 +206,15 @@ impl Spi {
             return Refusal::stop("a transfer is started while SPI1 is off");
         }
         if on && !was_on {
-            if self.cfg2 & 1 << 22 == 0 {
-                return Refusal::stop("SPI1 as slave is not modelled");
+            let master = self.cfg2 & 1 << 22 != 0;
+            if master == self.slave {
+                return Refusal::stop(format!("{} is a master or a slave against its wires", self.name));
+            }
+            if self.slave && (!self.receives_only() || self.cfg2 & 1 << 26 == 0 || value & 1 << 12 != 0) {
+                return Refusal::stop(format!(
+                    "{} as a slave must only hear, selected by software",
+                    self.name
+                ));
             }
             self.to_write = self.cr2 & 0xffff;
             self.to_shift = self.to_write;
@@ -249,6 +272,14 @@ impl Spi {
 
     pub fn next_event(&self) -> Ticks {
         self.done_at
+    }
+
+    /// A byte has come over the line whose clock another one makes.
+    pub fn hear(&mut self, byte: u8) {
+        if self.cr1 & ENABLE == 0 {
+            return;
+        }
+        if self.rx.len() < FIFO_BYTES { self.rx.push_back(byte) } else { self.latched |= flag::OVERRUN }
     }
 
     /// The word under way is complete: `exchange` gives the other side's byte for ours.

@@ -8,6 +8,7 @@ use seabearing_core::port::{Chunk, Link, Load, NoClock, SampleSource, Supervisor
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run};
 use seabearing_core::wire::{FaultCode, Margins};
+use seabearing_firmware::seismic::{Conversion, Seismic, chips};
 use std::cell::RefCell;
 
 /// What a run of the host has sent, and whether more is wanted.
@@ -37,6 +38,8 @@ impl Link for Telemetry<'_, '_> {
 struct Delivered<'a, 'w> {
     numbers: &'a [u64],
     codes: &'a [Codes],
+    /// Codes are words of seismic converters.
+    words: bool,
     next: usize,
     stopped: bool,
     heard: &'a RefCell<Heard<'w>>,
@@ -55,7 +58,10 @@ impl SampleSource for Delivered<'_, '_> {
             if self.numbers.get(at) != Some(&(first + count as u64)) {
                 break;
             }
-            *slot = self.codes[at];
+            *slot = match self.words {
+                true => chips::parse(self.codes[at].map(|word| word as u32)),
+                false => self.codes[at],
+            };
             count += 1;
         }
         self.next += count;
@@ -80,13 +86,15 @@ impl Supervisor for Start<'_> {
     }
 }
 
-/// What the host's loop says of these conversions, with the margins that a board has measured; what it says at their end only where the board was told to stop there.
+/// What the host's loop says of these conversions, which of seismic converters are words and become samples here, with the
+/// margins that a board has measured; what it says at their end only where the board was told to stop there.
 /// It ends early where `wanted` says of a frame that no more is.
 ///
 /// # Errors
 /// The configuration cannot be run.
 pub fn host(
     blob: &[u8],
+    seismic: Option<Conversion>,
     (reset_cause, margins): (u8, &[Margins]),
     numbers: &[u64],
     codes: &[Codes],
@@ -98,9 +106,16 @@ pub fn host(
     let mut memory: Box<Memory<'_>> = Box::default();
     let mut recorder = memory.configure(&config, table).map_err(|e| anyhow!("{}: {e}", config.name))?;
     let heard = RefCell::new(Heard { bytes: Vec::new(), wanted, goes_on: true });
-    let mut source = Delivered { numbers, codes, next: 0, stopped, heard: &heard };
+    let words = seismic.is_some();
+    let mut source = Delivered { numbers, codes, words, next: 0, stopped, heard: &heard };
     let mut frames: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
-    let mut start = Start(reset_cause, margins.iter());
-    run(&mut recorder, &mut source, &mut Telemetry(&heard), &mut NoClock, &mut start, &mut frames);
+    let (mut line, mut start) = (Telemetry(&heard), Start(reset_cause, margins.iter()));
+    match seismic {
+        Some(conversion) => {
+            let mut source = Seismic::new(source, conversion);
+            run(&mut recorder, &mut source, &mut line, &mut NoClock, &mut start, &mut frames)
+        }
+        None => run(&mut recorder, &mut source, &mut line, &mut NoClock, &mut start, &mut frames),
+    };
     Ok(heard.into_inner().bytes)
 }

@@ -3,6 +3,7 @@
 use super::ticks;
 use anyhow::{Context, Result};
 use seabearing_board_model::Machine;
+use seabearing_board_model::ads1282::Ads1282s;
 use seabearing_board_model::core::nvic::number::HARD_FAULT;
 use seabearing_board_model::stm32h743::{Stm32h743, cause};
 use seabearing_board_model::time::Ticks;
@@ -17,6 +18,12 @@ pub enum InjectedFault {
     ConverterUpset(f64),
     /// The converter is dead from this second on, for so many seconds.
     ConverterDead(f64, f64),
+    /// One chip of the ocean-bottom board is dead from this second on, for so many seconds.
+    ChipDead(u8, f64, f64),
+    /// One chip of the ocean-bottom board resets itself at this second.
+    ChipReset(u8, f64),
+    /// A bit of that chip's gain flips at this second.
+    ChipUpset(u8, f64),
     /// Every so many bytes one bit is wrong on the way from the converter.
     SpiBits(u64),
     /// The line from the converter is cut at this second, for so many seconds; it goes on converting.
@@ -57,7 +64,8 @@ pub const PANIC_LINE: u32 = 4711;
 /// What [`InjectedFault`] is read from.
 const KINDS: &str = "converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
                      core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S, \
-                     flash-cut@WORK, flash-bits@S or spi-bits@BYTES";
+                     flash-cut@WORK, flash-bits@S, spi-bits@BYTES, or of the ocean-bottom board's chips N, 0 to 3, \
+                     chipN-dead@S or @S:LENGTH, chipN-reset@S, chipN-upset@S";
 
 impl std::str::FromStr for InjectedFault {
     type Err = String;
@@ -76,6 +84,15 @@ impl std::str::FromStr for InjectedFault {
                 Some((at, length)) => (seconds(at)?, Some(seconds(length)?)),
                 None => (seconds(at)?, None),
             };
+            if let Some((chip, what)) = kind.strip_prefix("chip").and_then(|rest| rest.split_once('-')) {
+                let chip = chip.parse().ok().filter(|chip| *chip < 4)?;
+                return match (what, length) {
+                    ("dead", length) => Some(Self::ChipDead(chip, at, length.unwrap_or(f64::INFINITY))),
+                    ("reset", None) => Some(Self::ChipReset(chip, at)),
+                    ("upset", None) => Some(Self::ChipUpset(chip, at)),
+                    _ => None,
+                };
+            }
             Some(match (kind, length) {
                 ("converter-reset", None) => Self::ConverterReset(at),
                 ("converter-upset", None) => Self::ConverterUpset(at),
@@ -110,6 +127,7 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
         let (at, length) = match fault {
             InjectedFault::SpiBits(every) => {
                 machine.board.converter.bit_errors_every = every;
+                machine.board.seismic.iter_mut().for_each(|chips| chips.bit_errors_every = every);
                 continue;
             }
             InjectedFault::FlashCut(number) => {
@@ -123,10 +141,13 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             | InjectedFault::SentenceNoise(..)
             | InjectedFault::ClockStep(_) => continue,
             InjectedFault::ConverterDead(at, length)
+            | InjectedFault::ChipDead(_, at, length)
             | InjectedFault::ConverterMute(at, length)
             | InjectedFault::SupplyLow(at, length) => (at, length),
             InjectedFault::ConverterReset(at)
             | InjectedFault::ConverterUpset(at)
+            | InjectedFault::ChipReset(_, at)
+            | InjectedFault::ChipUpset(_, at)
             | InjectedFault::CoreHeld(at, _)
             | InjectedFault::HardFault(at)
             | InjectedFault::Panic(at)
@@ -176,6 +197,11 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
     /// Most significant bit of the oversampling in the converter's clock register: 64 becomes ... of the next kind.
     const OVERSAMPLING_BIT: u32 = 5;
     let now = machine.now();
+    if let Some(chips) = &mut machine.board.seismic
+        && disturb(chips, due, now)
+    {
+        return Ok(());
+    }
     let converter = &mut machine.board.converter;
     match due.fault {
         InjectedFault::ConverterReset(_) => converter.reset(now),
@@ -194,8 +220,11 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
             let words: Vec<usize> = machine.board.flash.written().collect();
             words.into_iter().for_each(|word| machine.board.flash.upset(word, 1));
         }
-        // There from the start.
-        InjectedFault::SpiBits(_)
+        // There from the start, or another board's.
+        InjectedFault::ChipDead(..)
+        | InjectedFault::ChipReset(..)
+        | InjectedFault::ChipUpset(..)
+        | InjectedFault::SpiBits(_)
         | InjectedFault::FlashCut(_)
         | InjectedFault::LineNoise(..)
         | InjectedFault::PulseLost(..)
@@ -205,6 +234,25 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         | InjectedFault::ClockStep(_) => {}
     }
     Ok(())
+}
+
+/// What happens to seismic converters; whether it is of their kind.
+fn disturb(chips: &mut Ads1282s, due: &Due, now: Ticks) -> bool {
+    const CONFIG0: usize = 1;
+    const CONFIG1: usize = 2;
+    /// Lowest bit of the rate.
+    const RATE_BIT: u32 = 3;
+    match due.fault {
+        InjectedFault::ConverterReset(_) => chips.reset_chips(None, now),
+        InjectedFault::ConverterUpset(_) => chips.upset(0, CONFIG0, RATE_BIT, now),
+        InjectedFault::ConverterDead(..) => chips.set_dead(None, !due.ends, now),
+        InjectedFault::ConverterMute(..) => chips.mute = !due.ends,
+        InjectedFault::ChipDead(chip, ..) => chips.set_dead(Some(chip.into()), !due.ends, now),
+        InjectedFault::ChipReset(chip, _) => chips.reset_chips(Some(chip.into()), now),
+        InjectedFault::ChipUpset(chip, _) => chips.upset(chip.into(), CONFIG1, 1, now),
+        _ => return false,
+    }
+    true
 }
 
 /// Goes on in the function that ends a failed `Option::unwrap`, whose one argument is where in the source that was: four
@@ -232,9 +280,18 @@ mod tests {
         assert_eq!(read("converter-dead@2"), Ok(InjectedFault::ConverterDead(2.0, f64::INFINITY)));
         assert_eq!(read("core-held@2:0.5"), Ok(InjectedFault::CoreHeld(2.0, 0.5)));
         assert_eq!(read("spi-bits@90"), Ok(InjectedFault::SpiBits(90)));
-        for bad in
-            ["converter-dead", "core-held@2", "panic@1:2", "spi-bits@0", "panic@-1", "panic@nan", "x@1"]
-        {
+        assert_eq!(read("chip3-dead@2:1"), Ok(InjectedFault::ChipDead(3, 2.0, 1.0)));
+        assert_eq!(read("chip0-upset@2"), Ok(InjectedFault::ChipUpset(0, 2.0)));
+        for bad in [
+            "converter-dead",
+            "core-held@2",
+            "panic@1:2",
+            "spi-bits@0",
+            "panic@-1",
+            "panic@nan",
+            "x@1",
+            "chip4-dead@1",
+        ] {
             assert!(read(bad).unwrap_err().contains("line-noise@S:LENGTH"), "{bad}");
         }
     }

@@ -5,23 +5,26 @@ mod base;
 mod host;
 mod injection;
 mod satellites;
+mod seismic;
 
 pub use host::host;
 pub(crate) use injection::mix;
 pub use injection::{InjectedFault, PANIC_LINE};
 pub use satellites::utc_us;
+pub use seismic::{BAUD as SEISMIC_BAUD, conversion, heard};
 
 use crate::twin::frames;
 use anyhow::{Context, Result, anyhow, bail};
 use base::Base;
 use injection::{fill_line, inject, schedule};
-use seabearing_board_model::ads131m04::{Codes, REGISTER_ACQUISITION};
+use seabearing_board_model::ads131m04::{Codes, REGISTER_ACQUISITION, Source};
 use seabearing_board_model::core::Work;
 use seabearing_board_model::stm32h743::{self, Parameters, Stm32h743};
 use seabearing_board_model::time::{NEVER, PER_SECOND, Ticks};
 use seabearing_board_model::{Costs, Counts, Ending, Image, Machine};
 use seabearing_core::block::{Frame, MISSING};
 use seabearing_core::wire::{Decoder, Margins, Message};
+use seabearing_firmware::seismic::Conversion;
 use std::path::Path;
 
 /// How the board runs.
@@ -85,6 +88,8 @@ pub struct BoardRun {
     pub said: Vec<Said>,
     /// The image's records wait until a base station has them.
     pub linked: bool,
+    /// How samples are made of the conversions, on the ocean-bottom board.
+    pub seismic: Option<Conversion>,
     /// Records that did not come once and in order.
     pub missing: u32,
     /// Flash words programmed, sectors erased.
@@ -137,7 +142,7 @@ impl BoardRun {
                 |said| if let Message::Margins(margins) = said.message { Some(margins) } else { None },
             )
             .collect();
-        let said = host(blob, (POWER, &margins), &self.numbers, &self.codes, false, &mut |_| true)?;
+        let said = host(blob, self.seismic, (POWER, &margins), &self.numbers, &self.codes, false, &mut |_| true)?;
         if self.linked {
             return Ok(self.differing_record(&frames(&said)));
         }
@@ -186,12 +191,15 @@ impl BoardRun {
 
 /// Time after the last conversion in which the board may still work and send.
 const DRAIN: Ticks = PER_SECOND / 2;
+/// The same where it takes that long to see that no more come.
+const SLOW_DRAIN: Ticks = PER_SECOND;
 /// Longest wait for the first conversion.
 const PATIENCE: Ticks = 5 * PER_SECOND;
 /// Step between two looks at the board.
 const STEP: Ticks = PER_SECOND / 2000;
 
-/// Runs an image that holds this configuration over conversions at `rate_hz`.
+/// Runs an image that holds this configuration over conversions at `rate_hz`; on the ocean-bottom board (as the parameters say)
+/// over samples at that rate, of which the converters hear more.
 ///
 /// # Errors
 /// The image is not the station's, the software did something the board does not allow, or it never read a conversion.
@@ -218,7 +226,15 @@ pub fn play(
     let image = Image::parse(&file).map_err(|e| anyhow!("{}: {e}", image.display()))?;
     let stack =
         image.symbol("_stack_end").zip(image.symbol("_stack_start")).context("no stack in the image")?;
-    let mut machine = stm32h743::machine(image, setup.costs, &setup.parameters, Box::new(source), rate_hz)
+    let conversion = match setup.parameters.seismic {
+        true => Some(conversion(blob).context("the ocean-bottom board has no such rate")?),
+        false => None,
+    };
+    let (source, rate_hz): (Source, f64) = match conversion {
+        Some(conversion) => (heard(conversion, source), f64::from(conversion.rate.hz())),
+        None => (Box::new(source), rate_hz),
+    };
+    let mut machine = stm32h743::machine(image, setup.costs, &setup.parameters, source, rate_hz)
         .map_err(anyhow::Error::msg)?;
     machine.board.converter.acquisition = (setup.acquisition_s * PER_SECOND as f64) as Ticks;
     fill_line(&mut machine, &setup.commands, &setup.faults, setup.parameters.baud);
@@ -231,7 +247,7 @@ pub fn play(
         Some(base) => base.said()?,
         None => (said(&machine.board), 0),
     };
-    let converter = &machine.board.converter;
+    let converter = machine.board.conversions();
     let span = match (converter.delivered.first(), converter.delivered.last()) {
         (Some(first), Some(last)) => last - first + 1,
         _ => 0,
@@ -244,10 +260,11 @@ pub fn play(
         missing,
         flash: (machine.board.flash.operations - machine.board.flash.erased, machine.board.flash.erased),
         starts,
-        converted: converter.converted(),
+        seismic: conversion,
+        converted: converter.done,
         delivered: converter.delivered.len() as u64,
-        numbers: converter.delivered.clone(),
-        codes: converter.codes.clone(),
+        numbers: converter.delivered.to_vec(),
+        codes: converter.codes.to_vec(),
         moments_s: converter.moments.iter().map(|at| truth_s(*at, board_clock_error)).collect(),
         lost: span - converter.delivered.len() as u64,
         seconds: ticks as f64 / PER_SECOND as f64,
@@ -327,16 +344,16 @@ fn run_board(
         }
         let counts = machine.counts();
         if counts.resets as usize >= starts.len() {
-            starts.push((seconds(now), machine.board.converter.delivered.len()));
+            starts.push((seconds(now), machine.board.conversions().delivered.len()));
         }
-        if !machine.board.converter.delivered.is_empty() {
+        if !machine.board.conversions().delivered.is_empty() {
             began.get_or_insert((counts, now));
         } else if now > PATIENCE && setup.most_s.is_none() {
             bail!("the board has read no conversion within {} s", PATIENCE / PER_SECOND);
         }
-        if machine.board.converter.exhausted() {
+        if machine.board.conversions().exhausted {
             let (_, end) = *ended.get_or_insert((counts, now));
-            if now > end + DRAIN {
+            if now > end + if setup.parameters.seismic { SLOW_DRAIN } else { DRAIN } {
                 break;
             }
         }

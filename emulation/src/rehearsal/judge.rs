@@ -6,6 +6,7 @@ use seabearing_core::angle::wrap_pi;
 use seabearing_core::utc::Times;
 use seabearing_core::wait::WAITING;
 use seabearing_core::wire::{Bearing, Decoder, FaultCode, Hello, Message};
+use seabearing_firmware::seismic::Conversion;
 
 /// Something the board must say within the time allowed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,6 +75,7 @@ struct Session<'a> {
     said: &'a [Said],
     numbers: &'a [u64],
     codes: &'a [seabearing_board_model::ads131m04::Codes],
+    seismic: Option<Conversion>,
     last: bool,
 }
 
@@ -101,6 +103,7 @@ fn sessions(run: &BoardRun) -> Vec<Session<'_>> {
             said: &run.said[*from..to],
             numbers: &run.numbers[conversions.clone()],
             codes: &run.codes[conversions],
+            seismic: run.seismic,
             last: n + 1 == begins.len(),
         }
     };
@@ -162,6 +165,9 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
         0 => faults(FaultCode::Gap).map(|f| (f.index.saturating_sub(f.value as u64), f.index)).collect(),
         _ => Vec::new(),
     };
+    // Of conversions, where several make a sample.
+    let conversions =
+        |(from, to): &(u64, u64)| session.seismic.map_or(*from..*to, |made| made.needed(*from, *to));
     // Where a command ended it.
     let end = session.said.iter().find_map(|s| match s.message {
         Message::End(end) => Some(end.index),
@@ -169,8 +175,14 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
     });
     let silent = faults(FaultCode::NoSamples).next().is_some();
     let counters = restarts == 0 && !silent;
-    let board: Vec<Message> =
-        session.said.iter().map(|s| s.message).filter(|m| is_of_samples(m, counters)).collect();
+    // Told by the board's own look at its chips, when that is.
+    let of_chips = |m: &Message| {
+        let code = FaultCode::DeadChannel;
+        session.seismic.is_some()
+            && matches!(m, Message::Fault(f) if f.code == code || f.code == FaultCode::ChannelBack)
+    };
+    let of_samples = |m: &Message| is_of_samples(m, counters) && !of_chips(m);
+    let board: Vec<Message> = session.said.iter().map(|s| s.message).filter(of_samples).collect();
     // Where a command or the run's end cut it off there is nothing more to come; else what was under way is lost.
     let whole = session.last || end.is_some();
     let agree = |host: &[Message]| (host.len() == board.len() || !whole) && host.starts_with(&board);
@@ -185,10 +197,10 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
             }
             before = *number;
             let index = (number - base).saturating_add_signed(shift);
-            if end.is_some_and(|end| index >= end) {
+            if end.is_some_and(|end| session.seismic.is_none() && index >= end) {
                 break;
             }
-            if gaps.iter().any(|(from, to)| (*from..*to).contains(&index)) {
+            if gaps.iter().any(|gap| conversions(gap).contains(&index)) {
                 given_up += 1;
             } else {
                 indices.push(index);
@@ -198,10 +210,10 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
         let (mut decoder, mut heard) = (Decoder::default(), Vec::new());
         let mut take = |frame: &[u8]| {
             let messages = frame.iter().filter_map(|b| decoder.push::<Message>(*b)).map(|r| r.message);
-            heard.extend(messages.filter(|m| is_of_samples(m, counters)));
+            heard.extend(messages.filter(of_samples));
             to_end || heard.iter().zip(&board).all(|(host, board)| host == board)
         };
-        host(blob, (session.hello.reset_cause, &[]), &indices, &codes, end.is_some(), &mut take)?;
+        host(blob, session.seismic, (session.hello.reset_cause, &[]), &indices, &codes, end.is_some(), &mut take)?;
         Ok((heard, given_up))
     };
     let records = board.iter().any(|m| matches!(m, Message::Bearing(_)));
@@ -260,7 +272,8 @@ pub fn clock(run: &BoardRun, faults: &[InjectedFault], rate_hz: f64) -> Option<N
         let mut times = Times::default();
         let mut stepped = false;
         let mut look = |times: &Times, index: u64| {
-            let at_s = run.moments_s.get((base + index) as usize).copied().filter(|s| s.is_finite());
+            let conversion = run.seismic.map_or(index, |made| made.middle(index));
+            let at_s = run.moments_s.get((base + conversion) as usize).copied().filter(|s| s.is_finite());
             if let (Some(at_s), Some((utc_us, sd_s))) = (at_s, times.utc(index, rate_hz)) {
                 let off_s = (utc_us as f64 - utc_us_of(at_s, faults)).abs() * 1e-6;
                 worst_sd = worst_sd.max(off_s / sd_s);

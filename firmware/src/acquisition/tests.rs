@@ -1,5 +1,5 @@
 use super::*;
-use crate::converter::{self, FRAME_BYTES};
+use crate::converter::{self, Bus, FRAME_BYTES, RING_BYTES, RING_FRAMES, Rate};
 use std::vec::Vec;
 
 /// Registers and output of a converter, a counter and a ring, as a board has them. Time goes on by `run`.
@@ -22,6 +22,7 @@ struct Bench {
     registers: [u16; 64],
     noted: Stamp,
     offset: u64,
+    looks: u32,
 }
 
 const PERIOD_NS: u64 = 15_625;
@@ -47,6 +48,7 @@ impl Bench {
             registers: [0; 64],
             noted: Stamp::default(),
             offset: 0,
+            looks: 0,
         }
     }
 
@@ -113,6 +115,24 @@ impl Bus for Bench {
 }
 
 impl Board for Bench {
+    const RING_FRAMES: usize = RING_FRAMES;
+    const FRAME_BYTES: usize = FRAME_BYTES;
+    const LEAST_TIMED: u64 = 200;
+    fn hz(&self) -> u32 {
+        Rate::Hz64000.hz()
+    }
+    fn standstill_us(&self) -> u64 {
+        50_000
+    }
+    fn set_up(&mut self) -> bool {
+        let set = converter::set_up(self, Rate::Hz64000, 0).is_ok();
+        converter::wake_up(self);
+        set
+    }
+    fn is_as_set(&mut self) -> bool {
+        self.looks += 1;
+        self.registers[4] == 0
+    }
     fn edges(&mut self) -> u64 {
         self.edges
     }
@@ -141,8 +161,8 @@ impl Board for Bench {
     fn received(&mut self) -> usize {
         self.received
     }
-    fn frame(&mut self, slot: usize) -> [u8; FRAME_BYTES] {
-        self.ring[slot]
+    fn frame(&mut self, slot: usize) -> Read {
+        converter::parse(&self.ring[slot])
     }
 }
 
@@ -171,7 +191,7 @@ fn error(taken: &[(u64, Option<i32>)]) -> u32 {
 }
 
 fn started() -> Acquisition<Bench> {
-    let mut acquisition = Acquisition::new(Bench::new(), Rate::Hz64000, 0);
+    let mut acquisition = Acquisition::new(Bench::new());
     assert!(drain(&mut acquisition).is_empty());
     acquisition.board.run(10_000);
     acquisition
@@ -277,4 +297,15 @@ fn a_converter_that_was_dead_for_a_minute_goes_on_at_its_own_time_within_an_inst
     let after = loop_for(&mut acquisition, 100_000);
     assert!(after.len() > 90_000 && error(&after) <= 1, "{} off by {}", after.len(), error(&after));
     assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 3_830_000..3_860_000))));
+}
+
+#[test]
+fn settings_are_looked_at_every_few_seconds_and_a_changed_one_is_set_again() {
+    let mut acquisition = started();
+    let before = loop_for(&mut acquisition, 640_000);
+    assert_eq!((error(&before), acquisition.board.looks, acquisition.fault()), (0, 2, None));
+    acquisition.board.registers[4] = 0x0100;
+    loop_for(&mut acquisition, 320_000);
+    assert_eq!(acquisition.board.registers[4], 0);
+    assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, _))));
 }

@@ -1,5 +1,5 @@
 //! The recorder on the STM32H743: it runs with its real drivers in an emulator; not yet on silicon. With the feature `link` its
-//! records wait in flash until the base station has them.
+//! records wait in flash until the base station has them, with `seismic` its converters are an ocean-bottom recorder's.
 #![no_std]
 #![no_main]
 #![allow(unsafe_code)]
@@ -25,18 +25,26 @@ use seabearing_core::recorder::configuration;
 use seabearing_core::run::{BLOCK_FRAMES, run_over};
 use seabearing_core::wait::wait;
 use seabearing_core::wire::FaultCode;
-use seabearing_firmware::acquisition::{self, Acquisition};
-use seabearing_firmware::converter::Rate;
+use seabearing_firmware::acquisition::Acquisition;
+#[cfg(not(feature = "seismic"))]
+use seabearing_firmware::converter::Rate as Conversion;
 use seabearing_firmware::fault;
 use seabearing_firmware::receiver::Timed;
+#[cfg(feature = "seismic")]
+use seabearing_firmware::seismic::{Conversion, Seismic, chips::Settings};
 use seabearing_firmware::stm32h743::clock::Time;
 use seabearing_firmware::stm32h743::gauges::Gauges;
 #[cfg(feature = "link")]
 use seabearing_firmware::stm32h743::kept;
 use seabearing_firmware::stm32h743::link::{Incoming, RING_BYTES, Serial, transmit};
 use seabearing_firmware::stm32h743::pulse::{self, Satellites, on_pulse};
-use seabearing_firmware::stm32h743::sampling::{Sampling, on_wake};
-use seabearing_firmware::stm32h743::{Board, VoltageDetector, WATCHDOG_US, clocks, wake};
+#[cfg(not(feature = "seismic"))]
+use seabearing_firmware::stm32h743::sampling as converters;
+#[cfg(feature = "seismic")]
+use seabearing_firmware::stm32h743::seismic as converters;
+use seabearing_firmware::stm32h743::{
+    BAUD, Board, VoltageDetector, WATCHDOG_US, clocks, counter::on_wake, wake,
+};
 use seabearing_firmware::supply::{Supplied, THRESHOLD_MV};
 
 /// The station, as `seabearing blob` wrote it when the image was built.
@@ -51,11 +59,8 @@ static KEY: &[u8] = include_bytes!(env!("SEABEARING_KEY"));
 #[cfg(feature = "link")]
 fn usable(blob: &[u8]) -> bool {
     let config = config_blob::station(BLOB).ok().and_then(|built_in| configuration(blob, built_in.id));
-    config.is_some_and(|config| Rate::of(config.rate_hz).is_some())
+    config.is_some_and(|config| Conversion::of(config.rate_hz).is_some())
 }
-
-/// Bits a second of the line.
-const BAUD: u32 = 921_600;
 
 bind_interrupts!(struct Interrupts {
     DMA2_STREAM0 => dma::InterruptHandler<peripherals::DMA2_CH0>;
@@ -88,7 +93,7 @@ fn TIM5() {
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
-    static mut SAMPLES: [u16; acquisition::RING_BYTES / 2] = [0; acquisition::RING_BYTES / 2];
+    static mut SAMPLES: converters::Ring = converters::EMPTY;
     #[cfg(feature = "link")]
     static mut KEPT: kept::Memory = kept::Memory::new();
     static mut LINE: MaybeUninit<Serial> = MaybeUninit::uninit();
@@ -129,7 +134,7 @@ fn main() -> ! {
     let blob = BLOB;
     let (config, table) = (config_blob::station(blob), config_blob::section(blob, PROPAGATION).ok());
     let station = config.as_ref().map_or(0, |config| config.id);
-    let rate = config.as_ref().ok().and_then(|config| Rate::of(config.rate_hz));
+    let rate = config.as_ref().ok().and_then(|config| Conversion::of(config.rate_hz));
     // Why there is nothing to record, where that is so.
     let bad = |number| Err((FaultCode::BadConfiguration, number));
     let recorder = match &config {
@@ -151,9 +156,26 @@ fn main() -> ! {
     let mut outlet = Plain::new(line);
     let reason = match recorder {
         Ok((mut recorder, rate)) => {
-            let claimed = ((p.SPI1, p.TIM1, p.TIM2), (p.PA4, p.PA5, p.PA6, p.PB5, p.PE9));
-            let acquisition = Acquisition::new(Sampling::new(claimed, SAMPLES), rate, 0);
-            let mut samples = Supplied::new(Timed::new(acquisition, satellites), VoltageDetector::start());
+            #[cfg(not(feature = "seismic"))]
+            let samples = {
+                let claimed = ((p.SPI1, p.TIM1, p.TIM2), (p.PA4, p.PA5, p.PA6, p.PB5, p.PE9));
+                let converter = converters::Sampling::new(claimed, SAMPLES, rate, 0);
+                Timed::new(Acquisition::new(converter), satellites)
+            };
+            #[cfg(feature = "seismic")]
+            let samples = {
+                let claimed = (
+                    (p.SPI1, p.SPI2, p.SPI3, p.SPI4),
+                    (p.TIM1, p.TIM2),
+                    (p.PA5, p.PA6, p.PB5, p.PB13, p.PB15),
+                    (p.PC10, p.PC12, p.PE12, p.PE14),
+                    (p.PD14, p.PD15, p.PE9, p.PE11),
+                );
+                let settings = Settings { rate: rate.rate, gain_log2: 0 };
+                let chips = converters::Chips::new(claimed, SAMPLES, settings);
+                Seismic::new(Timed::new(Acquisition::new(chips), satellites), rate)
+            };
+            let mut samples = Supplied::new(samples, VoltageDetector::start());
             run_over(&mut recorder, &mut samples, &mut outlet, &mut time, &mut board, FRAMES);
             let failed = samples.has_failed();
             if failed {

@@ -1,4 +1,4 @@
-//! The board's clock: TIM5 counts 24ths of a microsecond, whether the core runs or not.
+//! The board's clock: TIM5 counts 24ths or 32nds of a microsecond, whether the core runs or not.
 //!
 //! The hardware library's own time comes from a counter of 16 bits whose overflows are counted by interrupts: 65 ms without
 //! the core, and it has lost some. TIM5 has 32 bits; what wraps after three minutes is carried on at every look. It is fine
@@ -12,9 +12,9 @@ use embassy_stm32::peripherals::TIM5;
 use seabearing_core::port::Clock;
 
 /// Frequency of timers on the first peripheral bus, MHz: twice the bus.
-const TIMER_MHZ: u16 = 240;
+const TIMER_MHZ: u16 = if cfg!(feature = "seismic") { 64 } else { 240 };
 /// Ticks of a microsecond.
-pub const TICKS_PER_US: u32 = 24;
+pub const TICKS_PER_US: u32 = if cfg!(feature = "seismic") { 32 } else { 24 };
 
 /// Ticks at the newest look.
 static NEWEST: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));

@@ -1,20 +1,26 @@
-//! The hardware board: STM32H743 (NUCLEO-H743ZI2 class) with an ADS131M04 on SPI1.
+//! The hardware board: STM32H743 (NUCLEO-H743ZI2 class) with an ADS131M04 on SPI1; with the feature `seismic` that of an
+//! ocean-bottom recorder, with four converters of the ADS1282 kind ([`seismic`]), whose core runs at 64 MHz.
 //!
 //! Runs with its real drivers in an emulator in every test run; **not yet on silicon**. Wiring: SPI1 SCK PA5, MISO PA6,
 //! MOSI PB5, chip select PA4, data ready PE9; telemetry and commands on USART3 (PD8, PD9: the board's debugger shows it as
 //! a serial port), 921 600 baud; a satellite receiver's pulse on PA0, its sentences on PD6 (USART2, 9600 baud). The core runs at 480 MHz with the instruction cache on and the data cache off (DMA buffers
-//! need no care then). Conversions are counted and moved by hardware ([`sampling`]).
+//! need no care then). Conversions are counted and moved by hardware ([`counter`], [`streams`]).
 
 #![allow(unsafe_code)]
 
 pub mod clock;
+pub mod counter;
 pub mod flash;
 pub mod gauges;
 #[cfg(feature = "link")]
 pub mod kept;
 pub mod link;
 pub mod pulse;
+#[cfg(not(feature = "seismic"))]
 pub mod sampling;
+#[cfg(feature = "seismic")]
+pub mod seismic;
+mod streams;
 
 use crate::fault::{self, Record};
 use crate::stack;
@@ -22,27 +28,41 @@ use crate::supply::{Detector, Supply};
 use embassy_stm32::Config;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::IWDG1;
-use embassy_stm32::rcc::mux::Adcsel;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, HSIPrescaler, Pll, PllDiv, PllMul, PllPreDiv, PllSource,
 };
-use embassy_stm32::rcc::{Sysclk, VoltageScale};
+use embassy_stm32::rcc::{Sysclk, VoltageScale, mux};
 use embassy_stm32::wdg::IndependentWatchdog;
 use gauges::Gauges;
 use seabearing_core::port::{Load, Supervisor};
 use seabearing_core::wire::{FaultCode, Margins};
 
-/// Frequency of the core.
-pub const CORE_HZ: u32 = 480_000_000;
+/// Frequency of the core: an ocean-bottom recorder has a hundredth of an array's work.
+pub const CORE_HZ: u32 = if cfg!(feature = "seismic") { 64_000_000 } else { 480_000_000 };
+/// Bits a second of the line.
+pub const BAUD: u32 = if cfg!(feature = "seismic") { 115_200 } else { 921_600 };
 /// The recorder feeds the watchdog once a block (8 ms at 64 kHz, 10 s at 50 Hz would be too long: it feeds while idle
 /// too), so two seconds without is a hang.
 pub const WATCHDOG_US: u32 = 2_000_000;
 
-/// Clocks: 64 MHz internal oscillator, first phase-locked loop to 480 MHz, buses at 120 MHz.
+/// Clocks: 64 MHz internal oscillator, first phase-locked loop to 480 MHz, buses at 120 MHz. For an ocean-bottom recorder the
+/// oscillator itself at the lowest voltage, buses at 32 MHz.
 pub fn clocks() -> Config {
     let mut config = Config::default();
     config.rcc.hsi = Some(HSIPrescaler::DIV1);
     config.rcc.csi = true;
+    config.rcc.apb1_pre = APBPrescaler::DIV2;
+    config.rcc.apb2_pre = APBPrescaler::DIV2;
+    config.rcc.apb3_pre = APBPrescaler::DIV2;
+    config.rcc.apb4_pre = APBPrescaler::DIV2;
+    // ADC3's clock: 64 MHz, which its driver divides by two and the converter by two again.
+    config.rcc.mux.adcsel = mux::Adcsel::PER;
+    if cfg!(feature = "seismic") {
+        config.rcc.sys = Sysclk::HSI;
+        config.rcc.voltage_scale = VoltageScale::Scale3;
+        config.rcc.mux.spi123sel = mux::Saisel::PER;
+        return config;
+    }
     config.rcc.pll1 = Some(Pll {
         source: PllSource::HSI,
         prediv: PllPreDiv::DIV4,
@@ -55,14 +75,27 @@ pub fn clocks() -> Config {
     });
     config.rcc.sys = Sysclk::PLL1_P;
     config.rcc.ahb_pre = AHBPrescaler::DIV2;
-    config.rcc.apb1_pre = APBPrescaler::DIV2;
-    config.rcc.apb2_pre = APBPrescaler::DIV2;
-    config.rcc.apb3_pre = APBPrescaler::DIV2;
-    config.rcc.apb4_pre = APBPrescaler::DIV2;
-    // ADC3's clock: 64 MHz, which its driver divides by two and the converter by two again.
-    config.rcc.mux.adcsel = Adcsel::PER;
     config.rcc.voltage_scale = VoltageScale::Scale0;
     config
+}
+
+/// Longest wait for a transfer or a pair of edges, in cycles of the core: two periods at 8 kHz.
+const PATIENCE_CYCLES: u32 = CORE_HZ / 1000;
+
+/// Waits for something, not for ever.
+fn until(mut done: impl FnMut() -> bool) -> bool {
+    let begun = cortex_m::peripheral::DWT::cycle_count();
+    while !done() {
+        if cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begun) > PATIENCE_CYCLES {
+            return false;
+        }
+    }
+    true
+}
+
+/// Waits.
+fn wait_us(us: u32) {
+    cortex_m::asm::delay(us * (CORE_HZ / 1_000_000));
 }
 
 /// Why the core last started, as on the wire; forgets it afterwards.

@@ -5,8 +5,9 @@
 //! took to begin does not matter.
 
 use super::clock::{TICKS_PER_US, now_ticks, now_us};
+use super::counter::edges;
 use super::link::Incoming;
-use super::sampling::{edges, until};
+use super::until;
 use crate::receiver::{Pulse, Reception};
 use core::cell::Cell;
 use critical_section::Mutex;

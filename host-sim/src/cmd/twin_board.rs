@@ -8,6 +8,7 @@ use anyhow::{Result, bail};
 use seabearing_board_model::Costs;
 use seabearing_board_model::stm32h743::Parameters;
 use seabearing_core::block::Frame;
+use seabearing_core::config::Kind;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
@@ -48,7 +49,8 @@ pub struct BoardOptions {
     converter_start_us: f64,
     /// What goes wrong and when (s): converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH,
     /// converter-mute@S:LENGTH, core-held@S:LENGTH, line-noise@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S,
-    /// flash-cut@WORK, flash-bits@S, spi-bits@BYTES
+    /// flash-cut@WORK, flash-bits@S, spi-bits@BYTES; of the ocean-bottom board's chips N, 0 to 3, chipN-dead@S or @S:LENGTH,
+    /// chipN-reset@S, chipN-upset@S
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<InjectedFault>,
     /// The image whose records wait in flash until a base station has them, and one at the other end of the line
@@ -108,16 +110,22 @@ pub(super) fn run(
     keep: Option<&Path>,
     json: bool,
 ) -> Result<()> {
-    let (name, build) = match options.link {
-        true => ("stm32h743-link.elf", "cargo xtask build-firmware --board stm32h743-link"),
-        false => ("stm32h743.elf", "cargo xtask build-firmware --board stm32h743"),
+    let seismic = matches!(station.config.kind, Kind::Obs(_));
+    let (name, build) = match (seismic, options.link) {
+        (true, true) => bail!("--link: the ocean-bottom board's image sends its records once"),
+        (true, false) => ("stm32h743-obs.elf", "cargo xtask build-firmware --board stm32h743-obs"),
+        (false, true) => ("stm32h743-link.elf", "cargo xtask build-firmware --board stm32h743-link"),
+        (false, false) => ("stm32h743.elf", "cargo xtask build-firmware --board stm32h743"),
     };
     let image = emulator::image(firmware, name, build)?;
     let rate_hz = station.config.rate_hz;
     if let Some(longest_s) = options.rehearse {
         return rehearse(&image, station, longest_s, options.seconds.unwrap_or(5.0), json);
     }
-    let setup = setup(options)?;
+    let mut setup = setup(options)?;
+    if seismic {
+        (setup.parameters.seismic, setup.parameters.baud) = (true, board::SEISMIC_BAUD);
+    }
     let most = options.seconds.map(|s| (s * rate_hz).round() as u64);
     let blob = blob::of(station)?;
     // Complaints about the input are heard before the board starts.

@@ -12,7 +12,7 @@ use anyhow::{Result, anyhow, bail};
 use budget::Budget;
 use seabearing_core::config::{ArrayConfig, Kind};
 use seabearing_core::recorder::Memory;
-use seabearing_firmware::acquisition::RING_FRAMES;
+use seabearing_firmware::converter::RING_FRAMES;
 use seabearing_firmware::converter::Rate;
 
 /// Seconds, minutes and hours of a day.
