@@ -361,7 +361,9 @@ impl Ads1282s {
             self.chips[at].phase += period;
             self.chips[at].next = self.chips[at].phase as Ticks;
             let recording = (rate - self.sound.rate_hz).abs() < 1e-6 * rate;
-            let number = if recording || self.sound.next_number > 0 { self.sound.number(due) } else { None };
+            // The first that lives says which instants there are.
+            let leads = self.chips.iter().position(|chip| !chip.dead) == Some(at);
+            let number = if recording && leads { self.sound.number(due) } else { None };
             if self.sound.exhausted {
                 self.chips.iter_mut().for_each(|chip| chip.next = NEVER);
                 return;
@@ -369,7 +371,7 @@ impl Ads1282s {
             // Some steps of the source's codes: what a chip has of its own.
             let noise = (mix(due as u64 ^ at as u64) >> 54) as i64 - 512;
             let code = self.sound.codes[at];
-            self.chips[at].convert(number.filter(|_| recording), code, noise);
+            self.chips[at].convert(number, code, noise);
             self.set_ready_line(at, true);
             self.set_ready_line(at, false);
         }

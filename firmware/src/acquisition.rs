@@ -22,8 +22,6 @@ const TRANSFER_US: u64 = 50;
 const MOST_LOOKS: u32 = 10_000;
 /// Nothing but damaged frames for so long may be a converter that was set otherwise.
 const DAMAGED_S: u32 = 120;
-/// From one look at the converter's settings to the next.
-const CHECK_US: u64 = 4_000_000;
 
 /// What a board's hardware does for the acquisition, its converter included.
 pub trait Board {
@@ -43,7 +41,13 @@ pub trait Board {
     /// Sets the converter up; it begins to convert. Whether it answered as it must.
     fn set_up(&mut self) -> bool;
 
-    /// Looks whether the converter is still set as it was, where its frames do not say so; no conversion is lost by that.
+    /// From one look at the converter's settings to the next, µs, where its frames do not say how it is set. What came since
+    /// the newest look is not given before the next.
+    fn look_every_us(&self) -> Option<u64> {
+        None
+    }
+
+    /// Looks whether the converter is still set as it was; no conversion is lost by that.
     fn is_as_set(&mut self) -> bool {
         true
     }
@@ -93,8 +97,8 @@ pub struct Acquisition<B> {
     seen: (u64, u64),
     /// The newest moment by which the edges' rate was looked at.
     timed: Option<Stamp>,
-    /// When the converter's settings were last looked at.
-    checked_us: u64,
+    /// When the converter's settings were last looked at, and the edges before which they were right.
+    looked: (u64, u64),
     /// Damaged frames in a row.
     damaged: u32,
     /// The converter's rate in the board's time.
@@ -116,7 +120,7 @@ impl<B: Board> Acquisition<B> {
             index: 0,
             seen: (0, 0),
             timed: None,
-            checked_us: 0,
+            looked: (0, 0),
             damaged: 0,
             pace: None,
             unplaced: false,
@@ -139,7 +143,7 @@ impl<B: Board> Acquisition<B> {
         self.state = State::On { first, next: first };
         self.seen = (first, now_us);
         self.timed = None;
-        self.checked_us = now_us;
+        self.looked = (now_us, first);
         self.damaged = 0;
         if self.index == 0 {
             self.shift = 0u64.wrapping_sub(first);
@@ -201,6 +205,20 @@ impl<B: Board> Acquisition<B> {
         Some(by_clock.abs_diff(edges) <= edges / 16)
     }
 
+    /// Of the edges before `end` those whose frames may be given: the converter was set right, at a later look too. `None`: it
+    /// is not any more.
+    fn right(&mut self, end: u64, still: bool, now_us: u64) -> Option<u64> {
+        let Some(every_us) = self.board.look_every_us() else { return Some(end) };
+        let (looked_us, right) = self.looked;
+        if still && end > right || now_us.saturating_sub(looked_us) > every_us {
+            if !self.board.is_as_set() {
+                return None;
+            }
+            self.looked = (now_us, end);
+        }
+        Some(end.min(self.looked.1))
+    }
+
     /// Frames in the ring since it was armed, of which the first was that of edge `first`, and the number of edges: at a
     /// moment between two transfers they must agree. `None` where they never do: a transfer was lost or cut short.
     fn whole(&mut self, first: u64) -> Option<(u64, u64)> {
@@ -258,12 +276,14 @@ impl<B: Board> SampleSource for Acquisition<B> {
         }
         let still = now_us.saturating_sub(self.seen.1) > self.board.standstill_us();
         let end = first.wrapping_add(whole);
-        let mut ready = end.wrapping_sub(next);
-        if ready > B::RING_FRAMES as u64 - MARGIN {
+        if end.wrapping_sub(next) > B::RING_FRAMES as u64 - MARGIN {
             // Nobody came for longer than the ring lasts: half of it is still whole for a while.
             next = end.wrapping_sub(B::RING_FRAMES as u64 / 2);
-            ready = B::RING_FRAMES as u64 / 2;
         }
+        let Some(ready) = self.right(end, still, now_us).map(|end| end.saturating_sub(next)) else {
+            self.restart(now_us);
+            return Chunk::Idle;
+        };
         let stamp = self.board.stamp();
         let at_rate = if stamp.edges > first { self.at_rate(stamp) } else { None };
         if still && ready == 0 || at_rate == Some(false) {
@@ -297,11 +317,7 @@ impl<B: Board> SampleSource for Acquisition<B> {
         let first_index = next.wrapping_add(self.shift);
         self.index = first_index + count as u64;
         self.told_silent = false;
-        let look = now_us.saturating_sub(self.checked_us) > CHECK_US;
-        if look {
-            self.checked_us = now_us;
-        }
-        if self.damaged >= DAMAGED_S * self.board.hz() || look && !self.board.is_as_set() {
+        if self.damaged >= DAMAGED_S * self.board.hz() {
             self.restart(now_us);
         }
         Chunk::Frames { first_index, count }

@@ -23,9 +23,9 @@ pub struct Case {
 
 /// Reasons of a start as `Hello` tells them.
 const POWER: u8 = 0;
-const WATCHDOG: u8 = 1;
-const SOFTWARE: u8 = 2;
-const PIN: u8 = 3;
+pub(super) const WATCHDOG: u8 = 1;
+pub(super) const SOFTWARE: u8 = 2;
+pub(super) const PIN: u8 = 3;
 const BROWN_OUT: u8 = 4;
 
 fn case(name: &str, faults: &[InjectedFault], event_s: f64, seconds: f64, wanted: &[Wanted]) -> Case {

@@ -216,7 +216,7 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
         host(blob, session.seismic, (session.hello.reset_cause, &[]), &indices, &codes, end.is_some(), &mut take)?;
         Ok((heard, given_up))
     };
-    let records = board.iter().any(|m| matches!(m, Message::Bearing(_)));
+    let records = board.iter().any(|m| session.seismic.is_some() || matches!(m, Message::Bearing(_)));
     let (true_host, given_up) = host_off_by(0, true)?;
     if agree(&true_host) {
         let mut words = if restarts > 0 { "estimate, exact" } else { "exact" }.to_owned();
@@ -231,7 +231,7 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
                 return Ok(Some(format!("estimate, {} off", off.abs())));
             }
         }
-        if alike(&true_host, &board) {
+        if session.seismic.is_none() && alike(&true_host, &board) {
             return Ok(Some("estimate, the same directions within 10 ms".to_owned()));
         }
     }

@@ -2,12 +2,15 @@
 
 mod cases;
 mod judge;
+mod ocean_bottom;
 
 use crate::board::{self, BoardRun, InjectedFault, Setup, mix};
 use anyhow::{Context, Result, bail};
 use cases::Case;
+pub use ocean_bottom::OceanBottom;
 use seabearing_board_model::Costs;
 use seabearing_board_model::ads131m04::Codes;
+use seabearing_board_model::stm32h743::Parameters;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
@@ -47,8 +50,8 @@ pub const COSTS: [f64; 8] = [LEAST_BREAKING, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 2
 const NAMED_S: f64 = 10.0;
 /// When something goes wrong, s.
 const AT_S: f64 = 0.5;
-/// Longer than a case's sound, where the converter gives none.
-const PATIENCE_S: f64 = 0.5;
+/// Longer than a case's sound, where the converter gives none; of the ocean-bottom board.
+const PATIENCE_S: [f64; 2] = [0.5, 2.5];
 
 /// What is rehearsed with: the image, the configuration it holds, its rate.
 pub struct Stage<'a> {
@@ -112,12 +115,15 @@ impl Stage<'_> {
     fn play(&self, seconds: f64, setup: &Setup) -> Result<BoardRun> {
         let instants = (seconds * self.rate_hz).round() as u64;
         let image = if setup.link { self.link_image } else { self.image };
-        board::play(image, self.blob, self.rate_hz, setup, noise(instants))
+        match setup.parameters.seismic {
+            true => board::play(image, self.blob, self.rate_hz, setup, ocean_bottom::noise(instants)),
+            false => board::play(image, self.blob, self.rate_hz, setup, noise(instants)),
+        }
     }
 
-    /// Keeps up at the cost that is asked for.
-    fn pace(&self, seconds: f64) -> Result<Vec<Row>> {
-        let report = self.play(seconds, &Setup { costs: costs(COST.0), ..Setup::default() })?;
+    /// Keeps up at the cost that is asked for, and sleeps this share of the time at least.
+    fn pace(&self, seconds: f64, parameters: Parameters, least_idle: f64) -> Result<Vec<Row>> {
+        let report = self.play(seconds, &Setup { costs: costs(COST.0), parameters, ..Setup::default() })?;
         let (cycles, register) = COST;
         let row = |what: &str, outcome, right| {
             let case = format!("{what}, {cycles} cycles an instruction, {register} an access");
@@ -136,7 +142,7 @@ impl Stage<'_> {
                 format!("{:.0}", report.interrupts_per_s),
                 report.interrupts_per_s <= MOST_INTERRUPTS,
             ),
-            row("asleep", format!("{idle:.0} %"), report.idle >= LEAST_IDLE),
+            row("asleep", format!("{idle:.0} %"), report.idle >= least_idle),
         ])
     }
 
@@ -179,7 +185,8 @@ impl Stage<'_> {
 
     /// Plays a case and judges what came of it.
     fn judge(&self, case: &Case) -> Result<Row> {
-        let most_s = Some(case.seconds.max(case.event_s) + PATIENCE_S);
+        let patience_s = PATIENCE_S[usize::from(case.setup.parameters.seismic)];
+        let most_s = Some(case.seconds.max(case.event_s) + patience_s);
         let report = self
             .play(case.seconds, &Setup { most_s, ..case.setup.clone() })
             .with_context(|| case.name.clone())?;
@@ -220,47 +227,55 @@ impl Stage<'_> {
     ///
     /// # Errors
     /// The image is not there or not the station's, or the board did what no board allows.
-    pub fn rehearse(&self, length: &Length, mut say: impl FnMut(&Row)) -> Result<Vec<Row>> {
+    pub fn rehearse(&self, length: &Length, say: impl FnMut(&Row)) -> Result<Vec<Row>> {
         let mut cases = cases::all(&length.outages_s);
         cases.extend(cases::with_store(&length.cuts()));
         let play = |n: usize| match n {
-            0 => self.pace(length.pace_s),
+            0 => self.pace(length.pace_s, Parameters::default(), LEAST_IDLE),
             1 => self.breaking(&length.costs),
             2 => self.erasing(),
             n => self.judge(&cases[n - 3]).map(|row| vec![row]),
         };
-        let count = cases.len() + 3;
-        let next = AtomicUsize::new(0);
-        let workers = std::thread::available_parallelism().map_or(1, |n| n.get());
-        let (send, receive) = mpsc::channel();
-        std::thread::scope(|scope| {
-            for _ in 0..workers {
-                let (send, next, play) = (send.clone(), &next, &play);
-                scope.spawn(move || {
-                    loop {
-                        let n = next.fetch_add(1, Ordering::Relaxed);
-                        // Where nobody listens any more an error has ended it.
-                        if n >= count || send.send((n, play(n))).is_err() {
-                            break;
-                        }
-                    }
-                });
-            }
-            drop(send);
-            let mut waiting: Vec<Option<Vec<Row>>> = vec![None; count];
-            let mut rows = Vec::new();
-            let mut done = 0;
-            for (n, played) in receive {
-                waiting[n] = Some(played?);
-                while let Some(more) = waiting.get_mut(done).and_then(Option::take) {
-                    more.iter().for_each(&mut say);
-                    rows.extend(more);
-                    done += 1;
-                }
-            }
-            Ok(rows)
-        })
+        all(cases.len() + 3, play, say)
     }
+}
+
+/// Plays so many things, as many at a time as there are processors; their rows in order.
+fn all(
+    count: usize,
+    play: impl Fn(usize) -> Result<Vec<Row>> + Sync,
+    mut say: impl FnMut(&Row),
+) -> Result<Vec<Row>> {
+    let next = AtomicUsize::new(0);
+    let workers = std::thread::available_parallelism().map_or(1, |n| n.get());
+    let (send, receive) = mpsc::channel();
+    std::thread::scope(|scope| {
+        for _ in 0..workers {
+            let (send, next, play) = (send.clone(), &next, &play);
+            scope.spawn(move || {
+                loop {
+                    let n = next.fetch_add(1, Ordering::Relaxed);
+                    // Where nobody listens any more an error has ended it.
+                    if n >= count || send.send((n, play(n))).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(send);
+        let mut waiting: Vec<Option<Vec<Row>>> = vec![None; count];
+        let mut rows = Vec::new();
+        let mut done = 0;
+        for (n, played) in receive {
+            waiting[n] = Some(played?);
+            while let Some(more) = waiting.get_mut(done).and_then(Option::take) {
+                more.iter().for_each(&mut say);
+                rows.extend(more);
+                done += 1;
+            }
+        }
+        Ok(rows)
+    })
 }
 
 /// Whether all is as it must be.

@@ -23,6 +23,7 @@ struct Bench {
     noted: Stamp,
     offset: u64,
     looks: u32,
+    looks_at: Option<u64>,
 }
 
 const PERIOD_NS: u64 = 15_625;
@@ -49,6 +50,7 @@ impl Bench {
             noted: Stamp::default(),
             offset: 0,
             looks: 0,
+            looks_at: None,
         }
     }
 
@@ -128,6 +130,9 @@ impl Board for Bench {
         let set = converter::set_up(self, Rate::Hz64000, 0).is_ok();
         converter::wake_up(self);
         set
+    }
+    fn look_every_us(&self) -> Option<u64> {
+        self.looks_at
     }
     fn is_as_set(&mut self) -> bool {
         self.looks += 1;
@@ -300,12 +305,20 @@ fn a_converter_that_was_dead_for_a_minute_goes_on_at_its_own_time_within_an_inst
 }
 
 #[test]
-fn settings_are_looked_at_every_few_seconds_and_a_changed_one_is_set_again() {
+fn what_came_since_the_settings_were_right_is_not_given_where_they_are_not_any_more() {
     let mut acquisition = started();
-    let before = loop_for(&mut acquisition, 640_000);
-    assert_eq!((error(&before), acquisition.board.looks, acquisition.fault()), (0, 2, None));
+    acquisition.board.looks_at = Some(20_000);
+    let mut all = loop_for(&mut acquisition, 192_000);
+    assert!((100..=150).contains(&acquisition.board.looks), "{}", acquisition.board.looks);
     acquisition.board.registers[4] = 0x0100;
-    loop_for(&mut acquisition, 320_000);
+    let changed = acquisition.board.instants;
+    all.extend(loop_for(&mut acquisition, 192_000));
     assert_eq!(acquisition.board.registers[4], 0);
-    assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, _))));
+    let Some((FaultCode::ConverterRestarted, lost)) = acquisition.fault() else {
+        panic!("no restart was told")
+    };
+    assert!(error(&all) <= 1 && all.windows(2).all(|w| w[0].0 < w[1].0));
+    // Nothing is given from the look before the change to the one after it.
+    let gap = all.windows(2).find(|w| w[1].0 - w[0].0 > 1).map(|w| (w[0].0 + 1, w[1].0)).unwrap();
+    assert!(gap.0 <= changed && changed < gap.1 && gap.1 - gap.0 == lost, "{gap:?} {changed} {lost}");
 }

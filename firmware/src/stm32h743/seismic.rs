@@ -4,7 +4,8 @@
 //! that same clock (PB13, PC10, PE12) and hear one chip each (PB15, PC12, PE14). Reset is PD14, SYNC PD15. Data ready of the
 //! first chip comes in at PE9, that of the second at PE11: if the first does not answer the second's edges are counted. The
 //! edge starts a transfer of four bytes ([`super::streams`]) that four streams put into four rings. The core hears of it once in
-//! 16 edges and takes blocks of 64; between two conversions it reads the chips' registers back every few seconds.
+//! 16 edges and takes blocks of 64; between two conversions it reads the chips' registers back once a second,
+//! and what came meanwhile is given only when they are right.
 
 use super::clock::now_us;
 use super::counter::{self, Input, edges};
@@ -23,8 +24,8 @@ use embassy_stm32::peripherals::{
 };
 use seabearing_core::block::{CHANNELS, MISSING};
 
-/// Conversions the rings hold: 4 s at 250 Hz, longer than the watchdog waits.
-const RING_FRAMES: usize = 1024;
+/// Conversions the rings hold: 4 s at 1000 Hz, longer than the watchdog waits.
+const RING_FRAMES: usize = 4096;
 /// Two bytes an access.
 const RING_ITEMS: u16 = (RING_FRAMES * WORD_BYTES / 2) as u16;
 /// One chip's.
@@ -38,6 +39,8 @@ pub const EMPTY: Ring = [[0; RING_ITEMS as usize]; CHANNELS];
 const REQUESTS: [u8; CHANNELS] = [streams::SPI1_RX, 39, 61, 83];
 /// Streams that take it: after those that an edge sets going.
 const STREAMS: [usize; CHANNELS] = [STREAM_RX, 4, 5, 6];
+/// From one look at the registers to the next.
+const LOOK_US: u64 = 1_000_000;
 /// Data ready without an edge for so long in microseconds is none: two periods of 250 Hz.
 const PATIENCE_US: u64 = 8_000;
 /// A transfer takes 16 us.
@@ -205,21 +208,23 @@ impl Board for Chips {
         true
     }
 
+    fn look_every_us(&self) -> Option<u64> {
+        Some(LOOK_US)
+    }
+
     fn is_as_set(&mut self) -> bool {
         let (begun, begun_us) = (edges(), now_us());
-        while edges() == begun {
-            if now_us().saturating_sub(begun_us) > PATIENCE_US {
-                return true;
-            }
-        }
+        // Right after an edge, or when there are none.
+        while edges() == begun && now_us().saturating_sub(begun_us) < PATIENCE_US {}
         let at = edges();
         super::wait_us(TRANSFER_US);
         self.by_dma(false);
         let settings = self.settings;
         let answers = chips::look(self, settings);
         self.by_dma(true);
-        // If an edge came meanwhile what was heard is no answer, and the rings no longer agree with the edges.
-        edges() != at || answers == self.answers
+        // If an edge came meanwhile what was heard is no answer, and the rings no longer agree with the edges. Where all are silent
+        // while their edges come the line is cut: setting them up would only spoil the count.
+        edges() != at || answers == self.answers || answers == [Answer::Silent; CHANNELS]
     }
 
     fn edges(&mut self) -> u64 {

@@ -1,7 +1,7 @@
 //! `seabearing twin --board stm32h743`: the hardware board's image on the modelled board, and the host.
 
 use crate::board::{self, BoardRun, InjectedFault, Setup};
-use crate::rehearsal::{self, Length, Stage};
+use crate::rehearsal::{self, Length, OceanBottom, Row, Stage};
 use crate::station::Station;
 use crate::{blob, emulator, recording};
 use anyhow::{Result, bail};
@@ -66,23 +66,10 @@ pub struct BoardOptions {
 const OUTAGES_S: [f64; 6] = [0.001, 0.01, 0.1, 1.0, 10.0, 60.0];
 
 /// Prints the table of the rehearsal; conversions lost are counted over `pace_s`.
-fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: f64, json: bool) -> Result<()> {
+fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: Option<f64>, json: bool) -> Result<()> {
     let blob = blob::of(station)?;
-    let link_image = image.with_file_name("stm32h743-link.elf");
-    if !link_image.is_file() {
-        bail!(
-            "no image at {}: run `cargo xtask build-firmware --board stm32h743-link`, with --station where it is another's",
-            link_image.display()
-        );
-    }
-    let stage = Stage { image, link_image: &link_image, blob: &blob, rate_hz: station.config.rate_hz };
-    let length = Length {
-        pace_s,
-        costs: rehearsal::COSTS.to_vec(),
-        outages_s: OUTAGES_S.into_iter().filter(|s| *s <= longest_s).collect(),
-        cuts: (longest_s < 10.0).then_some(6),
-    };
-    let rows = stage.rehearse(&length, |row| {
+    let outages_s = OUTAGES_S.into_iter().filter(|s| *s <= longest_s).collect();
+    let mut say = |row: &Row| {
         let line = if json {
             let (case, told, outcome) = (&row.case, &row.told, &row.outcome);
             serde_json::json!({
@@ -94,7 +81,27 @@ fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: f64, json: 
         };
         // A person who has gone is no reason to stop.
         _ = writeln!(std::io::stdout(), "{line}");
-    })?;
+    };
+    if matches!(station.config.kind, Kind::Obs(_)) {
+        let stage = Stage { image, link_image: image, blob: &blob, rate_hz: station.config.rate_hz };
+        let length = OceanBottom { pace_s: pace_s.unwrap_or(300.0), outages_s, short: false };
+        return rehearsal::verdict(&stage.rehearse_ocean_bottom(&length, say)?);
+    }
+    let link_image = image.with_file_name("stm32h743-link.elf");
+    if !link_image.is_file() {
+        bail!(
+            "no image at {}: run `cargo xtask build-firmware --board stm32h743-link`, with --station where it is another's",
+            link_image.display()
+        );
+    }
+    let stage = Stage { image, link_image: &link_image, blob: &blob, rate_hz: station.config.rate_hz };
+    let length = Length {
+        pace_s: pace_s.unwrap_or(5.0),
+        costs: rehearsal::COSTS.to_vec(),
+        outages_s,
+        cuts: (longest_s < 10.0).then_some(6),
+    };
+    let rows = stage.rehearse(&length, &mut say)?;
     rehearsal::verdict(&rows)
 }
 
@@ -120,7 +127,7 @@ pub(super) fn run(
     let image = emulator::image(firmware, name, build)?;
     let rate_hz = station.config.rate_hz;
     if let Some(longest_s) = options.rehearse {
-        return rehearse(&image, station, longest_s, options.seconds.unwrap_or(5.0), json);
+        return rehearse(&image, station, longest_s, options.seconds, json);
     }
     let mut setup = setup(options)?;
     if seismic {
