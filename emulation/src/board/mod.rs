@@ -142,7 +142,8 @@ impl BoardRun {
                 |said| if let Message::Margins(margins) = said.message { Some(margins) } else { None },
             )
             .collect();
-        let said = host(blob, self.seismic, (POWER, &margins), &self.numbers, &self.codes, false, &mut |_| true)?;
+        let said =
+            host(blob, self.seismic, (POWER, &margins), &self.numbers, &self.codes, false, &mut |_| true)?;
         if self.linked {
             return Ok(self.differing_record(&frames(&said)));
         }

@@ -213,7 +213,15 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
             heard.extend(messages.filter(of_samples));
             to_end || heard.iter().zip(&board).all(|(host, board)| host == board)
         };
-        host(blob, session.seismic, (session.hello.reset_cause, &[]), &indices, &codes, end.is_some(), &mut take)?;
+        host(
+            blob,
+            session.seismic,
+            (session.hello.reset_cause, &[]),
+            &indices,
+            &codes,
+            end.is_some(),
+            &mut take,
+        )?;
         Ok((heard, given_up))
     };
     let records = board.iter().any(|m| session.seismic.is_some() || matches!(m, Message::Bearing(_)));
