@@ -6,7 +6,7 @@
 use crate::elf::Elf;
 use crate::firmware::{
     self, EMULATED_ARRAY, EMULATED_FIT, EMULATED_OBS, EMULATED_TRACKS, EMULATED_TWICE, HARDWARE,
-    HARDWARE_LINK, Image,
+    HARDWARE_LINK, HARDWARE_OBS, Image,
 };
 use crate::process::{host, run, say};
 use crate::scenario::Recording;
@@ -22,6 +22,8 @@ const SNAPSHOT: &str = "docs/budget.txt";
 const TOLERANCE: f64 = 0.03;
 /// Clock of the hardware's core.
 const CORE_HZ: f64 = 480e6;
+/// The same of the ocean-bottom recorder's, MHz.
+const OCEAN_BOTTOM_MHZ: f64 = 64.0;
 /// Where the length of the hardware's sample queue stands.
 const ACQUISITION: &str = include_str!("../../firmware/src/converter.rs");
 
@@ -127,6 +129,7 @@ fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
     figures.extend(together(&figures)?);
     figures.extend(hardware(toolchain)?);
     figures.extend(store(toolchain)?);
+    figures.extend(ocean_bottom(toolchain)?);
     let mut text = format!(
         "# Budgets of the target: `cargo xtask budget` measures, `--bless` rewrites; tolerance {} %.\n\
          # Instructions are counted by QEMU over the scenario named; they are not cycles. `stm32h743`: the image for hardware\n\
@@ -455,6 +458,43 @@ fn store(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         figure("words written in 5 s", told(&said, "flash_words")?, None),
         figure("conversions lost in 5 s", told(&said, "lost")?, Some(0.0)),
         figure(LEAST, idle, Some(HARDWARE_ASLEEP)),
+    ])
+}
+
+/// The ocean-bottom recorder's share of the time asleep, percent.
+const OCEAN_BOTTOM_ASLEEP: f64 = 95.0;
+
+/// The ocean-bottom recorder's image on its modelled board, over the beginning of its scenario, which was simulated before.
+fn ocean_bottom(toolchain: &Toolchain) -> Result<Vec<Figure>> {
+    let recording = scenario::simulated("ocean-bottom")?;
+    let station = recording.station.to_string_lossy().into_owned();
+    let image = firmware::build_hardware(toolchain, &HARDWARE_OBS, Some(&station), None)?;
+    say("counting what a conversion costs the ocean-bottom image");
+    let (cycles, register) = (HARDWARE_CYCLES.to_string(), HARDWARE_REGISTER.to_string());
+    let board =
+        ["--board", "stm32h743", "--seconds", "200", "--cycles", &cycles, "--register-cycles", &register];
+    let said = twin(&board, &image, &recording)?;
+    let figure = |what: &str, value, bar| Figure { name: format!("stm32h743 obs {what}"), value, bar };
+    let elf = Elf::read(&image)?;
+    let (statics, stack) = (f64::from(elf.statics()), told(&said, "stack_bytes")?);
+    let margin = (told(&said, "stack_size_bytes")? / STACK_MARGIN).floor();
+    let get = |key: &str, scale: f64| Ok::<_, anyhow::Error>(thousandths(told(&said, key)? * scale));
+    Ok(vec![
+        figure("core, MHz", OCEAN_BOTTOM_MHZ, None),
+        figure("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
+        figure("statics, bytes", statics, None),
+        figure("stack used, bytes", stack, Some(margin)),
+        figure("statics and stack, bytes", statics + stack, Some(HARDWARE_RAM)),
+        figure("conversions lost in 200 s", told(&said, "lost")?, Some(0.0)),
+        figure("interrupts a second", told(&said, "interrupts_per_s")?, Some(HARDWARE_INTERRUPTS)),
+        figure(LEAST, get("idle", 100.0)?, Some(OCEAN_BOTTOM_ASLEEP)),
+        figure("a conversion: thread, instr.", get("instructions_in_thread_per_conversion", 1.0)?, None),
+        figure(
+            "a conversion: interrupts, instr.",
+            get("instructions_in_interrupts_per_conversion", 1.0)?,
+            None,
+        ),
+        figure("a conversion: register accesses", get("register_accesses_per_conversion", 1.0)?, None),
     ])
 }
 

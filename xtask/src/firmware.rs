@@ -90,7 +90,9 @@ pub fn build_hardware(
     key: Option<&str>,
 ) -> Result<PathBuf> {
     let station = station.unwrap_or(DEFAULT_STATION);
-    let blob = root().join("target/firmware/station.sbcf");
+    // The tests that run an image read what it holds.
+    let blob = if image.name == HARDWARE_OBS.name { "station-obs.sbcf" } else { "station.sbcf" };
+    let blob = root().join("target/firmware").join(blob);
     say(&format!("writing the configuration of {station} for the image"));
     run(host(&["blob", "--station", station, "--out"]).arg(&blob), "seabearing blob")?;
     let binary = root().join("target/firmware/station.key");

@@ -21,6 +21,11 @@ pub fn simulate(name: &str) -> Result<Recording> {
     record(&root().join(format!("scenarios/{name}.toml")), &root().join("target/scenarios").join(name))
 }
 
+/// What [`simulate`] made of a scenario before.
+pub fn simulated(name: &str) -> Result<Recording> {
+    recorded(&root().join("target/scenarios").join(name))
+}
+
 /// The demo's pass as a station hears it whose file differs from the demo's in these words.
 pub fn simulate_changed(name: &str, changes: &[(&str, &str)]) -> Result<Recording> {
     let folder = root().join("target/scenarios").join(name);
@@ -44,6 +49,11 @@ fn record(scenario: &Path, folder: &Path) -> Result<Recording> {
     say(&format!("simulating {shown}"));
     let _ = std::fs::remove_dir_all(folder);
     run(host(&["simulate"]).arg(scenario).arg("--out").arg(folder), "seabearing simulate")?;
+    recorded(folder)
+}
+
+/// The recording in a folder.
+fn recorded(folder: &Path) -> Result<Recording> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)?
         .flatten()
         .map(|f| f.path())
@@ -51,7 +61,7 @@ fn record(scenario: &Path, folder: &Path) -> Result<Recording> {
         .collect();
     files.sort();
     if files.is_empty() {
-        bail!("{shown} gave no recording in {}", folder.display());
+        bail!("there is no recording in {}", folder.display());
     }
     Ok(Recording { station: folder.join("station.toml"), files })
 }

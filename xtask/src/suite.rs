@@ -1,6 +1,8 @@
 //! `cargo xtask test`: every test, the emulated ones included, one line a step; at the end what was skipped, and a count.
 
-use crate::firmware::{self, EMULATED, EMULATED_LINK, HARDWARE, HARDWARE_LINK, HARDWARE_LOGGING};
+use crate::firmware::{
+    self, EMULATED, EMULATED_LINK, HARDWARE, HARDWARE_LINK, HARDWARE_LOGGING, HARDWARE_OBS,
+};
 use crate::process::{built, cargo, host, oldest, output, run, say, use_what_the_tests_built};
 use crate::toolchain::{self, Toolchain};
 use crate::{budget, example, panic_free, python, root, scenario};
@@ -153,9 +155,12 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
     suite.step("twin: the hardware image with its drivers on the modelled board, byte for byte", || {
         hardware_twin(toolchain)
     });
-    // The image of the step before.
+    suite.step("twin: the ocean-bottom image with its drivers on the modelled board, byte for byte", || {
+        ocean_bottom_twin(toolchain)
+    });
+    // The images of the steps before.
     let mut tests = rehearsal(suite);
-    suite.step("the hardware image rehearsed: every fault named, no wrong record", || {
+    suite.step("the hardware images rehearsed: every fault named, no wrong record", || {
         run(&mut tests, "the rehearsal")
     });
     suite.step("stm32h743 with deferred logging links within memory.x", || {
@@ -168,6 +173,7 @@ pub fn rehearse(bless: bool) -> Result<()> {
     let toolchain = Toolchain::find()?;
     let suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
     hardware_twin(&toolchain)?;
+    ocean_bottom_twin(&toolchain)?;
     let mut tests = rehearsal(&suite);
     if bless {
         tests.env("INSTA_UPDATE", "always");
@@ -175,9 +181,10 @@ pub fn rehearse(bless: bool) -> Result<()> {
     run(&mut tests, "the rehearsal")
 }
 
-/// The test that keeps the table of faults.
+/// The tests that keep the tables of faults.
 fn rehearsal(suite: &Suite) -> Command {
-    let mut tests = suite.tests(&["--package", "seabearing-emulation", "--test", "rehearsal"]);
+    let names = ["--test", "rehearsal", "--test", "rehearsal_ocean_bottom"];
+    let mut tests = suite.tests(&[&["--package", "seabearing-emulation"], &names[..]].concat());
     tests.env("SEABEARING_EMULATED", "now");
     tests
 }
@@ -199,6 +206,20 @@ fn hardware_twin(toolchain: &Toolchain) -> Result<()> {
     }
     Ok(())
 }
+
+/// The ocean-bottom image over the first minutes of its scenario.
+fn ocean_bottom_twin(toolchain: &Toolchain) -> Result<()> {
+    let recording = scenario::simulate("ocean-bottom")?;
+    let station = recording.station.to_string_lossy().into_owned();
+    firmware::build_hardware(toolchain, &HARDWARE_OBS, Some(&station), None)?;
+    let mut twin = host(&["twin", "--station"]);
+    twin.arg(&recording.station).args(OCEAN_BOTTOM).args(&recording.files);
+    run(&mut twin, "seabearing twin")
+}
+
+/// How that board runs: three minutes and some, at plausible costs.
+const OCEAN_BOTTOM: [&str; 8] =
+    ["--board", "stm32h743", "--seconds", "200", "--cycles", "2.5", "--register-cycles", "30"];
 
 /// `demo --two` in a fifth of its time, which fails where its account does not balance.
 fn two_recorders(toolchain: &Toolchain) -> Result<()> {

@@ -19,6 +19,9 @@ const LEAST_IDLE: f64 = 0.95;
 /// The chip that is taken for one of those whose edges nobody counts.
 const THIRD: u8 = 2;
 
+/// Of the chips' cases those that are always played: what no other board has.
+const SHORT: usize = 4;
+
 /// How much of it is rehearsed.
 #[derive(Debug, Clone)]
 pub struct OceanBottom {
@@ -26,7 +29,7 @@ pub struct OceanBottom {
     pub pace_s: f64,
     /// Lengths of outages, s.
     pub outages_s: Vec<f64>,
-    /// Only what is this board's own.
+    /// Only what no other board has.
     pub short: bool,
 }
 
@@ -161,7 +164,7 @@ fn ends() -> Vec<Case> {
     cases
 }
 
-fn outages(lengths_s: &[f64]) -> Vec<Case> {
+fn outages(lengths_s: &[f64], short: bool) -> Vec<Case> {
     let mut cases = Vec::new();
     for &s in lengths_s {
         // Eight codes alike are noticed: 32 ms.
@@ -170,7 +173,7 @@ fn outages(lengths_s: &[f64]) -> Vec<Case> {
         cases.push(outage("lines cut", s, InjectedFault::ConverterMute(AT_S, s), AT_S, wanted));
     }
     // The rings hold 4 s, the watchdog waits for 2: nothing is lost.
-    for s in [0.1, 1.5] {
+    for s in [0.1, 1.5].into_iter().filter(|_| !short) {
         cases.push(outage("core held", s, InjectedFault::CoreHeld(AT_S, s), AT_S + s, &[]));
     }
     for &s in lengths_s {
@@ -188,10 +191,12 @@ impl Stage<'_> {
     /// As [`Stage::rehearse`].
     pub fn rehearse_ocean_bottom(&self, length: &OceanBottom, say: impl FnMut(&Row)) -> Result<Vec<Row>> {
         let mut cases = chips();
-        if !length.short {
+        if length.short {
+            cases.truncate(SHORT);
+        } else {
             cases.extend(ends());
         }
-        cases.extend(outages(&length.outages_s));
+        cases.extend(outages(&length.outages_s, length.short));
         let play = |n: usize| match n {
             0 => self.pace(length.pace_s, parameters(), LEAST_IDLE),
             n => self.judge(&cases[n - 1]).map(|row| vec![row]),

@@ -24,13 +24,19 @@ pub struct Budget {
     /// Bytes a minute of tracks, shaft rates and faults.
     pub array_other_per_min: f64,
     /// Instructions a second of the ocean bottom's recorder at 50 Hz.
-    pub obs_work: f64,
+    obs_work: f64,
     /// Bytes a minute of everything but health reports, ocean bottom.
     pub obs_per_min: f64,
-    /// RAM and flash of the ocean bottom's image, bytes.
+    /// RAM and flash of the ocean bottom's image for hardware, bytes.
     pub obs_ram: f64,
-    /// Flash of the same.
+    /// Flash of the same, with the configuration it was measured with.
     pub obs_flash: f64,
+    /// Clock of that board's core.
+    obs_core_hz: f64,
+    /// Instructions and register accesses of a conversion at 250 Hz, the recorder's work at 50 Hz in it.
+    obs_instructions: f64,
+    /// Register accesses of the same.
+    obs_registers: f64,
     /// RAM and flash of the image for hardware, bytes.
     pub board_ram: f64,
     /// Flash of the same.
@@ -78,8 +84,12 @@ impl Budget {
             array_other_per_min: row("array other telemetry, bytes/min")?,
             obs_work: millions("obs work, million instructions/s")?,
             obs_per_min: row("obs other telemetry, bytes/min")?,
-            obs_ram: row("obs statics and stack, bytes")?,
-            obs_flash: row("obs flash, bytes")?,
+            obs_ram: row("stm32h743 obs statics and stack, bytes")?,
+            obs_flash: row("stm32h743 obs flash, bytes")?,
+            obs_core_hz: millions("stm32h743 obs core, MHz")?,
+            obs_instructions: row("stm32h743 obs a conversion: thread, instr.")?
+                + row("stm32h743 obs a conversion: interrupts, instr.")?,
+            obs_registers: row("stm32h743 obs a conversion: register accesses")?,
             board_ram: row("stm32h743 statics and stack, bytes")?,
             board_flash: row("stm32h743 flash, bytes")?,
             core_hz: millions("stm32h743 core, MHz")?,
@@ -106,6 +116,24 @@ impl Budget {
     }
 }
 
+/// Conversions and samples a second at which the ocean bottom's board was measured.
+const OBS_HZ: (f64, f64) = (250.0, 50.0);
+
+impl Budget {
+    /// Instructions a second of the ocean bottom's recorder; a sample costs no more at a higher rate.
+    pub fn obs_work(&self, rate_hz: f64) -> f64 {
+        self.obs_work * (rate_hz / OBS_HZ.1).max(1.0)
+    }
+
+    /// Share of the time that board's core is awake at this rate, made of so many conversions a second.
+    pub fn obs_awake(&self, rate_hz: f64, conversions_hz: f64, cycles: f64) -> f64 {
+        let around = (self.obs_instructions - self.obs_work / OBS_HZ.0).max(0.0);
+        let instructions = self.obs_work(rate_hz) + around * conversions_hz;
+        (cycles * instructions + self.register_cycles * self.obs_registers * conversions_hz)
+            / self.obs_core_hz
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,6 +149,7 @@ mod tests {
     #[test]
     fn a_row_is_found_by_its_whole_name() {
         let text = SNAPSHOT.replace("obs flash, bytes ", "obs flash, bytes more ");
+        // Both images' rows are gone.
         assert!(Budget::of(&text).is_err());
     }
 

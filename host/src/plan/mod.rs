@@ -14,6 +14,7 @@ use seabearing_core::config::{ArrayConfig, Kind};
 use seabearing_core::recorder::Memory;
 use seabearing_firmware::converter::RING_FRAMES;
 use seabearing_firmware::converter::Rate;
+use seabearing_firmware::seismic::Conversion;
 
 /// Seconds, minutes and hours of a day.
 const DAY_S: f64 = 86_400.0;
@@ -116,7 +117,7 @@ pub fn of(station: &Station, deployment: &Deployment) -> Result<Plan> {
     if matches!(config.kind, Kind::Line(_)) {
         bail!("{}: kind = \"line\" has no recorder, so there is nothing to deploy", config.name);
     }
-    let blob = blob::of(station)?;
+    blob::of(station)?;
     let table = crate::ocean_bottom::table::of_station(station)?;
     let mut memory: Box<Memory<'_>> = Box::default();
     memory.configure(config, table.as_deref()).map_err(|e| anyhow!("{}: {e}", config.name))?;
@@ -125,7 +126,7 @@ pub fn of(station: &Station, deployment: &Deployment) -> Result<Plan> {
     let cycles = deployment.cycles.unwrap_or(budget.cycles);
     let cost = match &config.kind {
         Kind::Array(array) => Cost::of_array(&budget, array, config.rate_hz, cycles, deployment),
-        _ => Cost::of_obs(&budget, config.rate_hz, cycles, blob.len()),
+        _ => Cost::of_obs(&budget, config.rate_hz, cycles),
     };
     let health = if deployment.health_s > 0.0 {
         telemetry::report_bytes(config.rate_hz) as f64 * DAY_S / deployment.health_s
@@ -203,19 +204,21 @@ impl Cost {
         }
     }
 
-    fn of_obs(budget: &Budget, rate_hz: f64, cycles: f64, blob_bytes: usize) -> Self {
-        // Measured at 50 Hz; a sample costs no more at a higher rate.
-        let work = budget.obs_work * (rate_hz / 50.0).max(1.0);
+    fn of_obs(budget: &Budget, rate_hz: f64, cycles: f64) -> Self {
+        let conversion = Conversion::of(rate_hz);
+        let mut misfits = Vec::new();
+        if conversion.is_none() {
+            misfits.push(format!("the converters make no {rate_hz} Hz: 50, 100, 200, 250 or 500"));
+        }
+        let converted_hz = conversion.map_or(rate_hz, |made| f64::from(made.rate.hz()));
         Self {
-            instructions_per_s: work,
-            awake: cycles * work / budget.core_hz,
+            instructions_per_s: budget.obs_work(rate_hz),
+            awake: budget.obs_awake(rate_hz, converted_hz, cycles),
             ram: budget.obs_ram,
-            flash: budget.obs_flash + blob_bytes as f64,
+            flash: budget.obs_flash,
             found_a_day: budget.obs_per_min * DAY_MIN,
-            notes: vec![
-                "the board has no converter for an ocean bottom yet: awake and RAM are the recorder's alone, of the emulated board's image",
-            ],
-            misfits: Vec::new(),
+            notes: vec!["the ocean-bottom board's core runs at 64 MHz, its line at 115200 baud (--baud)"],
+            misfits,
         }
     }
 }
