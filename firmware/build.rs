@@ -2,6 +2,17 @@
 
 use std::{env, fs, path::PathBuf};
 
+/// The image that records sound needs AXI SRAM for what waits for the card, so stack and store stand elsewhere.
+const CARD_BOARD: &str = "\
+REGION_ALIAS(\"FLASH\", H743_FLASH);
+REGION_ALIAS(\"RAM\", H743_AXI);
+_stack_start = ORIGIN(H743_DTCM) + LENGTH(H743_DTCM);
+_stack_end = ORIGIN(H743_DTCM);
+SECTIONS {
+  .sram (NOLOAD) : ALIGN(8) { __ssram = .; *(.sram .sram.*); . = ALIGN(8); __esram = .; } > H743_SRAM
+} INSERT AFTER .uninit;
+";
+
 fn main() {
     println!("cargo:rerun-if-changed=../memory.x");
     println!("cargo:rerun-if-changed=build.rs");
@@ -10,7 +21,9 @@ fn main() {
     }
     println!("cargo:rerun-if-env-changed=SEABEARING_STATION_BLOB");
     println!("cargo:rerun-if-env-changed=SEABEARING_KEY");
-    let board = if env::var_os("CARGO_FEATURE_STM32H743").is_some() {
+    let board = if env::var_os("CARGO_FEATURE_CARD").is_some() {
+        CARD_BOARD
+    } else if env::var_os("CARGO_FEATURE_STM32H743").is_some() {
         "REGION_ALIAS(\"FLASH\", H743_FLASH);\nREGION_ALIAS(\"RAM\", H743_AXI);\n"
     } else {
         "REGION_ALIAS(\"FLASH\", AN500_CODE);\nREGION_ALIAS(\"RAM\", AN500_DATA);\n"

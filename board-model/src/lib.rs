@@ -18,6 +18,7 @@ pub mod elf;
 mod instruction;
 pub mod memory;
 pub mod mps2_an500;
+pub mod sd_card;
 pub mod stm32h743;
 pub mod time;
 

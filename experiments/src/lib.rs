@@ -17,6 +17,7 @@ mod base_station;
 mod batch;
 pub mod bearing_limit;
 pub mod bearing_limit_source;
+mod card_cuts;
 pub mod difar;
 mod difar_tracks;
 pub mod figure;
@@ -151,6 +152,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     mqtt::NODE,
     fuzz::EXPERIMENT,
     flash_cuts::EXPERIMENT,
+    card_cuts::EXPERIMENT,
     line::ORIENTATION,
     line_bound::EXPERIMENT,
     line::FREQUENCIES,

@@ -16,7 +16,7 @@ pub use seabearing_emulation::{board, demo, emulator, rehearsal, sample_line, tw
 #[cfg(feature = "experiments")]
 pub use seabearing_experiments as reproduce;
 pub use seabearing_host::{
-    ais, archive, atomic, beside, blob, bounds, console, course, csv, delays, geodesy, interrupt, levels,
-    line, motion, ocean_bottom, orientation, plan, plot, progress, propagation, record, recording, replay,
-    scenario, standard_input, station, world,
+    ais, archive, atomic, beside, blob, bounds, card, console, course, csv, delays, geodesy, interrupt,
+    levels, line, motion, ocean_bottom, orientation, plan, plot, progress, propagation, record, recording,
+    replay, scenario, standard_input, station, world,
 };

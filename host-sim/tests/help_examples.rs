@@ -18,7 +18,7 @@ enum Expected {
 use Expected::{Lacks, Runs, Waits};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 27] = [
+const EXAMPLES: [(&str, &[Expected]); 30] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs, Runs, Runs, Runs, Runs]),
     ("bearing", &[Runs]),
@@ -68,6 +68,9 @@ const EXAMPLES: [(&str, &[Expected]); 27] = [
     ("export", &[Runs, Runs, Runs, Runs]),
     ("demo", &[]),
     ("blob", &[Runs]),
+    ("card", &[]),
+    ("card prepare", &[Runs, Lacks("east.toml")]),
+    ("card check", &[Runs]),
     ("reproduce", &[Runs]),
     ("propagation", &[Lacks("rays.csv"), Runs]),
     ("propagation fit", &[Lacks("station.toml")]),

@@ -11,6 +11,7 @@ pub mod atomic;
 pub mod beside;
 pub mod blob;
 pub mod bounds;
+pub mod card;
 pub mod course;
 pub mod csv;
 pub mod delays;

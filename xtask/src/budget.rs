@@ -3,6 +3,8 @@
 //! Work is counted, not timed: QEMU's `-icount shift=0` makes one tick of the emulated 25 MHz core clock 40
 //! instructions. They are instructions, not cycles of the hardware.
 
+mod card;
+
 use crate::elf::Elf;
 use crate::firmware::{
     self, EMULATED_ARRAY, EMULATED_FIT, EMULATED_OBS, EMULATED_TRACKS, EMULATED_TWICE, HARDWARE,
@@ -130,6 +132,7 @@ fn figures(toolchain: &Toolchain) -> Result<(Vec<Figure>, String)> {
     figures.extend(hardware(toolchain)?);
     figures.extend(store(toolchain)?);
     figures.extend(ocean_bottom(toolchain)?);
+    figures.extend(card::figures(toolchain)?);
     let mut text = format!(
         "# Budgets of the target: `cargo xtask budget` measures, `--bless` rewrites; tolerance {} %.\n\
          # Instructions are counted by QEMU over the scenario named; they are not cycles. `stm32h743`: the image for hardware\n\

@@ -87,6 +87,11 @@ impl Elf {
         self.sections.iter().filter(|s| s.allocated && s.address >= RAM).map(|s| s.size).sum()
     }
 
+    /// Bytes of statics in the memory that begins at this address and ends before the next whose lowest 24 bits are zeros.
+    pub fn statics_from(&self, memory: u32) -> u32 {
+        self.sections.iter().filter(|s| s.allocated && s.address >> 24 == memory >> 24).map(|s| s.size).sum()
+    }
+
     /// The symbol table.
     pub fn symbols(&self) -> Vec<Symbol> {
         const SYMBOL_TABLE: u32 = 2;

@@ -50,11 +50,14 @@ pub const HARDWARE_LINK: Image =
     Image { name: "stm32h743-link.elf", bin: "stm32h743", features: "stm32h743,array,obs,link" };
 /// The same board with an ocean-bottom recorder's converters.
 pub const HARDWARE_OBS: Image = Image { name: "stm32h743-obs.elf", bin: "stm32h743", features: "seismic" };
+/// An array recorder that writes its sound to a card too: the image to be deployed.
+pub const HARDWARE_CARD: Image =
+    Image { name: "stm32h743-card.elf", bin: "stm32h743", features: "stm32h743,array,card" };
 /// The hardware board with deferred logging of its library over the probe.
 pub const HARDWARE_LOGGING: Image =
     Image { name: "stm32h743-defmt.elf", bin: "stm32h743", features: "stm32h743,array,obs,defmt" };
 /// Every image.
-pub const IMAGES: [Image; 11] = [
+pub const IMAGES: [Image; 12] = [
     EMULATED,
     EMULATED_ARRAY,
     EMULATED_OBS,
@@ -65,6 +68,7 @@ pub const IMAGES: [Image; 11] = [
     HARDWARE,
     HARDWARE_LINK,
     HARDWARE_OBS,
+    HARDWARE_CARD,
     HARDWARE_LOGGING,
 ];
 /// The station an image for hardware holds unless another is given.
@@ -163,11 +167,11 @@ pub fn command(options: &[String]) -> Result<()> {
     let options = Options::read(options, "mps2-an500")?;
     let emulated: &[&Image] = match options.board {
         "mps2-an500" => &[&EMULATED],
-        "stm32h743" | "stm32h743-link" | "stm32h743-obs" => &[],
+        "stm32h743" | "stm32h743-link" | "stm32h743-card" | "stm32h743-obs" => &[],
         "all" => &[&EMULATED, &EMULATED_ARRAY, &EMULATED_OBS, &EMULATED_LINK],
         "link" => &[&EMULATED_LINK],
         other => bail!(
-            "there is no board `{other}`: mps2-an500, link, stm32h743, stm32h743-link, stm32h743-obs or all"
+            "there is no board `{other}`: mps2-an500, link, stm32h743, stm32h743-link, stm32h743-card, stm32h743-obs or all"
         ),
     };
     let toolchain = Toolchain::find()?;
@@ -179,6 +183,9 @@ pub fn command(options: &[String]) -> Result<()> {
     }
     if matches!(options.board, "stm32h743-link" | "all") {
         report(&build_hardware(&toolchain, &HARDWARE_LINK, options.station, options.key)?)?;
+    }
+    if matches!(options.board, "stm32h743-card" | "all") {
+        report(&build_hardware(&toolchain, &HARDWARE_CARD, options.station, options.key)?)?;
     }
     if options.board == "stm32h743-obs" {
         let station = match options.station {
@@ -202,6 +209,7 @@ pub fn flash(options: &[String]) -> Result<()> {
     let kind = match options.board {
         "stm32h743-link" => &HARDWARE_LINK,
         "stm32h743-obs" => &HARDWARE_OBS,
+        "stm32h743-card" => &HARDWARE_CARD,
         _ => &HARDWARE,
     };
     let image = build_hardware(&Toolchain::find()?, kind, options.station, options.key)?;

@@ -1,7 +1,7 @@
 //! `cargo xtask test`: every test, the emulated ones included, one line a step; at the end what was skipped, and a count.
 
 use crate::firmware::{
-    self, EMULATED, EMULATED_LINK, HARDWARE, HARDWARE_LINK, HARDWARE_LOGGING, HARDWARE_OBS,
+    self, EMULATED, EMULATED_LINK, HARDWARE, HARDWARE_CARD, HARDWARE_LINK, HARDWARE_LOGGING, HARDWARE_OBS,
 };
 use crate::process::{built, cargo, host, oldest, output, run, say, use_what_the_tests_built};
 use crate::toolchain::{self, Toolchain};
@@ -194,7 +194,7 @@ fn rehearsal(suite: &Suite) -> Command {
 fn hardware_twin(toolchain: &Toolchain) -> Result<()> {
     let recording = scenario::simulate("short-pass")?;
     let station = recording.station.to_string_lossy().into_owned();
-    for image in [&HARDWARE, &HARDWARE_LINK] {
+    for image in [&HARDWARE, &HARDWARE_LINK, &HARDWARE_CARD] {
         firmware::build_hardware(toolchain, image, Some(&station), None)?;
     }
     let boards: [&[&str]; 2] =

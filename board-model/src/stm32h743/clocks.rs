@@ -339,6 +339,11 @@ impl Clocks {
         self.kernel_hz[0]
     }
 
+    /// Kernel clock of SDMMC 1 and 2.
+    pub fn sdmmc_hz(&self) -> u64 {
+        if self.field(at::D1CCIPR, 16, 1) == 0 { self.pll(0, 1) } else { self.pll(1, 2) }
+    }
+
     /// Kernel clock of USART 2, 3 and the other simple ones.
     pub fn usart_hz(&self) -> u64 {
         self.kernel_hz[1]

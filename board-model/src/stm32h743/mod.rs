@@ -5,7 +5,7 @@
 //! nothing drives them); data ready of the first on PE9, of the second on PE11.
 //!
 //! Wiring of the array's: converter SCK PA5, DIN PB5, DOUT PA6, data ready PE9, chip select PD14 or SPI1's own (PA4, PA15), SYNC/RESET
-//! PD15 where that is an output; the serial line USART3 on PD8 and PD9; a satellite receiver's pulse on PA0, its sentences on
+//! PD15 where that is an output; an SD card on SDMMC1 (PC8 to PC12, PD2); the serial line USART3 on PD8 and PD9; a satellite receiver's pulse on PA0, its sentences on
 //! PD6.
 
 mod adc;
@@ -15,6 +15,7 @@ pub mod flash;
 mod pins;
 mod places;
 mod registers;
+mod sdmmc;
 mod spi;
 #[cfg(test)]
 mod tests;
@@ -33,6 +34,7 @@ use crate::core::Machine;
 use crate::costs::Costs;
 use crate::elf::Image;
 use crate::memory::{Kind, Memory};
+use crate::sd_card::SdCard;
 use crate::time::{NEVER, Ticks};
 use adc::Adc;
 use clocks::Clocks;
@@ -40,6 +42,7 @@ use dma::{Dma, request};
 use flash::{BANK_2, Flash, FlashTimes};
 use pins::{Mode, Pins};
 use places::TIMERS;
+use sdmmc::Sdmmc;
 use spi::Spi;
 use std::collections::VecDeque;
 use timer::Timer;
@@ -68,6 +71,16 @@ const SLAVE_PINS: [([Pin; 2], u32); 3] = [
 const SLAVES: [&str; 3] = ["SPI2", "SPI3", "SPI4"];
 const SECOND_READY: Pin = Pin::new('E', 11);
 const CHIPS_RESET: Pin = Pin::new('D', 14);
+/// SDMMC1's data, clock and command lines.
+const CARD_PINS: [Pin; 6] = [
+    Pin::new('C', 8),
+    Pin::new('C', 9),
+    Pin::new('C', 10),
+    Pin::new('C', 11),
+    Pin::new('C', 12),
+    Pin::new('D', 2),
+];
+const CARD_FUNCTION: u32 = 12;
 /// Requests that one pass of DMA may serve before something must be wrong.
 const MOST_ITEMS: usize = 10_000;
 
@@ -132,6 +145,9 @@ pub struct Stm32h743 {
     pub analog: Analog,
     /// The second bank of the flash.
     pub flash: Flash,
+    sdmmc: Sdmmc,
+    /// The card in the holder.
+    pub card: SdCard,
     /// The array's converter; without its supply where there are others.
     pub converter: Ads131m04,
     /// Those of an ocean-bottom recorder.
@@ -230,6 +246,8 @@ impl Stm32h743 {
             adc: Adc::new(),
             analog: parameters.analog,
             flash: Flash::new(parameters.flash),
+            sdmmc: Sdmmc::new(),
+            card: SdCard::none(),
             converter,
             seismic,
             dma_items: 0,
@@ -313,6 +331,7 @@ impl Stm32h743 {
         self.watchdog.reset();
         self.adc = Adc::new();
         self.flash.reset();
+        self.sdmmc = Sdmmc::new();
         self.debug = 0;
         self.compensation = 0;
     }
@@ -522,14 +541,23 @@ impl Board for Stm32h743 {
             bus.wishes.push(Wish::Reset);
             return Ok(());
         }
-        if self.flash.next_event() <= bus.now && self.flash.advance(bus.now) {
-            // Nothing but the flash outlasts a loss of power.
+        let mut cut = self.flash.next_event() <= bus.now && self.flash.advance(bus.now);
+        if self.sdmmc.next_event() <= bus.now {
+            let own = |pin: &Pin| self.pins.mode(*pin) == Mode::Alternate(CARD_FUNCTION);
+            if !CARD_PINS.iter().all(own) {
+                return Refusal::stop("SDMMC1 runs while its pins PC8 to PC12 and PD2 are not its own");
+            }
+            cut |= self.sdmmc.advance(bus, &mut self.card, self.clocks.sdmmc_hz())?;
+        }
+        if cut {
+            // Nothing but flash and card outlasts a loss of power.
             bus.memory.lose_power(AT_POWER_ON);
             self.clocks = Clocks::new(cause::POWER, 0);
             self.backup = [0; 32];
             self.reset(cause::POWER);
             self.converter.reset(bus.now);
             self.seismic.iter_mut().for_each(|chips| chips.reset_chips(None, bus.now));
+            self.card.power();
             bus.wishes.push(Wish::Reset);
             return Ok(());
         }
@@ -576,6 +604,7 @@ impl Board for Stm32h743 {
             .min(self.pulses.front().map_or(NEVER, |pulse| pulse.0))
             .min(self.watchdog.next_event())
             .min(self.flash.next_event())
+            .min(self.sdmmc.next_event())
             .min(timers.unwrap_or(NEVER))
     }
 

@@ -16,6 +16,7 @@ pub(super) enum Peripheral {
     Spi1,
     /// SPI2 to 4.
     Slave(usize),
+    Sdmmc1,
     Usart2,
     Usart3,
     Timer(usize),
@@ -35,6 +36,7 @@ pub(super) struct Found {
 }
 
 const AHB1: usize = 0xd8;
+const AHB3: usize = 0xd4;
 const AHB4: usize = 0xe0;
 const APB1L: usize = 0xe8;
 const APB2: usize = 0xf0;
@@ -94,6 +96,7 @@ pub(super) fn place(address: u32) -> Option<Found> {
         0x4000_3800 => found(Peripheral::Slave(0), "SPI2", block, Some((APB1L, 14))),
         0x4000_3c00 => found(Peripheral::Slave(1), "SPI3", block, Some((APB1L, 15))),
         0x4001_3400 => found(Peripheral::Slave(2), "SPI4", block, Some((APB2, 13))),
+        0x5200_7000 => found(Peripheral::Sdmmc1, "SDMMC1", block, Some((AHB3, 16))),
         0x4000_4400 => found(Peripheral::Usart2, "USART2", block, Some((APB1L, 17))),
         0x4000_4800 => found(Peripheral::Usart3, "USART3", block, Some((APB1L, 18))),
         0x5800_4800 => found(Peripheral::Watchdog, "IWDG1", block, None),

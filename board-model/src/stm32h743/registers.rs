@@ -2,7 +2,11 @@
 
 use super::Stm32h743;
 use super::places::{Peripheral, place};
+use super::sdmmc::Sdmmc;
 use crate::board::{Bus, Refusal, Width};
+
+/// Offset of the register that resets what AHB3 carries.
+const RESET_AHB3: usize = 0x7c;
 
 impl Stm32h743 {
     pub(super) fn register_read(
@@ -34,6 +38,7 @@ impl Stm32h743 {
             Peripheral::DmaMux => self.dma.read_mux(word)?,
             Peripheral::Spi1 => self.spi.read(word, width.bytes() as usize)?,
             Peripheral::Slave(index) => self.slaves[index].read(word, width.bytes() as usize)?,
+            Peripheral::Sdmmc1 => self.sdmmc.read(word, &self.card, bus.now)?,
             Peripheral::Usart2 => self.receiver.read(word)?,
             Peripheral::Usart3 => self.usart.read(word)?,
             Peripheral::Timer(index) => {
@@ -77,6 +82,9 @@ impl Stm32h743 {
         match peripheral {
             Peripheral::Rcc => {
                 self.clocks.write_rcc(bus, offset, value)?;
+                if offset == RESET_AHB3 && value & 1 << 16 != 0 {
+                    self.sdmmc = Sdmmc::new();
+                }
                 self.set_timer_clocks(bus.now);
             }
             Peripheral::Power => self.clocks.write_power(offset, value)?,
@@ -102,6 +110,7 @@ impl Stm32h743 {
             Peripheral::DmaMux => self.dma.write_mux(offset, value)?,
             Peripheral::Spi1 => self.spi.write(offset, value, width.bytes() as usize)?,
             Peripheral::Slave(index) => self.slaves[index].write(offset, value, width.bytes() as usize)?,
+            Peripheral::Sdmmc1 => self.sdmmc.write(offset, value, bus.now, self.clocks.sdmmc_hz())?,
             Peripheral::Usart2 => self.receiver.write(offset, value)?,
             Peripheral::Usart3 => self.usart.write(offset, value)?,
             Peripheral::Timer(index) => {

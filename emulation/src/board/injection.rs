@@ -5,6 +5,7 @@ use anyhow::{Context, Result};
 use seabearing_board_model::Machine;
 use seabearing_board_model::ads1282::Ads1282s;
 use seabearing_board_model::core::nvic::number::HARD_FAULT;
+use seabearing_board_model::sd_card::Cut;
 use seabearing_board_model::stm32h743::{Stm32h743, cause};
 use seabearing_board_model::time::Ticks;
 
@@ -56,6 +57,14 @@ pub enum InjectedFault {
     SentenceNoise(f64, f64),
     /// The receiver's clock is a second further from this second on.
     ClockStep(f64),
+    /// The card is busy at this second, for so many seconds.
+    CardStall(f64, f64),
+    /// The card is not in its holder from this second on, for so many seconds.
+    CardPulled(f64, f64),
+    /// The card refuses what it is sent from this second on, for so many seconds.
+    CardErrors(f64, f64),
+    /// Power fails in the middle of the writing of this sector of the card, counted from the first, and comes back at once.
+    CardCut(u64),
 }
 
 /// The line in the source that an injected panic names.
@@ -64,7 +73,8 @@ pub const PANIC_LINE: u32 = 4711;
 /// What [`InjectedFault`] is read from.
 const KINDS: &str = "converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
                      core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S, \
-                     flash-cut@WORK, flash-bits@S, spi-bits@BYTES, or of the ocean-bottom board's chips N, 0 to 3, \
+                     flash-cut@WORK, flash-bits@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, \
+                     card-errors@S:LENGTH, card-cut@SECTOR, spi-bits@BYTES, or of the ocean-bottom board's chips N, 0 to 3, \
                      chipN-dead@S or @S:LENGTH, chipN-reset@S, chipN-upset@S";
 
 impl std::str::FromStr for InjectedFault {
@@ -78,6 +88,9 @@ impl std::str::FromStr for InjectedFault {
             }
             if kind == "flash-cut" {
                 return at.parse().ok().map(Self::FlashCut);
+            }
+            if kind == "card-cut" {
+                return at.parse().ok().map(Self::CardCut);
             }
             let seconds = |text: &str| text.parse().ok().filter(|s: &f64| *s >= 0.0 && s.is_finite());
             let (at, length) = match at.split_once(':') {
@@ -100,6 +113,9 @@ impl std::str::FromStr for InjectedFault {
                 ("converter-mute", length) => Self::ConverterMute(at, length.unwrap_or(f64::INFINITY)),
                 ("supply-low", Some(length)) => Self::SupplyLow(at, length),
                 ("core-held", Some(length)) => Self::CoreHeld(at, length),
+                ("card-stall", Some(length)) => Self::CardStall(at, length),
+                ("card-pulled", length) => Self::CardPulled(at, length.unwrap_or(f64::INFINITY)),
+                ("card-errors", Some(length)) => Self::CardErrors(at, length),
                 ("line-noise", Some(length)) => Self::LineNoise(at, length),
                 ("hard-fault", None) => Self::HardFault(at),
                 ("panic", None) => Self::Panic(at),
@@ -134,13 +150,24 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
                 machine.board.flash.cut_at = Some(number);
                 continue;
             }
+            InjectedFault::CardCut(sector) => {
+                let bytes = (mix(sector) % 512) as usize;
+                machine.board.card.cut = Some(Cut { sector, bytes });
+                continue;
+            }
+            InjectedFault::CardStall(at, length) => {
+                machine.board.card.stalls.push((ticks(at), ticks(length)));
+                continue;
+            }
             InjectedFault::LineNoise(..)
             | InjectedFault::PulseLost(..)
             | InjectedFault::PulseGlitch(_)
             | InjectedFault::SecondWrong(_)
             | InjectedFault::SentenceNoise(..)
             | InjectedFault::ClockStep(_) => continue,
-            InjectedFault::ConverterDead(at, length)
+            InjectedFault::CardPulled(at, length)
+            | InjectedFault::CardErrors(at, length)
+            | InjectedFault::ConverterDead(at, length)
             | InjectedFault::ChipDead(_, at, length)
             | InjectedFault::ConverterMute(at, length)
             | InjectedFault::SupplyLow(at, length) => (at, length),
@@ -211,6 +238,11 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         InjectedFault::CoreHeld(_, length) => {
             machine.hold(now + ticks(length)).map_err(anyhow::Error::msg)?
         }
+        InjectedFault::CardPulled(..) => {
+            machine.board.card.present = due.ends;
+            machine.board.card.power();
+        }
+        InjectedFault::CardErrors(..) => machine.board.card.errs = !due.ends,
         InjectedFault::SupplyLow(..) => machine.board.set_supply_low(!due.ends),
         InjectedFault::HardFault(_) => machine.nvic.pend(HARD_FAULT),
         InjectedFault::Panic(_) => panic(machine)?,
@@ -231,7 +263,9 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         | InjectedFault::PulseGlitch(_)
         | InjectedFault::SecondWrong(_)
         | InjectedFault::SentenceNoise(..)
-        | InjectedFault::ClockStep(_) => {}
+        | InjectedFault::ClockStep(_)
+        | InjectedFault::CardStall(..)
+        | InjectedFault::CardCut(_) => {}
     }
     Ok(())
 }

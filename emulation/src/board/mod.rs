@@ -2,11 +2,13 @@
 //! loop too, and both must say the same.
 
 mod base;
+mod card;
 mod host;
 mod injection;
 mod satellites;
 mod seismic;
 
+pub use card::{Sound, blank, sound};
 pub use host::host;
 pub(crate) use injection::mix;
 pub use injection::{InjectedFault, PANIC_LINE};
@@ -25,6 +27,8 @@ use seabearing_board_model::{Costs, Counts, Ending, Image, Machine};
 use seabearing_core::block::{Frame, MISSING};
 use seabearing_core::wire::{Decoder, Margins, Message};
 use seabearing_firmware::seismic::Conversion;
+use seabearing_host::card::blank::Blank;
+use seabearing_host::card::simulated::Sectors;
 use std::path::Path;
 
 /// How the board runs.
@@ -48,6 +52,8 @@ pub struct Setup {
     pub receiver_s: f64,
     /// The image's records wait until a base station has them, which is at the other end of the line.
     pub link: bool,
+    /// What card is in the holder.
+    pub card: Option<Blank>,
 }
 
 impl Default for Setup {
@@ -62,6 +68,7 @@ impl Default for Setup {
             damaged_configuration: false,
             receiver_s: 0.0,
             link: false,
+            card: None,
         }
     }
 }
@@ -124,6 +131,8 @@ pub struct BoardRun {
     pub dma_items: u64,
     /// Frequency of the converter's bus.
     pub spi_hz: u64,
+    /// The card afterwards, where there was one.
+    pub card: Option<Sectors>,
     /// Bytes of stack there are, and the most that was used since the last start.
     pub stack: (u32, u32),
 }
@@ -237,6 +246,7 @@ pub fn play(
     };
     let mut machine = stm32h743::machine(image, setup.costs, &setup.parameters, source, rate_hz)
         .map_err(anyhow::Error::msg)?;
+    machine.board.card = card::insert(setup.card.as_ref())?;
     machine.board.converter.acquisition = (setup.acquisition_s * PER_SECOND as f64) as Ticks;
     fill_line(&mut machine, &setup.commands, &setup.faults, setup.parameters.baud);
     let board_clock_error = setup.parameters.board_clock_error;
@@ -276,6 +286,7 @@ pub fn play(
         resets: ended.0.resets,
         dma_items: machine.board.dma_items,
         spi_hz: machine.board.spi_hz(),
+        card: setup.card.map(|_| Sectors(machine.board.card.sectors().clone())),
         stack: stack_use(&machine, stack),
     })
 }

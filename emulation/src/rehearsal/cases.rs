@@ -8,6 +8,7 @@ use seabearing_board_model::stm32h743::flash::FlashTimes;
 use seabearing_core::wire::{Command, Encoder, FaultCode};
 
 /// One thing done to the board.
+#[derive(Clone)]
 pub struct Case {
     /// In words.
     pub name: String,
@@ -28,7 +29,13 @@ pub(super) const SOFTWARE: u8 = 2;
 pub(super) const PIN: u8 = 3;
 const BROWN_OUT: u8 = 4;
 
-fn case(name: &str, faults: &[InjectedFault], event_s: f64, seconds: f64, wanted: &[Wanted]) -> Case {
+pub(super) fn case(
+    name: &str,
+    faults: &[InjectedFault],
+    event_s: f64,
+    seconds: f64,
+    wanted: &[Wanted],
+) -> Case {
     let setup = Setup { costs: costs(COST.0), faults: faults.to_vec(), ..Setup::default() };
     Case { name: name.to_owned(), setup, event_s, seconds, wanted: wanted.to_vec() }
 }
@@ -79,16 +86,18 @@ const FLASH: FlashTimes = FlashTimes { program_us: 200.0, erase_s: 0.05 };
 /// Programmings and erasings of a short run: a second, and twenty commands.
 pub const SHORT_RUN: u32 = 32;
 
+/// A case of the image whose records wait in flash.
+pub(super) fn linked(what: &str, case: Case) -> Case {
+    let parameters = Parameters { flash: FLASH, ..case.setup.parameters };
+    Case {
+        name: format!("{what}: {}", case.name),
+        setup: Setup { link: true, parameters, ..case.setup },
+        ..case
+    }
+}
+
 /// With records that wait in flash: power cut in the middle of these programmings and erasings, and other ends.
 pub fn with_store(cuts: &[u32]) -> Vec<Case> {
-    let linked = |case: Case| {
-        let parameters = Parameters { flash: FLASH, ..case.setup.parameters };
-        Case {
-            name: format!("store: {}", case.name),
-            setup: Setup { link: true, parameters, ..case.setup },
-            ..case
-        }
-    };
     let cut = |n: &u32| {
         let name = format!("power cut in the middle of work {n} of the flash");
         let case = case(&name, &[InjectedFault::FlashCut(*n)], 0.0, 1.0, &[Wanted::Start(POWER)]);
@@ -114,7 +123,7 @@ pub fn with_store(cuts: &[u32]) -> Vec<Case> {
     );
     let commands = line(&[(AT_S, Command::Stop { token: 1 }), (AT_S + 0.5, Command::Start { token: 2 })]);
     cases.push(Case { setup: Setup { commands, ..stop.setup }, ..stop });
-    cases.into_iter().map(linked).collect()
+    cases.into_iter().map(|case| linked("store", case)).collect()
 }
 
 /// What fails, and is to be named.

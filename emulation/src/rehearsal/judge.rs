@@ -13,6 +13,8 @@ use seabearing_firmware::seismic::Conversion;
 pub enum Wanted {
     /// This fault, with this number where one is given.
     Fault(FaultCode, Option<i64>),
+    /// That the card takes no sound, for this reason.
+    Card(i64),
     /// A start for this reason (as in `Hello`).
     Start(u8),
     /// That it waits for commands.
@@ -31,6 +33,7 @@ impl Wanted {
             (Self::Fault(code, value), Message::Fault(f)) => {
                 f.code == code && value.is_none_or(|value| f.value & i64::from(u32::MAX) == value)
             }
+            (Self::Card(why), Message::Fault(f)) => f.code == FaultCode::CardFailed && f.value & 0xff == why,
             (Self::Start(cause), Message::Hello(h)) => h.reset_cause == cause && h.kind != WAITING,
             (Self::Waits, Message::Hello(h)) => h.kind == WAITING,
             (Self::Reply(token), Message::Reply(r)) => r.token == token,
@@ -42,6 +45,10 @@ impl Wanted {
     fn name(self) -> String {
         match self {
             Self::Fault(code, _) => format!("{code:?}"),
+            Self::Card(why) => {
+                let reasons = ["?", "none", "not prepared", "errors", "slow"];
+                format!("CardFailed ({})", reasons.get(why as usize).unwrap_or(&"?"))
+            }
             Self::Start(cause) => {
                 let names = ["power", "watchdog", "software", "pin", "brown-out"];
                 format!("starts ({})", names.get(usize::from(cause)).unwrap_or(&"?"))

@@ -1,5 +1,6 @@
 //! The hardware image rehearsed: every way of going wrong that the modelled board can play, and what came of it.
 
+mod card;
 mod cases;
 mod judge;
 mod ocean_bottom;
@@ -185,6 +186,11 @@ impl Stage<'_> {
 
     /// Plays a case and judges what came of it.
     fn judge(&self, case: &Case) -> Result<Row> {
+        Ok(self.judge_with(case)?.0)
+    }
+
+    /// The same, and the run.
+    fn judge_with(&self, case: &Case) -> Result<(Row, BoardRun)> {
         let patience_s = PATIENCE_S[usize::from(case.setup.parameters.seismic)];
         let most_s = Some(case.seconds.max(case.event_s) + patience_s);
         let report = self
@@ -215,12 +221,13 @@ impl Stage<'_> {
             .iter()
             .map(|(name, after_s)| format!("{name} {}", after_s.map_or("NEVER".to_owned(), tenths)))
             .collect();
-        Ok(Row {
+        let row = Row {
             case: case.name.clone(),
             told: words.join(", "),
             outcome: numbers.outcome,
             right: named && numbers.right,
-        })
+        };
+        Ok((row, report))
     }
 
     /// Everything, as many cases at a time as there are processors; rows are said in their order.

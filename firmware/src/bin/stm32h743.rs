@@ -1,5 +1,5 @@
 //! The recorder on the STM32H743: it runs with its real drivers in an emulator; not yet on silicon. With the feature `link` its
-//! records wait in flash until the base station has them, with `seismic` its converters are an ocean-bottom recorder's.
+//! records wait in flash until the base station has them, with `card` its sound is recorded too, with `seismic` its converters are an ocean-bottom recorder's.
 #![no_std]
 #![no_main]
 #![allow(unsafe_code)]
@@ -19,6 +19,8 @@ use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
 #[cfg(not(feature = "link"))]
 use seabearing_core::outlet::Plain;
+#[cfg(feature = "card")]
+use seabearing_core::port::Clock;
 use seabearing_core::recorder::Memory;
 #[cfg(feature = "link")]
 use seabearing_core::recorder::configuration;
@@ -26,6 +28,13 @@ use seabearing_core::run::{BLOCK_FRAMES, run_over};
 use seabearing_core::wait::wait;
 use seabearing_core::wire::FaultCode;
 use seabearing_firmware::acquisition::Acquisition;
+#[cfg(feature = "card")]
+use seabearing_firmware::card::{
+    PAGE,
+    search::STAGE_BYTES,
+    source::Recorded,
+    writer::{About, Tables, Writer},
+};
 #[cfg(not(feature = "seismic"))]
 use seabearing_firmware::converter::Rate as Conversion;
 use seabearing_firmware::fault;
@@ -45,6 +54,8 @@ use seabearing_firmware::stm32h743::seismic as converters;
 use seabearing_firmware::stm32h743::{
     BAUD, Board, VoltageDetector, WATCHDOG_US, clocks, counter::on_wake, wake,
 };
+#[cfg(feature = "card")]
+use seabearing_firmware::stm32h743::{sd::SdCard, sram};
 use seabearing_firmware::supply::{Supplied, THRESHOLD_MV};
 
 /// The station, as `seabearing blob` wrote it when the image was built.
@@ -61,6 +72,23 @@ fn usable(blob: &[u8]) -> bool {
     let config = config_blob::station(BLOB).ok().and_then(|built_in| configuration(blob, built_in.id));
     config.is_some_and(|config| Conversion::of(config.rate_hz).is_some())
 }
+
+/// Pages of sound that wait for the card: 533 ms at 64 kHz.
+#[cfg(feature = "card")]
+const WAITING_PAGES: usize = 25;
+
+/// What stands in the D2 domain's SRAM, so that AXI SRAM has room for sound.
+#[cfg(feature = "card")]
+struct InSram {
+    samples: converters::Ring,
+    kept: kept::Memory,
+    tables: MaybeUninit<Tables>,
+}
+
+#[cfg(feature = "card")]
+#[unsafe(link_section = ".sram")]
+static mut IN_SRAM: InSram =
+    InSram { samples: converters::EMPTY, kept: kept::Memory::new(), tables: MaybeUninit::uninit() };
 
 bind_interrupts!(struct Interrupts {
     DMA2_STREAM0 => dma::InterruptHandler<peripherals::DMA2_CH0>;
@@ -93,14 +121,27 @@ fn TIM5() {
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];
     static mut MEMORY: Memory<'static> = Memory::new();
+    #[cfg(not(feature = "card"))]
     static mut SAMPLES: converters::Ring = converters::EMPTY;
-    #[cfg(feature = "link")]
+    #[cfg(all(feature = "link", not(feature = "card")))]
     static mut KEPT: kept::Memory = kept::Memory::new();
+    #[cfg(feature = "card")]
+    static mut SOUND: [[u8; PAGE]; WAITING_PAGES] = [[0; PAGE]; WAITING_PAGES];
+    #[cfg(feature = "card")]
+    static mut STAGE: [u8; STAGE_BYTES] = [0; STAGE_BYTES];
     static mut LINE: MaybeUninit<Serial> = MaybeUninit::uninit();
     static mut RING: [u8; RING_BYTES] = [0; RING_BYTES];
     static mut SENTENCES: [u8; pulse::RING_BYTES] = [0; pulse::RING_BYTES];
 
     let p = embassy_stm32::init(clocks());
+    // SAFETY: all of it is valid as zeros, none of it was touched, and here alone is it taken.
+    #[cfg(feature = "card")]
+    #[allow(non_snake_case)]
+    let (SAMPLES, KEPT, TABLES) = unsafe {
+        sram::open();
+        let at = &raw mut IN_SRAM;
+        (&mut (*at).samples, &mut (*at).kept, &mut (*at).tables)
+    };
     let mut board = Board::new(IndependentWatchdog::new(p.IWDG1, WATCHDOG_US), Gauges::start(p.ADC3));
     let Some(mut core) = cortex_m::Peripherals::take() else { cortex_m::peripheral::SCB::sys_reset() };
     core.SCB.enable_icache();
@@ -175,8 +216,28 @@ fn main() -> ! {
                 let chips = converters::Chips::new(claimed, SAMPLES, settings);
                 Seismic::new(Timed::new(Acquisition::new(chips), satellites), rate)
             };
-            let mut samples = Supplied::new(samples, VoltageDetector::start());
+            let samples = Supplied::new(samples, VoltageDetector::start());
+            #[cfg(not(feature = "card"))]
+            let mut samples = samples;
+            #[cfg(feature = "card")]
+            let mut samples = {
+                let about = About {
+                    session: outlet.link().store().starts(),
+                    station,
+                    rate_hz: rate.hz(),
+                    config_hash: config.as_ref().map_or(0, |config| config.hash()),
+                };
+                let card = SdCard::new((p.SDMMC1, (p.PC8, p.PC9, p.PC10, p.PC11), (p.PC12, p.PD2)));
+                Recorded::new(
+                    samples,
+                    Writer::new(card, SOUND, STAGE, TABLES.write(const { Tables::new() }), about),
+                )
+            };
             run_over(&mut recorder, &mut samples, &mut outlet, &mut time, &mut board, FRAMES);
+            #[cfg(feature = "card")]
+            samples.settle(&mut board, || time.micros());
+            #[cfg(feature = "card")]
+            let samples = samples.source();
             let failed = samples.has_failed();
             if failed {
                 board.wait_for_supply();

@@ -18,8 +18,12 @@ pub mod link;
 pub mod pulse;
 #[cfg(not(feature = "seismic"))]
 pub mod sampling;
+#[cfg(feature = "card")]
+pub mod sd;
 #[cfg(feature = "seismic")]
 pub mod seismic;
+#[cfg(feature = "card")]
+pub mod sram;
 mod streams;
 
 use crate::fault::{self, Record};

@@ -25,6 +25,7 @@ mod base_tokens;
 mod base_watch;
 pub mod bearing;
 pub mod blob;
+pub mod card;
 pub mod config;
 mod config_network;
 #[cfg(all(unix, feature = "emulation"))]
@@ -198,6 +199,8 @@ pub enum Subcommand {
     Demo(demo::Args),
     /// The configuration of a station as the firmware stores it
     Blob(blob::Args),
+    /// SD cards of recorders: prepare them, and see what is on them
+    Card(card::Args),
     /// Monte Carlo reproductions of the papers' figures and tables
     #[cfg(feature = "experiments")]
     Reproduce(reproduce::Args),
@@ -244,6 +247,7 @@ impl Subcommand {
             #[cfg(all(unix, feature = "emulation"))]
             Self::Demo(args) => demo::run(args),
             Self::Blob(args) => blob::run(args),
+            Self::Card(args) => card::run(args),
             #[cfg(feature = "experiments")]
             Self::Reproduce(args) => reproduce::run(args),
             Self::Propagation(args) => propagation::run(args),

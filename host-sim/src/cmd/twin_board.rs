@@ -1,6 +1,6 @@
 //! `seabearing twin --board stm32h743`: the hardware board's image on the modelled board, and the host.
 
-use crate::board::{self, BoardRun, InjectedFault, Setup};
+use crate::board::{self, BoardRun, InjectedFault, Setup, Sound};
 use crate::rehearsal::{self, Length, OceanBottom, Row, Stage};
 use crate::station::Station;
 use crate::{blob, emulator, recording};
@@ -49,15 +49,19 @@ pub struct BoardOptions {
     converter_start_us: f64,
     /// What goes wrong and when (s): converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH,
     /// converter-mute@S:LENGTH, core-held@S:LENGTH, line-noise@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S,
-    /// flash-cut@WORK, flash-bits@S, spi-bits@BYTES; of the ocean-bottom board's chips N, 0 to 3, chipN-dead@S or @S:LENGTH,
+    /// flash-cut@WORK, flash-bits@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, card-errors@S:LENGTH,
+    /// card-cut@SECTOR, spi-bits@BYTES; of the ocean-bottom board's chips N, 0 to 3, chipN-dead@S or @S:LENGTH,
     /// chipN-reset@S, chipN-upset@S
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<InjectedFault>,
     /// The image whose records wait in flash until a base station has them, and one at the other end of the line
     #[arg(long)]
     link: bool,
+    /// The image that records on a card too (its records wait as with --link), and a prepared card of 20 files of 4 MiB
+    #[arg(long)]
+    card: bool,
     /// Play every way of going wrong with noise instead of a recording, outages of up to so many seconds (60 are asked
-    /// for, and take minutes), and print the table of what came of it
+    /// for, and take minutes), and print the table of what came of it; with --card what a card can do
     #[arg(long, value_name = "S")]
     pub(super) rehearse: Option<f64>,
 }
@@ -66,7 +70,13 @@ pub struct BoardOptions {
 const OUTAGES_S: [f64; 6] = [0.001, 0.01, 0.1, 1.0, 10.0, 60.0];
 
 /// Prints the table of the rehearsal; conversions lost are counted over `pace_s`.
-fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: Option<f64>, json: bool) -> Result<()> {
+fn rehearse(
+    image: &Path,
+    station: &Station,
+    card: bool,
+    (longest_s, pace_s): (f64, Option<f64>),
+    json: bool,
+) -> Result<()> {
     let blob = blob::of(station)?;
     let outages_s = OUTAGES_S.into_iter().filter(|s| *s <= longest_s).collect();
     let mut say = |row: &Row| {
@@ -86,6 +96,11 @@ fn rehearse(image: &Path, station: &Station, longest_s: f64, pace_s: Option<f64>
         let stage = Stage { image, link_image: image, blob: &blob, rate_hz: station.config.rate_hz };
         let length = OceanBottom { pace_s: pace_s.unwrap_or(300.0), outages_s, short: false };
         return rehearsal::verdict(&stage.rehearse_ocean_bottom(&length, say)?);
+    }
+    if card {
+        let stage = Stage { image, link_image: image, blob: &blob, rate_hz: station.config.rate_hz };
+        let cuts = if longest_s < 10.0 { 6 } else { 32 };
+        return rehearsal::verdict(&stage.rehearse_card(cuts, &mut say)?);
     }
     let link_image = image.with_file_name("stm32h743-link.elf");
     if !link_image.is_file() {
@@ -119,6 +134,10 @@ pub(super) fn run(
 ) -> Result<()> {
     let seismic = matches!(station.config.kind, Kind::Obs(_));
     let (name, build) = match (seismic, options.link) {
+        (true, _) if options.card => bail!("--card: the ocean-bottom board's image records no sound"),
+        (false, _) if options.card => {
+            ("stm32h743-card.elf", "cargo xtask build-firmware --board stm32h743-card")
+        }
         (true, true) => bail!("--link: the ocean-bottom board's image sends its records once"),
         (true, false) => ("stm32h743-obs.elf", "cargo xtask build-firmware --board stm32h743-obs"),
         (false, true) => ("stm32h743-link.elf", "cargo xtask build-firmware --board stm32h743-link"),
@@ -127,11 +146,14 @@ pub(super) fn run(
     let image = emulator::image(firmware, name, build)?;
     let rate_hz = station.config.rate_hz;
     if let Some(longest_s) = options.rehearse {
-        return rehearse(&image, station, longest_s, options.seconds, json);
+        return rehearse(&image, station, options.card, (longest_s, options.seconds), json);
     }
     let mut setup = setup(options)?;
     if seismic {
         (setup.parameters.seismic, setup.parameters.baud) = (true, board::SEISMIC_BAUD);
+    }
+    if options.card {
+        setup.card = Some(board::blank(20, 256, rate_hz)?);
     }
     let most = options.seconds.map(|s| (s * rate_hz).round() as u64);
     let blob = blob::of(station)?;
@@ -174,7 +196,11 @@ pub(super) fn run(
         crate::atomic::write(path, &report.firmware)?;
     }
     let difference = report.difference(&blob)?;
-    say(&report, difference.is_none(), json)?;
+    let sound = report.card.is_some().then(|| board::sound(&report)).transpose()?;
+    say(&report, sound.as_ref(), difference.is_none(), json)?;
+    if let Some(sound) = sound.filter(|sound| sound.wrong > 0) {
+        bail!("{} instants on the card are not those of the converter", sound.wrong);
+    }
     difference.map_or(Ok(()), |difference| bail!("{difference}"))
 }
 
@@ -214,12 +240,12 @@ fn setup(options: &BoardOptions) -> Result<Setup> {
         parameters,
         acquisition_s: options.converter_start_us * 1e-6,
         faults,
-        link: options.link,
+        link: options.link || options.card,
         ..Setup::default()
     })
 }
 
-fn say(report: &BoardRun, identical: bool, json: bool) -> Result<()> {
+fn say(report: &BoardRun, sound: Option<&Sound>, identical: bool, json: bool) -> Result<()> {
     let per = |count: u64| count as f64 / (report.delivered as f64).max(1.0);
     let round = |x: f64| (x * 10.0).round() / 10.0;
     let (handlers, thread) = (report.handlers, report.thread);
@@ -230,7 +256,7 @@ fn say(report: &BoardRun, identical: bool, json: bool) -> Result<()> {
     let memory = per(handlers.loads + handlers.stores + thread.loads + thread.stores);
     let mut out = std::io::stdout().lock();
     if json {
-        let record = serde_json::json!({
+        let mut record = serde_json::json!({
             "type": "twin", "board": "stm32h743", "identical": identical, "bytes": report.firmware.len(),
             "seconds": report.seconds, "conversions": report.converted, "delivered": report.delivered,
             "lost": report.lost, "interrupts_per_s": round(report.interrupts_per_s), "idle": report.idle,
@@ -243,6 +269,11 @@ fn say(report: &BoardRun, identical: bool, json: bool) -> Result<()> {
             "flash_words": report.flash.0, "flash_sectors": report.flash.1,
             "stack_bytes": report.stack.1, "stack_size_bytes": report.stack.0,
         });
+        if let (Some(sound), Some(record)) = (sound, record.as_object_mut()) {
+            record.insert("card_instants".to_owned(), sound.instants.into());
+            record.insert("card_missing".to_owned(), sound.missing.into());
+            record.insert("card_wrong".to_owned(), sound.wrong.into());
+        }
         writeln!(out, "{record}")?;
         return Ok(());
     }
@@ -269,6 +300,15 @@ fn say(report: &BoardRun, identical: bool, json: bool) -> Result<()> {
         per(thread.instructions),
         per(handlers.loads + thread.loads)
     )?;
+    if let Some(sound) = sound {
+        let (first, end) =
+            (sound.spans.first().map_or(0, |span| span.0), sound.spans.last().map_or(0, |span| span.1));
+        writeln!(
+            out,
+            "card: {} instants in {} files, from sample {first} to {end}; {} missing, {} wrong",
+            sound.instants, sound.files, sound.missing, sound.wrong
+        )?;
+    }
     writeln!(out, "stack: {} bytes used of {}", report.stack.1, report.stack.0)?;
     Ok(())
 }

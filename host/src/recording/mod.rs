@@ -15,11 +15,13 @@
 //! - A damaged, foreign or wrongly sampled file among good ones is left out with one line on stderr; what is whole of a
 //!   truncated file is used. It is an error only when nothing is left.
 //!
+//! - Files of a recorder's card ([`crate::card`]) have the indices that the recorder gave.
 //! - A station on a SeedLink server is a recording that goes on ([`BlockSource::is_live`]).
 //!
 //! Cost: blocks of 16384 frames are decoded in bulk; `cargo bench -p seabearing --bench recording` prints how fast, beside
 //! `hound`'s sample by sample.
 
+mod card;
 mod equalise;
 mod flac;
 mod memory;
@@ -153,6 +155,7 @@ pub struct Recording {
 enum Found {
     Audio(sequence::Parts),
     Seismic(Box<mseed::Components>),
+    Card(card::Pieces),
     Raw(PathBuf),
     /// Samples, and how many there are in a second.
     Memory(Arc<[Frame]>, f64),
@@ -183,6 +186,7 @@ impl Recording {
         }
         let files = expand(paths, station.seed_id.as_deref(), asked.span)?;
         let mut audio = Vec::new();
+        let mut recorded = Vec::new();
         let mut seismic = Vec::new();
         let mut complaints = Vec::new();
         let config = &station.config;
@@ -211,12 +215,29 @@ impl Recording {
                 Ok(Some(container @ (Container::MiniSeed | Container::Sac))) => {
                     seismic.push((path, container))
                 }
-                Ok(Some(container)) => audio.push((path, container)),
+                Ok(Some(container)) => match of_card(container, &path) {
+                    Some(file) => recorded.push(file),
+                    None => audio.push((path, container)),
+                },
                 // What else lies in a folder is passed over.
                 Ok(None) if !named => {}
                 Ok(None) => complaints.push(format!("{}: {}", path.display(), foreign(&path))),
                 Err(e) => complaints.push(format!("{e:#}")),
             }
+        }
+        if !recorded.is_empty() {
+            for (path, _) in audio.iter().chain(&seismic) {
+                complain(&format!("left out {}: it is not of the recorder's card", path.display()));
+            }
+            let Some(pieces) = card::Pieces::of(recorded) else { bail!("nothing is recorded on the card") };
+            if (pieces.rate_hz / config.rate_hz - 1.0).abs() > 1e-3 {
+                bail!(
+                    "the card has {} samples a second, the station file says {}: correct `rate_hz` there",
+                    pieces.rate_hz,
+                    config.rate_hz
+                );
+            }
+            return Ok(of(Found::Card(pieces)));
         }
         if !seismic.is_empty() && !audio.is_empty() {
             let path = seismic[0].0.display();
@@ -273,6 +294,7 @@ impl Recording {
         match &self.found {
             Found::Audio(parts) => parts.rate_hz,
             Found::Seismic(components) => components.rate_hz,
+            Found::Card(pieces) => pieces.rate_hz,
             Found::Raw(_) => self.rate_hz,
             Found::Memory(_, rate_hz) => *rate_hz,
             Found::Live(_) => self.rate_hz,
@@ -284,6 +306,7 @@ impl Recording {
         let spans = match &self.found {
             Found::Audio(parts) => parts.spans()?,
             Found::Seismic(components) => components.spans(),
+            Found::Card(pieces) => pieces.spans()?,
             Found::Raw(_) | Found::Memory(..) | Found::Live(_) => return None,
         };
         let mut days = BTreeSet::new();
@@ -305,6 +328,7 @@ impl Recording {
         match &self.found {
             Found::Audio(parts) => parts.files(span),
             Found::Seismic(components) => components.files(span),
+            Found::Card(pieces) => pieces.files(),
             Found::Raw(path) => vec![path.clone()],
             Found::Memory(..) | Found::Live(_) => Vec::new(),
         }
@@ -330,6 +354,7 @@ impl Recording {
                 Box::new(sequence)
             }
             Found::Seismic(components) => Box::new(components.recording(span)?),
+            Found::Card(pieces) => Box::new(pieces.open(self.start)),
             Found::Raw(path) => Box::new(raw::Raw::open(path, self.start)?),
             Found::Live(remote) => Box::new(remote.open(span)?),
             Found::Memory(frames, _) => Box::new(memory::Memory::new(Arc::clone(frames), self.start)),
@@ -345,8 +370,9 @@ impl Recording {
         if (rate_hz / self.rate_hz - 1.0).abs() > 1e-3 {
             source = Box::new(resample::Resampled::new(source, rate_hz, self.rate_hz, self.full_scale));
         }
-        // A raw stream is what the recorder itself hears.
-        if self.responses.iter().any(Option::is_some) && !matches!(self.found, Found::Raw(_)) {
+        // A raw stream or a card is what the recorder itself hears.
+        if self.responses.iter().any(Option::is_some) && !matches!(self.found, Found::Raw(_) | Found::Card(_))
+        {
             source =
                 Box::new(equalise::Equalised::new(source, self.rate_hz, &self.responses, self.full_scale));
         }
@@ -370,6 +396,11 @@ pub fn open(
 /// Says on standard error what is odd about a recording.
 pub(crate) fn complain(what: &str) {
     log::warn!("{what}");
+}
+
+/// A file of a recorder's card among WAV files.
+fn of_card(container: Container, path: &Path) -> Option<crate::card::CardFile> {
+    (container == Container::Wav).then(|| crate::card::recorded(path)).flatten()
 }
 
 /// Why a file is no recording.

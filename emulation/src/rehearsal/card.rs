@@ -1,0 +1,131 @@
+//! The image that records sound rehearsed: its card slow, full, broken, gone, and cut from its power.
+
+use super::cases::{Case, case, linked};
+use super::judge::Wanted;
+use super::{COST, Row, Stage, all, costs};
+use crate::board::{InjectedFault, Setup, blank, mix, sound};
+use anyhow::Result;
+use seabearing_core::wire::FaultCode;
+
+/// Files of a card, and pages of each: 5.4 s of sound at 64 kHz.
+const CARD: (u32, u32) = (6, 256);
+/// The same of one that is full after 1.4 s.
+const SMALL: (u32, u32) = (1, 64);
+/// When sound is on its way to the card, whose start takes 0.2 s.
+const SOUND_S: f64 = 0.8;
+/// Sectors written in a second and a half.
+const SHORT_RUN: u64 = 1800;
+
+/// One thing done to the board, and what card is in its holder.
+struct CardCase {
+    case: Case,
+    card: Option<(u32, u32)>,
+    /// Sound may be missing, as it was told.
+    misses: bool,
+}
+
+fn cases(cuts: u64) -> Vec<CardCase> {
+    let [absent, errors, slow] = [1, 3, 4].map(Wanted::Card);
+    let (back, full) = (Wanted::Fault(FaultCode::CardBack, None), Wanted::Fault(FaultCode::CardFull, None));
+    let of = |name: &str, faults: &[InjectedFault], event_s, seconds, wanted: &[Wanted]| CardCase {
+        case: linked("card", case(name, faults, event_s, seconds, wanted)),
+        card: Some(CARD),
+        misses: false,
+    };
+    let misses = |case: CardCase| CardCase { misses: true, ..case };
+    let stall = |s| InjectedFault::CardStall(SOUND_S, s);
+    let pulled = InjectedFault::CardPulled(SOUND_S, 0.5);
+    let broken = InjectedFault::CardErrors(SOUND_S, 0.5);
+    let none = of("none in its holder", &[], 0.0, 1.0, &[absent]);
+    let small = of("full after 1.4 s", &[], 0.0, 2.2, &[full]);
+    let mut cases = vec![
+        of("well", &[], 0.0, 2.2, &[]),
+        of("busy for 0.5 s", &[stall(0.5)], SOUND_S, 2.2, &[]),
+        misses(of("busy for 0.8 s", &[stall(0.8)], SOUND_S, 2.5, &[slow, back])),
+        // Between two writes it does not answer, within one it makes errors.
+        misses(of(
+            "pulled for 0.5 s",
+            &[pulled],
+            SOUND_S,
+            3.2,
+            &[Wanted::Fault(FaultCode::CardFailed, None), back],
+        )),
+        misses(of("errors for 0.5 s", &[broken], SOUND_S, 3.2, &[errors, back])),
+        CardCase { card: None, ..none },
+        CardCase { card: Some(SMALL), ..small },
+        of("reset pin", &[InjectedFault::PinReset(SOUND_S)], SOUND_S, 2.2, &[Wanted::Start(3)]),
+    ];
+    cases.extend((0..cuts).map(|n| {
+        let (from, to) = (n * SHORT_RUN / cuts, (n + 1) * SHORT_RUN / cuts);
+        let sector = from + mix(n) % (to - from).max(1);
+        let name = format!("power cut in the middle of sector {sector} written");
+        of(&name, &[InjectedFault::CardCut(sector)], 0.0, 2.2, &[Wanted::Start(0)])
+    }));
+    cases
+}
+
+impl Stage<'_> {
+    /// Everything about the card; power is cut in the middle of so many sectors. The image whose records wait is one that
+    /// records sound.
+    ///
+    /// # Errors
+    /// As of [`Stage::rehearse`].
+    pub fn rehearse_card(&self, cuts: u64, say: impl FnMut(&Row)) -> Result<Vec<Row>> {
+        let cases = cases(cuts);
+        let play = |n: usize| match cases.get(n) {
+            Some(case) => self.judge_card(case).map(|row| vec![row]),
+            None => self.card_pace().map(|row| vec![row]),
+        };
+        all(cases.len() + 1, play, say)
+    }
+
+    fn with_card(&self, setup: &Setup, card: Option<(u32, u32)>) -> Result<Setup> {
+        let card = card.map(|(files, pages)| blank(files, pages, self.rate_hz)).transpose()?;
+        Ok(Setup { card, ..setup.clone() })
+    }
+
+    fn judge_card(&self, case: &CardCase) -> Result<Row> {
+        let setup = self.with_card(&case.case.setup, case.card)?;
+        let (mut row, report) = self.judge_with(&Case { setup, ..case.case.clone() })?;
+        if report.card.is_none() {
+            return Ok(row);
+        }
+        let sound = sound(&report)?;
+        let words = match (sound.wrong, sound.missing) {
+            (0, 0) => "sound whole",
+            (0, _) if case.misses => "sound whole but for what was told",
+            (0, _) => "SOUND MISSING",
+            _ => "WRONG SOUND",
+        };
+        row.right &= sound.wrong == 0 && (sound.missing == 0 || case.misses) && sound.instants > 0;
+        row.outcome = [row.outcome.as_str(), words]
+            .iter()
+            .filter(|w| !w.is_empty())
+            .copied()
+            .collect::<Vec<_>>()
+            .join("; ");
+        Ok(row)
+    }
+
+    /// With the flash as slow as it may be, at the cost that is asked for: nothing is lost, and most of the time it sleeps.
+    fn card_pace(&self) -> Result<Row> {
+        const SECONDS: f64 = 4.6;
+        let setup = Setup { costs: costs(COST.0), link: true, ..Setup::default() };
+        let report = self.play(SECONDS, &self.with_card(&setup, Some(CARD))?)?;
+        let difference = report.difference(self.blob)?;
+        let sound = sound(&report)?;
+        let right = report.lost == 0
+            && report.delivered == report.converted
+            && report.idle >= super::LEAST_IDLE
+            && difference.is_none()
+            && (sound.missing, sound.wrong) == (0, 0);
+        let same = difference.unwrap_or("the host's records".to_owned());
+        let (lost, idle) = (report.lost, report.idle * 100.0);
+        let outcome = format!(
+            "{lost} of {} lost; asleep {idle:.0} %; {same}; of the sound {} missing, {} wrong",
+            report.converted, sound.missing, sound.wrong
+        );
+        let case = format!("card: {SECONDS} s at {} cycles, two sectors erased meanwhile", COST.0);
+        Ok(Row { case, told: String::new(), outcome, right })
+    }
+}

@@ -1,0 +1,73 @@
+//! A source of samples whose sound goes to the card on its way.
+
+use super::Drive;
+use super::writer::{Event, Writer};
+use seabearing_core::block::Frame;
+use seabearing_core::port::{Chunk, SampleSource, Supervisor};
+use seabearing_core::utc::Pair;
+use seabearing_core::wire::FaultCode;
+
+/// Longest wait at the end of a recording for what is not on the card yet.
+const SETTLE_US: u64 = 2_000_000;
+
+/// A source whose sound is recorded.
+#[derive(Debug)]
+pub struct Recorded<'a, S, D> {
+    source: S,
+    card: Writer<'a, D>,
+}
+
+impl<'a, S: SampleSource, D: Drive> Recorded<'a, S, D> {
+    /// Records what this source gives.
+    pub fn new(source: S, card: Writer<'a, D>) -> Self {
+        Self { source, card }
+    }
+
+    /// The source.
+    pub fn source(&self) -> &S {
+        &self.source
+    }
+
+    /// Ends the recording: what waits is written, for two seconds at most.
+    pub fn settle(&mut self, supervisor: &mut impl Supervisor, mut now_us: impl FnMut() -> u64) {
+        self.card.finish();
+        let begun_us = now_us();
+        while !self.card.rests() && now_us().saturating_sub(begun_us) < SETTLE_US {
+            supervisor.feed();
+            self.card.work();
+        }
+    }
+}
+
+impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
+    fn read(&mut self, frames: &mut [Frame]) -> Chunk {
+        let chunk = self.source.read(frames);
+        if let Chunk::Frames { first_index, count } = chunk {
+            self.card.take(first_index, frames.get(..count).unwrap_or_default());
+        }
+        self.card.work();
+        chunk
+    }
+
+    fn waits(&self) -> bool {
+        self.source.waits()
+    }
+
+    fn fault(&mut self) -> Option<(FaultCode, u64)> {
+        self.source.fault().or_else(|| {
+            self.card.event().map(|event| match event {
+                Event::Failed(trouble, missed) => (FaultCode::CardFailed, trouble as u64 | missed << 8),
+                Event::Back(missed) => (FaultCode::CardBack, missed),
+                Event::Full(recorded) => (FaultCode::CardFull, recorded),
+            })
+        })
+    }
+
+    fn pair(&mut self) -> Option<Pair> {
+        let pair = self.source.pair();
+        if let Some(pair) = pair {
+            self.card.pair(pair);
+        }
+        pair
+    }
+}

@@ -1,0 +1,192 @@
+//! Files of a recorder's card as a recording: every sample has the index that the recorder gave it.
+//!
+//! What is missing stays missing: a gap is a jump of the index, a damaged instant has no codes. The starts of a recorder
+//! follow each other by their UTC where all of them tell it, else after a pause of a second whose length means nothing.
+
+use super::BlockSource;
+use crate::card::kept::{self, Kept};
+use crate::card::medium::Single;
+use crate::card::{CardFile, Content};
+use anyhow::{Context, Result};
+use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
+use seabearing_firmware::card::layout::{Gap, Why};
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use time::{Duration, OffsetDateTime};
+
+/// Frames of a block.
+const FRAMES: u32 = 16_384;
+
+/// A file, and what is added to its indices.
+#[derive(Debug, Clone)]
+struct Piece {
+    path: PathBuf,
+    kept: Kept,
+    shift: i64,
+}
+
+/// Files in their order.
+#[derive(Debug, Clone)]
+pub(super) struct Pieces {
+    pieces: Vec<Piece>,
+    /// Samples a second.
+    pub rate_hz: f64,
+}
+
+impl Pieces {
+    /// Puts files in order; `None` where none has sound.
+    pub(super) fn of(mut files: Vec<CardFile>) -> Option<Self> {
+        files.sort_by_key(|file| file.number);
+        let mut pieces: Vec<Piece> = Vec::new();
+        for file in files {
+            match file.content {
+                Content::Sound(kept) => pieces.push(Piece { path: file.path, kept, shift: 0 }),
+                Content::Unused => {}
+                Content::Damaged(why) => super::complain(&format!("left out {}: {why}", file.path.display())),
+            }
+        }
+        let rate_hz = f64::from(pieces.first()?.kept.label.rate_hz);
+        pieces.retain(|piece| {
+            let same = f64::from(piece.kept.label.rate_hz) == rate_hz;
+            if !same {
+                super::complain(&format!("left out {}: another rate", piece.path.display()));
+            }
+            same
+        });
+        place(&mut pieces, rate_hz);
+        Some(Self { pieces, rate_hz })
+    }
+
+    fn utc_of_0(&self) -> Option<OffsetDateTime> {
+        let first = self.pieces.iter().find_map(|piece| piece.kept.utc_us(-piece.shift))?;
+        OffsetDateTime::UNIX_EPOCH.checked_add(Duration::microseconds(first.round() as i64))
+    }
+
+    /// When each file began and ended, where all tell it.
+    pub(super) fn spans(&self) -> Option<Vec<(OffsetDateTime, OffsetDateTime)>> {
+        let start = self.utc_of_0()?;
+        let at = |index: u64, shift: i64| {
+            start + Duration::seconds_f64(index.saturating_add_signed(shift) as f64 / self.rate_hz)
+        };
+        let span = |p: &Piece| (at(p.kept.label.first_index, p.shift), at(p.kept.end_index(), p.shift));
+        Some(self.pieces.iter().map(span).collect())
+    }
+
+    /// The files.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        self.pieces.iter().map(|piece| piece.path.clone()).collect()
+    }
+
+    /// From the first sample on; index 0 was at `start`, where the card does not tell it.
+    pub(super) fn open(&self, start: Option<OffsetDateTime>) -> Reader {
+        let end = self.pieces.last().map_or(0, |p| p.kept.end_index().saturating_add_signed(p.shift));
+        Reader {
+            pieces: self.pieces.clone().into(),
+            now: None,
+            start: self.utc_of_0().or(start),
+            end,
+            frames: Vec::new(),
+        }
+    }
+}
+
+/// Where each start of the recorder stands.
+fn place(pieces: &mut [Piece], rate_hz: f64) {
+    let mut before: Option<Piece> = None;
+    for piece in pieces {
+        if let Some(before) = before {
+            piece.shift = before.shift;
+            if piece.kept.begins_anew(&before.kept) {
+                let end = before.kept.end_index().saturating_add_signed(before.shift) as i64;
+                let first = piece.kept.label.first_index as i64;
+                let by_clock = before
+                    .kept
+                    .utc_us(-before.shift)
+                    .zip(piece.kept.utc_us(0))
+                    .map(|(zero, own)| ((own - zero) * 1e-6 * rate_hz).round() as i64);
+                // What a clock says counts if time does not go back by it.
+                let by_clock = by_clock.filter(|shift| first + shift >= end);
+                piece.shift = by_clock.unwrap_or(end + rate_hz as i64 - first);
+            }
+        }
+        before = Some(piece.clone());
+    }
+}
+
+/// What is being read of a file.
+struct Reading {
+    medium: Single,
+    kept: Kept,
+    gaps: VecDeque<Gap>,
+    at: u32,
+    index: u64,
+}
+
+/// The samples of a card.
+pub(super) struct Reader {
+    pieces: VecDeque<Piece>,
+    now: Option<Reading>,
+    start: Option<OffsetDateTime>,
+    end: u64,
+    frames: Vec<Frame>,
+}
+
+impl Reading {
+    fn open(piece: Piece) -> Result<Self> {
+        let medium = Single::open(&piece.path)?;
+        let index = piece.kept.label.first_index.saturating_add_signed(piece.shift);
+        Ok(Self { medium, gaps: piece.kept.gaps.clone().into(), kept: piece.kept, at: 0, index })
+    }
+
+    /// Fills `frames` from the next index, which is given back; `None` at the end.
+    fn next(&mut self, frames: &mut Vec<Frame>) -> Result<Option<u64>> {
+        while let Some(gap) = self.gaps.front_mut().filter(|gap| gap.at == self.at) {
+            let damaged = gap.why == Why::Damaged;
+            let count = if damaged { gap.count.min(u64::from(FRAMES)) } else { gap.count };
+            gap.count -= count;
+            if gap.count == 0 {
+                self.gaps.pop_front();
+            }
+            let first = self.index;
+            self.index += count;
+            if damaged && count > 0 {
+                frames.resize(count as usize, [MISSING; CHANNELS]);
+                return Ok(Some(first));
+            }
+        }
+        let until =
+            self.gaps.front().map_or(self.kept.frames, |gap| gap.at).min(self.at.saturating_add(FRAMES));
+        let count = until.saturating_sub(self.at);
+        if count == 0 {
+            return Ok(None);
+        }
+        *frames = kept::frames(&mut self.medium, self.at, count as usize)?;
+        let first = self.index;
+        (self.at, self.index) = (until, first + u64::from(count));
+        Ok(Some(first))
+    }
+}
+
+impl BlockSource for Reader {
+    fn start(&self) -> Option<OffsetDateTime> {
+        self.start
+    }
+
+    fn expected_end(&self) -> Option<u64> {
+        Some(self.end)
+    }
+
+    fn next_block(&mut self) -> Result<Option<Block<'_>>> {
+        loop {
+            self.frames.clear();
+            if let Some(reading) = &mut self.now
+                && let Some(first_index) = reading.next(&mut self.frames)?
+            {
+                return Ok(Some(Block { first_index, frames: &self.frames }));
+            }
+            let Some(piece) = self.pieces.pop_front() else { return Ok(None) };
+            let name = piece.path.display().to_string();
+            self.now = Some(Reading::open(piece).context(name)?);
+        }
+    }
+}
