@@ -40,7 +40,7 @@ pub struct Sound {
     pub open: usize,
     /// Instants on the card.
     pub instants: u64,
-    /// Instants missing from the first to the last of each start.
+    /// Instants missing up to the last of each start.
     pub missing: u64,
     /// Instants whose codes are not those that the converter gave.
     pub wrong: u64,
@@ -99,7 +99,7 @@ pub fn sound(run: &BoardRun) -> Result<Sound> {
         let [Some(first), Some(last)] = [files.first(), files.last()] else { continue };
         let span = (first.label.first_index, last.end_index());
         let there: u64 = files.iter().map(|kept| u64::from(kept.frames)).sum();
-        sound.missing += (span.1 - span.0).saturating_sub(there);
+        sound.missing += span.1.saturating_sub(there);
         sound.spans.push(span);
     }
     Ok(sound)

@@ -1,6 +1,6 @@
 //! What the recorder knows of a file it fills.
 
-use super::layout::{GAPS, Gap, Why};
+use super::layout::{Extent, GAPS, Gap, LEAST_PAGES, Why};
 use super::search::Found;
 use heapless::Vec;
 use seabearing_core::utc::Pair;
@@ -11,8 +11,8 @@ const SCARCE: usize = GAPS / 2;
 /// A file that is filled, or still written.
 #[derive(Debug)]
 pub struct Sheet {
-    /// The file.
-    pub found: Found,
+    /// The file, once it was found: the ring takes sound before.
+    pub found: Option<Found>,
     /// Index of its first sample.
     pub first_index: u64,
     /// Instants put in.
@@ -28,15 +28,17 @@ pub struct Sheet {
 }
 
 impl Sheet {
-    /// An unused file.
-    pub const fn new(found: Found, first_index: u64) -> Self {
+    /// Nothing yet.
+    pub const fn new(found: Option<Found>, first_index: u64) -> Self {
         let gaps = Vec::new();
         Self { found, first_index, frames: 0, gaps, times: [None; 2], closed: false, acknowledged: 0 }
     }
 
     /// Instants that still fit.
     pub fn room(&self) -> u32 {
-        self.found.extent.frames().saturating_sub(self.frames)
+        // Every file has as much.
+        const LEAST: Extent = Extent { first: 0, pages: LEAST_PAGES };
+        self.found.map_or(LEAST, |found| found.extent).frames().saturating_sub(self.frames)
     }
 
     /// How many instants from the beginning of a gap on are given up at least, so that the list lasts to the file's end.

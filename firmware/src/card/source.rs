@@ -41,11 +41,11 @@ impl<'a, S: SampleSource, D: Drive> Recorded<'a, S, D> {
 
 impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
     fn read(&mut self, frames: &mut [Frame]) -> Chunk {
+        self.card.work();
         let chunk = self.source.read(frames);
         if let Chunk::Frames { first_index, count } = chunk {
             self.card.take(first_index, frames.get(..count).unwrap_or_default());
         }
-        self.card.work();
         chunk
     }
 

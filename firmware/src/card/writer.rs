@@ -325,7 +325,7 @@ impl<'a, D: Drive> Writer<'a, D> {
         }
         let meta = self.metas.get(self.tail).copied().filter(|_| self.waiting > 0);
         let ours = meta.filter(|meta| meta.sheet == self.writing);
-        if let Some(sheet) = self.sheet(self.writing) {
+        if let Some(sheet) = self.sheet(self.writing).filter(|sheet| sheet.found.is_some()) {
             let told = self.known.frames;
             let all = sheet.closed && ours.is_none();
             let behind =
@@ -342,15 +342,15 @@ impl<'a, D: Drive> Writer<'a, D> {
                 return self.begin_page(meta);
             }
         }
-        if !self.finished {
+        if !self.finished || self.seeks() {
             self.look(now_us);
         }
     }
 
     fn begin_page(&mut self, meta: Meta) {
         let from = if meta.page == 0 { SECTOR } else { 0 };
-        let first = self.sheet(meta.sheet).map_or(0, |sheet| sheet.found.extent.first);
-        let sector = first + meta.page * PAGE_SECTORS + (from / SECTOR) as u32;
+        let Some(found) = self.sheet(meta.sheet).and_then(|sheet| sheet.found) else { return };
+        let sector = found.extent.first + meta.page * PAGE_SECTORS + (from / SECTOR) as u32;
         let Some(bytes) = self.pages.get(self.tail).and_then(|page| page.get(from..meta.bytes)) else {
             return;
         };
@@ -360,7 +360,7 @@ impl<'a, D: Drive> Writer<'a, D> {
 
     fn label(&self, sheet: &Sheet) -> Label {
         Label {
-            file: sheet.found.number,
+            file: sheet.found.map_or(0, |found| found.number),
             session: self.about.session,
             station: self.about.station,
             rate_hz: self.about.rate_hz,
@@ -381,7 +381,8 @@ impl<'a, D: Drive> Writer<'a, D> {
             lost: self.lost,
             times: sheet.times,
         };
-        let sector = sheet.found.extent.slot(sequence);
+        let Some(found) = sheet.found else { return };
+        let sector = found.extent.slot(sequence);
         let (version, frames) = (self.version, sheet.acknowledged);
         let Some(sheet) = self.tables.sheets.get(self.writing).and_then(Option::as_ref) else { return };
         let length = slot.encode(&sheet.gaps, self.stage);
@@ -395,7 +396,8 @@ impl<'a, D: Drive> Writer<'a, D> {
 
     fn begin_head(&mut self) {
         let Some(sheet) = self.sheet(self.writing) else { return };
-        let (label, first) = (self.label(sheet), sheet.found.extent.first);
+        let Some(found) = sheet.found else { return };
+        let (label, first) = (self.label(sheet), found.extent.first);
         let Some(place) = self.stage.first_chunk_mut() else { return };
         layout::head(&label, self.known.frames, place);
         self.drive.begin_write(first, place);
@@ -404,10 +406,20 @@ impl<'a, D: Drive> Writer<'a, D> {
 
     /// Looks for the next file.
     fn look(&mut self, now_us: u64) {
+        if self.seeks()
+            && let Some(found) = self.next.take()
+        {
+            let filling = self.filling;
+            self.sheet_mut(filling).into_iter().for_each(|sheet| sheet.found = Some(found));
+            self.tables.search.after(found.number);
+        }
         if self.next.is_some() {
             return;
         }
         if self.full {
+            if self.seeks() {
+                self.abandon();
+            }
             if self.sheet(self.filling).is_none() {
                 if !core::mem::replace(&mut self.told_full, true) {
                     self.event = Some(Event::Full(self.recorded));

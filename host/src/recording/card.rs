@@ -53,6 +53,7 @@ impl Pieces {
             }
             same
         });
+        share_times(&mut pieces);
         place(&mut pieces, rate_hz);
         Some(Self { pieces, rate_hz })
     }
@@ -88,6 +89,19 @@ impl Pieces {
             frames: Vec::new(),
         }
     }
+}
+
+/// A file whose recorder knew no time yet has those of the file after it, or before it, of the same start.
+fn share_times(pieces: &mut [Piece]) {
+    let anew: Vec<bool> = pieces.windows(2).map(|pair| pair[1].kept.begins_anew(&pair[0].kept)).collect();
+    let mut share = |from: usize, to: usize, anew: bool| {
+        let times = pieces.get(from).map_or([None; 2], |piece| piece.kept.times);
+        if let Some(piece) = pieces.get_mut(to).filter(|piece| !anew && piece.kept.times[1].is_none()) {
+            piece.kept.times = times;
+        }
+    };
+    anew.iter().enumerate().rev().for_each(|(n, anew)| share(n + 1, n, *anew));
+    anew.iter().enumerate().for_each(|(n, anew)| share(n, n + 1, *anew));
 }
 
 /// Where each start of the recorder stands.

@@ -84,31 +84,53 @@ impl<D: Drive> Writer<'_, D> {
         if self.overrun {
             self.overrun = free <= self.pages.len() / 2;
         } else if self.at + FRAME_BYTES >= PAGE && free < 2 {
+            if self.seeks() && self.writing == self.filling {
+                // A card that starts slowly: the sound on it begins later.
+                self.abandon();
+                return self.open();
+            }
             self.overrun = true;
             self.tell(Trouble::Stalled);
         }
         !self.overrun
     }
 
-    /// Whether there is a file for the next sample.
+    /// Whether there is a file for the next sample, or may be.
     fn open(&mut self) -> bool {
+        let possible = self.state == State::On && (self.next.is_some() || !self.full);
         match self.sheet(self.filling) {
             Some(sheet) if !sheet.closed => return true,
             // The other one may still be written, a third not.
-            Some(_) if self.next.is_some() && self.sheet(self.filling ^ 1).is_none() => self.filling ^= 1,
+            Some(_) if possible && self.sheet(self.filling ^ 1).is_none() => self.filling ^= 1,
             Some(_) => return false,
             None => {}
         }
-        self.state == State::On && self.next.is_some()
+        possible
+    }
+
+    /// Whether what is filled has no file yet.
+    pub(super) fn seeks(&self) -> bool {
+        self.sheet(self.filling).is_some_and(|sheet| sheet.found.is_none())
+    }
+
+    /// Gives up what is filled and has no file; all of the ring is its.
+    pub(super) fn abandon(&mut self) {
+        let filling = self.filling;
+        if let Some(sheet) = self.tables.sheets.get_mut(filling).and_then(Option::take) {
+            self.lose(u64::from(sheet.frames));
+        }
+        (self.tail, self.waiting, self.at, self.page) = (self.head, 0, SECTOR, 0);
     }
 
     /// Begins a file with the sample of this index.
-    fn begin_file(&mut self, found: Found, index: u64) {
+    fn begin_file(&mut self, found: Option<Found>, index: u64) {
         let filling = self.filling;
         if let Some(sheet) = self.tables.sheets.get_mut(filling) {
             *sheet = Some(Sheet::new(found, index));
         }
-        self.tables.search.after(found.number);
+        if let Some(found) = found {
+            self.tables.search.after(found.number);
+        }
         (self.at, self.page) = (SECTOR, 0);
         if self.sheet(filling ^ 1).is_none() {
             (self.writing, self.known) = (filling, super::Known::default());
@@ -139,7 +161,7 @@ impl<D: Drive> Writer<'_, D> {
 
     fn put(&mut self, index: u64, frame: &Frame) {
         if self.sheet(self.filling).is_none() {
-            let Some(found) = self.next.take() else { return };
+            let found = self.next.take();
             self.begin_file(found, index);
         }
         let bytes = bytes_of(frame);
