@@ -4,7 +4,7 @@
 
 use crate::block::Frame;
 use crate::utc::Pair;
-use crate::wire::{FaultCode, Margins};
+use crate::wire::{FaultCode, Margins, Time};
 
 /// What a [`SampleSource`] has for now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +36,9 @@ pub trait SampleSource {
     fn fault(&mut self) -> Option<(FaultCode, u64)> {
         None
     }
+
+    /// UTC is known so from now on: for a source whose clock outlasts the recorder.
+    fn told(&mut self, _time: &Time) {}
 
     /// A sample's index and its UTC, once, where the source hears a clock that knows UTC.
     fn pair(&mut self) -> Option<Pair> {

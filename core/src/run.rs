@@ -11,7 +11,7 @@ use crate::keeper::DONE;
 use crate::outlet::{Heard, Outlet, Plain};
 use crate::port::{Chunk, Clock, Link, Load, SampleSource, Supervisor};
 use crate::utc::Pair;
-use crate::wire::{Command, End, Fault, FaultCode, Message, Reply};
+use crate::wire::{Command, End, Fault, FaultCode, Message, Reply, Time};
 
 /// Sample instants handled at a time: 1 ms at 64 kHz, which costs 1 KiB and is long against the loop's own work.
 pub const BLOCK_FRAMES: usize = 64;
@@ -104,11 +104,24 @@ impl Silence {
     }
 }
 
-/// Where messages go; notes one that the board's margins follow. One type of sink for all calls: each other would be another copy of
-/// the recorder in flash.
-fn said(outlet: &mut impl Outlet, told: &mut bool) -> impl FnMut(&Message) {
+/// What was said that concerns the board.
+#[derive(Default)]
+struct Told {
+    /// Its margins follow.
+    health: bool,
+    /// Its clock may learn from it.
+    time: Option<Time>,
+}
+
+/// Where messages go; notes what concerns the board. One type of sink for all calls: each other would be another copy of the
+/// recorder in flash.
+fn said(outlet: &mut impl Outlet, told: &mut Told) -> impl FnMut(&Message) {
     move |message| {
-        *told |= matches!(message, Message::Health(_));
+        match message {
+            Message::Health(_) => told.health = true,
+            Message::Time(time) => told.time = Some(*time),
+            _ => {}
+        }
         outlet.say(message);
     }
 }
@@ -135,7 +148,7 @@ pub fn run_over(
     supervisor: &mut impl Supervisor,
     frames: &mut [Frame; BLOCK_FRAMES],
 ) -> Summary {
-    let (mut summary, mut told) = (Summary::default(), false);
+    let (mut summary, mut told) = (Summary::default(), Told::default());
     application.start(supervisor.reset_cause(), &mut said(outlet, &mut told));
     if let Some((code, value)) = supervisor.last_fault() {
         outlet.say(&Message::Fault(Fault { code, index: 0, value }));
@@ -199,7 +212,10 @@ pub fn run_over(
         if let Some(pair) = source.pair() {
             application.pair(pair, &mut said(outlet, &mut told));
         }
-        if core::mem::take(&mut told) {
+        if let Some(time) = told.time.take() {
+            source.told(&time);
+        }
+        if core::mem::take(&mut told.health) {
             let load = Load {
                 index: summary.index,
                 longest_ticks: summary.worst_block_ticks,

@@ -136,6 +136,20 @@ impl UtcClock {
         Self { line: None, doubt: None }
     }
 
+    /// Goes on with a line that was told before.
+    pub fn resumed(line: &Time) -> Self {
+        let (sd, sd_drift) = (f64::from(line.sd_s), f64::from(line.sd_drift));
+        let line = Line {
+            index: line.index,
+            utc_us: line.utc_us as f64,
+            drift: line.drift.into(),
+            tt: sd * sd,
+            ty: f64::from(line.correlation) * sd * sd_drift,
+            yy: sd_drift * sd_drift,
+        };
+        Self { line: Some(line), doubt: None }
+    }
+
     /// Takes a pair; samples come at `rate_hz` nominally. An index before the line's begins a new line.
     pub fn note(&mut self, pair: Pair, rate_hz: f64) -> Noted {
         let pair = Pair { sd_s: pair.sd_s.max(1e-6), ..pair };

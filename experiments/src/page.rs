@@ -6,7 +6,8 @@ use anyhow::{Context, Result, bail};
 use seabearing_base::store::{Entry, Event, Store};
 use seabearing_base::{Base, Beginning};
 use seabearing_core::wire::{
-    AZIGRAM_BANDS, Azigram, Azimuth, Bearing, Encoder, Fault, FaultCode, Health, Message, Range, Time, Track,
+    AZIGRAM_BANDS, Azigram, Azimuth, Bearing, Encoder, Fault, FaultCode, Health, Margins, Message, Range,
+    Time, Track,
 };
 use seabearing_host::beside::{Folder, ask};
 use serde_json::Value;
@@ -257,6 +258,21 @@ fn azigram(station: u16, index: u64, vessel: Option<f32>) -> Message {
     })
 }
 
+/// A board whose cell grows weak with its number.
+fn margins(station: u16, index: u64) -> Margins {
+    Margins {
+        index,
+        memory: 227_272,
+        memory_free: 204_800,
+        longest_us: 7100,
+        waiting: u32::from(station),
+        room: 7000,
+        supply_mv: Some(3290 + station % 20),
+        battery_mv: Some(3050 - 20 * station),
+        temperature_c: Some(8),
+    }
+}
+
 /// An hour of a station.
 fn hour(station: u16, hour: u64, begin_us: i64, each_minute: u64) -> Vec<Message> {
     let from = hour * 3600 * RATE_HZ;
@@ -289,6 +305,10 @@ fn hour(station: u16, hour: u64, begin_us: i64, each_minute: u64) -> Vec<Message
                 ..Health::default()
             };
             said.push((index, Message::Health(health)));
+            // Every third board measures what it has left.
+            if station.is_multiple_of(3) {
+                said.push((index, Message::Margins(margins(station, index))));
+            }
         }
         if bottom {
             let there = (20..45).contains(&minute);

@@ -167,6 +167,16 @@ impl<B: Board> Acquisition<B> {
         }
     }
 
+    /// The hardware.
+    pub fn board_mut(&mut self) -> &mut B {
+        &mut self.board
+    }
+
+    /// Samples a second.
+    pub fn rate_hz(&self) -> f64 {
+        self.board.hz().into()
+    }
+
     /// The index of an edge's sample, where the edge is of the present stretch of conversions and that has its place.
     pub fn index_of(&self, edge: u64) -> Option<u64> {
         match self.state {

@@ -12,6 +12,7 @@ extern crate std;
 
 pub mod acquisition;
 pub mod bank;
+pub mod battery;
 pub mod card;
 pub mod converter;
 pub mod fault;

@@ -6,11 +6,13 @@
 //! receiver that steps is followed. [`seabearing_core::utc`] judges what comes of it once more.
 
 use crate::acquisition::{Acquisition, Board};
+use crate::battery::{BatteryClock, Counter, NoCounter};
 use crate::nmea::Sentences;
 use seabearing_core::block::Frame;
+use seabearing_core::math::f64::sqrt;
 use seabearing_core::port::{Chunk, SampleSource};
-use seabearing_core::utc::Pair;
-use seabearing_core::wire::FaultCode;
+use seabearing_core::utc::{Pair, Times};
+use seabearing_core::wire::{FaultCode, Time};
 
 /// Two pulses are a second apart within this: the board's clock may be 1 % wrong.
 const SECOND_WITHIN_US: u64 = 20_000;
@@ -89,23 +91,59 @@ impl Labels {
     }
 }
 
-/// The converter's samples with their UTC.
+/// From one look at the clock on its cell to the next, µs.
+const CELL_EVERY_US: u64 = 1_000_000;
+
+/// The converter's samples with their UTC: from the receiver, and where that says nothing from the clock on its cell.
 #[derive(Debug)]
-pub struct Timed<B, R> {
+pub struct Timed<B, R, C = NoCounter> {
     acquisition: Acquisition<B>,
     reception: R,
     labels: Labels,
     turn: u8,
+    cell: BatteryClock<C>,
+    /// What the recorder knows of UTC, and when the cell's clock is looked at next.
+    known: Times,
+    next_us: u64,
 }
 
 impl<B: Board, R: Reception> Timed<B, R> {
     /// Nothing heard yet.
     pub fn new(acquisition: Acquisition<B>, reception: R) -> Self {
-        Self { acquisition, reception, labels: Labels::default(), turn: 0 }
+        Self::with_cell(acquisition, reception, BatteryClock::new(NoCounter))
     }
 }
 
-impl<B: Board, R: Reception> SampleSource for Timed<B, R> {
+impl<B: Board, R: Reception, C: Counter> Timed<B, R, C> {
+    /// Nothing heard yet, and a clock that went on meanwhile.
+    pub fn with_cell(acquisition: Acquisition<B>, reception: R, cell: BatteryClock<C>) -> Self {
+        let (labels, known) = (Labels::default(), Times::default());
+        Self { acquisition, reception, labels, turn: 0, cell, known, next_us: 0 }
+    }
+
+    /// The newest sample's index, and what the recorder knows of its UTC.
+    fn now(&mut self) -> Option<(u64, Option<(i64, f64)>)> {
+        let edge = self.acquisition.board_mut().edges().checked_sub(1)?;
+        let index = self.acquisition.index_of(edge)?;
+        Some((index, self.known.utc(index, self.acquisition.rate_hz())))
+    }
+
+    /// Where the clock on its cell knows UTC better: a pair of it.
+    fn of_cell(&mut self) -> Option<Pair> {
+        let now_us = self.reception.now_us();
+        if now_us < self.next_us {
+            return None;
+        }
+        let (index, known) = self.now()?;
+        self.next_us = now_us.saturating_add(CELL_EVERY_US);
+        let (utc_us, sd_s) = self.cell.tell(known.map(|(_, sd_s)| sd_s))?;
+        // The sample was up to a period ago.
+        let period_s = 1.0 / self.acquisition.rate_hz();
+        Some(Pair { index, utc_us, sd_s: sqrt(sd_s * sd_s + period_s * period_s) })
+    }
+}
+
+impl<B: Board, R: Reception, C: Counter> SampleSource for Timed<B, R, C> {
     fn read(&mut self, frames: &mut [Frame]) -> Chunk {
         self.acquisition.read(frames)
     }
@@ -124,7 +162,7 @@ impl<B: Board, R: Reception> SampleSource for Timed<B, R> {
             self.labels.pulse(pulse);
         }
         for _ in 0..MOST_BYTES {
-            let byte = self.reception.byte()?;
+            let Some(byte) = self.reception.byte() else { break };
             let now_us = self.reception.now_us();
             if let Some((edge, utc_us)) = self.labels.byte(byte, now_us)
                 && let Some(index) = self.acquisition.index_of(edge)
@@ -132,7 +170,15 @@ impl<B: Board, R: Reception> SampleSource for Timed<B, R> {
                 return Some(Pair { index, utc_us, sd_s: PAIR_SD_S });
             }
         }
-        None
+        self.of_cell()
+    }
+
+    fn told(&mut self, time: &Time) {
+        self.known.note(*time, false);
+        if let Some((_, Some((utc_us, sd_s)))) = self.now() {
+            let period_s = 1.0 / self.acquisition.rate_hz();
+            self.cell.learn(utc_us, sqrt(sd_s * sd_s + period_s * period_s));
+        }
     }
 }
 

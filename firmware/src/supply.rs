@@ -3,7 +3,7 @@
 use seabearing_core::block::Frame;
 use seabearing_core::port::{Chunk, SampleSource};
 use seabearing_core::utc::Pair;
-use seabearing_core::wire::FaultCode;
+use seabearing_core::wire::{FaultCode, Time};
 
 /// Low for so long is low: shorter is a transmitter's or a card's start.
 const LOW_US: u64 = 20_000;
@@ -97,6 +97,10 @@ impl<S: SampleSource, D: Detector> SampleSource for Supplied<S, D> {
 
     fn pair(&mut self) -> Option<Pair> {
         self.source.pair()
+    }
+
+    fn told(&mut self, time: &Time) {
+        self.source.told(time);
     }
 }
 

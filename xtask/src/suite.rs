@@ -172,6 +172,7 @@ fn emulated(suite: &mut Suite, toolchain: &Toolchain) {
 pub fn rehearse(bless: bool) -> Result<()> {
     let toolchain = Toolchain::find()?;
     let suite = Suite { passed: 0, failed: Vec::new(), skipped: register()? };
+    firmware::build(&toolchain, &EMULATED)?;
     hardware_twin(&toolchain)?;
     ocean_bottom_twin(&toolchain)?;
     let mut tests = rehearsal(&suite);

@@ -37,6 +37,8 @@ pub(super) struct Clocks {
     pub(super) reset_cause: u32,
     /// The supply is below what the voltage detector may be set to.
     pub(super) supply_low: bool,
+    /// The crystal of the backup domain swings as soon as it is on.
+    crystal: bool,
 }
 
 /// Offsets in RCC.
@@ -64,7 +66,7 @@ const DETECTOR_ON: u32 = 1 << 4;
 const DETECTED: u32 = 1 << 4;
 
 impl Clocks {
-    pub fn new(reset_cause: u32, kept_backup: u32) -> Self {
+    pub fn new(reset_cause: u32, kept_backup: u32, crystal: bool) -> Self {
         let mut rcc = [0; 0x180 / 4];
         rcc[at::CR / 4] = 1;
         rcc[at::BDCR / 4] = kept_backup;
@@ -82,6 +84,7 @@ impl Clocks {
             kernel_hz: [0; 2],
             reset_cause,
             supply_low: false,
+            crystal,
         };
         clocks.kernel_hz = clocks.kernels();
         clocks
@@ -115,7 +118,7 @@ impl Clocks {
             }
             at::BDCR => {
                 let bdcr = self.rcc[at::BDCR / 4];
-                bdcr & !2 | (bdcr & 1) << 1
+                bdcr & !2 | (bdcr & u32::from(self.crystal)) << 1
             }
             at::CSR => {
                 let csr = self.rcc[at::CSR / 4];
@@ -149,6 +152,8 @@ impl Clocks {
                         let source = if (0..3).any(on) { 3 } else { 0 };
                         source | (0..3).filter(|i| on(*i)).map(|i| 0x3f << (4 + 8 * i)).sum::<u32>()
                     }
+                    // A clock once chosen stays, until the backup domain is reset.
+                    at::BDCR if self.rcc[at::BDCR / 4] & 0x300 != 0 && value & 1 << 16 == 0 => 0x300,
                     0x30 | 0x38 | 0x40 if on((offset as u32 - 0x30) / 8) => u32::MAX,
                     _ => 0,
                 };
@@ -256,6 +261,22 @@ impl Clocks {
     /// Whether the low-power internal oscillator is on.
     pub fn low_power_oscillator(&self) -> bool {
         self.rcc[0] >> 7 & 1 != 0
+    }
+
+    /// Whether the clock of the backup domain has its crystal and is on.
+    pub fn cell_clock_runs(&self) -> bool {
+        let bdcr = self.rcc[at::BDCR / 4];
+        self.crystal && bdcr & 1 != 0 && bdcr >> 8 & 3 == 1 && bdcr & 1 << 15 != 0
+    }
+
+    /// Its register as after a reset of the backup domain, which still is held.
+    pub fn forget_backup(&mut self) {
+        self.rcc[at::BDCR / 4] = 1 << 16;
+    }
+
+    /// Whether the backup domain is being reset.
+    pub fn resets_backup(&self) -> bool {
+        self.rcc[at::BDCR / 4] & 1 << 16 != 0
     }
 
     /// Whether the backup domain may be written.

@@ -15,6 +15,7 @@ pub mod flash;
 mod pins;
 mod places;
 mod registers;
+mod rtc;
 mod sdmmc;
 mod spi;
 #[cfg(test)]
@@ -42,6 +43,7 @@ use dma::{Dma, request};
 use flash::{BANK_2, Flash, FlashTimes};
 use pins::{Mode, Pins};
 use places::TIMERS;
+use rtc::Rtc;
 use sdmmc::Sdmmc;
 use spi::Spi;
 use std::collections::VecDeque;
@@ -71,6 +73,8 @@ const SLAVE_PINS: [([Pin; 2], u32); 3] = [
 const SLAVES: [&str; 3] = ["SPI2", "SPI3", "SPI4"];
 const SECOND_READY: Pin = Pin::new('E', 11);
 const CHIPS_RESET: Pin = Pin::new('D', 14);
+/// The backup domain needs so much of its cell.
+const LEAST_CELL_V: f64 = 1.2;
 /// SDMMC1's data, clock and command lines.
 const CARD_PINS: [Pin; 6] = [
     Pin::new('C', 8),
@@ -94,6 +98,10 @@ pub struct Parameters {
     pub board_clock_error: f64,
     /// Relative error of the converter's clock.
     pub converter_clock_error: f64,
+    /// Relative error of the crystal of the clock on its cell.
+    pub cell_clock_error: f64,
+    /// Whether that crystal swings.
+    pub crystal: bool,
     /// Relative error of the watchdog's oscillator.
     pub watchdog_clock_error: f64,
     /// Bits a second of the serial line at the other end.
@@ -113,6 +121,8 @@ impl Default for Parameters {
         Self {
             board_clock_error: 0.0,
             converter_clock_error: 0.0,
+            cell_clock_error: 0.0,
+            crystal: true,
             watchdog_clock_error: 0.0,
             baud: 921_600,
             loses_last_write: true,
@@ -139,7 +149,8 @@ pub struct Stm32h743 {
     watchdog: Watchdog,
     debug: u32,
     compensation: u32,
-    backup: [u32; 32],
+    rtc: Rtc,
+    crystal: bool,
     adc: Adc,
     /// Supply, cell and temperature.
     pub analog: Analog,
@@ -230,7 +241,7 @@ impl Stm32h743 {
             converter = Ads131m04::new(source, rate_hz, error);
         }
         Self {
-            clocks: Clocks::new(cause::POWER, 0),
+            clocks: Clocks::new(cause::POWER, 0, parameters.crystal),
             pins: Pins::new(),
             dma: Dma::new(),
             spi: Spi::new(),
@@ -242,7 +253,8 @@ impl Stm32h743 {
             watchdog: Watchdog::new(watchdog),
             debug: 0,
             compensation: 0,
-            backup: [0; 32],
+            rtc: Rtc::new((1.0 + parameters.cell_clock_error) / board - 1.0),
+            crystal: parameters.crystal,
             adc: Adc::new(),
             analog: parameters.analog,
             flash: Flash::new(parameters.flash),
@@ -319,7 +331,7 @@ impl Stm32h743 {
     /// Peripherals as after a reset for this reason; the backup domain stays.
     pub fn reset(&mut self, cause: u32) {
         let supply_low = self.clocks.supply_low;
-        self.clocks = Clocks::new(cause, self.clocks.backup());
+        self.clocks = Clocks::new(cause, self.clocks.backup(), self.crystal);
         self.clocks.supply_low = supply_low;
         self.pins = Pins::new();
         self.dma = Dma::new();
@@ -552,8 +564,12 @@ impl Board for Stm32h743 {
         if cut {
             // Nothing but flash and card outlasts a loss of power.
             bus.memory.lose_power(AT_POWER_ON);
-            self.clocks = Clocks::new(cause::POWER, 0);
-            self.backup = [0; 32];
+            let mut kept = self.clocks.backup();
+            if self.analog.cell_v < LEAST_CELL_V {
+                self.rtc.forget();
+                kept = 0;
+            }
+            self.clocks = Clocks::new(cause::POWER, kept, self.crystal);
             self.reset(cause::POWER);
             self.converter.reset(bus.now);
             self.seismic.iter_mut().for_each(|chips| chips.reset_chips(None, bus.now));

@@ -22,7 +22,7 @@ pub(super) enum Peripheral {
     Timer(usize),
     Watchdog,
     Debug,
-    Backup,
+    Rtc,
     Adc,
 }
 
@@ -100,7 +100,7 @@ pub(super) fn place(address: u32) -> Option<Found> {
         0x4000_4400 => found(Peripheral::Usart2, "USART2", block, Some((APB1L, 17))),
         0x4000_4800 => found(Peripheral::Usart3, "USART3", block, Some((APB1L, 18))),
         0x5800_4800 => found(Peripheral::Watchdog, "IWDG1", block, None),
-        0x5800_4000 => found(Peripheral::Backup, "RTC", block, Some((APB4, 16))),
+        0x5800_4000 => found(Peripheral::Rtc, "RTC", block, Some((APB4, 16))),
         0x5802_6000 => found(Peripheral::Adc, "ADC3", block, Some((AHB4, 24))),
         0x5c00_1000 => found(Peripheral::Debug, "DBGMCU", block, None),
         _ => {

@@ -54,10 +54,7 @@ impl Stm32h743 {
                     self.debug
                 }
             }
-            Peripheral::Backup => match word {
-                0x50..0xd0 => self.backup[(word - 0x50) / 4],
-                _ => return Refusal::stop(format!("register {word:#x} of RTC is not modelled")),
-            },
+            Peripheral::Rtc => self.rtc.read(word, bus.now)?,
         };
         Ok(value >> shift)
     }
@@ -82,6 +79,10 @@ impl Stm32h743 {
         match peripheral {
             Peripheral::Rcc => {
                 self.clocks.write_rcc(bus, offset, value)?;
+                if self.clocks.resets_backup() {
+                    self.rtc.forget();
+                    self.clocks.forget_backup();
+                }
                 if offset == RESET_AHB3 && value & 1 << 16 != 0 {
                     self.sdmmc = Sdmmc::new();
                 }
@@ -126,13 +127,13 @@ impl Stm32h743 {
                 self.debug = value;
                 // DBGSLEEP_D1 keeps the core's clock, and with it the cycle counter, running in sleep.
             }
-            Peripheral::Backup => match offset {
-                0x50..0xd0 if self.clocks.backup_open() => self.backup[(offset - 0x50) / 4] = value,
-                0x50..0xd0 => {
-                    return Refusal::stop("a backup register is written without access (PWR_CR1.DBP)");
-                }
-                _ => return Refusal::stop(format!("register {offset:#x} of RTC is not modelled")),
-            },
+            Peripheral::Rtc if !self.clocks.backup_open() => {
+                return Refusal::stop("RTC is written without access to the backup domain (PWR_CR1.DBP)");
+            }
+            Peripheral::Rtc => {
+                let runs = self.clocks.cell_clock_runs();
+                self.rtc.write(offset, value, bus.now, runs)?;
+            }
         }
         *bus.counts_asleep = self.debug & 1 != 0;
         Ok(())

@@ -138,19 +138,21 @@ pub struct BoardRun {
 }
 
 impl BoardRun {
+    /// What the board said of itself.
+    pub fn margins(&self) -> impl DoubleEndedIterator<Item = &Margins> {
+        self.said.iter().filter_map(|said| match &said.message {
+            Message::Margins(margins) => Some(margins),
+            _ => None,
+        })
+    }
+
     /// The host's loop over the same conversions: `None` if it says the same bytes, else one line about where they differ.
     ///
     /// # Errors
     /// The configuration cannot be run.
     pub fn difference(&self, blob: &[u8]) -> Result<Option<String>> {
         const POWER: u8 = 0;
-        let margins: Vec<Margins> = self
-            .said
-            .iter()
-            .filter_map(
-                |said| if let Message::Margins(margins) = said.message { Some(margins) } else { None },
-            )
-            .collect();
+        let margins: Vec<Margins> = self.margins().copied().collect();
         let said =
             host(blob, self.seismic, (POWER, &margins), &self.numbers, &self.codes, false, &mut |_| true)?;
         if self.linked {

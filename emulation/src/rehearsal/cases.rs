@@ -2,7 +2,7 @@
 
 use super::judge::Wanted;
 use super::{AT_S, COST, costs};
-use crate::board::{InjectedFault, PANIC_LINE, Setup};
+use crate::board::{InjectedFault, PANIC_LINE, Setup, utc_us};
 use seabearing_board_model::stm32h743::Parameters;
 use seabearing_board_model::stm32h743::flash::FlashTimes;
 use seabearing_core::wire::{Command, Encoder, FaultCode};
@@ -212,7 +212,13 @@ fn failures() -> Vec<Case> {
             &[InjectedFault::SupplyLow(AT_S, 1.0)],
             AT_S,
             AT_S + 7.5,
-            &[fault(FaultCode::SupplyLow), Wanted::End, Wanted::Waits, Wanted::Start(SOFTWARE)],
+            &[
+                fault(FaultCode::SupplyLow),
+                Wanted::End,
+                Wanted::Waits,
+                Wanted::Margins(2790, 2810),
+                Wanted::Start(SOFTWARE),
+            ],
         ),
         case("supply low for 10 ms", &[InjectedFault::SupplyLow(AT_S, 0.01)], AT_S, 1.5, &[]),
         case("reset pin", &[InjectedFault::PinReset(AT_S)], AT_S, 1.5, &[Wanted::Start(PIN)]),
@@ -294,7 +300,34 @@ fn receiver() -> Vec<Case> {
             &[Wanted::Fault(FaultCode::Gap, None), time],
         ),
         with("reset pin", &[InjectedFault::PinReset(2.9)], 2.9, 5.8, &[Wanted::Start(PIN), time]),
+        without_crystal(with(
+            "reset pin, and no crystal for the clock on its cell",
+            &[InjectedFault::PinReset(2.9)],
+            2.9,
+            5.8,
+            &[Wanted::Start(PIN), time],
+        )),
+        // No receiver: the cell's clock alone goes on.
+        told_once(case(
+            "UTC told, reset pin, supply sags",
+            &[InjectedFault::PinReset(2.0), InjectedFault::BrownOut(3.0)],
+            1.0,
+            4.0,
+            &[Wanted::Reply(1), Wanted::Start(PIN), time, Wanted::Start(BROWN_OUT), time],
+        )),
     ]
+}
+
+fn without_crystal(case: Case) -> Case {
+    let parameters = Parameters { crystal: false, ..case.setup.parameters };
+    Case { setup: Setup { parameters, ..case.setup }, ..case }
+}
+
+/// UTC is told a second after power, to a tenth of a second; the crystal of the clock on its cell is wrong.
+fn told_once(case: Case) -> Case {
+    let parameters = Parameters { cell_clock_error: 1e-4, ..case.setup.parameters };
+    let utc = Command::Utc { token: 1, utc_us: utc_us(1.0, &[]) as i64, sd_us: 100_000 };
+    Case { setup: Setup { commands: line(&[(1.0, utc)]), parameters, ..case.setup }, ..case }
 }
 
 fn burst_answers(commands: &[(f64, Command)]) -> Vec<Wanted> {

@@ -2,6 +2,7 @@
 
 use crate::board::{BoardRun, InjectedFault, Said, host, utc_us as utc_us_of};
 use anyhow::{Result, bail};
+use seabearing_board_model::stm32h743::Analog;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::utc::Times;
 use seabearing_core::wait::WAITING;
@@ -25,6 +26,8 @@ pub enum Wanted {
     End,
     /// When a sample was.
     Time,
+    /// The board's margins, its supply between these, mV.
+    Margins(u16, u16),
 }
 
 impl Wanted {
@@ -37,6 +40,14 @@ impl Wanted {
             (Self::Start(cause), Message::Hello(h)) => h.reset_cause == cause && h.kind != WAITING,
             (Self::Waits, Message::Hello(h)) => h.kind == WAITING,
             (Self::Reply(token), Message::Reply(r)) => r.token == token,
+            (Self::Margins(least, most), Message::Margins(m)) => {
+                let near = |told: Option<u16>, mv: u16| told.is_some_and(|told| told.abs_diff(mv) <= 5);
+                let analog = Analog::default();
+                m.supply_mv.is_some_and(|mv| (least..=most).contains(&mv))
+                    && near(m.battery_mv, (1000.0 * analog.cell_v) as u16)
+                    && m.temperature_c == Some(analog.temperature_c as i8)
+                    && (1..m.memory).contains(&m.memory_free)
+            }
             (Self::End, Message::End(_)) | (Self::Time, Message::Time(_)) => true,
             _ => false,
         }
@@ -57,6 +68,7 @@ impl Wanted {
             Self::Reply(token) => format!("answer {token}"),
             Self::End => "End".to_owned(),
             Self::Time => "Time".to_owned(),
+            Self::Margins(..) => "Margins".to_owned(),
         }
     }
 }

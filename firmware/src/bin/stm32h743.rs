@@ -28,6 +28,7 @@ use seabearing_core::run::{BLOCK_FRAMES, run_over};
 use seabearing_core::wait::wait;
 use seabearing_core::wire::FaultCode;
 use seabearing_firmware::acquisition::Acquisition;
+use seabearing_firmware::battery::BatteryClock;
 #[cfg(feature = "card")]
 use seabearing_firmware::card::{
     PAGE,
@@ -41,6 +42,7 @@ use seabearing_firmware::fault;
 use seabearing_firmware::receiver::Timed;
 #[cfg(feature = "seismic")]
 use seabearing_firmware::seismic::{Conversion, Seismic, chips::Settings};
+use seabearing_firmware::stm32h743::battery::CellClock;
 use seabearing_firmware::stm32h743::clock::Time;
 use seabearing_firmware::stm32h743::gauges::Gauges;
 #[cfg(feature = "link")]
@@ -197,11 +199,12 @@ fn main() -> ! {
     let mut outlet = Plain::new(line);
     let reason = match recorder {
         Ok((mut recorder, rate)) => {
+            let cell = BatteryClock::new(CellClock::start(p.RTC));
             #[cfg(not(feature = "seismic"))]
             let samples = {
                 let claimed = ((p.SPI1, p.TIM1, p.TIM2), (p.PA4, p.PA5, p.PA6, p.PB5, p.PE9));
                 let converter = converters::Sampling::new(claimed, SAMPLES, rate, 0);
-                Timed::new(Acquisition::new(converter), satellites)
+                Timed::with_cell(Acquisition::new(converter), satellites, cell)
             };
             #[cfg(feature = "seismic")]
             let samples = {
@@ -214,7 +217,7 @@ fn main() -> ! {
                 );
                 let settings = Settings { rate: rate.rate, gain_log2: 0 };
                 let chips = converters::Chips::new(claimed, SAMPLES, settings);
-                Seismic::new(Timed::new(Acquisition::new(chips), satellites), rate)
+                Seismic::new(Timed::with_cell(Acquisition::new(chips), satellites, cell), rate)
             };
             let samples = Supplied::new(samples, VoltageDetector::start());
             #[cfg(not(feature = "card"))]

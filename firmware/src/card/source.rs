@@ -5,7 +5,7 @@ use super::writer::{Event, Writer};
 use seabearing_core::block::Frame;
 use seabearing_core::port::{Chunk, SampleSource, Supervisor};
 use seabearing_core::utc::Pair;
-use seabearing_core::wire::FaultCode;
+use seabearing_core::wire::{FaultCode, Time};
 
 /// Longest wait at the end of a recording for what is not on the card yet.
 const SETTLE_US: u64 = 2_000_000;
@@ -61,6 +61,10 @@ impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
                 Event::Full(recorded) => (FaultCode::CardFull, recorded),
             })
         })
+    }
+
+    fn told(&mut self, time: &Time) {
+        self.source.told(time);
     }
 
     fn pair(&mut self) -> Option<Pair> {

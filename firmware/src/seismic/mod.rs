@@ -12,7 +12,7 @@ use decimate::{Decimator, FACTOR, HALF};
 use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use seabearing_core::port::{Chunk, SampleSource};
 use seabearing_core::utc::Pair;
-use seabearing_core::wire::FaultCode;
+use seabearing_core::wire::{FaultCode, Time};
 
 /// So many times the same code is no sound.
 pub const STILL: u32 = 8;
@@ -62,6 +62,12 @@ impl Conversion {
     /// The converter's sample that is the recorder's first.
     fn first(self) -> u64 {
         if self.decimated { HALF } else { 0 }
+    }
+
+    /// What is told of the recorder's samples, told of the converter's.
+    pub fn told(self, time: &Time) -> Time {
+        let delay_us = (DELAY as f64 * 1e6 / f64::from(self.rate.hz()) + 0.5) as i64;
+        Time { index: self.middle(time.index), utc_us: time.utc_us + delay_us, ..*time }
     }
 
     /// What the recorder's sample is that was heard when the converter ended a conversion, from that conversion's pair: all
@@ -163,6 +169,10 @@ impl<S: SampleSource> SampleSource for Seismic<S> {
             _ => (code, value),
         };
         self.source.fault().map(instants).or_else(|| self.fault.take())
+    }
+
+    fn told(&mut self, time: &Time) {
+        self.source.told(&self.conversion.told(time));
     }
 
     fn pair(&mut self) -> Option<Pair> {

@@ -8,6 +8,7 @@
 
 #![allow(unsafe_code)]
 
+pub mod battery;
 pub mod clock;
 pub mod counter;
 pub mod flash;
@@ -61,6 +62,8 @@ pub fn clocks() -> Config {
     config.rcc.apb4_pre = APBPrescaler::DIV2;
     // ADC3's clock: 64 MHz, which its driver divides by two and the converter by two again.
     config.rcc.mux.adcsel = mux::Adcsel::PER;
+    config.rcc.ls = battery::kept();
+    config.rcc.mux.rtcsel = config.rcc.ls.rtc;
     if cfg!(feature = "seismic") {
         config.rcc.sys = Sysclk::HSI;
         config.rcc.voltage_scale = VoltageScale::Scale3;

@@ -9,6 +9,7 @@ use seabearing_board_model::Costs;
 use seabearing_board_model::stm32h743::Parameters;
 use seabearing_core::block::Frame;
 use seabearing_core::config::Kind;
+use seabearing_host::record::Margins;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
@@ -267,6 +268,7 @@ fn say(report: &BoardRun, sound: Option<&Sound>, identical: bool, json: bool) ->
             "memory_loads_per_conversion": per(handlers.loads + thread.loads),
             "memory_accesses_per_conversion": memory,
             "flash_words": report.flash.0, "flash_sectors": report.flash.1,
+            "margins": report.margins().last().map(Margins::from),
             "stack_bytes": report.stack.1, "stack_size_bytes": report.stack.0,
         });
         if let (Some(sound), Some(record)) = (sound, record.as_object_mut()) {
@@ -310,5 +312,16 @@ fn say(report: &BoardRun, sound: Option<&Sound>, identical: bool, json: bool) ->
         )?;
     }
     writeln!(out, "stack: {} bytes used of {}", report.stack.1, report.stack.0)?;
+    // Told after each health report, a minute apart.
+    if let Some(told) = report.margins().last().map(Margins::from) {
+        let volts = |v: Option<f64>| v.map_or("not measured".to_owned(), |v| format!("{v:.2} V"));
+        let (supply, cell) = (volts(told.supply_v), volts(told.battery_v));
+        writeln!(
+            out,
+            "margins told: supply {supply}, cell {cell}, {} bytes never used, longest work {:.1} ms",
+            told.memory_free_bytes,
+            1000.0 * told.longest_s
+        )?;
+    }
     Ok(())
 }

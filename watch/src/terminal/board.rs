@@ -78,6 +78,8 @@ pub struct Alarm {
 pub struct Event {
     /// How much it matters.
     pub weight: Weight,
+    /// Its date, UTC, as `2026-05-01`; empty where it has none.
+    pub day: String,
     /// With its time of day, UTC.
     pub text: String,
 }
@@ -128,7 +130,11 @@ impl Board {
 
     /// A line for a person that is no record, at a time of day (UTC).
     pub fn note(&mut self, clock: &str, text: &str) {
-        self.push(Event { weight: Weight::Doubtful, text: format!("{clock} {}", printable(text)) });
+        self.push(Event {
+            weight: Weight::Doubtful,
+            day: String::new(),
+            text: format!("{clock} {}", printable(text)),
+        });
     }
 
     fn push(&mut self, event: Event) {
@@ -150,7 +156,7 @@ impl Board {
                 }
             }
             (Some(state @ ("raised" | "acknowledged")), None) if self.alarms.len() < ALARMS => {
-                let (clock, code) = (clock(record), record["code"].as_str().unwrap_or(""));
+                let (clock, code) = (moment(record).1, record["code"].as_str().unwrap_or(""));
                 let text = record["text"].as_str().unwrap_or("");
                 let text = format!("{clock} {} {}", printable(code), printable(text));
                 self.alarms.push(Alarm { id, acknowledged: state == "acknowledged", asked: false, text });
@@ -286,13 +292,14 @@ fn event(kind: &str, record: &Value) -> Option<Event> {
         _ => return None,
     };
     let station = record["station"].as_u64().map_or_else(|| "-".to_owned(), |n| n.to_string());
-    Some(Event { weight, text: format!("{} {station:>5} {what}", clock(record)) })
+    let (day, clock) = moment(record);
+    Some(Event { weight, day, text: format!("{clock} {station:>5} {what}") })
 }
 
-/// Time of day of a record, UTC.
-fn clock(record: &Value) -> String {
+/// Date and time of day of a record, UTC.
+fn moment(record: &Value) -> (String, String) {
     let text = record["utc"].as_str().or(record["received_utc"].as_str()).unwrap_or("");
-    text.get(11..19).unwrap_or("--:--:--").to_owned()
+    (text.get(..10).unwrap_or("").to_owned(), text.get(11..19).unwrap_or("--:--:--").to_owned())
 }
 
 /// Time of day, UTC, of seconds since 1970.

@@ -76,6 +76,18 @@ fn the_picture_says_who_is_heard_what_they_hear_and_what_is_wrong() {
 }
 
 #[test]
+fn what_is_of_another_day_says_of_which() {
+    let mut terminal = Terminal::new(TestBackend::new(150, 20)).unwrap();
+    let board = harbour();
+    let mut choice = Choice::default();
+    terminal.draw(|frame| shown(&board, "2026-05-02 00:00:10", true).draw(frame, &mut choice)).unwrap();
+    let text = terminal.backend().to_string();
+    assert!(text.contains("2026-05-01 09:0"), "{text}");
+    let same = drawn(&board, &mut choice, (150, 20), true).to_string();
+    assert!(!same.contains("2026-05-01 09:00"), "{same}");
+}
+
+#[test]
 fn a_narrow_and_a_low_terminal_show_what_fits_and_no_size_fails() {
     insta::assert_snapshot!(drawn(&harbour(), &mut Choice::default(), (60, 9), true));
     let board = harbour();

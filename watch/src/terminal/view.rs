@@ -217,7 +217,10 @@ impl Shown<'_> {
     }
 
     fn event(&self, event: &Event) -> Line<'_> {
-        Line::styled(format!(" {}", event.text), self.style(event.weight))
+        // What is of another day than today says of which.
+        let other = !event.day.is_empty() && !self.utc.starts_with(&event.day);
+        let day = if other { format!("{} ", event.day) } else { String::new() };
+        Line::styled(format!(" {day}{}", event.text), self.style(event.weight))
     }
 }
 
