@@ -115,3 +115,16 @@ fn delays_are_taken_out_of_the_time_and_restarts_are_told_in_the_recorders_sampl
     let pair = direct.pair(Pair { index: 77, utc_us: 0, sd_s: 1.0 }).unwrap();
     assert_eq!((pair.index, pair.utc_us), (77, -124_000));
 }
+
+/// What is told of the recorder's samples comes back as what was heard of the converter's.
+#[test]
+fn what_is_told_is_of_the_conversion_that_was_heard() {
+    for made in [50.0, 100.0, 200.0, 250.0, 500.0].map(|hz| Conversion::of(hz).unwrap()) {
+        let heard = Pair { index: made.middle(1234), utc_us: 1_790_000_000_000_000, sd_s: 1e-3 };
+        let Pair { index, utc_us, .. } = made.pair(heard).unwrap();
+        let time = Time { index, utc_us, sd_s: 0.001, drift: 1e-6, sd_drift: 1e-7, correlation: 0.5 };
+        let told = made.told(&time);
+        assert_eq!((index, told.index, told.utc_us), (1234, heard.index, heard.utc_us), "{made:?}");
+        assert_eq!((told.drift, told.sd_s), (time.drift, time.sd_s));
+    }
+}
