@@ -52,6 +52,7 @@ mod obs_table1;
 mod obs_two_ships;
 mod obs_week;
 pub mod obs_world;
+mod obs_year;
 mod page;
 pub mod real_ship_ee;
 mod real_ship_track;
@@ -165,6 +166,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_one_ship::ONE_SHIP,
     obs_two_ships::TWO_SHIPS,
     obs_core_clutter::CLUTTER,
+    obs_year::EXPERIMENT,
     obs_appendix_b::APPENDIX_B,
     obs_pictures::PICTURES,
     obs_model::EXPERIMENT,
