@@ -38,6 +38,8 @@ const WRITE_US: u64 = 2500;
 const SLOW: (u64, u64) = (4000, 500_000);
 /// One in so many steps brings a gap, or damaged instants.
 const WANTING: u64 = 3000;
+/// A sector is torn at whole words: within the word of a length a strict reader may refuse what it then says.
+const WORD: usize = 4;
 /// Instants that are read from the end on at each cut.
 const LOOKED_AT: u32 = 32;
 
@@ -186,7 +188,7 @@ fn run(options: &Options) -> Result<()> {
                 }
             }
             let taken = writer.recorded().max(recorded) - before;
-            for came in [0, rng.random_range(0..bytes.len()), bytes.len()] {
+            for came in [0, rng.random_range(0..bytes.len() / WORD) * WORD, bytes.len()] {
                 let bytes = bytes.get(..came).unwrap_or_default();
                 outcome.look(&mut Torn { card: &held.sectors, sector, bytes }, file.1, taken)?;
             }
