@@ -13,25 +13,35 @@ export function healthInAWord(s) {
   const h = s.states.health;
   if (h?.dead_channels.length) return [`channel ${h.dead_channels.join(', ')} dead`, 'bad'];
   if (h?.frames_dropped) return [`${h.frames_dropped} dropped`, 'bad'];
+  const near = s.states.margins && passed(s.states.margins);
+  if (near) return [near, 'bad'];
   if (h?.clipping_channels.length) return [`channel ${h.clipping_channels.join(', ')} clips`, 'warn'];
   if (ahead(s)) return ['clock ahead', 'bad'];
   if ((s.states.time?.sd_utc_s ?? 0) > UNSURE) return ['clock unsure', 'warn'];
   return h ? ['well', 'good'] : ['not told', ''];
 }
 
-// Below these the text warns: V of the supply, whose recording ends at 2.85 V, and of the clock's cell; share of memory.
-const [SUPPLY_V, CELL_V, MEMORY] = [3.0, 2.4, 0.05];
+// Where these are passed the text warns, as the alarm `margin` does that names no limits: V of the supply, whose recording ends
+// at 2.85 V, and of the clock's cell; bytes of memory; share of the room for records; degrees.
+const LIMITS = { supply_v: 3.0, battery_v: 2.4, memory: 4096, full: 0.8, temperature_c: 75 };
+
+const passed = (m) => [
+  [m.supply_v !== null && m.supply_v < LIMITS.supply_v, 'supply low'],
+  [m.memory_free_bytes < LIMITS.memory, 'memory low'],
+  [m.room !== null && m.waiting > LIMITS.full * m.room, 'store full'],
+  [m.temperature_c !== null && m.temperature_c > LIMITS.temperature_c, 'hot'],
+  [m.battery_v !== null && m.battery_v < LIMITS.battery_v, 'cell empty'],
+].find(([is]) => is)?.[1];
 
 // What the board has left.
 function margins(m, add) {
-  const share = m.memory_free_bytes / (m.memory_bytes || 1);
-  add('Memory', `${(m.memory_free_bytes / 1024).toFixed(1)} of ${(m.memory_bytes / 1024).toFixed(1)} KiB for the stack never used`, share < MEMORY ? 'bad' : 'good');
+  add('Memory', `${(m.memory_free_bytes / 1024).toFixed(1)} of ${(m.memory_bytes / 1024).toFixed(1)} KiB for the stack never used`, m.memory_free_bytes < LIMITS.memory ? 'bad' : 'good');
   add('Longest work', `${(1000 * m.longest_s).toFixed(1)} ms on a block`);
-  if (m.room !== null) add('Waiting', `${m.waiting} records, room for about ${m.room}`, m.waiting > 0.8 * m.room ? 'bad' : 'good');
-  const volts = (name, v, least) => add(name, v === null ? 'not measured' : `${v.toFixed(2)} V`, v === null ? '' : v < least ? 'bad' : 'good');
-  volts('Supply', m.supply_v, SUPPLY_V);
-  volts("Clock's cell", m.battery_v, CELL_V);
-  if (m.temperature_c !== null) add('Temperature', `${m.temperature_c} °C in the processor`);
+  if (m.room !== null) add('Waiting', `${m.waiting} records, room for about ${m.room}`, m.waiting > LIMITS.full * m.room ? 'bad' : 'good');
+  const volts = (name, v, least) => add(name, v === null ? 'not measured' : `${v.toFixed(3)} V`, v === null ? '' : v < least ? 'bad' : 'good');
+  volts('Supply', m.supply_v, LIMITS.supply_v);
+  volts("Clock's cell", m.battery_v, LIMITS.battery_v);
+  if (m.temperature_c !== null) add('Temperature', `${m.temperature_c} °C in the processor`, m.temperature_c > LIMITS.temperature_c ? 'bad' : 'good');
 }
 
 // Terms and what is said of them.
@@ -60,7 +70,7 @@ function told(s, at) {
   if (ahead(s)) add('Clock', `its records are ${ago(Date.parse(s.last_received_utc) - Date.parse(s.last_utc))} of their arrival: it has jumped`, 'bad');
   if (m) margins(m, add);
   // What the recorder's records do not hold is not guessed.
-  else add('Memory, supply', 'this board does not measure them');
+  else add('Memory, supply', 'none was reported');
   return said;
 }
 

@@ -24,6 +24,7 @@ pub type Claimed = (
 /// Memory of the ring.
 pub type Ring = [u16; RING_BYTES / 2];
 /// It before anything came.
+#[allow(clippy::large_const_arrays)] // It is what a static begins with, and never a value of its own.
 pub const EMPTY: Ring = [0; RING_BYTES / 2];
 
 /// The converter's bus, counter and ring.

@@ -205,7 +205,7 @@ record! {
     Fault {
         /// What.
         code: String,
-        /// The number that goes with it: length of a gap in instants, channel, count.
+        /// The number that goes with it: length of a gap in instants, channel, count, or several in one (docs/wire.md).
         value: i64,
     }
 }

@@ -19,7 +19,7 @@ use crate::report::{TrackReport, VesselId, is_of_recorder, rfc3339};
 use crate::vessels::{Vessels, Word};
 use clock::Clock;
 use held::Held;
-use rules::{Condition, Rule};
+use rules::{Condition, Rule, single};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use truth::{Truth, card, channels, margin, storage, supply};
@@ -87,6 +87,7 @@ impl Watcher {
         now_s: f64,
         of_now: bool,
     ) -> Self {
+        let rules = single(rules);
         let vessels = Vessels::new(places);
         let named = rules.iter().filter(|rule| matches!(rule.condition, Condition::Silent(_)));
         let named = named.flat_map(|rule| rule.stations.iter().copied()).filter(|_| listed.is_empty());
@@ -283,7 +284,16 @@ impl Watcher {
 
     /// Nothing more comes: gives the alarms that wait for fusion.
     pub fn finish(&mut self, now_s: f64) -> Vec<Value> {
-        self.raise_held(now_s, 0.0)
+        let mut out = self.raise_held(now_s, 0.0);
+        // What a recorder has taken back is over with the input: nothing that comes later would say so again.
+        let over = |((_, about), raised): &(&(usize, About), &Raised)| {
+            !matches!(about, About::Vessel(_)) && raised.untrue_s.is_some()
+        };
+        let over: Vec<(usize, About)> = self.raised.iter().filter(over).map(|(key, _)| *key).collect();
+        for key in over {
+            out.extend(self.raised.remove(&key).map(|raised| state(&raised, "cleared")));
+        }
+        out
     }
 
     /// A person has seen an alarm.
@@ -318,7 +328,7 @@ impl Watcher {
             Condition::Supply => supply(station, kind, fault, record),
             Condition::Storage => storage(station, kind, record),
             Condition::Margin(limits) => (kind == "margins").then(|| margin(station, limits, record)),
-            Condition::Card => card(station, kind, fault, record),
+            Condition::Card { full } => card(station, *full, kind, record),
             Condition::Inside(_) | Condition::Range(_) | Condition::Approach { .. } => None,
             Condition::Disk { .. } => None,
         };

@@ -44,8 +44,11 @@ pub enum Condition {
     Storage,
     /// A recorder is nearer to a limit than that.
     Margin(Limits),
-    /// A recorder's card is full or takes no sound.
-    Card,
+    /// A recorder's card takes no sound, or is full.
+    Card {
+        /// Whether it is about full cards.
+        full: bool,
+    },
     /// The disk of this base station's store has less free room than that, or the store takes nothing.
     Disk {
         /// Least free room, million bytes.
@@ -71,6 +74,19 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// Each alone, with a word for it.
+    fn each(&self) -> impl Iterator<Item = (&'static str, Self)> {
+        let none = Self::default();
+        let all = [
+            ("supply", self.supply_v, Self { supply_v: self.supply_v, ..none }),
+            ("cell", self.cell_v, Self { cell_v: self.cell_v, ..none }),
+            ("memory", self.memory_bytes, Self { memory_bytes: self.memory_bytes, ..none }),
+            ("store", self.full_percent, Self { full_percent: self.full_percent, ..none }),
+            ("temperature", self.temperature_c, Self { temperature_c: self.temperature_c, ..none }),
+        ];
+        all.into_iter().filter(|(_, limit, _)| limit.is_some()).map(|(name, _, limits)| (name, limits))
+    }
+
     /// What is watched where a rule names none. The recording ends at 2.85 V; a lithium cell of 3 V is empty below 2.4 V; the
     /// processor bears 85 °C.
     const USUAL: Self = Self {
@@ -95,7 +111,8 @@ impl Condition {
             Self::Supply => &["SupplyLow"],
             Self::Storage => &["StorageFull"],
             Self::Margin(_) => &["MarginSmall"],
-            Self::Card => &["CardFailed", "CardFull"],
+            Self::Card { full: false } => &["CardFailed"],
+            Self::Card { full: true } => &["CardFull"],
             Self::Disk { .. } => &["DiskLow", "StoreFails"],
         }
     }
@@ -273,6 +290,25 @@ fn apart(mut rules: Vec<Rule>) -> Vec<Rule> {
     rules
 }
 
+/// Rules of which each is about one thing, so that one that stands hides no other: a margin for each limit, cards that fail and
+/// cards that are full.
+pub(super) fn single(rules: Vec<Rule>) -> Vec<Rule> {
+    let each = |rule: Rule| {
+        let named = |name: &str, condition: Condition| {
+            let name = format!("{} {name}", rule.name);
+            Rule { name, condition, ..rule.clone() }
+        };
+        match &rule.condition {
+            Condition::Margin(limits) => {
+                limits.each().map(|(name, limit)| named(name, Condition::Margin(limit))).collect()
+            }
+            Condition::Card { .. } => vec![rule.clone(), named("full", Condition::Card { full: true })],
+            _ => vec![rule],
+        }
+    };
+    apart(rules.into_iter().flat_map(each).collect())
+}
+
 impl Table {
     /// Keys that only some kinds have: whether they are given, and which kinds.
     fn own_keys(&self) -> [(&'static str, bool, &'static [&'static str]); 18] {
@@ -331,15 +367,21 @@ fn rule(source: &TomlFile, n: usize, table: Table) -> Result<Rule> {
         }),
         "supply" => Condition::Supply,
         "storage" => Condition::Storage,
-        "card" => Condition::Card,
+        "card" => Condition::Card { full: false },
         "margin" => {
-            let given = |key: &str, value: Option<f64>| value.map(|x| needed(key, Some(x))).transpose();
+            // Beyond these a recorder cannot tell any number.
+            let within = |key: &str, value: Option<f64>, least: f64, most: f64| match value {
+                Some(x) if !(x > least && x < most) => {
+                    Err(source.wrong(&at(key), format!("{key} is {x}; above {least} and below {most}")))
+                }
+                value => Ok(value),
+            };
             let limits = Limits {
-                supply_v: given("supply_v", table.supply_v)?,
-                cell_v: given("cell_v", table.cell_v)?,
-                memory_bytes: given("memory_bytes", table.memory_bytes)?,
-                full_percent: given("full_percent", table.full_percent)?,
-                temperature_c: given("temperature_c", table.temperature_c)?,
+                supply_v: within("supply_v", table.supply_v, 0.0, 4.0)?,
+                cell_v: within("cell_v", table.cell_v, 0.0, 4.0)?,
+                memory_bytes: within("memory_bytes", table.memory_bytes, 0.0, 1e9)?,
+                full_percent: within("full_percent", table.full_percent, 0.0, 100.0)?,
+                temperature_c: within("temperature_c", table.temperature_c, -40.0, 125.0)?,
             };
             Condition::Margin(if limits == Limits::default() { Limits::USUAL } else { limits })
         }

@@ -153,26 +153,40 @@ fn channels_clocks_supplies_and_stores_are_watched() {
 
 #[test]
 fn margins_and_cards_are_watched() {
-    let mut watcher = watcher("[[alarms]]\nkind = \"margin\"\n[[alarms]]\nkind = \"card\"\n");
+    let mut watcher = watcher(
+        "[[alarms]]\nkind = \"margin\"\n[[alarms]]\nkind = \"card\"\n[[alarms]]\nkind = \"supply\"\n",
+    );
     let margins = |supply_v: Value, waiting: u32| {
         json!({ "type": "margins", "station": 2, "memory_bytes": 90000, "memory_free_bytes": 66144, "longest_s": 0.007,
             "waiting": waiting, "room": 7000, "supply_v": supply_v, "battery_v": null, "temperature_c": 12 })
     };
     let fault =
         |code: &str, value: i64| json!({ "type": "fault", "station": 2, "code": code, "value": value });
+    let held =
+        |code: &str| json!({ "type": "faults_held", "station": 2, "code": code, "count": 1, "value": 4 });
+    let hello =
+        |kind: &str, cause: u8| json!({ "type": "hello", "station": 2, "kind": kind, "reset_cause": cause });
     let steps = [
         (margins(json!(3.3), 0), vec![]),
         (margins(Value::Null, 0), vec![]),
-        (margins(json!(2.99), 0), vec![("raised", "MarginSmall")]),
+        (margins(json!(2.996), 0), vec![("raised", "MarginSmall")]),
         (margins(json!(3.01), 0), vec![]),
-        (margins(json!(3.2), 0), vec![("cleared", "MarginSmall")]),
-        (margins(json!(3.2), 6000), vec![("raised", "MarginSmall")]),
+        // What could not be measured is not over, and one limit hides no other.
+        (margins(Value::Null, 6000), vec![("raised", "MarginSmall")]),
+        (margins(json!(3.2), 6000), vec![("cleared", "MarginSmall")]),
         (margins(json!(3.2), 100), vec![("cleared", "MarginSmall")]),
         (fault("CardFailed", 64_000 << 8 | 4), vec![("raised", "CardFailed")]),
         (fault("CardFailed", 128_000 << 8 | 4), vec![]),
         (fault("CardBack", 192_000), vec![("cleared", "CardFailed")]),
-        (fault("CardFull", 1 << 40), vec![("raised", "CardFull")]),
-        (json!({ "type": "hello", "station": 2 }), vec![("cleared", "CardFull")]),
+        (held("CardFailed"), vec![("raised", "CardFailed")]),
+        (fault("CardFull", 1 << 40), vec![("raised", "CardFull"), ("cleared", "CardFailed")]),
+        (hello("array", 255), vec![]),
+        (hello("waiting", 2), vec![]),
+        (hello("array", 0), vec![("cleared", "CardFull")]),
+        (fault("SupplyLow", 2850), vec![("raised", "SupplyLow")]),
+        (json!({ "type": "bearing", "station": 2, "session": 1 }), vec![]),
+        (hello("waiting", 0), vec![]),
+        (hello("array", 2), vec![("cleared", "SupplyLow")]),
     ];
     for (t, (record, wanted)) in steps.into_iter().enumerate() {
         let mut out = watcher.take(&record, t as f64);
@@ -353,4 +367,19 @@ fn an_alarm_of_a_rule_that_is_of_another_kind_now_is_cleared() {
     assert!(watcher(silent).resume(&raised, 300.0).is_empty());
     let of_clock = silent.replace("silent", "clock");
     assert_eq!(states(&watcher(&of_clock).resume(&raised, 300.0)), ["cleared"]);
+}
+
+#[test]
+fn limits_that_nothing_can_reach_are_refused_and_what_is_over_is_cleared_at_the_end() {
+    for wrong in ["full_percent = 100", "temperature_c = 200", "supply_v = 3000", "cell_v = 0"] {
+        let text = format!("[[alarms]]\nkind = \"margin\"\n{wrong}\n");
+        let key = wrong.split(' ').next().unwrap();
+        let said = Alarms::of(&TomlFile::of(&text, "a.toml")).unwrap_err().to_string();
+        assert!(said.contains(key) && said.contains("above"), "{said}");
+    }
+    let mut watcher = watcher("[[alarms]]\nkind = \"card\"\nclear_after_s = 60\n");
+    let fault = |code: &str| json!({ "type": "fault", "station": 2, "code": code, "value": 4 });
+    assert_eq!(states(&watcher.take(&fault("CardFailed"), 0.0)), ["raised"]);
+    assert!(watcher.take(&fault("CardBack"), 1.0).is_empty());
+    assert_eq!(states(&watcher.finish(2.0)), ["cleared"]);
 }

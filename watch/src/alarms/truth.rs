@@ -70,7 +70,8 @@ pub(super) fn supply(station: u16, kind: &str, fault: &str, record: &Value) -> O
             let text = format!("station {station}: the supply is below {} mV", record["value"]);
             Some(Truth::yes("SupplyLow", text))
         }
-        ("hello" | "bearing" | "azimuth", _) => Some(Truth::over("it records again")),
+        // It begins a new session when its supply is good. Bearings of before may come later.
+        ("hello", _) if record["kind"] != "waiting" => Some(Truth::over("it records again")),
         _ => None,
     }
 }
@@ -109,10 +110,12 @@ pub(super) fn margin(station: u16, limits: &Limits, record: &Value) -> Truth {
     ];
     let mut near = false;
     for (what, unit, value, limit, least) in watched {
-        let Some((value, limit)) = value.zip(limit) else { continue };
+        let Some(limit) = limit else { continue };
+        // What could not be measured is not known.
+        let Some(value) = value else { return Truth::unknown() };
         let beyond = |x: f64, limit: f64| if least { x < limit } else { x > limit };
         if beyond(value, limit) {
-            let (value, than) = ((100.0 * value).round() / 100.0, if least { "below" } else { "above" });
+            let (value, than) = ((1000.0 * value).round() / 1000.0, if least { "below" } else { "above" });
             return Truth::yes(
                 "MarginSmall",
                 format!("station {station}: {what} {value}{unit}, {than} {limit}"),
@@ -123,22 +126,26 @@ pub(super) fn margin(station: u16, limits: &Limits, record: &Value) -> Truth {
     if near { Truth::unknown() } else { Truth::over("its margins are large enough") }
 }
 
-/// Whether a recorder's card takes no sound.
-pub(super) fn card(station: u16, kind: &str, fault: &str, record: &Value) -> Option<Truth> {
-    let value = record["value"].as_u64().unwrap_or(0);
-    let why = match value & 0xff {
+/// Whether a recorder's card takes no sound, or, where that is asked, is full. Faults that were held back count as others do.
+pub(super) fn card(station: u16, of_full: bool, kind: &str, record: &Value) -> Option<Truth> {
+    let fault =
+        if matches!(kind, "fault" | "faults_held") { record["code"].as_str().unwrap_or("") } else { "" };
+    let why = match record["value"].as_u64().unwrap_or(0) & 0xff {
         1 => "there is no card",
         2 => "the card is not prepared",
         3 => "the card answers with errors",
         4 => "the card is too slow",
         _ => "the card takes no sound",
     };
-    match (kind, fault) {
-        (_, "CardFull") => Some(Truth::yes("CardFull", format!("station {station}: the card is full"))),
-        (_, "CardFailed") => Some(Truth::yes("CardFailed", format!("station {station}: {why}"))),
-        (_, "CardBack") => Some(Truth::over("it takes sound again")),
+    // An answer to `Identify` has no reason of a start.
+    const ANSWER: u64 = 255;
+    let starts = kind == "hello" && record["reset_cause"] != ANSWER && record["kind"] != "waiting";
+    match (fault, of_full) {
+        ("CardFull", true) => Some(Truth::yes("CardFull", format!("station {station}: the card is full"))),
+        ("CardFull", false) => Some(Truth::over("the card is full")),
+        ("CardFailed", false) => Some(Truth::yes("CardFailed", format!("station {station}: {why}"))),
+        ("CardBack", _) => Some(Truth::over("it takes sound again")),
         // A new start says anew what is wrong with its card.
-        ("hello", _) => Some(Truth::over("the recorder has started again")),
-        _ => None,
+        _ => starts.then(|| Truth::over("the recorder has started again")),
     }
 }

@@ -69,7 +69,9 @@ pub struct Alarm {
     pub acknowledged: bool,
     /// A person here has just said so; whoever raised it has not answered yet.
     pub asked: bool,
-    /// When it was raised, UTC, and what it says.
+    /// The date when it was raised, UTC.
+    pub day: String,
+    /// The time of day, and what it says.
     pub text: String,
 }
 
@@ -156,10 +158,16 @@ impl Board {
                 }
             }
             (Some(state @ ("raised" | "acknowledged")), None) if self.alarms.len() < ALARMS => {
-                let (clock, code) = (moment(record).1, record["code"].as_str().unwrap_or(""));
+                let ((day, clock), code) = (moment(record), record["code"].as_str().unwrap_or(""));
                 let text = record["text"].as_str().unwrap_or("");
                 let text = format!("{clock} {} {}", printable(code), printable(text));
-                self.alarms.push(Alarm { id, acknowledged: state == "acknowledged", asked: false, text });
+                self.alarms.push(Alarm {
+                    id,
+                    acknowledged: state == "acknowledged",
+                    asked: false,
+                    day,
+                    text,
+                });
             }
             _ => {}
         }

@@ -116,7 +116,9 @@ fn print(mut board: Board, records: &Subscription, stop: &AtomicBool) -> Result<
     let begun = Instant::now();
     loop {
         let mut lines = String::new();
-        let goes_on = take(records, &mut board, begun, |event| lines += &format!("{}\n", event.text));
+        let goes_on = take(records, &mut board, begun, |event| {
+            lines += &format!("{}{}\n", view::other_day(&event.day, &utc_now()), event.text);
+        });
         let mut out = tty::out()?;
         out.write_all(lines.as_bytes())?;
         if !goes_on || stop.load(Ordering::SeqCst) {

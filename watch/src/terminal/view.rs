@@ -80,7 +80,7 @@ impl Shown<'_> {
         self.alarms(frame, alarm, choice);
         self.stations(frame, station, choice);
         self.events(frame, event, choice);
-        let words = " Ctrl-C ends the base station | Tab next part | arrows, PgUp, PgDn, Home, End scroll | a acknowledge | Ctrl-L anew";
+        let words = " Ctrl-C ends the base station | Tab next part | arrows, PgUp, PgDn, Home, End scroll | a acknowledge, A all | Ctrl-L anew";
         frame.render_widget(Line::styled(words, self.coloured(Color::DarkGray)), keys);
     }
 
@@ -136,7 +136,7 @@ impl Shown<'_> {
             if alarm.acknowledged { ("  seen ", Weight::Doubtful) } else { (" !     ", Weight::Bad) };
         let style = self.style(weight);
         let style = if chosen { style.add_modifier(Modifier::REVERSED) } else { style };
-        Line::styled(format!("{mark}{}", alarm.text), style)
+        Line::styled(format!("{mark}{}{}", other_day(&alarm.day, self.utc), alarm.text), style)
     }
 
     fn stations(&self, frame: &mut Frame<'_>, area: Rect, choice: &mut Choice) {
@@ -217,11 +217,13 @@ impl Shown<'_> {
     }
 
     fn event(&self, event: &Event) -> Line<'_> {
-        // What is of another day than today says of which.
-        let other = !event.day.is_empty() && !self.utc.starts_with(&event.day);
-        let day = if other { format!("{} ", event.day) } else { String::new() };
-        Line::styled(format!(" {day}{}", event.text), self.style(event.weight))
+        Line::styled(format!(" {}{}", other_day(&event.day, self.utc), event.text), self.style(event.weight))
     }
+}
+
+/// What is of another day than now says of which.
+pub fn other_day(day: &str, utc: &str) -> String {
+    if day.is_empty() || utc.starts_with(day) { String::new() } else { format!("{day} ") }
 }
 
 /// The first row of an area, and the others; `None` where it has none.
