@@ -33,6 +33,7 @@ type One = [u16; RING_ITEMS as usize];
 /// Memory of the rings.
 pub type Ring = [One; CHANNELS];
 /// They before anything came.
+#[allow(clippy::large_const_arrays)] // It is what a static begins with, and never a value of its own.
 pub const EMPTY: Ring = [[0; RING_ITEMS as usize]; CHANNELS];
 
 /// Requests of SPI1 to 4 to take what came.
