@@ -138,8 +138,17 @@ mod tests {
     use super::*;
     use crate::figure::Figures;
 
+    /// A whole recorder with its store stands on the stack, which a test's thread has too little of where nothing is
+    /// optimised.
+    const STACK_BYTES: usize = 16 << 20;
+
     #[test]
     fn two_weeks_leave_nothing_stuck_lost_or_told_at_a_wrong_time() {
+        let run = std::thread::Builder::new().stack_size(STACK_BYTES).spawn(two_weeks).unwrap();
+        run.join().unwrap();
+    }
+
+    fn two_weeks() {
         let options = Options {
             out: std::env::temp_dir(),
             runs: Some(14),
