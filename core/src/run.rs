@@ -126,6 +126,17 @@ fn said(outlet: &mut impl Outlet, told: &mut Told) -> impl FnMut(&Message) {
     }
 }
 
+/// A command as the application takes it: that tells UTC when its next sample was heard, not when the command came.
+fn of_sample(command: Command, age_us: impl FnOnce() -> u64) -> Command {
+    match command {
+        Command::Utc { token, utc_us, sd_us } => {
+            let utc_us = utc_us.saturating_sub_unsigned(age_us());
+            Command::Utc { token, utc_us, sd_us }
+        }
+        other => other,
+    }
+}
+
 /// Runs until the input ends or a stop is commanded; frames are sent once.
 pub fn run(
     application: &mut impl Application,
@@ -166,6 +177,7 @@ pub fn run_over(
                 }
                 Heard::Command(command) => {
                     running &= !matches!(command, Command::Stop { .. });
+                    let command = of_sample(command, || source.age_us(summary.index));
                     application.command(command, &mut said(outlet, &mut told));
                 }
                 Heard::Bad(n) => {
@@ -432,6 +444,15 @@ pub(crate) mod tests {
             n += 1;
         }
         assert_eq!(n, MOST_AT_ONCE_S);
+    }
+
+    #[test]
+    fn utc_told_now_is_that_of_the_sample_named_as_much_earlier_as_it_was_heard() {
+        let told = Command::Utc { token: 3, utc_us: 1_000_000, sd_us: 5 };
+        let earlier = Command::Utc { token: 3, utc_us: 998_500, sd_us: 5 };
+        assert_eq!(of_sample(told, || 1500), earlier);
+        let other = Command::Stop { token: 3 };
+        assert_eq!(of_sample(other, || 1500), other);
     }
 
     #[test]

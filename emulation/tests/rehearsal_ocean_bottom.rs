@@ -18,7 +18,7 @@ fn every_fault_of_the_ocean_bottom_board_is_named_and_no_wrong_record_passes_as_
     let image = &firmware.join("images/stm32h743-obs.elf");
     let rate_hz = config_blob::station(&blob).unwrap().rate_hz;
     let stage = Stage { image, link_image: image, blob: &blob, rate_hz };
-    let length = OceanBottom { pace_s: 60.0, outages_s: vec![1.0], short: true };
+    let length = OceanBottom { pace_s: 60.0, outages_s: vec![1.0], short: true, cuts: 2 };
     let rows = stage.rehearse_ocean_bottom(&length, |_| {}).unwrap();
     let table: Vec<String> = rows.iter().map(ToString::to_string).collect();
     insta::assert_snapshot!(table.join("\n"));

@@ -31,6 +31,9 @@ pub trait Board {
     const FRAME_BYTES: usize;
     /// Edges over which their rate is looked at, at least; two clocks that are 1 % wrong differ by less than a sixteenth.
     const LEAST_TIMED: u64;
+    /// Turns of the loop from one look at a satellite receiver to the next: at 64 kHz some milliseconds, as a look costs as
+    /// much as a block's care.
+    const LOOK_EVERY: u8 = 8;
 
     /// Conversions a second that are asked for.
     fn hz(&self) -> u32;
@@ -335,6 +338,12 @@ impl<B: Board> SampleSource for Acquisition<B> {
 
     fn fault(&mut self) -> Option<(FaultCode, u64)> {
         self.fault.take()
+    }
+
+    fn age_us(&mut self, index: u64) -> u64 {
+        let edges = self.board.edges();
+        let conversions = self.index_of(edges).unwrap_or(0).saturating_sub(index);
+        conversions.saturating_mul(1_000_000).checked_div(self.board.hz().into()).unwrap_or(0)
     }
 }
 

@@ -22,18 +22,16 @@ const SENTENCE_US: u64 = 950_000;
 const BRIDGED_US: u64 = 30_000_000;
 /// Standard deviation of a pair, s: the core sees an edge some tenths of a microsecond late, and so is the pulse itself.
 const PAIR_SD_S: f64 = 2e-6;
-/// Turns of the loop from one look at the receiver to the next: some milliseconds, and a look costs as much as a block's care.
-const LOOK_EVERY: u8 = 8;
 /// Bytes of sentences taken at a time: more than come between two looks, less than would keep samples waiting.
 const MOST_BYTES: usize = 64;
 
-/// A pulse and the converter's edge next after it.
+/// A pulse and an edge of the converter's near it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pulse {
     /// Number of the edge.
     pub edge: u64,
-    /// How long after the pulse it was, ns.
-    pub late_ns: u32,
+    /// How long after the pulse it was by the board's clock, ns; negative where it was before.
+    pub late_ns: i32,
     /// The pulse by the board's clock, µs.
     pub at_us: u64,
 }
@@ -56,9 +54,9 @@ pub struct Labels {
     sentences: Sentences,
     /// The newest pulse, until it has its second.
     pulse: Option<Pulse>,
-    /// When that was, and whether it was a second after the one before.
+    /// When that was, and, where it was a second after the one before, how long the board's clock had that second.
     newest_us: Option<u64>,
-    steady: bool,
+    second_us: Option<u64>,
     /// The newest pulse that had a second, and that.
     before: Option<(u64, i64)>,
 }
@@ -67,7 +65,7 @@ impl Labels {
     /// A pulse has come.
     pub fn pulse(&mut self, pulse: Pulse) {
         let since = self.newest_us.map(|newest| pulse.at_us.saturating_sub(newest));
-        self.steady = since.is_some_and(|us| us.abs_diff(1_000_000) <= SECOND_WITHIN_US);
+        self.second_us = since.filter(|us| us.abs_diff(1_000_000) <= SECOND_WITHIN_US);
         self.newest_us = Some(pulse.at_us);
         self.pulse = Some(pulse);
     }
@@ -77,16 +75,16 @@ impl Labels {
         let second = self.sentences.push(byte)?;
         // The first sentence after a pulse is its own.
         let pulse = self.pulse.take()?;
-        if !self.steady || now_us.saturating_sub(pulse.at_us) > SENTENCE_US {
-            return None;
-        }
+        let second_us = self.second_us.filter(|_| now_us.saturating_sub(pulse.at_us) <= SENTENCE_US)?;
         let before = self.before.replace((pulse.at_us, second));
         let agrees = before.is_some_and(|(at_us, earlier)| {
             let passed_us = pulse.at_us.saturating_sub(at_us);
             let passed = (passed_us + 500_000) / 1_000_000;
             passed_us <= BRIDGED_US && i64::try_from(passed) == Ok(second - earlier)
         });
-        let utc_us = second * 1_000_000 + i64::from((pulse.late_ns + 500) / 1000);
+        // In true time, as the pulse before has shown it.
+        let late_ns = (i64::from(pulse.late_ns) * 1_000_000).checked_div(second_us as i64)?;
+        let utc_us = second * 1_000_000 + (late_ns + 500).div_euclid(1000);
         agrees.then_some((pulse.edge, utc_us))
     }
 }
@@ -152,9 +150,13 @@ impl<B: Board, R: Reception, C: Counter> SampleSource for Timed<B, R, C> {
         self.acquisition.fault()
     }
 
+    fn age_us(&mut self, index: u64) -> u64 {
+        self.acquisition.age_us(index)
+    }
+
     fn pair(&mut self) -> Option<Pair> {
         self.turn = self.turn.wrapping_add(1);
-        if !self.turn.is_multiple_of(LOOK_EVERY) {
+        if !self.turn.is_multiple_of(B::LOOK_EVERY) {
             return None;
         }
         // Sentences heard so far belong to the pulse before.
@@ -221,6 +223,21 @@ mod tests {
         let mut labels = Labels::default();
         let told: Vec<_> = (0..5).map(|k| second(&mut labels, k, &sentence(k))).collect();
         assert_eq!(told, [None, None, expected(2), expected(3), expected(4)]);
+    }
+
+    #[test]
+    fn an_edge_before_or_after_its_pulse_is_placed_in_true_time() {
+        // The board's clock has 990 000 microseconds in a second; the edges are 4 ms off by it.
+        for (late_ns, true_us) in [(-3_960_000, -4000), (3_960_000, 4000), (-400, 0), (-1600, -2)] {
+            let mut labels = Labels::default();
+            let at = |k: u64| Pulse { edge: 250 * k, late_ns, at_us: 990_000 * k };
+            let told = (0..3).map(|k| {
+                labels.pulse(at(k));
+                let said = sentence(k as i64);
+                said.iter().filter_map(|b| labels.byte(*b, 990_000 * k + 200_000)).last()
+            });
+            assert_eq!(told.last().unwrap(), Some((500, START_US + 2_000_000 + true_us)), "{late_ns}");
+        }
     }
 
     #[test]

@@ -95,6 +95,10 @@ impl<S: SampleSource, D: Detector> SampleSource for Supplied<S, D> {
         self.source.fault()
     }
 
+    fn age_us(&mut self, index: u64) -> u64 {
+        self.source.age_us(index)
+    }
+
     fn pair(&mut self) -> Option<Pair> {
         self.source.pair()
     }

@@ -195,7 +195,7 @@ pub fn command(options: &[String]) -> Result<()> {
                 DEFAULT_OBS
             }
         };
-        report(&build_hardware(&toolchain, &HARDWARE_OBS, Some(station), None)?)?;
+        report(&build_hardware(&toolchain, &HARDWARE_OBS, Some(station), options.key)?)?;
     }
     Ok(())
 }

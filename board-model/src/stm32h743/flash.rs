@@ -28,6 +28,7 @@ mod control {
     pub const ERASE: u32 = 1 << 2;
     pub const BANK_ERASE: u32 = 1 << 3;
     pub const START: u32 = 1 << 7;
+    pub const END_INTERRUPT: u32 = 1 << 16;
 }
 
 /// Bits of `FLASH_SR` (4.9.5).
@@ -35,6 +36,7 @@ mod status {
     pub const BUSY: u32 = 1;
     pub const PARTLY: u32 = 1 << 1;
     pub const QUEUED: u32 = 1 << 2;
+    pub const END: u32 = 1 << 16;
     pub const CORRECTED: u32 = 1 << 25;
     pub const TWO_BITS: u32 = 1 << 26;
     pub const ERRORS: u32 = 0x07ee_0000;
@@ -186,6 +188,9 @@ impl Flash {
             && ends <= now
         {
             self.work = None;
+            if self.control & control::END_INTERRUPT != 0 {
+                self.status |= status::END;
+            }
             match work {
                 Work::Program(word) => {
                     self.of_word(word).copy_from_slice(&value);
@@ -198,6 +203,11 @@ impl Flash {
             }
         }
         false
+    }
+
+    /// Whether the end of a piece of work asks for an interrupt.
+    pub(super) fn interrupting(&self) -> bool {
+        self.control & control::END_INTERRUPT != 0 && self.status & status::END != 0
     }
 
     fn begin(&mut self, work: Work, value: [u8; WORD], seconds: f64, now: Ticks) {
@@ -268,7 +278,7 @@ impl Flash {
                     self.begin(Work::Erase(sector), [0xff; WORD], self.times.erase_s * slower.1, now);
                 }
             }
-            at::CLEAR => self.status &= !(value & status::ERRORS),
+            at::CLEAR => self.status &= !(value & (status::ERRORS | status::END)),
             _ => return Refusal::stop(format!("register {offset:#x} of a flash bank is not modelled")),
         }
         Ok(())

@@ -62,6 +62,7 @@ const SENTENCES: (Pin, u32) = (Pin::new('D', 6), 7);
 const RECEIVER_BAUD: u32 = 9600;
 const USART2: Port = Port { name: "USART2", interrupt: 38 };
 const USART3: Port = Port { name: "USART3", interrupt: 39 };
+const FLASH_INTERRUPT: u16 = 4;
 const SPI_PINS: [Pin; 2] = [Pin::new('A', 5), Pin::new('A', 6)];
 const SPI_FUNCTION: u32 = 5;
 /// Clock and data of each slave, and the pins' function.
@@ -449,6 +450,7 @@ impl Stm32h743 {
         self.usart.lines(bus);
         self.receiver.lines(bus);
         self.timers.iter_mut().for_each(|timer| timer.lines(bus));
+        bus.nvic.set_level(FLASH_INTERRUPT, self.flash.interrupting());
     }
 
     /// Moves one item for every request there is; whether any was moved.

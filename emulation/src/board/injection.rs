@@ -190,13 +190,11 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
     due
 }
 
-/// Puts everything on the line to the board: commands, and noise at `baud` bits a second.
-pub(super) fn fill_line(
-    machine: &mut Machine<Stm32h743>,
-    commands: &[(f64, Vec<u8>)],
-    faults: &[InjectedFault],
-    baud: u32,
-) {
+/// Bytes for the board, some of which are broken, and when the first of them comes.
+pub(super) type Sent = (Ticks, Vec<(u8, bool)>);
+
+/// Everything on the line to the board, in order: commands, and noise at `baud` bits a second.
+pub(super) fn to_the_board(commands: &[(f64, Vec<u8>)], faults: &[InjectedFault], baud: u32) -> Vec<Sent> {
     let mut all: Vec<(f64, Vec<(u8, bool)>)> =
         commands.iter().map(|(at, bytes)| (*at, bytes.iter().map(|b| (*b, false)).collect())).collect();
     all.extend(faults.iter().filter_map(|fault| match *fault {
@@ -207,9 +205,7 @@ pub(super) fn fill_line(
         _ => None,
     }));
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    for (at, bytes) in all {
-        machine.board.disturb(ticks(at), bytes);
-    }
+    all.into_iter().map(|(at, bytes)| (ticks(at), bytes)).collect()
 }
 
 /// A number that has nothing to do with its neighbours' (the finaliser of SplitMix64).

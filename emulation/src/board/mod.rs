@@ -18,7 +18,7 @@ pub use seismic::{BAUD as SEISMIC_BAUD, conversion, heard};
 use crate::twin::frames;
 use anyhow::{Context, Result, anyhow, bail};
 use base::Base;
-use injection::{fill_line, inject, schedule};
+use injection::{Sent, inject, schedule, to_the_board};
 use seabearing_board_model::ads131m04::{Codes, REGISTER_ACQUISITION, Source};
 use seabearing_board_model::core::Work;
 use seabearing_board_model::stm32h743::{self, Parameters, Stm32h743};
@@ -250,12 +250,17 @@ pub fn play(
         .map_err(anyhow::Error::msg)?;
     machine.board.card = card::insert(setup.card.as_ref())?;
     machine.board.converter.acquisition = (setup.acquisition_s * PER_SECOND as f64) as Ticks;
-    fill_line(&mut machine, &setup.commands, &setup.faults, setup.parameters.baud);
+    let mut to_come = to_the_board(&setup.commands, &setup.faults, setup.parameters.baud);
+    if !setup.link {
+        for (at, bytes) in to_come.drain(..) {
+            machine.board.disturb(at, bytes);
+        }
+    }
     let board_clock_error = setup.parameters.board_clock_error;
     satellites::fill(&mut machine, &setup.faults, board_clock_error, setup.receiver_s);
     let mut starts = vec![(0.0, 0)];
     let mut base = setup.link.then(|| Base::new(setup.parameters.baud));
-    let (began, ended) = run_board(&mut machine, setup, &mut starts, base.as_mut())?;
+    let (began, ended) = run_board(&mut machine, setup, to_come, &mut starts, base.as_mut())?;
     let (said, missing) = match &base {
         Some(base) => base.said()?,
         None => (said(&machine.board), 0),
@@ -336,6 +341,7 @@ fn ticks(seconds: f64) -> Ticks {
 fn run_board(
     machine: &mut Machine<Stm32h743>,
     setup: &Setup,
+    mut to_come: Vec<Sent>,
     starts: &mut Vec<(f64, usize)>,
     mut base: Option<&mut Base>,
 ) -> Result<(Moment, Moment)> {
@@ -352,6 +358,10 @@ fn run_board(
         until = until.max(now);
         for due in pending.extract_if(.., |due| due.at <= now) {
             inject(machine, &due)?;
+        }
+        // Between what the base station says.
+        for (_, bytes) in to_come.extract_if(.., |sent| sent.0 <= now) {
+            machine.board.disturb(now, bytes);
         }
         if let Some(base) = &mut base {
             base.look(machine);

@@ -27,7 +27,7 @@ const POWER: u8 = 0;
 pub(super) const WATCHDOG: u8 = 1;
 pub(super) const SOFTWARE: u8 = 2;
 pub(super) const PIN: u8 = 3;
-const BROWN_OUT: u8 = 4;
+pub(super) const BROWN_OUT: u8 = 4;
 
 pub(super) fn case(
     name: &str,
@@ -46,7 +46,7 @@ fn wrong_clocks() -> Parameters {
 }
 
 /// Commands framed, each at its second; a delimiter before each ends what noise had begun (docs/wire.md).
-fn line(commands: &[(f64, Command)]) -> Vec<(f64, Vec<u8>)> {
+pub(super) fn line(commands: &[(f64, Command)]) -> Vec<(f64, Vec<u8>)> {
     let mut encoder = Encoder::default();
     let mut frame = |command| [&[0], encoder.frame(command)].concat();
     commands.iter().map(|(at, command)| (*at, frame(command))).collect()
@@ -56,7 +56,7 @@ fn line(commands: &[(f64, Command)]) -> Vec<(f64, Vec<u8>)> {
 pub fn all(outages_s: &[f64]) -> Vec<Case> {
     let mut cases = failures();
     cases.extend(reach());
-    cases.extend(receiver());
+    cases.extend(receiver(&ARRAYS));
     for &s in outages_s {
         let cut = InjectedFault::ConverterMute(AT_S, s);
         cases.push(outage("line cut", s, cut, AT_S, &[Wanted::Fault(FaultCode::Invalid, None)]));
@@ -270,8 +270,20 @@ fn reach() -> Vec<Case> {
     ]
 }
 
+/// When something happens to the receiver, and for how long a case goes on then, s.
+pub(super) struct ReceiverTimes {
+    /// Of a board that has known UTC for a while.
+    pub at_s: f64,
+    /// Until it knows it again.
+    pub rest_s: f64,
+    /// Whether a core held for 0.1 s loses samples.
+    pub loses: bool,
+}
+
+const ARRAYS: ReceiverTimes = ReceiverTimes { at_s: 2.9, rest_s: 2.9, loses: true };
+
 /// The satellite receiver, well and unwell; both clocks 50 ppm off in opposite senses.
-fn receiver() -> Vec<Case> {
+pub(super) fn receiver(times: &ReceiverTimes) -> Vec<Case> {
     let clocks =
         Parameters { board_clock_error: 5e-5, converter_clock_error: -5e-5, ..Parameters::default() };
     let with = |name: &str, faults: &[InjectedFault], event_s: f64, seconds: f64, wanted: &[Wanted]| {
@@ -279,40 +291,43 @@ fn receiver() -> Vec<Case> {
         Case { setup: Setup { parameters: clocks, receiver_s: seconds + 1.0, ..case.setup }, ..case }
     };
     let time = Wanted::Time;
+    let &ReceiverTimes { at_s: at, rest_s, loses } = times;
+    let end = at + rest_s;
+    let gap = [Wanted::Fault(FaultCode::Gap, None), time];
     vec![
-        with("well", &[], 0.0, 5.0, &[time, time, time]),
-        with("no pulse for 2 s", &[InjectedFault::PulseLost(2.9, 2.0)], 2.9, 6.8, &[time]),
-        with("a false pulse before the sentence", &[InjectedFault::PulseGlitch(3.22)], 2.9, 5.8, &[time]),
-        with("a wrong second", &[InjectedFault::SecondWrong(2.9)], 2.9, 5.8, &[time]),
-        with("noise in its sentences for 2 s", &[InjectedFault::SentenceNoise(2.9, 2.0)], 2.9, 5.8, &[time]),
+        with("well", &[], 0.0, at + 2.1, &[time, time, time]),
+        with("no pulse for 2 s", &[InjectedFault::PulseLost(at, 2.0)], at, end + 1.0, &[time]),
+        with("a false pulse before the sentence", &[InjectedFault::PulseGlitch(at + 0.32)], at, end, &[time]),
+        with("a wrong second", &[InjectedFault::SecondWrong(at)], at, end, &[time]),
+        with("noise in its sentences for 2 s", &[InjectedFault::SentenceNoise(at, 2.0)], at, end, &[time]),
         with(
             "its clock steps by a second",
-            &[InjectedFault::ClockStep(2.9)],
-            2.9,
-            6.8,
+            &[InjectedFault::ClockStep(at)],
+            at,
+            end + 1.0,
             &[Wanted::Fault(FaultCode::ClockStepped, None), time],
         ),
         with(
             "core held for 0.1 s",
-            &[InjectedFault::CoreHeld(2.9, 0.1)],
-            2.9,
-            5.8,
-            &[Wanted::Fault(FaultCode::Gap, None), time],
+            &[InjectedFault::CoreHeld(at, 0.1)],
+            at,
+            end,
+            if loses { &gap } else { &gap[1..] },
         ),
-        with("reset pin", &[InjectedFault::PinReset(2.9)], 2.9, 5.8, &[Wanted::Start(PIN), time]),
+        with("reset pin", &[InjectedFault::PinReset(at)], at, end, &[Wanted::Start(PIN), time]),
         without_crystal(with(
             "reset pin, and no crystal for the clock on its cell",
-            &[InjectedFault::PinReset(2.9)],
-            2.9,
-            5.8,
+            &[InjectedFault::PinReset(at)],
+            at,
+            end,
             &[Wanted::Start(PIN), time],
         )),
         // No receiver: the cell's clock alone goes on.
         told_once(case(
             "UTC told, reset pin, supply sags",
-            &[InjectedFault::PinReset(2.0), InjectedFault::BrownOut(3.0)],
+            &[InjectedFault::PinReset(2.0), InjectedFault::BrownOut(at + 0.1)],
             1.0,
-            4.0,
+            1.1 + rest_s,
             &[Wanted::Reply(1), Wanted::Start(PIN), time, Wanted::Start(BROWN_OUT), time],
         )),
     ]

@@ -18,6 +18,8 @@ pub enum Wanted {
     Card(i64),
     /// A start for this reason (as in `Hello`).
     Start(u8),
+    /// A start with the configuration of this hash.
+    Runs(u64),
     /// That it waits for commands.
     Waits,
     /// An answer to the command with this token.
@@ -38,6 +40,7 @@ impl Wanted {
             }
             (Self::Card(why), Message::Fault(f)) => f.code == FaultCode::CardFailed && f.value & 0xff == why,
             (Self::Start(cause), Message::Hello(h)) => h.reset_cause == cause && h.kind != WAITING,
+            (Self::Runs(hash), Message::Hello(h)) => h.config_hash == hash && h.kind != WAITING,
             (Self::Waits, Message::Hello(h)) => h.kind == WAITING,
             (Self::Reply(token), Message::Reply(r)) => r.token == token,
             (Self::Margins(least, most), Message::Margins(m)) => {
@@ -64,6 +67,7 @@ impl Wanted {
                 let names = ["power", "watchdog", "software", "pin", "brown-out"];
                 format!("starts ({})", names.get(usize::from(cause)).unwrap_or(&"?"))
             }
+            Self::Runs(_) => "runs with it".to_owned(),
             Self::Waits => "waits".to_owned(),
             Self::Reply(token) => format!("answer {token}"),
             Self::End => "End".to_owned(),
@@ -216,7 +220,7 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
             }
             before = *number;
             let index = (number - base).saturating_add_signed(shift);
-            if end.is_some_and(|end| session.seismic.is_none() && index >= end) {
+            if end.is_some_and(|end| index >= session.seismic.map_or(end, |made| made.until(end))) {
                 break;
             }
             if gaps.iter().any(|gap| conversions(gap).contains(&index)) {

@@ -4,6 +4,7 @@ mod card;
 mod cases;
 mod judge;
 mod ocean_bottom;
+mod ocean_bottom_reach;
 
 use crate::board::{self, BoardRun, InjectedFault, Setup, mix};
 use anyhow::{Context, Result, bail};
@@ -79,17 +80,15 @@ pub struct Length {
     pub cuts: Option<u32>,
 }
 
-impl Length {
-    /// The works of the flash at which power is cut, in their order: one of each stretch of them, as a fixed seed has it.
-    fn cuts(&self) -> Vec<u32> {
-        let all = cases::SHORT_RUN;
-        let count = self.cuts.unwrap_or(all).clamp(1, all);
-        let one = |n: u32| {
-            let (from, to) = (n * all / count, (n + 1) * all / count);
-            from + (mix(u64::from(n)) % u64::from(to - from)) as u32
-        };
-        (0..count).map(one).collect()
-    }
+/// So many works of the flash at which power is cut, in their order: one of each stretch of them, as a fixed seed has it.
+fn cuts(count: Option<u32>) -> Vec<u32> {
+    let all = cases::SHORT_RUN;
+    let count = count.unwrap_or(all).clamp(1, all);
+    let one = |n: u32| {
+        let (from, to) = (n * all / count, (n + 1) * all / count);
+        from + (mix(u64::from(n)) % u64::from(to - from)) as u32
+    };
+    (0..count).map(one).collect()
 }
 
 /// By how many instants each hydrophone hears a wave before the last of them: from azimuth 149°, elevation 31°, at 1484 m/s
@@ -124,7 +123,8 @@ impl Stage<'_> {
 
     /// Keeps up at the cost that is asked for, and sleeps this share of the time at least.
     fn pace(&self, seconds: f64, parameters: Parameters, least_idle: f64) -> Result<Vec<Row>> {
-        let report = self.play(seconds, &Setup { costs: costs(COST.0), parameters, ..Setup::default() })?;
+        let setup = Setup { costs: costs(COST.0), parameters, link: parameters.seismic, ..Setup::default() };
+        let report = self.play(seconds, &setup)?;
         let (cycles, register) = COST;
         let row = |what: &str, outcome, right| {
             let case = format!("{what}, {cycles} cycles an instruction, {register} an access");
@@ -132,7 +132,8 @@ impl Stage<'_> {
         };
         let difference = report.difference(self.blob)?;
         let identical = difference.is_none();
-        let same = difference.unwrap_or("the same bytes".to_owned());
+        let words = if report.linked { "the same records, each once" } else { "the same bytes" };
+        let same = difference.unwrap_or(words.to_owned());
         let kept = report.lost == 0 && report.delivered == report.converted;
         let idle = report.idle * 100.0;
         Ok(vec![
@@ -204,10 +205,10 @@ impl Stage<'_> {
                 bail!("{}: the run has fewer works of the flash", case.name);
             }
             numbers.right &= report.missing == 0;
-            numbers.outcome += match report.missing {
-                0 => "; each record once",
-                _ => "; RECORDS MISSING",
-            };
+            let records = if report.missing == 0 { "each record once" } else { "RECORDS MISSING" };
+            let both = [numbers.outcome.as_str(), records];
+            numbers.outcome =
+                both.into_iter().filter(|words| !words.is_empty()).collect::<Vec<_>>().join("; ");
         }
         if let Some(clock) = judge::clock(&report, &case.setup.faults, self.rate_hz) {
             let both = [numbers.outcome, clock.outcome];
@@ -236,7 +237,7 @@ impl Stage<'_> {
     /// The image is not there or not the station's, or the board did what no board allows.
     pub fn rehearse(&self, length: &Length, say: impl FnMut(&Row)) -> Result<Vec<Row>> {
         let mut cases = cases::all(&length.outages_s);
-        cases.extend(cases::with_store(&length.cuts()));
+        cases.extend(cases::with_store(&cuts(length.cuts)));
         let play = |n: usize| match n {
             0 => self.pace(length.pace_s, Parameters::default(), LEAST_IDLE),
             1 => self.breaking(&length.costs),

@@ -1,7 +1,8 @@
 //! The ocean-bottom board rehearsed: four chips of a channel each, a minute's records, hours between.
 
-use super::cases::{Case, PIN, SOFTWARE, WATCHDOG};
+use super::cases::{Case, PIN, SOFTWARE, WATCHDOG, linked};
 use super::judge::Wanted;
+use super::ocean_bottom_reach::reach;
 use super::{COST, Row, Stage, all, costs};
 use crate::board::{InjectedFault, PANIC_LINE, SEISMIC_BAUD, Setup, mix};
 use anyhow::Result;
@@ -31,6 +32,8 @@ pub struct OceanBottom {
     pub outages_s: Vec<f64>,
     /// Only what no other board has.
     pub short: bool,
+    /// Of the works of the flash in a short run, how many power is cut at.
+    pub cuts: u32,
 }
 
 /// Noise that a hydrophone and three components hear alike, with a sixteenth of each channel's own, for so many instants.
@@ -46,15 +49,14 @@ pub(super) fn noise(instants: u64) -> impl FnMut() -> Option<Codes> + Send + 'st
     }
 }
 
-fn parameters() -> Parameters {
+pub(super) fn parameters() -> Parameters {
     Parameters { seismic: true, baud: SEISMIC_BAUD, ..Parameters::default() }
 }
 
 fn case(name: &str, faults: &[InjectedFault], event_s: f64, seconds: f64, wanted: &[Wanted]) -> Case {
     let setup =
         Setup { costs: costs(COST.0), parameters: parameters(), faults: faults.to_vec(), ..Setup::default() };
-    let name = format!("ocean bottom: {name}");
-    Case { name, setup, event_s, seconds, wanted: wanted.to_vec() }
+    linked("ocean bottom", Case { name: name.to_owned(), setup, event_s, seconds, wanted: wanted.to_vec() })
 }
 
 /// Clocks as wrong as they may be, in opposite senses.
@@ -197,6 +199,7 @@ impl Stage<'_> {
             cases.extend(ends());
         }
         cases.extend(outages(&length.outages_s, length.short));
+        cases.extend(reach(self.blob, length.cuts, length.short)?);
         let play = |n: usize| match n {
             0 => self.pace(length.pace_s, parameters(), LEAST_IDLE),
             n => self.judge(&cases[n - 1]).map(|row| vec![row]),

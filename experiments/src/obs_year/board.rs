@@ -54,6 +54,7 @@ impl Converters for Chips {
     const RING_FRAMES: usize = 4096;
     const FRAME_BYTES: usize = 4;
     const LEAST_TIMED: u64 = 16;
+    const LOOK_EVERY: u8 = 1;
 
     fn hz(&self) -> u32 {
         RATE_HZ as u32
@@ -145,6 +146,9 @@ impl<S: SampleSource> SampleSource for Noted<S> {
     }
     fn fault(&mut self) -> Option<(FaultCode, u64)> {
         self.source.fault()
+    }
+    fn age_us(&mut self, index: u64) -> u64 {
+        self.source.age_us(index)
     }
     fn pair(&mut self) -> Option<Pair> {
         self.source.pair()
@@ -246,6 +250,9 @@ impl<S: SampleSource> SampleSource for Ending<S> {
     }
     fn fault(&mut self) -> Option<(FaultCode, u64)> {
         self.0.fault()
+    }
+    fn age_us(&mut self, index: u64) -> u64 {
+        self.0.age_us(index)
     }
     fn pair(&mut self) -> Option<Pair> {
         self.0.pair()

@@ -343,7 +343,7 @@ impl World {
         let late_s = left / (RATE_HZ * (1.0 + self.drift));
         self.pulse = Some(Pulse {
             edge: self.edges.floor() as u64,
-            late_ns: (late_s * 1e9).round() as u32,
+            late_ns: (late_s * 1e9 * (1.0 + self.board_error + self.board_walk)).round() as i32,
             at_us: self.board_us(),
         });
         let utc_s = BEGIN_S + (self.now_us / 1_000_000) as i64;

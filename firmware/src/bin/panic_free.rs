@@ -71,7 +71,7 @@ impl SampleSource for Samples {
 
     fn pair(&mut self) -> Option<Pair> {
         let word = || u64::from(Device.word()) << 32 | u64::from(Device.word());
-        self.labels.pulse(Pulse { edge: word(), late_ns: Device.word(), at_us: word() });
+        self.labels.pulse(Pulse { edge: word(), late_ns: Device.word().cast_signed(), at_us: word() });
         let (index, utc_us) = self.labels.byte(Device.word() as u8, word())?;
         Some(Pair { index, utc_us, sd_s: f64::from(Device.word()) })
     }

@@ -119,6 +119,12 @@ fn TIM5() {
     on_pulse();
 }
 
+#[cfg(feature = "seismic")]
+#[interrupt]
+fn FLASH() {
+    seabearing_firmware::stm32h743::flash::on_end();
+}
+
 #[entry]
 fn main() -> ! {
     static mut FRAMES: [Frame; BLOCK_FRAMES] = [[0; 4]; BLOCK_FRAMES];

@@ -67,6 +67,10 @@ impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
         self.source.told(time);
     }
 
+    fn age_us(&mut self, index: u64) -> u64 {
+        self.source.age_us(index)
+    }
+
     fn pair(&mut self) -> Option<Pair> {
         let pair = self.source.pair();
         if let Some(pair) = pair {

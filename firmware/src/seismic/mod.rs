@@ -59,6 +59,14 @@ impl Conversion {
         }
     }
 
+    /// The converter's sample after the last that is needed for the recorder's before this one.
+    pub fn until(self, number: u64) -> u64 {
+        match number.checked_sub(1) {
+            Some(last) => self.middle(last) + self.first() + 1,
+            None => 0,
+        }
+    }
+
     /// The converter's sample that is the recorder's first.
     fn first(self) -> u64 {
         if self.decimated { HALF } else { 0 }
@@ -66,14 +74,18 @@ impl Conversion {
 
     /// What is told of the recorder's samples, told of the converter's.
     pub fn told(self, time: &Time) -> Time {
-        let delay_us = (DELAY as f64 * 1e6 / f64::from(self.rate.hz()) + 0.5) as i64;
+        let delay_us = (DELAY as f64 * self.period_us() + 0.5) as i64;
         Time { index: self.middle(time.index), utc_us: time.utc_us + delay_us, ..*time }
     }
 
+    /// Microseconds of a conversion, nominally.
+    fn period_us(self) -> f64 {
+        1e6 / f64::from(self.rate.hz())
+    }
+
     /// What the recorder's sample is that was heard when the converter ended a conversion, from that conversion's pair: all
-    /// delays are taken out.
-    pub fn pair(self, converted: Pair) -> Option<Pair> {
-        let period_us = 1e6 / f64::from(self.rate.hz());
+    /// delays are taken out, which are so many conversions of `period_us` each.
+    fn pair(self, converted: Pair, period_us: f64) -> Option<Pair> {
         let since = converted.index.checked_sub(self.first())?;
         let late = DELAY + since % self.factor();
         let late_us = (late as f64 * period_us + 0.5) as i64;
@@ -97,13 +109,34 @@ pub struct Seismic<S> {
     decimator: Decimator,
     still: [Still; CHANNELS],
     fault: Option<(FaultCode, u64)>,
+    /// The newest pair that was precise, of the converter's.
+    precise: Option<Pair>,
 }
+
+/// A pair so sure measures the converter's pace, s.
+const PRECISE_S: f64 = 1e-4;
+/// The pace is the nominal one within this.
+const PACE_WITHIN: f64 = 1e-3;
 
 impl<S: SampleSource> Seismic<S> {
     /// Nothing heard yet.
     pub fn new(source: S, conversion: Conversion) -> Self {
         let (decimator, still) = (Decimator::default(), Default::default());
-        Self { source, conversion, decimator, still, fault: None }
+        Self { source, conversion, decimator, still, fault: None, precise: None }
+    }
+
+    /// The recorder's pair of one of the converter's. The delays are 31 conversions and more, so what a pulse tells is worth as
+    /// much as their length is known: it is measured from pulse to pulse, and the first alone gives nothing.
+    fn placed(&mut self, converted: Pair) -> Option<Pair> {
+        let nominal_us = self.conversion.period_us();
+        if converted.sd_s > PRECISE_S {
+            return self.conversion.pair(converted, nominal_us);
+        }
+        let before = self.precise.replace(converted)?;
+        let conversions = converted.index.checked_sub(before.index).filter(|n| *n > 0)?;
+        let period_us = converted.utc_us.wrapping_sub(before.utc_us) as f64 / conversions as f64;
+        let near = (period_us - nominal_us).abs() <= PACE_WITHIN * nominal_us;
+        self.conversion.pair(converted, period_us).filter(|_| near)
     }
 
     /// Takes a sample of the converter's; the recorder's that is complete with it.
@@ -175,8 +208,14 @@ impl<S: SampleSource> SampleSource for Seismic<S> {
         self.source.told(&self.conversion.told(time));
     }
 
+    fn age_us(&mut self, index: u64) -> u64 {
+        let delay_us = (DELAY as f64 * self.conversion.period_us() + 0.5) as u64;
+        self.source.age_us(self.conversion.middle(index)).saturating_add(delay_us)
+    }
+
     fn pair(&mut self) -> Option<Pair> {
-        self.source.pair().and_then(|pair| self.conversion.pair(pair))
+        let pair = self.source.pair()?;
+        self.placed(pair)
     }
 }
 

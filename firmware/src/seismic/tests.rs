@@ -1,8 +1,8 @@
 use super::*;
 use std::vec::Vec;
 
-/// Frames with their numbers, a block at a time.
-struct Blocks(Vec<(u64, Vec<Frame>)>);
+/// Frames with their numbers, a block at a time; pairs, the last first.
+struct Blocks(Vec<(u64, Vec<Frame>)>, Vec<Pair>);
 
 impl SampleSource for Blocks {
     fn read(&mut self, frames: &mut [Frame]) -> Chunk {
@@ -14,7 +14,10 @@ impl SampleSource for Blocks {
         self.0.is_empty().then_some((FaultCode::ConverterRestarted, 250))
     }
     fn pair(&mut self) -> Option<Pair> {
-        Some(Pair { index: 60 + 5 * 1000 + 2, utc_us: 1_000_000_000, sd_s: 1e-6 })
+        self.1.pop()
+    }
+    fn age_us(&mut self, index: u64) -> u64 {
+        4000 * (1000 - index)
     }
 }
 
@@ -26,7 +29,7 @@ fn blocks(signal: impl Fn(u64) -> Frame, count: u64, without: std::ops::Range<u6
         blocks.extend(run.chunks(64).map(|c| (c[0], c.iter().map(|n| signal(*n)).collect())));
     }
     blocks.reverse();
-    Blocks(blocks)
+    Blocks(blocks, Vec::new())
 }
 
 /// A code that never stays the same.
@@ -104,7 +107,10 @@ fn a_conversion_that_was_damaged_is_no_dead_chip() {
 
 #[test]
 fn delays_are_taken_out_of_the_time_and_restarts_are_told_in_the_recorders_samples() {
-    let mut seismic = Seismic::new(blocks(|n| [busy(n); CHANNELS], 64, 0..0), FIFTY);
+    let mut source = blocks(|n| [busy(n); CHANNELS], 64, 0..0);
+    // Told to a tenth of a second: the nominal pace does.
+    source.1 = [Pair { index: 60 + 5 * 1000 + 2, utc_us: 1_000_000_000, sd_s: 0.1 }].into();
+    let mut seismic = Seismic::new(source, FIFTY);
     let mut frames = [[0; CHANNELS]; 64];
     assert_eq!(seismic.read(&mut frames), Chunk::End);
     assert_eq!(seismic.fault(), Some((FaultCode::ConverterRestarted, 50)));
@@ -112,8 +118,27 @@ fn delays_are_taken_out_of_the_time_and_restarts_are_told_in_the_recorders_sampl
     let pair = seismic.pair().unwrap();
     assert_eq!((pair.index, pair.utc_us), (1000, 1_000_000_000 - 132_000));
     let direct = Conversion { decimated: false, ..FIFTY };
-    let pair = direct.pair(Pair { index: 77, utc_us: 0, sd_s: 1.0 }).unwrap();
+    let pair = direct.pair(Pair { index: 77, utc_us: 0, sd_s: 1.0 }, 4000.0).unwrap();
     assert_eq!((pair.index, pair.utc_us), (77, -124_000));
+}
+
+#[test]
+fn a_sample_was_heard_all_delays_before_the_newest_conversion() {
+    let mut seismic = Seismic::new(blocks(|n| [busy(n); CHANNELS], 64, 0..0), FIFTY);
+    // In the middle of its taps is conversion 160; 1000 are done, and the chip's own filter delays by 31.
+    assert_eq!(seismic.age_us(20), 4000 * (1000 - 160 + 31));
+}
+
+#[test]
+fn delays_are_as_long_as_the_converter_takes_for_them_between_two_pulses() {
+    // 100 parts in a million slow: 4000.4 us a conversion. The third second has stepped.
+    let pulse = |k: u64, utc_us: i64| Pair { index: 62 + 250 * k, utc_us, sd_s: 2e-6 };
+    let mut source = blocks(|n| [busy(n); CHANNELS], 64, 0..0);
+    source.1 = [pulse(3, 4_000_300), pulse(2, 3_000_200), pulse(1, 1_000_100), pulse(0, 0)].into();
+    let mut seismic = Seismic::new(source, FIFTY);
+    let told: Vec<_> = (0..4).map(|_| seismic.pair().map(|pair| (pair.index, pair.utc_us))).collect();
+    let delay_us = (33.0f64 * 4000.4).round() as i64;
+    assert_eq!(told, [None, Some((50, 1_000_100 - delay_us)), None, Some((150, 4_000_300 - delay_us))]);
 }
 
 /// What is told of the recorder's samples comes back as what was heard of the converter's.
@@ -121,7 +146,7 @@ fn delays_are_taken_out_of_the_time_and_restarts_are_told_in_the_recorders_sampl
 fn what_is_told_is_of_the_conversion_that_was_heard() {
     for made in [50.0, 100.0, 200.0, 250.0, 500.0].map(|hz| Conversion::of(hz).unwrap()) {
         let heard = Pair { index: made.middle(1234), utc_us: 1_790_000_000_000_000, sd_s: 1e-3 };
-        let Pair { index, utc_us, .. } = made.pair(heard).unwrap();
+        let Pair { index, utc_us, .. } = made.pair(heard, made.period_us()).unwrap();
         let time = Time { index, utc_us, sd_s: 0.001, drift: 1e-6, sd_drift: 1e-7, correlation: 0.5 };
         let told = made.told(&time);
         assert_eq!((index, told.index, told.utc_us), (1234, heard.index, heard.utc_us), "{made:?}");

@@ -8,6 +8,7 @@ use crate::bank::{Controller, SECTOR_WORDS};
 use core::cell::Cell;
 use cortex_m::peripheral::{MPU, SCB};
 use embassy_stm32::Peri;
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::pac::{self, flash::regs};
 use embassy_stm32::peripherals::FLASH;
 use seabearing_core::wire::link::flash::Word;
@@ -37,9 +38,20 @@ fn bank() -> pac::flash::Bank {
     pac::FLASH.bank(1)
 }
 
+/// Whether the end of a piece of work wakes the core: an ocean-bottom recorder's loop turns too seldom to find out by itself.
+const END_WAKES: bool = cfg!(feature = "seismic");
+/// `CCR.CLR_EOP`.
+const END: u32 = 1 << 16;
+
+/// Called by the flash's interrupt, which ends the core's sleep.
+pub fn on_end() {
+    bank().ccr().write_value(regs::Ccr(END));
+}
+
 fn control(f: impl FnOnce(&mut regs::Cr)) {
     bank().cr().write(|w| {
         w.set_psize(PARALLEL);
+        w.set_eopie(END_WAKES);
         f(w);
     });
 }
@@ -65,6 +77,11 @@ impl BankTwo {
         }
         let bank = Self { _claimed: flash, active: Cell::new(false), errors: Cell::new(0) };
         bank.clear_errors();
+        if END_WAKES {
+            interrupt::FLASH.set_priority(Priority::P6);
+            // SAFETY: the handler only clears the flag that called it.
+            unsafe { interrupt::FLASH.enable() };
+        }
         bank
     }
 

@@ -26,8 +26,15 @@ const SETTLE_S: u32 = 5;
 /// Where the records are.
 pub type Records = FlashStore<Part<'static, BankTwo, RECORDS_FIRST, RECORDS_SECTORS>, WAITING>;
 
-/// Longest configuration that can be replaced, bytes.
-pub const BLOB_BYTES: usize = 4096;
+/// Longest configuration that can be replaced, bytes: an ocean-bottom station's has its propagation table in it.
+pub const BLOB_BYTES: usize = if cfg!(feature = "seismic") { 32_768 } else { 4096 };
+#[cfg(feature = "seismic")]
+const _: () = {
+    use seabearing_core::obs::table::{MAX_BRANCHES, blob_bytes};
+    /// The station's own section, its levels, and heads of sections: a few hundred bytes.
+    const WITHOUT_TABLE: usize = 2048;
+    assert!(blob_bytes(MAX_BRANCHES) + WITHOUT_TABLE <= BLOB_BYTES, "the largest table fits");
+};
 
 /// Where the configurations are.
 pub type Configurations = Slots<Part<'static, BankTwo, 0, RECORDS_FIRST>, fn(&[u8]) -> bool>;

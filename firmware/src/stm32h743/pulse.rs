@@ -2,12 +2,11 @@
 //!
 //! TIM5 keeps the moment of the pulse in hardware. Its interrupt then waits for the converter's next edge (16 us at 64 kHz),
 //! whose number is that of a sample: how late the edge was is read from the same counter, so that the time the interrupt
-//! took to begin does not matter.
+//! took to begin does not matter. At the ocean bottom, where the next edge is up to 4 ms away, DMA has kept the moment of the
+//! newest one ([`super::streams`]), from the same counter too: nobody waits.
 
 use super::clock::{TICKS_PER_US, now_ticks, now_us};
-use super::counter::edges;
 use super::link::Incoming;
-use super::until;
 use crate::receiver::{Pulse, Reception};
 use core::cell::Cell;
 use critical_section::Mutex;
@@ -18,11 +17,30 @@ use embassy_stm32::peripherals::PA0;
 
 /// Bytes that may come between two looks: half a second at 9600 baud.
 pub const RING_BYTES: usize = 512;
-/// An edge so long after the pulse, in ticks, is of a core that was held: the board's clock is 1 % wrong.
-const LATEST: u32 = 2000 * TICKS_PER_US;
+/// An edge so far from the pulse, in ticks, is of a core that was held: the board's clock is 1 % wrong.
+const FARTHEST: u32 = if cfg!(feature = "seismic") { 8000 } else { 2000 } * TICKS_PER_US;
 
 /// The newest pulse.
 static NEWEST: Mutex<Cell<Option<Pulse>>> = Mutex::new(Cell::new(None));
+
+/// The number of an edge near this moment, and TIM5's count at it.
+#[cfg(feature = "seismic")]
+fn edge_near() -> Option<(u64, u32)> {
+    super::seismic::newest_edge()
+}
+
+/// The number of the next edge, and TIM5's count at it.
+#[cfg(not(feature = "seismic"))]
+fn edge_near() -> Option<(u64, u32)> {
+    use super::counter::edges;
+    let before = edges();
+    let mut after = before;
+    let met = super::until(|| {
+        after = edges();
+        after != before
+    });
+    met.then(|| (after.wrapping_sub(1), now_ticks() as u32))
+}
 
 /// Called by TIM5's interrupt.
 pub fn on_pulse() {
@@ -30,21 +48,17 @@ pub fn on_pulse() {
     let captured = counter.ccr(0).read();
     let twice = counter.sr().read().ccof(0);
     counter.sr().write_value(timer::regs::SrGp16(0));
-    let before = edges();
-    let mut after = before;
-    let met = until(|| {
-        after = edges();
-        after != before
-    });
-    let now = now_ticks();
-    let late = (now as u32).wrapping_sub(captured);
-    if twice || !met || late > LATEST {
+    let Some((edge, moment)) = edge_near().filter(|_| !twice) else { return };
+    let late = moment.wrapping_sub(captured).cast_signed();
+    if late.unsigned_abs() > FARTHEST {
         return;
     }
+    let now = now_ticks();
+    let since = u64::from((now as u32).wrapping_sub(captured));
     let pulse = Pulse {
-        edge: after.wrapping_sub(1),
-        late_ns: late * 1000 / TICKS_PER_US,
-        at_us: now.wrapping_sub(u64::from(late)) / u64::from(TICKS_PER_US),
+        edge,
+        late_ns: (i64::from(late) * 1000 / i64::from(TICKS_PER_US)) as i32,
+        at_us: now.wrapping_sub(since) / u64::from(TICKS_PER_US),
     };
     critical_section::with(|cs| NEWEST.borrow(cs).set(Some(pulse)));
 }

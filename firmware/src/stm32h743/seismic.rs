@@ -9,13 +9,15 @@
 
 use super::clock::now_us;
 use super::counter::{self, Input, edges};
-use super::streams::{self, STREAM_RX};
+use super::streams::{self, STREAM_MOMENT, STREAM_RX};
 use super::{CORE_HZ, until};
 use crate::acquisition::Board;
 use crate::converter::Read;
 use crate::pace::Stamp;
 use crate::seismic::chips::{self, Answer, Bus, Settings, WORD_BYTES};
+use core::cell::Cell;
 use core::ptr::addr_of_mut;
+use critical_section::Mutex;
 use embassy_stm32::Peri;
 use embassy_stm32::pac::{self, gpio, spi};
 use embassy_stm32::peripherals::{
@@ -46,6 +48,24 @@ const LOOK_US: u64 = 1_000_000;
 const PATIENCE_US: u64 = 8_000;
 /// A transfer takes 16 us.
 const TRANSFER_US: u32 = 40;
+
+/// The number of the first edge whose moment was kept since the streams were set going.
+static KEPT_FROM: Mutex<Cell<Option<u64>>> = Mutex::new(Cell::new(None));
+
+/// The newest edge's number and TIM5's count at it, where it was kept.
+pub(super) fn newest_edge() -> Option<(u64, u32)> {
+    /// An edge is counted some tenths of a microsecond before its moment is kept.
+    const AFTER_US: u32 = 2;
+    const MOST_LOOKS: usize = 3;
+    let from = critical_section::with(|cs| KEPT_FROM.borrow(cs).get())?;
+    let mut looks = (0..MOST_LOOKS).map(|_| {
+        let before = (edges(), streams::newest_moment());
+        super::wait_us(AFTER_US);
+        (before == (edges(), streams::newest_moment())).then_some(before)
+    });
+    let (count, moment) = looks.find_map(|look| look)?;
+    (count > from).then(|| (count - 1, moment))
+}
 
 /// What the converters' hardware occupies.
 pub type Claimed = (
@@ -186,6 +206,8 @@ impl Board for Chips {
     const RING_FRAMES: usize = RING_FRAMES;
     const FRAME_BYTES: usize = WORD_BYTES;
     const LEAST_TIMED: u64 = 16;
+    // Some thirty turns a second.
+    const LOOK_EVERY: u8 = 1;
 
     fn hz(&self) -> u32 {
         self.settings.rate.hz()
@@ -248,16 +270,20 @@ impl Board for Chips {
             streams::receive(stream, request, bus, addr_of_mut!(*ring).cast(), RING_ITEMS);
         }
         streams::start_by_edges(self.input);
-        critical_section::with(|_| {
+        streams::keep_moments();
+        critical_section::with(|cs| {
             let first = edges();
             counter::ask_for_dma(self.input, true);
-            (edges() == first).then_some(first)
+            let first = (edges() == first).then_some(first);
+            KEPT_FROM.borrow(cs).set(first);
+            first
         })
     }
 
     fn disarm(&mut self) {
+        critical_section::with(|cs| KEPT_FROM.borrow(cs).set(None));
         counter::ask_for_dma(self.input, false);
-        streams::stop(STREAMS[CHANNELS - 1]);
+        streams::stop(STREAM_MOMENT);
         self.by_dma(false);
     }
 

@@ -3,12 +3,15 @@
 //! ```text
 //! edge -> TIM1 request -> DMA1 stream 0: SPI1_IFCR = all flags
 //!      -> DMAMUX event 0 -> request generator 0, thrice -> stream 1: SPI1_CR1 = 0, then SPE, then SPE and CSTART
+//!                        request generator 1        -> stream 7: TIM5_CNT kept (ocean bottom)
 //! SPI1 -> its requests -> stream 2: what comes into a ring; stream 3: zeros out
 //! ```
 //!
 //! SPI1 is switched off and on before every transfer because the manual advises it after an end of transfer (RM0433, 50.4.9).
 
 use super::counter::Input;
+#[cfg(feature = "seismic")]
+use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_stm32::pac::{self, dma, spi};
 
 const TIM1_CH1: u8 = 11;
@@ -16,6 +19,8 @@ const SPI1_TX: u8 = 38;
 /// SPI1's request to take what came.
 pub(super) const SPI1_RX: u8 = 37;
 const GENERATOR_0: u8 = 1;
+#[cfg(feature = "seismic")]
+const GENERATOR_1: u8 = 2;
 const STREAM_CLEAR: usize = 0;
 const STREAM_START: usize = 1;
 /// Takes what SPI1 heard.
@@ -24,6 +29,13 @@ const STREAM_TX: usize = 3;
 /// The last of the four.
 #[cfg(not(feature = "seismic"))]
 pub(super) const LAST: usize = STREAM_TX;
+/// Keeps the moment of every edge.
+#[cfg(feature = "seismic")]
+pub(super) const STREAM_MOMENT: usize = 7;
+
+/// TIM5's count at the newest edge, where DMA puts it.
+#[cfg(feature = "seismic")]
+static MOMENT: AtomicU32 = AtomicU32::new(0);
 
 const SPI_ON: u32 = 1;
 const SPI_START: u32 = 1 << 9 | SPI_ON;
@@ -122,10 +134,33 @@ pub(super) fn start_by_edges(input: Input) {
     prepare(STREAM_CLEAR, request, true, ifcr, clear as u32, 1, |w| to_bus(w, word, false));
 }
 
-/// Stops streams up to this one, and the generator.
+/// Makes every edge that starts a transfer leave its moment too.
+#[cfg(feature = "seismic")]
+pub(super) fn keep_moments() {
+    let generator = pac::DMAMUX1.rgcr(1);
+    generator.write(|w| w.set_gpol(pac::dmamux::vals::Pol::RISING_EDGE));
+    generator.modify(|w| w.set_ge(true));
+    let count = pac::TIM5.cnt().as_ptr() as u32;
+    prepare(STREAM_MOMENT, GENERATOR_1, false, count, MOMENT.as_ptr() as u32, 1, |w| {
+        w.set_circ(true);
+        w.set_psize(dma::vals::Size::BITS32);
+        w.set_msize(dma::vals::Size::BITS32);
+        w.set_pl(dma::vals::Pl::VERY_HIGH);
+    });
+}
+
+/// TIM5's count at the newest edge.
+#[cfg(feature = "seismic")]
+pub(super) fn newest_moment() -> u32 {
+    MOMENT.load(Ordering::Relaxed)
+}
+
+/// Stops streams up to this one, and the generators.
 pub(super) fn stop(last: usize) {
     (0..=last).for_each(halt);
     pac::DMAMUX1.rgcr(0).write(|_| {});
+    #[cfg(feature = "seismic")]
+    pac::DMAMUX1.rgcr(1).write(|_| {});
 }
 
 /// Bytes that a stream has put into its ring of so many items, modulo its length.

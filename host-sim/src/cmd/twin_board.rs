@@ -55,7 +55,8 @@ pub struct BoardOptions {
     /// chipN-reset@S, chipN-upset@S
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<InjectedFault>,
-    /// The image whose records wait in flash until a base station has them, and one at the other end of the line
+    /// The image whose records wait in flash until a base station has them, and one at the other end of the line; always so
+    /// with an ocean-bottom station
     #[arg(long)]
     link: bool,
     /// The image that records on a card too (its records wait as with --link), and a prepared card of 20 files of 4 MiB
@@ -95,7 +96,8 @@ fn rehearse(
     };
     if matches!(station.config.kind, Kind::Obs(_)) {
         let stage = Stage { image, link_image: image, blob: &blob, rate_hz: station.config.rate_hz };
-        let length = OceanBottom { pace_s: pace_s.unwrap_or(300.0), outages_s, short: false };
+        let cuts = if longest_s < 10.0 { 6 } else { 32 };
+        let length = OceanBottom { pace_s: pace_s.unwrap_or(300.0), outages_s, short: false, cuts };
         return rehearsal::verdict(&stage.rehearse_ocean_bottom(&length, say)?);
     }
     if card {
@@ -139,8 +141,7 @@ pub(super) fn run(
         (false, _) if options.card => {
             ("stm32h743-card.elf", "cargo xtask build-firmware --board stm32h743-card")
         }
-        (true, true) => bail!("--link: the ocean-bottom board's image sends its records once"),
-        (true, false) => ("stm32h743-obs.elf", "cargo xtask build-firmware --board stm32h743-obs"),
+        (true, _) => ("stm32h743-obs.elf", "cargo xtask build-firmware --board stm32h743-obs"),
         (false, true) => ("stm32h743-link.elf", "cargo xtask build-firmware --board stm32h743-link"),
         (false, false) => ("stm32h743.elf", "cargo xtask build-firmware --board stm32h743"),
     };
@@ -152,6 +153,7 @@ pub(super) fn run(
     let mut setup = setup(options)?;
     if seismic {
         (setup.parameters.seismic, setup.parameters.baud) = (true, board::SEISMIC_BAUD);
+        setup.link = true;
     }
     if options.card {
         setup.card = Some(board::blank(20, 256, rate_hz)?);
