@@ -1,5 +1,5 @@
 //! The recorder on the STM32H743: it runs with its real drivers in an emulator; not yet on silicon. With the feature `link` its
-//! records wait in flash until the base station has them, with `card` its sound is recorded too, with `seismic` its converters are an ocean-bottom recorder's.
+//! records wait in flash until the base station has them, with `card` its sound is recorded too, with `seismic` its converters are an ocean-bottom recorder's, which has the link too.
 #![no_std]
 #![no_main]
 #![allow(unsafe_code)]
