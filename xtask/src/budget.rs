@@ -488,6 +488,8 @@ fn ocean_bottom(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         figure("statics, bytes", statics, None),
         figure("stack used, bytes", stack, Some(margin)),
         figure("statics and stack, bytes", statics + stack, Some(HARDWARE_RAM)),
+        figure("sectors erased in 200 s", told(&said, "flash_sectors")?, None),
+        figure("words written in 200 s", told(&said, "flash_words")?, None),
         figure("conversions lost in 200 s", told(&said, "lost")?, Some(0.0)),
         figure("interrupts a second", told(&said, "interrupts_per_s")?, Some(HARDWARE_INTERRUPTS)),
         figure(LEAST, get("idle", 100.0)?, Some(OCEAN_BOTTOM_ASLEEP)),
