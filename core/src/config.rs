@@ -38,6 +38,37 @@ pub struct StationConfig {
     /// Levels sent unasked. In a section of their own of the blob, so that blobs without it stay as they are.
     #[serde(skip)]
     pub levels: Levels,
+    /// When the recorder listens. In a section of its own too.
+    #[serde(skip)]
+    pub schedule: Schedule,
+}
+
+/// When a recorder listens: for the first `on_s` seconds of every `every_s`, counted from midnight of 1970-01-01 UTC where it
+/// knows UTC, and from sample 0 where it does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Schedule {
+    /// Seconds from one beginning to the next; 0: it always listens.
+    pub every_s: u32,
+    /// Seconds for which it listens then.
+    pub on_s: u32,
+}
+
+impl Schedule {
+    /// The bytes that a blob holds.
+    pub const fn bytes(self) -> [u8; 8] {
+        let ([a, b, c, d], [e, f, g, h]) = (self.every_s.to_le_bytes(), self.on_s.to_le_bytes());
+        [a, b, c, d, e, f, g, h]
+    }
+
+    /// The same back.
+    pub const fn of([a, b, c, d, e, f, g, h]: [u8; 8]) -> Self {
+        Self { every_s: u32::from_le_bytes([a, b, c, d]), on_s: u32::from_le_bytes([e, f, g, h]) }
+    }
+
+    /// Share of the time for which it listens.
+    pub fn share(self) -> f64 {
+        if self.every_s == 0 { 1.0 } else { f64::from(self.on_s) / f64::from(self.every_s) }
+    }
 }
 
 /// Levels that a recorder sends of itself: a spectrum of one channel, averaged over so long.
@@ -206,6 +237,7 @@ impl StationConfig {
             kind,
             tracking: Tracking::default(),
             levels: Levels::default(),
+            schedule: Schedule::default(),
         }
     }
 
@@ -260,6 +292,11 @@ impl StationConfig {
             };
             within("levels.every_s", f64::from(self.levels.every_s), least, most)?;
             within("levels.channel", f64::from(self.levels.channel), 0.0, channel)?;
+        }
+        if self.schedule.every_s > 0 {
+            let Schedule { every_s, on_s } = self.schedule;
+            within("schedule.every_s", f64::from(every_s), 20.0, 604_800.0)?;
+            within("schedule.on_s", f64::from(on_s), 10.0, f64::from(every_s) - 10.0)?;
         }
         match &self.kind {
             Kind::Array(a) => {
@@ -320,14 +357,19 @@ impl StationConfig {
         }
     }
 
-    /// Identifies the configuration: FNV-1a (64 bits) of its postcard bytes, and of the levels' where any are sent. Equal
-    /// configurations have equal hashes.
+    /// Identifies the configuration: FNV-1a (64 bits) of its postcard bytes, of the levels' where any are sent, and of the
+    /// schedule's where there is one. Equal configurations have equal hashes.
     pub fn hash(&self) -> u64 {
         let mut buffer = [0u8; 1024];
         let Ok(length) = postcard::to_slice(self, &mut buffer).map(|bytes| bytes.len()) else { return 0 };
-        let levels = self.levels.bytes();
-        let behind = if self.levels.every_s > 0 { levels.len() } else { 0 };
-        buffer.iter_mut().skip(length).zip(levels).for_each(|(to, from)| *to = from);
-        crate::wire::hash::fnv1a(buffer.get(..length + behind).unwrap_or_default())
+        let (levels, schedule) = (self.levels.bytes(), self.schedule.bytes());
+        let levels = levels.iter().filter(|_| self.levels.every_s > 0);
+        let behind = levels.chain(schedule.iter().filter(|_| self.schedule.every_s > 0));
+        let mut end = length;
+        for (to, from) in buffer.iter_mut().skip(length).zip(behind) {
+            *to = *from;
+            end += 1;
+        }
+        crate::wire::hash::fnv1a(buffer.get(..end).unwrap_or_default())
     }
 }

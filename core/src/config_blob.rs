@@ -6,10 +6,10 @@
 //! ```
 //! The CRC is CRC-32/ISO-HDLC of the body. Section `STAT` is the postcard form of [`StationConfig`] and must be
 //! there; `PROP` is an ocean-bottom station's propagation table; `LEVL` says which levels are sent unasked, none where it is
-//! not there: seconds:u16le channel:u8. Unknown sections are skipped, and so is whatever follows the blob, so that a whole page
+//! not there: seconds:u16le channel:u8; `DUTY` when it listens, always where it is not there: every_s:u32le on_s:u32le. Unknown sections are skipped, and so is whatever follows the blob, so that a whole page
 //! of flash may be given to the reader.
 
-use crate::config::{ConfigError, Levels, StationConfig};
+use crate::config::{ConfigError, Levels, Schedule, StationConfig};
 
 /// First bytes of every blob: magic and version.
 pub const HEADER: [u8; 5] = *b"SBCF\x01";
@@ -19,6 +19,8 @@ pub const STATION: [u8; 4] = *b"STAT";
 pub const PROPAGATION: [u8; 4] = *b"PROP";
 /// Tag of the section of the levels sent unasked.
 pub const LEVELS: [u8; 4] = *b"LEVL";
+/// Tag of the section that says when the recorder listens.
+pub const SCHEDULE: [u8; 4] = *b"DUTY";
 /// Bytes of a section before its body.
 const SECTION_HEAD: usize = 12;
 /// Bytes before the first section.
@@ -98,19 +100,20 @@ pub fn section(blob: &[u8], tag: [u8; 4]) -> Result<&[u8], BlobError> {
 pub fn station(blob: &[u8]) -> Result<StationConfig, BlobError> {
     let body = section(blob, STATION)?;
     let mut config: StationConfig = postcard::from_bytes(body).map_err(|_| BlobError::Decode(STATION))?;
-    config.levels = levels(blob).ok_or(BlobError::Crc(LEVELS))?;
+    config.levels = small(blob, LEVELS)?.map_or(Levels::default(), Levels::of);
+    config.schedule = small(blob, SCHEDULE)?.map_or(Schedule::default(), Schedule::of);
     config.validate().map_err(BlobError::Invalid)?;
     Ok(config)
 }
 
-/// The levels that are sent unasked: off where no section says so; `None` where it is damaged.
+/// The body of a section of fixed length, which need not be there.
 // Apart: what looks for the other sections of a blob that is known when the image is built is to stay open to the optimiser.
 #[inline(never)]
-fn levels(blob: &[u8]) -> Option<Levels> {
-    match section(blob, LEVELS) {
-        Ok(body) => body.first_chunk().copied().map(Levels::of),
-        Err(BlobError::Missing(_)) => Some(Levels::default()),
-        Err(_) => None,
+fn small<const N: usize>(blob: &[u8], tag: [u8; 4]) -> Result<Option<[u8; N]>, BlobError> {
+    match section(blob, tag) {
+        Ok(body) => body.first_chunk().copied().map(Some).ok_or(BlobError::Crc(tag)),
+        Err(BlobError::Missing(_)) => Ok(None),
+        Err(_) => Err(BlobError::Crc(tag)),
     }
 }
 
@@ -154,19 +157,25 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Adds the station's section, and that of the levels where any are sent.
+    /// Adds the station's section, that of the levels where any are sent, and that of the schedule where there is one.
     ///
     /// # Errors
     /// [`BlobError::Full`] if it does not fit.
     pub fn station(&mut self, config: &StationConfig) -> Result<(), BlobError> {
         self.section(STATION, |body| postcard::to_slice(config, body).ok().map(|b| b.len()))?;
-        if config.levels.every_s == 0 {
-            return Ok(());
+        if config.levels.every_s > 0 {
+            self.small(LEVELS, config.levels.bytes())?;
         }
-        let levels = config.levels.bytes();
-        self.section(LEVELS, |body| {
-            *body.first_chunk_mut()? = levels;
-            Some(levels.len())
+        if config.schedule.every_s > 0 {
+            self.small(SCHEDULE, config.schedule.bytes())?;
+        }
+        Ok(())
+    }
+
+    fn small<const N: usize>(&mut self, tag: [u8; 4], bytes: [u8; N]) -> Result<(), BlobError> {
+        self.section(tag, |body| {
+            *body.first_chunk_mut()? = bytes;
+            Some(N)
         })
     }
 
@@ -200,6 +209,7 @@ mod tests {
             kind: Kind::Line(LineConfig { sensors: 23, spacing_m: 0.75 }),
             tracking: Tracking::default(),
             levels: Levels::default(),
+            schedule: Schedule { every_s: 3600, on_s: 600 },
         }
     }
 
@@ -235,7 +245,7 @@ mod tests {
         }
         let mut bad = good.clone();
         *bad.last_mut().unwrap() ^= 1;
-        assert_eq!(station(&bad), Err(BlobError::Crc(STATION)));
+        assert_eq!(station(&bad), Err(BlobError::Crc(SCHEDULE)));
         assert_eq!(station(&good[..HEADER.len()]), Err(BlobError::Truncated));
         let mut invalid = config();
         invalid.sound_speed_m_s = 1.0;

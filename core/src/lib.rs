@@ -50,6 +50,7 @@ pub mod recorder;
 pub mod run;
 pub mod sample_line;
 pub mod sbraw;
+pub mod schedule;
 #[cfg(feature = "array")]
 mod slot;
 pub mod slots;

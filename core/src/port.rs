@@ -37,6 +37,9 @@ pub trait SampleSource {
         None
     }
 
+    /// These samples are not wanted.
+    fn rest(&mut self, _samples: core::ops::Range<u64>) {}
+
     /// UTC is known so from now on: for a source whose clock outlasts the recorder.
     fn told(&mut self, _time: &Time) {}
 

@@ -7,9 +7,11 @@
 //! when a link ([`crate::outlet::Reliable`]) sends.
 
 use crate::block::{Block, Frame};
+use crate::config::Schedule;
 use crate::keeper::DONE;
 use crate::outlet::{Heard, Outlet, Plain};
 use crate::port::{Chunk, Clock, Link, Load, SampleSource, Supervisor};
+use crate::schedule::Stretches;
 use crate::utc::Pair;
 use crate::wire::{Command, End, Fault, FaultCode, Message, Reply, Time};
 
@@ -40,6 +42,17 @@ pub trait Application {
 
     /// Fewer samples than [`Self::enough`] have come for so many seconds; called once for each, from the first on.
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message));
+
+    /// When it listens, and its samples a second.
+    fn schedule(&self) -> (Schedule, f64) {
+        (Schedule::default(), 0.0)
+    }
+
+    /// Samples from here up to this index are left out on purpose.
+    fn pause(&mut self, _until: u64, _sink: &mut impl FnMut(&Message)) {}
+
+    /// So many seconds of them have gone by; called once for each, from the first on.
+    fn paused(&mut self, _seconds: u32, _sink: &mut impl FnMut(&Message)) {}
 
     /// Something went wrong outside: said as other faults are.
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message));
@@ -99,6 +112,42 @@ impl Silence {
         self.told_s = self.told_s.max(silent_s.saturating_sub(MOST_AT_ONCE_S));
         (self.told_s < silent_s).then(|| {
             self.told_s += 1;
+            self.told_s
+        })
+    }
+}
+
+/// The recorder's schedule as the loop keeps it.
+struct Rhythm {
+    stretches: Stretches,
+    /// Index after the last sample that came.
+    index: u64,
+    /// Seconds of a pause that were told.
+    told_s: u32,
+}
+
+impl Rhythm {
+    /// The front of a block, which is heard or left out as a whole, and the rest.
+    fn part<'a>(&mut self, block: Block<'a>) -> (Option<Block<'a>>, Block<'a>) {
+        let Block { first_index, frames } = block;
+        let (count, listens) = self.stretches.next(first_index, frames.len());
+        let (front, rest) = frames.split_at_checked(count).unwrap_or((frames, &[]));
+        self.index = first_index.saturating_add(front.len() as u64);
+        if listens {
+            self.told_s = 0;
+        }
+        (
+            listens.then_some(Block { first_index, frames: front }),
+            Block { first_index: self.index, frames: rest },
+        )
+    }
+
+    /// The next second of a pause that has gone by and was not told.
+    fn second(&mut self, index: u64) -> Option<u32> {
+        let paused_s = self.stretches.paused_s(index);
+        (self.told_s < paused_s).then(|| {
+            // An index that leaps is no long pause.
+            self.told_s = self.told_s.max(paused_s.saturating_sub(MOST_AT_ONCE_S)) + 1;
             self.told_s
         })
     }
@@ -165,6 +214,8 @@ pub fn run_over(
         outlet.say(&Message::Fault(Fault { code, index: 0, value }));
     }
     let mut silence = Silence::since(clock.seconds());
+    let (schedule, rate_hz) = application.schedule();
+    let mut rhythm = Rhythm { stretches: Stretches::new(schedule, rate_hz), index: 0, told_s: 0 };
     let mut running = true;
     while running {
         supervisor.feed();
@@ -201,13 +252,26 @@ pub fn run_over(
                     outlet.sampled();
                 }
                 let begun = clock.ticks();
-                let block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
+                let mut block = Block { first_index, frames: frames.get(..count).unwrap_or(frames) };
                 outlet.block(&block);
-                application.push(block, &mut said(outlet, &mut told));
+                while !block.frames.is_empty() {
+                    let (heard, rest) = rhythm.part(block);
+                    block = rest;
+                    if let Some(until) = rhythm.stretches.begun() {
+                        application.pause(until, &mut said(outlet, &mut told));
+                        source.rest(rhythm.index..until);
+                    }
+                    if let Some(heard) = heard {
+                        summary.index = heard.first_index.saturating_add(heard.frames.len() as u64);
+                        application.push(heard, &mut said(outlet, &mut told));
+                    }
+                    while let Some(seconds) = rhythm.second(block.first_index) {
+                        application.paused(seconds, &mut said(outlet, &mut told));
+                    }
+                }
                 let ticks = clock.ticks().wrapping_sub(begun);
                 summary.busy_ticks = summary.busy_ticks.saturating_add(u64::from(ticks));
                 summary.worst_block_ticks = summary.worst_block_ticks.max(ticks);
-                summary.index = first_index.saturating_add(count as u64);
                 summary.instants = summary.instants.saturating_add(count as u64);
             }
             Chunk::Idle => {
@@ -226,6 +290,7 @@ pub fn run_over(
         }
         if let Some(time) = told.time.take() {
             source.told(&time);
+            rhythm.stretches.told(&time, rhythm.index);
         }
         if core::mem::take(&mut told.health) {
             let load = Load {

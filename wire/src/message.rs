@@ -339,11 +339,13 @@ pub enum FaultCode {
     CardBack,
     /// The card is full: how many instants it holds of this start.
     CardFull,
+    /// No fault: the recorder pauses as its schedule says. For how many instants.
+    Paused,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -369,6 +371,7 @@ impl FaultCode {
         Self::CardFailed,
         Self::CardBack,
         Self::CardFull,
+        Self::Paused,
     ];
 }
 

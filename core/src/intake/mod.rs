@@ -181,6 +181,8 @@ pub struct Intake {
     looked: u64,
     /// Time has started again, by how many instants; not yet told.
     restarted: Option<u64>,
+    /// Up to this index instants are left out on purpose.
+    rests_until: u64,
 }
 
 impl Intake {
@@ -204,7 +206,14 @@ impl Intake {
             arrived: 0,
             looked: 0,
             restarted: None,
+            rests_until: 0,
         }
+    }
+
+    /// Instants up to this index are left out on purpose: they are in the bucket of gaps, and no fault.
+    pub fn rest(&mut self, until: u64, sink: &mut dyn FnMut(Message)) {
+        self.rests_until = until;
+        self.faults.note(FaultCode::Paused, self.next, until.saturating_sub(self.next), sink);
     }
 
     /// Instants that have come so far, good ones or not.
@@ -283,9 +292,12 @@ impl Intake {
             self.tell_repeats(sink);
             self.fallen = None;
             let n = rest.first_index - self.next;
+            let wanting = rest.first_index.saturating_sub(self.next.max(self.rests_until));
             self.next = rest.first_index;
             self.accounting.lose(LossCause::Gap, n);
-            self.faults.note(FaultCode::Gap, self.next, n, sink);
+            if wanting > 0 {
+                self.faults.note(FaultCode::Gap, self.next, wanting, sink);
+            }
             return self.lack(plan, n);
         };
         if back == 0 {
@@ -318,7 +330,7 @@ impl Intake {
         let back = self.next.saturating_sub(index).saturating_add(unused);
         (self.first, self.next, self.fallen) = (index.saturating_sub(unused), index, None);
         (self.running, self.absent, self.bridged) = (false, 0, 0);
-        self.restarted = Some(back);
+        (self.restarted, self.rests_until) = (Some(back), 0);
         Event::Restart(index)
     }
 

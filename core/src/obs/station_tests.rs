@@ -6,7 +6,7 @@ use super::station::{Scratch, State, finish, push};
 use super::table::{Table, blob_bytes};
 use super::table_encode::{BranchColumns, Header, encode};
 use crate::block::{Block, Frame, MISSING};
-use crate::config::{Kind, Levels, ObsConfig, StationConfig, Tracking};
+use crate::config::{Kind, Levels, ObsConfig, Schedule, StationConfig, Tracking};
 use crate::math;
 use crate::wire::{AZIGRAM_BANDS, Azigram, FaultCode, Message};
 use std::boxed::Box;
@@ -32,6 +32,7 @@ pub(crate) fn config(rate_hz: f64) -> StationConfig {
         }),
         tracking: Tracking::default(),
         levels: Levels::default(),
+        schedule: Schedule::default(),
     }
 }
 

@@ -5,7 +5,7 @@ use super::shaft;
 use super::{DEAF_S, SILENT_S, enough, silence};
 use crate::array;
 use crate::block::Block;
-use crate::config::StationConfig;
+use crate::config::{Schedule, StationConfig};
 use crate::demon::SpeedCurve;
 use crate::density;
 use crate::intake::{Event, Run, Step};
@@ -140,6 +140,18 @@ impl ArrayRecorder {
         state.set_places(vessels.places());
     }
 
+    /// The same, and what follows for levels, faults and health; `wanted`: by the schedule.
+    // Apart: called from two places, it is in flash once.
+    #[inline(never)]
+    fn without_samples(&mut self, seconds: u32, wanted: bool, sink: &mut impl FnMut(&Message)) {
+        self.wait(seconds, sink);
+        if seconds >= DEAF_S {
+            self.state.silent();
+        }
+        let condition = self.condition();
+        silence(&mut self.state.intake, &self.reporter, &condition, (seconds, wanted), sink);
+    }
+
     /// The recording has reached this index.
     fn time(&mut self, index: u64, sink: &mut impl FnMut(&Message)) {
         let Self { plan: Slot::Full(plan), state, vessels, .. } = self else { return };
@@ -196,12 +208,19 @@ impl Application for ArrayRecorder {
     }
 
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
-        self.wait(seconds, sink);
-        if seconds >= DEAF_S {
-            self.state.silent();
-        }
-        let condition = self.condition();
-        silence(&mut self.state.intake, &self.reporter, &condition, seconds, sink);
+        self.without_samples(seconds, false, sink);
+    }
+
+    fn schedule(&self) -> (Schedule, f64) {
+        self.reporter.listens()
+    }
+
+    fn pause(&mut self, until: u64, sink: &mut impl FnMut(&Message)) {
+        self.state.intake.rest(until, &mut |message| sink(&message));
+    }
+
+    fn paused(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        self.without_samples(seconds, true, sink);
     }
 
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {

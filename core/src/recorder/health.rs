@@ -1,6 +1,6 @@
 //! Greeting, health reports and answers to commands, the same for every kind of recorder.
 
-use crate::config::StationConfig;
+use crate::config::{Schedule, StationConfig};
 use crate::health::Accounting;
 use crate::intake::{Faults, GRID};
 use crate::math;
@@ -48,6 +48,7 @@ pub struct Reporter {
     /// Instants that had come at the last look.
     arrived: u64,
     records: u32,
+    schedule: Schedule,
     utc: UtcClock,
     /// Samples at which the line of UTC was told: the first since it began, and the newest.
     told: Option<(u64, u64)>,
@@ -67,6 +68,7 @@ impl Reporter {
             earliest: 0,
             arrived: 0,
             records: 0,
+            schedule: Schedule { every_s: 0, on_s: 0 },
             utc: UtcClock::new(),
             told: None,
         }
@@ -80,6 +82,7 @@ impl Reporter {
             station: config.id,
             kind,
             every_s: HEALTH_EVERY_S,
+            schedule: config.schedule,
             ..Self::new()
         };
         self.schedule(0);
@@ -126,6 +129,11 @@ impl Reporter {
     /// Whether a health report is due after so many seconds of silence.
     pub fn due_in_silence(&self, seconds: u32) -> bool {
         seconds.checked_rem(u32::from(self.every_s)) == Some(0)
+    }
+
+    /// When the recorder listens, and its sample rate, Hz.
+    pub(super) fn listens(&self) -> (Schedule, f64) {
+        (self.schedule, self.rate_hz)
     }
 
     /// Nominal sample rate, Hz.

@@ -23,7 +23,7 @@ pub use health::{Condition, HEALTH_EVERY_S, Reporter, TIME_EVERY_S};
 pub use obs::{ObsRecorder, SetupError as ObsSetupError};
 
 use crate::block::Block;
-use crate::config::{Kind, StationConfig};
+use crate::config::{Kind, Schedule, StationConfig};
 use crate::intake::Intake;
 use crate::run::Application;
 use crate::utc::Pair;
@@ -40,16 +40,17 @@ fn enough(reporter: &Reporter) -> u32 {
     (0.5 * reporter.rate_hz()) as u32
 }
 
-/// So many seconds have gone by without samples: says so once, and goes on with faults held back and health.
+/// So many seconds have gone by without samples: says so once unless that is wanted, and goes on with faults held back and
+/// health.
 fn silence(
     intake: &mut Intake,
     reporter: &Reporter,
     condition: &Condition,
-    seconds: u32,
+    (seconds, wanted): (u32, bool),
     sink: &mut impl FnMut(&Message),
 ) {
     let index = intake.next_index();
-    if seconds == SILENT_S {
+    if seconds == SILENT_S && !wanted {
         intake.faults.note(FaultCode::NoSamples, index, u64::from(seconds), &mut |message| sink(&message));
     }
     if seconds.is_multiple_of(60) {
@@ -179,6 +180,18 @@ impl Application for Recorder<'_, '_> {
         whichever!(self, r => r.silent(seconds, sink));
     }
 
+    fn schedule(&self) -> (Schedule, f64) {
+        whichever!(self, r => r.schedule())
+    }
+
+    fn pause(&mut self, until: u64, sink: &mut impl FnMut(&Message)) {
+        whichever!(self, r => r.pause(until, sink));
+    }
+
+    fn paused(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        whichever!(self, r => r.paused(seconds, sink));
+    }
+
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
         whichever!(self, r => r.fault(code, value, sink));
     }
@@ -194,6 +207,8 @@ impl Application for Recorder<'_, '_> {
 
 #[cfg(all(test, feature = "array", feature = "obs"))]
 mod hostile_tests;
+#[cfg(all(test, feature = "array", feature = "obs"))]
+mod pause_tests;
 #[cfg(all(test, feature = "array", feature = "obs"))]
 mod silence_tests;
 #[cfg(all(test, feature = "array", feature = "obs"))]

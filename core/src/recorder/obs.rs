@@ -3,7 +3,7 @@
 use super::health::{Condition, Reporter};
 use super::{DEAF_S, enough, silence};
 use crate::block::Block;
-use crate::config::StationConfig;
+use crate::config::{Schedule, StationConfig};
 use crate::density;
 use crate::intake::{Event, Step};
 use crate::obs::{self, PlanError, Table};
@@ -69,6 +69,18 @@ impl<'t> ObsRecorder<'t> {
         }
     }
 
+    /// The same, and what follows for levels, faults and health; `wanted`: by the schedule.
+    // Apart: called from two places, it is in flash once.
+    #[inline(never)]
+    fn without_samples(&mut self, seconds: u32, wanted: bool, sink: &mut impl FnMut(&Message)) {
+        self.wait(seconds, sink);
+        if seconds >= DEAF_S {
+            self.state.silent();
+        }
+        let condition = self.condition();
+        silence(&mut self.state.intake, &self.reporter, &condition, (seconds, wanted), sink);
+    }
+
     fn condition(&self) -> Condition {
         Condition {
             accounting: self.state.accounting(),
@@ -128,12 +140,19 @@ impl Application for ObsRecorder<'_> {
     }
 
     fn silent(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
-        self.wait(seconds, sink);
-        if seconds >= DEAF_S {
-            self.state.silent();
-        }
-        let condition = self.condition();
-        silence(&mut self.state.intake, &self.reporter, &condition, seconds, sink);
+        self.without_samples(seconds, false, sink);
+    }
+
+    fn schedule(&self) -> (Schedule, f64) {
+        self.reporter.listens()
+    }
+
+    fn pause(&mut self, until: u64, sink: &mut impl FnMut(&Message)) {
+        self.state.intake.rest(until, &mut |message| sink(&message));
+    }
+
+    fn paused(&mut self, seconds: u32, sink: &mut impl FnMut(&Message)) {
+        self.without_samples(seconds, true, sink);
     }
 
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {

@@ -20,6 +20,8 @@ pub struct Case {
     pub seconds: f64,
     /// What must be said, in this order.
     pub wanted: Vec<Wanted>,
+    /// Another configuration that the board comes to run with.
+    pub sent: Option<Vec<u8>>,
 }
 
 /// Reasons of a start as `Hello` tells them.
@@ -37,7 +39,7 @@ pub(super) fn case(
     wanted: &[Wanted],
 ) -> Case {
     let setup = Setup { costs: costs(COST.0), faults: faults.to_vec(), ..Setup::default() };
-    Case { name: name.to_owned(), setup, event_s, seconds, wanted: wanted.to_vec() }
+    Case { name: name.to_owned(), setup, event_s, seconds, wanted: wanted.to_vec(), sent: None }
 }
 
 /// Clocks as wrong as they may be, in opposite senses.

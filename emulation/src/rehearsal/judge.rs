@@ -4,6 +4,7 @@ use crate::board::{BoardRun, InjectedFault, Said, host, utc_us as utc_us_of};
 use anyhow::{Result, bail};
 use seabearing_board_model::stm32h743::Analog;
 use seabearing_core::angle::wrap_pi;
+use seabearing_core::config_blob;
 use seabearing_core::utc::Times;
 use seabearing_core::wait::WAITING;
 use seabearing_core::wire::{Bearing, Decoder, FaultCode, Hello, Message};
@@ -135,12 +136,16 @@ fn sessions(run: &BoardRun) -> Vec<Session<'_>> {
 
 /// Every recording session against the host's over the same conversions. What only the board knows (its line, its clock,
 /// its converter) is not compared, counters not where the clock made reports or the converter stood still.
-pub fn numbers(run: &BoardRun, blob: &[u8]) -> Result<Numbers> {
+/// `sent`: another configuration that the board may run with.
+pub fn numbers(run: &BoardRun, blob: &[u8], sent: Option<&[u8]>) -> Result<Numbers> {
+    let hash = |blob: &[u8]| config_blob::station(blob).map_or(0, |config| config.hash());
+    let sent = sent.map(|blob| (hash(blob), blob));
     let mut outcome = Vec::new();
     let mut right = true;
     let sessions = sessions(run);
     let recording: Vec<&Session<'_>> = sessions.iter().filter(|s| s.hello.kind != WAITING).collect();
     for session in &recording {
+        let blob = sent.filter(|sent| sent.0 == session.hello.config_hash).map_or(blob, |sent| sent.1);
         match compare(session, blob) {
             Ok(Some(words)) => outcome.push(words),
             Ok(None) => {}
@@ -288,7 +293,8 @@ fn is_of_samples(message: &Message, counters: bool) -> bool {
         | FaultCode::ChannelBack
         | FaultCode::Clipping
         | FaultCode::Inconsistent
-        | FaultCode::Restarted => true,
+        | FaultCode::Restarted
+        | FaultCode::Paused => true,
         _ => false,
     }
 }

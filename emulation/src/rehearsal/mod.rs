@@ -198,7 +198,7 @@ impl Stage<'_> {
             .play(case.seconds, &Setup { most_s, ..case.setup.clone() })
             .with_context(|| case.name.clone())?;
         let told = judge::told(&report.said, &case.wanted, case.event_s);
-        let mut numbers = judge::numbers(&report, self.blob)?;
+        let mut numbers = judge::numbers(&report, self.blob, case.sent.as_deref())?;
         if case.setup.link {
             let uncut = |f: &InjectedFault| matches!(f, InjectedFault::FlashCut(_)) && report.resets == 0;
             if case.setup.faults.iter().any(uncut) {

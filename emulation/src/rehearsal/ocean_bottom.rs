@@ -56,7 +56,8 @@ pub(super) fn parameters() -> Parameters {
 fn case(name: &str, faults: &[InjectedFault], event_s: f64, seconds: f64, wanted: &[Wanted]) -> Case {
     let setup =
         Setup { costs: costs(COST.0), parameters: parameters(), faults: faults.to_vec(), ..Setup::default() };
-    linked("ocean bottom", Case { name: name.to_owned(), setup, event_s, seconds, wanted: wanted.to_vec() })
+    let (name, wanted) = (name.to_owned(), wanted.to_vec());
+    linked("ocean bottom", Case { name, setup, event_s, seconds, wanted, sent: None })
 }
 
 /// Clocks as wrong as they may be, in opposite senses.

@@ -7,6 +7,7 @@ use super::{cuts, ocean_bottom};
 use crate::board::{InjectedFault, Setup};
 use anyhow::{Result, anyhow};
 use seabearing_board_model::stm32h743::Parameters;
+use seabearing_core::config::{Schedule, StationConfig};
 use seabearing_core::config_blob::{self, CRC, PROPAGATION, Writer};
 use seabearing_core::wire::configure::{self, Configure};
 use seabearing_core::wire::guard::COMMAND_BYTES;
@@ -41,6 +42,7 @@ pub(super) fn reach(blob: &[u8], most_cuts: u32, short: bool) -> Result<Vec<Case
     cases.extend(with_store(&cuts(Some(most_cuts))));
     let mut cases: Vec<Case> = cases.into_iter().map(here).collect();
     cases.push(here(reconfigured(blob)?));
+    cases.push(here(scheduled(blob)?));
     Ok(cases)
 }
 
@@ -86,13 +88,13 @@ fn commands() -> Vec<Case> {
     ]
 }
 
-/// The same station by another name, propagation table and all: its blob and its hash.
-fn renamed(blob: &[u8]) -> Result<(Vec<u8>, u64)> {
+/// The same station with something else, propagation table and all: its blob and its hash.
+fn changed(blob: &[u8], change: impl FnOnce(&mut StationConfig)) -> Result<(Vec<u8>, u64)> {
     let wrong = |e| anyhow!("configuration blob: {e}");
     let mut config = config_blob::station(blob).map_err(wrong)?;
-    config.name = "sent over the link".try_into().map_err(|_| anyhow!("the name is too long"))?;
+    change(&mut config);
     let table = config_blob::section(blob, PROPAGATION).map_err(wrong)?;
-    let mut bytes = vec![0; blob.len() + 64];
+    let mut bytes = vec![0; blob.len() + 128];
     let mut writer = Writer::new(&mut bytes).map_err(wrong)?;
     writer.station(&config).map_err(wrong)?;
     let copy = |body: &mut [u8]| {
@@ -105,28 +107,45 @@ fn renamed(blob: &[u8]) -> Result<(Vec<u8>, u64)> {
     Ok((bytes, config.hash()))
 }
 
-/// Another configuration comes over the line, is tried, and is still there after a reset.
-fn reconfigured(blob: &[u8]) -> Result<Case> {
-    let (blob, hash) = renamed(blob)?;
+/// What a base station sends: when, s, and the bytes.
+type Orders = Vec<(f64, Vec<u8>)>;
+
+/// The orders that bring a configuration, and when the last of them goes, s.
+fn orders(blob: &[u8]) -> Result<(Orders, f64)> {
     let mut encoder = Encoder::default();
     let mut frame = |order: Configure| {
         let mut buffer = [0; COMMAND_BYTES];
         [&[0], encoder.frame_of(order.encode(&mut buffer))].concat()
     };
     let length = u32::try_from(blob.len())?;
-    let mut commands = vec![(AT_S, frame(Configure::Begin { token: 1, length, crc: CRC.checksum(&blob) }))];
-    let begun_s = AT_S + ERASED_S;
-    let mut last_s = begun_s;
-    for (number, bytes) in (0..).zip(configure::pieces(&blob)) {
-        last_s = begun_s + ORDER_S * f64::from(number);
-        commands.push((last_s, frame(Configure::Piece { token: 2, number, bytes })));
+    let mut commands = vec![(AT_S, frame(Configure::Begin { token: 1, length, crc: CRC.checksum(blob) }))];
+    let mut at_s = AT_S + ERASED_S;
+    for (number, bytes) in (0..).zip(configure::pieces(blob)) {
+        commands.push((at_s, frame(Configure::Piece { token: 2, number, bytes })));
+        at_s += ORDER_S;
     }
-    last_s += ORDER_S;
-    commands.push((last_s, frame(Configure::Take { token: 3 })));
+    commands.push((at_s, frame(Configure::Take { token: 3 })));
+    Ok((commands, at_s))
+}
+
+/// Another configuration comes over the line, is tried, and is still there after a reset.
+fn reconfigured(blob: &[u8]) -> Result<Case> {
+    let name = "sent over the link".try_into().map_err(|_| anyhow!("the name is too long"))?;
+    let (blob, hash) = changed(blob, |config| config.name = name)?;
+    let (commands, last_s) = orders(&blob)?;
     let reset_s = last_s + KEPT_S;
-    let name = format!("{} bytes of configuration sent, then reset pin", blob.len());
     // Of the start with it, and of that after the reset.
     let wanted = [Wanted::Reply(3), Wanted::Runs(hash), Wanted::Runs(hash)];
+    let name = format!("{} bytes of configuration sent, then reset pin", blob.len());
     let case = case(&name, &[InjectedFault::PinReset(reset_s)], last_s, reset_s + 3.0, &wanted);
-    Ok(Case { setup: Setup { commands, ..case.setup }, ..case })
+    Ok(Case { setup: Setup { commands, ..case.setup }, sent: Some(blob), ..case })
+}
+
+/// Another configuration by which it listens for ten seconds of every twenty.
+fn scheduled(blob: &[u8]) -> Result<Case> {
+    let (blob, _) = changed(blob, |config| config.schedule = Schedule { every_s: 20, on_s: 10 })?;
+    let (commands, last_s) = orders(&blob)?;
+    let wanted = [Wanted::Fault(FaultCode::Paused, Some(500))];
+    let case = case("a schedule sent: 10 s of every 20", &[], last_s + 5.0, last_s + 90.0, &wanted);
+    Ok(Case { setup: Setup { commands, ..case.setup }, sent: Some(blob), ..case })
 }

@@ -15,12 +15,14 @@ const SETTLE_US: u64 = 2_000_000;
 pub struct Recorded<'a, S, D> {
     source: S,
     card: Writer<'a, D>,
+    /// What is not recorded.
+    unwanted: core::ops::Range<u64>,
 }
 
 impl<'a, S: SampleSource, D: Drive> Recorded<'a, S, D> {
     /// Records what this source gives.
     pub fn new(source: S, card: Writer<'a, D>) -> Self {
-        Self { source, card }
+        Self { source, card, unwanted: 0..0 }
     }
 
     /// The source.
@@ -44,9 +46,20 @@ impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
         self.card.work();
         let chunk = self.source.read(frames);
         if let Chunk::Frames { first_index, count } = chunk {
-            self.card.take(first_index, frames.get(..count).unwrap_or_default());
+            let left_out = match self.unwanted.contains(&first_index) {
+                true => usize::try_from(self.unwanted.end - first_index).unwrap_or(count).min(count),
+                false => 0,
+            };
+            if left_out < count {
+                let wanted = frames.get(left_out..count).unwrap_or_default();
+                self.card.take(first_index + left_out as u64, wanted);
+            }
         }
         chunk
+    }
+
+    fn rest(&mut self, samples: core::ops::Range<u64>) {
+        self.unwanted = samples;
     }
 
     fn waits(&self) -> bool {

@@ -3,7 +3,7 @@
 use crate::plan::{self, Deployment, Plan, Power};
 use crate::station::Station;
 use anyhow::{Result, bail};
-use seabearing_core::config::Kind;
+use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::recorder::HEALTH_EVERY_S;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -50,9 +50,9 @@ pub struct Args {
     /// Days that card and battery must last
     #[arg(long)]
     days: Option<f64>,
-    /// Share of the time in which the recorder is on
-    #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
-    duty: f64,
+    /// Share of the time in which the recorder listens [default: as the station file's schedule]
+    #[arg(long, value_name = "SHARE")]
+    duty: Option<f64>,
     /// RAM of the microcontroller, KiB [default: the STM32H743's, memory.x]
     #[arg(long, value_name = "KIB")]
     ram_kb: Option<f64>,
@@ -86,7 +86,8 @@ pub struct Args {
 }
 
 impl Args {
-    fn deployment(&self, kind: &Kind) -> Deployment {
+    fn deployment(&self, config: &StationConfig) -> Deployment {
+        let kind = &config.kind;
         Deployment {
             vessels_a_day: self.vessels_a_day,
             minutes_each: self.minutes_each,
@@ -97,7 +98,7 @@ impl Args {
             card_bytes: self.card_gb.map(|gb| gb * 1e9),
             sample_bytes: self.bytes_a_sample.unwrap_or(if matches!(kind, Kind::Obs(_)) { 4.0 } else { 3.0 }),
             days: self.days,
-            duty: self.duty,
+            duty: self.duty.unwrap_or(config.schedule.share()),
             ram_bytes: self.ram_kb.map(|k| k * 1024.0),
             flash_bytes: self.flash_kb.map(|k| k * 1024.0),
             cycles: self.cycles,
@@ -119,7 +120,7 @@ impl Args {
 /// One line for a person: what is wrong with the input, or what does not fit.
 pub fn run(args: Args) -> Result<()> {
     let station = Station::of_recorder(&args.station)?;
-    let deployment = args.deployment(&station.config.kind);
+    let deployment = args.deployment(&station.config);
     let plan = plan::of(&station, &deployment)?;
     let record = record(&station, &deployment, &plan);
     if args.json {

@@ -46,7 +46,7 @@ pub struct Deployment {
     pub sample_bytes: f64,
     /// Length of the deployment, days.
     pub days: Option<f64>,
-    /// Share of the time in which the recorder is on.
+    /// Share of the time in which the recorder listens.
     pub duty: f64,
     /// RAM of the microcontroller, bytes; the board's unless given.
     pub ram_bytes: Option<f64>,

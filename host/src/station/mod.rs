@@ -20,7 +20,7 @@ use anyhow::{Result, anyhow, bail};
 use response::Response;
 use seabearing_core::array::{self, PlanError};
 use seabearing_core::config::{
-    ArrayConfig, ConfigError, Kind, Levels, LineConfig, ObsConfig, StationConfig, Tracking,
+    ArrayConfig, ConfigError, Kind, Levels, LineConfig, ObsConfig, Schedule, StationConfig, Tracking,
 };
 use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
 use seabearing_locate::line::{MAX_FREQUENCIES, MusicMethod};
@@ -244,6 +244,9 @@ impl Station {
             levels: file
                 .levels
                 .map_or_else(Levels::default, |l| Levels { every_s: l.every_s, channel: l.channel }),
+            schedule: file
+                .schedule
+                .map_or_else(Schedule::default, |s| Schedule { every_s: s.every_s, on_s: s.on_s }),
             ..base(&file.station, "station", source)?
         };
         config.validate().map_err(|e| explain(&e, source))?;
@@ -401,6 +404,7 @@ fn base(s: &StationTable, path: &str, source: &TomlFile) -> Result<StationConfig
         kind: Kind::Line(LineConfig { sensors: 3, spacing_m: 1.0 }),
         tracking: Tracking::default(),
         levels: Levels::default(),
+        schedule: Schedule::default(),
     })
 }
 

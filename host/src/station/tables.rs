@@ -24,6 +24,8 @@ pub(super) struct File {
     pub(super) tracking: Option<TrackingTable>,
     /// Levels that the recorder sends of itself; not of a line array.
     pub(super) levels: Option<LevelsTable>,
+    /// When the recorder listens; always where this is not said. `process` takes what a recording holds.
+    pub(super) schedule: Option<ScheduleTable>,
     /// What levels need beside the sensitivities: volts at full scale, and frequency responses.
     pub(super) calibration: Option<CalibrationTable>,
 }
@@ -265,6 +267,18 @@ pub(super) struct LevelsTable {
     /// Recorder channel, 0 to 3; of an ocean bottom 0, pressure.
     #[serde(default)]
     pub(super) channel: u8,
+}
+
+/// When the recorder listens: at the beginning of every period, counted from 1970-01-01 00:00 UTC where it knows UTC, and from its first
+/// sample where it does not.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ScheduleTable {
+    /// Seconds of a period, 20 to 604800 (a week); 0: it always listens, as without this table.
+    pub(super) every_s: u32,
+    /// Seconds for which it listens at the beginning of each, 10 to `every_s` - 10.
+    pub(super) on_s: u32,
 }
 
 /// What levels (`process --levels`) need beside the sensitivities.

@@ -37,6 +37,24 @@ fn a_speed_curve_is_read_and_checked() {
 }
 
 #[test]
+fn a_schedule_is_read_and_its_limits_are_named() {
+    let with = |every_s: u32, on_s: u32| {
+        parse(&format!("{GOOD}\n[schedule]\nevery_s = {every_s}\non_s = {on_s}\n")).map(|s| s.config)
+    };
+    let config = with(3600, 600).unwrap();
+    assert!((config.schedule.share() - 1.0 / 6.0).abs() < 1e-12);
+    let always = parse(GOOD).unwrap().config;
+    assert_eq!((always.schedule.share(), with(0, 0).unwrap().hash()), (1.0, always.hash()));
+    assert!(config.hash() != always.hash() && config.hash() != with(3600, 601).unwrap().hash());
+    for (every_s, on_s, key, line) in
+        [(3600, 5, "on_s", 16), (3600, 3595, "on_s", 16), (19, 10, "every_s", 15)]
+    {
+        let e = with(every_s, on_s).unwrap_err().to_string();
+        assert!(e.contains(key) && e.contains(&format!("line {line}")), "{e}");
+    }
+}
+
+#[test]
 fn speeds_no_fit_considers_are_refused() {
     let with = |speed: &str| parse(&format!("{GOOD}\n[tracking]\nspeed_m_s = {speed}\n"));
     assert!(with("0.2").is_ok() && with("40.0").is_ok());

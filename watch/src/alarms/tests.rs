@@ -180,6 +180,8 @@ fn margins_and_cards_are_watched() {
         (fault("CardBack", 192_000), vec![("cleared", "CardFailed")]),
         (held("CardFailed"), vec![("raised", "CardFailed")]),
         (fault("CardFull", 1 << 40), vec![("raised", "CardFull"), ("cleared", "CardFailed")]),
+        // A pause by the schedule is no fault.
+        (fault("Paused", 192_000), vec![]),
         (hello("array", 255), vec![]),
         (hello("waiting", 2), vec![]),
         (hello("array", 0), vec![("cleared", "CardFull")]),
