@@ -6,7 +6,7 @@
 
 use crate::config::Schedule;
 use crate::math;
-use crate::utc::Times;
+use crate::utc::along;
 use crate::wire::Time;
 
 /// A newer line of UTC that moves the next change by less than this is no reason to move it, s.
@@ -25,7 +25,8 @@ struct Stretch {
 pub struct Stretches {
     schedule: Schedule,
     rate_hz: f64,
-    times: Times,
+    /// The newest line of UTC: what comes is after it.
+    line: Option<Time>,
     now: Option<Stretch>,
     /// A pause that has begun and was not told: the index at which it ends.
     begun: Option<u64>,
@@ -38,9 +39,10 @@ impl Stretches {
     }
 
     /// UTC is known so from now on; samples have come up to this index.
+    // Apart, like the next: seldom needed, and the loop is long enough.
+    #[inline(never)]
     pub fn told(&mut self, time: &Time, index: u64) {
-        // The newest line alone: what comes is after it.
-        self.times.note(*time, true);
+        self.line = Some(*time);
         let Some(now) = self.now.filter(|_| self.schedule.every_s > 0) else { return };
         let next = self.stretch(index);
         let small = (SMALL_S * self.rate_hz) as u64;
@@ -86,9 +88,10 @@ impl Stretches {
     }
 
     /// The stretch that an index is in, from there on.
+    #[inline(never)]
     fn stretch(&self, index: u64) -> Stretch {
         let (every_s, on_s) = (f64::from(self.schedule.every_s), f64::from(self.schedule.on_s));
-        let utc_s = |index| self.times.utc(index, self.rate_hz).map(|(utc_us, _)| utc_us as f64 * 1e-6);
+        let utc_s = |index| self.line.map(|line| along(&line, index, self.rate_hz).0 as f64 * 1e-6);
         let at_s = utc_s(index).unwrap_or(index as f64 / self.rate_hz);
         let since_s = at_s - every_s * math::f64::floor(at_s / every_s);
         let listens = since_s < on_s;

@@ -222,7 +222,7 @@ impl Times {
 }
 
 /// UTC along the line of one record.
-fn along(time: &Time, index: u64, rate_hz: f64) -> (i64, f64) {
+pub(crate) fn along(time: &Time, index: u64, rate_hz: f64) -> (i64, f64) {
     let tau = seconds(time.index, index, rate_hz);
     let (sd, sd_drift) = (f64::from(time.sd_s), f64::from(time.sd_drift));
     let covariance = f64::from(time.correlation) * sd * sd_drift;

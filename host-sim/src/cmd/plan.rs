@@ -35,9 +35,9 @@ pub struct Args {
     /// Seconds between health reports, 0: only on request
     #[arg(long, value_name = "S", default_value_t = f64::from(HEALTH_EVERY_S))]
     health_s: f64,
-    /// Bits a second of the telemetry's line
-    #[arg(long, value_name = "BAUD", default_value_t = 921_600.0)]
-    baud: f64,
+    /// Bits a second of the telemetry's line [default: array 921600, ocean bottom 115200]
+    #[arg(long, value_name = "BAUD")]
+    baud: Option<f64>,
     /// Bytes a day that the link may carry [default: what the line carries]
     #[arg(long, value_name = "BYTES")]
     link_bytes_a_day: Option<f64>,
@@ -87,16 +87,16 @@ pub struct Args {
 
 impl Args {
     fn deployment(&self, config: &StationConfig) -> Deployment {
-        let kind = &config.kind;
+        let is_obs = matches!(config.kind, Kind::Obs(_));
         Deployment {
             vessels_a_day: self.vessels_a_day,
             minutes_each: self.minutes_each,
             at_once: self.at_once,
             health_s: self.health_s,
-            baud: self.baud,
+            baud: self.baud.unwrap_or(if is_obs { 115_200.0 } else { 921_600.0 }),
             link_bytes_a_day: self.link_bytes_a_day,
             card_bytes: self.card_gb.map(|gb| gb * 1e9),
-            sample_bytes: self.bytes_a_sample.unwrap_or(if matches!(kind, Kind::Obs(_)) { 4.0 } else { 3.0 }),
+            sample_bytes: self.bytes_a_sample.unwrap_or(if is_obs { 4.0 } else { 3.0 }),
             days: self.days,
             duty: self.duty.unwrap_or(config.schedule.share()),
             ram_bytes: self.ram_kb.map(|k| k * 1024.0),

@@ -217,7 +217,7 @@ impl Cost {
             ram: budget.obs_ram,
             flash: budget.obs_flash,
             found_a_day: budget.obs_per_min * DAY_MIN,
-            notes: vec!["the ocean-bottom board's core runs at 64 MHz, its line at 115200 baud (--baud)"],
+            notes: vec!["the ocean-bottom board's core runs at 64 MHz, its line at 115200 baud"],
             misfits,
         }
     }
