@@ -125,6 +125,10 @@ impl Change {
             Some("fault") if taken && record["code"] == "RolledBack" => {
                 bail!("the recorder has gone back to the configuration before: {}", why(&record["value"]));
             }
+            // Samples come, and its schedule has it leave them out.
+            Some("fault") if self.stage == Stage::Asking && record["code"] == "Paused" => {
+                self.stage = Stage::Kept;
+            }
             Some("health")
                 if self.stage == Stage::Asking && record["processed"].as_f64() >= Some(self.enough) =>
             {
@@ -192,5 +196,34 @@ fn why(value: &Value) -> &'static str {
         4 => "the new one could not be read any more",
         5 => "no base station was heard with the new one",
         _ => "it does not say why",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_recorder_that_pauses_by_its_schedule_has_come_up() {
+        let asking = || Change {
+            waiting: VecDeque::new(),
+            hash: String::new(),
+            bytes: 0,
+            enough: 25.0,
+            stage: Stage::Asking,
+            open: None,
+            token: 1,
+            asked: None,
+        };
+        let heard = |record: Value| {
+            let mut change = asking();
+            change.heard(&record).unwrap();
+            change.done()
+        };
+        assert!(heard(json!({ "type": "fault", "code": "Paused", "value": 500 })));
+        assert!(heard(json!({ "type": "health", "processed": 25 })));
+        assert!(!heard(json!({ "type": "health", "processed": 24 })));
+        assert!(!heard(json!({ "type": "fault", "code": "Gap", "value": 500 })));
     }
 }
