@@ -117,6 +117,8 @@ pub struct Seismic<S> {
 const PRECISE_S: f64 = 1e-4;
 /// The pace is the nominal one within this.
 const PACE_WITHIN: f64 = 1e-3;
+/// Pulses so far apart measure it, µs: over a longer time an index that was shifted meanwhile by one would pass for another pace.
+const APART_US: i64 = 3_500_000;
 
 impl<S: SampleSource> Seismic<S> {
     /// Nothing heard yet.
@@ -134,7 +136,9 @@ impl<S: SampleSource> Seismic<S> {
         }
         let before = self.precise.replace(converted)?;
         let conversions = converted.index.checked_sub(before.index).filter(|n| *n > 0)?;
-        let period_us = converted.utc_us.wrapping_sub(before.utc_us) as f64 / conversions as f64;
+        let passed_us =
+            converted.utc_us.checked_sub(before.utc_us).filter(|us| (1..APART_US).contains(us))?;
+        let period_us = passed_us as f64 / conversions as f64;
         let near = (period_us - nominal_us).abs() <= PACE_WITHIN * nominal_us;
         self.conversion.pair(converted, period_us).filter(|_| near)
     }

@@ -131,14 +131,16 @@ fn a_sample_was_heard_all_delays_before_the_newest_conversion() {
 
 #[test]
 fn delays_are_as_long_as_the_converter_takes_for_them_between_two_pulses() {
-    // 100 parts in a million slow: 4000.4 us a conversion. The third second has stepped.
+    // 100 parts in a million slow: 4000.4 us a conversion. The third second has stepped; a minute later
+    // one conversion was counted too many.
     let pulse = |k: u64, utc_us: i64| Pair { index: 62 + 250 * k, utc_us, sd_s: 2e-6 };
     let mut source = blocks(|n| [busy(n); CHANNELS], 64, 0..0);
-    source.1 = [pulse(3, 4_000_300), pulse(2, 3_000_200), pulse(1, 1_000_100), pulse(0, 0)].into();
+    let shifted = Pair { index: 62 + 250 * 60 + 1, utc_us: 61_006_000, sd_s: 2e-6 };
+    source.1 = [shifted, pulse(3, 4_000_300), pulse(2, 3_000_200), pulse(1, 1_000_100), pulse(0, 0)].into();
     let mut seismic = Seismic::new(source, FIFTY);
-    let told: Vec<_> = (0..4).map(|_| seismic.pair().map(|pair| (pair.index, pair.utc_us))).collect();
+    let told: Vec<_> = (0..5).map(|_| seismic.pair().map(|pair| (pair.index, pair.utc_us))).collect();
     let delay_us = (33.0f64 * 4000.4).round() as i64;
-    assert_eq!(told, [None, Some((50, 1_000_100 - delay_us)), None, Some((150, 4_000_300 - delay_us))]);
+    assert_eq!(told, [None, Some((50, 1_000_100 - delay_us)), None, Some((150, 4_000_300 - delay_us)), None]);
 }
 
 /// What is told of the recorder's samples comes back as what was heard of the converter's.
