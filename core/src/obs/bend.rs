@@ -221,6 +221,8 @@ mod tests {
                 sd_speed_m_s: 0.3,
                 weight: 0.9,
                 detected: true,
+                tracked: false,
+                sure: true,
             });
             let ranges = RangePresence { log_odds: 5.0, log_evidence: 5.0, approaching: 0.5, modes };
             out.push(Minute::new(n, &directions, &ranges));

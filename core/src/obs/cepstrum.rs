@@ -13,6 +13,25 @@ pub fn noise_sd(k: usize) -> f32 {
     (0.625 + 0.2 * math::f32::cos(x)) / 32.0
 }
 
+/// Bins on either side with which a line is compared (1 Hz at 50 Hz).
+const AROUND: usize = 20;
+
+/// ln|P| over the mean about it from which on a bin is a line: noise alone has a standard deviation of 0.64 and its long
+/// tail below the mean, paths that interfere a ripple of half that.
+const LINE: f32 = 1.2;
+
+/// Cuts lines down to the top of what surrounds them: a near vessel's tones, and their comb above all, ripple through every
+/// quefrency and stand still where echoes move.
+pub fn without_lines(log_pressure: &mut [f32; HOP + 1], work: &mut [f32; FRAME]) {
+    work.iter_mut().zip(log_pressure.iter()).for_each(|(w, l)| *w = *l);
+    let old = work.get(..=HOP).unwrap_or_default();
+    for (k, l) in log_pressure.iter_mut().enumerate() {
+        let near = old.get(k.saturating_sub(AROUND)..(k + AROUND + 1).min(old.len())).unwrap_or_default();
+        let mean = |most: f32| near.iter().map(|x| x.min(most)).sum::<f32>() / near.len() as f32;
+        *l = l.min(mean(mean(f32::INFINITY) + LINE) + LINE);
+    }
+}
+
 /// Transforms ln|P| (bins 0 to 512), using `buffer`; `out` receives quefrencies 0 to [`QUEFRENCIES`] − 1.
 pub fn transform(log_pressure: &[f32; HOP + 1], buffer: &mut [f32; FRAME], out: &mut [f32; QUEFRENCIES]) {
     buffer.iter_mut().zip(log_pressure).for_each(|(b, l)| *b = *l);

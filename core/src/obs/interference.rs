@@ -64,6 +64,14 @@ impl<'t> Interference<'t> {
         self.table.as_ref().map_or(0, Table::branches)
     }
 
+    /// Half the energy modelled in a range cell for so many frames: the log ratio that a vessel is expected to reach there.
+    /// 0 without a table.
+    pub(super) fn energy(&self, cell: usize, frames: usize) -> f32 {
+        let Some(table) = &self.table else { return 0.0 };
+        let near = table.half_energy.iter().skip(2 * cell).take(2).map(|e| f32::from_le_bytes(*e));
+        near.sum::<f32>() * 0.5 * frames as f32
+    }
+
     /// Whether `count` frames would show a vessel in a range cell: the log ratio it is expected to reach there, half the
     /// modelled energy a frame [O 19], is at least `least`. Without a table every cell is taken for one that shows.
     pub(super) fn shows(&self, cell: usize, count: usize, least: f32) -> bool {

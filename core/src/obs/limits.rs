@@ -72,3 +72,6 @@ pub const RANGE_MODES: usize = 4;
 
 /// Vessels followed at once.
 pub const VESSELS: usize = 3;
+
+/// Strengths that a vessel's echoes may have against the table's.
+pub const CLASSES: usize = 3;

@@ -4,17 +4,23 @@
 //! predict `r ← r + v · 60 s` with a little diffusion, birth from the prior (area: proportional to r [O 20]), update by
 //! `(1 − Pd) + Pd ℓ(r, v)`. Carrying the posterior from minute to minute resolves most branches one minute leaves
 //! ambiguous. Minutes use frames once, so successive likelihoods are independent.
+//! A vessel's echoes may be weaker than the table's ([`SHARES`]): noise takes from all of them alike. Each share has a
+//! posterior of its own, so that a vessel's share is learnt once and not guessed anew each minute; the likelihood of a share a
+//! follows from that of the full strengths, `a ⟨y, μ⟩ − a² ½ ‖μ‖²` [O 19]. One weak echo may be another pair of paths of a
+//! vessel elsewhere, beyond the model too: a mode says whether it is sure.
 //! Several vessels: the ranges about each tracked one are its own, with a posterior that sums to one there, and the rest
-//! is the posterior of a vessel not yet tracked; so the stronger vessel's likelihood cannot drown the weaker one's. Where
-//! an established vessel's echo would be read as another pair of paths, a minute's likelihood counts as nothing.
+//! is the posterior of a vessel not yet tracked; so the stronger vessel's likelihood cannot drown the weaker one's. Ranges to
+//! which a tracked vessel's echoes would point as another pair of paths are its own too: they are no other vessel, and where
+//! they explain its echoes better than its track does, the posterior goes there and the track follows.
 //! Where the table predicts too little energy to show a vessel (nearer than 6.5 km at RR03), silence does not contradict
-//! one: the posterior would collect there in noise. Such ranges keep their share of it, and no range is reported there.
-//! The posterior is stored as the upper halves of f32 (0.4 %): 19 KiB. Cost: 1 M instructions a minute.
+//! one: the posterior would collect there in noise. Such ranges keep their share of it, a tenth at most where no vessel is
+//! tracked, and no range is reported there.
+//! The posterior is stored as the upper halves of f32 (0.4 %): 57 KiB. Cost: 3 M instructions a minute.
 
 mod modes;
 
 use super::interference::Interference;
-use super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEED_STEP_M_S, SPEEDS, VESSELS};
+use super::limits::{CELL_M, CLASSES, RANGE_CELLS, RANGE_MODES, SPEED_STEP_M_S, SPEEDS, VESSELS};
 use super::radial::{GRID_UNIT, speed_of};
 use super::shared::{Columns, Grid};
 use crate::math;
@@ -31,10 +37,22 @@ const CHANGE: f32 = 1.0 / 180.0;
 const AFRESH: f32 = 0.02;
 
 /// Share of the posterior kept where a track expects its vessel.
-const EXPECTED: f32 = 0.2;
+const EXPECTED: f32 = 0.3;
+
+/// Most of the posterior of a vessel not tracked where the table shows nothing; such ranges have 2 % of the prior at RR03.
+const MOST_HIDDEN: f32 = 0.1;
 
 /// Share of each speed that moves to either neighbour in a minute (turning rates near the closest point).
 const SPEED_SPREAD: f32 = 0.1;
+
+/// What share of the table's strengths a vessel's echoes may have: all of it, or what noise leaves of a weaker one.
+const SHARES: [f32; CLASSES] = [1.0, 0.5, 0.22];
+
+/// How likely each is of a vessel of which nothing is known.
+const LIKELY: [f32; CLASSES] = [0.6, 0.25, 0.15];
+
+/// Probability that a vessel's share is a neighbouring one a minute later.
+const FADES: f32 = 0.03;
 
 /// Which cells would show a vessel.
 type Shown = [bool; RANGE_CELLS];
@@ -46,7 +64,7 @@ pub struct Expected {
     pub range_m: f32,
     /// Radial speed, m/s, positive when leaving.
     pub speed_m_s: f32,
-    /// Whether the track has held long enough to say what is its echo.
+    /// Whether the track has held long enough not to be on a wrong pair of paths any more.
     pub established: bool,
 }
 
@@ -55,9 +73,6 @@ pub type ExpectedVessels = [Option<Expected>; VESSELS];
 
 /// Owner of cells that are no tracked vessel's.
 const UNCLAIMED: u8 = VESSELS as u8;
-
-/// Owner of cells that an established vessel's echoes would point to.
-const ECHO: u8 = UNCLAIMED + 1;
 
 /// Posteriors kept: one a tracked vessel, and one of a vessel not tracked.
 const OWNERS: usize = VESSELS + 1;
@@ -75,11 +90,14 @@ pub struct RangePresence {
     pub modes: [Option<RangeMode>; RANGE_MODES],
 }
 
+/// The posterior over radial speed and range at one share.
+type Density = [[u16; RANGE_CELLS]; SPEEDS];
+
 /// The posterior.
 #[derive(Clone, Debug)]
 pub struct Presence {
-    density: [[u16; RANGE_CELLS]; SPEEDS],
-    /// Whose each range cell is: a tracked vessel's place in the list, [`UNCLAIMED`] or [`ECHO`].
+    density: [Density; CLASSES],
+    /// Whose each range cell is: a tracked vessel's place in the list, or [`UNCLAIMED`].
     owner: [u8; RANGE_CELLS],
     /// Which vessels of the list are tracked.
     tracked: [bool; VESSELS],
@@ -97,10 +115,16 @@ fn unpack(x: u16) -> f32 {
     f32::from_bits(u32::from(x) << 16)
 }
 
-/// The entry of a cell's owner; an echo is a vessel's that is not tracked.
+/// The entry of a cell's owner.
 fn of<T>(all: &mut [T; OWNERS], owner: u8) -> &mut T {
     let [known @ .., unclaimed] = all;
     known.get_mut(usize::from(owner)).unwrap_or(unclaimed)
+}
+
+/// A log ratio of echoes at the table's strengths, for echoes at a share of them; `energy` is half the energy modelled.
+/// With ⟨y, μ⟩ = log ratio + energy: `a ⟨y, μ⟩ − a² energy` [O 19].
+fn at_share(log_ratio: f32, energy: f32, share: f32) -> f32 {
+    share * (log_ratio + (1.0 - share) * energy)
 }
 
 /// Range at the middle of a cell: it holds model ranges 2i and 2i + 1.
@@ -108,11 +132,33 @@ pub(super) fn range_of(i: usize) -> f32 {
     CELL_M * (i as f32 + 0.25)
 }
 
+/// Column `k` after a minute at its speed.
+fn shifted(density: &Density, k: usize, out: &mut [f32; RANGE_CELLS]) {
+    *out = [0.0; RANGE_CELLS];
+    let Some(column) = density.get(k) else { return };
+    let shift = speed_of(k) * 60.0 / CELL_M;
+    let whole = math::f32::floor(shift);
+    let part = shift - whole;
+    let n = whole as isize;
+    // Out cell i comes from cell i − n (weight 1 − part) and i − n − 1 (weight part).
+    let back = |from: usize| column.get(from..).unwrap_or_default();
+    let add = |out: &mut [f32], n: isize, w: f32| {
+        if n >= 0 {
+            let o = out.iter_mut().skip(n.unsigned_abs());
+            o.zip(column).for_each(|(o, d)| *o += w * unpack(*d));
+        } else {
+            out.iter_mut().zip(back(n.unsigned_abs())).for_each(|(o, d)| *o += w * unpack(*d));
+        }
+    };
+    add(out, n, 1.0 - part);
+    add(out, n + 1, part);
+}
+
 impl Presence {
     /// Not yet started; all zeros.
     pub const fn new() -> Self {
         Self {
-            density: [[0; RANGE_CELLS]; SPEEDS],
+            density: [[[0; RANGE_CELLS]; SPEEDS]; CLASSES],
             owner: [0; RANGE_CELLS],
             tracked: [false; VESSELS],
             present: [0.0; OWNERS],
@@ -129,8 +175,9 @@ impl Presence {
     }
 
     /// Its memory, for a mode of operation that carries nothing from minute to minute.
-    pub(super) fn lend(&mut self) -> &mut [[u16; RANGE_CELLS]; SPEEDS] {
-        &mut self.density
+    pub(super) fn lend(&mut self) -> &mut Density {
+        let [all, ..] = &mut self.density;
+        all
     }
 
     /// Forgets everything learned.
@@ -139,11 +186,11 @@ impl Presence {
         self.owner = [UNCLAIMED; RANGE_CELLS];
         self.tracked = [false; VESSELS];
         let (scale, cells) = (self.prior_scale, self.cells);
-        for column in &mut self.density {
-            column
-                .iter_mut()
-                .enumerate()
-                .for_each(|(i, d)| *d = pack(if i < cells { range_of(i) * scale } else { 0.0 }));
+        for (density, likely) in self.density.iter_mut().zip(LIKELY) {
+            for column in density {
+                let prior = |i: usize| if i < cells { likely * range_of(i) * scale } else { 0.0 };
+                column.iter_mut().enumerate().for_each(|(i, d)| *d = pack(prior(i)));
+            }
         }
     }
 
@@ -154,24 +201,40 @@ impl Presence {
         let [.., present] = self.present;
         let born = ((1.0 - unclaimed) * CHANGE / present).clamp(AFRESH, 1.0);
         let (scale, cells) = (self.prior_scale, self.cells);
-        // Three shifted columns at a time: below, here, above.
-        let [below, here, above] = work;
-        *below = [0.0; RANGE_CELLS];
-        self.shifted(0, here);
-        for k in 0..SPEEDS {
-            self.shifted(k + 1, above);
-            // At the ends of the speed axis the share that would leave it stays.
-            let ends = if k == 0 || k + 1 == SPEEDS { SPEED_SPREAD } else { 0.0 };
-            let stay = 1.0 - 2.0 * SPEED_SPREAD + ends;
-            if let Some(column) = self.density.get_mut(k) {
-                let moved = below.iter().zip(here.iter()).zip(above.iter());
-                for (i, (d, ((b, h), a))) in column.iter_mut().zip(moved).enumerate().take(cells) {
-                    let x = stay * h + SPEED_SPREAD * (b + a);
-                    *d = pack((1.0 - born) * x + born * range_of(i) * scale);
+        for (density, likely) in self.density.iter_mut().zip(LIKELY) {
+            // Three shifted columns at a time: below, here, above.
+            let [below, here, above] = &mut *work;
+            *below = [0.0; RANGE_CELLS];
+            shifted(density, 0, here);
+            for k in 0..SPEEDS {
+                shifted(density, k + 1, above);
+                // At the ends of the speed axis the share that would leave it stays.
+                let ends = if k == 0 || k + 1 == SPEEDS { SPEED_SPREAD } else { 0.0 };
+                let stay = 1.0 - 2.0 * SPEED_SPREAD + ends;
+                if let Some(column) = density.get_mut(k) {
+                    let moved = below.iter().zip(here.iter()).zip(above.iter());
+                    for (i, (d, ((b, h), a))) in column.iter_mut().zip(moved).enumerate().take(cells) {
+                        let x = stay * h + SPEED_SPREAD * (b + a);
+                        *d = pack((1.0 - born) * x + born * likely * range_of(i) * scale);
+                    }
                 }
+                core::mem::swap(below, here);
+                core::mem::swap(here, above);
             }
-            core::mem::swap(below, here);
-            core::mem::swap(here, above);
+        }
+        self.fade();
+    }
+
+    /// What each share may have become.
+    fn fade(&mut self) {
+        let [all, some, little] = &mut self.density;
+        let of_class =
+            all.as_flattened_mut().iter_mut().zip(some.as_flattened_mut()).zip(little.as_flattened_mut());
+        for ((a, b), c) in of_class {
+            let [x, y, z] = [*a, *b, *c].map(unpack);
+            *a = pack(x + FADES * (y - x));
+            *b = pack(y + FADES * (x + z - 2.0 * y));
+            *c = pack(z + FADES * (y - z));
         }
     }
 
@@ -199,22 +262,21 @@ impl Presence {
                 .enumerate()
                 .filter_map(|(k, e)| Some((k, math::f32::abs(e.as_ref()?.range_m - range_m))))
                 .min_by(|a, b| a.1.total_cmp(&b.1));
-            let echo = |e: &Expected| e.established && model.mistakes(range_m, e.range_m);
+            let echo = |e: &Option<Expected>| e.is_some_and(|e| model.mistakes(range_m, e.range_m));
             *owner = match nearest {
                 Some((k, d)) if d < EXPECTED_WITHIN_M => k as u8,
-                _ if expected.iter().flatten().any(echo) => ECHO,
-                _ => UNCLAIMED,
+                _ => expected.iter().position(echo).map_or(UNCLAIMED, |k| k as u8),
             };
         }
         let mut mass = [0f32; OWNERS];
-        for column in &self.density {
+        for column in self.density.as_flattened() {
             for (d, owner) in column.iter().zip(&self.owner).take(self.cells) {
                 *of(&mut mass, *owner) += unpack(*d);
             }
         }
         let mut scale = mass.map(|m| 1.0 / m.max(1e-30));
         scale.iter_mut().zip(&expected).for_each(|(s, _)| *s *= 1.0 - EXPECTED);
-        for column in &mut self.density {
+        for column in self.density.as_flattened_mut() {
             for (d, owner) in column.iter_mut().zip(&self.owner).take(self.cells) {
                 *d = pack(unpack(*d) * *of(&mut scale, *owner));
             }
@@ -230,46 +292,35 @@ impl Presence {
     fn keep(&mut self, owner: u8, e: &Expected) {
         let i = (e.range_m / CELL_M) as usize;
         let k = math::f32::round((e.speed_m_s - speed_of(0)) / SPEED_STEP_M_S).max(0.0) as usize;
-        let share = EXPECTED / 15.0;
-        for column in self.density.iter_mut().skip(k.saturating_sub(1)).take(3) {
-            let cells = column.iter_mut().zip(&self.owner).take(self.cells);
-            for (d, _) in cells.skip(i.saturating_sub(2)).take(5).filter(|(_, o)| **o == owner) {
-                *d = pack(unpack(*d) + share);
+        // At the shares that it has there already.
+        let near = |density: &Density| {
+            let columns = density.iter().skip(k.saturating_sub(1)).take(3);
+            columns.flat_map(|c| c.iter().skip(i.saturating_sub(2)).take(5)).map(|d| unpack(*d)).sum::<f32>()
+        };
+        let held = core::array::from_fn::<f32, CLASSES, _>(|n| self.density.get(n).map_or(0.0, near));
+        let all = held.iter().sum::<f32>();
+        for ((density, held), likely) in self.density.iter_mut().zip(held).zip(LIKELY) {
+            let share = EXPECTED / 15.0 * if all > 1e-20 { 0.9 * held / all + 0.1 * likely } else { likely };
+            for column in density.iter_mut().skip(k.saturating_sub(1)).take(3) {
+                let cells = column.iter_mut().zip(&self.owner).take(self.cells);
+                for (d, _) in cells.skip(i.saturating_sub(2)).take(5).filter(|(_, o)| **o == owner) {
+                    *d = pack(unpack(*d) + share);
+                }
             }
         }
-    }
-
-    /// Column `k` after a minute at its speed.
-    fn shifted(&self, k: usize, out: &mut [f32; RANGE_CELLS]) {
-        *out = [0.0; RANGE_CELLS];
-        let Some(column) = self.density.get(k) else { return };
-        let shift = speed_of(k) * 60.0 / CELL_M;
-        let whole = math::f32::floor(shift);
-        let part = shift - whole;
-        let n = whole as isize;
-        // Out cell i comes from cell i − n (weight 1 − part) and i − n − 1 (weight part).
-        let back = |from: usize| column.get(from..).unwrap_or_default();
-        let add = |out: &mut [f32], n: isize, w: f32| {
-            if n >= 0 {
-                let o = out.iter_mut().skip(n.unsigned_abs());
-                o.zip(column).for_each(|(o, d)| *o += w * unpack(*d));
-            } else {
-                out.iter_mut().zip(back(n.unsigned_abs())).for_each(|(o, d)| *o += w * unpack(*d));
-            }
-        };
-        add(out, n, 1.0 - part);
-        add(out, n + 1, part);
     }
 
     /// Takes in one minute's likelihood, made from so many frames by the model.
     pub fn update(&mut self, grid: &Grid, model: &Interference<'_>, frames: usize) -> RangePresence {
         let cells = self.cells;
         let shown: Shown = core::array::from_fn(|i| model.shows(i, frames, LEAST_SUPPORT));
+        let energy: [f32; RANGE_CELLS] = core::array::from_fn(|i| model.energy(i, frames));
         let mut top = [0f32; OWNERS];
         for row in grid {
-            for (g, owner) in row.iter().zip(&self.owner).take(cells).filter(|(_, o)| **o != ECHO) {
+            for ((g, energy), owner) in row.iter().zip(&energy).zip(&self.owner).take(cells) {
                 let top = of(&mut top, *owner);
-                *top = top.max(f32::from(*g) * GRID_UNIT);
+                let log_ratio = f32::from(*g) * GRID_UNIT;
+                *top = SHARES.iter().fold(*top, |top, share| top.max(at_share(log_ratio, *energy, *share)));
             }
         }
         let mut miss = top.map(|t| (1.0 - DETECTION) * math::f32::exp(-t));
@@ -277,12 +328,16 @@ impl Presence {
         let (mut total, mut approaching) = ([0f32; OWNERS], [0f32; OWNERS]);
         // Of the cells that show a vessel: what they held, and hold now. Of the others: what they held.
         let (mut before, mut after, mut hidden) = ([0f32; OWNERS], [0f32; OWNERS], [0f32; OWNERS]);
-        for (k, (column, row)) in self.density.iter_mut().zip(grid).enumerate() {
-            let row = row.iter().zip(&shown);
-            for ((d, (g, shown)), owner) in column.iter_mut().zip(row).zip(&self.owner).take(cells) {
+        let classes = self.density.iter_mut().zip(SHARES);
+        let columns =
+            classes.flat_map(|(d, share)| d.iter_mut().zip(grid).enumerate().map(move |x| (share, x)));
+        for (share, (k, (column, row))) in columns {
+            let row = row.iter().zip(&energy).zip(&shown);
+            for ((d, ((g, energy), shown)), owner) in column.iter_mut().zip(row).zip(&self.owner).take(cells)
+            {
                 let held = unpack(*d);
                 let p = if *shown {
-                    let log_ratio = if *owner == ECHO { 0.0 } else { f32::from(*g) * GRID_UNIT };
+                    let log_ratio = at_share(f32::from(*g) * GRID_UNIT, *energy, share);
                     let x = log_ratio - *of(&mut top, *owner);
                     let hit = if x > -60.0 { DETECTION * math::exp_of_negative(x) } else { 0.0 };
                     let p = held * (*of(&mut miss, *owner) + hit);
@@ -311,17 +366,21 @@ impl Presence {
                 modes: [None; RANGE_MODES],
             };
         }
-        // What is hidden keeps its share, unless nothing else is left.
+        // What is hidden keeps its share, unless nothing else is left; of a vessel not tracked only a little, or noise would
+        // gather there what nothing can contradict.
         let mut scale = [(0f32, 0f32); OWNERS];
-        for (((scale, before), after), hidden) in scale.iter_mut().zip(before).zip(after).zip(hidden) {
+        for (owner, (((scale, before), after), hidden)) in
+            scale.iter_mut().zip(before).zip(after).zip(hidden).enumerate()
+        {
+            let most = if owner == usize::from(UNCLAIMED) { MOST_HIDDEN } else { 1.0 };
             *scale = if after > 1e-37 {
-                let whole = before + hidden;
-                (before / whole / after, 1.0 / whole)
+                let share = (hidden / (before + hidden)).min(most);
+                ((1.0 - share) / after, share / hidden.max(1e-37))
             } else {
                 (0.0, 1.0 / hidden.max(1e-37))
             };
         }
-        for column in &mut self.density {
+        for column in self.density.as_flattened_mut() {
             let cells = column.iter_mut().zip(&self.owner).zip(&shown).take(cells);
             for ((d, owner), shown) in cells {
                 let (seen, hidden) = *of(&mut scale, *owner);
@@ -348,7 +407,7 @@ impl Presence {
             leaning += *present * approaching.get(k).copied().unwrap_or(0.0) / total;
             sure += *present;
         }
-        let modes = self.modes(&mut evidence, grid, &shown);
+        let modes = self.modes(&mut evidence, grid, &energy, &shown);
         RangePresence { log_odds, log_evidence, approaching: leaning / sure.max(1e-30), modes }
     }
 
@@ -359,13 +418,5 @@ impl Presence {
         let present = tracked.fold(unclaimed, |most, (p, _)| most.max(*p));
         let log_odds = math::f32::ln(present / (1.0 - present));
         RangePresence { log_odds, log_evidence: 0.0, approaching: 0.5, modes: [None; RANGE_MODES] }
-    }
-
-    /// Share of the posterior of a vessel not tracked below a cell.
-    #[cfg(test)]
-    pub(super) fn share_below(&self, cell: usize) -> f32 {
-        let mass =
-            |n: usize| self.density.iter().flat_map(|c| c.iter().take(n)).map(|d| unpack(*d)).sum::<f32>();
-        mass(cell) / mass(self.cells)
     }
 }

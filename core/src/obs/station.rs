@@ -346,6 +346,9 @@ impl State {
         kept.used = true;
         self.ambient.learn(&kept.row);
         let mut c = [0f32; QUEFRENCIES];
+        if !plan.paper {
+            cepstrum::without_lines(&mut spectra.log_pressure, &mut spectra.buffer);
+        }
         cepstrum::transform(&spectra.log_pressure, &mut spectra.buffer, &mut c);
         self.clutter.filter(&mut c);
         kept.cepstrum
@@ -493,7 +496,7 @@ fn send(
             sd_speed_m_s: m.sd_speed_m_s,
             log_presence: ranges.log_odds,
             weight: m.weight,
-            detected: detected && (paper || m.weight >= CLEAR_WEIGHT),
+            detected: detected && (paper || m.weight >= CLEAR_WEIGHT && m.sure),
         }));
     }
     if !sent {

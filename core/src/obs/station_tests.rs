@@ -288,5 +288,5 @@ fn a_clock_set_back_or_far_ahead_is_survived() {
 fn everything_fits_the_recorder() {
     let (state, scratch, plan) = (size_of::<State>(), size_of::<Scratch>(), size_of::<Plan<'_>>());
     std::println!("state {state} B, scratch {scratch} B, plan {plan} B");
-    assert!(state + scratch + plan <= 160 * 1024, "{state} + {scratch} + {plan}");
+    assert!(state + scratch + plan <= 176 * 1024, "{state} + {scratch} + {plan}");
 }

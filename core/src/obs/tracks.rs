@@ -415,6 +415,8 @@ mod tests {
                 sd_speed_m_s: 0.4,
                 weight: 0.5,
                 detected: true,
+                tracked: false,
+                sure: true,
             })
         };
         modes[0] = mode(own.range_m as f32 + 60.0 * jitter(2), own.speed_m_s as f32 + 0.3 * jitter(3));

@@ -1,10 +1,13 @@
 //! The peaks of the posterior over range and radial speed, as measurements with a spread.
 
 use super::super::interference::Interference;
-use super::super::limits::{CELL_M, RANGE_MODES};
+use super::super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEEDS};
 use super::super::radial::{GRID_UNIT, speed_of};
 use super::super::shared::Grid;
-use super::{ExpectedVessels, OWNERS, Presence, RangePresence, Shown, of, range_of, unpack};
+use super::{
+    Expected, ExpectedVessels, OWNERS, Presence, RangePresence, SHARES, Shown, UNCLAIMED, at_share, of,
+    range_of, unpack,
+};
 use crate::math;
 
 /// Half width within which a mode is alone, cells (1.1 km).
@@ -12,6 +15,9 @@ const ALONE: usize = 8;
 
 /// Half width of the moments of a mode, cells.
 const MODE_HALF: usize = 4;
+
+/// Share at the table's full strengths from which a mode is sure.
+const SURE: f32 = 0.5;
 
 /// Natural logarithm of how much better than the prior a mode must be.
 const MODE_LOG_RATIO: f32 = 4.0;
@@ -35,40 +41,50 @@ pub struct RangeMode {
     pub weight: f32,
     /// Whether its vessel is more likely there than not.
     pub detected: bool,
+    /// Whether it is a tracked vessel's: where its track says, or where its echoes may put it too.
+    pub tracked: bool,
+    /// Whether no other pair of paths explains it as well: its echoes are of the table's strengths, all of them, or an
+    /// established track expects it. A weak one's may be one echo of a vessel elsewhere, beyond the model too.
+    pub sure: bool,
 }
 
 /// Range within which a mode is the vessel a track expects, m.
 pub(super) const EXPECTED_WITHIN_M: f32 = 1500.0;
 
 impl RangePresence {
-    /// Puts the modes of tracked vessels first and drops those that only read a tracked vessel's echoes as another
-    /// pair of paths.
+    /// Puts the modes of tracked vessels first, the likelier ones before the others, and drops those of no vessel tracked
+    /// that may only read a tracked vessel's echoes as another pair of paths.
     pub fn prefer(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
-        let own = |m: &RangeMode| {
-            expected.iter().flatten().any(|e| math::f32::abs(m.range_m - e.range_m) < EXPECTED_WITHIN_M)
-        };
         let mistaken =
             |m: &RangeMode| expected.iter().flatten().any(|e| model.doubtful(m.range_m, e.range_m));
+        for m in self.modes.iter_mut().flatten() {
+            let own =
+                |e: &Expected| e.established && math::f32::abs(m.range_m - e.range_m) < EXPECTED_WITHIN_M;
+            m.sure |= expected.iter().flatten().any(own);
+        }
         let old = self.modes;
-        let first = old.iter().flatten().filter(|m| own(m));
-        let rest = old.iter().flatten().filter(|m| !own(m) && !mistaken(m));
+        let first = old.iter().flatten().filter(|m| m.tracked);
+        let rest = old.iter().flatten().filter(|m| !m.tracked && !mistaken(m));
         self.modes = [None; RANGE_MODES];
         self.modes.iter_mut().zip(first.chain(rest)).for_each(|(slot, m)| *slot = Some(*m));
     }
 }
 
-/// The best of a minute's log ratios at and next to a cell.
-fn support(grid: &Grid, i: usize, k: usize) -> f32 {
+/// The best of a minute's log ratios at and next to a cell, at any share.
+fn support(grid: &Grid, energy: &[f32; RANGE_CELLS], i: usize, k: usize) -> f32 {
     let near = grid.iter().skip(k.saturating_sub(1)).take(3);
     let best = near.flat_map(|g| g.iter().skip(i.saturating_sub(1)).take(3)).max();
-    best.map_or(f32::NEG_INFINITY, |g| f32::from(*g) * GRID_UNIT)
+    let log_ratio = best.map_or(f32::NEG_INFINITY, |g| f32::from(*g) * GRID_UNIT);
+    let energy = energy.get(i).copied().unwrap_or(0.0);
+    SHARES.iter().fold(f32::NEG_INFINITY, |best, share| best.max(at_share(log_ratio, energy, *share)))
 }
 
 impl Presence {
     /// Best density over speed at a cell.
     fn best(&self, i: usize) -> (usize, f32) {
-        self.density.iter().enumerate().fold((0, 0.0), |b, (k, c)| {
-            let p = c.get(i).copied().map_or(0.0, unpack);
+        (0..SPEEDS).fold((0, 0.0), |b, k| {
+            let of_class = self.density.iter().filter_map(|d| d.get(k)?.get(i));
+            let p = of_class.map(|d| unpack(*d)).sum();
             if p > b.1 { (k, p) } else { b }
         })
     }
@@ -78,6 +94,7 @@ impl Presence {
         &self,
         evidence: &mut [f32; OWNERS],
         grid: &Grid,
+        energy: &[f32; RANGE_CELLS],
         shown: &Shown,
     ) -> [Option<RangeMode>; RANGE_MODES] {
         let mut found = [(0usize, 0usize, 0f32); RANGE_MODES];
@@ -87,7 +104,7 @@ impl Presence {
             let (k, p) = self.best(i);
             let prior = range_of(i) * self.prior_scale;
             let unlikely = p <= 1e-36 || math::f32::ln(p / prior) + log_evidence < MODE_LOG_RATIO;
-            if unlikely || support(grid, i, k) < LEAST_SUPPORT {
+            if unlikely || support(grid, energy, i, k) < LEAST_SUPPORT {
                 continue;
             }
             // A peak close to a higher one already found is part of it; a lower one close by gives way.
@@ -123,7 +140,13 @@ impl Presence {
         let (r0, v0) = (range_of(i), speed_of(k));
         let (mut n, mut r, mut rr, mut v, mut vv) = (0f32, 0f32, 0f32, 0f32, 0f32);
         let first = i.saturating_sub(MODE_HALF);
-        for (j, column) in self.density.iter().enumerate() {
+        let mut strong = 0f32;
+        let columns = self
+            .density
+            .iter()
+            .enumerate()
+            .flat_map(|(c, d)| d.iter().enumerate().map(move |(j, x)| (c, j, x)));
+        for (c, j, column) in columns {
             if j.abs_diff(k) > 3 {
                 continue;
             }
@@ -131,6 +154,9 @@ impl Presence {
             for (d, cell) in column.iter().enumerate().skip(first).take(2 * MODE_HALF + 1) {
                 let (p, dr) = (unpack(*cell), range_of(d) - r0);
                 n += p;
+                if c == 0 {
+                    strong += p;
+                }
                 r += p * dr;
                 rr += p * dr * dr;
                 v += p * dv;
@@ -148,6 +174,8 @@ impl Presence {
             speed_m_s: v0 + v,
             sd_speed_m_s: math::f32::sqrt(var_v),
             weight: n.min(1.0),
+            sure: strong > SURE * n,
+            tracked: self.owner.get(i).is_some_and(|o| *o < UNCLAIMED),
             detected: self.owner.get(i).is_some_and(|o| *of(&mut { self.present }, *o) > 0.5),
         }
     }
