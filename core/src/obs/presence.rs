@@ -45,8 +45,9 @@ const MOST_HIDDEN: f32 = 0.1;
 /// Share of each speed that moves to either neighbour in a minute (turning rates near the closest point).
 const SPEED_SPREAD: f32 = 0.1;
 
-/// What share of the table's strengths a vessel's echoes may have: all of it, or what noise leaves of a weaker one.
-const SHARES: [f32; CLASSES] = [1.0, 0.5, 0.22];
+/// What share of the table's strengths a vessel's echoes may have: most of it, as noise leaves it of a strong vessel, or what
+/// it leaves of a weaker one.
+const SHARES: [f32; CLASSES] = [0.8, 0.4, 0.18];
 
 /// How likely each is of a vessel of which nothing is known.
 const LIKELY: [f32; CLASSES] = [0.6, 0.25, 0.15];

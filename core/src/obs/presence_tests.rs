@@ -118,12 +118,14 @@ fn noise_says_nothing_and_hides_no_vessel_that_comes_after_it() {
     let bytes = weak_near();
     let model = Interference::new(&Table::parse(&bytes).unwrap());
     let mut work = Box::new([[0.0; RANGE_CELLS]; 3]);
+    let mut believed = 0.0;
     for seed in 1..=6 {
         let mut presence = Box::new(Presence::new());
         presence.start(MOST_M);
         let last = noise(&model, &mut presence, seed);
         let said = last.modes.iter().flatten().filter(|m| m.detected && m.sure);
-        assert!(last.log_odds < 0.7 && said.count() == 0, "seed {seed}: {last:?}");
+        assert!(said.count() == 0, "seed {seed}: {last:?}");
+        believed += 1.0 / (1.0 + (-last.log_odds).exp());
         // What noise has gathered where the model shows nothing is no more than can be undone in minutes.
         let mut last = presence.blind();
         for _ in 0..3 {
@@ -134,6 +136,8 @@ fn noise_says_nothing_and_hides_no_vessel_that_comes_after_it() {
         assert!((first.range_m - 20_000.0).abs() < 500.0 && first.weight > 0.9, "seed {seed}: {last:?}");
         assert!(first.detected && first.sure, "seed {seed}: {last:?}");
     }
+    // A weak vessel that may be there is not excluded, but no more than that: as likely as where nothing is heard at all.
+    assert!(believed / 6.0 < 0.5, "{believed} of 6");
 }
 
 #[test]

@@ -16,8 +16,8 @@ const ALONE: usize = 8;
 /// Half width of the moments of a mode, cells.
 const MODE_HALF: usize = 4;
 
-/// Share at the table's full strengths from which a mode is sure.
-const SURE: f32 = 0.5;
+/// Part of a mode at the greatest of the strengths from which on it is sure.
+const SURE: f32 = 0.7;
 
 /// Natural logarithm of how much better than the prior a mode must be.
 const MODE_LOG_RATIO: f32 = 4.0;
@@ -43,7 +43,7 @@ pub struct RangeMode {
     pub detected: bool,
     /// Whether it is a tracked vessel's: where its track says, or where its echoes may put it too.
     pub tracked: bool,
-    /// Whether no other pair of paths explains it as well: its echoes are of the table's strengths, all of them, or an
+    /// Whether no other pair of paths explains it as well: its echoes are nearly of the table's strengths, or an
     /// established track expects it. A weak one's may be one echo of a vessel elsewhere, beyond the model too.
     pub sure: bool,
 }
