@@ -4,7 +4,7 @@
 //! predict `r ← r + v · 60 s` with a little diffusion, birth from the prior (area: proportional to r [O 20]), update by
 //! `(1 − Pd) + Pd ℓ(r, v)`. Carrying the posterior from minute to minute resolves most branches one minute leaves
 //! ambiguous. Minutes use frames once, so successive likelihoods are independent.
-//! A vessel's echoes may be weaker than the table's ([`SHARES`]): noise takes from all of them alike. Each share has a
+//! A vessel's echoes may be weaker than the table's (`SHARES`): noise takes from all of them alike. Each share has a
 //! posterior of its own, so that a vessel's share is learnt once and not guessed anew each minute; the likelihood of a share a
 //! follows from that of the full strengths, `a ⟨y, μ⟩ − a² ½ ‖μ‖²` [O 19]. One weak echo may be another pair of paths of a
 //! vessel elsewhere, beyond the model too: a mode says whether it is sure.
