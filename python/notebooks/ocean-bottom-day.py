@@ -64,7 +64,7 @@ begun = pd.Timestamp("2013-05-21", tz="UTC")
 truth = pd.read_csv(written["truth"][0])
 truth["utc"] = begun + pd.to_timedelta(truth["t_s"], unit="s")
 heard = truth[truth["heard_range_m"] < 45000]
-ranges = run.frame("range").dropna(subset=["range_m"])
+ranges = run.frame("range").query("detected")
 azimuths = run.frame("azimuth").dropna(subset=["azimuth_deg"])
 
 fig, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(8, 5), layout="constrained")
