@@ -160,6 +160,7 @@ pub fn index(message: &Message) -> Option<u64> {
         Message::Spectrum(m) => m.index,
         Message::Azigram(m) => m.index,
         Message::Margins(m) => m.index,
+        Message::Transient(m) => m.index,
         Message::End(m) => m.index,
     })
 }

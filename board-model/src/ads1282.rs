@@ -240,7 +240,7 @@ pub struct Ads1282s {
     wire: [u32; CHIPS],
     /// The lines from the chips are cut.
     pub mute: bool,
-    /// Flips one bit of every n-th byte that is read, where n is not 0.
+    /// Flips one bit of one in n bytes that are read, any chip's and any of a word, where n is not 0.
     pub bit_errors_every: u64,
     bytes: u64,
     complaint: Option<&'static str>,
@@ -395,8 +395,9 @@ impl Ads1282s {
                 *said = 0xff;
             }
             self.bytes += 1;
-            if self.bit_errors_every > 0 && self.bytes.is_multiple_of(self.bit_errors_every) {
-                *said ^= 1 << (self.bytes / self.bit_errors_every % 8);
+            let chance = mix(self.bytes);
+            if self.bit_errors_every > 0 && chance.is_multiple_of(self.bit_errors_every) {
+                *said ^= 1 << (chance / self.bit_errors_every % 8);
             }
         }
         if let Some(lead) = lead.map(|at| &self.chips[at])

@@ -16,7 +16,11 @@ const WORD: usize = 3;
 const STATUS: usize = 1;
 const MODE: usize = 2;
 const CLOCK: usize = 3;
+const GAIN: usize = 4;
 const RESET_BIT: u16 = 1 << 10;
+/// In MODE: a check sum over the registers is compared all the time; in STATUS: it is another than it was.
+const REGISTER_CRC: u16 = 1 << 13;
+const REGISTERS_CHANGED: u16 = 1 << 13;
 const CRC_ERROR: u16 = 1 << 12;
 const INPUT_CRC: u16 = 1 << 12;
 const RESYNCHRONISED: u16 = 1 << 14;
@@ -183,10 +187,15 @@ impl Ads131m04 {
         if dead { self.next_conversion = NEVER } else { self.reset(now) }
     }
 
-    /// Flips a bit of its clock register, as a disturbance does: it goes on at another rate and does not know.
-    pub fn upset(&mut self, bit: u32, now: Ticks) {
-        self.registers[CLOCK] ^= 1 << bit;
-        self.restart(now);
+    /// Flips a bit of a register, as a disturbance does: it goes on so, and says so in its status where it was told to check.
+    pub fn upset(&mut self, register: usize, bit: u32, now: Ticks) {
+        self.registers[register] ^= 1 << bit;
+        if self.registers[MODE] & REGISTER_CRC != 0 {
+            self.registers[STATUS] |= REGISTERS_CHANGED;
+        }
+        if register == CLOCK {
+            self.restart(now);
+        }
     }
 
     /// When it next has a result.
@@ -286,7 +295,11 @@ impl Ads131m04 {
             if let Some(result) = self.output.front() {
                 self.shown = *result;
             }
-            self.shown.1.iter().for_each(|code| word(*code as u32 & 0xff_ffff));
+            let gains = self.registers[GAIN];
+            for (channel, code) in self.shown.1.iter().enumerate() {
+                let gain = gains >> (4 * channel) & 7;
+                word((code << gain).clamp(-(1 << 23), (1 << 23) - 1) as u32 & 0xff_ffff);
+            }
         } else {
             self.answers.drain(..).for_each(|value| word(u32::from(value) << 8));
         }

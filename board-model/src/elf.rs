@@ -122,6 +122,11 @@ impl Image {
         self.functions.iter().find(|f| f.2.contains(part)).map(|f| f.0)
     }
 
+    /// Address of the first object whose name contains this.
+    pub fn object(&self, part: &str) -> Option<u32> {
+        self.objects.iter().find(|o| o.0.contains(part)).map(|o| o.1)
+    }
+
     /// Value of an object's symbol.
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.objects.iter().find(|o| o.0 == name).map(|o| o.1)

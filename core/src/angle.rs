@@ -8,6 +8,7 @@ use crate::math;
 pub const RAD_PER_DEG: f64 = core::f64::consts::PI / 180.0;
 
 /// An angle brought into [0, 2π). Non-finite input gives 0.
+#[inline(never)]
 pub fn wrap_tau(a: f64) -> f64 {
     if !math::f64::abs(a).is_finite() {
         return 0.0;
@@ -26,6 +27,7 @@ pub fn wrap_pi(a: f64) -> f64 {
 }
 
 /// Single-precision [`wrap_tau`].
+#[inline(never)]
 pub fn wrap_tau_f32(a: f32) -> f32 {
     if !a.is_finite() {
         return 0.0;
@@ -35,6 +37,7 @@ pub fn wrap_tau_f32(a: f32) -> f32 {
 }
 
 /// Single-precision [`wrap_pi`].
+#[inline(never)]
 pub fn wrap_pi_f32(a: f32) -> f32 {
     let t = wrap_tau_f32(a);
     if t > math::f32::PI { t - math::f32::TAU } else { t }

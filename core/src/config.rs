@@ -41,6 +41,45 @@ pub struct StationConfig {
     /// When the recorder listens. In a section of its own too.
     #[serde(skip)]
     pub schedule: Schedule,
+    /// What a recorder with a card keeps of its sound. In a section of its own too.
+    #[serde(skip)]
+    pub clips: Clips,
+}
+
+/// Which sound a recorder with a card keeps: all of it, or what is around its detections, at most one clip in so long.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Clips {
+    /// Seconds kept before a detection.
+    pub before_s: u16,
+    /// Seconds kept after it; 0: all sound is kept.
+    pub after_s: u16,
+    /// Seconds from a detection that is kept to the next one that is.
+    pub apart_s: u32,
+}
+
+impl Clips {
+    /// The bytes that a blob holds.
+    pub const fn bytes(self) -> [u8; 8] {
+        let ([a, b], [c, d]) = (self.before_s.to_le_bytes(), self.after_s.to_le_bytes());
+        let [e, f, g, h] = self.apart_s.to_le_bytes();
+        [a, b, c, d, e, f, g, h]
+    }
+
+    /// The same back.
+    pub const fn of([a, b, c, d, e, f, g, h]: [u8; 8]) -> Self {
+        let (before_s, after_s) = (u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
+        Self { before_s, after_s, apart_s: u32::from_le_bytes([e, f, g, h]) }
+    }
+
+    /// Whether sound away from detections is given up.
+    pub const fn are_kept(self) -> bool {
+        self.after_s > 0
+    }
+
+    /// Seconds of sound that a clip asks for.
+    pub fn seconds(self) -> f64 {
+        f64::from(self.before_s) + f64::from(self.after_s)
+    }
 }
 
 /// When a recorder listens: for the first `on_s` seconds of every `every_s`, counted from midnight of 1970-01-01 UTC where it
@@ -238,6 +277,7 @@ impl StationConfig {
             tracking: Tracking::default(),
             levels: Levels::default(),
             schedule: Schedule::default(),
+            clips: Clips::default(),
         }
     }
 
@@ -298,6 +338,13 @@ impl StationConfig {
             within("schedule.every_s", f64::from(every_s), 20.0, 604_800.0)?;
             within("schedule.on_s", f64::from(on_s), 10.0, f64::from(every_s) - 10.0)?;
         }
+        if self.clips.are_kept() {
+            // No other recorder has a card.
+            let most = if matches!(self.kind, Kind::Array(_)) { 3600.0 } else { 0.0 };
+            within("card.after_s", f64::from(self.clips.after_s), 0.0, most)?;
+            within("card.before_s", f64::from(self.clips.before_s), 0.0, 300.0)?;
+            within("card.apart_s", f64::from(self.clips.apart_s), 1.0, 86_400.0)?;
+        }
         match &self.kind {
             Kind::Array(a) => {
                 within("rate_hz", self.rate_hz, 4000.0, 200_000.0)?;
@@ -357,14 +404,15 @@ impl StationConfig {
         }
     }
 
-    /// Identifies the configuration: FNV-1a (64 bits) of its postcard bytes, of the levels' where any are sent, and of the
-    /// schedule's where there is one. Equal configurations have equal hashes.
+    /// Identifies the configuration: FNV-1a (64 bits) of its postcard bytes, of the levels' where any are sent, of the
+    /// schedule's where there is one, and of the clips' where not all sound is kept. Equal configurations have equal hashes.
     pub fn hash(&self) -> u64 {
         let mut buffer = [0u8; 1024];
         let Ok(length) = postcard::to_slice(self, &mut buffer).map(|bytes| bytes.len()) else { return 0 };
-        let (levels, schedule) = (self.levels.bytes(), self.schedule.bytes());
+        let (levels, schedule, clips) = (self.levels.bytes(), self.schedule.bytes(), self.clips.bytes());
         let levels = levels.iter().filter(|_| self.levels.every_s > 0);
-        let behind = levels.chain(schedule.iter().filter(|_| self.schedule.every_s > 0));
+        let schedule = schedule.iter().filter(|_| self.schedule.every_s > 0);
+        let behind = levels.chain(schedule).chain(clips.iter().filter(|_| self.clips.are_kept()));
         let mut end = length;
         for (to, from) in buffer.iter_mut().skip(length).zip(behind) {
             *to = *from;

@@ -6,10 +6,11 @@
 //! ```
 //! The CRC is CRC-32/ISO-HDLC of the body. Section `STAT` is the postcard form of [`StationConfig`] and must be
 //! there; `PROP` is an ocean-bottom station's propagation table; `LEVL` says which levels are sent unasked, none where it is
-//! not there: seconds:u16le channel:u8; `DUTY` when it listens, always where it is not there: every_s:u32le on_s:u32le. Unknown sections are skipped, and so is whatever follows the blob, so that a whole page
+//! not there: seconds:u16le channel:u8; `DUTY` when it listens, always where it is not there: every_s:u32le on_s:u32le;
+//! `CLIP` which sound a card keeps, all where it is not there: before_s:u16le after_s:u16le apart_s:u32le. Unknown sections are skipped, and so is whatever follows the blob, so that a whole page
 //! of flash may be given to the reader.
 
-use crate::config::{ConfigError, Levels, Schedule, StationConfig};
+use crate::config::{Clips, ConfigError, Levels, Schedule, StationConfig};
 
 /// First bytes of every blob: magic and version.
 pub const HEADER: [u8; 5] = *b"SBCF\x01";
@@ -21,6 +22,8 @@ pub const PROPAGATION: [u8; 4] = *b"PROP";
 pub const LEVELS: [u8; 4] = *b"LEVL";
 /// Tag of the section that says when the recorder listens.
 pub const SCHEDULE: [u8; 4] = *b"DUTY";
+/// Tag of the section that says which sound a card keeps.
+pub const CLIPS: [u8; 4] = *b"CLIP";
 /// Bytes of a section before its body.
 const SECTION_HEAD: usize = 12;
 /// Bytes before the first section.
@@ -102,6 +105,7 @@ pub fn station(blob: &[u8]) -> Result<StationConfig, BlobError> {
     let mut config: StationConfig = postcard::from_bytes(body).map_err(|_| BlobError::Decode(STATION))?;
     config.levels = small(blob, LEVELS)?.map_or(Levels::default(), Levels::of);
     config.schedule = small(blob, SCHEDULE)?.map_or(Schedule::default(), Schedule::of);
+    config.clips = small(blob, CLIPS)?.map_or(Clips::default(), Clips::of);
     config.validate().map_err(BlobError::Invalid)?;
     Ok(config)
 }
@@ -157,7 +161,8 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Adds the station's section, that of the levels where any are sent, and that of the schedule where there is one.
+    /// Adds the station's section, that of the levels where any are sent, that of the schedule where there is one, and that of
+    /// the clips where not all sound is kept.
     ///
     /// # Errors
     /// [`BlobError::Full`] if it does not fit.
@@ -168,6 +173,9 @@ impl<'a> Writer<'a> {
         }
         if config.schedule.every_s > 0 {
             self.small(SCHEDULE, config.schedule.bytes())?;
+        }
+        if config.clips.are_kept() {
+            self.small(CLIPS, config.clips.bytes())?;
         }
         Ok(())
     }
@@ -210,6 +218,7 @@ mod tests {
             tracking: Tracking::default(),
             levels: Levels::default(),
             schedule: Schedule { every_s: 3600, on_s: 600 },
+            clips: Clips::default(),
         }
     }
 

@@ -93,6 +93,7 @@ pub fn exp_of_negative(x: core::primitive::f32) -> core::primitive::f32 {
 }
 
 /// Decibels of a power ratio: `10 log10(ratio)`; a ratio of zero or less gives −200 dB rather than minus infinity.
+#[inline(never)]
 pub fn db(ratio: core::primitive::f32) -> core::primitive::f32 {
     if ratio > 1e-20 { 10.0 * f32::log10(ratio) } else { -200.0 }
 }

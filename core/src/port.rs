@@ -40,6 +40,9 @@ pub trait SampleSource {
     /// These samples are not wanted.
     fn rest(&mut self, _samples: core::ops::Range<u64>) {}
 
+    /// A vessel was heard about this sample: for a source that keeps its sound.
+    fn heard(&mut self, _index: u64) {}
+
     /// UTC is known so from now on: for a source whose clock outlasts the recorder.
     fn told(&mut self, _time: &Time) {}
 

@@ -21,6 +21,9 @@ pub const BLOCK_FRAMES: usize = 64;
 /// Seconds of silence told at once: more is a clock that jumped.
 const MOST_AT_ONCE_S: u32 = 60;
 
+/// A converter's rate is its nominal one to a part in so many (100 ppm), one standard deviation.
+const STEADY: u64 = 10_000;
+
 /// Seconds after the end in which a base station may still take what waits.
 const LINGER_S: u32 = 60;
 
@@ -48,7 +51,7 @@ pub trait Application {
         (Schedule::default(), 0.0)
     }
 
-    /// Samples from here up to this index are left out on purpose.
+    /// Samples from here up to this index are left out on purpose; said again where the pause becomes longer or shorter.
     fn pause(&mut self, _until: u64, _sink: &mut impl FnMut(&Message)) {}
 
     /// So many seconds of them have gone by; called once for each, from the first on.
@@ -124,6 +127,8 @@ struct Rhythm {
     index: u64,
     /// Seconds of a pause that were told.
     told_s: u32,
+    /// First index of the pause, where it pauses.
+    since: Option<u64>,
 }
 
 impl Rhythm {
@@ -134,12 +139,27 @@ impl Rhythm {
         let (front, rest) = frames.split_at_checked(count).unwrap_or((frames, &[]));
         self.index = first_index.saturating_add(front.len() as u64);
         if listens {
-            self.told_s = 0;
+            (self.told_s, self.since) = (0, None);
+        } else {
+            self.since.get_or_insert(first_index);
         }
         (
             listens.then_some(Block { first_index, frames: front }),
             Block { first_index: self.index, frames: rest },
         )
+    }
+
+    /// Tells the recorder and its source of a pause that begins, goes on for longer, or ends before its time.
+    fn tell(
+        &mut self,
+        application: &mut impl Application,
+        source: &mut impl SampleSource,
+        sink: &mut impl FnMut(&Message),
+    ) {
+        if let Some(until) = self.stretches.begun() {
+            application.pause(until, sink);
+            source.rest(self.since.unwrap_or(until)..until);
+        }
     }
 
     /// The next second of a pause that has gone by and was not told.
@@ -160,6 +180,8 @@ struct Told {
     health: bool,
     /// Its clock may learn from it.
     time: Option<Time>,
+    /// Sample about which a vessel was heard.
+    heard: Option<u64>,
 }
 
 /// Where messages go; notes what concerns the board. One type of sink for all calls: each other would be another copy of the
@@ -169,17 +191,21 @@ fn said(outlet: &mut impl Outlet, told: &mut Told) -> impl FnMut(&Message) {
         match message {
             Message::Health(_) => told.health = true,
             Message::Time(time) => told.time = Some(*time),
+            Message::Bearing(bearing) => told.heard = Some(bearing.index),
             _ => {}
         }
         outlet.say(message);
     }
 }
 
-/// A command as the application takes it: that tells UTC when its next sample was heard, not when the command came.
+/// A command as the application takes it: that tells UTC when its next sample was heard, not when the command came. The age of one before a
+/// pause is by the converter's nominal rate.
 fn of_sample(command: Command, age_us: impl FnOnce() -> u64) -> Command {
     match command {
         Command::Utc { token, utc_us, sd_us } => {
-            let utc_us = utc_us.saturating_sub_unsigned(age_us());
+            let age_us = age_us();
+            let utc_us = utc_us.saturating_sub_unsigned(age_us);
+            let sd_us = sd_us.saturating_add(u32::try_from(age_us / STEADY).unwrap_or(u32::MAX));
             Command::Utc { token, utc_us, sd_us }
         }
         other => other,
@@ -215,7 +241,8 @@ pub fn run_over(
     }
     let mut silence = Silence::since(clock.seconds());
     let (schedule, rate_hz) = application.schedule();
-    let mut rhythm = Rhythm { stretches: Stretches::new(schedule, rate_hz), index: 0, told_s: 0 };
+    let mut rhythm =
+        Rhythm { stretches: Stretches::new(schedule, rate_hz), index: 0, told_s: 0, since: None };
     let mut running = true;
     while running {
         supervisor.feed();
@@ -257,10 +284,7 @@ pub fn run_over(
                 while !block.frames.is_empty() {
                     let (heard, rest) = rhythm.part(block);
                     block = rest;
-                    if let Some(until) = rhythm.stretches.begun() {
-                        application.pause(until, &mut said(outlet, &mut told));
-                        source.rest(rhythm.index..until);
-                    }
+                    rhythm.tell(application, source, &mut said(outlet, &mut told));
                     if let Some(heard) = heard {
                         summary.index = heard.first_index.saturating_add(heard.frames.len() as u64);
                         application.push(heard, &mut said(outlet, &mut told));
@@ -288,13 +312,17 @@ pub fn run_over(
         if let Some(pair) = source.pair() {
             application.pair(pair, &mut said(outlet, &mut told));
         }
+        if let Some(index) = told.heard.take() {
+            source.heard(index);
+        }
         if let Some(time) = told.time.take() {
             source.told(&time);
             rhythm.stretches.told(&time, rhythm.index);
+            rhythm.tell(application, source, &mut said(outlet, &mut told));
         }
         if core::mem::take(&mut told.health) {
             let load = Load {
-                index: summary.index,
+                index: rhythm.index,
                 longest_ticks: summary.worst_block_ticks,
                 waiting: outlet.kept(),
             };
@@ -304,7 +332,7 @@ pub fn run_over(
         }
     }
     application.finish(&mut said(outlet, &mut told));
-    outlet.say(&Message::End(End { index: summary.index, frames: outlet.said() }));
+    outlet.say(&Message::End(End { index: rhythm.index, frames: outlet.said() }));
     let ended_s = clock.seconds();
     while outlet.waiting() && clock.seconds().wrapping_sub(ended_s) < LINGER_S {
         supervisor.feed();
@@ -516,6 +544,9 @@ pub(crate) mod tests {
         let told = Command::Utc { token: 3, utc_us: 1_000_000, sd_us: 5 };
         let earlier = Command::Utc { token: 3, utc_us: 998_500, sd_us: 5 };
         assert_eq!(of_sample(told, || 1500), earlier);
+        // By how long ten hours were nobody knows to better than a part in ten thousand.
+        let long_ago = of_sample(told, || 36_000_000_000);
+        assert!(matches!(long_ago, Command::Utc { sd_us: 3_600_005, .. }), "{long_ago:?}");
         let other = Command::Stop { token: 3 };
         assert_eq!(of_sample(other, || 1500), other);
     }

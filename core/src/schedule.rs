@@ -28,7 +28,7 @@ pub struct Stretches {
     /// The newest line of UTC: what comes is after it.
     line: Option<Time>,
     now: Option<Stretch>,
-    /// A pause that has begun and was not told: the index at which it ends.
+    /// A pause that has begun, or ends otherwise than was told: the index at which it ends.
     begun: Option<u64>,
 }
 
@@ -54,6 +54,9 @@ impl Stretches {
         };
         if !same {
             self.begin(Stretch { from: now.from.min(index), ..next });
+            if next.listens && !now.listens {
+                self.begun = Some(index);
+            }
         }
     }
 
@@ -70,7 +73,7 @@ impl Stretches {
         (left.clamp(1, count.max(1)), now.listens)
     }
 
-    /// The index at which a pause ends that has just begun, once.
+    /// The index at which a pause ends that has just begun, or whose end has moved, once.
     pub fn begun(&mut self) -> Option<u64> {
         self.begun.take()
     }

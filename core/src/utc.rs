@@ -96,8 +96,8 @@ impl Line {
             since_us: self.since_us + 1e6 * tau * (1.0 + self.drift),
             drift: self.drift,
             tt: self.tt + tau * (2.0 * self.ty + tau * self.yy) + wandered(tau),
-            ty: self.ty + tau * self.yy + q * tau * tau / 2.0,
-            yy: self.yy + q * tau,
+            ty: self.ty + tau * self.yy + q * tau * tau.abs() / 2.0,
+            yy: self.yy + q * tau.abs(),
         }
     }
 
@@ -162,10 +162,20 @@ impl UtcClock {
         Self { line: Some(line), doubt: None }
     }
 
-    /// Takes a pair; samples come at `rate_hz` nominally. An index before the line's begins a new line.
+    /// From here on samples have numbers that are estimates, with this standard deviation in seconds: what was known of their UTC is known
+    /// no better. The line as it is then.
+    pub fn loosen(&mut self, index: u64, sd_s: f64, rate_hz: f64) -> Option<Time> {
+        let mut line = self.line?.predicted(index, rate_hz);
+        line.tt += sd_s * sd_s;
+        self.line = Some(line);
+        Some(line.told())
+    }
+
+    /// Takes a pair; samples come at `rate_hz` nominally. One of an earlier sample than the line's is judged like any other; where the
+    /// count of samples begins anew, this must too ([`Self::new`]).
     pub fn note(&mut self, pair: Pair, rate_hz: f64) -> Noted {
         let pair = Pair { sd_s: pair.sd_s.max(1e-6), ..pair };
-        let Some(line) = self.line.filter(|line| line.index <= pair.index) else {
+        let Some(line) = self.line else {
             let line = Line::begin(&pair, 0.0, UNKNOWN_DRIFT * UNKNOWN_DRIFT);
             (self.line, self.doubt) = (Some(line), None);
             return Noted::Taken(line.told());
@@ -173,7 +183,9 @@ impl UtcClock {
         let predicted = line.predicted(pair.index, rate_hz);
         let off_s = predicted.miss_s(&pair);
         if off_s * off_s <= GATE * GATE * (predicted.tt + pair.sd_s * pair.sd_s) {
-            let line = predicted.updated(&pair);
+            // An earlier pair that is no better than what the line says of its moment tells nothing.
+            let tells = line.index <= pair.index || pair.sd_s * pair.sd_s < predicted.tt;
+            let line = if tells { predicted.updated(&pair) } else { line };
             (self.line, self.doubt) = (Some(line), None);
             return Noted::Taken(line.told());
         }
@@ -221,8 +233,8 @@ impl Times {
     }
 }
 
-/// UTC along the line of one record.
-pub(crate) fn along(time: &Time, index: u64, rate_hz: f64) -> (i64, f64) {
+/// UTC of a sample along the line of one record, µs since 1970, and its standard deviation, s.
+pub fn along(time: &Time, index: u64, rate_hz: f64) -> (i64, f64) {
     let tau = seconds(time.index, index, rate_hz);
     let (sd, sd_drift) = (f64::from(time.sd_s), f64::from(time.sd_drift));
     let covariance = f64::from(time.correlation) * sd * sd_drift;
@@ -388,6 +400,46 @@ mod tests {
     }
 
     #[test]
+    fn estimated_numbers_are_known_no_better_than_the_estimate_and_the_next_pulse_mends_them() {
+        let mut clock = UtcClock::new();
+        let pair = |second: u64, off_us: i64| {
+            let utc_us = START_US + 1_000_000 * second as i64 + off_us;
+            Pair { index: second * RATE_HZ as u64, utc_us, sd_s: 2e-6 }
+        };
+        assert_eq!(clock.loosen(5, 0.1, RATE_HZ), None);
+        for second in 0..60 {
+            clock.note(pair(second, 0), RATE_HZ);
+        }
+        let told = clock.loosen(6000, 0.5, RATE_HZ).unwrap();
+        assert!((told.sd_s - 0.5).abs() < 1e-3 && told.index == 6000, "{told:?}");
+        // The estimate was 0.7 s wrong: no step, and right at once.
+        let mended = clock.note(pair(61, 700_000), RATE_HZ);
+        let Noted::Taken(time) = mended else { panic!("{mended:?}") };
+        assert!((time.utc_us - pair(61, 700_000).utc_us).abs() < 10 && time.sd_s < 1e-5, "{time:?}");
+    }
+
+    #[test]
+    fn a_pair_of_an_earlier_sample_is_judged_like_any_other() {
+        let pair = |second: u64, off_s: f64, sd_s: f64| {
+            let index = second * RATE_HZ as u64;
+            Pair { index, utc_us: ((second as f64 + off_s) * 1e6) as i64 + 1_790_000_000_000_000, sd_s }
+        };
+        let mut clock = UtcClock::new();
+        for second in 0..60 {
+            clock.note(pair(second, 0.0, 2e-6), RATE_HZ);
+        }
+        let line = clock;
+        // An hour wrong, by command, of a sample before the newest pulse.
+        for second in [58, 30] {
+            assert_eq!(clock.note(pair(second, 3600.0, 0.25), RATE_HZ), Noted::Refused);
+        }
+        let taken = clock.note(pair(58, 0.2, 0.25), RATE_HZ);
+        assert!(matches!(taken, Noted::Taken(time) if time.sd_s < 1e-5 && time.index == 5900), "{taken:?}");
+        assert_eq!(clock, line);
+        assert!(matches!(clock.note(pair(60, 0.0, 2e-6), RATE_HZ), Noted::Taken(_)));
+    }
+
+    #[test]
     fn one_moment_alone_gives_a_time_that_gets_less_certain() {
         let mut clock = UtcClock::new();
         assert_eq!(Times::default().utc(0, RATE_HZ), None);
@@ -404,8 +456,8 @@ mod tests {
         let (utc_us, sd_s) = times.utc(0, RATE_HZ).unwrap();
         assert_eq!(utc_us, START_US - 10_000_000);
         assert!(sd_s > 0.1);
-        // The index fell back: a new line.
+        // An earlier sample that was at no earlier time is doubted.
         let again = clock.note(Pair { index: 5, utc_us: START_US + 7, sd_s: 0.1 }, RATE_HZ);
-        assert!(matches!(again, Noted::Taken(t) if t.index == 5), "{again:?}");
+        assert_eq!(again, Noted::Refused);
     }
 }

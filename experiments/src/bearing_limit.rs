@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::array::{self, Plan, Scratch, State, limit};
 use seabearing_core::block::{Block, Frame};
-use seabearing_core::config::{ArrayConfig, Kind, Levels, Schedule, StationConfig, Tracking};
+use seabearing_core::config::{ArrayConfig, Clips, Kind, Levels, Schedule, StationConfig, Tracking};
 use seabearing_core::wire::{Bearing, Message};
 
 /// The experiment.
@@ -75,6 +75,7 @@ pub fn station() -> StationConfig {
         tracking: Tracking::default(),
         levels: Levels::default(),
         schedule: Schedule::default(),
+        clips: Clips::default(),
     }
 }
 

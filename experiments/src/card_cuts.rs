@@ -5,6 +5,8 @@ use anyhow::{Context, Result};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use seabearing_core::block::{Frame, MISSING};
+use seabearing_core::config;
+use seabearing_firmware::card::clips::Clips;
 use seabearing_firmware::card::layout::Extent;
 use seabearing_firmware::card::search::STAGE_BYTES;
 use seabearing_firmware::card::writer::{About, Tables, Writer};
@@ -20,7 +22,7 @@ use std::rc::Rc;
 /// `seabearing reproduce card-cuts`.
 pub const EXPERIMENT: Experiment = Experiment {
     name: "card-cuts",
-    about: "power is cut at every write of sound to a card, before, in the midst and after; --runs: minutes of sound at \
+    about: "power is cut at every write of sound to a card, before, in the midst and after, of all sound and of clips; --runs: minutes of sound at \
             64 kHz, 120 asked for",
     run,
 };
@@ -31,8 +33,16 @@ const RATE_HZ: u32 = 64_000;
 const STEP: u64 = 64;
 /// The board's ring.
 const RING: usize = 25;
-/// Pages of a file: a minute and a half.
+/// Pages of a file: a minute and a half; of one of clips 5 s.
 const PAGES: u32 = 4096;
+const CLIP_PAGES: u32 = 256;
+/// Files for clips: enough for those of ten minutes, and few enough to be filled again and again.
+const CLIP_FILES: u32 = 100;
+/// Clips of two seconds, two in a minute; one detection in so many steps.
+const CLIPS: config::Clips = config::Clips { before_s: 1, after_s: 1, apart_s: 30 };
+const DETECTION: u64 = 5000;
+/// Instants of a file that is filled again which may be gone: what was not told yet.
+const UNTOLD: u64 = 2 * RATE_HZ as u64 + RING as u64 * PAGE as u64 / 12;
 /// How long a write takes, µs; every so many steps, more or less, the card is slow for up to so long.
 const WRITE_US: u64 = 2500;
 const SLOW: (u64, u64) = (4000, 500_000);
@@ -95,7 +105,7 @@ fn wrong(file: &mut impl Medium, kept: &Kept, from: u32, count: u32) -> Result<u
 
 impl Outcome {
     /// Power comes back; so many instants the card had said to have taken into this file.
-    fn look(&mut self, card: &mut Torn<'_>, extent: Extent, taken: u64) -> Result<()> {
+    fn look(&mut self, card: &mut Torn<'_>, extent: Extent, taken: u64, untold: u64) -> Result<()> {
         self.cuts += 1;
         let mut file = Part { medium: card, first: extent.first };
         // An ordinary reader believes the first sector, and finds as much as that says.
@@ -112,7 +122,7 @@ impl Outcome {
         let there = kept.as_ref().map_or(0, |kept| kept.frames);
         self.unopened += u64::from(ordinary.duration() > there);
         // The last instant may be taken for one that was cut.
-        self.missing += taken.saturating_sub(u64::from(there) + 1);
+        self.missing += taken.saturating_sub(u64::from(there) + untold.max(1));
         if let Some(kept) = kept {
             let from = there.saturating_sub(LOOKED_AT);
             self.wrong += wrong(&mut file, &kept, from, there - from)?;
@@ -121,32 +131,57 @@ impl Outcome {
     }
 }
 
-/// A whole file at its end: its sound is held against the truth, and forgotten.
-fn leave(card: &mut Sectors, extent: Extent) -> Result<(u64, u64)> {
-    let mut medium = &*card;
+/// A whole file at its end: its sound is held against the truth.
+fn leave(card: &Sectors, extent: Extent) -> Result<(u64, u64)> {
+    let mut medium = card;
     let mut file = Part { medium: &mut medium, first: extent.first };
     let kept = kept::recover(&mut file, extent.pages)?.context("a file that was written is unused")?;
     let mut bad = 0;
     for from in (0..kept.frames).step_by(4096) {
         bad += wrong(&mut file, &kept, from, (kept.frames - from).min(4096))?;
     }
-    let end = extent.first + extent.pages * PAGE_SECTORS;
-    card.0.retain(|sector, _| !(extent.first..end).contains(sector));
     Ok((u64::from(kept.frames), bad))
 }
 
+/// Takes a file's sectors off the card: its sound takes much room in memory.
+fn forget(card: &mut Sectors, extent: Extent) {
+    let end = extent.first + extent.pages * PAGE_SECTORS;
+    card.0.retain(|sector, _| !(extent.first..end).contains(sector));
+}
+
+/// Instants that a card holds.
+fn on_card(card: &Sectors, extents: &[(u32, Extent)]) -> Result<u64> {
+    let mut medium = card;
+    let mut of = |extent: &Extent| -> Result<u64> {
+        let kept = kept::recover(&mut Part { medium: &mut medium, first: extent.first }, extent.pages)?;
+        Ok(kept.map_or(0, |kept| kept.frames.into()))
+    };
+    extents.iter().map(|file| of(&file.1)).sum()
+}
+
 fn run(options: &Options) -> Result<()> {
-    let minutes = options.runs.unwrap_or(MINUTES);
+    play(options, config::Clips::default())?;
+    play(options, CLIPS)
+}
+
+fn play(options: &Options, clips: config::Clips) -> Result<()> {
+    let asked = options.runs.unwrap_or(MINUTES);
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
-    let files = minutes as u32 + 2;
-    let sectors = (files + 2) * PAGES * PAGE_SECTORS + 2_000_000;
-    let card = Sectors::of(&Blank::new(sectors, Some(files), PAGES, RATE_HZ)?)?;
+    let clips = Clips::new(clips, RATE_HZ);
+    // A card of clips stands in memory as a whole.
+    let minutes = if clips.are_kept() { asked.min(MINUTES) } else { asked };
+    let (files, file_pages, untold) = match clips.are_kept() {
+        true => (CLIP_FILES, CLIP_PAGES, UNTOLD),
+        false => (minutes as u32 + 2, PAGES, 1),
+    };
+    let sectors = (files + 2) * file_pages * PAGE_SECTORS + 2_000_000;
+    let card = Sectors::of(&Blank::new(sectors, Some(files), file_pages, RATE_HZ)?)?;
     let extents = extents(&mut &card)?;
     let holder = Rc::new(RefCell::new(Holder { sectors: card, write_us: WRITE_US, ..Holder::default() }));
     let mut pages = vec![[0; PAGE]; RING];
     let mut stage = [0; STAGE_BYTES];
     let mut tables = Box::new(Tables::new());
-    let about = About { session: 1, station: 1, rate_hz: RATE_HZ, config_hash: 1 };
+    let about = About { session: 1, station: 1, rate_hz: RATE_HZ, config_hash: 1, clips };
     let mut writer = Writer::new(Simulated(Rc::clone(&holder)), &mut pages, &mut stage, &mut tables, about);
     let (mut outcome, mut index, mut events) = (Outcome::default(), 0, 0u64);
     let (mut now, mut before, mut writes) = (None, 0, 0);
@@ -162,6 +197,9 @@ fn run(options: &Options) -> Result<()> {
             let frame = |n| if kind == 1 && n % 9 == 0 { [MISSING; 4] } else { codes(n) };
             let frames: [Frame; STEP as usize] = core::array::from_fn(|n| frame(index + n as u64));
             writer.take(index, &frames);
+        }
+        if step < steps && rng.random_range(0..DETECTION) == 0 {
+            writer.heard(index.saturating_sub(STEP * 500));
         }
         if step == steps {
             writer.finish();
@@ -183,41 +221,56 @@ fn run(options: &Options) -> Result<()> {
             if now != Some(*file) {
                 // What the file before had taken is not counted with this one.
                 if let Some((_, extent)) = now.replace(*file) {
-                    let (frames, wrong) = leave(&mut held.sectors, extent)?;
+                    let (frames, wrong) = leave(&held.sectors, extent)?;
+                    if !clips.are_kept() {
+                        forget(&mut held.sectors, extent);
+                    }
                     (whole, bad, before) = (whole + frames, bad + wrong, recorded);
                 }
             }
             let taken = writer.recorded().max(recorded) - before;
             for came in [0, rng.random_range(0..bytes.len() / WORD) * WORD, bytes.len()] {
                 let bytes = bytes.get(..came).unwrap_or_default();
-                outcome.look(&mut Torn { card: &held.sectors, sector, bytes }, file.1, taken)?;
+                outcome.look(&mut Torn { card: &held.sectors, sector, bytes }, file.1, taken, untold)?;
             }
         }
         holder.borrow_mut().now_us += 1000;
     }
     if let Some((_, extent)) = now {
-        let (frames, wrong) = leave(&mut holder.borrow_mut().sectors, extent)?;
+        let (frames, wrong) = leave(&holder.borrow().sectors, extent)?;
         (whole, bad) = (whole + frames, bad + wrong);
     }
     let figures = &options.figures;
-    figures.state(format!("writes of {minutes} minutes"), writes as f64);
-    figures.state("times power was cut", outcome.cuts as f64);
+    let of = if clips.are_kept() { "clips: " } else { "" };
+    figures.state(format!("{of}writes of {minutes} minutes"), writes as f64);
+    figures.state(format!("{of}times power was cut"), outcome.cuts as f64);
     figures.at_most(
-        "times an ordinary reader did not open the file, or found more than there is",
+        format!("{of}times an ordinary reader did not open the file, or found more than there is"),
         outcome.unopened as f64,
         0.0,
     );
-    figures.at_most("times the file could not be read", outcome.unread as f64, 0.0);
+    figures.at_most(format!("{of}times the file could not be read"), outcome.unread as f64, 0.0);
     figures.at_most(
-        "instants that the card had taken and were gone, but for one a cut",
+        match clips.are_kept() {
+            true => "clips: instants told to be on the card and gone",
+            false => "instants that the card had taken and were gone, but for one a cut",
+        },
         outcome.missing as f64,
         0.0,
     );
-    figures.at_most("instants under a wrong number", (outcome.wrong + bad) as f64, 0.0);
+    figures.at_most(format!("{of}instants under a wrong number"), (outcome.wrong + bad) as f64, 0.0);
     let short = writer.recorded().abs_diff(whole) as f64;
-    figures.at_most("instants taken that are not in the whole files", short, 0.0);
-    figures.at_most("times the card was named slow, at stalls of up to 500 ms", events as f64, 0.0);
-    figures
-        .state("share of the instants that is on the card, %", 100.0 * whole as f64 / (steps * STEP) as f64);
+    figures.at_most(format!("{of}instants taken that are not in the whole files"), short, 0.0);
+    figures.at_most(
+        format!("{of}times the card was named slow, at stalls of up to 500 ms"),
+        events as f64,
+        0.0,
+    );
+    let there = match clips.are_kept() {
+        true => on_card(&holder.borrow().sectors, &extents)?,
+        false => whole,
+    };
+    let share = 100.0 * there as f64 / (steps * STEP) as f64;
+    figures.state(format!("{of}share of the instants that is on the card, %"), share);
     Ok(())
 }

@@ -42,6 +42,7 @@ mod network_offsets;
 mod network_scene;
 mod network_vessels;
 mod obs_appendix_b;
+mod obs_checks;
 mod obs_core_clutter;
 mod obs_model;
 mod obs_noise_week;
@@ -159,6 +160,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     line::FREQUENCIES,
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,
+    obs_checks::CHECKS,
     several_vessels::EXPERIMENT,
     levels::EXPERIMENT,
     ais_kinematics::EXPERIMENT,

@@ -13,7 +13,7 @@ use super::{Experiment, Options};
 use crate::course::VesselCourse;
 use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::ais::{passages, read};
-use crate::ocean_bottom::scenario::{DirectionalTable, Radiation};
+use crate::ocean_bottom::scenario::{DirectionalTable, ObsScenario, Radiation};
 use crate::ocean_bottom::simulate::{Extra, MovingVessel};
 use crate::score::{TrackMiss, closest, median, then, track, track_passed};
 use anyhow::{Result, bail};
@@ -103,11 +103,18 @@ impl Stated {
     }
 }
 
-fn run(options: &Options, level: &Level) -> Result<()> {
-    let days = options.runs.unwrap_or(DAYS);
+/// Days of ship tracks and the sea they are heard in.
+pub(super) struct Traffic {
+    /// The sea.
+    pub(super) scenario: ObsScenario,
+    /// The ships.
+    pub(super) extra: Vec<Extra>,
+}
+
+/// The days with the most closest points, at `db` against the vessels of the project's own figures.
+pub(super) fn traffic(options: &Options, days: usize, db: f64) -> Result<Traffic> {
     let plain = Radiation::default();
-    let radiation =
-        Radiation { wideband_db: plain.wideband_db + level.db, tone_db: plain.tone_db + level.db, ..plain };
+    let radiation = Radiation { wideband_db: plain.wideband_db + db, tone_db: plain.tone_db + db, ..plain };
     let mut scenario = quiet(options.seed, days as f64 * DAY_S);
     scenario.ambient.directional.push(DirectionalTable { azimuth_deg: 90.0, level_db: -6.0 });
     let extra = match options.real("ais_marine_traffic.csv") {
@@ -121,6 +128,11 @@ fn run(options: &Options, level: &Level) -> Result<()> {
         }
         None => made_up(options.seed, days, &radiation),
     };
+    Ok(Traffic { scenario, extra })
+}
+
+fn run(options: &Options, level: &Level) -> Result<()> {
+    let Traffic { scenario, extra } = traffic(options, options.runs.unwrap_or(DAYS), level.db)?;
     let case = Case::run(scenario, &station_table(options)?, extra, false)?;
     let (azimuth, range) = minutes(&case);
     let finals: Vec<Track> = tracks(&case).filter(|t| t.stage == Track::FINAL).collect();

@@ -15,7 +15,7 @@ use anyhow::Result;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::block::{Block, Frame};
 use seabearing_core::config::{ArrayConfig, Kind, StationConfig};
-use seabearing_core::wire::{Bearing, Fault, Message, Track};
+use seabearing_core::wire::{Bearing, Fault, Message, Track, Transient};
 use time::OffsetDateTime;
 
 /// Samples a second.
@@ -101,6 +101,8 @@ pub struct Said {
     pub tracks: Vec<Track>,
     /// Faults.
     pub faults: Vec<Fault>,
+    /// Transients.
+    pub transients: Vec<Transient>,
 }
 
 impl Said {
@@ -121,6 +123,7 @@ pub fn hear(config: &StationConfig, frames: impl Iterator<Item = Frame>) -> Resu
             Message::Bearing(b) => said.bearings.push(b),
             Message::Track(t) => said.tracks.push(t),
             Message::Fault(f) => said.faults.push(f),
+            Message::Transient(t) => said.transients.push(t),
             _ => {}
         }
     }
@@ -238,10 +241,11 @@ impl Held {
 
 /// The numbers of successes below and above which 2.5 % of `n` trials of probability `p` stay at most.
 fn binomial_limits(n: usize, p: f64) -> (usize, usize) {
-    let mut probability = (1.0 - p).powi(n as i32);
+    // By logarithms: (1 − p)ⁿ is 0 beyond some 240 trials.
+    let mut logarithm = n as f64 * (1.0 - p).ln();
     let (mut sum, mut low, mut high) = (0.0, None, n);
     for k in 0..=n {
-        sum += probability;
+        sum += logarithm.exp();
         if sum > 0.025 && low.is_none() {
             low = Some(k);
         }
@@ -249,7 +253,7 @@ fn binomial_limits(n: usize, p: f64) -> (usize, usize) {
             high = k;
             break;
         }
-        probability *= (n - k) as f64 / (k + 1) as f64 * p / (1.0 - p);
+        logarithm += ((n - k) as f64 / (k + 1) as f64 * p / (1.0 - p)).ln();
     }
     (low.unwrap_or(n), high)
 }
@@ -263,5 +267,7 @@ mod tests {
         assert_eq!(binomial_limits(1, 0.95), (0, 1));
         assert_eq!(binomial_limits(10, 0.95), (8, 10));
         assert_eq!(binomial_limits(200, 0.95), (184, 196));
+        // Where 0.05ⁿ is no number any more: the normal law's 950 ± 13.5.
+        assert_eq!(binomial_limits(1000, 0.95), (936, 963));
     }
 }

@@ -200,7 +200,8 @@ impl<B: Board> Acquisition<B> {
         }
         self.fault = Some((FaultCode::ConverterRestarted, index - self.index));
         self.shift = index.wrapping_sub(first);
-        self.pace = Some(Pace::new(stamp, self.board.hz()));
+        self.pace =
+            Some(self.pace.map_or(Pace::new(stamp, self.board.hz()), |pace| pace.after_outage(stamp)));
         self.unplaced = false;
     }
 

@@ -21,6 +21,8 @@ const TEMPERATURE: f64 = 1.5e-5;
 const READING_SD_S: f64 = 1.0 / RATE_HZ;
 /// UTC that is known so much better than the line tells it is learnt.
 const BETTER: f64 = 0.5;
+/// UTC further from what the line tells than so many standard deviations contradicts it.
+const CONTRADICTS: f64 = 6.0;
 /// What is told of the clock is told with so much more: it is one error that lasts, not a new one each time.
 const LASTS: f64 = 1.5;
 
@@ -131,14 +133,24 @@ impl<C: Counter> BatteryClock<C> {
         Some((utc_us, sqrt(sd_s * sd_s + READING_SD_S * READING_SD_S)))
     }
 
-    /// UTC is this now, with this standard deviation: learns it where that is better than what it knows.
+    /// UTC is this now, with this standard deviation, as the recorder has judged: learns it where that is better than what it knows, or
+    /// contradicts it.
     pub fn learn(&mut self, utc_us: i64, sd_s: f64) {
-        if self.utc().is_some_and(|(_, own)| sd_s > BETTER * own) {
-            return;
-        }
         let Some(index) = self.counter.count() else { return };
+        match self.utc() {
+            Some((own_us, own_s)) => {
+                let off_s = 1e-6 * own_us.wrapping_sub(utc_us) as f64;
+                if off_s * off_s > CONTRADICTS * CONTRADICTS * (own_s * own_s + sd_s * sd_s) {
+                    // The recorder has judged it: what was kept was wrong.
+                    self.learnt = UtcClock::new();
+                } else if sd_s > BETTER * own_s {
+                    return;
+                }
+            }
+            // There is no line, or it is of a clock that has begun anew.
+            None => self.learnt = UtcClock::new(),
+        }
         let sd_s = sqrt(sd_s * sd_s + READING_SD_S * READING_SD_S);
-        // A count before the line's is of a clock that has begun anew.
         let (Noted::Taken(line) | Noted::Stepped(line, _)) =
             self.learnt.note(Pair { index, utc_us, sd_s }, RATE_HZ)
         else {
@@ -296,6 +308,21 @@ mod tests {
         assert_ne!(clock.line, line);
         clock.counter.runs = false;
         assert_eq!(clock.tell(None), None);
+    }
+
+    #[test]
+    fn what_the_recorder_found_wrong_is_not_told_again() {
+        let mut crystal = Crystal::new(0.0);
+        crystal.now_s = 10.0;
+        let mut clock = BatteryClock::new(crystal);
+        // An hour wrong by command, and put right by command: no better known, but another time.
+        let wrong = clock.counter.utc_us() + 3_600_000_000;
+        clock.learn(wrong, 0.25);
+        clock.counter.now_s += 30.0;
+        let right = clock.counter.utc_us();
+        clock.learn(right, 0.25);
+        let (told, sd_s) = restarted(clock).tell(None).unwrap();
+        assert!((told - right).abs() < 10_000 && sd_s < 0.5, "{} {sd_s}", told - right);
     }
 
     #[test]

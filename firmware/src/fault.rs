@@ -5,6 +5,11 @@
 
 use seabearing_core::wire::FaultCode;
 
+/// [`Record::processor`] of settings that changed.
+const SETTINGS: u32 = 2;
+/// The number of [`FaultCode::BadConfiguration`] that says so: the recorder has started again, and runs.
+const CHANGED: i64 = 3;
+
 /// Marks a record as written (power-on memory is random).
 const MAGIC: u32 = 0x5ea_b0a7;
 
@@ -17,7 +22,7 @@ pub struct Record {
     pub place: u32,
     /// Of a panic the file (FNV-1a of its path, low 32 bits); of a fault its status.
     pub detail: u32,
-    /// Whether the processor had faulted.
+    /// Whose doing: 0 a panic's, 1 the processor's, 2 that of settings which had changed in memory.
     pub processor: u32,
     check: u32,
     _may_be_lost: [u32; 3],
@@ -40,6 +45,12 @@ impl Record {
         Self::new(pc, status, true)
     }
 
+    /// Settings or calibration had changed in memory.
+    pub fn settings() -> Self {
+        let check = check([0, 0, SETTINGS]);
+        Self { magic: MAGIC, place: 0, detail: 0, processor: SETTINGS, check, _may_be_lost: [0; 3] }
+    }
+
     /// Nothing recorded.
     pub const fn none() -> Self {
         Self { magic: 0, place: 0, detail: 0, processor: 0, check: 0, _may_be_lost: [0; 3] }
@@ -48,6 +59,7 @@ impl Record {
     /// The record as telemetry carries it: low 32 bits the place, above them 31 bits of the detail.
     pub fn told(self) -> (FaultCode, i64) {
         let (code, detail) = match self.processor {
+            SETTINGS => return (FaultCode::BadConfiguration, CHANGED),
             0 => (FaultCode::Panicked, self.detail >> 1),
             _ => (FaultCode::HardFault, self.detail & 0x7fff_ffff),
         };
@@ -65,20 +77,18 @@ fn check(words: [u32; 3]) -> u32 {
     !words.into_iter().fold(MAGIC, |sum, word| sum.rotate_left(7) ^ word)
 }
 
-/// Starts in a row without a minute's work after the last of which the software waits for commands.
-pub const MOST_STARTS: u32 = 5;
-
 #[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]
 mod kept {
     #![allow(unsafe_code)]
 
     use super::Record;
+    use crate::starts::Counts;
     use core::mem::MaybeUninit;
 
     #[unsafe(link_section = ".uninit.fault")]
     static mut FAULT: MaybeUninit<Record> = MaybeUninit::uninit();
-    #[unsafe(link_section = ".uninit.starts")]
-    static mut STARTS: MaybeUninit<Record> = MaybeUninit::uninit();
+    #[unsafe(link_section = ".uninit.counts")]
+    static mut COUNTS: MaybeUninit<Record> = MaybeUninit::uninit();
 
     fn exchange(
         kept: *mut MaybeUninit<Record>,
@@ -104,29 +114,25 @@ mod kept {
         cortex_m::peripheral::SCB::sys_reset()
     }
 
+    /// What was counted before this start; nothing where power was off.
+    pub fn counts() -> Counts {
+        let kept = exchange(&raw mut COUNTS, |_| Record::none());
+        kept.map_or(Counts::default(), |kept| Counts { starts: kept.place, failures: kept.detail })
+    }
+
+    /// Keeps counts over the next reset.
+    pub fn keep_counts(counts: Counts) {
+        exchange(&raw mut COUNTS, |_| Record::new(counts.starts, counts.failures, false));
+    }
+
     /// Keeps the record of a panic and starts again.
     pub fn record_and_reset(info: &core::panic::PanicInfo<'_>) -> ! {
         keep_and_reset(info.location().map_or(Record::panic("?", 0), |l| Record::panic(l.file(), l.line())))
     }
-
-    /// Counts a start; how many there were in a row.
-    pub fn count_start() -> u32 {
-        let mut starts = 0;
-        exchange(&raw mut STARTS, |before| {
-            starts = before.map_or(1, |b| b.place.saturating_add(1));
-            Record::new(starts, 0, false)
-        });
-        starts
-    }
-
-    /// The starts so far were all right.
-    pub fn forget_starts() {
-        exchange(&raw mut STARTS, |_| Record::none());
-    }
 }
 
 #[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]
-pub use kept::{count_start, forget_starts, keep_and_reset, record_and_reset, take};
+pub use kept::{counts, keep_and_reset, keep_counts, record_and_reset, take};
 
 #[cfg(test)]
 mod tests {
@@ -144,5 +150,6 @@ mod tests {
         assert!(Record { _may_be_lost: [9; 3], ..record }.valid().is_some());
         let fault = Record::processor(0x0800_1234, 0x8200);
         assert_eq!(fault.valid().map(Record::told), Some((FaultCode::HardFault, 0x8200_0800_1234)));
+        assert_eq!(Record::settings().valid().map(Record::told), Some((FaultCode::BadConfiguration, 3)));
     }
 }

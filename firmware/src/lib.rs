@@ -21,6 +21,7 @@ pub mod nmea;
 pub mod pace;
 pub mod receiver;
 pub mod seismic;
+pub mod starts;
 pub mod supply;
 
 #[cfg(any(feature = "mps2-an500", feature = "stm32h743"))]

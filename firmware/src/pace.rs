@@ -20,13 +20,27 @@ pub struct Pace {
     oldest: Stamp,
     middle: Stamp,
     newest: Stamp,
+    /// Edges and microseconds that were measured before the oldest moment; `None`: nothing was.
+    before: Option<(u64, u64)>,
     hz: u32,
 }
 
 impl Pace {
     /// From this moment on; nominally so many conversions a second.
     pub fn new(first: Stamp, hz: u32) -> Self {
-        Self { oldest: first, middle: first, newest: first, hz }
+        Self { oldest: first, middle: first, newest: first, before: None, hz }
+    }
+
+    /// From this moment on, after edges that were missed: what was measured before holds until more has been.
+    pub fn after_outage(self, first: Stamp) -> Self {
+        Self { before: self.measured(), ..Self::new(first, self.hz) }
+    }
+
+    /// Edges and microseconds of the longest time that was measured.
+    fn measured(&self) -> Option<(u64, u64)> {
+        let edges = self.newest.edges - self.oldest.edges;
+        let now = (edges, self.newest.at_us.saturating_sub(self.oldest.at_us).max(1));
+        self.before.filter(|before| before.0 > edges).or((edges > 0).then_some(now))
     }
 
     /// A later moment.
@@ -48,10 +62,7 @@ impl Pace {
 
     /// Conversions, to the nearest, that `us` would have held; by the nominal rate where nothing was measured yet.
     pub fn conversions(&self, us: u64) -> u64 {
-        let (edges, span_us) = match self.newest.edges - self.oldest.edges {
-            0 => (u64::from(self.hz), 1_000_000),
-            edges => (edges, self.newest.at_us.saturating_sub(self.oldest.at_us).max(1)),
-        };
+        let (edges, span_us) = self.measured().unwrap_or((u64::from(self.hz), 1_000_000));
         let (edges, span_us) = (u128::from(edges), u128::from(span_us));
         ((u128::from(us) * edges + span_us / 2) / span_us) as u64
     }
@@ -71,5 +82,22 @@ mod tests {
         assert_eq!(pace.newest(), stamp(2999));
         let conversions = pace.conversions(60 * 990_000);
         assert!(conversions.abs_diff(3_840_000) <= 1, "{conversions}");
+    }
+
+    #[test]
+    fn a_second_outage_is_measured_by_what_came_before_the_first() {
+        let stamp = |n: u64| Stamp { edges: n * 6400, at_us: n * 99_000 };
+        let mut pace = Pace::new(stamp(0), 64_000);
+        (1..50).for_each(|n| pace.note(stamp(n)));
+        for outages in 0..3 {
+            let conversions = pace.conversions(60 * 990_000);
+            assert!(conversions.abs_diff(3_840_000) <= 1, "after {outages}: {conversions}");
+            pace = pace.after_outage(stamp(1000 * (outages + 1)));
+            // A little is measured between, badly.
+            pace.note(Stamp {
+                edges: stamp(1000 * (outages + 1)).edges + 4000,
+                at_us: stamp(1000 * (outages + 1)).at_us + 61_000,
+            });
+        }
     }
 }

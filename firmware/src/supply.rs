@@ -7,8 +7,6 @@ use seabearing_core::wire::{FaultCode, Time};
 
 /// Low for so long is low: shorter is a transmitter's or a card's start.
 const LOW_US: u64 = 20_000;
-/// Good for so long is good: a battery recovers when its load is gone.
-const GOOD_US: u64 = 5_000_000;
 /// The detector's threshold, mV, the number that goes with [`FaultCode::SupplyLow`].
 pub const THRESHOLD_MV: u32 = 2850;
 
@@ -43,9 +41,9 @@ impl Supply {
         matches!(self.look(detector), (true, us) if us >= LOW_US)
     }
 
-    /// Whether it has been good for long enough to begin again.
-    pub fn has_recovered(&mut self, detector: &mut impl Detector) -> bool {
-        matches!(self.look(detector), (false, us) if us >= GOOD_US)
+    /// Whether it has been good for so long, in µs.
+    pub fn has_recovered(&mut self, detector: &mut impl Detector, good_us: u64) -> bool {
+        matches!(self.look(detector), (false, us) if us >= good_us)
     }
 }
 
@@ -158,7 +156,7 @@ mod tests {
         let mut supply = Supply::default();
         let mut recovered = |low: bool, s: u64| {
             battery.set((low, 1_000_000 * s));
-            supply.has_recovered(&mut Battery(&battery))
+            supply.has_recovered(&mut Battery(&battery), 5_000_000)
         };
         for s in 0..100 {
             assert!(!recovered(s % 4 == 0, s), "{s}");

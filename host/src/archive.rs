@@ -218,6 +218,10 @@ impl BlockSource for Interruptible {
         self.0.expected_end()
     }
 
+    fn left_out(&mut self) -> Result<Option<u64>> {
+        self.0.left_out()
+    }
+
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
         if interrupt::asked() { Ok(None) } else { self.0.next_block() }
     }

@@ -33,6 +33,18 @@ pub enum Said<'a> {
     Level(u64, &'a Level),
 }
 
+/// Samples that the recorder left out on purpose, as its loop tells them: second by second.
+fn pause(
+    recorder: &mut impl Application,
+    samples: std::ops::Range<u64>,
+    rate_hz: f64,
+    sink: &mut impl FnMut(&Message),
+) {
+    recorder.pause(samples.end, sink);
+    let seconds = ((samples.end - samples.start) as f64 / rate_hz) as u32;
+    (1..=seconds).for_each(|second| recorder.paused(second, sink));
+}
+
 /// Feeds a recording to the recorder the station asks for; `heard` gets every message in order and may fail.
 /// `table` is the propagation table of an ocean-bottom station as its binary blob.
 ///
@@ -81,7 +93,12 @@ pub fn with_levels(
         let mut messages = Vec::new();
         recorder.start(0, &mut |m| messages.push(*m));
         deliver(&mut messages, Vec::new())?;
-        while let Some(block) = source.next_block()? {
+        loop {
+            if let Some(until) = source.left_out()?.filter(|until| *until > summary.index) {
+                pause(&mut recorder, summary.index..until, config.rate_hz, &mut |m| messages.push(*m));
+                summary.index = until;
+            }
+            let Some(block) = source.next_block()? else { break };
             if let Some(beside) = &mut beside {
                 beside.measure(block)?;
             }

@@ -30,7 +30,8 @@ const NETWORKS: usize = 60;
 /// What a record tells that is worth a line of its own.
 const TOLD: [&str; 7] = ["fault", "faults_held", "line", "lost", "warning", "note", "end"];
 /// Records of which a station has one.
-const STATES: [&str; 8] = ["hello", "health", "margins", "time", "line", "end", "shaft_rate", "segment"];
+const STATES: [&str; 9] =
+    ["hello", "health", "margins", "time", "line", "end", "shaft_rate", "segment", "transient"];
 
 /// One station, by its number; those that have not said theirs are one.
 #[derive(Default, Serialize)]
@@ -47,7 +48,7 @@ struct Station {
 }
 
 /// Points of plots, by name: `bearings` as time (ms since 1970), azimuth, its deviation, elevation (degrees), SNR (dB), band;
-/// `levels` as time and dB of each channel; `azimuths` as time, azimuth, its deviation, ln presence, detected; `ranges` as
+/// `transients` as time, azimuth, its deviation (degrees), peak (dB), how many; `levels` as time and dB of each channel; `azimuths` as time, azimuth, its deviation, ln presence, detected; `ranges` as
 /// time, metres, deviation, detected; `azigrams` as time, edges of the bands (Hz), their azimuths (degrees) and coherences.
 pub type Series = BTreeMap<&'static str, VecDeque<Value>>;
 
@@ -220,6 +221,7 @@ impl Station {
                 columns("bearings", &["azimuth_deg", "sd_azimuth_deg", "elevation_deg", "snr_db", "band"])
             }
             "azimuth" => columns("azimuths", &["azimuth_deg", "sd_deg", "log_presence", "detected"]),
+            "transient" => columns("transients", &["azimuth_deg", "sd_azimuth_deg", "peak_db", "count"]),
             "range" => columns("ranges", &["range_m", "sd_range_m", "detected"]),
             "azigram" => columns("azigrams", &["edges_hz", "azimuth_deg", "coherence"]),
             "health" => {
@@ -233,7 +235,7 @@ impl Station {
         };
         let most = if kind == "azigram" { AZIGRAMS } else { POINTS };
         put(self.series.entry(point.0).or_default(), point.1, most);
-        if !matches!(kind, "health" | "azigram") {
+        if !matches!(kind, "health" | "azigram" | "transient") {
             put(self.newest.entry(kind.to_owned()).or_default(), record.clone(), AT_ONCE);
         }
     }

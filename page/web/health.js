@@ -46,7 +46,7 @@ function margins(m, add) {
 
 // Terms and what is said of them.
 function told(s, at) {
-  const { hello, health: h, margins: m, time, line } = s.states;
+  const { hello, health: h, margins: m, time, line, transient: heard } = s.states;
   const said = [];
   const add = (name, text, grave = '') => said.push([name, text, grave]);
   if (hello) add('Recorder', `${{ array: 'array', obs: 'ocean bottom' }[hello.kind] ?? 'waits for commands'}, ${hello.rate_hz} Hz, firmware ${hello.version}`);
@@ -66,6 +66,11 @@ function told(s, at) {
     add('Clock', `± ${time.sd_utc_s === null ? 'unknown' : `${time.sd_utc_s.toPrecision(2)} s`}${time.drift_ppm === null ? '' : `, drifts ${time.drift_ppm.toFixed(2)} ppm`}`, time.sd_utc_s > UNSURE ? 'warn' : 'good');
   } else {
     add('Clock', s.last_utc ? 'as a person said' : 'none: times are those of arrival', 'warn');
+  }
+  if (heard) {
+    const from = heard.azimuth_deg === null ? 'of no known direction' : `from ${heard.azimuth_deg.toFixed(1)}°`;
+    const others = heard.count > 1 ? `, strongest of ${heard.count}` : '';
+    add('Newest transient', `${heard.kind} ${from}, ${heard.peak_db.toFixed(1)} dB re ${heard.reference}, ${ago(at - Date.parse(heard.utc ?? heard.received_utc ?? ''))}${others}`);
   }
   if (ahead(s)) add('Clock', `its records are ${ago(Date.parse(s.last_received_utc) - Date.parse(s.last_utc))} of their arrival: it has jumped`, 'bad');
   if (m) margins(m, add);

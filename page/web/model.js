@@ -1,6 +1,6 @@
 // What is known, as the server's picture says it and the records that follow change it.
 
-const STATES = ['hello', 'health', 'margins', 'time', 'line', 'end', 'shaft_rate', 'segment'];
+const STATES = ['hello', 'health', 'margins', 'time', 'line', 'end', 'shaft_rate', 'segment', 'transient'];
 const TOLD = ['fault', 'faults_held', 'line', 'lost', 'warning', 'note', 'end', 'alarm'];
 const [AT_ONCE, TRACKS, PLACES, POINTS, AZIGRAMS, EVENTS] = [6, 40, 400, 1500, 400, 300];
 
@@ -18,6 +18,7 @@ function point(r) {
   switch (r.type) {
     case 'bearing': return ['bearings', [at, r.azimuth_deg, r.sd_azimuth_deg, r.elevation_deg, r.snr_db, r.band]];
     case 'azimuth': return ['azimuths', [at, r.azimuth_deg, r.sd_deg, r.log_presence, r.detected]];
+    case 'transient': return ['transients', [at, r.azimuth_deg, r.sd_azimuth_deg, r.peak_db, r.count]];
     case 'range': return ['ranges', [at, r.range_m, r.sd_range_m, r.detected]];
     case 'azigram': return ['azigrams', [at, r.edges_hz, r.azimuth_deg, r.coherence]];
     case 'health': return ['levels', [at, ...r.level_db_full_scale]];
@@ -90,7 +91,7 @@ export class Model {
     if (r.type === 'hello') delete s.states.end;
     const made = point(r);
     if (made && number === this.chosen) bounded((this.series[made[0]] ??= []), made[1], r.type === 'azigram' ? AZIGRAMS : POINTS);
-    if (made && !['health', 'azigram'].includes(r.type)) bounded((s.newest[r.type] ??= []), r, AT_ONCE);
+    if (made && !['health', 'azigram', 'transient'].includes(r.type)) bounded((s.newest[r.type] ??= []), r, AT_ONCE);
     if (r.type === 'track') this.report(s, r);
   }
 

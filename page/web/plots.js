@@ -1,4 +1,4 @@
-// Plots of one station against time: bearings or azimuths, azigram, presence, signal-to-noise ratio, levels, range.
+// Plots of one station against time: bearings or azimuths, transients, azigram, presence, signal-to-noise ratio, levels, range.
 
 import { KEY, cells, inWords, limits } from '/azigram.js';
 import { clock, element } from '/words.js';
@@ -7,6 +7,7 @@ import { clock, element } from '/words.js';
 const PLOTS = [
   { name: 'Bearing', series: 'bearings', unit: '°', column: 1, sd: 2, range: [0, 360], ticks: 90, shade: (p) => (p[5] === 0 ? 1 : 0.5) },
   { name: 'Signal to noise', series: 'bearings', unit: 'dB', column: 4, range: [0, 20] },
+  { name: 'Transients', series: 'transients', unit: '°', column: 1, sd: 2, range: [0, 360], ticks: 90 },
   { name: 'Azimuth', series: 'azimuths', unit: '°', column: 1, sd: 2, range: [0, 360], ticks: 90, shade: (p) => (p[4] ? 1 : 0.35) },
   { name: 'Azigram', series: 'azigrams', unit: 'Hz', limits, inWords, paint: cells, wide: true, above: KEY },
   { name: 'Presence, ln', series: 'azimuths', unit: '', column: 3, range: [-5, 5] },

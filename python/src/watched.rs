@@ -44,6 +44,10 @@ impl BlockSource for Watched {
         self.source.expected_end()
     }
 
+    fn left_out(&mut self) -> Result<Option<u64>> {
+        self.source.left_out()
+    }
+
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
         if self.asked.elapsed() >= EVERY {
             self.asked = Instant::now();

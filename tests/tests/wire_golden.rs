@@ -204,6 +204,23 @@ fn messages() -> Vec<(&'static str, Message)> {
                 temperature_c: Some(-2),
             }),
         ),
+        (
+            "Transient",
+            Message::Transient(Transient {
+                index: 650_000,
+                duration: 130,
+                count: 3,
+                peak_tenth_db: -215,
+                azimuth: 4.5,
+                elevation: -0.125,
+                var_azimuth: pow(-19),
+                var_elevation: pow(-18),
+                cov: -pow(-21),
+                channel: 2,
+                channels: 0x2f,
+                kind: 1,
+            }),
+        ),
     ]
 }
 

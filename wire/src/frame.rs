@@ -43,9 +43,9 @@ impl Encoder {
     /// this version does (tested).
     pub fn frame<T: Serialize>(&mut self, message: &T) -> &[u8] {
         let mut body = [0u8; MESSAGE_BYTES];
-        match postcard::to_slice(message, &mut body) {
-            Ok(bytes) => self.frame_of(bytes),
-            Err(_) => &[],
+        match crate::room::written(message, &mut body) {
+            Some(bytes) => self.frame_of(bytes),
+            None => &[],
         }
     }
 

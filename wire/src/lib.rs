@@ -14,7 +14,9 @@ pub mod health;
 pub mod link;
 pub mod margins;
 pub mod message;
+mod room;
 pub mod sound;
+pub mod transient;
 
 pub use frame::{Decoder, DecoderCounters, Encoder, Received};
 pub use message::*;

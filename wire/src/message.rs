@@ -6,6 +6,7 @@
 use crate::health::LOSS_CAUSES;
 pub use crate::margins::Margins;
 pub use crate::sound::*;
+pub use crate::transient::Transient;
 use serde::{Deserialize, Serialize};
 
 /// Version of the framing and of this enum's meaning; goes up only when old decoders would misread.
@@ -19,7 +20,7 @@ pub const SCHEMA_HASH: u64 = crate::hash::fnv1a(SCHEMA.as_bytes());
 
 /// The bytes of a message without a frame; none if they do not fit.
 pub fn bytes_of<'a, T: Serialize>(message: &T, into: &'a mut [u8]) -> &'a [u8] {
-    postcard::to_slice(message, into).map_or(&[], |bytes| bytes)
+    crate::room::written(message, into).unwrap_or(&[])
 }
 
 /// The message of a recorder that these bytes are.
@@ -78,6 +79,8 @@ pub enum Message {
     Azigram(Azigram),
     /// What the board has left.
     Margins(Margins),
+    /// A sound that is no vessel.
+    Transient(Transient),
 }
 
 /// Identity of recorder, software and configuration.
@@ -341,11 +344,22 @@ pub enum FaultCode {
     CardFull,
     /// No fault: the recorder pauses as its schedule says. For how many instants.
     Paused,
+    /// Vertical motion goes with pressure as it cannot for sound from above: pressure, or the motion, has its sign turned
+    /// round, or the station file's `intensity` is wrong. Which component tells it (3, the vertical one).
+    Reversed,
+    /// The vertical component behaves as a horizontal one, and a horizontal one as the vertical: which (1 north, 2 east).
+    Exchanged,
+    /// The horizontal components are of unequal gain: north over east, tenths of a decibel.
+    Unequal,
+    /// The propagation table does not fit: two pairs of paths put vessels at ranges that differ by so many metres.
+    TableOff,
+    /// What was told of the set-up is so no longer: the number of that code.
+    SetUpGood,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 26] = [
+    pub const ALL: [Self; 31] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -372,6 +386,11 @@ impl FaultCode {
         Self::CardBack,
         Self::CardFull,
         Self::Paused,
+        Self::Reversed,
+        Self::Exchanged,
+        Self::Unequal,
+        Self::TableOff,
+        Self::SetUpGood,
     ];
 }
 

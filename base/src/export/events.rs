@@ -78,6 +78,21 @@ pub(super) fn events(records: &[Value]) -> Vec<Event> {
                 bearing.band_hz = low_hz.map(|low| (low, 2.0 * low));
                 out.push(bearing);
             }
+            Some("transient") => {
+                let (Some(lasts), Some(peak)) = (r["duration_s"].as_f64(), r["peak_db"].as_f64()) else {
+                    continue;
+                };
+                let kind = if r["kind"] == "burst" { "burst" } else { "impulse" };
+                let from = azimuth.map_or_else(String::new, |a| format!(" from {a:.1}°"));
+                let others = match r["count"].as_u64() {
+                    Some(n) if n > 1 => format!(", strongest of {n}"),
+                    _ => String::new(),
+                };
+                let mut transient =
+                    event(r, kind, format!("{kind} {peak:.1} dB{from}{others}"), (t, t + lasts));
+                transient.azimuth_deg = azimuth.map(|a| (a, r["sd_azimuth_deg"].as_f64()));
+                out.push(transient);
+            }
             _ => {}
         }
     }
@@ -222,6 +237,8 @@ mod tests {
             json!({"type": "azimuth", "t_s": 10.5, "utc": utc, "azimuth_deg": 200.0, "sd_deg": 4.0, "detected": true,
                    "source": "impulsive"}),
             json!({"type": "azimuth", "t_s": 10.5, "utc": utc, "azimuth_deg": 20.0, "detected": true, "source": "tonal"}),
+            json!({"type": "transient", "t_s": 6.0, "kind": "burst", "duration_s": 0.5, "peak_db": 168.25, "azimuth_deg": 45.5,
+                   "sd_azimuth_deg": 0.1, "count": 3}),
             json!({"type": "segment", "t_s": 10.5, "utc": utc, "id": 7, "start_s": 1.5, "end_s": 10.5, "kind": "leaving"}),
         ]
     }
@@ -242,6 +259,7 @@ mod tests {
                 ("presence", (1.5, 10.5)),
                 ("bearing", (2.5, 2.5)),
                 ("track", (4.0, 9.0)),
+                ("burst", (6.0, 6.5)),
                 ("call", (10.5, 10.5))
             ]
         );
@@ -249,11 +267,12 @@ mod tests {
         assert!(audacity.contains("2.500000\t2.500000\tbearing 12.2°\n\\\t250\t500\n"), "{audacity}");
         let raven = text(raven, &all);
         let rows: Vec<Vec<&str>> = raven.lines().map(|l| l.split('\t').collect()).collect();
-        assert!(rows.len() == 5 && rows.iter().all(|r| r.len() == 10), "{raven}");
+        assert!(raven.contains("burst 168.2 dB from 45.5°, strongest of 3"), "{raven}");
+        assert!(rows.len() == 6 && rows.iter().all(|r| r.len() == 10), "{raven}");
         assert_eq!(rows[3][..7], ["3", "Waveform 1", "1", "4.000000", "9.000000", "", ""]);
         // The bearing has no UTC.
         assert!(pamguard(&all, &mut Vec::new()).unwrap_err().to_string().contains("bearing 12.2°"));
-        let dated: Vec<Event> = all.into_iter().filter(|e| e.kind != "bearing").collect();
+        let dated: Vec<Event> = all.into_iter().filter(|e| !["bearing", "burst"].contains(&e.kind)).collect();
         let pampal = text(pamguard, &dated);
         assert!(pampal.contains("presence-1,2024-05-01 09:00:01,2024-05-01 09:00:11,presence\n"), "{pampal}");
         let picks = text(|e, out| quakeml(e, "XX.S01.00", out), &dated);

@@ -15,8 +15,8 @@ use std::path::PathBuf;
 
 /// Kinds of which the newest before a moment are wanted, and how many: several bearings, azimuths and ranges may be of one
 /// instant.
-const NEWEST: [(u8, i64); 11] =
-    [(1, 6), (3, 1), (4, 4), (5, 4), (7, 12), (9, 1), (10, 1), (11, 6), (12, 1), (17, 1), (200, 24)];
+const NEWEST: [(u8, i64); 12] =
+    [(1, 6), (3, 1), (4, 4), (5, 4), (7, 12), (9, 1), (10, 1), (11, 6), (12, 1), (17, 1), (18, 1), (200, 24)];
 /// Of these only those of the newest instants, microseconds.
 const INSTANT: ([u8; 3], i64) = ([1, 4, 5], 15_000_000);
 /// The kind of tracks' reports.

@@ -8,6 +8,7 @@ use super::plan::{FRAME, HOP, Plan};
 use super::search::SearchWork;
 use super::spectra::{Kept, Spectra};
 use super::transform::Work;
+use super::transients::Transients;
 use crate::block::{Block, CHANNELS};
 use crate::demon;
 use crate::density::Density;
@@ -41,6 +42,7 @@ pub struct State {
     levels: Levels,
     slow: SlowLevels,
     impulses: Impulses,
+    transients: Transients,
     /// Number of the step the newest frame belongs to.
     step: u64,
     current: Spectra,
@@ -83,6 +85,7 @@ impl State {
             levels: Levels::new(),
             slow: SlowLevels::new(),
             impulses: Impulses::new(),
+            transients: Transients::new(),
             step: 0,
             current: Spectra::new(),
             previous: Kept::new(),
@@ -163,6 +166,7 @@ impl State {
         self.levels = Levels::new();
         self.slow = SlowLevels::new();
         self.impulses = Impulses::new();
+        self.transients = Transients::new();
         self.step = 0;
         self.current.begin(0);
         self.previous.forget();
@@ -226,6 +230,7 @@ pub(crate) fn event(
     state.framing.end(&mut state.intake.accounting);
     if let Event::Restart(_) = event {
         close_step(plan, state, scratch, sink);
+        end_transients(plan, state, sink);
         state.slow.end(&plan.slow, sink);
         state.current.begin(0);
         state.previous.forget();
@@ -240,6 +245,14 @@ pub(crate) fn event(
 pub(crate) fn pause(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl FnMut(Message)) {
     state.framing.end(&mut state.intake.accounting);
     close_step(plan, state, scratch, sink);
+    end_transients(plan, state, sink);
+}
+
+/// Tells of transients whatever waits.
+#[inline(never)]
+fn end_transients(plan: &Plan, state: &mut State, sink: &mut impl FnMut(Message)) {
+    let out = plan.recorder_channels(state.memory.sick.out());
+    state.transients.end(plan, out, state.intake.elapsed(), sink);
 }
 
 /// The end of the input: the last segment is estimated and the last samples are accounted for.
@@ -282,8 +295,16 @@ fn frame(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut impl 
         None
     };
     let rough = state.levels.since(&before);
-    let codes = &mut state.framing.codes;
-    let burst = lost.is_none() && state.impulses.take(plan, codes, &rough, &look.loudest, found.dead);
+    let elapsed = state.intake.elapsed();
+    let State { framing, impulses, transients, memory, .. } = state;
+    let codes = &mut framing.codes;
+    // A sound that clips gives no bearing, and is a transient all the same.
+    let burst = matches!(lost, None | Some(LossCause::Clipped))
+        && impulses.take(plan, codes, &rough, &look.loudest, found.dead, |codes, outstanding| {
+            let out = found.dead | plan.recorder_channels(memory.sick.out());
+            transients.take(plan, (index, codes), outstanding, out, elapsed, sink);
+        });
+    let burst = burst && lost.is_none();
     state.current.added.burst |= burst;
     if lost.is_none() && !burst {
         let start = step.saturating_mul(plan.step_samples.get());
@@ -306,6 +327,7 @@ fn end_step(plan: &Plan, state: &mut State, scratch: &mut Scratch, sink: &mut im
     let elapsed = state.intake.elapsed();
     state.levels.close(plan.full_scale, elapsed);
     state.channels.roll();
+    state.transients.due(elapsed, plan.intake.minute(), false, sink);
     if let Some(frames) = state.impulses.due(elapsed, plan.intake.minute()) {
         let index = state.framing.index();
         state.intake.faults.note(FaultCode::Impulses, index, u64::from(frames), sink);

@@ -56,6 +56,7 @@ pub fn shape(geometry: &Geometry, low: usize, high: usize, bin_rad_s: f32) -> Sh
 }
 
 /// The level that the maximum over the sphere exceeds with probability `p` under noise alone.
+#[inline(never)]
 pub fn threshold(p: f64, area_in_cells: f64) -> f64 {
     let exceed = |z: f64| {
         area_in_cells * z * md::exp(-0.5 * z * z) / md::powf(md::TAU, 1.5)

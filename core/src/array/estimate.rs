@@ -7,7 +7,7 @@ use super::others;
 use super::places::Places;
 use super::plan::{BINS, Band, HOP, OCTAVES, Plan};
 use super::refine;
-use super::report;
+use super::report::{self, Others};
 use super::sick::{self, Sick, Sign};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -339,9 +339,8 @@ fn whole(
     let noise = context.noise(memory.averaged);
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
     let turned = memory.turned_meanwhile(context);
-    if let Some(bearing) =
-        report::bearing(context, first, &scratch.spectrum, doubt, turned, 0, Some(&mut memory.misfit))
-    {
+    let others = Others::Lasting(&mut memory.misfit);
+    if let Some(bearing) = report::bearing(context, first, &scratch.spectrum, doubt, turned, 0, others) {
         sink(Message::Bearing(bearing));
     }
 }

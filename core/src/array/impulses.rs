@@ -14,6 +14,7 @@
 //! instructions a frame; 8000 for each channel of a frame that holds an impulse.
 
 use super::plan::{FRAME, HOP, Plan};
+use super::transients::Outstanding;
 use crate::block::CHANNELS;
 use crate::math::f32 as m;
 
@@ -22,10 +23,10 @@ use crate::math::f32 as m;
 /// every seven seconds, and lose a thousandth of a second.
 const IMPULSE: f32 = 5.0;
 /// What is told of exceeds this: by chance every half an hour.
-const TOLD: f32 = 6.0;
+pub(super) const TOLD: f32 = 6.0;
 /// The same where another channel, or the frame before, has heard one: by chance a snap that stands out on one hydrophone does
 /// not on the next.
-const NEAR: f32 = 4.5;
+pub(super) const NEAR: f32 = 4.5;
 /// Of so many samples not shared with the frame before one is glanced at, where the bound on a frame's magnitudes does not
 /// tell that there is no impulse.
 const GLANCE_EVERY: usize = 4;
@@ -39,9 +40,11 @@ const AFTER: u8 = 64;
 /// Power over the usual one of a burst (12 dB).
 const BURST: f32 = 16.0;
 /// Channels that must hear a burst: one alone is sick.
-const HEARD_BY: u32 = 2;
+const HEARD_BY: usize = 2;
 /// Share by which the usual power may change in a second (6 dB).
 const CHANGE_A_SECOND: f32 = 1.4;
+/// Share of a frame's mean in the constant part.
+const CONSTANT_SHARE: f32 = 1.0 / 16.0;
 /// Looks at a frame's scale, each limited at three times the one before: more than a third of impulses would not do.
 const LOOKS: usize = 4;
 /// Of so many samples one is looked at for it.
@@ -54,6 +57,8 @@ const MEAN_MAGNITUDE: f32 = 0.797_885;
 pub(crate) struct Impulses {
     /// Usual power of each channel, codes²; 0 before the first frame.
     usual: [f32; CHANNELS],
+    /// Constant part of each channel, codes: the mean of frames in which nothing stands out.
+    constant: [f32; CHANNELS],
     /// Samples of each channel behind the newest frame in which an impulse of it rings.
     rings: [u8; CHANNELS],
     /// Whether the frame before held an impulse.
@@ -66,11 +71,19 @@ pub(crate) struct Impulses {
 
 impl Impulses {
     pub(crate) const fn new() -> Self {
-        Self { usual: [0.0; CHANNELS], rings: [0; CHANNELS], near: false, frames: 0, told: None }
+        Self {
+            usual: [0.0; CHANNELS],
+            constant: [0.0; CHANNELS],
+            rings: [0; CHANNELS],
+            near: false,
+            frames: 0,
+            told: None,
+        }
     }
 
-    /// Blanks what is no steady sound. True where the frame as a whole is a burst. `rough` is each channel's mean and power as some of
-    /// the samples show them, `loudest` a bound on each channel's magnitudes, `dead` (bit c) the channels that tell nothing.
+    /// Blanks what is no steady sound, after `see` has seen it. True where the frame as a whole is a burst. `rough` is each
+    /// channel's mean and power as some of the samples show them, `loudest` a bound on each channel's magnitudes, `dead` (bit c)
+    /// the channels that tell nothing.
     pub(crate) fn take(
         &mut self,
         plan: &Plan,
@@ -78,33 +91,55 @@ impl Impulses {
         rough: &[(f32, f32); CHANNELS],
         loudest: &[i32; CHANNELS],
         dead: u8,
+        see: impl FnOnce(&[[i32; FRAME]; CHANNELS], &Outstanding),
     ) -> bool {
-        let (mut impulses, mut strong, mut bursts) = (0u8, false, 0u8);
-        let mut clean = |usual: &[f32; CHANNELS], rings: &mut [u8; CHANNELS], of: u8, limit: f32| {
-            let channels = codes.iter_mut().zip(rough).zip(loudest).zip(usual.iter().zip(rings)).enumerate();
-            for (c, (((codes, (mean, power)), loudest), (usual, rings))) in
+        let mut found = [Found::Nothing; CHANNELS];
+        let mut ringing = [0u8; CHANNELS];
+        let (mut of, mut limit, mut heard) = (!dead, if self.near { NEAR } else { IMPULSE }, 0u8);
+        loop {
+            let channels = codes.iter().zip(rough).zip(loudest).zip(self.usual.iter().zip(&mut self.rings));
+            let channels = channels.zip(found.iter_mut().zip(&mut ringing)).enumerate();
+            for (c, ((((codes, (mean, power)), loudest), (usual, rings)), (found, ringing))) in
                 channels.filter(|(c, _)| of >> c & 1 == 1)
             {
                 let usual = if *usual > 0.0 { *usual } else { *power };
                 let most = *loudest as f32 + m::abs(*mean);
                 if *rings > 0 || most * most > limit * limit * usual {
-                    match clean(codes, *mean, usual, limit, rings) {
-                        Found::Impulse { told } => {
-                            impulses |= 1 << c;
-                            strong |= told;
-                        }
-                        Found::Burst => bursts |= 1 << c,
-                        Found::Nothing => {}
-                    }
+                    *ringing = core::mem::take(rings);
+                    *found = examine(codes, *mean, usual, limit, *ringing > 0);
+                    heard |= u8::from(matches!(found, Found::Impulse { .. })) << c;
                 }
             }
-            impulses
-        };
-        let heard = clean(&self.usual, &mut self.rings, !dead, if self.near { NEAR } else { IMPULSE });
-        if heard != 0 && !self.near {
-            clean(&self.usual, &mut self.rings, !(dead | heard), NEAR);
+            if heard == 0 || limit <= NEAR {
+                break;
+            }
+            // What stands out on one channel may less on another.
+            (of, limit) = (!(dead | heard), NEAR);
         }
         self.near = heard != 0;
+        let bursts = found.iter().filter(|f| matches!(f, Found::Burst { .. })).count();
+        let burst = bursts >= HEARD_BY;
+        let known = self.constant.iter_mut().zip(rough).zip(self.usual.iter().zip(&found));
+        for ((constant, (mean, _)), (usual, found)) in known {
+            if *usual <= 0.0 {
+                *constant = *mean;
+            } else if matches!(found, Found::Nothing) {
+                *constant += CONSTANT_SHARE * (mean - *constant);
+            }
+        }
+        // A loud frame's own mean may be anything.
+        let constant = self.constant.map(|x| x as i32);
+        see(codes, &Outstanding { constant, sd: found.map(Found::sd), burst });
+        let mut strong = false;
+        if heard != 0 {
+            let channels = codes.iter_mut().zip(rough).zip(&found).zip(ringing.iter().zip(&mut self.rings));
+            for (((codes, (mean, _)), found), (ringing, rings)) in channels {
+                if let Found::Impulse { scale, told } = found {
+                    strong |= told;
+                    *rings = blank(codes, *mean as i32, *scale, *ringing);
+                }
+            }
+        }
         let change = CHANGE_A_SECOND * HOP as f32 / plan.rate_hz;
         let known = self.usual.iter_mut().zip(rough).enumerate();
         for (_, (usual, (_, power))) in known.filter(|(c, _)| dead >> c & 1 == 0) {
@@ -114,7 +149,6 @@ impl Impulses {
             let step = if power > usual { 1.0 + change } else { 1.0 - change };
             *usual = (*usual * step).max(f32::MIN_POSITIVE);
         }
-        let burst = bursts.count_ones() >= HEARD_BY;
         self.frames = self.frames.saturating_add(u32::from(strong || burst));
         burst
     }
@@ -131,13 +165,30 @@ impl Impulses {
 }
 
 /// What a channel's frame holds.
+#[derive(Clone, Copy, Debug)]
 enum Found {
     Nothing,
     Impulse {
+        /// Standard deviation that it is measured by, codes.
+        scale: f32,
         /// Strong enough to be told of.
         told: bool,
     },
-    Burst,
+    Burst {
+        /// The usual standard deviation, codes.
+        usual: f32,
+    },
+}
+
+impl Found {
+    /// What it is measured by; 0 where there is nothing.
+    fn sd(self) -> f32 {
+        match self {
+            Self::Nothing => 0.0,
+            Self::Impulse { scale, .. } => scale,
+            Self::Burst { usual } => usual,
+        }
+    }
 }
 
 /// Whether one of the samples glanced at is farther than `limit` from `quiet`.
@@ -151,39 +202,51 @@ fn glance(codes: &[i32; FRAME], quiet: i32, limit: f32) -> bool {
         .any(|piece| piece.iter().step_by(GLANCE_EVERY).any(|x| x.wrapping_sub(least) as u32 > most))
 }
 
-/// Blanks the impulses of a channel, where there is one beyond `limit` standard deviations; `rings` is how far one of the
-/// frame before rings beyond that, and becomes how far one of this frame does. Apart: most frames have none.
+/// Sum of the magnitudes of some of the samples, each up to a limit.
 #[inline(never)]
-fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32, limit: f32, rings: &mut u8) -> Found {
+fn limited(codes: &[i32; FRAME], mean: f32, limit: f32) -> f32 {
+    let some = codes.iter().step_by(LOOK_EVERY);
+    some.map(|x| m::abs(*x as f32 - mean).min(limit)).sum()
+}
+
+/// Whether a sample is farther than `limit` from `quiet`.
+#[inline(never)]
+fn beyond(codes: &[i32; FRAME], quiet: i32, limit: u32) -> bool {
+    codes.iter().any(|x| x.abs_diff(quiet) > limit)
+}
+
+/// Whether there is an impulse beyond `limit` standard deviations, or one that rings on, or a burst. Apart: most frames have
+/// none.
+#[inline(never)]
+fn examine(codes: &[i32; FRAME], mean: f32, usual: f32, limit: f32, rings: bool) -> Found {
     let quiet = mean as i32;
-    let ringing = core::mem::take(rings);
-    let beyond = |codes: &[i32; FRAME], limit: f32| {
-        let limit = limit as u32;
-        codes.iter().any(|x| x.abs_diff(quiet) > limit)
-    };
+    let beyond = |limit: f32| beyond(codes, quiet, limit as u32);
     let seen = if limit < IMPULSE {
-        beyond(codes, limit * m::sqrt(usual))
+        beyond(limit * m::sqrt(usual))
     } else {
         glance(codes, quiet, limit * m::sqrt(usual))
     };
-    if ringing == 0 && !seen {
+    if !rings && !seen {
         return Found::Nothing;
     }
     let mut scale = f32::MAX;
     for _ in 0..LOOKS {
-        let limit = 3.0 * scale;
-        let some = codes.iter().step_by(LOOK_EVERY);
-        let sum = some.map(|x| m::abs(*x as f32 - mean).min(limit)).sum::<f32>();
-        scale = sum * (LOOK_EVERY as f32 / (FRAME as f32 * MEAN_MAGNITUDE));
+        scale = limited(codes, mean, 3.0 * scale) * (LOOK_EVERY as f32 / (FRAME as f32 * MEAN_MAGNITUDE));
     }
     if scale * scale > BURST * usual {
-        return Found::Burst;
+        return Found::Burst { usual: m::sqrt(usual) };
     }
     let scale = m::sqrt(usual.max(scale * scale));
-    if ringing == 0 && !beyond(codes, limit * scale) {
+    if !rings && !beyond(limit * scale) {
         return Found::Nothing;
     }
-    let told = beyond(codes, TOLD * scale);
+    Found::Impulse { scale, told: beyond(TOLD * scale) }
+}
+
+/// Blanks the impulses of a channel; `ringing` is how far one of the frame before rings beyond that. How far one of this frame
+/// does.
+#[inline(never)]
+fn blank(codes: &mut [i32; FRAME], quiet: i32, scale: f32, ringing: u8) -> u8 {
     let least = (BLANK * scale) as u32;
     let far = |x: &i32| x.abs_diff(quiet) > least;
     // The last sample beyond the limit before each, forwards and then backwards.
@@ -198,7 +261,7 @@ fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32, limit: f32, rings: &mu
         *left = u8::from(after > 0);
         after = after.saturating_sub(1);
     }
-    *rings = after;
+    let rings = after;
     let mut before = 0;
     for (left, x) in left.iter().zip(codes.iter_mut()).rev() {
         before = if far(x) { BEFORE + 1 } else { before };
@@ -207,7 +270,7 @@ fn clean(codes: &mut [i32; FRAME], mean: f32, usual: f32, limit: f32, rings: &mu
         }
         before = before.saturating_sub(1);
     }
-    Found::Impulse { told }
+    rings
 }
 
 #[cfg(test)]
@@ -237,7 +300,7 @@ mod tests {
             (mean, c.iter().map(|x| (*x as f32 - mean).powi(2)).sum::<f32>() / n)
         });
         let loudest = codes.map(|c| c.iter().fold(0, |a, x| a | (x ^ (x >> 31))));
-        impulses.take(&plan(64_000.0), codes, &rough, &loudest, 0)
+        impulses.take(&plan(64_000.0), codes, &rough, &loudest, 0, |_, _| {})
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The compact array: from four hydrophones' samples to bearings with their covariance.
 //!
-//! Enters: [`crate::block::Block`]s of converter codes. Leaves: [`crate::wire::Message::Bearing`] and
-//! [`crate::wire::Message::Fault`]. In the order data flows: [`crate::intake`] (continuity), `framing` (frames and accounting), `impulses` (snaps and bursts kept out of them), `transform` and
+//! Enters: [`crate::block::Block`]s of converter codes. Leaves: [`crate::wire::Message::Bearing`], [`crate::wire::Message::Transient`] and
+//! [`crate::wire::Message::Fault`]. In the order data flows: [`crate::intake`] (continuity), `framing` (frames and accounting), `impulses` (snaps and bursts kept out of them), `transients` and `arrival` (the same told with their direction), `transform` and
 //! `spectra` (windowed transforms, Welch cross-spectra), `search` (joint search over all six pairs), `refine` (Gauss-Newton on the
 //! cross-spectra, covariance), `sick` (which hydrophone to leave out), `detect` (is there a source at all), `estimate` (one segment, all of these), `others` (quieter sources), `agreement` (do the pairs contradict it), `report` (the record with its uncertainty), `chain` (the
 //! calls a recorder makes). Beside them: `limit` (what no estimator beats).
@@ -10,7 +10,9 @@
 //! Relative sensitivities matter for levels and unweighted correlation only: whitening divides them out.
 
 mod agreement;
+mod arrival;
 mod chain;
+mod curved;
 mod detect;
 mod estimate;
 mod framing;
@@ -27,9 +29,11 @@ mod spectra;
 #[cfg(test)]
 mod test_sea;
 mod transform;
+mod transients;
 pub mod wavefront;
 
 pub use chain::{Scratch, State, finish, push};
 pub(crate) use chain::{event, pause, samples};
 pub use others::BEARINGS_A_STEP;
 pub use plan::{FRAME, HOP, MAX_DELAY, Plan, PlanError, SHAFT_RATE_EVERY_S};
+pub use transients::{AT_ONCE as TRANSIENTS_AT_ONCE, ONE_IN_S as ONE_TRANSIENT_IN_S};

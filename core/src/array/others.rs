@@ -3,10 +3,10 @@
 
 use super::agreement::Doubt;
 use super::chain::Scratch;
-use super::estimate::{Context, Found, Memory, examine, find};
+use super::estimate::{Context, Found, Memory, SpectrumWork, examine, find};
 use super::plan::{Band, OCTAVES};
 use super::refine;
-use super::report::bearing;
+use super::report::{Others, bearing};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction};
 use crate::math::f32 as m;
@@ -85,10 +85,17 @@ pub(super) fn octave(
     let work = &mut scratch.spectrum;
     work.restore(refine::shared_signal(plan, context.band.used, &found.tau));
     refine::smoothed(&band, context.noise(1.0), &work.raw, &mut work.smooth);
-    let bearing = bearing(&context, &found, work, Doubt::NONE, 0.0, FIRST_OCTAVE + n as u8, None);
+    let others = scattered(&context, &found, spectra, work);
+    let bearing = bearing(&context, &found, work, Doubt::NONE, 0.0, FIRST_OCTAVE + n as u8, others);
     if let Some(bearing) = bearing.filter(|b| b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
     }
+}
+
+/// What the first source left about another, whose smoothed coherence is in the work space.
+fn scattered<'a>(context: &Context<'_>, found: &Found, spectra: &Spectra, work: &SpectrumWork) -> Others<'a> {
+    let (tau, spectrum) = (&found.tau, (&work.smooth, &work.weight));
+    Others::Scatter(refine::scatter(context.plan, context.band, spectra, tau, spectrum, context.snapshots))
 }
 
 /// Looks for another source in what the first leaves: its expected cross-spectra are taken out and the search repeated.
@@ -115,7 +122,8 @@ pub(super) fn second(
     refine::smoothed(context.band, context.noise(1.0), &work.raw, &mut work.smooth);
     let lasting =
         before.is_some_and(|d| wavefront::dot(&d, &other.refined.direction) > m::cos(SECOND_MOVES_RAD));
-    let bearing = bearing(context, &other, &scratch.spectrum, Doubt::NONE, 0.0, 1, None);
+    let others = scattered(context, &other, spectra, work);
+    let bearing = bearing(context, &other, work, Doubt::NONE, 0.0, 1, others);
     if let Some(bearing) = bearing.filter(|b| lasting && b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
     }

@@ -46,10 +46,14 @@ impl Places {
     /// the `reference`, which may be anything from half as far as infinitely far.
     pub(super) fn curvature(&self, direction: &Direction, reference: f32) -> (f32, f32) {
         let azimuth = m::atan2(direction[0], direction[1]);
-        let apart = |place: &(f32, f32, f32)| m::abs(wrap_pi_f32(azimuth - place.0));
-        let near = self.known.iter().take(self.len).filter(|p| apart(p) < NEAR_RAD);
-        near.min_by(|a, b| apart(a).total_cmp(&apart(b)))
-            .map_or((reference, UNKNOWN * reference), |p| (p.1, p.2))
+        let (mut nearest, mut found) = (NEAR_RAD, (reference, UNKNOWN * reference));
+        for (at, curvature, sd) in self.known.iter().take(self.len) {
+            let apart = m::abs(wrap_pi_f32(azimuth - at));
+            if apart < nearest {
+                (nearest, found) = (apart, (*curvature, *sd));
+            }
+        }
+        found
     }
 }
 

@@ -88,6 +88,7 @@ impl Band {
 }
 
 /// Mean square of the bins' numbers.
+#[inline(never)]
 fn mean_square(low: usize, high: usize) -> f64 {
     let sum: f64 = (low..high).map(|k| (k * k) as f64).sum();
     sum / high.saturating_sub(low).max(1) as f64

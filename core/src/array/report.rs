@@ -37,6 +37,15 @@ const ROUNDING_SAMPLES: f32 = 0.004;
 /// larger by this over the fourth power of the statistic (a law that fits white noise from threshold to three times it).
 const NEAR_THRESHOLD: f32 = 2.0;
 
+/// How it is known what other paths and sources do to a bearing.
+pub(super) enum Others<'a> {
+    /// By the mean of the pairs' misfit over segments, which this one joins: the strongest source is heard in each.
+    Lasting(&'a mut f32),
+    /// By how much more the segment's own cross-spectra scatter than noise explains ([`refine::scatter`]): what taking out a
+    /// louder source left.
+    Scatter(f32),
+}
+
 /// The record of a found source, with the covariance that its smoothed coherence gives and what it `turned` (radians) while its
 /// moment is unknown; `None` where there is none.
 pub(super) fn bearing(
@@ -46,7 +55,7 @@ pub(super) fn bearing(
     doubt: Doubt,
     turned: f32,
     band: u8,
-    misfit: Option<&mut f32>,
+    others: Others<'_>,
 ) -> Option<Bearing> {
     let plan = context.plan;
     let used = context.band.used;
@@ -63,13 +72,17 @@ pub(super) fn bearing(
     let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / used.pairs();
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
-    let lasting = misfit.map_or(0.0, |mean| {
-        *mean += (residual / (variance.pair + rounding * rounding) - *mean) / AVERAGED;
-        SHARED_UNEQUALLY * (*mean - MEAN_RESIDUAL).max(0.0) * variance.pair
-    });
+    let (mut lasting, mut scatter) = (0.0, 1.0);
+    match others {
+        Others::Lasting(mean) => {
+            *mean += (residual / (variance.pair + rounding * rounding) - *mean) / AVERAGED;
+            lasting = SHARED_UNEQUALLY * (*mean - MEAN_RESIDUAL).max(0.0) * variance.pair;
+        }
+        Others::Scatter(ratio) => scatter = ratio,
+    }
     let square = found.statistic * found.statistic;
     let lucky = NEAR_THRESHOLD / (square * square).max(1.0);
-    let scale = variance.arrival * (1.0 + lucky)
+    let scale = variance.arrival * (scatter + lucky)
         + unexplained.max(lasting).max(doubt.unexplained_s2)
         + used.sensors() * plan.position_sd_s * plan.position_sd_s;
     // What a speed of sound and a distance that are not as assumed do to all arrival times together.

@@ -103,15 +103,9 @@ impl Sick {
         let moved = self.moved(plan, sign, vessel);
         let channel = |h: usize| i64::from(plan.channels.get(h).copied().unwrap_or(0));
         self.well = if sign == Sign::Well { self.well.saturating_add(1) } else { 0 };
-        for (kind, (counts, code)) in self.counts.iter_mut().zip(KINDS).enumerate() {
-            for (h, count) in counts.iter_mut().enumerate() {
-                if sign == Sign::Sick(kind, h) {
-                    *count = (*count + 1).min(NAMED);
-                } else if kind != LEAKING || self.out >> h & 1 == 0 {
-                    *count = count.saturating_sub(1);
-                }
-                if *count == NAMED && self.out >> h & 1 == 0 && (kind != LEAKING || moved) {
-                    self.out |= 1 << h;
+        for (kind, code) in KINDS.into_iter().enumerate() {
+            for h in 0..CHANNELS {
+                if self.counted(sign, kind, h, moved) {
                     sink(Message::Fault(Fault { code, index, value: channel(h) }));
                 }
             }
@@ -129,6 +123,24 @@ impl Sick {
 }
 
 impl Sick {
+    /// Counts a sign for one kind and hydrophone; whether that is left out from now on. Apart: twelve copies are 2 kB.
+    #[inline(never)]
+    fn counted(&mut self, sign: Sign, kind: usize, h: usize, moved: bool) -> bool {
+        let Some(count) = self.counts.get_mut(kind).and_then(|counts| counts.get_mut(h)) else {
+            return false;
+        };
+        if sign == Sign::Sick(kind, h) {
+            *count = (*count + 1).min(NAMED);
+        } else if kind != LEAKING || self.out >> h & 1 == 0 {
+            *count = count.saturating_sub(1);
+        }
+        let named = *count == NAMED && self.out >> h & 1 == 0 && (kind != LEAKING || moved);
+        if named {
+            self.out |= 1 << h;
+        }
+        named
+    }
+
     /// Whether the vessel has moved since a leak was first seen.
     fn moved(&mut self, plan: &Plan, sign: Sign, vessel: Option<&Direction>) -> bool {
         let [.., leaking] = &self.counts;

@@ -5,7 +5,7 @@ use crate::array::wavefront;
 use crate::array::{Plan, Scratch, State, finish, push};
 use crate::block::{Block, CHANNELS, Frame};
 use crate::config::{ArrayConfig, Kind, StationConfig};
-use crate::wire::{Bearing, FaultCode, Message};
+use crate::wire::{Bearing, FaultCode, Message, Transient};
 use std::boxed::Box;
 use std::vec::Vec;
 
@@ -110,22 +110,24 @@ pub(super) fn sea(plan: &Plan, snr_db: f64, seed: u64) -> Vec<[f64; CHANNELS]> {
 pub(super) struct Heard {
     pub(super) faults: Vec<(FaultCode, i64, f64)>,
     pub(super) bearings: Vec<Bearing>,
+    pub(super) transients: Vec<Transient>,
     pub(super) channels: u8,
 }
 
 pub(super) fn hear(plan: &Plan, sea: &[[f64; CHANNELS]]) -> Heard {
     let frames: Vec<Frame> = sea.iter().map(|x| x.map(|x| (2000.0 * x).round() as i32)).collect();
     let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
-    let (mut faults, mut bearings) = (Vec::new(), Vec::new());
+    let (mut faults, mut bearings, mut transients) = (Vec::new(), Vec::new(), Vec::new());
     let mut sink = |message| match message {
         Message::Fault(f) => faults.push((f.code, f.value, f.index as f64 / f64::from(plan.rate_hz()))),
         Message::Bearing(b) => bearings.push(b),
+        Message::Transient(t) => transients.push(t),
         _ => {}
     };
     push(plan, &mut state, &mut scratch, Block { first_index: 0, frames: &frames }, &mut sink);
     let channels = state.channels(plan);
     finish(plan, &mut state, &mut scratch, &mut sink);
-    Heard { faults, bearings, channels }
+    Heard { faults, bearings, transients, channels }
 }
 
 /// Error of a bearing of the usual direction across and up, radians.

@@ -29,6 +29,7 @@ pub fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 }
 
 /// Arrival times in seconds at the four hydrophones from direction `u`; `curvature` in 1/m.
+#[inline(never)]
 pub fn arrivals(geometry: &Geometry, u: &Direction, curvature: f32) -> [f32; CHANNELS] {
     let mut t = [0.0; CHANNELS];
     for (t, h) in t.iter_mut().zip(&geometry.position_m) {
@@ -41,6 +42,7 @@ pub fn arrivals(geometry: &Geometry, u: &Direction, curvature: f32) -> [f32; CHA
 }
 
 /// Derivative of the arrival times along the tangent vector `e` (seconds per radian).
+#[inline(never)]
 pub fn gradient(geometry: &Geometry, u: &Direction, e: &[f32; 3], curvature: f32) -> [f32; CHANNELS] {
     let mut g = [0.0; CHANNELS];
     for (g, h) in g.iter_mut().zip(&geometry.position_m) {
@@ -52,6 +54,7 @@ pub fn gradient(geometry: &Geometry, u: &Direction, e: &[f32; 3], curvature: f32
 }
 
 /// The two unit tangent vectors at a direction: of rising azimuth and of rising elevation.
+#[inline(never)]
 pub fn tangents(u: &Direction) -> ([f32; 3], [f32; 3]) {
     let horizontal = m::sqrt(u[0] * u[0] + u[1] * u[1]);
     let (s, c) = if horizontal > 1e-6 { (u[0] / horizontal, u[1] / horizontal) } else { (0.0, 1.0) };
@@ -59,6 +62,7 @@ pub fn tangents(u: &Direction) -> ([f32; 3], [f32; 3]) {
 }
 
 /// The direction reached by a step `(a, b)` in the tangent plane, brought back to length one.
+#[inline(never)]
 pub fn stepped(u: &Direction, e: &([f32; 3], [f32; 3]), a: f32, b: f32) -> Direction {
     let mut v = [0.0; 3];
     for k in 0..3 {
@@ -69,6 +73,7 @@ pub fn stepped(u: &Direction, e: &([f32; 3], [f32; 3]), a: f32, b: f32) -> Direc
 }
 
 /// Azimuth in [0, 2π) and elevation of a direction, radians.
+#[inline(never)]
 pub fn angles(u: &Direction) -> (f32, f32) {
     let horizontal = m::sqrt(u[0] * u[0] + u[1] * u[1]);
     (crate::angle::wrap_tau_f32(m::atan2(u[0], u[1])), m::atan2(u[2], horizontal))
@@ -80,6 +85,7 @@ pub fn information(g1: &[f32; CHANNELS], g2: &[f32; CHANNELS]) -> (f32, f32, f32
     information_of(CHANNELS as f32, g1, g2)
 }
 
+#[inline(never)]
 fn information_of(sensors: f32, g1: &[f32; CHANNELS], g2: &[f32; CHANNELS]) -> (f32, f32, f32) {
     let sum = |a: &[f32; CHANNELS], b: &[f32; CHANNELS]| {
         let (mut ab, mut sa, mut sb) = (0.0, 0.0, 0.0);
@@ -142,6 +148,7 @@ impl Used {
     }
 
     /// `Gᵀ (M I − 1 1ᵀ) G` of two gradients over the M hydrophones used, as [`information`].
+    #[inline(never)]
     pub(crate) fn information(self, g1: &[f32; CHANNELS], g2: &[f32; CHANNELS]) -> (f32, f32, f32) {
         let kept = |g: &[f32; CHANNELS]| {
             let mut out = *g;
@@ -158,6 +165,7 @@ impl Used {
     /// The direction that gives these delays and lies where vessels are. Three hydrophones cannot tell a direction from its
     /// mirror image in their plane: the one that rises from the horizon (by the sine of elevation, within `elevation`) is
     /// taken; `None` where both do or neither.
+    #[inline(never)]
     pub(crate) fn upright(
         self,
         geometry: &Geometry,
@@ -185,6 +193,7 @@ impl Used {
 }
 
 /// Inverse of a symmetric matrix of two rows, (first, cross, second) as it enters; `None` unless it is positive definite.
+#[inline(never)]
 pub fn inverse(m: (f32, f32, f32)) -> Option<(f32, f32, f32)> {
     let determinant = m.0 * m.2 - m.1 * m.1;
     (determinant > 0.0).then(|| (m.2 / determinant, -m.1 / determinant, m.0 / determinant))

@@ -210,9 +210,13 @@ impl Intake {
         }
     }
 
-    /// Instants up to this index are left out on purpose: they are in the bucket of gaps, and no fault.
+    /// Instants up to this index are left out on purpose: they are in the bucket of gaps, and no fault. That it is for longer than was
+    /// said is told, that it is for shorter not.
     pub fn rest(&mut self, until: u64, sink: &mut dyn FnMut(Message)) {
-        self.rests_until = until;
+        let before = core::mem::replace(&mut self.rests_until, until);
+        if until <= before {
+            return;
+        }
         self.faults.note(FaultCode::Paused, self.next, until.saturating_sub(self.next), sink);
     }
 

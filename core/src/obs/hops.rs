@@ -7,6 +7,7 @@
 use super::decimate::DecimatorState;
 use super::impulsive::Unevenness;
 use super::limits::{HOP, USED_CHANNELS};
+use super::moments::{Filtered, Moments};
 use super::plan::Plan;
 use crate::block::CHANNELS;
 use crate::health::{Accounting, LossCause};
@@ -72,6 +73,7 @@ pub struct Hops {
     levels: Levels,
     channels: Channels,
     unevenness: Unevenness,
+    filtered: Filtered,
     /// Whether the run goes on.
     running: bool,
 }
@@ -88,6 +90,7 @@ impl Hops {
             levels: Levels::new(),
             channels: Channels::new(),
             unevenness: Unevenness::new(),
+            filtered: Filtered::new(),
             running: false,
         }
     }
@@ -100,6 +103,12 @@ impl Hops {
     /// Whether the two hops are neighbours and make a frame.
     pub fn pair(&self) -> bool {
         self.old.full && self.new.full
+    }
+
+    /// Moments of the last hop, none where a component of it was wrong.
+    pub(super) fn moments(&mut self) -> Option<Moments> {
+        let moments = core::mem::replace(&mut self.filtered.sums, Moments::NONE);
+        (0..CHANNELS as u8).all(|c| self.new.usable(c)).then_some(moments)
     }
 
     /// Bit c: channel c dead; bit 4 + c: channel c clipped, as of the last hop.
@@ -126,9 +135,11 @@ impl Hops {
             self.running = true;
             self.unevenness = Unevenness::new();
             self.decimator.restart();
+            self.filtered.begin(&plan.moments, frame);
         }
         self.look.see(run, core::slice::from_ref(frame), plan.clip);
         self.levels.add(frame);
+        self.filtered.push(&plan.moments, frame);
         let [p, n, e, _] = frame.map(|code| code as f32);
         let Some(x) = plan.decimator.push(&mut self.decimator, [p, n, e]) else {
             return false;

@@ -64,6 +64,15 @@ impl<'t> Interference<'t> {
         self.table.as_ref().map_or(0, Table::branches)
     }
 
+    /// Adds the power of the envelope where a branch draws its pulse, at the model ranges from number `first` on.
+    pub(super) fn powers(&self, envelope: &Envelope, branch: usize, first: usize, out: &mut [f32]) {
+        let Some(table) = &self.table else { return };
+        for (power, p) in out.iter_mut().zip(table.pulses(branch).skip(first)) {
+            let z = envelope.z.get(usize::from(p.delay) / PARTS).filter(|_| p.delay > 0);
+            *power += z.map_or(0.0, |[re, im]| re * re + im * im);
+        }
+    }
+
     /// Half the energy modelled in a range cell for so many frames: the log ratio that a vessel is expected to reach there.
     /// 0 without a table.
     pub(super) fn energy(&self, cell: usize, frames: usize) -> f32 {

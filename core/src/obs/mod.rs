@@ -14,6 +14,7 @@ pub mod plan;
 mod travel;
 
 mod hops;
+mod moments;
 
 mod averages;
 mod azigram;
@@ -28,6 +29,7 @@ mod tonal;
 pub mod cepstrum;
 pub mod clutter;
 mod interference;
+mod pairs;
 mod paper;
 pub mod presence;
 #[cfg(test)]
@@ -35,6 +37,7 @@ mod presence_tests;
 pub mod radial;
 
 mod bend;
+mod checks;
 mod course;
 pub mod evidence;
 mod fit;

@@ -9,6 +9,7 @@ use super::decimate::{Decimator, factor_of, inner_rate_hz};
 use super::impulsive::Calls;
 use super::interference::Interference;
 use super::limits::{AZIMUTH_BINS, FRAME, HOP};
+use super::moments::BandPass;
 use super::table::{Table, TableError};
 use super::travel::TravelTime;
 use crate::angle::RAD_PER_DEG;
@@ -86,6 +87,9 @@ pub struct Plan<'t> {
     pub(super) azigram: bool,
     pub(super) tones: WrappedCauchy,
     pub(super) calls: Calls,
+    pub(super) moments: BandPass,
+    /// Whether the vertical component and pressure of sound from above have one sign.
+    pub(super) towards: bool,
     pub(super) interference: Interference<'t>,
     pub(super) travel: TravelTime,
 }
@@ -106,6 +110,8 @@ impl<'t> Plan<'t> {
         azigram: false,
         tones: WrappedCauchy { paper: false },
         calls: Calls::EMPTY,
+        moments: BandPass::EMPTY,
+        towards: false,
         interference: Interference::EMPTY,
         travel: TravelTime::EMPTY,
     };
@@ -169,6 +175,8 @@ impl<'t> Plan<'t> {
         self.azigram = obs.azigram;
         self.tones = WrappedCauchy { paper: obs.paper_compatibility };
         self.calls.fill(inner_rate_hz);
+        self.moments = BandPass::new(rate_hz as f32);
+        self.towards = obs.intensity_towards;
         self.interference = Interference::new(table);
         self.travel.fill(table, obs.paper_compatibility);
         Ok(())

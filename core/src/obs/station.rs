@@ -11,11 +11,13 @@ use super::averages::Averages;
 use super::azigram::{self, Sources};
 use super::bands;
 use super::cepstrum;
+use super::checks::{Checks, Heard};
 use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
 use super::hops::Hops;
 use super::impulsive::{self, Call};
 use super::limits::{MINUTE_FRAMES, QUEFRENCIES, WINDOW_FRAMES};
+use super::pairs::Profiles;
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
 use super::presence::{ExpectedVessels, Presence, RangeMode, RangePresence};
@@ -71,6 +73,7 @@ pub struct State {
     evidence: Evidence,
     segmenter: Segmenter,
     tracker: Tracker,
+    checks: Checks,
     /// Whether more than one vessel was heard in the last minute.
     several: bool,
     /// Minutes in a row without anything to hear.
@@ -86,12 +89,13 @@ pub struct State {
 pub struct Scratch {
     shared: Shared,
     radial: RadialScratch,
+    profiles: Profiles,
 }
 
 impl Scratch {
     /// All zeros.
     pub const fn new() -> Self {
-        Self { shared: Shared::new(), radial: RadialScratch::new() }
+        Self { shared: Shared::new(), radial: RadialScratch::new(), profiles: Profiles::new() }
     }
 }
 
@@ -111,6 +115,7 @@ impl State {
             evidence: Evidence::new(),
             segmenter: Segmenter::new(),
             tracker: Tracker::new(),
+            checks: Checks::new(),
             several: false,
             silent: 0,
             minute: None,
@@ -152,6 +157,7 @@ impl State {
         self.slow = SlowLevels::new();
         self.segmenter = Segmenter::new();
         self.tracker = Tracker::new();
+        self.checks = Checks::new();
         self.clear();
     }
 }
@@ -234,7 +240,13 @@ impl State {
             self.catch_up(plan, scratch, run.first_index, sink);
         }
         for at in 0..run.frames.len() {
-            if self.hops.take(plan, &mut self.intake, run, at, sink) && self.hops.pair() {
+            if !self.hops.take(plan, &mut self.intake, run, at, sink) {
+                continue;
+            }
+            if let Some(moments) = self.hops.moments() {
+                self.checks.hop(&moments);
+            }
+            if self.hops.pair() {
                 // Records of a minute must not contain a frame later than its window.
                 self.catch_up(plan, scratch, self.hops.old.end, sink);
                 self.slow.go_on(&plan.slow, self.hops.old.end, sink);
@@ -392,7 +404,9 @@ impl State {
             let used = self.kept.iter().filter(|k| k.used);
             used.map(|k| (offset_s(k.label) as f32, k.cepstrum.iter().map(|c| f32::from(*c) * CEPSTRUM_UNIT)))
         };
-        let Scratch { shared, radial } = scratch;
+        let Scratch { shared, radial, profiles } = scratch;
+        profiles.clear();
+        let surest = expected.iter().flatten().find(|e| e.established);
         let mut ranges = if plan.paper {
             let window = frames().filter(|(t, _)| math::f32::abs(*t) <= HALF_WINDOW_S as f32);
             paper::window(&plan.interference, radial, self.presence.lend(), shared.grid(), window)
@@ -404,6 +418,9 @@ impl State {
             let half_s = 0.5 * STEP_S as f32;
             for (t, cepstrum) in frames().filter(|(t, _)| (-half_s..half_s).contains(t)) {
                 radial.add(&plan.interference, shared.envelope(), cepstrum, t);
+                if let Some(vessel) = surest {
+                    profiles.add(&plan.interference, shared.envelope(), vessel, t);
+                }
             }
             if radial.frames() > 0 {
                 radial.fill(shared.grid());
@@ -414,6 +431,13 @@ impl State {
         };
         let heard = directions.frames > 0;
         let tones = directions.modes.iter().flatten().filter(|m| !m.impulsive).count();
+        let noticed = match tones {
+            0 if call.is_some() || expected.iter().any(Option::is_some) => Heard::Other,
+            0 => Heard::Nothing,
+            _ => Heard::Vessel,
+        };
+        self.checks.minute(noticed, plan.towards, index, &mut self.intake.faults, sink);
+        self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
             let minute = Minute::new(k as u32, &directions, &ranges);

@@ -6,7 +6,7 @@ use super::station::{Scratch, State, finish, push};
 use super::table::{Table, blob_bytes};
 use super::table_encode::{BranchColumns, Header, encode};
 use crate::block::{Block, Frame, MISSING};
-use crate::config::{Kind, Levels, ObsConfig, Schedule, StationConfig, Tracking};
+use crate::config::{Clips, Kind, Levels, ObsConfig, Schedule, StationConfig, Tracking};
 use crate::math;
 use crate::wire::{AZIGRAM_BANDS, Azigram, FaultCode, Message};
 use std::boxed::Box;
@@ -33,6 +33,7 @@ pub(crate) fn config(rate_hz: f64) -> StationConfig {
         tracking: Tracking::default(),
         levels: Levels::default(),
         schedule: Schedule::default(),
+        clips: Clips::default(),
     }
 }
 

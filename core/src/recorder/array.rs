@@ -2,7 +2,7 @@
 
 use super::health::{Condition, Reporter};
 use super::shaft;
-use super::{DEAF_S, SILENT_S, enough, silence};
+use super::{DEAF_S, SILENT_S, bytes_of, enough, silence};
 use crate::array;
 use crate::block::Block;
 use crate::config::{Schedule, StationConfig};
@@ -77,6 +77,11 @@ impl ArrayRecorder {
     fn forget(&mut self) {
         self.state.forget();
         self.vessels.forget();
+    }
+
+    /// Where its plan stands.
+    pub(super) fn settings(&self) -> core::ops::Range<*const u8> {
+        bytes_of(&self.plan)
     }
 
     fn condition(&self) -> Condition {
@@ -226,6 +231,9 @@ impl Application for ArrayRecorder {
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
         let index = self.state.next_index();
         self.state.intake.faults.note(code, index, value, &mut |message| sink(&message));
+        if code == FaultCode::ConverterRestarted {
+            self.reporter.estimated(index, value, sink);
+        }
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {

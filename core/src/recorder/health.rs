@@ -18,6 +18,10 @@ pub const HEALTH_EVERY_S: u16 = 60;
 /// Seconds of samples between two reports of the time by a clock that is heard all the time.
 pub const TIME_EVERY_S: u64 = 60;
 
+/// Part of a stretch that the board's clock has measured by which that may be wrong, one standard deviation: its oscillator drifts with the
+/// temperature after it was last compared with the converter's.
+const ESTIMATED: f64 = 1e-4;
+
 /// An index that leaps brings a report no earlier than this part of the time between two.
 const EARLY: u64 = 8;
 
@@ -124,6 +128,16 @@ impl Reporter {
     pub fn restart(&mut self, index: u64) {
         self.next = self.whole_period_after(index);
         (self.utc, self.told) = (UtcClock::new(), None);
+    }
+
+    /// So many instants before this index were counted by the board's clock, which is no better known than so.
+    pub fn estimated(&mut self, index: u64, instants: u64, sink: &mut impl FnMut(&Message)) {
+        let sd_s = (ESTIMATED * instants as f64 + 1.0) / self.rate_hz;
+        if let Some(time) = self.utc.loosen(index, sd_s, self.rate_hz) {
+            // The next pair is told at once.
+            self.told = None;
+            sink(&Message::Time(time));
+        }
     }
 
     /// Whether a health report is due after so many seconds of silence.
@@ -311,6 +325,7 @@ mod tests {
         let steps: std::vec::Vec<i64> = (302..306).map(|s| hear(&mut r, 100 * s, s as i64 + 5)).collect();
         assert_eq!(steps, [0, 0, 5_000_000, 0]);
         // The index starts again.
+        r.restart(0);
         assert_eq!(hear(&mut r, 0, 310), 0);
         assert_eq!(told, [0, 1, 2, 4, 8, 16, 32, 64, 124, 184, 244, 304, 305, 0]);
     }

@@ -159,6 +159,19 @@ macro_rules! whichever {
     };
 }
 
+impl Recorder<'_, '_> {
+    /// Where what was worked out of the configuration stands, which does not change while it runs: for a board that watches its memory.
+    pub fn settings(&self) -> core::ops::Range<*const u8> {
+        whichever!(self, r => r.settings())
+    }
+}
+
+/// The bytes of a value.
+fn bytes_of<T>(value: &T) -> core::ops::Range<*const u8> {
+    let value = core::slice::from_ref(value).as_ptr_range();
+    value.start.cast()..value.end.cast()
+}
+
 impl Application for Recorder<'_, '_> {
     fn start(&mut self, reset_cause: u8, sink: &mut impl FnMut(&Message)) {
         whichever!(self, r => r.start(reset_cause, sink));

@@ -1,7 +1,7 @@
 //! The ocean-bottom recorder: blocks to azimuths, ranges, segments and tracks, and health.
 
 use super::health::{Condition, Reporter};
-use super::{DEAF_S, enough, silence};
+use super::{DEAF_S, bytes_of, enough, silence};
 use crate::block::Block;
 use crate::config::{Schedule, StationConfig};
 use crate::density;
@@ -81,6 +81,11 @@ impl<'t> ObsRecorder<'t> {
         silence(&mut self.state.intake, &self.reporter, &condition, (seconds, wanted), sink);
     }
 
+    /// Where its plan stands.
+    pub(super) fn settings(&self) -> core::ops::Range<*const u8> {
+        bytes_of(&self.plan)
+    }
+
     fn condition(&self) -> Condition {
         Condition {
             accounting: self.state.accounting(),
@@ -158,6 +163,9 @@ impl Application for ObsRecorder<'_> {
     fn fault(&mut self, code: FaultCode, value: u64, sink: &mut impl FnMut(&Message)) {
         let index = self.index();
         self.state.intake.faults.note(code, index, value, &mut |message| sink(&message));
+        if code == FaultCode::ConverterRestarted {
+            self.reporter.estimated(index, value, sink);
+        }
     }
 
     fn command(&mut self, command: Command, sink: &mut impl FnMut(&Message)) {

@@ -1,14 +1,18 @@
 //! The card of the modelled board: prepared before a run, and held against what the converter gave after it.
 
 use super::BoardRun;
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use seabearing_board_model::ads131m04::Codes;
 use seabearing_board_model::sd_card::SdCard;
+use seabearing_core::config_blob;
+use seabearing_core::wire::Message;
+use seabearing_firmware::card::clips::{Claims, Clips};
+use seabearing_firmware::card::layout::{Extent, Why};
 use seabearing_host::card::blank::Blank;
-use seabearing_host::card::extents;
 use seabearing_host::card::kept::{self, Kept};
-use seabearing_host::card::medium::Part;
+use seabearing_host::card::medium::{Medium, Part};
 use seabearing_host::card::simulated::Sectors;
+use seabearing_host::card::{extents, in_order};
 use std::collections::HashMap;
 
 /// Instants compared at a time.
@@ -40,31 +44,38 @@ pub struct Sound {
     pub open: usize,
     /// Instants on the card.
     pub instants: u64,
-    /// Instants missing up to the last of each start.
+    /// Instants missing up to the last of each start that were not left out on purpose; of clips those that a detection claims.
     pub missing: u64,
+    /// Most instants that the board had read before an end (of a start, of the run) and the card had not taken.
+    pub untaken: u64,
     /// Instants whose codes are not those that the converter gave.
     pub wrong: u64,
     /// The first index of each start, and the one after its last.
     pub spans: Vec<(u64, u64)>,
 }
 
-/// The card's sound against the conversions that were read, of each start.
+/// The card's sound against the conversions that were read, of each start, and against the detections where clips are kept.
 ///
 /// # Errors
-/// The card cannot be read any more.
-pub fn sound(run: &BoardRun) -> Result<Sound> {
+/// The card cannot be read any more, or the configuration.
+pub fn sound(run: &BoardRun, blob: &[u8]) -> Result<Sound> {
     let Some(card) = &run.card else { bail!("there is no card") };
+    let config = config_blob::station(blob).map_err(|e| anyhow!("{e}"))?;
     let mut sound = Sound::default();
     let mut medium = card;
-    let mut sessions: Vec<Vec<Kept>> = Vec::new();
+    let mut files: Vec<(u32, Extent, Kept)> = Vec::new();
     for (number, extent) in extents(&mut medium)? {
         let mut file = Part { medium: &mut medium, first: extent.first };
         let Some(kept) = kept::recover(&mut file, extent.pages)? else { continue };
-        if sessions.last().and_then(|all| all.last()).is_none_or(|before| kept.begins_anew(before)) {
-            sessions.push(Vec::new());
+        if kept.label.file != number {
+            bail!("file {number} says that it is file {}", kept.label.file);
         }
-        // Every start of the core has recorded something.
-        let start = sessions.len() - 1;
+        files.push((number, extent, kept));
+    }
+    in_order(&mut files, |file| Some(&file.2), |file| file.0);
+    let starts = files.chunk_by(|(_, _, before), (_, _, kept)| !kept.begins_anew(before));
+    // Every start of the core has recorded something.
+    for (start, files) in starts.enumerate() {
         let begin = run.starts.get(start).map_or(0, |start| start.1);
         let end = run.starts.get(start + 1).map_or(run.numbers.len(), |next| next.1);
         let base = run.numbers.get(begin).copied().unwrap_or(0);
@@ -73,34 +84,68 @@ pub fn sound(run: &BoardRun) -> Result<Sound> {
             .map(|n| n - base)
             .zip(run.codes[begin..end].iter().copied())
             .collect();
-        if kept.label.file != number {
-            bail!("file {number} says that it is file {}", kept.label.file);
+        for (_, extent, kept) in files {
+            let mut file = Part { medium: &mut medium, first: extent.first };
+            sound.wrong += wrong(&mut file, kept, &truth)?;
+            sound.files += 1;
+            sound.open += usize::from(!kept.closed);
+            sound.instants += u64::from(kept.frames);
         }
-        sound.files += 1;
-        sound.open += usize::from(!kept.closed);
-        sound.instants += u64::from(kept.frames);
-        let mut index = kept.label.first_index;
-        let mut gaps = kept.gaps.iter().peekable();
-        let mut at = 0;
-        while at < kept.frames {
-            while let Some(gap) = gaps.next_if(|gap| gap.at == at) {
-                index += gap.count;
-            }
-            let until = gaps.peek().map_or(kept.frames, |gap| gap.at).min(at + AT_ONCE);
-            for frame in kept::frames(&mut file, at, (until - at) as usize)? {
-                sound.wrong += u64::from(truth.get(&index) != Some(&frame));
-                index += 1;
-            }
-            at = until;
+        let kept: Vec<&Kept> = files.iter().map(|file| &file.2).collect();
+        sound.missing += missing(&kept);
+        if let [first, .., last] | [first @ last] = kept[..] {
+            sound.spans.push((first.label.first_index, last.end_index()));
         }
-        sessions.last_mut().into_iter().for_each(|all| all.push(kept.clone()));
-    }
-    for files in sessions {
-        let [Some(first), Some(last)] = [files.first(), files.last()] else { continue };
-        let span = (first.label.first_index, last.end_index());
-        let there: u64 = files.iter().map(|kept| u64::from(kept.frames)).sum();
-        sound.missing += span.1.saturating_sub(there);
-        sound.spans.push(span);
+        let last = truth.keys().max().map_or(0, |last| last + 1);
+        let taken = kept.last().map_or(0, |kept| kept.end_index());
+        sound.untaken = sound.untaken.max(last.saturating_sub(taken));
+        if config.clips.are_kept() {
+            sound.missing += unkept(run, &kept, Clips::new(config.clips, config.rate_hz as u32), last);
+        }
     }
     Ok(sound)
+}
+
+/// Instants of a file that are not those of their numbers.
+fn wrong(file: &mut impl Medium, kept: &Kept, truth: &HashMap<u64, Codes>) -> Result<u64> {
+    let mut wrong = 0;
+    let mut index = kept.label.first_index;
+    let mut gaps = kept.gaps.iter().peekable();
+    let mut at = 0;
+    while at < kept.frames {
+        while let Some(gap) = gaps.next_if(|gap| gap.at == at) {
+            index += gap.count;
+        }
+        let until = gaps.peek().map_or(kept.frames, |gap| gap.at).min(at + AT_ONCE);
+        for frame in kept::frames(file, at, (until - at) as usize)? {
+            wrong += u64::from(truth.get(&index) != Some(&frame));
+            index += 1;
+        }
+        at = until;
+    }
+    Ok(wrong)
+}
+
+/// Instants up to the last of a start that are on none of its files, and were not left out on purpose.
+fn missing(files: &[&Kept]) -> u64 {
+    let gaps = files.iter().flat_map(|kept| &kept.gaps);
+    let within: u64 = gaps.filter(|gap| gap.why != Why::Pause).map(|gap| gap.count).sum();
+    let between = |pair: &[&Kept]| match pair {
+        [before, kept] if !kept.is_next_clip(before) => kept.label.first_index - before.end_index(),
+        _ => 0,
+    };
+    let before = files.first().filter(|kept| !kept.clips).map_or(0, |kept| kept.label.first_index);
+    before + within + files.windows(2).map(between).sum::<u64>()
+}
+
+/// Instants before `end` that a detection claims and no file has; of a board that has started once.
+fn unkept(run: &BoardRun, files: &[&Kept], clips: Clips, end: u64) -> u64 {
+    let mut claims = Box::new(Claims::new());
+    claims.begin(clips);
+    let there = |index: &u64| files.iter().any(|k| (k.label.first_index..k.end_index()).contains(index));
+    let claimed = run.said.iter().filter_map(|said| match &said.message {
+        Message::Bearing(bearing) => claims.heard(bearing.index),
+        _ => None,
+    });
+    claimed.map(|claim| (claim.start..claim.end.min(end)).filter(|index| !there(index)).count() as u64).sum()
 }

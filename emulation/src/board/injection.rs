@@ -17,6 +17,8 @@ pub enum InjectedFault {
     ConverterReset(f64),
     /// A bit of the converter's clock register flips at this second: half the samples a second.
     ConverterUpset(f64),
+    /// A bit of the converter's gain flips at this second: one channel twice as loud; a bit of chip 0's on the ocean-bottom board.
+    ConverterGain(f64),
     /// The converter is dead from this second on, for so many seconds.
     ConverterDead(f64, f64),
     /// One chip of the ocean-bottom board is dead from this second on, for so many seconds.
@@ -35,6 +37,8 @@ pub enum InjectedFault {
     HardFault(f64),
     /// The software panics at this second, in line [`PANIC_LINE`].
     Panic(f64),
+    /// At this second a bit changes in what the recorder worked out of its configuration: this one of those that a fixed seed chooses.
+    SettingsBit(f64, u64),
     /// The reset pin is pulled at this second.
     PinReset(f64),
     /// The supply sags at this second.
@@ -67,12 +71,35 @@ pub enum InjectedFault {
     CardCut(u64),
 }
 
+/// What a run has that faults may befall.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Has {
+    /// It is of the ocean-bottom board.
+    pub seismic: bool,
+    /// Records wait in flash.
+    pub link: bool,
+    /// There is a holder for a card.
+    pub card: bool,
+}
+
+impl InjectedFault {
+    /// Whether it can happen in such a run.
+    pub fn can_happen(&self, has: &Has) -> bool {
+        match self {
+            Self::ChipDead(..) | Self::ChipReset(..) | Self::ChipUpset(..) => has.seismic,
+            Self::FlashCut(_) | Self::FlashBits(_) => has.link,
+            Self::CardStall(..) | Self::CardPulled(..) | Self::CardErrors(..) | Self::CardCut(_) => has.card,
+            _ => true,
+        }
+    }
+}
+
 /// The line in the source that an injected panic names.
 pub const PANIC_LINE: u32 = 4711;
 
 /// What [`InjectedFault`] is read from.
-const KINDS: &str = "converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
-                     core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S, \
+const KINDS: &str = "converter-reset@S, converter-upset@S, converter-gain@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
+                     core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, settings-bit@S:N, pin-reset@S, brown-out@S, \
                      flash-cut@WORK, flash-bits@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, \
                      card-errors@S:LENGTH, card-cut@SECTOR, spi-bits@BYTES, or of the ocean-bottom board's chips N, 0 to 3, \
                      chipN-dead@S or @S:LENGTH, chipN-reset@S, chipN-upset@S";
@@ -109,6 +136,7 @@ impl std::str::FromStr for InjectedFault {
             Some(match (kind, length) {
                 ("converter-reset", None) => Self::ConverterReset(at),
                 ("converter-upset", None) => Self::ConverterUpset(at),
+                ("converter-gain", None) => Self::ConverterGain(at),
                 ("converter-dead", length) => Self::ConverterDead(at, length.unwrap_or(f64::INFINITY)),
                 ("converter-mute", length) => Self::ConverterMute(at, length.unwrap_or(f64::INFINITY)),
                 ("supply-low", Some(length)) => Self::SupplyLow(at, length),
@@ -119,6 +147,7 @@ impl std::str::FromStr for InjectedFault {
                 ("line-noise", Some(length)) => Self::LineNoise(at, length),
                 ("hard-fault", None) => Self::HardFault(at),
                 ("panic", None) => Self::Panic(at),
+                ("settings-bit", Some(n)) if n.fract() == 0.0 => Self::SettingsBit(at, n as u64),
                 ("pin-reset", None) => Self::PinReset(at),
                 ("brown-out", None) => Self::BrownOut(at),
                 ("flash-bits", None) => Self::FlashBits(at),
@@ -173,11 +202,13 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             | InjectedFault::SupplyLow(at, length) => (at, length),
             InjectedFault::ConverterReset(at)
             | InjectedFault::ConverterUpset(at)
+            | InjectedFault::ConverterGain(at)
             | InjectedFault::ChipReset(_, at)
             | InjectedFault::ChipUpset(_, at)
             | InjectedFault::CoreHeld(at, _)
             | InjectedFault::HardFault(at)
             | InjectedFault::Panic(at)
+            | InjectedFault::SettingsBit(at, _)
             | InjectedFault::PinReset(at)
             | InjectedFault::FlashBits(at)
             | InjectedFault::BrownOut(at) => (at, f64::INFINITY),
@@ -219,6 +250,8 @@ pub(crate) fn mix(n: u64) -> u64 {
 pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> {
     /// Most significant bit of the oversampling in the converter's clock register: 64 becomes ... of the next kind.
     const OVERSAMPLING_BIT: u32 = 5;
+    const CLOCK: usize = 3;
+    const GAIN: usize = 4;
     let now = machine.now();
     if let Some(chips) = &mut machine.board.seismic
         && disturb(chips, due, now)
@@ -228,7 +261,8 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
     let converter = &mut machine.board.converter;
     match due.fault {
         InjectedFault::ConverterReset(_) => converter.reset(now),
-        InjectedFault::ConverterUpset(_) => converter.upset(OVERSAMPLING_BIT, now),
+        InjectedFault::ConverterUpset(_) => converter.upset(CLOCK, OVERSAMPLING_BIT, now),
+        InjectedFault::ConverterGain(_) => converter.upset(GAIN, 0, now),
         InjectedFault::ConverterDead(..) => converter.set_dead(!due.ends, now),
         InjectedFault::ConverterMute(..) => converter.mute = !due.ends,
         InjectedFault::CoreHeld(_, length) => {
@@ -242,6 +276,7 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         InjectedFault::SupplyLow(..) => machine.board.set_supply_low(!due.ends),
         InjectedFault::HardFault(_) => machine.nvic.pend(HARD_FAULT),
         InjectedFault::Panic(_) => panic(machine)?,
+        InjectedFault::SettingsBit(_, n) => settings_bit(machine, n)?,
         InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
         InjectedFault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
         InjectedFault::FlashBits(_) => {
@@ -279,6 +314,7 @@ fn disturb(chips: &mut Ads1282s, due: &Due, now: Ticks) -> bool {
         InjectedFault::ConverterMute(..) => chips.mute = !due.ends,
         InjectedFault::ChipDead(chip, ..) => chips.set_dead(Some(chip.into()), !due.ends, now),
         InjectedFault::ChipReset(chip, _) => chips.reset_chips(Some(chip.into()), now),
+        InjectedFault::ConverterGain(_) => chips.upset(0, CONFIG1, 1, now),
         InjectedFault::ChipUpset(chip, _) => chips.upset(chip.into(), CONFIG1, 1, now),
         _ => return false,
     }
@@ -297,6 +333,21 @@ fn panic(machine: &mut Machine<Stm32h743>) -> Result<()> {
     let function =
         machine.image().address_of("unwrap_failed").context("the image has no `unwrap` that could panic")?;
     machine.call(function, [FREE, 0, 0, 0]);
+    Ok(())
+}
+
+/// Flips a bit of the recorder's settings, whose place the image tells.
+fn settings_bit(machine: &mut Machine<Stm32h743>, n: u64) -> Result<()> {
+    let place =
+        machine.image().object("SETTLED_PLACE").context("the image does not tell its settings' place")?;
+    let words = machine.memory.bytes(place, 8).context("no memory there")?.as_chunks::<4>().0;
+    let (at, length) = (u32::from_le_bytes(words[0]), u32::from_le_bytes(words[1]));
+    if length == 0 {
+        anyhow::bail!("the recorder has no settings yet");
+    }
+    let bit = mix(n) % (8 * u64::from(length));
+    let byte = machine.memory.bytes_mut(at + (bit / 8) as u32, 1).context("no memory there")?;
+    byte.iter_mut().for_each(|byte| *byte ^= 1 << (bit % 8));
     Ok(())
 }
 

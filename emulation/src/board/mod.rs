@@ -11,7 +11,7 @@ mod seismic;
 pub use card::{Sound, blank, sound};
 pub use host::host;
 pub(crate) use injection::mix;
-pub use injection::{InjectedFault, PANIC_LINE};
+pub use injection::{Has, InjectedFault, PANIC_LINE};
 pub use satellites::utc_us;
 pub use seismic::{BAUD as SEISMIC_BAUD, conversion, heard};
 

@@ -5,7 +5,7 @@ use super::judge::Wanted;
 use super::{COST, Row, Stage, all, costs};
 use crate::board::{InjectedFault, Setup, blank, mix, sound};
 use anyhow::Result;
-use seabearing_core::wire::FaultCode;
+use seabearing_core::wire::{FaultCode, Message};
 
 /// Files of a card, and pages of each: 5.4 s of sound at 64 kHz.
 const CARD: (u32, u32) = (6, 256);
@@ -13,6 +13,8 @@ const CARD: (u32, u32) = (6, 256);
 const SMALL: (u32, u32) = (1, 64);
 /// When sound is on its way to the card, whose start takes 0.2 s.
 const SOUND_S: f64 = 0.8;
+/// Sound that may wait for the card when everything ends: the ring, s.
+const UNTAKEN_S: f64 = 0.6;
 /// Sectors written in a second and a half.
 const SHORT_RUN: u64 = 1800;
 
@@ -90,14 +92,25 @@ impl Stage<'_> {
         if report.card.is_none() {
             return Ok(row);
         }
-        let sound = sound(&report)?;
+        let sound = sound(&report, self.blob)?;
+        let told: u64 = report
+            .said
+            .iter()
+            .filter_map(|said| match said.message {
+                Message::Fault(f) if f.code == FaultCode::CardBack => u64::try_from(f.value).ok(),
+                _ => None,
+            })
+            .sum();
+        let full = case.card == Some(SMALL);
+        let late = !full && sound.untaken > (UNTAKEN_S * self.rate_hz) as u64;
         let words = match (sound.wrong, sound.missing) {
+            (0, _) if late => "SOUND NOT TAKEN",
             (0, 0) => "sound whole",
-            (0, _) if case.misses => "sound whole but for what was told",
+            (0, missing) if case.misses && missing <= told => "sound whole but for what was told",
             (0, _) => "SOUND MISSING",
             _ => "WRONG SOUND",
         };
-        row.right &= sound.wrong == 0 && (sound.missing == 0 || case.misses) && sound.instants > 0;
+        row.right &= words.starts_with("sound whole") && sound.instants > 0;
         row.outcome = [row.outcome.as_str(), words]
             .iter()
             .filter(|w| !w.is_empty())
@@ -113,7 +126,7 @@ impl Stage<'_> {
         let setup = Setup { costs: costs(COST.0), link: true, ..Setup::default() };
         let report = self.play(SECONDS, &self.with_card(&setup, Some(CARD))?)?;
         let difference = report.difference(self.blob)?;
-        let sound = sound(&report)?;
+        let sound = sound(&report, self.blob)?;
         let right = report.lost == 0
             && report.delivered == report.converted
             && report.idle >= super::LEAST_IDLE

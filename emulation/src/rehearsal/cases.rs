@@ -57,6 +57,7 @@ pub(super) fn line(commands: &[(f64, Command)]) -> Vec<(f64, Vec<u8>)> {
 /// Everything; outages of these lengths, s.
 pub fn all(outages_s: &[f64]) -> Vec<Case> {
     let mut cases = failures();
+    cases.extend(settings());
     cases.extend(reach());
     cases.extend(receiver(&ARRAYS));
     for &s in outages_s {
@@ -74,6 +75,12 @@ pub fn all(outages_s: &[f64]) -> Vec<Case> {
         let wanted = [Wanted::Fault(FaultCode::ConverterRestarted, None)];
         cases.push(outage("converter without supply", s, dead, AT_S + s, &wanted));
     }
+    // A supply that bounces: the second outage comes before the first has been measured anew.
+    let bounce = [InjectedFault::ConverterDead(AT_S, 0.5), InjectedFault::ConverterDead(AT_S + 0.6, 2.0)];
+    let name = "converter without supply for 0.5 s and, 0.1 s later, for 2 s, clocks 1 % off";
+    let restarted = Wanted::Fault(FaultCode::ConverterRestarted, None);
+    let bounces = case(name, &bounce, AT_S, AT_S + 3.6, &[restarted; 2]);
+    cases.push(Case { setup: Setup { parameters: wrong_clocks(), ..bounces.setup }, ..bounces });
     cases
 }
 
@@ -154,6 +161,7 @@ fn failures() -> Vec<Case> {
         case("converter dies", &[InjectedFault::ConverterDead(AT_S, forever)], AT_S, 1.0, &[silent]),
         case("converter resets itself", &[InjectedFault::ConverterReset(AT_S)], AT_S, 1.5, &[restarted]),
         case("converter's rate flips", &[InjectedFault::ConverterUpset(AT_S)], AT_S, 1.5, &[restarted]),
+        case("converter's gain flips", &[InjectedFault::ConverterGain(AT_S)], AT_S, 1.5, &[restarted]),
         case(
             "one bit in 80 000 wrong on SPI",
             &[InjectedFault::SpiBits(10_000)],
@@ -225,7 +233,32 @@ fn failures() -> Vec<Case> {
         case("supply low for 10 ms", &[InjectedFault::SupplyLow(AT_S, 0.01)], AT_S, 1.5, &[]),
         case("reset pin", &[InjectedFault::PinReset(AT_S)], AT_S, 1.5, &[Wanted::Start(PIN)]),
         case("supply sags", &[InjectedFault::BrownOut(AT_S)], AT_S, 1.5, &[Wanted::Start(BROWN_OUT)]),
+        // From the second on it is waited out, ever longer; sags are no starts of the software, however many.
+        case(
+            "supply sags seven times",
+            &std::array::from_fn::<_, 7, _>(|n| InjectedFault::BrownOut(AT_S + 0.1 * n as f64)),
+            AT_S,
+            2.5,
+            &[Wanted::Start(BROWN_OUT), Wanted::Waits, fault(FaultCode::SupplyLow)],
+        ),
+        case(
+            "supply sags twice",
+            &[InjectedFault::BrownOut(AT_S), InjectedFault::BrownOut(AT_S + 0.2)],
+            AT_S + 1.0,
+            AT_S + 11.5,
+            &[Wanted::Start(SOFTWARE)],
+        ),
     ]
+}
+
+/// Bits that change in what was worked out of the configuration.
+fn settings() -> impl Iterator<Item = Case> {
+    (0..4).map(|n| {
+        let changed = Wanted::Fault(FaultCode::BadConfiguration, Some(3));
+        let name = format!("bit {n} changed in the recorder's settings");
+        let flip = InjectedFault::SettingsBit(AT_S, n);
+        case(&name, &[flip], AT_S, AT_S + 4.0, &[Wanted::Start(SOFTWARE), changed])
+    })
 }
 
 /// The line in both directions.

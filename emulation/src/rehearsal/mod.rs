@@ -217,6 +217,11 @@ impl Stage<'_> {
             numbers.right &= clock.right;
         }
         let named = told.iter().all(|(_, after_s)| after_s.is_some_and(|s| s <= NAMED_S));
+        if case.setup.faults.iter().any(|f| matches!(f, InjectedFault::SettingsBit(..))) && named {
+            // Whatever the settings made of the records until then, it is told of them.
+            numbers.right = true;
+            numbers.outcome = "the records since are told as doubtful".to_owned();
+        }
         let tenths = |s: f64| format!("{:.1} s", (s * 10.0).ceil() / 10.0);
         let words: Vec<String> = told
             .iter()

@@ -17,11 +17,11 @@ use seabearing_core::wire::link::flash::{Flash, FlashStore, Word};
 use seabearing_core::wire::link::{Link, Settings};
 use seabearing_firmware::acquisition::{Acquisition, Board as Converters};
 use seabearing_firmware::converter::Read;
-use seabearing_firmware::fault::MOST_STARTS;
 use seabearing_firmware::pace::Stamp;
 use seabearing_firmware::receiver::{Pulse, Reception, Timed};
 use seabearing_firmware::seismic::{Conversion, Seismic};
-use seabearing_firmware::supply::{Detector, Supplied, Supply, THRESHOLD_MV};
+use seabearing_firmware::starts::Starts;
+use seabearing_firmware::supply::{Detector, Supplied};
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -200,7 +200,7 @@ impl Detector for Supplies {
 struct Guardian<'a> {
     world: Shared,
     base: &'a mut dyn FnMut(&Shared),
-    waits: Option<Supply>,
+    starts: Starts,
     /// Turns of the loop since it slept.
     awake: u32,
 }
@@ -211,9 +211,8 @@ const MOST_AWAKE: u32 = 200;
 impl Supervisor for Guardian<'_> {
     fn feed(&mut self) {
         let mut world = self.world.borrow_mut();
-        // A minute's work.
-        if world.board_us() >= 60_000_000 {
-            world.starts = 0;
+        if self.starts.works(world.board_us()) {
+            world.starts = self.starts.counts();
         }
         world.crash();
         drop(world);
@@ -236,8 +235,7 @@ impl Supervisor for Guardian<'_> {
     }
     fn over(&mut self) -> bool {
         let world = self.world.clone();
-        world.borrow().over()
-            || self.waits.as_mut().is_some_and(|supply| supply.has_recovered(&mut Supplies(world.clone())))
+        world.borrow().over() || self.starts.over(&mut Supplies(world.clone()))
     }
 }
 
@@ -309,7 +307,7 @@ impl<F: Flash + Cut> Flash for Part<F> {
 
 /// One start and what follows, until the software starts again by itself or the year is over; a reset ends it by unwinding.
 pub fn boot(world: &Shared, built_in: &[u8], base: &mut dyn FnMut(&Shared)) {
-    let starts = world.borrow_mut().start();
+    let mut starts = world.borrow_mut().start();
     let (records, places) = {
         let world = world.borrow();
         (world.records.clone(), world.places.clone())
@@ -330,9 +328,9 @@ pub fn boot(world: &Shared, built_in: &[u8], base: &mut dyn FnMut(&Shared)) {
     };
     let mut memory: Box<Memory<'_>> = Box::default();
     let (recorder, conversion) = (memory.configure(&config, table), Conversion::of(config.rate_hz));
-    let recorder = match (recorder, conversion) {
-        _ if starts > MOST_STARTS => Err((FaultCode::ManyResets, i64::from(starts))),
-        (Ok(recorder), Some(conversion)) => Ok((recorder, conversion)),
+    let recorder = match (starts.must_wait(), recorder, conversion) {
+        (Some(reason), ..) => Err(reason),
+        (_, Ok(recorder), Some(conversion)) => Ok((recorder, conversion)),
         _ => Err((FaultCode::BadConfiguration, 1)),
     };
     let store: FlashStore<_, 64> = FlashStore::open(Part(records, world.clone()));
@@ -342,7 +340,7 @@ pub fn boot(world: &Shared, built_in: &[u8], base: &mut dyn FnMut(&Shared)) {
     let mut line = Wire(world.clone());
     let mut outlet = Reliable::with(&mut line, &mut link, Guard::open(), slots);
     let (mut clock, mut supervisor) =
-        (Ticker(world.clone()), Guardian { world: world.clone(), base, waits: None, awake: 0 });
+        (Ticker(world.clone()), Guardian { world: world.clone(), base, starts, awake: 0 });
     let reason = match recorder {
         Ok((mut recorder, conversion)) => {
             let last = Rc::new(RefCell::new(0));
@@ -353,9 +351,9 @@ pub fn boot(world: &Shared, built_in: &[u8], base: &mut dyn FnMut(&Shared)) {
             let mut samples = Supplied::new(seismic, Supplies(world.clone()));
             let mut frames = [[0; 4]; BLOCK_FRAMES];
             run_over(&mut recorder, &mut samples, &mut outlet, &mut clock, &mut supervisor, &mut frames);
-            let failed = samples.has_failed();
-            supervisor.waits = failed.then(Supply::default);
-            failed.then_some((FaultCode::SupplyLow, i64::from(THRESHOLD_MV)))
+            let reason = samples.has_failed().then(|| supervisor.starts.supply_failed());
+            world.borrow_mut().starts = supervisor.starts.counts();
+            reason
         }
         Err(reason) => Some(reason),
     };
@@ -365,6 +363,8 @@ pub fn boot(world: &Shared, built_in: &[u8], base: &mut dyn FnMut(&Shared)) {
     if !outlet.restarts() {
         wait(STATION, reason, &mut outlet, &mut clock, &mut supervisor);
     }
+    supervisor.starts.again(&mut Supplies(world.clone()));
+    world.borrow_mut().starts = supervisor.starts.counts();
     world.borrow_mut().start_again();
     debug_assert_ne!(world.borrow().cause, cause::WATCHDOG);
 }

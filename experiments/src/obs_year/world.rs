@@ -7,6 +7,7 @@ use seabearing_core::wire::link::flash::{Cut, ModelFlash};
 use seabearing_core::wire::{Command, FaultCode};
 use seabearing_firmware::fault::Record;
 use seabearing_firmware::receiver::Pulse;
+use seabearing_firmware::starts::{self, Starts};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
@@ -124,10 +125,10 @@ pub struct World {
     pub orders: VecDeque<Event>,
     events: VecDeque<(u64, Event)>,
     crashes: u32,
-    /// Kept across a reset: why, what the software left, and how often it started in a row.
+    /// Kept across a reset: why, what the software left, and what was counted of its starts.
     pub cause: u8,
     pub fault: Option<Record>,
-    pub starts: u32,
+    pub starts: starts::Counts,
     pub records: Rc<RefCell<Box<Records>>>,
     pub places: Rc<RefCell<Box<Places>>>,
     /// Boots so far.
@@ -182,7 +183,7 @@ impl World {
             crashes: 0,
             cause: cause::POWER,
             fault: None,
-            starts: 0,
+            starts: starts::Counts::default(),
             records: Rc::default(),
             places: Rc::default(),
             boots: Vec::new(),
@@ -246,20 +247,19 @@ impl World {
 
     /// The board's memory and the converters' registers are empty.
     fn power_lost(&mut self) {
-        (self.set, self.settled_us, self.starts, self.fault) = (false, u64::MAX, 0, None);
+        (self.set, self.settled_us, self.fault) = (false, u64::MAX, None);
+        self.starts = starts::Counts::default();
     }
 
     /// The software has ended by itself and starts again.
     pub fn start_again(&mut self) {
-        (self.cause, self.starts) = (cause::SOFTWARE, 0);
+        self.cause = cause::SOFTWARE;
     }
 
-    /// A start: how many there were in a row.
-    pub fn start(&mut self) -> u32 {
-        if matches!(self.cause, cause::POWER | cause::PIN) {
-            self.starts = 0;
-        }
-        self.starts += 1;
+    /// A start, with what was counted before.
+    pub fn start(&mut self) -> Starts {
+        let starts = Starts::new(self.cause, self.starts);
+        self.starts = starts.counts();
         // The counter and the board's clock begin anew.
         (self.board_us, self.edges) = (0.0, self.edges.fract());
         self.boots.push(Boot {
@@ -268,7 +268,7 @@ impl World {
             shifts: Vec::new(),
         });
         self.to_board.clear();
-        self.starts
+        starts
     }
 
     /// The software sleeps: until something may have happened; at the end of a part of the day over what is not computed.

@@ -32,6 +32,7 @@ use seabearing_firmware::battery::BatteryClock;
 #[cfg(feature = "card")]
 use seabearing_firmware::card::{
     PAGE,
+    clips::Clips,
     search::STAGE_BYTES,
     source::Recorded,
     writer::{About, Tables, Writer},
@@ -58,7 +59,7 @@ use seabearing_firmware::stm32h743::{
 };
 #[cfg(feature = "card")]
 use seabearing_firmware::stm32h743::{sd::SdCard, sram};
-use seabearing_firmware::supply::{Supplied, THRESHOLD_MV};
+use seabearing_firmware::supply::Supplied;
 
 /// The station, as `seabearing blob` wrote it when the image was built.
 static BLOB: &[u8] = include_bytes!(env!("SEABEARING_STATION_BLOB"));
@@ -71,7 +72,9 @@ static KEY: &[u8] = include_bytes!(env!("SEABEARING_KEY"));
 /// converter has.
 #[cfg(feature = "link")]
 fn usable(blob: &[u8]) -> bool {
-    let config = config_blob::station(BLOB).ok().and_then(|built_in| configuration(blob, built_in.id));
+    // Where what was built in is damaged, another that is whole is as good.
+    let own = config_blob::station(BLOB).or_else(|_| config_blob::station(blob));
+    let config = own.ok().and_then(|own| configuration(blob, own.id));
     config.is_some_and(|config| Conversion::of(config.rate_hz).is_some())
 }
 
@@ -150,7 +153,10 @@ fn main() -> ! {
         let at = &raw mut IN_SRAM;
         (&mut (*at).samples, &mut (*at).kept, &mut (*at).tables)
     };
-    let mut board = Board::new(IndependentWatchdog::new(p.IWDG1, WATCHDOG_US), Gauges::start(p.ADC3));
+    // The watchdog first: what follows waits for hardware.
+    let mut watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
+    watchdog.unleash();
+    let mut board = Board::new(watchdog, Gauges::start(p.ADC3));
     let Some(mut core) = cortex_m::Peripherals::take() else { cortex_m::peripheral::SCB::sys_reset() };
     core.SCB.enable_icache();
     let mut time = Time::start(p.TIM5, &mut core.DCB, &mut core.DWT);
@@ -186,10 +192,10 @@ fn main() -> ! {
     let rate = config.as_ref().ok().and_then(|config| Conversion::of(config.rate_hz));
     // Why there is nothing to record, where that is so.
     let bad = |number| Err((FaultCode::BadConfiguration, number));
-    let recorder = match &config {
-        _ if board.starts() > fault::MOST_STARTS => Err((FaultCode::ManyResets, i64::from(board.starts()))),
-        Err(_) => bad(0),
-        Ok(config) => match (MEMORY.configure(config, table), rate) {
+    let recorder = match (&config, board.must_wait()) {
+        (_, Some(reason)) => Err(reason),
+        (Err(_), _) => bad(0),
+        (Ok(config), _) => match (MEMORY.configure(config, table), rate) {
             (Ok(recorder), Some(rate)) => Ok((recorder, rate)),
             (Err(_), _) => bad(1),
             (Ok(_), None) => bad(2),
@@ -205,6 +211,7 @@ fn main() -> ! {
     let mut outlet = Plain::new(line);
     let reason = match recorder {
         Ok((mut recorder, rate)) => {
+            board.watch(recorder.settings());
             let cell = BatteryClock::new(CellClock::start(p.RTC));
             #[cfg(not(feature = "seismic"))]
             let samples = {
@@ -235,6 +242,9 @@ fn main() -> ! {
                     station,
                     rate_hz: rate.hz(),
                     config_hash: config.as_ref().map_or(0, |config| config.hash()),
+                    clips: config
+                        .as_ref()
+                        .map_or(Clips::default(), |config| Clips::new(config.clips, rate.hz())),
                 };
                 let card = SdCard::new((p.SDMMC1, (p.PC8, p.PC9, p.PC10, p.PC11), (p.PC12, p.PD2)));
                 Recorded::new(
@@ -247,11 +257,7 @@ fn main() -> ! {
             samples.settle(&mut board, || time.micros());
             #[cfg(feature = "card")]
             let samples = samples.source();
-            let failed = samples.has_failed();
-            if failed {
-                board.wait_for_supply();
-            }
-            failed.then_some((FaultCode::SupplyLow, i64::from(THRESHOLD_MV)))
+            samples.has_failed().then(|| board.supply_failed())
         }
         Err(reason) => Some(reason),
     };

@@ -10,7 +10,11 @@
 //! slot that says the same. If its write is cut, a mix of old and new bytes is no more than the new length, because
 //! lengths only grow and their low bytes come first. A slot that was cut fails its CRC, and the other one counts. Sound
 //! that the card had taken after the last length was told follows it without a break, up to the zeros of a prepared file; of
-//! it the last instant may be taken for one that was cut (`host/src/card/kept.rs`). All numbers are little-endian.
+//! it the last instant may be taken for one that was cut (`host/src/card/kept.rs`).
+//!
+//! A file that is filled again, because nothing claimed its sound ([`super::clips`]), gets length 0 in sector 0, then a slot
+//! that says the same, then sound. Beyond the length told stands older sound, so there that length counts. All numbers are
+//! little-endian.
 
 use super::{PAGE, PAGE_SECTORS, SECTOR};
 use seabearing_core::block::CHANNELS;
@@ -35,11 +39,17 @@ const MAGIC: [u8; 8] = *b"SBSLOT1\0";
 /// Where a slot's parts stand.
 const CRC_AT: usize = 8;
 const FROM: usize = 12;
+const DETECTIONS_AT: usize = 20;
 const LABEL_AT: usize = 24;
+const FIRST_DETECTION_AT: usize = LABEL_AT + Label::BYTES;
 const LENGTH_AT: usize = 64;
 const PAIRS_AT: usize = 80;
 const GAPS_AT: usize = 128;
 const GAP_BYTES: usize = 16;
+/// Bits of a slot's flags.
+const USED: u8 = 1;
+const AGAIN: u8 = 2;
+const CLIPS: u8 = 4;
 /// Where the label's chunk stands in sector 0, and the head of `data`.
 const CHUNK_AT: usize = 36;
 const DATA_AT: usize = SECTOR - 8;
@@ -119,6 +129,8 @@ pub enum Why {
     Damaged = 1,
     /// The card was too slow, or the list too full to name each.
     Card = 2,
+    /// The recorder paused, as its schedule says.
+    Pause = 3,
 }
 
 /// Samples that are missing in a file.
@@ -141,14 +153,22 @@ pub struct Slot {
     pub used: bool,
     /// No more will be written.
     pub closed: bool,
+    /// The file was filled before: beyond the length told stands older sound, not zeros.
+    pub again: bool,
+    /// Only clips are kept: what is missing before the file was given up on purpose, where the card has lost nothing since.
+    pub clips: bool,
     /// What the file holds.
     pub label: Label,
     /// Instants on the card.
     pub frames: u32,
     /// Instants of the session lost so far because of the card.
     pub lost: u64,
-    /// The first time told in the file, and the latest.
+    /// Two points of the line of UTC that the recorder told last, some time apart.
     pub times: [Option<Pair>; 2],
+    /// Detections told while it was filled.
+    pub detections: u32,
+    /// Index of the first of them, which may stand at the end of the file before.
+    pub first_detection: u64,
 }
 
 impl Slot {
@@ -161,10 +181,15 @@ impl Slot {
         fields.put(&MAGIC);
         fields.put(&[0; 4]);
         fields.put(&(gaps.len() as u16).to_le_bytes());
-        fields.put(&[u8::from(self.used), u8::from(self.closed)]);
+        let flag = |set, bit| if set { bit } else { 0 };
+        fields.put(&[
+            flag(self.used, USED) | flag(self.again, AGAIN) | flag(self.clips, CLIPS),
+            u8::from(self.closed),
+        ]);
         fields.put(&self.sequence.to_le_bytes());
-        fields.put(&[0; 4]);
-        self.label.put(fields.take(LENGTH_AT - LABEL_AT));
+        fields.put(&self.detections.to_le_bytes());
+        self.label.put(fields.take(Label::BYTES));
+        fields.put(&self.first_detection.to_le_bytes());
         fields.put(&u64::from(self.frames).to_le_bytes());
         fields.put(&self.lost.to_le_bytes());
         for pair in self.times {
@@ -202,18 +227,23 @@ impl Slot {
             let pair = Pair { index: u64_at(whole, at)?, utc_us: u64_at(whole, at + 8)? as i64, sd_s };
             sd_s.is_finite().then_some(pair)
         };
-        let [used, closed] = [whole.get(14)?, whole.get(15)?].map(|flag| *flag != 0);
+        let [flags, closed] = [*whole.get(14)?, *whole.get(15)?];
+        let has = |bit| flags & bit != 0;
         let slot = Self {
             sequence: u32_at(whole, 16)?,
-            used,
-            closed,
+            used: has(USED),
+            closed: closed != 0,
+            again: has(AGAIN),
+            clips: has(CLIPS),
             label: Label::get(whole.get(LABEL_AT..)?)?,
             frames: u32::try_from(u64_at(whole, LENGTH_AT)?).ok()?,
             lost: u64_at(whole, LENGTH_AT + 8)?,
             times: [time(PAIRS_AT), time(PAIRS_AT + 24)],
+            detections: u32_at(whole, DETECTIONS_AT)?,
+            first_detection: u64_at(whole, FIRST_DETECTION_AT)?,
         };
         let list = whole.get(GAPS_AT..)?.as_chunks::<GAP_BYTES>().0.iter().filter_map(|entry| {
-            let why = [Why::Gap, Why::Damaged, Why::Card];
+            let why = [Why::Gap, Why::Damaged, Why::Card, Why::Pause];
             let why = *why.get(u32_at(entry, 4)? as usize)?;
             Some(Gap { at: u32_at(entry, 0)?, why, count: u64_at(entry, 8)? })
         });
@@ -316,10 +346,14 @@ mod tests {
             sequence: 8,
             used: true,
             closed: false,
+            again: true,
+            clips: false,
             label: LABEL,
             frames: 77,
             lost: 6,
             times: [Some(pair), None],
+            detections: 3,
+            first_detection: 1 << 41,
         };
         let gaps: Vec<Gap> =
             (0..GAPS as u32).map(|n| Gap { at: n, why: Why::Card, count: 1 << 33 }).collect();

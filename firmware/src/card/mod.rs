@@ -8,7 +8,10 @@
 //! Order makes it safe: what says that a file is used is on the card before its sound; what says that samples are missing
 //! is there before the samples after them; lengths are told after the sound they count. Power may be cut between any two
 //! sectors, and in the middle of one.
+//!
+//! Where only clips about detections are kept ([`clips`]), files without a claim are filled again, one after the other.
 
+pub mod clips;
 pub mod fat;
 pub mod layout;
 pub mod search;

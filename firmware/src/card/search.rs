@@ -23,6 +23,8 @@ pub struct Found {
     pub number: u32,
     /// Where it is.
     pub extent: Extent,
+    /// The newest of its slots, where it was filled before and is to be filled again; 0 of an unused one.
+    pub sequence: u32,
 }
 
 /// What the search wants.
@@ -224,7 +226,7 @@ impl Search {
         self.step = if done < count && bytes.len() as u32 / 4 <= STAGE_ENTRIES {
             Step::Chain { file: index, done }
         } else {
-            Step::Found(Found { number: file.number, extent: volume.extent(&file) })
+            Step::Found(Found { number: file.number, extent: volume.extent(&file), sequence: 0 })
         };
     }
 }

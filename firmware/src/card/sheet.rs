@@ -1,5 +1,6 @@
 //! What the recorder knows of a file it fills.
 
+use super::clips::meet;
 use super::layout::{Extent, GAPS, Gap, LEAST_PAGES, Why};
 use super::search::Found;
 use heapless::Vec;
@@ -19,19 +20,36 @@ pub struct Sheet {
     pub frames: u32,
     /// What is missing.
     pub gaps: Vec<Gap, GAPS>,
-    /// First time told in it, and the latest.
+    /// Two points of the newest line of UTC.
     pub times: [Option<Pair>; 2],
     /// Nothing more is put in.
     pub closed: bool,
     /// Instants on the card.
     pub acknowledged: u32,
+    /// Its sound is about a detection, so the file stays.
+    pub claimed: bool,
+    /// Detections told while it was filled.
+    pub detections: u32,
+    /// The sample of the first of them.
+    pub first_detection: u64,
 }
 
 impl Sheet {
     /// Nothing yet.
     pub const fn new(found: Option<Found>, first_index: u64) -> Self {
         let gaps = Vec::new();
-        Self { found, first_index, frames: 0, gaps, times: [None; 2], closed: false, acknowledged: 0 }
+        Self {
+            found,
+            first_index,
+            frames: 0,
+            gaps,
+            times: [None; 2],
+            closed: false,
+            acknowledged: 0,
+            claimed: false,
+            detections: 0,
+            first_detection: 0,
+        }
     }
 
     /// Instants that still fit.
@@ -64,10 +82,30 @@ impl Sheet {
         }
     }
 
-    /// A sample's time.
-    pub fn tell(&mut self, pair: Pair) {
-        let [first, latest] = &mut self.times;
-        first.get_or_insert(pair);
-        *latest = Some(pair);
+    /// Whether the file held older sound.
+    pub fn is_again(&self) -> bool {
+        self.found.is_some_and(|found| found.sequence > 0)
+    }
+
+    /// The indices from its first sample to its last.
+    pub fn samples(&self) -> core::ops::Range<u64> {
+        let missing = self.gaps.iter().fold(0u64, |sum, gap| sum.saturating_add(gap.count));
+        self.first_index..self.first_index.saturating_add(u64::from(self.frames)).saturating_add(missing)
+    }
+
+    /// Something was heard about this sample, which may be one of the file before.
+    pub fn heard(&mut self, index: u64) {
+        if self.detections == 0 {
+            self.first_detection = index;
+        }
+        self.detections = self.detections.saturating_add(1);
+    }
+
+    /// These samples are to be kept.
+    pub fn claim(&mut self, claim: &core::ops::Range<u64>) {
+        let samples = self.samples();
+        // What is still filled reaches as far as the claim does.
+        let to = if self.closed { samples.end } else { u64::MAX };
+        self.claimed |= meet(claim, &(samples.start..to));
     }
 }

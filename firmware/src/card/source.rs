@@ -2,8 +2,10 @@
 
 use super::Drive;
 use super::writer::{Event, Writer};
-use seabearing_core::block::Frame;
+use core::ops::Range;
+use seabearing_core::block::{CHANNELS, Frame};
 use seabearing_core::port::{Chunk, SampleSource, Supervisor};
+use seabearing_core::run::BLOCK_FRAMES;
 use seabearing_core::utc::Pair;
 use seabearing_core::wire::{FaultCode, Time};
 
@@ -16,13 +18,18 @@ pub struct Recorded<'a, S, D> {
     source: S,
     card: Writer<'a, D>,
     /// What is not recorded.
-    unwanted: core::ops::Range<u64>,
+    unwanted: Range<u64>,
+    /// The newest samples: whether they are wanted is known once they were listened to.
+    newest: [Frame; BLOCK_FRAMES],
+    first_index: u64,
+    count: usize,
 }
 
 impl<'a, S: SampleSource, D: Drive> Recorded<'a, S, D> {
     /// Records what this source gives.
     pub fn new(source: S, card: Writer<'a, D>) -> Self {
-        Self { source, card, unwanted: 0..0 }
+        let newest = [[0; CHANNELS]; BLOCK_FRAMES];
+        Self { source, card, unwanted: 0..0, newest, first_index: 0, count: 0 }
     }
 
     /// The source.
@@ -32,6 +39,7 @@ impl<'a, S: SampleSource, D: Drive> Recorded<'a, S, D> {
 
     /// Ends the recording: what waits is written, for two seconds at most.
     pub fn settle(&mut self, supervisor: &mut impl Supervisor, mut now_us: impl FnMut() -> u64) {
+        self.pass_on();
         self.card.finish();
         let begun_us = now_us();
         while !self.card.rests() && now_us().saturating_sub(begun_us) < SETTLE_US {
@@ -39,27 +47,37 @@ impl<'a, S: SampleSource, D: Drive> Recorded<'a, S, D> {
             self.card.work();
         }
     }
+
+    /// The card takes what is wanted of the newest samples.
+    fn pass_on(&mut self) {
+        let frames = self.newest.get(..core::mem::take(&mut self.count)).unwrap_or_default();
+        let at = |index: u64| (index.saturating_sub(self.first_index) as usize).min(frames.len());
+        let (before, after) = (at(self.unwanted.start), at(self.unwanted.end));
+        self.card.take(self.first_index, frames.get(..before).unwrap_or_default());
+        self.card.take(self.first_index + after as u64, frames.get(after..).unwrap_or_default());
+    }
 }
 
 impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
     fn read(&mut self, frames: &mut [Frame]) -> Chunk {
+        self.pass_on();
         self.card.work();
-        let chunk = self.source.read(frames);
+        let most = frames.len().min(BLOCK_FRAMES);
+        let chunk = self.source.read(frames.get_mut(..most).unwrap_or_default());
         if let Chunk::Frames { first_index, count } = chunk {
-            let left_out = match self.unwanted.contains(&first_index) {
-                true => usize::try_from(self.unwanted.end - first_index).unwrap_or(count).min(count),
-                false => 0,
-            };
-            if left_out < count {
-                let wanted = frames.get(left_out..count).unwrap_or_default();
-                self.card.take(first_index + left_out as u64, wanted);
-            }
+            self.newest.iter_mut().zip(frames.iter().take(count)).for_each(|(to, from)| *to = *from);
+            (self.first_index, self.count) = (first_index, count);
         }
         chunk
     }
 
-    fn rest(&mut self, samples: core::ops::Range<u64>) {
+    fn rest(&mut self, samples: Range<u64>) {
+        self.card.rest(samples.clone());
         self.unwanted = samples;
+    }
+
+    fn heard(&mut self, index: u64) {
+        self.card.heard(index);
     }
 
     fn waits(&self) -> bool {
@@ -78,6 +96,7 @@ impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
 
     fn told(&mut self, time: &Time) {
         self.source.told(time);
+        self.card.told(time);
     }
 
     fn age_us(&mut self, index: u64) -> u64 {
@@ -85,10 +104,6 @@ impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
     }
 
     fn pair(&mut self) -> Option<Pair> {
-        let pair = self.source.pair();
-        if let Some(pair) = pair {
-            self.card.pair(pair);
-        }
-        pair
+        self.source.pair()
     }
 }

@@ -8,10 +8,13 @@
 //! 3. the oldest page that waits;
 //! 4. the search for the next unused file, so that it is known long before it is wanted.
 
+use super::clips::{Claims, Clips};
 use super::layout::{self, Label, Slot};
 use super::search::{Found, STAGE_BYTES, Search, Want};
 use super::sheet::Sheet;
 use super::{Drive, PAGE, PAGE_SECTORS, Progress, SECTOR, Trouble};
+use core::ops::Range;
+use seabearing_core::utc::Pair;
 mod fill;
 
 /// Most pages of a ring.
@@ -20,6 +23,9 @@ pub const MOST_RING: usize = 64;
 const COMMIT_US: u64 = 2_000_000;
 /// From a failure to the next attempt, the first time and from then on.
 const RETRY_US: [u64; 2] = [1_000_000, 10_000_000];
+/// From an error of the card or its line to the next attempt while sound can wait, and how many there are: the ring lasts for them.
+const AGAIN_US: u64 = 50_000;
+const MOST_TRIES: u8 = 6;
 /// The same with a card that is full: somebody may have changed it.
 const FULL_RETRY_US: u64 = 60_000_000;
 
@@ -30,7 +36,7 @@ pub enum Event {
     Failed(Trouble, u64),
     /// It takes sound again, after so many instants.
     Back(u64),
-    /// All its files are used; it holds so many instants of this start.
+    /// All its files are used; it has taken so many instants of this start.
     Full(u64),
 }
 
@@ -45,6 +51,8 @@ pub struct About {
     pub rate_hz: u32,
     /// Hash of its configuration.
     pub config_hash: u64,
+    /// Which sound is kept.
+    pub clips: Clips,
 }
 
 /// What is known of the card and of the files being written.
@@ -52,12 +60,13 @@ pub struct About {
 pub struct Tables {
     search: Search,
     sheets: [Option<Sheet>; 2],
+    claims: Claims,
 }
 
 impl Tables {
     /// Of no card.
     pub const fn new() -> Self {
-        Self { search: Search::new(), sheets: [const { None }; 2] }
+        Self { search: Search::new(), sheets: [const { None }; 2], claims: Claims::new() }
     }
 }
 
@@ -96,8 +105,14 @@ enum Doing {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    Off { retry_us: u64 },
+    Off {
+        retry_us: u64,
+    },
     On,
+    /// It made an error: it is started again, and what was under way begun once more.
+    Again {
+        retry_us: u64,
+    },
 }
 
 /// How far the file being written is known on the card.
@@ -110,6 +125,8 @@ struct Known {
     frames: u32,
     /// The last slot said that no more follows.
     closed: bool,
+    /// Sector 0 of a file that is filled again says that nothing is in it.
+    emptied: bool,
     due_us: u64,
 }
 
@@ -141,6 +158,10 @@ pub struct Writer<'a, D> {
     known: Known,
     /// Index of the next sample if none is missing.
     expected: Option<u64>,
+    /// The newest line of UTC.
+    times: [Option<Pair>; 2],
+    /// Samples that are left out on purpose.
+    rests: Range<u64>,
     /// Samples before this index are given up.
     until: u64,
     /// The ring was full and is not half empty yet.
@@ -155,6 +176,8 @@ pub struct Writer<'a, D> {
     told_full: bool,
     /// It has failed and taken no sound since.
     failing: bool,
+    /// Errors in a row.
+    tries: u8,
     event: Option<Event>,
 }
 
@@ -168,6 +191,7 @@ impl<'a, D: Drive> Writer<'a, D> {
         about: About,
     ) -> Self {
         let count = pages.len().min(MOST_RING);
+        tables.claims.begin(about.clips);
         Self {
             drive,
             pages: pages.split_at_mut(count).0,
@@ -189,6 +213,8 @@ impl<'a, D: Drive> Writer<'a, D> {
             version: 0,
             known: Known::default(),
             expected: None,
+            times: [None; 2],
+            rests: 0..0,
             until: 0,
             overrun: false,
             finished: false,
@@ -198,6 +224,7 @@ impl<'a, D: Drive> Writer<'a, D> {
             told: None,
             told_full: false,
             failing: false,
+            tries: 0,
             event: None,
         }
     }
@@ -253,18 +280,42 @@ impl<'a, D: Drive> Writer<'a, D> {
             if now_us >= retry_us && !self.finished {
                 self.drive.restart();
                 self.tables.search.begin();
+                self.tables.claims.forget_files();
                 (self.state, self.next, self.full) = (State::On, None, false);
+            }
+            return;
+        }
+        if let State::Again { retry_us } = self.state {
+            if now_us >= retry_us {
+                self.drive.restart();
+                self.state = State::On;
             }
             return;
         }
         match self.drive.poll() {
             Progress::Working => {}
+            Progress::Failed(Trouble::Errors) if self.can_try_again() => self.again(now_us),
             Progress::Failed(trouble) => self.fail(trouble, now_us),
             Progress::Rests => {
                 self.done();
                 self.begin(now_us);
             }
         }
+    }
+
+    /// Whether sound can wait for another attempt.
+    fn can_try_again(&self) -> bool {
+        self.tries < MOST_TRIES && 4 * self.waiting < 3 * self.pages.len() && !self.failing
+    }
+
+    /// The same once more, in a while.
+    fn again(&mut self, now_us: u64) {
+        self.tries += 1;
+        if matches!(self.doing, Doing::Slot { .. } | Doing::Head) {
+            // Whether it came through nobody knows.
+            self.known.version = None;
+        }
+        (self.doing, self.state) = (Doing::Nothing, State::Again { retry_us: now_us + AGAIN_US });
     }
 
     /// Gives the card up for a while, and with it what waits.
@@ -296,6 +347,7 @@ impl<'a, D: Drive> Writer<'a, D> {
                 }
                 self.tail = (self.tail + 1) % self.pages.len().max(1);
                 self.waiting = self.waiting.saturating_sub(1);
+                self.tries = 0;
                 if !self.overrun {
                     let missed = core::mem::take(&mut self.missed);
                     (self.told_full, self.failing) = (false, false);
@@ -308,8 +360,12 @@ impl<'a, D: Drive> Writer<'a, D> {
             Doing::Slot { head: false } => {}
             Doing::Head => {
                 if self.known.closed {
-                    if let Some(sheet) = self.tables.sheets.get_mut(self.writing) {
-                        *sheet = None;
+                    let sheet = self.tables.sheets.get_mut(self.writing).and_then(Option::take);
+                    if let Some(sheet) = sheet.filter(|sheet| !sheet.claimed && !self.finished)
+                        && let Some(found) = sheet.found
+                    {
+                        let found = Found { sequence: self.known.sequence, ..found };
+                        self.tables.claims.hold(found, sheet.samples());
                     }
                     self.writing ^= 1;
                     self.known = Known::default();
@@ -332,6 +388,10 @@ impl<'a, D: Drive> Writer<'a, D> {
                 ours.is_some_and(|meta| self.known.version.is_none_or(|version| version < meta.version));
             let due = now_us >= self.known.due_us && sheet.acknowledged > told;
             let hurried = self.waiting > self.pages.len() / 2;
+            if self.known.version.is_none() && sheet.is_again() && !self.known.emptied {
+                self.known.emptied = true;
+                return self.begin_head();
+            }
             if self.known.version.is_none() || all || due && !hurried {
                 return self.begin_slot(all, true, now_us);
             }
@@ -371,17 +431,21 @@ impl<'a, D: Drive> Writer<'a, D> {
 
     fn begin_slot(&mut self, closed: bool, head: bool, now_us: u64) {
         let Some(sheet) = self.sheet(self.writing) else { return };
-        let sequence = self.known.sequence + 1;
+        let Some(found) = sheet.found else { return };
+        let sequence = self.known.sequence.max(found.sequence) + 1;
         let slot = Slot {
             sequence,
             used: true,
             closed,
+            again: sheet.is_again(),
+            clips: self.about.clips.are_kept(),
             label: self.label(sheet),
             frames: sheet.acknowledged,
             lost: self.lost,
             times: sheet.times,
+            detections: sheet.detections,
+            first_detection: sheet.first_detection,
         };
-        let Some(found) = sheet.found else { return };
         let sector = found.extent.slot(sequence);
         let (version, frames) = (self.version, sheet.acknowledged);
         let Some(sheet) = self.tables.sheets.get(self.writing).and_then(Option::as_ref) else { return };
@@ -391,7 +455,7 @@ impl<'a, D: Drive> Writer<'a, D> {
         self.doing = Doing::Slot { head };
         let (frames, due_us) =
             if head { (frames, now_us + COMMIT_US) } else { (self.known.frames, self.known.due_us) };
-        self.known = Known { sequence, version: Some(version), frames, closed, due_us };
+        self.known = Known { sequence, version: Some(version), frames, closed, due_us, ..self.known };
     }
 
     fn begin_head(&mut self) {
@@ -404,6 +468,14 @@ impl<'a, D: Drive> Writer<'a, D> {
         self.doing = Doing::Head;
     }
 
+    /// This file is used from now on.
+    fn took(&mut self, found: Found) {
+        // One that is filled again does not move the search for unused ones.
+        if found.sequence == 0 {
+            self.tables.search.after(found.number);
+        }
+    }
+
     /// Looks for the next file.
     fn look(&mut self, now_us: u64) {
         if self.seeks()
@@ -411,7 +483,12 @@ impl<'a, D: Drive> Writer<'a, D> {
         {
             let filling = self.filling;
             self.sheet_mut(filling).into_iter().for_each(|sheet| sheet.found = Some(found));
-            self.tables.search.after(found.number);
+            self.took(found);
+        }
+        if self.next.is_none()
+            && let Some(index) = self.expected
+        {
+            self.next = self.tables.claims.again(index);
         }
         if self.next.is_some() {
             return;

@@ -89,10 +89,10 @@ impl Decimator {
             .then(|| ((middle - HALF) / FACTOR, core::array::from_fn(|channel| self.sum(middle, channel))))
     }
 
-    /// The newest `count` samples of a channel turn out to be none.
-    pub fn strike(&mut self, channel: usize, count: u64) {
-        for back in 1..=count.min(self.whole) {
-            if let Some(code) = self.kept[self.next.wrapping_sub(back) as usize % KEPT].get_mut(channel) {
+    /// These samples of a channel, of the newest, turn out to be none.
+    pub fn strike(&mut self, channel: usize, numbers: core::ops::Range<u64>) {
+        for number in numbers.filter(|n| (1..=self.whole).contains(&self.next.wrapping_sub(*n))) {
+            if let Some(code) = self.kept[number as usize % KEPT].get_mut(channel) {
                 *code = MISSING;
             }
         }
@@ -212,7 +212,7 @@ mod tests {
     fn what_turns_out_to_be_none_is_missing_in_all_that_is_still_to_come() {
         let mut decimator = Decimator::default();
         (0..200).for_each(|n| _ = decimator.push(n, &[7 << 7; CHANNELS]));
-        decimator.strike(2, 8);
+        decimator.strike(2, 192..200);
         let next = decimator.push(200, &[7 << 7; CHANNELS]).unwrap();
         assert_eq!(next, (16, [7, 7, MISSING, 7]));
         assert_eq!(

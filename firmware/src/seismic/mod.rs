@@ -2,13 +2,16 @@
 //! ([`decimate`]). The host runs the same over the words that the chips gave.
 //!
 //! A chip whose code does not change ([`STILL`] times the same: its noise alone is a thousand steps) gives nothing any more:
-//! it is told as `DeadChannel` and its samples are missing until the code changes (`ChannelBack`).
+//! it is told as `DeadChannel` and its samples are missing until the code changes (`ChannelBack`). A code that leaps out and back is
+//! missing where the recorder's samples are made of several ([`leaps`]).
 
 pub mod chips;
 pub mod decimate;
+pub mod leaps;
 
 use chips::{DELAY, Rate};
 use decimate::{Decimator, FACTOR, HALF};
+use leaps::Leaps;
 use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use seabearing_core::port::{Chunk, SampleSource};
 use seabearing_core::utc::Pair;
@@ -108,6 +111,9 @@ pub struct Seismic<S> {
     conversion: Conversion,
     decimator: Decimator,
     still: [Still; CHANNELS],
+    leaps: [Leaps; CHANNELS],
+    /// The converter's sample after the newest.
+    next: u64,
     fault: Option<(FaultCode, u64)>,
     /// The newest pair that was precise, of the converter's.
     precise: Option<Pair>,
@@ -123,8 +129,8 @@ const APART_US: i64 = 3_500_000;
 impl<S: SampleSource> Seismic<S> {
     /// Nothing heard yet.
     pub fn new(source: S, conversion: Conversion) -> Self {
-        let (decimator, still) = (Decimator::default(), Default::default());
-        Self { source, conversion, decimator, still, fault: None, precise: None }
+        let (decimator, still, leaps) = (Decimator::default(), Default::default(), Default::default());
+        Self { source, conversion, decimator, still, leaps, next: 0, fault: None, precise: None }
     }
 
     /// The recorder's pair of one of the converter's. The delays are 31 conversions and more, so what a pulse tells is worth as
@@ -145,6 +151,15 @@ impl<S: SampleSource> Seismic<S> {
 
     /// Takes a sample of the converter's; the recorder's that is complete with it.
     fn push(&mut self, number: u64, mut frame: Frame) -> Option<(u64, Frame)> {
+        if number != self.next {
+            self.leaps.iter_mut().for_each(Leaps::begin);
+        }
+        self.next = number.wrapping_add(1);
+        for (channel, (code, leaps)) in frame.iter().zip(&mut self.leaps).enumerate() {
+            if leaps.take(*code) {
+                self.decimator.strike(channel, number.saturating_sub(2)..number.saturating_sub(1));
+            }
+        }
         for (channel, (code, still)) in frame.iter_mut().zip(&mut self.still).enumerate() {
             still.times = if *code == still.code { still.times.saturating_add(1) } else { 1 };
             still.code = *code;
@@ -153,7 +168,7 @@ impl<S: SampleSource> Seismic<S> {
                 *code = MISSING;
             }
             if silent && still.times == STILL {
-                self.decimator.strike(channel, u64::from(STILL) - 1);
+                self.decimator.strike(channel, (number + 1).saturating_sub(STILL.into())..number);
             }
             let changed = if still.told { *code != MISSING } else { silent };
             // Each is told, one after the other.

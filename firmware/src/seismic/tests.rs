@@ -155,3 +155,15 @@ fn what_is_told_is_of_the_conversion_that_was_heard() {
         assert_eq!((told.drift, told.sd_s), (time.drift, time.sd_s));
     }
 }
+
+#[test]
+fn a_wrong_bit_makes_the_samples_missing_that_are_made_of_it() {
+    let wave = |n: u64| (3e6 * (n as f64 * 0.07).sin()) as i32 + busy(n) / 64;
+    let signal = |n: u64| [wave(n), wave(n + 1), wave(n + 2) ^ i32::from(n == 1500) << 27, wave(n + 3)];
+    let (all, _) = drain(blocks(signal, 3000, 0..0), FIFTY);
+    let missing: Vec<u64> =
+        all.iter().filter(|(_, f)| f[2] == MISSING).map(|(n, _)| FACTOR * n + HALF).collect();
+    assert!(missing.first().is_some_and(|n| (1440..1450).contains(n)), "{missing:?}");
+    assert!(missing.last().is_some_and(|n| (1555..1561).contains(n)) && missing.len() == 24, "{missing:?}");
+    assert!(all.iter().all(|(_, f)| f[0] != MISSING && f[1] != MISSING && f[3] != MISSING));
+}

@@ -23,13 +23,15 @@ pub mod sampling;
 pub mod sd;
 #[cfg(feature = "seismic")]
 pub mod seismic;
+mod settled;
 #[cfg(feature = "card")]
 pub mod sram;
 mod streams;
 
 use crate::fault::{self, Record};
 use crate::stack;
-use crate::supply::{Detector, Supply};
+use crate::starts::{Starts, cause};
+use crate::supply::Detector;
 use embassy_stm32::Config;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::IWDG1;
@@ -40,7 +42,9 @@ use embassy_stm32::rcc::{Sysclk, VoltageScale, mux};
 use embassy_stm32::wdg::IndependentWatchdog;
 use gauges::Gauges;
 use seabearing_core::port::{Load, Supervisor};
+use seabearing_core::wait::Reason;
 use seabearing_core::wire::{FaultCode, Margins};
+use settled::Settled;
 
 /// Frequency of the core: an ocean-bottom recorder has a hundredth of an array's work.
 pub const CORE_HZ: u32 = if cfg!(feature = "seismic") { 64_000_000 } else { 480_000_000 };
@@ -114,18 +118,15 @@ pub fn reset_cause() -> u8 {
     } else if flags.sftrstf() {
         2
     } else if flags.borrstf() && !flags.porrstf() {
-        4
+        cause::BROWN_OUT
     } else if flags.porrstf() {
-        0
+        cause::POWER_ON
     } else if flags.pinrstf() {
-        3
+        cause::RESET_PIN
     } else {
         255
     }
 }
-
-/// Work after which the starts before it count as right.
-const SETTLED_US: u64 = 60_000_000;
 
 /// The voltage detector of the processor's supply: 2.85 V falling, 0.1 V more rising (RM0433, 6.5.2).
 #[derive(Debug)]
@@ -158,36 +159,42 @@ pub struct Board {
     watchdog: IndependentWatchdog<'static, IWDG1>,
     cause: u8,
     fault: Option<Record>,
-    starts: u32,
-    /// Where the board waits for its supply.
-    supply: Option<Supply>,
+    starts: Starts,
     gauges: Gauges,
+    /// The recorder's settings, while there is one.
+    settled: Option<Settled>,
 }
 
 impl Board {
-    /// Starts the watchdog and counts the start, unless a person or the supply made it.
-    pub fn new(mut watchdog: IndependentWatchdog<'static, IWDG1>, gauges: Gauges) -> Self {
-        watchdog.unleash();
+    /// Counts the start; the watchdog is on.
+    pub fn new(watchdog: IndependentWatchdog<'static, IWDG1>, gauges: Gauges) -> Self {
         let cause = reset_cause();
-        if matches!(cause, 0 | 3) {
-            fault::forget_starts();
-        }
-        Self { watchdog, cause, fault: fault::take(), starts: fault::count_start(), supply: None, gauges }
+        let starts = Starts::new(cause, fault::counts());
+        fault::keep_counts(starts.counts());
+        Self { watchdog, cause, fault: fault::take(), starts, gauges, settled: None }
     }
 
-    /// Starts in a row without a minute's work between.
-    pub fn starts(&self) -> u32 {
-        self.starts
+    /// These bytes, of an object that lives for ever, are not to change from now on.
+    pub fn watch(&mut self, settings: core::ops::Range<*const u8>) {
+        self.settled = Some(Settled::new(settings));
     }
 
-    /// From now on the board waits until its supply is good.
-    pub fn wait_for_supply(&mut self) {
-        self.supply = Some(Supply::default());
+    /// Why the board must not record yet, where that is so.
+    pub fn must_wait(&mut self) -> Option<Reason> {
+        self.starts.must_wait()
+    }
+
+    /// The supply has failed: the board waits until it is good.
+    pub fn supply_failed(&mut self) -> Reason {
+        let reason = self.starts.supply_failed();
+        fault::keep_counts(self.starts.counts());
+        reason
     }
 
     /// Begins a new session.
-    pub fn start_again(&self) -> ! {
-        fault::forget_starts();
+    pub fn start_again(&mut self) -> ! {
+        self.starts.again(&mut VoltageDetector(()));
+        fault::keep_counts(self.starts.counts());
         cortex_m::peripheral::SCB::sys_reset()
     }
 }
@@ -195,9 +202,9 @@ impl Board {
 impl Supervisor for Board {
     fn feed(&mut self) {
         self.watchdog.pet();
-        if self.starts > 0 && clock::now_us() >= SETTLED_US {
-            self.starts = 0;
-            fault::forget_starts();
+        self.settled.iter_mut().for_each(Settled::look);
+        if self.starts.works(clock::now_us()) {
+            fault::keep_counts(self.starts.counts());
         }
     }
 
@@ -232,7 +239,7 @@ impl Supervisor for Board {
     }
 
     fn over(&mut self) -> bool {
-        self.supply.as_mut().is_some_and(|supply| supply.has_recovered(&mut VoltageDetector(())))
+        self.starts.over(&mut VoltageDetector(()))
     }
 }
 

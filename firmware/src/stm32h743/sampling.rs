@@ -55,6 +55,8 @@ impl Sampling {
         ] {
             port.afr(pin / 8).modify(|w| w.set_afr(pin % 8, function));
             port.ospeedr().modify(|w| w.set_ospeedr(pin, gpio::vals::Ospeedr::VERY_HIGH_SPEED));
+            // A cut line, or a converter without supply, reads high and makes no edges.
+            port.pupdr().modify(|w| w.set_pupdr(pin, gpio::vals::Pupdr::PULL_UP));
             port.moder().modify(|w| w.set_moder(pin, gpio::vals::Moder::ALTERNATE));
         }
         counter::start();

@@ -125,6 +125,8 @@ impl Chips {
             (pac::GPIOE, 11, 1),
         ] {
             port.afr(pin / 8).modify(|w| w.set_afr(pin % 8, function));
+            // A cut line, or a chip without supply, reads high and makes no edges.
+            port.pupdr().modify(|w| w.set_pupdr(pin, gpio::vals::Pupdr::PULL_UP));
             port.moder().modify(|w| w.set_moder(pin, gpio::vals::Moder::ALTERNATE));
         }
         // Reset and SYNC low until the chips are set up.
@@ -173,6 +175,22 @@ impl Chips {
         pac::SPI1.cfg1().modify(|w| w.set_txdmaen(on));
         pac::SPI1.cr2().write(|w| w.set_tsize(if on { WORD_BYTES as u16 } else { 1 }));
         buses().iter().skip(1).for_each(|bus| bus.cr1().write(|w| w.set_spe(true)));
+    }
+
+    /// One look at all chips' registers, between two conversions: whether they are as they were set.
+    fn looks_as_set(&mut self) -> bool {
+        let (begun, begun_us) = (edges(), now_us());
+        // Right after an edge, or when there are none.
+        while edges() == begun && now_us().saturating_sub(begun_us) < PATIENCE_US {}
+        let at = edges();
+        super::wait_us(TRANSFER_US);
+        self.by_dma(false);
+        let settings = self.settings;
+        let answers = chips::look(self, settings);
+        self.by_dma(true);
+        // If an edge came meanwhile what was heard is no answer, and the rings no longer agree with the edges. Where all are silent
+        // while their edges come the line is cut: setting them up would only spoil the count.
+        edges() != at || answers == self.answers || answers == [Answer::Silent; CHANNELS]
     }
 
     /// A level of a pin of port D.
@@ -236,18 +254,8 @@ impl Board for Chips {
     }
 
     fn is_as_set(&mut self) -> bool {
-        let (begun, begun_us) = (edges(), now_us());
-        // Right after an edge, or when there are none.
-        while edges() == begun && now_us().saturating_sub(begun_us) < PATIENCE_US {}
-        let at = edges();
-        super::wait_us(TRANSFER_US);
-        self.by_dma(false);
-        let settings = self.settings;
-        let answers = chips::look(self, settings);
-        self.by_dma(true);
-        // If an edge came meanwhile what was heard is no answer, and the rings no longer agree with the edges. Where all are silent
-        // while their edges come the line is cut: setting them up would only spoil the count.
-        edges() != at || answers == self.answers || answers == [Answer::Silent; CHANNELS]
+        // A wrong bit on a line does not stand in a register: it is gone at the second look.
+        self.looks_as_set() || self.looks_as_set()
     }
 
     fn edges(&mut self) -> u64 {

@@ -6,6 +6,7 @@ use crate::progress;
 use crate::record::utc as utc_text;
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
+use seabearing_core::config::Clips;
 use seabearing_firmware::card::{PAGE, PAGE_SECTORS, SECTOR, layout};
 use serde_json::json;
 use std::fs::{File, OpenOptions};
@@ -42,10 +43,11 @@ struct PrepareArgs {
     /// How many files; in an image as many as fit [default there]
     #[arg(long, value_name = "N")]
     files: Option<u32>,
-    /// Minutes of sound that a file holds; a recorder begins a new one at each start
-    #[arg(long, value_name = "MINUTES", default_value_t = 10.0)]
-    minutes: f64,
-    /// Station whose sampling rate it is for [default: 64 kHz]
+    /// Minutes of sound that a file holds; a recorder begins a new one at each start [default: 10, or a clip's where the station
+    /// keeps clips]
+    #[arg(long, value_name = "MINUTES")]
+    minutes: Option<f64>,
+    /// Station whose sampling rate and clips it is for [default: 64 kHz, all sound]
     #[arg(long, value_name = "STATION.toml", value_parser = super::input())]
     station: Option<PathBuf>,
     /// Write over a device or an image that is there: all that is on it is lost
@@ -76,13 +78,17 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 fn prepare(args: &PrepareArgs) -> Result<()> {
-    let rate_hz = match &args.station {
-        Some(path) => Station::of_recorder(path)?.config.rate_hz.round() as u32,
-        None => 64_000,
+    let (rate_hz, clips) = match &args.station {
+        Some(path) => {
+            let config = Station::of_recorder(path)?.config;
+            (config.rate_hz.round() as u32, config.clips)
+        }
+        None => (64_000, Clips::default()),
     };
-    let bytes = args.minutes * 60.0 * f64::from(rate_hz) * layout::FRAME_BYTES as f64 + SECTOR as f64;
+    let minutes = args.minutes.unwrap_or(card::file_s(clips) / 60.0);
+    let bytes = minutes * 60.0 * f64::from(rate_hz) * layout::FRAME_BYTES as f64 + SECTOR as f64;
     if !(bytes > 0.0 && bytes < f64::from(layout::MOST_PAGES - 2) * PAGE as f64) {
-        bail!("--minutes {}: a file of a card is shorter than 4 GB", args.minutes);
+        bail!("--minutes {minutes}: a file of a card is shorter than 4 GB");
     }
     let pages = ((bytes / PAGE as f64).ceil() as u32 + 1).max(layout::LEAST_PAGES);
     if args.card.is_dir() {
@@ -225,7 +231,9 @@ fn record(file: &CardFile, kept: &card::kept::Kept) -> serde_json::Value {
         "type": "card_file", "file": card::name(file.number), "station": label.station, "start": label.session,
         "rate_hz": label.rate_hz, "first_index": label.first_index, "end_index": kept.end_index(),
         "instants": kept.frames, "missing": missing(kept), "gaps": kept.gaps.len(), "complete": kept.closed,
-        "untold": kept.untold, "lost": kept.lost,
+        "untold": kept.untold, "lost": kept.lost, "clips": kept.clips, "detections": kept.detections,
+        "first_detection_index": kept.first_detection,
+        "utc_first_detection": kept.first_detection.and_then(|index| utc(kept, index)),
         "utc": utc(kept, label.first_index), "utc_end": utc(kept, kept.end_index()),
     })
 }
@@ -238,8 +246,12 @@ fn line(file: &CardFile, kept: &card::kept::Kept) -> String {
         0 => "nothing missing".to_owned(),
         n => format!("{} instants missing in {n} places", missing(kept)),
     };
+    let heard = match kept.first_detection {
+        Some(index) => format!("; {} detections, the first at sample {index}", kept.detections),
+        None => String::new(),
+    };
     format!(
-        "{}  station {} start {}  samples {} to {}  {when}, {:.1} s, {end}; {holes}",
+        "{}  station {} start {}  samples {} to {}  {when}, {:.1} s, {end}; {holes}{heard}",
         card::name(file.number),
         label.station,
         label.session,

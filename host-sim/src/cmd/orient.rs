@@ -4,6 +4,7 @@ use super::mistake;
 use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
 use crate::line::records as line_records;
+use crate::ocean_bottom::mirrored::Horizontals;
 use crate::ocean_bottom::place::{Displacement, SEARCH_M};
 use crate::ocean_bottom::records::is_records;
 use crate::ocean_bottom::survey::{Survey, Turn, survey};
@@ -208,12 +209,16 @@ fn line(args: &Args, input: &Path, track: &[TrackPoint]) -> Result<Value> {
     })
 }
 
-/// The records of orientation and position; why one of them is not observed goes to standard error.
+/// The records of orientation and position; why one of them is not observed, and what is wrong with the components, goes to standard error.
 fn of_survey(station: &Station, found: Survey) -> Result<Vec<Value>> {
     let mut out = Vec::new();
     match &found.turn {
         Ok(turn) => out.push(turn_record(station, turn)),
         Err(reason) => log::warn!("{reason}"),
+    }
+    // An orientation that is off is what the record of it says.
+    if let Some(doubt) = found.doubt.filter(|doubt| !matches!(doubt, Horizontals::Turned(_))) {
+        log::warn!("{}", doubt.text());
     }
     match (&found.position, &found.turn) {
         (Ok(offset), _) => out.push(position_record(&station.config, offset, &found.table)),

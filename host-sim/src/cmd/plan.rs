@@ -50,9 +50,9 @@ pub struct Args {
     /// Days that card and battery must last
     #[arg(long)]
     days: Option<f64>,
-    /// Share of the time in which the recorder listens [default: as the station file's schedule]
-    #[arg(long, value_name = "SHARE")]
-    duty: Option<f64>,
+    /// Share of the time in which the recorder is switched on; the station file's schedule counts beside it
+    #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
+    duty: f64,
     /// RAM of the microcontroller, KiB [default: the STM32H743's, memory.x]
     #[arg(long, value_name = "KIB")]
     ram_kb: Option<f64>,
@@ -74,7 +74,7 @@ pub struct Args {
     /// The same asleep
     #[arg(long, value_name = "MA")]
     asleep_ma: Option<f64>,
-    /// Current of everything else while the recorder is on: converter, amplifiers, line
+    /// Current of everything else while the recorder is on, pauses of its schedule with it: converter, amplifiers, line
     #[arg(long, value_name = "MA")]
     other_ma: Option<f64>,
     /// Current of all while it is off
@@ -98,7 +98,7 @@ impl Args {
             card_bytes: self.card_gb.map(|gb| gb * 1e9),
             sample_bytes: self.bytes_a_sample.unwrap_or(if is_obs { 4.0 } else { 3.0 }),
             days: self.days,
-            duty: self.duty.unwrap_or(config.schedule.share()),
+            duty: self.duty,
             ram_bytes: self.ram_kb.map(|k| k * 1024.0),
             flash_bytes: self.flash_kb.map(|k| k * 1024.0),
             cycles: self.cycles,
@@ -146,14 +146,14 @@ fn record(station: &Station, deployment: &Deployment, plan: &Plan) -> Value {
     json!({
         "type": "plan", "station": config.id, "name": config.name.as_str(),
         "kind": if matches!(config.kind, Kind::Array(_)) { "array" } else { "obs" }, "rate_hz": config.rate_hz,
-        "instructions_per_s": whole(plan.instructions_per_s),
-        "awake": (plan.awake * 1e4).round() / 1e4,
+        "image": plan.image, "instructions_per_s": whole(plan.instructions_per_s),
+        "awake": (plan.awake * 1e4).round() / 1e4, "awake_in_pauses": (plan.awake_in_pauses * 1e4).round() / 1e4,
         "ram_bytes": plan.ram_bytes.0, "ram_there_bytes": plan.ram_bytes.1,
         "flash_bytes": plan.flash_bytes.0, "flash_there_bytes": plan.flash_bytes.1,
         "vessels_a_day": deployment.vessels_a_day, "minutes_each": deployment.minutes_each,
         "link_bytes_a_day": whole(plan.link_bytes_a_day), "worst_link_bytes_a_day": whole(plan.worst_bytes_a_day),
         "worst_link_bytes_per_s": whole(plan.worst_bytes_per_s), "line_bytes_per_s": whole(plan.line_bytes_per_s),
-        "at_once": deployment.at_once, "duty": deployment.duty,
+        "at_once": deployment.at_once, "duty": deployment.duty, "listens": plan.listens,
         "card_bytes_a_day": whole(plan.card_bytes_a_day), "card_days": plan.card_days.map(tenths),
         "mean_ma": plan.mean_ma, "battery_days": plan.battery_days.map(tenths),
         "fits": plan.misfits.is_empty(), "misfits": plan.misfits, "notes": plan.notes,

@@ -504,6 +504,10 @@ impl BlockSource for Watched {
         self.source.is_live()
     }
 
+    fn left_out(&mut self) -> Result<Option<u64>> {
+        self.source.left_out()
+    }
+
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
         // What was done until an interruption is worth keeping.
         if interrupt::asked() {

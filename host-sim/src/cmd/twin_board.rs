@@ -1,6 +1,6 @@
 //! `seabearing twin --board stm32h743`: the hardware board's image on the modelled board, and the host.
 
-use crate::board::{self, BoardRun, InjectedFault, Setup, Sound};
+use crate::board::{self, BoardRun, Has, InjectedFault, Setup, Sound};
 use crate::rehearsal::{self, Length, OceanBottom, Row, Stage};
 use crate::station::Station;
 use crate::{blob, emulator, recording};
@@ -49,7 +49,8 @@ pub struct BoardOptions {
     #[arg(long, value_name = "US", default_value_t = 5.0)]
     converter_start_us: f64,
     /// What goes wrong and when (s): converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH,
-    /// converter-mute@S:LENGTH, core-held@S:LENGTH, line-noise@S:LENGTH, hard-fault@S, panic@S, pin-reset@S, brown-out@S,
+    /// converter-gain@S, converter-mute@S:LENGTH, core-held@S:LENGTH, supply-low@S:LENGTH, line-noise@S:LENGTH, hard-fault@S,
+    /// panic@S, settings-bit@S:N, pin-reset@S, brown-out@S,
     /// flash-cut@WORK, flash-bits@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, card-errors@S:LENGTH,
     /// card-cut@SECTOR, spi-bits@BYTES; of the ocean-bottom board's chips N, 0 to 3, chipN-dead@S or @S:LENGTH,
     /// chipN-reset@S, chipN-upset@S
@@ -67,6 +68,9 @@ pub struct BoardOptions {
     #[arg(long, value_name = "S")]
     pub(super) rehearse: Option<f64>,
 }
+
+/// Longer than a recording, s: what goes wrong is told within 10.
+const PATIENCE_S: f64 = 15.0;
 
 /// Outages rehearsed, s.
 const OUTAGES_S: [f64; 6] = [0.001, 0.01, 0.1, 1.0, 10.0, 60.0];
@@ -147,7 +151,21 @@ pub(super) fn run(
     };
     let image = emulator::image(firmware, name, build)?;
     let rate_hz = station.config.rate_hz;
+    for (option, value) in [("--seconds", options.seconds), ("--rehearse", options.rehearse)] {
+        if let Some(value) = value.filter(|s| !(s.is_finite() && *s > 0.0)) {
+            bail!("{option} {value}: more than 0 was expected");
+        }
+    }
+    let has = Has { seismic, link: seismic || options.link || options.card, card: options.card };
+    if let Some(fault) = options.faults.iter().find(|fault| !fault.can_happen(&has)) {
+        bail!(
+            "--fault {fault:?}: nothing in this run can have it; see --card, --link and the station's kind"
+        );
+    }
     if let Some(longest_s) = options.rehearse {
+        if !options.faults.is_empty() || !input.is_empty() {
+            bail!("--rehearse plays faults and noise of its own: leave out --fault and recordings");
+        }
         return rehearse(&image, station, options.card, (longest_s, options.seconds), json);
     }
     let mut setup = setup(options)?;
@@ -156,12 +174,19 @@ pub(super) fn run(
         setup.link = true;
     }
     if options.card {
-        setup.card = Some(board::blank(20, 256, rate_hz)?);
+        // Short files, so that those without a claim are filled again in a short run.
+        let (files, pages) = if station.config.clips.are_kept() { (60, 64) } else { (20, 256) };
+        setup.card = Some(board::blank(files, pages, rate_hz)?);
     }
     let most = options.seconds.map(|s| (s * rate_hz).round() as u64);
     let blob = blob::of(station)?;
     // Complaints about the input are heard before the board starts.
-    recording::open(&input, station, None)?;
+    let length = recording::open(&input, station, None)?.expected_end();
+    if !setup.faults.is_empty() {
+        // A converter that stays dead never ends.
+        let instants = [length, most].into_iter().flatten().min();
+        setup.most_s = instants.map(|instants| instants as f64 / rate_hz + PATIENCE_S);
+    }
     // The recording is read while the board runs; it stops being read when the board has ended.
     let (send, receive) = mpsc::sync_channel::<Vec<Frame>>(64);
     let report = std::thread::scope(|scope| -> Result<BoardRun> {
@@ -199,7 +224,7 @@ pub(super) fn run(
         crate::atomic::write(path, &report.firmware)?;
     }
     let difference = report.difference(&blob)?;
-    let sound = report.card.is_some().then(|| board::sound(&report)).transpose()?;
+    let sound = report.card.is_some().then(|| board::sound(&report, &blob)).transpose()?;
     say(&report, sound.as_ref(), difference.is_none(), json)?;
     if let Some(sound) = sound.filter(|sound| sound.wrong > 0) {
         bail!("{} instants on the card are not those of the converter", sound.wrong);

@@ -4,7 +4,7 @@ use super::medium::Medium;
 use anyhow::{Result, bail};
 use seabearing_core::block::{CHANNELS, Frame};
 use seabearing_core::utc::Pair;
-use seabearing_firmware::card::layout::{Extent, FRAME_BYTES, Gap, Label, SLOT_SECTORS, Slot};
+use seabearing_firmware::card::layout::{Extent, FRAME_BYTES, Gap, Label, SLOT_SECTORS, Slot, Why};
 use seabearing_firmware::card::{PAGE_SECTORS, SECTOR};
 
 /// Sound that is on a card.
@@ -18,12 +18,18 @@ pub struct Kept {
     pub untold: u32,
     /// What is missing between them, in order.
     pub gaps: Vec<Gap>,
-    /// The first time told in it, and the latest.
+    /// Two points of the line of UTC that the recorder told last.
     pub times: [Option<Pair>; 2],
     /// The recorder ended it; where not, power or the card was cut.
     pub closed: bool,
     /// Instants of the session that the card had lost by then.
     pub lost: u64,
+    /// Only clips about detections were kept.
+    pub clips: bool,
+    /// Detections told while it was filled.
+    pub detections: u32,
+    /// Index of the first of them, where there is one; it may stand at the end of the file before.
+    pub first_detection: Option<u64>,
 }
 
 impl Kept {
@@ -31,6 +37,13 @@ impl Kept {
     pub fn end_index(&self) -> u64 {
         let missing: u64 = self.gaps.iter().map(|gap| gap.count).sum();
         self.label.first_index + u64::from(self.frames) + missing
+    }
+
+    /// Whether all that is missing between a file of the same start and this one was given up on purpose, away from detections: the
+    /// card lost nothing meanwhile.
+    pub fn is_next_clip(&self, before: &Self) -> bool {
+        let own: u64 = self.gaps.iter().filter(|gap| gap.why == Why::Card).map(|gap| gap.count).sum();
+        self.clips && !self.begins_anew(before) && self.lost <= before.lost.saturating_add(own)
     }
 
     /// Whether it was recorded after another start of the recorder than what stands in the file before it.
@@ -76,11 +89,23 @@ pub fn recover(file: &mut impl Medium, pages: u32) -> Result<Option<Kept>> {
         return Ok(None);
     }
     let told = slot.frames.min(extent.frames());
-    let frames = if slot.closed { told } else { written(file, &extent, told)? };
+    // Behind the length told of a file that was filled before stands older sound.
+    let frames = if slot.closed || slot.again { told } else { written(file, &extent, told)? };
     // What is missing after the last sample says nothing yet.
     gaps.retain(|gap| gap.at < frames);
     let (label, times) = (slot.label, slot.times);
-    Ok(Some(Kept { label, frames, untold: frames - told, gaps, times, closed: slot.closed, lost: slot.lost }))
+    Ok(Some(Kept {
+        label,
+        frames,
+        untold: frames - told,
+        gaps,
+        times,
+        closed: slot.closed,
+        lost: slot.lost,
+        clips: slot.clips,
+        detections: slot.detections,
+        first_detection: (slot.detections > 0).then_some(slot.first_detection),
+    }))
 }
 
 /// Instants that the card had taken, of which so many were told: sectors without a break up to one of zeros, as it was

@@ -32,7 +32,9 @@ impl Image {
 fn read(file: &mut File, sector: u32, count: u32) -> Result<Vec<u8>> {
     let mut bytes = vec![0; count as usize * SECTOR];
     file.seek(SeekFrom::Start(u64::from(sector) * SECTOR as u64))?;
-    file.read_exact(&mut bytes).with_context(|| format!("sector {sector}"))?;
+    file.read_exact(&mut bytes).with_context(|| {
+        format!("sector {sector} cannot be read: no card, or a copy of one that was cut short")
+    })?;
     Ok(bytes)
 }
 

@@ -13,6 +13,7 @@ mod tests;
 use crate::card::kept::Kept;
 use crate::card::medium::{Image, Medium, Part, Single};
 use anyhow::{Context, Result, bail};
+use seabearing_core::config::Clips;
 use seabearing_firmware::card::layout::Extent;
 use seabearing_firmware::card::search::{Search, Want};
 use std::path::{Path, PathBuf};
@@ -41,6 +42,14 @@ pub struct CardFile {
     pub content: Content,
 }
 
+/// Seconds of sound of a file where nobody says how long: ten minutes, or as long as a clip where clips are kept, so that one takes two
+/// files in the mean.
+pub fn file_s(clips: Clips) -> f64 {
+    const ALL_S: f64 = 600.0;
+    const LEAST_S: f64 = 20.0;
+    if clips.are_kept() { clips.seconds().max(LEAST_S) } else { ALL_S }
+}
+
 /// The name of a file of a card.
 pub fn name(number: u32) -> String {
     format!("SB{number:06}.WAV")
@@ -51,6 +60,16 @@ fn number_in(path: &Path) -> Option<u32> {
     let name = path.file_name()?.to_str()?.to_ascii_uppercase();
     let digits = name.strip_prefix("SB")?.strip_suffix(".WAV")?;
     (digits.len() == 6).then(|| digits.parse().ok()).flatten()
+}
+
+/// Puts files in the order in which they were recorded. A recorder that keeps clips fills files again, so that of such a start the first
+/// sample counts and not the file's number.
+pub fn in_order<T>(files: &mut [T], kept: impl Fn(&T) -> Option<&Kept>, number: impl Fn(&T) -> u32) {
+    files.sort_by_key(&number);
+    let start = |file: &T| kept(file).filter(|kept| kept.clips).map(|kept| kept.label.session);
+    for files in files.chunk_by_mut(|a, b| start(a).is_some() && start(a) == start(b)) {
+        files.sort_by_key(|file| kept(file).filter(|kept| kept.clips).map(|kept| kept.label.first_index));
+    }
 }
 
 /// Looks at a medium's file.

@@ -8,13 +8,17 @@ use super::simulated::{Holder, Sectors, Simulated};
 use super::{extents, name};
 use proptest::prelude::*;
 use seabearing_core::block::{Frame, MISSING};
-use seabearing_core::utc::Pair;
+use seabearing_core::wire::Time;
+use seabearing_firmware::card::clips::Clips;
 use seabearing_firmware::card::layout::{Extent, LEAST_PAGES, Why};
 use seabearing_firmware::card::search::STAGE_BYTES;
 use seabearing_firmware::card::writer::{About, Event, Tables, Writer};
 use seabearing_firmware::card::{PAGE, Trouble};
 use std::cell::RefCell;
 use std::rc::Rc;
+
+mod clips;
+mod pauses;
 
 const RATE_HZ: u32 = 64_000;
 /// Instants of a step of 1 ms.
@@ -48,10 +52,20 @@ struct Session<'a> {
 
 /// Runs `play` with a recorder over a card.
 fn session<R>(holder: &Rc<RefCell<Holder>>, number: u32, play: impl FnOnce(&mut Session<'_>) -> R) -> R {
+    keeping(Clips::default(), holder, number, play)
+}
+
+/// The same with one that may keep clips only.
+fn keeping<R>(
+    clips: Clips,
+    holder: &Rc<RefCell<Holder>>,
+    number: u32,
+    play: impl FnOnce(&mut Session<'_>) -> R,
+) -> R {
     let mut pages = vec![[0; PAGE]; RING];
     let mut stage = [0; STAGE_BYTES];
     let mut tables = Box::new(Tables::new());
-    let about = About { session: number, station: 3, rate_hz: RATE_HZ, config_hash: 77 };
+    let about = About { session: number, station: 3, rate_hz: RATE_HZ, config_hash: 77, clips };
     let mut writer = Writer::new(Simulated(Rc::clone(holder)), &mut pages, &mut stage, &mut tables, about);
     // The loop asks before the converter gives its first samples.
     writer.work();
@@ -92,12 +106,12 @@ fn read(sectors: &Sectors) -> Vec<Kept> {
     let mut medium = sectors;
     let mut all = Vec::new();
     for (number, extent) in extents(&mut medium).unwrap() {
-        let ordinary = ordinary(sectors, extent);
         let mut file = Part { medium: &mut medium, first: extent.first };
         let Some(kept) = kept::recover(&mut file, extent.pages).unwrap() else {
-            assert!(ordinary.is_empty(), "{}", name(number));
+            assert!(ordinary(sectors, Extent { pages: 1, ..extent }).is_empty(), "{}", name(number));
             continue;
         };
+        let ordinary = ordinary(sectors, extent);
         let frames = kept::frames(&mut file, 0, kept.frames as usize).unwrap();
         assert!(frames.starts_with(&ordinary), "{}", name(number));
         assert_eq!(kept.label.file, number);
@@ -122,6 +136,28 @@ fn ordinary(sectors: &Sectors, extent: Extent) -> Vec<Frame> {
     assert_eq!((spec.channels, spec.bits_per_sample, spec.sample_rate), (4, 24, RATE_HZ));
     let samples: Vec<i32> = reader.samples::<i32>().map(Result::unwrap).collect();
     samples.as_chunks::<4>().0.to_vec()
+}
+
+/// A line of UTC at the nominal rate.
+fn time(index: u64, utc_us: i64) -> Time {
+    Time { index, utc_us, sd_s: 1e-6, drift: 0.0, sd_drift: 1e-9, correlation: 0.0 }
+}
+
+/// A card's files in a folder.
+fn folder(sectors: &Sectors) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mut medium = sectors;
+    for (number, extent) in extents(&mut medium).unwrap() {
+        let bytes = medium.read(extent.first, extent.pages * 32).unwrap();
+        std::fs::write(folder.path().join(name(number)), bytes).unwrap();
+    }
+    folder
+}
+
+/// A station with an array.
+fn station() -> crate::station::Station {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/demo-station.toml");
+    crate::station::Station::of_recorder(&file).unwrap()
 }
 
 fn mix(n: u64) -> u64 {
@@ -183,7 +219,7 @@ fn a_recording_is_whole_over_files_stalls_and_gaps_and_ends_with_its_last_sample
         holder.borrow_mut().stall_us = 500_000;
         recorder.steps(1500);
         (0..50).for_each(|_| recorder.step(false, |_| false));
-        recorder.writer.pair(Pair { index: 64_000, utc_us: 1_000_000, sd_s: 1e-6 });
+        recorder.writer.told(&time(64_000, 1_000_000));
         recorder.steps(1000);
         recorder.step(true, |index| index.is_multiple_of(2));
         recorder.steps(100);
@@ -217,19 +253,11 @@ fn a_folder_with_a_cards_files_is_the_recording_that_the_recorder_heard() {
                 recorder
                     .step(!gap.contains(&at), |index| (64_000..64_128).contains(&index) && damaged(index));
             }
-            recorder.writer.pair(Pair { index: 64_000, utc_us: i64::from(number) * 5_000_000, sd_s: 1e-6 });
+            recorder.writer.told(&time(64_000, i64::from(number) * 5_000_000));
             recorder.finish();
         });
     }
-    let folder = tempfile::tempdir().unwrap();
-    let holder = holder.borrow();
-    let mut medium = &holder.sectors;
-    for (number, extent) in extents(&mut medium).unwrap() {
-        let bytes = medium.read(extent.first, extent.pages * 32).unwrap();
-        std::fs::write(folder.path().join(name(number)), bytes).unwrap();
-    }
-    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/demo-station.toml");
-    let station = crate::station::Station::of_recorder(&file).unwrap();
+    let (folder, station) = (folder(&holder.borrow().sectors), station());
     let mut source = crate::recording::open(&[folder.path().to_owned()], &station, None).unwrap();
     // Sample 64 000 of the first start was at 5 s, of the second at 10 s: sample 320 000 further.
     assert_eq!(source.start(), time::OffsetDateTime::from_unix_timestamp(4).ok());
@@ -264,6 +292,27 @@ fn a_card_that_stalls_for_too_long_is_named_and_what_is_lost_stands_in_the_file(
         assert_eq!(gap.count, missed);
         assert!(missed > 10_000 && missed < 40_000, "{missed}");
     });
+}
+
+#[test]
+fn an_error_that_passes_costs_no_sound() {
+    for at in (300..420).step_by(7) {
+        let holder = holder(6);
+        session(&holder, 1, |recorder| {
+            recorder.steps(at);
+            for _ in 0..2 {
+                holder.borrow_mut().trouble = Some(Trouble::Errors);
+                recorder.steps(10);
+                holder.borrow_mut().trouble = None;
+                recorder.steps(1000);
+            }
+            recorder.finish();
+            assert_eq!((recorder.events.clone(), recorder.writer.lost()), (Vec::new(), 0), "at {at}");
+        });
+        let kept = read(&holder.borrow().sectors);
+        assert!(kept.iter().all(|k| k.gaps.is_empty() && k.closed), "at {at}");
+        assert_eq!(kept.iter().map(|k| u64::from(k.frames)).sum::<u64>(), (u64::from(at) + 2020) * STEP);
+    }
 }
 
 #[test]

@@ -6,6 +6,7 @@
 pub mod ais;
 pub mod ambient;
 pub mod event;
+pub mod mirrored;
 pub mod orient;
 pub mod passage;
 pub mod pictures;

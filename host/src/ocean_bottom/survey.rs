@@ -1,8 +1,9 @@
 //! Position and orientation of an ocean-bottom station from its records or recordings, and vessels of known track.
 
+use super::mirrored::{Horizontals, Pairing, doubt};
 use super::orient::orientation;
 use super::place::{Displacement, NotObserved, Travel, alone, heard, place};
-use super::records::{self, Detected};
+use super::records;
 use super::stages::{self, SpectralFrame};
 use crate::course::{EastNorth, VesselCourse, polar};
 use crate::propagation::{Propagation, file};
@@ -10,6 +11,7 @@ use crate::recording;
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow};
 use seabearing_core::angle::wrap_pi;
+use seabearing_core::config::Kind;
 use seabearing_locate::network::known_track::TrackPoint;
 use seabearing_locate::orient::offset::{Residual, offset};
 use std::path::PathBuf;
@@ -23,6 +25,8 @@ pub struct Survey {
     pub position: Result<Displacement, NotObserved>,
     /// What to add to the orientation in the station file.
     pub turn: Result<Turn>,
+    /// What is wrong with the horizontal components, told from records.
+    pub doubt: Option<Horizontals>,
     /// The propagation table the ranges are of.
     pub table: Propagation,
 }
@@ -63,18 +67,26 @@ pub fn survey(
     let at = |position: &Result<Displacement, NotObserved>| {
         position.as_ref().map_or((0.0, 0.0), |p| (p.east_m, p.north_m))
     };
-    let (position, turn) = if input.iter().all(|p| records::is_records(p)) {
+    let (position, turn, doubt) = if input.iter().all(|p| records::is_records(p)) {
         let heard = records::read(input)?;
         let position = place(&heard.ranges, &courses, &travel, search_m);
-        let turn = turn_of_records(&heard, &courses, &travel, at(&position));
-        (position, turn)
+        let pairings = pairings(&heard.azimuths, &courses, &travel, at(&position));
+        (position, turn_of_records(&pairings), doubt(&pairings, orientation_of_north(station)))
     } else {
         let frames = stages::frames(recording::open(input, station, None)?.as_mut(), &station.config)?;
         let position = place(&stages::range_evidence(&frames, &table), &courses, &travel, search_m);
         let turn = turn_of_frames(&frames, &courses, &travel, at(&position));
-        (position, turn)
+        (position, turn, None)
     };
-    Ok(Survey { position, turn, table })
+    Ok(Survey { position, turn, doubt, table })
+}
+
+/// True azimuth of the north component as configured, rad.
+fn orientation_of_north(station: &Station) -> f64 {
+    match &station.config.kind {
+        Kind::Obs(o) => o.orientation_of_north_deg.to_radians(),
+        _ => 0.0,
+    }
 }
 
 /// A track as courses: cut where its points are farther apart than may be interpolated.
@@ -88,20 +100,29 @@ fn courses(track: &[TrackPoint], max_gap_s: f64) -> Vec<VesselCourse> {
         .collect()
 }
 
-/// From azimuth records: the robust location of their differences from the vessels' azimuths.
-fn turn_of_records(
-    said: &Detected,
+/// Azimuths (time s, rad) beside those of the vessel of known track, where one alone was near; in order of passages.
+pub fn pairings(
+    azimuths: &[(f64, f64)],
     courses: &[VesselCourse],
     travel: &Travel<'_>,
     at: EastNorth,
-) -> Result<Turn> {
-    let mut residuals: Vec<Residual> = Vec::new();
-    for (t_s, azimuth) in &said.azimuths {
-        let Some((n, course)) = alone(courses, *t_s) else { continue };
-        let Some(place) = heard(travel, course, *t_s, at) else { continue };
-        residuals.push(Residual { angle: wrap_pi(polar(place).1 - azimuth), pass: n as u32 });
-    }
-    residuals.sort_by_key(|r| r.pass);
+) -> Vec<Pairing> {
+    let mut pairings: Vec<Pairing> = azimuths
+        .iter()
+        .filter_map(|(t_s, measured)| {
+            let (n, course) = alone(courses, *t_s)?;
+            let place = heard(travel, course, *t_s, at)?;
+            Some(Pairing { truth: polar(place).1, measured: *measured, pass: n as u32 })
+        })
+        .collect();
+    pairings.sort_by_key(|p| p.pass);
+    pairings
+}
+
+/// From azimuth records: the robust location of their differences from the vessels' azimuths.
+fn turn_of_records(pairings: &[Pairing]) -> Result<Turn> {
+    let residuals: Vec<Residual> =
+        pairings.iter().map(|p| Residual { angle: wrap_pi(p.truth - p.measured), pass: p.pass }).collect();
     let n = residuals.len();
     let found = offset(&residuals).map_err(|e| {
         anyhow!("the orientation is not observed: {e} ({n} azimuths with one vessel of known track near)")

@@ -37,11 +37,11 @@ pub struct Budget {
     obs_instructions: f64,
     /// Register accesses of the same.
     obs_registers: f64,
-    /// RAM and flash of the image for hardware, bytes.
-    pub board_ram: f64,
-    /// Flash of the same.
-    pub board_flash: f64,
-    /// Clock of its core.
+    /// The image with a link, and the one that records sound too.
+    pub link: BoardImage,
+    /// The one that records sound.
+    pub card: BoardImage,
+    /// Clock of the core of an array's board.
     pub core_hz: f64,
     /// Cycles an instruction, as assumed where the board was measured.
     pub cycles: f64,
@@ -51,6 +51,17 @@ pub struct Budget {
     board_instructions: f64,
     /// Register accesses of the same.
     board_registers: f64,
+}
+
+/// What an image for an array's board takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoardImage {
+    /// AXI SRAM that its statics take, and its stack where that stands there too, bytes.
+    pub ram: f64,
+    /// Flash, bytes.
+    pub flash: f64,
+    /// How much longer it is awake than the plain image.
+    pub more: f64,
 }
 
 /// Rate and step of the array's first row, and the rate of the others.
@@ -73,6 +84,8 @@ impl Budget {
             value
                 .with_context(|| format!("docs/budget.txt has no row `{name}`: `cargo xtask budget --bless`"))
         };
+        let awake = |name: &str| Ok::<f64, anyhow::Error>(100.0 - row(name)?);
+        let plain = awake("stm32h743 asleep, %")?;
         let millions = |name: &str| Ok::<f64, anyhow::Error>(1e6 * row(name)?);
         Ok(Self {
             array_work: millions("array work, million instructions/s")?,
@@ -90,8 +103,16 @@ impl Budget {
             obs_instructions: row("stm32h743 obs a conversion: thread, instr.")?
                 + row("stm32h743 obs a conversion: interrupts, instr.")?,
             obs_registers: row("stm32h743 obs a conversion: register accesses")?,
-            board_ram: row("stm32h743 statics and stack, bytes")?,
-            board_flash: row("stm32h743 flash, bytes")?,
+            link: BoardImage {
+                ram: row("stm32h743 store statics, bytes")?,
+                flash: row("stm32h743 store flash, bytes")?,
+                more: awake("stm32h743 store asleep, %")? / plain,
+            },
+            card: BoardImage {
+                ram: row("stm32h743 card statics in AXI SRAM, bytes")?,
+                flash: row("stm32h743 card flash, bytes")?,
+                more: awake("stm32h743 card asleep, %")? / plain,
+            },
             core_hz: millions("stm32h743 core, MHz")?,
             cycles: row("stm32h743 cycles an instruction, assumed")?,
             register_cycles: row("stm32h743 cycles a register access, assumed")?,
@@ -110,9 +131,13 @@ impl Budget {
 
     /// Share of the time the board's core is awake while an array records at this rate.
     pub fn array_awake(&self, rate_hz: f64, step_s: f64, cycles: f64) -> f64 {
+        self.array_pause(rate_hz, cycles) + cycles * self.array_work(rate_hz, step_s) / self.core_hz
+    }
+
+    /// The same while samples are counted and left out.
+    pub fn array_pause(&self, rate_hz: f64, cycles: f64) -> f64 {
         let around = (self.board_instructions - self.array_work / FULL.0).max(0.0);
-        let instructions = self.array_work(rate_hz, step_s) + around * rate_hz;
-        (cycles * instructions + self.register_cycles * self.board_registers * rate_hz) / self.core_hz
+        (cycles * around + self.register_cycles * self.board_registers) * rate_hz / self.core_hz
     }
 }
 
@@ -127,10 +152,13 @@ impl Budget {
 
     /// Share of the time that board's core is awake at this rate, made of so many conversions a second.
     pub fn obs_awake(&self, rate_hz: f64, conversions_hz: f64, cycles: f64) -> f64 {
+        self.obs_pause(conversions_hz, cycles) + cycles * self.obs_work(rate_hz) / self.obs_core_hz
+    }
+
+    /// The same while samples are counted and left out.
+    pub fn obs_pause(&self, conversions_hz: f64, cycles: f64) -> f64 {
         let around = (self.obs_instructions - self.obs_work / OBS_HZ.0).max(0.0);
-        let instructions = self.obs_work(rate_hz) + around * conversions_hz;
-        (cycles * instructions + self.register_cycles * self.obs_registers * conversions_hz)
-            / self.obs_core_hz
+        (cycles * around + self.register_cycles * self.obs_registers) * conversions_hz / self.obs_core_hz
     }
 }
 

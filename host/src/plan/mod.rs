@@ -10,8 +10,9 @@ use crate::blob;
 use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
 use budget::Budget;
-use seabearing_core::config::{ArrayConfig, Kind};
+use seabearing_core::config::{ArrayConfig, Kind, StationConfig};
 use seabearing_core::recorder::Memory;
+use seabearing_firmware::card::search::MOST_FILES;
 use seabearing_firmware::converter::RING_FRAMES;
 use seabearing_firmware::converter::Rate;
 use seabearing_firmware::seismic::Conversion;
@@ -46,7 +47,7 @@ pub struct Deployment {
     pub sample_bytes: f64,
     /// Length of the deployment, days.
     pub days: Option<f64>,
-    /// Share of the time in which the recorder listens.
+    /// Share of the time in which the recorder is switched on; when it listens then its schedule says.
     pub duty: f64,
     /// RAM of the microcontroller, bytes; the board's unless given.
     pub ram_bytes: Option<f64>,
@@ -80,8 +81,14 @@ pub struct Power {
 pub struct Plan {
     /// Instructions a second of the recorder.
     pub instructions_per_s: f64,
-    /// Share of the time the core is awake while the recorder is on.
+    /// The image for hardware that is planned: the one with a card where one was asked for, else that with a link.
+    pub image: &'static str,
+    /// Share of the time the core is awake while the recorder listens.
     pub awake: f64,
+    /// The same while it pauses by its schedule.
+    pub awake_in_pauses: f64,
+    /// Share of the time for which it listens while it is on, by its schedule.
+    pub listens: f64,
     /// RAM taken and there, bytes.
     pub ram_bytes: (f64, f64),
     /// Flash taken and there, bytes.
@@ -126,27 +133,37 @@ pub fn of(station: &Station, deployment: &Deployment) -> Result<Plan> {
     let cycles = deployment.cycles.unwrap_or(budget.cycles);
     let cost = match &config.kind {
         Kind::Array(array) => Cost::of_array(&budget, array, config.rate_hz, cycles, deployment),
-        _ => Cost::of_obs(&budget, config.rate_hz, cycles),
+        _ => Cost::of_obs(&budget, config.rate_hz, cycles, deployment),
     };
+    let listens = config.schedule.share();
     let health = if deployment.health_s > 0.0 {
         telemetry::report_bytes(config.rate_hz) as f64 * DAY_S / deployment.health_s
     } else {
         0.0
     };
     let worst = telemetry::most_per_s(config, deployment.at_once, deployment.health_s);
-    let card_bytes_a_day = config.rate_hz * 4.0 * deployment.sample_bytes * DAY_S * deployment.duty;
-    let mean_ma = deployment.power.mean_ma(cost.awake.min(1.0), deployment.duty)?;
+    let card = OnCard::of(config, deployment);
+    // In a pause converters, clock and line stay on.
+    let awake = listens * cost.awake.min(1.0) + (1.0 - listens) * cost.awake_in_pauses.min(1.0);
+    let mean_ma = deployment.power.mean_ma(awake, deployment.duty)?;
+    let pauses = match config.schedule.every_s {
+        0 => 0.0,
+        every_s => telemetry::pause_bytes(config.rate_hz) as f64 * DAY_S / f64::from(every_s),
+    };
     let mut plan = Plan {
         instructions_per_s: cost.instructions_per_s,
+        image: cost.image,
         awake: cost.awake,
+        awake_in_pauses: cost.awake_in_pauses,
+        listens,
         ram_bytes: (cost.ram, deployment.ram_bytes.map_or_else(|| region("H743_AXI"), Ok)?),
         flash_bytes: (cost.flash, deployment.flash_bytes.map_or_else(|| region("H743_FLASH"), Ok)?),
-        link_bytes_a_day: (cost.found_a_day + health) * deployment.duty,
+        link_bytes_a_day: (cost.found_a_day * listens + health + pauses) * deployment.duty,
         worst_bytes_a_day: worst * DAY_S * deployment.duty,
         worst_bytes_per_s: worst,
         line_bytes_per_s: deployment.baud / LINE_BITS,
-        card_bytes_a_day,
-        card_days: deployment.card_bytes.map(|bytes| bytes / card_bytes_a_day),
+        card_bytes_a_day: card.bytes_a_day,
+        card_days: deployment.card_bytes.map(|bytes| card.days(bytes)),
         mean_ma,
         battery_days: deployment.power.days(mean_ma),
         notes: cost.notes,
@@ -156,10 +173,47 @@ pub fn of(station: &Station, deployment: &Deployment) -> Result<Plan> {
     Ok(plan)
 }
 
+/// Sound on the card.
+struct OnCard {
+    bytes_a_day: f64,
+    /// Files that are used a day; where all is kept they are as long as the card needs.
+    files_a_day: Option<f64>,
+}
+
+impl OnCard {
+    fn of(config: &StationConfig, deployment: &Deployment) -> Self {
+        let bytes_per_s = config.rate_hz * 4.0 * deployment.sample_bytes;
+        let share = deployment.duty * config.schedule.share();
+        let clips = config.clips;
+        if !clips.are_kept() {
+            return Self { bytes_a_day: bytes_per_s * DAY_S * share, files_a_day: None };
+        }
+        let apart_s = f64::from(clips.apart_s);
+        let false_alarms = match &config.kind {
+            Kind::Array(array) => array.false_alarms_per_hour * DAY_H,
+            _ => 0.0,
+        };
+        let each = (deployment.minutes_each * 60.0 / apart_s).max(1.0).ceil();
+        let a_day = (deployment.vessels_a_day * each + false_alarms).min(DAY_S / apart_s) * share;
+        // A clip begins and ends anywhere in a file, and whole files are kept.
+        let file_s = crate::card::file_s(clips);
+        let files_a_day = a_day * (clips.seconds() / file_s + 1.0);
+        Self { bytes_a_day: files_a_day * file_s * bytes_per_s, files_a_day: Some(files_a_day) }
+    }
+
+    /// Days until a card of so many bytes is full, or has no more files.
+    fn days(&self, bytes: f64) -> f64 {
+        let files = self.files_a_day.map_or(f64::INFINITY, |files| MOST_FILES as f64 / files);
+        (bytes / self.bytes_a_day).min(files)
+    }
+}
+
 /// What the two kinds cost each in its own way.
 struct Cost {
+    image: &'static str,
     instructions_per_s: f64,
     awake: f64,
+    awake_in_pauses: f64,
     ram: f64,
     flash: f64,
     /// Bytes a day of what is found.
@@ -193,27 +247,38 @@ impl Cost {
                 ring_s * 1e3
             ));
         }
+        let (image, of) = match deployment.card_bytes {
+            Some(_) => ("stm32h743-card", budget.card),
+            None => ("stm32h743-link", budget.link),
+        };
         Self {
+            image,
             instructions_per_s: budget.array_work(rate_hz, array.step_s),
-            awake: budget.array_awake(rate_hz, array.step_s, cycles),
-            ram: budget.board_ram,
-            flash: budget.board_flash,
+            awake: of.more * budget.array_awake(rate_hz, array.step_s, cycles),
+            awake_in_pauses: of.more * budget.array_pause(rate_hz, cycles),
+            ram: of.ram,
+            flash: of.flash,
             found_a_day: bearings * budget.bearing_bytes + budget.array_other_per_min * vessel_min,
             notes: Vec::new(),
             misfits,
         }
     }
 
-    fn of_obs(budget: &Budget, rate_hz: f64, cycles: f64) -> Self {
+    fn of_obs(budget: &Budget, rate_hz: f64, cycles: f64, deployment: &Deployment) -> Self {
         let conversion = Conversion::of(rate_hz);
         let mut misfits = Vec::new();
+        if deployment.card_bytes.is_some() {
+            misfits.push("no image of an ocean-bottom board writes a card: leave out --card-gb".to_owned());
+        }
         if conversion.is_none() {
             misfits.push(format!("the converters make no {rate_hz} Hz: 50, 100, 200, 250 or 500"));
         }
         let converted_hz = conversion.map_or(rate_hz, |made| f64::from(made.rate.hz()));
         Self {
+            image: "stm32h743-obs",
             instructions_per_s: budget.obs_work(rate_hz),
             awake: budget.obs_awake(rate_hz, converted_hz, cycles),
+            awake_in_pauses: budget.obs_pause(converted_hz, cycles),
             ram: budget.obs_ram,
             flash: budget.obs_flash,
             found_a_day: budget.obs_per_min * DAY_MIN,

@@ -1,6 +1,6 @@
 //! What records take on the line: counted in a run, and the most there can be.
 
-use seabearing_core::array::{BEARINGS_A_STEP, SHAFT_RATE_EVERY_S};
+use seabearing_core::array::{BEARINGS_A_STEP, ONE_TRANSIENT_IN_S, SHAFT_RATE_EVERY_S};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::intake::faults::A_MINUTE;
 use seabearing_core::obs::limits::{AZIMUTH_MODES, RANGE_MODES, VESSELS};
@@ -8,8 +8,8 @@ use seabearing_core::obs::plan::STEP_S;
 use seabearing_core::recorder::TIME_EVERY_S;
 use seabearing_core::traffic;
 use seabearing_core::wire::{
-    AZIGRAM_BANDS, Azigram, Azimuth, BANDS, Bearing, Encoder, FaultCode, FaultsHeld, Health, Margins,
-    Message, Range, ShaftRate, Spectrum, Time, Track,
+    AZIGRAM_BANDS, Azigram, Azimuth, BANDS, Bearing, Encoder, Fault, FaultCode, FaultsHeld, Health, Margins,
+    Message, Range, ShaftRate, Spectrum, Time, Track, Transient,
 };
 
 /// Bytes of a message's frame.
@@ -68,6 +68,12 @@ pub fn report_bytes(rate_hz: f64) -> u64 {
     frame_bytes(&health(rate_hz)) + frame_bytes(&margins(after_years(rate_hz)))
 }
 
+/// What is said of a pause by the schedule when it begins, in bytes.
+pub fn pause_bytes(rate_hz: f64) -> u64 {
+    let index = after_years(rate_hz);
+    frame_bytes(&Message::Fault(Fault { code: FaultCode::Paused, index, value: index as i64 }))
+}
+
 fn health(rate_hz: f64) -> Message {
     let most = after_years(rate_hz);
     Message::Health(Health {
@@ -108,6 +114,8 @@ pub fn most_per_s(config: &StationConfig, vessels: u32, health_s: f64) -> f64 {
             f64::from(BEARINGS_A_STEP) * bytes(bearing(index)) / array.step_s
                 + f64::from(vessels) * track / traffic::Config::new(config).report_s
                 + bytes(shaft_rate(index)) / SHAFT_RATE_EVERY_S
+                // Told by themselves, and the strongest of the others each minute.
+                + bytes(transient(index)) * (1.0 / f64::from(ONE_TRANSIENT_IN_S) + 1.0 / 60.0)
         }
         // Azimuths of tones and one of calls, ranges, an azigram, and at most a track of each vessel.
         Kind::Obs(obs) => {
@@ -189,6 +197,24 @@ fn shaft_rate(index: u64) -> Message {
         speed_m_s: x,
         sd_speed_m_s: x,
         track: u16::MAX,
+    })
+}
+
+fn transient(index: u64) -> Message {
+    let x = 0.0;
+    Message::Transient(Transient {
+        index,
+        duration: u32::MAX,
+        count: u32::MAX,
+        peak_tenth_db: i16::MIN,
+        azimuth: x,
+        elevation: x,
+        var_azimuth: x,
+        var_elevation: x,
+        cov: x,
+        channel: 0,
+        channels: u8::MAX,
+        kind: 0,
     })
 }
 

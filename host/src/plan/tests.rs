@@ -57,11 +57,26 @@ fn the_usual_fits_and_is_what_was_measured() {
     };
     assert!((plan.instructions_per_s / 1e6 - row("array work, million instructions/s")).abs() < 1e-6);
     // The model's own count of sleep, but for the interrupts' entries and what the board sends.
-    let asleep = row("stm32h743 asleep, %");
+    let asleep = row("stm32h743 store asleep, %");
     assert!((100.0 * (1.0 - plan.awake) - asleep).abs() < 0.5, "{} {asleep}", plan.awake);
     assert_eq!((plan.ram_bytes.1, plan.flash_bytes.1), (524_288.0, 1_048_576.0));
     assert_eq!(plan.card_bytes_a_day, 64_000.0 * 12.0 * 86_400.0);
     assert!(plan.link_bytes_a_day < plan.worst_bytes_a_day);
+}
+
+#[test]
+fn clips_take_whole_files_and_a_card_has_only_so_many() {
+    let text = format!("{ARRAY}\n[card]\nrecord = \"events\"\nbefore_s = 20\nafter_s = 40\napart_s = 600\n");
+    let clips = |deployment: &Deployment| of(&station(&text), deployment).unwrap();
+    // 20 vessels with 3 clips each, and 12 false alarms, of two minutes each: two files of a minute.
+    let plan = clips(&Deployment { card_bytes: Some(64e9), ..usual() });
+    assert!((plan.card_bytes_a_day - 72.0 * 120.0 * 768e3).abs() < 1.0, "{}", plan.card_bytes_a_day);
+    assert!((plan.card_days.unwrap() - 1000.0 / 144.0).abs() < 1e-9);
+    let small = clips(&Deployment { card_bytes: Some(8e9), ..usual() });
+    assert!((small.card_days.unwrap() - 8e9 / small.card_bytes_a_day).abs() < 1e-9);
+    // However many vessels come, a day has only so many clips.
+    let busy = clips(&Deployment { vessels_a_day: 1e4, ..usual() });
+    assert!((busy.card_bytes_a_day - 144.0 * 120.0 * 768e3).abs() < 1.0);
 }
 
 #[test]
@@ -75,6 +90,9 @@ fn every_thing_that_does_not_fit_is_told_by_name() {
     assert!(misfit(&Deployment { flash_bytes: Some(65_536.0), ..usual() }).contains("flash"));
     assert!(misfit(&Deployment { link_bytes_a_day: Some(1000.0), ..usual() }).contains("1000 bytes a day"));
     let card = Deployment { card_bytes: Some(1e12), days: Some(100.0), ..usual() };
+    // The image that writes a card takes more of everything.
+    assert!(planned(&card).image == "stm32h743-card" && planned(&card).ram_bytes.0 > 500_000.0);
+    assert!(planned(&card).awake > planned(&usual()).awake);
     assert!(misfit(&card).contains("the card holds 15.1 of 100 days"), "{}", misfit(&card));
     assert_eq!(planned(&Deployment { duty: 0.1, ..card }).misfits, Vec::<String>::new());
     // Too slow a core misses the samples' queue as well.
@@ -103,6 +121,17 @@ fn what_nobody_measured_is_asked_for() {
     };
     let plan = ask(known, 0.5).unwrap();
     assert_eq!(plan.mean_ma, Some(100.0));
+    // A pause by the schedule is not off: converters, clock and line stay on.
+    let text = format!("{ARRAY}\n[schedule]\nevery_s = 3600\non_s = 360\n");
+    let known = Power { awake_ma: Some(150.0), asleep_ma: Some(40.0), other_ma: Some(60.0), ..known };
+    let pauses = of(&station(&text), &Deployment { power: known, ..usual() }).unwrap();
+    let awake = 0.1 * pauses.awake + 0.9 * pauses.awake_in_pauses;
+    assert!((pauses.mean_ma.unwrap() - (60.0 + 40.0 + 110.0 * awake)).abs() < 1e-9);
+    assert!((0.04..0.09).contains(&pauses.awake_in_pauses), "{}", pauses.awake_in_pauses);
+    // Health goes on in it, and each is told.
+    let quiet = Deployment { vessels_a_day: 0.0, ..usual() };
+    let always = of(&station(ARRAY), &quiet).unwrap().link_bytes_a_day;
+    assert!(of(&station(&text), &quiet).unwrap().link_bytes_a_day > 0.9 * always);
     assert!((plan.battery_days.unwrap() - 1000.0 / 24.0).abs() < 1e-9);
 }
 

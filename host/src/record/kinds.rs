@@ -2,6 +2,7 @@
 
 use super::margins::Margins;
 use super::sound::{Azigram, Samples, Snippet, Spectrum};
+use super::transient::Transient;
 use seabearing_core::wire::{self, Message};
 use serde::Serialize;
 
@@ -440,6 +441,7 @@ pub enum Kind {
     Spectrum(Spectrum),
     Azigram(Azigram),
     Margins(Margins),
+    Transient(Transient),
     End(End),
 }
 
@@ -490,6 +492,7 @@ impl Kind {
             Message::Spectrum(s) => (Some(s.index), Self::Spectrum(Spectrum::from(s))),
             Message::Azigram(a) => (Some(a.index), Self::Azigram(Azigram::from(a))),
             Message::Margins(m) => (Some(m.index), Self::Margins(Margins::from(m))),
+            Message::Transient(t) => (Some(t.index), Self::Transient(Transient::of(t, t_s))),
             Message::End(e) => (Some(e.index), Self::End(End { frames: e.frames })),
         }
     }

@@ -5,12 +5,14 @@ mod margins;
 #[cfg(feature = "schema")]
 mod schema;
 mod sound;
+mod transient;
 
 pub use kinds::{Closest, Kind, Level, Member, NetworkTrack};
 pub use margins::Margins;
 #[cfg(feature = "schema")]
 pub use schema::schema;
 pub use sound::{Azigram, Samples, Snippet, Spectrum, calibrate};
+pub use transient::Transient;
 
 use crate::replay::Said;
 use seabearing_core::utc::Times;

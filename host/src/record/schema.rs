@@ -312,6 +312,7 @@ pub fn schema() -> Value {
         kind::<super::sound::Spectrum>(g, "spectrum", true),
         kind::<super::sound::Azigram>(g, "azigram", true),
         kind::<super::margins::Margins>(g, "margins", true),
+        kind::<super::transient::Transient>(g, "transient", true),
         kind::<kinds::End>(g, "end", true),
         kind::<Lost>(g, "lost", false),
         kind::<Line>(g, "line", false),

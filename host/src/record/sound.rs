@@ -74,7 +74,7 @@ pub struct Azigram {
 }
 
 /// The channels of bits.
-fn channels(bits: u8) -> Vec<u8> {
+pub(super) fn channels(bits: u8) -> Vec<u8> {
     (0..4).filter(|c| bits >> c & 1 == 1).collect()
 }
 
@@ -115,13 +115,16 @@ impl From<&wire::Spectrum> for Spectrum {
     }
 }
 
-/// Brings the levels of a record `spectrum` to the reference of its channel; any other record stays as it is. A band has the
-/// response at its middle, and is null where that is not known.
+/// Brings the levels of a record `spectrum` or `transient` to the reference of its channel; any other record stays as it is. A
+/// band has the response at its middle, and is null where that is not known.
 pub fn calibrate(record: &mut Value, of: &[Calibration]) {
     let channel = record["channel"].as_u64().and_then(|c| usize::try_from(c).ok());
-    let Some(calibration) = channel.and_then(|c| of.get(c)).filter(|_| record["type"] == "spectrum") else {
-        return;
-    };
+    let Some(calibration) = channel.and_then(|c| of.get(c)) else { return };
+    match record["type"].as_str() {
+        Some("spectrum") => {}
+        Some("transient") => return super::transient::calibrate(record, calibration),
+        _ => return,
+    }
     let edge_hz = |n: usize| record["edges_hz"][n].as_f64();
     let bands = record["edges_hz"].as_array().map_or(0, Vec::len).saturating_sub(1);
     let middle_hz = |n| Some((edge_hz(n)? * edge_hz(n + 1)?).sqrt());
@@ -153,6 +156,6 @@ impl From<&wire::Azigram> for Azigram {
 }
 
 /// Rounded to parts of one: steps are coarser, and digits cost.
-fn rounded(x: f64, parts: f64) -> f64 {
+pub(super) fn rounded(x: f64, parts: f64) -> f64 {
     (x * parts).round() / parts
 }

@@ -35,10 +35,15 @@ pub(super) struct Pieces {
 
 impl Pieces {
     /// Puts files in order; `None` where none has sound.
-    pub(super) fn of(mut files: Vec<CardFile>) -> Option<Self> {
-        files.sort_by_key(|file| file.number);
+    pub(super) fn of(files: Vec<CardFile>) -> Option<Self> {
+        let kept = |file: &CardFile| match &file.content {
+            Content::Sound(kept) => Some(kept.clone()),
+            _ => None,
+        };
+        let mut files: Vec<_> = files.into_iter().map(|file| (kept(&file), file)).collect();
+        crate::card::in_order(&mut files, |(kept, _)| kept.as_ref(), |(_, file)| file.number);
         let mut pieces: Vec<Piece> = Vec::new();
-        for file in files {
+        for (_, file) in files {
             match file.content {
                 Content::Sound(kept) => pieces.push(Piece { path: file.path, kept, shift: 0 }),
                 Content::Unused => {}
@@ -134,6 +139,8 @@ struct Reading {
     gaps: VecDeque<Gap>,
     at: u32,
     index: u64,
+    /// Up to here the recorder left samples out on purpose, which is still to be said.
+    left_out: Option<u64>,
 }
 
 /// The samples of a card.
@@ -146,10 +153,29 @@ pub(super) struct Reader {
 }
 
 impl Reading {
-    fn open(piece: Piece) -> Result<Self> {
+    /// The file after another one.
+    fn open(piece: Piece, before: Option<&Kept>) -> Result<Self> {
         let medium = Single::open(&piece.path)?;
         let index = piece.kept.label.first_index.saturating_add_signed(piece.shift);
-        Ok(Self { medium, gaps: piece.kept.gaps.clone().into(), kept: piece.kept, at: 0, index })
+        let left_out = before.is_some_and(|before| piece.kept.is_next_clip(before)).then_some(index);
+        Ok(Self { medium, gaps: piece.kept.gaps.clone().into(), kept: piece.kept, at: 0, index, left_out })
+    }
+
+    /// Passes over a pause, if one is next: the index at which it ends.
+    fn pause(&mut self) -> Option<u64> {
+        while let Some(gap) =
+            self.gaps.front().copied().filter(|gap| gap.at == self.at && gap.why == Why::Pause)
+        {
+            self.gaps.pop_front();
+            self.index += gap.count;
+            self.left_out = Some(self.index);
+        }
+        self.left_out.take()
+    }
+
+    /// Whether nothing is left of it.
+    fn is_over(&self) -> bool {
+        self.at >= self.kept.frames && self.gaps.is_empty()
     }
 
     /// Fills `frames` from the next index, which is given back; `None` at the end.
@@ -181,6 +207,17 @@ impl Reading {
     }
 }
 
+impl Reader {
+    /// Goes on to the next file; whether there is one.
+    fn open_next(&mut self) -> Result<bool> {
+        let Some(piece) = self.pieces.pop_front() else { return Ok(false) };
+        let name = piece.path.display().to_string();
+        let before = self.now.take();
+        self.now = Some(Reading::open(piece, before.as_ref().map(|b| &b.kept)).context(name)?);
+        Ok(true)
+    }
+}
+
 impl BlockSource for Reader {
     fn start(&self) -> Option<OffsetDateTime> {
         self.start
@@ -188,6 +225,15 @@ impl BlockSource for Reader {
 
     fn expected_end(&self) -> Option<u64> {
         Some(self.end)
+    }
+
+    fn left_out(&mut self) -> Result<Option<u64>> {
+        while self.now.as_ref().is_none_or(Reading::is_over) {
+            if !self.open_next()? {
+                break;
+            }
+        }
+        Ok(self.now.as_mut().and_then(Reading::pause))
     }
 
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
@@ -198,9 +244,9 @@ impl BlockSource for Reader {
             {
                 return Ok(Some(Block { first_index, frames: &self.frames }));
             }
-            let Some(piece) = self.pieces.pop_front() else { return Ok(None) };
-            let name = piece.path.display().to_string();
-            self.now = Some(Reading::open(piece).context(name)?);
+            if !self.open_next()? {
+                return Ok(None);
+            }
         }
     }
 }

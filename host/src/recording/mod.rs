@@ -66,6 +66,15 @@ pub trait BlockSource {
     /// The source is lost for good. (A damaged file in a sequence is reported and passed over, not an error.)
     fn next_block(&mut self) -> Result<Option<Block<'_>>>;
 
+    /// Where what comes next follows samples that the recorder left out on purpose (its schedule, or sound away from detections): the
+    /// index at which they end, once. To be asked before each [`Self::next_block`].
+    ///
+    /// # Errors
+    /// As [`Self::next_block`].
+    fn left_out(&mut self) -> Result<Option<u64>> {
+        Ok(None)
+    }
+
     /// Whether blocks come as they are recorded, so that what is said of them is wanted at once.
     fn is_live(&self) -> bool {
         false

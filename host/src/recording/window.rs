@@ -76,6 +76,11 @@ impl BlockSource for Window {
         self.source.is_live()
     }
 
+    fn left_out(&mut self) -> Result<Option<u64>> {
+        let until = self.source.left_out()?.map(|until| until.min(self.to));
+        Ok(until.filter(|until| *until > self.from).map(|until| until - self.from))
+    }
+
     fn next_block(&mut self) -> Result<Option<Block<'_>>> {
         loop {
             let Some(block) = self.source.next_block()? else { return Ok(None) };

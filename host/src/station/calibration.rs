@@ -44,6 +44,11 @@ impl Default for Calibration {
 }
 
 impl Calibration {
+    /// What is to be added to a level re full scale where the response is flat, dB.
+    pub fn flat_db(&self) -> f64 {
+        self.full_scale_db
+    }
+
     /// What is to be added to a level re full scale at a frequency, dB; `None` where the response is not known.
     pub fn db(&self, f_hz: f64) -> Option<f64> {
         if f_hz < self.from_hz {

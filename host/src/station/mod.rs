@@ -20,12 +20,12 @@ use anyhow::{Result, anyhow, bail};
 use response::Response;
 use seabearing_core::array::{self, PlanError};
 use seabearing_core::config::{
-    ArrayConfig, ConfigError, Kind, Levels, LineConfig, ObsConfig, Schedule, StationConfig, Tracking,
+    ArrayConfig, Clips, ConfigError, Kind, Levels, LineConfig, ObsConfig, Schedule, StationConfig, Tracking,
 };
 use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
 use seabearing_locate::line::{MAX_FREQUENCIES, MusicMethod};
 use std::path::{Path, PathBuf};
-use tables::{File, NetworkFile, StationTable, default_full_scale};
+use tables::{CardTable, File, NetworkFile, RecordTable, StationTable, default_full_scale};
 use time::UtcOffset;
 
 /// A station of a list, and how a base station reaches it.
@@ -247,6 +247,7 @@ impl Station {
             schedule: file
                 .schedule
                 .map_or_else(Schedule::default, |s| Schedule { every_s: s.every_s, on_s: s.on_s }),
+            clips: clips_of(file.card.as_ref(), source)?,
             ..base(&file.station, "station", source)?
         };
         config.validate().map_err(|e| explain(&e, source))?;
@@ -405,7 +406,21 @@ fn base(s: &StationTable, path: &str, source: &TomlFile) -> Result<StationConfig
         tracking: Tracking::default(),
         levels: Levels::default(),
         schedule: Schedule::default(),
+        clips: Clips::default(),
     })
+}
+
+/// Which sound a card keeps.
+fn clips_of(card: Option<&CardTable>, source: &TomlFile) -> Result<Clips> {
+    let Some(card) = card.filter(|card| card.record == RecordTable::Events) else {
+        return Ok(Clips::default());
+    };
+    let clips = Clips { before_s: card.before_s, after_s: card.after_s, apart_s: card.apart_s };
+    if clips.are_kept() {
+        Ok(clips)
+    } else {
+        Err(source.wrong("card.after_s", "`card.after_s` is 0; allowed 1 to 3600"))
+    }
 }
 
 fn four<T: Copy>(values: &[T], here: &str, key: &str) -> Result<[T; 4]> {

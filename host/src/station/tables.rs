@@ -26,6 +26,8 @@ pub(super) struct File {
     pub(super) levels: Option<LevelsTable>,
     /// When the recorder listens; always where this is not said. `process` takes what a recording holds.
     pub(super) schedule: Option<ScheduleTable>,
+    /// What a recorder with a card keeps of its sound; all of it where this is not said.
+    pub(super) card: Option<CardTable>,
     /// What levels need beside the sensitivities: volts at full scale, and frequency responses.
     pub(super) calibration: Option<CalibrationTable>,
 }
@@ -279,6 +281,45 @@ pub(super) struct ScheduleTable {
     pub(super) every_s: u32,
     /// Seconds for which it listens at the beginning of each, 10 to `every_s` - 10.
     pub(super) on_s: u32,
+}
+
+/// What a recorder with a card keeps of its sound: all of it, or clips about its detections.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CardTable {
+    /// `"all"`, or `"events"`: the files that hold sound from `before_s` before a detection to `after_s` after it, and no others; of an array.
+    #[serde(default)]
+    pub(super) record: RecordTable,
+    /// Seconds before a detection, 0 to 300.
+    #[serde(default = "default_clip_s")]
+    pub(super) before_s: u16,
+    /// Seconds after it, 1 to 3600.
+    #[serde(default = "default_clip_s")]
+    pub(super) after_s: u16,
+    /// Seconds from a detection that is kept to the next one that is, 1 to 86400: a vessel is heard for long, and a day has so many clips at most.
+    #[serde(default = "default_apart_s")]
+    pub(super) apart_s: u32,
+}
+
+/// Which sound is kept.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Default, Deserialize, PartialEq)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum RecordTable {
+    /// All of it.
+    #[default]
+    All,
+    /// What is around detections.
+    Events,
+}
+
+fn default_clip_s() -> u16 {
+    30
+}
+
+fn default_apart_s() -> u32 {
+    600
 }
 
 /// What levels (`process --levels`) need beside the sensitivities.

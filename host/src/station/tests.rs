@@ -55,6 +55,20 @@ fn a_schedule_is_read_and_its_limits_are_named() {
 }
 
 #[test]
+fn what_a_card_keeps_is_read_and_its_limits_are_named() {
+    let with = |text: &str| parse(&format!("{GOOD}\n[card]\n{text}\n")).map(|s| s.config);
+    let config = with("record = \"events\"\nbefore_s = 20").unwrap();
+    assert_eq!(config.clips, Clips { before_s: 20, after_s: 30, apart_s: 600 });
+    let all = parse(GOOD).unwrap().config;
+    assert_eq!(with("record = \"all\"\nbefore_s = 20").unwrap().hash(), all.hash());
+    assert!(config.hash() != all.hash() && config.hash() != with("record = \"events\"").unwrap().hash());
+    for (key, value) in [("before_s", 301), ("after_s", 0), ("after_s", 3601), ("apart_s", 0)] {
+        let e = with(&format!("record = \"events\"\n{key} = {value}")).unwrap_err().to_string();
+        assert!(e.contains(key) && e.contains("line 16"), "{e}");
+    }
+}
+
+#[test]
 fn speeds_no_fit_considers_are_refused() {
     let with = |speed: &str| parse(&format!("{GOOD}\n[tracking]\nspeed_m_s = {speed}\n"));
     assert!(with("0.2").is_ok() && with("40.0").is_ok());

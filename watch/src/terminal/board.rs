@@ -287,6 +287,11 @@ fn event(kind: &str, record: &Value) -> Option<Event> {
         "note" => (Weight::Doubtful, word("text")),
         "hello" => (Weight::Usual, format!("recorder started, version {}", word("version"))),
         "end" => (Weight::Usual, "recording ended".to_owned()),
+        "transient" if record["kind"] == "burst" => {
+            let from = record["azimuth_deg"].as_f64().map_or_else(String::new, |a| format!(" from {a:.1}°"));
+            let peak = record["peak_db"].as_f64().unwrap_or(f64::NAN);
+            (Weight::Usual, format!("burst{from}, {peak:.0} dB re {}", word("reference")))
+        }
         "track" if record["stage"] == "final" => {
             (Weight::Usual, format!("track {}.{} is final", record["session"], record["id"]))
         }

@@ -48,7 +48,8 @@ impl Class {
             | Message::Track(_)
             | Message::Azimuth(_)
             | Message::Range(_)
-            | Message::ShaftRate(_) => Self::Bearing,
+            | Message::ShaftRate(_)
+            | Message::Transient(_) => Self::Bearing,
         }
     }
 

@@ -2,7 +2,9 @@
 //! `seabearing reproduce link`.
 
 use super::*;
-use crate::message::{Azigram, Command, End, FaultCode, Margins, Message, Reply, Samples, Snippet, Spectrum};
+use crate::message::{
+    Azigram, Command, End, FaultCode, Margins, Message, Reply, Samples, Snippet, Spectrum, Transient,
+};
 use std::collections::VecDeque;
 use std::vec::Vec;
 
@@ -306,7 +308,23 @@ fn every_message_fits_a_record_and_has_its_class() {
         battery_mv: Some(u16::MAX),
         temperature_c: Some(i8::MIN),
     };
+    let x = f32::MAX;
+    let transient = Transient {
+        index,
+        duration: most,
+        count: most,
+        peak_tenth_db: i16::MIN,
+        azimuth: x,
+        elevation: x,
+        var_azimuth: x,
+        var_elevation: x,
+        cov: x,
+        channel: 255,
+        channels,
+        kind: 255,
+    };
     for (message, class) in [
+        (Message::Transient(transient), Class::Bearing),
         (Message::Margins(margins), Class::Health),
         (Message::Samples(samples), Class::Spectrum),
         (Message::Spectrum(spectrum), Class::Spectrum),

@@ -5,8 +5,13 @@ use super::super::search::Found;
 use super::super::sheet::Sheet;
 use super::super::{Drive, PAGE, SECTOR, Trouble};
 use super::{Meta, State, Writer};
+use core::ops::Range;
 use seabearing_core::block::{Frame, MISSING};
-use seabearing_core::utc::Pair;
+use seabearing_core::utc::{Pair, along};
+use seabearing_core::wire::Time;
+
+/// Seconds from one to the other of the two points that tell a file's line of UTC.
+const APART_S: u64 = 100;
 
 impl<D: Drive> Writer<'_, D> {
     /// Takes consecutive samples.
@@ -16,7 +21,7 @@ impl<D: Drive> Writer<'_, D> {
         }
         let expected = self.expected.replace(first_index.saturating_add(frames.len() as u64));
         match expected {
-            Some(expected) if first_index > expected => self.miss(Why::Gap, first_index - expected, expected),
+            Some(expected) if first_index > expected => self.lack(expected..first_index),
             // Time begins again, and with it a file.
             Some(expected) if first_index < expected => self.close(),
             _ => {}
@@ -61,12 +66,45 @@ impl<D: Drive> Writer<'_, D> {
         run
     }
 
-    /// A sample's time is known.
-    pub fn pair(&mut self, pair: Pair) {
-        let filling = self.filling;
-        if let Some(sheet) = self.sheet_mut(filling) {
-            sheet.tell(pair);
+    /// These samples are not wanted: what is missing of them is no gap.
+    pub fn rest(&mut self, samples: Range<u64>) {
+        self.rests = samples;
+    }
+
+    /// These samples did not come.
+    fn lack(&mut self, Range { start, end }: Range<u64>) {
+        let rests = self.rests.start.clamp(start, end)..self.rests.end.clamp(start, end);
+        for (why, from, to) in [
+            (Why::Gap, start, rests.start),
+            (Why::Pause, rests.start, rests.end),
+            (Why::Gap, rests.end.max(rests.start), end),
+        ] {
+            if from < to {
+                self.miss(why, to - from, from);
+            }
         }
+    }
+
+    /// Something was heard about this sample.
+    pub fn heard(&mut self, index: u64) {
+        let filling = self.filling;
+        self.sheet_mut(filling).into_iter().for_each(|sheet| sheet.heard(index));
+        if let Some(claim) = self.tables.claims.heard(index) {
+            self.tables.sheets.iter_mut().flatten().for_each(|sheet| sheet.claim(&claim));
+        }
+    }
+
+    /// UTC is known so from now on, as the recorder tells it.
+    pub fn told(&mut self, time: &Time) {
+        let rate_hz = f64::from(self.about.rate_hz);
+        let pair = |index: u64| {
+            let (utc_us, sd_s) = along(time, index, rate_hz);
+            Pair { index, utc_us, sd_s }
+        };
+        self.times =
+            [0, APART_S].map(|s| Some(pair(time.index.saturating_add(s * u64::from(self.about.rate_hz)))));
+        let (filling, times) = (self.filling, self.times);
+        self.sheet_mut(filling).into_iter().for_each(|sheet| sheet.times = times);
     }
 
     /// No more comes: what is there is written, and the file ended.
@@ -97,7 +135,8 @@ impl<D: Drive> Writer<'_, D> {
 
     /// Whether there is a file for the next sample, or may be.
     fn open(&mut self) -> bool {
-        let possible = self.state == State::On && (self.next.is_some() || !self.full);
+        let starts = !matches!(self.state, State::Off { .. });
+        let possible = starts && (self.next.is_some() || !self.full);
         match self.sheet(self.filling) {
             Some(sheet) if !sheet.closed => return true,
             // The other one may still be written, a third not.
@@ -126,11 +165,10 @@ impl<D: Drive> Writer<'_, D> {
     fn begin_file(&mut self, found: Option<Found>, index: u64) {
         let filling = self.filling;
         if let Some(sheet) = self.tables.sheets.get_mut(filling) {
-            *sheet = Some(Sheet::new(found, index));
+            let claimed = self.tables.claims.reaches(index);
+            *sheet = Some(Sheet { claimed, times: self.times, ..Sheet::new(found, index) });
         }
-        if let Some(found) = found {
-            self.tables.search.after(found.number);
-        }
+        found.into_iter().for_each(|found| self.took(found));
         (self.at, self.page) = (SECTOR, 0);
         if self.sheet(filling ^ 1).is_none() {
             (self.writing, self.known) = (filling, super::Known::default());

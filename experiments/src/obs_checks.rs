@@ -1,0 +1,226 @@
+//! What an ocean-bottom station finds wrong with its own set-up, from a day of traffic or two.
+//!
+//! The days of `obs-week` are heard as they are, and by a station that is not what its station file says: pressure reversed,
+//! the vertical component exchanged with a horizontal one, the horizontal components of unequal gain, a propagation table for
+//! deeper water. `--runs` is the number of days. What a station alone cannot know (a horizontal component reversed, the two
+//! exchanged, an orientation that is off: a mirrored or turned world) is told by a vessel of known track.
+
+use super::obs_week::{Traffic, traffic};
+use super::obs_world::station_table;
+use super::{Experiment, Options};
+use crate::course::VesselCourse;
+use crate::csv::{CsvText, Fixed};
+use crate::ocean_bottom::mirrored::{Horizontals, doubt};
+use crate::ocean_bottom::scenario::ObsScenario;
+use crate::ocean_bottom::simulate::Simulator;
+use crate::ocean_bottom::survey::pairings;
+use crate::ocean_bottom::{run, station};
+use crate::propagation::Propagation;
+use crate::recording::BlockSource;
+use anyhow::Result;
+use rayon::prelude::*;
+use seabearing_core::block::{Block, Frame};
+use seabearing_core::wire::{Fault, FaultCode, Message};
+
+/// The experiment.
+pub const CHECKS: Experiment = Experiment {
+    name: "obs-checks",
+    about: "a station that is not what its file says names it within a day of traffic; one that is says nothing",
+    run,
+};
+
+/// A station that is not as told.
+struct Defect {
+    name: &'static str,
+    /// What becomes of an instant's codes: pressure, north, east, vertical.
+    codes: fn(Frame) -> Frame,
+    /// By how much the table is for deeper water, m.
+    too_deep_m: f64,
+    /// By how much the orientation told is too small, degrees.
+    turned_deg: f64,
+    /// What the recorder is to name.
+    wanted: Option<FaultCode>,
+    /// What vessels of known track are to tell.
+    known: Option<&'static str>,
+}
+
+/// As told.
+const SOUND: Defect =
+    Defect { name: "none", codes: |f| f, too_deep_m: 0.0, turned_deg: 0.0, wanted: None, known: None };
+
+/// 3 dB louder.
+fn louder(code: i32) -> i32 {
+    (f64::from(code) * 10f64.powf(3.0 / 20.0)) as i32
+}
+
+const DEFECTS: [Defect; 12] = [
+    SOUND,
+    Defect {
+        name: "pressure reversed",
+        codes: |[p, n, e, z]| [-p, n, e, z],
+        wanted: Some(FaultCode::Reversed),
+        known: Some("OrientationOff"),
+        ..SOUND
+    },
+    Defect {
+        name: "motion reversed",
+        codes: |[p, n, e, z]| [p, -n, -e, -z],
+        wanted: Some(FaultCode::Reversed),
+        known: Some("OrientationOff"),
+        ..SOUND
+    },
+    Defect {
+        name: "vertical and north exchanged",
+        codes: |[p, n, e, z]| [p, z, e, n],
+        wanted: Some(FaultCode::Exchanged),
+        ..SOUND
+    },
+    Defect {
+        name: "vertical and east exchanged",
+        codes: |[p, n, e, z]| [p, n, z, e],
+        wanted: Some(FaultCode::Exchanged),
+        ..SOUND
+    },
+    Defect {
+        name: "north 3 dB louder",
+        codes: |[p, n, e, z]| [p, louder(n), e, z],
+        wanted: Some(FaultCode::Unequal),
+        ..SOUND
+    },
+    Defect {
+        name: "east 3 dB louder",
+        codes: |[p, n, e, z]| [p, n, louder(e), z],
+        wanted: Some(FaultCode::Unequal),
+        ..SOUND
+    },
+    Defect { name: "table 100 m too deep", too_deep_m: 100.0, wanted: Some(FaultCode::TableOff), ..SOUND },
+    Defect {
+        name: "table 100 m too shallow",
+        too_deep_m: -100.0,
+        wanted: Some(FaultCode::TableOff),
+        ..SOUND
+    },
+    Defect {
+        name: "north and east exchanged",
+        codes: |[p, n, e, z]| [p, e, n, z],
+        known: Some("HorizontalsExchanged"),
+        ..SOUND
+    },
+    Defect {
+        name: "north reversed",
+        codes: |[p, n, e, z]| [p, -n, e, z],
+        known: Some("NorthReversed"),
+        ..SOUND
+    },
+    Defect { name: "orientation 5° off", turned_deg: 5.0, known: Some("OrientationOff"), ..SOUND },
+];
+
+/// A recording whose codes are not what they should be.
+struct Altered<'a> {
+    source: &'a mut Simulator,
+    codes: fn(Frame) -> Frame,
+    held: Vec<Frame>,
+}
+
+impl BlockSource for Altered<'_> {
+    fn start(&self) -> Option<time::OffsetDateTime> {
+        self.source.start()
+    }
+
+    fn expected_end(&self) -> Option<u64> {
+        self.source.expected_end()
+    }
+
+    fn next_block(&mut self) -> Result<Option<Block<'_>>> {
+        let Some(block) = self.source.next_block()? else { return Ok(None) };
+        let first_index = block.first_index;
+        self.held = block.frames.iter().map(|f| (self.codes)(*f)).collect();
+        Ok(Some(Block { first_index, frames: &self.held }))
+    }
+}
+
+/// The table of a station as if it lay deeper: what arrives at a range in deeper water arrived at a proportional one.
+fn deeper(table: &Propagation, by_m: f64) -> Propagation {
+    let mut deeper = table.clone();
+    let scale = 1.0 + by_m / table.depth_m;
+    for (n, path) in deeper.paths.iter_mut().enumerate() {
+        for (row, arrival) in path.arrivals.iter_mut().enumerate() {
+            *arrival = table.arrival(n, row as f64 * table.step_m / scale);
+            if let Some(a) = arrival {
+                a.toa_s *= scale;
+            }
+        }
+    }
+    deeper.depth_m += by_m;
+    deeper
+}
+
+/// What was said of a defect: by the recorder, and by vessels of known track.
+struct Said {
+    faults: Vec<Fault>,
+    known: Option<Horizontals>,
+}
+
+fn hear(options: &Options, days: usize, table: &Propagation, defect: &Defect) -> Result<Said> {
+    let Traffic { scenario, extra } = traffic(options, days, 0.0)?;
+    let told = ObsScenario {
+        orientation_of_north_deg: scenario.orientation_of_north_deg - defect.turned_deg,
+        ..scenario.clone()
+    };
+    let (config, rate_hz) = (station::config(&told, false)?, scenario.rate_hz);
+    let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
+    let courses: Vec<VesselCourse> = simulator.vessels.iter().map(|v| v.course.clone()).collect();
+    let mut altered = Altered { source: &mut simulator, codes: defect.codes, held: Vec::new() };
+    let (mut faults, mut azimuths) = (Vec::new(), Vec::new());
+    let told_table = deeper(table, defect.too_deep_m);
+    run::run(&config, &told_table, &mut altered, &mut |m| match m {
+        Message::Fault(f) => faults.push(f),
+        Message::Azimuth(a) if a.detected && a.kind == 0 => {
+            azimuths.push((a.index as f64 / rate_hz, f64::from(a.azimuth)));
+        }
+        _ => {}
+    })?;
+    let travel = |range_m: f64| table.travel_time_s((range_m / table.step_m).round() as usize);
+    let pairings = pairings(&azimuths, &courses, &travel, (0.0, 0.0));
+    Ok(Said { faults, known: doubt(&pairings, told.orientation_of_north_deg.to_radians()) })
+}
+
+/// Hours of the record.
+fn hours(fault: &Fault) -> f64 {
+    fault.index as f64 / (3600.0 * 50.0)
+}
+
+fn run(options: &Options) -> Result<()> {
+    let days = options.runs.unwrap_or(1);
+    let table = station_table(options)?;
+    let all: Vec<Said> =
+        DEFECTS.par_iter().map(|defect| hear(options, days, &table, defect)).collect::<Result<_>>()?;
+    let mut csv = CsvText::new("defect,named,value,after_h");
+    let figures = &options.figures;
+    for (defect, said) in DEFECTS.iter().zip(&all) {
+        let name = defect.name;
+        for f in &said.faults {
+            csv.row(&[&name, &format!("{:?}", f.code), &f.value, &Fixed(hours(f), 1)]);
+        }
+        if let Some(known) = &said.known {
+            csv.row(&[&name, &known.code(), &"", &""]);
+        }
+        let (named, others): (Vec<&Fault>, Vec<&Fault>) =
+            said.faults.iter().partition(|f| Some(f.code) == defect.wanted);
+        if defect.wanted.is_some() {
+            let first = named.first().map_or(f64::INFINITY, |f| hours(f));
+            figures.at_most(format!("{name}: named after, h of the record"), first, 24.0);
+        }
+        figures.at_most(
+            format!("{name}: other things named"),
+            others.len() as f64 + named.len().saturating_sub(1) as f64,
+            0.0,
+        );
+        let told = said.known.as_ref().map(Horizontals::code);
+        if defect.known.is_some() || defect.wanted.is_none() {
+            let wrong = f64::from(u8::from(told != defect.known));
+            figures.at_most(format!("{name}: vessels of known track tell something else"), wrong, 0.0);
+        }
+    }
+    super::obs_world::print(options, "obs-checks", csv)
+}

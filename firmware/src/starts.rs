@@ -1,0 +1,220 @@
+//! How a board that fails again and again goes on: it counts its starts and the failures of its supply over resets, waits ever
+//! longer between attempts, and never for ever.
+
+use crate::supply::{Detector, Supply, THRESHOLD_MV};
+use seabearing_core::wait::Reason;
+use seabearing_core::wire::FaultCode;
+
+/// Causes of a start that count otherwise than others, as on the wire.
+pub mod cause {
+    /// Power came.
+    pub const POWER_ON: u8 = 0;
+    /// The reset pin.
+    pub const RESET_PIN: u8 = 3;
+    /// The supply sagged so far that the processor was reset.
+    pub const BROWN_OUT: u8 = 4;
+}
+
+/// Starts in a row without a minute's work after the last of which the software waits, for commands or to try once more.
+pub const MOST_STARTS: u32 = 5;
+/// Work after which the starts before it count as right, µs.
+const SETTLED_US: u64 = 60_000_000;
+/// Work after which the failures of the supply before it are forgotten, µs.
+const FORGOTTEN_US: u64 = 3_600_000_000;
+
+/// What is counted over resets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Starts by software or watchdog, without a minute's work between.
+    pub starts: u32,
+    /// Failures of the supply, without an hour's work between.
+    pub failures: u32,
+}
+
+/// What a board that does not record waits for, beside a command.
+#[derive(Clone, Copy, Debug)]
+enum Until {
+    /// It records, or waits for commands alone.
+    Told,
+    /// Its supply has been good for so long, µs.
+    Good(Supply, u64),
+    /// So long after the start, µs.
+    Late(u64),
+}
+
+/// One start.
+#[derive(Clone, Copy, Debug)]
+pub struct Starts {
+    counts: Counts,
+    cause: u8,
+    until: Until,
+}
+
+impl Starts {
+    /// A start of this cause, after what was counted before. A person or the supply begins afresh.
+    pub fn new(cause: u8, before: Counts) -> Self {
+        let Counts { starts, failures } = before;
+        let counts = match cause {
+            cause::POWER_ON | cause::RESET_PIN => Counts { starts: 1, failures: 0 },
+            cause::BROWN_OUT => Counts { starts: 1, failures: failures.saturating_add(1) },
+            _ => Counts { starts: starts.saturating_add(1), failures },
+        };
+        Self { counts, cause, until: Until::Told }
+    }
+
+    /// What is to be kept over a reset.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// Why the board must not record yet, where that is so: it started too often, or its supply failed again. From then on it
+    /// waits until that may be over.
+    pub fn must_wait(&mut self) -> Option<Reason> {
+        let Counts { starts, failures } = self.counts;
+        if starts > MOST_STARTS {
+            self.until = Until::Late(try_again_us(starts));
+            return Some((FaultCode::ManyResets, starts.into()));
+        }
+        let waits = self.cause == cause::BROWN_OUT && failures > 1;
+        waits.then(|| self.wait_for_supply())
+    }
+
+    /// The supply has failed: the board waits until it is good. Its counts have changed.
+    pub fn supply_failed(&mut self) -> Reason {
+        self.counts.failures = self.counts.failures.saturating_add(1);
+        self.wait_for_supply()
+    }
+
+    fn wait_for_supply(&mut self) -> Reason {
+        self.until = Until::Good(Supply::default(), good_us(self.counts.failures));
+        (FaultCode::SupplyLow, THRESHOLD_MV.into())
+    }
+
+    /// The board works, so long after its start. Whether that changed its counts.
+    pub fn works(&mut self, us: u64) -> bool {
+        let before = self.counts;
+        if matches!(self.until, Until::Told) {
+            self.counts.starts *= u32::from(us < SETTLED_US);
+            self.counts.failures *= u32::from(us < FORGOTTEN_US);
+        }
+        self.counts != before
+    }
+
+    /// Whether what it waits for has come.
+    pub fn over(&mut self, detector: &mut impl Detector) -> bool {
+        match &mut self.until {
+            Until::Told => false,
+            Until::Good(supply, good_us) => supply.has_recovered(detector, *good_us),
+            Until::Late(at_us) => detector.now_us() >= *at_us,
+        }
+    }
+
+    /// The board begins a new session by a reset. After too many starts of which nobody said that it shall that is one more;
+    /// else they count as right. Its counts have changed.
+    pub fn again(&mut self, detector: &mut impl Detector) {
+        if !(matches!(self.until, Until::Late(_)) && self.over(detector)) {
+            self.counts.starts = 0;
+        }
+    }
+}
+
+/// For how long the supply must be good before a recording begins, µs, after so many failures with less than an hour's work
+/// between: twice as long each time, so that a tired battery does not fill card and store with the begins of recordings.
+fn good_us(failures: u32) -> u64 {
+    const FIRST_US: u64 = 5_000_000;
+    doubled(FIRST_US, failures.saturating_sub(1)).min(FORGOTTEN_US)
+}
+
+/// How long after its start a board tries once more, µs, after so many starts in a row: what ended it may be over, and nobody
+/// may be there to say so. Ten minutes, then twice as long each time, a day at most.
+fn try_again_us(starts: u32) -> u64 {
+    const FIRST_US: u64 = 600_000_000;
+    const LONGEST_US: u64 = 86_400_000_000;
+    doubled(FIRST_US, starts.saturating_sub(MOST_STARTS + 1)).min(LONGEST_US)
+}
+
+fn doubled(us: u64, times: u32) -> u64 {
+    us.saturating_mul(1 << times.min(20))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    /// Good since 0, at this moment of the board's time, µs.
+    struct Good(u64);
+
+    impl Detector for Good {
+        fn is_low(&mut self) -> bool {
+            false
+        }
+        fn now_us(&mut self) -> u64 {
+            self.0
+        }
+    }
+
+    const WATCHDOG: u8 = 1;
+    const SOFTWARE: u8 = 2;
+
+    /// When, after a start, what it waits for is over, s; `None`: it does not wait.
+    fn waits_s(starts: &mut Starts) -> Option<u64> {
+        starts.must_wait()?;
+        (0..200_000).find(|s| starts.over(&mut Good(s * 1_000_000)))
+    }
+
+    #[test]
+    fn too_many_starts_are_tried_again_ever_later_and_a_command_begins_afresh() {
+        let mut counts = Counts::default();
+        let mut waits = Vec::new();
+        for _ in 0..15 {
+            let mut starts = Starts::new(WATCHDOG, counts);
+            waits.push(waits_s(&mut starts).map(|s| s / 60));
+            starts.again(&mut Good(200_000_000_000));
+            counts = starts.counts();
+            if waits.len() < 6 {
+                // It crashed while it worked.
+                counts = Counts { starts: waits.len() as u32, failures: 0 };
+            }
+        }
+        let later = [10, 20, 40, 80, 160, 320, 640, 1280, 1440, 1440].map(Some);
+        assert_eq!(waits, [&[None; 5][..], &later].concat());
+        let mut told = Starts::new(SOFTWARE, Counts { starts: 30, failures: 0 });
+        assert!(told.must_wait().is_some());
+        told.again(&mut Good(1));
+        assert_eq!(told.counts().starts, 0);
+        assert_eq!(Starts::new(cause::POWER_ON, counts).counts(), Counts { starts: 1, failures: 0 });
+    }
+
+    #[test]
+    fn a_supply_that_fails_again_is_waited_for_and_never_counts_as_a_start() {
+        let mut counts = Counts::default();
+        let mut waits = Vec::new();
+        for _ in 0..12 {
+            let mut starts = Starts::new(cause::BROWN_OUT, counts);
+            waits.push(waits_s(&mut starts));
+            counts = starts.counts();
+            assert_eq!(counts.starts, 1);
+        }
+        let later = [10, 20, 40, 80, 160, 320, 640, 1280, 2560, 3600, 3600].map(Some);
+        assert_eq!(waits, [&[None][..], &later].concat());
+        // Of a supply that is low and not gone even the first is waited out.
+        let mut starts = Starts::new(SOFTWARE, Counts::default());
+        assert_eq!(starts.supply_failed(), (FaultCode::SupplyLow, THRESHOLD_MV.into()));
+        let over = (0..100).find(|s| starts.over(&mut Good(s * 1_000_000)));
+        assert_eq!(over, Some(5));
+    }
+
+    #[test]
+    fn work_settles_starts_after_a_minute_and_failures_after_an_hour() {
+        let mut starts = Starts::new(cause::BROWN_OUT, Counts { starts: 4, failures: 0 });
+        assert!(starts.must_wait().is_none() && !starts.works(59_000_000));
+        assert!(starts.works(60_000_000) && !starts.works(61_000_000));
+        assert_eq!(starts.counts(), Counts { starts: 0, failures: 1 });
+        assert!(starts.works(3_600_000_000));
+        assert_eq!(starts.counts(), Counts::default());
+        // One that waits does not work.
+        let mut waits = Starts::new(WATCHDOG, Counts { starts: 7, failures: 1 });
+        assert!(waits.must_wait().is_some() && !waits.works(u64::MAX));
+    }
+}
