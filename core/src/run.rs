@@ -6,14 +6,16 @@
 //! that a dead converter is reported and `Health` goes on; otherwise the clock measures work and influences nothing but
 //! when a link ([`crate::outlet::Reliable`]) sends.
 
+mod rhythm;
+
 use crate::block::{Block, Frame};
 use crate::config::Schedule;
 use crate::keeper::DONE;
 use crate::outlet::{Heard, Outlet, Plain};
 use crate::port::{Chunk, Clock, Link, Load, SampleSource, Supervisor};
-use crate::schedule::Stretches;
 use crate::utc::Pair;
 use crate::wire::{Command, End, Fault, FaultCode, Message, Reply, Time};
+use rhythm::Rhythm;
 
 /// Sample instants handled at a time: 1 ms at 64 kHz, which costs 1 KiB and is long against the loop's own work.
 pub const BLOCK_FRAMES: usize = 64;
@@ -120,59 +122,6 @@ impl Silence {
     }
 }
 
-/// The recorder's schedule as the loop keeps it.
-struct Rhythm {
-    stretches: Stretches,
-    /// Index after the last sample that came.
-    index: u64,
-    /// Seconds of a pause that were told.
-    told_s: u32,
-    /// First index of the pause, where it pauses.
-    since: Option<u64>,
-}
-
-impl Rhythm {
-    /// The front of a block, which is heard or left out as a whole, and the rest.
-    fn part<'a>(&mut self, block: Block<'a>) -> (Option<Block<'a>>, Block<'a>) {
-        let Block { first_index, frames } = block;
-        let (count, listens) = self.stretches.next(first_index, frames.len());
-        let (front, rest) = frames.split_at_checked(count).unwrap_or((frames, &[]));
-        self.index = first_index.saturating_add(front.len() as u64);
-        if listens {
-            (self.told_s, self.since) = (0, None);
-        } else {
-            self.since.get_or_insert(first_index);
-        }
-        (
-            listens.then_some(Block { first_index, frames: front }),
-            Block { first_index: self.index, frames: rest },
-        )
-    }
-
-    /// Tells the recorder and its source of a pause that begins, goes on for longer, or ends before its time.
-    fn tell(
-        &mut self,
-        application: &mut impl Application,
-        source: &mut impl SampleSource,
-        sink: &mut impl FnMut(&Message),
-    ) {
-        if let Some(until) = self.stretches.begun() {
-            application.pause(until, sink);
-            source.rest(self.since.unwrap_or(until)..until);
-        }
-    }
-
-    /// The next second of a pause that has gone by and was not told.
-    fn second(&mut self, index: u64) -> Option<u32> {
-        let paused_s = self.stretches.paused_s(index);
-        (self.told_s < paused_s).then(|| {
-            // An index that leaps is no long pause.
-            self.told_s = self.told_s.max(paused_s.saturating_sub(MOST_AT_ONCE_S)) + 1;
-            self.told_s
-        })
-    }
-}
-
 /// What was said that concerns the board.
 #[derive(Default)]
 struct Told {
@@ -240,9 +189,7 @@ pub fn run_over(
         outlet.say(&Message::Fault(Fault { code, index: 0, value }));
     }
     let mut silence = Silence::since(clock.seconds());
-    let (schedule, rate_hz) = application.schedule();
-    let mut rhythm =
-        Rhythm { stretches: Stretches::new(schedule, rate_hz), index: 0, told_s: 0, since: None };
+    let mut rhythm = Rhythm::new(application.schedule());
     let mut running = true;
     while running {
         supervisor.feed();
@@ -308,6 +255,9 @@ pub fn run_over(
         }
         if let Some((code, value)) = source.fault() {
             application.fault(code, value, &mut said(outlet, &mut told));
+        }
+        if let Some((code, value)) = supervisor.fault() {
+            application.fault(code, value as u64, &mut said(outlet, &mut told));
         }
         if let Some(pair) = source.pair() {
             application.pair(pair, &mut said(outlet, &mut told));
