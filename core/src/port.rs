@@ -107,6 +107,11 @@ pub trait Supervisor {
     /// the number that goes with it.
     fn last_fault(&mut self) -> Option<(FaultCode, i64)>;
 
+    /// Something about the board that ends nothing, once: a fault and its number.
+    fn fault(&mut self) -> Option<(FaultCode, i64)> {
+        None
+    }
+
     /// What the board has left besides `load`, where it can measure that: asked for after each [`crate::wire::Health`].
     fn margins(&mut self, _load: &Load) -> Option<Margins> {
         None

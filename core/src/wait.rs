@@ -49,6 +49,7 @@ pub fn wait(
         if reason.is_some() && supervisor.over() {
             return;
         }
+        supervisor.fault().into_iter().for_each(|told| outlet.say(&fault(told)));
         let now_s = clock.seconds();
         if let Some(reason) = reason
             && now_s.wrapping_sub(told_s) >= TELL_EVERY_S

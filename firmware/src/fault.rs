@@ -5,8 +5,13 @@
 
 use seabearing_core::wire::FaultCode;
 
-/// [`Record::processor`] of settings that changed.
+/// [`Record::processor`] of a panic, a fault of the processor, settings that changed, and wrong bits in memory.
+const PANIC: u32 = 0;
+const PROCESSOR: u32 = 1;
 const SETTINGS: u32 = 2;
+const MEMORY: u32 = 3;
+/// The bit of [`FaultCode::MemoryError`]'s number which says that the bits could not be corrected.
+const NOT_CORRECTED: i64 = 1 << 40;
 /// The number of [`FaultCode::BadConfiguration`] that says so: the recorder has started again, and runs.
 const CHANGED: i64 = 3;
 
@@ -22,33 +27,36 @@ pub struct Record {
     pub place: u32,
     /// Of a panic the file (FNV-1a of its path, low 32 bits); of a fault its status.
     pub detail: u32,
-    /// Whose doing: 0 a panic's, 1 the processor's, 2 that of settings which had changed in memory.
+    /// Whose doing: 0 a panic's, 1 the processor's, 2 that of settings which had changed in memory, 3 the memory's.
     pub processor: u32,
     check: u32,
     _may_be_lost: [u32; 3],
 }
 
 impl Record {
-    fn new(place: u32, detail: u32, processor: bool) -> Self {
-        let processor = u32::from(processor);
+    fn new(place: u32, detail: u32, processor: u32) -> Self {
         let check = check([place, detail, processor]);
         Self { magic: MAGIC, place, detail, processor, check, _may_be_lost: [0; 3] }
     }
 
     /// The record of a panic at a place in the source.
     pub fn panic(file: &str, line: u32) -> Self {
-        Self::new(line, seabearing_core::wire::hash::fnv1a(file.as_bytes()) as u32, false)
+        Self::new(line, seabearing_core::wire::hash::fnv1a(file.as_bytes()) as u32, PANIC)
     }
 
     /// The record of a fault of the processor: the program counter and the configurable fault status register.
     pub fn processor(pc: u32, status: u32) -> Self {
-        Self::new(pc, status, true)
+        Self::new(pc, status, PROCESSOR)
     }
 
     /// Settings or calibration had changed in memory.
     pub fn settings() -> Self {
-        let check = check([0, 0, SETTINGS]);
-        Self { magic: MAGIC, place: 0, detail: 0, processor: SETTINGS, check, _may_be_lost: [0; 3] }
+        Self::new(0, 0, SETTINGS)
+    }
+
+    /// At this place in the memory of this number more bits were wrong than can be corrected.
+    pub fn memory(place: u32, memory: u32) -> Self {
+        Self::new(place, memory, MEMORY)
     }
 
     /// Nothing recorded.
@@ -60,7 +68,11 @@ impl Record {
     pub fn told(self) -> (FaultCode, i64) {
         let (code, detail) = match self.processor {
             SETTINGS => return (FaultCode::BadConfiguration, CHANGED),
-            0 => (FaultCode::Panicked, self.detail >> 1),
+            MEMORY => {
+                let memory = i64::from(self.detail) << 32;
+                return (FaultCode::MemoryError, NOT_CORRECTED | memory | i64::from(self.place));
+            }
+            PANIC => (FaultCode::Panicked, self.detail >> 1),
             _ => (FaultCode::HardFault, self.detail & 0x7fff_ffff),
         };
         (code, i64::from(detail) << 32 | i64::from(self.place))
@@ -117,12 +129,16 @@ mod kept {
     /// What was counted before this start; nothing where power was off.
     pub fn counts() -> Counts {
         let kept = exchange(&raw mut COUNTS, |_| Record::none());
-        kept.map_or(Counts::default(), |kept| Counts { starts: kept.place, failures: kept.detail })
+        kept.map_or(Counts::default(), |kept| Counts {
+            starts: kept.place,
+            failures: kept.detail,
+            phase: kept.processor.into(),
+        })
     }
 
     /// Keeps counts over the next reset.
     pub fn keep_counts(counts: Counts) {
-        exchange(&raw mut COUNTS, |_| Record::new(counts.starts, counts.failures, false));
+        exchange(&raw mut COUNTS, |_| Record::new(counts.starts, counts.failures, counts.phase as u32));
     }
 
     /// Keeps the record of a panic and starts again.
@@ -150,6 +166,8 @@ mod tests {
         assert!(Record { _may_be_lost: [9; 3], ..record }.valid().is_some());
         let fault = Record::processor(0x0800_1234, 0x8200);
         assert_eq!(fault.valid().map(Record::told), Some((FaultCode::HardFault, 0x8200_0800_1234)));
+        let memory = Record::memory(0x1238, 3).valid().map(Record::told);
+        assert_eq!(memory, Some((FaultCode::MemoryError, 0x103_0000_1238)));
         assert_eq!(Record::settings().valid().map(Record::told), Some((FaultCode::BadConfiguration, 3)));
     }
 }

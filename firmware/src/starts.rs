@@ -29,6 +29,29 @@ pub struct Counts {
     pub starts: u32,
     /// Failures of the supply, without an hour's work between.
     pub failures: u32,
+    /// What the newest start does, after too many.
+    pub phase: Phase,
+}
+
+/// What a start does, after too many.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Phase {
+    /// It records.
+    #[default]
+    Records,
+    /// It waits. Where another start finds this, waiting ended by a crash.
+    Waits,
+    /// It has waited: the next one records.
+    Waited,
+}
+
+impl From<u32> for Phase {
+    fn from(number: u32) -> Self {
+        [Self::Records, Self::Waits, Self::Waited]
+            .into_iter()
+            .find(|p| *p as u32 == number)
+            .unwrap_or_default()
+    }
 }
 
 /// What a board that does not record waits for, beside a command.
@@ -47,19 +70,25 @@ enum Until {
 pub struct Starts {
     counts: Counts,
     cause: u8,
+    before: Phase,
     until: Until,
 }
 
 impl Starts {
     /// A start of this cause, after what was counted before. A person or the supply begins afresh.
     pub fn new(cause: u8, before: Counts) -> Self {
-        let Counts { starts, failures } = before;
+        let Counts { starts, failures, phase } = before;
+        let counted = |starts, failures| Counts { starts, failures, phase: Phase::Records };
         let counts = match cause {
-            cause::POWER_ON | cause::RESET_PIN => Counts { starts: 1, failures: 0 },
-            cause::BROWN_OUT => Counts { starts: 1, failures: failures.saturating_add(1) },
-            _ => Counts { starts: starts.saturating_add(1), failures },
+            cause::POWER_ON | cause::RESET_PIN => counted(1, 0),
+            cause::BROWN_OUT => counted(1, failures.saturating_add(1)),
+            _ => counted(starts.saturating_add(1), failures),
         };
-        Self { counts, cause, until: Until::Told }
+        let mut new = Self { counts, cause, before: phase, until: Until::Told };
+        if new.too_many() {
+            new.counts.phase = Phase::Waits;
+        }
+        new
     }
 
     /// What is to be kept over a reset.
@@ -70,13 +99,22 @@ impl Starts {
     /// Why the board must not record yet, where that is so: it started too often, or its supply failed again. From then on it
     /// waits until that may be over.
     pub fn must_wait(&mut self) -> Option<Reason> {
-        let Counts { starts, failures } = self.counts;
-        if starts > MOST_STARTS {
+        let Counts { starts, failures, .. } = self.counts;
+        if self.too_many() {
             self.until = Until::Late(try_again_us(starts));
             return Some((FaultCode::ManyResets, starts.into()));
         }
         let waits = self.cause == cause::BROWN_OUT && failures > 1;
         waits.then(|| self.wait_for_supply())
+    }
+
+    fn too_many(&self) -> bool {
+        self.counts.starts > MOST_STARTS && self.before != Phase::Waited
+    }
+
+    /// Whether even waiting has ended by a crash: it had better wait with nothing but the line.
+    pub fn crashed_waiting(&self) -> bool {
+        self.too_many() && self.before == Phase::Waits
     }
 
     /// The supply has failed: the board waits until it is good. Its counts have changed.
@@ -109,11 +147,13 @@ impl Starts {
         }
     }
 
-    /// The board begins a new session by a reset. After too many starts of which nobody said that it shall that is one more;
-    /// else they count as right. Its counts have changed.
+    /// The board begins a new session by a reset, in which it records. Where too many starts were waited out of which nobody
+    /// said that they are over, they count on; else they count as right. Its counts have changed.
     pub fn again(&mut self, detector: &mut impl Detector) {
-        if !(matches!(self.until, Until::Late(_)) && self.over(detector)) {
-            self.counts.starts = 0;
+        if matches!(self.until, Until::Late(_)) && self.over(detector) {
+            self.counts.phase = Phase::Waited;
+        } else {
+            self.counts = Counts { failures: self.counts.failures, ..Counts::default() };
         }
     }
 }
@@ -126,11 +166,12 @@ fn good_us(failures: u32) -> u64 {
 }
 
 /// How long after its start a board tries once more, µs, after so many starts in a row: what ended it may be over, and nobody
-/// may be there to say so. Ten minutes, then twice as long each time, a day at most.
+/// may be there to say so. Ten minutes, then twice as long each time, a day at most. Each time has two starts: that which waits
+/// and that which records.
 fn try_again_us(starts: u32) -> u64 {
     const FIRST_US: u64 = 600_000_000;
     const LONGEST_US: u64 = 86_400_000_000;
-    doubled(FIRST_US, starts.saturating_sub(MOST_STARTS + 1)).min(LONGEST_US)
+    doubled(FIRST_US, starts.saturating_sub(MOST_STARTS + 1) / 2).min(LONGEST_US)
 }
 
 fn doubled(us: u64, times: u32) -> u64 {
@@ -163,27 +204,56 @@ mod tests {
         (0..200_000).find(|s| starts.over(&mut Good(s * 1_000_000)))
     }
 
-    #[test]
-    fn too_many_starts_are_tried_again_ever_later_and_a_command_begins_afresh() {
+    /// Starts of a board whose recording always crashes and whose waiting crashes where it is asked: how long each waited, min,
+    /// and with how much; `None`: it recorded.
+    fn crashing(starts: usize, waiting_crashes: impl Fn(&Starts) -> bool) -> Vec<Option<(u64, bool)>> {
         let mut counts = Counts::default();
-        let mut waits = Vec::new();
-        for _ in 0..15 {
+        let mut told = Vec::new();
+        for _ in 0..starts {
             let mut starts = Starts::new(WATCHDOG, counts);
-            waits.push(waits_s(&mut starts).map(|s| s / 60));
-            starts.again(&mut Good(200_000_000_000));
             counts = starts.counts();
-            if waits.len() < 6 {
-                // It crashed while it worked.
-                counts = Counts { starts: waits.len() as u32, failures: 0 };
+            let waits = waits_s(&mut starts).map(|s| (s / 60, starts.crashed_waiting()));
+            told.push(waits);
+            if waits.is_some() && !waiting_crashes(&starts) {
+                starts.again(&mut Good(200_000_000_000));
+                counts = starts.counts();
             }
         }
-        let later = [10, 20, 40, 80, 160, 320, 640, 1280, 1440, 1440].map(Some);
-        assert_eq!(waits, [&[None; 5][..], &later].concat());
-        let mut told = Starts::new(SOFTWARE, Counts { starts: 30, failures: 0 });
+        told
+    }
+
+    #[test]
+    fn after_too_many_starts_it_waits_ever_longer_and_records_once_after_each_wait() {
+        let told = crashing(25, |_| false);
+        assert_eq!(told[..5], [None; 5]);
+        let waits: Vec<u64> = told[5..].iter().step_by(2).map(|wait| wait.unwrap().0).collect();
+        assert_eq!(waits, [10, 20, 40, 80, 160, 320, 640, 1280, 1440, 1440]);
+        assert!(told[6..].iter().step_by(2).all(Option::is_none), "between, it recorded: {told:?}");
+        assert!(told.iter().flatten().all(|(_, crashed)| !crashed));
+    }
+
+    #[test]
+    fn where_waiting_crashes_too_it_waits_with_nothing_but_the_line_and_then_records_once() {
+        let told = crashing(10, |starts| !starts.crashed_waiting());
+        let waits = [Some((10, false)), Some((10, true)), None, Some((20, false)), Some((40, true))];
+        assert_eq!(told[5..], waits);
+    }
+
+    #[test]
+    fn a_command_power_and_the_reset_pin_begin_afresh() {
+        let many = Counts { starts: 30, ..Counts::default() };
+        let mut told = Starts::new(SOFTWARE, many);
         assert!(told.must_wait().is_some());
         told.again(&mut Good(1));
-        assert_eq!(told.counts().starts, 0);
-        assert_eq!(Starts::new(cause::POWER_ON, counts).counts(), Counts { starts: 1, failures: 0 });
+        assert_eq!(told.counts(), Counts::default());
+        for cause in [cause::POWER_ON, cause::RESET_PIN] {
+            let mut afresh = Starts::new(cause, Counts { phase: Phase::Waits, ..many });
+            assert_eq!(afresh.counts(), Counts { starts: 1, ..Counts::default() });
+            assert!(afresh.must_wait().is_none());
+        }
+        for phase in [Phase::Records, Phase::Waits, Phase::Waited] {
+            assert_eq!(Phase::from(phase as u32), phase);
+        }
     }
 
     #[test]
@@ -207,14 +277,14 @@ mod tests {
 
     #[test]
     fn work_settles_starts_after_a_minute_and_failures_after_an_hour() {
-        let mut starts = Starts::new(cause::BROWN_OUT, Counts { starts: 4, failures: 0 });
+        let mut starts = Starts::new(cause::BROWN_OUT, Counts { starts: 4, ..Counts::default() });
         assert!(starts.must_wait().is_none() && !starts.works(59_000_000));
         assert!(starts.works(60_000_000) && !starts.works(61_000_000));
-        assert_eq!(starts.counts(), Counts { starts: 0, failures: 1 });
+        assert_eq!(starts.counts(), Counts { failures: 1, ..Counts::default() });
         assert!(starts.works(3_600_000_000));
         assert_eq!(starts.counts(), Counts::default());
         // One that waits does not work.
-        let mut waits = Starts::new(WATCHDOG, Counts { starts: 7, failures: 1 });
+        let mut waits = Starts::new(WATCHDOG, Counts { starts: 7, failures: 1, ..Counts::default() });
         assert!(waits.must_wait().is_some() && !waits.works(u64::MAX));
     }
 }

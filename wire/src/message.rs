@@ -355,11 +355,14 @@ pub enum FaultCode {
     TableOff,
     /// What was told of the set-up is so no longer: the number of that code.
     SetUpGood,
+    /// Wrong bits in the processor's memory: low 32 bits where, bits 32 to 39 in which memory (0 AXI SRAM, 1 to 3 tightly
+    /// coupled, 4 to 7 SRAM 1 and 2); bit 40: they could not be corrected, and the recorder has started again.
+    MemoryError,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 31] = [
+    pub const ALL: [Self; 32] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -391,6 +394,7 @@ impl FaultCode {
         Self::Unequal,
         Self::TableOff,
         Self::SetUpGood,
+        Self::MemoryError,
     ];
 }
 

@@ -310,12 +310,20 @@ impl<B: Board> Machine<B> {
                 self.resolve(pc, trouble)?;
             }
             self.advance()?;
+            let mut reset = false;
             while let Some(wish) = self.wishes.pop() {
                 match wish {
-                    Wish::Reset => self.reset_core(),
+                    Wish::Reset => {
+                        self.reset_core();
+                        reset = true;
+                    }
                     Wish::CoreHz(hz) => self.set_hz(hz),
                     Wish::Exit(status) => return Ok(Ending::Exit(status)),
                 }
+            }
+            if reset {
+                // What else was due at that moment is still to be done.
+                continue;
             }
             if self.now >= until {
                 return Ok(Ending::Time);

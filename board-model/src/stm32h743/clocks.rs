@@ -39,6 +39,8 @@ pub(super) struct Clocks {
     pub(super) supply_low: bool,
     /// The crystal of the backup domain swings as soon as it is on.
     crystal: bool,
+    /// Phase-locked loops lock as soon as they are on.
+    pub(super) loops_lock: bool,
 }
 
 /// Offsets in RCC.
@@ -85,6 +87,7 @@ impl Clocks {
             reset_cause,
             supply_low: false,
             crystal,
+            loops_lock: true,
         };
         clocks.kernel_hz = clocks.kernels();
         clocks
@@ -101,15 +104,16 @@ impl Clocks {
                 let cr = self.rcc[0];
                 // Every oscillator and loop is ready as soon as it is on.
                 let ready = |on: u32, bit: u32| (cr >> on & 1) << bit;
+                let locked = |on: u32, bit: u32| ready(on, bit) * u32::from(self.loops_lock);
                 cr & !0x0a02_4024
                     | 0x20
                     | ready(0, 2)
                     | ready(7, 8)
                     | ready(12, 13)
                     | ready(16, 17)
-                    | ready(24, 25)
-                    | ready(26, 27)
-                    | ready(28, 29)
+                    | locked(24, 25)
+                    | locked(26, 27)
+                    | locked(28, 29)
                     | 0xc000
             }
             at::CFGR => {

@@ -98,6 +98,8 @@ pub struct Flash {
     cut: Option<Ticks>,
     /// Sectors erased.
     pub erased: u32,
+    /// Whoever reads it takes a hard fault.
+    pub crashes: bool,
 }
 
 fn key_of(n: usize) -> u64 {
@@ -121,6 +123,7 @@ impl Flash {
             cut_at: None,
             cut: None,
             erased: 0,
+            crashes: false,
         }
     }
 

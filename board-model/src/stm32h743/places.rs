@@ -24,6 +24,8 @@ pub(super) enum Peripheral {
     Debug,
     Rtc,
     Adc,
+    /// Error correction of D1's and D2's memories.
+    Ecc(usize),
 }
 
 /// What was found at an address.
@@ -102,6 +104,8 @@ pub(super) fn place(address: u32) -> Option<Found> {
         0x5800_4800 => found(Peripheral::Watchdog, "IWDG1", block, None),
         0x5800_4000 => found(Peripheral::Rtc, "RTC", block, Some((APB4, 16))),
         0x5802_6000 => found(Peripheral::Adc, "ADC3", block, Some((AHB4, 24))),
+        0x5200_9000 => found(Peripheral::Ecc(0), "RAMECC1", block, None),
+        0x4802_3000 => found(Peripheral::Ecc(1), "RAMECC2", block, None),
         0x5c00_1000 => found(Peripheral::Debug, "DBGMCU", block, None),
         _ => {
             let index = TIMERS.iter().position(|timer| timer.base == block)?;

@@ -55,6 +55,7 @@ impl Stm32h743 {
                 }
             }
             Peripheral::Rtc => self.rtc.read(word, bus.now)?,
+            Peripheral::Ecc(block) => self.ecc.read(block, word)?,
         };
         Ok(value >> shift)
     }
@@ -123,6 +124,7 @@ impl Stm32h743 {
                 let kernel_hz = self.clocks.adc_hz();
                 self.adc.write(offset, value, bus.now, kernel_hz, &self.analog)?;
             }
+            Peripheral::Ecc(block) => self.ecc.write(block, offset, value)?,
             Peripheral::Debug => {
                 self.debug = value;
                 // DBGSLEEP_D1 keeps the core's clock, and with it the cycle counter, running in sleep.

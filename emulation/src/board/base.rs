@@ -34,6 +34,8 @@ struct Came {
 struct Desk {
     now: Ticks,
     records: Vec<Came>,
+    /// What came without the link, of a board that has nothing but the line.
+    plain: Vec<(Ticks, Message)>,
     lost: u32,
     known: Option<(Session, Progress)>,
 }
@@ -54,7 +56,10 @@ impl Inbox for Desk {
                 bytes: record.bytes.to_vec(),
             }),
             Arrival::Lost(loss) => self.lost += loss.count,
-            Arrival::Opened(_) | Arrival::Plain { .. } => {}
+            Arrival::Plain { message, .. } => {
+                self.plain.extend(message_of(message).map(|message| (self.now, message)));
+            }
+            Arrival::Opened(_) => {}
         }
     }
 }
@@ -107,6 +112,14 @@ impl Base {
             let sequence = u16::from(!begins);
             said.push(Said { at_s: seconds(record.at), sequence, boot: record.boot, message });
         }
+        // It waits: its frames begin no session of records.
+        let plain = self.desk.plain.iter();
+        said.extend(plain.map(|(at, message)| Said {
+            at_s: seconds(*at),
+            sequence: 1,
+            boot: 0,
+            message: *message,
+        }));
         Ok((said, missing))
     }
 }

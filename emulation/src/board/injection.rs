@@ -39,6 +39,12 @@ pub enum InjectedFault {
     Panic(f64),
     /// At this second a bit changes in what the recorder worked out of its configuration: this one of those that a fixed seed chooses.
     SettingsBit(f64, u64),
+    /// At this second one bit of a word of memory is wrong, and is corrected: this one of those that a fixed seed chooses.
+    MemoryBit(f64, u64),
+    /// At this second two bits of a word of what changes while it records are wrong, which cannot be corrected.
+    MemoryBits(f64, u64),
+    /// No phase-locked loop locks that is switched on from this second on, for so many seconds.
+    ClocksFail(f64, f64),
     /// The reset pin is pulled at this second.
     PinReset(f64),
     /// The supply sags at this second.
@@ -51,6 +57,8 @@ pub enum InjectedFault {
     FlashCut(u32),
     /// One bit goes wrong in every flash word that was written by this second.
     FlashBits(f64),
+    /// From this second on whoever reads the second bank of the flash takes a hard fault.
+    FlashCrash(f64),
     /// The satellite receiver gives no pulses from this second on, for so many seconds; its sentences go on.
     PulseLost(f64, f64),
     /// A pulse that is none, at this second.
@@ -87,7 +95,8 @@ impl InjectedFault {
     pub fn can_happen(&self, has: &Has) -> bool {
         match self {
             Self::ChipDead(..) | Self::ChipReset(..) | Self::ChipUpset(..) => has.seismic,
-            Self::FlashCut(_) | Self::FlashBits(_) => has.link,
+            Self::FlashCut(_) | Self::FlashBits(_) | Self::FlashCrash(_) => has.link,
+            Self::ClocksFail(..) => !has.seismic,
             Self::CardStall(..) | Self::CardPulled(..) | Self::CardErrors(..) | Self::CardCut(_) => has.card,
             _ => true,
         }
@@ -99,8 +108,8 @@ pub const PANIC_LINE: u32 = 4711;
 
 /// What [`InjectedFault`] is read from.
 const KINDS: &str = "converter-reset@S, converter-upset@S, converter-gain@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
-                     core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, settings-bit@S:N, pin-reset@S, brown-out@S, \
-                     flash-cut@WORK, flash-bits@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, \
+                     core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, settings-bit@S:N, memory-bit@S:N, memory-bits@S:N, clocks-fail@S:LENGTH, pin-reset@S, brown-out@S, \
+                     flash-cut@WORK, flash-bits@S, flash-crash@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, \
                      card-errors@S:LENGTH, card-cut@SECTOR, spi-bits@BYTES, or of the ocean-bottom board's chips N, 0 to 3, \
                      chipN-dead@S or @S:LENGTH, chipN-reset@S, chipN-upset@S";
 
@@ -148,9 +157,13 @@ impl std::str::FromStr for InjectedFault {
                 ("hard-fault", None) => Self::HardFault(at),
                 ("panic", None) => Self::Panic(at),
                 ("settings-bit", Some(n)) if n.fract() == 0.0 => Self::SettingsBit(at, n as u64),
+                ("memory-bit", Some(n)) if n.fract() == 0.0 => Self::MemoryBit(at, n as u64),
+                ("memory-bits", Some(n)) if n.fract() == 0.0 => Self::MemoryBits(at, n as u64),
+                ("clocks-fail", Some(length)) => Self::ClocksFail(at, length),
                 ("pin-reset", None) => Self::PinReset(at),
                 ("brown-out", None) => Self::BrownOut(at),
                 ("flash-bits", None) => Self::FlashBits(at),
+                ("flash-crash", None) => Self::FlashCrash(at),
                 _ => return None,
             })
         };
@@ -199,6 +212,7 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             | InjectedFault::ConverterDead(at, length)
             | InjectedFault::ChipDead(_, at, length)
             | InjectedFault::ConverterMute(at, length)
+            | InjectedFault::ClocksFail(at, length)
             | InjectedFault::SupplyLow(at, length) => (at, length),
             InjectedFault::ConverterReset(at)
             | InjectedFault::ConverterUpset(at)
@@ -209,8 +223,11 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             | InjectedFault::HardFault(at)
             | InjectedFault::Panic(at)
             | InjectedFault::SettingsBit(at, _)
+            | InjectedFault::MemoryBit(at, _)
+            | InjectedFault::MemoryBits(at, _)
             | InjectedFault::PinReset(at)
             | InjectedFault::FlashBits(at)
+            | InjectedFault::FlashCrash(at)
             | InjectedFault::BrownOut(at) => (at, f64::INFINITY),
         };
         due.push(Due { at: ticks(at), fault, ends: false });
@@ -277,6 +294,10 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         InjectedFault::HardFault(_) => machine.nvic.pend(HARD_FAULT),
         InjectedFault::Panic(_) => panic(machine)?,
         InjectedFault::SettingsBit(_, n) => settings_bit(machine, n)?,
+        InjectedFault::MemoryBit(_, n) => memory_bits(machine, n, true)?,
+        InjectedFault::MemoryBits(_, n) => memory_bits(machine, n, false)?,
+        InjectedFault::ClocksFail(..) => machine.board.set_loops_lock(due.ends),
+        InjectedFault::FlashCrash(_) => machine.board.flash.crashes = true,
         InjectedFault::PinReset(_) => machine.reset(|board| board.reset(cause::PIN)),
         InjectedFault::BrownOut(_) => machine.reset(|board| board.reset(cause::BROWN_OUT)),
         InjectedFault::FlashBits(_) => {
@@ -351,6 +372,22 @@ fn settings_bit(machine: &mut Machine<Stm32h743>, n: u64) -> Result<()> {
     Ok(())
 }
 
+/// One wrong bit in a word of the image's statics, which is read as if it were right, or two.
+fn memory_bits(machine: &mut Machine<Stm32h743>, n: u64, corrected: bool) -> Result<()> {
+    let symbol = |name| machine.image().symbol(name).with_context(|| format!("the image has no {name}"));
+    let (from, to) = (symbol("__sbss")?, symbol("__ebss")?);
+    let words = u64::from(to.saturating_sub(from) / 8).max(1);
+    let at = (from & !7) + 8 * (mix(n) % words) as u32;
+    if !corrected {
+        let word = machine.memory.bytes_mut(at, 8).context("no memory there")?;
+        let bits = mix(!n);
+        word[0] ^= 1 << (bits % 8);
+        word[4] ^= 1 << (bits / 8 % 8);
+    }
+    anyhow::ensure!(machine.board.wrong_bits(at, corrected), "no error correction at {at:#010x}");
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -360,6 +397,7 @@ mod tests {
         let read = |text: &str| text.parse::<InjectedFault>();
         assert_eq!(read("converter-dead@2"), Ok(InjectedFault::ConverterDead(2.0, f64::INFINITY)));
         assert_eq!(read("core-held@2:0.5"), Ok(InjectedFault::CoreHeld(2.0, 0.5)));
+        assert_eq!(read("memory-bits@2:7"), Ok(InjectedFault::MemoryBits(2.0, 7)));
         assert_eq!(read("spi-bits@90"), Ok(InjectedFault::SpiBits(90)));
         assert_eq!(read("chip3-dead@2:1"), Ok(InjectedFault::ChipDead(3, 2.0, 1.0)));
         assert_eq!(read("chip0-upset@2"), Ok(InjectedFault::ChipUpset(0, 2.0)));

@@ -58,6 +58,7 @@ pub(super) fn line(commands: &[(f64, Command)]) -> Vec<(f64, Vec<u8>)> {
 pub fn all(outages_s: &[f64]) -> Vec<Case> {
     let mut cases = failures();
     cases.extend(settings());
+    cases.extend(memory());
     cases.extend(reach());
     cases.extend(receiver(&ARRAYS));
     for &s in outages_s {
@@ -132,6 +133,16 @@ pub fn with_store(cuts: &[u32]) -> Vec<Case> {
     );
     let commands = line(&[(AT_S, Command::Stop { token: 1 }), (AT_S + 0.5, Command::Start { token: 2 })]);
     cases.push(Case { setup: Setup { commands, ..stop.setup }, ..stop });
+    let crash = [InjectedFault::FlashCrash(AT_S), InjectedFault::PinReset(AT_S)];
+    let crashed = Wanted::Fault(FaultCode::HardFault, None);
+    let many = Wanted::Fault(FaultCode::ManyResets, None);
+    cases.push(case(
+        "every start crashes as it opens the flash",
+        &crash,
+        AT_S,
+        1.5,
+        &[Wanted::Waits, crashed, many],
+    ));
     cases.into_iter().map(|case| linked("store", case)).collect()
 }
 
@@ -230,6 +241,14 @@ fn failures() -> Vec<Case> {
                 Wanted::Start(SOFTWARE),
             ],
         ),
+        // While its clocks do not start only the watchdog works.
+        case(
+            "reset pin, and the clocks do not start for 3 s",
+            &[InjectedFault::ClocksFail(AT_S, 3.0), InjectedFault::PinReset(AT_S)],
+            AT_S,
+            5.5,
+            &[Wanted::Start(WATCHDOG)],
+        ),
         case("supply low for 10 ms", &[InjectedFault::SupplyLow(AT_S, 0.01)], AT_S, 1.5, &[]),
         case("reset pin", &[InjectedFault::PinReset(AT_S)], AT_S, 1.5, &[Wanted::Start(PIN)]),
         case("supply sags", &[InjectedFault::BrownOut(AT_S)], AT_S, 1.5, &[Wanted::Start(BROWN_OUT)]),
@@ -259,6 +278,19 @@ fn settings() -> impl Iterator<Item = Case> {
         let flip = InjectedFault::SettingsBit(AT_S, n);
         case(&name, &[flip], AT_S, AT_S + 4.0, &[Wanted::Start(SOFTWARE), changed])
     })
+}
+
+/// Wrong bits in memory: one is corrected, more are not.
+fn memory() -> impl Iterator<Item = Case> {
+    let told = Wanted::Fault(FaultCode::MemoryError, None);
+    let one =
+        case("one wrong bit in a word of memory", &[InjectedFault::MemoryBit(AT_S, 0)], AT_S, 1.5, &[told]);
+    let more = move |n: u64| {
+        let name = format!("two wrong bits in word {n} of memory");
+        let flip = InjectedFault::MemoryBits(AT_S, n);
+        case(&name, &[flip], AT_S, 1.5, &[Wanted::Start(SOFTWARE), told])
+    };
+    std::iter::once(one).chain((0..6).map(more))
 }
 
 /// The line in both directions.

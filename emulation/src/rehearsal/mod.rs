@@ -217,8 +217,10 @@ impl Stage<'_> {
             numbers.right &= clock.right;
         }
         let named = told.iter().all(|(_, after_s)| after_s.is_some_and(|s| s <= NAMED_S));
-        if case.setup.faults.iter().any(|f| matches!(f, InjectedFault::SettingsBit(..))) && named {
-            // Whatever the settings made of the records until then, it is told of them.
+        let doubtful =
+            |f: &InjectedFault| matches!(f, InjectedFault::SettingsBit(..) | InjectedFault::MemoryBits(..));
+        if case.setup.faults.iter().any(doubtful) && named {
+            // Whatever they made of the records until then, it is told of them.
             numbers.right = true;
             numbers.outcome = "the records since are told as doubtful".to_owned();
         }

@@ -95,6 +95,11 @@ fn run(options: &Options) -> Result<()> {
         f64::from(base.stuck),
         0.0,
     );
+    figures.at_most(
+        "parts of days undisturbed to their end in which nothing was recorded",
+        f64::from(world.idle),
+        0.0,
+    );
     figures.state("parts of days", f64::from(base.parts));
     let desk = &base.desk;
     figures.state("records that came", desk.records.len() as f64);

@@ -135,6 +135,9 @@ pub struct World {
     pub boots: Vec<Boot>,
     /// Samples given since the part of the day began.
     pub given: u64,
+    /// When something last happened, and parts of days of which the last minute and more was undisturbed and nothing was recorded.
+    disturbed_us: u64,
+    pub idle: u32,
     pub counts: Counts,
 }
 
@@ -188,6 +191,8 @@ impl World {
             places: Rc::default(),
             boots: Vec::new(),
             given: 0,
+            disturbed_us: 0,
+            idle: 0,
             counts: Counts::default(),
         }
     }
@@ -276,6 +281,9 @@ impl World {
         const STEP_US: u64 = 64_000;
         let part = DAY_US / PARTS;
         if self.now_us % part >= PART_US {
+            let undisturbed =
+                self.converts && !self.supply_low && self.now_us - self.disturbed_us > PART_US / 2;
+            self.idle += u32::from(undisturbed && self.given == 0);
             self.pulse = None;
             let mut left = part - self.now_us % part;
             while left > 0 {
@@ -364,6 +372,7 @@ impl World {
     }
 
     fn happen(&mut self, event: Event) {
+        self.disturbed_us = self.now_us;
         match event {
             Event::Restart(cause, fault) => {
                 self.counts.watchdog += u32::from(cause == cause::WATCHDOG);

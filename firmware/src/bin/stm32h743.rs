@@ -17,7 +17,6 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, peripherals, usart};
 use seabearing_core::block::Frame;
 use seabearing_core::config_blob::{self, PROPAGATION};
-#[cfg(not(feature = "link"))]
 use seabearing_core::outlet::Plain;
 #[cfg(feature = "card")]
 use seabearing_core::port::Clock;
@@ -55,7 +54,7 @@ use seabearing_firmware::stm32h743::sampling as converters;
 #[cfg(feature = "seismic")]
 use seabearing_firmware::stm32h743::seismic as converters;
 use seabearing_firmware::stm32h743::{
-    BAUD, Board, VoltageDetector, WATCHDOG_US, clocks, counter::on_wake, wake,
+    BAUD, Board, VoltageDetector, WATCHDOG_US, clocks, counter::on_wake, wake, watch_the_start,
 };
 #[cfg(feature = "card")]
 use seabearing_firmware::stm32h743::{sd::SdCard, sram};
@@ -144,6 +143,8 @@ fn main() -> ! {
     static mut RING: [u8; RING_BYTES] = [0; RING_BYTES];
     static mut SENTENCES: [u8; pulse::RING_BYTES] = [0; pulse::RING_BYTES];
 
+    // The watchdog first: what follows waits for hardware.
+    watch_the_start();
     let p = embassy_stm32::init(clocks());
     // SAFETY: all of it is valid as zeros, none of it was touched, and here alone is it taken.
     #[cfg(feature = "card")]
@@ -153,7 +154,6 @@ fn main() -> ! {
         let at = &raw mut IN_SRAM;
         (&mut (*at).samples, &mut (*at).kept, &mut (*at).tables)
     };
-    // The watchdog first: what follows waits for hardware.
     let mut watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
     watchdog.unleash();
     let mut board = Board::new(watchdog, Gauges::start(p.ADC3));
@@ -181,6 +181,15 @@ fn main() -> ! {
     spawner.spawn(wake);
     spawner.spawn(transmit);
 
+    // Before anything that starts before this may have crashed on: configuration and records in flash.
+    let too_many = board.must_wait();
+    if too_many.is_some() && board.crashed_waiting() {
+        let station = config_blob::station(BLOB).map_or(0, |config| config.id);
+        let mut outlet = Plain::new(line);
+        wait(station, too_many, &mut outlet, &mut time, &mut board);
+        outlet.line().flush(&mut board);
+        board.start_again()
+    }
     #[cfg(feature = "link")]
     let kept = KEPT.open(p.FLASH, &mut core.MPU, usable);
     #[cfg(feature = "link")]
@@ -192,7 +201,7 @@ fn main() -> ! {
     let rate = config.as_ref().ok().and_then(|config| Conversion::of(config.rate_hz));
     // Why there is nothing to record, where that is so.
     let bad = |number| Err((FaultCode::BadConfiguration, number));
-    let recorder = match (&config, board.must_wait()) {
+    let recorder = match (&config, too_many) {
         (_, Some(reason)) => Err(reason),
         (Err(_), _) => bad(0),
         (Ok(config), _) => match (MEMORY.configure(config, table), rate) {

@@ -16,6 +16,7 @@ pub mod gauges;
 #[cfg(feature = "link")]
 pub mod kept;
 pub mod link;
+pub mod memory;
 pub mod pulse;
 #[cfg(not(feature = "seismic"))]
 pub mod sampling;
@@ -41,6 +42,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::rcc::{Sysclk, VoltageScale, mux};
 use embassy_stm32::wdg::IndependentWatchdog;
 use gauges::Gauges;
+use memory::Errors;
 use seabearing_core::port::{Load, Supervisor};
 use seabearing_core::wait::Reason;
 use seabearing_core::wire::{FaultCode, Margins};
@@ -90,6 +92,17 @@ pub fn clocks() -> Config {
     config
 }
 
+/// Starts the watchdog before anything waits for hardware, the clocks among it. Its own oscillator starts with it (RM0433, 46.3),
+/// at 32 kHz: a sixteenth of that, as many times as the period has.
+pub fn watch_the_start() {
+    use pac::iwdg::vals::{Key, Pr};
+    const PERIOD: u16 = (WATCHDOG_US / 1_000_000 * 2_000) as u16;
+    pac::IWDG1.kr().write(|w| w.set_key(Key::START));
+    pac::IWDG1.kr().write(|w| w.set_key(Key::ENABLE));
+    pac::IWDG1.pr().write(|w| w.set_pr(Pr::DIVIDE_BY16));
+    pac::IWDG1.rlr().write(|w| w.set_rl(PERIOD));
+}
+
 /// Longest wait for a transfer or a pair of edges, in cycles of the core: two periods at 8 kHz.
 const PATIENCE_CYCLES: u32 = CORE_HZ / 1000;
 
@@ -104,9 +117,11 @@ fn until(mut done: impl FnMut() -> bool) -> bool {
     true
 }
 
-/// Waits.
+/// Waits at least so long, a second at most, by the cycle counter: counted instructions take less time on a core that carries
+/// out two at once.
 fn wait_us(us: u32) {
-    cortex_m::asm::delay(us * (CORE_HZ / 1_000_000));
+    let (begun, cycles) = (cortex_m::peripheral::DWT::cycle_count(), us * (CORE_HZ / 1_000_000));
+    while cortex_m::peripheral::DWT::cycle_count().wrapping_sub(begun) < cycles {}
 }
 
 /// Why the core last started, as on the wire; forgets it afterwards.
@@ -163,6 +178,7 @@ pub struct Board {
     gauges: Gauges,
     /// The recorder's settings, while there is one.
     settled: Option<Settled>,
+    errors: Errors,
 }
 
 impl Board {
@@ -171,7 +187,8 @@ impl Board {
         let cause = reset_cause();
         let starts = Starts::new(cause, fault::counts());
         fault::keep_counts(starts.counts());
-        Self { watchdog, cause, fault: fault::take(), starts, gauges, settled: None }
+        let fault = fault::take();
+        Self { watchdog, cause, fault, starts, gauges, settled: None, errors: Errors::watch() }
     }
 
     /// These bytes, of an object that lives for ever, are not to change from now on.
@@ -182,6 +199,11 @@ impl Board {
     /// Why the board must not record yet, where that is so.
     pub fn must_wait(&mut self) -> Option<Reason> {
         self.starts.must_wait()
+    }
+
+    /// Whether even waiting has ended by a crash: it had better wait with nothing but the line.
+    pub fn crashed_waiting(&self) -> bool {
+        self.starts.crashed_waiting()
     }
 
     /// The supply has failed: the board waits until it is good.
@@ -203,6 +225,7 @@ impl Supervisor for Board {
     fn feed(&mut self) {
         self.watchdog.pet();
         self.settled.iter_mut().for_each(Settled::look);
+        self.errors.look();
         if self.starts.works(clock::now_us()) {
             fault::keep_counts(self.starts.counts());
         }
@@ -220,6 +243,10 @@ impl Supervisor for Board {
 
     fn last_fault(&mut self) -> Option<(FaultCode, i64)> {
         self.fault.take().map(Record::told)
+    }
+
+    fn fault(&mut self) -> Option<(FaultCode, i64)> {
+        self.errors.corrected()
     }
 
     fn margins(&mut self, load: &Load) -> Option<Margins> {

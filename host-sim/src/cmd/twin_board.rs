@@ -50,8 +50,8 @@ pub struct BoardOptions {
     converter_start_us: f64,
     /// What goes wrong and when (s): converter-reset@S, converter-upset@S, converter-dead@S or @S:LENGTH,
     /// converter-gain@S, converter-mute@S:LENGTH, core-held@S:LENGTH, supply-low@S:LENGTH, line-noise@S:LENGTH, hard-fault@S,
-    /// panic@S, settings-bit@S:N, pin-reset@S, brown-out@S,
-    /// flash-cut@WORK, flash-bits@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, card-errors@S:LENGTH,
+    /// panic@S, settings-bit@S:N, memory-bit@S:N, memory-bits@S:N, clocks-fail@S:LENGTH, pin-reset@S, brown-out@S,
+    /// flash-cut@WORK, flash-bits@S, flash-crash@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, card-errors@S:LENGTH,
     /// card-cut@SECTOR, spi-bits@BYTES; of the ocean-bottom board's chips N, 0 to 3, chipN-dead@S or @S:LENGTH,
     /// chipN-reset@S, chipN-upset@S
     #[arg(long = "fault", value_name = "FAULT")]

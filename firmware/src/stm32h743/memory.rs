@@ -1,0 +1,89 @@
+//! Wrong bits in memory. Every word of the processor's memories has seven or eight bits of error correction, and a monitor of each
+//! memory tells what it found when a word was read (RM0433, "RAM ECC monitoring"; registers from memory).
+//!
+//! One wrong bit in a word is put right as it is read: records stay right, and it is told, because a memory that fails now and
+//! then will fail for good. More cannot be put right: what was worked out of that word may be wrong and look right, so the
+//! recorder starts again and says why.
+
+use super::clock;
+use crate::fault::{self, Record};
+use seabearing_core::wire::FaultCode;
+
+/// The monitors of the memories that are used: AXI SRAM, tightly coupled for instructions and (two) for data, D2's SRAM 1 and
+/// SRAM 2 (two each). Their place in this list is their number.
+const MONITORS: [usize; 8] =
+    [0x5200_9020, 0x5200_9040, 0x5200_9060, 0x5200_9080, 0x4802_3020, 0x4802_3040, 0x4802_3060, 0x4802_3080];
+/// Words of a monitor: its configuration, what it found, and where.
+const CONFIGURATION: usize = 0;
+const FOUND: usize = 1;
+const WHERE: usize = 2;
+/// The configuration keeps the address of the first error.
+const KEEP: u32 = 1 << 5;
+/// One wrong bit, corrected; more, in a word that was read, or in one of which a part was written.
+const CORRECTED: u32 = 1;
+const NOT_CORRECTED: u32 = 1 << 1 | 1 << 2;
+
+/// From one look to the next, and at least from one corrected error told to the next: a cell that is broken is wrong at every
+/// reading.
+const LOOK_EVERY_US: u64 = 100_000;
+const TELL_EVERY_US: u64 = 60_000_000;
+/// The log's buffer is memory that nothing initialises: its first words are wrong by chance.
+const LOGS: bool = cfg!(feature = "defmt");
+
+fn register(monitor: usize, word: usize) -> *mut u32 {
+    (monitor + 4 * word) as *mut u32
+}
+
+/// What the monitors tell.
+#[derive(Debug)]
+pub struct Errors {
+    due_us: u64,
+    tell_us: u64,
+    corrected: Option<i64>,
+}
+
+impl Errors {
+    /// From now on; what was found before was memory that nobody had written since power came.
+    pub fn watch() -> Self {
+        for monitor in MONITORS {
+            // SAFETY: registers of a peripheral that nothing else uses.
+            unsafe {
+                register(monitor, CONFIGURATION).write_volatile(KEEP);
+                register(monitor, FOUND).write_volatile(0);
+            }
+        }
+        Self { due_us: 0, tell_us: 0, corrected: None }
+    }
+
+    /// Asks the monitors now and then. Starts again where something could not be corrected.
+    pub fn look(&mut self) {
+        let now_us = clock::now_us();
+        if LOGS || now_us < self.due_us {
+            return;
+        }
+        self.due_us = now_us + LOOK_EVERY_US;
+        for (memory, monitor) in (0..).zip(MONITORS) {
+            // SAFETY: as above.
+            let (found, place) = unsafe {
+                let found = register(monitor, FOUND).read_volatile();
+                if found == 0 {
+                    continue;
+                }
+                register(monitor, FOUND).write_volatile(0);
+                (found, register(monitor, WHERE).read_volatile())
+            };
+            if found & NOT_CORRECTED != 0 {
+                fault::keep_and_reset(Record::memory(place, memory));
+            }
+            if found & CORRECTED != 0 && now_us >= self.tell_us {
+                self.tell_us = now_us + TELL_EVERY_US;
+                self.corrected = Some(i64::from(memory) << 32 | i64::from(place));
+            }
+        }
+    }
+
+    /// What was corrected, once: where.
+    pub fn corrected(&mut self) -> Option<(FaultCode, i64)> {
+        self.corrected.take().map(|place| (FaultCode::MemoryError, place))
+    }
+}
