@@ -43,7 +43,10 @@ impl Session {
     pub fn note(&mut self, message: &Message) -> bool {
         let dated = self.times != Times::default();
         match message {
-            Message::Time(time) => self.times.note(*time, std::mem::take(&mut self.stepped)),
+            Message::Time(time) => {
+                let rate_hz = self.rate_hz.unwrap_or_default();
+                self.times.note(*time, std::mem::take(&mut self.stepped), rate_hz);
+            }
             Message::Fault(fault) => self.stepped |= fault.code == FaultCode::ClockStepped,
             Message::Hello(hello) if hello.rate_hz > 0.0 => self.rate_hz = Some(hello.rate_hz.into()),
             _ => {}

@@ -206,16 +206,36 @@ impl UtcClock {
     }
 }
 
-/// The two newest [`Time`] records heard, and with them UTC between, after and before.
+/// The two newest [`Time`] records heard, and with them UTC between, after and before; and those about the newest break of the
+/// line, because records of samples before it come after it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
     before: Option<Time>,
     newest: Option<Time>,
+    broken: Option<Break>,
 }
 
+/// A line that ends and one that begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Break {
+    ends: Time,
+    begins: Time,
+    /// The clock that tells UTC has stepped; else numbers of samples between were an estimate.
+    stepped: bool,
+}
+
+/// What is told to be less certain by so much than the line before it is behind an estimate of samples' numbers.
+const LESS_CERTAIN: f64 = 1.5;
+
 impl Times {
-    /// Takes a record; after a step (`stepped`) what was before counts no more.
-    pub fn note(&mut self, time: Time, stepped: bool) {
+    /// Takes a record of samples that come at `rate_hz` nominally; after a step (`stepped`) what was before counts for what was
+    /// before alone.
+    pub fn note(&mut self, time: Time, stepped: bool, rate_hz: f64) {
+        if let Some(ends) = self.newest.filter(|newest| newest.index < time.index)
+            && (stepped || f64::from(time.sd_s) > LESS_CERTAIN * along(&ends, time.index, rate_hz).1)
+        {
+            self.broken = Some(Break { ends, begins: time, stepped });
+        }
         self.before = self.newest.filter(|newest| newest.index < time.index && !stepped);
         self.newest = Some(time);
     }
@@ -223,6 +243,16 @@ impl Times {
     /// UTC of a sample, microseconds since 1970, and its standard deviation in seconds; `None` while nothing is known.
     pub fn utc(&self, index: u64, rate_hz: f64) -> Option<(i64, f64)> {
         let newest = self.newest?;
+        if let Some(Break { ends, begins, stepped }) =
+            self.broken.filter(|broken| index < broken.begins.index)
+        {
+            let outside = stepped || index <= ends.index;
+            return Some(if outside {
+                along(&ends, index, rate_hz)
+            } else {
+                between(&ends, &begins, index, rate_hz)
+            });
+        }
         match self.before {
             Some(before) if index < newest.index && index > before.index => {
                 Some(between(&before, &newest, index, rate_hz))
@@ -334,7 +364,7 @@ mod tests {
                         pair.utc_us += 1_000_000;
                     }
                     match clock.note(pair, RATE_HZ) {
-                        Noted::Taken(time) => times.note(time, false),
+                        Noted::Taken(time) => times.note(time, false, RATE_HZ),
                         Noted::Refused => refused += 1,
                         Noted::Stepped(..) => panic!("no clock stepped"),
                     }
@@ -419,6 +449,38 @@ mod tests {
     }
 
     #[test]
+    fn a_late_record_of_before_an_estimate_or_a_step_has_the_time_of_the_line_of_before() {
+        let utc_us = |second: u64| START_US + 1_000_000 * second as i64;
+        let pair = |second: u64, off_us: i64| Pair {
+            index: second * RATE_HZ as u64,
+            utc_us: utc_us(second) + off_us,
+            sd_s: 2e-6,
+        };
+        let noted = |clock: &mut UtcClock, times: &mut Times, pair: Pair| match clock.note(pair, RATE_HZ) {
+            Noted::Taken(time) => times.note(time, false, RATE_HZ),
+            Noted::Stepped(time, _) => times.note(time, true, RATE_HZ),
+            Noted::Refused => {}
+        };
+        let (mut clock, mut times) = (UtcClock::new(), Times::default());
+        (0..60).for_each(|second| noted(&mut clock, &mut times, pair(second, 0)));
+        let (mut estimated, mut after) = (clock, times);
+        after.note(estimated.loosen(6000, 0.5, RATE_HZ).unwrap(), false, RATE_HZ);
+        (61..70).for_each(|second| noted(&mut estimated, &mut after, pair(second, 700_000)));
+        let off_s = |times: &Times, second: u64| {
+            let (told_us, sd_s) = times.utc(second * RATE_HZ as u64, RATE_HZ).unwrap();
+            (1e-6 * (told_us - utc_us(second)) as f64, sd_s)
+        };
+        let near = |(off_s, sd_s): (f64, f64)| off_s.abs() < 1e-5 && sd_s < 1e-4;
+        assert!([3, 40, 59].iter().all(|second| near(off_s(&after, *second))), "{:?}", off_s(&after, 40));
+        let (late, sd_s) = off_s(&after, 65);
+        assert!((late - 0.7).abs() < 1e-5 && sd_s < 1e-5);
+        // A step: nothing between the lines.
+        (60..70).for_each(|second| noted(&mut clock, &mut times, pair(second, 3_000_000)));
+        assert!([3, 40, 59].iter().all(|second| near(off_s(&times, *second))), "{:?}", off_s(&times, 40));
+        assert!((off_s(&times, 65).0 - 3.0).abs() < 1e-5);
+    }
+
+    #[test]
     fn a_pair_of_an_earlier_sample_is_judged_like_any_other() {
         let pair = |second: u64, off_s: f64, sd_s: f64| {
             let index = second * RATE_HZ as u64;
@@ -448,7 +510,7 @@ mod tests {
             panic!("the first pair is taken")
         };
         let mut times = Times::default();
-        times.note(time, false);
+        times.note(time, false, RATE_HZ);
         let (utc_us, sd_s) = times.utc(1000 + 360_000, RATE_HZ).unwrap();
         assert_eq!(utc_us, START_US + 3_600_000_000);
         // 0.1 s, and 100 ppm of an hour.

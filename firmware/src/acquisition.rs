@@ -304,6 +304,11 @@ impl<B: Board> SampleSource for Acquisition<B> {
             self.restart(now_us);
             return Chunk::Idle;
         }
+        // Edges of a converter that goes wrong measure nothing. Whether frames are taken at this turn does not matter: the same phase
+        // may come again and again.
+        if at_rate == Some(true) && !self.unplaced {
+            self.pace.get_or_insert(Pace::new(stamp, self.board.hz())).note(stamp);
+        }
         if ready == 0 || (ready < frames.len() as u64 && !still) {
             return Chunk::Idle;
         }
@@ -312,9 +317,6 @@ impl<B: Board> SampleSource for Acquisition<B> {
                 return Chunk::Idle;
             }
             self.place(first, stamp);
-        } else if at_rate == Some(true) {
-            // Edges of a converter that goes wrong measure nothing.
-            self.pace.get_or_insert(Pace::new(stamp, self.board.hz())).note(stamp);
         }
         let count = match self.take(first, next, ready.min(frames.len() as u64), frames) {
             Ok(count) => count,

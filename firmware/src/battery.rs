@@ -128,7 +128,7 @@ impl<C: Counter> BatteryClock<C> {
         let correlation = f64::from(line.correlation) * warm / total;
         let line = Time { sd_drift: total as f32, correlation: correlation as f32, ..line };
         let mut times = Times::default();
-        times.note(line, false);
+        times.note(line, false, RATE_HZ);
         let (utc_us, sd_s) = times.utc(count, RATE_HZ)?;
         Some((utc_us, sqrt(sd_s * sd_s + READING_SD_S * READING_SD_S)))
     }

@@ -176,7 +176,7 @@ impl<B: Board, R: Reception, C: Counter> SampleSource for Timed<B, R, C> {
     }
 
     fn told(&mut self, time: &Time) {
-        self.known.note(*time, false);
+        self.known.note(*time, false, self.acquisition.rate_hz());
         if let Some((_, Some((utc_us, sd_s)))) = self.now() {
             let period_s = 1.0 / self.acquisition.rate_hz();
             self.cell.learn(utc_us, sqrt(sd_s * sd_s + period_s * period_s));

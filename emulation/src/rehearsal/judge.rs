@@ -325,7 +325,7 @@ pub fn clock(run: &BoardRun, faults: &[InjectedFault], rate_hz: f64) -> Option<N
                         look(&times, time.index);
                         look(&times, time.index.saturating_sub(rate_hz as u64 / 2));
                     }
-                    times.note(time, std::mem::take(&mut stepped));
+                    times.note(time, std::mem::take(&mut stepped), rate_hz);
                     look(&times, time.index);
                     told += 1;
                 }

@@ -186,7 +186,7 @@ pub fn times(
         }
         let index = match came.message {
             Message::Time(time) => {
-                times.note(time, std::mem::take(&mut stepped));
+                times.note(time, std::mem::take(&mut stepped), conversion.hz());
                 time.index
             }
             Message::Fault(fault) if fault.code == FaultCode::ClockStepped => {

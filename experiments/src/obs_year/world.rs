@@ -87,7 +87,7 @@ impl Boot {
         }
         // An edge's number is the count before it.
         let edge = (edge + 1) as f64;
-        let at = self.moments.partition_point(|(e, _)| *e <= edge);
+        let at = self.moments.partition_point(|(e, _)| *e < edge);
         let (a, b) = (self.moments.get(at.checked_sub(1)?)?, self.moments.get(at)?);
         Some(a.1 + (edge - a.0) / (b.0 - a.0) * (b.1 - a.1))
     }
@@ -282,7 +282,7 @@ impl World {
         let part = DAY_US / PARTS;
         if self.now_us % part >= PART_US {
             let undisturbed =
-                self.converts && !self.supply_low && self.now_us - self.disturbed_us > PART_US / 2;
+                self.converts && !self.supply_low && self.now_us > self.disturbed_us + PART_US / 2;
             self.idle += u32::from(undisturbed && self.given == 0);
             self.pulse = None;
             let mut left = part - self.now_us % part;
@@ -331,10 +331,13 @@ impl World {
         self.note(to);
     }
 
-    /// The edges at a moment; of several without any between them the last counts.
+    /// The edges at a moment; of several without any between them the first and the last count.
     fn note(&mut self, at_us: u64) {
         let Some(moments) = self.boots.last_mut().map(|boot| &mut boot.moments) else { return };
-        if let Some(last) = moments.last_mut().filter(|last| last.0 == self.edges) {
+        if let [.., before, last] = &mut moments[..]
+            && before.0 == self.edges
+            && last.0 == self.edges
+        {
             last.1 = at_us as f64;
         } else {
             moments.push((self.edges, at_us as f64));
@@ -372,7 +375,10 @@ impl World {
     }
 
     fn happen(&mut self, event: Event) {
-        self.disturbed_us = self.now_us;
+        // A supply that has failed before is waited for, an hour at most.
+        const WAITED_US: u64 = 3_600_000_000;
+        let waited_us = if matches!(event, Event::SupplyLow(_)) { WAITED_US } else { 0 };
+        self.disturbed_us = self.disturbed_us.max(self.now_us + waited_us);
         match event {
             Event::Restart(cause, fault) => {
                 self.counts.watchdog += u32::from(cause == cause::WATCHDOG);

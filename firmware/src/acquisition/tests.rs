@@ -13,6 +13,8 @@ struct Bench {
     /// Conversions the source has had, whether they were done or not: the true number.
     instants: u64,
     now_us: u64,
+    /// A conversion by the board's clock.
+    period_ns: u64,
     alive: bool,
     awake: bool,
     was_reset: bool,
@@ -40,6 +42,7 @@ impl Bench {
             output: Vec::new(),
             instants: 0,
             now_us: 0,
+            period_ns: PERIOD_NS,
             alive: true,
             awake: false,
             was_reset: true,
@@ -73,7 +76,7 @@ impl Bench {
     /// So many periods go by.
     fn run(&mut self, periods: u64) {
         for _ in 0..periods {
-            self.now_us = (self.instants + self.offset) * PERIOD_NS / 1000;
+            self.now_us = (self.instants + self.offset) * self.period_ns / 1000;
             self.instants += 1;
             // Half the rate where the clock register says so.
             let slow = self.registers[3] & 0x20 == 0 && self.instants.is_multiple_of(2);
@@ -302,6 +305,27 @@ fn a_converter_that_was_dead_for_a_minute_goes_on_at_its_own_time_within_an_inst
     let after = loop_for(&mut acquisition, 100_000);
     assert!(after.len() > 90_000 && error(&after) <= 1, "{} off by {}", after.len(), error(&after));
     assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 3_830_000..3_860_000))));
+}
+
+#[test]
+fn the_converters_rate_is_measured_whatever_the_phase_of_loop_and_stamps() {
+    // The board's clock is 1 % slow; every new stamp (of each 256th edge) is first seen at a turn that finds too few frames.
+    let mut acquisition = Acquisition::new(Bench { period_ns: PERIOD_NS * 99 / 100, ..Bench::new() });
+    drain(&mut acquisition);
+    acquisition.board.run(100);
+    let taken = |chunk| matches!(chunk, Chunk::Frames { .. });
+    assert!(taken(acquisition.read(&mut [[0; CHANNELS]; 100])));
+    for _ in 0..1000 {
+        acquisition.board.run(158);
+        assert!(!taken(acquisition.read(&mut [[0; CHANNELS]; 256])));
+        acquisition.board.run(98);
+        assert!(taken(acquisition.read(&mut [[0; CHANNELS]; 256])));
+    }
+    acquisition.board.alive = false;
+    loop_for(&mut acquisition, 640_000);
+    acquisition.board.alive = true;
+    let after = loop_for(&mut acquisition, 100_000);
+    assert!(after.len() > 90_000 && error(&after) <= 1, "{} off by {}", after.len(), error(&after));
 }
 
 #[test]

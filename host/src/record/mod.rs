@@ -114,7 +114,7 @@ mod tests {
             sd_drift: 0.0,
             correlation: 0.0,
         };
-        records.times.note(time, false);
+        records.times.note(time, false, 50.0);
         let record = records.json(&end);
         assert_eq!(record["utc"], "2026-09-21T14:13:21.2505Z");
         assert_eq!(record["sd_utc_s"], 0.25);
