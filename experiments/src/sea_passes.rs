@@ -1,7 +1,7 @@
 //! `reproduce sea-surface` and `sea-bottom`: passes with the surface's image, and with echoes off the bottom as well; whether
 //! the recorder's bearings and end-of-passage solutions lie in the 95 % that it states.
 //!
-//! Speeds are drawn from the distribution that the station assumes, headings and sides at random. A pass counts as one track
+//! Speeds are drawn from the distribution that the station assumes, headings, sides and depths of 2 to 8 m at random. A pass counts as one track
 //! where the recorder sends one end-of-passage solution.
 
 use super::figure::Bar;
@@ -38,6 +38,8 @@ pub const BOTTOM: Experiment = Experiment {
 const DURATION_S: f64 = 200.0;
 /// Slower and faster vessels are drawn again, m/s.
 const SPEEDS_M_S: std::ops::RangeInclusive<f64> = 3.0..=12.0;
+/// Vessels' propellers are so deep, metres.
+const DEPTHS_M: std::ops::Range<f64> = 2.0..8.0;
 /// A heading may err by so much over a bottom, degrees.
 const HEADING_DEG: f64 = 1.0;
 
@@ -120,13 +122,14 @@ fn random(rng: &mut ChaCha8Rng, cpa_range_m: f64) -> Result<ArrayVessel> {
     while !SPEEDS_M_S.contains(&speed_m_s) {
         speed_m_s = speeds.sample(rng);
     }
-    Ok(ferry(Straight {
+    let course = Straight {
         cpa_time_s: rng.random_range(0.4 * DURATION_S..0.6 * DURATION_S),
         cpa_range_m,
         heading_deg: rng.random_range(0.0..360.0),
         speed_m_s,
         side: side(rng.random()),
-    }))
+    };
+    Ok(ArrayVessel { depth_m: rng.random_range(DEPTHS_M), ..ferry(course) })
 }
 
 /// The scenes of the examples: the demo's pass, and two vessels that cross.

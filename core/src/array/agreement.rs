@@ -32,10 +32,13 @@ const AGREEING: u16 = 8;
 const ELSEWHERE_SAMPLES: f32 = 0.8;
 /// Segments over which the strain is averaged, and at least.
 const AVERAGED: f32 = 12.0;
+/// A strain farther from the mean than so many times either of them, and this many samples, is another.
+const STRAY: f32 = 3.0;
+const LEAST_CHANGE_SAMPLES: f32 = 0.3;
 /// Share of the mean square that the squared mean of a lasting strain has.
 const LASTING: f32 = 0.75;
 /// A strain below this many samples is left to multipath and the wavefront's curvature.
-const LEAST_SAMPLES: f32 = 0.3;
+const LEAST_SAMPLES: f32 = 0.12;
 /// Standard deviations of what was told uncertain that are no news.
 const TOLD_SD: f32 = 3.0;
 /// Error assumed in the bearing's own arrival times for a lasting strain, in units of it: the ratio of two such errors to the
@@ -63,6 +66,8 @@ pub(super) struct Agreement {
     square: f32,
     /// Segments in the means.
     averaged: f32,
+    /// Whether the last one was left out of them.
+    strayed: bool,
     /// Segments in a row that contradict, or are strained.
     doubted: u16,
     /// Segments that must agree until directions are told again.
@@ -71,7 +76,7 @@ pub(super) struct Agreement {
 
 impl Agreement {
     pub(super) const fn new() -> Self {
-        Self { strain: [0.0; CHANNELS], square: 0.0, averaged: 0.0, doubted: 0, withheld: 0 }
+        Self { strain: [0.0; CHANNELS], square: 0.0, averaged: 0.0, strayed: false, doubted: 0, withheld: 0 }
     }
 
     /// Takes a segment; how much to doubt its direction, `None` where the pairs let none be told. All four hydrophones are used.
@@ -132,9 +137,22 @@ impl Agreement {
                 };
             }
         }
+        let norm = |x: &[f32; CHANNELS]| x.iter().map(|x| x * x).sum::<f32>();
+        // What comes once is no change; what comes twice is, and what was before says nothing of it. A segment in which a
+        // channel changes is strained by any amount: it would hide what follows.
+        let mut change = strain;
+        change.iter_mut().zip(&self.strain).for_each(|(x, mean)| *x -= mean);
+        let least = LEAST_CHANGE_SAMPLES / plan.rate_hz;
+        let stray = norm(&change) > STRAY * STRAY * norm(&strain).min(self.square) + least * least;
+        let again = core::mem::replace(&mut self.strayed, stray);
+        if stray && self.averaged > 0.0 {
+            if !again {
+                return None;
+            }
+            (self.averaged, self.strayed) = (0.0, false);
+        }
         self.averaged = (self.averaged + 1.0).min(AVERAGED);
         let part = 1.0 / self.averaged;
-        let norm = |x: &[f32; CHANNELS]| x.iter().map(|x| x * x).sum::<f32>();
         self.square += part * (norm(&strain) - self.square);
         for (mean, new) in self.strain.iter_mut().zip(&strain) {
             *mean += part * (new - *mean);

@@ -181,6 +181,12 @@ impl State {
     pub fn set_places(&mut self, places: impl Iterator<Item = (f32, f32, f32)>) {
         self.memory.places = Places::of(places);
     }
+
+    /// Azimuth (radians) and depth (metres) of the strongest source, where fringes tell its depth: its elevations are told
+    /// by that, others' by the depth assumed of vessels.
+    pub fn depth_known(&self) -> Option<(f32, f32)> {
+        self.memory.depth_known()
+    }
 }
 
 /// Takes a block of samples; records go to the sink in the order of their time.

@@ -3,6 +3,7 @@
 use super::agreement::{Agreement, Doubt};
 use super::chain::Scratch;
 use super::detect;
+use super::fringes::{self, Depth};
 use super::others;
 use super::places::Places;
 use super::plan::{BINS, Band, HOP, OCTAVES, Plan};
@@ -48,6 +49,8 @@ pub(crate) struct Memory {
     agreement: Agreement,
     /// Mean square by which pair delays miss the common direction's, in variances of a pair's delay.
     misfit: f32,
+    /// How deep the source is.
+    depth: Depth,
     /// Segments so far.
     segments: u32,
     /// Direction of the second source the last search for one found.
@@ -97,6 +100,7 @@ impl Memory {
             places: Places::new(),
             agreement: Agreement::new(),
             misfit: 0.0,
+            depth: Depth::UNKNOWN,
             other: None,
             octave: 0,
             octaves: [None; OCTAVES],
@@ -104,6 +108,12 @@ impl Memory {
             sick: Sick::new(),
             burst: false,
         }
+    }
+
+    /// Azimuth (radians) and depth (metres) of the source, where its depth is known.
+    pub(crate) fn depth_known(&self) -> Option<(f32, f32)> {
+        let ((direction, _), (depth_m, _)) = (self.last?, self.depth.known()?);
+        Some((wavefront::angles(&direction).0, depth_m))
     }
 
     /// Drops what belongs to the past source.
@@ -114,6 +124,7 @@ impl Memory {
         self.swing = [0.0; 2];
         self.other = None;
         self.octaves = [None; OCTAVES];
+        self.depth = Depth::UNKNOWN;
     }
 
     /// Whether the bearing turns by more than two resolution cells within a full segment.
@@ -149,6 +160,7 @@ impl Memory {
         // Another source, or the same after a long silence: its spectrum is learnt afresh.
         if turned > OTHER_SOURCE_CELLS * plan.whole.resolution {
             self.averaged = 0.0;
+            self.depth = Depth::UNKNOWN;
         }
         self.averaged = (self.averaged + 1.0).min(AVERAGED_SEGMENTS);
         let part = 1.0 / self.averaged;
@@ -196,6 +208,8 @@ pub(super) struct Context<'a> {
     pub(super) index: u64,
     /// Standard deviation of that moment as the source's, s.
     pub(super) moment_sd_s: f32,
+    /// Depth of the source and its standard deviation, metres, where it is known.
+    pub(super) depth: Option<(f32, f32)>,
     pub(super) flags: u8,
 }
 
@@ -254,6 +268,7 @@ pub(crate) fn segment(
         snapshots: spectra.added.frames as f32 * plan.snapshots_per_frame,
         index: start.saturating_add(centre),
         moment_sd_s: 0.0,
+        depth: None,
         flags: u8::from(spectra.added.clipped)
             | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) << 1)
             | (u8::from(shortened) << 2),
@@ -298,7 +313,7 @@ pub(crate) fn segment(
     }
     if let Some(first) = &first {
         let heard = heard(&context, spectra, start, centre, first.mean);
-        whole(&heard, memory, first, doubt, scratch, sink);
+        whole(heard, memory, first, doubt, spectra, scratch, sink);
     }
     // Either uses the spectra up.
     memory.segments = memory.segments.wrapping_add(1);
@@ -325,10 +340,11 @@ fn heard<'a>(context: &Context<'a>, spectra: &Spectra, start: u64, centre: u64, 
 
 /// Takes the whole band's source into the averages and reports it.
 fn whole(
-    context: &Context<'_>,
+    mut context: Context<'_>,
     memory: &mut Memory,
     first: &Found,
     doubt: Doubt,
+    spectra: &Spectra,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
 ) {
@@ -338,9 +354,27 @@ fn whole(
     memory.accept(plan, &first.refined.direction, context.index, &scratch.spectrum.raw);
     let noise = context.noise(memory.averaged);
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
-    let turned = memory.turned_meanwhile(context);
-    let others = Others::Lasting(&mut memory.misfit);
-    if let Some(bearing) = report::bearing(context, first, &scratch.spectrum, doubt, turned, 0, others) {
+    let turned = memory.turned_meanwhile(&context);
+    if plan.vessel_over_array_depth > 0.0 && context.band.used.all() {
+        let depth_m =
+            fringes::depth_m(plan, spectra, first.refined.direction[2], first.mean, &mut scratch.work);
+        memory.depth.take(depth_m);
+        context.depth = memory.depth.known();
+    }
+    let spectrum = &scratch.spectrum;
+    let scatter = match memory.other {
+        Some(_) => refine::scatter(
+            plan,
+            context.band,
+            spectra,
+            &first.tau,
+            (&spectrum.smooth, &spectrum.weight),
+            context.snapshots,
+        ),
+        None => 1.0,
+    };
+    let others = Others::Lasting(&mut memory.misfit, scatter);
+    if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
         sink(Message::Bearing(bearing));
     }
 }

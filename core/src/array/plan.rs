@@ -132,6 +132,8 @@ pub struct Plan {
     pub(crate) crossing_s: [f32; 6],
     /// Depth of the vessels listened to over the array's own depth; 0 where there is no surface.
     pub(crate) vessel_over_array_depth: f32,
+    /// The array's own depth, metres.
+    pub(crate) depth_m: f32,
     /// Standard deviation of a hydrophone's position over the speed of sound, seconds.
     pub(crate) position_sd_s: f32,
     /// Relative standard deviation of the speed of sound.
@@ -284,6 +286,7 @@ impl Plan {
                 md::sin(array.elevation_deg.1 * crate::angle::RAD_PER_DEG) as f32,
             ),
             crossing_s,
+            depth_m: config.depth_m as f32,
             vessel_over_array_depth: if config.depth_m > array.vessel_depth_m {
                 (array.vessel_depth_m / config.depth_m) as f32
             } else {

@@ -11,7 +11,9 @@
 //!   distance that are not as assumed change all arrivals together. These errors last: [`crate::passage`] keeps the first of
 //!   them apart from noise.
 //! * A vessel d deep and its image in the surface, seen from depth D at elevation β, are `2 d sin β cos β / D` apart in
-//!   elevation and come as one. Half of that is a standard deviation of the elevation (`vessel_depth_m`; 0: no surface).
+//!   elevation and come as one, from the surface between them. Half of that is taken off the elevation: with the depth that the
+//!   image's fringes tell (`fringes`), or else `vessel_depth_m` (0: no surface), and as much as the deviation. Where the
+//!   pairs' misfit says that the two come apart, what is found may be either: the deviation grows to the whole half.
 
 use super::agreement::Doubt;
 use super::estimate::{Context, Found, SpectrumWork};
@@ -37,10 +39,15 @@ const ROUNDING_SAMPLES: f32 = 0.004;
 /// larger by this over the fourth power of the statistic (a law that fits white noise from threshold to three times it).
 const NEAR_THRESHOLD: f32 = 2.0;
 
+/// Standard deviation of the height from which vessel and image are heard together, in units of the vessel's depth and for each
+/// radian between the two: a law that fits passes of vessels 2 to 8 m deep, 200 m to 1 km away.
+const HALF_WAY_SD: f32 = 0.8;
+
 /// How it is known what other paths and sources do to a bearing.
 pub(super) enum Others<'a> {
     /// By the mean of the pairs' misfit over segments, which this one joins: the strongest source is heard in each.
-    Lasting(&'a mut f32),
+    /// And by the second while another source is heard.
+    Lasting(&'a mut f32, f32),
     /// By how much more the segment's own cross-spectra scatter than noise explains ([`refine::scatter`]): what taking out a
     /// louder source left.
     Scatter(f32),
@@ -74,9 +81,11 @@ pub(super) fn bearing(
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
     let (mut lasting, mut scatter) = (0.0, 1.0);
     match others {
-        Others::Lasting(mean) => {
+        Others::Lasting(mean, ratio) => {
             *mean += (residual / (variance.pair + rounding * rounding) - *mean) / AVERAGED;
-            lasting = SHARED_UNEQUALLY * (*mean - MEAN_RESIDUAL).max(0.0) * variance.pair;
+            // Misfit and scatter tell of the same other sound: the greater counts.
+            let misfit = SHARED_UNEQUALLY * (*mean - MEAN_RESIDUAL).max(0.0) * variance.pair;
+            lasting = misfit.max((ratio - 1.0) * variance.arrival);
         }
         Others::Scatter(ratio) => scatter = ratio,
     }
@@ -103,22 +112,32 @@ pub(super) fn bearing(
     // A step along the horizontal tangent turns the azimuth by 1/cos β; at the zenith azimuth means nothing.
     let widen = 1.0 / e.1[2].max(1e-3);
     let most = m::PI * m::PI / 3.0;
-    // The image in the surface stands 2d sin β cos β / D above the vessel; their common direction lies between.
-    let image = plan.vessel_over_array_depth * m::abs(e.1[2] * direction[2].max(0.0));
-
     let floor = DELAY_FLOOR_SAMPLES / plan.rate_hz;
     let misfit = m::sqrt(residual / (variance.pair + floor * floor));
+    // A misfit of half as much again as noise explains costs nothing.
+    let doubtful = misfit.max(1.5) / 1.5;
+    // Vessel and image come from where the surface is above them: d sin β cos β / D above the vessel.
+    let rise = m::abs(e.1[2] * direction[2].max(0.0));
+    let (image, image_sd) = match context.depth {
+        Some((d, sd)) => {
+            let apart = 2.0 * rise * d / plan.depth_m;
+            let half_way = (HALF_WAY_SD * apart + doubtful - 1.0).min(1.0);
+            (d / plan.depth_m, m::hypot(sd, half_way * d) / plan.depth_m)
+        }
+        // Propellers are 2 to 8 m deep, and where no fringes show other paths may join.
+        None => (plan.vessel_over_array_depth, plan.vessel_over_array_depth),
+    };
+    let (image, image_sd) = (rise * image, rise * image_sd);
     let mean = found.mean.clamp(1e-6, 1.0 - 1e-6);
     Some(Bearing {
         index: context.index,
         azimuth,
-        elevation,
+        elevation: elevation - image,
         var_azimuth: ((first + turned * turned) * widen * widen).min(most),
-        var_elevation: (second + image * image).min(most),
+        var_elevation: (second + image_sd * image_sd).min(most),
         cov: (cross * widen).clamp(-most, most),
         snr_db: math::db(mean / (1.0 - mean)),
-        // A misfit of half as much again as noise explains costs nothing.
-        quality: doubt.quality * (1.5 / misfit.max(1.5)),
+        quality: doubt.quality / doubtful,
         closure_s: closure(&found.refined.pair_delay),
         statistic: found.statistic,
         band,

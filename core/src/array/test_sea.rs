@@ -13,7 +13,7 @@ pub(super) const AZIMUTH: f64 = 2.1;
 pub(super) const ELEVATION: f64 = 0.3;
 pub(super) const SECONDS: usize = 14;
 
-/// A tetrahedron of 1.84 m, 168 m deep, as the caller changes it.
+/// A tetrahedron of 1.84 m, 168 m deep in a sea without a surface, as the caller changes it.
 pub(super) fn planned(rate_hz: f64, change: impl FnOnce(&mut ArrayConfig)) -> Plan {
     let mut config = StationConfig::array(
         rate_hz,
@@ -22,6 +22,7 @@ pub(super) fn planned(rate_hz: f64, change: impl FnOnce(&mut ArrayConfig)) -> Pl
     config.depth_m = 168.0;
     if let Kind::Array(array) = &mut config.kind {
         array.band_hz.1 = array.band_hz.1.min(0.4375 * rate_hz);
+        array.vessel_depth_m = 0.0;
         change(array);
     }
     Plan::new(&config).unwrap()

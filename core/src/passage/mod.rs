@@ -40,6 +40,7 @@ pub(crate) use known::{Known, Prediction};
 use lines::{Lines, Link, Problem};
 pub use node::Mean;
 use node::{Node, TICKS_HZ};
+pub(crate) use settings::vessel_depth_m;
 pub use settings::{Config, MeasuredSpeed, height_m};
 
 /// Averages the recorder keeps of each vessel: a 200 s passage at two bearings a second is held in spans of about 3 s.

@@ -170,7 +170,7 @@ pub fn height_m(station: &StationConfig) -> f64 {
     (station.depth_m - 0.5 * vessel_depth_m(station)).max(0.0)
 }
 
-fn vessel_depth_m(station: &StationConfig) -> f64 {
+pub(crate) fn vessel_depth_m(station: &StationConfig) -> f64 {
     if let Kind::Array(array) = &station.kind { array.vessel_depth_m } else { 0.0 }
 }
 

@@ -165,6 +165,7 @@ impl ArrayRecorder {
         }
         traffic::advance(&plan.traffic, vessels, index, &mut |track| sink(&track));
         state.set_places(vessels.places());
+        vessels.set_depth(state.depth_known());
         let condition = self.condition();
         if let Some(message) = self.reporter.due(index, self.state.intake.arrived(), &condition) {
             sink(&message);

@@ -16,6 +16,9 @@ const OTHER_PATH_RAD: f32 = 0.052;
 /// Seconds for which a bearing of the whole band says where its vessel is heard.
 const RECENT_S: f64 = 3.0;
 
+/// A bearing within this of where a vessel's depth was measured is of that vessel, radians (10°).
+const SAME_RAD: f64 = 0.175;
+
 /// Least share of a bearing's variance that is its own noise.
 const LEAST_OWN: f64 = 0.01;
 
@@ -37,7 +40,8 @@ impl Heard {
     }
 
     /// A bearing; its elevation where the vessel's height above the array is known and it can tell range.
-    pub(super) fn of(config: &Config, bearing: &Bearing) -> Self {
+    /// `depth` is what [`super::State::set_depth`] was told.
+    pub(super) fn of(config: &Config, depth: Option<(f32, f32)>, bearing: &Bearing) -> Self {
         let azimuth = f64::from(bearing.azimuth);
         // What lasts is the track's, not the noise's of each bearing.
         let lasting = config.motion.lasting_sd_rad * config.motion.lasting_sd_rad;
@@ -52,7 +56,13 @@ impl Heard {
             return Self::azimuth(azimuth, variance);
         }
         let own = bearing.var_elevation + ELEVATION_SD_RAD * ELEVATION_SD_RAD;
-        Self { azimuth, variance, elevation: (bearing.elevation, own) }
+        // With its image the vessel is heard from the surface above it, whose height is known.
+        let same = depth.filter(|(at, _)| m::abs(crate::angle::wrap_pi(azimuth - f64::from(*at))) < SAME_RAD);
+        let depth_m =
+            same.filter(|_| bearing.band == 0).map_or(config.vessel_depth_m, |(_, depth_m)| depth_m);
+        let (sine, cosine) = crate::math::f32::sin_cos(bearing.elevation.max(0.0));
+        let image = depth_m * config.per_depth * sine * cosine;
+        Self { azimuth, variance, elevation: (bearing.elevation + image, own) }
     }
 
     /// As a passage takes it.

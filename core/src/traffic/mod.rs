@@ -45,6 +45,10 @@ pub struct Config {
     pub motion: passage::Config,
     /// Height of the vessels above the array, metres, for the way their sound takes.
     pub height_m: f64,
+    /// Depth assumed of vessels where none was measured, metres, and one over the array's own; 0 without an image in the surface.
+    pub vessel_depth_m: f32,
+    /// See `vessel_depth_m`.
+    pub per_depth: f32,
     /// Samples a second.
     pub rate_hz: f64,
     /// Half-width of a track's gate, standard deviations.
@@ -65,7 +69,16 @@ impl Config {
     /// From a validated station configuration.
     pub fn new(station: &StationConfig) -> Self {
         let height_m = passage::height_m(station);
-        Self { height_m, ..Self::with(passage::Config::of_station(station), station.rate_hz) }
+        let vessel_depth_m = passage::vessel_depth_m(station);
+        let imaged = station.depth_m > vessel_depth_m && vessel_depth_m > 0.0;
+        let per_depth = if imaged { (1.0 / station.depth_m) as f32 } else { 0.0 };
+        let vessel_depth_m = vessel_depth_m as f32;
+        Self {
+            height_m,
+            vessel_depth_m,
+            per_depth,
+            ..Self::with(passage::Config::of_station(station), station.rate_hz)
+        }
     }
 
     /// From the motion fit's settings and the sample rate, everything else as usual.
@@ -73,6 +86,8 @@ impl Config {
         Self {
             motion,
             height_m: motion.medium.height_m,
+            vessel_depth_m: 0.0,
+            per_depth: 0.0,
             rate_hz,
             gate_sd: 4.5,
             merge_rad: 3.0 * crate::angle::RAD_PER_DEG,
@@ -153,6 +168,8 @@ pub struct State {
     served: u8,
     /// The newest bearing of the whole band, and its time.
     loudest: Option<(f64, Heard)>,
+    /// Azimuth and depth of the strongest source, where its bearings are told by a measured depth.
+    depth: Option<(f32, f32)>,
 }
 
 impl State {
@@ -167,6 +184,7 @@ impl State {
             issued: 0,
             served: 0,
             loudest: None,
+            depth: None,
         }
     }
 
@@ -179,7 +197,7 @@ impl State {
         self.tracks.iter_mut().for_each(|track| *track = Track::new());
         self.candidates.iter_mut().for_each(|candidate| *candidate = Candidate::new());
         (self.gathered, self.index, self.issued, self.served) = (0, 0, 0, 0);
-        self.loudest = None;
+        (self.loudest, self.depth) = (None, None);
     }
 
     /// Vessels tracked now.
@@ -197,6 +215,12 @@ impl State {
     /// the distance well; helps the bearing estimator.
     pub fn places(&self) -> impl Iterator<Item = (f32, f32, f32)> + '_ {
         self.live().filter_map(|t| t.place)
+    }
+
+    /// Azimuth (radians) and depth (metres) of the strongest source, where its elevations were told by a measured depth and
+    /// not by the one assumed of vessels.
+    pub fn set_depth(&mut self, depth: Option<(f32, f32)>) {
+        self.depth = depth;
     }
 
     /// The number of the track nearest to what it would predict for this bearing, judged as a bearing on its own; for
@@ -225,7 +249,7 @@ pub fn bearing(config: &Config, state: &mut State, bearing: &Bearing, sink: &mut
         judge(config, state, sink);
         state.index = bearing.index;
     }
-    let heard = Heard::of(config, bearing);
+    let heard = Heard::of(config, state.depth, bearing);
     if heard.is_echo(config, bearing, state.loudest.as_ref()) {
         return;
     }

@@ -1,0 +1,211 @@
+//! How deep a vessel lies, from the fringes that its image in the surface makes.
+//!
+//! Enters: the hydrophones' own spectra of a segment and the direction found in it. Leaves: the vessel's depth. The image is
+//! heard `Δ = 2 d sin β / c` after the vessel (Lloyd's mirror; d the vessel's depth, β the elevation of vessel and image
+//! together, which is that of the surface above it), so that the received spectrum goes as `1 − cos ωΔ`: the spectrum over
+//! its own running mean has a negative cosine transform at that delay. Nothing is told where that is faint, where another delay
+//! shows as much, and where the fringes are too wide for the running mean or too narrow for the bins. Several segments of one
+//! source must agree ([`Depth::take`]).
+//!
+//! Cost: one transform of 512 points and some 60 instructions a bin, 45 000 a segment.
+
+use super::plan::{BINS, FRAME, Plan};
+use super::spectra::Spectra;
+use super::transform::{self, Work};
+use crate::math::f32 as m;
+use microfft::Complex32;
+
+/// Bins on each side of the running mean: fringes narrower than this stay.
+const MEAN_BINS: usize = 24;
+/// Delays used, samples: shorter ones are the source's own spectrum, longer ones are lost between bins.
+const DELAYS: (usize, usize) = (8, 220);
+/// Depths considered, metres.
+const DEPTHS_M: (f32, f32) = (0.7, 14.0);
+/// Least depth of the fringes over their mean, full fringes being 1.
+const LEAST: f32 = 0.25;
+/// Greatest share of it that any other delay may have, of either sign (echoes off the bottom, another vessel), and how far from the first in main lobes it begins.
+const NEXT: f32 = 0.3;
+const LOBE: usize = 2;
+
+/// Segments whose depths are averaged, and how many must agree before they are believed.
+const AVERAGED: f32 = 8.0;
+const AGREEING: f32 = 4.0;
+/// A depth farther than this share from the mean does not agree.
+const SAME: f32 = 0.15;
+/// Relative standard deviation of a depth believed: the elevation that goes into it.
+const SD: f32 = 0.01;
+
+/// What the segments so far say of the vessel now heard.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Depth {
+    mean_m: f32,
+    /// Segments in the mean.
+    agreed: f32,
+}
+
+impl Depth {
+    /// Nothing.
+    pub(super) const UNKNOWN: Self = Self { mean_m: 0.0, agreed: 0.0 };
+
+    /// Takes a segment's depth, if it tells one.
+    pub(super) fn take(&mut self, depth_m: Option<f32>) {
+        let Some(depth_m) = depth_m else { return };
+        if m::abs(depth_m - self.mean_m) > SAME * self.mean_m {
+            // Another vessel, or one of the two was wrong: the mean is given up where it was hardly begun or is gainsaid as often.
+            self.agreed -= 1.0;
+            if self.agreed <= 0.0 {
+                *self = Self { mean_m: depth_m, agreed: 1.0 };
+            }
+            return;
+        }
+        self.agreed = (self.agreed + 1.0).min(AVERAGED);
+        self.mean_m += (depth_m - self.mean_m) / self.agreed;
+    }
+
+    /// Depth and its standard deviation, metres, where segments agree.
+    pub(super) fn known(&self) -> Option<(f32, f32)> {
+        (self.agreed >= AGREEING).then_some((self.mean_m, SD * self.mean_m))
+    }
+}
+
+/// The depth (metres) of a source that is heard from an elevation of this sine, by one segment's spectra, where fringes
+/// are at least as deep as its `coherence`: those of two paths are, fainter ones are of three or four. `work` is used up.
+pub(super) fn depth_m(
+    plan: &Plan,
+    spectra: &Spectra,
+    sine: f32,
+    coherence: f32,
+    work: &mut Work,
+) -> Option<f32> {
+    // Samples of delay for a metre of depth.
+    let per_m = 2.0 * sine * plan.inv_c * plan.rate_hz;
+    let first = ((DEPTHS_M.0 * per_m) as usize).max(DELAYS.0);
+    let last = ((DEPTHS_M.1 * per_m) as usize).min(DELAYS.1);
+    if last < first + LOBE {
+        return None;
+    }
+    let (values, sums) = work.split_first_chunk_mut::<FRAME>()?;
+    let used = flattened(plan, spectra, sums);
+    values.fill(Complex32::new(0.0, 0.0));
+    for k in plan.whole.low..plan.whole.high {
+        let (from, to) =
+            (k.saturating_sub(MEAN_BINS).max(plan.whole.low), (k + MEAN_BINS + 1).min(plan.whole.high));
+        let (Some(a), Some(b), Some(own)) = (sums.get(from), sums.get(to), sums.get(k)) else { continue };
+        let mean = (b.re - a.re) / (to - from) as f32;
+        if let Some(value) = values.get_mut(transform::reversed(k))
+            && mean > 0.0
+        {
+            value.re = own.im / mean - 1.0;
+        }
+    }
+    transform::transform_reversed(values);
+    let scale = -2.0 / used;
+    let at = |n: usize| values.get(n).map_or(0.0, |z| scale * z.re);
+    let mut best = (0.0, 0);
+    for n in first..=last {
+        if at(n) > best.0 {
+            best = (at(n), n);
+        }
+    }
+    let (height, n) = best;
+    let (before, after) = (at(n.saturating_sub(1)), at(n + 1));
+    if height < LEAST.max(coherence) || before > height || after > height {
+        return None;
+    }
+    // The lobe of a band of so many bins reaches to its first zero.
+    let lobe = LOBE * (FRAME as f32 / used) as usize + 1;
+    let others = (DELAYS.0..=DELAYS.1).filter(|other| other.abs_diff(n) > lobe);
+    if others.map(|n| m::abs(at(n))).fold(0.0, f32::max) > NEXT * height {
+        return None;
+    }
+    let bend = before - 2.0 * height + after;
+    let shift = if bend < 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
+    Some((n as f32 + shift) / per_m)
+}
+
+/// Sum of the hydrophones' spectra times the squared frequency (a vessel's sound falls by about as much), in the imaginary
+/// parts, and its running sum from the band's first bin on in the real parts, one place a bin. Returns the number of bins.
+fn flattened(plan: &Plan, spectra: &Spectra, sums: &mut [Complex32]) -> f32 {
+    let mut sum = 0.0;
+    let autos = spectra.runs.iter().flat_map(|run| {
+        let [a, b, c, d] = run.auto;
+        [a[0] + b[0] + c[0] + d[0], a[1] + b[1] + c[1] + d[1]]
+    });
+    // One place more, for the sum of all.
+    for ((k, auto), place) in autos.chain([0.0]).enumerate().take(BINS + 1).zip(sums) {
+        let inside = k >= plan.whole.low && k < plan.whole.high;
+        let own = if inside { auto * (k * k) as f32 } else { 0.0 };
+        *place = Complex32::new(sum, own);
+        sum += own;
+    }
+    plan.whole.high.saturating_sub(plan.whole.low).max(1) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_sea::plan;
+    use super::*;
+    use crate::math::f64 as md;
+    use std::boxed::Box;
+
+    const SINE: f32 = 0.3;
+
+    /// A spectrum falling by 20 dB a decade from `shape` of the angular frequency, in a third as much noise.
+    fn told(plan: &Plan, shape: impl Fn(f64) -> f64) -> Option<f32> {
+        let mut spectra = Box::new(Spectra::new());
+        for (r, run) in spectra.runs.iter_mut().enumerate() {
+            for i in 0..transform::RUN {
+                let k = (transform::RUN * r + i).max(1) as f64;
+                let sound = (shape(k * f64::from(plan.bin_rad_s)) + 0.3) / (k * k);
+                run.auto.iter_mut().for_each(|auto| auto[i] = sound as f32);
+            }
+        }
+        let mut work = Box::new([Complex32::new(0.0, 0.0); 2 * FRAME]);
+        depth_m(plan, &spectra, SINE, 0.5, &mut work)
+    }
+
+    #[test]
+    fn fringes_tell_the_depth_and_nothing_else_does() {
+        for rate_hz in [16_000.0, 64_000.0] {
+            let plan = plan(rate_hz);
+            let delay_s = |depth_m: f64| 2.0 * depth_m * f64::from(SINE * plan.inv_c);
+            for depth_m in [2.0, 4.3, 8.0] {
+                let told = told(&plan, |omega| 1.0 - md::cos(omega * delay_s(depth_m)));
+                if delay_s(depth_m) * rate_hz > DELAYS.1 as f64 {
+                    assert_eq!(told, None, "too narrow for the bins");
+                    continue;
+                }
+                let told = told.unwrap_or(0.0);
+                assert!((f64::from(told) / depth_m - 1.0).abs() < 0.03, "{rate_hz} Hz, {depth_m} m: {told}");
+            }
+            assert_eq!(told(&plan, |_| 1.0), None, "no image");
+            assert_eq!(
+                told(&plan, |omega| 1.0 + md::cos(omega * delay_s(4.0))),
+                None,
+                "an echo of the same sign"
+            );
+            let two = |omega: f64| 2.0 - md::cos(omega * delay_s(3.0)) - 0.8 * md::cos(omega * delay_s(5.5));
+            assert_eq!(told(&plan, two), None, "two vessels");
+        }
+    }
+
+    #[test]
+    fn segments_must_agree_and_one_stray_changes_nothing() {
+        let mut depth = Depth::UNKNOWN;
+        for (n, depth_m) in [5.0, 5.1, 4.9].into_iter().enumerate() {
+            depth.take(Some(depth_m));
+            assert_eq!(depth.known(), None, "{n}");
+        }
+        depth.take(Some(5.0));
+        depth.take(None);
+        depth.take(Some(9.0));
+        depth.take(Some(5.0));
+        let known = depth.known();
+        assert!(known.is_some_and(|(m, sd)| (m - 5.0).abs() < 0.1 && sd > 0.04), "{known:?}");
+        // Another vessel's takes over.
+        for _ in 0..16 {
+            depth.take(Some(2.5));
+        }
+        assert!(depth.known().is_some_and(|(m, _)| m == 2.5));
+    }
+}
