@@ -1,6 +1,6 @@
 //! A week without vessels: whales, earthquakes, T phases, strumming and directional ambient noise.
 //!
-//! Counts tracks (there must be none) and azimuth detections, each attributed to a sound that was there (in its time,
+//! Counts tracks and faults of the set-up (there must be none) and azimuth detections, each attributed to a sound that was there (in its time,
 //! within 30° of its direction; strumming either way along its axis) or to nothing. `--runs` is the number of days.
 
 use super::obs_world::{Case, print, quiet, station_table};
@@ -129,6 +129,7 @@ fn run(options: &Options) -> Result<()> {
     figures.at_most("tracks", tracks as f64, 0.0);
     figures.at_most("azimuths of nothing, of 10 000 windows", unreal * 1e4, 1.0);
     figures.at_most("calls of whales taken for tones", (tonal[0] + tonal[1]) as f64, 0.0);
+    figures.at_most("faults named of a set-up that is as told", case.set_up_faults().len() as f64, 0.0);
     figures.state("windows", windows as f64);
     figures.state("windows with a range detection", ranges as f64);
     figures.state("segments", segments as f64);

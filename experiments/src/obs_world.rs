@@ -10,7 +10,7 @@ use crate::propagation::{Propagation, bottom::Bottom, convert, profile, trace};
 use crate::score::{Detections, detections};
 use crate::score::{TrackMiss, owner, track};
 use anyhow::Result;
-use seabearing_core::wire::Message;
+use seabearing_core::wire::{Fault, FaultCode, Message};
 use std::path::PathBuf;
 
 /// Depth of station RR03, m.
@@ -68,8 +68,8 @@ pub struct Case {
     pub vessels: Vec<MovingVessel>,
     /// Other sounds that were there.
     pub heard: Vec<HeardEvent>,
-    pub(super) table: Propagation,
-    pub(super) paths: usize,
+    pub table: Propagation,
+    pub paths: usize,
     pub(super) rate_hz: f64,
 }
 
@@ -96,6 +96,17 @@ impl Case {
             _ => None,
         });
         track(&own?, &self.vessels[vessel].course)
+    }
+
+    /// What the station said is wrong with its own set-up.
+    pub fn set_up_faults(&self) -> Vec<Fault> {
+        let of_set_up = |code: FaultCode| {
+            use FaultCode::{Exchanged, Reversed, TableOff, Unequal};
+            matches!(code, Reversed | Exchanged | Unequal | TableOff)
+        };
+        let faults =
+            self.messages.iter().filter_map(|m| if let Message::Fault(f) = m { Some(*f) } else { None });
+        faults.filter(|f| of_set_up(f.code)).collect()
     }
 
     /// Errors of detections, one entry a vessel.

@@ -11,6 +11,7 @@ use seabearing_core::angle::wrap_tau;
 use seabearing_core::kit::straight_line::through;
 use seabearing_core::kit::{closest, golden};
 use seabearing_locate::between::between;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -190,21 +191,29 @@ impl VesselCourse {
     /// within `HEARD_M`, since fixes come at odd times and a real vessel bends its way farther out. Through all fixes
     /// where it is hardly ever that near.
     pub fn straightened(&self) -> Option<Steady> {
-        let fixes = match self {
-            Self::Straight(steady) => return Some(*steady),
-            Self::Fixes(fixes) => fixes,
-            Self::Smooth(moments) => &moments.iter().map(|m| (m.at_s, m.place_m)).collect::<Vec<Fix>>(),
-        };
+        if let Self::Straight(steady) = self {
+            return Some(*steady);
+        }
+        let fixes = self.fixes();
         let (first, last) = (fixes.first()?.0, fixes.last()?.0);
         let minutes = (0..=((last - first) / 60.0) as usize).map(|m| first + 60.0 * m as f64);
         let near: Vec<Fix> =
             minutes.filter_map(|t| Some((t, self.at(t)?))).filter(|f| polar(f.1).0 <= HEARD_M).collect();
-        line(if near.len() >= 30 { &near } else { fixes })
+        line(if near.len() >= 30 { &near } else { &fixes })
+    }
+
+    /// The times and places it is told by; none of a straight one.
+    fn fixes(&self) -> Cow<'_, [Fix]> {
+        match self {
+            Self::Straight(_) => Cow::default(),
+            Self::Fixes(fixes) => fixes.into(),
+            Self::Smooth(moments) => moments.iter().map(|m| (m.at_s, m.place_m)).collect(),
+        }
     }
 
     /// Greatest distance between the course within `HEARD_M` and its straightened form, m.
     pub fn bend_m(&self) -> Option<f64> {
-        let (Self::Fixes(fixes), straight) = (self, self.straightened()?) else { return Some(0.0) };
+        let (fixes, straight) = (self.fixes(), self.straightened()?);
         let apart = |(t, p): &Fix| {
             let q = straight.at(*t).place_m;
             (polar(*p).0 <= HEARD_M).then(|| (p.0 - q.0).hypot(p.1 - q.1))

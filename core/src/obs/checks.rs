@@ -8,7 +8,8 @@
 //!   Both signs in turn, but a horizontal component with one only: that is the vertical one.
 //! - Gain. What of a horizontal component's power is not coherent with pressure is noise without a direction, and as strong in
 //!   one as in the other. The median of its ratio over minutes without a vessel, followed in small steps: an hour of a shaking
-//!   instrument moves it by a third of a decibel. Noise of several directions at once may make 1.5 dB of difference.
+//!   instrument moves it by a third of a decibel. Noise of several directions at once makes 1.5 dB of difference; its minutes are told
+//!   by their horizontal components, which go together, unless its axis is one of theirs.
 //!
 //! Horizontal components exchanged, one of them turned round, or an orientation that is off are beyond any check here: the
 //! station's world is then turned or mirrored, and vessels of a mirrored world are vessels. Vessels of known track tell them.
@@ -32,11 +33,18 @@ const MOSTLY: f32 = 0.85;
 const ONE_SIDED: f32 = 0.97;
 const BOTH_SIDES: f32 = 0.92;
 
-/// Step of the median of the ratio, dB a minute.
+/// Step of the medians, dB a minute; after so many minutes it becomes smaller as they grow in number, to that share of it, for
+/// hours of an instrument that shakes less than is noticed must not move them.
 const STEP_DB: f32 = 0.01;
+const SETTLED: u16 = 400;
+const LEAST_STEP: f32 = 0.3;
 
 /// A minute is no measure of the gain where the horizontal motion is this much above its median against pressure, dB.
-const SHAKING_DB: f32 = 1.5;
+const SHAKING_DB: f32 = 1.0;
+
+/// What is left of the horizontal components has a direction of its own where they go together by more than this, twice what
+/// chance makes of a minute: noise of several directions at once.
+const TOGETHER: f32 = 0.08;
 
 /// Ratio at which horizontal components are unequal, and below which they are equal again, dB.
 const UNEQUAL_DB: f32 = 2.0;
@@ -105,6 +113,8 @@ pub(super) struct Checks {
     /// Medians of north over east, and of both over pressure, dB.
     ratio_db: f32,
     motion_db: Option<f32>,
+    /// Minutes they are of.
+    compared: u16,
     /// The component that was said to be wrong, the vertical one by its sign, a horizontal one by being the vertical; 0: none.
     said_component: u8,
     said_unequal: bool,
@@ -120,6 +130,7 @@ impl Checks {
             votes: [Votes::NONE; 3],
             ratio_db: 0.0,
             motion_db: None,
+            compared: 0,
             said_component: 0,
             said_unequal: false,
             pairs: Pairs::new(),
@@ -212,12 +223,18 @@ impl Checks {
         if !(north > 0.0 && east > 0.0 && pressure > 0.0) {
             return;
         }
+        let together = m.north_east - of_north * of_east / pressure;
+        if math::f32::abs(together) > TOGETHER * math::f32::sqrt(north * east) {
+            return;
+        }
         let motion_db = decibels((north + east) / pressure);
         let usual_db = self.motion_db.get_or_insert(motion_db);
-        *usual_db += STEP_DB * (motion_db - *usual_db).signum();
+        self.compared = self.compared.saturating_add(1);
+        let step_db = STEP_DB * (f32::from(SETTLED) / f32::from(self.compared)).clamp(LEAST_STEP, 1.0);
+        *usual_db += step_db * (motion_db - *usual_db).signum();
         // A shaking instrument says nothing of its gain.
         if motion_db < *usual_db + SHAKING_DB {
-            self.ratio_db += STEP_DB * (decibels(north / east) - self.ratio_db).signum();
+            self.ratio_db += step_db * (decibels(north / east) - self.ratio_db).signum();
         }
     }
 
@@ -261,7 +278,12 @@ mod tests {
     /// Moments of a minute with a vessel: products of north, east, vertical with pressure, all powers 1.
     fn vessel(products: [f32; 3]) -> Moments {
         let [north, east, vertical] = products;
-        Moments { power: [1.0; 4], with_pressure: [1.0, north, east, vertical], instants: 3000 }
+        Moments {
+            power: [1.0; 4],
+            with_pressure: [1.0, north, east, vertical],
+            instants: 3000,
+            ..Moments::NONE
+        }
     }
 
     /// What is said in so many minutes.
@@ -313,6 +335,7 @@ mod tests {
             power: [1.0, north, 1.0, 1.0],
             with_pressure: [1.0, 0.0, 0.0, 0.0],
             instants: 3000,
+            ..Moments::NONE
         };
         let two_db = |north: f32| said(400, Heard::Nothing, |_| noise(north));
         assert_eq!(two_db(2.0), [(FaultCode::Unequal, 20)]);
@@ -323,6 +346,9 @@ mod tests {
         // Noise from north that goes with pressure is no gain.
         let coherent = Moments { with_pressure: [1.0, 0.7, 0.0, 0.0], ..noise(1.49) };
         assert_eq!(said(1000, Heard::Nothing, |_| coherent), []);
+        // Noise of two directions at once, whose difference points between north and east, or stronger.
+        let two = Moments { north_east: 0.2, ..noise(2.0) };
+        assert_eq!(said(1000, Heard::Nothing, |_| two), []);
         // As it would be without that.
         assert_eq!(said(1000, Heard::Nothing, |_| noise(1.7)), [(FaultCode::Unequal, 20)]);
     }

@@ -4,6 +4,7 @@
 //! for records without a closest point. Seen at t: the vessel at its time of emission t − toa(r). Closest point: time
 //! t0 − x·v/v², signed range c = (y vx − x vy)/v, positive where the station lies to starboard [O 26].
 
+use super::fit::Towards;
 use super::travel::TravelTime;
 use crate::kit;
 use crate::kit::approach::STATE;
@@ -36,6 +37,8 @@ pub struct Seen {
     pub range_m: f64,
     /// Azimuth, rad.
     pub azimuth: f64,
+    /// Its change, rad/s.
+    pub turning_rad_s: f64,
     /// Radial speed, m/s, positive when leaving.
     pub speed_m_s: f64,
 }
@@ -51,6 +54,13 @@ pub struct Closest {
     pub heading: f64,
     /// Speed, m/s.
     pub speed_m_s: f64,
+}
+
+impl Seen {
+    /// Its direction, taken as it is.
+    pub fn towards(&self) -> Towards {
+        Towards { azimuth: self.azimuth, turning_rad_s: self.turning_rad_s, doubt: 0.0 }
+    }
 }
 
 impl Course {
@@ -86,6 +96,7 @@ impl Course {
             place: (x, y),
             range_m,
             azimuth: math::f64::atan2(x, y),
+            turning_rad_s: (y * vx - x * vy) / (range_m * range_m),
             speed_m_s: (x * vx + y * vy) / range_m,
         }
     }

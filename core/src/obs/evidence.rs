@@ -20,14 +20,15 @@ struct AzimuthMark {
     sd: u16,
 }
 
-/// A range: metres, standard deviation in 8 m (0: none), speed and its deviation in 1/8 m/s, weight in 1/255.
+/// A range: metres, standard deviation in 8 m (0: none), speed and its deviation in 1/8 m/s, weight in 1/127, and whether it is
+/// sure in the lowest bit.
 #[derive(Clone, Copy, Debug, Default)]
 struct RangeMark {
     range: u16,
     sd: u8,
     speed: i8,
     sd_speed: u8,
-    weight: u8,
+    weight_sure: u8,
 }
 
 impl AzimuthMark {
@@ -46,7 +47,8 @@ impl RangeMark {
             sd_m: f64::from(self.sd) * 8.0,
             speed_m_s: f64::from(self.speed) / 8.0,
             sd_speed_m_s: f64::from(self.sd_speed) / 8.0,
-            weight: f64::from(self.weight) / 255.0,
+            weight: f64::from(self.weight_sure >> 1) / 127.0,
+            sure: self.weight_sure & 1 == 1,
         }
     }
 }
@@ -82,13 +84,15 @@ pub struct RangeEvidence {
     pub sd_speed_m_s: f64,
     /// Share of that minute's posterior.
     pub weight: f64,
+    /// Whether its echoes are nearly of the table's strengths.
+    pub sure: bool,
 }
 
 impl Minute {
     const NONE: Self = Self {
         number: 0,
         azimuth: [AzimuthMark { azimuth: 0, sd: 0 }; AZIMUTH_MODES],
-        range: [RangeMark { range: 0, sd: 0, speed: 0, sd_speed: 0, weight: 0 }; RANGE_MODES],
+        range: [RangeMark { range: 0, sd: 0, speed: 0, sd_speed: 0, weight_sure: 0 }; RANGE_MODES],
     };
 
     /// Keeps the modes of a minute; `impulsive` directions are no vessel's and are left out.
@@ -109,7 +113,7 @@ impl Minute {
                 sd: (mode.sd_range_m / 8.0 + 0.5).clamp(1.0, 255.0) as u8,
                 speed: math::f32::round(mode.speed_m_s * 8.0).clamp(-127.0, 127.0) as i8,
                 sd_speed: math::f32::round(mode.sd_speed_m_s * 8.0).clamp(1.0, 255.0) as u8,
-                weight: (mode.weight * 255.0).clamp(1.0, 255.0) as u8,
+                weight_sure: (mode.weight * 127.0).clamp(1.0, 127.0) as u8 * 2 + u8::from(mode.sure),
             };
         }
         out
@@ -186,7 +190,7 @@ impl Evidence {
     }
 
     /// The same, newest first.
-    pub fn between_back(&self, from: u32, to: u32) -> impl Iterator<Item = Minute> + '_ {
+    pub fn between_back(&self, from: u32, to: u32) -> impl Iterator<Item = Minute> + Clone + '_ {
         let (newer, older) = self.minutes.split_at_checked(self.next).unwrap_or_default();
         let all = newer.iter().rev().chain(older.iter().rev()).take(self.held);
         all.filter(move |m| (from..=to).contains(&m.number)).copied()

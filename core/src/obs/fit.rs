@@ -8,7 +8,7 @@
 //! counts it for less where the residuals are larger than stated or alike from minute to minute (see `residuals`).
 //! Cost: 700 instructions a minute of evidence and step.
 
-use super::course::{Course, CourseCovariance};
+use super::course::{Course, CourseCovariance, Seen};
 use super::evidence::{AzimuthEvidence, Minute, RangeEvidence};
 use super::residuals::{OVERLAPPED, Residuals};
 use super::travel::TravelTime;
@@ -23,7 +23,11 @@ const DETECTION: (f64, f64) = (0.9, 0.6);
 type Excess = (f64, f64);
 
 /// Error of direction beyond what the detector knows (propagation, interfering paths), rad.
-pub(super) const EXTRA_AZIMUTH: f64 = 0.02;
+const EXTRA_AZIMUTH: f64 = 0.02;
+
+/// A window's direction is that of a time known to so much, s: it holds frames of three minutes that show the vessel more or
+/// less clearly, and near its closest point a vessel's azimuth turns by degrees a minute.
+const TIMING_S: f64 = 15.0;
 
 /// Error of range beyond what the detector knows (table), m.
 pub(super) const EXTRA_RANGE_M: f64 = 40.0;
@@ -40,6 +44,17 @@ const RANGE_SHOWS_M: (f64, f64) = (7_000.0, 40_000.0);
 /// A course taken as it is.
 const SURE: (f64, f64) = (0.0, 0.0);
 
+/// Where a course has its vessel.
+#[derive(Clone, Copy, Debug)]
+pub struct Towards {
+    /// Azimuth, rad.
+    pub azimuth: f64,
+    /// Its change, rad/s.
+    pub turning_rad_s: f64,
+    /// Standard deviation of the course's own, rad.
+    pub doubt: f64,
+}
+
 /// How a course fares.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Score {
@@ -51,6 +66,22 @@ pub struct Score {
     pub distances: u16,
     /// Minutes with both.
     pub both: u16,
+    /// Minutes with a range whose echoes are nearly of the table's strengths.
+    pub sure: u16,
+    /// Minutes in which another pair of paths explains the echoes with the table's strengths.
+    pub rivals: u16,
+    /// Nearest and farthest of the ranges, m.
+    pub span_m: Option<(f32, f32)>,
+}
+
+/// Share of the ranges that have echoes of nearly the table's strengths from which on those are a vessel's strengths.
+const SURE_SHARE: f32 = 0.33;
+
+impl Score {
+    /// Whether its echoes have nearly the table's strengths.
+    pub fn is_sure(&self) -> bool {
+        f32::from(self.sure) >= SURE_SHARE * f32::from(self.distances)
+    }
 }
 
 /// Standard deviation of the sum of two independent errors.
@@ -58,12 +89,11 @@ fn together(a: f64, b: f64) -> f64 {
     math::f64::sqrt(a * a + b * b)
 }
 
-/// Ratio of a direction's density at the course's to uniform, the residual, and the spread of the direction; `doubt` is the
-/// standard deviation of the course's.
-fn direction_ratio(d: &AzimuthEvidence, azimuth: f64, doubt: f64) -> (f64, f64, f64) {
-    let sd = together(d.sd, EXTRA_AZIMUTH);
-    let all = together(sd, doubt);
-    let e = wrap_pi(d.azimuth - azimuth);
+/// Ratio of a direction's density at the course's to uniform, the residual, and the spread of the direction as detected.
+fn direction_ratio(d: &AzimuthEvidence, towards: Towards) -> (f64, f64, f64) {
+    let sd = together(d.sd, TIMING_S * towards.turning_rad_s);
+    let all = together(together(sd, EXTRA_AZIMUTH), towards.doubt);
+    let e = wrap_pi(d.azimuth - towards.azimuth);
     let z = e / all;
     (math::f64::TAU / 2.5066 / all * math::f64::exp(-0.5 * z * z), e, sd)
 }
@@ -84,9 +114,9 @@ fn spreads(d: &RangeEvidence) -> (f64, f64) {
     (together(d.sd_m, EXTRA_RANGE_M), together(d.sd_speed_m_s, EXTRA_SPEED_M_S))
 }
 
-/// Whether a direction is better explained by a vessel at `azimuth` than by none.
-pub fn explains_direction(d: &AzimuthEvidence, azimuth: f64) -> bool {
-    direction_ratio(d, azimuth, 0.0).0 > 0.3
+/// Whether a direction is better explained by a vessel there than by none.
+pub fn explains_direction(d: &AzimuthEvidence, towards: Towards) -> bool {
+    direction_ratio(d, towards).0 > 0.3
 }
 
 /// Whether a range is better explained by a vessel at that range and radial speed than by none.
@@ -94,9 +124,9 @@ pub fn explains_distance(d: &RangeEvidence, range_m: f64, speed_m_s: f64) -> boo
     distance_ratio(&RangeEvidence { weight: 1.0, ..*d }, range_m, speed_m_s, SURE) > 0.1
 }
 
-/// Best direction of a minute for an azimuth: ratio, residual, spread.
-fn best_direction(m: &Minute, azimuth: f64, doubt: f64) -> Option<(f64, f64, f64)> {
-    m.directions().map(|d| direction_ratio(&d, azimuth, doubt)).max_by(|a, b| a.0.total_cmp(&b.0))
+/// Best direction of a minute: ratio, residual, spread.
+fn best_direction(m: &Minute, towards: Towards) -> Option<(f64, f64, f64)> {
+    m.directions().map(|d| direction_ratio(&d, towards)).max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// Best range of a minute: ratio and the mode.
@@ -110,21 +140,53 @@ fn best_distance(
     ratios.max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-/// Log terms of one minute: azimuth and range.
-pub fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> (f64, f64) {
+/// Log terms of one minute.
+pub struct Terms {
+    /// Of its direction.
+    pub azimuth: f64,
+    /// Of its range.
+    pub range: f64,
+    /// Its range, where that is this vessel's.
+    distance: Option<RangeEvidence>,
+    /// Whether another pair of paths explains the echoes with the table's strengths.
+    rival: bool,
+}
+
+/// Range from which on a vessel's own echoes do not look like those of another pair of paths of one farther away, m: nearer, the
+/// pair 13 is so strong that read as 35 it has the strength of that.
+const RIVALS_M: f64 = 17_000.0;
+
+/// A vessel read as another pair of paths seems nearer by about this: 35 as 13, 57 as 35. How far from that it may be, and
+/// by how much the speeds may differ, m/s.
+const RIVALS: [f64; 2] = [2.0, 1.5];
+const RIVAL_WITHIN: (f64, f64) = (0.06, 1.0);
+
+/// Whether a vessel at that range would be a mode's, read as another pair of paths.
+fn is_rival(d: &RangeEvidence, s: &Seen) -> bool {
+    let like = |factor: f64| {
+        math::f64::abs(d.range_m / factor - s.range_m) < RIVAL_WITHIN.0 * s.range_m
+            && math::f64::abs(d.speed_m_s / factor - s.speed_m_s) < RIVAL_WITHIN.1
+    };
+    d.sure && d.weight > 0.5 && s.range_m > RIVALS_M && RIVALS.into_iter().any(like)
+}
+
+/// Log terms of one minute.
+pub fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> Terms {
     let s = course.seen(travel, step_s * f64::from(m.number));
     // A minute without any mode says little: the vessel may be masked, the channel dead.
-    let azimuth = match best_direction(m, s.azimuth, 0.0) {
+    let azimuth = match best_direction(m, s.towards()) {
         Some((ratio, ..)) => math::f64::ln(1.0 - DETECTION.0 + DETECTION.0 * ratio),
         None => -0.3,
     };
     let shows = s.range_m > RANGE_SHOWS_M.0 && s.range_m < RANGE_SHOWS_M.1;
-    let range = match best_distance(m, s.range_m, s.speed_m_s, SURE) {
-        Some((ratio, _)) if ratio > 1.0 || shows => math::f64::ln(1.0 - DETECTION.1 + DETECTION.1 * ratio),
-        None if shows => -0.3,
-        _ => 0.0,
+    let (range, distance) = match best_distance(m, s.range_m, s.speed_m_s, SURE) {
+        Some((ratio, d)) if ratio > 1.0 || shows => {
+            (math::f64::ln(1.0 - DETECTION.1 + DETECTION.1 * ratio), (ratio > 1.0).then_some(d))
+        }
+        None if shows => (-0.3, None),
+        _ => (0.0, None),
     };
-    (azimuth, range)
+    Terms { azimuth, range, distance, rival: m.distances().any(|d| is_rival(&d, &s)) }
 }
 
 /// Score over minutes.
@@ -136,11 +198,18 @@ pub fn score(
 ) -> Score {
     let mut out = Score::default();
     for m in minutes {
-        let (a, r) = minute_terms(course, travel, step_s, &m);
-        out.log += a + r;
-        out.directions += u16::from(a > 0.0);
-        out.distances += u16::from(r > 0.0);
-        out.both += u16::from(a > 0.0 && r > 0.0);
+        let Terms { azimuth, range, distance, rival } = minute_terms(course, travel, step_s, &m);
+        out.log += azimuth + range;
+        out.directions += u16::from(azimuth > 0.0);
+        out.rivals += u16::from(rival);
+        out.both += u16::from(azimuth > 0.0 && distance.is_some());
+        if let Some(d) = distance {
+            out.distances += 1;
+            out.sure += u16::from(d.sure);
+            let range_m = d.range_m as f32;
+            let (least, most) = out.span_m.unwrap_or((range_m, range_m));
+            out.span_m = Some((least.min(range_m), most.max(range_m)));
+        }
     }
     out
 }
@@ -191,7 +260,7 @@ where
 }
 
 /// What the residuals of a course say about its errors: of directions, of ranges.
-pub(super) fn excess(
+fn excess(
     course: &Course,
     travel: &TravelTime,
     step_s: f64,
@@ -200,8 +269,8 @@ pub(super) fn excess(
     let (mut directions, mut distances) = (Residuals::default(), Residuals::default());
     for m in minutes {
         let s = course.seen(travel, step_s * f64::from(m.number));
-        if let Some((own, e, sd)) = own_direction(&m, s.azimuth, 0.0) {
-            directions.take(e / sd, own);
+        if let Some((own, e, sd)) = own_direction(&m, s.towards()) {
+            directions.take(e / together(sd, EXTRA_AZIMUTH), own);
         }
         if let Some((own, d)) = own_distance(&m, s.range_m, s.speed_m_s, SURE) {
             distances.take((d.range_m - s.range_m) / spreads(&d).0, own);
@@ -210,9 +279,9 @@ pub(super) fn excess(
     (directions.excess(), distances.excess())
 }
 
-/// A minute's best direction for an azimuth: the chance that it is this vessel's, residual, spread.
-pub(super) fn own_direction(m: &Minute, azimuth: f64, doubt: f64) -> Option<(f64, f64, f64)> {
-    let (ratio, e, sd) = best_direction(m, azimuth, doubt)?;
+/// A minute's best direction: the chance that it is this vessel's, residual, spread.
+pub(super) fn own_direction(m: &Minute, towards: Towards) -> Option<(f64, f64, f64)> {
+    let (ratio, e, sd) = best_direction(m, towards)?;
     Some((DETECTION.0 * ratio / (1.0 - DETECTION.0 + DETECTION.0 * ratio), e, sd))
 }
 
@@ -239,8 +308,9 @@ fn observe(
     let [_, _, vx, vy] = course.p;
     let s = course.seen(travel, step_s * f64::from(m.number));
     let (x, y, r, t) = (s.place.0, s.place.1, s.range_m, s.since_s);
-    if let Some((own, e, sd)) = own_direction(m, s.azimuth, 0.0) {
+    if let Some((own, e, sd)) = own_direction(m, s.towards()) {
         let (jx, jy) = (y / (r * r), -x / (r * r));
+        let sd = together(sd, EXTRA_AZIMUTH);
         normal.observe(&[jx, jy, jx * t, jy * t], e, own / (excess.0 * sd * sd));
     }
     if let Some((own, d)) = own_distance(m, r, s.speed_m_s, SURE) {

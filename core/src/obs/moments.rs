@@ -1,4 +1,4 @@
-//! Powers of the four components and their products with pressure in the band of vessels' noise, hop by hop: what a station
+//! Powers of the four components, their products with pressure and that of the horizontal ones in the band of vessels' noise, hop by hop: what a station
 //! checks its own set-up with (`checks`).
 //!
 //! Enters: codes of all four components at the recording's rate. Leaves: sums over a hop of the products of what a band-pass
@@ -42,6 +42,8 @@ pub(super) struct Moments {
     pub(super) power: [f32; CHANNELS],
     /// Products with pressure; the first is its power again.
     pub(super) with_pressure: [f32; CHANNELS],
+    /// Product of north and east.
+    pub(super) north_east: f32,
     /// Instants.
     pub(super) instants: u32,
 }
@@ -49,7 +51,7 @@ pub(super) struct Moments {
 impl Moments {
     /// Of nothing.
     pub(super) const NONE: Self =
-        Self { power: [0.0; CHANNELS], with_pressure: [0.0; CHANNELS], instants: 0 };
+        Self { power: [0.0; CHANNELS], with_pressure: [0.0; CHANNELS], north_east: 0.0, instants: 0 };
 
     /// Adds those of other instants.
     pub(super) fn add(&mut self, other: &Self) {
@@ -57,6 +59,7 @@ impl Moments {
             |a: &mut [f32; CHANNELS], b: &[f32; CHANNELS]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         sum(&mut self.power, &other.power);
         sum(&mut self.with_pressure, &other.with_pressure);
+        self.north_east += other.north_east;
         self.instants += other.instants;
     }
 }
@@ -92,12 +95,13 @@ impl Filtered {
             *s1 = *s2 - filter.a1 * *y;
             *s2 = -x - filter.a2 * *y;
         }
-        let [pressure, ..] = y;
+        let [pressure, north, east, _] = y;
         let sums = self.sums.power.iter_mut().zip(&mut self.sums.with_pressure).zip(y);
         for ((power, product), y) in sums {
             *power += y * y;
             *product += y * pressure;
         }
+        self.sums.north_east += north * east;
         self.sums.instants += 1;
     }
 }

@@ -67,6 +67,8 @@ pub struct Expected {
     pub speed_m_s: f32,
     /// Whether the track has held long enough not to be on a wrong pair of paths any more.
     pub established: bool,
+    /// Whether it has, and its echoes are nearly of the table's strengths.
+    pub strong: bool,
 }
 
 /// What each tracked vessel is expected to show.

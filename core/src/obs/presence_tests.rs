@@ -35,7 +35,7 @@ fn run(tracked: bool) -> RangePresence {
         let (strong_m, weak_m) = (12_000.0 + 6.0 * t, 40_000.0 - 5.0 * t);
         let mut known = ExpectedVessels::default();
         if tracked && minute >= 10 {
-            known[0] = Some(Expected { range_m: strong_m, speed_m_s: 6.0, established: true });
+            known[0] = Some(Expected { range_m: strong_m, speed_m_s: 6.0, established: true, strong: true });
         }
         presence.predict(&mut work);
         presence.claim(&model, &known);

@@ -440,6 +440,7 @@ impl State {
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
+            ranges.without_echoes(&plan.interference, &expected);
             let minute = Minute::new(k as u32, &directions, &ranges);
             ranges.prefer(&plan.interference, &expected);
             send(index, &directions, call, &ranges, plan.paper, sink);

@@ -22,8 +22,13 @@ use crate::wire::{Message, Track};
 /// Places for tracks.
 const LIVE: usize = VESSELS;
 
-/// Minutes with a range after which a track is not on a wrong pair of paths any more.
+/// Minutes with a range after which a track is not on a wrong pair of paths any more, if a share of them has echoes of the
+/// table's strengths, or if they span so great a ratio of ranges that other pairs of paths would show others.
 const ESTABLISHED: u16 = 40;
+const SPAN: f32 = 2.0;
+
+/// Minutes in which another pair of paths explains its echoes better, that say nothing yet.
+const FEW_RIVALS: u16 = 5;
 
 /// Minutes between looks.
 const EVERY: u32 = 5;
@@ -53,6 +58,8 @@ struct Live {
     id: u16,
     course: Course,
     covariance: CourseCovariance,
+    /// Its course now, where it bends.
+    now: Course,
     score: Score,
     /// First and last minute it explains.
     from: u32,
@@ -102,8 +109,13 @@ impl Tracker {
                 let course = live.course;
                 evidence.forget(|m| without(travel, &course, m));
                 *slot = None;
-            } else if now < live.to + EVERY + 2 {
-                live.run(plan, &Seen { evidence, others }, sink);
+            } else {
+                let left = |m| without_all(travel, &others, m);
+                let minutes = evidence.between(live.from, live.to).map(left);
+                live.now = bend::present(&live.course, travel, STEP_S, minutes).unwrap_or(live.course);
+                if now < live.to + EVERY + 2 {
+                    live.run(plan, &Seen { evidence, others }, sink);
+                }
             }
         }
         if self.live.iter().any(Option::is_none) {
@@ -171,12 +183,12 @@ impl Tracker {
     pub fn expected(&self, plan: &Plan<'_>, minute: u32) -> ExpectedVessels {
         self.live.map(|live| {
             let live = live?;
-            let s = live.course.seen(&plan.travel, STEP_S * f64::from(minute));
-            Some(Expected {
-                range_m: s.range_m as f32,
-                speed_m_s: s.speed_m_s as f32,
-                established: live.score.distances >= ESTABLISHED,
-            })
+            // A course on a wrong pair of paths must not bend after echoes that are not its own.
+            let established = live.is_established();
+            let strong = established && live.score.is_sure();
+            let course = if strong { &live.now } else { &live.course };
+            let s = course.seen(&plan.travel, STEP_S * f64::from(minute));
+            Some(Expected { range_m: s.range_m as f32, speed_m_s: s.speed_m_s as f32, established, strong })
         })
     }
 
@@ -210,7 +222,7 @@ fn without_all(travel: &TravelTime, others: &[Option<Course>; LIVE], m: Minute) 
 fn without(travel: &TravelTime, course: &Course, m: Minute) -> Minute {
     let s = course.seen(travel, STEP_S * f64::from(m.number));
     m.without(
-        |d| fit::explains_direction(d, s.azimuth),
+        |d| fit::explains_direction(d, s.towards()),
         |d| fit::explains_distance(d, s.range_m, s.speed_m_s),
     )
 }
@@ -229,7 +241,8 @@ fn find(
         return None;
     }
     let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes.clone())?;
-    let mut live = Live { id: 0, course, covariance, score: Score::default(), from, to, sent: 0 };
+    let mut live =
+        Live { id: 0, course, covariance, now: course, score: Score::default(), from, to, sent: 0 };
     live.bound(travel, evidence, others, to);
     live.is_a_vessel().then_some(live)
 }
@@ -239,7 +252,15 @@ impl Live {
     fn is_a_vessel(&self) -> bool {
         let s = &self.score;
         let explains = s.directions >= ACCEPT.1 && s.distances >= ACCEPT.2 && s.both >= ACCEPT.3;
-        s.log >= ACCEPT.0 && explains && SPEEDS_M_S.contains(&self.course.speed_m_s())
+        let rivalled = s.rivals > s.sure.max(2 * FEW_RIVALS);
+        s.log >= ACCEPT.0 && explains && !rivalled && SPEEDS_M_S.contains(&self.course.speed_m_s())
+    }
+
+    /// Whether it is not on a wrong pair of paths any more.
+    fn is_established(&self) -> bool {
+        let s = &self.score;
+        let far = s.span_m.is_some_and(|(least, most)| most >= SPAN * least);
+        s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
     }
 
     /// Finds the stretch the course explains: from where, and to where, its terms add up to most.
@@ -248,12 +269,12 @@ impl Live {
         // Largest sum of a contiguous stretch.
         let (mut sum, mut start, mut best) = (0.0, None, 0.0);
         for m in minutes() {
-            let (a, r) = fit::minute_terms(&self.course, travel, STEP_S, &m);
+            let terms = fit::minute_terms(&self.course, travel, STEP_S, &m);
             if sum <= 0.0 {
                 sum = 0.0;
                 start = Some(m.number);
             }
-            sum += a + r;
+            sum += terms.azimuth + terms.range;
             if sum > best {
                 best = sum;
                 self.from = start.unwrap_or(m.number);
@@ -377,124 +398,4 @@ impl Live {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::angle::wrap_pi;
-    use crate::obs::course::N;
-    use crate::obs::presence::{RangeMode, RangePresence};
-    use crate::obs::tonal::{Directions, Mode};
-    use std::boxed::Box;
-    use std::vec::Vec;
-
-    /// East, North and velocity at time 0.
-    const VESSELS: [[f64; 4]; 2] = [[-30_000.0, 8_000.0, 5.0, 0.5], [12_000.0, -25_000.0, -0.5, 4.5]];
-
-    /// What both vessels show in a minute: directions always, the range of one of them in turn, and a false range.
-    fn minute(n: u32) -> Minute {
-        let jitter = |k: u32| (f64::from((n * 7919 + k * 104_729) % 1000) / 500.0 - 1.0) as f32;
-        let seen = VESSELS.map(|p| Course { t0_s: 0.0, p }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n)));
-        let mut directions =
-            Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
-        let mut modes = [None; 4];
-        for (k, (slot, s)) in directions.modes.iter_mut().zip(&seen).enumerate() {
-            *slot = Some(Mode {
-                azimuth: s.azimuth as f32 + 0.02 * jitter(k as u32),
-                sd: 0.02,
-                log_presence: 20.0,
-                bins: 5,
-                step: 0,
-                impulsive: false,
-            });
-        }
-        let own = &seen[(n / 3 % 2) as usize];
-        let mode = |range_m: f32, speed_m_s: f32| {
-            Some(RangeMode {
-                range_m,
-                sd_range_m: 80.0,
-                speed_m_s,
-                sd_speed_m_s: 0.4,
-                weight: 0.5,
-                detected: true,
-                tracked: false,
-                sure: true,
-            })
-        };
-        modes[0] = mode(own.range_m as f32 + 60.0 * jitter(2), own.speed_m_s as f32 + 0.3 * jitter(3));
-        // The same echo read as another pair of paths: twice the range at twice the speed.
-        modes[1] = mode(2.0 * own.range_m as f32, 2.0 * own.speed_m_s as f32 + jitter(4));
-        let ranges = RangePresence { log_odds: 5.0, log_evidence: 5.0, approaching: 0.5, modes };
-        Minute::new(n, &directions, &ranges)
-    }
-
-    #[test]
-    fn two_vessels_end_as_two_tracks() {
-        let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
-        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
-        let mut said = Vec::new();
-        let mut sink = |m: Message| {
-            if let Message::Track(t) = m {
-                said.push(t);
-            }
-        };
-        for n in 1..=180 {
-            evidence.push(minute(n));
-            tracker.minute(&plan, &mut evidence, n, &mut sink);
-        }
-        tracker.finish(&plan, &evidence, 180, &mut sink);
-        let last: Vec<_> = said.iter().filter(|t| t.stage == 1).collect();
-        for p in VESSELS {
-            let (want, _) = Course { t0_s: 0.0, p }.closest(&[[0.0; N]; N]).unwrap();
-            let own = |t: &&&Track| {
-                (f64::from(t.speed_m_s) - want.speed_m_s).abs() < 0.1
-                    && wrap_pi(f64::from(t.heading) - want.heading).abs() < 0.02
-                    && (f64::from(t.cpa_range_m) - want.range_m.abs()).abs() < 150.0
-                    && (t.cpa_time_s - want.time_s).abs() < 30.0
-            };
-            assert_eq!(last.iter().filter(own).count(), 1, "{want:?}: {last:?}");
-        }
-    }
-
-    #[test]
-    fn directions_alone_are_no_vessel() {
-        let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
-        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
-        let mut said = 0;
-        for n in 1..=120 {
-            evidence.push(minute(n).without(|_| false, |_| true));
-            tracker.minute(&plan, &mut evidence, n, &mut |_| said += 1);
-        }
-        tracker.finish(&plan, &evidence, 120, &mut |_| said += 1);
-        assert_eq!(said, 0);
-    }
-
-    /// A track of the vessel `p` that was reported and explains nothing of the evidence.
-    fn reported_and_wrong(p: [f64; 4], from: u32, to: u32) -> Live {
-        let covariance = core::array::from_fn(|i| core::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
-        let score = Score { log: 100.0, directions: 20, distances: 20, both: 20 };
-        Live { id: 7, course: Course { t0_s: 0.0, p }, covariance, score, from, to, sent: 1 }
-    }
-
-    #[test]
-    fn a_track_that_was_reported_and_is_no_vessel_s_is_withdrawn() {
-        let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
-        for at_the_end in [false, true] {
-            let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
-            for n in 1..=60 {
-                evidence.push(minute(n).without(|_| true, |_| true));
-            }
-            tracker.live[1] = Some(reported_and_wrong(VESSELS[0], 1, 60));
-            let mut said = Vec::new();
-            let mut sink = |m: Message| {
-                if let Message::Track(t) = m {
-                    said.push((t.id, t.stage, t.range_observable));
-                }
-            };
-            if at_the_end {
-                tracker.finish(&plan, &evidence, 60, &mut sink);
-            } else {
-                tracker.minute(&plan, &mut evidence, 60, &mut sink);
-            }
-            assert_eq!(said, [(7, Track::WITHDRAWN, false)]);
-        }
-    }
-}
+mod tests;

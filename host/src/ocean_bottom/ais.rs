@@ -6,6 +6,7 @@
 
 use super::scenario::{ObsScenario, Radiation};
 use super::simulate::{Extra, MovingVessel};
+use super::smooth::way;
 use crate::ais::{AisReport, IMPOSSIBLE_M_S, tracks};
 use crate::course::{Fix, VesselCourse, nearest};
 use anyhow::{Result, bail};
@@ -19,6 +20,8 @@ pub const RADIUS_M: f64 = 100_000.0;
 const CLOSEST_M: f64 = 25_000.0;
 /// Longest leg taken as straight, m: across the area and half its width more, a few hours at sea.
 const LONGEST_LEG_M: f64 = 3.0 * RADIUS_M;
+/// Standard deviation of a time told in whole minutes, s.
+const MINUTE_S: f64 = 17.3;
 
 /// One vessel's passage.
 #[derive(Clone, Debug, PartialEq)]
@@ -122,9 +125,20 @@ fn passage(mmsi: u64, fixes: Vec<Fix>) -> Option<AisPassage> {
 }
 
 impl AisPassage {
-    /// As a course in seconds from a start, its first and last legs carried on to the edge of the surveyed area: a
-    /// terrestrial receiver's coverage ends, the vessel does not.
+    /// Standard deviation of the times of its fixes, s: of those told in whole minutes, where most are.
+    fn sd_s(&self) -> f64 {
+        let whole = self.fixes.iter().filter(|f| f.0 % 60.0 == 0.0).count();
+        if 2 * whole > self.fixes.len() { MINUTE_S } else { 0.0 }
+    }
+
+    /// As a smooth course in seconds from a start, to the edge of the surveyed area.
     pub fn course(&self, start_unix_s: f64) -> VesselCourse {
+        way(&self.carried_on(start_unix_s), self.sd_s())
+    }
+
+    /// Its fixes in seconds from a start, the first and last legs carried on to the edge of the surveyed area: a terrestrial
+    /// receiver's coverage ends, the vessel does not.
+    fn carried_on(&self, start_unix_s: f64) -> Vec<Fix> {
         let mut fixes: Vec<Fix> = self.fixes.iter().map(|f| (f.0 - start_unix_s, f.1)).collect();
         let carry = |from: Fix, towards: Fix| {
             let dt = towards.0 - from.0;
@@ -148,7 +162,7 @@ impl AisPassage {
         if let Some(f) = before.filter(|f| f.0 < first - 1.0) {
             fixes.insert(0, f);
         }
-        VesselCourse::Fixes(fixes)
+        fixes
     }
 
     /// As a vessel of the simulator, with lines of its own.
@@ -159,11 +173,9 @@ impl AisPassage {
         let mut radiation = radiation.clone();
         radiation.blade_hz *= own;
         radiation.tones_hz.iter_mut().for_each(|f| *f *= own);
-        let vessel = MovingVessel {
-            name: self.mmsi.to_string(),
-            course: self.course(start_unix_s),
-            active_s: (f64::NEG_INFINITY, f64::INFINITY),
-        };
+        let fixes = self.carried_on(start_unix_s);
+        let active_s = fixes.first().zip(fixes.last()).map_or((0.0, 0.0), |(first, last)| (first.0, last.0));
+        let vessel = MovingVessel { name: self.mmsi.to_string(), course: way(&fixes, self.sd_s()), active_s };
         Extra { vessel, radiation }
     }
 }
@@ -230,7 +242,7 @@ mod tests {
         }
         for p in &found {
             assert!((p.cpa_unix_s - 4.0 * 3600.0).abs() < 60.0);
-            let VesselCourse::Fixes(f) = p.course(0.0) else { panic!() };
+            let f = p.carried_on(0.0);
             assert!(f.windows(2).all(|w| w[1].0 > w[0].0 + 1.0));
             let reach = [f[0], f[f.len() - 1]].map(|f| f.1.0.hypot(f.1.1));
             assert!(reach.iter().all(|r| (r - RADIUS_M).abs() < 1.0), "{reach:?}");

@@ -16,6 +16,7 @@ pub mod records;
 pub mod run;
 pub mod scenario;
 pub mod simulate;
+mod smooth;
 pub mod source;
 pub mod stages;
 pub mod station;

@@ -51,19 +51,42 @@ pub struct RangeMode {
 /// Range within which a mode is the vessel a track expects, m.
 pub(super) const EXPECTED_WITHIN_M: f32 = 1500.0;
 
+impl Expected {
+    /// Whether a mode may be this vessel.
+    fn is_near(&self, m: &RangeMode) -> bool {
+        math::f32::abs(m.range_m - self.range_m) < EXPECTED_WITHIN_M
+    }
+}
+
 impl RangePresence {
-    /// Puts the modes of tracked vessels first, the likelier ones before the others, and drops those of no vessel tracked
-    /// that may only read a tracked vessel's echoes as another pair of paths.
+    /// Drops the modes that read the echoes of an established vessel as another pair of paths and are not sure, as its own are: no
+    /// evidence of another one.
+    pub fn without_echoes(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
+        let known = || expected.iter().flatten();
+        for slot in &mut self.modes {
+            if let Some(m) = slot
+                && !m.sure
+                && !known().any(|e| e.is_near(m))
+                && known().any(|e| e.strong && model.doubtful(m.range_m, e.range_m))
+            {
+                *slot = None;
+            }
+        }
+    }
+
+    /// Puts the modes of tracked vessels first, the likelier ones before the others, and drops those that may only read a
+    /// tracked vessel's echoes as another pair of paths.
     pub fn prefer(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
-        let mistaken =
-            |m: &RangeMode| expected.iter().flatten().any(|e| model.doubtful(m.range_m, e.range_m));
+        let mistaken = |m: &RangeMode| {
+            let echoes = |e: &Expected| model.doubtful(m.range_m, e.range_m);
+            let known = || expected.iter().flatten();
+            !known().any(|e| e.is_near(m)) && known().any(echoes)
+        };
         for m in self.modes.iter_mut().flatten() {
-            let own =
-                |e: &Expected| e.established && math::f32::abs(m.range_m - e.range_m) < EXPECTED_WITHIN_M;
-            m.sure |= expected.iter().flatten().any(own);
+            m.sure |= expected.iter().flatten().any(|e| e.established && e.is_near(m));
         }
         let old = self.modes;
-        let first = old.iter().flatten().filter(|m| m.tracked);
+        let first = old.iter().flatten().filter(|m| m.tracked && !mistaken(m));
         let rest = old.iter().flatten().filter(|m| !m.tracked && !mistaken(m));
         self.modes = [None; RANGE_MODES];
         self.modes.iter_mut().zip(first.chain(rest)).for_each(|(slot, m)| *slot = Some(*m));

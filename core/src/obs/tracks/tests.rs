@@ -1,0 +1,122 @@
+use super::*;
+use crate::angle::wrap_pi;
+use crate::obs::course::N;
+use crate::obs::presence::{RangeMode, RangePresence};
+use crate::obs::tonal::{Directions, Mode};
+use std::boxed::Box;
+use std::vec::Vec;
+
+/// East, North and velocity at time 0.
+const VESSELS: [[f64; 4]; 2] = [[-30_000.0, 8_000.0, 5.0, 0.5], [12_000.0, -25_000.0, -0.5, 4.5]];
+
+/// What both vessels show in a minute: directions always, the range of one of them in turn, and a false range.
+fn minute(n: u32) -> Minute {
+    let jitter = |k: u32| (f64::from((n * 7919 + k * 104_729) % 1000) / 500.0 - 1.0) as f32;
+    let seen = VESSELS.map(|p| Course { t0_s: 0.0, p }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n)));
+    let mut directions =
+        Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
+    let mut modes = [None; 4];
+    for (k, (slot, s)) in directions.modes.iter_mut().zip(&seen).enumerate() {
+        *slot = Some(Mode {
+            azimuth: s.azimuth as f32 + 0.02 * jitter(k as u32),
+            sd: 0.02,
+            log_presence: 20.0,
+            bins: 5,
+            step: 0,
+            impulsive: false,
+        });
+    }
+    let own = &seen[(n / 3 % 2) as usize];
+    let mode = |range_m: f32, speed_m_s: f32| {
+        Some(RangeMode {
+            range_m,
+            sd_range_m: 80.0,
+            speed_m_s,
+            sd_speed_m_s: 0.4,
+            weight: 0.5,
+            detected: true,
+            tracked: false,
+            sure: true,
+        })
+    };
+    modes[0] = mode(own.range_m as f32 + 60.0 * jitter(2), own.speed_m_s as f32 + 0.3 * jitter(3));
+    // The same echo read as another pair of paths: twice the range at twice the speed.
+    modes[1] = mode(2.0 * own.range_m as f32, 2.0 * own.speed_m_s as f32 + jitter(4));
+    let ranges = RangePresence { log_odds: 5.0, log_evidence: 5.0, approaching: 0.5, modes };
+    Minute::new(n, &directions, &ranges)
+}
+
+#[test]
+fn two_vessels_end_as_two_tracks() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+    let mut said = Vec::new();
+    let mut sink = |m: Message| {
+        if let Message::Track(t) = m {
+            said.push(t);
+        }
+    };
+    for n in 1..=180 {
+        evidence.push(minute(n));
+        tracker.minute(&plan, &mut evidence, n, &mut sink);
+    }
+    tracker.finish(&plan, &evidence, 180, &mut sink);
+    let last: Vec<_> = said.iter().filter(|t| t.stage == 1).collect();
+    for p in VESSELS {
+        let (want, _) = Course { t0_s: 0.0, p }.closest(&[[0.0; N]; N]).unwrap();
+        let own = |t: &&&Track| {
+            (f64::from(t.speed_m_s) - want.speed_m_s).abs() < 0.1
+                && wrap_pi(f64::from(t.heading) - want.heading).abs() < 0.02
+                && (f64::from(t.cpa_range_m) - want.range_m.abs()).abs() < 150.0
+                && (t.cpa_time_s - want.time_s).abs() < 30.0
+        };
+        assert_eq!(last.iter().filter(own).count(), 1, "{want:?}: {last:?}");
+    }
+}
+
+#[test]
+fn directions_alone_are_no_vessel() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+    let mut said = 0;
+    for n in 1..=120 {
+        evidence.push(minute(n).without(|_| false, |_| true));
+        tracker.minute(&plan, &mut evidence, n, &mut |_| said += 1);
+    }
+    tracker.finish(&plan, &evidence, 120, &mut |_| said += 1);
+    assert_eq!(said, 0);
+}
+
+/// A track of the vessel `p` that was reported and explains nothing of the evidence.
+fn reported_and_wrong(p: [f64; 4], from: u32, to: u32) -> Live {
+    let covariance = core::array::from_fn(|i| core::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
+    let score = Score { log: 100.0, directions: 20, distances: 20, both: 20, ..Score::default() };
+    {
+        let course = Course { t0_s: 0.0, p };
+        Live { id: 7, course, covariance, now: course, score, from, to, sent: 1 }
+    }
+}
+
+#[test]
+fn a_track_that_was_reported_and_is_no_vessel_s_is_withdrawn() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    for at_the_end in [false, true] {
+        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+        for n in 1..=60 {
+            evidence.push(minute(n).without(|_| true, |_| true));
+        }
+        tracker.live[1] = Some(reported_and_wrong(VESSELS[0], 1, 60));
+        let mut said = Vec::new();
+        let mut sink = |m: Message| {
+            if let Message::Track(t) = m {
+                said.push((t.id, t.stage, t.range_observable));
+            }
+        };
+        if at_the_end {
+            tracker.finish(&plan, &evidence, 60, &mut sink);
+        } else {
+            tracker.minute(&plan, &mut evidence, 60, &mut sink);
+        }
+        assert_eq!(said, [(7, Track::WITHDRAWN, false)]);
+    }
+}
