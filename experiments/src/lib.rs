@@ -45,7 +45,7 @@ mod obs_appendix_b;
 mod obs_checks;
 mod obs_core_clutter;
 mod obs_model;
-pub mod obs_noise_week;
+mod obs_noise_week;
 mod obs_one_ship;
 mod obs_orient;
 mod obs_pictures;

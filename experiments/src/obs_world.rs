@@ -68,8 +68,8 @@ pub struct Case {
     pub vessels: Vec<MovingVessel>,
     /// Other sounds that were there.
     pub heard: Vec<HeardEvent>,
-    pub table: Propagation,
-    pub paths: usize,
+    pub(super) table: Propagation,
+    pub(super) paths: usize,
     pub(super) rate_hz: f64,
 }
 

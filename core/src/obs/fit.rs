@@ -70,8 +70,9 @@ pub struct Score {
     pub sure: u16,
     /// Minutes in which another pair of paths explains the echoes with the table's strengths.
     pub rivals: u16,
-    /// Nearest and farthest of the ranges, m.
-    pub span_m: Option<(f32, f32)>,
+    /// Nearest and farthest of the ranges, m; zero where there is none. (An option in here would make a static that holds no
+    /// vessel one that is not zeros.)
+    pub span_m: (f32, f32),
 }
 
 /// Share of the ranges that have echoes of nearly the table's strengths from which on those are a vessel's strengths.
@@ -207,8 +208,8 @@ pub fn score(
             out.distances += 1;
             out.sure += u16::from(d.sure);
             let range_m = d.range_m as f32;
-            let (least, most) = out.span_m.unwrap_or((range_m, range_m));
-            out.span_m = Some((least.min(range_m), most.max(range_m)));
+            let (least, most) = if out.distances > 1 { out.span_m } else { (range_m, range_m) };
+            out.span_m = (least.min(range_m), most.max(range_m));
         }
     }
     out

@@ -259,7 +259,7 @@ impl Live {
     /// Whether it is not on a wrong pair of paths any more.
     fn is_established(&self) -> bool {
         let s = &self.score;
-        let far = s.span_m.is_some_and(|(least, most)| most >= SPAN * least);
+        let far = s.span_m.1 >= SPAN * s.span_m.0;
         s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
     }
 

@@ -258,7 +258,7 @@ mod tests {
         let p = passages(&reports, (0.0, 0.0));
         assert_eq!(p.len(), 2);
         assert!((p[0].cpa_range_m - 10_000.0).abs() < 10.0 && p[0].cpa_unix_s.abs() < 60.0);
-        let VesselCourse::Fixes(f) = p[0].course(0.0) else { panic!() };
+        let f = p[0].carried_on(0.0);
         let edge = f[0].1.0.hypot(f[0].1.1);
         assert!((edge - RADIUS_M).abs() < 1.0, "{edge}");
         assert!(f.windows(2).all(|w| w[0].0 < w[1].0));
