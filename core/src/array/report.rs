@@ -79,10 +79,11 @@ pub(super) fn bearing(
     let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / used.pairs();
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
-    let (mut lasting, mut scatter) = (0.0, 1.0);
+    let (mut lasting, mut scatter, mut usual) = (0.0, 1.0, 0.0f32);
     match others {
         Others::Lasting(mean, ratio) => {
             *mean += (residual / (variance.pair + rounding * rounding) - *mean) / AVERAGED;
+            usual = m::sqrt(mean.max(0.0));
             // Misfit and scatter tell of the same other sound: the greater counts.
             let misfit = SHARED_UNEQUALLY * (*mean - MEAN_RESIDUAL).max(0.0) * variance.pair;
             lasting = misfit.max((ratio - 1.0) * variance.arrival);
@@ -116,12 +117,14 @@ pub(super) fn bearing(
     let misfit = m::sqrt(residual / (variance.pair + floor * floor));
     // A misfit of half as much again as noise explains costs nothing.
     let doubtful = misfit.max(1.5) / 1.5;
+    // Pairs that usually disagree hear more than a vessel and its image: an echo off the bottom, or image and vessel apart.
+    let more = misfit.max(usual).max(1.5) / 1.5 - 1.0;
     // Vessel and image come from where the surface is above them: d sin β cos β / D above the vessel.
     let rise = m::abs(e.1[2] * direction[2].max(0.0));
     let (image, image_sd) = match context.depth {
         Some((d, sd)) => {
             let apart = 2.0 * rise * d / plan.depth_m;
-            let half_way = (HALF_WAY_SD * apart + doubtful - 1.0).min(1.0);
+            let half_way = (HALF_WAY_SD * apart + more).min(1.0);
             (d / plan.depth_m, m::hypot(sd, half_way * d) / plan.depth_m)
         }
         // Propellers are 2 to 8 m deep, and where no fringes show other paths may join.
