@@ -423,6 +423,13 @@ impl Base {
         heard.filter_map(|(stream, live)| Some((*stream, live.stream.peer()?))).collect()
     }
 
+    /// Whether the recorder of this session of a link has said when its samples were.
+    pub(crate) fn is_dated(&self, session: &link::Session) -> bool {
+        let recorder = self.recorders.get(&Some(session.station));
+        let newest = recorder.and_then(|r| r.sessions.values().rev().find(|s| s.boot == Some(session.boot)));
+        newest.is_some_and(recorder::Session::is_dated)
+    }
+
     /// A connection goes on of which some was heard before this program began.
     fn take_up(&mut self, stream: u32, known: &Halfway) {
         let log = known.log.and_then(|s| Some((s, *self.logs.get(&(s.station, s.log))?)));

@@ -23,8 +23,8 @@ pub struct Session {
     pub start_us: Option<i64>,
     /// What the recorder says of UTC.
     pub times: Times,
-    /// Its clock has stepped since it last said when a sample was.
-    pub stepped: bool,
+    /// Its clock has stepped at this sample, and it has not said since when a sample was.
+    pub stepped: Option<u64>,
 }
 
 impl Session {
@@ -41,17 +41,26 @@ impl Session {
 
     /// Takes what a message says of the clock; true if it is the first that dates the session.
     pub fn note(&mut self, message: &Message) -> bool {
-        let dated = self.times != Times::default();
+        let dated = self.is_dated();
         match message {
             Message::Time(time) => {
                 let rate_hz = self.rate_hz.unwrap_or_default();
-                self.times.note(*time, std::mem::take(&mut self.stepped), rate_hz);
+                // Records come class by class after a gap of the line: a step is told before older lines are.
+                let stepped = self.stepped.take_if(|at| *at <= time.index).is_some();
+                self.times.note(*time, stepped, rate_hz);
             }
-            Message::Fault(fault) => self.stepped |= fault.code == FaultCode::ClockStepped,
+            Message::Fault(fault) if fault.code == FaultCode::ClockStepped => {
+                self.stepped = Some(fault.index)
+            }
             Message::Hello(hello) if hello.rate_hz > 0.0 => self.rate_hz = Some(hello.rate_hz.into()),
             _ => {}
         }
-        !dated && self.times != Times::default()
+        !dated && self.is_dated()
+    }
+
+    /// Whether the recorder has said when a sample was.
+    pub(crate) fn is_dated(&self) -> bool {
+        self.times != Times::default()
     }
 }
 

@@ -13,6 +13,9 @@ const TOKEN: u8 = 0x75;
 /// How wrong the time may be when it arrives, one standard deviation: this clock's error and the line's delay.
 const SD_US: u32 = 500_000;
 
+/// A recorder that does not say when its samples were is told again after so long.
+const AGAIN: Duration = Duration::from_secs(10);
+
 /// 2020-01-01, microseconds since 1970: no computer that runs this has a right clock that says less.
 const CLOCK_SET_US: i64 = 1_577_836_800_000_000;
 
@@ -41,7 +44,9 @@ impl Teller {
         for (stream, session) in base.linked() {
             let Some(key) = self.keys.get(&session.station) else { continue };
             let told = self.told.get(&session.station);
-            if told.is_some_and(|(boot, at)| *boot == session.boot && at.elapsed() < self.every) {
+            // A recorder refuses it while its converter stands still, as at its start.
+            let every = if base.is_dated(&session) { self.every } else { self.every.min(AGAIN) };
+            if told.is_some_and(|(boot, at)| *boot == session.boot && at.elapsed() < every) {
                 continue;
             }
             if base.command(stream, Some(key), &Command::Utc { token: TOKEN, utc_us, sd_us: SD_US }) {

@@ -82,12 +82,25 @@ pub struct Plain<'a, L> {
     decoder: Decoder,
     dropped: u32,
     bad: u32,
+    deaf: bool,
 }
 
 impl<'a, L: Link> Plain<'a, L> {
     /// A new session on a line.
     pub fn new(line: &'a mut L) -> Self {
-        Self { line, encoder: Encoder::default(), decoder: Decoder::default(), dropped: 0, bad: 0 }
+        Self {
+            line,
+            encoder: Encoder::default(),
+            decoder: Decoder::default(),
+            dropped: 0,
+            bad: 0,
+            deaf: false,
+        }
+    }
+
+    /// The same that takes no commands where it is `deaf`: of a recorder that takes signed ones only.
+    pub fn deaf(line: &'a mut L, deaf: bool) -> Self {
+        Self { deaf, ..Self::new(line) }
     }
 }
 
@@ -113,6 +126,9 @@ impl<L: Link> Outlet for Plain<'_, L> {
 
     fn hear(&mut self) -> Option<Heard> {
         while let Some(byte) = self.line.receive() {
+            if self.deaf {
+                continue;
+            }
             if self.decoder.push_frame(byte).is_some() {
                 let message = self.decoder.message();
                 if let Some(command) = command_of(message) {

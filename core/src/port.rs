@@ -46,9 +46,10 @@ pub trait SampleSource {
     /// UTC is known so from now on: for a source whose clock outlasts the recorder.
     fn told(&mut self, _time: &Time) {}
 
-    /// How long ago this sample was heard, µs: the next to be given, or one before it.
-    fn age_us(&mut self, _index: u64) -> u64 {
-        0
+    /// How long ago this sample was heard, µs: the next to be given, or one before it; `None` while a converter stands still, so that
+    /// nobody knows when the next sample will have been.
+    fn age_us(&mut self, _index: u64) -> Option<u64> {
+        Some(0)
     }
 
     /// A sample's index and its UTC, once, where the source hears a clock that knows UTC.

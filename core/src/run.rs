@@ -10,7 +10,7 @@ mod rhythm;
 
 use crate::block::{Block, Frame};
 use crate::config::Schedule;
-use crate::keeper::DONE;
+use crate::keeper::{DONE, REFUSED};
 use crate::outlet::{Heard, Outlet, Plain};
 use crate::port::{Chunk, Clock, Link, Load, SampleSource, Supervisor};
 use crate::utc::Pair;
@@ -148,17 +148,17 @@ fn said(outlet: &mut impl Outlet, told: &mut Told) -> impl FnMut(&Message) {
 }
 
 /// A command as the application takes it: that tells UTC when its next sample was heard, not when the command came. The age of one before a
-/// pause is by the converter's nominal rate.
-fn of_sample(command: Command, age_us: impl FnOnce() -> u64) -> Command {
-    match command {
+/// pause is by the converter's nominal rate. The token of one that cannot be carried out: no sample can be said to be of then.
+fn of_sample(command: Command, age_us: impl FnOnce() -> Option<u64>) -> Result<Command, u8> {
+    Ok(match command {
         Command::Utc { token, utc_us, sd_us } => {
-            let age_us = age_us();
+            let age_us = age_us().ok_or(token)?;
             let utc_us = utc_us.saturating_sub_unsigned(age_us);
             let sd_us = sd_us.saturating_add(u32::try_from(age_us / STEADY).unwrap_or(u32::MAX));
             Command::Utc { token, utc_us, sd_us }
         }
         other => other,
-    }
+    })
 }
 
 /// Runs until the input ends or a stop is commanded; frames are sent once.
@@ -202,8 +202,10 @@ pub fn run_over(
                 }
                 Heard::Command(command) => {
                     running &= !matches!(command, Command::Stop { .. });
-                    let command = of_sample(command, || source.age_us(summary.index));
-                    application.command(command, &mut said(outlet, &mut told));
+                    match of_sample(command, || source.age_us(summary.index)) {
+                        Ok(command) => application.command(command, &mut said(outlet, &mut told)),
+                        Err(token) => outlet.say(&Message::Reply(Reply { token, status: REFUSED })),
+                    }
                 }
                 Heard::Bad(n) => {
                     application.fault(FaultCode::BadCommand, u64::from(n), &mut said(outlet, &mut told));
@@ -287,7 +289,12 @@ pub fn run_over(
     while outlet.waiting() && clock.seconds().wrapping_sub(ended_s) < LINGER_S {
         supervisor.feed();
         outlet.work(clock);
-        while outlet.hear().is_some() {}
+        while let Some(heard) = outlet.hear() {
+            // This session is over, and the next has not begun.
+            if let Heard::Command(command) = heard {
+                outlet.say(&Message::Reply(Reply { token: command.token(), status: REFUSED }));
+            }
+        }
     }
     summary.frames_dropped = outlet.dropped();
     summary.frames = outlet.said().saturating_sub(outlet.dropped());
@@ -493,12 +500,14 @@ pub(crate) mod tests {
     fn utc_told_now_is_that_of_the_sample_named_as_much_earlier_as_it_was_heard() {
         let told = Command::Utc { token: 3, utc_us: 1_000_000, sd_us: 5 };
         let earlier = Command::Utc { token: 3, utc_us: 998_500, sd_us: 5 };
-        assert_eq!(of_sample(told, || 1500), earlier);
+        assert_eq!(of_sample(told, || Some(1500)), Ok(earlier));
+        // Nor can anybody say of which sample while there are none.
+        assert_eq!(of_sample(told, || None), Err(3));
         // By how long ten hours were nobody knows to better than a part in ten thousand.
-        let long_ago = of_sample(told, || 36_000_000_000);
-        assert!(matches!(long_ago, Command::Utc { sd_us: 3_600_005, .. }), "{long_ago:?}");
+        let long_ago = of_sample(told, || Some(36_000_000_000));
+        assert!(matches!(long_ago, Ok(Command::Utc { sd_us: 3_600_005, .. })), "{long_ago:?}");
         let other = Command::Stop { token: 3 };
-        assert_eq!(of_sample(other, || 1500), other);
+        assert_eq!(of_sample(other, || None), Ok(other));
     }
 
     #[test]

@@ -14,6 +14,10 @@
 //!
 //! and a pair is a measurement of T: a Kalman filter of two states, a few dozen multiplications a pair, 80 bytes.
 
+mod times;
+
+pub use times::{Times, along};
+
 use crate::math::f64::sqrt;
 use crate::wire::Time;
 
@@ -204,85 +208,6 @@ impl UtcClock {
         (self.line, self.doubt) = (Some(line), None);
         Noted::Stepped(line.told(), (off_s * 1e6) as i64)
     }
-}
-
-/// The two newest [`Time`] records heard, and with them UTC between, after and before; and those about the newest break of the
-/// line, because records of samples before it come after it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Times {
-    before: Option<Time>,
-    newest: Option<Time>,
-    broken: Option<Break>,
-}
-
-/// A line that ends and one that begins.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Break {
-    ends: Time,
-    begins: Time,
-    /// The clock that tells UTC has stepped; else numbers of samples between were an estimate.
-    stepped: bool,
-}
-
-/// What is told to be less certain by so much than the line before it is behind an estimate of samples' numbers.
-const LESS_CERTAIN: f64 = 1.5;
-
-impl Times {
-    /// Takes a record of samples that come at `rate_hz` nominally; after a step (`stepped`) what was before counts for what was
-    /// before alone.
-    pub fn note(&mut self, time: Time, stepped: bool, rate_hz: f64) {
-        if let Some(ends) = self.newest.filter(|newest| newest.index < time.index)
-            && (stepped || f64::from(time.sd_s) > LESS_CERTAIN * along(&ends, time.index, rate_hz).1)
-        {
-            self.broken = Some(Break { ends, begins: time, stepped });
-        }
-        self.before = self.newest.filter(|newest| newest.index < time.index && !stepped);
-        self.newest = Some(time);
-    }
-
-    /// UTC of a sample, microseconds since 1970, and its standard deviation in seconds; `None` while nothing is known.
-    pub fn utc(&self, index: u64, rate_hz: f64) -> Option<(i64, f64)> {
-        let newest = self.newest?;
-        if let Some(Break { ends, begins, stepped }) =
-            self.broken.filter(|broken| index < broken.begins.index)
-        {
-            let outside = stepped || index <= ends.index;
-            return Some(if outside {
-                along(&ends, index, rate_hz)
-            } else {
-                between(&ends, &begins, index, rate_hz)
-            });
-        }
-        match self.before {
-            Some(before) if index < newest.index && index > before.index => {
-                Some(between(&before, &newest, index, rate_hz))
-            }
-            Some(before) if index <= before.index => Some(along(&before, index, rate_hz)),
-            _ => Some(along(&newest, index, rate_hz)),
-        }
-    }
-}
-
-/// UTC of a sample along the line of one record, µs since 1970, and its standard deviation, s.
-pub fn along(time: &Time, index: u64, rate_hz: f64) -> (i64, f64) {
-    let tau = seconds(time.index, index, rate_hz);
-    let (sd, sd_drift) = (f64::from(time.sd_s), f64::from(time.sd_drift));
-    let covariance = f64::from(time.correlation) * sd * sd_drift;
-    let variance = sd * sd + tau * (2.0 * covariance + tau * sd_drift * sd_drift) + wandered(tau);
-    let passed_us = 1e6 * tau * (1.0 + f64::from(time.drift));
-    (time.utc_us.saturating_add(passed_us as i64), sqrt(variance.max(0.0)))
-}
-
-/// UTC on the straight line between two records. The ends' errors may be common to both; between them an integrated random
-/// walk leaves the line through its ends by q L³ s² (1 − s)² / 3 in variance, at the share s of the length L.
-fn between(a: &Time, b: &Time, index: u64, rate_hz: f64) -> (i64, f64) {
-    let (length, from_a) = (seconds(a.index, b.index, rate_hz), seconds(a.index, index, rate_hz));
-    let s = from_a / length;
-    let passed_us = s * b.utc_us.wrapping_sub(a.utc_us) as f64;
-    let ends = (1.0 - s) * f64::from(a.sd_s) + s * f64::from(b.sd_s);
-    let bridge = s * (1.0 - s);
-    let variance = ends * ends + wandered(length) * bridge * bridge;
-    (a.utc_us.saturating_add(passed_us as i64), sqrt(variance))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 //! A board comes here after a `Stop`, with a configuration it cannot use, or after too many starts in a row: it can always
 //! be reached.
 
-use crate::keeper::DONE;
+use crate::keeper::{DONE, REFUSED};
 use crate::outlet::{Heard, Outlet};
 use crate::port::{Clock, Load, Supervisor};
 use crate::wire::{Command, Fault, FaultCode, Hello, Message, Reply, SCHEMA_HASH, WIRE_VERSION};
@@ -71,14 +71,8 @@ pub fn wait(
                     return;
                 }
             };
-            let (token, status) = match command {
-                Command::Start { token } | Command::Identify { token } => (token, 0),
-                Command::HealthEvery { token, .. }
-                | Command::Stop { token }
-                | Command::Utc { token, .. }
-                | Command::SendSnippet { token, .. }
-                | Command::SendSpectrum { token, .. } => (token, 1),
-            };
+            let here = matches!(command, Command::Start { .. } | Command::Identify { .. });
+            let (token, status) = (command.token(), if here { DONE } else { REFUSED });
             if matches!(command, Command::Identify { .. }) {
                 outlet.say(&hello);
                 reason.into_iter().for_each(|reason| outlet.say(&fault(reason)));

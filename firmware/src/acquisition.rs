@@ -343,10 +343,11 @@ impl<B: Board> SampleSource for Acquisition<B> {
         self.fault.take()
     }
 
-    fn age_us(&mut self, index: u64) -> u64 {
-        let edges = self.board.edges();
-        let conversions = self.index_of(edges).unwrap_or(0).saturating_sub(index);
-        conversions.saturating_mul(1_000_000).checked_div(self.board.hz().into()).unwrap_or(0)
+    fn age_us(&mut self, index: u64) -> Option<u64> {
+        let (edges, now_us) = (self.board.edges(), self.board.now_us());
+        let moves = now_us.saturating_sub(self.seen.1) <= self.board.standstill_us();
+        let conversions = self.index_of(edges).filter(|_| moves)?.saturating_sub(index);
+        conversions.saturating_mul(1_000_000).checked_div(self.board.hz().into())
     }
 }
 

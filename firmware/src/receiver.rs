@@ -150,7 +150,7 @@ impl<B: Board, R: Reception, C: Counter> SampleSource for Timed<B, R, C> {
         self.acquisition.fault()
     }
 
-    fn age_us(&mut self, index: u64) -> u64 {
+    fn age_us(&mut self, index: u64) -> Option<u64> {
         self.acquisition.age_us(index)
     }
 

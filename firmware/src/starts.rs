@@ -124,7 +124,7 @@ impl Starts {
     }
 
     fn wait_for_supply(&mut self) -> Reason {
-        self.until = Until::Good(Supply::default(), good_us(self.counts.failures));
+        self.until = Until::Good(Supply::failed(), good_us(self.counts.failures));
         (FaultCode::SupplyLow, THRESHOLD_MV.into())
     }
 
@@ -271,8 +271,10 @@ mod tests {
         // Of a supply that is low and not gone even the first is waited out.
         let mut starts = Starts::new(SOFTWARE, Counts::default());
         assert_eq!(starts.supply_failed(), (FaultCode::SupplyLow, THRESHOLD_MV.into()));
-        let over = (0..100).find(|s| starts.over(&mut Good(s * 1_000_000)));
-        assert_eq!(over, Some(5));
+        // It is good again before the waiting begins, a day after the start.
+        const DAY_S: u64 = 86_400;
+        let over = (DAY_S..DAY_S + 100).find(|s| starts.over(&mut Good(s * 1_000_000)));
+        assert_eq!(over, Some(DAY_S + 5));
     }
 
     #[test]

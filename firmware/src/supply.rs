@@ -27,6 +27,11 @@ pub struct Supply {
 }
 
 impl Supply {
+    /// Not known to be good: that begins with the first look which says so.
+    pub const fn failed() -> Self {
+        Self { low: true, since_us: 0 }
+    }
+
     /// A look at the detector: for how long it has said so, in µs, and what.
     fn look(&mut self, detector: &mut impl Detector) -> (bool, u64) {
         let (low, now_us) = (detector.is_low(), detector.now_us());
@@ -93,7 +98,7 @@ impl<S: SampleSource, D: Detector> SampleSource for Supplied<S, D> {
         self.source.fault()
     }
 
-    fn age_us(&mut self, index: u64) -> u64 {
+    fn age_us(&mut self, index: u64) -> Option<u64> {
         self.source.age_us(index)
     }
 

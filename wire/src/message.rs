@@ -531,6 +531,22 @@ pub enum Command {
     },
 }
 
+impl Command {
+    /// What its reply returns.
+    pub fn token(&self) -> u8 {
+        match *self {
+            Self::Identify { token }
+            | Self::HealthEvery { token, .. }
+            | Self::Stop { token }
+            | Self::Start { token }
+            | Self::Utc { token, .. }
+            | Self::SendSnippet { token, .. }
+            | Self::SendSpectrum { token, .. } => token,
+            Self::Begin(elsewhere) | Self::Piece(elsewhere) | Self::Take(elsewhere) => match elsewhere {},
+        }
+    }
+}
+
 /// A command whose number is taken, and that only [`crate::configure::Configure`] holds, because it is long. There is no value of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Elsewhere {}

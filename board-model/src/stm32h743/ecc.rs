@@ -23,18 +23,19 @@ pub(super) struct Ecc {
 /// Block, monitor and offset of an address in one of the memories that have a monitor.
 fn monitor(address: u32) -> Option<(usize, usize, u32)> {
     /// Where a memory begins, its length, its block and its monitor.
-    const MEMORIES: [(u32, u32, usize, usize); 8] = [
+    const MEMORIES: [(u32, u32, usize, usize); 7] = [
         (0x2400_0000, 512 << 10, 0, 0),
         (0, 64 << 10, 0, 1),
-        (0x2000_0000, 64 << 10, 0, 2),
-        (0x2001_0000, 64 << 10, 0, 3),
+        (0x2000_0000, 128 << 10, 0, 2),
         (0x3000_0000, 64 << 10, 1, 0),
         (0x3001_0000, 64 << 10, 1, 1),
         (0x3002_0000, 64 << 10, 1, 2),
         (0x3003_0000, 64 << 10, 1, 3),
     ];
     let found = MEMORIES.into_iter().find(|(base, length, ..)| address.wrapping_sub(*base) < *length)?;
-    Some((found.2, found.3, address - found.0))
+    // The two halves of the data's tightly coupled memory are words by turns.
+    let half = if found.0 == 0x2000_0000 { address as usize >> 2 & 1 } else { 0 };
+    Some((found.2, found.3 + half, address - found.0))
 }
 
 impl Ecc {

@@ -221,6 +221,37 @@ fn failures() -> Vec<Case> {
             ),
             &[(end_s + 0.5, Command::Start { token: 1 })],
         ),
+        // A cell that is broken does not keep a board that waits from being reached.
+        with(
+            case(
+                "five hard faults in half a second, then two wrong bits twice, then Start",
+                &[
+                    &again[..],
+                    &[InjectedFault::MemoryBits(end_s + 0.2, 0), InjectedFault::MemoryBits(end_s + 0.4, 1)],
+                ]
+                .concat(),
+                end_s,
+                2.5,
+                &[
+                    Wanted::Waits,
+                    fault(FaultCode::ManyResets),
+                    fault(FaultCode::MemoryError),
+                    Wanted::Reply(1),
+                    Wanted::Start(SOFTWARE),
+                ],
+            ),
+            &[(end_s + 0.8, Command::Start { token: 1 })],
+        ),
+        with(
+            case(
+                "Stop, then the supply low for a second",
+                &[InjectedFault::SupplyLow(AT_S + 0.4, 1.0)],
+                AT_S,
+                2.0,
+                &[Wanted::Reply(1), Wanted::End, Wanted::Waits, fault(FaultCode::SupplyLow)],
+            ),
+            &[(AT_S, Command::Stop { token: 1 })],
+        ),
         case(
             "core held for 2.5 s",
             &[InjectedFault::CoreHeld(AT_S, 2.5)],

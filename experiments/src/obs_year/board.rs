@@ -147,7 +147,7 @@ impl<S: SampleSource> SampleSource for Noted<S> {
     fn fault(&mut self) -> Option<(FaultCode, u64)> {
         self.source.fault()
     }
-    fn age_us(&mut self, index: u64) -> u64 {
+    fn age_us(&mut self, index: u64) -> Option<u64> {
         self.source.age_us(index)
     }
     fn pair(&mut self) -> Option<Pair> {
@@ -249,7 +249,7 @@ impl<S: SampleSource> SampleSource for Ending<S> {
     fn fault(&mut self) -> Option<(FaultCode, u64)> {
         self.0.fault()
     }
-    fn age_us(&mut self, index: u64) -> u64 {
+    fn age_us(&mut self, index: u64) -> Option<u64> {
         self.0.age_us(index)
     }
     fn pair(&mut self) -> Option<Pair> {

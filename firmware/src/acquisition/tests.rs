@@ -329,6 +329,22 @@ fn the_converters_rate_is_measured_whatever_the_phase_of_loop_and_stamps() {
 }
 
 #[test]
+fn nobody_knows_the_moment_of_the_next_sample_while_the_converter_stands_still() {
+    let mut acquisition = Acquisition::new(Bench::new());
+    assert_eq!(acquisition.age_us(0), None, "it is not set up yet");
+    drain(&mut acquisition);
+    let all = loop_for(&mut acquisition, 10_000);
+    let next = all.last().unwrap().0 + 1;
+    assert!(acquisition.age_us(next).is_some_and(|us| us <= 1000));
+    acquisition.board.alive = false;
+    loop_for(&mut acquisition, 64_000);
+    assert_eq!(acquisition.age_us(next), None);
+    acquisition.board.alive = true;
+    let all = loop_for(&mut acquisition, 10_000);
+    assert!(acquisition.age_us(all.last().unwrap().0 + 1).is_some());
+}
+
+#[test]
 fn what_came_since_the_settings_were_right_is_not_given_where_they_are_not_any_more() {
     let mut acquisition = started();
     acquisition.board.looks_at = Some(20_000);

@@ -156,7 +156,7 @@ fn main() -> ! {
     };
     let mut watchdog = IndependentWatchdog::new(p.IWDG1, WATCHDOG_US);
     watchdog.unleash();
-    let mut board = Board::new(watchdog, Gauges::start(p.ADC3));
+    let mut board = Board::new(watchdog);
     let Some(mut core) = cortex_m::Peripherals::take() else { cortex_m::peripheral::SCB::sys_reset() };
     core.SCB.enable_icache();
     let mut time = Time::start(p.TIM5, &mut core.DCB, &mut core.DWT);
@@ -181,15 +181,19 @@ fn main() -> ! {
     spawner.spawn(wake);
     spawner.spawn(transmit);
 
-    // Before anything that starts before this may have crashed on: configuration and records in flash.
+    // Before all that earlier starts may have crashed on: gauges, configuration and records in flash.
     let too_many = board.must_wait();
     if too_many.is_some() && board.crashed_waiting() {
         let station = config_blob::station(BLOB).map_or(0, |config| config.id);
+        #[cfg(feature = "link")]
+        let mut outlet = Plain::deaf(line, !KEY.is_empty());
+        #[cfg(not(feature = "link"))]
         let mut outlet = Plain::new(line);
         wait(station, too_many, &mut outlet, &mut time, &mut board);
         outlet.line().flush(&mut board);
         board.start_again()
     }
+    board.gauge(Gauges::start(p.ADC3));
     #[cfg(feature = "link")]
     let kept = KEPT.open(p.FLASH, &mut core.MPU, usable);
     #[cfg(feature = "link")]
@@ -262,6 +266,7 @@ fn main() -> ! {
                 )
             };
             run_over(&mut recorder, &mut samples, &mut outlet, &mut time, &mut board, FRAMES);
+            board.rest();
             #[cfg(feature = "card")]
             samples.settle(&mut board, || time.micros());
             #[cfg(feature = "card")]

@@ -99,7 +99,7 @@ impl<S: SampleSource, D: Drive> SampleSource for Recorded<'_, S, D> {
         self.card.told(time);
     }
 
-    fn age_us(&mut self, index: u64) -> u64 {
+    fn age_us(&mut self, index: u64) -> Option<u64> {
         self.source.age_us(index)
     }
 

@@ -227,9 +227,9 @@ impl<S: SampleSource> SampleSource for Seismic<S> {
         self.source.told(&self.conversion.told(time));
     }
 
-    fn age_us(&mut self, index: u64) -> u64 {
+    fn age_us(&mut self, index: u64) -> Option<u64> {
         let delay_us = (DELAY as f64 * self.conversion.period_us() + 0.5) as u64;
-        self.source.age_us(self.conversion.middle(index)).saturating_add(delay_us)
+        self.source.age_us(self.conversion.middle(index)).map(|us| us.saturating_add(delay_us))
     }
 
     fn pair(&mut self) -> Option<Pair> {

@@ -19,8 +19,7 @@ const FOUND: usize = 1;
 const WHERE: usize = 2;
 /// The configuration keeps the address of the first error.
 const KEEP: u32 = 1 << 5;
-/// One wrong bit, corrected; more, in a word that was read, or in one of which a part was written.
-const CORRECTED: u32 = 1;
+/// More than one wrong bit, in a word that was read, or in one of which a part was written. Bit 0 is one, corrected.
 const NOT_CORRECTED: u32 = 1 << 1 | 1 << 2;
 
 /// From one look to the next, and at least from one corrected error told to the next: a cell that is broken is wrong at every
@@ -39,7 +38,7 @@ fn register(monitor: usize, word: usize) -> *mut u32 {
 pub struct Errors {
     due_us: u64,
     tell_us: u64,
-    corrected: Option<i64>,
+    found: Option<(FaultCode, i64)>,
 }
 
 impl Errors {
@@ -52,11 +51,12 @@ impl Errors {
                 register(monitor, FOUND).write_volatile(0);
             }
         }
-        Self { due_us: 0, tell_us: 0, corrected: None }
+        Self { due_us: 0, tell_us: 0, found: None }
     }
 
-    /// Asks the monitors now and then. Starts again where something could not be corrected.
-    pub fn look(&mut self) {
+    /// Asks the monitors now and then. Where something could not be corrected a recorder that `records` starts again; one that waits
+    /// tells it: a cell that is broken must not keep it from being reached.
+    pub fn look(&mut self, records: bool) {
         let now_us = clock::now_us();
         if LOGS || now_us < self.due_us {
             return;
@@ -72,18 +72,20 @@ impl Errors {
                 register(monitor, FOUND).write_volatile(0);
                 (found, register(monitor, WHERE).read_volatile())
             };
-            if found & NOT_CORRECTED != 0 {
-                fault::keep_and_reset(Record::memory(place, memory));
+            let record = Record::memory(place, memory);
+            if found & NOT_CORRECTED != 0 && records {
+                fault::keep_and_reset(record);
             }
-            if found & CORRECTED != 0 && now_us >= self.tell_us {
+            if now_us >= self.tell_us {
                 self.tell_us = now_us + TELL_EVERY_US;
-                self.corrected = Some(i64::from(memory) << 32 | i64::from(place));
+                let corrected = (FaultCode::MemoryError, i64::from(memory) << 32 | i64::from(place));
+                self.found = Some(if found & NOT_CORRECTED != 0 { record.told() } else { corrected });
             }
         }
     }
 
-    /// What was corrected, once: where.
-    pub fn corrected(&mut self) -> Option<(FaultCode, i64)> {
-        self.corrected.take().map(|place| (FaultCode::MemoryError, place))
+    /// What was found and ended nothing, once.
+    pub fn found(&mut self) -> Option<(FaultCode, i64)> {
+        self.found.take()
     }
 }

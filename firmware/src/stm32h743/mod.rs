@@ -32,7 +32,7 @@ mod streams;
 use crate::fault::{self, Record};
 use crate::stack;
 use crate::starts::{Starts, cause};
-use crate::supply::Detector;
+use crate::supply::{Detector, Supply, THRESHOLD_MV};
 use embassy_stm32::Config;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::IWDG1;
@@ -175,25 +175,41 @@ pub struct Board {
     cause: u8,
     fault: Option<Record>,
     starts: Starts,
-    gauges: Gauges,
+    gauges: Option<Gauges>,
     /// The recorder's settings, while there is one.
     settled: Option<Settled>,
     errors: Errors,
+    /// The supply while nothing is recorded, and whether it was told to be low.
+    supply: Supply,
+    told_low: bool,
 }
 
 impl Board {
     /// Counts the start; the watchdog is on.
-    pub fn new(watchdog: IndependentWatchdog<'static, IWDG1>, gauges: Gauges) -> Self {
+    pub fn new(watchdog: IndependentWatchdog<'static, IWDG1>) -> Self {
         let cause = reset_cause();
         let starts = Starts::new(cause, fault::counts());
         fault::keep_counts(starts.counts());
         let fault = fault::take();
-        Self { watchdog, cause, fault, starts, gauges, settled: None, errors: Errors::watch() }
+        VoltageDetector::start();
+        let errors = Errors::watch();
+        let supply = Supply::default();
+        Self { watchdog, cause, fault, starts, gauges: None, settled: None, errors, supply, told_low: false }
+    }
+
+    /// With these it tells its margins.
+    pub fn gauge(&mut self, gauges: Gauges) {
+        self.gauges = Some(gauges);
     }
 
     /// These bytes, of an object that lives for ever, are not to change from now on.
     pub fn watch(&mut self, settings: core::ops::Range<*const u8>) {
         self.settled = Some(Settled::new(settings));
+    }
+
+    /// Nothing is recorded any more.
+    pub fn rest(&mut self) {
+        self.settled = None;
     }
 
     /// Why the board must not record yet, where that is so.
@@ -225,7 +241,7 @@ impl Supervisor for Board {
     fn feed(&mut self) {
         self.watchdog.pet();
         self.settled.iter_mut().for_each(Settled::look);
-        self.errors.look();
+        self.errors.look(self.settled.is_some());
         if self.starts.works(clock::now_us()) {
             fault::keep_counts(self.starts.counts());
         }
@@ -246,12 +262,16 @@ impl Supervisor for Board {
     }
 
     fn fault(&mut self) -> Option<(FaultCode, i64)> {
-        self.errors.corrected()
+        let failed = self.settled.is_none() && self.supply.has_failed(&mut VoltageDetector(()));
+        let newly = failed && !core::mem::replace(&mut self.told_low, failed);
+        self.told_low &= failed;
+        let low = newly.then_some((FaultCode::SupplyLow, THRESHOLD_MV.into()));
+        low.or_else(|| self.errors.found())
     }
 
     fn margins(&mut self, load: &Load) -> Option<Margins> {
         let (memory, used) = stack::used();
-        let gauged = self.gauges.read();
+        let gauged = self.gauges.as_mut()?.read();
         Some(Margins {
             index: load.index,
             memory,
