@@ -24,7 +24,8 @@ pub fn key(path: &Path) -> Result<Key> {
 
 impl Base {
     /// Gives a command to the recorder that has opened its link on a connection; `false` while none has. It is signed with
-    /// the key for the recorder's present boot; its counter is the time in microseconds, which goes on over restarts.
+    /// the key for the recorder's present boot; its counter is the time in microseconds, which goes on over restarts. A
+    /// recorder that speaks without a link takes commands that are not signed.
     pub fn command(&mut self, stream: u32, key: Option<&Key>, command: &Command) -> bool {
         let mut buffer = [0; COMMAND_BYTES];
         let bytes = bytes_of(command, &mut buffer).to_vec();
@@ -34,6 +35,10 @@ impl Base {
     /// The same of the bytes of a command.
     pub fn order(&mut self, stream: u32, key: Option<&Key>, command: &[u8]) -> bool {
         let Some(live) = self.streams.get_mut(&stream) else { return false };
+        if live.stream.unlinked && key.is_none() {
+            live.stream.order(command);
+            return true;
+        }
         let Some(session) = live.stream.peer() else { return false };
         let mut buffer = [0; SIGNED_BYTES];
         let bytes = match key {
@@ -47,6 +52,11 @@ impl Base {
         };
         live.stream.link().offer(Class::Health, bytes);
         true
+    }
+
+    /// Whether a recorder has been heard that speaks without a link: nothing signed reaches it.
+    pub fn hears_without_link(&self) -> bool {
+        self.streams.values().any(|live| live.stream.unlinked)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use seabearing_core::wire::link::{Arrival, Inbox, Link, Loss, MemoryStore, Progress, Session, Settings};
 use seabearing_core::wire::{Command, DecoderCounters, Encoder, Hello, Message, message_of};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 /// Bytes of commands that wait for their recorder.
 const COMMAND_BYTES: usize = 1024;
@@ -57,6 +57,10 @@ pub(crate) struct Stream {
     link: Link<MemoryStore<COMMAND_BYTES>>,
     /// Commands that are not signed, to recorders without a link.
     plain: Encoder,
+    /// Commands that wait to be given so.
+    orders: VecDeque<Vec<u8>>,
+    /// The recorder speaks without a link.
+    pub(crate) unlinked: bool,
     /// The recorder is to be asked who it is.
     pub(crate) ask: bool,
     /// Bytes so far, and those since the last whole frame.
@@ -74,7 +78,8 @@ impl Stream {
         // a recorder would take the second's commands for those that it has had.
         let boot = (time::OffsetDateTime::now_utc().unix_timestamp_nanos() / 10_000_000) as u32;
         let link = Link::new(settings, 0, boot, 0, MemoryStore::new());
-        Self { link, plain: Encoder::default(), ask: false, bytes: 0, noise: 0, unknown: 0 }
+        let (plain, orders) = (Encoder::default(), VecDeque::new());
+        Self { link, plain, orders, unlinked: false, ask: false, bytes: 0, noise: 0, unknown: 0 }
     }
 
     /// Takes bytes at a time in microseconds, which only decides when they are acknowledged.
@@ -92,6 +97,7 @@ impl Stream {
                 self.noise = 0;
             }
             if let Some((sequence, message)) = desk.plain.take() {
+                self.unlinked = true;
                 let Some(message) = message else {
                     self.link.decoder().unknown();
                     continue;
@@ -108,6 +114,7 @@ impl Stream {
                 desk.came.push(Came::Plain { sequence, message, first });
             }
             for came in desk.came.drain(..) {
+                self.unlinked &= matches!(came, Came::Plain { .. } | Came::Missed(_));
                 self.unknown += u64::from(matches!(came, Came::Record { message: None, .. }));
                 take(came);
             }
@@ -148,10 +155,18 @@ impl Stream {
         }
     }
 
+    /// Gives a command to a recorder without a link, in a frame of its own.
+    pub(crate) fn order(&mut self, command: &[u8]) {
+        self.orders.push_back(command.to_vec());
+    }
+
     /// The next bytes for the recorder, if any are due.
     pub(crate) fn answer(&mut self, now_us: u64) -> Option<&[u8]> {
         if std::mem::take(&mut self.ask) {
             return Some(self.plain.frame(&Command::Identify { token: 1 }));
+        }
+        if let Some(command) = self.orders.pop_front() {
+            return Some(self.plain.frame_of(&command));
         }
         self.link.send(now_us)
     }

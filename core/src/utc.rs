@@ -447,4 +447,28 @@ mod tests {
         let again = clock.note(Pair { index: 5, utc_us: START_US + 7, sd_s: 0.1 }, RATE_HZ);
         assert_eq!(again, Noted::Refused);
     }
+
+    #[test]
+    fn samples_from_before_what_is_remembered_have_no_time() {
+        let mut times = Times::default();
+        let told = |index: u64, steps: i64| Time {
+            index,
+            utc_us: START_US + (1e6 * index as f64 / RATE_HZ) as i64 + steps * 3_000_000,
+            sd_s: 1e-3,
+            drift: 0.0,
+            sd_drift: 1e-7,
+            correlation: 0.0,
+        };
+        let hour = (3600.0 * RATE_HZ) as u64;
+        times.note(told(0, 0), false, RATE_HZ);
+        for step in 1..=4u64 {
+            assert!(times.utc(10, RATE_HZ).is_some(), "{step}");
+            times.note(told(step * hour, step as i64), true, RATE_HZ);
+        }
+        // The fourth step puts the first out of mind: which line ran before it nobody knows any more.
+        assert_eq!(times.utc(10, RATE_HZ), None);
+        assert_eq!(times.utc(hour - 1, RATE_HZ), None);
+        let (utc_us, _) = times.utc(hour + 5, RATE_HZ).unwrap();
+        assert!((utc_us - told(hour + 5, 1).utc_us).abs() <= 1);
+    }
 }

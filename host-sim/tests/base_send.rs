@@ -5,7 +5,8 @@ mod recorder;
 
 use recorder::{Noise, Since};
 use seabearing::station::Station;
-use seabearing_core::outlet::Reliable;
+use seabearing_core::config::StationConfig;
+use seabearing_core::outlet::{Plain, Reliable};
 use seabearing_core::port::{self, NoBoard};
 use seabearing_core::recorder::Memory;
 use seabearing_core::run::{BLOCK_FRAMES, run_over};
@@ -63,14 +64,19 @@ impl port::Link for Line {
     }
 }
 
+/// The demo's station at an eighth of its rate.
+fn station(dir: &Path) -> StationConfig {
+    let text = std::fs::read_to_string(STATION).unwrap().replace("rate_hz = 64000", "rate_hz = 8000");
+    std::fs::write(dir.join("east.toml"), text).unwrap();
+    Station::read(&dir.join("east.toml")).unwrap().config
+}
+
 /// A recorder with what it has written while nobody was there; its address, and UTC of its beginning, seconds since 1970.
 fn recorder(dir: &Path, baud: u32, held: Vec<(Class, Message)>, deaf: Duration) -> (String, f64) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     listener.set_nonblocking(true).unwrap();
     let address = listener.local_addr().unwrap().to_string();
-    let text = std::fs::read_to_string(STATION).unwrap().replace("rate_hz = 64000", "rate_hz = 8000");
-    std::fs::write(dir.join("east.toml"), text).unwrap();
-    let config = Station::read(&dir.join("east.toml")).unwrap().config;
+    let config = station(dir);
     let (tell, begun) = std::sync::mpsc::channel();
     let run = move || {
         let mut link =
@@ -92,6 +98,25 @@ fn recorder(dir: &Path, baud: u32, held: Vec<(Class, Message)>, deaf: Duration) 
     (address, begun.recv().unwrap())
 }
 
+/// A recorder that speaks in plain frames; its address.
+fn plain_recorder(dir: &Path) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    listener.set_nonblocking(true).unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let config = station(dir);
+    let run = move || {
+        let mut recorder = Box::<Memory<'static>>::default();
+        let mut recorder = recorder.configure(&config, None).unwrap();
+        let mut frames = [[0; 4]; BLOCK_FRAMES];
+        let mut samples = Noise::new(config.rate_hz, false);
+        let mut line = Line { listener, call: None, deaf_until: Instant::now() };
+        let mut outlet = Plain::new(&mut line);
+        run_over(&mut recorder, &mut samples, &mut outlet, &mut Since::now(), &mut NoBoard, &mut frames);
+    };
+    std::thread::Builder::new().stack_size(16 << 20).spawn(run).unwrap();
+    address
+}
+
 fn seabearing(dir: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_seabearing"))
         .args(arguments)
@@ -110,6 +135,29 @@ fn stored(dir: &Path, kind: &str) -> usize {
     let out = seabearing(dir, &["export", "--store", "store", "--format", "jsonl", "--out", "all.jsonl"]);
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
     json(&std::fs::read(dir.join("all.jsonl")).unwrap()).iter().filter(|r| r["type"] == kind).count()
+}
+
+#[test]
+fn a_recorder_without_a_link_takes_what_is_not_signed() {
+    let dir = tempfile::tempdir().unwrap();
+    let (to, key) = (plain_recorder(dir.path()), dir.path().join("key"));
+    std::fs::write(&key, "5a".repeat(32)).unwrap();
+    let send = |how: &[&str], order: &[&str]| {
+        let to = ["base", "send", "--tcp", &to];
+        seabearing(dir.path(), &[&to[..], how, order].concat())
+    };
+    let told = |order: &[&str], answer: &str| {
+        let out = send(&["--unsigned"], order);
+        assert!(out.status.success(), "{order:?}: {}", String::from_utf8_lossy(&out.stderr));
+        assert!(json(&out.stdout).iter().any(|r| r["type"] == answer), "{order:?}");
+    };
+    told(&["identify"], "hello");
+    told(&["health-every", "1"], "reply");
+    // What is signed goes over a link alone.
+    let signed = send(&["--key", "key", "--wait", "3"], &["identify"]);
+    let said = String::from_utf8_lossy(&signed.stderr).into_owned();
+    assert!(!signed.status.success() && said.contains("without a link"), "{said}");
+    told(&["stop"], "reply");
 }
 
 #[test]

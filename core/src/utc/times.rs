@@ -13,6 +13,8 @@ pub struct Times {
     newest: Option<Time>,
     /// The newest breaks, the oldest first.
     broken: [Option<Break>; BREAKS],
+    /// Samples before this number are on lines of which nothing is known any more.
+    forgotten: u64,
 }
 
 /// Breaks of the line that are known of: a minute's records come late, and of a line that was down for long some of before.
@@ -46,6 +48,9 @@ impl Times {
             let variance = sd_s * sd_s + told_sd_s * told_sd_s + ROUNDED_S * ROUNDED_S;
             let stepped = stepped || off_s * off_s > GATE * GATE * variance;
             if stepped || told_sd_s > LESS_CERTAIN * sd_s {
+                if let Some(oldest) = self.broken[0] {
+                    self.forgotten = oldest.begins.index;
+                }
                 self.broken.rotate_left(1);
                 self.broken[BREAKS - 1] = Some(Break { ends, begins: time, stepped });
             }
@@ -54,9 +59,10 @@ impl Times {
         self.newest = Some(time);
     }
 
-    /// UTC of a sample, microseconds since 1970, and its standard deviation in seconds; `None` while nothing is known.
+    /// UTC of a sample, microseconds since 1970, and its standard deviation in seconds; `None` while nothing is known, and
+    /// of samples from before the oldest break that is remembered.
     pub fn utc(&self, index: u64, rate_hz: f64) -> Option<(i64, f64)> {
-        let newest = self.newest?;
+        let newest = self.newest.filter(|_| index >= self.forgotten)?;
         let broken = self.broken.iter().flatten().find(|broken| index < broken.begins.index);
         if let Some(Break { ends, begins, stepped }) = broken {
             let outside = *stepped || index <= ends.index;

@@ -133,6 +133,8 @@ const ALL: [u8; 4] = [0, 1, 2, 3];
 
 /// Silence beyond the wait after which the line itself is given up.
 const LONGEST_SILENCE: Duration = Duration::from_secs(300);
+/// A recorder that speaks without a link may have nothing to say: it is asked after so long a silence.
+const UNASKED: Duration = Duration::from_secs(2);
 /// Records of a turn that are looked at.
 const WAITING: usize = 20_000;
 
@@ -323,7 +325,7 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
     let mut service = Service::start(base, store, vec![line], rules)?;
     // Who the recorder is, is asked first: what it holds of its answers to earlier commands has come then.
     let who = bytes_of(&Command::Identify { token: base_tokens::who() }, &mut [0; COMMAND_BYTES]).to_vec();
-    let (mut asked, mut met) = (false, talk.asks());
+    let (mut asked, mut met, mut called) = (false, talk.asks(), key.is_some());
     let (mut heard, begun) = (false, Instant::now());
     let said = service.feed().subscribe(WAITING);
     while since.elapsed() < wait + talk.patience() && begun.elapsed() < idle + talk.patience() {
@@ -368,12 +370,20 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
                 if met { talk.given() } else { asked = true }
             }
         }
+        if !heard && !called && begun.elapsed() > UNASKED {
+            let streams = service.base().streams().map(|(stream, _)| stream).collect::<Vec<_>>();
+            called = !streams.is_empty();
+            streams.into_iter().for_each(|stream| service.base_mut().identify(stream));
+        }
         if !goes_on {
             bail!("{origin}: the line was closed before the recorder answered");
         }
     }
     match (heard, talk.silence()) {
-        (false, _) => bail!("{origin}: no recorder with a link was heard in {} s", args.wait),
+        (false, _) if service.base().hears_without_link() => bail!(
+            "{origin}: the recorder speaks without a link, and takes no signed command so: --unsigned, where its image has no key"
+        ),
+        (false, _) => bail!("{origin}: no recorder was heard in {} s", args.wait),
         (true, Some(words)) => bail!("{origin}: {words}"),
         (true, None) if args.store.is_none() => bail!(
             "{origin}: the recorder has not answered in {} s: is this its key? (it says BadCommand where it is not); or do its \
