@@ -77,7 +77,7 @@ impl Counters {
         match kind {
             "line" => station.up = Some(record["state"] == "up"),
             "lost" => station.lost += record["frames"].as_u64().unwrap_or(0),
-            "fault" => {
+            "fault" | "warning" => {
                 *station.faults.entry(record["code"].as_str().unwrap_or("").to_owned()).or_default() += 1
             }
             "time" => station.sd_utc_s = record["sd_utc_s"].as_f64(),

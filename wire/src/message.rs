@@ -358,11 +358,14 @@ pub enum FaultCode {
     /// Wrong bits in the processor's memory: low 32 bits where, bits 32 to 39 in which memory (0 AXI SRAM, 1 to 3 tightly
     /// coupled, 4 to 7 SRAM 1 and 2); bit 40: they could not be corrected, and the recorder has started again.
     MemoryError,
+    /// Nothing is broken: a vessel's elevations, or its shaft rate, contradict the speed that the station file declares. What they
+    /// tell of it, cm/s.
+    SpeedContradicted,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 32] = [
+    pub const ALL: [Self; 33] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -395,6 +398,7 @@ impl FaultCode {
         Self::TableOff,
         Self::SetUpGood,
         Self::MemoryError,
+        Self::SpeedContradicted,
     ];
 }
 

@@ -24,6 +24,8 @@ const DEAD: f64 = 30.0;
 
 /// Steps of a line that has to be brought within the limits.
 const LIMITED_STEPS: usize = 6;
+/// Steps to where another speed brings a line that fits.
+const FREED_STEPS: usize = 6;
 
 /// What an average has to do with the one before it and with itself, in units of the coloured variance.
 #[derive(Clone, Copy, Debug)]
@@ -118,6 +120,11 @@ impl Problem<'_> {
         let moved = line.moved(&[0.0; PARAMETERS], &self.limits);
         let steps = if moved.p == line.p { 0 } else { LIMITED_STEPS };
         self.descended(moved, steps).map(|p| (p.at, p.normal))
+    }
+
+    /// A line near this one that the measurements want where the speed is left to them, with its normal equations.
+    pub(super) fn freed(&self, line: &Line) -> Option<(Line, Normal)> {
+        self.descended(*line, FREED_STEPS).map(|p| (p.at, p.normal))
     }
 
     /// Up to `steps` damped steps from a line.

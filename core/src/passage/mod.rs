@@ -26,7 +26,8 @@
 //! assert!((track.cpa_range_m - 500.0).abs() < 15.0 && track.starboard);
 //! ```
 
-pub(crate) mod known;
+pub(crate) mod declared;
+mod known;
 mod lines;
 mod node;
 pub mod report;

@@ -22,6 +22,16 @@ impl MeasuredSpeed {
         let sane = ln >= LN_SPEED.0 && ln <= LN_SPEED.1 && sd_m_s > 0.0 && sd_m_s.is_finite();
         sane.then_some(Self { mean_m_s, sd_m_s })
     }
+
+    /// Mean, m/s.
+    pub fn mean_m_s(&self) -> f32 {
+        self.mean_m_s
+    }
+
+    /// Standard deviation, m/s.
+    pub fn sd_m_s(&self) -> f32 {
+        self.sd_m_s
+    }
 }
 
 /// Height below which the doubt about it is a large part of it, metres.

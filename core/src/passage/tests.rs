@@ -3,7 +3,7 @@ use crate::motion::{Line, Medium};
 
 type Short = Passage<RECORDED>;
 
-fn noise(seed: &mut u64) -> f64 {
+pub(super) fn noise(seed: &mut u64) -> f64 {
     // Sum of twelve uniforms: Gaussian enough for a filter's test.
     let draws = (0..12).map(|_| {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

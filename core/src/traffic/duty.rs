@@ -6,9 +6,10 @@
 
 use super::manoeuvre::{LEAST_GAIN, Manoeuvre};
 use super::{Config, State, Track, VESSELS};
+use crate::math::f64 as m;
 use crate::motion::Solution;
 use crate::passage::report;
-use crate::wire::Message;
+use crate::wire::{Fault, FaultCode, Message};
 
 /// What a place is used for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,7 +91,12 @@ fn tell(config: &Config, track: &Track, solution: Option<Solution>, sink: &mut d
     let known = track.manoeuvre.reference().or(track.passage.best());
     let before = || known.and_then(|known| track.passage.solution_by(&motion, known));
     if let Some(solution) = solution.or_else(before) {
-        sink(Message::Track(report::track(&solution, track.id, 1, config.index(solution.t1_s))));
+        let index = config.index(solution.t1_s);
+        sink(Message::Track(report::track(&solution, track.id, 1, index)));
+        if let Some(speed_m_s) = track.passage.contradicting_speed(&config.motion, track.speed) {
+            let (code, value) = (FaultCode::SpeedContradicted, m::round(100.0 * speed_m_s) as i64);
+            sink(Message::Fault(Fault { code, index, value }));
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 use super::margins::Margins;
 use super::sound::{Azigram, Samples, Snippet, Spectrum};
 use super::transient::Transient;
+use super::warning::Warning;
 use seabearing_core::wire::{self, Message};
 use serde::Serialize;
 
@@ -431,6 +432,7 @@ pub enum Kind {
     Segment(Segment),
     Fault(Fault),
     FaultsHeld(FaultsHeld),
+    Warning(Warning),
     Reply(Reply),
     ShaftRate(ShaftRate),
     Time(Time),
@@ -471,7 +473,8 @@ impl Kind {
                 (Some(s.end), Self::Segment(segment))
             }
             Message::Fault(f) => {
-                (Some(f.index), Self::Fault(Fault { code: format!("{:?}", f.code), value: f.value }))
+                let fault = || Self::Fault(Fault { code: format!("{:?}", f.code), value: f.value });
+                (Some(f.index), Warning::of(f).map_or_else(fault, Self::Warning))
             }
             Message::FaultsHeld(f) => {
                 let held = FaultsHeld { code: format!("{:?}", f.code), count: f.count, value: f.value };

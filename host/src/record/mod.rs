@@ -6,6 +6,7 @@ mod margins;
 mod schema;
 mod sound;
 mod transient;
+mod warning;
 
 pub use kinds::{Closest, Kind, Level, Member, NetworkTrack};
 pub use margins::Margins;
@@ -13,6 +14,7 @@ pub use margins::Margins;
 pub use schema::schema;
 pub use sound::{Azigram, Samples, Snippet, Spectrum, calibrate};
 pub use transient::Transient;
+pub use warning::Warning;
 
 use crate::replay::Said;
 use seabearing_core::utc::Times;

@@ -84,15 +84,6 @@ struct Line {
     cause: Option<String>,
 }
 
-/// Something is doubtful about a set-up.
-#[derive(Serialize, JsonSchema)]
-struct Warning {
-    /// What, by name.
-    code: String,
-    /// The same in words, with what to do.
-    text: String,
-}
-
 /// Something that somebody should look after, raised once, acknowledged by a person, cleared once (docs/alarms.md).
 #[derive(Serialize, JsonSchema)]
 struct Alarm {
@@ -316,7 +307,7 @@ pub fn schema() -> Value {
         kind::<kinds::End>(g, "end", true),
         kind::<Lost>(g, "lost", false),
         kind::<Line>(g, "line", false),
-        kind::<Warning>(g, "warning", false),
+        kind::<super::warning::Warning>(g, "warning", false),
         kind::<Alarm>(g, "alarm", false),
         kind::<AisMatch>(g, "ais_match", false),
         kind::<AisFleet>(g, "ais_fleet", false),

@@ -1,0 +1,85 @@
+//! What is doubtful about a set-up, in words.
+
+#[cfg(feature = "schema")]
+use schemars::JsonSchema;
+use seabearing_core::wire::{Fault, FaultCode};
+use serde::Serialize;
+
+/// Something is doubtful about a set-up.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
+pub struct Warning {
+    /// What, by name.
+    pub code: String,
+    /// The same in words, with what to do.
+    pub text: String,
+    /// The number of a recorder's own finding (docs/wire.md).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<i64>,
+    /// Seconds since sample 0 of the session, of a recorder's own finding; null where the sample rate is unknown.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub t_s: Option<f64>,
+}
+
+impl Warning {
+    /// What a recorder finds doubtful about its own set-up; other faults are none.
+    pub fn of(fault: &Fault) -> Option<Self> {
+        let value = fault.value;
+        let text = match fault.code {
+            FaultCode::Reversed => {
+                "pressure or motion has its sign turned round: vertical motion goes with pressure as it cannot for sound from above; \
+                 look at the wiring, or at `intensity` in the station file"
+                    .to_owned()
+            }
+            FaultCode::Exchanged => {
+                let component = if value == 1 { "north" } else { "east" };
+                format!(
+                    "the vertical component and {component} stand for each other: look at the order of the channels"
+                )
+            }
+            FaultCode::Unequal => format!(
+                "the gain of north is {:.1} dB over that of east: look at `sensitivity` of both, and at the sensor's levelling",
+                value as f64 / 10.0
+            ),
+            FaultCode::TableOff => format!(
+                "two pairs of paths put one vessel at ranges {value} m apart: look at the propagation table's depth and sound speed \
+                 (`propagation fit`)"
+            ),
+            FaultCode::SpeedContradicted => format!(
+                "a vessel's elevations or its shaft rate tell {:.1} m/s, far from the speed that `[tracking]` in the station file declares; \
+                 its track rests on that",
+                value as f64 / 100.0
+            ),
+            FaultCode::SetUpGood => {
+                let over = FaultCode::ALL.iter().find(|code| **code as i64 == value);
+                over.map_or_else(
+                    || "what was doubtful is so no more".to_owned(),
+                    |code| format!("{code:?} is so no more"),
+                )
+            }
+            _ => return None,
+        };
+        Some(Self { code: format!("{:?}", fault.code), text, value: Some(value), t_s: None })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::RecordFormat;
+    use seabearing_core::utc::Times;
+    use seabearing_core::wire::Message;
+
+    #[test]
+    fn what_a_recorder_doubts_of_its_set_up_is_a_warning_in_words() {
+        let records = RecordFormat { rate_hz: 50.0, start: None, times: Times::default() };
+        let said = |code, value| records.json(&Message::Fault(Fault { code, index: 100, value }));
+        let unequal = said(FaultCode::Unequal, -31);
+        assert_eq!((&unequal["type"], &unequal["code"]), (&"warning".into(), &"Unequal".into()), "{unequal}");
+        assert_eq!((&unequal["t_s"], &unequal["value"]), (&2.0.into(), &(-31).into()), "{unequal}");
+        assert!(unequal["text"].as_str().unwrap().contains("-3.1 dB"), "{unequal}");
+        let good = said(FaultCode::SetUpGood, FaultCode::Reversed as i64);
+        assert_eq!(good["text"], "Reversed is so no more");
+        assert_eq!(said(FaultCode::Gap, 3)["type"], "fault");
+    }
+}
