@@ -99,18 +99,18 @@ fn a_reader_that_does_not_read_does_not_stop_the_storing() {
     }
     // Once it reads again, it is told how much it did not see; when it has gone, storing goes on.
     let mut lines = BufReader::new(base.child.0.stdout.take().unwrap()).lines();
-    let mut seen = 0;
-    let gap = loop {
+    // A busy machine may have lost some before the pipe was full: those are told by themselves.
+    let (mut seen, mut gap) = (0, 0);
+    while gap <= 1000 {
         stream.write_all(encoder.frame(&Message::End(End { index: 1, frames: 0 }))).unwrap();
         let line = lines.next().unwrap().unwrap();
         let record: Value = serde_json::from_str(&line).unwrap();
         if record["type"] == "not_shown" {
-            break record["records"].as_u64().unwrap();
+            gap += record["records"].as_u64().unwrap();
         }
         seen += 1;
-        assert!(seen < 200_000);
-    };
-    assert!(gap > 1000, "{gap}");
+        assert!(seen < 200_000, "{gap}");
+    }
     drop(lines);
     for _ in 0..20 {
         stream.write_all(encoder.frame(&Message::End(End { index: 2, frames: 0 }))).unwrap();
