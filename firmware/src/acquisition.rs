@@ -108,6 +108,8 @@ pub struct Acquisition<B> {
     pace: Option<Pace>,
     /// The converter was set up anew and the shift is not yet known.
     unplaced: bool,
+    /// The first moment noted since then.
+    anew: Option<Stamp>,
     /// That it does not answer was told.
     told_silent: bool,
     fault: Option<(FaultCode, u64)>,
@@ -127,6 +129,7 @@ impl<B: Board> Acquisition<B> {
             damaged: 0,
             pace: None,
             unplaced: false,
+            anew: None,
             told_silent: false,
             fault: None,
         }
@@ -135,6 +138,7 @@ impl<B: Board> Acquisition<B> {
     /// Sets the converter up and arms the hardware before the first conversion.
     fn begin(&mut self, now_us: u64) {
         self.state = State::Off { retry_us: now_us + RETRY_US };
+        self.anew = None;
         if !self.board.set_up() {
             if !self.told_silent {
                 self.told_silent = true;
@@ -149,7 +153,7 @@ impl<B: Board> Acquisition<B> {
         self.looked = (now_us, first);
         self.damaged = 0;
         if self.index == 0 {
-            self.shift = 0u64.wrapping_sub(first);
+            (self.shift, self.pace) = (0u64.wrapping_sub(first), None);
         } else {
             self.unplaced = true;
         }
@@ -157,6 +161,12 @@ impl<B: Board> Acquisition<B> {
 
     /// The converter has reset itself or stands still: it is set up again.
     fn restart(&mut self, now_us: u64) {
+        if !self.unplaced {
+            // Before its rate was measured: when it converted last is known all the same.
+            let (edges, at_us) = self.seen;
+            let last = self.timed.unwrap_or(Stamp { edges, at_us });
+            self.pace.get_or_insert(Pace::new(last, self.board.hz()));
+        }
         self.board.disarm();
         self.begin(now_us);
     }
@@ -188,21 +198,28 @@ impl<B: Board> Acquisition<B> {
         }
     }
 
-    /// After the converter stood still: the index of its first edge, from how long that took.
-    fn place(&mut self, first: u64, stamp: Stamp) {
-        // Time does not go back, and at least one conversion is wanting.
-        let mut index = self.index + 1;
-        if let Some(pace) = self.pace {
-            let before = pace.newest();
-            let passed = pace.conversions(stamp.at_us.saturating_sub(before.at_us));
-            let by_clock = before.edges.wrapping_add(self.shift).wrapping_add(passed);
-            index = index.max(by_clock.saturating_sub(stamp.edges.saturating_sub(first)));
+    /// After the converter stood still: the index of its first edge, from how long that took; whether it could be said yet. By the
+    /// converter's rate of before or, where it stood still before that was measured, as it is now over half a ring.
+    fn place(&mut self, first: u64, stamp: Stamp) -> bool {
+        let hz = self.board.hz();
+        let mut pace = self.pace.unwrap_or(Pace::new(Stamp::default(), hz));
+        let anew = *self.anew.get_or_insert(stamp);
+        if !pace.is_measured() {
+            if stamp.edges.saturating_sub(anew.edges) < B::RING_FRAMES as u64 / 2 {
+                return false;
+            }
+            pace = pace.by(anew, stamp);
         }
+        let before = pace.newest();
+        let passed = pace.conversions(stamp.at_us.saturating_sub(before.at_us));
+        let by_clock = before.edges.wrapping_add(self.shift).wrapping_add(passed);
+        // Time does not go back, and at least one conversion is wanting.
+        let index = by_clock.saturating_sub(stamp.edges.saturating_sub(first)).max(self.index + 1);
         self.fault = Some((FaultCode::ConverterRestarted, index - self.index));
         self.shift = index.wrapping_sub(first);
-        self.pace =
-            Some(self.pace.map_or(Pace::new(stamp, self.board.hz()), |pace| pace.after_outage(stamp)));
+        self.pace = Some(pace.after_outage(stamp));
         self.unplaced = false;
+        true
     }
 
     /// Whether edges come at the rate that was asked for, since they were last looked at; `None` where that is too short a
@@ -312,11 +329,12 @@ impl<B: Board> SampleSource for Acquisition<B> {
         if ready == 0 || (ready < frames.len() as u64 && !still) {
             return Chunk::Idle;
         }
-        if self.unplaced {
-            if stamp.edges <= first && !still {
-                return Chunk::Idle;
+        if self.unplaced && !(stamp.edges > first && self.place(first, stamp)) {
+            if still {
+                // It stands still again: what it gave meanwhile has no number.
+                self.restart(now_us);
             }
-            self.place(first, stamp);
+            return Chunk::Idle;
         }
         let count = match self.take(first, next, ready.min(frames.len() as u64), frames) {
             Ok(count) => count,
