@@ -20,6 +20,10 @@ const RETRY_US: u64 = 100_000;
 const TRANSFER_US: u64 = 50;
 /// Looks at a ring in that time, whatever the clock says.
 const MOST_LOOKS: u32 = 10_000;
+/// Of the edges counted so many less or more, and a part in so many: a converter and a clock whose rates were measured against
+/// each other agree better, whatever their temperatures.
+const STRAY: u64 = 16;
+const STEADY: u64 = 1000;
 /// Nothing but damaged frames for so long may be a converter that was set otherwise.
 const DAMAGED_S: u32 = 120;
 
@@ -232,8 +236,12 @@ impl<B: Board> Acquisition<B> {
         }
         self.timed = Some(stamp);
         let us = stamp.at_us.saturating_sub(before.at_us);
-        let by_clock = us.saturating_mul(u64::from(self.board.hz())) / 1_000_000;
-        Some(by_clock.abs_diff(edges) <= edges / 16)
+        let (by_clock, within) = match self.pace.filter(Pace::is_measured) {
+            // One that stood still for a while, unseen because nobody came, is numbered wrongly from then on.
+            Some(pace) => (pace.conversions(us), (STRAY + edges / STEADY).min(edges / 16)),
+            None => (us.saturating_mul(u64::from(self.board.hz())) / 1_000_000, edges / 16),
+        };
+        Some(by_clock.abs_diff(edges) <= within)
     }
 
     /// Of the edges before `end` those whose frames may be given: the converter was set right, at a later look too. `None`: it

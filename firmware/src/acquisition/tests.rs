@@ -355,6 +355,24 @@ fn what_comes_between_two_standstills_and_is_too_short_to_be_numbered_is_not_giv
 }
 
 #[test]
+fn a_converter_that_stood_still_while_nobody_came_is_noticed() {
+    for (before, still, after) in [(60_000, 6400, 60_000), (1000, 100, 1000), (100_000, 300, 20_000)] {
+        let mut acquisition = Acquisition::new(Bench { period_ns: PERIOD_NS * 98 / 100, ..Bench::new() });
+        drain(&mut acquisition);
+        let mut all = loop_for(&mut acquisition, 1_000_000);
+        assert_eq!((error(&all), acquisition.fault()), (0, None));
+        acquisition.board.run(before);
+        acquisition.board.alive = false;
+        acquisition.board.run(still);
+        acquisition.board.alive = true;
+        acquisition.board.run(after);
+        all = loop_for(&mut acquisition, 100_000);
+        assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, _))), "{still}");
+        assert!(all.len() > 90_000 && error(&all) <= 16, "{still}: {} off by {}", all.len(), error(&all));
+    }
+}
+
+#[test]
 fn the_converters_rate_is_measured_whatever_the_phase_of_loop_and_stamps() {
     // The board's clock is 1 % slow; every new stamp (of each 256th edge) is first seen at a turn that finds too few frames.
     let mut acquisition = Acquisition::new(Bench { period_ns: PERIOD_NS * 99 / 100, ..Bench::new() });

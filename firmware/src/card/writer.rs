@@ -55,18 +55,24 @@ pub struct About {
     pub clips: Clips,
 }
 
-/// What is known of the card and of the files being written.
+/// What is known of the card, of the files being written, and of the ring's pages: too much for the stack.
 #[derive(Debug)]
 pub struct Tables {
     search: Search,
     sheets: [Option<Sheet>; 2],
     claims: Claims,
+    metas: [Meta; MOST_RING],
 }
 
 impl Tables {
     /// Of no card.
     pub const fn new() -> Self {
-        Self { search: Search::new(), sheets: [const { None }; 2], claims: Claims::new() }
+        Self {
+            search: Search::new(),
+            sheets: [const { None }; 2],
+            claims: Claims::new(),
+            metas: [Meta::NONE; MOST_RING],
+        }
     }
 }
 
@@ -88,6 +94,10 @@ struct Meta {
     frames: u32,
     /// Changes of the sheet's list before its end.
     version: u32,
+}
+
+impl Meta {
+    const NONE: Self = Self { sheet: 0, page: 0, bytes: 0, frames: 0, version: 0 };
 }
 
 /// What the driver is doing for us.
@@ -137,7 +147,6 @@ pub struct Writer<'a, D> {
     pages: &'a mut [[u8; PAGE]],
     stage: &'a mut [u8; STAGE_BYTES],
     tables: &'a mut Tables,
-    metas: [Meta; MOST_RING],
     about: About,
     state: State,
     doing: Doing,
@@ -197,7 +206,6 @@ impl<'a, D: Drive> Writer<'a, D> {
             pages: pages.split_at_mut(count).0,
             stage,
             tables,
-            metas: [Meta::default(); MOST_RING],
             about,
             state: State::Off { retry_us: 0 },
             doing: Doing::Nothing,
@@ -340,7 +348,7 @@ impl<'a, D: Drive> Writer<'a, D> {
                 self.tables.search.take(bytes);
             }
             Doing::Page => {
-                let meta = self.metas.get(self.tail).copied().unwrap_or_default();
+                let meta = self.tables.metas.get(self.tail).copied().unwrap_or_default();
                 if let Some(sheet) = self.sheet_mut(meta.sheet) {
                     let before = core::mem::replace(&mut sheet.acknowledged, meta.frames);
                     self.recorded += u64::from(meta.frames.saturating_sub(before));
@@ -379,7 +387,7 @@ impl<'a, D: Drive> Writer<'a, D> {
         if self.doing != Doing::Nothing {
             return;
         }
-        let meta = self.metas.get(self.tail).copied().filter(|_| self.waiting > 0);
+        let meta = self.tables.metas.get(self.tail).copied().filter(|_| self.waiting > 0);
         let ours = meta.filter(|meta| meta.sheet == self.writing);
         if let Some(sheet) = self.sheet(self.writing).filter(|sheet| sheet.found.is_some()) {
             let told = self.known.frames;

@@ -249,7 +249,7 @@ impl<D: Drive> Writer<'_, D> {
         }
         let frames = self.sheet(self.filling).map_or(0, |sheet| sheet.frames);
         let meta = Meta { sheet: self.filling, page: self.page, bytes, frames, version: self.version };
-        if let Some(place) = self.metas.get_mut(self.head) {
+        if let Some(place) = self.tables.metas.get_mut(self.head) {
             *place = meta;
         }
         self.waiting += 1;
