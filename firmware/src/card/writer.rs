@@ -74,6 +74,11 @@ impl Tables {
             metas: [Meta::NONE; MOST_RING],
         }
     }
+
+    /// Nothing more of this sheet, which is too large to be moved over the stack.
+    fn drop_sheet(&mut self, which: usize) {
+        self.sheets.get_mut(which).into_iter().for_each(|sheet| *sheet = None);
+    }
 }
 
 impl Default for Tables {
@@ -330,7 +335,7 @@ impl<'a, D: Drive> Writer<'a, D> {
     fn fail(&mut self, trouble: Trouble, now_us: u64) {
         let waits = |sheet: &Sheet| u64::from(sheet.frames - sheet.acknowledged.min(sheet.frames));
         self.lose(self.tables.sheets.iter().flatten().map(waits).sum());
-        self.tables.sheets = [const { None }; 2];
+        (0..2).for_each(|which| self.tables.drop_sheet(which));
         (self.doing, self.next, self.full) = (Doing::Nothing, None, false);
         (self.tail, self.waiting, self.at, self.overrun) = (self.head, 0, SECTOR, false);
         let [first, then] = RETRY_US;
@@ -368,13 +373,13 @@ impl<'a, D: Drive> Writer<'a, D> {
             Doing::Slot { head: false } => {}
             Doing::Head => {
                 if self.known.closed {
-                    let sheet = self.tables.sheets.get_mut(self.writing).and_then(Option::take);
-                    if let Some(sheet) = sheet.filter(|sheet| !sheet.claimed && !self.finished)
-                        && let Some(found) = sheet.found
-                    {
+                    let sheet = self.sheet(self.writing).filter(|sheet| !sheet.claimed && !self.finished);
+                    let unclaimed = sheet.and_then(|sheet| Some((sheet.found?, sheet.samples())));
+                    if let Some((found, samples)) = unclaimed {
                         let found = Found { sequence: self.known.sequence, ..found };
-                        self.tables.claims.hold(found, sheet.samples());
+                        self.tables.claims.hold(found, samples);
                     }
+                    self.tables.drop_sheet(self.writing);
                     self.writing ^= 1;
                     self.known = Known::default();
                 }
