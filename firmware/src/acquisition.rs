@@ -42,8 +42,13 @@ pub trait Board {
     /// Conversions a second that are asked for.
     fn hz(&self) -> u32;
 
-    /// Without an edge for so long the converter stands still, µs; as long as it takes to begin, at least.
-    fn standstill_us(&self) -> u64;
+    /// From its setting up to its first edge, µs.
+    fn begins_us(&self) -> u64;
+
+    /// Without an edge for so long the converter stands still, µs.
+    fn standstill_us(&self) -> u64 {
+        50_000 + self.begins_us()
+    }
 
     /// Sets the converter up; it begins to convert. Whether it answered as it must.
     fn set_up(&mut self) -> bool;
@@ -112,7 +117,8 @@ pub struct Acquisition<B> {
     pace: Option<Pace>,
     /// The converter was set up anew and the shift is not yet known.
     unplaced: bool,
-    /// The first moment noted since then.
+    /// About when its first edge was, and the first moment noted since.
+    begun: Stamp,
     anew: Option<Stamp>,
     /// That it does not answer was told.
     told_silent: bool,
@@ -133,6 +139,7 @@ impl<B: Board> Acquisition<B> {
             damaged: 0,
             pace: None,
             unplaced: false,
+            begun: Stamp::default(),
             anew: None,
             told_silent: false,
             fault: None,
@@ -152,6 +159,7 @@ impl<B: Board> Acquisition<B> {
         }
         let Some(first) = self.board.arm(false) else { return };
         self.state = State::On { first, next: first };
+        self.begun = Stamp { edges: first, at_us: self.board.now_us() + self.board.begins_us() };
         self.seen = (first, now_us);
         self.timed = None;
         self.looked = (now_us, first);
@@ -166,10 +174,8 @@ impl<B: Board> Acquisition<B> {
     /// The converter has reset itself or stands still: it is set up again.
     fn restart(&mut self, now_us: u64) {
         if !self.unplaced {
-            // Before its rate was measured: when it converted last is known all the same.
-            let (edges, at_us) = self.seen;
-            let last = self.timed.unwrap_or(Stamp { edges, at_us });
-            self.pace.get_or_insert(Pace::new(last, self.board.hz()));
+            // Before its rate was measured: when it converted is known all the same.
+            self.pace.get_or_insert(Pace::new(self.timed.unwrap_or(self.begun), self.board.hz()));
         }
         self.board.disarm();
         self.begin(now_us);

@@ -9,7 +9,7 @@ use seabearing_core::wire::FaultCode;
 /// Two things at once, and one before anything was measured; clocks as wrong as they may be.
 pub(super) fn cases() -> impl Iterator<Item = Case> {
     let fault = |code| Wanted::Fault(code, None);
-    let (restarted, invalid) = (fault(FaultCode::ConverterRestarted), fault(FaultCode::Invalid));
+    let restarted = fault(FaultCode::ConverterRestarted);
     [
         case(
             "converter without supply for a second, 40 ms after power, clocks 1 % off",
@@ -30,14 +30,14 @@ pub(super) fn cases() -> impl Iterator<Item = Case> {
             &[InjectedFault::ConverterMute(AT_S, 0.5), InjectedFault::CoreHeld(AT_S + 0.2, 0.1)],
             AT_S,
             AT_S + 1.5,
-            &[invalid, fault(FaultCode::Gap)],
+            &[fault(FaultCode::Gap), fault(FaultCode::Invalid)],
         ),
         case(
             "hard fault while the line to the converter is cut",
             &[InjectedFault::ConverterMute(AT_S, 0.5), InjectedFault::HardFault(AT_S + 0.2)],
             AT_S,
             AT_S + 2.0,
-            &[invalid, Wanted::Start(SOFTWARE), fault(FaultCode::HardFault), fault(FaultCode::NoSamples)],
+            &[Wanted::Start(SOFTWARE), fault(FaultCode::HardFault), fault(FaultCode::NoSamples)],
         ),
         case(
             "supply low for a second, and the converter without it",

@@ -415,7 +415,7 @@ pub(super) fn receiver(times: &ReceiverTimes) -> Vec<Case> {
         ),
         with(
             "its clock steps by a second, and reset pin once that is known",
-            &[InjectedFault::ClockStep(at), InjectedFault::PinReset(at + 3.0)],
+            &[InjectedFault::ClockStep(at), InjectedFault::PinReset(at + 3.7)],
             at,
             end + 2.0,
             &[Wanted::Fault(FaultCode::ClockStepped, None), time, Wanted::Start(PIN), time],
