@@ -20,6 +20,10 @@ const RETRY_US: u64 = 100_000;
 const TRANSFER_US: u64 = 50;
 /// Looks at a ring in that time, whatever the clock says.
 const MOST_LOOKS: u32 = 10_000;
+/// Of the edges counted so many less or more, and a part in so many: a converter and a clock whose rates were measured against
+/// each other agree better, whatever their temperatures.
+const STRAY: u64 = 16;
+const STEADY: u64 = 1000;
 /// Nothing but damaged frames for so long may be a converter that was set otherwise.
 const DAMAGED_S: u32 = 120;
 
@@ -38,8 +42,13 @@ pub trait Board {
     /// Conversions a second that are asked for.
     fn hz(&self) -> u32;
 
-    /// Without an edge for so long the converter stands still, µs; as long as it takes to begin, at least.
-    fn standstill_us(&self) -> u64;
+    /// From its setting up to its first edge, µs.
+    fn begins_us(&self) -> u64;
+
+    /// Without an edge for so long the converter stands still, µs.
+    fn standstill_us(&self) -> u64 {
+        50_000 + self.begins_us()
+    }
 
     /// Sets the converter up; it begins to convert. Whether it answered as it must.
     fn set_up(&mut self) -> bool;
@@ -108,6 +117,9 @@ pub struct Acquisition<B> {
     pace: Option<Pace>,
     /// The converter was set up anew and the shift is not yet known.
     unplaced: bool,
+    /// About when its first edge was, and the first moment noted since.
+    begun: Stamp,
+    anew: Option<Stamp>,
     /// That it does not answer was told.
     told_silent: bool,
     fault: Option<(FaultCode, u64)>,
@@ -127,6 +139,8 @@ impl<B: Board> Acquisition<B> {
             damaged: 0,
             pace: None,
             unplaced: false,
+            begun: Stamp::default(),
+            anew: None,
             told_silent: false,
             fault: None,
         }
@@ -135,6 +149,7 @@ impl<B: Board> Acquisition<B> {
     /// Sets the converter up and arms the hardware before the first conversion.
     fn begin(&mut self, now_us: u64) {
         self.state = State::Off { retry_us: now_us + RETRY_US };
+        self.anew = None;
         if !self.board.set_up() {
             if !self.told_silent {
                 self.told_silent = true;
@@ -144,12 +159,13 @@ impl<B: Board> Acquisition<B> {
         }
         let Some(first) = self.board.arm(false) else { return };
         self.state = State::On { first, next: first };
+        self.begun = Stamp { edges: first, at_us: self.board.now_us() + self.board.begins_us() };
         self.seen = (first, now_us);
         self.timed = None;
         self.looked = (now_us, first);
         self.damaged = 0;
         if self.index == 0 {
-            self.shift = 0u64.wrapping_sub(first);
+            (self.shift, self.pace) = (0u64.wrapping_sub(first), None);
         } else {
             self.unplaced = true;
         }
@@ -157,6 +173,10 @@ impl<B: Board> Acquisition<B> {
 
     /// The converter has reset itself or stands still: it is set up again.
     fn restart(&mut self, now_us: u64) {
+        if !self.unplaced {
+            // Before its rate was measured: when it converted is known all the same.
+            self.pace.get_or_insert(Pace::new(self.timed.unwrap_or(self.begun), self.board.hz()));
+        }
         self.board.disarm();
         self.begin(now_us);
     }
@@ -188,21 +208,28 @@ impl<B: Board> Acquisition<B> {
         }
     }
 
-    /// After the converter stood still: the index of its first edge, from how long that took.
-    fn place(&mut self, first: u64, stamp: Stamp) {
-        // Time does not go back, and at least one conversion is wanting.
-        let mut index = self.index + 1;
-        if let Some(pace) = self.pace {
-            let before = pace.newest();
-            let passed = pace.conversions(stamp.at_us.saturating_sub(before.at_us));
-            let by_clock = before.edges.wrapping_add(self.shift).wrapping_add(passed);
-            index = index.max(by_clock.saturating_sub(stamp.edges.saturating_sub(first)));
+    /// After the converter stood still: the index of its first edge, from how long that took; whether it could be said yet. By the
+    /// converter's rate of before or, where it stood still before that was measured, as it is now over half a ring.
+    fn place(&mut self, first: u64, stamp: Stamp) -> bool {
+        let hz = self.board.hz();
+        let mut pace = self.pace.unwrap_or(Pace::new(Stamp::default(), hz));
+        let anew = *self.anew.get_or_insert(stamp);
+        if !pace.is_measured() {
+            if stamp.edges.saturating_sub(anew.edges) < B::RING_FRAMES as u64 / 2 {
+                return false;
+            }
+            pace = pace.by(anew, stamp);
         }
+        let before = pace.newest();
+        let passed = pace.conversions(stamp.at_us.saturating_sub(before.at_us));
+        let by_clock = before.edges.wrapping_add(self.shift).wrapping_add(passed);
+        // Time does not go back, and at least one conversion is wanting.
+        let index = by_clock.saturating_sub(stamp.edges.saturating_sub(first)).max(self.index + 1);
         self.fault = Some((FaultCode::ConverterRestarted, index - self.index));
         self.shift = index.wrapping_sub(first);
-        self.pace =
-            Some(self.pace.map_or(Pace::new(stamp, self.board.hz()), |pace| pace.after_outage(stamp)));
+        self.pace = Some(pace.after_outage(stamp));
         self.unplaced = false;
+        true
     }
 
     /// Whether edges come at the rate that was asked for, since they were last looked at; `None` where that is too short a
@@ -215,8 +242,12 @@ impl<B: Board> Acquisition<B> {
         }
         self.timed = Some(stamp);
         let us = stamp.at_us.saturating_sub(before.at_us);
-        let by_clock = us.saturating_mul(u64::from(self.board.hz())) / 1_000_000;
-        Some(by_clock.abs_diff(edges) <= edges / 16)
+        let (by_clock, within) = match self.pace.filter(Pace::is_measured) {
+            // One that stood still for a while, unseen because nobody came, is numbered wrongly from then on.
+            Some(pace) => (pace.conversions(us), (STRAY + edges / STEADY).min(edges / 16)),
+            None => (us.saturating_mul(u64::from(self.board.hz())) / 1_000_000, edges / 16),
+        };
+        Some(by_clock.abs_diff(edges) <= within)
     }
 
     /// Of the edges before `end` those whose frames may be given: the converter was set right, at a later look too. `None`: it
@@ -312,11 +343,12 @@ impl<B: Board> SampleSource for Acquisition<B> {
         if ready == 0 || (ready < frames.len() as u64 && !still) {
             return Chunk::Idle;
         }
-        if self.unplaced {
-            if stamp.edges <= first && !still {
-                return Chunk::Idle;
+        if self.unplaced && !(stamp.edges > first && self.place(first, stamp)) {
+            if still {
+                // It stands still again: what it gave meanwhile has no number.
+                self.restart(now_us);
             }
-            self.place(first, stamp);
+            return Chunk::Idle;
         }
         let count = match self.take(first, next, ready.min(frames.len() as u64), frames) {
             Ok(count) => count,

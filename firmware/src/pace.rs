@@ -36,6 +36,17 @@ impl Pace {
         Self { before: self.measured(), ..Self::new(first, self.hz) }
     }
 
+    /// Whether it has measured anything.
+    pub fn is_measured(&self) -> bool {
+        self.measured().is_some()
+    }
+
+    /// The same that was measured from one moment to another, of other edges.
+    pub fn by(self, from: Stamp, to: Stamp) -> Self {
+        let edges = to.edges.saturating_sub(from.edges);
+        Self { before: Some((edges, to.at_us.saturating_sub(from.at_us).max(1))), ..self }
+    }
+
     /// Edges and microseconds of the longest time that was measured.
     fn measured(&self) -> Option<(u64, u64)> {
         let edges = self.newest.edges - self.oldest.edges;

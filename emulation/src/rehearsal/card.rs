@@ -44,6 +44,20 @@ fn cases(cuts: u64) -> Vec<CardCase> {
         of("well", &[], 0.0, 2.2, &[]),
         of("busy for 0.5 s", &[stall(0.5)], SOUND_S, 2.2, &[]),
         misses(of("busy for 0.8 s", &[stall(0.8)], SOUND_S, 2.5, &[slow, back])),
+        of(
+            "busy for 0.4 s, the converter without supply for 0.1 s of it",
+            &[stall(0.4), InjectedFault::ConverterDead(SOUND_S + 0.1, 0.1)],
+            SOUND_S,
+            2.2,
+            &[Wanted::Fault(FaultCode::ConverterRestarted, None)],
+        ),
+        of(
+            "busy for 0.4 s, reset pin in its midst",
+            &[stall(0.4), InjectedFault::PinReset(SOUND_S + 0.2)],
+            SOUND_S,
+            2.5,
+            &[Wanted::Start(3)],
+        ),
         // Between two writes it does not answer, within one it makes errors.
         misses(of(
             "pulled for 0.5 s",

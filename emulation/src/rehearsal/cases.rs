@@ -1,7 +1,7 @@
 //! What is rehearsed beside the pace: each case with what is done, when, and what must be said of it.
 
 use super::judge::Wanted;
-use super::{AT_S, COST, costs};
+use super::{AT_S, COST, at_once, costs};
 use crate::board::{InjectedFault, PANIC_LINE, Setup, utc_us};
 use seabearing_board_model::stm32h743::Parameters;
 use seabearing_board_model::stm32h743::flash::FlashTimes;
@@ -25,7 +25,7 @@ pub struct Case {
 }
 
 /// Reasons of a start as `Hello` tells them.
-const POWER: u8 = 0;
+pub(super) const POWER: u8 = 0;
 pub(super) const WATCHDOG: u8 = 1;
 pub(super) const SOFTWARE: u8 = 2;
 pub(super) const PIN: u8 = 3;
@@ -43,7 +43,7 @@ pub(super) fn case(
 }
 
 /// Clocks as wrong as they may be, in opposite senses.
-fn wrong_clocks() -> Parameters {
+pub(super) fn wrong_clocks() -> Parameters {
     Parameters { board_clock_error: 0.01, converter_clock_error: -0.01, ..Parameters::default() }
 }
 
@@ -82,6 +82,7 @@ pub fn all(outages_s: &[f64]) -> Vec<Case> {
     let restarted = Wanted::Fault(FaultCode::ConverterRestarted, None);
     let bounces = case(name, &bounce, AT_S, AT_S + 3.6, &[restarted; 2]);
     cases.push(Case { setup: Setup { parameters: wrong_clocks(), ..bounces.setup }, ..bounces });
+    cases.extend(at_once::cases());
     cases
 }
 
@@ -411,6 +412,13 @@ pub(super) fn receiver(times: &ReceiverTimes) -> Vec<Case> {
             at,
             end,
             if loses { &gap } else { &gap[1..] },
+        ),
+        with(
+            "its clock steps by a second, and reset pin once that is known",
+            &[InjectedFault::ClockStep(at), InjectedFault::PinReset(at + 3.7)],
+            at,
+            end + 2.0,
+            &[Wanted::Fault(FaultCode::ClockStepped, None), time, Wanted::Start(PIN), time],
         ),
         with("reset pin", &[InjectedFault::PinReset(at)], at, end, &[Wanted::Start(PIN), time]),
         without_crystal(with(

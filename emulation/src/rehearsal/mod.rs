@@ -1,5 +1,6 @@
 //! The hardware image rehearsed: every way of going wrong that the modelled board can play, and what came of it.
 
+mod at_once;
 mod card;
 mod cases;
 mod judge;

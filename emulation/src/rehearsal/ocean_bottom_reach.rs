@@ -1,7 +1,9 @@
 //! The ocean-bottom board's line, receiver, supply and flash rehearsed: as the array's, at its own pace, and a configuration with a
 //! propagation table sent to it.
 
-use super::cases::{BROWN_OUT, Case, ReceiverTimes, SOFTWARE, case, line, linked, receiver, with_store};
+use super::cases::{
+    BROWN_OUT, Case, POWER, ReceiverTimes, SOFTWARE, case, line, linked, receiver, with_store,
+};
 use super::judge::Wanted;
 use super::{cuts, ocean_bottom};
 use crate::board::{InjectedFault, Setup};
@@ -43,6 +45,9 @@ pub(super) fn reach(blob: &[u8], most_cuts: u32, short: bool) -> Result<Vec<Case
     let mut cases: Vec<Case> = cases.into_iter().map(here).collect();
     cases.push(here(reconfigured(blob)?));
     cases.push(here(scheduled(blob)?));
+    if !short {
+        cases.push(here(cut_while_reconfigured(blob)?));
+    }
     Ok(cases)
 }
 
@@ -139,6 +144,21 @@ fn reconfigured(blob: &[u8]) -> Result<Case> {
     let name = format!("{} bytes of configuration sent, then reset pin", blob.len());
     let case = case(&name, &[InjectedFault::PinReset(reset_s)], last_s, reset_s + 3.0, &wanted);
     Ok(Case { setup: Setup { commands, ..case.setup }, sent: Some(blob), ..case })
+}
+
+/// Power is cut in the midst of another configuration's coming, and what comes of it afterwards is no configuration.
+fn cut_while_reconfigured(blob: &[u8]) -> Result<Case> {
+    /// Of some 900 words.
+    const WORK: u32 = 500;
+    let name = "never whole".try_into().map_err(|_| anyhow!("the name is too long"))?;
+    let (other, _) = changed(blob, |config| config.name = name)?;
+    let (commands, last_s) = orders(&other)?;
+    let own = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e}"))?.hash();
+    let wanted = [Wanted::Start(POWER), Wanted::Reply(3)];
+    let name = "power cut in the midst of a configuration that is sent";
+    let case = case(name, &[InjectedFault::FlashCut(WORK)], 0.0, last_s + KEPT_S, &wanted);
+    let case = Case { setup: Setup { commands, ..case.setup }, sent: Some(other), ..case };
+    Ok(Case { wanted: [&[Wanted::Runs(own)], &case.wanted[..]].concat(), ..case })
 }
 
 /// Another configuration by which it listens for ten seconds of every twenty.

@@ -59,8 +59,8 @@ impl Converters for Chips {
     fn hz(&self) -> u32 {
         RATE_HZ as u32
     }
-    fn standstill_us(&self) -> u64 {
-        302_000
+    fn begins_us(&self) -> u64 {
+        252_000
     }
     fn set_up(&mut self) -> bool {
         self.world.borrow_mut().set_up()

@@ -126,8 +126,8 @@ impl Board for Bench {
     fn hz(&self) -> u32 {
         Rate::Hz64000.hz()
     }
-    fn standstill_us(&self) -> u64 {
-        50_000
+    fn begins_us(&self) -> u64 {
+        0
     }
     fn set_up(&mut self) -> bool {
         let set = converter::set_up(self, Rate::Hz64000, 0).is_ok();
@@ -305,6 +305,74 @@ fn a_converter_that_was_dead_for_a_minute_goes_on_at_its_own_time_within_an_inst
     let after = loop_for(&mut acquisition, 100_000);
     assert!(after.len() > 90_000 && error(&after) <= 1, "{} off by {}", after.len(), error(&after));
     assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 3_830_000..3_860_000))));
+}
+
+#[test]
+fn a_converter_that_stands_still_before_its_rate_was_measured_is_numbered_by_its_rate_afterwards() {
+    // Converter and board's clock are 2 % apart. From no moment noted yet to one short of what is measured.
+    for lived in [27, 200, 300, 700, 2000, 4000] {
+        let mut acquisition = Acquisition::new(Bench { period_ns: PERIOD_NS * 98 / 100, ..Bench::new() });
+        drain(&mut acquisition);
+        loop_for(&mut acquisition, lived / 64 * 64);
+        acquisition.board.run(lived % 64);
+        acquisition.board.alive = false;
+        // The loop sleeps until something wakes it.
+        acquisition.board.run(1000);
+        loop_for(&mut acquisition, 3_840_000);
+        acquisition.board.alive = true;
+        let after = loop_for(&mut acquisition, 100_000);
+        // A part in ten thousand of the gap is what is stated, one standard deviation.
+        let off = error(&after);
+        assert!(after.len() > 90_000 && off <= 2 * 384, "{lived}: {} off by {off}", after.len());
+        // The next is measured by more.
+        acquisition.board.alive = false;
+        loop_for(&mut acquisition, 64_000);
+        acquisition.board.alive = true;
+        let more = error(&loop_for(&mut acquisition, 10_000)).abs_diff(off);
+        assert!(more <= 2, "{lived}: {more} more");
+    }
+}
+
+#[test]
+fn what_comes_between_two_standstills_and_is_too_short_to_be_numbered_is_not_given() {
+    let mut acquisition = started();
+    loop_for(&mut acquisition, 1_000_000);
+    for lived in [64, 128] {
+        acquisition.board.alive = false;
+        loop_for(&mut acquisition, 64_000);
+        acquisition.board.alive = true;
+        while acquisition.board.armed.is_none() {
+            loop_for(&mut acquisition, 64);
+        }
+        // No moment is noted in it.
+        acquisition.board.edges = acquisition.board.edges.next_multiple_of(256);
+        acquisition.resume(acquisition.board.now_us);
+        let between = loop_for(&mut acquisition, lived);
+        acquisition.board.alive = false;
+        let late = loop_for(&mut acquisition, 64_000);
+        assert_eq!((between, late), (Vec::new(), Vec::new()), "{lived}");
+    }
+    acquisition.board.alive = true;
+    let after = loop_for(&mut acquisition, 100_000);
+    assert!(after.len() > 90_000 && error(&after) <= 1, "{} off by {}", after.len(), error(&after));
+}
+
+#[test]
+fn a_converter_that_stood_still_while_nobody_came_is_noticed() {
+    for (before, still, after) in [(60_000, 6400, 60_000), (1000, 100, 1000), (100_000, 300, 20_000)] {
+        let mut acquisition = Acquisition::new(Bench { period_ns: PERIOD_NS * 98 / 100, ..Bench::new() });
+        drain(&mut acquisition);
+        let mut all = loop_for(&mut acquisition, 1_000_000);
+        assert_eq!((error(&all), acquisition.fault()), (0, None));
+        acquisition.board.run(before);
+        acquisition.board.alive = false;
+        acquisition.board.run(still);
+        acquisition.board.alive = true;
+        acquisition.board.run(after);
+        all = loop_for(&mut acquisition, 100_000);
+        assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, _))), "{still}");
+        assert!(all.len() > 90_000 && error(&all) <= 16, "{still}: {} off by {}", all.len(), error(&all));
+    }
 }
 
 #[test]

@@ -55,18 +55,29 @@ pub struct About {
     pub clips: Clips,
 }
 
-/// What is known of the card and of the files being written.
+/// What is known of the card, of the files being written, and of the ring's pages: too much for the stack.
 #[derive(Debug)]
 pub struct Tables {
     search: Search,
     sheets: [Option<Sheet>; 2],
     claims: Claims,
+    metas: [Meta; MOST_RING],
 }
 
 impl Tables {
     /// Of no card.
     pub const fn new() -> Self {
-        Self { search: Search::new(), sheets: [const { None }; 2], claims: Claims::new() }
+        Self {
+            search: Search::new(),
+            sheets: [const { None }; 2],
+            claims: Claims::new(),
+            metas: [Meta::NONE; MOST_RING],
+        }
+    }
+
+    /// Nothing more of this sheet, which is too large to be moved over the stack.
+    fn drop_sheet(&mut self, which: usize) {
+        self.sheets.get_mut(which).into_iter().for_each(|sheet| *sheet = None);
     }
 }
 
@@ -88,6 +99,10 @@ struct Meta {
     frames: u32,
     /// Changes of the sheet's list before its end.
     version: u32,
+}
+
+impl Meta {
+    const NONE: Self = Self { sheet: 0, page: 0, bytes: 0, frames: 0, version: 0 };
 }
 
 /// What the driver is doing for us.
@@ -137,7 +152,6 @@ pub struct Writer<'a, D> {
     pages: &'a mut [[u8; PAGE]],
     stage: &'a mut [u8; STAGE_BYTES],
     tables: &'a mut Tables,
-    metas: [Meta; MOST_RING],
     about: About,
     state: State,
     doing: Doing,
@@ -197,7 +211,6 @@ impl<'a, D: Drive> Writer<'a, D> {
             pages: pages.split_at_mut(count).0,
             stage,
             tables,
-            metas: [Meta::default(); MOST_RING],
             about,
             state: State::Off { retry_us: 0 },
             doing: Doing::Nothing,
@@ -322,7 +335,7 @@ impl<'a, D: Drive> Writer<'a, D> {
     fn fail(&mut self, trouble: Trouble, now_us: u64) {
         let waits = |sheet: &Sheet| u64::from(sheet.frames - sheet.acknowledged.min(sheet.frames));
         self.lose(self.tables.sheets.iter().flatten().map(waits).sum());
-        self.tables.sheets = [const { None }; 2];
+        (0..2).for_each(|which| self.tables.drop_sheet(which));
         (self.doing, self.next, self.full) = (Doing::Nothing, None, false);
         (self.tail, self.waiting, self.at, self.overrun) = (self.head, 0, SECTOR, false);
         let [first, then] = RETRY_US;
@@ -340,7 +353,7 @@ impl<'a, D: Drive> Writer<'a, D> {
                 self.tables.search.take(bytes);
             }
             Doing::Page => {
-                let meta = self.metas.get(self.tail).copied().unwrap_or_default();
+                let meta = self.tables.metas.get(self.tail).copied().unwrap_or_default();
                 if let Some(sheet) = self.sheet_mut(meta.sheet) {
                     let before = core::mem::replace(&mut sheet.acknowledged, meta.frames);
                     self.recorded += u64::from(meta.frames.saturating_sub(before));
@@ -360,13 +373,13 @@ impl<'a, D: Drive> Writer<'a, D> {
             Doing::Slot { head: false } => {}
             Doing::Head => {
                 if self.known.closed {
-                    let sheet = self.tables.sheets.get_mut(self.writing).and_then(Option::take);
-                    if let Some(sheet) = sheet.filter(|sheet| !sheet.claimed && !self.finished)
-                        && let Some(found) = sheet.found
-                    {
+                    let sheet = self.sheet(self.writing).filter(|sheet| !sheet.claimed && !self.finished);
+                    let unclaimed = sheet.and_then(|sheet| Some((sheet.found?, sheet.samples())));
+                    if let Some((found, samples)) = unclaimed {
                         let found = Found { sequence: self.known.sequence, ..found };
-                        self.tables.claims.hold(found, sheet.samples());
+                        self.tables.claims.hold(found, samples);
                     }
+                    self.tables.drop_sheet(self.writing);
                     self.writing ^= 1;
                     self.known = Known::default();
                 }
@@ -379,7 +392,7 @@ impl<'a, D: Drive> Writer<'a, D> {
         if self.doing != Doing::Nothing {
             return;
         }
-        let meta = self.metas.get(self.tail).copied().filter(|_| self.waiting > 0);
+        let meta = self.tables.metas.get(self.tail).copied().filter(|_| self.waiting > 0);
         let ours = meta.filter(|meta| meta.sheet == self.writing);
         if let Some(sheet) = self.sheet(self.writing).filter(|sheet| sheet.found.is_some()) {
             let told = self.known.frames;

@@ -39,13 +39,14 @@ const _: () = {
 /// Where the configurations are.
 pub type Configurations = Slots<Part<'static, BankTwo, 0, RECORDS_FIRST>, fn(&[u8]) -> bool>;
 /// The way out of the recorder's loop.
-pub type Outlet<L> = Reliable<'static, L, Records, Configurations>;
+pub type Outlet<L> = Reliable<'static, L, &'static mut Records, Configurations>;
 
 /// Memory of all this: all zeros before [`Memory::open`].
 pub struct Memory {
     ring: Ring,
     bank: MaybeUninit<Bank<BankTwo>>,
-    link: MaybeUninit<Link<Records>>,
+    store: MaybeUninit<Records>,
+    link: MaybeUninit<Link<&'static mut Records>>,
     blob: [u8; BLOB_BYTES],
     scratch: [u8; BLOB_BYTES],
     snippet: [i32; MOST_CODES],
@@ -54,7 +55,8 @@ pub struct Memory {
 /// The bank, and the configuration that was found in it.
 pub struct Opened {
     bank: &'static Bank<BankTwo>,
-    link: &'static mut MaybeUninit<Link<Records>>,
+    store: &'static mut MaybeUninit<Records>,
+    link: &'static mut MaybeUninit<Link<&'static mut Records>>,
     slots: Configurations,
     snippet: &'static mut [i32],
     blob: Option<&'static [u8]>,
@@ -66,6 +68,7 @@ impl Memory {
         Self {
             ring: Ring::new(),
             bank: MaybeUninit::uninit(),
+            store: MaybeUninit::uninit(),
             link: MaybeUninit::uninit(),
             blob: [0; BLOB_BYTES],
             scratch: [0; BLOB_BYTES],
@@ -85,7 +88,7 @@ impl Memory {
         let found = slots.choose(&mut self.blob);
         let blob: &'static [u8] = &self.blob;
         let blob = found.and_then(|found| blob.get(..found.length));
-        Opened { bank, link: &mut self.link, slots, snippet: &mut self.snippet, blob }
+        Opened { bank, store: &mut self.store, link: &mut self.link, slots, snippet: &mut self.snippet, blob }
     }
 }
 
@@ -97,8 +100,6 @@ impl Opened {
 
     /// Opens the store and, over a serial line of `baud` bits a second, the link of a station with this configuration. Commands
     /// must be signed with the key, where there is one.
-    // Apart: the store passes over the stack, which must not stay taken while samples are worked on.
-    #[inline(never)]
     pub fn over<L: port::Link>(
         self,
         line: &'static mut L,
@@ -106,13 +107,23 @@ impl Opened {
         (station, config_hash): (u16, u64),
         key: &[u8],
     ) -> Outlet<L> {
-        let store = FlashStore::open(Part::of(self.bank));
+        let store = open_store(self.store, Part::of(self.bank));
         let boot = store.starts();
         let link = self.link.write(Link::new(Settings::serial(baud), station, boot, config_hash, store));
         let keyed = |key: &[u8; 32]| Guard::keyed(*key, Recipient { station, boot });
         let guard = key.first_chunk().map_or(Guard::open(), keyed);
         Reliable::with(line, link, guard, self.slots).with_snippets(self.snippet)
     }
+}
+
+/// Opens the store where it is to stay.
+// Apart: it passes over the stack, which must not stay taken while samples are worked on.
+#[inline(never)]
+fn open_store(
+    place: &'static mut MaybeUninit<Records>,
+    flash: Part<'static, BankTwo, RECORDS_FIRST, RECORDS_SECTORS>,
+) -> &'static mut Records {
+    FlashStore::open_in(place, flash)
 }
 
 impl Default for Memory {

@@ -133,8 +133,9 @@ impl Board for Sampling {
         self.rate.hz()
     }
 
-    fn standstill_us(&self) -> u64 {
-        50_000
+    fn begins_us(&self) -> u64 {
+        // Its filter's three periods.
+        3_000_000 / u64::from(self.rate.hz())
     }
 
     fn set_up(&mut self) -> bool {

@@ -231,8 +231,8 @@ impl Board for Chips {
         self.settings.rate.hz()
     }
 
-    fn standstill_us(&self) -> u64 {
-        50_000 + self.settings.rate.settles_us()
+    fn begins_us(&self) -> u64 {
+        self.settings.rate.settles_us()
     }
 
     fn set_up(&mut self) -> bool {

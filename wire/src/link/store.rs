@@ -144,3 +144,38 @@ pub trait Store {
     /// Does what is due: called whenever the link may send.
     fn work(&mut self) {}
 }
+
+/// A store that stands elsewhere.
+impl<S: Store> Store for &mut S {
+    fn ledger(&self) -> &Ledger {
+        (**self).ledger()
+    }
+
+    fn begin(&mut self, log: u32) {
+        (**self).begin(log);
+    }
+
+    fn append(&mut self, class: Class, boot: u32, record: &[u8]) -> bool {
+        (**self).append(class, boot, record)
+    }
+
+    fn pass(&mut self, class: Class) {
+        (**self).pass(class);
+    }
+
+    fn drop_oldest(&mut self, class: Class, count: u32, lost: u32) {
+        (**self).drop_oldest(class, count, lost);
+    }
+
+    fn read(&self, class: Class, number: u32, into: &mut [u8]) -> Option<Kept> {
+        (**self).read(class, number, into)
+    }
+
+    fn half(&self) -> u32 {
+        (**self).half()
+    }
+
+    fn work(&mut self) {
+        (**self).work();
+    }
+}

@@ -155,13 +155,15 @@ impl<D: Drive> Writer<'_, D> {
     /// Gives up what is filled and has no file; all of the ring is its.
     pub(super) fn abandon(&mut self) {
         let filling = self.filling;
-        if let Some(sheet) = self.tables.sheets.get_mut(filling).and_then(Option::take) {
-            self.lose(u64::from(sheet.frames));
-        }
+        let frames = self.sheet(filling).map_or(0, |sheet| sheet.frames);
+        self.lose(frames.into());
+        self.tables.drop_sheet(filling);
         (self.tail, self.waiting, self.at, self.page) = (self.head, 0, SECTOR, 0);
     }
 
     /// Begins a file with the sample of this index.
+    // Apart: its sheet passes over the stack, which must not stay taken.
+    #[inline(never)]
     fn begin_file(&mut self, found: Option<Found>, index: u64) {
         let filling = self.filling;
         if let Some(sheet) = self.tables.sheets.get_mut(filling) {
@@ -249,7 +251,7 @@ impl<D: Drive> Writer<'_, D> {
         }
         let frames = self.sheet(self.filling).map_or(0, |sheet| sheet.frames);
         let meta = Meta { sheet: self.filling, page: self.page, bytes, frames, version: self.version };
-        if let Some(place) = self.metas.get_mut(self.head) {
+        if let Some(place) = self.tables.metas.get_mut(self.head) {
             *place = meta;
         }
         self.waiting += 1;

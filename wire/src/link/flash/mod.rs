@@ -21,6 +21,7 @@ pub use model::{Cut, ModelFlash};
 use super::ahead;
 use super::store::{CLASSES, Class, Ledger, RECORD_BYTES};
 use core::cell::Cell;
+use core::mem::MaybeUninit;
 use entry::{Found, Head, Kind};
 
 /// Bytes of a flash word: what is written, and protected against wrong bits, as one.
@@ -107,7 +108,22 @@ pub struct FlashStore<F, const WAITING: usize> {
 impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
     /// Opens what a flash holds, or begins anew where that is nothing; counts the start.
     pub fn open(flash: F) -> Self {
-        let mut store = Self {
+        let mut store = Self::unread(flash);
+        store.look();
+        store
+    }
+
+    /// The same where the store is to stay: it is too large to be moved over a small stack.
+    pub fn open_in(place: &mut MaybeUninit<Self>, flash: F) -> &mut Self {
+        let store = place.write(Self::unread(flash));
+        store.look();
+        store
+    }
+
+    /// Over a flash of which nothing is known yet.
+    #[inline(always)]
+    fn unread(flash: F) -> Self {
+        Self {
             flash,
             ledger: Ledger::default(),
             starts: 0,
@@ -118,31 +134,34 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
             unnoted: [false; CLASSES],
             seek: Cell::new([(0, 0); CLASSES]),
             missing: Cell::new(None),
-            waiting: [None; WAITING],
+            waiting: [const { None }; WAITING],
             first: 0,
             waits: 0,
-        };
+        }
+    }
+
+    /// Looks what the flash holds.
+    fn look(&mut self) {
         for sector in 0..F::SECTORS.min(MOST_SECTORS) {
-            let Some((sequence, ledger, starts)) = store.opened(sector) else { continue };
-            store.live |= 1 << sector;
-            if store.writing.is_none_or(|w| sequence > w.sequence) {
-                store.writing = Some(Writing { sector, sequence, word: FIRST });
-                (store.ledger, store.starts) = (ledger, starts);
+            let Some((sequence, ledger, starts)) = self.opened(sector) else { continue };
+            self.live |= 1 << sector;
+            if self.writing.is_none_or(|w| sequence > w.sequence) {
+                self.writing = Some(Writing { sector, sequence, word: FIRST });
+                (self.ledger, self.starts) = (ledger, starts);
             }
         }
-        if let Some(writing) = store.writing {
-            store.go_over(writing);
-            store.heal();
-            store.blank = store.is_blank(next::<F>(writing.sector), writing.sequence);
+        if let Some(writing) = self.writing {
+            self.go_over(writing);
+            self.heal();
+            self.blank = self.is_blank(next::<F>(writing.sector), writing.sequence);
         }
-        store.starts = store.starts.wrapping_add(1);
-        store.note_start();
-        match store.writing {
-            None => store.begin_erase(0),
-            Some(_) if !store.blank => store.give_up_oldest(),
+        self.starts = self.starts.wrapping_add(1);
+        self.note_start();
+        match self.writing {
+            None => self.begin_erase(0),
+            Some(_) if !self.blank => self.give_up_oldest(),
             Some(_) => {}
         }
-        store
     }
 
     /// Starts of the software so far, this one included.
