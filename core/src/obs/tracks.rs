@@ -350,27 +350,38 @@ impl Live {
     /// Says that what was reported is no vessel's course.
     fn withdraw(&self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
         if self.sent > 0 {
-            let track = self.as_sent(plan, Track::WITHDRAWN, &(self.course, self.covariance));
+            let straight = (self.course, self.covariance);
+            let track = self.as_sent(plan, Track::WITHDRAWN, &straight, &straight);
             sink(Message::Track(Track { range_observable: false, ..track }));
         }
     }
 
     /// The track as known now; `None` where its range is as good as unknown.
     fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
-        let track = self.as_sent(plan, stage, &self.bent(plan, seen));
+        let (mut straight, mut bent) = ((self.course, self.covariance), self.bent(plan, seen));
+        let left = |m| without_all(&plan.travel, &seen.others, m);
+        let minutes = seen.evidence.between(self.from, self.to).map(left);
+        plan.lasting.widen(&plan.travel, STEP_S, minutes, &mut straight, &mut bent);
+        let track = self.as_sent(plan, stage, &straight, &bent);
         (track.sd_cpa_range_m < LEAST_KNOWN_M).then_some(track)
     }
 
-    /// Its record, its closest point that of the course given; of a vessel that does not move the closest point is unknown.
-    fn as_sent(&self, plan: &Plan<'_>, stage: u8, bent: &(Course, CourseCovariance)) -> Track {
+    /// Its record, its place on the straight course and its closest point that of the bent one; of a vessel that does not move the closest point is unknown.
+    fn as_sent(
+        &self,
+        plan: &Plan<'_>,
+        stage: u8,
+        straight: &(Course, CourseCovariance),
+        bent: &(Course, CourseCovariance),
+    ) -> Track {
         const UNKNOWN: f64 = f64::NAN;
         let still = Closest { time_s: UNKNOWN, range_m: UNKNOWN, heading: UNKNOWN, speed_m_s: 0.0 };
         let (c, s) = bent.0.closest(&bent.1).unwrap_or((still, [[UNKNOWN; 4]; 4]));
         let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
         let sd = |x: f64| if x >= 0.0 { math::f64::sqrt(x) as f32 } else { f32::INFINITY };
         let t_s = STEP_S * f64::from(self.to);
-        let (x, y) = self.course.at(t_s);
-        let (xx, yy, xy) = self.course.place_covariance(&self.covariance, t_s);
+        let (x, y) = straight.0.at(t_s);
+        let (xx, yy, xy) = straight.0.place_covariance(&straight.1, t_s);
         let side = if c.range_m > 0.0 { -math::f64::FRAC_PI_2 } else { math::f64::FRAC_PI_2 };
         Track {
             id: self.id,

@@ -1,0 +1,157 @@
+//! What is not known of the station itself, in what is stated: orientation, gain of the horizontals, depth of the table.
+//!
+//! Enters: deviations told in the station file, directions and ranges, a course with its minutes. Leaves: variances of a
+//! direction, a range and a radial speed, and courses' covariances with the errors that all minutes share: no number of
+//! minutes makes these smaller. Cost: as much as a step of the fit for each that is told, when a track is sent.
+
+use super::course::{Course, CourseCovariance, N, Seen};
+use super::evidence::Minute;
+use super::fit;
+use super::travel::TravelTime;
+use crate::angle::RAD_PER_DEG;
+use crate::config::Doubts;
+use crate::kit::spd;
+use crate::math;
+
+/// Shallowest water of which a depth is an error of ranges, m.
+const LEAST_DEPTH_M: f64 = 10.0;
+
+/// Natural logarithm of an amplitude's ratio of one decibel.
+const LN_DB: f64 = core::f64::consts::LN_10 / 20.0;
+
+/// Step over which the change of a range's error with range is taken, m.
+const STEP_M: f64 = 50.0;
+
+/// Standard deviations of errors that last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Lasting {
+    /// Of the orientation, rad.
+    orientation: f64,
+    /// Of the logarithm of north's gain over east's.
+    gain: f64,
+    /// Of the depth for which the table was made, m.
+    depth_m: f64,
+    /// Azimuth of the north component, rad.
+    north: f64,
+    /// Depth of the water, m.
+    water_m: f64,
+}
+
+impl Lasting {
+    /// All zeros.
+    pub(super) const EMPTY: Self =
+        Self { orientation: 0.0, gain: 0.0, depth_m: 0.0, north: 0.0, water_m: 0.0 };
+
+    /// As told, of a station in `water_m` whose north component points towards `north_deg`.
+    pub(super) fn new(doubts: Doubts, north_deg: f64, water_m: f64) -> Self {
+        Self {
+            orientation: f64::from(doubts.orientation_deg) * RAD_PER_DEG,
+            gain: f64::from(doubts.gain_db) * LN_DB,
+            depth_m: f64::from(doubts.table_depth_m),
+            north: north_deg * RAD_PER_DEG,
+            water_m: water_m.max(LEAST_DEPTH_M),
+        }
+    }
+
+    /// Variance of a direction, rad².
+    pub(super) fn of_direction(&self, azimuth: f64) -> f64 {
+        let by_gain = self.gain * self.by_gain(azimuth);
+        self.orientation * self.orientation + by_gain * by_gain
+    }
+
+    /// Variances of a range and of a radial speed there, m² and m²/s².
+    pub(super) fn of_range(&self, range_m: f64, speed_m_s: f64) -> (f64, f64) {
+        if self.depth_m <= 0.0 {
+            return (0.0, 0.0);
+        }
+        let [_, range, speed] = self.by_depth(range_m, speed_m_s).map(|by| self.depth_m * by);
+        (range * range, speed * speed)
+    }
+
+    /// Change of a direction with the logarithm of north's gain: in the components' frame the tangent of the azimuth is east over
+    /// north, so it changes by −½ sin 2a.
+    fn by_gain(&self, azimuth: f64) -> f64 {
+        -0.5 * math::f64::sin(2.0 * (azimuth - self.north))
+    }
+
+    /// Change of direction, range and radial speed with the depth for which the table is made.
+    fn by_depth(&self, range_m: f64, speed_m_s: f64) -> [f64; 3] {
+        let slope =
+            (self.range_by_depth(range_m + STEP_M) - self.range_by_depth(range_m - STEP_M)) / (2.0 * STEP_M);
+        [0.0, self.range_by_depth(range_m), slope * speed_m_s]
+    }
+
+    /// Change of range with depth at which the paths that cross the water once and three times keep their delay: with lengths
+    /// `Rₙ² = r² + n² h²`, `dr/dh = (h/r) (9 R₁ − R₃)/(R₃ − R₁)`; `2r/h` far away.
+    fn range_by_depth(&self, range_m: f64) -> f64 {
+        let (r, h) = (range_m.max(STEP_M), self.water_m);
+        let (once, thrice) = (math::f64::hypot(r, h), math::f64::hypot(r, 3.0 * h));
+        h / r * (9.0 * once - thrice) / (thrice - once)
+    }
+
+    /// Adds to the covariances of a course and of the same bent about its closest point what all their minutes share.
+    pub(super) fn widen(
+        &self,
+        travel: &TravelTime,
+        step_s: f64,
+        minutes: impl Iterator<Item = Minute> + Clone,
+        straight: &mut (Course, CourseCovariance),
+        bent: &mut (Course, CourseCovariance),
+    ) {
+        if self.orientation > 0.0 {
+            for (course, covariance) in [&mut *straight, &mut *bent] {
+                let [x, y, vx, vy] = course.p;
+                spd::add_outer(covariance, &[y, -x, vy, -vx], self.orientation * self.orientation);
+            }
+        }
+        let course = straight.0;
+        let mut share = |sd: f64, error: &dyn Fn(&Seen) -> [f64; 3]| {
+            if sd <= 0.0 {
+                return;
+            }
+            let Some(moved) = fit::moved(&course, travel, step_s, minutes.clone(), error) else { return };
+            for (course_at, covariance) in [&mut *straight, &mut *bent] {
+                let [x, y, vx, vy] = moved;
+                let dt = course_at.t0_s - course.t0_s;
+                let there: [f64; N] = [x + vx * dt, y + vy * dt, vx, vy];
+                spd::add_outer(covariance, &there, sd * sd);
+            }
+        };
+        share(self.gain, &|s| [self.by_gain(s.azimuth), 0.0, 0.0]);
+        share(self.depth_m, &|s| self.by_depth(s.range_m, s.speed_m_s));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TOLD: Doubts = Doubts { orientation_deg: 5.0, gain_db: 3.0, table_depth_m: 100.0 };
+
+    #[test]
+    fn ranges_follow_the_depth_of_the_table() {
+        let lasting = Lasting::new(TOLD, 0.0, 4800.0);
+        let delay = |r: f64, h: f64| (r * r + 9.0 * h * h).sqrt() - (r * r + h * h).sqrt();
+        for r in [4_000.0f64, 8_000.0, 20_000.0, 45_000.0] {
+            // The range at which another depth gives the same delay.
+            let (mut near, mut far) = (0.5 * r, 2.0 * r);
+            for _ in 0..60 {
+                let middle = 0.5 * (near + far);
+                if delay(middle, 4801.0) > delay(r, 4800.0) { near = middle } else { far = middle }
+            }
+            let moved = near - r;
+            assert!((lasting.range_by_depth(r) / moved - 1.0).abs() < 1e-3, "{r}: {moved}");
+        }
+    }
+
+    #[test]
+    fn directions_follow_gain_and_orientation() {
+        let lasting = Lasting::new(TOLD, 30.0, 4800.0);
+        let at = |deg: f64| lasting.of_direction(deg.to_radians()).sqrt().to_degrees();
+        assert!((at(30.0) - 5.0).abs() < 1e-6 && (at(120.0) - 5.0).abs() < 1e-6);
+        // Between the components 3 dB turn by half of ln 1.41.
+        let by_gain = (0.5 * 1.412_537_5f64.ln()).to_degrees();
+        assert!((at(75.0) - 5.0f64.hypot(by_gain)).abs() < 1e-4, "{}", at(75.0));
+        assert_eq!(Lasting::new(Doubts::default(), 30.0, 4800.0).of_direction(1.0), 0.0);
+    }
+}
