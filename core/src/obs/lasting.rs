@@ -1,12 +1,16 @@
 //! What is not known of the station itself, in what is stated: orientation, gain of the horizontals, depth of the table.
 //!
 //! Enters: deviations told in the station file, directions and ranges, a course with its minutes. Leaves: variances of a
-//! direction, a range and a radial speed, and courses' covariances with the errors that all minutes share: no number of
-//! minutes makes these smaller. Cost: as much as a step of the fit for each that is told, when a track is sent.
+//! direction, a range and a radial speed, evidence whose spreads hold what of these errors bends a course, and courses'
+//! covariances with the errors that all minutes share: no number of minutes makes these smaller. An error of orientation turns
+//! a course as it is; one of gain turns each direction otherwise, one of depth puts pairs of paths at ranges of their own.
+//! Cost: as much as a step of the fit for each that is told, when a track is sent.
 
 use super::course::{Course, CourseCovariance, N, Seen};
 use super::evidence::Minute;
 use super::fit;
+use super::presence::RangePresence;
+use super::tonal::Directions;
 use super::travel::TravelTime;
 use crate::angle::RAD_PER_DEG;
 use crate::config::Doubts;
@@ -16,11 +20,20 @@ use crate::math;
 /// Shallowest water of which a depth is an error of ranges, m.
 const LEAST_DEPTH_M: f64 = 10.0;
 
+/// By how much the pairs of paths disagree about a range, of the error that a wrong depth makes of it: the pairs 13 and 35 at
+/// 20 km say 1030 and 1510 m too much where a table is 100 m too deep.
+const APART: f64 = 0.5;
+
 /// Natural logarithm of an amplitude's ratio of one decibel.
 const LN_DB: f64 = core::f64::consts::LN_10 / 20.0;
 
 /// Step over which the change of a range's error with range is taken, m.
 const STEP_M: f64 = 50.0;
+
+/// A standard deviation with that of an error that lasts, whose variance is given.
+pub(super) fn widened(sd: f32, lasting: f64) -> f32 {
+    if lasting > 0.0 { math::f32::sqrt(sd * sd + lasting as f32) } else { sd }
+}
 
 /// Standard deviations of errors that last.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +46,7 @@ pub(super) struct Lasting {
     depth_m: f64,
     /// Azimuth of the north component, rad.
     north: f64,
-    /// Depth of the water, m.
+    /// Depth of the water for which the table was made, m.
     water_m: f64,
 }
 
@@ -42,7 +55,7 @@ impl Lasting {
     pub(super) const EMPTY: Self =
         Self { orientation: 0.0, gain: 0.0, depth_m: 0.0, north: 0.0, water_m: 0.0 };
 
-    /// As told, of a station in `water_m` whose north component points towards `north_deg`.
+    /// As told, of a station whose table is for `water_m` and whose north component points towards `north_deg`.
     pub(super) fn new(doubts: Doubts, north_deg: f64, water_m: f64) -> Self {
         Self {
             orientation: f64::from(doubts.orientation_deg) * RAD_PER_DEG,
@@ -55,8 +68,34 @@ impl Lasting {
 
     /// Variance of a direction, rad².
     pub(super) fn of_direction(&self, azimuth: f64) -> f64 {
+        self.orientation * self.orientation + self.of_gain(azimuth)
+    }
+
+    /// That part of it which gain makes, rad².
+    fn of_gain(&self, azimuth: f64) -> f64 {
         let by_gain = self.gain * self.by_gain(azimuth);
-        self.orientation * self.orientation + by_gain * by_gain
+        by_gain * by_gain
+    }
+
+    /// What a minute says of courses, whose evidence must not be taken for another vessel's where an error told bends it.
+    pub(super) fn as_evidence(
+        &self,
+        mut directions: Directions,
+        mut ranges: RangePresence,
+    ) -> (Directions, RangePresence) {
+        if self.gain > 0.0 {
+            for m in directions.modes.iter_mut().flatten() {
+                m.sd = widened(m.sd, self.of_gain(f64::from(m.azimuth)));
+            }
+        }
+        if self.depth_m > 0.0 {
+            for m in ranges.modes.iter_mut().flatten() {
+                let (range, speed) = self.of_range(f64::from(m.range_m), f64::from(m.speed_m_s));
+                m.sd_range_m = widened(m.sd_range_m, APART * APART * range);
+                m.sd_speed_m_s = widened(m.sd_speed_m_s, APART * APART * speed);
+            }
+        }
+        (directions, ranges)
     }
 
     /// Variances of a range and of a radial speed there, m² and m²/s².

@@ -183,7 +183,9 @@ impl<'t> Plan<'t> {
         self.towards = obs.intensity_towards;
         self.interference = Interference::new(table);
         self.travel.fill(table, obs.paper_compatibility);
-        self.lasting = Lasting::new(config.doubts, obs.orientation_of_north_deg, config.depth_m);
+        let straight_up_s = table.travel_times_s().next().unwrap_or_default();
+        let water_m = f64::from(straight_up_s) * config.sound_speed_m_s;
+        self.lasting = Lasting::new(config.doubts, obs.orientation_of_north_deg, water_m);
         Ok(())
     }
 

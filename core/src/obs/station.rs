@@ -16,6 +16,7 @@ use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
 use super::hops::Hops;
 use super::impulsive::{self, Call};
+use super::lasting::widened;
 use super::limits::{MINUTE_FRAMES, QUEFRENCIES, WINDOW_FRAMES};
 use super::pairs::Profiles;
 use super::paper;
@@ -441,7 +442,8 @@ impl State {
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
             ranges.without_echoes(&plan.interference, &expected);
-            let minute = Minute::new(k as u32, &directions, &ranges);
+            let (towards, apart) = plan.lasting.as_evidence(directions, ranges);
+            let minute = Minute::new(k as u32, &towards, &apart);
             ranges.prefer(&plan.interference, &expected);
             send(plan, index, &directions, call, &ranges, sink);
             self.evidence.push(minute);
@@ -473,10 +475,7 @@ fn send(
     sink: &mut dyn FnMut(Message),
 ) {
     let paper = plan.paper;
-    let widened = |azimuth: f32, sd: f32| {
-        let lasting = plan.lasting.of_direction(f64::from(azimuth)) as f32;
-        if lasting > 0.0 { math::f32::sqrt(sd * sd + lasting) } else { sd }
-    };
+    let with_lasting = |azimuth: f32, sd: f32| widened(sd, plan.lasting.of_direction(f64::from(azimuth)));
     let threshold = if paper { 0.0 } else { LOG_THRESHOLD };
     let tonal = || directions.modes.iter().flatten().filter(|m| !m.impulsive);
     let total = tonal().count() as f32;
@@ -484,7 +483,7 @@ fn send(
         sink(Message::Azimuth(Azimuth {
             index,
             azimuth: m.azimuth,
-            sd: widened(m.azimuth, m.sd),
+            sd: with_lasting(m.azimuth, m.sd),
             log_presence: m.log_presence,
             weight: 1.0 / total,
             detected: m.log_presence > threshold,
@@ -496,7 +495,7 @@ fn send(
         sink(Message::Azimuth(Azimuth {
             index,
             azimuth,
-            sd: widened(azimuth, sd),
+            sd: with_lasting(azimuth, sd),
             log_presence,
             weight: 1.0,
             detected: true,
@@ -519,9 +518,6 @@ fn send(
     for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(2) {
         sent = true;
         let (of_range, of_speed) = plan.lasting.of_range(f64::from(m.range_m), f64::from(m.speed_m_s));
-        let widened = |sd: f32, lasting: f64| {
-            if lasting > 0.0 { math::f32::sqrt(sd * sd + lasting as f32) } else { sd }
-        };
         sink(Message::Range(Range {
             index,
             range_m: m.range_m,
