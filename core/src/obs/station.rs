@@ -441,6 +441,9 @@ impl State {
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
+            if !plan.paper {
+                ranges.without_still(&expected);
+            }
             ranges.without_echoes(&plan.interference, &expected);
             let (towards, apart) = plan.lasting.as_evidence(directions, ranges);
             let minute = Minute::new(k as u32, &towards, &apart);

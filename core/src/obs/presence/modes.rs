@@ -48,6 +48,11 @@ pub struct RangeMode {
     pub sure: bool,
 }
 
+/// Radial speed below which what is not a tracked vessel's may stand still, m/s: the lines of a propeller's comb draw a pulse at
+/// one quefrency for as long as it turns evenly, and so does a whale that calls in time. A vessel is this slow about its
+/// closest point alone.
+const STILL_M_S: f32 = 1.0;
+
 /// Range within which a mode is the vessel a track expects, m.
 pub(super) const EXPECTED_WITHIN_M: f32 = 1500.0;
 
@@ -69,6 +74,16 @@ impl RangePresence {
                 && !known().any(|e| e.is_near(m))
                 && known().any(|e| e.strong && model.doubtful(m.range_m, e.range_m))
             {
+                *slot = None;
+            }
+        }
+    }
+
+    /// Drops the modes that stand still and that no track expects: no evidence of a vessel.
+    pub fn without_still(&mut self, expected: &ExpectedVessels) {
+        for slot in &mut self.modes {
+            let near = |m: &RangeMode| expected.iter().flatten().any(|e| e.is_near(m));
+            if slot.is_some_and(|m| math::f32::abs(m.speed_m_s) < STILL_M_S && !near(&m)) {
                 *slot = None;
             }
         }
