@@ -63,16 +63,26 @@ impl Expected {
     }
 }
 
+impl RangeMode {
+    /// Whether it moves as an established vessel's echoes read as another pair of paths do, and no established vessel is there.
+    fn is_an_echo(&self, model: &Interference<'_>, expected: &ExpectedVessels) -> bool {
+        let known = || expected.iter().flatten().filter(|e| e.established);
+        let along = |e: &Expected| model.follows((self.range_m, self.speed_m_s), (e.range_m, e.speed_m_s));
+        !known().any(|e| e.is_near(self)) && known().any(along)
+    }
+}
+
 impl RangePresence {
-    /// Drops the modes that read the echoes of an established vessel as another pair of paths and are not sure, as its own are: no
-    /// evidence of another one.
+    /// Drops the modes that read the echoes of an established vessel as another pair of paths: those that are not sure, as its own
+    /// are, and those that move as these echoes do. They are no evidence of another one.
     pub fn without_echoes(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
         let known = || expected.iter().flatten();
         for slot in &mut self.modes {
             if let Some(m) = slot
-                && !m.sure
-                && !known().any(|e| e.is_near(m))
-                && known().any(|e| e.strong && model.doubtful(m.range_m, e.range_m))
+                && (!m.sure
+                    && !known().any(|e| e.is_near(m))
+                    && known().any(|e| e.strong && model.doubtful(m.range_m, e.range_m))
+                    || m.is_an_echo(model, expected))
             {
                 *slot = None;
             }
