@@ -53,6 +53,9 @@ pub struct RangeMode {
 /// closest point alone.
 const STILL_M_S: f32 = 1.0;
 
+/// Share of its posterior with which a vessel shows itself.
+const ITSELF: f32 = 0.5;
+
 /// Range within which a mode is the vessel a track expects, m.
 pub(super) const EXPECTED_WITHIN_M: f32 = 1500.0;
 
@@ -64,11 +67,18 @@ impl Expected {
 }
 
 impl RangeMode {
-    /// Whether it moves as an established vessel's echoes read as another pair of paths do, and no established vessel is there.
-    fn is_an_echo(&self, model: &Interference<'_>, expected: &ExpectedVessels) -> bool {
-        let known = || expected.iter().flatten().filter(|e| e.established);
+    /// Whether it moves as the echoes of an established vessel of the table's strengths read as another pair of paths do, and no
+    /// such vessel is there. Where the vessel itself does not show among a minute's modes its track may be the other pair's.
+    fn is_an_echo(
+        &self,
+        model: &Interference<'_>,
+        expected: &ExpectedVessels,
+        all: &[Option<Self>; RANGE_MODES],
+    ) -> bool {
+        let known = || expected.iter().flatten().filter(|e| e.strong);
+        let shows = |e: &Expected| all.iter().flatten().any(|m| m.weight > ITSELF && e.is_near(m));
         let along = |e: &Expected| model.follows((self.range_m, self.speed_m_s), (e.range_m, e.speed_m_s));
-        !known().any(|e| e.is_near(self)) && known().any(along)
+        !known().any(|e| e.is_near(self)) && known().any(|e| shows(e) && along(e))
     }
 }
 
@@ -77,12 +87,13 @@ impl RangePresence {
     /// are, and those that move as these echoes do. They are no evidence of another one.
     pub fn without_echoes(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
         let known = || expected.iter().flatten();
+        let all = self.modes;
         for slot in &mut self.modes {
             if let Some(m) = slot
                 && (!m.sure
                     && !known().any(|e| e.is_near(m))
                     && known().any(|e| e.strong && model.doubtful(m.range_m, e.range_m))
-                    || m.is_an_echo(model, expected))
+                    || m.is_an_echo(model, expected, &all))
             {
                 *slot = None;
             }
