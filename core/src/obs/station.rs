@@ -442,7 +442,7 @@ impl State {
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
             if !plan.paper {
-                ranges.without_still(&expected);
+                ranges.without_odd_speeds(&expected);
             }
             ranges.without_echoes(&plan.interference, &expected);
             let (towards, apart) = plan.lasting.as_evidence(directions, ranges);

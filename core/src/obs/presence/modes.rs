@@ -1,7 +1,7 @@
 //! The peaks of the posterior over range and radial speed, as measurements with a spread.
 
 use super::super::interference::Interference;
-use super::super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEEDS};
+use super::super::limits::{CELL_M, MAX_SPEED_M_S, RANGE_CELLS, RANGE_MODES, SPEEDS};
 use super::super::radial::{GRID_UNIT, speed_of};
 use super::super::shared::Grid;
 use super::{
@@ -53,6 +53,10 @@ pub struct RangeMode {
 /// closest point alone.
 const STILL_M_S: f32 = 1.0;
 
+/// Radial speed above which what is not a tracked vessel's may be faster than the posterior reaches, m/s: an echo read as a pair
+/// of paths twice as far.
+const FASTEST_M_S: f32 = MAX_SPEED_M_S - 0.5;
+
 /// Share of its posterior with which a vessel shows itself.
 const ITSELF: f32 = 0.5;
 
@@ -100,11 +104,12 @@ impl RangePresence {
         }
     }
 
-    /// Drops the modes that stand still and that no track expects: no evidence of a vessel.
-    pub fn without_still(&mut self, expected: &ExpectedVessels) {
+    /// Drops the modes that stand still or reach the end of the speeds and that no track expects: no evidence of a vessel.
+    pub fn without_odd_speeds(&mut self, expected: &ExpectedVessels) {
         for slot in &mut self.modes {
             let near = |m: &RangeMode| expected.iter().flatten().any(|e| e.is_near(m));
-            if slot.is_some_and(|m| math::f32::abs(m.speed_m_s) < STILL_M_S && !near(&m)) {
+            let plausible = |m: &RangeMode| (STILL_M_S..FASTEST_M_S).contains(&math::f32::abs(m.speed_m_s));
+            if slot.is_some_and(|m| !plausible(&m) && !near(&m)) {
                 *slot = None;
             }
         }
