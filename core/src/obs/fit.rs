@@ -297,28 +297,6 @@ pub(super) fn own_distance(
     Some((DETECTION.1 * ratio / (1.0 - DETECTION.1 + DETECTION.1 * ratio), d))
 }
 
-/// By how much an error that all minutes share moves the course that fits them best, to first order. `error`: what it does to the
-/// direction (rad), range (m) and radial speed (m/s) of what is seen. `None` where the minutes do not determine a course.
-pub(super) fn moved(
-    course: &Course,
-    travel: &TravelTime,
-    step_s: f64,
-    minutes: impl Iterator<Item = Minute>,
-    error: &dyn Fn(&Seen) -> [f64; 3],
-) -> Option<[f64; 4]> {
-    let mut normal = Normal::default();
-    for m in minutes {
-        let s = course.seen(travel, step_s * f64::from(m.number));
-        let rows = rows(course, &s, &m, (OVERLAPPED, OVERLAPPED));
-        for (row, error) in rows.iter().zip(error(&s)) {
-            if let Some((j, _, weight)) = row {
-                normal.observe(j, error, *weight);
-            }
-        }
-    }
-    normal.solution()
-}
-
 /// Adds what a minute's best modes say, each weighted by the chance that it is this vessel's.
 fn observe(
     normal: &mut Normal<4>,

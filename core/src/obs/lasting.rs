@@ -4,14 +4,12 @@
 //! direction, a range and a radial speed, evidence whose spreads hold what of these errors bends a course, and courses'
 //! covariances with the errors that all minutes share: no number of minutes makes these smaller. An error of orientation turns
 //! a course as it is; one of gain turns each direction otherwise, one of depth puts pairs of paths at ranges of their own.
-//! Cost: as much as a step of the fit for each that is told, when a track is sent.
+//! Cost: each that is told takes as much as a fit and a smoothing more when a track is sent.
 
-use super::course::{Course, CourseCovariance, N, Seen};
+use super::course::{Course, CourseCovariance};
 use super::evidence::Minute;
-use super::fit;
 use super::presence::RangePresence;
 use super::tonal::Directions;
-use super::travel::TravelTime;
 use crate::angle::RAD_PER_DEG;
 use crate::config::Doubts;
 use crate::kit::spd;
@@ -33,6 +31,15 @@ const STEP_M: f64 = 50.0;
 /// A standard deviation with that of an error that lasts, whose variance is given.
 pub(super) fn widened(sd: f32, lasting: f64) -> f32 {
     if lasting > 0.0 { math::f32::sqrt(sd * sd + lasting as f32) } else { sd }
+}
+
+/// An error that bends a course.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Told {
+    /// Of north's gain over east's.
+    Gain,
+    /// Of the depth for which the table was made.
+    Depth,
 }
 
 /// Standard deviations of errors that last.
@@ -128,36 +135,42 @@ impl Lasting {
         h / r * (9.0 * once - thrice) / (thrice - once)
     }
 
-    /// Adds to the covariances of a course and of the same bent about its closest point what all their minutes share.
+    /// Which of the errors that bend a course are told.
+    fn told(&self) -> impl Iterator<Item = Told> {
+        let (gain, depth) = (self.gain > 0.0, self.depth_m > 0.0);
+        gain.then_some(Told::Gain).into_iter().chain(depth.then_some(Told::Depth))
+    }
+
+    /// A minute as it would be with one such error by one deviation more; the same without any.
+    pub(super) fn shifted(&self, error: Option<Told>, m: Minute) -> Minute {
+        match error {
+            None => m,
+            Some(Told::Gain) => m.shifted(|d| self.gain * self.by_gain(d.azimuth), |_| (0.0, 0.0)),
+            Some(Told::Depth) => m.shifted(
+                |_| 0.0,
+                |d| {
+                    let [_, range, speed] = self.by_depth(d.range_m, d.speed_m_s);
+                    (self.depth_m * range, self.depth_m * speed)
+                },
+            ),
+        }
+    }
+
+    /// Adds to the covariance of a course what all its minutes share: `with` is the course that follows where they have one of the errors.
     pub(super) fn widen(
         &self,
-        travel: &TravelTime,
-        step_s: f64,
-        minutes: impl Iterator<Item = Minute> + Clone,
-        straight: &mut (Course, CourseCovariance),
-        bent: &mut (Course, CourseCovariance),
+        (course, covariance): &mut (Course, CourseCovariance),
+        with: &dyn Fn(Told) -> Option<Course>,
     ) {
+        let [x, y, vx, vy] = course.p;
         if self.orientation > 0.0 {
-            for (course, covariance) in [&mut *straight, &mut *bent] {
-                let [x, y, vx, vy] = course.p;
-                spd::add_outer(covariance, &[y, -x, vy, -vx], self.orientation * self.orientation);
-            }
+            spd::add_outer(covariance, &[y, -x, vy, -vx], self.orientation * self.orientation);
         }
-        let course = straight.0;
-        let mut share = |sd: f64, error: &dyn Fn(&Seen) -> [f64; 3]| {
-            if sd <= 0.0 {
-                return;
-            }
-            let Some(moved) = fit::moved(&course, travel, step_s, minutes.clone(), error) else { return };
-            for (course_at, covariance) in [&mut *straight, &mut *bent] {
-                let [x, y, vx, vy] = moved;
-                let dt = course_at.t0_s - course.t0_s;
-                let there: [f64; N] = [x + vx * dt, y + vy * dt, vx, vy];
-                spd::add_outer(covariance, &there, sd * sd);
-            }
-        };
-        share(self.gain, &|s| [self.by_gain(s.azimuth), 0.0, 0.0]);
-        share(self.depth_m, &|s| self.by_depth(s.range_m, s.speed_m_s));
+        for other in self.told().filter_map(with) {
+            let (ox, oy) = other.at(course.t0_s);
+            let [_, _, ovx, ovy] = other.p;
+            spd::add_outer(covariance, &[ox - x, oy - y, ovx - vx, ovy - vy], 1.0);
+        }
     }
 }
 

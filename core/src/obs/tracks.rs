@@ -10,6 +10,7 @@ use super::bend;
 use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
+use super::lasting::Told;
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
@@ -319,16 +320,29 @@ impl Live {
         }
     }
 
-    /// Its course about the closest point: the straight one where that cannot be told.
-    fn bent(&self, plan: &Plan<'_>, seen: &Seen<'_>) -> (Course, CourseCovariance) {
+    /// Its course about the closest point, with one of the errors told by one deviation more where one is given. `None` where that
+    /// cannot be told.
+    fn bent(
+        &self,
+        plan: &Plan<'_>,
+        seen: &Seen<'_>,
+        error: Option<Told>,
+    ) -> Option<(Course, CourseCovariance)> {
         let travel = &plan.travel;
-        let left = |m| without_all(travel, &seen.others, m);
+        let left = |m| plan.lasting.shifted(error, without_all(travel, &seen.others, m));
         let (before, after) = (
             seen.evidence.between(self.from, self.to).map(left),
             seen.evidence.between_back(self.from, self.to).map(left),
         );
         bend::about_closest(&self.course, travel, STEP_S, before, after)
-            .unwrap_or((self.course, self.covariance))
+    }
+
+    /// The straight course with one of the errors told by one deviation more.
+    fn straight(&self, plan: &Plan<'_>, seen: &Seen<'_>, error: Told) -> Option<Course> {
+        let travel = &plan.travel;
+        let left = |m| plan.lasting.shifted(Some(error), without_all(travel, &seen.others, m));
+        let minutes = seen.evidence.between(self.from, self.to).map(left);
+        fit::refine(&self.course, travel, STEP_S, minutes).map(|(course, _)| course)
     }
 
     /// Sends the running estimate, where it says anything.
@@ -358,10 +372,10 @@ impl Live {
 
     /// The track as known now; `None` where its range is as good as unknown.
     fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
-        let (mut straight, mut bent) = ((self.course, self.covariance), self.bent(plan, seen));
-        let left = |m| without_all(&plan.travel, &seen.others, m);
-        let minutes = seen.evidence.between(self.from, self.to).map(left);
-        plan.lasting.widen(&plan.travel, STEP_S, minutes, &mut straight, &mut bent);
+        let mut straight = (self.course, self.covariance);
+        let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
+        plan.lasting.widen(&mut straight, &|error| self.straight(plan, seen, error));
+        plan.lasting.widen(&mut bent, &|error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
         let track = self.as_sent(plan, stage, &straight, &bent);
         (track.sd_cpa_range_m < LEAST_KNOWN_M).then_some(track)
     }
