@@ -44,6 +44,44 @@ pub struct StationConfig {
     /// What a recorder with a card keeps of its sound. In a section of its own too.
     #[serde(skip)]
     pub clips: Clips,
+    /// What is not known of an ocean-bottom station. In a section of its own too.
+    #[serde(skip)]
+    pub doubts: Doubts,
+}
+
+/// What is not known of an ocean-bottom station: standard deviations of errors that last. 0: exact.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Doubts {
+    /// Of the azimuth of the north component, degrees.
+    pub orientation_deg: f32,
+    /// Of the gain of north over that of east, dB.
+    pub gain_db: f32,
+    /// Of the depth for which the propagation table was made, metres.
+    pub table_depth_m: f32,
+}
+
+impl Doubts {
+    /// The bytes that a blob holds.
+    pub const fn bytes(self) -> [u8; 12] {
+        let [a, b, c, d] = self.orientation_deg.to_le_bytes();
+        let [e, f, g, h] = self.gain_db.to_le_bytes();
+        let [i, j, k, l] = self.table_depth_m.to_le_bytes();
+        [a, b, c, d, e, f, g, h, i, j, k, l]
+    }
+
+    /// The same back.
+    pub const fn of([a, b, c, d, e, f, g, h, i, j, k, l]: [u8; 12]) -> Self {
+        Self {
+            orientation_deg: f32::from_le_bytes([a, b, c, d]),
+            gain_db: f32::from_le_bytes([e, f, g, h]),
+            table_depth_m: f32::from_le_bytes([i, j, k, l]),
+        }
+    }
+
+    /// Whether there are any.
+    pub fn are_any(self) -> bool {
+        self != Self::default()
+    }
 }
 
 /// Which sound a recorder with a card keeps: all of it, or what is around its detections, at most one clip in so long.
@@ -278,6 +316,7 @@ impl StationConfig {
             levels: Levels::default(),
             schedule: Schedule::default(),
             clips: Clips::default(),
+            doubts: Doubts::default(),
         }
     }
 
@@ -380,6 +419,9 @@ impl StationConfig {
             }
             Kind::Obs(o) => {
                 within("rate_hz", self.rate_hz, 20.0, 500.0)?;
+                within("orientation_sd_deg", f64::from(self.doubts.orientation_deg), 0.0, 90.0)?;
+                within("gain_sd_db", f64::from(self.doubts.gain_db), 0.0, 20.0)?;
+                within("table_depth_sd_m", f64::from(self.doubts.table_depth_m), 0.0, 1000.0)?;
                 within("orientation_of_north_deg", o.orientation_of_north_deg, -360.0, 360.0)
             }
             Kind::Line(l) => {
@@ -405,14 +447,17 @@ impl StationConfig {
     }
 
     /// Identifies the configuration: FNV-1a (64 bits) of its postcard bytes, of the levels' where any are sent, of the
-    /// schedule's where there is one, and of the clips' where not all sound is kept. Equal configurations have equal hashes.
+    /// schedule's where there is one, of the clips' where not all sound is kept, and of the doubts' where there are any. Equal configurations have equal hashes.
     pub fn hash(&self) -> u64 {
         let mut buffer = [0u8; 1024];
         let Ok(length) = postcard::to_slice(self, &mut buffer).map(|bytes| bytes.len()) else { return 0 };
         let (levels, schedule, clips) = (self.levels.bytes(), self.schedule.bytes(), self.clips.bytes());
         let levels = levels.iter().filter(|_| self.levels.every_s > 0);
         let schedule = schedule.iter().filter(|_| self.schedule.every_s > 0);
-        let behind = levels.chain(schedule).chain(clips.iter().filter(|_| self.clips.are_kept()));
+        let doubts = self.doubts.bytes();
+        let doubts = doubts.iter().filter(|_| self.doubts.are_any());
+        let clips = clips.iter().filter(|_| self.clips.are_kept());
+        let behind = levels.chain(schedule).chain(clips).chain(doubts);
         let mut end = length;
         for (to, from) in buffer.iter_mut().skip(length).zip(behind) {
             *to = *from;

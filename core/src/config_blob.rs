@@ -7,10 +7,11 @@
 //! The CRC is CRC-32/ISO-HDLC of the body. Section `STAT` is the postcard form of [`StationConfig`] and must be
 //! there; `PROP` is an ocean-bottom station's propagation table; `LEVL` says which levels are sent unasked, none where it is
 //! not there: seconds:u16le channel:u8; `DUTY` when it listens, always where it is not there: every_s:u32le on_s:u32le;
-//! `CLIP` which sound a card keeps, all where it is not there: before_s:u16le after_s:u16le apart_s:u32le. Unknown sections are skipped, and so is whatever follows the blob, so that a whole page
+//! `CLIP` which sound a card keeps, all where it is not there: before_s:u16le after_s:u16le apart_s:u32le; `DEVS` standard deviations of what
+//! is not known of an ocean-bottom station, 0 where it is not there: orientation_deg:f32le gain_db:f32le table_depth_m:f32le. Unknown sections are skipped, and so is whatever follows the blob, so that a whole page
 //! of flash may be given to the reader.
 
-use crate::config::{Clips, ConfigError, Levels, Schedule, StationConfig};
+use crate::config::{Clips, ConfigError, Doubts, Levels, Schedule, StationConfig};
 
 /// First bytes of every blob: magic and version.
 pub const HEADER: [u8; 5] = *b"SBCF\x01";
@@ -24,6 +25,8 @@ pub const LEVELS: [u8; 4] = *b"LEVL";
 pub const SCHEDULE: [u8; 4] = *b"DUTY";
 /// Tag of the section that says which sound a card keeps.
 pub const CLIPS: [u8; 4] = *b"CLIP";
+/// Tag of the section of what is not known of an ocean-bottom station.
+pub const DOUBTS: [u8; 4] = *b"DEVS";
 /// Bytes of a section before its body.
 const SECTION_HEAD: usize = 12;
 /// Bytes before the first section.
@@ -106,6 +109,7 @@ pub fn station(blob: &[u8]) -> Result<StationConfig, BlobError> {
     config.levels = small(blob, LEVELS)?.map_or(Levels::default(), Levels::of);
     config.schedule = small(blob, SCHEDULE)?.map_or(Schedule::default(), Schedule::of);
     config.clips = small(blob, CLIPS)?.map_or(Clips::default(), Clips::of);
+    config.doubts = small(blob, DOUBTS)?.map_or(Doubts::default(), Doubts::of);
     config.validate().map_err(BlobError::Invalid)?;
     Ok(config)
 }
@@ -161,8 +165,8 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Adds the station's section, that of the levels where any are sent, that of the schedule where there is one, and that of
-    /// the clips where not all sound is kept.
+    /// Adds the station's section, that of the levels where any are sent, that of the schedule where there is one, that of
+    /// the clips where not all sound is kept, and that of the doubts where there are any.
     ///
     /// # Errors
     /// [`BlobError::Full`] if it does not fit.
@@ -176,6 +180,9 @@ impl<'a> Writer<'a> {
         }
         if config.clips.are_kept() {
             self.small(CLIPS, config.clips.bytes())?;
+        }
+        if config.doubts.are_any() {
+            self.small(DOUBTS, config.doubts.bytes())?;
         }
         Ok(())
     }
@@ -219,6 +226,7 @@ mod tests {
             levels: Levels::default(),
             schedule: Schedule { every_s: 3600, on_s: 600 },
             clips: Clips::default(),
+            doubts: Doubts::default(),
         }
     }
 
@@ -240,6 +248,14 @@ mod tests {
     #[test]
     fn what_was_written_is_read_and_unknown_sections_are_skipped() {
         assert_eq!(station(&blob()), Ok(config()));
+        let doubts = Doubts { orientation_deg: 5.0, gain_db: 0.5, table_depth_m: 100.0 };
+        let doubtful = StationConfig { doubts, ..config() };
+        let mut buffer = [0u8; 512];
+        let mut writer = Writer::new(&mut buffer).unwrap();
+        writer.station(&doubtful).unwrap();
+        let n = writer.finish();
+        assert_eq!(station(&buffer[..n]), Ok(doubtful.clone()));
+        assert_ne!(doubtful.hash(), config().hash());
         assert_eq!(station(&[blob(), std::vec![0xff; 100]].concat()), Ok(config()));
         assert_eq!(section(&blob(), *b"XTRA"), Ok(&b"abc"[..]));
         assert_eq!(section(&blob(), PROPAGATION), Err(BlobError::Missing(PROPAGATION)));

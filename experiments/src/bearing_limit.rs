@@ -75,6 +75,7 @@ pub fn station() -> StationConfig {
         tracking: Tracking::default(),
         levels: Levels::default(),
         schedule: Schedule::default(),
+        doubts: Default::default(),
         clips: Clips::default(),
     }
 }

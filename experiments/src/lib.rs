@@ -44,6 +44,7 @@ mod network_vessels;
 mod obs_appendix_b;
 mod obs_checks;
 mod obs_core_clutter;
+mod obs_doubts;
 mod obs_model;
 mod obs_noise_week;
 mod obs_one_ship;
@@ -161,6 +162,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,
     obs_checks::CHECKS,
+    obs_doubts::DOUBTS,
     several_vessels::EXPERIMENT,
     levels::EXPERIMENT,
     ais_kinematics::EXPERIMENT,

@@ -116,10 +116,17 @@ const DEFECTS: [Defect; 12] = [
 ];
 
 /// A recording whose codes are not what they should be.
-struct Altered<'a> {
+pub(super) struct Altered<'a> {
     source: &'a mut Simulator,
     codes: fn(Frame) -> Frame,
     held: Vec<Frame>,
+}
+
+impl<'a> Altered<'a> {
+    /// A simulated one.
+    pub(super) fn new(source: &'a mut Simulator, codes: fn(Frame) -> Frame) -> Self {
+        Self { source, codes, held: Vec::new() }
+    }
 }
 
 impl BlockSource for Altered<'_> {
@@ -140,7 +147,7 @@ impl BlockSource for Altered<'_> {
 }
 
 /// The table of a station as if it lay deeper: what arrives at a range in deeper water arrived at a proportional one.
-fn deeper(table: &Propagation, by_m: f64) -> Propagation {
+pub(super) fn deeper(table: &Propagation, by_m: f64) -> Propagation {
     let mut deeper = table.clone();
     let scale = 1.0 + by_m / table.depth_m;
     for (n, path) in deeper.paths.iter_mut().enumerate() {
@@ -170,7 +177,7 @@ fn hear(options: &Options, days: usize, table: &Propagation, defect: &Defect) ->
     let (config, rate_hz) = (station::config(&told, false)?, scenario.rate_hz);
     let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
     let courses: Vec<VesselCourse> = simulator.vessels.iter().map(|v| v.course.clone()).collect();
-    let mut altered = Altered { source: &mut simulator, codes: defect.codes, held: Vec::new() };
+    let mut altered = Altered::new(&mut simulator, defect.codes);
     let (mut faults, mut azimuths) = (Vec::new(), Vec::new());
     let told_table = deeper(table, defect.too_deep_m);
     run::run(&config, &told_table, &mut altered, &mut |m| match m {

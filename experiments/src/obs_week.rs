@@ -58,7 +58,8 @@ struct Level {
     medians: [f64; 4],
 }
 
-const NO_BAR: f64 = f64::INFINITY;
+/// No bar.
+pub(super) const NO_BAR: f64 = f64::INFINITY;
 
 const LEVELS: [Level; 3] = [
     Level { name: "obs-week", db: 0.0, found: 1.0, ghosts: 0.0, medians: [8.0, 50.0, 0.5, 0.03] },
@@ -85,21 +86,31 @@ const NORMAL_95: f64 = 1.96;
 
 /// What was said against what was so: how many, how many wrong, how many within the stated 95 %.
 #[derive(Clone, Copy, Debug, Default)]
-struct Stated {
-    said: usize,
-    wrong: usize,
-    within: usize,
+pub(super) struct Stated {
+    pub(super) said: usize,
+    pub(super) wrong: usize,
+    pub(super) within: usize,
 }
 
 impl Stated {
-    fn take(&mut self, error: f64, sd: f32, most: f64) {
+    /// Takes an error beside its stated deviation; more than `most` is wrong.
+    pub(super) fn take(&mut self, error: f64, sd: f32, most: f64) {
         self.said += 1;
         self.wrong += usize::from(error.abs() > most);
         self.within += usize::from(error.abs() <= NORMAL_95 * f64::from(sd));
     }
 
+    /// All of several.
+    pub(super) fn sum(all: &[Self]) -> Self {
+        all.iter().fold(Self::default(), |a, b| Self {
+            said: a.said + b.said,
+            wrong: a.wrong + b.wrong,
+            within: a.within + b.within,
+        })
+    }
+
     /// Percent; not a number of nothing.
-    fn percent(&self, n: usize) -> f64 {
+    pub(super) fn percent(&self, n: usize) -> f64 {
         100.0 * n as f64 / self.said as f64
     }
 }
@@ -203,14 +214,7 @@ fn figures(options: &Options, level: &Level, case: &Case, out: Outcome) {
         let name = format!("median of the final tracks: {name}");
         if bar.is_finite() { figures.at_most(name, middle, bar) } else { figures.state(name, middle) }
     }
-    let total = |all: &[Stated]| {
-        all.iter().fold(Stated::default(), |a, b| Stated {
-            said: a.said + b.said,
-            wrong: a.wrong + b.wrong,
-            within: a.within + b.within,
-        })
-    };
-    let (azimuth, range) = (total(&out.azimuth), total(&out.range));
+    let (azimuth, range) = (Stated::sum(&out.azimuth), Stated::sum(&out.range));
     figures.state("azimuths", azimuth.said as f64);
     figures.state("ranges", range.said as f64);
     figures.at_most("azimuths more than 10° off, %", azimuth.percent(azimuth.wrong), 1.0);
@@ -228,16 +232,17 @@ fn figures(options: &Options, level: &Level, case: &Case, out: Outcome) {
 }
 
 /// Errors in a person's units.
-fn cells(e: &TrackMiss) -> [f64; 4] {
+pub(super) fn cells(e: &TrackMiss) -> [f64; 4] {
     [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]
 }
 
-fn tracks(case: &Case) -> impl Iterator<Item = Track> + '_ {
+/// All tracks.
+pub(super) fn tracks(case: &Case) -> impl Iterator<Item = Track> + '_ {
     case.messages.iter().filter_map(|m| if let Message::Track(t) = m { Some(*t) } else { None })
 }
 
 /// The vessel a final track is of: that whose course it misses least, if by no more than [`OWN`].
-fn whose(t: &Track, vessels: &[MovingVessel]) -> Option<usize> {
+pub(super) fn whose(t: &Track, vessels: &[MovingVessel]) -> Option<usize> {
     let cost = |v: &MovingVessel| {
         let parts = cells(&track(t, &v.course)?);
         let worst = parts.iter().zip(OWN).map(|(e, most)| e.abs() / most).fold(0.0, f64::max);
@@ -269,7 +274,7 @@ fn told(finals: &[&Track]) -> CsvText {
 }
 
 /// Azimuths and ranges (the first of a minute) against the vessel nearest to each, an entry a vessel.
-fn minutes(case: &Case) -> (Vec<Stated>, Vec<Stated>) {
+pub(super) fn minutes(case: &Case) -> (Vec<Stated>, Vec<Stated>) {
     let mut azimuth = vec![Stated::default(); case.vessels.len()];
     let mut range = azimuth.clone();
     let mut last = None;

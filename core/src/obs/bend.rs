@@ -39,6 +39,9 @@ const FIRST_SD: (f64, f64) = (3_000.0, 1.5);
 /// What a prediction may add to the spread by which a mode is told to be this vessel's: rad, m, m/s.
 const DOUBT: (f64, f64, f64) = (0.1, 600.0, 1.0);
 
+/// Ranges beyond which nothing is taken from, m: there the table ends.
+const FARTHEST_M: f64 = 50_000.0;
+
 /// Least chance that a mode is this vessel's for it to be used.
 const LEAST_OWN: f64 = 0.05;
 
@@ -197,8 +200,13 @@ pub fn about_closest(
 ) -> Option<(Course, CourseCovariance)> {
     let closest_s = course.closest(&[[0.0; N]; N])?.0.time_s;
     let at = |m: &Minute| step_s * f64::from(m.number);
-    let before = before.take_while(|m| at(m) <= closest_s);
-    let after = after.take_while(|m| at(m) > closest_s);
+    // Beyond the table's end directions alone are left, which may be another vessel's for hours.
+    let ranged = |m: &Minute| {
+        let (x, y) = course.at(at(m));
+        math::f64::hypot(x, y) < FARTHEST_M
+    };
+    let before = before.take_while(|m| at(m) <= closest_s).filter(ranged);
+    let after = after.take_while(|m| at(m) > closest_s).filter(ranged);
     let mut all: [Option<Filter>; DRIFTS.len()] = [None; DRIFTS.len()];
     for (joined, drift) in all.iter_mut().zip(DRIFTS) {
         let pass = |minutes: &mut dyn Iterator<Item = Minute>, other: Option<&Filter>| {

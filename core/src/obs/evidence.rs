@@ -119,6 +119,26 @@ impl Minute {
         out
     }
 
+    /// The same with its directions turned by what `turned` says of each, rad, and its ranges and radial speeds moved by what
+    /// `moved` says, m and m/s.
+    pub fn shifted(
+        mut self,
+        turned: impl Fn(&AzimuthEvidence) -> f64,
+        moved: impl Fn(&RangeEvidence) -> (f64, f64),
+    ) -> Self {
+        for mark in self.azimuth.iter_mut().filter(|mark| mark.sd > 0) {
+            let by = turned(&mark.view()) / math::f64::TAU * 65_536.0;
+            mark.azimuth = mark.azimuth.wrapping_add(math::f64::round(by) as i32 as u16);
+        }
+        for mark in self.range.iter_mut().filter(|mark| mark.sd > 0) {
+            let seen = mark.view();
+            let (range, speed) = moved(&seen);
+            mark.range = (seen.range_m + range).clamp(0.0, 65_535.0) as u16;
+            mark.speed = math::f64::round((seen.speed_m_s + speed) * 8.0).clamp(-127.0, 127.0) as i8;
+        }
+        self
+    }
+
     /// The same without the modes for which the tests say true.
     pub fn without(
         mut self,

@@ -306,22 +306,31 @@ fn observe(
     m: &Minute,
     excess: Excess,
 ) {
-    let [_, _, vx, vy] = course.p;
     let s = course.seen(travel, step_s * f64::from(m.number));
+    for (j, e, weight) in rows(course, &s, m, excess).iter().flatten() {
+        normal.observe(j, *e, *weight);
+    }
+}
+
+/// What a minute's best direction, range and radial speed say: change with the course, residual, weight.
+type Row = ([f64; 4], f64, f64);
+
+/// These of a minute in which the course is `s`.
+fn rows(course: &Course, s: &Seen, m: &Minute, excess: Excess) -> [Option<Row>; 3] {
+    let [_, _, vx, vy] = course.p;
     let (x, y, r, t) = (s.place.0, s.place.1, s.range_m, s.since_s);
-    if let Some((own, e, sd)) = own_direction(m, s.towards()) {
+    let direction = own_direction(m, s.towards()).map(|(own, e, sd)| {
         let (jx, jy) = (y / (r * r), -x / (r * r));
         let sd = together(sd, EXTRA_AZIMUTH);
-        normal.observe(&[jx, jy, jx * t, jy * t], e, own / (excess.0 * sd * sd));
-    }
-    if let Some((own, d)) = own_distance(m, r, s.speed_m_s, SURE) {
-        let (sr, sv) = spreads(&d);
-        let (ux, uy) = (x / r, y / r);
-        let w = own / excess.1;
-        normal.observe(&[ux, uy, ux * t, uy * t], d.range_m - r, w / (sr * sr));
-        // Radial speed u·v; its change with place is (v − u (u·v))/r.
-        let (ax, ay) = ((vx - ux * s.speed_m_s) / r, (vy - uy * s.speed_m_s) / r);
-        let j = [ax, ay, ux + ax * t, uy + ay * t];
-        normal.observe(&j, d.speed_m_s - s.speed_m_s, w / (sv * sv));
-    }
+        ([jx, jy, jx * t, jy * t], e, own / (excess.0 * sd * sd))
+    });
+    let Some((own, d)) = own_distance(m, r, s.speed_m_s, SURE) else { return [direction, None, None] };
+    let (sr, sv) = spreads(&d);
+    let (ux, uy) = (x / r, y / r);
+    let w = own / excess.1;
+    let range = ([ux, uy, ux * t, uy * t], d.range_m - r, w / (sr * sr));
+    // Radial speed u·v; its change with place is (v − u (u·v))/r.
+    let (ax, ay) = ((vx - ux * s.speed_m_s) / r, (vy - uy * s.speed_m_s) / r);
+    let speed = ([ax, ay, ux + ax * t, uy + ay * t], d.speed_m_s - s.speed_m_s, w / (sv * sv));
+    [direction, Some(range), Some(speed)]
 }

@@ -17,6 +17,10 @@ const SAME_DELAY_S: f32 = 0.07;
 /// Share of a vessel's modelled energy that, drawn by another vessel, makes it doubtful.
 const SHARED_ENERGY: f32 = 0.1;
 
+/// How long before and after a moment an echo must keep to a known vessel's to be that vessel's, s: in 5 minutes speeds that differ by
+/// 2 m/s part a pair's delays by [`SAME_DELAY_S`] at 20 km.
+const ALONG_S: f32 = 300.0;
+
 /// Ranges closer than this are one place, m.
 const SAME_PLACE_M: f32 = 1500.0;
 
@@ -103,9 +107,23 @@ impl<'t> Interference<'t> {
         strongest || share > SHARED_ENERGY
     }
 
+    /// Whether a notable part of what a vessel at `range_m` and `speed_m_s` would draw moves along with what a known vessel draws: the
+    /// same echo read as another pair of paths, for another vessel would have to keep to that range for [`ALONG_S`] to either side.
+    pub fn follows(&self, (range_m, speed_m_s): (f32, f32), (known_m, known_m_s): (f32, f32)) -> bool {
+        let at = |t_s: f32| (range_m + speed_m_s * t_s, known_m + known_m_s * t_s);
+        let (strongest, share) = self.shared_at(&[at(0.0), at(-ALONG_S), at(ALONG_S)]);
+        strongest || share > SHARED_ENERGY
+    }
+
     /// Whether the strongest pulse, and what share of the energy, of a vessel at `range_m` lies where one at `known_m`
     /// draws pulses.
     fn shared(&self, range_m: f32, known_m: f32) -> (bool, f32) {
+        self.shared_at(&[(range_m, known_m)])
+    }
+
+    /// The same at several pairs of ranges: a pulse must lie on the same one at all of them. The first tells energies.
+    fn shared_at(&self, ranges: &[(f32, f32)]) -> (bool, f32) {
+        let Some((range_m, known_m)) = ranges.first() else { return (false, 0.0) };
         if math::f32::abs(range_m - known_m) < SAME_PLACE_M {
             return (false, 0.0);
         }
@@ -115,12 +133,13 @@ impl<'t> Interference<'t> {
         for b in 0..table.branches() {
             let p = table.pulses(b).nth(j).unwrap_or(Pulse::NONE);
             let energy = f32::from(p.re) * f32::from(p.re) + f32::from(p.im) * f32::from(p.im);
-            let delay = table.delay_s(b, range_m);
-            let near = |b: usize| {
-                let known = table.delay_s(b, known_m).zip(delay);
-                known.is_some_and(|(d, delay)| math::f32::abs(d - delay) < SAME_DELAY_S)
+            let same = |of: usize| {
+                ranges.iter().all(|(range_m, known_m)| {
+                    let known = table.delay_s(of, *known_m).zip(table.delay_s(b, *range_m));
+                    known.is_some_and(|(d, delay)| math::f32::abs(d - delay) < SAME_DELAY_S)
+                })
             };
-            let drawn = (0..table.branches()).any(near);
+            let drawn = (0..table.branches()).any(same);
             if energy > most {
                 (strongest, most) = (drawn, energy);
             }

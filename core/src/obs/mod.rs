@@ -29,6 +29,7 @@ mod tonal;
 pub mod cepstrum;
 pub mod clutter;
 mod interference;
+mod lasting;
 mod pairs;
 mod paper;
 pub mod presence;

@@ -8,6 +8,7 @@ use super::cauchy::WrappedCauchy;
 use super::decimate::{Decimator, factor_of, inner_rate_hz};
 use super::impulsive::Calls;
 use super::interference::Interference;
+use super::lasting::Lasting;
 use super::limits::{AZIMUTH_BINS, FRAME, HOP};
 use super::moments::BandPass;
 use super::table::{Table, TableError};
@@ -92,6 +93,8 @@ pub struct Plan<'t> {
     pub(super) towards: bool,
     pub(super) interference: Interference<'t>,
     pub(super) travel: TravelTime,
+    /// What is not known of the station itself.
+    pub(super) lasting: Lasting,
 }
 
 impl<'t> Plan<'t> {
@@ -114,6 +117,7 @@ impl<'t> Plan<'t> {
         towards: false,
         interference: Interference::EMPTY,
         travel: TravelTime::EMPTY,
+        lasting: Lasting::EMPTY,
     };
 
     /// Validates and computes.
@@ -179,6 +183,9 @@ impl<'t> Plan<'t> {
         self.towards = obs.intensity_towards;
         self.interference = Interference::new(table);
         self.travel.fill(table, obs.paper_compatibility);
+        let straight_up_s = table.travel_times_s().next().unwrap_or_default();
+        let water_m = f64::from(straight_up_s) * config.sound_speed_m_s;
+        self.lasting = Lasting::new(config.doubts, obs.orientation_of_north_deg, water_m);
         Ok(())
     }
 

@@ -16,6 +16,7 @@ use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
 use super::hops::Hops;
 use super::impulsive::{self, Call};
+use super::lasting::widened;
 use super::limits::{MINUTE_FRAMES, QUEFRENCIES, WINDOW_FRAMES};
 use super::pairs::Profiles;
 use super::paper;
@@ -440,10 +441,14 @@ impl State {
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
+            if !plan.paper {
+                ranges.without_odd_speeds(&expected);
+            }
             ranges.without_echoes(&plan.interference, &expected);
-            let minute = Minute::new(k as u32, &directions, &ranges);
+            let (towards, apart) = plan.lasting.as_evidence(directions, ranges);
+            let minute = Minute::new(k as u32, &towards, &apart);
             ranges.prefer(&plan.interference, &expected);
-            send(index, &directions, call, &ranges, plan.paper, sink);
+            send(plan, index, &directions, call, &ranges, sink);
             self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
@@ -465,13 +470,15 @@ impl State {
 
 /// Sends the records of a minute.
 fn send(
+    plan: &Plan<'_>,
     index: u64,
     directions: &Directions,
     call: Option<Call>,
     ranges: &RangePresence,
-    paper: bool,
     sink: &mut dyn FnMut(Message),
 ) {
+    let paper = plan.paper;
+    let with_lasting = |azimuth: f32, sd: f32| widened(sd, plan.lasting.of_direction(f64::from(azimuth)));
     let threshold = if paper { 0.0 } else { LOG_THRESHOLD };
     let tonal = || directions.modes.iter().flatten().filter(|m| !m.impulsive);
     let total = tonal().count() as f32;
@@ -479,7 +486,7 @@ fn send(
         sink(Message::Azimuth(Azimuth {
             index,
             azimuth: m.azimuth,
-            sd: m.sd,
+            sd: with_lasting(m.azimuth, m.sd),
             log_presence: m.log_presence,
             weight: 1.0 / total,
             detected: m.log_presence > threshold,
@@ -491,7 +498,7 @@ fn send(
         sink(Message::Azimuth(Azimuth {
             index,
             azimuth,
-            sd,
+            sd: with_lasting(azimuth, sd),
             log_presence,
             weight: 1.0,
             detected: true,
@@ -513,12 +520,13 @@ fn send(
     let worth = |k: usize, m: &RangeMode| m.detected && (k == 0 || m.weight >= LEAST_WEIGHT);
     for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(2) {
         sent = true;
+        let (of_range, of_speed) = plan.lasting.of_range(f64::from(m.range_m), f64::from(m.speed_m_s));
         sink(Message::Range(Range {
             index,
             range_m: m.range_m,
-            sd_range_m: m.sd_range_m,
+            sd_range_m: widened(m.sd_range_m, of_range),
             speed_m_s: m.speed_m_s,
-            sd_speed_m_s: m.sd_speed_m_s,
+            sd_speed_m_s: widened(m.sd_speed_m_s, of_speed),
             log_presence: ranges.log_odds,
             weight: m.weight,
             detected: detected && (paper || m.weight >= CLEAR_WEIGHT && m.sure),

@@ -33,6 +33,7 @@ pub(crate) fn config(rate_hz: f64) -> StationConfig {
         tracking: Tracking::default(),
         levels: Levels::default(),
         schedule: Schedule::default(),
+        doubts: Default::default(),
         clips: Clips::default(),
     }
 }

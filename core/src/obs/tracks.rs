@@ -10,6 +10,7 @@ use super::bend;
 use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
+use super::lasting::Told;
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
@@ -319,16 +320,29 @@ impl Live {
         }
     }
 
-    /// Its course about the closest point: the straight one where that cannot be told.
-    fn bent(&self, plan: &Plan<'_>, seen: &Seen<'_>) -> (Course, CourseCovariance) {
+    /// Its course about the closest point, with one of the errors told by one deviation more where one is given. `None` where that
+    /// cannot be told.
+    fn bent(
+        &self,
+        plan: &Plan<'_>,
+        seen: &Seen<'_>,
+        error: Option<Told>,
+    ) -> Option<(Course, CourseCovariance)> {
         let travel = &plan.travel;
-        let left = |m| without_all(travel, &seen.others, m);
+        let left = |m| plan.lasting.shifted(error, without_all(travel, &seen.others, m));
         let (before, after) = (
             seen.evidence.between(self.from, self.to).map(left),
             seen.evidence.between_back(self.from, self.to).map(left),
         );
         bend::about_closest(&self.course, travel, STEP_S, before, after)
-            .unwrap_or((self.course, self.covariance))
+    }
+
+    /// The straight course with one of the errors told by one deviation more.
+    fn straight(&self, plan: &Plan<'_>, seen: &Seen<'_>, error: Told) -> Option<Course> {
+        let travel = &plan.travel;
+        let left = |m| plan.lasting.shifted(Some(error), without_all(travel, &seen.others, m));
+        let minutes = seen.evidence.between(self.from, self.to).map(left);
+        fit::refine(&self.course, travel, STEP_S, minutes).map(|(course, _)| course)
     }
 
     /// Sends the running estimate, where it says anything.
@@ -350,27 +364,38 @@ impl Live {
     /// Says that what was reported is no vessel's course.
     fn withdraw(&self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
         if self.sent > 0 {
-            let track = self.as_sent(plan, Track::WITHDRAWN, &(self.course, self.covariance));
+            let straight = (self.course, self.covariance);
+            let track = self.as_sent(plan, Track::WITHDRAWN, &straight, &straight);
             sink(Message::Track(Track { range_observable: false, ..track }));
         }
     }
 
     /// The track as known now; `None` where its range is as good as unknown.
     fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
-        let track = self.as_sent(plan, stage, &self.bent(plan, seen));
+        let mut straight = (self.course, self.covariance);
+        let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
+        plan.lasting.widen(&mut straight, &|error| self.straight(plan, seen, error));
+        plan.lasting.widen(&mut bent, &|error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
+        let track = self.as_sent(plan, stage, &straight, &bent);
         (track.sd_cpa_range_m < LEAST_KNOWN_M).then_some(track)
     }
 
-    /// Its record, its closest point that of the course given; of a vessel that does not move the closest point is unknown.
-    fn as_sent(&self, plan: &Plan<'_>, stage: u8, bent: &(Course, CourseCovariance)) -> Track {
+    /// Its record, its place on the straight course and its closest point that of the bent one; of a vessel that does not move the closest point is unknown.
+    fn as_sent(
+        &self,
+        plan: &Plan<'_>,
+        stage: u8,
+        straight: &(Course, CourseCovariance),
+        bent: &(Course, CourseCovariance),
+    ) -> Track {
         const UNKNOWN: f64 = f64::NAN;
         let still = Closest { time_s: UNKNOWN, range_m: UNKNOWN, heading: UNKNOWN, speed_m_s: 0.0 };
         let (c, s) = bent.0.closest(&bent.1).unwrap_or((still, [[UNKNOWN; 4]; 4]));
         let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
         let sd = |x: f64| if x >= 0.0 { math::f64::sqrt(x) as f32 } else { f32::INFINITY };
         let t_s = STEP_S * f64::from(self.to);
-        let (x, y) = self.course.at(t_s);
-        let (xx, yy, xy) = self.course.place_covariance(&self.covariance, t_s);
+        let (x, y) = straight.0.at(t_s);
+        let (xx, yy, xy) = straight.0.place_covariance(&straight.1, t_s);
         let side = if c.range_m > 0.0 { -math::f64::FRAC_PI_2 } else { math::f64::FRAC_PI_2 };
         Track {
             id: self.id,

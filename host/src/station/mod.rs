@@ -20,7 +20,8 @@ use anyhow::{Result, anyhow, bail};
 use response::Response;
 use seabearing_core::array::{self, PlanError};
 use seabearing_core::config::{
-    ArrayConfig, Clips, ConfigError, Kind, Levels, LineConfig, ObsConfig, Schedule, StationConfig, Tracking,
+    ArrayConfig, Clips, ConfigError, Doubts, Kind, Levels, LineConfig, ObsConfig, Schedule, StationConfig,
+    Tracking,
 };
 use seabearing_core::demon::{SpeedCurve, VESSEL_SPEEDS_M_S};
 use seabearing_locate::line::{MAX_FREQUENCIES, MusicMethod};
@@ -138,6 +139,7 @@ impl Station {
         let mut components = Components::default();
         let mut propagation = None;
         let mut seed_id = None;
+        let mut doubts = Doubts::default();
         let mut gains = [1.0; 4];
         let mut responses = [const { None }; 4];
         let mut sensitivity = None;
@@ -180,6 +182,11 @@ impl Station {
                 propagation = o.propagation.map(|p| folder.join(p));
                 seed_id = o.seed_id;
                 sensitivity = o.sensitivity;
+                doubts = Doubts {
+                    orientation_deg: o.orientation_sd_deg,
+                    gain_db: o.gain_sd_db,
+                    table_depth_m: o.table_depth_sd_m,
+                };
                 gains = o.sensitivity.map_or(gains, |s| s.gains());
                 if !gains.iter().all(|g| g.is_finite() && *g != 0.0) {
                     bail!("{}: each sensitivity must be a number other than 0", here("obs.sensitivity"));
@@ -248,6 +255,7 @@ impl Station {
                 .schedule
                 .map_or_else(Schedule::default, |s| Schedule { every_s: s.every_s, on_s: s.on_s }),
             clips: clips_of(file.card.as_ref(), source)?,
+            doubts,
             ..base(&file.station, "station", source)?
         };
         config.validate().map_err(|e| explain(&e, source))?;
@@ -407,6 +415,7 @@ fn base(s: &StationTable, path: &str, source: &TomlFile) -> Result<StationConfig
         levels: Levels::default(),
         schedule: Schedule::default(),
         clips: Clips::default(),
+        doubts: Doubts::default(),
     })
 }
 

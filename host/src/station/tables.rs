@@ -197,6 +197,17 @@ pub(super) struct Obs {
     /// True azimuth of the component called north, degrees.
     #[serde(default)]
     pub(super) orientation_of_north_deg: f64,
+    /// Standard deviation of `orientation_of_north_deg`, degrees, 0 to 90: an error that lasts, in what is stated of azimuths and
+    /// tracks.
+    #[serde(default)]
+    pub(super) orientation_sd_deg: f32,
+    /// Standard deviation of the gain of north over that of east, dB, 0 to 20: an error that lasts, too.
+    #[serde(default)]
+    pub(super) gain_sd_db: f32,
+    /// Standard deviation of the depth for which the propagation table was made, metres, 0 to 1000: an error that lasts, in what is
+    /// stated of ranges, speeds and tracks.
+    #[serde(default)]
+    pub(super) table_depth_sd_m: f32,
     /// `away`: active intensity points away from the source (physical); `towards` where polarity reverses it.
     #[serde(default = "default_intensity")]
     pub(super) intensity: String,

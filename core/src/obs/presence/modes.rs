@@ -1,7 +1,7 @@
 //! The peaks of the posterior over range and radial speed, as measurements with a spread.
 
 use super::super::interference::Interference;
-use super::super::limits::{CELL_M, RANGE_CELLS, RANGE_MODES, SPEEDS};
+use super::super::limits::{CELL_M, MAX_SPEED_M_S, RANGE_CELLS, RANGE_MODES, SPEEDS};
 use super::super::radial::{GRID_UNIT, speed_of};
 use super::super::shared::Grid;
 use super::{
@@ -48,6 +48,18 @@ pub struct RangeMode {
     pub sure: bool,
 }
 
+/// Radial speed below which what is not a tracked vessel's may stand still, m/s: the lines of a propeller's comb draw a pulse at
+/// one quefrency for as long as it turns evenly, and so does a whale that calls in time. A vessel is this slow about its
+/// closest point alone.
+const STILL_M_S: f32 = 1.0;
+
+/// Radial speed above which what is not a tracked vessel's may be faster than the posterior reaches, m/s: an echo read as a pair
+/// of paths twice as far.
+const FASTEST_M_S: f32 = MAX_SPEED_M_S - 0.5;
+
+/// Share of its posterior with which a vessel shows itself.
+const ITSELF: f32 = 0.5;
+
 /// Range within which a mode is the vessel a track expects, m.
 pub(super) const EXPECTED_WITHIN_M: f32 = 1500.0;
 
@@ -58,17 +70,46 @@ impl Expected {
     }
 }
 
+impl RangeMode {
+    /// Whether it moves as the echoes of an established vessel of the table's strengths read as another pair of paths do, and no
+    /// such vessel is there. Where the vessel itself does not show among a minute's modes its track may be the other pair's.
+    fn is_an_echo(
+        &self,
+        model: &Interference<'_>,
+        expected: &ExpectedVessels,
+        all: &[Option<Self>; RANGE_MODES],
+    ) -> bool {
+        let known = || expected.iter().flatten().filter(|e| e.strong);
+        let shows = |e: &Expected| all.iter().flatten().any(|m| m.weight > ITSELF && e.is_near(m));
+        let along = |e: &Expected| model.follows((self.range_m, self.speed_m_s), (e.range_m, e.speed_m_s));
+        !known().any(|e| e.is_near(self)) && known().any(|e| shows(e) && along(e))
+    }
+}
+
 impl RangePresence {
-    /// Drops the modes that read the echoes of an established vessel as another pair of paths and are not sure, as its own are: no
-    /// evidence of another one.
+    /// Drops the modes that read the echoes of an established vessel as another pair of paths: those that are not sure, as its own
+    /// are, and those that move as these echoes do. They are no evidence of another one.
     pub fn without_echoes(&mut self, model: &Interference<'_>, expected: &ExpectedVessels) {
         let known = || expected.iter().flatten();
+        let all = self.modes;
         for slot in &mut self.modes {
             if let Some(m) = slot
-                && !m.sure
-                && !known().any(|e| e.is_near(m))
-                && known().any(|e| e.strong && model.doubtful(m.range_m, e.range_m))
+                && (!m.sure
+                    && !known().any(|e| e.is_near(m))
+                    && known().any(|e| e.strong && model.doubtful(m.range_m, e.range_m))
+                    || m.is_an_echo(model, expected, &all))
             {
+                *slot = None;
+            }
+        }
+    }
+
+    /// Drops the modes that stand still or reach the end of the speeds and that no track expects: no evidence of a vessel.
+    pub fn without_odd_speeds(&mut self, expected: &ExpectedVessels) {
+        for slot in &mut self.modes {
+            let near = |m: &RangeMode| expected.iter().flatten().any(|e| e.is_near(m));
+            let plausible = |m: &RangeMode| (STILL_M_S..FASTEST_M_S).contains(&math::f32::abs(m.speed_m_s));
+            if slot.is_some_and(|m| !plausible(&m) && !near(&m)) {
                 *slot = None;
             }
         }

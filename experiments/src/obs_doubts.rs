@@ -1,0 +1,146 @@
+//! What is not known of an ocean-bottom station, told as deviations in its station file: whether the truth is inside what is stated.
+//!
+//! The days of `obs-week` are heard by a station whose orientation, gain of the north component and table's depth are off by one of the
+//! deviations told, each alone and all together. An error of one deviation leaves the truth inside the 95 %; what it makes of errors in
+//! units of the stated deviation says whether that is larger than need be. `--runs` is the number of days.
+
+use super::obs_checks::{Altered, deeper};
+use super::obs_week::{NO_BAR, Stated, Traffic, cells, minutes, tracks, traffic, whose};
+use super::obs_world::{Case, print, station_table};
+use super::{Experiment, Options};
+use crate::csv::{CsvText, Fixed};
+use crate::ocean_bottom::scenario::ObsScenario;
+use crate::ocean_bottom::simulate::Simulator;
+use crate::ocean_bottom::{run, station};
+use crate::propagation::Propagation;
+use crate::score::track_passed;
+use anyhow::Result;
+use rayon::prelude::*;
+use seabearing_core::block::Frame;
+use seabearing_core::config::Doubts;
+use seabearing_core::wire::Track;
+
+/// The experiment.
+pub const DOUBTS: Experiment = Experiment {
+    name: "obs-doubts",
+    about: "orientation 5° off, north 3 dB louder, table 100 m too deep or too shallow, told as deviations: truth in the stated 95 %",
+    run,
+};
+
+/// What is off, by one deviation each.
+struct Off {
+    name: &'static str,
+    turned_deg: f64,
+    codes: fn(Frame) -> Frame,
+    too_deep_m: f64,
+    told: Doubts,
+}
+
+/// As told, and said to be exact.
+const NOTHING: Doubts = Doubts { orientation_deg: 0.0, gain_db: 0.0, table_depth_m: 0.0 };
+const SOUND: Off = Off { name: "none", turned_deg: 0.0, codes: |f| f, too_deep_m: 0.0, told: NOTHING };
+
+/// North 3 dB louder.
+fn louder([p, n, e, z]: Frame) -> Frame {
+    [p, (f64::from(n) * 10f64.powf(3.0 / 20.0)) as i32, e, z]
+}
+
+const OFF: [Off; 6] = [
+    SOUND,
+    Off {
+        name: "orientation 5° off",
+        turned_deg: 5.0,
+        told: Doubts { orientation_deg: 5.0, ..NOTHING },
+        ..SOUND
+    },
+    Off { name: "north 3 dB louder", codes: louder, told: Doubts { gain_db: 3.0, ..NOTHING }, ..SOUND },
+    Off {
+        name: "table 100 m too deep",
+        too_deep_m: 100.0,
+        told: Doubts { table_depth_m: 100.0, ..NOTHING },
+        ..SOUND
+    },
+    Off {
+        name: "table 100 m too shallow",
+        too_deep_m: -100.0,
+        told: Doubts { table_depth_m: 100.0, ..NOTHING },
+        ..SOUND
+    },
+    Off {
+        name: "all of these",
+        turned_deg: -5.0,
+        codes: louder,
+        too_deep_m: 100.0,
+        told: Doubts { orientation_deg: 5.0, gain_db: 3.0, table_depth_m: 100.0 },
+    },
+];
+
+fn hear(options: &Options, days: usize, table: &Propagation, off: &Off) -> Result<Case> {
+    let Traffic { scenario, extra } = traffic(options, days, 0.0)?;
+    let told = ObsScenario {
+        orientation_of_north_deg: scenario.orientation_of_north_deg - off.turned_deg,
+        ..scenario.clone()
+    };
+    let mut config = station::config(&told, false)?;
+    config.doubts = off.told;
+    let (paths, rate_hz) = (scenario.paths, scenario.rate_hz);
+    let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
+    let (vessels, heard) = (simulator.vessels.clone(), simulator.heard());
+    let mut altered = Altered::new(&mut simulator, off.codes);
+    let mut messages = Vec::new();
+    run::run(&config, &deeper(table, off.too_deep_m), &mut altered, &mut |m| messages.push(m))?;
+    Ok(Case { messages, vessels, heard, table: table.clone(), paths, rate_hz })
+}
+
+/// Final tracks against the ways: what was stated, and squared errors in units of it.
+fn finals(case: &Case) -> (usize, Stated, f64) {
+    let (mut found, mut stated, mut squares) = (0, Stated::default(), 0.0);
+    let finals: Vec<Track> = tracks(case).filter(|t| t.stage == Track::FINAL).collect();
+    for (i, vessel) in case.vessels.iter().enumerate() {
+        let own = finals.iter().rfind(|t| whose(t, &case.vessels) == Some(i));
+        let Some((t, miss)) = own.and_then(|t| Some((t, track_passed(t, &vessel.course)?))) else { continue };
+        found += 1;
+        let sds = [t.sd_cpa_time_s, t.sd_cpa_range_m, t.sd_heading.to_degrees(), t.sd_speed_m_s];
+        for (error, sd) in cells(&miss).into_iter().zip(sds) {
+            stated.take(error, sd, NO_BAR);
+            squares += (error / f64::from(sd)).powi(2);
+        }
+    }
+    let rms = (squares / stated.said.max(1) as f64).sqrt();
+    (found, stated, rms)
+}
+
+fn run(options: &Options) -> Result<()> {
+    let days = options.runs.unwrap_or(1);
+    let table = station_table(options)?;
+    let heard: Vec<Case> =
+        OFF.par_iter().map(|off| hear(options, days, &table, off)).collect::<Result<_>>()?;
+    let mut csv = CsvText::new("off,ships,found,azimuths,in_95,ranges,in_95,tracks_in_95,rms_of_stated");
+    let figures = &options.figures;
+    for (off, case) in OFF.iter().zip(&heard) {
+        let (azimuth, range) = minutes(case);
+        let (azimuth, range) = (Stated::sum(&azimuth), Stated::sum(&range));
+        let (found, stated, rms) = finals(case);
+        let inside = [azimuth, range, stated].map(|s| s.percent(s.within));
+        csv.row(&[
+            &off.name,
+            &case.vessels.len(),
+            &found,
+            &azimuth.said,
+            &Fixed(inside[0], 1),
+            &range.said,
+            &Fixed(inside[1], 1),
+            &Fixed(inside[2], 1),
+            &Fixed(rms, 2),
+        ]);
+        for (what, inside) in ["azimuths", "ranges", "final tracks"].into_iter().zip(inside) {
+            figures.at_least(
+                format!("{}: {what} with the truth in the stated 95 %, %", off.name),
+                inside,
+                92.0,
+            );
+        }
+        figures.state(format!("{}: error of final tracks over the stated deviation, rms", off.name), rms);
+    }
+    print(options, "obs-doubts", csv)
+}
