@@ -42,6 +42,7 @@ mod network_offsets;
 mod network_scene;
 mod network_vessels;
 mod obs_appendix_b;
+mod obs_bad_samples;
 mod obs_checks;
 mod obs_core_clutter;
 mod obs_model;
@@ -49,6 +50,7 @@ mod obs_noise_week;
 mod obs_one_ship;
 mod obs_orient;
 mod obs_pictures;
+mod obs_pulse;
 mod obs_table1;
 mod obs_two_ships;
 mod obs_week;
@@ -161,6 +163,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_noise_week::NOISE_WEEK,
     obs_orient::ORIENT,
     obs_checks::CHECKS,
+    obs_bad_samples::BAD_SAMPLES,
+    obs_pulse::PULSE,
     several_vessels::EXPERIMENT,
     levels::EXPERIMENT,
     ais_kinematics::EXPERIMENT,

@@ -12,6 +12,7 @@ pub mod passage;
 pub mod pictures;
 pub mod place;
 mod presence;
+pub mod pulse;
 pub mod records;
 pub mod run;
 pub mod scenario;
