@@ -5,6 +5,7 @@
 
 pub mod ais;
 pub mod ambient;
+pub mod calls;
 pub mod event;
 pub mod mirrored;
 pub mod orient;

@@ -157,7 +157,7 @@ impl Pieces {
 
     fn best(&self, part: usize) -> PulseForm {
         let mut best = (PulseForm { f0_hz: 0.0, width_s: 0.0, written: Written::Own }, f64::NEG_INFINITY);
-        let mut consider = |f0_hz: f64, width_s: f64, best: &mut (PulseForm, f64)| -> bool {
+        let consider = |f0_hz: f64, width_s: f64, best: &mut (PulseForm, f64)| -> bool {
             let allowed = (4.0..=24.0).contains(&f0_hz) && (0.015..=WIDEST_S).contains(&width_s);
             let form = PulseForm { f0_hz, width_s, written: Written::Own };
             let score = if allowed { self.part(&form, part) } else { f64::NEG_INFINITY };
@@ -250,7 +250,7 @@ mod tests {
             f64::from(seed >> 8) / f64::from(1 << 24)
         };
         let all = (0..4000).map(|i| {
-            let (delay_s, phase) = (1.0 + random(), 0.7 * f64::from(i % 9));
+            let (delay_s, phase) = (1.0 + random(), 0.7 * f64::from(i % 20));
             let k = (delay_s * 50.0).round();
             let points = std::array::from_fn(|j| {
                 let off_s = (k + j as f64 - REACH as f64) / 50.0 - delay_s;
