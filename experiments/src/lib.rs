@@ -42,6 +42,7 @@ mod network_offsets;
 mod network_scene;
 mod network_vessels;
 mod obs_appendix_b;
+mod obs_bad_samples;
 mod obs_checks;
 mod obs_core_clutter;
 mod obs_doubts;
@@ -50,6 +51,7 @@ mod obs_noise_week;
 mod obs_one_ship;
 mod obs_orient;
 mod obs_pictures;
+mod obs_pulse;
 mod obs_table1;
 mod obs_two_ships;
 mod obs_week;
@@ -163,6 +165,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_orient::ORIENT,
     obs_checks::CHECKS,
     obs_doubts::DOUBTS,
+    obs_bad_samples::BAD_SAMPLES,
+    obs_pulse::PULSE,
     several_vessels::EXPERIMENT,
     levels::EXPERIMENT,
     ais_kinematics::EXPERIMENT,

@@ -126,6 +126,11 @@ impl Look {
         u64::from(self.instants - self.counted.min(self.instants))
     }
 
+    /// Clipped samples of each channel.
+    pub fn clipped(&self) -> &[u32; CHANNELS] {
+        &self.clipped
+    }
+
     /// What is wrong with the channels.
     pub fn verdict(&self, tolerance: &Tolerance) -> Verdict {
         let over = |counts: &[u32; CHANNELS], most: u32| {

@@ -2,11 +2,14 @@
 //!
 //! Enters: [`Run`]s in recorder channel order pressure, north, east, vertical. Leaves: hops of 512 samples of the three
 //! used channels, with what is wrong with them. A gap ends the hop; what is left of it is a remainder. A component without
-//! codes is a dead channel while it lasts: ranges need pressure alone. Cost: about 40 instructions a sample instant.
+//! codes is a dead channel while it lasts: ranges need pressure alone. A clipped sample stays as it is, at the limit, which is nearer to
+//! what it was than its neighbours are, and a spike is put right (`mend`): both cost their instants, not the hop. Cost: about 100
+//! instructions a sample instant.
 
 use super::decimate::DecimatorState;
 use super::impulsive::Unevenness;
 use super::limits::{HOP, USED_CHANNELS};
+use super::mend::{Mender, Rails};
 use super::moments::{Filtered, Moments};
 use super::plan::Plan;
 use crate::block::CHANNELS;
@@ -15,8 +18,15 @@ use crate::intake::channels::Verdict;
 use crate::intake::{Channels, Intake, Levels, Look, Run, Tolerance};
 use crate::wire::Message;
 
-/// Clipped samples of a hop up to which it is used: so few hardly raise the noise floor.
-const CLIPPED: u32 = 3;
+/// Clipped samples of a channel in a hop from which on the fault is told.
+const CLIPPING: u32 = 4;
+
+/// Clipped samples of a channel in a hop up to which it is used, a twentieth: noise cut at two standard deviations, which is as
+/// often at its limits, gets a floor 19 dB below itself.
+const CLIPPED: u32 = HOP as u32 / 20;
+
+/// The channels that estimators use, in bits.
+const USED: u8 = 0b0111;
 
 /// Half a frame.
 #[derive(Clone, Debug)]
@@ -24,6 +34,8 @@ pub struct Hop {
     /// Samples of pressure, north, east.
     pub(super) samples: [[f32; HOP]; USED_CHANNELS],
     wrong: Verdict,
+    /// Instants of it that count as clipped, and as no samples, though it is used.
+    spoilt: [u64; 2],
     /// Index of the instant after its last.
     pub(super) end: u64,
     /// Greatest burst of pressure over its mean, in eighths.
@@ -38,6 +50,7 @@ impl Hop {
     const NEW: Self = Self {
         samples: [[0.0; HOP]; USED_CHANNELS],
         wrong: Verdict { dead: 0, copied: 0, clipped: 0, clipped_often: 0, holed: false },
+        spoilt: [0; 2],
         end: 0,
         uneven: 0,
         full: false,
@@ -47,6 +60,18 @@ impl Hop {
     /// Whether a channel can be used.
     pub(super) fn usable(&self, channel: u8) -> bool {
         !self.wrong.holed && (self.wrong.dead | self.wrong.clipped_often) >> channel & 1 == 0
+    }
+
+    /// It was used in a frame: each of its instants counts once, in its bucket.
+    fn used(&mut self, accounting: &mut Accounting) {
+        let mut open = core::mem::take(&mut self.open);
+        let [clipped, spikes] = core::mem::take(&mut self.spoilt);
+        for (cause, n) in [(LossCause::Clipped, clipped), (LossCause::Invalid, spikes)] {
+            let n = n.min(open);
+            accounting.lose(cause, n);
+            open -= n;
+        }
+        accounting.processed = accounting.processed.saturating_add(open);
     }
 
     /// Takes part in no further frame: what is in no bucket goes to the one of its trouble with pressure.
@@ -65,6 +90,10 @@ impl Hop {
 /// The hop being filled and the one before.
 #[derive(Clone, Debug)]
 pub struct Hops {
+    mender: Mender,
+    rails: Rails,
+    /// Spikes put right in the hop being filled.
+    spikes: u64,
     decimator: DecimatorState,
     pub(super) old: Hop,
     pub(super) new: Hop,
@@ -82,6 +111,9 @@ impl Hops {
     /// Nothing seen; all zeros.
     pub const fn new() -> Self {
         Self {
+            mender: Mender::new(),
+            rails: Rails::new(),
+            spikes: 0,
             decimator: DecimatorState::new(),
             old: Hop::NEW,
             new: Hop::NEW,
@@ -105,10 +137,10 @@ impl Hops {
         self.old.full && self.new.full
     }
 
-    /// Moments of the last hop, none where a component of it was wrong.
+    /// Moments of the last hop, none where a component of it was wrong or a sample was put right.
     pub(super) fn moments(&mut self) -> Option<Moments> {
         let moments = core::mem::replace(&mut self.filtered.sums, Moments::NONE);
-        (0..CHANNELS as u8).all(|c| self.new.usable(c)).then_some(moments)
+        (self.new.spoilt == [0; 2] && (0..CHANNELS as u8).all(|c| self.new.usable(c))).then_some(moments)
     }
 
     /// Bit c: channel c dead; bit 4 + c: channel c clipped, as of the last hop.
@@ -134,16 +166,20 @@ impl Hops {
         if !self.running {
             self.running = true;
             self.unevenness = Unevenness::new();
+            self.mender.restart();
             self.decimator.restart();
             self.filtered.begin(&plan.moments, frame);
         }
         self.look.see(run, core::slice::from_ref(frame), plan.clip);
+        if run.mended == 0 {
+            self.rails.see(frame);
+        }
         self.levels.add(frame);
         self.filtered.push(&plan.moments, frame);
         let [p, n, e, _] = frame.map(|code| code as f32);
-        let Some(x) = plan.decimator.push(&mut self.decimator, [p, n, e]) else {
-            return false;
-        };
+        let Some((x, spike)) = self.mender.push([p, n, e]) else { return false };
+        self.spikes += u64::from(spike);
+        let Some(x) = plan.decimator.push(&mut self.decimator, x) else { return false };
         let [pressure, ..] = x;
         self.unevenness.push(&plan.calls, pressure);
         if self.fill == 0 {
@@ -163,13 +199,22 @@ impl Hops {
         let index = run.first_index.saturating_add(at as u64);
         self.fill = 0;
         self.new.uneven = self.unevenness.end_hop();
-        self.new.end = (index + 1).saturating_sub(plan.decimator.lag() as u64);
+        self.new.end = (index + 1).saturating_sub((plan.decimator.lag() + Mender::LAG) as u64);
         self.new.full = true;
         self.new.open = self.look.open();
         let missing = self.look.instants / 8;
+        let at_rail = self.rails.end();
+        let clipped = self.look.clipped();
+        let clipped: [u32; CHANNELS] =
+            core::array::from_fn(|c| clipped.get(c).max(at_rail.get(c)).copied().unwrap_or(0));
+        let over = |least: u32| clipped.iter().rev().fold(0u8, |bits, n| bits << 1 | u8::from(*n >= least));
         self.new.wrong = self.look.verdict(&Tolerance { clipped: CLIPPED, missing });
-        let Verdict { dead, clipped_often, .. } = self.new.wrong;
-        self.channels.see(dead, clipped_often, index, &mut intake.faults, sink);
+        self.new.wrong.clipped_often = over(CLIPPED + 1);
+        // As many instants as the most clipped of the channels that can be used has samples.
+        let used = clipped.iter().enumerate().filter(|(c, n)| USED >> c & 1 == 1 && **n <= CLIPPED);
+        let most = used.map(|(_, n)| *n).max();
+        self.new.spoilt = [u64::from(most.unwrap_or(0)), core::mem::take(&mut self.spikes)];
+        self.channels.see(self.new.wrong.dead, over(CLIPPING), index, &mut intake.faults, sink);
         self.channels.roll();
         self.levels.close(plan.full_scale, intake.elapsed());
         self.look = Look::NEW;
@@ -179,7 +224,7 @@ impl Hops {
     /// The frame of the two hops was used: each counts once.
     pub fn used(&mut self, accounting: &mut Accounting) {
         for hop in [&mut self.old, &mut self.new] {
-            accounting.processed = accounting.processed.saturating_add(core::mem::take(&mut hop.open));
+            hop.used(accounting);
         }
     }
 
@@ -189,6 +234,8 @@ impl Hops {
         self.new.retire(accounting);
         accounting.lose(LossCause::Remainder, self.look.open());
         self.look = Look::NEW;
+        self.rails.restart();
+        self.spikes = 0;
         self.fill = 0;
         self.running = false;
     }
@@ -201,6 +248,8 @@ impl Hops {
     /// Forgets everything, in place.
     pub(super) fn forget(&mut self) {
         self.end(&mut Accounting::default());
+        self.mender = Mender::new();
+        self.rails = Rails::new();
         self.levels = Levels::new();
         self.channels = Channels::new();
     }

@@ -14,6 +14,7 @@ pub mod plan;
 mod travel;
 
 mod hops;
+mod mend;
 mod moments;
 
 mod averages;

@@ -7,6 +7,7 @@ use super::table::{Table, blob_bytes};
 use super::table_encode::{BranchColumns, Header, encode};
 use crate::block::{Block, Frame, MISSING};
 use crate::config::{Clips, Kind, Levels, ObsConfig, Schedule, StationConfig, Tracking};
+use crate::health::LossCause;
 use crate::math;
 use crate::wire::{AZIGRAM_BANDS, Azigram, FaultCode, Message};
 use std::boxed::Box;
@@ -212,6 +213,49 @@ fn a_twentieth_of_the_sample_lines_frames_lost_or_damaged_costs_little_more() {
         assert!(found.iter().all(|a| (a - 120.0).abs() < 3.0), "{found:?}");
         let faults = messages.iter().filter(|m| matches!(m, Message::Fault(_))).count();
         assert!(faults <= 3 * 20, "{faults} in 20 minutes");
+    }
+}
+
+#[test]
+fn a_bad_sample_costs_itself_and_points_nowhere() {
+    let p = plan(50.0);
+    let (frames, noise) = (record(60_000, 50.0, 120.0, 1500.0), record(60_000, 50.0, 0.0, 0.0));
+    let (all, state) = run(&p, &[(0, &frames)]);
+    let used = state.accounting().processed;
+    let right = |messages: &[Message], what: &str| {
+        let found = azimuths(messages);
+        assert!(found.len() * 20 >= azimuths(&all).len() * 19, "{what}: {} azimuths", found.len());
+        assert!(found.iter().all(|a| (a - 120.0).abs() < 3.0), "{what}: {found:?}");
+    };
+    // The noise has a standard deviation of 1414, the tone an amplitude of 1500.
+    for (height, every) in [(20_000, 1_500), (400_000, 1_500), (400_000, 200)] {
+        let spiked = |frames: &[Frame]| {
+            let mut hit = frames.to_vec();
+            hit.iter_mut().skip(700).step_by(every).for_each(|f| f.iter_mut().for_each(|x| *x += height));
+            hit
+        };
+        let (messages, state) = run(&p, &[(0, &spiked(&frames))]);
+        right(&messages, &format!("spikes of {height} every {every}"));
+        let a = state.accounting();
+        let n = (60_000 / every) as u64;
+        assert_eq!(a.total(), 60_000);
+        assert!((n * 9 / 10..=n).contains(&a.lost[LossCause::Invalid as usize]), "{n} spikes: {a:?}");
+        assert!(a.processed + n + 512 >= used, "{a:?}");
+        assert!(azimuths(&run(&p, &[(0, &spiked(&noise))]).0).is_empty(), "{height} every {every}");
+    }
+    // Clipped at 2.3 standard deviations of the whole, at full scale and at a rail below it.
+    for (limit, full_scale) in [(4_000, 4_001), (4_000, 1 << 23)] {
+        let p = Plan::new(&StationConfig { full_scale, ..config(50.0) }, &Table::parse(table(50.0)).unwrap())
+            .unwrap();
+        let mut clipped = frames.clone();
+        clipped.iter_mut().for_each(|f| f.iter_mut().for_each(|x| *x = (*x).clamp(-limit, limit)));
+        let (messages, state) = run(&p, &[(0, &clipped)]);
+        right(&messages, &format!("clipped at {limit} of {full_scale}"));
+        let a = state.accounting();
+        let at_limit = clipped.iter().filter(|f| f[..3].iter().any(|x| x.abs() == limit)).count() as u64;
+        assert_eq!(a.total(), 60_000);
+        let lost = a.lost[LossCause::Clipped as usize];
+        assert!(lost > 0 && lost <= at_limit && a.processed + lost + 512 >= used, "{at_limit}: {a:?}");
     }
 }
 

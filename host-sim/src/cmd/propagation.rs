@@ -160,9 +160,11 @@ fn summary(table: &Propagation, args: &Args) {
             );
         }
     }
-    if table.strengths[..] == strength::RR03[..table.strengths.len()] && !args.json {
+    if !args.json {
         println!(
-            "strengths: those of RR03 (paper O, Table II); measure this station's with `propagation fit`"
+            "strengths: those of RR03 (paper O, Table II), ranges times {:.3} for the depth; pulse: RR03's; measure this station's \
+             with `propagation fit`",
+            table.depth_m / strength::RR03_DEPTH_M
         );
     }
 }

@@ -1,7 +1,8 @@
-//! `seabearing propagation fit`: strengths of interferences from vessels of known track.
+//! `seabearing propagation fit`: strengths of interferences and the form of their pulse, from vessels of known track.
 
 use crate::course::of_file;
 use crate::csv::{CsvText, Fixed};
+use crate::ocean_bottom::pulse::{Pieces, PulseFit};
 use crate::ocean_bottom::stages::frames;
 use crate::ocean_bottom::strengths::{Branch, Cell, fit};
 use crate::plot::{Plot, write_panels};
@@ -25,13 +26,16 @@ pub struct Args {
     /// Where the vessels were (CSV).
     #[arg(long, value_parser = super::input())]
     tracks: PathBuf,
-    /// The table to write: the station's with the fitted strengths.
+    /// The table to write: the station's with the fitted pulse and strengths.
     #[arg(long, value_parser = super::output())]
     out: PathBuf,
     /// Recordings (miniSEED or WAV) or folders of them.
     #[arg(required = true, value_parser = super::input())]
     input: Vec<PathBuf>,
-    /// Print one JSON record a branch.
+    /// Keep the table's centre frequency and pulse width; fit strengths alone.
+    #[arg(long)]
+    keep_pulse: bool,
+    /// Print one JSON record for the pulse and one a branch.
     #[arg(long)]
     json: bool,
 }
@@ -57,6 +61,13 @@ pub fn run(args: Args) -> Result<()> {
             courses.len()
         );
     }
+    if !args.keep_pulse {
+        let pulse = Pieces::collect(&frames, &courses, &table).fit();
+        report_pulse(&args, &table, pulse.as_ref());
+        if let Some(PulseFit { form, .. }) = pulse {
+            (table.f0_hz, table.width_s) = (form.f0_hz, form.width_s);
+        }
+    }
     report(&args, &fitted);
     let csv = csv(&fitted);
     for (slot, branch) in table.strengths.iter_mut().zip(&fitted) {
@@ -67,6 +78,24 @@ pub fn run(args: Args) -> Result<()> {
     file::write(&table, &args.out)?;
     atomic::write(&args.out.with_extension("csv"), csv.as_bytes())?;
     draw(&args.out.with_extension("svg"), &fitted, &table)
+}
+
+fn report_pulse(args: &Args, table: &Propagation, pulse: Option<&PulseFit>) {
+    if args.json {
+        println!(
+            "{}",
+            serde_json::json!({"type": "pulse", "cepstra": pulse.map(|p| p.pieces),
+                "f0_hz": pulse.map(|p| p.form.f0_hz), "f0_sd_hz": pulse.map(|p| p.f0_sd_hz),
+                "width_s": pulse.map(|p| p.form.width_s), "width_sd_s": pulse.map(|p| p.width_sd_s)})
+        );
+    } else if let Some(p) = pulse {
+        println!(
+            "pulse: f0 {:.2} ± {:.2} Hz (was {:.2}), width {:.4} ± {:.4} s (was {:.4}); {} cepstra",
+            p.form.f0_hz, p.f0_sd_hz, table.f0_hz, p.form.width_s, p.width_sd_s, table.width_s, p.pieces
+        );
+    } else {
+        println!("pulse: not measured, kept as it was");
+    }
 }
 
 const NAMES: [&str; 6] = ["13", "35", "57", "79", "9-11", "11-13"];

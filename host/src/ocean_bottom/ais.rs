@@ -172,6 +172,7 @@ impl AisPassage {
             0.93 + 0.14 * (self.mmsi.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as f64 / f64::from(1 << 24);
         let mut radiation = radiation.clone();
         radiation.blade_hz *= own;
+        radiation.engine_hz *= own;
         radiation.tones_hz.iter_mut().for_each(|f| *f *= own);
         let fixes = self.carried_on(start_unix_s);
         let active_s = fixes.first().zip(fixes.last()).map_or((0.0, 0.0), |(first, last)| (first.0, last.0));

@@ -5,6 +5,7 @@
 
 pub mod ais;
 pub mod ambient;
+pub mod calls;
 pub mod event;
 pub mod mirrored;
 pub mod orient;
@@ -12,6 +13,7 @@ pub mod passage;
 pub mod pictures;
 pub mod place;
 mod presence;
+pub mod pulse;
 pub mod records;
 pub mod run;
 pub mod scenario;

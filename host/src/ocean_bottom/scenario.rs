@@ -14,7 +14,8 @@
 //! start_s = 3600.0
 //! duration_s = 30.0
 //! [[faults]]
-//! kind = "dead"                       # dead, saturated, missing (all along), or clock_step with at_s, by_s
+//! kind = "dead"                       # dead, saturated, missing (all along), clock_step with at_s, by_s,
+//!                                     # spikes with every_s, counts, or clipped with counts
 //! channel = 2
 //! from_s = 7200.0
 //! to_s = 7260.0
@@ -149,6 +150,16 @@ pub struct Radiation {
     pub tones_hz: Vec<f64>,
     /// Blade rate, Hz, whose harmonics up to 24.5 Hz are lines too (0: none).
     pub blade_hz: f64,
+    /// Firing rate of the engine's cylinders, Hz, whose harmonics are lines as well (0: none).
+    pub engine_hz: f64,
+    /// By how much a comb's harmonics fall with frequency, dB an octave; `tone_db` is that of the first.
+    pub comb_fall_db: f64,
+    /// Frequency of the wideband noise's greatest density, Hz.
+    pub centre_hz: f64,
+    /// From there to half its amplitude (−6 dB), Hz.
+    pub half_width_hz: f64,
+    /// Depth to which cavitation modulates the wideband noise's amplitude at the blade rate, 0 to 1.
+    pub modulation: f64,
     /// Relative wander of all lines (one standard deviation).
     pub wander: f64,
 }
@@ -252,6 +263,30 @@ pub enum ObsFault {
     Missing(Channel),
     /// A step of the clock.
     ClockStep(ClockStep),
+    /// Single samples far off, on all channels at once.
+    Spikes(Spikes),
+    /// A converter, or an amplifier before it, that clips every channel.
+    Clipped(Clip),
+}
+
+/// Single samples far off, on all channels at once.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spikes {
+    /// From one to the next, s.
+    pub every_s: f64,
+    /// What each adds, counts.
+    pub counts: f64,
+}
+
+/// A limit of every channel below full scale.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Clip {
+    /// Greatest magnitude of a code.
+    pub counts: f64,
 }
 
 /// A channel, all along.
@@ -324,6 +359,11 @@ impl Default for Radiation {
             tone_db: 20.0,
             tones_hz: vec![12.1, 14.3, 16.9, 18.2, 20.6, 22.7],
             blade_hz: 0.0,
+            engine_hz: 0.0,
+            comb_fall_db: 0.0,
+            centre_hz: 15.0,
+            half_width_hz: 10.0,
+            modulation: 0.0,
             wander: 1e-4,
         }
     }
@@ -419,12 +459,40 @@ impl ObsScenario {
             return wrong("name", format!("name is `{}`; one to five letters or digits", self.name));
         }
         check_gaps(&self.gaps, self.duration_s)?;
+        let own = self.vessels.iter().enumerate().map(|(i, v)| (format!("vessels.{i}"), &v.radiation));
+        let ais = self.ais.iter().enumerate().map(|(i, a)| (format!("ais.{i}"), &a.radiation));
+        for (of, r) in own.chain(ais) {
+            for (key, x, lo, hi) in [
+                ("blade_hz", r.blade_hz, 0.0, 25.0),
+                ("engine_hz", r.engine_hz, 0.0, 25.0),
+                ("comb_fall_db", r.comb_fall_db, -60.0, 60.0),
+                ("centre_hz", r.centre_hz, 0.0, 25.0),
+                ("half_width_hz", r.half_width_hz, 0.5, 100.0),
+                ("modulation", r.modulation, 0.0, 1.0),
+            ] {
+                within(&format!("{of}.radiation.{key}"), x, lo, hi)?;
+            }
+            if r.modulation > 0.0 && r.blade_hz == 0.0 {
+                return wrong(
+                    &format!("{of}.radiation.modulation"),
+                    "`modulation` needs `blade_hz`, the rate it goes on at".to_owned(),
+                );
+            }
+        }
         for (i, f) in self.faults.iter().enumerate() {
             if let ObsFault::Dead(Affected { channel, .. })
             | ObsFault::Saturated(Affected { channel, .. })
             | ObsFault::Missing(Channel { channel }) = *f
             {
                 within(&format!("faults.{i}.channel"), channel as f64, 0.0, 3.0)?;
+            }
+            match *f {
+                ObsFault::Spikes(s) => {
+                    within(&format!("faults.{i}.every_s"), s.every_s, 0.1, 1e7)?;
+                    within(&format!("faults.{i}.counts"), s.counts, -8.4e6, 8.4e6)?;
+                }
+                ObsFault::Clipped(c) => within(&format!("faults.{i}.counts"), c.counts, 1.0, 8.4e6)?,
+                _ => {}
             }
         }
         if !self.ais.is_empty() && self.lat_lon_deg.is_none() {

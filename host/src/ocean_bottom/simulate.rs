@@ -7,7 +7,7 @@ use super::ambient::{AmbientNoise, Directional, HOP};
 use super::event::{Caller, HeardEvent, Species, Wave};
 use super::passage::{Field, ReceivedVessel, gain};
 use super::scenario::{ObsFault, ObsScenario, Radiation};
-use super::source::{Radiator, ToneLine, noise_shape};
+use super::source::{Modulation, NoiseShape, Radiator, ToneLine};
 use crate::course::VesselCourse;
 use crate::propagation::Propagation;
 use crate::recording::BlockSource;
@@ -66,20 +66,27 @@ pub struct Simulator {
 fn radiator(r: &Radiation, ambient_rms: f64, rate_hz: f64, gain_20_km: f64, seed: u64) -> Radiator {
     let density = ambient_rms.powi(2) / (rate_hz / 2.0);
     // Power of the noise's shape in 5 to 25 Hz against all of it.
-    let power = |lo: u32| (lo..250).map(|k| noise_shape(0.1 * f64::from(k)).powi(2)).sum::<f64>();
+    let shape = NoiseShape { centre_hz: r.centre_hz, half_width_hz: r.half_width_hz };
+    let power = |lo: u32| (lo..250).map(|k| shape.at(0.1 * f64::from(k)).powi(2)).sum::<f64>();
     let part = power(50) / power(0);
     let noise = 10f64.powf(r.wideband_db / 10.0) * density * 20.0 / (part * gain_20_km);
-    let line = 2.0 * 10f64.powf(r.tone_db / 10.0) * density * BIN_HZ / gain_20_km;
-    let harmonics = (1..).map(|k| r.blade_hz * f64::from(k)).take_while(|f| r.blade_hz > 0.0 && *f < 24.5);
-    let tones = r
-        .tones_hz
-        .iter()
-        .copied()
-        .chain(harmonics)
-        .filter(|f| *f > 0.0 && *f < 24.8)
-        .map(|hz| ToneLine { hz, amplitude: line.sqrt() })
+    let line = (2.0 * 10f64.powf(r.tone_db / 10.0) * density * BIN_HZ / gain_20_km).sqrt();
+    // Harmonic k is log2 k octaves above the first.
+    let comb = |hz: f64| {
+        let harmonics = (1..).map(f64::from).take_while(move |k| hz > 0.0 && hz * k < 24.5);
+        harmonics.map(move |k| ToneLine {
+            hz: hz * k,
+            amplitude: line * 10f64.powf(-r.comb_fall_db * k.log2() / 20.0),
+        })
+    };
+    let single = r.tones_hz.iter().filter(|f| **f > 0.0 && **f < 24.8);
+    let tones = single
+        .map(|hz| ToneLine { hz: *hz, amplitude: line })
+        .chain(comb(r.blade_hz))
+        .chain(comb(r.engine_hz))
         .collect();
-    Radiator::new(noise.sqrt(), tones, r.wander, seed)
+    let modulation = (r.modulation > 0.0).then_some(Modulation { hz: r.blade_hz, depth: r.modulation });
+    Radiator::shaped(noise.sqrt(), shape, modulation, tones, r.wander, seed)
 }
 
 impl Simulator {
@@ -230,6 +237,22 @@ impl Simulator {
                 ObsFault::Dead(a) if a.at(t) => frame[a.channel] = 0,
                 ObsFault::Saturated(a) if a.at(t) => frame[a.channel] = FULL_SCALE as i32,
                 ObsFault::Missing(c) => frame[c.channel] = MISSING,
+                ObsFault::Spikes(k) => {
+                    // The sample in which the next multiple of the interval falls.
+                    let number = |t: f64| (t / k.every_s).floor();
+                    if t >= k.every_s && number(t) != number(t - 1.0 / s.rate_hz) {
+                        for x in frame.iter_mut().filter(|x| **x != MISSING) {
+                            *x = (f64::from(*x) + k.counts)
+                                .clamp(-f64::from(FULL_SCALE), f64::from(FULL_SCALE))
+                                as i32;
+                        }
+                    }
+                }
+                ObsFault::Clipped(c) => {
+                    let most = c.counts as i32;
+                    let there = frame.iter_mut().filter(|x| **x != MISSING);
+                    there.for_each(|x| *x = (*x).clamp(-most, most));
+                }
                 _ => {}
             }
         }

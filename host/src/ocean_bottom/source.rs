@@ -3,8 +3,8 @@
 //!
 //! The signal x(t) = Re[b(t) e^{2πi·12.5·t}] holds 0 to 25 Hz; b is kept at 100 samples a second (four times what its
 //! ±12.5 Hz need), so that six-point interpolation errs by less than −60 dB. Noise comes from blocks of independent
-//! Gaussian spectra under the shape of [O App. B] (Gaussian about 15 Hz, −6 dB at 5 and 25 Hz), overlapped by half
-//! with a power-complementary window. Every block depends on seed and number only.
+//! Gaussian spectra under the shape of [O App. B] (Gaussian about 15 Hz, −6 dB at 5 and 25 Hz, unless told otherwise), overlapped by half
+//! with a power-complementary window; cavitation modulates its amplitude at the blade rate. Every block depends on seed and number only.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -34,10 +34,45 @@ pub struct ToneLine {
     pub amplitude: f64,
 }
 
+/// Shape of wideband noise against frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoiseShape {
+    /// Frequency of the greatest density, Hz.
+    pub centre_hz: f64,
+    /// From there to half the amplitude (−6 dB), Hz.
+    pub half_width_hz: f64,
+}
+
+impl Default for NoiseShape {
+    /// \[O App. B\].
+    fn default() -> Self {
+        Self { centre_hz: 15.0, half_width_hz: 10.0 }
+    }
+}
+
+impl NoiseShape {
+    /// Amplitude at a frequency, 1 at the greatest; cut at 0 and 25 Hz.
+    pub fn at(&self, hz: f64) -> f64 {
+        let spread = self.half_width_hz / (2.0 * 2f64.ln()).sqrt();
+        let edge = (hz / 0.5).min((25.0 - hz) / 0.25).clamp(0.0, 1.0);
+        edge * (-0.5 * ((hz - self.centre_hz) / spread).powi(2)).exp()
+    }
+}
+
+/// Modulation of the wideband noise's amplitude: `1 + depth cos`, at a rate that wanders as the lines do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Modulation {
+    /// Rate, Hz.
+    pub hz: f64,
+    /// Depth, 0 to 1.
+    pub depth: f64,
+}
+
 /// A radiating vessel.
 pub struct Radiator {
     noise_rms: f64,
     tones: Vec<ToneLine>,
+    modulation: Option<Modulation>,
     wander: Wander,
     seed: u64,
     shape: Vec<f32>,
@@ -73,23 +108,27 @@ impl Wander {
     }
 }
 
-/// Amplitude of the wideband noise against frequency: [O App. B], cut at 0 and 25 Hz.
-pub fn noise_shape(hz: f64) -> f64 {
-    // −6 dB (half the amplitude) 10 Hz from the centre.
-    let spread = 10.0 / (2.0 * 2f64.ln()).sqrt();
-    let edge = (hz / 0.5).min((25.0 - hz) / 0.25).clamp(0.0, 1.0);
-    edge * (-0.5 * ((hz - 15.0) / spread).powi(2)).exp()
-}
-
 impl Radiator {
     /// A vessel with noise of a root-mean-square pressure at 1 m and lines that wander by `wander` (relative).
     pub fn new(noise_rms: f64, tones: Vec<ToneLine>, wander: f64, seed: u64) -> Self {
+        Self::shaped(noise_rms, NoiseShape::default(), None, tones, wander, seed)
+    }
+
+    /// The same with a shape of its noise and a modulation.
+    pub fn shaped(
+        noise_rms: f64,
+        noise: NoiseShape,
+        modulation: Option<Modulation>,
+        tones: Vec<ToneLine>,
+        wander: f64,
+        seed: u64,
+    ) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let shift = (CENTRE_HZ / RATE_HZ * BLOCK as f64) as usize;
         let mut shape: Vec<f32> = vec![0.0; BLOCK];
         for k in 0..2 * shift {
             let hz = k as f64 * RATE_HZ / BLOCK as f64;
-            shape[(k + BLOCK - shift) % BLOCK] = noise_shape(hz) as f32;
+            shape[(k + BLOCK - shift) % BLOCK] = noise.at(hz) as f32;
         }
         // Re of a complex noise has half its power; a complex bin of two unit normals has power 2 a².
         let power: f64 = shape.iter().map(|a| f64::from(*a).powi(2)).sum();
@@ -102,6 +141,7 @@ impl Radiator {
         Self {
             noise_rms,
             tones,
+            modulation,
             wander: Wander::new(wander, &mut rng),
             seed,
             shape,
@@ -135,6 +175,7 @@ impl Radiator {
                 *b += t;
             }
             self.tail = tail;
+            self.modulate(next * HOP as i64, &mut block);
             self.add_tones(next * HOP as i64, &mut block);
             self.kept.append(&mut block);
             next += 1;
@@ -164,6 +205,15 @@ impl Radiator {
             *b *= w;
         }
         block
+    }
+
+    fn modulate(&self, first: i64, out: &mut [Complex<f32>]) {
+        let Some(Modulation { hz, depth }) = self.modulation else { return };
+        let same_power = (1.0 + 0.5 * depth * depth).sqrt();
+        for (i, x) in out.iter_mut().enumerate() {
+            let turns = hz * self.wander.time((first + i as i64) as f64 / RATE_HZ);
+            *x *= ((1.0 + depth * (TAU * turns.fract()).cos()) / same_power) as f32;
+        }
     }
 
     fn add_tones(&self, first: i64, out: &mut [Complex<f32>]) {
@@ -226,6 +276,27 @@ mod tests {
         b.prepare(0.0, 10.0);
         b.prepare(330.0, 340.0);
         assert!((a.at(333.3) - b.at(333.3)).norm() < 1e-4);
+    }
+
+    #[test]
+    fn modulated_noise_has_its_power_and_beats_at_the_rate() {
+        let modulation = Some(Modulation { hz: 1.7, depth: 0.8 });
+        let shape = NoiseShape { centre_hz: 10.0, half_width_hz: 4.0 };
+        let mut a = Radiator::shaped(3.0, shape, modulation, vec![], 0.0, 7);
+        a.prepare(100.0, 600.0);
+        let power: Vec<f64> = (0..50_000).map(|i| a.at(100.0 + 0.01 * f64::from(i)).norm_sqr()).collect();
+        let mean = power.iter().sum::<f64>() / 5e4;
+        assert!((mean / 18.0 - 1.0).abs() < 0.15, "{mean}");
+        // Of (1 + d cos)² / (1 + d²/2) the first harmonic has the amplitude 2 d / (1 + d²/2).
+        let beat = |hz: f64| {
+            let sum: Complex<f64> = power
+                .iter()
+                .enumerate()
+                .map(|(i, p)| Complex::from_polar(*p, -TAU * hz * (100.0 + 0.01 * i as f64)))
+                .sum();
+            2.0 * sum.norm() / 5e4 / mean
+        };
+        assert!((beat(1.7) - 1.6 / 1.32).abs() < 0.15 && beat(1.3) < 0.15, "{} {}", beat(1.7), beat(1.3));
     }
 
     #[test]

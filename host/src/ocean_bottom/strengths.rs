@@ -20,7 +20,7 @@ pub const CELLS: usize = 50;
 /// Fewest frames of a cell that count.
 const LEAST: usize = 8;
 /// Branches nearer to each other than this cannot be told apart, s: three widths of the pulse.
-const APART_S: f64 = 0.15;
+pub(super) const APART_S: f64 = 0.15;
 
 /// One cell of range of one branch.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,9 +50,7 @@ pub fn fit(frames: &[SpectralFrame], courses: &[VesselCourse], table: &Propagati
     let mut sums = vec![[(0.0f64, 0usize, 0.0f64); CELLS]; branches];
     let mut envelope = Envelope::new(frames.first().map_or(0, |f| f.filtered.len()));
     for f in frames {
-        let near = |c: &&VesselCourse| c.at(f.t_s).is_some_and(|p| p.0.hypot(p.1) < 70_000.0);
-        let mut inside = courses.iter().filter(near);
-        let (Some(course), None) = (inside.next(), inside.next()) else { continue };
+        let Some(course) = alone(courses, f.t_s) else { continue };
         let squares = envelope.of(&f.filtered);
         for b in 0..branches {
             let Some((range, tau)) = at_emission(table, course, b, f.t_s) else { continue };
@@ -103,9 +101,7 @@ pub fn stack(frames: &[SpectralFrame], courses: &[VesselCourse], table: &Propaga
     let mut envelope = Envelope::new(quefrencies);
     let mut sums = vec![(vec![0f64; quefrencies], 0usize); CELLS];
     for f in frames {
-        let near = |c: &&VesselCourse| c.at(f.t_s).is_some_and(|p| p.0.hypot(p.1) < 70_000.0);
-        let mut inside = courses.iter().filter(near);
-        let (Some(course), None) = (inside.next(), inside.next()) else { continue };
+        let Some(course) = alone(courses, f.t_s) else { continue };
         let heard = (0..table.strengths.len()).find_map(|b| at_emission(table, course, b, f.t_s));
         let Some((sum, n)) = heard.and_then(|(range, _)| sums.get_mut((range / CELL_M) as usize)) else {
             continue;
@@ -121,8 +117,20 @@ pub fn stack(frames: &[SpectralFrame], courses: &[VesselCourse], table: &Propaga
         .collect()
 }
 
+/// The one vessel within 70 km at a time; none where there are several.
+pub(super) fn alone(courses: &[VesselCourse], t_s: f64) -> Option<&VesselCourse> {
+    let near = |c: &&VesselCourse| c.at(t_s).is_some_and(|p| p.0.hypot(p.1) < 70_000.0);
+    let mut inside = courses.iter().filter(near);
+    inside.next().filter(|_| inside.next().is_none())
+}
+
 /// Range at the emission of what interferes in a branch at a time (mean travel time of its two paths), and the delay.
-fn at_emission(table: &Propagation, course: &VesselCourse, branch: usize, t_s: f64) -> Option<(f64, f64)> {
+pub(super) fn at_emission(
+    table: &Propagation,
+    course: &VesselCourse,
+    branch: usize,
+    t_s: f64,
+) -> Option<(f64, f64)> {
     let mut place = course.at(t_s)?;
     for _ in 0..3 {
         let range = place.0.hypot(place.1);

@@ -85,6 +85,7 @@ fn convert(table: &CsvTable, name: &str, depth_m: Option<f64>, conjugate: bool) 
     };
     let estimate_m = super::file::depth_of(&out, name)?;
     out.depth_m = depth_m.unwrap_or(estimate_m);
+    out.strengths = strength::of_depth(out.depth_m)[..out.strengths.len()].to_vec();
     super::file::check(&out, name)?;
     Ok(out)
 }

@@ -27,6 +27,22 @@ pub const RR03: [SkewNormal; 4] = [
     SkewNormal { k_m: 550.0, shape: 4.0, location_m: 36_000.0, scale_m: 20_000.0 },
 ];
 
+/// Water depth at RR03, m.
+pub const RR03_DEPTH_M: f64 = 4340.0;
+
+/// Strengths of a floor `depth_m` deep before any is measured: those of RR03 with ranges in proportion to depth. Angles of the paths, and with
+/// them the ratios of their amplitudes and the onset of total reflection, are functions of range over depth (exactly so in water of one
+/// speed); levels against noise, spreading and absorption are taken as they are at RR03.
+pub fn of_depth(depth_m: f64) -> [SkewNormal; 4] {
+    let ratio = depth_m / RR03_DEPTH_M;
+    RR03.map(|s| SkewNormal {
+        k_m: s.k_m * ratio,
+        shape: s.shape,
+        location_m: s.location_m * ratio,
+        scale_m: s.scale_m * ratio,
+    })
+}
+
 impl SkewNormal {
     /// The strength at a range.
     pub fn at(&self, range_m: f64) -> f64 {
@@ -53,6 +69,16 @@ mod tests {
                 .fold((0.0, 0.0), |best, x| if x.1 > best.1 { x } else { best });
             assert!((a - peak).abs() < 0.0006, "{a}");
             assert!((r - at).abs() < 150.0, "{r}");
+        }
+    }
+
+    #[test]
+    fn half_as_deep_the_same_heights_lie_half_as_far() {
+        assert_eq!(of_depth(RR03_DEPTH_M), RR03);
+        for (a, b) in RR03.iter().zip(of_depth(0.5 * RR03_DEPTH_M)) {
+            for r in [5_000.0, 12_000.0, 30_000.0] {
+                assert!((a.at(r) - b.at(0.5 * r)).abs() < 1e-12);
+            }
         }
     }
 

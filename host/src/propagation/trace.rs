@@ -43,7 +43,7 @@ pub fn trace(
         f0_hz: F0_HZ,
         width_s: WIDTH_S,
         paths,
-        strengths: strength::RR03.to_vec(),
+        strengths: strength::of_depth(profile.depth_m()).to_vec(),
     }
 }
 

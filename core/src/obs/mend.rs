@@ -1,0 +1,300 @@
+//! Single samples that no sound makes: spikes, which are put right, and a converter's rail below its full scale, which is told.
+//!
+//! A spike is one sample far off the line between its neighbours, which are themselves where theirs expect them once it is
+//! gone; sound that fills the band bends its neighbours too. The distances of the three used components are judged
+//! together, each against its own running mean square, so that a spike common to all is found where it is weak in each.
+//! The sample is replaced by that line. Enters: one instant after another of a run; leaves: the instant [`Mender::LAG`] before.
+//!
+//! A rail is a code that is the extreme of a hop and comes up in it [`RAIL_HITS`] times: extremes of a sound are met once.
+//! Cost: 60 instructions an instant.
+
+use super::limits::{HOP, USED_CHANNELS};
+use crate::block::{CHANNELS, Frame};
+
+/// Instants looked at together: the one judged and two on either side.
+const WINDOW: usize = 5;
+
+/// Instants of a run before its level is known; none is put right in them.
+const WARM_UP: u16 = 64;
+
+/// Instants over which the mean square of a component's distances is kept.
+const MEMORY: u16 = 256;
+
+/// Sum of the squared distances of the components, each in its mean square, from which on an instant is a spike. Gaussian noise
+/// gets there in one instant of 10¹² (χ² of three degrees of freedom).
+const SPIKE: f32 = 60.0;
+
+/// The same from which on a neighbour of what is put right is not where it is expected (one instant of 4000).
+const ORDINARY: f32 = 18.0;
+
+/// How many times farther out a spike is, squared, than what was before it and than its neighbours are when it is gone.
+const STANDS_OUT: f32 = 6.0;
+
+/// What is remembered of what was before, from instant to instant: half after four.
+const RECENT: f32 = 0.85;
+
+/// A component is put right where its own squared distance is above this.
+const OWN: f32 = 9.0;
+
+/// One distance moves the mean square as if it were at most so large against it.
+const MOST: f32 = 9.0;
+
+/// Least mean square of a distance, codes squared: below it a component is as good as still.
+const STILL: f32 = 1.0;
+
+/// Samples of the used components at an instant.
+type Instant = [f32; USED_CHANNELS];
+
+/// The instants about the one that is judged, and the levels.
+#[derive(Clone, Debug)]
+pub(super) struct Mender {
+    window: [Instant; WINDOW],
+    held: usize,
+    mean_square: Instant,
+    /// The greatest of the latest sums of squared distances, decaying.
+    recent: f32,
+    /// The sum of the instant before the one judged, of which the next may have been a part.
+    newest: f32,
+    /// Instants that the mean squares are of, up to [`MEMORY`].
+    known: u16,
+}
+
+/// Squared distance of each component of `b` from the middle between `a` and `c`.
+fn squares(a: &Instant, b: &Instant, c: &Instant) -> Instant {
+    core::array::from_fn(|i| {
+        let [a, b, c] = [a, b, c].map(|x| x.get(i).copied().unwrap_or(0.0));
+        let d = b - 0.5 * (a + c);
+        d * d
+    })
+}
+
+impl Mender {
+    /// Instants by which what leaves is behind what enters.
+    pub(super) const LAG: usize = WINDOW / 2;
+
+    /// Nothing heard; all zeros.
+    pub(super) const fn new() -> Self {
+        Self {
+            window: [[0.0; USED_CHANNELS]; WINDOW],
+            held: 0,
+            mean_square: [0.0; USED_CHANNELS],
+            recent: 0.0,
+            newest: 0.0,
+            known: 0,
+        }
+    }
+
+    /// A run begins: what was before is no neighbour; levels stay.
+    pub(super) fn restart(&mut self) {
+        self.held = 0;
+    }
+
+    /// Takes an instant; gives the one [`Self::LAG`] before, once there is one, and whether it was a spike.
+    pub(super) fn push(&mut self, x: Instant) -> Option<(Instant, bool)> {
+        self.window.rotate_left(1);
+        let [.., last] = &mut self.window;
+        *last = x;
+        self.held = (self.held + 1).min(WINDOW);
+        let [_, _, middle, _, _] = self.window;
+        if self.held < WINDOW {
+            // The first of a run have no neighbours before them.
+            return (self.held > Self::LAG).then_some((middle, false));
+        }
+        let [first, before, _, after, last] = &self.window;
+        let distances = squares(before, &middle, after);
+        let mean_square = self.mean_square;
+        let weighed = |distances: &Instant| -> Instant {
+            core::array::from_fn(|i| {
+                let [d, m] = [distances, &mean_square].map(|x| x.get(i).copied().unwrap_or(0.0));
+                d / m.max(STILL)
+            })
+        };
+        let total = |distances: &Instant| weighed(distances).iter().sum::<f32>();
+        let own = weighed(&distances);
+        let all = own.iter().sum::<f32>();
+        let mut mended = middle;
+        let mut spike = false;
+        if self.known >= WARM_UP && all > SPIKE && all > STANDS_OUT * self.recent {
+            for ((m, own), (a, c)) in mended.iter_mut().zip(own).zip(before.iter().zip(after)) {
+                if own > OWN {
+                    *m = 0.5 * (a + c);
+                }
+            }
+            let most = ORDINARY.min(all / STANDS_OUT);
+            spike = total(&squares(first, before, &mended)) < most
+                && total(&squares(&mended, after, last)) < most;
+        }
+        if spike {
+            let [_, _, middle, _, _] = &mut self.window;
+            *middle = mended;
+            self.newest = 0.0;
+            return Some((mended, true));
+        }
+        self.known = (self.known + 1).min(MEMORY);
+        let warm = self.known > WARM_UP;
+        self.recent = (RECENT * self.recent).max(core::mem::replace(&mut self.newest, all));
+        // A component that stands still has no codes, or none of its own.
+        for (m, d) in self.mean_square.iter_mut().zip(distances).filter(|(_, d)| *d > 0.0) {
+            let d = if warm { d.min(MOST * m.max(STILL)) } else { d };
+            *m += (d - *m) / f32::from(self.known);
+        }
+        Some((middle, false))
+    }
+}
+
+/// Times that the extreme code of a hop comes up in it where it is a rail.
+const RAIL_HITS: u16 = 5;
+
+/// Least distance between a hop's extremes where one may be a rail, codes: between fewer, noise meets its own extreme again.
+const SPAN_CODES: i32 = 1024;
+
+/// One extreme of a component in a hop, and the rail it is known to have.
+#[derive(Clone, Copy, Debug)]
+struct Extreme {
+    code: i32,
+    hits: u16,
+    /// A code that was a rail and was not passed since.
+    rail: Option<i32>,
+}
+
+impl Extreme {
+    const NEW: Self = Self { code: 0, hits: 0, rail: None };
+
+    /// Takes a code, of which greater is farther out.
+    fn see(&mut self, code: i32) {
+        if self.hits == 0 || code > self.code {
+            self.code = code;
+            self.hits = 1;
+        } else if code == self.code {
+            self.hits = self.hits.saturating_add(1);
+        }
+    }
+
+    /// Instants at the rail in the hop that ends; the next begins.
+    fn end(&mut self, span: i32) -> u32 {
+        let hits = core::mem::take(&mut self.hits);
+        let met = hits >= RAIL_HITS && span >= SPAN_CODES;
+        if met {
+            self.rail = Some(self.code);
+        } else if hits > 0 && self.rail.is_some_and(|rail| self.code > rail) {
+            self.rail = None;
+        }
+        if hits > 0 && self.rail == Some(self.code) { u32::from(hits) } else { 0 }
+    }
+}
+
+/// Extremes of every channel, upper and lower.
+#[derive(Clone, Debug)]
+pub(super) struct Rails([[Extreme; 2]; CHANNELS]);
+
+impl Rails {
+    /// Nothing seen; all zeros.
+    pub(super) const fn new() -> Self {
+        Self([[Extreme::NEW; 2]; CHANNELS])
+    }
+
+    /// Takes an instant.
+    pub(super) fn see(&mut self, frame: &Frame) {
+        for ([upper, lower], code) in self.0.iter_mut().zip(frame) {
+            upper.see(*code);
+            lower.see(code.saturating_neg());
+        }
+    }
+
+    /// Samples of each channel at a rail in the hop that ends; the next begins. A channel that hardly leaves its extreme is
+    /// stuck and not at a rail.
+    pub(super) fn end(&mut self) -> [u32; CHANNELS] {
+        self.0.each_mut().map(|[upper, lower]| {
+            let span = upper.code.saturating_add(lower.code);
+            let hits = upper.end(span) + lower.end(span);
+            if hits < HOP as u32 / 2 { hits } else { 0 }
+        })
+    }
+
+    /// What was counted is of a hop that does not end.
+    pub(super) fn restart(&mut self) {
+        self.0.iter_mut().flatten().for_each(|e| e.hits = 0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math;
+    use std::vec::Vec;
+
+    fn gaussian(seed: &mut u32) -> f32 {
+        let mut sum = 0.0;
+        for _ in 0..12 {
+            *seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            sum += (*seed >> 8) as f32 / 16_777_216.0;
+        }
+        1000.0 * (sum - 6.0)
+    }
+
+    fn run(x: &[Instant]) -> Vec<(Instant, bool)> {
+        let mut m = Mender::new();
+        x.iter().filter_map(|x| m.push(*x)).collect()
+    }
+
+    #[test]
+    fn spikes_are_put_right_and_nothing_else_is_touched() {
+        let mut seed = 9;
+        let clean: Vec<Instant> =
+            (0..20_000).map(|_| core::array::from_fn(|_| gaussian(&mut seed))).collect();
+        let out = run(&clean);
+        assert_eq!(out.len(), clean.len() - Mender::LAG);
+        assert!(out.iter().zip(&clean).all(|((y, spike), x)| y == x && !spike), "noise is not touched");
+        // Common to all components and weak in each, and strong in one alone.
+        for (common, height) in [(true, 8_000.0), (true, 1e6), (false, 15_000.0)] {
+            let mut hit = clean.clone();
+            let at: Vec<usize> = (500..19_000).step_by(607).collect();
+            for k in &at {
+                hit[*k].iter_mut().take(if common { 3 } else { 1 }).for_each(|x| *x += height);
+            }
+            let out = run(&hit);
+            let found = at.iter().filter(|k| out[**k].1).count();
+            assert!(found * 100 >= at.len() * 90, "{common} {height}: {found} of {}", at.len());
+            let left = |k: usize| (0..3).map(|c| (out[k].0[c] - clean[k][c]).abs()).fold(0.0, f32::max);
+            assert!(at.iter().filter(|k| out[**k].1).all(|k| left(*k) < 6_000.0));
+            assert!((0..out.len()).all(|k| at.contains(&k) || out[k].0 == clean[k]), "only what is a spike");
+        }
+    }
+
+    #[test]
+    fn a_whale_s_note_and_a_loud_tone_are_no_spikes() {
+        let mut seed = 5;
+        for hz in [12.0, 16.67, 20.0, 24.0] {
+            let x: Vec<Instant> = (0..10_000)
+                .map(|k| {
+                    // A note of 1 s, 26 dB above the noise, every 10 s.
+                    let t = k as f32 / 50.0 % 10.0;
+                    let envelope = math::f32::exp(-0.5 * ((t - 5.0) / 0.22) * ((t - 5.0) / 0.22));
+                    let s = 20_000.0 * envelope * math::f32::sin(math::f32::TAU * hz * k as f32 / 50.0);
+                    [1.0, 0.6, -0.5].map(|a| a * s + gaussian(&mut seed))
+                })
+                .collect();
+            let out = run(&x);
+            let touched = out.iter().filter(|(_, spike)| *spike).count();
+            assert!(touched <= 2, "{hz} Hz: {touched}");
+        }
+    }
+
+    #[test]
+    fn a_rail_below_full_scale_is_recognised_until_it_is_passed() {
+        let (mut rails, mut seed) = (Rails::new(), 3);
+        let mut hop = |limit: i32| {
+            for _ in 0..HOP {
+                let x = gaussian(&mut seed) as i32;
+                rails.see(&[x.clamp(-limit, limit), x / 100, 77, x]);
+            }
+            rails.end()
+        };
+        assert_eq!(hop(100_000), [0; 4]);
+        let [clipped, quiet, stuck, free] = hop(2_000);
+        assert!((10..60).contains(&clipped) && quiet == 0 && stuck == 0 && free == 0, "{clipped}");
+        assert!(hop(2_000)[0] > 0);
+        assert_eq!(hop(100_000)[0], 0);
+        assert_eq!(hop(100_000)[0], 0);
+    }
+}

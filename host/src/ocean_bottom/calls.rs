@@ -1,0 +1,513 @@
+//! Calls of whales, from a recording: direction and range of short notes that repeat (fin whales about 20 Hz).
+//!
+//! A note reaches the floor once for each path, and the delays between its arrivals are those of the propagation table, as for a vessel's
+//! interference [O 16]. Each minute's three-minute window of pressure and horizontal velocities is cut to [`BAND_HZ`] and made analytic.
+//!
+//! - *Notes* are peaks of the smoothed power 6 dB above its median, the greatest first, none within [`APART_S`] of another.
+//! - *Azimuth*: the active intensity about each note's peak; the mean of their directions, and its deviation from their scatter.
+//! - *Range*: the autocorrelation `Q(τ) = Σ p*(t) p(t+τ)` at lags of 0.6 to 6 s. About lag zero it is the note's own, `Q₀`, so that for a
+//!   whale at range r it is `a Σ c_mn Q₀(τ − τ_mn)`, with `τ_mn` the delay of path n behind path m, `c_mn = A_m A_n*/Σ|A|²` the table's
+//!   amplitudes, and a between a quarter and two. Where notes come at equal intervals T, the lags `T − τ_mn` between one call and the
+//!   next are part of it. The log-likelihood ratio against noise, `Re⟨M,Q⟩²/(⟨M,M⟩ v)` with v the variance of Q where nothing is, counts for each
+//!   independent sample of the band; with a prior in proportion to area it becomes a posterior over range.
+//!
+//! A range is told where its place holds nine tenths of the posterior; nearer than [`NEAREST_M`] and where nothing stands out
+//! there is none. Calls are joined to a caller's way, apart from vessels' tracks ([`ways`]). Not known: several whales at once whose notes
+//! interleave (the louder one counts), and calls longer than a few seconds, which have no range.
+
+use crate::propagation::{Complex, Propagation};
+use crate::recording::BlockSource;
+use anyhow::{Result, bail};
+use seabearing_core::angle::{wrap_pi, wrap_tau};
+use seabearing_core::block::{Frame, MISSING};
+use seabearing_core::config::{Kind, StationConfig};
+use seabearing_core::kit::quantile;
+use seabearing_signal::{Fft, Precision, RealToComplex};
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+/// Frequencies of the notes, Hz.
+pub const BAND_HZ: (f64, f64) = (15.0, 25.0);
+/// Half a window, s.
+const HALF_WINDOW_S: f64 = 90.0;
+/// Notes nearer to each other than this are one call's arrivals, s: longer than the longest delay of its strong paths.
+pub const APART_S: f64 = 8.0;
+/// Fewest notes of a window that make a call.
+const LEAST_NOTES: usize = 3;
+/// Peak power of a note over the median, times.
+const STANDS_OUT: f64 = 4.0;
+/// Half the length over which power is smoothed, s.
+const SMOOTH_S: f64 = 0.4;
+/// Nearest range told, m: nearer, delays hardly change with range.
+pub const NEAREST_M: f64 = 2_000.0;
+/// Farthest, m.
+pub const FARTHEST_M: f64 = 30_000.0;
+/// Step of range, m.
+const STEP_M: f64 = 50.0;
+/// Lags looked at, s.
+const LAGS_S: (f64, f64) = (0.6, 6.0);
+/// Half the width of the note's own autocorrelation, s.
+const OWN_S: f64 = 0.6;
+/// Least log-likelihood ratio of a range.
+const LEAST_LOG_RATIO: f64 = 12.0;
+/// Share of the posterior that the place told must hold.
+const SURE: f64 = 0.9;
+/// What is one place: this share of its range.
+const ONE_PLACE: f64 = 0.1;
+/// Least share of the table's strengths at which echoes count as such.
+const LEAST_STRENGTH: f64 = 0.25;
+
+/// Range of a call.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CallRange {
+    /// Range, m.
+    pub range_m: f64,
+    /// Its standard deviation, m.
+    pub sd_m: f64,
+    /// Log-likelihood ratio against noise.
+    pub log_ratio: f64,
+}
+
+/// What was heard of calls in the three minutes about an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WhaleCall {
+    /// The instant, s after the first sample.
+    pub t_s: f64,
+    /// Notes in the window.
+    pub notes: usize,
+    /// From note to note, s; `None` where it is not steady.
+    pub interval_s: Option<f64>,
+    /// True azimuth and its standard deviation, rad; `None` without the horizontal components.
+    pub azimuth: Option<(f64, f64)>,
+    /// Range, where the delays of the notes' arrivals are a range's.
+    pub range: Option<CallRange>,
+}
+
+/// Looks for calls in one window after another.
+struct Listener<'t> {
+    table: &'t Propagation,
+    rate_hz: f64,
+    turn: f64,
+    n: usize,
+    forward: Arc<dyn RealToComplex<f64>>,
+    inverse: Arc<dyn Fft<f64>>,
+}
+
+/// Calls of a recording, minute by minute.
+///
+/// # Errors
+/// The recording cannot be read, or its rate is not between 50 and 100 Hz.
+pub fn calls(
+    source: &mut dyn BlockSource,
+    config: &StationConfig,
+    table: &Propagation,
+) -> Result<Vec<WhaleCall>> {
+    let rate_hz = config.rate_hz;
+    if !(50.0..=100.0).contains(&rate_hz) {
+        bail!("{rate_hz} Hz: notes are looked for in recordings of 50 to 100 Hz");
+    }
+    let Kind::Obs(obs) = &config.kind else { bail!("an ocean-bottom station is needed") };
+    let away = if obs.intensity_towards { 0.0 } else { PI };
+    let length = (2.0 * HALF_WINDOW_S * rate_hz) as usize;
+    let n = (2 * length).next_power_of_two();
+    let listener = Listener {
+        table,
+        rate_hz,
+        turn: obs.orientation_of_north_deg.to_radians() + away,
+        n,
+        forward: f64::real_to_complex(n),
+        inverse: f64::complex_inverse(n),
+    };
+    let mut held: Vec<Frame> = Vec::new();
+    let mut first = 0u64;
+    let mut minute = 1u64;
+    let mut out = Vec::new();
+    while let Some(block) = source.next_block()? {
+        if first + held.len() as u64 != block.first_index {
+            held.clear();
+            first = block.first_index;
+        }
+        held.extend_from_slice(block.frames);
+        loop {
+            let from = ((60.0 * minute as f64 - HALF_WINDOW_S) * rate_hz).round();
+            // What began after the window's beginning was lost, or never was.
+            if from < first as f64 {
+                minute += 1;
+                continue;
+            }
+            let from = (from as u64 - first) as usize;
+            let Some(window) = held.get(from..from + length) else { break };
+            out.extend(listener.window(window, 60.0 * minute as f64));
+            minute += 1;
+        }
+        let keep = ((60.0 * minute as f64 - HALF_WINDOW_S) * rate_hz - first as f64).max(0.0) as usize;
+        let done = keep.min(held.len());
+        held.drain(..done);
+        first += done as u64;
+    }
+    Ok(out)
+}
+
+impl Listener<'_> {
+    /// A channel cut to the band, as an analytic signal; `None` where a code is missing.
+    fn analytic(&self, window: &[Frame], channel: usize) -> Option<Vec<Complex<f64>>> {
+        if window.iter().any(|f| f[channel] == MISSING) {
+            return None;
+        }
+        let mean = window.iter().map(|f| f64::from(f[channel])).sum::<f64>() / window.len() as f64;
+        let mut samples = vec![0.0; self.n];
+        for (x, f) in samples.iter_mut().zip(window) {
+            *x = f64::from(f[channel]) - mean;
+        }
+        let mut half = self.forward.make_output_vec();
+        self.forward.process(&mut samples, &mut half).ok()?;
+        let mut x = vec![Complex::default(); self.n];
+        x.iter_mut().zip(half).for_each(|(x, h)| *x = h);
+        let (lo, hi) = BAND_HZ;
+        for (k, x) in x.iter_mut().enumerate() {
+            let hz = k as f64 * self.rate_hz / self.n as f64;
+            // Edges of 1 Hz.
+            let edge = (hz - lo + 1.0).min(hi + 1.0 - hz).clamp(0.0, 1.0);
+            let inside = if 2 * k < self.n { edge * edge * (3.0 - 2.0 * edge) } else { 0.0 };
+            *x *= 2.0 * inside / self.n as f64;
+        }
+        self.inverse.process(&mut x);
+        x.truncate(window.len());
+        Some(x)
+    }
+
+    fn window(&self, window: &[Frame], t_s: f64) -> Option<WhaleCall> {
+        let pressure = self.analytic(window, 0)?;
+        let notes = self.notes(&pressure);
+        if notes.len() < LEAST_NOTES {
+            return None;
+        }
+        let interval_s = self.interval(&notes);
+        let horizontals = self.analytic(window, 1).zip(self.analytic(window, 2));
+        let azimuth = horizontals.and_then(|(north, east)| self.azimuth(&pressure, &north, &east, &notes));
+        let range = self.range(pressure, interval_s);
+        Some(WhaleCall { t_s, notes: notes.len(), interval_s, azimuth, range })
+    }
+
+    /// Samples at which notes peak, in order.
+    fn notes(&self, pressure: &[Complex<f64>]) -> Vec<usize> {
+        let half = (SMOOTH_S * self.rate_hz) as usize;
+        let sums: Vec<f64> = std::iter::once(0.0)
+            .chain(pressure.iter().scan(0.0, |sum, p| {
+                *sum += p.norm_sqr();
+                Some(*sum)
+            }))
+            .collect();
+        let n = pressure.len();
+        let power: Vec<f64> = (0..n)
+            .map(|i| {
+                let (a, b) = (i.saturating_sub(half), (i + half + 1).min(n));
+                (sums[b] - sums[a]) / (b - a) as f64
+            })
+            .collect();
+        let Some(median) = quantile::median(&mut power.clone()) else { return Vec::new() };
+        let mut order: Vec<usize> = (0..n).filter(|i| power[*i] > STANDS_OUT * median).collect();
+        order.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
+        let apart = (APART_S * self.rate_hz) as usize;
+        let mut out: Vec<usize> = Vec::new();
+        for i in order {
+            if out.iter().all(|o| o.abs_diff(i) > apart) {
+                out.push(i);
+            }
+        }
+        out.sort_unstable();
+        // An earthquake or a T phase stands out as well, but not as notes do: they are short and alike.
+        let strongest = out.iter().map(|i| power[*i]).fold(0.0, f64::max);
+        out.retain(|i| power[*i] > 0.1 * strongest);
+        let long = power.iter().filter(|p| **p > 0.25 * strongest).count() as f64 / self.rate_hz;
+        if long > 8.0 * out.len() as f64 { Vec::new() } else { out }
+    }
+
+    /// The interval of notes that come steadily.
+    fn interval(&self, notes: &[usize]) -> Option<f64> {
+        let mut steps: Vec<f64> = notes.windows(2).map(|w| (w[1] - w[0]) as f64 / self.rate_hz).collect();
+        let middle = quantile::median(&mut steps)?;
+        // A note may be missing between two; most steps must agree.
+        let near: Vec<f64> = steps.iter().copied().filter(|s| (s - middle).abs() < 0.15).collect();
+        (2 * near.len() > steps.len()).then(|| near.iter().sum::<f64>() / near.len() as f64)
+    }
+
+    fn azimuth(
+        &self,
+        pressure: &[Complex<f64>],
+        north: &[Complex<f64>],
+        east: &[Complex<f64>],
+        notes: &[usize],
+    ) -> Option<(f64, f64)> {
+        let half = (OWN_S * self.rate_hz) as usize;
+        let each: Vec<(f64, f64)> = notes
+            .iter()
+            .map(|i| {
+                let span = i.saturating_sub(half)..(i + half + 1).min(pressure.len());
+                let (mut x, mut y) = (0.0, 0.0);
+                for k in span {
+                    x += (pressure[k].conj() * east[k]).re;
+                    y += (pressure[k].conj() * north[k]).re;
+                }
+                (x, y)
+            })
+            .collect();
+        let (x, y) = each.iter().fold((0.0, 0.0), |s, d| (s.0 + d.0, s.1 + d.1));
+        if x == 0.0 && y == 0.0 {
+            return None;
+        }
+        let mean = x.atan2(y);
+        // The mean weighs each note by its intensity; its deviation is that of notes about it.
+        let weights: Vec<f64> = each.iter().map(|d| d.0.hypot(d.1)).collect();
+        let total: f64 = weights.iter().sum();
+        let square: f64 = each
+            .iter()
+            .zip(&weights)
+            .map(|(d, w)| (w / total * wrap_pi(d.0.atan2(d.1) - mean)).powi(2))
+            .sum();
+        let n = each.len() as f64;
+        let sd = (square * n / (n - 1.0)).sqrt().max(1e-3);
+        (sd < 1.0).then(|| (wrap_tau(mean + self.turn), sd))
+    }
+
+    /// Autocorrelation at lags from 0 on.
+    fn autocorrelation(&self, mut x: Vec<Complex<f64>>) -> Vec<Complex<f64>> {
+        x.resize(self.n, Complex::default());
+        // The inverse transform of conjugates has the powers of the transform.
+        x.iter_mut().for_each(|x| *x = x.conj());
+        self.inverse.process(&mut x);
+        x.iter_mut().for_each(|x| *x = Complex::new(x.norm_sqr() / self.n as f64, 0.0));
+        self.inverse.process(&mut x);
+        x.truncate(((LAGS_S.1 + OWN_S) * self.rate_hz) as usize + 2);
+        x
+    }
+
+    fn range(&self, pressure: Vec<Complex<f64>>, interval_s: Option<f64>) -> Option<CallRange> {
+        let q = self.autocorrelation(pressure);
+        let (from, to) = ((LAGS_S.0 * self.rate_hz) as usize, (LAGS_S.1 * self.rate_hz) as usize);
+        let measured = q.get(from..to)?;
+        let mut powers: Vec<f64> = measured.iter().map(Complex::norm_sqr).collect();
+        // Of a complex normal variable the median power is ln 2 times the mean.
+        let variance = quantile::median(&mut powers)? / std::f64::consts::LN_2;
+        // Samples of the band are not independent: so many are worth one.
+        let worth = (BAND_HZ.1 - BAND_HZ.0 + 1.0) / self.rate_hz;
+        let steps = ((FARTHEST_M - NEAREST_M) / STEP_M) as usize + 1;
+        let mut log_ratio = vec![f64::NEG_INFINITY; steps];
+        for (i, slot) in log_ratio.iter_mut().enumerate() {
+            let range_m = NEAREST_M + STEP_M * i as f64;
+            let Some(model) = self.model(range_m, interval_s, &q, from, to) else { continue };
+            let (mut xy, mut xx) = (0.0, 0.0);
+            for (m, y) in model.iter().zip(measured) {
+                xy += (m.conj() * y).re;
+                xx += m.norm_sqr();
+            }
+            if xx > 0.0 {
+                let a = (xy / xx).clamp(LEAST_STRENGTH, 2.0);
+                *slot = worth * (2.0 * a * xy - a * a * xx) / variance;
+            }
+        }
+        let best = (0..steps).max_by(|a, b| log_ratio[*a].total_cmp(&log_ratio[*b]))?;
+        let top = log_ratio[best];
+        if !(top > LEAST_LOG_RATIO) {
+            return None;
+        }
+        let place = |i: usize| NEAREST_M + STEP_M * i as f64;
+        let (mut all, mut share, mut mean, mut square) = (0.0, 0.0, 0.0, 0.0);
+        for (i, l) in log_ratio.iter().enumerate() {
+            let p = place(i) * (l - top).exp();
+            all += p;
+            if (place(i) / place(best) - 1.0).abs() < ONE_PLACE {
+                let off = place(i) - place(best);
+                (share, mean, square) = (share + p, mean + p * off, square + p * off * off);
+            }
+        }
+        let at_edge = best == 0 || best + 1 == steps;
+        if share < SURE * all || at_edge {
+            return None;
+        }
+        let (mean, square) = (mean / share, square / share);
+        let variance_m2 = (square - mean * mean).max(0.0) + STEP_M * STEP_M / 12.0;
+        Some(CallRange { range_m: place(best) + mean, sd_m: variance_m2.sqrt(), log_ratio: top })
+    }
+
+    /// What the autocorrelation is for a whale at a range, of unit strength, at lags `from..to`.
+    fn model(
+        &self,
+        range_m: f64,
+        interval_s: Option<f64>,
+        q: &[Complex<f64>],
+        from: usize,
+        to: usize,
+    ) -> Option<Vec<Complex<f64>>> {
+        let arrivals: Vec<_> =
+            (0..self.table.paths.len()).filter_map(|p| self.table.arrival(p, range_m)).collect();
+        let power: f64 = arrivals.iter().map(|a| a.amplitude.norm_sqr()).sum();
+        if arrivals.len() < 2 || power <= 0.0 {
+            return None;
+        }
+        let own = OWN_S * self.rate_hz;
+        let mut out = vec![Complex::default(); to - from];
+        // The note's autocorrelation about a lag, both sides of it from the one that is kept.
+        let mut add = |lag_s: f64, c: Complex<f64>| {
+            let middle = lag_s * self.rate_hz;
+            let (first, last) = ((middle - own).ceil().max(from as f64), (middle + own).floor());
+            let mut k = first;
+            while k <= last && k < to as f64 {
+                let off = k - middle;
+                let (j, part) = (off.abs().floor() as usize, off.abs().fract());
+                // Turned by the carrier between two samples, which a straight line would miss.
+                let carrier = TAU * 0.5 * (BAND_HZ.0 + BAND_HZ.1) / self.rate_hz;
+                let base = |j: usize| q[j] * Complex::from_polar(1.0, -carrier * j as f64);
+                let between = base(j) * (1.0 - part) + base(j + 1) * part;
+                let value = between * Complex::from_polar(1.0, carrier * off.abs());
+                let value = if off < 0.0 { value.conj() } else { value };
+                let fade = 0.5 + 0.5 * (PI * off.abs() / own).cos();
+                out[k as usize - from] += c * value * fade;
+                k += 1.0;
+            }
+        };
+        for (m, early) in arrivals.iter().enumerate() {
+            for late in &arrivals[m + 1..] {
+                let delay_s = late.toa_s - early.toa_s;
+                let c = early.amplitude * late.amplitude.conj() / power;
+                add(delay_s, c);
+                if let Some(t) = interval_s {
+                    add(t - delay_s, c.conj());
+                }
+            }
+        }
+        Some(out)
+    }
+}
+
+/// A caller's way: calls with a direction and a range that one animal's slow swimming joins.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CallerWay {
+    /// First and last call, s.
+    pub span_s: (f64, f64),
+    /// Calls joined.
+    pub calls: usize,
+    /// East and North at the middle of the span, m, and the standard deviation of each along its worst direction.
+    pub place_m: (f64, f64),
+    /// Standard deviation of the place, m.
+    pub sd_place_m: f64,
+    /// East and North velocity, m/s.
+    pub velocity_m_s: (f64, f64),
+    /// Standard deviation of each velocity, m/s.
+    pub sd_velocity_m_s: f64,
+}
+
+/// Fastest that a whale swims for long, m/s.
+const SWIMS_M_S: f64 = 8.0;
+/// Longest silence within a way, s.
+const SILENCE_S: f64 = 1800.0;
+/// Fewest calls of a way.
+const LEAST_CALLS: usize = 5;
+
+/// Joins calls with azimuth and range to the ways of callers, in order of their first call.
+pub fn ways(calls: &[WhaleCall]) -> Vec<CallerWay> {
+    let mut groups: Vec<Vec<(f64, [f64; 2], f64)>> = Vec::new();
+    for c in calls {
+        let (Some((azimuth, sd_azimuth)), Some(r)) = (c.azimuth, c.range) else { continue };
+        let (s, cos) = azimuth.sin_cos();
+        let place = [r.range_m * s, r.range_m * cos];
+        let sd = r.sd_m.hypot(r.range_m * sd_azimuth);
+        let fits = |g: &Vec<(f64, [f64; 2], f64)>| {
+            g.last().is_some_and(|(t, p, before)| {
+                let way = (place[0] - p[0]).hypot(place[1] - p[1]);
+                c.t_s - t <= SILENCE_S && way <= SWIMS_M_S * (c.t_s - t) + 3.0 * sd.hypot(*before)
+            })
+        };
+        match groups.iter_mut().rev().find(|g| fits(g)) {
+            Some(g) => g.push((c.t_s, place, sd)),
+            None => groups.push(vec![(c.t_s, place, sd)]),
+        }
+    }
+    groups.iter().filter(|g| g.len() >= LEAST_CALLS).map(|g| way(g)).collect()
+}
+
+/// The straight line through places of one group, each weighed by its deviation; East and North alike.
+fn way(group: &[(f64, [f64; 2], f64)]) -> CallerWay {
+    let span_s = (group[0].0, group[group.len() - 1].0);
+    let middle = 0.5 * (span_s.0 + span_s.1);
+    let (mut w0, mut w1, mut w2) = (0.0, 0.0, 0.0);
+    let mut sums = [[0.0; 2]; 2];
+    for (t, place, sd) in group {
+        let (w, t) = (1.0 / (sd * sd), t - middle);
+        (w0, w1, w2) = (w0 + w, w1 + w * t, w2 + w * t * t);
+        for (sum, x) in sums.iter_mut().zip(place) {
+            *sum = [sum[0] + w * x, sum[1] + w * t * x];
+        }
+    }
+    // A whale that hardly moves: its velocity has a prior of a swimming whale's.
+    let w2 = w2 + 1.0 / (0.5 * SWIMS_M_S).powi(2);
+    let det = w0 * w2 - w1 * w1;
+    let [x, y] = sums.map(|[a, b]| ((w2 * a - w1 * b) / det, (w0 * b - w1 * a) / det));
+    // Windows of three minutes overlap, a minute apart: three calls are worth one.
+    let overlap = 3f64;
+    CallerWay {
+        span_s,
+        calls: group.len(),
+        place_m: (x.0, y.0),
+        sd_place_m: (overlap * w2 / det).sqrt(),
+        velocity_m_s: (x.1, y.1),
+        sd_velocity_m_s: (overlap * w0 / det).sqrt().min(0.5 * SWIMS_M_S),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ocean_bottom::scenario::{ObsScenario, Whale};
+    use crate::ocean_bottom::simulate::Simulator;
+    use crate::ocean_bottom::station;
+    use crate::propagation::{bottom::Bottom, profile::SpeedProfile, trace};
+
+    fn table() -> Propagation {
+        let profile = SpeedProfile::subtropical(4340.0).unwrap();
+        trace::trace("t", &profile, &Bottom::default(), 70.0, 600, || ())
+    }
+
+    fn heard(whales: &[(f64, f64, f64)]) -> Vec<WhaleCall> {
+        let scenario: ObsScenario = toml::from_str(
+            "kind = \"obs\"\nseed = 4\nduration_s = 900.0\npropagation = \"t\"\norientation_of_north_deg = 77.0\n",
+        )
+        .unwrap();
+        let whale = |(azimuth_deg, range_m, level_db): &(f64, f64, f64)| Whale {
+            azimuth_deg: *azimuth_deg,
+            range_m: *range_m,
+            start_s: -60.0,
+            duration_s: 900.0,
+            interval_s: 13.0,
+            level_db: *level_db,
+        };
+        let scenario = ObsScenario { fin_whale: whales.iter().map(whale).collect(), ..scenario };
+        let (table, config) = (table(), station::config(&scenario, false).unwrap());
+        let mut simulator = Simulator::new(scenario, table.clone(), Vec::new()).unwrap();
+        calls(&mut simulator, &config, &table).unwrap()
+    }
+
+    #[test]
+    fn a_fin_whale_has_azimuth_and_range() {
+        for (azimuth, range) in [(200.0, 5_000.0), (340.0, 12_000.0)] {
+            let found = heard(&[(azimuth, range, 18.0)]);
+            assert!(found.len() >= 10, "{range}: {} windows", found.len());
+            let ranges: Vec<f64> = found.iter().filter_map(|c| Some(c.range?.range_m)).collect();
+            assert!(2 * ranges.len() >= found.len(), "{range}: {ranges:?}");
+            assert!(ranges.iter().all(|r| (r / range - 1.0).abs() < 0.1), "{range}: {ranges:?}");
+            for c in &found {
+                let (a, _) = c.azimuth.unwrap();
+                assert!(wrap_pi(a - f64::to_radians(azimuth)).abs() < 0.1, "{a}");
+            }
+            let ways = ways(&found);
+            assert_eq!(ways.len(), 1);
+            let off = (ways[0].place_m.0.hypot(ways[0].place_m.1) / range - 1.0).abs();
+            assert!(off < 0.05, "{ways:?}");
+        }
+    }
+
+    #[test]
+    fn a_sea_without_calls_has_none() {
+        assert!(heard(&[]).iter().all(|c| c.range.is_none()));
+    }
+}
