@@ -1,6 +1,7 @@
 //! Four one-channel seismic converters of the ADS1282 kind (Texas Instruments SBAS418) on one line: clock, data in, reset and
-//! SYNC are common. Commands, registers, data ready, continuous reading, filters' settling. **From memory of the data sheet,
-//! not checked against it.**
+//! SYNC are common. Commands, registers, data ready, continuous reading, filters' settling. Commands, registers, their values after a
+//! reset and the pause between bytes agree with the maker's example code; **the rest is from memory of the data sheet, not checked**: by that
+//! code a chip says nothing unasked after a reset, here it does.
 
 use crate::ads131m04::{Codes, Source};
 use crate::board::Refusal;

@@ -1,4 +1,4 @@
-//! Monitors of the memories' error correction (RM0433, "RAM ECC monitoring"; registers from memory).
+//! Monitors of the memories' error correction (RM0433, "RAM ECC monitoring"; places and flags as in the maker's headers).
 //!
 //! A wrong bit is told at once, and not when the word is next read.
 

@@ -44,13 +44,13 @@ fn cases(cuts: u64) -> Vec<CardCase> {
         of("well", &[], 0.0, 2.2, &[]),
         of("busy for 0.5 s", &[stall(0.5)], SOUND_S, 2.2, &[]),
         misses(of("busy for 0.8 s", &[stall(0.8)], SOUND_S, 2.5, &[slow, back])),
-        of(
+        misses(of(
             "busy for 0.4 s, the converter without supply for 0.1 s of it",
             &[stall(0.4), InjectedFault::ConverterDead(SOUND_S + 0.1, 0.1)],
             SOUND_S,
             2.2,
             &[Wanted::Fault(FaultCode::ConverterRestarted, None)],
-        ),
+        )),
         of(
             "busy for 0.4 s, reset pin in its midst",
             &[stall(0.4), InjectedFault::PinReset(SOUND_S + 0.2)],
@@ -111,7 +111,12 @@ impl Stage<'_> {
             .said
             .iter()
             .filter_map(|said| match said.message {
-                Message::Fault(f) if f.code == FaultCode::CardBack => u64::try_from(f.value).ok(),
+                // What the card did not take, and what there was none of.
+                Message::Fault(f)
+                    if matches!(f.code, FaultCode::CardBack | FaultCode::ConverterRestarted) =>
+                {
+                    u64::try_from(f.value).ok()
+                }
                 _ => None,
             })
             .sum();

@@ -3,8 +3,9 @@
 //!
 //! A chip gives words of 32 bits, the most significant first: 31 bits of code and once more the sign, which is turned round
 //! where the code is at its limit. There is no checksum. SPI mode 0, at most half the chips' clock of 4.096 MHz; between the
-//! bytes of commands 24 of its periods at least. Names and numbers are those of the data sheet (Texas Instruments SBAS418),
-//! **from memory, not checked against it**.
+//! bytes of commands 24 of its periods at least. Names and numbers are those of the data sheet (Texas Instruments SBAS418): commands,
+//! registers, their values after a reset and that pause agree with the maker's example code, the rest (mode, filter, times after a reset and
+//! SYNC, the second sign) is **from memory, not checked**.
 
 use seabearing_core::block::{CHANNELS, Frame, MISSING};
 

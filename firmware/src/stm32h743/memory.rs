@@ -1,5 +1,5 @@
 //! Wrong bits in memory. Every word of the processor's memories has seven or eight bits of error correction, and a monitor of each
-//! memory tells what it found when a word was read (RM0433, "RAM ECC monitoring"; registers from memory).
+//! memory tells what it found when a word was read (RM0433, "RAM ECC monitoring"; places and flags as in the maker's headers).
 //!
 //! One wrong bit in a word is put right as it is read: records stay right, and it is told, because a memory that fails now and
 //! then will fail for good. More cannot be put right: what was worked out of that word may be wrong and look right, so the

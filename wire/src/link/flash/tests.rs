@@ -77,6 +77,23 @@ fn what_was_written_is_there_after_a_reset_and_numbers_go_on() {
 }
 
 #[test]
+fn a_store_that_opens_where_it_stays_is_the_same_and_a_link_may_borrow_it() {
+    use crate::link::{Link, Settings};
+    let mut store = Tested::open(Small::new());
+    run(&mut store, 0..20, false);
+    settle(&mut store);
+    let (before, ledger) = (readable(&store), *store.ledger());
+    let mut place = MaybeUninit::uninit();
+    let store = Tested::open_in(&mut place, store.into_flash());
+    assert_eq!((readable(store), *store.ledger(), store.starts()), (before, ledger, 2));
+    let mut link = Link::new(Settings::serial(115_200), 1, 2, 3, &mut *store);
+    link.offer(Class::Alarm, b"later");
+    assert_eq!(link.store().ledger().next[0], ledger.next[0] + 1);
+    settle(store);
+    assert_eq!(readable(store)[&(0, ledger.next[0])], (b"later".to_vec(), 2));
+}
+
+#[test]
 fn the_oldest_goes_first_but_alarms_and_final_tracks_last() {
     let mut store = Tested::open(Small::new());
     store.begin(1);
