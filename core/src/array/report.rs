@@ -48,7 +48,7 @@ const NEAR_THRESHOLD: f32 = 2.0;
 
 /// Standard deviation of the height from which vessel and image are heard together, in units of the vessel's depth and for each
 /// radian between the two: a law that fits passes of vessels 2 to 8 m deep, 200 m to 1 km away.
-const HALF_WAY_SD: f32 = 0.4;
+const HALF_WAY_SD: f32 = 0.8;
 /// Standard deviation of a depth that no fringes tell, in units of `vessel_depth_m`: propellers 2 to 8 m deep are, about 4 m, 2 m off
 /// in the root mean square.
 const UNKNOWN_DEPTH_SD: f32 = 0.5;
