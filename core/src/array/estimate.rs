@@ -11,6 +11,7 @@ use super::refine;
 use super::report::{self, Others};
 use super::sick::{self, Sick, Sign};
 use super::spectra::Spectra;
+use super::steady::Steady;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
 use crate::wire::Message;
@@ -49,6 +50,8 @@ pub(crate) struct Memory {
     agreement: Agreement,
     /// Mean square by which pair delays miss the common direction's, in variances of a pair's delay.
     misfit: f32,
+    /// How much its bearings scatter.
+    steady: Steady,
     /// How deep the source is.
     depth: Depth,
     /// Segments so far.
@@ -100,6 +103,7 @@ impl Memory {
             places: Places::new(),
             agreement: Agreement::new(),
             misfit: 0.0,
+            steady: Steady::NEW,
             depth: Depth::UNKNOWN,
             other: None,
             octave: 0,
@@ -224,6 +228,11 @@ impl Context<'_> {
         1.0 / (self.snapshots.max(1.0) * self.band.used.pairs() * (segments + 1.0))
     }
 
+    /// Whether the segment shares samples with the one before: not where it was shortened or a gap lies in it.
+    pub(super) fn shares(&self) -> bool {
+        self.flags & (BRIDGED | SHORTENED) == 0
+    }
+
     fn delays(&self, u: &Direction, curvature: f32) -> [f32; PAIR_COUNT] {
         wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, u, curvature))
     }
@@ -239,6 +248,9 @@ impl Context<'_> {
     }
 }
 
+/// Flags of a bearing from a segment with a gap, and from one of a step.
+const BRIDGED: u8 = 1 << 1;
+const SHORTENED: u8 = 1 << 2;
 /// Flag of a bearing by three hydrophones, the sign of whose elevation is assumed.
 const LEFT_OUT: u8 = 1 << 3;
 
@@ -270,8 +282,8 @@ pub(crate) fn segment(
         moment_sd_s: 0.0,
         depth: None,
         flags: u8::from(spectra.added.clipped)
-            | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) << 1)
-            | (u8::from(shortened) << 2),
+            | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) * BRIDGED)
+            | (u8::from(shortened) * SHORTENED),
     };
     refine::whiten(spectra);
     scratch.search.correlate(&band, spectra, &mut scratch.work);
@@ -362,18 +374,9 @@ fn whole(
         context.depth = memory.depth.known();
     }
     let spectrum = &scratch.spectrum;
-    let scatter = match memory.other {
-        Some(_) => refine::scatter(
-            plan,
-            context.band,
-            spectra,
-            &first.tau,
-            (&spectrum.smooth, &spectrum.weight),
-            context.snapshots,
-        ),
-        None => 1.0,
-    };
-    let others = Others::Lasting(&mut memory.misfit, scatter);
+    let scatter = (memory.other.is_some() || memory.misfit > report::DISAGREEING)
+        .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
+    let others = Others::Lasting { misfit: &mut memory.misfit, steady: &mut memory.steady, scatter };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
         sink(Message::Bearing(bearing));
     }

@@ -10,6 +10,7 @@
 //! Cost: one transform of 512 points and some 60 instructions a bin, 45 000 a segment.
 
 use super::plan::{BINS, FRAME, Plan};
+use super::refine;
 use super::spectra::Spectra;
 use super::transform::{self, Work};
 use crate::math::f32 as m;
@@ -109,7 +110,9 @@ pub(super) fn depth_m(
     }
     let (height, n) = best;
     let (before, after) = (at(n.saturating_sub(1)), at(n + 1));
-    if height < LEAST.max(coherence) || before > height || after > height {
+    // Frames hold a part of either path's sound without the other's.
+    let contrast = coherence * refine::share(plan, n as f32 / plan.rate_hz);
+    if height < LEAST.max(contrast) || before > height || after > height {
         return None;
     }
     // The lobe of a band of so many bins reaches to its first zero.

@@ -27,6 +27,7 @@ pub mod report;
 mod search;
 mod sick;
 mod spectra;
+mod steady;
 #[cfg(test)]
 mod test_sea;
 mod transform;

@@ -94,8 +94,8 @@ pub(super) fn octave(
 
 /// What the first source left about another, whose smoothed coherence is in the work space.
 fn scattered<'a>(context: &Context<'_>, found: &Found, spectra: &Spectra, work: &SpectrumWork) -> Others<'a> {
-    let (tau, spectrum) = (&found.tau, (&work.smooth, &work.weight));
-    Others::Scatter(refine::scatter(context.plan, context.band, spectra, tau, spectrum, context.snapshots))
+    let scatter = refine::scatter(context, found, spectra, (&work.smooth, &work.weight));
+    Others::Scatter(scatter.ratio)
 }
 
 /// Looks for another source in what the first leaves: its expected cross-spectra are taken out and the search repeated.

@@ -9,6 +9,7 @@
 //! `σ_t² = Σ W²ω² n(n+4c) / (2K (Σ Wω²c)²)`, which for these weights is the physical limit of docs/references.md.
 //! Cost: about 30 000 instructions a pass over the six pairs; seven passes a segment.
 
+use super::estimate::{Context, Found};
 use super::plan::{BINS, Band, Plan, SHARE_STRIDE, SHARES};
 use super::spectra::{BinRun, Spectra};
 use super::transform::RUN;
@@ -119,8 +120,8 @@ pub(crate) fn coherence(
     }
 }
 
-/// Share of the signal that frames of two hydrophones have in common at a delay.
-fn share(plan: &Plan, tau: f32) -> f32 {
+/// Share of the signal that frames of two hydrophones have in common at a delay (seconds).
+pub(super) fn share(plan: &Plan, tau: f32) -> f32 {
     let at = m::abs(tau) * plan.rate_hz / SHARE_STRIDE as f32;
     let n = (at as usize).min(SHARES - 2);
     let part = (at - n as f32).min(1.0);
@@ -244,44 +245,83 @@ pub(crate) fn arrival_variance(
 /// the frequency, by a radian in 160 Hz at a millisecond and in 1600 Hz at a tenth of one.
 const RUNS_TOGETHER: usize = 4;
 
-/// By how much the cross-spectra scatter about a source (delays `tau`, coherence `smooth`) more than noise does, as a ratio of
-/// variances; 1 where it may be noise. What was left of a louder source, echoes and images scatter them; they do so in
-/// neighbouring bins alike, so these are summed first.
-pub(crate) fn scatter(
-    plan: &Plan,
-    band: &Band,
+/// Sums of so many bins.
+const SUMS: usize = BINS / (RUNS_TOGETHER * RUN) + 1;
+
+/// By how much the cross-spectra scatter about a source more than noise does.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scatter {
+    /// As a ratio of variances; 1 where it may be noise.
+    pub(crate) ratio: f32,
+    /// What the direction along the tangents scatters with it, noise included: (first, cross, second), rad². Where the ratio is 1,
+    /// of no use.
+    pub(crate) direction: (f32, f32, f32),
+}
+
+/// The scatter about a source `found`, of smoothed coherence and weights `work`. What was left of a louder source, echoes and images
+/// scatter the cross-spectra; they do so in neighbouring bins alike, so these are summed first. What comes from above or below the
+/// source turns its elevation and not its azimuth: the direction's covariance is that of the sums' own push along the tangents,
+/// `A⁻¹ B A⁻¹` with `A` the information and `B` the sum of their products (Huber, Proc. 5th Berkeley Symp. 1967, vol. 1, p. 221).
+pub(super) fn scatter(
+    context: &Context<'_>,
+    found: &Found,
     g: &Spectra,
-    tau: &[f32; PAIR_COUNT],
     work: (&[f32; BINS], &[f32; BINS]),
-    snapshots: f32,
-) -> f32 {
+) -> Scatter {
     let (smooth, weight) = work;
+    let (plan, band, tau) = (context.plan, context.band, &found.tau);
+    let direction = &found.refined.direction;
+    let e = wavefront::tangents(direction);
+    let (curvature, _) = context.curvature(direction);
+    let [g1, g2] = [&e.0, &e.1].map(|tangent| {
+        wavefront::pair_delays(&wavefront::gradient(&plan.geometry, direction, tangent, curvature))
+    });
     let runs = band.runs();
-    let (mut seen, mut expected, mut sums) = (0.0f32, 0.0f32, 0u32);
-    for (p, tau) in tau.iter().enumerate().filter(|(p, _)| band.used.pair(*p)) {
+    let (mut seen, mut expected, mut information, mut sums) = (0.0f32, 0.0f32, 0.0f32, 0u32);
+    let mut push = [[0.0f32; 2]; SUMS];
+    let mut normal = (0.0f32, 0.0f32, 0.0f32);
+    let pairs = tau.iter().zip(g1.iter().zip(&g2)).enumerate();
+    for (p, (tau, (a, b))) in pairs.filter(|(p, _)| band.used.pair(*p)) {
+        normal = (normal.0 + a * a, normal.1 + a * b, normal.2 + b * b);
         let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
         let mut k = runs.start * RUN;
-        for together in g.part(&runs).chunks(RUNS_TOGETHER) {
+        for (together, push) in g.part(&runs).chunks(RUNS_TOGETHER).zip(&mut push) {
             let mut sum = 0.0;
             for run in together {
                 let (Some(re), Some(im)) = (run.re.get(p), run.im.get(p)) else { continue };
                 for (re, im) in re.iter().zip(im) {
                     let (s, c) = phasor.next();
                     let (w, coherence) = (weight.get(k).unwrap_or(&0.0), smooth.get(k).unwrap_or(&0.0));
-                    let w_omega = w * k as f32 * plan.bin_rad_s;
+                    let omega = k as f32 * plan.bin_rad_s;
+                    let w_omega = w * omega;
                     sum += w_omega * (re * s + im * c);
                     expected += w_omega * w_omega * (1.0 - coherence * coherence).max(LEAST_NOISE);
+                    information += w_omega * omega * coherence;
                     k += 1;
                 }
             }
+            *push = [push[0] + sum * a, push[1] + sum * b];
             seen += sum * sum;
             sums += 1;
         }
     }
-    let ratio = 2.0 * snapshots * seen / expected.max(f32::MIN_POSITIVE);
+    let ratio = 2.0 * context.snapshots * seen / expected.max(f32::MIN_POSITIVE);
     // The pairs' scatters are those of all hydrophones but one.
     let independent = sums as f32 * (band.used.sensors() - 1.0) / band.used.pairs();
-    if ratio > 1.0 + 2.0 * m::sqrt(2.0 / independent.max(1.0)) { ratio } else { 1.0 }
+    let noise = !(ratio > 1.0 + 2.0 * m::sqrt(2.0 / independent.max(1.0)));
+    // One pair's.
+    let information = information / band.used.pairs();
+    let (Some((i11, i12, i22)), false) = (wavefront::inverse(normal), noise || information <= 0.0) else {
+        return Scatter { ratio: 1.0, direction: (0.0, 0.0, 0.0) };
+    };
+    let mut direction = (0.0, 0.0, 0.0);
+    for [a, b] in push {
+        let step = [(i11 * a + i12 * b) / information, (i12 * a + i22 * b) / information];
+        direction.0 += step[0] * step[0];
+        direction.1 += step[0] * step[1];
+        direction.2 += step[1] * step[1];
+    }
+    Scatter { ratio, direction }
 }
 
 /// Variances of time estimates, s².

@@ -13,11 +13,16 @@
 //! * A vessel d deep and its image in the surface, seen from depth D at elevation β, are `2 d sin β cos β / D` apart in
 //!   elevation and come as one, from the surface between them. Half of that is taken off the elevation: with the depth that the
 //!   image's fringes tell (`fringes`), or else `vessel_depth_m` (0: no surface), and as much as the deviation. Where the
-//!   pairs' misfit says that the two come apart, what is found may be either: the deviation grows to the whole half.
+//!   pairs' misfit says that the two come apart, or that a third path joins, the elevation errs by more than the misfit shows: paths of
+//!   one vessel differ in elevation alone.
+//! * Where another source is heard, another vessel or an echo, the cross-spectra's scatter tells what it does to either angle
+//!   ([`refine::scatter`]).
+//! * Noise is taken as what the bearings' own scatter shows of it, where that is less ([`super::steady`]).
 
 use super::agreement::Doubt;
 use super::estimate::{Context, Found, SpectrumWork};
-use super::refine;
+use super::refine::{self, Scatter};
+use super::steady::Steady;
 use super::wavefront::{self, PAIR_COUNT};
 use crate::math::{self, f32 as m};
 use crate::wire::Bearing;
@@ -32,6 +37,8 @@ const NOISE_RESIDUAL: f32 = 3.0;
 /// puts on the direction: two of six dimensions are the direction's own, and the pairs share theirs unequally.
 const AVERAGED: f32 = 12.0;
 const MEAN_RESIDUAL: f32 = 1.2;
+/// Above this mean misfit the cross-spectra's scatter is looked at: whether it is in the elevation alone.
+pub(super) const DISAGREEING: f32 = 1.5;
 const SHARED_UNEQUALLY: f32 = 2.0;
 /// The same at high signal-to-noise ratios, where what frames of two hydrophones do not share dominates: samples.
 const ROUNDING_SAMPLES: f32 = 0.004;
@@ -42,12 +49,24 @@ const NEAR_THRESHOLD: f32 = 2.0;
 /// Standard deviation of the height from which vessel and image are heard together, in units of the vessel's depth and for each
 /// radian between the two: a law that fits passes of vessels 2 to 8 m deep, 200 m to 1 km away.
 const HALF_WAY_SD: f32 = 0.8;
+/// Standard deviation of a depth that no fringes tell, in units of `vessel_depth_m`: propellers 2 to 8 m deep are, about 4 m, 2 m off
+/// in the root mean square.
+const UNKNOWN_DEPTH_SD: f32 = 0.5;
+/// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
+/// bottoms 2 to 30 m below the array.
+const PATHS: f32 = 4.0;
 
 /// How it is known what other paths and sources do to a bearing.
 pub(super) enum Others<'a> {
-    /// By the mean of the pairs' misfit over segments, which this one joins: the strongest source is heard in each.
-    /// And by the second while another source is heard.
-    Lasting(&'a mut f32, f32),
+    /// By the means over segments, which this one joins: the strongest source is heard in each.
+    Lasting {
+        /// Of the pairs' misfit.
+        misfit: &'a mut f32,
+        /// Of the bearings' scatter.
+        steady: &'a mut Steady,
+        /// And what the segment's own cross-spectra show while another source is heard.
+        scatter: Option<Scatter>,
+    },
     /// By how much more the segment's own cross-spectra scatter than noise explains ([`refine::scatter`]): what taking out a
     /// louder source left.
     Scatter(f32),
@@ -79,21 +98,30 @@ pub(super) fn bearing(
     let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / used.pairs();
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
-    let (mut lasting, mut scatter, mut usual) = (0.0, 1.0, 0.0f32);
-    match others {
-        Others::Lasting(mean, ratio) => {
-            *mean += (residual / (variance.pair + rounding * rounding) - *mean) / AVERAGED;
-            usual = m::sqrt(mean.max(0.0));
-            // Misfit and scatter tell of the same other sound: the greater counts.
-            let misfit = SHARED_UNEQUALLY * (*mean - MEAN_RESIDUAL).max(0.0) * variance.pair;
-            lasting = misfit.max((ratio - 1.0) * variance.arrival);
+    // Of arrival times, s²: what is in both angles, and what paths of the vessel itself put on the elevation.
+    let (mut lasting, mut paths) = (unexplained, 0.0);
+    // What another source does to the angles, rad².
+    let mut other = (0.0f32, 0.0f32, 0.0f32);
+    let noise = match others {
+        Others::Lasting { misfit, steady, scatter } => {
+            *misfit += (residual / (variance.pair + rounding * rounding) - *misfit) / AVERAGED;
+            lasting = lasting.max(SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair);
+            paths = PATHS * PATHS * lasting;
+            if let Some(scatter) = scatter.filter(|s| s.ratio > 1.0) {
+                other = scatter.direction;
+                let (across, _, up) = other;
+                let aside = (across / up.max(f32::MIN_POSITIVE)).min(1.0);
+                (lasting, paths) = (aside * lasting / SHARED_UNEQUALLY, (1.0 - aside) * paths);
+            }
+            let said = [first, second].map(|x| variance.arrival * x);
+            steady.take(plan, direction, context.index, said, context.shares()).max(1.0 - found.mean)
         }
-        Others::Scatter(ratio) => scatter = ratio,
-    }
+        Others::Scatter(ratio) => ratio,
+    };
     let square = found.statistic * found.statistic;
     let lucky = NEAR_THRESHOLD / (square * square).max(1.0);
-    let scale = variance.arrival * (scatter + lucky)
-        + unexplained.max(lasting).max(doubt.unexplained_s2)
+    let scale = variance.arrival * (noise + lucky)
+        + lasting.max(doubt.unexplained_s2)
         + used.sensors() * plan.position_sd_s * plan.position_sd_s;
     // What a speed of sound and a distance that are not as assumed do to all arrival times together.
     let slowness = wavefront::arrivals(&plan.geometry, direction, curvature);
@@ -101,7 +129,8 @@ pub(super) fn bearing(
         let along = wavefront::dot(&h, direction);
         0.5 * plan.inv_c * (wavefront::dot(&h, &h) - along * along)
     });
-    let (mut first, mut cross, mut second) = (scale * first, scale * cross, scale * second);
+    let (mut first, mut cross, mut second) =
+        (scale * first + other.0, scale * cross + other.1, scale * second + other.2);
     for (times, sd) in [(slowness, plan.sound_speed_sd), (bends, curvature_sd)] {
         let ((_, b1, _), (_, b2, _)) = (used.information(&g1, &times), used.information(&g2, &times));
         let (a, b) = (sd * (inverse.0 * b1 + inverse.1 * b2), sd * (inverse.1 * b1 + inverse.2 * b2));
@@ -117,20 +146,23 @@ pub(super) fn bearing(
     let misfit = m::sqrt(residual / (variance.pair + floor * floor));
     // A misfit of half as much again as noise explains costs nothing.
     let doubtful = misfit.max(1.5) / 1.5;
-    // Pairs that usually disagree hear more than a vessel and its image: an echo off the bottom, or image and vessel apart.
-    let more = misfit.max(usual).max(1.5) / 1.5 - 1.0;
-    // Vessel and image come from where the surface is above them: d sin β cos β / D above the vessel.
-    let rise = m::abs(e.1[2] * direction[2].max(0.0));
+    // Vessel and image come from where the surface is above them: d sin β cos β / D above the vessel. The image is fainter by its
+    // longer way, 2 d sin² β / D, so that they come from as much nearer the vessel.
+    let sine = direction[2].max(0.0);
+    let rise = m::abs(e.1[2] * sine);
     let (image, image_sd) = match context.depth {
         Some((d, sd)) => {
             let apart = 2.0 * rise * d / plan.depth_m;
-            let half_way = (HALF_WAY_SD * apart + more).min(1.0);
-            (d / plan.depth_m, m::hypot(sd, half_way * d) / plan.depth_m)
+            let fainter = 2.0 * sine * sine * d / plan.depth_m;
+            let half_way = (HALF_WAY_SD * apart).min(1.0);
+            (d * (1.0 - fainter) / plan.depth_m, m::hypot(sd, half_way * d) / plan.depth_m)
         }
-        // Propellers are 2 to 8 m deep, and where no fringes show other paths may join.
-        None => (plan.vessel_over_array_depth, plan.vessel_over_array_depth),
+        None => (plan.vessel_over_array_depth, UNKNOWN_DEPTH_SD * plan.vessel_over_array_depth),
     };
-    let (image, image_sd) = (rise * image, rise * image_sd);
+    let (image, mut image_sd) = (rise * image, rise * image_sd);
+    if plan.vessel_over_array_depth > 0.0 {
+        image_sd = m::hypot(image_sd, m::sqrt(paths * inverse.2));
+    }
     let mean = found.mean.clamp(1e-6, 1.0 - 1e-6);
     Some(Bearing {
         index: context.index,

@@ -61,3 +61,30 @@ fn positions_told_uncertain_are_counted() {
         assert!((90.0..=98.5).contains(&within), "{within}");
     }
 }
+
+#[test]
+fn another_source_is_in_the_angle_that_it_turns() {
+    let plan = planned(16_000.0, |array| array.vessel_depth_m = 0.0);
+    let at = (1.0, 0.5);
+    // Standard deviation of azimuth (as an angle in space) over that of elevation.
+    let stated = |beside: (f64, f64)| {
+        let mut sound = source(&plan, at, 4.0, None, 12, 5);
+        for (sum, other) in sound.iter_mut().zip(source(&plan, beside, 1.8, None, 12, 6)) {
+            sum.iter_mut().zip(other).for_each(|(sum, x)| *sum += x);
+        }
+        let heard = hear(&plan, &noisy(sound, 7));
+        let late = heard.bearings.iter().filter(|b| b.band == 0 && b.index > 5 * 16_000);
+        let told: Vec<_> = late.map(|b| (*b, at)).collect();
+        let (rms, sd, within) = held(&told);
+        let ratios = told.iter().map(|(b, _)| f64::from(b.var_azimuth / b.var_elevation));
+        let ratio = (ratios.sum::<f64>() / told.len() as f64).sqrt() * at.1.cos();
+        std::println!(
+            "beside {beside:?}: azimuth {rms:.3} of {sd:.3} degrees, {within:.0} % in, ratio {ratio:.2}"
+        );
+        assert!(within >= 85.0, "{within}");
+        ratio
+    };
+    let (below, aside) = (stated((1.0, -0.5)), stated((2.2, 0.5)));
+    assert!(below < 0.5, "from below: {below}");
+    assert!(aside > 0.8, "from aside: {aside}");
+}

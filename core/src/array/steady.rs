@@ -1,0 +1,117 @@
+//! How much the strongest source's bearings scatter, against what noise is said to do.
+//!
+//! Enters: its directions, one segment after the other, each with the variance that its coherence gives. Leaves: a factor of that
+//! variance, at most 1. The coherence is held to be at most that of 17 dB, and averaged over bins between which an image's
+//! fringes rise and fall, so that a loud vessel's variance is up to three times what it is. A vessel's direction changes evenly,
+//! noise does not: of three directions in a row the second difference is noise, and the vessel's own (`v²/r²` a second squared at
+//! most, 0.03° at 12 m/s and 200 m) makes it larger, so that the factor is 1 where it counts. What lasts, errors of positions,
+//! echoes, other vessels, the second difference does not show: those variances are not multiplied.
+//!
+//! Cost: about 200 instructions a segment.
+
+use super::plan::Plan;
+use super::wavefront::{self, Direction};
+
+/// Segments over which the scatter is averaged, and how many count as scattering as much as is said before the first is seen.
+const AVERAGED: f32 = 12.0;
+const SAID: f32 = 4.0;
+/// Longest time between two directions of one line, seconds.
+const LONGEST_S: f32 = 1.5;
+/// What noise of neighbouring segments, which share a half, has in common.
+const SHARED: f32 = 0.5;
+/// Most that one second difference counts, and least factor: errors that last longer than a second are not seen.
+const MOST: f32 = 4.0;
+const LEAST: f32 = 0.3;
+
+/// What the segments so far showed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Steady {
+    last: Option<(Direction, u64)>,
+    /// Turn rate to the last direction along both tangents (radians a second) and the time it took, seconds.
+    rate: Option<([f32; 2], f32)>,
+    /// Mean square second difference over the expected one.
+    ratio: f32,
+    /// Second differences in the mean.
+    taken: f32,
+}
+
+impl Steady {
+    /// Nothing seen.
+    pub(super) const NEW: Self = Self { last: None, rate: None, ratio: 1.0, taken: 0.0 };
+
+    /// Takes the direction of sample `index` with its variances along the tangents (rad²); whether its segment shares samples with
+    /// the one before. The factor of the variance.
+    #[inline(never)]
+    pub(super) fn take(
+        &mut self,
+        plan: &Plan,
+        direction: &Direction,
+        index: u64,
+        variance: [f32; 2],
+        shares: bool,
+    ) -> f32 {
+        let before = self.last.replace((*direction, index));
+        let dt = before.map_or(f32::MAX, |(_, at)| index.saturating_sub(at) as f32 / plan.rate_hz);
+        let (Some((last, _)), true) = (before, dt > 0.0 && dt < LONGEST_S) else {
+            *self = Self { last: self.last, ..Self::NEW };
+            return 1.0;
+        };
+        let e = wavefront::tangents(&last);
+        let rate = [&e.0, &e.1].map(|tangent| wavefront::dot(direction, tangent) / dt);
+        if let Some((older, span)) = self.rate.replace((rate, dt)) {
+            let q = dt / span;
+            let shared = if shares { SHARED } else { 0.0 };
+            let expected = 1.0 + (1.0 + q) * (1.0 + q) + q * q - 2.0 * shared * (1.0 + q) * (1.0 + q);
+            let mut square = 0.0;
+            for ((new, old), variance) in rate.iter().zip(older).zip(variance) {
+                let second = (new - old) * dt;
+                square += 0.5 * second * second / (variance * expected).max(f32::MIN_POSITIVE);
+            }
+            self.taken = (self.taken + 1.0).min(AVERAGED);
+            self.ratio += (square.min(MOST) - self.ratio) / (self.taken + SAID);
+        }
+        self.ratio.clamp(LEAST, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_sea::{Normal, plan};
+    use super::*;
+    use crate::angle::unit_vector;
+
+    /// Last factor for a vessel that turns at 0.01 rad/s (by `bend` more each second) in noise of `sd` where 0.001 is said; `jump`: one
+    /// bearing in eight is elsewhere.
+    fn factor(sd: f64, bend: f64, jump: bool, seed: u64) -> f32 {
+        let plan = plan(16_000.0);
+        let mut random = Normal(seed);
+        let mut steady = Steady::NEW;
+        let (mut old, mut factor) = ([random.next(), random.next()], 1.0);
+        for n in 0..60u64 {
+            let t = 0.5 * n as f64;
+            let new = [random.next(), random.next()];
+            // Halves in common.
+            let noise = [0, 1].map(|k| sd * (old[k] + new[k]) * 0.5f64.sqrt());
+            old = new;
+            let aside = if jump && n % 8 == 7 { 0.5 } else { 0.0 };
+            let azimuth = 1.0 + 0.01 * t + 0.5 * bend * t * t + noise[0] / 0.3f64.cos() + aside;
+            let direction = unit_vector(azimuth as f32, (0.3 + noise[1]) as f32);
+            factor = steady.take(&plan, &direction, 8000 * n, [1e-6; 2], true);
+        }
+        factor
+    }
+
+    #[test]
+    fn scatter_that_is_smaller_than_said_shrinks_the_variance_and_nothing_else_does() {
+        let mean = |sd, bend, jump| (0..40).map(|n| factor(sd, bend, jump, 7 + n)).sum::<f32>() / 40.0;
+        let [said, half, none] = [0.001, 0.0007, 0.0001].map(|sd| mean(sd, 0.0, false));
+        assert!((0.85..=1.0).contains(&said), "as said: {said}");
+        assert!((0.42..=0.58).contains(&half), "half: {half}");
+        assert!((none - LEAST).abs() < 1e-3, "{none}");
+        assert!(
+            mean(0.0001, 0.02, false) == 1.0,
+            "a vessel that turns evenly by more than noise does is no noise"
+        );
+        assert!(mean(0.0001, 0.0, true) > 0.9, "two sources in turn");
+    }
+}
