@@ -207,7 +207,11 @@ fn two_pairs() -> Vec<u8> {
     let first: Vec<f32> = (0..716).map(|j| 4.5 - 0.004 * j as f32).collect();
     let second: Vec<f32> = (0..716).map(|j| 4.5 - 0.002 * j as f32).collect();
     let strength = [0.06f32; 716];
-    let c = [&first, &second].map(|delay_s| BranchColumns { delay_s, phase_rad: &[0.0; 716], strength: &strength });
+    let c = [&first, &second].map(|delay_s| BranchColumns {
+        delay_s,
+        phase_rad: &[0.0; 716],
+        strength: &strength,
+    });
     let mut out = vec![0; blob_bytes(2)];
     let header = Header { step_m: RANGE_STEP_M, f0_hz: 16.5, width_s: 0.05 };
     encode(&header, 50.0, &[4.0; 716], &c, &mut out).unwrap();
