@@ -206,4 +206,21 @@ mod tests {
         assert!((at(75.0) - 5.0f64.hypot(by_gain)).abs() < 1e-4, "{}", at(75.0));
         assert_eq!(Lasting::new(Doubts::default(), 30.0, 4800.0).of_direction(1.0), 0.0);
     }
+
+    #[test]
+    fn a_course_is_as_uncertain_as_what_told_errors_make_of_it() {
+        let lasting = Lasting::new(Doubts { gain_db: 0.0, ..TOLD }, 0.0, 4800.0);
+        let course = Course { t0_s: 0.0, p: [3_000.0, 4_000.0, 6.0, 0.0] };
+        let mut with = (course, [[0.0; 4]; 4]);
+        let other = Course { t0_s: 10.0, p: [3_200.0, 4_100.0, 7.0, 0.0] };
+        lasting.widen(&mut with, &|error| (error == Told::Depth).then_some(other));
+        // Orientation: 5° across; the other course is 130 m and 100 m off at the same time.
+        let turn = 5f64.to_radians();
+        let want = (4_000.0 * turn).powi(2) + 130f64.powi(2);
+        assert!((with.1[0][0] / want - 1.0).abs() < 1e-9, "{} {want}", with.1[0][0]);
+        assert!((with.1[2][2] - 1.0).abs() < 1e-9);
+        let mut exact = (course, [[0.0; 4]; 4]);
+        Lasting::EMPTY.widen(&mut exact, &|_| Some(other));
+        assert_eq!(exact.1, [[0.0; 4]; 4]);
+    }
 }

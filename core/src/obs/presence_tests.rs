@@ -3,7 +3,7 @@
 use super::cepstrum::noise_sd;
 use super::interference::Interference;
 use super::limits::{CELL_M, QUEFRENCIES, RANGE_CELLS, RANGE_STEP_M, SPEEDS};
-use super::presence::{Expected, ExpectedVessels, Presence, RangePresence};
+use super::presence::{Expected, ExpectedVessels, Presence, RangeMode, RangePresence};
 use super::radial::{RadialScratch, coded};
 use super::shared::{Grid, Shared};
 use super::table::{Table, blob_bytes};
@@ -184,4 +184,61 @@ fn a_weak_vessel_is_found_but_its_range_is_not_sure() {
         assert_eq!((first.detected, first.sure), (true, sure), "{share}: {last:?}");
     }
     assert!(at_share(0.0).modes.iter().all(Option::is_none));
+}
+
+#[test]
+fn what_stands_still_or_is_too_fast_is_a_vessels_only_where_a_track_expects_it() {
+    let kept = |speeds: [f32; 4], expected: &ExpectedVessels| {
+        let mut last = run(false);
+        let first = last.modes[0].unwrap();
+        last.modes = speeds.map(|speed_m_s| Some(RangeMode { speed_m_s, ..first }));
+        last.without_odd_speeds(expected);
+        last.modes.map(|m| m.is_some())
+    };
+    let speeds = [0.4, -13.0, 5.0, -5.0];
+    assert_eq!(kept(speeds, &ExpectedVessels::default()), [false, false, true, true]);
+    let mut expected = ExpectedVessels::default();
+    expected[1] = Some(Expected { range_m: 22_500.0, speed_m_s: 0.0, established: false, strong: false });
+    assert_eq!(kept(speeds, &expected), [true; 4]);
+}
+
+/// A table of two pairs of paths, the second with the delays that the first has at half the range.
+fn two_pairs() -> Vec<u8> {
+    let first: Vec<f32> = (0..716).map(|j| 4.5 - 0.004 * j as f32).collect();
+    let second: Vec<f32> = (0..716).map(|j| 4.5 - 0.002 * j as f32).collect();
+    let strength = [0.06f32; 716];
+    let c = [&first, &second].map(|delay_s| BranchColumns {
+        delay_s,
+        phase_rad: &[0.0; 716],
+        strength: &strength,
+    });
+    let mut out = vec![0; blob_bytes(2)];
+    let header = Header { step_m: RANGE_STEP_M, f0_hz: 16.5, width_s: 0.05 };
+    encode(&header, 50.0, &[4.0; 716], &c, &mut out).unwrap();
+    out
+}
+
+#[test]
+fn an_echo_moves_along_with_its_vessel() {
+    let bytes = two_pairs();
+    let model = Interference::new(&Table::parse(&bytes).unwrap());
+    // The first pair's echo at 11 km, read as the second pair's of a vessel twice as far.
+    assert!(model.follows((22_000.0, 8.0), (11_000.0, 4.0)));
+    assert!(model.doubtful(22_000.0, 11_000.0) && !model.follows((22_000.0, -4.0), (11_000.0, 4.0)));
+    assert!(!model.follows((26_000.0, 8.0), (11_000.0, 4.0)));
+
+    let modes_left = |own_weight: f32, speed_m_s: f32| {
+        let mut last = run(false);
+        let first = RangeMode { sure: true, ..last.modes[0].unwrap() };
+        last.modes = [None; 4];
+        last.modes[0] = Some(RangeMode { range_m: 11_000.0, speed_m_s: 4.0, weight: own_weight, ..first });
+        last.modes[1] = Some(RangeMode { range_m: 22_000.0, speed_m_s, weight: 1.0, ..first });
+        let mut known = ExpectedVessels::default();
+        known[0] = Some(Expected { range_m: 11_000.0, speed_m_s: 4.0, established: true, strong: true });
+        last.without_echoes(&model, &known);
+        last.modes.iter().flatten().count()
+    };
+    assert_eq!((modes_left(1.0, 8.0), modes_left(1.0, -4.0)), (1, 2));
+    // A vessel that does not show itself may be the one that is read wrongly.
+    assert_eq!(modes_left(0.1, 8.0), 2);
 }

@@ -10,7 +10,7 @@ use super::bend;
 use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
-use super::lasting::Told;
+use super::lasting::{Lasting, Told};
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
@@ -203,15 +203,19 @@ impl Tracker {
     }
 }
 
-/// The minutes of a stretch without what other vessels explain.
+/// The minutes of a stretch without what other vessels explain; as they would be with one of the errors told, where one is given.
 fn unexplained<'a>(
     travel: &'a TravelTime,
     evidence: &'a Evidence,
     others: &'a [Option<Course>; LIVE],
+    error: Option<(&'a Lasting, Told)>,
     from: u32,
     to: u32,
 ) -> impl Iterator<Item = Minute> + Clone + 'a {
-    evidence.between(from, to).map(move |m| without_all(travel, others, m))
+    evidence.between(from, to).map(move |m| {
+        let m = without_all(travel, others, m);
+        error.map_or(m, |(lasting, error)| lasting.shifted(Some(error), m))
+    })
 }
 
 /// A minute without what any of these vessels explains.
@@ -236,7 +240,7 @@ fn find(
     from: u32,
     to: u32,
 ) -> Option<Live> {
-    let minutes = unexplained(travel, evidence, others, from, to);
+    let minutes = unexplained(travel, evidence, others, None, from, to);
     let (course, first) = search(travel, STEP_S, minutes.clone())?;
     if first.directions < ACCEPT.1 / 2 || first.distances < ACCEPT.2 / 2 {
         return None;
@@ -266,7 +270,7 @@ impl Live {
 
     /// Finds the stretch the course explains: from where, and to where, its terms add up to most.
     fn bound(&mut self, travel: &TravelTime, evidence: &Evidence, others: &[Option<Course>; LIVE], now: u32) {
-        let minutes = || unexplained(travel, evidence, others, now.saturating_sub(MINUTES as u32), now);
+        let minutes = || unexplained(travel, evidence, others, None, now.saturating_sub(MINUTES as u32), now);
         // Largest sum of a contiguous stretch.
         let (mut sum, mut start, mut best) = (0.0, None, 0.0);
         for m in minutes() {
@@ -295,7 +299,7 @@ impl Live {
         others: &[Option<Course>; LIVE],
         now: u32,
     ) {
-        let minutes = unexplained(travel, evidence, others, self.from, now);
+        let minutes = unexplained(travel, evidence, others, None, self.from, now);
         if let Some((course, covariance)) = fit::refine(&self.course, travel, STEP_S, minutes) {
             (self.course, self.covariance) = (course, covariance);
         }
@@ -321,7 +325,8 @@ impl Live {
     }
 
     /// Its course about the closest point, with one of the errors told by one deviation more where one is given. `None` where that
-    /// cannot be told.
+    /// cannot be told. Never inlined: it is large and wanted more than once.
+    #[inline(never)]
     fn bent(
         &self,
         plan: &Plan<'_>,
@@ -338,10 +343,11 @@ impl Live {
     }
 
     /// The straight course with one of the errors told by one deviation more.
+    #[inline(never)]
     fn straight(&self, plan: &Plan<'_>, seen: &Seen<'_>, error: Told) -> Option<Course> {
         let travel = &plan.travel;
-        let left = |m| plan.lasting.shifted(Some(error), without_all(travel, &seen.others, m));
-        let minutes = seen.evidence.between(self.from, self.to).map(left);
+        let shifted = Some((&plan.lasting, error));
+        let minutes = unexplained(travel, seen.evidence, &seen.others, shifted, self.from, self.to);
         fit::refine(&self.course, travel, STEP_S, minutes).map(|(course, _)| course)
     }
 
