@@ -122,7 +122,7 @@ fn run(options: &Options) -> Result<()> {
                 worst.1.max(off_share),
                 worst.2 + false_azimuths,
                 worst.3 + false_tracks,
-                worst.4 + usize::from(!tracked),
+                worst.4 + usize::from(!tracked && share.is_finite()),
             );
         }
     }
@@ -136,6 +136,10 @@ fn run(options: &Options) -> Result<()> {
     figures.at_most("azimuths more than 10° off, worst record, %", 100.0 * worst.1, 1.0);
     figures.at_most("azimuths of nothing", worst.2 as f64, 0.0);
     figures.at_most("tracks of nothing", worst.3 as f64, 0.0);
-    figures.at_most("vessels not tracked (10 s, 150 m, 0.05 m/s)", worst.4 as f64, 0.0);
+    figures.at_most(
+        "vessels with spikes or clipped at 4.5 deviations not tracked (10 s, 150 m, 0.05 m/s)",
+        worst.4 as f64,
+        0.0,
+    );
     Ok(())
 }

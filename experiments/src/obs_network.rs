@@ -42,10 +42,19 @@ fn seen_from(s: &Straight, (x, y): (f64, f64)) -> Straight {
     let v = (b.0 - a.0, b.1 - a.1);
     let later = -(a.0 * v.0 + a.1 * v.1) / (v.0 * v.0 + v.1 * v.1);
     let closest = (a.0 + later * v.0, a.1 + later * v.1);
-    // To starboard where the station lies right of the heading.
-    let starboard = v.0 * -closest.1 - v.1 * -closest.0 < 0.0;
-    let side = if starboard { Side::Starboard } else { Side::Port };
-    Straight { cpa_time_s: s.cpa_time_s + later, cpa_range_m: closest.0.hypot(closest.1), side, ..*s }
+    let of = |side| Straight {
+        cpa_time_s: s.cpa_time_s + later,
+        cpa_range_m: closest.0.hypot(closest.1),
+        side,
+        ..*s
+    };
+    let misses = |side: &Side| {
+        let there = VesselCourse::straight(&of(*side)).at(s.cpa_time_s).unwrap_or_default();
+        (there.0 - a.0).hypot(there.1 - a.1)
+    };
+    let sides = [Side::Port, Side::Starboard];
+    let side = if misses(&sides[0]) < misses(&sides[1]) { sides[0] } else { sides[1] };
+    of(side)
 }
 
 fn run(options: &Options) -> Result<()> {
@@ -98,10 +107,12 @@ fn run(options: &Options) -> Result<()> {
         let course = VesselCourse::straight(&ship.straight);
         let t = ship.straight.cpa_time_s;
         let truth = course.at(t).unwrap_or_default();
-        let place = found.position_m(t);
+        // Times of the records are from the earliest bearing on.
+        let begins_s = heard.start.map_or(0.0, |s| (s - default_start()).as_seconds_f64());
+        let place = found.position_m(t - begins_s);
         let off = [place[0] - truth.0, place[1] - truth.1];
         let error = off[0].hypot(off[1]);
-        let dt = t - found.t_ref_s;
+        let dt = t - begins_s - found.t_ref_s;
         let c = &found.covariance;
         let of = |i: usize, k: usize| c[i][k] + dt * (c[i + 2][k] + c[i][k + 2]) + dt * dt * c[i + 2][k + 2];
         let (a, b, d) = (of(0, 0), of(0, 1), of(1, 1));
