@@ -47,6 +47,7 @@ mod obs_checks;
 mod obs_core_clutter;
 mod obs_doubts;
 mod obs_model;
+mod obs_network;
 mod obs_noise_week;
 mod obs_one_ship;
 mod obs_orient;
@@ -55,6 +56,7 @@ mod obs_pulse;
 mod obs_table1;
 mod obs_two_ships;
 mod obs_week;
+mod obs_whales;
 pub mod obs_world;
 mod obs_year;
 mod page;
@@ -167,6 +169,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_doubts::DOUBTS,
     obs_bad_samples::BAD_SAMPLES,
     obs_pulse::PULSE,
+    obs_whales::WHALES,
+    obs_network::NETWORK,
     several_vessels::EXPERIMENT,
     levels::EXPERIMENT,
     ais_kinematics::EXPERIMENT,

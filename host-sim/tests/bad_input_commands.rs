@@ -102,7 +102,7 @@ fn unfinished(folder: &Path) -> Vec<PathBuf> {
 }
 
 /// Command lines whose input, in place of `IN`, is hostile.
-const INPUTS: [&str; 35] = [
+const INPUTS: [&str; 37] = [
     "simulate IN --out o",
     "process --station IN IN",
     "process --station array.toml IN",
@@ -114,6 +114,8 @@ const INPUTS: [&str; 35] = [
     "track bearings.csv --known-track IN",
     "shaft-rate --station array.toml IN",
     "shaft-rate --station IN IN",
+    "calls --station obs.toml IN",
+    "calls --station IN IN",
     "locate --stations IN fixes.csv",
     "locate --stations network.toml IN",
     "orient --station array.toml --track track.csv IN",

@@ -16,17 +16,24 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// Half-width of the search region, metres: about compact arrays, and about stations at the ocean bottom.
+const NEAR_M: f64 = 2_000.0;
+/// The same of stations at the ocean bottom.
+const FAR_M: f64 = 60_000.0;
+
 /// Arguments of `seabearing locate`.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     seabearing locate --stations network.toml --depth-m 5 bearings.csv              # a position an instant\n  \
     seabearing locate --stations network.toml --depth-m 5 --motion bearings.csv     # one straight track\n  \
     seabearing locate --stations network.toml --known-track gps.csv bearings.csv    # antenna to sound source\n  \
-    seabearing locate --stations network.toml east.jsonl west.jsonl                 # records of the recorders\n\n\
+    seabearing locate --stations network.toml east.jsonl west.jsonl                 # records of the recorders\n  \
+    seabearing locate --stations network.toml --motion --sigma-azimuth-deg 0.3 obs1.jsonl obs2.jsonl   # ocean bottom\n\n\
     BEARINGS.csv has the header t_s,station,azimuth_deg,elevation_deg; station is an id or a name of the stations \
     file, azimuths are true (clockwise from North), an empty elevation means none was measured. Rows within 1 s of \
     each other are one measurement set. Records carry their own errors and, where the recordings had a clock, their \
-    UTC; their bearings of the whole band are used (of one vessel at a time). A set that does not determine a position gives a `no_fix` record with the \
+    UTC; their bearings of the whole band are used (of one vessel at a time). Of ocean-bottom stations these are the detected \
+    tonal azimuths, with the range of the same minute where there is one. A set that does not determine a position gives a `no_fix` record with the \
     reason. --motion takes all rows for one vessel on a straight course and needs no speed; it prints a `track` \
     record for each station (x0, y0: at the first bearing's time, in the frame of the network).")]
 pub struct Args {
@@ -45,9 +52,9 @@ pub struct Args {
     /// Depth of the source, where known, metres.
     #[arg(long)]
     depth_m: Option<f64>,
-    /// Half-width of the search region about the network, metres.
-    #[arg(long, default_value_t = 2000.0)]
-    max_range_m: f64,
+    /// Half-width of the search region about the network, metres [default: 2000; with records of ocean-bottom stations 60000].
+    #[arg(long)]
+    max_range_m: Option<f64>,
     /// Azimuths are relative to each array's own North: add its orientation_deg.
     #[arg(long)]
     relative: bool,
@@ -86,7 +93,7 @@ pub fn run(args: Args) -> Result<()> {
     for (key, x) in [
         ("sigma-azimuth-deg", args.sigma_azimuth_deg),
         ("sigma-elevation-deg", args.sigma_elevation_deg),
-        ("max-range-m", args.max_range_m),
+        ("max-range-m", args.max_range_m.unwrap_or(NEAR_M)),
         ("max-shift-s", args.max_shift_s),
     ] {
         if !(x > 0.0 && x.is_finite()) {
@@ -221,7 +228,7 @@ fn alignment(args: &Args, network: &Network, heard: &NetworkBearings, track: &Pa
 fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Result<()> {
     let sets = gather(&mut heard.rows, &network.arrays_m);
     let clock = RecordFormat { rate_hz: 1.0, start: heard.start, times: Default::default() };
-    let settings = FixSettings { region: region(network, args)?, robust: !args.keep_outliers };
+    let settings = FixSettings { region: region(network, heard, args)?, robust: !args.keep_outliers };
 
     let bar = crate::progress::bar(sets.len() as u64, "fixes");
     let fix = |set: &SightingSet| {
@@ -276,17 +283,20 @@ fn warn_of_lasting(network: &Network, errors: &[Option<Lasting>]) {
     }
 }
 
-fn region(network: &Network, args: &Args) -> Result<Region> {
+fn region(network: &Network, heard: &NetworkBearings, args: &Args) -> Result<Region> {
+    let max_range_m = args.max_range_m.unwrap_or(if heard.of_the_floor { FAR_M } else { NEAR_M });
+    // What ocean-bottom stations hear are vessels.
+    let depth_m = args.depth_m.or(heard.of_the_floor.then_some(SOURCE_DEPTH_M));
     let n = network.arrays_m.len() as f64;
     let centre = [0, 1].map(|k| network.arrays_m.iter().map(|a| a[k]).sum::<f64>() / n);
-    if let Some(depth) = args.depth_m {
-        return Ok(Region::at_depth(centre, args.max_range_m, -depth));
+    if let Some(depth) = depth_m {
+        return Ok(Region::at_depth(centre, max_range_m, -depth));
     }
     let deepest = network.arrays_m.iter().map(|a| a[2]).fold(f64::INFINITY, f64::min);
     if deepest >= 0.0 {
         bail!("the stations have no depth, so the water column is unknown: give --depth-m of the source");
     }
-    Ok(Region::between(centre, args.max_range_m, (deepest, 0.0)))
+    Ok(Region::between(centre, max_range_m, (deepest, 0.0)))
 }
 
 fn ids(network: &Network, set: &SightingSet, without: Option<usize>) -> Vec<u16> {

@@ -25,6 +25,7 @@ mod base_tokens;
 mod base_watch;
 pub mod bearing;
 pub mod blob;
+pub mod calls;
 pub mod card;
 pub mod config;
 mod config_network;
@@ -179,6 +180,8 @@ pub enum Subcommand {
     Track(track::Args),
     /// Propeller rate and speed of a vessel from the envelope of its noise
     ShaftRate(shaft_rate::Args),
+    /// Directions, ranges and ways of calling whales from an ocean-bottom recording
+    Calls(calls::Args),
     /// Percentiles and pictures of the levels that recorders send of themselves
     Levels(levels::Args),
     /// Positions from a network of arrays
@@ -235,6 +238,7 @@ impl Subcommand {
             Self::Bearing(args) => bearing::run(args),
             Self::Track(args) => track::run(args),
             Self::ShaftRate(args) => shaft_rate::run(args),
+            Self::Calls(args) => calls::run(args),
             Self::Levels(args) => levels::run(args),
             Self::Locate(args) => locate::run(args),
             Self::Orient(args) => orient::run(args),

@@ -5,11 +5,12 @@
 //!
 //! - *Notes* are peaks of the smoothed power 6 dB above its median, the greatest first, none within [`APART_S`] of another.
 //! - *Azimuth*: the active intensity about each note's peak; the mean of their directions, and its deviation from their scatter.
-//! - *Range*: the autocorrelation `Q(τ) = Σ p*(t) p(t+τ)` at lags of 0.6 to 6 s. About lag zero it is the note's own, `Q₀`, so that for a
-//!   whale at range r it is `a Σ c_mn Q₀(τ − τ_mn)`, with `τ_mn` the delay of path n behind path m, `c_mn = A_m A_n*/Σ|A|²` the table's
-//!   amplitudes, and a between a quarter and two. Where notes come at equal intervals T, the lags `T − τ_mn` between one call and the
-//!   next are part of it. The log-likelihood ratio against noise, `Re⟨M,Q⟩²/(⟨M,M⟩ v)` with v the variance of Q where nothing is, counts for each
-//!   independent sample of the band; with a prior in proportion to area it becomes a posterior over range.
+//! - *Range*: each note's strongest arrival k, cut out at its peak, is correlated with what is heard from 7 s before it to 9 s after;
+//!   the sum over notes is `X(τ)`. About lag zero it is the note's own correlation `X₀`, so that for a whale at range r it is
+//!   `a Σ_m A_k A_m*/|A_k|² X₀(τ − (T_m − T_k))` over the table's arrivals: travel times T, amplitudes A, and a share a that noise in the cut-out
+//!   note leaves. Where notes come at equal intervals, the arrivals of the calls before and after are part of it. The log-likelihood ratio
+//!   against noise, `Re⟨M,X⟩²/(⟨M,M⟩ v)` with v the variance of X where nothing is, counts for each independent sample of the band; with a
+//!   prior in proportion to area it becomes a posterior over range.
 //!
 //! A range is told where its place holds nine tenths of the posterior; nearer than [`NEAREST_M`] and where nothing stands out
 //! there is none. Calls are joined to a caller's way, apart from vessels' tracks ([`ways`]). Not known: several whales at once whose notes
@@ -42,20 +43,25 @@ const SMOOTH_S: f64 = 0.4;
 pub const NEAREST_M: f64 = 2_000.0;
 /// Farthest, m.
 pub const FARTHEST_M: f64 = 30_000.0;
-/// Step of range, m.
-const STEP_M: f64 = 50.0;
-/// Lags looked at, s.
-const LAGS_S: (f64, f64) = (0.6, 6.0);
-/// Half the width of the note's own autocorrelation, s.
+/// Step of range, m: a twentieth of what turns two arrivals by a cycle of 20 Hz against each other.
+const STEP_M: f64 = 10.0;
+/// Lags looked at before and after a note's strongest arrival, s.
+const LAGS_S: (f64, f64) = (7.0, 9.0);
+/// Half the length of a note, s.
 const OWN_S: f64 = 0.6;
 /// Least log-likelihood ratio of a range.
 const LEAST_LOG_RATIO: f64 = 12.0;
 /// Share of the posterior that the place told must hold.
 const SURE: f64 = 0.9;
+/// Power of an arrival against the strongest from which on it may be the one that was cut out.
+const ALIKE: f64 = 0.5;
+/// Share of the log-likelihood that counts where places are weighed against each other: notes are not alike, and the table's phases are not
+/// the sea's.
+const TEMPER: f64 = 0.25;
 /// What is one place: this share of its range.
 const ONE_PLACE: f64 = 0.1;
-/// Least share of the table's strengths at which echoes count as such.
-const LEAST_STRENGTH: f64 = 0.25;
+/// Least and greatest share of the table's strengths at which echoes count as such.
+const STRENGTHS: (f64, f64) = (0.4, 1.3);
 
 /// Range of a call.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,7 +191,7 @@ impl Listener<'_> {
         let interval_s = self.interval(&notes);
         let horizontals = self.analytic(window, 1).zip(self.analytic(window, 2));
         let azimuth = horizontals.and_then(|(north, east)| self.azimuth(&pressure, &north, &east, &notes));
-        let range = self.range(pressure, interval_s);
+        let range = self.range(&pressure, &notes, interval_s);
         Some(WhaleCall { t_s, notes: notes.len(), interval_s, azimuth, range })
     }
 
@@ -266,44 +272,78 @@ impl Listener<'_> {
             .map(|(d, w)| (w / total * wrap_pi(d.0.atan2(d.1) - mean)).powi(2))
             .sum();
         let n = each.len() as f64;
-        let sd = (square * n / (n - 1.0)).sqrt().max(1e-3);
+        // Of few notes their scatter is not well known either (Student's law).
+        let sd = (square * n / (n - 1.0)).sqrt().max(1e-3) * (1.0 + 1.25 / (n - 1.0));
         (sd < 1.0).then(|| (wrap_tau(mean + self.turn), sd))
     }
 
-    /// Autocorrelation at lags from 0 on.
-    fn autocorrelation(&self, mut x: Vec<Complex<f64>>) -> Vec<Complex<f64>> {
-        x.resize(self.n, Complex::default());
-        // The inverse transform of conjugates has the powers of the transform.
-        x.iter_mut().for_each(|x| *x = x.conj());
-        self.inverse.process(&mut x);
-        x.iter_mut().for_each(|x| *x = Complex::new(x.norm_sqr() / self.n as f64, 0.0));
-        self.inverse.process(&mut x);
-        x.truncate(((LAGS_S.1 + OWN_S) * self.rate_hz) as usize + 2);
-        x
+    /// Sum over notes of the correlation of a note's strongest arrival with what is about it; lag zero stands at [`Self::zero`].
+    fn correlation(&self, pressure: &[Complex<f64>], notes: &[usize]) -> Vec<Complex<f64>> {
+        let own = (OWN_S * self.rate_hz) as isize;
+        let zero = self.zero() as isize;
+        let lags = zero + (LAGS_S.1 * self.rate_hz) as isize + 1;
+        let mut out = vec![Complex::default(); lags as usize];
+        let at =
+            |k: isize| usize::try_from(k).ok().and_then(|k| pressure.get(k)).copied().unwrap_or_default();
+        for note in notes {
+            let cut: Vec<Complex<f64>> = (-own..=own)
+                .map(|d| at(*note as isize + d).conj() * (0.5 + 0.5 * (PI * d as f64 / own as f64).cos()))
+                .collect();
+            for (lag, x) in out.iter_mut().enumerate() {
+                let first = *note as isize - own + lag as isize - zero;
+                *x += cut.iter().enumerate().map(|(i, c)| c * at(first + i as isize)).sum::<Complex<f64>>();
+            }
+        }
+        out
     }
 
-    fn range(&self, pressure: Vec<Complex<f64>>, interval_s: Option<f64>) -> Option<CallRange> {
-        let q = self.autocorrelation(pressure);
-        let (from, to) = ((LAGS_S.0 * self.rate_hz) as usize, (LAGS_S.1 * self.rate_hz) as usize);
-        let measured = q.get(from..to)?;
-        let mut powers: Vec<f64> = measured.iter().map(Complex::norm_sqr).collect();
+    /// Turn of the band's middle from one sample to the next, rad.
+    fn carrier(&self) -> f64 {
+        TAU * 0.5 * (BAND_HZ.0 + BAND_HZ.1) / self.rate_hz
+    }
+
+    /// Place of lag zero.
+    fn zero(&self) -> usize {
+        (LAGS_S.0 * self.rate_hz) as usize
+    }
+
+    fn range(
+        &self,
+        pressure: &[Complex<f64>],
+        notes: &[usize],
+        interval_s: Option<f64>,
+    ) -> Option<CallRange> {
+        let x = self.correlation(pressure, notes);
+        let own = (OWN_S * self.rate_hz) as usize;
+        let outside = |k: &usize| k.abs_diff(self.zero()) > own;
+        let mut powers: Vec<f64> = (0..x.len()).filter(outside).map(|k| x[k].norm_sqr()).collect();
         // Of a complex normal variable the median power is ln 2 times the mean.
         let variance = quantile::median(&mut powers)? / std::f64::consts::LN_2;
         // Samples of the band are not independent: so many are worth one.
         let worth = (BAND_HZ.1 - BAND_HZ.0 + 1.0) / self.rate_hz;
+        // Free of the carrier, so that a straight line joins two samples.
+        let zero = self.zero() as f64;
+        let slow: Vec<Complex<f64>> = x
+            .iter()
+            .enumerate()
+            .map(|(k, x)| x * Complex::from_polar(1.0, -self.carrier() * (k as f64 - zero)))
+            .collect();
         let steps = ((FARTHEST_M - NEAREST_M) / STEP_M) as usize + 1;
+        let place = |i: usize| NEAREST_M + STEP_M * i as f64;
         let mut log_ratio = vec![f64::NEG_INFINITY; steps];
         for (i, slot) in log_ratio.iter_mut().enumerate() {
-            let range_m = NEAREST_M + STEP_M * i as f64;
-            let Some(model) = self.model(range_m, interval_s, &q, from, to) else { continue };
-            let (mut xy, mut xx) = (0.0, 0.0);
-            for (m, y) in model.iter().zip(measured) {
-                xy += (m.conj() * y).re;
-                xx += m.norm_sqr();
-            }
-            if xx > 0.0 {
-                let a = (xy / xx).clamp(LEAST_STRENGTH, 2.0);
-                *slot = worth * (2.0 * a * xy - a * a * xx) / variance;
+            // Which arrival was cut out is not known where several are about as strong.
+            for cut in 0..self.table.paths.len() {
+                let Some(model) = self.model(place(i), cut, interval_s, &slow) else { continue };
+                let (mut xy, mut xx) = (0.0, 0.0);
+                for (k, m) in model.iter().enumerate().filter(|(k, _)| outside(k)) {
+                    xy += (m.conj() * x[k]).re;
+                    xx += m.norm_sqr();
+                }
+                if xx > 0.0 {
+                    let a = (xy / xx).clamp(STRENGTHS.0, STRENGTHS.1);
+                    *slot = slot.max(worth * (2.0 * a * xy - a * a * xx) / variance);
+                }
             }
         }
         let best = (0..steps).max_by(|a, b| log_ratio[*a].total_cmp(&log_ratio[*b]))?;
@@ -311,10 +351,9 @@ impl Listener<'_> {
         if !(top > LEAST_LOG_RATIO) {
             return None;
         }
-        let place = |i: usize| NEAREST_M + STEP_M * i as f64;
         let (mut all, mut share, mut mean, mut square) = (0.0, 0.0, 0.0, 0.0);
         for (i, l) in log_ratio.iter().enumerate() {
-            let p = place(i) * (l - top).exp();
+            let p = place(i) * ((l - top) * TEMPER).exp();
             all += p;
             if (place(i) / place(best) - 1.0).abs() < ONE_PLACE {
                 let off = place(i) - place(best);
@@ -330,50 +369,54 @@ impl Listener<'_> {
         Some(CallRange { range_m: place(best) + mean, sd_m: variance_m2.sqrt(), log_ratio: top })
     }
 
-    /// What the autocorrelation is for a whale at a range, of unit strength, at lags `from..to`.
+    /// What the correlation is for a whale at a range whose arrival over path number `cut` was cut out, of unit strength; `None`
+    /// where that is not among the strongest.
     fn model(
         &self,
         range_m: f64,
+        cut: usize,
         interval_s: Option<f64>,
-        q: &[Complex<f64>],
-        from: usize,
-        to: usize,
+        slow: &[Complex<f64>],
     ) -> Option<Vec<Complex<f64>>> {
         let arrivals: Vec<_> =
             (0..self.table.paths.len()).filter_map(|p| self.table.arrival(p, range_m)).collect();
-        let power: f64 = arrivals.iter().map(|a| a.amplitude.norm_sqr()).sum();
-        if arrivals.len() < 2 || power <= 0.0 {
+        let strongest = self.table.arrival(cut, range_m)?;
+        let power = strongest.amplitude.norm_sqr();
+        let most = arrivals.iter().map(|a| a.amplitude.norm_sqr()).fold(0.0, f64::max);
+        if arrivals.len() < 2 || power < ALIKE * most {
             return None;
         }
         let own = OWN_S * self.rate_hz;
-        let mut out = vec![Complex::default(); to - from];
-        // The note's autocorrelation about a lag, both sides of it from the one that is kept.
+        let zero = self.zero();
+        let mut out = vec![Complex::default(); slow.len()];
+        // The note's own correlation about a lag.
         let mut add = |lag_s: f64, c: Complex<f64>| {
-            let middle = lag_s * self.rate_hz;
-            let (first, last) = ((middle - own).ceil().max(from as f64), (middle + own).floor());
+            let middle = lag_s * self.rate_hz + zero as f64;
+            let (first, last) = ((middle - own).ceil().max(0.0), (middle + own).floor());
+            let step = Complex::from_polar(1.0, self.carrier());
+            let fade_step = Complex::from_polar(1.0, PI / own);
+            let mut turned = c * Complex::from_polar(1.0, self.carrier() * (first - middle));
+            let mut fade = Complex::from_polar(0.5, PI * (first - middle) / own);
             let mut k = first;
-            while k <= last && k < to as f64 {
+            while k <= last && k < slow.len() as f64 {
                 let off = k - middle;
-                let (j, part) = (off.abs().floor() as usize, off.abs().fract());
-                // Turned by the carrier between two samples, which a straight line would miss.
-                let carrier = TAU * 0.5 * (BAND_HZ.0 + BAND_HZ.1) / self.rate_hz;
-                let base = |j: usize| q[j] * Complex::from_polar(1.0, -carrier * j as f64);
-                let between = base(j) * (1.0 - part) + base(j + 1) * part;
-                let value = between * Complex::from_polar(1.0, carrier * off.abs());
-                let value = if off < 0.0 { value.conj() } else { value };
-                let fade = 0.5 + 0.5 * (PI * off.abs() / own).cos();
-                out[k as usize - from] += c * value * fade;
+                let (j, part) = (off.floor(), off - off.floor());
+                let at = |j: f64| slow.get((zero as f64 + j) as usize).copied().unwrap_or_default();
+                let between = at(j) * (1.0 - part) + at(j + 1.0) * part;
+                out[k as usize] += between * turned * (0.5 + fade.re);
+                (turned, fade) = (turned * step, fade * fade_step);
                 k += 1.0;
             }
         };
-        for (m, early) in arrivals.iter().enumerate() {
-            for late in &arrivals[m + 1..] {
-                let delay_s = late.toa_s - early.toa_s;
-                let c = early.amplitude * late.amplitude.conj() / power;
-                add(delay_s, c);
-                if let Some(t) = interval_s {
-                    add(t - delay_s, c.conj());
-                }
+        for a in &arrivals {
+            let c = strongest.amplitude * a.amplitude.conj() / power;
+            let lag_s = a.toa_s - strongest.toa_s;
+            if lag_s != 0.0 {
+                add(lag_s, c);
+            }
+            if let Some(t) = interval_s {
+                add(lag_s + t, c);
+                add(lag_s - t, c);
             }
         }
         Some(out)

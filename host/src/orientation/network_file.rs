@@ -106,6 +106,8 @@ pub struct NetworkBearings {
     pub start: Option<OffsetDateTime>,
     /// Standard deviation of each station's clock that its recorder states, seconds.
     pub sd_clock_s: Vec<Option<f64>>,
+    /// Some are of ocean-bottom stations, which hear tens of kilometres.
+    pub of_the_floor: bool,
 }
 
 /// Reads `t_s,station,azimuth_deg,elevation_deg`; `relative`: azimuths are from each array's own North. Rows that

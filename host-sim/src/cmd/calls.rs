@@ -1,0 +1,64 @@
+//! `seabearing calls`: directions, ranges and ways of whales that call, from an ocean-bottom station's recording.
+
+use crate::ocean_bottom::calls::{CallerWay, WhaleCall, calls, ways};
+use crate::propagation::file;
+use crate::recording;
+use crate::station::Station;
+use anyhow::{Result, bail};
+use seabearing_core::angle::wrap_tau;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Arguments of `seabearing calls`.
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  seabearing calls --station station.toml --json *.mseed\n\
+                        A `call` record for each minute about which short notes are heard (fin whales, 15 to 25 Hz), and a `caller` \
+                        record for each way that calls with azimuth and range make. The recorder tells the azimuth of calls by \
+                        itself (`azimuth` records, source `impulsive`); ranges are of this command alone.")]
+pub struct Args {
+    /// Station file; its propagation table gives the delays.
+    #[arg(long, value_parser = super::input())]
+    station: PathBuf,
+    /// Recordings (miniSEED or WAV) or folders of them.
+    #[arg(required = true, value_parser = super::input())]
+    input: Vec<PathBuf>,
+    /// Results as JSON Lines.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// One line: what is missing or cannot be read.
+pub fn run(args: Args) -> Result<()> {
+    let station = Station::read(&args.station)?;
+    let Some(path) = &station.propagation else {
+        bail!("{}: no `propagation` in [obs]: ranges need a table of delays", args.station.display());
+    };
+    let table = file::read(path)?;
+    let mut source = recording::open(&args.input, &station, None)?;
+    let found = calls(source.as_mut(), &station.config, &table)?;
+    let ways = ways(&found);
+    let records: Vec<Value> = found.iter().map(call).chain(ways.iter().map(caller)).collect();
+    super::print_records(&records, args.json)
+}
+
+fn call(c: &WhaleCall) -> Value {
+    json!({
+        "type": "call", "t_s": c.t_s, "notes": c.notes, "interval_s": c.interval_s,
+        "azimuth_deg": c.azimuth.map(|a| a.0.to_degrees()), "sd_azimuth_deg": c.azimuth.map(|a| a.1.to_degrees()),
+        "range_m": c.range.map(|r| r.range_m), "sd_range_m": c.range.map(|r| r.sd_m),
+        "log_ratio": c.range.map(|r| r.log_ratio),
+    })
+}
+
+fn caller(w: &CallerWay) -> Value {
+    let (x, y) = w.place_m;
+    let (vx, vy) = w.velocity_m_s;
+    json!({
+        "type": "caller", "from_s": w.span_s.0, "to_s": w.span_s.1, "calls": w.calls, "x_m": x, "y_m": y,
+        "sd_m": w.sd_place_m, "range_m": x.hypot(y), "azimuth_deg": wrap_tau(x.atan2(y)).to_degrees(),
+        "vx_m_s": vx, "vy_m_s": vy, "sd_v_m_s": w.sd_velocity_m_s,
+    })
+}
