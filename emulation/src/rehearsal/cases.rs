@@ -25,7 +25,7 @@ pub struct Case {
 }
 
 /// Reasons of a start as `Hello` tells them.
-pub(super) const POWER: u8 = 0;
+const POWER: u8 = 0;
 pub(super) const WATCHDOG: u8 = 1;
 pub(super) const SOFTWARE: u8 = 2;
 pub(super) const PIN: u8 = 3;
@@ -375,11 +375,13 @@ pub(super) struct ReceiverTimes {
     pub at_s: f64,
     /// Until it knows it again.
     pub rest_s: f64,
+    /// Until a step of the receiver's clock is known.
+    pub step_s: f64,
     /// Whether a core held for 0.1 s loses samples.
     pub loses: bool,
 }
 
-const ARRAYS: ReceiverTimes = ReceiverTimes { at_s: 2.9, rest_s: 2.9, loses: true };
+const ARRAYS: ReceiverTimes = ReceiverTimes { at_s: 2.9, rest_s: 2.9, step_s: 3.7, loses: true };
 
 /// The satellite receiver, well and unwell; both clocks 50 ppm off in opposite senses.
 pub(super) fn receiver(times: &ReceiverTimes) -> Vec<Case> {
@@ -390,7 +392,7 @@ pub(super) fn receiver(times: &ReceiverTimes) -> Vec<Case> {
         Case { setup: Setup { parameters: clocks, receiver_s: seconds + 1.0, ..case.setup }, ..case }
     };
     let time = Wanted::Time;
-    let &ReceiverTimes { at_s: at, rest_s, loses } = times;
+    let &ReceiverTimes { at_s: at, rest_s, step_s, loses } = times;
     let end = at + rest_s;
     let gap = [Wanted::Fault(FaultCode::Gap, None), time];
     vec![
@@ -415,7 +417,7 @@ pub(super) fn receiver(times: &ReceiverTimes) -> Vec<Case> {
         ),
         with(
             "its clock steps by a second, and reset pin once that is known",
-            &[InjectedFault::ClockStep(at), InjectedFault::PinReset(at + 3.7)],
+            &[InjectedFault::ClockStep(at), InjectedFault::PinReset(at + step_s)],
             at,
             end + 2.0,
             &[Wanted::Fault(FaultCode::ClockStepped, None), time, Wanted::Start(PIN), time],

@@ -1,9 +1,7 @@
 //! The ocean-bottom board's line, receiver, supply and flash rehearsed: as the array's, at its own pace, and a configuration with a
 //! propagation table sent to it.
 
-use super::cases::{
-    BROWN_OUT, Case, POWER, ReceiverTimes, SOFTWARE, case, line, linked, receiver, with_store,
-};
+use super::cases::{BROWN_OUT, Case, ReceiverTimes, SOFTWARE, case, line, linked, receiver, with_store};
 use super::judge::Wanted;
 use super::{cuts, ocean_bottom};
 use crate::board::{InjectedFault, Setup};
@@ -34,7 +32,7 @@ fn here(case: Case) -> Case {
 
 /// Everything about how it is reached; in short what no other board has.
 pub(super) fn reach(blob: &[u8], most_cuts: u32, short: bool) -> Result<Vec<Case>> {
-    let times = ReceiverTimes { at_s: 5.9, rest_s: 9.0, loses: false };
+    let times = ReceiverTimes { at_s: 5.9, rest_s: 9.0, step_s: 5.7, loses: false };
     let mut cases = receiver(&times);
     if short {
         cases.truncate(1);
@@ -148,17 +146,17 @@ fn reconfigured(blob: &[u8]) -> Result<Case> {
 
 /// Power is cut in the midst of another configuration's coming, and what comes of it afterwards is no configuration.
 fn cut_while_reconfigured(blob: &[u8]) -> Result<Case> {
-    /// Of some 900 words.
+    /// Of some 900 words, and a while before it, s.
     const WORK: u32 = 500;
+    const BEFORE_S: f64 = 10.0;
     let name = "never whole".try_into().map_err(|_| anyhow!("the name is too long"))?;
     let (other, _) = changed(blob, |config| config.name = name)?;
     let (commands, last_s) = orders(&other)?;
     let own = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e}"))?.hash();
-    let wanted = [Wanted::Start(POWER), Wanted::Reply(3)];
     let name = "power cut in the midst of a configuration that is sent";
-    let case = case(name, &[InjectedFault::FlashCut(WORK)], 0.0, last_s + KEPT_S, &wanted);
-    let case = Case { setup: Setup { commands, ..case.setup }, sent: Some(other), ..case };
-    Ok(Case { wanted: [&[Wanted::Runs(own)], &case.wanted[..]].concat(), ..case })
+    let cut = InjectedFault::FlashCut(WORK);
+    let case = case(name, &[cut], BEFORE_S, last_s + KEPT_S, &[Wanted::Runs(own)]);
+    Ok(Case { setup: Setup { commands, ..case.setup }, sent: Some(other), ..case })
 }
 
 /// Another configuration by which it listens for ten seconds of every twenty.
