@@ -5,6 +5,7 @@
 //! recorder's depth known and nothing assumed of speed, by least squares and robustly. Printed for every leg: errors of
 //! position at its middle, heading and speed, and what the fit claims for them.
 
+use super::figure::Bar;
 use super::real_ship_ee::{DATA, Judged, ShipRecording};
 use super::report::CsvReport;
 use super::{Experiment, Options};
@@ -42,6 +43,9 @@ const LASTING_DEG: f64 = 0.5;
 /// Standard deviation of one accepted bearing, degrees in space, beside what its residuals say.
 const SINGLE_DEG: f64 = 1.0;
 
+/// The figure with a bar.
+const HELD: &str = "headings in their 95 %, % of those told";
+
 /// Position (m), velocity (m/s) of the ship at the middle of a leg.
 #[derive(Clone, Copy, Debug)]
 struct Leg {
@@ -57,6 +61,7 @@ fn run(options: &Options) -> Result<()> {
     let names = ["median error of position, m", "median error of heading, deg", "median error of speed, m/s"];
     let Some(data) = options.real(DATA) else {
         names.into_iter().for_each(|name| options.figures.state(name, None));
+        options.figures.report(HELD, None, Bar::Within(90.0, 97.0));
         return Ok(());
     };
     let folder = seabearing_host::beside::Folder::new()?;
@@ -96,7 +101,7 @@ fn run(options: &Options) -> Result<()> {
         ) else {
             continue;
         };
-        let both = [squares.solution, robust.fit.solution].map(|s| errors(&s, &leg));
+        let both = [squares.solution, robust.fit.solution].map(|s| errors(&s, &leg, height_m));
         let [p, h, v] = both[1];
         report.row(&[
             leg.middle_s,
@@ -126,6 +131,11 @@ fn run(options: &Options) -> Result<()> {
         options.figures.state(format!("the same by least squares: {name}"), middle(0, k));
     }
     options.figures.state("straight legs", scores.len() as f64);
+    // Where the bearing hardly turns, no heading is told.
+    let told: Vec<_> = scores.iter().map(|e| e[1][1]).filter(|(_, sd)| sd.is_finite()).collect();
+    options.figures.state("of these with a heading", told.len() as f64);
+    let held = told.iter().filter(|(error, sd)| error.abs() <= 1.96 * sd).count();
+    options.figures.report(HELD, 100.0 * held as f64 / told.len() as f64, Bar::Within(90.0, 97.0));
     let way: Vec<(f64, f64)> = judged.iter().map(|j| at_m(j, height_m)).map(|[x, y]| (x, y)).collect();
     let mut map = Plot::map("A ship above one recorder: GPS and tracked legs");
     map.truth("GPS", &way);
@@ -180,12 +190,19 @@ fn samples(within: &[&Judged]) -> Vec<Sample> {
         .collect()
 }
 
-fn errors(s: &Solution, leg: &Leg) -> Errors {
+/// What a fit errs by on a leg, and claims. A direction error that lasts turns the track by as much azimuth, as in the recorder's own
+/// passages; the steeper the bearing, the more azimuth it is.
+fn errors(s: &Solution, leg: &Leg, height_m: f64) -> Errors {
+    let [x, y] = leg.at_m;
+    let lasting_deg = LASTING_DEG * x.hypot(y).hypot(height_m) / x.hypot(y);
     let ([x, y], [xx, yy, _]) = position(&s.line, &s.covariance, leg.middle_s);
     let [vx, vy] = leg.velocity_m_s;
     [
         ((x - leg.at_m[0]).hypot(y - leg.at_m[1]), (xx + yy).sqrt()),
-        (wrap_pi(s.heading_rad - vx.atan2(vy)) / RAD_PER_DEG, s.sd_heading_rad / RAD_PER_DEG),
+        (
+            wrap_pi(s.heading_rad - vx.atan2(vy)) / RAD_PER_DEG,
+            (s.sd_heading_rad / RAD_PER_DEG).hypot(lasting_deg),
+        ),
         (s.speed_m_s - vx.hypot(vy), s.sd_speed_m_s),
     ]
 }
