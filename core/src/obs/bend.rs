@@ -39,8 +39,8 @@ const FIRST_SD: (f64, f64) = (3_000.0, 1.5);
 /// What a prediction may add to the spread by which a mode is told to be this vessel's: rad, m, m/s.
 const DOUBT: (f64, f64, f64) = (0.1, 600.0, 1.0);
 
-/// Ranges beyond which nothing is taken from, m: there the table ends.
-const FARTHEST_M: f64 = 50_000.0;
+/// Ranges beyond which nothing is taken from, m: vessels are hardly heard there.
+const FARTHEST_M: f64 = 60_000.0;
 
 /// Least chance that a mode is this vessel's for it to be used.
 const LEAST_OWN: f64 = 0.05;
@@ -200,7 +200,7 @@ pub fn about_closest(
 ) -> Option<(Course, CourseCovariance)> {
     let closest_s = course.closest(&[[0.0; N]; N])?.0.time_s;
     let at = |m: &Minute| step_s * f64::from(m.number);
-    // Beyond the table's end directions alone are left, which may be another vessel's for hours.
+    // What is heard from where the vessel is not heard any more may be another's for hours.
     let ranged = |m: &Minute| {
         let (x, y) = course.at(at(m));
         math::f64::hypot(x, y) < FARTHEST_M
@@ -341,8 +341,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_seen_beyond_the_tables_end_says_nothing_of_where_it_passes() {
-        let course = Course { t0_s: 0.0, p: [-60_000.0, 6_000.0, 8.0, 0.5] };
+    fn what_is_seen_where_it_is_not_heard_says_nothing_of_where_it_passes() {
+        // Farther than 60 km for the first 40 minutes.
+        let course = Course { t0_s: 0.0, p: [-80_000.0, 6_000.0, 8.0, 0.5] };
         let told = |off_rad: f64| {
             let (minutes, _) = seen(off_rad);
             let (before, after) = (minutes.iter().copied(), minutes.iter().rev().copied());
