@@ -292,8 +292,8 @@ mod tests {
     use crate::obs::tonal::{Directions, Mode};
     use std::vec::Vec;
 
-    /// A vessel that turns by 17° within four hours; what it shows each minute, with errors of the stated size, and beyond 55 km
-    /// directions that are off by so much.
+    /// A vessel that turns by 17° within four hours; what it shows each minute, with errors of the stated size, and more than 55 km
+    /// west directions that are off by so much.
     fn seen(off_rad: f64) -> (Vec<Minute>, Course) {
         let (mut x, mut y, mut heading) = (-60_000.0f64, 6_000.0f64, 1.35f64);
         let (mut seed, mut out) = (5u32, Vec::new());
@@ -315,8 +315,9 @@ mod tests {
             let mut directions =
                 Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
             directions.modes[0] = Some(Mode {
-                azimuth: (math::f64::atan2(x, y) + 0.03 * normal() + if r > 55_000.0 { off_rad } else { 0.0 })
-                    as f32,
+                azimuth: (math::f64::atan2(x, y)
+                    + 0.03 * normal()
+                    + if x < -55_000.0 { off_rad } else { 0.0 }) as f32,
                 sd: 0.022,
                 log_presence: 20.0,
                 bins: 5,
