@@ -39,8 +39,8 @@ const FIRST_SD: (f64, f64) = (3_000.0, 1.5);
 /// What a prediction may add to the spread by which a mode is told to be this vessel's: rad, m, m/s.
 const DOUBT: (f64, f64, f64) = (0.1, 600.0, 1.0);
 
-/// Ranges beyond which nothing is taken from, m: there the table ends.
-const FARTHEST_M: f64 = 50_000.0;
+/// Ranges beyond which nothing is taken from, m: vessels are hardly heard there.
+const FARTHEST_M: f64 = 60_000.0;
 
 /// Least chance that a mode is this vessel's for it to be used.
 const LEAST_OWN: f64 = 0.05;
@@ -200,7 +200,7 @@ pub fn about_closest(
 ) -> Option<(Course, CourseCovariance)> {
     let closest_s = course.closest(&[[0.0; N]; N])?.0.time_s;
     let at = |m: &Minute| step_s * f64::from(m.number);
-    // Beyond the table's end directions alone are left, which may be another vessel's for hours.
+    // What is heard from where the vessel is not heard any more may be another's for hours.
     let ranged = |m: &Minute| {
         let (x, y) = course.at(at(m));
         math::f64::hypot(x, y) < FARTHEST_M
@@ -292,8 +292,8 @@ mod tests {
     use crate::obs::tonal::{Directions, Mode};
     use std::vec::Vec;
 
-    /// A vessel that turns by 17° within four hours; what it shows each minute, with errors of the stated size, and beyond 50 km
-    /// directions that are off by so much.
+    /// A vessel that turns by 17° within four hours; what it shows each minute, with errors of the stated size, and more than 55 km
+    /// west directions that are off by so much.
     fn seen(off_rad: f64) -> (Vec<Minute>, Course) {
         let (mut x, mut y, mut heading) = (-60_000.0f64, 6_000.0f64, 1.35f64);
         let (mut seed, mut out) = (5u32, Vec::new());
@@ -315,8 +315,9 @@ mod tests {
             let mut directions =
                 Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
             directions.modes[0] = Some(Mode {
-                azimuth: (math::f64::atan2(x, y) + 0.03 * normal() + if r > 50_000.0 { off_rad } else { 0.0 })
-                    as f32,
+                azimuth: (math::f64::atan2(x, y)
+                    + 0.03 * normal()
+                    + if x < -55_000.0 { off_rad } else { 0.0 }) as f32,
                 sd: 0.022,
                 log_presence: 20.0,
                 bins: 5,
@@ -341,17 +342,20 @@ mod tests {
     }
 
     #[test]
-    fn a_way_that_bends_is_known_where_it_passes() {
-        passes(0.0);
+    fn what_is_seen_where_it_is_not_heard_says_nothing_of_where_it_passes() {
+        // Farther than 60 km for the first 40 minutes.
+        let course = Course { t0_s: 0.0, p: [-80_000.0, 6_000.0, 8.0, 0.5] };
+        let told = |off_rad: f64| {
+            let (minutes, _) = seen(off_rad);
+            let (before, after) = (minutes.iter().copied(), minutes.iter().rev().copied());
+            about_closest(&course, &TravelTime::EMPTY, 60.0, before, after).unwrap()
+        };
+        assert_eq!(told(0.0), told(0.06));
     }
 
     #[test]
-    fn what_is_seen_beyond_the_tables_end_says_nothing_of_where_it_passes() {
-        passes(0.06);
-    }
-
-    fn passes(off_rad: f64) {
-        let (minutes, want) = seen(off_rad);
+    fn a_way_that_bends_is_known_where_it_passes() {
+        let (minutes, want) = seen(0.0);
         let travel = TravelTime::EMPTY;
         let start = Course { t0_s: 0.0, p: [-60_000.0, 6_000.0, 8.0, 0.5] };
         let (straight, _) =
