@@ -279,6 +279,7 @@ mod tests {
         let p = pieces(own, 1.0);
         let of = |written| p.correlation(&PulseForm { written, ..own }, &own).unwrap();
         let (a, b, c) = (of(Written::Own), of(Written::PrintedEnvelope), of(Written::AsPrinted));
-        assert!(a > 0.97 && b < 0.96 && c < 0.5, "{a} {b} {c}");
+        // Of two Gaussian envelopes whose widths are as 1 to √2 the correlation is 0.971.
+        assert!(a > 0.98 && (b - 0.971).abs() < 0.015 && c < 0.7, "{a} {b} {c}");
     }
 }
