@@ -175,10 +175,20 @@ impl<B: Board> Acquisition<B> {
     fn restart(&mut self, now_us: u64) {
         if !self.unplaced {
             // Before its rate was measured: when it converted is known all the same.
-            self.pace.get_or_insert(Pace::new(self.timed.unwrap_or(self.begun), self.board.hz()));
+            self.pace.get_or_insert(Pace::new(self.known(), self.board.hz()));
         }
         self.board.disarm();
         self.begin(now_us);
+    }
+
+    /// The newest moment known of a converter whose rate was not measured: the one its edges' rate was last found right by, unless
+    /// edges were missing before that already.
+    fn known(&self) -> Stamp {
+        let Some(timed) = self.timed else { return self.begun };
+        let edges = timed.edges.saturating_sub(self.begun.edges);
+        let us = timed.at_us.saturating_sub(self.begun.at_us);
+        let by_clock = us.saturating_mul(u64::from(self.board.hz())) / 1_000_000;
+        if by_clock <= edges + edges / 32 + STRAY / 2 { timed } else { self.begun }
     }
 
     /// Transfers are out of step with edges, or frames were lost: reading starts afresh, and edges go on counting.
@@ -240,14 +250,17 @@ impl<B: Board> Acquisition<B> {
         if edges < B::LEAST_TIMED {
             return None;
         }
-        self.timed = Some(stamp);
         let us = stamp.at_us.saturating_sub(before.at_us);
         let (by_clock, within) = match self.pace.filter(Pace::is_measured) {
             // One that stood still for a while, unseen because nobody came, is numbered wrongly from then on.
             Some(pace) => (pace.conversions(us), (STRAY + edges / STEADY).min(edges / 16)),
             None => (us.saturating_mul(u64::from(self.board.hz())) / 1_000_000, edges / 16),
         };
-        Some(by_clock.abs_diff(edges) <= within)
+        let right = by_clock.abs_diff(edges) <= within;
+        if right {
+            self.timed = Some(stamp);
+        }
+        Some(right)
     }
 
     /// Of the edges before `end` those whose frames may be given: the converter was set right, at a later look too. `None`: it

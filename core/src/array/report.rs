@@ -16,8 +16,8 @@
 //!   pairs' misfit says that the two come apart, or that a third path joins, the elevation errs by more than the misfit shows: paths of
 //!   one vessel differ in elevation alone.
 //! * Where another source is heard, another vessel or an echo, the cross-spectra's scatter tells what it does to either angle
-//!   ([`refine::scatter`]).
-//! * Noise is taken as what the bearings' own scatter shows of it, where that is less ([`super::steady`]).
+//!   (`refine::scatter`).
+//! * Noise is taken as what the bearings' own scatter shows of it, where that is less (`steady`).
 
 use super::agreement::Doubt;
 use super::estimate::{Context, Found, SpectrumWork};
@@ -52,6 +52,9 @@ const HALF_WAY_SD: f32 = 0.8;
 /// Standard deviation of a depth that no fringes tell, in units of `vessel_depth_m`: propellers 2 to 8 m deep are, about 4 m, 2 m off
 /// in the root mean square.
 const UNKNOWN_DEPTH_SD: f32 = 0.5;
+/// Standard deviation of the share of the sound's amplitude that the surface gives back, which moves where vessel and image are heard
+/// together by as much of the image's part: waves scatter some, and how much nobody tells.
+const SURFACE_LOSS_SD: f32 = 0.05;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
 /// bottoms 2 to 30 m below the array.
 const PATHS: f32 = 4.0;
@@ -67,7 +70,7 @@ pub(super) enum Others<'a> {
         /// And what the segment's own cross-spectra show while another source is heard.
         scatter: Option<Scatter>,
     },
-    /// By how much more the segment's own cross-spectra scatter than noise explains ([`refine::scatter`]): what taking out a
+    /// By how much more the segment's own cross-spectra scatter than noise explains (`refine::scatter`): what taking out a
     /// louder source left.
     Scatter(f32),
 }
@@ -155,7 +158,8 @@ pub(super) fn bearing(
             let apart = 2.0 * rise * d / plan.depth_m;
             let fainter = 2.0 * sine * sine * d / plan.depth_m;
             let half_way = (HALF_WAY_SD * apart).min(1.0);
-            (d * (1.0 - fainter) / plan.depth_m, m::hypot(sd, half_way * d) / plan.depth_m)
+            let sd = m::hypot(sd, m::hypot(half_way, SURFACE_LOSS_SD) * d);
+            (d * (1.0 - fainter) / plan.depth_m, sd / plan.depth_m)
         }
         None => (plan.vessel_over_array_depth, UNKNOWN_DEPTH_SD * plan.vessel_over_array_depth),
     };

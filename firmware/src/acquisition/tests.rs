@@ -334,6 +334,24 @@ fn a_converter_that_stands_still_before_its_rate_was_measured_is_numbered_by_its
 }
 
 #[test]
+fn a_short_standstill_soon_after_the_first_sample_is_in_the_numbers() {
+    for (lived, dead) in
+        [27, 200, 300, 500, 700, 2000].into_iter().flat_map(|l| [200, 320, 1280, 3000].map(|d| (l, d)))
+    {
+        let mut acquisition = Acquisition::new(Bench::new());
+        drain(&mut acquisition);
+        loop_for(&mut acquisition, lived / 64 * 64);
+        acquisition.board.run(lived % 64);
+        acquisition.board.alive = false;
+        acquisition.board.run(dead);
+        (acquisition.board.alive, acquisition.board.was_reset) = (true, true);
+        let after = loop_for(&mut acquisition, 100_000);
+        let off = error(&after);
+        assert!(after.len() > 90_000 && off <= 8, "{lived}, {dead}: {} off by {off}", after.len());
+    }
+}
+
+#[test]
 fn what_comes_between_two_standstills_and_is_too_short_to_be_numbered_is_not_given() {
     let mut acquisition = started();
     loop_for(&mut acquisition, 1_000_000);
