@@ -385,6 +385,11 @@ fn run_counting(args: &Args, relieved: &mut u64) -> Result<()> {
         ),
         (false, _) => bail!("{origin}: no recorder was heard in {} s", args.wait),
         (true, Some(words)) => bail!("{origin}: {words}"),
+        (true, None) if service.base().hears_without_link() => bail!(
+            "{origin}: the recorder has not answered in {} s: without a link a command is given once, and a line's noise may have \
+             taken it or its answer: send it again",
+            args.wait
+        ),
         (true, None) if args.store.is_none() => bail!(
             "{origin}: the recorder has not answered in {} s: is this its key? (it says BadCommand where it is not); or do its \
              records stand before the answer? (--store DIR takes them into the base station's store)",
