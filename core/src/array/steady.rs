@@ -29,15 +29,16 @@ pub(super) struct Steady {
     last: Option<(Direction, u64)>,
     /// Turn rate to the last direction along both tangents (radians a second) and the time it took, seconds.
     rate: Option<([f32; 2], f32)>,
-    /// Mean square second difference over the expected one.
-    ratio: f32,
+    /// By how much the mean square second difference over the expected one is less than 1: zeros at the beginning, so that the
+    /// recorder's memory costs no flash.
+    less: f32,
     /// Second differences in the mean.
     taken: f32,
 }
 
 impl Steady {
     /// Nothing seen.
-    pub(super) const NEW: Self = Self { last: None, rate: None, ratio: 1.0, taken: 0.0 };
+    pub(super) const NEW: Self = Self { last: None, rate: None, less: 0.0, taken: 0.0 };
 
     /// Takes the direction of sample `index` with its variances along the tangents (rad²); whether its segment shares samples with
     /// the one before. The factor of the variance.
@@ -68,9 +69,9 @@ impl Steady {
                 square += 0.5 * second * second / (variance * expected).max(f32::MIN_POSITIVE);
             }
             self.taken = (self.taken + 1.0).min(AVERAGED);
-            self.ratio += (square.min(MOST) - self.ratio) / (self.taken + SAID);
+            self.less += (1.0 - square.min(MOST) - self.less) / (self.taken + SAID);
         }
-        self.ratio.clamp(LEAST, 1.0)
+        (1.0 - self.less).clamp(LEAST, 1.0)
     }
 }
 
