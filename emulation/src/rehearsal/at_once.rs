@@ -12,9 +12,9 @@ pub(super) fn cases() -> impl Iterator<Item = Case> {
     let restarted = fault(FaultCode::ConverterRestarted);
     [
         case(
-            "converter without supply for a second, 40 ms after power, clocks 1 % off",
-            &[InjectedFault::ConverterDead(0.04, 1.0)],
-            1.04,
+            "converter without supply for a second, 60 ms after power, clocks 1 % off",
+            &[InjectedFault::ConverterDead(0.06, 1.0)],
+            1.06,
             2.5,
             &[restarted],
         ),

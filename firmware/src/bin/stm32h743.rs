@@ -48,6 +48,7 @@ use seabearing_firmware::stm32h743::gauges::Gauges;
 #[cfg(feature = "link")]
 use seabearing_firmware::stm32h743::kept;
 use seabearing_firmware::stm32h743::link::{Incoming, RING_BYTES, Serial, transmit};
+use seabearing_firmware::stm32h743::memory;
 use seabearing_firmware::stm32h743::pulse::{self, Satellites, on_pulse};
 #[cfg(not(feature = "seismic"))]
 use seabearing_firmware::stm32h743::sampling as converters;
@@ -299,10 +300,14 @@ fn main() -> ! {
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     // SAFETY: nothing else runs any more.
     let status = unsafe { (*cortex_m::peripheral::SCB::PTR).cfsr.read() };
-    fault::keep_and_reset(fault::Record::processor(frame.pc(), status))
+    let record = memory::not_corrected().unwrap_or(fault::Record::processor(frame.pc(), status));
+    fault::keep_and_reset(record)
 }
 
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+    if let Some(record) = memory::not_corrected() {
+        fault::keep_and_reset(record);
+    }
     fault::record_and_reset(info)
 }

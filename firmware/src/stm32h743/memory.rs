@@ -33,6 +33,18 @@ fn register(monitor: usize, word: usize) -> *mut u32 {
     (monitor + 4 * word) as *mut u32
 }
 
+/// What could not be corrected and was not looked at yet: where the processor ends in a fault or a panic, that is the likelier cause.
+/// `None` while nobody watches.
+pub fn not_corrected() -> Option<Record> {
+    // SAFETY: registers of a peripheral that nothing else uses.
+    let read = |monitor, word| unsafe { register(monitor, word).read_volatile() };
+    let wrong = |monitor: usize| {
+        read(monitor, CONFIGURATION) & KEEP != 0 && read(monitor, FOUND) & NOT_CORRECTED != 0
+    };
+    let (memory, monitor) = (0..).zip(MONITORS).find(|(_, monitor)| !LOGS && wrong(*monitor))?;
+    Some(Record::memory(read(monitor, WHERE), memory))
+}
+
 /// What the monitors tell.
 #[derive(Debug)]
 pub struct Errors {
