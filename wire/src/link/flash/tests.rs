@@ -227,3 +227,65 @@ fn power_cut_at_every_write_loses_nothing_that_could_be_read() {
 fn power_cut_at_every_write_of_a_full_store_counts_what_is_lost() {
     assert!(cut_everywhere(330, false) > 1000);
 }
+
+/// A store whose head holds as much as it takes before the next sector is opened.
+fn with_a_full_head(acknowledged: bool) -> Tested {
+    let mut store = Tested::open(Small::new());
+    store.begin(1);
+    let mut n = 0;
+    while store.writing.is_none_or(|w| w.sequence < 3) {
+        run(&mut store, n..n + 1, acknowledged);
+        settle(&mut store);
+        n += 1;
+    }
+    let sequence = store.writing.map(|w| w.sequence);
+    loop {
+        let before = store.clone();
+        run(&mut store, n..n + 1, acknowledged);
+        settle(&mut store);
+        n += 1;
+        if store.writing.map(|w| w.sequence) != sequence {
+            return before;
+        }
+    }
+}
+
+#[test]
+fn no_start_has_the_number_of_another_however_many_follow_each_other() {
+    let mut store = with_a_full_head(true);
+    let kept = readable(&store);
+    for _ in 0..3 * 256 {
+        let before = store.starts();
+        store = Tested::open(store.into_flash());
+        assert_eq!(store.starts(), before + 1);
+        settle(&mut store);
+    }
+    let there = readable(&store);
+    let lost = kept.keys().filter(|key| !there.contains_key(key)).count() as u32;
+    assert!(lost <= store.ledger().lost.iter().sum(), "{lost} gone, {:?}", store.ledger());
+    assert_eq!(store.flash().misuses(), 0);
+}
+
+#[test]
+fn starts_are_counted_while_the_next_sector_is_never_erased_to_its_end() {
+    for acknowledged in [true, false] {
+        let mut store = with_a_full_head(acknowledged);
+        // The head is full and the next sector is the one whose erasing is cut short.
+        let mut flash = store.flash().clone();
+        flash.erase(next::<Small>(store.writing.unwrap().sector));
+        flash.switch_on();
+        for _ in 0..STARTS {
+            let before = store.starts();
+            store = Tested::open(flash);
+            assert_eq!(store.starts(), before + 1, "{acknowledged}");
+            flash = store.flash().clone();
+            flash.switch_on();
+        }
+        // And once it is erased the number goes on from there.
+        store = Tested::open(flash);
+        let last = store.starts();
+        settle(&mut store);
+        assert!(!store.start_unnoted);
+        assert_eq!(Tested::open(store.into_flash()).starts(), last + 1, "{acknowledged}");
+    }
+}
