@@ -193,6 +193,10 @@ impl<B: Board> Acquisition<B> {
             self.pace.get_or_insert(Pace::new(self.known(), self.board.hz()));
         }
         self.board.disarm();
+        if self.index == 0 {
+            // Nothing was given yet, so nothing is missing; that it had to begin again is told all the same.
+            self.fault.get_or_insert((FaultCode::ConverterRestarted, 0));
+        }
         self.begin(now_us);
     }
 

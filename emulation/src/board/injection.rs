@@ -109,6 +109,48 @@ impl InjectedFault {
     }
 }
 
+impl InjectedFault {
+    /// When it begins, s; `None` where that follows from what the board does.
+    pub fn begins_s(&self) -> Option<f64> {
+        match *self {
+            Self::SpiBits(_) => Some(0.0),
+            Self::FlashCut(_) | Self::CardCut(_) => None,
+            Self::ConverterReset(at)
+            | Self::ConverterUpset(at)
+            | Self::ConverterGain(at)
+            | Self::ConverterResync(at)
+            | Self::ConverterStops(at, _)
+            | Self::ConverterGlitch(at, _)
+            | Self::ConverterDead(at, _)
+            | Self::ChipDead(_, at, _)
+            | Self::ChipReset(_, at)
+            | Self::ChipUpset(_, at)
+            | Self::ConverterMute(at, _)
+            | Self::CoreHeld(at, _)
+            | Self::HardFault(at)
+            | Self::Panic(at)
+            | Self::SettingsBit(at, _)
+            | Self::MemoryBit(at, _)
+            | Self::MemoryBits(at, _)
+            | Self::ClocksFail(at, _)
+            | Self::PinReset(at)
+            | Self::BrownOut(at)
+            | Self::SupplyLow(at, _)
+            | Self::LineNoise(at, _)
+            | Self::FlashBits(at)
+            | Self::FlashCrash(at)
+            | Self::PulseLost(at, _)
+            | Self::PulseGlitch(at)
+            | Self::SecondWrong(at)
+            | Self::SentenceNoise(at, _)
+            | Self::ClockStep(at)
+            | Self::CardStall(at, _)
+            | Self::CardPulled(at, _)
+            | Self::CardErrors(at, _) => Some(at),
+        }
+    }
+}
+
 /// The line in the source that an injected panic names.
 pub const PANIC_LINE: u32 = 4711;
 

@@ -37,7 +37,12 @@ pub(super) fn cases() -> impl Iterator<Item = Case> {
             &[InjectedFault::ConverterMute(AT_S, 0.5), InjectedFault::HardFault(AT_S + 0.2)],
             AT_S,
             AT_S + 2.0,
-            &[Wanted::Start(SOFTWARE), fault(FaultCode::HardFault), fault(FaultCode::NoSamples)],
+            &[
+                fault(FaultCode::Invalid),
+                Wanted::Start(SOFTWARE),
+                fault(FaultCode::HardFault),
+                fault(FaultCode::NoSamples),
+            ],
         ),
         case(
             "supply low for a second, and the converter without it",

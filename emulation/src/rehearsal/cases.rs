@@ -1,7 +1,7 @@
 //! What is rehearsed beside the pace: each case with what is done, when, and what must be said of it.
 
 use super::judge::Wanted;
-use super::{AT_S, COST, at_once, costs};
+use super::{AT_S, COST, LATER_S, at_once, costs};
 use crate::board::{InjectedFault, PANIC_LINE, Setup, utc_us};
 use seabearing_board_model::stm32h743::Parameters;
 use seabearing_board_model::stm32h743::flash::FlashTimes;
@@ -175,6 +175,25 @@ fn failures() -> Vec<Case> {
         case("converter's rate flips", &[InjectedFault::ConverterUpset(AT_S)], AT_S, 1.5, &[restarted]),
         case("converter's gain flips", &[InjectedFault::ConverterGain(AT_S)], AT_S, 1.5, &[restarted]),
         case(
+            "converter begins to convert afresh",
+            &[InjectedFault::ConverterResync(AT_S)],
+            AT_S,
+            1.5,
+            &[restarted],
+        ),
+        stops(1.0),
+        stops(3.0),
+        stops(10.0),
+        glitches(1e-7, &[Wanted::Never(FaultCode::FalseEdge), Wanted::Never(FaultCode::ConverterRestarted)]),
+        glitches(4e-7, &[restarted]),
+        case(
+            "a pulse of 0.4 us on data ready between two conversions",
+            &[InjectedFault::ConverterGlitch(AT_S, 4e-7)],
+            AT_S,
+            1.5,
+            &[fault(FaultCode::FalseEdge), Wanted::Never(FaultCode::ConverterRestarted)],
+        ),
+        case(
             "one bit in 80 000 wrong on SPI",
             &[InjectedFault::SpiBits(10_000)],
             0.0,
@@ -200,12 +219,18 @@ fn failures() -> Vec<Case> {
         )),
         case(
             "hard fault",
-            &[InjectedFault::HardFault(AT_S)],
-            AT_S,
-            1.5,
+            &[InjectedFault::HardFault(LATER_S)],
+            LATER_S,
+            LATER_S + 1.0,
             &[Wanted::Start(SOFTWARE), fault(FaultCode::HardFault)],
         ),
-        case("panic", &[InjectedFault::Panic(AT_S)], AT_S, 1.5, &[Wanted::Start(SOFTWARE), panicked]),
+        case(
+            "panic",
+            &[InjectedFault::Panic(LATER_S)],
+            LATER_S,
+            LATER_S + 1.0,
+            &[Wanted::Start(SOFTWARE), panicked],
+        ),
         with(
             case(
                 "five hard faults in half a second, then Start",
@@ -255,9 +280,9 @@ fn failures() -> Vec<Case> {
         ),
         case(
             "core held for 2.5 s",
-            &[InjectedFault::CoreHeld(AT_S, 2.5)],
-            AT_S,
-            4.0,
+            &[InjectedFault::CoreHeld(LATER_S, 2.5)],
+            LATER_S,
+            LATER_S + 3.5,
             &[Wanted::Start(WATCHDOG)],
         ),
         case(
@@ -282,8 +307,14 @@ fn failures() -> Vec<Case> {
             &[Wanted::Start(WATCHDOG)],
         ),
         case("supply low for 10 ms", &[InjectedFault::SupplyLow(AT_S, 0.01)], AT_S, 1.5, &[]),
-        case("reset pin", &[InjectedFault::PinReset(AT_S)], AT_S, 1.5, &[Wanted::Start(PIN)]),
-        case("supply sags", &[InjectedFault::BrownOut(AT_S)], AT_S, 1.5, &[Wanted::Start(BROWN_OUT)]),
+        case("reset pin", &[InjectedFault::PinReset(LATER_S)], LATER_S, LATER_S + 1.0, &[Wanted::Start(PIN)]),
+        case(
+            "supply sags",
+            &[InjectedFault::BrownOut(LATER_S)],
+            LATER_S,
+            LATER_S + 1.0,
+            &[Wanted::Start(BROWN_OUT)],
+        ),
         // From the second on it is waited out, ever longer; sags are no starts of the software, however many.
         case(
             "supply sags seven times",
@@ -302,13 +333,29 @@ fn failures() -> Vec<Case> {
     ]
 }
 
+/// The converter's clock stops for so many conversions, and nothing is reset.
+fn stops(conversions: f64) -> Case {
+    let name = format!("converter's clock stops for {conversions} conversions");
+    let wanted = [Wanted::Fault(FaultCode::ConverterRestarted, None)];
+    case(&name, &[InjectedFault::ConverterStops(AT_S, conversions)], AT_S, 1.5, &wanted)
+}
+
+/// Pulses on data ready that are none of the converter's, at every phase of a conversion.
+fn glitches(length_s: f64, wanted: &[Wanted]) -> Case {
+    const EACH_S: f64 = 0.02 + 1.3e-6;
+    let name = format!("12 pulses of {} us on data ready, of any phase", length_s * 1e6);
+    let faults: [_; 12] =
+        std::array::from_fn(|n| InjectedFault::ConverterGlitch(AT_S + EACH_S * n as f64, length_s));
+    case(&name, &faults, AT_S, 1.7, wanted)
+}
+
 /// Bits that change in what was worked out of the configuration.
 fn settings() -> impl Iterator<Item = Case> {
     (0..4).map(|n| {
         let changed = Wanted::Fault(FaultCode::BadConfiguration, Some(3));
         let name = format!("bit {n} changed in the recorder's settings");
-        let flip = InjectedFault::SettingsBit(AT_S, n);
-        case(&name, &[flip], AT_S, AT_S + 4.0, &[Wanted::Start(SOFTWARE), changed])
+        let flip = InjectedFault::SettingsBit(LATER_S, n);
+        case(&name, &[flip], LATER_S, LATER_S + 4.0, &[Wanted::Start(SOFTWARE), changed])
     })
 }
 
@@ -319,8 +366,8 @@ fn memory() -> impl Iterator<Item = Case> {
         case("one wrong bit in a word of memory", &[InjectedFault::MemoryBit(AT_S, 0)], AT_S, 1.5, &[told]);
     let more = move |n: u64| {
         let name = format!("two wrong bits in word {n} of memory");
-        let flip = InjectedFault::MemoryBits(AT_S, n);
-        case(&name, &[flip], AT_S, 1.5, &[Wanted::Start(SOFTWARE), told])
+        let flip = InjectedFault::MemoryBits(LATER_S, n);
+        case(&name, &[flip], LATER_S, LATER_S + 1.0, &[Wanted::Start(SOFTWARE), told])
     };
     std::iter::once(one).chain((0..6).map(more))
 }
