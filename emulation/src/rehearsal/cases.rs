@@ -25,7 +25,7 @@ pub struct Case {
 }
 
 /// Reasons of a start as `Hello` tells them.
-const POWER: u8 = 0;
+pub(super) const POWER: u8 = 0;
 pub(super) const WATCHDOG: u8 = 1;
 pub(super) const SOFTWARE: u8 = 2;
 pub(super) const PIN: u8 = 3;
@@ -153,6 +153,7 @@ fn failures() -> Vec<Case> {
     let panicked = Wanted::Fault(FaultCode::Panicked, Some(i64::from(PANIC_LINE)));
     let (silent, restarted) = (fault(FaultCode::NoSamples), fault(FaultCode::ConverterRestarted));
     let forever = f64::INFINITY;
+    let none = [FaultCode::FalseEdge, FaultCode::ConverterRestarted, FaultCode::Gap].map(Wanted::Never);
     let again: Vec<InjectedFault> =
         (0..5).map(|n| InjectedFault::HardFault(AT_S + 0.1 * f64::from(n))).collect();
     let damaged = |case: Case| Case { setup: Setup { damaged_configuration: true, ..case.setup }, ..case };
@@ -184,15 +185,13 @@ fn failures() -> Vec<Case> {
         stops(1.0),
         stops(3.0),
         stops(10.0),
-        glitches(1e-7, &[Wanted::Never(FaultCode::FalseEdge), Wanted::Never(FaultCode::ConverterRestarted)]),
-        glitches(4e-7, &[restarted]),
-        case(
-            "a pulse of 0.4 us on data ready between two conversions",
-            &[InjectedFault::ConverterGlitch(AT_S, 4e-7)],
-            AT_S,
-            1.5,
-            &[fault(FaultCode::FalseEdge), Wanted::Never(FaultCode::ConverterRestarted)],
-        ),
+        glitch(0, 0.1, &none),
+        glitch(3, 0.1, &none),
+        // It cuts a transfer short, and what is counted too much is found by the converter's pace.
+        glitch(0, 0.4, &[restarted]),
+        glitch(2, 0.4, &[restarted]),
+        // Between two transfers: its frame says that it is none.
+        glitch(3, 0.4, &[fault(FaultCode::FalseEdge), none[1], none[2]]),
         case(
             "one bit in 80 000 wrong on SPI",
             &[InjectedFault::SpiBits(10_000)],
@@ -340,13 +339,12 @@ fn stops(conversions: f64) -> Case {
     case(&name, &[InjectedFault::ConverterStops(AT_S, conversions)], AT_S, 1.5, &wanted)
 }
 
-/// Pulses on data ready that are none of the converter's, at every phase of a conversion.
-fn glitches(length_s: f64, wanted: &[Wanted]) -> Case {
-    const EACH_S: f64 = 0.02 + 1.3e-6;
-    let name = format!("12 pulses of {} us on data ready, of any phase", length_s * 1e6);
-    let faults: [_; 12] =
-        std::array::from_fn(|n| InjectedFault::ConverterGlitch(AT_S + EACH_S * n as f64, length_s));
-    case(&name, &faults, AT_S, 1.7, wanted)
+/// A pulse on data ready that is none of the converter's, a quarter of a conversion later each.
+fn glitch(quarter: u8, length_us: f64, wanted: &[Wanted]) -> Case {
+    const QUARTER_S: f64 = 0.25 / 64e3;
+    let name = format!("a pulse of {length_us} us on data ready, phase {quarter}");
+    let pulse = InjectedFault::ConverterGlitch(AT_S + QUARTER_S * f64::from(quarter), length_us * 1e-6);
+    case(&name, &[pulse], AT_S, 1.5, wanted)
 }
 
 /// Bits that change in what was worked out of the configuration.

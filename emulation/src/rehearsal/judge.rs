@@ -20,6 +20,8 @@ pub enum Wanted {
     Start(u8),
     /// A start with the configuration of this hash.
     Runs(u64),
+    /// A start for this reason with the configuration of this hash.
+    Resumes(u8, u64),
     /// That it waits for commands.
     Waits,
     /// An answer to the command with this token.
@@ -43,6 +45,9 @@ impl Wanted {
             (Self::Card(why), Message::Fault(f)) => f.code == FaultCode::CardFailed && f.value & 0xff == why,
             (Self::Start(cause), Message::Hello(h)) => h.reset_cause == cause && h.kind != WAITING,
             (Self::Runs(hash), Message::Hello(h)) => h.config_hash == hash && h.kind != WAITING,
+            (Self::Resumes(cause, hash), Message::Hello(h)) => {
+                (h.reset_cause, h.config_hash) == (cause, hash) && h.kind != WAITING
+            }
             (Self::Waits, Message::Hello(h)) => h.kind == WAITING,
             (Self::Reply(token), Message::Reply(r)) => r.token == token,
             (Self::Margins(least, most), Message::Margins(m)) => {
@@ -66,7 +71,7 @@ impl Wanted {
                 let reasons = ["?", "none", "not prepared", "errors", "slow"];
                 format!("CardFailed ({})", reasons.get(why as usize).unwrap_or(&"?"))
             }
-            Self::Start(cause) => {
+            Self::Start(cause) | Self::Resumes(cause, _) => {
                 let names = ["power", "watchdog", "software", "pin", "brown-out"];
                 format!("starts ({})", names.get(usize::from(cause)).unwrap_or(&"?"))
             }
@@ -232,14 +237,24 @@ struct Assumed {
 }
 
 fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<String>> {
-    let Some(base) = session.numbers.first() else { return Ok(None) };
     let faults = |code: FaultCode| {
         session.said.iter().filter_map(move |s| match s.message {
             Message::Fault(f) if f.code == code => Some(f),
             _ => None,
         })
     };
-    let restarts = faults(FaultCode::ConverterRestarted).count();
+    let restarts = faults(FaultCode::ConverterRestarted).filter(|f| f.value > 0).count();
+    // Of a converter that began again before anything was given: the numbers begin with it.
+    let again = faults(FaultCode::ConverterRestarted).count() - restarts;
+    let jumped = |w: &(usize, &[u64])| w.1[1] > w.1[0] + 1;
+    let from = match again {
+        0 => Some(0),
+        again => session.numbers.windows(2).enumerate().filter(jumped).nth(again - 1).map(|w| w.0 + 1),
+    };
+    let Some(from) = from else { bail!("a start that was told and was none") };
+    let session =
+        &Session { numbers: &session.numbers[from..], codes: &session.codes[from..], ..session.clone() };
+    let Some(base) = session.numbers.first() else { return Ok(None) };
     let gaps: Vec<(u64, u64)> =
         faults(FaultCode::Gap).map(|f| (f.index.saturating_sub(f.value as u64), f.index)).collect();
     // Of conversions, where several make a sample.

@@ -368,8 +368,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
     fn write(&mut self, head: &Head, text: &[u8]) -> bool {
         let Some(writing) = self.writing.as_mut() else { return false };
         let words = entry::words(text.len());
-        let kept = if head.kind == Kind::Start { 0 } else { STARTS };
-        if words > F::WORDS.saturating_sub(kept).saturating_sub(writing.word) {
+        if words > F::WORDS.saturating_sub(writing.word) {
             return false;
         }
         entry::write(&mut self.flash, writing.sector, writing.word, head, text);
@@ -456,8 +455,12 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
             let urgent = self.each_kept(oldest, |_, class, _, _| u16::from(class <= Class::Final));
             let mut left_out = urgent.saturating_sub(MOST_MOVED);
             self.each_kept(oldest, |store, class, head, text| {
-                let mut moved = false;
-                if class <= Class::Final && left_out == 0 {
+                // Where an erase was cut short it was brought along before.
+                let number = head.numbers[0];
+                let mut moved = store.find_in(writing.sector, FIRST, F::WORDS, class, number).is_some();
+                if moved {
+                    left_out = left_out.saturating_sub(1);
+                } else if class <= Class::Final && left_out == 0 {
                     moved = store.write(&Head { kind: Kind::Moved, ..*head }, text);
                 } else if class <= Class::Final {
                     left_out -= 1;
