@@ -376,7 +376,9 @@ impl Ads1282s {
 
     /// Conversions that are due are done.
     pub fn advance(&mut self, now: Ticks) {
-        while let Some((_, lasts)) = self.glitches.pop_front_if(|glitch| glitch.0 <= now) {
+        while self.glitches.front().is_some_and(|glitch| glitch.0 <= now)
+            && let Some((_, lasts)) = self.glitches.pop_front()
+        {
             self.glitch(0, lasts);
         }
         while self.next_result() <= now {

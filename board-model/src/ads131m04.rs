@@ -232,7 +232,9 @@ impl Ads131m04 {
 
     /// A conversion is done, if it is due.
     pub fn advance(&mut self, now: Ticks) {
-        while let Some((_, lasts)) = self.glitches.pop_front_if(|glitch| glitch.0 <= now) {
+        while self.glitches.front().is_some_and(|glitch| glitch.0 <= now)
+            && let Some((_, lasts)) = self.glitches.pop_front()
+        {
             self.glitch(lasts);
         }
         while self.next_conversion <= now {

@@ -120,4 +120,24 @@ mod tests {
             assert_ne!(phase.note(stamp, &pace, 4), Verdict::Wrong, "{n}");
         }
     }
+
+    #[test]
+    fn hours_without_a_moment_and_a_clock_that_drifts_meanwhile_are_no_loss() {
+        // 250 Hz; the board's clock is 40 millionths faster after three hours.
+        let pace = {
+            let mut pace = Pace::new(Stamp::default(), 250);
+            (1..2000).for_each(|n| pace.note(Stamp { edges: n * 16, at_us: n * 64_000 }));
+            pace
+        };
+        let mut phase = Phase::default();
+        let before = Stamp { edges: 32_000, at_us: 128_000_000 };
+        assert_ne!(phase.note(before, &pace, 1), Verdict::Wrong);
+        let edges = 10_800 * 250;
+        let after =
+            Stamp { edges: before.edges + edges, at_us: before.at_us + edges * 4000 + edges * 4000 / 25_000 };
+        assert_ne!(phase.note(after, &pace, 1), Verdict::Wrong);
+        // A second of it, a conversion wanting.
+        let next = Stamp { edges: after.edges + 249, at_us: after.at_us + 1_000_000 };
+        assert_eq!(phase.note(next, &pace, 1), Verdict::Wrong);
+    }
 }

@@ -530,13 +530,13 @@ fn a_converter_that_began_to_convert_afresh_is_set_up_again() {
 
 #[test]
 fn a_converter_that_begins_again_before_its_first_sample_was_given_is_told() {
-    let mut acquisition = Acquisition::new(Bench { looks_at: Some(1_000_000), ..Bench::new() });
+    let mut acquisition = Acquisition::new(Bench { looks_at: Some(20_000), ..Bench::new() });
     assert!(drain(&mut acquisition).is_empty());
-    assert!(loop_for(&mut acquisition, 6400).is_empty(), "held back until it was looked at");
+    assert!(loop_for(&mut acquisition, 640).is_empty(), "held back until it was looked at");
     assert_eq!(acquisition.fault(), None);
     acquisition.board.registers[4] = 0x0100;
-    assert!(loop_for(&mut acquisition, 64_000).is_empty());
+    assert!(loop_for(&mut acquisition, 1280).is_empty());
     assert_eq!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 0)));
-    let all = loop_for(&mut acquisition, 128_000);
+    let all = loop_for(&mut acquisition, 6400);
     assert!(all.first().is_some_and(|first| first.0 == 0) && acquisition.fault().is_none());
 }
