@@ -234,7 +234,9 @@ impl Chip {
 pub struct Ads1282s {
     sound: Sound,
     chips: [Chip; CHIPS],
-    edges: VecDeque<(usize, bool)>,
+    edges: VecDeque<(usize, bool, Ticks)>,
+    /// When something else than the first chip turns its data-ready line round, and for how long; in order.
+    pub glitches: VecDeque<(Ticks, Ticks)>,
     reset_high: bool,
     sync_high: bool,
     /// What came over the lines of the conversion that is being read.
@@ -276,6 +278,7 @@ impl Ads1282s {
             sound,
             chips,
             edges: VecDeque::new(),
+            glitches: VecDeque::new(),
             reset_high: true,
             sync_high: true,
             wire: [0; CHIPS],
@@ -338,25 +341,48 @@ impl Ads1282s {
     }
 
     /// When one of them next has a result.
-    pub fn next_event(&self) -> Ticks {
+    fn next_result(&self) -> Ticks {
         self.chips.iter().map(|chip| chip.next).min().unwrap_or(NEVER)
     }
 
-    /// Levels of the data-ready lines since the last look, in order: which chip's, and the level.
-    pub fn next_edge(&mut self) -> Option<(usize, bool)> {
+    /// When one of them next has a result, or something happens to the first one's line.
+    pub fn next_event(&self) -> Ticks {
+        self.glitches.front().map_or(NEVER, |glitch| glitch.0).min(self.next_result())
+    }
+
+    fn glitch(&mut self, chip: usize, lasts: Ticks) {
+        let level = self.chips[chip].ready;
+        self.edges.extend([(chip, !level, lasts), (chip, level, NEVER)]);
+    }
+
+    /// Their common clock stops for so many conversions: they come later, and nothing is reset.
+    pub fn stop_clock(&mut self, conversions: f64) {
+        for chip in self.chips.iter_mut().filter(|chip| chip.next != NEVER) {
+            chip.phase += conversions * chip.period(self.sound.stretch);
+            chip.next = chip.phase as Ticks;
+        }
+    }
+
+    /// Levels of the data-ready lines since the last look, in order: which chip's, the level, and how long that lasted at least.
+    pub fn next_edge(&mut self) -> Option<(usize, bool, Ticks)> {
         self.edges.pop_front()
     }
 
     fn set_ready_line(&mut self, chip: usize, high: bool) {
         if std::mem::replace(&mut self.chips[chip].ready, high) != high {
-            self.edges.push_back((chip, high));
+            self.edges.push_back((chip, high, NEVER));
         }
     }
 
     /// Conversions that are due are done.
     pub fn advance(&mut self, now: Ticks) {
-        while self.next_event() <= now {
-            let Some(at) = self.chips.iter().position(|chip| chip.next == self.next_event()) else { return };
+        while self.glitches.front().is_some_and(|glitch| glitch.0 <= now)
+            && let Some((_, lasts)) = self.glitches.pop_front()
+        {
+            self.glitch(0, lasts);
+        }
+        while self.next_result() <= now {
+            let Some(at) = self.chips.iter().position(|chip| chip.next == self.next_result()) else { return };
             let (due, rate) = (self.chips[at].phase, self.chips[at].rate());
             let period = self.chips[at].period(self.sound.stretch);
             self.chips[at].phase += period;
@@ -373,7 +399,10 @@ impl Ads1282s {
             let noise = (mix(due as u64 ^ at as u64) >> 54) as i64 - 512;
             let code = self.sound.codes[at];
             self.chips[at].convert(number, code, noise);
-            self.set_ready_line(at, true);
+            // A line that is still low goes high for four periods of the clock (from memory of the data sheet).
+            if !self.chips[at].ready {
+                self.glitch(at, 4 * PER_SECOND / CLOCK_HZ);
+            }
             self.set_ready_line(at, false);
         }
     }
@@ -570,7 +599,7 @@ mod tests {
         bench.0.set_dead(Some(0), true, bench.1);
         while bench.0.next_edge().is_some() {}
         bench.next();
-        assert_eq!((bench.0.next_edge(), bench.0.delivered.len()), (Some((1, false)), 3));
+        assert_eq!((bench.0.next_edge(), bench.0.delivered.len()), (Some((1, false, NEVER)), 3));
         // One that reset itself converts at its own rate.
         bench.0.reset_chips(Some(3), bench.1);
         assert_eq!((bench.0.chips[3].rate(), bench.0.chips[1].rate()), (1000.0, 250.0));

@@ -68,7 +68,9 @@ pub struct Ads131m04 {
     frame_out: Vec<u8>,
     selected: bool,
     ready: bool,
-    edges: VecDeque<bool>,
+    edges: VecDeque<(bool, Ticks)>,
+    /// When something else than the converter turns the data-ready line round, and for how long; in order.
+    pub glitches: VecDeque<(Ticks, Ticks)>,
     low_since: Option<Ticks>,
     /// Flips one bit of every n-th byte that is read, where n is not 0.
     pub bit_errors_every: u64,
@@ -125,6 +127,7 @@ impl Ads131m04 {
             selected: false,
             ready: true,
             edges: VecDeque::new(),
+            glitches: VecDeque::new(),
             low_since: None,
             bit_errors_every: 0,
             bytes: 0,
@@ -198,25 +201,42 @@ impl Ads131m04 {
         }
     }
 
-    /// When it next has a result.
+    /// When it next has a result, or something happens to its line.
     pub fn next_event(&self) -> Ticks {
-        self.next_conversion
+        self.glitches.front().map_or(NEVER, |glitch| glitch.0).min(self.next_conversion)
     }
 
-    /// Levels of the data-ready line since the last look, in order.
-    pub fn next_edge(&mut self) -> Option<bool> {
+    /// Levels of the data-ready line since the last look, in order, and how long each lasted at least; a level that lasts has no end.
+    pub fn next_edge(&mut self) -> Option<(bool, Ticks)> {
         self.edges.pop_front()
     }
 
     fn set_ready_line(&mut self, high: bool) {
         if self.ready != high {
             self.ready = high;
-            self.edges.push_back(high);
+            self.edges.push_back((high, NEVER));
+        }
+    }
+
+    fn glitch(&mut self, lasts: Ticks) {
+        self.edges.extend([(!self.ready, lasts), (self.ready, NEVER)]);
+    }
+
+    /// The converter's clock stops for so many conversions: they come later, and nothing is reset.
+    pub fn stop_clock(&mut self, conversions: f64) {
+        if self.next_conversion != NEVER {
+            self.phase += conversions * self.period();
+            self.next_conversion = self.phase as Ticks;
         }
     }
 
     /// A conversion is done, if it is due.
     pub fn advance(&mut self, now: Ticks) {
+        while self.glitches.front().is_some_and(|glitch| glitch.0 <= now)
+            && let Some((_, lasts)) = self.glitches.pop_front()
+        {
+            self.glitch(lasts);
+        }
         while self.next_conversion <= now {
             let done = self.next_conversion;
             self.phase += self.period();
@@ -238,8 +258,10 @@ impl Ads131m04 {
                 self.output.pop_front();
             }
             self.output.push_back(result);
-            // A line that is still low goes high for a moment first.
-            self.set_ready_line(true);
+            // A line that is still low goes high for a moment first: four periods of its clock, from memory of the data sheet.
+            if !self.ready {
+                self.glitch(4 * PER_SECOND / CLOCK_HZ);
+            }
             self.set_ready_line(false);
         }
     }
@@ -419,11 +441,16 @@ impl Ads131m04 {
             if now - since >= RESET_PULSE_CLOCKS * PER_SECOND / CLOCK_HZ {
                 self.reset(now);
             } else {
-                self.output.clear();
-                self.registers[STATUS] |= RESYNCHRONISED;
-                self.restart(now);
+                self.resynchronise(now);
             }
         }
+    }
+
+    /// Its filters begin afresh, as after a short pulse on SYNC/RESET.
+    pub fn resynchronise(&mut self, now: Ticks) {
+        self.output.clear();
+        self.registers[STATUS] |= RESYNCHRONISED;
+        self.restart(now);
     }
 
     /// Checks that the bus is set up as the converter needs it.

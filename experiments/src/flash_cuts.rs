@@ -15,7 +15,7 @@ pub const EXPERIMENT: Experiment = Experiment {
     run,
 };
 
-const MINUTES: usize = 10;
+const MINUTES: usize = 120;
 /// Sectors and words of a flash word each: a sixteenth of the processor's second bank, so that it goes round often.
 type Model = ModelFlash<4, 512>;
 type Flash = FlashStore<Model, 64>;
@@ -64,6 +64,7 @@ struct Outcome {
     cuts: u64,
     missing: u64,
     twice: u64,
+    starts_twice: u64,
     counted_lost: u64,
     stuck: u64,
     misuses: u64,
@@ -72,11 +73,13 @@ struct Outcome {
 impl Outcome {
     /// Power comes back: what could be read before must be there, and the store must take more.
     fn look(&mut self, cut: Flash, before: &[Readable], second: &Second) {
+        let starts = cut.starts();
         let mut flash = cut.into_flash();
         flash.switch_on();
         let mut store = Flash::open(flash);
         (0..20).for_each(|_| store.work());
         self.cuts += 1;
+        self.starts_twice += u64::from(store.starts() <= starts);
         for (class, number, kept, bytes) in before {
             let mut now = [0; 140];
             let gone = *number < store.ledger().oldest[*class as usize];
@@ -132,6 +135,7 @@ fn run(options: &Options) -> Result<()> {
     figures.state("times power was cut", outcome.cuts as f64);
     figures.at_most("records that could be read and were gone, unacknowledged", outcome.missing as f64, 0.0);
     figures.at_most("numbers given twice", outcome.twice as f64, 0.0);
+    figures.at_most("starts with the number of one before", outcome.starts_twice as f64, 0.0);
     figures.at_most("times the store counted a record lost", outcome.counted_lost as f64, 0.0);
     figures.at_most("times it took no more", outcome.stuck as f64, 0.0);
     figures.at_most("times a word was written twice, or a busy flash used", outcome.misuses as f64, 0.0);

@@ -8,6 +8,7 @@
 
 use crate::converter::Read;
 use crate::pace::{Pace, Stamp};
+use crate::phase::{Phase, Verdict};
 use seabearing_core::block::{CHANNELS, Frame, MISSING};
 use seabearing_core::port::{Chunk, SampleSource};
 use seabearing_core::wire::FaultCode;
@@ -21,9 +22,11 @@ const TRANSFER_US: u64 = 50;
 /// Looks at a ring in that time, whatever the clock says.
 const MOST_LOOKS: u32 = 10_000;
 /// Of the edges counted so many less or more, and a part in so many: a converter and a clock whose rates were measured against
-/// each other agree better, whatever their temperatures.
-const STRAY: u64 = 16;
+/// each other agree better, whatever their temperatures and however late a moment is noted. Fewer are [`Phase`]'s.
+const STRAY: u64 = 3;
 const STEADY: u64 = 1000;
+/// So many where nothing was measured yet.
+const EARLY_STRAY: u64 = 8;
 /// Nothing but damaged frames for so long may be a converter that was set otherwise.
 const DAMAGED_S: u32 = 120;
 
@@ -38,6 +41,9 @@ pub trait Board {
     /// Turns of the loop from one look at a satellite receiver to the next: at 64 kHz some milliseconds, as a look costs as
     /// much as a block's care.
     const LOOK_EVERY: u8 = 8;
+    /// Moments of which the least late is held against the converter's pace: one late by most of a conversion must not be taken for
+    /// a conversion.
+    const MOMENTS: u8 = 4;
 
     /// Conversions a second that are asked for.
     fn hz(&self) -> u32;
@@ -109,6 +115,11 @@ pub struct Acquisition<B> {
     seen: (u64, u64),
     /// The newest moment by which the edges' rate was looked at.
     timed: Option<Stamp>,
+    /// Single edges that are wanting or too many, and a moment that waits until its frames were taken.
+    phase: Phase,
+    moment: Option<Stamp>,
+    /// Edges that were none of the converter's.
+    false_edges: u64,
     /// When the converter's settings were last looked at, and the edges before which they were right.
     looked: (u64, u64),
     /// Damaged frames in a row.
@@ -135,6 +146,9 @@ impl<B: Board> Acquisition<B> {
             index: 0,
             seen: (0, 0),
             timed: None,
+            phase: Phase::default(),
+            moment: None,
+            false_edges: 0,
             looked: (0, 0),
             damaged: 0,
             pace: None,
@@ -162,6 +176,7 @@ impl<B: Board> Acquisition<B> {
         self.begun = Stamp { edges: first, at_us: self.board.now_us() + self.board.begins_us() };
         self.seen = (first, now_us);
         self.timed = None;
+        (self.phase, self.moment) = (Phase::default(), None);
         self.looked = (now_us, first);
         self.damaged = 0;
         if self.index == 0 {
@@ -178,6 +193,10 @@ impl<B: Board> Acquisition<B> {
             self.pace.get_or_insert(Pace::new(self.known(), self.board.hz()));
         }
         self.board.disarm();
+        if self.index == 0 {
+            // Nothing was given yet, so nothing is missing; that it had to begin again is told all the same.
+            self.fault.get_or_insert((FaultCode::ConverterRestarted, 0));
+        }
         self.begin(now_us);
     }
 
@@ -188,7 +207,7 @@ impl<B: Board> Acquisition<B> {
         let edges = timed.edges.saturating_sub(self.begun.edges);
         let us = timed.at_us.saturating_sub(self.begun.at_us);
         let by_clock = us.saturating_mul(u64::from(self.board.hz())) / 1_000_000;
-        if by_clock <= edges + edges / 32 + STRAY / 2 { timed } else { self.begun }
+        if by_clock <= edges + edges / 32 + EARLY_STRAY { timed } else { self.begun }
     }
 
     /// Transfers are out of step with edges, or frames were lost: reading starts afresh, and edges go on counting.
@@ -238,6 +257,7 @@ impl<B: Board> Acquisition<B> {
         self.fault = Some((FaultCode::ConverterRestarted, index - self.index));
         self.shift = index.wrapping_sub(first);
         self.pace = Some(pace.after_outage(stamp));
+        (self.phase, self.moment) = (Phase::default(), None);
         self.unplaced = false;
         true
     }
@@ -261,6 +281,39 @@ impl<B: Board> Acquisition<B> {
             self.timed = Some(stamp);
         }
         Some(right)
+    }
+
+    /// Whether single edges are wanting or too many. Of a converter whose frames say whether they are new, false edges are left out
+    /// as their frames are taken: a moment waits until those before it were. By the least late moments its pace is measured.
+    fn counts_all(&mut self, stamp: Stamp, next: u64) -> bool {
+        let Some(pace) = self.pace.as_mut().filter(|pace| pace.is_measured() && !self.unplaced) else {
+            return true;
+        };
+        let moment = *self.moment.get_or_insert(stamp);
+        if moment.edges > next && self.board.look_every_us().is_none() {
+            return true;
+        }
+        self.moment = None;
+        match self.phase.note(moment, pace, B::MOMENTS) {
+            Verdict::Open => true,
+            Verdict::Right(best) => {
+                pace.note(best);
+                true
+            }
+            Verdict::Wrong => false,
+        }
+    }
+
+    /// The edge of this number was none of the converter's: it is not numbered, and those after it are one less.
+    fn leave_out(&mut self, edge: u64) {
+        self.shift = self.shift.wrapping_sub(1);
+        self.phase.leave_out(edge);
+        self.pace.iter_mut().for_each(|pace| pace.leave_out(edge));
+        for stamp in [&mut self.timed, &mut self.anew, &mut self.moment].into_iter().flatten() {
+            stamp.leave_out(edge);
+        }
+        self.false_edges += 1;
+        self.fault.get_or_insert((FaultCode::FalseEdge, self.false_edges));
     }
 
     /// Of the edges before `end` those whose frames may be given: the converter was set right, at a later look too. `None`: it
@@ -305,7 +358,7 @@ impl<B: Board> Acquisition<B> {
             match self.board.frame(slot) {
                 Read::Samples(frame) => (*to, self.damaged) = (frame, 0),
                 Read::Damaged => (*to, self.damaged) = ([MISSING; CHANNELS], self.damaged.saturating_add(1)),
-                Read::Reset => return if taken > 0 { Ok(taken) } else { Err(Read::Reset) },
+                read => return if taken > 0 { Ok(taken) } else { Err(read) },
             }
             taken += 1;
         }
@@ -338,20 +391,24 @@ impl<B: Board> SampleSource for Acquisition<B> {
             // Nobody came for longer than the ring lasts: half of it is still whole for a while.
             next = end.wrapping_sub(B::RING_FRAMES as u64 / 2);
         }
-        let Some(ready) = self.right(end, still, now_us).map(|end| end.saturating_sub(next)) else {
+        let Some(mut ready) = self.right(end, still, now_us).map(|end| end.saturating_sub(next)) else {
             self.restart(now_us);
             return Chunk::Idle;
         };
         let stamp = self.board.stamp();
         let at_rate = if stamp.edges > first { self.at_rate(stamp) } else { None };
-        if still && ready == 0 || at_rate == Some(false) {
+        let counts_all = stamp.edges <= first || self.counts_all(stamp, next);
+        if still && ready == 0 || at_rate == Some(false) || !counts_all {
             self.restart(now_us);
             return Chunk::Idle;
         }
         // Edges of a converter that goes wrong measure nothing. Whether frames are taken at this turn does not matter: the same phase
         // may come again and again.
         if at_rate == Some(true) && !self.unplaced {
-            self.pace.get_or_insert(Pace::new(stamp, self.board.hz())).note(stamp);
+            let pace = self.pace.get_or_insert(Pace::new(stamp, self.board.hz()));
+            if !pace.is_measured() {
+                pace.note(stamp);
+            }
         }
         if ready == 0 || (ready < frames.len() as u64 && !still) {
             return Chunk::Idle;
@@ -363,11 +420,22 @@ impl<B: Board> SampleSource for Acquisition<B> {
             }
             return Chunk::Idle;
         }
-        let count = match self.take(first, next, ready.min(frames.len() as u64), frames) {
-            Ok(count) => count,
-            Err(_) => {
-                self.restart(now_us);
-                return Chunk::Idle;
+        let count = loop {
+            match self.take(first, next, ready.min(frames.len() as u64), frames) {
+                Ok(count) => break count,
+                Err(Read::NotNew) => {
+                    self.leave_out(next);
+                    next = next.wrapping_add(1);
+                    ready -= 1;
+                    self.state = State::On { first, next };
+                    if ready == 0 || (ready < frames.len() as u64 && !still) {
+                        return Chunk::Idle;
+                    }
+                }
+                Err(_) => {
+                    self.restart(now_us);
+                    return Chunk::Idle;
+                }
             }
         };
         self.state = State::On { first, next: next.wrapping_add(count as u64) };

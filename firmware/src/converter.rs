@@ -35,11 +35,13 @@ const MODE_SET: u16 = 0x2110;
 const CLOCK_ON: u16 = 0x0f02;
 /// Oversampling of 64: 64 kHz from a clock of 8.192 MHz.
 const TURBO: u16 = 0x0020;
-/// Bits of STATUS that say how the converter works: a register that changed by itself, error of a command's CRC, kind of CRC, reset,
-/// length of words.
-const STATUS_MASK: u16 = 0x3f00;
+/// Bits of STATUS that say how the converter works: its filters began afresh (`F_RESYNC`), a register that changed by itself, error of a
+/// command's CRC, kind of CRC, reset, length of words.
+const STATUS_MASK: u16 = 0x7f00;
 /// What they are after [`set_up`]: words of 24 bits and nothing else.
 const STATUS_SET: u16 = 0x0100;
+/// Of each channel (`DRDY3` to `DRDY0`) whether its code was not read before.
+const STATUS_NEW: u16 = 0x000f;
 /// From a reset to answers the data sheet allows 5 us; after power-on 250 us.
 const AFTER_RESET_US: u32 = 300;
 
@@ -50,8 +52,10 @@ pub enum Read {
     Samples(Frame),
     /// The CRC is wrong: nothing is known.
     Damaged,
-    /// The converter is not as it was set up: it has reset itself.
+    /// The converter is not as it was set up: it has reset itself, or began to convert afresh.
     Reset,
+    /// No conversion was done since the frame before: the edge that began this one was none of the converter's.
+    NotNew,
 }
 
 /// A converter that could not be set up.
@@ -164,8 +168,16 @@ pub fn parse(bytes: &[u8; FRAME_BYTES]) -> Read {
     }
     let status = u16::from_be_bytes([body[0], body[1]]);
     // The first word after the command that woke the converter is that command again.
-    if status & STATUS_MASK != STATUS_SET && status != WAKE_UP {
-        return Read::Reset;
+    if status != WAKE_UP {
+        if status & STATUS_MASK != STATUS_SET {
+            return Read::Reset;
+        }
+        match status & STATUS_NEW {
+            STATUS_NEW => {}
+            0 => return Read::NotNew,
+            // All channels convert at one instant.
+            _ => return Read::Damaged,
+        }
     }
     let mut frame = [0; CHANNELS];
     for (code, word) in frame.iter_mut().zip(body[WORD..].as_chunks::<WORD>().0) {
@@ -270,6 +282,14 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_without_a_new_conversion_is_no_samples() {
+        assert_eq!(parse(&frame(0x0100, [1; 4])), Read::NotNew);
+        for some in 1..0xf {
+            assert_eq!(parse(&frame(0x0100 | some, [1; 4])), Read::Damaged, "{some:x}");
+        }
+    }
+
+    #[test]
     fn a_flipped_bit_anywhere_damages_the_frame() {
         for at in 0..FRAME_BYTES - 1 {
             let mut bytes = frame(0x010f, [5, 6, 7, -8]);
@@ -280,7 +300,7 @@ mod tests {
 
     #[test]
     fn a_reset_and_other_words_are_noticed_in_the_status() {
-        for status in [0x050f, RESET_DONE, 0x000f, 0x020f, 0x110f, 0x090f, 0x210f] {
+        for status in [0x050f, RESET_DONE, 0x000f, 0x020f, 0x110f, 0x090f, 0x210f, 0x410f, 0x4100] {
             assert_eq!(parse(&frame(status, [1; 4])), Read::Reset, "{status:#06x}");
         }
     }

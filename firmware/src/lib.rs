@@ -19,6 +19,7 @@ pub mod fault;
 pub mod gauges;
 pub mod nmea;
 pub mod pace;
+pub mod phase;
 pub mod receiver;
 pub mod seismic;
 pub mod starts;

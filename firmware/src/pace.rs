@@ -9,6 +9,17 @@ pub struct Stamp {
     pub at_us: u64,
 }
 
+impl Stamp {
+    /// The edge of this number was none of the converter's: a moment before it is given the count that fits those after it.
+    pub fn leave_out(&mut self, edge: u64) {
+        if self.edges <= edge {
+            self.edges += 1;
+        }
+    }
+}
+
+/// Parts of a conversion.
+pub const PARTS: i64 = 256;
 /// Least distance of two moments kept, as a part of a second.
 const STEP: u64 = 16;
 /// A baseline is between one and two of these long, s: a minute or two, over which an oscillator hardly drifts.
@@ -69,6 +80,26 @@ impl Pace {
     /// The newest moment kept.
     pub fn newest(&self) -> Stamp {
         self.newest
+    }
+
+    /// How much later `to` was than the edges since `from` would have it, in parts ([`PARTS`]) of a conversion, and how much of that
+    /// is nothing: half a conversion, what the pace may be off by, and by how much the clocks may have drifted since: a hundred thousandth, a
+    /// millionth more each second as oscillators without a crystal do with temperature, a thousandth at most.
+    pub fn late(&self, from: Stamp, to: Stamp) -> (i64, i64) {
+        let (edges, span_us) = self.measured().unwrap_or((u64::from(self.hz), 1_000_000));
+        let us = to.at_us.saturating_sub(from.at_us);
+        let counted = to.edges.saturating_sub(from.edges);
+        let by_clock = (u128::from(us) * u128::from(edges) * PARTS as u128 / u128::from(span_us)) as i64;
+        let of = counted as i64 * PARTS;
+        let drifted = of / 100_000 + of / 1_000_000 * (us / 1_000_000) as i64;
+        (by_clock - of, PARTS / 2 + of / edges.max(1) as i64 + drifted.min(of / 1000))
+    }
+
+    /// An edge that was none of the converter's is counted as if it had not been: moments before it are moved to those after.
+    pub fn leave_out(&mut self, edge: u64) {
+        for stamp in [&mut self.oldest, &mut self.middle, &mut self.newest] {
+            stamp.leave_out(edge);
+        }
     }
 
     /// Conversions, to the nearest, that `us` would have held; by the nominal rate where nothing was measured yet.

@@ -361,11 +361,13 @@ pub enum FaultCode {
     /// Nothing is broken: a vessel's elevations, or its shaft rate, contradict the speed that the station file declares. What they
     /// tell of it, cm/s.
     SpeedContradicted,
+    /// Edges of the converter's line that were no conversions, and were not numbered: how many since the start.
+    FalseEdge,
 }
 
 impl FaultCode {
     /// All, in the order of their numbers.
-    pub const ALL: [Self; 33] = [
+    pub const ALL: [Self; 34] = [
         Self::Gap,
         Self::Overlap,
         Self::Invalid,
@@ -399,6 +401,7 @@ impl FaultCode {
         Self::SetUpGood,
         Self::MemoryError,
         Self::SpeedContradicted,
+        Self::FalseEdge,
     ];
 }
 

@@ -403,6 +403,8 @@ const HARDWARE_REGISTER: f64 = 30.0;
 /// Interrupts a second, percent of the time asleep.
 const HARDWARE_INTERRUPTS: f64 = 500.0;
 const HARDWARE_ASLEEP: f64 = 60.0;
+/// What leaves the core asleep long enough: cycles of a conversion's time, less the sleep, as instructions.
+const MOST_IN_THREAD: f64 = (1.0 - HARDWARE_ASLEEP / 100.0) * CORE_HZ / 64_000.0 / HARDWARE_CYCLES;
 /// Its bank of flash and the RAM it lives in (`memory.x`), bytes.
 const HARDWARE_FLASH: f64 = 1_048_576.0;
 const HARDWARE_RAM: f64 = 524_288.0;
@@ -433,17 +435,12 @@ fn hardware(toolchain: &Toolchain) -> Result<Vec<Figure>> {
     let figure = |what: &str, key: &str, scale: f64, bar| -> Result<Figure> {
         Ok(plain(what, thousandths(told(&said, key)? * scale), bar))
     };
-    // What leaves the core asleep long enough: cycles of a conversion's time, less the sleep, as instructions.
-    let most = ((1.0 - HARDWARE_ASLEEP / 100.0) * CORE_HZ / 64_000.0 / HARDWARE_CYCLES).round();
     figures.extend([
         figure("conversions lost in 5 s", "lost", 1.0, Some(0.0))?,
         figure("interrupts a second", "interrupts_per_s", 1.0, Some(HARDWARE_INTERRUPTS))?,
         figure(LEAST, "idle", 100.0, Some(HARDWARE_ASLEEP))?,
-        figure("a conversion: thread, instr.", "instructions_in_thread_per_conversion", 1.0, Some(most))?,
-        figure("a conversion: interrupts, instr.", "instructions_in_interrupts_per_conversion", 1.0, None)?,
-        figure("a conversion: register accesses", "register_accesses_per_conversion", 1.0, None)?,
-        figure("a conversion: memory loads", "memory_loads_per_conversion", 1.0, None)?,
     ]);
+    figures.extend(a_conversion("stm32h743", &said, Some(MOST_IN_THREAD))?);
     Ok(figures)
 }
 
@@ -461,7 +458,7 @@ fn store(toolchain: &Toolchain) -> Result<Vec<Figure>> {
     let (statics, stack) = (f64::from(elf.statics()), told(&said, "stack_bytes")?);
     let margin = (told(&said, "stack_size_bytes")? / STACK_MARGIN).floor();
     let idle = thousandths(told(&said, "idle")? * 100.0);
-    Ok(vec![
+    let mut figures = vec![
         figure("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
         figure("statics, bytes", statics, None),
         figure("stack used, bytes", stack, Some(margin)),
@@ -469,8 +466,34 @@ fn store(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         figure("sectors erased in 5 s", told(&said, "flash_sectors")?, None),
         figure("words written in 5 s", told(&said, "flash_words")?, None),
         figure("conversions lost in 5 s", told(&said, "lost")?, Some(0.0)),
+        figure(
+            "interrupts a second",
+            thousandths(told(&said, "interrupts_per_s")?),
+            Some(HARDWARE_INTERRUPTS),
+        ),
         figure(LEAST, idle, Some(HARDWARE_ASLEEP)),
-    ])
+    ];
+    figures.extend(a_conversion("stm32h743 store", &said, Some(MOST_IN_THREAD))?);
+    Ok(figures)
+}
+
+/// What a conversion costs, of an image and what the twin said of it; in the thread at most so many instructions.
+fn a_conversion(image: &str, said: &str, most: Option<f64>) -> Result<Vec<Figure>> {
+    [
+        ("thread, instr.", "instructions_in_thread_per_conversion", most),
+        ("interrupts, instr.", "instructions_in_interrupts_per_conversion", None),
+        ("register accesses", "register_accesses_per_conversion", None),
+        ("memory loads", "memory_loads_per_conversion", None),
+    ]
+    .into_iter()
+    .map(|(what, key, bar)| {
+        Ok(Figure {
+            name: format!("{image} a conversion: {what}"),
+            value: thousandths(told(said, key)?),
+            bar,
+        })
+    })
+    .collect()
 }
 
 /// The ocean-bottom recorder's share of the time asleep, percent.
@@ -491,7 +514,7 @@ fn ocean_bottom(toolchain: &Toolchain) -> Result<Vec<Figure>> {
     let (statics, stack) = (f64::from(elf.statics()), told(&said, "stack_bytes")?);
     let margin = (told(&said, "stack_size_bytes")? / STACK_MARGIN).floor();
     let get = |key: &str, scale: f64| Ok::<_, anyhow::Error>(thousandths(told(&said, key)? * scale));
-    Ok(vec![
+    let mut figures = vec![
         figure("core, MHz", OCEAN_BOTTOM_MHZ, None),
         figure("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
         figure("statics, bytes", statics, None),
@@ -502,14 +525,9 @@ fn ocean_bottom(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         figure("conversions lost in 200 s", told(&said, "lost")?, Some(0.0)),
         figure("interrupts a second", told(&said, "interrupts_per_s")?, Some(HARDWARE_INTERRUPTS)),
         figure(LEAST, get("idle", 100.0)?, Some(OCEAN_BOTTOM_ASLEEP)),
-        figure("a conversion: thread, instr.", get("instructions_in_thread_per_conversion", 1.0)?, None),
-        figure(
-            "a conversion: interrupts, instr.",
-            get("instructions_in_interrupts_per_conversion", 1.0)?,
-            None,
-        ),
-        figure("a conversion: register accesses", get("register_accesses_per_conversion", 1.0)?, None),
-    ])
+    ];
+    figures.extend(a_conversion("stm32h743 obs", &said, None)?);
+    Ok(figures)
 }
 
 #[cfg(test)]

@@ -212,7 +212,7 @@ pub struct Conversions<'a> {
 /// All timers after a reset; their pins are high but for the receiver's pulse.
 fn timers() -> Vec<Timer> {
     let mut timers: Vec<Timer> = TIMERS.iter().map(|place| Timer::new(*place)).collect();
-    timers.iter_mut().filter(|timer| timer.place.name == "TIM5").for_each(|timer| timer.pin(0, false));
+    timers.iter_mut().filter(|timer| timer.place.name == "TIM5").for_each(|timer| timer.pin(0, false, NEVER));
     timers
 }
 

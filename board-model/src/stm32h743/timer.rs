@@ -210,9 +210,36 @@ impl Timer {
         self.since.saturating_add(ahead as u64)
     }
 
-    /// The pin of channel 1 or 2 (0 or 1) has this level.
-    pub fn pin(&mut self, channel: usize, high: bool) {
-        if self.levels[channel] == high {
+    /// How long the level of a pin must last to be seen, by the filter of its channel (RM0433, 38.4.8).
+    fn filter(&self, channel: usize) -> Ticks {
+        const OF: [(u64, u64); 16] = [
+            (1, 0),
+            (1, 2),
+            (1, 4),
+            (1, 8),
+            (2, 6),
+            (2, 8),
+            (4, 6),
+            (4, 8),
+            (8, 6),
+            (8, 8),
+            (16, 5),
+            (16, 6),
+            (16, 8),
+            (32, 5),
+            (32, 6),
+            (32, 8),
+        ];
+        let (divider, samples) = OF[(self.registers[at::CCMR1] >> (8 * channel + 4) & 15) as usize];
+        // The slower sampling clock is CR1's, from the fourth on.
+        let slower = if divider > 1 { 1 << (self.registers[at::CR1] >> 8 & 3) } else { 1 };
+        PER_SECOND * divider * slower * samples / self.hz.max(1)
+    }
+
+    /// The pin of channel 1 or 2 (0 or 1) has this level, for so long. A level that does not last through the filter is not seen; the
+    /// filter's delay is not modelled.
+    pub fn pin(&mut self, channel: usize, high: bool, lasts: Ticks) {
+        if self.levels[channel] == high || lasts < self.filter(channel) {
             return;
         }
         self.levels[channel] = high;

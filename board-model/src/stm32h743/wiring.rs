@@ -6,6 +6,7 @@ use super::dma::request;
 use super::pins::{Mode, Pin};
 use crate::ads1282::Ads1282s;
 use crate::board::{Bus, Refusal};
+use crate::time::{NEVER, Ticks};
 
 const DATA_READY: Pin = Pin::new('E', 9);
 const CHIP_SELECT: Pin = Pin::new('D', 14);
@@ -66,8 +67,8 @@ impl Stm32h743 {
             let high = self.pins.output(SYNC);
             self.converter.sync(high, bus.now);
         }
-        while let Some(high) = self.converter.next_edge() {
-            self.ready(bus, 0, high);
+        while let Some((high, lasts)) = self.converter.next_edge() {
+            self.ready(bus, 0, high, lasts);
         }
         if let Some(chips) = &mut self.seismic {
             let high = |pin, otherwise| match self.pins.mode(pin) {
@@ -76,8 +77,8 @@ impl Stm32h743 {
             };
             chips.lines(high(CHIPS_RESET, false), high(SYNC, true), bus.now);
         }
-        while let Some((chip, high)) = self.seismic.as_mut().and_then(Ads1282s::next_edge) {
-            self.ready(bus, chip, high);
+        while let Some((chip, high, lasts)) = self.seismic.as_mut().and_then(Ads1282s::next_edge) {
+            self.ready(bus, chip, high, lasts);
         }
         self.pins.drive(bus, DATA_READY, self.pins.input(DATA_READY));
         while let Some((_, high)) = self.pulses.front().copied().filter(|pulse| pulse.0 <= bus.now) {
@@ -87,20 +88,20 @@ impl Stm32h743 {
                 && let Some(timer) = self.timers.iter_mut().find(|t| t.place.name == "TIM5")
             {
                 timer.advance(bus.now);
-                timer.pin(0, high);
+                timer.pin(0, high, NEVER);
             }
         }
     }
 
-    /// Data ready of the first or second chip has this level; the others' go nowhere.
-    fn ready(&mut self, bus: &mut Bus<'_>, chip: usize, high: bool) {
+    /// Data ready of the first or second chip has this level for so long; the others' go nowhere.
+    fn ready(&mut self, bus: &mut Bus<'_>, chip: usize, high: bool, lasts: Ticks) {
         let Some(pin) = [DATA_READY, SECOND_READY].get(chip).copied() else { return };
         self.pins.drive(bus, pin, high);
         // PE9 and PE11 are channels 1 and 2 of TIM1 as alternate function 1.
         if self.pins.mode(pin) == Mode::Alternate(1)
             && let Some(timer) = self.timers.iter_mut().find(|t| t.place.name == "TIM1")
         {
-            timer.pin(chip, high);
+            timer.pin(chip, high, lasts);
             let pulses = std::mem::take(&mut timer.triggers);
             self.trigger_from_first(pulses);
         }

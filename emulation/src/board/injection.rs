@@ -19,6 +19,12 @@ pub enum InjectedFault {
     ConverterUpset(f64),
     /// A bit of the converter's gain flips at this second: one channel twice as loud; a bit of chip 0's on the ocean-bottom board.
     ConverterGain(f64),
+    /// The converter's filters begin afresh at this second, as by a pulse on SYNC.
+    ConverterResync(f64),
+    /// The converter's clock stops at this second for so many conversions; nothing is reset.
+    ConverterStops(f64, f64),
+    /// Something else than the converter turns its data-ready line round at this second, for so many seconds.
+    ConverterGlitch(f64, f64),
     /// The converter is dead from this second on, for so many seconds.
     ConverterDead(f64, f64),
     /// One chip of the ocean-bottom board is dead from this second on, for so many seconds.
@@ -96,9 +102,51 @@ impl InjectedFault {
         match self {
             Self::ChipDead(..) | Self::ChipReset(..) | Self::ChipUpset(..) => has.seismic,
             Self::FlashCut(_) | Self::FlashBits(_) | Self::FlashCrash(_) => has.link,
-            Self::ClocksFail(..) => !has.seismic,
+            Self::ClocksFail(..) | Self::ConverterResync(_) => !has.seismic,
             Self::CardStall(..) | Self::CardPulled(..) | Self::CardErrors(..) | Self::CardCut(_) => has.card,
             _ => true,
+        }
+    }
+}
+
+impl InjectedFault {
+    /// When it begins, s; `None` where that follows from what the board does.
+    pub fn begins_s(&self) -> Option<f64> {
+        match *self {
+            Self::SpiBits(_) => Some(0.0),
+            Self::FlashCut(_) | Self::CardCut(_) => None,
+            Self::ConverterReset(at)
+            | Self::ConverterUpset(at)
+            | Self::ConverterGain(at)
+            | Self::ConverterResync(at)
+            | Self::ConverterStops(at, _)
+            | Self::ConverterGlitch(at, _)
+            | Self::ConverterDead(at, _)
+            | Self::ChipDead(_, at, _)
+            | Self::ChipReset(_, at)
+            | Self::ChipUpset(_, at)
+            | Self::ConverterMute(at, _)
+            | Self::CoreHeld(at, _)
+            | Self::HardFault(at)
+            | Self::Panic(at)
+            | Self::SettingsBit(at, _)
+            | Self::MemoryBit(at, _)
+            | Self::MemoryBits(at, _)
+            | Self::ClocksFail(at, _)
+            | Self::PinReset(at)
+            | Self::BrownOut(at)
+            | Self::SupplyLow(at, _)
+            | Self::LineNoise(at, _)
+            | Self::FlashBits(at)
+            | Self::FlashCrash(at)
+            | Self::PulseLost(at, _)
+            | Self::PulseGlitch(at)
+            | Self::SecondWrong(at)
+            | Self::SentenceNoise(at, _)
+            | Self::ClockStep(at)
+            | Self::CardStall(at, _)
+            | Self::CardPulled(at, _)
+            | Self::CardErrors(at, _) => Some(at),
         }
     }
 }
@@ -107,7 +155,8 @@ impl InjectedFault {
 pub const PANIC_LINE: u32 = 4711;
 
 /// What [`InjectedFault`] is read from.
-const KINDS: &str = "converter-reset@S, converter-upset@S, converter-gain@S, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
+const KINDS: &str = "converter-reset@S, converter-upset@S, converter-gain@S, converter-resync@S, converter-stops@S:CONVERSIONS, \
+                     converter-glitch@S:LENGTH, converter-dead@S or @S:LENGTH, converter-mute@S:LENGTH, \
                      core-held@S:LENGTH, line-noise@S:LENGTH, supply-low@S:LENGTH, hard-fault@S, panic@S, settings-bit@S:N, memory-bit@S:N, memory-bits@S:N, clocks-fail@S:LENGTH, pin-reset@S, brown-out@S, \
                      flash-cut@WORK, flash-bits@S, flash-crash@S, card-stall@S:LENGTH, card-pulled@S or @S:LENGTH, \
                      card-errors@S:LENGTH, card-cut@SECTOR, spi-bits@BYTES, or of the ocean-bottom board's chips N, 0 to 3, \
@@ -146,6 +195,9 @@ impl std::str::FromStr for InjectedFault {
                 ("converter-reset", None) => Self::ConverterReset(at),
                 ("converter-upset", None) => Self::ConverterUpset(at),
                 ("converter-gain", None) => Self::ConverterGain(at),
+                ("converter-resync", None) => Self::ConverterResync(at),
+                ("converter-stops", Some(conversions)) => Self::ConverterStops(at, conversions),
+                ("converter-glitch", Some(length)) => Self::ConverterGlitch(at, length),
                 ("converter-dead", length) => Self::ConverterDead(at, length.unwrap_or(f64::INFINITY)),
                 ("converter-mute", length) => Self::ConverterMute(at, length.unwrap_or(f64::INFINITY)),
                 ("supply-low", Some(length)) => Self::SupplyLow(at, length),
@@ -201,6 +253,12 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
                 machine.board.card.stalls.push((ticks(at), ticks(length)));
                 continue;
             }
+            InjectedFault::ConverterGlitch(at, length) => {
+                let board = &mut machine.board;
+                let chips = board.seismic.as_mut().map(|chips| &mut chips.glitches);
+                chips.unwrap_or(&mut board.converter.glitches).push_back((ticks(at), ticks(length)));
+                continue;
+            }
             InjectedFault::LineNoise(..)
             | InjectedFault::PulseLost(..)
             | InjectedFault::PulseGlitch(_)
@@ -217,6 +275,8 @@ pub(super) fn schedule(machine: &mut Machine<Stm32h743>, faults: &[InjectedFault
             InjectedFault::ConverterReset(at)
             | InjectedFault::ConverterUpset(at)
             | InjectedFault::ConverterGain(at)
+            | InjectedFault::ConverterResync(at)
+            | InjectedFault::ConverterStops(at, _)
             | InjectedFault::ChipReset(_, at)
             | InjectedFault::ChipUpset(_, at)
             | InjectedFault::CoreHeld(at, _)
@@ -280,6 +340,8 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         InjectedFault::ConverterReset(_) => converter.reset(now),
         InjectedFault::ConverterUpset(_) => converter.upset(CLOCK, OVERSAMPLING_BIT, now),
         InjectedFault::ConverterGain(_) => converter.upset(GAIN, 0, now),
+        InjectedFault::ConverterResync(_) => converter.resynchronise(now),
+        InjectedFault::ConverterStops(_, conversions) => converter.stop_clock(conversions),
         InjectedFault::ConverterDead(..) => converter.set_dead(!due.ends, now),
         InjectedFault::ConverterMute(..) => converter.mute = !due.ends,
         InjectedFault::CoreHeld(_, length) => {
@@ -309,6 +371,7 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         | InjectedFault::ChipReset(..)
         | InjectedFault::ChipUpset(..)
         | InjectedFault::SpiBits(_)
+        | InjectedFault::ConverterGlitch(..)
         | InjectedFault::FlashCut(_)
         | InjectedFault::LineNoise(..)
         | InjectedFault::PulseLost(..)
@@ -333,6 +396,7 @@ fn disturb(chips: &mut Ads1282s, due: &Due, now: Ticks) -> bool {
         InjectedFault::ConverterUpset(_) => chips.upset(0, CONFIG0, RATE_BIT, now),
         InjectedFault::ConverterDead(..) => chips.set_dead(None, !due.ends, now),
         InjectedFault::ConverterMute(..) => chips.mute = !due.ends,
+        InjectedFault::ConverterStops(_, conversions) => chips.stop_clock(conversions),
         InjectedFault::ChipDead(chip, ..) => chips.set_dead(Some(chip.into()), !due.ends, now),
         InjectedFault::ChipReset(chip, _) => chips.reset_chips(Some(chip.into()), now),
         InjectedFault::ConverterGain(_) => chips.upset(0, CONFIG1, 1, now),

@@ -1,7 +1,7 @@
 //! What is rehearsed beside the pace: each case with what is done, when, and what must be said of it.
 
 use super::judge::Wanted;
-use super::{AT_S, COST, at_once, costs};
+use super::{AT_S, COST, LATER_S, at_once, costs};
 use crate::board::{InjectedFault, PANIC_LINE, Setup, utc_us};
 use seabearing_board_model::stm32h743::Parameters;
 use seabearing_board_model::stm32h743::flash::FlashTimes;
@@ -25,7 +25,7 @@ pub struct Case {
 }
 
 /// Reasons of a start as `Hello` tells them.
-const POWER: u8 = 0;
+pub(super) const POWER: u8 = 0;
 pub(super) const WATCHDOG: u8 = 1;
 pub(super) const SOFTWARE: u8 = 2;
 pub(super) const PIN: u8 = 3;
@@ -153,6 +153,7 @@ fn failures() -> Vec<Case> {
     let panicked = Wanted::Fault(FaultCode::Panicked, Some(i64::from(PANIC_LINE)));
     let (silent, restarted) = (fault(FaultCode::NoSamples), fault(FaultCode::ConverterRestarted));
     let forever = f64::INFINITY;
+    let none = [FaultCode::FalseEdge, FaultCode::ConverterRestarted, FaultCode::Gap].map(Wanted::Never);
     let again: Vec<InjectedFault> =
         (0..5).map(|n| InjectedFault::HardFault(AT_S + 0.1 * f64::from(n))).collect();
     let damaged = |case: Case| Case { setup: Setup { damaged_configuration: true, ..case.setup }, ..case };
@@ -174,6 +175,23 @@ fn failures() -> Vec<Case> {
         case("converter resets itself", &[InjectedFault::ConverterReset(AT_S)], AT_S, 1.5, &[restarted]),
         case("converter's rate flips", &[InjectedFault::ConverterUpset(AT_S)], AT_S, 1.5, &[restarted]),
         case("converter's gain flips", &[InjectedFault::ConverterGain(AT_S)], AT_S, 1.5, &[restarted]),
+        case(
+            "converter begins to convert afresh",
+            &[InjectedFault::ConverterResync(AT_S)],
+            AT_S,
+            1.5,
+            &[restarted],
+        ),
+        stops(1.0),
+        stops(3.0),
+        stops(10.0),
+        glitch(0, 0.1, &none),
+        glitch(3, 0.1, &none),
+        // It cuts a transfer short, and what is counted too much is found by the converter's pace.
+        glitch(0, 0.4, &[restarted]),
+        glitch(2, 0.4, &[restarted]),
+        // Between two transfers: its frame says that it is none.
+        glitch(3, 0.4, &[fault(FaultCode::FalseEdge), none[1], none[2]]),
         case(
             "one bit in 80 000 wrong on SPI",
             &[InjectedFault::SpiBits(10_000)],
@@ -200,12 +218,18 @@ fn failures() -> Vec<Case> {
         )),
         case(
             "hard fault",
-            &[InjectedFault::HardFault(AT_S)],
-            AT_S,
-            1.5,
+            &[InjectedFault::HardFault(LATER_S)],
+            LATER_S,
+            LATER_S + 1.0,
             &[Wanted::Start(SOFTWARE), fault(FaultCode::HardFault)],
         ),
-        case("panic", &[InjectedFault::Panic(AT_S)], AT_S, 1.5, &[Wanted::Start(SOFTWARE), panicked]),
+        case(
+            "panic",
+            &[InjectedFault::Panic(LATER_S)],
+            LATER_S,
+            LATER_S + 1.0,
+            &[Wanted::Start(SOFTWARE), panicked],
+        ),
         with(
             case(
                 "five hard faults in half a second, then Start",
@@ -255,9 +279,9 @@ fn failures() -> Vec<Case> {
         ),
         case(
             "core held for 2.5 s",
-            &[InjectedFault::CoreHeld(AT_S, 2.5)],
-            AT_S,
-            4.0,
+            &[InjectedFault::CoreHeld(LATER_S, 2.5)],
+            LATER_S,
+            LATER_S + 3.5,
             &[Wanted::Start(WATCHDOG)],
         ),
         case(
@@ -282,8 +306,14 @@ fn failures() -> Vec<Case> {
             &[Wanted::Start(WATCHDOG)],
         ),
         case("supply low for 10 ms", &[InjectedFault::SupplyLow(AT_S, 0.01)], AT_S, 1.5, &[]),
-        case("reset pin", &[InjectedFault::PinReset(AT_S)], AT_S, 1.5, &[Wanted::Start(PIN)]),
-        case("supply sags", &[InjectedFault::BrownOut(AT_S)], AT_S, 1.5, &[Wanted::Start(BROWN_OUT)]),
+        case("reset pin", &[InjectedFault::PinReset(LATER_S)], LATER_S, LATER_S + 1.0, &[Wanted::Start(PIN)]),
+        case(
+            "supply sags",
+            &[InjectedFault::BrownOut(LATER_S)],
+            LATER_S,
+            LATER_S + 1.0,
+            &[Wanted::Start(BROWN_OUT)],
+        ),
         // From the second on it is waited out, ever longer; sags are no starts of the software, however many.
         case(
             "supply sags seven times",
@@ -302,13 +332,28 @@ fn failures() -> Vec<Case> {
     ]
 }
 
+/// The converter's clock stops for so many conversions, and nothing is reset.
+fn stops(conversions: f64) -> Case {
+    let name = format!("converter's clock stops for {conversions} conversions");
+    let wanted = [Wanted::Fault(FaultCode::ConverterRestarted, None)];
+    case(&name, &[InjectedFault::ConverterStops(AT_S, conversions)], AT_S, 1.5, &wanted)
+}
+
+/// A pulse on data ready that is none of the converter's, a quarter of a conversion later each.
+fn glitch(quarter: u8, length_us: f64, wanted: &[Wanted]) -> Case {
+    const QUARTER_S: f64 = 0.25 / 64e3;
+    let name = format!("a pulse of {length_us} us on data ready, phase {quarter}");
+    let pulse = InjectedFault::ConverterGlitch(AT_S + QUARTER_S * f64::from(quarter), length_us * 1e-6);
+    case(&name, &[pulse], AT_S, 1.5, wanted)
+}
+
 /// Bits that change in what was worked out of the configuration.
 fn settings() -> impl Iterator<Item = Case> {
     (0..4).map(|n| {
         let changed = Wanted::Fault(FaultCode::BadConfiguration, Some(3));
         let name = format!("bit {n} changed in the recorder's settings");
-        let flip = InjectedFault::SettingsBit(AT_S, n);
-        case(&name, &[flip], AT_S, AT_S + 4.0, &[Wanted::Start(SOFTWARE), changed])
+        let flip = InjectedFault::SettingsBit(LATER_S, n);
+        case(&name, &[flip], LATER_S, LATER_S + 4.0, &[Wanted::Start(SOFTWARE), changed])
     })
 }
 
@@ -319,8 +364,8 @@ fn memory() -> impl Iterator<Item = Case> {
         case("one wrong bit in a word of memory", &[InjectedFault::MemoryBit(AT_S, 0)], AT_S, 1.5, &[told]);
     let more = move |n: u64| {
         let name = format!("two wrong bits in word {n} of memory");
-        let flip = InjectedFault::MemoryBits(AT_S, n);
-        case(&name, &[flip], AT_S, 1.5, &[Wanted::Start(SOFTWARE), told])
+        let flip = InjectedFault::MemoryBits(LATER_S, n);
+        case(&name, &[flip], LATER_S, LATER_S + 1.0, &[Wanted::Start(SOFTWARE), told])
     };
     std::iter::once(one).chain((0..6).map(more))
 }

@@ -3,11 +3,10 @@
 use crate::board::{BoardRun, InjectedFault, Said, host, utc_us as utc_us_of};
 use anyhow::{Result, bail};
 use seabearing_board_model::stm32h743::Analog;
-use seabearing_core::angle::wrap_pi;
 use seabearing_core::config_blob;
 use seabearing_core::utc::Times;
 use seabearing_core::wait::WAITING;
-use seabearing_core::wire::{Bearing, Decoder, FaultCode, Hello, Message};
+use seabearing_core::wire::{Decoder, FaultCode, Hello, Message};
 use seabearing_firmware::seismic::Conversion;
 
 /// Something the board must say within the time allowed.
@@ -21,6 +20,8 @@ pub enum Wanted {
     Start(u8),
     /// A start with the configuration of this hash.
     Runs(u64),
+    /// A start for this reason with the configuration of this hash.
+    Resumes(u8, u64),
     /// That it waits for commands.
     Waits,
     /// An answer to the command with this token.
@@ -31,6 +32,8 @@ pub enum Wanted {
     Time,
     /// The board's margins, its supply between these, mV.
     Margins(u16, u16),
+    /// No such fault at all.
+    Never(FaultCode),
 }
 
 impl Wanted {
@@ -42,6 +45,9 @@ impl Wanted {
             (Self::Card(why), Message::Fault(f)) => f.code == FaultCode::CardFailed && f.value & 0xff == why,
             (Self::Start(cause), Message::Hello(h)) => h.reset_cause == cause && h.kind != WAITING,
             (Self::Runs(hash), Message::Hello(h)) => h.config_hash == hash && h.kind != WAITING,
+            (Self::Resumes(cause, hash), Message::Hello(h)) => {
+                (h.reset_cause, h.config_hash) == (cause, hash) && h.kind != WAITING
+            }
             (Self::Waits, Message::Hello(h)) => h.kind == WAITING,
             (Self::Reply(token), Message::Reply(r)) => r.token == token,
             (Self::Margins(least, most), Message::Margins(m)) => {
@@ -52,6 +58,7 @@ impl Wanted {
                     && m.temperature_c == Some(analog.temperature_c as i8)
                     && (1..m.memory).contains(&m.memory_free)
             }
+            (Self::Never(code), Message::Fault(f)) => f.code == code,
             (Self::End, Message::End(_)) | (Self::Time, Message::Time(_)) => true,
             _ => false,
         }
@@ -64,7 +71,7 @@ impl Wanted {
                 let reasons = ["?", "none", "not prepared", "errors", "slow"];
                 format!("CardFailed ({})", reasons.get(why as usize).unwrap_or(&"?"))
             }
-            Self::Start(cause) => {
+            Self::Start(cause) | Self::Resumes(cause, _) => {
                 let names = ["power", "watchdog", "software", "pin", "brown-out"];
                 format!("starts ({})", names.get(usize::from(cause)).unwrap_or(&"?"))
             }
@@ -74,6 +81,7 @@ impl Wanted {
             Self::End => "End".to_owned(),
             Self::Time => "Time".to_owned(),
             Self::Margins(..) => "Margins".to_owned(),
+            Self::Never(code) => format!("no {code:?}"),
         }
     }
 }
@@ -81,7 +89,11 @@ impl Wanted {
 /// The wanted messages, each after the one before, and the seconds from the event to each; `None` where one is not there.
 pub fn told(said: &[Said], wanted: &[Wanted], event_s: f64) -> Vec<(String, Option<f64>)> {
     let mut rest = said.iter().filter(|s| s.at_s >= event_s);
-    wanted.iter().map(|w| (w.name(), rest.find(|s| w.is(&s.message)).map(|s| s.at_s - event_s))).collect()
+    let mut after_s = |w: &Wanted| match w {
+        Wanted::Never(_) => (!said.iter().any(|s| w.is(&s.message))).then_some(0.0),
+        _ => rest.find(|s| w.is(&s.message)).map(|s| s.at_s - event_s),
+    };
+    wanted.iter().map(|w| (w.name(), after_s(w))).collect()
 }
 
 /// How the numbers of the records stand to the truth.
@@ -94,6 +106,7 @@ pub struct Numbers {
 }
 
 /// A stretch of telemetry from one `Hello` to the next that began a count of frames, and the conversions since that start.
+#[derive(Clone)]
 struct Session<'a> {
     hello: Hello,
     said: &'a [Said],
@@ -134,25 +147,62 @@ fn sessions(run: &BoardRun) -> Vec<Session<'_>> {
     begins.iter().enumerate().map(session).collect()
 }
 
+/// What is known of a case beside the run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Known {
+    /// When the first thing goes wrong, s: until then nothing may be wanting of what the host says.
+    pub undisturbed_s: f64,
+    /// From this moment to the next start the board itself tells its records to be doubtful, s.
+    pub doubtful_s: Option<f64>,
+}
+
+impl Known {
+    /// Of a case in which these go wrong.
+    pub fn of(faults: &[InjectedFault]) -> Self {
+        let doubtful =
+            |f: &&InjectedFault| matches!(f, InjectedFault::SettingsBit(..) | InjectedFault::MemoryBits(..));
+        Self {
+            undisturbed_s: faults.iter().filter_map(InjectedFault::begins_s).fold(f64::INFINITY, f64::min),
+            doubtful_s: faults.iter().find(doubtful).and_then(InjectedFault::begins_s),
+        }
+    }
+}
+
 /// Every recording session against the host's over the same conversions. What only the board knows (its line, its clock,
 /// its converter) is not compared, counters not where the clock made reports or the converter stood still.
 /// `sent`: another configuration that the board may run with.
-pub fn numbers(run: &BoardRun, blob: &[u8], sent: Option<&[u8]>) -> Result<Numbers> {
+pub fn numbers(run: &BoardRun, blob: &[u8], sent: Option<&[u8]>, known: Known) -> Result<Numbers> {
     let hash = |blob: &[u8]| config_blob::station(blob).map_or(0, |config| config.hash());
     let sent = sent.map(|blob| (hash(blob), blob));
     let mut outcome = Vec::new();
     let mut right = true;
     let sessions = sessions(run);
+    let restarted_s = run.starts.get(1).map_or(f64::INFINITY, |start| start.0);
     let recording: Vec<&Session<'_>> = sessions.iter().filter(|s| s.hello.kind != WAITING).collect();
-    for session in &recording {
+    for (n, session) in recording.iter().enumerate() {
         let blob = sent.filter(|sent| sent.0 == session.hello.config_hash).map_or(blob, |sent| sent.1);
-        match compare(session, blob) {
+        // Only of the first is it known how far its conversions were heard before anything went wrong.
+        let until_s = known.undisturbed_s.min(restarted_s) - AGE_S[usize::from(run.seismic.is_some())];
+        let base = session.numbers.first().copied().unwrap_or(0) as usize;
+        let at_least = run.moments_s.iter().skip(base).take_while(|s| **s < until_s).count();
+        // What was said from then on to the next start is told as doubtful; all before it must be right.
+        let sure = match known.doubtful_s {
+            Some(at_s) if n == 0 => session.said.partition_point(|s| s.at_s < at_s),
+            _ => session.said.len(),
+        };
+        let doubtful = sure < session.said.len();
+        let session =
+            Session { said: &session.said[..sure], last: session.last && !doubtful, ..(*session).clone() };
+        match compare(&session, blob, if n == 0 { at_least as u64 } else { 0 }) {
             Ok(Some(words)) => outcome.push(words),
             Ok(None) => {}
             Err(reason) => {
                 right = false;
                 outcome.push(format!("WRONG ({reason})"));
             }
+        }
+        if doubtful {
+            outcome.push("then told as doubtful".to_owned());
         }
     }
     outcome.dedup();
@@ -162,37 +212,51 @@ pub fn numbers(run: &BoardRun, blob: &[u8], sent: Option<&[u8]>) -> Result<Numbe
     Ok(Numbers { outcome: outcome.join("; "), right })
 }
 
-/// Longest error of an estimated number that is looked for, in instants.
-const MOST_OFF: i64 = 16;
+/// How old a sample is, at most, when what it brings is said, s: ring, block, line and flash; at the ocean bottom looks and filters.
+const AGE_S: [f64; 2] = [0.3, 3.0];
 
-/// Whether two lists of bearings are the same within 10 ms at 64 kHz and three standard deviations: all that can be asked
-/// where a few samples of another rate were taken before that was noticed.
-fn alike(host: &[Message], board: &[Message]) -> bool {
-    const MOST_INSTANTS: u64 = 640;
-    let bearings = |all: &[Message]| -> Vec<Bearing> {
-        all.iter().filter_map(|m| if let Message::Bearing(b) = m { Some(*b) } else { None }).collect()
-    };
-    let (host, board) = (bearings(host), bearings(board));
-    host.len() == board.len()
-        && host.iter().zip(&board).all(|(h, b)| {
-            let off = wrap_pi(f64::from(h.azimuth) - f64::from(b.azimuth));
-            h.index.abs_diff(b.index) <= MOST_INSTANTS && off * off <= 9.0 * f64::from(h.var_azimuth)
-        })
+/// How far an estimated number may be off, in instants: a moment is noted within two microseconds, an eighth of a conversion at
+/// 64 kHz, the converter's pace so measured from what came before the gap or, where that was little, over half a ring; and one for
+/// the rounding.
+fn most_off(gap: u64, before: u64) -> i64 {
+    const HALF_A_RING: u64 = 2048;
+    (1 + gap / (8 * before.max(HALF_A_RING))) as i64
 }
 
-fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
-    let Some(base) = session.numbers.first() else { return Ok(None) };
+/// Conversions that may have had a wrong number before that was told: two windows of four wake-ups and one for their frames, 36 ms
+/// at 64 kHz, and what was on its way. At the ocean bottom none: they are held back.
+const MOST_EARLY: u64 = 2560;
+
+/// What is assumed of the numbers that the board gave.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Assumed {
+    /// They are off by so much from the first conversion on that is wanting to the second: before the board told of it.
+    early: Option<i64>,
+    /// They are off by so much afterwards.
+    off: i64,
+}
+
+fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<String>> {
     let faults = |code: FaultCode| {
         session.said.iter().filter_map(move |s| match s.message {
             Message::Fault(f) if f.code == code => Some(f),
             _ => None,
         })
     };
-    let restarts = faults(FaultCode::ConverterRestarted).count();
-    let gaps: Vec<(u64, u64)> = match restarts {
-        0 => faults(FaultCode::Gap).map(|f| (f.index.saturating_sub(f.value as u64), f.index)).collect(),
-        _ => Vec::new(),
+    let restarts = faults(FaultCode::ConverterRestarted).filter(|f| f.value > 0).count();
+    // Of a converter that began again before anything was given: the numbers begin with it.
+    let again = faults(FaultCode::ConverterRestarted).count() - restarts;
+    let jumped = |w: &(usize, &[u64])| w.1[1] > w.1[0] + 1;
+    let from = match again {
+        0 => Some(0),
+        again => session.numbers.windows(2).enumerate().filter(jumped).nth(again - 1).map(|w| w.0 + 1),
     };
+    let Some(from) = from else { bail!("a start that was told and was none") };
+    let session =
+        &Session { numbers: &session.numbers[from..], codes: &session.codes[from..], ..session.clone() };
+    let Some(base) = session.numbers.first() else { return Ok(None) };
+    let gaps: Vec<(u64, u64)> =
+        faults(FaultCode::Gap).map(|f| (f.index.saturating_sub(f.value as u64), f.index)).collect();
     // Of conversions, where several make a sample.
     let conversions =
         |(from, to): &(u64, u64)| session.seismic.map_or(*from..*to, |made| made.needed(*from, *to));
@@ -213,15 +277,24 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
     let board: Vec<Message> = session.said.iter().map(|s| s.message).filter(of_samples).collect();
     // Where a command or the run's end cut it off there is nothing more to come; else what was under way is lost.
     let whole = session.last || end.is_some();
-    let agree = |host: &[Message]| (host.len() == board.len() || !whole) && host.starts_with(&board);
-    // After the first standstill every number may be off by as much, as far as an estimate goes. `to_end`: even
-    // where it says something else than the board.
-    let host_off_by = |off: i64, to_end: bool| -> Result<(Vec<Message>, u64)> {
-        let (mut shift, mut before, mut given_up) = (0, *base, 0u64);
+    // Of conversions that are wanting, how many and which was the last before.
+    let jumps: Vec<(u64, u64)> = session
+        .numbers
+        .windows(2)
+        .filter(|w| w[1] > w[0] + 1)
+        .map(|w| (w[1] - w[0] - 1, w[0] - base + 1))
+        .collect();
+    // `to_end`: even where it says something else than the board. `most`: of the conversions so many.
+    let host_with = |assumed: Assumed, most: u64, to_end: bool| -> Result<(Vec<Message>, u64, u64)> {
+        let (mut shift, mut before, mut given_up, mut wrong, mut seen) = (0, *base, 0u64, 0u64, 0);
         let (mut indices, mut codes) = (Vec::new(), Vec::new());
         for (number, code) in session.numbers.iter().zip(session.codes) {
+            if *number - base >= most {
+                break;
+            }
             if *number > before + 1 && restarts > 0 {
-                shift = off;
+                seen += 1;
+                shift = assumed.early.filter(|_| seen == 1).unwrap_or(assumed.off);
             }
             before = *number;
             let index = (number - base).saturating_add_signed(shift);
@@ -230,7 +303,8 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
             }
             if gaps.iter().any(|gap| conversions(gap).contains(&index)) {
                 given_up += 1;
-            } else {
+            } else if indices.last().is_none_or(|last| *last < index) {
+                wrong += u64::from(assumed.early.is_some() && seen == 1);
                 indices.push(index);
                 codes.push(*code);
             }
@@ -250,10 +324,15 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
             end.is_some(),
             &mut take,
         )?;
-        Ok((heard, given_up))
+        Ok((heard, given_up, wrong))
+    };
+    let least = if whole { 0 } else { host_with(Assumed::default(), at_least, true)?.0.len() };
+    let agree = |host: &[Message]| match whole {
+        true => host == board,
+        false => host.starts_with(&board) && board.len() >= least,
     };
     let records = board.iter().any(|m| session.seismic.is_some() || matches!(m, Message::Bearing(_)));
-    let (true_host, given_up) = host_off_by(0, true)?;
+    let (true_host, given_up, _) = host_with(Assumed::default(), u64::MAX, true)?;
     if agree(&true_host) {
         let mut words = if restarts > 0 { "estimate, exact" } else { "exact" }.to_owned();
         if given_up > 0 {
@@ -262,18 +341,27 @@ fn compare(session: &Session<'_>, blob: &[u8]) -> Result<Option<String>> {
         return Ok(Some(words).filter(|_| records || given_up > 0));
     }
     if restarts > 0 {
-        for off in (1..=MOST_OFF).flat_map(|n| [n, -n]) {
-            if agree(&host_off_by(off, false)?.0) {
-                return Ok(Some(format!("estimate, {} off", off.abs())));
+        let most = jumps.iter().map(|(gap, before)| most_off(*gap, *before)).sum::<i64>().max(1);
+        // Wanting without being counted, or counted once too often.
+        let early = [None, jumps.first().map(|jump| -(jump.0 as i64)), Some(1)];
+        for off in (0..=most).flat_map(|n| [n, -n]) {
+            for early in early {
+                let (heard, _, wrong) = host_with(Assumed { early, off }, u64::MAX, false)?;
+                let most_early = if session.seismic.is_some() { 0 } else { MOST_EARLY };
+                if agree(&heard) && wrong <= most_early {
+                    let mut words = format!("estimate, {} off", off.abs());
+                    if let Some(early) = early.filter(|_| wrong > 0) {
+                        words += &format!("; {} {} off before it was told", two_digits(wrong), early.abs());
+                    }
+                    return Ok(Some(words));
+                }
             }
-        }
-        if session.seismic.is_none() && alike(&true_host, &board) {
-            return Ok(Some("estimate, the same directions within 10 ms".to_owned()));
         }
     }
     let at = true_host.iter().zip(&board).take_while(|(a, b)| a == b).count();
     let one = |m: Option<&Message>| m.map_or("nothing".to_owned(), |m| format!("{m:?}"));
-    bail!("host {} | board {}", one(true_host.get(at)), one(board.get(at)))
+    let so_many = if whole { String::new() } else { format!(" of {least} at least") };
+    bail!("{at}{so_many}: host {} | board {}", one(true_host.get(at)), one(board.get(at)))
 }
 
 /// Whether samples alone decide this message.
@@ -352,4 +440,204 @@ fn two_digits(n: u64) -> u64 {
         step *= 10;
     }
     (n + step / 2) / step * step
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::mix;
+    use seabearing_board_model::ads131m04::Codes;
+    use seabearing_core::wire::{End, Fault};
+    use std::path::Path;
+
+    const RATE: u64 = 64_000;
+
+    fn blob() -> Vec<u8> {
+        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../scenarios/demo-station.toml"));
+        let station = seabearing_host::station::Station::read(path).unwrap();
+        let mut bytes = vec![0; 4096];
+        let mut writer = config_blob::Writer::new(&mut bytes).unwrap();
+        writer.station(&station.config).unwrap();
+        let length = writer.finish();
+        bytes.truncate(length);
+        bytes
+    }
+
+    /// Noise from a direction.
+    fn sound(instant: u64) -> Codes {
+        let code = |n: u64| (mix(n) >> 46) as i32 - (1 << 17);
+        [0, 68, 33, 67].map(|earlier| code(instant + earlier))
+    }
+
+    /// What the host says of these instants, each message when its newest instant was heard.
+    fn says(blob: &[u8], numbers: &[u64], given: &[u64]) -> Vec<Said> {
+        let codes: Vec<Codes> = numbers.iter().map(|n| sound(*n)).collect();
+        let (mut decoder, mut said) = (Decoder::default(), Vec::new());
+        let mut take = |frame: &[u8]| {
+            for received in frame.iter().filter_map(|b| decoder.push::<Message>(*b)) {
+                let index = match received.message {
+                    Message::Bearing(b) => b.index + 32_000,
+                    Message::Health(h) => h.index,
+                    Message::Fault(f) => f.index,
+                    _ => 0,
+                };
+                let at_s = index as f64 / RATE as f64;
+                said.push(Said { at_s, sequence: received.sequence, boot: 0, message: received.message });
+            }
+            true
+        };
+        host(blob, None, (0, &[]), given, &codes, false, &mut take).unwrap();
+        said
+    }
+
+    fn run(said: Vec<Said>, numbers: Vec<u64>) -> BoardRun {
+        let codes = numbers.iter().map(|n| sound(*n)).collect();
+        let last = numbers.last().copied().unwrap_or(0);
+        BoardRun {
+            firmware: Vec::new(),
+            said,
+            linked: false,
+            seismic: None,
+            missing: 0,
+            flash: (0, 0),
+            starts: vec![(0.0, 0)],
+            converted: last,
+            delivered: numbers.len() as u64,
+            codes,
+            moments_s: (0..=last).map(|n| n as f64 / RATE as f64).collect(),
+            numbers,
+            lost: 0,
+            seconds: 0.0,
+            handlers: Default::default(),
+            thread: Default::default(),
+            interrupts_per_s: 0.0,
+            idle: 0.0,
+            resets: 0,
+            dma_items: 0,
+            spi_hz: 0,
+            card: None,
+            stack: (0, 0),
+        }
+    }
+
+    const UNDISTURBED: Known = Known { undisturbed_s: f64::INFINITY, doubtful_s: None };
+
+    fn fault(code: FaultCode, index: u64, value: u64) -> Said {
+        let message = Message::Fault(Fault { code, index, value: value as i64 });
+        Said { at_s: index as f64 / RATE as f64, sequence: 9, boot: 0, message }
+    }
+
+    fn judged(run: &BoardRun, known: Known) -> Numbers {
+        numbers(run, &blob(), None, known).unwrap()
+    }
+
+    /// Two seconds of which `gap` is wanting; the board gives what comes after it `off` too late and says so.
+    fn estimated(gap: std::ops::Range<u64>, off: i64) -> BoardRun {
+        let blob = blob();
+        let numbers: Vec<u64> = (0..2 * RATE).filter(|n| !gap.contains(n)).collect();
+        let put = |n: &u64| if *n >= gap.end { n.saturating_add_signed(off) } else { *n };
+        let given: Vec<u64> = numbers.iter().map(put).collect();
+        let mut said = says(&blob, &numbers, &given);
+        let told = gap.end.saturating_add_signed(off);
+        said.push(fault(FaultCode::ConverterRestarted, told, told - gap.start));
+        run(said, numbers)
+    }
+
+    #[test]
+    fn an_estimate_is_right_as_far_as_it_can_be_and_no_further() {
+        let right = judged(&estimated(40_000..50_000, 0), UNDISTURBED);
+        assert_eq!((right.outcome.as_str(), right.right), ("estimate, exact", true));
+        // A gap of 10 000 after 40 000 that were measured: the rounding.
+        let near = judged(&estimated(40_000..50_000, -1), UNDISTURBED);
+        assert_eq!((near.outcome.as_str(), near.right), ("estimate, 1 off", true));
+        for off in [2, -2, 16] {
+            let far = judged(&estimated(40_000..50_000, off), UNDISTURBED);
+            assert!(!far.right && far.outcome.starts_with("WRONG"), "{off}: {}", far.outcome);
+        }
+        assert_eq!([most_off(64, 32_000), most_off(64_000, 32_000), most_off(3_840_000, 32_000)], [1, 1, 16]);
+    }
+
+    #[test]
+    fn numbers_off_before_it_is_told_are_right_for_the_shortest_time_only() {
+        let blob = blob();
+        // Three conversions wanting from 40 000 on, told after so many more.
+        for (late, right) in [(2000, true), (4000, false)] {
+            let gaps = [40_000..40_003, 40_003 + late..40_400 + late];
+            let numbers: Vec<u64> =
+                (0..2 * RATE).filter(|n| !gaps.iter().any(|gap| gap.contains(n))).collect();
+            let given: Vec<u64> = numbers
+                .iter()
+                .map(|n| if (40_003..40_003 + late).contains(n) { n - 3 } else { *n })
+                .collect();
+            let mut said = says(&blob, &numbers, &given);
+            said.push(fault(FaultCode::ConverterRestarted, gaps[1].end, 400));
+            let judged = judged(&run(said, numbers), UNDISTURBED);
+            assert_eq!(judged.right, right, "{late}: {}", judged.outcome);
+        }
+    }
+
+    #[test]
+    fn a_session_that_was_cut_off_must_have_said_what_it_had_heard() {
+        let blob = blob();
+        let numbers: Vec<u64> = (0..3 * RATE).collect();
+        let mut run = run(says(&blob, &numbers, &numbers), numbers);
+        let whole = run.clone();
+        assert!(judged(&run, UNDISTURBED).right);
+        // A second start without a word, at 2 s.
+        run.starts.push((2.0, 2 * RATE as usize));
+        let Message::Hello(hello) = run.said[0].message else { panic!("no Hello") };
+        let again = Said { at_s: 2.0, sequence: 0, boot: 0, message: Message::Hello(hello) };
+        let cut = |run: &BoardRun, until_s: f64| {
+            let mut said: Vec<Said> = run.said.iter().filter(|s| s.at_s < until_s).copied().collect();
+            said.push(again);
+            let second: Vec<u64> = (0..RATE).collect();
+            said.extend(says(&blob, &second, &second).into_iter().skip(1));
+            let mut numbers: Vec<u64> = (0..2 * RATE).collect();
+            numbers.extend(2 * RATE..3 * RATE);
+            let codes = (0..2 * RATE).map(sound).chain((0..RATE).map(sound)).collect();
+            BoardRun { said, numbers, codes, ..run.clone() }
+        };
+        let known = Known { undisturbed_s: 2.0, doubtful_s: None };
+        let right = judged(&cut(&run, 2.0), known);
+        assert!(right.right, "{}", right.outcome);
+        // Bearings are of each half second: the last that must be there is that of 1 s to 1.5 s.
+        for until_s in [0.1, 1.2] {
+            let wrong = judged(&cut(&run, until_s), known);
+            assert!(!wrong.right, "{until_s}: {}", wrong.outcome);
+        }
+        // And of a run that was not cut off nothing may be wanting, or else than the host says it.
+        let mut less = whole.clone();
+        less.said.retain(|s| !matches!(s.message, Message::Bearing(b) if b.index > RATE));
+        assert!(!judged(&less, UNDISTURBED).right);
+    }
+
+    #[test]
+    fn what_was_said_before_the_settings_changed_must_be_right_and_what_comes_after_the_start_too() {
+        let blob = blob();
+        let numbers: Vec<u64> = (0..3 * RATE).collect();
+        let mut run = run(says(&blob, &numbers, &numbers), numbers);
+        let known = Known { undisturbed_s: 2.0, doubtful_s: Some(2.0) };
+        let turn = |run: &mut BoardRun, from_s: f64| {
+            for said in run.said.iter_mut().filter(|s| s.at_s >= from_s) {
+                if let Message::Bearing(bearing) = &mut said.message {
+                    bearing.azimuth += 0.1;
+                }
+            }
+        };
+        turn(&mut run, 2.0);
+        let told = judged(&run, known);
+        assert!(told.right && told.outcome.ends_with("then told as doubtful"), "{}", told.outcome);
+        turn(&mut run, 0.0);
+        assert!(!judged(&run, known).right);
+    }
+
+    #[test]
+    fn what_must_not_be_said_is_missed_where_it_is() {
+        let wanted = [Wanted::Never(FaultCode::FalseEdge)];
+        assert_eq!(told(&[], &wanted, 1.0)[0].1, Some(0.0));
+        // Before the event too.
+        assert_eq!(told(&[fault(FaultCode::FalseEdge, 0, 1)], &wanted, 1.0)[0].1, None);
+        let end = Said { message: Message::End(End { index: 5, frames: 0 }), ..fault(FaultCode::Gap, 0, 1) };
+        assert_eq!(told(&[end], &[Wanted::Fault(FaultCode::Gap, None)], 0.0)[0].1, None);
+    }
 }

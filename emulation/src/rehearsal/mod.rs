@@ -53,6 +53,8 @@ pub const COSTS: [f64; 8] = [LEAST_BREAKING, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 2
 const NAMED_S: f64 = 10.0;
 /// When something goes wrong, s.
 const AT_S: f64 = 0.5;
+/// The same where a session is cut off by it that must have said something before, s.
+const LATER_S: f64 = 1.2;
 /// Longer than a case's sound, where the converter gives none; of the ocean-bottom board.
 const PATIENCE_S: [f64; 2] = [0.5, 2.5];
 
@@ -199,7 +201,8 @@ impl Stage<'_> {
             .play(case.seconds, &Setup { most_s, ..case.setup.clone() })
             .with_context(|| case.name.clone())?;
         let told = judge::told(&report.said, &case.wanted, case.event_s);
-        let mut numbers = judge::numbers(&report, self.blob, case.sent.as_deref())?;
+        let known = judge::Known::of(&case.setup.faults);
+        let mut numbers = judge::numbers(&report, self.blob, case.sent.as_deref(), known)?;
         if case.setup.link {
             let uncut = |f: &InjectedFault| matches!(f, InjectedFault::FlashCut(_)) && report.resets == 0;
             if case.setup.faults.iter().any(uncut) {
@@ -218,13 +221,6 @@ impl Stage<'_> {
             numbers.right &= clock.right;
         }
         let named = told.iter().all(|(_, after_s)| after_s.is_some_and(|s| s <= NAMED_S));
-        let doubtful =
-            |f: &InjectedFault| matches!(f, InjectedFault::SettingsBit(..) | InjectedFault::MemoryBits(..));
-        if case.setup.faults.iter().any(doubtful) && named {
-            // Whatever they made of the records until then, it is told of them.
-            numbers.right = true;
-            numbers.outcome = "the records since are told as doubtful".to_owned();
-        }
         let tenths = |s: f64| format!("{:.1} s", (s * 10.0).ceil() / 10.0);
         let words: Vec<String> = told
             .iter()

@@ -12,6 +12,8 @@ use seabearing_core::wire::FaultCode;
 
 /// When something goes wrong, s.
 const AT_S: f64 = 20.0;
+/// Before the first sample is given: the chips convert, and were not looked at again.
+const EARLY_S: f64 = 0.7;
 /// Sound after which the first records of directions have come, and a health report.
 const RECORDS_S: f64 = 200.0;
 const HEALTH_S: f64 = 70.0;
@@ -21,7 +23,7 @@ const LEAST_IDLE: f64 = 0.95;
 const THIRD: u8 = 2;
 
 /// Of the chips' cases those that are always played: what no other board has.
-const SHORT: usize = 4;
+const SHORT: usize = 6;
 
 /// How much of it is rehearsed.
 #[derive(Debug, Clone)]
@@ -78,6 +80,20 @@ fn chips() -> Vec<Case> {
     let forever = f64::INFINITY;
     vec![
         case(
+            "converters reset themselves before the first sample was given",
+            &[InjectedFault::ConverterReset(EARLY_S)],
+            EARLY_S,
+            RECORDS_S,
+            &[restarted],
+        ),
+        case(
+            "the chips' clock stops for a conversion",
+            &[InjectedFault::ConverterStops(AT_S, 1.0)],
+            AT_S,
+            RECORDS_S,
+            &[restarted],
+        ),
+        case(
             "one chip of four dies",
             &[InjectedFault::ChipDead(THIRD, AT_S, forever)],
             AT_S,
@@ -109,6 +125,20 @@ fn chips() -> Vec<Case> {
         case(
             "converters reset themselves",
             &[InjectedFault::ConverterReset(AT_S)],
+            AT_S,
+            RECORDS_S,
+            &[restarted],
+        ),
+        case(
+            "a pulse of 0.2 us on data ready",
+            &[InjectedFault::ConverterGlitch(AT_S, 2e-7)],
+            AT_S,
+            RECORDS_S,
+            &[Wanted::Never(FaultCode::ConverterRestarted), Wanted::Never(FaultCode::Gap)],
+        ),
+        case(
+            "a pulse of 1 us on data ready",
+            &[InjectedFault::ConverterGlitch(AT_S, 1e-6)],
             AT_S,
             RECORDS_S,
             &[restarted],

@@ -1,7 +1,9 @@
 //! The ocean-bottom board's line, receiver, supply and flash rehearsed: as the array's, at its own pace, and a configuration with a
 //! propagation table sent to it.
 
-use super::cases::{BROWN_OUT, Case, ReceiverTimes, SOFTWARE, case, line, linked, receiver, with_store};
+use super::cases::{
+    BROWN_OUT, Case, POWER, ReceiverTimes, SOFTWARE, case, line, linked, receiver, with_store,
+};
 use super::judge::Wanted;
 use super::{cuts, ocean_bottom};
 use crate::board::{InjectedFault, Setup};
@@ -44,7 +46,7 @@ pub(super) fn reach(blob: &[u8], most_cuts: u32, short: bool) -> Result<Vec<Case
     cases.push(here(reconfigured(blob)?));
     cases.push(here(scheduled(blob)?));
     if !short {
-        cases.push(here(cut_while_reconfigured(blob)?));
+        cases.extend(cut_while_reconfigured(blob)?.map(here));
     }
     Ok(cases)
 }
@@ -145,7 +147,7 @@ fn reconfigured(blob: &[u8]) -> Result<Case> {
 }
 
 /// Power is cut in the midst of another configuration's coming, and what comes of it afterwards is no configuration.
-fn cut_while_reconfigured(blob: &[u8]) -> Result<Case> {
+fn cut_while_reconfigured(blob: &[u8]) -> Result<[Case; 2]> {
     /// Of some 900 words, and a while before it, s.
     const WORK: u32 = 500;
     const BEFORE_S: f64 = 10.0;
@@ -155,8 +157,11 @@ fn cut_while_reconfigured(blob: &[u8]) -> Result<Case> {
     let own = config_blob::station(blob).map_err(|e| anyhow!("configuration blob: {e}"))?.hash();
     let name = "power cut in the midst of a configuration that is sent";
     let cut = InjectedFault::FlashCut(WORK);
-    let case = case(name, &[cut], BEFORE_S, last_s + KEPT_S, &[Wanted::Runs(own)]);
-    Ok(Case { setup: Setup { commands, ..case.setup }, sent: Some(other), ..case })
+    let case = case(name, &[cut], BEFORE_S, last_s + KEPT_S, &[Wanted::Resumes(POWER, own)]);
+    let case = Case { setup: Setup { commands, ..case.setup }, sent: Some(other), ..case };
+    // The order to take what is not whole is answered.
+    let name = format!("{}: the order to take it", case.name);
+    Ok([case.clone(), Case { name, event_s: last_s, wanted: vec![Wanted::Reply(3)], ..case }])
 }
 
 /// Another configuration by which it listens for ten seconds of every twenty.

@@ -54,6 +54,7 @@ impl Converters for Chips {
     const RING_FRAMES: usize = 4096;
     const FRAME_BYTES: usize = 4;
     const LEAST_TIMED: u64 = 16;
+    const MOMENTS: u8 = 1;
     const LOOK_EVERY: u8 = 1;
 
     fn hz(&self) -> u32 {

@@ -35,6 +35,8 @@ pub const EXPERIMENT: Experiment = Experiment {
 const DAYS: usize = 365;
 /// What the processor's flash bears, by its data sheet (from memory).
 const ERASES_BORNE: f64 = 10_000.0;
+/// Most of their standard deviations that a time may be off: of some 30 000 the worst of a normal distribution is four.
+const MOST_SD: f64 = 6.0;
 /// Least share of times within two of their standard deviations.
 const WITHIN: f64 = 0.95;
 
@@ -126,6 +128,8 @@ fn run(options: &Options) -> Result<()> {
         WITHIN,
     );
     figures.state("largest error of a time, s", worst_s);
+    let worst = errors.iter().fold(0f64, |most, z| most.max(z.abs()));
+    figures.at_most("largest error of a time, in its stated standard deviations", worst, MOST_SD);
     let misuses = world.records.borrow().misuses() + world.places.borrow().misuses();
     figures.at_most("times a word was written twice, or a busy flash used", f64::from(misuses), 0.0);
     let erases = |all: &[u32]| f64::from(all.iter().max().copied().unwrap_or(0));

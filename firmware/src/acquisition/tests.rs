@@ -18,12 +18,15 @@ struct Bench {
     alive: bool,
     awake: bool,
     was_reset: bool,
+    resynchronised: bool,
     deaf: bool,
     loses_a_transfer: bool,
     answer: u16,
     registers: [u16; 64],
     noted: Stamp,
     offset: u64,
+    /// Conversions that are wanting, as the converter's clock stands still.
+    stops: u64,
     looks: u32,
     looks_at: Option<u64>,
 }
@@ -46,12 +49,14 @@ impl Bench {
             alive: true,
             awake: false,
             was_reset: true,
+            resynchronised: false,
             deaf: false,
             loses_a_transfer: false,
             answer: 0,
             registers: [0; 64],
             noted: Stamp::default(),
             offset: 0,
+            stops: 0,
             looks: 0,
             looks_at: None,
         }
@@ -59,9 +64,12 @@ impl Bench {
 
     /// A transfer as the hardware does it: the older of the results that wait.
     fn transfer(&mut self) {
-        let number = if self.output.is_empty() { 0 } else { self.output.remove(0) };
+        let new = !self.output.is_empty();
+        let number = if new { self.output.remove(0) } else { 0 };
         let mut bytes = [0; FRAME_BYTES];
-        let status: u16 = if self.was_reset { 0x050f } else { 0x010f };
+        let begun =
+            u16::from(self.was_reset) << 10 | u16::from(std::mem::take(&mut self.resynchronised)) << 14;
+        let status: u16 = 0x0100 | begun | if new { 0xf } else { 0 };
         bytes[..2].copy_from_slice(&status.to_be_bytes());
         for word in bytes[3..15].chunks_mut(3) {
             word.copy_from_slice(&(number as u32 & CODES).to_be_bytes()[1..]);
@@ -73,11 +81,27 @@ impl Bench {
         self.received = (self.received + FRAME_BYTES) % RING_BYTES;
     }
 
+    /// Something else than the converter makes an edge; with a transfer of its own, or while one is under way, which that cuts short.
+    fn false_edge(&mut self, cuts: bool) {
+        self.edges += 1;
+        if self.armed.is_some() {
+            if cuts {
+                self.received = (self.received + RING_BYTES - FRAME_BYTES / 2) % RING_BYTES;
+            } else {
+                self.transfer();
+            }
+        }
+    }
+
     /// So many periods go by.
     fn run(&mut self, periods: u64) {
         for _ in 0..periods {
             self.now_us = (self.instants + self.offset) * self.period_ns / 1000;
             self.instants += 1;
+            if self.stops > 0 {
+                self.stops -= 1;
+                continue;
+            }
             // Half the rate where the clock register says so.
             let slow = self.registers[3] & 0x20 == 0 && self.instants.is_multiple_of(2);
             if !(self.alive && self.awake) || slow {
@@ -447,4 +471,72 @@ fn what_came_since_the_settings_were_right_is_not_given_where_they_are_not_any_m
     // Nothing is given from the look before the change to the one after it.
     let gap = all.windows(2).find(|w| w[1].0 - w[0].0 > 1).map(|w| (w[0].0 + 1, w[1].0)).unwrap();
     assert!(gap.0 <= changed && changed < gap.1 && gap.1 - gap.0 == lost, "{gap:?} {changed} {lost}");
+}
+
+#[test]
+fn an_edge_that_is_none_of_the_converters_is_not_numbered_and_is_told() {
+    let mut acquisition = Acquisition::new(Bench { period_ns: PERIOD_NS * 99 / 100, ..Bench::new() });
+    drain(&mut acquisition);
+    let mut all = loop_for(&mut acquisition, 300_000);
+    for n in 1..=300 {
+        acquisition.board.run(n % 64);
+        acquisition.board.false_edge(false);
+        all.extend(loop_for(&mut acquisition, 1000));
+        assert_eq!(acquisition.fault(), Some((FaultCode::FalseEdge, n)));
+    }
+    assert_eq!(error(&all), 0);
+    assert!(all.windows(2).all(|w| w[0].0 + 1 == w[1].0), "nothing is missing");
+}
+
+#[test]
+fn an_edge_that_cuts_a_transfer_short_is_told_and_put_right() {
+    let mut acquisition = started();
+    loop_for(&mut acquisition, 300_000);
+    acquisition.board.false_edge(true);
+    let off = loop_for(&mut acquisition, 2560);
+    assert!(error(&off) <= 1);
+    assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 1..1000))));
+    let after = loop_for(&mut acquisition, 100_000);
+    assert_eq!((error(&after), acquisition.fault()), (0, None));
+}
+
+#[test]
+fn conversions_that_are_wanting_without_a_reset_are_told_and_put_right_however_few() {
+    for stops in [1, 2, 3, 4, 8, 16, 100] {
+        let mut acquisition = Acquisition::new(Bench { period_ns: PERIOD_NS * 101 / 100, ..Bench::new() });
+        drain(&mut acquisition);
+        loop_for(&mut acquisition, 300_000);
+        acquisition.board.stops = stops;
+        // Two windows of four wake-ups, and one until a moment's frames were taken.
+        let off = loop_for(&mut acquisition, 2560);
+        assert!(u64::from(error(&off)) <= stops, "{stops}");
+        let fault = acquisition.fault();
+        assert!(matches!(fault, Some((FaultCode::ConverterRestarted, 1..4000))), "{stops}: {fault:?}");
+        let after = loop_for(&mut acquisition, 100_000);
+        assert_eq!((error(&after), acquisition.fault()), (0, None), "{stops}");
+    }
+}
+
+#[test]
+fn a_converter_that_began_to_convert_afresh_is_set_up_again() {
+    let mut acquisition = started();
+    loop_for(&mut acquisition, 300_000);
+    acquisition.board.stops = 3;
+    acquisition.board.resynchronised = true;
+    let given = loop_for(&mut acquisition, 640);
+    assert_eq!(error(&given), 0, "no frame of it is given");
+    assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 1..400))));
+}
+
+#[test]
+fn a_converter_that_begins_again_before_its_first_sample_was_given_is_told() {
+    let mut acquisition = Acquisition::new(Bench { looks_at: Some(20_000), ..Bench::new() });
+    assert!(drain(&mut acquisition).is_empty());
+    assert!(loop_for(&mut acquisition, 640).is_empty(), "held back until it was looked at");
+    assert_eq!(acquisition.fault(), None);
+    acquisition.board.registers[4] = 0x0100;
+    assert!(loop_for(&mut acquisition, 1280).is_empty());
+    assert_eq!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 0)));
+    let all = loop_for(&mut acquisition, 6400);
+    assert!(all.first().is_some_and(|first| first.0 == 0) && acquisition.fault().is_none());
 }

@@ -224,6 +224,8 @@ impl Board for Chips {
     const RING_FRAMES: usize = RING_FRAMES;
     const FRAME_BYTES: usize = WORD_BYTES;
     const LEAST_TIMED: u64 = 16;
+    // A moment is late by some microseconds, of a conversion of some thousand.
+    const MOMENTS: u8 = 1;
     // Some thirty turns a second.
     const LOOK_EVERY: u8 = 1;
 

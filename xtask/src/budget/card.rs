@@ -1,8 +1,8 @@
 //! The image that records sound too: what waits for the card fills AXI SRAM, its stack and its store stand apart.
 
 use super::{
-    Figure, HARDWARE_ASLEEP, HARDWARE_CYCLES, HARDWARE_FLASH, HARDWARE_RAM, HARDWARE_REGISTER, LEAST,
-    STACK_MARGIN, thousandths, told, twin,
+    Figure, HARDWARE_ASLEEP, HARDWARE_CYCLES, HARDWARE_FLASH, HARDWARE_INTERRUPTS, HARDWARE_RAM,
+    HARDWARE_REGISTER, LEAST, MOST_IN_THREAD, STACK_MARGIN, a_conversion, thousandths, told, twin,
 };
 use crate::elf::Elf;
 use crate::firmware::{self, HARDWARE_CARD};
@@ -27,7 +27,7 @@ pub fn figures(toolchain: &Toolchain) -> Result<Vec<Figure>> {
     let elf = Elf::read(&image)?;
     let margin = (told(&said, "stack_size_bytes")? / STACK_MARGIN).floor();
     let idle = thousandths(told(&said, "idle")? * 100.0);
-    Ok(vec![
+    let mut figures = vec![
         figure("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
         figure("statics in AXI SRAM, bytes", f64::from(elf.statics_from(0x2400_0000)), Some(HARDWARE_RAM)),
         figure("statics in D2 SRAM, bytes", f64::from(elf.statics_from(0x3000_0000)), Some(D2_SRAM)),
@@ -36,10 +36,12 @@ pub fn figures(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         figure("instants missing in 5 s", told(&said, "card_missing")?, Some(0.0)),
         figure("instants wrong in 5 s", told(&said, "card_wrong")?, Some(0.0)),
         figure(
-            "a conversion: thread, instr.",
-            thousandths(told(&said, "instructions_in_thread_per_conversion")?),
-            None,
+            "interrupts a second",
+            thousandths(told(&said, "interrupts_per_s")?),
+            Some(HARDWARE_INTERRUPTS),
         ),
         figure(LEAST, idle, Some(HARDWARE_ASLEEP)),
-    ])
+    ];
+    figures.extend(a_conversion("stm32h743 card", &said, Some(MOST_IN_THREAD))?);
+    Ok(figures)
 }

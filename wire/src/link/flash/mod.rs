@@ -36,6 +36,9 @@ const MOST_SECTORS: u8 = 16;
 const MOST_MOVED: u16 = 32;
 /// Words before a sector's first record.
 const FIRST: u16 = 4;
+/// Words at a sector's end that only starts are noted in: as many follow each other before a board waits, each of them while the
+/// next sector's erasing is cut short.
+const STARTS: u16 = 8;
 
 /// Most words written between two looks at [`Flash::busy`]: a sector is opened, everything is brought along that may be, and
 /// what has changed is noted twice.
@@ -95,6 +98,8 @@ pub struct FlashStore<F, const WAITING: usize> {
     live: u16,
     /// Classes whose part of the ledger is not noted in flash.
     unnoted: [bool; CLASSES],
+    /// This start is not noted in flash.
+    start_unnoted: bool,
     /// Where the record found last stands, by class: sector and word.
     seek: Cell<[(u8, u16); CLASSES]>,
     /// A record that was asked for and cannot be read any more.
@@ -132,6 +137,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
             erasing: None,
             live: 0,
             unnoted: [false; CLASSES],
+            start_unnoted: false,
             seek: Cell::new([(0, 0); CLASSES]),
             missing: Cell::new(None),
             waiting: [const { None }; WAITING],
@@ -160,7 +166,19 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
         match self.writing {
             None => self.begin_erase(0),
             Some(_) if !self.blank => self.give_up_oldest(),
-            Some(_) => {}
+            Some(_) => self.open_for_start(),
+        }
+    }
+
+    /// A start that found no room opens the next sector, which says how many there were; else its number would be used twice.
+    fn open_for_start(&mut self) {
+        if self.start_unnoted
+            && self.blank
+            && let Some(writing) = self.writing
+        {
+            self.note();
+            self.begin_sector(next::<F>(writing.sector), writing.sequence.wrapping_add(1));
+            self.give_up_oldest();
         }
     }
 
@@ -381,7 +399,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
     fn note_start(&mut self) {
         let log = self.ledger.log;
         let numbers = [self.starts, log.unwrap_or(0), log.is_some().into()];
-        self.write(&Head { kind: Kind::Start, class: 0, length: 0, numbers }, &[]);
+        self.start_unnoted = !self.write(&Head { kind: Kind::Start, class: 0, length: 0, numbers }, &[]);
     }
 
     /// The records that wait, in order.
@@ -392,8 +410,8 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
 
     /// Whether a record could be written now; opens the next sector where the head is full.
     fn has_room(&mut self) -> bool {
-        // Room for the longest record, for what changes with it and before the next sector, and for a start.
-        let wanted = entry::words(RECORD_BYTES) + 2 * CLASSES as u16 + 1;
+        // Room for the longest record, for what changes with it and before the next sector, and for starts.
+        let wanted = entry::words(RECORD_BYTES) + 2 * CLASSES as u16 + STARTS;
         loop {
             if self.flash.busy() || self.erasing.is_some() && self.writing.is_none() {
                 return false;
@@ -426,7 +444,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
         entry::write(&mut self.flash, sector, 1, &head, &text);
         self.writing = Some(Writing { sector, sequence, word: FIRST });
         self.live |= 1 << sector;
-        self.blank = false;
+        (self.blank, self.start_unnoted) = (false, false);
     }
 
     /// Brings along what must outlast the oldest sector, and begins to erase it.
@@ -437,8 +455,12 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
             let urgent = self.each_kept(oldest, |_, class, _, _| u16::from(class <= Class::Final));
             let mut left_out = urgent.saturating_sub(MOST_MOVED);
             self.each_kept(oldest, |store, class, head, text| {
-                let mut moved = false;
-                if class <= Class::Final && left_out == 0 {
+                // Where an erase was cut short it was brought along before.
+                let number = head.numbers[0];
+                let mut moved = store.find_in(writing.sector, FIRST, F::WORDS, class, number).is_some();
+                if moved {
+                    left_out = left_out.saturating_sub(1);
+                } else if class <= Class::Final && left_out == 0 {
                     moved = store.write(&Head { kind: Kind::Moved, ..*head }, text);
                 } else if class <= Class::Final {
                     left_out -= 1;
@@ -497,6 +519,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
             self.begin_sector(sector, 1);
             self.begin_erase(next::<F>(sector));
         }
+        self.open_for_start();
     }
 
     /// Writes a record and what has changed.

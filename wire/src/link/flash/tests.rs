@@ -227,3 +227,117 @@ fn power_cut_at_every_write_loses_nothing_that_could_be_read() {
 fn power_cut_at_every_write_of_a_full_store_counts_what_is_lost() {
     assert!(cut_everywhere(330, false) > 1000);
 }
+
+/// A store whose head holds as much as it takes before the next sector is opened.
+fn with_a_full_head(acknowledged: bool) -> Tested {
+    let mut store = Tested::open(Small::new());
+    store.begin(1);
+    let mut n = 0;
+    while store.writing.is_none_or(|w| w.sequence < 3) {
+        run(&mut store, n..n + 1, acknowledged);
+        settle(&mut store);
+        n += 1;
+    }
+    let sequence = store.writing.map(|w| w.sequence);
+    loop {
+        let before = store.clone();
+        run(&mut store, n..n + 1, acknowledged);
+        settle(&mut store);
+        n += 1;
+        if store.writing.map(|w| w.sequence) != sequence {
+            return before;
+        }
+    }
+}
+
+#[test]
+fn no_start_has_the_number_of_another_however_many_follow_each_other() {
+    let mut store = with_a_full_head(true);
+    let kept = readable(&store);
+    for _ in 0..3 * 256 {
+        let before = store.starts();
+        store = Tested::open(store.into_flash());
+        assert_eq!(store.starts(), before + 1);
+        settle(&mut store);
+    }
+    let there = readable(&store);
+    let lost = kept.keys().filter(|key| !there.contains_key(key)).count() as u32;
+    assert!(lost <= store.ledger().lost.iter().sum(), "{lost} gone, {:?}", store.ledger());
+    assert_eq!(store.flash().misuses(), 0);
+}
+
+#[test]
+fn starts_are_counted_while_the_next_sector_is_never_erased_to_its_end() {
+    for acknowledged in [true, false] {
+        let mut store = with_a_full_head(acknowledged);
+        // As little room as a record leaves.
+        while store.writing.is_some_and(|w| Small::WORDS - w.word > STARTS) {
+            store.note_start();
+        }
+        // The head is full and the next sector is the one whose erasing is cut short.
+        let mut flash = store.flash().clone();
+        flash.erase(next::<Small>(store.writing.unwrap().sector));
+        flash.switch_on();
+        for _ in 0..8 {
+            let before = store.starts();
+            store = Tested::open(flash);
+            assert_eq!(store.starts(), before + 1, "{acknowledged}");
+            flash = store.flash().clone();
+            flash.switch_on();
+        }
+        // And once it is erased the number goes on from there.
+        store = Tested::open(flash);
+        let last = store.starts();
+        settle(&mut store);
+        assert!(!store.start_unnoted);
+        assert_eq!(Tested::open(store.into_flash()).starts(), last + 1, "{acknowledged}");
+    }
+}
+
+#[test]
+fn an_erase_that_is_cut_short_again_and_again_loses_no_start_and_nothing_that_is_brought_along() {
+    let mut store = Tested::open(Small::new());
+    store.begin(1);
+    // Until the first sector, full of faults, fewer than are brought along, is about to be erased.
+    let go = |store: &mut Tested, n: u32| {
+        store.append(if n < 24 { Class::Alarm } else { Class::Bearing }, 1, &[7; 100]);
+        settle(store);
+    };
+    let mut n = 0;
+    let before = loop {
+        let before = store.clone();
+        go(&mut store, n);
+        if store.flash.erases()[0] == 2 {
+            break before;
+        }
+        n += 1;
+    };
+    let erase = (before.flash.operations()..).find(|at| {
+        let mut cut = before.clone();
+        cut.flash_mut().cut_at(*at, Cut::After);
+        go(&mut cut, n);
+        cut.flash.erases()[0] == 2
+    });
+    store = before;
+    store.flash_mut().cut_at(erase.unwrap(), Cut::Before);
+    go(&mut store, n);
+    assert!(store.flash().is_off());
+    for _ in 0..24 {
+        let (before, erased) = (store.starts(), store.flash().erases()[0]);
+        let mut flash = store.into_flash();
+        flash.switch_on();
+        // One word for the start, and then the erase.
+        let erase = flash.operations() + 1;
+        flash.cut_at(erase, Cut::Before);
+        store = Tested::open(flash);
+        assert!(store.flash().is_off());
+        assert_eq!(store.starts(), before + 1);
+        assert_eq!(store.flash().erases()[0], erased + 1, "no copies, and then the erase");
+    }
+    let mut flash = store.into_flash();
+    flash.switch_on();
+    let mut store = Tested::open(flash);
+    settle(&mut store);
+    assert_eq!((store.ledger().lost[0], store.ledger().kept(Class::Alarm)), (0, 24));
+    assert_eq!(readable(&store).keys().filter(|key| key.0 == 0).count(), 24);
+}
