@@ -14,6 +14,7 @@
 //!
 //! Cost: about 300 instructions a segment.
 
+use super::change::{Change, Verdict};
 use super::estimate::{Context, Found};
 use super::search::{PairPeaks, SearchWork};
 use super::wavefront::{self, PAIR_COUNT};
@@ -72,11 +73,26 @@ pub(super) struct Agreement {
     doubted: u16,
     /// Segments that must agree until directions are told again.
     withheld: u16,
+    /// Whether channels changed.
+    change: Change,
 }
 
 impl Agreement {
     pub(super) const fn new() -> Self {
-        Self { strain: [0.0; CHANNELS], square: 0.0, averaged: 0.0, strayed: false, doubted: 0, withheld: 0 }
+        Self {
+            strain: [0.0; CHANNELS],
+            square: 0.0,
+            averaged: 0.0,
+            strayed: false,
+            doubted: 0,
+            withheld: 0,
+            change: Change::new(),
+        }
+    }
+
+    /// Takes what was stated of a bearing that was not doubted: variances along the tangents, rad².
+    pub(super) fn stated(&mut self, variance: [f32; 2]) {
+        self.change.stated(variance);
     }
 
     /// Takes a segment; how much to doubt its direction, `None` where the pairs let none be told. All four hydrophones are used.
@@ -102,12 +118,16 @@ impl Agreement {
         let contradicted = contradicting >= CONTRADICTING_PAIRS;
         let clear = !contradicted && peaks.iter().all(|own| own.peak > strong);
         let strain = if clear { self.strained(context, found, &delays) } else { None };
-        if contradicted || strain.is_some() {
+        let (verdict, changed) =
+            if contradicted { (Verdict::Tell, false) } else { self.change.take(context, found, &delays) };
+        let doubtful = contradicted || strain.is_some();
+        let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();
+        if changed || lasts {
+            let value = i64::from(CONTRADICTING);
+            sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
+        }
+        if doubtful {
             self.doubted = self.doubted.saturating_add(1);
-            if self.doubted == CONTRADICTING {
-                let value = i64::from(self.doubted);
-                sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
-            }
             if contradicted && self.doubted >= CONTRADICTING {
                 self.withheld = AGREEING;
             }
@@ -115,10 +135,14 @@ impl Agreement {
             self.doubted = 0;
             self.withheld = self.withheld.saturating_sub(1);
         }
-        if contradicted || self.withheld > 0 {
-            return None;
-        }
-        Some(strain.map_or(Doubt::NONE, |s2| Doubt { quality: 0.1, unexplained_s2: CHANNELS as f32 * s2 }))
+        let changed = match verdict {
+            _ if contradicted || self.withheld > 0 => return None,
+            Verdict::Withhold => return None,
+            Verdict::Doubt(s2) => Some(s2),
+            Verdict::Tell => None,
+        };
+        let s2 = strain.into_iter().chain(changed).reduce(f32::max);
+        Some(s2.map_or(Doubt::NONE, |s2| Doubt { quality: 0.1, unexplained_s2: CHANNELS as f32 * s2 }))
     }
 
     /// Takes the arrivals' strain into the means; the variance to assume where it lasts.

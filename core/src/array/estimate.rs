@@ -378,6 +378,10 @@ fn whole(
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
     let others = Others::Lasting { misfit: &mut memory.misfit, steady: &mut memory.steady, scatter };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
+        if doubt.quality == 1.0 {
+            let level = 1.0 - first.refined.direction[2] * first.refined.direction[2];
+            memory.agreement.stated([level * bearing.var_azimuth, bearing.var_elevation]);
+        }
         sink(Message::Bearing(bearing));
     }
 }
