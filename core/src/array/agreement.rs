@@ -31,6 +31,8 @@ const CONTRADICTING_PAIRS: usize = 3;
 const AGREEING: u16 = 8;
 /// A pair's peak farther than this from where the direction wants it is another one, samples.
 const ELSEWHERE_SAMPLES: f32 = 0.8;
+/// A single step of `refine` goes no farther than half a sample: beyond this the peak itself tells a pair's delay, samples.
+const BESIDE_SAMPLES: f32 = 0.45;
 /// Segments over which the strain is averaged, and at least.
 const AVERAGED: f32 = 12.0;
 /// A strain farther from the mean than so many times either of them, and this many samples, is another.
@@ -109,17 +111,19 @@ impl Agreement {
         let mut delays = found.refined.pair_delay;
         let mut contradicting = 0;
         for (p, ((tau, own), delay)) in found.tau.iter().zip(peaks).zip(&mut delays).enumerate() {
-            let elsewhere = m::abs(own.delay_s - tau) * plan.rate_hz > ELSEWHERE_SAMPLES;
-            if elsewhere && own.peak > strong {
+            let aside = m::abs(own.delay_s - tau) * plan.rate_hz;
+            if aside > BESIDE_SAMPLES && own.peak > strong {
                 *delay = own.delay_s;
+            }
+            if aside > ELSEWHERE_SAMPLES && own.peak > strong {
                 contradicting += usize::from(own.peak > 1.5 * search.pair_value(plan, p, *tau));
             }
         }
         let contradicted = contradicting >= CONTRADICTING_PAIRS;
-        let clear = !contradicted && peaks.iter().all(|own| own.peak > strong);
-        let strain = if clear { self.strained(context, found, &delays) } else { None };
+        let clear = peaks.iter().all(|own| own.peak > strong);
+        let strain = if clear && !contradicted { self.strained(context, found, &delays) } else { None };
         let (verdict, changed) =
-            if contradicted { (Verdict::Tell, false) } else { self.change.take(context, found, &delays) };
+            if clear { self.change.take(context, found, &delays) } else { (Verdict::Tell, false) };
         let doubtful = contradicted || strain.is_some();
         let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();
         if changed || lasts {

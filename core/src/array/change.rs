@@ -18,7 +18,7 @@
 
 use super::estimate::{Context, Found};
 use super::plan::Plan;
-use super::wavefront::{self, Direction, PAIR_COUNT};
+use super::wavefront::{self, PAIR_COUNT};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
 use crate::math::f32 as m;
@@ -28,10 +28,15 @@ const KEPT: usize = 8;
 const LEAST_KEPT: usize = 3;
 /// Longest time between two segments of one track, seconds.
 const LONGEST_S: f32 = 2.5;
-/// Segments that must say the same.
-const SURE: u8 = 4;
-/// Squared deviations beyond which the vector has jumped; within which it is where a change puts it, three and two dimensions.
+/// The same after a jump, of which segments may say nothing.
+const LONGEST_JUMP_S: f32 = 6.0;
+/// Segments that must say the same change, and most that may say another place or none after a jump.
+const SURE: u8 = 3;
+const STRAY: u8 = 2;
+/// Squared deviations beyond which the vector has jumped, within which it is back, and within which it is where a change puts
+/// it; of three dimensions, and of two.
 const JUMPED: f32 = 36.0;
+const BACK: f32 = 12.0;
 const THERE: f32 = 14.0;
 /// Delays looked for, samples.
 const DELAYS: (f32, f32) = (0.4, 8.0);
@@ -80,9 +85,10 @@ pub(super) struct Change {
     /// Where what was heard before a jump should be, since when.
     course: Course,
     since: u64,
-    /// What seems to have changed, and how many segments say so.
+    /// What seems to have changed, how many segments say so, and how many did not.
     seems: What,
     times: u8,
+    strays: u8,
     /// What did change, by what delay (seconds), and what has been heard against that since.
     what: What,
     delay_s: f32,
@@ -110,6 +116,7 @@ impl Change {
             since: 0,
             seems: NOTHING,
             times: 0,
+            strays: 0,
             what: NOTHING,
             delay_s: 0.0,
             against: 0.0,
@@ -118,7 +125,9 @@ impl Change {
 
     /// Takes what was stated of an undoubted bearing: variances along the tangents, rad².
     pub(super) fn stated(&mut self, variance: [f32; 2]) {
-        self.stated = variance;
+        if self.seems == NOTHING {
+            self.stated = variance;
+        }
     }
 
     /// Takes a segment's delays; what to do with its direction, and whether a change has just become sure.
@@ -133,25 +142,32 @@ impl Change {
         let duals = duals(plan);
         let own = vector(plan, &duals, &times(delays));
         let expected = vector(plan, &duals, &times(&found.tau));
-        let u = &found.refined.direction;
-        let radial = wavefront::dot(&own, u) - wavefront::dot(&expected, u);
-        self.hear(plan, &duals, u, &own, delays, radial);
+        let expected = length(&expected);
+        self.hear(plan, &duals, &own, delays, expected);
         let before = self.what;
         let lasted = self.past.first().map_or(f32::MAX, |(_, at)| seconds(plan, *at, context.index));
-        if self.kept > 0 && lasted > LONGEST_S {
-            (self.kept, self.seems) = (0, NOTHING);
+        let longest = if self.seems == NOTHING { LONGEST_S } else { LONGEST_JUMP_S };
+        if self.kept > 0 && lasted > longest {
+            (self.kept, self.seems, self.times, self.strays) = (0, NOTHING, 0, 0);
         }
-        let course = if self.seems == NOTHING { self.course(plan, context.index) } else { Some(self.later(plan, context.index)) };
+        let course = if self.seems == NOTHING {
+            self.course(plan, context.index)
+        } else {
+            Some(self.later(plan, context.index))
+        };
         let seems = match course {
             Some(course) if self.stated[0] > 0.0 => {
-                let e = wavefront::tangents(u);
+                let norm = length(&course.place).max(0.1);
+                let from = course.place.map(|x| x / norm);
+                let e = wavefront::tangents(&from);
                 let [a, b] = self.stated;
-                let floor = FLOOR_SAMPLES / plan.rate_hz * m::sqrt(wavefront::dot(&duals[0], &duals[0])) / plan.inv_c;
+                let floor = FLOOR_SAMPLES / plan.rate_hz * length(&duals[0]) / plan.inv_c;
                 let turn = wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
                 let more = floor * floor + turn * turn;
                 let variance = [a, b, a.min(b)].map(|v| v * (1.0 + course.factor) + more);
-                let jump = Jump { plan, duals, from: course.place, to: own, axes: [e.0, e.1, *u], variance };
-                jump.what()
+                let jump =
+                    Jump { plan, duals, from: course.place, to: own, axes: [e.0, e.1, from], variance };
+                jump.what(if self.seems == NOTHING { JUMPED } else { BACK })
             }
             _ => (NOTHING, 0.0),
         };
@@ -184,18 +200,27 @@ impl Change {
         }
     }
 
-    /// Takes what a segment shows (and the delay it shows) beside the course.
+    /// Takes what a segment shows beside the course.
     fn see(&mut self, course: Option<Course>, what: What, index: u64) {
         if what == NOTHING {
-            (self.seems, self.times) = (NOTHING, 0);
-        } else if self.seems == NOTHING {
-            self.course = course.unwrap_or_default();
-            (self.since, self.seems, self.times) = (index, what, 1);
-        } else if what != ELSEWHERE && (what == self.seems || self.times < 2) {
-            (self.seems, self.times) = (what, self.times + 1);
-        } else {
+            (self.seems, self.times, self.strays) = (NOTHING, 0, 0);
+            return;
+        }
+        if self.seems == NOTHING {
+            (self.course, self.since) = (course.unwrap_or_default(), index);
+        }
+        if what == self.seems && what != ELSEWHERE {
+            self.times += 1;
+            return;
+        }
+        // What changes in the midst of a segment is nowhere at first.
+        self.strays += 1;
+        if what != ELSEWHERE || self.seems == NOTHING {
+            (self.seems, self.times) = (what, 1);
+        }
+        if self.strays > STRAY {
             // Another vessel, or this one has turned.
-            (self.seems, self.times, self.kept) = (NOTHING, 0, 0);
+            (self.seems, self.times, self.strays, self.kept) = (NOTHING, 0, 0, 0);
         }
     }
 
@@ -208,7 +233,7 @@ impl Change {
         } else {
             (self.what, self.delay_s) = (self.seems, delay_s);
         }
-        (self.seems, self.times, self.against) = (NOTHING, 0, 0.0);
+        (self.seems, self.times, self.strays, self.against) = (NOTHING, 0, 0, 0.0);
     }
 
     /// Weighs whether what is heard since a change is strained as that would have it.
@@ -216,26 +241,26 @@ impl Change {
         &mut self,
         plan: &Plan,
         duals: &[[f32; 3]; CHANNELS],
-        u: &Direction,
         own: &[f32; 3],
         delays: &[f32; PAIR_COUNT],
-        radial: f32,
+        expected: f32,
     ) {
         if self.what == NOTHING || self.seems != NOTHING {
             return;
         }
+        let radial = length(own) - expected;
         let other = if let Some(pair) = self.what.checked_sub(EXCHANGED) {
             let mut t = times(delays);
             if let Some((i, j)) = PAIRS.get(usize::from(pair)) {
                 t.swap(*i, *j);
             }
-            let back = vector(plan, duals, &t);
-            m::sqrt(wavefront::dot(&back, &back)) - m::sqrt(wavefront::dot(own, own)) + radial
+            length(&vector(plan, duals, &t)) - expected
         } else {
             let dual = duals.get(usize::from(self.what - LATE)).unwrap_or(&[0.0; 3]);
-            radial + self.delay_s * wavefront::dot(dual, u) / plan.inv_c
+            let late = self.delay_s / plan.inv_c;
+            length(&[0, 1, 2].map(|k: usize| own[k] + late * dual[k])) - expected
         };
-        let sd = STRAIN_SAMPLES / plan.rate_hz * m::sqrt(wavefront::dot(&duals[0], &duals[0])) / plan.inv_c;
+        let sd = STRAIN_SAMPLES / plan.rate_hz * length(&duals[0]) / plan.inv_c;
         let variance = sd * sd + self.stated[0].min(self.stated[1]);
         self.against = (self.against + 0.5 * (other * other - radial * radial) / variance).max(-DECIDED);
         if self.against > DECIDED {
@@ -292,8 +317,8 @@ impl Change {
 }
 
 impl Jump<'_> {
-    /// What takes the vector there, and the delay of a late channel.
-    fn what(&self) -> (What, f32) {
+    /// What takes the vector there, if it is at `least` so many squared deviations away, and the delay of a late channel.
+    fn what(&self, least: f32) -> (What, f32) {
         let by = difference(&self.to, &self.from);
         let chi2 = |v: &[f32; 3]| {
             let parts = self.axes.iter().zip(&self.variance).map(|(axis, variance)| {
@@ -303,14 +328,16 @@ impl Jump<'_> {
             parts.sum::<f32>()
         };
         let jumped = chi2(&by);
-        if jumped < JUMPED {
+        if jumped < least {
             return (NOTHING, 0.0);
         }
         let (mut best, mut least) = ((ELSEWHERE, 0.0), THERE);
         let inner = |a: &[f32; 3], b: &[f32; 3]| {
-            let parts = self.axes.iter().zip(&self.variance).map(|(axis, variance)| {
-                wavefront::dot(a, axis) * wavefront::dot(b, axis) / variance
-            });
+            let parts = self
+                .axes
+                .iter()
+                .zip(&self.variance)
+                .map(|(axis, variance)| wavefront::dot(a, axis) * wavefront::dot(b, axis) / variance);
             parts.sum::<f32>()
         };
         for (dual, what) in self.duals.iter().zip(LATE..) {
@@ -339,6 +366,10 @@ impl Jump<'_> {
 
 fn difference(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn length(v: &[f32; 3]) -> f32 {
+    m::sqrt(wavefront::dot(v, v))
 }
 
 fn seconds(plan: &Plan, from: u64, to: u64) -> f32 {

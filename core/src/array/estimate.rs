@@ -32,6 +32,9 @@ const SECOND_EVERY: u32 = 8;
 const OTHER_SOURCE_CELLS: f32 = 10.0;
 /// Least coherence by which the moment of a bearing is doubted: below it the bearing itself is as uncertain.
 const LEAST_COHERENCE: f32 = 0.1;
+/// Standard deviation of the moment where the frames' powers do not tell it: by so much a propeller's beat moves it, seconds.
+const UNKNOWN_MOMENT_S: f32 = 0.1;
+
 /// What is remembered between segments (about 1 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct Memory {
@@ -66,6 +69,8 @@ pub(crate) struct Memory {
     pub(crate) sick: Sick,
     /// Whether the last segment held a burst.
     burst: bool,
+    /// Hydrophones left out when the last segment ended.
+    without: u8,
 }
 
 /// Work space over bins (4 KiB).
@@ -111,6 +116,7 @@ impl Memory {
             segments: 0,
             sick: Sick::new(),
             burst: false,
+            without: 0,
         }
     }
 
@@ -263,6 +269,8 @@ pub(crate) fn segment(
     shortened: bool,
     sink: &mut impl FnMut(Message),
 ) {
+    let without = spectra.added.dead | memory.sick.out();
+    let alike = core::mem::replace(&mut memory.without, without) == without;
     let share = spectra.added.frames as f32 / plan.nominal_frames * if shortened { 2.0 } else { 1.0 };
     let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN;
     // What a burst leaves fades away over the next segment.
@@ -324,7 +332,12 @@ pub(crate) fn segment(
         memory.sick.take(plan, sign, vessel, context.index, sink);
     }
     if let Some(first) = &first {
-        let heard = heard(&context, spectra, start, centre, first.mean);
+        let heard = if alike {
+            heard(&context, spectra, start, centre, first.mean)
+        } else {
+            // The powers of its two steps are not of the same hydrophones.
+            Context { moment_sd_s: UNKNOWN_MOMENT_S, ..context }
+        };
         whole(heard, memory, first, doubt, spectra, scratch, sink);
     }
     // Either uses the spectra up.
