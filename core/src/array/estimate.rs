@@ -220,6 +220,9 @@ pub(super) struct Context<'a> {
     pub(super) moment_sd_s: f32,
     /// Depth of the source and its standard deviation, metres, where it is known.
     pub(super) depth: Option<(f32, f32)>,
+    /// By how much nearer to the source than half-way to its image both are heard because that is fainter, in units of the angle
+    /// between them, and the standard deviation.
+    pub(super) loss: (f32, f32),
     pub(super) flags: u8,
 }
 
@@ -289,6 +292,7 @@ pub(crate) fn segment(
         index: start.saturating_add(centre),
         moment_sd_s: 0.0,
         depth: None,
+        loss: (0.0, 0.0),
         flags: u8::from(spectra.added.clipped)
             | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) * BRIDGED)
             | (u8::from(shortened) * SHORTENED),
@@ -385,6 +389,15 @@ fn whole(
             fringes::depth_m(plan, spectra, first.refined.direction[2], first.mean, &mut scratch.work);
         memory.depth.take(depth_m);
         context.depth = memory.depth.known();
+        if let Some((d, _)) = context.depth {
+            let (apart, usual) = report::image(plan, &first.refined.direction, d);
+            let weight = &scratch.spectrum.weight;
+            if let Some(seen) = fringes::loss(&context, first, spectra, weight, apart, &mut scratch.work) {
+                memory.depth.take_loss(&seen);
+                let (loss, sd) = memory.depth.loss(usual);
+                context.loss = (seen.nearer * loss, seen.nearer * sd);
+            }
+        }
     }
     let spectrum = &scratch.spectrum;
     let scatter = (memory.other.is_some() || memory.misfit > report::DISAGREEING)

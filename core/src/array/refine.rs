@@ -15,6 +15,7 @@ use super::spectra::{BinRun, Spectra};
 use super::transform::RUN;
 use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::math::f32 as m;
+use microfft::Complex32;
 
 /// Least share of noise assumed (17 dB signal-to-noise ratio): above it multipath limits, not noise.
 pub(crate) const LEAST_NOISE: f32 = 0.02;
@@ -239,6 +240,29 @@ pub(crate) fn arrival_variance(
     let variance =
         Variance { arrival: scatter * scale / information, pair: pair_scatter * scale / information };
     (variance.arrival.is_finite() && variance.pair.is_finite()).then_some(variance)
+}
+
+/// How each bin's steered cross-spectra push along a change `g` of the pairs' delays, unweighted, into the real parts of `out`.
+pub(super) fn push(
+    plan: &Plan,
+    band: &Band,
+    g: &Spectra,
+    tau: &[f32; PAIR_COUNT],
+    along: &[f32; PAIR_COUNT],
+    out: &mut [Complex32],
+) {
+    out.iter_mut().for_each(|z| z.re = 0.0);
+    let runs = band.runs();
+    for (p, (tau, along)) in tau.iter().zip(along).enumerate() {
+        let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
+        let out = out.as_chunks_mut::<RUN>().0.get_mut(runs.clone()).unwrap_or(&mut []);
+        for (out, run) in out.iter_mut().zip(g.part(&runs)) {
+            for i in 0..RUN {
+                let (s, c) = phasor.next();
+                out[i].re += along * (run.re[p][i] * s + run.im[p][i] * c);
+            }
+        }
+    }
 }
 
 /// Runs over whose bins what is not noise keeps its phase: a source that stands elsewhere turns against the pair's delay with
