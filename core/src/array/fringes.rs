@@ -41,7 +41,9 @@ const SD: f32 = 0.01;
 /// Segments over which the image's loss is gathered, samples shared with a neighbour counted twice, and what it is beyond that of its longer way, before anything tells.
 const REMEMBERED: f32 = 64.0;
 const SHARED: f32 = 2.0;
-const LOSS_SD: f32 = 0.1;
+const LOSS_SD: f32 = 0.15;
+/// Share of what is found beyond that which its model may have wrong.
+const MODEL_SD: f32 = 0.1;
 /// Least share of the mean power that a bin between fringes is taken to have, as a quotient.
 const DARKEST: f32 = 8.0;
 
@@ -93,7 +95,8 @@ impl Depth {
         let information = self.information / SHARED;
         let known = prior + information;
         let loss = (prior * usual + self.lost / SHARED) / known;
-        (loss.max(usual).min(0.5), m::sqrt(1.0 / known))
+        let loss = loss.max(usual).min(0.5);
+        (loss, m::hypot(m::sqrt(1.0 / known), MODEL_SD * (loss - usual)))
     }
 }
 
