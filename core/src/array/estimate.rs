@@ -396,6 +396,10 @@ fn whole(
                 memory.depth.take_loss(&seen);
                 let (loss, sd) = memory.depth.loss(usual);
                 context.loss = (seen.nearer * loss, seen.nearer * sd);
+                // The fringes are not those of vessel and image alone.
+                if seen.unexplained > fringes::THIRD_PATH {
+                    context.depth = None;
+                }
             }
         }
     }

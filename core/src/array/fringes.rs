@@ -43,7 +43,9 @@ const REMEMBERED: f32 = 64.0;
 const SHARED: f32 = 2.0;
 const LOSS_SD: f32 = 0.15;
 /// Share of what is found beyond that which its model may have wrong.
-const MODEL_SD: f32 = 0.1;
+const MODEL_SD: f32 = 0.07;
+/// What [`Loss`] leaves unexplained of two paths is up to 2.
+pub(super) const THIRD_PATH: f32 = 4.0;
 /// Least share of the mean power that a bin between fringes is taken to have, as a quotient.
 const DARKEST: f32 = 8.0;
 
@@ -110,6 +112,9 @@ pub(super) struct Loss {
     information: f32,
     /// How much nearer the vessel the whole band is heard for a unit of the loss, in units of the angle between the two.
     pub(super) nearer: f32,
+    /// By how much the cross-spectra's push up and down varies over the bins more than noise and the loss make it, as a ratio of variances: a
+    /// third path, an echo off the bottom, makes it tens.
+    pub(super) unexplained: f32,
 }
 
 /// What the whitened cross-spectra about a source `found`, whose image is `apart` (radians) above it, tell of the image's loss, by the refinement's
@@ -134,11 +139,13 @@ pub(super) fn loss(
     // Mean power over a bin's own, and its mean.
     let mut mean = 0.0;
     for k in band.low..band.high {
-        let share = mean_power(plan, sums, k).map_or(1.0, |(mean, own)| (mean / own.max(1e-3 * mean)).min(DARKEST));
+        let share =
+            mean_power(plan, sums, k).map_or(1.0, |(mean, own)| (mean / own.max(1e-3 * mean)).min(DARKEST));
         mean += share;
         values.get_mut(k)?.im = share;
     }
-    let noise = (1.0 - found.mean).max(refine::LEAST_NOISE) / (mean / band.high.saturating_sub(band.low).max(1) as f32);
+    let noise = (1.0 - found.mean).max(refine::LEAST_NOISE)
+        / (mean / band.high.saturating_sub(band.low).max(1) as f32);
     let (mut upper, mut lower) = (0.0f32, 0.0f32);
     let bins = |k: usize| values.get(k).map_or((0.0, 0.0), |z| (z.re, z.im));
     let coherence = |share: f32| (1.0 - noise * share).max(refine::LEAST_NOISE);
@@ -152,7 +159,7 @@ pub(super) fn loss(
         return None;
     }
     let nearer = upper / lower;
-    let (mut product, mut information) = (0.0f32, 0.0f32);
+    let (mut product, mut information, mut seen) = (0.0f32, 0.0f32, 0.0f32);
     for k in band.low..band.high {
         let (push, share) = bins(k);
         let c = coherence(share);
@@ -160,15 +167,22 @@ pub(super) fn loss(
         let known = 1.0 / (1.0 - c * c).max(refine::LEAST_NOISE);
         product += push * does * known;
         information += does * does * known;
+        seen += push * push * known;
     }
     let scale = 2.0 * context.snapshots / turn.max(f32::MIN_POSITIVE);
+    let bins = band.high.saturating_sub(band.low).max(1) as f32;
+    let left = seen - product * product / information.max(f32::MIN_POSITIVE);
+    let unexplained = (scale * left / bins).max(1.0);
+    let scale = scale / unexplained;
     let (product, information) = (scale * product, scale * information);
-    (product.is_finite() && information.is_finite()).then_some(Loss { product, information, nearer })
+    let finite = product.is_finite() && information.is_finite() && unexplained.is_finite();
+    finite.then_some(Loss { product, information, nearer, unexplained })
 }
 
 /// Running mean of the flattened power about a bin, and its own.
 fn mean_power(plan: &Plan, sums: &[Complex32], k: usize) -> Option<(f32, f32)> {
-    let (from, to) = (k.saturating_sub(MEAN_BINS).max(plan.whole.low), (k + MEAN_BINS + 1).min(plan.whole.high));
+    let (from, to) =
+        (k.saturating_sub(MEAN_BINS).max(plan.whole.low), (k + MEAN_BINS + 1).min(plan.whole.high));
     let (a, b, own) = (sums.get(from)?, sums.get(to)?, sums.get(k)?);
     Some(((b.re - a.re) / to.saturating_sub(from).max(1) as f32, own.im))
 }
