@@ -423,3 +423,7 @@ fn vector(plan: &Plan, duals: &[[f32; 3]; CHANNELS], times: &[f32; CHANNELS]) ->
     }
     out
 }
+
+#[cfg(test)]
+#[path = "change_tests.rs"]
+mod tests;
