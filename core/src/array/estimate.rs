@@ -397,7 +397,8 @@ fn whole(
                 let (loss, sd) = memory.depth.loss(usual);
                 context.loss = (seen.nearer * loss, seen.nearer * sd);
                 // The fringes are not those of vessel and image alone.
-                if seen.unexplained > fringes::THIRD_PATH {
+                let vessels = if memory.other.is_some() { 2.0 } else { 1.0 };
+                if seen.unexplained > vessels * fringes::THIRD_PATH {
                     context.depth = None;
                 }
             }
