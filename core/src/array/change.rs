@@ -201,6 +201,7 @@ impl Change {
     }
 
     /// Takes what a segment shows beside the course.
+    #[inline(never)]
     fn see(&mut self, course: Option<Course>, what: What, index: u64) {
         if what == NOTHING {
             (self.seems, self.times, self.strays) = (NOTHING, 0, 0);
@@ -237,6 +238,7 @@ impl Change {
     }
 
     /// Weighs whether what is heard since a change is strained as that would have it.
+    #[inline(never)]
     fn hear(
         &mut self,
         plan: &Plan,
@@ -269,6 +271,7 @@ impl Change {
     }
 
     /// The course that the segments before the last one tell, at sample `index`.
+    #[inline(never)]
     fn course(&self, plan: &Plan, index: u64) -> Option<Course> {
         let used = self.past.get(1..self.kept).filter(|past| past.len() >= LEAST_KEPT)?;
         let n = used.len() as f32;
@@ -296,6 +299,7 @@ impl Change {
     }
 
     /// The course from before a jump, at sample `index`.
+    #[inline(never)]
     fn later(&self, plan: &Plan, index: u64) -> Course {
         let t = seconds(plan, self.since, index);
         let mut course = self.course;
@@ -309,6 +313,7 @@ impl Change {
         course
     }
 
+    #[inline(never)]
     fn keep(&mut self, own: &[f32; 3], index: u64) {
         self.past.rotate_right(1);
         self.past[0] = (*own, index);
@@ -317,32 +322,29 @@ impl Change {
 }
 
 impl Jump<'_> {
+    /// Product of two vectors, each in standard deviations.
+    #[inline(never)]
+    fn inner(&self, a: &[f32; 3], b: &[f32; 3]) -> f32 {
+        let mut sum = 0.0;
+        for (axis, variance) in self.axes.iter().zip(&self.variance) {
+            sum += wavefront::dot(a, axis) * wavefront::dot(b, axis) / variance;
+        }
+        sum
+    }
+
     /// What takes the vector there, if it is at `least` so many squared deviations away, and the delay of a late channel.
+    #[inline(never)]
     fn what(&self, least: f32) -> (What, f32) {
         let by = difference(&self.to, &self.from);
-        let chi2 = |v: &[f32; 3]| {
-            let parts = self.axes.iter().zip(&self.variance).map(|(axis, variance)| {
-                let along = wavefront::dot(v, axis);
-                along * along / variance
-            });
-            parts.sum::<f32>()
-        };
+        let chi2 = |v: &[f32; 3]| self.inner(v, v);
         let jumped = chi2(&by);
         if jumped < least {
             return (NOTHING, 0.0);
         }
         let (mut best, mut least) = ((ELSEWHERE, 0.0), THERE);
-        let inner = |a: &[f32; 3], b: &[f32; 3]| {
-            let parts = self
-                .axes
-                .iter()
-                .zip(&self.variance)
-                .map(|(axis, variance)| wavefront::dot(a, axis) * wavefront::dot(b, axis) / variance);
-            parts.sum::<f32>()
-        };
         for (dual, what) in self.duals.iter().zip(LATE..) {
             let per_s = dual.map(|x| -x / self.plan.inv_c);
-            let delay_s = inner(&per_s, &by) / inner(&per_s, &per_s).max(f32::MIN_POSITIVE);
+            let delay_s = self.inner(&per_s, &by) / self.inner(&per_s, &per_s).max(f32::MIN_POSITIVE);
             let left = difference(&by, &per_s.map(|x| delay_s * x));
             let samples = m::abs(delay_s) * self.plan.rate_hz;
             if chi2(&left) < least && samples > DELAYS.0 && samples < DELAYS.1 {
@@ -364,10 +366,12 @@ impl Jump<'_> {
     }
 }
 
+#[inline(never)]
 fn difference(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+#[inline(never)]
 fn length(v: &[f32; 3]) -> f32 {
     m::sqrt(wavefront::dot(v, v))
 }
@@ -377,6 +381,7 @@ fn seconds(plan: &Plan, from: u64, to: u64) -> f32 {
 }
 
 /// Arrival times about their mean that fit the pairs' delays best.
+#[inline(never)]
 fn times(delays: &[f32; PAIR_COUNT]) -> [f32; CHANNELS] {
     let mut out = [0.0f32; CHANNELS];
     for (delay, (i, j)) in delays.iter().zip(PAIRS) {
@@ -395,11 +400,13 @@ fn times(delays: &[f32; PAIR_COUNT]) -> [f32; CHANNELS] {
 }
 
 /// Arrival times (seconds) of a plane wave of this vector.
+#[inline(never)]
 fn arrivals(plan: &Plan, vector: &[f32; 3]) -> [f32; CHANNELS] {
     plan.geometry.position_m.map(|h| -plan.inv_c * wavefront::dot(&h, vector))
 }
 
 /// Vectors whose products with the hydrophones' places are 1 for the own one and 0 for the others', up to a constant: 1/m.
+#[inline(never)]
 fn duals(plan: &Plan) -> [[f32; 3]; CHANNELS] {
     let [o, a, b, c] = &plan.geometry.position_m;
     let (a, b, c) = (difference(a, o), difference(b, o), difference(c, o));
@@ -414,6 +421,7 @@ fn duals(plan: &Plan) -> [[f32; 3]; CHANNELS] {
 }
 
 /// The vector that arrival times (seconds) are of: the direction, where they are of a plane wave.
+#[inline(never)]
 fn vector(plan: &Plan, duals: &[[f32; 3]; CHANNELS], times: &[f32; CHANNELS]) -> [f32; 3] {
     let mut out = [0.0; 3];
     for (dual, t) in duals.iter().zip(times) {

@@ -119,6 +119,7 @@ pub(super) struct Loss {
 
 /// What the whitened cross-spectra about a source `found`, whose image is `apart` (radians) above it, tell of the image's loss, by the refinement's
 /// weights. `work` is used up.
+#[inline(never)]
 pub(super) fn loss(
     context: &Context<'_>,
     found: &Found,
@@ -135,6 +136,7 @@ pub(super) fn loss(
     let turn = g2.iter().map(|x| x * x).sum::<f32>();
     let (values, sums) = work.split_first_chunk_mut::<FRAME>()?;
     flattened(plan, g, sums);
+    values.fill(Complex32::new(0.0, 0.0));
     refine::push(plan, band, g, &found.tau, &g2, values);
     // Mean power over a bin's own, and its mean.
     let mut mean = 0.0;
@@ -180,6 +182,7 @@ pub(super) fn loss(
 }
 
 /// Running mean of the flattened power about a bin, and its own.
+#[inline(never)]
 fn mean_power(plan: &Plan, sums: &[Complex32], k: usize) -> Option<(f32, f32)> {
     let (from, to) =
         (k.saturating_sub(MEAN_BINS).max(plan.whole.low), (k + MEAN_BINS + 1).min(plan.whole.high));

@@ -80,6 +80,7 @@ struct Phasor {
 }
 
 impl Phasor {
+    #[inline(never)]
     fn new(plan: &Plan, tau: f32, first_bin: usize) -> Self {
         let (sine_of_step, cosine_of_step) = m::sin_cos(plan.bin_rad_s * tau);
         let (sine, cosine) = m::sin_cos(plan.bin_rad_s * tau * first_bin as f32);
@@ -105,7 +106,8 @@ pub(crate) fn coherence(
 ) {
     out.fill(0.0);
     let runs = band.runs();
-    for (p, tau) in tau.iter().enumerate() {
+    // Those not used are 0; asked for one by one, the six are not written out in the image.
+    for (p, tau) in tau.iter().enumerate().filter(|(p, _)| band.used.pair(*p)) {
         let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
         let out = out.as_chunks_mut::<RUN>().0.get_mut(runs.clone()).unwrap_or(&mut []);
         for (out, run) in out.iter_mut().zip(g.part(&runs)) {
@@ -242,7 +244,8 @@ pub(crate) fn arrival_variance(
     (variance.arrival.is_finite() && variance.pair.is_finite()).then_some(variance)
 }
 
-/// How each bin's steered cross-spectra push along a change `g` of the pairs' delays, unweighted, into the real parts of `out`.
+/// How each bin's steered cross-spectra push along a change of the pairs' delays, unweighted, into the real parts of `out`.
+#[inline(never)]
 pub(super) fn push(
     plan: &Plan,
     band: &Band,
@@ -251,15 +254,17 @@ pub(super) fn push(
     along: &[f32; PAIR_COUNT],
     out: &mut [Complex32],
 ) {
-    out.iter_mut().for_each(|z| z.re = 0.0);
     let runs = band.runs();
-    for (p, (tau, along)) in tau.iter().zip(along).enumerate() {
-        let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
-        let out = out.as_chunks_mut::<RUN>().0.get_mut(runs.clone()).unwrap_or(&mut []);
-        for (out, run) in out.iter_mut().zip(g.part(&runs)) {
-            for i in 0..RUN {
+    let start = runs.start * RUN;
+    for (p, (tau, along)) in tau.iter().zip(along).enumerate().filter(|(p, _)| band.used.pair(*p)) {
+        let mut phasor = Phasor::new(plan, *tau, start);
+        let mut out = out.iter_mut().skip(start);
+        for run in g.part(&runs) {
+            let (Some(re), Some(im)) = (run.re.get(p), run.im.get(p)) else { continue };
+            for (re, im) in re.iter().zip(im) {
                 let (s, c) = phasor.next();
-                out[i].re += along * (run.re[p][i] * s + run.im[p][i] * c);
+                let Some(out) = out.next() else { return };
+                out.re += along * (re * s + im * c);
             }
         }
     }
