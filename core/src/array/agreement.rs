@@ -14,6 +14,7 @@
 //!
 //! Cost: about 300 instructions a segment.
 
+use super::change::{Change, Verdict};
 use super::estimate::{Context, Found};
 use super::search::{PairPeaks, SearchWork};
 use super::wavefront::{self, PAIR_COUNT};
@@ -30,6 +31,8 @@ const CONTRADICTING_PAIRS: usize = 3;
 const AGREEING: u16 = 8;
 /// A pair's peak farther than this from where the direction wants it is another one, samples.
 const ELSEWHERE_SAMPLES: f32 = 0.8;
+/// A single step of `refine` goes no farther than half a sample: beyond this the peak itself tells a pair's delay, samples.
+const BESIDE_SAMPLES: f32 = 0.45;
 /// Segments over which the strain is averaged, and at least.
 const AVERAGED: f32 = 12.0;
 /// A strain farther from the mean than so many times either of them, and this many samples, is another.
@@ -72,11 +75,26 @@ pub(super) struct Agreement {
     doubted: u16,
     /// Segments that must agree until directions are told again.
     withheld: u16,
+    /// Whether channels changed.
+    change: Change,
 }
 
 impl Agreement {
     pub(super) const fn new() -> Self {
-        Self { strain: [0.0; CHANNELS], square: 0.0, averaged: 0.0, strayed: false, doubted: 0, withheld: 0 }
+        Self {
+            strain: [0.0; CHANNELS],
+            square: 0.0,
+            averaged: 0.0,
+            strayed: false,
+            doubted: 0,
+            withheld: 0,
+            change: Change::new(),
+        }
+    }
+
+    /// Takes what was stated of a bearing that was not doubted: variances along the tangents, rad².
+    pub(super) fn stated(&mut self, variance: [f32; 2]) {
+        self.change.stated(variance);
     }
 
     /// Takes a segment; how much to doubt its direction, `None` where the pairs let none be told. All four hydrophones are used.
@@ -93,21 +111,27 @@ impl Agreement {
         let mut delays = found.refined.pair_delay;
         let mut contradicting = 0;
         for (p, ((tau, own), delay)) in found.tau.iter().zip(peaks).zip(&mut delays).enumerate() {
-            let elsewhere = m::abs(own.delay_s - tau) * plan.rate_hz > ELSEWHERE_SAMPLES;
-            if elsewhere && own.peak > strong {
+            let aside = m::abs(own.delay_s - tau) * plan.rate_hz;
+            if aside > BESIDE_SAMPLES && own.peak > strong {
                 *delay = own.delay_s;
+            }
+            if aside > ELSEWHERE_SAMPLES && own.peak > strong {
                 contradicting += usize::from(own.peak > 1.5 * search.pair_value(plan, p, *tau));
             }
         }
         let contradicted = contradicting >= CONTRADICTING_PAIRS;
-        let clear = !contradicted && peaks.iter().all(|own| own.peak > strong);
-        let strain = if clear { self.strained(context, found, &delays) } else { None };
-        if contradicted || strain.is_some() {
+        let clear = peaks.iter().all(|own| own.peak > strong);
+        let strain = if clear && !contradicted { self.strained(context, found, &delays) } else { None };
+        let (verdict, changed) =
+            if clear { self.change.take(context, found, &delays) } else { (Verdict::Tell, false) };
+        let doubtful = contradicted || strain.is_some();
+        let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();
+        if changed || lasts {
+            let value = i64::from(CONTRADICTING);
+            sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
+        }
+        if doubtful {
             self.doubted = self.doubted.saturating_add(1);
-            if self.doubted == CONTRADICTING {
-                let value = i64::from(self.doubted);
-                sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
-            }
             if contradicted && self.doubted >= CONTRADICTING {
                 self.withheld = AGREEING;
             }
@@ -115,10 +139,14 @@ impl Agreement {
             self.doubted = 0;
             self.withheld = self.withheld.saturating_sub(1);
         }
-        if contradicted || self.withheld > 0 {
-            return None;
-        }
-        Some(strain.map_or(Doubt::NONE, |s2| Doubt { quality: 0.1, unexplained_s2: CHANNELS as f32 * s2 }))
+        let changed = match verdict {
+            _ if contradicted || self.withheld > 0 => return None,
+            Verdict::Withhold => return None,
+            Verdict::Doubt(s2) => Some(s2),
+            Verdict::Tell => None,
+        };
+        let s2 = strain.into_iter().chain(changed).reduce(f32::max);
+        Some(s2.map_or(Doubt::NONE, |s2| Doubt { quality: 0.1, unexplained_s2: CHANNELS as f32 * s2 }))
     }
 
     /// Takes the arrivals' strain into the means; the variance to assume where it lasts.

@@ -32,6 +32,9 @@ const SECOND_EVERY: u32 = 8;
 const OTHER_SOURCE_CELLS: f32 = 10.0;
 /// Least coherence by which the moment of a bearing is doubted: below it the bearing itself is as uncertain.
 const LEAST_COHERENCE: f32 = 0.1;
+/// Standard deviation of the moment where the frames' powers do not tell it: by so much a propeller's beat moves it, seconds.
+const UNKNOWN_MOMENT_S: f32 = 0.1;
+
 /// What is remembered between segments (about 1 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct Memory {
@@ -66,6 +69,8 @@ pub(crate) struct Memory {
     pub(crate) sick: Sick,
     /// Whether the last segment held a burst.
     burst: bool,
+    /// Hydrophones left out when the last segment ended.
+    without: u8,
 }
 
 /// Work space over bins (4 KiB).
@@ -111,6 +116,7 @@ impl Memory {
             segments: 0,
             sick: Sick::new(),
             burst: false,
+            without: 0,
         }
     }
 
@@ -214,6 +220,9 @@ pub(super) struct Context<'a> {
     pub(super) moment_sd_s: f32,
     /// Depth of the source and its standard deviation, metres, where it is known.
     pub(super) depth: Option<(f32, f32)>,
+    /// By how much nearer to the source than half-way to its image both are heard because that is fainter, in units of the angle
+    /// between them, and the standard deviation.
+    pub(super) loss: (f32, f32),
     pub(super) flags: u8,
 }
 
@@ -263,6 +272,8 @@ pub(crate) fn segment(
     shortened: bool,
     sink: &mut impl FnMut(Message),
 ) {
+    let without = spectra.added.dead | memory.sick.out();
+    let alike = core::mem::replace(&mut memory.without, without) == without;
     let share = spectra.added.frames as f32 / plan.nominal_frames * if shortened { 2.0 } else { 1.0 };
     let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN;
     // What a burst leaves fades away over the next segment.
@@ -281,6 +292,7 @@ pub(crate) fn segment(
         index: start.saturating_add(centre),
         moment_sd_s: 0.0,
         depth: None,
+        loss: (0.0, 0.0),
         flags: u8::from(spectra.added.clipped)
             | (u8::from(spectra.added.bridged || share < WHOLE_SHARE) * BRIDGED)
             | (u8::from(shortened) * SHORTENED),
@@ -324,7 +336,12 @@ pub(crate) fn segment(
         memory.sick.take(plan, sign, vessel, context.index, sink);
     }
     if let Some(first) = &first {
-        let heard = heard(&context, spectra, start, centre, first.mean);
+        let heard = if alike {
+            heard(&context, spectra, start, centre, first.mean)
+        } else {
+            // The powers of its two steps are not of the same hydrophones.
+            Context { moment_sd_s: UNKNOWN_MOMENT_S, ..context }
+        };
         whole(heard, memory, first, doubt, spectra, scratch, sink);
     }
     // Either uses the spectra up.
@@ -372,12 +389,30 @@ fn whole(
             fringes::depth_m(plan, spectra, first.refined.direction[2], first.mean, &mut scratch.work);
         memory.depth.take(depth_m);
         context.depth = memory.depth.known();
+        if let Some((d, _)) = context.depth {
+            let (apart, usual) = report::image(plan, &first.refined.direction, d);
+            let weight = &scratch.spectrum.weight;
+            if let Some(seen) = fringes::loss(&context, first, spectra, weight, apart, &mut scratch.work) {
+                memory.depth.take_loss(&seen);
+                let (loss, sd) = memory.depth.loss(usual);
+                context.loss = (seen.nearer * loss, seen.nearer * sd);
+                // The fringes are not those of vessel and image alone.
+                let vessels = if memory.other.is_some() { 2.0 } else { 1.0 };
+                if seen.unexplained > vessels * fringes::THIRD_PATH {
+                    context.depth = None;
+                }
+            }
+        }
     }
     let spectrum = &scratch.spectrum;
     let scatter = (memory.other.is_some() || memory.misfit > report::DISAGREEING)
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
     let others = Others::Lasting { misfit: &mut memory.misfit, steady: &mut memory.steady, scatter };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
+        if doubt.quality == 1.0 {
+            let level = 1.0 - first.refined.direction[2] * first.refined.direction[2];
+            memory.agreement.stated([level * bearing.var_azimuth, bearing.var_elevation]);
+        }
         sink(Message::Bearing(bearing));
     }
 }

@@ -9,10 +9,12 @@
 //!
 //! Cost: one transform of 512 points and some 60 instructions a bin, 45 000 a segment.
 
+use super::estimate::{Context, Found};
 use super::plan::{BINS, FRAME, Plan};
 use super::refine;
 use super::spectra::Spectra;
 use super::transform::{self, Work};
+use super::wavefront;
 use crate::math::f32 as m;
 use microfft::Complex32;
 
@@ -36,17 +38,31 @@ const SAME: f32 = 0.15;
 /// Relative standard deviation of a depth believed: the elevation that goes into it.
 const SD: f32 = 0.01;
 
+/// Segments over which the image's loss is gathered, samples shared with a neighbour counted twice, and what it is beyond that of its longer way, before anything tells.
+const REMEMBERED: f32 = 64.0;
+const SHARED: f32 = 2.0;
+const LOSS_SD: f32 = 0.15;
+/// Share of what is found beyond that which its model may have wrong.
+const MODEL_SD: f32 = 0.07;
+/// What [`Loss`] leaves unexplained of two paths is up to 2.
+pub(super) const THIRD_PATH: f32 = 4.0;
+/// Least share of the mean power that a bin between fringes is taken to have, as a quotient.
+const DARKEST: f32 = 8.0;
+
 /// What the segments so far say of the vessel now heard.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Depth {
     mean_m: f32,
     /// Segments in the mean.
     agreed: f32,
+    /// Sums over segments of what tells the image's loss: products with what it does, and squares of that.
+    lost: f32,
+    information: f32,
 }
 
 impl Depth {
     /// Nothing.
-    pub(super) const UNKNOWN: Self = Self { mean_m: 0.0, agreed: 0.0 };
+    pub(super) const UNKNOWN: Self = Self { mean_m: 0.0, agreed: 0.0, lost: 0.0, information: 0.0 };
 
     /// Takes a segment's depth, if it tells one.
     pub(super) fn take(&mut self, depth_m: Option<f32>) {
@@ -55,7 +71,7 @@ impl Depth {
             // Another vessel, or one of the two was wrong: the mean is given up where it was hardly begun or is gainsaid as often.
             self.agreed -= 1.0;
             if self.agreed <= 0.0 {
-                *self = Self { mean_m: depth_m, agreed: 1.0 };
+                *self = Self { mean_m: depth_m, agreed: 1.0, ..Self::UNKNOWN };
             }
             return;
         }
@@ -67,6 +83,111 @@ impl Depth {
     pub(super) fn known(&self) -> Option<(f32, f32)> {
         (self.agreed >= AGREEING).then_some((self.mean_m, SD * self.mean_m))
     }
+
+    /// Takes what a segment tells of the image's loss.
+    pub(super) fn take_loss(&mut self, loss: &Loss) {
+        self.lost += loss.product - self.lost / REMEMBERED;
+        self.information += loss.information - self.information / REMEMBERED;
+    }
+
+    /// The image's loss (see [`Loss`]) and its standard deviation, if it is `usual` because of its longer way alone.
+    pub(super) fn loss(&self, usual: f32) -> (f32, f32) {
+        let prior = 1.0 / (LOSS_SD * LOSS_SD);
+        // Neighbouring segments share their halves.
+        let information = self.information / SHARED;
+        let known = prior + information;
+        let loss = (prior * usual + self.lost / SHARED) / known;
+        let loss = loss.max(usual).min(0.5);
+        (loss, m::hypot(m::sqrt(1.0 / known), MODEL_SD * (loss - usual)))
+    }
+}
+
+/// What a segment tells of how much fainter the image is than the vessel: of `(1 − r²)/2(1 + r²)` where it has r of the vessel's
+/// amplitude. Vessel and image of one strength are heard from half-way between them at any frequency; where the image is
+/// fainter, the sound comes from nearer the vessel, by that loss over the power that both together have there, in units of its mean: between the fringes,
+/// where they nearly cancel, from beyond the vessel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Loss {
+    product: f32,
+    information: f32,
+    /// How much nearer the vessel the whole band is heard for a unit of the loss, in units of the angle between the two.
+    pub(super) nearer: f32,
+    /// By how much the cross-spectra's push up and down varies over the bins more than noise and the loss make it, as a ratio of variances: a
+    /// third path, an echo off the bottom, makes it tens.
+    pub(super) unexplained: f32,
+}
+
+/// What the whitened cross-spectra about a source `found`, whose image is `apart` (radians) above it, tell of the image's loss, by the refinement's
+/// weights. `work` is used up.
+#[inline(never)]
+pub(super) fn loss(
+    context: &Context<'_>,
+    found: &Found,
+    g: &Spectra,
+    weight: &[f32; BINS],
+    apart: f32,
+    work: &mut Work,
+) -> Option<Loss> {
+    let (plan, band) = (context.plan, context.band);
+    let direction = &found.refined.direction;
+    let (curvature, _) = context.curvature(direction);
+    let up = wavefront::tangents(direction).1;
+    let g2 = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, direction, &up, curvature));
+    let turn = g2.iter().map(|x| x * x).sum::<f32>();
+    let (values, sums) = work.split_first_chunk_mut::<FRAME>()?;
+    flattened(plan, g, sums);
+    values.fill(Complex32::new(0.0, 0.0));
+    refine::push(plan, band, g, &found.tau, &g2, values);
+    // Mean power over a bin's own, and its mean.
+    let mut mean = 0.0;
+    for k in band.low..band.high {
+        let share =
+            mean_power(plan, sums, k).map_or(1.0, |(mean, own)| (mean / own.max(1e-3 * mean)).min(DARKEST));
+        mean += share;
+        values.get_mut(k)?.im = share;
+    }
+    let noise = (1.0 - found.mean).max(refine::LEAST_NOISE)
+        / (mean / band.high.saturating_sub(band.low).max(1) as f32);
+    let (mut upper, mut lower) = (0.0f32, 0.0f32);
+    let bins = |k: usize| values.get(k).map_or((0.0, 0.0), |z| (z.re, z.im));
+    let coherence = |share: f32| (1.0 - noise * share).max(refine::LEAST_NOISE);
+    for (k, w) in weight.iter().enumerate().take(band.high).skip(band.low) {
+        let (_, share) = bins(k);
+        let square = w * (k * k) as f32;
+        upper += square * (1.0 - noise) * share;
+        lower += square * coherence(share);
+    }
+    if !(lower > 0.0) {
+        return None;
+    }
+    let nearer = upper / lower;
+    let (mut product, mut information, mut seen) = (0.0f32, 0.0f32, 0.0f32);
+    for k in band.low..band.high {
+        let (push, share) = bins(k);
+        let c = coherence(share);
+        let does = k as f32 * plan.bin_rad_s * turn * apart * ((1.0 - noise) * share - c * nearer);
+        let known = 1.0 / (1.0 - c * c).max(refine::LEAST_NOISE);
+        product += push * does * known;
+        information += does * does * known;
+        seen += push * push * known;
+    }
+    let scale = 2.0 * context.snapshots / turn.max(f32::MIN_POSITIVE);
+    let bins = band.high.saturating_sub(band.low).max(1) as f32;
+    let left = seen - product * product / information.max(f32::MIN_POSITIVE);
+    let unexplained = (scale * left / bins).max(1.0);
+    let scale = scale / unexplained;
+    let (product, information) = (scale * product, scale * information);
+    let finite = product.is_finite() && information.is_finite() && unexplained.is_finite();
+    finite.then_some(Loss { product, information, nearer, unexplained })
+}
+
+/// Running mean of the flattened power about a bin, and its own.
+#[inline(never)]
+fn mean_power(plan: &Plan, sums: &[Complex32], k: usize) -> Option<(f32, f32)> {
+    let (from, to) =
+        (k.saturating_sub(MEAN_BINS).max(plan.whole.low), (k + MEAN_BINS + 1).min(plan.whole.high));
+    let (a, b, own) = (sums.get(from)?, sums.get(to)?, sums.get(k)?);
+    Some(((b.re - a.re) / to.saturating_sub(from).max(1) as f32, own.im))
 }
 
 /// The depth (metres) of a source that is heard from an elevation of this sine, by one segment's spectra, where fringes
@@ -89,14 +210,11 @@ pub(super) fn depth_m(
     let used = flattened(plan, spectra, sums);
     values.fill(Complex32::new(0.0, 0.0));
     for k in plan.whole.low..plan.whole.high {
-        let (from, to) =
-            (k.saturating_sub(MEAN_BINS).max(plan.whole.low), (k + MEAN_BINS + 1).min(plan.whole.high));
-        let (Some(a), Some(b), Some(own)) = (sums.get(from), sums.get(to), sums.get(k)) else { continue };
-        let mean = (b.re - a.re) / (to - from) as f32;
+        let Some((mean, own)) = mean_power(plan, sums, k) else { continue };
         if let Some(value) = values.get_mut(transform::reversed(k))
             && mean > 0.0
         {
-            value.re = own.im / mean - 1.0;
+            value.re = own / mean - 1.0;
         }
     }
     transform::transform_reversed(values);

@@ -12,6 +12,7 @@
 mod agreement;
 mod arrival;
 mod chain;
+mod change;
 mod curved;
 mod detect;
 mod estimate;

@@ -15,6 +15,7 @@ use super::spectra::{BinRun, Spectra};
 use super::transform::RUN;
 use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::math::f32 as m;
+use microfft::Complex32;
 
 /// Least share of noise assumed (17 dB signal-to-noise ratio): above it multipath limits, not noise.
 pub(crate) const LEAST_NOISE: f32 = 0.02;
@@ -79,6 +80,7 @@ struct Phasor {
 }
 
 impl Phasor {
+    #[inline(never)]
     fn new(plan: &Plan, tau: f32, first_bin: usize) -> Self {
         let (sine_of_step, cosine_of_step) = m::sin_cos(plan.bin_rad_s * tau);
         let (sine, cosine) = m::sin_cos(plan.bin_rad_s * tau * first_bin as f32);
@@ -104,7 +106,8 @@ pub(crate) fn coherence(
 ) {
     out.fill(0.0);
     let runs = band.runs();
-    for (p, tau) in tau.iter().enumerate() {
+    // Those not used are 0; asked for one by one, the six are not written out in the image.
+    for (p, tau) in tau.iter().enumerate().filter(|(p, _)| band.used.pair(*p)) {
         let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
         let out = out.as_chunks_mut::<RUN>().0.get_mut(runs.clone()).unwrap_or(&mut []);
         for (out, run) in out.iter_mut().zip(g.part(&runs)) {
@@ -239,6 +242,32 @@ pub(crate) fn arrival_variance(
     let variance =
         Variance { arrival: scatter * scale / information, pair: pair_scatter * scale / information };
     (variance.arrival.is_finite() && variance.pair.is_finite()).then_some(variance)
+}
+
+/// How each bin's steered cross-spectra push along a change of the pairs' delays, unweighted, into the real parts of `out`.
+#[inline(never)]
+pub(super) fn push(
+    plan: &Plan,
+    band: &Band,
+    g: &Spectra,
+    tau: &[f32; PAIR_COUNT],
+    along: &[f32; PAIR_COUNT],
+    out: &mut [Complex32],
+) {
+    let runs = band.runs();
+    let start = runs.start * RUN;
+    for (p, (tau, along)) in tau.iter().zip(along).enumerate().filter(|(p, _)| band.used.pair(*p)) {
+        let mut phasor = Phasor::new(plan, *tau, start);
+        let mut out = out.iter_mut().skip(start);
+        for run in g.part(&runs) {
+            let (Some(re), Some(im)) = (run.re.get(p), run.im.get(p)) else { continue };
+            for (re, im) in re.iter().zip(im) {
+                let (s, c) = phasor.next();
+                let Some(out) = out.next() else { return };
+                out.re += along * (re * s + im * c);
+            }
+        }
+    }
 }
 
 /// Runs over whose bins what is not noise keeps its phase: a source that stands elsewhere turns against the pair's delay with

@@ -52,9 +52,6 @@ const HALF_WAY_SD: f32 = 0.8;
 /// Standard deviation of a depth that no fringes tell, in units of `vessel_depth_m`: propellers 2 to 8 m deep are, about 4 m, 2 m off
 /// in the root mean square.
 const UNKNOWN_DEPTH_SD: f32 = 0.5;
-/// Standard deviation of the share of the sound's amplitude that the surface gives back, which moves where vessel and image are heard
-/// together by as much of the image's part: waves scatter some, and how much nobody tells.
-const SURFACE_LOSS_SD: f32 = 0.05;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
 /// bottoms 2 to 30 m below the array.
 const PATHS: f32 = 4.0;
@@ -153,17 +150,17 @@ pub(super) fn bearing(
     // longer way, 2 d sin² β / D, so that they come from as much nearer the vessel.
     let sine = direction[2].max(0.0);
     let rise = m::abs(e.1[2] * sine);
-    let (image, image_sd) = match context.depth {
+    let (half, image_sd) = match context.depth {
         Some((d, sd)) => {
-            let apart = 2.0 * rise * d / plan.depth_m;
-            let fainter = 2.0 * sine * sine * d / plan.depth_m;
+            let (apart, _) = image(plan, direction, d);
+            let (nearer, nearer_sd) = context.loss;
             let half_way = (HALF_WAY_SD * apart).min(1.0);
-            let sd = m::hypot(sd, m::hypot(half_way, SURFACE_LOSS_SD) * d);
-            (d * (1.0 - fainter) / plan.depth_m, sd / plan.depth_m)
+            let sd = m::hypot(sd, m::hypot(half_way, 2.0 * nearer_sd) * d);
+            (d * (1.0 - 2.0 * nearer) / plan.depth_m, sd / plan.depth_m)
         }
         None => (plan.vessel_over_array_depth, UNKNOWN_DEPTH_SD * plan.vessel_over_array_depth),
     };
-    let (image, mut image_sd) = (rise * image, rise * image_sd);
+    let (image, mut image_sd) = (rise * half, rise * image_sd);
     if plan.vessel_over_array_depth > 0.0 {
         image_sd = m::hypot(image_sd, m::sqrt(paths * inverse.2));
     }
@@ -182,6 +179,14 @@ pub(super) fn bearing(
         band,
         flags: context.flags,
     })
+}
+
+/// How far above a vessel this deep its image is heard (radians), and the loss of it by its longer way alone ([`super::fringes::Loss`]).
+pub(super) fn image(plan: &super::plan::Plan, direction: &wavefront::Direction, depth_m: f32) -> (f32, f32) {
+    let sine = direction[2].max(0.0);
+    let level = m::sqrt((1.0 - sine * sine).max(0.0));
+    let share = depth_m / plan.depth_m;
+    (2.0 * sine * level * share, sine * sine * share)
 }
 
 /// Root-mean-square closure of the four triangles of pair delays, seconds.

@@ -125,8 +125,13 @@ impl SearchWork {
                 }
                 least = least.min(*r);
             }
+            // A parabola through the peak and its neighbours.
+            let beside = |n: usize| lags.get(n).map_or(f32::from(i16::MIN), |r| f32::from(*r));
+            let (before, after) = (beside(at.wrapping_sub(1)), beside(at + 1));
+            let bend = before - 2.0 * f32::from(best) + after;
+            let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
             *out = PairPeaks {
-                delay_s: (at as f32 - (LAGS / 2) as f32) * half_sample_s,
+                delay_s: (at as f32 + shift - (LAGS / 2) as f32) * half_sample_s,
                 peak: f32::from(best) * self.unit,
                 trough: f32::from(least) * self.unit,
             };

@@ -1,0 +1,120 @@
+//! A vessel that moves past a tetrahedron two of whose channels are exchanged, or one of which is late, from one moment on.
+
+use super::super::test_sea::{error_from, hear, noisy, planned, source, standardised};
+use super::*;
+use crate::angle::unit_vector;
+
+use crate::wire::{Bearing, FaultCode};
+use std::vec::Vec;
+
+const RATE: f64 = 16_000.0;
+const SECONDS: u64 = 16;
+/// When the channels change, in the midst of a segment.
+const FROM: usize = (4.3 * RATE) as usize;
+
+/// Without symmetry.
+fn plan() -> Plan {
+    planned(RATE, |array| {
+        array.hydrophones_m =
+            [[0.0, 1.06, -0.28], [0.92, -0.43, -0.45], [-0.80, -0.61, -0.38], [0.12, 0.0, 1.02]];
+    })
+}
+
+/// A source that turns by 0.2° each quarter of a second.
+fn passing(plan: &Plan, from: f64, seed: u64) -> Vec<[f64; CHANNELS]> {
+    let rms = 2.0;
+    let part = |n: u64| {
+        let sea = source(plan, (from + 0.0035 * n as f64, 0.3), rms, None, 1, 31 * seed + n);
+        sea.into_iter().take(RATE as usize / 4)
+    };
+    noisy((0..4 * SECONDS).flat_map(part).collect(), seed)
+}
+
+fn direction(from: f64, b: &Bearing) -> (f64, f64) {
+    (from + 0.0035 * (b.index as f64 / RATE * 4.0 - 0.5), 0.3)
+}
+
+/// Names of the faults and the bearings after the change, that are wrong and that are right.
+fn after(from: f64, seed: u64, spoil: impl Fn(&mut [[f64; CHANNELS]])) -> (Vec<FaultCode>, usize, usize) {
+    let plan = plan();
+    let mut sea = passing(&plan, from, seed);
+    spoil(&mut sea[FROM..]);
+    let heard = hear(&plan, &sea);
+    let codes = heard.faults.iter().map(|f| f.0).filter(|f| *f != FaultCode::Impulses).collect();
+    let later = heard.bearings.iter().filter(|b| b.band == 0 && b.index as usize > FROM + 8000);
+    let (mut wrong, mut right) = (0, 0);
+    for b in later {
+        let at = direction(from, b);
+        let (across, up) = error_from(b, at);
+        if standardised(b, at) > 16.0 && across.hypot(up) > 0.003 { wrong += 1 } else { right += 1 }
+    }
+    (codes, wrong, right)
+}
+
+#[test]
+fn a_vessel_that_moves_evenly_is_no_change() {
+    for n in 0..6u64 {
+        let (codes, wrong, right) = after(n as f64, n, |_| {});
+        assert!(codes.is_empty() && wrong == 0 && right > 15, "{n}: {codes:?} {wrong} {right}");
+    }
+}
+
+#[test]
+fn a_channel_that_becomes_late_is_noticed_wherever_the_vessel_is() {
+    // Where pairs contradict each other as exchanged channels' do, none is told.
+    let mut told = 0;
+    for n in 0..12u64 {
+        let channel = n as usize % CHANNELS;
+        let (codes, wrong, right) = after(0.5 * n as f64, n, |sea| {
+            for i in (1..sea.len()).rev() {
+                sea[i][channel] = sea[i - 1][channel];
+            }
+        });
+        assert_eq!((codes, wrong), (std::vec![FaultCode::Inconsistent], 0), "{n}");
+        told += usize::from(right > 10);
+    }
+    assert!(told >= 9, "{told}");
+}
+
+#[test]
+fn of_exchanged_channels_no_bearing_is_told() {
+    for n in 0..12u64 {
+        let (i, j) = PAIRS[n as usize % PAIRS.len()];
+        let (codes, wrong, right) =
+            after(0.3 + 0.5 * n as f64, n, |sea| sea.iter_mut().for_each(|x| x.swap(i, j)));
+        assert_eq!((codes, wrong), (std::vec![FaultCode::Inconsistent], 0), "{n}");
+        assert!(right <= 1, "{n}: {right}");
+    }
+}
+
+#[test]
+fn another_vessel_is_no_change_of_channels() {
+    let plan = plan();
+    for n in 0..6u64 {
+        let mut sea = passing(&plan, n as f64, n);
+        let other = passing(&plan, n as f64 + 0.4 + 0.3 * n as f64, n + 50);
+        sea[FROM..].copy_from_slice(&other[FROM..]);
+        let heard = hear(&plan, &sea);
+        let codes: Vec<_> = heard.faults.iter().map(|f| f.0).filter(|f| *f != FaultCode::Impulses).collect();
+        assert!(codes.is_empty(), "{n}: {codes:?}");
+        let later = heard.bearings.iter().filter(|b| b.band == 0 && b.index as usize > FROM + 16_000).count();
+        assert!(later > 14, "{n}: {later}");
+    }
+}
+
+#[test]
+fn vectors_are_the_directions_of_plane_waves_and_move_by_duals() {
+    let plan = plan();
+    let duals = duals(&plan);
+    for n in 0..8 {
+        let u = unit_vector(0.8 * n as f32, 0.3 * n as f32 - 1.0);
+        let mut t = arrivals(&plan, &u);
+        let off = difference(&vector(&plan, &duals, &t), &u);
+        assert!(length(&off) < 1e-5, "{off:?}");
+        let h = n % CHANNELS;
+        t[h] += 1e-5;
+        let moved = difference(&vector(&plan, &duals, &t), &u);
+        let expected = duals[h].map(|x| -1e-5 / plan.inv_c * x);
+        assert!(length(&difference(&moved, &expected)) < 1e-5, "{moved:?} {expected:?}");
+    }
+}
