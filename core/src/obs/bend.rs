@@ -88,14 +88,17 @@ impl Filter {
         self.t_s = t_s;
     }
 
-    /// Takes in a number that departs by `e` from what is expected, `j` its change with the state.
-    fn observe(&mut self, j: &[f64; N], e: f64, variance: f64) {
+    /// Takes in a number that departs by `e` from what is expected, `j` its change with the state, if it is this vessel's, as it
+    /// is with that chance: the moments of both answers together [Bar-Shalom and Tse 1975], so that what may be another's does
+    /// not make a vessel's place seem known.
+    fn observe(&mut self, j: &[f64; N], e: f64, variance: f64, chance: f64) {
         let gain = spd::times(&self.covariance, j);
         let all = spd::dot(j, &gain) + variance;
         for (p, g) in self.p.iter_mut().zip(&gain) {
-            *p += g * e / all;
+            *p += chance * g * e / all;
         }
-        spd::add_outer(&mut self.covariance, &gain, -1.0 / all);
+        let moved = (1.0 - chance) * e * e / all;
+        spd::add_outer(&mut self.covariance, &gain, chance * (moved - 1.0) / all);
     }
 
     /// Standard deviation of a number whose change with the state is `j`, at most so much.
@@ -124,18 +127,18 @@ impl Filter {
             self.log += log_of(chance);
             if chance > LEAST_OWN {
                 let e = wrap_pi(e + own.azimuth - seen.azimuth);
-                self.observe(&seen.direction, e, DIRECTIONS * sd * sd / chance);
+                self.observe(&seen.direction, e, DIRECTIONS * sd * sd, chance);
             }
         }
         let doubts = (told.doubt(&own.place, DOUBT.1), told.doubt(&own.motion, DOUBT.2));
         let Some((chance, d)) = own_distance(m, own.range_m, own.speed_m_s, doubts) else { return };
         self.log += log_of(chance);
         if chance > LEAST_OWN {
-            let variance = |sd: f64| RANGES * sd * sd / chance;
+            let variance = |sd: f64| RANGES * sd * sd;
             let seen = self.shown();
-            self.observe(&seen.place, d.range_m - seen.range_m, variance(d.sd_m));
+            self.observe(&seen.place, d.range_m - seen.range_m, variance(d.sd_m), chance);
             let seen = self.shown();
-            self.observe(&seen.motion, d.speed_m_s - seen.speed_m_s, variance(d.sd_speed_m_s));
+            self.observe(&seen.motion, d.speed_m_s - seen.speed_m_s, variance(d.sd_speed_m_s), chance);
         }
     }
 
