@@ -10,8 +10,8 @@
 //! few minutes of directions alone would follow another vessel's.
 //! Cost: below 30 000 instructions a minute of evidence.
 
-use super::course::{Course, CourseCovariance, N};
-use super::evidence::Minute;
+use super::course::{Course, CourseCovariance, N, Seen};
+use super::evidence::{Minute, RangeEvidence};
 use super::fit::{Towards, own_direction, own_distance};
 use super::travel::TravelTime;
 use crate::angle::wrap_pi;
@@ -34,7 +34,11 @@ const RANGES: f64 = 1.5;
 const TABLE_M: f64 = 20.0;
 
 /// What the straight course is worth at the far ends: place, m, and velocity, m/s.
-const FIRST_SD: (f64, f64) = (3_000.0, 1.5);
+const FIRST_SD: (f64, f64) = (2_000.0, 0.6);
+
+/// Standard deviations by which a vessel's range and radial speed may differ from those of its straight course, m and m/s: what does
+/// not go with the course is another pair of paths or another vessel, however well it goes with a filter that took one for it before.
+const BENDS: (f64, f64) = (2_000.0, 0.6);
 
 /// What a prediction may add to the spread by which a mode is told to be this vessel's: rad, m, m/s.
 const DOUBT: (f64, f64, f64) = (0.1, 600.0, 1.0);
@@ -106,8 +110,15 @@ impl Filter {
         math::f64::sqrt(spd::quadratic(j, &self.covariance, j).max(0.0)).min(most)
     }
 
-    /// Takes in a minute. Where another filter knows of the vessel too, both tell which of the minute's modes are its.
-    fn minute(&mut self, travel: &TravelTime, arrives_s: f64, m: &Minute, other: Option<&Self>) {
+    /// Takes in a minute in which the straight course is `course`. Where another filter knows of the vessel too, both tell which of the minute's modes are its.
+    fn minute(
+        &mut self,
+        course: &Course,
+        travel: &TravelTime,
+        arrives_s: f64,
+        m: &Minute,
+        other: Option<&Self>,
+    ) {
         let [x, y, ..] = self.p;
         self.go(arrives_s - travel.at(math::f64::hypot(x, y)));
         let both = other.and_then(|other| {
@@ -132,6 +143,7 @@ impl Filter {
         }
         let doubts = (told.doubt(&own.place, DOUBT.1), told.doubt(&own.motion, DOUBT.2));
         let Some((chance, d)) = own_distance(m, own.range_m, own.speed_m_s, doubts) else { return };
+        let chance = with_course(chance, &d, &course.seen(travel, arrives_s));
         self.log += log_of(chance);
         if chance > LEAST_OWN {
             let variance = |sd: f64| RANGES * sd * sd;
@@ -171,6 +183,14 @@ struct Shown {
     motion: [f64; N],
 }
 
+/// The chance that a range is this vessel's, knowing where its straight course is too.
+fn with_course(chance: f64, d: &RangeEvidence, straight: &Seen) -> f64 {
+    let along = (d.range_m - straight.range_m) / BENDS.0;
+    let faster = (d.speed_m_s - straight.speed_m_s) / BENDS.1;
+    let own = chance * math::f64::exp(-0.5 * (along * along + faster * faster));
+    own / (own + 1.0 - chance).max(1e-30)
+}
+
 /// Log likelihood of a minute of which a mode is this vessel's with that chance, against none being: `ln(1 − Pd + Pd ratio)` but
 /// for a constant. A minute counts a third.
 fn log_of(chance: f64) -> f64 {
@@ -187,7 +207,7 @@ pub fn present(
     let mut filter: Option<Filter> = None;
     for m in minutes {
         let at_s = step_s * f64::from(m.number);
-        filter.get_or_insert_with(|| Filter::new(course, DRIFT, at_s)).minute(travel, at_s, &m, None);
+        filter.get_or_insert_with(|| Filter::new(course, DRIFT, at_s)).minute(course, travel, at_s, &m, None);
     }
     filter.map(|f| Course { t0_s: f.t_s, p: f.p })
 }
@@ -216,6 +236,7 @@ pub fn about_closest(
             let mut filter: Option<Filter> = None;
             for m in minutes {
                 filter.get_or_insert_with(|| Filter::new(course, drift, at(&m))).minute(
+                    course,
                     travel,
                     at(&m),
                     &m,
@@ -342,6 +363,20 @@ mod tests {
             out.push(Minute::new(n, &directions, &ranges));
         }
         (out, closest)
+    }
+
+    #[test]
+    fn what_is_hardly_this_vessel_s_does_not_make_its_place_known() {
+        let course = Course { t0_s: 0.0, p: [0.0, 40_000.0, 0.0, -6.0] };
+        let told = |chance: f64| {
+            let mut filter = Filter::new(&course, DRIFTS[0], 0.0);
+            filter.observe(&[0.0, 1.0, 0.0, 0.0], 2_500.0, 80.0 * 80.0, chance);
+            (filter.p[1] - 40_000.0, math::f64::sqrt(filter.covariance[1][1]))
+        };
+        // Of two answers 2.5 km apart, one 3 km wide and one 80 m, neither is known well.
+        let ((moved, sd), (sure, close)) = (told(0.5), told(1.0));
+        assert!((moved - 1_250.0).abs() < 5.0 && sd > 2_000.0, "{moved} ± {sd}");
+        assert!((sure - 2_500.0).abs() < 5.0 && (close - 80.0).abs() < 1.0, "{sure} ± {close}");
     }
 
     #[test]

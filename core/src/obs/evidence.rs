@@ -231,3 +231,18 @@ impl Evidence {
         all.filter(move |m| (from..=to).contains(&m.number)).copied()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_weight_is_kept_to_an_eighth_and_a_light_mode_stays_light() {
+        for weight in [1.0f32, 0.93, 0.5, 0.26, 0.01, 0.001, 1e-4] {
+            let kept = weight_of(weight_code(weight));
+            assert!((kept / weight - 1.0).abs() <= 1.0 / 15.0, "{weight}: {kept}");
+        }
+        assert_eq!(weight_of(weight_code(1.0)), 1.0);
+        assert_eq!((weight_code(0.0), weight_of(weight_code(1e-6))), (0, 0.0));
+    }
+}
