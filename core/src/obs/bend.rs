@@ -135,7 +135,7 @@ impl Filter {
             doubt: told.doubt(&j, DOUBT.0),
         };
         if let Some((chance, e, sd)) = own_direction(m, towards) {
-            self.log += log_of(chance);
+            self.log += log_of(chance, DIRECTIONS);
             if chance > LEAST_OWN {
                 let e = wrap_pi(e + own.azimuth - seen.azimuth);
                 self.observe(&seen.direction, e, DIRECTIONS * sd * sd, chance);
@@ -144,7 +144,7 @@ impl Filter {
         let doubts = (told.doubt(&own.place, DOUBT.1), told.doubt(&own.motion, DOUBT.2));
         let Some((chance, d)) = own_distance(m, own.range_m, own.speed_m_s, doubts) else { return };
         let chance = with_course(chance, &d, &course.seen(travel, arrives_s));
-        self.log += log_of(chance);
+        self.log += log_of(chance, RANGES);
         if chance > LEAST_OWN {
             let variance = |sd: f64| RANGES * sd * sd;
             let seen = self.shown();
@@ -193,8 +193,8 @@ fn with_course(chance: f64, d: &RangeEvidence, straight: &Seen) -> f64 {
 
 /// Log likelihood of a minute of which a mode is this vessel's with that chance, against none being: `ln(1 − Pd + Pd ratio)` but
 /// for a constant. A minute counts a third.
-fn log_of(chance: f64) -> f64 {
-    -math::f64::ln((1.0 - chance).max(1e-30)) / DIRECTIONS
+fn log_of(chance: f64, excess: f64) -> f64 {
+    -math::f64::ln((1.0 - chance).max(1e-30)) / excess
 }
 
 /// The course at the end of a stretch.
