@@ -10,7 +10,7 @@
 //! few minutes of directions alone would follow another vessel's.
 //! Cost: below 30 000 instructions a minute of evidence.
 
-use super::course::{Course, CourseCovariance, N, Seen};
+use super::course::{Course, CourseCovariance, N};
 use super::evidence::{Minute, RangeEvidence};
 use super::fit::{Towards, own_direction, own_distance};
 use super::travel::TravelTime;
@@ -143,7 +143,7 @@ impl Filter {
         }
         let doubts = (told.doubt(&own.place, DOUBT.1), told.doubt(&own.motion, DOUBT.2));
         let Some((chance, d)) = own_distance(m, own.range_m, own.speed_m_s, doubts) else { return };
-        let chance = with_course(chance, &d, &course.seen(travel, arrives_s));
+        let chance = with_course(chance, &d, course, travel, arrives_s);
         self.log += log_of(chance, RANGES);
         if chance > LEAST_OWN {
             let variance = |sd: f64| RANGES * sd * sd;
@@ -183,8 +183,11 @@ struct Shown {
     motion: [f64; N],
 }
 
-/// The chance that a range is this vessel's, knowing where its straight course is too.
-fn with_course(chance: f64, d: &RangeEvidence, straight: &Seen) -> f64 {
+/// The chance that a range is this vessel's, knowing where its straight course is too. Never inlined: the caller's frame lies below
+/// the deepest of the recorder.
+#[inline(never)]
+fn with_course(chance: f64, d: &RangeEvidence, course: &Course, travel: &TravelTime, arrives_s: f64) -> f64 {
+    let straight = course.seen(travel, arrives_s);
     let along = (d.range_m - straight.range_m) / BENDS.0;
     let faster = (d.speed_m_s - straight.speed_m_s) / BENDS.1;
     let own = chance * math::f64::exp(-0.5 * (along * along + faster * faster));
@@ -232,21 +235,17 @@ pub fn about_closest(
     let after = after.take_while(|m| at(m) > closest_s).filter(ranged);
     let mut all: [Option<Filter>; DRIFTS.len()] = [None; DRIFTS.len()];
     for (joined, drift) in all.iter_mut().zip(DRIFTS) {
+        // One filter in one place: its frame lies below the deepest of the recorder.
         let pass = |minutes: &mut dyn Iterator<Item = Minute>, other: Option<&Filter>| {
-            let mut filter: Option<Filter> = None;
-            for m in minutes {
-                filter.get_or_insert_with(|| Filter::new(course, drift, at(&m))).minute(
-                    course,
-                    travel,
-                    at(&m),
-                    &m,
-                    other,
-                );
+            let mut m = minutes.next()?;
+            let mut filter = Filter::new(course, drift, at(&m));
+            loop {
+                filter.minute(course, travel, at(&m), &m, other);
+                let Some(next) = minutes.next() else { break };
+                m = next;
             }
-            filter.map(|mut filter| {
-                filter.go(closest_s);
-                filter
-            })
+            filter.go(closest_s);
+            Some(filter)
         };
         let (here, there) = (pass(&mut before.clone(), None), pass(&mut after.clone(), None));
         // The side that tells less is told again, knowing the other.
