@@ -1,7 +1,7 @@
 //! A week without vessels: whales, earthquakes, T phases, strumming and directional ambient noise.
 //!
-//! Counts tracks and faults of the set-up (there must be none) and azimuth detections, each attributed to a sound that was there (in its time,
-//! within 30° of its direction; strumming either way along its axis) or to nothing. `--runs` is the number of days.
+//! Counts tracks and faults of the set-up (there must be none) and azimuth detections, each attributed to the sound that was there (in its
+//! time, nearest in direction and within 30°; strumming either way along its axis) or to nothing. `--runs` is the number of days.
 
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
@@ -80,14 +80,15 @@ pub fn scenario(seed: u64, days: usize) -> ObsScenario {
     s
 }
 
-/// The kind of sound a detection belongs to.
+/// The kind of sound a detection belongs to: of those there at that time the one nearest in direction, if within 30°.
 fn attribute(heard: &[HeardEvent], t_s: f64, azimuth: f64) -> Option<&'static str> {
-    let near = |h: &&HeardEvent| {
+    let then = heard.iter().filter(|h| (h.from_s - SLACK_S..h.to_s + SLACK_S).contains(&t_s));
+    let off = |h: &HeardEvent| {
         let off = wrap_pi(azimuth - h.azimuth).abs();
-        let off = if h.kind == "strumming" { off.min(PI - off) } else { off };
-        (h.from_s - SLACK_S..h.to_s + SLACK_S).contains(&t_s) && off < PI / 6.0
+        if h.kind == "strumming" { off.min(PI - off) } else { off }
     };
-    heard.iter().find(near).map(|h| h.kind)
+    let nearest = then.map(|h| (off(h), h.kind)).min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.filter(|(off, _)| *off < PI / 6.0).map(|(_, kind)| kind)
 }
 
 fn run(options: &Options) -> Result<()> {

@@ -11,7 +11,7 @@
 //! Cost: below 30 000 instructions a minute of evidence.
 
 use super::course::{Course, CourseCovariance, N};
-use super::evidence::Minute;
+use super::evidence::{Minute, RangeEvidence};
 use super::fit::{Towards, own_direction, own_distance};
 use super::travel::TravelTime;
 use crate::angle::wrap_pi;
@@ -34,7 +34,11 @@ const RANGES: f64 = 1.5;
 const TABLE_M: f64 = 20.0;
 
 /// What the straight course is worth at the far ends: place, m, and velocity, m/s.
-const FIRST_SD: (f64, f64) = (3_000.0, 1.5);
+const FIRST_SD: (f64, f64) = (2_000.0, 0.6);
+
+/// Standard deviations by which a vessel's range and radial speed may differ from those of its straight course, m and m/s: what does
+/// not go with the course is another pair of paths or another vessel, however well it goes with a filter that took one for it before.
+const BENDS: (f64, f64) = (2_000.0, 0.6);
 
 /// What a prediction may add to the spread by which a mode is told to be this vessel's: rad, m, m/s.
 const DOUBT: (f64, f64, f64) = (0.1, 600.0, 1.0);
@@ -88,14 +92,17 @@ impl Filter {
         self.t_s = t_s;
     }
 
-    /// Takes in a number that departs by `e` from what is expected, `j` its change with the state.
-    fn observe(&mut self, j: &[f64; N], e: f64, variance: f64) {
+    /// Takes in a number that departs by `e` from what is expected, `j` its change with the state, if it is this vessel's, as it
+    /// is with that chance: the moments of both answers together [Bar-Shalom and Tse 1975], so that what may be another's does
+    /// not make a vessel's place seem known.
+    fn observe(&mut self, j: &[f64; N], e: f64, variance: f64, chance: f64) {
         let gain = spd::times(&self.covariance, j);
         let all = spd::dot(j, &gain) + variance;
         for (p, g) in self.p.iter_mut().zip(&gain) {
-            *p += g * e / all;
+            *p += chance * g * e / all;
         }
-        spd::add_outer(&mut self.covariance, &gain, -1.0 / all);
+        let moved = (1.0 - chance) * e * e / all;
+        spd::add_outer(&mut self.covariance, &gain, chance * (moved - 1.0) / all);
     }
 
     /// Standard deviation of a number whose change with the state is `j`, at most so much.
@@ -103,8 +110,15 @@ impl Filter {
         math::f64::sqrt(spd::quadratic(j, &self.covariance, j).max(0.0)).min(most)
     }
 
-    /// Takes in a minute. Where another filter knows of the vessel too, both tell which of the minute's modes are its.
-    fn minute(&mut self, travel: &TravelTime, arrives_s: f64, m: &Minute, other: Option<&Self>) {
+    /// Takes in a minute in which the straight course is `course`. Where another filter knows of the vessel too, both tell which of the minute's modes are its.
+    fn minute(
+        &mut self,
+        course: &Course,
+        travel: &TravelTime,
+        arrives_s: f64,
+        m: &Minute,
+        other: Option<&Self>,
+    ) {
         let [x, y, ..] = self.p;
         self.go(arrives_s - travel.at(math::f64::hypot(x, y)));
         let both = other.and_then(|other| {
@@ -121,21 +135,22 @@ impl Filter {
             doubt: told.doubt(&j, DOUBT.0),
         };
         if let Some((chance, e, sd)) = own_direction(m, towards) {
-            self.log += log_of(chance);
+            self.log += log_of(chance, DIRECTIONS);
             if chance > LEAST_OWN {
                 let e = wrap_pi(e + own.azimuth - seen.azimuth);
-                self.observe(&seen.direction, e, DIRECTIONS * sd * sd / chance);
+                self.observe(&seen.direction, e, DIRECTIONS * sd * sd, chance);
             }
         }
         let doubts = (told.doubt(&own.place, DOUBT.1), told.doubt(&own.motion, DOUBT.2));
         let Some((chance, d)) = own_distance(m, own.range_m, own.speed_m_s, doubts) else { return };
-        self.log += log_of(chance);
+        let chance = with_course(chance, &d, course, travel, arrives_s);
+        self.log += log_of(chance, RANGES);
         if chance > LEAST_OWN {
-            let variance = |sd: f64| RANGES * sd * sd / chance;
+            let variance = |sd: f64| RANGES * sd * sd;
             let seen = self.shown();
-            self.observe(&seen.place, d.range_m - seen.range_m, variance(d.sd_m));
+            self.observe(&seen.place, d.range_m - seen.range_m, variance(d.sd_m), chance);
             let seen = self.shown();
-            self.observe(&seen.motion, d.speed_m_s - seen.speed_m_s, variance(d.sd_speed_m_s));
+            self.observe(&seen.motion, d.speed_m_s - seen.speed_m_s, variance(d.sd_speed_m_s), chance);
         }
     }
 
@@ -168,10 +183,21 @@ struct Shown {
     motion: [f64; N],
 }
 
+/// The chance that a range is this vessel's, knowing where its straight course is too. Never inlined: the caller's frame lies below
+/// the deepest of the recorder.
+#[inline(never)]
+fn with_course(chance: f64, d: &RangeEvidence, course: &Course, travel: &TravelTime, arrives_s: f64) -> f64 {
+    let straight = course.seen(travel, arrives_s);
+    let along = (d.range_m - straight.range_m) / BENDS.0;
+    let faster = (d.speed_m_s - straight.speed_m_s) / BENDS.1;
+    let own = chance * math::f64::exp(-0.5 * (along * along + faster * faster));
+    own / (own + 1.0 - chance).max(1e-30)
+}
+
 /// Log likelihood of a minute of which a mode is this vessel's with that chance, against none being: `ln(1 − Pd + Pd ratio)` but
 /// for a constant. A minute counts a third.
-fn log_of(chance: f64) -> f64 {
-    -math::f64::ln((1.0 - chance).max(1e-30)) / DIRECTIONS
+fn log_of(chance: f64, excess: f64) -> f64 {
+    -math::f64::ln((1.0 - chance).max(1e-30)) / excess
 }
 
 /// The course at the end of a stretch.
@@ -184,7 +210,7 @@ pub fn present(
     let mut filter: Option<Filter> = None;
     for m in minutes {
         let at_s = step_s * f64::from(m.number);
-        filter.get_or_insert_with(|| Filter::new(course, DRIFT, at_s)).minute(travel, at_s, &m, None);
+        filter.get_or_insert_with(|| Filter::new(course, DRIFT, at_s)).minute(course, travel, at_s, &m, None);
     }
     filter.map(|f| Course { t0_s: f.t_s, p: f.p })
 }
@@ -209,20 +235,17 @@ pub fn about_closest(
     let after = after.take_while(|m| at(m) > closest_s).filter(ranged);
     let mut all: [Option<Filter>; DRIFTS.len()] = [None; DRIFTS.len()];
     for (joined, drift) in all.iter_mut().zip(DRIFTS) {
+        // One filter in one place: its frame lies below the deepest of the recorder.
         let pass = |minutes: &mut dyn Iterator<Item = Minute>, other: Option<&Filter>| {
-            let mut filter: Option<Filter> = None;
-            for m in minutes {
-                filter.get_or_insert_with(|| Filter::new(course, drift, at(&m))).minute(
-                    travel,
-                    at(&m),
-                    &m,
-                    other,
-                );
+            let mut m = minutes.next()?;
+            let mut filter = Filter::new(course, drift, at(&m));
+            loop {
+                filter.minute(course, travel, at(&m), &m, other);
+                let Some(next) = minutes.next() else { break };
+                m = next;
             }
-            filter.map(|mut filter| {
-                filter.go(closest_s);
-                filter
-            })
+            filter.go(closest_s);
+            Some(filter)
         };
         let (here, there) = (pass(&mut before.clone(), None), pass(&mut after.clone(), None));
         // The side that tells less is told again, knowing the other.
@@ -339,6 +362,20 @@ mod tests {
             out.push(Minute::new(n, &directions, &ranges));
         }
         (out, closest)
+    }
+
+    #[test]
+    fn what_is_hardly_this_vessel_s_does_not_make_its_place_known() {
+        let course = Course { t0_s: 0.0, p: [0.0, 40_000.0, 0.0, -6.0] };
+        let told = |chance: f64| {
+            let mut filter = Filter::new(&course, DRIFTS[0], 0.0);
+            filter.observe(&[0.0, 1.0, 0.0, 0.0], 2_500.0, 80.0 * 80.0, chance);
+            (filter.p[1] - 40_000.0, math::f64::sqrt(filter.covariance[1][1]))
+        };
+        // Of two answers 2.5 km apart, one 2 km wide and one 80 m, neither is known well.
+        let ((moved, sd), (sure, close)) = (told(0.5), told(1.0));
+        assert!((moved - 1_250.0).abs() < 5.0 && sd > 1_500.0, "{moved} ± {sd}");
+        assert!((sure - 2_500.0).abs() < 5.0 && (close - 80.0).abs() < 1.0, "{sure} ± {close}");
     }
 
     #[test]

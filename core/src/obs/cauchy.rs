@@ -217,11 +217,11 @@ impl WrappedCauchy {
         sum + math::f32::ln(product)
     }
 
-    /// ln of the evidence that short sounds rich in frequency, not a tone, give bin `f` its directions: in a frame whose
-    /// pressure is uneven in time, the density that the bin's neighbours draw.
-    pub fn log_short(&self, rows: &[&Row], f: usize, bins: usize) -> f32 {
+    /// ln of the evidence that short sounds rich in frequency, not a tone, give bin `f` its directions: in each frame that may hold
+    /// one, the density that the bin's neighbours draw.
+    pub fn log_short<'a>(&self, rows: impl Iterator<Item = &'a &'a Row>, f: usize, bins: usize) -> f32 {
         let mut product = 1f32;
-        for row in rows.iter().filter(|r| r.may_hold_a_call()) {
+        for row in rows {
             let code = |f: usize| row.azimuth(f).filter(|_| f < bins);
             let Some(own) = code(f) else { continue };
             // One more neighbour that may point anywhere.

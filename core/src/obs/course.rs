@@ -56,10 +56,16 @@ pub struct Closest {
     pub speed_m_s: f64,
 }
 
+/// How long before or after its straight course a vessel is at a place, s: real ways bend by 340 to 1100 m within 50 km. A vessel that
+/// passes at 3 km is then seen six degrees beside its course, and is the same vessel; one that passes twice as far and as fast, as
+/// another pair of paths has it, no less.
+const BENDS_S: f64 = 45.0;
+
 impl Seen {
-    /// Its direction, taken as it is.
+    /// Its direction, as surely as a straight course tells it.
     pub fn towards(&self) -> Towards {
-        Towards { azimuth: self.azimuth, turning_rad_s: self.turning_rad_s, doubt: 0.0 }
+        let doubt = BENDS_S * math::f64::abs(self.turning_rad_s);
+        Towards { azimuth: self.azimuth, turning_rad_s: self.turning_rad_s, doubt }
     }
 }
 

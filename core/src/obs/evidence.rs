@@ -20,8 +20,8 @@ struct AzimuthMark {
     sd: u16,
 }
 
-/// A range: metres, standard deviation in 8 m (0: none), speed and its deviation in 1/8 m/s, weight in 1/127, and whether it is
-/// sure in the lowest bit.
+/// A range: metres, standard deviation in 8 m (0: none), speed and its deviation in 1/8 m/s, weight as [`weight_code`] says, and
+/// whether it is sure in the lowest bit.
 #[derive(Clone, Copy, Debug, Default)]
 struct RangeMark {
     range: u16,
@@ -29,6 +29,21 @@ struct RangeMark {
     speed: i8,
     sd_speed: u8,
     weight_sure: u8,
+}
+
+/// Bits of a number's exponent and eighths, and that of the least weight kept, 2⁻¹⁵: a lighter mode is no better than none.
+const EIGHTHS: u32 = 20;
+const LEAST_WEIGHT: u32 = (127 - 15) << 3;
+
+/// A weight up to 1 in seven bits, to an eighth: a mode that holds a thousandth of the posterior must not pass for one that holds ten.
+fn weight_code(weight: f32) -> u8 {
+    let rounded = (weight.clamp(0.0, 1.0).to_bits() + (1 << (EIGHTHS - 1))) >> EIGHTHS;
+    rounded.saturating_sub(LEAST_WEIGHT).min(127) as u8
+}
+
+/// The weight of a code; none of 0.
+fn weight_of(code: u8) -> f32 {
+    if code == 0 { 0.0 } else { f32::from_bits((u32::from(code) + LEAST_WEIGHT) << EIGHTHS) }
 }
 
 impl AzimuthMark {
@@ -47,7 +62,7 @@ impl RangeMark {
             sd_m: f64::from(self.sd) * 8.0,
             speed_m_s: f64::from(self.speed) / 8.0,
             sd_speed_m_s: f64::from(self.sd_speed) / 8.0,
-            weight: f64::from(self.weight_sure >> 1) / 127.0,
+            weight: f64::from(weight_of(self.weight_sure >> 1)),
             sure: self.weight_sure & 1 == 1,
         }
     }
@@ -113,7 +128,7 @@ impl Minute {
                 sd: (mode.sd_range_m / 8.0 + 0.5).clamp(1.0, 255.0) as u8,
                 speed: math::f32::round(mode.speed_m_s * 8.0).clamp(-127.0, 127.0) as i8,
                 sd_speed: math::f32::round(mode.sd_speed_m_s * 8.0).clamp(1.0, 255.0) as u8,
-                weight_sure: (mode.weight * 127.0).clamp(1.0, 127.0) as u8 * 2 + u8::from(mode.sure),
+                weight_sure: weight_code(mode.weight) * 2 + u8::from(mode.sure),
             };
         }
         out
@@ -214,5 +229,20 @@ impl Evidence {
         let (newer, older) = self.minutes.split_at_checked(self.next).unwrap_or_default();
         let all = newer.iter().rev().chain(older.iter().rev()).take(self.held);
         all.filter(move |m| (from..=to).contains(&m.number)).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_weight_is_kept_to_an_eighth_and_a_light_mode_stays_light() {
+        for weight in [1.0f32, 0.93, 0.5, 0.26, 0.01, 0.001, 1e-4] {
+            let kept = weight_of(weight_code(weight));
+            assert!((kept / weight - 1.0).abs() <= 1.0 / 15.0, "{weight}: {kept}");
+        }
+        assert_eq!(weight_of(weight_code(1.0)), 1.0);
+        assert_eq!((weight_code(0.0), weight_of(weight_code(1e-6))), (0, 0.0));
     }
 }

@@ -28,6 +28,11 @@ use crate::math::{self, log_sum};
 /// Natural logarithm of the presence ratio a mode must exceed: 10⁴, so that noise passes at most once in 10⁴ windows.
 pub const LOG_THRESHOLD: f32 = 9.21;
 
+/// Mean over a window of its frames' unevenness, in eighths, from which on every frame of it may hold a call: calls of a whale so far away
+/// that none stands out of its frame, and their echoes, are heard in all of them (17.8 to 19.8; noise and vessels 14 to 19, in the median
+/// 16). The neighbours of a vessel's tone do not point its way, and it is told from them even then.
+const LIVELY: f32 = 17.0;
+
 /// Fewest frames a window needs.
 const LEAST_FRAMES: usize = 8;
 
@@ -116,8 +121,11 @@ impl WrappedCauchy {
         s.free = [0; AZIMUTH_BINS];
         s.peak = [0.0; AZIMUTH_BINS];
         // A short sound lies in both frames that overlap it: against one, uneven frames count half.
+        let frames = rows.len().max(1) as f32;
+        let lively = rows.iter().map(|r| f32::from(r.uneven)).sum::<f32>() > LIVELY * frames;
+        let may_hold_a_call = |r: &Row| lively || r.may_hold_a_call();
         let bursts = rows.iter().filter(|r| r.may_hold_a_call()).count();
-        let share = 1.0 - 0.5 * bursts as f32 / rows.len().max(1) as f32;
+        let share = 1.0 - 0.5 * bursts as f32 / frames;
         let weights =
             s.peak.iter_mut().zip(&mut s.adjust).zip(&mut s.best).zip(&mut s.free).zip(&mut s.reach);
         for (f, ((((peak, adjust), best), free), reach)) in weights.enumerate().take(bins) {
@@ -138,7 +146,7 @@ impl WrappedCauchy {
                 let noise = ambient.log_ratio(f, codes.azimuths());
                 let axial = self.log_axial(step, &codes);
                 let phase = self.log_steady_phase(&codes);
-                let short = self.log_short(rows, f, bins);
+                let short = self.log_short(rows.iter().filter(|r| may_hold_a_call(r)), f, bins);
                 let against_short = share * (top + phase - short) - top;
                 (phase - log_sum(log_sum(0.0, axial), noise)).min(against_short)
             };
@@ -352,6 +360,37 @@ mod tests {
         let steady = modes(&window(60, 0, 14));
         assert!(steady.len() == 1 && (steady[0] - 105.0).abs() < 3.0, "{steady:?}");
         let tone = modes(&window(60, 3, 40));
+        assert!(tone.len() == 1 && (tone[0] - 281.0).abs() < 2.0, "{tone:?}");
+    }
+
+    #[test]
+    fn calls_of_which_none_stands_out_of_its_frame_are_no_tone_and_hide_none() {
+        // Faint: three of eight bins of a frame point elsewhere.
+        let faint = |tone, uneven| {
+            let mut rows = window(60, tone, uneven);
+            for (n, row) in rows.iter_mut().enumerate() {
+                let mut codes: Vec<_> = row.directions().collect();
+                for (bin, code) in codes.iter_mut().enumerate().take(160).skip(100) {
+                    let tonal = (130..130 + tone).contains(&bin);
+                    *code = code.map(|(a, p)| {
+                        if tonal || (bin * 7 + n * 11) % 16 < 10 {
+                            (a, p)
+                        } else {
+                            (
+                                ((usize::from(a) + bin * 389 + n * 241) % 1024) as u16,
+                                ((bin * 5 + n * 7) % 16) as u8,
+                            )
+                        }
+                    });
+                }
+                row.fill(codes.into_iter());
+            }
+            modes(&rows)
+        };
+        let calls = faint(0, 19);
+        assert!(calls.is_empty(), "{calls:?}");
+        assert_eq!(faint(0, 14).len(), 1);
+        let tone = faint(3, 19);
         assert!(tone.len() == 1 && (tone[0] - 281.0).abs() < 2.0, "{tone:?}");
     }
 }

@@ -37,10 +37,16 @@ pub fn motion(
     // Errors that last over so many bearings weigh like one.
     let shared: Vec<f64> =
         (0..network.stations.len()).map(|i| (tau_s / interval_s(rows, i)).max(1.0).sqrt()).collect();
+    let later: Vec<f64> = if heard.of_the_floor {
+        rows.iter().map(|r| later_s(network, rows, r, source_depth_m)).collect()
+    } else {
+        vec![0.0; rows.len()]
+    };
     let bearings: Vec<DatedSighting> = rows
         .iter()
-        .map(|r| DatedSighting {
-            t_s: r.t_s,
+        .zip(later)
+        .map(|(r, later_s)| DatedSighting {
+            t_s: r.t_s - later_s,
             array: r.station,
             sighting: Sighting {
                 array_m: network.arrays_m[r.station],
@@ -56,6 +62,24 @@ pub fn motion(
     let shared = network.shared(&heard.sd_clock_s);
     let scatter = Scatter::Measured;
     fit(&bearings, &JointSettings { z_m: -source_depth_m, sound_speed_m_s, robust, scatter, shared })
+}
+
+/// Longest time from a bearing without range to the station's nearest with one that tells how far the vessel was, seconds.
+const RANGE_WITHIN_S: f64 = 1800.0;
+
+/// How much later than straight a station at the floor hears a vessel: what is loudest from afar has been at the surface and the floor
+/// once more, three times through the water [O, II]. Two seconds at 20 km in 4300 m, in which a vessel goes on by 15 m.
+fn later_s(network: &Network, rows: &[BearingRow], row: &BearingRow, source_depth_m: f64) -> f64 {
+    let depth_m = -source_depth_m - network.arrays_m[row.station][2];
+    let own = rows.iter().filter(|r| r.station == row.station && r.elevation.is_some_and(|e| e > 0.0));
+    let nearest = own.min_by(|a, b| (a.t_s - row.t_s).abs().total_cmp(&(b.t_s - row.t_s).abs()));
+    let Some(elevation) =
+        nearest.filter(|r| (r.t_s - row.t_s).abs() <= RANGE_WITHIN_S).and_then(|r| r.elevation)
+    else {
+        return 0.0;
+    };
+    let range_m = depth_m / elevation.tan();
+    (range_m.hypot(3.0 * depth_m) - range_m.hypot(depth_m)) / network.stations[row.station].sound_speed_m_s
 }
 
 /// Median time between bearings of one station, seconds; infinite where there are fewer than two.

@@ -70,7 +70,17 @@ impl Expected {
     }
 }
 
+/// Ranges about and beyond the model's end from which vessels are still heard, m, and how much nearer another pair of paths reads them.
+const BEYOND_M: core::ops::Range<f32> = 47_000.0..60_000.0;
+const NEARER: [f32; 2] = [2.0, 1.5];
+
 impl RangeMode {
+    /// Whether it may read the echoes of a vessel beyond the model's end, of which the posterior knows nothing: no share of it says then
+    /// that the vessel is here.
+    fn may_be_beyond(&self) -> bool {
+        NEARER.iter().any(|nearer| BEYOND_M.contains(&(nearer * self.range_m)))
+    }
+
     /// Whether it moves as the echoes of an established vessel of the table's strengths read as another pair of paths do, and no
     /// such vessel is there. Where the vessel itself does not show among a minute's modes its track may be the other pair's.
     fn is_an_echo(
@@ -124,7 +134,8 @@ impl RangePresence {
             !known().any(|e| e.is_near(m)) && known().any(echoes)
         };
         for m in self.modes.iter_mut().flatten() {
-            m.sure |= expected.iter().flatten().any(|e| e.established && e.is_near(m));
+            let established = expected.iter().flatten().any(|e| e.established && e.is_near(m));
+            m.sure = established || m.sure && !m.may_be_beyond();
         }
         let old = self.modes;
         let first = old.iter().flatten().filter(|m| m.tracked && !mistaken(m));
