@@ -55,10 +55,11 @@ pub struct Sound {
 }
 
 /// The card's sound against the conversions that were read, of each start, and against the detections where clips are kept.
+/// `off`: what numbers after a gap are off by where the board told them to be an estimate (0: they must be exact).
 ///
 /// # Errors
 /// The card cannot be read any more, or the configuration.
-pub fn sound(run: &BoardRun, blob: &[u8]) -> Result<Sound> {
+pub fn sound(run: &BoardRun, blob: &[u8], off: i64) -> Result<Sound> {
     let Some(card) = &run.card else { bail!("there is no card") };
     let config = config_blob::station(blob).map_err(|e| anyhow!("{e}"))?;
     let mut sound = Sound::default();
@@ -79,11 +80,12 @@ pub fn sound(run: &BoardRun, blob: &[u8]) -> Result<Sound> {
         let begin = run.starts.get(start).map_or(0, |start| start.1);
         let end = run.starts.get(start + 1).map_or(run.numbers.len(), |next| next.1);
         let base = run.numbers.get(begin).copied().unwrap_or(0);
-        let truth: HashMap<u64, Codes> = run.numbers[begin..end]
-            .iter()
-            .map(|n| n - base)
-            .zip(run.codes[begin..end].iter().copied())
-            .collect();
+        let numbers = &run.numbers[begin..end];
+        let gap = numbers.windows(2).position(|w| w[1] > w[0] + 1).map_or(numbers.len(), |at| at + 1);
+        let given =
+            |(n, number): (usize, &u64)| (number - base).saturating_add_signed(if n < gap { 0 } else { off });
+        let truth: HashMap<u64, Codes> =
+            numbers.iter().enumerate().map(given).zip(run.codes[begin..end].iter().copied()).collect();
         for (_, extent, kept) in files {
             let mut file = Part { medium: &mut medium, first: extent.first };
             sound.wrong += wrong(&mut file, kept, &truth)?;

@@ -102,18 +102,21 @@ impl Stage<'_> {
 
     fn judge_card(&self, case: &CardCase) -> Result<Row> {
         let setup = self.with_card(&case.case.setup, case.card)?;
-        let (mut row, report) = self.judge_with(&Case { setup, ..case.case.clone() })?;
+        let (mut row, report, off) = self.judge_with(&Case { setup, ..case.case.clone() })?;
         if report.card.is_none() {
             return Ok(row);
         }
-        let sound = sound(&report, self.blob)?;
+        let sound = sound(&report, self.blob, off)?;
         let told: u64 = report
             .said
             .iter()
             .filter_map(|said| match said.message {
-                // What the card did not take, and what there was none of.
+                // What the card did not take, what there was none of, and what came damaged.
                 Message::Fault(f)
-                    if matches!(f.code, FaultCode::CardBack | FaultCode::ConverterRestarted) =>
+                    if matches!(
+                        f.code,
+                        FaultCode::CardBack | FaultCode::ConverterRestarted | FaultCode::Invalid
+                    ) =>
                 {
                     u64::try_from(f.value).ok()
                 }
@@ -123,14 +126,14 @@ impl Stage<'_> {
         let full = case.card == Some(SMALL);
         let late = !full && sound.untaken > (UNTAKEN_S * self.rate_hz) as u64;
         let words = match (sound.wrong, sound.missing) {
-            (0, _) if late => "SOUND NOT TAKEN",
-            (0, 0) => "sound whole",
-            (0, missing) if case.misses && missing <= told => "sound whole but for what was told",
-            (0, _) => "SOUND MISSING",
-            _ => "WRONG SOUND",
+            (0, _) if late => "SOUND NOT TAKEN".to_owned(),
+            (0, 0) => "sound whole".to_owned(),
+            (0, missing) if case.misses && missing <= told => "sound whole but for what was told".to_owned(),
+            (0, missing) => format!("SOUND MISSING ({missing} instants, {told} told)"),
+            (wrong, _) => format!("WRONG SOUND ({wrong} instants)"),
         };
         row.right &= words.starts_with("sound whole") && sound.instants > 0;
-        row.outcome = [row.outcome.as_str(), words]
+        row.outcome = [row.outcome.as_str(), &words]
             .iter()
             .filter(|w| !w.is_empty())
             .copied()
@@ -145,7 +148,7 @@ impl Stage<'_> {
         let setup = Setup { costs: costs(COST.0), link: true, ..Setup::default() };
         let report = self.play(SECONDS, &self.with_card(&setup, Some(CARD))?)?;
         let difference = report.difference(self.blob)?;
-        let sound = sound(&report, self.blob)?;
+        let sound = sound(&report, self.blob, 0)?;
         let right = report.lost == 0
             && report.delivered == report.converted
             && report.idle >= super::LEAST_IDLE

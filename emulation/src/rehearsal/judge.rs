@@ -103,6 +103,8 @@ pub struct Numbers {
     pub outcome: String,
     /// Whether every record is of the samples it says it is of.
     pub right: bool,
+    /// What the numbers after a gap are off by where the board told them to be an estimate, of the last session with such a gap.
+    pub off: i64,
 }
 
 /// A stretch of telemetry from one `Hello` to the next that began a count of frames, and the conversions since that start.
@@ -175,7 +177,7 @@ pub fn numbers(run: &BoardRun, blob: &[u8], sent: Option<&[u8]>, known: Known) -
     let hash = |blob: &[u8]| config_blob::station(blob).map_or(0, |config| config.hash());
     let sent = sent.map(|blob| (hash(blob), blob));
     let mut outcome = Vec::new();
-    let mut right = true;
+    let (mut right, mut off) = (true, 0);
     let sessions = sessions(run);
     let restarted_s = run.starts.get(1).map_or(f64::INFINITY, |start| start.0);
     let recording: Vec<&Session<'_>> = sessions.iter().filter(|s| s.hello.kind != WAITING).collect();
@@ -194,7 +196,10 @@ pub fn numbers(run: &BoardRun, blob: &[u8], sent: Option<&[u8]>, known: Known) -
         let session =
             Session { said: &session.said[..sure], last: session.last && !doubtful, ..(*session).clone() };
         match compare(&session, blob, if n == 0 { at_least as u64 } else { 0 }) {
-            Ok(Some(words)) => outcome.push(words),
+            Ok(Some((words, by))) => {
+                outcome.push(words);
+                off = if by == 0 { off } else { by };
+            }
             Ok(None) => {}
             Err(reason) => {
                 right = false;
@@ -209,7 +214,7 @@ pub fn numbers(run: &BoardRun, blob: &[u8], sent: Option<&[u8]>, known: Known) -
     if recording.len() > 1 {
         outcome.push(format!("{} sessions", recording.len()));
     }
-    Ok(Numbers { outcome: outcome.join("; "), right })
+    Ok(Numbers { outcome: outcome.join("; "), right, off })
 }
 
 /// How old a sample is, at most, when what it brings is said, s: ring, block, line and flash; at the ocean bottom looks and filters.
@@ -236,7 +241,7 @@ struct Assumed {
     off: i64,
 }
 
-fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<String>> {
+fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<(String, i64)>> {
     let faults = |code: FaultCode| {
         session.said.iter().filter_map(move |s| match s.message {
             Message::Fault(f) if f.code == code => Some(f),
@@ -338,7 +343,7 @@ fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<S
         if given_up > 0 {
             words += &format!(", {} given up as told", two_digits(given_up));
         }
-        return Ok(Some(words).filter(|_| records || given_up > 0));
+        return Ok(Some((words, 0)).filter(|_| records || given_up > 0));
     }
     if restarts > 0 {
         let most = jumps.iter().map(|(gap, before)| most_off(*gap, *before)).sum::<i64>().max(1);
@@ -353,7 +358,7 @@ fn compare(session: &Session<'_>, blob: &[u8], at_least: u64) -> Result<Option<S
                     if let Some(early) = early.filter(|_| wrong > 0) {
                         words += &format!("; {} {} off before it was told", two_digits(wrong), early.abs());
                     }
-                    return Ok(Some(words));
+                    return Ok(Some((words, off)));
                 }
             }
         }
@@ -430,6 +435,7 @@ pub fn clock(run: &BoardRun, faults: &[InjectedFault], rate_hz: f64) -> Option<N
             10f64.powf((worst_s * 1e6).max(1.0).log10().ceil())
         ),
         right: worst_sd <= MOST_SD,
+        off: 0,
     })
 }
 
@@ -549,7 +555,7 @@ mod tests {
         assert_eq!((right.outcome.as_str(), right.right), ("estimate, exact", true));
         // A gap of 10 000 after 40 000 that were measured: the rounding.
         let near = judged(&estimated(40_000..50_000, -1), UNDISTURBED);
-        assert_eq!((near.outcome.as_str(), near.right), ("estimate, 1 off", true));
+        assert_eq!((near.outcome.as_str(), near.right, near.off), ("estimate, 1 off", true, -1));
         for off in [2, -2, 16] {
             let far = judged(&estimated(40_000..50_000, off), UNDISTURBED);
             assert!(!far.right && far.outcome.starts_with("WRONG"), "{off}: {}", far.outcome);

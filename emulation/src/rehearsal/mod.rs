@@ -194,7 +194,7 @@ impl Stage<'_> {
     }
 
     /// The same, and the run.
-    fn judge_with(&self, case: &Case) -> Result<(Row, BoardRun)> {
+    fn judge_with(&self, case: &Case) -> Result<(Row, BoardRun, i64)> {
         let patience_s = PATIENCE_S[usize::from(case.setup.parameters.seismic)];
         let most_s = Some(case.seconds.max(case.event_s) + patience_s);
         let report = self
@@ -232,7 +232,7 @@ impl Stage<'_> {
             outcome: numbers.outcome,
             right: named && numbers.right,
         };
-        Ok((row, report))
+        Ok((row, report, numbers.off))
     }
 
     /// Everything, as many cases at a time as there are processors; rows are said in their order.

@@ -224,7 +224,7 @@ pub(super) fn run(
         crate::atomic::write(path, &report.firmware)?;
     }
     let difference = report.difference(&blob)?;
-    let sound = report.card.is_some().then(|| board::sound(&report, &blob)).transpose()?;
+    let sound = report.card.is_some().then(|| board::sound(&report, &blob, 0)).transpose()?;
     say(&report, sound.as_ref(), difference.is_none(), json)?;
     if let Some(sound) = sound.filter(|sound| sound.wrong > 0) {
         bail!("{} instants on the card are not those of the converter", sound.wrong);
