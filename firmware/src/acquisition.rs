@@ -128,6 +128,8 @@ pub struct Acquisition<B> {
     pace: Option<Pace>,
     /// The converter was set up anew and the shift is not yet known.
     unplaced: bool,
+    /// Edges counted when that became known.
+    placed: u64,
     /// About when its first edge was, and the first moment noted since.
     begun: Stamp,
     anew: Option<Stamp>,
@@ -153,6 +155,7 @@ impl<B: Board> Acquisition<B> {
             damaged: 0,
             pace: None,
             unplaced: false,
+            placed: 0,
             begun: Stamp::default(),
             anew: None,
             told_silent: false,
@@ -256,6 +259,7 @@ impl<B: Board> Acquisition<B> {
         let index = by_clock.saturating_sub(stamp.edges.saturating_sub(first)).max(self.index + 1);
         self.fault = Some((FaultCode::ConverterRestarted, index - self.index));
         self.shift = index.wrapping_sub(first);
+        self.placed = stamp.edges;
         self.pace = Some(pace.after_outage(stamp));
         (self.phase, self.moment) = (Phase::default(), None);
         self.unplaced = false;
@@ -271,12 +275,14 @@ impl<B: Board> Acquisition<B> {
             return None;
         }
         let us = stamp.at_us.saturating_sub(before.at_us);
-        let (by_clock, within) = match self.pace.filter(Pace::is_measured) {
-            // One that stood still for a while, unseen because nobody came, is numbered wrongly from then on.
-            Some(pace) => (pace.conversions(us), (STRAY + edges / STEADY).min(edges / 16)),
-            None => (us.saturating_mul(u64::from(self.board.hz())) / 1_000_000, edges / 16),
+        // One that stood still for a while, unseen because nobody came, is numbered wrongly from then on. The rate of a minute ago or
+        // before an outage may not be that of now.
+        let within = (STRAY + edges / STEADY).min(edges / 16);
+        let holds = |pace: &Pace| pace.conversions(us).abs_diff(edges) <= within;
+        let right = match self.pace.filter(Pace::is_measured) {
+            Some(pace) => holds(&pace) || self.phase.recent().is_some_and(holds),
+            None => (us.saturating_mul(u64::from(self.board.hz())) / 1_000_000).abs_diff(edges) <= edges / 16,
         };
-        let right = by_clock.abs_diff(edges) <= within;
         if right {
             self.timed = Some(stamp);
         }
@@ -306,7 +312,11 @@ impl<B: Board> Acquisition<B> {
 
     /// The edge of this number was none of the converter's: it is not numbered, and those after it are one less.
     fn leave_out(&mut self, edge: u64) {
-        self.shift = self.shift.wrapping_sub(1);
+        // Those before an outage's end was placed were counted as conversions of it: one number is left out.
+        if edge >= self.placed {
+            self.shift = self.shift.wrapping_sub(1);
+        }
+        self.begun.leave_out(edge);
         self.phase.leave_out(edge);
         self.pace.iter_mut().for_each(|pace| pace.leave_out(edge));
         for stamp in [&mut self.timed, &mut self.anew, &mut self.moment].into_iter().flatten() {

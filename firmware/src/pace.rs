@@ -22,8 +22,13 @@ impl Stamp {
 pub const PARTS: i64 = 256;
 /// Least distance of two moments kept, as a part of a second.
 const STEP: u64 = 16;
-/// A baseline is between one and two of these long, s: a minute or two, over which an oscillator hardly drifts.
+/// A baseline is between one and two of these long, s: a minute or two. An oscillator without a crystal drifts by tens of millionths in that,
+/// and by thousandths as a recorder sinks into cold water: what a few conversions are held against is [`Pace::recent`].
 const SPAN: u64 = 64;
+/// The same of a recent one, in edges; a second at least.
+const RECENT: u64 = 4096;
+/// A stretch of a second tells the rate to this part: one that was measured before and is farther from it holds no longer.
+const HOLDS: u64 = 50_000;
 
 /// Moments far apart.
 #[derive(Clone, Copy, Debug)]
@@ -34,12 +39,19 @@ pub struct Pace {
     /// Edges and microseconds that were measured before the oldest moment; `None`: nothing was.
     before: Option<(u64, u64)>,
     hz: u32,
+    /// A baseline is between one and two of these long, in edges.
+    span: u64,
 }
 
 impl Pace {
     /// From this moment on; nominally so many conversions a second.
     pub fn new(first: Stamp, hz: u32) -> Self {
-        Self { oldest: first, middle: first, newest: first, before: None, hz }
+        Self { oldest: first, middle: first, newest: first, before: None, hz, span: u64::from(hz) * SPAN }
+    }
+
+    /// The same over a second or two, or some thousand conversions where that is longer: no temperature changes so fast.
+    pub fn recent(first: Stamp, hz: u32) -> Self {
+        Self { span: RECENT.max(hz.into()), ..Self::new(first, hz) }
     }
 
     /// From this moment on, after edges that were missed: what was measured before holds until more has been.
@@ -58,11 +70,15 @@ impl Pace {
         Self { before: Some((edges, to.at_us.saturating_sub(from.at_us).max(1))), ..self }
     }
 
-    /// Edges and microseconds of the longest time that was measured.
+    /// Edges and microseconds of the longest time that was measured and still holds.
     fn measured(&self) -> Option<(u64, u64)> {
         let edges = self.newest.edges - self.oldest.edges;
-        let now = (edges, self.newest.at_us.saturating_sub(self.oldest.at_us).max(1));
-        self.before.filter(|before| before.0 > edges).or((edges > 0).then_some(now))
+        let us = self.newest.at_us.saturating_sub(self.oldest.at_us).max(1);
+        let holds = |before: &(u64, u64)| {
+            let by_before = (u128::from(us) * u128::from(before.0) / u128::from(before.1)) as u64;
+            edges < u64::from(self.hz) || by_before.abs_diff(edges) <= 2 + edges / HOLDS
+        };
+        self.before.filter(|before| before.0 > edges && holds(before)).or((edges > 0).then_some((edges, us)))
     }
 
     /// A later moment.
@@ -72,9 +88,14 @@ impl Pace {
             return;
         }
         self.newest = stamp;
-        if stamp.edges - self.middle.edges >= hz * SPAN {
+        if stamp.edges - self.middle.edges >= self.span {
             (self.oldest, self.middle) = (self.middle, stamp);
         }
+    }
+
+    /// Conversions a second, nominally.
+    pub fn hz(&self) -> u32 {
+        self.hz
     }
 
     /// The newest moment kept.

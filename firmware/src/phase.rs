@@ -2,7 +2,8 @@
 //! after it off by one.
 //!
 //! A moment is noted by an interrupt, never early and mostly not late; so of a few moments in a row the least late is held against
-//! the least late of those before. The converter's own rate and the board's clock agree far better than that over such a time.
+//! the least late of those before. What rate they have to each other is taken from the seconds before in the same stretch of
+//! conversions: over minutes, or while the converter stood still, the board's clock may drift by more than can be told apart from an edge.
 
 use crate::pace::{Pace, Stamp};
 
@@ -22,38 +23,49 @@ pub enum Verdict {
 pub struct Phase {
     /// The moment that the others are held against: the least late of the window before, or the first of all.
     from: Option<Stamp>,
-    /// That it is the former.
-    steady: bool,
-    /// The least late, and by how much.
-    best: Option<(Stamp, i64)>,
+    /// The rate of the seconds before, by the least late moments of this stretch.
+    recent: Option<Pace>,
+    /// The least late, by how much, and how much is nothing.
+    best: Option<(Stamp, i64, i64)>,
     seen: u8,
     newest: u64,
 }
 
 impl Phase {
-    /// A moment; each counts once. `moments` make a window.
+    /// A moment; each counts once. `moments` make a window. By `pace` they are compared until a sixteenth of a second of this stretch was
+    /// measured; until then nothing is judged.
     pub fn note(&mut self, stamp: Stamp, pace: &Pace, moments: u8) -> Verdict {
         if stamp.edges <= self.newest {
             return Verdict::Open;
         }
         self.newest = stamp.edges;
         let from = *self.from.get_or_insert(stamp);
-        let (late, _) = pace.late(from, stamp);
-        let best = self.best.filter(|best| best.1 <= late).unwrap_or((stamp, late));
+        let recent = self.recent().copied();
+        let (late, most) = recent.as_ref().unwrap_or(pace).late(from, stamp);
+        let best = self.best.filter(|best| best.1 <= late).unwrap_or((stamp, late, most));
         self.best = Some(best);
         self.seen += 1;
         if self.seen < moments {
             return Verdict::Open;
         }
-        let (best, late) = best;
-        let (steady, (_, most)) = (self.steady, pace.late(from, best));
-        *self = Self { from: Some(best), steady: true, best: None, seen: 0, newest: self.newest };
-        if steady && late.abs() > most { Verdict::Wrong } else { Verdict::Right(best) }
+        let (best, late, most) = best;
+        (self.from, self.best, self.seen) = (Some(best), None, 0);
+        if recent.is_some() && late.abs() > most {
+            return Verdict::Wrong;
+        }
+        self.recent.get_or_insert(Pace::recent(best, pace.hz())).note(best);
+        Verdict::Right(best)
+    }
+
+    /// The rate of the seconds before, once it was measured.
+    pub fn recent(&self) -> Option<&Pace> {
+        self.recent.as_ref().filter(|pace| pace.is_measured())
     }
 
     /// The edge of this number was none of the converter's.
     pub fn leave_out(&mut self, edge: u64) {
         self.from.iter_mut().for_each(|stamp| stamp.leave_out(edge));
+        self.recent.iter_mut().for_each(|pace| pace.leave_out(edge));
         self.best.iter_mut().for_each(|best| best.0.leave_out(edge));
     }
 }

@@ -13,8 +13,9 @@ struct Bench {
     /// Conversions the source has had, whether they were done or not: the true number.
     instants: u64,
     now_us: u64,
-    /// A conversion by the board's clock.
+    /// A conversion by the board's clock, and what it has added up to.
     period_ns: u64,
+    ns: u64,
     alive: bool,
     awake: bool,
     was_reset: bool,
@@ -46,6 +47,7 @@ impl Bench {
             instants: 0,
             now_us: 0,
             period_ns: PERIOD_NS,
+            ns: 0,
             alive: true,
             awake: false,
             was_reset: true,
@@ -96,7 +98,8 @@ impl Bench {
     /// So many periods go by.
     fn run(&mut self, periods: u64) {
         for _ in 0..periods {
-            self.now_us = (self.instants + self.offset) * self.period_ns / 1000;
+            self.now_us = (self.ns + self.offset * self.period_ns) / 1000;
+            self.ns += self.period_ns;
             self.instants += 1;
             if self.stops > 0 {
                 self.stops -= 1;
@@ -539,4 +542,42 @@ fn a_converter_that_begins_again_before_its_first_sample_was_given_is_told() {
     assert_eq!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 0)));
     let all = loop_for(&mut acquisition, 6400);
     assert!(all.first().is_some_and(|first| first.0 == 0) && acquisition.fault().is_none());
+}
+
+#[test]
+fn a_clock_that_is_another_after_an_outage_is_no_fault_of_the_converter() {
+    // Nanoseconds of a conversion: 64 millionths each.
+    for off in [-64i64, -32, -8, 8, 32, 64] {
+        let mut acquisition = started();
+        loop_for(&mut acquisition, 300_000);
+        acquisition.board.alive = false;
+        loop_for(&mut acquisition, 64_000);
+        acquisition.board.period_ns = PERIOD_NS.saturating_add_signed(off);
+        (acquisition.board.alive, acquisition.board.registers) = (true, [0; 64]);
+        let faults = |acquisition: &mut Acquisition<Bench>, instants: u64| {
+            let mut told = 0;
+            for _ in 0..instants / 640 {
+                loop_for(acquisition, 640);
+                told += usize::from(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, _))));
+            }
+            told
+        };
+        assert_eq!(faults(&mut acquisition, 300_000), 1, "{off}");
+    }
+}
+
+#[test]
+fn a_clock_that_drifts_by_a_thousandth_a_minute_is_no_fault_of_the_converter() {
+    let mut acquisition = started();
+    loop_for(&mut acquisition, 300_000);
+    // A nanosecond, 64 millionths, each 4 s, for three minutes, and then steady.
+    for second in 0..240 {
+        let gone = loop_for(&mut acquisition, 64_000);
+        assert_eq!((error(&gone), acquisition.fault()), (0, None), "{second}");
+        acquisition.board.period_ns += u64::from(second % 4 == 0 && second < 180);
+    }
+    // What the converter's clock misses is noticed as before.
+    acquisition.board.stops = 2;
+    loop_for(&mut acquisition, 2560);
+    assert!(matches!(acquisition.fault(), Some((FaultCode::ConverterRestarted, 1..4000))));
 }
