@@ -157,6 +157,7 @@ fn failures() -> Vec<Case> {
     let again: Vec<InjectedFault> =
         (0..5).map(|n| InjectedFault::HardFault(AT_S + 0.1 * f64::from(n))).collect();
     let damaged = |case: Case| Case { setup: Setup { damaged_configuration: true, ..case.setup }, ..case };
+    let listening = |case: Case| Case { setup: Setup { receiver_s: 3.0, ..case.setup }, ..case };
     let bad = fault(FaultCode::BadConfiguration);
     let with = |case: Case, commands: &[(f64, Command)]| Case {
         setup: Setup { commands: line(commands), ..case.setup },
@@ -216,6 +217,14 @@ fn failures() -> Vec<Case> {
             ),
             &[(0.5, Command::Identify { token: 1 })],
         )),
+        // Its converter's edges are not counted then, and a pulse is of none.
+        listening(damaged(case(
+            "configuration damaged in flash, beside a receiver",
+            &[],
+            0.0,
+            2.5,
+            &[Wanted::Waits, bad],
+        ))),
         case(
             "hard fault",
             &[InjectedFault::HardFault(LATER_S)],

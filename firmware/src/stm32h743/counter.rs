@@ -20,6 +20,9 @@ const FILTER: timer::vals::FilterValue = if cfg!(feature = "seismic") {
     timer::vals::FilterValue::FDTS_DIV8_N8
 };
 
+/// Times that a moment is noted anew where edges came meanwhile.
+const TRIES: u8 = 3;
+
 /// Where data ready comes in: PE9, channel 1 of TIM1, or PE11, channel 2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Input {
@@ -60,16 +63,24 @@ pub(super) fn stamp() -> Stamp {
 pub fn on_wake() {
     let timer = pac::TIM1;
     timer.sr().write_value(timer::regs::SrAdv(!(1 << 3)));
-    // Edge and moment belong together, whatever interrupts.
-    let (edges, at_us) = loop {
-        let (before, at_us) = (edges(), now_us());
-        if edges() == before {
-            break (before, at_us);
+    // Edge and moment belong together, whatever interrupts; but a line that swings without end is not waited for.
+    let (mut edges, mut at_us) = (self::edges(), now_us());
+    for _ in 0..TRIES {
+        let again = self::edges();
+        if again == edges {
+            break;
         }
-    };
+        (edges, at_us) = (again, now_us());
+    }
     timer.ccr(2).write_value(timer::regs::Ccr1ch(u32::from((edges as u16).wrapping_add(WAKE_EDGES))));
     let stamp = Stamp { edges, at_us };
     critical_section::with(|cs| NOTED.borrow(cs).set(stamp));
+}
+
+/// Whether it counts: the timers have their clocks.
+pub(super) fn is_counting() -> bool {
+    let rcc = pac::RCC;
+    rcc.apb2enr().read().tim1en() && rcc.apb1lenr().read().tim2en()
 }
 
 /// Begins to count, on the first input.

@@ -20,8 +20,12 @@ pub const RING_BYTES: usize = 512;
 /// An edge so far from the pulse, in ticks, is of a core that was held: the board's clock is 1 % wrong.
 const FARTHEST: u32 = if cfg!(feature = "seismic") { 8000 } else { 2000 } * TICKS_PER_US;
 
-/// The newest pulse.
+/// Sooner after another, in ticks, it is no pulse of a second's: nobody waits for an edge then.
+const SOONEST: u32 = 500_000 * TICKS_PER_US;
+
+/// The newest pulse, and TIM5's count at the newest that was looked at.
 static NEWEST: Mutex<Cell<Option<Pulse>>> = Mutex::new(Cell::new(None));
+static LOOKED_AT: Mutex<Cell<Option<u32>>> = Mutex::new(Cell::new(None));
 
 /// The number of an edge near this moment, and TIM5's count at it.
 #[cfg(feature = "seismic")]
@@ -48,7 +52,14 @@ pub fn on_pulse() {
     let captured = counter.ccr(0).read();
     let twice = counter.sr().read().ccof(0);
     counter.sr().write_value(timer::regs::SrGp16(0));
-    let Some((edge, moment)) = edge_near().filter(|_| !twice) else { return };
+    let before = critical_section::with(|cs| LOOKED_AT.borrow(cs).get());
+    let soon = before.is_some_and(|before| captured.wrapping_sub(before) < SOONEST);
+    // While it waits a board counts no edges.
+    if twice || soon || !super::counter::is_counting() {
+        return;
+    }
+    critical_section::with(|cs| LOOKED_AT.borrow(cs).set(Some(captured)));
+    let Some((edge, moment)) = edge_near() else { return };
     let late = moment.wrapping_sub(captured).cast_signed();
     if late.unsigned_abs() > FARTHEST {
         return;
