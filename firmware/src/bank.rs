@@ -41,6 +41,8 @@ struct Queue<C> {
     ring: &'static mut Ring,
     first: usize,
     count: usize,
+    /// Sectors of which something waited since the queue was empty, as bits: of the others nothing has to be looked for.
+    sectors: u32,
     /// Pieces of work that found no room.
     overrun: u32,
 }
@@ -62,6 +64,11 @@ impl Default for Ring {
     }
 }
 
+/// A sector's bit; a bank has eight.
+fn bit(sector: u32) -> u32 {
+    1 << (sector % 32)
+}
+
 impl<C: Controller> Queue<C> {
     fn put(&mut self, work: Work) {
         let at = (self.first + self.count) % QUEUE;
@@ -69,6 +76,10 @@ impl<C: Controller> Queue<C> {
             Some(slot) if self.count < QUEUE => {
                 *slot = work;
                 self.count += 1;
+                self.sectors |= bit(match work.at & ERASE {
+                    0 => work.at / u32::from(SECTOR_WORDS),
+                    _ => work.at & !ERASE,
+                });
             }
             _ => self.overrun = self.overrun.saturating_add(1),
         }
@@ -82,7 +93,7 @@ impl<C: Controller> Queue<C> {
     }
 
     fn read(&self, word: u32) -> Option<Word> {
-        if self.count > 0 {
+        if self.count > 0 && self.sectors & bit(word / u32::from(SECTOR_WORDS)) != 0 {
             for work in self.waiting().rev() {
                 match work.at & !ERASE {
                     at if at == word && work.at & ERASE == 0 => return Some(work.value),
@@ -102,6 +113,7 @@ impl<C: Controller> Queue<C> {
             return true;
         }
         let Some(work) = self.ring.0.get(self.first).copied().filter(|_| self.count > 0) else {
+            self.sectors = 0;
             return false;
         };
         self.first = (self.first + 1) % QUEUE;
@@ -121,7 +133,7 @@ pub struct Bank<C>(RefCell<Queue<C>>);
 impl<C: Controller> Bank<C> {
     /// The bank of a controller, with nothing to do.
     pub fn new(controller: C, ring: &'static mut Ring) -> Self {
-        Self(RefCell::new(Queue { controller, ring, first: 0, count: 0, overrun: 0 }))
+        Self(RefCell::new(Queue { controller, ring, first: 0, count: 0, sectors: 0, overrun: 0 }))
     }
 
     /// Does what `f` does with the queue, which nothing else holds at the time.

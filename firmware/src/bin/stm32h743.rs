@@ -219,7 +219,7 @@ fn main() -> ! {
     #[cfg(feature = "link")]
     let mut outlet = {
         let who = (station, config.as_ref().map_or(0, |config| config.hash()));
-        kept.over(line, BAUD, who, KEY)
+        kept.over(line, BAUD, who, KEY, &mut board)
     };
     #[cfg(not(feature = "link"))]
     let mut outlet = Plain::new(line);

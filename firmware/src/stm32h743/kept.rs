@@ -99,15 +99,16 @@ impl Opened {
     }
 
     /// Opens the store and, over a serial line of `baud` bits a second, the link of a station with this configuration. Commands
-    /// must be signed with the key, where there is one.
+    /// must be signed with the key, where there is one. The supervisor is fed meanwhile: a full store takes long to look through.
     pub fn over<L: port::Link>(
         self,
         line: &'static mut L,
         baud: u32,
         (station, config_hash): (u16, u64),
         key: &[u8],
+        supervisor: &mut impl Supervisor,
     ) -> Outlet<L> {
-        let store = open_store(self.store, Part::of(self.bank));
+        let store = open_store(self.store, Part::of(self.bank), || supervisor.feed());
         let boot = store.starts();
         let link = self.link.write(Link::new(Settings::serial(baud), station, boot, config_hash, store));
         let keyed = |key: &[u8; 32]| Guard::keyed(*key, Recipient { station, boot });
@@ -122,8 +123,9 @@ impl Opened {
 fn open_store(
     place: &'static mut MaybeUninit<Records>,
     flash: Part<'static, BankTwo, RECORDS_FIRST, RECORDS_SECTORS>,
+    alive: impl FnMut(),
 ) -> &'static mut Records {
-    FlashStore::open_in(place, flash)
+    FlashStore::open_in(place, flash, alive)
 }
 
 impl Default for Memory {

@@ -68,6 +68,11 @@ pub trait Flash {
     fn busy(&self) -> bool;
 }
 
+/// Bits of the text of a record that waits.
+const SLOT_BITS: usize = RECORD_BYTES * 8;
+/// Where the bits of each class begin, and where the last class's end.
+type Marks = [u32; CLASSES + 1];
+
 /// A record that waits in memory until it can be written.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
@@ -111,17 +116,23 @@ pub struct FlashStore<F, const WAITING: usize> {
 }
 
 impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
+    /// Records that a flash can hold: of a word each.
+    const MOST_RECORDS: u32 = F::SECTORS as u32 * F::WORDS as u32;
+    /// Bits in the memory of what waits.
+    const BITS: u32 = (WAITING * SLOT_BITS) as u32;
+
     /// Opens what a flash holds, or begins anew where that is nothing; counts the start.
     pub fn open(flash: F) -> Self {
         let mut store = Self::unread(flash);
-        store.look();
+        store.look(|| {});
         store
     }
 
-    /// The same where the store is to stay: it is too large to be moved over a small stack.
-    pub fn open_in(place: &mut MaybeUninit<Self>, flash: F) -> &mut Self {
+    /// The same where the store is to stay: it is too large to be moved over a small stack. `alive` is called at each sector
+    /// that was read: a full store takes long enough for a watchdog.
+    pub fn open_in(place: &mut MaybeUninit<Self>, flash: F, alive: impl FnMut()) -> &mut Self {
         let store = place.write(Self::unread(flash));
-        store.look();
+        store.look(alive);
         store
     }
 
@@ -147,7 +158,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
     }
 
     /// Looks what the flash holds.
-    fn look(&mut self) {
+    fn look(&mut self, mut alive: impl FnMut()) {
         for sector in 0..F::SECTORS.min(MOST_SECTORS) {
             let Some((sequence, ledger, starts)) = self.opened(sector) else { continue };
             self.live |= 1 << sector;
@@ -158,16 +169,25 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
         }
         if let Some(writing) = self.writing {
             self.go_over(writing);
-            self.heal();
+            alive();
+            self.heal(&mut alive);
             self.blank = self.is_blank(next::<F>(writing.sector), writing.sequence);
         }
         self.starts = self.starts.wrapping_add(1);
         self.note_start();
         match self.writing {
             None => self.begin_erase(0),
-            Some(_) if !self.blank => self.give_up_oldest(),
+            Some(writing) if !self.blank => {
+                // Where an erase was cut short something was brought along before.
+                let marks = self.marks();
+                self.mark(&marks, writing.sector);
+                alive();
+                self.give_up_oldest(Some(&marks));
+                self.forget_marks();
+            }
             Some(_) => self.open_for_start(),
         }
+        alive();
     }
 
     /// A start that found no room opens the next sector, which says how many there were; else its number would be used twice.
@@ -178,7 +198,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
         {
             self.note();
             self.begin_sector(next::<F>(writing.sector), writing.sequence.wrapping_add(1));
-            self.give_up_oldest();
+            self.give_up_oldest(None);
         }
     }
 
@@ -284,21 +304,83 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
         }
     }
 
-    /// What should be kept and is not there any more is lost, and everything of its class before it.
-    fn heal(&mut self) {
+    /// What should be kept and is not there any more is lost, and everything of its class before it. Each sector is read once,
+    /// whatever is missing.
+    fn heal(&mut self, mut alive: impl FnMut()) {
+        let marks = self.marks();
+        for sector in 0..F::SECTORS.min(MOST_SECTORS) {
+            self.mark(&marks, sector);
+            alive();
+        }
         for class in Class::ALL {
             let of = class as usize;
-            let (Some(next), Some(oldest)) = (self.ledger.next.get(of), self.ledger.oldest.get(of)) else {
+            let (Some(from), Some(to), Some(next)) =
+                (marks.get(of), marks.get(of + 1), self.ledger.next.get(of).copied())
+            else {
                 continue;
             };
-            let (mut number, next) = (*oldest, *next);
-            while number != next {
-                if self.find(class, number).is_none() {
-                    self.lose(class, number);
-                }
-                number = number.wrapping_add(1);
+            let there = (*from..*to).take_while(|bit| self.is_marked(*bit)).count() as u32;
+            if there < self.ledger.kept(class) {
+                self.lose(class, next.wrapping_sub(there).wrapping_sub(1));
             }
         }
+        self.forget_marks();
+        // What is oldest stands in the oldest sector, or was brought along from it.
+        if let Some(writing) = self.writing {
+            self.seek.set([(next::<F>(next::<F>(writing.sector)), 0); CLASSES]);
+        }
+    }
+
+    /// Makes the memory of what waits, while the store opens and nothing does, bits in which records are marked as found.
+    fn marks(&mut self) -> Marks {
+        const { assert!(Self::BITS >= Self::MOST_RECORDS, "a bit for each record") };
+        let numbers = [0; 3];
+        for slot in &mut self.waiting {
+            let head = Head { kind: Kind::Record, class: 0, length: 0, numbers };
+            *slot = Some(Waiting { head, text: [0; RECORD_BYTES] });
+        }
+        let (mut marks, mut end) = ([0; CLASSES + 1], 0u32);
+        for (class, to) in Class::ALL.into_iter().zip(marks.iter_mut().skip(1)) {
+            // More cannot be there.
+            end = end.saturating_add(self.ledger.kept(class).min(Self::MOST_RECORDS)).min(Self::BITS);
+            *to = end;
+        }
+        marks
+    }
+
+    /// The memory is again for what waits.
+    fn forget_marks(&mut self) {
+        self.waiting.iter_mut().for_each(|slot| *slot = None);
+    }
+
+    /// Marks the records of a sector that are kept.
+    fn mark(&mut self, marks: &Marks, sector: u8) {
+        if self.live >> sector & 1 == 0 {
+            return;
+        }
+        self.each_kept(sector, Class::Spectrum, |store, class, head, _| {
+            if let Some(bit) = store.bit(marks, class, head.numbers[0])
+                && let Some(Some(slot)) = store.waiting.get_mut(bit as usize / SLOT_BITS)
+                && let Some(byte) = slot.text.get_mut(bit as usize % SLOT_BITS / 8)
+            {
+                *byte |= 1 << (bit % 8);
+            }
+            0
+        });
+    }
+
+    /// The bit of a record; the newest of each class come first.
+    fn bit(&self, marks: &Marks, class: Class, number: u32) -> Option<u32> {
+        let of = class as usize;
+        let back = self.ledger.next.get(of)?.wrapping_sub(1).wrapping_sub(number);
+        let (from, to) = (*marks.get(of)?, *marks.get(of + 1)?);
+        (back < to.saturating_sub(from)).then(|| from.saturating_add(back))
+    }
+
+    fn is_marked(&self, bit: u32) -> bool {
+        let slot = self.waiting.get(bit as usize / SLOT_BITS).and_then(Option::as_ref);
+        let byte = slot.and_then(|slot| slot.text.get(bit as usize % SLOT_BITS / 8));
+        byte.is_some_and(|byte| byte >> (bit % 8) & 1 != 0)
     }
 
     /// A class's records up to this one are lost.
@@ -422,7 +504,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
                     // What was acknowledged is known even if power goes before the next sector is the head.
                     self.note();
                     self.begin_sector(next::<F>(writing.sector), writing.sequence.wrapping_add(1));
-                    self.give_up_oldest();
+                    self.give_up_oldest(None);
                 }
                 _ => return false,
             }
@@ -447,23 +529,25 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
         (self.blank, self.start_unnoted) = (false, false);
     }
 
-    /// Brings along what must outlast the oldest sector, and begins to erase it.
-    fn give_up_oldest(&mut self) {
+    /// Brings along what must outlast the oldest sector, and begins to erase it. Of what is marked that was done before.
+    fn give_up_oldest(&mut self, before: Option<&Marks>) {
         let Some(writing) = self.writing else { return };
         let oldest = next::<F>(writing.sector);
         if self.live >> oldest & 1 != 0 {
-            let urgent = self.each_kept(oldest, |_, class, _, _| u16::from(class <= Class::Final));
+            let urgent = self.each_kept(oldest, Class::Final, |_, _, _, _| 1);
             let mut left_out = urgent.saturating_sub(MOST_MOVED);
-            self.each_kept(oldest, |store, class, head, text| {
-                // Where an erase was cut short it was brought along before.
-                let number = head.numbers[0];
-                let mut moved = store.find_in(writing.sector, FIRST, F::WORDS, class, number).is_some();
-                if moved {
-                    left_out = left_out.saturating_sub(1);
-                } else if class <= Class::Final && left_out == 0 {
-                    moved = store.write(&Head { kind: Kind::Moved, ..*head }, text);
-                } else if class <= Class::Final {
-                    left_out -= 1;
+            self.each_kept(oldest, Class::Spectrum, |store, class, head, text| {
+                let mut moved = false;
+                if class <= Class::Final {
+                    let bit = before.and_then(|marks| store.bit(marks, class, head.numbers[0]));
+                    moved = bit.is_some_and(|bit| store.is_marked(bit));
+                    if moved {
+                        left_out = left_out.saturating_sub(1);
+                    } else if left_out == 0 {
+                        moved = store.write(&Head { kind: Kind::Moved, ..*head }, text);
+                    } else {
+                        left_out -= 1;
+                    }
                 }
                 if !moved {
                     store.lose(class, head.numbers[0]);
@@ -475,8 +559,13 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
         self.begin_erase(oldest);
     }
 
-    /// Does something with each record of a sector that is kept; the sum of what that gives.
-    fn each_kept(&mut self, sector: u8, mut work: impl FnMut(&mut Self, Class, &Head, &[u8]) -> u16) -> u16 {
+    /// Does something with each record of a sector that is kept, of the classes up to `last`; the sum of what that gives.
+    fn each_kept(
+        &mut self,
+        sector: u8,
+        last: Class,
+        mut work: impl FnMut(&mut Self, Class, &Head, &[u8]) -> u16,
+    ) -> u16 {
         let (mut word, mut sum) = (FIRST, 0u16);
         let mut text = [0; RECORD_BYTES];
         loop {
@@ -485,7 +574,7 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
                 Found::Broken(words) => words,
                 Found::Entry(head, words) => {
                     let record = matches!(head.kind, Kind::Record | Kind::Moved);
-                    if let Some(class) = entry::class(&head).filter(|_| record)
+                    if let Some(class) = entry::class(&head).filter(|class| record && *class <= last)
                         && let Some(oldest) = self.ledger.oldest.get(class as usize)
                         && head.numbers[0].wrapping_sub(*oldest) < self.ledger.kept(class)
                         && entry::text(&self.flash, sector, word, &head, &mut text)

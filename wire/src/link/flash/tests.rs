@@ -84,7 +84,7 @@ fn a_store_that_opens_where_it_stays_is_the_same_and_a_link_may_borrow_it() {
     settle(&mut store);
     let (before, ledger) = (readable(&store), *store.ledger());
     let mut place = MaybeUninit::uninit();
-    let store = Tested::open_in(&mut place, store.into_flash());
+    let store = Tested::open_in(&mut place, store.into_flash(), || {});
     assert_eq!((readable(store), *store.ledger(), store.starts()), (before, ledger, 2));
     let mut link = Link::new(Settings::serial(115_200), 1, 2, 3, &mut *store);
     link.offer(Class::Alarm, b"later");
@@ -340,4 +340,164 @@ fn an_erase_that_is_cut_short_again_and_again_loses_no_start_and_nothing_that_is
     settle(&mut store);
     assert_eq!((store.ledger().lost[0], store.ledger().kept(Class::Alarm)), (0, 24));
     assert_eq!(readable(&store).keys().filter(|key| key.0 == 0).count(), 24);
+}
+
+/// A flash that counts what is read of it.
+#[derive(Clone)]
+struct Counting {
+    words: std::boxed::Box<ModelFlash<6, 1024>>,
+    reads: std::rc::Rc<Cell<u32>>,
+}
+
+/// Its words.
+const LARGE_WORDS: u32 = 6 * 1024;
+type Large = FlashStore<Counting, 64>;
+
+impl Flash for Counting {
+    const SECTORS: u8 = 6;
+    const WORDS: u16 = 1024;
+
+    fn read(&self, sector: u8, word: u16) -> Option<Word> {
+        self.reads.set(self.reads.get() + 1);
+        self.words.read(sector, word)
+    }
+
+    fn write(&mut self, sector: u8, word: u16, value: &Word) {
+        self.words.write(sector, word, value);
+    }
+
+    fn erase(&mut self, sector: u8) {
+        self.words.erase(sector);
+    }
+
+    fn busy(&self) -> bool {
+        self.words.busy()
+    }
+}
+
+/// A store that was gone round more than twice, of which nothing was acknowledged; most reads of a record's being taken.
+fn full(bytes: usize, class: impl Fn(u32) -> Class) -> (Large, u32) {
+    let (words, reads) = (std::boxed::Box::default(), std::rc::Rc::default());
+    let mut store = Large::open(Counting { words, reads });
+    store.begin(1);
+    let (mut n, mut most) = (0u32, 0);
+    while store.flash.words.erases().iter().any(|erases| *erases < 3) || n % 100 != 0 {
+        let before = store.flash.reads.get();
+        assert!(store.append(class(n), 1, &[n as u8; RECORD_BYTES][..bytes]));
+        most = most.max(store.flash.reads.get() - before);
+        for _ in 0..8 {
+            let before = store.flash.reads.get();
+            store.work();
+            most = most.max(store.flash.reads.get() - before);
+        }
+        n += 1;
+    }
+    (store, most)
+}
+
+/// Opens it again: the reads it took, of sectors in between as `alive` was called, and that everything kept is there.
+fn reopened(store: Large) -> (Large, u32) {
+    let mut flash = store.into_flash();
+    flash.words.switch_on();
+    let reads = flash.reads.clone();
+    reads.set(0);
+    let (mut last, mut apart) = (0, 0);
+    let mut place = MaybeUninit::uninit();
+    let store = Large::open_in(&mut place, flash, || {
+        apart = apart.max(reads.get() - last);
+        last = reads.get();
+    });
+    let took = reads.get();
+    assert!(apart.max(took - last) <= 4 * 1024, "{apart} reads without a sign of life");
+    let mut store = store.clone();
+    (0..20).for_each(|_| store.work());
+    for class in Class::ALL {
+        let (oldest, kept) = (store.ledger().oldest[class as usize], store.ledger().kept(class));
+        for i in 0..kept {
+            assert!(store.read(class, oldest + i, &mut []).is_some(), "{class:?} {oldest} + {i}");
+        }
+    }
+    (store, took)
+}
+
+#[test]
+fn a_full_store_is_opened_with_few_reads_of_each_word() {
+    for bytes in [8, 30, 60, 140] {
+        for class in [class_of, |_| Class::Bearing, |_| Class::Final] {
+            let (store, _) = full(bytes, class);
+            let (ledger, starts) = (store.ledger, store.starts);
+            let (store, took) = reopened(store);
+            assert!(took <= 3 * LARGE_WORDS, "{bytes} bytes: {took} reads of {LARGE_WORDS} words");
+            assert_eq!((store.ledger, store.starts), (ledger, starts + 1));
+        }
+    }
+}
+
+#[test]
+fn a_full_store_with_words_that_cannot_be_read_is_opened_with_few_reads_of_each_word() {
+    for bytes in [8, 30, 60, 140] {
+        for class in [class_of, |_| Class::Bearing, |_| Class::Final] {
+            let (whole, _) = full(bytes, class);
+            let head = whole.writing.unwrap().sector;
+            for behind in 1..6 {
+                let sector = (head + 6 - behind) % 6;
+                let opened = [1].to_vec();
+                let hundred = (0..100).map(|n| 9 + n * 10).collect::<Vec<_>>();
+                for bad in [opened, hundred] {
+                    let mut store = whole.clone();
+                    bad.iter().for_each(|word| store.flash.words.damage(sector, *word));
+                    let before = store.ledger;
+                    let (store, took) = reopened(store);
+                    assert!(took <= 3 * LARGE_WORDS, "{bytes} bytes, {bad:?}: {took} reads");
+                    // What is gone is counted, and nothing has a number twice.
+                    for of in 0..CLASSES {
+                        let gone = store.ledger.oldest[of] - before.oldest[of];
+                        assert_eq!(store.ledger.lost[of] - before.lost[of], gone);
+                        assert_eq!(store.ledger.next[of], before.next[of]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_sector_change_reads_few_words_however_many_urgent_records_there_are() {
+    for every in [1, 2, 10, 45] {
+        for bytes in [8, 30, 60] {
+            let class = |n: u32| if n.is_multiple_of(every) { Class::Alarm } else { Class::Bearing };
+            let (_, most) = full(bytes, class);
+            assert!(most <= 4 * 1024, "1 in {every} of {bytes} bytes: {most} reads of 1024 words");
+        }
+    }
+}
+
+#[test]
+fn what_was_brought_along_before_an_erase_was_cut_short_is_found_with_few_reads() {
+    let class = |n: u32| if n.is_multiple_of(2) { Class::Alarm } else { Class::Bearing };
+    let (mut store, _) = full(30, class);
+    let mut n = 0u32;
+    // The next erase is never begun, and what it was to erase is there still.
+    let (before, erase) = loop {
+        let (before, erases) = (store.clone(), store.flash.words.erases().to_vec());
+        store.append(class(n), 1, &[7; 30]);
+        (0..8).for_each(|_| store.work());
+        n += 1;
+        if store.flash.words.erases().to_vec() != erases {
+            break (before, n - 1);
+        }
+    };
+    let found = (before.flash.words.operations()..store.flash.words.operations()).rev().find_map(|at| {
+        let mut cut = before.clone();
+        cut.flash.words.cut_at(at, Cut::Before);
+        cut.append(class(erase), 1, &[7; 30]);
+        (0..8).for_each(|_| cut.work());
+        let writes = at - before.flash.words.operations();
+        (cut.flash.words.erases() == before.flash.words.erases() && writes > 60).then_some(cut)
+    });
+    let cut = found.unwrap();
+    let ledger = cut.ledger;
+    let (store, took) = reopened(cut);
+    assert!(took <= 3 * LARGE_WORDS, "{took} reads");
+    assert_eq!(store.ledger.oldest[0], ledger.oldest[0]);
 }
