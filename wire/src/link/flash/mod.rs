@@ -107,7 +107,7 @@ pub struct FlashStore<F, const WAITING: usize> {
     start_unnoted: bool,
     /// Where the record found last stands, by class: sector and word.
     seek: Cell<[(u8, u16); CLASSES]>,
-    /// A record that was asked for and cannot be read any more.
+    /// A record that was asked for and cannot be read any more, or the last of several.
     missing: Cell<Option<(Class, u32)>>,
     waiting: [Option<Waiting>; WAITING],
     /// The first of those that wait, and how many.
@@ -399,8 +399,13 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
         }
     }
 
-    /// Where a record stands: sector, word and head. Sought from where the last of its class was found.
-    fn find(&self, class: Class, number: u32) -> Option<(u8, u16, Head)> {
+    /// Where a record stands: sector, word and head. Sought from where the last of its class was found. Where it is not there,
+    /// the last of those missing with it.
+    fn find(&self, class: Class, number: u32) -> Result<(u8, u16, Head), u32> {
+        // How far it is to the next that is there.
+        let end = self.ledger.next.get(class as usize).copied().unwrap_or(number);
+        let waits = self.slots().filter(|w| w.head.class == class as u8).map(|w| w.head.numbers[0]);
+        let mut gap = waits.chain([end]).map(|n| n.wrapping_sub(number)).min().unwrap_or(0).max(1);
         let mut seek = self.seek.get();
         let (first, from) = seek.get(class as usize).copied().unwrap_or_default();
         let mut sector = first.min(F::SECTORS.saturating_sub(1));
@@ -411,19 +416,26 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
                 turn if turn == F::SECTORS => (0, from),
                 _ => (0, F::WORDS),
             };
-            if let Some((word, head)) = self.find_in(sector, begin, end, class, number) {
+            if let Some((word, head)) = self.find_in(sector, (begin, end), class, number, &mut gap) {
                 if let Some(at) = seek.get_mut(class as usize) {
                     *at = (sector, word);
                 }
                 self.seek.set(seek);
-                return Some((sector, word, head));
+                return Ok((sector, word, head));
             }
             sector = next::<F>(sector);
         }
-        None
+        Err(number.wrapping_add(gap).wrapping_sub(1))
     }
 
-    fn find_in(&self, sector: u8, begin: u16, end: u16, class: Class, number: u32) -> Option<(u16, Head)> {
+    fn find_in(
+        &self,
+        sector: u8,
+        (begin, end): (u16, u16),
+        class: Class,
+        number: u32,
+        gap: &mut u32,
+    ) -> Option<(u16, Head)> {
         if self.live >> sector & 1 == 0 {
             return None;
         }
@@ -433,11 +445,16 @@ impl<F: Flash, const WAITING: usize> FlashStore<F, WAITING> {
                 Found::End => return None,
                 Found::Broken(words) => word.saturating_add(words),
                 Found::Entry(head, words) => {
+                    let far = head.numbers[0].wrapping_sub(number);
                     let wanted = matches!(head.kind, Kind::Record | Kind::Moved)
-                        && (head.class, head.numbers[0]) == (class as u8, number);
+                        && head.class == class as u8
+                        && far < *gap;
                     let mut text = [0; RECORD_BYTES];
                     if wanted && entry::text(&self.flash, sector, word, &head, &mut text) {
-                        return Some((word, head));
+                        if far == 0 {
+                            return Some((word, head));
+                        }
+                        *gap = far;
                     }
                     word.saturating_add(words)
                 }

@@ -66,9 +66,12 @@ impl<F: Flash, const WAITING: usize> Store for FlashStore<F, WAITING> {
         {
             return None;
         }
-        let Some((sector, word, head)) = self.find(class, number) else {
-            self.missing.set(Some((class, number)));
-            return None;
+        let (sector, word, head) = match self.find(class, number) {
+            Ok(found) => found,
+            Err(last) => {
+                self.missing.set(Some((class, last)));
+                return None;
+            }
         };
         let mut text = [0; RECORD_BYTES];
         entry::text(&self.flash, sector, word, &head, &mut text).then(|| {

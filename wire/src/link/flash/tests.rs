@@ -501,3 +501,30 @@ fn what_was_brought_along_before_an_erase_was_cut_short_is_found_with_few_reads(
     assert!(took <= 3 * LARGE_WORDS, "{took} reads");
     assert_eq!(store.ledger.oldest[0], ledger.oldest[0]);
 }
+
+#[test]
+fn a_sector_that_goes_bad_while_the_store_is_open_is_given_up_at_once() {
+    for class in [class_of, |_| Class::Bearing] {
+        let (mut store, _) = full(30, class);
+        let head = store.writing.unwrap().sector;
+        let before = store.ledger;
+        (1..1024).for_each(|word| store.flash.words.damage((head + 4) % 6, word));
+        let of = Class::Bearing as usize;
+        let (mut number, mut there, mut missed) = (before.oldest[of], 0, 0);
+        while number != store.ledger.next[of] {
+            if store.read(Class::Bearing, number, &mut []).is_some() {
+                there += 1;
+                number += 1;
+            } else {
+                missed += 1;
+                store.work();
+                number = number.max(store.ledger.oldest[of]);
+            }
+        }
+        let lost = store.ledger.lost[of] - before.lost[of];
+        assert!(lost > 100 && missed == 1, "{lost} lost, {missed} times missed");
+        assert_eq!(store.ledger.oldest[of] - before.oldest[of], lost);
+        // Those before it were read before they were given up with it.
+        assert!(there >= store.ledger.kept(Class::Bearing));
+    }
+}
