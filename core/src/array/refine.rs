@@ -111,9 +111,10 @@ pub(crate) fn coherence(
         let mut phasor = Phasor::new(plan, *tau, runs.start * RUN);
         let out = out.as_chunks_mut::<RUN>().0.get_mut(runs.clone()).unwrap_or(&mut []);
         for (out, run) in out.iter_mut().zip(g.part(&runs)) {
+            let (Some(re), Some(im)) = (run.re.get(p), run.im.get(p)) else { continue };
             for i in 0..RUN {
                 let (s, c) = phasor.next();
-                out[i] = out[i] + run.re[p][i] * c - run.im[p][i] * s;
+                out[i] = out[i] + re[i] * c - im[i] * s;
             }
         }
     }
