@@ -64,16 +64,16 @@ pub fn on_wake() {
     let timer = pac::TIM1;
     timer.sr().write_value(timer::regs::SrAdv(!(1 << 3)));
     // Edge and moment belong together, whatever interrupts; but a line that swings without end is not waited for.
-    let (mut edges, mut at_us) = (self::edges(), now_us());
+    let (mut counted, mut at_us) = (edges(), now_us());
     for _ in 0..TRIES {
-        let again = self::edges();
-        if again == edges {
+        let again = edges();
+        if again == counted {
             break;
         }
-        (edges, at_us) = (again, now_us());
+        (counted, at_us) = (again, now_us());
     }
-    timer.ccr(2).write_value(timer::regs::Ccr1ch(u32::from((edges as u16).wrapping_add(WAKE_EDGES))));
-    let stamp = Stamp { edges, at_us };
+    timer.ccr(2).write_value(timer::regs::Ccr1ch(u32::from((counted as u16).wrapping_add(WAKE_EDGES))));
+    let stamp = Stamp { edges: counted, at_us };
     critical_section::with(|cs| NOTED.borrow(cs).set(stamp));
 }
 
