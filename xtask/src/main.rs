@@ -33,6 +33,7 @@ cargo xtask TASK
   setup           install what is missing: the Rust target (or a compiler that can build it) and QEMU
   build-firmware  [--board mps2-an500|link|stm32h743|stm32h743-link|stm32h743-obs|all] [--station STATION.toml] [--key FILE]
   flash           [--board stm32h743-link|stm32h743-obs] [--station STATION.toml] [--key FILE]  build for stm32h743, write it with probe-rs and show its faults
+  flash --configuration STATION.toml  write a configuration alone, beside an image with a link, which starts with it
   example         run the core's example on the host and, in QEMU, on the target; they print the same
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
   stack IMAGE.elf  the most stack an image can need, and the way to it
