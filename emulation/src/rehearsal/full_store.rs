@@ -12,8 +12,8 @@ use seabearing_firmware::bank::SECTOR_WORDS;
 /// Sectors of the store, and those before it (`firmware/src/stm32h743/kept.rs`).
 const SECTORS: u8 = 6;
 const BEFORE: u8 = 2;
-/// Words left of the sector that is written: fewer than a short run writes, and the starts' own.
-const LEFT: u16 = 14;
+/// Words from a sector's end at which what follows may open the next.
+const END: u16 = 64;
 /// Longest start, s: the watchdog resets a board that hangs for so long.
 const LONGEST_START_S: f64 = 2.0;
 /// Sound recorded, s: longer than a sector's erasing.
@@ -57,8 +57,8 @@ impl Flash for Words {
     }
 }
 
-/// The second bank with a store that was gone round twice, faults and bearings by turns, of which nothing was acknowledged; and
-/// the number of the bank's word that the next record goes to.
+/// The second bank with a store that was gone round twice, faults and bearings by turns, of which nothing was acknowledged, and of
+/// which the next record gives up a sector; and the number of the bank's word that was written last.
 fn full() -> Result<(Vec<u8>, usize)> {
     let blank = vec![[0xff; WORD_BYTES]; usize::from(SECTORS) * usize::from(SECTOR_WORDS)];
     let mut flash = Words { words: blank, erased: 0, last: (0, 0) };
@@ -71,6 +71,7 @@ fn full() -> Result<(Vec<u8>, usize)> {
             store.begin(1);
         }
         let begun = n;
+        let mut before: Option<(Vec<Word>, u8, u16)> = None;
         while n < begun + 1000 {
             n += 1;
             let fault = Fault { code: FaultCode::Gap, index: u64::from(n) * 64_000, value: i64::from(n) };
@@ -78,11 +79,17 @@ fn full() -> Result<(Vec<u8>, usize)> {
             let record = bytes_of(&Message::Fault(fault), &mut buffer);
             ensure!(store.append(class, 1, record), "no room for record {n}");
             (0..8).for_each(|_| store.work());
-            let Words { erased, last: (sector, word), .. } = *store.flash();
-            if erased > 3 * u32::from(SECTORS) && SECTOR_WORDS - word <= LEFT {
-                let mut bank = vec![0xff; usize::from(BEFORE) * usize::from(SECTOR_WORDS) * WORD_BYTES];
-                bank.extend(store.into_flash().words.as_flattened());
-                return Ok((bank, Words::at(sector + BEFORE, word)));
+            let Words { words, erased, last: (sector, word) } = store.flash();
+            match before {
+                Some((words, was, word)) if was != *sector => {
+                    let mut bank = vec![0xff; usize::from(BEFORE) * usize::from(SECTOR_WORDS) * WORD_BYTES];
+                    bank.extend(words.as_flattened());
+                    return Ok((bank, Words::at(was + BEFORE, word)));
+                }
+                _ if *erased > 3 * u32::from(SECTORS) && SECTOR_WORDS - word < END => {
+                    before = Some((words.clone(), *sector, *word));
+                }
+                _ => {}
             }
         }
         flash = store.into_flash();
