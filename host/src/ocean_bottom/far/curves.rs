@@ -26,7 +26,7 @@ const SILENCE_S: f64 = 2_700.0;
 /// Greatest standard deviation of what is expected after it, rad.
 const LOST: f64 = 0.17;
 /// Two curves nearer to each other than this are heard as one direction between them, rad: what is within it of either is neither's.
-const ONE_DIRECTION: f64 = 0.28;
+const ONE_DIRECTION: f64 = 0.35;
 /// Azimuths from which on a curve counts as a vessel's there.
 const SETTLED: usize = 20;
 /// A beginning is none without so many azimuths within so long, s.

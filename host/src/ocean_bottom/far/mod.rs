@@ -17,6 +17,7 @@ pub mod course;
 pub mod curves;
 pub mod doppler;
 pub mod heard;
+pub mod picture;
 pub mod tones;
 
 use crate::propagation::Propagation;
@@ -144,6 +145,17 @@ pub struct Track {
     pub tones: Vec<Tone>,
     /// Numbers of the recorder's own tracks of it.
     pub recorder_tracks: Vec<u16>,
+}
+
+impl Track {
+    /// East and North of the station at a time, m, where the distance is known.
+    pub fn place_m(&self, t_s: f64) -> Option<(f64, f64)> {
+        let (range_m, speed_m_s) = (self.range_m?.value, self.speed_m_s?.value);
+        let closest = self.closest?;
+        let along = speed_m_s * (t_s - closest.time_s.value);
+        let ((sa, ca), (sh, ch)) = (closest.azimuth.value.sin_cos(), closest.heading.value.sin_cos());
+        Some((range_m * sa + along * sh, range_m * ca + along * ch))
+    }
 }
 
 /// Finds the vessels in what was heard. `minutes` are the lines of the recording, where it is at hand.
