@@ -178,6 +178,8 @@ pub fn curves(directions: &[Direction]) -> Vec<Curve> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Place;
+    use super::super::course::joined;
     use super::*;
 
     /// Azimuths of a vessel that passes at a range, every minute, with errors of a degree or so.
@@ -215,7 +217,8 @@ mod tests {
             sd: 0.02,
         }));
         all.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-        let found = curves(&all);
+        let place = Place { sound_speed_m_s: 1_500.0, depth_m: None, orientation_sd: 0.0, table: None };
+        let found = joined(curves(&all), &place);
         assert_eq!(
             found.len(),
             2,
