@@ -46,6 +46,7 @@ mod obs_bad_samples;
 mod obs_checks;
 mod obs_core_clutter;
 mod obs_doubts;
+mod obs_far;
 mod obs_model;
 mod obs_network;
 mod obs_noise_week;
@@ -167,6 +168,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_orient::ORIENT,
     obs_checks::CHECKS,
     obs_doubts::DOUBTS,
+    obs_far::FAR,
     obs_bad_samples::BAD_SAMPLES,
     obs_pulse::PULSE,
     obs_whales::WHALES,

@@ -33,6 +33,7 @@ mod config_network;
 pub mod demo;
 #[cfg(feature = "base")]
 pub mod export;
+pub mod far;
 pub mod levels;
 pub mod locate;
 pub mod logging;
@@ -182,6 +183,8 @@ pub enum Subcommand {
     ShaftRate(shaft_rate::Args),
     /// Directions, ranges and ways of calling whales from an ocean-bottom recording
     Calls(calls::Args),
+    /// Vessels too far from an ocean-bottom station to be ranged, by azimuths and tones
+    Far(far::Args),
     /// Percentiles and pictures of the levels that recorders send of themselves
     Levels(levels::Args),
     /// Positions from a network of arrays
@@ -239,6 +242,7 @@ impl Subcommand {
             Self::Track(args) => track::run(args),
             Self::ShaftRate(args) => shaft_rate::run(args),
             Self::Calls(args) => calls::run(args),
+            Self::Far(args) => far::run(args),
             Self::Levels(args) => levels::run(args),
             Self::Locate(args) => locate::run(args),
             Self::Orient(args) => orient::run(args),

@@ -83,6 +83,17 @@ pub fn folder() -> tempfile::TempDir {
         let _ = writeln!(bearings, "{k},{}", x.atan2(400.0).to_degrees().rem_euclid(360.0));
     }
     write("bearings.csv", &bearings);
+    // An ocean-bottom station's azimuths of a vessel that passes far away.
+    let mut azimuths = String::new();
+    for k in 0..=200 {
+        let t_s = 60.0 * f64::from(k);
+        let azimuth = ((t_s - 6000.0) / 8000.0).atan().to_degrees() + 90.0;
+        let _ = writeln!(
+            azimuths,
+            "{{\"type\":\"azimuth\",\"t_s\":{t_s},\"azimuth_deg\":{azimuth},\"sd_deg\":1.0,\"detected\":true,\"source\":\"tonal\"}}"
+        );
+    }
+    write("obs.jsonl", &azimuths);
     write("gps.csv", "t_s,x_m,y_m\n0,-700,400\n200,700,400\n");
     let mut ais = String::from("Time,MMSI,Latitude_degrees,Longitude_degrees,COG_degrees,SOG_knots\n");
     for (vessel, speed) in [(7, 10), (8, 14)] {

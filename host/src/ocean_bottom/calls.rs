@@ -55,9 +55,11 @@ const LEAST_LOG_RATIO: f64 = 12.0;
 const SURE: f64 = 0.9;
 /// Power of an arrival against the strongest from which on it may be the one that was cut out.
 const ALIKE: f64 = 0.5;
-/// Share of the log-likelihood that counts where places are weighed against each other: notes are not alike, and the table's phases are not
-/// the sea's.
+/// Greatest share of the log-likelihood that counts where places are weighed against each other: notes are not alike, and the table's phases are
+/// not the sea's. It is less where more than noise is left unexplained.
 const TEMPER: f64 = 0.25;
+/// Share of an arrival's power below which it is none.
+const HARDLY: f64 = 0.01;
 /// What is one place: this share of its range.
 const ONE_PLACE: f64 = 0.1;
 /// Least and greatest share of the table's strengths at which echoes count as such.
@@ -331,6 +333,7 @@ impl Listener<'_> {
         let steps = ((FARTHEST_M - NEAREST_M) / STEP_M) as usize + 1;
         let place = |i: usize| NEAREST_M + STEP_M * i as f64;
         let mut log_ratio = vec![f64::NEG_INFINITY; steps];
+        let mut best_fit = (f64::NEG_INFINITY, variance);
         for (i, slot) in log_ratio.iter_mut().enumerate() {
             // Which arrival was cut out is not known where several are about as strong.
             for cut in 0..self.table.paths.len() {
@@ -342,7 +345,11 @@ impl Listener<'_> {
                 }
                 if xx > 0.0 {
                     let a = (xy / xx).clamp(STRENGTHS.0, STRENGTHS.1);
-                    *slot = slot.max(worth * (2.0 * a * xy - a * a * xx) / variance);
+                    let ratio = worth * (2.0 * a * xy - a * a * xx) / variance;
+                    *slot = slot.max(ratio);
+                    if ratio > best_fit.0 {
+                        best_fit = (ratio, unexplained(&x, &model, a, &outside));
+                    }
                 }
             }
         }
@@ -351,9 +358,11 @@ impl Listener<'_> {
         if !(top > LEAST_LOG_RATIO) {
             return None;
         }
+        // Where the arrivals are not as the table has them, what differs counts as noise: it is alike at every range.
+        let temper = TEMPER.min(variance / best_fit.1);
         let (mut all, mut share, mut mean, mut square) = (0.0, 0.0, 0.0, 0.0);
         for (i, l) in log_ratio.iter().enumerate() {
-            let p = place(i) * ((l - top) * TEMPER).exp();
+            let p = place(i) * ((l - top) * temper).exp();
             all += p;
             if (place(i) / place(best) - 1.0).abs() < ONE_PLACE {
                 let off = place(i) - place(best);
@@ -421,6 +430,24 @@ impl Listener<'_> {
         }
         Some(out)
     }
+}
+
+/// Mean power that a model leaves of a correlation where it has arrivals.
+fn unexplained(
+    x: &[Complex<f64>],
+    model: &[Complex<f64>],
+    share: f64,
+    outside: &dyn Fn(&usize) -> bool,
+) -> f64 {
+    let greatest = model.iter().map(Complex::norm_sqr).fold(0.0, f64::max);
+    let (mut sum, mut n) = (0.0, 0.0f64);
+    for (_, (x, m)) in
+        x.iter().zip(model).enumerate().filter(|(k, (_, m))| outside(k) && m.norm_sqr() > HARDLY * greatest)
+    {
+        sum += (x - m * share).norm_sqr();
+        n += 1.0;
+    }
+    sum / n.max(1.0)
 }
 
 /// A caller's way: calls with a direction and a range that one animal's slow swimming joins.

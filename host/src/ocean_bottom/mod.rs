@@ -7,6 +7,7 @@ pub mod ais;
 pub mod ambient;
 pub mod calls;
 pub mod event;
+pub mod far;
 pub mod mirrored;
 pub mod orient;
 pub mod passage;

@@ -132,7 +132,10 @@ fn one_file(
                 station,
                 azimuth: wrap_tau((azimuth_deg + turn) * RAD_PER_DEG),
                 elevation: number("elevation_deg").map(|e| e * RAD_PER_DEG),
-                sd: (sd.0.hypot(own("sd_azimuth_deg")), sd.1.hypot(own("sd_elevation_deg"))),
+                sd: (
+                    sd.0.hypot(own(if deep { "sd_deg" } else { "sd_azimuth_deg" })),
+                    sd.1.hypot(own("sd_elevation_deg")),
+                ),
             },
         });
         if deep && let Some(last) = found.last_mut() {
@@ -165,7 +168,7 @@ mod tests {
         std::fs::write(&list, station(1, 0.0) + &station(2, 9000.0)).unwrap();
         let azimuth = |t: f64, source: &str, weight: f64, detected: bool| {
             format!(
-                "{{\"type\":\"azimuth\",\"station\":2,\"t_s\":{t},\"azimuth_deg\":40.0,\"sd_azimuth_deg\":1.0,\
+                "{{\"type\":\"azimuth\",\"station\":2,\"t_s\":{t},\"azimuth_deg\":40.0,\"sd_deg\":1.0,\
                  \"weight\":{weight},\"detected\":{detected},\"source\":\"{source}\"}}\n"
             )
         };
