@@ -54,7 +54,7 @@ pub struct TimedDelays {
 }
 
 /// Standard deviations of what is assumed; 0: exact. All are errors that last.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Doubts {
     /// Each coordinate of each hydrophone, metres.
     pub position_m: f64,
