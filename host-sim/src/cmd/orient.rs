@@ -183,6 +183,7 @@ fn mended(args: &Args, station: &Station) -> Result<Value> {
         track_m: args.track_sd_m,
         height_m: args.source_depth_sd_m,
         clock_s: args.clock_sd_s,
+        image_m2: if args.source_depth_m.is_none() { mend::image_m2(array) } else { 0.0 },
         ..Doubts::default()
     };
     let (found, off_track) = mend::mend(config, &sets, track, args.max_gap_s, &doubts)

@@ -2,11 +2,12 @@
 //!
 //! In: samples of the recorder's four channels. Out: every [`SEGMENT_S`] the six delays, each measured by itself, so that no places of
 //! hydrophones are assumed but to say how long a delay can be. Cross-spectra of Hann frames that overlap by half are divided by the root of
-//! both auto-spectra; where their correlation is highest, Newton's steps with weights `g/(1 − g²)` (g: coherence steered to the delay,
+//! both auto-spectra, smoothed over more than the image's fringes are wide; where their correlation is highest, Newton's steps with weights `g/(1 − g²)` (g: coherence steered to the delay,
 //! a mean over nine bins) find the delay. It belongs to the time about which the segment's power lies.
 //!
 //! Fails where two vessels are as loud as each other: pairs then tell delays of either, and contradict each other. A vessel and its image in
-//! the surface are told as one, between both.
+//! the surface are told as one, between both: where the two nearly cancel their phase swings far to one side, and a fainter image turns that
+//! about, so that these frequencies must count by the little power that they have.
 
 use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
 use seabearing_core::config::{ArrayConfig, StationConfig};
@@ -26,6 +27,8 @@ const FINER: usize = 4;
 const LEAST_FRAMES: usize = 6;
 /// Highest correlation that noise alone may have, in its standard deviations: one of some hundred lags in a million.
 const DETECTED: f64 = 6.0;
+/// Frequencies on either side over which the hydrophones' own spectra are smoothed, Hz: fringes of a vessel 2 m deep are some 500 Hz apart.
+const SMOOTH_HZ: f64 = 750.0;
 /// Bins on either side over which coherence is averaged, and the greatest that is believed (17 dB).
 const ABOUT: usize = 4;
 const MOST: f64 = 0.98;
@@ -58,9 +61,8 @@ struct Segment {
     frames: usize,
     cross: [Vec<Complex<f64>>; 6],
     own: [Vec<f64>; CHANNELS],
-    power: f64,
-    /// Of the frames' middles, times power, seconds.
-    moment: f64,
+    /// Middle of each frame, seconds, and its power by bin.
+    moments: Vec<(f64, Vec<f64>)>,
 }
 
 impl Measurer {
@@ -155,17 +157,20 @@ impl Measurer {
         if segment.frames < LEAST_FRAMES {
             return None;
         }
+        // Radians a second from bin to bin.
         let step = TAU * rate_hz * FINER as f64 / inverse.len() as f64;
+        let width = (SMOOTH_HZ / (step / TAU)) as usize;
+        let own = segment.own.each_ref().map(|own| smoothed(own, width));
         let mut tdoa_s = [f64::NAN; 6];
         for (p, (i, j)) in PAIRS.into_iter().enumerate() {
-            let whole = segment.cross[p].iter().zip(segment.own[i].iter().zip(&segment.own[j]));
+            let whole = segment.cross[p].iter().zip(own[i].iter().zip(&own[j]));
             let white: Vec<_> = whole.map(|(c, (a, b))| c / (a * b).sqrt().max(f64::MIN_POSITIVE)).collect();
             tdoa_s[p] = highest(inverse, &white, bins.0, rate_hz, longest_s[p], segment.frames)
                 .and_then(|start| refined(&white, bins.0, step, start, 0.5 / rate_hz))
                 .unwrap_or(f64::NAN);
         }
         let some = tdoa_s.iter().any(|x| x.is_finite());
-        some.then(|| TimedDelays { t_s: segment.moment / segment.power, tdoa_s })
+        some.then(|| TimedDelays { t_s: segment.t_s(bins.0), tdoa_s })
     }
 }
 
@@ -177,18 +182,46 @@ impl Segment {
                 *x += a.conj() * b;
             }
         }
-        let mut power = 0.0;
+        let mut powers = vec![0.0; high - low];
         for (sum, spectrum) in self.own.iter_mut().zip(spectra) {
             sum.resize(high - low, 0.0);
-            for (x, a) in sum.iter_mut().zip(&spectrum[low..high]) {
+            for ((x, power), a) in sum.iter_mut().zip(&mut powers).zip(&spectrum[low..high]) {
                 *x += a.norm_sqr();
-                power += a.norm_sqr();
+                *power += a.norm_sqr();
             }
         }
         self.frames += 1;
-        self.power += power;
-        self.moment += power * middle_s;
+        self.moments.push((middle_s, powers));
     }
+
+    /// The time about which what tells delays lies: every bin counts by the square of its frequency, as in a delay.
+    fn t_s(&self, low: usize) -> f64 {
+        let whole: Vec<f64> =
+            (0..self.own[0].len()).map(|k| self.own.iter().map(|own| own[k]).sum::<f64>()).collect();
+        let (mut sum, mut moment) = (0.0, 0.0);
+        for (middle_s, powers) in &self.moments {
+            let weights = powers.iter().zip(&whole).zip(low..);
+            let weight: f64 =
+                weights.map(|((x, all), k)| (k * k) as f64 * x / all.max(f64::MIN_POSITIVE)).sum();
+            sum += weight;
+            moment += weight * middle_s;
+        }
+        moment / sum
+    }
+}
+
+/// Means over so many values on either side, or as many as there are on the side that has fewer.
+fn smoothed(values: &[f64], width: usize) -> Vec<f64> {
+    let mut sums = vec![0.0];
+    for x in values {
+        sums.push(sums[sums.len() - 1] + x);
+    }
+    let last = values.len().saturating_sub(1);
+    let mean = |k: usize| {
+        let width = width.min(k).min(last - k);
+        (sums[k + width + 1] - sums[k - width]) / (2 * width + 1) as f64
+    };
+    (0..values.len()).map(mean).collect()
 }
 
 /// The lag (seconds) at which the whitened cross-spectrum's correlation is highest; `None` where noise is as high.

@@ -61,6 +61,12 @@ pub fn of_recording(
     Ok(sets)
 }
 
+/// How far the image in the surface may pull the height from which a vessel is heard, m² ([`Doubts::image_m2`]): that of a vessel twice as
+/// deep as the station expects. 0 where it expects no image.
+pub fn image_m2(array: &ArrayConfig) -> f64 {
+    2.0 * (2.0 * array.vessel_depth_m).powi(2)
+}
+
 /// Mends the geometry; with it of how many sets the track tells nothing. `doubts` without positions and speed of sound, which the
 /// station file tells.
 ///

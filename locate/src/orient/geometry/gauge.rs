@@ -79,6 +79,18 @@ pub(super) fn told(model: &Model<'_>, covariance: &Square<UNKNOWNS>) -> (Square<
     (spd::propagated(&shape, covariance), spd::propagated(&turn, covariance))
 }
 
+/// Adds a variance (m²) in every direction that is of the shape.
+pub(super) fn blur(model: &Model<'_>, shape: &mut Square<COORDINATES>, variance_m2: f64) {
+    let all = rows(|change| flat(&split(model, change).0));
+    for (row, a) in shape.iter_mut().zip(&all) {
+        for (x, b) in row.iter_mut().zip(&all) {
+            // The columns of the turn are no displacements.
+            let product: f64 = a.iter().zip(b).take(COORDINATES).map(|(a, b)| a * b).sum();
+            *x += variance_m2 * product;
+        }
+    }
+}
+
 /// Standard deviations of the positions in a frame turned by the heading alone, metres: of shape and tilt together.
 pub(super) fn level(model: &Model<'_>, covariance: &Square<UNKNOWNS>, heading: f64) -> Moves {
     let (s, c) = m::sin_cos(heading);

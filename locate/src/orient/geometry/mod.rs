@@ -5,7 +5,7 @@
 //! positions in the array's own frame, the rotation of that frame, what is left uncertain of both.
 //!
 //! With hydrophones `h_k`, rotation `R`, speed `c`, a track that lies `e` off and a clock that is `l` late,
-//! `τ_ij = (‖s − R h_j‖ − ‖s − R h_i‖)/c`, `s = p(t − l − r/c) + e`: Gauss-Newton over twenty numbers, each in units of its own
+//! `τ_ij = (‖s − R h_j‖ − ‖s − R h_i‖)/c`, `s = p(t − l − r/c) + e`: Gauss-Newton over twenty-one numbers, each in units of its own
 //! standard deviation, so that what the pass does not tell keeps the one it had. A rotation of all hydrophones is the
 //! orientation and a common displacement the track's, so that positions are told without both: those nearest to the
 //! configured ones.
@@ -26,11 +26,12 @@ use crate::angle::wrap_pi;
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
 use crate::kit::normal::least_squares;
-use crate::kit::{Huber, Square, Tukey, reweighted, spd};
+use crate::kit::{Square, reweighted, spd};
 use crate::math::f64 as m;
 use crate::network::known_track::TrackPoint;
 pub use gauge::aligned;
 use model::{COORDINATES, LATE, Model, SHIFT, SPEED, UNKNOWNS};
+use noise::Noise;
 
 /// Fewest sets of six differences.
 const LEAST_SETS: usize = 20;
@@ -66,6 +67,10 @@ pub struct Doubts {
     pub height_m: f64,
     /// The recorder's clock against the track's, seconds.
     pub clock_s: f64,
+    /// A vessel `d` deep and its image are heard together from the surface between them, but for what the image's longer way makes it
+    /// fainter, `(1 − g²)/(1 + g²) = 2 d z/r²`: lower by `2 d² z/r²` for an array `z` deep. How far twice the square of the depth may be
+    /// from 0, square metres, and what the image does where it is told apart from the vessel, which is more.
+    pub image_m2: f64,
 }
 
 /// What was found.
@@ -96,7 +101,7 @@ pub struct Mended {
     pub untold: f64,
     /// Root of the mean variance of the twelve coordinates left, and the largest standard deviation in any combination, metres.
     pub sd_m: (f64, f64),
-    /// Robust standard deviation of one difference about the fit, seconds.
+    /// Robust standard deviation of one difference about the fit, seconds: the median over the pass.
     pub scale_s: f64,
     /// How many successive sets share one error.
     pub correlated: f64,
@@ -130,29 +135,23 @@ pub fn geometry(
         return Err(OrientError::TooFew);
     }
     let start = first.turned_by(&start(&first, heard())?);
-    let equations = |round, (model, scale_s, variance_s2): &(Model<'_>, f64, f64)| {
-        let weight = |r| if round < ROUGH { Huber::EFFICIENT.weight(r) } else { Tukey::EFFICIENT.weight(r) };
+    let equations = |_, (model, noise): &(Model<'_>, Noise)| {
         let mut normal = model.prior();
-        for set in sets {
-            model.rows(set, |_, row, residual| {
-                normal.observe(row, residual, weight(residual / scale_s) / variance_s2);
-            });
+        for (k, set) in sets.iter().enumerate() {
+            model.rows(set, |_, row, residual| normal.observe(row, residual, noise.weights(k, residual).0));
         }
         Some(normal)
     };
-    let advance =
-        |round, (model, scale_s, variance_s2): &mut (Model<'_>, f64, f64), step: &[f64; UNKNOWNS]| {
-            model.step(step);
-            *scale_s = model.scale(sets);
-            let (variance, correlated) = noise::of(model, sets, *scale_s);
-            *variance_s2 = variance * correlated;
-            round <= ROUGH || step.iter().any(|x| !(m::abs(*x) < 1e-6))
-        };
-    let scale_s = start.scale(sets);
-    let begin = (start, scale_s, scale_s * scale_s);
-    let ((model, scale_s, _), c) =
+    let advance = |round, (model, noise): &mut (Model<'_>, Noise), step: &[f64; UNKNOWNS]| {
+        model.step(step);
+        // Huber's weights find the neighbourhood, Tukey's then leave wrong pairs out.
+        *noise = Noise::of(model, sets, round >= ROUGH);
+        round <= ROUGH || step.iter().any(|x| !(m::abs(*x) < 1e-6))
+    };
+    let begin = (start, Noise::of(&start, sets, false));
+    let ((model, noise), c) =
         reweighted(begin, ROUNDS, equations, advance).ok_or(OrientError::NotObservable)?;
-    found(&model, sets, scale_s, &c)
+    found(&model, &noise, sets, &c)
 }
 
 /// The rotation under which the configured positions hear the directions that the delays give.
@@ -189,26 +188,35 @@ fn direction(model: &Model<'_>, set: &TimedDelays) -> Option<([f64; 3], [f64; 3]
 /// The answer, with its uncertainty, from the last place and the inverse of its information.
 fn found(
     model: &Model<'_>,
+    noise: &Noise,
     sets: &[TimedDelays],
-    scale_s: f64,
     c: &Square<UNKNOWNS>,
 ) -> Result<Mended, OrientError> {
     let scales = model.scales();
-    let mut covariance = *c;
+    let mut covariance = noise.covariance(model, sets, c).ok_or(OrientError::NotObservable)?;
     for (i, row) in covariance.iter_mut().enumerate() {
         for (x, s) in row.iter_mut().zip(&scales) {
             *x *= s * scales[i];
         }
     }
-    let (shape, turn) = gauge::told(model, &covariance);
+    let (mut shape, mut turn) = gauge::told(model, &covariance);
+    // What is left out of the linear model: a shape that is uncertain by s has to be turned by some s/size, the square of which moves it
+    // where it is told better.
+    let largest = spd::largest_eigenvalue(&shape).max(0.0);
+    let square: f64 = model.configured_m.iter().map(|h| spd::dot(h, h)).sum::<f64>() / CHANNELS as f64;
+    let bent = largest / square;
+    gauge::blur(model, &mut shape, largest * bent);
+    for (k, row) in turn.iter_mut().enumerate() {
+        row[k] += bent * bent;
+    }
     let sd_turn = [0, 1, 2].map(|k: usize| m::sqrt(turn[k][k].max(0.0)));
     if !sd_turn.iter().all(|s| *s <= LARGEST_TURN) {
         return Err(OrientError::NotObservable);
     }
     let (mut n, mut wrong) = (0, 0);
-    for set in sets {
+    for (k, set) in sets.iter().enumerate() {
         model.rows(set, |_, _, residual| {
-            let good = Tukey::EFFICIENT.weight(residual / scale_s) > 0.0;
+            let good = noise.weights(k, residual).0 > 0.0;
             (n, wrong) = (n + usize::from(good), wrong + usize::from(!good));
         });
     }
@@ -238,8 +246,8 @@ fn found(
         late_s: (model.late_s, sd_at(LATE)),
         untold: if before > 0.0 { trace / (before * before) } else { 0.0 },
         sd_m: (m::sqrt(trace / COORDINATES as f64), m::sqrt(spd::largest_eigenvalue(&shape).max(0.0))),
-        scale_s,
-        correlated: noise::of(model, sets, scale_s).1,
+        scale_s: noise.median_s(sets.len()),
+        correlated: noise.correlated,
         n,
         wrong,
     })

@@ -1,12 +1,11 @@
 //! The twenty numbers, and what delays they give.
 
-use super::{Doubts, LEAST_SCALE_S, TimedDelays};
+use super::{Doubts, TimedDelays};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
-use crate::kit::{MAD_TO_SD, Normal, Square, spd};
+use crate::kit::{Normal, Square, spd};
 use crate::math::f64 as m;
 use crate::network::known_track::{TrackPoint, position_at};
-use crate::orient::quantile;
 use nalgebra::{Rotation3, Vector3};
 
 /// Coordinates of the hydrophones.
@@ -16,7 +15,9 @@ pub(super) const TURN: usize = COORDINATES;
 pub(super) const SPEED: usize = TURN + 3;
 pub(super) const SHIFT: usize = SPEED + 1;
 pub(super) const LATE: usize = SHIFT + 3;
-pub(super) const UNKNOWNS: usize = LATE + 1;
+/// What the image in the surface pulls less than the vessel.
+pub(super) const IMAGE: usize = LATE + 1;
+pub(super) const UNKNOWNS: usize = IMAGE + 1;
 
 /// Half of the time over which the vessel's velocity is taken, seconds.
 const VELOCITY_S: f64 = 0.5;
@@ -33,6 +34,7 @@ pub(super) struct Model<'a> {
     said_m_s: f64,
     pub shift_m: [f64; 3],
     pub late_s: f64,
+    image_m2: f64,
     track: &'a [TrackPoint],
     gap_s: f64,
     pub doubts: Doubts,
@@ -56,6 +58,7 @@ impl<'a> Model<'a> {
             said_m_s: sound_speed_m_s,
             shift_m: [0.0; 3],
             late_s: 0.0,
+            image_m2: 0.0,
             track,
             gap_s,
             doubts,
@@ -71,7 +74,8 @@ impl<'a> Model<'a> {
     pub(super) fn scales(&self) -> [f64; UNKNOWNS] {
         let d = &self.doubts;
         let mut out = [d.position_m; UNKNOWNS];
-        let others = [1.0, 1.0, 1.0, d.sound_speed_m_s, d.track_m, d.track_m, d.height_m, d.clock_s];
+        let others =
+            [1.0, 1.0, 1.0, d.sound_speed_m_s, d.track_m, d.track_m, d.height_m, d.clock_s, d.image_m2];
         out.iter_mut().skip(TURN).zip(others).for_each(|(x, sd)| *x = sd);
         out
     }
@@ -84,6 +88,7 @@ impl<'a> Model<'a> {
         off[SPEED] = self.sound_speed_m_s - self.said_m_s;
         off.iter_mut().skip(SHIFT).zip(self.shift_m).for_each(|(x, shift)| *x = shift);
         off[LATE] = self.late_s;
+        off[IMAGE] = self.image_m2;
         let mut normal = Normal::default();
         for (k, (off, sd)) in off.iter().zip(self.scales()).enumerate() {
             let mut row = [0.0; UNKNOWNS];
@@ -106,10 +111,12 @@ impl<'a> Model<'a> {
         self.sound_speed_m_s += by[SPEED];
         self.shift_m.iter_mut().zip(by.iter().skip(SHIFT)).for_each(|(x, by)| *x += by);
         self.late_s += by[LATE];
+        self.image_m2 += by[IMAGE];
     }
 
-    /// Where the vessel was when its sound left it, and its velocity; `None` where the track does not tell.
-    pub(super) fn source(&self, t_s: f64) -> Option<([f64; 3], [f64; 3])> {
+    /// Where the vessel was heard from when its sound left it, its velocity, and how far it is heard lower for each m² of
+    /// [`Doubts::image_m2`]; `None` where the track does not tell.
+    pub(super) fn source(&self, t_s: f64) -> Option<([f64; 3], [f64; 3], f64)> {
         let at = |t: f64| position_at(self.track, t, self.gap_s);
         let placed = |p: [f64; 3]| plus(&p, &self.shift_m);
         let now_s = t_s - self.late_s;
@@ -124,12 +131,14 @@ impl<'a> Model<'a> {
             (Some(a), None) => minus(&here, &placed(a)).map(|x| x / VELOCITY_S),
             (None, None) => [0.0; 3],
         };
-        Some((here, velocity))
+        let [east, north, up] = here;
+        let lower = up / spd::dot(&here, &here).max(1.0);
+        Some(([east, north, up - self.image_m2 * lower], velocity, lower))
     }
 
     /// Derivatives (by units of the unknowns) and residual of every measured pair of a set, with the pair's number.
     pub(super) fn rows(&self, set: &TimedDelays, mut take: impl FnMut(usize, &[f64; UNKNOWNS], f64)) {
-        let Some((source, velocity)) = self.source(set.t_s) else { return };
+        let Some((source, velocity, lower)) = self.source(set.t_s) else { return };
         let scales = self.scales();
         let c = self.sound_speed_m_s;
         // Of each hydrophone: place in the true frame, distance and direction of the source.
@@ -152,6 +161,7 @@ impl<'a> Model<'a> {
                 row.iter_mut().skip(TURN).zip(arm).for_each(|(x, arm)| *x -= sign * arm);
                 row.iter_mut().skip(SHIFT).zip(u).for_each(|(x, u)| *x += sign * u);
                 row[LATE] -= sign * spd::dot(u, &velocity);
+                row[IMAGE] -= sign * u[2] * lower;
             }
             let expected = (ways[j].0 - ways[i].0) / c;
             row[SPEED] = -expected / c;
@@ -165,12 +175,6 @@ impl<'a> Model<'a> {
         let mut out = [f64::NAN; 6];
         self.rows(set, |p, _, residual| out[p] = residual);
         out
-    }
-
-    /// Robust standard deviation of one difference about the model, seconds.
-    pub(super) fn scale(&self, sets: &[TimedDelays]) -> f64 {
-        let residuals = sets.iter().flat_map(|set| self.residuals(set)).filter(|r| r.is_finite()).map(m::abs);
-        (MAD_TO_SD * quantile(residuals, 0.5)).max(LEAST_SCALE_S)
     }
 }
 

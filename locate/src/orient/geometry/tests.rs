@@ -3,8 +3,14 @@ use std::vec::Vec;
 
 const SAID: [[f64; 3]; 4] =
     [[0.0, 1.07, -0.38], [0.93, -0.53, -0.38], [-0.93, -0.53, -0.38], [0.0, -0.01, 1.14]];
-const DOUBTS: Doubts =
-    Doubts { position_m: 0.01, sound_speed_m_s: 1.0, track_m: 2.0, height_m: 1.0, clock_s: 0.5 };
+const DOUBTS: Doubts = Doubts {
+    position_m: 0.01,
+    sound_speed_m_s: 1.0,
+    track_m: 2.0,
+    height_m: 1.0,
+    clock_s: 0.5,
+    image_m2: 0.0,
+};
 
 /// Numbers that look random, about normal, of standard deviation one.
 fn noise(k: usize) -> f64 {
