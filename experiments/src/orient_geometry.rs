@@ -114,9 +114,9 @@ fn course(rng: &mut ChaCha8Rng, turns: bool, folder: &Path, name: &str) -> Resul
 
 fn known(vessel: ArrayVessel, up_m: f64, off: [f64; 2], late_s: f64) -> Result<Known> {
     let course = vessel.course(None)?;
-    let track = (0..=(DURATION_S * 20.0) as usize)
+    let track = (0..=(DURATION_S * 2.0) as usize)
         .map(|k| {
-            let t_s = 0.05 * k as f64;
+            let t_s = 0.5 * k as f64;
             let (x, y) = course.position(t_s + late_s);
             TrackPoint { t_s, position_m: [x - off[0], y - off[1], up_m] }
         })
@@ -147,52 +147,16 @@ fn trial(sd_m: f64, turns: bool, seed: u64, folder: &Path) -> Result<Trial> {
     let late_s = DOUBTS.clock_s * normal(&mut rng);
     // Vessel and image are heard from the surface between them.
     let vessel = course(&mut rng, turns, folder, &format!("course-{seed}"))?;
-    let up = if std::env::var("NOIMG").is_ok() { depth_m - vessel.depth_m } else { depth_m };
-    let Known { vessel, track } = known(vessel, up, off, late_s)?;
+    let Known { vessel, track } = known(vessel, depth_m, off, late_s)?;
     let file = vessel.track.clone();
-    eprintln!(
-        "truth depth {depth_m:.0} c {:.2} off {off:.2?} late {late_s:.3} vessel {:.1}",
-        built.sound_speed_m_s, vessel.depth_m
-    );
-    let noimage = std::env::var("NOIMG").is_ok();
-    let water =
-        if noimage { Water { surface_reflection: 0.0, ..Water::default() } } else { Water::default() };
-    let mut scene = scenario(built, water, vec![vessel], DURATION_S, seed);
-    scene.scene.ambient = AmbientSpectrum {
-        snr_at_cpa_db: Some(std::env::var("SNR").map_or(SNR_DB, |x| x.parse().unwrap())),
-        diffuse_share: std::env::var("DIF").map_or(0.5, |x| x.parse().unwrap()),
-        ..AmbientSpectrum::default()
-    };
+    let mut scene = scenario(built, Water::default(), vec![vessel], DURATION_S, seed);
+    scene.scene.ambient =
+        AmbientSpectrum { snr_at_cpa_db: Some(SNR_DB), diffuse_share: 0.5, ..AmbientSpectrum::default() };
     let frames: Vec<_> = MovingSea::new(&scene)?.collect();
+    let doubts = Doubts { image_m2: image_m2(array), ..DOUBTS };
     let mut measurer = Measurer::new(&said, array);
     measurer.take(&Block { first_index: 0, frames: &frames });
-    let mut sets = measurer.finish();
-    let motion = scene.vessels[0].course(None)?;
-    let geo = scene.station.config.geometry().unwrap();
-    let up = if std::env::var("NOIMG").is_ok() { depth_m - scene.vessels[0].depth_m } else { depth_m };
-    let cc = scene.station.config.sound_speed_m_s;
-    let mut out = String::new();
-    for s in &mut sets {
-        let (em, _) = motion.emission(s.t_s, [0.0; 3], up, cc, s.t_s);
-        let (x, y) = motion.position(em);
-        let d = geo.position_m.map(|h| {
-            let h = h.map(f64::from);
-            ((x - h[0]).powi(2) + (y - h[1]).powi(2) + (up - h[2]).powi(2)).sqrt() / cc
-        });
-        let nz: Vec<f64> = (0..4).map(|_| 0.9e-6 * normal(&mut rng)).collect();
-        let old = s.tdoa_s;
-        for (k, (i, j)) in seabearing_core::geometry::PAIRS.into_iter().enumerate() {
-            if std::env::var("SYN").is_ok() {
-                s.tdoa_s[k] = d[j] - d[i] + nz[j] - nz[i];
-            }
-            out += &format!("{:.4} ", 1e6 * (old[k] - (d[j] - d[i])));
-        }
-        out += &format!("{:.2} {:.1} {:.1}\n", s.t_s, x, y);
-    }
-    if let Ok(dd) = std::env::var("DUMP") {
-        std::fs::write(format!("{dd}/res-{}-{seed}.txt", u8::from(turns)), out)?;
-    }
-    let (found, _) = mend(&said, &sets, &track, 10.0, &Doubts { image_m2: image_m2(array), ..DOUBTS })?;
+    let (found, _) = mend(&said, &measurer.finish(), &track, 10.0, &doubts)?;
     if let Some(file) = file {
         std::fs::remove_file(file)?;
     }
@@ -227,26 +191,6 @@ fn judge(found: &Mended, displaced: &[[f64; 3]; 4], said: &[[f64; 3]; 4], turn: 
     for (error, sd) in turn_between(&place, &about(&absolute)).iter().zip(&found.sd_turn) {
         turned.take(error.abs() <= 1.96 * sd);
     }
-    eprintln!(
-        "rms {:.2} stated {:.2} max {:.2} chi2 {:.1} scale_us {:.2} corr {:.1} n {} wrong {} height {:.2}±{:.2} late {:.3}±{:.3} c {:.2}±{:.2} track {:.2?} ± {:.2?} untold {:.2}",
-        1e3 * rms(&error),
-        1e3 * found.sd_m.0,
-        1e3 * found.sd_m.1,
-        chi2,
-        1e6 * found.scale_s,
-        found.correlated,
-        found.n,
-        found.wrong,
-        found.track_m.0[2],
-        found.track_m.1[2],
-        found.late_s.0,
-        found.late_s.1,
-        found.sound_speed_m_s.0,
-        found.sound_speed_m_s.1,
-        found.track_m.0,
-        found.track_m.1,
-        found.untold
-    );
     Trial {
         rms_m: rms(&error),
         stated_m: found.sd_m.0,

@@ -44,6 +44,7 @@ const EXAMPLES: [(&str, &[Expected]); 31] = [
             Lacks("line.toml"),
             Lacks("array.toml"),
             Lacks("array.toml"),
+            Lacks("array.toml"),
             Lacks("obs.toml"),
             Lacks("obs.toml"),
             Lacks("obs.toml"),

@@ -75,6 +75,11 @@ const OTHERWISE: [(&str, Otherwise, &str); 14] = [
         "needs hours of passages: `orient_ocean_bottom` has them",
     ),
     (
+        "seabearing orient --geometry --station array.toml --track ship.csv --write mended.toml pass.wav",
+        Lacks("array.toml"),
+        "needs a pass past an array: `network_cli` has one",
+    ),
+    (
         "seabearing process --station rr03.toml seedlink://server.example:18000/YV_RR03",
         Lacks("rr03.toml"),
         "needs a server",

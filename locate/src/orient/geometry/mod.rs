@@ -5,7 +5,7 @@
 //! positions in the array's own frame, the rotation of that frame, what is left uncertain of both.
 //!
 //! With hydrophones `h_k`, rotation `R`, speed `c`, a track that lies `e` off and a clock that is `l` late,
-//! `τ_ij = (‖s − R h_j‖ − ‖s − R h_i‖)/c`, `s = p(t − l − r/c) + e`: Gauss-Newton over twenty-one numbers, each in units of its own
+//! `τ_ij = (‖s − R h_j‖ − ‖s − R h_i‖)/c`, `s = p(t − l − r/c) + e`: Gauss-Newton over twenty-two numbers, each in units of its own
 //! standard deviation, so that what the pass does not tell keeps the one it had. A rotation of all hydrophones is the
 //! orientation and a common displacement the track's, so that positions are told without both: those nearest to the
 //! configured ones.
@@ -69,7 +69,7 @@ pub struct Doubts {
     pub clock_s: f64,
     /// A vessel `d` deep and its image are heard together from the surface between them, but for what the image's longer way makes it
     /// fainter, `(1 − g²)/(1 + g²) = 2 d z/r²`: lower by `2 d² z/r²` for an array `z` deep. How far twice the square of the depth may be
-    /// from 0, square metres, and what the image does where it is told apart from the vessel, which is more.
+    /// from 0, square metres. Where the two are nearly told apart it is more: near by, `100 m` away as much again may come to it, as `1/r⁴`.
     pub image_m2: f64,
 }
 

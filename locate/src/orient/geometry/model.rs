@@ -15,9 +15,12 @@ pub(super) const TURN: usize = COORDINATES;
 pub(super) const SPEED: usize = TURN + 3;
 pub(super) const SHIFT: usize = SPEED + 1;
 pub(super) const LATE: usize = SHIFT + 3;
-/// What the image in the surface pulls less than the vessel.
+/// What the image in the surface pulls less than the vessel, far away, and more of it near by.
 pub(super) const IMAGE: usize = LATE + 1;
-pub(super) const UNKNOWNS: usize = IMAGE + 1;
+pub(super) const UNKNOWNS: usize = IMAGE + 2;
+
+/// Distance at which both count alike, metres.
+const NEAR_M: f64 = 100.0;
 
 /// Half of the time over which the vessel's velocity is taken, seconds.
 const VELOCITY_S: f64 = 0.5;
@@ -34,7 +37,7 @@ pub(super) struct Model<'a> {
     said_m_s: f64,
     pub shift_m: [f64; 3],
     pub late_s: f64,
-    image_m2: f64,
+    image_m2: [f64; 2],
     track: &'a [TrackPoint],
     gap_s: f64,
     pub doubts: Doubts,
@@ -58,7 +61,7 @@ impl<'a> Model<'a> {
             said_m_s: sound_speed_m_s,
             shift_m: [0.0; 3],
             late_s: 0.0,
-            image_m2: 0.0,
+            image_m2: [0.0; 2],
             track,
             gap_s,
             doubts,
@@ -74,8 +77,8 @@ impl<'a> Model<'a> {
     pub(super) fn scales(&self) -> [f64; UNKNOWNS] {
         let d = &self.doubts;
         let mut out = [d.position_m; UNKNOWNS];
-        let others =
-            [1.0, 1.0, 1.0, d.sound_speed_m_s, d.track_m, d.track_m, d.height_m, d.clock_s, d.image_m2];
+        let (track, image) = (d.track_m, d.image_m2);
+        let others = [1.0, 1.0, 1.0, d.sound_speed_m_s, track, track, d.height_m, d.clock_s, image, image];
         out.iter_mut().skip(TURN).zip(others).for_each(|(x, sd)| *x = sd);
         out
     }
@@ -88,7 +91,7 @@ impl<'a> Model<'a> {
         off[SPEED] = self.sound_speed_m_s - self.said_m_s;
         off.iter_mut().skip(SHIFT).zip(self.shift_m).for_each(|(x, shift)| *x = shift);
         off[LATE] = self.late_s;
-        off[IMAGE] = self.image_m2;
+        off.iter_mut().skip(IMAGE).zip(self.image_m2).for_each(|(x, image)| *x = image);
         let mut normal = Normal::default();
         for (k, (off, sd)) in off.iter().zip(self.scales()).enumerate() {
             let mut row = [0.0; UNKNOWNS];
@@ -111,12 +114,12 @@ impl<'a> Model<'a> {
         self.sound_speed_m_s += by[SPEED];
         self.shift_m.iter_mut().zip(by.iter().skip(SHIFT)).for_each(|(x, by)| *x += by);
         self.late_s += by[LATE];
-        self.image_m2 += by[IMAGE];
+        self.image_m2.iter_mut().zip(by.iter().skip(IMAGE)).for_each(|(x, by)| *x += by);
     }
 
     /// Where the vessel was heard from when its sound left it, its velocity, and how far it is heard lower for each m² of
     /// [`Doubts::image_m2`]; `None` where the track does not tell.
-    pub(super) fn source(&self, t_s: f64) -> Option<([f64; 3], [f64; 3], f64)> {
+    pub(super) fn source(&self, t_s: f64) -> Option<([f64; 3], [f64; 3], [f64; 2])> {
         let at = |t: f64| position_at(self.track, t, self.gap_s);
         let placed = |p: [f64; 3]| plus(&p, &self.shift_m);
         let now_s = t_s - self.late_s;
@@ -132,8 +135,10 @@ impl<'a> Model<'a> {
             (None, None) => [0.0; 3],
         };
         let [east, north, up] = here;
-        let lower = up / spd::dot(&here, &here).max(1.0);
-        Some(([east, north, up - self.image_m2 * lower], velocity, lower))
+        let square = spd::dot(&here, &here).max(1.0);
+        let lower = [up / square, up / square * (NEAR_M * NEAR_M / square)];
+        let [far, near] = self.image_m2;
+        Some(([east, north, up - far * lower[0] - near * lower[1]], velocity, lower))
     }
 
     /// Derivatives (by units of the unknowns) and residual of every measured pair of a set, with the pair's number.
@@ -161,7 +166,7 @@ impl<'a> Model<'a> {
                 row.iter_mut().skip(TURN).zip(arm).for_each(|(x, arm)| *x -= sign * arm);
                 row.iter_mut().skip(SHIFT).zip(u).for_each(|(x, u)| *x += sign * u);
                 row[LATE] -= sign * spd::dot(u, &velocity);
-                row[IMAGE] -= sign * u[2] * lower;
+                row.iter_mut().skip(IMAGE).zip(lower).for_each(|(x, lower)| *x -= sign * u[2] * lower);
             }
             let expected = (ways[j].0 - ways[i].0) / c;
             row[SPEED] = -expected / c;
