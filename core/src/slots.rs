@@ -126,6 +126,22 @@ fn whole(sequence: u32, length: u32, crc: u32) -> Word {
     word
 }
 
+/// The words of a place that holds a configuration which is kept from the start, as a person with a probe writes them; what follows
+/// in the sector is erased. The other place is to be erased too. Cost: one pass over the configuration.
+pub fn written(blob: &[u8]) -> impl Iterator<Item = Word> + '_ {
+    let mark = |mark: u16| match mark {
+        _ if mark == Mark::Whole as u16 => whole(1, blob.len() as u32, CRC.checksum(blob)),
+        _ if mark == Mark::Tried as u16 || mark == Mark::Kept as u16 => [mark as u8; WORD_BYTES],
+        _ => ERASED,
+    };
+    let word = |bytes: &[u8]| {
+        let mut word = ERASED;
+        word.iter_mut().zip(bytes).for_each(|(to, from)| *to = *from);
+        word
+    };
+    (0..HEAD).map(mark).chain(blob.chunks(WORD_BYTES).map(word))
+}
+
 impl<F: Flash, C: FnMut(&[u8]) -> bool> Slots<F, C> {
     /// The places in the first two sectors of a flash. What is longer than `scratch` is not taken.
     pub fn new(flash: F, scratch: &'static mut [u8], check: C) -> Self {

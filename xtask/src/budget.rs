@@ -12,6 +12,7 @@ use crate::firmware::{
 };
 use crate::process::{host, run, say};
 use crate::scenario::Recording;
+use crate::stack_bound;
 use crate::toolchain::{Toolchain, emulator};
 use crate::{root, scenario};
 use anyhow::{Context, Result, bail};
@@ -184,6 +185,7 @@ fn measure(recorder: &Recorder, image: &Path, recording: &Recording) -> Result<V
     let work = thousandths(get("million_instructions_per_s")?);
     let stack = get("stack_bytes")?;
     figures.push(Figure { name: name("stack used, bytes"), value: stack, bar: None });
+    figures.push(stack_bound(recorder.name, &elf, stack)?);
     let memory = statics + stack;
     figures.push(Figure {
         name: name("statics and stack, bytes"),
@@ -234,6 +236,16 @@ fn levels(recorder: &Recorder, image: &Path, recording: &Recording, without: &st
         Figure { name: name("instr./s"), value: work.round(), bar: Some(LEVELS_WORK) },
         Figure { name: name("bytes/min"), value: thousandths(more("other_bytes")? / minutes), bar: None },
     ])
+}
+
+/// The most stack that an image can need, which must be there; less than was used would be a defect of the bound.
+fn stack_bound(image: &str, elf: &Elf, used: f64) -> Result<Figure> {
+    let bound = stack_bound::of(elf).with_context(|| format!("the stack of {image}"))?;
+    let most = f64::from(bound.all());
+    if most < used {
+        bail!("{image} used {used} bytes of stack, more than the bound of {most} read from its code");
+    }
+    Ok(Figure { name: format!("{image} stack bound, bytes"), value: most, bar: Some(f64::from(bound.size)) })
 }
 
 fn thousandths(x: f64) -> f64 {
@@ -356,6 +368,7 @@ fn tracks(image: &Path) -> Result<Vec<Figure>> {
     Ok(vec![
         figure("state of eight, bytes", bytes as f64, None),
         figure("stack used, bytes", stack as f64, None),
+        stack_bound("tracks", &Elf::read(image)?, stack as f64)?,
         figure("worst 512 instants, million instr.", millions(heard), Some(bar)),
         figure("worst 512, eight ending at once", millions(ending), Some(bar)),
     ])
@@ -430,6 +443,7 @@ fn hardware(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         plain("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
         plain("statics, bytes", statics, None),
         plain("stack used, bytes", stack, Some((told(&said, "stack_size_bytes")? / STACK_MARGIN).floor())),
+        stack_bound("stm32h743", &elf, stack)?,
         plain("statics and stack, bytes", statics + stack, Some(HARDWARE_RAM)),
     ];
     let figure = |what: &str, key: &str, scale: f64, bar| -> Result<Figure> {
@@ -462,6 +476,7 @@ fn store(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         figure("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
         figure("statics, bytes", statics, None),
         figure("stack used, bytes", stack, Some(margin)),
+        stack_bound("stm32h743 store", &elf, stack)?,
         figure("statics and stack, bytes", statics + stack, Some(HARDWARE_RAM)),
         figure("sectors erased in 5 s", told(&said, "flash_sectors")?, None),
         figure("words written in 5 s", told(&said, "flash_words")?, None),
@@ -519,6 +534,7 @@ fn ocean_bottom(toolchain: &Toolchain) -> Result<Vec<Figure>> {
         figure("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
         figure("statics, bytes", statics, None),
         figure("stack used, bytes", stack, Some(margin)),
+        stack_bound("stm32h743 obs", &elf, stack)?,
         figure("statics and stack, bytes", statics + stack, Some(HARDWARE_RAM)),
         figure("sectors erased in 200 s", told(&said, "flash_sectors")?, None),
         figure("words written in 200 s", told(&said, "flash_words")?, None),

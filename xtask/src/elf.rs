@@ -1,5 +1,6 @@
 //! As much of an ELF file as the checks need: sections, symbols, and who calls whom in Thumb code.
 
+use crate::thumb::{self, Step};
 use anyhow::{Context, Result, bail};
 use std::path::Path;
 
@@ -114,25 +115,27 @@ impl Elf {
 
     /// Every `BL` and `B.W` of the code. Data between functions may look like one: check the destination.
     pub fn calls(&self) -> Vec<Call> {
-        let Some(text) = self.sections.iter().find(|s| s.name == ".text") else { return Vec::new() };
-        let halves = (0..text.size.saturating_sub(2)).step_by(2);
-        halves
-            .filter_map(|i| {
-                let at = text.offset + i as usize;
-                let (first, second) = (u32::from(self.half(at)), u32::from(self.half(at + 2)));
-                let branch = first & 0xf800 == 0xf000 && second & 0x9000 == 0x9000;
-                branch.then(|| {
-                    let sign = first >> 10 & 1;
-                    let high = !(second >> 13 ^ sign) & 1;
-                    let low = !(second >> 11 ^ sign) & 1;
-                    let offset =
-                        sign << 24 | high << 23 | low << 22 | (first & 0x3ff) << 12 | (second & 0x7ff) << 1;
-                    let offset = (offset as i32) << 7 >> 7;
-                    let from = text.address + i;
-                    Call { from, to: from.wrapping_add(4).wrapping_add_signed(offset) }
-                })
+        let (address, code) = self.code();
+        let pairs = code.windows(2).zip((address..).step_by(2)).filter(|(pair, _)| thumb::is_wide(pair[0]));
+        pairs
+            .filter_map(|(pair, from)| match thumb::step(from, pair[0], pair[1]) {
+                Step::Goes(to) => Some(Call { from, to }),
+                _ => None,
             })
             .collect()
+    }
+
+    /// The code's address and its half words.
+    pub fn code(&self) -> (u32, Vec<u16>) {
+        let Some(text) = self.sections.iter().find(|s| s.name == ".text") else { return (0, Vec::new()) };
+        let halves = (0..text.size as usize / 2).map(|i| self.half(text.offset + 2 * i)).collect();
+        (text.address, halves)
+    }
+
+    /// The words of the vector table: the first value of the stack pointer, then what is called at reset, faults and interrupts.
+    pub fn vectors(&self) -> Vec<u32> {
+        let Some(table) = self.sections.iter().find(|s| s.name == ".vector_table") else { return Vec::new() };
+        (0..table.size as usize / 4).map(|i| self.word(table.offset + 4 * i)).collect()
     }
 
     fn half(&self, at: usize) -> u16 {

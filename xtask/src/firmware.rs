@@ -200,12 +200,16 @@ pub fn command(options: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// `cargo xtask flash`: builds for the hardware board, writes it and attaches, where probe-rs is installed.
+/// `cargo xtask flash`: builds for the hardware board, writes it and attaches, where probe-rs is installed; or writes a configuration
+/// alone, which the image that is there runs with from its next start.
 pub fn flash(options: &[String]) -> Result<()> {
+    if let [flag, station] = options
+        && flag == "--configuration"
+    {
+        return flash_configuration(station);
+    }
     let options = Options::read(options, "stm32h743")?;
-    let probe = find("probe-rs").context(
-        "probe-rs is not installed: `cargo install probe-rs-tools --locked`, then connect the board and run this again",
-    )?;
+    let probe = probe()?;
     let kind = match options.board {
         "stm32h743-link" => &HARDWARE_LINK,
         "stm32h743-obs" => &HARDWARE_OBS,
@@ -214,7 +218,27 @@ pub fn flash(options: &[String]) -> Result<()> {
     };
     let image = build_hardware(&Toolchain::find()?, kind, options.station, options.key)?;
     say("flashing; the board's reset and faults are shown until interrupted");
-    run(Command::new(probe).args(["run", "--chip", "STM32H743ZITx"]).arg(image), "probe-rs")
+    run(Command::new(probe).args(["run", "--chip", CHIP]).arg(image), "probe-rs")
+}
+
+/// The chip as probe-rs calls it.
+const CHIP: &str = "STM32H743ZITx";
+
+fn probe() -> Result<PathBuf> {
+    find("probe-rs").context(
+        "probe-rs is not installed: `cargo install probe-rs-tools --locked`, then connect the board and run this again",
+    )
+}
+
+/// Writes both places for a configuration (`core/src/slots.rs`).
+fn flash_configuration(station: &str) -> Result<()> {
+    let probe = probe()?;
+    let places = root().join("target/firmware/places.bin");
+    run(host(&["blob", "--station", station, "--places", "--out"]).arg(&places), "seabearing blob")?;
+    say("writing the configuration; the board starts with it");
+    let download = ["download", "--chip", CHIP, "--binary-format", "bin", "--base-address", "0x08100000"];
+    run(Command::new(&probe).args(download).arg(places), "probe-rs download")?;
+    run(Command::new(probe).args(["reset", "--chip", CHIP]), "probe-rs reset")
 }
 
 /// One line about what an image takes.

@@ -12,7 +12,9 @@ mod panic_free;
 mod process;
 mod python;
 mod scenario;
+mod stack_bound;
 mod suite;
+mod thumb;
 mod toolchain;
 
 use anyhow::{Result, bail};
@@ -31,8 +33,10 @@ cargo xtask TASK
   setup           install what is missing: the Rust target (or a compiler that can build it) and QEMU
   build-firmware  [--board mps2-an500|link|stm32h743|stm32h743-link|stm32h743-obs|all] [--station STATION.toml] [--key FILE]
   flash           [--board stm32h743-link|stm32h743-obs] [--station STATION.toml] [--key FILE]  build for stm32h743, write it with probe-rs and show its faults
+  flash --configuration STATION.toml  write a configuration alone, beside an image with a link, which starts with it
   example         run the core's example on the host and, in QEMU, on the target; they print the same
   budget          [--bless]  instructions, stack, memory and flash against their bars and docs/budget.txt
+  stack IMAGE.elf  the most stack an image can need, and the way to it
   rehearse        [--bless]  the image for hardware on the modelled board: its bytes, then every fault against the table kept
   panic-free      link the recorder with a panic handler that cannot be linked
   fuzz [--inputs N] [--target NAME]  hostile input in great numbers: N mutated inputs (of slow targets a share); panics, false
@@ -84,6 +88,10 @@ fn run(arguments: &[String]) -> Result<()> {
         "pace" => match options {
             [revision] => pace::command(revision),
             _ => bail!("pace takes a revision of git"),
+        },
+        "stack" => match options {
+            [image] => stack_bound::command(Path::new(image)),
+            _ => bail!("stack takes an image: target/firmware/images/NAME.elf"),
         },
         "check" => process::check(),
         "lines" => match options {

@@ -205,7 +205,21 @@ fn hardware_twin(toolchain: &Toolchain) -> Result<()> {
         twin.arg(&recording.station).args(board).args(&recording.files);
         run(&mut twin, "seabearing twin")?;
     }
-    Ok(())
+    configured_by_probe(&recording)
+}
+
+/// The image for hardware with records in flash, and beside it another configuration than its own, as a probe writes it.
+fn configured_by_probe(recording: &scenario::Recording) -> Result<()> {
+    let station = recording.station.with_file_name("station-by-probe.toml");
+    let text = std::fs::read_to_string(&recording.station).context("the scenario's station file")?;
+    std::fs::write(&station, text.replace("[array]\n", "[array]\nstep_s = 1.0\n"))
+        .context("another station file")?;
+    let places = root().join("target/firmware/places.bin");
+    let blob = ["blob", "--places", "--station"];
+    run(host(&blob).arg(&station).arg("--out").arg(&places), "seabearing blob")?;
+    let mut twin = host(&["twin", "--board", "stm32h743", "--link", "--places"]);
+    twin.arg(places).arg("--station").arg(station).args(&recording.files);
+    run(&mut twin, "seabearing twin")
 }
 
 /// The ocean-bottom image over the first minutes of its scenario.

@@ -165,6 +165,19 @@ impl Flash {
         self.states[word] = State::Virgin;
     }
 
+    /// A probe writes these bytes to the bank's beginning; what it leaves erased can still be programmed. Whether they fit.
+    #[must_use]
+    pub fn probe(&mut self, bytes: &[u8]) -> bool {
+        for (word, bytes) in bytes.chunks(WORD).enumerate().take(WORDS) {
+            self.blank(word);
+            self.of_word(word)[..bytes.len()].copy_from_slice(bytes);
+            if bytes.iter().any(|byte| *byte != 0xff) {
+                self.states[word] = State::Written;
+            }
+        }
+        bytes.len() <= WORDS * WORD
+    }
+
     /// Bits of a word of the bank (counted from its start) go wrong.
     pub fn upset(&mut self, word: usize, bits: u32) {
         let state = &mut self.states[word % WORDS];

@@ -292,3 +292,37 @@ fn on_a_flash_that_is_broken_nothing_is_tried_and_nothing_is_given_up_for_ever()
     slots.give_up();
     assert_eq!((0..20).find_map(|_| slots.work(6, true)), None);
 }
+
+/// A flash written by a probe.
+fn probed(blob: &[u8]) -> Two {
+    let mut flash = Two::new();
+    let words: Vec<Word> = written(blob).collect();
+    // A probe writes no word that stays erased.
+    (0..).zip(&words).filter(|(_, word)| **word != ERASED).for_each(|(at, word)| flash.write(0, at, word));
+    flash
+}
+
+#[test]
+fn what_a_probe_wrote_is_kept_without_a_trial_and_replaced_by_the_next() {
+    let (mut slots, runs, news) = start(probed(&blob(7)));
+    assert_eq!((runs, news), (Some(blob(7)), None));
+    assert!(slots.running().is_some_and(|found| !found.trial));
+    // A base station's comes after it, and is tried.
+    assert_eq!(send(&mut slots, &blob(8)), Some(Done::Restart(Some(2))));
+    let (mut slots, runs, news) = start(flash(slots));
+    assert_eq!((runs, news), (Some(blob(8)), None));
+    come_up(&mut slots);
+    assert_eq!(start(flash(slots)).1, Some(blob(8)));
+}
+
+#[test]
+fn what_a_probe_wrote_and_cannot_be_run_or_read_is_given_up() {
+    let mut bad = blob(7);
+    bad.push(0xee);
+    let (_, runs, news) = start(probed(&bad));
+    assert_eq!((runs, news.map(|value| value & 0xff)), (None, Some(Reason::Unusable as i64)));
+    let mut flash = probed(&blob(7));
+    flash.damage(0, HEAD + 1);
+    let (_, runs, news) = start(flash);
+    assert_eq!((runs, news.map(|value| value & 0xff)), (None, Some(Reason::Damaged as i64)));
+}

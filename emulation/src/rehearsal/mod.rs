@@ -3,6 +3,7 @@
 mod at_once;
 mod card;
 mod cases;
+mod full_store;
 mod judge;
 mod ocean_bottom;
 mod ocean_bottom_reach;
@@ -246,9 +247,10 @@ impl Stage<'_> {
             0 => self.pace(length.pace_s, Parameters::default(), LEAST_IDLE),
             1 => self.breaking(&length.costs),
             2 => self.erasing(),
-            n => self.judge(&cases[n - 3]).map(|row| vec![row]),
+            3 => self.full_store(),
+            n => self.judge(&cases[n - 4]).map(|row| vec![row]),
         };
-        all(cases.len() + 3, play, say)
+        all(cases.len() + 4, play, say)
     }
 }
 

@@ -4,7 +4,7 @@ use crate::board::{self, BoardRun, Has, InjectedFault, Setup, Sound};
 use crate::rehearsal::{self, Length, OceanBottom, Row, Stage};
 use crate::station::Station;
 use crate::{blob, emulator, recording};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use seabearing_board_model::Costs;
 use seabearing_board_model::stm32h743::Parameters;
 use seabearing_core::block::Frame;
@@ -63,6 +63,10 @@ pub struct BoardOptions {
     /// The image that records on a card too (its records wait as with --link), and a prepared card of 20 files of 4 MiB
     #[arg(long)]
     card: bool,
+    /// What a probe wrote into the second bank of flash before the first start, as of `blob --places`: the image may then hold
+    /// another station's configuration; with --link or --card, and with an ocean-bottom station
+    #[arg(long, value_name = "FILE", value_parser = super::input())]
+    places: Option<PathBuf>,
     /// Play every way of going wrong with noise instead of a recording, outages of up to so many seconds (60 are asked
     /// for, and take minutes), and print the table of what came of it; with --card what a card can do
     #[arg(long, value_name = "S")]
@@ -163,8 +167,8 @@ pub(super) fn run(
         );
     }
     if let Some(longest_s) = options.rehearse {
-        if !options.faults.is_empty() || !input.is_empty() {
-            bail!("--rehearse plays faults and noise of its own: leave out --fault and recordings");
+        if !options.faults.is_empty() || !input.is_empty() || options.places.is_some() {
+            bail!("--rehearse plays faults and noise of its own: leave out --fault, --places and recordings");
         }
         return rehearse(&image, station, options.card, (longest_s, options.seconds), json);
     }
@@ -172,6 +176,12 @@ pub(super) fn run(
     if seismic {
         (setup.parameters.seismic, setup.parameters.baud) = (true, board::SEISMIC_BAUD);
         setup.link = true;
+    }
+    if let Some(path) = &options.places {
+        if !has.link {
+            bail!("--places: the image has no places for a configuration; see --link and --card");
+        }
+        setup.bank_two = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     }
     if options.card {
         // Short files, so that those without a claim are filled again in a short run.

@@ -2,7 +2,8 @@
 
 use super::{
     Figure, HARDWARE_ASLEEP, HARDWARE_CYCLES, HARDWARE_FLASH, HARDWARE_INTERRUPTS, HARDWARE_RAM,
-    HARDWARE_REGISTER, LEAST, MOST_IN_THREAD, STACK_MARGIN, a_conversion, thousandths, told, twin,
+    HARDWARE_REGISTER, LEAST, MOST_IN_THREAD, STACK_MARGIN, a_conversion, stack_bound, thousandths, told,
+    twin,
 };
 use crate::elf::Elf;
 use crate::firmware::{self, HARDWARE_CARD};
@@ -25,13 +26,15 @@ pub fn figures(toolchain: &Toolchain) -> Result<Vec<Figure>> {
     let said = twin(&board, &image, &recording)?;
     let figure = |what: &str, value, bar| Figure { name: format!("stm32h743 card {what}"), value, bar };
     let elf = Elf::read(&image)?;
+    let stack = told(&said, "stack_bytes")?;
     let margin = (told(&said, "stack_size_bytes")? / STACK_MARGIN).floor();
     let idle = thousandths(told(&said, "idle")? * 100.0);
     let mut figures = vec![
         figure("flash, bytes", f64::from(elf.flash()), Some(HARDWARE_FLASH)),
         figure("statics in AXI SRAM, bytes", f64::from(elf.statics_from(0x2400_0000)), Some(HARDWARE_RAM)),
         figure("statics in D2 SRAM, bytes", f64::from(elf.statics_from(0x3000_0000)), Some(D2_SRAM)),
-        figure("stack used, bytes", told(&said, "stack_bytes")?, Some(margin)),
+        figure("stack used, bytes", stack, Some(margin)),
+        stack_bound("stm32h743 card", &elf, stack)?,
         figure("conversions lost in 5 s", told(&said, "lost")?, Some(0.0)),
         figure("instants missing in 5 s", told(&said, "card_missing")?, Some(0.0)),
         figure("instants wrong in 5 s", told(&said, "card_wrong")?, Some(0.0)),

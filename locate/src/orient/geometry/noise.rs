@@ -20,7 +20,7 @@ const LEAST_SETS: usize = 20;
 /// Sets over which errors may last, and what they have in common that is no more than chance.
 const LAGS: usize = 40;
 const CHANCE: f64 = 0.05;
-/// Fewest blocks of sets that tell how scores scatter.
+/// Blocks of sets that tell how scores scatter, of a pass that has as many sets; half of them must do.
 const LEAST_BLOCKS: usize = 60;
 
 /// The scatter about a model.
@@ -105,17 +105,20 @@ impl Noise {
     }
 
     /// Covariance of the unknowns (in their units): the inverse of the information with what the sets' scores scatter by, so that it
-    /// holds whatever the errors' law is. Scores of so many successive sets as have errors in common are summed first. As `inverse` has it,
-    /// where there are few.
+    /// holds whatever the errors' law is. Scores of successive sets are summed first, of as many as have errors in common and of no fewer
+    /// than make [`LEAST_BLOCKS`] of the pass, so that slow errors count; as many of the blocks as numbers are told by the pass show no
+    /// scatter any more. As `inverse` has it, where sets are few.
     pub(super) fn covariance(
         &self,
         model: &Model<'_>,
         sets: &[TimedDelays],
         inverse: &Square<UNKNOWNS>,
     ) -> Option<Square<UNKNOWNS>> {
-        let length = (m::ceil(2.0 * self.correlated) as usize).max(1);
-        let blocks = sets.chunks(length);
-        if blocks.len() < LEAST_BLOCKS {
+        let length = (m::ceil(2.0 * self.correlated) as usize).max(sets.len() / LEAST_BLOCKS);
+        let blocks = sets.chunks(length.max(1));
+        let left = (0..UNKNOWNS).map(|k| inverse[k][k]).sum::<f64>();
+        let free = blocks.len() as f64 - (UNKNOWNS as f64 - left);
+        if blocks.len() < LEAST_BLOCKS / 2 || !(free > 0.0) {
             return Some(*inverse);
         }
         // What was known before has a variance of one in each.
@@ -124,16 +127,17 @@ impl Noise {
             row[k] = 1.0;
         }
         let mut scatter = information;
+        let widen = blocks.len() as f64 / free;
         for (n, block) in blocks.enumerate() {
             let mut score = [0.0; UNKNOWNS];
             for (k, set) in block.iter().enumerate() {
                 model.rows(set, |_, row, residual| {
-                    let (weight, slope) = self.weights(n * length + k, residual);
+                    let (weight, slope) = self.weights(n * length.max(1) + k, residual);
                     score.iter_mut().zip(row).for_each(|(x, d)| *x += weight * residual * d);
                     spd::add_outer(&mut information, row, slope);
                 });
             }
-            spd::add_outer(&mut scatter, &score, 1.0);
+            spd::add_outer(&mut scatter, &score, widen);
         }
         let inverse = spd::inverse(&information)?;
         Some(spd::propagated(&inverse, &scatter))
