@@ -221,7 +221,7 @@ fn turn_between(from: &[[f64; 3]; 4], to: &[[f64; 3]; 4]) -> [f64; 3] {
 }
 
 fn run(options: &Options) -> Result<()> {
-    let runs = options.runs.unwrap_or(20);
+    let runs = options.runs.unwrap_or(30);
     let mut report = CsvReport::new(
         "orient_geometry",
         "sd_m,turns,trials,before_mm,rms_mm,worst_mm,stated_mm,untold,coordinates_%,ellipsoid_%,turn_%",

@@ -21,7 +21,7 @@ enum Otherwise {
 use Otherwise::{Lacks, Parsed, Waits};
 
 /// Commands that are not run to their end, and why.
-const OTHERWISE: [(&str, Otherwise, &str); 14] = [
+const OTHERWISE: [(&str, Otherwise, &str); 15] = [
     ("seabearing base --serial /dev/ttyACM0 --store out/base", Waits("/dev/ttyACM0"), "needs a device"),
     ("seabearing base --serial /dev/ttyACM0", Waits("/dev/ttyACM0"), "needs a device"),
     (
