@@ -60,6 +60,7 @@ mod obs_week;
 mod obs_whales;
 pub mod obs_world;
 mod obs_year;
+mod orient_geometry;
 mod page;
 pub mod real_ship_ee;
 mod real_ship_track;
@@ -135,6 +136,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     sea_snaps::EXPERIMENT,
     sea_transients::EXPERIMENT,
     sea_positions::EXPERIMENT,
+    orient_geometry::EXPERIMENT,
     motion_checks::COVERAGE,
     motion_figures::FIGURE_1,
     motion_figures::FIGURE_2,

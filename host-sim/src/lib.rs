@@ -18,5 +18,5 @@ pub use seabearing_experiments as reproduce;
 pub use seabearing_host::{
     ais, archive, atomic, beside, blob, bounds, card, console, course, csv, delays, geodesy, interrupt,
     levels, line, motion, ocean_bottom, orientation, plan, plot, progress, propagation, record, recording,
-    replay, scenario, standard_input, station, world,
+    replay, scenario, standard_input, station, toml_file, world,
 };

@@ -45,6 +45,7 @@ const EXAMPLES: [(&str, &[Expected]); 32] = [
             Lacks("line.toml"),
             Lacks("array.toml"),
             Lacks("array.toml"),
+            Lacks("array.toml"),
             Lacks("obs.toml"),
             Lacks("obs.toml"),
             Lacks("obs.toml"),

@@ -380,6 +380,64 @@ fn directions_of_mirrored_sign_are_refused() {
 }
 
 #[test]
+fn geometry_is_mended_as_far_as_a_pass_tells_it_and_written_as_a_station_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let (station, track) = compact(dir.path());
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    const PLACES: [[f64; 3]; 4] =
+        [[0.0, 0.0, 0.0], [0.53, -0.12, -0.81], [-0.46, -0.37, -0.8], [-0.14, 0.61, -0.76]];
+    let mut rows = String::from("t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s\n");
+    for k in 0..400 {
+        let t_s = 0.5 * f64::from(k);
+        let u = to_the_ship(t_s);
+        let _ = write!(rows, "{t_s}");
+        for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+            let along: f64 = (0..3).map(|x| (PLACES[i][x] - PLACES[j][x]) * u[x]).sum();
+            let _ = write!(
+                rows,
+                ",{}",
+                along / SOUND_SPEED_M_S + 1e-6 * f64::from((k * (7 + i as i32 + 3 * j as i32)) % 11 - 5)
+            );
+        }
+        rows += "\n";
+    }
+    std::fs::write(path("delays.csv"), rows).unwrap();
+    let (delays, mended) = (path("delays.csv"), path("mended.toml"));
+    let args = [
+        "orient",
+        "--geometry",
+        "--station",
+        &station,
+        "--track",
+        &track,
+        &delays,
+        "--json",
+        "--write",
+        &mended,
+    ];
+    let said = refusal(&args);
+    assert!(said.contains("position_sd_m") && said.contains("array.toml"), "{said}");
+    let text =
+        std::fs::read_to_string(&station).unwrap().replace("[array]\n", "[array]\nposition_sd_m = 0.01\n");
+    std::fs::write(&station, text).unwrap();
+    let out = seabearing(&args);
+    let said = String::from_utf8(out.stderr).unwrap();
+    assert!(said.contains("does not tell the geometry to 2 mm") && said.lines().count() == 1, "{said}");
+    let found: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert!(
+        number(&found, "orientation_deg").abs() < 2.0 && (number(&found, "untold") - 3.0).abs() < 0.2,
+        "{found}"
+    );
+    // What was written is a station file, with the places found.
+    let again = std::fs::read_to_string(&mended).unwrap();
+    assert!(again.contains("position_sd_m = 0.0") && !again.contains("position_sd_m = 0.01\n"), "{again}");
+    assert!(seabearing(&["config", "check", &mended]).status.success(), "{again}");
+    for wrong in ["--track-sd-m=-1", "--clock-sd-s=nan"] {
+        refusal(&[&args[..], &[wrong]].concat());
+    }
+}
+
+#[test]
 fn bearings_off_the_track_are_counted_and_said() {
     let dir = tempfile::tempdir().unwrap();
     let (station, track) = compact(dir.path());

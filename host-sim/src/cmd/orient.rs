@@ -1,6 +1,7 @@
 //! `seabearing orient`: station orientation from a vessel of known track.
 
 use super::mistake;
+use crate::atomic;
 use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
 use crate::line::records as line_records;
@@ -9,17 +10,22 @@ use crate::ocean_bottom::place::{Displacement, SEARCH_M};
 use crate::ocean_bottom::records::is_records;
 use crate::ocean_bottom::survey::{Survey, Turn, survey};
 use crate::orientation::known_vessel::{self, LineRecord, LineSearch};
-use crate::orientation::track_file;
+use crate::orientation::{mend, track_file};
 use crate::propagation::Propagation;
 use crate::record::finite;
-use crate::recording::Container;
+use crate::recording::{self, Container};
 use crate::station::Station;
-use anyhow::{Result, bail};
+use crate::toml_file::TomlFile;
+use anyhow::{Context, Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_locate::network::known_track::TrackPoint;
+use seabearing_locate::orient::geometry::{Doubts, Mended};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+
+/// Depth of a vessel's sound source where none is told, metres.
+const SOURCE_DEPTH_M: f64 = 5.0;
 
 /// Arguments of `seabearing orient`.
 #[derive(clap::Args)]
@@ -28,6 +34,7 @@ use std::path::{Path, PathBuf};
     seabearing orient --station line.toml --track ship.csv records.jsonl     # of `process`\n  \
     seabearing orient --station array.toml --track ship.csv bearings.csv     # t_s,azimuth_deg,elevation_deg\n  \
     seabearing orient --station array.toml --track ship.csv differences.csv  # t_s,tdoa01_s,...: hydrophone positions\n  \
+    seabearing orient --geometry --station array.toml --track ship.csv --write mended.toml pass.wav  # and orientation\n  \
     seabearing orient --station obs.toml --track ship.csv azimuths.csv       # t_s,azimuth_deg\n  \
     seabearing orient --station obs.toml --track a.csv --track b.csv records.jsonl   # orientation and position\n  \
     seabearing orient --station obs.toml --track a.csv --track b.csv *.mseed         # the same from the recording\n\n\
@@ -47,9 +54,10 @@ pub struct Args {
     /// Track of a vessel: t_s,x_m,y_m or t_s,lat,lon; repeated for more vessels (ocean-bottom stations).
     #[arg(long, required = true, value_name = "TRACK.csv", value_parser = super::input())]
     track: Vec<PathBuf>,
-    /// Depth of the vessel's sound source, metres.
-    #[arg(long, default_value_t = 5.0)]
-    source_depth_m: f64,
+    /// Depth of the vessel's sound source, metres [default: 5; with --geometry 0, from where vessel and image are heard together, if the
+    /// station expects an image].
+    #[arg(long)]
+    source_depth_m: Option<f64>,
     /// Longest gap of the track that is interpolated, seconds.
     #[arg(long, default_value_t = 300.0)]
     max_gap_s: f64,
@@ -72,6 +80,22 @@ pub struct Args {
     /// Array: how many successive bearings share one error (1: independent).
     #[arg(long, default_value_t = 2.0)]
     correlated: f64,
+    /// Array: positions of the hydrophones and orientation together, from a recording or from arrival-time differences of one pass;
+    /// the positions may be off by the station file's `position_sd_m`, the speed of sound by its `sound_speed_sd_m_s`.
+    #[arg(long)]
+    geometry: bool,
+    /// Geometry: station file to write, with what was found.
+    #[arg(long, requires = "geometry", value_name = "STATION.toml")]
+    write: Option<PathBuf>,
+    /// Geometry: standard deviation of the whole track's place, East and North, metres.
+    #[arg(long, default_value_t = 2.0)]
+    track_sd_m: f64,
+    /// Geometry: standard deviation of the depth of the sound source, metres.
+    #[arg(long, default_value_t = 3.0)]
+    source_depth_sd_m: f64,
+    /// Geometry: standard deviation of the recorder's clock against the track's, seconds.
+    #[arg(long, default_value_t = 1.0)]
+    clock_sd_s: f64,
     /// Results as JSON Lines.
     #[arg(long)]
     json: bool,
@@ -96,14 +120,27 @@ pub fn run(args: Args) -> Result<()> {
             mistake!("--{key} is {x}; a positive number is needed");
         }
     }
-    if !(args.source_depth_m.is_finite() && args.correlated >= 1.0 && args.correlated.is_finite()) {
+    if !(args.source_depth_m.is_none_or(f64::is_finite)
+        && args.correlated >= 1.0
+        && args.correlated.is_finite())
+    {
         mistake!("--source-depth-m must be finite and --correlated at least 1");
     }
     if !(args.search_m >= 100.0 && args.search_m <= 20_000.0) {
         mistake!("--search-m is {}; 100 to 20000 m are possible", args.search_m);
     }
+    for (key, x) in [
+        ("track-sd-m", args.track_sd_m),
+        ("source-depth-sd-m", args.source_depth_sd_m),
+        ("clock-sd-s", args.clock_sd_s),
+    ] {
+        if !(x >= 0.0 && x.is_finite()) {
+            mistake!("--{key} is {x}; a number that is not negative is needed");
+        }
+    }
     let read = Station::read(&args.station)?;
     let records = match &read.config.kind {
+        _ if args.geometry => vec![mended(&args, &read)?],
         Kind::Obs(_) if !is_table(&args.input) => {
             let tracks = tracks(&args, &read.config)?;
             of_survey(&read, survey(&read, &args.input, &tracks, args.max_gap_s, args.search_m)?)?
@@ -121,7 +158,63 @@ fn is_table(input: &[PathBuf]) -> bool {
 
 /// The vessels' tracks.
 fn tracks(args: &Args, station: &StationConfig) -> Result<Vec<Vec<TrackPoint>>> {
-    args.track.iter().map(|path| track_file::read(path, station, args.source_depth_m)).collect()
+    let image = match &station.kind {
+        Kind::Array(array) => args.geometry && array.vessel_depth_m > 0.0,
+        _ => false,
+    };
+    let depth_m = args.source_depth_m.unwrap_or(if image { 0.0 } else { SOURCE_DEPTH_M });
+    args.track.iter().map(|path| track_file::read(path, station, depth_m)).collect()
+}
+
+/// The compact array's geometry and orientation from one pass, and the station file of it where one is wanted.
+fn mended(args: &Args, station: &Station) -> Result<Value> {
+    let config = &station.config;
+    let array = mend::doubted(config).with_context(|| args.station.display().to_string())?;
+    let tracks = tracks(args, config)?;
+    let [track] = &tracks[..] else { bail!("one --track goes with --geometry, {} were given", tracks.len()) };
+    let sets = if is_table(&args.input) {
+        let [input] = &args.input[..] else { bail!("one CSV file is needed") };
+        mend::of_table(&CsvTable::read(input)?)?
+    } else {
+        let mut source = recording::open(&args.input, station, None)?;
+        mend::of_recording(config, array, &mut *source)?
+    };
+    let doubts = Doubts {
+        track_m: args.track_sd_m,
+        height_m: args.source_depth_sd_m,
+        clock_s: args.clock_sd_s,
+        image_m2: if args.source_depth_m.is_none() { mend::image_m2(array) } else { 0.0 },
+        ..Doubts::default()
+    };
+    let (found, off_track) = mend::mend(config, &sets, track, args.max_gap_s, &doubts)
+        .with_context(|| args.input[0].display().to_string())?;
+    if off_track > 0 {
+        log::warn!("the track tells nothing of the times of {off_track} of {} sets of delays", sets.len());
+    }
+    if let Some(line) = mend::untold(&found) {
+        log::warn!("{line}");
+    }
+    if let Some(path) = &args.write {
+        let text = mend::station_text(&TomlFile::read(&args.station, "station file")?, &found)?;
+        atomic::write(path, text.as_bytes())?;
+    }
+    let sd_deg = found.sd_turn.map(|x| x / RAD_PER_DEG);
+    Ok(json!({
+        "type": "geometry", "hydrophones_m": found.level_m, "sd_m": found.sd_level_m, "position_sd_m": mend::largest_sd_m(&found),
+        "orientation_deg": degrees(found.heading), "sd_deg": sd_deg[2], "matrix": found.matrix,
+        "shape_m": found.position_m, "sd_shape_m": shape_sd(&found), "sd_turn_deg": sd_deg,
+        "sd_mean_m": found.sd_m.0, "sd_largest_m": found.sd_m.1, "untold": found.untold,
+        "sound_speed_m_s": found.sound_speed_m_s.0, "sd_sound_speed_m_s": found.sound_speed_m_s.1,
+        "track_m": found.track_m.0, "sd_track_m": found.track_m.1,
+        "time_shift_s": found.late_s.0, "sd_time_shift_s": found.late_s.1,
+        "scale_s": found.scale_s, "correlated": found.correlated, "n": found.n, "wrong": found.wrong, "off_track": off_track,
+    }))
+}
+
+/// Standard deviations of the coordinates of the shape, hydrophone by hydrophone.
+fn shape_sd(found: &Mended) -> Vec<Vec<f64>> {
+    let sd: Vec<f64> = (0..12).map(|k| found.covariance_m2[k][k].max(0.0).sqrt()).collect();
+    sd.chunks(3).map(<[f64]>::to_vec).collect()
 }
 
 /// What a CSV file tells about a station.

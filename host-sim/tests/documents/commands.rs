@@ -21,7 +21,7 @@ enum Otherwise {
 use Otherwise::{Lacks, Parsed, Waits};
 
 /// Commands that are not run to their end, and why.
-const OTHERWISE: [(&str, Otherwise, &str); 14] = [
+const OTHERWISE: [(&str, Otherwise, &str); 15] = [
     ("seabearing base --serial /dev/ttyACM0 --store out/base", Waits("/dev/ttyACM0"), "needs a device"),
     ("seabearing base --serial /dev/ttyACM0", Waits("/dev/ttyACM0"), "needs a device"),
     (
@@ -73,6 +73,11 @@ const OTHERWISE: [(&str, Otherwise, &str); 14] = [
         "seabearing orient --station obs.toml --track a.csv --track b.csv records.jsonl",
         Lacks("obs.toml"),
         "needs hours of passages: `orient_ocean_bottom` has them",
+    ),
+    (
+        "seabearing orient --geometry --station array.toml --track ship.csv --write mended.toml pass.wav",
+        Lacks("array.toml"),
+        "needs a pass past an array: `network_cli` has one",
     ),
     (
         "seabearing process --station rr03.toml seedlink://server.example:18000/YV_RR03",

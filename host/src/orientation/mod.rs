@@ -4,6 +4,8 @@
 
 pub mod known_vessel;
 pub mod lasting;
+pub mod measured_delays;
+pub mod mend;
 pub mod network_file;
 pub mod over_time;
 pub mod record_file;

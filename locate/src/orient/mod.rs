@@ -7,9 +7,11 @@
 //! - [`closed_form`]: the same by the paper's closed form and grids [L 9-19];
 //! - [`rotation`]: the three angles of a compact array from its bearings;
 //! - [`hydrophones`]: positions of a compact array's hydrophones from arrival-time differences;
+//! - [`mod@geometry`]: positions and orientation together, with what was known before;
 //! - [`offset`]: one constant azimuth offset (ocean-bottom station, DIFAR buoy) over several passes.
 
 pub mod closed_form;
+pub mod geometry;
 pub mod hydrophones;
 pub mod line;
 pub mod offset;
