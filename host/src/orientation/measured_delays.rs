@@ -1,6 +1,6 @@
 //! Arrival-time differences of the loudest source, pair by pair, from a compact array's samples.
 //!
-//! In: samples of the recorder's four channels. Out: every [`SEGMENT_S`] the six delays, each measured by itself, so that no places of
+//! In: samples of the recorder's four channels. Out: every so many seconds (`SEGMENT_S`) the six delays, each measured by itself, so that no places of
 //! hydrophones are assumed but to say how long a delay can be. Cross-spectra of Hann frames that overlap by half are divided by the root of
 //! both auto-spectra, smoothed over more than the image's fringes are wide; where their correlation is highest, Newton's steps with weights `g/(1 − g²)` (g: coherence steered to the delay,
 //! a mean over nine bins) find the delay. It belongs to the time about which the segment's power lies.
