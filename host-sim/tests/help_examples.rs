@@ -79,7 +79,7 @@ const EXAMPLES: [(&str, &[Expected]); 32] = [
     ),
     ("export", &[Runs, Runs, Runs, Runs]),
     ("demo", &[]),
-    ("blob", &[Runs]),
+    ("blob", &[Runs, Runs]),
     ("card", &[]),
     ("card prepare", &[Runs, Lacks("east.toml")]),
     ("card check", &[Runs]),

@@ -126,6 +126,7 @@ fn folder(pages: &[Document]) -> tempfile::TempDir {
         }
     }
     copy("east.toml", "my-station.toml");
+    copy("east.toml", "new.toml");
     copy("recording.wav", "tone.wav");
     let west =
         std::fs::read_to_string(at("east.toml")).unwrap().replace("id = 1", "id = 2").replace("east", "west");
