@@ -25,7 +25,8 @@ use time::OffsetDateTime;
     speed and range by the fall of its tones (recordings alone), or by ranges where the recorder has them. What is not observable\n\
     is null. docs/ocean-bottom.md says what is assumed.")]
 pub struct Args {
-    /// Station file; needed for recordings, and for ranges: the depth of the floor is that of its propagation table.
+    /// Station file; needed for recordings, where records are of several stations, and for ranges: the depth of the floor is
+    /// that of its propagation table.
     #[arg(long, value_parser = super::input())]
     station: Option<PathBuf>,
     /// Recordings (miniSEED or WAV) or folders of them; or one file of records of `seabearing process`.
@@ -51,7 +52,7 @@ pub fn run(args: Args) -> Result<()> {
     let propagation =
         station.as_ref().and_then(|s| s.propagation.as_ref()).map(|path| file::read(path)).transpose()?;
     let (heard, minutes) = match &args.input[..] {
-        [one] if is_records(one) => (Heard::read(one)?, Vec::new()),
+        [one] if is_records(one) => (Heard::read(one, station.as_ref().map(|s| s.config.id))?, Vec::new()),
         _ => listen(&args, station.as_ref())?,
     };
     let place = place(station.as_ref(), propagation.as_ref());

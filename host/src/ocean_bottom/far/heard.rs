@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::wire::{self, Message};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -120,23 +120,38 @@ impl Heard {
         }
     }
 
-    /// Reads records of `process`, or of a base station.
+    /// Reads records of `process`, or of a base station: of the station of this number, where it is given; those that name none
+    /// are any station's.
     ///
     /// # Errors
-    /// The file cannot be read, or holds no detected tonal azimuth.
-    pub fn read(path: &Path) -> Result<Self> {
+    /// The file cannot be read, holds no detected tonal azimuth, or holds several stations' and none is given.
+    pub fn read(path: &Path, station: Option<u16>) -> Result<Self> {
         let name = path.display();
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {name}"))?;
         let mut out = Self::default();
         let mut bad = 0usize;
+        let mut stations = BTreeSet::new();
         for line in text.lines().filter(|l| !l.trim().is_empty()) {
             match serde_json::from_str::<Value>(line) {
-                Ok(record) => out.record(&record),
+                Ok(record) => match (record.get("station").and_then(Value::as_u64), station) {
+                    (Some(id), Some(wanted)) if id != u64::from(wanted) => {}
+                    (id, _) => {
+                        // Of what says nothing here it does not matter whose it is.
+                        if out.record(&record) {
+                            stations.extend(id);
+                        }
+                    }
+                },
                 Err(_) => bad += 1,
             }
         }
         if bad > 0 {
             log::warn!("{name}: {bad} lines are no records");
+        }
+        if stations.len() > 1 {
+            bail!(
+                "{name}: records of stations {stations:?}: say whose vessels are wanted by --station STATION.toml"
+            );
         }
         if out.directions.is_empty() {
             bail!("{name}: no detected tonal `azimuth` record of an ocean-bottom station");
@@ -146,11 +161,15 @@ impl Heard {
         Ok(out)
     }
 
-    /// Takes a record; one that is neither azimuth, range nor track says nothing here.
-    fn record(&mut self, record: &Value) {
+    /// Takes a record; whether it says something here, as azimuths, ranges and tracks do.
+    fn record(&mut self, record: &Value) -> bool {
+        self.of_record(record).is_some()
+    }
+
+    fn of_record(&mut self, record: &Value) -> Option<()> {
         let number = |key: &str| record.get(key).and_then(Value::as_f64);
         let detected = record.get("detected").and_then(Value::as_bool) == Some(true);
-        let Some(t_s) = number("t_s") else { return };
+        let t_s = number("t_s")?;
         if self.start.is_none()
             && let Some(utc) = record.get("utc").and_then(Value::as_str)
         {
@@ -160,13 +179,13 @@ impl Heard {
         }
         match record.get("type").and_then(Value::as_str) {
             Some("azimuth") if detected && record.get("source").is_none_or(|s| s == "tonal") => {
-                let (Some(azimuth), Some(sd)) = (number("azimuth_deg"), number("sd_deg")) else { return };
+                let (azimuth, sd) = (number("azimuth_deg")?, number("sd_deg")?);
                 let (azimuth, sd) = (azimuth * RAD_PER_DEG, sd * RAD_PER_DEG);
                 self.directions.extend((sd > 0.0).then_some(Direction { t_s, azimuth, sd }));
             }
             Some("range") if detected && number("weight").is_none_or(|w| w >= CHIEF) => {
-                let (Some(range_m), Some(sd_m)) = (number("range_m"), number("sd_range_m")) else { return };
-                self.distances.push(Distance { t_s, range_m, sd_m });
+                let (range_m, sd_m) = (number("range_m")?, number("sd_range_m")?);
+                self.distances.extend((sd_m > 0.0).then_some(Distance { t_s, range_m, sd_m }));
             }
             Some("track") => {
                 let id = record.get("id").and_then(Value::as_u64).and_then(|id| u16::try_from(id).ok());
@@ -184,8 +203,9 @@ impl Heard {
                     self.told(id, told, stands);
                 }
             }
-            _ => {}
+            _ => return None,
         }
+        Some(())
     }
 
     /// Ranges of a curve's vessel, and the recorder's tracks of it: a range is the curve's where a track explains it that stands where the curve does.
@@ -225,7 +245,7 @@ mod tests {
 not a record
 "#;
         std::fs::write(&path, text).unwrap();
-        let read = Heard::read(&path).unwrap();
+        let read = Heard::read(&path, None).unwrap();
         assert_eq!(read.directions.iter().map(|d| d.t_s).collect::<Vec<_>>(), [60.0, 120.0]);
         assert_eq!(read.distances, [Distance { t_s: 60.0, range_m: 7000.0, sd_m: 40.0 }]);
         assert_eq!(read.start, Some(time::macros::datetime!(2024-05-01 09:00 UTC)));
@@ -244,7 +264,23 @@ not a record
         let [one] = told.directions[..] else { panic!("{told:?}") };
         assert!((one.azimuth - read.directions[0].azimuth).abs() < 1e-6 && one.t_s == 60.0);
         std::fs::write(&path, "{\"type\":\"hello\"}\n").unwrap();
-        assert!(Heard::read(&path).is_err());
+        assert!(Heard::read(&path, None).is_err());
+    }
+
+    #[test]
+    fn records_of_two_stations_are_not_one_stations() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("r.jsonl");
+        let azimuth = |station: u32, t: u32| {
+            format!(
+                "{{\"type\":\"azimuth\",\"station\":{station},\"t_s\":{t},\"azimuth_deg\":80.0,\"sd_deg\":1.0,\"detected\":true}}\n"
+            )
+        };
+        std::fs::write(&path, azimuth(3, 60) + &azimuth(4, 60) + &azimuth(4, 120)).unwrap();
+        let said = Heard::read(&path, None).unwrap_err().to_string();
+        assert!(said.contains("stations {3, 4}") && said.contains("--station"), "{said}");
+        assert_eq!(Heard::read(&path, Some(4)).unwrap().directions.len(), 2);
+        assert!(Heard::read(&path, Some(5)).is_err());
     }
 
     #[test]

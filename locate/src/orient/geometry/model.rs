@@ -1,4 +1,4 @@
-//! The twenty numbers, and what delays they give.
+//! The twenty-two numbers, and what delays they give.
 
 use super::{Doubts, TimedDelays};
 use crate::block::CHANNELS;
