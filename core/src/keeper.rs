@@ -30,7 +30,7 @@ pub trait Keeper {
     /// The recorder has samples.
     fn sampled(&mut self);
 
-    /// What happened to a configuration before this start, once.
+    /// What happened to a configuration before this start, once a start; no more at starts after it has come to stand in flash.
     fn news(&mut self) -> Option<Fault>;
 }
 

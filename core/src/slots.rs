@@ -3,7 +3,7 @@
 //! and says so.
 //!
 //! A place is a sector of a flash. Its first words are marks, each written once: the configuration is whole; it has been tried;
-//! it is kept; it failed, and why; it was given up. A mark that cannot be read, because power was cut when it was written,
+//! it is kept; it failed, and why; it was given up; that was told. A mark that cannot be read, because power was cut when it was written,
 //! counts against the configuration. So power may be cut at any of these writes.
 
 use crate::config_blob::CRC;
@@ -14,10 +14,17 @@ use crate::wire::{Fault, FaultCode};
 
 /// Words of marks before the configuration.
 const HEAD: u16 = 8;
+/// Bytes before a place's configuration.
+pub const HEAD_BYTES: usize = HEAD as usize * WORD_BYTES;
 const ERASED: Word = [0xff; WORD_BYTES];
 const WORDS_A_PIECE: u16 = (PIECE_BYTES / WORD_BYTES) as u16;
 /// Seconds within which a recorder must have samples and have been heard by a base station.
 pub const TRIAL_S: u32 = 150;
+/// Seconds after a base station was heard in which what is told at a start has come to stand in flash: an erasure of two sectors goes before,
+/// 4 s. Until then each start tells it again.
+const TOLD_S: u32 = 30;
+/// Longest configuration of an array's recorder and of an ocean-bottom recorder, whose propagation table is in it, bytes.
+pub const LONGEST: [usize; 2] = [4096, 32_768];
 
 /// What the marks say, by their word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +35,7 @@ enum Mark {
     Kept = 2,
     Failed = 3,
     GivenUp = 4,
+    Told = 5,
 }
 
 /// Why a recorder went back to the configuration before.
@@ -106,6 +114,11 @@ pub struct Slots<F, C> {
     coming: Option<Coming>,
     work: Option<Work>,
     given_up: Option<(u32, Reason)>,
+    /// Where what was given up stands, until it is marked as told.
+    untold: Option<u8>,
+    /// It was said at this start, and a base station heard since so many seconds.
+    said: bool,
+    heard_s: Option<u32>,
 }
 
 fn u32_at(word: &Word, at: usize) -> u32 {
@@ -155,6 +168,9 @@ impl<F: Flash, C: FnMut(&[u8]) -> bool> Slots<F, C> {
             coming: None,
             work: None,
             given_up: None,
+            untold: None,
+            said: false,
+            heard_s: None,
         }
     }
 
@@ -195,10 +211,14 @@ impl<F: Flash, C: FnMut(&[u8]) -> bool> Slots<F, C> {
         let mut newest = [0, 1].map(|slot| self.held(slot).map(|held| (held, slot)));
         newest.sort_unstable_by_key(|of| core::cmp::Reverse(of.map_or(0, |(held, _)| held.0)));
         for ((sequence, length, crc), slot) in newest.into_iter().flatten() {
-            let [tried, kept, failed, given_up] = [Mark::Tried, Mark::Kept, Mark::Failed, Mark::GivenUp]
-                .map(|mark| self.flash.read(slot, mark as u16));
+            let [tried, kept, failed, given_up, told] =
+                [Mark::Tried, Mark::Kept, Mark::Failed, Mark::GivenUp, Mark::Told]
+                    .map(|mark| self.flash.read(slot, mark as u16));
             let is = |mark: Option<Word>| mark != Some(ERASED);
             if is(given_up) {
+                if !is(told) {
+                    self.gave_up(slot, sequence, Reason::of(given_up));
+                }
                 continue;
             }
             let lost = is(tried) && kept != Some([Mark::Kept as u8; WORD_BYTES]);
@@ -222,9 +242,26 @@ impl<F: Flash, C: FnMut(&[u8]) -> bool> Slots<F, C> {
             };
             self.mark(slot, Mark::GivenUp, reason as u8);
             self.settle();
-            self.given_up = self.given_up.or(Some((sequence, reason)));
+            self.gave_up(slot, sequence, reason);
         }
         None
+    }
+
+    /// To be told, if nothing newer is.
+    fn gave_up(&mut self, slot: u8, sequence: u32, reason: Reason) {
+        if self.given_up.is_none() {
+            (self.given_up, self.untold) = (Some((sequence, reason)), Some(slot));
+        }
+    }
+
+    /// Marks what was given up as told, once it must have come to stand in flash.
+    fn mark_told(&mut self, now_s: u32, reached: bool) {
+        let Some(slot) = self.untold.filter(|_| self.said && reached && self.work.is_none()) else { return };
+        let heard_s = *self.heard_s.get_or_insert(now_s);
+        if now_s.wrapping_sub(heard_s) >= TOLD_S && !self.flash.busy() {
+            self.mark(slot, Mark::Told, Mark::Told as u8);
+            self.untold = None;
+        }
     }
 
     /// What the recorder runs with, if not with what was built in.
@@ -274,6 +311,7 @@ impl<F: Flash, C: FnMut(&[u8]) -> bool> Slots<F, C> {
 
     /// Does what is due; never waits for the flash.
     pub fn work(&mut self, now_s: u32, reached: bool) -> Option<Done> {
+        self.mark_told(now_s, reached);
         if let Some(found) = self.running.filter(|found| found.trial && self.work.is_none()) {
             let since_s = *self.since_s.get_or_insert(now_s);
             let late = now_s.wrapping_sub(since_s) >= TRIAL_S;
@@ -295,6 +333,8 @@ impl<F: Flash, C: FnMut(&[u8]) -> bool> Slots<F, C> {
         let spare = self.spare();
         let (next, done) = match work {
             Work::Erase(token) => {
+                // Its marks go too.
+                self.untold = self.untold.filter(|slot| *slot != spare);
                 self.flash.erase(spare);
                 (Some(Work::Erasing(token)), None)
             }
@@ -362,6 +402,7 @@ impl<F: Flash, C: FnMut(&[u8]) -> bool> Keeper for Slots<F, C> {
 
     fn news(&mut self) -> Option<Fault> {
         let (sequence, reason) = self.given_up.take()?;
+        self.said = true;
         Some(Fault { code: FaultCode::RolledBack, index: 0, value: i64::from(sequence) << 8 | reason as i64 })
     }
 }

@@ -16,7 +16,7 @@ use std::path::Path;
 type Name = (&'static str, &'static str);
 
 /// Who calls through pointers, and what these may point at. The first that fits counts.
-const BY_POINTER: [(&str, &[Name]); 8] = [
+const BY_POINTER: &[(&str, &[Name])] = &[
     // Which values a band sums; where finished records go; what of a store is a configuration;
     // what wakes the line.
     ("seabearing_core::density::add", &[("::density::", "}"), ("::add_bands::", "}")]),
@@ -26,8 +26,12 @@ const BY_POINTER: [(&str, &[Name]); 8] = [
     // The executor's interrupt, which polls its tasks; wakers.
     ("UART4", &[("TaskStorage<", "::poll")]),
     ("TIM8_BRK_TIM12", WAKERS),
-    ("core::fmt", &[("core::fmt::", "::fmt")]),
-    ("", WAKERS),
+    ("_embassy_time_schedule_wake", WAKERS),
+    ("embassy_executor::raw::TaskStorage<", WAKERS),
+    ("embassy_stm32::dma::", WAKERS),
+    ("embassy_stm32::usart::", WAKERS),
+    ("stm32h743::link::", WAKERS),
+    ("core::fmt", &[("core::fmt::", "::fmt"), ("", "::write_str"), ("", "::write_char")]),
 ];
 const RECORDS: &[Name] =
     &[("seabearing_core::recorder::array::outlet::", "}"), ("seabearing_core::recorder::obs::", "}")];
@@ -246,7 +250,7 @@ fn functions(elf: &Elf, symbols: &[Symbol]) -> Result<BTreeMap<u32, Function>> {
         let stop = if *size == 0 { next } else { start + size };
         let mut function =
             Function { name: name.clone(), takes: 0, calls: BTreeSet::new(), by_pointer: false };
-        let (mut aligned, mut moved) = (0, false);
+        let (mut aligned, mut moved, mut from_frame) = (0, false, 7);
         let mut at = start;
         while at < stop {
             if !is_code(at) {
@@ -259,10 +263,17 @@ fn functions(elf: &Elf, symbols: &[Symbol]) -> Result<BTreeMap<u32, Function>> {
                 Step::Other => {}
                 Step::Takes(bytes) => function.takes += bytes,
                 Step::Aligns(bytes) => aligned += bytes,
-                Step::Moves => moved = true,
-                Step::TakesUnknown => bail!("stack: {name} takes an amount that its code does not tell"),
+                // Back to a frame's beginning; what was taken since has been counted.
+                Step::FromFrame(register) => from_frame = register,
+                Step::Moves(7) => {}
+                Step::Moves(register) if register == from_frame => {}
+                Step::Moves(_) if aligned > 0 => moved = true,
+                Step::Sets if name == "Reset" => {}
+                Step::Moves(_) | Step::TakesUnknown | Step::Sets => {
+                    bail!("stack: {name} takes an amount that its code does not tell")
+                }
                 Step::Goes(to) if (start..stop).contains(&to) => {}
-                Step::Goes(to) => {
+                Step::Calls(to) | Step::Goes(to) => {
                     let Some(into) = addresses.iter().rev().find(|a| **a <= to) else {
                         bail!("stack: {name} goes to {to:#x}, where no function is")
                     };
@@ -321,6 +332,7 @@ mod tests {
         };
         let said = round("step").err().unwrap().to_string();
         assert!(said.contains("step can come to itself again"), "{said}");
+        assert!(graph(&[(2, "step", 8, &[2], false)]).is_err());
         assert_eq!(round("core::fmt::a").unwrap().deepest_at(2).unwrap(), 28);
     }
 

@@ -94,7 +94,7 @@ fn a_new_configuration_is_tried_and_kept_if_the_recorder_comes_up_and_is_heard()
 }
 
 #[test]
-fn one_that_does_not_come_up_is_given_up_and_told_once() {
+fn one_that_does_not_come_up_is_given_up_and_told_until_it_stands_in_flash() {
     let (mut slots, ..) = start(kept(&blob(1)));
     // The watchdog, a panic or a loss of power.
     send(&mut slots, &blob(2));
@@ -119,6 +119,15 @@ fn one_that_does_not_come_up_is_given_up_and_told_once() {
         assert!(wants.is_some_and(|(at, done)| done == Done::Restart(None) && at >= second), "{wants:?}");
         let (again, with, news) = start(flash(tried));
         assert_eq!((with, news), (Some(blob(1)), Some(2 << 8 | reason as i64)));
+        // Power goes before a base station has it, or too soon after.
+        let (again, with, news) = start(flash(again));
+        assert_eq!((with, news), (Some(blob(1)), Some(2 << 8 | reason as i64)));
+        let (mut again, _, news) = start(flash(again));
+        (0..TOLD_S).for_each(|second| _ = again.work(second, true));
+        assert!(news.is_some() && again.work(2 * TOLD_S, false).is_none());
+        let (mut again, _, news) = start(flash(again));
+        (0..=TOLD_S).for_each(|second| _ = again.work(second, true));
+        assert!(news.is_some());
         let (again, with, news) = start(flash(again));
         assert_eq!((with, news), (Some(blob(1)), None));
         slots = again;

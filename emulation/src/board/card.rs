@@ -1,7 +1,7 @@
 //! The card of the modelled board: prepared before a run, and held against what the converter gave after it.
 
 use super::BoardRun;
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail, ensure};
 use seabearing_board_model::ads131m04::Codes;
 use seabearing_board_model::sd_card::SdCard;
 use seabearing_core::config_blob;
@@ -13,10 +13,16 @@ use seabearing_host::card::kept::{self, Kept};
 use seabearing_host::card::medium::{Medium, Part};
 use seabearing_host::card::simulated::Sectors;
 use seabearing_host::card::{extents, in_order};
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 
 /// Instants compared at a time.
 const AT_ONCE: u32 = 4096;
+
+/// Instants of a start's first file that tell whose it is.
+const AT_FIRST: u32 = 16;
+
+/// A file on the card: its number, where it is, what is in it.
+type Found = (u32, Extent, Kept);
 
 /// A card of 4 GB with so many files of so many pages.
 ///
@@ -64,7 +70,7 @@ pub fn sound(run: &BoardRun, blob: &[u8], off: i64) -> Result<Sound> {
     let config = config_blob::station(blob).map_err(|e| anyhow!("{e}"))?;
     let mut sound = Sound::default();
     let mut medium = card;
-    let mut files: Vec<(u32, Extent, Kept)> = Vec::new();
+    let mut files: Vec<Found> = Vec::new();
     for (number, extent) in extents(&mut medium)? {
         let mut file = Part { medium: &mut medium, first: extent.first };
         let Some(kept) = kept::recover(&mut file, extent.pages)? else { continue };
@@ -74,18 +80,21 @@ pub fn sound(run: &BoardRun, blob: &[u8], off: i64) -> Result<Sound> {
         files.push((number, extent, kept));
     }
     in_order(&mut files, |file| Some(&file.2), |file| file.0);
-    let starts = files.chunk_by(|(_, _, before), (_, _, kept)| !kept.begins_anew(before));
-    // Every start of the core has recorded something.
-    for (start, files) in starts.enumerate() {
-        let begin = run.starts.get(start).map_or(0, |start| start.1);
-        let end = run.starts.get(start + 1).map_or(run.numbers.len(), |next| next.1);
-        let base = run.numbers.get(begin).copied().unwrap_or(0);
-        let numbers = &run.numbers[begin..end];
-        let gap = numbers.windows(2).position(|w| w[1] > w[0] + 1).map_or(numbers.len(), |at| at + 1);
-        let given =
-            |(n, number): (usize, &u64)| (number - base).saturating_add_signed(if n < gap { 0 } else { off });
-        let truth: HashMap<u64, Codes> =
-            numbers.iter().enumerate().map(given).zip(run.codes[begin..end].iter().copied()).collect();
+    let mut groups: VecDeque<&[Found]> =
+        files.chunk_by(|(_, _, before), (_, _, kept)| !kept.begins_anew(before)).collect();
+    for start in 0..run.starts.len() {
+        let truth = truth(run, start, off);
+        // A start that was reset within its first moments has recorded nothing; what is there is a later one's.
+        let later = run.starts.len() - start > groups.len();
+        let mine = match groups.front() {
+            Some([(_, extent, kept), ..]) if later => {
+                let mut file = Part { medium: &mut medium, first: extent.first };
+                let begin = kept::frames(&mut file, 0, kept.frames.min(AT_FIRST) as usize)?;
+                (kept.label.first_index..).zip(&begin).any(|(index, frame)| truth.get(&index) == Some(frame))
+            }
+            group => group.is_some(),
+        };
+        let files = if mine { groups.pop_front().unwrap_or_default() } else { &[] };
         for (_, extent, kept) in files {
             let mut file = Part { medium: &mut medium, first: extent.first };
             sound.wrong += wrong(&mut file, kept, &truth)?;
@@ -105,7 +114,20 @@ pub fn sound(run: &BoardRun, blob: &[u8], off: i64) -> Result<Sound> {
             sound.missing += unkept(run, &kept, Clips::new(config.clips, config.rate_hz as u32), last);
         }
     }
+    ensure!(groups.is_empty(), "{} starts on the card are of no start of the board", groups.len());
     Ok(sound)
+}
+
+/// The codes that the converter gave by the numbers of a start.
+fn truth(run: &BoardRun, start: usize, off: i64) -> HashMap<u64, Codes> {
+    let begin = run.starts.get(start).map_or(0, |start| start.1);
+    let end = run.starts.get(start + 1).map_or(run.numbers.len(), |next| next.1);
+    let base = run.numbers.get(begin).copied().unwrap_or(0);
+    let numbers = &run.numbers[begin..end];
+    let gap = numbers.windows(2).position(|w| w[1] > w[0] + 1).map_or(numbers.len(), |at| at + 1);
+    let given =
+        |(n, number): (usize, &u64)| (number - base).saturating_add_signed(if n < gap { 0 } else { off });
+    numbers.iter().enumerate().map(given).zip(run.codes[begin..end].iter().copied()).collect()
 }
 
 /// Instants of a file that are not those of their numbers.

@@ -2,7 +2,7 @@
 //! loses nothing as it gives up a sector of what was there.
 
 use super::{COST, LEAST_IDLE, Row, Stage, costs};
-use crate::board::Setup;
+use crate::board::{BoardRun, Setup};
 use anyhow::{Context, Result, ensure};
 use seabearing_core::wire::link::flash::{Flash, FlashStore, WORD_BYTES, Word};
 use seabearing_core::wire::link::{Class, RECORD_BYTES, Store};
@@ -16,6 +16,8 @@ const BEFORE: u8 = 2;
 const END: u16 = 64;
 /// Longest start, s: the watchdog resets a board that hangs for so long.
 const LONGEST_START_S: f64 = 2.0;
+/// The boot whose records the store has.
+const EARLIER: u32 = 1;
 /// Sound recorded, s: longer than a sector's erasing.
 const SECONDS: f64 = 4.0;
 
@@ -68,7 +70,7 @@ fn full() -> Result<(Vec<u8>, usize)> {
         // Opened anew each time, as by so many starts.
         let mut store: FlashStore<Words, 64> = FlashStore::open(flash);
         if n == 0 {
-            store.begin(1);
+            store.begin(EARLIER);
         }
         let begun = n;
         let mut before: Option<(Vec<Word>, u8, u16)> = None;
@@ -77,7 +79,7 @@ fn full() -> Result<(Vec<u8>, usize)> {
             let fault = Fault { code: FaultCode::Gap, index: u64::from(n) * 64_000, value: i64::from(n) };
             let class = if n.is_multiple_of(2) { Class::Alarm } else { Class::Bearing };
             let record = bytes_of(&Message::Fault(fault), &mut buffer);
-            ensure!(store.append(class, 1, record), "no room for record {n}");
+            ensure!(store.append(class, EARLIER, record), "no room for record {n}");
             (0..8).for_each(|_| store.work());
             let Words { words, erased, last: (sector, word) } = store.flash();
             match before {
@@ -110,28 +112,35 @@ impl Stage<'_> {
         cases.into_iter().map(|(name, setup)| self.start_with(name, &setup, empty.0)).collect()
     }
 
-    /// The first conversion read of a run with the store: when, s; and what the row says of the rest.
-    fn start_of(&self, setup: &Setup, name: &str) -> Result<(f64, String, bool)> {
+    /// A run with the store, and when its first conversion was read, s.
+    fn start_of(&self, setup: &Setup, name: &str) -> Result<(f64, BoardRun)> {
         let setup = Setup { costs: costs(COST.0), link: true, ..setup.clone() };
         let report = self.play(SECONDS, &setup)?;
         let first_s = report.numbers.first().and_then(|n| report.moments_s.get(*n as usize));
         let first_s = *first_s.with_context(|| format!("with {name} no conversion was read"))?;
-        let right = report.lost == 0 && report.delivered == report.converted && report.resets == 0;
-        let idle = report.idle * 100.0;
-        let outcome = format!(
-            "{} of {} lost; sectors erased: {}; asleep {idle:.0} %",
-            report.lost, report.converted, report.flash.1
-        );
-        Ok((first_s, outcome, right && report.idle >= LEAST_IDLE && report.flash.1 > 0))
+        Ok((first_s, report))
     }
 
+    /// Nothing is lost, one sector is given up, and what was there before comes out.
     fn start_with(&self, name: &str, setup: &Setup, empty_s: f64) -> Result<Row> {
-        let (first_s, outcome, right) = self.start_of(setup, name)?;
+        let (first_s, report) = self.start_of(setup, name)?;
+        let whole = report.lost == 0 && report.delivered == report.converted && report.resets == 0;
+        let earlier = report.said.iter().filter(|said| said.boot == EARLIER).count();
+        let (_, erased) = report.flash;
         Ok(Row {
             case: format!("store: {name}"),
             told: String::new(),
-            outcome: format!("starts {:.2} s later than an empty one; {outcome}", first_s - empty_s),
-            right: right && first_s < LONGEST_START_S,
+            outcome: format!(
+                "starts {:.2} s later than an empty one; {} of {} lost; sectors erased: {erased}; asleep {:.0} %",
+                first_s - empty_s,
+                report.lost,
+                report.converted,
+                report.idle * 100.0
+            ),
+            right: whole
+                && report.idle >= LEAST_IDLE
+                && (erased, earlier > 0) == (1, true)
+                && (empty_s..LONGEST_START_S).contains(&first_s),
         })
     }
 }

@@ -8,7 +8,7 @@ use embassy_stm32::Peri;
 use embassy_stm32::peripherals::FLASH;
 use seabearing_core::outlet::{Outlet as _, Reliable};
 use seabearing_core::port::{self, Clock, Supervisor};
-use seabearing_core::slots::Slots;
+use seabearing_core::slots::{self, Slots};
 use seabearing_core::snippet::MOST_CODES;
 use seabearing_core::wire::guard::{Guard, Recipient};
 use seabearing_core::wire::link::flash::FlashStore;
@@ -26,8 +26,8 @@ const SETTLE_S: u32 = 5;
 /// Where the records are.
 pub type Records = FlashStore<Part<'static, BankTwo, RECORDS_FIRST, RECORDS_SECTORS>, WAITING>;
 
-/// Longest configuration that can be replaced, bytes: an ocean-bottom station's has its propagation table in it.
-pub const BLOB_BYTES: usize = if cfg!(feature = "seismic") { 32_768 } else { 4096 };
+/// Longest configuration that can be replaced, bytes.
+pub const BLOB_BYTES: usize = slots::LONGEST[if cfg!(feature = "seismic") { 1 } else { 0 }];
 #[cfg(feature = "seismic")]
 const _: () = {
     use seabearing_core::obs::table::{MAX_BRANCHES, blob_bytes};

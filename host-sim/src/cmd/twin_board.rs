@@ -76,6 +76,9 @@ pub struct BoardOptions {
 /// Longer than a recording, s: what goes wrong is told within 10.
 const PATIENCE_S: f64 = 15.0;
 
+/// Least of a recording for the images whose records wait in flash, s: a first start erases two sectors of 2 s before the first leaves.
+const LEAST_LINK_S: f64 = 4.5;
+
 /// Outages rehearsed, s.
 const OUTAGES_S: [f64; 6] = [0.001, 0.01, 0.1, 1.0, 10.0, 60.0];
 
@@ -177,11 +180,19 @@ pub(super) fn run(
         (setup.parameters.seismic, setup.parameters.baud) = (true, board::SEISMIC_BAUD);
         setup.link = true;
     }
+    let blob = blob::of(station)?;
     if let Some(path) = &options.places {
         if !has.link {
             bail!("--places: the image has no places for a configuration; see --link and --card");
         }
         setup.bank_two = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        if !blob::holds(&setup.bank_two, &blob) {
+            bail!(
+                "{}: station {} of --station is in neither place; write it with `seabearing blob --places --station`",
+                path.display(),
+                station.config.id
+            );
+        }
     }
     if options.card {
         // Short files, so that those without a claim are filled again in a short run.
@@ -189,13 +200,17 @@ pub(super) fn run(
         setup.card = Some(board::blank(files, pages, rate_hz)?);
     }
     let most = options.seconds.map(|s| (s * rate_hz).round() as u64);
-    let blob = blob::of(station)?;
     // Complaints about the input are heard before the board starts.
     let length = recording::open(&input, station, None)?.expected_end();
+    let length_s = [length, most].into_iter().flatten().min().map(|instants| instants as f64 / rate_hz);
+    if let Some(length_s) = length_s.filter(|s| has.link && *s < LEAST_LINK_S) {
+        bail!(
+            "{length_s:.2} s of recording: a first start erases flash for 4 s before a record leaves; {LEAST_LINK_S} s at least"
+        );
+    }
     if !setup.faults.is_empty() {
         // A converter that stays dead never ends.
-        let instants = [length, most].into_iter().flatten().min();
-        setup.most_s = instants.map(|instants| instants as f64 / rate_hz + PATIENCE_S);
+        setup.most_s = length_s.map(|length_s| length_s + PATIENCE_S);
     }
     // The recording is read while the board runs; it stops being read when the board has ended.
     let (send, receive) = mpsc::sync_channel::<Vec<Frame>>(64);

@@ -222,6 +222,19 @@ struct Cost {
     misfits: Vec<String>,
 }
 
+/// What a board's converters say to a rate, samples a second, that they do not have.
+pub(crate) fn no_such_rate(ocean_bottom: bool, rate_hz: f64) -> Option<String> {
+    match ocean_bottom {
+        true if Conversion::of(rate_hz).is_none() => {
+            Some(format!("the converters make no {rate_hz} Hz: 50, 100, 200, 250 or 500"))
+        }
+        false if Rate::of(rate_hz).is_none() => {
+            Some(format!("the converter has no {rate_hz} Hz: 64000, 32000, 16000 or 8000"))
+        }
+        _ => None,
+    }
+}
+
 impl Cost {
     fn of_array(
         budget: &Budget,
@@ -235,16 +248,14 @@ impl Cost {
         let bearings = budget.bearings_per_min * vessel_min.min(DAY_MIN) * 0.5 / array.step_s
             + array.false_alarms_per_hour * DAY_H;
         let mut misfits = Vec::new();
-        if Rate::of(rate_hz).is_none() {
-            misfits.push(format!("the converter has no {rate_hz} Hz: 64000, 32000, 16000 or 8000"));
-        }
+        misfits.extend(no_such_rate(false, rate_hz));
         let block_s = budget.worst_block * cycles / budget.core_hz;
         let ring_s = RING_FRAMES as f64 / rate_hz;
         if block_s > ring_s / 2.0 {
             misfits.push(format!(
-                "the longest work after a block takes {:.0} ms, and samples are kept for {:.0} ms: a lower rate",
+                "the longest work after a block takes {:.0} ms, and may take {:.0} ms, half of the time for which samples are kept: a lower rate",
                 block_s * 1e3,
-                ring_s * 1e3
+                ring_s / 2.0 * 1e3
             ));
         }
         let (image, of) = match deployment.card_bytes {
@@ -270,9 +281,7 @@ impl Cost {
         if deployment.card_bytes.is_some() {
             misfits.push("no image of an ocean-bottom board writes a card: leave out --card-gb".to_owned());
         }
-        if conversion.is_none() {
-            misfits.push(format!("the converters make no {rate_hz} Hz: 50, 100, 200, 250 or 500"));
-        }
+        misfits.extend(no_such_rate(true, rate_hz));
         let converted_hz = conversion.map_or(rate_hz, |made| f64::from(made.rate.hz()));
         Self {
             image: "stm32h743-obs",
@@ -336,6 +345,16 @@ impl Deployment {
                     if from == f64::MIN_POSITIVE { "more than 0".to_owned() } else { format!("{from}") };
                 bail!("--{option} is {}; allowed {from} to {to}", value.unwrap_or(f64::NAN));
             }
+        }
+        // As many on average are at least as many at one time.
+        let mean = self.vessels_a_day * self.minutes_each / DAY_MIN;
+        if mean > f64::from(self.at_once) {
+            bail!(
+                "--vessels-a-day {} and --minutes-each {} are {mean:.1} vessels at any time: more than --at-once {}",
+                self.vessels_a_day,
+                self.minutes_each,
+                self.at_once
+            );
         }
         Ok(())
     }
