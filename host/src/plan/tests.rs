@@ -75,7 +75,7 @@ fn clips_take_whole_files_and_a_card_has_only_so_many() {
     let small = clips(&Deployment { card_bytes: Some(8e9), ..usual() });
     assert!((small.card_days.unwrap() - 8e9 / small.card_bytes_a_day).abs() < 1e-9);
     // However many vessels come, a day has only so many clips.
-    let busy = clips(&Deployment { vessels_a_day: 1e4, ..usual() });
+    let busy = clips(&Deployment { vessels_a_day: 1e4, minutes_each: 1.0, ..usual() });
     assert!((busy.card_bytes_a_day - 144.0 * 120.0 * 768e3).abs() < 1.0);
 }
 
@@ -86,6 +86,7 @@ fn every_thing_that_does_not_fit_is_told_by_name() {
         slow.contains("120 bytes/s") && slow.contains("8 vessels") && slow.contains("baud at least"),
         "{slow}"
     );
+    assert!(of(&station(ARRAY), &Deployment { vessels_a_day: 1e4, ..usual() }).is_err());
     assert!(misfit(&Deployment { ram_bytes: Some(65_536.0), ..usual() }).contains("RAM"));
     assert!(misfit(&Deployment { flash_bytes: Some(65_536.0), ..usual() }).contains("flash"));
     assert!(misfit(&Deployment { link_bytes_a_day: Some(1000.0), ..usual() }).contains("1000 bytes a day"));
