@@ -91,8 +91,14 @@ pub(super) fn blur(model: &Model<'_>, shape: &mut Square<COORDINATES>, variance_
     }
 }
 
-/// Standard deviations of the positions in a frame turned by the heading alone, metres: of shape and tilt together.
-pub(super) fn level(model: &Model<'_>, covariance: &Square<UNKNOWNS>, heading: f64) -> Moves {
+/// Standard deviations of the positions in a frame turned by the heading alone, metres: of shape and tilt together, with a variance (m²) that
+/// comes to each coordinate.
+pub(super) fn level(
+    model: &Model<'_>,
+    covariance: &Square<UNKNOWNS>,
+    heading: f64,
+    variance_m2: f64,
+) -> Moves {
     let (s, c) = m::sin_cos(heading);
     let of = rows(|change| {
         let (shape, [about_east, about_north, _]) = split(model, change);
@@ -107,7 +113,7 @@ pub(super) fn level(model: &Model<'_>, covariance: &Square<UNKNOWNS>, heading: f
     });
     let mut out = [[0.0; 3]; CHANNELS];
     for (x, row) in out.iter_mut().flatten().zip(&of) {
-        *x = m::sqrt(spd::quadratic(row, covariance, row).max(0.0));
+        *x = m::sqrt(spd::quadratic(row, covariance, row).max(0.0) + variance_m2);
     }
     out
 }

@@ -141,6 +141,14 @@ impl<'a> Model<'a> {
         Some(([east, north, up - far * lower[0] - near * lower[1]], velocity, lower))
     }
 
+    /// By what angle the image pulls the vessel down, radians; `None` where the track does not tell.
+    pub(super) fn pulled(&self, t_s: f64) -> Option<f64> {
+        let ([east, north, up], _, lower) = self.source(t_s)?;
+        let [far, near] = self.image_m2;
+        let level = east * east + north * north;
+        Some((far * lower[0] + near * lower[1]) * m::sqrt(level) / (level + up * up))
+    }
+
     /// Derivatives (by units of the unknowns) and residual of every measured pair of a set, with the pair's number.
     pub(super) fn rows(&self, set: &TimedDelays, mut take: impl FnMut(usize, &[f64; UNKNOWNS], f64)) {
         let Some((source, velocity, lower)) = self.source(set.t_s) else { return };

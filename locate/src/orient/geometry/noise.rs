@@ -76,6 +76,17 @@ impl Noise {
         (w * unit, left * (5.0 * left - 4.0) * unit)
     }
 
+    /// Square of the angle by which the image pulls the vessel, rad²: a mean over the pass, each set as its scatter lets it count.
+    pub(super) fn pulled_square(&self, model: &Model<'_>, sets: &[TimedDelays]) -> f64 {
+        let (mut sum, mut all) = (0.0, 0.0);
+        for (k, set) in sets.iter().enumerate() {
+            let Some(angle) = model.pulled(set.t_s) else { continue };
+            let weight = 1.0 / (self.scale_s(k) * self.scale_s(k));
+            (sum, all) = (sum + weight * angle * angle, all + weight);
+        }
+        if all > 0.0 { sum / all } else { 0.0 }
+    }
+
     /// What complete sets show of the parts that are differences of times, and of their order.
     fn in_common(&mut self, model: &Model<'_>, sets: &[TimedDelays]) {
         let mut products = [0.0f64; LAGS + 1];
