@@ -90,6 +90,8 @@ pub(super) struct Stated {
     pub(super) said: usize,
     pub(super) wrong: usize,
     pub(super) within: usize,
+    /// Of errors over their stated deviations the sum of squares.
+    squares: f64,
 }
 
 impl Stated {
@@ -98,6 +100,7 @@ impl Stated {
         self.said += 1;
         self.wrong += usize::from(error.abs() > most);
         self.within += usize::from(error.abs() <= NORMAL_95 * f64::from(sd));
+        self.squares += (error / f64::from(sd)).powi(2);
     }
 
     /// All of several.
@@ -106,7 +109,13 @@ impl Stated {
             said: a.said + b.said,
             wrong: a.wrong + b.wrong,
             within: a.within + b.within,
+            squares: a.squares + b.squares,
         })
+    }
+
+    /// Errors over their stated deviations, root of the mean square.
+    fn rms(&self) -> f64 {
+        (self.squares / self.said as f64).sqrt()
     }
 
     /// Percent; not a number of nothing.
@@ -226,6 +235,7 @@ fn figures(options: &Options, level: &Level, case: &Case, out: Outcome) {
             Bar::Within(92.0, 97.0),
         );
     }
+    figures.state("final track: errors over the stated deviations, rms", out.stated.rms());
     figures.at_most("faults named of a set-up that is as told", case.set_up_faults().len() as f64, 0.0);
     let withdrawn = tracks(case).filter(|t| t.stage == Track::WITHDRAWN).count();
     figures.state("running tracks withdrawn", withdrawn as f64);
