@@ -19,7 +19,7 @@ pub const FOUR_SHIPS: Experiment = Experiment {
 };
 
 /// Scenes where the command line names no number.
-const RUNS: usize = 4;
+const RUNS: usize = 2;
 
 const SHIPS: usize = 4;
 
