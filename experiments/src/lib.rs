@@ -47,6 +47,7 @@ mod obs_checks;
 mod obs_core_clutter;
 mod obs_doubts;
 mod obs_far;
+mod obs_four_ships;
 mod obs_model;
 mod obs_network;
 mod obs_noise_week;
@@ -181,6 +182,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     ais_match::EXPERIMENT,
     obs_one_ship::ONE_SHIP,
     obs_two_ships::TWO_SHIPS,
+    obs_four_ships::FOUR_SHIPS,
     obs_core_clutter::CLUTTER,
     obs_year::EXPERIMENT,
     obs_appendix_b::APPENDIX_B,

@@ -2,7 +2,8 @@
 //!
 //! The days of `obs-week` are heard by a station whose orientation, gain of the north component and table's depth are off by one of the
 //! deviations told, each alone and all together. An error of one deviation leaves the truth inside the 95 %; what it makes of errors in
-//! units of the stated deviation says whether that is larger than need be. `--runs` is the number of days.
+//! units of the stated deviation says whether that is larger than need be. Where pairs of paths are in doubt no range is told as detected.
+//! A final track is untrue where no vessel is within what it states. `--runs` is the number of days.
 
 use super::obs_checks::{Altered, deeper};
 use super::obs_week::{NO_BAR, Stated, Traffic, cells, minutes, tracks, traffic, whose};
@@ -13,7 +14,7 @@ use crate::ocean_bottom::scenario::ObsScenario;
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::{run, station};
 use crate::propagation::Propagation;
-use crate::score::track_passed;
+use crate::score::{TrackMiss, track, track_passed};
 use anyhow::Result;
 use rayon::prelude::*;
 use seabearing_core::block::Frame;
@@ -92,22 +93,39 @@ fn hear(options: &Options, days: usize, table: &Propagation, off: &Off) -> Resul
     Ok(Case { messages, vessels, heard, table: table.clone(), paths, rate_hz })
 }
 
-/// Final tracks against the ways: what was stated, and squared errors in units of it.
-fn finals(case: &Case) -> (usize, Stated, f64) {
+/// Half width of a track's four numbers that hold the truth together in 95 %, standard deviations of each.
+const ALL_FOUR: f64 = 2.49;
+
+fn deviations(t: &Track) -> [f64; 4] {
+    [t.sd_cpa_time_s, t.sd_cpa_range_m, t.sd_heading.to_degrees(), t.sd_speed_m_s].map(f64::from)
+}
+
+/// Whether some vessel is within what a final track states, or it is on a vessel's way as `obs-week` has it.
+fn is_true(t: &Track, case: &Case) -> bool {
+    let within = |miss: &TrackMiss| {
+        cells(miss).into_iter().zip(deviations(t)).all(|(error, sd)| error.abs() <= ALL_FOUR * sd)
+    };
+    let ways = || case.vessels.iter().map(|v| &v.course);
+    whose(t, &case.vessels).is_some()
+        || ways().any(|w| [track(t, w), track_passed(t, w)].iter().flatten().any(within))
+}
+
+/// Final tracks against the ways: vessels found, finals that are true of none, what was stated, and squared errors in units of it.
+fn finals(case: &Case) -> (usize, usize, Stated, f64) {
     let (mut found, mut stated, mut squares) = (0, Stated::default(), 0.0);
     let finals: Vec<Track> = tracks(case).filter(|t| t.stage == Track::FINAL).collect();
+    let untrue = finals.iter().filter(|t| !is_true(t, case)).count();
     for (i, vessel) in case.vessels.iter().enumerate() {
         let own = finals.iter().rfind(|t| whose(t, &case.vessels) == Some(i));
         let Some((t, miss)) = own.and_then(|t| Some((t, track_passed(t, &vessel.course)?))) else { continue };
         found += 1;
-        let sds = [t.sd_cpa_time_s, t.sd_cpa_range_m, t.sd_heading.to_degrees(), t.sd_speed_m_s];
-        for (error, sd) in cells(&miss).into_iter().zip(sds) {
-            stated.take(error, sd, NO_BAR);
-            squares += (error / f64::from(sd)).powi(2);
+        for (error, sd) in cells(&miss).into_iter().zip(deviations(t)) {
+            stated.take(error, sd as f32, NO_BAR);
+            squares += (error / sd).powi(2);
         }
     }
     let rms = (squares / stated.said.max(1) as f64).sqrt();
-    (found, stated, rms)
+    (found, untrue, stated, rms)
 }
 
 fn run(options: &Options) -> Result<()> {
@@ -115,17 +133,19 @@ fn run(options: &Options) -> Result<()> {
     let table = station_table(options)?;
     let heard: Vec<Case> =
         OFF.par_iter().map(|off| hear(options, days, &table, off)).collect::<Result<_>>()?;
-    let mut csv = CsvText::new("off,ships,found,azimuths,in_95,ranges,in_95,tracks_in_95,rms_of_stated");
+    let mut csv =
+        CsvText::new("off,ships,found,untrue,azimuths,in_95,ranges,in_95,tracks_in_95,rms_of_stated");
     let figures = &options.figures;
     for (off, case) in OFF.iter().zip(&heard) {
         let (azimuth, range) = minutes(case);
         let (azimuth, range) = (Stated::sum(&azimuth), Stated::sum(&range));
-        let (found, stated, rms) = finals(case);
+        let (found, untrue, stated, rms) = finals(case);
         let inside = [azimuth, range, stated].map(|s| s.percent(s.within));
         csv.row(&[
             &off.name,
             &case.vessels.len(),
             &found,
+            &untrue,
             &azimuth.said,
             &Fixed(inside[0], 1),
             &range.said,
@@ -134,12 +154,21 @@ fn run(options: &Options) -> Result<()> {
             &Fixed(rms, 2),
         ]);
         for (what, inside) in ["azimuths", "ranges", "final tracks"].into_iter().zip(inside) {
+            if inside.is_nan() {
+                figures.state(format!("{}: {what}", off.name), 0.0);
+                continue;
+            }
             figures.at_least(
                 format!("{}: {what} with the truth in the stated 95 %, %", off.name),
                 inside,
                 92.0,
             );
         }
+        figures.at_most(
+            format!("{}: final tracks of no vessel within what they state", off.name),
+            untrue as f64,
+            0.0,
+        );
         figures.state(format!("{}: error of final tracks over the stated deviation, rms", off.name), rms);
     }
     print(options, "obs-doubts", csv)

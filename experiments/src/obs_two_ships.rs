@@ -26,7 +26,8 @@ const RUNS: usize = 4;
 /// Time about the closest points in which the azimuths must stay apart, s.
 const NEAR_S: f64 = 5400.0;
 
-fn apart(a: &ObsVessel, b: &ObsVessel) -> bool {
+/// Whether two vessels stay 30° apart while they are near.
+pub(super) fn apart(a: &ObsVessel, b: &ObsVessel) -> bool {
     let middle = 0.5 * (a.straight.cpa_time_s + b.straight.cpa_time_s);
     let (a, b) = (VesselCourse::straight(&a.straight), VesselCourse::straight(&b.straight));
     (0..=60).map(|k| middle - NEAR_S + NEAR_S / 30.0 * f64::from(k)).all(|t| {

@@ -257,6 +257,11 @@ impl Checks {
         }
     }
 
+    /// Whether it was said that the propagation table does not fit.
+    pub(super) fn table_is_off(&self) -> bool {
+        self.said_table
+    }
+
     fn tell_gain(&mut self, index: u64, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
         let off_db = math::f32::abs(self.ratio_db);
         if !self.said_unequal && off_db >= UNEQUAL_DB {

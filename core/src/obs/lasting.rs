@@ -22,6 +22,15 @@ const LEAST_DEPTH_M: f64 = 10.0;
 /// 20 km say 1030 and 1510 m too much where a table is 100 m too deep.
 const APART: f64 = 0.5;
 
+/// Deviation of the table's depth from which a range may be another pair of paths', m: the pulses of the pairs 13 and 35 are then a
+/// quarter of their period apart. At 20 km over 4800 m the range that keeps the delay of the one pair as it is leaves that of the other,
+/// `(R₅ − R₃)/c`, 55 ms off for 100 m, and a period is 1/15 s.
+const OUT_OF_PHASE_M: f64 = 30.0;
+
+/// Relative deviation of a course's ranges and speeds where its pair of paths is in doubt: other pairs of like delay put a vessel at 0.52 to
+/// 1.94 of its range, and with this both ends lie in the 95 %.
+const OTHER_PAIR: f64 = 0.5;
+
 /// Natural logarithm of an amplitude's ratio of one decibel.
 const LN_DB: f64 = core::f64::consts::LN_10 / 20.0;
 
@@ -135,6 +144,11 @@ impl Lasting {
         h / r * (9.0 * once - thrice) / (thrice - once)
     }
 
+    /// Whether the depth told is so uncertain that echoes may be read as another pair of paths.
+    pub(super) fn parts_pairs(&self) -> bool {
+        self.depth_m > OUT_OF_PHASE_M
+    }
+
     /// Which of the errors that bend a course are told.
     fn told(&self) -> impl Iterator<Item = Told> {
         let (gain, depth) = (self.gain > 0.0, self.depth_m > 0.0);
@@ -172,6 +186,12 @@ impl Lasting {
             spd::add_outer(covariance, &[ox - x, oy - y, ovx - vx, ovy - vy], 1.0);
         }
     }
+}
+
+/// Adds to the covariance of a course that all its ranges, and with them its speed, may be another pair of paths'; heading and time of the
+/// closest point stay as they are.
+pub(super) fn widen_for_other_pairs((course, covariance): &mut (Course, CourseCovariance)) {
+    spd::add_outer(covariance, &course.p, OTHER_PAIR * OTHER_PAIR);
 }
 
 #[cfg(test)]
@@ -220,7 +240,24 @@ mod tests {
         assert!((with.1[0][0] / want - 1.0).abs() < 1e-9, "{} {want}", with.1[0][0]);
         assert!((with.1[2][2] - 1.0).abs() < 1e-9);
         let mut exact = (course, [[0.0; 4]; 4]);
+        assert!(lasting.parts_pairs() && !Lasting::EMPTY.parts_pairs());
         Lasting::EMPTY.widen(&mut exact, &|_| Some(other));
         assert_eq!(exact.1, [[0.0; 4]; 4]);
+    }
+
+    #[test]
+    fn another_pair_of_paths_leaves_heading_and_time_as_they_are() {
+        let course = Course { t0_s: 0.0, p: [3_000.0, 4_000.0, 6.0, -1.0] };
+        let mut with = (course, [[0.0; 4]; 4]);
+        widen_for_other_pairs(&mut with);
+        let (closest, covariance) = with.0.closest(&with.1).unwrap();
+        let sd = |k: usize| covariance[k][k].max(0.0).sqrt();
+        assert!((sd(1) / closest.range_m.abs() - OTHER_PAIR).abs() < 1e-6, "{}", sd(1));
+        assert!((sd(3) / closest.speed_m_s - OTHER_PAIR).abs() < 1e-6, "{}", sd(3));
+        assert!(sd(0) < 1e-2 && sd(2) < 1e-6, "{} {}", sd(0), sd(2));
+        // The truth is 0.52 or 1.94 times as far: inside the 95 % of what is stated.
+        for read in [0.52f64, 1.94] {
+            assert!((read - 1.0).abs() / read <= 1.96 * OTHER_PAIR);
+        }
     }
 }

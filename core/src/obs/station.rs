@@ -439,6 +439,8 @@ impl State {
         };
         self.checks.minute(noticed, plan.towards, index, &mut self.intake.faults, sink);
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
+        let pairs_in_doubt = !plan.paper && (plan.lasting.parts_pairs() || self.checks.table_is_off());
+        self.tracker.pairs_in_doubt = pairs_in_doubt;
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
             if !plan.paper {
@@ -448,7 +450,7 @@ impl State {
             let (towards, apart) = plan.lasting.as_evidence(directions, ranges);
             let minute = Minute::new(k as u32, &towards, &apart);
             ranges.prefer(&plan.interference, &expected);
-            send(plan, index, &directions, call, &ranges, sink);
+            send(plan, index, &directions, call, &ranges, pairs_in_doubt, sink);
             self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
@@ -468,13 +470,14 @@ impl State {
     }
 }
 
-/// Sends the records of a minute.
+/// Sends the records of a minute; while pairs of paths are in doubt no range is told as detected.
 fn send(
     plan: &Plan<'_>,
     index: u64,
     directions: &Directions,
     call: Option<Call>,
     ranges: &RangePresence,
+    pairs_in_doubt: bool,
     sink: &mut dyn FnMut(Message),
 ) {
     let paper = plan.paper;
@@ -515,7 +518,7 @@ fn send(
             kind: 0,
         }));
     }
-    let detected = ranges.log_odds > 0.0;
+    let detected = ranges.log_odds > 0.0 && !pairs_in_doubt;
     let mut sent = false;
     let worth = |k: usize, m: &RangeMode| m.detected && (k == 0 || m.weight >= LEAST_WEIGHT);
     for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(2) {

@@ -10,7 +10,7 @@ use super::bend;
 use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
-use super::lasting::{Lasting, Told};
+use super::lasting::{self, Lasting, Told};
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
@@ -73,6 +73,8 @@ struct Live {
 struct Seen<'a> {
     evidence: &'a Evidence,
     others: [Option<Course>; LIVE],
+    /// As in [`Tracker::pairs_in_doubt`].
+    in_doubt: bool,
 }
 
 /// All tracks.
@@ -80,12 +82,14 @@ struct Seen<'a> {
 pub struct Tracker {
     live: [Option<Live>; LIVE],
     next_id: u16,
+    /// Whether echoes may be read as another pair of paths than theirs.
+    pub(super) pairs_in_doubt: bool,
 }
 
 impl Tracker {
     /// None yet.
     pub const fn new() -> Self {
-        Self { live: [None; LIVE], next_id: 0 }
+        Self { live: [None; LIVE], next_id: 0, pairs_in_doubt: false }
     }
 
     /// Looks at the evidence up to minute `now`.
@@ -99,14 +103,14 @@ impl Tracker {
         if !now.is_multiple_of(EVERY) {
             return;
         }
-        let travel = &plan.travel;
+        let (travel, in_doubt) = (&plan.travel, self.pairs_in_doubt);
         self.improve(plan, evidence, now, sink);
         for k in 0..LIVE {
             let others = self.courses(|other| other != k);
             let Some(slot) = self.live.get_mut(k) else { continue };
             let Some(live) = slot else { continue };
             if now > live.to + SILENCE {
-                live.end(plan, &Seen { evidence, others }, sink);
+                live.end(plan, &Seen { evidence, others, in_doubt }, sink);
                 let course = live.course;
                 evidence.forget(|m| without(travel, &course, m));
                 *slot = None;
@@ -115,7 +119,7 @@ impl Tracker {
                 let minutes = evidence.between(live.from, live.to).map(left);
                 live.now = bend::present(&live.course, travel, STEP_S, minutes).unwrap_or(live.course);
                 if now < live.to + EVERY + 2 {
-                    live.run(plan, &Seen { evidence, others }, sink);
+                    live.run(plan, &Seen { evidence, others, in_doubt }, sink);
                 }
             }
         }
@@ -126,7 +130,7 @@ impl Tracker {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
-                    found.run(plan, &Seen { evidence, others }, sink);
+                    found.run(plan, &Seen { evidence, others, in_doubt }, sink);
                     *slot = Some(found);
                 }
             }
@@ -136,10 +140,11 @@ impl Tracker {
     /// Closes every track.
     pub fn finish(&mut self, plan: &Plan<'_>, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
         self.improve(plan, evidence, now, sink);
+        let in_doubt = self.pairs_in_doubt;
         for k in 0..LIVE {
             let others = self.courses(|other| other != k);
             if let Some(live) = self.live.get(k).and_then(Option::as_ref) {
-                live.end(plan, &Seen { evidence, others }, sink);
+                live.end(plan, &Seen { evidence, others, in_doubt }, sink);
             }
         }
         self.live = [None; LIVE];
@@ -383,7 +388,13 @@ impl Live {
         plan.lasting.widen(&mut straight, &|error| self.straight(plan, seen, error));
         plan.lasting.widen(&mut bent, &|error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
         let track = self.as_sent(plan, stage, &straight, &bent);
-        (track.sd_cpa_range_m < LEAST_KNOWN_M).then_some(track)
+        let known = track.sd_cpa_range_m < LEAST_KNOWN_M;
+        if !(known && seen.in_doubt) {
+            return known.then_some(track);
+        }
+        lasting::widen_for_other_pairs(&mut straight);
+        lasting::widen_for_other_pairs(&mut bent);
+        Some(self.as_sent(plan, stage, &straight, &bent))
     }
 
     /// Its record, its place on the straight course and its closest point that of the bent one; of a vessel that does not move the closest point is unknown.

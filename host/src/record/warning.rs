@@ -43,7 +43,7 @@ impl Warning {
             ),
             FaultCode::TableOff => format!(
                 "two pairs of paths put one vessel at ranges {value} m apart: look at the propagation table's depth and sound speed \
-                 (`propagation fit`)"
+                 (`propagation fit`); until then no range is told as detected, and tracks hold half of their range and speed for uncertain"
             ),
             FaultCode::SpeedContradicted => format!(
                 "a vessel's elevations or its shaft rate tell {:.1} m/s, far from the speed that `[tracking]` in the station file declares; \

@@ -120,3 +120,33 @@ fn a_track_that_was_reported_and_is_no_vessel_s_is_withdrawn() {
         assert_eq!(said, [(7, Track::WITHDRAWN, false)]);
     }
 }
+
+#[test]
+fn tracks_state_half_of_their_range_while_pairs_of_paths_are_in_doubt() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    let finals = |in_doubt: bool| -> Vec<Track> {
+        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+        tracker.pairs_in_doubt = in_doubt;
+        let mut said = Vec::new();
+        for n in 1..=180 {
+            evidence.push(minute(n));
+            tracker.minute(&plan, &mut evidence, n, &mut |_| {});
+        }
+        tracker.finish(&plan, &evidence, 180, &mut |m| {
+            if let Message::Track(t) = m {
+                said.push(t);
+            }
+        });
+        said
+    };
+    let (sure, doubted) = (finals(false), finals(true));
+    assert_eq!((sure.len(), doubted.len()), (2, 2));
+    for (sure, doubted) in sure.iter().zip(&doubted) {
+        assert!(sure.sd_cpa_range_m < 0.1 * sure.cpa_range_m, "{sure:?}");
+        assert!(doubted.sd_cpa_range_m >= 0.5 * sure.cpa_range_m, "{doubted:?}");
+        assert!(doubted.sd_speed_m_s >= 0.5 * sure.speed_m_s, "{doubted:?}");
+        // What is stated is wider, and nothing else: the course, its heading and its closest time are the same.
+        assert_eq!((doubted.cpa_range_m, doubted.heading), (sure.cpa_range_m, sure.heading));
+        assert!((doubted.sd_cpa_time_s - sure.sd_cpa_time_s).abs() < 0.1 * sure.sd_cpa_time_s + 0.1);
+    }
+}
