@@ -155,7 +155,7 @@ fn run(options: &Options) -> Result<()> {
         ]);
         for (what, inside) in ["azimuths", "ranges", "final tracks"].into_iter().zip(inside) {
             if inside.is_nan() {
-                figures.state(format!("{}: {what}", off.name), 0.0);
+                figures.state(format!("{}: {what} that are told", off.name), 0.0);
                 continue;
             }
             figures.at_least(

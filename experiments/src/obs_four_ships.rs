@@ -3,7 +3,8 @@
 //! Tracked means what it means in `obs-two-ships`. The recorder has places for three tracks at once
 //! (`VESSELS` in `core/src/obs/limits.rs`): a fourth is followed where one of the three has been closed.
 
-use super::obs_two_ships::apart;
+use super::obs_two_ships::{apart, is_tracked};
+use super::obs_week::cells;
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::csv::{CsvText, Fixed};
@@ -65,10 +66,8 @@ fn run(options: &Options) -> Result<()> {
         finals += case.messages.iter().filter(stage).count();
         for (i, d) in case.detections().iter().enumerate() {
             let e = case.final_track(i);
-            let cells = e.map_or([f64::NAN; 4], |e| super::obs_week::cells(&e));
-            let held = e.is_some_and(|e| {
-                e.cpa_time_s.abs() <= 10.0 && e.cpa_range_m.abs() <= 150.0 && e.speed_m_s.abs() <= 0.05
-            });
+            let cells = e.map_or([f64::NAN; 4], |e| cells(&e));
+            let held = e.is_some_and(|e| is_tracked(&e));
             ships += 1;
             tracked += usize::from(held);
             owned += usize::from(e.is_some());

@@ -3,12 +3,13 @@
 //! Tracked means: one final track whose closest point, range and speed are within the bars of a vessel alone. Headings are
 //! counted beside it: each vessel's wideband noise bends the intensity in the other's tone bins towards itself.
 
+use super::obs_week::cells;
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::course::{VesselCourse, polar};
 use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel};
-use crate::score::smad;
+use crate::score::{TrackMiss, smad};
 use anyhow::Result;
 use seabearing_core::angle::wrap_pi;
 use std::f64::consts::PI;
@@ -34,6 +35,11 @@ pub(super) fn apart(a: &ObsVessel, b: &ObsVessel) -> bool {
         let azimuth = |c: &VesselCourse| c.at(t).map_or(0.0, |p| polar(p).1);
         wrap_pi(azimuth(&a) - azimuth(&b)).abs() >= PI / 6.0
     })
+}
+
+/// Whether a final track is within the bars of a vessel alone: 10 s, 150 m, 0.05 m/s.
+pub(super) fn is_tracked(e: &TrackMiss) -> bool {
+    e.cpa_time_s.abs() <= 10.0 && e.cpa_range_m.abs() <= 150.0 && e.speed_m_s.abs() <= 0.05
 }
 
 /// A seeded pair: two vessels of the one-vessel figure, the first pair of the seed's row that stays apart.
@@ -63,13 +69,9 @@ fn run(options: &Options) -> Result<()> {
         let case = Case::run(scenario, &table, Vec::new(), false)?;
         for (i, d) in case.detections().iter().enumerate() {
             let e = case.final_track(i);
-            let cells = e.map_or([f64::NAN; 4], |e| {
-                [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]
-            });
+            let cells = e.map_or([f64::NAN; 4], |e| cells(&e));
+            let held = e.is_some_and(|e| is_tracked(&e));
             ships += 1;
-            let held = e.is_some_and(|e| {
-                e.cpa_time_s.abs() <= 10.0 && e.cpa_range_m.abs() <= 150.0 && e.speed_m_s.abs() <= 0.05
-            });
             tracked += usize::from(held);
             straight += usize::from(held && e.is_some_and(|e| e.heading.abs() <= 0.5f64.to_radians()));
             let closest_m = crate::score::closest(&case.vessels[i].course).map_or(f64::NAN, |c| c.1);

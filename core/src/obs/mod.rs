@@ -48,6 +48,7 @@ mod search;
 mod segment;
 mod tracks;
 
+mod minute_records;
 mod station;
 #[cfg(test)]
 pub(crate) mod station_tests;

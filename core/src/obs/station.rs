@@ -15,25 +15,24 @@ use super::checks::{Checks, Heard};
 use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
 use super::hops::Hops;
-use super::impulsive::{self, Call};
-use super::lasting::widened;
+use super::impulsive;
 use super::limits::{MINUTE_FRAMES, QUEFRENCIES, WINDOW_FRAMES};
+use super::minute_records::send;
 use super::pairs::Profiles;
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
-use super::presence::{ExpectedVessels, Presence, RangeMode, RangePresence};
+use super::presence::{ExpectedVessels, Presence};
 use super::radial::RadialScratch;
 use super::row::Row;
 use super::segment::Segmenter;
 use super::shared::Shared;
-use super::tonal::{Directions, LOG_THRESHOLD};
 use super::tracks::Tracker;
 use crate::block::{Block, CHANNELS};
 use crate::health::Accounting;
 use crate::intake::{Event, Intake, Run, Step};
 use crate::math;
 use crate::slow_levels::SlowLevels;
-use crate::wire::{Azimuth, Message, Range};
+use crate::wire::Message;
 
 /// Steps of a stored cepstrum.
 const CEPSTRUM_UNIT: f32 = 1.0 / 32_768.0;
@@ -469,89 +468,3 @@ impl State {
         heard
     }
 }
-
-/// Sends the records of a minute; while pairs of paths are in doubt no range is told as detected.
-fn send(
-    plan: &Plan<'_>,
-    index: u64,
-    directions: &Directions,
-    call: Option<Call>,
-    ranges: &RangePresence,
-    pairs_in_doubt: bool,
-    sink: &mut dyn FnMut(Message),
-) {
-    let paper = plan.paper;
-    let with_lasting = |azimuth: f32, sd: f32| widened(sd, plan.lasting.of_direction(f64::from(azimuth)));
-    let threshold = if paper { 0.0 } else { LOG_THRESHOLD };
-    let tonal = || directions.modes.iter().flatten().filter(|m| !m.impulsive);
-    let total = tonal().count() as f32;
-    for m in tonal() {
-        sink(Message::Azimuth(Azimuth {
-            index,
-            azimuth: m.azimuth,
-            sd: with_lasting(m.azimuth, m.sd),
-            log_presence: m.log_presence,
-            weight: 1.0 / total,
-            detected: m.log_presence > threshold,
-            kind: 0,
-        }));
-    }
-    if let Some(c) = call {
-        let Call { azimuth, sd, log_presence } = c;
-        sink(Message::Azimuth(Azimuth {
-            index,
-            azimuth,
-            sd: with_lasting(azimuth, sd),
-            log_presence,
-            weight: 1.0,
-            detected: true,
-            kind: 1,
-        }));
-    } else if total == 0.0 {
-        sink(Message::Azimuth(Azimuth {
-            index,
-            azimuth: 0.0,
-            sd: f32::INFINITY,
-            log_presence: directions.log_presence,
-            weight: 0.0,
-            detected: false,
-            kind: 0,
-        }));
-    }
-    let detected = ranges.log_odds > 0.0 && !pairs_in_doubt;
-    let mut sent = false;
-    let worth = |k: usize, m: &RangeMode| m.detected && (k == 0 || m.weight >= LEAST_WEIGHT);
-    for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(2) {
-        sent = true;
-        let (of_range, of_speed) = plan.lasting.of_range(f64::from(m.range_m), f64::from(m.speed_m_s));
-        sink(Message::Range(Range {
-            index,
-            range_m: m.range_m,
-            sd_range_m: widened(m.sd_range_m, of_range),
-            speed_m_s: m.speed_m_s,
-            sd_speed_m_s: widened(m.sd_speed_m_s, of_speed),
-            log_presence: ranges.log_odds,
-            weight: m.weight,
-            detected: detected && (paper || m.weight >= CLEAR_WEIGHT && m.sure),
-        }));
-    }
-    if !sent {
-        sink(Message::Range(Range {
-            index,
-            range_m: 0.0,
-            sd_range_m: f32::INFINITY,
-            speed_m_s: 0.0,
-            sd_speed_m_s: f32::INFINITY,
-            log_presence: ranges.log_odds,
-            weight: 0.0,
-            detected: false,
-        }));
-    }
-}
-
-/// Modes lighter than this are not worth their bytes.
-const LEAST_WEIGHT: f32 = 0.1;
-
-/// Share of its vessel's posterior from which a mode is a measurement: below it another pair of paths is as good as one in ten
-/// likely, and a stated spread of one mode would not hold the truth. Tracks weigh every mode.
-const CLEAR_WEIGHT: f32 = 0.9;
