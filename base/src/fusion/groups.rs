@@ -230,7 +230,7 @@ impl Search<'_> {
             Ok(motion) => {
                 let own: f64 = nodes.iter().map(|n| self.nodes[*n].own).sum();
                 let excess = motion.misfit - own;
-                let freedom = 3 * nodes.len() as u32 - 4;
+                let freedom = freedom_of(&nodes);
                 let consistent = excess <= misfit_limit(freedom) && motion.speed_m_s().0 <= FASTEST_M_S;
                 Some(Group { nodes, motion: Some(grown(motion, excess, freedom)), excess, consistent })
             }
@@ -260,7 +260,7 @@ impl Search<'_> {
     }
 
     /// The motion with the variance that the averages show about the stations' own courses, where that is less than they
-    /// state: of errors that do not last.
+    /// state: of errors that do not last. By that measure, too, its covariance counts what the stations contradict each other by.
     fn refined(&self, group: &Group) -> Option<JointTrack> {
         let motion = group.motion.filter(|_| group.consistent && group.excess <= self.by_chance(group))?;
         let freedom = |n: &usize| self.nodes[*n].averages.len() as f64 - 3.0;
@@ -272,11 +272,12 @@ impl Search<'_> {
             return Some(motion);
         }
         let scale = (own / free).clamp(LEAST_SCALE, 1.0);
-        Some(self.fit(&group.nodes, scale).unwrap_or(motion))
+        let Ok(finer) = self.fit(&group.nodes, scale) else { return Some(motion) };
+        Some(grown(finer, finer.misfit - own / scale, freedom_of(&group.nodes)))
     }
 
     fn by_chance(&self, group: &Group) -> f64 {
-        BY_CHANCE * f64::from(3 * group.nodes.len() as u32 - 4)
+        BY_CHANCE * f64::from(freedom_of(&group.nodes))
     }
 
     /// The motion of tracks, the variances of whose averages are so many times what they state.
@@ -308,6 +309,11 @@ impl Search<'_> {
             JointSettings { z_m: SOURCE_Z_M, sound_speed_m_s: sound, robust: false, scatter, shared };
         joint::fit(&bearings, &settings)
     }
+}
+
+/// Freedom of the excess of tracks as one motion.
+fn freedom_of(nodes: &[usize]) -> u32 {
+    (3 * nodes.len() as u32).saturating_sub(4)
 }
 
 /// A motion whose covariance counts what the stations contradict each other by, where that is more than chance.
