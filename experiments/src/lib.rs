@@ -74,6 +74,7 @@ mod sea_positions;
 mod sea_sick;
 mod sea_snaps;
 mod sea_transients;
+mod sea_vessels;
 mod sea_weak;
 mod several_vessels;
 mod shaft_rate;
@@ -136,6 +137,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     sea_sick::EXPERIMENT,
     sea_snaps::EXPERIMENT,
     sea_transients::EXPERIMENT,
+    sea_vessels::EXPERIMENT,
     sea_positions::EXPERIMENT,
     orient_geometry::EXPERIMENT,
     motion_checks::COVERAGE,

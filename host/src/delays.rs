@@ -18,10 +18,26 @@ pub struct SetResult {
     pub t_s: f64,
     /// What came of it.
     pub solution: Option<DelaySolution>,
+    /// It points where no vessel is: below the horizon, of a station whose vessels are well above it.
+    pub below: bool,
+}
+
+impl SetResult {
+    /// Whether it is a vessel's as far as its delays tell.
+    pub fn accepted(&self) -> bool {
+        self.solution.is_some_and(|s| s.accepted) && !self.below
+    }
 }
 
 /// How far below the horizon no vessel is heard, whatever bends the sound, degrees.
 const BELOW_DEG: f32 = 5.0;
+/// Depth from which a station's vessels are well above it, metres: that from which its tracks use elevations.
+const WELL_BELOW_M: f64 = 25.0;
+
+/// Whether a direction is below the horizon by more than 5° and three standard deviations.
+fn points_down(s: &DelaySolution) -> bool {
+    s.elevation < -BELOW_DEG.to_radians().max(3.0 * s.var_elevation.sqrt())
+}
 
 /// Whether the accepted sets cannot be of vessels, which are above every hydrophone: more than half of them point below the
 /// horizon by more than 5° and three standard deviations.
@@ -30,8 +46,7 @@ const BELOW_DEG: f32 = 5.0;
 /// One line: how many do.
 pub fn check_above(results: &[SetResult]) -> Result<()> {
     let accepted = || results.iter().filter_map(|r| r.solution).filter(|s| s.accepted);
-    let below = |s: &DelaySolution| s.elevation < -BELOW_DEG.to_radians().max(3.0 * s.var_elevation.sqrt());
-    let (all, wrong) = (accepted().count(), accepted().filter(below).count());
+    let (all, wrong) = (accepted().count(), accepted().filter(points_down).count());
     if 2 * wrong > all {
         bail!(
             "{wrong} of {all} bearings point below the horizon, where no vessel is: tdoaIJ is the arrival at J minus that at I; \
@@ -59,9 +74,10 @@ pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> R
     let mut continuity = Continuity::new();
     Ok(rows
         .into_iter()
-        .map(|[t_s, delays @ ..]| SetResult {
-            t_s,
-            solution: solver.solve(&mut continuity, t_s, &delays.map(|d| d as f32)),
+        .map(|[t_s, delays @ ..]| {
+            let solution = solver.solve(&mut continuity, t_s, &delays.map(|d| d as f32));
+            let below = config.depth_m >= WELL_BELOW_M && solution.as_ref().is_some_and(points_down);
+            SetResult { t_s, solution, below }
         })
         .collect())
 }

@@ -4,7 +4,7 @@ use super::agreement::{Agreement, Doubt};
 use super::chain::Scratch;
 use super::detect;
 use super::fringes::{self, Depth};
-use super::others;
+use super::others::{self, Followed, Turn};
 use super::places::Places;
 use super::plan::{BINS, Band, HOP, OCTAVES, Plan};
 use super::refine;
@@ -26,8 +26,6 @@ const WHOLE_SHARE: f32 = 0.95;
 /// Most by which the mean square of the frames' power may exceed the square of its mean: a propeller whose sound goes to
 /// nothing in each turn has 1.5 (intensity) to 1.9 (amplitude); what is left of an explosion, or a few calls, has more.
 const MOST_UNEVEN: f64 = 2.2;
-/// Segments from one search for a second source to the next: it costs as much as the first, and others move slowly.
-const SECOND_EVERY: u32 = 8;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
 const OTHER_SOURCE_CELLS: f32 = 10.0;
 /// Least coherence by which the moment of a bearing is doubted: below it the bearing itself is as uncertain.
@@ -58,9 +56,9 @@ pub(crate) struct Memory {
     /// How deep the source is.
     depth: Depth,
     /// Segments so far.
-    segments: u32,
-    /// Direction of the second source the last search for one found.
-    pub(super) other: Option<Direction>,
+    pub(super) segments: u32,
+    /// Other sources than the strongest.
+    pub(super) others: Followed,
     /// Octave looked at last.
     pub(super) octave: usize,
     /// Another source than the whole band's that the last look at each octave found.
@@ -110,7 +108,7 @@ impl Memory {
             misfit: 0.0,
             steady: Steady::NEW,
             depth: Depth::UNKNOWN,
-            other: None,
+            others: Followed::NONE,
             octave: 0,
             octaves: [None; OCTAVES],
             segments: 0,
@@ -132,7 +130,7 @@ impl Memory {
         self.last = None;
         self.turn_rate = [0.0; 2];
         self.swing = [0.0; 2];
-        self.other = None;
+        self.others = Followed::NONE;
         self.octaves = [None; OCTAVES];
         self.depth = Depth::UNKNOWN;
     }
@@ -242,7 +240,7 @@ impl Context<'_> {
         self.flags & (BRIDGED | SHORTENED) == 0
     }
 
-    fn delays(&self, u: &Direction, curvature: f32) -> [f32; PAIR_COUNT] {
+    pub(super) fn delays(&self, u: &Direction, curvature: f32) -> [f32; PAIR_COUNT] {
         wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, u, curvature))
     }
 
@@ -343,14 +341,19 @@ pub(crate) fn segment(
             Context { moment_sd_s: UNKNOWN_MOMENT_S, ..context }
         };
         whole(heard, memory, first, doubt, spectra, scratch, sink);
+        // What else is heard is told of the same moment: bearings of one index are judged together.
+        context.index = heard.index;
     }
-    // Either uses the spectra up.
+    // Each uses the spectra up.
     memory.segments = memory.segments.wrapping_add(1);
-    match first {
-        Some(first) if memory.segments.is_multiple_of(SECOND_EVERY) => {
-            memory.other = others::second(&context, memory.other, &first, spectra, scratch, sink);
-        }
-        first => others::octave(&context, memory, first.as_ref(), spectra, scratch, sink),
+    let Some(first) = first else {
+        return others::octave(&context, memory, None, spectra, scratch, sink);
+    };
+    memory.others.strongest(plan, first.refined.direction, memory.segments);
+    match memory.others.turn(memory.segments) {
+        Turn::Octave => others::octave(&context, memory, Some(&first), spectra, scratch, sink),
+        Turn::Search => others::search(&context, memory, &first, spectra, scratch, sink),
+        Turn::Follow(place) => others::follow(&context, memory, place, &first, spectra, scratch, sink),
     }
 }
 
@@ -397,7 +400,7 @@ fn whole(
                 let (loss, sd) = memory.depth.loss(usual);
                 context.loss = (seen.nearer * loss, seen.nearer * sd);
                 // The fringes are not those of vessel and image alone.
-                let vessels = if memory.other.is_some() { 2.0 } else { 1.0 };
+                let vessels = if memory.others.any() { 2.0 } else { 1.0 };
                 if seen.unexplained > vessels * fringes::THIRD_PATH {
                     context.depth = None;
                 }
@@ -405,7 +408,7 @@ fn whole(
         }
     }
     let spectrum = &scratch.spectrum;
-    let scatter = (memory.other.is_some() || memory.misfit > report::DISAGREEING)
+    let scatter = (memory.others.any() || memory.misfit > report::DISAGREEING)
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
     let others = Others::Lasting { misfit: &mut memory.misfit, steady: &mut memory.steady, scatter };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {

@@ -1,10 +1,12 @@
 //! Other sources than the strongest of the whole band: in its octaves, one a segment in turn, and in the whole band once the
-//! strongest is taken out, every eighth segment. Either costs about as much as the first search and uses the spectra up.
+//! strongest is taken out, every fourth segment. One that two searches found is followed from then on, each in turn, and the searches look
+//! for further ones in what is left without them too. A search costs about as much as the first, a look at one that is followed half of
+//! that; each uses the spectra up, so that a segment has one of them.
 
 use super::agreement::Doubt;
 use super::chain::Scratch;
 use super::estimate::{Context, Found, Memory, SpectrumWork, examine, find};
-use super::plan::{Band, OCTAVES};
+use super::plan::{Band, OCTAVES, Plan};
 use super::refine;
 use super::report::{Others, bearing};
 use super::spectra::Spectra;
@@ -17,6 +19,16 @@ pub const BEARINGS_A_STEP: u32 = 2;
 
 /// A second source nearer than this to the first, in resolution cells, is what is left of the first.
 const SECOND_APART_CELLS: f32 = 6.0;
+/// Other sources than the strongest that are followed at once.
+const OTHERS: usize = 3;
+/// Segments from one search for another source to the next.
+const SECOND_EVERY: u32 = 4;
+/// And where one found is to be found again: in sound that the two have not in common.
+const AGAIN_AFTER: u32 = 2;
+/// Share of the newest turning in what is expected.
+const SMOOTHED: f32 = 0.5;
+/// Looks in a row without it that end it.
+const MISSED: u8 = 4;
 /// Farthest a second source moves between two searches, radians: a vessel at 100 m turns by 4° a second.
 const SECOND_MOVES_RAD: f32 = 0.28;
 /// A source in an octave nearer than this to the whole band's, in the octave's resolution cells, is the same.
@@ -98,34 +110,221 @@ fn scattered<'a>(context: &Context<'_>, found: &Found, spectra: &Spectra, work: 
     Others::Scatter(scatter.ratio)
 }
 
-/// Looks for another source in what the first leaves: its expected cross-spectra are taken out and the search repeated.
-/// The first source's fluctuations count as noise of the second. What multipath of the first leaves can look like a source,
-/// but somewhere else each time and with pairs that disagree: a second source is reported only where the search before
-/// found one too (`before`) and the pairs agree. The direction found, for the next search.
-pub(super) fn second(
+/// Another source than the strongest.
+#[derive(Clone, Copy, Debug)]
+struct Known {
+    direction: Direction,
+    /// By how much its azimuth grows from segment to segment, radians. Its elevation is as uncertain as it changes.
+    turning: f32,
+    /// Segment in which it was found last.
+    segment: u32,
+    /// A search by itself has found it again: it is followed.
+    lasts: bool,
+    /// Looks in a row that did not find it.
+    missed: u8,
+}
+
+impl Known {
+    /// A source found for the first time.
+    fn new(direction: Direction, segment: u32) -> Self {
+        Self { direction, turning: 0.0, segment, lasts: false, missed: 0 }
+    }
+
+    /// Where it is expected in a segment.
+    fn expected(&self, segment: u32) -> Direction {
+        let (s, c) = m::sin_cos(self.turning * segment.wrapping_sub(self.segment) as f32);
+        let [x, y, z] = self.direction;
+        [x * c + y * s, y * c - x * s, z]
+    }
+
+    /// Takes where it was found.
+    fn take(&mut self, direction: Direction, segment: u32) {
+        let ([x, y, _], [x0, y0, _]) = (direction, self.direction);
+        let turned = m::atan2(x * y0 - y * x0, x * x0 + y * y0);
+        let own = turned / segment.wrapping_sub(self.segment).max(1) as f32;
+        let share = if self.lasts { SMOOTHED } else { 1.0 };
+        let turning = self.turning + share * (own - self.turning);
+        *self = Self { direction, turning, segment, lasts: true, missed: 0 };
+    }
+}
+
+/// The other sources that are known, and whose turn it is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Followed {
+    known: [Option<Known>; OTHERS],
+    /// Place to be looked at next.
+    place: usize,
+    /// Segment of the last search.
+    searched: u32,
+    /// Direction of the strongest source in the segment before.
+    strongest: Option<Direction>,
+}
+
+/// What is done in a segment beside its strongest source.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Turn {
+    /// One octave is searched.
+    Octave,
+    /// Another source is searched for in the whole band.
+    Search,
+    /// A known one, by its place, is looked at.
+    Follow(usize),
+}
+
+impl Followed {
+    pub(super) const NONE: Self = Self { known: [None; OTHERS], place: 0, searched: 0, strongest: None };
+
+    /// Whether any other source was found lately.
+    pub(super) fn any(&self) -> bool {
+        self.known.iter().any(Option::is_some)
+    }
+
+    /// What is next: each that is followed, then an octave or, every [`SECOND_EVERY`] segments, a search; sooner where one found is to be
+    /// found again. A search costs as much as the first, and others move slowly.
+    pub(super) fn turn(&mut self, segment: u32) -> Turn {
+        for place in self.place..OTHERS {
+            if self.known.get(place).is_some_and(|k| k.is_some_and(|k| k.lasts)) {
+                self.place = place + 1;
+                return Turn::Follow(place);
+            }
+        }
+        self.place = 0;
+        let doubtful = self.known.iter().flatten().any(|k| !k.lasts);
+        let room = self.known.iter().any(|k| k.is_none_or(|k| !k.lasts));
+        let every = if doubtful { AGAIN_AFTER } else { SECOND_EVERY };
+        if room && segment.wrapping_sub(self.searched) >= every {
+            self.searched = segment;
+            return Turn::Search;
+        }
+        Turn::Octave
+    }
+
+    /// Takes the strongest source's direction: where that was one of the others, they change places.
+    pub(super) fn strongest(&mut self, plan: &Plan, direction: Direction, segment: u32) {
+        let near = near(plan);
+        let before = self.strongest.replace(direction).filter(|b| wavefront::dot(b, &direction) <= near);
+        for slot in &mut self.known {
+            if slot.is_some_and(|k| wavefront::dot(&k.expected(segment), &direction) > near) {
+                let lasts = slot.is_some_and(|k| k.lasts);
+                *slot = before.map(|before| Known { lasts, ..Known::new(before, segment.wrapping_sub(1)) });
+            }
+        }
+    }
+
+    /// Takes a source found by a search: the place of one that was there before, within what it can have moved, or none. It is
+    /// kept where there is room.
+    fn found(&mut self, direction: Direction, segment: u32) -> bool {
+        let same = |k: &Known| wavefront::dot(&k.direction, &direction) > m::cos(SECOND_MOVES_RAD);
+        if let Some(known) = self.known.iter_mut().flatten().find(|k| same(k)) {
+            known.take(direction, segment);
+            return true;
+        }
+        let new = Known::new(direction, segment);
+        // What was not found again makes room.
+        let place = self.known.iter().position(|k| k.is_none_or(|k| !k.lasts));
+        if let Some(slot) = place.and_then(|n| self.known.get_mut(n)) {
+            *slot = Some(new);
+        }
+        false
+    }
+}
+
+/// Cosine of the angle within which another source is what is left of the first.
+fn near(plan: &Plan) -> f32 {
+    m::cos(SECOND_APART_CELLS * plan.whole.resolution)
+}
+
+/// Looks for another source in what the first and those that are followed leave: their expected cross-spectra are taken out and the
+/// search repeated. Their fluctuations count as noise of the other. What multipath of the first leaves can look like a source,
+/// but somewhere else each time and with pairs that disagree: another source is reported only where the search before
+/// found one too and the pairs agree.
+pub(super) fn search(
     context: &Context<'_>,
-    before: Option<Direction>,
+    memory: &mut Memory,
     first: &Found,
     spectra: &mut Spectra,
     scratch: &mut Scratch,
     sink: &mut impl FnMut(Message),
-) -> Option<Direction> {
+) {
     let plan = context.plan;
+    let segment = memory.segments;
     refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
-    let other = find(context, None, spectra, scratch)?;
-    let near = m::cos(SECOND_APART_CELLS * plan.whole.resolution);
-    if wavefront::dot(&other.refined.direction, &first.refined.direction) > near {
-        return None;
+    for known in memory.others.known.iter().flatten().filter(|k| k.lasts) {
+        let at = known.expected(segment);
+        let tau = context.delays(&at, context.curvature(&at).0);
+        let raw = &mut scratch.spectrum.raw;
+        refine::coherence(plan, context.band, spectra, &tau, raw);
+        for c in raw.iter_mut() {
+            *c = c.max(0.0);
+        }
+        refine::remove(plan, context.band, spectra, &tau, raw);
     }
-    scratch.spectrum.restore(refine::shared_signal(plan, context.band.used, &other.tau));
+    let known = memory.others.known;
+    let is_new = |direction: &Direction| {
+        let left = |k: &Known| k.lasts && wavefront::dot(&k.expected(segment), direction) > near(plan);
+        wavefront::dot(direction, &first.refined.direction) <= near(plan) && !known.iter().flatten().any(left)
+    };
+    let other = find(context, None, spectra, scratch).filter(|other| is_new(&other.refined.direction));
+    let Some(other) = other else {
+        // What is not found again did not last.
+        for slot in &mut memory.others.known {
+            *slot = slot.filter(|k| k.lasts);
+        }
+        return;
+    };
+    let direction = other.refined.direction;
+    let lasts = memory.others.found(direction, segment);
+    tell(context, &other, lasts, spectra, scratch, sink);
+}
+
+/// Looks at a source that is followed, in what the first leaves, from where it is expected.
+pub(super) fn follow(
+    context: &Context<'_>,
+    memory: &mut Memory,
+    place: usize,
+    first: &Found,
+    spectra: &mut Spectra,
+    scratch: &mut Scratch,
+    sink: &mut impl FnMut(Message),
+) {
+    let plan = context.plan;
+    let segment = memory.segments;
+    let Some(slot) = memory.others.known.get_mut(place) else { return };
+    let Some(known) = slot else { return };
+    let expected = known.expected(segment);
+    if wavefront::dot(&expected, &first.refined.direction) > near(plan) {
+        // Two vessels in one direction: it may come out on the other side.
+        known.missed = known.missed.saturating_add(1);
+    } else {
+        refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
+        let again = examine(context, None, &expected, spectra, scratch)
+            .filter(|found| wavefront::dot(&found.refined.direction, &expected) > near(plan));
+        match again {
+            Some(found) => {
+                known.take(found.refined.direction, segment);
+                tell(context, &found, true, spectra, scratch, sink);
+            }
+            None => known.missed = known.missed.saturating_add(1),
+        }
+    }
+    *slot = slot.filter(|k| k.missed < MISSED);
+}
+
+/// Reports another source where it `lasts` and the pairs agree.
+fn tell(
+    context: &Context<'_>,
+    other: &Found,
+    lasts: bool,
+    spectra: &Spectra,
+    scratch: &mut Scratch,
+    sink: &mut impl FnMut(Message),
+) {
+    scratch.spectrum.restore(refine::shared_signal(context.plan, context.band.used, &other.tau));
     let work = &mut scratch.spectrum;
     refine::smoothed(context.band, context.noise(1.0), &work.raw, &mut work.smooth);
-    let lasting =
-        before.is_some_and(|d| wavefront::dot(&d, &other.refined.direction) > m::cos(SECOND_MOVES_RAD));
-    let others = scattered(context, &other, spectra, work);
-    let bearing = bearing(context, &other, work, Doubt::NONE, 0.0, 1, others);
-    if let Some(bearing) = bearing.filter(|b| lasting && b.quality >= SECOND_LEAST_QUALITY) {
+    let others = scattered(context, other, spectra, work);
+    let bearing = bearing(context, other, work, Doubt::NONE, 0.0, 1, others);
+    if let Some(bearing) = bearing.filter(|b| lasts && b.quality >= SECOND_LEAST_QUALITY) {
         sink(Message::Bearing(bearing));
     }
-    Some(other.refined.direction)
 }

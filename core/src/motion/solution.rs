@@ -6,6 +6,7 @@
 use super::model::{Limits, Line, Medium, PARAMETERS};
 use super::normal::{Matrix, Normal};
 use crate::angle::wrap_tau;
+use crate::kit::chance::growth;
 use crate::kit::spd::quadratic;
 use crate::math::f64 as m;
 
@@ -64,6 +65,32 @@ pub struct Solution {
     pub n: u32,
     /// Weighted squared residual per degree of freedom: near 1 when the error model and the straight track hold.
     pub consistency: f64,
+    /// By what that made every variance grow, beyond chance; 1 where the bearings fit.
+    pub growth: f64,
+}
+
+/// Squared residual of a fit, and what it is held against.
+#[derive(Clone, Copy, Debug)]
+pub struct Misfit {
+    /// Weighted squared residual.
+    pub cost: f64,
+    /// Its degrees of freedom.
+    pub freedom: f64,
+}
+
+impl Misfit {
+    /// As chance has it.
+    pub const NONE: Self = Self { cost: 1.0, freedom: 1.0 };
+
+    /// Squared residual a degree of freedom.
+    pub fn consistency(&self) -> f64 {
+        self.cost / self.freedom.max(1.0)
+    }
+
+    /// By what the covariance grows.
+    pub fn growth(&self) -> f64 {
+        growth(self.consistency(), self.freedom)
+    }
 }
 
 /// Position at `t_s` and its covariance `[xx, yy, xy]`.
@@ -87,22 +114,31 @@ pub fn solution(
     free: &[bool; PARAMETERS],
     limits: &Limits,
     n: u32,
-    measurements: f64,
+    misfit: &Misfit,
 ) -> Option<Solution> {
-    let covariance = normal.covariance(free, &floor(limits, line.speed_m_s()))?;
-    let unknowns = free.iter().filter(|f| **f).count() as f64;
-    let consistency = normal.cost() / (measurements - unknowns).max(1.0);
-    from_covariance(line, &covariance, limits, n, consistency)
+    let growth = misfit.growth();
+    let mut covariance = normal.covariance(free, &floor(limits, line.speed_m_s()))?;
+    for x in covariance.iter_mut().flatten() {
+        *x *= growth;
+    }
+    from_covariance(line, &covariance, limits, n, misfit)
 }
 
-/// Builds the solution from a line and any covariance of its parameters (the sandwich one, for a wrong error model).
+/// What a fit of these normal equations leaves of so many measurements.
+pub fn misfit(normal: &Normal, free: &[bool; PARAMETERS], measurements: f64) -> Misfit {
+    let unknowns = free.iter().filter(|f| **f).count() as f64;
+    Misfit { cost: normal.cost(), freedom: measurements - unknowns }
+}
+
+/// Builds the solution from a line and any covariance of its parameters, the misfit's growth in it.
 pub fn from_covariance(
     line: &Line,
     covariance: &Matrix,
     limits: &Limits,
     n: u32,
-    consistency: f64,
+    misfit: &Misfit,
 ) -> Option<Solution> {
+    let consistency = misfit.consistency();
     let sd = |k: usize| m::sqrt(covariance[k][k].max(0.0));
     let (position0_m, covariance0_m2) = position(line, covariance, limits.times_s.0);
     let (position1_m, covariance1_m2) = position(line, covariance, limits.times_s.1);
@@ -150,6 +186,7 @@ pub fn from_covariance(
         range_observable,
         n,
         consistency,
+        growth: misfit.growth(),
     };
     let finite = position0_m.iter().chain(&position1_m).chain(&covariance0_m2).chain(&covariance1_m2);
     (finite.chain(&[out.cpa_time_s, range_m, consistency]).all(|x| x.is_finite())).then_some(out)

@@ -71,7 +71,7 @@ pub(super) fn one_piece(config: &Config, state: &mut State, sink: &mut dyn FnMut
 /// A piece of the last solution; at the end it is reported and the place is free. False if there was nothing to do but that.
 fn conclude(config: &Config, track: &mut Track, done: u8, sink: &mut dyn FnMut(Message)) -> bool {
     let motion = track.motion(config);
-    let due = track.reported || track.passage.seen() >= config.report_after;
+    let due = track.reported || track.is_telling(config);
     if due && done == 0 {
         track.passage.search(&motion);
         track.duty = Duty::Over { done: 1 };
@@ -117,7 +117,7 @@ fn prove(
         _ => {
             track.duty = Duty::Live;
             let Some(newer) = track.passage.split(&motion, onset_s, LEAST_GAIN) else { return issued };
-            let enough = track.passage.seen() >= config.report_after;
+            let enough = track.is_telling(config);
             if enough || track.reported {
                 let solution = track.passage.solution(&motion).filter(|_| enough);
                 tell(config, track, solution, sink);

@@ -63,6 +63,8 @@ pub struct Config {
     pub report_s: f64,
     /// Bearings before a track is reported.
     pub report_after: u32,
+    /// Or half of them, over so many seconds: of a source that is looked at less often.
+    pub report_after_s: f64,
 }
 
 impl Config {
@@ -95,6 +97,7 @@ impl Config {
             crossing_s: 90.0,
             report_s: 5.0,
             report_after: 20,
+            report_after_s: 10.0,
         }
     }
 
@@ -147,6 +150,17 @@ impl Track {
     /// What its fit assumes: the configured settings with what was measured of this vessel.
     fn motion(&self, config: &Config) -> passage::Config {
         config.motion.with_speed(self.speed)
+    }
+
+    /// Whether enough is known of it to be reported.
+    fn is_telling(&self, config: &Config) -> bool {
+        let (first_s, last_s) = self.passage.times_s();
+        let least = if last_s - first_s < config.report_after_s {
+            config.report_after
+        } else {
+            config.report_after / 2
+        };
+        self.passage.seen() >= least
     }
 
     /// Whether it takes bearings.
@@ -384,7 +398,7 @@ fn serve(
     {
         track.duty = Duty::suspected(onset_s);
     }
-    if t_s >= track.next_report_s && track.passage.seen() >= config.report_after {
+    if t_s >= track.next_report_s && track.is_telling(config) {
         track.next_report_s = t_s + config.report_s;
         if let Some(solution) = track.passage.solution(&motion) {
             track.reported = true;

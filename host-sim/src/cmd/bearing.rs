@@ -17,7 +17,8 @@ use std::path::PathBuf;
     TDOA.csv has the header t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s; tdoaIJ is the arrival time at \
     hydrophone J minus that at hydrophone I, in seconds. `accepted` is the outlier test: residual, length of the \
     solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`). \
-    A file of which most bearings point below the horizon is refused: signs or pairs are mirrored.")]
+    A file of which most bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
+    accepted where the station lies 25 m deep or more.")]
 pub struct Args {
     /// Arrival-time differences: t_s,tdoa01_s,...,tdoa23_s.
     #[arg(value_parser = super::input())]
@@ -60,7 +61,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let mut accepted = 0usize;
     for r in &results {
-        let ok = r.solution.is_some_and(|s| s.accepted);
+        let ok = r.accepted();
         accepted += usize::from(ok);
         if args.accepted_only && !ok {
             continue;
@@ -73,6 +74,14 @@ pub fn run(args: Args) -> Result<()> {
     }
     if !args.json {
         eprintln!("{accepted} of {} sets accepted", results.len());
+    }
+    let below = results.iter().filter(|r| r.below).count();
+    if below > 0 {
+        log::warn!(
+            "{}: {below} of {} sets point below the horizon, where no vessel of this station is, and are not accepted",
+            args.tdoa.display(),
+            results.len()
+        );
     }
     if accepted == 0 {
         bail!(
@@ -94,6 +103,11 @@ fn dropped(s: &DelaySolution) -> Vec<String> {
         .collect()
 }
 
+/// Of a direction in which no vessel is, none.
+fn quality(r: &SetResult, s: &DelaySolution) -> f64 {
+    if r.below { 0.0 } else { f64::from(s.quality) }
+}
+
 fn degrees(x: f32) -> f64 {
     f64::from(x).to_degrees()
 }
@@ -106,7 +120,7 @@ pub fn record(r: &SetResult) -> Value {
             "azimuth_deg": degrees(s.azimuth), "elevation_deg": degrees(s.elevation),
             "sd_azimuth_deg": degrees(s.var_azimuth.sqrt()), "sd_elevation_deg": degrees(s.var_elevation.sqrt()),
             "cov_deg2": f64::from(s.cov) * 1f64.to_degrees().powi(2), "snr_db": null,
-            "quality": f64::from(s.quality), "accepted": s.accepted, "closure_s": f64::from(s.closure_s),
+            "quality": quality(r, s), "accepted": r.accepted(), "closure_s": f64::from(s.closure_s),
             "residual_s": f64::from(s.residual_s), "dropped": dropped(s),
         }),
         None => json!({
@@ -125,8 +139,8 @@ fn line(r: &SetResult) -> String {
             degrees(s.elevation),
             degrees(s.var_azimuth.sqrt()),
             degrees(s.var_elevation.sqrt()),
-            s.quality,
-            if s.accepted { "yes" } else { "no" },
+            quality(r, s),
+            if r.accepted() { "yes" } else { "no" },
             dropped(s).join("+")
         ),
         None => format!("{:12.3} {:>9} {:>9} {:>7} {:>7} {:>8} {:>8}", r.t_s, "-", "-", "-", "-", "0", "no"),

@@ -207,6 +207,17 @@ pub fn run(args: Args) -> Result<()> {
             100.0 * found.nugget.sqrt()
         );
     }
+    let growth = found.solution.growth;
+    if growth > 1.0 {
+        log::warn!(
+            "{}: the bearings contradict a straight track at constant speed with such errors (consistency {:.1}): \
+             every standard deviation is {:.1} times what they would give; split the record where the vessel turns, or \
+             state --sigma-deg and --tau-s as they are",
+            args.bearings.display(),
+            found.solution.consistency,
+            growth.sqrt()
+        );
+    }
     if let Some(path) = &args.plot {
         picture::draw(&samples, &assumed.medium, &found.solution, bearings::start(&args.bearings), path)?;
     }
@@ -269,6 +280,7 @@ fn record(args: &Args, found: &Found) -> Value {
         put(key, ranged(x));
     }
     put("consistency", finite(s.consistency));
+    put("consistent", (s.growth <= 1.0).into());
     put("estimator", if args.estimator == Estimator::Ml { "ml" } else { "recursive" }.into());
     put("model", args.model().name().into());
     if let Some(i) = found.range_95_m {

@@ -60,7 +60,8 @@ pub fn batch(config: &Config, samples: &[Sample], robust: bool) -> Result<Estima
         Err(FitError::Whiten(WhitenError::Times)) => bail!("times are not usable"),
         Err(FitError::NoMinimum) => bail!("no straight track fits (all bearings at one time?)"),
     };
-    let range_95_m = ml::range_interval(config, &weighted, &fit, CHI2_95, &mut memory.work, &memory.dense);
+    let quantile = CHI2_95 * fit.solution.growth;
+    let range_95_m = ml::range_interval(config, &weighted, &fit, quantile, &mut memory.work, &memory.dense);
     Ok(Estimate { solution: fit.solution, range_95_m, nugget: fit.factorisation.nugget, wrong })
 }
 

@@ -103,7 +103,18 @@ impl LineRecord {
 }
 
 /// Angle to the vertical beyond which an array is not believed to lean, radians (30°): it would lie on its side.
-const MOST_LEANING: f64 = 30.0 * RAD_PER_DEG;
+pub(super) const MOST_LEANING: f64 = 30.0 * RAD_PER_DEG;
+
+/// Volume that found hydrophones span over that of the configured ones, below which they are a mirror image: the sign tells the hand.
+const MIRRORED_VOLUME: f64 = -0.2;
+
+/// Six times the signed volume of a tetrahedron.
+fn volume([origin, a, b, c]: &[[f64; 3]; 4]) -> f64 {
+    let [a, b, c] = [a, b, c].map(|p| [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]]);
+    a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+}
 
 /// What of the rows of a table lies on the track, and how many do not; where these are some, a line says so.
 fn on_track<T>(
@@ -153,26 +164,65 @@ pub fn array(
         })
         .collect();
     let found = rotation(&directions, correlated).with_context(|| name.to_owned())?;
-    let opposite: Vec<_> =
-        directions.iter().map(|d| DirectionPair { measured: d.measured.map(|x| -x), ..*d }).collect();
-    let (leaning, mirrored) =
-        (lean(&found), rotation(&opposite, correlated).map_or(f64::INFINITY, |r| lean(&r)));
-    if leaning > MOST_LEANING && mirrored < leaning {
+    let leaning = lean(&found);
+    if leaning > MOST_LEANING
+        && let Some((mirror, least)) = upright_mirror(&directions, correlated)
+        && least < leaning
+    {
         bail!(
-            "{name}: the array would lean by {:.0}°, and by {:.0}° if all directions were opposite: are the signs mirrored, or the \
-             hydrophones upside down?",
+            "{name}: the array would lean by {:.0}°, and by {:.0}° if {}",
             leaning / RAD_PER_DEG,
-            mirrored / RAD_PER_DEG
+            least / RAD_PER_DEG,
+            mirror.said
         );
     }
     Ok((found, off_track))
+}
+
+/// A way in which directions can be mirrored.
+struct Mirror {
+    /// What East, North and Up of a measured direction are multiplied by.
+    signs: [f64; 3],
+    /// As it ends a line.
+    said: &'static str,
+}
+
+const MIRRORS: [Mirror; 3] = [
+    Mirror {
+        signs: [-1.0; 3],
+        said: "all directions were opposite: are the signs mirrored, or the hydrophones upside down?",
+    },
+    Mirror {
+        signs: [-1.0, 1.0, 1.0],
+        said: "azimuths ran the other way round: are two channels exchanged, or East and North in `hydrophones_m`?",
+    },
+    Mirror {
+        signs: [1.0, 1.0, -1.0],
+        said: "elevations had the other sign: are the hydrophones upside down?",
+    },
+];
+
+/// The mirror by which the array would lean least, and by how much. The directions of one pass lie nearly in a plane, in which a
+/// mirrored array is one that is turned over: vessels are seen from upright ones.
+fn upright_mirror(directions: &[DirectionPair], correlated: f64) -> Option<(&'static Mirror, f64)> {
+    let leaning = |mirror: &'static Mirror| {
+        let mirrored: Vec<_> = directions
+            .iter()
+            .map(|d| DirectionPair {
+                measured: std::array::from_fn(|k| mirror.signs[k] * d.measured[k]),
+                ..*d
+            })
+            .collect();
+        rotation(&mirrored, correlated).ok().map(|r| (mirror, lean(&r)))
+    };
+    MIRRORS.iter().filter_map(leaning).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// Positions of a compact array's hydrophones, in the frame of the station file (before orientation), and of how many sets
 /// the track tells nothing.
 ///
 /// # Errors
-/// A column is missing, or the data do not tell; the array would hang upside down.
+/// A column is missing, or the data do not tell; the array would hang upside down, or be its own mirror image.
 pub fn positions(
     station: &StationConfig,
     table: &CsvTable,
@@ -193,6 +243,12 @@ pub fn positions(
     if upright < 0.0 {
         bail!(
             "{}: the hydrophones would hang upside down: tdoaIJ is the arrival at J minus that at I; are the signs or pairs mirrored?",
+            table.name()
+        );
+    }
+    if volume(&found.position_m) / volume(&configured) < MIRRORED_VOLUME {
+        bail!(
+            "{}: the hydrophones would be the mirror image of `hydrophones_m`: are signs or pairs mirrored, or two channels exchanged?",
             table.name()
         );
     }

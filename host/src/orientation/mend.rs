@@ -1,5 +1,6 @@
 //! A compact array's geometry and orientation from one pass, and the station file with what was found.
 
+use super::known_vessel::MOST_LEANING;
 use super::measured_delays::Measurer;
 use crate::csv::{CsvTable, good_rows};
 use crate::delays::COLUMNS;
@@ -71,7 +72,7 @@ pub fn image_m2(array: &ArrayConfig) -> f64 {
 /// station file tells.
 ///
 /// # Errors
-/// The data do not tell; the array would hang upside down.
+/// The data do not tell; the array would not hang upright.
 pub fn mend(
     config: &StationConfig,
     sets: &[TimedDelays],
@@ -85,9 +86,13 @@ pub fn mend(
     let off_track = sets.iter().filter(|s| position_at(track, s.t_s, gap_s).is_none()).count();
     let found = geometry(sets, track, gap_s, &array.hydrophones_m, config.sound_speed_m_s, &doubts)?;
     let [_, _, [_, _, up]] = found.matrix;
-    if up < 0.0 {
+    let lean = up.clamp(-1.0, 1.0).acos();
+    if lean > MOST_LEANING {
         bail!(
-            "the hydrophones would hang upside down: tdoaIJ is the arrival at J minus that at I; are the signs or pairs mirrored?"
+            "the array would lean by {:.0}°: tdoaIJ is the arrival at J minus that at I; are signs or pairs mirrored, two channels \
+             exchanged, or the hydrophones upside down? (An array that fell over is not mended: its bearings and `orient` alone tell how \
+             it lies.)",
+            lean / RAD_PER_DEG
         );
     }
     Ok((found, off_track))

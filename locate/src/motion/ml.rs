@@ -10,7 +10,8 @@ use super::covariance::Model;
 use super::hypotheses::{add_priors, same};
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, minimise};
-use super::solution::{Solution, solution};
+use super::slow;
+use super::solution::{Solution, misfit, solution};
 use super::start::{STARTS, emitted, starts};
 use super::whiten::{Factorisation, WhitenError, Workspace};
 use crate::angle::wrap_pi;
@@ -233,7 +234,11 @@ fn finished(
     };
     let measurements = (samples.len() + elevations) as f64;
     let n = samples.len() as u32;
-    let solution = solution(&point.at, &point.normal, &config.free(), limits, n, measurements)?;
+    let free = config.free();
+    let of_each = misfit(&point.normal, &free, measurements);
+    let of_averages = slow::misfit(config, samples, &point.at).filter(|m| m.growth() > of_each.consistency());
+    let left = of_averages.filter(|m| m.growth() > 1.0).unwrap_or(of_each);
+    let solution = solution(&point.at, &point.normal, &free, limits, n, &left)?;
     Some(Fit { solution, normal: point.normal, factorisation: *factorisation })
 }
 

@@ -11,6 +11,7 @@ mod factor;
 pub mod lone;
 pub mod ml;
 pub mod robust;
+mod slow;
 pub mod whiten;
 
 use seabearing_core::motion::{chain, hypotheses, model, normal, solution, start};
