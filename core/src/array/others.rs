@@ -5,14 +5,14 @@
 
 use super::agreement::Doubt;
 use super::chain::Scratch;
-use super::estimate::{Context, Found, Memory, SpectrumWork, examine, find};
+use super::estimate::{Context, Found, Memory, examine, find};
 use super::plan::{Band, OCTAVES, Plan};
 use super::refine;
 use super::report::{Others, bearing};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction};
 use crate::math::f32 as m;
-use crate::wire::Message;
+use crate::wire::{Bearing, Message};
 
 /// Most bearings of one step: the strongest source's, and that of an octave or of a second source.
 pub const BEARINGS_A_STEP: u32 = 2;
@@ -36,6 +36,8 @@ const OCTAVE_APART_CELLS: f32 = 3.0;
 /// Least coherence of a source in an octave, in units of the louder vessel's there: what multipath of that vessel leaves is
 /// fainter, a vessel fainter than this is left to the search for a second source.
 const OCTAVE_LEAST: f32 = 0.5;
+/// `band` of the whole band's other sources.
+const SECOND: u8 = 1;
 /// `band` of the first octave's bearings.
 const FIRST_OCTAVE: u8 = 2;
 /// Least quality of a second source's bearing.
@@ -94,23 +96,12 @@ pub(super) fn octave(
     if !before.is_some_and(|d| wavefront::dot(&d, &direction) > m::cos(moves)) {
         return;
     }
-    let work = &mut scratch.spectrum;
-    work.restore(refine::shared_signal(plan, context.band.used, &found.tau));
-    refine::smoothed(&band, context.noise(1.0), &work.raw, &mut work.smooth);
-    let others = scattered(&context, &found, spectra, work);
-    let bearing = bearing(&context, &found, work, Doubt::NONE, 0.0, FIRST_OCTAVE + n as u8, others);
-    if let Some(bearing) = bearing.filter(|b| b.quality >= SECOND_LEAST_QUALITY) {
+    if let Some(bearing) = told(&context, &found, FIRST_OCTAVE + n as u8, spectra, scratch) {
         sink(Message::Bearing(bearing));
     }
 }
 
-/// What the first source left about another, whose smoothed coherence is in the work space.
-fn scattered<'a>(context: &Context<'_>, found: &Found, spectra: &Spectra, work: &SpectrumWork) -> Others<'a> {
-    let scatter = refine::scatter(context, found, spectra, (&work.smooth, &work.weight));
-    Others::Scatter(scatter.ratio)
-}
-
-/// Another source than the strongest.
+/// A place for another source than the strongest. All of it is zero where there is none, so that the recorder's memory begins as zeros.
 #[derive(Clone, Copy, Debug)]
 struct Known {
     direction: Direction,
@@ -118,46 +109,54 @@ struct Known {
     turning: f32,
     /// Segment in which it was found last.
     segment: u32,
-    /// A search by itself has found it again: it is followed.
-    lasts: bool,
+    /// How often it was found: 0 is no source, 1 one to be found again, 2 one that is followed.
+    found: u8,
     /// Looks in a row that did not find it.
     missed: u8,
 }
 
 impl Known {
-    /// A source found for the first time.
-    fn new(direction: Direction, segment: u32) -> Self {
-        Self { direction, turning: 0.0, segment, lasts: false, missed: 0 }
+    const NONE: Self = Self { direction: [0.0; 3], turning: 0.0, segment: 0, found: 0, missed: 0 };
+
+    fn lasts(&self) -> bool {
+        self.found >= 2
     }
 
     /// Where it is expected in a segment.
+    #[inline(never)]
     fn expected(&self, segment: u32) -> Direction {
         let (s, c) = m::sin_cos(self.turning * segment.wrapping_sub(self.segment) as f32);
         let [x, y, z] = self.direction;
         [x * c + y * s, y * c - x * s, z]
     }
 
+    /// Whether it is expected in this direction.
+    fn is_at(&self, plan: &Plan, direction: &Direction, segment: u32) -> bool {
+        self.found > 0 && wavefront::dot(&self.expected(segment), direction) > near(plan)
+    }
+
     /// Takes where it was found.
+    #[inline(never)]
     fn take(&mut self, direction: Direction, segment: u32) {
         let ([x, y, _], [x0, y0, _]) = (direction, self.direction);
         let turned = m::atan2(x * y0 - y * x0, x * x0 + y * y0);
         let own = turned / segment.wrapping_sub(self.segment).max(1) as f32;
-        let share = if self.lasts { SMOOTHED } else { 1.0 };
+        let share = if self.lasts() { SMOOTHED } else { 1.0 };
         let turning = self.turning + share * (own - self.turning);
-        *self = Self { direction, turning, segment, lasts: true, missed: 0 };
+        *self = Self { direction, turning, segment, found: 2, missed: 0 };
     }
 }
 
 /// The other sources that are known, and whose turn it is.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Followed {
-    known: [Option<Known>; OTHERS],
+    known: [Known; OTHERS],
     /// Place to be looked at next.
     place: usize,
     /// Segment of the last search.
     searched: u32,
-    /// Direction of the strongest source in the segment before.
-    strongest: Option<Direction>,
+    /// Direction of the strongest source in the segment before; zero where there was none.
+    strongest: Direction,
 }
 
 /// What is done in a segment beside its strongest source.
@@ -172,27 +171,26 @@ pub(super) enum Turn {
 }
 
 impl Followed {
-    pub(super) const NONE: Self = Self { known: [None; OTHERS], place: 0, searched: 0, strongest: None };
+    pub(super) const NONE: Self =
+        Self { known: [Known::NONE; OTHERS], place: 0, searched: 0, strongest: [0.0; 3] };
 
     /// Whether any other source was found lately.
     pub(super) fn any(&self) -> bool {
-        self.known.iter().any(Option::is_some)
+        self.known.iter().any(|k| k.found > 0)
     }
 
     /// What is next: each that is followed, then an octave or, every [`SECOND_EVERY`] segments, a search; sooner where one found is to be
     /// found again. A search costs as much as the first, and others move slowly.
     pub(super) fn turn(&mut self, segment: u32) -> Turn {
         for place in self.place..OTHERS {
-            if self.known.get(place).is_some_and(|k| k.is_some_and(|k| k.lasts)) {
+            if self.known.get(place).is_some_and(Known::lasts) {
                 self.place = place + 1;
                 return Turn::Follow(place);
             }
         }
         self.place = 0;
-        let doubtful = self.known.iter().flatten().any(|k| !k.lasts);
-        let room = self.known.iter().any(|k| k.is_none_or(|k| !k.lasts));
-        let every = if doubtful { AGAIN_AFTER } else { SECOND_EVERY };
-        if room && segment.wrapping_sub(self.searched) >= every {
+        let every = if self.known.iter().any(|k| k.found == 1) { AGAIN_AFTER } else { SECOND_EVERY };
+        if !self.known.iter().all(Known::lasts) && segment.wrapping_sub(self.searched) >= every {
             self.searched = segment;
             return Turn::Search;
         }
@@ -201,35 +199,42 @@ impl Followed {
 
     /// Takes the strongest source's direction: where that was one of the others, they change places.
     pub(super) fn strongest(&mut self, plan: &Plan, direction: Direction, segment: u32) {
-        let near = near(plan);
-        let before = self.strongest.replace(direction).filter(|b| wavefront::dot(b, &direction) <= near);
-        for slot in &mut self.known {
-            if slot.is_some_and(|k| wavefront::dot(&k.expected(segment), &direction) > near) {
-                let lasts = slot.is_some_and(|k| k.lasts);
-                *slot = before.map(|before| Known { lasts, ..Known::new(before, segment.wrapping_sub(1)) });
+        let before = core::mem::replace(&mut self.strongest, direction);
+        let other = wavefront::dot(&before, &direction) <= near(plan) && before != [0.0; 3];
+        for known in &mut self.known {
+            if known.is_at(plan, &direction, segment) {
+                let found = if other { known.found } else { 0 };
+                *known = Known { direction: before, segment: segment.wrapping_sub(1), found, ..Known::NONE };
             }
         }
     }
 
-    /// Takes a source found by a search: the place of one that was there before, within what it can have moved, or none. It is
-    /// kept where there is room.
+    /// Takes a source found by a search: whether it is one that was there before, within what it can have moved. It is kept where
+    /// there is room.
     fn found(&mut self, direction: Direction, segment: u32) -> bool {
-        let same = |k: &Known| wavefront::dot(&k.direction, &direction) > m::cos(SECOND_MOVES_RAD);
-        if let Some(known) = self.known.iter_mut().flatten().find(|k| same(k)) {
+        let same =
+            |k: &Known| k.found > 0 && wavefront::dot(&k.direction, &direction) > m::cos(SECOND_MOVES_RAD);
+        if let Some(known) = self.known.iter_mut().find(|k| same(k)) {
             known.take(direction, segment);
             return true;
         }
-        let new = Known::new(direction, segment);
         // What was not found again makes room.
-        let place = self.known.iter().position(|k| k.is_none_or(|k| !k.lasts));
-        if let Some(slot) = place.and_then(|n| self.known.get_mut(n)) {
-            *slot = Some(new);
+        if let Some(known) = self.known.iter_mut().find(|k| !k.lasts()) {
+            *known = Known { direction, segment, found: 1, ..Known::NONE };
         }
         false
+    }
+
+    /// What a search did not find again did not last.
+    fn drop_doubtful(&mut self) {
+        for known in self.known.iter_mut().filter(|k| !k.lasts()) {
+            known.found = 0;
+        }
     }
 }
 
 /// Cosine of the angle within which another source is what is left of the first.
+#[inline(never)]
 fn near(plan: &Plan) -> f32 {
     m::cos(SECOND_APART_CELLS * plan.whole.resolution)
 }
@@ -249,7 +254,8 @@ pub(super) fn search(
     let plan = context.plan;
     let segment = memory.segments;
     refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
-    for known in memory.others.known.iter().flatten().filter(|k| k.lasts) {
+    let known = memory.others.known;
+    for known in known.iter().filter(|k| k.lasts()) {
         let at = known.expected(segment);
         let tau = context.delays(&at, context.curvature(&at).0);
         let raw = &mut scratch.spectrum.raw;
@@ -259,22 +265,20 @@ pub(super) fn search(
         }
         refine::remove(plan, context.band, spectra, &tau, raw);
     }
-    let known = memory.others.known;
     let is_new = |direction: &Direction| {
-        let left = |k: &Known| k.lasts && wavefront::dot(&k.expected(segment), direction) > near(plan);
-        wavefront::dot(direction, &first.refined.direction) <= near(plan) && !known.iter().flatten().any(left)
+        wavefront::dot(direction, &first.refined.direction) <= near(plan)
+            && !known.iter().any(|k| k.lasts() && k.is_at(plan, direction, segment))
     };
     let other = find(context, None, spectra, scratch).filter(|other| is_new(&other.refined.direction));
     let Some(other) = other else {
-        // What is not found again did not last.
-        for slot in &mut memory.others.known {
-            *slot = slot.filter(|k| k.lasts);
-        }
+        memory.others.drop_doubtful();
         return;
     };
-    let direction = other.refined.direction;
-    let lasts = memory.others.found(direction, segment);
-    tell(context, &other, lasts, spectra, scratch, sink);
+    if memory.others.found(other.refined.direction, segment)
+        && let Some(bearing) = told(context, &other, SECOND, spectra, scratch)
+    {
+        sink(Message::Bearing(bearing));
+    }
 }
 
 /// Looks at a source that is followed, in what the first leaves, from where it is expected.
@@ -289,42 +293,40 @@ pub(super) fn follow(
 ) {
     let plan = context.plan;
     let segment = memory.segments;
-    let Some(slot) = memory.others.known.get_mut(place) else { return };
-    let Some(known) = slot else { return };
+    let Some(known) = memory.others.known.get_mut(place) else { return };
     let expected = known.expected(segment);
-    if wavefront::dot(&expected, &first.refined.direction) > near(plan) {
-        // Two vessels in one direction: it may come out on the other side.
-        known.missed = known.missed.saturating_add(1);
-    } else {
+    known.missed = known.missed.saturating_add(1);
+    // Two vessels in one direction: it may come out on the other side.
+    if wavefront::dot(&expected, &first.refined.direction) <= near(plan) {
         refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
         let again = examine(context, None, &expected, spectra, scratch)
             .filter(|found| wavefront::dot(&found.refined.direction, &expected) > near(plan));
-        match again {
-            Some(found) => {
-                known.take(found.refined.direction, segment);
-                tell(context, &found, true, spectra, scratch, sink);
+        if let Some(found) = again {
+            known.take(found.refined.direction, segment);
+            if let Some(bearing) = told(context, &found, SECOND, spectra, scratch) {
+                sink(Message::Bearing(bearing));
             }
-            None => known.missed = known.missed.saturating_add(1),
         }
     }
-    *slot = slot.filter(|k| k.missed < MISSED);
+    if known.missed >= MISSED {
+        *known = Known::NONE;
+    }
 }
 
-/// Reports another source where it `lasts` and the pairs agree.
-fn tell(
+/// The bearing of a source that was found in what louder ones left, where the pairs agree. What those left counts as its noise.
+#[inline(never)]
+fn told(
     context: &Context<'_>,
-    other: &Found,
-    lasts: bool,
+    found: &Found,
+    band: u8,
     spectra: &Spectra,
     scratch: &mut Scratch,
-    sink: &mut impl FnMut(Message),
-) {
-    scratch.spectrum.restore(refine::shared_signal(context.plan, context.band.used, &other.tau));
+) -> Option<Bearing> {
     let work = &mut scratch.spectrum;
+    work.restore(refine::shared_signal(context.plan, context.band.used, &found.tau));
     refine::smoothed(context.band, context.noise(1.0), &work.raw, &mut work.smooth);
-    let others = scattered(context, other, spectra, work);
-    let bearing = bearing(context, other, work, Doubt::NONE, 0.0, 1, others);
-    if let Some(bearing) = bearing.filter(|b| lasts && b.quality >= SECOND_LEAST_QUALITY) {
-        sink(Message::Bearing(bearing));
-    }
+    let scatter = refine::scatter(context, found, spectra, (&work.smooth, &work.weight));
+    let others = Others::Scatter(scatter.ratio);
+    bearing(context, found, work, Doubt::NONE, 0.0, band, others)
+        .filter(|b| b.quality >= SECOND_LEAST_QUALITY)
 }

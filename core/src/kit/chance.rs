@@ -12,6 +12,7 @@ pub fn chi_squared_limit(freedom: f64) -> f64 {
 }
 
 /// By what a covariance grows where the squared residual a degree of freedom is `consistency`: nothing while that is chance.
+#[inline(never)]
 pub fn growth(consistency: f64, freedom: f64) -> f64 {
     let freedom = freedom.max(1.0);
     if consistency * freedom > chi_squared_limit(freedom) { consistency } else { 1.0 }

@@ -94,6 +94,7 @@ impl Misfit {
 }
 
 /// Position at `t_s` and its covariance `[xx, yy, xy]`.
+#[inline(never)]
 pub fn position(line: &Line, covariance: &Matrix, t_s: f64) -> ([f64; 2], [f64; 3]) {
     let (at, d) = line.position(t_s);
     let c = |a: usize, b: usize| quadratic(&d[a], covariance, &d[b]);
@@ -108,6 +109,7 @@ pub fn floor(limits: &Limits, speed_m_s: f64) -> [f64; PARAMETERS] {
 }
 
 /// Builds the solution of a converged fit over `n` bearings; `None` if its matrix has no inverse.
+#[inline(never)]
 pub fn solution(
     line: &Line,
     normal: &Normal,
@@ -125,6 +127,7 @@ pub fn solution(
 }
 
 /// What a fit of these normal equations leaves of so many measurements.
+#[inline(never)]
 pub fn misfit(normal: &Normal, free: &[bool; PARAMETERS], measurements: f64) -> Misfit {
     let unknowns = free.iter().filter(|f| **f).count() as f64;
     Misfit { cost: normal.cost(), freedom: measurements - unknowns }

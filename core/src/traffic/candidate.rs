@@ -120,6 +120,7 @@ impl Candidate {
 
     /// Least-squares line, each bearing by its own variance, extrapolated to `t_s`. With fewer than three bearings the rate is only
     /// known to lie below [`FASTEST_RAD_S`] (a third of it as standard deviation).
+    #[inline(never)]
     fn trend(&self, t_s: f64) -> Option<Trend> {
         let origin = self.bearings().next()?.1;
         let span = (t_s - self.start_s).max(0.0);
