@@ -21,6 +21,10 @@ const SHARED_ENERGY: f32 = 0.1;
 /// 2 m/s part a pair's delays by [`SAME_DELAY_S`] at 20 km.
 const ALONG_S: f32 = 300.0;
 
+/// Radial speed by which what moves along with an echo may differ from what its range makes of the vessel's, m/s: twice that which parts
+/// delays within [`ALONG_S`].
+const ALONG_M_S: f32 = 4.0;
+
 /// Ranges closer than this are one place, m.
 const SAME_PLACE_M: f32 = 1500.0;
 
@@ -110,6 +114,11 @@ impl<'t> Interference<'t> {
     /// Whether a notable part of what a vessel at `range_m` and `speed_m_s` would draw moves along with what a known vessel draws: the
     /// same echo read as another pair of paths, for another vessel would have to keep to that range for [`ALONG_S`] to either side.
     pub fn follows(&self, (range_m, speed_m_s): (f32, f32), (known_m, known_m_s): (f32, f32)) -> bool {
+        // Delays go as one over range: an echo moves as many times faster as it seems farther. Most of what is none is told by that.
+        let odd = speed_m_s * known_m - known_m_s * range_m;
+        if math::f32::abs(odd) > ALONG_M_S * known_m.max(range_m) {
+            return false;
+        }
         let at = |t_s: f32| (range_m + speed_m_s * t_s, known_m + known_m_s * t_s);
         let (strongest, share) = self.shared_at(&[at(0.0), at(-ALONG_S), at(ALONG_S)]);
         strongest || share > SHARED_ENERGY
