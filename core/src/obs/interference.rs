@@ -140,15 +140,20 @@ impl<'t> Interference<'t> {
         let j = (range_m / RANGE_STEP_M) as usize;
         let (mut strongest, mut most, mut all, mut shared) = (false, f32::NEG_INFINITY, 0f32, 0f32);
         for b in 0..table.branches() {
-            let p = table.pulses(b).nth(j).unwrap_or(Pulse::NONE);
+            let p = table.pulse(b, j);
             let energy = f32::from(p.re) * f32::from(p.re) + f32::from(p.im) * f32::from(p.im);
-            let same = |of: usize| {
-                ranges.iter().all(|(range_m, known_m)| {
-                    let known = table.delay_s(of, *known_m).zip(table.delay_s(b, *range_m));
-                    known.is_some_and(|(d, delay)| math::f32::abs(d - delay) < SAME_DELAY_S)
+            let drawn = table.delay_s(b, *range_m).is_some_and(|first| {
+                (0..table.branches()).any(|of| {
+                    // The first pair of ranges tells most that are not the same.
+                    let near = |known_m: f32, delay: f32| {
+                        let known = table.delay_s(of, known_m);
+                        known.is_some_and(|d| math::f32::abs(d - delay) < SAME_DELAY_S)
+                    };
+                    let mut others = ranges.iter().skip(1);
+                    near(*known_m, first)
+                        && others.all(|(r, known)| table.delay_s(b, *r).is_some_and(|d| near(*known, d)))
                 })
-            };
-            let drawn = (0..table.branches()).any(same);
+            });
             if energy > most {
                 (strongest, most) = (drawn, energy);
             }

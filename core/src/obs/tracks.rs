@@ -263,12 +263,13 @@ fn without(plan: &Plan<'_>, course: &Course, echoes: bool, m: Minute) -> Minute 
 /// A vessel in the minutes from `from` to `to` that no other track explains.
 fn find(plan: &Plan<'_>, evidence: &Evidence, others: &Others, from: u32, to: u32) -> Option<Live> {
     let travel = &plan.travel;
-    let minutes = unexplained(plan, evidence, others, None, from, to);
-    let (course, first) = search(travel, STEP_S, minutes.clone())?;
+    let left = |m| without_all(plan, others, m);
+    let (course, first) = search(travel, STEP_S, evidence.between(from, to), left)?;
     if first.directions < ACCEPT.1 / 2 || first.distances < ACCEPT.2 / 2 {
         return None;
     }
-    let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes.clone())?;
+    let minutes = unexplained(plan, evidence, others, None, from, to);
+    let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes)?;
     let mut live =
         Live { id: 0, course, covariance, now: course, score: Score::default(), from, to, sent: 0 };
     live.bound(plan, evidence, others, to);
