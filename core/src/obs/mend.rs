@@ -150,7 +150,8 @@ impl Mender {
         Some((middle, false))
     }
 
-    /// Puts that many samples right if they are a spike.
+    /// Puts that many samples right if they are a spike. Seldom asked, and large.
+    #[inline(never)]
     fn mend(&mut self, samples: usize) -> bool {
         let mean_square = self.mean_square;
         let mut window = self.window;

@@ -299,18 +299,15 @@ impl Presence {
         }
         let mut mass = [0f32; OWNERS];
         for column in self.density.as_flattened() {
-            for (owner, at) in runs(&self.owner, self.cells) {
-                let mass = of(&mut mass, owner);
-                *mass = column.get(at).unwrap_or_default().iter().fold(*mass, |mass, d| mass + unpack(*d));
+            for (d, owner) in column.iter().zip(&self.owner).take(self.cells) {
+                *of(&mut mass, *owner) += unpack(*d);
             }
         }
         let mut scale = mass.map(|m| 1.0 / m.max(1e-30));
         scale.iter_mut().zip(&expected).for_each(|(s, _)| *s *= 1.0 - EXPECTED);
         for column in self.density.as_flattened_mut() {
-            for (owner, at) in runs(&self.owner, self.cells) {
-                let scale = *of(&mut scale, owner);
-                let cells = column.get_mut(at).unwrap_or_default();
-                cells.iter_mut().for_each(|d| *d = pack(unpack(*d) * scale));
+            for (d, owner) in column.iter_mut().zip(&self.owner).take(self.cells) {
+                *d = pack(unpack(*d) * *of(&mut scale, *owner));
             }
         }
         for (k, e) in expected.iter().enumerate() {
@@ -349,17 +346,13 @@ impl Presence {
         let energy: [f32; RANGE_CELLS] = core::array::from_fn(|i| model.energy(i, frames));
         let mut top = [0f32; OWNERS];
         for row in grid {
-            for (owner, at) in runs(&self.owner, cells) {
-                let near = row.get(at.clone()).zip(energy.get(at));
-                let cells = near.map(|(row, energy)| row.iter().zip(energy)).into_iter().flatten();
-                let top = of(&mut top, owner);
-                *top = cells.fold(*top, |top, (g, energy)| {
-                    let log_ratio = f32::from(*g) * GRID_UNIT;
-                    SHARES.iter().fold(top, |top, share| {
-                        let x = at_share(log_ratio, *energy, *share);
-                        if x > top { x } else { top }
-                    })
-                });
+            for ((g, energy), owner) in row.iter().zip(&energy).zip(&self.owner).take(cells) {
+                let top = of(&mut top, *owner);
+                let log_ratio = f32::from(*g) * GRID_UNIT;
+                for share in SHARES {
+                    let x = at_share(log_ratio, *energy, share);
+                    *top = if x > *top { x } else { *top };
+                }
             }
         }
         let mut miss = top.map(|t| (1.0 - DETECTION) * math::f32::exp(-t));
@@ -437,12 +430,10 @@ impl Presence {
             };
         }
         for column in self.density.as_flattened_mut() {
-            for (owner, at) in runs(&self.owner, cells) {
-                let (seen, hidden) = *of(&mut scale, owner);
-                let cells = column.get_mut(at.clone()).zip(shown.get(at));
-                for (d, shown) in cells.map(|(c, s)| c.iter_mut().zip(s)).into_iter().flatten() {
-                    *d = pack(unpack(*d) * if *shown { seen } else { hidden });
-                }
+            let cells = column.iter_mut().zip(&self.owner).zip(&shown).take(cells);
+            for ((d, owner), shown) in cells {
+                let (seen, hidden) = *of(&mut scale, *owner);
+                *d = pack(unpack(*d) * if *shown { seen } else { hidden });
             }
         }
         let mut evidence = [f32::NEG_INFINITY; OWNERS];
