@@ -49,6 +49,8 @@ where
     }
     // Scores of candidates look at every nth minute only, at most 60 of them.
     let stride = minutes.clone().count() / 60 + 1;
+    let every =
+        |nth: usize, course: &Course| score(course, travel, step_s, minutes.clone().step_by(nth).map(left));
     let mut best: Option<(Course, Score)> = None;
     for (i, a) in anchors.iter().flatten().enumerate() {
         for b in anchors.iter().flatten().skip(i + 1) {
@@ -57,14 +59,14 @@ where
             }
             for (first, second) in ends(a).flat_map(|x| ends(b).map(move |y| (x, y))) {
                 let Some(course) = join(travel, step_s, a, &first, b, &second) else { continue };
-                let s = score(&course, travel, step_s, minutes.clone().step_by(stride).map(left));
+                let s = every(stride, &course);
                 if best.as_ref().is_none_or(|(_, most)| s.log > most.log) {
                     best = Some((course, s));
                 }
             }
         }
     }
-    best.map(|(course, _)| (course, score(&course, travel, step_s, minutes.map(left))))
+    best.map(|(course, _)| (course, every(1, &course)))
 }
 
 /// Every direction with every range of a minute.

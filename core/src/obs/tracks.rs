@@ -240,7 +240,8 @@ fn unexplained<'a>(
     evidence.between(from, to).map(move |m| plan.lasting.shifted(error, without_all(plan, others, m)))
 }
 
-/// A minute without what any of these vessels explains.
+/// A minute without what any of these vessels explains. Wanted in many places, and large.
+#[inline(never)]
 fn without_all(plan: &Plan<'_>, others: &Others, m: Minute) -> Minute {
     let all = others.courses.iter().zip(others.echoes);
     all.fold(m, |m, (course, echoes)| course.as_ref().map_or(m, |c| without(plan, c, echoes, m)))
