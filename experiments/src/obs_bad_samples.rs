@@ -34,17 +34,19 @@ const WRONG: f64 = 10.0 * std::f64::consts::PI / 180.0;
 #[derive(Clone, Copy)]
 enum Damage {
     None,
-    /// From one to the next, s, and height, counts (the sea has 1000).
-    Spikes(f64, f64),
+    /// From one to the next, s, height, counts (the sea has 1000), and how many samples each lasts.
+    Spikes(f64, f64, u64),
     /// Limit over the standard deviation of pressure.
     Clipped(f64),
 }
 
-const DAMAGES: [(&str, Damage); 7] = [
+const DAMAGES: [(&str, Damage); 9] = [
     ("clean", Damage::None),
-    ("spikes of 20 every 300 s", Damage::Spikes(300.0, 2e4)),
-    ("spikes of 1000 every 300 s", Damage::Spikes(300.0, 1e6)),
-    ("spikes of 1000 every 7 s", Damage::Spikes(7.0, 1e6)),
+    ("spikes of 20 every 300 s", Damage::Spikes(300.0, 2e4, 1)),
+    ("spikes of 1000 every 300 s", Damage::Spikes(300.0, 1e6, 1)),
+    ("spikes of 1000 every 7 s", Damage::Spikes(7.0, 1e6, 1)),
+    ("spikes of 1000, three samples, every 300 s", Damage::Spikes(300.0, 1e6, 3)),
+    ("spikes of 1000, three samples, every 7 s", Damage::Spikes(7.0, 1e6, 3)),
     ("clipped at 4.5 deviations", Damage::Clipped(4.5)),
     ("clipped at 3 deviations", Damage::Clipped(3.0)),
     ("clipped at 2.2 deviations", Damage::Clipped(2.2)),
@@ -81,7 +83,9 @@ fn run(options: &Options) -> Result<()> {
             let damaged = |s: &ObsScenario, deviation: f64| {
                 let faults = match damage {
                     Damage::None => Vec::new(),
-                    Damage::Spikes(every_s, counts) => vec![ObsFault::Spikes(Spikes { every_s, counts })],
+                    Damage::Spikes(every_s, counts, samples) => {
+                        vec![ObsFault::Spikes(Spikes { every_s, counts, samples })]
+                    }
                     Damage::Clipped(limit) => vec![ObsFault::Clipped(Clip { counts: limit * deviation })],
                 };
                 ObsScenario { faults, ..s.clone() }

@@ -21,6 +21,10 @@ const SHARED_ENERGY: f32 = 0.1;
 /// 2 m/s part a pair's delays by [`SAME_DELAY_S`] at 20 km.
 const ALONG_S: f32 = 300.0;
 
+/// Radial speed by which what moves along with an echo may differ from what its range makes of the vessel's, m/s: twice that which parts
+/// delays within [`ALONG_S`].
+const ALONG_M_S: f32 = 4.0;
+
 /// Ranges closer than this are one place, m.
 const SAME_PLACE_M: f32 = 1500.0;
 
@@ -110,6 +114,11 @@ impl<'t> Interference<'t> {
     /// Whether a notable part of what a vessel at `range_m` and `speed_m_s` would draw moves along with what a known vessel draws: the
     /// same echo read as another pair of paths, for another vessel would have to keep to that range for [`ALONG_S`] to either side.
     pub fn follows(&self, (range_m, speed_m_s): (f32, f32), (known_m, known_m_s): (f32, f32)) -> bool {
+        // Delays go as one over range: an echo moves as many times faster as it seems farther. Most of what is none is told by that.
+        let odd = speed_m_s * known_m - known_m_s * range_m;
+        if math::f32::abs(odd) > ALONG_M_S * known_m.max(range_m) {
+            return false;
+        }
         let at = |t_s: f32| (range_m + speed_m_s * t_s, known_m + known_m_s * t_s);
         let (strongest, share) = self.shared_at(&[at(0.0), at(-ALONG_S), at(ALONG_S)]);
         strongest || share > SHARED_ENERGY
@@ -131,15 +140,20 @@ impl<'t> Interference<'t> {
         let j = (range_m / RANGE_STEP_M) as usize;
         let (mut strongest, mut most, mut all, mut shared) = (false, f32::NEG_INFINITY, 0f32, 0f32);
         for b in 0..table.branches() {
-            let p = table.pulses(b).nth(j).unwrap_or(Pulse::NONE);
+            let p = table.pulse(b, j);
             let energy = f32::from(p.re) * f32::from(p.re) + f32::from(p.im) * f32::from(p.im);
-            let same = |of: usize| {
-                ranges.iter().all(|(range_m, known_m)| {
-                    let known = table.delay_s(of, *known_m).zip(table.delay_s(b, *range_m));
-                    known.is_some_and(|(d, delay)| math::f32::abs(d - delay) < SAME_DELAY_S)
+            let drawn = table.delay_s(b, *range_m).is_some_and(|first| {
+                (0..table.branches()).any(|of| {
+                    // The first pair of ranges tells most that are not the same.
+                    let near = |known_m: f32, delay: f32| {
+                        let known = table.delay_s(of, known_m);
+                        known.is_some_and(|d| math::f32::abs(d - delay) < SAME_DELAY_S)
+                    };
+                    let mut others = ranges.iter().skip(1);
+                    near(*known_m, first)
+                        && others.all(|(r, known)| table.delay_s(b, *r).is_some_and(|d| near(*known, d)))
                 })
-            };
-            let drawn = (0..table.branches()).any(same);
+            });
             if energy > most {
                 (strongest, most) = (drawn, energy);
             }

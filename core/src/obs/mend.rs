@@ -1,9 +1,9 @@
-//! Single samples that no sound makes: spikes, which are put right, and a converter's rail below its full scale, which is told.
+//! Samples that no sound makes: spikes, which are put right, and a converter's rail below its full scale, which is told.
 //!
-//! A spike is one sample far off the line between its neighbours, which are themselves where theirs expect them once it is
-//! gone; sound that fills the band bends its neighbours too. The distances of the three used components are judged
+//! A spike is one to [`LONGEST`] samples, each far off the line between those on either side, which are themselves where their neighbours
+//! expect them once it is gone; sound that fills the band bends its neighbours too. The distances of the three used components are judged
 //! together, each against its own running mean square, so that a spike common to all is found where it is weak in each.
-//! The sample is replaced by that line. Enters: one instant after another of a run; leaves: the instant [`Mender::LAG`] before.
+//! The samples are replaced by that line. Enters: one instant after another of a run; leaves: the instant [`Mender::LAG`] before.
 //!
 //! A rail is a code that is the extreme of a hop and comes up in it [`RAIL_HITS`] times: extremes of a sound are met once.
 //! Cost: 60 instructions an instant.
@@ -11,8 +11,14 @@
 use super::limits::{HOP, USED_CHANNELS};
 use crate::block::{CHANNELS, Frame};
 
-/// Instants looked at together: the one judged and two on either side.
-const WINDOW: usize = 5;
+/// Most samples of a spike: what takes longer is as slow as sound.
+const LONGEST: usize = 3;
+
+/// Instants looked at together: those judged and two on either side.
+const WINDOW: usize = LONGEST + 4;
+
+/// Instants before the first that is judged.
+const BEFORE: usize = 2;
 
 /// Instants of a run before its level is known; none is put right in them.
 const WARM_UP: u16 = 64;
@@ -29,6 +35,10 @@ const ORDINARY: f32 = 18.0;
 
 /// How many times farther out a spike is, squared, than what was before it and than its neighbours are when it is gone.
 const STANDS_OUT: f32 = 6.0;
+
+/// The same of a spike of several samples: two or three on one side are also half a period of sound at a quarter of the rate, which stands
+/// out from before 4.6 times and more where it sets in.
+const LONGER_STANDS_OUT: f32 = 40.0;
 
 /// What is remembered of what was before, from instant to instant: half after four.
 const RECENT: f32 = 0.85;
@@ -55,6 +65,8 @@ pub(super) struct Mender {
     recent: f32,
     /// The sum of the instant before the one judged, of which the next may have been a part.
     newest: f32,
+    /// Instants from the first judged on that are put right already.
+    mended: u8,
     /// Instants that the mean squares are of, up to [`MEMORY`].
     known: u16,
 }
@@ -68,9 +80,22 @@ fn squares(a: &Instant, b: &Instant, c: &Instant) -> Instant {
     })
 }
 
+/// The sum of squared distances of all components, each in its mean square.
+fn total(distances: &Instant, mean_square: &Instant) -> f32 {
+    distances.iter().zip(mean_square).map(|(d, m)| d / m.max(STILL)).sum()
+}
+
+/// What is at that part of the way from one instant to another.
+fn between(a: &Instant, b: &Instant, part: f32) -> Instant {
+    core::array::from_fn(|i| {
+        let [a, b] = [a, b].map(|x| x.get(i).copied().unwrap_or(0.0));
+        a + part * (b - a)
+    })
+}
+
 impl Mender {
     /// Instants by which what leaves is behind what enters.
-    pub(super) const LAG: usize = WINDOW / 2;
+    pub(super) const LAG: usize = WINDOW - 1 - BEFORE;
 
     /// Nothing heard; all zeros.
     pub(super) const fn new() -> Self {
@@ -80,6 +105,7 @@ impl Mender {
             mean_square: [0.0; USED_CHANNELS],
             recent: 0.0,
             newest: 0.0,
+            mended: 0,
             known: 0,
         }
     }
@@ -87,6 +113,7 @@ impl Mender {
     /// A run begins: what was before is no neighbour; levels stay.
     pub(super) fn restart(&mut self) {
         self.held = 0;
+        self.mended = 0;
     }
 
     /// Takes an instant; gives the one [`Self::LAG`] before, once there is one, and whether it was a spike.
@@ -95,40 +122,22 @@ impl Mender {
         let [.., last] = &mut self.window;
         *last = x;
         self.held = (self.held + 1).min(WINDOW);
-        let [_, _, middle, _, _] = self.window;
+        let [_, before, middle, after, ..] = self.window;
         if self.held < WINDOW {
             // The first of a run have no neighbours before them.
             return (self.held > Self::LAG).then_some((middle, false));
         }
-        let [first, before, _, after, last] = &self.window;
-        let distances = squares(before, &middle, after);
-        let mean_square = self.mean_square;
-        let weighed = |distances: &Instant| -> Instant {
-            core::array::from_fn(|i| {
-                let [d, m] = [distances, &mean_square].map(|x| x.get(i).copied().unwrap_or(0.0));
-                d / m.max(STILL)
-            })
-        };
-        let total = |distances: &Instant| weighed(distances).iter().sum::<f32>();
-        let own = weighed(&distances);
-        let all = own.iter().sum::<f32>();
-        let mut mended = middle;
-        let mut spike = false;
-        if self.known >= WARM_UP && all > SPIKE && all > STANDS_OUT * self.recent {
-            for ((m, own), (a, c)) in mended.iter_mut().zip(own).zip(before.iter().zip(after)) {
-                if own > OWN {
-                    *m = 0.5 * (a + c);
-                }
-            }
-            let most = ORDINARY.min(all / STANDS_OUT);
-            spike = total(&squares(first, before, &mended)) < most
-                && total(&squares(&mended, after, last)) < most;
+        if self.mended > 0 {
+            self.mended -= 1;
+            return Some((middle, true));
         }
-        if spike {
-            let [_, _, middle, _, _] = &mut self.window;
-            *middle = mended;
+        let distances = squares(&before, &middle, &after);
+        let all = total(&distances, &self.mean_square);
+        // Where a spike is longer its first sample is at least half as far from the middle between its neighbours.
+        if self.known >= WARM_UP && all > 0.25 * SPIKE && (1..=LONGEST).any(|samples| self.mend(samples)) {
+            let [_, _, middle, ..] = self.window;
             self.newest = 0.0;
-            return Some((mended, true));
+            return Some((middle, true));
         }
         self.known = (self.known + 1).min(MEMORY);
         let warm = self.known > WARM_UP;
@@ -139,6 +148,46 @@ impl Mender {
             *m += (d - *m) / f32::from(self.known);
         }
         Some((middle, false))
+    }
+
+    /// Puts that many samples right if they are a spike. Seldom asked, and large.
+    #[inline(never)]
+    fn mend(&mut self, samples: usize) -> bool {
+        let mean_square = self.mean_square;
+        let mut window = self.window;
+        let [first, before, spike @ ..] = &mut window;
+        let Some((spike, [after, last, ..])) = spike.split_at_mut_checked(samples) else { return false };
+        // Each sample must be far off, or what is beside a spike would be taken for a part of it.
+        let (mut least, mut own) = (f32::INFINITY, [0f32; USED_CHANNELS]);
+        for (n, x) in spike.iter().enumerate() {
+            let expected = between(before, after, (n + 1) as f32 / (samples + 1) as f32);
+            let mut all = 0.0;
+            for (own, ((x, e), m)) in own.iter_mut().zip(x.iter().zip(expected).zip(mean_square)) {
+                let weighed = (x - e) * (x - e) / m.max(STILL);
+                all += weighed;
+                *own = own.max(weighed);
+            }
+            least = least.min(all);
+        }
+        let stands_out = if samples > 1 { LONGER_STANDS_OUT } else { STANDS_OUT };
+        if !(least > SPIKE && least > stands_out * self.recent) {
+            return false;
+        }
+        for (n, x) in spike.iter_mut().enumerate() {
+            let expected = between(before, after, (n + 1) as f32 / (samples + 1) as f32);
+            for ((x, e), _) in x.iter_mut().zip(expected).zip(own).filter(|(_, own)| *own > OWN) {
+                *x = e;
+            }
+        }
+        let most = ORDINARY.min(least / stands_out);
+        let (Some(head), Some(tail)) = (spike.first(), spike.last()) else { return false };
+        let ordinary = |distances: Instant| total(&distances, &mean_square) < most;
+        if !(ordinary(squares(first, before, head)) && ordinary(squares(tail, after, last))) {
+            return false;
+        }
+        self.window = window;
+        self.mended = (samples - 1) as u8;
+        true
     }
 }
 
@@ -262,9 +311,37 @@ mod tests {
     }
 
     #[test]
+    fn spikes_of_two_and_three_samples_are_put_right_and_longer_ones_are_not() {
+        let mut seed = 21;
+        let clean: Vec<Instant> =
+            (0..20_000).map(|_| core::array::from_fn(|_| gaussian(&mut seed))).collect();
+        // A plateau, a decay, and one that swings to the other side.
+        for shape in [&[1.0, 1.0][..], &[1.0, 1.0, 1.0], &[1.0, 0.5], &[1.0, 0.7, 0.4], &[1.0, -0.8]] {
+            for height in [70_000.0, 1e6] {
+                let mut hit = clean.clone();
+                let at: Vec<usize> = (500..19_000).step_by(607).collect();
+                for k in &at {
+                    for (n, part) in shape.iter().enumerate() {
+                        hit[k + n].iter_mut().for_each(|x| *x += part * height);
+                    }
+                }
+                let out = run(&hit);
+                let whole = |k: usize| (k..k + shape.len()).all(|k| out[k].1);
+                let found = at.iter().filter(|k| whole(**k)).count();
+                assert!(found * 100 >= at.len() * 90, "{shape:?} {height}: {found} of {}", at.len());
+                let inside = |k: usize| at.iter().any(|a| (*a..a + shape.len()).contains(&k));
+                assert!((0..out.len()).all(|k| inside(k) || out[k].0 == clean[k]), "{shape:?}");
+            }
+        }
+        let mut long = clean.clone();
+        (500..510).for_each(|k| long[k].iter_mut().for_each(|x| *x += 1e6));
+        assert!(run(&long).iter().zip(&long).all(|((y, spike), x)| y == x && !spike));
+    }
+
+    #[test]
     fn a_whale_s_note_and_a_loud_tone_are_no_spikes() {
         let mut seed = 5;
-        for hz in [12.0, 16.67, 20.0, 24.0] {
+        for hz in [6.0, 8.3, 10.0, 12.0, 16.67, 20.0, 24.0] {
             let x: Vec<Instant> = (0..10_000)
                 .map(|k| {
                     // A note of 1 s, 26 dB above the noise, every 10 s.

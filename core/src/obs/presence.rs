@@ -124,6 +124,32 @@ fn of<T>(all: &mut [T; OWNERS], owner: u8) -> &mut T {
     known.get_mut(usize::from(owner)).unwrap_or(unclaimed)
 }
 
+/// The stretches of cells that are one owner's each.
+fn runs(owner: &[u8; RANGE_CELLS], cells: usize) -> impl Iterator<Item = (u8, core::ops::Range<usize>)> {
+    let mut from = 0;
+    let all = owner.get(..cells).unwrap_or_default().chunk_by(|a, b| a == b);
+    all.filter_map(move |run| {
+        let at = from..from + run.len();
+        from = at.end;
+        run.first().map(|owner| (*owner, at))
+    })
+}
+
+/// Cells whose likelihoods are computed at a time.
+const BLOCK: usize = 32;
+
+/// What an owner's cells hold in a minute.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    /// Of the cells that show a vessel: what they held, and hold now.
+    before: f32,
+    after: f32,
+    /// Of the others: what they held.
+    hidden: f32,
+    /// All that they hold now.
+    total: f32,
+}
+
 /// A log ratio of echoes at the table's strengths, for echoes at a share of them; `energy` is half the energy modelled.
 /// With ⟨y, μ⟩ = log ratio + energy: `a ⟨y, μ⟩ − a² energy` [O 19].
 fn at_share(log_ratio: f32, energy: f32, share: f32) -> f32 {
@@ -323,43 +349,64 @@ impl Presence {
             for ((g, energy), owner) in row.iter().zip(&energy).zip(&self.owner).take(cells) {
                 let top = of(&mut top, *owner);
                 let log_ratio = f32::from(*g) * GRID_UNIT;
-                *top = SHARES.iter().fold(*top, |top, share| top.max(at_share(log_ratio, *energy, *share)));
+                for share in SHARES {
+                    let x = at_share(log_ratio, *energy, share);
+                    *top = if x > *top { x } else { *top };
+                }
             }
         }
         let mut miss = top.map(|t| (1.0 - DETECTION) * math::f32::exp(-t));
         let mut silent = top.map(|t| math::f32::exp(-t));
-        let (mut total, mut approaching) = ([0f32; OWNERS], [0f32; OWNERS]);
-        // Of the cells that show a vessel: what they held, and hold now. Of the others: what they held.
-        let (mut before, mut after, mut hidden) = ([0f32; OWNERS], [0f32; OWNERS], [0f32; OWNERS]);
+        let mut approaching = [0f32; OWNERS];
+        let mut sums = [Sums::default(); OWNERS];
         let classes = self.density.iter_mut().zip(SHARES);
         let columns =
             classes.flat_map(|(d, share)| d.iter_mut().zip(grid).enumerate().map(move |x| (share, x)));
         for (share, (k, (column, row))) in columns {
-            let row = row.iter().zip(&energy).zip(&shown);
-            for ((d, ((g, energy), shown)), owner) in column.iter_mut().zip(row).zip(&self.owner).take(cells)
-            {
-                let held = unpack(*d);
-                let p = if *shown {
-                    let log_ratio = at_share(f32::from(*g) * GRID_UNIT, *energy, share);
-                    let x = log_ratio - *of(&mut top, *owner);
-                    let hit = if x > -60.0 { DETECTION * math::exp_of_negative(x) } else { 0.0 };
-                    let p = held * (*of(&mut miss, *owner) + hit);
-                    *d = pack(p);
-                    *of(&mut before, *owner) += held;
-                    *of(&mut after, *owner) += p;
-                    p
-                } else {
-                    *of(&mut hidden, *owner) += held;
-                    held * *of(&mut silent, *owner)
+            for (owner, at) in runs(&self.owner, cells) {
+                let (column, row) = (column.get_mut(at.clone()), row.get(at.clone()));
+                let (energy, shown) = (energy.get(at.clone()), shown.get(at));
+                let (Some(column), Some(row), Some(energy), Some(shown)) = (column, row, energy, shown)
+                else {
+                    continue;
                 };
-                *of(&mut total, *owner) += p;
+                let (top, miss, silent) =
+                    (*of(&mut top, owner), *of(&mut miss, owner), *of(&mut silent, owner));
+                // The sum of what approaches goes on from column to column as the others do.
+                let (mut own, mut leaning) = (*of(&mut sums, owner), *of(&mut approaching, owner));
+                let blocks = column.chunks_mut(BLOCK).zip(row.chunks(BLOCK));
+                let of_cells = energy.chunks(BLOCK).zip(shown.chunks(BLOCK));
+                for ((column, row), (energy, shown)) in blocks.zip(of_cells) {
+                    // Apart from the sums, whose terms wait for each other.
+                    let mut now = [0f32; BLOCK];
+                    let held = column.iter().map(|d| unpack(*d));
+                    let cells = held.zip(row.iter().zip(energy)).zip(shown);
+                    for (now, ((held, (g, energy)), shown)) in now.iter_mut().zip(cells) {
+                        let x = at_share(f32::from(*g) * GRID_UNIT, *energy, share) - top;
+                        let likely = x > -60.0;
+                        let exp = math::exp_of_negative(if likely { x } else { -60.0 });
+                        let hit = if likely { DETECTION * exp } else { 0.0 };
+                        *now = held * if *shown { miss + hit } else { silent };
+                    }
+                    for ((d, now), shown) in column.iter_mut().zip(now).zip(shown) {
+                        let held = unpack(*d);
+                        let (seen, hidden) = if *shown { (held, 0.0) } else { (0.0, held) };
+                        own.before += seen;
+                        own.hidden += hidden;
+                        own.after += if *shown { now } else { 0.0 };
+                        own.total += now;
+                        leaning += now;
+                        *d = if *shown { pack(now) } else { *d };
+                    }
+                }
+                *of(&mut sums, owner) = own;
                 if k < SPEEDS / 2 {
-                    *of(&mut approaching, *owner) += p;
+                    *of(&mut approaching, owner) = leaning;
                 }
             }
         }
-        let [.., unclaimed] = total;
-        let usable = unclaimed > 1e-37;
+        let [.., unclaimed] = &sums;
+        let usable = unclaimed.total > 1e-37;
         if !usable {
             self.restart();
             return RangePresence {
@@ -372,9 +419,8 @@ impl Presence {
         // What is hidden keeps its share, unless nothing else is left; of a vessel not tracked only a little, or noise would
         // gather there what nothing can contradict.
         let mut scale = [(0f32, 0f32); OWNERS];
-        for (owner, (((scale, before), after), hidden)) in
-            scale.iter_mut().zip(before).zip(after).zip(hidden).enumerate()
-        {
+        for (owner, (scale, sums)) in scale.iter_mut().zip(&sums).enumerate() {
+            let Sums { before, after, hidden, .. } = *sums;
             let most = if owner == usize::from(UNCLAIMED) { MOST_HIDDEN } else { 1.0 };
             *scale = if after > 1e-37 {
                 let share = (hidden / (before + hidden)).min(most);
@@ -395,14 +441,14 @@ impl Presence {
         let (mut leaning, mut sure) = (0f32, 0f32);
         for k in 0..OWNERS {
             let (Some(total), Some(top), Some(present), Some(evidence)) =
-                (total.get(k), top.get(k), self.present.get_mut(k), evidence.get_mut(k))
+                (sums.get(k).map(|s| s.total), top.get(k), self.present.get_mut(k), evidence.get_mut(k))
             else {
                 continue;
             };
-            if *total <= 1e-37 {
+            if total <= 1e-37 {
                 continue;
             }
-            *evidence = math::f32::ln(*total) + top;
+            *evidence = math::f32::ln(total) + top;
             let odds = (math::f32::ln(*present / (1.0 - *present)) + *evidence).clamp(-12.0, 12.0);
             *present = math::f32::exp(odds) / (1.0 + math::f32::exp(odds));
             log_odds = log_odds.max(odds);

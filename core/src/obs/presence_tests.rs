@@ -203,7 +203,7 @@ fn what_stands_still_or_is_too_fast_is_a_vessels_only_where_a_track_expects_it()
 }
 
 /// A table of two pairs of paths, the second with the delays that the first has at half the range.
-fn two_pairs() -> Vec<u8> {
+pub(super) fn two_pairs() -> Vec<u8> {
     let first: Vec<f32> = (0..716).map(|j| 4.5 - 0.004 * j as f32).collect();
     let second: Vec<f32> = (0..716).map(|j| 4.5 - 0.002 * j as f32).collect();
     let strength = [0.06f32; 716];

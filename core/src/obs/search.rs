@@ -20,23 +20,37 @@ const SPEED_M_S: (f64, f64) = (0.3, 18.0);
 /// Least time between the two minutes of a pair, minutes: below it the velocity is too uncertain.
 const APART: u32 = 12;
 
-/// The best course through two minutes, with its score over all `minutes`.
-pub fn search<I>(travel: &TravelTime, step_s: f64, minutes: I) -> Option<(Course, Score)>
+/// The best course through two minutes, with its score over all `minutes`, of each of which only what `left` leaves counts.
+pub fn search<I>(
+    travel: &TravelTime,
+    step_s: f64,
+    minutes: I,
+    left: impl Fn(Minute) -> Minute + Copy,
+) -> Option<(Course, Score)>
 where
     I: Iterator<Item = Minute> + Clone,
 {
-    let usable =
-        minutes.clone().filter(|m| m.directions().next().is_some() && m.distances().next().is_some());
+    let usable = |m: &Minute| m.directions().next().is_some() && m.distances().next().is_some();
+    let usable = minutes.clone().map(left).filter(usable);
     let count = usable.clone().count();
-    let mut anchors: [Option<Minute>; ANCHORS] = [None; ANCHORS];
     if count < 2 {
         return None;
     }
-    for (k, slot) in anchors.iter_mut().enumerate() {
-        *slot = usable.clone().nth(k * (count - 1) / (ANCHORS - 1));
+    let mut anchors: [Option<Minute>; ANCHORS] = [None; ANCHORS];
+    let mut wanted = 0;
+    for (n, m) in usable.enumerate() {
+        // Of few minutes one may be wanted several times.
+        while wanted < ANCHORS && n == wanted * (count - 1) / (ANCHORS - 1) {
+            if let Some(slot) = anchors.get_mut(wanted) {
+                *slot = Some(m);
+            }
+            wanted += 1;
+        }
     }
     // Scores of candidates look at every nth minute only, at most 60 of them.
     let stride = minutes.clone().count() / 60 + 1;
+    let every =
+        |nth: usize, course: &Course| score(course, travel, step_s, minutes.clone().step_by(nth).map(left));
     let mut best: Option<(Course, Score)> = None;
     for (i, a) in anchors.iter().flatten().enumerate() {
         for b in anchors.iter().flatten().skip(i + 1) {
@@ -45,14 +59,14 @@ where
             }
             for (first, second) in ends(a).flat_map(|x| ends(b).map(move |y| (x, y))) {
                 let Some(course) = join(travel, step_s, a, &first, b, &second) else { continue };
-                let s = score(&course, travel, step_s, minutes.clone().step_by(stride));
+                let s = every(stride, &course);
                 if best.as_ref().is_none_or(|(_, most)| s.log > most.log) {
                     best = Some((course, s));
                 }
             }
         }
     }
-    best.map(|(course, _)| (course, score(&course, travel, step_s, minutes)))
+    best.map(|(course, _)| (course, every(1, &course)))
 }
 
 /// Every direction with every range of a minute.

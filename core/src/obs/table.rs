@@ -231,6 +231,12 @@ impl<'t> Table<'t> {
         pulses.iter().map(|p| Pulse::read(*p))
     }
 
+    /// The pulse that a branch draws at the model range of number `j`; none outside the model.
+    pub fn pulse(&self, branch: usize, j: usize) -> Pulse {
+        let own = self.pulses.get(branch * MODEL_RANGES..(branch + 1) * MODEL_RANGES);
+        own.and_then(|own| own.get(j)).map_or(Pulse::NONE, |p| Pulse::read(*p))
+    }
+
     /// Delay of a branch at any range up to 100 km, s; `None` where it does not exist.
     pub fn delay_s(&self, branch: usize, range_m: f32) -> Option<f32> {
         let x = (range_m / FAR_STEP_M).max(0.0);

@@ -10,12 +10,11 @@ use super::bend;
 use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
-use super::lasting::{self, Lasting, Told};
+use super::lasting::{self, Told};
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
 use super::search::search;
-use super::travel::TravelTime;
 use crate::angle::wrap_tau;
 use crate::math;
 use crate::wire::{Message, Track};
@@ -72,9 +71,16 @@ struct Live {
 /// What a track is told from: the evidence, and the courses of the other tracks.
 struct Seen<'a> {
     evidence: &'a Evidence,
-    others: [Option<Course>; LIVE],
+    others: Others,
     /// As in [`Tracker::pairs_in_doubt`].
     in_doubt: bool,
+}
+
+/// Courses of other tracks, and of which the echoes are hidden too, as another pair of paths would have them.
+#[derive(Clone, Copy, Debug)]
+struct Others {
+    courses: [Option<Course>; LIVE],
+    echoes: [bool; LIVE],
 }
 
 /// All tracks.
@@ -103,30 +109,30 @@ impl Tracker {
         if !now.is_multiple_of(EVERY) {
             return;
         }
-        let (travel, in_doubt) = (&plan.travel, self.pairs_in_doubt);
+        let in_doubt = self.pairs_in_doubt;
         self.improve(plan, evidence, now, sink);
         for k in 0..LIVE {
-            let others = self.courses(|other| other != k);
+            let others = self.others(k);
             let Some(slot) = self.live.get_mut(k) else { continue };
             let Some(live) = slot else { continue };
             if now > live.to + SILENCE {
                 live.end(plan, &Seen { evidence, others, in_doubt }, sink);
-                let course = live.course;
-                evidence.forget(|m| without(travel, &course, m));
+                let (course, echoes) = (live.course, live.shows_itself());
+                evidence.forget(|m| without(plan, &course, echoes, m));
                 *slot = None;
             } else {
-                let left = |m| without_all(travel, &others, m);
+                let left = |m| without_all(plan, &others, m);
                 let minutes = evidence.between(live.from, live.to).map(left);
-                live.now = bend::present(&live.course, travel, STEP_S, minutes).unwrap_or(live.course);
+                live.now = bend::present(&live.course, &plan.travel, STEP_S, minutes).unwrap_or(live.course);
                 if now < live.to + EVERY + 2 {
                     live.run(plan, &Seen { evidence, others, in_doubt }, sink);
                 }
             }
         }
         if self.live.iter().any(Option::is_none) {
-            let others = self.courses(|_| true);
+            let others = self.beside(|_| true, f64::NEG_INFINITY);
             let from = now.saturating_sub(SEARCHED);
-            if let Some(mut found) = find(travel, evidence, &others, from, now) {
+            if let Some(mut found) = find(plan, evidence, &others, from, now) {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
@@ -142,7 +148,7 @@ impl Tracker {
         self.improve(plan, evidence, now, sink);
         let in_doubt = self.pairs_in_doubt;
         for k in 0..LIVE {
-            let others = self.courses(|other| other != k);
+            let others = self.others(k);
             if let Some(live) = self.live.get(k).and_then(Option::as_ref) {
                 live.end(plan, &Seen { evidence, others, in_doubt }, sink);
             }
@@ -155,19 +161,18 @@ impl Tracker {
     /// pair of paths, cannot hold on to evidence that a truer course explains better. What no longer is a vessel goes, and
     /// is withdrawn where it was reported.
     fn improve(&mut self, plan: &Plan<'_>, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
-        let travel = &plan.travel;
         for k in 0..LIVE {
-            let others = self.courses(|other| other != k);
+            let others = self.others(k);
             if let Some(live) = self.live.get_mut(k).and_then(Option::as_mut) {
-                live.refine(travel, evidence, &others, now);
+                live.refine(plan, evidence, &others, now);
             }
         }
         let order = self.strongest_first();
         for (n, k) in order.iter().enumerate() {
-            let stronger = self.courses(|other| order.iter().take(n).any(|s| *s == other));
+            let stronger = self.beside(|other| order.iter().take(n).any(|s| *s == other), f64::NEG_INFINITY);
             let Some(slot) = self.live.get_mut(*k) else { continue };
             let Some(live) = slot else { continue };
-            live.take_over(travel, evidence, &stronger, now);
+            live.take_over(plan, evidence, &stronger, now);
             if !live.is_a_vessel() {
                 live.withdraw(plan, sink);
                 *slot = None;
@@ -198,6 +203,21 @@ impl Tracker {
         })
     }
 
+    /// All but one.
+    fn others(&self, k: usize) -> Others {
+        let least = self.live.get(k).and_then(Option::as_ref).map_or(f64::INFINITY, |live| live.score.log);
+        self.beside(|other| other != k, least)
+    }
+
+    /// The tracks in the places wanted, the echoes of those too that are better explained than `least`.
+    fn beside(&self, wanted: impl Fn(usize) -> bool, least: f64) -> Others {
+        let echoes = |live: &Live| live.score.log > least && live.shows_itself();
+        Others {
+            courses: self.courses(wanted),
+            echoes: self.live.each_ref().map(|live| live.as_ref().is_some_and(echoes)),
+        }
+    }
+
     /// Courses of the tracks in the places wanted.
     fn courses(&self, wanted: impl Fn(usize) -> bool) -> [Option<Course>; LIVE] {
         let mut out = [None; LIVE];
@@ -210,50 +230,50 @@ impl Tracker {
 
 /// The minutes of a stretch without what other vessels explain; as they would be with one of the errors told, where one is given.
 fn unexplained<'a>(
-    travel: &'a TravelTime,
+    plan: &'a Plan<'_>,
     evidence: &'a Evidence,
-    others: &'a [Option<Course>; LIVE],
-    error: Option<(&'a Lasting, Told)>,
+    others: &'a Others,
+    error: Option<Told>,
     from: u32,
     to: u32,
 ) -> impl Iterator<Item = Minute> + Clone + 'a {
-    evidence.between(from, to).map(move |m| {
-        let m = without_all(travel, others, m);
-        error.map_or(m, |(lasting, error)| lasting.shifted(Some(error), m))
-    })
+    evidence.between(from, to).map(move |m| plan.lasting.shifted(error, without_all(plan, others, m)))
 }
 
-/// A minute without what any of these vessels explains.
-fn without_all(travel: &TravelTime, others: &[Option<Course>; LIVE], m: Minute) -> Minute {
-    others.iter().flatten().fold(m, |m, course| without(travel, course, m))
+/// A minute without what any of these vessels explains. Wanted in many places, and large.
+#[inline(never)]
+fn without_all(plan: &Plan<'_>, others: &Others, m: Minute) -> Minute {
+    let all = others.courses.iter().zip(others.echoes);
+    all.fold(m, |m, (course, echoes)| course.as_ref().map_or(m, |c| without(plan, c, echoes, m)))
 }
 
-/// A minute without what one vessel explains.
-fn without(travel: &TravelTime, course: &Course, m: Minute) -> Minute {
-    let s = course.seen(travel, STEP_S * f64::from(m.number));
+/// A minute without what one vessel explains, and with its echoes without those ranges that move along with it as these do where they
+/// are read as another pair of paths: with the directions of another vessel they would make a course of nobody.
+fn without(plan: &Plan<'_>, course: &Course, echoes: bool, m: Minute) -> Minute {
+    let s = course.seen(&plan.travel, STEP_S * f64::from(m.number));
+    let known = (s.range_m as f32, s.speed_m_s as f32);
     m.without(
         |d| fit::explains_direction(d, s.towards()),
-        |d| fit::explains_distance(d, s.range_m, s.speed_m_s),
+        |d| {
+            fit::explains_distance(d, s.range_m, s.speed_m_s)
+                || echoes && plan.interference.follows((d.range_m as f32, d.speed_m_s as f32), known)
+        },
     )
 }
 
 /// A vessel in the minutes from `from` to `to` that no other track explains.
-fn find(
-    travel: &TravelTime,
-    evidence: &Evidence,
-    others: &[Option<Course>; LIVE],
-    from: u32,
-    to: u32,
-) -> Option<Live> {
-    let minutes = unexplained(travel, evidence, others, None, from, to);
-    let (course, first) = search(travel, STEP_S, minutes.clone())?;
+fn find(plan: &Plan<'_>, evidence: &Evidence, others: &Others, from: u32, to: u32) -> Option<Live> {
+    let travel = &plan.travel;
+    let left = |m| without_all(plan, others, m);
+    let (course, first) = search(travel, STEP_S, evidence.between(from, to), left)?;
     if first.directions < ACCEPT.1 / 2 || first.distances < ACCEPT.2 / 2 {
         return None;
     }
-    let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes.clone())?;
+    let minutes = unexplained(plan, evidence, others, None, from, to);
+    let (course, covariance) = fit::refine(&course, travel, STEP_S, minutes)?;
     let mut live =
         Live { id: 0, course, covariance, now: course, score: Score::default(), from, to, sent: 0 };
-    live.bound(travel, evidence, others, to);
+    live.bound(plan, evidence, others, to);
     live.is_a_vessel().then_some(live)
 }
 
@@ -273,9 +293,16 @@ impl Live {
         s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
     }
 
+    /// Whether its range shows in so many of its minutes that what looks like one of its echoes is one. A track of one vessel's directions
+    /// and another's ranges as another pair of paths has ranges now and then.
+    fn shows_itself(&self) -> bool {
+        2 * self.score.both >= self.score.directions
+    }
+
     /// Finds the stretch the course explains: from where, and to where, its terms add up to most.
-    fn bound(&mut self, travel: &TravelTime, evidence: &Evidence, others: &[Option<Course>; LIVE], now: u32) {
-        let minutes = || unexplained(travel, evidence, others, None, now.saturating_sub(MINUTES as u32), now);
+    fn bound(&mut self, plan: &Plan<'_>, evidence: &Evidence, others: &Others, now: u32) {
+        let travel = &plan.travel;
+        let minutes = || unexplained(plan, evidence, others, None, now.saturating_sub(MINUTES as u32), now);
         // Largest sum of a contiguous stretch.
         let (mut sum, mut start, mut best) = (0.0, None, 0.0);
         for m in minutes() {
@@ -297,32 +324,20 @@ impl Live {
     }
 
     /// Refines over its stretch.
-    fn refine(
-        &mut self,
-        travel: &TravelTime,
-        evidence: &Evidence,
-        others: &[Option<Course>; LIVE],
-        now: u32,
-    ) {
-        let minutes = unexplained(travel, evidence, others, None, self.from, now);
-        if let Some((course, covariance)) = fit::refine(&self.course, travel, STEP_S, minutes) {
+    fn refine(&mut self, plan: &Plan<'_>, evidence: &Evidence, others: &Others, now: u32) {
+        let minutes = unexplained(plan, evidence, others, None, self.from, now);
+        if let Some((course, covariance)) = fit::refine(&self.course, &plan.travel, STEP_S, minutes) {
             (self.course, self.covariance) = (course, covariance);
         }
-        self.bound(travel, evidence, others, now);
+        self.bound(plan, evidence, others, now);
     }
 
     /// Takes over a better course if there is one in what `stronger` tracks leave.
-    fn take_over(
-        &mut self,
-        travel: &TravelTime,
-        evidence: &Evidence,
-        stronger: &[Option<Course>; LIVE],
-        now: u32,
-    ) {
+    fn take_over(&mut self, plan: &Plan<'_>, evidence: &Evidence, stronger: &Others, now: u32) {
         let from = self.from.saturating_sub(30);
-        self.bound(travel, evidence, stronger, now);
-        if let Some(mut other) = find(travel, evidence, stronger, from, now) {
-            other.refine(travel, evidence, stronger, now);
+        self.bound(plan, evidence, stronger, now);
+        if let Some(mut other) = find(plan, evidence, stronger, from, now) {
+            other.refine(plan, evidence, stronger, now);
             if other.score.log > self.score.log + BETTER {
                 *self = Self { id: self.id, sent: self.sent, ..other };
             }
@@ -339,7 +354,7 @@ impl Live {
         error: Option<Told>,
     ) -> Option<(Course, CourseCovariance)> {
         let travel = &plan.travel;
-        let left = |m| plan.lasting.shifted(error, without_all(travel, &seen.others, m));
+        let left = |m| plan.lasting.shifted(error, without_all(plan, &seen.others, m));
         let (before, after) = (
             seen.evidence.between(self.from, self.to).map(left),
             seen.evidence.between_back(self.from, self.to).map(left),
@@ -351,8 +366,7 @@ impl Live {
     #[inline(never)]
     fn straight(&self, plan: &Plan<'_>, seen: &Seen<'_>, error: Told) -> Option<Course> {
         let travel = &plan.travel;
-        let shifted = Some((&plan.lasting, error));
-        let minutes = unexplained(travel, seen.evidence, &seen.others, shifted, self.from, self.to);
+        let minutes = unexplained(plan, seen.evidence, &seen.others, Some(error), self.from, self.to);
         fit::refine(&self.course, travel, STEP_S, minutes).map(|(course, _)| course)
     }
 

@@ -263,13 +263,13 @@ pub enum ObsFault {
     Missing(Channel),
     /// A step of the clock.
     ClockStep(ClockStep),
-    /// Single samples far off, on all channels at once.
+    /// Samples far off, on all channels at once.
     Spikes(Spikes),
     /// A converter, or an amplifier before it, that clips every channel.
     Clipped(Clip),
 }
 
-/// Single samples far off, on all channels at once.
+/// Samples far off, on all channels at once.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -278,6 +278,9 @@ pub struct Spikes {
     pub every_s: f64,
     /// What each adds, counts.
     pub counts: f64,
+    /// How many samples each lasts.
+    #[serde(default = "one")]
+    pub samples: u64,
 }
 
 /// A limit of every channel below full scale.
@@ -490,6 +493,7 @@ impl ObsScenario {
                 ObsFault::Spikes(s) => {
                     within(&format!("faults.{i}.every_s"), s.every_s, 0.1, 1e7)?;
                     within(&format!("faults.{i}.counts"), s.counts, -8.4e6, 8.4e6)?;
+                    within(&format!("faults.{i}.samples"), s.samples as f64, 1.0, 1e6)?;
                 }
                 ObsFault::Clipped(c) => within(&format!("faults.{i}.counts"), c.counts, 1.0, 8.4e6)?,
                 _ => {}

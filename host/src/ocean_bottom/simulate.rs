@@ -238,9 +238,9 @@ impl Simulator {
                 ObsFault::Saturated(a) if a.at(t) => frame[a.channel] = FULL_SCALE as i32,
                 ObsFault::Missing(c) => frame[c.channel] = MISSING,
                 ObsFault::Spikes(k) => {
-                    // The sample in which the next multiple of the interval falls.
+                    // From the sample on in which the next multiple of the interval falls.
                     let number = |t: f64| (t / k.every_s).floor();
-                    if t >= k.every_s && number(t) != number(t - 1.0 / s.rate_hz) {
+                    if t >= k.every_s && number(t) != number(t - k.samples as f64 / s.rate_hz) {
                         for x in frame.iter_mut().filter(|x| **x != MISSING) {
                             *x = (f64::from(*x) + k.counts)
                                 .clamp(-f64::from(FULL_SCALE), f64::from(FULL_SCALE))

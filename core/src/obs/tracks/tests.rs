@@ -1,49 +1,61 @@
 use super::*;
 use crate::angle::wrap_pi;
-use crate::obs::course::N;
+use crate::obs::course::{N, Seen};
+use crate::obs::interference::Interference;
 use crate::obs::presence::{RangeMode, RangePresence};
+use crate::obs::presence_tests::two_pairs;
+use crate::obs::table::Table;
 use crate::obs::tonal::{Directions, Mode};
+use crate::obs::travel::TravelTime;
 use std::boxed::Box;
 use std::vec::Vec;
 
 /// East, North and velocity at time 0.
 const VESSELS: [[f64; 4]; 2] = [[-30_000.0, 8_000.0, 5.0, 0.5], [12_000.0, -25_000.0, -0.5, 4.5]];
 
+/// No ranges.
+const NO_RANGES: RangePresence =
+    RangePresence { log_odds: 5.0, log_evidence: 5.0, approaching: 0.5, modes: [None; 4] };
+
+/// The directions of two vessels.
+fn directions(seen: [&Seen; 2]) -> Directions {
+    let mut out =
+        Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
+    for (slot, s) in out.modes.iter_mut().zip(seen) {
+        let azimuth = s.azimuth as f32;
+        *slot = Some(Mode { azimuth, sd: 0.02, log_presence: 20.0, bins: 5, step: 0, impulsive: false });
+    }
+    out
+}
+
+/// A range.
+fn mode(range_m: f64, speed_m_s: f64) -> Option<RangeMode> {
+    Some(RangeMode {
+        range_m: range_m as f32,
+        sd_range_m: 80.0,
+        speed_m_s: speed_m_s as f32,
+        sd_speed_m_s: 0.4,
+        weight: 0.5,
+        detected: true,
+        tracked: false,
+        sure: true,
+    })
+}
+
 /// What both vessels show in a minute: directions always, the range of one of them in turn, and a false range.
 fn minute(n: u32) -> Minute {
     let jitter = |k: u32| (f64::from((n * 7919 + k * 104_729) % 1000) / 500.0 - 1.0) as f32;
     let seen = VESSELS.map(|p| Course { t0_s: 0.0, p }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n)));
-    let mut directions =
-        Directions { modes: [None; 3], log_presence: 20.0, log_below: f32::NEG_INFINITY, frames: 17 };
-    let mut modes = [None; 4];
-    for (k, (slot, s)) in directions.modes.iter_mut().zip(&seen).enumerate() {
-        *slot = Some(Mode {
-            azimuth: s.azimuth as f32 + 0.02 * jitter(k as u32),
-            sd: 0.02,
-            log_presence: 20.0,
-            bins: 5,
-            step: 0,
-            impulsive: false,
-        });
+    let mut directions = directions([&seen[0], &seen[1]]);
+    for (k, m) in directions.modes.iter_mut().flatten().enumerate() {
+        m.azimuth += 0.02 * jitter(k as u32);
     }
+    let mut modes = [None; 4];
     let own = &seen[(n / 3 % 2) as usize];
-    let mode = |range_m: f32, speed_m_s: f32| {
-        Some(RangeMode {
-            range_m,
-            sd_range_m: 80.0,
-            speed_m_s,
-            sd_speed_m_s: 0.4,
-            weight: 0.5,
-            detected: true,
-            tracked: false,
-            sure: true,
-        })
-    };
-    modes[0] = mode(own.range_m as f32 + 60.0 * jitter(2), own.speed_m_s as f32 + 0.3 * jitter(3));
+    modes[0] = mode(own.range_m + f64::from(60.0 * jitter(2)), own.speed_m_s + f64::from(0.3 * jitter(3)));
     // The same echo read as another pair of paths: twice the range at twice the speed.
-    modes[1] = mode(2.0 * own.range_m as f32, 2.0 * own.speed_m_s as f32 + jitter(4));
-    let ranges = RangePresence { log_odds: 5.0, log_evidence: 5.0, approaching: 0.5, modes };
-    Minute::new(n, &directions, &ranges)
+    modes[1] = mode(2.0 * own.range_m, 2.0 * own.speed_m_s + f64::from(jitter(4)));
+    Minute::new(n, &directions, &RangePresence { modes, ..NO_RANGES })
 }
 
 #[test]
@@ -85,6 +97,41 @@ fn directions_alone_are_no_vessel() {
     }
     tracker.finish(&plan, &evidence, 120, &mut |_| said += 1);
     assert_eq!(said, 0);
+}
+
+/// A vessel that shows direction and range, the range as another pair of paths has it too and as if that were the likelier; and where another
+/// shows direction alone, on the course that has those ranges.
+fn with_echoes(n: u32) -> Minute {
+    let vessel = [-7_000.0, 9_500.0, 3.5, 0.5];
+    let seen = |p: [f64; 4]| Course { t0_s: 0.0, p }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n));
+    let [x, y, vx, vy] = vessel.map(|v| 2.0 * v);
+    let (own, other) = (seen(vessel), seen([y, -x, vy, -vx]));
+    let mut minute = Minute::new(n, &directions([&own, &other]), &NO_RANGES);
+    if n.is_multiple_of(2) {
+        let modes = [mode(own.range_m, own.speed_m_s), mode(other.range_m, other.speed_m_s), None, None];
+        minute = Minute::new(n, &directions([&own, &other]), &RangePresence { modes, ..NO_RANGES });
+    }
+    minute
+}
+
+#[test]
+fn one_vessel_s_directions_and_another_s_echoes_are_no_vessel() {
+    let bytes = two_pairs();
+    let interference = Interference::new(&Table::parse(&bytes).unwrap());
+    for (interference, vessels) in [(Interference::EMPTY, 2), (interference, 1)] {
+        let plan = Box::new(Plan { rate_hz: 50.0, interference, ..Plan::EMPTY });
+        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+        for n in 1..=120 {
+            evidence.push(with_echoes(n));
+            tracker.minute(&plan, &mut evidence, n, &mut |_| {});
+        }
+        let mut finals = 0;
+        tracker.finish(&plan, &evidence, 120, &mut |m| {
+            finals += u32::from(matches!(m, Message::Track(t) if t.stage == Track::FINAL));
+        });
+        // Without a table nothing is known of pairs of paths, and it is one.
+        assert_eq!(finals, vessels);
+    }
 }
 
 /// A track of the vessel `p` that was reported and explains nothing of the evidence.
