@@ -240,6 +240,7 @@ impl Context<'_> {
         self.flags & (BRIDGED | SHORTENED) == 0
     }
 
+    #[inline(never)]
     pub(super) fn delays(&self, u: &Direction, curvature: f32) -> [f32; PAIR_COUNT] {
         wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, u, curvature))
     }

@@ -131,6 +131,7 @@ impl Known {
     }
 
     /// Whether it is expected in this direction.
+    #[inline(never)]
     fn is_at(&self, plan: &Plan, direction: &Direction, segment: u32) -> bool {
         self.found > 0 && wavefront::dot(&self.expected(segment), direction) > near(plan)
     }

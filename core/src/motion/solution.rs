@@ -102,6 +102,7 @@ pub fn position(line: &Line, covariance: &Matrix, t_s: f64) -> ([f64; 2], [f64; 
 }
 
 /// Information every fit has from its limits alone: a uniform spread over the searched interval.
+#[inline(never)]
 pub fn floor(limits: &Limits, speed_m_s: f64) -> [f64; PARAMETERS] {
     let uniform = |width: f64| 12.0 / (width * width).max(1e-12);
     let times = limits.times_s.1 - limits.times_s.0 + 2.0 * limits.range_m.1 / speed_m_s;

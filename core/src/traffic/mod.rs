@@ -153,6 +153,7 @@ impl Track {
     }
 
     /// Whether enough is known of it to be reported.
+    #[inline(never)]
     fn is_telling(&self, config: &Config) -> bool {
         let (first_s, last_s) = self.passage.times_s();
         let least = if last_s - first_s < config.report_after_s {
