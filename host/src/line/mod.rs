@@ -8,6 +8,7 @@
 //! A line cannot tell its two sides apart, nor azimuth from elevation: a bearing is the cosine of the angle to its axis.
 
 mod frames;
+pub mod known;
 pub mod picture;
 pub mod records;
 mod wide;

@@ -10,8 +10,9 @@
 //! part of the steering vector's derivative, h₁ = m(m²−1)/12 for a single source).
 //!
 //! A source that turns while the covariance averages fills a second eigenvalue: for a spread σ_ω of its phase,
-//! `λ₂ ≈ P σ_ω² h₁` with its power P. How loud it was when decides where in that spread it is found, so that `σ_ω²/N'` comes to the variance, N' as
-//! many snapshots as its loudness is new in ([`LASTING`]).
+//! `λ₂ ≈ P σ_ω² h₁` with its power P. How loud it was when decides where in that spread it is found, so that `κ σ_ω²/N'` comes to
+//! the variance: κ the relative variance of its power over the snapshots (0 of a steady tone, 1 of noise), N' as many snapshots as its
+//! loudness is new in ([`LASTING`]).
 
 use super::complex::{Complex, norm, phase, unit};
 use super::covariance::{smooth, update};
@@ -73,6 +74,8 @@ pub struct State {
     covariance: HermitianMatrix,
     /// Effective number of independent snapshots in it.
     snapshots: f64,
+    /// Mean and mean square of a snapshot's power over all sensors, as the covariance remembers it.
+    power: (f64, f64),
 }
 
 /// Working memory of a step.
@@ -97,7 +100,7 @@ pub struct LineArrival {
 impl State {
     /// Nothing seen yet.
     pub const fn new() -> Self {
-        Self { covariance: [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS], snapshots: 0.0 }
+        Self { covariance: [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS], snapshots: 0.0, power: (0.0, 0.0) }
     }
 }
 
@@ -170,6 +173,10 @@ impl LinePlan {
             // Weights μ^k(1 − μ)/n of independent snapshots: 1/N = μ²/N_old + (1 − μ)²/n.
             let past = if share > 0.0 { share * share / state.snapshots } else { 0.0 };
             state.snapshots = 1.0 / (past + (1.0 - share) * (1.0 - share) / used);
+            let power = |x: &[Complex; MAX_SENSORS]| x.iter().take(self.sensors).map(|v| v.norm_sqr()).sum();
+            let (mean, square) = moments(snapshots, power);
+            let (old, old_square) = state.power;
+            state.power = (share * old + (1.0 - share) * mean, share * old_square + (1.0 - share) * square);
         }
         if !(state.snapshots > 0.0) {
             return Err(LineError::NoSnapshot);
@@ -195,7 +202,10 @@ impl LinePlan {
                 continue;
             }
             for arrival in found {
-                let (sd, snr) = self.accuracy(arrival.sine, scratch, length, &signal, noise, state.snapshots);
+                let wander =
+                    self.wander(arrival.sine, snapshots).max(relative_variance(state.power)).min(1.0);
+                let independent = (state.snapshots, state.snapshots / (LASTING * wander));
+                let (sd, snr) = self.accuracy(arrival.sine, scratch, length, &signal, noise, independent);
                 arrival.sd = sd;
                 arrival.snr = snr;
             }
@@ -320,7 +330,18 @@ impl LinePlan {
         count
     }
 
-    /// Standard deviation of the sine, and signal-to-noise ratio.
+    /// Relative variance of a source's power over snapshots.
+    fn wander(&self, sine: f64, snapshots: &[[Complex; MAX_SENSORS]]) -> f64 {
+        let w = self.phase * sine;
+        let towards = |x: &[Complex; MAX_SENSORS]| {
+            let steered = x.iter().take(self.sensors).enumerate();
+            steered.fold(Complex::ZERO, |sum, (k, v)| sum + *v * unit(-w * k as f64)).norm_sqr()
+        };
+        relative_variance(moments(snapshots, towards))
+    }
+
+    /// Standard deviation of the sine, and signal-to-noise ratio; the numbers are those of independent snapshots, and of those in which
+    /// a source's loudness is new.
     fn accuracy(
         &self,
         sine: f64,
@@ -328,7 +349,7 @@ impl LinePlan {
         length: usize,
         signal: &[bool; MAX_SENSORS],
         noise: f64,
-        snapshots: f64,
+        (snapshots, of_loudness): (f64, f64),
     ) -> (f64, f64) {
         let w = self.phase * sine;
         let middle = 0.5 * (length as f64 - 1.0);
@@ -357,7 +378,7 @@ impl LinePlan {
         let variance =
             self.weight_sum(length) / (2.0 * snapshots * snr) * (1.0 + 1.0 / (n * snr)) * alone / left;
         let turned = excess(&scratch.matrix, length, signal) / (power * alone);
-        let sd = m::sqrt(variance + LASTING * turned / snapshots) / self.phase;
+        let sd = m::sqrt(variance + turned / of_loudness) / self.phase;
         (if sd.is_finite() { sd.min(1.0) } else { 1.0 }, snr)
     }
 
@@ -443,6 +464,21 @@ fn noise_power(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENS
         n += 1;
     }
     (sum / n.max(1) as f64).max(0.0)
+}
+
+/// Mean and mean square of what is finite over snapshots.
+fn moments(snapshots: &[[Complex; MAX_SENSORS]], of: impl Fn(&[Complex; MAX_SENSORS]) -> f64) -> (f64, f64) {
+    let (mut n, mut sum, mut squares) = (0.0f64, 0.0, 0.0);
+    for x in snapshots.iter().map(of).filter(|x| x.is_finite()) {
+        n += 1.0;
+        sum += x;
+        squares += x * x;
+    }
+    (sum / n.max(1.0), squares / n.max(1.0))
+}
+
+fn relative_variance((mean, square): (f64, f64)) -> f64 {
+    if mean > 0.0 { (square / (mean * mean) - 1.0).max(0.0) } else { 0.0 }
 }
 
 /// How far the largest of the other eigenvalues stands out from the next, which noise alone makes about as large.
