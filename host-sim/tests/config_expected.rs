@@ -142,3 +142,38 @@ fn what_the_recorder_counts_is_in_what_is_expected_of_an_array() {
     assert!(pass(&moved, "elevations_sd_heading_deg") > pass(&known, "elevations_sd_heading_deg").hypot(0.4));
     assert!(bearing(&slow, "elevation_sd_deg") > bearing(&known, "elevation_sd_deg"));
 }
+
+#[test]
+fn what_a_line_will_tell_is_printed_and_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let text = "[station]\nname = \"line\"\nkind = \"line\"\n[sampling]\nrate_hz = 2048.0\n[line]\nsensors = 23\nspacing_m = 0.75\n";
+    std::fs::write(path("bare.toml"), text).unwrap();
+    std::fs::write(path("line.toml"), format!("{text}frequencies_hz = [444.0, 666.0, 702.0]\n")).unwrap();
+    let record =
+        records(&["config", "check", &path("line.toml"), "--json", "--plots", &path("plots")])[0].clone();
+    assert!((number(&record, "snapshots") - 16.0 * 1.4 / 0.6).abs() < 1e-6);
+    let rows = record["expected_accuracy"].as_array().unwrap();
+    // Worse with the noise, and towards the axis; the sine is as good everywhere.
+    let row = |snr_db: f64, from_deg: f64| {
+        rows.iter().find(|r| r["snr_db"] == snr_db && r["from_broadside_deg"] == from_deg).unwrap()
+    };
+    let (clear, noisy) = (row(10.0, 0.0), row(-10.0, 0.0));
+    assert!(number(noisy, "sd_azimuth_deg") > 8.0 * number(clear, "sd_azimuth_deg"), "{clear} {noisy}");
+    assert!((number(row(10.0, 60.0), "sd_azimuth_deg") / number(clear, "sd_azimuth_deg") - 2.0).abs() < 1e-6);
+    assert_eq!(number(row(10.0, 60.0), "sd_sin_bearing"), number(clear, "sd_sin_bearing"));
+    let passes = record["expected_orientation"].as_array().unwrap();
+    assert!(
+        number(&passes[0], "sd_orientation_deg") < number(&passes[1], "sd_orientation_deg"),
+        "{passes:?}"
+    );
+    let svg = std::fs::read_to_string(path("plots/accuracy.svg")).unwrap();
+    assert!(svg.contains("angle from broadside") && svg.contains("Orientation of the line, 300 s"));
+    // Without frequencies nothing is expected, and nothing drawn.
+    assert!(records(&["config", "check", &path("bare.toml"), "--json"])[0]["expected_accuracy"].is_null());
+    let bare = Command::new(env!("CARGO_BIN_EXE_seabearing"))
+        .args(["config", "check", &path("bare.toml"), "--plots", &path("none")])
+        .output()
+        .unwrap();
+    assert!(!bare.status.success() && String::from_utf8_lossy(&bare.stderr).contains("frequencies_hz"));
+}

@@ -3,6 +3,7 @@
 use super::config_network;
 use super::mistake;
 use crate::bounds::bearing::{self, worst};
+use crate::bounds::line::Expectations;
 use crate::bounds::passage::Assumed;
 use crate::bounds::picture::{self, Curve};
 use crate::propagation;
@@ -162,7 +163,7 @@ pub fn run(args: Args) -> Result<()> {
     });
     let details = match &config.kind {
         Kind::Array(array) => array_details(&args, config, array)?,
-        Kind::Line(line) => line_details(config, line),
+        Kind::Line(line) => line_details(&args, &station, line)?,
         Kind::Obs(obs) => obs_details(&station, obs)?,
     };
     if let (Some(record), Value::Object(details)) = (record.as_object_mut(), details) {
@@ -184,6 +185,8 @@ pub fn run(args: Args) -> Result<()> {
     Ok(())
 }
 
+/// Angles from broadside for which a line's accuracy is stated, degrees.
+const FROM_BROADSIDE_DEG: [f64; 5] = [0.0, 30.0, 60.0, 80.0, 88.0];
 /// Ranges of closest points for which passages are stated, metres.
 const CLOSEST_M: [f64; 5] = [250.0, 500.0, 1000.0, 2000.0, 4000.0];
 /// Ranges of the curves drawn, metres: so many from the first to the last.
@@ -352,13 +355,74 @@ fn obs_details(station: &Station, obs: &ObsConfig) -> Result<Value> {
     Ok(details)
 }
 
-fn line_details(config: &StationConfig, line: &LineConfig) -> Value {
-    json!({
+fn line_details(args: &CheckArgs, station: &Station, line: &LineConfig) -> Result<Value> {
+    let (config, analysis) = (&station.config, &station.line);
+    let mut details = json!({
         "kind": "line", "sensors": line.sensors, "spacing_m": line.spacing_m,
         "length_m": f64::from(line.sensors - 1) * line.spacing_m,
         "unambiguous_below_hz": config.sound_speed_m_s / (2.0 * line.spacing_m),
         "ambiguity": "conical: a bearing and its mirror image about the line cannot be told apart",
-    })
+    });
+    let expectations = Expectations::of(config, analysis)
+        .map_err(|(f, e)| anyhow!("{}: [line] at {f} Hz: {e}", args.station.display()))?;
+    let Some(line) = expectations else {
+        if let Some(folder) = &args.plots {
+            mistake!(
+                "--plots {}: what this line will tell depends on `frequencies_hz` in [line], which its file does not name",
+                folder.display()
+            );
+        }
+        return Ok(details);
+    };
+    let power = |snr_db: f64| 10f64.powf(snr_db / 10.0);
+    let (speed_m_s, heard_s) = (args.speed_m_s(), 60.0 * args.minutes());
+    let azimuth_deg =
+        |snr_db, from_deg: f64| line.azimuth_sd(power(snr_db), from_deg.to_radians()).map(f64::to_degrees);
+    let orientation_deg = |snr_db, range_m| {
+        line.orientation_sd(power(snr_db), range_m, speed_m_s, heard_s).map(f64::to_degrees)
+    };
+    let pairs = |of: &[f64]| -> Vec<(f64, f64)> {
+        SNR_DB.iter().flat_map(|snr_db| of.iter().map(move |x| (*snr_db, *x))).collect()
+    };
+    let accuracy: Vec<Value> = pairs(&FROM_BROADSIDE_DEG)
+        .into_iter()
+        .map(|(snr_db, from_deg)| {
+            json!({
+                "snr_db": snr_db, "from_broadside_deg": from_deg, "sd_sin_bearing": line.sine_sd(power(snr_db)),
+                "sd_azimuth_deg": azimuth_deg(snr_db, from_deg),
+            })
+        })
+        .collect();
+    let orientations: Vec<Value> = pairs(&CLOSEST_M)
+        .into_iter()
+        .map(|(snr_db, range_m)| {
+            json!({
+                "snr_db": snr_db, "cpa_range_m": range_m, "speed_m_s": speed_m_s, "heard_s": heard_s,
+                "sd_orientation_deg": orientation_deg(snr_db, range_m),
+            })
+        })
+        .collect();
+    if let Some(folder) = &args.plots {
+        make(folder)?;
+        let (n, from, to) = DRAWN;
+        let ranges: Vec<f64> = (0..=n).map(|k| from * (to / from).powf(k as f64 / n as f64)).collect();
+        let angles: Vec<f64> = (0..90).map(f64::from).collect();
+        let curves = |along: &[f64], of: &dyn Fn(f64, f64) -> Option<f64>| -> Vec<(f64, Vec<(f64, f64)>)> {
+            let curve = |snr_db: f64| along.iter().filter_map(|x| Some((*x, of(snr_db, *x)?))).collect();
+            SNR_DB.iter().map(|snr_db| (*snr_db, curve(*snr_db))).collect()
+        };
+        picture::line(
+            &curves(&angles, &azimuth_deg),
+            &curves(&ranges, &orientation_deg),
+            &format!("{heard_s:.0} s, {speed_m_s:.1} m/s"),
+            &folder.join("accuracy.svg"),
+        )?;
+    }
+    details["frequencies_hz"] = json!(analysis.frequencies_hz);
+    details["snapshots"] = json!(line.snapshots());
+    details["expected_accuracy"] = json!(accuracy);
+    details["expected_orientation"] = json!(orientations);
+    Ok(details)
 }
 
 /// The record for a person: one key a line, tables as tables.

@@ -155,6 +155,14 @@ impl LinePlan {
         m::TAU / (self.phase * (self.sensors + 1 - self.subarrays) as f64)
     }
 
+    /// Standard deviation of the sine of a single source to expect, by the module's error formula: signal-to-noise ratio of one sensor
+    /// and snapshot (power), independent snapshots.
+    pub fn sine_sd(&self, snr: f64, snapshots: f64) -> f64 {
+        let length = self.sensors + 1 - self.subarrays;
+        let noise = 1.0 + 1.0 / (length as f64 * snr);
+        m::sqrt(self.weight_sum(length) / (2.0 * snapshots * snr) * noise) / self.phase
+    }
+
     /// Takes in snapshots and finds the bearings; the first so many of `arrivals` are set, strongest match first.
     ///
     /// # Errors
