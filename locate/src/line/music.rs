@@ -12,7 +12,7 @@
 //! A source that turns while the covariance averages fills a second eigenvalue: for a spread σ_ω of its phase,
 //! `λ₂ ≈ P σ_ω² h₁` with its power P. How loud it was when decides where in that spread it is found, so that `κ σ_ω²/N'` comes to
 //! the variance: κ the relative variance of its power over the snapshots (0 of a steady tone, 1 of noise), N' as many snapshots as its
-//! loudness is new in ([`LASTING`]).
+//! loudness is new in (`LASTING`).
 
 use super::complex::{Complex, norm, phase, unit};
 use super::covariance::{smooth, update};
