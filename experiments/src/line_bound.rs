@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
-use seabearing_core::kit::Normal;
+use seabearing_host::bounds::line::orientation as bound;
 use seabearing_locate::network::known_track::{TrackPoint, position_at};
 use seabearing_locate::orient::line::{LineBearing, LineSettings, orient};
 
@@ -61,32 +61,6 @@ fn bearings(rng: &mut ChaCha8Rng, sd: f64, common: f64, truth: Truth) -> Vec<Lin
         .collect()
 }
 
-/// Bound of the orientation with shift and η unknown, from the bearings on the track, radians.
-fn bound(sd: f64, common: f64, truth: Truth, track: &[TrackPoint]) -> Result<f64> {
-    const STEP: f64 = 1e-5;
-    let mut normal = Normal::<3>::default();
-    let mut before: Option<[f64; 3]> = None;
-    for k in 0..BEARINGS {
-        let t_s = f64::from(k);
-        if position_at(track, t_s - truth[1], GAP_S).is_none() {
-            continue;
-        }
-        let slope: [f64; 3] = std::array::from_fn(|i| {
-            let (mut up, mut down) = (truth, truth);
-            up[i] += STEP;
-            down[i] -= STEP;
-            (sine(t_s, up) - sine(t_s, down)) / (2.0 * STEP)
-        });
-        let fresh = (1.0 - common * common).sqrt();
-        let row = before.map_or(slope, |b| std::array::from_fn(|i| (slope[i] - common * b[i]) / fresh));
-        before = Some(slope);
-        normal.observe(&row, 0.0, 1.0 / (sd * sd));
-    }
-    let covariance =
-        normal.covariance(&[true; 3], &[0.0; 3]).context("no bound: too few bearings on the track")?;
-    Ok(covariance[0][0].sqrt())
-}
-
 fn run(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(RUNS);
     let mut report = CsvReport::new(
@@ -117,7 +91,10 @@ fn run(options: &Options) -> Result<()> {
                         |of: &dyn Fn(&(f64, f64)) -> f64| errors.iter().map(of).sum::<f64>() / runs as f64;
                     let rmse = mean(&|(e, _)| e * e).sqrt();
                     let standardised = mean(&|(e, sd)| (e / sd).powi(2)).sqrt();
-                    let bound = bound(sd, common, truth, &track)?;
+                    let on_track = |t_s: &f64| position_at(&track, t_s - truth[1], GAP_S).is_some();
+                    let times: Vec<f64> = (0..BEARINGS).map(f64::from).filter(on_track).collect();
+                    let bound = bound(&times, sd, common, truth, vessel)
+                        .context("no bound: too few bearings on the track")?;
                     let ratio = rmse / bound;
                     let [from_s, to_s] = [ends.0, ends.1].map(f64::from);
                     let row = [

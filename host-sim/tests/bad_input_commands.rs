@@ -59,6 +59,11 @@ fn folder() -> tempfile::TempDir {
         "[[stations]]\nid = 1\nname = \"a\"\nposition = { local_m = [0.0, 0.0, -10.0] }\n\
          [[stations]]\nid = 2\nname = \"b\"\nposition = { local_m = [500.0, 0.0, -10.0] }\n",
     );
+    let station = |id: u8, x: f64| {
+        format!("[[stations]]\nid = {id}\nposition = {{ local_m = [{x:.1}, 0.0, -50.0] }}\n")
+    };
+    write("twice.toml", &(station(1, 0.0) + &station(1, 300.0).replace("id", "name = \"b\"\nid")));
+    write("same.toml", &(station(1, 0.0) + &station(2, 0.0)));
     write("track.csv", "t_s,x_m,y_m\n0,-350,400\n100,350,400\n");
     let mut bearings = String::from("t_s,azimuth_deg\n");
     for k in 0..=100 {
@@ -165,7 +170,7 @@ fn hostile_input_is_refused_on_one_line_by_every_command() {
 }
 
 /// Command lines with good input and a value that no command can work with.
-const OPTIONS: [&str; 36] = [
+const OPTIONS: [&str; 45] = [
     "base acknowledge --store . 3",
     "base --listen 127.0.0.1:0 --store o --alarms bearings.csv",
     "base --listen 127.0.0.1:0 --store o --nmea 127.0.0.1:0",
@@ -190,6 +195,15 @@ const OPTIONS: [&str; 36] = [
     "config check network.toml --sigma-azimuth-deg nan",
     "config check network.toml --depth-m inf",
     "config check network.toml --every-s 0.0001",
+    "config check network.toml --depth-m 500",
+    "config check network.toml --depth-m -3",
+    "config check network.toml --sigma-azimuth-deg 400",
+    "config check twice.toml",
+    "config check same.toml",
+    "config check array.toml --sigma-azimuth-deg 2",
+    "config check array.toml --depth-m 4",
+    "config check line.toml --every-s 4",
+    "config check obs.toml --speed 4",
     "config check array.toml --minutes 60",
     "config check array.toml --speed -1",
     "locate --stations network.toml fixes.csv --depth-m inf",

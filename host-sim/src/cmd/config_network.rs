@@ -5,7 +5,8 @@ use super::mistake;
 use crate::bounds::network::{Bearings, Passage, at, centre, passage};
 use crate::bounds::picture;
 use crate::orientation::network_file::Network;
-use anyhow::{Context, Result};
+use crate::orientation::over_time::SOURCE_DEPTH_M;
+use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_core::kit::median;
 use serde_json::{Value, json};
@@ -15,45 +16,96 @@ const DIRECTIONS: usize = 36;
 /// Ranges from the centre at which they are, shares of the largest.
 const SHARES: [f64; 5] = [0.1, 0.25, 0.5, 0.75, 1.0];
 
+/// Largest standard deviation of an angle that still is a bearing, degrees.
+const LARGEST_SIGMA_DEG: f64 = 60.0;
+/// Stations nearer to each other than this are at the same place, metres.
+const SAME_PLACE_M: f64 = 0.5;
+
+/// Refuses what no network can be: one number for two stations, two at one place, a source not above them.
+fn sound(network: &Network, depth_m: f64) -> Result<()> {
+    let Network { stations, arrays_m, .. } = network;
+    for (i, s) in stations.iter().enumerate() {
+        for (j, other) in stations.iter().enumerate().skip(i + 1) {
+            // Stations without a number go by their names.
+            if s.id == other.id && s.id != 0 {
+                bail!(
+                    "stations {} and {} of the list both have the number {}: give each `id` once",
+                    i + 1,
+                    j + 1,
+                    s.id
+                );
+            }
+            let apart_m =
+                arrays_m[i].iter().zip(&arrays_m[j]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+            if apart_m < SAME_PLACE_M {
+                bail!(
+                    "stations {} and {} are at the same place: two bearings from one place do not cross; mend a `position`",
+                    s.id,
+                    other.id
+                );
+            }
+        }
+        if depth_m >= -arrays_m[i][2] {
+            bail!(
+                "--depth-m {depth_m} is not above station {}, which is {:.1} m deep: expected is what is heard of a source above the arrays",
+                s.id,
+                -arrays_m[i][2]
+            );
+        }
+    }
+    Ok(())
+}
+
 /// Checks the list and says what to expect.
 ///
 /// # Errors
 /// One line for a person.
 pub fn run(args: &CheckArgs) -> Result<()> {
+    let sigma_azimuth_deg = args.sigma_azimuth_deg.unwrap_or(1.5);
+    let sigma_elevation_deg = args.sigma_elevation_deg.unwrap_or(1.6);
+    let depth_m = args.depth_m.unwrap_or(SOURCE_DEPTH_M);
+    let max_range_m = args.max_range_m.unwrap_or(2000.0);
+    let every_s = args.every_s.unwrap_or(10.0);
     for (key, x) in [
-        ("sigma-azimuth-deg", args.sigma_azimuth_deg),
-        ("sigma-elevation-deg", args.sigma_elevation_deg),
-        ("max-range-m", args.max_range_m),
-        ("speed", args.speed_m_s),
-        ("minutes", args.minutes),
-        ("every-s", args.every_s),
+        ("sigma-azimuth-deg", sigma_azimuth_deg),
+        ("sigma-elevation-deg", sigma_elevation_deg),
+        ("max-range-m", max_range_m),
+        ("speed", args.speed_m_s()),
+        ("minutes", args.minutes()),
+        ("every-s", every_s),
     ] {
         if !(x > 0.0 && x.is_finite()) {
             mistake!("--{key} is {x}; a positive number is needed");
         }
     }
-    if !args.depth_m.is_finite() {
-        mistake!("--depth-m is {}; a finite number is needed", args.depth_m);
+    if !(depth_m >= 0.0 && depth_m.is_finite()) {
+        mistake!("--depth-m is {depth_m}; 0 (the surface) or a depth below it is needed");
     }
-    let pass = Passage { speed_m_s: args.speed_m_s, duration_s: 60.0 * args.minutes, every_s: args.every_s };
+    for (key, sigma_deg) in [("azimuth", sigma_azimuth_deg), ("elevation", sigma_elevation_deg)] {
+        if sigma_deg > LARGEST_SIGMA_DEG {
+            mistake!("--sigma-{key}-deg is {sigma_deg}; at most {LARGEST_SIGMA_DEG} degrees are a bearing");
+        }
+    }
+    let pass = Passage { speed_m_s: args.speed_m_s(), duration_s: 60.0 * args.minutes(), every_s };
     if !(pass.duration_s / pass.every_s <= 1000.0) {
         mistake!(
             "--minutes {} with --every-s {}: at most 1000 bearings of a passage",
-            args.minutes,
-            args.every_s
+            args.minutes(),
+            every_s
         );
     }
     let network = Network::read(&args.station)?;
+    sound(&network, depth_m).with_context(|| format!("{}", args.station.display()))?;
     let of = Bearings {
-        sd_azimuth: args.sigma_azimuth_deg * RAD_PER_DEG,
-        sd_elevation: args.sigma_elevation_deg * RAD_PER_DEG,
-        depth_m: args.depth_m,
+        sd_azimuth: sigma_azimuth_deg * RAD_PER_DEG,
+        sd_elevation: sigma_elevation_deg * RAD_PER_DEG,
+        depth_m,
     };
-    let record = record(&network, &of, &pass, args.max_range_m);
+    let record = record(&network, &of, &pass, max_range_m);
     if let Some(folder) = &args.plots {
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make folder {}", folder.display()))?;
-        picture::map(&network, &of, &pass, args.max_range_m, &folder.join("accuracy.svg"))?;
+        picture::map(&network, &of, &pass, max_range_m, &folder.join("accuracy.svg"))?;
     }
     if args.json {
         println!("{record}");

@@ -4,6 +4,7 @@ use super::mistake;
 use crate::atomic;
 use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
+use crate::line::known;
 use crate::line::records as line_records;
 use crate::ocean_bottom::mirrored::Horizontals;
 use crate::ocean_bottom::place::{Displacement, SEARCH_M};
@@ -21,6 +22,7 @@ use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_locate::network::known_track::TrackPoint;
 use seabearing_locate::orient::geometry::{Doubts, Mended};
+use seabearing_locate::orient::line::LineBearing;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -136,6 +138,15 @@ pub fn run(args: Args) -> Result<()> {
     ] {
         if !(x >= 0.0 && x.is_finite()) {
             mistake!("--{key} is {x}; a number that is not negative is needed");
+        }
+    }
+    for input in &args.input {
+        let size = std::fs::metadata(input).map_or(1, |m| if m.is_file() { m.len() } else { 1 });
+        if size == 0 {
+            bail!(
+                "{}: empty, there is no bearing in it: records of `seabearing process` of a pass that was heard, or a table with a header, are needed",
+                input.display()
+            );
         }
     }
     let read = Station::read(&args.station)?;
@@ -268,14 +279,22 @@ fn line(args: &Args, input: &Path, track: &[TrackPoint]) -> Result<Value> {
         eta: (args.eta[0], args.eta[1]),
         gap_s: args.max_gap_s,
     };
-    let read = if is_records(input) {
-        LineRecord::of_bearings(line_records::read(input)?, &search, input.display().to_string())
-    } else {
+    let name = input.display().to_string();
+    let steps = if is_records(input) { line_records::read(input)? } else { Vec::new() };
+    let several = steps.iter().any(|s| s.sines.len() > 1);
+    let read = if steps.is_empty() {
         LineRecord::of(&CsvTable::read(input)?, &search)?
+    } else {
+        let strongest = |s: &line_records::Step| Some(LineBearing { t_s: s.t_s, sine: *s.sines.first()? });
+        LineRecord::of_bearings(steps.iter().filter_map(strongest).collect(), &search, name.clone())
     };
     Ok(match args.method {
+        Method::ClosedForm if several => bail!(
+            "{name}: several sources at once: --method fit chooses the one of the known track, the closed form does not"
+        ),
         Method::Fit => {
-            let fit = read.fit(track)?;
+            let fit = if several { known::fit(&steps, track, &search, &name)? } else { read.fit(track)? };
+            known::check(&fit, &name)?;
             if fit.off_track > 0 {
                 log::warn!(
                     "the track tells nothing of the times of {} of {} bearings",

@@ -141,3 +141,34 @@ pub fn passages(pass: &StraightPass, curves: &[Curve], positions: &[(f64, f64)],
         .caption("Standard deviation of the position that one bearing gives, the depth of the source known.");
     write_panels(path, &[&range, &heading, &place], 3)
 }
+
+/// A line's bearings against direction, for each signal-to-noise ratio (dB), and its orientation from a pass of a vessel of known track
+/// against the range of its closest point; `about` says which passes.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn line(
+    bearings: &[(f64, Vec<(f64, f64)>)],
+    orientation: &[(f64, Vec<(f64, f64)>)],
+    about: &str,
+    path: &Path,
+) -> Result<()> {
+    let panel = |title: &str, along: &str, curves: &[(f64, Vec<(f64, f64)>)]| {
+        let mut figure = Plot::new(title, along, "standard deviation (°)");
+        figure.size(520, 400).y_scale(crate::plot::Scale::Log);
+        for (snr_db, points) in curves {
+            figure.line(&format!("{snr_db:.0} dB"), points);
+        }
+        figure
+    };
+    let mut azimuth = panel("Azimuth", "angle from broadside (°)", bearings);
+    azimuth.caption(
+        "Standard deviation of the azimuth at the horizon to expect of each bearing, for signal-to-noise ratios of one sensor and transform.",
+    );
+    let mut own =
+        panel(&format!("Orientation of the line, {about}"), "range of the closest point (m)", orientation);
+    own.x_scale(crate::plot::Scale::Log).caption(
+        "Bound of the line's orientation from one straight pass of known track, clock shift and eta unknown: median over its directions.",
+    );
+    write_panels(path, &[&azimuth, &own], 2)
+}

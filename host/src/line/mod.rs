@@ -8,6 +8,7 @@
 //! A line cannot tell its two sides apart, nor azimuth from elevation: a bearing is the cosine of the angle to its axis.
 
 mod frames;
+pub mod known;
 pub mod picture;
 pub mod records;
 mod wide;
@@ -241,7 +242,9 @@ impl Chain<'_> {
         }
         frames.clear();
         let mut joined = [JoinedArrival::default(); MAX_SOURCES];
-        let n = join(&heard, &mut joined).min(self.analysis.sources);
+        let beam = self.plans.iter().map(LinePlan::beam).fold(0.0, f64::max);
+        let n = join(heard.get(..self.plans.len()).unwrap_or_default(), beam, &mut joined)
+            .min(self.analysis.sources);
         for (source, JoinedArrival { arrival, frequencies }) in joined.iter().take(n).enumerate() {
             let snr_db = 10.0 * (arrival.snr / f64::from((*frequencies).max(1))).max(1e-12).log10();
             let LineArrival { sine, sd, .. } = *arrival;

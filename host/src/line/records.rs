@@ -5,12 +5,20 @@ use crate::record::RecordFormat;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_locate::line::{Azimuths, azimuths};
-use seabearing_locate::orient::line;
 use serde_json::{Value, json};
 use std::path::Path;
 
 /// The type of these records.
 const TYPE: &str = "line_bearing";
+
+/// What a line heard at one step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// Mean time of what it rests on, seconds.
+    pub t_s: f64,
+    /// Sines of the bearings of its sources, the strongest first.
+    pub sines: Vec<f64>,
+}
 
 /// A bearing as a record; `orientation` is the azimuth of the line's axis, radians.
 pub fn json(bearing: &LineBearing, orientation: f64, format: &RecordFormat) -> Value {
@@ -33,36 +41,44 @@ pub fn json(bearing: &LineBearing, orientation: f64, format: &RecordFormat) -> V
     record
 }
 
-/// The strongest source's bearings in a file of records. Lines of other types are passed over; those that are no records are
-/// counted on standard error.
+/// All bearings in a file of records, those of one time together as the sources of a step, in order of time. Lines of other types are
+/// passed over; those that are no records are counted on standard error.
 ///
 /// # Errors
 /// The file cannot be read, or holds no bearing of a line.
-pub fn read(path: &Path) -> Result<Vec<line::LineBearing>> {
+pub fn read(path: &Path) -> Result<Vec<Step>> {
     let name = path.display();
     let text = std::fs::read(path).with_context(|| format!("cannot read {name}"))?;
-    let (mut out, mut bad) = (Vec::new(), 0);
+    let (mut heard, mut bad) = (Vec::new(), 0);
     for text in text.split(|b| *b == b'\n').filter(|t| !t.trim_ascii().is_empty()) {
         let Ok(record) = serde_json::from_slice::<Value>(text) else {
             bad += 1;
             continue;
         };
-        if record["type"] != TYPE || record["source"].as_u64().is_some_and(|n| n > 0) {
+        if record["type"] != TYPE {
             continue;
         }
         match (record["t_s"].as_f64(), record["sin_bearing"].as_f64()) {
-            (Some(t_s), Some(sine)) if sine.abs() <= 1.5 => out.push(line::LineBearing { t_s, sine }),
+            (Some(t_s), Some(sine)) if sine.abs() <= 1.5 => heard.push((t_s, sine)),
             _ => bad += 1,
         }
     }
     if bad > 0 {
         log::warn!("{name}: {bad} lines are no bearings of a line and were left out");
     }
-    if out.is_empty() {
+    if heard.is_empty() {
         bail!(
             "{name}: no bearing of a line in it: `{TYPE}` records of `seabearing process`, or a table t_s,sin_bearing, are needed"
         );
     }
-    out.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+    // Stable: of one time the strongest source stays first.
+    heard.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut out: Vec<Step> = Vec::new();
+    for (t_s, sine) in heard {
+        match out.last_mut().filter(|step| step.t_s == t_s) {
+            Some(step) => step.sines.push(sine),
+            None => out.push(Step { t_s, sines: vec![sine] }),
+        }
+    }
     Ok(out)
 }

@@ -8,6 +8,11 @@
 //! errors of the sensors (variance 1/(2NS)) pass through the weights `v = c ∗ 1_K / (K Σ c²)`, c the centred sensor numbers
 //! of a subarray: `var ω = Σ v²/(2NS) · (1 + 1/(mS)) · h₁/h`, where `h₁/h` is what other sources take away (h = the noise
 //! part of the steering vector's derivative, h₁ = m(m²−1)/12 for a single source).
+//!
+//! A source that turns while the covariance averages fills a second eigenvalue: for a spread σ_ω of its phase,
+//! `λ₂ ≈ P σ_ω² h₁` with its power P. How loud it was when decides where in that spread it is found, so that `κ σ_ω²/N'` comes to
+//! the variance: κ the relative variance of its power over the snapshots (0 of a steady tone, 1 of noise), N' as many snapshots as its
+//! loudness is new in (`LASTING`).
 
 use super::complex::{Complex, norm, phase, unit};
 use super::covariance::{smooth, update};
@@ -19,6 +24,10 @@ use crate::math::f64 as m;
 
 /// Points of the search on the unit circle: a subarray of 32 has a main lobe of 2π/16, sixteen points wide.
 const GRID: usize = 512;
+
+/// Successive snapshots that a source's loudness is taken to last for: that of a tone of a machine has the width of a transform or
+/// less, so that neighbours have about half of it in common.
+const LASTING: f64 = 2.0;
 
 /// How the noise subspace is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,6 +74,8 @@ pub struct State {
     covariance: HermitianMatrix,
     /// Effective number of independent snapshots in it.
     snapshots: f64,
+    /// Mean and mean square of a snapshot's power over all sensors, as the covariance remembers it.
+    power: (f64, f64),
 }
 
 /// Working memory of a step.
@@ -89,7 +100,7 @@ pub struct LineArrival {
 impl State {
     /// Nothing seen yet.
     pub const fn new() -> Self {
-        Self { covariance: [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS], snapshots: 0.0 }
+        Self { covariance: [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS], snapshots: 0.0, power: (0.0, 0.0) }
     }
 }
 
@@ -139,6 +150,19 @@ impl LinePlan {
         Self { counted: true, ..self }
     }
 
+    /// A beam: the distance of two sines that the subarrays of all sensors just tell apart, `λ/(md)`.
+    pub fn beam(&self) -> f64 {
+        m::TAU / (self.phase * (self.sensors + 1 - self.subarrays) as f64)
+    }
+
+    /// Standard deviation of the sine of a single source to expect, by the module's error formula: signal-to-noise ratio of one sensor
+    /// and snapshot (power), independent snapshots.
+    pub fn sine_sd(&self, snr: f64, snapshots: f64) -> f64 {
+        let length = self.sensors + 1 - self.subarrays;
+        let noise = 1.0 + 1.0 / (length as f64 * snr);
+        m::sqrt(self.weight_sum(length) / (2.0 * snapshots * snr) * noise) / self.phase
+    }
+
     /// Takes in snapshots and finds the bearings; the first so many of `arrivals` are set, strongest match first.
     ///
     /// # Errors
@@ -157,6 +181,10 @@ impl LinePlan {
             // Weights μ^k(1 − μ)/n of independent snapshots: 1/N = μ²/N_old + (1 − μ)²/n.
             let past = if share > 0.0 { share * share / state.snapshots } else { 0.0 };
             state.snapshots = 1.0 / (past + (1.0 - share) * (1.0 - share) / used);
+            let power = |x: &[Complex; MAX_SENSORS]| x.iter().take(self.sensors).map(|v| v.norm_sqr()).sum();
+            let (mean, square) = moments(snapshots, power);
+            let (old, old_square) = state.power;
+            state.power = (share * old + (1.0 - share) * mean, share * old_square + (1.0 - share) * square);
         }
         if !(state.snapshots > 0.0) {
             return Err(LineError::NoSnapshot);
@@ -178,11 +206,14 @@ impl LinePlan {
                 }
             };
             let found = arrivals.get_mut(..count).unwrap_or_default();
-            if self.counted && sources > 1 && self.one_in_two(found, length) {
+            if self.counted && sources > 1 && self.one_in_two(found) {
                 continue;
             }
             for arrival in found {
-                let (sd, snr) = self.accuracy(arrival.sine, scratch, length, &signal, noise, state.snapshots);
+                let wander =
+                    self.wander(arrival.sine, snapshots).max(relative_variance(state.power)).min(1.0);
+                let independent = (state.snapshots, state.snapshots / (LASTING * wander));
+                let (sd, snr) = self.accuracy(arrival.sine, scratch, length, &signal, noise, independent);
                 arrival.sd = sd;
                 arrival.snr = snr;
             }
@@ -193,8 +224,8 @@ impl LinePlan {
 
     /// Whether two of the arrivals are nearer to each other than half a beam (`λ/(2md)` in sine): a source that moves while the
     /// covariance averages looks like two beside it.
-    fn one_in_two(&self, arrivals: &[LineArrival], length: usize) -> bool {
-        let least = 0.5 * m::TAU / (self.phase * length as f64);
+    fn one_in_two(&self, arrivals: &[LineArrival]) -> bool {
+        let least = 0.5 * self.beam();
         let near = |(i, a): (usize, &LineArrival)| {
             arrivals.iter().skip(i + 1).any(|b| m::abs(a.sine - b.sine) < least)
         };
@@ -307,7 +338,18 @@ impl LinePlan {
         count
     }
 
-    /// Standard deviation of the sine, and signal-to-noise ratio.
+    /// Relative variance of a source's power over snapshots.
+    fn wander(&self, sine: f64, snapshots: &[[Complex; MAX_SENSORS]]) -> f64 {
+        let w = self.phase * sine;
+        let towards = |x: &[Complex; MAX_SENSORS]| {
+            let steered = x.iter().take(self.sensors).enumerate();
+            steered.fold(Complex::ZERO, |sum, (k, v)| sum + *v * unit(-w * k as f64)).norm_sqr()
+        };
+        relative_variance(moments(snapshots, towards))
+    }
+
+    /// Standard deviation of the sine, and signal-to-noise ratio; the numbers are those of independent snapshots, and of those in which
+    /// a source's loudness is new.
     fn accuracy(
         &self,
         sine: f64,
@@ -315,7 +357,7 @@ impl LinePlan {
         length: usize,
         signal: &[bool; MAX_SENSORS],
         noise: f64,
-        snapshots: f64,
+        (snapshots, of_loudness): (f64, f64),
     ) -> (f64, f64) {
         let w = self.phase * sine;
         let middle = 0.5 * (length as f64 - 1.0);
@@ -343,7 +385,8 @@ impl LinePlan {
         let snr = power / noise;
         let variance =
             self.weight_sum(length) / (2.0 * snapshots * snr) * (1.0 + 1.0 / (n * snr)) * alone / left;
-        let sd = m::sqrt(variance) / self.phase;
+        let turned = excess(&scratch.matrix, length, signal) / (power * alone);
+        let sd = m::sqrt(variance + turned / of_loudness) / self.phase;
         (if sd.is_finite() { sd.min(1.0) } else { 1.0 }, snr)
     }
 
@@ -431,6 +474,31 @@ fn noise_power(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENS
     (sum / n.max(1) as f64).max(0.0)
 }
 
+/// Mean and mean square of what is finite over snapshots.
+fn moments(snapshots: &[[Complex; MAX_SENSORS]], of: impl Fn(&[Complex; MAX_SENSORS]) -> f64) -> (f64, f64) {
+    let (mut n, mut sum, mut squares) = (0.0f64, 0.0, 0.0);
+    for x in snapshots.iter().map(of).filter(|x| x.is_finite()) {
+        n += 1.0;
+        sum += x;
+        squares += x * x;
+    }
+    (sum / n.max(1.0), squares / n.max(1.0))
+}
+
+fn relative_variance((mean, square): (f64, f64)) -> f64 {
+    if mean > 0.0 { (square / (mean * mean) - 1.0).max(0.0) } else { 0.0 }
+}
+
+/// How far the largest of the other eigenvalues stands out from the next, which noise alone makes about as large.
+fn excess(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
+    let (mut first, mut second) = (0.0f64, 0.0f64);
+    for (k, (row, _)) in values.iter().zip(signal).enumerate().take(length).filter(|(_, (_, s))| !**s) {
+        let value = row.get(k).map_or(0.0, |x| x.re);
+        (first, second) = if value > first { (value, first) } else { (first, second.max(value)) };
+    }
+    first - second
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -515,6 +583,52 @@ mod tests {
                 let n = plan(4).counting().step(&mut state, &mut scratch, &heard, method, &mut arrivals);
                 assert_eq!(n, Ok(expected), "{method:?} {sines:?} {arrivals:?}");
             }
+        }
+    }
+
+    /// A source whose loudness wanders and which turns meanwhile is found where it was loud; what is stated says so.
+    #[test]
+    fn what_a_source_turns_while_it_is_averaged_is_in_the_deviation() {
+        let mut seed = 99u32;
+        let mut normal = || {
+            let mut sum = -6.0;
+            for _ in 0..12 {
+                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                sum += f64::from(seed >> 8) / f64::from(1u32 << 24);
+            }
+            sum
+        };
+        for span in [0.0, 0.03] {
+            let (mut squares, mut stated, runs) = (0.0, 0.0, 200);
+            for _ in 0..runs {
+                let heard: std::vec::Vec<_> = (0..32)
+                    .map(|n| {
+                        let sine = 0.3 + span * (f64::from(n) / 31.0 - 0.5);
+                        let loud = Complex::new(normal(), normal());
+                        let mut x = [Complex::ZERO; MAX_SENSORS];
+                        for (k, v) in x.iter_mut().enumerate().take(23) {
+                            let noise = Complex::new(normal(), normal()).scale(0.1);
+                            *v = loud * unit(plan(1).phase * sine * k as f64) + noise;
+                        }
+                        x
+                    })
+                    .collect();
+                let mut arrivals = [LineArrival::default(); MAX_SOURCES];
+                let (mut state, mut scratch) = (State::new(), Scratch::new());
+                let n = plan(2).counting().step(
+                    &mut state,
+                    &mut scratch,
+                    &heard,
+                    MusicMethod::Root,
+                    &mut arrivals,
+                );
+                assert_eq!(n, Ok(1));
+                squares += (arrivals[0].sine - 0.3) * (arrivals[0].sine - 0.3) / f64::from(runs);
+                stated += arrivals[0].sd * arrivals[0].sd / f64::from(runs);
+            }
+            // Loudness is new in each snapshot here and taken to last for two: √2 at most.
+            let ratio = m::sqrt(stated / squares);
+            assert!((0.8..1.6).contains(&ratio), "{span}: {ratio}, error {}", m::sqrt(squares));
         }
     }
 
