@@ -76,11 +76,13 @@ pub struct Misfit {
     pub cost: f64,
     /// Its degrees of freedom.
     pub freedom: f64,
+    /// Whether the covariance counts it: not that of averages, whose bend within each is in the residual.
+    pub counts: bool,
 }
 
 impl Misfit {
     /// As chance has it.
-    pub const NONE: Self = Self { cost: 1.0, freedom: 1.0 };
+    pub const NONE: Self = Self { cost: 1.0, freedom: 1.0, counts: false };
 
     /// Squared residual a degree of freedom.
     pub fn consistency(&self) -> f64 {
@@ -89,7 +91,7 @@ impl Misfit {
 
     /// By what the covariance grows.
     pub fn growth(&self) -> f64 {
-        growth(self.consistency(), self.freedom)
+        if self.counts { growth(self.consistency(), self.freedom) } else { 1.0 }
     }
 }
 
@@ -131,7 +133,7 @@ pub fn solution(
 #[inline(never)]
 pub fn misfit(normal: &Normal, free: &[bool; PARAMETERS], measurements: f64) -> Misfit {
     let unknowns = free.iter().filter(|f| **f).count() as f64;
-    Misfit { cost: normal.cost(), freedom: measurements - unknowns }
+    Misfit { cost: normal.cost(), freedom: measurements - unknowns, counts: false }
 }
 
 /// Builds the solution from a line and any covariance of its parameters, the misfit's growth in it.

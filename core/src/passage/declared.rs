@@ -43,9 +43,9 @@ impl<const N: usize> Passage<N> {
         let free = open.free();
         let left = misfit(&normal, &free, self.measurements());
         let told = solution(&line, &normal, &free, &limits, self.seen(), &left)?;
-        // An error of the height is one of the scale.
+        // What does not fit states too little; an error of the height is one of the scale.
         let height = config.height_sd_m / height_m;
-        let variance = told.covariance[3][3] + height * height;
+        let variance = told.covariance[3][3] * told.consistency.max(1.0) + height * height;
         let useful = variance < USEFUL_SD * USEFUL_SD && line.at_limit(&limits) == 0;
         (useful && contradicts(line.speed_m_s(), variance)).then(|| line.speed_m_s())
     }

@@ -11,7 +11,7 @@ use super::hypotheses::{add_priors, same};
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, minimise};
 use super::slow;
-use super::solution::{Solution, misfit, solution};
+use super::solution::{Misfit, Solution, misfit, solution};
 use super::start::{STARTS, emitted, starts};
 use super::whiten::{Factorisation, WhitenError, Workspace};
 use crate::angle::wrap_pi;
@@ -235,7 +235,7 @@ fn finished(
     let measurements = (samples.len() + elevations) as f64;
     let n = samples.len() as u32;
     let free = config.free();
-    let of_each = misfit(&point.normal, &free, measurements);
+    let of_each = Misfit { counts: true, ..misfit(&point.normal, &free, measurements) };
     let of_averages = slow::misfit(config, samples, &point.at).filter(|m| m.growth() > of_each.consistency());
     let left = of_averages.filter(|m| m.growth() > 1.0).unwrap_or(of_each);
     let solution = solution(&point.at, &point.normal, &free, limits, n, &left)?;

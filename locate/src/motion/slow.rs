@@ -42,5 +42,5 @@ pub fn misfit(config: &Config, samples: &[Sample], line: &Line) -> Option<Misfit
         sum * sum / variance
     });
     let (cost, count) = cost.fold((0.0, 0.0), |(cost, count), c| (cost + c, count + 1.0));
-    Some(Misfit { cost, freedom: count - OBSERVABLE })
+    Some(Misfit { cost, freedom: count - OBSERVABLE, counts: true })
 }
