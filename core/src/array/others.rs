@@ -1,5 +1,5 @@
 //! Other sources than the strongest of the whole band: in its octaves, one a segment in turn, and in the whole band once the
-//! strongest is taken out, every fourth segment. One that two searches found is followed from then on, each in turn, and the searches look
+//! strongest is taken out, every eighth segment. One that two searches found, not much fainter than the strongest, is followed from then on, each in turn, and the searches look
 //! for further ones in what is left without them too. A search costs about as much as the first, a look at one that is followed half of
 //! that; each uses the spectra up, so that a segment has one of them.
 
@@ -22,11 +22,14 @@ const SECOND_APART_CELLS: f32 = 6.0;
 /// Other sources than the strongest that are followed at once.
 const OTHERS: usize = 3;
 /// Segments from one search for another source to the next.
-const SECOND_EVERY: u32 = 4;
+const SECOND_EVERY: u32 = 8;
 /// And where one found is to be found again: in sound that the two have not in common.
 const AGAIN_AFTER: u32 = 2;
 /// Share of the newest turning in what is expected.
 const SMOOTHED: f32 = 0.5;
+/// Least coherence of a source that is followed, in units of the strongest one's: what multipath of that leaves is fainter, and may move as a
+/// vessel does. A fainter source is left to the searches.
+const FOLLOWED_LEAST: f32 = 0.3;
 /// Looks in a row without it that end it.
 const MISSED: u8 = 4;
 /// Farthest a second source moves between two searches, radians: a vessel at 100 m turns by 4° a second.
@@ -113,10 +116,13 @@ struct Known {
     found: u8,
     /// Looks in a row that did not find it.
     missed: u8,
+    /// It is not much fainter than the strongest.
+    strong: bool,
 }
 
 impl Known {
-    const NONE: Self = Self { direction: [0.0; 3], turning: 0.0, segment: 0, found: 0, missed: 0 };
+    const NONE: Self =
+        Self { direction: [0.0; 3], turning: 0.0, segment: 0, found: 0, missed: 0, strong: false };
 
     fn lasts(&self) -> bool {
         self.found >= 2
@@ -144,7 +150,7 @@ impl Known {
         let own = turned / segment.wrapping_sub(self.segment).max(1) as f32;
         let share = if self.lasts() { SMOOTHED } else { 1.0 };
         let turning = self.turning + share * (own - self.turning);
-        *self = Self { direction, turning, segment, found: 2, missed: 0 };
+        *self = Self { direction, turning, segment, found: 2, missed: 0, strong: true };
     }
 }
 
@@ -190,7 +196,8 @@ impl Followed {
             }
         }
         self.place = 0;
-        let every = if self.known.iter().any(|k| k.found == 1) { AGAIN_AFTER } else { SECOND_EVERY };
+        let every =
+            if self.known.iter().any(|k| k.found == 1 && k.strong) { AGAIN_AFTER } else { SECOND_EVERY };
         if !self.known.iter().all(Known::lasts) && segment.wrapping_sub(self.searched) >= every {
             self.searched = segment;
             return Turn::Search;
@@ -212,18 +219,19 @@ impl Followed {
 
     /// Takes a source found by a search: whether it is one that was there before, within what it can have moved. It is kept where
     /// there is room.
-    fn found(&mut self, direction: Direction, segment: u32) -> bool {
+    fn found(&mut self, direction: Direction, segment: u32, strong: bool) -> bool {
         let same =
             |k: &Known| k.found > 0 && wavefront::dot(&k.direction, &direction) > m::cos(SECOND_MOVES_RAD);
-        if let Some(known) = self.known.iter_mut().find(|k| same(k)) {
-            known.take(direction, segment);
-            return true;
-        }
+        let there = self.known.iter().position(same);
         // What was not found again makes room.
-        if let Some(known) = self.known.iter_mut().find(|k| !k.lasts()) {
-            *known = Known { direction, segment, found: 1, ..Known::NONE };
+        let place = there.or_else(|| self.known.iter().position(|k| !k.lasts()));
+        let Some(known) = place.and_then(|place| self.known.get_mut(place)) else { return false };
+        if there.is_some() && (strong || known.lasts()) {
+            known.take(direction, segment);
+        } else {
+            *known = Known { direction, segment, found: 1, strong, ..Known::NONE };
         }
-        false
+        there.is_some()
     }
 
     /// What a search did not find again did not last.
@@ -275,7 +283,8 @@ pub(super) fn search(
         memory.others.drop_doubtful();
         return;
     };
-    if memory.others.found(other.refined.direction, segment)
+    let strong = other.mean > FOLLOWED_LEAST * first.mean;
+    if memory.others.found(other.refined.direction, segment, strong)
         && let Some(bearing) = told(context, &other, SECOND, spectra, scratch)
     {
         sink(Message::Bearing(bearing));
@@ -302,7 +311,7 @@ pub(super) fn follow(
         refine::remove(plan, context.band, spectra, &first.tau, &scratch.spectrum.measured);
         let again = examine(context, None, &expected, spectra, scratch)
             .filter(|found| wavefront::dot(&found.refined.direction, &expected) > near(plan));
-        if let Some(found) = again {
+        if let Some(found) = again.filter(|found| found.mean > FOLLOWED_LEAST * first.mean) {
             known.take(found.refined.direction, segment);
             if let Some(bearing) = told(context, &found, SECOND, spectra, scratch) {
                 sink(Message::Bearing(bearing));

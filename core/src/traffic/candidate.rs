@@ -11,13 +11,6 @@ use crate::math::f64 as m;
 
 /// Bearings that make a vessel.
 pub(super) const BIRTH: usize = 8;
-/// As many of them as are enough where they are within half a degree and of as long a time as eight of every segment: of a source that
-/// is looked at less often.
-const FEW: usize = 5;
-const LASTING_S: f64 = 3.5;
-const PRECISE_RAD2: f64 = 7.6e-5;
-/// Least variance of a bearing, rad².
-const LEAST_VARIANCE: f64 = 3e-8;
 /// Longest silence within a candidate, seconds.
 const PATIENCE_S: f64 = 9.0;
 /// Fastest bearing rate of any vessel, rad/s: 40 m/s at 200 m.
@@ -98,11 +91,7 @@ impl Candidate {
             }
         }
         self.append(t_s, heard);
-        let few = || {
-            self.bearings().filter(|b| b.2 < PRECISE_RAD2).count() >= FEW && t_s - self.start_s >= LASTING_S
-        };
-        let enough = self.len == BIRTH || few();
-        enough && self.trend(t_s).is_some_and(|t| t.mean_square < ROUGHEST)
+        self.len == BIRTH && self.trend(t_s).is_some_and(|t| t.mean_square < ROUGHEST)
     }
 
     /// Its bearings: time, azimuth, variance.
@@ -118,35 +107,33 @@ impl Candidate {
         }
     }
 
-    /// Least-squares line, each bearing by its own variance, extrapolated to `t_s`. With fewer than three bearings the rate is only
-    /// known to lie below [`FASTEST_RAD_S`] (a third of it as standard deviation).
-    #[inline(never)]
+    /// Least-squares line, extrapolated to `t_s`. With fewer than three bearings the rate is only known to lie below
+    /// [`FASTEST_RAD_S`] (a third of it as standard deviation).
     fn trend(&self, t_s: f64) -> Option<Trend> {
         let origin = self.bearings().next()?.1;
-        let span = (t_s - self.start_s).max(0.0);
-        // The bearing of a straight track bends, which a line cannot: what that may leave counts as error.
-        let bend = |rate: f64| (BEND * rate * rate * span * span).min(MOST_BEND_RAD);
-        let fitted = |bend: f64| {
-            let within = bend * bend / (27.0 * 27.0);
-            let mut line = StraightLine::default();
-            for (t, azimuth, v) in self.bearings() {
-                line.add(t - t_s, wrap_pi(azimuth - origin), 1.0 / (v + within).max(LEAST_VARIANCE));
-            }
-            // The rate's prior as one more observation: zero, with standard deviation FASTEST/3.
-            line.add_level(9.0 / (FASTEST_RAD_S * FASTEST_RAD_S));
-            line.fit().map(|line| (line, within))
-        };
-        let (line, _) = fitted(0.0)?;
-        let bend = bend(line.slope);
-        let (line, within) = fitted(bend)?;
-        let square = self.bearings().map(|(t, a, v)| {
+        let (mut line, mut variance) = (StraightLine::default(), 0.0);
+        for (t, azimuth, v) in self.bearings() {
+            line.add(t - t_s, wrap_pi(azimuth - origin), 1.0);
+            variance += v;
+        }
+        let n = self.len as f64;
+        variance /= n;
+        // The rate's prior as one more observation: zero, with standard deviation FASTEST/3.
+        line.add_level(variance / (FASTEST_RAD_S * FASTEST_RAD_S / 9.0));
+        let line = line.fit()?;
+        let (azimuth, rate) = (line.value, line.slope);
+        let mut square = 0.0;
+        for (t, a, _) in self.bearings() {
             let r = wrap_pi(a - origin) - line.at(t - t_s);
-            r * r / (v + within).max(LEAST_VARIANCE)
-        });
-        let mean_square = square.sum::<f64>() / (self.len as f64 - 2.0).max(1.0);
-        let beyond = bend / 4.0;
-        let variance = line.var_value + beyond * beyond;
-        let at = Trend { azimuth: origin + line.value, variance, mean_square };
+            square += r * r;
+        }
+        // The bearing of a straight track bends, which a line cannot: what that may leave counts as error.
+        let span = (t_s - self.start_s).max(0.0);
+        let bend = (BEND * rate * rate * span * span).min(MOST_BEND_RAD);
+        let (within, beyond) = (bend / 27.0, bend / 4.0);
+        let mean_square = square / ((variance + within * within) * (n - 2.0).max(1.0));
+        let extrapolated = variance * line.var_value + beyond * beyond;
+        let at = Trend { azimuth: origin + azimuth, variance: extrapolated, mean_square };
         m::abs(at.azimuth).is_finite().then_some(at)
     }
 }
