@@ -127,11 +127,13 @@ fn of<T>(all: &mut [T; OWNERS], owner: u8) -> &mut T {
 /// The stretches of cells that are one owner's each.
 fn runs(owner: &[u8; RANGE_CELLS], cells: usize) -> impl Iterator<Item = (u8, core::ops::Range<usize>)> {
     let mut from = 0;
-    let all = owner.get(..cells).unwrap_or_default().chunk_by(|a, b| a == b);
-    all.filter_map(move |run| {
-        let at = from..from + run.len();
+    // `chunk_by` keeps a panic path.
+    core::iter::from_fn(move || {
+        let rest = owner.get(from..cells)?;
+        let own = *rest.first()?;
+        let at = from..from + rest.iter().take_while(|o| **o == own).count();
         from = at.end;
-        run.first().map(|owner| (*owner, at))
+        Some((own, at))
     })
 }
 
