@@ -349,11 +349,13 @@ fn directions_of_mirrored_sign_are_refused() {
     let delays = dir.path().join("delays.csv").to_str().unwrap().to_owned();
     const PLACES: [[f64; 3]; 4] =
         [[0.0, 0.0, 0.0], [0.52, -0.12, -0.81], [-0.46, -0.36, -0.8], [-0.14, 0.61, -0.77]];
-    let write = |sign: f64| {
+    // What East, North and Up of the direction of a time are multiplied by.
+    let write = |signs: &dyn Fn(i32) -> [f64; 3]| {
         let mut rows = String::from("t_s,azimuth_deg,elevation_deg\n");
         let mut differences = String::from("t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s\n");
         for k in 0..200 {
-            let u = to_the_ship(f64::from(k)).map(|x| sign * x);
+            let (to, signs) = (to_the_ship(f64::from(k)), signs(k));
+            let u: [f64; 3] = std::array::from_fn(|x| signs[x] * to[x]);
             let azimuth = u[0].atan2(u[1]).to_degrees().rem_euclid(360.0);
             let _ = writeln!(rows, "{k},{azimuth},{}", u[2].asin().to_degrees());
             let _ = write!(differences, "{k}");
@@ -368,15 +370,25 @@ fn directions_of_mirrored_sign_are_refused() {
     };
     let orient = ["orient", "--station", &station, "--track", &track, &bearings, "--json"];
     let bearing = ["bearing", "--station", &station, &delays, "--json"];
-    write(1.0);
+    write(&|_| [1.0; 3]);
     let turned = number(&records(&orient)[0], "orientation_deg");
     assert!(turned.abs() < 0.5, "{turned}");
     assert_eq!(records(&bearing).len(), 200);
-    write(-1.0);
+    write(&|_| [-1.0; 3]);
     let said = refusal(&orient);
     assert!(said.contains("lean") && said.contains("mirrored") && said.contains("bearings.csv"), "{said}");
     let said = refusal(&bearing);
     assert!(said.contains("below the horizon") && said.contains("delays.csv"), "{said}");
+    // Azimuths that run the other way round, as with two channels exchanged.
+    write(&|_| [-1.0, 1.0, 1.0]);
+    let said = refusal(&orient);
+    assert!(said.contains("other way round") && said.contains("channels exchanged"), "{said}");
+    // A few sets of the wrong sign are not accepted, and do not condemn the rest.
+    write(&|k| if k % 5 == 0 { [-1.0; 3] } else { [1.0; 3] });
+    let sets = records(&bearing);
+    let accepted = |set: &Value| set["accepted"] == true;
+    assert!(sets.iter().step_by(5).all(|s| !accepted(s)), "{sets:?}");
+    assert!(sets.iter().filter(|s| accepted(s)).count() > 150, "{sets:?}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Other sources than the strongest of the whole band: in its octaves, one a segment in turn, and in the whole band once the
-//! strongest is taken out, every eighth segment. One that two searches found, not much fainter than the strongest, is followed from then on, each in turn, and the searches look
-//! for further ones in what is left without them too. A search costs about as much as the first, a look at one that is followed half of
-//! that; each uses the spectra up, so that a segment has one of them.
+//! strongest is taken out, every eighth segment. One that two searches found, not much fainter than the strongest, is followed
+//! from then on, each in turn, and the searches look for further ones in what is left without them too. A search costs about as
+//! much as the first, a look at one that is followed half of that; each uses the spectra up, so that a segment has one of them.
 
 use super::agreement::Doubt;
 use super::chain::Scratch;
@@ -339,4 +339,61 @@ fn told(
     let others = Others::Scatter(scatter.ratio);
     bearing(context, found, work, Doubt::NONE, 0.0, band, others)
         .filter(|b| b.quality >= SECOND_LEAST_QUALITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::unit_vector;
+    use crate::config::StationConfig;
+
+    fn plan() -> Plan {
+        let hydrophones_m =
+            [[0.0, 1.0623, -0.3756], [0.92, -0.5312, -0.3756], [-0.92, -0.5312, -0.3756], [0.0, 0.0, 1.1267]];
+        Plan::new(&StationConfig::array(64_000.0, hydrophones_m)).unwrap()
+    }
+
+    fn at(azimuth_deg: f32) -> Direction {
+        unit_vector(azimuth_deg.to_radians(), 0.2)
+    }
+
+    #[test]
+    fn what_two_searches_found_is_followed_where_it_goes_and_each_has_its_turn() {
+        let mut others = Followed::NONE;
+        assert_eq!((1..8).map(|n| others.turn(n)).filter(|t| *t != Turn::Octave).count(), 0);
+        assert_eq!(others.turn(8), Turn::Search);
+        assert!(!others.found(at(40.0), 8, true) && others.any());
+        // It is soon looked for again.
+        assert_eq!((others.turn(9), others.turn(10)), (Turn::Octave, Turn::Search));
+        assert!(others.found(at(41.0), 10, true));
+        assert_eq!((others.turn(11), others.turn(12)), (Turn::Follow(0), Turn::Octave));
+        let expected = wavefront::angles(&others.known[0].expected(20)).0.to_degrees();
+        assert!((expected - 46.0).abs() < 0.01, "{expected}");
+        // A second one, and both have a turn.
+        assert!(!others.found(at(200.0), 18, true) && others.found(at(200.1), 20, true));
+        let turns = [21, 22, 23].map(|n| others.turn(n));
+        assert!(turns.contains(&Turn::Follow(0)) && turns.contains(&Turn::Follow(1)), "{turns:?}");
+    }
+
+    #[test]
+    fn what_is_much_fainter_is_left_to_the_searches_and_what_is_not_found_again_goes() {
+        let mut others = Followed::NONE;
+        assert!(!others.found(at(40.0), 8, false) && others.found(at(40.5), 16, false));
+        assert!(!(17..24).any(|n| matches!(others.turn(n), Turn::Follow(_))));
+        others.drop_doubtful();
+        assert!(!others.any());
+    }
+
+    #[test]
+    fn the_strongest_and_another_change_places() {
+        let (plan, mut others) = (plan(), Followed::NONE);
+        others.strongest(&plan, at(100.0), 1);
+        assert!(!others.found(at(40.0), 8, true) && others.found(at(40.0), 10, true));
+        others.strongest(&plan, at(100.2), 10);
+        others.strongest(&plan, at(40.0), 11);
+        assert!(others.known[0].lasts() && others.known[0].is_at(&plan, &at(100.2), 11), "{others:?}");
+        // Its own direction is no other source's.
+        others.strongest(&plan, at(40.1), 12);
+        assert!(!others.known.iter().any(|k| k.is_at(&plan, &at(40.1), 12)));
+    }
 }

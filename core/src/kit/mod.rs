@@ -1,6 +1,5 @@
 //! The estimators everything else is made of, one of each.
 //!
-//! - [`chance`]: what a sum of squares exceeds by chance;
 //! - [`spd`]: symmetric positive definite matrices: factor, solution, inverse, quadratic forms;
 //! - [`normal`]: normal equations of a weighted least-squares problem, their step and covariance;
 //! - [`descent`]: Levenberg-Marquardt over them;
@@ -14,7 +13,6 @@
 //! All of it is double precision in fixed memory, without a panic, and gives the same bits on host and target.
 
 pub mod approach;
-pub mod chance;
 pub mod descent;
 pub mod golden;
 pub mod normal;

@@ -123,7 +123,6 @@ pub fn times<const N: usize>(a: &Square<N>, x: &[f64; N]) -> [f64; N] {
 }
 
 /// `aᵀ C b`: the covariance of two linear functions of parameters whose covariance is `c`.
-#[inline(never)]
 pub fn quadratic<const N: usize>(a: &[f64; N], c: &Square<N>, b: &[f64; N]) -> f64 {
     dot(a, &times(c, b))
 }

@@ -6,7 +6,6 @@
 use super::model::{Limits, Line, Medium, PARAMETERS};
 use super::normal::{Matrix, Normal};
 use crate::angle::wrap_tau;
-use crate::kit::chance::growth;
 use crate::kit::spd::quadratic;
 use crate::math::f64 as m;
 
@@ -65,38 +64,9 @@ pub struct Solution {
     pub n: u32,
     /// Weighted squared residual per degree of freedom: near 1 when the error model and the straight track hold.
     pub consistency: f64,
-    /// By what that made every variance grow, beyond chance; 1 where the bearings fit.
-    pub growth: f64,
-}
-
-/// Squared residual of a fit, and what it is held against.
-#[derive(Clone, Copy, Debug)]
-pub struct Misfit {
-    /// Weighted squared residual.
-    pub cost: f64,
-    /// Its degrees of freedom.
-    pub freedom: f64,
-    /// Whether the covariance counts it: not that of averages, whose bend within each is in the residual.
-    pub counts: bool,
-}
-
-impl Misfit {
-    /// As chance has it.
-    pub const NONE: Self = Self { cost: 1.0, freedom: 1.0, counts: false };
-
-    /// Squared residual a degree of freedom.
-    pub fn consistency(&self) -> f64 {
-        self.cost / self.freedom.max(1.0)
-    }
-
-    /// By what the covariance grows.
-    pub fn growth(&self) -> f64 {
-        if self.counts { growth(self.consistency(), self.freedom) } else { 1.0 }
-    }
 }
 
 /// Position at `t_s` and its covariance `[xx, yy, xy]`.
-#[inline(never)]
 pub fn position(line: &Line, covariance: &Matrix, t_s: f64) -> ([f64; 2], [f64; 3]) {
     let (at, d) = line.position(t_s);
     let c = |a: usize, b: usize| quadratic(&d[a], covariance, &d[b]);
@@ -104,7 +74,6 @@ pub fn position(line: &Line, covariance: &Matrix, t_s: f64) -> ([f64; 2], [f64; 
 }
 
 /// Information every fit has from its limits alone: a uniform spread over the searched interval.
-#[inline(never)]
 pub fn floor(limits: &Limits, speed_m_s: f64) -> [f64; PARAMETERS] {
     let uniform = |width: f64| 12.0 / (width * width).max(1e-12);
     let times = limits.times_s.1 - limits.times_s.0 + 2.0 * limits.range_m.1 / speed_m_s;
@@ -112,39 +81,28 @@ pub fn floor(limits: &Limits, speed_m_s: f64) -> [f64; PARAMETERS] {
 }
 
 /// Builds the solution of a converged fit over `n` bearings; `None` if its matrix has no inverse.
-#[inline(never)]
 pub fn solution(
     line: &Line,
     normal: &Normal,
     free: &[bool; PARAMETERS],
     limits: &Limits,
     n: u32,
-    misfit: &Misfit,
+    measurements: f64,
 ) -> Option<Solution> {
-    let growth = misfit.growth();
-    let mut covariance = normal.covariance(free, &floor(limits, line.speed_m_s()))?;
-    for x in covariance.iter_mut().flatten() {
-        *x *= growth;
-    }
-    from_covariance(line, &covariance, limits, n, misfit)
-}
-
-/// What a fit of these normal equations leaves of so many measurements.
-#[inline(never)]
-pub fn misfit(normal: &Normal, free: &[bool; PARAMETERS], measurements: f64) -> Misfit {
+    let covariance = normal.covariance(free, &floor(limits, line.speed_m_s()))?;
     let unknowns = free.iter().filter(|f| **f).count() as f64;
-    Misfit { cost: normal.cost(), freedom: measurements - unknowns, counts: false }
+    let consistency = normal.cost() / (measurements - unknowns).max(1.0);
+    from_covariance(line, &covariance, limits, n, consistency)
 }
 
-/// Builds the solution from a line and any covariance of its parameters, the misfit's growth in it.
+/// Builds the solution from a line and any covariance of its parameters (the sandwich one, for a wrong error model).
 pub fn from_covariance(
     line: &Line,
     covariance: &Matrix,
     limits: &Limits,
     n: u32,
-    misfit: &Misfit,
+    consistency: f64,
 ) -> Option<Solution> {
-    let consistency = misfit.consistency();
     let sd = |k: usize| m::sqrt(covariance[k][k].max(0.0));
     let (position0_m, covariance0_m2) = position(line, covariance, limits.times_s.0);
     let (position1_m, covariance1_m2) = position(line, covariance, limits.times_s.1);
@@ -192,7 +150,6 @@ pub fn from_covariance(
         range_observable,
         n,
         consistency,
-        growth: misfit.growth(),
     };
     let finite = position0_m.iter().chain(&position1_m).chain(&covariance0_m2).chain(&covariance1_m2);
     (finite.chain(&[out.cpa_time_s, range_m, consistency]).all(|x| x.is_finite())).then_some(out)

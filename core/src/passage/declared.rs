@@ -6,7 +6,7 @@
 use super::{Config, MeasuredSpeed, Passage};
 use crate::math::f64 as m;
 use crate::motion::model::{LN_SPEED, Limits};
-use crate::passage::{misfit, solution};
+use crate::passage::solution;
 
 /// Standard deviations that a contradiction takes: once in 15 000 passages by chance, where what is stated holds.
 const DOUBT_SD: f64 = 4.0;
@@ -40,9 +40,7 @@ impl<const N: usize> Passage<N> {
         let links = self.links(&open);
         let problem = super::Problem { limits, ..self.problem(&open, &links) };
         let (line, normal) = problem.freed(&self.best()?.line)?;
-        let free = open.free();
-        let left = misfit(&normal, &free, self.measurements());
-        let told = solution(&line, &normal, &free, &limits, self.seen(), &left)?;
+        let told = solution(&line, &normal, &open.free(), &limits, self.seen(), self.measurements())?;
         // What does not fit states too little; an error of the height is one of the scale.
         let height = config.height_sd_m / height_m;
         let variance = told.covariance[3][3] * told.consistency.max(1.0) + height * height;

@@ -36,7 +36,7 @@ mod settings;
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
 use crate::motion::model::{Limits, PARAMETERS};
-use crate::motion::solution::{Misfit, Solution, from_covariance, misfit, solution};
+use crate::motion::solution::{Solution, from_covariance, solution};
 pub(crate) use known::{Known, Prediction};
 use lines::{Lines, Link, Problem};
 pub use node::Mean;
@@ -240,9 +240,7 @@ impl<const N: usize> Passage<N> {
         let links = self.links(config);
         let problem = Problem { limits, ..self.problem(config, &links) };
         let (line, normal) = problem.within_limits(&self.best()?.line)?;
-        let free = config.free();
-        let left = misfit(&normal, &free, problem.measurements());
-        let known = solution(&line, &normal, &free, &limits, self.seen, &left)?;
+        let known = solution(&line, &normal, &config.free(), &limits, self.seen, problem.measurements())?;
         let mut covariance = known.covariance;
         let scale = config.scale_variance(covariance[3][3]);
         if config.lasting_sd_rad <= 0.0 && scale <= 0.0 {
@@ -253,14 +251,14 @@ impl<const N: usize> Passage<N> {
             covariance[k][k] += config.lasting_sd_rad * config.lasting_sd_rad;
         }
         covariance[3][3] += scale;
-        from_covariance(&line, &covariance, &limits, self.seen, &left)
+        from_covariance(&line, &covariance, &limits, self.seen, known.consistency)
     }
 
     /// What a line found before says of the times this passage remembers.
     pub(crate) fn solution_by(&self, config: &Config, known: &Known) -> Option<Solution> {
         let limits = config.limits(self.times_s());
         let line = known.line.moved(&[0.0; PARAMETERS], &limits);
-        from_covariance(&line, &known.covariance(), &limits, self.seen, &Misfit::NONE)
+        from_covariance(&line, &known.covariance(), &limits, self.seen, 1.0)
     }
 
     /// A measurement that a young passage's lines do not explain, though it lies where the vessel was: they may have run

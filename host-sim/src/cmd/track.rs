@@ -207,7 +207,7 @@ pub fn run(args: Args) -> Result<()> {
             100.0 * found.nugget.sqrt()
         );
     }
-    let growth = found.solution.growth;
+    let growth = found.growth;
     if growth > 1.0 {
         log::warn!(
             "{}: the bearings contradict a straight track at constant speed with such errors (consistency {:.1}): \
@@ -280,7 +280,9 @@ fn record(args: &Args, found: &Found) -> Value {
         put(key, ranged(x));
     }
     put("consistency", finite(s.consistency));
-    put("consistent", (s.growth <= 1.0).into());
+    if args.estimator == Estimator::Ml {
+        put("consistent", (found.growth <= 1.0).into());
+    }
     put("estimator", if args.estimator == Estimator::Ml { "ml" } else { "recursive" }.into());
     put("model", args.model().name().into());
     if let Some(i) = found.range_95_m {

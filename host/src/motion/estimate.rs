@@ -22,6 +22,8 @@ pub struct Estimate {
     pub range_95_m: Option<Interval>,
     /// White part that was added to a nearly singular error model, as a share of the variance.
     pub nugget: f64,
+    /// By what a misfit beyond chance made every variance grow (batch estimator); 1 where the bearings fit.
+    pub growth: f64,
     /// Bearings that the track does without: refused, or (robust) far from it.
     pub wrong: usize,
 }
@@ -60,9 +62,15 @@ pub fn batch(config: &Config, samples: &[Sample], robust: bool) -> Result<Estima
         Err(FitError::Whiten(WhitenError::Times)) => bail!("times are not usable"),
         Err(FitError::NoMinimum) => bail!("no straight track fits (all bearings at one time?)"),
     };
-    let quantile = CHI2_95 * fit.solution.growth;
+    let quantile = CHI2_95 * fit.growth;
     let range_95_m = ml::range_interval(config, &weighted, &fit, quantile, &mut memory.work, &memory.dense);
-    Ok(Estimate { solution: fit.solution, range_95_m, nugget: fit.factorisation.nugget, wrong })
+    Ok(Estimate {
+        solution: fit.solution,
+        range_95_m,
+        nugget: fit.factorisation.nugget,
+        growth: fit.growth,
+        wrong,
+    })
 }
 
 /// One bearing after the other by the recorder's passage fit, whose correlated errors are Gauss-Markov. `sd_rad`: standard
@@ -106,7 +114,7 @@ pub fn one_by_one(
         bail!("{} usable bearings; a track needs at least 6 at different times", samples.len() - refused)
     };
     let wrong = if robust { wrong(&solution.line, &config.medium, samples) } else { refused };
-    Ok(Estimate { solution, range_95_m: None, nugget: 0.0, wrong })
+    Ok(Estimate { solution, range_95_m: None, nugget: 0.0, growth: 1.0, wrong })
 }
 
 fn no_range<T>() -> Result<T> {

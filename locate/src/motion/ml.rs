@@ -11,11 +11,12 @@ use super::hypotheses::{add_priors, same};
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, minimise};
 use super::slow;
-use super::solution::{Misfit, Solution, misfit, solution};
+use super::solution::{Solution, from_covariance, solution};
 use super::start::{STARTS, emitted, starts};
 use super::whiten::{Factorisation, WhitenError, Workspace};
 use crate::angle::wrap_pi;
 use crate::math::f64 as m;
+use crate::network::locate::misfit_limit;
 
 /// What is assumed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,8 +67,10 @@ impl Sample {
 /// A finished fit.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
-    /// What it says about the vessel.
+    /// What it says about the vessel, the growth in it.
     pub solution: Solution,
+    /// By what a misfit beyond chance, of the bearings or of their averages, makes every variance grow; 1 where they fit.
+    pub growth: f64,
     /// Normal equations at the minimum.
     pub normal: Normal,
     /// How the errors were whitened; its `nugget` is above zero where the model was nearly singular.
@@ -235,11 +238,21 @@ fn finished(
     let measurements = (samples.len() + elevations) as f64;
     let n = samples.len() as u32;
     let free = config.free();
-    let of_each = Misfit { counts: true, ..misfit(&point.normal, &free, measurements) };
-    let of_averages = slow::misfit(config, samples, &point.at).filter(|m| m.growth() > of_each.consistency());
-    let left = of_averages.filter(|m| m.growth() > 1.0).unwrap_or(of_each);
-    let solution = solution(&point.at, &point.normal, &free, limits, n, &left)?;
-    Some(Fit { solution, normal: point.normal, factorisation: *factorisation })
+    let of_each = solution(&point.at, &point.normal, &free, limits, n, measurements)?;
+    let unknowns = free.iter().filter(|f| **f).count() as f64;
+    let of_averages = slow::consistency(config, samples, &point.at);
+    // Beyond chance, the worse of both counts.
+    let both = [Some((of_each.consistency, measurements - unknowns)), of_averages];
+    let beyond =
+        both.into_iter().flatten().filter(|(x, freedom)| x * freedom > misfit_limit(*freedom as u32));
+    let growth = beyond.fold(1.0, |most: f64, (x, _)| most.max(x));
+    let solution = if growth > 1.0 {
+        let covariance = of_each.covariance.map(|row| row.map(|x| growth * x));
+        from_covariance(&point.at, &covariance, limits, n, growth)?
+    } else {
+        of_each
+    };
+    Some(Fit { solution, growth, normal: point.normal, factorisation: *factorisation })
 }
 
 /// An interval of the closest-point range; an end that reaches the configured limit is open.

@@ -7,7 +7,6 @@
 
 use super::ml::{Config, Sample};
 use super::model::Line;
-use super::solution::Misfit;
 use crate::angle::wrap_pi;
 
 /// Stretches at most, and at least: those whose freedom is what three parameters of a course leave, and as many again.
@@ -19,8 +18,9 @@ const INTERVALS: f64 = 2.0;
 /// Parameters of a course that azimuths tell.
 const OBSERVABLE: f64 = 3.0;
 
-/// The misfit of averaged azimuths; none where there are too few, or their errors last too long.
-pub fn misfit(config: &Config, samples: &[Sample], line: &Line) -> Option<Misfit> {
+/// Squared residual a degree of freedom of averaged azimuths, and how many of these there are; none where there are too few bearings, or
+/// their errors last too long.
+pub fn consistency(config: &Config, samples: &[Sample], line: &Line) -> Option<(f64, f64)> {
     let span_s = samples.last()?.t_s - samples.first()?.t_s;
     let by_time = if config.tau_s > 0.0 { (span_s / (INTERVALS * config.tau_s)) as usize } else { MOST };
     let stretches = MOST.min(by_time).min(samples.len() / BEARINGS);
@@ -42,5 +42,66 @@ pub fn misfit(config: &Config, samples: &[Sample], line: &Line) -> Option<Misfit
         sum * sum / variance
     });
     let (cost, count) = cost.fold((0.0, 0.0), |(cost, count), c| (cost + c, count + 1.0));
-    Some(Misfit { cost, freedom: count - OBSERVABLE, counts: true })
+    let freedom: f64 = count - OBSERVABLE;
+    Some((cost / freedom, freedom))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::covariance::Model;
+    use crate::motion::ml::fit;
+    use crate::motion::model::Medium;
+    use crate::motion::whiten::Workspace;
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    const SD_RAD: f64 = 0.01;
+
+    fn config() -> Config {
+        Config {
+            model: Model::White,
+            tau_s: 0.0,
+            speed_m_s: 7.0,
+            speed_sd_m_s: 0.0,
+            range_m: (5.0, 20_000.0),
+            medium: Medium::of_sound_speed(f64::INFINITY),
+            elevation_bias_sd_rad: 0.0,
+        }
+    }
+
+    /// 200 s of a vessel that passes 500 m away, with a ripple of so many deviations and a minute's period.
+    fn passing(ripple_sd: f64, seed: u64) -> Vec<Sample> {
+        let mut state = seed;
+        let mut normal = || {
+            let mut sum = -6.0;
+            for _ in 0..12 {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
+            }
+            sum
+        };
+        let line = Line { p: [0.5, 100.0, (7.0f64 / 500.0).ln(), 7f64.ln(), 0.0], sense: 1.0 };
+        let of = |k: u32| {
+            let t_s = 0.5 * f64::from(k);
+            let error = SD_RAD * (normal() + ripple_sd * (t_s * std::f64::consts::TAU / 60.0).sin());
+            Sample::azimuth(t_s, line.azimuth(&config().medium, t_s) + error, SD_RAD)
+        };
+        (0..401).map(of).collect()
+    }
+
+    #[test]
+    fn a_ripple_below_a_deviation_is_noticed_and_noise_is_not() {
+        let mut work = Box::new(Workspace::<512>::new());
+        let mut noticed = [0; 2];
+        for seed in 0..40 {
+            for (count, ripple_sd) in noticed.iter_mut().zip([0.0, 0.7]) {
+                let found = fit(&config(), &passing(ripple_sd, 7 + seed), &mut work, &mut []).unwrap();
+                *count += usize::from(found.growth > 1.0);
+                assert!(found.growth <= 1.0 || found.growth == found.solution.consistency);
+            }
+        }
+        let [noise, ripple] = noticed;
+        assert!(noise <= 1 && ripple >= 38, "{noise} {ripple}");
+    }
 }

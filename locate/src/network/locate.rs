@@ -8,7 +8,6 @@
 use super::model::Sighting;
 use super::search::{Maximum, maximum};
 use super::{MAX_ARRAYS, NetworkError, Region};
-use crate::kit::chance::chi_squared_limit;
 use crate::kit::median;
 use crate::kit::spd::{self, Square};
 use crate::math::f64 as m;
@@ -16,6 +15,9 @@ use crate::math::f64 as m;
 /// Largest standard deviation of a fix, as a share of the median distance to the arrays: beyond one half, range is
 /// not a number with an error but an open ridge of the likelihood.
 pub const LARGEST_RELATIVE_SD: f64 = 0.5;
+
+/// Normal quantile of the misfit test: one consistent set in a thousand is taken for inconsistent.
+const TEST_QUANTILE: f64 = 3.09;
 
 /// How a set is turned into a fix.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -112,9 +114,12 @@ fn angles(sightings: &[Sighting], left_out: Option<usize>) -> u32 {
         .sum()
 }
 
-/// Largest consistent misfit for a number of degrees of freedom.
+/// Largest consistent misfit for a number of degrees of freedom (Wilson and Hilferty's chi-square quantile).
 pub fn misfit_limit(freedom: u32) -> f64 {
-    chi_squared_limit(f64::from(freedom))
+    let k = f64::from(freedom.max(1));
+    let c = 2.0 / (9.0 * k);
+    let root = 1.0 - c + TEST_QUANTILE * m::sqrt(c);
+    k * root * root * root
 }
 
 fn fix(
