@@ -449,7 +449,11 @@ fn cell(value: &Value) -> String {
             let x = n.as_f64().unwrap_or(f64::NAN);
             if x != 0.0 && x.abs() < 0.1 { format!("{x:.5}") } else { format!("{:.3}", x) }
         }
-        Value::Array(list) => list.iter().map(cell).collect::<Vec<_>>().join(" to "),
+        // Two are the ends of a range.
+        Value::Array(list) => {
+            let between = if list.len() == 2 { " to " } else { ", " };
+            list.iter().map(cell).collect::<Vec<_>>().join(between)
+        }
         Value::Null => "-".to_owned(),
         other => other.to_string(),
     }

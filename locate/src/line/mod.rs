@@ -17,6 +17,7 @@ pub mod covariance;
 pub mod hermitian;
 pub mod music;
 pub mod roots;
+mod turning;
 
 pub use average::{JoinedArrival, MAX_FREQUENCIES, join};
 pub use complex::{Complex, unit};

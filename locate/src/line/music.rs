@@ -8,26 +8,19 @@
 //! errors of the sensors (variance 1/(2NS)) pass through the weights `v = c ∗ 1_K / (K Σ c²)`, c the centred sensor numbers
 //! of a subarray: `var ω = Σ v²/(2NS) · (1 + 1/(mS)) · h₁/h`, where `h₁/h` is what other sources take away (h = the noise
 //! part of the steering vector's derivative, h₁ = m(m²−1)/12 for a single source).
-//!
-//! A source that turns while the covariance averages fills a second eigenvalue: for a spread σ_ω of its phase,
-//! `λ₂ ≈ P σ_ω² h₁` with its power P. How loud it was when decides where in that spread it is found, so that `κ σ_ω²/N'` comes to
-//! the variance: κ the relative variance of its power over the snapshots (0 of a steady tone, 1 of noise), N' as many snapshots as its
-//! loudness is new in (`LASTING`).
+//! A source that turns meanwhile: `turning`.
 
 use super::complex::{Complex, norm, phase, unit};
 use super::covariance::{smooth, update};
 use super::hermitian::{HermitianMatrix, eigen};
 use super::roots::{MAX_COEFFICIENTS, roots};
+use super::turning::{LASTING, excess, moments, relative_variance};
 use super::{MAX_SENSORS, MAX_SOURCES};
 use crate::kit::golden;
 use crate::math::f64 as m;
 
 /// Points of the search on the unit circle: a subarray of 32 has a main lobe of 2π/16, sixteen points wide.
 const GRID: usize = 512;
-
-/// Successive snapshots that a source's loudness is taken to last for: that of a tone of a machine has the width of a transform or
-/// less, so that neighbours have about half of it in common.
-const LASTING: f64 = 2.0;
 
 /// How the noise subspace is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -474,180 +467,6 @@ fn noise_power(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENS
     (sum / n.max(1) as f64).max(0.0)
 }
 
-/// Mean and mean square of what is finite over snapshots.
-fn moments(snapshots: &[[Complex; MAX_SENSORS]], of: impl Fn(&[Complex; MAX_SENSORS]) -> f64) -> (f64, f64) {
-    let (mut n, mut sum, mut squares) = (0.0f64, 0.0, 0.0);
-    for x in snapshots.iter().map(of).filter(|x| x.is_finite()) {
-        n += 1.0;
-        sum += x;
-        squares += x * x;
-    }
-    (sum / n.max(1.0), squares / n.max(1.0))
-}
-
-fn relative_variance((mean, square): (f64, f64)) -> f64 {
-    if mean > 0.0 { (square / (mean * mean) - 1.0).max(0.0) } else { 0.0 }
-}
-
-/// How far the largest of the other eigenvalues stands out from the next, which noise alone makes about as large.
-fn excess(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
-    let (mut first, mut second) = (0.0f64, 0.0f64);
-    for (k, (row, _)) in values.iter().zip(signal).enumerate().take(length).filter(|(_, (_, s))| !**s) {
-        let value = row.get(k).map_or(0.0, |x| x.re);
-        (first, second) = if value > first { (value, first) } else { (first, second.max(value)) };
-    }
-    first - second
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn plan(sources: usize) -> LinePlan {
-        LinePlan::new(23, 0.75, 702.0, 1484.0, 5, 0.4, sources).unwrap()
-    }
-
-    /// Snapshots of plane waves with unit power each and pseudo-random phases, and weak noise.
-    fn snapshots(sines: &[f64], coherent: bool, noise: f64) -> std::vec::Vec<[Complex; MAX_SENSORS]> {
-        let mut seed = 12345u32;
-        let mut random = move || {
-            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            f64::from(seed >> 8) / f64::from(1u32 << 24)
-        };
-        (0..40)
-            .map(|_| {
-                let common = random() * m::TAU;
-                let mut x = [Complex::ZERO; MAX_SENSORS];
-                for s in sines {
-                    let phase = if coherent { common + s } else { random() * m::TAU };
-                    for (k, v) in x.iter_mut().enumerate().take(23) {
-                        *v += unit(phase + plan(1).phase * s * k as f64);
-                    }
-                }
-                for v in x.iter_mut().take(23) {
-                    *v += unit(random() * m::TAU).scale(noise);
-                }
-                x
-            })
-            .collect()
-    }
-
-    fn find(sines: &[f64], coherent: bool, noise: f64, method: MusicMethod) -> std::vec::Vec<LineArrival> {
-        let mut arrivals = [LineArrival::default(); MAX_SOURCES];
-        let n = plan(sines.len())
-            .step(
-                &mut State::new(),
-                &mut Scratch::new(),
-                &snapshots(sines, coherent, noise),
-                method,
-                &mut arrivals,
-            )
-            .unwrap();
-        let mut out = arrivals[..n].to_vec();
-        out.sort_by(|a, b| a.sine.total_cmp(&b.sine));
-        out
-    }
-
-    #[test]
-    fn one_wave_without_noise_is_found_exactly() {
-        for method in [MusicMethod::Spectrum, MusicMethod::Root] {
-            for sine in [-0.93, -0.2, 0.0, 0.573] {
-                let found = find(&[sine], false, 0.0, method);
-                assert!((found[0].sine - sine).abs() < 1e-6, "{method:?} {sine} {found:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn two_waves_are_told_apart_even_if_coherent() {
-        for method in [MusicMethod::Spectrum, MusicMethod::Root] {
-            for coherent in [false, true] {
-                let found = find(&[0.1, 0.25], coherent, 0.1, method);
-                assert_eq!(found.len(), 2);
-                assert!((found[0].sine - 0.1).abs() < 0.01, "{method:?} {coherent} {found:?}");
-                assert!((found[1].sine - 0.25).abs() < 0.01, "{method:?} {coherent} {found:?}");
-                assert!(found[0].sd > 0.0 && found[0].sd < 0.01);
-            }
-        }
-    }
-
-    #[test]
-    fn sources_are_counted() {
-        for method in [MusicMethod::Spectrum, MusicMethod::Root] {
-            for (sines, expected) in
-                [(&[][..], 0), (&[0.4][..], 1), (&[0.1, 0.3][..], 2), (&[0.1, 0.11][..], 1)]
-            {
-                let mut arrivals = [LineArrival::default(); MAX_SOURCES];
-                let (mut state, mut scratch) = (State::new(), Scratch::new());
-                let heard = snapshots(sines, false, 0.5);
-                let n = plan(4).counting().step(&mut state, &mut scratch, &heard, method, &mut arrivals);
-                assert_eq!(n, Ok(expected), "{method:?} {sines:?} {arrivals:?}");
-            }
-        }
-    }
-
-    /// A source whose loudness wanders and which turns meanwhile is found where it was loud; what is stated says so.
-    #[test]
-    fn what_a_source_turns_while_it_is_averaged_is_in_the_deviation() {
-        let mut seed = 99u32;
-        let mut normal = || {
-            let mut sum = -6.0;
-            for _ in 0..12 {
-                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                sum += f64::from(seed >> 8) / f64::from(1u32 << 24);
-            }
-            sum
-        };
-        for span in [0.0, 0.03] {
-            let (mut squares, mut stated, runs) = (0.0, 0.0, 200);
-            for _ in 0..runs {
-                let heard: std::vec::Vec<_> = (0..32)
-                    .map(|n| {
-                        let sine = 0.3 + span * (f64::from(n) / 31.0 - 0.5);
-                        let loud = Complex::new(normal(), normal());
-                        let mut x = [Complex::ZERO; MAX_SENSORS];
-                        for (k, v) in x.iter_mut().enumerate().take(23) {
-                            let noise = Complex::new(normal(), normal()).scale(0.1);
-                            *v = loud * unit(plan(1).phase * sine * k as f64) + noise;
-                        }
-                        x
-                    })
-                    .collect();
-                let mut arrivals = [LineArrival::default(); MAX_SOURCES];
-                let (mut state, mut scratch) = (State::new(), Scratch::new());
-                let n = plan(2).counting().step(
-                    &mut state,
-                    &mut scratch,
-                    &heard,
-                    MusicMethod::Root,
-                    &mut arrivals,
-                );
-                assert_eq!(n, Ok(1));
-                squares += (arrivals[0].sine - 0.3) * (arrivals[0].sine - 0.3) / f64::from(runs);
-                stated += arrivals[0].sd * arrivals[0].sd / f64::from(runs);
-            }
-            // Loudness is new in each snapshot here and taken to last for two: √2 at most.
-            let ratio = m::sqrt(stated / squares);
-            assert!((0.8..1.6).contains(&ratio), "{span}: {ratio}, error {}", m::sqrt(squares));
-        }
-    }
-
-    #[test]
-    fn the_signal_to_noise_ratio_is_seen() {
-        let found = find(&[0.3], false, 10f64.powf(-0.5), MusicMethod::Root);
-        assert!((10.0 * found[0].snr.log10() - 10.0).abs() < 0.7, "{found:?}");
-    }
-
-    #[test]
-    fn settings_are_checked() {
-        let new =
-            |sensors, spacing, subarrays| LinePlan::new(sensors, spacing, 702.0, 1484.0, subarrays, 0.4, 1);
-        assert_eq!(new(23, 1.2, 5), Err(LineError::Aliased));
-        assert_eq!(new(33, 0.75, 5), Err(LineError::Settings));
-        assert_eq!(new(5, 0.75, 4), Err(LineError::Settings));
-        let mut arrivals = [LineArrival::default(); MAX_SOURCES];
-        let none =
-            plan(1).step(&mut State::new(), &mut Scratch::new(), &[], MusicMethod::Root, &mut arrivals);
-        assert_eq!(none, Err(LineError::NoSnapshot));
-    }
-}
+#[path = "music_tests.rs"]
+mod tests;
