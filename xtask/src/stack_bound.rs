@@ -22,12 +22,15 @@ const BY_POINTER: &[(&str, &[Name])] = &[
     ("seabearing_core::density::add", &[("::density::", "}"), ("::add_bands::", "}")]),
     ("seabearing_core::intake", RECORDS),
     ("seabearing_core::slow_levels", RECORDS),
-    ("seabearing_core::outlet", &[("stm32h743::usable", ""), ("embassy_executor::raw::waker::", "")]),
+    ("seabearing_core::outlet", OUTLET),
+    ("stm32h743::__cortex_m_rt_main", OUTLET),
     // The executor's interrupt, which polls its tasks; wakers.
     ("UART4", &[("TaskStorage<", "::poll")]),
     ("TIM8_BRK_TIM12", WAKERS),
     ("_embassy_time_schedule_wake", WAKERS),
     ("embassy_executor::raw::TaskStorage<", WAKERS),
+    ("embassy_sync::waitqueue::", WAKERS),
+    ("embassy_time_queue_utils::Queue::", WAKERS),
     ("embassy_stm32::dma::", WAKERS),
     ("embassy_stm32::usart::", WAKERS),
     ("stm32h743::link::", WAKERS),
@@ -35,6 +38,7 @@ const BY_POINTER: &[(&str, &[Name])] = &[
 ];
 const RECORDS: &[Name] =
     &[("seabearing_core::recorder::array::outlet::", "}"), ("seabearing_core::recorder::obs::", "}")];
+const OUTLET: &[Name] = &[("stm32h743::usable", ""), ("embassy_executor::raw::waker::", "")];
 const WAKERS: &[Name] = &[("embassy_executor::raw::waker::", "")];
 /// Parts of the names of functions that may come to themselves again: what formats a panic's words does, once.
 const ONCE: [&str; 2] = ["core::fmt", "fmt::"];

@@ -300,12 +300,13 @@ pub(crate) fn segment(
     scratch.search.correlate(&band, spectra, &mut scratch.work);
     let peaks = scratch.search.pairs(plan);
     let deviation = context.deviation(context.bins());
-    let sign = if spectra.added.dead == 0 { sick::sign(&peaks, deviation) } else { Sign::Nothing };
-    if let Sign::Sick(_, h) = sign {
+    let sign = sick::heard(&memory.sick, spectra.added.dead, &peaks, deviation);
+    if let Sign::Sick(..) | Sign::Divided = sign {
         memory.sick.take(plan, sign, None, context.index, sink);
-        if memory.sick.out() >> h & 1 == 0 {
-            // Not yet sure, but nothing can be said of directions.
-            return;
+        // While it is not yet sure, or another of those that are left is sick as well, nothing can be said of directions.
+        match sick::heard(&memory.sick, spectra.added.dead, &peaks, deviation) {
+            Sign::Sick(_, h) if memory.sick.out() >> h & 1 == 1 => {}
+            _ => return,
         }
     }
     let Some(used) = sick::used(&memory.sick, spectra.added.dead) else { return };
@@ -441,7 +442,8 @@ fn found(
 ) -> Option<Found> {
     let plan = context.plan;
     let best = scratch.search.best(plan, context.band, plan.curvature);
-    let start = context.band.used.upright(&plan.geometry, &best, plan.elevation)?;
+    let start =
+        context.band.used.upright(&plan.geometry, &best, plan.elevation, |u| context.places.apart(u))?;
     examine(context, memory, &start, spectra, scratch)
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Enters: what the pairs' correlations of each segment show by themselves ([`PairPeaks`]). Leaves: faults that name a
 //! channel, and the hydrophones to leave out. Four hydrophones have six pairs; one that is sick lowers or turns the three
-//! it is in and leaves the three others as they are:
+//! it is in and leaves the three others as they are; of three hydrophones, two of three pairs:
 //!
 //! * Its own noise, or deaf: its pairs' highest correlations are less than [`DEAF`] of the others'. A hydrophone whose noise
 //!   is k times the sound it hears has `1/√(1+k)` of the others' coherence: 9 dB above are named.
@@ -11,9 +11,13 @@
 //!   sender's delays with the two others, and both stay while the vessel's own delays change: an echo off the bottom that
 //!   reaches one when the other hears the vessel looks the same for a while.
 //!
+//! Two inverted hydrophones correlate with each other and negatively with the rest, who are as many: which of them they are
+//! is not observable, and no direction is told.
+//!
 //! One segment proves nothing: [`NAMED`] must say so more often than not. A sea in which nothing is heard proves nothing
-//! either way. With a channel left out nothing can be said about the remaining three. Cost: about 2000 instructions a segment
-//! beside the search for the peaks.
+//! either way. With one left out the remaining three are looked at; with two, no direction can be told. One of three that is
+//! late, or exchanged with another, is not observable: their delays always fit some direction. Cost: about 2000 instructions
+//! a segment beside the search for the peaks.
 
 use super::plan::{BINS, Band, Plan};
 use super::search::{PairPeaks, SearchWork};
@@ -25,6 +29,8 @@ use crate::wire::{Fault, FaultCode, Message};
 
 /// Segments that must say that a channel is sick, beyond those that say the opposite: 4 s at the usual step.
 const NAMED: u8 = 8;
+/// Segments in a row in which two hydrophones are against two, after which that is told.
+const DIVIDED: u8 = 4;
 /// Segments in a row in which nothing is wrong, after which a channel is well again.
 const WELL: u8 = 16;
 /// Correlations below so many standard deviations of noise say nothing (the highest of 500 lags of noise is 3).
@@ -51,6 +57,9 @@ const ECHO_RAD: f32 = 0.05;
 /// How much the delays of a vessel change, in samples, until no echo of it passes for a leak any more.
 const MOVED_SAMPLES: f32 = 2.0 * APART_SAMPLES;
 
+/// All hydrophones.
+const ALL: u8 = (1 << CHANNELS) - 1;
+
 /// What can be wrong, and the fault that says so.
 const KINDS: [FaultCode; 3] = [FaultCode::OwnNoise, FaultCode::Inverted, FaultCode::Leaking];
 const LEAKING: usize = 2;
@@ -64,6 +73,8 @@ pub(crate) enum Sign {
     Well,
     /// Place in [`KINDS`], and hydrophone.
     Sick(usize, usize),
+    /// Two hydrophones hear the opposite of what two others hear.
+    Divided,
 }
 
 /// What the segments so far say.
@@ -72,6 +83,8 @@ pub(crate) struct Sick {
     /// For and against, by kind and hydrophone.
     counts: [[u8; CHANNELS]; KINDS.len()],
     well: u8,
+    /// Segments in a row in which two are against two.
+    divided: u8,
     /// Bit h: hydrophone h is left out.
     out: u8,
     /// Where the vessel was when a leak was first seen.
@@ -80,7 +93,7 @@ pub(crate) struct Sick {
 
 impl Sick {
     pub(crate) const fn new() -> Self {
-        Self { counts: [[0; CHANNELS]; KINDS.len()], well: 0, out: 0, seen_from: None }
+        Self { counts: [[0; CHANNELS]; KINDS.len()], well: 0, divided: 0, out: 0, seen_from: None }
     }
 
     /// Bit h: hydrophone h is left out.
@@ -103,6 +116,10 @@ impl Sick {
         let moved = self.moved(plan, sign, vessel);
         let channel = |h: usize| i64::from(plan.channels.get(h).copied().unwrap_or(0));
         self.well = if sign == Sign::Well { self.well.saturating_add(1) } else { 0 };
+        self.divided = if sign == Sign::Divided { self.divided.saturating_add(1) } else { 0 };
+        if self.divided == DIVIDED {
+            sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index, value: i64::from(DIVIDED) }));
+        }
         for (kind, code) in KINDS.into_iter().enumerate() {
             for h in 0..CHANNELS {
                 if self.counted(sign, kind, h, moved) {
@@ -155,38 +172,60 @@ impl Sick {
     }
 }
 
-/// Whether hydrophone `h` is one of pair `p`'s.
-fn of(p: usize, h: usize) -> bool {
-    PAIRS.get(p).is_some_and(|(a, b)| *a == h || *b == h)
-}
-
-/// Mean over three of the pairs: those with hydrophone `h`, or those without.
-fn mean(values: &[f32; PAIR_COUNT], h: usize, with: bool) -> f32 {
-    values.iter().enumerate().filter(|(p, _)| of(*p, h) == with).map(|(_, x)| *x).sum::<f32>() / 3.0
-}
-
-/// What the pairs' extremes say; `deviation` is that of a summed correlation under noise alone.
-pub(crate) fn sign(peaks: &[PairPeaks; PAIR_COUNT], deviation: f32) -> Sign {
+/// What the extremes of the pairs of the hydrophones `used` (bit h: hydrophone h; three or four of them) say; `deviation` is
+/// that of a summed correlation under noise alone.
+pub(crate) fn sign(peaks: &[PairPeaks; PAIR_COUNT], deviation: f32, used: u8) -> Sign {
     let strong = STRONG * deviation;
-    let heights = peaks.map(|p| p.peak.max(-p.trough));
-    for h in 0..CHANNELS {
-        let (own, others) = (mean(&heights, h, true), mean(&heights, h, false));
+    let pairs = || PAIRS.iter().zip(peaks).filter(|((a, b), _)| used >> a & used >> b & 1 == 1);
+    let height = |p: &PairPeaks| p.peak.max(-p.trough);
+    let mean = |h: usize, with: bool| {
+        let of = |((a, b), _): &(&(usize, usize), &PairPeaks)| (*a == h || *b == h) == with;
+        let (sum, n) = pairs().filter(of).fold((0.0, 0.0f32), |(sum, n), (_, p)| (sum + height(p), n + 1.0));
+        sum / n.max(1.0)
+    };
+    let each = || (0..CHANNELS).filter(|h| used >> h & 1 == 1);
+    for h in each() {
+        let (own, others) = (mean(h, true), mean(h, false));
         if others > strong && own < DEAF * others {
             return Sign::Sick(0, h);
         }
     }
-    if heights.iter().any(|x| *x < strong) {
+    if pairs().any(|(_, p)| height(p) < strong) {
         return Sign::Nothing;
     }
     let negative = |p: &PairPeaks| -p.trough > INVERTED * p.peak;
     let positive = |p: &PairPeaks| p.peak > INVERTED * -p.trough;
-    for h in 0..CHANNELS {
-        let turned = peaks.iter().enumerate().all(|(p, x)| if of(p, h) { negative(x) } else { positive(x) });
-        if turned {
-            return Sign::Sick(1, h);
-        }
+    // Whether those of the set hear the opposite of what the rest hears.
+    let against = |set: u8| {
+        pairs().all(|((a, b), p)| if set >> a & 1 == set >> b & 1 { positive(p) } else { negative(p) })
+    };
+    if let Some(h) = each().find(|h| against(1 << h)) {
+        return Sign::Sick(1, h);
+    }
+    // Hydrophone 0 with each of the others; with two left out there is nothing to be against.
+    if used == ALL && (1..CHANNELS).any(|h| against(1 | 1 << h)) {
+        return Sign::Divided;
     }
     Sign::Well
+}
+
+/// What the pairs of a segment say with what is left out already, and the channels `dead`, of which nothing can be said.
+#[inline(never)]
+pub(crate) fn heard(sick: &Sick, dead: u8, peaks: &[PairPeaks; PAIR_COUNT], deviation: f32) -> Sign {
+    let all = if dead == 0 { sign(peaks, deviation, ALL) } else { Sign::Nothing };
+    let rest = ALL & !(sick.out() | dead);
+    let known = match all {
+        Sign::Sick(_, h) => sick.out() >> h & 1 == 1,
+        Sign::Nothing => rest != ALL,
+        Sign::Well | Sign::Divided => false,
+    };
+    if !known || rest.count_ones() < 3 {
+        return all;
+    }
+    match sign(peaks, deviation, rest) {
+        another @ Sign::Sick(..) => another,
+        _ => all,
+    }
 }
 
 /// What the correlations say beyond the vessel found at these delays, of this coherence.

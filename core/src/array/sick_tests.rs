@@ -1,7 +1,8 @@
 //! A vessel heard by a tetrahedron one of whose channels is sick.
 
 use super::super::test_sea::{
-    AZIMUTH, ELEVATION, Normal, error, hear, noisy, plan, sea, source, standardised,
+    AZIMUTH, ELEVATION, Normal, SECONDS, error, error_from, hear, hear_vessels, noisy, plan, sea, source,
+    standardised,
 };
 
 use crate::block::CHANNELS;
@@ -172,5 +173,69 @@ fn no_direction_is_told_while_noise_common_to_all_contradicts_it() {
         assert!(between(0.0, 2.0) >= 2, "{snr_db}");
         // Eight segments that agree, then as before.
         assert!(between(10.5, f64::INFINITY) >= 2, "{snr_db}");
+    }
+}
+
+#[test]
+fn two_sick_channels_leave_no_direction() {
+    let plan = plan(RATE);
+    let noise =
+        |i: usize, c: usize| Normal(((4 * i + c) as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 7).next();
+    let told = |what: &str, spoil: &dyn Fn(usize, &mut [f64; CHANNELS])| {
+        let mut sea = sea(&plan, 10.0, 31);
+        sea.iter_mut().enumerate().skip(2 * RATE as usize).for_each(|(i, x)| spoil(i, x));
+        let heard = hear(&plan, &sea);
+        let later = heard.bearings.iter().filter(|b| b.index as f64 / RATE > 2.6).count();
+        assert_eq!(later, 0, "{what}");
+        let faults: Vec<_> =
+            heard.faults.iter().filter(|f| f.0 != FaultCode::Impulses).map(|f| (f.0, f.1)).collect();
+        faults
+    };
+    use FaultCode as F;
+    for (a, b) in [(0usize, 1usize), (1, 3), (3, 2)] {
+        let both = |mut faults: Vec<(F, i64)>, expected: [(F, i64); 2]| {
+            faults.sort_by_key(|f| f.1);
+            let mut expected = expected;
+            expected.sort_by_key(|f| f.1);
+            assert_eq!(faults, expected);
+        };
+        let (one, other) = (a as i64, b as i64);
+        both(
+            told("noise of their own", &|i, x| (x[a], x[b]) = (noise(i, a), noise(i, b))),
+            [(F::OwnNoise, one), (F::OwnNoise, other)],
+        );
+        both(
+            told("noise and nothing", &|i, x| (x[a], x[b]) = (noise(i, a), 0.0)),
+            [(F::OwnNoise, one), (F::DeadChannel, other)],
+        );
+        both(
+            told("noise and inverted", &|i, x| (x[a], x[b]) = (noise(i, a), -x[b])),
+            [(F::OwnNoise, one), (F::Inverted, other)],
+        );
+        // Which two is not observable.
+        let inverted = told("inverted", &|_, x| (x[a], x[b]) = (-x[a], -x[b]));
+        assert!(matches!(inverted[..], [(F::Inconsistent, _)]), "{inverted:?}");
+    }
+}
+
+#[test]
+fn of_the_two_directions_that_three_hydrophones_give_the_one_with_a_known_vessel_is_told() {
+    let plan = plan(RATE);
+    // Without the third hydrophone the mirror image rises as well.
+    let from = (2.6, 0.3);
+    let mut sea = noisy(source(&plan, from, 3.0, None, SECONDS, 32), 33);
+    sea.iter_mut().for_each(|x| x[2] = 0.0);
+    let told = |known: &[(f32, f32, f32)]| {
+        let heard = hear_vessels(&plan, &sea, known);
+        heard.bearings.into_iter().filter(|b| b.index as f64 / RATE > 1.0).collect::<Vec<_>>()
+    };
+    let without = told(&[]);
+    let near = told(&[(from.0 as f32 + 0.01, 400.0, 20.0)]);
+    let elsewhere = told(&[(from.0 as f32 + 2.0, 400.0, 20.0)]);
+    assert!(without.is_empty() && elsewhere.is_empty(), "{} {}", without.len(), elsewhere.len());
+    assert!(near.len() > 10, "{}", near.len());
+    for b in near {
+        let (across, up) = error_from(&b, from);
+        assert!(across.abs() < 0.01 && up.abs() < 0.01 && b.flags & 8 == 8, "{across} {up}");
     }
 }

@@ -164,13 +164,15 @@ impl Used {
 
     /// The direction that gives these delays and lies where vessels are. Three hydrophones cannot tell a direction from its
     /// mirror image in their plane: the one that rises from the horizon (by the sine of elevation, within `elevation`) is
-    /// taken; `None` where both do or neither.
+    /// taken, and where both do, the one that a known vessel is much nearer to; `None` where that tells neither. `from_known`:
+    /// how far the nearest known vessel is from a direction, radians of azimuth; infinite without one.
     #[inline(never)]
     pub(crate) fn upright(
         self,
         geometry: &Geometry,
         u: &Direction,
         elevation: (f32, f32),
+        from_known: impl Fn(&Direction) -> f32,
     ) -> Option<Direction> {
         if self.all() {
             return Some(*u);
@@ -184,13 +186,25 @@ impl Used {
         let twice = 2.0 * dot(u, &n) / dot(&n, &n).max(1e-12);
         let mirrored = [u[0] - twice * n[0], u[1] - twice * n[1], u[2] - twice * n[2]];
         let rises = |d: &Direction| d[2] >= elevation.0.max(0.0) && d[2] <= elevation.1;
-        match (rises(u), rises(&mirrored)) {
+        let either = |a: bool, b: bool| match (a, b) {
             (true, false) => Some(*u),
             (false, true) => Some(mirrored),
             _ => None,
+        };
+        let (a, b) = (rises(u), rises(&mirrored));
+        if !(a && b) {
+            return either(a, b);
         }
+        let (a, b) = (from_known(u), from_known(&mirrored));
+        let much = |near: f32, far: f32| far > APART_RAD && near < MUCH_NEARER * far;
+        either(much(a, b), much(b, a))
     }
 }
+
+/// A known vessel tells a direction from its mirror image where it is nearer to it by this factor, and farther than this from the
+/// image, radians of azimuth: a track is seldom half a degree behind.
+const MUCH_NEARER: f32 = 0.3;
+const APART_RAD: f32 = 0.035;
 
 /// Inverse of a symmetric matrix of two rows, (first, cross, second) as it enters; `None` unless it is positive definite.
 #[inline(never)]

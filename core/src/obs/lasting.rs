@@ -174,7 +174,7 @@ impl Lasting {
     pub(super) fn widen(
         &self,
         (course, covariance): &mut (Course, CourseCovariance),
-        with: &dyn Fn(Told) -> Option<Course>,
+        with: impl Fn(Told) -> Option<Course>,
     ) {
         let [x, y, vx, vy] = course.p;
         if self.orientation > 0.0 {
@@ -233,7 +233,7 @@ mod tests {
         let course = Course { t0_s: 0.0, p: [3_000.0, 4_000.0, 6.0, 0.0] };
         let mut with = (course, [[0.0; 4]; 4]);
         let other = Course { t0_s: 10.0, p: [3_200.0, 4_100.0, 7.0, 0.0] };
-        lasting.widen(&mut with, &|error| (error == Told::Depth).then_some(other));
+        lasting.widen(&mut with, |error| (error == Told::Depth).then_some(other));
         // Orientation: 5° across; the other course is 130 m and 100 m off at the same time.
         let turn = 5f64.to_radians();
         let want = (4_000.0 * turn).powi(2) + 130f64.powi(2);
@@ -241,7 +241,7 @@ mod tests {
         assert!((with.1[2][2] - 1.0).abs() < 1e-9);
         let mut exact = (course, [[0.0; 4]; 4]);
         assert!(lasting.parts_pairs() && !Lasting::EMPTY.parts_pairs());
-        Lasting::EMPTY.widen(&mut exact, &|_| Some(other));
+        Lasting::EMPTY.widen(&mut exact, |_| Some(other));
         assert_eq!(exact.1, [[0.0; 4]; 4]);
     }
 

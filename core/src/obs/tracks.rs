@@ -399,8 +399,8 @@ impl Live {
     fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
         let mut straight = (self.course, self.covariance);
         let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
-        plan.lasting.widen(&mut straight, &|error| self.straight(plan, seen, error));
-        plan.lasting.widen(&mut bent, &|error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
+        plan.lasting.widen(&mut straight, |error| self.straight(plan, seen, error));
+        plan.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
         let track = self.as_sent(plan, stage, &straight, &bent);
         let known = track.sd_cpa_range_m < LEAST_KNOWN_M;
         if !(known && seen.in_doubt) {
