@@ -25,6 +25,7 @@ const EXAMPLES: [(&str, &[Expected]); 32] = [
     ("track", &[Runs, Runs, Runs, Runs]),
     ("shaft-rate", &[Runs]),
     ("calls", &[Lacks("station.toml")]),
+    ("ships", &[Lacks("obs.toml"), Lacks("obs.toml"), Lacks("obs.toml")]),
     ("far", &[Lacks("obs.toml"), Runs]),
     ("levels", &[Runs, Runs]),
     // What these give from whole networks and passages is in `network_cli` and `orient_ocean_bottom`.

@@ -15,8 +15,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Arguments of `seabearing reproduce`.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  seabearing reproduce obs-appendix-b --out out/reproduce\n  \
-    seabearing reproduce obs-week --runs 7 --plots out/week   # a week of ships, drawn beside the truth\n\n\
+#[command(after_help = "Example:\n  seabearing reproduce obs-appendix-b --out out/reproduce\n\n\
     Exit status 3: a figure misses its bar. Data that are absent are named on standard error.")]
 pub struct Args {
     /// Which experiment, or `all`; without a name the list is printed.

@@ -78,10 +78,11 @@ impl<'t> Evidence<'t> {
     /// Takes a frame.
     pub(super) fn take(&mut self, frame: SpectralFrame) {
         let first = *self.first.get_or_insert((frame.t_s / 60.0).ceil().max(0.0) as u64);
-        // A gap of hours is blank, and is not gone through frame by frame.
         let end_s = 60.0 * (first + self.done + AT_ONCE) as f64;
         if frame.t_s > end_s + HALF_S {
-            self.work((frame.t_s / 60.0).floor() as u64 - first);
+            // Those that this frame and later ones count for wait: after a gap there may be many that none does.
+            let whole = ((frame.t_s - HALF_S) / 60.0).ceil() as u64;
+            self.work(whole.saturating_sub(first));
         }
         self.held.push(frame);
     }

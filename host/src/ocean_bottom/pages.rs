@@ -37,7 +37,12 @@ const COLUMNS: usize = 480;
 const MOST_ROWS: usize = 40;
 /// Greatest range that is drawn, km, and the greatest logarithms of the likelihood ratios.
 const FARTHEST_KM: f64 = 50.0;
-const MOST: [f64; 2] = [60.0, 40.0];
+const MOST: [f64; 2] = [60.0, 25.0];
+
+/// How far apart numbers are, as shares of the page's axes.
+const NUMBER_APART: (f64, f64) = (0.025, 0.05);
+/// How far above its closest range a track's number stands, km.
+const NUMBER_ABOVE_KM: f64 = 2.5;
 
 /// Colours of what belongs to no track, and of calls.
 const NOBODY: RGBColor = RGBColor(60, 60, 60);
@@ -163,14 +168,9 @@ fn figures(told: &Told<'_>, evidence: &Evidence<'_>, span_s: (f64, f64)) -> Vec<
     detections(told, &mut azimuth, &mut range, &times, span_s, &shown);
     tracks(told, &mut azimuth, &mut range, &times, span_s, &shown);
     truths(told, &mut azimuth, &mut range, &times, span_s);
-    azimuth.y_scale(Scale::Degrees).y_range(0.0, 360.0).size(WIDTH, AZIMUTH_HIGH);
-    range.y_range(0.0, FARTHEST_KM).size(WIDTH, RANGE_HIGH);
-    for figure in [&mut azimuth, &mut range] {
-        figure.x_range(times.at(span_s.0), times.at(span_s.1));
-    }
     let mut table = Plot::new("What is known of each ship", "", "");
     if shown.is_empty() {
-        table.size(WIDTH, 150).words(vec!["No ship was tracked.".to_owned()]);
+        table.size(WIDTH, 150).words(vec!["No ship was tracked.".to_owned()]).caption(&source);
     } else {
         let ships: Vec<Ship> =
             shown.iter().take(MOST_ROWS).filter_map(|k| told.ships.get(*k)).cloned().collect();
@@ -181,6 +181,13 @@ fn figures(told: &Told<'_>, evidence: &Evidence<'_>, span_s: (f64, f64)) -> Vec<
             n => format!(" {n} more in ships.txt."),
         };
         table.caption(&format!("{}{rest} {source}", told::WORDS));
+    }
+    // The table is as wide as its words.
+    let width = table.width().max(WIDTH);
+    azimuth.y_scale(Scale::Degrees).y_range(0.0, 360.0).size(width, AZIMUTH_HIGH);
+    range.y_range(0.0, FARTHEST_KM).size(width, RANGE_HIGH);
+    for figure in [&mut azimuth, &mut range] {
+        figure.x_range(times.at(span_s.0), times.at(span_s.1));
     }
     vec![azimuth, range, table]
 }
@@ -200,7 +207,7 @@ fn over(evidence: &Evidence<'_>, of: Of, times: &Times, span_s: (f64, f64)) -> P
     };
     figure.caption(&format!(
         "Grey: natural logarithm of the likelihood of a vessel at each {what} over that of none, {}. Points: detections, those of a track in its \
-         colour. Lines: {line} of each track's straight course by its last solution, with the 95 % band of closest time and range, heading and speed as \
+         colour. Lines: {line} of each track's straight course through the closest point of its last solution, with the 95 % band of closest time and range, heading and speed as \
          stated; number at the closest point. Sound is heard from there half a minute later at 40 km.",
         cells.each
     ));
@@ -250,7 +257,7 @@ fn detections(
     let nobody = [of(None), ranges.pop().unwrap_or_default()];
     for (figure, points) in [&mut *azimuth, &mut *range].into_iter().zip(nobody) {
         if !points.is_empty() {
-            figure.points("of no track", &points).coloured(NOBODY).sized(1.2);
+            figure.points("of no track", &points).coloured(NOBODY).sized(1.4);
         }
     }
     let (from, to) = (times.at(span_s.0), times.at(span_s.1));
@@ -259,7 +266,7 @@ fn detections(
         .filter(|c| (from..=to).contains(&c.0))
         .collect();
     if !calls.is_empty() {
-        azimuth.points("calls", &calls).coloured(CALL).sized(1.2);
+        azimuth.points("calls", &calls).coloured(CALL).sized(1.4);
     }
     for k in shown {
         let Some(passage) = told.found.passages.get(*k) else { continue };
@@ -277,13 +284,14 @@ fn tracks(
     span_s: (f64, f64),
     shown: &[usize],
 ) {
+    let mut numbers = [Vec::new(), Vec::new()];
     for k in shown {
         let Some(passage) = told.found.passages.get(*k) else { continue };
         let way = Way::of(passage, told.config, told.depth_m);
-        let both = [way.azimuths(|t_s| times.at(t_s)), way.ranges_km(|t_s| times.at(t_s))];
-        for (figure, (curve, circle)) in
-            [&mut *azimuth, &mut *range].into_iter().zip(both.into_iter().zip([true, false]))
-        {
+        let curves = [way.azimuths(|t_s| times.at(t_s)), way.ranges_km(|t_s| times.at(t_s))];
+        let figures = [&mut *azimuth, &mut *range];
+        for (n, (figure, curve)) in figures.into_iter().zip(curves).enumerate() {
+            let circle = n == 0;
             if curve.is_empty() {
                 continue;
             }
@@ -291,17 +299,40 @@ fn tracks(
             figure.band("", &band(&curve, circle)).coloured(passage.colour());
             let line = if circle { cut_at_wraps(&line) } else { line };
             figure.line(&passage.name(), &line).coloured(passage.colour());
-            if let Some(at) = number_at(&curve, passage.last.cpa_time_s, span_s) {
-                figure.notes(vec![(at, passage.last.id.to_string())]);
+            // Above the closest range there is nothing of the course.
+            let (above, most) = if circle { (0.0, 360.0) } else { (NUMBER_ABOVE_KM, FARTHEST_KM) };
+            if let Some((at, value)) = number_at(&curve, passage.last.cpa_time_s, span_s)
+                && value + above < most
+            {
+                let apart = (NUMBER_APART.0 * (span_s.1 - span_s.0), NUMBER_APART.1 * most);
+                let at = beside(&numbers[n], (at, value + above), apart, times.at(1.0) - times.at(0.0));
+                numbers[n].push((at, passage.last.id.to_string()));
             }
         }
     }
+    let [azimuths, ranges] = numbers;
+    azimuth.notes(azimuths);
+    range.notes(ranges);
+}
+
+/// A place for a number where it does not lie on those that are there: above them. `apart`: s and units of the axis; `second`: one on the axis.
+fn beside(taken: &[((f64, f64), String)], wanted: (f64, f64), apart: (f64, f64), second: f64) -> (f64, f64) {
+    let (x, mut y) = wanted;
+    let hit =
+        |y: f64| taken.iter().any(|((a, b), _)| (a - x).abs() < apart.0 * second && (b - y).abs() < apart.1);
+    for _ in 0..taken.len() {
+        if !hit(y) {
+            break;
+        }
+        y += apart.1;
+    }
+    (x, y)
 }
 
 /// Where a track's number stands: at its closest point, or where it is nearest to that within the page.
 fn number_at(curve: &[Direction], cpa_s: f64, (from_s, to_s): (f64, f64)) -> Option<(f64, f64)> {
     // Not at the edge, where there is no room for it.
-    let room = 0.01 * (to_s - from_s);
+    let room = 0.02 * (to_s - from_s);
     let within = curve.iter().filter(|d| (from_s + room..=to_s - room).contains(&d.t_s));
     let nearest = within.min_by(|a, b| (a.t_s - cpa_s).abs().total_cmp(&(b.t_s - cpa_s).abs()))?;
     Some((nearest.at, nearest.value))

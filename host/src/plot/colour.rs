@@ -58,7 +58,7 @@ impl ColourMap {
                 let (lightness, hue_deg) = (0.20 + 0.76 * t, 285.0 - 185.0 * t);
                 oklch(lightness, (0.8 * greatest_chroma(lightness, hue_deg)).min(0.12), hue_deg)
             }
-            Self::Under => oklch(1.0 - 0.5 * t, 0.0, 0.0),
+            Self::Under => oklch(1.0 - 0.58 * t, 0.0, 0.0),
             Self::Cyclic => {
                 let turn = (360.0 * t - LIGHTEST_DEG).rem_euclid(360.0);
                 let lightness = 0.60 + 0.30 * turn.to_radians().cos();

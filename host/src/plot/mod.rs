@@ -148,6 +148,11 @@ impl Plot {
         self
     }
 
+    /// Width in points.
+    pub(crate) fn width(&self) -> u32 {
+        self.size.0
+    }
+
     /// Fixes the ends of the horizontal axis.
     pub fn x_range(&mut self, from: f64, to: f64) -> &mut Self {
         self.x_range = Some((from, to));

@@ -1,4 +1,7 @@
 //! The straight course of a track while it was heard: where its ship was, how well that is known, and how fast it came nearer.
+//!
+//! It is the course through the closest point that the track states, with the heading and speed stated there: at the ends of a passage a ship
+//! whose way bends is beside it.
 
 use crate::angle::{azimuth_deg, turn_deg, wrap_deg};
 use crate::plot::directions::{Direction, Z95};
@@ -12,7 +15,6 @@ const POINTS: u32 = 240;
 /// A course.
 pub(crate) struct Way<'a> {
     passage: &'a Passage,
-    rate_hz: f64,
     sound_m_s: f64,
     depth_m: f64,
 }
@@ -20,11 +22,11 @@ pub(crate) struct Way<'a> {
 impl<'a> Way<'a> {
     /// Of a passage by a station on a floor so deep, m.
     pub(crate) fn of(passage: &'a Passage, config: &StationConfig, depth_m: f64) -> Self {
-        Self::new(passage, config.rate_hz, config.sound_speed_m_s, depth_m)
+        Self::new(passage, config.sound_speed_m_s, depth_m)
     }
 
-    fn new(passage: &'a Passage, rate_hz: f64, sound_m_s: f64, depth_m: f64) -> Self {
-        Self { passage, rate_hz, sound_m_s, depth_m }
+    fn new(passage: &'a Passage, sound_m_s: f64, depth_m: f64) -> Self {
+        Self { passage, sound_m_s, depth_m }
     }
 
     pub(super) fn track(&self) -> &'a Track {
@@ -46,15 +48,24 @@ impl<'a> Way<'a> {
         ((from / 60.0).ceil() as u64..=(to / 60.0).floor() as u64).map(|m| 60.0 * m as f64).collect()
     }
 
+    /// Where it was at a time, East and North, m.
+    fn place(&self, t_s: f64) -> (f64, f64) {
+        let t = self.track();
+        let (s, c) = f64::from(t.cpa_azimuth).sin_cos();
+        let (east, north) = f64::from(t.heading).sin_cos();
+        let (closest, way) = (f64::from(t.cpa_range_m), f64::from(t.speed_m_s) * (t_s - t.cpa_time_s));
+        (closest * s + way * east, closest * c + way * north)
+    }
+
     /// Azimuth at a time, degrees.
     pub(super) fn azimuth_deg(&self, t_s: f64) -> f64 {
-        let (x, y) = self.passage.place(t_s, self.rate_hz);
+        let (x, y) = self.place(t_s);
         azimuth_deg(x, y)
     }
 
     /// Horizontal range at a time, m.
     pub(super) fn range_m(&self, t_s: f64) -> f64 {
-        let (x, y) = self.passage.place(t_s, self.rate_hz);
+        let (x, y) = self.place(t_s);
         x.hypot(y)
     }
 
@@ -126,12 +137,14 @@ pub(super) mod tests {
     use crate::plot::heard::tests::{RATE_HZ, track};
 
     pub(in super::super) fn way(found: &Belonging) -> Way<'_> {
-        Way::new(&found.passages[0], RATE_HZ, 1500.0, 4000.0)
+        Way::new(&found.passages[0], 1500.0, 4000.0)
     }
 
     /// A passage of a ship whose closest point, `north_m` North of the station, is at an hour; heard for two.
     pub(in super::super) fn passage(id: u16, north_m: f64) -> Belonging {
-        let reports = [track(id, 0, 0.0, (3600.0, north_m)), track(id, 1, 7200.0, (3600.0, north_m))];
+        let cpa_azimuth = if north_m < 0.0 { std::f32::consts::PI } else { 0.0 };
+        let report = |stage, t_s| Track { cpa_azimuth, ..track(id, stage, t_s, (3600.0, north_m)) };
+        let reports = [report(0, 0.0), report(1, 7200.0)];
         Belonging::of_array(&reports, &[], RATE_HZ)
     }
 

@@ -61,7 +61,7 @@ pub struct Ship {
     pub segments: Vec<u16>,
     /// Its tones, as they are radiated, the most steadily heard first.
     pub tones: Vec<ShipTone>,
-    /// The greatest spacing that at least three of its tones are multiples of, Hz: a blade or shaft rate.
+    /// The spacing that most of its tones, three at least, are neighbouring multiples of, Hz: a blade or shaft rate.
     pub comb_hz: Option<f64>,
     /// What may be doubted.
     pub doubts: Vec<Doubt>,

@@ -14,9 +14,11 @@ use std::fmt::Write;
 use time::OffsetDateTime;
 
 /// Names of the table's columns.
-const HEADER: [&str; 10] = [
+const HEADER: [&str; 12] = [
     "track",
     "heard",
+    "azimuths, ranges",
+    "segments",
     "closest",
     "range there",
     "azimuth",
@@ -31,8 +33,8 @@ const HEADER: [&str; 10] = [
 const TONES: usize = 8;
 
 /// What the columns of the table mean.
-pub const WORDS: &str = "One row for each track: when it was heard; its closest point, its horizontal range, azimuth, heading and speed there, ± one standard deviation; \
-     tones as radiated, the most steadily heard first; the greatest spacing of which at least three of them are multiples, a blade or shaft rate.";
+pub const WORDS: &str = "One row for each track: when it was heard, by how many azimuths (in which share of the minutes) and ranges, the recorder's segments of that time; its closest point, its horizontal range, azimuth, heading and speed there, ± one standard deviation; \
+     tones as radiated, the spacing of which most of them, three at least, are neighbouring multiples: a blade or shaft rate.";
 
 impl Doubt {
     /// In a word or three.
@@ -93,12 +95,14 @@ pub fn rows(ships: &[Ship], times: &Times) -> Vec<Vec<String>> {
         let n = numbers(t);
         let mut tones: Vec<f64> = ship.tones.iter().take(TONES).map(|tone| tone.hz).collect();
         tones.sort_by(f64::total_cmp);
-        let tones: Vec<String> = tones.iter().map(|hz| format!("{hz:.2}")).collect();
+        let tones: Vec<String> = tones.iter().map(|hz| format!("{hz:.1}")).collect();
         let doubts: Vec<String> = ship.doubts.iter().map(|d| d.words()).collect();
         let or_dash = |text: String| if text.is_empty() { "–".to_owned() } else { text };
         vec![
             t.id.to_string(),
             format!("{} to {}", times.minute(ship.heard_s.0), times.minute_after(ship.heard_s)),
+            format!("{} ({:.0} %), {}", ship.azimuths, 100.0 * ship.heard_share, ship.ranges),
+            or_dash(ship.segments.iter().map(u16::to_string).collect::<Vec<_>>().join(" ")),
             format!("{} ± {:.0} s", times.dated(t.cpa_time_s), t.sd_cpa_time_s),
             pm(n.range_km.0, n.range_km.1, " km"),
             format!("{:.1}°", n.azimuth_deg),
@@ -134,9 +138,11 @@ pub fn text(ships: &[Ship], times: &Times, station: &str) -> String {
     out
 }
 
-/// UTC of a time, where the recording has a clock.
+/// UTC of a time to a tenth of a second, where the recording has a clock.
 fn utc_at(start: Option<OffsetDateTime>, t_s: f64) -> Option<String> {
-    Some(utc(start?.checked_add(time::Duration::checked_seconds_f64(t_s)?)?))
+    let start = start?.checked_add(time::Duration::checked_seconds_f64(t_s)?)?;
+    let tenths = (f64::from(start.nanosecond()) * 1e-8).round() as i64;
+    Some(utc(start.replace_nanosecond(0).ok()?.checked_add(time::Duration::milliseconds(100 * tenths))?))
 }
 
 /// The record of a ship; `start`: UTC of the first sample.
@@ -254,7 +260,9 @@ mod tests {
             "12.345 ± 0.041 km",
             "90.00 ± 0.57°",
             "7.000 ± 0.024 m/s",
-            "10.80 16.20",
+            "10.8 16.2",
+            "90 (90 %), 70",
+            "2 5",
             "5.40",
             "beside track 4, set-up in doubt",
             "Data: station RR03, recorded from 2013-05-21",

@@ -25,6 +25,8 @@ const MOST: usize = 12;
 /// Teeth of a comb at least, and the highest tooth that a tone may be.
 const TEETH: usize = 3;
 const HIGHEST: u32 = 12;
+/// Share of the teeth between the lowest and the highest that are there at least: of a third or a half of the spacing fewer are.
+const THERE: f64 = 2.0 / 3.0;
 /// How far a tooth may be off its place, Hz.
 const OFF_HZ: f64 = 0.02;
 /// Least spacing, Hz: below it everything is a multiple.
@@ -92,7 +94,7 @@ fn fullest(heard: &[(f64, usize)]) -> Option<(f64, usize)> {
     (!own.is_empty()).then_some((at as f64 * STEP_HZ, own.len()))
 }
 
-/// The greatest spacing of which at least three tones, and more than chance gives, are multiples, Hz.
+/// The spacing of which most tones, at least three and more than chance gives, are multiples, Hz; of several the greatest.
 pub(super) fn comb(tones: &[ShipTone]) -> Option<f64> {
     let spacings = tones.iter().flat_map(|t| (1..=HIGHEST).map(|n| t.hz / f64::from(n)));
     let fitting = spacings.filter(|s| *s >= LEAST_SPACING_HZ).filter_map(|spacing| {
@@ -105,7 +107,9 @@ pub(super) fn comb(tones: &[ShipTone]) -> Option<f64> {
         // Tones that are there by chance are this often near a multiple; one fits because the spacing was made of it.
         let chance = (2.0 * OFF_HZ / spacing).min(1.0) * tones.len() as f64;
         let distinct: std::collections::BTreeSet<u64> = teeth.iter().map(|t| t.1 as u64).collect();
-        let enough = distinct.len() >= TEETH && teeth.len() as f64 > 2.0 + 4.0 * chance;
+        let span = distinct.last().zip(distinct.first()).map_or(0, |(b, a)| b - a + 1);
+        let whole = distinct.len() as f64 >= THERE * span as f64;
+        let enough = whole && distinct.len() >= TEETH && teeth.len() as f64 > 2.0 + 4.0 * chance;
         // The spacing that all of them together say.
         let (up, down) = teeth.iter().fold((0.0, 0.0), |(u, d), (hz, n)| (u + n * hz, d + n * n));
         enough.then_some((teeth.len(), up / down))
