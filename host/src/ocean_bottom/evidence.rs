@@ -128,6 +128,20 @@ impl<'t> Evidence<'t> {
         self.azimuth.len() / AZIMUTHS
     }
 
+    /// The parts of a time (s) of which nothing is known: before the recording, in its gaps, after it.
+    pub(super) fn unknown(&self, (from_s, to_s): (f64, f64)) -> Vec<(f64, f64)> {
+        let first_s = 60.0 * self.first.unwrap_or(0) as f64;
+        let ends_s = first_s + 60.0 * self.minutes() as f64;
+        let is_unknown = |m: &usize| self.azimuth.get(m * AZIMUTHS).is_none_or(|b| *b == UNKNOWN);
+        let minutes: Vec<usize> = (0..self.minutes()).filter(is_unknown).collect();
+        let gaps = minutes.chunk_by(|a, b| a + 1 == *b).filter_map(|run| Some((*run.first()?, *run.last()?)));
+        // A minute reaches half of one to both sides.
+        let at = |m: usize| first_s + 60.0 * m as f64;
+        let gaps = gaps.map(|(a, b)| (at(a) - 30.0, at(b) + 30.0));
+        let all = [(f64::NEG_INFINITY, 0.0)].into_iter().chain(gaps).chain([(ends_s, f64::INFINITY)]);
+        all.map(|(a, b)| (a.max(from_s), b.min(to_s))).filter(|(a, b)| b - a > 60.0).collect()
+    }
+
     /// The minutes whose middle lies between two times (s), in at most so many columns: the greatest of those of one.
     pub(super) fn cells(&self, of: Of, (from_s, to_s): (f64, f64), most: usize) -> Cells {
         let (bytes, n) = match of {
@@ -222,6 +236,11 @@ mod tests {
         assert_eq!((cells.columns, cells.span_s), (when.len(), (30.0, 30.0 + 60.0 * when.len() as f64)));
         let blank = (0..cells.columns).filter(|c| cells.values[*c].is_nan()).count();
         assert!((80..90).contains(&blank), "{blank}");
+        let unknown = evidence.unknown((-3600.0, 24_000.0));
+        let [before, gap, after] = unknown[..] else { panic!("{unknown:?}") };
+        assert!(before == (-3600.0, 0.0) && after.1 == 24_000.0 && after.0 > 17_900.0);
+        // Three minutes hear half of one beyond a gap's edges.
+        assert!((8_192.0..8_400.0).contains(&gap.0) && (13_400.0..13_530.0).contains(&gap.1), "{gap:?}");
         // The direction is where it is.
         let column = 30;
         let rows = || (0..AZIMUTHS).map(|row| cells.values[row * cells.columns + column]);

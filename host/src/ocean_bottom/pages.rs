@@ -44,9 +44,10 @@ const NUMBER_APART: (f64, f64) = (0.025, 0.05);
 /// How far above its closest range a track's number stands, km.
 const NUMBER_ABOVE_KM: f64 = 2.5;
 
-/// Colours of what belongs to no track, and of calls.
+/// Colours of what belongs to no track, of calls, and of times without a recording.
 const NOBODY: RGBColor = RGBColor(60, 60, 60);
 const CALL: RGBColor = RGBColor(214, 0, 200);
+const UNRECORDED: RGBColor = RGBColor(190, 150, 90);
 
 /// Goes through a recording for its pages alone, and draws them; the ships, and the files written. Of less than two minutes there are tables and no page.
 ///
@@ -222,6 +223,11 @@ fn over(evidence: &Evidence<'_>, of: Of, times: &Times, span_s: (f64, f64)) -> P
             map: ColourMap::Under,
             label: "ln likelihood ratio".into(),
         });
+    }
+    let (low, high) = of.edges();
+    for (n, (from_s, to_s)) in evidence.unknown(span_s).into_iter().enumerate() {
+        let corners = [(times.at(from_s), low, high), (times.at(to_s), low, high)];
+        figure.band(if n == 0 { "not recorded" } else { "" }, &corners).coloured(UNRECORDED);
     }
     figure
 }

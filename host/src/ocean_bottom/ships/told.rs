@@ -34,7 +34,7 @@ const TONES: usize = 8;
 
 /// What the columns of the table mean.
 pub const WORDS: &str = "One row for each track: when it was heard, by how many azimuths (in which share of the minutes) and ranges, the recorder's segments of that time; its closest point, its horizontal range, azimuth, heading and speed there, ± one standard deviation; \
-     tones as radiated, the spacing of which most of them, three at least, are neighbouring multiples: a blade or shaft rate.";
+     tones as radiated; the spacing of which most of them, three at least, are neighbouring multiples: a blade or shaft rate.";
 
 impl Doubt {
     /// In a word or three.
