@@ -18,7 +18,7 @@ enum Expected {
 use Expected::{Lacks, Runs, Waits};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 32] = [
+const EXAMPLES: [(&str, &[Expected]); 33] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs, Runs, Runs, Runs, Runs]),
     ("bearing", &[Runs]),
