@@ -187,10 +187,8 @@ fn set_up_doubted(messages: &[Message], (from_s, to_s): (f64, f64), rate_hz: f64
             FaultCode::Reversed | FaultCode::Exchanged | FaultCode::Unequal | FaultCode::TableOff => {
                 since.get_or_insert(t_s);
             }
-            FaultCode::SetUpGood => {
-                if since.take().is_some_and(|since| since <= to_s && t_s >= from_s) {
-                    return true;
-                }
+            FaultCode::SetUpGood if since.take().is_some_and(|since| since <= to_s && t_s >= from_s) => {
+                return true;
             }
             _ => {}
         }
