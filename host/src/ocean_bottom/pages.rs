@@ -51,7 +51,7 @@ const UNRECORDED: RGBColor = RGBColor(190, 150, 90);
 
 /// Goes through a recording for its pages alone, and draws them; the ships, and the files written. Of less than two minutes there are tables and no page.
 ///
-/// Kept are half a megabyte a day and the lines of its minutes. Work: 4 s a day of recording.
+/// Kept are half a megabyte a day and the lines of its minutes. Work: 3 s a day of recording.
 ///
 /// # Errors
 /// The recording is lost, or a file cannot be written.

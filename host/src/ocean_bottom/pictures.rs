@@ -73,7 +73,7 @@ pub(super) const LEAST_MINUTES: usize = 2;
 
 /// Draws everything, and what is known of the ships (`pages.rs`); the files written, none where the recording is shorter than `LEAST_MINUTES`.
 ///
-/// The recording is gone through once. What is kept of it is 10 MB and half a megabyte a day. Work: 4 s a day of recording.
+/// The recording is gone through once. What is kept of it is 10 MB and half a megabyte a day. Work: 3 s a day of recording.
 ///
 /// # Errors
 /// The recording is lost, or a file cannot be written.
