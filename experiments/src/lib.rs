@@ -99,6 +99,8 @@ pub struct Options {
     pub seed: u64,
     /// Print JSON Lines instead of a table.
     pub json: bool,
+    /// Folder for pictures of the recordings themselves, where an experiment draws any ([`DRAWN`]).
+    pub plots: Option<PathBuf>,
     /// Folder of real recordings, ray tables and ship positions, which are no part of the project.
     pub data: PathBuf,
     /// Takes the figures.
@@ -126,6 +128,9 @@ pub struct Experiment {
     /// Runs it: prints its table, writes its files, reports its figures.
     pub run: fn(&Options) -> Result<()>,
 }
+
+/// Experiments that draw what they recorded.
+pub const DRAWN: &[&str] = &[obs_week::WEEK.name, obs_week::WEEK_5_DB.name, obs_week::WEEK_10_DB.name];
 
 /// All experiments. `reproduce all` begins them in this order, the long ones first, so that none is left to run alone.
 pub const EXPERIMENTS: &[Experiment] = &[

@@ -1,6 +1,6 @@
 //! The ocean-bottom paper's pictures (figures 2, 3, 5 to 8) of one simulated vessel with whales about.
 
-use super::obs_world::{Case, quiet, station_table};
+use super::obs_world::{Case, named, quiet, station_table};
 use super::{Experiment, Options};
 use crate::ocean_bottom::pictures::{TruthCurve, draw, model};
 use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel, Radiation, Side, Straight, Whale};
@@ -68,12 +68,6 @@ fn run(options: &Options) -> Result<()> {
         draw(&dir, &mut again, &config, &table, &Calibration::default(), &case.messages, &truth)?;
     written.push(dir.join("model.svg"));
     model(&dir.join("model.svg"), &table)?;
-    for path in written {
-        if options.json {
-            println!("{}", serde_json::json!({"type": "picture", "path": path}));
-        } else {
-            println!("  {}", path.display());
-        }
-    }
+    named(options, &written);
     Ok(())
 }

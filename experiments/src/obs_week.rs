@@ -5,23 +5,26 @@
 //! known: vessels found, errors of their final tracks against the way itself at its closest point, finals of nobody, faults
 //! named of a station that has none, and how often the truth lies inside what was stated. Ways are smooth through the positions, whose
 //! times are whole minutes.
-//! `--runs` is the number of days (7: the whole week).
+//! `--runs` is the number of days (7: the whole week); `--plots DIR` draws them, tracks over likelihoods and the truth beside them.
 
 use super::figure::Bar;
 use super::obs_table1::{RR03_DEG, passes, window};
-use super::obs_world::{Case, print, quiet, station_table};
+use super::obs_world::{Case, named, print, quiet, station_table, truth};
 use super::{Experiment, Options};
 use crate::course::VesselCourse;
 use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::ais::{passages, read};
 use crate::ocean_bottom::scenario::{DirectionalTable, ObsScenario, Radiation};
-use crate::ocean_bottom::simulate::{Extra, MovingVessel};
+use crate::ocean_bottom::simulate::{Extra, MovingVessel, Simulator};
+use crate::ocean_bottom::{pages, station};
+use crate::propagation::Propagation;
 use crate::score::{TrackMiss, closest, median, then, track, track_passed};
 use anyhow::{Result, bail};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::wire::{Message, Track};
+use std::path::Path;
 
 /// At the level of the paper's Table I.
 pub const WEEK: Experiment = Experiment {
@@ -154,7 +157,11 @@ pub(super) fn traffic(options: &Options, days: usize, db: f64) -> Result<Traffic
 
 fn run(options: &Options, level: &Level) -> Result<()> {
     let Traffic { scenario, extra } = traffic(options, options.runs.unwrap_or(DAYS), level.db)?;
-    let case = Case::run(scenario, &station_table(options)?, extra, false)?;
+    let table = station_table(options)?;
+    let case = Case::run(scenario.clone(), &table, extra.clone(), false)?;
+    if let Some(folder) = &options.plots {
+        draw(options, folder, &case, scenario, &table, extra)?;
+    }
     let (azimuth, range) = minutes(&case);
     let finals: Vec<Track> = tracks(&case).filter(|t| t.stage == Track::FINAL).collect();
     let mut csv = CsvText::new(
@@ -197,6 +204,23 @@ fn run(options: &Options, level: &Level) -> Result<()> {
         &case,
         Outcome { found, split, ghosts: ghosts.len(), errors, stated, azimuth, range },
     );
+    Ok(())
+}
+
+/// Pages of what was recorded, which is simulated once more: a recording of a week is not kept.
+fn draw(
+    options: &Options,
+    folder: &Path,
+    case: &Case,
+    scenario: ObsScenario,
+    table: &Propagation,
+    extra: Vec<Extra>,
+) -> Result<()> {
+    let config = station::config(&scenario, false)?;
+    let truth = truth(case, scenario.duration_s);
+    let mut again = Simulator::new(scenario, table.clone(), extra)?;
+    let (_, written) = pages::draw(folder, &mut again, &config, table, &case.messages, &truth)?;
+    named(options, &written);
     Ok(())
 }
 

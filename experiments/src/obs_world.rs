@@ -3,12 +3,13 @@
 use super::Options;
 use crate::csv::{CsvTable, CsvText};
 use crate::ocean_bottom::event::HeardEvent;
+use crate::ocean_bottom::pictures::TruthCurve;
 use crate::ocean_bottom::scenario::{ObsScenario, default_start};
 use crate::ocean_bottom::simulate::{Extra, MovingVessel, Simulator};
 use crate::ocean_bottom::{run, station};
 use crate::propagation::{Propagation, bottom::Bottom, convert, profile, trace};
 use crate::score::{Detections, detections};
-use crate::score::{TrackMiss, owner, track};
+use crate::score::{TrackMiss, owner, then, track};
 use anyhow::Result;
 use seabearing_core::wire::{Fault, FaultCode, Message};
 use std::path::PathBuf;
@@ -30,6 +31,9 @@ pub fn station_table(options: &Options) -> Result<Propagation> {
     let profile = profile::SpeedProfile::subtropical(RR03_DEPTH_M)?;
     Ok(trace::trace("subtropical", &profile, &Bottom::default(), 70.0, 1429, || ()))
 }
+
+/// Vessels farther than this are not drawn, m: little of them is heard.
+const HEARD_M: f64 = 100_000.0;
 
 /// A scenario without any source.
 pub fn quiet(seed: u64, duration_s: f64) -> ObsScenario {
@@ -112,6 +116,30 @@ impl Case {
     /// Errors of detections, one entry a vessel.
     pub fn detections(&self) -> Vec<Detections> {
         detections(&self.messages, &self.table, self.paths, self.rate_hz, &self.vessels)
+    }
+}
+
+/// Where the vessels could be heard, minute by minute, for pictures: those of the core's range, and where they were then.
+pub fn truth(case: &Case, duration_s: f64) -> Vec<TruthCurve> {
+    let minutes = || (0..=(duration_s / 60.0) as u32).map(|m| 60.0 * f64::from(m));
+    let curve = |v: &MovingVessel| {
+        let there = minutes().filter_map(|t| Some((t, then(&case.table, case.paths, v, t)?)));
+        let heard: Vec<_> =
+            there.filter(|(_, h)| h.range_m < HEARD_M).map(|(t, h)| (t, h.azimuth, h.range_m)).collect();
+        let places = heard.iter().filter_map(|h| v.course.at(h.0)).collect();
+        TruthCurve { name: v.name.clone(), heard, places }
+    };
+    case.vessels.iter().map(curve).collect()
+}
+
+/// Names the pictures that were written.
+pub fn named(options: &Options, written: &[PathBuf]) {
+    for path in written {
+        if options.json {
+            println!("{}", serde_json::json!({"type": "picture", "path": path}));
+        } else {
+            println!("  {}", path.display());
+        }
     }
 }
 

@@ -18,13 +18,14 @@ enum Expected {
 use Expected::{Lacks, Runs, Waits};
 
 /// Subcommands, and what becomes of each example, in the order of the help.
-const EXAMPLES: [(&str, &[Expected]); 32] = [
+const EXAMPLES: [(&str, &[Expected]); 33] = [
     ("simulate", &[Runs, Runs]),
     ("process", &[Runs, Runs, Runs, Runs, Runs]),
     ("bearing", &[Runs]),
     ("track", &[Runs, Runs, Runs, Runs]),
     ("shaft-rate", &[Runs]),
     ("calls", &[Lacks("station.toml")]),
+    ("ships", &[Lacks("obs.toml"), Lacks("obs.toml"), Lacks("obs.toml")]),
     ("far", &[Lacks("obs.toml"), Runs]),
     ("levels", &[Runs, Runs]),
     // What these give from whole networks and passages is in `network_cli` and `orient_ocean_bottom`.

@@ -164,6 +164,7 @@ mod tests {
             seed: 7,
             json: true,
             data: std::env::temp_dir(),
+            plots: None,
             figures: Figures::new(EXPERIMENT.name),
         };
         run(&options).unwrap();

@@ -48,6 +48,7 @@ pub mod reproduce;
 pub mod schema;
 pub mod shaft_rate;
 pub mod shell;
+pub mod ships;
 pub mod simulate;
 pub mod station;
 pub mod track;
@@ -183,6 +184,8 @@ pub enum Subcommand {
     ShaftRate(shaft_rate::Args),
     /// Directions, ranges and ways of calling whales from an ocean-bottom recording
     Calls(calls::Args),
+    /// What is known of each ship that an ocean-bottom recording holds, and pages of its days
+    Ships(ships::Args),
     /// Vessels too far from an ocean-bottom station to be ranged, by azimuths and tones
     Far(far::Args),
     /// Percentiles and pictures of the levels that recorders send of themselves
@@ -242,6 +245,7 @@ impl Subcommand {
             Self::Track(args) => track::run(args),
             Self::ShaftRate(args) => shaft_rate::run(args),
             Self::Calls(args) => calls::run(args),
+            Self::Ships(args) => ships::run(args),
             Self::Far(args) => far::run(args),
             Self::Levels(args) => levels::run(args),
             Self::Locate(args) => locate::run(args),

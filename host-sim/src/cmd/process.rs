@@ -84,7 +84,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE", value_parser = super::output())]
     telemetry: Option<PathBuf>,
     /// Write pictures into this folder: bearings and errors against time, tracks on a map, correlations
-    /// (array); spectrogram, azigram, likelihoods, cepstrograms, presence, map (ocean bottom); levels with --levels.
+    /// (array); spectrogram, azigram, likelihoods, cepstrograms, presence, map, and the pages and tables of `ships` (ocean bottom);
+    /// levels with --levels.
     #[arg(long, alias = "plot", value_name = "DIR")]
     plots: Option<PathBuf>,
     /// Also draw a page for each passage: spectrogram, azimuth and elevation (ocean bottom: range), course on a map with times
@@ -219,12 +220,8 @@ pub fn run(args: Args) -> Result<()> {
         start: source.start(),
         times: Default::default(),
     };
-    let bar = progress::bar(
-        source.expected_end().map_or(0, |n| (n as f64 / station.config.rate_hz) as u64),
-        "processing",
-    );
+    let mut source = Watched::new(source, station.config.rate_hz);
     let keeping = Keeping::begin();
-    let mut source = Watched { source, bar, rate_hz: station.config.rate_hz };
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     let mut encoder = Encoder::default();
     let mut telemetry = Vec::new();
@@ -485,10 +482,18 @@ fn stats(summary: &ReplaySummary, rate_hz: f64) -> String {
 }
 
 /// A source that moves a progress bar.
-struct Watched {
+pub(super) struct Watched {
     source: Box<dyn BlockSource>,
-    bar: progress::ProgressBar,
+    pub(super) bar: progress::ProgressBar,
     rate_hz: f64,
+}
+
+impl Watched {
+    /// A source of so many samples a second.
+    pub(super) fn new(source: Box<dyn BlockSource>, rate_hz: f64) -> Self {
+        let end_s = source.expected_end().map_or(0, |n| (n as f64 / rate_hz) as u64);
+        Self { source, bar: progress::bar(end_s, "processing"), rate_hz }
+    }
 }
 
 impl BlockSource for Watched {

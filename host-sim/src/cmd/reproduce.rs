@@ -1,11 +1,11 @@
 //! `seabearing reproduce`: the papers' figures and tables and the project's own figures, by Monte Carlo, each beside its
 //! bar. A missed bar is exit status 3.
 
-use super::Missed;
+use super::{Missed, mistake};
 use crate::beside::Beside;
 use crate::progress;
 use crate::reproduce::figure::{self, Figures};
-use crate::reproduce::{EXPERIMENTS, Experiment, Options};
+use crate::reproduce::{DRAWN, EXPERIMENTS, Experiment, Options};
 use anyhow::{Context, Result, bail};
 use std::io::Read;
 use std::path::PathBuf;
@@ -23,6 +23,10 @@ pub struct Args {
     /// Folder for CSV and plots.
     #[arg(long, default_value = "out/reproduce")]
     out: PathBuf,
+    /// Also draw what was recorded into this folder, truth beside tracks: pages of azimuth and range against UTC, and what is known of each
+    /// ship (obs-week, obs-week-5db, obs-week-10db)
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
     /// Folder of the real recordings and ship positions that some experiments need.
     #[arg(long, default_value = "../shared/data")]
     data: PathBuf,
@@ -54,6 +58,9 @@ pub fn run(args: Args) -> Result<()> {
             "no experiment `{name}`: `seabearing reproduce` without a name lists them, `all` runs them all"
         );
     }
+    if args.plots.is_some() && chosen.is_none_or(|e| !DRAWN.contains(&e.name)) {
+        mistake!("--plots: `{name}` has no recording to draw; {} have", DRAWN.join(", "));
+    }
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot make folder {}", args.out.display()))?;
     chosen.map_or_else(|| all(&args), |e| one(&args, e))
@@ -69,6 +76,7 @@ fn one(args: &Args, e: &Experiment) -> Result<()> {
         runs: args.runs.map(Into::into),
         seed: args.seed,
         json: args.json,
+        plots: args.plots.clone(),
         data: args.data.clone(),
         figures: Figures::new(e.name),
     };

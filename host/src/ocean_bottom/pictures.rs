@@ -4,11 +4,11 @@
 //! after the clutter filter, range log-likelihood with detections, presence with segments, tracks on a map with circles at
 //! 50 and 100 km; [`model`] draws the interference model against range. Times are UTC where the recording has a clock.
 
+use super::columns::{CEPSTRAL, COLUMNS, Column, Columns, ROWS};
+use super::evidence::{Evidence, Of};
+use super::far::tones::Listener;
 use super::presence::{IMPULSIVE, TONAL, azimuths, presence, ranges};
-use super::stages::{
-    self, AZIMUTHS, BINS, RANGE_STEP_M, RANGES, SpectralFrame, azimuth_likelihood, frames, minutes,
-    range_likelihood,
-};
+use super::{pages, ships, stages};
 use crate::angle::azimuth_deg;
 use crate::course::EastNorth;
 use crate::plot::times::Times;
@@ -18,6 +18,7 @@ use crate::propagation::Propagation;
 use crate::recording::BlockSource;
 use crate::station::Calibration;
 use anyhow::{Context, Result};
+use seabearing_core::block::Block;
 use seabearing_core::config::StationConfig;
 use seabearing_core::kit::quantile;
 use seabearing_core::wire::Message;
@@ -27,12 +28,6 @@ use std::path::{Path, PathBuf};
 const DETECTION: RGBColor = RGBColor(232, 70, 70);
 /// Colour of calls, apart from vessels and visible on the same map.
 const CALL: RGBColor = RGBColor(120, 200, 255);
-/// Columns a picture has at most: more cannot be seen.
-const COLUMNS: usize = 360;
-
-/// Times at which likelihoods are drawn, at most.
-const MOST_TIMES: usize = 4 * COLUMNS;
-
 /// What a vessel really did, for comparison.
 #[derive(Clone, Debug)]
 pub struct TruthCurve {
@@ -74,9 +69,11 @@ impl TruthCurve {
 }
 
 /// Whole minutes of a recording below which there is nothing to draw against time.
-const LEAST_MINUTES: usize = 2;
+pub(super) const LEAST_MINUTES: usize = 2;
 
-/// Draws everything; the files written, none where the recording is shorter than `LEAST_MINUTES`.
+/// Draws everything, and what is known of the ships (`pages.rs`); the files written, none where the recording is shorter than `LEAST_MINUTES`.
+///
+/// The recording is gone through once. What is kept of it is 10 MB and half a megabyte a day. Work: 3 s a day of recording.
 ///
 /// # Errors
 /// The recording is lost, or a file cannot be written.
@@ -91,20 +88,24 @@ pub fn draw(
 ) -> Result<Vec<PathBuf>> {
     let rate = config.rate_hz;
     let start = source.start();
-    let all = frames(source, config)?;
-    let mut when = if all.is_empty() { Vec::new() } else { minutes(&all) };
-    if when.len() < LEAST_MINUTES {
+    let mut all = Columns::new(0.5 * stages::length(rate) as f64 / rate);
+    let mut evidence = Evidence::new(table);
+    let mut listener = Listener::new(config)?;
+    let mut end = 0;
+    let mut block_came = |block: &Block<'_>| {
+        end = block.first_index + block.frames.len() as u64;
+        listener.push(block);
+    };
+    stages::each_frame(source, config, &mut block_came, &mut |frame| {
+        all.take(&frame);
+        evidence.take(frame);
+    })?;
+    all.finish();
+    evidence.finish();
+    if evidence.minutes() < LEAST_MINUTES {
         return Ok(Vec::new());
     }
-    // A week has more minutes than can be told apart.
-    let step = when.len().div_ceil(MOST_TIMES);
-    when = when.into_iter().step_by(step).collect();
-    let each = if step == 1 {
-        "at each minute".to_owned()
-    } else {
-        format!("over three minutes, every {step} minutes")
-    };
-    let times = &Times::new(start, all[all.len() - 1].t_s);
+    let times = &Times::new(start, all.last_s());
     let found = passage::ocean_bottom(messages, config);
     let source = times.source(&config.name);
     let mut written = Vec::new();
@@ -123,16 +124,8 @@ pub fn draw(
     let directions = "Azimuth that each cell of time and frequency comes from, by the horizontal active intensity; paler where the directions \
          of a cell agree less, grey where they do not agree at all.";
     keep("azigram", &[&said(azigram(&all, times), directions)])?;
-    let mut azimuth = heat(
-        "Azimuth: log-likelihood ratio",
-        "azimuth (°)",
-        times,
-        &when,
-        &azimuth_likelihood(&all, &when),
-        (0.0, 360.0),
-        (0.0, 60.0),
-        "ln likelihood ratio",
-    );
+    let (mut azimuth, each) =
+        heat("Azimuth: log-likelihood ratio", "azimuth (°)", times, &evidence, Of::Azimuth);
     azimuth.y_scale(Scale::Degrees);
     azimuth.points("tonal", &azimuths(messages, rate, times, TONAL)).coloured(DETECTION);
     let calls = azimuths(messages, rate, times, IMPULSIVE);
@@ -151,27 +144,14 @@ pub fn draw(
          Coloured lines: tracks by their last solution, where the vessels were: sound is heard from there half a minute later at 40 km."
     );
     keep("azimuth", &[&said(azimuth, &words)])?;
-    let before = cepstrogram("Cepstrogram", &all, times, &|f: &SpectralFrame, k: usize| {
-        f.raw.get(k).copied().unwrap_or(f32::NAN)
-    });
-    let after = cepstrogram("Cepstrogram after the clutter filter", &all, times, &|f, k| {
-        f.filtered.get(k).copied().unwrap_or(f32::NAN)
-    });
+    let before = cepstrogram("Cepstrogram", &all, times, &|c, row| c.raw[row]);
+    let after = cepstrogram("Cepstrogram after the clutter filter", &all, times, &|c, row| c.filtered[row]);
     let after = said(
         after,
         "Magnitude of the cepstrum of pressure: ridges are delays between paths by surface and floor. Below without the part that stays for long.",
     );
     keep("cepstrogram", &[&before, &after])?;
-    let mut range = heat(
-        "Range: log-likelihood ratio",
-        "range (km)",
-        times,
-        &when,
-        &range_likelihood(&all, &when, table),
-        (0.0, RANGE_STEP_M * RANGES as f64 / 1e3),
-        (0.0, 40.0),
-        "ln likelihood ratio",
-    );
+    let (mut range, each) = heat("Range: log-likelihood ratio", "range (km)", times, &evidence, Of::Range);
     range.points("detections", &ranges(messages, rate, times)).coloured(DETECTION);
     for t in truth {
         let points: Vec<(f64, f64)> = t.heard.iter().map(|h| (times.at(h.0), h.2 / 1e3)).collect();
@@ -195,45 +175,25 @@ pub fn draw(
     }
     ways::courses(&mut map, &found, times, rate);
     keep("map", &[&said(map, &ways::words(&found))])?;
+    let ships = ships::known(&found, messages, config, table.depth_m, &listener.minutes);
+    let told = pages::Told {
+        config,
+        depth_m: table.depth_m,
+        start,
+        end_s: end as f64 / rate,
+        messages,
+        found: &found,
+        ships: &ships,
+        truth,
+    };
+    written.extend(pages::write(dir, &told, &evidence)?);
     Ok(written)
 }
 
-/// Time from one frame to the next where none is missing, s.
-fn hop_s(all: &[SpectralFrame]) -> f64 {
-    all.windows(2).map(|w| w[1].t_s - w[0].t_s).fold(f64::INFINITY, f64::min)
-}
-
-/// Frames of one column: as many steps as make no more columns than can be seen.
-fn per_column(all: &[SpectralFrame]) -> usize {
-    let steps = (all[all.len() - 1].t_s - all[0].t_s) / hop_s(all);
-    (steps.round() as usize + 1).div_ceil(COLUMNS)
-}
-
-/// Columns averaged down to what can be seen: `value(frames of a column, row)`; blank where there are none.
-fn columns(
-    all: &[SpectralFrame],
-    rows: usize,
-    value: &dyn Fn(&[SpectralFrame], usize) -> f64,
-) -> (usize, Vec<f64>) {
-    let length_s = per_column(all) as f64 * hop_s(all);
-    let column = |f: &SpectralFrame| ((f.t_s - all[0].t_s) / length_s + 1e-6) as usize;
-    let mut groups: Vec<&[SpectralFrame]> = vec![&[]; column(&all[all.len() - 1]) + 1];
-    for group in all.chunk_by(|a, b| column(a) == column(b)) {
-        groups[column(&group[0])] = group;
-    }
-    let mut out = Vec::with_capacity(rows * groups.len());
-    for row in 0..rows {
-        out.extend(groups.iter().map(|g| if g.is_empty() { f64::NAN } else { value(g, row) }));
-    }
-    (groups.len(), out)
-}
-
-/// From the beginning of the first column to the end of the last.
-fn span(all: &[SpectralFrame], times: &Times) -> (f64, f64) {
-    let (hop, first) = (hop_s(all), all[0].t_s);
-    let per = per_column(all) as f64;
-    let columns = ((all[all.len() - 1].t_s - first) / (per * hop) + 1e-6).floor() + 1.0;
-    (times.at(first - 0.5 * hop), times.at(first + (columns * per - 0.5) * hop))
+/// From the beginning of the first column to the end of the last, on the axis.
+fn span(all: &Columns, times: &Times) -> (f64, f64) {
+    let (from_s, to_s) = all.span_s();
+    (times.at(from_s), times.at(to_s))
 }
 
 /// Cells against time: columns and values row after row, between limits; whole circles in the colours of a circle.
@@ -255,25 +215,15 @@ fn grid(
 }
 
 /// Level of pressure against time and frequency (figure 2).
-fn spectrogram(
-    all: &[SpectralFrame],
-    times: &Times,
-    config: &StationConfig,
-    calibration: &Calibration,
-) -> Plot {
-    let rows = BINS / 2;
+fn spectrogram(all: &Columns, times: &Times, config: &StationConfig, calibration: &Calibration) -> Plot {
+    let rows = ROWS;
     // One-sided density of full scale squared under Hann's window.
     let (length, full_scale) = (stages::length(config.rate_hz) as f64, f64::from(config.full_scale));
     let scale = 2.0 / (config.rate_hz * 0.375 * length * full_scale * full_scale);
     let bin_hz = config.rate_hz / length;
-    let (n, values) = columns(all, rows, &|g, row| {
-        let sum: f64 = g
-            .iter()
-            .flat_map(|f| &f.log_pressure[2 * row..2 * row + 2])
-            .map(|l| f64::from(2.0 * l).exp())
-            .sum();
+    let (n, values) = all.cells(rows, &|c, row| {
         let more = calibration.db(bin_hz * (2.0 * row as f64 + 1.0)).unwrap_or(f64::NAN);
-        10.0 * (scale * sum / (2.0 * g.len() as f64)).log10() + more
+        10.0 * (scale * c.power[row] / (2.0 * c.frames as f64)).log10() + more
     });
     let mut sorted = values.clone();
     let mut at = |share: f64| quantile(&mut sorted, share).unwrap_or(0.0);
@@ -296,22 +246,20 @@ fn spectrogram(
 }
 
 /// Azimuth of active intensity against time and frequency (figure 3b), faded where the azimuths of a cell do not agree.
-fn azigram(all: &[SpectralFrame], times: &Times) -> Plot {
-    let rows = BINS / 2;
+fn azigram(all: &Columns, times: &Times) -> Plot {
     // Mean direction of a cell's azimuths as a vector, and how many there are.
-    let mean = |g: &[SpectralFrame], row: usize| {
-        let azimuths = g.iter().flat_map(|f| &f.azimuth[2 * row..2 * row + 2]).filter(|a| a.is_finite());
-        let (s, c, n) = azimuths
-            .fold((0.0, 0.0, 0.0), |(s, c, n), a| (s + f64::from(a.sin()), c + f64::from(a.cos()), n + 1.0));
-        (s / n, c / n, n)
+    let mean = |c: &Column, row: usize| {
+        let (s, c, n) = c.directions[row];
+        let n = f64::from(n);
+        (f64::from(s) / n, f64::from(c) / n, n)
     };
-    let (n, values) = columns(all, rows, &|g, row| {
-        let (s, c, _) = mean(g, row);
+    let (n, values) = all.cells(ROWS, &|column, row| {
+        let (s, c, _) = mean(column, row);
         azimuth_deg(s, c)
     });
     // Its squared length less what directions at random have.
-    let (_, strength) = columns(all, rows, &|g, row| {
-        let (s, c, n) = mean(g, row);
+    let (_, strength) = all.cells(ROWS, &|column, row| {
+        let (s, c, n) = mean(column, row);
         ((n * (s * s + c * c) - 1.0) / (n - 1.0)).max(0.0).sqrt()
     });
     let (circle, label) = ((0.0, 360.0), "azimuth of the source (°)");
@@ -319,59 +267,23 @@ fn azigram(all: &[SpectralFrame], times: &Times) -> Plot {
     grid("Azigram", "frequency (Hz)", times, span(all, times), (0.0, 25.0), cells, circle, label)
 }
 
-fn cepstrogram(
-    title: &str,
-    all: &[SpectralFrame],
-    times: &Times,
-    at: &dyn Fn(&SpectralFrame, usize) -> f32,
-) -> Plot {
-    // Quefrencies 0.4 to 7 s in rows of two: the branches' span; nearer zero lies the spectrum's own shape.
-    let (from, rows) = (20, 165);
-    let (n, values) = columns(all, rows, &|g, row| {
-        let cells = g.iter().flat_map(|f| [at(f, from + 2 * row), at(f, from + 2 * row + 1)]);
-        let (sum, count) = cells.filter(|c| c.is_finite()).fold((0.0, 0), |(s, k), c| (s + c.abs(), k + 1));
-        if count > 0 { f64::from(sum) / f64::from(count) } else { f64::NAN }
+fn cepstrogram(title: &str, all: &Columns, times: &Times, of: &dyn Fn(&Column, usize) -> (f32, f32)) -> Plot {
+    let (n, values) = all.cells(CEPSTRAL, &|column, row| {
+        let (sum, count) = of(column, row);
+        f64::from(sum) / f64::from(count)
     });
-    grid(
-        title,
-        "quefrency (s)",
-        times,
-        span(all, times),
-        (0.4, 7.0),
-        (n, values, Vec::new()),
-        (0.0, 0.08),
-        "|cepstrum|",
-    )
+    let cells = (n, values, Vec::new());
+    grid(title, "quefrency (s)", times, span(all, times), (0.4, 7.0), cells, (0.0, 0.08), "|cepstrum|")
 }
 
-fn heat(
-    title: &str,
-    y_label: &str,
-    times: &Times,
-    when: &[f64],
-    likelihood: &[Vec<f32>],
-    y: (f64, f64),
-    range: (f64, f64),
-    label: &str,
-) -> Plot {
-    let per = when.len().div_ceil(COLUMNS);
-    let groups: Vec<&[Vec<f32>]> = likelihood.chunks(per).collect();
-    let rows = likelihood.first().map_or(0, Vec::len);
-    // Neighbouring rows share a cell where there are more than can be seen.
-    let merge = rows.div_ceil(AZIMUTHS);
-    let mut values = Vec::new();
-    for row in (0..rows).step_by(merge) {
-        values.extend(groups.iter().map(|g| {
-            let cells = g.iter().flat_map(|m| &m[row..(row + merge).min(rows)]);
-            f64::from(cells.fold(f32::NEG_INFINITY, |a, b| a.max(*b)))
-        }));
-    }
-    let first = when.first().copied().unwrap_or(0.0);
-    let step_s = when.get(1).map_or(60.0, |second| second - first);
-    // Not before the recording: half a cell is less than can be seen, another date is not.
-    let begins = (first - 0.5 * step_s).max(0.0);
-    let x = (times.at(begins), times.at(begins + step_s * (per * groups.len()) as f64));
-    grid(title, y_label, times, x, y, (groups.len(), values, Vec::new()), range, label)
+/// A figure over its likelihood, and in words how many minutes a column is of.
+fn heat(title: &str, y_label: &str, times: &Times, evidence: &Evidence<'_>, of: Of) -> (Plot, String) {
+    let most = if of == Of::Azimuth { 60.0 } else { 40.0 };
+    let cells = evidence.cells(of, (f64::NEG_INFINITY, f64::INFINITY), COLUMNS);
+    let x = (times.at(cells.span_s.0), times.at(cells.span_s.1));
+    let values = (cells.columns, cells.values, Vec::new());
+    let figure = grid(title, y_label, times, x, of.edges(), values, (0.0, most), "ln likelihood ratio");
+    (figure, cells.each)
 }
 
 /// The interference model against range: envelope of the pulses, and the branches' delays (figure 5b).
@@ -420,33 +332,6 @@ pub fn model(path: &Path, table: &Propagation) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_gap_of_a_recording_is_blank_and_what_follows_it_stands_at_its_time() {
-        let frame = |k: usize| SpectralFrame {
-            t_s: 10.0 + 5.0 * k as f64,
-            log_pressure: Vec::new(),
-            azimuth: Vec::new(),
-            raw: Vec::new(),
-            filtered: [k as f32; seabearing_core::obs::limits::QUEFRENCIES],
-        };
-        let all: Vec<SpectralFrame> = (0..1000).filter(|k| !(300..700).contains(k)).map(frame).collect();
-        let (n, values) = columns(&all, 1, &|g, _| f64::from(g[0].filtered[0]));
-        let (from, to) = span(&all, &Times::new(None, 60.0));
-        // Each column is 3 frames long, and begins with its own.
-        assert_eq!((n, from, to), (334, 7.5, 7.5 + 334.0 * 15.0));
-        for (k, value) in values.iter().enumerate() {
-            let there = !(100..233).contains(&k);
-            assert!(
-                if there {
-                    *value == (3 * k).max(if k == 233 { 700 } else { 0 }) as f64
-                } else {
-                    value.is_nan()
-                },
-                "{k} {value}"
-            );
-        }
-    }
 
     #[test]
     fn truth_of_a_simulation_is_read_vessel_by_vessel() {

@@ -8,7 +8,7 @@ use crate::propagation::Propagation;
 use crate::recording::BlockSource;
 use anyhow::Result;
 use rayon::prelude::*;
-use seabearing_core::block::{Frame as Samples, MISSING};
+use seabearing_core::block::{Block, Frame as Samples, MISSING};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::obs::cepstrum::noise_sd;
 use seabearing_core::obs::clutter::Clutter;
@@ -64,8 +64,26 @@ pub fn length(rate_hz: f64) -> usize {
     N * (rate_hz / 51.0).ceil().max(1.0) as usize
 }
 
-/// All frames of a recording.
+/// All frames of a recording, 8 kB each: of hours, not of weeks ([`each_frame`]).
+///
+/// # Errors
+/// The recording is lost.
 pub fn frames(source: &mut dyn BlockSource, config: &StationConfig) -> Result<Vec<SpectralFrame>> {
+    let mut out = Vec::new();
+    each_frame(source, config, &mut |_| (), &mut |frame| out.push(frame))?;
+    Ok(out)
+}
+
+/// Hands on each frame of a recording in the order of time, and each block before its frames; keeps less than two frames of samples.
+///
+/// # Errors
+/// The recording is lost.
+pub fn each_frame(
+    source: &mut dyn BlockSource,
+    config: &StationConfig,
+    block_came: &mut dyn FnMut(&Block<'_>),
+    frame_came: &mut dyn FnMut(SpectralFrame),
+) -> Result<()> {
     let n = length(config.rate_hz);
     let turn = match &config.kind {
         Kind::Obs(o) => {
@@ -78,9 +96,9 @@ pub fn frames(source: &mut dyn BlockSource, config: &StationConfig) -> Result<Ve
     let analyser = Analyser::new(n, window, turn);
     let mut held: Vec<Samples> = Vec::new();
     let mut first = 0u64;
-    let mut out = Vec::new();
     let mut clutter = Clutter::new();
     while let Some(block) = source.next_block()? {
+        block_came(&block);
         if first + held.len() as u64 != block.first_index {
             held.clear();
         }
@@ -92,13 +110,15 @@ pub fn frames(source: &mut dyn BlockSource, config: &StationConfig) -> Result<Ve
         while held.len() - used >= n {
             let samples = &held[used..used + n];
             let t_s = (first + used as u64 + n as u64 / 2) as f64 / config.rate_hz;
-            out.extend(analyser.frame(samples, t_s, &mut clutter));
+            if let Some(frame) = analyser.frame(samples, t_s, &mut clutter) {
+                frame_came(frame);
+            }
             used += n / 2;
         }
         held.drain(..used);
         first += used as u64;
     }
-    Ok(out)
+    Ok(())
 }
 
 struct Analyser {

@@ -31,6 +31,8 @@ pub enum ColourMap {
     Amount,
     /// The same by decades: equal colours for equal ratios; what is not above zero stays blank.
     Decades,
+    /// From the page's white to grey, for amounts that series in colours are drawn over.
+    Under,
     /// Round the hues, for angles: least and greatest value have the same colour.
     Cyclic,
 }
@@ -42,7 +44,7 @@ impl ColourMap {
     /// How the values of its colours run.
     pub(super) fn scale(self) -> Scale {
         match self {
-            Self::Amount => Scale::Linear,
+            Self::Amount | Self::Under => Scale::Linear,
             Self::Decades => Scale::Log,
             Self::Cyclic => Scale::Degrees,
         }
@@ -56,6 +58,7 @@ impl ColourMap {
                 let (lightness, hue_deg) = (0.20 + 0.76 * t, 285.0 - 185.0 * t);
                 oklch(lightness, (0.8 * greatest_chroma(lightness, hue_deg)).min(0.12), hue_deg)
             }
+            Self::Under => oklch(1.0 - 0.58 * t, 0.0, 0.0),
             Self::Cyclic => {
                 let turn = (360.0 * t - LIGHTEST_DEG).rem_euclid(360.0);
                 let lightness = 0.60 + 0.30 * turn.to_radians().cos();

@@ -4,7 +4,7 @@ use super::axis::{Axis, LABEL, Ruler, Scale};
 use super::legend::{LEGEND, caption, caption_height, colour_bar, legend};
 use super::raster::{Cells, Images};
 use super::series::{Chart, circles, draw_series};
-use super::{Plot, Shape, clock, dense};
+use super::{Plot, Shape, clock, dense, table};
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -109,6 +109,9 @@ fn one(area: &Area<'_>, figure: &Plot, bar_room: bool, images: &mut Images) -> R
     for (k, line) in (0..).zip(&figure.words) {
         let at = ((LEFT_EDGE + LEFT / 2) * FINE, (TITLE + 12 + 26 * k) * FINE);
         area.draw(&Text::new(line.clone(), at, font(15))).map_err(failed)?;
+    }
+    if !figure.table.rows.is_empty() {
+        return table::draw(area, &figure.table);
     }
     if !figure.words.is_empty() {
         return Ok(());

@@ -230,13 +230,13 @@ pub(crate) fn reports(messages: &[Message]) -> Vec<Track> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    pub(in super::super) const RATE_HZ: f64 = 100.0;
+    pub(crate) const RATE_HZ: f64 = 100.0;
 
     /// A vessel on a course past the station: its closest point is North of it, and it goes East.
-    pub(in super::super) fn track(id: u16, stage: u8, t_s: f64, (cpa_time_s, north_m): (f64, f64)) -> Track {
+    pub(crate) fn track(id: u16, stage: u8, t_s: f64, (cpa_time_s, north_m): (f64, f64)) -> Track {
         Track {
             id,
             stage,

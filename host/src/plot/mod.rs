@@ -31,6 +31,7 @@ mod raster;
 pub mod result;
 mod series;
 mod spectrogram;
+mod table;
 mod text;
 pub mod times;
 pub(crate) mod ways;
@@ -99,6 +100,7 @@ pub struct Plot {
     circles: Option<Vec<f64>>,
     next: usize,
     words: Vec<String>,
+    table: table::Table,
     caption: String,
 }
 
@@ -120,6 +122,7 @@ impl Plot {
             circles: None,
             next: 0,
             words: Vec::new(),
+            table: table::Table::default(),
             caption: String::new(),
         }
     }
@@ -143,6 +146,11 @@ impl Plot {
     pub fn size(&mut self, width: u32, height: u32) -> &mut Self {
         self.size = (width.max(200), height.max(150));
         self
+    }
+
+    /// Width in points.
+    pub(crate) fn width(&self) -> u32 {
+        self.size.0
     }
 
     /// Fixes the ends of the horizontal axis.
@@ -203,6 +211,14 @@ impl Plot {
     /// Lines of text in place of axes.
     pub fn words(&mut self, lines: Vec<String>) -> &mut Self {
         self.words = lines;
+        self
+    }
+
+    /// A table in place of axes: rows of words, the first the header, and before each other row a mark of its colour. The figure becomes as high
+    /// as the table, and at least as wide.
+    pub fn table(&mut self, rows: Vec<Vec<String>>, colours: Vec<RGBColor>) -> &mut Self {
+        self.size(table::width(&rows), table::height(rows.len()));
+        self.table = table::Table { rows, colours };
         self
     }
 

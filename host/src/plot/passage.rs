@@ -35,8 +35,8 @@ fn of_array(messages: &[Message], rate_hz: f64) -> (Vec<Bearing>, Vec<Heard>) {
 }
 
 /// The tonal detections of an ocean-bottom station as directions.
-fn of_ocean_bottom(messages: &[Message], rate_hz: f64) -> Vec<Heard> {
-    let tonal = |m: &Message| match m {
+pub(crate) fn tonal(messages: &[Message], rate_hz: f64) -> Vec<Heard> {
+    let one = |m: &Message| match m {
         Message::Azimuth(a) if a.detected && a.kind == 0 => Some(Heard {
             t_s: a.index as f64 / rate_hz,
             azimuth_deg: wrap_deg(f64::from(a.azimuth).to_degrees()),
@@ -44,12 +44,12 @@ fn of_ocean_bottom(messages: &[Message], rate_hz: f64) -> Vec<Heard> {
         }),
         _ => None,
     };
-    messages.iter().filter_map(tonal).collect()
+    messages.iter().filter_map(one).collect()
 }
 
 /// The passages that an ocean-bottom station reported and did not withdraw, with their detections.
 pub(crate) fn ocean_bottom(messages: &[Message], config: &StationConfig) -> Belonging {
-    Belonging::of(&reports(messages), &of_ocean_bottom(messages, config.rate_hz), config)
+    Belonging::of(&reports(messages), &tonal(messages, config.rate_hz), config)
 }
 
 /// Draws the pages; how many. `source` is the recording from its beginning, `start` its UTC.
@@ -66,11 +66,8 @@ pub fn write_all(
     let config = &station.config;
     let rate_hz = config.rate_hz;
     let at_bottom = matches!(config.kind, Kind::Obs(_));
-    let (bearings, heard) = if at_bottom {
-        (Vec::new(), of_ocean_bottom(messages, rate_hz))
-    } else {
-        of_array(messages, rate_hz)
-    };
+    let (bearings, heard) =
+        if at_bottom { (Vec::new(), tonal(messages, rate_hz)) } else { of_array(messages, rate_hz) };
     let found = Belonging::of(&reports(messages), &heard, config);
     let mut sounds: Vec<Spectrogram> = found
         .passages

@@ -73,4 +73,32 @@ impl Times {
         let (h, m, s) = at.to_hms();
         format!("{h:02}:{m:02}:{s:02}")
     }
+
+    /// A time with its day and month, to be read beside others of a week.
+    pub fn dated(&self, t_s: f64) -> String {
+        self.day(t_s).map_or_else(|| self.clock(t_s), |day| format!("{day} {}", self.clock(t_s)))
+    }
+
+    /// The same to the minute.
+    pub fn minute(&self, t_s: f64) -> String {
+        self.day(t_s).map_or_else(|| self.clock(t_s), |day| format!("{day} {}", self.hour_minute(t_s)))
+    }
+
+    /// The end of a span to the minute, with its date where that is another than the beginning's.
+    pub fn minute_after(&self, (from_s, to_s): (f64, f64)) -> String {
+        match self.day(from_s) {
+            Some(day) if self.day(to_s).as_ref() == Some(&day) => self.hour_minute(to_s),
+            _ => self.minute(to_s),
+        }
+    }
+
+    /// Day and month in UTC.
+    fn day(&self, t_s: f64) -> Option<String> {
+        let at = self.start?.checked_add(time::Duration::checked_seconds_f64(t_s)?)?;
+        Some(format!("{} {}", at.day(), at.month().to_string().get(..3).unwrap_or_default()))
+    }
+
+    fn hour_minute(&self, t_s: f64) -> String {
+        self.clock(t_s).chars().take(5).collect()
+    }
 }
