@@ -19,6 +19,7 @@
 //! Cost: 0.2 M instructions a window in noise, up to 15 M when every bin carries a vessel.
 
 use super::ambient::Ambient;
+use super::between::Between;
 use super::cauchy::{Codes, Profile, WrappedCauchy, distance, step_of};
 use super::limits::{AZIMUTH_BINS, AZIMUTH_MODES, AZIMUTHS, CIRCLE, SPAN};
 use super::row::Row;
@@ -223,11 +224,13 @@ impl WrappedCauchy {
     /// the density at the limit times its width (the slope of a truncated mean). Of four directions one is independent: a
     /// tone fills three bins of the Hann window, and half-overlapped frames share a third. Where bins lean to sides of their
     /// own in every frame, by another source's share in them, the variance is that of the bins' sums instead, neighbours
-    /// weighted down linearly to the third [Newey and West 1987, 5].
+    /// weighted down linearly to the third [Newey and West 1987, 5]. Where bins point apart the direction may be that of two
+    /// vessels heard as one, and the variance allows for it (see `between`).
     #[inline(never)]
     fn weighted(&self, bins: usize, s: &Tonal, rows: &[&Row], best: usize, azimuth: f32) -> (f32, f32) {
         let (mut weights, mut sum, mut sides) = (0f32, 0f32, 0f32);
         let (mut before, mut last) = (0f32, 0f32);
+        let mut between = Between::default();
         for f in 0..bins.min(AZIMUTH_BINS) {
             let (mut lean, mut square, mut n, mut cut) = (0f32, 0f32, 0f32, 0f32);
             let apart = distance(usize::from(get(&s.best, f)), best);
@@ -242,6 +245,7 @@ impl WrappedCauchy {
                 }
                 let var = (square + FRAMES_BEFORE * VAR_BEFORE) / (n + FRAMES_BEFORE);
                 let slope = (1.0 - TAKEN / (TAKEN - EDGE) * cut / n.max(1.0)).max(0.1);
+                between.take(lean / (n * slope).max(1.0), n * slope * slope, var);
                 lean *= slope / var;
                 weights += n * slope * slope / var;
                 sum += lean;
@@ -252,7 +256,8 @@ impl WrappedCauchy {
         if weights <= 0.0 {
             return (0.0, MOST_VAR);
         }
-        (sum / weights, (4.0 / weights).max(sides / (weights * weights)).min(MOST_VAR))
+        let of_mean = (4.0 / weights).max(sides / (weights * weights));
+        (sum / weights, (of_mean + between.told()).min(MOST_VAR))
     }
 }
 
