@@ -9,8 +9,8 @@
 /// as likely, it is more than 0.95 τ off in one of twenty: so 1.96 deviations are that much with a deviation of 0.49 τ.
 const TOLD: f32 = 0.24;
 
-/// Variance of a bin's mean over that of its directions, times their number: half-overlapped frames share a third.
-const ALIKE: f32 = 1.5;
+/// Variance of a bin's mean over that of its directions, times their number: half-overlapped frames go together to 1/6.
+const ALIKE: f32 = 1.33;
 
 /// Sums over bins of their weights w, of w², of w x and of w x², x their directions; and how many bins.
 #[derive(Clone, Copy, Debug, Default)]

@@ -221,11 +221,10 @@ impl WrappedCauchy {
     ///
     /// Each bin counts by its own scatter, for bins of strong tones point more closely than those of weak ones. A limit cuts
     /// off what lies farther than [`TAKEN`], so that a bin answers a turn of its vessel by less than the whole: by one less
-    /// the density at the limit times its width (the slope of a truncated mean). Of four directions one is independent: a
-    /// tone fills three bins of the Hann window, and half-overlapped frames share a third. Where bins lean to sides of their
-    /// own in every frame, by another source's share in them, the variance is that of the bins' sums instead, neighbours
-    /// weighted down linearly to the third [Newey and West 1987, 5]. Where bins point apart the direction may be that of two
-    /// vessels heard as one, and the variance allows for it (see `between`).
+    /// the density at the limit times its width (the slope of a truncated mean). Of [`ALIKE`] directions one is independent.
+    /// Where bins lean to sides of their own in every frame, by another source's share in them, the variance is that of the bins'
+    /// sums instead, neighbours weighted down linearly to the third [Newey and West 1987, 5]. Where bins point apart the
+    /// direction may be that of two vessels heard as one, and the variance allows for it (see `between`).
     #[inline(never)]
     fn weighted(&self, bins: usize, s: &Tonal, rows: &[&Row], best: usize, azimuth: f32) -> (f32, f32) {
         let (mut weights, mut sum, mut sides) = (0f32, 0f32, 0f32);
@@ -256,7 +255,7 @@ impl WrappedCauchy {
         if weights <= 0.0 {
             return (0.0, MOST_VAR);
         }
-        let of_mean = (4.0 / weights).max(sides / (weights * weights));
+        let of_mean = (ALIKE / weights).max(sides / (weights * weights));
         (sum / weights, (of_mean + between.told()).min(MOST_VAR))
     }
 }
@@ -267,8 +266,12 @@ const TAKEN: f32 = 0.35;
 /// From here to [`TAKEN`] a bin's directions are counted for how many the limit cuts off, rad.
 const EDGE: f32 = 0.25;
 
+/// Directions for one that is independent: errors of neighbouring bins of the Hann window go together to 2/3 and 1/6, so those of a tone's
+/// three count for 2.67, and those of half-overlapped frames to 1/6, which makes 1.33 of each.
+const ALIKE: f32 = 3.55;
+
 /// Frames that a bin's scatter counts for before it is seen, and their variance (5 degrees squared), rad².
-const FRAMES_BEFORE: f32 = 4.0;
+const FRAMES_BEFORE: f32 = 2.0;
 const VAR_BEFORE: f32 = 0.0076;
 
 /// Greatest variance of an azimuth: that of nothing known within 17 degrees, rad².
