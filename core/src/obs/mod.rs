@@ -45,6 +45,7 @@ mod checks;
 mod course;
 pub mod evidence;
 mod fit;
+mod gone;
 mod residuals;
 mod search;
 mod segment;
