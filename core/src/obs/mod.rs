@@ -23,6 +23,7 @@ mod background;
 mod bands;
 
 mod ambient;
+mod between;
 mod cauchy;
 mod impulsive;
 mod tonal;
@@ -39,10 +40,12 @@ mod presence_tests;
 pub mod radial;
 
 mod bend;
+
 mod checks;
 mod course;
 pub mod evidence;
 mod fit;
+mod gone;
 mod residuals;
 mod search;
 mod segment;

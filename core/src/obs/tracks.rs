@@ -10,6 +10,7 @@ use super::bend;
 use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
+use super::gone::Gone;
 use super::lasting::{self, Told};
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
@@ -26,6 +27,9 @@ const LIVE: usize = VESSELS;
 /// table's strengths, or if they span so great a ratio of ranges that other pairs of paths would show others.
 const ESTABLISHED: u16 = 40;
 const SPAN: f32 = 2.0;
+
+/// The least ratio of two ranges at which pairs of paths have one delay (57 as 35).
+const NEAREST_PAIRS: f32 = 1.5;
 
 /// Minutes in which another pair of paths explains its echoes better, that say nothing yet.
 const FEW_RIVALS: u16 = 5;
@@ -87,6 +91,7 @@ struct Others {
 #[derive(Clone, Debug)]
 pub struct Tracker {
     live: [Option<Live>; LIVE],
+    gone: Gone,
     next_id: u16,
     /// Whether echoes may be read as another pair of paths than theirs.
     pub(super) pairs_in_doubt: bool,
@@ -95,7 +100,7 @@ pub struct Tracker {
 impl Tracker {
     /// None yet.
     pub const fn new() -> Self {
-        Self { live: [None; LIVE], next_id: 0, pairs_in_doubt: false }
+        Self { live: [None; LIVE], gone: Gone::new(), next_id: 0, pairs_in_doubt: false }
     }
 
     /// Looks at the evidence up to minute `now`.
@@ -119,6 +124,7 @@ impl Tracker {
                 live.end(plan, &Seen { evidence, others, in_doubt }, sink);
                 let (course, echoes) = (live.course, live.shows_itself());
                 evidence.forget(|m| without(plan, &course, echoes, m));
+                self.gone.push(course);
                 *slot = None;
             } else {
                 let left = |m| without_all(plan, &others, m);
@@ -132,7 +138,12 @@ impl Tracker {
         if self.live.iter().any(Option::is_none) {
             let others = self.beside(|_| true, f64::NEG_INFINITY);
             let from = now.saturating_sub(SEARCHED);
-            if let Some(mut found) = find(plan, evidence, &others, from, now) {
+            let again = |found: &Live| {
+                let ends_s = [found.from, found.to].map(|k| STEP_S * f64::from(k));
+                self.gone.is_again(&found.course, &plan.travel, ends_s)
+            };
+            let found = find(plan, evidence, &others, from, now).filter(|found| !again(found));
+            if let Some(mut found) = found {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
@@ -154,6 +165,7 @@ impl Tracker {
             }
         }
         self.live = [None; LIVE];
+        self.gone = Gone::new();
     }
 
     /// Refines every track on what the others leave, then lets each, the strongest first, take over a better course
@@ -293,10 +305,13 @@ impl Live {
         s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
     }
 
-    /// Whether its range shows in so many of its minutes that what looks like one of its echoes is one. A track of one vessel's directions
-    /// and another's ranges as another pair of paths has ranges now and then.
+    /// Whether its range shows in so many of its minutes that what looks like one of its echoes is one, and whether it has come so much
+    /// nearer or gone so much farther that it is not on a wrong pair of paths itself. A track of one vessel's directions
+    /// and another's ranges as another pair of paths has ranges now and then; and two vessels of which one is a third farther off, 47
+    /// and 35 km, share an echo that is read at 23 km for as long as they keep to that.
     fn shows_itself(&self) -> bool {
-        2 * self.score.both >= self.score.directions
+        let s = &self.score;
+        2 * s.both >= s.directions && s.span_m.1 >= NEAREST_PAIRS * s.span_m.0
     }
 
     /// Finds the stretch the course explains: from where, and to where, its terms add up to most.
