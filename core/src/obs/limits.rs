@@ -22,7 +22,7 @@ pub const WINDOW_FRAMES: usize = 24;
 pub const MINUTE_FRAMES: usize = 9;
 
 /// Bins between 11 and 24 Hz: 266 at 50 Hz, never more at another rate.
-pub const AZIMUTH_BINS: usize = 272;
+pub const AZIMUTH_BINS: usize = 268;
 
 /// Steps of a stored azimuth in a full circle (0.35 degrees).
 pub const CIRCLE: usize = 1024;
@@ -71,7 +71,7 @@ pub const AZIMUTH_MODES: usize = 3;
 pub const RANGE_MODES: usize = 4;
 
 /// Vessels followed at once.
-pub const VESSELS: usize = 3;
+pub const VESSELS: usize = 4;
 
 /// Strengths that a vessel's echoes may have against the table's.
 pub const CLASSES: usize = 3;
