@@ -6,7 +6,6 @@
 //! vessels'. Cost: five hundred instructions a course found.
 
 use super::course::Course;
-use super::limits::VESSELS;
 use super::travel::TravelTime;
 use crate::angle::wrap_pi;
 use crate::math;
@@ -22,16 +21,19 @@ const WITHIN: f64 = 0.1;
 /// model ends (35 as 13, 57 as 35), m.
 const READ: [(f64, f64); 3] = [(1.0, 0.0), (2.0, 47_000.0), (1.5, 47_000.0)];
 
+/// How many are kept.
+const GONE: usize = 3;
+
 /// The newest of the vessels gone.
 #[derive(Clone, Debug)]
 pub(super) struct Gone {
-    courses: [Option<Course>; VESSELS],
+    courses: [Option<Course>; GONE],
 }
 
 impl Gone {
     /// None; all zeros.
     pub(super) const fn new() -> Self {
-        Self { courses: [None; VESSELS] }
+        Self { courses: [None; GONE] }
     }
 
     /// One more; the oldest is forgotten.
@@ -79,8 +81,8 @@ mod tests {
         assert!(gone.is_again(&course(0.66, 0.0), &travel, far));
         assert!(!gone.is_again(&course(0.8, 0.0), &travel, far));
         assert!(!gone.is_again(&course(1.0, 0.4), &travel, near));
-        // As many are kept as there are places for tracks.
-        (0..VESSELS).for_each(|_| gone.push(course(1.0, 3.0)));
+        // So many are kept.
+        (0..GONE).for_each(|_| gone.push(course(1.0, 3.0)));
         assert!(!gone.is_again(&course(1.0, 0.0), &travel, near));
     }
 }

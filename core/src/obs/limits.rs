@@ -22,7 +22,7 @@ pub const WINDOW_FRAMES: usize = 24;
 pub const MINUTE_FRAMES: usize = 9;
 
 /// Bins between 11 and 24 Hz: 266 at 50 Hz, never more at another rate.
-pub const AZIMUTH_BINS: usize = 268;
+pub const AZIMUTH_BINS: usize = 266;
 
 /// Steps of a stored azimuth in a full circle (0.35 degrees).
 pub const CIRCLE: usize = 1024;
