@@ -1,7 +1,7 @@
 //! Scenes of the sea for the experiments about a real one: made in memory, heard by the recorder's own software.
 //!
-//! The station is the tetrahedron of the examples at 16 kHz, a quarter of the samples of the usual rate: what an image of the
-//! vessel does to a bearing depends on geometry, and more scenes say more of it than more samples.
+//! The station is the tetrahedron of the examples; scenes whose figures hang on the rate are heard at 16 and at 64 kHz ([`RATES`]), the
+//! others at 16 kHz: more scenes say more than more samples.
 
 use super::figure::{Bar, Figures};
 use super::sea_moving::MovingSea;
@@ -18,8 +18,11 @@ use seabearing_core::config::{ArrayConfig, Kind, StationConfig};
 use seabearing_core::wire::{Bearing, Fault, Message, Track, Transient};
 use time::OffsetDateTime;
 
-/// Samples a second.
+/// Samples a second, where nothing hangs on it.
 pub const RATE_HZ: f64 = 16_000.0;
+/// Samples a second of recorders, and what figures call them: a frame of as many samples is a quarter as long at the usual
+/// rate, and echoes are four times as late in it.
+pub const RATES: [(f64, &str); 2] = [(RATE_HZ, "16 kHz"), (64_000.0, "64 kHz")];
 
 /// The tetrahedron of the examples at a rate (Hz) and depth (m), as the caller changes it.
 pub fn station(rate_hz: f64, depth_m: f64, change: impl FnOnce(&mut ArrayConfig)) -> StationConfig {

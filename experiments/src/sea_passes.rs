@@ -6,7 +6,7 @@
 
 use super::figure::Bar;
 use super::report::CsvReport;
-use super::sea::{ELLIPSE, Held, RATE_HZ, arrival, ferry, miss, play, scenario, side, station};
+use super::sea::{ELLIPSE, Held, RATES, arrival, ferry, miss, play, scenario, side, station};
 use super::{Experiment, Options};
 use crate::progress;
 use crate::scenario::Straight;
@@ -135,7 +135,7 @@ fn random(rng: &mut ChaCha8Rng, cpa_range_m: f64) -> Result<ArrayVessel> {
 }
 
 /// The scenes of the examples: the demo's pass, and two vessels that cross.
-fn examples(seed: u64) -> [ArrayScenario; 2] {
+fn examples(seed: u64, rate_hz: f64) -> [ArrayScenario; 2] {
     let course = |cpa_time_s, cpa_range_m, heading_deg, speed_m_s, port| Straight {
         cpa_time_s,
         cpa_range_m,
@@ -151,7 +151,7 @@ fn examples(seed: u64) -> [ArrayScenario; 2] {
         ..ferry(course(180.0, 900.0, 310.0, 7.8, false))
     };
     let scene = |vessels, duration_s| {
-        scenario(station(RATE_HZ, 168.0, |_| {}), Water::default(), vessels, duration_s, seed)
+        scenario(station(rate_hz, 168.0, |_| {}), Water::default(), vessels, duration_s, seed)
     };
     [scene(vec![demo], DURATION_S), scene(vec![tug, tanker], 300.0)]
 }
@@ -172,14 +172,22 @@ fn all(what: &str, scenes: &[ArrayScenario]) -> Result<Vec<Pass>> {
 }
 
 fn surface(options: &Options) -> Result<()> {
-    let runs = options.runs.unwrap_or(1);
-    let figures = &options.figures;
     let mut report = CsvReport::new(
         "sea_surface",
-        "depth_m,cpa_m,passes,tracks,ellipse_%,azimuth_%,heading_%,range_%,worst_heading_deg,faults",
+        "rate_khz,depth_m,cpa_m,passes,tracks,ellipse_%,azimuth_%,heading_%,range_%,worst_heading_deg,faults",
     );
+    for (rate_hz, rate) in RATES {
+        surface_at(rate_hz, rate, options, &mut report)?;
+    }
+    report.finish(options)
+}
+
+fn surface_at(rate_hz: f64, rate: &str, options: &Options, report: &mut CsvReport) -> Result<()> {
+    let runs = options.runs.unwrap_or(1);
+    let figures = &options.figures;
     let mut line = |depth_m: f64, cpa_m: f64, p: &Pass| {
         report.row(&[
+            rate_hz / 1000.0,
             depth_m,
             cpa_m,
             p.vessels as f64,
@@ -192,11 +200,12 @@ fn surface(options: &Options) -> Result<()> {
             p.faults as f64,
         ]);
     };
-    for (name, pass) in ["demo", "two vessels"].iter().zip(all("examples", &examples(options.seed))?) {
+    for (name, pass) in ["demo", "two vessels"].iter().zip(all("examples", &examples(options.seed, rate_hz))?)
+    {
         line(168.0, f64::NAN, &pass);
         let bar = Bar::Within(92.0, 97.0);
-        figures.report(format!("{name}: bearings in their ellipse, %"), pass.bearings.percent(), bar);
-        figures.report(format!("{name}: azimuths in their band, %"), pass.azimuths.percent(), bar);
+        figures.report(format!("{rate}, {name}: bearings in their ellipse, %"), pass.bearings.percent(), bar);
+        figures.report(format!("{rate}, {name}: azimuths in their band, %"), pass.azimuths.percent(), bar);
     }
     let (mut places, mut scenes) = (Vec::new(), Vec::new());
     for depth_m in [60.0, 168.0] {
@@ -205,7 +214,7 @@ fn surface(options: &Options) -> Result<()> {
             for n in 0..runs as u64 {
                 let seed = options.seed.wrapping_mul(9_000_011) + n * 10_000_000 + (depth_m + cpa_m) as u64;
                 let vessel = random(&mut ChaCha8Rng::seed_from_u64(seed), cpa_m)?;
-                let config = station(RATE_HZ, depth_m, |_| {});
+                let config = station(rate_hz, depth_m, |_| {});
                 scenes.push(scenario(config, Water::default(), vec![vessel], DURATION_S, seed));
             }
         }
@@ -224,15 +233,15 @@ fn surface(options: &Options) -> Result<()> {
         line(*depth_m, *cpa_m, &pass);
         total = total.join(pass);
     }
-    report.finish(options)?;
     let bar = Bar::Within(92.0, 97.0);
-    figures.report("passes: bearings in their ellipse, %", total.bearings.percent(), bar);
-    total.headings.report(figures, "headings in their 95 %");
-    total.ranges.report(figures, "ranges in their 95 %");
-    figures.at_least("passes with one track, %", total.whole.percent(), 100.0);
-    figures.at_most("faults of channels that are well", (total.faults + rough.faults) as f64, 0.0);
+    figures.report(format!("{rate}, passes: bearings in their ellipse, %"), total.bearings.percent(), bar);
+    total.headings.report(figures, &format!("{rate}, headings in their 95 %"));
+    total.ranges.report(figures, &format!("{rate}, ranges in their 95 %"));
+    figures.at_least(format!("{rate}, passes with one track, %"), total.whole.percent(), 100.0);
+    let faults = (total.faults + rough.faults) as f64;
+    figures.at_most(format!("{rate}, faults of channels that are well"), faults, 0.0);
     figures.report(
-        "surface that gives back 0.6 to 1: bearings in their ellipse, %",
+        format!("{rate}, surface that gives back 0.6 to 1: bearings in their ellipse, %"),
         rough.bearings.percent(),
         bar,
     );
@@ -240,7 +249,7 @@ fn surface(options: &Options) -> Result<()> {
 }
 
 /// Vessels 3 and 4 m deep over a bottom 2 m below the array: its echo comes about as late as the surface's image.
-fn near_bottom(seed: u64, runs: usize) -> Result<Vec<ArrayScenario>> {
+fn near_bottom(seed: u64, runs: usize, rate_hz: f64) -> Result<Vec<ArrayScenario>> {
     let mut scenes = Vec::new();
     for (k, depth_m) in [3.0, 4.0].into_iter().enumerate() {
         for (j, bottom_reflection) in [0.3, 0.5].into_iter().enumerate() {
@@ -250,7 +259,7 @@ fn near_bottom(seed: u64, runs: usize) -> Result<Vec<ArrayScenario>> {
                     let vessel = random(&mut ChaCha8Rng::seed_from_u64(seed), cpa_m)?;
                     let vessel = ArrayVessel { depth_m, ..vessel };
                     let water = Water { bottom_reflection, bottom_below_m: 2.0, ..Water::default() };
-                    let config = station(RATE_HZ, 168.0, |_| {});
+                    let config = station(rate_hz, 168.0, |_| {});
                     scenes.push(scenario(config, water, vec![vessel], DURATION_S, seed));
                 }
             }
@@ -260,11 +269,18 @@ fn near_bottom(seed: u64, runs: usize) -> Result<Vec<ArrayScenario>> {
 }
 
 fn bottom(options: &Options) -> Result<()> {
-    let runs = options.runs.unwrap_or(1);
     let mut report = CsvReport::new(
         "sea_bottom",
-        "below_m,coefficient,cpa_m,tracks,heading_%,range_%,worst_heading_deg,ellipse_%,faults",
+        "rate_khz,below_m,coefficient,cpa_m,tracks,heading_%,range_%,worst_heading_deg,ellipse_%,faults",
     );
+    for (rate_hz, rate) in RATES {
+        bottom_at(rate_hz, rate, options, &mut report)?;
+    }
+    report.finish(options)
+}
+
+fn bottom_at(rate_hz: f64, rate: &str, options: &Options, report: &mut CsvReport) -> Result<()> {
+    let runs = options.runs.unwrap_or(1);
     let mut cases = Vec::new();
     for below_m in [2.0, 8.0, 30.0] {
         for (coefficient, at) in [(0.3, 0usize), (0.5, 1)] {
@@ -275,7 +291,7 @@ fn bottom(options: &Options) -> Result<()> {
                 let mut rng = ChaCha8Rng::seed_from_u64(seed);
                 let water =
                     Water { bottom_reflection: coefficient, bottom_below_m: below_m, ..Water::default() };
-                let config = station(RATE_HZ, 168.0, |_| {});
+                let config = station(rate_hz, 168.0, |_| {});
                 let scene = scenario(config, water, vec![random(&mut rng, cpa_m)?], DURATION_S, seed);
                 cases.push((below_m, coefficient, cpa_m, scene));
             }
@@ -283,9 +299,10 @@ fn bottom(options: &Options) -> Result<()> {
     }
     let scenes: Vec<_> = cases.iter().map(|c| c.3.clone()).collect();
     let passes = all("passes", &scenes)?;
-    let shallow = all("shallow vessels", &near_bottom(options.seed, runs)?)?;
+    let shallow = all("shallow vessels", &near_bottom(options.seed, runs, rate_hz)?)?;
     for ((below_m, coefficient, cpa_m, _), p) in cases.iter().zip(&passes) {
         report.row(&[
+            rate_hz / 1000.0,
             *below_m,
             *coefficient,
             *cpa_m,
@@ -297,17 +314,17 @@ fn bottom(options: &Options) -> Result<()> {
             p.faults as f64,
         ]);
     }
-    report.finish(options)?;
     let total = passes.into_iter().fold(Pass::default(), Pass::join);
     let figures = &options.figures;
-    figures.at_least("passes with one track, %", total.whole.percent(), 100.0);
-    figures.at_most("worst heading, deg", total.worst_deg, HEADING_DEG);
-    total.headings.report(figures, "headings in their 95 %");
-    total.ranges.report(figures, "ranges in their 95 %");
-    figures.at_most("faults of channels that are well", total.faults as f64, 0.0);
-    figures.state("bearings in their ellipse, %", total.bearings.percent());
+    figures.at_least(format!("{rate}, passes with one track, %"), total.whole.percent(), 100.0);
+    figures.at_most(format!("{rate}, worst heading, deg"), total.worst_deg, HEADING_DEG);
+    total.headings.report(figures, &format!("{rate}, headings in their 95 %"));
+    total.ranges.report(figures, &format!("{rate}, ranges in their 95 %"));
+    figures.at_most(format!("{rate}, faults of channels that are well"), total.faults as f64, 0.0);
+    figures.state(format!("{rate}, bearings in their ellipse, %"), total.bearings.percent());
     let shallow = shallow.into_iter().fold(Pass::default(), Pass::join);
     let bar = Bar::Within(92.0, 97.0);
-    figures.report("3 and 4 m deep, bottom 2 m below: in their ellipse, %", shallow.bearings.percent(), bar);
+    let name = format!("{rate}, 3 and 4 m deep, bottom 2 m below: in their ellipse, %");
+    figures.report(name, shallow.bearings.percent(), bar);
     Ok(())
 }

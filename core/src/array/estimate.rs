@@ -30,6 +30,8 @@ const MOST_UNEVEN: f64 = 2.2;
 const OTHER_SOURCE_CELLS: f32 = 10.0;
 /// Least coherence by which the moment of a bearing is doubted: below it the bearing itself is as uncertain.
 const LEAST_COHERENCE: f32 = 0.1;
+/// For so long a source is where it was last, but for some degrees, seconds.
+const MOMENTS_S: f32 = 3.0;
 /// Standard deviation of the moment where the frames' powers do not tell it: by so much a propeller's beat moves it, seconds.
 const UNKNOWN_MOMENT_S: f32 = 0.1;
 
@@ -142,6 +144,12 @@ impl Memory {
         let rate = a.min(b);
         let segment_s = plan.nominal_frames * HOP as f32 / plan.rate_hz;
         rate.abs() * segment_s > 2.0 * plan.whole.resolution
+    }
+
+    /// The last direction, where that was moments ago.
+    fn moments_ago(&self, context: &Context<'_>) -> Option<&Direction> {
+        let (direction, index) = self.last.as_ref()?;
+        (context.index.saturating_sub(*index) as f32 <= MOMENTS_S * context.plan.rate_hz).then_some(direction)
     }
 
     /// Standard deviation of the horizontal angle for the moment's, radians: how far the source turns meanwhile.
@@ -349,7 +357,11 @@ pub(crate) fn segment(
     // Each uses the spectra up.
     memory.segments = memory.segments.wrapping_add(1);
     let Some(first) = first else {
-        return others::octave(&context, memory, None, spectra, scratch, sink);
+        // Of three hydrophones an octave's direction is told from its mirror image by nothing better than the whole band's.
+        if used.all() {
+            others::octave(&context, memory, None, spectra, scratch, sink);
+        }
+        return;
     };
     memory.others.strongest(plan, first.refined.direction, memory.segments);
     match memory.others.turn(memory.segments) {
@@ -390,17 +402,16 @@ fn whole(
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
     let turned = memory.turned_meanwhile(&context);
     if plan.vessel_over_array_depth > 0.0 && context.band.used.all() {
-        let depth_m =
-            fringes::depth_m(plan, spectra, first.refined.direction[2], first.mean, &mut scratch.work);
-        memory.depth.take(depth_m);
+        let told = fringes::depth_m(plan, spectra, first.refined.direction[2], first.mean, &mut scratch.work);
+        memory.depth.take(told);
         context.depth = memory.depth.known();
         if let Some((d, _)) = context.depth {
             let (apart, usual) = report::image(plan, &first.refined.direction, d);
-            let weight = &scratch.spectrum.weight;
-            if let Some(seen) = fringes::loss(&context, first, spectra, weight, apart, &mut scratch.work) {
+            let (weight, work) = (&scratch.spectrum.weight, &mut scratch.work);
+            let image = memory.depth.image(plan, &first.refined.direction, memory.segments);
+            if let Some(seen) = fringes::loss(&context, first, spectra, weight, apart, image, work) {
                 memory.depth.take_loss(&seen);
-                let (loss, sd) = memory.depth.loss(usual);
-                context.loss = (seen.nearer * loss, seen.nearer * sd);
+                context.loss = memory.depth.shift(usual, seen.nearer);
                 // The fringes are not those of vessel and image alone.
                 let vessels = if memory.others.any() { 2.0 } else { 1.0 };
                 if seen.unexplained > vessels * fringes::THIRD_PATH {
@@ -442,8 +453,8 @@ fn found(
 ) -> Option<Found> {
     let plan = context.plan;
     let best = scratch.search.best(plan, context.band, plan.curvature);
-    let start =
-        context.band.used.upright(&plan.geometry, &best, plan.elevation, |u| context.places.apart(u))?;
+    let before = memory.and_then(|memory| memory.moments_ago(context));
+    let start = context.band.used.upright(&plan.geometry, &best, plan.elevation, before)?;
     examine(context, memory, &start, spectra, scratch)
 }
 

@@ -10,6 +10,7 @@
 //! Cost: one transform of 512 points and some 60 instructions a bin, 45 000 a segment.
 
 use super::estimate::{Context, Found};
+use super::framed::{self, Image};
 use super::plan::{BINS, FRAME, Plan};
 use super::refine;
 use super::spectra::Spectra;
@@ -53,30 +54,42 @@ const DARKEST: f32 = 8.0;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Depth {
     mean_m: f32,
-    /// Segments in the mean.
+    /// How deep the fringes are.
+    height: f32,
+    /// Segments in the means.
     agreed: f32,
     /// Sums over segments of what tells the image's loss: products with what it does, and squares of that.
     lost: f32,
     information: f32,
+    /// What frames make of vessel and image, in units of the loss, and of the angle between the two ([`framed`]).
+    framed: Option<(f32, f32)>,
 }
 
 impl Depth {
     /// Nothing.
-    pub(super) const UNKNOWN: Self = Self { mean_m: 0.0, agreed: 0.0, lost: 0.0, information: 0.0 };
+    pub(super) const UNKNOWN: Self =
+        Self { mean_m: 0.0, height: 0.0, agreed: 0.0, lost: 0.0, information: 0.0, framed: None };
 
-    /// Takes a segment's depth, if it tells one.
-    pub(super) fn take(&mut self, depth_m: Option<f32>) {
-        let Some(depth_m) = depth_m else { return };
+    /// Takes a segment's depth and how deep its fringes are, if it tells them.
+    pub(super) fn take(&mut self, told: Option<(f32, f32)>) {
+        let Some((depth_m, height)) = told else { return };
         if m::abs(depth_m - self.mean_m) > SAME * self.mean_m {
             // Another vessel, or one of the two was wrong: the mean is given up where it was hardly begun or is gainsaid as often.
             self.agreed -= 1.0;
             if self.agreed <= 0.0 {
-                *self = Self { mean_m: depth_m, agreed: 1.0, ..Self::UNKNOWN };
+                *self = Self { mean_m: depth_m, height, agreed: 1.0, ..Self::UNKNOWN };
             }
             return;
         }
         self.agreed = (self.agreed + 1.0).min(AVERAGED);
         self.mean_m += (depth_m - self.mean_m) / self.agreed;
+        self.height += (height - self.height) / self.agreed;
+    }
+
+    /// The image of a source there, where it is time to look at what frames make of it.
+    pub(super) fn image(&self, plan: &Plan, direction: &wavefront::Direction, segment: u32) -> Option<Image> {
+        let due = self.framed.is_none() || segment.is_multiple_of(framed::EVERY);
+        due.then(|| Image::of(plan, direction, self.mean_m, self.height))
     }
 
     /// Depth and its standard deviation, metres, where segments agree.
@@ -86,19 +99,25 @@ impl Depth {
 
     /// Takes what a segment tells of the image's loss.
     pub(super) fn take_loss(&mut self, loss: &Loss) {
-        self.lost += loss.product - self.lost / REMEMBERED;
+        self.framed = loss.framed.or(self.framed);
+        let (framed, _) = self.framed.unwrap_or_default();
+        self.lost += loss.product - framed * loss.information - self.lost / REMEMBERED;
         self.information += loss.information - self.information / REMEMBERED;
     }
 
-    /// The image's loss (see [`Loss`]) and its standard deviation, if it is `usual` because of its longer way alone.
-    pub(super) fn loss(&self, usual: f32) -> (f32, f32) {
+    /// By how much nearer to the vessel than half-way to the image both are heard, in units of the angle between them, and its
+    /// standard deviation, if the image's loss (see [`Loss`]) is `usual` because of its longer way alone, and `nearer` for a unit of it.
+    pub(super) fn shift(&self, usual: f32, nearer: f32) -> (f32, f32) {
         let prior = 1.0 / (LOSS_SD * LOSS_SD);
         // Neighbouring segments share their halves.
         let information = self.information / SHARED;
         let known = prior + information;
         let loss = (prior * usual + self.lost / SHARED) / known;
         let loss = loss.max(usual).min(0.5);
-        (loss, m::hypot(m::sqrt(1.0 / known), MODEL_SD * (loss - usual)))
+        let sd = m::hypot(m::sqrt(1.0 / known), MODEL_SD * (loss - usual));
+        let (framed, shift) = self.framed.unwrap_or_default();
+        let doubt = framed::SD * m::hypot(nearer * framed * information / known, shift);
+        (nearer * loss + shift, m::hypot(nearer * sd, doubt))
     }
 }
 
@@ -115,10 +134,13 @@ pub(super) struct Loss {
     /// By how much the cross-spectra's push up and down varies over the bins more than noise and the loss make it, as a ratio of variances: a
     /// third path, an echo off the bottom, makes it tens.
     pub(super) unexplained: f32,
+    /// What frames make of vessel and image, where it was looked at: the loss they feign, and by how much nearer to the vessel than half-way
+    /// they bring both, in units of the angle between them.
+    framed: Option<(f32, f32)>,
 }
 
 /// What the whitened cross-spectra about a source `found`, whose image is `apart` (radians) above it, tell of the image's loss, by the refinement's
-/// weights. `work` is used up.
+/// weights; and, of the `image`, what frames make of it. `work` is used up.
 #[inline(never)]
 pub(super) fn loss(
     context: &Context<'_>,
@@ -126,6 +148,7 @@ pub(super) fn loss(
     g: &Spectra,
     weight: &[f32; BINS],
     apart: f32,
+    image: Option<Image>,
     work: &mut Work,
 ) -> Option<Loss> {
     let (plan, band) = (context.plan, context.band);
@@ -161,6 +184,12 @@ pub(super) fn loss(
         return None;
     }
     let nearer = upper / lower;
+    // The running sums have served.
+    sums.iter_mut().for_each(|sum| sum.re = 0.0);
+    if let Some(image) = image {
+        image.push(plan, band, g, (&found.tau, &g2), values, sums);
+    }
+    let (mut feigned, mut moved) = (0.0f32, 0.0f32);
     let (mut product, mut information, mut seen) = (0.0f32, 0.0f32, 0.0f32);
     for k in band.low..band.high {
         let (push, share) = bins(k);
@@ -170,7 +199,14 @@ pub(super) fn loss(
         product += push * does * known;
         information += does * does * known;
         seen += push * push * known;
+        let framed = sums.get(k).map_or(0.0, |z| z.re);
+        feigned += framed * does * known;
+        moved += framed * k as f32 * weight.get(k).copied().unwrap_or(0.0);
     }
+    let framed = image.map(|_| {
+        let unit = lower * plan.bin_rad_s * turn * apart;
+        (feigned / information.max(f32::MIN_POSITIVE), moved / unit.max(f32::MIN_POSITIVE))
+    });
     let scale = 2.0 * context.snapshots / turn.max(f32::MIN_POSITIVE);
     let bins = band.high.saturating_sub(band.low).max(1) as f32;
     let left = seen - product * product / information.max(f32::MIN_POSITIVE);
@@ -178,7 +214,8 @@ pub(super) fn loss(
     let scale = scale / unexplained;
     let (product, information) = (scale * product, scale * information);
     let finite = product.is_finite() && information.is_finite() && unexplained.is_finite();
-    finite.then_some(Loss { product, information, nearer, unexplained })
+    let framed = framed.filter(|(loss, shift)| (loss + shift).is_finite());
+    finite.then_some(Loss { product, information, nearer, unexplained, framed })
 }
 
 /// Running mean of the flattened power about a bin, and its own.
@@ -190,7 +227,7 @@ fn mean_power(plan: &Plan, sums: &[Complex32], k: usize) -> Option<(f32, f32)> {
     Some(((b.re - a.re) / to.saturating_sub(from).max(1) as f32, own.im))
 }
 
-/// The depth (metres) of a source that is heard from an elevation of this sine, by one segment's spectra, where fringes
+/// The depth (metres) of a source that is heard from an elevation of this sine, and how deep its fringes are, by one segment's spectra, where fringes
 /// are at least as deep as its `coherence`: those of two paths are, fainter ones are of three or four. `work` is used up.
 pub(super) fn depth_m(
     plan: &Plan,
@@ -198,7 +235,7 @@ pub(super) fn depth_m(
     sine: f32,
     coherence: f32,
     work: &mut Work,
-) -> Option<f32> {
+) -> Option<(f32, f32)> {
     // Samples of delay for a metre of depth.
     let per_m = 2.0 * sine * plan.inv_c * plan.rate_hz;
     let first = ((DEPTHS_M.0 * per_m) as usize).max(DELAYS.0);
@@ -241,7 +278,7 @@ pub(super) fn depth_m(
     }
     let bend = before - 2.0 * height + after;
     let shift = if bend < 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
-    Some((n as f32 + shift) / per_m)
+    Some(((n as f32 + shift) / per_m, height))
 }
 
 /// Sum of the hydrophones' spectra times the squared frequency (a vessel's sound falls by about as much), in the imaginary
@@ -282,7 +319,7 @@ mod tests {
             }
         }
         let mut work = Box::new([Complex32::new(0.0, 0.0); 2 * FRAME]);
-        depth_m(plan, &spectra, SINE, 0.5, &mut work)
+        depth_m(plan, &spectra, SINE, 0.5, &mut work).map(|(depth_m, _)| depth_m)
     }
 
     #[test]
@@ -314,18 +351,18 @@ mod tests {
     fn segments_must_agree_and_one_stray_changes_nothing() {
         let mut depth = Depth::UNKNOWN;
         for (n, depth_m) in [5.0, 5.1, 4.9].into_iter().enumerate() {
-            depth.take(Some(depth_m));
+            depth.take(Some((depth_m, 0.5)));
             assert_eq!(depth.known(), None, "{n}");
         }
-        depth.take(Some(5.0));
+        depth.take(Some((5.0, 0.5)));
         depth.take(None);
-        depth.take(Some(9.0));
-        depth.take(Some(5.0));
+        depth.take(Some((9.0, 0.5)));
+        depth.take(Some((5.0, 0.5)));
         let known = depth.known();
         assert!(known.is_some_and(|(m, sd)| (m - 5.0).abs() < 0.1 && sd > 0.04), "{known:?}");
         // Another vessel's takes over.
         for _ in 0..16 {
-            depth.take(Some(2.5));
+            depth.take(Some((2.5, 0.5)));
         }
         assert!(depth.known().is_some_and(|(m, _)| m == 2.5));
     }

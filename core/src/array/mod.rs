@@ -16,6 +16,7 @@ mod change;
 mod curved;
 mod detect;
 mod estimate;
+mod framed;
 mod framing;
 mod fringes;
 mod impulses;

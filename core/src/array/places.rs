@@ -1,8 +1,7 @@
 //! Where vessels are whose tracks know their distance.
 //!
 //! In: azimuth and distance of each, and how well that is known. Out: the curvature of the wavefront from a direction: that of the vessel there, or of
-//! the reference range where no track is near, for one vessel's distance says nothing of another's; and whether a vessel is
-//! there, for three hydrophones hear it from two directions.
+//! the reference range where no track is near, for one vessel's distance says nothing of another's.
 
 use super::wavefront::Direction;
 use crate::angle::wrap_pi_f32;
@@ -46,27 +45,15 @@ impl Places {
     /// Curvature of the wavefront from a direction and its standard deviation, 1/m; where no vessel is known there, that of
     /// the `reference`, which may be anything from half as far as infinitely far.
     pub(super) fn curvature(&self, direction: &Direction, reference: f32) -> (f32, f32) {
-        let (_, found) = self.nearest(direction);
-        found.unwrap_or((reference, UNKNOWN * reference))
-    }
-
-    /// How far the nearest vessel is from a direction, radians of azimuth; infinite where none is near.
-    pub(super) fn apart(&self, direction: &Direction) -> f32 {
-        let (apart, found) = self.nearest(direction);
-        if found.is_some() { apart } else { f32::INFINITY }
-    }
-
-    /// How far the nearest vessel is in azimuth, radians, and its curvature and the standard deviation of that, 1/m.
-    fn nearest(&self, direction: &Direction) -> (f32, Option<(f32, f32)>) {
         let azimuth = m::atan2(direction[0], direction[1]);
-        let (mut nearest, mut found) = (NEAR_RAD, None);
+        let (mut nearest, mut found) = (NEAR_RAD, (reference, UNKNOWN * reference));
         for (at, curvature, sd) in self.known.iter().take(self.len) {
             let apart = m::abs(wrap_pi_f32(azimuth - at));
             if apart < nearest {
-                (nearest, found) = (apart, Some((*curvature, *sd)));
+                (nearest, found) = (apart, (*curvature, *sd));
             }
         }
-        (nearest, found)
+        found
     }
 }
 

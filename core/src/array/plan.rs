@@ -32,7 +32,7 @@ pub const MAX_DELAY: usize = FRAME / 4;
 /// Delays (samples) between entries of the table of shared signal.
 pub(crate) const SHARE_STRIDE: usize = 8;
 /// Entries of that table: up to [`MAX_DELAY`].
-pub(crate) const SHARES: usize = MAX_DELAY / SHARE_STRIDE + 1;
+pub(crate) const SHARES: usize = FRAME / SHARE_STRIDE;
 
 /// Why no plan can be made.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

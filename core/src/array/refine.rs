@@ -72,7 +72,7 @@ pub(crate) fn whiten(spectra: &mut Spectra) {
 }
 
 /// `e^{iωτ}` of one bin after another.
-struct Phasor {
+pub(super) struct Phasor {
     sine: f32,
     cosine: f32,
     sine_of_step: f32,
@@ -81,7 +81,7 @@ struct Phasor {
 
 impl Phasor {
     #[inline(never)]
-    fn new(plan: &Plan, tau: f32, first_bin: usize) -> Self {
+    pub(super) fn new(plan: &Plan, tau: f32, first_bin: usize) -> Self {
         let (sine_of_step, cosine_of_step) = m::sin_cos(plan.bin_rad_s * tau);
         let (sine, cosine) = m::sin_cos(plan.bin_rad_s * tau * first_bin as f32);
         Self { sine, cosine, sine_of_step, cosine_of_step }
@@ -89,7 +89,7 @@ impl Phasor {
 
     /// Sine and cosine of this bin; goes on to the next.
     #[inline(always)]
-    fn next(&mut self) -> (f32, f32) {
+    pub(super) fn next(&mut self) -> (f32, f32) {
         let (s, c, ds, dc) = (self.sine, self.cosine, self.sine_of_step, self.cosine_of_step);
         (self.sine, self.cosine) = (s * dc + c * ds, c * dc - s * ds);
         (s, c)

@@ -116,11 +116,6 @@ pub(super) struct Heard {
 }
 
 pub(super) fn hear(plan: &Plan, sea: &[[f64; CHANNELS]]) -> Heard {
-    hear_vessels(plan, sea, &[])
-}
-
-/// The same where tracks know vessels: azimuth (radians), distance and its standard deviation (metres).
-pub(super) fn hear_vessels(plan: &Plan, sea: &[[f64; CHANNELS]], known: &[(f32, f32, f32)]) -> Heard {
     let frames: Vec<Frame> = sea.iter().map(|x| x.map(|x| (2000.0 * x).round() as i32)).collect();
     let (mut state, mut scratch) = (Box::new(State::new()), Box::new(Scratch::new()));
     let (mut faults, mut bearings, mut transients) = (Vec::new(), Vec::new(), Vec::new());
@@ -130,7 +125,6 @@ pub(super) fn hear_vessels(plan: &Plan, sea: &[[f64; CHANNELS]], known: &[(f32, 
         Message::Transient(t) => transients.push(t),
         _ => {}
     };
-    state.set_places(known.iter().copied());
     push(plan, &mut state, &mut scratch, Block { first_index: 0, frames: &frames }, &mut sink);
     let channels = state.channels(plan);
     finish(plan, &mut state, &mut scratch, &mut sink);

@@ -164,15 +164,16 @@ impl Used {
 
     /// The direction that gives these delays and lies where vessels are. Three hydrophones cannot tell a direction from its
     /// mirror image in their plane: the one that rises from the horizon (by the sine of elevation, within `elevation`) is
-    /// taken, and where both do, the one that a known vessel is much nearer to; `None` where that tells neither. `from_known`:
-    /// how far the nearest known vessel is from a direction, radians of azimuth; infinite without one.
+    /// taken where the other lies [`BELOW`] it; where both may rise, the one that is much nearer to where the source was `before`, moments
+    /// ago; `None` where that tells neither. The image of a vessel that crosses the plane comes back the way it came: without that
+    /// moment its past says nothing.
     #[inline(never)]
     pub(crate) fn upright(
         self,
         geometry: &Geometry,
         u: &Direction,
         elevation: (f32, f32),
-        from_known: impl Fn(&Direction) -> f32,
+        before: Option<&Direction>,
     ) -> Option<Direction> {
         if self.all() {
             return Some(*u);
@@ -185,26 +186,33 @@ impl Used {
         let n = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
         let twice = 2.0 * dot(u, &n) / dot(&n, &n).max(1e-12);
         let mirrored = [u[0] - twice * n[0], u[1] - twice * n[1], u[2] - twice * n[2]];
-        let rises = |d: &Direction| d[2] >= elevation.0.max(0.0) && d[2] <= elevation.1;
+        let rises = |d: &Direction, from: f32| d[2] >= from && d[2] <= elevation.1;
+        let horizon = elevation.0.max(0.0);
         let either = |a: bool, b: bool| match (a, b) {
             (true, false) => Some(*u),
             (false, true) => Some(mirrored),
             _ => None,
         };
-        let (a, b) = (rises(u), rises(&mirrored));
-        if !(a && b) {
+        let (a, b) = (rises(u, horizon), rises(&mirrored, horizon));
+        let may = |d: &Direction| rises(d, horizon - BELOW);
+        if a != b && !(may(u) && may(&mirrored)) {
             return either(a, b);
         }
-        let (a, b) = (from_known(u), from_known(&mirrored));
+        let before = before?;
+        let from = |d: &Direction| m::acos(dot(before, d).clamp(-1.0, 1.0));
         let much = |near: f32, far: f32| far > APART_RAD && near < MUCH_NEARER * far;
+        let (a, b) = (a.then(|| from(u)), b.then(|| from(&mirrored)));
+        let (a, b) = (a.unwrap_or(m::PI), b.unwrap_or(m::PI));
         either(much(a, b), much(b, a))
     }
 }
 
-/// A known vessel tells a direction from its mirror image where it is nearer to it by this factor, and farther than this from the
-/// image, radians of azimuth: a track is seldom half a degree behind.
+/// A direction whose sine is so far below the horizon is no vessel's, however faint or curved its sound.
+const BELOW: f32 = 0.05;
+/// Where the source was tells a direction from its mirror image where it is nearer to it by this factor, and farther than this from the
+/// image, radians.
 const MUCH_NEARER: f32 = 0.3;
-const APART_RAD: f32 = 0.035;
+const APART_RAD: f32 = 0.1;
 
 /// Inverse of a symmetric matrix of two rows, (first, cross, second) as it enters; `None` unless it is positive definite.
 #[inline(never)]
