@@ -29,7 +29,8 @@ const CONTRADICTING: u16 = 4;
 const CONTRADICTING_PAIRS: usize = 3;
 /// Segments that agree until directions are told again.
 const AGREEING: u16 = 8;
-/// A pair's peak farther than this from where the direction wants it is another one, samples.
+/// A pair's peak farther than this from where the direction wants it is another one, samples, beyond what positions told uncertain
+/// may make of it, and how far from half-way vessel and image are ([`split`]).
 const ELSEWHERE_SAMPLES: f32 = 0.8;
 /// A single step of `refine` goes no farther than half a sample: beyond this the peak itself tells a pair's delay, samples.
 const BESIDE_SAMPLES: f32 = 0.45;
@@ -79,6 +80,20 @@ pub(super) struct Agreement {
     change: Change,
 }
 
+/// Most depth of vessels, in units of the one assumed.
+const DEEPEST: f32 = 2.0;
+
+/// How far a vessel's own delay of each pair may lie from that half-way between it and its image, samples: close by they are two peaks with
+/// a valley between them.
+#[inline(never)]
+fn split(context: &Context<'_>, direction: &wavefront::Direction) -> [f32; PAIR_COUNT] {
+    let plan = context.plan;
+    let up = wavefront::tangents(direction).1;
+    let half = m::abs(up[2] * direction[2]) * DEEPEST * plan.vessel_over_array_depth;
+    let gradient = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, direction, &up, 0.0));
+    gradient.map(|g| m::abs(g) * half * plan.rate_hz)
+}
+
 impl Agreement {
     pub(super) const fn new() -> Self {
         Self {
@@ -108,6 +123,8 @@ impl Agreement {
     ) -> Option<Doubt> {
         let plan = context.plan;
         let strong = 8.0 * context.deviation(context.bins());
+        let elsewhere = ELSEWHERE_SAMPLES + TOLD_SD * plan.position_sd_s * plan.rate_hz;
+        let split = split(context, &found.refined.direction);
         let mut delays = found.refined.pair_delay;
         let mut contradicting = 0;
         for (p, ((tau, own), delay)) in found.tau.iter().zip(peaks).zip(&mut delays).enumerate() {
@@ -115,7 +132,8 @@ impl Agreement {
             if aside > BESIDE_SAMPLES && own.peak > strong {
                 *delay = own.delay_s;
             }
-            if aside > ELSEWHERE_SAMPLES && own.peak > strong {
+            let apart = split.get(p).copied().unwrap_or(0.0);
+            if aside > elsewhere + apart && own.peak > strong {
                 contradicting += usize::from(own.peak > 1.5 * search.pair_value(plan, p, *tau));
             }
         }

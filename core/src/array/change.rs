@@ -40,8 +40,13 @@ const BACK: f32 = 12.0;
 const THERE: f32 = 14.0;
 /// Delays looked for, samples.
 const DELAYS: (f32, f32) = (0.4, 8.0);
-/// What multipath does to a delay at any time, samples.
+/// Standard deviation of what a course bends by until the newest segment, in units of the square of the angle turned: a vector that turns
+/// evenly leaves a line through its past by a sixth of it, a vessel's bearing at its fastest change by as much again; six deviations are a jump.
+const BEND: f32 = 0.5;
+/// What multipath does to a delay at any time, samples; and where the surface's image is expected, whose fringes pull each hydrophone's
+/// delay by itself.
 const FLOOR_SAMPLES: f32 = 0.05;
+const FRINGED_SAMPLES: f32 = 0.12;
 /// The same where the vector's length is looked at, and natural logarithm of the likelihood ratio that ends a suspicion.
 const STRAIN_SAMPLES: f32 = 0.15;
 const DECIDED: f32 = 30.0;
@@ -161,8 +166,11 @@ impl Change {
                 let from = course.place.map(|x| x / norm);
                 let e = wavefront::tangents(&from);
                 let [a, b] = self.stated;
-                let floor = FLOOR_SAMPLES / plan.rate_hz * length(&duals[0]) / plan.inv_c;
-                let turn = wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
+                let fringed = plan.vessel_over_array_depth > 0.0;
+                let floor = if fringed { FRINGED_SAMPLES } else { FLOOR_SAMPLES };
+                let floor = floor / plan.rate_hz * length(&duals[0]) / plan.inv_c;
+                let turn =
+                    BEND * wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
                 let more = floor * floor + turn * turn;
                 let variance = [a, b, a.min(b)].map(|v| v * (1.0 + course.factor) + more);
                 let jump =

@@ -280,9 +280,7 @@ fn record(args: &Args, found: &Found) -> Value {
         put(key, ranged(x));
     }
     put("consistency", finite(s.consistency));
-    if args.estimator == Estimator::Ml {
-        put("consistent", (found.growth <= 1.0).into());
-    }
+    put("consistent", (found.growth <= 1.0).into());
     put("estimator", if args.estimator == Estimator::Ml { "ml" } else { "recursive" }.into());
     put("model", args.model().name().into());
     if let Some(i) = found.range_95_m {

@@ -22,7 +22,7 @@ pub struct Estimate {
     pub range_95_m: Option<Interval>,
     /// White part that was added to a nearly singular error model, as a share of the variance.
     pub nugget: f64,
-    /// By what a misfit beyond chance made every variance grow (batch estimator); 1 where the bearings fit.
+    /// By what a misfit beyond chance made every variance grow; 1 where the bearings fit.
     pub growth: f64,
     /// Bearings that the track does without: refused, or (robust) far from it.
     pub wrong: usize,
@@ -113,8 +113,11 @@ pub fn one_by_one(
     let Some(solution) = solution else {
         bail!("{} usable bearings; a track needs at least 6 at different times", samples.len() - refused)
     };
+    // Heavy tails have the misfit in them.
+    let grown = if robust { None } else { ml::with_misfit(config, samples, &solution, refused) };
+    let (solution, growth) = grown.unwrap_or((solution, 1.0));
     let wrong = if robust { wrong(&solution.line, &config.medium, samples) } else { refused };
-    Ok(Estimate { solution, range_95_m: None, nugget: 0.0, growth: 1.0, wrong })
+    Ok(Estimate { solution, range_95_m: None, nugget: 0.0, growth, wrong })
 }
 
 fn no_range<T>() -> Result<T> {

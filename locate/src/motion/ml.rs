@@ -240,19 +240,45 @@ fn finished(
     let free = config.free();
     let of_each = solution(&point.at, &point.normal, &free, limits, n, measurements)?;
     let unknowns = free.iter().filter(|f| **f).count() as f64;
-    let of_averages = slow::consistency(config, samples, &point.at);
+    let (solution, growth) = grown(config, samples, limits, of_each, measurements - unknowns, true)?;
+    Some(Fit { solution, growth, normal: point.normal, factorisation: *factorisation })
+}
+
+/// A solution whose variances count a misfit beyond chance, and by what they grew: of each measurement, and of `averages` of azimuths.
+fn grown(
+    config: &Config,
+    samples: &[Sample],
+    limits: &Limits,
+    of_each: Solution,
+    freedom: f64,
+    averages: bool,
+) -> Option<(Solution, f64)> {
+    let of_averages = if averages { slow::consistency(config, samples, &of_each.line) } else { None };
     // Beyond chance, the worse of both counts.
-    let both = [Some((of_each.consistency, measurements - unknowns)), of_averages];
+    let both = [Some((of_each.consistency, freedom)), of_averages];
     let beyond =
         both.into_iter().flatten().filter(|(x, freedom)| x * freedom > misfit_limit(*freedom as u32));
     let growth = beyond.fold(1.0, |most: f64, (x, _)| most.max(x));
-    let solution = if growth > 1.0 {
+    if growth > 1.0 {
         let covariance = of_each.covariance.map(|row| row.map(|x| growth * x));
-        from_covariance(&point.at, &covariance, limits, n, growth)?
-    } else {
-        of_each
-    };
-    Some(Fit { solution, growth, normal: point.normal, factorisation: *factorisation })
+        let solution = from_covariance(&of_each.line, &covariance, limits, of_each.n, growth)?;
+        return Some((solution, growth));
+    }
+    Some((of_each, growth))
+}
+
+/// The same of a solution by another estimator, of these samples but for `refused` ones; `None` where they are not usable.
+pub fn with_misfit(
+    config: &Config,
+    samples: &[Sample],
+    solution: &Solution,
+    refused: usize,
+) -> Option<(Solution, f64)> {
+    let limits = check(config, samples).ok()?;
+    let unknowns = config.free().iter().filter(|f| **f).count();
+    let freedom = (solution.n as usize).saturating_sub(unknowns);
+    // Averages would hold what was refused.
+    grown(config, samples, &limits, *solution, freedom as f64, refused == 0)
 }
 
 /// An interval of the closest-point range; an end that reaches the configured limit is open.
