@@ -363,7 +363,9 @@ fn line_analysis(l: &tables::Line, source: &TomlFile) -> Result<Analysis> {
         Some("spectrum") => MusicMethod::Spectrum,
         Some(other) => bail!("{}: method = \"{other}\"; root or spectrum", here("method")),
     };
-    let sources = usize::from(l.sources.unwrap_or(usual.sources as u8));
+    // Three sensors tell one source.
+    let few = usize::from(l.sensors).saturating_sub(2).max(1);
+    let sources = l.sources.map_or(usual.sources.min(few), usize::from);
     // A subarray needs more sensors than there are sources.
     let most = usize::from(l.sensors).saturating_sub(sources + 1).max(1);
     Ok(Analysis {

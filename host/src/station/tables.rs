@@ -12,7 +12,7 @@ use std::path::PathBuf;
 pub(super) struct File {
     /// Who and where the recorder is.
     pub(super) station: StationTable,
-    /// How it samples; not of a line array.
+    /// How it samples; of a line array only where recordings are processed.
     pub(super) sampling: Option<Sampling>,
     /// A compact array of four hydrophones (`kind = "array"`).
     pub(super) array: Option<Array>,
@@ -392,7 +392,7 @@ pub(super) struct Line {
     pub(super) forgetting: Option<f64>,
     /// Overlapping subarrays over which the covariance is averaged; 5 by default, fewer with few sensors.
     pub(super) subarrays: Option<u8>,
-    /// Most sources at one time, 1 to 4; 2 by default.
+    /// Most sources at one time, 1 to 4; 2 by default, 1 with three sensors.
     pub(super) sources: Option<u8>,
     /// `root` (root-MUSIC, the default) or `spectrum` (MUSIC).
     pub(super) method: Option<String>,
