@@ -120,6 +120,13 @@ pub fn run(args: Args) -> Result<()> {
         }
         _ => bail!("{}: one CSV file, or records (.jsonl) of any number of stations", args.name()),
     };
+    let (unordered, again) = heard.once();
+    if unordered {
+        log::warn!("{}: rows are not in order of time; sorted", args.name());
+    }
+    if again > 0 {
+        log::warn!("{}: {again} bearings stand there more than once; each counts once", args.name());
+    }
     let records = if args.motion {
         motion(&args, &network, &mut heard)?
     } else if let Some(track) = &args.known_track {

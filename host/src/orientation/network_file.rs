@@ -9,6 +9,7 @@ use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_core::config::StationConfig;
 use seabearing_locate::network::MAX_ARRAYS;
 use seabearing_locate::network::joint::SharedError;
+use std::collections::HashSet;
 use std::path::Path;
 use time::OffsetDateTime;
 
@@ -110,6 +111,23 @@ pub struct NetworkBearings {
     pub of_the_floor: bool,
 }
 
+impl NetworkBearings {
+    /// Brings the bearings in order of time and leaves each once; whether they were not in order, and how many stood there again.
+    pub fn once(&mut self) -> (bool, usize) {
+        let ordered = self.rows.is_sorted_by(|a, b| a.t_s <= b.t_s);
+        if !ordered {
+            self.rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        }
+        let before = self.rows.len();
+        let mut seen = HashSet::new();
+        self.rows.retain(|row| {
+            let elevation = row.elevation.map(f64::to_bits);
+            seen.insert((row.station, row.t_s.to_bits(), row.azimuth.to_bits(), elevation))
+        });
+        (!ordered, before - self.rows.len())
+    }
+}
+
 /// Reads `t_s,station,azimuth_deg,elevation_deg`; `relative`: azimuths are from each array's own North. Rows that
 /// cannot be used are named on standard error and left out. `sd`: standard deviations of azimuth and elevation, radians.
 ///
@@ -152,4 +170,26 @@ pub fn read_rows(path: &Path, network: &Network, sd: (f64, f64), relative: bool)
         })
         .collect();
     good_rows(&name, rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_bearing_counts_once_in_order_of_time() {
+        let row = |t_s: f64, station, azimuth| BearingRow {
+            t_s,
+            station,
+            azimuth,
+            elevation: None,
+            sd: (0.01, 0.01),
+        };
+        let (a, b, c) = (row(1.0, 0, 0.5), row(1.0, 1, 0.5), row(2.0, 0, 0.6));
+        let mut heard = NetworkBearings { rows: vec![c, a, b, a], ..NetworkBearings::default() };
+        assert_eq!(heard.once(), (true, 1));
+        assert_eq!(heard.once(), (false, 0));
+        let told: Vec<_> = heard.rows.iter().map(|r| (r.t_s, r.station)).collect();
+        assert_eq!(told, [(1.0, 0), (1.0, 1), (2.0, 0)]);
+    }
 }
