@@ -205,6 +205,13 @@ fn mended(args: &Args, station: &Station) -> Result<Value> {
     if let Some(line) = mend::untold(&found) {
         log::warn!("{line}");
     }
+    let contradicted = mend::contradicted(config, array, &found, &doubts);
+    if !contradicted.is_empty() {
+        log::warn!(
+            "the pass contradicts what was said beforehand ({}): the deviations do not hold; correct it or give larger ones",
+            contradicted.join("; ")
+        );
+    }
     if let Some(path) = &args.write {
         let text = mend::station_text(&TomlFile::read(&args.station, "station file")?, &found)?;
         atomic::write(path, text.as_bytes())?;
@@ -219,6 +226,7 @@ fn mended(args: &Args, station: &Station) -> Result<Value> {
         "track_m": found.track_m.0, "sd_track_m": found.track_m.1,
         "time_shift_s": found.late_s.0, "sd_time_shift_s": found.late_s.1,
         "scale_s": found.scale_s, "correlated": found.correlated, "n": found.n, "wrong": found.wrong, "off_track": off_track,
+        "consistent": contradicted.is_empty(),
     }))
 }
 

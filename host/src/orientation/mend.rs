@@ -9,6 +9,7 @@ use crate::toml_file::TomlFile;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_core::config::{ArrayConfig, Kind, StationConfig};
+use seabearing_core::geometry::PAIRS;
 use seabearing_locate::network::known_track::{TrackPoint, position_at};
 use seabearing_locate::orient::geometry::{Doubts, Mended, TimedDelays, geometry};
 
@@ -117,6 +118,55 @@ pub fn untold(found: &Mended) -> Option<String> {
             mm(largest_m)
         )
     })
+}
+
+/// How many of its own standard deviations a thing may be from where it was said to be.
+const FAR_SD: f64 = 3.5;
+/// Fewest independent errors in a pass whose residuals are errors of measurement.
+const LEAST_STRETCHES: f64 = 10.0;
+
+/// What the pass contradicts of what was said beforehand, a clause each: then the deviations, which rest on it, do not hold.
+pub fn contradicted(
+    config: &StationConfig,
+    array: &ArrayConfig,
+    found: &Mended,
+    doubts: &Doubts,
+) -> Vec<String> {
+    let mut all = Vec::new();
+    let moved = found.position_m.iter().flatten().zip(array.hydrophones_m.iter().flatten());
+    let square: f64 = moved.map(|(a, b)| (a - b).powi(2)).sum();
+    // Of the shape's six numbers, those the pass tells.
+    let told = (6.0 - found.untold).max(1.0);
+    let sd_m = array.position_sd_m;
+    if square > sd_m * sd_m * (told + FAR_SD * (2.0 * told).sqrt()) {
+        all.push(format!(
+            "hydrophones {:.1} cm from where they are said to be (root mean square), with position_sd_m = {sd_m}",
+            100.0 * (square / 4.0).sqrt()
+        ));
+    }
+    // Errors of measurement change from set to set, those of what was said last.
+    let sets = (found.n + found.wrong) as f64 / PAIRS.len() as f64;
+    if sets < LEAST_STRETCHES * found.correlated {
+        all.push(format!(
+            "delays miss the fit by {:.1} µs for {:.0} sets of {sets:.0} on end, as hydrophones, a track or a clock do that are farther off \
+             than told",
+            1e6 * found.scale_s,
+            found.correlated
+        ));
+    }
+    let mut far = |what: &str, off: f64, sd: f64, unit: &str, option: &str| {
+        if sd > 0.0 && off.abs() > FAR_SD * sd {
+            all.push(format!("{what} {off:.1} {unit} off, with {option} {sd}"));
+        }
+    };
+    let [east, north, up] = found.track_m.0;
+    far("a track to the East", east, doubts.track_m, "m", "--track-sd-m");
+    far("a track to the North", north, doubts.track_m, "m", "--track-sd-m");
+    far("a source's height", up, doubts.height_m, "m", "--source-depth-sd-m");
+    far("a clock", found.late_s.0, doubts.clock_s, "s", "--clock-sd-s");
+    let faster = found.sound_speed_m_s.0 - config.sound_speed_m_s;
+    far("a speed of sound", faster, array.sound_speed_sd_m_s, "m/s", "sound_speed_sd_m_s =");
+    all
 }
 
 /// The largest standard deviation of a coordinate in the frame of the station file, metres: what `position_sd_m` is from now on.
