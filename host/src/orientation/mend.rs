@@ -133,8 +133,15 @@ pub fn contradicted(
     doubts: &Doubts,
 ) -> Vec<String> {
     let mut all = Vec::new();
-    let moved = found.position_m.iter().flatten().zip(array.hydrophones_m.iter().flatten());
-    let square: f64 = moved.map(|(a, b)| (a - b).powi(2)).sum();
+    // A common displacement is none.
+    let moved: Vec<[f64; 3]> = found
+        .position_m
+        .iter()
+        .zip(&array.hydrophones_m)
+        .map(|(a, b)| [0, 1, 2].map(|k: usize| a[k] - b[k]))
+        .collect();
+    let mean = [0, 1, 2].map(|k: usize| moved.iter().map(|x| x[k]).sum::<f64>() / moved.len() as f64);
+    let square: f64 = moved.iter().flat_map(|x| [0, 1, 2].map(|k: usize| (x[k] - mean[k]).powi(2))).sum();
     // Of the shape's six numbers, those the pass tells.
     let told = (6.0 - found.untold).max(1.0);
     let sd_m = array.position_sd_m;

@@ -112,12 +112,17 @@ pub struct NetworkBearings {
 }
 
 impl NetworkBearings {
-    /// Brings the bearings in order of time and leaves each once; whether they were not in order, and how many stood there again.
+    /// Brings the bearings in order of time and leaves each once; whether those of a station were not in order, and how many stood there again.
     pub fn once(&mut self) -> (bool, usize) {
-        let ordered = self.rows.is_sorted_by(|a, b| a.t_s <= b.t_s);
-        if !ordered {
-            self.rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let mut last = [f64::NEG_INFINITY; MAX_ARRAYS];
+        let mut ordered = true;
+        for row in &self.rows {
+            if let Some(last) = last.get_mut(row.station) {
+                ordered &= row.t_s >= *last;
+                *last = row.t_s;
+            }
         }
+        self.rows.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         let before = self.rows.len();
         let mut seen = HashSet::new();
         self.rows.retain(|row| {
@@ -189,6 +194,9 @@ mod tests {
         let mut heard = NetworkBearings { rows: vec![c, a, b, a], ..NetworkBearings::default() };
         assert_eq!(heard.once(), (true, 1));
         assert_eq!(heard.once(), (false, 0));
+        // One station after the other is in order.
+        let mut apart = NetworkBearings { rows: vec![a, c, b], ..NetworkBearings::default() };
+        assert_eq!(apart.once(), (false, 0));
         let told: Vec<_> = heard.rows.iter().map(|r| (r.t_s, r.station)).collect();
         assert_eq!(told, [(1.0, 0), (1.0, 1), (2.0, 0)]);
     }
