@@ -125,3 +125,60 @@ impl Image {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::plan::FRAME;
+    use super::super::test_sea::plan;
+    use super::*;
+    use std::boxed::Box;
+    use std::vec;
+
+    const TAU_S: [f32; PAIR_COUNT] = [1e-4, -2e-4, 3e-4, 0.0, 5e-4, -4e-4];
+    const ALONG_S: [f32; PAIR_COUNT] = [0.0, 1e-4, 9e-4, -1e-4, 8e-4, 7e-4];
+
+    /// The push of spectra without fringes, of which half the depth is told.
+    fn pushed(delay_s: [f32; CHANNELS]) -> (Box<Plan>, Image, vec::Vec<Complex32>) {
+        let plan = Box::new(plan(64_000.0));
+        let mut spectra = Box::new(Spectra::new());
+        for (r, run) in spectra.runs.iter_mut().enumerate() {
+            for i in 0..RUN {
+                // Flattened by the square of the bin, as `fringes::flattened` has it.
+                let k = (RUN * r + i).max(1) as f32;
+                run.auto.iter_mut().for_each(|auto| auto[i] = 1.0 / (k * k));
+            }
+        }
+        let image = Image { delay_s, height: 0.5 };
+        let share = vec![Complex32::new(0.0, 1.0); FRAME];
+        let mut own = vec![Complex32::new(0.0, CHANNELS as f32); FRAME];
+        image.push(&plan, &plan.whole, &spectra, (&TAU_S, &ALONG_S), &share, &mut own);
+        (plan, image, own)
+    }
+
+    #[test]
+    fn the_push_is_the_frames_part_in_quadrature() {
+        let delay_s = [1.60e-3, 1.60e-3, 1.61e-3, 1.59e-3];
+        let (plan, image, own) = pushed(delay_s);
+        let whole = &plan.whole;
+        let amplitude = 0.25 / (refine::share(&plan, image.mean_s()) * image.kept(&plan, whole));
+        for k in (whole.low..whole.high).step_by(13) {
+            let omega = plan.bin_rad_s * k as f32;
+            let want: f32 = (PAIRS.iter().zip(TAU_S).zip(ALONG_S))
+                .map(|(((i, j), tau), along)| {
+                    let delay = 0.5 * (delay_s[*i] + delay_s[*j]);
+                    let apart = refine::share(&plan, tau + delay) - refine::share(&plan, tau - delay);
+                    amplitude * along * apart * m::sin_cos(omega * delay).0
+                })
+                .sum();
+            assert!((own[k].re - want).abs() < 2e-6, "{k}: {} {want}", own[k].re);
+        }
+        let largest = own.iter().map(|z| z.re.abs()).fold(0.0, f32::max);
+        assert!(largest > 2e-5, "{largest}");
+    }
+
+    #[test]
+    fn an_image_that_is_not_late_pushes_nothing() {
+        let (_, _, own) = pushed([0.0; CHANNELS]);
+        assert!(own.iter().all(|z| z.re.abs() < 1e-9));
+    }
+}

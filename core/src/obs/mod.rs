@@ -40,7 +40,6 @@ mod presence_tests;
 pub mod radial;
 
 mod bend;
-
 mod checks;
 mod course;
 pub mod evidence;
