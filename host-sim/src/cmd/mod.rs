@@ -56,6 +56,7 @@ pub mod track;
 pub mod twin;
 #[cfg(all(unix, feature = "emulation"))]
 mod twin_board;
+mod watched;
 
 /// What the command ends with, as `--help` and the manual page say it.
 pub const STATUSES: &str = "Exit status:\n  \

@@ -1,16 +1,17 @@
 //! `seabearing process`: recordings through the recorder core, exactly as the recorder would.
 
+use super::watched::Watched;
 use super::{Mistake, mistake};
 use crate::archive::{self, Member, Outcome, Unit};
 #[cfg(feature = "base")]
 use crate::base::export::{self, Format, Positions};
-use crate::interrupt::{self, Keeping};
+use crate::interrupt::Keeping;
 use crate::levels::{Meter, picture};
 use crate::line::{Line, picture as line_picture, records as line_records};
 use crate::ocean_bottom::pictures;
 use crate::plot::{passage, result};
 use crate::progress;
-use crate::recording::{Asked, BlockSource, Recording, Span, written_time};
+use crate::recording::{Asked, Recording, Span, written_time};
 use crate::replay::{ReplaySummary, Said, with_levels};
 use crate::station::Station;
 use crate::station::described::Wanted;
@@ -19,7 +20,7 @@ use crate::{atomic, record};
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use seabearing_core::angle::RAD_PER_DEG;
-use seabearing_core::block::{Block, Frame};
+use seabearing_core::block::Frame;
 use seabearing_core::config::Kind;
 use seabearing_core::wire::{Encoder, Message};
 #[cfg(feature = "base")]
@@ -479,49 +480,4 @@ fn stats(summary: &ReplaySummary, rate_hz: f64) -> String {
         times(summary.all),
         times(summary.core)
     )
-}
-
-/// A source that moves a progress bar.
-pub(super) struct Watched {
-    source: Box<dyn BlockSource>,
-    pub(super) bar: progress::ProgressBar,
-    rate_hz: f64,
-}
-
-impl Watched {
-    /// A source of so many samples a second.
-    pub(super) fn new(source: Box<dyn BlockSource>, rate_hz: f64) -> Self {
-        let end_s = source.expected_end().map_or(0, |n| (n as f64 / rate_hz) as u64);
-        Self { source, bar: progress::bar(end_s, "processing"), rate_hz }
-    }
-}
-
-impl BlockSource for Watched {
-    fn start(&self) -> Option<OffsetDateTime> {
-        self.source.start()
-    }
-
-    fn expected_end(&self) -> Option<u64> {
-        self.source.expected_end()
-    }
-
-    fn is_live(&self) -> bool {
-        self.source.is_live()
-    }
-
-    fn left_out(&mut self) -> Result<Option<u64>> {
-        self.source.left_out()
-    }
-
-    fn next_block(&mut self) -> Result<Option<Block<'_>>> {
-        // What was done until an interruption is worth keeping.
-        if interrupt::asked() {
-            return Ok(None);
-        }
-        let block = self.source.next_block()?;
-        if let Some(block) = &block {
-            self.bar.set_position((block.first_index as f64 / self.rate_hz) as u64);
-        }
-        Ok(block)
-    }
 }

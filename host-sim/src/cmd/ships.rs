@@ -1,7 +1,7 @@
 //! `seabearing ships`: what is known of each ship of an ocean-bottom recording, and pages of its days.
 
 use super::mistake;
-use super::process::Watched;
+use super::watched::Watched;
 use crate::ocean_bottom::far::tones::{Listener, Tapped};
 use crate::ocean_bottom::pictures::TruthCurve;
 use crate::ocean_bottom::ships::{ships, told};
