@@ -60,10 +60,19 @@ impl Framing {
         let (now, later) = frames.split_at_checked(end.saturating_sub(self.filled)).unwrap_or((frames, &[]));
         look.see(run, now, clip);
         let from = self.filled.min(FRAME);
-        let [c0, c1, c2, c3] = &mut self.codes;
-        let room = c0[from..].iter_mut().zip(&mut c1[from..]).zip(&mut c2[from..]).zip(&mut c3[from..]);
-        for ((((a, b), c), d), frame) in room.zip(now) {
-            [*a, *b, *c, *d] = *frame;
+        let [a, b, c, d] = self.codes.each_mut().map(|channel| &mut channel[from..]);
+        // Two instants at a time, which share what a turn of the loop takes.
+        let (pairs, odd) = now.as_chunks::<2>();
+        let rows = a.as_chunks_mut().0.iter_mut().zip(b.as_chunks_mut().0);
+        let rows = rows.zip(c.as_chunks_mut().0).zip(d.as_chunks_mut().0);
+        for ((((a, b), c), d), [first, second]) in rows.zip(pairs) {
+            let ([a0, b0, c0, d0], [a1, b1, c1, d1]) = (*first, *second);
+            (*a, *b, *c, *d) = ([a0, a1], [b0, b1], [c0, c1], [d0, d1]);
+        }
+        for (channel, code) in [a, b, c, d].into_iter().zip(odd.iter().flatten()) {
+            if let Some(place) = channel.get_mut(2 * pairs.len()) {
+                *place = *code;
+            }
         }
         self.filled += now.len();
         // `frames` is the end of the run.
