@@ -5,7 +5,7 @@ use super::origin::Origin;
 use anyhow::{Result, bail};
 use seabearing_core::config::StationConfig;
 use seabearing_core::wire::guard::Key;
-use seabearing_host::station::{Calibration, Station};
+use seabearing_host::station::{Calibration, ORIENTATION_SD_DEG, Station};
 use serde::Deserialize;
 use std::path::Path;
 use time::OffsetDateTime;
@@ -76,7 +76,7 @@ pub fn read(path: &Path) -> Result<Vec<Listed>> {
             })
         });
         out.push(Listed {
-            sd_orientation_deg: station.orientation_sd_deg,
+            sd_orientation_deg: station.orientation_sd_deg.unwrap_or(ORIENTATION_SD_DEG),
             sd_clock_s: station.clock_sd_s,
             config: station.config,
             line,

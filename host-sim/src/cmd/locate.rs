@@ -2,7 +2,7 @@
 
 use super::mistake;
 use crate::ocean_bottom::records::is_records;
-use crate::orientation::lasting::{Lasting, lasting, widened};
+use crate::orientation::lasting::{self, Positions};
 use crate::orientation::network_file::{Network, NetworkBearings, read_rows};
 use crate::orientation::over_time::{self, SOURCE_DEPTH_M, heard_by};
 use crate::orientation::record_file;
@@ -237,19 +237,13 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     let clock = RecordFormat { rate_hz: 1.0, start: heard.start, times: Default::default() };
     let settings = FixSettings { region: region(network, heard, args)?, robust: !args.keep_outliers };
 
-    let bar = crate::progress::bar(sets.len() as u64, "fixes");
-    let fix = |set: &SightingSet| {
-        bar.inc(1);
-        locate(&set.sightings, &settings)
-    };
-    let mut fixes: Vec<_> = sets.iter().map(fix).collect();
-    let errors = lasting(network, &sets, &fixes);
-    let contradicted = errors.iter().any(Option::is_some);
-    if contradicted {
-        warn_of_lasting(network, &errors);
-        fixes = widened(&sets, &errors).iter().map(|set| locate(&set.sightings, &settings)).collect();
-        fixes.iter_mut().flatten().for_each(|fix| fix.consistent = false);
-    }
+    let bar = crate::progress::bar(1, "fixes");
+    let shared = network.shared(&heard.sd_clock_s);
+    let said = network.said(&heard.sd_clock_s);
+    let sound_m_s = f64::from(network.stations[0].sound_speed_m_s);
+    let found = lasting::positions(&sets, &settings, &shared, &said, sound_m_s);
+    warn_of_lasting(network, &found);
+    let fixes = found.fixes;
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
     if !args.json {
         writeln!(
@@ -276,16 +270,32 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     Ok(())
 }
 
-/// Says in a line for each which stations' azimuths are off those of the positions all the time.
-fn warn_of_lasting(network: &Network, errors: &[Option<Lasting>]) {
-    for (station, error) in network.stations.iter().zip(errors) {
-        let Some(Lasting { mean, sd }) = error else { continue };
+/// Says what of the stations lasts that should not, and that the bearings scatter more than claimed.
+fn warn_of_lasting(network: &Network, found: &Positions) {
+    const END: &str = "more than the network file allows: it is taken out of the positions, and the stated errors have grown";
+    for (station, of) in network.stations.iter().zip(found.contradicted.iter().flatten()) {
+        let (name, (turned, late_s)) = (&station.name, (of.azimuth, of.clock_s));
+        if of.beyond.0 {
+            let [off, sd] = [turned.0, turned.1].map(|x| x / RAD_PER_DEG);
+            log::warn!("the azimuths of `{name}` are {off:.2}° ± {sd:.2}° too large, {END}");
+        }
+        if of.beyond.1 {
+            log::warn!("the clock of `{name}` is {:.2} s ± {:.2} s late, {END}", late_s.0, late_s.1);
+        }
+    }
+    if let Some(contradicted) = &found.contradicted
+        && contradicted.iter().all(|of| of.beyond == (false, false))
+    {
         log::warn!(
-            "the azimuths of `{}` are {:.2}° ± {:.2}° off those of the positions in the mean: an orientation or a clock is wrong by more \
-             than the network file allows (--motion tells which), and the stated errors have grown",
-            station.name,
-            mean / RAD_PER_DEG,
-            sd / RAD_PER_DEG
+            "the stations contradict each other all the time: orientations or clocks are wrong by more than the network file \
+             allows (--motion tells which), and the stated errors have grown"
+        );
+    }
+    if let Some(scatter) = found.scatter {
+        log::warn!(
+            "the bearings are off the positions by {:.1} times what --sigma-azimuth-deg and --sigma-elevation-deg say: the stated \
+             errors have grown",
+            scatter.sqrt()
         );
     }
 }

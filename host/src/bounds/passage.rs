@@ -205,6 +205,7 @@ impl Assumed {
             arrays_m: vec![[0.0, 0.0, -station.depth_m]],
             frame: None,
             sd_orientation: vec![0.0],
+            says_orientation: vec![true],
             sd_clock_s: vec![None],
         };
         let Kind::Array(array) = &station.kind else { return None };

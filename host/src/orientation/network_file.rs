@@ -3,7 +3,7 @@
 use super::sets::BearingRow;
 use crate::csv::{CsvTable, good_rows};
 use crate::geodesy::LocalFrame;
-use crate::station::{CLOCK_SD_S, Station};
+use crate::station::{CLOCK_SD_S, ORIENTATION_SD_DEG, Station};
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_core::config::StationConfig;
@@ -23,6 +23,8 @@ pub struct Network {
     pub frame: Option<LocalFrame>,
     /// Standard deviation of each one's orientation, radians.
     pub sd_orientation: Vec<f64>,
+    /// Whether the file says it.
+    pub says_orientation: Vec<bool>,
     /// Standard deviation of each one's clock, seconds, where the file says it.
     pub sd_clock_s: Vec<Option<f64>>,
 }
@@ -34,7 +36,10 @@ impl Network {
     /// One line that names the file and what is wrong.
     pub fn read(path: &Path) -> Result<Self> {
         let (_, listed) = Station::read_listed(path)?;
-        let sd_orientation = listed.iter().map(|s| s.orientation_sd_deg * RAD_PER_DEG).collect();
+        let says_orientation = listed.iter().map(|s| s.orientation_sd_deg.is_some()).collect();
+        let sd_orientation =
+            listed.iter().map(|s| s.orientation_sd_deg.unwrap_or(ORIENTATION_SD_DEG) * RAD_PER_DEG);
+        let sd_orientation = sd_orientation.collect();
         let sd_clock_s = listed.iter().map(|s| s.clock_sd_s).collect();
         let stations: Vec<_> = listed.into_iter().map(|s| s.config).collect();
         let name = path.display();
@@ -51,7 +56,14 @@ impl Network {
             .map(|s| s.local_east_north_m.map(|(east, north)| [east, north, -s.depth_m]))
             .collect();
         if let Some(arrays_m) = local {
-            return Ok(Self { stations, arrays_m, frame: None, sd_orientation, sd_clock_s });
+            return Ok(Self {
+                stations,
+                arrays_m,
+                frame: None,
+                sd_orientation,
+                says_orientation,
+                sd_clock_s,
+            });
         }
         let Some((lat, lon)) = stations[0].lat_lon_deg else {
             bail!("{name}: station `{}` has no position (lat_deg and lon_deg, or local_m)", stations[0].name)
@@ -67,7 +79,7 @@ impl Network {
                 Ok([east, north, -s.depth_m])
             })
             .collect::<Result<_>>()?;
-        Ok(Self { stations, arrays_m, frame: Some(frame), sd_orientation, sd_clock_s })
+        Ok(Self { stations, arrays_m, frame: Some(frame), sd_orientation, says_orientation, sd_clock_s })
     }
 
     /// What the bearings of each station share: errors of its orientation and its clock. `stated_s`: what each recorder
@@ -78,6 +90,21 @@ impl Network {
             let stated_s = stated_s.get(i).copied().flatten();
             let clock_s = self.sd_clock_s[i].or(stated_s).unwrap_or(CLOCK_SD_S);
             *of = SharedError { azimuth: *azimuth, clock_s };
+        }
+        out
+    }
+
+    /// Those of [`Self::shared`] that the file or the recorder states; 0 where neither does.
+    pub fn said(&self, stated_s: &[Option<f64>]) -> [SharedError; MAX_ARRAYS] {
+        let mut out = self.shared(stated_s);
+        for (i, of) in out.iter_mut().enumerate() {
+            if self.says_orientation.get(i) != Some(&true) {
+                of.azimuth = 0.0;
+            }
+            let clocks = [&self.sd_clock_s[..], stated_s];
+            if clocks.iter().all(|clocks| clocks.get(i).copied().flatten().is_none()) {
+                of.clock_s = 0.0;
+            }
         }
         out
     }

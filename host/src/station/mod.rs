@@ -40,8 +40,8 @@ pub struct ListedStation {
     pub key_file: Option<PathBuf>,
     /// `utc_of_sample_0`, for a recorder without a clock, RFC 3339.
     pub utc_of_sample_0: Option<String>,
-    /// `orientation_sd_deg`: standard deviation of the orientation, degrees; [`ORIENTATION_SD_DEG`] where none is said.
-    pub orientation_sd_deg: f64,
+    /// `orientation_sd_deg`: standard deviation of the orientation, degrees, where it is said; else [`ORIENTATION_SD_DEG`].
+    pub orientation_sd_deg: Option<f64>,
     /// `clock_sd_s`: standard deviation of the clock against those of the others, seconds.
     pub clock_sd_s: Option<f64>,
     /// What levels of each recorder channel are levels of, as its `station_file` says.
@@ -327,7 +327,7 @@ impl Station {
                 line: s.line,
                 key_file: s.key_file,
                 utc_of_sample_0: s.utc_of_sample_0,
-                orientation_sd_deg: s.orientation_sd_deg.unwrap_or(ORIENTATION_SD_DEG),
+                orientation_sd_deg: s.orientation_sd_deg,
                 clock_sd_s: s.clock_sd_s,
             })
         };
