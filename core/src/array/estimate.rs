@@ -53,6 +53,8 @@ pub(crate) struct Memory {
     agreement: Agreement,
     /// Mean square by which pair delays miss the common direction's, in variances of a pair's delay.
     misfit: f32,
+    /// Mean square of what they contradict it by aside of the vertical plane through it, in the same unit.
+    aside: f32,
     /// How much its bearings scatter.
     steady: Steady,
     /// How deep the source is.
@@ -108,6 +110,7 @@ impl Memory {
             places: Places::new(),
             agreement: Agreement::new(),
             misfit: 0.0,
+            aside: 0.0,
             steady: Steady::NEW,
             depth: Depth::UNKNOWN,
             others: Followed::NONE,
@@ -423,7 +426,8 @@ fn whole(
     let spectrum = &scratch.spectrum;
     let scatter = (memory.others.any() || memory.misfit > report::DISAGREEING)
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
-    let others = Others::Lasting { misfit: &mut memory.misfit, steady: &mut memory.steady, scatter };
+    let Memory { misfit, aside, steady, .. } = memory;
+    let others = Others::Lasting { misfit, aside, steady, scatter };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
         if doubt.quality == 1.0 {
             let level = 1.0 - first.refined.direction[2] * first.refined.direction[2];

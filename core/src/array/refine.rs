@@ -29,6 +29,8 @@ const SIGNIFICANT: f32 = 4.0;
 /// resolution the next would be its square.
 const STEPS: usize = 3;
 const CONVERGED: f32 = 0.003;
+/// Least curvature of the response, both directions' product, in units of what it is if all pairs are curved as their mean is.
+const LEAST_PEAKED: f32 = 0.1;
 
 /// Sums over the band for each pair: `Σ W Re`, `Σ Wω Im`, `Σ Wω² Re` of the steered cross-spectrum.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +45,9 @@ pub(crate) struct Refined {
     pub(crate) direction: Direction,
     /// Delays of the six pairs by themselves, seconds.
     pub(crate) pair_delay: [f32; PAIR_COUNT],
+    /// By how much each pair pulls the direction, as the delay by which a pair of mean curvature would, seconds: less than its own delay's
+    /// difference where its peak is flat, because a vessel and its image stand apart in it.
+    pub(crate) pull: [f32; PAIR_COUNT],
 }
 
 /// Leaves out the pairs with hydrophones not used.
@@ -380,18 +385,24 @@ pub(crate) fn refine(
         let g1 = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, &direction, &e.0, curvature));
         let g2 = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, &direction, &e.1, curvature));
         let bend = sums.bend.iter().sum::<f32>() / band.used.pairs();
-        let (mut h11, mut h12, mut h22, mut b1, mut b2) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for ((a, b), slope) in band.used.of(g1.iter().zip(&g2).zip(&sums.slope)) {
-            h11 += bend * a * a;
-            h12 += bend * a * b;
-            h22 += bend * b * b;
-            b1 -= slope * a;
-            b2 -= slope * b;
-        }
         if !(bend > 0.0) {
             return None;
         }
-        let (i11, i12, i22) = wavefront::inverse((h11, h12, h22))?;
+        let (mut b1, mut b2) = (0.0, 0.0);
+        // With each pair's own curvature, and with the mean of all.
+        let (mut own, mut even) = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0));
+        for (((a, b), slope), curved) in band.used.of(g1.iter().zip(&g2).zip(&sums.slope).zip(&sums.bend)) {
+            for (h, bend) in [(&mut own, *curved), (&mut even, bend)] {
+                *h = (h.0 + bend * a * a, h.1 + bend * a * b, h.2 + bend * b * b);
+            }
+            b1 -= slope * a;
+            b2 -= slope * b;
+        }
+        // Where vessel and image stand apart, pairs along the vertical are flat: the mean's steps would not arrive. What is flat altogether is
+        // noise, or beside the peak.
+        let determinant = |h: (f32, f32, f32)| h.0 * h.2 - h.1 * h.1;
+        let peaked = own.0 > 0.0 && determinant(own) > LEAST_PEAKED * determinant(even);
+        let (i11, i12, i22) = wavefront::inverse(if peaked { own } else { even })?;
         let mut step = [i11 * b1 + i12 * b2, i12 * b1 + i22 * b2];
         // A step beyond the peak's own width means the quadratic model does not hold: go part of the way.
         let length = m::sqrt(step[0] * step[0] + step[1] * step[1]);
@@ -405,6 +416,8 @@ pub(crate) fn refine(
     }
     let tau = wavefront::pair_delays(&wavefront::arrivals(&plan.geometry, &direction, curvature));
     let sums = steer(plan, band, g, &tau, weight);
+    let mean = sums.bend.iter().sum::<f32>() / band.used.pairs();
+    let pull = sums.slope.map(|slope| if mean > 0.0 { -slope / mean } else { 0.0 });
     let mut pair_delay = tau;
     for ((delay, slope), bend) in pair_delay.iter_mut().zip(&sums.slope).zip(&sums.bend) {
         if *bend > 0.0 {
@@ -413,7 +426,7 @@ pub(crate) fn refine(
             *delay -= (slope / bend).max(-most).min(most);
         }
     }
-    direction.iter().all(|x| x.is_finite()).then_some(Refined { direction, pair_delay })
+    direction.iter().all(|x| x.is_finite()).then_some(Refined { direction, pair_delay, pull })
 }
 
 /// Sums over the band of each pair's steered cross-spectrum (weights are 0 outside the band).

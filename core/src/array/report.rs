@@ -6,7 +6,8 @@
 //! * Noise makes the pairs' own delays differ from the common direction's by up to `NOISE_RESIDUAL` variances of a pair's
 //!   delay. The mean square beyond that comes of paths and other vessels, and errors as large are in the arrival times of the
 //!   common direction; more where they contradict it lastingly (`agreement`). Noise changes from segment to segment and
-//!   another vessel's part does not, so the mean over `AVERAGED` segments tells of less than one segment alone.
+//!   another vessel's part does not, so the mean over `AVERAGED` segments tells of less than one segment alone. Paths of one vessel
+//!   stand above each other: under a surface what the pairs contradict counts for the azimuth only as far as paths do not explain it (`aside`).
 //! * Hydrophones displaced by `position_sd_m` move their arrivals by as much over the speed of sound; a speed of sound or a
 //!   distance that are not as assumed change all arrivals together. These errors last: [`crate::passage`] keeps the first of
 //!   them apart from noise.
@@ -16,10 +17,11 @@
 //!   pairs' misfit says that the two come apart, or that a third path joins, the elevation errs by more than the misfit shows: paths of
 //!   one vessel differ in elevation alone.
 //! * Where another source is heard, another vessel or an echo, the cross-spectra's scatter tells what it does to either angle
-//!   (`refine::scatter`).
-//! * Noise is taken as what the bearings' own scatter shows of it, where that is less (`steady`).
+//!   (`refine::scatter`), noise taken off.
+//! * Noise is taken as what the bearings' own scatter shows of it in either angle, where that is less (`steady`).
 
 use super::agreement::Doubt;
+use super::aside;
 use super::estimate::{Context, Found, SpectrumWork};
 use super::refine::{self, Scatter};
 use super::steady::Steady;
@@ -40,6 +42,8 @@ const MEAN_RESIDUAL: f32 = 1.2;
 /// Above this mean misfit the cross-spectra's scatter is looked at: whether it is in the elevation alone.
 pub(super) const DISAGREEING: f32 = 1.5;
 const SHARED_UNEQUALLY: f32 = 2.0;
+/// What a dimension has of the pairs' noise, in units of a pair's share: the direction has taken two of six.
+const A_DIMENSION: f32 = 1.5;
 /// The same at high signal-to-noise ratios, where what frames of two hydrophones do not share dominates: samples.
 const ROUNDING_SAMPLES: f32 = 0.004;
 /// Near its threshold a peak may stand on the neighbouring lobe, and its coherence is the luckiest of many: the variance is
@@ -53,8 +57,8 @@ const HALF_WAY_SD: f32 = 0.8;
 /// in the root mean square.
 const UNKNOWN_DEPTH_SD: f32 = 0.5;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
-/// bottoms 2 to 30 m below the array.
-const PATHS: f32 = 4.0;
+/// bottoms 2 to 30 m below the array and passes with the surface's image, at 16 and 64 kHz.
+const PATHS: f32 = 2.0;
 
 /// How it is known what other paths and sources do to a bearing.
 pub(super) enum Others<'a> {
@@ -62,6 +66,8 @@ pub(super) enum Others<'a> {
     Lasting {
         /// Of the pairs' misfit.
         misfit: &'a mut f32,
+        /// Of what the pairs contradict the direction aside of the vertical plane through it.
+        aside: &'a mut f32,
         /// Of the bearings' scatter.
         steady: &'a mut Steady,
         /// And what the segment's own cross-spectra show while another source is heard.
@@ -98,45 +104,63 @@ pub(super) fn bearing(
     let residual = residual.map(|(own, tau)| (own - tau) * (own - tau)).sum::<f32>() / used.pairs();
     let rounding = ROUNDING_SAMPLES / plan.rate_hz;
     let unexplained = (residual - NOISE_RESIDUAL * variance.pair - rounding * rounding).max(0.0);
-    // Of arrival times, s²: what is in both angles, and what paths of the vessel itself put on the elevation.
-    let (mut lasting, mut paths) = (unexplained, 0.0);
+    // Of arrival times, s²: what is in the azimuth, what is in the elevation, and what paths of the vessel itself put on that.
+    let (mut level, mut rise, mut paths) = (unexplained, unexplained, 0.0);
     // What another source does to the angles, rad².
     let mut other = (0.0f32, 0.0f32, 0.0f32);
     let noise = match others {
-        Others::Lasting { misfit, steady, scatter } => {
-            *misfit += (residual / (variance.pair + rounding * rounding) - *misfit) / AVERAGED;
-            lasting = lasting.max(SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair);
-            paths = PATHS * PATHS * lasting;
+        Others::Lasting { misfit, aside, steady, scatter } => {
+            let known = variance.pair + rounding * rounding;
+            *misfit += (residual / known - *misfit) / AVERAGED;
+            rise = rise.max(SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair);
+            paths = PATHS * PATHS * rise;
             if let Some(scatter) = scatter.filter(|s| s.ratio > 1.0) {
-                other = scatter.direction;
-                let (across, _, up) = other;
-                let aside = (across / up.max(f32::MIN_POSITIVE)).min(1.0);
-                (lasting, paths) = (aside * lasting / SHARED_UNEQUALLY, (1.0 - aside) * paths);
+                // The scatter has the noise in it.
+                let (across, both, up) = scatter.direction;
+                let beyond = |seen: f32, noise: f32| (seen - variance.arrival * noise).max(0.0);
+                let (more_across, more_up) = (beyond(across, first), beyond(up, second));
+                let kept = more_across * more_up / (across * up).max(f32::MIN_POSITIVE);
+                other = (more_across, both * m::sqrt(kept), more_up);
+                let share = (more_across / more_up.max(f32::MIN_POSITIVE)).min(1.0);
+                (rise, paths) = (share * rise / SHARED_UNEQUALLY, (1.0 - share) * paths);
+            }
+            level = rise;
+            if plan.vessel_over_array_depth > 0.0 && used.all() {
+                let (across, up) = (wavefront::pair_delays(&g1), wavefront::pair_delays(&g2));
+                let square = aside::mean_square(&found.refined.pull, &across, &up);
+                *aside += (square / known - *aside) / AVERAGED;
+                let now = square - A_DIMENSION * NOISE_RESIDUAL * variance.pair - rounding * rounding;
+                // What another source's scatter shows it does is the same.
+                let seen = other.0 / first.max(f32::MIN_POSITIVE);
+                level = (now.max((*aside - A_DIMENSION * MEAN_RESIDUAL) * variance.pair) - seen).max(0.0);
             }
             let said = [first, second].map(|x| variance.arrival * x);
-            steady.take(plan, direction, context.index, said, context.shares()).max(1.0 - found.mean)
+            let factors = steady.take(plan, direction, context.index, said, context.shares());
+            factors.map(|factor| factor.max(1.0 - found.mean))
         }
-        Others::Scatter(ratio) => ratio,
+        Others::Scatter(ratio) => [ratio; 2],
     };
     let square = found.statistic * found.statistic;
     let lucky = NEAR_THRESHOLD / (square * square).max(1.0);
-    let scale = variance.arrival * (noise + lucky)
-        + lasting.max(doubt.unexplained_s2)
-        + used.sensors() * plan.position_sd_s * plan.position_sd_s;
+    let told = used.sensors() * plan.position_sd_s * plan.position_sd_s;
+    let level = level.max(doubt.unexplained_s2);
+    let scale = |noise: f32, lasting: f32| variance.arrival * (noise + lucky) + lasting + told;
+    let [across, up] = noise;
+    let mut first_angle = scale(across, level) * first + other.0;
+    let mut both_angles = scale(m::sqrt(across * up), level) * cross + other.1;
+    let mut second_angle = scale(up, level.max(rise)) * second + other.2;
     // What a speed of sound and a distance that are not as assumed do to all arrival times together.
     let slowness = wavefront::arrivals(&plan.geometry, direction, curvature);
     let bends = plan.geometry.position_m.map(|h| {
         let along = wavefront::dot(&h, direction);
         0.5 * plan.inv_c * (wavefront::dot(&h, &h) - along * along)
     });
-    let (mut first, mut cross, mut second) =
-        (scale * first + other.0, scale * cross + other.1, scale * second + other.2);
     for (times, sd) in [(slowness, plan.sound_speed_sd), (bends, curvature_sd)] {
         let ((_, b1, _), (_, b2, _)) = (used.information(&g1, &times), used.information(&g2, &times));
         let (a, b) = (sd * (inverse.0 * b1 + inverse.1 * b2), sd * (inverse.1 * b1 + inverse.2 * b2));
-        first += a * a;
-        cross += a * b;
-        second += b * b;
+        first_angle += a * a;
+        both_angles += a * b;
+        second_angle += b * b;
     }
     let (azimuth, elevation) = wavefront::angles(direction);
     // A step along the horizontal tangent turns the azimuth by 1/cos β; at the zenith azimuth means nothing.
@@ -169,9 +193,9 @@ pub(super) fn bearing(
         index: context.index,
         azimuth,
         elevation: elevation - image,
-        var_azimuth: ((first + turned * turned) * widen * widen).min(most),
-        var_elevation: (second + image_sd * image_sd).min(most),
-        cov: (cross * widen).clamp(-most, most),
+        var_azimuth: ((first_angle + turned * turned) * widen * widen).min(most),
+        var_elevation: (second_angle + image_sd * image_sd).min(most),
+        cov: (both_angles * widen).clamp(-most, most),
         snr_db: math::db(mean / (1.0 - mean)),
         quality: doubt.quality / doubtful,
         closure_s: closure(&found.refined.pair_delay),
