@@ -28,18 +28,16 @@ const TOGETHER: usize = 8;
 pub fn without_lines(log_pressure: &mut [f32; HOP + 1], work: &mut [f32; FRAME]) {
     work.iter_mut().zip(log_pressure.iter()).for_each(|(w, l)| *w = *l);
     let old = work.get(..=HOP).unwrap_or_default();
-    let (head, rest) = log_pressure.split_at_mut(AROUND);
-    let (inner, tail) = rest.split_at_mut(HOP + 1 - 2 * AROUND);
-    let (blocks, left) = inner.as_chunks_mut::<TOGETHER>();
-    let done = AROUND + blocks.len() * TOGETHER;
+    let inner = log_pressure.get_mut(AROUND..=HOP - AROUND).unwrap_or_default();
+    let (blocks, _) = inner.as_chunks_mut::<TOGETHER>();
+    let done = AROUND..AROUND + blocks.len() * TOGETHER;
     for (n, block) in blocks.iter_mut().enumerate() {
         let near = old.get(n * TOGETHER..).unwrap_or_default();
         let most = means(near, &[f32::INFINITY; TOGETHER]).map(|mean| mean + LINE);
         let most = means(near, &most).map(|mean| mean + LINE);
         block.iter_mut().zip(most).for_each(|(l, most)| *l = l.min(most));
     }
-    let ends = head.iter_mut().enumerate();
-    for (k, l) in ends.chain(left.iter_mut().chain(tail).enumerate().map(|(n, l)| (done + n, l))) {
+    for (k, l) in log_pressure.iter_mut().enumerate().filter(|(k, _)| !done.contains(k)) {
         let near = old.get(k.saturating_sub(AROUND)..(k + AROUND + 1).min(old.len())).unwrap_or_default();
         let mean = |most: f32| near.iter().map(|x| x.min(most)).sum::<f32>() / near.len() as f32;
         *l = l.min(mean(mean(f32::INFINITY) + LINE) + LINE);

@@ -199,7 +199,8 @@ fn is_rival(d: &RangeEvidence, s: &Seen) -> bool {
     d.sure && d.weight > 0.5 && s.range_m > RIVALS_M && RIVALS.into_iter().any(like)
 }
 
-/// Log terms of one minute.
+/// Log terms of one minute. Wanted in several places, and large.
+#[inline(never)]
 pub fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> Terms {
     let s = course.seen(travel, step_s * f64::from(m.number));
     // A minute without any mode says little: the vessel may be masked, the channel dead.

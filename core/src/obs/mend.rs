@@ -224,14 +224,16 @@ struct Extreme {
 impl Extreme {
     const NEW: Self = Self { code: 0, hits: 0, rail: None };
 
-    /// Takes the farthest of some codes, of which greater is farther out, and how often they meet it.
-    fn see(&mut self, code: i32, hits: impl FnOnce() -> u16) {
-        if self.hits == 0 || code > self.code {
-            self.code = code;
-            self.hits = hits();
-        } else if code == self.code {
-            self.hits = self.hits.saturating_add(hits());
+    /// Takes the farthest `code` of a channel in some instants; `far` says how far out it is, as this extreme counts.
+    // Copied for each channel it would be long.
+    #[inline(never)]
+    fn see(&mut self, far: i32, code: i32, channel: usize, frames: &[Frame]) {
+        if self.hits > 0 && far < self.code {
+            return;
         }
+        let hits = frames.iter().filter(|frame| frame.get(channel) == Some(&code)).count() as u16;
+        let before = if far == self.code { self.hits } else { 0 };
+        (self.code, self.hits) = (far, before.saturating_add(hits));
     }
 
     /// Instants at the rail in the hop that ends; the next begins.
@@ -268,9 +270,8 @@ impl Rails {
         }
         for (c, ([upper, lower], (most, least))) in self.0.iter_mut().zip(most.iter().zip(&least)).enumerate()
         {
-            let met = |code: &i32| frames.iter().filter(|frame| frame.get(c) == Some(code)).count() as u16;
-            upper.see(*most, || met(most));
-            lower.see(least.saturating_neg(), || met(least));
+            upper.see(*most, *most, c, frames);
+            lower.see(least.saturating_neg(), *least, c, frames);
         }
     }
 

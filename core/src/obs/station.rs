@@ -427,7 +427,7 @@ impl State {
             }
             if radial.frames() > 0 {
                 radial.fill(shared.grid());
-                self.presence.update(shared.grid(), &plan.interference, radial.frames())
+                self.presence.update(shared.grid(), &plan.interference, radial)
             } else {
                 self.presence.blind()
             }
