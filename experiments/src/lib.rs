@@ -157,6 +157,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_week::WEEK,
     obs_week::WEEK_5_DB,
     obs_week::WEEK_10_DB,
+    obs_week::MONTH,
     archive::EXPERIMENT,
     shaft_rate::EXPERIMENT,
     link::EXPERIMENT,

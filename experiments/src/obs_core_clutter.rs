@@ -98,7 +98,7 @@ fn detect(
         }
         presence.predict(shared.columns());
         scratch.fill(shared.grid());
-        let r = presence.update(shared.grid(), plan.interference(), scratch.frames());
+        let r = presence.update(shared.grid(), plan.interference(), &scratch);
         let Some(m) = r.modes[0].filter(|_| r.log_odds > 0.0) else { continue };
         messages.push(Message::Range(Range {
             index: k * 3000,

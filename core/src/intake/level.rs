@@ -48,7 +48,6 @@ impl Levels {
     }
 
     /// Takes instants, the sums in registers meanwhile.
-    #[cfg(feature = "array")]
     #[inline]
     pub(crate) fn extend(&mut self, mut frames: impl Iterator<Item = Frame>) {
         if self.n == 0

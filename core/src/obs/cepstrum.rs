@@ -20,16 +20,38 @@ const AROUND: usize = 20;
 /// tail below the mean, paths that interfere a ripple of half that.
 const LINE: f32 = 1.2;
 
+/// Bins with all their neighbours whose means are made together: each sum waits for itself alone.
+const TOGETHER: usize = 8;
+
 /// Cuts lines down to the top of what surrounds them: a near vessel's tones, and their comb above all, ripple through every
 /// quefrency and stand still where echoes move.
 pub fn without_lines(log_pressure: &mut [f32; HOP + 1], work: &mut [f32; FRAME]) {
     work.iter_mut().zip(log_pressure.iter()).for_each(|(w, l)| *w = *l);
     let old = work.get(..=HOP).unwrap_or_default();
-    for (k, l) in log_pressure.iter_mut().enumerate() {
+    let inner = log_pressure.get_mut(AROUND..=HOP - AROUND).unwrap_or_default();
+    let (blocks, _) = inner.as_chunks_mut::<TOGETHER>();
+    let done = AROUND..AROUND + blocks.len() * TOGETHER;
+    for (n, block) in blocks.iter_mut().enumerate() {
+        let near = old.get(n * TOGETHER..).unwrap_or_default();
+        let most = means(near, &[f32::INFINITY; TOGETHER]).map(|mean| mean + LINE);
+        let most = means(near, &most).map(|mean| mean + LINE);
+        block.iter_mut().zip(most).for_each(|(l, most)| *l = l.min(most));
+    }
+    for (k, l) in log_pressure.iter_mut().enumerate().filter(|(k, _)| !done.contains(k)) {
         let near = old.get(k.saturating_sub(AROUND)..(k + AROUND + 1).min(old.len())).unwrap_or_default();
         let mean = |most: f32| near.iter().map(|x| x.min(most)).sum::<f32>() / near.len() as f32;
         *l = l.min(mean(mean(f32::INFINITY) + LINE) + LINE);
     }
+}
+
+/// Means about bins that follow each other, over the bins on either side, no number counted for more than `most`. `near` begins with the
+/// first of the first bin's.
+fn means(near: &[f32], most: &[f32; TOGETHER]) -> [f32; TOGETHER] {
+    let mut sums = [0f32; TOGETHER];
+    for x in near.windows(TOGETHER).take(2 * AROUND + 1).filter_map(|x| x.first_chunk::<TOGETHER>()) {
+        sums.iter_mut().zip(x).zip(most).for_each(|((sum, x), most)| *sum += x.min(*most));
+    }
+    sums.map(|sum| sum / (2 * AROUND + 1) as f32)
 }
 
 /// Transforms ln|P| (bins 0 to 512), using `buffer`; `out` receives quefrencies 0 to [`QUEFRENCIES`] − 1.
@@ -56,6 +78,25 @@ mod tests {
         assert!((out[0] - 2.0).abs() < 1e-5);
         assert!((out[100] - 0.15).abs() < 1e-5);
         assert!(out.iter().enumerate().all(|(k, c)| k == 0 || k == 100 || c.abs() < 1e-5));
+    }
+
+    #[test]
+    fn each_bin_is_cut_to_what_surrounds_it_however_many_are_done_together() {
+        let mut seed = 4u32;
+        let mut log: [f32; HOP + 1] = core::array::from_fn(|k| {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let line = if k % 37 < 2 { 3.0 } else { 0.0 };
+            (seed >> 8) as f32 / 8_388_608.0 - 1.0 + line
+        });
+        let want: [f32; HOP + 1] = core::array::from_fn(|k| {
+            let near = &log[k.saturating_sub(AROUND)..(k + AROUND + 1).min(HOP + 1)];
+            let mean = |most: f32| near.iter().map(|x| x.min(most)).sum::<f32>() / near.len() as f32;
+            log[k].min(mean(mean(f32::INFINITY) + LINE) + LINE)
+        });
+        let old = log;
+        without_lines(&mut log, &mut [0.0; FRAME]);
+        assert_eq!(log, want);
+        assert!(log.iter().zip(&old).filter(|(new, old)| new < old).count() > 20);
     }
 
     #[test]

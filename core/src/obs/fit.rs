@@ -81,6 +81,22 @@ pub struct Score {
 const SURE_SHARE: f32 = 0.33;
 
 impl Score {
+    /// Takes one more minute of a course.
+    pub fn take(&mut self, course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) {
+        let Terms { azimuth, range, distance, rival } = minute_terms(course, travel, step_s, m);
+        self.log += azimuth + range;
+        self.directions += u16::from(azimuth > 0.0);
+        self.rivals += u16::from(rival);
+        self.both += u16::from(azimuth > 0.0 && distance.is_some());
+        if let Some(d) = distance {
+            self.distances += 1;
+            self.sure += u16::from(d.sure);
+            let range_m = d.range_m as f32;
+            let (least, most) = if self.distances > 1 { self.span_m } else { (range_m, range_m) };
+            self.span_m = (least.min(range_m), most.max(range_m));
+        }
+    }
+
     /// Whether its echoes have nearly the table's strengths.
     pub fn is_sure(&self) -> bool {
         f32::from(self.sure) >= SURE_SHARE * f32::from(self.distances)
@@ -98,7 +114,12 @@ fn direction_ratio(d: &AzimuthEvidence, towards: Towards) -> (f64, f64, f64) {
     let all = together(together(sd, EXTRA_AZIMUTH), towards.doubt);
     let e = wrap_pi(d.azimuth - towards.azimuth);
     let z = e / all;
-    (math::f64::TAU / 2.5066 / all * math::f64::exp(-0.5 * z * z), e, sd)
+    (direction_density(all) * math::f64::exp(-0.5 * z * z), e, sd)
+}
+
+/// Ratio of the density of a direction of such a spread, where it is greatest, to uniform.
+fn direction_density(sd: f64) -> f64 {
+    math::f64::TAU / 2.5066 / sd
 }
 
 /// Ratio of a range's density at the course's to uniform; `doubts` are the standard deviations of the course's.
@@ -110,7 +131,12 @@ fn distance_ratio(d: &RangeEvidence, range_m: f64, speed_m_s: f64, doubts: (f64,
     if z > 60.0 {
         return 0.0;
     }
-    d.weight * UNIFORM.0 * UNIFORM.1 / (math::f64::TAU * sr * sv) * math::f64::exp(-0.5 * z)
+    distance_density(d, (sr, sv)) * math::f64::exp(-0.5 * z)
+}
+
+/// Ratio of the density of a range with such spreads of it and of its radial speed, where it is greatest, to uniform.
+fn distance_density(d: &RangeEvidence, (sr, sv): (f64, f64)) -> f64 {
+    d.weight * UNIFORM.0 * UNIFORM.1 / (math::f64::TAU * sr * sv)
 }
 
 fn spreads(d: &RangeEvidence) -> (f64, f64) {
@@ -173,7 +199,8 @@ fn is_rival(d: &RangeEvidence, s: &Seen) -> bool {
     d.sure && d.weight > 0.5 && s.range_m > RIVALS_M && RIVALS.into_iter().any(like)
 }
 
-/// Log terms of one minute.
+/// Log terms of one minute. Wanted in several places, and large.
+#[inline(never)]
 pub fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> Terms {
     let s = course.seen(travel, step_s * f64::from(m.number));
     // A minute without any mode says little: the vessel may be masked, the channel dead.
@@ -192,6 +219,14 @@ pub fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minut
     Terms { azimuth, range, distance, rival: m.distances().any(|d| is_rival(&d, &s)) }
 }
 
+/// The greatest that a minute's log terms can be, whatever the course.
+pub fn most(m: &Minute) -> f64 {
+    let direction = m.directions().map(|d| direction_density(together(d.sd, EXTRA_AZIMUTH)));
+    let distance = m.distances().map(|d| distance_density(&d, spreads(&d)));
+    let term = |best: f64, detection: f64| math::f64::ln(1.0 - detection + detection * best).max(0.0);
+    term(direction.fold(0.0, f64::max), DETECTION.0) + term(distance.fold(0.0, f64::max), DETECTION.1)
+}
+
 /// Score over minutes.
 pub fn score(
     course: &Course,
@@ -200,20 +235,7 @@ pub fn score(
     minutes: impl Iterator<Item = Minute>,
 ) -> Score {
     let mut out = Score::default();
-    for m in minutes {
-        let Terms { azimuth, range, distance, rival } = minute_terms(course, travel, step_s, &m);
-        out.log += azimuth + range;
-        out.directions += u16::from(azimuth > 0.0);
-        out.rivals += u16::from(rival);
-        out.both += u16::from(azimuth > 0.0 && distance.is_some());
-        if let Some(d) = distance {
-            out.distances += 1;
-            out.sure += u16::from(d.sure);
-            let range_m = d.range_m as f32;
-            let (least, most) = if out.distances > 1 { out.span_m } else { (range_m, range_m) };
-            out.span_m = (least.min(range_m), most.max(range_m));
-        }
-    }
+    minutes.for_each(|m| out.take(course, travel, step_s, &m));
     out
 }
 

@@ -153,50 +153,56 @@ impl Hops {
         self.levels.half_db(elapsed, minute)
     }
 
-    /// Takes the instant at `at` of a run; true where it fills a hop.
+    /// Takes instants of a run, from number `from` on, up to one that fills a hop: how many were taken, and whether the last did.
+    // Its work space is not the estimators' below.
+    #[inline(never)]
     pub fn take(
         &mut self,
         plan: &Plan<'_>,
         intake: &mut Intake,
         run: &Run<'_>,
-        at: usize,
+        from: usize,
         sink: &mut dyn FnMut(Message),
-    ) -> bool {
-        let Some(frame) = run.frames.get(at) else { return false };
+    ) -> (usize, bool) {
+        let rest = run.frames.get(from..).unwrap_or_default();
+        // An instant gives one sample at most, so that only the last of these can fill the hop.
+        let frames = rest.get(..HOP.saturating_sub(self.fill)).unwrap_or(rest);
+        let Some(first) = frames.first() else { return (rest.len(), false) };
         if !self.running {
             self.running = true;
             self.unevenness = Unevenness::new();
             self.mender.restart();
             self.decimator.restart();
-            self.filtered.begin(&plan.moments, frame);
+            self.filtered.begin(&plan.moments, first);
         }
-        self.look.see(run, core::slice::from_ref(frame), plan.clip);
+        self.look.see(run, frames, plan.clip);
         if run.mended == 0 {
-            self.rails.see(frame);
+            self.rails.see(frames);
         }
-        self.levels.add(frame);
-        self.filtered.push(&plan.moments, frame);
-        let [p, n, e, _] = frame.map(|code| code as f32);
-        let Some((x, spike)) = self.mender.push([p, n, e]) else { return false };
-        self.spikes += u64::from(spike);
-        let Some(x) = plan.decimator.push(&mut self.decimator, x) else { return false };
-        let [pressure, ..] = x;
-        self.unevenness.push(&plan.calls, pressure);
-        if self.fill == 0 {
-            // The hop before becomes the older one; the one before that is done with.
-            self.old.retire(&mut intake.accounting);
-            core::mem::swap(&mut self.old, &mut self.new);
-        }
-        for (channel, x) in self.new.samples.iter_mut().zip(x) {
-            if let Some(slot) = channel.get_mut(self.fill) {
-                *slot = x;
+        self.levels.extend(frames.iter().copied());
+        self.filtered.push(&plan.moments, frames);
+        for [p, n, e, _] in frames {
+            let Some((x, spike)) = self.mender.push([p, n, e].map(|code| *code as f32)) else { continue };
+            self.spikes += u64::from(spike);
+            let Some(x) = plan.decimator.push(&mut self.decimator, x) else { continue };
+            let [pressure, ..] = x;
+            self.unevenness.push(&plan.calls, pressure);
+            if self.fill == 0 {
+                // The hop before becomes the older one; the one before that is done with.
+                self.old.retire(&mut intake.accounting);
+                core::mem::swap(&mut self.old, &mut self.new);
             }
+            for (channel, x) in self.new.samples.iter_mut().zip(x) {
+                if let Some(slot) = channel.get_mut(self.fill) {
+                    *slot = x;
+                }
+            }
+            self.fill += 1;
         }
-        self.fill += 1;
         if self.fill < HOP {
-            return false;
+            return (frames.len(), false);
         }
-        let index = run.first_index.saturating_add(at as u64);
+        let index = run.first_index.saturating_add((from + frames.len() - 1) as u64);
         self.fill = 0;
         self.new.uneven = self.unevenness.end_hop();
         self.new.end = (index + 1).saturating_sub((plan.decimator.lag() + Mender::LAG) as u64);
@@ -218,7 +224,7 @@ impl Hops {
         self.channels.roll();
         self.levels.close(plan.full_scale, intake.elapsed());
         self.look = Look::NEW;
-        true
+        (frames.len(), true)
     }
 
     /// The frame of the two hops was used: each counts once.

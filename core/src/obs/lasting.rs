@@ -28,8 +28,8 @@ const APART: f64 = 0.5;
 const OUT_OF_PHASE_M: f64 = 30.0;
 
 /// Relative deviation of a course's ranges and speeds where its pair of paths is in doubt: other pairs of like delay put a vessel at 0.52 to
-/// 1.94 of its range, and with this both ends lie in the 95 %.
-const OTHER_PAIR: f64 = 0.5;
+/// 1.94 of its range, with a table 100 m off at 0.43 to 2.0 (measured in a month of real ways), and with this both ends lie in the 95 %.
+const OTHER_PAIR: f64 = 0.68;
 
 /// Natural logarithm of an amplitude's ratio of one decibel.
 const LN_DB: f64 = core::f64::consts::LN_10 / 20.0;
@@ -255,8 +255,8 @@ mod tests {
         assert!((sd(1) / closest.range_m.abs() - OTHER_PAIR).abs() < 1e-6, "{}", sd(1));
         assert!((sd(3) / closest.speed_m_s - OTHER_PAIR).abs() < 1e-6, "{}", sd(3));
         assert!(sd(0) < 1e-2 && sd(2) < 1e-6, "{} {}", sd(0), sd(2));
-        // The truth is 0.52 or 1.94 times as far: inside the 95 % of what is stated.
-        for read in [0.52f64, 1.94] {
+        // Read at 0.43 or twice its range the truth is inside the 95 % of what is stated.
+        for read in [0.43f64, 2.0] {
             assert!((read - 1.0).abs() / read <= 1.96 * OTHER_PAIR);
         }
     }

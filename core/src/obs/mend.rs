@@ -17,13 +17,16 @@ const LONGEST: usize = 3;
 /// Instants looked at together: those judged and two on either side.
 const WINDOW: usize = LONGEST + 4;
 
+/// Places for them, a power of two: the newest takes that of one done with.
+const PLACES: usize = 8;
+
 /// Instants before the first that is judged.
 const BEFORE: usize = 2;
 
 /// Instants of a run before its level is known; none is put right in them.
 const WARM_UP: u16 = 64;
 
-/// Instants over which the mean square of a component's distances is kept.
+/// Instants over which the mean square of a component's distances is kept, a power of two.
 const MEMORY: u16 = 256;
 
 /// Sum of the squared distances of the components, each in its mean square, from which on an instant is a spike. Gaussian noise
@@ -58,8 +61,10 @@ type Instant = [f32; USED_CHANNELS];
 /// The instants about the one that is judged, and the levels.
 #[derive(Clone, Debug)]
 pub(super) struct Mender {
-    window: [Instant; WINDOW],
-    held: usize,
+    ring: [Instant; PLACES],
+    /// Place of the newest.
+    newest_at: u8,
+    held: u8,
     mean_square: Instant,
     /// The greatest of the latest sums of squared distances, decaying.
     recent: f32,
@@ -100,7 +105,8 @@ impl Mender {
     /// Nothing heard; all zeros.
     pub(super) const fn new() -> Self {
         Self {
-            window: [[0.0; USED_CHANNELS]; WINDOW],
+            ring: [[0.0; USED_CHANNELS]; PLACES],
+            newest_at: 0,
             held: 0,
             mean_square: [0.0; USED_CHANNELS],
             recent: 0.0,
@@ -116,16 +122,21 @@ impl Mender {
         self.mended = 0;
     }
 
+    /// The place of the instant looked at as number `k`, from the oldest.
+    fn place(&self, k: usize) -> usize {
+        (usize::from(self.newest_at) + PLACES + 1 + k - WINDOW) % PLACES
+    }
+
     /// Takes an instant; gives the one [`Self::LAG`] before, once there is one, and whether it was a spike.
+    #[inline]
     pub(super) fn push(&mut self, x: Instant) -> Option<(Instant, bool)> {
-        self.window.rotate_left(1);
-        let [.., last] = &mut self.window;
-        *last = x;
-        self.held = (self.held + 1).min(WINDOW);
-        let [_, before, middle, after, ..] = self.window;
-        if self.held < WINDOW {
+        self.newest_at = (self.newest_at + 1) % PLACES as u8;
+        self.ring[self.place(WINDOW - 1)] = x;
+        self.held = (self.held + 1).min(WINDOW as u8);
+        let [before, middle, after] = [1, 2, 3].map(|k| self.ring[self.place(k)]);
+        if usize::from(self.held) < WINDOW {
             // The first of a run have no neighbours before them.
-            return (self.held > Self::LAG).then_some((middle, false));
+            return (usize::from(self.held) > Self::LAG).then_some((middle, false));
         }
         if self.mended > 0 {
             self.mended -= 1;
@@ -135,17 +146,19 @@ impl Mender {
         let all = total(&distances, &self.mean_square);
         // Where a spike is longer its first sample is at least half as far from the middle between its neighbours.
         if self.known >= WARM_UP && all > 0.25 * SPIKE && (1..=LONGEST).any(|samples| self.mend(samples)) {
-            let [_, _, middle, ..] = self.window;
             self.newest = 0.0;
-            return Some((middle, true));
+            return Some((self.ring[self.place(2)], true));
         }
         self.known = (self.known + 1).min(MEMORY);
         let warm = self.known > WARM_UP;
+        let known = f32::from(self.known);
+        // A product where it is the same: each mean waits for the one before.
+        let part = |x: f32| if self.known == MEMORY { x * (1.0 / f32::from(MEMORY)) } else { x / known };
         self.recent = (RECENT * self.recent).max(core::mem::replace(&mut self.newest, all));
         // A component that stands still has no codes, or none of its own.
         for (m, d) in self.mean_square.iter_mut().zip(distances).filter(|(_, d)| *d > 0.0) {
             let d = if warm { d.min(MOST * m.max(STILL)) } else { d };
-            *m += (d - *m) / f32::from(self.known);
+            *m += part(d - *m);
         }
         Some((middle, false))
     }
@@ -154,7 +167,7 @@ impl Mender {
     #[inline(never)]
     fn mend(&mut self, samples: usize) -> bool {
         let mean_square = self.mean_square;
-        let mut window = self.window;
+        let mut window: [Instant; WINDOW] = core::array::from_fn(|k| self.ring[self.place(k)]);
         let [first, before, spike @ ..] = &mut window;
         let Some((spike, [after, last, ..])) = spike.split_at_mut_checked(samples) else { return false };
         // Each sample must be far off, or what is beside a spike would be taken for a part of it.
@@ -185,7 +198,9 @@ impl Mender {
         if !(ordinary(squares(first, before, head)) && ordinary(squares(tail, after, last))) {
             return false;
         }
-        self.window = window;
+        for (k, x) in window.into_iter().enumerate() {
+            self.ring[self.place(k)] = x;
+        }
         self.mended = (samples - 1) as u8;
         true
     }
@@ -209,14 +224,16 @@ struct Extreme {
 impl Extreme {
     const NEW: Self = Self { code: 0, hits: 0, rail: None };
 
-    /// Takes a code, of which greater is farther out.
-    fn see(&mut self, code: i32) {
-        if self.hits == 0 || code > self.code {
-            self.code = code;
-            self.hits = 1;
-        } else if code == self.code {
-            self.hits = self.hits.saturating_add(1);
+    /// Takes the farthest `code` of a channel in some instants; `far` says how far out it is, as this extreme counts.
+    // Copied for each channel it would be long.
+    #[inline(never)]
+    fn see(&mut self, far: i32, code: i32, channel: usize, frames: &[Frame]) {
+        if self.hits > 0 && far < self.code {
+            return;
         }
+        let hits = frames.iter().filter(|frame| frame.get(channel) == Some(&code)).count() as u16;
+        let before = if far == self.code { self.hits } else { 0 };
+        (self.code, self.hits) = (far, before.saturating_add(hits));
     }
 
     /// Instants at the rail in the hop that ends; the next begins.
@@ -242,11 +259,19 @@ impl Rails {
         Self([[Extreme::NEW; 2]; CHANNELS])
     }
 
-    /// Takes an instant.
-    pub(super) fn see(&mut self, frame: &Frame) {
-        for ([upper, lower], code) in self.0.iter_mut().zip(frame) {
-            upper.see(*code);
-            lower.see(code.saturating_neg());
+    /// Takes instants, in which no code is missing.
+    pub(super) fn see(&mut self, frames: &[Frame]) {
+        let Some(first) = frames.first() else { return };
+        let (mut most, mut least) = (*first, *first);
+        for frame in frames {
+            for ((most, least), code) in most.iter_mut().zip(&mut least).zip(frame) {
+                (*most, *least) = ((*most).max(*code), (*least).min(*code));
+            }
+        }
+        for (c, ([upper, lower], (most, least))) in self.0.iter_mut().zip(most.iter().zip(&least)).enumerate()
+        {
+            upper.see(*most, *most, c, frames);
+            lower.see(least.saturating_neg(), *least, c, frames);
         }
     }
 
@@ -361,10 +386,14 @@ mod tests {
     fn a_rail_below_full_scale_is_recognised_until_it_is_passed() {
         let (mut rails, mut seed) = (Rails::new(), 3);
         let mut hop = |limit: i32| {
-            for _ in 0..HOP {
-                let x = gaussian(&mut seed) as i32;
-                rails.see(&[x.clamp(-limit, limit), x / 100, 77, x]);
-            }
+            let frames: Vec<Frame> = (0..HOP)
+                .map(|_| {
+                    let x = gaussian(&mut seed) as i32;
+                    [x.clamp(-limit, limit), x / 100, 77, x]
+                })
+                .collect();
+            // However they are cut.
+            frames.chunks(100).for_each(|some| rails.see(some));
             rails.end()
         };
         assert_eq!(hop(100_000), [0; 4]);

@@ -15,13 +15,14 @@
 //! Where the table predicts too little energy to show a vessel (nearer than 6.5 km at RR03), silence does not contradict
 //! one: the posterior would collect there in noise. Such ranges keep their share of it, a tenth at most where no vessel is
 //! tracked, and no range is reported there.
+//! A mode's place within its cells is that of this minute's frames (`radial`), for cells are 140 m wide.
 //! The posterior is stored as the upper halves of f32 (0.4 %): 57 KiB. Cost: 3 M instructions a minute.
 
 mod modes;
 
 use super::interference::Interference;
 use super::limits::{CELL_M, CLASSES, RANGE_CELLS, RANGE_MODES, SPEED_STEP_M_S, SPEEDS, VESSELS};
-use super::radial::{GRID_UNIT, speed_of};
+use super::radial::{GRID_UNIT, RadialScratch, speed_of};
 use super::shared::{Columns, Grid};
 use crate::math;
 pub use modes::RangeMode;
@@ -110,8 +111,9 @@ pub struct Presence {
     cells: usize,
 }
 
+/// The upper half of a probability, rounded.
 fn pack(x: f32) -> u16 {
-    (x.to_bits().saturating_add(0x8000) >> 16) as u16
+    (x.to_bits().wrapping_add(0x8000) >> 16) as u16
 }
 
 fn unpack(x: u16) -> f32 {
@@ -124,16 +126,29 @@ fn of<T>(all: &mut [T; OWNERS], owner: u8) -> &mut T {
     known.get_mut(usize::from(owner)).unwrap_or(unclaimed)
 }
 
-/// The stretches of cells that are one owner's each.
-fn runs(owner: &[u8; RANGE_CELLS], cells: usize) -> impl Iterator<Item = (u8, core::ops::Range<usize>)> {
+/// Where the stretch of like cells that begins at each ends.
+type Ends = [u16; RANGE_CELLS];
+
+/// The stretches of cells that are alike.
+fn ends(cells: usize, alike: impl Fn(usize, usize) -> bool) -> Ends {
+    let mut out = [0; RANGE_CELLS];
+    let mut end = cells as u16;
+    for (i, slot) in out.iter_mut().enumerate().take(cells).rev() {
+        if i + 1 < cells && !alike(i, i + 1) {
+            end = i as u16 + 1;
+        }
+        *slot = end;
+    }
+    out
+}
+
+/// These stretches in order.
+fn stretches(ends: &Ends) -> impl Iterator<Item = core::ops::Range<usize>> + '_ {
     let mut from = 0;
-    // `chunk_by` keeps a panic path.
     core::iter::from_fn(move || {
-        let rest = owner.get(from..cells)?;
-        let own = *rest.first()?;
-        let at = from..from + rest.iter().take_while(|o| **o == own).count();
-        from = at.end;
-        Some((own, at))
+        let end = usize::from(*ends.get(from)?);
+        // Beyond the cells there are none.
+        (end > from).then(|| core::mem::replace(&mut from, end)..end)
     })
 }
 
@@ -150,6 +165,15 @@ struct Sums {
     hidden: f32,
     /// All that they hold now.
     total: f32,
+}
+
+/// The greatest of a minute's log ratios at each cell, whatever the speed.
+fn best_of(grid: &Grid) -> [i16; RANGE_CELLS] {
+    let mut out = [i16::MIN; RANGE_CELLS];
+    for row in grid {
+        out.iter_mut().zip(row).for_each(|(best, g)| *best = (*best).max(*g));
+    }
+    out
 }
 
 /// A log ratio of echoes at the table's strengths, for echoes at a share of them; `energy` is half the energy modelled.
@@ -170,19 +194,25 @@ fn shifted(density: &Density, k: usize, out: &mut [f32; RANGE_CELLS]) {
     let shift = speed_of(k) * 60.0 / CELL_M;
     let whole = math::f32::floor(shift);
     let part = shift - whole;
-    let n = whole as isize;
-    // Out cell i comes from cell i − n (weight 1 − part) and i − n − 1 (weight part).
-    let back = |from: usize| column.get(from..).unwrap_or_default();
-    let add = |out: &mut [f32], n: isize, w: f32| {
-        if n >= 0 {
-            let o = out.iter_mut().skip(n.unsigned_abs());
-            o.zip(column).for_each(|(o, d)| *o += w * unpack(*d));
-        } else {
-            out.iter_mut().zip(back(n.unsigned_abs())).for_each(|(o, d)| *o += w * unpack(*d));
-        }
+    // Out cell i comes from cell i − n (weight 1 − part) and i − n − 1 (weight part), as far as there are these.
+    let from = |n: isize| {
+        let (skip, back) = if n >= 0 { (n.unsigned_abs(), 0) } else { (0, n.unsigned_abs()) };
+        (skip, column.get(back..).unwrap_or_default())
     };
-    add(out, n, 1.0 - part);
-    add(out, n + 1, part);
+    let n = whole as isize;
+    let ((here, near), (next, far)) = (from(n), from(n + 1));
+    let moved = |w: f32, d: &u16| w * unpack(*d);
+    if here == next {
+        // Both reach to the first cell; what comes from farther ends a cell earlier.
+        let both = near.iter().zip(far).map(|(a, b)| moved(1.0 - part, a) + moved(part, b));
+        let last = far.iter().skip(near.len()).map(|b| moved(part, b));
+        out.iter_mut().zip(both.chain(last)).for_each(|(o, x)| *o = x);
+    } else {
+        let out = out.iter_mut().skip(here);
+        let first = near.iter().take(1).map(|a| moved(1.0 - part, a));
+        let both = near.iter().skip(1).zip(far).map(|(a, b)| moved(1.0 - part, a) + moved(part, b));
+        out.zip(first.chain(both)).for_each(|(o, x)| *o = x);
+    }
 }
 
 impl Presence {
@@ -299,17 +329,25 @@ impl Presence {
                 _ => expected.iter().position(echo).map_or(UNCLAIMED, |k| k as u8),
             };
         }
+        let owner = &self.owner;
+        let ends = ends(self.cells, |i, next| owner.get(i) == owner.get(next));
         let mut mass = [0f32; OWNERS];
         for column in self.density.as_flattened() {
-            for (d, owner) in column.iter().zip(&self.owner).take(self.cells) {
-                *of(&mut mass, *owner) += unpack(*d);
+            for at in stretches(&ends) {
+                let (Some(owner), Some(cells)) = (self.owner.get(at.start), column.get(at)) else { continue };
+                let mass = of(&mut mass, *owner);
+                *mass = cells.iter().fold(*mass, |mass, d| mass + unpack(*d));
             }
         }
         let mut scale = mass.map(|m| 1.0 / m.max(1e-30));
         scale.iter_mut().zip(&expected).for_each(|(s, _)| *s *= 1.0 - EXPECTED);
         for column in self.density.as_flattened_mut() {
-            for (d, owner) in column.iter_mut().zip(&self.owner).take(self.cells) {
-                *d = pack(unpack(*d) * *of(&mut scale, *owner));
+            for at in stretches(&ends) {
+                let (Some(owner), Some(cells)) = (self.owner.get(at.start), column.get_mut(at)) else {
+                    continue;
+                };
+                let scale = *of(&mut scale, *owner);
+                cells.iter_mut().for_each(|d| *d = pack(unpack(*d) * scale));
             }
         }
         for (k, e) in expected.iter().enumerate() {
@@ -341,69 +379,76 @@ impl Presence {
         }
     }
 
-    /// Takes in one minute's likelihood, made from so many frames by the model.
-    pub fn update(&mut self, grid: &Grid, model: &Interference<'_>, frames: usize) -> RangePresence {
+    /// Takes in one minute's likelihood, made by the model from frames.
+    // Called from `report`, whose stack lies below that of the tracks.
+    #[inline(never)]
+    pub fn update(&mut self, grid: &Grid, model: &Interference<'_>, radial: &RadialScratch) -> RangePresence {
+        let frames = radial.frames();
         let cells = self.cells;
         let shown: Shown = core::array::from_fn(|i| model.shows(i, frames, LEAST_SUPPORT));
         let energy: [f32; RANGE_CELLS] = core::array::from_fn(|i| model.energy(i, frames));
         let mut top = [0f32; OWNERS];
-        for row in grid {
-            for ((g, energy), owner) in row.iter().zip(&energy).zip(&self.owner).take(cells) {
-                let top = of(&mut top, *owner);
-                let log_ratio = f32::from(*g) * GRID_UNIT;
-                for share in SHARES {
-                    let x = at_share(log_ratio, *energy, share);
-                    *top = if x > *top { x } else { *top };
-                }
+        // A share's ratio is greatest where that of the full strengths is.
+        for ((g, energy), owner) in best_of(grid).iter().zip(&energy).zip(&self.owner).take(cells) {
+            let top = of(&mut top, *owner);
+            let log_ratio = f32::from(*g) * GRID_UNIT;
+            for share in SHARES {
+                let x = at_share(log_ratio, *energy, share);
+                *top = if x > *top { x } else { *top };
             }
         }
         let mut miss = top.map(|t| (1.0 - DETECTION) * math::f32::exp(-t));
         let mut silent = top.map(|t| math::f32::exp(-t));
         let mut approaching = [0f32; OWNERS];
         let mut sums = [Sums::default(); OWNERS];
+        let owner = &self.owner;
+        let ends = ends(cells, |i, next| owner.get(i) == owner.get(next) && shown.get(i) == shown.get(next));
         let classes = self.density.iter_mut().zip(SHARES);
         let columns =
             classes.flat_map(|(d, share)| d.iter_mut().zip(grid).enumerate().map(move |x| (share, x)));
         for (share, (k, (column, row))) in columns {
-            for (owner, at) in runs(&self.owner, cells) {
-                let (column, row) = (column.get_mut(at.clone()), row.get(at.clone()));
-                let (energy, shown) = (energy.get(at.clone()), shown.get(at));
-                let (Some(column), Some(row), Some(energy), Some(shown)) = (column, row, energy, shown)
-                else {
+            for at in stretches(&ends) {
+                let (Some(owner), Some(shown)) = (self.owner.get(at.start), shown.get(at.start)) else {
                     continue;
                 };
+                let (column, row) = (column.get_mut(at.clone()), row.get(at.clone()));
+                let (Some(column), Some(row), Some(energy)) = (column, row, energy.get(at)) else { continue };
                 let (top, miss, silent) =
-                    (*of(&mut top, owner), *of(&mut miss, owner), *of(&mut silent, owner));
+                    (*of(&mut top, *owner), *of(&mut miss, *owner), *of(&mut silent, *owner));
                 // The sum of what approaches goes on from column to column as the others do.
-                let (mut own, mut leaning) = (*of(&mut sums, owner), *of(&mut approaching, owner));
-                let blocks = column.chunks_mut(BLOCK).zip(row.chunks(BLOCK));
-                let of_cells = energy.chunks(BLOCK).zip(shown.chunks(BLOCK));
-                for ((column, row), (energy, shown)) in blocks.zip(of_cells) {
-                    // Apart from the sums, whose terms wait for each other.
-                    let mut now = [0f32; BLOCK];
-                    let held = column.iter().map(|d| unpack(*d));
-                    let cells = held.zip(row.iter().zip(energy)).zip(shown);
-                    for (now, ((held, (g, energy)), shown)) in now.iter_mut().zip(cells) {
-                        let x = at_share(f32::from(*g) * GRID_UNIT, *energy, share) - top;
-                        let likely = x > -60.0;
-                        let exp = math::exp_of_negative(if likely { x } else { -60.0 });
-                        let hit = if likely { DETECTION * exp } else { 0.0 };
-                        *now = held * if *shown { miss + hit } else { silent };
+                let (mut own, mut leaning) = (*of(&mut sums, *owner), *of(&mut approaching, *owner));
+                if *shown {
+                    let blocks = column.chunks_mut(BLOCK).zip(row.chunks(BLOCK)).zip(energy.chunks(BLOCK));
+                    for ((column, row), energy) in blocks {
+                        // Apart from the sums, whose terms wait for each other.
+                        let mut now = [0f32; BLOCK];
+                        let held = column.iter().map(|d| unpack(*d));
+                        for (now, (held, (g, energy))) in now.iter_mut().zip(held.zip(row.iter().zip(energy)))
+                        {
+                            let x = at_share(f32::from(*g) * GRID_UNIT, *energy, share) - top;
+                            let likely = x > -60.0;
+                            let exp = math::exp_of_negative(if likely { x } else { -60.0 });
+                            let hit = if likely { DETECTION * exp } else { 0.0 };
+                            *now = held * (miss + hit);
+                        }
+                        for (d, now) in column.iter().zip(now) {
+                            own.before += unpack(*d);
+                            own.after += now;
+                            own.total += now;
+                            leaning += now;
+                        }
+                        column.iter_mut().zip(now).for_each(|(d, now)| *d = pack(now));
                     }
-                    for ((d, now), shown) in column.iter_mut().zip(now).zip(shown) {
-                        let held = unpack(*d);
-                        let (seen, hidden) = if *shown { (held, 0.0) } else { (0.0, held) };
-                        own.before += seen;
-                        own.hidden += hidden;
-                        own.after += if *shown { now } else { 0.0 };
-                        own.total += now;
-                        leaning += now;
-                        *d = if *shown { pack(now) } else { *d };
+                } else {
+                    for held in column.iter().map(|d| unpack(*d)) {
+                        own.hidden += held;
+                        own.total += held * silent;
+                        leaning += held * silent;
                     }
                 }
-                *of(&mut sums, owner) = own;
+                *of(&mut sums, *owner) = own;
                 if k < SPEEDS / 2 {
-                    *of(&mut approaching, owner) = leaning;
+                    *of(&mut approaching, *owner) = leaning;
                 }
             }
         }
@@ -432,10 +477,14 @@ impl Presence {
             };
         }
         for column in self.density.as_flattened_mut() {
-            let cells = column.iter_mut().zip(&self.owner).zip(&shown).take(cells);
-            for ((d, owner), shown) in cells {
+            for at in stretches(&ends) {
+                let (Some(owner), Some(shown)) = (self.owner.get(at.start), shown.get(at.start)) else {
+                    continue;
+                };
                 let (seen, hidden) = *of(&mut scale, *owner);
-                *d = pack(unpack(*d) * if *shown { seen } else { hidden });
+                let scale = if *shown { seen } else { hidden };
+                let cells = column.get_mut(at).unwrap_or_default();
+                cells.iter_mut().for_each(|d| *d = pack(unpack(*d) * scale));
             }
         }
         let mut evidence = [f32::NEG_INFINITY; OWNERS];
@@ -458,7 +507,7 @@ impl Presence {
             leaning += *present * approaching.get(k).copied().unwrap_or(0.0) / total;
             sure += *present;
         }
-        let modes = self.modes(&mut evidence, grid, &energy, &shown);
+        let modes = self.modes(&mut evidence, grid, &energy, &shown, radial);
         RangePresence { log_odds, log_evidence, approaching: leaning / sure.max(1e-30), modes }
     }
 

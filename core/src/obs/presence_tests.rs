@@ -12,6 +12,13 @@ use std::boxed::Box;
 use std::vec;
 use std::vec::Vec;
 
+/// Six frames that say nothing of where in its cell a vessel is.
+fn six() -> Box<RadialScratch> {
+    let mut radial = Box::new(RadialScratch::new());
+    radial.frames = 6;
+    radial
+}
+
 /// Farthest range of the model, m.
 const MOST_M: f32 = RANGE_STEP_M * 715.0;
 
@@ -39,7 +46,7 @@ fn run(tracked: bool) -> RangePresence {
         }
         presence.predict(&mut work);
         presence.claim(&model, &known);
-        last = presence.update(&grid(&[(strong_m, 6.0, 40.0), (weak_m, -5.0, 8.0)]), &model, 6);
+        last = presence.update(&grid(&[(strong_m, 6.0, 40.0), (weak_m, -5.0, 8.0)]), &model, &six());
     }
     last
 }
@@ -98,7 +105,7 @@ fn noise(model: &Interference<'_>, presence: &mut Presence, mut seed: u32) -> Ra
             radial.add(model, shared.envelope(), cepstrum, 10.0 * frame as f32 - 25.0);
         }
         radial.fill(shared.grid());
-        last = presence.update(shared.grid(), model, 6);
+        last = presence.update(shared.grid(), model, &radial);
     }
     last
 }
@@ -130,7 +137,7 @@ fn noise_says_nothing_and_hides_no_vessel_that_comes_after_it() {
         let mut last = presence.blind();
         for _ in 0..3 {
             presence.predict(&mut work);
-            last = presence.update(&shown(&model, 20_000.0, 20.0), &model, 6);
+            last = presence.update(&shown(&model, 20_000.0, 20.0), &model, &six());
         }
         let first = last.modes[0].unwrap();
         assert!((first.range_m - 20_000.0).abs() < 500.0 && first.weight > 0.9, "seed {seed}: {last:?}");
@@ -151,7 +158,7 @@ fn no_range_is_reported_where_the_model_shows_nothing() {
         let mut last = presence.blind();
         for _ in 0..10 {
             presence.predict(&mut work);
-            last = presence.update(&shown(&model, range_m, 20.0), &model, 6);
+            last = presence.update(&shown(&model, range_m, 20.0), &model, &six());
         }
         last.modes.iter().flatten().count()
     };
@@ -170,7 +177,7 @@ fn at_share(share: f32) -> RangePresence {
     for _ in 0..20 {
         presence.predict(&mut work);
         // ⟨y, μ⟩ = 2 a E, less E.
-        last = presence.update(&shown(&model, 20_000.0, (2.0 * share - 1.0) * energy), &model, 6);
+        last = presence.update(&shown(&model, 20_000.0, (2.0 * share - 1.0) * energy), &model, &six());
     }
     last
 }

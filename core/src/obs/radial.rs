@@ -3,12 +3,13 @@
 //! Enters: the interference model's log ratios of each frame. Leaves: their sum over the frames along
 //! `r + v (t_m − t0)`, on cells of 140 m × 1 m/s. Between model ranges the ratio is read by Lagrange's cubic, since it
 //! oscillates with a period of about 300 m. A cell holds the better of its two model ranges, less 0.4 (between the
-//! mean and the maximum of two). Cost: 27 × 716 × 6 frames × 8 instructions = 1 M a minute.
+//! mean and the maximum of two); where in its cell a vessel is that is there, the frames tell once more, at places 35 m apart. Cost: 27 × 716 × 6 frames × 8 instructions = 1 M a minute.
 
 use super::interference::Interference;
 use super::limits::{
-    MAX_SPEED_M_S, MINUTE_FRAMES, MODEL_RANGES, RANGE_STEP_M, SPEED_STEP_M_S, WINDOW_FRAMES,
+    CELL_M, MAX_SPEED_M_S, MINUTE_FRAMES, MODEL_RANGES, RANGE_STEP_M, SPEED_STEP_M_S, WINDOW_FRAMES,
 };
+use super::presence::range_of;
 use super::shared::{Envelope, Grid};
 use crate::math;
 
@@ -20,6 +21,13 @@ const BLOCK: usize = 64;
 
 /// Steps of the grid: 1/32, so that ±1024 fits 16 bits.
 pub const GRID_UNIT: f32 = 1.0 / 32.0;
+
+/// Places in a range cell at which its log ratios are read to tell where in it a vessel is, and the distance between them, m.
+const PLACES: usize = 4;
+const PLACE_M: f32 = CELL_M / PLACES as f32;
+
+/// Error of a place that the likelihood does not know of, m: ranges of 10 to 15 km scatter by 15 m where it says 10.
+const UNSAID_M: f32 = 10.0;
 
 /// A log ratio as the grid keeps it, rounded to the nearest step.
 pub(super) fn coded(log_ratio: f32) -> i16 {
@@ -108,6 +116,42 @@ impl RadialScratch {
     }
 }
 
+impl RadialScratch {
+    /// Where in a range cell a vessel is that is there, by the frames added, if its radial speed is that of row `k` and its echoes have a share of the
+    /// table's strengths: m from the cell's middle, and variance, m². A cell is as wide as half a period of the likelihood, and
+    /// a posterior that is one cell wide says no more than which.
+    pub(super) fn within(&self, cell: usize, k: usize, share: f32) -> (f32, f32) {
+        let place = |n: usize| PLACE_M * (n as f32 + 0.5) - 0.5 * CELL_M;
+        let log: [f32; PLACES] =
+            core::array::from_fn(|n| share * self.log_ratio(range_of(cell) + place(n), speed_of(k)));
+        let most = log.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b));
+        let (mut sum, mut mean, mut square) = (0f32, 0f32, 0f32);
+        for (n, log) in log.iter().enumerate() {
+            let (likely, place) = (math::f32::exp(log - most), place(n));
+            sum += likely;
+            mean += likely * place;
+            square += likely * place * place;
+        }
+        let mean = mean / sum;
+        (mean, (square / sum - mean * mean).max(0.0) + PLACE_M * PLACE_M / 12.0 + UNSAID_M * UNSAID_M)
+    }
+
+    /// The frames' log ratio of a vessel at a range and a radial speed, read by the cubic; nothing of frames that have it off the model.
+    fn log_ratio(&self, range_m: f32, speed_m_s: f32) -> f32 {
+        let frames = self.rows.iter().zip(&self.window_offset_s).take(self.frames);
+        let of_frame = frames.map(|(row, t)| {
+            let at = (range_m + speed_m_s * t) / RANGE_STEP_M;
+            let whole = math::f32::floor(at);
+            let first = if whole >= 1.0 { (whole - 1.0) as usize } else { usize::MAX };
+            let near = row.get(first..).and_then(|row| row.first_chunk::<4>());
+            near.map_or(0.0, |near| {
+                cubic(at - whole).iter().zip(near).map(|(w, r)| w * f32::from(*r)).sum::<f32>()
+            })
+        });
+        ROW_UNIT * of_frame.sum::<f32>()
+    }
+}
+
 /// A frame's log ratio as a row keeps it.
 pub(super) fn row_code(log_ratio: f32) -> i16 {
     (log_ratio / ROW_UNIT).clamp(-32_767.0, 32_767.0) as i16
@@ -139,6 +183,33 @@ pub(super) fn add_shifted(row: &[i16], shift: f32, sum: &mut [f32; MODEL_RANGES]
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn where_in_a_cell_a_vessel_is_shows_as_far_as_the_frames_tell() {
+        let mut radial = RadialScratch::new();
+        // Six frames of a likelihood that oscillates with 300 m, greatest at 20 020 m for what leaves at 5 m/s.
+        let (at_m, speed_m_s) = (20_020.0f32, 5.0f32);
+        for n in 0..6 {
+            let t = 10.0 * n as f32 - 25.0;
+            for (j, r) in radial.rows[n].iter_mut().enumerate() {
+                let off = RANGE_STEP_M * j as f32 - at_m - speed_m_s * t;
+                *r = row_code(3.0 * math::f32::cos(math::f32::TAU * off / 300.0));
+            }
+            radial.window_offset_s[n] = t;
+        }
+        radial.frames = 6;
+        let (k, cell) = (18, 143);
+        assert_eq!(speed_of(k), speed_m_s);
+        let (place, spread) = radial.within(cell, k, 0.8);
+        let off = range_of(cell) + place - at_m;
+        assert!(off.abs() < 15.0 && math::f32::sqrt(spread) < 25.0, "{off} ± {}", math::f32::sqrt(spread));
+        // Of weak echoes hardly anything, and without frames nothing: a uniform law over the cell.
+        assert!(radial.within(cell, k, 0.02).1 > 0.8 * CELL_M * CELL_M / 12.0);
+        radial.frames = 0;
+        let (place, spread) = radial.within(cell, k, 0.8);
+        let uniform = CELL_M * CELL_M / 12.0 + UNSAID_M * UNSAID_M;
+        assert!(place.abs() < 1e-3 && (spread / uniform - 1.0).abs() < 1e-3, "{place} {spread}");
+    }
 
     #[test]
     fn the_grid_keeps_log_ratios_to_half_a_step() {

@@ -3,11 +3,12 @@
 //! Enters: minutes of modes. Leaves: the course with the best score among those that pass through a direction and a range
 //! of one minute and a direction and a range of another. Any speed and any part of a passage can be found, which a grid
 //! about an assumed closest point cannot; the radial speeds of both modes reject most pairs before they are scored.
-//! Cost: at most 45 pairs × (12 × 12) cheap tests, a few hundred scores.
+//! A candidate is left as soon as what it has not been looked at with cannot make it the best.
+//! Cost: at most 45 pairs × (12 × 12) cheap tests, a few hundred scores, of which most end after a third.
 
 use super::course::Course;
 use super::evidence::{AzimuthEvidence, Minute, RangeEvidence};
-use super::fit::{Score, score};
+use super::fit::{self, Score, score};
 use super::travel::TravelTime;
 use crate::math;
 
@@ -19,6 +20,12 @@ const SPEED_M_S: (f64, f64) = (0.3, 18.0);
 
 /// Least time between the two minutes of a pair, minutes: below it the velocity is too uncertain.
 const APART: u32 = 12;
+
+/// Minutes that a candidate is looked at with.
+const LOOKS: usize = 60;
+
+/// Steps of a log term's bound.
+const STEPS: f64 = 8.0;
 
 /// The best course through two minutes, with its score over all `minutes`, of each of which only what `left` leaves counts.
 pub fn search<I>(
@@ -47,10 +54,26 @@ where
             wanted += 1;
         }
     }
-    // Scores of candidates look at every nth minute only, at most 60 of them.
-    let stride = minutes.clone().count() / 60 + 1;
-    let every =
-        |nth: usize, course: &Course| score(course, travel, step_s, minutes.clone().step_by(nth).map(left));
+    // Scores of candidates look at every nth minute only, at most LOOKS of them.
+    let stride = minutes.clone().count() / LOOKS + 1;
+    let looks = minutes.clone().step_by(stride).map(left);
+    let mut most = [0u8; LOOKS];
+    for (most, m) in most.iter_mut().zip(looks.clone()) {
+        // Rounded up, and a step more than any rounding of sums.
+        *most = ((fit::most(&m) * STEPS) as u8).saturating_add(2);
+    }
+    let all: u32 = most.iter().map(|most| u32::from(*most)).sum();
+    let scored = |course: &Course, least: f64| {
+        let (mut score, mut open) = (Score::default(), all);
+        for (m, most) in looks.clone().zip(most) {
+            score.take(course, travel, step_s, &m);
+            open = open.saturating_sub(u32::from(most));
+            if score.log + f64::from(open) / STEPS < least {
+                return None;
+            }
+        }
+        (score.log > least).then_some(score)
+    };
     let mut best: Option<(Course, Score)> = None;
     for (i, a) in anchors.iter().flatten().enumerate() {
         for b in anchors.iter().flatten().skip(i + 1) {
@@ -59,14 +82,14 @@ where
             }
             for (first, second) in ends(a).flat_map(|x| ends(b).map(move |y| (x, y))) {
                 let Some(course) = join(travel, step_s, a, &first, b, &second) else { continue };
-                let s = every(stride, &course);
-                if best.as_ref().is_none_or(|(_, most)| s.log > most.log) {
-                    best = Some((course, s));
+                let least = best.as_ref().map_or(f64::NEG_INFINITY, |(_, best)| best.log);
+                if let Some(score) = scored(&course, least) {
+                    best = Some((course, score));
                 }
             }
         }
     }
-    best.map(|(course, _)| (course, every(1, &course)))
+    best.map(|(course, _)| (course, score(&course, travel, step_s, minutes.map(left))))
 }
 
 /// Every direction with every range of a minute.

@@ -239,8 +239,11 @@ impl State {
         if self.hops.begins() {
             self.catch_up(plan, scratch, run.first_index, sink);
         }
-        for at in 0..run.frames.len() {
-            if !self.hops.take(plan, &mut self.intake, run, at, sink) {
+        let mut taken = 0;
+        while taken < run.frames.len() {
+            let (some, filled) = self.hops.take(plan, &mut self.intake, run, taken, sink);
+            taken += some;
+            if !filled {
                 continue;
             }
             if let Some(moments) = self.hops.moments() {
@@ -424,7 +427,7 @@ impl State {
             }
             if radial.frames() > 0 {
                 radial.fill(shared.grid());
-                self.presence.update(shared.grid(), &plan.interference, radial.frames())
+                self.presence.update(shared.grid(), &plan.interference, radial)
             } else {
                 self.presence.blind()
             }

@@ -70,8 +70,10 @@ struct Reader {
     used: usize,
     /// Index of the first not used.
     first: i64,
-    /// The file last read, by its number.
-    file: Option<(usize, File)>,
+    /// The file last read, by its number, and how far.
+    file: Option<(usize, File, u64)>,
+    /// The bytes of the record last read.
+    raw: Vec<u8>,
 }
 
 /// The components of a station in miniSEED and SAC files, looked at and not yet read.
@@ -253,6 +255,7 @@ impl Components {
             used: 0,
             first: 0,
             file: None,
+            raw: Vec::new(),
         });
         let files = Arc::clone(&self.files);
         Ok(Seismic { files, gains: self.gains, readers, start, next: 0, end, frames: Vec::new() })
@@ -431,17 +434,20 @@ impl Reader {
     }
 
     fn load(&mut self, files: &[PathBuf], p: &Piece) -> Result<Vec<i32>> {
-        let mut file = match self.file.take() {
-            Some((number, file)) if number == p.file => file,
-            _ => File::open(&files[p.file])?,
+        let (mut file, at) = match self.file.take() {
+            Some((number, file, at)) if number == p.file => (file, at),
+            _ => (File::open(&files[p.file])?, 0),
         };
-        file.seek(SeekFrom::Start(p.offset))?;
-        let mut raw = vec![0; p.bytes];
-        file.read_exact(&mut raw)?;
-        self.file = Some((p.file, file));
+        // Most records follow the one before.
+        if at != p.offset {
+            file.seek(SeekFrom::Start(p.offset))?;
+        }
+        self.raw.resize(p.bytes, 0);
+        file.read_exact(&mut self.raw)?;
+        self.file = Some((p.file, file, p.offset + p.bytes as u64));
         match p.form {
-            Form::MiniSeed => mseed_record::samples(&raw),
-            Form::Sac(order) => Ok(sac::samples(&raw, order)),
+            Form::MiniSeed => mseed_record::samples(&self.raw),
+            Form::Sac(order) => Ok(sac::samples(&self.raw, order)),
         }
     }
 }

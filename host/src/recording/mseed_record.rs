@@ -8,6 +8,7 @@ use anyhow::{Result, anyhow, bail};
 use miniseed_rs::crc::{compute_v3_crc, verify_v3_crc};
 use miniseed_rs::{NanoTime, Samples, decode};
 use seabearing_core::block::MISSING;
+use std::borrow::Cow;
 use time::{Date, OffsetDateTime, Time};
 
 /// What a record's header tells.
@@ -41,7 +42,8 @@ const DENSEST: usize = 2;
 /// # Errors
 /// Not a record, cut, or damaged.
 pub(super) fn header(data: &[u8]) -> Result<Header> {
-    let (mut raw, correction_s) = checked(data)?;
+    let (raw, correction_s) = checked(data)?;
+    let mut raw = raw.into_owned();
     let count = if raw.starts_with(b"MS\x03") {
         if !verify_v3_crc(&raw) {
             bail!("record with a wrong checksum");
@@ -78,9 +80,12 @@ pub(super) fn header(data: &[u8]) -> Result<Header> {
 /// Not a record, cut, or damaged.
 pub(super) fn samples(data: &[u8]) -> Result<Vec<i32>> {
     let record = decode(&checked(data)?.0).map_err(|e| anyhow!("{e}"))?;
-    Ok(match &record.samples {
-        // The one code that stands for "missing" cannot be a sample.
-        Samples::Int(x) => x.iter().map(|x| (*x).max(-i32::MAX)).collect(),
+    Ok(match record.samples {
+        Samples::Int(mut x) => {
+            // The one code that stands for "missing" cannot be a sample.
+            x.iter_mut().for_each(|x| *x = (*x).max(-i32::MAX));
+            x
+        }
         Samples::Float(x) => x.iter().map(|x| code_of(f64::from(*x))).collect(),
         Samples::Double(x) => x.iter().map(|x| code_of(*x)).collect(),
     })
@@ -93,7 +98,7 @@ pub(super) fn code_of(x: f64) -> i32 {
 
 /// The record at the start of some bytes, its header in the order that `miniseed-rs` expects, and the seconds by which its
 /// time is to be corrected.
-fn checked(data: &[u8]) -> Result<(Vec<u8>, f64)> {
+fn checked(data: &[u8]) -> Result<(Cow<'_, [u8]>, f64)> {
     if data.starts_with(b"MS\x03") {
         let Some(head) = data.get(..HEADER_3) else { bail!("record cut after {} bytes", data.len()) };
         let extra = usize::from(u16::from_le_bytes([head[34], head[35]]));
@@ -105,7 +110,7 @@ fn checked(data: &[u8]) -> Result<(Vec<u8>, f64)> {
         let Some(raw) = data.get(..length) else {
             bail!("record of {length} bytes cut after {}", data.len())
         };
-        return Ok((raw.to_vec(), 0.0));
+        return Ok((raw.into(), 0.0));
     }
     if data.len() < HEADER + 8 {
         bail!("record cut after {} bytes", data.len());
@@ -153,8 +158,9 @@ fn checked(data: &[u8]) -> Result<(Vec<u8>, f64)> {
     let quad = [data[40], data[41], data[42], data[43]];
     let correction = if big { i32::from_be_bytes(quad) } else { i32::from_le_bytes(quad) };
     let correction_s = if applied { 0.0 } else { f64::from(correction) * 1e-4 };
-    let mut raw = raw.to_vec();
+    let mut raw = Cow::from(raw);
     if !big {
+        let raw = raw.to_mut();
         let header = [20, 22, 28, 30, 32, 34, 44, 46];
         for at in header.into_iter().chain(blockettes.into_iter().flat_map(|b| [b, b + 2])) {
             raw.swap(at, at + 1);

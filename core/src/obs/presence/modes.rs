@@ -1,8 +1,8 @@
 //! The peaks of the posterior over range and radial speed, as measurements with a spread.
 
 use super::super::interference::Interference;
-use super::super::limits::{CELL_M, MAX_SPEED_M_S, RANGE_CELLS, RANGE_MODES, SPEEDS};
-use super::super::radial::{GRID_UNIT, speed_of};
+use super::super::limits::{CLASSES, MAX_SPEED_M_S, RANGE_CELLS, RANGE_MODES};
+use super::super::radial::{GRID_UNIT, RadialScratch, speed_of};
 use super::super::shared::Grid;
 use super::{
     Expected, ExpectedVessels, OWNERS, Presence, RangePresence, SHARES, Shown, UNCLAIMED, at_share, of,
@@ -25,6 +25,9 @@ const MODE_LOG_RATIO: f32 = 4.0;
 /// Log ratio this minute's own data must give a mode: what is only remembered is no measurement. Cells where not even a
 /// vessel is expected to reach it show nothing.
 pub(super) const LEAST_SUPPORT: f32 = 3.0;
+
+/// Cells whose greatest densities are looked for together.
+const TOGETHER: usize = 32;
 
 /// One mode of the posterior.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,13 +158,21 @@ fn support(grid: &Grid, energy: &[f32; RANGE_CELLS], i: usize, k: usize) -> f32 
 }
 
 impl Presence {
-    /// Best density over speed at a cell.
-    fn best(&self, i: usize) -> (usize, f32) {
-        (0..SPEEDS).fold((0, 0.0), |b, k| {
-            let of_class = self.density.iter().filter_map(|d| d.get(k)?.get(i));
-            let p = of_class.map(|d| unpack(*d)).sum();
-            if p > b.1 { (k, p) } else { b }
-        })
+    /// The speed of the greatest density at each of some cells that follow each other, and that density.
+    fn best(&self, first: usize) -> [(u32, f32); TOGETHER] {
+        let (mut speeds, mut most) = ([0u32; TOGETHER], [0f32; TOGETHER]);
+        let [all, some, little] = self.density.each_ref().map(|density| density.iter());
+        for (k, ((a, b), c)) in (0u32..).zip(all.zip(some).zip(little)) {
+            let [a, b, c] = [a, b, c].map(|column| column.get(first..).unwrap_or_default());
+            let cells = a.iter().zip(b).zip(c);
+            for ((speed, most), ((a, b), c)) in speeds.iter_mut().zip(&mut most).zip(cells) {
+                let p = unpack(*a) + unpack(*b) + unpack(*c);
+                (*speed, *most) = if p > *most { (k, p) } else { (*speed, *most) };
+            }
+        }
+        let mut out = [(0, 0.0); TOGETHER];
+        out.iter_mut().zip(speeds.into_iter().zip(most)).for_each(|(out, best)| *out = best);
+        out
     }
 
     /// The highest peaks over range that are better than the prior by [`MODE_LOG_RATIO`].
@@ -171,12 +182,13 @@ impl Presence {
         grid: &Grid,
         energy: &[f32; RANGE_CELLS],
         shown: &Shown,
+        radial: &RadialScratch,
     ) -> [Option<RangeMode>; RANGE_MODES] {
         let mut found = [(0usize, 0usize, 0f32); RANGE_MODES];
         let cells = self.owner.iter().zip(shown).enumerate().take(self.cells);
-        for (i, (owner, _)) in cells.filter(|(_, (_, shown))| **shown) {
-            let log_evidence = *of(evidence, *owner);
-            let (k, p) = self.best(i);
+        let best = (0..self.cells).step_by(TOGETHER).flat_map(|first| self.best(first));
+        for ((i, (owner, _)), (k, p)) in cells.zip(best).filter(|((_, (_, shown)), _)| **shown) {
+            let (k, log_evidence) = (k as usize, *of(evidence, *owner));
             let prior = range_of(i) * self.prior_scale;
             let unlikely = p <= 1e-36 || math::f32::ln(p / prior) + log_evidence < MODE_LOG_RATIO;
             if unlikely || support(grid, energy, i, k) < LEAST_SUPPORT {
@@ -203,45 +215,49 @@ impl Presence {
             if let Some((i, k, p)) = highest
                 && *p > 0.0
             {
-                *slot = Some(self.moments(*i, *k));
+                *slot = Some(self.moments(*i, *k, radial));
                 *p = 0.0;
             }
         }
         out
     }
 
-    /// Mean and spread of the posterior about a peak.
-    fn moments(&self, i: usize, k: usize) -> RangeMode {
+    /// Mean and spread of the posterior about a peak; the minute's frames tell where in a cell the vessel is that is there.
+    fn moments(&self, i: usize, k: usize, radial: &RadialScratch) -> RangeMode {
         let (r0, v0) = (range_of(i), speed_of(k));
-        let (mut n, mut r, mut rr, mut v, mut vv) = (0f32, 0f32, 0f32, 0f32, 0f32);
         let first = i.saturating_sub(MODE_HALF);
-        let mut strong = 0f32;
         let columns = self
             .density
             .iter()
             .enumerate()
-            .flat_map(|(c, d)| d.iter().enumerate().map(move |(j, x)| (c, j, x)));
-        for (c, j, column) in columns {
-            if j.abs_diff(k) > 3 {
-                continue;
+            .flat_map(|(c, d)| d.iter().enumerate().map(move |(j, x)| (c, j, x)))
+            .filter(|(_, j, _)| j.abs_diff(k) <= 3);
+        let mut held = [0f32; CLASSES];
+        for (c, _, column) in columns.clone() {
+            let near = column.iter().skip(first).take(2 * MODE_HALF + 1);
+            if let Some(held) = held.get_mut(c) {
+                *held += near.map(|cell| unpack(*cell)).sum::<f32>();
             }
+        }
+        let [strong, ..] = held;
+        let n = held.iter().sum::<f32>().max(1e-37);
+        let share = held.iter().zip(SHARES).map(|(held, share)| held * share).sum::<f32>() / n;
+        let places: [(f32, f32); 2 * MODE_HALF + 1] =
+            core::array::from_fn(|d| radial.within(first + d, k, share));
+        let (mut r, mut rr, mut v, mut vv) = (0f32, 0f32, 0f32, 0f32);
+        for (_, j, column) in columns {
             let dv = speed_of(j) - v0;
-            for (d, cell) in column.iter().enumerate().skip(first).take(2 * MODE_HALF + 1) {
-                let (p, dr) = (unpack(*cell), range_of(d) - r0);
-                n += p;
-                if c == 0 {
-                    strong += p;
-                }
+            for ((d, cell), (place, spread)) in column.iter().enumerate().skip(first).zip(&places) {
+                let (p, dr) = (unpack(*cell), range_of(d) - r0 + place);
                 r += p * dr;
-                rr += p * dr * dr;
+                rr += p * (dr * dr + spread);
                 v += p * dv;
                 vv += p * dv * dv;
             }
         }
-        let n = n.max(1e-37);
         let (r, v) = (r / n, v / n);
+        let var_r = (rr / n - r * r).max(0.0);
         // The grid itself spreads by a twelfth of a step squared.
-        let var_r = (rr / n - r * r).max(0.0) + CELL_M * CELL_M / 12.0;
         let var_v = (vv / n - v * v).max(0.0) + 1.0 / 12.0;
         RangeMode {
             range_m: r0 + r,
