@@ -62,6 +62,8 @@ pub struct Towards {
 pub struct Score {
     /// Sum of log terms.
     pub log: f64,
+    /// Of these the terms of range alone.
+    pub range_log: f32,
     /// Minutes with a direction that is this vessel's.
     pub directions: u16,
     /// Minutes with a range that is this vessel's.
@@ -203,6 +205,7 @@ pub fn score(
     for m in minutes {
         let Terms { azimuth, range, distance, rival } = minute_terms(course, travel, step_s, &m);
         out.log += azimuth + range;
+        out.range_log += range as f32;
         out.directions += u16::from(azimuth > 0.0);
         out.rivals += u16::from(rival);
         out.both += u16::from(azimuth > 0.0 && distance.is_some());
