@@ -48,6 +48,7 @@ mod obs_core_clutter;
 mod obs_doubts;
 mod obs_far;
 mod obs_four_ships;
+mod obs_loud;
 mod obs_model;
 mod obs_network;
 mod obs_noise_week;
@@ -181,6 +182,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_doubts::DOUBTS,
     obs_far::FAR,
     obs_bad_samples::BAD_SAMPLES,
+    obs_loud::LOUD,
     obs_pulse::PULSE,
     obs_whales::WHALES,
     obs_network::NETWORK,

@@ -101,7 +101,7 @@ fn deviations(t: &Track) -> [f64; 4] {
 }
 
 /// Whether some vessel is within what a final track states, or it is on a vessel's way as `obs-week` has it.
-fn is_true(t: &Track, case: &Case) -> bool {
+pub(super) fn is_true(t: &Track, case: &Case) -> bool {
     let within = |miss: &TrackMiss| {
         cells(miss).into_iter().zip(deviations(t)).all(|(error, sd)| error.abs() <= ALL_FOUR * sd)
     };

@@ -62,6 +62,8 @@ pub struct Towards {
 pub struct Score {
     /// Sum of log terms.
     pub log: f64,
+    /// Of these the terms of range alone.
+    pub range_log: f32,
     /// Minutes with a direction that is this vessel's.
     pub directions: u16,
     /// Minutes with a range that is this vessel's.
@@ -85,6 +87,7 @@ impl Score {
     pub fn take(&mut self, course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) {
         let Terms { azimuth, range, distance, rival } = minute_terms(course, travel, step_s, m);
         self.log += azimuth + range;
+        self.range_log += range as f32;
         self.directions += u16::from(azimuth > 0.0);
         self.rivals += u16::from(rival);
         self.both += u16::from(azimuth > 0.0 && distance.is_some());

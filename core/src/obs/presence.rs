@@ -4,10 +4,10 @@
 //! predict `r ← r + v · 60 s` with a little diffusion, birth from the prior (area: proportional to r [O 20]), update by
 //! `(1 − Pd) + Pd ℓ(r, v)`. Carrying the posterior from minute to minute resolves most branches one minute leaves
 //! ambiguous. Minutes use frames once, so successive likelihoods are independent.
-//! A vessel's echoes may be weaker than the table's (`SHARES`): noise takes from all of them alike. Each share has a
-//! posterior of its own, so that a vessel's share is learnt once and not guessed anew each minute; the likelihood of a share a
-//! follows from that of the full strengths, `a ⟨y, μ⟩ − a² ½ ‖μ‖²` [O 19]. One weak echo may be another pair of paths of a
-//! vessel elsewhere, beyond the model too: a mode says whether it is sure.
+//! A vessel's echoes may be weaker than the table's (`SHARES`): noise takes from all of them alike; and stronger: a loud vessel's are
+//! taken at the share that explains a minute best. Each share has a posterior of its own, so that a vessel's share is learnt once and
+//! not guessed anew each minute; the likelihood of a share a follows from that of the full strengths, `a ⟨y, μ⟩ − a² ½ ‖μ‖²` [O 19].
+//! One weak echo may be another pair of paths of a vessel elsewhere, beyond the model too: a mode says whether it is sure.
 //! Several vessels: the ranges about each tracked one are its own, with a posterior that sums to one there, and the rest
 //! is the posterior of a vessel not yet tracked; so the stronger vessel's likelihood cannot drown the weaker one's. Ranges to
 //! which a tracked vessel's echoes would point as another pair of paths are its own too: they are no other vessel, and where
@@ -48,7 +48,18 @@ const SPEED_SPREAD: f32 = 0.1;
 
 /// What share of the table's strengths a vessel's echoes may have: most of it, as noise leaves it of a strong vessel, or what
 /// it leaves of a weaker one.
-const SHARES: [f32; CLASSES] = [0.8, 0.4, 0.18];
+const SHARES: [Share; CLASSES] = [(0.8, LOUDEST), (0.4, 0.4), (0.18, 0.18)];
+
+/// Least and greatest share.
+type Share = (f32, f32);
+
+/// How many times the table's a loud vessel's echoes may be. The table's are of vessels whose noise is as strong as the sea's 20 km away; of
+/// one 10 dB louder, at 45 km, they are three to four times as strong. Taken at the table's strengths these say less than they do of
+/// another pair of paths at half the range, where the table expects more.
+const LOUDEST: f32 = 3.0;
+
+/// What not knowing a loud vessel's share costs, natural logarithm: so that in noise the best of its shares is hardly likelier than one.
+const UNKNOWN: f32 = 1.0;
 
 /// How likely each is of a vessel of which nothing is known.
 const LIKELY: [f32; CLASSES] = [0.6, 0.25, 0.15];
@@ -177,9 +188,12 @@ fn best_of(grid: &Grid) -> [i16; RANGE_CELLS] {
 }
 
 /// A log ratio of echoes at the table's strengths, for echoes at a share of them; `energy` is half the energy modelled.
-/// With ⟨y, μ⟩ = log ratio + energy: `a ⟨y, μ⟩ − a² energy` [O 19].
-fn at_share(log_ratio: f32, energy: f32, share: f32) -> f32 {
-    share * (log_ratio + (1.0 - share) * energy)
+/// With ⟨y, μ⟩ = log ratio + energy: `a ⟨y, μ⟩ − a² energy` [O 19], greatest at a = ⟨y, μ⟩ / (2 energy).
+fn at_share(log_ratio: f32, energy: f32, (least, most): Share) -> f32 {
+    let along = log_ratio + energy;
+    let known = least * (along - least * energy);
+    let share = if along > 2.0 * least * energy { (along / (2.0 * energy)).min(most) } else { least };
+    known.max(share * (along - share * energy) - UNKNOWN)
 }
 
 /// Range at the middle of a cell: it holds model ranges 2i and 2i + 1.
@@ -212,6 +226,14 @@ fn shifted(density: &Density, k: usize, out: &mut [f32; RANGE_CELLS]) {
         let first = near.iter().take(1).map(|a| moved(1.0 - part, a));
         let both = near.iter().skip(1).zip(far).map(|(a, b)| moved(1.0 - part, a) + moved(part, b));
         out.zip(first.chain(both)).for_each(|(o, x)| *o = x);
+    }
+}
+
+#[cfg(test)]
+impl Presence {
+    /// What a log ratio at the table's strengths says of the class of strong vessels.
+    pub(super) fn log_ratio_of_a_strong_vessel(log_ratio: f32, energy: f32) -> f32 {
+        at_share(log_ratio, energy, SHARES[0])
     }
 }
 

@@ -194,6 +194,20 @@ fn a_weak_vessel_is_found_but_its_range_is_not_sure() {
 }
 
 #[test]
+fn a_loud_vessel_s_echoes_count_at_their_own_strengths() {
+    let energy = 0.5;
+    let at = |share: f32| Presence::log_ratio_of_a_strong_vessel((2.0 * share - 1.0) * energy, energy);
+    // At the table's strengths as ever; at two and a half times them what these make of it, less what not knowing them costs.
+    assert!((at(1.0) - 0.96 * energy).abs() < 1e-5, "{}", at(1.0));
+    assert!((at(2.5) - (6.25 * energy - 1.0)).abs() < 1e-5, "{}", at(2.5));
+    assert!(at(10.0) < 20.0 * 3.0 * energy, "{}", at(10.0));
+    // Silence and what has the other sign say no more against it than before.
+    assert!((at(0.0) + 0.64 * energy).abs() < 1e-5, "{}", at(0.0));
+    assert!(Presence::log_ratio_of_a_strong_vessel(-1.0, 0.0).is_finite());
+    assert!(Presence::log_ratio_of_a_strong_vessel(1.0, 0.0).is_finite());
+}
+
+#[test]
 fn what_stands_still_or_is_too_fast_is_a_vessels_only_where_a_track_expects_it() {
     let kept = |speeds: [f32; 4], expected: &ExpectedVessels| {
         let mut last = run(false);

@@ -28,6 +28,19 @@ const LIVE: usize = VESSELS;
 const ESTABLISHED: u16 = 40;
 const SPAN: f32 = 2.0;
 
+/// A slow vessel that came no nearer than this may be one twice as far that is louder than the table's, m; nearer its own pairs of paths are
+/// much the stronger ones.
+const MAY_BE_DOUBLE_M: f32 = 17_000.0;
+
+/// Speeds above which a vessel is seldom, and above which none is twice as fast as it seems, m/s (21 and 25 knots).
+const FAST_M_S: f64 = 11.0;
+const FASTEST_M_S: f64 = 13.0;
+
+/// What the ranges of a vessel's minutes must say for it together, natural logarithm. Directions alone make the greatest part of a
+/// score, and of hundreds of minutes with a direction some have a range of noise that lies on some course of that shape: such courses
+/// differ in scale alone, of which a hundred can be told apart, so noise should get there once in two hundred of them.
+const LEAST_RANGE_LOG: f32 = 10.0;
+
 /// The least ratio of two ranges at which pairs of paths have one delay (57 as 35).
 const NEAREST_PAIRS: f32 = 1.5;
 
@@ -295,7 +308,11 @@ impl Live {
         let s = &self.score;
         let explains = s.directions >= ACCEPT.1 && s.distances >= ACCEPT.2 && s.both >= ACCEPT.3;
         let rivalled = s.rivals > s.sure.max(2 * FEW_RIVALS);
-        s.log >= ACCEPT.0 && explains && !rivalled && SPEEDS_M_S.contains(&self.course.speed_m_s())
+        s.log >= ACCEPT.0
+            && s.range_log >= LEAST_RANGE_LOG
+            && explains
+            && !rivalled
+            && SPEEDS_M_S.contains(&self.course.speed_m_s())
     }
 
     /// Whether it is not on a wrong pair of paths any more.
@@ -303,6 +320,15 @@ impl Live {
         let s = &self.score;
         let far = s.span_m.1 >= SPAN * s.span_m.0;
         s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
+    }
+
+    /// Whether the vessel may as well be half or twice as far, at half or twice the speed: a fast one may be half as far where its
+    /// ranges do not span so much that other pairs of paths would show others, a slow one twice as far where it did not come near.
+    fn pair_is_in_doubt(&self) -> bool {
+        let (nearest_m, farthest_m) = self.score.span_m;
+        let speed_m_s = self.course.speed_m_s();
+        speed_m_s > FAST_M_S && farthest_m < SPAN * nearest_m
+            || speed_m_s < 0.5 * FASTEST_M_S && nearest_m > MAY_BE_DOUBLE_M
     }
 
     /// Whether its range shows in so many of its minutes that what looks like one of its echoes is one, and whether it has come so much
@@ -418,7 +444,7 @@ impl Live {
         plan.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
         let track = self.as_sent(plan, stage, &straight, &bent);
         let known = track.sd_cpa_range_m < LEAST_KNOWN_M;
-        if !(known && seen.in_doubt) {
+        if !(known && (seen.in_doubt || self.pair_is_in_doubt())) {
             return known.then_some(track);
         }
         lasting::widen_for_other_pairs(&mut straight);

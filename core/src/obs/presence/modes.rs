@@ -241,7 +241,7 @@ impl Presence {
         }
         let [strong, ..] = held;
         let n = held.iter().sum::<f32>().max(1e-37);
-        let share = held.iter().zip(SHARES).map(|(held, share)| held * share).sum::<f32>() / n;
+        let share = held.iter().zip(SHARES).map(|(held, (least, _))| held * least).sum::<f32>() / n;
         let places: [(f32, f32); 2 * MODE_HALF + 1] =
             core::array::from_fn(|d| radial.within(first + d, k, share));
         let (mut r, mut rr, mut v, mut vv) = (0f32, 0f32, 0f32, 0f32);

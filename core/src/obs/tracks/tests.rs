@@ -197,3 +197,54 @@ fn tracks_state_two_thirds_of_their_range_while_pairs_of_paths_are_in_doubt() {
         assert!((doubted.sd_cpa_time_s - sure.sd_cpa_time_s).abs() < 0.1 * sure.sd_cpa_time_s + 0.1);
     }
 }
+
+/// A vessel of directions and of ranges of noise; in every second or every ninth minute a range lies on its course.
+fn with_few_ranges(n: u32, own: bool) -> Minute {
+    let seen = Course { t0_s: 0.0, p: VESSELS[0] }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n));
+    let mut modes = [None; 4];
+    if n.is_multiple_of(if own { 2 } else { 9 }) {
+        modes[0] = mode(seen.range_m, seen.speed_m_s);
+    } else {
+        let away = f64::from(n * 7919 % 1000) / 1000.0;
+        modes[0] = mode(8_000.0 + 40_000.0 * away, 12.0 - 24.0 * away);
+    }
+    Minute::new(n, &directions([&seen, &seen]), &RangePresence { modes, ..NO_RANGES })
+}
+
+#[test]
+fn directions_and_a_few_ranges_of_noise_are_no_vessel() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    for (own, vessels) in [(false, 0), (true, 1)] {
+        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+        let mut finals = 0;
+        for n in 1..=150 {
+            evidence.push(with_few_ranges(n, own));
+            tracker.minute(&plan, &mut evidence, n, &mut |_| {});
+        }
+        tracker.finish(&plan, &evidence, 150, &mut |m| {
+            finals += u32::from(matches!(m, Message::Track(t) if t.stage == Track::FINAL));
+        });
+        assert_eq!(finals, vessels);
+    }
+}
+
+#[test]
+fn a_vessel_that_may_be_half_or_twice_as_far_says_so() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    let evidence = Box::new(Evidence::new());
+    let sd_m = |p: [f64; 4], span_m: (f32, f32)| {
+        let mut live = reported_and_wrong(p, 1, 60);
+        live.score.span_m = span_m;
+        let seen = super::Seen {
+            evidence: &evidence,
+            others: Others { courses: [None; LIVE], echoes: [false; LIVE] },
+            in_doubt: false,
+        };
+        live.told(&plan, &seen, Track::FINAL).unwrap().sd_cpa_range_m
+    };
+    // 20 km away at 14 m/s, seen from 20 to 22 km or from 20 to 45 km; and 30 km away at 4 and 9 m/s.
+    let (near, far) = ([0.0, 20_000.0, 14.0, 0.0], [0.0, 30_000.0, 4.0, 0.0]);
+    assert!(sd_m(near, (20_000.0, 22_000.0)) > 9_000.0 && sd_m(near, (20_000.0, 45_000.0)) < 1_000.0);
+    assert!(sd_m(far, (30_000.0, 45_000.0)) > 14_000.0);
+    assert!(sd_m([0.0, 30_000.0, 9.0, 0.0], (30_000.0, 45_000.0)) < 1_000.0);
+}
