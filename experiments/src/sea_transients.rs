@@ -4,7 +4,8 @@
 //! Explosions and clicks: 16 kHz, ambient noise of a falling spectrum, four runs of their own. An explosion in about 20 s, 20 to 40 dB
 //! over the noise, dying away within half a second; after each a train of clicks two a second, 20 to 36 dB at their peak,
 //! a millisecond long. Snaps: 64 kHz, 5 and 20 a second as in `sea-snaps`, 10 to 40 times the root mean square of all at their peak, a vessel of 10 and 0 dB.
-//! Each sound from a direction and distance of its own.
+//! Each sound from a direction and distance of its own. Whistles (5 to 15 kHz in 0.5 to 1 s, one in 1 to 2 s, from a herd that moves) and strokes
+//! of a pile driver (50 ms, one in 1 to 2 s, from one place): 64 kHz, no vessel, one to three times the root mean square of the noise.
 
 use super::bearing_limit_source::{AmbientField, Sounder, exact_arrivals};
 use super::figure::Bar;
@@ -28,7 +29,7 @@ use std::f64::consts::{PI, TAU};
 /// The experiment.
 pub const EXPERIMENT: Experiment = Experiment {
     name: "sea-transients",
-    about: "explosions, whale clicks and snaps: tracks, transients reported, their directions",
+    about: "explosions, whale clicks, snaps, whistles and pile strokes: tracks, transients reported, their directions",
     run,
 };
 
@@ -67,6 +68,11 @@ impl Sea<'_> {
     fn add(&mut self, at_s: f64, sound: &[f64], rng: &mut ChaCha8Rng) {
         let from = (rng.random_range(0.0..TAU), rng.random_range(-0.5f64..0.9).asin());
         let range_m = 50.0 * 100f64.powf(rng.random::<f64>());
+        self.add_from(at_s, sound, from, range_m);
+    }
+
+    /// The same from this direction (radians) and distance.
+    fn add_from(&mut self, at_s: f64, sound: &[f64], from: (f64, f64), range_m: f64) {
         let arrivals = exact_arrivals(self.geometry, from.0, from.1, range_m);
         let first = arrivals.iter().copied().fold(f64::INFINITY, f64::min);
         for (channel, arrival) in arrivals.iter().enumerate() {
@@ -119,6 +125,32 @@ fn snap(rate_hz: f64, rms: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
         1.6 * peak * (1.0 - (-x / 3e-5).exp()) * (-x / 4e-4).exp() * (TAU * 3000.0 * x).cos()
     };
     (0..(0.003 * rate_hz) as usize).map(pulse).collect()
+}
+
+/// A whistle that sweeps up or down.
+fn whistle(rate_hz: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let (rms, seconds) = (rng.random_range(1.0..3.0), rng.random_range(0.5..1.0));
+    let ends = (rng.random_range(5e3..7e3), rng.random_range(12e3..15e3));
+    let (from, to) = if rng.random() { ends } else { (ends.1, ends.0) };
+    let tone = |k: usize| {
+        let t = k as f64 / rate_hz;
+        let swell = (PI * t / seconds).sin();
+        rms * 2f64.sqrt() * swell * (TAU * (from * t + 0.5 * (to - from) * t * t / seconds)).sin()
+    };
+    (0..(seconds * rate_hz) as usize).map(tone).collect()
+}
+
+/// A stroke of a pile driver: noise below some kilohertz that dies away.
+fn stroke(rate_hz: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
+    let peak = rng.random_range(2.0..4.0);
+    let keep = (-TAU * 2000.0 / rate_hz).exp();
+    let mut last = 0.0;
+    let noise = (0..(0.3 * rate_hz) as usize).map(|k| {
+        let x: f64 = StandardNormal.sample(rng);
+        last = keep * last + (1.0 - keep * keep).sqrt() * x;
+        peak * (-(k as f64) / rate_hz / 0.05).exp() * last
+    });
+    noise.collect()
 }
 
 /// What a run gave.
@@ -278,6 +310,25 @@ fn loud(config: &StationConfig, sounder: &Sounder, seed: u64) -> Result<Tally> {
     Ok(Tally::of(&said, &made, RATE_HZ, RECORDS as f64 * sounder.seconds()))
 }
 
+/// Whistles of a herd, or strokes of a pile driver, and no vessel.
+fn called(config: &StationConfig, sounder: &Sounder, seed: u64, whistles: bool) -> Result<Tally> {
+    let geometry = config.geometry()?;
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let frames = sounder.record(rng.random(), NOISE_CODES, None);
+    let mut sea = Sea { geometry: &geometry, rate_hz: config.rate_hz, frames, made: Vec::new() };
+    let (azimuth, elevation) = (rng.random_range(0.0..TAU), rng.random_range(0.0..0.3));
+    let mut t_s = 0.5;
+    while t_s < sounder.seconds() - 1.5 {
+        let turned = if whistles { 0.02 * t_s } else { 0.0 };
+        let sound =
+            if whistles { whistle(config.rate_hz, &mut rng) } else { stroke(config.rate_hz, &mut rng) };
+        sea.add_from(t_s, &sound, ((azimuth + turned) % TAU, elevation), 400.0);
+        t_s += rng.random_range(1.0..2.0);
+    }
+    let said = hear(config, sea.frames.into_iter())?;
+    Ok(Tally::of(&said, &sea.made, config.rate_hz, sounder.seconds()))
+}
+
 /// Snaps beside a vessel.
 fn snapped(
     config: &StationConfig,
@@ -310,7 +361,7 @@ fn run(options: &Options) -> Result<()> {
         "snr_db,a_second,seconds,made,told,counted,none,directions,median_deg,p95_deg,held_percent,bytes,tracks,bearings,\
          frames_kept_out",
     );
-    let bar = progress::bar(runs * (1 + (SNR_DB.len() * A_SECOND.len()) as u64), "runs");
+    let bar = progress::bar(runs * (3 + (SNR_DB.len() * A_SECOND.len()) as u64), "runs");
     let join = |tallies: Vec<Tally>| tallies.into_iter().fold(Tally::default(), Tally::join);
     let each = |n: u64| options.seed.wrapping_mul(1_000_003) + n;
     let sounder = Sounder::new(&config.geometry()?, RATE_HZ, RECORD, AmbientField::Independent);
@@ -343,6 +394,15 @@ fn run(options: &Options) -> Result<()> {
         }
     }
     snaps.coverage(options, "snaps");
+    for (what, whistles) in [("whistles", true), ("strokes", false)] {
+        let made = (0..runs).into_par_iter().map(|n| {
+            bar.inc(1);
+            called(&config, &sounder, each(n).wrapping_mul(37) + 5, whistles)
+        });
+        let tally = join(made.collect::<Result<Vec<_>>>()?);
+        options.figures.at_most(format!("vessel tracks of {what}"), tally.tracks as f64, 0.0);
+        options.figures.state(format!("{what}, of {}: bearings", tally.made), tally.bearings as f64);
+    }
     bar.finish_and_clear();
     report.finish(options)
 }

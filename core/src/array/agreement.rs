@@ -16,8 +16,9 @@
 
 use super::change::{Change, Verdict};
 use super::estimate::{Context, Found};
+use super::plan::Plan;
 use super::search::{PairPeaks, SearchWork};
-use super::wavefront::{self, PAIR_COUNT};
+use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
 use crate::math::f32 as m;
@@ -83,13 +84,20 @@ pub(super) struct Agreement {
 /// Most depth of vessels, in units of the one assumed.
 const DEEPEST: f32 = 2.0;
 
-/// How far a vessel's own delay of each pair may lie from that half-way between it and its image, samples: close by they are two peaks with
-/// a valley between them.
+/// How far a vessel is, at most, from half-way between it and its image in the surface, radians.
 #[inline(never)]
-fn split(context: &Context<'_>, direction: &wavefront::Direction) -> [f32; PAIR_COUNT] {
+pub(super) fn half_apart(plan: &Plan, direction: &Direction) -> f32 {
+    let up = direction[2].min(1.0);
+    m::abs(up) * m::sqrt(1.0 - up * up) * DEEPEST * plan.vessel_over_array_depth
+}
+
+/// How far a vessel's own delay of each pair may lie from that half-way between it and its image, samples: close by they are two peaks with
+/// a valley between them, and the common direction may be that of either.
+#[inline(never)]
+fn split(context: &Context<'_>, direction: &Direction) -> [f32; PAIR_COUNT] {
     let plan = context.plan;
     let up = wavefront::tangents(direction).1;
-    let half = m::abs(up[2] * direction[2]) * DEEPEST * plan.vessel_over_array_depth;
+    let half = half_apart(plan, direction);
     let gradient = wavefront::pair_delays(&wavefront::gradient(&plan.geometry, direction, &up, 0.0));
     gradient.map(|g| m::abs(g) * half * plan.rate_hz)
 }
@@ -129,10 +137,10 @@ impl Agreement {
         let mut contradicting = 0;
         for (p, ((tau, own), delay)) in found.tau.iter().zip(peaks).zip(&mut delays).enumerate() {
             let aside = m::abs(own.delay_s - tau) * plan.rate_hz;
-            if aside > BESIDE_SAMPLES && own.peak > strong {
+            let apart = split.get(p).copied().unwrap_or(0.0);
+            if aside > BESIDE_SAMPLES + 2.0 * apart && own.peak > strong {
                 *delay = own.delay_s;
             }
-            let apart = split.get(p).copied().unwrap_or(0.0);
             if aside > elsewhere + apart && own.peak > strong {
                 contradicting += usize::from(own.peak > 1.5 * search.pair_value(plan, p, *tau));
             }

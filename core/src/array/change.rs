@@ -16,6 +16,7 @@
 //!
 //! What was wrong before anything was heard is not seen here. Cost: about 2000 instructions a segment.
 
+use super::agreement::half_apart;
 use super::estimate::{Context, Found};
 use super::plan::Plan;
 use super::wavefront::{self, PAIR_COUNT};
@@ -42,11 +43,14 @@ const THERE: f32 = 14.0;
 const DELAYS: (f32, f32) = (0.4, 8.0);
 /// Standard deviation of what a course bends by until the newest segment, in units of the square of the angle turned: a vector that turns
 /// evenly leaves a line through its past by a sixth of it, a vessel's bearing at its fastest change by as much again; six deviations are a jump.
-const BEND: f32 = 0.5;
+const BEND: f32 = 0.1;
 /// What multipath does to a delay at any time, samples; and where the surface's image is expected, whose fringes pull each hydrophone's
 /// delay by itself.
 const FLOOR_SAMPLES: f32 = 0.05;
 const FRINGED_SAMPLES: f32 = 0.12;
+/// Standard deviation of what the vector goes up and down by where pairs hear a vessel and its image in the surface apart: upright pairs go from
+/// one to the other, level ones stay half-way. In units of how far each is from there.
+const HOP: f32 = 0.8;
 /// The same where the vector's length is looked at, and natural logarithm of the likelihood ratio that ends a suspicion.
 const STRAIN_SAMPLES: f32 = 0.15;
 const DECIDED: f32 = 30.0;
@@ -109,6 +113,8 @@ struct Jump<'a> {
     /// Axes, and the variance along each.
     axes: [[f32; 3]; 3],
     variance: [f32; 3],
+    /// The same where channels were exchanged, which turns the axes.
+    exchanged: [f32; 3],
 }
 
 impl Change {
@@ -172,9 +178,21 @@ impl Change {
                 let turn =
                     BEND * wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
                 let more = floor * floor + turn * turn;
-                let variance = [a, b, a.min(b)].map(|v| v * (1.0 + course.factor) + more);
-                let jump =
-                    Jump { plan, duals, from: course.place, to: own, axes: [e.0, e.1, from], variance };
+                let mut variance = [a, b, a.min(b)].map(|v| v * (1.0 + course.factor) + more);
+                let widest = variance[0].max(variance[1]);
+                let hop = HOP * half_apart(plan, &from);
+                let upright = [e.0[2], e.1[2], from[2]].map(|z| hop * hop * z * z);
+                variance.iter_mut().zip(upright).for_each(|(variance, hop)| *variance += hop);
+                let exchanged = upright.map(|hop| widest + hop);
+                let jump = Jump {
+                    plan,
+                    duals,
+                    from: course.place,
+                    to: own,
+                    axes: [e.0, e.1, from],
+                    variance,
+                    exchanged,
+                };
                 jump.what(if self.seems == NOTHING { JUMPED } else { BACK })
             }
             _ => (NOTHING, 0.0),
@@ -239,7 +257,8 @@ impl Change {
             && (self.what >= EXCHANGED || m::abs(self.delay_s + delay_s) < 0.5 * m::abs(self.delay_s));
         if back {
             self.what = NOTHING;
-        } else {
+        } else if self.what < EXCHANGED || self.seems >= EXCHANGED {
+            // Of exchanged channels the vector turns about as no vessel does.
             (self.what, self.delay_s) = (self.seems, delay_s);
         }
         (self.seems, self.times, self.strays, self.against) = (NOTHING, 0, 0, 0.0);
@@ -271,7 +290,10 @@ impl Change {
             length(&[0, 1, 2].map(|k: usize| own[k] + late * dual[k])) - expected
         };
         let sd = STRAIN_SAMPLES / plan.rate_hz * length(&duals[0]) / plan.inv_c;
-        let variance = sd * sd + self.stated[0].min(self.stated[1]);
+        let norm = length(own).max(0.1);
+        let up = own[2] / norm;
+        let hop = HOP * half_apart(plan, &own.map(|x| x / norm)) * up;
+        let variance = sd * sd + self.stated[0].min(self.stated[1]) + hop * hop;
         self.against = (self.against + 0.5 * (other * other - radial * radial) / variance).max(-DECIDED);
         if self.against > DECIDED {
             self.what = NOTHING;
@@ -359,13 +381,19 @@ impl Jump<'_> {
                 (best, least) = ((what, delay_s), chi2(&left));
             }
         }
-        let widest = self.variance[0].max(self.variance[1]);
-        let before = arrivals(self.plan, &self.from);
+        let heard = arrivals(self.plan, &self.to);
         for ((i, j), what) in PAIRS.into_iter().zip(EXCHANGED..) {
-            let mut t = before;
-            t.swap(i, j);
-            let off = difference(&self.to, &vector(self.plan, &self.duals, &t));
-            let chi2 = wavefront::dot(&off, &off) / widest;
+            // Exchanged back: what is uncertain up and down is so in the true order alone.
+            let mut t = heard;
+            if let Ok([a, b]) = t.get_disjoint_mut([i, j]) {
+                core::mem::swap(a, b);
+            }
+            let off = difference(&vector(self.plan, &self.duals, &t), &self.from);
+            let mut chi2 = 0.0;
+            for (axis, variance) in self.axes.iter().zip(&self.exchanged) {
+                let along = wavefront::dot(&off, axis);
+                chi2 += along * along / variance;
+            }
             if chi2 < least {
                 (best, least) = ((what, 0.0), chi2);
             }

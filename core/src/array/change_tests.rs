@@ -60,6 +60,28 @@ fn a_vessel_that_moves_evenly_is_no_change() {
 }
 
 #[test]
+fn pairs_that_go_from_a_vessel_to_its_image_are_no_change() {
+    // So far above the array that upright pairs hear both apart.
+    let plan = planned(64_000.0, |array| array.vessel_depth_m = 8.0);
+    for n in 0..4u64 {
+        let part = |k: u64, up: f64| {
+            source(&plan, (1.5 * n as f64 + 0.004 * k as f64, up), 3.0, None, 1, 900 + 70 * n + k)
+        };
+        let mut sea = Vec::new();
+        for k in 0..40 {
+            let (direct, image) = (part(k, 0.36), part(k, 0.41));
+            sea.extend(
+                direct[150..150 + 16_000].iter().zip(&image).map(|(direct, image)| {
+                    core::array::from_fn::<f64, CHANNELS, _>(|c| direct[c] - image[c])
+                }),
+            );
+        }
+        let faults = hear(&plan, &noisy(sea, n)).faults;
+        assert!(faults.iter().all(|f| f.0 == FaultCode::Impulses), "{n}: {faults:?}");
+    }
+}
+
+#[test]
 fn a_channel_that_becomes_late_is_noticed_wherever_the_vessel_is() {
     // Where pairs contradict each other as exchanged channels' do, none is told.
     let mut told = 0;

@@ -9,7 +9,7 @@ use super::places::Places;
 use super::plan::{BINS, Band, HOP, OCTAVES, Plan};
 use super::refine;
 use super::report::{self, Others};
-use super::sick::{self, Sick, Sign};
+use super::sick::{self, Sick, Sign, Turned};
 use super::spectra::Spectra;
 use super::steady::Steady;
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -23,9 +23,11 @@ const AVERAGED_SEGMENTS: f32 = 16.0;
 const LEAST_SHARE: f32 = 0.25;
 /// Share below which the bearing carries the gap flag (a whole segment has it to within one frame).
 const WHOLE_SHARE: f32 = 0.95;
-/// Most by which the mean square of the frames' power may exceed the square of its mean: a propeller whose sound goes to
-/// nothing in each turn has 1.5 (intensity) to 1.9 (amplitude); what is left of an explosion, or a few calls, has more.
-const MOST_UNEVEN: f64 = 2.2;
+/// Most uneven in time that a vessel's sound is ([`Spectra::unevenness`]): 3.9 where a propeller's sound goes to nothing in each turn and
+/// nothing else is heard. Whistles, clicks, strokes of a pile driver and what is left of an explosion have more.
+pub(super) const MOST_UNEVEN: f32 = 5.0;
+/// The same of all power in the upper half of the band, where 1 is steady: beyond it that tells when snaps were loud, not the source.
+const MOST_UNEVEN_MOMENT: f64 = 2.2;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
 const OTHER_SOURCE_CELLS: f32 = 10.0;
 /// Least coherence by which the moment of a bearing is doubted: below it the bearing itself is as uncertain.
@@ -285,10 +287,9 @@ pub(crate) fn segment(
     let without = spectra.added.dead | memory.sick.out();
     let alike = core::mem::replace(&mut memory.without, without) == without;
     let share = spectra.added.frames as f32 / plan.nominal_frames * if shortened { 2.0 } else { 1.0 };
-    let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN;
     // What a burst leaves fades away over the next segment.
     let fading = core::mem::replace(&mut memory.burst, spectra.added.burst);
-    if share < LEAST_SHARE || spectra.added.burst || fading || uneven {
+    if share < LEAST_SHARE || spectra.added.burst || fading {
         return;
     }
     let start = spectra.added.step.saturating_mul(plan.step_samples.get());
@@ -328,12 +329,34 @@ pub(crate) fn segment(
         refine::leave_out(spectra, used);
     }
     let first = found(&context, Some(&*memory), spectra, scratch);
+    if let Some(sound) = &first
+        && alike
+        && spectra.unevenness(plan, &scratch.spectrum.raw) > MOST_UNEVEN
+    {
+        // No vessel, and nothing to judge hydrophones by.
+        if used.all() {
+            others::beside(&context, sound, spectra, scratch, sink);
+        }
+        return;
+    }
+    // What inverts a channel leaves no direction that the pairs agree on: then no other source is looked for, but that channel.
+    let found_sum = first.as_ref().map_or(0.0, |first| first.mean * context.bins() * PAIR_COUNT as f32);
+    let turned = Turned { plan, band: &plan.whole, found: found_sum, most: Turned::most(&peaks) };
+    let doubtful = sign == Sign::Well && used.all() && turned.doubtful();
     let doubt = match &first {
         Some(first) if used.all() => memory.agreement.take(&context, first, &peaks, &scratch.search, sink),
         _ => Some(Doubt::NONE),
     };
+    if doubtful {
+        let is = turned.is(&mut scratch.search, memory.sick.tried());
+        let sign = memory.sick.turned(is);
+        memory.sick.take(plan, sign, None, context.index, sink);
+        if is {
+            return;
+        }
+    }
     let Some(doubt) = doubt else { return };
-    if sign == Sign::Well {
+    if sign == Sign::Well && !doubtful {
         let sign = match &first {
             Some(first) if used.all() => {
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
@@ -347,18 +370,22 @@ pub(crate) fn segment(
         memory.sick.take(plan, sign, vessel, context.index, sink);
     }
     if let Some(first) = &first {
-        let heard = if alike {
+        let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN_MOMENT;
+        let heard = if alike && !uneven {
             heard(&context, spectra, start, centre, first.mean)
         } else {
-            // The powers of its two steps are not of the same hydrophones.
+            // The powers of its two steps are not of the same hydrophones, or of snaps more than of it.
             Context { moment_sd_s: UNKNOWN_MOMENT_S, ..context }
         };
         whole(heard, memory, first, doubt, spectra, scratch, sink);
         // What else is heard is told of the same moment: bearings of one index are judged together.
         context.index = heard.index;
     }
-    // Each uses the spectra up.
     memory.segments = memory.segments.wrapping_add(1);
+    if doubtful {
+        return;
+    }
+    // Each uses the spectra up.
     let Some(first) = first else {
         // Of three hydrophones an octave's direction is told from its mirror image by nothing better than the whole band's.
         if used.all() {
@@ -438,6 +465,7 @@ fn whole(
 }
 
 /// Searches, refines and tests: the strongest source of whitened spectra, if there is one.
+#[inline(never)]
 pub(super) fn find(
     context: &Context<'_>,
     memory: Option<&Memory>,
@@ -449,6 +477,7 @@ pub(super) fn find(
 }
 
 /// The same from the correlations as they are.
+#[inline(never)]
 fn found(
     context: &Context<'_>,
     memory: Option<&Memory>,
@@ -463,6 +492,7 @@ fn found(
 }
 
 /// Refines from a direction and tests what is there.
+#[inline(never)]
 pub(super) fn examine(
     context: &Context<'_>,
     memory: Option<&Memory>,

@@ -5,7 +5,7 @@
 
 use super::agreement::Doubt;
 use super::chain::Scratch;
-use super::estimate::{Context, Found, Memory, examine, find};
+use super::estimate::{Context, Found, MOST_UNEVEN, Memory, examine, find};
 use super::plan::{Band, OCTAVES, Plan};
 use super::refine;
 use super::report::{Others, bearing};
@@ -39,6 +39,8 @@ const OCTAVE_APART_CELLS: f32 = 3.0;
 /// Least coherence of a source in an octave, in units of the louder vessel's there: what multipath of that vessel leaves is
 /// fainter, a vessel fainter than this is left to the search for a second source.
 const OCTAVE_LEAST: f32 = 0.5;
+/// `band` of the whole band's strongest source.
+const WHOLE: u8 = 0;
 /// `band` of the whole band's other sources.
 const SECOND: u8 = 1;
 /// `band` of the first octave's bearings.
@@ -291,6 +293,26 @@ pub(super) fn search(
     }
 }
 
+/// Looks for a vessel in what a sound that is none leaves.
+#[inline(never)]
+pub(super) fn beside(
+    context: &Context<'_>,
+    sound: &Found,
+    spectra: &mut Spectra,
+    scratch: &mut Scratch,
+    sink: &mut impl FnMut(Message),
+) {
+    let plan = context.plan;
+    scratch.spectrum.measured = scratch.spectrum.raw.map(|c| c.max(0.0));
+    refine::remove(plan, context.band, spectra, &sound.tau, &scratch.spectrum.measured);
+    if let Some(found) = find(context, None, spectra, scratch)
+        && wavefront::dot(&found.refined.direction, &sound.refined.direction) <= near(plan)
+        && let Some(bearing) = told(context, &found, WHOLE, spectra, scratch)
+    {
+        sink(Message::Bearing(bearing));
+    }
+}
+
 /// Looks at a source that is followed, in what the first leaves, from where it is expected.
 pub(super) fn follow(
     context: &Context<'_>,
@@ -333,6 +355,9 @@ fn told(
     scratch: &mut Scratch,
 ) -> Option<Bearing> {
     let work = &mut scratch.spectrum;
+    if spectra.unevenness(context.plan, &work.raw) > MOST_UNEVEN {
+        return None;
+    }
     work.restore(refine::shared_signal(context.plan, context.band.used, &found.tau));
     refine::smoothed(context.band, context.noise(1.0), &work.raw, &mut work.smooth);
     let scatter = refine::scatter(context, found, spectra, (&work.smooth, &work.weight));

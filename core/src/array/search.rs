@@ -15,6 +15,7 @@ use super::spectra::{RUNS, Spectra};
 use super::transform::{self, RUN, Work};
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
+use crate::geometry::PAIRS;
 use crate::math::f32 as m;
 use core::cell::Cell;
 use microfft::Complex32;
@@ -98,6 +99,7 @@ impl SearchWork {
     }
 
     /// The direction of the highest summed correlation ([`Self::correlate`]), for wavefronts of this curvature, in a band.
+    #[inline(never)]
     pub(crate) fn best(&mut self, plan: &Plan, band: &Band, curvature: f32) -> Direction {
         let spacing = (4.0 * band.resolution).clamp(0.03, WIDEST_RAD);
         self.pool(plan, spacing);
@@ -148,7 +150,18 @@ impl SearchWork {
         }
     }
 
+    /// Takes a hydrophone the other way round.
+    #[inline(never)]
+    pub(crate) fn turn(&mut self, hydrophone: usize) {
+        for ((a, b), lags) in PAIRS.into_iter().zip(&mut self.lags) {
+            if a == hydrophone || b == hydrophone {
+                negate(lags);
+            }
+        }
+    }
+
     /// The pair's correlation at a delay in seconds.
+    #[inline(never)]
     pub(crate) fn pair_value(&self, plan: &Plan, pair: usize, delay: f32) -> f32 {
         let parts = (1u32 << FINE_BITS) as f32;
         let value =
@@ -261,6 +274,12 @@ impl SearchWork {
         let (score, a, b) = best;
         Candidate { score, direction: wavefront::stepped(centre, &e, a, b) }
     }
+}
+
+/// The other sign. Apart: six copies are 2 kB.
+#[inline(never)]
+fn negate(lags: &mut [i16; LAGS + 1]) {
+    lags.iter_mut().for_each(|r| *r = r.saturating_neg());
 }
 
 /// The fine grid that all cells share.

@@ -6,7 +6,9 @@
 //!
 //! * Its own noise, or deaf: its pairs' highest correlations are less than [`DEAF`] of the others'. A hydrophone whose noise
 //!   is k times the sound it hears has `1/√(1+k)` of the others' coherence: 9 dB above are named.
-//! * Inverted: its pairs correlate negatively and the others positively.
+//! * Inverted: its pairs correlate negatively and the others positively; or, near a vessel whose image in the surface turns some
+//!   correlations round by itself, no direction explains what the pairs show until one hydrophone is taken the other way round
+//!   ([`Turned`]): one is tried a segment.
 //! * Leaking: beyond what the vessel found gives, a pair correlates at no delay at all, and the one that receives has the
 //!   sender's delays with the two others, and both stay while the vessel's own delays change: an echo off the bottom that
 //!   reaches one when the other hears the vessel looks the same for a while.
@@ -40,6 +42,11 @@ const STRONG: f32 = 10.0;
 const DEAF: f32 = 0.35;
 /// How much deeper than high a correlation is that is called negative.
 const INVERTED: f32 = 1.5;
+/// Share of the pairs' highest magnitudes below which a direction explains little, what it explains at least with a hydrophone the other
+/// way round that is inverted, and how much more than without.
+const LITTLE: f32 = 0.7;
+const EXPLAINED: f32 = 0.6;
+const TURNED: f32 = 1.25;
 /// Least correlation at no delay beyond the vessel's own, standard deviations of noise and share of full coherence, and the
 /// share of it, times the vessel's coherence, that the receiver's other pairs must have at the sender's delays, and how many
 /// deviations, in the mean of the two.
@@ -54,6 +61,11 @@ const APART_SAMPLES: f32 = 3.0;
 /// angle more, radians. At a bottom close below the array it is as far.
 const ECHO_STEEPER: f32 = 1.5;
 const ECHO_RAD: f32 = 0.05;
+/// Steps from the one to the other, and share of what seems to leak that an echo has in the other pairs.
+const ECHOES: usize = 32;
+const ECHOED: f32 = 0.4;
+/// Delays, of six, at which the rest must hear it apart from the vessel.
+const LEAST_ECHOES: f32 = 4.0;
 /// How much the delays of a vessel change, in samples, until no echo of it passes for a leak any more.
 const MOVED_SAMPLES: f32 = 2.0 * APART_SAMPLES;
 
@@ -62,6 +74,7 @@ const ALL: u8 = (1 << CHANNELS) - 1;
 
 /// What can be wrong, and the fault that says so.
 const KINDS: [FaultCode; 3] = [FaultCode::OwnNoise, FaultCode::Inverted, FaultCode::Leaking];
+const INVERTED_KIND: usize = 1;
 const LEAKING: usize = 2;
 
 /// What one segment says.
@@ -89,11 +102,27 @@ pub(crate) struct Sick {
     out: u8,
     /// Where the vessel was when a leak was first seen.
     seen_from: Option<Direction>,
+    /// Hydrophone that is tried the other way round next.
+    tried: u8,
 }
 
 impl Sick {
     pub(crate) const fn new() -> Self {
-        Self { counts: [[0; CHANNELS]; KINDS.len()], well: 0, divided: 0, out: 0, seen_from: None }
+        Self { counts: [[0; CHANNELS]; KINDS.len()], well: 0, divided: 0, out: 0, seen_from: None, tried: 0 }
+    }
+
+    /// Hydrophone to try the other way round.
+    pub(crate) fn tried(&self) -> usize {
+        usize::from(self.tried) % CHANNELS
+    }
+
+    /// What a segment says in which a direction explains little: whether the one tried is inverted. If not, the next one is tried.
+    pub(crate) fn turned(&mut self, is: bool) -> Sign {
+        if is {
+            return Sign::Sick(INVERTED_KIND, self.tried());
+        }
+        self.tried = self.tried.wrapping_add(1);
+        Sign::Nothing
     }
 
     /// Bit h: hydrophone h is left out.
@@ -102,6 +131,7 @@ impl Sick {
     }
 
     /// Takes what a segment says; `vessel` is where it is, where that is known.
+    #[inline(never)]
     pub(crate) fn take(
         &mut self,
         plan: &Plan,
@@ -213,6 +243,12 @@ pub(crate) fn sign(peaks: &[PairPeaks; PAIR_COUNT], deviation: f32, used: u8) ->
 #[inline(never)]
 pub(crate) fn heard(sick: &Sick, dead: u8, peaks: &[PairPeaks; PAIR_COUNT], deviation: f32) -> Sign {
     let all = if dead == 0 { sign(peaks, deviation, ALL) } else { Sign::Nothing };
+    // Where a vessel and its image in the surface correlate both ways, a channel that was left out has not come back.
+    let unclear = |h: usize| {
+        let of = PAIRS.iter().zip(peaks).filter(|((a, b), _)| *a == h || *b == h);
+        sick.out() >> h & 1 == 1 && !of.into_iter().all(|(_, p)| p.peak > INVERTED * -p.trough)
+    };
+    let all = if all == Sign::Well && (0..CHANNELS).any(unclear) { Sign::Nothing } else { all };
     let rest = ALL & !(sick.out() | dead);
     let known = match all {
         Sign::Sick(_, h) => sick.out() >> h & 1 == 1,
@@ -225,6 +261,38 @@ pub(crate) fn heard(sick: &Sick, dead: u8, peaks: &[PairPeaks; PAIR_COUNT], devi
     match sign(peaks, deviation, rest) {
         another @ Sign::Sick(..) => another,
         _ => all,
+    }
+}
+
+/// Whether a hydrophone taken the other way round explains what none else does.
+pub(crate) struct Turned<'a> {
+    pub(crate) plan: &'a Plan,
+    pub(crate) band: &'a Band,
+    /// Summed correlation of the direction found; 0 where there is none.
+    pub(crate) found: f32,
+    /// The same if each pair had its highest magnitude.
+    pub(crate) most: f32,
+}
+
+impl Turned<'_> {
+    /// Sum of the pairs' highest magnitudes.
+    pub(crate) fn most(peaks: &[PairPeaks; PAIR_COUNT]) -> f32 {
+        peaks.iter().map(|p| p.peak.max(-p.trough)).sum()
+    }
+
+    /// Whether to try: the direction found explains little.
+    pub(crate) fn doubtful(&self) -> bool {
+        self.found < LITTLE * self.most
+    }
+
+    /// Tries hydrophone `h`. The correlations are used up.
+    #[inline(never)]
+    pub(crate) fn is(&self, search: &mut SearchWork, h: usize) -> bool {
+        search.turn(h);
+        let u = search.best(self.plan, self.band, self.plan.curvature);
+        let tau = wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, &u, self.plan.curvature));
+        let turned: f32 = tau.iter().enumerate().map(|(p, tau)| search.pair_value(self.plan, p, *tau)).sum();
+        turned > TURNED * self.found && turned > EXPLAINED * self.most
     }
 }
 
@@ -268,23 +336,65 @@ impl Beyond<'_> {
             });
             excess.sum::<f32>() > 2.0 * least
         };
-        [(a, b), (b, a)].into_iter().find(|(to, from)| received(*to, *from)).map(|(to, _)| to)
+        let receiver =
+            [(a, b), (b, a)].into_iter().find(|(to, from)| received(*to, *from)).map(|(to, _)| to)?;
+        (!self.echoes(p, receiver, leak)).then_some(receiver)
     }
 
     /// Whether the vessel's echo off the bottom may reach both hydrophones of pair `p` at once. Hydrophones in a level plane hear
     /// it with the vessel's own delays, so that it looks as if the third received from them.
     fn echoed(&self, p: usize) -> bool {
-        let [east, north, up] = *self.direction;
-        let elevation = m::asin(up.clamp(0.0, 1.0));
-        let level = m::sqrt(1.0 - up * up).max(1e-3);
+        let elevation = m::asin(self.direction[2].clamp(0.0, 1.0));
         let delay = |below: f32| {
-            let (s, c) = m::sin_cos(below);
-            let from = [east * c / level, north * c / level, -s];
-            let arrivals = wavefront::arrivals(&self.plan.geometry, &from, 0.0);
+            let arrivals = wavefront::arrivals(&self.plan.geometry, &self.from_below(below), 0.0);
             wavefront::pair_delays(&arrivals).get(p).copied().unwrap_or(0.0) * self.plan.rate_hz
         };
         let (a, b) = (delay(elevation), delay(ECHO_STEEPER * elevation + ECHO_RAD));
         a.min(b) < APART_SAMPLES && a.max(b) > -APART_SAMPLES
+    }
+
+    /// Whether what seems to leak into one of pair `p` is an echo of the vessel off the bottom that reaches it when the other one hears the
+    /// vessel itself. Then the echo is heard by the rest as well, as strongly and as much later as its direction wants.
+    #[inline(never)]
+    fn echoes(&self, p: usize, receiver: usize, leak: f32) -> bool {
+        let Some((a, b)) = PAIRS.get(p) else { return false };
+        let sender = if receiver == *a { *b } else { *a };
+        let elevation = m::asin(self.direction[2].clamp(0.0, 1.0));
+        let steepest = ECHO_STEEPER * elevation + ECHO_RAD;
+        let vessel = wavefront::arrivals(&self.plan.geometry, self.direction, 0.0);
+        let mut most = 0.0f32;
+        for n in 0..=ECHOES {
+            let below = elevation + (steepest - elevation) * n as f32 / ECHOES as f32;
+            let echo = wavefront::arrivals(&self.plan.geometry, &self.from_below(below), 0.0);
+            let at = |times: &[f32; CHANNELS], h: usize| times.get(h).copied().unwrap_or(0.0);
+            let late = at(&vessel, sender) - at(&echo, receiver);
+            let (mut sum, mut heard) = (0.0, 0.0f32);
+            for (q, (i, j)) in
+                PAIRS.into_iter().enumerate().filter(|(_, (i, j))| *i != receiver && *j != receiver)
+            {
+                let own = self.tau.get(q).copied().unwrap_or(0.0);
+                let later = at(&echo, j) + late - at(&vessel, i);
+                let earlier = at(&vessel, j) - at(&echo, i) - late;
+                // Near its own delay the vessel itself is heard.
+                let apart = |delay: &f32| m::abs(delay - own) * self.plan.rate_hz > APART_SAMPLES;
+                for delay in [later, earlier].into_iter().filter(apart) {
+                    sum += self.search.pair_value(self.plan, q, delay);
+                    heard += 1.0;
+                }
+            }
+            if heard >= LEAST_ECHOES {
+                most = most.max(sum / heard);
+            }
+        }
+        most > (ECHOED * leak).max(RECEIVED_SD * self.deviation)
+    }
+
+    /// The vessel's azimuth, so far below the horizon, radians.
+    fn from_below(&self, below: f32) -> Direction {
+        let [east, north, up] = *self.direction;
+        let level = m::sqrt(1.0 - up * up).max(1e-3);
+        let (s, c) = m::sin_cos(below);
+        [east * c / level, north * c / level, -s]
     }
 
     /// The pair of two hydrophones, and 1 or −1 where it is in the other order.

@@ -29,10 +29,21 @@ pub(crate) const RUNS: usize = BINS / RUN;
 const NO_RUN: BinRun =
     BinRun { re: [[0.0; RUN]; PAIR_COUNT], im: [[0.0; RUN]; PAIR_COUNT], auto: [[0.0; RUN]; CHANNELS] };
 
+/// Bins at which the spectrum's steadiness in time is watched, evenly over the band.
+const WATCHED: usize = 16;
+/// Of so many frames one is.
+const WATCHED_EVERY: u32 = 2;
+/// Factor of powers there, so that their squares are numbers.
+const WATCHED_SCALE: f32 = 1.0 / (1u64 << 40) as f32;
+
+/// Sums over frames of the powers of two hydrophones at the bins watched, and of their squares.
+type Watched = [[f32; WATCHED]; 2];
+
 /// Accumulated spectra of one step (16 KiB).
 #[derive(Clone, Debug)]
 pub(crate) struct Spectra {
     pub(crate) runs: [BinRun; RUNS],
+    watched: Watched,
     /// What they are made of.
     pub(crate) added: Added,
 }
@@ -138,12 +149,13 @@ const VALUES: usize = (2 * PAIR_COUNT + CHANNELS) * RUN;
 #[derive(Clone, Debug)]
 pub(crate) struct Kept {
     runs: [[u16; VALUES]; RUNS],
+    watched: [u16; 2 * WATCHED],
     added: Added,
 }
 
 impl Kept {
     pub(crate) const fn new() -> Self {
-        Self { runs: [[0; VALUES]; RUNS], added: Added::none(0) }
+        Self { runs: [[0; VALUES]; RUNS], watched: [0; 2 * WATCHED], added: Added::none(0) }
     }
 
     /// Holds nothing any more.
@@ -188,12 +200,13 @@ impl BinRun {
 
 impl Spectra {
     pub(crate) const fn new() -> Self {
-        Self { runs: [NO_RUN; RUNS], added: Added::none(0) }
+        Self { runs: [NO_RUN; RUNS], watched: [[0.0; WATCHED]; 2], added: Added::none(0) }
     }
 
     /// Empties it for a step.
     pub(crate) fn begin(&mut self, step: u64) {
         self.runs.fill(NO_RUN);
+        self.watched = [[0.0; WATCHED]; 2];
         self.added = Added::none(step);
     }
 
@@ -206,6 +219,26 @@ impl Spectra {
             auto.copied().unwrap_or(0.0)
         };
         density::add(sums, &of_bin);
+    }
+
+    /// How uneven in time a source of this coherence is: mean square of the power over the square of its mean, 2 for a steady sound
+    /// that both hydrophones hear alike (1.5 for noise of their own), 3.9 for one that a propeller modulates in full. A sound that sweeps through the band, or comes in strokes, has what it has at a bin in
+    /// few frames. The mean over bins, weighed by the square of the source's coherence about them.
+    #[inline(never)]
+    pub(crate) fn unevenness(&self, plan: &Plan, coherence: &[f32; BINS]) -> f32 {
+        let frames = self.added.frames.div_ceil(WATCHED_EVERY) as f32;
+        let apart = plan.whole.high / WATCHED;
+        let [power, square] = &self.watched;
+        let (mut sum, mut of) = (0.0, f32::MIN_POSITIVE);
+        for ((k, power), square) in watched(plan).zip(power).zip(square) {
+            let about = coherence.iter().skip(k.saturating_sub(apart / 2)).take(apart);
+            let mean = about.sum::<f32>().max(0.0) / apart.max(1) as f32;
+            if *power > 0.0 {
+                sum += mean * mean * frames * square / (power * power);
+                of += mean * mean;
+            }
+        }
+        sum / of
     }
 
     /// These of the runs.
@@ -222,15 +255,10 @@ impl Spectra {
     /// both steps where they `join`. Times count from the segment's first step, of `step_samples`.
     pub(crate) fn end_step(&mut self, before: &mut Kept, join: bool, step_samples: u64) {
         for (run, kept) in self.runs.iter_mut().zip(&mut before.runs) {
-            for (value, kept) in run.values().zip(kept) {
-                let old = f32::from_bits(u32::from(*kept) << 16);
-                // To the nearest of the upper halves.
-                *kept = (value.to_bits().wrapping_add(0x8000) >> 16) as u16;
-                if join {
-                    *value += old;
-                }
-            }
+            run.values().zip(kept).for_each(|(value, kept)| keep(value, kept, join));
         }
+        let watched = self.watched.as_flattened_mut().iter_mut().zip(&mut before.watched);
+        watched.for_each(|(value, kept)| keep(value, kept, join));
         let earlier = core::mem::replace(&mut before.added, self.added);
         if join {
             self.added = earlier.joined(self.added, step_samples);
@@ -253,6 +281,9 @@ impl Spectra {
         let [z01, z23] = work.as_chunks_mut::<FRAME>().0 else { return 0.0 };
         without_offset(z01, plan);
         without_offset(z23, plan);
+        if self.added.frames.is_multiple_of(WATCHED_EVERY) {
+            watch(if out & 0b11 == 0 { z01 } else { z23 }, plan, &mut self.watched);
+        }
         let (low, upper) = (plan.envelope_low / RUN, upper(plan));
         let between = low..upper.start;
         let (power, upper) = if out & 1 == 0 {
@@ -301,6 +332,35 @@ impl Spectra {
             power(&x3, a3);
         }
         of_one.iter().sum()
+    }
+}
+
+/// The bins watched.
+fn watched(plan: &Plan) -> impl Iterator<Item = usize> {
+    let apart = plan.whole.high / WATCHED;
+    (0..WATCHED).map(move |n| apart / 2 + n * apart)
+}
+
+/// Adds the powers of two hydrophones, twice from their common transform, at the bins watched.
+#[inline(never)]
+fn watch(z: &[Complex32; FRAME], plan: &Plan, sums: &mut Watched) {
+    let [power, square] = sums;
+    for ((k, power), square) in watched(plan).zip(power).zip(square) {
+        let (a, b) = (z[k & (FRAME - 1)], z[FRAME.wrapping_sub(k) & (FRAME - 1)]);
+        let own = WATCHED_SCALE * (a.re * a.re + a.im * a.im + b.re * b.re + b.im * b.im);
+        *power += own;
+        *square += own * own;
+    }
+}
+
+/// Keeps a value, which the one kept before joins.
+#[inline(always)]
+fn keep(value: &mut f32, kept: &mut u16, join: bool) {
+    let old = f32::from_bits(u32::from(*kept) << 16);
+    // To the nearest of the upper halves.
+    *kept = (value.to_bits().wrapping_add(0x8000) >> 16) as u16;
+    if join {
+        *value += old;
     }
 }
 

@@ -272,3 +272,75 @@ fn a_gap_within_one_ends_it_and_time_that_starts_again_loses_none() {
     });
     assert_eq!(out, [true, true, true, false, false, false]);
 }
+
+/// Adds a sound given sample by sample, heard from a direction from a time on, to the nearest sample.
+fn play(plan: &Plan, sea: &mut [[f64; CHANNELS]], at_s: f64, from: (f64, f64), sound: &[f64]) {
+    let u = unit_vector(from.0 as f32, from.1 as f32);
+    let rate = f64::from(plan.rate_hz());
+    for (h, late) in wavefront::arrivals(plan.geometry(), &u, 1.0 / 500.0).iter().enumerate() {
+        let start = ((at_s + f64::from(*late)) * rate).round() as usize;
+        for (x, sound) in sea[start..].iter_mut().zip(sound) {
+            x[usize::from(plan.channels[h])] += sound;
+        }
+    }
+}
+
+/// Adds noise of unit power below some kilohertz, as the sea has it.
+fn low(sea: &mut [[f64; CHANNELS]], seed: u64) {
+    let mut random = Normal(seed);
+    let keep = (-TAU * 1500.0 / 64_000.0).exp();
+    let mut last = [0.0; CHANNELS];
+    for x in sea {
+        for (x, last) in x.iter_mut().zip(&mut last) {
+            *last = keep * *last + (1.0 - keep * keep).sqrt() * random.next();
+            *x += *last;
+        }
+    }
+}
+
+#[test]
+fn whistles_are_no_vessels() {
+    let plan = plan(64_000.0);
+    let rate = 64_000.0;
+    let vessels = |sea: &[[f64; CHANNELS]]| hear(&plan, sea).bearings.len();
+    for seed in 1..2u64 {
+        let from = (0.9 * seed as f64, 0.1);
+        let mut whistled = std::vec![[0.0; CHANNELS]; 12 * 64_000];
+        low(&mut whistled, seed);
+        for n in 0..7 {
+            let (at_s, turned) = (0.5 + 1.5 * f64::from(n), (from.0 + 0.05 * f64::from(n), from.1));
+            let whistle: Vec<f64> = (0..(0.7 * rate) as usize)
+                .map(|k| {
+                    let t = k as f64 / rate;
+                    (TAU / 1.4 * t).sin() * (TAU * (6000.0 * t + 6000.0 * t * t)).sin()
+                })
+                .collect();
+            play(&plan, &mut whistled, at_s, turned, &whistle);
+        }
+        let whistles = vessels(&whistled);
+        assert!(whistles < 3, "{seed}: {whistles}");
+    }
+}
+
+#[test]
+fn weak_snaps_hide_no_vessel() {
+    let plan = plan(64_000.0);
+    for (seed, rms) in [(1u64, 3.0f64), (2, 1.0)] {
+        let from = (2.0, 0.2);
+        // The vessel and the noise are low, as they are in the sea, and the snaps are not.
+        let mut sea = source(&plan, from, rms, Some(1500.0), 12, seed);
+        low(&mut sea, 90 + seed);
+        let mut random = Normal(7 + seed);
+        let peak = 5.0 * (1.0 + rms * rms).sqrt();
+        for n in 0..230 {
+            let at_s = 0.2 + 0.05 * f64::from(n) + 0.01 * random.next().clamp(-2.0, 2.0);
+            let snap = (3.0 * random.next(), (0.5 * random.next()).clamp(-1.5, 0.5));
+            let sound: Vec<f64> =
+                (0..60).map(|k| peak * (-f64::from(k) / 10.0).exp() * (1.2 * f64::from(k)).cos()).collect();
+            play(&plan, &mut sea, at_s, snap, &sound);
+        }
+        let bearings = hear(&plan, &sea).bearings;
+        let right = bearings.iter().filter(|b| wrap_pi(f64::from(b.azimuth) - from.0).abs() < 0.01).count();
+        assert!(right >= 18 && right == bearings.len(), "{rms}: {right} of {}", bearings.len());
+    }
+}
