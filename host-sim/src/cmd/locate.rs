@@ -11,7 +11,7 @@ use crate::record::RecordFormat;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::RAD_PER_DEG;
 use seabearing_locate::network::joint::{JointTrack, Wrong};
-use seabearing_locate::network::{Fix, FixSettings, Region, locate};
+use seabearing_locate::network::{Fix, FixSettings, Region};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -240,7 +240,7 @@ impl Fitted {
         let all = self.sets.iter().zip(&self.fixes).zip(&self.velocities);
         all.map(|((set, fix), v)| {
             let fix = fix.as_ref().ok().filter(|fix| fix.freedom > 0 && !fix.height_at_limit)?;
-            sums(set, fix, v, &self.prior)
+            sums(set, fix, v, &self.prior, &self.state)
         })
     }
 
@@ -282,7 +282,7 @@ impl Fitted {
             let own = if fix.consistent { 1.0 } else { fix.misfit / f64::from(fix.freedom.max(1)) };
             let grown = (noise / own).max(1.0);
             fix.covariance_m2.iter_mut().flatten().for_each(|x| *x *= grown);
-            if let Some(sums) = sums(set, &fix, v, &self.prior) {
+            if let Some(sums) = sums(set, &fix, v, &self.prior, &self.state) {
                 let lasting = spd::propagated(&sums.moves, &self.covariance);
                 for (x, add) in fix.covariance_m2.iter_mut().flatten().zip(lasting.as_flattened()) {
                     *x += add;
@@ -306,6 +306,12 @@ fn distance_m(seen: &Sighting, position_m: &[f64; 3]) -> f64 {
     (off(0) + off(1) + off(2)).sqrt()
 }
 
+/// Where a vessel was so long before.
+fn before(position_m: &[f64; 3], v: &[f64; 2], seconds: f64) -> [f64; 3] {
+    let [x, y, z] = *position_m;
+    [x - v[0] * seconds, y - v[1] * seconds, z]
+}
+
 /// Rates of azimuth and elevation of a vessel at a place, radians a second.
 fn rates(seen: &Sighting, position_m: &[f64; 3], v: &[f64; 2]) -> (f64, f64) {
     let (a, b) = gradients(&seen.array_m, position_m);
@@ -313,7 +319,7 @@ fn rates(seen: &Sighting, position_m: &[f64; 3], v: &[f64; 2]) -> (f64, f64) {
 }
 
 /// A set's sums, positions eliminated; `None` where they are none.
-fn sums(set: &SightingSet, fix: &Fix, v: &[f64; 2], prior: &[f64; N]) -> Option<Sums> {
+fn sums(set: &SightingSet, fix: &Fix, v: &[f64; 2], prior: &[f64; N], state: &[f64; N]) -> Option<Sums> {
     let known = fix.covariance_m2[2][2] == 0.0;
     let mut normal = [[0.0; 3]; 3];
     if known {
@@ -332,8 +338,9 @@ fn sums(set: &SightingSet, fix: &Fix, v: &[f64; 2], prior: &[f64; N]) -> Option<
     for (_, (seen, station)) in used.filter(|(k, _)| fix.rejected != Some(*k)) {
         let (azimuth, elevation) = bearing(&seen.array_m, &fix.position_m);
         let (ga, gb) = gradients(&seen.array_m, &fix.position_m);
-        let (turning, rising) = rates(seen, &fix.position_m, v);
         let (turned, late) = (*station, MAX_ARRAYS + *station);
+        let heard_at = before(&fix.position_m, v, prior[late] * state[late]);
+        let (turning, rising) = rates(seen, &heard_at, v);
         let mut angle = |r: f64, g: [f64; 3], sd: f64, turns: f64, rate: f64| {
             let mut g = g.map(|x| x / sd);
             if known {
@@ -412,10 +419,13 @@ fn without(
     let mean_m = given.sightings.iter().map(way_m).sum::<f64>() / given.sightings.len() as f64;
     for (seen, station) in out.sightings.iter_mut().zip(&given.stations) {
         let (turned, late) = (*station, MAX_ARRAYS + *station);
-        let (turning, rising) = fix.map_or((0.0, 0.0), |fix| rates(seen, &fix.position_m, v));
+        let Some(fix) = fix else { continue };
         let late_s = prior[late] * state[late] + (way_m(seen) - mean_m) / sound_m_s;
-        seen.azimuth += late_s * turning - prior[turned] * state[turned];
-        seen.elevation = seen.elevation.map(|e| e + late_s * rising);
+        let (now, then) = (fix.position_m, before(&fix.position_m, v, late_s));
+        let ((azimuth, elevation), (azimuth_then, elevation_then)) =
+            (bearing(&seen.array_m, &now), bearing(&seen.array_m, &then));
+        seen.azimuth += wrap_pi(azimuth - azimuth_then) - prior[turned] * state[turned];
+        seen.elevation = seen.elevation.map(|e| e + elevation - elevation_then);
     }
     out
 }
