@@ -58,7 +58,7 @@ const HALF_WAY_SD: f32 = 0.8;
 const UNKNOWN_DEPTH_SD: f32 = 0.5;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
 /// bottoms 2 to 30 m below the array and passes with the surface's image, at 16 and 64 kHz.
-const PATHS: f32 = 2.0;
+const PATHS: f32 = 4.0;
 
 /// How it is known what other paths and sources do to a bearing.
 pub(super) enum Others<'a> {

@@ -346,7 +346,7 @@ impl Beyond<'_> {
     fn echoed(&self, p: usize) -> bool {
         let elevation = m::asin(self.direction[2].clamp(0.0, 1.0));
         let delay = |below: f32| {
-            let arrivals = wavefront::arrivals(&self.plan.geometry, &self.from_below(below), 0.0);
+            let arrivals = wavefront::arrivals(&self.plan.geometry, &self.seen_from_below(below), 0.0);
             wavefront::pair_delays(&arrivals).get(p).copied().unwrap_or(0.0) * self.plan.rate_hz
         };
         let (a, b) = (delay(elevation), delay(ECHO_STEEPER * elevation + ECHO_RAD));
@@ -365,7 +365,7 @@ impl Beyond<'_> {
         let mut most = 0.0f32;
         for n in 0..=ECHOES {
             let below = elevation + (steepest - elevation) * n as f32 / ECHOES as f32;
-            let echo = wavefront::arrivals(&self.plan.geometry, &self.from_below(below), 0.0);
+            let echo = wavefront::arrivals(&self.plan.geometry, &self.seen_from_below(below), 0.0);
             let at = |times: &[f32; CHANNELS], h: usize| times.get(h).copied().unwrap_or(0.0);
             let late = at(&vessel, sender) - at(&echo, receiver);
             let (mut sum, mut heard) = (0.0, 0.0f32);
@@ -390,7 +390,7 @@ impl Beyond<'_> {
     }
 
     /// The vessel's azimuth, so far below the horizon, radians.
-    fn from_below(&self, below: f32) -> Direction {
+    fn seen_from_below(&self, below: f32) -> Direction {
         let [east, north, up] = *self.direction;
         let level = m::sqrt(1.0 - up * up).max(1e-3);
         let (s, c) = m::sin_cos(below);

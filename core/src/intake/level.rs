@@ -48,6 +48,7 @@ impl Levels {
     }
 
     /// Takes instants, the sums in registers meanwhile.
+    #[cfg(any(feature = "array", feature = "obs"))]
     #[inline]
     pub(crate) fn extend(&mut self, mut frames: impl Iterator<Item = Frame>) {
         if self.n == 0

@@ -240,7 +240,7 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     let bar = crate::progress::bar(1, "fixes");
     let shared = network.shared(&heard.sd_clock_s);
     let said = network.said(&heard.sd_clock_s);
-    let sound_m_s = f64::from(network.stations[0].sound_speed_m_s);
+    let sound_m_s = network.stations[0].sound_speed_m_s;
     let found = lasting::positions(&sets, &settings, &shared, &said, sound_m_s);
     warn_of_lasting(network, &found);
     let fixes = found.fixes;
