@@ -42,8 +42,10 @@ impl Geometry {
         if hydrophones_m.iter().flatten().any(|x| !x.is_finite()) {
             return Err(GeometryError::NotFinite);
         }
+        // Masked: whether the compiler sees that the pairs are of four depends on how it writes out the loop.
+        let apart = |(i, j)| distance(&hydrophones_m[i & (CHANNELS - 1)], &hydrophones_m[j & (CHANNELS - 1)]);
         for (i, j) in PAIRS {
-            if distance(&hydrophones_m[i], &hydrophones_m[j]) < 0.01 {
+            if apart((i, j)) < 0.01 {
                 return Err(GeometryError::Coincident(i, j));
             }
         }
@@ -56,8 +58,8 @@ impl Geometry {
                 + a[2] * (b[0] * c[1] - b[1] * c[0]),
         );
         let mut size = 0.0f64;
-        for (i, j) in PAIRS {
-            size = size.max(distance(&hydrophones_m[i], &hydrophones_m[j]));
+        for pair in PAIRS {
+            size = size.max(apart(pair));
         }
         // A regular tetrahedron has volume/size³ = 0.707; a hundredth of that leaves elevation to rounding errors.
         if volume < 0.007 * size * size * size {
