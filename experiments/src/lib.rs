@@ -50,6 +50,7 @@ mod obs_far;
 mod obs_four_ships;
 mod obs_loud;
 mod obs_model;
+mod obs_month;
 mod obs_network;
 mod obs_noise_week;
 mod obs_one_ship;
@@ -158,7 +159,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_week::WEEK,
     obs_week::WEEK_5_DB,
     obs_week::WEEK_10_DB,
-    obs_week::MONTH,
+    obs_month::EXPERIMENT,
     archive::EXPERIMENT,
     shaft_rate::EXPERIMENT,
     link::EXPERIMENT,

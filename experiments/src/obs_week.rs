@@ -6,9 +6,6 @@
 //! named of a station that has none, and how often the truth lies inside what was stated. Ways are smooth through the positions, whose
 //! times are whole minutes.
 //! `--runs` is the number of days (7: the whole week); `--plots DIR` draws them, tracks over likelihoods and the truth beside them.
-//!
-//! A week has eleven ships, of which none or two turn where they are closest: what tracks state is for the ways of all ships. So `obs-month`
-//! takes every straight enough passage there is, in pieces of four days (`--runs`: how many of them), with no limit to their number.
 
 use super::figure::Bar;
 use super::obs_table1::{RR03_DEG, passes, window};
@@ -25,7 +22,6 @@ use crate::score::{TrackMiss, closest, median, then, track, track_passed};
 use anyhow::{Result, bail};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::wire::{Message, Track};
 use std::path::Path;
@@ -50,17 +46,6 @@ pub const WEEK_10_DB: Experiment = Experiment {
     about: "the same ships 10 dB weaker",
     run: |options| run(options, &LEVELS[2]),
 };
-
-/// All passages of a month.
-pub const MONTH: Experiment = Experiment {
-    name: "obs-month",
-    about: "every real ship track of a month past an ocean-bottom station: found, ghosts, truth in what final tracks state",
-    run: month,
-};
-
-/// Days simulated at once of a month, and before and after them, in which passages are heard and not counted.
-const PIECE_DAYS: f64 = 4.0;
-const MARGIN_DAYS: f64 = 0.25;
 
 /// A level and its bars.
 struct Level {
@@ -87,7 +72,7 @@ const LEVELS: [Level; 3] = [
 
 /// Days where the command line names no number.
 const DAYS: usize = 1;
-const DAY_S: f64 = 86_400.0;
+pub(super) const DAY_S: f64 = 86_400.0;
 
 /// A final track is a vessel's if it errs by no more in time, s, range, m, heading, deg, and speed, m/s: real ways bend by
 /// kilometres within 50 km, so this asks for the right vessel on the right branch and no more.
@@ -172,11 +157,11 @@ pub(super) fn traffic(options: &Options, days: usize, db: f64) -> Result<Traffic
 
 /// What final tracks state, number by number: time, range, heading, speed of the closest point.
 #[derive(Clone, Copy, Debug, Default)]
-struct Numbers([Stated; 4]);
+pub(super) struct Numbers([Stated; 4]);
 
 impl Numbers {
     /// Takes a final track and its errors.
-    fn take(&mut self, t: &Track, e: &TrackMiss) {
+    pub(super) fn take(&mut self, t: &Track, e: &TrackMiss) {
         let errors = [e.cpa_time_s, e.cpa_range_m, e.heading, e.speed_m_s];
         let stated = [t.sd_cpa_time_s, t.sd_cpa_range_m, t.sd_heading, t.sd_speed_m_s];
         for (out, (error, sd)) in self.0.iter_mut().zip(errors.into_iter().zip(stated)) {
@@ -185,7 +170,7 @@ impl Numbers {
     }
 
     /// Reports how often the truth is in the stated 95 %.
-    fn report(&self, options: &Options) {
+    pub(super) fn report(&self, options: &Options) {
         let (figures, all) = (&options.figures, Stated::sum(&self.0));
         let name = "truth in the stated 95 %: final track";
         figures.report(name, all.percent(all.within), Bar::Within(92.0, 97.0));
@@ -194,91 +179,6 @@ impl Numbers {
         }
         figures.state("final track: errors over the stated deviations, rms", all.rms());
     }
-}
-
-/// A piece of the month: the ships whose closest point is inside, those found, final tracks of nobody, errors of azimuths and ranges.
-#[derive(Default)]
-struct Piece {
-    ships: usize,
-    found: usize,
-    ghosts: usize,
-    numbers: Vec<(Track, TrackMiss)>,
-    azimuth: Stated,
-    range: Stated,
-}
-
-fn month(options: &Options) -> Result<()> {
-    let Some(file) = options.real("ais_marine_traffic.csv") else {
-        options.figures.state("vessels found, share", None);
-        return Ok(());
-    };
-    let all: Vec<_> = passages(&read(&file)?, RR03_DEG).into_iter().filter(passes).collect();
-    let Some((first, last)) = all.first().zip(all.last()) else {
-        bail!("{} holds no passage", file.display());
-    };
-    let begins = (first.cpa_unix_s / DAY_S).floor() * DAY_S;
-    let pieces = ((last.cpa_unix_s - begins) / (PIECE_DAYS * DAY_S)) as usize + 1;
-    let table = station_table(options)?;
-    let heard: Vec<Piece> = (0..options.runs.unwrap_or(pieces).min(pieces))
-        .into_par_iter()
-        .map(|n| {
-            let start = begins + (n as f64 * PIECE_DAYS - MARGIN_DAYS) * DAY_S;
-            let days = PIECE_DAYS + 2.0 * MARGIN_DAYS;
-            let inside = |t: f64, margin: f64| (margin * DAY_S..(days - margin) * DAY_S).contains(&t);
-            let mut scenario = quiet(options.seed + n as u64, days * DAY_S);
-            scenario.ambient.directional.push(DirectionalTable { azimuth_deg: 90.0, level_db: -6.0 });
-            scenario.start = time::OffsetDateTime::from_unix_timestamp(start as i64)?;
-            let there: Vec<_> = all.iter().filter(|p| inside(p.cpa_unix_s - start, 0.0)).collect();
-            let extra = there.iter().map(|p| p.extra(start, &Radiation::default())).collect();
-            let case = Case::run(scenario, &table, extra, false)?;
-            let counted: Vec<bool> =
-                there.iter().map(|p| inside(p.cpa_unix_s - start, MARGIN_DAYS)).collect();
-            let finals: Vec<Track> = tracks(&case).filter(|t| t.stage == Track::FINAL).collect();
-            let (azimuth, range) = minutes(&case);
-            let mut out = Piece {
-                azimuth: Stated::sum(&azimuth),
-                range: Stated::sum(&range),
-                ghosts: finals.iter().filter(|t| whose(t, &case.vessels).is_none()).count(),
-                ..Piece::default()
-            };
-            for (i, vessel) in case.vessels.iter().enumerate().filter(|(i, _)| counted[*i]) {
-                out.ships += 1;
-                let own = finals.iter().rfind(|t| whose(t, &case.vessels) == Some(i));
-                out.numbers.extend(own.and_then(|t| Some((*t, track_passed(t, &vessel.course)?))));
-            }
-            out.found = out.numbers.len();
-            Ok(out)
-        })
-        .collect::<Result<_>>()?;
-    let mut csv = CsvText::new("piece,ships,found,ghosts,ranges,wrong,azimuths,wrong");
-    let mut numbers = Numbers::default();
-    for (n, piece) in heard.iter().enumerate() {
-        let (azimuth, range) = (piece.azimuth, piece.range);
-        piece.numbers.iter().for_each(|(t, e)| numbers.take(t, e));
-        csv.row(&[
-            &(n + 1),
-            &piece.ships,
-            &piece.found,
-            &piece.ghosts,
-            &range.said,
-            &range.wrong,
-            &azimuth.said,
-            &azimuth.wrong,
-        ]);
-    }
-    print(options, "obs-month", csv)?;
-    let sum = |of: fn(&Piece) -> usize| heard.iter().map(of).sum::<usize>() as f64;
-    let figures = &options.figures;
-    figures.state("vessels", sum(|p| p.ships));
-    figures.at_least("vessels found, share", sum(|p| p.found) / sum(|p| p.ships), 1.0);
-    figures.at_most("final tracks of nobody", sum(|p| p.ghosts), 0.0);
-    let all = |of: fn(&Piece) -> Stated| Stated::sum(&heard.iter().map(of).collect::<Vec<_>>());
-    for (name, s) in [("azimuth", all(|p| p.azimuth)), ("range", all(|p| p.range))] {
-        let name = format!("truth in the stated 95 %: {name}");
-        figures.report(name, s.percent(s.within), Bar::Within(92.0, 97.0));
-    }
-    numbers.report(options);
-    Ok(())
 }
 
 fn run(options: &Options, level: &Level) -> Result<()> {

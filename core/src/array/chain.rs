@@ -1,8 +1,9 @@
 //! The chain: blocks in, bearings and faults out.
 
-use super::estimate::{self, Memory};
+use super::estimate;
 use super::framing::Framing;
 use super::impulses::Impulses;
+use super::memory::Memory;
 use super::places::Places;
 use super::plan::{FRAME, HOP, Plan};
 use super::search::SearchWork;

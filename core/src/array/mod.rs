@@ -22,6 +22,7 @@ mod framing;
 mod fringes;
 mod impulses;
 pub mod limit;
+mod memory;
 mod others;
 mod places;
 mod plan;

@@ -5,7 +5,8 @@
 
 use super::agreement::Doubt;
 use super::chain::Scratch;
-use super::estimate::{Context, Found, MOST_UNEVEN, Memory, examine, find};
+use super::estimate::{Context, Found, MOST_UNEVEN, examine, find};
+use super::memory::Memory;
 use super::plan::{Band, OCTAVES, Plan};
 use super::refine;
 use super::report::{Others, bearing};

@@ -237,7 +237,6 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
     let clock = RecordFormat { rate_hz: 1.0, start: heard.start, times: Default::default() };
     let settings = FixSettings { region: region(network, heard, args)?, robust: !args.keep_outliers };
 
-    let bar = crate::progress::bar(1, "fixes");
     let shared = network.shared(&heard.sd_clock_s);
     let said = network.said(&heard.sd_clock_s);
     let sound_m_s = network.stations[0].sound_speed_m_s;
@@ -265,7 +264,6 @@ fn positions(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Res
             (Err(e), false) => writeln!(out, "{:12.3} no fix: {e}", set.t_s)?,
         }
     }
-    bar.finish_and_clear();
     out.flush()?;
     Ok(())
 }

@@ -27,6 +27,7 @@ mod flac;
 mod memory;
 mod mseed;
 pub(crate) mod mseed_record;
+mod mseed_scan;
 mod pick;
 mod raw;
 mod resample;

@@ -1,14 +1,15 @@
 //! miniSEED and SAC recordings of an ocean-bottom station: several files, or one with several channels, as four-channel
 //! blocks.
 //!
-//! A first pass over the headers finds every record's place, time and length; samples are decoded once, when they are due,
+//! A first pass over the headers (`mseed_scan`) finds every record's place, time and length; samples are decoded once, when they are due,
 //! so memory stays small. Sample 0 is the earliest sample of any component. A component that has no data somewhere has
 //! [`MISSING`] there (the core takes it for a dead channel); where none has, the index jumps. A record follows the one
 //! before where its time agrees within half a sample with what that one's time and length say, whatever the clock has
 //! drifted since the start: samples are counted, and the drift is said. What overlaps is used once. Every irregularity is
 //! named once on stderr.
 
-use super::mseed_record::{self, Header, LONGEST, code_of};
+use super::mseed_record::{self, code_of};
+use super::mseed_scan::{Channel, Form, Piece, scan, scan_sac};
 use super::{BlockSource, Container, Span, complain, sac};
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
@@ -16,12 +17,12 @@ use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use time::OffsetDateTime;
 
 /// Frames of one block.
-const BLOCK: usize = 4096;
+pub(super) const BLOCK: usize = 4096;
 
 /// Worst clock that is one: share by which a stated rate may differ from the station's. (Rates of version 2 are also
 /// rounded to ratios of 16-bit numbers.)
@@ -29,38 +30,6 @@ pub(super) const WORST_CLOCK: f64 = 1e-4;
 
 /// Least rate that a station file may state.
 const SLOWEST_HZ: f64 = 20.0;
-
-/// Least step from one possible record to the next, when looking for one after damage.
-const RESYNC: usize = 64;
-
-/// How a record's samples are written.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Form {
-    /// A record of miniSEED.
-    MiniSeed,
-    /// Floating-point numbers of a SAC file, in the order of its bytes.
-    Sac(sac::Order),
-}
-
-/// Where a record's samples are.
-#[derive(Clone, Copy, Debug)]
-struct Piece {
-    file: usize,
-    form: Form,
-    offset: u64,
-    bytes: usize,
-    start_ns: i128,
-    /// Index of its first sample (after [`place`]) and number of samples.
-    first: i64,
-    samples: usize,
-}
-
-#[derive(Clone, Default)]
-struct Channel {
-    pieces: Vec<Piece>,
-    rates_hz: Vec<f64>,
-    stations: Vec<String>,
-}
 
 /// One component being read.
 struct Reader {
@@ -319,94 +288,6 @@ fn place(pieces: &mut [Piece], zero_ns: i128, rate_hz: f64) -> Placed {
         }
     }
     placed
-}
-
-/// Channels by source (`NET.STA.LOC`) and code.
-type Found = BTreeMap<(String, String), Channel>;
-
-/// Finds a SAC file's samples, in pieces that can be read one at a time.
-fn scan_sac(path: &Path, number: usize, channels: &mut Found) -> Result<()> {
-    let about = sac::header(path)?;
-    let c = channels.entry((about.station.clone(), about.channel)).or_default();
-    c.stations.push(about.station);
-    c.rates_hz.push(about.rate_hz);
-    for first in (0..about.count).step_by(BLOCK) {
-        c.pieces.push(Piece {
-            file: number,
-            form: Form::Sac(about.order),
-            offset: sac::HEADER + 4 * first as u64,
-            bytes: 4 * BLOCK.min(about.count - first),
-            start_ns: about.start_ns + (first as f64 / about.rate_hz * 1e9).round() as i128,
-            first: 0,
-            samples: BLOCK.min(about.count - first),
-        });
-    }
-    Ok(())
-}
-
-/// Finds the records of a miniSEED file.
-fn scan(path: &Path, number: usize, channels: &mut Found) -> Result<()> {
-    let unreadable = || format!("cannot read {}", path.display());
-    let mut file = File::open(path).with_context(unreadable)?;
-    // Always a whole record ahead, except at the end of the file.
-    let (mut window, mut begins, mut at) = (Vec::new(), 0u64, 0);
-    let (mut damaged, mut found) = (0, 0usize);
-    let mut reason = String::new();
-    loop {
-        if window.len() - at < LONGEST {
-            window.drain(..at);
-            begins += at as u64;
-            at = 0;
-            let room = 2 * LONGEST - window.len();
-            (&mut file).take(room as u64).read_to_end(&mut window).with_context(unreadable)?;
-        }
-        if at >= window.len() {
-            break;
-        }
-        match mseed_record::header(&window[at..]) {
-            Ok(h) => {
-                found += 1;
-                let Header { channel, station, rate_hz, start_ns, count, bytes } = h;
-                let c = channels.entry((station.clone(), channel)).or_default();
-                if count > 0 {
-                    if !c.stations.contains(&station) {
-                        c.stations.push(station);
-                    }
-                    if !c.rates_hz.contains(&rate_hz) {
-                        c.rates_hz.push(rate_hz);
-                    }
-                    c.pieces.push(Piece {
-                        file: number,
-                        form: Form::MiniSeed,
-                        offset: begins + at as u64,
-                        bytes,
-                        start_ns,
-                        first: 0,
-                        samples: count,
-                    });
-                }
-                at = (at + bytes.max(RESYNC)).min(window.len());
-            }
-            Err(e) => {
-                if reason.is_empty() {
-                    reason = format!("at byte {}: {e}", begins + at as u64);
-                }
-                let step = RESYNC.min(window.len() - at);
-                damaged += step;
-                at += step;
-            }
-        }
-    }
-    if found == 0 {
-        bail!("{}: no readable miniSEED record ({reason})", path.display());
-    }
-    if damaged > 0 {
-        complain(&format!(
-            "{}: {damaged} bytes are damaged or cut, the rest is used ({reason})",
-            path.display()
-        ));
-    }
-    Ok(())
 }
 
 impl Reader {

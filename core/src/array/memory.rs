@@ -1,0 +1,168 @@
+//! What is remembered between segments: of the strongest source its direction, how it turns, its coherence and depth; of others
+//! where they were; of the hydrophones which are sick.
+
+use super::agreement::Agreement;
+use super::estimate::Context;
+use super::fringes::Depth;
+use super::others::Followed;
+use super::places::Places;
+use super::plan::{BINS, HOP, OCTAVES, Plan};
+use super::sick::Sick;
+use super::steady::Steady;
+use super::wavefront::{self, Direction};
+use crate::math::f32 as m;
+
+/// Segments over which the coherence spectrum is averaged: the weights need it steady, the vessel lets it change over
+/// tens of seconds.
+const AVERAGED_SEGMENTS: f32 = 16.0;
+/// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
+const OTHER_SOURCE_CELLS: f32 = 10.0;
+/// For so long a source is where it was last, but for some degrees, seconds.
+const MOMENTS_S: f32 = 3.0;
+
+/// What is remembered between segments (about 1 KiB).
+#[derive(Clone, Debug)]
+pub(crate) struct Memory {
+    /// Averaged steered coherence of each bin.
+    pub(super) coherence: [f32; BINS],
+    /// Segments in the average.
+    pub(super) averaged: f32,
+    /// Last bearing: direction and index.
+    pub(super) last: Option<(Direction, u64)>,
+    /// Turn rate between the last bearings, radians a second, newest first.
+    pub(super) turn_rate: [f32; 2],
+    /// The horizontal part of it, clockwise.
+    pub(super) swing: [f32; 2],
+    /// Vessels whose distance is known.
+    pub(crate) places: Places,
+    pub(super) agreement: Agreement,
+    /// Mean square by which pair delays miss the common direction's, in variances of a pair's delay.
+    pub(super) misfit: f32,
+    /// Mean square of what they contradict it by aside of the vertical plane through it, in the same unit.
+    pub(super) aside: f32,
+    /// How much its bearings scatter.
+    pub(super) steady: Steady,
+    /// How deep the source is.
+    pub(super) depth: Depth,
+    /// Segments so far.
+    pub(super) segments: u32,
+    /// Other sources than the strongest.
+    pub(super) others: Followed,
+    /// Octave looked at last.
+    pub(super) octave: usize,
+    /// Another source than the whole band's that the last look at each octave found.
+    pub(super) octaves: [Option<Direction>; OCTAVES],
+    /// Which hydrophone to leave out.
+    pub(crate) sick: Sick,
+    /// Whether the last segment held a burst.
+    pub(super) burst: bool,
+    /// Hydrophones left out when the last segment ended.
+    pub(super) without: u8,
+}
+
+impl Memory {
+    pub(crate) const fn new() -> Self {
+        Self {
+            coherence: [0.0; BINS],
+            averaged: 0.0,
+            last: None,
+            turn_rate: [0.0; 2],
+            swing: [0.0; 2],
+            places: Places::new(),
+            agreement: Agreement::new(),
+            misfit: 0.0,
+            aside: 0.0,
+            steady: Steady::NEW,
+            depth: Depth::UNKNOWN,
+            others: Followed::NONE,
+            octave: 0,
+            octaves: [None; OCTAVES],
+            segments: 0,
+            sick: Sick::new(),
+            burst: false,
+            without: 0,
+        }
+    }
+
+    /// Azimuth (radians) and depth (metres) of the source, where its depth is known.
+    pub(crate) fn depth_known(&self) -> Option<(f32, f32)> {
+        let ((direction, _), (depth_m, _)) = (self.last?, self.depth.known()?);
+        Some((wavefront::angles(&direction).0, depth_m))
+    }
+
+    /// Drops what belongs to the past source.
+    pub(crate) fn forget(&mut self) {
+        self.averaged = 0.0;
+        self.last = None;
+        self.turn_rate = [0.0; 2];
+        self.swing = [0.0; 2];
+        self.others = Followed::NONE;
+        self.octaves = [None; OCTAVES];
+        self.depth = Depth::UNKNOWN;
+    }
+
+    /// Whether the bearing turns by more than two resolution cells within a full segment.
+    pub(crate) fn turns_fast(&self, plan: &Plan) -> bool {
+        let [a, b] = self.turn_rate;
+        // Two changes in a row, so that one stray bearing does not shorten the next segment.
+        let rate = a.min(b);
+        let segment_s = plan.nominal_frames * HOP as f32 / plan.rate_hz;
+        rate.abs() * segment_s > 2.0 * plan.whole.resolution
+    }
+
+    /// The last direction, where that was moments ago.
+    pub(super) fn moments_ago(&self, context: &Context<'_>) -> Option<&Direction> {
+        let (direction, index) = self.last.as_ref()?;
+        (context.index.saturating_sub(*index) as f32 <= MOMENTS_S * context.plan.rate_hz).then_some(direction)
+    }
+
+    /// Standard deviation of the horizontal angle for the moment's, radians: how far the source turns meanwhile.
+    pub(super) fn turned_meanwhile(&self, context: &Context<'_>) -> f32 {
+        let [a, b] = self.swing;
+        0.5 * (a + b) * context.moment_sd_s
+    }
+
+    /// Takes a new bearing into turn rate and averages.
+    pub(super) fn accept(&mut self, plan: &Plan, direction: &Direction, index: u64, coherence: &[f32; BINS]) {
+        let mut turned = f32::MAX;
+        if let Some((last, at)) = self.last {
+            let dt = index.saturating_sub(at) as f32 / plan.rate_hz;
+            turned = m::acos(wavefront::dot(&last, direction).clamp(-1.0, 1.0));
+            if dt > 0.0 {
+                self.turn_rate = [turned / dt, self.turn_rate[0]];
+                let across = wavefront::dot(direction, &wavefront::tangents(&last).0);
+                self.swing = [across / dt, self.swing[0]];
+            }
+            if dt > 5.0 {
+                turned = f32::MAX;
+            }
+        }
+        // Another source, or the same after a long silence: its spectrum is learnt afresh.
+        if turned > OTHER_SOURCE_CELLS * plan.whole.resolution {
+            self.averaged = 0.0;
+            self.depth = Depth::UNKNOWN;
+        }
+        self.averaged = (self.averaged + 1.0).min(AVERAGED_SEGMENTS);
+        let part = 1.0 / self.averaged;
+        for (mean, new) in self.coherence.iter_mut().zip(coherence) {
+            *mean += part * (new - *mean);
+        }
+        self.last = Some((*direction, index));
+    }
+
+    /// Joins the remembered coherence to a segment's own where the direction is the one remembered; of how many segments it
+    /// is then.
+    pub(super) fn join_expected(&self, direction: &Direction, plan: &Plan, own: &mut [f32; BINS]) -> f32 {
+        let same = self.last.is_some_and(|(last, _)| {
+            wavefront::dot(&last, direction) > m::cos(OTHER_SOURCE_CELLS * plan.whole.resolution)
+        });
+        if !same {
+            return 1.0;
+        }
+        let n = self.averaged.min(AVERAGED_SEGMENTS - 1.0);
+        for (own, mean) in own.iter_mut().zip(&self.coherence) {
+            *own = (*own + n * mean) / (n + 1.0);
+        }
+        n + 1.0
+    }
+}

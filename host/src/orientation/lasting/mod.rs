@@ -1,0 +1,298 @@
+//! What the positions of many instants tell of their arrays: errors of orientation and clock, which last.
+//!
+//! At one instant an array that is turned, or whose clock is late, looks like a vessel somewhere else: all of its error goes
+//! into the position. Over many instants the arrays show it. With residuals `r` of the angles about the positions, their
+//! gradients `g` by position and `j` by the lasting errors `u` (all over the angles' deviations), positions drop out of the
+//! normal equations (Schur's complement): `A = Σ (jᵀj − jᵀg (gᵀg)⁻¹ gᵀj)`, `h` likewise with `r`. `u` has Gaussian priors, what
+//! the network file says of orientation and clock, and is the solution of `(A/κ + P⁻¹) u = h/κ`. `κ` is the variance that the
+//! residuals show over the one claimed, with what successive ones have in common.
+//!
+//! Errors that are larger than their priors allow are a contradiction: it is said, and the priors grow until they allow them.
+//! Every position is made anew from bearings without `u`, and what stays unknown of `u` is in its covariance: an orientation's
+//! error is in every position alike, and no number of them averages it out.
+
+mod instant;
+
+use super::sets::SightingSet;
+use crate::progress;
+use instant::{N, Sums, distance_m, sums, velocities, without};
+use seabearing_core::kit::spd::{self, Square};
+use seabearing_locate::network::joint::SharedError;
+use seabearing_locate::network::locate::{LARGEST_RELATIVE_SD, misfit_limit};
+use seabearing_locate::network::{Fix, FixSettings, MAX_ARRAYS, NetworkError, locate};
+
+/// Fewest positions that tell of errors that last.
+const LEAST_FIXES: usize = 20;
+/// Most that successive residuals are taken to have in common.
+const MOST_COMMON: f64 = 0.95;
+/// Most linear steps, which bearings need where they turn with the error of a clock, and the least one that is followed by
+/// another, in deviations.
+const STEPS: usize = 8;
+const LEAST_STEP: f64 = 0.05;
+/// Residuals' variance over the claimed one up to which lasting errors explain what arrays disagree in, so that no array is to
+/// be set aside instant by instant.
+const EXPLAINED: f64 = 1.5;
+/// Least of it that is believed.
+const LEAST_NOISE: f64 = 1e-3;
+/// Deviations of its prior beyond which an error is named where there is a contradiction.
+const NAMED: f64 = 2.0;
+
+/// An error that was found, each with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lasting {
+    /// By how much all azimuths are too large, radians.
+    pub azimuth: (f64, f64),
+    /// How late the clock is, seconds.
+    pub clock_s: (f64, f64),
+    /// Whether each is more than was said of it.
+    pub beyond: (bool, bool),
+}
+
+/// Positions, and what they tell of the arrays.
+pub struct Positions {
+    /// One a set.
+    pub fixes: Vec<Result<Fix, NetworkError>>,
+    /// Of each station, where the stations contradict each other.
+    pub contradicted: Option<[Lasting; MAX_ARRAYS]>,
+    /// Variance of the residuals over the claimed one, where that is more than chance.
+    pub scatter: Option<f64>,
+}
+
+/// Positions of all sets. `shared`: deviations of what the bearings of each station share, `said`: those among them that
+/// somebody told, 0 where nobody did. What is not told is looked for, and is in no position unless it is found. A position is
+/// where the vessel was one mean way of the sound (`sound_m_s`) before the set's time.
+pub fn positions(
+    sets: &[SightingSet],
+    settings: &FixSettings,
+    shared: &[SharedError; MAX_ARRAYS],
+    said: &[SharedError; MAX_ARRAYS],
+    sound_m_s: f64,
+) -> Positions {
+    let heard = Heard { sets, sound_m_s, bar: progress::bar(0, "fixes") };
+    let mut best = Fitted::simplest(&heard, settings, shared);
+    let told = best.unknowns().max(1.0);
+    let excess = best.state.iter().map(|w| w * w).sum::<f64>();
+    let contradict = excess > misfit_limit(told.ceil() as u32);
+    if contradict {
+        // Errors beyond what was allowed first may explain all.
+        let growth = (excess / told).sqrt();
+        let grown = shared.map(|s| SharedError { azimuth: growth * s.azimuth, clock_s: growth * s.clock_s });
+        best = Fitted::simplest(&heard, settings, &grown);
+    } else if said != shared {
+        best = Fitted::of(&heard, &best.settings, said);
+    }
+    heard.bar.finish_and_clear();
+    let contradicted = contradict.then(|| best.told(shared));
+    let scatter = best.scatter();
+    let agree = contradicted.is_none() && scatter.is_none();
+    Positions { fixes: best.stated(scatter.unwrap_or(1.0), agree), contradicted, scatter }
+}
+
+/// What was heard, and how far it is.
+struct Heard<'a> {
+    sets: &'a [SightingSet],
+    sound_m_s: f64,
+    bar: progress::ProgressBar,
+}
+
+impl Heard<'_> {
+    fn located(&self, sets: &[SightingSet], settings: &FixSettings) -> Vec<Result<Fix, NetworkError>> {
+        self.bar.inc_length(sets.len() as u64);
+        let fix = |set: &SightingSet| {
+            self.bar.inc(1);
+            locate(&set.sightings, settings)
+        };
+        sets.iter().map(fix).collect()
+    }
+}
+
+/// Sets without the errors that last, and what is known of these.
+struct Fitted {
+    settings: FixSettings,
+    sets: Vec<SightingSet>,
+    fixes: Vec<Result<Fix, NetworkError>>,
+    velocities: Vec<[f64; 2]>,
+    prior: [f64; N],
+    state: [f64; N],
+    covariance: Square<N>,
+    misfit: f64,
+    freedom: f64,
+    /// Variance of a mean of residuals over that of as many independent ones.
+    common: f64,
+    /// Positions that told something.
+    used: usize,
+}
+
+impl Fitted {
+    /// With no array set aside, where errors that last explain what they disagree in; else instant by instant.
+    fn simplest(heard: &Heard<'_>, settings: &FixSettings, shared: &[SharedError; MAX_ARRAYS]) -> Self {
+        let whole = Self::of(heard, &FixSettings { robust: false, ..*settings }, shared);
+        if whole.explains() || !settings.robust { whole } else { Self::of(heard, settings, shared) }
+    }
+
+    fn of(heard: &Heard<'_>, settings: &FixSettings, shared: &[SharedError; MAX_ARRAYS]) -> Self {
+        let mut prior = [0.0; N];
+        for (k, of) in shared.iter().enumerate() {
+            (prior[k], prior[MAX_ARRAYS + k]) = (of.azimuth, of.clock_s);
+        }
+        // Clocks are told against that of the first array.
+        if let Some(first) = heard.sets.iter().flat_map(|set| &set.stations).min() {
+            prior[MAX_ARRAYS + first] = 0.0;
+        }
+        let mut new = Self {
+            settings: *settings,
+            sets: heard.sets.to_vec(),
+            fixes: heard.located(heard.sets, settings),
+            velocities: Vec::new(),
+            prior,
+            state: [0.0; N],
+            covariance: identity(),
+            misfit: 0.0,
+            freedom: 0.0,
+            common: 1.0,
+            used: 0,
+        };
+        for _ in 0..STEPS {
+            new.velocities = velocities(&new.sets, &new.fixes);
+            let before = new.state;
+            new.step();
+            let places = new.fixes.iter().zip(&new.velocities);
+            for (set, (given, (fix, v))) in new.sets.iter_mut().zip(heard.sets.iter().zip(places)) {
+                *set = without(given, &new.prior, &new.state, v, fix.as_ref().ok(), heard.sound_m_s);
+            }
+            new.fixes = heard.located(&new.sets, settings);
+            if new.state.iter().zip(&before).all(|(now, before)| (now - before).abs() < LEAST_STEP) {
+                break;
+            }
+        }
+        new
+    }
+
+    /// One linear step from the present state.
+    fn step(&mut self) {
+        let mut information = [[0.0; N]; N];
+        let mut pull = [0.0; N];
+        let (mut misfit, mut freedom, mut used) = (0.0, 0.0, 0);
+        for sums in self.sums().flatten() {
+            used += 1;
+            misfit += sums.misfit;
+            freedom += sums.freedom;
+            for (to, from) in information.iter_mut().flatten().zip(sums.information.as_flattened()) {
+                *to += from;
+            }
+            for (to, from) in pull.iter_mut().zip(&sums.pull) {
+                *to += from;
+            }
+        }
+        self.used = used;
+        if used < LEAST_FIXES {
+            return;
+        }
+        let before = self.state;
+        let mut noise = 1.0;
+        // Once as claimed, then as the residuals show.
+        for _ in 0..2 {
+            let mut normal = information;
+            normal.iter_mut().flatten().for_each(|x| *x /= noise);
+            for (k, row) in normal.iter_mut().enumerate() {
+                row[k] += 1.0;
+            }
+            let Some(covariance) = spd::inverse(&normal) else { return };
+            let moved = spd::times(&information, &before);
+            let right: [f64; N] = core::array::from_fn(|k| (pull[k] + moved[k]) / noise);
+            self.state = spd::times(&covariance, &right);
+            self.covariance = covariance;
+            let change: [f64; N] = core::array::from_fn(|k| self.state[k] - before[k]);
+            self.misfit =
+                misfit - 2.0 * spd::dot(&change, &pull) + spd::quadratic(&change, &information, &change);
+            self.freedom = freedom;
+            self.common = self.shared_by_successive(&change);
+            noise = (self.misfit / freedom).max(LEAST_NOISE) * self.common;
+        }
+    }
+
+    /// Variance of a mean of residuals over that of as many independent ones, from what successive ones have in common.
+    fn shared_by_successive(&self, change: &[f64; N]) -> f64 {
+        let mut last = [0.0; MAX_ARRAYS];
+        let (mut squares, mut products, mut n) = (0.0, 0.0, 0.0f64);
+        for sums in self.sums().flatten() {
+            let explained = spd::times(&sums.information, change);
+            for k in (0..MAX_ARRAYS).filter(|k| sums.information[*k][*k] > 0.0) {
+                let off = (sums.pull[k] - explained[k]) / sums.information[k][k].sqrt();
+                squares += off * off;
+                products += off * last[k];
+                last[k] = off;
+                n += 1.0;
+            }
+        }
+        let common = if squares > 0.0 { (products / squares + 1.0 / n).clamp(0.0, MOST_COMMON) } else { 0.0 };
+        (1.0 + common) / (1.0 - common)
+    }
+
+    fn sums(&self) -> impl Iterator<Item = Option<Sums>> + '_ {
+        let all = self.sets.iter().zip(&self.fixes).zip(&self.velocities);
+        all.map(|((set, fix), v)| {
+            let fix = fix.as_ref().ok().filter(|fix| fix.freedom > 0 && !fix.height_at_limit)?;
+            sums(set, fix, v, &self.prior, &self.state)
+        })
+    }
+
+    /// Whether the residuals are about as large as claimed.
+    fn explains(&self) -> bool {
+        self.used >= LEAST_FIXES && self.misfit <= EXPLAINED * self.freedom
+    }
+
+    /// The residuals' variance over the claimed one, where that is more than chance: as many residuals count as are independent.
+    fn scatter(&self) -> Option<f64> {
+        let independent = (self.freedom / self.common).max(1.0);
+        let most = misfit_limit(independent as u32) / independent;
+        let found = self.misfit / self.freedom;
+        (self.used >= LEAST_FIXES && found > most).then_some(found)
+    }
+
+    /// How many unknowns the bearings tell, each as a share of what the prior left: `tr A (A + 1)⁻¹`.
+    fn unknowns(&self) -> f64 {
+        (0..N).map(|k| (1.0 - self.covariance[k][k]).max(0.0)).sum()
+    }
+
+    fn told(&self, shared: &[SharedError; MAX_ARRAYS]) -> [Lasting; MAX_ARRAYS] {
+        let of = |k: usize| (self.prior[k] * self.state[k], self.prior[k] * self.covariance[k][k].sqrt());
+        let one = |k: usize| {
+            let (azimuth, clock_s) = (of(k), of(MAX_ARRAYS + k));
+            let beyond = (
+                azimuth.0.abs() > NAMED * shared[k].azimuth.max(f64::MIN_POSITIVE),
+                clock_s.0.abs() > NAMED * shared[k].clock_s.max(f64::MIN_POSITIVE),
+            );
+            Lasting { azimuth, clock_s, beyond }
+        };
+        core::array::from_fn(one)
+    }
+
+    /// The positions, what lasts in their covariances. `noise`: what the residuals show more than was claimed.
+    fn stated(self, noise: f64, agree: bool) -> Vec<Result<Fix, NetworkError>> {
+        let state = |((set, fix), v): ((&SightingSet, Result<Fix, NetworkError>), &[f64; 2])| {
+            let mut fix = fix?;
+            let own = if fix.consistent { 1.0 } else { fix.misfit / f64::from(fix.freedom.max(1)) };
+            let grown = (noise / own).max(1.0);
+            fix.covariance_m2.iter_mut().flatten().for_each(|x| *x *= grown);
+            if let Some(sums) = sums(set, &fix, v, &self.prior, &self.state) {
+                let lasting = spd::propagated(&sums.moves, &self.covariance);
+                for (x, add) in fix.covariance_m2.iter_mut().flatten().zip(lasting.as_flattened()) {
+                    *x += add;
+                }
+            }
+            fix.consistent &= agree;
+            let far = set.sightings.iter().map(|s| distance_m(s, &fix.position_m)).fold(0.0, f64::max);
+            let sd = spd::largest_eigenvalue(&fix.covariance_m2).sqrt();
+            if sd <= LARGEST_RELATIVE_SD * far { Ok(fix) } else { Err(NetworkError::NotObservable) }
+        };
+        self.sets.iter().zip(self.fixes).zip(&self.velocities).map(state).collect()
+    }
+}
+
+fn identity() -> Square<N> {
+    core::array::from_fn(|k| core::array::from_fn(|l| if k == l { 1.0 } else { 0.0 }))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,125 @@
+use super::*;
+use crate::orientation::sets::{BearingRow, gather};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use seabearing_core::angle::RAD_PER_DEG;
+use seabearing_locate::network::Region;
+use seabearing_locate::network::model::bearing;
+
+const ARRAYS: [[f64; 3]; 3] = [[0.0, 0.0, -100.0], [700.0, 100.0, -120.0], [200.0, 600.0, -90.0]];
+const SD: (f64, f64) = (0.3 * RAD_PER_DEG, 0.4 * RAD_PER_DEG);
+const REGION: Region = Region::Box { least_m: [-1700.0, -1800.0, -5.0], greatest_m: [2300.0, 2200.0, -5.0] };
+const SETTINGS: FixSettings = FixSettings { region: REGION, robust: true };
+
+const SOUND_M_S: f64 = 1484.0;
+
+fn way_m(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+fn place(t_s: f64) -> [f64; 3] {
+    [6.0f64.mul_add(t_s, -600.0), 250.0 + t_s, -5.0]
+}
+
+/// Bearings of a passage by the first `arrays`, the second of them turned and late by so much.
+fn heard(arrays: usize, turned: f64, late_s: f64, seed: u64) -> Vec<SightingSet> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
+    let mut rows = Vec::new();
+    for k in 0..100 {
+        for (station, array) in ARRAYS.iter().enumerate().take(arrays) {
+            let t_s = 2.0 * f64::from(k);
+            let (wrong, late) = if station == 1 { (turned, late_s) } else { (0.0, 0.0) };
+            let mut emitted = t_s - late;
+            for _ in 0..4 {
+                emitted = t_s - late - way_m(array, &place(emitted)) / SOUND_M_S;
+            }
+            let (azimuth, elevation) = bearing(array, &place(emitted));
+            rows.push(BearingRow {
+                t_s,
+                station,
+                azimuth: azimuth + wrong + SD.0 * noise(),
+                elevation: Some(elevation + SD.1 * noise()),
+                sd: SD,
+            });
+        }
+    }
+    gather(&mut rows, &ARRAYS)
+}
+
+const TOLD: [SharedError; MAX_ARRAYS] =
+    [SharedError { azimuth: 0.5 * RAD_PER_DEG, clock_s: 1.0 }; MAX_ARRAYS];
+const NONE: [SharedError; MAX_ARRAYS] = [SharedError { azimuth: 0.0, clock_s: 0.0 }; MAX_ARRAYS];
+
+/// Positions, the share of them whose 95 % hold the truth, and of those that are consistent.
+fn judged(sets: &[SightingSet], said: &[SharedError; MAX_ARRAYS]) -> (Positions, f64, f64) {
+    let found = positions(sets, &SETTINGS, &TOLD, said, SOUND_M_S);
+    let (mut held, mut agree, mut n) = (0.0, 0.0, 0.0);
+    for (set, fix) in sets.iter().zip(&found.fixes) {
+        let Ok(fix) = fix else { continue };
+        let seen = set.sightings.iter().map(|seen| way_m(&seen.array_m, &fix.position_m)).sum::<f64>();
+        let truth = place(set.t_s - seen / set.sightings.len() as f64 / SOUND_M_S);
+        let off = [fix.position_m[0] - truth[0], fix.position_m[1] - truth[1]];
+        let [[xx, xy, _], [_, yy, _], _] = fix.covariance_m2;
+        let squares = spd::quadratic(&off, &spd::inverse(&[[xx, xy], [xy, yy]]).unwrap(), &off);
+        held += f64::from(u8::from(squares < 5.991));
+        agree += f64::from(u8::from(fix.consistent));
+        n += 1.0;
+    }
+    assert!(n > 90.0, "{n} positions");
+    (found, held / n, agree / n)
+}
+
+#[test]
+fn arrays_as_said_are_left_alone() {
+    for seed in 0..6 {
+        for arrays in [2, 3] {
+            let (found, held, agree) = judged(&heard(arrays, 0.0, 0.0, seed), &NONE);
+            assert_eq!((found.contradicted, found.scatter), (None, None), "seed {seed}, {arrays} arrays");
+            assert!(held > 0.85 && agree > 0.97, "seed {seed}, {arrays} arrays: {held} {agree}");
+        }
+    }
+}
+
+#[test]
+fn a_turned_array_is_found_or_said() {
+    for seed in 0..4 {
+        for arrays in [2, 3] {
+            for turned in [3.0, 5.0, -8.0] {
+                let (found, held, agree) = judged(&heard(arrays, turned * RAD_PER_DEG, 0.0, seed), &NONE);
+                let what = format!("seed {seed}, {arrays} arrays, {turned}°: {held}");
+                assert!(agree == 0.0 && held > 0.85, "{what}");
+                let (off, sd) = found.contradicted.expect(&what)[1].azimuth;
+                assert!((off - turned * RAD_PER_DEG).abs() < 3.0 * sd, "{what}: {off} {sd}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_late_clock_is_found_or_said() {
+    // What stays unknown of it is in all positions of a passage alike.
+    let mut held_of_all = 0.0;
+    for seed in 0..8 {
+        for late_s in [5.0, -8.0] {
+            let (found, held, agree) = judged(&heard(3, 0.0, late_s, seed), &NONE);
+            assert!(agree == 0.0, "seed {seed}, {late_s} s: {:?}", found.scatter);
+            held_of_all += held / 16.0;
+        }
+    }
+    assert!(held_of_all > 0.88, "{held_of_all}");
+}
+
+#[test]
+fn an_error_within_what_is_said_is_in_every_position() {
+    let mut held_of_all = 0.0;
+    for seed in 0..10 {
+        // Two deviations, where the errors are said; and nothing is contradicted.
+        let turned = if seed % 2 == 0 { 0.7 } else { -0.7 };
+        let (found, held, _) = judged(&heard(2, turned * RAD_PER_DEG, 0.0, seed), &TOLD);
+        assert_eq!(found.contradicted, None);
+        held_of_all += 0.1 * held;
+    }
+    assert!(held_of_all > 0.9, "{held_of_all}");
+}

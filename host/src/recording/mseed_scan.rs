@@ -1,0 +1,131 @@
+//! Where the samples of miniSEED and SAC files are, from their headers alone.
+
+use super::mseed::BLOCK;
+use super::mseed_record::{self, Header, LONGEST};
+use super::{complain, sac};
+use anyhow::{Context, Result, bail};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Least step from one possible record to the next, when looking for one after damage.
+const RESYNC: usize = 64;
+
+/// How a record's samples are written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Form {
+    /// A record of miniSEED.
+    MiniSeed,
+    /// Floating-point numbers of a SAC file, in the order of its bytes.
+    Sac(sac::Order),
+}
+
+/// Where a record's samples are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    pub(super) file: usize,
+    pub(super) form: Form,
+    pub(super) offset: u64,
+    pub(super) bytes: usize,
+    pub(super) start_ns: i128,
+    /// Index of its first sample (after `place`) and number of samples.
+    pub(super) first: i64,
+    pub(super) samples: usize,
+}
+
+/// What the files hold of a channel.
+#[derive(Clone, Default)]
+pub(super) struct Channel {
+    pub(super) pieces: Vec<Piece>,
+    pub(super) rates_hz: Vec<f64>,
+    pub(super) stations: Vec<String>,
+}
+
+/// Channels by source (`NET.STA.LOC`) and code.
+pub(super) type Found = BTreeMap<(String, String), Channel>;
+
+/// Finds a SAC file's samples, in pieces that can be read one at a time.
+pub(super) fn scan_sac(path: &Path, number: usize, channels: &mut Found) -> Result<()> {
+    let about = sac::header(path)?;
+    let c = channels.entry((about.station.clone(), about.channel)).or_default();
+    c.stations.push(about.station);
+    c.rates_hz.push(about.rate_hz);
+    for first in (0..about.count).step_by(BLOCK) {
+        c.pieces.push(Piece {
+            file: number,
+            form: Form::Sac(about.order),
+            offset: sac::HEADER + 4 * first as u64,
+            bytes: 4 * BLOCK.min(about.count - first),
+            start_ns: about.start_ns + (first as f64 / about.rate_hz * 1e9).round() as i128,
+            first: 0,
+            samples: BLOCK.min(about.count - first),
+        });
+    }
+    Ok(())
+}
+
+/// Finds the records of a miniSEED file.
+pub(super) fn scan(path: &Path, number: usize, channels: &mut Found) -> Result<()> {
+    let unreadable = || format!("cannot read {}", path.display());
+    let mut file = File::open(path).with_context(unreadable)?;
+    // Always a whole record ahead, except at the end of the file.
+    let (mut window, mut begins, mut at) = (Vec::new(), 0u64, 0);
+    let (mut damaged, mut found) = (0, 0usize);
+    let mut reason = String::new();
+    loop {
+        if window.len() - at < LONGEST {
+            window.drain(..at);
+            begins += at as u64;
+            at = 0;
+            let room = 2 * LONGEST - window.len();
+            (&mut file).take(room as u64).read_to_end(&mut window).with_context(unreadable)?;
+        }
+        if at >= window.len() {
+            break;
+        }
+        match mseed_record::header(&window[at..]) {
+            Ok(h) => {
+                found += 1;
+                let Header { channel, station, rate_hz, start_ns, count, bytes } = h;
+                let c = channels.entry((station.clone(), channel)).or_default();
+                if count > 0 {
+                    if !c.stations.contains(&station) {
+                        c.stations.push(station);
+                    }
+                    if !c.rates_hz.contains(&rate_hz) {
+                        c.rates_hz.push(rate_hz);
+                    }
+                    c.pieces.push(Piece {
+                        file: number,
+                        form: Form::MiniSeed,
+                        offset: begins + at as u64,
+                        bytes,
+                        start_ns,
+                        first: 0,
+                        samples: count,
+                    });
+                }
+                at = (at + bytes.max(RESYNC)).min(window.len());
+            }
+            Err(e) => {
+                if reason.is_empty() {
+                    reason = format!("at byte {}: {e}", begins + at as u64);
+                }
+                let step = RESYNC.min(window.len() - at);
+                damaged += step;
+                at += step;
+            }
+        }
+    }
+    if found == 0 {
+        bail!("{}: no readable miniSEED record ({reason})", path.display());
+    }
+    if damaged > 0 {
+        complain(&format!(
+            "{}: {damaged} bytes are damaged or cut, the rest is used ({reason})",
+            path.display()
+        ));
+    }
+    Ok(())
+}
