@@ -7,14 +7,16 @@ use super::fringes::Depth;
 use super::others::Followed;
 use super::places::Places;
 use super::plan::{BINS, HOP, OCTAVES, Plan};
+use super::refine;
 use super::sick::Sick;
 use super::steady::Steady;
 use super::wavefront::{self, Direction};
 use crate::math::f32 as m;
 
-/// Segments over which the coherence spectrum is averaged: the weights need it steady, the vessel lets it change over
-/// tens of seconds.
+/// Segments over which the coherence spectrum is averaged: a faint vessel's weights need it steady.
 const AVERAGED_SEGMENTS: f32 = 16.0;
+/// Relative variance of a coherence that costs the weights nothing.
+const STEADY: f32 = 0.005;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
 const OTHER_SOURCE_CELLS: f32 = 10.0;
 /// For so long a source is where it was last, but for some degrees, seconds.
@@ -150,16 +152,25 @@ impl Memory {
         self.last = Some((*direction, index));
     }
 
-    /// Joins the remembered coherence to a segment's own where the direction is the one remembered; of how many segments it
-    /// is then.
-    pub(super) fn join_expected(&self, direction: &Direction, plan: &Plan, own: &mut [f32; BINS]) -> f32 {
+    /// Joins the remembered coherence to a segment's own, whose mean over the detection band is `mean`, where the direction is the one
+    /// remembered, as far as its own is not steady enough; of how many segments it is then. Under a surface the coherence has fringes, and they
+    /// move: a memory of them weighs bins that a fringe leaves less than those that one comes to, which are loud early in the segment,
+    /// so that a bearing would be of up to 20 ms before its moment.
+    pub(super) fn join_expected(
+        &self,
+        context: &Context<'_>,
+        direction: &Direction,
+        mean: f32,
+        own: &mut [f32; BINS],
+    ) -> f32 {
         let same = self.last.is_some_and(|(last, _)| {
-            wavefront::dot(&last, direction) > m::cos(OTHER_SOURCE_CELLS * plan.whole.resolution)
+            wavefront::dot(&last, direction) > m::cos(OTHER_SOURCE_CELLS * context.plan.whole.resolution)
         });
-        if !same {
+        let variance = context.noise(1.0) / (STEADY * refine::SMOOTHED * mean * mean).max(f32::MIN_POSITIVE);
+        let n = self.averaged.min(variance - 1.0).min(AVERAGED_SEGMENTS - 1.0);
+        if !(same && n > 0.0) {
             return 1.0;
         }
-        let n = self.averaged.min(AVERAGED_SEGMENTS - 1.0);
         for (own, mean) in own.iter_mut().zip(&self.coherence) {
             *own = (*own + n * mean) / (n + 1.0);
         }

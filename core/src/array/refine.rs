@@ -23,6 +23,8 @@ pub(crate) const LEAST_NOISE: f32 = 0.02;
 const LEAST_APART: f32 = 0.2;
 /// Bins on each side over which the coherence spectrum is averaged for the weights.
 const SMOOTH: usize = 4;
+/// Bins in all.
+pub(super) const SMOOTHED: f32 = (2 * SMOOTH + 1) as f32;
 /// Variances of noise taken off a squared coherence: two standard deviations are none.
 const SIGNIFICANT: f32 = 4.0;
 /// Gauss-Newton steps: from a fine-grid start three reach the level of rounding; after one shorter than this share of the
@@ -192,14 +194,15 @@ pub(crate) fn overdone(
 /// not [`SIGNIFICANT`] (James and Stein, Proc. 4th Berkeley Symp. 1961, with k for their count of means).
 pub(crate) fn smoothed(band: &Band, noise: f32, raw: &[f32; BINS], out: &mut [f32; BINS]) {
     out.fill(0.0);
-    for k in band.low..band.high.min(BINS) {
-        let first = k.saturating_sub(SMOOTH).max(band.low);
-        let last = (k + SMOOTH + 1).min(band.high);
-        let span = last.saturating_sub(first).max(1);
-        let sum = raw.iter().skip(first).take(span).sum::<f32>();
+    let (low, high) = (band.low, band.high.min(BINS));
+    let at = |k: usize| if k >= low && k < high { raw.get(k).copied().unwrap_or(0.0) } else { 0.0 };
+    let mut sum = (low..low + SMOOTH).map(at).sum::<f32>();
+    for k in low..high {
+        sum += at(k + SMOOTH) - k.checked_sub(SMOOTH + 1).map_or(0.0, at);
+        let span = (k + SMOOTH + 1).min(high).saturating_sub(k.saturating_sub(SMOOTH).max(low)) as f32;
         if let Some(out) = out.get_mut(k) {
-            let own = SIGNIFICANT * noise * span as f32;
-            *out = if sum > 0.0 { (sum - own / sum).max(0.0) / span as f32 } else { 0.0 };
+            let own = SIGNIFICANT * noise * span;
+            *out = if sum > 0.0 { (sum - own / sum).max(0.0) / span } else { 0.0 };
         }
     }
 }
@@ -283,6 +286,10 @@ const RUNS_TOGETHER: usize = 4;
 /// Sums of so many bins.
 const SUMS: usize = BINS / (RUNS_TOGETHER * RUN) + 1;
 
+/// Sums whose pushes are taken together, a quarter of the band's: those of a source that stands elsewhere swing with the frequency, once in
+/// 1 kHz at a millisecond and in 10 kHz at a tenth of one, and mostly cancel each other.
+const TOGETHER: usize = 8;
+
 /// By how much the cross-spectra scatter about a source more than noise does.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scatter {
@@ -296,7 +303,8 @@ pub(crate) struct Scatter {
 /// The scatter about a source `found`, of smoothed coherence and weights `work`. What was left of a louder source, echoes and images
 /// scatter the cross-spectra; they do so in neighbouring bins alike, so these are summed first. What comes from above or below the
 /// source turns its elevation and not its azimuth: the direction's covariance is that of the sums' own push along the tangents,
-/// `A⁻¹ B A⁻¹` with `A` the information and `B` the sum of their products (Huber, Proc. 5th Berkeley Symp. 1967, vol. 1, p. 221).
+/// `A⁻¹ B A⁻¹` with `A` the information (Huber, Proc. 5th Berkeley Symp. 1967, vol. 1, p. 221) and `B` the sum of their products, those of
+/// neighbours included, the less the farther apart they are (Newey and West, Econometrica 55, 1987, p. 703, eq. 5).
 pub(super) fn scatter(
     context: &Context<'_>,
     found: &Found,
@@ -350,8 +358,16 @@ pub(super) fn scatter(
         return Scatter { ratio: 1.0, direction: (0.0, 0.0, 0.0) };
     };
     let mut direction = (0.0, 0.0, 0.0);
-    for [a, b] in push {
-        let step = [(i11 * a + i12 * b) / information, (i12 * a + i22 * b) / information];
+    // The running sum over TOGETHER, from the first alone to the last alone.
+    let mut running = [0.0f32; 2];
+    let scale = 1.0 / (m::sqrt(TOGETHER as f32) * information);
+    for n in 0..SUMS + TOGETHER - 1 {
+        for (k, running) in running.iter_mut().enumerate() {
+            let at = |n: Option<usize>| n.and_then(|n| push.get(n)).map_or(0.0, |push| push[k]);
+            *running += at(Some(n)) - at(n.checked_sub(TOGETHER));
+        }
+        let [a, b] = running;
+        let step = [(i11 * a + i12 * b) * scale, (i12 * a + i22 * b) * scale];
         direction.0 += step[0] * step[0];
         direction.1 += step[0] * step[1];
         direction.2 += step[1] * step[1];

@@ -56,6 +56,10 @@ const HALF_WAY_SD: f32 = 0.8;
 /// Standard deviation of a depth that no fringes tell, in units of `vessel_depth_m`: propellers 2 to 8 m deep are, about 4 m, 2 m off
 /// in the root mean square.
 const UNKNOWN_DEPTH_SD: f32 = 0.5;
+/// Where vessel and image are farther apart than the array's resolution, the direction is of one of them or between: standard deviation of the
+/// elevation, in units of half of what they are apart, for each `(apart / (2 · resolution))⁴` up to 1: a law that fits passes at 64 kHz,
+/// 200 m to 1 km away from arrays 60 and 168 m deep.
+const ONE_OF_TWO_SD: f32 = 0.7;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
 /// bottoms 2 to 30 m below the array and passes with the surface's image, at 16 and 64 kHz.
 const PATHS: f32 = 4.0;
@@ -185,6 +189,15 @@ pub(super) fn bearing(
         None => (plan.vessel_over_array_depth, UNKNOWN_DEPTH_SD * plan.vessel_over_array_depth),
     };
     let (image, mut image_sd) = (rise * half, rise * image_sd);
+    // Of the deepest that it may be, where it is not known.
+    let depth = context
+        .depth
+        .map_or((1.0 + 2.0 * UNKNOWN_DEPTH_SD) * plan.vessel_over_array_depth, |(d, _)| d / plan.depth_m);
+    let (from_middle, resolved) = (rise * depth, rise * depth / context.band.resolution);
+    image_sd = m::hypot(
+        image_sd,
+        ONE_OF_TWO_SD * from_middle * (resolved * resolved * resolved * resolved).min(1.0),
+    );
     if plan.vessel_over_array_depth > 0.0 {
         image_sd = m::hypot(image_sd, m::sqrt(paths * inverse.2));
     }
