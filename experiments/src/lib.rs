@@ -25,6 +25,7 @@ mod flash_cuts;
 mod fuzz;
 pub mod fuzz_targets;
 mod heard_vessels;
+mod late_hydrophone;
 mod levels;
 mod line;
 mod line_bound;
@@ -147,6 +148,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     sea_vessels::EXPERIMENT,
     sea_positions::EXPERIMENT,
     orient_geometry::EXPERIMENT,
+    late_hydrophone::EXPERIMENT,
     motion_checks::COVERAGE,
     motion_figures::FIGURE_1,
     motion_figures::FIGURE_2,

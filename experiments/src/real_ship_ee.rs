@@ -6,7 +6,7 @@
 use super::{Experiment, Options};
 use crate::angle::{azimuth_deg, turn_deg};
 use crate::csv::{CsvTable, CsvText, Fixed};
-use crate::delays::{COLUMNS, SetResult, check_above, solve};
+use crate::delays::{COLUMNS, SetResult, Solved, check_above, solve};
 use crate::geodesy::LocalFrame;
 use crate::plot::{Plot, Scale, write_panels};
 use crate::station::Station;
@@ -118,14 +118,22 @@ impl ShipRecording {
         Ok(Self { station, tdoa, truth })
     }
 
+    /// What the command's own function makes of the sets.
+    ///
+    /// # Errors
+    /// As the command.
+    pub fn solved(&self) -> Result<Solved> {
+        solve(&self.station.config, &self.tdoa, None)
+    }
+
     /// Runs the command's own function over the sets and compares with GPS.
     ///
     /// # Errors
     /// As the command.
     pub fn judge(&self) -> Result<Vec<Judged>> {
-        let results = solve(&self.station.config, &self.tdoa, None)?;
-        check_above(&results)?;
-        Ok(results.into_iter().filter_map(|r| self.judged(r)).collect())
+        let Solved { sets, .. } = self.solved()?;
+        check_above(&sets)?;
+        Ok(sets.into_iter().filter_map(|r| self.judged(r)).collect())
     }
 
     /// Direction by GPS: linear between the fixes around a time, none where they are too far away.
@@ -181,14 +189,18 @@ pub fn score(judged: &[Judged]) -> BearingScore {
     }
 }
 
-/// The sets of the data, converted in a folder that goes again.
-fn judged(data: &Path) -> Result<Vec<Judged>> {
+/// The sets of the data, converted in a folder that goes again, and whether a hydrophone is called late.
+fn judged(data: &Path) -> Result<(Vec<Judged>, bool)> {
     let folder = seabearing_host::beside::Folder::new()?;
-    ShipRecording::convert(data, folder.path())?.judge()
+    let recording = ShipRecording::convert(data, folder.path())?;
+    let late = recording.solved()?.lateness.and_then(|l| l.said());
+    Ok((recording.judge()?, late.is_some()))
 }
 
 fn run(options: &Options) -> Result<()> {
     let judged = options.real(DATA).map(|data| judged(&data)).transpose()?;
+    let late = judged.as_ref().map(|(_, late)| f64::from(u8::from(*late)));
+    let judged = judged.map(|(judged, _)| judged);
     let score = judged.as_deref().map(score);
     let figures = &options.figures;
     figures.at_least("sets kept, %", score.map(|s| 100.0 * s.kept), 80.0);
@@ -196,6 +208,7 @@ fn run(options: &Options) -> Result<()> {
     figures.at_most("beyond 10°, %", score.map(|s| 100.0 * s.beyond_10_deg), 0.5);
     figures.at_least("in the 95 % ellipse, %", score.map(|s| 100.0 * s.in_ellipse), 92.0);
     figures.at_most("in the 95 % ellipse, %", score.map(|s| 100.0 * s.in_ellipse), 97.0);
+    figures.at_most("hydrophones called late (none is known to be)", late, 0.0);
     let (Some(s), Some(judged)) = (score, judged) else { return Ok(()) };
     let mut report = super::report::CsvReport::new(
         "real_ship_ee",

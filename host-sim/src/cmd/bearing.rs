@@ -1,7 +1,7 @@
 //! `seabearing bearing`: bearings from measured arrival-time differences.
 
 use super::mistake;
-use crate::delays::{SetResult, check_above, solve};
+use crate::delays::{SetResult, Solved, check_above, solve};
 use crate::station::Station;
 use anyhow::{Context, Result, bail};
 use seabearing_core::geometry::PAIRS;
@@ -17,6 +17,7 @@ use std::path::PathBuf;
     TDOA.csv has the header t_s,tdoa01_s,tdoa02_s,tdoa03_s,tdoa12_s,tdoa13_s,tdoa23_s; tdoaIJ is the arrival time at \
     hydrophone J minus that at hydrophone I, in seconds. `accepted` is the outlier test: residual, length of the \
     solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`). \
+    A hydrophone that is late in all sets is named where their directions tell it, and the errors stated hold what it does. \
     A file of which most bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
     accepted where the station lies 25 m deep or more.")]
 pub struct Args {
@@ -49,7 +50,11 @@ pub fn run(args: Args) -> Result<()> {
         mistake!("--tolerance-us is {t}; a number above zero was expected");
     }
     let station = Station::read(&args.station)?;
-    let results = solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
+    let Solved { sets: results, lateness } =
+        solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
+    if let Some(said) = lateness.and_then(|l| l.said()) {
+        log::warn!("{}: {said}", args.tdoa.display());
+    }
     check_above(&results).with_context(|| args.tdoa.display().to_string())?;
     let mut out = std::io::stdout().lock();
     if !args.json {

@@ -228,6 +228,7 @@ pub fn run(args: Args) -> Result<()> {
     let mut telemetry = Vec::new();
     let mut messages = Vec::new();
     let mut last_health = None;
+    let mut directions = 0u64;
     let (mut bearings, mut tracks, mut levels) = (Vec::new(), Vec::new(), Vec::new());
     #[cfg(feature = "base")]
     let (as_table, mut rows) = (args.table()?, Vec::new());
@@ -260,6 +261,10 @@ pub fn run(args: Args) -> Result<()> {
         }
         match message {
             Message::Health(health) => last_health = Some(*health),
+            Message::Bearing(_) => directions += 1,
+            _ => {}
+        }
+        match message {
             Message::Bearing(b) if args.plots.is_some() => bearings.push(*b),
             Message::Track(t) if args.plots.is_some() => tracks.push(*t),
             _ => {}
@@ -323,7 +328,8 @@ pub fn run(args: Args) -> Result<()> {
     }
     let _ = args.json;
     match last_health {
-        Some(health) if health.processed > 0 => Ok(()),
+        // Three hydrophones give bearings where the fourth is dead, though no instant is whole.
+        Some(health) if health.processed > 0 || directions > 0 => Ok(()),
         Some(health) => bail!(
             "no sample of {} could be used: {} missing, {} repeated, {} invalid, {} clipped, {} with a dead channel, {} left over",
             health.lost.iter().sum::<u64>(),

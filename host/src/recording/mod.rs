@@ -24,11 +24,13 @@
 mod card;
 mod equalise;
 mod flac;
+mod invalid;
 mod memory;
 mod mseed;
 pub(crate) mod mseed_record;
 mod mseed_scan;
 mod pick;
+mod placing;
 mod raw;
 mod resample;
 mod sac;

@@ -1,6 +1,8 @@
 //! Several files as one recording: their order, the gaps between them, and what to do with bad ones.
 
+use super::invalid::Invalid;
 use super::pick::{Audio, FIRST, Joined, Source, natural, without_last_number};
+use super::placing::{self, Stretch};
 use super::wav::Info;
 use super::written_time::WrittenTime;
 use super::{BlockSource, Container, Span, complain};
@@ -9,10 +11,6 @@ use seabearing_core::block::{Block, CHANNELS, Frame};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use time::{Duration, OffsetDateTime, UtcOffset};
-
-/// Drift of a recorder's clock against the times in file names that is not taken for a gap: 50 parts in a million,
-/// the tolerance of an ordinary crystal over temperature.
-const DRIFT: f64 = 50e-6;
 
 /// One file of the sequence, or several that hold its channels.
 #[derive(Clone)]
@@ -29,10 +27,15 @@ impl Part {
         self.source.files.first().map_or(Path::new(""), |(path, _)| path)
     }
 
+    /// Samples that are there, or were to be.
+    fn samples(&self) -> u64 {
+        self.info.promised.max(self.info.frames).unwrap_or(0)
+    }
+
     /// When it began and ended, where its start is known.
     fn span(&self, rate_hz: f64) -> Option<(OffsetDateTime, OffsetDateTime)> {
         let at = self.stamp?.at;
-        let seconds = self.info.promised.max(self.info.frames).unwrap_or(0) as f64 / rate_hz;
+        let seconds = self.samples() as f64 / rate_hz;
         Some((at, at.checked_add(Duration::checked_seconds_f64(seconds)?)?))
     }
 }
@@ -49,6 +52,8 @@ pub(super) struct Parts {
 pub(super) struct Sequence {
     parts: std::vec::IntoIter<Part>,
     current: Option<(Part, Joined)>,
+    /// Of the current one.
+    invalid: Invalid,
     next_index: u64,
     file_start: u64,
     /// Frames of the next file to pass over.
@@ -139,6 +144,13 @@ impl Parts {
             parts.sort_by_key(|p| (p.stamp.map(|s| s.at), std::cmp::Reverse(p.info.frames)));
             leave_out_copies(&mut parts, rate_hz);
         }
+        for (k, samples) in placing::doubtful(&stretches(&parts), rate_hz) {
+            let (ms, way) = (1e3 * samples.abs() / rate_hz, if samples > 0.0 { "after" } else { "before" });
+            complain(&format!(
+                "{}: begins {ms:.3} ms {way} the end of the file before it, which a clock may drift by: joined; more files would tell",
+                parts[k].path().display()
+            ));
+        }
         Ok(Self { parts, rate_hz })
     }
 
@@ -167,11 +179,13 @@ impl Parts {
         if parts.is_empty() {
             bail!("nothing was recorded {span}");
         }
-        let end = place(&mut parts, self.rate_hz);
+        let (first, end) = placing::place(&stretches(&parts), self.rate_hz);
+        parts.iter_mut().zip(first).for_each(|(part, index)| part.first_index = index);
         let start = parts.first().and_then(|p| p.stamp).map(|s| s.at).or(start);
         Ok(Sequence {
             parts: parts.into_iter(),
             current: None,
+            invalid: Invalid::default(),
             next_index: 0,
             file_start: 0,
             skip: 0,
@@ -181,6 +195,12 @@ impl Parts {
             frames: Vec::new(),
         })
     }
+}
+
+/// When parts began, and how long they are.
+fn stretches(parts: &[Part]) -> Vec<Stretch> {
+    let of = |p: &Part| Stretch { stamp: p.stamp, samples: p.samples() };
+    parts.iter().map(of).collect()
 }
 
 /// Parts of the recorder's channels each, from files of any number of channels.
@@ -254,8 +274,7 @@ impl Sequence {
     /// Passes over what lies before an index, where a file has places to go to.
     pub(super) fn skip_to(&mut self, index: u64) {
         while let Some(part) = self.parts.as_slice().first() {
-            let length = part.info.promised.max(part.info.frames).unwrap_or(0);
-            if part.first_index + length > index {
+            if part.first_index + part.samples() > index {
                 break;
             }
             self.parts.next();
@@ -263,8 +282,16 @@ impl Sequence {
         self.skip = self.parts.as_slice().first().map_or(0, |p| index.saturating_sub(p.first_index));
     }
 
-    /// Says so when a file gave less than its header promised.
-    fn finish(&self, path: &Path, info: &Info, why: Option<&anyhow::Error>) {
+    /// Says so when a file gave less than its header promised, or no numbers.
+    fn finish(&mut self, part: &Part, why: Option<&anyhow::Error>) {
+        let (path, info) = (part.path(), &part.info);
+        let invalid = std::mem::take(&mut self.invalid);
+        for (c, (file, channel)) in part.source.pick.into_iter().enumerate() {
+            if let Some(said) = invalid.said(c, self.rate_hz) {
+                let path = part.source.files.get(file).map_or(path, |(path, _)| path);
+                complain(&format!("{}: channel {channel}: {said}", path.display()));
+            }
+        }
         let got = self.next_index - self.file_start;
         let t = got as f64 / self.rate_hz;
         let cause = why.map_or_else(String::new, |e| format!(" ({e})"));
@@ -312,65 +339,6 @@ fn stamp(path: &Path, offset: UtcOffset) -> Result<Option<WrittenTime>> {
     }
 }
 
-/// What a file's time says against the samples counted.
-#[derive(Clone, Copy)]
-struct Mark {
-    /// The time, in samples since the first file that has one.
-    at: f64,
-    /// By how much it is ahead of the file's first index.
-    ahead: f64,
-    resolution_s: f64,
-}
-
-impl Mark {
-    /// Samples missing (negative: doubled) between this file and a later one, where they are more than the times'
-    /// resolution and the clock's drift from one to the other explain.
-    fn jump(self, later: Self, rate_hz: f64) -> Option<f64> {
-        let jump = later.ahead - self.ahead;
-        (jump.abs() > self.resolution(later, rate_hz) + self.drift(later) + 1.5).then_some(jump)
-    }
-
-    /// The coarser of both times' resolutions, samples.
-    fn resolution(self, later: Self, rate_hz: f64) -> f64 {
-        self.resolution_s.max(later.resolution_s) * rate_hz
-    }
-
-    /// By how much the clock may have drifted from this file to a later one, samples.
-    fn drift(self, later: Self) -> f64 {
-        DRIFT * (later.at - self.at).abs()
-    }
-}
-
-/// Gives every part its first index; the index after the last sample. Each time is held against that of the file
-/// before, so that drift over days hides no gap, and against the last file after a gap, so that many small gaps show.
-fn place(parts: &mut [Part], rate_hz: f64) -> u64 {
-    let mut next = 0u64;
-    let mut origin: Option<OffsetDateTime> = None;
-    let (mut before, mut set): (Option<Mark>, Option<Mark>) = (None, None);
-    for part in parts {
-        part.first_index = next;
-        if let Some(stamp) = part.stamp {
-            let at = (stamp.at - *origin.get_or_insert(stamp.at)).as_seconds_f64() * rate_hz;
-            let mut mark = Mark { at, ahead: at - next as f64, resolution_s: stamp.resolution_s };
-            let found = [before, set].into_iter().flatten().find_map(|m| m.jump(mark, rate_hz));
-            // Its size is measured from the last file after a gap, so that coarse times do not add up, until the clock may
-            // have drifted by more than the times resolve.
-            let anchor = set.filter(|set| set.drift(mark) <= set.resolution(mark, rate_hz));
-            let jump = found.map(|jump| anchor.map_or(jump, |anchor| mark.ahead - anchor.ahead));
-            if let Some(jump) = jump.filter(|jump| next as f64 + jump >= 0.0) {
-                part.first_index = (next as f64 + jump).round() as u64;
-                mark.ahead = at - part.first_index as f64;
-                set = Some(mark);
-            }
-            set = set.or(Some(mark));
-            before = Some(mark);
-        }
-        let length = part.info.promised.max(part.info.frames).unwrap_or(0);
-        next = part.first_index.saturating_add(length);
-    }
-    next
-}
-
 impl BlockSource for Sequence {
     fn start(&self) -> Option<OffsetDateTime> {
         self.start
@@ -394,14 +362,15 @@ impl BlockSource for Sequence {
                 continue;
             };
             match open.read(&mut self.frames) {
-                Ok(()) if self.frames.is_empty() => self.finish(part.path(), &part.info, None),
+                Ok(()) if self.frames.is_empty() => self.finish(&part, None),
                 Ok(()) => {
                     self.current = Some((part, open));
+                    self.invalid.take(&self.frames);
                     let first_index = self.next_index;
                     self.next_index += self.frames.len() as u64;
                     return Ok(Some(Block { first_index, frames: &self.frames }));
                 }
-                Err(e) => self.finish(part.path(), &part.info, Some(&e)),
+                Err(e) => self.finish(&part, Some(&e)),
             }
         }
     }
@@ -425,22 +394,6 @@ mod tests {
             first_index: 0,
         };
         starts_s.map(part).collect()
-    }
-
-    #[test]
-    fn a_gap_of_half_a_minute_on_day_ten_is_seen_through_the_drift_of_the_clock() {
-        // The clock is 30 parts in a million slow: by then 26 s of drift, which are no gap.
-        let start = |k: u64| 3600.0 * k as f64 * (1.0 + 30e-6) + if k < 240 { 0.0 } else { 30.0 };
-        let mut parts = hourly((0..260).map(start));
-        place(&mut parts, RATE_HZ);
-        for (k, p) in (0..240).zip(&parts) {
-            assert_eq!(p.first_index, HOUR * k);
-        }
-        let gap_s = (parts[240].first_index - HOUR * 240) as f64 / RATE_HZ;
-        assert!((gap_s - 30.0).abs() <= 1.0, "{gap_s}");
-        for (k, p) in (0..20).zip(&parts[240..]) {
-            assert_eq!(p.first_index, parts[240].first_index + HOUR * k);
-        }
     }
 
     #[test]
@@ -473,13 +426,5 @@ mod tests {
             indices.extend((0..block.frames.len() as u64).map(|i| block.first_index + i));
         }
         assert!(indices.iter().copied().eq(0..2048));
-    }
-
-    #[test]
-    fn gaps_each_below_the_resolution_show_when_they_add_up() {
-        let mut parts = hourly((0..40).map(|k| 3600.6 * f64::from(k)));
-        place(&mut parts, RATE_HZ);
-        let lost_s = (parts[39].first_index - HOUR * 39) as f64 / RATE_HZ;
-        assert!((lost_s - 0.6 * 39.0).abs() < 4.0, "{lost_s}");
     }
 }

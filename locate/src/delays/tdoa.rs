@@ -46,6 +46,8 @@ pub struct Solver {
     /// Standard deviation of the hydrophones' coordinates, as time, s, and relative one of the speed of sound.
     position_sd_s: f32,
     speed_sd: f32,
+    /// Standard deviation of what each hydrophone's arrivals are off by in all sets, s.
+    late_s: [f32; CHANNELS],
 }
 
 /// One set's direction.
@@ -111,6 +113,7 @@ impl Solver {
             elevation: (sine(elevation_deg.0), sine(elevation_deg.1)),
             position_sd_s: 0.0,
             speed_sd: 0.0,
+            late_s: [0.0; CHANNELS],
         }
     }
 
@@ -120,6 +123,13 @@ impl Solver {
     pub fn uncertain(self, position_sd_m: f64, sound_speed_sd_m_s: f64) -> Self {
         let c = self.geometry.sound_speed_m_s;
         Self { position_sd_s: position_sd_m as f32 / c, speed_sd: sound_speed_sd_m_s as f32 / c, ..self }
+    }
+
+    /// The same for hydrophones whose arrivals may be off in all sets, by such standard deviations each (s): in every direction's covariance
+    /// too.
+    #[must_use]
+    pub fn late(self, late_s: [f64; CHANNELS]) -> Self {
+        Self { late_s: late_s.map(|x| x as f32), ..self }
     }
 
     /// The residual limit in use, s.
@@ -328,11 +338,11 @@ impl Solver {
 }
 
 impl Solver {
-    /// Covariance of the two tangents from what is not known of the hydrophones' coordinates and of the speed of sound: each
+    /// Covariance of the two tangents from what is not known of the hydrophones' coordinates and clocks, and of the speed of sound: each
     /// coordinate along the direction moves one hydrophone's arrival, the speed stretches all delays.
     fn lasting(&self, fit: &Fit) -> [[f32; 2]; 2] {
         let mut out = [[0.0; 2]; 2];
-        if self.position_sd_s == 0.0 && self.speed_sd == 0.0 {
+        if self.position_sd_s == 0.0 && self.speed_sd == 0.0 && self.late_s == [0.0; CHANNELS] {
             return out;
         }
         let e = wavefront::tangents(&fit.direction);
@@ -361,11 +371,12 @@ impl Solver {
                 }
             }
         }
-        let sources = moved.iter().map(|m| (m, self.position_sd_s)).chain([(&stretched, self.speed_sd)]);
-        for (m, sd) in sources {
+        let square = |late: &f32| self.position_sd_s * self.position_sd_s + late * late;
+        let arrivals = moved.iter().zip(self.late_s.iter().map(square));
+        for (m, variance) in arrivals.chain([(&stretched, self.speed_sd * self.speed_sd)]) {
             for (row, a) in out.iter_mut().zip(m) {
                 for (x, b) in row.iter_mut().zip(m) {
-                    *x += sd * sd * a * b;
+                    *x += variance * a * b;
                 }
             }
         }
@@ -410,6 +421,9 @@ mod tests {
         }
         let stated = told.var_azimuth - untold.var_azimuth;
         assert!((stated / expected - 1.0).abs() < 0.1, "{stated} {expected}");
+        // An arrival that is off by as long as sound takes for what the places are.
+        let late = solver().late([0.01 / 1488.0; 4]).solve(&mut Continuity::new(), 0.0, &measured).unwrap();
+        assert!((late.var_azimuth / told.var_azimuth - 1.0).abs() < 1e-4, "{late:?} {told:?}");
         let fast = solver().uncertain(0.0, 15.0).solve(&mut Continuity::new(), 0.0, &measured).unwrap();
         assert!(fast.var_elevation > 10.0 * untold.var_elevation.max(1e-9), "{fast:?} {untold:?}");
     }

@@ -1,7 +1,11 @@
 //! Bearings from a file of arrival-time differences, set by set.
 
+pub mod late;
+mod scatter;
+
 use crate::csv::{CsvTable, good_rows};
 use anyhow::{Result, anyhow, bail};
+use late::{Lateness, Told};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_locate::delays::continuity::Continuity;
 use seabearing_locate::delays::tdoa::{DelaySolution, Solver};
@@ -56,11 +60,34 @@ pub fn check_above(results: &[SetResult]) -> Result<()> {
     Ok(())
 }
 
-/// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out.
+/// The sets of a file.
+#[derive(Debug, Clone)]
+pub struct Solved {
+    /// Of each set, in order of time.
+    pub sets: Vec<SetResult>,
+    /// How late each hydrophone is in all of them; `None` where they do not tell. What is late is in the stated errors.
+    pub lateness: Option<Lateness>,
+}
+
+/// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out. `tolerance_s`: greatest root-mean-square
+/// residual of an accepted set, instead of the usual one.
 ///
 /// # Errors
 /// The station is no array, a column is missing, or no row is usable.
-pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> Result<Vec<SetResult>> {
+pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> Result<Solved> {
+    let name = tdoa.display().to_string();
+    solve_rows(config, good_rows(&name, CsvTable::read(tdoa)?.numbers(COLUMNS)?)?, tolerance_s)
+}
+
+/// The same of rows as the file has them, in any order.
+///
+/// # Errors
+/// The station is no array.
+pub fn solve_rows(
+    config: &StationConfig,
+    mut rows: Vec<[f64; 7]>,
+    tolerance_s: Option<f64>,
+) -> Result<Solved> {
     let Kind::Array(array) = &config.kind else {
         bail!("the station file is not of a compact array (kind = \"array\")");
     };
@@ -68,16 +95,24 @@ pub fn solve(config: &StationConfig, tdoa: &Path, tolerance_s: Option<f64>) -> R
         config.geometry().map_err(|e| anyhow!("the station's hydrophones give no bearings: {e:?}"))?;
     let solver = Solver::new(&geometry, array.reference_range_m, tolerance_s, array.elevation_deg)
         .uncertain(array.position_sd_m, array.sound_speed_sd_m_s);
-    let name = tdoa.display().to_string();
-    let mut rows = good_rows(&name, CsvTable::read(tdoa)?.numbers(COLUMNS)?)?;
     rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let told = Told {
+        range_m: array.reference_range_m,
+        position_sd_m: array.position_sd_m,
+        sound_speed_sd_m_s: array.sound_speed_sd_m_s,
+        tolerance_s: solver.tolerance_s().into(),
+    };
+    let delays: Vec<[f64; 6]> = rows.iter().map(|[_, delays @ ..]| *delays).collect();
+    let lateness = late::lateness(&geometry, &told, &delays);
+    let solver = match &lateness {
+        Some(lateness) => solver.late(lateness.unsure_s()),
+        None => solver,
+    };
     let mut continuity = Continuity::new();
-    Ok(rows
-        .into_iter()
-        .map(|[t_s, delays @ ..]| {
-            let solution = solver.solve(&mut continuity, t_s, &delays.map(|d| d as f32));
-            let below = config.depth_m >= WELL_BELOW_M && solution.as_ref().is_some_and(points_down);
-            SetResult { t_s, solution, below }
-        })
-        .collect())
+    let of = |[t_s, delays @ ..]: [f64; 7]| {
+        let solution = solver.solve(&mut continuity, t_s, &delays.map(|d| d as f32));
+        let below = config.depth_m >= WELL_BELOW_M && solution.as_ref().is_some_and(points_down);
+        SetResult { t_s, solution, below }
+    };
+    Ok(Solved { sets: rows.into_iter().map(of).collect(), lateness })
 }
