@@ -3,7 +3,8 @@
 //! Static sources 500 m away in random directions at least 60° apart, independent ambient noise. The loud one is 10 dB above
 //! the ambient noise everywhere; the quiet one is stronger or weaker than it within its octave and silent elsewhere. A look
 //! at an octave that gives a bearing within 5° (or four of its standard deviations) of the quiet vessel counts as detected, one
-//! of an octave elsewhere as false. Then loud vessels alone with the surface's image: what multipath makes.
+//! of an octave elsewhere as false. A vessel that is followed in the whole band takes turns with the octaves, so that these are looked at less
+//! often than is counted here. Then loud vessels alone with the surface's image: what multipath makes.
 
 use super::bearing_limit::{bearings, station};
 use super::bearing_limit_source::{AmbientField, Sounder, exact_arrivals, surfaced};
@@ -44,6 +45,9 @@ struct Tally {
     /// Looks at the octave that may report.
     looks: f64,
     detected: f64,
+    /// Segments, and those of them in which the quiet vessel is told as one of the whole band.
+    segments: f64,
+    whole: f64,
     azimuth2: f64,
     stated2: f64,
     false_ones: f64,
@@ -55,6 +59,8 @@ impl Tally {
             records: self.records + o.records,
             looks: self.looks + o.looks,
             detected: self.detected + o.detected,
+            segments: self.segments + o.segments,
+            whole: self.whole + o.whole,
             azimuth2: self.azimuth2 + o.azimuth2,
             stated2: self.stated2 + o.stated2,
             false_ones: self.false_ones + o.false_ones,
@@ -73,8 +79,10 @@ fn run(options: &Options) -> Result<()> {
     let directions = options.runs.unwrap_or(4);
     let rate_hz = f64::from(plan.rate_hz());
     let sounder = Sounder::new(plan.geometry(), rate_hz, RECORD, AmbientField::Independent);
-    let mut report =
-        CsvReport::new("sub_bands", "octave_hz,over_db,detected_%,rmse_az_deg,stated_deg,false_per_hour");
+    let mut report = CsvReport::new(
+        "sub_bands",
+        "octave_hz,over_db,detected_%,whole_band_%,rmse_az_deg,stated_deg,false_per_hour",
+    );
     let bar = progress::bar((OCTAVES.clone().count() * directions) as u64, "records");
     for octave in OCTAVES {
         let low_hz = 125.0 * f64::from(1u32 << octave);
@@ -94,12 +102,17 @@ fn run(options: &Options) -> Result<()> {
             options
                 .figures
                 .state(format!("{at} looks that give the bearing, %"), 100.0 * t.detected / t.looks);
+            options.figures.state(
+                format!("{at} segments that tell it in the whole band, %"),
+                100.0 * t.whole / t.segments,
+            );
             let hours = t.records * sounder.seconds() / 3600.0;
             options.figures.state(format!("{at} false bearings an hour"), t.false_ones / hours);
             report.row(&[
                 low_hz,
                 *over_db,
                 100.0 * t.detected / t.looks,
+                100.0 * t.whole / t.segments,
                 (t.azimuth2 / t.detected).sqrt().to_degrees(),
                 (t.stated2 / t.detected).sqrt().to_degrees(),
                 t.false_ones / (t.records * sounder.seconds() / 3600.0),
@@ -129,7 +142,16 @@ fn trial(plan: &Plan, all: &Sounder, within: &Sounder, octave: u32, seed: u64) -
         }
         let found = bearings(plan, &frames);
         let segments = found.iter().filter(|b| b.band == 0).count();
-        let mut tally = Tally { records: 1.0, looks: looks(segments, octave), ..Tally::default() };
+        let mut tally = Tally {
+            records: 1.0,
+            looks: looks(segments, octave),
+            segments: segments as f64,
+            whole: found
+                .iter()
+                .filter(|b| b.band < 2 && apart(b, quiet.0, quiet.1) < 5f64.to_radians())
+                .count() as f64,
+            ..Tally::default()
+        };
         for b in found.iter().filter(|b| b.band >= 2) {
             let near = 5f64.to_radians().max(4.0 * f64::from(b.var_azimuth.max(b.var_elevation)).sqrt());
             if apart(b, quiet.0, quiet.1) < near {

@@ -2,6 +2,7 @@
 
 use super::mistake;
 use crate::motion::estimate::{Estimate as Found, batch, one_by_one};
+use crate::motion::radians::are_radians;
 use crate::motion::{bearings, errors, picture};
 use crate::record::finite;
 use anyhow::{Context, Result};
@@ -187,6 +188,13 @@ pub fn run(args: Args) -> Result<()> {
         return Ok(());
     }
     let assumed = args.assumed();
+    if are_radians(&assumed, &samples) {
+        log::warn!(
+            "{}: azimuths between -π and 2π that turn as those of a pass do in radians and of none in degrees: are they radians? \
+             `azimuth_deg` is degrees",
+            args.bearings.display()
+        );
+    }
     let found = match args.estimator {
         Estimator::Ml => batch(&assumed, &samples, args.robust),
         Estimator::Recursive => {

@@ -42,6 +42,9 @@ const LEAST_FREEDOM: f64 = 3.0;
 const SURE: f64 = 6.0;
 /// Lateness below this share of the time across the array is not told: 0.3° of direction, positions to a centimetre.
 const LEAST_SHARE: f64 = 0.005;
+/// What a straight line through all that may be off leaves of lateness (places off by a fiftieth of the array, squared), in units of the
+/// time across the array: a standard deviation that no number of sets brings down.
+const BENDS: f64 = 5e-4;
 /// A hydrophone alone explains the centre where as much left unexplained has at least this probability, or is at most this share of all squares.
 const EXPLAINED: f64 = 1e-3;
 const LEFT: f64 = 0.03;
@@ -380,13 +383,14 @@ impl Model {
         }
         let information = spd::inverse(&c)?;
         let all = spd::quadratic(&b, &information, &b);
+        let bends = (BENDS * self.across_s).powi(2);
         let mut alone = [Late { hydrophone: 0, late_s: 0.0, sd_s: 0.0 }; CHANNELS];
         let mut unexplained = [(0.0, 0.0); CHANNELS];
         for (k, dual) in self.duals.iter().enumerate() {
             let a = dual.map(|d| -self.sound_speed_m_s * d);
             let variance = 1.0 / spd::quadratic(&a, &information, &a);
             let late_s = variance * spd::quadratic(&a, &information, &b);
-            alone[k] = Late { hydrophone: k, late_s, sd_s: variance.sqrt() };
+            alone[k] = Late { hydrophone: k, late_s, sd_s: (variance + bends).sqrt() };
             let left = (all - late_s * late_s / variance).max(0.0);
             unexplained[k] = (left / all, (1.0 + left / freedom).powf(-0.5 * freedom));
         }
@@ -394,8 +398,10 @@ impl Model {
         let student = alone[best].late_s.abs() / alone[best].sd_s;
         let own = |h: &[f64; 3]| h.map(|x| -x / self.sound_speed_m_s);
         let each_s = self.position_m.each_ref().map(|h| spd::dot(&own(h), &b));
-        let each_sd_s =
-            self.position_m.each_ref().map(|h| spd::quadratic(&own(h), &c, &own(h)).max(0.0).sqrt());
+        let each_sd_s = self
+            .position_m
+            .each_ref()
+            .map(|h| (spd::quadratic(&own(h), &c, &own(h)).max(0.0) + bends).sqrt());
         let off: f64 = place[PLACES].iter().zip(&self.prior[PLACES]).map(|(x, p)| x * x * p).sum();
         let finite = each_s.iter().chain(&each_sd_s).chain([&student]).all(|x| x.is_finite());
         finite.then_some(Lateness {

@@ -8,6 +8,7 @@ pub mod bearings;
 pub mod errors;
 pub mod estimate;
 pub mod picture;
+pub mod radians;
 
 use seabearing_locate::motion::whiten::{WhitenError, Workspace};
 
