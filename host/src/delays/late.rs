@@ -146,10 +146,10 @@ impl Lateness {
             format!("{:.1} ± {:.1} µs {way}", 1e6 * late.late_s.abs(), 1e6 * late.sd_s)
         };
         let late = self.late();
-        let (held, sets) = ("the stated errors of bearings count it", self.sets);
+        let held = "the stated errors of bearings count it";
         Some(match &late[..] {
             [one] => format!(
-                "hydrophone {} is {} in all of {sets} sets ({held}): put its channel right, or its delays: {}",
+                "hydrophone {} is {} in all sets ({held}): put its channel right, or its delays: {}",
                 one.hydrophone,
                 microseconds(one),
                 mended(one)
@@ -160,7 +160,7 @@ impl Lateness {
                     .map(|(k, (x, sd))| format!("hydrophone {k} by {:+.1} ± {:.1}", 1e6 * x, 1e6 * sd))
                     .collect();
                 format!(
-                    "arrivals of several hydrophones are off in all of {sets} sets, against their mean (µs): {} ({held}): look at how their \
+                    "arrivals of several hydrophones are off in all sets, against their mean (µs): {} ({held}): look at how their \
                      channels are sampled",
                     each.join(", ")
                 )
@@ -171,7 +171,7 @@ impl Lateness {
                     .map(|l| format!("hydrophone {} is {}", l.hydrophone, microseconds(l)))
                     .collect();
                 format!(
-                    "{} in all of {sets} sets ({held}): look at these channels; sets from other directions would tell which",
+                    "{} in all sets ({held}): look at these channels; sets from other directions would tell which",
                     each.join(", or ")
                 )
             }

@@ -26,23 +26,26 @@ impl Invalid {
 
     /// What to say of a channel, where there is anything.
     pub(super) fn said(&self, channel: usize, rate_hz: f64) -> Option<String> {
-        let missing = *self.missing.get(channel).filter(|n| **n > 0)?;
-        if missing == self.frames {
-            return Some(
-                "holds no number at all (NaN or infinite throughout) and counts as dead: write the file again from what was recorded"
-                    .to_owned(),
-            );
-        }
-        let at_s = self.first[channel] as f64 / rate_hz;
-        Some(if missing == 1 {
-            format!("one sample, at {at_s:.3} s, is no number (NaN or infinite) and counts as lost")
-        } else {
-            format!(
-                "{missing} of {} samples, the first at {at_s:.3} s, are no numbers (NaN or infinite) and count as lost: look at what wrote the file",
-                self.frames
-            )
-        })
+        let first = *self.first.get(channel)?;
+        said(self.missing[channel], self.frames, Some(first as f64 / rate_hz))
     }
+}
+
+/// What to say of so many samples that are no numbers, of so many in all, the first at a time (seconds) where that is known.
+pub(super) fn said(missing: u64, all: u64, first_s: Option<f64>) -> Option<String> {
+    if missing == 0 {
+        return None;
+    }
+    if missing == all {
+        return Some(
+            "holds no number at all (NaN or infinite throughout) and counts as dead: write the file again from what was recorded"
+                .to_owned(),
+        );
+    }
+    let first = first_s.map_or_else(String::new, |t| format!(", the first at {t:.3} s,"));
+    Some(format!(
+        "{missing} of {all} samples{first} are no numbers (NaN or infinite) and count as lost: look at what wrote the file"
+    ))
 }
 
 #[cfg(test)]
@@ -56,7 +59,7 @@ mod tests {
         assert_eq!(invalid.said(0, 100.0), None);
         invalid.take(&[[1, MISSING, MISSING, MISSING], [1, 2, MISSING, MISSING]]);
         assert_eq!(invalid.said(0, 100.0), None);
-        assert!(invalid.said(1, 100.0).unwrap().contains("one sample, at 1.000 s, is no number"));
+        assert!(invalid.said(1, 100.0).unwrap().starts_with("1 of 102 samples, the first at 1.000 s,"));
         assert!(invalid.said(2, 100.0).unwrap().contains("no number at all"));
         assert!(invalid.said(3, 100.0).unwrap().starts_with("2 of 102 samples"));
     }

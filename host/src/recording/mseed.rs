@@ -10,7 +10,7 @@
 
 use super::mseed_record::{self, code_of};
 use super::mseed_scan::{Channel, Form, Piece, scan, scan_sac};
-use super::{BlockSource, Container, Span, complain, sac};
+use super::{BlockSource, Container, Span, complain, invalid, sac};
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
@@ -43,6 +43,10 @@ struct Reader {
     file: Option<(usize, File, u64)>,
     /// The bytes of the record last read.
     raw: Vec<u8>,
+    /// Samples read, those that were no numbers, and the file of the first of these.
+    numbers: u64,
+    invalid: u64,
+    invalid_in: usize,
 }
 
 /// The components of a station in miniSEED and SAC files, looked at and not yet read.
@@ -225,6 +229,9 @@ impl Components {
             first: 0,
             file: None,
             raw: Vec::new(),
+            numbers: 0,
+            invalid: 0,
+            invalid_in: 0,
         });
         let files = Arc::clone(&self.files);
         Ok(Seismic { files, gains: self.gains, readers, start, next: 0, end, frames: Vec::new() })
@@ -294,16 +301,32 @@ impl Reader {
     /// Makes the next samples available; the index of the first, or `None` at the end.
     fn ready(&mut self, files: &[PathBuf]) -> Option<i64> {
         while self.used >= self.held.len() {
-            let p = self.pieces.next()?;
+            let Some(p) = self.pieces.next() else {
+                self.say_invalid(files);
+                return None;
+            };
             self.held = self.load(files, &p).unwrap_or_else(|e| {
                 complain(&format!("{}: lost a record: {e:#}", files[p.file].display()));
                 Vec::new()
             });
+            let invalid = self.held.iter().filter(|x| **x == MISSING).count() as u64;
+            if invalid > 0 && self.invalid == 0 {
+                self.invalid_in = p.file;
+            }
+            self.invalid += invalid;
+            self.numbers += self.held.len() as u64;
             // What was used already is not used again.
             self.used = (self.first - p.first).clamp(0, self.held.len() as i64) as usize;
             self.first = self.first.max(p.first);
         }
         Some(self.first)
+    }
+
+    /// Says once, at the end, what was no number.
+    fn say_invalid(&mut self, files: &[PathBuf]) {
+        if let Some(said) = invalid::said(std::mem::take(&mut self.invalid), self.numbers, None) {
+            complain(&format!("{}: {said}", files[self.invalid_in].display()));
+        }
     }
 
     /// Takes up to `n` of the samples made available.
