@@ -220,7 +220,7 @@ fn run(options: &Options) -> Result<()> {
     figures.at_least(
         format!("named: lateness in its 95 %, % of {}", late.amount.of),
         late.amount.percent(),
-        90.0,
+        92.0,
     );
     figures.at_least(
         format!("named: bearings in their 95 % ellipses, % of {}", late.bearings.of),
