@@ -10,8 +10,8 @@
 //! estimated beside b, each with what was told of it. What a direction has of its own (multipath, steps of the measurement)
 //! is shared by all sets of a cell of directions and does not average out there.
 //!
-//! Not observable, and nothing said: directions too few or alike; what stands across the plane in which they all lie, so
-//! that two hydrophones may be told of which one is late. Exact lateness of one hydrophone against places that are off without limit.
+//! Not observable: with directions too few or alike anything, and nothing is said; of directions in one plane what stands across it, so that
+//! two hydrophones may be left of which one is late. Fails where places are off by much more than was told.
 
 use super::scatter::{Cells, Scatter};
 use seabearing_core::block::CHANNELS;
@@ -27,12 +27,14 @@ const SPEED: usize = UNKNOWNS - 3;
 const CURVATURE: usize = UNKNOWNS - 2;
 const RISING: usize = UNKNOWNS - 1;
 
-/// Standard deviations that are assumed at least, whatever was told: of a coordinate, metres (what is rarely exceeded untold), of the speed of
-/// sound (a share), of the wavefront's curvature (1/m: a vessel 50 m away). And that of the centre before anything is heard.
+/// Standard deviation of a coordinate where none is told, metres, and what one that is told is multiplied by.
 const UNTOLD_PLACE_M: f64 = 0.05;
 const MARGIN: f64 = 1.5;
+/// Standard deviation of the speed of sound at least, as a share of it.
 const LEAST_SPEED: f64 = 0.01;
+/// That of either part of the wavefront's curvature beside the expected one, 1/m: a vessel 50 m away.
 const CURVATURE_PER_M: f64 = 0.02;
+/// That of the centre before anything is heard, in units of the sphere's radius.
 const CENTRE: f64 = 2.0;
 /// Fewest sets.
 const LEAST_SETS: usize = 15;
