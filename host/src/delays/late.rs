@@ -44,8 +44,8 @@ const LEAST_FREEDOM: f64 = 3.0;
 const SURE: f64 = 6.0;
 /// Lateness below this share of the time across the array is not told: 0.3° of direction, positions to a centimetre.
 const LEAST_SHARE: f64 = 0.005;
-/// What a straight line through all that may be off leaves of lateness (places off by a fiftieth of the array, squared), in units of the
-/// time across the array: a standard deviation that no number of sets brings down.
+/// What a linear model of places that are off leaves of lateness, in units of the time across the array: the square of how far a hydrophone is
+/// off, in units of the array, and at least this (that of 4 cm of 1.85 m). A standard deviation that no number of sets brings down.
 const BENDS: f64 = 5e-4;
 /// A hydrophone alone explains the centre where as much left unexplained has at least this probability, or is at most this share of all squares.
 const EXPLAINED: f64 = 1e-3;
@@ -385,7 +385,9 @@ impl Model {
         }
         let information = spd::inverse(&c)?;
         let all = spd::quadratic(&b, &information, &b);
-        let bends = (BENDS * self.across_s).powi(2);
+        let across_m = self.across_s * self.sound_speed_m_s;
+        let off_m2 = place[PLACES].iter().map(|x| x * x).sum::<f64>() / CHANNELS as f64;
+        let bends = (self.across_s * (off_m2 / (across_m * across_m)).max(BENDS)).powi(2);
         let mut alone = [Late { hydrophone: 0, late_s: 0.0, sd_s: 0.0 }; CHANNELS];
         let mut unexplained = [(0.0, 0.0); CHANNELS];
         for (k, dual) in self.duals.iter().enumerate() {

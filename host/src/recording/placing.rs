@@ -6,8 +6,8 @@
 //! * Files whose times all are finer than the drift allowed show the drift itself: the median over all that follow each other, and how these
 //!   scatter about it. What leaves it by more than that scatter is a gap, down to two samples.
 //! * Of coarser times, files that follow each other never differ by as much as the resolution, but for the drift: until that has had the time
-//!   to carry a start over to the next second, a whole second is a gap. Later on it cannot be told from the drift, nor is it one the other
-//!   way: recorders begin on the second, and a clock that is slow has the next file begin in the second before.
+//!   to carry a start over to the next second, a whole second is doubtful ([`Placed::doubtful`]). Later on it cannot be told from the drift, nor is it
+//!   doubtful the other way: recorders begin on the second, and a clock that is slow has the next file begin in the second before.
 
 use super::written_time::WrittenTime;
 use seabearing_core::kit::{MAD_TO_SD, median};
@@ -22,7 +22,7 @@ const ROUNDING: f64 = 1.5;
 const LEAST_FOLLOWING: usize = 3;
 /// Deviations of times about the drift that are none of it.
 const STRAY: f64 = 5.0;
-/// Share of the resolution that the clock may have drifted by where a whole step of it is a gap: so often is it wrong, at most.
+/// Share of the resolution that the clock may have drifted by where a whole step of it is doubtful: so often is that the drift's, at most.
 const DRIFTED: f64 = 0.01;
 
 /// One file.
@@ -52,11 +52,15 @@ impl Mark {
         (jump.abs() > self.resolution(later, rate_hz) + self.drift(later) + ROUNDING).then_some(jump)
     }
 
-    /// The same where those missing are the resolution itself, and the clock has hardly had the time to drift by any of it.
+    /// The same where those missing are the resolution itself.
     fn step(self, later: Self, rate_hz: f64) -> Option<f64> {
         let (jump, resolution) = (later.ahead - self.ahead, self.resolution(later, rate_hz));
-        let whole = jump > resolution - 1e-3 && jump > ROUNDING;
-        (whole && self.drift(later) <= DRIFTED * resolution).then_some(jump)
+        (jump > resolution - 1e-3 && jump > ROUNDING).then_some(jump)
+    }
+
+    /// Whether the clock has hardly had the time to drift by any of the resolution until a later file.
+    fn is_fresh(self, later: Self, rate_hz: f64) -> bool {
+        self.drift(later) <= DRIFTED * self.resolution(later, rate_hz)
     }
 
     /// The coarser of both times' resolutions, samples.
@@ -119,16 +123,57 @@ fn drift(following: &[Option<Following>]) -> Option<(f64, f64)> {
     Some((drift, MAD_TO_SD * median(&mut beside)?))
 }
 
-/// The first index of every file, and the index after the last sample. Each time is held against that of the file
+/// Where files lie.
+pub(super) struct Placed {
+    /// The first index of every one.
+    pub first: Vec<u64>,
+    /// The index after the last sample.
+    pub end: u64,
+    /// Those that may follow a gap and are joined.
+    pub doubtful: Vec<Doubtful>,
+}
+
+/// A file that is joined to the one before and begins, by its time, somewhere else.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Doubtful {
+    /// Which.
+    pub file: usize,
+    /// By how many samples it begins late; negative: early.
+    pub samples: f64,
+    /// Whether that is a step of the resolution, and not what a clock drifts.
+    pub step: bool,
+}
+
+impl Doubtful {
+    /// What to say of it.
+    pub(super) fn said(&self, rate_hz: f64) -> String {
+        let s = self.samples.abs() / rate_hz;
+        if self.step {
+            return format!(
+                "begins {s} s after the end of the file before it by times of no more than that: joined, and up to {} s may be missing; \
+                 finer times (FILE.start) would tell",
+                2.0 * s
+            );
+        }
+        let way = if self.samples > 0.0 { "after" } else { "before" };
+        format!(
+            "begins {:.3} ms {way} the end of the file before it, which a clock may drift by: joined; more files would tell",
+            1e3 * s
+        )
+    }
+}
+
+/// Places files. Each time is held against that of the file
 /// before, so that drift over days hides no gap, and against the last file after a gap, so that many small gaps show.
-pub(super) fn place(stretches: &[Stretch], rate_hz: f64) -> (Vec<u64>, u64) {
+pub(super) fn place(stretches: &[Stretch], rate_hz: f64) -> Placed {
     let following = Following::all(stretches, rate_hz);
     let shown = drift(&following);
     let mut next = 0u64;
     let mut origin: Option<OffsetDateTime> = None;
     let (mut before, mut set): (Option<Mark>, Option<Mark>) = (None, None);
     let mut first = Vec::with_capacity(stretches.len());
-    for (stretch, following) in stretches.iter().zip(&following) {
+    let mut doubtful = Vec::new();
+    for (k, (stretch, following)) in stretches.iter().zip(&following).enumerate() {
         let mut index = next;
         if let Some(stamp) = stretch.stamp {
             let at = (stamp.at - *origin.get_or_insert(stamp.at)).as_seconds_f64() * rate_hz;
@@ -139,7 +184,15 @@ pub(super) fn place(stretches: &[Stretch], rate_hz: f64) -> (Vec<u64>, u64) {
                 });
             let found = fine
                 .or_else(|| before.and_then(|m| m.jump(mark, rate_hz)))
-                .or_else(|| set.and_then(|m| m.jump(mark, rate_hz).or_else(|| m.step(mark, rate_hz))));
+                .or_else(|| set.and_then(|m| m.jump(mark, rate_hz)));
+            if found.is_none() {
+                let fine = following.filter(|f| shown.is_none() && f.shows_drift());
+                let fine = fine.filter(|f| f.between.abs() > f.resolution + ROUNDING).map(|f| f.between);
+                let fresh = set.is_some_and(|m| m.is_fresh(mark, rate_hz));
+                let step = before.filter(|_| fresh).and_then(|m| m.step(mark, rate_hz));
+                let one = |samples| Doubtful { file: k, samples, step: fine.is_none() };
+                doubtful.extend(fine.or(step).map(one));
+            }
             // Its size is measured from the last file after a gap, so that coarse times do not add up, until the clock may
             // have drifted by more than the times resolve.
             let anchor = set.filter(|set| set.drift(mark) <= set.resolution(mark, rate_hz));
@@ -155,21 +208,7 @@ pub(super) fn place(stretches: &[Stretch], rate_hz: f64) -> (Vec<u64>, u64) {
         first.push(index);
         next = index.saturating_add(stretch.samples);
     }
-    (first, next)
-}
-
-/// Files that are joined to the one before though their times, fine enough to tell, say otherwise, where too few follow each other to know
-/// the clock's drift: which, and by how many samples they begin late (negative: early).
-pub(super) fn doubtful(stretches: &[Stretch], rate_hz: f64) -> Vec<(usize, f64)> {
-    let following = Following::all(stretches, rate_hz);
-    if drift(&following).is_some() {
-        return Vec::new();
-    }
-    let told = |(k, f): (usize, &Option<Following>)| {
-        let f = f.as_ref().filter(|f| f.shows_drift())?;
-        (f.between.abs() > f.resolution + ROUNDING).then_some((k, f.between))
-    };
-    following.iter().enumerate().filter_map(told).collect()
+    Placed { first, end: next, doubtful }
 }
 
 #[cfg(test)]
@@ -197,7 +236,7 @@ mod tests {
 
     /// Samples between the files as they are placed.
     fn between(stretches: &[Stretch]) -> Vec<i64> {
-        let (first, _) = place(stretches, RATE_HZ);
+        let first = place(stretches, RATE_HZ).first;
         first.windows(2).zip(stretches).map(|(w, s)| w[1] as i64 - w[0] as i64 - s.samples as i64).collect()
     }
 
@@ -214,7 +253,7 @@ mod tests {
 
     #[test]
     fn gaps_each_below_the_resolution_show_when_they_add_up() {
-        let (first, _) = place(&files(HOUR, 0, (0..40).map(|k| 3600.6 * f64::from(k))), RATE_HZ);
+        let first = place(&files(HOUR, 0, (0..40).map(|k| 3600.6 * f64::from(k))), RATE_HZ).first;
         let lost_s = (first[39] - HOUR * 39) as f64 / RATE_HZ;
         assert!((lost_s - 0.6 * 39.0).abs() < 4.0, "{lost_s}");
     }
@@ -223,21 +262,28 @@ mod tests {
     fn a_second_and_a_half_shows_in_names_of_whole_seconds_and_rounding_does_not() {
         for begins in [0.0, 0.2, 0.45, 0.55, 0.8, 0.98] {
             for gap in [1.5, 1.9, 2.5, -2.5] {
-                let found = between(&files(10_000, 0, [begins, begins + 10.0, begins + 20.0 + gap]));
-                assert!(
-                    found[0] == 0 && (found[1] as f64 - 1000.0 * gap).abs() < 1000.0,
-                    "{begins} {gap} {found:?}"
-                );
+                let placed = place(&files(10_000, 0, [begins, begins + 10.0, begins + 20.0 + gap]), RATE_HZ);
+                let found = placed.first[2] as f64 - 20_000.0;
+                // Where the names are but a second apart it is joined and said.
+                let told = match placed.doubtful[..] {
+                    [] => (found - 1000.0 * gap).abs() < 1000.0 && found != 0.0,
+                    [one] => {
+                        found == 0.0 && gap < 2.0 && one == Doubtful { file: 2, samples: 1000.0, step: true }
+                    }
+                    _ => false,
+                };
+                assert!(told && placed.first[1] == 10_000, "{begins} {gap} {found} {:?}", placed.doubtful);
             }
+            let silent = |length: u64, n: i32, period_s: f64, from_s: f64| {
+                let files = files(length, 0, (0..n).map(|k| from_s + period_s * f64::from(k)));
+                place(&files, RATE_HZ).doubtful.is_empty() && between(&files).iter().all(|gap| *gap == 0)
+            };
             for length in [9_000, 10_001, 10_500, 12_345, 59_999] {
-                let start = |k: i32| begins + f64::from(k) * length as f64 / RATE_HZ;
-                assert!(between(&files(length, 0, (0..40).map(start))).iter().all(|gap| *gap == 0));
+                assert!(silent(length, 40, length as f64 / RATE_HZ, begins), "{begins} {length}");
             }
             // A minute each for a day, and a clock that is off.
             for ppm in [-40.0, -8.0, 8.0, 40.0] {
-                let start = |k: i32| 5.0 + begins + 60.0 * f64::from(k) * (1.0 + ppm * 1e-6);
-                let found = between(&files(60_000, 0, (0..1440).map(start)));
-                assert!(found.iter().all(|gap| *gap == 0), "{begins} {ppm}");
+                assert!(silent(60_000, 1440, 60.0 * (1.0 + ppm * 1e-6), 5.0 + begins), "{begins} {ppm}");
             }
         }
     }
@@ -265,9 +311,14 @@ mod tests {
 
     #[test]
     fn two_files_alone_are_joined_and_it_is_said() {
-        let two = files(60_000, 6, [0.0, 60.002]);
-        assert_eq!((between(&two), doubtful(&two, RATE_HZ)), (vec![0], vec![(1, 2.0)]));
-        assert!(doubtful(&files(60_000, 6, [0.0, 60.0]), RATE_HZ).is_empty());
-        assert!(doubtful(&files(60_000, 0, [0.0, 61.0]), RATE_HZ).is_empty());
+        let said = |digits, end_s| {
+            let two = files(60_000, digits, [0.0, end_s]);
+            (between(&two), place(&two, RATE_HZ).doubtful.first().map(|d| d.said(RATE_HZ)))
+        };
+        let (found, line) = said(6, 60.002);
+        assert!(found == [0] && line.unwrap().starts_with("begins 2.000 ms after"));
+        assert_eq!(said(6, 60.0), (vec![0], None));
+        let (found, line) = said(0, 61.2);
+        assert!(found == [0] && line.unwrap().starts_with("begins 1 s after"));
     }
 }

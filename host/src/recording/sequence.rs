@@ -144,12 +144,8 @@ impl Parts {
             parts.sort_by_key(|p| (p.stamp.map(|s| s.at), std::cmp::Reverse(p.info.frames)));
             leave_out_copies(&mut parts, rate_hz);
         }
-        for (k, samples) in placing::doubtful(&stretches(&parts), rate_hz) {
-            let (ms, way) = (1e3 * samples.abs() / rate_hz, if samples > 0.0 { "after" } else { "before" });
-            complain(&format!(
-                "{}: begins {ms:.3} ms {way} the end of the file before it, which a clock may drift by: joined; more files would tell",
-                parts[k].path().display()
-            ));
+        for one in placing::place(&stretches(&parts), rate_hz).doubtful {
+            complain(&format!("{}: {}", parts[one.file].path().display(), one.said(rate_hz)));
         }
         Ok(Self { parts, rate_hz })
     }
@@ -179,8 +175,8 @@ impl Parts {
         if parts.is_empty() {
             bail!("nothing was recorded {span}");
         }
-        let (first, end) = placing::place(&stretches(&parts), self.rate_hz);
-        parts.iter_mut().zip(first).for_each(|(part, index)| part.first_index = index);
+        let placed = placing::place(&stretches(&parts), self.rate_hz);
+        parts.iter_mut().zip(placed.first).for_each(|(part, index)| part.first_index = index);
         let start = parts.first().and_then(|p| p.stamp).map(|s| s.at).or(start);
         Ok(Sequence {
             parts: parts.into_iter(),
@@ -189,7 +185,7 @@ impl Parts {
             next_index: 0,
             file_start: 0,
             skip: 0,
-            end,
+            end: placed.end,
             rate_hz: self.rate_hz,
             start,
             frames: Vec::new(),
