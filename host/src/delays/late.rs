@@ -14,6 +14,7 @@
 //! two hydrophones may be left of which one is late. Fails where places are off by much more than was told.
 
 use super::scatter::{Cells, Scatter};
+use nalgebra::{Matrix3, Vector3};
 use seabearing_core::block::CHANNELS;
 use seabearing_core::geometry::{Geometry, PAIRS};
 use seabearing_core::kit::spd::{self, Square};
@@ -44,9 +45,9 @@ const LEAST_FREEDOM: f64 = 3.0;
 const SURE: f64 = 6.0;
 /// Lateness below this share of the time across the array is not told: 0.3° of direction, positions to a centimetre.
 const LEAST_SHARE: f64 = 0.005;
-/// What a linear model of places that are off leaves of lateness, in units of the time across the array: the square of how far a hydrophone is
-/// off, in units of the array, and at least this (that of 4 cm of 1.85 m). A standard deviation that no number of sets brings down.
-const BENDS: f64 = 5e-4;
+/// What is left of lateness that no number of sets brings down, a standard deviation in units of the time across the array: distances of vessels
+/// that the curvature's two parts do not follow.
+const LEAST_SD: f64 = 5e-4;
 /// A hydrophone alone explains the centre where as much left unexplained has at least this probability, or is at most this share of all squares.
 const EXPLAINED: f64 = 1e-3;
 const LEFT: f64 = 0.03;
@@ -303,23 +304,31 @@ impl Model {
         self.position_m.iter().zip(&self.duals).map(of).sum()
     }
 
-    /// Derivatives of a vector's length about the centre, and by how much it is longer than expected.
+    /// Derivatives of the length of a vector about the centre, undone of what the places do to it, and by how much it is longer than expected;
+    /// its direction.
     fn row(&self, v: &[f64; 3], place: &[f64; UNKNOWNS]) -> ([f64; UNKNOWNS], f64, [f64; 3]) {
-        let about = minus(v, &[place[0], place[1], place[2]]);
-        let length = norm(&about).max(1e-6);
-        let u = about.map(|x| x / length);
+        // Displacements δ_k make (1 + Σ d_k δ_kᵀ) u of a direction.
+        let mut stretch = Matrix3::identity();
+        for (dual, moved) in self.duals.iter().zip(place[PLACES].as_chunks::<3>().0) {
+            stretch += Vector3::from(*dual) * Vector3::from(*moved).transpose();
+        }
+        let back = stretch.try_inverse().unwrap_or_else(Matrix3::identity);
+        let own: [f64; 3] = (back * Vector3::from(minus(v, &[place[0], place[1], place[2]]))).into();
+        let length = norm(&own).max(1e-6);
+        let u = own.map(|x| x / length);
+        let along: [f64; 3] = (back.transpose() * Vector3::from(u)).into();
         let mut row = [0.0; UNKNOWNS];
-        row[..3].copy_from_slice(&u);
+        row[..3].copy_from_slice(&along);
         for (k, dual) in self.duals.iter().enumerate() {
-            let along = spd::dot(dual, &u);
-            for (j, u) in u.iter().enumerate() {
-                row[PLACES.start + 3 * k + j] = along * u;
+            let along = spd::dot(dual, &along);
+            for (j, x) in own.iter().enumerate() {
+                row[PLACES.start + 3 * k + j] = along * x;
             }
         }
         row[SPEED] = 1.0;
         row[CURVATURE] = self.bend(&u);
         row[RISING] = row[CURVATURE] * u[2];
-        let expected: f64 = row.iter().zip(place).skip(PLACES.start).map(|(a, x)| a * x).sum();
+        let expected: f64 = row.iter().zip(place).skip(SPEED).map(|(a, x)| a * x).sum();
         (row, length - 1.0 - self.curvature * row[CURVATURE] - expected, u)
     }
 
@@ -385,16 +394,14 @@ impl Model {
         }
         let information = spd::inverse(&c)?;
         let all = spd::quadratic(&b, &information, &b);
-        let across_m = self.across_s * self.sound_speed_m_s;
-        let off_m2 = place[PLACES].iter().map(|x| x * x).sum::<f64>() / CHANNELS as f64;
-        let bends = (self.across_s * (off_m2 / (across_m * across_m)).max(BENDS)).powi(2);
+        let least = (LEAST_SD * self.across_s).powi(2);
         let mut alone = [Late { hydrophone: 0, late_s: 0.0, sd_s: 0.0 }; CHANNELS];
         let mut unexplained = [(0.0, 0.0); CHANNELS];
         for (k, dual) in self.duals.iter().enumerate() {
             let a = dual.map(|d| -self.sound_speed_m_s * d);
             let variance = 1.0 / spd::quadratic(&a, &information, &a);
             let late_s = variance * spd::quadratic(&a, &information, &b);
-            alone[k] = Late { hydrophone: k, late_s, sd_s: (variance + bends).sqrt() };
+            alone[k] = Late { hydrophone: k, late_s, sd_s: (variance + least).sqrt() };
             let left = (all - late_s * late_s / variance).max(0.0);
             unexplained[k] = (left / all, (1.0 + left / freedom).powf(-0.5 * freedom));
         }
@@ -405,7 +412,7 @@ impl Model {
         let each_sd_s = self
             .position_m
             .each_ref()
-            .map(|h| (spd::quadratic(&own(h), &c, &own(h)).max(0.0) + bends).sqrt());
+            .map(|h| (spd::quadratic(&own(h), &c, &own(h)).max(0.0) + least).sqrt());
         let off: f64 = place[PLACES].iter().zip(&self.prior[PLACES]).map(|(x, p)| x * x * p).sum();
         let finite = each_s.iter().chain(&each_sd_s).chain([&student]).all(|x| x.is_finite());
         finite.then_some(Lateness {
