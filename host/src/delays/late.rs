@@ -236,7 +236,8 @@ pub fn lateness(geometry: &Geometry, told: &Told, sets: &[[f64; 6]]) -> Option<L
     };
     let advance = |round, (place, scatter): &mut ([f64; UNKNOWNS], Scatter), step: &[f64; UNKNOWNS]| {
         place.iter_mut().zip(step).for_each(|(x, by)| *x += by);
-        let residuals: Vec<f64> = vectors.iter().map(|v| model.row(v, place).1.abs()).collect();
+        let back = model.back(place);
+        let residuals: Vec<f64> = vectors.iter().map(|v| model.row(v, place, &back).1.abs()).collect();
         let fitted = model.fitted(&vectors, place, scatter, round < ROUGH);
         scatter.scale = Scatter::scale_of(residuals, fitted);
         scatter.take(&model.cells(&vectors, place, scatter.scale, round < ROUGH), fitted);
@@ -304,15 +305,23 @@ impl Model {
         self.position_m.iter().zip(&self.duals).map(of).sum()
     }
 
-    /// Derivatives of the length of a vector about the centre, undone of what the places do to it, and by how much it is longer than expected;
-    /// its direction.
-    fn row(&self, v: &[f64; 3], place: &[f64; UNKNOWNS]) -> ([f64; UNKNOWNS], f64, [f64; 3]) {
-        // Displacements δ_k make (1 + Σ d_k δ_kᵀ) u of a direction.
+    /// What undoes that displacements δ_k make (1 + Σ d_k δ_kᵀ) u of a direction.
+    fn back(&self, place: &[f64; UNKNOWNS]) -> Matrix3<f64> {
         let mut stretch = Matrix3::identity();
         for (dual, moved) in self.duals.iter().zip(place[PLACES].as_chunks::<3>().0) {
             stretch += Vector3::from(*dual) * Vector3::from(*moved).transpose();
         }
-        let back = stretch.try_inverse().unwrap_or_else(Matrix3::identity);
+        stretch.try_inverse().unwrap_or_else(Matrix3::identity)
+    }
+
+    /// Derivatives of the length of a vector about the centre, undone of what the places do to it, and by how much it is longer than expected;
+    /// its direction.
+    fn row(
+        &self,
+        v: &[f64; 3],
+        place: &[f64; UNKNOWNS],
+        back: &Matrix3<f64>,
+    ) -> ([f64; UNKNOWNS], f64, [f64; 3]) {
         let own: [f64; 3] = (back * Vector3::from(minus(v, &[place[0], place[1], place[2]]))).into();
         let length = norm(&own).max(1e-6);
         let u = own.map(|x| x / length);
@@ -333,9 +342,9 @@ impl Model {
     }
 
     fn cells(&self, vectors: &[[f64; 3]], place: &[f64; UNKNOWNS], scale: f64, rough: bool) -> Cells {
-        let mut cells = Cells::default();
+        let (mut cells, back) = (Cells::default(), self.back(place));
         for v in vectors {
-            let (row, residual, u) = self.row(v, place);
+            let (row, residual, u) = self.row(v, place, &back);
             let r = residual / scale;
             let weight = if rough { Huber::EFFICIENT.weight(r) } else { Tukey::EFFICIENT.weight(r) };
             cells.take(&u, &row, residual, weight);

@@ -150,7 +150,7 @@ impl Doubtful {
         let s = self.samples.abs() / rate_hz;
         if self.step {
             return format!(
-                "begins {s} s after the end of the file before it by times of no more than that: joined, and up to {} s may be missing; \
+                "begins {s} s after the end of the file before it, by times in steps of that: joined, and up to {} s may be missing; \
                  finer times (FILE.start) would tell",
                 2.0 * s
             );
