@@ -286,9 +286,9 @@ const RUNS_TOGETHER: usize = 4;
 /// Sums of so many bins.
 const SUMS: usize = BINS / (RUNS_TOGETHER * RUN) + 1;
 
-/// Sums whose pushes are taken together, a quarter of the band's: those of a source that stands elsewhere swing with the frequency, once in
+/// Sums whose pushes are taken together, a fifth of the band's: those of a source that stands elsewhere swing with the frequency, once in
 /// 1 kHz at a millisecond and in 10 kHz at a tenth of one, and mostly cancel each other.
-const TOGETHER: usize = 8;
+const TOGETHER: usize = 6;
 
 /// By how much the cross-spectra scatter about a source more than noise does.
 #[derive(Clone, Copy, Debug)]
