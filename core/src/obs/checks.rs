@@ -1,22 +1,24 @@
 //! What the station finds doubtful about its own set-up, from what it hears anyway.
 //!
-//! Enters: once a minute, the moments of its four components (`moments`) and whether a vessel was heard. Leaves: a fault where
-//! something has been wrong for long, once, and [`FaultCode::SetUpGood`] when it is right again.
+//! Enters: once a minute, the moments of its four components (`moments`), whether a vessel was heard, and how fast it comes nearer. Leaves:
+//! a fault where something has been wrong for long, once, and [`FaultCode::SetUpGood`] when it is right again (of a component that was
+//! deaf [`FaultCode::ChannelBack`]).
 //!
 //! - Sign. Vessels sound from above: vertical motion and pressure go together with one sign, whatever the direction. A vote a
 //!   minute in which a vessel is heard and the two are coherent. Mostly the other sign: pressure or the motion is turned round.
 //!   Both signs in turn, but a horizontal component with one only: that is the vertical one.
-//! - Gain. What of a horizontal component's power is not coherent with pressure is noise without a direction, and as strong in
-//!   one as in the other. The median of its ratio over minutes without a vessel, followed in small steps: an hour of a shaking
-//!   instrument moves it by a third of a decibel. Noise of several directions at once makes 1.5 dB of difference; its minutes are told
-//!   by their horizontal components, which go together, unless its axis is one of theirs.
+//! - Gain of the horizontal components: by noise and by vessels (`gains`).
+//! - A horizontal component that hears nothing: while vessels pass the other (`deaf`).
 //!
 //! Horizontal components exchanged, one of them turned round, or an orientation that is off are beyond any check here: the
 //! station's world is then turned or mirrored, and vessels of a mirrored world are vessels. Vessels of known track tell them.
-//! Cost: 200 instructions a minute.
+//! Cost: 400 instructions a minute.
 
+use super::deaf::{Deafness, Hearing, News};
+use super::gains::Gains;
 use super::moments::Moments;
 use super::pairs::{Pairs, Profiles};
+use crate::block::CHANNELS;
 use crate::intake::Faults;
 use crate::math;
 use crate::wire::{Fault, FaultCode, Message};
@@ -33,23 +35,6 @@ const MOSTLY: f32 = 0.85;
 const ONE_SIDED: f32 = 0.97;
 const BOTH_SIDES: f32 = 0.92;
 
-/// Step of the medians, dB a minute; after so many minutes it becomes smaller as they grow in number, to that share of it, for
-/// hours of an instrument that shakes less than is noticed must not move them.
-const STEP_DB: f32 = 0.01;
-const SETTLED: u16 = 400;
-const LEAST_STEP: f32 = 0.3;
-
-/// A minute is no measure of the gain where the horizontal motion is this much above its median against pressure, dB.
-const SHAKING_DB: f32 = 1.0;
-
-/// What is left of the horizontal components has a direction of its own where they go together by more than this, twice what
-/// chance makes of a minute: noise of several directions at once.
-const TOGETHER: f32 = 0.08;
-
-/// Ratio at which horizontal components are unequal, and below which they are equal again, dB.
-const UNEQUAL_DB: f32 = 2.0;
-const EQUAL_DB: f32 = 1.5;
-
 /// Difference of two pairs of paths at which the table does not fit, and below which it fits again, m.
 const APART_M: f32 = 250.0;
 const TOGETHER_M: f32 = 150.0;
@@ -58,6 +43,9 @@ const TOGETHER_M: f32 = 150.0;
 const NORTH: usize = 1;
 const EAST: usize = 2;
 const VERTICAL: usize = 3;
+
+/// Least part of a minute whose moments are a measure, in this part of it.
+const PART: u64 = 2;
 
 /// What the minute holds beside its moments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,16 +58,26 @@ pub(super) enum Heard {
     Other,
 }
 
+/// A minute, beside its moments.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Minute {
+    /// Sample index.
+    pub(super) index: u64,
+    /// What was heard.
+    pub(super) heard: Heard,
+    /// Radial speed of the vessel whose range is sure, m/s.
+    pub(super) speed_m_s: Option<f32>,
+    /// Whether sound from above moves the ground with the sign of its pressure.
+    pub(super) towards: bool,
+    /// Instants of a whole one.
+    pub(super) whole: u64,
+}
+
 /// Minutes in which a component went with pressure, and against it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Votes {
     with: u16,
     against: u16,
-}
-
-/// A ratio of powers in decibels.
-fn decibels(ratio: f32) -> f32 {
-    10.0 * math::f32::log10(ratio)
 }
 
 impl Votes {
@@ -110,14 +108,10 @@ pub(super) struct Checks {
     minute: Moments,
     /// Of north, east, vertical.
     votes: [Votes; 3],
-    /// Medians of north over east, and of both over pressure, dB.
-    ratio_db: f32,
-    motion_db: Option<f32>,
-    /// Minutes they are of.
-    compared: u16,
+    gains: Gains,
+    deafness: Deafness,
     /// The component that was said to be wrong, the vertical one by its sign, a horizontal one by being the vertical; 0: none.
     said_component: u8,
-    said_unequal: bool,
     pairs: Pairs,
     said_table: bool,
 }
@@ -128,11 +122,9 @@ impl Checks {
         Self {
             minute: Moments::NONE,
             votes: [Votes::NONE; 3],
-            ratio_db: 0.0,
-            motion_db: None,
-            compared: 0,
+            gains: Gains::new(),
+            deafness: Deafness::new(),
             said_component: 0,
-            said_unequal: false,
             pairs: Pairs::new(),
             said_table: false,
         }
@@ -143,39 +135,49 @@ impl Checks {
         self.minute.add(moments);
     }
 
-    /// Ends a minute at `index`; `towards`: sound from above moves the ground with the sign of its pressure.
-    pub(super) fn minute(
-        &mut self,
-        heard: Heard,
-        towards: bool,
-        index: u64,
-        faults: &mut Faults,
-        sink: &mut dyn FnMut(Message),
-    ) {
+    /// Ends a minute.
+    pub(super) fn minute(&mut self, minute: &Minute, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
         let m = core::mem::replace(&mut self.minute, Moments::NONE);
         if m.instants == 0 {
             return;
         }
-        match heard {
+        let [pressure, ..] = m.power;
+        let coherence = core::array::from_fn(|c| {
+            let of = |all: &[f32; CHANNELS]| all.get(NORTH + c).copied().unwrap_or(0.0);
+            of(&m.with_pressure) / math::f32::sqrt(of(&m.power) * pressure).max(f32::MIN_POSITIVE)
+        });
+        match minute.heard {
             Heard::Vessel => {
-                self.vote(&m);
-                self.tell_sign(towards, index, faults, sink);
+                self.vote(&coherence);
+                self.tell_sign(minute.towards, minute.index, faults, sink);
+                self.gains.vessel(&m);
             }
-            Heard::Nothing => {
-                self.compare(&m);
-                self.tell_gain(index, faults, sink);
-            }
+            Heard::Nothing => self.gains.noise(&m),
             Heard::Other => {}
+        }
+        self.tell_gain(minute.index, faults, sink);
+        if u64::from(m.instants) * PART >= minute.whole {
+            let (vessel, speed_m_s) = (minute.heard == Heard::Vessel, minute.speed_m_s);
+            let news = self.deafness.minute(&Hearing { coherence, vessel, speed_m_s });
+            let told = news.map(|news| match news {
+                News::Deaf(component) => (FaultCode::OwnNoise, component),
+                News::Back(component) => (FaultCode::ChannelBack, component),
+            });
+            if let Some((code, component)) = told {
+                faults.note(code, minute.index, u64::from(component), sink);
+            }
         }
     }
 
-    fn vote(&mut self, m: &Moments) {
-        let components = self.votes.iter_mut().zip(m.power.iter().zip(&m.with_pressure).skip(NORTH));
-        let [pressure, ..] = m.power;
-        for (votes, (power, product)) in components {
-            let coherence = product / math::f32::sqrt(power * pressure).max(f32::MIN_POSITIVE);
-            votes.with += u16::from(coherence > COHERENT);
-            votes.against += u16::from(coherence < -COHERENT);
+    /// Whether a horizontal component is deaf.
+    pub(super) fn deaf(&self) -> bool {
+        self.deafness.is_deaf()
+    }
+
+    fn vote(&mut self, coherence: &[f32; 3]) {
+        for (votes, coherence) in self.votes.iter_mut().zip(coherence) {
+            votes.with += u16::from(*coherence > COHERENT);
+            votes.against += u16::from(*coherence < -COHERENT);
             if votes.all() >= MOST_VOTES {
                 *votes = Votes { with: votes.with / 2, against: votes.against / 2 };
             }
@@ -215,29 +217,6 @@ impl Checks {
         }
     }
 
-    fn compare(&mut self, m: &Moments) {
-        let [pressure, north, east, _] = m.power;
-        let [_, of_north, of_east, _] = m.with_pressure;
-        let alone = |power: f32, product: f32| power - product * product / pressure.max(f32::MIN_POSITIVE);
-        let (north, east) = (alone(north, of_north), alone(east, of_east));
-        if !(north > 0.0 && east > 0.0 && pressure > 0.0) {
-            return;
-        }
-        let together = m.north_east - of_north * of_east / pressure;
-        if math::f32::abs(together) > TOGETHER * math::f32::sqrt(north * east) {
-            return;
-        }
-        let motion_db = decibels((north + east) / pressure);
-        let usual_db = self.motion_db.get_or_insert(motion_db);
-        self.compared = self.compared.saturating_add(1);
-        let step_db = STEP_DB * (f32::from(SETTLED) / f32::from(self.compared)).clamp(LEAST_STEP, 1.0);
-        *usual_db += step_db * (motion_db - *usual_db).signum();
-        // A shaking instrument says nothing of its gain.
-        if motion_db < *usual_db + SHAKING_DB {
-            self.ratio_db += step_db * (decibels(north / east) - self.ratio_db).signum();
-        }
-    }
-
     /// Takes what a minute says of the propagation table.
     pub(super) fn ranges(
         &mut self,
@@ -263,14 +242,13 @@ impl Checks {
     }
 
     fn tell_gain(&mut self, index: u64, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
-        let off_db = math::f32::abs(self.ratio_db);
-        if !self.said_unequal && off_db >= UNEQUAL_DB {
-            self.said_unequal = true;
-            let value = math::f32::round(10.0 * self.ratio_db) as i64;
-            faults.gather(Fault { code: FaultCode::Unequal, index, value }, sink);
-        } else if self.said_unequal && off_db < EQUAL_DB {
-            self.said_unequal = false;
-            faults.note(FaultCode::SetUpGood, index, FaultCode::Unequal as u64, sink);
+        match self.gains.news() {
+            Some(Some(ratio_db)) => {
+                let value = math::f32::round(10.0 * ratio_db) as i64;
+                faults.gather(Fault { code: FaultCode::Unequal, index, value }, sink);
+            }
+            Some(None) => faults.note(FaultCode::SetUpGood, index, FaultCode::Unequal as u64, sink),
+            None => {}
         }
     }
 }
@@ -296,7 +274,8 @@ mod tests {
         let (mut checks, mut faults, mut said) = (Checks::new(), Faults::new(), Vec::new());
         for n in 0..minutes {
             checks.hop(&moments(n));
-            checks.minute(heard, false, n as u64, &mut faults, &mut |m| {
+            let minute = Minute { index: n as u64, heard, speed_m_s: None, towards: false, whole: 3000 };
+            checks.minute(&minute, &mut faults, &mut |m| {
                 if let Message::Fault(f) = m {
                     said.push((f.code, f.value));
                 }
@@ -332,29 +311,5 @@ mod tests {
             vessel([0.5 * c, 0.5 * s, if n < 600 { 0.4 } else { -0.4 }])
         });
         assert_eq!(turned, [(FaultCode::Reversed, 3), (FaultCode::SetUpGood, FaultCode::Reversed as i64)]);
-    }
-
-    #[test]
-    fn unequal_components_are_named_and_a_shaking_instrument_is_not() {
-        let noise = |north: f32| Moments {
-            power: [1.0, north, 1.0, 1.0],
-            with_pressure: [1.0, 0.0, 0.0, 0.0],
-            instants: 3000,
-            ..Moments::NONE
-        };
-        let two_db = |north: f32| said(400, Heard::Nothing, |_| noise(north));
-        assert_eq!(two_db(2.0), [(FaultCode::Unequal, 20)]);
-        assert_eq!(two_db(0.5), [(FaultCode::Unequal, -20)]);
-        assert_eq!(two_db(1.3), []);
-        // Four hours of strumming along north, 10 dB above the noise.
-        assert_eq!(said(1440, Heard::Nothing, |n| noise(if n % 720 > 480 { 10.0 } else { 1.0 })), []);
-        // Noise from north that goes with pressure is no gain.
-        let coherent = Moments { with_pressure: [1.0, 0.7, 0.0, 0.0], ..noise(1.49) };
-        assert_eq!(said(1000, Heard::Nothing, |_| coherent), []);
-        // Noise of two directions at once, whose difference points between north and east, or stronger.
-        let two = Moments { north_east: 0.2, ..noise(2.0) };
-        assert_eq!(said(1000, Heard::Nothing, |_| two), []);
-        // As it would be without that.
-        assert_eq!(said(1000, Heard::Nothing, |_| noise(1.7)), [(FaultCode::Unequal, 20)]);
     }
 }

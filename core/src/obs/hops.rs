@@ -12,6 +12,7 @@ use super::limits::{HOP, USED_CHANNELS};
 use super::mend::{Mender, Rails};
 use super::moments::{Filtered, Moments};
 use super::plan::Plan;
+use super::row::UNEVEN;
 use crate::block::CHANNELS;
 use crate::health::{Accounting, LossCause};
 use crate::intake::channels::Verdict;
@@ -103,6 +104,8 @@ pub struct Hops {
     channels: Channels,
     unevenness: Unevenness,
     filtered: Filtered,
+    /// Whether the hop before was spoilt.
+    rings: bool,
     /// Whether the run goes on.
     running: bool,
 }
@@ -123,6 +126,7 @@ impl Hops {
             channels: Channels::new(),
             unevenness: Unevenness::new(),
             filtered: Filtered::new(),
+            rings: false,
             running: false,
         }
     }
@@ -137,10 +141,14 @@ impl Hops {
         self.old.full && self.new.full
     }
 
-    /// Moments of the last hop, none where a component of it was wrong or a sample was put right.
+    /// Moments of the last hop, none where a component of it was wrong, a sample was put right in it or in the one before, after which
+    /// the filter rings on, or a burst stands out of it: spikes that are not put right are common to all components, and no sound.
     pub(super) fn moments(&mut self) -> Option<Moments> {
         let moments = core::mem::replace(&mut self.filtered.sums, Moments::NONE);
-        (self.new.spoilt == [0; 2] && (0..CHANNELS as u8).all(|c| self.new.usable(c))).then_some(moments)
+        let spoilt = self.new.spoilt != [0; 2];
+        let rings = core::mem::replace(&mut self.rings, spoilt);
+        let still = !spoilt && !rings && self.new.uneven < UNEVEN;
+        (still && (0..CHANNELS as u8).all(|c| self.new.usable(c))).then_some(moments)
     }
 
     /// Bit c: channel c dead; bit 4 + c: channel c clipped, as of the last hop.

@@ -17,6 +17,17 @@ const LEAST_WEIGHT: f32 = 0.1;
 /// likely, and a stated spread of one mode would not hold the truth. Tracks weigh every mode.
 const CLEAR_WEIGHT: f32 = 0.9;
 
+/// Whether a mode's range is a measurement.
+fn is_clear(m: &RangeMode) -> bool {
+    m.weight >= CLEAR_WEIGHT && m.sure
+}
+
+/// Radial speed of the vessel whose range is a measurement, m/s.
+pub(super) fn clear_speed_m_s(ranges: &RangePresence) -> Option<f32> {
+    let mut modes = ranges.modes.iter().flatten();
+    modes.find(|m| ranges.log_odds > 0.0 && m.detected && is_clear(m)).map(|m| m.speed_m_s)
+}
+
 /// Sends the records of a minute; while pairs of paths are in doubt no range is told as detected.
 pub(super) fn send(
     plan: &Plan<'_>,
@@ -79,7 +90,7 @@ pub(super) fn send(
             sd_speed_m_s: widened(m.sd_speed_m_s, of_speed),
             log_presence: ranges.log_odds,
             weight: m.weight,
-            detected: detected && (paper || m.weight >= CLEAR_WEIGHT && m.sure),
+            detected: detected && (paper || is_clear(m)),
         }));
     }
     if !sent {

@@ -11,13 +11,13 @@ use super::averages::Averages;
 use super::azigram::{self, Sources};
 use super::bands;
 use super::cepstrum;
-use super::checks::{Checks, Heard};
+use super::checks::{Checks, Heard, Minute as Checked};
 use super::clutter::Clutter;
 use super::evidence::{Evidence, Minute};
 use super::hops::Hops;
 use super::impulsive;
 use super::limits::{MINUTE_FRAMES, QUEFRENCIES, WINDOW_FRAMES};
-use super::minute_records::send;
+use super::minute_records::{clear_speed_m_s, send};
 use super::pairs::Profiles;
 use super::paper;
 use super::plan::{HALF_WINDOW_S, Plan, STEP_S};
@@ -439,10 +439,15 @@ impl State {
             0 => Heard::Nothing,
             _ => Heard::Vessel,
         };
-        self.checks.minute(noticed, plan.towards, index, &mut self.intake.faults, sink);
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
         let pairs_in_doubt = !plan.paper && (plan.lasting.parts_pairs() || self.checks.table_is_off());
         self.tracker.pairs_in_doubt = pairs_in_doubt;
+        // Of a deaf component's noise directions are made all the same.
+        let deaf = self.checks.deaf();
+        let call = if deaf { None } else { call };
+        if deaf {
+            directions.withhold();
+        }
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
         if heard {
             if !plan.paper {
@@ -456,7 +461,7 @@ impl State {
             self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
-            if plan.azigram {
+            if plan.azigram && !deaf {
                 let half_s = 0.5 * STEP_S;
                 let of_minute = |kept: &&Kept| kept.used && (-half_s..half_s).contains(&offset_s(kept.label));
                 let (mut minute, mut held) = ([&NO_ROW; MINUTE_FRAMES], 0);
@@ -468,6 +473,9 @@ impl State {
             }
         }
         self.tracker.minute(plan, &mut self.evidence, k as u32, sink);
+        let (speed_m_s, towards, whole) = (clear_speed_m_s(&ranges), plan.towards, plan.intake.minute());
+        let checked = Checked { index, heard: noticed, speed_m_s, towards, whole };
+        self.checks.minute(&checked, &mut self.intake.faults, sink);
         heard
     }
 }

@@ -79,7 +79,17 @@ pub struct Directions {
 /// A call fills at least this share of the band's bins, the inverse of it; a vessel's tones fewer.
 const CALL_BINS: usize = 8;
 
+/// Logarithm of the presence ratio of a window without directions.
+const NO_PRESENCE: f32 = -60.0;
+
 impl Directions {
+    /// Says nothing, as of frames without directions.
+    pub(super) fn withhold(&mut self) {
+        self.modes = [None; AZIMUTH_MODES];
+        self.log_presence = NO_PRESENCE;
+        self.log_below = f32::NEG_INFINITY;
+    }
+
     /// Gives the modes that are a call's (its direction, and many bins) to the call.
     pub fn attribute(&mut self, azimuth: f32, bins: usize) {
         for m in self.modes.iter_mut().flatten() {
@@ -94,7 +104,7 @@ impl WrappedCauchy {
     pub fn search(&self, bins: usize, ambient: &Ambient, s: &mut Tonal, rows: &[&Row]) -> Directions {
         let mut out = Directions {
             modes: [None; AZIMUTH_MODES],
-            log_presence: -60.0,
+            log_presence: NO_PRESENCE,
             log_below: f32::NEG_INFINITY,
             frames: rows.len(),
         };
