@@ -1,8 +1,9 @@
 //! What an ocean-bottom station finds wrong with its own set-up, from a day of traffic or two.
 //!
 //! The days of `obs-week` are heard as they are, and by a station that is not what its station file says: pressure reversed,
-//! the vertical component exchanged with a horizontal one, the horizontal components of unequal gain, a propagation table for
-//! deeper water. `--runs` is the number of days. What a station alone cannot know (a horizontal component reversed, the two
+//! the vertical component exchanged with a horizontal one, the horizontal components of unequal gain, one that hears noise alone or
+//! has no signal, a propagation table for deeper water. One that is noisier than the other and spikes on all components are no defect of
+//! the set-up. `--runs` is the number of days. What a station alone cannot know (a horizontal component reversed, the two
 //! exchanged, an orientation that is off: a mirrored or turned world) is told by a vessel of known track.
 
 use super::obs_week::{Traffic, traffic};
@@ -11,7 +12,7 @@ use super::{Experiment, Options};
 use crate::course::VesselCourse;
 use crate::csv::{CsvText, Fixed};
 use crate::ocean_bottom::mirrored::{Horizontals, doubt};
-use crate::ocean_bottom::scenario::ObsScenario;
+use crate::ocean_bottom::scenario::{ObsFault, ObsScenario, Spikes};
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::survey::pairings;
 use crate::ocean_bottom::{run, station};
@@ -34,6 +35,8 @@ struct Defect {
     name: &'static str,
     /// What becomes of an instant's codes: pressure, north, east, vertical.
     codes: fn(Frame) -> Frame,
+    /// Samples far off on all components.
+    spikes: Option<Spikes>,
     /// By how much the table is for deeper water, m.
     too_deep_m: f64,
     /// By how much the orientation told is too small, degrees.
@@ -45,15 +48,43 @@ struct Defect {
 }
 
 /// As told.
-const SOUND: Defect =
-    Defect { name: "none", codes: |f| f, too_deep_m: 0.0, turned_deg: 0.0, wanted: None, known: None };
+const SOUND: Defect = Defect {
+    name: "none",
+    codes: |f| f,
+    spikes: None,
+    too_deep_m: 0.0,
+    turned_deg: 0.0,
+    wanted: None,
+    known: None,
+};
 
 /// 3 dB louder.
 fn louder(code: i32) -> i32 {
     (f64::from(code) * 10f64.powf(3.0 / 20.0)) as i32
 }
 
-const DEFECTS: [Defect; 12] = [
+/// 20 dB louder.
+fn much_louder(code: i32) -> i32 {
+    10 * code
+}
+
+/// Noise of the sea's level, or so many times that, from an instant's codes and in no other way of them.
+fn noise(frame: Frame, times: f64) -> i32 {
+    let mut hash = frame.iter().fold(0x9e37_79b9_7f4a_7c15u64, |h, c| {
+        let h = (h ^ u64::from(c.cast_unsigned())).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        h ^ h >> 29
+    });
+    // Of twelve numbers from 0 to 1 the sum has a variance of 1.
+    let sum: f64 = (0..12)
+        .map(|_| {
+            hash = hash.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (hash >> 11) as f64 / (1u64 << 53) as f64
+        })
+        .sum();
+    (1000.0 * times * (sum - 6.0)) as i32
+}
+
+const DEFECTS: [Defect; 18] = [
     SOUND,
     Defect {
         name: "pressure reversed",
@@ -91,6 +122,40 @@ const DEFECTS: [Defect; 12] = [
         name: "east 3 dB louder",
         codes: |[p, n, e, z]| [p, n, louder(e), z],
         wanted: Some(FaultCode::Unequal),
+        ..SOUND
+    },
+    Defect {
+        name: "north 20 dB louder",
+        codes: |[p, n, e, z]| [p, much_louder(n), e, z],
+        wanted: Some(FaultCode::Unequal),
+        ..SOUND
+    },
+    Defect {
+        name: "north 6 dB noisier",
+        codes: |f @ [p, n, e, z]| [p, n + noise(f, 3f64.sqrt()), e, z],
+        ..SOUND
+    },
+    Defect {
+        name: "north hears noise alone",
+        codes: |f @ [p, _, e, z]| [p, noise(f, 1.0), e, z],
+        wanted: Some(FaultCode::OwnNoise),
+        ..SOUND
+    },
+    Defect {
+        name: "east hears noise alone",
+        codes: |f @ [p, n, _, z]| [p, n, noise(f, 1.0), z],
+        wanted: Some(FaultCode::OwnNoise),
+        ..SOUND
+    },
+    Defect {
+        name: "east without signal",
+        codes: |[p, n, _, z]| [p, n, 12, z],
+        wanted: Some(FaultCode::DeadChannel),
+        ..SOUND
+    },
+    Defect {
+        name: "spikes of four samples every 7 s",
+        spikes: Some(Spikes { every_s: 7.0, counts: 1e4, samples: 4 }),
         ..SOUND
     },
     Defect { name: "table 100 m too deep", too_deep_m: 100.0, wanted: Some(FaultCode::TableOff), ..SOUND },
@@ -169,7 +234,8 @@ struct Said {
 }
 
 fn hear(options: &Options, days: usize, table: &Propagation, defect: &Defect) -> Result<Said> {
-    let Traffic { scenario, extra } = traffic(options, days, 0.0)?;
+    let Traffic { mut scenario, extra } = traffic(options, days, 0.0)?;
+    scenario.faults.extend(defect.spikes.map(ObsFault::Spikes));
     let told = ObsScenario {
         orientation_of_north_deg: scenario.orientation_of_north_deg - defect.turned_deg,
         ..scenario.clone()

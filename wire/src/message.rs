@@ -321,7 +321,8 @@ pub enum FaultCode {
     ManyResets,
     /// The clock that tells UTC has stepped: by how many microseconds.
     ClockStepped,
-    /// A hydrophone does not hear what the others hear (deaf, or loud with its own noise), and is left out: which channel.
+    /// A hydrophone does not hear what the others hear (deaf, or loud with its own noise), and is left out: which channel. Of an
+    /// ocean bottom a horizontal component that hears noise alone (1 north, 2 east); azimuths are withheld.
     OwnNoise,
     /// A channel has the sign of the others turned round, and is left out: which.
     Inverted,

@@ -180,6 +180,7 @@ fn doubts(ways: &[Way<'_>], k: usize, messages: &[Message], rate_hz: f64) -> Vec
 /// Whether a fault of the station's set-up stood at some time of a span.
 fn set_up_doubted(messages: &[Message], (from_s, to_s): (f64, f64), rate_hz: f64) -> bool {
     let mut since: Option<f64> = None;
+    let mut deaf: Option<i64> = None;
     for m in messages {
         let Message::Fault(f) = m else { continue };
         let t_s = f.index as f64 / rate_hz;
@@ -187,7 +188,14 @@ fn set_up_doubted(messages: &[Message], (from_s, to_s): (f64, f64), rate_hz: f64
             FaultCode::Reversed | FaultCode::Exchanged | FaultCode::Unequal | FaultCode::TableOff => {
                 since.get_or_insert(t_s);
             }
-            FaultCode::SetUpGood if since.take().is_some_and(|since| since <= to_s && t_s >= from_s) => {
+            FaultCode::OwnNoise => {
+                deaf = Some(f.value);
+                since.get_or_insert(t_s);
+            }
+            FaultCode::ChannelBack if deaf != Some(f.value) => {}
+            FaultCode::SetUpGood | FaultCode::ChannelBack
+                if since.take().is_some_and(|since| since <= to_s && t_s >= from_s) =>
+            {
                 return true;
             }
             _ => {}
@@ -207,7 +215,10 @@ mod tests {
         let told = [
             fault(FaultCode::Unequal, 100),
             fault(FaultCode::SetUpGood, 200),
-            fault(FaultCode::TableOff, 400),
+            // Another channel's end is none of it.
+            Message::Fault(Fault { code: FaultCode::OwnNoise, index: 50 * 400, value: 2 }),
+            fault(FaultCode::ChannelBack, 450),
+            Message::Fault(Fault { code: FaultCode::ChannelBack, index: 50 * 550, value: 2 }),
         ];
         for (span, doubted) in [
             ((0.0, 50.0), false),
@@ -215,6 +226,7 @@ mod tests {
             ((150.0, 160.0), true),
             ((250.0, 300.0), false),
             ((500.0, 600.0), true),
+            ((560.0, 600.0), false),
         ] {
             assert_eq!(set_up_doubted(&told, span, 50.0), doubted, "{span:?}");
         }
