@@ -26,7 +26,7 @@ use seabearing_core::wire::{Fault, FaultCode, Message};
 /// The experiment.
 pub const CHECKS: Experiment = Experiment {
     name: "obs-checks",
-    about: "a station that is not what its file says names it within a day of traffic; one that is says nothing",
+    about: "a station that is not what its file says names it within a day of traffic, a deaf horizontal within three; one that is says nothing",
     run,
 };
 
@@ -41,8 +41,9 @@ struct Defect {
     too_deep_m: f64,
     /// By how much the orientation told is too small, degrees.
     turned_deg: f64,
-    /// What the recorder is to name.
+    /// What the recorder is to name, and within how many days.
     wanted: Option<FaultCode>,
+    within_days: usize,
     /// What vessels of known track are to tell.
     known: Option<&'static str>,
 }
@@ -55,6 +56,7 @@ const SOUND: Defect = Defect {
     too_deep_m: 0.0,
     turned_deg: 0.0,
     wanted: None,
+    within_days: 1,
     known: None,
 };
 
@@ -139,12 +141,14 @@ const DEFECTS: [Defect; 18] = [
         name: "north hears noise alone",
         codes: |f @ [p, _, e, z]| [p, noise(f, 1.0), e, z],
         wanted: Some(FaultCode::OwnNoise),
+        within_days: 3,
         ..SOUND
     },
     Defect {
         name: "east hears noise alone",
         codes: |f @ [p, n, _, z]| [p, n, noise(f, 1.0), z],
         wanted: Some(FaultCode::OwnNoise),
+        within_days: 3,
         ..SOUND
     },
     Defect {
@@ -266,8 +270,10 @@ fn hours(fault: &Fault) -> f64 {
 fn run(options: &Options) -> Result<()> {
     let days = options.runs.unwrap_or(1);
     let table = station_table(options)?;
-    let all: Vec<Said> =
-        DEFECTS.par_iter().map(|defect| hear(options, days, &table, defect)).collect::<Result<_>>()?;
+    let all: Vec<Said> = DEFECTS
+        .par_iter()
+        .map(|defect| hear(options, days.max(defect.within_days), &table, defect))
+        .collect::<Result<_>>()?;
     let mut csv = CsvText::new("defect,named,value,after_h");
     let figures = &options.figures;
     for (defect, said) in DEFECTS.iter().zip(&all) {
@@ -282,7 +288,11 @@ fn run(options: &Options) -> Result<()> {
             said.faults.iter().partition(|f| Some(f.code) == defect.wanted);
         if defect.wanted.is_some() {
             let first = named.first().map_or(f64::INFINITY, |f| hours(f));
-            figures.at_most(format!("{name}: named after, h of the record"), first, 24.0);
+            figures.at_most(
+                format!("{name}: named after, h of the record"),
+                first,
+                24.0 * defect.within_days as f64,
+            );
         }
         figures.at_most(
             format!("{name}: other things named"),

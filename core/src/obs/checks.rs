@@ -14,7 +14,7 @@
 //! station's world is then turned or mirrored, and vessels of a mirrored world are vessels. Vessels of known track tell them.
 //! Cost: 400 instructions a minute.
 
-use super::deaf::{Deafness, Hearing, News};
+use super::deaf::{Deafness, HEARS, Hearing, News};
 use super::gains::Gains;
 use super::moments::Moments;
 use super::pairs::{Pairs, Profiles};
@@ -65,6 +65,8 @@ pub(super) struct Minute {
     pub(super) index: u64,
     /// What was heard.
     pub(super) heard: Heard,
+    /// Whether that is several vessels.
+    pub(super) several: bool,
     /// Radial speed of the vessel whose range is sure, m/s.
     pub(super) speed_m_s: Option<f32>,
     /// Whether sound from above moves the ground with the sign of its pressure.
@@ -157,8 +159,10 @@ impl Checks {
         }
         self.tell_gain(minute.index, faults, sink);
         if u64::from(m.instants) * PART >= minute.whole {
-            let (vessel, speed_m_s) = (minute.heard == Heard::Vessel, minute.speed_m_s);
-            let news = self.deafness.minute(&Hearing { coherence, vessel, speed_m_s });
+            let Minute { several, speed_m_s, .. } = *minute;
+            let vessel = minute.heard == Heard::Vessel;
+            let hears = HEARS * math::f32::sqrt(minute.whole as f32 / m.instants as f32);
+            let news = self.deafness.minute(&Hearing { coherence, hears, vessel, several, speed_m_s });
             let told = news.map(|news| match news {
                 News::Deaf(component) => (FaultCode::OwnNoise, component),
                 News::Back(component) => (FaultCode::ChannelBack, component),
@@ -274,7 +278,14 @@ mod tests {
         let (mut checks, mut faults, mut said) = (Checks::new(), Faults::new(), Vec::new());
         for n in 0..minutes {
             checks.hop(&moments(n));
-            let minute = Minute { index: n as u64, heard, speed_m_s: None, towards: false, whole: 3000 };
+            let minute = Minute {
+                index: n as u64,
+                heard,
+                several: false,
+                speed_m_s: None,
+                towards: false,
+                whole: 3000,
+            };
             checks.minute(&minute, &mut faults, &mut |m| {
                 if let Message::Fault(f) = m {
                     said.push((f.code, f.value));

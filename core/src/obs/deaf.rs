@@ -12,15 +12,12 @@
 //! since the component was last heard is the other component's to [`TILT`].
 //!
 //! Not observable: a deaf component while vessels pass overhead or stand still, and both deaf at once (no direction is told then).
-//! Cost: 100 instructions a minute.
+//! Minutes with several vessels say nothing. Cost: 100 instructions a minute.
 
 use crate::math;
 
-/// Coherence with pressure above which a component hears something: 3.6 times what chance makes of a minute.
-const SILENT: f32 = 0.10;
-
-/// The same of minutes that count for hearing again.
-const HEARS: f32 = 0.12;
+/// Coherence with pressure above which a component hears something: four times what chance makes of a whole minute.
+pub(super) const HEARS: f32 = 0.12;
 
 /// Coherence of the other component with pressure from which on a minute counts.
 const STRONG: f32 = 0.15;
@@ -55,8 +52,12 @@ const BACK: u8 = 10;
 pub(super) struct Hearing {
     /// Coherences of north, east and vertical with pressure.
     pub(super) coherence: [f32; 3],
+    /// Coherence from which on a component hears something: [`HEARS`], more of a part of a minute.
+    pub(super) hears: f32,
     /// Whether a vessel is heard.
     pub(super) vessel: bool,
+    /// Whether they are several: which of them a side or a range is of is not known.
+    pub(super) several: bool,
     /// Its radial speed where its range is sure, m/s.
     pub(super) speed_m_s: Option<f32>,
 }
@@ -114,7 +115,7 @@ impl Silence {
 
     /// Takes a minute: coherences of the other component and this one.
     fn minute(&mut self, other: f32, own: f32, hearing: &Hearing) {
-        if math::f32::abs(own) > SILENT {
+        if math::f32::abs(own) > hearing.hears {
             *self = Self::NONE;
             return;
         }
@@ -122,6 +123,10 @@ impl Silence {
         let [_, _, vertical] = hearing.coherence;
         if math::f32::abs(vertical) > ABOVE {
             (self.above, self.came, self.change) = (true, 0, Change::None);
+            return;
+        }
+        if hearing.several {
+            (self.came, self.change) = (0, Change::None);
             return;
         }
         if !hearing.vessel || math::f32::abs(other) < STRONG {
@@ -222,7 +227,7 @@ impl Deafness {
             return Some(News::Deaf(self.deaf));
         }
         let (other, own) = if self.deaf == 1 { (east, north) } else { (north, east) };
-        if math::f32::abs(own) > HEARS {
+        if math::f32::abs(own) > hearing.hears {
             self.hears += 1;
         } else if math::f32::abs(other) > STRONG {
             self.hears = self.hears.saturating_sub(1);
@@ -253,7 +258,9 @@ mod tests {
                     0.8 * level * s - chance,
                     -(3_000.0 / range_m).min(0.95),
                 ],
+                hears: HEARS,
                 vessel: true,
+                several: false,
                 speed_m_s: (ranged && (7_000.0..45_000.0).contains(&range_m)).then_some(speed),
             }
         })
@@ -293,8 +300,13 @@ mod tests {
         // Overhead along north, day by day.
         assert_eq!(news((0..5).flat_map(|_| passage(90.0, 1.0, true)).map(|m| without(1, m))), []);
         // One stands north for a day, then south.
-        let still =
-            |side: f32| Hearing { coherence: [0.7 * side, 0.01, -0.1], vessel: true, speed_m_s: Some(0.2) };
+        let still = |side: f32| Hearing {
+            coherence: [0.7 * side, 0.01, -0.1],
+            hears: HEARS,
+            vessel: true,
+            several: false,
+            speed_m_s: Some(0.2),
+        };
         assert_eq!(news((0..2880).map(|n| still(if n < 1440 { 1.0 } else { -1.0 }))), []);
         // Those that leave north and come from south, or the other way round, again and again.
         let change = |n: usize| {
@@ -302,7 +314,9 @@ mod tests {
             let speed_m_s = Some(if leaves { 7.0 } else { -7.0 });
             Hearing {
                 coherence: [0.5 * side, 0.01, -0.1],
+                hears: HEARS,
                 vessel: true,
+                several: false,
                 speed_m_s: speed_m_s.filter(|s| *s < 0.0),
             }
         };

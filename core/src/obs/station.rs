@@ -474,7 +474,7 @@ impl State {
         }
         self.tracker.minute(plan, &mut self.evidence, k as u32, sink);
         let (speed_m_s, towards, whole) = (clear_speed_m_s(&ranges), plan.towards, plan.intake.minute());
-        let checked = Checked { index, heard: noticed, speed_m_s, towards, whole };
+        let checked = Checked { index, heard: noticed, several: tones > 1, speed_m_s, towards, whole };
         self.checks.minute(&checked, &mut self.intake.faults, sink);
         heard
     }
