@@ -35,10 +35,6 @@ const TOGETHER: f32 = 0.08;
 const STRONG: f32 = 0.15;
 const KNOWN: f32 = 0.0144;
 
-/// Squared coherence below which a minute with a vessel is also one of noise, where its ratio is this far from the median, dB.
-const WEAK: f32 = 0.3;
-const BEYOND_DB: f32 = 6.0;
-
 /// Such minutes before vessels say anything of components that differ by [`FAR_APART_DB`] or more, and of others; and those after which the greatest before them are forgotten in turn.
 const LEAST: u16 = 90;
 const LEAST_NEAR: u16 = 300;
@@ -111,10 +107,6 @@ impl Gains {
         let squared = [(north, of_north), (east, of_east)]
             .map(|(power, product)| product * product / (power * pressure).max(f32::MIN_POSITIVE));
         let [a, b] = squared;
-        // Far from what is known, what little a weak vessel leaves of itself does not matter.
-        if a.max(b) < WEAK && math::f32::abs(decibels(north / east) - self.ratio_db) > BEYOND_DB {
-            self.noise(m);
-        }
         if a.max(b) < STRONG {
             return;
         }
