@@ -11,7 +11,7 @@ use super::plan::{BINS, Band, Plan};
 use super::refine;
 use super::report::{self, Others};
 use super::sick::{self, Sign, Turned};
-use super::spectra::{BinRun, Spectra};
+use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
 use crate::wire::Message;
@@ -224,7 +224,7 @@ pub(crate) fn segment(
     if let Some(first) = &first {
         let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN_MOMENT;
         let heard = if alike && !uneven {
-            heard(&context, spectra, start, centre, common(&context, spectra, &first.tau))
+            heard(&context, spectra, start, centre, first.mean)
         } else {
             // The powers of its two steps are not of the same hydrophones, or of snaps more than of it.
             Context { moment_sd_s: UNKNOWN_MOMENT_S, ..context }
@@ -255,34 +255,15 @@ pub(crate) fn segment(
 
 /// The context with the moment at which the strongest source is heard. Its frames weigh by their power, so that it is the
 /// centre of its own loudness, for which the centre of all sound is taken. Steady noise would hold that nearer to the
-/// frames' own `centre`, at most in the proportion of the sound that hydrophones have in `common`: how far is the moment's deviation.
-fn heard<'a>(context: &Context<'a>, spectra: &Spectra, start: u64, centre: u64, common: f32) -> Context<'a> {
+/// frames' own `centre`, at most in the proportion of the coherence's `mean`, which an image in the surface lowers as well:
+/// how far is the moment's deviation.
+fn heard<'a>(context: &Context<'a>, spectra: &Spectra, start: u64, centre: u64, mean: f32) -> Context<'a> {
     let moment = spectra.added.loudness.centre().unwrap_or(centre as f64);
     let shift = (moment - centre as f64) as f32;
     // Anywhere between nothing and all of it.
-    let moment_sd_s = shift.abs() * (1.0 / common.clamp(LEAST_COHERENCE, 1.0) - 1.0)
-        / (m::sqrt(3.0) * context.plan.rate_hz);
+    let moment_sd_s =
+        shift.abs() * (1.0 / mean.clamp(LEAST_COHERENCE, 1.0) - 1.0) / (m::sqrt(3.0) * context.plan.rate_hz);
     Context { index: start.saturating_add(moment.max(0.0) as u64), moment_sd_s, ..*context }
-}
-
-/// Share of the sound's power in the upper half of the band that pairs of hydrophones have in common, whatever its direction: by the
-/// magnitudes of the whitened cross-spectra, in which a vessel and its image count together, less what noise makes of them. Every fourth run.
-#[inline(never)]
-fn common(context: &Context<'_>, spectra: &Spectra, tau: &[f32; PAIR_COUNT]) -> f32 {
-    let runs = context.band.runs();
-    let upper = runs.start.midpoint(runs.end)..runs.end;
-    let (mut square, mut power) = (0.0f32, f32::MIN_POSITIVE);
-    for run in spectra.part(&upper).iter().step_by(4) {
-        let BinRun { re, im, auto } = run;
-        let [a, b] = auto.iter().fold([0.0; 2], |[a, b], auto| [a + auto[0], b + auto[1]]);
-        for (re, im) in re.iter().zip(im) {
-            square += a * (re[0] * re[0] + im[0] * im[0]) + b * (re[1] * re[1] + im[1] * im[1]);
-        }
-        power += a + b;
-    }
-    let noise = 1.0 / context.snapshots.max(2.0);
-    let square = (square / (power * context.band.used.pairs()) - noise) / (1.0 - noise);
-    m::sqrt(square.max(0.0)) / refine::shared_signal(context.plan, context.band.used, tau)
 }
 
 /// Takes the whole band's source into the averages and reports it.

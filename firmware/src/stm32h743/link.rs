@@ -97,10 +97,16 @@ impl Link for Serial {
 
 /// Bytes that have arrived, without waiting.
 fn arrived(inbox: &mut RingBufferedUartRx<'static>, buffer: &mut [u8]) -> usize {
-    let read = core::pin::pin!(inbox.read(buffer));
     let mut context = core::task::Context::from_waker(core::task::Waker::noop());
-    match read.poll(&mut context) {
-        core::task::Poll::Ready(Ok(n)) => n,
-        _ => 0,
+    // An error ends the reception, and the look after it begins it again: at once, because what comes before that is lost, and looks may be
+    // a segment's estimation apart.
+    for _ in 0..2 {
+        let read = core::pin::pin!(inbox.read(buffer));
+        match read.poll(&mut context) {
+            core::task::Poll::Ready(Ok(n)) => return n,
+            core::task::Poll::Ready(Err(_)) => {}
+            core::task::Poll::Pending => return 0,
+        }
     }
+    0
 }
