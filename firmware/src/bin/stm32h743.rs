@@ -168,13 +168,14 @@ fn main() -> ! {
         panic!("the serial port does not take its configuration")
     };
     let (tx, rx) = uart.split();
-    let line = LINE.write(Serial::new(Incoming::new(rx.into_ring_buffered(RING))));
+    let line = LINE.write(Serial::new(Incoming::new(rx.into_ring_buffered(RING), 1, RING_BYTES)));
     let mut serial = usart::Config::default();
     serial.baudrate = 9600;
     let Ok(sentences) = UartRx::new(p.USART2, p.PD6, p.DMA2_CH2, Interrupts, serial) else {
         panic!("the receiver's port does not take its configuration")
     };
-    let satellites = Satellites::new(p.PA0, Incoming::new(sentences.into_ring_buffered(SENTENCES)));
+    let satellites =
+        Satellites::new(p.PA0, Incoming::new(sentences.into_ring_buffered(SENTENCES), 2, pulse::RING_BYTES));
 
     interrupt::UART4.set_priority(Priority::P6);
     let spawner = TASKS.start(interrupt::UART4);

@@ -12,6 +12,9 @@ const PIPE_BYTES: usize = 4096;
 /// Bytes a command link may bring between two looks.
 pub const RING_BYTES: usize = 256;
 
+/// So often a stopped stream is asked whether it has.
+const STOPPING_READS: usize = 16;
+
 static OUTBOX: Pipe<CriticalSectionRawMutex, PIPE_BYTES> = Pipe::new();
 
 /// Sends what is in the pipe, for ever.
@@ -28,27 +31,56 @@ pub async fn transmit(mut uart: UartTx<'static, Async>) -> ! {
 /// Bytes that DMA puts into a ring.
 pub struct Incoming {
     inbox: RingBufferedUartRx<'static>,
+    /// Stream of DMA2 that does, and the ring's length.
+    stream: usize,
+    bytes: u16,
     waiting: [u8; 16],
     from: usize,
     to: usize,
 }
 
 impl Incoming {
-    /// Begins to receive.
-    pub fn new(inbox: RingBufferedUartRx<'static>) -> Self {
-        Self { inbox, waiting: [0; 16], from: 0, to: 0 }
+    /// Begins to receive, by this stream of DMA2 and into a ring of so many bytes.
+    pub fn new(inbox: RingBufferedUartRx<'static>, stream: usize, bytes: usize) -> Self {
+        Self { inbox, stream, bytes: bytes as u16, waiting: [0; 16], from: 0, to: 0 }
     }
 
     /// The next byte, if there is one.
     pub fn byte(&mut self) -> Option<u8> {
         if self.from == self.to {
             // An overrun or a line error empties the ring; what it held fails its checksum.
-            self.to = arrived(&mut self.inbox, &mut self.waiting);
+            self.to = self.arrived();
             self.from = 0;
         }
         let byte = self.waiting.get(self.from).copied().filter(|_| self.from < self.to)?;
         self.from += 1;
         Some(byte)
+    }
+
+    /// Bytes that have arrived, without waiting. An error ends the reception and the next look begins it again: at once, because what comes
+    /// until then is lost. The third finds the ring as the second left it, from its beginning.
+    fn arrived(&mut self) -> usize {
+        let mut context = core::task::Context::from_waker(core::task::Waker::noop());
+        for _ in 0..3 {
+            let polled = core::pin::pin!(self.inbox.read(&mut self.waiting)).poll(&mut context);
+            match polled {
+                core::task::Poll::Ready(Ok(n)) => return n,
+                core::task::Poll::Ready(Err(_)) => {}
+                core::task::Poll::Pending => return 0,
+            }
+            self.whole_again();
+        }
+        0
+    }
+
+    /// Gives a stream that an error has stopped its whole ring again: begun anew it would go round in what was left of it, at worst in a
+    /// byte, and nothing be heard any more (RM0433, 15.3.9: the count at the start is what a circular stream goes on with).
+    fn whole_again(&self) {
+        let stream = embassy_stm32::pac::DMA2.st(self.stream);
+        // It stops when the transfer under way has ended.
+        if (0..STOPPING_READS).any(|_| !stream.cr().read().en()) {
+            stream.ndtr().write(|w| w.set_ndt(self.bytes));
+        }
     }
 }
 
@@ -93,20 +125,4 @@ impl Link for Serial {
     fn receive(&mut self) -> Option<u8> {
         self.incoming.byte()
     }
-}
-
-/// Bytes that have arrived, without waiting.
-fn arrived(inbox: &mut RingBufferedUartRx<'static>, buffer: &mut [u8]) -> usize {
-    let mut context = core::task::Context::from_waker(core::task::Waker::noop());
-    // An error ends the reception, and the look after it begins it again: at once, because what comes before that is lost, and looks may be
-    // a segment's estimation apart.
-    for _ in 0..2 {
-        let read = core::pin::pin!(inbox.read(buffer));
-        match read.poll(&mut context) {
-            core::task::Poll::Ready(Ok(n)) => return n,
-            core::task::Poll::Ready(Err(_)) => {}
-            core::task::Poll::Pending => return 0,
-        }
-    }
-    0
 }
