@@ -71,6 +71,8 @@ pub struct Ads131m04 {
     edges: VecDeque<(bool, Ticks)>,
     /// When something else than the converter turns the data-ready line round, and for how long; in order.
     pub glitches: VecDeque<(Ticks, Ticks)>,
+    /// The next of them, when it is due after a conversion.
+    pulse: Option<(Ticks, Ticks)>,
     low_since: Option<Ticks>,
     /// Flips one bit of every n-th byte that is read, where n is not 0.
     pub bit_errors_every: u64,
@@ -128,6 +130,7 @@ impl Ads131m04 {
             ready: true,
             edges: VecDeque::new(),
             glitches: VecDeque::new(),
+            pulse: None,
             low_since: None,
             bit_errors_every: 0,
             bytes: 0,
@@ -203,7 +206,8 @@ impl Ads131m04 {
 
     /// When it next has a result, or something happens to its line.
     pub fn next_event(&self) -> Ticks {
-        self.glitches.front().map_or(NEVER, |glitch| glitch.0).min(self.next_conversion)
+        let next = self.glitches.front().or(self.pulse.as_ref()).map_or(NEVER, |glitch| glitch.0);
+        next.min(self.pulse.map_or(NEVER, |pulse| pulse.0)).min(self.next_conversion)
     }
 
     /// Levels of the data-ready line since the last look, in order, and how long each lasted at least; a level that lasts has no end.
@@ -233,11 +237,15 @@ impl Ads131m04 {
     /// A conversion is done, if it is due.
     pub fn advance(&mut self, now: Ticks) {
         while self.glitches.front().is_some_and(|glitch| glitch.0 <= now)
-            && let Some((_, lasts)) = self.glitches.pop_front()
+            && let Some((at, lasts)) = self.glitches.pop_front()
         {
-            self.glitch(lasts);
+            // So long after a conversion as it was to be after a whole number of periods: when the converter began is the firmware's affair.
+            if self.pulse.is_none() && self.next_conversion != NEVER {
+                self.pulse = Some((self.next_conversion + at % (self.period() as Ticks).max(1), lasts));
+            }
         }
         while self.next_conversion <= now {
+            self.pulses(self.next_conversion);
             let done = self.next_conversion;
             self.phase += self.period();
             self.next_conversion = self.phase as Ticks;
@@ -263,6 +271,14 @@ impl Ads131m04 {
                 self.glitch(4 * PER_SECOND / CLOCK_HZ);
             }
             self.set_ready_line(false);
+        }
+        self.pulses(now);
+    }
+
+    /// The pulse on the line that is due, if any.
+    fn pulses(&mut self, now: Ticks) {
+        if let Some((_, lasts)) = self.pulse.take_if(|(at, _)| *at <= now) {
+            self.glitch(lasts);
         }
     }
 

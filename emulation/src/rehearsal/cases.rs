@@ -188,11 +188,11 @@ fn failures() -> Vec<Case> {
         stops(10.0),
         glitch(0, 0.1, &none),
         glitch(3, 0.1, &none),
-        // It cuts a transfer short, and what is counted too much is found by the converter's pace.
+        // It cuts a transfer short, or its own is cut by the next, and what is counted too much is found by the converter's pace.
         glitch(0, 0.4, &[restarted]),
-        glitch(2, 0.4, &[restarted]),
+        glitch(3, 0.4, &[restarted]),
         // Between two transfers: its frame says that it is none.
-        glitch(3, 0.4, &[fault(FaultCode::FalseEdge), none[1], none[2]]),
+        glitch(2, 0.4, &[fault(FaultCode::FalseEdge), none[1], none[2]]),
         case(
             "one bit in 80 000 wrong on SPI",
             &[InjectedFault::SpiBits(10_000)],
@@ -348,7 +348,7 @@ fn stops(conversions: f64) -> Case {
     case(&name, &[InjectedFault::ConverterStops(AT_S, conversions)], AT_S, 1.5, &wanted)
 }
 
-/// A pulse on data ready that is none of the converter's, a quarter of a conversion later each.
+/// A pulse on data ready that is none of the converter's, so many quarters of a conversion after one is ready.
 fn glitch(quarter: u8, length_us: f64, wanted: &[Wanted]) -> Case {
     const QUARTER_S: f64 = 0.25 / 64e3;
     let name = format!("a pulse of {length_us} us on data ready, phase {quarter}");
