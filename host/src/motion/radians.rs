@@ -2,7 +2,7 @@
 //!
 //! In: bearings all of whose azimuths are numbers between −π and 2π. Out: yes, or no and not told. A vessel that passes on a straight course
 //! turns slowly, fast at its closest, and slowly again; over a few degrees it turns evenly, whatever the course. So where a straight course
-//! fits the numbers as radians, and none does nearly as well as degrees, they are radians. Not told: fewer than [`LEAST`] bearings, a pass that as
+//! fits the numbers as radians, and none does nearly as well as degrees, they are radians. Not told: fewer than `LEAST` bearings, a pass that as
 //! radians too turns little, bearings whose errors hide which it is.
 
 use super::estimate::batch;
