@@ -206,8 +206,8 @@ impl Ads131m04 {
 
     /// When it next has a result, or something happens to its line.
     pub fn next_event(&self) -> Ticks {
-        let next = self.glitches.front().or(self.pulse.as_ref()).map_or(NEVER, |glitch| glitch.0);
-        next.min(self.pulse.map_or(NEVER, |pulse| pulse.0)).min(self.next_conversion)
+        let pulses = self.glitches.front().into_iter().chain(&self.pulse).map(|(at, _)| *at);
+        pulses.fold(self.next_conversion, Ticks::min)
     }
 
     /// Levels of the data-ready line since the last look, in order, and how long each lasted at least; a level that lasts has no end.

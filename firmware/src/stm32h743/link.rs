@@ -74,7 +74,7 @@ impl Incoming {
     }
 
     /// Gives a stream that an error has stopped its whole ring again: begun anew it would go round in what was left of it, at worst in a
-    /// byte, and nothing be heard any more (RM0433, 15.3.9: the count at the start is what a circular stream goes on with).
+    /// byte, and nothing be heard any more (RM0433, chapter 15; seen on the modelled board).
     fn whole_again(&self) {
         let stream = embassy_stm32::pac::DMA2.st(self.stream);
         // It stops when the transfer under way has ended.
