@@ -289,9 +289,10 @@ fn whole(
         context.depth = memory.depth.known();
         if let Some((d, _)) = context.depth {
             let (apart, usual) = report::image(plan, &first.refined.direction, d);
-            let (weight, work) = (&scratch.spectrum.weight, &mut scratch.work);
+            let seen = (&scratch.spectrum.weight, &scratch.spectrum.raw);
+            let work = &mut scratch.work;
             let image = memory.depth.image(plan, &first.refined.direction, memory.segments);
-            if let Some(seen) = fringes::loss(&context, first, spectra, weight, apart, image, work) {
+            if let Some(seen) = fringes::loss(&context, first, spectra, seen, (d, apart), image, work) {
                 memory.depth.take_loss(&seen);
                 context.loss = memory.depth.shift(usual, seen.nearer);
                 // The fringes are not those of vessel and image alone.

@@ -25,7 +25,7 @@ use microfft::Complex32;
 /// Segments from one look to the next: the geometry changes slowly.
 pub(super) const EVERY: u32 = 8;
 /// Share of what is taken out that may be wrong.
-pub(super) const SD: f32 = 0.3;
+pub(super) const SD: f32 = 0.15;
 /// Least share of a fringe's depth that the mean over hydrophones keeps.
 const LEAST_KEPT: f32 = 0.3;
 /// Least power of a bin against its neighbours' mean.

@@ -11,7 +11,7 @@
 
 use super::estimate::{Context, Found};
 use super::framed::{self, Image};
-use super::plan::{BINS, FRAME, Plan};
+use super::plan::{BINS, Band, FRAME, Plan};
 use super::refine;
 use super::spectra::Spectra;
 use super::transform::{self, Work};
@@ -25,6 +25,8 @@ const MEAN_BINS: usize = 24;
 const DELAYS: (usize, usize) = (8, 220);
 /// Depths considered, metres.
 const DEPTHS_M: (f32, f32) = (0.7, 14.0);
+/// Bins whose mean coherence says whether a source is heard there.
+const EDGE: usize = 8;
 /// Least depth of the fringes over their mean, full fringes being 1.
 const LEAST: f32 = 0.25;
 /// Greatest share of it that any other delay may have, of either sign (echoes off the bottom, another vessel), and how far from the first in main lobes it begins.
@@ -139,15 +141,19 @@ pub(super) struct Loss {
     framed: Option<(f32, f32)>,
 }
 
-/// What the whitened cross-spectra about a source `found`, whose image is `apart` (radians) above it, tell of the image's loss, by the refinement's
-/// weights; and, of the `image`, what frames make of it. `work` is used up.
+/// What the whitened cross-spectra about a source `found`, so deep (metres) and with its image `apart` (radians) above it, tell of the image's loss,
+/// by the refinement's weights and the coherence seen; and, of the `image`, what frames make of it. `work` is used up.
+///
+/// A bin's share of what the loss does is the mean power about it over its own, less the noise in it. Where nothing is heard at the band's ends
+/// that quotient is large and means nothing: those bins are left out. The running mean keeps a part of fringes that are not much
+/// narrower than it: that part is taken off.
 #[inline(never)]
 pub(super) fn loss(
     context: &Context<'_>,
     found: &Found,
     g: &Spectra,
-    weight: &[f32; BINS],
-    apart: f32,
+    (weight, coherence): (&[f32; BINS], &[f32; BINS]),
+    (depth_m, apart): (f32, f32),
     image: Option<Image>,
     work: &mut Work,
 ) -> Option<Loss> {
@@ -161,24 +167,26 @@ pub(super) fn loss(
     flattened(plan, g, sums);
     values.fill(Complex32::new(0.0, 0.0));
     refine::push(plan, band, g, &found.tau, &g2, values);
-    // Mean power over a bin's own, and its mean.
-    let mut mean = 0.0;
-    for k in band.low..band.high {
-        let share =
-            mean_power(plan, sums, k).map_or(1.0, |(mean, own)| (mean / own.max(1e-3 * mean)).min(DARKEST));
-        mean += share;
+    let (low, high) = heard(band, coherence, found.mean);
+    // Means of mean power over a bin's own, and of the coherence, which tell the noise.
+    let kept = ripple(plan, 2.0 * depth_m * direction[2].max(0.0) * plan.inv_c);
+    let (mut mean, mut coherent) = (0.0f32, 0.0f32);
+    for (k, c) in coherence.iter().enumerate().take(high).skip(low) {
+        let (running, own) = mean_power((low, high), sums, k)?;
+        let share = (running / own.max(1e-3 * running)).min(DARKEST);
+        let share = ((share - kept) / (1.0 - kept)).max(0.0);
         values.get_mut(k)?.im = share;
+        (mean, coherent) = (mean + share, coherent + c);
     }
-    let noise = (1.0 - found.mean).max(refine::LEAST_NOISE)
-        / (mean / band.high.saturating_sub(band.low).max(1) as f32);
+    let bins = high.saturating_sub(low).max(1) as f32;
+    let noise = (1.0 - coherent / bins).max(refine::LEAST_NOISE) * bins / mean.max(f32::MIN_POSITIVE);
     let (mut upper, mut lower) = (0.0f32, 0.0f32);
-    let bins = |k: usize| values.get(k).map_or((0.0, 0.0), |z| (z.re, z.im));
-    let coherence = |share: f32| (1.0 - noise * share).max(refine::LEAST_NOISE);
-    for (k, w) in weight.iter().enumerate().take(band.high).skip(band.low) {
-        let (_, share) = bins(k);
+    let at = |k: usize| values.get(k).map_or((0.0, 0.0), |z| (z.re, z.im));
+    for (k, (w, c)) in weight.iter().zip(coherence).enumerate().take(high).skip(low) {
+        let (_, share) = at(k);
         let square = w * (k * k) as f32;
         upper += square * (1.0 - noise) * share;
-        lower += square * coherence(share);
+        lower += square * c;
     }
     if !(lower > 0.0) {
         return None;
@@ -191,9 +199,8 @@ pub(super) fn loss(
     }
     let (mut feigned, mut moved) = (0.0f32, 0.0f32);
     let (mut product, mut information, mut seen) = (0.0f32, 0.0f32, 0.0f32);
-    for k in band.low..band.high {
-        let (push, share) = bins(k);
-        let c = coherence(share);
+    for (k, (w, c)) in weight.iter().zip(coherence).enumerate().take(high).skip(low) {
+        let (push, share) = at(k);
         let does = k as f32 * plan.bin_rad_s * turn * apart * ((1.0 - noise) * share - c * nearer);
         let known = 1.0 / (1.0 - c * c).max(refine::LEAST_NOISE);
         product += push * does * known;
@@ -201,14 +208,13 @@ pub(super) fn loss(
         seen += push * push * known;
         let framed = sums.get(k).map_or(0.0, |z| z.re);
         feigned += framed * does * known;
-        moved += framed * k as f32 * weight.get(k).copied().unwrap_or(0.0);
+        moved += framed * k as f32 * w;
     }
     let framed = image.map(|_| {
         let unit = lower * plan.bin_rad_s * turn * apart;
         (feigned / information.max(f32::MIN_POSITIVE), moved / unit.max(f32::MIN_POSITIVE))
     });
     let scale = 2.0 * context.snapshots / turn.max(f32::MIN_POSITIVE);
-    let bins = band.high.saturating_sub(band.low).max(1) as f32;
     let left = seen - product * product / information.max(f32::MIN_POSITIVE);
     let unexplained = (scale * left / bins).max(1.0);
     let scale = scale / unexplained;
@@ -218,11 +224,27 @@ pub(super) fn loss(
     finite.then_some(Loss { product, information, nearer, unexplained, framed })
 }
 
+/// The bins between those at either end of the band in which the source is not heard: of less than half its mean coherence.
+fn heard(band: &Band, coherence: &[f32; BINS], mean: f32) -> (usize, usize) {
+    let least = 0.5 * mean * EDGE as f32;
+    let fills =
+        |from: usize| coherence.get(from..from + EDGE).is_some_and(|bins| bins.iter().sum::<f32>() > least);
+    let starts = || band.low..band.high.saturating_sub(EDGE - 1);
+    let low = starts().find(|k| fills(*k)).map_or(band.low, |k| if k > band.low { k + EDGE / 2 } else { k });
+    let last = starts().rev().find(|k| fills(*k)).map_or(band.high, |k| k + EDGE);
+    (low, if last < band.high { last - EDGE / 2 } else { last })
+}
+
+/// Share of a fringe's depth that the running mean keeps, if the image is heard so late (seconds).
+fn ripple(plan: &Plan, delay_s: f32) -> f32 {
+    let half = 0.5 * (2 * MEAN_BINS + 1) as f32 * plan.bin_rad_s * delay_s;
+    m::sin_cos(half).0 / half.max(1e-3)
+}
+
 /// Running mean of the flattened power about a bin, and its own.
 #[inline(never)]
-fn mean_power(plan: &Plan, sums: &[Complex32], k: usize) -> Option<(f32, f32)> {
-    let (from, to) =
-        (k.saturating_sub(MEAN_BINS).max(plan.whole.low), (k + MEAN_BINS + 1).min(plan.whole.high));
+fn mean_power((low, high): (usize, usize), sums: &[Complex32], k: usize) -> Option<(f32, f32)> {
+    let (from, to) = (k.saturating_sub(MEAN_BINS).max(low), (k + MEAN_BINS + 1).min(high));
     let (a, b, own) = (sums.get(from)?, sums.get(to)?, sums.get(k)?);
     Some(((b.re - a.re) / to.saturating_sub(from).max(1) as f32, own.im))
 }
@@ -247,7 +269,7 @@ pub(super) fn depth_m(
     let used = flattened(plan, spectra, sums);
     values.fill(Complex32::new(0.0, 0.0));
     for k in plan.whole.low..plan.whole.high {
-        let Some((mean, own)) = mean_power(plan, sums, k) else { continue };
+        let Some((mean, own)) = mean_power((plan.whole.low, plan.whole.high), sums, k) else { continue };
         if let Some(value) = values.get_mut(transform::reversed(k))
             && mean > 0.0
         {

@@ -51,17 +51,18 @@ const ROUNDING_SAMPLES: f32 = 0.004;
 const NEAR_THRESHOLD: f32 = 2.0;
 
 /// Standard deviation of the height from which vessel and image are heard together, in units of the vessel's depth and for each
-/// radian between the two: a law that fits passes of vessels 2 to 8 m deep, 200 m to 1 km away.
-const HALF_WAY_SD: f32 = 0.8;
+/// radian between the two: a law that fits passes of vessels 2 to 8 m deep, 200 m to 1 km away, with the depth's own deviation.
+const HALF_WAY_SD: f32 = 0.4;
 /// Standard deviation of a depth that no fringes tell, in units of `vessel_depth_m`: propellers 2 to 8 m deep are, about 4 m, 2 m off
 /// in the root mean square.
 const UNKNOWN_DEPTH_SD: f32 = 0.5;
-/// Where vessel and image are farther apart than the array's resolution, the direction is of one of them or between: standard deviation of the
-/// elevation, in units of half of what they are apart, for each `(apart / (2 · resolution))⁴` up to 1: a law that fits passes at 64 kHz,
+/// Where vessel and image are farther apart than the array's resolution, and no fringes tell the depth, the direction is of one of them or between:
+/// standard deviation of the elevation, in units of half of what they are apart, for each `(apart / (2 · resolution))⁴` up to 1: a law that fits passes at 64 kHz,
 /// 200 m to 1 km away from arrays 60 and 168 m deep.
 const ONE_OF_TWO_SD: f32 = 0.7;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
-/// bottoms 2 to 30 m below the array and passes with the surface's image, at 16 and 64 kHz.
+/// bottoms 2 to 30 m below the array and passes with the surface's image, at 16 and 64 kHz. Fringes that tell the depth are those of two
+/// paths: then no more than the misfit itself.
 const PATHS: f32 = 4.0;
 
 /// How it is known what other paths and sources do to a bearing.
@@ -117,7 +118,7 @@ pub(super) fn bearing(
             let known = variance.pair + rounding * rounding;
             *misfit += (residual / known - *misfit) / AVERAGED;
             rise = rise.max(SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair);
-            paths = PATHS * PATHS * rise;
+            paths = if context.depth.is_some() { rise } else { PATHS * PATHS * rise };
             if let Some(scatter) = scatter.filter(|s| s.ratio > 1.0) {
                 // The scatter has the noise in it.
                 let (across, both, up) = scatter.direction;
@@ -140,7 +141,10 @@ pub(super) fn bearing(
             }
             let said = [first, second].map(|x| variance.arrival * x);
             let factors = steady.take(plan, direction, context.index, said, context.shares());
-            factors.map(|factor| factor.max(1.0 - found.mean))
+            // With the depth known, what lasts of the elevation's errors is stated for itself.
+            let least = 1.0 - found.mean;
+            let [across, up] = factors;
+            [across.max(least), if context.depth.is_some() { up } else { up.max(least) }]
         }
         Others::Scatter(ratio) => [ratio; 2],
     };
@@ -189,15 +193,13 @@ pub(super) fn bearing(
         None => (plan.vessel_over_array_depth, UNKNOWN_DEPTH_SD * plan.vessel_over_array_depth),
     };
     let (image, mut image_sd) = (rise * half, rise * image_sd);
-    // Of the deepest that it may be, where it is not known.
-    let depth = context
-        .depth
-        .map_or((1.0 + 2.0 * UNKNOWN_DEPTH_SD) * plan.vessel_over_array_depth, |(d, _)| d / plan.depth_m);
-    let (from_middle, resolved) = (rise * depth, rise * depth / context.band.resolution);
-    image_sd = m::hypot(
-        image_sd,
-        ONE_OF_TWO_SD * from_middle * (resolved * resolved * resolved * resolved).min(1.0),
-    );
+    if context.depth.is_none() {
+        // Of the deepest that it may be.
+        let from_middle = rise * (1.0 + 2.0 * UNKNOWN_DEPTH_SD) * plan.vessel_over_array_depth;
+        let resolved = from_middle / context.band.resolution;
+        let square = resolved * resolved;
+        image_sd = m::hypot(image_sd, ONE_OF_TWO_SD * from_middle * (square * square).min(1.0));
+    }
     if plan.vessel_over_array_depth > 0.0 {
         image_sd = m::hypot(image_sd, m::sqrt(paths * inverse.2));
     }
