@@ -14,7 +14,7 @@
 //!
 //! Cost: about 300 instructions a segment.
 
-use super::change::{Change, Verdict};
+use super::change::{Change, Scatter, Verdict};
 use super::estimate::{Context, Found};
 use super::plan::Plan;
 use super::search::{PairPeaks, SearchWork};
@@ -115,9 +115,9 @@ impl Agreement {
         }
     }
 
-    /// Takes what was stated of a bearing that was not doubted: variances along the tangents, rad².
-    pub(super) fn stated(&mut self, variance: [f32; 2]) {
-        self.change.stated(variance);
+    /// Takes what was stated of a bearing that was not doubted.
+    pub(super) fn stated(&mut self, scatter: Scatter) {
+        self.change.stated(scatter);
     }
 
     /// Takes a segment; how much to doubt its direction, `None` where the pairs let none be told. All four hydrophones are used.

@@ -8,16 +8,22 @@
 //! * A channel late by d moves the vector by d times the dual vector of its hydrophone, of which there are four; two exchanged
 //!   channels move it to one of six places. From the track of up to [`KEPT`] segments before, all but the last, is known where
 //!   it should be. What jumps to none of those places is another vessel.
+//! * Where pairs hear a vessel apart from its image in the surface the vector goes up and down between the two from segment to segment:
+//!   there a course is level, but for what a vessel's usual speed makes of it, and tells azimuths as sharply as elsewhere.
 //! * From the second such segment on no direction is told, until [`SURE`] have said the same (a vessel that turns does not)
 //!   or one has not. Then the fault `Inconsistent` says so.
 //! * Since then: with a late channel, bearings with an error as large as the delay; of exchanged channels none. What comes
-//!   from other directions is strained by a change and not by a vessel that jumped, or jumps back: [`DECIDED`] ends it.
+//!   from other directions is strained by a change and not by a vessel that jumped, or jumps back: [`DECIDED`] ends it. Where a vessel and its image are
+//!   heard apart they strain it as well, alike until it has turned.
 //!   In a regular tetrahedron two exchanged channels strain nothing, and only the jump back tells.
 //!
 //! What was wrong before anything was heard is not seen here. Cost: about 2000 instructions a segment.
 
 use super::agreement::half_apart;
 use super::estimate::{Context, Found};
+use super::jump::{
+    self, ELSEWHERE, EXCHANGED, Jump, LATE, NOTHING, What, difference, duals, length, times, unit, vector,
+};
 use super::plan::Plan;
 use super::wavefront::{self, PAIR_COUNT};
 use crate::block::CHANNELS;
@@ -34,33 +40,24 @@ const LONGEST_JUMP_S: f32 = 6.0;
 /// Segments that must say the same change, and most that may say another place or none after a jump.
 const SURE: u8 = 3;
 const STRAY: u8 = 2;
-/// Squared deviations beyond which the vector has jumped, within which it is back, and within which it is where a change puts
-/// it; of three dimensions, and of two.
-const JUMPED: f32 = 36.0;
-const BACK: f32 = 12.0;
-const THERE: f32 = 14.0;
-/// Delays looked for, samples.
-const DELAYS: (f32, f32) = (0.4, 8.0);
 /// Standard deviation of what a course bends by until the newest segment, in units of the square of the angle turned: a vector that turns
 /// evenly leaves a line through its past by a sixth of it, a vessel's bearing at its fastest change by as much again; six deviations are a jump.
 const BEND: f32 = 0.1;
 /// What multipath does to a delay at any time, samples; and where the surface's image is expected, whose fringes pull each hydrophone's
-/// delay by itself.
+/// delay by itself, seconds: how much is the vessel's and the array's, at any rate of samples.
 const FLOOR_SAMPLES: f32 = 0.05;
-const FRINGED_SAMPLES: f32 = 0.12;
+const FRINGED_S: f32 = 1.9e-6;
 /// Standard deviation of what the vector goes up and down by where pairs hear a vessel and its image in the surface apart: upright pairs go from
 /// one to the other, level ones stay half-way. In units of how far each is from there.
 const HOP: f32 = 0.8;
-/// The same where the vector's length is looked at, and natural logarithm of the likelihood ratio that ends a suspicion.
+/// Standard deviation of the speed with which a vessel comes nearer or goes away, m/s: with the depth it tells how fast its elevation changes.
+const RISING_M_S: f32 = 5.0;
+/// Standard deviation of what multipath does to a delay where the vector's length is looked at, samples, and natural logarithm of the
+/// likelihood ratio that ends a suspicion.
 const STRAIN_SAMPLES: f32 = 0.15;
 const DECIDED: f32 = 30.0;
-
-/// What changed: nothing, hydrophone `n − LATE` late, pair `n − EXCHANGED` exchanged, or it cannot be told.
-type What = u8;
-const NOTHING: What = 0;
-const LATE: What = 1;
-const EXCHANGED: What = LATE + CHANNELS as u8;
-const ELSEWHERE: What = EXCHANGED + PAIR_COUNT as u8;
+/// A vessel that has turned so far is heard apart from its image by other pairs, radians.
+const FRESH_RAD: f32 = 0.2;
 
 /// What to do with a segment's direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,14 +70,27 @@ pub(super) enum Verdict {
     Withhold,
 }
 
+/// Variances of a bearing along the tangents, rad².
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Scatter {
+    /// Of what is another from segment to segment; 0: nothing was told.
+    pub(super) noise: [f32; 2],
+    /// Of what paths put on it, for as long as the vessel is about there.
+    pub(super) lasting: [f32; 2],
+}
+
 /// A track of vectors: place now, change a second, and factor of one segment's variance.
 #[derive(Clone, Copy, Debug, Default)]
 struct Course {
     place: [f32; 3],
     rate: [f32; 3],
     factor: f32,
+    /// The same of a hop's variance, upwards: now, and for the squared seconds later.
+    up: (f32, f32),
     /// How long ago its first segment was, seconds.
     length_s: f32,
+    /// How far from it the first segment was that jumped.
+    jump: [f32; 3],
 }
 
 /// What the segments before showed. All zeros at the beginning.
@@ -89,8 +99,8 @@ pub(super) struct Change {
     /// Newest first.
     past: [([f32; 3], u64); KEPT],
     kept: usize,
-    /// Variance of the last bearing along the tangents, rad²; 0: none was told.
-    stated: [f32; 2],
+    /// What the last two bearings scatter, newest first: as in a course the last may hold the change itself, and errs by it.
+    stated: [Scatter; 2],
     /// Where what was heard before a jump should be, since when.
     course: Course,
     since: u64,
@@ -104,26 +114,20 @@ pub(super) struct Change {
     against: f32,
 }
 
-/// Where a vector is, against where it should be.
-struct Jump<'a> {
-    plan: &'a Plan,
-    duals: [[f32; 3]; CHANNELS],
-    from: [f32; 3],
-    to: [f32; 3],
-    /// Axes, and the variance along each.
-    axes: [[f32; 3]; 3],
-    variance: [f32; 3],
-    /// The same where channels were exchanged, which turns the axes.
-    exchanged: [f32; 3],
-}
-
 impl Change {
     pub(super) const fn new() -> Self {
         Self {
             past: [([0.0; 3], 0); KEPT],
             kept: 0,
-            stated: [0.0; 2],
-            course: Course { place: [0.0; 3], rate: [0.0; 3], factor: 0.0, length_s: 0.0 },
+            stated: [Scatter { noise: [0.0; 2], lasting: [0.0; 2] }; 2],
+            course: Course {
+                place: [0.0; 3],
+                rate: [0.0; 3],
+                factor: 0.0,
+                up: (0.0, 0.0),
+                length_s: 0.0,
+                jump: [0.0; 3],
+            },
             since: 0,
             seems: NOTHING,
             times: 0,
@@ -134,11 +138,18 @@ impl Change {
         }
     }
 
-    /// Takes what was stated of an undoubted bearing: variances along the tangents, rad².
-    pub(super) fn stated(&mut self, variance: [f32; 2]) {
+    /// Takes what was stated of an undoubted bearing.
+    pub(super) fn stated(&mut self, scatter: Scatter) {
         if self.seems == NOTHING {
-            self.stated = variance;
+            let [last, _] = self.stated;
+            self.stated = [scatter, last];
         }
+    }
+
+    /// What bearings before the last one scatter.
+    fn usual(&self) -> Scatter {
+        let [last, before] = self.stated;
+        if before.noise[0] > 0.0 { before } else { last }
     }
 
     /// Takes a segment's delays; what to do with its direction, and whether a change has just become sure.
@@ -166,22 +177,25 @@ impl Change {
         } else {
             Some(self.later(plan, context.index))
         };
+        let usual = self.usual();
         let seems = match course {
-            Some(course) if self.stated[0] > 0.0 => {
-                let norm = length(&course.place).max(0.1);
-                let from = course.place.map(|x| x / norm);
+            Some(course) if usual.noise[0] > 0.0 => {
+                let from = unit(&course.place);
                 let e = wavefront::tangents(&from);
-                let [a, b] = self.stated;
                 let fringed = plan.vessel_over_array_depth > 0.0;
-                let floor = if fringed { FRINGED_SAMPLES } else { FLOOR_SAMPLES };
-                let floor = floor / plan.rate_hz * length(&duals[0]) / plan.inv_c;
+                let floor = if fringed { FRINGED_S } else { FLOOR_SAMPLES / plan.rate_hz };
+                let floor = floor * length(&duals[0]) / plan.inv_c;
                 let turn =
                     BEND * wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
-                let more = floor * floor + turn * turn;
-                let mut variance = [a, b, a.min(b)].map(|v| v * (1.0 + course.factor) + more);
+                let [a, b] = [0, 1].map(|k: usize| {
+                    let paths = usual.lasting[k].max(floor * floor);
+                    usual.noise[k] * (1.0 + course.factor) + paths + turn * turn
+                });
+                let mut variance = [a, b, a.min(b)];
                 let widest = variance[0].max(variance[1]);
                 let hop = HOP * half_apart(plan, &from);
-                let upright = [e.0[2], e.1[2], from[2]].map(|z| hop * hop * z * z);
+                let hops = hop * hop * (1.0 + course.up.0);
+                let upright = [e.0[2], e.1[2], from[2]].map(|z| hops * z * z);
                 variance.iter_mut().zip(upright).for_each(|(variance, hop)| *variance += hop);
                 let exchanged = upright.map(|hop| widest + hop);
                 let jump = Jump {
@@ -193,11 +207,11 @@ impl Change {
                     variance,
                     exchanged,
                 };
-                jump.what(if self.seems == NOTHING { JUMPED } else { BACK })
+                jump.what((self.seems != NOTHING).then_some(&course.jump))
             }
             _ => (NOTHING, 0.0),
         };
-        self.see(course, seems.0, context.index);
+        self.see(course, &own, seems.0, context.index);
         if self.seems == NOTHING || self.seems == ELSEWHERE {
             if self.seems == NOTHING {
                 self.keep(&own, context.index);
@@ -228,16 +242,18 @@ impl Change {
 
     /// Takes what a segment shows beside the course.
     #[inline(never)]
-    fn see(&mut self, course: Option<Course>, what: What, index: u64) {
+    fn see(&mut self, course: Option<Course>, own: &[f32; 3], what: What, index: u64) {
         if what == NOTHING {
             (self.seems, self.times, self.strays) = (NOTHING, 0, 0);
             return;
         }
         if self.seems == NOTHING {
             (self.course, self.since) = (course.unwrap_or_default(), index);
+            self.course.jump = difference(own, &self.course.place);
         }
-        if what == self.seems && what != ELSEWHERE {
-            self.times += 1;
+        // Near a vessel, whose image leaves heights uncertain, one late channel looks like another.
+        if what != ELSEWHERE && (what == self.seems || jump::is_late(what) && jump::is_late(self.seems)) {
+            (self.seems, self.times) = (what, self.times + 1);
             return;
         }
         // What changes in the midst of a segment is nowhere at first.
@@ -290,11 +306,20 @@ impl Change {
             length(&[0, 1, 2].map(|k: usize| own[k] + late * dual[k])) - expected
         };
         let sd = STRAIN_SAMPLES / plan.rate_hz * length(&duals[0]) / plan.inv_c;
-        let norm = length(own).max(0.1);
-        let up = own[2] / norm;
-        let hop = HOP * half_apart(plan, &own.map(|x| x / norm)) * up;
-        let variance = sd * sd + self.stated[0].min(self.stated[1]) + hop * hop;
-        self.against = (self.against + 0.5 * (other * other - radial * radial) / variance).max(-DECIDED);
+        let from = unit(own);
+        let hop = HOP * half_apart(plan, &from) * from[2];
+        let usual = self.usual();
+        let [a, b] = [0, 1].map(|k: usize| usual.noise[k] + usual.lasting[k]);
+        let variance = sd * sd + a.min(b) + hop * hop;
+        // What pairs hear of vessel and image stays the same until that has turned.
+        let fresh = match self.past.first() {
+            Some((last, _)) if hop > 0.0 => {
+                (m::hypot(own[0] - last[0], own[1] - last[1]) / FRESH_RAD).min(1.0)
+            }
+            _ => 1.0,
+        };
+        let more = 0.5 * fresh * (other * other - radial * radial) / variance;
+        self.against = (self.against + more).max(-DECIDED);
         if self.against > DECIDED {
             self.what = NOTHING;
         }
@@ -320,10 +345,19 @@ impl Change {
             return None;
         }
         let mut course = Course { factor: square / determinant, ..Course::default() };
-        for k in 0..3 {
+        // Where pairs go from vessel to image and back, a few segments tell less of its rise or fall than a vessel's usual speed does.
+        let (newest, _) = used.first()?;
+        let from = unit(newest);
+        let known = HOP * half_apart(plan, &from)
+            / (RISING_M_S * from[2] * from[2] / plan.depth_m).max(f32::MIN_POSITIVE);
+        let more = known * known;
+        let level = (square, determinant);
+        let upright = (square + more, determinant + n * more);
+        for (k, (square, determinant)) in [level, level, upright].into_iter().enumerate() {
             course.place[k] = (square * place[k] - at * slope[k]) / determinant;
             course.rate[k] = (n * slope[k] - at * place[k]) / determinant;
         }
+        course.up = (upright.0 / upright.1, n / upright.1);
         course.length_s = used.last().map_or(0.0, |(_, when)| seconds(plan, *when, index));
         Some(course)
     }
@@ -339,6 +373,9 @@ impl Change {
         // The variance of what a line gives grows with the square of the time from its middle.
         let grown = 1.0 + t / (0.5 * course.length_s).max(0.1);
         course.factor *= grown * grown;
+        let (now, rate) = course.up;
+        let sum = m::sqrt(now) + t * m::sqrt(rate);
+        course.up.0 = sum * sum;
         course.length_s += t;
         course
     }
@@ -351,121 +388,8 @@ impl Change {
     }
 }
 
-impl Jump<'_> {
-    /// Product of two vectors, each in standard deviations.
-    #[inline(never)]
-    fn inner(&self, a: &[f32; 3], b: &[f32; 3]) -> f32 {
-        let mut sum = 0.0;
-        for (axis, variance) in self.axes.iter().zip(&self.variance) {
-            sum += wavefront::dot(a, axis) * wavefront::dot(b, axis) / variance;
-        }
-        sum
-    }
-
-    /// What takes the vector there, if it is at `least` so many squared deviations away, and the delay of a late channel.
-    #[inline(never)]
-    fn what(&self, least: f32) -> (What, f32) {
-        let by = difference(&self.to, &self.from);
-        let chi2 = |v: &[f32; 3]| self.inner(v, v);
-        let jumped = chi2(&by);
-        if jumped < least {
-            return (NOTHING, 0.0);
-        }
-        let (mut best, mut least) = ((ELSEWHERE, 0.0), THERE);
-        for (dual, what) in self.duals.iter().zip(LATE..) {
-            let per_s = dual.map(|x| -x / self.plan.inv_c);
-            let delay_s = self.inner(&per_s, &by) / self.inner(&per_s, &per_s).max(f32::MIN_POSITIVE);
-            let left = difference(&by, &per_s.map(|x| delay_s * x));
-            let samples = m::abs(delay_s) * self.plan.rate_hz;
-            if chi2(&left) < least && samples > DELAYS.0 && samples < DELAYS.1 {
-                (best, least) = ((what, delay_s), chi2(&left));
-            }
-        }
-        let heard = arrivals(self.plan, &self.to);
-        for ((i, j), what) in PAIRS.into_iter().zip(EXCHANGED..) {
-            // Exchanged back: what is uncertain up and down is so in the true order alone.
-            let mut t = heard;
-            if let Ok([a, b]) = t.get_disjoint_mut([i, j]) {
-                core::mem::swap(a, b);
-            }
-            let off = difference(&vector(self.plan, &self.duals, &t), &self.from);
-            let mut chi2 = 0.0;
-            for (axis, variance) in self.axes.iter().zip(&self.exchanged) {
-                let along = wavefront::dot(&off, axis);
-                chi2 += along * along / variance;
-            }
-            if chi2 < least {
-                (best, least) = ((what, 0.0), chi2);
-            }
-        }
-        best
-    }
-}
-
-#[inline(never)]
-fn difference(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(never)]
-fn length(v: &[f32; 3]) -> f32 {
-    m::sqrt(wavefront::dot(v, v))
-}
-
 fn seconds(plan: &Plan, from: u64, to: u64) -> f32 {
     to.saturating_sub(from) as f32 / plan.rate_hz
-}
-
-/// Arrival times about their mean that fit the pairs' delays best.
-#[inline(never)]
-fn times(delays: &[f32; PAIR_COUNT]) -> [f32; CHANNELS] {
-    let mut out = [0.0f32; CHANNELS];
-    for (delay, (i, j)) in delays.iter().zip(PAIRS) {
-        let part = delay / CHANNELS as f32;
-        for (h, t) in out.iter_mut().enumerate() {
-            *t += if h == j {
-                part
-            } else if h == i {
-                -part
-            } else {
-                0.0
-            };
-        }
-    }
-    out
-}
-
-/// Arrival times (seconds) of a plane wave of this vector.
-#[inline(never)]
-fn arrivals(plan: &Plan, vector: &[f32; 3]) -> [f32; CHANNELS] {
-    plan.geometry.position_m.map(|h| -plan.inv_c * wavefront::dot(&h, vector))
-}
-
-/// Vectors whose products with the hydrophones' places are 1 for the own one and 0 for the others', up to a constant: 1/m.
-#[inline(never)]
-fn duals(plan: &Plan) -> [[f32; 3]; CHANNELS] {
-    let [o, a, b, c] = &plan.geometry.position_m;
-    let (a, b, c) = (difference(a, o), difference(b, o), difference(c, o));
-    let cross = |x: &[f32; 3], y: &[f32; 3]| {
-        [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
-    };
-    let (bc, ca, ab) = (cross(&b, &c), cross(&c, &a), cross(&a, &b));
-    // No station's hydrophones are in a plane.
-    let volume = wavefront::dot(&a, &bc);
-    let [a, b, c] = [bc, ca, ab].map(|x| x.map(|x| x / volume));
-    [[0, 1, 2].map(|k: usize| -(a[k] + b[k] + c[k])), a, b, c]
-}
-
-/// The vector that arrival times (seconds) are of: the direction, where they are of a plane wave.
-#[inline(never)]
-fn vector(plan: &Plan, duals: &[[f32; 3]; CHANNELS], times: &[f32; CHANNELS]) -> [f32; 3] {
-    let mut out = [0.0; 3];
-    for (dual, t) in duals.iter().zip(times) {
-        for (x, d) in out.iter_mut().zip(dual) {
-            *x -= t / plan.inv_c * d;
-        }
-    }
-    out
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! A vessel that moves past a tetrahedron two of whose channels are exchanged, or one of which is late, from one moment on.
 
+use super::super::jump::arrivals;
 use super::super::test_sea::{error_from, hear, noisy, planned, source, standardised};
 use super::*;
 use crate::angle::unit_vector;

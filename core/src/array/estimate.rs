@@ -203,7 +203,9 @@ pub(crate) fn segment(
         let is = turned.is(&mut scratch.search, memory.sick.tried());
         let sign = memory.sick.turned(is);
         memory.sick.take(plan, sign, None, context.index, sink);
-        if is {
+        // Nor is anything told that explains so little and is elsewhere than the source was.
+        let elsewhere = |found: &Found| memory.is_elsewhere(&context, &found.refined.direction);
+        if is || first.as_ref().is_some_and(elsewhere) {
             return;
         }
     }
@@ -307,11 +309,11 @@ fn whole(
     let scatter = (memory.others.any() || memory.misfit > report::DISAGREEING)
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
     let Memory { misfit, aside, steady, .. } = memory;
-    let others = Others::Lasting { misfit, aside, steady, scatter };
+    let mut stated = Default::default();
+    let others = Others::Lasting { misfit, aside, steady, scatter, stated: &mut stated };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
         if doubt.quality == 1.0 {
-            let level = 1.0 - first.refined.direction[2] * first.refined.direction[2];
-            memory.agreement.stated([level * bearing.var_azimuth, bearing.var_elevation]);
+            memory.agreement.stated(stated);
         }
         sink(Message::Bearing(bearing));
     }

@@ -118,6 +118,13 @@ impl Memory {
         (context.index.saturating_sub(*index) as f32 <= MOMENTS_S * context.plan.rate_hz).then_some(direction)
     }
 
+    /// Whether a direction is another source's than that of moments ago.
+    #[inline(never)]
+    pub(super) fn is_elsewhere(&self, context: &Context<'_>, direction: &Direction) -> bool {
+        let far = m::cos(OTHER_SOURCE_CELLS * context.plan.whole.resolution);
+        self.moments_ago(context).is_some_and(|last| wavefront::dot(last, direction) < far)
+    }
+
     /// Standard deviation of the horizontal angle for the moment's, radians: how far the source turns meanwhile.
     pub(super) fn turned_meanwhile(&self, context: &Context<'_>) -> f32 {
         let [a, b] = self.swing;

@@ -21,6 +21,7 @@ mod framed;
 mod framing;
 mod fringes;
 mod impulses;
+mod jump;
 pub mod limit;
 mod memory;
 mod others;

@@ -22,6 +22,7 @@
 
 use super::agreement::Doubt;
 use super::aside;
+use super::change;
 use super::estimate::{Context, Found, SpectrumWork};
 use super::refine::{self, Scatter};
 use super::steady::Steady;
@@ -60,6 +61,8 @@ const UNKNOWN_DEPTH_SD: f32 = 0.5;
 /// standard deviation of the elevation, in units of half of what they are apart, for each `(apart / (2 · resolution))⁴` up to 1: a law that fits passes at 64 kHz,
 /// 200 m to 1 km away from arrays 60 and 168 m deep.
 const ONE_OF_TWO_SD: f32 = 0.7;
+/// The same of one pair beside the two others: a law that fits the same passes heard by three hydrophones.
+const PAIRS_APART: f32 = 0.2;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
 /// bottoms 2 to 30 m below the array and passes with the surface's image, at 16 and 64 kHz. Fringes that tell the depth are those of two
 /// paths: then no more than the misfit itself.
@@ -77,6 +80,8 @@ pub(super) enum Others<'a> {
         steady: &'a mut Steady,
         /// And what the segment's own cross-spectra show while another source is heard.
         scatter: Option<Scatter>,
+        /// Takes what of its variances changes from segment to segment and what does not.
+        stated: &'a mut change::Scatter,
     },
     /// By how much more the segment's own cross-spectra scatter than noise explains (`refine::scatter`): what taking out a
     /// louder source left.
@@ -113,8 +118,10 @@ pub(super) fn bearing(
     let (mut level, mut rise, mut paths) = (unexplained, unexplained, 0.0);
     // What another source does to the angles, rad².
     let mut other = (0.0f32, 0.0f32, 0.0f32);
+    let mut told_of = None;
     let noise = match others {
-        Others::Lasting { misfit, aside, steady, scatter } => {
+        Others::Lasting { misfit, aside, steady, scatter, stated } => {
+            told_of = Some(stated);
             let known = variance.pair + rounding * rounding;
             *misfit += (residual / known - *misfit) / AVERAGED;
             rise = rise.max(SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair);
@@ -157,6 +164,11 @@ pub(super) fn bearing(
     let mut first_angle = scale(across, level) * first + other.0;
     let mut both_angles = scale(m::sqrt(across * up), level) * cross + other.1;
     let mut second_angle = scale(up, level.max(rise)) * second + other.2;
+    if let Some(stated) = told_of {
+        let noise = |noise: f32| variance.arrival * (noise + lucky);
+        stated.noise = [noise(across) * first + other.0 + turned * turned, noise(up) * second + other.2];
+        stated.lasting = [level * first, level.max(rise) * second];
+    }
     // What a speed of sound and a distance that are not as assumed do to all arrival times together.
     let slowness = wavefront::arrivals(&plan.geometry, direction, curvature);
     let bends = plan.geometry.position_m.map(|h| {
@@ -202,6 +214,19 @@ pub(super) fn bearing(
     }
     if plan.vessel_over_array_depth > 0.0 {
         image_sd = m::hypot(image_sd, m::sqrt(paths * inverse.2));
+    }
+    if plan.vessel_over_array_depth > 0.0 && !used.all() {
+        // Three hydrophones have no pair to spare: what each hears nearer to the vessel or to the image turns both angles.
+        let (i11, i12, i22) = inverse;
+        let (across, up) = (wavefront::pair_delays(&g1), wavefront::pair_delays(&g2));
+        let apart = PAIRS_APART * from_middle * (resolved * resolved).min(1.0);
+        for (a, b) in used.of(across.iter().zip(&up)) {
+            let off = apart * b;
+            let (a, b) = (off * (i11 * a + i12 * b), off * (i12 * a + i22 * b));
+            first_angle += a * a;
+            both_angles += a * b;
+            second_angle += b * b;
+        }
     }
     let mean = found.mean.clamp(1e-6, 1.0 - 1e-6);
     Some(Bearing {

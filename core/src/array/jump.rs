@@ -1,0 +1,167 @@
+//! What takes the vector of four arrival times from where it should be to where it is: nothing, a late hydrophone, two exchanged.
+//!
+//! Enters: both vectors and how certain each is ([`super::change`]). Leaves: what explains the way between them, if something does.
+//! Cost: about 1000 instructions where it is far.
+
+use super::plan::Plan;
+use super::wavefront::{self, Direction, PAIR_COUNT};
+use crate::block::CHANNELS;
+use crate::geometry::PAIRS;
+use crate::math::f32 as m;
+
+/// Squared deviations beyond which the vector has jumped, within which it is back, and within which it is where a change puts
+/// it; of three dimensions, and of two.
+const JUMPED: f32 = 36.0;
+const BACK: f32 = 12.0;
+const THERE: f32 = 14.0;
+/// Delays looked for, samples.
+const DELAYS: (f32, f32) = (0.4, 8.0);
+
+/// What changed: nothing, hydrophone `n − LATE` late, pair `n − EXCHANGED` exchanged, or it cannot be told.
+pub(super) type What = u8;
+pub(super) const NOTHING: What = 0;
+pub(super) const LATE: What = 1;
+pub(super) const EXCHANGED: What = LATE + CHANNELS as u8;
+pub(super) const ELSEWHERE: What = EXCHANGED + PAIR_COUNT as u8;
+
+/// Whether a hydrophone is late.
+pub(super) fn is_late(what: What) -> bool {
+    (LATE..EXCHANGED).contains(&what)
+}
+
+/// Where a vector is, against where it should be.
+pub(super) struct Jump<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) duals: [[f32; 3]; CHANNELS],
+    pub(super) from: [f32; 3],
+    pub(super) to: [f32; 3],
+    /// Axes, and the variance along each.
+    pub(super) axes: [[f32; 3]; 3],
+    pub(super) variance: [f32; 3],
+    /// The same where channels were exchanged, which turns the axes.
+    pub(super) exchanged: [f32; 3],
+}
+
+impl Jump<'_> {
+    /// Product of two vectors, each in standard deviations.
+    #[inline(never)]
+    fn inner(&self, a: &[f32; 3], b: &[f32; 3]) -> f32 {
+        let mut sum = 0.0;
+        for (axis, variance) in self.axes.iter().zip(&self.variance) {
+            sum += wavefront::dot(a, axis) * wavefront::dot(b, axis) / variance;
+        }
+        sum
+    }
+
+    /// What takes the vector there, if it is elsewhere than it should be, and the delay of a late channel. Once it has jumped, by what is
+    /// `before`, it is back when it is nearer to its course than to that way from it: the course is the less certain the longer ago it was.
+    #[inline(never)]
+    pub(super) fn what(&self, before: Option<&[f32; 3]>) -> (What, f32) {
+        let by = difference(&self.to, &self.from);
+        let chi2 = |v: &[f32; 3]| self.inner(v, v);
+        let jumped = chi2(&by);
+        let there = match before {
+            Some(before) => jumped < BACK && jumped <= chi2(&difference(&by, before)),
+            None => jumped < JUMPED,
+        };
+        if there {
+            return (NOTHING, 0.0);
+        }
+        let (mut best, mut least) = ((ELSEWHERE, 0.0), THERE);
+        for (dual, what) in self.duals.iter().zip(LATE..) {
+            let per_s = dual.map(|x| -x / self.plan.inv_c);
+            let delay_s = self.inner(&per_s, &by) / self.inner(&per_s, &per_s).max(f32::MIN_POSITIVE);
+            let left = difference(&by, &per_s.map(|x| delay_s * x));
+            let samples = m::abs(delay_s) * self.plan.rate_hz;
+            if chi2(&left) < least && samples > DELAYS.0 && samples < DELAYS.1 {
+                (best, least) = ((what, delay_s), chi2(&left));
+            }
+        }
+        let heard = arrivals(self.plan, &self.to);
+        for ((i, j), what) in PAIRS.into_iter().zip(EXCHANGED..) {
+            // Exchanged back: what is uncertain up and down is so in the true order alone.
+            let mut t = heard;
+            if let Ok([a, b]) = t.get_disjoint_mut([i, j]) {
+                core::mem::swap(a, b);
+            }
+            let off = difference(&vector(self.plan, &self.duals, &t), &self.from);
+            let mut chi2 = 0.0;
+            for (axis, variance) in self.axes.iter().zip(&self.exchanged) {
+                let along = wavefront::dot(&off, axis);
+                chi2 += along * along / variance;
+            }
+            if chi2 < least {
+                (best, least) = ((what, 0.0), chi2);
+            }
+        }
+        best
+    }
+}
+
+#[inline(never)]
+pub(super) fn difference(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(never)]
+pub(super) fn unit(v: &[f32; 3]) -> Direction {
+    let norm = length(v).max(0.1);
+    v.map(|x| x / norm)
+}
+
+#[inline(never)]
+pub(super) fn length(v: &[f32; 3]) -> f32 {
+    m::sqrt(wavefront::dot(v, v))
+}
+
+/// Arrival times about their mean that fit the pairs' delays best.
+#[inline(never)]
+pub(super) fn times(delays: &[f32; PAIR_COUNT]) -> [f32; CHANNELS] {
+    let mut out = [0.0f32; CHANNELS];
+    for (delay, (i, j)) in delays.iter().zip(PAIRS) {
+        let part = delay / CHANNELS as f32;
+        for (h, t) in out.iter_mut().enumerate() {
+            *t += if h == j {
+                part
+            } else if h == i {
+                -part
+            } else {
+                0.0
+            };
+        }
+    }
+    out
+}
+
+/// Arrival times (seconds) of a plane wave of this vector.
+#[inline(never)]
+pub(super) fn arrivals(plan: &Plan, vector: &[f32; 3]) -> [f32; CHANNELS] {
+    plan.geometry.position_m.map(|h| -plan.inv_c * wavefront::dot(&h, vector))
+}
+
+/// Vectors whose products with the hydrophones' places are 1 for the own one and 0 for the others', up to a constant: 1/m.
+#[inline(never)]
+pub(super) fn duals(plan: &Plan) -> [[f32; 3]; CHANNELS] {
+    let [o, a, b, c] = &plan.geometry.position_m;
+    let (a, b, c) = (difference(a, o), difference(b, o), difference(c, o));
+    let cross = |x: &[f32; 3], y: &[f32; 3]| {
+        [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
+    };
+    let (bc, ca, ab) = (cross(&b, &c), cross(&c, &a), cross(&a, &b));
+    // No station's hydrophones are in a plane.
+    let volume = wavefront::dot(&a, &bc);
+    let [a, b, c] = [bc, ca, ab].map(|x| x.map(|x| x / volume));
+    [[0, 1, 2].map(|k: usize| -(a[k] + b[k] + c[k])), a, b, c]
+}
+
+/// The vector that arrival times (seconds) are of: the direction, where they are of a plane wave.
+#[inline(never)]
+pub(super) fn vector(plan: &Plan, duals: &[[f32; 3]; CHANNELS], times: &[f32; CHANNELS]) -> [f32; 3] {
+    let mut out = [0.0; 3];
+    for (dual, t) in duals.iter().zip(times) {
+        for (x, d) in out.iter_mut().zip(dual) {
+            *x -= t / plan.inv_c * d;
+        }
+    }
+    out
+}
