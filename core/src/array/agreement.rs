@@ -82,7 +82,7 @@ pub(super) struct Agreement {
 }
 
 /// Most depth of vessels, in units of the one assumed.
-const DEEPEST: f32 = 2.0;
+pub(super) const DEEPEST: f32 = 2.0;
 
 /// How far a vessel is, at most, from half-way between it and its image in the surface, radians.
 #[inline(never)]

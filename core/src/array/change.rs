@@ -19,13 +19,13 @@
 //!
 //! What was wrong before anything was heard is not seen here. Cost: about 2000 instructions a segment.
 
-use super::agreement::half_apart;
+use super::agreement::{DEEPEST, half_apart};
 use super::estimate::{Context, Found};
 use super::jump::{
     self, ELSEWHERE, EXCHANGED, Jump, LATE, NOTHING, What, difference, duals, length, times, unit, vector,
 };
 use super::plan::Plan;
-use super::wavefront::{self, PAIR_COUNT};
+use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
 use crate::math::f32 as m;
@@ -165,18 +165,15 @@ impl Change {
         let own = vector(plan, &duals, &times(delays));
         let expected = vector(plan, &duals, &times(&found.tau));
         let expected = length(&expected);
-        self.hear(plan, &duals, &own, delays, expected);
+        self.hear(context, &duals, &own, delays, expected);
         let before = self.what;
         let lasted = self.past.first().map_or(f32::MAX, |(_, at)| seconds(plan, *at, context.index));
         let longest = if self.seems == NOTHING { LONGEST_S } else { LONGEST_JUMP_S };
         if self.kept > 0 && lasted > longest {
             (self.kept, self.seems, self.times, self.strays) = (0, NOTHING, 0, 0);
         }
-        let course = if self.seems == NOTHING {
-            self.course(plan, context.index)
-        } else {
-            Some(self.later(plan, context.index))
-        };
+        let course =
+            if self.seems == NOTHING { self.course(context) } else { Some(self.later(plan, context.index)) };
         let usual = self.usual();
         let seems = match course {
             Some(course) if usual.noise[0] > 0.0 => {
@@ -192,8 +189,8 @@ impl Change {
                     usual.noise[k] * (1.0 + course.factor) + paths + turn * turn
                 });
                 let mut variance = [a, b, a.min(b)];
-                let widest = variance[0].max(variance[1]);
-                let hop = HOP * half_apart(plan, &from);
+                let widest = a.max(b);
+                let hop = hop(context, &from);
                 let hops = hop * hop * (1.0 + course.up.0);
                 let upright = [e.0[2], e.1[2], from[2]].map(|z| hops * z * z);
                 variance.iter_mut().zip(upright).for_each(|(variance, hop)| *variance += hop);
@@ -284,7 +281,7 @@ impl Change {
     #[inline(never)]
     fn hear(
         &mut self,
-        plan: &Plan,
+        context: &Context<'_>,
         duals: &[[f32; 3]; CHANNELS],
         own: &[f32; 3],
         delays: &[f32; PAIR_COUNT],
@@ -293,6 +290,7 @@ impl Change {
         if self.what == NOTHING || self.seems != NOTHING {
             return;
         }
+        let plan = context.plan;
         let radial = length(own) - expected;
         let other = if let Some(pair) = self.what.checked_sub(EXCHANGED) {
             let mut t = times(delays);
@@ -307,7 +305,7 @@ impl Change {
         };
         let sd = STRAIN_SAMPLES / plan.rate_hz * length(&duals[0]) / plan.inv_c;
         let from = unit(own);
-        let hop = HOP * half_apart(plan, &from) * from[2];
+        let hop = hop(context, &from) * from[2];
         let usual = self.usual();
         let [a, b] = [0, 1].map(|k: usize| usual.noise[k] + usual.lasting[k]);
         let variance = sd * sd + a.min(b) + hop * hop;
@@ -325,9 +323,10 @@ impl Change {
         }
     }
 
-    /// The course that the segments before the last one tell, at sample `index`.
+    /// The course that the segments before the last one tell, at the segment's moment.
     #[inline(never)]
-    fn course(&self, plan: &Plan, index: u64) -> Option<Course> {
+    fn course(&self, context: &Context<'_>) -> Option<Course> {
+        let (plan, index) = (context.plan, context.index);
         let used = self.past.get(1..self.kept).filter(|past| past.len() >= LEAST_KEPT)?;
         let n = used.len() as f32;
         let (mut at, mut square, mut place, mut slope) = (0.0, 0.0, [0.0f32; 3], [0.0f32; 3]);
@@ -348,8 +347,8 @@ impl Change {
         // Where pairs go from vessel to image and back, a few segments tell less of its rise or fall than a vessel's usual speed does.
         let (newest, _) = used.first()?;
         let from = unit(newest);
-        let known = HOP * half_apart(plan, &from)
-            / (RISING_M_S * from[2] * from[2] / plan.depth_m).max(f32::MIN_POSITIVE);
+        let known =
+            hop(context, &from) / (RISING_M_S * from[2] * from[2] / plan.depth_m).max(f32::MIN_POSITIVE);
         let more = known * known;
         let level = (square, determinant);
         let upright = (square + more, determinant + n * more);
@@ -386,6 +385,20 @@ impl Change {
         self.past[0] = (*own, index);
         self.kept = (self.kept + 1).min(KEPT);
     }
+}
+
+/// Standard deviation of what pairs move the direction up or down by as they go from a vessel to its image and back, radians: where the two are
+/// nearer to each other than the array resolves, they join.
+#[inline(never)]
+fn hop(context: &Context<'_>, from: &Direction) -> f32 {
+    let plan = context.plan;
+    let most = half_apart(plan, from);
+    let half = context.depth.map_or(most, |(depth_m, sd_m)| {
+        let deepest = DEEPEST * plan.vessel_over_array_depth * plan.depth_m;
+        most * ((depth_m + 2.0 * sd_m) / deepest.max(f32::MIN_POSITIVE)).min(1.0)
+    });
+    let resolved = half / plan.whole.resolution;
+    HOP * half * (resolved * resolved).min(1.0)
 }
 
 fn seconds(plan: &Plan, from: u64, to: u64) -> f32 {

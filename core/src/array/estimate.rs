@@ -196,7 +196,10 @@ pub(crate) fn segment(
     let turned = Turned { plan, band: &plan.whole, found: found_sum, most: Turned::most(&peaks) };
     let doubtful = sign == Sign::Well && used.all() && turned.doubtful();
     let doubt = match &first {
-        Some(first) if used.all() => memory.agreement.take(&context, first, &peaks, &scratch.search, sink),
+        Some(first) if used.all() => {
+            let context = Context { depth: memory.depth.known(), ..context };
+            memory.agreement.take(&context, first, &peaks, &scratch.search, sink)
+        }
         _ => Some(Doubt::NONE),
     };
     if doubtful {

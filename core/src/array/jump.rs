@@ -42,12 +42,15 @@ pub(super) struct Jump<'a> {
     pub(super) exchanged: [f32; 3],
 }
 
+/// How well pairs' own delays are found where they are of no common direction, as with a channel late or exchanged, samples.
+const CHANGED_SAMPLES: f32 = 0.12;
+
 impl Jump<'_> {
     /// Product of two vectors, each in standard deviations.
     #[inline(never)]
-    fn inner(&self, a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    fn inner(&self, a: &[f32; 3], b: &[f32; 3], variance: &[f32; 3]) -> f32 {
         let mut sum = 0.0;
-        for (axis, variance) in self.axes.iter().zip(&self.variance) {
+        for (axis, variance) in self.axes.iter().zip(variance) {
             sum += wavefront::dot(a, axis) * wavefront::dot(b, axis) / variance;
         }
         sum
@@ -58,23 +61,30 @@ impl Jump<'_> {
     #[inline(never)]
     pub(super) fn what(&self, before: Option<&[f32; 3]>) -> (What, f32) {
         let by = difference(&self.to, &self.from);
-        let chi2 = |v: &[f32; 3]| self.inner(v, v);
-        let jumped = chi2(&by);
+        let jumped = self.inner(&by, &by, &self.variance);
         let there = match before {
-            Some(before) => jumped < BACK && jumped <= chi2(&difference(&by, before)),
+            Some(before) => {
+                let left = difference(&by, before);
+                jumped < BACK && jumped <= self.inner(&left, &left, &self.variance)
+            }
             None => jumped < JUMPED,
         };
         if there {
             return (NOTHING, 0.0);
         }
+        let found = CHANGED_SAMPLES / self.plan.rate_hz * length(&self.duals[0]) / self.plan.inv_c;
+        let late = self.variance.map(|v| v + found * found);
+        let exchanged = self.exchanged.map(|v| v + found * found);
         let (mut best, mut least) = ((ELSEWHERE, 0.0), THERE);
         for (dual, what) in self.duals.iter().zip(LATE..) {
             let per_s = dual.map(|x| -x / self.plan.inv_c);
-            let delay_s = self.inner(&per_s, &by) / self.inner(&per_s, &per_s).max(f32::MIN_POSITIVE);
+            let delay_s =
+                self.inner(&per_s, &by, &late) / self.inner(&per_s, &per_s, &late).max(f32::MIN_POSITIVE);
             let left = difference(&by, &per_s.map(|x| delay_s * x));
             let samples = m::abs(delay_s) * self.plan.rate_hz;
-            if chi2(&left) < least && samples > DELAYS.0 && samples < DELAYS.1 {
-                (best, least) = ((what, delay_s), chi2(&left));
+            let chi2 = self.inner(&left, &left, &late);
+            if chi2 < least && samples > DELAYS.0 && samples < DELAYS.1 {
+                (best, least) = ((what, delay_s), chi2);
             }
         }
         let heard = arrivals(self.plan, &self.to);
@@ -85,11 +95,7 @@ impl Jump<'_> {
                 core::mem::swap(a, b);
             }
             let off = difference(&vector(self.plan, &self.duals, &t), &self.from);
-            let mut chi2 = 0.0;
-            for (axis, variance) in self.axes.iter().zip(&self.exchanged) {
-                let along = wavefront::dot(&off, axis);
-                chi2 += along * along / variance;
-            }
+            let chi2 = self.inner(&off, &off, &exchanged);
             if chi2 < least {
                 (best, least) = ((what, 0.0), chi2);
             }
