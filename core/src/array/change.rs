@@ -22,7 +22,7 @@
 use super::agreement::{DEEPEST, half_apart};
 use super::estimate::{Context, Found};
 use super::jump::{
-    self, ELSEWHERE, EXCHANGED, Jump, LATE, NOTHING, What, difference, duals, length, times, unit, vector,
+    ELSEWHERE, EXCHANGED, Jump, LATE, NOTHING, What, difference, duals, length, times, unit, vector,
 };
 use super::plan::Plan;
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -248,8 +248,8 @@ impl Change {
             (self.course, self.since) = (course.unwrap_or_default(), index);
             self.course.jump = difference(own, &self.course.place);
         }
-        // Near a vessel, whose image leaves heights uncertain, one late channel looks like another.
-        if what != ELSEWHERE && (what == self.seems || jump::is_late(what) && jump::is_late(self.seems)) {
+        // Near a vessel, whose image leaves heights uncertain, one change looks like another.
+        if what != ELSEWHERE && self.seems != NOTHING && self.seems != ELSEWHERE {
             (self.seems, self.times) = (what, self.times + 1);
             return;
         }

@@ -24,11 +24,6 @@ pub(super) const LATE: What = 1;
 pub(super) const EXCHANGED: What = LATE + CHANNELS as u8;
 pub(super) const ELSEWHERE: What = EXCHANGED + PAIR_COUNT as u8;
 
-/// Whether a hydrophone is late.
-pub(super) fn is_late(what: What) -> bool {
-    (LATE..EXCHANGED).contains(&what)
-}
-
 /// Where a vector is, against where it should be.
 pub(super) struct Jump<'a> {
     pub(super) plan: &'a Plan,
