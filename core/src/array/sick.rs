@@ -64,6 +64,8 @@ const ECHO_RAD: f32 = 0.05;
 /// Steps from the one to the other, and share of what seems to leak that an echo has in the other pairs.
 const ECHOES: usize = 32;
 const ECHOED: f32 = 0.4;
+/// Other pairs, of five, that must hear it apart from the vessel.
+const LEAST_PAIRS: f32 = 3.0;
 /// Delays, of six, at which the rest must hear it apart from the vessel.
 const LEAST_ECHOES: f32 = 4.0;
 /// How much the delays of a vessel change, in samples, until no echo of it passes for a leak any more.
@@ -322,7 +324,7 @@ impl Beyond<'_> {
         let least = (LEAK * self.deviation).max(LEAST_LEAK * high.saturating_sub(incoherent) as f32);
         let hidden = m::abs(*self.tau.get(p)?) * self.plan.rate_hz < APART_SAMPLES;
         let leak = self.excess(p, 0.0)?;
-        if hidden || leak < least || self.echoed(p) {
+        if hidden || leak < least || self.echoed(p, leak) {
             return None;
         }
         // What one receives from the other stands with the remaining two at the sender's delays. A second sound from straight
@@ -341,16 +343,42 @@ impl Beyond<'_> {
         (!self.echoes(p, receiver, leak)).then_some(receiver)
     }
 
-    /// Whether the vessel's echo off the bottom may reach both hydrophones of pair `p` at once. Hydrophones in a level plane hear
-    /// it with the vessel's own delays, so that it looks as if the third received from them.
-    fn echoed(&self, p: usize) -> bool {
+    /// Whether what stands at no delay between pair `p` may be the vessel's echo off the bottom, which reaches both at once. Hydrophones in a level
+    /// plane hear it with the vessel's own delays, so that it looks as if the third received from them. The other pairs hear it as strongly,
+    /// at its own delays; where those are too near to the vessel's, it cannot be told.
+    #[inline(never)]
+    fn echoed(&self, p: usize, leak: f32) -> bool {
+        let mut heard = false;
+        let mut most = 0.0f32;
+        let mut may = false;
+        for n in 0..=ECHOES {
+            let echo = wavefront::pair_delays(&self.echo(n));
+            let near = |a: f32, b: f32| m::abs(a - b) * self.plan.rate_hz < APART_SAMPLES;
+            if !near(echo.get(p).copied().unwrap_or(0.0), 0.0) {
+                continue;
+            }
+            may = true;
+            let (mut sum, mut pairs) = (0.0, 0.0f32);
+            for (q, (delay, own)) in echo.iter().zip(self.tau).enumerate() {
+                if q != p && !near(*delay, *own) {
+                    sum += self.search.pair_value(self.plan, q, *delay);
+                    pairs += 1.0;
+                }
+            }
+            if pairs >= LEAST_PAIRS {
+                heard = true;
+                most = most.max(sum / pairs);
+            }
+        }
+        may && !(heard && most < (ECHOED * leak).max(RECEIVED_SD * self.deviation))
+    }
+
+    /// Arrival times of an echo off the bottom, of [`ECHOES`] steps from the nearest to the steepest.
+    fn echo(&self, step: usize) -> [f32; CHANNELS] {
         let elevation = m::asin(self.direction[2].clamp(0.0, 1.0));
-        let delay = |below: f32| {
-            let arrivals = wavefront::arrivals(&self.plan.geometry, &self.seen_from_below(below), 0.0);
-            wavefront::pair_delays(&arrivals).get(p).copied().unwrap_or(0.0) * self.plan.rate_hz
-        };
-        let (a, b) = (delay(elevation), delay(ECHO_STEEPER * elevation + ECHO_RAD));
-        a.min(b) < APART_SAMPLES && a.max(b) > -APART_SAMPLES
+        let steepest = ECHO_STEEPER * elevation + ECHO_RAD;
+        let below = elevation + (steepest - elevation) * step as f32 / ECHOES as f32;
+        wavefront::arrivals(&self.plan.geometry, &self.seen_from_below(below), 0.0)
     }
 
     /// Whether what seems to leak into one of pair `p` is an echo of the vessel off the bottom that reaches it when the other one hears the
@@ -359,13 +387,10 @@ impl Beyond<'_> {
     fn echoes(&self, p: usize, receiver: usize, leak: f32) -> bool {
         let Some((a, b)) = PAIRS.get(p) else { return false };
         let sender = if receiver == *a { *b } else { *a };
-        let elevation = m::asin(self.direction[2].clamp(0.0, 1.0));
-        let steepest = ECHO_STEEPER * elevation + ECHO_RAD;
         let vessel = wavefront::arrivals(&self.plan.geometry, self.direction, 0.0);
         let mut most = 0.0f32;
         for n in 0..=ECHOES {
-            let below = elevation + (steepest - elevation) * n as f32 / ECHOES as f32;
-            let echo = wavefront::arrivals(&self.plan.geometry, &self.seen_from_below(below), 0.0);
+            let echo = self.echo(n);
             let at = |times: &[f32; CHANNELS], h: usize| times.get(h).copied().unwrap_or(0.0);
             let late = at(&vessel, sender) - at(&echo, receiver);
             let (mut sum, mut heard) = (0.0, 0.0f32);
