@@ -4,6 +4,7 @@ use super::agreement::Doubt;
 use super::chain::Scratch;
 use super::detect;
 use super::fringes;
+use super::leak;
 use super::memory::Memory;
 use super::others::{self, Turn};
 use super::places::Places;
@@ -219,7 +220,7 @@ pub(crate) fn segment(
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
                 let Found { tau, mean, refined, .. } = first;
                 let direction = &refined.direction;
-                sick::Beyond { plan, search, tau, direction, coherence, mean: *mean, deviation }.sign()
+                leak::Beyond { plan, search, tau, direction, coherence, mean: *mean, deviation }.sign()
             }
             _ => sign,
         };

@@ -21,12 +21,12 @@
 //! late, or exchanged with another, is not observable: their delays always fit some direction. Cost: about 2000 instructions
 //! a segment beside the search for the peaks.
 
-use super::plan::{BINS, Band, Plan};
+use super::leak;
+use super::plan::{Band, Plan};
 use super::search::{PairPeaks, SearchWork};
 use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
-use crate::math::f32 as m;
 use crate::wire::{Fault, FaultCode, Message};
 
 /// Segments that must say that a channel is sick, beyond those that say the opposite: 4 s at the usual step.
@@ -47,29 +47,8 @@ const INVERTED: f32 = 1.5;
 const LITTLE: f32 = 0.7;
 const EXPLAINED: f32 = 0.6;
 const TURNED: f32 = 1.25;
-/// Least correlation at no delay beyond the vessel's own, standard deviations of noise and share of full coherence, and the
-/// share of it, times the vessel's coherence, that the receiver's other pairs must have at the sender's delays, and how many
-/// deviations, in the mean of the two.
-const LEAK: f32 = 8.0;
-const LEAST_LEAK: f32 = 0.04;
-const RECEIVED: f32 = 0.35;
-const RECEIVED_SD: f32 = 2.0;
-/// Nearer than this to no delay, in samples, a sound hides what leaks, and an echo passes for it.
-const APART_SAMPLES: f32 = 3.0;
-
-/// How far below the horizon a bottom's echo comes from, at most: so many times as far as the vessel is above it, and this
-/// angle more, radians. At a bottom close below the array it is as far.
-const ECHO_STEEPER: f32 = 1.5;
-const ECHO_RAD: f32 = 0.05;
-/// Steps from the one to the other, and share of what seems to leak that an echo has in the other pairs.
-const ECHOES: usize = 32;
-const ECHOED: f32 = 0.4;
-/// Other pairs, of five, that must hear it apart from the vessel.
-const LEAST_PAIRS: f32 = 3.0;
-/// Delays, of six, at which the rest must hear it apart from the vessel.
-const LEAST_ECHOES: f32 = 4.0;
 /// How much the delays of a vessel change, in samples, until no echo of it passes for a leak any more.
-const MOVED_SAMPLES: f32 = 2.0 * APART_SAMPLES;
+const MOVED_SAMPLES: f32 = 2.0 * leak::APART_SAMPLES;
 
 /// All hydrophones.
 const ALL: u8 = (1 << CHANNELS) - 1;
@@ -77,7 +56,7 @@ const ALL: u8 = (1 << CHANNELS) - 1;
 /// What can be wrong, and the fault that says so.
 const KINDS: [FaultCode; 3] = [FaultCode::OwnNoise, FaultCode::Inverted, FaultCode::Leaking];
 const INVERTED_KIND: usize = 1;
-const LEAKING: usize = 2;
+pub(super) const LEAKING: usize = 2;
 
 /// What one segment says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -295,155 +274,6 @@ impl Turned<'_> {
         let tau = wavefront::pair_delays(&wavefront::arrivals(&self.plan.geometry, &u, self.plan.curvature));
         let turned: f32 = tau.iter().enumerate().map(|(p, tau)| search.pair_value(self.plan, p, *tau)).sum();
         turned > TURNED * self.found && turned > EXPLAINED * self.most
-    }
-}
-
-/// What the correlations say beyond the vessel found at these delays, of this coherence.
-pub(crate) struct Beyond<'a> {
-    pub(crate) plan: &'a Plan,
-    pub(crate) search: &'a SearchWork,
-    pub(crate) tau: &'a [f32; PAIR_COUNT],
-    /// Where it is.
-    pub(crate) direction: &'a Direction,
-    pub(crate) coherence: &'a [f32; BINS],
-    /// Its mean.
-    pub(crate) mean: f32,
-    pub(crate) deviation: f32,
-}
-
-impl Beyond<'_> {
-    /// Whether one hydrophone hears another.
-    pub(crate) fn sign(&self) -> Sign {
-        (0..PAIR_COUNT).find_map(|p| self.receiver(p)).map_or(Sign::Well, |h| Sign::Sick(LEAKING, h))
-    }
-
-    /// The hydrophone of pair `p` that hears the other one, if there is one.
-    fn receiver(&self, p: usize) -> Option<usize> {
-        let (a, b) = *PAIRS.get(p)?;
-        let Band { high, incoherent, .. } = self.plan.whole;
-        let least = (LEAK * self.deviation).max(LEAST_LEAK * high.saturating_sub(incoherent) as f32);
-        let hidden = m::abs(*self.tau.get(p)?) * self.plan.rate_hz < APART_SAMPLES;
-        let leak = self.excess(p, 0.0)?;
-        if hidden || leak < least || self.echoed(p, leak) {
-            return None;
-        }
-        // What one receives from the other stands with the remaining two at the sender's delays. A second sound from straight
-        // across the pair does not.
-        let least = (RECEIVED * leak * self.mean).max(RECEIVED_SD * self.deviation);
-        let received = |to: usize, from: usize| {
-            let others = (0..CHANNELS).filter(|h| *h != a && *h != b);
-            let excess = others.filter_map(|h| {
-                let (q, sign) = self.pair(to, h)?;
-                self.excess(q, sign * self.delay(from, h)?)
-            });
-            excess.sum::<f32>() > 2.0 * least
-        };
-        let receiver =
-            [(a, b), (b, a)].into_iter().find(|(to, from)| received(*to, *from)).map(|(to, _)| to)?;
-        (!self.echoes(p, receiver, leak)).then_some(receiver)
-    }
-
-    /// Whether what stands at no delay between pair `p` may be the vessel's echo off the bottom, which reaches both at once. Hydrophones in a level
-    /// plane hear it with the vessel's own delays, so that it looks as if the third received from them. The other pairs hear it as strongly,
-    /// at its own delays; where those are too near to the vessel's, it cannot be told.
-    #[inline(never)]
-    fn echoed(&self, p: usize, leak: f32) -> bool {
-        let mut heard = false;
-        let mut most = 0.0f32;
-        let mut may = false;
-        for n in 0..=ECHOES {
-            let echo = wavefront::pair_delays(&self.echo(n));
-            let near = |a: f32, b: f32| m::abs(a - b) * self.plan.rate_hz < APART_SAMPLES;
-            if !near(echo.get(p).copied().unwrap_or(0.0), 0.0) {
-                continue;
-            }
-            may = true;
-            let (mut sum, mut pairs) = (0.0, 0.0f32);
-            for (q, (delay, own)) in echo.iter().zip(self.tau).enumerate() {
-                if q != p && !near(*delay, *own) {
-                    sum += self.search.pair_value(self.plan, q, *delay);
-                    pairs += 1.0;
-                }
-            }
-            if pairs >= LEAST_PAIRS {
-                heard = true;
-                most = most.max(sum / pairs);
-            }
-        }
-        may && !(heard && most < (ECHOED * leak).max(RECEIVED_SD * self.deviation))
-    }
-
-    /// Arrival times of an echo off the bottom, of [`ECHOES`] steps from the nearest to the steepest.
-    fn echo(&self, step: usize) -> [f32; CHANNELS] {
-        let elevation = m::asin(self.direction[2].clamp(0.0, 1.0));
-        let steepest = ECHO_STEEPER * elevation + ECHO_RAD;
-        let below = elevation + (steepest - elevation) * step as f32 / ECHOES as f32;
-        wavefront::arrivals(&self.plan.geometry, &self.seen_from_below(below), 0.0)
-    }
-
-    /// Whether what seems to leak into one of pair `p` is an echo of the vessel off the bottom that reaches it when the other one hears the
-    /// vessel itself. Then the echo is heard by the rest as well, as strongly and as much later as its direction wants.
-    #[inline(never)]
-    fn echoes(&self, p: usize, receiver: usize, leak: f32) -> bool {
-        let Some((a, b)) = PAIRS.get(p) else { return false };
-        let sender = if receiver == *a { *b } else { *a };
-        let vessel = wavefront::arrivals(&self.plan.geometry, self.direction, 0.0);
-        let mut most = 0.0f32;
-        for n in 0..=ECHOES {
-            let echo = self.echo(n);
-            let at = |times: &[f32; CHANNELS], h: usize| times.get(h).copied().unwrap_or(0.0);
-            let late = at(&vessel, sender) - at(&echo, receiver);
-            let (mut sum, mut heard) = (0.0, 0.0f32);
-            for (q, (i, j)) in
-                PAIRS.into_iter().enumerate().filter(|(_, (i, j))| *i != receiver && *j != receiver)
-            {
-                let own = self.tau.get(q).copied().unwrap_or(0.0);
-                let later = at(&echo, j) + late - at(&vessel, i);
-                let earlier = at(&vessel, j) - at(&echo, i) - late;
-                // Near its own delay the vessel itself is heard.
-                let apart = |delay: &f32| m::abs(delay - own) * self.plan.rate_hz > APART_SAMPLES;
-                for delay in [later, earlier].into_iter().filter(apart) {
-                    sum += self.search.pair_value(self.plan, q, delay);
-                    heard += 1.0;
-                }
-            }
-            if heard >= LEAST_ECHOES {
-                most = most.max(sum / heard);
-            }
-        }
-        most > (ECHOED * leak).max(RECEIVED_SD * self.deviation)
-    }
-
-    /// The vessel's azimuth, so far below the horizon, radians.
-    fn seen_from_below(&self, below: f32) -> Direction {
-        let [east, north, up] = *self.direction;
-        let level = m::sqrt(1.0 - up * up).max(1e-3);
-        let (s, c) = m::sin_cos(below);
-        [east * c / level, north * c / level, -s]
-    }
-
-    /// The pair of two hydrophones, and 1 or −1 where it is in the other order.
-    fn pair(&self, i: usize, j: usize) -> Option<(usize, f32)> {
-        let at = |x: usize, y: usize| PAIRS.iter().position(|q| *q == (x, y));
-        at(i, j).map(|q| (q, 1.0)).or_else(|| at(j, i).map(|q| (q, -1.0)))
-    }
-
-    fn delay(&self, i: usize, j: usize) -> Option<f32> {
-        let (q, sign) = self.pair(i, j)?;
-        Some(sign * self.tau.get(q)?)
-    }
-
-    /// A pair's correlation at a delay (seconds) beyond what the vessel gives there.
-    fn excess(&self, pair: usize, delay: f32) -> Option<f32> {
-        let step = self.plan.bin_rad_s * (self.tau.get(pair)? - delay);
-        let Band { high, incoherent, .. } = self.plan.whole;
-        let ((mut s, mut c), (ds, dc)) = (m::sin_cos(step * incoherent as f32), m::sin_cos(step));
-        let mut own = 0.0;
-        for coherence in self.coherence.get(incoherent..high)? {
-            own += coherence * c;
-            (s, c) = (s * dc + c * ds, c * dc - s * ds);
-        }
-        Some(self.search.pair_value(self.plan, pair, delay) - own)
     }
 }
 
