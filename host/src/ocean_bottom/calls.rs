@@ -45,6 +45,10 @@ pub const NEAREST_M: f64 = 2_000.0;
 pub const FARTHEST_M: f64 = 30_000.0;
 /// Step of range, m: a twentieth of what turns two arrivals by a cycle of 20 Hz against each other.
 const STEP_M: f64 = 10.0;
+/// Places between two steps.
+const FINE: usize = 10;
+/// Error of a range that the likelihood does not know of, m.
+const UNSAID_M: f64 = 1.0;
 /// Lags looked at before and after a note's strongest arrival, s.
 const LAGS_S: (f64, f64) = (7.0, 9.0);
 /// Half the length of a note, s.
@@ -57,7 +61,7 @@ const SURE: f64 = 0.9;
 const ALIKE: f64 = 0.5;
 /// Greatest share of the log-likelihood that counts where places are weighed against each other: notes are not alike, and the table's phases are
 /// not the sea's. It is less where more than noise is left unexplained.
-const TEMPER: f64 = 0.25;
+const TEMPER: f64 = 0.5;
 /// Share of an arrival's power below which it is none.
 const HARDLY: f64 = 0.01;
 /// What is one place: this share of its range.
@@ -338,30 +342,27 @@ impl Listener<'_> {
             // Which arrival was cut out is not known where several are about as strong.
             for cut in 0..self.table.paths.len() {
                 let Some(model) = self.model(place(i), cut, interval_s, &slow) else { continue };
-                let (mut xy, mut xx) = (0.0, 0.0);
-                for (k, m) in model.iter().enumerate().filter(|(k, _)| outside(k)) {
-                    xy += (m.conj() * x[k]).re;
-                    xx += m.norm_sqr();
-                }
-                if xx > 0.0 {
-                    let a = (xy / xx).clamp(STRENGTHS.0, STRENGTHS.1);
-                    let ratio = worth * (2.0 * a * xy - a * a * xx) / variance;
-                    *slot = slot.max(ratio);
-                    if ratio > best_fit.0 {
-                        best_fit = (ratio, unexplained(&x, &model, a, &outside));
-                    }
+                let Some((gain, fitted)) = model.fit(&x, &outside) else { continue };
+                let ratio = worth * gain / variance;
+                *slot = slot.max(ratio);
+                if ratio > best_fit.0 {
+                    best_fit = (ratio, unexplained(&x, &model.sum(fitted), &outside));
                 }
             }
         }
-        let best = (0..steps).max_by(|a, b| log_ratio[*a].total_cmp(&log_ratio[*b]))?;
-        let top = log_ratio[best];
+        // A loud call tells its place to a metre: between steps the log-likelihood is read by the cubic, or the cycle of which a step comes
+        // nearest the peak would be taken for the likeliest.
+        let fine: Vec<f64> = (0..(steps - 1) * FINE + 1).map(|i| between(&log_ratio, i)).collect();
+        let place = |i: usize| NEAREST_M + STEP_M / FINE as f64 * i as f64;
+        let best = (0..fine.len()).max_by(|a, b| fine[*a].total_cmp(&fine[*b]))?;
+        let top = fine[best];
         if !(top > LEAST_LOG_RATIO) {
             return None;
         }
         // Where the arrivals are not as the table has them, what differs counts as noise: it is alike at every range.
         let temper = TEMPER.min(variance / best_fit.1);
         let (mut all, mut share, mut mean, mut square) = (0.0, 0.0, 0.0, 0.0);
-        for (i, l) in log_ratio.iter().enumerate() {
+        for (i, l) in fine.iter().enumerate() {
             let p = place(i) * ((l - top) * temper).exp();
             all += p;
             if (place(i) / place(best) - 1.0).abs() < ONE_PLACE {
@@ -369,24 +370,24 @@ impl Listener<'_> {
                 (share, mean, square) = (share + p, mean + p * off, square + p * off * off);
             }
         }
-        let at_edge = best == 0 || best + 1 == steps;
+        let at_edge = best == 0 || best + 1 == fine.len();
         if share < SURE * all || at_edge {
             return None;
         }
         let (mean, square) = (mean / share, square / share);
-        let variance_m2 = (square - mean * mean).max(0.0) + STEP_M * STEP_M / 12.0;
+        let variance_m2 = (square - mean * mean).max(0.0) + UNSAID_M * UNSAID_M;
         Some(CallRange { range_m: place(best) + mean, sd_m: variance_m2.sqrt(), log_ratio: top })
     }
 
-    /// What the correlation is for a whale at a range whose arrival over path number `cut` was cut out, of unit strength; `None`
-    /// where that is not among the strongest.
+    /// What the correlation is for a whale at a range whose arrival over path number `cut` was cut out; `None` where that is not among
+    /// the strongest.
     fn model(
         &self,
         range_m: f64,
         cut: usize,
         interval_s: Option<f64>,
         slow: &[Complex<f64>],
-    ) -> Option<Vec<Complex<f64>>> {
+    ) -> Option<Model> {
         let arrivals: Vec<_> =
             (0..self.table.paths.len()).filter_map(|p| self.table.arrival(p, range_m)).collect();
         let strongest = self.table.arrival(cut, range_m)?;
@@ -397,9 +398,8 @@ impl Listener<'_> {
         }
         let own = OWN_S * self.rate_hz;
         let zero = self.zero();
-        let mut out = vec![Complex::default(); slow.len()];
         // The note's own correlation about a lag.
-        let mut add = |lag_s: f64, c: Complex<f64>| {
+        let add = |out: &mut [Complex<f64>], lag_s: f64, c: Complex<f64>| {
             let middle = lag_s * self.rate_hz + zero as f64;
             let (first, last) = ((middle - own).ceil().max(0.0), (middle + own).floor());
             let step = Complex::from_polar(1.0, self.carrier());
@@ -417,34 +417,104 @@ impl Listener<'_> {
                 k += 1.0;
             }
         };
+        let none = || vec![Complex::default(); slow.len()];
+        let mut own_arrivals = none();
+        let mut others = interval_s.map(|t| [(t, none()), (-t, none())]);
         for a in &arrivals {
             let c = strongest.amplitude * a.amplitude.conj() / power;
             let lag_s = a.toa_s - strongest.toa_s;
             if lag_s != 0.0 {
-                add(lag_s, c);
+                add(&mut own_arrivals, lag_s, c);
             }
-            if let Some(t) = interval_s {
-                add(lag_s + t, c);
-                add(lag_s - t, c);
+            for (t, out) in others.iter_mut().flatten() {
+                add(out, lag_s + *t, c);
             }
         }
-        Some(out)
+        Some(Model { own: own_arrivals, others: others.map(|all| all.map(|(_, out)| out)) })
+    }
+}
+
+/// Values on a grid read at number `i` of [`FINE`] places a step, by the cubic through the four about it where these are numbers.
+fn between(values: &[f64], i: usize) -> f64 {
+    let (k, x) = (i / FINE, (i % FINE) as f64 / FINE as f64);
+    let nearest = values.get(k + usize::from(x > 0.5)).copied().unwrap_or(f64::NEG_INFINITY);
+    let four = k.checked_sub(1).and_then(|first| values.get(first..first + 4));
+    let Some([a, b, c, d]) = four.filter(|four| four.iter().all(|v| v.is_finite())) else { return nearest };
+    let (before, after, beyond) = (x + 1.0, x - 1.0, x - 2.0);
+    -x * after * beyond / 6.0 * a + before * after * beyond / 2.0 * b - before * x * beyond / 2.0 * c
+        + before * x * after / 6.0 * d
+}
+
+/// What a correlation is for a whale at a range, of unit strength.
+struct Model {
+    /// Of the note's own arrivals.
+    own: Vec<Complex<f64>>,
+    /// Of those of the call after it and of the call before it, where calls come at equal intervals.
+    others: Option<[Vec<Complex<f64>>; 2]>,
+}
+
+/// Factors of a model's parts: of the note's own arrivals, and of the calls after and before it.
+type Factors = (f64, [Complex<f64>; 2]);
+
+impl Model {
+    /// The factors with which it is nearest to a correlation, and how much less of that is left then, power summed over samples. `None`
+    /// where nothing would arrive.
+    ///
+    /// The share of the note's own arrivals is real: the table tells their phases. When the calls before and after come is known to some
+    /// hundredths of a second, and not to a part of a cycle: their arrivals, each call's together, may be turned by anything, or a wrong
+    /// interval would choose the cycle and so the range.
+    fn fit(&self, x: &[Complex<f64>], outside: &dyn Fn(&usize) -> bool) -> Option<(f64, Factors)> {
+        let inner = |a: &[Complex<f64>], b: &[Complex<f64>]| -> Complex<f64> {
+            a.iter().zip(b).enumerate().filter(|(k, _)| outside(k)).map(|(_, (a, b))| a.conj() * b).sum()
+        };
+        let (mut along, mut energy) = (inner(&self.own, x).re, inner(&self.own, &self.own).re);
+        let others = self.others.as_ref().map(|others| {
+            others.each_ref().map(|m| (inner(m, x), inner(m, &self.own), inner(m, m).re)).map(
+                |(with_x, with_own, own)| {
+                    let part = 1.0 / own.max(f64::MIN_POSITIVE);
+                    (with_x * part, with_own * part, own)
+                },
+            )
+        });
+        let whole = (along, energy);
+        // What the other calls explain, with whatever factor, tells nothing of the note's own arrivals.
+        for (with_x, with_own, own) in others.iter().flatten() {
+            along -= own * (with_own.conj() * with_x).re;
+            energy -= own * with_own.norm_sqr();
+        }
+        if energy <= HARDLY * whole.1 {
+            return None;
+        }
+        let share = (along / energy).clamp(STRENGTHS.0, STRENGTHS.1);
+        let mut gain = 2.0 * share * whole.0 - share * share * whole.1;
+        let mut factors = [Complex::default(); 2];
+        for (factor, (with_x, with_own, own)) in factors.iter_mut().zip(others.iter().flatten()) {
+            let free = with_x - with_own * share;
+            let most = STRENGTHS.1 / free.norm().max(STRENGTHS.1);
+            *factor = free * most;
+            gain += own * (2.0 * (factor.conj() * free).re - factor.norm_sqr());
+        }
+        Some((gain, (share, factors)))
+    }
+
+    /// The sum of its parts, each times its factor.
+    fn sum(&self, (share, factors): Factors) -> Vec<Complex<f64>> {
+        let mut out: Vec<_> = self.own.iter().map(|m| m * share).collect();
+        for (other, factor) in self.others.iter().flatten().zip(factors) {
+            out.iter_mut().zip(other).for_each(|(out, m)| *out += m * factor);
+        }
+        out
     }
 }
 
 /// Mean power that a model leaves of a correlation where it has arrivals.
-fn unexplained(
-    x: &[Complex<f64>],
-    model: &[Complex<f64>],
-    share: f64,
-    outside: &dyn Fn(&usize) -> bool,
-) -> f64 {
+fn unexplained(x: &[Complex<f64>], model: &[Complex<f64>], outside: &dyn Fn(&usize) -> bool) -> f64 {
     let greatest = model.iter().map(Complex::norm_sqr).fold(0.0, f64::max);
     let (mut sum, mut n) = (0.0, 0.0f64);
     for (_, (x, m)) in
         x.iter().zip(model).enumerate().filter(|(k, (_, m))| outside(k) && m.norm_sqr() > HARDLY * greatest)
     {
-        sum += (x - m * share).norm_sqr();
+        sum += (x - m).norm_sqr();
         n += 1.0;
     }
     sum / n.max(1.0)
