@@ -22,9 +22,9 @@ use crate::wire::Message;
 /// Clipped samples of a channel in a hop from which on the fault is told.
 const CLIPPING: u32 = 4;
 
-/// Clipped samples of a channel in a hop up to which it is used, a twentieth: noise cut at two standard deviations, which is as
-/// often at its limits, gets a floor 19 dB below itself.
-const CLIPPED: u32 = HOP as u32 / 20;
+/// Clipped samples of a channel in a hop up to which it is used, an eighth: noise cut at 1.53 standard deviations, which is as
+/// often at its limits, gets a floor 15 dB below itself.
+const CLIPPED: u32 = HOP as u32 / 8;
 
 /// The channels that estimators use, in bits.
 const USED: u8 = 0b0111;
