@@ -193,6 +193,10 @@ fn best_of(grid: &Grid) -> [i16; RANGE_CELLS] {
 fn at_share(log_ratio: f32, energy: f32, (least, most): Share) -> f32 {
     let along = log_ratio + energy;
     let known = least * (along - least * energy);
+    // Of a share that is known the rest says less by [`UNKNOWN`]; two of three are.
+    if least >= most {
+        return known;
+    }
     let share = if along > 2.0 * least * energy { (along / (2.0 * energy)).min(most) } else { least };
     known.max(share * (along - share * energy) - UNKNOWN)
 }
