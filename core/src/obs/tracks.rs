@@ -436,8 +436,12 @@ impl Live {
         }
     }
 
-    /// The track as known now; `None` where its range is as good as unknown.
+    /// The track as known now; `None` where its range is as good as unknown, or where it would be final and may be no vessel's.
     fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
+        // Where each echo may be read as several pairs of paths, ranges of some minutes lie on many more courses.
+        if stage == Track::FINAL && seen.in_doubt && self.score.both < ESTABLISHED {
+            return None;
+        }
         let mut straight = (self.course, self.covariance);
         let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
         plan.lasting.widen(&mut straight, |error| self.straight(plan, seen, error));

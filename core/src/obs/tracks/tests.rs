@@ -171,23 +171,26 @@ fn a_track_that_was_reported_and_is_no_vessel_s_is_withdrawn() {
 #[test]
 fn tracks_state_two_thirds_of_their_range_while_pairs_of_paths_are_in_doubt() {
     let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
-    let finals = |in_doubt: bool| -> Vec<Track> {
+    let finals = |in_doubt: bool, minutes: u32| -> Vec<Track> {
         let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
         tracker.pairs_in_doubt = in_doubt;
         let mut said = Vec::new();
-        for n in 1..=180 {
+        for n in 1..=minutes {
             evidence.push(minute(n));
             tracker.minute(&plan, &mut evidence, n, &mut |_| {});
         }
-        tracker.finish(&plan, &evidence, 180, &mut |m| {
+        tracker.finish(&plan, &evidence, minutes, &mut |m| {
             if let Message::Track(t) = m {
                 said.push(t);
             }
         });
         said
     };
-    let (sure, doubted) = (finals(false), finals(true));
+    let (sure, doubted) = (finals(false, 180), finals(true, 180));
     assert_eq!((sure.len(), doubted.len()), (2, 2));
+    // Of fewer minutes with direction and range than make a track established it may be no vessel's, and is not told as final.
+    let finals_of = |track: Vec<Track>| track.iter().filter(|t| t.stage == Track::FINAL).count();
+    assert_eq!((finals_of(finals(false, 39)), finals_of(finals(true, 39))), (2, 0));
     for (sure, doubted) in sure.iter().zip(&doubted) {
         assert!(sure.sd_cpa_range_m < 0.1 * sure.cpa_range_m, "{sure:?}");
         assert!(doubted.sd_cpa_range_m >= 0.67 * sure.cpa_range_m, "{doubted:?}");
