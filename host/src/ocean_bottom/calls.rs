@@ -61,7 +61,9 @@ const SURE: f64 = 0.9;
 const ALIKE: f64 = 0.5;
 /// Greatest share of the log-likelihood that counts where places are weighed against each other: notes are not alike, and the table's phases are
 /// not the sea's. It is less where more than noise is left unexplained.
-const TEMPER: f64 = 0.5;
+const TEMPER: f64 = 0.25;
+/// How many times as much counts for where in its place a whale is: with the cycles of 20 Hz there, ranges lie in their 95 %.
+const WITHIN: f64 = 2.0;
 /// Share of an arrival's power below which it is none.
 const HARDLY: f64 = 0.01;
 /// What is one place: this share of its range.
@@ -361,20 +363,22 @@ impl Listener<'_> {
         }
         // Where the arrivals are not as the table has them, what differs counts as noise: it is alike at every range.
         let temper = TEMPER.min(variance / best_fit.1);
-        let (mut all, mut share, mut mean, mut square) = (0.0, 0.0, 0.0, 0.0);
+        let (mut all, mut share) = (0.0, 0.0);
+        let (mut inside, mut mean, mut square) = (0.0, 0.0, 0.0);
         for (i, l) in fine.iter().enumerate() {
             let p = place(i) * ((l - top) * temper).exp();
             all += p;
             if (place(i) / place(best) - 1.0).abs() < ONE_PLACE {
-                let off = place(i) - place(best);
-                (share, mean, square) = (share + p, mean + p * off, square + p * off * off);
+                share += p;
+                let (p, off) = (place(i) * ((l - top) * WITHIN * temper).exp(), place(i) - place(best));
+                (inside, mean, square) = (inside + p, mean + p * off, square + p * off * off);
             }
         }
         let at_edge = best == 0 || best + 1 == fine.len();
         if share < SURE * all || at_edge {
             return None;
         }
-        let (mean, square) = (mean / share, square / share);
+        let (mean, square) = (mean / inside, square / inside);
         let variance_m2 = (square - mean * mean).max(0.0) + UNSAID_M * UNSAID_M;
         Some(CallRange { range_m: place(best) + mean, sd_m: variance_m2.sqrt(), log_ratio: top })
     }
