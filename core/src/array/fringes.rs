@@ -144,7 +144,7 @@ pub(super) struct Loss {
 /// What the whitened cross-spectra about a source `found`, so deep (metres) and with its image `apart` (radians) above it, tell of the image's loss,
 /// by the refinement's weights and the coherence seen; and, of the `image`, what frames make of it. `work` is used up.
 ///
-/// A bin's share of what the loss does is the mean power about it over its own, less the noise in it. Where nothing is heard at the band's ends
+/// A bin's share of what the loss does is the mean power about it over its own, less the noise in it. Where nothing is heard at the band's end
 /// that quotient is large and means nothing: those bins are left out. The running mean keeps a part of fringes that are not much
 /// narrower than it: that part is taken off.
 #[inline(never)]
@@ -167,7 +167,7 @@ pub(super) fn loss(
     flattened(plan, g, sums);
     values.fill(Complex32::new(0.0, 0.0));
     refine::push(plan, band, g, &found.tau, &g2, values);
-    let (low, high) = heard(band, coherence, found.mean);
+    let (low, high) = (band.low, heard(band, coherence, found.mean));
     // Means of mean power over a bin's own, and of the coherence, which tell the noise.
     let kept = ripple(plan, 2.0 * depth_m * direction[2].max(0.0) * plan.inv_c);
     let (mut mean, mut coherent) = (0.0f32, 0.0f32);
@@ -224,15 +224,18 @@ pub(super) fn loss(
     finite.then_some(Loss { product, information, nearer, unexplained, framed })
 }
 
-/// The bins between those at either end of the band in which the source is not heard: of less than half its mean coherence.
-fn heard(band: &Band, coherence: &[f32; BINS], mean: f32) -> (usize, usize) {
+/// The end of the bins in which the source is heard: less than half its mean coherence is above. What is below them counts little.
+#[inline(never)]
+fn heard(band: &Band, coherence: &[f32; BINS], mean: f32) -> usize {
+    let mut high = band.high;
     let least = 0.5 * mean * EDGE as f32;
-    let fills =
-        |from: usize| coherence.get(from..from + EDGE).is_some_and(|bins| bins.iter().sum::<f32>() > least);
-    let starts = || band.low..band.high.saturating_sub(EDGE - 1);
-    let low = starts().find(|k| fills(*k)).map_or(band.low, |k| if k > band.low { k + EDGE / 2 } else { k });
-    let last = starts().rev().find(|k| fills(*k)).map_or(band.high, |k| k + EDGE);
-    (low, if last < band.high { last - EDGE / 2 } else { last })
+    while high > band.low + EDGE
+        && coherence.get(high - EDGE..high).is_some_and(|bins| bins.iter().sum::<f32>() < least)
+    {
+        high -= 1;
+    }
+    // Half of the last ones may be beyond.
+    if high < band.high { high - EDGE / 2 } else { high }
 }
 
 /// Share of a fringe's depth that the running mean keeps, if the image is heard so late (seconds).

@@ -205,11 +205,14 @@ pub(super) fn bearing(
         None => (plan.vessel_over_array_depth, UNKNOWN_DEPTH_SD * plan.vessel_over_array_depth),
     };
     let (image, mut image_sd) = (rise * half, rise * image_sd);
+    // From the middle, of the deepest that it may be where that is not known.
+    let depth = context
+        .depth
+        .map_or((1.0 + 2.0 * UNKNOWN_DEPTH_SD) * plan.vessel_over_array_depth, |(d, _)| d / plan.depth_m);
+    let from_middle = rise * depth;
+    let resolved = from_middle / context.band.resolution;
+    let square = resolved * resolved;
     if context.depth.is_none() {
-        // Of the deepest that it may be.
-        let from_middle = rise * (1.0 + 2.0 * UNKNOWN_DEPTH_SD) * plan.vessel_over_array_depth;
-        let resolved = from_middle / context.band.resolution;
-        let square = resolved * resolved;
         image_sd = m::hypot(image_sd, ONE_OF_TWO_SD * from_middle * (square * square).min(1.0));
     }
     if plan.vessel_over_array_depth > 0.0 {
@@ -219,7 +222,7 @@ pub(super) fn bearing(
         // Three hydrophones have no pair to spare: what each hears nearer to the vessel or to the image turns both angles.
         let (i11, i12, i22) = inverse;
         let (across, up) = (wavefront::pair_delays(&g1), wavefront::pair_delays(&g2));
-        let apart = PAIRS_APART * from_middle * (resolved * resolved).min(1.0);
+        let apart = PAIRS_APART * from_middle * square.min(1.0);
         for (a, b) in used.of(across.iter().zip(&up)) {
             let off = apart * b;
             let (a, b) = (off * (i11 * a + i12 * b), off * (i12 * a + i22 * b));
