@@ -4,7 +4,8 @@
 //! `Inconsistent` where the doubt lasts: channels exchanged or late, hydrophones elsewhere than told, a sound that comes from no
 //! direction at all.
 //!
-//! * Contradicted: three pairs at least have their highest correlations elsewhere than the direction wants them. Nothing is
+//! * Contradicted: three pairs at least have their highest correlations elsewhere than the direction, or another source that is known, wants
+//!   them. Nothing is
 //!   said of directions then; where it lasts, not until [`AGREEING`] segments have agreed.
 //! * Strained: four arrival times have one degree of freedom beyond level and direction (how fast the sound crosses the array).
 //!   What is left in it is noise and multipath, which change from segment to segment, or an error that stays: the mean over
@@ -16,6 +17,7 @@
 
 use super::change::{Change, Scatter, Verdict};
 use super::estimate::{Context, Found};
+use super::others::Followed;
 use super::plan::Plan;
 use super::search::{PairPeaks, SearchWork};
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -120,11 +122,13 @@ impl Agreement {
         self.change.stated(scatter);
     }
 
-    /// Takes a segment; how much to doubt its direction, `None` where the pairs let none be told. All four hydrophones are used.
+    /// Takes a segment, whether its direction is of an `other` source that is followed, and those that it is not of; how much to doubt it,
+    /// `None` where the pairs let none be told. All four hydrophones are used.
     pub(super) fn take(
         &mut self,
         context: &Context<'_>,
         found: &Found,
+        (other, others, segment): (bool, &Followed, u32),
         peaks: &[PairPeaks; PAIR_COUNT],
         search: &SearchWork,
         sink: &mut impl FnMut(Message),
@@ -138,10 +142,17 @@ impl Agreement {
         for (p, ((tau, own), delay)) in found.tau.iter().zip(peaks).zip(&mut delays).enumerate() {
             let aside = m::abs(own.delay_s - tau) * plan.rate_hz;
             let apart = split.get(p).copied().unwrap_or(0.0);
-            if aside > BESIDE_SAMPLES + 2.0 * apart && own.peak > strong {
+            if own.peak <= strong || aside <= BESIDE_SAMPLES {
+                continue;
+            }
+            // Another source, whose peak says nothing of this one.
+            if others.explain(context, segment, (p, own.delay_s), (elsewhere + apart, false)) {
+                continue;
+            }
+            if aside > BESIDE_SAMPLES + 2.0 * apart {
                 *delay = own.delay_s;
             }
-            if aside > elsewhere + apart && own.peak > strong {
+            if aside > elsewhere + apart {
                 contradicting += usize::from(own.peak > 1.5 * search.pair_value(plan, p, *tau));
             }
         }
@@ -149,7 +160,7 @@ impl Agreement {
         let clear = peaks.iter().all(|own| own.peak > strong);
         let strain = if clear && !contradicted { self.strained(context, found, &delays) } else { None };
         let (verdict, changed) =
-            if clear { self.change.take(context, found, &delays) } else { (Verdict::Tell, false) };
+            if clear { self.change.take(context, found, other, &delays) } else { (Verdict::Tell, false) };
         let doubtful = contradicted || strain.is_some();
         let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();
         if changed || lasts {

@@ -17,7 +17,8 @@
 //!   heard apart they strain it as well, alike until it has turned.
 //!   In a regular tetrahedron two exchanged channels strain nothing, and only the jump back tells.
 //!
-//! What was wrong before anything was heard is not seen here. Cost: about 2000 instructions a segment.
+//! Where the strongest source is another one that is followed already, the course begins anew. What was wrong before anything was
+//! heard is not seen here. Cost: about 2000 instructions a segment.
 
 use super::agreement::{DEEPEST, half_apart};
 use super::estimate::{Context, Found};
@@ -152,12 +153,14 @@ impl Change {
         if before.noise[0] > 0.0 { before } else { last }
     }
 
-    /// Takes a segment's delays; what to do with its direction, and whether a change has just become sure.
+    /// Takes a segment's delays, which may be those of an `other` source than the last one's; what to do with its direction, and whether a
+    /// change has just become sure.
     #[inline(never)]
     pub(super) fn take(
         &mut self,
         context: &Context<'_>,
         found: &Found,
+        other: bool,
         delays: &[f32; PAIR_COUNT],
     ) -> (Verdict, bool) {
         let plan = context.plan;
@@ -169,7 +172,7 @@ impl Change {
         let before = self.what;
         let lasted = self.past.first().map_or(f32::MAX, |(_, at)| seconds(plan, *at, context.index));
         let longest = if self.seems == NOTHING { LONGEST_S } else { LONGEST_JUMP_S };
-        if self.kept > 0 && lasted > longest {
+        if other || self.kept > 0 && lasted > longest {
             (self.kept, self.seems, self.times, self.strays) = (0, NOTHING, 0, 0);
         }
         let course =

@@ -196,10 +196,14 @@ pub(crate) fn segment(
     let found_sum = first.as_ref().map_or(0.0, |first| first.mean * context.bins() * PAIR_COUNT as f32);
     let turned = Turned { plan, band: &plan.whole, found: found_sum, most: Turned::most(&peaks) };
     let doubtful = sign == Sign::Well && used.all() && turned.doubtful();
+    let segment = memory.segments.wrapping_add(1);
+    let other =
+        first.as_ref().is_some_and(|first| memory.others.strongest(plan, first.refined.direction, segment));
     let doubt = match &first {
         Some(first) if used.all() => {
             let context = Context { depth: memory.depth.known(), ..context };
-            memory.agreement.take(&context, first, &peaks, &scratch.search, sink)
+            let others = (other, &memory.others, segment);
+            memory.agreement.take(&context, first, others, &peaks, &scratch.search, sink)
         }
         _ => Some(Doubt::NONE),
     };
@@ -220,7 +224,20 @@ pub(crate) fn segment(
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
                 let Found { tau, mean, refined, .. } = first;
                 let direction = &refined.direction;
-                leak::Beyond { plan, search, tau, direction, coherence, mean: *mean, deviation }.sign()
+                let others = (&memory.others, segment);
+                let context = &context;
+                leak::Beyond {
+                    plan,
+                    search,
+                    tau,
+                    direction,
+                    coherence,
+                    mean: *mean,
+                    deviation,
+                    context,
+                    others,
+                }
+                .sign()
             }
             _ => sign,
         };
@@ -239,7 +256,7 @@ pub(crate) fn segment(
         // What else is heard is told of the same moment: bearings of one index are judged together.
         context.index = heard.index;
     }
-    memory.segments = memory.segments.wrapping_add(1);
+    memory.segments = segment;
     if doubtful {
         return;
     }
@@ -251,7 +268,6 @@ pub(crate) fn segment(
         }
         return;
     };
-    memory.others.strongest(plan, first.refined.direction, memory.segments);
     match memory.others.turn(memory.segments) {
         Turn::Octave => others::octave(&context, memory, Some(&first), spectra, scratch, sink),
         Turn::Search => others::search(&context, memory, &first, spectra, scratch, sink),

@@ -219,7 +219,7 @@ pub(super) fn loss(
     let unexplained = (scale * left / bins).max(1.0);
     let scale = scale / unexplained;
     let (product, information) = (scale * product, scale * information);
-    let finite = product.is_finite() && information.is_finite() && unexplained.is_finite();
+    let finite = (product + information + unexplained).is_finite();
     let framed = framed.filter(|(loss, shift)| (loss + shift).is_finite());
     finite.then_some(Loss { product, information, nearer, unexplained, framed })
 }

@@ -5,6 +5,8 @@
 //! and its image in the surface can do the same for a while; the rest of the hydrophones hear it then ([`super::sick`] waits until the vessel has moved as well).
 //! Cost: some 10 000 instructions where something stands at no delay.
 
+use super::estimate::Context;
+use super::others::Followed;
 use super::plan::{BINS, Band, MAX_DELAY, Plan};
 use super::search::SearchWork;
 use super::sick::{LEAKING, Sign};
@@ -20,7 +22,7 @@ const LEAK: f32 = 8.0;
 const LEAST_LEAK: f32 = 0.04;
 const RECEIVED: f32 = 0.35;
 const RECEIVED_SD: f32 = 2.0;
-/// Nearer than this to no delay, in samples, a sound hides what leaks, and an echo passes for it.
+/// Nearer than this to no delay, in samples, a sound hides what leaks, and an echo or another source passes for it.
 pub(super) const APART_SAMPLES: f32 = 3.0;
 
 /// How far below the horizon a bottom's echo comes from, at most: so many times as far as the vessel is above it, and this
@@ -46,6 +48,9 @@ pub(crate) struct Beyond<'a> {
     /// Its mean.
     pub(crate) mean: f32,
     pub(crate) deviation: f32,
+    /// The other sources, and the segment.
+    pub(super) context: &'a Context<'a>,
+    pub(super) others: (&'a Followed, u32),
 }
 
 impl Beyond<'_> {
@@ -61,7 +66,9 @@ impl Beyond<'_> {
         let least = (LEAK * self.deviation).max(LEAST_LEAK * high.saturating_sub(incoherent) as f32);
         let hidden = m::abs(*self.tau.get(p)?) * self.plan.rate_hz < APART_SAMPLES;
         let leak = self.excess(p, 0.0)?;
-        if hidden || leak < least || self.echoed(p, leak) {
+        let (others, segment) = self.others;
+        let another = || others.explain(self.context, segment, (p, 0.0), (APART_SAMPLES, true));
+        if hidden || leak < least || another() || self.echoed(p, leak) {
             return None;
         }
         // What one receives from the other stands with the remaining two at the sender's delays. A second sound from straight

@@ -121,11 +121,20 @@ struct Known {
     missed: u8,
     /// It is not much fainter than the strongest.
     strong: bool,
+    /// It was the strongest once, as nothing is that a sick channel feigns.
+    led: bool,
 }
 
 impl Known {
-    const NONE: Self =
-        Self { direction: [0.0; 3], turning: 0.0, segment: 0, found: 0, missed: 0, strong: false };
+    const NONE: Self = Self {
+        direction: [0.0; 3],
+        turning: 0.0,
+        segment: 0,
+        found: 0,
+        missed: 0,
+        strong: false,
+        led: false,
+    };
 
     fn lasts(&self) -> bool {
         self.found >= 2
@@ -153,7 +162,7 @@ impl Known {
         let own = turned / segment.wrapping_sub(self.segment).max(1) as f32;
         let share = if self.lasts() { SMOOTHED } else { 1.0 };
         let turning = self.turning + share * (own - self.turning);
-        *self = Self { direction, turning, segment, found: 2, missed: 0, strong: true };
+        *self = Self { direction, turning, segment, found: 2, missed: 0, strong: true, ..*self };
     }
 }
 
@@ -189,6 +198,22 @@ impl Followed {
         self.known.iter().any(|k| k.found > 0)
     }
 
+    /// Whether a pair hears one of them, or of those that were the strongest once (`led`), at a delay (seconds), to so many samples.
+    #[inline(never)]
+    pub(super) fn explain(
+        &self,
+        context: &Context<'_>,
+        segment: u32,
+        (pair, delay_s): (usize, f32),
+        (samples, led): (f32, bool),
+    ) -> bool {
+        let plan = context.plan;
+        self.known.iter().filter(|known| known.found > 0 && (known.led || !led)).any(|known| {
+            let delays = context.delays(&known.expected(segment), plan.curvature);
+            delays.get(pair).is_some_and(|tau| m::abs(tau - delay_s) * plan.rate_hz < samples)
+        })
+    }
+
     /// What is next: each that is followed, then an octave or, every [`SECOND_EVERY`] segments, a search; sooner where one found is to be
     /// found again. A search costs as much as the first, and others move slowly.
     pub(super) fn turn(&mut self, segment: u32) -> Turn {
@@ -208,16 +233,20 @@ impl Followed {
         Turn::Octave
     }
 
-    /// Takes the strongest source's direction: where that was one of the others, they change places.
-    pub(super) fn strongest(&mut self, plan: &Plan, direction: Direction, segment: u32) {
+    /// Takes the strongest source's direction: where that was one of the others, they change places. Whether it is another that is followed.
+    pub(super) fn strongest(&mut self, plan: &Plan, direction: Direction, segment: u32) -> bool {
         let before = core::mem::replace(&mut self.strongest, direction);
         let other = wavefront::dot(&before, &direction) <= near(plan) && before != [0.0; 3];
+        let mut followed = false;
         for known in &mut self.known {
             if known.is_at(plan, &direction, segment) {
+                followed |= known.lasts();
                 let found = if other { known.found } else { 0 };
-                *known = Known { direction: before, segment: segment.wrapping_sub(1), found, ..Known::NONE };
+                let segment = segment.wrapping_sub(1);
+                *known = Known { direction: before, segment, found, led: true, ..Known::NONE };
             }
         }
+        other && followed
     }
 
     /// Takes a source found by a search: whether it is one that was there before, within what it can have moved. It is kept where
@@ -415,11 +444,11 @@ mod tests {
         let (plan, mut others) = (plan(), Followed::NONE);
         others.strongest(&plan, at(100.0), 1);
         assert!(!others.found(at(40.0), 8, true) && others.found(at(40.0), 10, true));
-        others.strongest(&plan, at(100.2), 10);
-        others.strongest(&plan, at(40.0), 11);
+        assert!(!others.strongest(&plan, at(100.2), 10));
+        assert!(others.strongest(&plan, at(40.0), 11));
         assert!(others.known[0].lasts() && others.known[0].is_at(&plan, &at(100.2), 11), "{others:?}");
         // Its own direction is no other source's.
-        others.strongest(&plan, at(40.1), 12);
+        assert!(!others.strongest(&plan, at(40.1), 12));
         assert!(!others.known.iter().any(|k| k.is_at(&plan, &at(40.1), 12)));
     }
 }
