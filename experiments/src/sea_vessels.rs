@@ -1,4 +1,5 @@
-//! `reproduce sea-vessels`: one to four vessels at once, from their sound: when each is tracked, by how many tracks, and tracks of nobody.
+//! `reproduce sea-vessels`: one to four vessels at once, from their sound: when each is tracked, by how many tracks, and tracks of nobody;
+//! how often the strongest is told, and channels said to be sick though all are well.
 //!
 //! The vessels are as loud as each other within 6 dB, pass 250 to 800 m away on courses at random and are all heard from the first
 //! second on; some cross others in azimuth. A vessel counts as tracked from the first record whose position lies in its direction.
@@ -17,6 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
 use seabearing_core::kit::median;
+use seabearing_core::wire::FaultCode;
 
 /// `seabearing reproduce sea-vessels`.
 pub const EXPERIMENT: Experiment = Experiment {
@@ -31,6 +33,8 @@ const MOST: usize = 4;
 const LEVELS_DB: std::ops::Range<f64> = 168.0..174.0;
 /// A track farther from every vessel than this is nobody's, degrees.
 const NEAR_DEG: f64 = 3.0;
+/// Segments, of which each may tell a bearing of the strongest.
+const SEGMENTS: f64 = 2.0 * DURATION_S;
 /// A second vessel is to appear so soon, seconds.
 const SOON_S: f64 = 20.0;
 
@@ -44,6 +48,10 @@ struct Scene {
     nobody: usize,
     headings: Held,
     ranges: Held,
+    /// Bearings of the strongest.
+    strongest: usize,
+    /// Channels said to be sick; all are well.
+    faults: usize,
 }
 
 impl Scene {
@@ -51,6 +59,8 @@ impl Scene {
         let said = play(scene)?;
         let rate = scene.station.config.rate_hz;
         let mut out = Self { first_s: vec![f64::INFINITY; scene.vessels.len()], ..Self::default() };
+        out.faults = said.faults.iter().filter(|f| f.code != FaultCode::Impulses).count();
+        out.strongest = said.bearings.iter().filter(|b| b.band == 0).count();
         for t in &said.tracks {
             let t_s = t.index as f64 / rate;
             let azimuth = f64::from(t.x_m).atan2(f64::from(t.y_m));
@@ -125,7 +135,7 @@ fn run(options: &Options) -> Result<()> {
     let said = said?;
     let mut report = CsvReport::new(
         "sea_vessels",
-        "vessels,scenes,tracked_%,second_s,last_s,tracks,nobody,heading_%,range_%",
+        "vessels,scenes,tracked_%,second_s,last_s,tracks,nobody,heading_%,range_%,strongest_%,faults",
     );
     for n in 1..=MOST {
         let of: Vec<&Scene> =
@@ -146,6 +156,9 @@ fn run(options: &Options) -> Result<()> {
         let [second_s, last_s] = times.map(|mut t| median(&mut t).unwrap_or(f64::NAN));
         let tracks: usize = of.iter().map(|s| s.tracks).sum();
         let nobody: usize = of.iter().map(|s| s.nobody).sum();
+        let faults: usize = of.iter().map(|s| s.faults).sum();
+        let strongest: usize = of.iter().map(|s| s.strongest).sum();
+        let strongest = 100.0 * strongest as f64 / (SEGMENTS * of.len() as f64);
         report.row(&[
             n as f64,
             of.len() as f64,
@@ -156,6 +169,8 @@ fn run(options: &Options) -> Result<()> {
             nobody as f64,
             headings.percent(),
             ranges.percent(),
+            strongest,
+            faults as f64,
         ]);
         figures.report(
             format!("{n} at once: vessels tracked, % of {}", tracked.of),
@@ -178,6 +193,16 @@ fn run(options: &Options) -> Result<()> {
         figures.report(
             format!("{n} at once: last solutions of nobody, of {tracks}"),
             nobody as f64,
+            Bar::AtMost(0.0),
+        );
+        figures.report(
+            format!("{n} at once: segments that tell the strongest, %"),
+            strongest,
+            Bar::AtLeast(95.0),
+        );
+        figures.report(
+            format!("{n} at once: faults of channels that are well"),
+            faults as f64,
             Bar::AtMost(0.0),
         );
         figures.report(
