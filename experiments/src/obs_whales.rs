@@ -7,7 +7,8 @@
 use super::obs_world::{print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::csv::{CsvText, Fixed};
-use crate::ocean_bottom::calls::{WhaleCall, calls, ways};
+use crate::ocean_bottom::caller_ways::ways;
+use crate::ocean_bottom::calls::{WhaleCall, calls};
 use crate::ocean_bottom::scenario::{Burst, ObsScenario, Whale};
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::station;

@@ -17,12 +17,12 @@
 
 use super::change::{Change, Scatter, Verdict};
 use super::estimate::{Context, Found};
+use super::jump::times;
 use super::others::Followed;
 use super::plan::Plan;
 use super::search::{PairPeaks, SearchWork};
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
-use crate::geometry::PAIRS;
 use crate::math::f32 as m;
 use crate::wire::{Fault, FaultCode, Message};
 
@@ -189,19 +189,9 @@ impl Agreement {
     /// Takes the arrivals' strain into the means; the variance to assume where it lasts.
     fn strained(&mut self, context: &Context<'_>, found: &Found, delays: &[f32; PAIR_COUNT]) -> Option<f32> {
         let plan = context.plan;
-        let mut strain = [0.0f32; CHANNELS];
-        for ((delay, tau), (i, j)) in delays.iter().zip(&found.tau).zip(PAIRS) {
-            let part = (delay - tau) / CHANNELS as f32;
-            for (h, at) in strain.iter_mut().enumerate() {
-                *at += if h == j {
-                    part
-                } else if h == i {
-                    -part
-                } else {
-                    0.0
-                };
-            }
-        }
+        let mut off = *delays;
+        off.iter_mut().zip(&found.tau).for_each(|(off, tau)| *off -= tau);
+        let strain = times(&off);
         let norm = |x: &[f32; CHANNELS]| x.iter().map(|x| x * x).sum::<f32>();
         // What comes once is no change; what comes twice is, and what was before says nothing of it. A segment in which a
         // channel changes is strained by any amount: it would hide what follows.

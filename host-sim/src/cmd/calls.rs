@@ -1,6 +1,7 @@
 //! `seabearing calls`: directions, ranges and ways of whales that call, from an ocean-bottom station's recording.
 
-use crate::ocean_bottom::calls::{CallerWay, WhaleCall, calls, ways};
+use crate::ocean_bottom::caller_ways::{CallerWay, ways};
+use crate::ocean_bottom::calls::{WhaleCall, calls};
 use crate::propagation::file;
 use crate::recording;
 use crate::station::Station;

@@ -5,6 +5,7 @@
 
 pub mod ais;
 pub mod ambient;
+pub mod caller_ways;
 pub mod calls;
 mod columns;
 pub mod event;
