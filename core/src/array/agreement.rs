@@ -20,6 +20,7 @@ use super::estimate::{Context, Found};
 use super::jump::times;
 use super::others::Followed;
 use super::plan::Plan;
+use super::report;
 use super::search::{PairPeaks, SearchWork};
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::block::CHANNELS;
@@ -159,6 +160,9 @@ impl Agreement {
         let contradicted = contradicting >= CONTRADICTING_PAIRS;
         let clear = peaks.iter().all(|own| own.peak > strong);
         let strain = if clear && !contradicted { self.strained(context, found, &delays) } else { None };
+        // Peaks of several sources are of no arrival times at all.
+        let apart = split.iter().fold(elsewhere, |most, apart| most.max(elsewhere + apart));
+        let clear = clear && report::closure(&delays) * plan.rate_hz < apart;
         let (verdict, changed) =
             if clear { self.change.take(context, found, other, &delays) } else { (Verdict::Tell, false) };
         let doubtful = contradicted || strain.is_some();

@@ -306,31 +306,38 @@ fn whole(
     refine::smoothed(context.band, noise, &memory.coherence, &mut scratch.spectrum.smooth);
     let turned = memory.turned_meanwhile(&context);
     if plan.vessel_over_array_depth > 0.0 && context.band.used.all() {
-        let told = fringes::depth_m(plan, spectra, first.refined.direction[2], first.mean, &mut scratch.work);
+        let sine = memory.depth.surface(plan, &first.refined.direction);
+        let told = fringes::depth_m(plan, spectra, sine, first.mean, &mut scratch.work);
         memory.depth.take(told);
         context.depth = memory.depth.known();
         if let Some((d, _)) = context.depth {
             let (apart, usual) = report::image(plan, &first.refined.direction, d);
+            let delay_s = 2.0 * d * sine * plan.inv_c;
             let seen = (&scratch.spectrum.weight, &scratch.spectrum.raw);
             let work = &mut scratch.work;
             let image = memory.depth.image(plan, &first.refined.direction, memory.segments);
-            if let Some(seen) = fringes::loss(&context, first, spectra, seen, (d, apart), image, work) {
-                memory.depth.take_loss(&seen);
-                context.loss = memory.depth.shift(usual, seen.nearer);
-                // The fringes are not those of vessel and image alone.
+            if let Some(seen) = fringes::loss(&context, first, spectra, seen, (delay_s, apart), image, work) {
+                // Beyond that the fringes are not those of vessel and image alone.
                 let vessels = if memory.others.any() { 2.0 } else { 1.0 };
                 if seen.unexplained > vessels * fringes::THIRD_PATH {
                     context.depth = None;
                 }
+                // The farther apart they stand, the less is a loss what it is taken for.
+                let resolved = 0.5 * apart / plan.whole.resolution;
+                if seen.unexplained < vessels * fringes::THIRD_PATH * (1.0 - resolved * resolved) {
+                    memory.depth.take_loss(&seen);
+                }
+                context.loss = memory.depth.shift(usual, seen.nearer);
             }
         }
     }
     let spectrum = &scratch.spectrum;
     let scatter = (memory.others.any() || memory.misfit > report::DISAGREEING)
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
+    let beside = memory.others.puts(plan, memory.segments);
     let Memory { misfit, aside, steady, .. } = memory;
     let mut stated = Default::default();
-    let others = Others::Lasting { misfit, aside, steady, scatter, stated: &mut stated };
+    let others = Others::Lasting { misfit, aside, steady, scatter, beside, stated: &mut stated };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
         if doubt.quality == 1.0 {
             memory.agreement.stated(stated);

@@ -38,15 +38,17 @@ const AVERAGED: f32 = 8.0;
 const AGREEING: f32 = 4.0;
 /// A depth farther than this share from the mean does not agree.
 const SAME: f32 = 0.15;
-/// Relative standard deviation of a depth believed: the elevation that goes into it.
-const SD: f32 = 0.01;
+/// Standard deviation of a depth believed: as a share, and of the fringes' delay, samples. A law that fits passes of vessels 2 to 8 m deep,
+/// 200 m to 1 km away, at 16 and 64 kHz.
+const SD: f32 = 0.003;
+const SD_SAMPLES: f32 = 0.1;
 
 /// Segments over which the image's loss is gathered, samples shared with a neighbour counted twice, and what it is beyond that of its longer way, before anything tells.
 const REMEMBERED: f32 = 64.0;
 const SHARED: f32 = 2.0;
 const LOSS_SD: f32 = 0.15;
 /// Share of what is found beyond that which its model may have wrong.
-const MODEL_SD: f32 = 0.07;
+const MODEL_SD: f32 = 0.05;
 /// What [`Loss`] leaves unexplained of two paths is up to 2.
 pub(super) const THIRD_PATH: f32 = 4.0;
 /// Least share of the mean power that a bin between fringes is taken to have, as a quotient.
@@ -56,6 +58,8 @@ const DARKEST: f32 = 8.0;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Depth {
     mean_m: f32,
+    /// What a segment's depth errs by, metres.
+    sd_m: f32,
     /// How deep the fringes are.
     height: f32,
     /// Segments in the means.
@@ -65,51 +69,80 @@ pub(super) struct Depth {
     information: f32,
     /// What frames make of vessel and image, in units of the loss, and of the angle between the two ([`framed`]).
     framed: Option<(f32, f32)>,
+    /// By how much nearer to the vessel than half-way to its image both were heard last ([`Depth::shift`]).
+    nearer: f32,
+}
+
+/// What fringes tell in a segment.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Told {
+    depth_m: f32,
+    /// Its standard deviation, metres.
+    sd_m: f32,
+    /// How deep they are over their mean, full ones being 1.
+    height: f32,
 }
 
 impl Depth {
     /// Nothing.
-    pub(super) const UNKNOWN: Self =
-        Self { mean_m: 0.0, height: 0.0, agreed: 0.0, lost: 0.0, information: 0.0, framed: None };
+    pub(super) const UNKNOWN: Self = Self {
+        mean_m: 0.0,
+        sd_m: 0.0,
+        height: 0.0,
+        agreed: 0.0,
+        lost: 0.0,
+        information: 0.0,
+        framed: None,
+        nearer: 0.0,
+    };
 
-    /// Takes a segment's depth and how deep its fringes are, if it tells them.
-    pub(super) fn take(&mut self, told: Option<(f32, f32)>) {
-        let Some((depth_m, height)) = told else { return };
+    /// Takes what a segment tells, if it tells anything.
+    pub(super) fn take(&mut self, told: Option<Told>) {
+        let Some(Told { depth_m, sd_m, height }) = told else { return };
         if m::abs(depth_m - self.mean_m) > SAME * self.mean_m {
             // Another vessel, or one of the two was wrong: the mean is given up where it was hardly begun or is gainsaid as often.
             self.agreed -= 1.0;
             if self.agreed <= 0.0 {
-                *self = Self { mean_m: depth_m, height, agreed: 1.0, ..Self::UNKNOWN };
+                *self = Self { mean_m: depth_m, sd_m, height, agreed: 1.0, ..Self::UNKNOWN };
             }
             return;
         }
         self.agreed = (self.agreed + 1.0).min(AVERAGED);
         self.mean_m += (depth_m - self.mean_m) / self.agreed;
         self.height += (height - self.height) / self.agreed;
+        self.sd_m = sd_m;
+    }
+
+    /// Sine of the elevation of the surface above the vessel, that of vessel and image together being this direction's: by what is known of
+    /// how much fainter the image is.
+    #[inline(never)]
+    pub(super) fn surface(&self, plan: &Plan, direction: &wavefront::Direction) -> f32 {
+        let sine = direction[2].max(0.0);
+        sine * (1.0 + 2.0 * self.nearer * (1.0 - sine * sine).max(0.0) * self.mean_m / plan.depth_m)
     }
 
     /// The image of a source there, where it is time to look at what frames make of it.
     pub(super) fn image(&self, plan: &Plan, direction: &wavefront::Direction, segment: u32) -> Option<Image> {
         let due = self.framed.is_none() || segment.is_multiple_of(framed::EVERY);
-        due.then(|| Image::of(plan, direction, self.mean_m, self.height))
+        due.then(|| Image::of(plan, direction, self.surface(plan, direction), self.mean_m, self.height))
     }
 
     /// Depth and its standard deviation, metres, where segments agree.
     pub(super) fn known(&self) -> Option<(f32, f32)> {
-        (self.agreed >= AGREEING).then_some((self.mean_m, SD * self.mean_m))
+        (self.agreed >= AGREEING).then_some((self.mean_m, self.sd_m))
     }
 
     /// Takes what a segment tells of the image's loss.
     pub(super) fn take_loss(&mut self, loss: &Loss) {
         self.framed = loss.framed.or(self.framed);
         let (framed, _) = self.framed.unwrap_or_default();
-        self.lost += loss.product - framed * loss.information - self.lost / REMEMBERED;
+        self.lost += loss.product - framed::FEIGNED * framed * loss.information - self.lost / REMEMBERED;
         self.information += loss.information - self.information / REMEMBERED;
     }
 
     /// By how much nearer to the vessel than half-way to the image both are heard, in units of the angle between them, and its
     /// standard deviation, if the image's loss (see [`Loss`]) is `usual` because of its longer way alone, and `nearer` for a unit of it.
-    pub(super) fn shift(&self, usual: f32, nearer: f32) -> (f32, f32) {
+    pub(super) fn shift(&mut self, usual: f32, nearer: f32) -> (f32, f32) {
         let prior = 1.0 / (LOSS_SD * LOSS_SD);
         // Neighbouring segments share their halves.
         let information = self.information / SHARED;
@@ -119,7 +152,8 @@ impl Depth {
         let sd = m::hypot(m::sqrt(1.0 / known), MODEL_SD * (loss - usual));
         let (framed, shift) = self.framed.unwrap_or_default();
         let doubt = framed::SD * m::hypot(nearer * framed * information / known, shift);
-        (nearer * loss + shift, m::hypot(nearer * sd, doubt))
+        self.nearer = nearer * loss + shift;
+        (self.nearer, m::hypot(nearer * sd, doubt))
     }
 }
 
@@ -141,7 +175,7 @@ pub(super) struct Loss {
     framed: Option<(f32, f32)>,
 }
 
-/// What the whitened cross-spectra about a source `found`, so deep (metres) and with its image `apart` (radians) above it, tell of the image's loss,
+/// What the whitened cross-spectra about a source `found`, whose image is heard so late (seconds) and `apart` (radians) above it, tell of the image's loss,
 /// by the refinement's weights and the coherence seen; and, of the `image`, what frames make of it. `work` is used up.
 ///
 /// A bin's share of what the loss does is the mean power about it over its own, less the noise in it. Where nothing is heard at the band's end
@@ -153,7 +187,7 @@ pub(super) fn loss(
     found: &Found,
     g: &Spectra,
     (weight, coherence): (&[f32; BINS], &[f32; BINS]),
-    (depth_m, apart): (f32, f32),
+    (delay_s, apart): (f32, f32),
     image: Option<Image>,
     work: &mut Work,
 ) -> Option<Loss> {
@@ -169,7 +203,7 @@ pub(super) fn loss(
     refine::push(plan, band, g, &found.tau, &g2, values);
     let (low, high) = (band.low, heard(band, coherence, found.mean));
     // Means of mean power over a bin's own, and of the coherence, which tell the noise.
-    let kept = ripple(plan, 2.0 * depth_m * direction[2].max(0.0) * plan.inv_c);
+    let kept = ripple(plan, delay_s);
     let (mut mean, mut coherent) = (0.0f32, 0.0f32);
     for (k, c) in coherence.iter().enumerate().take(high).skip(low) {
         let (running, own) = mean_power((low, high), sums, k)?;
@@ -252,15 +286,15 @@ fn mean_power((low, high): (usize, usize), sums: &[Complex32], k: usize) -> Opti
     Some(((b.re - a.re) / to.saturating_sub(from).max(1) as f32, own.im))
 }
 
-/// The depth (metres) of a source that is heard from an elevation of this sine, and how deep its fringes are, by one segment's spectra, where fringes
-/// are at least as deep as its `coherence`: those of two paths are, fainter ones are of three or four. `work` is used up.
+/// The depth of a source below a surface that is seen from the array at an elevation of this sine, by one segment's spectra, where fringes are at
+/// least as deep as its `coherence`: those of two paths are, fainter ones are of three or four. `work` is used up.
 pub(super) fn depth_m(
     plan: &Plan,
     spectra: &Spectra,
     sine: f32,
     coherence: f32,
     work: &mut Work,
-) -> Option<(f32, f32)> {
+) -> Option<Told> {
     // Samples of delay for a metre of depth.
     let per_m = 2.0 * sine * plan.inv_c * plan.rate_hz;
     let first = ((DEPTHS_M.0 * per_m) as usize).max(DELAYS.0);
@@ -303,7 +337,9 @@ pub(super) fn depth_m(
     }
     let bend = before - 2.0 * height + after;
     let shift = if bend < 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
-    Some(((n as f32 + shift) / per_m, height))
+    let depth_m = (n as f32 + shift) / per_m;
+    let sd_m = m::hypot(SD * depth_m, SD_SAMPLES / per_m);
+    Some(Told { depth_m, sd_m, height: height - 0.25 * (before - after) * shift })
 }
 
 /// Sum of the hydrophones' spectra times the squared frequency (a vessel's sound falls by about as much), in the imaginary
@@ -344,7 +380,7 @@ mod tests {
             }
         }
         let mut work = Box::new([Complex32::new(0.0, 0.0); 2 * FRAME]);
-        depth_m(plan, &spectra, SINE, 0.5, &mut work).map(|(depth_m, _)| depth_m)
+        depth_m(plan, &spectra, SINE, 0.5, &mut work).map(|told| told.depth_m)
     }
 
     #[test]
@@ -374,20 +410,21 @@ mod tests {
 
     #[test]
     fn segments_must_agree_and_one_stray_changes_nothing() {
+        let told = |depth_m| Some(Told { depth_m, sd_m: 0.02, height: 0.5 });
         let mut depth = Depth::UNKNOWN;
         for (n, depth_m) in [5.0, 5.1, 4.9].into_iter().enumerate() {
-            depth.take(Some((depth_m, 0.5)));
+            depth.take(told(depth_m));
             assert_eq!(depth.known(), None, "{n}");
         }
-        depth.take(Some((5.0, 0.5)));
+        depth.take(told(5.0));
         depth.take(None);
-        depth.take(Some((9.0, 0.5)));
-        depth.take(Some((5.0, 0.5)));
+        depth.take(told(9.0));
+        depth.take(told(5.0));
         let known = depth.known();
-        assert!(known.is_some_and(|(m, sd)| (m - 5.0).abs() < 0.1 && sd > 0.04), "{known:?}");
+        assert!(known.is_some_and(|(m, sd)| (m - 5.0).abs() < 0.1 && sd > 0.01), "{known:?}");
         // Another vessel's takes over.
         for _ in 0..16 {
-            depth.take(Some((2.5, 0.5)));
+            depth.take(told(2.5));
         }
         assert!(depth.known().is_some_and(|(m, _)| m == 2.5));
     }

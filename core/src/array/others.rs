@@ -4,6 +4,7 @@
 //! much as the first, a look at one that is followed half of that; each uses the spectra up, so that a segment has one of them.
 
 use super::agreement::Doubt;
+use super::beside::Beside;
 use super::chain::Scratch;
 use super::estimate::{Context, Found, MOST_UNEVEN, examine, find};
 use super::memory::Memory;
@@ -26,6 +27,8 @@ const OTHERS: usize = 3;
 const SECOND_EVERY: u32 = 8;
 /// And where one found is to be found again: in sound that the two have not in common.
 const AGAIN_AFTER: u32 = 2;
+/// Share of the newest turning in what the strongest source's is taken to be.
+const TURNED: f32 = 0.1;
 /// Share of the newest turning in what is expected.
 const SMOOTHED: f32 = 0.5;
 /// Least coherence of a source that is followed, in units of the strongest one's: what multipath of that leaves is fainter, and may move as a
@@ -157,9 +160,7 @@ impl Known {
     /// Takes where it was found.
     #[inline(never)]
     fn take(&mut self, direction: Direction, segment: u32) {
-        let ([x, y, _], [x0, y0, _]) = (direction, self.direction);
-        let turned = m::atan2(x * y0 - y * x0, x * x0 + y * y0);
-        let own = turned / segment.wrapping_sub(self.segment).max(1) as f32;
+        let own = turned(&self.direction, &direction) / segment.wrapping_sub(self.segment).max(1) as f32;
         let share = if self.lasts() { SMOOTHED } else { 1.0 };
         let turning = self.turning + share * (own - self.turning);
         *self = Self { direction, turning, segment, found: 2, missed: 0, strong: true, ..*self };
@@ -174,8 +175,11 @@ pub(super) struct Followed {
     place: usize,
     /// Segment of the last search.
     searched: u32,
-    /// Direction of the strongest source in the segment before; zero where there was none.
+    /// Direction of the strongest source in the segment before, zero where there was none, and by how much its azimuth grows, radians.
     strongest: Direction,
+    turning: f32,
+    /// One of them that the strongest passes by.
+    beside: Beside,
 }
 
 /// What is done in a segment beside its strongest source.
@@ -190,8 +194,14 @@ pub(super) enum Turn {
 }
 
 impl Followed {
-    pub(super) const NONE: Self =
-        Self { known: [Known::NONE; OTHERS], place: 0, searched: 0, strongest: [0.0; 3] };
+    pub(super) const NONE: Self = Self {
+        known: [Known::NONE; OTHERS],
+        place: 0,
+        searched: 0,
+        strongest: [0.0; 3],
+        turning: 0.0,
+        beside: Beside::NONE,
+    };
 
     /// Whether any other source was found lately.
     pub(super) fn any(&self) -> bool {
@@ -234,12 +244,21 @@ impl Followed {
     }
 
     /// Takes the strongest source's direction: where that was one of the others, they change places. Whether it is another that is followed.
+    #[inline(never)]
     pub(super) fn strongest(&mut self, plan: &Plan, direction: Direction, segment: u32) -> bool {
         let before = core::mem::replace(&mut self.strongest, direction);
         let other = wavefront::dot(&before, &direction) <= near(plan) && before != [0.0; 3];
+        if !other && before != [0.0; 3] {
+            self.turning += TURNED * (turned(&before, &direction) - self.turning);
+        }
+        self.beside.until(SECOND_APART_CELLS * plan.whole.resolution, segment);
         let mut followed = false;
         for known in &mut self.known {
             if known.is_at(plan, &direction, segment) {
+                if !other && known.lasts() {
+                    let turning = known.turning - self.turning;
+                    self.beside = Beside::there(&direction, &known.expected(segment), turning, segment);
+                }
                 followed |= known.lasts();
                 let found = if other { known.found } else { 0 };
                 let segment = segment.wrapping_sub(1);
@@ -247,6 +266,11 @@ impl Followed {
             }
         }
         other && followed
+    }
+
+    /// What one of them that the strongest passes by too closely puts on its direction, across and up, rad².
+    pub(super) fn puts(&self, plan: &Plan, segment: u32) -> Option<[f32; 2]> {
+        self.beside.puts(plan, segment)
     }
 
     /// Takes a source found by a search: whether it is one that was there before, within what it can have moved. It is kept where
@@ -272,6 +296,12 @@ impl Followed {
             known.found = 0;
         }
     }
+}
+
+/// By how much an azimuth has grown from one direction to another, radians.
+#[inline(never)]
+fn turned([x0, y0, _]: &Direction, [x, y, _]: &Direction) -> f32 {
+    m::atan2(x * y0 - y * x0, x * x0 + y * y0)
 }
 
 /// Cosine of the angle within which another source is what is left of the first.
@@ -450,5 +480,30 @@ mod tests {
         // Its own direction is no other source's.
         assert!(!others.strongest(&plan, at(40.1), 12));
         assert!(!others.known.iter().any(|k| k.is_at(&plan, &at(40.1), 12)));
+    }
+
+    #[test]
+    fn one_that_the_strongest_passes_by_is_remembered_until_they_have_parted() {
+        let (plan, mut others) = (plan(), Followed::NONE);
+        assert!(others.puts(&plan, 0).is_none());
+        // The other stands at 40°, the strongest goes by at a quarter of a degree from segment to segment.
+        let mut worst = 0.0f32;
+        for segment in 1..200u32 {
+            let azimuth_deg = 20.0 + 0.25 * segment as f32;
+            others.strongest(&plan, at(azimuth_deg), segment);
+            if segment < 30 {
+                others.found(at(40.0), segment, true);
+            }
+            let apart = (azimuth_deg - 40.0).abs();
+            let sd = others.puts(&plan, segment).map(|[across, _]| across.sqrt());
+            if apart < 1.5 {
+                assert!(sd.is_some_and(|sd| sd > 0.3 * apart.to_radians()), "{apart}: {sd:?}");
+            }
+            if apart > 8.0 {
+                assert_eq!(sd, None, "{apart}");
+            }
+            worst = worst.max(sd.unwrap_or(0.0));
+        }
+        assert!((0.004..0.02).contains(&worst), "{worst}");
     }
 }

@@ -132,6 +132,7 @@ pub(crate) fn coherence(
 }
 
 /// Share of the signal that frames of two hydrophones have in common at a delay (seconds).
+#[inline(never)]
 pub(super) fn share(plan: &Plan, tau: f32) -> f32 {
     let at = m::abs(tau) * plan.rate_hz / SHARE_STRIDE as f32;
     let n = (at as usize).min(SHARES - 2);
@@ -385,6 +386,7 @@ pub(crate) struct Variance {
 }
 
 /// Gauss-Newton from a start; `None` where the response has no peak there.
+#[inline(never)]
 pub(crate) fn refine(
     plan: &Plan,
     band: &Band,

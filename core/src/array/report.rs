@@ -53,7 +53,7 @@ const NEAR_THRESHOLD: f32 = 2.0;
 
 /// Standard deviation of the height from which vessel and image are heard together, in units of the vessel's depth and for each
 /// radian between the two: a law that fits passes of vessels 2 to 8 m deep, 200 m to 1 km away, with the depth's own deviation.
-const HALF_WAY_SD: f32 = 0.4;
+const HALF_WAY_SD: f32 = 0.3;
 /// Standard deviation of a depth that no fringes tell, in units of `vessel_depth_m`: propellers 2 to 8 m deep are, about 4 m, 2 m off
 /// in the root mean square.
 const UNKNOWN_DEPTH_SD: f32 = 0.5;
@@ -65,7 +65,7 @@ const ONE_OF_TWO_SD: f32 = 0.7;
 const PAIRS_APART: f32 = 0.2;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
 /// bottoms 2 to 30 m below the array and passes with the surface's image, at 16 and 64 kHz. Fringes that tell the depth are those of two
-/// paths: then no more than the misfit itself.
+/// paths: then nothing beside the misfit itself.
 const PATHS: f32 = 4.0;
 
 /// How it is known what other paths and sources do to a bearing.
@@ -80,6 +80,8 @@ pub(super) enum Others<'a> {
         steady: &'a mut Steady,
         /// And what the segment's own cross-spectra show while another source is heard.
         scatter: Option<Scatter>,
+        /// What a vessel that it passes by puts on it, across and up, rad².
+        beside: Option<[f32; 2]>,
         /// Takes what of its variances changes from segment to segment and what does not.
         stated: &'a mut change::Scatter,
     },
@@ -120,12 +122,12 @@ pub(super) fn bearing(
     let mut other = (0.0f32, 0.0f32, 0.0f32);
     let mut told_of = None;
     let noise = match others {
-        Others::Lasting { misfit, aside, steady, scatter, stated } => {
+        Others::Lasting { misfit, aside, steady, scatter, beside, stated } => {
             told_of = Some(stated);
             let known = variance.pair + rounding * rounding;
             *misfit += (residual / known - *misfit) / AVERAGED;
             rise = rise.max(SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair);
-            paths = if context.depth.is_some() { rise } else { PATHS * PATHS * rise };
+            paths = if context.depth.is_some() { 0.0 } else { PATHS * PATHS * rise };
             if let Some(scatter) = scatter.filter(|s| s.ratio > 1.0) {
                 // The scatter has the noise in it.
                 let (across, both, up) = scatter.direction;
@@ -135,6 +137,9 @@ pub(super) fn bearing(
                 other = (more_across, both * m::sqrt(kept), more_up);
                 let share = (more_across / more_up.max(f32::MIN_POSITIVE)).min(1.0);
                 (rise, paths) = (share * rise / SHARED_UNEQUALLY, (1.0 - share) * paths);
+            }
+            if let Some([across, up]) = beside {
+                (other.0, other.2) = (other.0 + across, other.2 + up);
             }
             level = rise;
             if plan.vessel_over_array_depth > 0.0 && used.all() {
@@ -257,6 +262,7 @@ pub(super) fn image(plan: &super::plan::Plan, direction: &wavefront::Direction, 
 }
 
 /// Root-mean-square closure of the four triangles of pair delays, seconds.
+#[inline(never)]
 pub fn closure(d: &[f32; PAIR_COUNT]) -> f32 {
     let [d01, d02, d03, d12, d13, d23] = *d;
     let loops = [d01 + d12 - d02, d01 + d13 - d03, d02 + d23 - d03, d12 + d23 - d13];
