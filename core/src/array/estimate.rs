@@ -332,12 +332,13 @@ fn whole(
         }
     }
     let spectrum = &scratch.spectrum;
-    let scatter = (memory.others.any() || memory.misfit > report::DISAGREEING)
+    let alone = !memory.others.any();
+    let scatter = (!alone || memory.misfit > report::DISAGREEING)
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
     let beside = memory.others.puts(plan, memory.segments);
     let Memory { misfit, aside, steady, .. } = memory;
     let mut stated = Default::default();
-    let others = Others::Lasting { misfit, aside, steady, scatter, beside, stated: &mut stated };
+    let others = Others::Lasting { misfit, aside, steady, scatter, alone, beside, stated: &mut stated };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
         if doubt.quality == 1.0 {
             memory.agreement.stated(stated);

@@ -65,7 +65,7 @@ const ONE_OF_TWO_SD: f32 = 0.7;
 const PAIRS_APART: f32 = 0.2;
 /// Error of the elevation where paths of one vessel join, in units of what the pairs' misfit puts on a direction: a law that fits
 /// bottoms 2 to 30 m below the array and passes with the surface's image, at 16 and 64 kHz. Fringes that tell the depth are those of two
-/// paths: then nothing beside the misfit itself.
+/// paths: then nothing beside the misfit itself, or as much again where another source is heard.
 const PATHS: f32 = 4.0;
 
 /// How it is known what other paths and sources do to a bearing.
@@ -80,6 +80,8 @@ pub(super) enum Others<'a> {
         steady: &'a mut Steady,
         /// And what the segment's own cross-spectra show while another source is heard.
         scatter: Option<Scatter>,
+        /// Whether no other source is known.
+        alone: bool,
         /// What a vessel that it passes by puts on it, across and up, rad².
         beside: Option<[f32; 2]>,
         /// Takes what of its variances changes from segment to segment and what does not.
@@ -122,13 +124,18 @@ pub(super) fn bearing(
     let mut other = (0.0f32, 0.0f32, 0.0f32);
     let mut told_of = None;
     let noise = match others {
-        Others::Lasting { misfit, aside, steady, scatter, beside, stated } => {
+        Others::Lasting { misfit, aside, steady, scatter, alone, beside, stated } => {
             told_of = Some(stated);
             let known = variance.pair + rounding * rounding;
             *misfit += (residual / known - *misfit) / AVERAGED;
             rise = rise.max(SHARED_UNEQUALLY * (*misfit - MEAN_RESIDUAL).max(0.0) * variance.pair);
-            paths = if context.depth.is_some() { 0.0 } else { PATHS * PATHS * rise };
-            if let Some(scatter) = scatter.filter(|s| s.ratio > 1.0) {
+            let scatter = scatter.filter(|s| s.ratio > 1.0);
+            paths = match context.depth {
+                None => PATHS * PATHS * rise,
+                Some(_) if alone => 0.0,
+                Some(_) => rise,
+            };
+            if let Some(scatter) = scatter {
                 // The scatter has the noise in it.
                 let (across, both, up) = scatter.direction;
                 let beyond = |seen: f32, noise: f32| (seen - variance.arrival * noise).max(0.0);
