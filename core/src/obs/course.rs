@@ -35,9 +35,7 @@ pub struct Seen {
     pub place: (f64, f64),
     /// Range, m.
     pub range_m: f64,
-    /// Azimuth, rad.
-    pub azimuth: f64,
-    /// Its change, rad/s.
+    /// Change of its azimuth, rad/s.
     pub turning_rad_s: f64,
     /// Radial speed, m/s, positive when leaving.
     pub speed_m_s: f64,
@@ -62,10 +60,16 @@ pub struct Closest {
 const BENDS_S: f64 = 45.0;
 
 impl Seen {
+    /// Azimuth, rad.
+    pub fn azimuth(&self) -> f64 {
+        let (x, y) = self.place;
+        math::f64::atan2(x, y)
+    }
+
     /// Its direction, as surely as a straight course tells it.
     pub fn towards(&self) -> Towards {
         let doubt = BENDS_S * math::f64::abs(self.turning_rad_s);
-        Towards { azimuth: self.azimuth, turning_rad_s: self.turning_rad_s, doubt }
+        Towards { azimuth: self.azimuth(), turning_rad_s: self.turning_rad_s, doubt }
     }
 }
 
@@ -101,7 +105,6 @@ impl Course {
             since_s: left - self.t0_s,
             place: (x, y),
             range_m,
-            azimuth: math::f64::atan2(x, y),
             turning_rad_s: (y * vx - x * vy) / (range_m * range_m),
             speed_m_s: (x * vx + y * vy) / range_m,
         }

@@ -83,8 +83,8 @@ pub struct Score {
 const SURE_SHARE: f32 = 0.33;
 
 impl Score {
-    /// Takes one more minute of a course.
-    pub fn take(&mut self, course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) {
+    /// Takes one more minute of a course; what it adds to the log score.
+    pub fn take(&mut self, course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> f64 {
         let Terms { azimuth, range, distance, rival } = minute_terms(course, travel, step_s, m);
         self.log += azimuth + range;
         self.range_log += range as f32;
@@ -98,6 +98,7 @@ impl Score {
             let (least, most) = if self.distances > 1 { self.span_m } else { (range_m, range_m) };
             self.span_m = (least.min(range_m), most.max(range_m));
         }
+        azimuth + range
     }
 
     /// Whether its echoes have nearly the table's strengths.
@@ -117,7 +118,10 @@ fn direction_ratio(d: &AzimuthEvidence, towards: Towards) -> (f64, f64, f64) {
     let all = together(together(sd, EXTRA_AZIMUTH), towards.doubt);
     let e = wrap_pi(d.azimuth - towards.azimuth);
     let z = e / all;
-    (direction_density(all) * math::f64::exp(-0.5 * z * z), e, sd)
+    // Of most the ratio is so small that nothing is left of it beside the chance that the vessel does not show.
+    let ratio =
+        if z * z > MOST_SQUARE_AZIMUTH { 0.0 } else { direction_density(all) * math::f64::exp(-0.5 * z * z) };
+    (ratio, e, sd)
 }
 
 /// Ratio of the density of a direction of such a spread, where it is greatest, to uniform.
@@ -125,13 +129,26 @@ fn direction_density(sd: f64) -> f64 {
     math::f64::TAU / 2.5066 / sd
 }
 
+/// Squared distance, in spreads, beyond which a range is none of this vessel's, and beyond which a direction is none: e⁻⁵⁰ of a density of
+/// 125 times the uniform one at most.
+const MOST_SQUARE: f64 = 60.0;
+const MOST_SQUARE_AZIMUTH: f64 = 100.0;
+
 /// Ratio of a range's density at the course's to uniform; `doubts` are the standard deviations of the course's.
 fn distance_ratio(d: &RangeEvidence, range_m: f64, speed_m_s: f64, doubts: (f64, f64)) -> f64 {
+    let (farther, faster) = (d.range_m - range_m, d.speed_m_s - speed_m_s);
+    // Most are so far off in one of them that it is told without a root.
+    let variance = |sd: f64, extra: f64, doubt: f64| sd * sd + extra * extra + doubt * doubt;
+    let most = (MOST_SQUARE + 1.0) * variance(d.sd_m, EXTRA_RANGE_M, doubts.0);
+    let most_faster = (MOST_SQUARE + 1.0) * variance(d.sd_speed_m_s, EXTRA_SPEED_M_S, doubts.1);
+    if farther * farther > most || faster * faster > most_faster {
+        return 0.0;
+    }
     let (sr, sv) = spreads(d);
     let (sr, sv) = (together(sr, doubts.0), together(sv, doubts.1));
-    let (zr, zv) = ((d.range_m - range_m) / sr, (d.speed_m_s - speed_m_s) / sv);
+    let (zr, zv) = (farther / sr, faster / sv);
     let z = zr * zr + zv * zv;
-    if z > 60.0 {
+    if z > MOST_SQUARE {
         return 0.0;
     }
     distance_density(d, (sr, sv)) * math::f64::exp(-0.5 * z)
@@ -156,6 +173,11 @@ pub fn explains_distance(d: &RangeEvidence, range_m: f64, speed_m_s: f64) -> boo
     distance_ratio(&RangeEvidence { weight: 1.0, ..*d }, range_m, speed_m_s, SURE) > 0.1
 }
 
+/// Where a course has its vessel, if the minute has a direction to compare with that: an angle is long to find.
+fn towards(m: &Minute, s: &Seen) -> Option<Towards> {
+    m.directions().next().map(|_| s.towards())
+}
+
 /// Best direction of a minute: ratio, residual, spread.
 fn best_direction(m: &Minute, towards: Towards) -> Option<(f64, f64, f64)> {
     m.directions().map(|d| direction_ratio(&d, towards)).max_by(|a, b| a.0.total_cmp(&b.0))
@@ -173,11 +195,11 @@ fn best_distance(
 }
 
 /// Log terms of one minute.
-pub struct Terms {
+struct Terms {
     /// Of its direction.
-    pub azimuth: f64,
+    azimuth: f64,
     /// Of its range.
-    pub range: f64,
+    range: f64,
     /// Its range, where that is this vessel's.
     distance: Option<RangeEvidence>,
     /// Whether another pair of paths explains the echoes with the table's strengths.
@@ -204,10 +226,10 @@ fn is_rival(d: &RangeEvidence, s: &Seen) -> bool {
 
 /// Log terms of one minute. Wanted in several places, and large.
 #[inline(never)]
-pub fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> Terms {
+fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> Terms {
     let s = course.seen(travel, step_s * f64::from(m.number));
     // A minute without any mode says little: the vessel may be masked, the channel dead.
-    let azimuth = match best_direction(m, s.towards()) {
+    let azimuth = match towards(m, &s).and_then(|towards| best_direction(m, towards)) {
         Some((ratio, ..)) => math::f64::ln(1.0 - DETECTION.0 + DETECTION.0 * ratio),
         None => -0.3,
     };
@@ -238,7 +260,9 @@ pub fn score(
     minutes: impl Iterator<Item = Minute>,
 ) -> Score {
     let mut out = Score::default();
-    minutes.for_each(|m| out.take(course, travel, step_s, &m));
+    for m in minutes {
+        out.take(course, travel, step_s, &m);
+    }
     out
 }
 
@@ -297,7 +321,7 @@ fn excess(
     let (mut directions, mut distances) = (Residuals::default(), Residuals::default());
     for m in minutes {
         let s = course.seen(travel, step_s * f64::from(m.number));
-        if let Some((own, e, sd)) = own_direction(&m, s.towards()) {
+        if let Some((own, e, sd)) = towards(&m, &s).and_then(|towards| own_direction(&m, towards)) {
             directions.take(e / together(sd, EXTRA_AZIMUTH), own);
         }
         if let Some((own, d)) = own_distance(&m, s.range_m, s.speed_m_s, SURE) {
@@ -346,7 +370,7 @@ type Row = ([f64; 4], f64, f64);
 fn rows(course: &Course, s: &Seen, m: &Minute, excess: Excess) -> [Option<Row>; 3] {
     let [_, _, vx, vy] = course.p;
     let (x, y, r, t) = (s.place.0, s.place.1, s.range_m, s.since_s);
-    let direction = own_direction(m, s.towards()).map(|(own, e, sd)| {
+    let direction = towards(m, s).and_then(|towards| own_direction(m, towards)).map(|(own, e, sd)| {
         let (jx, jy) = (y / (r * r), -x / (r * r));
         let sd = together(sd, EXTRA_AZIMUTH);
         ([jx, jy, jx * t, jy * t], e, own / (excess.0 * sd * sd))

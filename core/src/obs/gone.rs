@@ -52,7 +52,7 @@ impl Gone {
                 known.range_m >= *from_m
                     && math::f64::abs(nearer * found.range_m - known.range_m) < WITHIN * known.range_m
             };
-            math::f64::abs(wrap_pi(found.azimuth - known.azimuth)) < TOWARDS && READ.iter().any(read)
+            math::f64::abs(wrap_pi(found.azimuth() - known.azimuth())) < TOWARDS && READ.iter().any(read)
         };
         self.courses.iter().flatten().any(|known| times_s.iter().all(|t_s| same(known, *t_s)))
     }

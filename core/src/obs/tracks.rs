@@ -276,9 +276,9 @@ fn without_all(plan: &Plan<'_>, others: &Others, m: Minute) -> Minute {
 /// are read as another pair of paths: with the directions of another vessel they would make a course of nobody.
 fn without(plan: &Plan<'_>, course: &Course, echoes: bool, m: Minute) -> Minute {
     let s = course.seen(&plan.travel, STEP_S * f64::from(m.number));
-    let known = (s.range_m as f32, s.speed_m_s as f32);
+    let (known, towards) = ((s.range_m as f32, s.speed_m_s as f32), s.towards());
     m.without(
-        |d| fit::explains_direction(d, s.towards()),
+        |d| fit::explains_direction(d, towards),
         |d| {
             fit::explains_distance(d, s.range_m, s.speed_m_s)
                 || echoes && plan.interference.follows((d.range_m as f32, d.speed_m_s as f32), known)
@@ -344,20 +344,22 @@ impl Live {
     fn bound(&mut self, plan: &Plan<'_>, evidence: &Evidence, others: &Others, now: u32) {
         let travel = &plan.travel;
         let minutes = || unexplained(plan, evidence, others, None, now.saturating_sub(MINUTES as u32), now);
-        // Largest sum of a contiguous stretch.
-        let (mut sum, mut start, mut best) = (0.0, None, 0.0);
+        // Largest sum of a contiguous stretch, and its score.
+        let (mut sum, mut start, mut score) = (0.0, 0, Score::default());
+        let (mut best, mut of_best) = (0.0, None);
         for m in minutes() {
-            let terms = fit::minute_terms(&self.course, travel, STEP_S, &m);
             if sum <= 0.0 {
-                sum = 0.0;
-                start = Some(m.number);
+                (sum, start, score) = (0.0, m.number, Score::default());
             }
-            sum += terms.azimuth + terms.range;
+            sum += score.take(&self.course, travel, STEP_S, &m);
             if sum > best {
-                best = sum;
-                self.from = start.unwrap_or(m.number);
-                self.to = m.number;
+                (best, of_best) = (sum, Some(score));
+                (self.from, self.to) = (start, m.number);
             }
+        }
+        if let Some(score) = of_best {
+            self.score = score;
+            return;
         }
         let (from, to) = (self.from, self.to);
         let inside = minutes().filter(move |m| (from..=to).contains(&m.number));
