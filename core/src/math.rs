@@ -92,6 +92,31 @@ pub fn log_sum(a: core::primitive::f32, b: core::primitive::f32) -> core::primit
     if hi - lo < 20.0 { hi + f32::ln_1p(f32::exp(lo - hi)) } else { hi }
 }
 
+/// The lesser of two numbers. Where one is none it is the second: `min` must look for that, which takes a desktop processor four
+/// instructions and the target none.
+#[inline]
+pub fn lesser(a: core::primitive::f32, b: core::primitive::f32) -> core::primitive::f32 {
+    if cfg!(target_arch = "arm") {
+        a.min(b)
+    } else if a < b {
+        a
+    } else {
+        b
+    }
+}
+
+/// The greater of two numbers, as [`lesser`].
+#[inline]
+pub fn greater(a: core::primitive::f32, b: core::primitive::f32) -> core::primitive::f32 {
+    if cfg!(target_arch = "arm") {
+        a.max(b)
+    } else if a > b {
+        a
+    } else {
+        b
+    }
+}
+
 /// eˣ for x from −87 to 0, without a branch and without a call, for loops over many thousands of cells:
 /// 2ᵏ times Taylor's series of the rest to the sixth power, within 3·10⁻⁷ of the value.
 #[inline]

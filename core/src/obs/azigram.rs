@@ -51,8 +51,10 @@ fn transform<'a>(
     old: &[f32; HOP],
     new: &[f32; HOP],
 ) -> &'a mut [Complex32; HOP] {
-    let samples = old.iter().chain(new);
-    buffer.iter_mut().zip(samples).zip(&WINDOW).for_each(|((b, x), w)| *b = x * w);
+    let halves = buffer.chunks_exact_mut(HOP).zip(WINDOW.chunks_exact(HOP));
+    for ((half, window), samples) in halves.zip([old, new]) {
+        half.iter_mut().zip(samples).zip(window).for_each(|((b, x), w)| *b = x * w);
+    }
     microfft::real::rfft_1024(buffer)
 }
 
@@ -85,7 +87,7 @@ pub fn analyse(
     averages.add(0, pressure);
     // The transform packs the real Nyquist bin into the imaginary part of the (real) zero bin.
     let (zero, nyquist) = pressure.first().map_or((0.0, 0.0), |z| (z.re, z.im));
-    let log = |power: f32| 0.5 * ln(power.max(EMPTY_POWER));
+    let log = |power: f32| 0.5 * ln(math::greater(power, EMPTY_POWER));
     for ((kept, l), z) in scratch.pressure.iter_mut().zip(&mut scratch.log_pressure).zip(pressure) {
         *kept = [z.re, z.im];
         *l = log(z.re * z.re + z.im * z.im);
@@ -114,8 +116,8 @@ pub fn analyse(
         let present = square > EMPTY_POWER * EMPTY_POWER * EMPTY_POWER * EMPTY_POWER && square.is_finite();
         // Reactive over active intensity, both times the length of the active one.
         let reactive = im(e.re, e.im) * ie + im(nre, nim) * inn;
-        let step = ((2.0 * turns(reactive, square) + 0.5) * PHASES as f32) as u32;
-        *phase = if present { step.min(PHASES as u32 - 1) } else { 0 };
+        let step = ((2.0 * turns(reactive, square) + 0.5) * PHASES as f32) as i32;
+        *phase = if present { step.clamp(0, PHASES as i32 - 1).cast_unsigned() } else { 0 };
         *north = if present { [ie, inn] } else { [0.0, 0.0] };
     }
     // One turn more, so that what is cut to a whole code is never negative.
@@ -147,7 +149,7 @@ fn ln(x: f32) -> f32 {
 /// turns, a five-hundredth of a stored step.
 fn turns(x: f32, y: f32) -> f32 {
     let (a, b) = (math::f32::abs(x), math::f32::abs(y));
-    let z = a.min(b) / a.max(b).max(f32::MIN_POSITIVE);
+    let z = math::lesser(a, b) / math::greater(math::greater(a, b), f32::MIN_POSITIVE);
     let q = z * z;
     let p = ((0.020_835_1 * q - 0.085_133) * q + 0.180_141) * q - 0.330_299_5;
     let octant = (p * q + 0.999_866) * z * (1.0 / math::f32::TAU);

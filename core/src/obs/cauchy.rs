@@ -166,8 +166,13 @@ impl Codes {
         }
         let (head, tail) = count.split_at_mut(SECTORS);
         tail.iter_mut().zip(head).for_each(|(t, h)| *t = *h);
-        let sums = count.windows(WIDE).map(|w| w.iter().sum::<u8>());
-        let (first, most) = sums.enumerate().fold((0, 0), |b, (k, n)| if n > b.1 { (k, n) } else { b });
+        // Of each step to the next sector one leaves and one comes in.
+        let mut sum = count.iter().take(WIDE).sum::<u8>();
+        let (mut first, mut most) = (0, sum);
+        for (k, (leaves, enters)) in count.iter().zip(count.iter().skip(WIDE)).enumerate() {
+            sum = sum.wrapping_add(*enters).wrapping_sub(*leaves);
+            (first, most) = if sum > most { (k + 1, sum) } else { (first, most) };
+        }
         let step = AZIMUTHS / SECTORS;
         ((first * step + WIDE * step / 2) % AZIMUTHS, usize::from(most))
     }

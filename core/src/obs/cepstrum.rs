@@ -23,6 +23,9 @@ const LINE: f32 = 1.2;
 /// Bins with all their neighbours whose means are made together: each sum waits for itself alone.
 const TOGETHER: usize = 8;
 
+/// These bins and all their neighbours.
+const NEAR: usize = 2 * AROUND + TOGETHER;
+
 /// Cuts lines down to the top of what surrounds them: a near vessel's tones, and their comb above all, ripple through every
 /// quefrency and stand still where echoes move.
 pub fn without_lines(log_pressure: &mut [f32; HOP + 1], work: &mut [f32; FRAME]) {
@@ -30,26 +33,57 @@ pub fn without_lines(log_pressure: &mut [f32; HOP + 1], work: &mut [f32; FRAME])
     let old = work.get(..=HOP).unwrap_or_default();
     let inner = log_pressure.get_mut(AROUND..=HOP - AROUND).unwrap_or_default();
     let (blocks, _) = inner.as_chunks_mut::<TOGETHER>();
-    let done = AROUND..AROUND + blocks.len() * TOGETHER;
+    let done = AROUND + blocks.len() * TOGETHER;
     for (n, block) in blocks.iter_mut().enumerate() {
         let near = old.get(n * TOGETHER..).unwrap_or_default();
         let most = means(near, &[f32::INFINITY; TOGETHER]).map(|mean| mean + LINE);
         let most = means(near, &most).map(|mean| mean + LINE);
         block.iter_mut().zip(most).for_each(|(l, most)| *l = l.min(most));
     }
-    for (k, l) in log_pressure.iter_mut().enumerate().filter(|(k, _)| !done.contains(k)) {
-        let near = old.get(k.saturating_sub(AROUND)..(k + AROUND + 1).min(old.len())).unwrap_or_default();
-        let mean = |most: f32| near.iter().map(|x| x.min(most)).sum::<f32>() / near.len() as f32;
-        *l = l.min(mean(mean(f32::INFINITY) + LINE) + LINE);
+    let (from, to) = log_pressure.split_at_mut(done);
+    let ends = [(0, from.get_mut(..AROUND).unwrap_or_default()), (done, to)];
+    for (first, bins) in ends {
+        for (n, block) in bins.chunks_mut(TOGETHER).enumerate() {
+            let first = first + n * TOGETHER;
+            let most = means_at_end(old, first, &[f32::INFINITY; TOGETHER]).map(|mean| mean + LINE);
+            let most = means_at_end(old, first, &most).map(|mean| mean + LINE);
+            block.iter_mut().zip(most).for_each(|(l, most)| *l = l.min(most));
+        }
     }
+}
+
+/// The same about bins from number `first` on that have fewer on one side. Each has its own first and last; what all have is added
+/// together.
+fn means_at_end(old: &[f32], first: usize, most: &[f32; TOGETHER]) -> [f32; TOGETHER] {
+    let near: [(usize, usize); TOGETHER] = core::array::from_fn(|n| {
+        let k = (first + n).min(HOP);
+        (k.saturating_sub(AROUND), (k + AROUND + 1).min(old.len()))
+    });
+    let from = near.iter().fold(0, |most, (from, _)| most.max(*from));
+    let to = near.iter().fold(old.len(), |least, (_, to)| least.min(*to));
+    let some = |at: core::ops::Range<usize>| old.get(at).unwrap_or_default();
+    let mut sums = [0f32; TOGETHER];
+    let own = |sum: &mut f32, most: &f32, x: &[f32]| x.iter().for_each(|x| *sum += math::lesser(*x, *most));
+    for ((sum, most), (first, _)) in sums.iter_mut().zip(most).zip(&near) {
+        own(sum, most, some(*first..from));
+    }
+    for x in some(from..to) {
+        sums.iter_mut().zip(most).for_each(|(sum, most)| *sum += math::lesser(*x, *most));
+    }
+    for ((sum, most), (_, end)) in sums.iter_mut().zip(most).zip(&near) {
+        own(sum, most, some(to..*end));
+    }
+    sums.iter_mut().zip(&near).for_each(|(sum, (first, end))| *sum /= (end - first) as f32);
+    sums
 }
 
 /// Means about bins that follow each other, over the bins on either side, no number counted for more than `most`. `near` begins with the
 /// first of the first bin's.
 fn means(near: &[f32], most: &[f32; TOGETHER]) -> [f32; TOGETHER] {
     let mut sums = [0f32; TOGETHER];
-    for x in near.windows(TOGETHER).take(2 * AROUND + 1).filter_map(|x| x.first_chunk::<TOGETHER>()) {
-        sums.iter_mut().zip(x).zip(most).for_each(|((sum, x), most)| *sum += x.min(*most));
+    let near = near.first_chunk::<NEAR>().unwrap_or(&[0.0; NEAR]);
+    for x in near.windows(TOGETHER).filter_map(|x| x.first_chunk::<TOGETHER>()) {
+        sums.iter_mut().zip(x).zip(most).for_each(|((sum, x), most)| *sum += math::lesser(*x, *most));
     }
     sums.map(|sum| sum / (2 * AROUND + 1) as f32)
 }

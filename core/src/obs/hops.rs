@@ -189,12 +189,11 @@ impl Hops {
         }
         self.levels.extend(frames.iter().copied());
         self.filtered.push(&plan.moments, frames);
+        let filled = self.fill;
         for [p, n, e, _] in frames {
             let Some((x, spike)) = self.mender.push([p, n, e].map(|code| *code as f32)) else { continue };
             self.spikes += u64::from(spike);
             let Some(x) = plan.decimator.push(&mut self.decimator, x) else { continue };
-            let [pressure, ..] = x;
-            self.unevenness.push(&plan.calls, pressure);
             if self.fill == 0 {
                 // The hop before becomes the older one; the one before that is done with.
                 self.old.retire(&mut intake.accounting);
@@ -207,6 +206,8 @@ impl Hops {
             }
             self.fill += 1;
         }
+        let [pressure, ..] = &self.new.samples;
+        self.unevenness.extend(&plan.calls, pressure.get(filled..self.fill).unwrap_or_default());
         if self.fill < HOP {
             return (frames.len(), false);
         }

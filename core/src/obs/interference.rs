@@ -176,9 +176,10 @@ impl<'t> Interference<'t> {
         let centres = out.weighted.windows(KERNEL).skip(first.saturating_sub(HALF)).take(count);
         for (span, z) in centres.zip(out.z.as_chunks_mut::<FINE>().0.iter_mut().skip(first)) {
             let (mut re, mut im) = ([0f32; FINE], [0f32; FINE]);
+            let span = span.first_chunk::<KERNEL>().unwrap_or(&[[0.0; 2]; KERNEL]);
             for ([wre, wim], kernel) in span.iter().zip(&kernel) {
-                re.iter_mut().zip(kernel).for_each(|(x, k)| *x += wre * k);
-                im.iter_mut().zip(kernel).for_each(|(x, k)| *x += wim * k);
+                re = core::array::from_fn(|k| re[k] + wre * kernel[k]);
+                im = core::array::from_fn(|k| im[k] + wim * kernel[k]);
             }
             z.iter_mut().zip(re.iter().zip(&im)).for_each(|(z, (re, im))| *z = [*re, *im]);
         }
@@ -189,8 +190,8 @@ impl<'t> Interference<'t> {
         out.fill(0.0);
         let Some(table) = &self.table else { return };
         for b in 0..table.branches() {
-            // Where there is no pulse, `re` and `im` are 0.
-            out.iter_mut().zip(table.pulses(b)).for_each(|(g, p)| *g += along(envelope, p));
+            let drawn = out.iter_mut().zip(table.pulses(b)).filter(|(_, p)| p.delay > 0);
+            drawn.for_each(|(g, p)| *g += along(envelope, p));
         }
         out.iter_mut().zip(table.half_energy).for_each(|(g, e)| *g -= f32::from_le_bytes(*e));
     }

@@ -10,6 +10,7 @@
 
 use super::limits::{HOP, USED_CHANNELS};
 use crate::block::{CHANNELS, Frame};
+use crate::math;
 
 /// Most samples of a spike: what takes longer is as slow as sound.
 const LONGEST: usize = 3;
@@ -87,7 +88,7 @@ fn squares(a: &Instant, b: &Instant, c: &Instant) -> Instant {
 
 /// The sum of squared distances of all components, each in its mean square.
 fn total(distances: &Instant, mean_square: &Instant) -> f32 {
-    distances.iter().zip(mean_square).map(|(d, m)| d / m.max(STILL)).sum()
+    distances.iter().zip(mean_square).map(|(d, m)| d / math::greater(*m, STILL)).sum()
 }
 
 /// What is at that part of the way from one instant to another.
@@ -154,12 +155,14 @@ impl Mender {
         let known = f32::from(self.known);
         // A product where it is the same: each mean waits for the one before.
         let part = |x: f32| if self.known == MEMORY { x * (1.0 / f32::from(MEMORY)) } else { x / known };
-        self.recent = (RECENT * self.recent).max(core::mem::replace(&mut self.newest, all));
         // A component that stands still has no codes, or none of its own.
-        for (m, d) in self.mean_square.iter_mut().zip(distances).filter(|(_, d)| *d > 0.0) {
-            let d = if warm { d.min(MOST * m.max(STILL)) } else { d };
-            *m += part(d - *m);
-        }
+        let moved = |m: f32, d: f32| {
+            let limited = if warm { math::lesser(d, MOST * math::greater(m, STILL)) } else { d };
+            if d > 0.0 { m + part(limited - m) } else { m }
+        };
+        self.recent = math::greater(RECENT * self.recent, core::mem::replace(&mut self.newest, all));
+        let ([a, b, c], [x, y, z]) = (self.mean_square, distances);
+        self.mean_square = [moved(a, x), moved(b, y), moved(c, z)];
         Some((middle, false))
     }
 
@@ -294,7 +297,6 @@ impl Rails {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math;
     use std::vec::Vec;
 
     fn gaussian(seed: &mut u32) -> f32 {

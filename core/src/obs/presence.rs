@@ -197,13 +197,14 @@ fn at_share(log_ratio: f32, energy: f32, (least, most): Share) -> f32 {
     if least >= most {
         return known;
     }
-    let share = if along > 2.0 * least * energy { (along / (2.0 * energy)).min(most) } else { least };
-    known.max(share * (along - share * energy) - UNKNOWN)
+    let free = math::lesser(along / (2.0 * energy), most);
+    let share = if along > 2.0 * least * energy { free } else { least };
+    math::greater(share * (along - share * energy) - UNKNOWN, known)
 }
 
 /// Range at the middle of a cell: it holds model ranges 2i and 2i + 1.
 pub(super) fn range_of(i: usize) -> f32 {
-    CELL_M * (i as f32 + 0.25)
+    CELL_M * (f32::from(i as u16) + 0.25)
 }
 
 /// Column `k` after a minute at its speed.
@@ -221,16 +222,20 @@ fn shifted(density: &Density, k: usize, out: &mut [f32; RANGE_CELLS]) {
     let n = whole as isize;
     let ((here, near), (next, far)) = (from(n), from(n + 1));
     let moved = |w: f32, d: &u16| w * unpack(*d);
+    let mut both = |at: usize, near: &[u16], far: &[u16]| {
+        let out = out.get_mut(at..).unwrap_or_default().iter_mut();
+        out.zip(near.iter().zip(far)).for_each(|(o, (a, b))| *o = moved(1.0 - part, a) + moved(part, b));
+    };
     if here == next {
         // Both reach to the first cell; what comes from farther ends a cell earlier.
-        let both = near.iter().zip(far).map(|(a, b)| moved(1.0 - part, a) + moved(part, b));
+        both(0, near, far);
         let last = far.iter().skip(near.len()).map(|b| moved(part, b));
-        out.iter_mut().zip(both.chain(last)).for_each(|(o, x)| *o = x);
+        out.iter_mut().skip(near.len()).zip(last).for_each(|(o, x)| *o = x);
     } else {
-        let out = out.iter_mut().skip(here);
-        let first = near.iter().take(1).map(|a| moved(1.0 - part, a));
-        let both = near.iter().skip(1).zip(far).map(|(a, b)| moved(1.0 - part, a) + moved(part, b));
-        out.zip(first.chain(both)).for_each(|(o, x)| *o = x);
+        both(next, near.get(1..).unwrap_or_default(), far);
+        if let (Some(o), Some(a)) = (out.get_mut(here), near.first()) {
+            *o = moved(1.0 - part, a);
+        }
     }
 }
 
@@ -291,8 +296,10 @@ impl Presence {
         let (scale, cells) = (self.prior_scale, self.cells);
         for (density, likely) in self.density.iter_mut().zip(LIKELY) {
             // Three shifted columns at a time: below, here, above.
-            let [below, here, above] = &mut *work;
+            let [below, here, above, fresh] = &mut *work;
             *below = [0.0; RANGE_CELLS];
+            let anew = |i: usize| born * likely * range_of(i) * scale;
+            fresh.iter_mut().enumerate().for_each(|(i, fresh)| *fresh = anew(i));
             shifted(density, 0, here);
             for k in 0..SPEEDS {
                 shifted(density, k + 1, above);
@@ -300,10 +307,10 @@ impl Presence {
                 let ends = if k == 0 || k + 1 == SPEEDS { SPEED_SPREAD } else { 0.0 };
                 let stay = 1.0 - 2.0 * SPEED_SPREAD + ends;
                 if let Some(column) = density.get_mut(k) {
-                    let moved = below.iter().zip(here.iter()).zip(above.iter());
-                    for (i, (d, ((b, h), a))) in column.iter_mut().zip(moved).enumerate().take(cells) {
+                    let moved = below.iter().zip(here.iter()).zip(above.iter()).zip(fresh.iter());
+                    for (d, (((b, h), a), fresh)) in column.iter_mut().zip(moved).take(cells) {
                         let x = stay * h + SPEED_SPREAD * (b + a);
-                        *d = pack((1.0 - born) * x + born * likely * range_of(i) * scale);
+                        *d = pack((1.0 - born) * x + fresh);
                     }
                 }
                 core::mem::swap(below, here);
@@ -368,23 +375,23 @@ impl Presence {
                     let blocks = column.chunks_mut(BLOCK).zip(row.chunks(BLOCK)).zip(energy.chunks(BLOCK));
                     for ((column, row), energy) in blocks {
                         // Apart from the sums, whose terms wait for each other.
-                        let mut now = [0f32; BLOCK];
-                        let held = column.iter().map(|d| unpack(*d));
-                        for (now, (held, (g, energy))) in now.iter_mut().zip(held.zip(row.iter().zip(energy)))
+                        let (mut held, mut now) = ([0f32; BLOCK], [0f32; BLOCK]);
+                        held.iter_mut().zip(column.iter()).for_each(|(held, d)| *held = unpack(*d));
+                        for (now, (held, (g, energy))) in
+                            now.iter_mut().zip(held.iter().zip(row.iter().zip(energy)))
                         {
                             let x = at_share(f32::from(*g) * GRID_UNIT, *energy, share) - top;
-                            let likely = x > -60.0;
-                            let exp = math::exp_of_negative(if likely { x } else { -60.0 });
-                            let hit = if likely { DETECTION * exp } else { 0.0 };
+                            let exp = math::exp_of_negative(math::greater(x, -60.0));
+                            let hit = if x > -60.0 { DETECTION * exp } else { 0.0 };
                             *now = held * (miss + hit);
                         }
-                        for (d, now) in column.iter().zip(now) {
-                            own.before += unpack(*d);
+                        for (held, now) in held.iter().zip(&now).take(column.len()) {
+                            own.before += held;
                             own.after += now;
                             own.total += now;
                             leaning += now;
                         }
-                        column.iter_mut().zip(now).for_each(|(d, now)| *d = pack(now));
+                        column.iter_mut().zip(&now).for_each(|(d, now)| *d = pack(*now));
                     }
                 } else {
                     for held in column.iter().map(|d| unpack(*d)) {

@@ -34,7 +34,7 @@ fn grid(vessels: &[(f32, f32, f32)]) -> Box<Grid> {
 /// A strong vessel that leaves and a weak one that approaches, for 30 minutes; the strong one tracked after 10, or never.
 fn run(tracked: bool) -> RangePresence {
     let (model, mut presence) = (Interference::EMPTY, Box::new(Presence::new()));
-    let mut work = Box::new([[0.0; RANGE_CELLS]; 3]);
+    let mut work = Box::new([[0.0; RANGE_CELLS]; 4]);
     presence.start(MOST_M);
     let mut last = presence.blind();
     for minute in 0..30 {
@@ -124,7 +124,7 @@ fn shown(model: &Interference<'_>, range_m: f32, height: f32) -> Box<Grid> {
 fn noise_says_nothing_and_hides_no_vessel_that_comes_after_it() {
     let bytes = weak_near();
     let model = Interference::new(&Table::parse(&bytes).unwrap());
-    let mut work = Box::new([[0.0; RANGE_CELLS]; 3]);
+    let mut work = Box::new([[0.0; RANGE_CELLS]; 4]);
     let mut believed = 0.0;
     for seed in 1..=6 {
         let mut presence = Box::new(Presence::new());
@@ -151,7 +151,7 @@ fn noise_says_nothing_and_hides_no_vessel_that_comes_after_it() {
 fn no_range_is_reported_where_the_model_shows_nothing() {
     let bytes = weak_near();
     let model = Interference::new(&Table::parse(&bytes).unwrap());
-    let mut work = Box::new([[0.0; RANGE_CELLS]; 3]);
+    let mut work = Box::new([[0.0; RANGE_CELLS]; 4]);
     let mut ranges = |range_m: f32| {
         let mut presence = Box::new(Presence::new());
         presence.start(MOST_M);
@@ -169,7 +169,7 @@ fn no_range_is_reported_where_the_model_shows_nothing() {
 fn at_share(share: f32) -> RangePresence {
     let bytes = weak_near();
     let model = Interference::new(&Table::parse(&bytes).unwrap());
-    let mut work = Box::new([[0.0; RANGE_CELLS]; 3]);
+    let mut work = Box::new([[0.0; RANGE_CELLS]; 4]);
     let mut presence = Box::new(Presence::new());
     presence.start(MOST_M);
     let mut last = presence.blind();

@@ -19,6 +19,9 @@ pub(super) const ROW_UNIT: f32 = 1.0 / 256.0;
 /// Ranges read at a time.
 const BLOCK: usize = 64;
 
+/// These and the neighbours that the cubic needs.
+const NEAR: usize = BLOCK + 3;
+
 /// Steps of the grid: 1/32, so that ±1024 fits 16 bits.
 pub const GRID_UNIT: f32 = 1.0 / 32.0;
 
@@ -109,8 +112,8 @@ impl RadialScratch {
             for (row, t) in self.rows.iter().zip(&self.window_offset_s).take(self.frames) {
                 add_shifted(row, speed_of(k) * t / RANGE_STEP_M, &mut self.sum);
             }
-            for (cell, pair) in cells.iter_mut().zip(self.sum.chunks_exact(2)) {
-                *cell = coded(pair.iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b)) - 0.4);
+            for (cell, [a, b]) in cells.iter_mut().zip(self.sum.as_chunks::<2>().0) {
+                *cell = coded(math::greater(*a, *b) - 0.4);
             }
         }
     }
@@ -167,16 +170,27 @@ pub(super) fn add_shifted(row: &[i16], shift: f32, sum: &mut [f32; MODEL_RANGES]
     let row = row.get(from..).unwrap_or_default();
     let sum = sum.get_mut(skip..).unwrap_or_default();
     // In blocks, so that each stored value becomes a float once and not four times.
-    let mut near = [0f32; BLOCK + 3];
-    for (n, (sum, _)) in sum.chunks_mut(BLOCK).zip(row.chunks(BLOCK)).enumerate() {
+    for (n, sum) in sum.chunks_mut(BLOCK).enumerate() {
         let stored = row.get(n * BLOCK..).unwrap_or_default();
-        near.iter_mut().zip(stored).for_each(|(x, r)| *x = f32::from(*r));
-        let ranges = stored.len().min(BLOCK + 3).saturating_sub(3);
-        let part = |k: usize| near.get(k..k + ranges).unwrap_or_default();
-        let reads = part(0).iter().zip(part(1)).zip(part(2)).zip(part(3));
-        for (sum, (((a, b), c), d)) in sum.iter_mut().zip(reads) {
-            *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
+        match (sum.first_chunk_mut::<BLOCK>(), stored.first_chunk::<NEAR>()) {
+            (Some(sum), Some(stored)) => add_read(&stored.map(f32::from), &w, sum),
+            _ => {
+                let mut near = [0f32; NEAR];
+                near.iter_mut().zip(stored).for_each(|(x, r)| *x = f32::from(*r));
+                let ranges = stored.len().saturating_sub(3).min(sum.len());
+                add_read(&near, &w, sum.get_mut(..ranges).unwrap_or_default());
+            }
         }
+    }
+}
+
+/// Adds to the sums what a cubic of these weights reads about each; whole blocks are known to be that.
+#[inline(always)]
+fn add_read(near: &[f32; NEAR], w: &[f32; 4], sum: &mut [f32]) {
+    let part = |k: usize| near.get(k..k + BLOCK).unwrap_or_default();
+    let reads = part(0).iter().zip(part(1)).zip(part(2)).zip(part(3));
+    for (sum, (((a, b), c), d)) in sum.iter_mut().zip(reads) {
+        *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
     }
 }
 

@@ -13,8 +13,8 @@ const WORDS: usize = SPEEDS * RANGE_CELLS / 2;
 /// Log-likelihood ratio on the grid of radial speeds and ranges, in steps of `radial::GRID_UNIT`.
 pub type Grid = [[i16; RANGE_CELLS]; SPEEDS];
 
-/// Three columns of the range posterior.
-pub type Columns = [[f32; RANGE_CELLS]; 3];
+/// Columns of the range posterior: three that are moved, and what is added to each.
+pub type Columns = [[f32; RANGE_CELLS]; 4];
 
 /// A frame's transforms.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -69,7 +69,7 @@ pub struct Envelope {
 #[repr(C)]
 struct Prediction {
     columns: Columns,
-    rest: [u32; WORDS - 3 * RANGE_CELLS],
+    rest: [u32; WORDS - 4 * RANGE_CELLS],
 }
 
 /// The shared memory. Taking a shape ends the life of the one before.
