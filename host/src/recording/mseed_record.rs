@@ -79,16 +79,45 @@ pub(super) fn header(data: &[u8]) -> Result<Header> {
 /// # Errors
 /// Not a record, cut, or damaged.
 pub(super) fn samples(data: &[u8]) -> Result<Vec<i32>> {
-    let record = decode(&checked(data)?.0).map_err(|e| anyhow!("{e}"))?;
+    let (raw, _) = checked(data)?;
+    if let Some(x) = plain(&raw) {
+        return Ok(x);
+    }
+    let record = decode(&raw).map_err(|e| anyhow!("{e}"))?;
     Ok(match record.samples {
         Samples::Int(mut x) => {
-            // The one code that stands for "missing" cannot be a sample.
-            x.iter_mut().for_each(|x| *x = (*x).max(-i32::MAX));
+            x.iter_mut().for_each(|x| *x = sample(*x));
             x
         }
         Samples::Float(x) => x.iter().map(|x| code_of(f64::from(*x))).collect(),
         Samples::Double(x) => x.iter().map(|x| code_of(*x)).collect(),
     })
+}
+
+/// The one code that stands for "missing" cannot be a sample.
+fn sample(x: i32) -> i32 {
+    x.max(-i32::MAX)
+}
+
+/// Number of the encoding of plain 32-bit numbers, and of the blockette that tells it.
+const PLAIN: u8 = 3;
+const ENCODING: usize = 1000;
+
+/// The samples of a record of version 2 that are plain 32-bit numbers, by a quicker way than all encodings; `None` of any other.
+fn plain(raw: &[u8]) -> Option<Vec<i32>> {
+    let word = |at: usize| Some(usize::from(u16::from_be_bytes([*raw.get(at)?, *raw.get(at + 1)?])));
+    if raw.starts_with(b"MS\x03")
+        || word(46)? != HEADER
+        || word(HEADER)? != ENCODING
+        || *raw.get(HEADER + 4)? != PLAIN
+    {
+        return None;
+    }
+    let (count, first) = (word(30)?, word(44)?);
+    let (numbers, _) = raw.get(first..first + 4 * count)?.as_chunks::<4>();
+    let big = *raw.get(HEADER + 5)? == 1;
+    let code = |x: &[u8; 4]| sample(if big { i32::from_be_bytes(*x) } else { i32::from_le_bytes(*x) });
+    Some(numbers.iter().map(code).collect())
 }
 
 /// A number of counts as a code; [`MISSING`] where it is none.
