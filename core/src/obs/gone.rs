@@ -17,8 +17,8 @@ const TOWARDS: f64 = 0.12;
 /// By how much of its range it may be farther or nearer than expected.
 const WITHIN: f64 = 0.1;
 
-/// How many times nearer than it is a vessel is read, and the range from which on: itself anywhere, another pair of paths' where the
-/// model ends (35 as 13, 57 as 35), m.
+/// How many times nearer than it is a vessel is read, and the range that it has reached by then: itself anywhere, another pair of paths' where the
+/// model ends (35 as 13, 57 as 35), m. What is read there makes a course that goes back along the directions heard on the way.
 const READ: [(f64, f64); 3] = [(1.0, 0.0), (2.0, 47_000.0), (1.5, 47_000.0)];
 
 /// How many are kept.
@@ -46,15 +46,19 @@ impl Gone {
 
     /// Whether a course seen at both times, s, is one of these vessels'.
     pub(super) fn is_again(&self, found: &Course, travel: &TravelTime, times_s: [f64; 2]) -> bool {
-        let same = |known: &Course, t_s: f64| {
+        let same = |known: &Course, t_s: f64, farthest_m: f64| {
             let (known, found) = (known.seen(travel, t_s), found.seen(travel, t_s));
             let read = |(nearer, from_m): &(f64, f64)| {
-                known.range_m >= *from_m
+                farthest_m >= *from_m
                     && math::f64::abs(nearer * found.range_m - known.range_m) < WITHIN * known.range_m
             };
             math::f64::abs(wrap_pi(found.azimuth() - known.azimuth())) < TOWARDS && READ.iter().any(read)
         };
-        self.courses.iter().flatten().any(|known| times_s.iter().all(|t_s| same(known, *t_s)))
+        self.courses.iter().flatten().any(|known| {
+            let farthest_m =
+                times_s.map(|t_s| known.seen(travel, t_s).range_m).into_iter().fold(0.0, f64::max);
+            times_s.iter().all(|t_s| same(known, *t_s, farthest_m))
+        })
     }
 }
 
@@ -78,6 +82,8 @@ mod tests {
         assert!(gone.is_again(&course(1.03, 0.02), &travel, near));
         assert!(!gone.is_again(&course(0.5, 0.0), &travel, near));
         assert!(gone.is_again(&course(0.5, 0.0), &travel, far));
+        // There at the end, and read so since it was nearer.
+        assert!(gone.is_again(&course(0.5, 0.0), &travel, [4_000.0, 13_000.0]));
         assert!(gone.is_again(&course(0.66, 0.0), &travel, far));
         assert!(!gone.is_again(&course(0.8, 0.0), &travel, far));
         assert!(!gone.is_again(&course(1.0, 0.4), &travel, near));
