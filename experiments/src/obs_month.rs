@@ -4,7 +4,7 @@
 
 use super::figure::Bar;
 use super::obs_table1::{RR03_DEG, passes};
-use super::obs_week::{DAY_S, Numbers, Stated, minutes, tracks, whose};
+use super::obs_week::{DAY_S, Numbers, Stated, minutes, told, tracks, whose};
 use super::obs_world::{Case, print, quiet, station_table};
 use super::{Experiment, Options};
 use crate::csv::CsvText;
@@ -31,7 +31,7 @@ const MARGIN_DAYS: f64 = 0.25;
 struct Piece {
     ships: usize,
     found: usize,
-    ghosts: usize,
+    ghosts: Vec<Track>,
     numbers: Vec<(Track, TrackMiss)>,
     azimuth: Stated,
     range: Stated,
@@ -68,7 +68,7 @@ fn run(options: &Options) -> Result<()> {
             let mut out = Piece {
                 azimuth: Stated::sum(&azimuth),
                 range: Stated::sum(&range),
-                ghosts: finals.iter().filter(|t| whose(t, &case.vessels).is_none()).count(),
+                ghosts: finals.iter().filter(|t| whose(t, &case.vessels).is_none()).copied().collect(),
                 ..Piece::default()
             };
             for (i, vessel) in case.vessels.iter().enumerate().filter(|(i, _)| counted[*i]) {
@@ -89,7 +89,7 @@ fn run(options: &Options) -> Result<()> {
             &(n + 1),
             &piece.ships,
             &piece.found,
-            &piece.ghosts,
+            &piece.ghosts.len(),
             &range.said,
             &range.wrong,
             &azimuth.said,
@@ -97,11 +97,14 @@ fn run(options: &Options) -> Result<()> {
         ]);
     }
     print(options, "obs-month", csv)?;
+    // Their hours are of their piece, in order.
+    let ghosts: Vec<&Track> = heard.iter().flat_map(|p| &p.ghosts).collect();
+    print(options, "obs-month-ghosts", told(&ghosts))?;
     let sum = |of: fn(&Piece) -> usize| heard.iter().map(of).sum::<usize>() as f64;
     let figures = &options.figures;
     figures.state("vessels", sum(|p| p.ships));
     figures.at_least("vessels found, share", sum(|p| p.found) / sum(|p| p.ships), 1.0);
-    figures.at_most("final tracks of nobody", sum(|p| p.ghosts), 0.0);
+    figures.at_most("final tracks of nobody", sum(|p| p.ghosts.len()), 0.0);
     let all = |of: fn(&Piece) -> Stated| Stated::sum(&heard.iter().map(of).collect::<Vec<_>>());
     for (name, s) in [("azimuth", all(|p| p.azimuth)), ("range", all(|p| p.range))] {
         let name = format!("truth in the stated 95 %: {name}");

@@ -310,7 +310,7 @@ pub(super) fn whose(t: &Track, vessels: &[MovingVessel]) -> Option<usize> {
 }
 
 /// Final tracks as they were sent.
-fn told(finals: &[&Track]) -> CsvText {
+pub(super) fn told(finals: &[&Track]) -> CsvText {
     let mut csv = CsvText::new(
         "ghost_cpa_hour,cpa_range_m,heading_deg,speed_m_s,sd_time_s,sd_range_m,sd_heading_deg,sd_speed_m_s,n",
     );
