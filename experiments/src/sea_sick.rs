@@ -2,9 +2,10 @@
 //! meanwhile and afterwards right or withheld?
 //!
 //! A vessel passes 500 m away at 10 and 0 dB in ambient noise of its own spectrum, 64 kHz, array without any symmetry, so that
-//! exchanged channels contradict each other. The channel is sick from the second second on, alone or with another. Near: inverted, exchanged or two samples late while a vessel passes 200 m from an array 60 m deep, where it is heard apart from its image in the
-//! surface, in the demo's noise; and the same with nothing wrong, of which nothing is to be said. A bearing is wrong where it is
-//! off by more than four of its standard deviations and 0.1°; one that states more than 5° counts as withheld.
+//! exchanged channels contradict each other. The channel is sick from the second second on, alone or with another. Near: inverted,
+//! exchanged, one or two samples late while a vessel passes 200 m from an array 60 m deep, where it is heard apart from its image in the
+//! surface, in the demo's noise; and the same with nothing wrong, of which nothing is to be said. A bearing is wrong where it is off by more
+//! than four of its standard deviations and 0.1°; one that states more than 5° counts as withheld.
 
 use super::report::CsvReport;
 use super::sea::{Said, arrival, ferry, hear, miss, scenario, side, station};
@@ -84,9 +85,10 @@ const TWO: [(Sickness, Sickness, &str); 5] = [
 ];
 
 /// What is wrong near a vessel.
-const NEAR: [(Sickness, &str); 4] = [
+const NEAR: [(Sickness, &str); 5] = [
     (Sickness::Inverted, "near, inverted"),
     (Sickness::Exchanged, "near, exchanged with another"),
+    (Sickness::Late, "near, a sample late"),
     (Sickness::LateBy(2), "near, two samples late"),
     (Sickness::Well, "near, nothing"),
 ];
