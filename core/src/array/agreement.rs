@@ -36,6 +36,8 @@ const AGREEING: u16 = 8;
 /// A pair's peak farther than this from where the direction wants it is another one, samples, beyond what positions told uncertain
 /// may make of it, and how far from half-way vessel and image are ([`split`]).
 const ELSEWHERE_SAMPLES: f32 = 0.8;
+/// Uncertainty of a pair's delay beside that, samples: pairs that lie level tell more than those that may go from the one to the other.
+const JOINED: f32 = 0.3;
 /// A single step of `refine` goes no farther than half a sample: beyond this the peak itself tells a pair's delay, samples.
 const BESIDE_SAMPLES: f32 = 0.45;
 /// Segments over which the strain is averaged, and at least.
@@ -138,6 +140,7 @@ impl Agreement {
         let strong = 8.0 * context.deviation(context.bins());
         let elsewhere = ELSEWHERE_SAMPLES + TOLD_SD * plan.position_sd_s * plan.rate_hz;
         let split = split(context, &found.refined.direction);
+        let weight = split.map(|apart| 1.0 / (JOINED * JOINED + apart * apart));
         let mut delays = found.refined.pair_delay;
         let mut contradicting = 0;
         for (p, ((tau, own), delay)) in found.tau.iter().zip(peaks).zip(&mut delays).enumerate() {
@@ -163,8 +166,11 @@ impl Agreement {
         // Peaks of several sources are of no arrival times at all.
         let apart = split.iter().fold(elsewhere, |most, apart| most.max(elsewhere + apart));
         let clear = clear && report::closure(&delays) * plan.rate_hz < apart;
-        let (verdict, changed) =
-            if clear { self.change.take(context, found, other, &delays) } else { (Verdict::Tell, false) };
+        let (verdict, changed) = if clear {
+            self.change.take(context, found, (other, others.any()), &delays, &weight)
+        } else {
+            (Verdict::Tell, false)
+        };
         let doubtful = contradicted || strain.is_some();
         let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();
         if changed || lasts {
@@ -195,7 +201,7 @@ impl Agreement {
         let plan = context.plan;
         let mut off = *delays;
         off.iter_mut().zip(&found.tau).for_each(|(off, tau)| *off -= tau);
-        let strain = times(&off);
+        let strain = times(&off, &[1.0; PAIR_COUNT]);
         let norm = |x: &[f32; CHANNELS]| x.iter().map(|x| x * x).sum::<f32>();
         // What comes once is no change; what comes twice is, and what was before says nothing of it. A segment in which a
         // channel changes is strained by any amount: it would hide what follows.

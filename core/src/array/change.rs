@@ -23,7 +23,8 @@
 use super::agreement::{DEEPEST, half_apart};
 use super::estimate::{Context, Found};
 use super::jump::{
-    ELSEWHERE, EXCHANGED, Jump, LATE, NOTHING, What, difference, duals, length, times, unit, vector,
+    ELSEWHERE, EXCHANGED, JUMPED, JUMPED_SAMPLES, Jump, LATE, NOTHING, What, difference, duals, length,
+    times, unit, vector,
 };
 use super::plan::Plan;
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -42,7 +43,7 @@ const LONGEST_JUMP_S: f32 = 6.0;
 const SURE: u8 = 3;
 const STRAY: u8 = 2;
 /// Standard deviation of what a course bends by until the newest segment, in units of the square of the angle turned: a vector that turns
-/// evenly leaves a line through its past by a sixth of it, a vessel's bearing at its fastest change by as much again; six deviations are a jump.
+/// evenly leaves a line through its past by a sixth of it, a vessel's bearing at its fastest change by as much again.
 const BEND: f32 = 0.1;
 /// What multipath does to a delay at any time, samples; and where the surface's image is expected, whose fringes pull each hydrophone's
 /// delay by itself, seconds: how much is the vessel's and the array's, at any rate of samples.
@@ -51,6 +52,9 @@ const FRINGED_S: f32 = 1.9e-6;
 /// Standard deviation of what the vector goes up and down by where pairs hear a vessel and its image in the surface apart: upright pairs go from
 /// one to the other, level ones stay half-way. In units of how far each is from there.
 const HOP: f32 = 0.8;
+/// Share of it that is in the level part of the vector, away from the array, for each unit of the vessel's height: level pairs tell that, and between the two
+/// their delays differ by as much less.
+const AWAY: f32 = 0.4;
 /// Standard deviation of the speed with which a vessel comes nearer or goes away, m/s: with the depth it tells how fast its elevation changes.
 const RISING_M_S: f32 = 5.0;
 /// Standard deviation of what multipath does to a delay where the vector's length is looked at, samples, and natural logarithm of the
@@ -153,22 +157,24 @@ impl Change {
         if before.noise[0] > 0.0 { before } else { last }
     }
 
-    /// Takes a segment's delays, which may be those of an `other` source than the last one's; what to do with its direction, and whether a
-    /// change has just become sure.
+    /// Takes a segment's delays and how much each counts, and whether they are those of an `other` source than the last one's and of one
+    /// `among_others`; what to do with its direction, and whether a change has just become sure.
     #[inline(never)]
     pub(super) fn take(
         &mut self,
         context: &Context<'_>,
         found: &Found,
-        other: bool,
+        (other, among_others): (bool, bool),
         delays: &[f32; PAIR_COUNT],
+        weight: &[f32; PAIR_COUNT],
     ) -> (Verdict, bool) {
         let plan = context.plan;
         let duals = duals(plan);
-        let own = vector(plan, &duals, &times(delays));
-        let expected = vector(plan, &duals, &times(&found.tau));
+        let arrived = times(delays, weight);
+        let own = vector(plan, &duals, &arrived);
+        let expected = vector(plan, &duals, &times(&found.tau, weight));
         let expected = length(&expected);
-        self.hear(context, &duals, &own, delays, expected);
+        self.hear(context, &duals, &own, &arrived, expected);
         let before = self.what;
         let lasted = self.past.first().map_or(f32::MAX, |(_, at)| seconds(plan, *at, context.index));
         let longest = if self.seems == NOTHING { LONGEST_S } else { LONGEST_JUMP_S };
@@ -181,9 +187,13 @@ impl Change {
         let seems = match course {
             Some(course) if usual.noise[0] > 0.0 => {
                 let from = unit(&course.place);
-                let e = wavefront::tangents(&from);
+                let across = wavefront::tangents(&from).0;
+                let [c, s, _] = across;
                 let fringed = plan.vessel_over_array_depth > 0.0;
                 let floor = if fringed { FRINGED_S } else { FLOOR_SAMPLES / plan.rate_hz };
+                let late = JUMPED_SAMPLES / (plan.rate_hz * floor);
+                let (least, most) = JUMPED;
+                let jumped = if among_others { most } else { (late * late).clamp(least, most) };
                 let floor = floor * length(&duals[0]) / plan.inv_c;
                 let turn =
                     BEND * wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
@@ -191,20 +201,20 @@ impl Change {
                     let paths = usual.lasting[k].max(floor * floor);
                     usual.noise[k] * (1.0 + course.factor) + paths + turn * turn
                 });
-                let mut variance = [a, b, a.min(b)];
                 let widest = a.max(b);
                 let hop = hop(context, &from);
                 let hops = hop * hop * (1.0 + course.up.0);
-                let upright = [e.0[2], e.1[2], from[2]].map(|z| hops * z * z);
-                variance.iter_mut().zip(upright).for_each(|(variance, hop)| *variance += hop);
-                let exchanged = upright.map(|hop| widest + hop);
+                let away = AWAY * from[2];
+                let exchanged = [widest, widest + hops * away * away, widest + hops];
+                let [_, away, up] = exchanged;
                 let jump = Jump {
                     plan,
                     duals,
                     from: course.place,
                     to: own,
-                    axes: [e.0, e.1, from],
-                    variance,
+                    jumped,
+                    axes: [across, [-s, c, 0.0], [0.0, 0.0, 1.0]],
+                    variance: [a, away, up],
                     exchanged,
                 };
                 jump.what((self.seems != NOTHING).then_some(&course.jump))
@@ -287,7 +297,7 @@ impl Change {
         context: &Context<'_>,
         duals: &[[f32; 3]; CHANNELS],
         own: &[f32; 3],
-        delays: &[f32; PAIR_COUNT],
+        arrived: &[f32; CHANNELS],
         expected: f32,
     ) {
         if self.what == NOTHING || self.seems != NOTHING {
@@ -296,7 +306,7 @@ impl Change {
         let plan = context.plan;
         let radial = length(own) - expected;
         let other = if let Some(pair) = self.what.checked_sub(EXCHANGED) {
-            let mut t = times(delays);
+            let mut t = *arrived;
             if let Some((i, j)) = PAIRS.get(usize::from(pair)) {
                 t.swap(*i, *j);
             }

@@ -9,11 +9,16 @@ use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
 use crate::math::f32 as m;
 
-/// Squared deviations beyond which the vector has jumped, within which it is back, and within which it is where a change puts
-/// it; of three dimensions, and of two.
-const JUMPED: f32 = 36.0;
+/// Least and most of the squared deviations, of three dimensions, beyond which the vector has jumped: between the two, what so large a part of a
+/// sample is in units of the least a delay errs by, so that one late at the highest rates is seen from most sides. The most also where other
+/// sources are heard, which come and go and pull each pair by itself. Passes of one vessel have up to 8.
+pub(super) const JUMPED: (f32, f32) = (14.0, 36.0);
+pub(super) const JUMPED_SAMPLES: f32 = 0.45;
+/// Within which it is back, and within which it is where a change puts it.
 const BACK: f32 = 12.0;
 const THERE: f32 = 14.0;
+/// How often arrival times are fitted to the pairs': each time leaves a quarter of what was missing.
+const ROUNDS: usize = 4;
 /// Delays looked for, samples.
 const DELAYS: (f32, f32) = (0.4, 8.0);
 
@@ -30,6 +35,8 @@ pub(super) struct Jump<'a> {
     pub(super) duals: [[f32; 3]; CHANNELS],
     pub(super) from: [f32; 3],
     pub(super) to: [f32; 3],
+    /// Squared deviations beyond which it has jumped.
+    pub(super) jumped: f32,
     /// Axes, and the variance along each.
     pub(super) axes: [[f32; 3]; 3],
     pub(super) variance: [f32; 3],
@@ -62,7 +69,7 @@ impl Jump<'_> {
                 let left = difference(&by, before);
                 jumped < BACK && jumped <= self.inner(&left, &left, &self.variance)
             }
-            None => jumped < JUMPED,
+            None => jumped < self.jumped,
         };
         if there {
             return (NOTHING, 0.0);
@@ -115,23 +122,31 @@ pub(super) fn length(v: &[f32; 3]) -> f32 {
     m::sqrt(wavefront::dot(v, v))
 }
 
-/// Arrival times about their mean that fit the pairs' delays best.
+/// Arrival times (seconds) about their mean that fit the pairs' delays best, where each pair counts by its weight: each hydrophone's in turn from
+/// the others' (Gauss and Seidel), from those that delays of one wavefront have.
 #[inline(never)]
-pub(super) fn times(delays: &[f32; PAIR_COUNT]) -> [f32; CHANNELS] {
-    let mut out = [0.0f32; CHANNELS];
-    for (delay, (i, j)) in delays.iter().zip(PAIRS) {
-        let part = delay / CHANNELS as f32;
-        for (h, t) in out.iter_mut().enumerate() {
-            *t += if h == j {
-                part
+pub(super) fn times(delays: &[f32; PAIR_COUNT], weight: &[f32; PAIR_COUNT]) -> [f32; CHANNELS] {
+    let [first, second, third, ..] = *delays;
+    let mut out = [0.0, first, second, third];
+    for h in (0..CHANNELS).cycle().take(ROUNDS * CHANNELS) {
+        let (mut sum, mut of) = (0.0, 0.0);
+        for ((delay, weight), (i, j)) in delays.iter().zip(weight).zip(PAIRS) {
+            let (other, later) = if h == j {
+                (i, *delay)
             } else if h == i {
-                -part
+                (j, -delay)
             } else {
-                0.0
+                continue;
             };
+            sum += weight * (out.get(other).unwrap_or(&0.0) + later);
+            of += weight;
+        }
+        if let Some(t) = out.get_mut(h) {
+            *t = sum / of;
         }
     }
-    out
+    let mean = out.iter().sum::<f32>() / CHANNELS as f32;
+    out.map(|t| t - mean)
 }
 
 /// Arrival times (seconds) of a plane wave of this vector.
