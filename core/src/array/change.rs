@@ -152,6 +152,7 @@ impl Change {
     }
 
     /// What bearings before the last one scatter.
+    #[inline(never)]
     fn usual(&self) -> Scatter {
         let [last, before] = self.stated;
         if before.noise[0] > 0.0 { before } else { last }
@@ -414,6 +415,7 @@ fn hop(context: &Context<'_>, from: &Direction) -> f32 {
     HOP * half * (resolved * resolved).min(1.0)
 }
 
+#[inline(never)]
 fn seconds(plan: &Plan, from: u64, to: u64) -> f32 {
     to.saturating_sub(from) as f32 / plan.rate_hz
 }

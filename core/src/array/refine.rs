@@ -255,7 +255,6 @@ pub(crate) fn arrival_variance(
 }
 
 /// How each bin's steered cross-spectra push along a change of the pairs' delays, unweighted, into the real parts of `out`.
-#[inline(never)]
 pub(super) fn push(
     plan: &Plan,
     band: &Band,

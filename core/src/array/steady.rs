@@ -43,7 +43,6 @@ impl Steady {
 
     /// Takes the direction of sample `index` with its variances along the tangents (rad²); whether its segment shares samples with
     /// the one before. The factors of the variances.
-    #[inline(never)]
     pub(super) fn take(
         &mut self,
         plan: &Plan,
