@@ -163,13 +163,13 @@ impl Agreement {
         let contradicted = contradicting >= CONTRADICTING_PAIRS;
         let clear = peaks.iter().all(|own| own.peak > strong);
         let strain = if clear && !contradicted { self.strained(context, found, &delays) } else { None };
-        // Peaks of several sources are of no arrival times at all.
+        // Peaks of several sources are of no arrival times at all: what was sure before still is.
         let apart = split.iter().fold(elsewhere, |most, apart| most.max(elsewhere + apart));
-        let clear = clear && report::closure(&delays) * plan.rate_hz < apart;
-        let (verdict, changed) = if clear {
-            self.change.take(context, found, (other, others.any()), &delays, &weight)
-        } else {
-            (Verdict::Tell, false)
+        let closed = report::closure(&delays) * plan.rate_hz < apart;
+        let (verdict, changed) = match (clear, closed) {
+            (true, true) => self.change.take(context, found, (other, others.any()), &delays, &weight),
+            (true, false) if self.change.is_told() => (self.change.verdict(), false),
+            _ => (Verdict::Tell, false),
         };
         let doubtful = contradicted || strain.is_some();
         let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();

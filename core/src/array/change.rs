@@ -236,12 +236,13 @@ impl Change {
         (self.verdict(), changed)
     }
 
-    /// Whether a change is suspected or sure.
+    /// Whether a change is sure.
     pub(super) fn is_told(&self) -> bool {
         self.what != NOTHING
     }
 
-    fn verdict(&self) -> Verdict {
+    /// What to do with a direction, by what was seen until now.
+    pub(super) fn verdict(&self) -> Verdict {
         if (self.seems != NOTHING && self.seems != ELSEWHERE) || self.what >= EXCHANGED {
             Verdict::Withhold
         } else if self.what >= LATE {
