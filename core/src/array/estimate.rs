@@ -111,17 +111,6 @@ impl Context<'_> {
         coherence.iter().take(self.band.high).skip(self.band.incoherent).sum()
     }
 
-    /// Mean of a coherence over the detection band, each bin by its own.
-    #[inline(never)]
-    fn concentrated(&self, coherence: &[f32; BINS]) -> f32 {
-        let (mut sum, mut squares) = (0.0f32, 0.0f32);
-        for c in coherence.iter().take(self.band.high).skip(self.band.incoherent) {
-            let c = c.max(0.0);
-            (sum, squares) = (sum + c, squares + c * c);
-        }
-        squares / sum.max(f32::MIN_POSITIVE)
-    }
-
     /// Bins of the detection band.
     pub(super) fn bins(&self) -> f32 {
         self.band.high.saturating_sub(self.band.incoherent).max(1) as f32
@@ -258,7 +247,7 @@ pub(crate) fn segment(
     if let Some(first) = &first {
         let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN_MOMENT;
         let heard = if alike && !uneven {
-            heard(&context, spectra, start, centre, context.concentrated(&scratch.spectrum.raw))
+            heard(&context, spectra, start, centre, first.mean)
         } else {
             // The powers of its two steps are not of the same hydrophones, or of snaps more than of it.
             Context { moment_sd_s: UNKNOWN_MOMENT_S, ..context }
@@ -288,20 +277,14 @@ pub(crate) fn segment(
 
 /// The context with the moment at which the strongest source is heard. Its frames weigh by their power, so that it is the
 /// centre of its own loudness, for which the centre of all sound is taken. Steady noise would hold that nearer to the
-/// frames' own `centre`, at most in the proportion of its coherence, for which that of the bins in which it is `concentrated` is taken:
-/// between an image's fringes it is lower. How far is the moment's deviation.
-fn heard<'a>(
-    context: &Context<'a>,
-    spectra: &Spectra,
-    start: u64,
-    centre: u64,
-    concentrated: f32,
-) -> Context<'a> {
+/// frames' own `centre`, at most in the proportion of the coherence's `mean`, which an image in the surface lowers as well:
+/// how far is the moment's deviation.
+fn heard<'a>(context: &Context<'a>, spectra: &Spectra, start: u64, centre: u64, mean: f32) -> Context<'a> {
     let moment = spectra.added.loudness.centre().unwrap_or(centre as f64);
     let shift = (moment - centre as f64) as f32;
     // Anywhere between nothing and all of it.
-    let moment_sd_s = shift.abs() * (1.0 / concentrated.clamp(LEAST_COHERENCE, 1.0) - 1.0)
-        / (m::sqrt(3.0) * context.plan.rate_hz);
+    let moment_sd_s =
+        shift.abs() * (1.0 / mean.clamp(LEAST_COHERENCE, 1.0) - 1.0) / (m::sqrt(3.0) * context.plan.rate_hz);
     Context { index: start.saturating_add(moment.max(0.0) as u64), moment_sd_s, ..*context }
 }
 
