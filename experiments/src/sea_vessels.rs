@@ -1,5 +1,6 @@
 //! `reproduce sea-vessels`: one to four vessels at once, from their sound: when each is tracked, by how many tracks, and tracks of nobody;
-//! how often the strongest is told, and channels said to be sick though all are well.
+//! how often the strongest is told, and how often in a direction that is nobody's by what it states (most where two cross), and channels said to be
+//! sick though all are well.
 //!
 //! The vessels are as loud as each other within 6 dB, pass 250 to 800 m away on courses at random and are all heard from the first
 //! second on; some cross others in azimuth. A vessel counts as tracked from the first record whose position lies in its direction.
@@ -35,6 +36,9 @@ const LEVELS_DB: std::ops::Range<f64> = 168.0..174.0;
 const NEAR_DEG: f64 = 3.0;
 /// Segments, of which each may tell a bearing of the strongest.
 const SEGMENTS: f64 = 2.0 * DURATION_S;
+/// What makes a bearing nobody's: so many of its standard deviations from every vessel, and degrees.
+const WRONG_SD: f64 = 4.0;
+const WRONG_DEG: f64 = 0.1;
 /// A second vessel is to appear so soon, seconds.
 const SOON_S: f64 = 20.0;
 
@@ -48,8 +52,9 @@ struct Scene {
     nobody: usize,
     headings: Held,
     ranges: Held,
-    /// Bearings of the strongest.
+    /// Bearings of the strongest, and those of them that are nobody's.
     strongest: usize,
+    wrong: usize,
     /// Channels said to be sick; all are well.
     faults: usize,
 }
@@ -60,7 +65,17 @@ impl Scene {
         let rate = scene.station.config.rate_hz;
         let mut out = Self { first_s: vec![f64::INFINITY; scene.vessels.len()], ..Self::default() };
         out.faults = said.faults.iter().filter(|f| f.code != FaultCode::Impulses).count();
-        out.strongest = said.bearings.iter().filter(|b| b.band == 0).count();
+        for bearing in said.bearings.iter().filter(|b| b.band == 0) {
+            let t_s = bearing.index as f64 / rate;
+            let mut off = f64::INFINITY;
+            for vessel in &scene.vessels {
+                let azimuth = arrival(scene, vessel, t_s)?.0;
+                off = off.min(wrap_pi(f64::from(bearing.azimuth) - azimuth).abs());
+            }
+            let stated = WRONG_SD * f64::from(bearing.var_azimuth).sqrt();
+            out.strongest += 1;
+            out.wrong += usize::from(off > stated.max(WRONG_DEG.to_radians()));
+        }
         for t in &said.tracks {
             let t_s = t.index as f64 / rate;
             let azimuth = f64::from(t.x_m).atan2(f64::from(t.y_m));
@@ -135,7 +150,7 @@ fn run(options: &Options) -> Result<()> {
     let said = said?;
     let mut report = CsvReport::new(
         "sea_vessels",
-        "vessels,scenes,tracked_%,second_s,last_s,tracks,nobody,heading_%,range_%,strongest_%,faults",
+        "vessels,scenes,tracked_%,second_s,last_s,tracks,nobody,heading_%,range_%,strongest_%,wrong,faults",
     );
     for n in 1..=MOST {
         let of: Vec<&Scene> =
@@ -158,6 +173,9 @@ fn run(options: &Options) -> Result<()> {
         let nobody: usize = of.iter().map(|s| s.nobody).sum();
         let faults: usize = of.iter().map(|s| s.faults).sum();
         let strongest: usize = of.iter().map(|s| s.strongest).sum();
+        let wrong: usize = of.iter().map(|s| s.wrong).sum();
+        let wrong_share = 100.0 * wrong as f64 / strongest.max(1) as f64;
+        let told = strongest;
         let strongest = 100.0 * strongest as f64 / (SEGMENTS * of.len() as f64);
         report.row(&[
             n as f64,
@@ -170,6 +188,7 @@ fn run(options: &Options) -> Result<()> {
             headings.percent(),
             ranges.percent(),
             strongest,
+            wrong as f64,
             faults as f64,
         ]);
         figures.report(
@@ -199,6 +218,11 @@ fn run(options: &Options) -> Result<()> {
             format!("{n} at once: segments that tell the strongest, %"),
             strongest,
             Bar::AtLeast(95.0),
+        );
+        figures.report(
+            format!("{n} at once: bearings of nobody, % of {told}"),
+            wrong_share,
+            Bar::AtMost(0.5),
         );
         figures.report(
             format!("{n} at once: faults of channels that are well"),
