@@ -17,8 +17,8 @@
 
 use super::change::{Change, Scatter, Verdict};
 use super::estimate::{Context, Found};
+use super::followed::Followed;
 use super::jump::times;
-use super::others::Followed;
 use super::plan::Plan;
 use super::report;
 use super::search::{PairPeaks, SearchWork};

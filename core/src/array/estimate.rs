@@ -3,10 +3,11 @@
 use super::agreement::Doubt;
 use super::chain::Scratch;
 use super::detect;
+use super::followed::Turn;
 use super::fringes;
 use super::leak;
 use super::memory::Memory;
-use super::others::{self, Turn};
+use super::others;
 use super::places::Places;
 use super::plan::{BINS, Band, Plan};
 use super::refine;
@@ -226,18 +227,8 @@ pub(crate) fn segment(
                 let direction = &refined.direction;
                 let others = (&memory.others, segment);
                 let context = &context;
-                leak::Beyond {
-                    plan,
-                    search,
-                    tau,
-                    direction,
-                    coherence,
-                    mean: *mean,
-                    deviation,
-                    context,
-                    others,
-                }
-                .sign()
+                leak::Beyond { search, tau, direction, coherence, mean: *mean, deviation, context, others }
+                    .sign()
             }
             _ => sign,
         };

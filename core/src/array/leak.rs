@@ -6,8 +6,8 @@
 //! Cost: some 10 000 instructions where something stands at no delay.
 
 use super::estimate::Context;
-use super::others::Followed;
-use super::plan::{BINS, Band, MAX_DELAY, Plan};
+use super::followed::Followed;
+use super::plan::{BINS, Band, MAX_DELAY};
 use super::search::SearchWork;
 use super::sick::{LEAKING, Sign};
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -39,7 +39,6 @@ const LEAST_ECHOES: f32 = 4.0;
 
 /// What the correlations say beyond the vessel found at these delays, of this coherence.
 pub(crate) struct Beyond<'a> {
-    pub(crate) plan: &'a Plan,
     pub(crate) search: &'a SearchWork,
     pub(crate) tau: &'a [f32; PAIR_COUNT],
     /// Where it is.
@@ -62,9 +61,9 @@ impl Beyond<'_> {
     /// The hydrophone of pair `p` that hears the other one, if there is one.
     fn receiver(&self, p: usize) -> Option<usize> {
         let (a, b) = *PAIRS.get(p)?;
-        let Band { high, incoherent, .. } = self.plan.whole;
+        let Band { high, incoherent, .. } = self.context.plan.whole;
         let least = (LEAK * self.deviation).max(LEAST_LEAK * high.saturating_sub(incoherent) as f32);
-        let hidden = m::abs(*self.tau.get(p)?) * self.plan.rate_hz < APART_SAMPLES;
+        let hidden = m::abs(*self.tau.get(p)?) * self.context.plan.rate_hz < APART_SAMPLES;
         let leak = self.excess(p, 0.0)?;
         let (others, segment) = self.others;
         let another = || others.explain(self.context, segment, (p, 0.0), (APART_SAMPLES, true));
@@ -100,8 +99,8 @@ impl Beyond<'_> {
     fn mirrored(&self, pair: usize, delay: f32) -> Option<f32> {
         let mirrored = 2.0 * self.tau.get(pair)? - delay;
         let reach = MAX_DELAY as f32 - 1.0;
-        (m::abs(mirrored) * self.plan.rate_hz < reach)
-            .then(|| self.search.pair_value(self.plan, pair, mirrored))
+        (m::abs(mirrored) * self.context.plan.rate_hz < reach)
+            .then(|| self.search.pair_value(self.context.plan, pair, mirrored))
     }
 
     /// Whether what stands at no delay between pair `p` may be the vessel's echo off the bottom, which reaches both at once. Hydrophones in a level
@@ -114,7 +113,7 @@ impl Beyond<'_> {
         let mut may = false;
         for n in 0..=ECHOES {
             let echo = wavefront::pair_delays(&self.echo(n));
-            let near = |a: f32, b: f32| m::abs(a - b) * self.plan.rate_hz < APART_SAMPLES;
+            let near = |a: f32, b: f32| m::abs(a - b) * self.context.plan.rate_hz < APART_SAMPLES;
             if !near(echo.get(p).copied().unwrap_or(0.0), 0.0) {
                 continue;
             }
@@ -122,7 +121,7 @@ impl Beyond<'_> {
             let (mut sum, mut pairs) = (0.0, 0.0f32);
             for (q, (delay, own)) in echo.iter().zip(self.tau).enumerate() {
                 if q != p && !near(*delay, *own) {
-                    sum += self.search.pair_value(self.plan, q, *delay);
+                    sum += self.search.pair_value(self.context.plan, q, *delay);
                     pairs += 1.0;
                 }
             }
@@ -140,7 +139,7 @@ impl Beyond<'_> {
         let elevation = m::asin(self.direction[2].clamp(0.0, 1.0));
         let steepest = ECHO_STEEPER * elevation + ECHO_RAD;
         let below = elevation + (steepest - elevation) * step as f32 / ECHOES as f32;
-        wavefront::arrivals(&self.plan.geometry, &self.seen_from_below(below), 0.0)
+        wavefront::arrivals(&self.context.plan.geometry, &self.seen_from_below(below), 0.0)
     }
 
     /// Whether what seems to leak into one of pair `p` is an echo of the vessel off the bottom that reaches it when the other one hears the
@@ -149,7 +148,7 @@ impl Beyond<'_> {
     fn echoes(&self, p: usize, receiver: usize, leak: f32) -> bool {
         let Some((a, b)) = PAIRS.get(p) else { return false };
         let sender = if receiver == *a { *b } else { *a };
-        let vessel = wavefront::arrivals(&self.plan.geometry, self.direction, 0.0);
+        let vessel = wavefront::arrivals(&self.context.plan.geometry, self.direction, 0.0);
         let mut most = 0.0f32;
         for n in 0..=ECHOES {
             let echo = self.echo(n);
@@ -163,9 +162,9 @@ impl Beyond<'_> {
                 let later = at(&echo, j) + late - at(&vessel, i);
                 let earlier = at(&vessel, j) - at(&echo, i) - late;
                 // Near its own delay the vessel itself is heard.
-                let apart = |delay: &f32| m::abs(delay - own) * self.plan.rate_hz > APART_SAMPLES;
+                let apart = |delay: &f32| m::abs(delay - own) * self.context.plan.rate_hz > APART_SAMPLES;
                 for delay in [later, earlier].into_iter().filter(apart) {
-                    sum += self.search.pair_value(self.plan, q, delay);
+                    sum += self.search.pair_value(self.context.plan, q, delay);
                     heard += 1.0;
                 }
             }
@@ -197,14 +196,14 @@ impl Beyond<'_> {
 
     /// A pair's correlation at a delay (seconds) beyond what the vessel gives there.
     fn excess(&self, pair: usize, delay: f32) -> Option<f32> {
-        let step = self.plan.bin_rad_s * (self.tau.get(pair)? - delay);
-        let Band { high, incoherent, .. } = self.plan.whole;
+        let step = self.context.plan.bin_rad_s * (self.tau.get(pair)? - delay);
+        let Band { high, incoherent, .. } = self.context.plan.whole;
         let ((mut s, mut c), (ds, dc)) = (m::sin_cos(step * incoherent as f32), m::sin_cos(step));
         let mut own = 0.0;
         for coherence in self.coherence.get(incoherent..high)? {
             own += coherence * c;
             (s, c) = (s * dc + c * ds, c * dc - s * ds);
         }
-        Some(self.search.pair_value(self.plan, pair, delay) - own)
+        Some(self.search.pair_value(self.context.plan, pair, delay) - own)
     }
 }

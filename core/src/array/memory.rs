@@ -3,8 +3,8 @@
 
 use super::agreement::Agreement;
 use super::estimate::Context;
+use super::followed::Followed;
 use super::fringes::Depth;
-use super::others::Followed;
 use super::places::Places;
 use super::plan::{BINS, HOP, OCTAVES, Plan};
 use super::refine;
