@@ -1,6 +1,6 @@
 //! `reproduce sea-vessels`: one to four vessels at once, from their sound: when each is tracked, by how many tracks, and tracks of nobody;
 //! how often the strongest is told, and how often in a direction that is nobody's by what it states (most where two cross), and channels said to be
-//! sick though all are well.
+//! sick though all are well. And two side by side, nearer to each other than the array resolves all the way.
 //!
 //! The vessels are as loud as each other within 6 dB, pass 250 to 800 m away on courses at random and are all heard from the first
 //! second on; some cross others in azimuth. A vessel counts as tracked from the first record whose position lies in its direction.
@@ -30,6 +30,8 @@ pub const EXPERIMENT: Experiment = Experiment {
 
 const DURATION_S: f64 = 180.0;
 const MOST: usize = 4;
+/// In the place of how many there are: two side by side.
+const BESIDE: usize = 0;
 /// Levels of the vessels, dB re 1 µPa²/Hz at 1 kHz and 1 m.
 const LEVELS_DB: std::ops::Range<f64> = 168.0..174.0;
 /// A track farther from every vessel than this is nobody's, degrees.
@@ -39,6 +41,8 @@ const SEGMENTS: f64 = 2.0 * DURATION_S;
 /// What makes a bearing nobody's: so many of its standard deviations from every vessel, and degrees.
 const WRONG_SD: f64 = 4.0;
 const WRONG_DEG: f64 = 0.1;
+/// How far apart two side by side are at the closest point, degrees: the array's resolution is 2.8°.
+const BESIDE_DEG: std::ops::Range<f64> = 0.3..3.0;
 /// A second vessel is to appear so soon, seconds.
 const SOON_S: f64 = 20.0;
 
@@ -55,6 +59,8 @@ struct Scene {
     /// Bearings of the strongest, and those of them that are nobody's.
     strongest: usize,
     wrong: usize,
+    /// Azimuths of the strongest.
+    azimuths: Held,
     /// Channels said to be sick; all are well.
     faults: usize,
 }
@@ -72,9 +78,10 @@ impl Scene {
                 let azimuth = arrival(scene, vessel, t_s)?.0;
                 off = off.min(wrap_pi(f64::from(bearing.azimuth) - azimuth).abs());
             }
-            let stated = WRONG_SD * f64::from(bearing.var_azimuth).sqrt();
+            let sd = f64::from(bearing.var_azimuth).sqrt();
             out.strongest += 1;
-            out.wrong += usize::from(off > stated.max(WRONG_DEG.to_radians()));
+            out.wrong += usize::from(off > (WRONG_SD * sd).max(WRONG_DEG.to_radians()));
+            out.azimuths.take(off <= 1.96 * sd);
         }
         for t in &said.tracks {
             let t_s = t.index as f64 / rate;
@@ -125,6 +132,19 @@ fn vessel(rng: &mut ChaCha8Rng) -> ArrayVessel {
     }
 }
 
+/// A vessel beside another: on much the same course, a little ahead.
+fn beside(rng: &mut ChaCha8Rng, other: &ArrayVessel) -> ArrayVessel {
+    let mut vessel = vessel(rng);
+    let apart = rng.random_range(BESIDE_DEG).to_radians();
+    vessel.straight = other.straight.map(|course| Straight {
+        cpa_time_s: course.cpa_time_s + apart * course.cpa_range_m / course.speed_m_s,
+        cpa_range_m: course.cpa_range_m * rng.random_range(0.97..1.03),
+        heading_deg: course.heading_deg + rng.random_range(-1.0..1.0),
+        ..course
+    });
+    vessel
+}
+
 fn run(options: &Options) -> Result<()> {
     let runs = options.runs.unwrap_or(6);
     let figures = &options.figures;
@@ -136,6 +156,15 @@ fn run(options: &Options) -> Result<()> {
             let config = station(RATE_HZ, 168.0, |_| {});
             scenes.push((n, scenario(config, Water::default(), vessels, DURATION_S, rng.random())));
         }
+    }
+    for _ in 0..runs {
+        let first = vessel(&mut rng);
+        let second = beside(&mut rng, &first);
+        let config = station(RATE_HZ, 168.0, |_| {});
+        scenes.push((
+            BESIDE,
+            scenario(config, Water::default(), vec![first, second], DURATION_S, rng.random()),
+        ));
     }
     let bar = progress::bar(scenes.len() as u64, "scenes");
     let said: Result<Vec<Scene>> = scenes
@@ -240,5 +269,19 @@ fn run(options: &Options) -> Result<()> {
             Bar::None,
         );
     }
+    let of = || scenes.iter().zip(&said).filter(|((count, _), _)| *count == BESIDE).map(|(_, said)| said);
+    let mut azimuths = Held::default();
+    of().for_each(|scene| azimuths.join(scene.azimuths));
+    let wrong: usize = of().map(|s| s.wrong).sum();
+    figures.report(
+        format!("two side by side: bearings of nobody, % of {}", azimuths.of),
+        100.0 * wrong as f64 / azimuths.of.max(1) as f64,
+        Bar::AtMost(0.5),
+    );
+    figures.report(
+        format!("two side by side: azimuths of either in their 95 %, % of {}", azimuths.of),
+        azimuths.percent(),
+        Bar::Within(92.0, 97.0),
+    );
     report.finish(options)
 }

@@ -327,9 +327,20 @@ fn whole(
     let scatter = (!alone || memory.misfit > report::DISAGREEING)
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
     let beside = memory.others.puts(plan, memory.segments);
-    let Memory { misfit, aside, steady, .. } = memory;
+    let steps = if context.flags & SHORTENED == 0 { plan.steps_per_segment } else { 1 };
+    let swept = memory.others.strongest_turning() * steps as f32;
+    let Memory { misfit, aside, steady, width, .. } = memory;
     let mut stated = Default::default();
-    let others = Others::Lasting { misfit, aside, steady, scatter, alone, beside, stated: &mut stated };
+    let others = Others::Lasting {
+        misfit,
+        aside,
+        steady,
+        width: (width, swept),
+        scatter,
+        alone,
+        beside,
+        stated: &mut stated,
+    };
     if let Some(bearing) = report::bearing(&context, first, &scratch.spectrum, doubt, turned, 0, others) {
         if doubt.quality == 1.0 {
             memory.agreement.stated(stated);

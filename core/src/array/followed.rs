@@ -182,6 +182,11 @@ impl Followed {
         other && followed
     }
 
+    /// By how much the strongest source's azimuth grows from segment to segment, radians.
+    pub(super) fn strongest_turning(&self) -> f32 {
+        self.turning
+    }
+
     /// What one of them that the strongest passes by too closely puts on its direction, across and up, rad².
     pub(super) fn puts(&self, plan: &Plan, segment: u32) -> Option<[f32; 2]> {
         self.beside.puts(plan, segment)

@@ -11,6 +11,7 @@ use super::refine;
 use super::sick::Sick;
 use super::steady::Steady;
 use super::wavefront::{self, Direction};
+use super::width::Width;
 use crate::math::f32 as m;
 
 /// Segments over which the coherence spectrum is averaged: a faint vessel's weights need it steady.
@@ -44,6 +45,8 @@ pub(crate) struct Memory {
     pub(super) aside: f32,
     /// How much its bearings scatter.
     pub(super) steady: Steady,
+    /// How wide the source is.
+    pub(super) width: Width,
     /// How deep the source is.
     pub(super) depth: Depth,
     /// Segments so far.
@@ -75,6 +78,7 @@ impl Memory {
             misfit: 0.0,
             aside: 0.0,
             steady: Steady::NEW,
+            width: Width::NONE,
             depth: Depth::UNKNOWN,
             others: Followed::NONE,
             octave: 0,
@@ -100,6 +104,7 @@ impl Memory {
         self.swing = [0.0; 2];
         self.others = Followed::NONE;
         self.octaves = [None; OCTAVES];
+        self.width = Width::NONE;
         self.depth = Depth::UNKNOWN;
     }
 
@@ -149,6 +154,7 @@ impl Memory {
         // Another source, or the same after a long silence: its spectrum is learnt afresh.
         if turned > OTHER_SOURCE_CELLS * plan.whole.resolution {
             self.averaged = 0.0;
+            self.width = Width::NONE;
             self.depth = Depth::UNKNOWN;
         }
         self.averaged = (self.averaged + 1.0).min(AVERAGED_SEGMENTS);

@@ -41,6 +41,7 @@ mod test_sea;
 mod transform;
 mod transients;
 pub mod wavefront;
+mod width;
 
 pub use chain::{Scratch, State, finish, push};
 pub(crate) use chain::{event, pause, samples};

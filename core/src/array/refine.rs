@@ -50,6 +50,8 @@ pub(crate) struct Refined {
     /// By how much each pair pulls the direction, as the delay by which a pair of mean curvature would, seconds: less than its own delay's
     /// difference where its peak is flat, because a vessel and its image stand apart in it.
     pub(crate) pull: [f32; PAIR_COUNT],
+    /// How curved each pair's response is there, `Σ Wω² Re`.
+    pub(crate) bend: [f32; PAIR_COUNT],
 }
 
 /// Leaves out the pairs with hydrophones not used.
@@ -443,7 +445,12 @@ pub(crate) fn refine(
             *delay -= (slope / bend).max(-most).min(most);
         }
     }
-    direction.iter().all(|x| x.is_finite()).then_some(Refined { direction, pair_delay, pull })
+    direction.iter().all(|x| x.is_finite()).then_some(Refined {
+        direction,
+        pair_delay,
+        pull,
+        bend: sums.bend,
+    })
 }
 
 /// Sums over the band of each pair's steered cross-spectrum (weights are 0 outside the band).

@@ -27,6 +27,7 @@ use super::estimate::{Context, Found, SpectrumWork};
 use super::refine::{self, Scatter};
 use super::steady::Steady;
 use super::wavefront::{self, PAIR_COUNT};
+use super::width::Width;
 use crate::math::{self, f32 as m};
 use crate::wire::Bearing;
 
@@ -78,6 +79,8 @@ pub(super) enum Others<'a> {
         aside: &'a mut f32,
         /// Of the bearings' scatter.
         steady: &'a mut Steady,
+        /// Of how wide it is, and the angle by which it turned in the segment.
+        width: (&'a mut Width, f32),
         /// And what the segment's own cross-spectra show while another source is heard.
         scatter: Option<Scatter>,
         /// Whether no other source is known.
@@ -124,7 +127,7 @@ pub(super) fn bearing(
     let mut other = (0.0f32, 0.0f32, 0.0f32);
     let mut told_of = None;
     let noise = match others {
-        Others::Lasting { misfit, aside, steady, scatter, alone, beside, stated } => {
+        Others::Lasting { misfit, aside, steady, width, scatter, alone, beside, stated } => {
             told_of = Some(stated);
             let known = variance.pair + rounding * rounding;
             *misfit += (residual / known - *misfit) / AVERAGED;
@@ -149,8 +152,12 @@ pub(super) fn bearing(
                 (other.0, other.2) = (other.0 + across, other.2 + up);
             }
             level = rise;
+            let (across, up) = (wavefront::pair_delays(&g1), wavefront::pair_delays(&g2));
+            if used.all() {
+                let (width, swept) = width;
+                other.0 += width.take(context, found, work, (&across, &up), swept);
+            }
             if plan.vessel_over_array_depth > 0.0 && used.all() {
-                let (across, up) = (wavefront::pair_delays(&g1), wavefront::pair_delays(&g2));
                 let square = aside::mean_square(&found.refined.pull, &across, &up);
                 *aside += (square / known - *aside) / AVERAGED;
                 let now = square - A_DIMENSION * NOISE_RESIDUAL * variance.pair - rounding * rounding;
