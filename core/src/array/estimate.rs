@@ -223,12 +223,20 @@ pub(crate) fn segment(
         let sign = match &first {
             Some(first) if used.all() => {
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
-                let Found { tau, mean, refined, .. } = first;
-                let direction = &refined.direction;
+                let Found { tau, mean, .. } = first;
                 let others = (&memory.others, segment);
                 let context = &context;
-                leak::Beyond { search, tau, direction, coherence, mean: *mean, deviation, context, others }
-                    .sign()
+                leak::Beyond {
+                    search,
+                    tau,
+                    coherence,
+                    mean: *mean,
+                    deviation,
+                    context,
+                    others,
+                    echo: memory.echo.amplitude(),
+                }
+                .sign()
             }
             _ => sign,
         };
@@ -323,19 +331,20 @@ fn whole(
         }
     }
     let spectrum = &scratch.spectrum;
-    let alone = !memory.others.any();
+    let alone = !memory.others.any() && !memory.echo.heard();
     let scatter = (!alone || memory.misfit > report::DISAGREEING)
         .then(|| refine::scatter(&context, first, spectra, (&spectrum.smooth, &spectrum.weight)));
     let beside = memory.others.puts(plan, memory.segments);
     let steps = if context.flags & SHORTENED == 0 { plan.steps_per_segment } else { 1 };
     let swept = memory.others.strongest_turning() * steps as f32;
-    let Memory { misfit, aside, steady, width, .. } = memory;
+    let Memory { misfit, aside, steady, width, echo, .. } = memory;
     let mut stated = Default::default();
     let others = Others::Lasting {
         misfit,
         aside,
         steady,
         width: (width, swept),
+        echo,
         scatter,
         alone,
         beside,

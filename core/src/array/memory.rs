@@ -2,6 +2,7 @@
 //! where they were; of the hydrophones which are sick.
 
 use super::agreement::Agreement;
+use super::echo::Echo;
 use super::estimate::Context;
 use super::followed::Followed;
 use super::fringes::Depth;
@@ -47,6 +48,8 @@ pub(crate) struct Memory {
     pub(super) steady: Steady,
     /// How wide the source is.
     pub(super) width: Width,
+    /// Its echo off the bottom.
+    pub(super) echo: Echo,
     /// How deep the source is.
     pub(super) depth: Depth,
     /// Segments so far.
@@ -79,6 +82,7 @@ impl Memory {
             aside: 0.0,
             steady: Steady::NEW,
             width: Width::NONE,
+            echo: Echo::NONE,
             depth: Depth::UNKNOWN,
             others: Followed::NONE,
             octave: 0,
@@ -105,6 +109,7 @@ impl Memory {
         self.others = Followed::NONE;
         self.octaves = [None; OCTAVES];
         self.width = Width::NONE;
+        self.echo = Echo::NONE;
         self.depth = Depth::UNKNOWN;
     }
 
@@ -155,6 +160,7 @@ impl Memory {
         if turned > OTHER_SOURCE_CELLS * plan.whole.resolution {
             self.averaged = 0.0;
             self.width = Width::NONE;
+            self.echo = Echo::NONE;
             self.depth = Depth::UNKNOWN;
         }
         self.averaged = (self.averaged + 1.0).min(AVERAGED_SEGMENTS);

@@ -17,6 +17,7 @@ mod chain;
 mod change;
 mod curved;
 mod detect;
+mod echo;
 mod estimate;
 mod followed;
 mod framed;

@@ -126,7 +126,10 @@ pub(super) fn search(
         wavefront::dot(direction, &first.refined.direction) <= near(plan)
             && !known.iter().any(|k| k.lasts() && k.is_at(plan, direction, segment))
     };
-    let other = find(context, None, spectra, scratch).filter(|other| is_new(&other.refined.direction));
+    let other = find(context, None, spectra, scratch);
+    // What comes from below in the vessel's own direction is no vessel.
+    let echo = memory.echo.take(context, first, other.as_ref());
+    let other = other.filter(|other| !echo && is_new(&other.refined.direction));
     let Some(other) = other else {
         memory.others.drop_doubtful();
         return;
