@@ -18,7 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use rayon::prelude::*;
 use seabearing_core::angle::wrap_pi;
-use seabearing_core::config::Tracking;
+use seabearing_core::config::{Kind, Tracking};
 use seabearing_core::wire::FaultCode;
 
 /// `seabearing reproduce sea-surface`.
@@ -42,6 +42,8 @@ const SPEEDS_M_S: std::ops::RangeInclusive<f64> = 3.0..=12.0;
 const DEPTHS_M: std::ops::Range<f64> = 2.0..8.0;
 /// Amplitude that a surface with waves gives back.
 const REFLECTIONS: std::ops::Range<f64> = 0.6..1.0;
+/// Arrays are built so far from the regular tetrahedron, metres.
+const UNEVEN_M: f64 = 0.05;
 /// A heading may err by so much over a bottom, degrees.
 const HEADING_DEG: f64 = 1.0;
 
@@ -268,6 +270,17 @@ fn near_bottom(seed: u64, runs: usize, rate_hz: f64) -> Result<Vec<ArrayScenario
     Ok(scenes)
 }
 
+/// The same scene heard 60 m deep by an array whose hydrophones stand elsewhere, as told.
+fn uneven(scene: &ArrayScenario) -> ArrayScenario {
+    let mut scene = scene.clone();
+    let mut rng = ChaCha8Rng::seed_from_u64(scene.scene.seed ^ 0x0dd);
+    scene.station.config.depth_m = 60.0;
+    if let Kind::Array(array) = &mut scene.station.config.kind {
+        array.hydrophones_m.iter_mut().flatten().for_each(|x| *x += rng.random_range(-UNEVEN_M..UNEVEN_M));
+    }
+    scene
+}
+
 fn bottom(options: &Options) -> Result<()> {
     let mut report = CsvReport::new(
         "sea_bottom",
@@ -300,6 +313,8 @@ fn bottom_at(rate_hz: f64, rate: &str, options: &Options, report: &mut CsvReport
     let scenes: Vec<_> = cases.iter().map(|c| c.3.clone()).collect();
     let passes = all("passes", &scenes)?;
     let shallow = all("shallow vessels", &near_bottom(options.seed, runs, rate_hz)?)?;
+    let uneven: Vec<_> = scenes.iter().map(uneven).collect();
+    let uneven = all("uneven arrays", &uneven)?.into_iter().fold(Pass::default(), Pass::join);
     for ((below_m, coefficient, cpa_m, _), p) in cases.iter().zip(&passes) {
         report.row(&[
             rate_hz / 1000.0,
@@ -326,5 +341,13 @@ fn bottom_at(rate_hz: f64, rate: &str, options: &Options, report: &mut CsvReport
     let bar = Bar::Within(92.0, 97.0);
     let name = format!("{rate}, 3 and 4 m deep, bottom 2 m below: in their ellipse, %");
     figures.report(name, shallow.bearings.percent(), bar);
+    let name = format!("{rate}, arrays 5 cm from a tetrahedron: in their ellipse, %");
+    figures.report(name, uneven.bearings.percent(), bar);
+    let name = format!("{rate}, arrays 5 cm from a tetrahedron: azimuths in their 95 %, %");
+    figures.report(name, uneven.azimuths.percent(), bar);
+    let name = format!("{rate}, arrays 5 cm from a tetrahedron: worst heading, deg");
+    figures.at_most(name, uneven.worst_deg, HEADING_DEG);
+    let name = format!("{rate}, arrays 5 cm from a tetrahedron: faults of channels that are well");
+    figures.at_most(name, uneven.faults as f64, 0.0);
     Ok(())
 }
