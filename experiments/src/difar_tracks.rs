@@ -91,6 +91,7 @@ fn pass(errors_deg: &[f64], range_m: f64, rng: &mut rand_chacha::ChaCha8Rng) -> 
         range_m: (20.0, 5000.0),
         medium: Medium::of_sound_speed(f64::INFINITY),
         elevation_bias_sd_rad: 0.0,
+        acceleration_sd_m_s2: 0.0,
     };
     let mut work = Box::new(Workspace::<64>::new());
     let mut copy = samples.clone();

@@ -93,6 +93,7 @@ fn run(options: &Options) -> Result<()> {
             range_m: (2.0, 3000.0),
             medium: Medium { height_m, ..Medium::of_sound_speed(sound_speed_m_s) },
             elevation_bias_sd_rad: LASTING_DEG * RAD_PER_DEG,
+            acceleration_sd_m_s2: 0.0,
         };
         let mut copy = samples.clone();
         let (Ok(squares), Ok(robust)) = (

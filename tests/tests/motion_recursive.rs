@@ -76,6 +76,7 @@ fn agrees_with_the_batch_within_a_third_of_the_reported_spread() {
                 range_m: c.range_m,
                 medium: c.medium,
                 elevation_bias_sd_rad: 0.0,
+                acceleration_sd_m_s2: 0.0,
             };
             let a = ml::fit(&batch, &samples, &mut work, &mut []).unwrap().solution;
             let mut passage = track(&c, &b);

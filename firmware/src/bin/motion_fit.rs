@@ -61,6 +61,7 @@ fn main() -> ! {
             range_m: (20.0, 20_000.0),
             medium,
             elevation_bias_sd_rad: 0.0,
+            acceleration_sd_m_s2: 0.0,
         };
         let before = clock.ticks();
         let fit = ml::fit(&config, SAMPLES, WORK, &mut []);

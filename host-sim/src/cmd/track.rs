@@ -9,7 +9,8 @@ use anyhow::{Context, Result};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use seabearing_core::angle::RAD_PER_DEG;
-use seabearing_core::motion::Medium;
+use seabearing_core::motion::{Medium, Solution};
+use seabearing_locate::motion::change::{Change, Pattern};
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::errors::ErrorModel;
 use seabearing_locate::motion::ml::Config;
@@ -69,6 +70,10 @@ pub struct Args {
     /// Standard deviation of an error common to all elevations (multipath), degrees.
     #[arg(long, default_value_t = 0.0)]
     elevation_bias_deg: f64,
+    /// Standard deviation of an acceleration along the course, m/s², that bearings cannot tell and every deviation is to count; nothing said:
+    /// constant speed is assumed.
+    #[arg(long, value_name = "M_S2", default_value_t = 0.0)]
+    acceleration_sd: f64,
     /// Recursive estimator: refuse bearings beyond this many standard deviations (default: none).
     #[arg(long)]
     gate_sd: Option<f64>,
@@ -112,6 +117,7 @@ impl Args {
         least("max-range-m", self.max_range_m, 1.5 * self.min_range_m, false)?;
         least("sigma-elevation-deg", self.sigma_elevation_deg, 0.0, true)?;
         least("elevation-bias-deg", self.elevation_bias_deg, 0.0, false)?;
+        least("acceleration-sd", self.acceleration_sd, 0.0, false)?;
         least("height-m", self.height_m.unwrap_or(1.0), 0.0, true)?;
         if self.robust && self.estimator == Estimator::Ml && self.tau_s > 0.0 {
             mistake!(
@@ -131,6 +137,7 @@ impl Args {
             ("height-m", self.height_m.unwrap_or(1.0)),
             ("sigma-elevation-deg", self.sigma_elevation_deg),
             ("elevation-bias-deg", self.elevation_bias_deg),
+            ("acceleration-sd", self.acceleration_sd),
         ] {
             if !x.is_finite() {
                 mistake!("--{name} must be finite");
@@ -168,6 +175,29 @@ impl Args {
             range_m: (self.min_range_m, self.max_range_m),
             medium,
             elevation_bias_sd_rad: self.elevation_bias_deg * RAD_PER_DEG,
+            acceleration_sd_m_s2: self.acceleration_sd,
+        }
+    }
+}
+
+/// Acceleration of a usual vessel under way, m/s²: half of 53 straight legs of 200 s in the Solent (AIS, 13 vessels) had 0.0007 or less, two
+/// thirds 0.0013 or less, one in ten 0.005 or more.
+const USUAL_M_S2: f64 = 0.001;
+
+/// What an acceleration of [`USUAL_M_S2`] that the fit does not know of does to its outcome.
+struct Moved {
+    heading_deg: f64,
+    cpa_time_s: f64,
+    cpa_range_m: f64,
+}
+
+impl Moved {
+    fn of(solution: &Solution, change: &Change) -> Self {
+        let [azimuth, time, ln_rate, ln_speed, _] = change.by_acceleration.map(|x| USUAL_M_S2 * x);
+        Self {
+            heading_deg: azimuth.to_degrees(),
+            cpa_time_s: time,
+            cpa_range_m: solution.cpa_range_m * (ln_speed - ln_rate),
         }
     }
 }
@@ -216,7 +246,19 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     let growth = found.growth;
-    if growth > 1.0 {
+    if let Some((pattern, change)) = found.change.and_then(|c| c.seen.zip(Some(c))) {
+        let what = match pattern {
+            Pattern::Turn => {
+                format!("the vessel turned, by {:.3}° a second", change.turn_rad_s.0.to_degrees())
+            }
+            Pattern::Acceleration => "the vessel changed its speed".into(),
+        };
+        log::warn!(
+            "{}: the bearings contradict a straight track at constant speed: their residuals are those of one at which {what}; every \
+             standard deviation counts that, and the heading is the one at the closest approach; split the record where the vessel turns",
+            args.bearings.display()
+        );
+    } else if growth > 1.0 {
         log::warn!(
             "{}: the bearings contradict a straight track at constant speed with such errors (consistency {:.1}): \
              every standard deviation is {:.1} times what they would give; split the record where the vessel turns, or \
@@ -288,7 +330,20 @@ fn record(args: &Args, found: &Found) -> Value {
         put(key, ranged(x));
     }
     put("consistency", finite(s.consistency));
-    put("consistent", (found.growth <= 1.0).into());
+    let seen = found.change.and_then(|c| c.seen);
+    put("consistent", (found.growth <= 1.0 && seen.is_none()).into());
+    put("change", seen.map(Pattern::name).into());
+    put("acceleration_sd_m_s2", finite(args.acceleration_sd));
+    if let Some(moved) = found.change.map(|c| Moved::of(s, &c)) {
+        let (heading_deg, cpa_time_s, cpa_range_m) = (moved.heading_deg, moved.cpa_time_s, moved.cpa_range_m);
+        put(
+            "an_acceleration_moves",
+            json!({
+                "acceleration_m_s2": USUAL_M_S2, "heading_deg": finite(heading_deg),
+                "cpa_time_s": finite(cpa_time_s), "cpa_range_m": ranged(cpa_range_m),
+            }),
+        );
+    }
     put("estimator", if args.estimator == Estimator::Ml { "ml" } else { "recursive" }.into());
     put("model", args.model().name().into());
     if let Some(i) = found.range_95_m {
@@ -346,6 +401,13 @@ fn print_for_people(args: &Args, found: &Found) {
         println!(
             "at first bearing     {:.1} m East, {:.1} m North ({:.2} s)",
             s.position0_m[0], s.position0_m[1], s.t0_s
+        );
+    }
+    if let Some(moved) = found.change.filter(|_| args.acceleration_sd == 0.0).map(|c| Moved::of(s, &c)) {
+        println!(
+            "speed                assumed constant: {USUAL_M_S2} m/s² would move the heading by {:.2}°, the time by {:.2} s (--acceleration-sd)",
+            moved.heading_deg.abs(),
+            moved.cpa_time_s.abs()
         );
     }
     println!("consistency          {:.2} (1: errors and straight track as assumed)", s.consistency);

@@ -68,6 +68,7 @@ pub fn config(model: Model, tau_s: f64, speed_m_s: f64) -> Config {
         range_m: (20.0, 20_000.0),
         medium: Medium::of_sound_speed(f64::INFINITY),
         elevation_bias_sd_rad: 0.0,
+        acceleration_sd_m_s2: 0.0,
     }
 }
 

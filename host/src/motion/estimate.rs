@@ -2,8 +2,10 @@
 
 use super::BatchRoom;
 use anyhow::{Result, bail};
+use seabearing_core::kit::spd::quadratic;
 use seabearing_core::motion::Solution;
 use seabearing_core::passage::{self, Measurement};
+use seabearing_locate::motion::change::Change;
 use seabearing_locate::motion::covariance::Model;
 use seabearing_locate::motion::lone::Lone;
 use seabearing_locate::motion::ml::{self, Config, FitError, Interval, Sample};
@@ -24,6 +26,8 @@ pub struct Estimate {
     pub nugget: f64,
     /// By what a misfit beyond chance made every variance grow; 1 where the bearings fit.
     pub growth: f64,
+    /// What the bearings tell of a change of speed or course; none where it could not be tested.
+    pub change: Option<Change>,
     /// Bearings that the track does without: refused, or (robust) far from it.
     pub wrong: usize,
 }
@@ -62,13 +66,19 @@ pub fn batch(config: &Config, samples: &[Sample], robust: bool) -> Result<Estima
         Err(FitError::Whiten(WhitenError::Times)) => bail!("times are not usable"),
         Err(FitError::NoMinimum) => bail!("no straight track fits (all bearings at one time?)"),
     };
-    let quantile = CHI2_95 * fit.growth;
+    // What is counted besides the bearings' errors widens the interval as it does the deviation.
+    let by_range = [0.0, 0.0, -1.0, 1.0, 0.0];
+    let relative = quadratic(&by_range, &fit.solution.covariance, &by_range);
+    let counted = fit.change.map_or(0.0, |c| quadratic(&by_range, &c.added, &by_range));
+    let widened = if relative > counted { relative / (relative - counted) } else { 1.0 };
+    let quantile = CHI2_95 * fit.growth * widened;
     let range_95_m = ml::range_interval(config, &weighted, &fit, quantile, &mut memory.work, &memory.dense);
     Ok(Estimate {
         solution: fit.solution,
         range_95_m,
         nugget: fit.factorisation.nugget,
         growth: fit.growth,
+        change: fit.change,
         wrong,
     })
 }
@@ -114,10 +124,17 @@ pub fn one_by_one(
         bail!("{} usable bearings; a track needs at least 6 at different times", samples.len() - refused)
     };
     // Heavy tails have the misfit in them.
-    let grown = if robust { None } else { ml::with_misfit(config, samples, &solution, refused) };
-    let (solution, growth) = grown.unwrap_or((solution, 1.0));
+    let mut memory = BatchRoom::new();
+    let assumed =
+        Config { model: if assumed.extra_tau_s > 0.0 { Model::Markov } else { Model::White }, ..*config };
+    let grown = if robust {
+        None
+    } else {
+        ml::with_misfit(&assumed, samples, &solution, refused, &mut memory.work, &mut memory.dense)
+    };
+    let (solution, growth, change) = grown.unwrap_or((solution, 1.0, None));
     let wrong = if robust { wrong(&solution.line, &config.medium, samples) } else { refused };
-    Ok(Estimate { solution, range_95_m: None, nugget: 0.0, growth, wrong })
+    Ok(Estimate { solution, range_95_m: None, nugget: 0.0, growth, change, wrong })
 }
 
 fn no_range<T>() -> Result<T> {

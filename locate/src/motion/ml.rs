@@ -6,6 +6,7 @@
 //! Assumes constant speed and heading and Gaussian errors of known covariance. Cost at K = 401 with the linear model:
 //! about 10 evaluations of the short way of [`super::whiten`].
 
+use super::change::{Change, change};
 use super::covariance::Model;
 use super::hypotheses::{add_priors, same};
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
@@ -35,6 +36,8 @@ pub struct Config {
     pub medium: Medium,
     /// Standard deviation of a bias common to all elevations (multipath), radians; 0: none.
     pub elevation_bias_sd_rad: f64,
+    /// Standard deviation of an acceleration along the course that a vessel is assumed to have, m/s²; 0: constant speed is assumed.
+    pub acceleration_sd_m_s2: f64,
 }
 
 impl Config {
@@ -71,6 +74,8 @@ pub struct Fit {
     pub solution: Solution,
     /// By what a misfit beyond chance, of the bearings or of their averages, makes every variance grow; 1 where they fit.
     pub growth: f64,
+    /// What the residuals tell of a change of speed or course, counted in the solution; none where it cannot be tested.
+    pub change: Option<Change>,
     /// Normal equations at the minimum.
     pub normal: Normal,
     /// How the errors were whitened; its `nugget` is above zero where the model was nearly singular.
@@ -148,7 +153,7 @@ pub fn fit<const N: usize>(
         evaluate(config, &factorisation, samples.iter(), line, &mut *work, dense)
     })
     .ok_or(FitError::NoMinimum)?;
-    finished(config, samples, &limits, &factorisation, &point).ok_or(FitError::NoMinimum)
+    finished(config, samples, &limits, &factorisation, &point, work, dense).ok_or(FitError::NoMinimum)
 }
 
 /// Fits from a given line alone, with a plan made before for the same times: for many records of the same geometry.
@@ -164,7 +169,7 @@ pub fn refit<const N: usize>(
     let point = minimise(start, &config.free(), &limits, FINE_STEPS, |line| {
         evaluate(config, factorisation, samples.iter(), line, &mut *work, dense)
     })?;
-    finished(config, samples, &limits, factorisation, &point)
+    finished(config, samples, &limits, factorisation, &point, work, dense)
 }
 
 /// Normal equations of the samples about `line`, priors included.
@@ -223,12 +228,14 @@ fn check(config: &Config, samples: &[Sample]) -> Result<Limits, FitError> {
     Ok(Limits { range_m: config.range_m, ln_speed: LN_SPEED, times_s: (first.t_s, last.t_s) })
 }
 
-fn finished(
+fn finished<const N: usize>(
     config: &Config,
     samples: &[Sample],
     limits: &Limits,
     factorisation: &Factorisation,
     point: &Point,
+    work: &mut Workspace<N>,
+    dense: &[f64],
 ) -> Option<Fit> {
     let elevations = if config.medium.height_m > 0.0 {
         samples.iter().filter(|s| s.elevation_rad.1.is_finite()).count()
@@ -240,11 +247,15 @@ fn finished(
     let free = config.free();
     let of_each = solution(&point.at, &point.normal, &free, limits, n, measurements)?;
     let unknowns = free.iter().filter(|f| **f).count() as f64;
-    let (solution, growth) = grown(config, samples, limits, of_each, measurements - unknowns, true)?;
-    Some(Fit { solution, growth, normal: point.normal, factorisation: *factorisation })
+    let freedom = measurements - unknowns;
+    let at = (&point.at, &point.normal);
+    let change = change(config, samples, at, &free, limits, freedom, factorisation, work, dense);
+    let (solution, growth) = grown(config, samples, limits, of_each, freedom, true, change.as_ref())?;
+    Some(Fit { solution, growth, change, normal: point.normal, factorisation: *factorisation })
 }
 
-/// A solution whose variances count a misfit beyond chance, and by what they grew: of each measurement, and of `averages` of azimuths.
+/// A solution whose variances count a misfit beyond chance, of each measurement and of `averages` of azimuths, and what a change of speed
+/// or course does; and by what they grew for the misfit.
 fn grown(
     config: &Config,
     samples: &[Sample],
@@ -252,33 +263,59 @@ fn grown(
     of_each: Solution,
     freedom: f64,
     averages: bool,
+    change: Option<&Change>,
 ) -> Option<(Solution, f64)> {
     let of_averages = if averages { slow::consistency(config, samples, &of_each.line) } else { None };
     // Beyond chance, the worse of both counts.
     let both = [Some((of_each.consistency, freedom)), of_averages];
     let beyond =
         both.into_iter().flatten().filter(|(x, freedom)| x * freedom > misfit_limit(*freedom as u32));
-    let growth = beyond.fold(1.0, |most: f64, (x, _)| most.max(x));
-    if growth > 1.0 {
-        let covariance = of_each.covariance.map(|row| row.map(|x| growth * x));
-        let solution = from_covariance(&of_each.line, &covariance, limits, of_each.n, growth)?;
+    let misfit = beyond.fold(1.0, |most: f64, (x, _)| most.max(x));
+    // What a change explains is counted as such.
+    let growth = match change {
+        Some(Change { seen: Some(_), scatter, .. }) => misfit.min(scatter.max(1.0)),
+        _ => misfit,
+    };
+    let added = change.map_or([[0.0; PARAMETERS]; PARAMETERS], |c| c.added);
+    if misfit > 1.0 || added.iter().flatten().any(|x| *x != 0.0) {
+        let mut covariance = of_each.covariance.map(|row| row.map(|x| growth * x));
+        for (row, added) in covariance.iter_mut().zip(&added) {
+            for (x, added) in row.iter_mut().zip(added) {
+                *x += added;
+            }
+        }
+        let consistency = if misfit > 1.0 { misfit } else { of_each.consistency };
+        let solution = from_covariance(&of_each.line, &covariance, limits, of_each.n, consistency)?;
         return Some((solution, growth));
     }
     Some((of_each, growth))
 }
 
 /// The same of a solution by another estimator, of these samples but for `refused` ones; `None` where they are not usable.
-pub fn with_misfit(
+pub fn with_misfit<const N: usize>(
     config: &Config,
     samples: &[Sample],
     solution: &Solution,
     refused: usize,
-) -> Option<(Solution, f64)> {
+    work: &mut Workspace<N>,
+    dense: &mut [f64],
+) -> Option<(Solution, f64, Option<Change>)> {
     let limits = check(config, samples).ok()?;
-    let unknowns = config.free().iter().filter(|f| **f).count();
-    let freedom = (solution.n as usize).saturating_sub(unknowns);
-    // Averages would hold what was refused.
-    grown(config, samples, &limits, *solution, freedom as f64, refused == 0)
+    let free = config.free();
+    let unknowns = free.iter().filter(|f| **f).count();
+    let freedom = (solution.n as usize).saturating_sub(unknowns) as f64;
+    // Averages and patterns would hold what was refused.
+    let mut tested = || {
+        let times = samples.iter().map(|s| s.t_s);
+        let factorisation = Factorisation::new(config.model, config.tau_s, times, work, dense).ok()?;
+        let line = &solution.line;
+        let normal = evaluate(config, &factorisation, samples.iter(), line, work, dense)?;
+        change(config, samples, (line, &normal), &free, &limits, freedom, &factorisation, work, dense)
+    };
+    let change = if refused == 0 { tested() } else { None };
+    let (solution, growth) =
+        grown(config, samples, &limits, *solution, freedom, refused == 0, change.as_ref())?;
+    Some((solution, growth, change))
 }
 
 /// An interval of the closest-point range; an end that reaches the configured limit is open.

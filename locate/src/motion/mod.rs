@@ -5,6 +5,7 @@
 //! recursive estimates are compared like with like. See `docs/motion.md` for what each estimator assumes.
 
 pub mod bound;
+pub mod change;
 pub mod covariance;
 pub mod errors;
 mod factor;

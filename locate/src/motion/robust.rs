@@ -115,6 +115,7 @@ mod tests {
             range_m: (5.0, 20_000.0),
             medium: Medium::of_sound_speed(f64::INFINITY),
             elevation_bias_sd_rad: 0.0,
+            acceleration_sd_m_s2: 0.0,
         }
     }
 

@@ -180,6 +180,7 @@ pub fn fit(directions: &[Direction], distances: &[Distance], place: &Place<'_>) 
         range_m: RANGES_M,
         medium,
         elevation_bias_sd_rad: 0.0,
+        acceleration_sd_m_s2: 0.0,
     };
     let mut solution = batch(&config, &samples, true).ok()?.solution;
     let growth = growth(&solution, &medium, directions, place);
