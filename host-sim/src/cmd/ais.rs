@@ -79,6 +79,12 @@ fn speeds(args: &Speeds) -> Result<()> {
     if !(args.max_range_m > 0.0 && args.max_range_m.is_finite()) {
         mistake!("--max-range-m is {}, it must be above 0", args.max_range_m);
     }
+    if !(args.min_speed >= 0.0 && args.min_speed.is_finite()) {
+        mistake!("--min-speed is {}, it must be a number that is not negative", args.min_speed);
+    }
+    if !(args.max_gap_s > 0.0 && args.max_gap_s.is_finite()) {
+        mistake!("--max-gap-s is {}, it must be a number above 0", args.max_gap_s);
+    }
     let mut reports = Vec::new();
     for file in &args.files {
         let (good, bad) = read(file)?;

@@ -18,6 +18,7 @@ use std::path::PathBuf;
     hydrophone J minus that at hydrophone I, in seconds. `accepted` is the outlier test: residual, length of the \
     solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`). \
     A hydrophone that is late in all sets is named where their directions tell it, and the errors stated hold what it does. \
+    Where most sets contradict the array and nothing tells why, the accepted ones are marked `suspect`. \
     A file of which most bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
     accepted where the station lies 25 m deep or more.")]
 pub struct Args {
@@ -50,10 +51,13 @@ pub fn run(args: Args) -> Result<()> {
         mistake!("--tolerance-us is {t}; a number above zero was expected");
     }
     let station = Station::read(&args.station)?;
-    let Solved { sets: results, lateness } =
+    let Solved { sets: results, lateness, contradiction } =
         solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
     if let Some(said) = lateness.and_then(|l| l.said()) {
         log::warn!("{}: {said}", args.tdoa.display());
+    }
+    if let Some(contradiction) = &contradiction {
+        log::warn!("{}: {}", args.tdoa.display(), contradiction.said());
     }
     check_above(&results).with_context(|| args.tdoa.display().to_string())?;
     let mut out = std::io::stdout().lock();
@@ -72,9 +76,13 @@ pub fn run(args: Args) -> Result<()> {
             continue;
         }
         if args.json {
-            writeln!(out, "{}", record(r))?;
+            let mut record = record(r);
+            if ok && contradiction.is_some() {
+                record["suspect"] = true.into();
+            }
+            writeln!(out, "{record}")?;
         } else {
-            writeln!(out, "{}", line(r))?;
+            writeln!(out, "{}{}", line(r), if ok && contradiction.is_some() { " suspect" } else { "" })?;
         }
     }
     if !args.json {

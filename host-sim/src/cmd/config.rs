@@ -6,6 +6,7 @@ use crate::bounds::bearing::{self, worst};
 use crate::bounds::line::Expectations;
 use crate::bounds::passage::Assumed;
 use crate::bounds::picture::{self, Curve};
+use crate::line::check_frequencies;
 use crate::propagation;
 use crate::record::finite;
 use crate::station::Station;
@@ -363,6 +364,21 @@ fn line_details(args: &CheckArgs, station: &Station, line: &LineConfig) -> Resul
         "unambiguous_below_hz": config.sound_speed_m_s / (2.0 * line.spacing_m),
         "ambiguity": "conical: a bearing and its mirror image about the line cannot be told apart",
     });
+    if config.rate_hz > 0.0 {
+        check_frequencies(analysis, config.rate_hz)
+            .with_context(|| format!("{}: [line]", args.station.display()))?;
+    }
+    let lacks = match (analysis.frequencies_hz.is_empty(), config.rate_hz > 0.0) {
+        (true, _) => Some("`frequencies_hz` in [line]"),
+        (false, false) => Some("`rate_hz` in [sampling]"),
+        (false, true) => None,
+    };
+    if let Some(key) = lacks {
+        log::warn!(
+            "{}: `orient` of a table can use this file, `process` cannot: it needs {key}",
+            args.station.display()
+        );
+    }
     let expectations = Expectations::of(config, analysis)
         .map_err(|(f, e)| anyhow!("{}: [line] at {f} Hz: {e}", args.station.display()))?;
     let Some(line) = expectations else {

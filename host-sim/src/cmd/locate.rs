@@ -21,6 +21,9 @@ const NEAR_M: f64 = 2_000.0;
 /// The same of stations at the ocean bottom.
 const FAR_M: f64 = 60_000.0;
 
+/// Depths at which there is a source, metres: from a mast above the surface to the deepest trench (10 935 m, Challenger Deep).
+const DEPTHS_M: std::ops::RangeInclusive<f64> = -100.0..=11_000.0;
+
 /// Arguments of `seabearing locate`.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
@@ -104,9 +107,9 @@ pub fn run(args: Args) -> Result<()> {
         mistake!("--tau-s is {}; zero or a positive number is needed", args.tau_s);
     }
     if let Some(d) = args.depth_m
-        && !d.is_finite()
+        && !DEPTHS_M.contains(&d)
     {
-        mistake!("--depth-m is {d}; a finite number is needed");
+        mistake!("--depth-m is {d}; a depth is between {} and {} m", DEPTHS_M.start(), DEPTHS_M.end());
     }
     let network = Network::read(&args.stations)?;
     let sd = (args.sigma_azimuth_deg * RAD_PER_DEG, args.sigma_elevation_deg * RAD_PER_DEG);

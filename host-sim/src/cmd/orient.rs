@@ -11,7 +11,7 @@ use crate::ocean_bottom::place::{Displacement, SEARCH_M};
 use crate::ocean_bottom::records::is_records;
 use crate::ocean_bottom::survey::{Survey, Turn, survey};
 use crate::orientation::known_vessel::{self, LineRecord, LineSearch};
-use crate::orientation::{mend, track_file};
+use crate::orientation::{compact, mend, track_file};
 use crate::propagation::Propagation;
 use crate::record::finite;
 use crate::recording::{self, Container};
@@ -29,12 +29,16 @@ use std::path::{Path, PathBuf};
 /// Depth of a vessel's sound source where none is told, metres.
 const SOURCE_DEPTH_M: f64 = 5.0;
 
+/// Limits of η, and where every bearing has an elevation beside it: 3 % are what is left for the speed of sound and the spacing of sensors.
+const ETA: (f64, f64) = (0.85, 1.05);
+const ETA_BESIDE: (f64, f64) = (0.97, 1.03);
+
 /// Arguments of `seabearing orient`.
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     seabearing orient --station line.toml --track ship.csv bearings.csv      # t_s,sin_bearing\n  \
     seabearing orient --station line.toml --track ship.csv records.jsonl     # of `process`\n  \
-    seabearing orient --station array.toml --track ship.csv bearings.csv     # t_s,azimuth_deg,elevation_deg\n  \
+    seabearing orient --station array.toml --track ship.csv bearings.csv     # t_s,azimuth_deg,elevation_deg; or records\n  \
     seabearing orient --station array.toml --track ship.csv differences.csv  # t_s,tdoa01_s,...: hydrophone positions\n  \
     seabearing orient --geometry --station array.toml --track ship.csv --write mended.toml pass.wav  # and orientation\n  \
     seabearing orient --station obs.toml --track ship.csv azimuths.csv       # t_s,azimuth_deg\n  \
@@ -63,23 +67,24 @@ pub struct Args {
     /// Longest gap of the track that is interpolated, seconds.
     #[arg(long, default_value_t = 300.0)]
     max_gap_s: f64,
-    /// Line: largest clock shift searched either way, seconds [default: the larger of six bearings and a tenth of the
+    /// Line, array: largest clock shift searched either way, seconds [default: the larger of six bearings and a tenth of the
     /// record].
     #[arg(long)]
     max_shift_s: Option<f64>,
     /// Line: do not prefer shifts of whole bearings where the data allow them.
     #[arg(long)]
     free_shift: bool,
-    /// Line: limits of eta, the cosine of the sound's common elevation.
-    #[arg(long, default_values_t = [0.85, 1.05], num_args = 2, value_names = ["LEAST", "GREATEST"])]
-    eta: Vec<f64>,
+    /// Line: limits of eta, the cosine of the sound's common elevation [default: 0.85 1.05; with records, whose bearings have elevations of
+    /// their own, 0.97 1.03].
+    #[arg(long, num_args = 2, value_names = ["LEAST", "GREATEST"])]
+    eta: Option<Vec<f64>>,
     /// Line: how the orientation is found.
     #[arg(long, value_enum, default_value_t = Method::Fit)]
     method: Method,
     /// Ocean bottom: farthest the station is looked for from its nominal position, either way, metres.
     #[arg(long, default_value_t = SEARCH_M)]
     search_m: f64,
-    /// Array: how many successive bearings share one error (1: independent).
+    /// Array: how many successive bearings share one error at least (1: independent); more where they show it.
     #[arg(long, default_value_t = 2.0)]
     correlated: f64,
     /// Array: positions of the hydrophones and orientation together, from a recording or from arrival-time differences of one pass;
@@ -95,7 +100,7 @@ pub struct Args {
     /// Geometry: standard deviation of the depth of the sound source, metres.
     #[arg(long, default_value_t = 3.0)]
     source_depth_sd_m: f64,
-    /// Geometry: standard deviation of the recorder's clock against the track's, seconds.
+    /// Array: standard deviation of the recorder's clock against the track's, seconds; 0: they agree.
     #[arg(long, default_value_t = 1.0)]
     clock_sd_s: f64,
     /// Results as JSON Lines.
@@ -245,7 +250,10 @@ fn from_table(args: &Args, station: &StationConfig) -> Result<Value> {
     let [track] = &tracks[..] else { bail!("one --track goes with a CSV file, {} were given", tracks.len()) };
     let table = || CsvTable::read(input);
     match &station.kind {
-        Kind::Line(_) => line(args, input, track),
+        Kind::Line(_) => line(args, station, input, track),
+        Kind::Array(_) if is_records(input) => {
+            turned_record(station, &compact::of_file(station, input, track, &turn_search(args))?)
+        }
         Kind::Array(_) => array(args, station, &table()?, track),
         Kind::Obs(o) => {
             let (found, off_track) = known_vessel::horizontals(station, &table()?, track, args.max_gap_s)?;
@@ -268,27 +276,57 @@ fn array(args: &Args, station: &StationConfig, table: &CsvTable, track: &[TrackP
             "scale_s": found.scale_s, "n": found.n, "off_track": off_track,
         }));
     }
-    let (found, off_track) = known_vessel::array(station, table, track, args.max_gap_s, args.correlated)?;
+    turned_record(station, &compact::array(station, table, track, &turn_search(args))?)
+}
+
+/// What is searched of a compact array's turn.
+fn turn_search(args: &Args) -> compact::Search {
+    compact::Search {
+        gap_s: args.max_gap_s,
+        correlated: args.correlated,
+        max_shift_s: args.max_shift_s,
+        clock_sd_s: args.clock_sd_s,
+    }
+}
+
+/// The record of a compact array's turn.
+fn turned_record(station: &StationConfig, turned: &compact::Turned) -> Result<Value> {
+    let found = &turned.rotation;
+    if turned.at_the_end {
+        log::warn!(
+            "the likeliest shift of the clocks, {:.1} s, is the largest that was searched: are the track's times others? (--max-shift-s)",
+            turned.shift_s.0
+        );
+    }
     Ok(json!({
         "type": "orientation",
         "orientation_deg": degrees(found.heading + station.orientation_deg * RAD_PER_DEG),
         "sd_deg": found.sd[0] / RAD_PER_DEG,
         "pitch_deg": found.pitch / RAD_PER_DEG, "sd_pitch_deg": found.sd[1] / RAD_PER_DEG,
         "roll_deg": found.roll / RAD_PER_DEG, "sd_roll_deg": found.sd[2] / RAD_PER_DEG,
-        "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "off_track": off_track, "matrix": found.matrix,
+        "time_shift_s": turned.shift_s.0, "sd_time_shift_s": turned.shift_s.1, "correlated": turned.correlated,
+        "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "off_track": turned.off_track,
+        "matrix": found.matrix,
     }))
 }
 
 /// The line array: orientation, clock shift and η.
-fn line(args: &Args, input: &Path, track: &[TrackPoint]) -> Result<Value> {
+fn line(args: &Args, station: &StationConfig, input: &Path, track: &[TrackPoint]) -> Result<Value> {
+    // A table's bearings belong to the track's own times and have one elevation, η.
+    let level: Vec<TrackPoint> = track
+        .iter()
+        .map(|p| TrackPoint { position_m: [p.position_m[0], p.position_m[1], 0.0], ..*p })
+        .collect();
+    let up_m = (station.depth_m > 0.0).then(|| track.first().map_or(0.0, |p| p.position_m[2]));
+    let name = input.display().to_string();
+    let steps = if is_records(input) { line_records::read(input)? } else { Vec::new() };
+    let usual = if steps.is_empty() { ETA } else { ETA_BESIDE };
     let search = LineSearch {
         max_shift_s: args.max_shift_s,
         free_shift: args.free_shift,
-        eta: (args.eta[0], args.eta[1]),
+        eta: args.eta.as_deref().and_then(|eta| Some((*eta.first()?, *eta.get(1)?))).unwrap_or(usual),
         gap_s: args.max_gap_s,
     };
-    let name = input.display().to_string();
-    let steps = if is_records(input) { line_records::read(input)? } else { Vec::new() };
     let several = steps.iter().any(|s| s.sines.len() > 1);
     let read = if steps.is_empty() {
         LineRecord::of(&CsvTable::read(input)?, &search)?
@@ -301,7 +339,14 @@ fn line(args: &Args, input: &Path, track: &[TrackPoint]) -> Result<Value> {
             "{name}: several sources at once: --method fit chooses the one of the known track, the closed form does not"
         ),
         Method::Fit => {
-            let fit = if several { known::fit(&steps, track, &search, &name)? } else { read.fit(track)? };
+            let by = |track: &[TrackPoint]| {
+                if several { known::fit(&steps, track, &search, &name) } else { read.fit(track) }
+            };
+            let fit = if steps.is_empty() {
+                by(&level)?
+            } else {
+                known::heard(&level, up_m, station.sound_speed_m_s, by)?
+            };
             known::check(&fit, &name)?;
             if fit.off_track > 0 {
                 log::warn!(
@@ -318,7 +363,8 @@ fn line(args: &Args, input: &Path, track: &[TrackPoint]) -> Result<Value> {
             })
         }
         Method::ClosedForm => {
-            let (found, sd) = read.closed_form(track)?;
+            let heard = track_file::as_heard(track, up_m.unwrap_or(0.0), station.sound_speed_m_s);
+            let (found, sd) = read.closed_form(if steps.is_empty() { &level } else { &heard })?;
             json!({
                 "type": "orientation", "orientation_deg": degrees(found.orientation),
                 "sd_deg": sd.map(|sd| sd / RAD_PER_DEG),

@@ -208,11 +208,11 @@ pub struct Told {
 }
 
 /// The array, as vectors.
-struct Model {
+pub(super) struct Model {
     position_m: [[f64; 3]; CHANNELS],
-    duals: [[f64; 3]; CHANNELS],
-    sound_speed_m_s: f64,
-    curvature: f64,
+    pub(super) duals: [[f64; 3]; CHANNELS],
+    pub(super) sound_speed_m_s: f64,
+    pub(super) curvature: f64,
     across_s: f64,
     /// Information told of each unknown.
     prior: [f64; UNKNOWNS],
@@ -262,7 +262,7 @@ pub fn lateness(geometry: &Geometry, told: &Told, sets: &[[f64; 6]]) -> Option<L
 }
 
 impl Model {
-    fn new(geometry: &Geometry, told: &Told) -> Self {
+    pub(super) fn new(geometry: &Geometry, told: &Told) -> Self {
         let position_m = geometry.position_m.map(|h| h.map(f64::from));
         let c = f64::from(geometry.sound_speed_m_s);
         let across_m = PAIRS.map(|(i, j)| norm(&minus(&position_m[i], &position_m[j])));
@@ -283,7 +283,7 @@ impl Model {
     }
 
     /// The vector of a set whose delays close around every triangle.
-    fn vector(&self, delays_s: &[f64; 6], tolerance_s: f64) -> Option<[f64; 3]> {
+    pub(super) fn vector(&self, delays_s: &[f64; 6], tolerance_s: f64) -> Option<[f64; 3]> {
         let mut times = [0.0; CHANNELS];
         for ((i, j), tau) in PAIRS.into_iter().zip(delays_s) {
             times[i] -= tau / CHANNELS as f64;
@@ -298,7 +298,7 @@ impl Model {
     }
 
     /// What a curvature of 1/m adds to the vector of a direction, along it.
-    fn bend(&self, u: &[f64; 3]) -> f64 {
+    pub(super) fn bend(&self, u: &[f64; 3]) -> f64 {
         let of = |(h, d): (&[f64; 3], &[f64; 3])| {
             -0.5 * (spd::dot(h, h) - spd::dot(h, u).powi(2)) * spd::dot(d, u)
         };

@@ -1,15 +1,19 @@
 //! Bearings from a file of arrival-time differences, set by set.
 
+mod contradiction;
 pub mod late;
 mod scatter;
 
 use crate::csv::{CsvTable, good_rows};
 use anyhow::{Result, anyhow, bail};
+pub use contradiction::Contradiction;
 use late::{Lateness, Told};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_locate::delays::continuity::Continuity;
 use seabearing_locate::delays::tdoa::{DelaySolution, Solver};
 use std::path::Path;
+
+pub(crate) use scatter::correlated;
 
 /// Columns of the input.
 pub const COLUMNS: [&str; 7] =
@@ -67,6 +71,8 @@ pub struct Solved {
     pub sets: Vec<SetResult>,
     /// How late each hydrophone is in all of them; `None` where they do not tell. What is late is in the stated errors.
     pub lateness: Option<Lateness>,
+    /// What makes the accepted sets suspect; `None` where they agree with the array, or the stated errors hold what they do not.
+    pub contradiction: Option<Contradiction>,
 }
 
 /// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out. `tolerance_s`: greatest root-mean-square
@@ -114,5 +120,9 @@ pub fn solve_rows(
         let below = config.depth_m >= WELL_BELOW_M && solution.as_ref().is_some_and(points_down);
         SetResult { t_s, solution, below }
     };
-    Ok(Solved { sets: rows.into_iter().map(of).collect(), lateness })
+    let sets: Vec<SetResult> = rows.into_iter().map(of).collect();
+    let counted = lateness.as_ref().is_some_and(|l| l.said().is_some());
+    let accepted: Vec<bool> = sets.iter().map(SetResult::accepted).collect();
+    let contradiction = if counted { None } else { contradiction::of(&geometry, &told, &delays, &accepted) };
+    Ok(Solved { sets, lateness, contradiction })
 }

@@ -140,7 +140,7 @@ impl Scatter {
 
 /// How many numbers that follow each other share one error: the sum over their correlations up to the first that is none. A fit of so many
 /// unknowns takes from each correlation, in the mean, as many as there are in units of the numbers.
-fn correlated(residuals: &[f64], fitted: f64) -> f64 {
+pub(crate) fn correlated(residuals: &[f64], fitted: f64) -> f64 {
     let n = residuals.len();
     let taken = fitted / n.max(1) as f64;
     let power: f64 = residuals.iter().map(|x| x * x).sum();

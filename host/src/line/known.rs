@@ -7,6 +7,7 @@
 
 use super::records::Step;
 use crate::orientation::known_vessel::{LineRecord, LineSearch};
+use crate::orientation::track_file::as_heard;
 use anyhow::{Context, Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_pi};
 use seabearing_core::kit::median;
@@ -44,8 +45,9 @@ struct Hypothesis {
 impl Hypothesis {
     /// The source of a step that is nearest to what the track gives, and its distance in sine. `None` off the track.
     fn nearest(&self, step: &Step, track: &[TrackPoint], gap_s: f64) -> Option<(f64, f64)> {
-        let [x, y, _] = position_at(track, step.t_s - self.shift_s, gap_s)?;
-        let expected = self.eta * (x.atan2(y) - self.orientation).cos();
+        let [x, y, up] = position_at(track, step.t_s - self.shift_s, gap_s)?;
+        let level = x.hypot(y) / x.hypot(y).hypot(up).max(f64::MIN_POSITIVE);
+        let expected = self.eta * level * (x.atan2(y) - self.orientation).cos();
         let distances = step.sines.iter().map(|s| (*s, (s - expected).abs()));
         distances.min_by(|a, b| a.1.total_cmp(&b.1))
     }
@@ -100,6 +102,51 @@ pub fn fit(steps: &[Step], track: &[TrackPoint], search: &LineSearch, name: &str
         );
     }
     Ok(found)
+}
+
+/// Heights of the vessel above the line that are tried where its depth is not told, in units of the closest range: sound from steeper
+/// than 45° is told apart by no line.
+const HEIGHTS: [f64; 8] = [0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0];
+
+/// Orientation by what was heard: the track is taken as its sound arrives, with the vessel so high above the line (`up_m`; where that is
+/// not told, at the heights that go with the bearings, each as likely as it makes them). `fit` is one fit with such a track.
+///
+/// # Errors
+/// Those of the fit, where no height has one.
+pub fn heard(
+    track: &[TrackPoint],
+    up_m: Option<f64>,
+    sound_speed_m_s: f64,
+    fit: impl Fn(&[TrackPoint]) -> Result<LineOrientation>,
+) -> Result<LineOrientation> {
+    let closest_m =
+        track.iter().map(|p| p.position_m[0].hypot(p.position_m[1])).fold(f64::INFINITY, f64::min);
+    let heights: Vec<f64> = up_m.map_or_else(|| HEIGHTS.map(|h| h * closest_m).to_vec(), |up_m| vec![up_m]);
+    let (mut fits, mut failed) = (Vec::new(), None);
+    for up_m in heights {
+        match fit(&as_heard(track, up_m, sound_speed_m_s)) {
+            Ok(found) => fits.push(found),
+            Err(e) => failed = failed.or(Some(e)),
+        }
+    }
+    let Some(best) = fits.iter().copied().max_by(|a, b| a.ln_likelihood.total_cmp(&b.ln_likelihood)) else {
+        return Err(failed.unwrap_or_else(|| anyhow::anyhow!("the track has no position")));
+    };
+    // A few bearings more or less that count as wrong do not make a height likely: the scatter of one bearing does.
+    let per_bearing = |f: &LineOrientation| f.ln_likelihood / f.n.max(1) as f64;
+    let weight = |f: &LineOrientation| (best.n as f64 * (per_bearing(f) - per_bearing(&best))).min(0.0).exp();
+    let sum: f64 = fits.iter().map(weight).sum();
+    let mean =
+        |of: &dyn Fn(&LineOrientation) -> f64| fits.iter().map(|f| weight(f) * of(f)).sum::<f64>() / sum;
+    let spread = |of: &dyn Fn(&LineOrientation) -> (f64, f64)| {
+        let middle = mean(&|f| of(f).0);
+        (middle, mean(&|f| of(f).1.powi(2) + (of(f).0 - middle).powi(2)).sqrt())
+    };
+    let (turn, sd) = spread(&|f| (wrap_pi(f.orientation - best.orientation), f.sd));
+    let (time_shift_s, sd_time_shift_s) = spread(&|f| (f.time_shift_s, f.sd_time_shift_s));
+    let (eta, sd_eta) = spread(&|f| (f.eta, f.sd_eta));
+    let orientation = best.orientation + turn;
+    Ok(LineOrientation { orientation, sd, time_shift_s, sd_time_shift_s, eta, sd_eta, ..best })
 }
 
 /// Refuses an orientation that most bearings contradict, or that they miss by far more than a line's bearings err.
@@ -231,5 +278,31 @@ mod tests {
         let found = fit(&steps(&known, &other, true), &known, &SEARCH, "test");
         let error = found.and_then(|found| check(&found, "test")).unwrap_err();
         assert!(format!("{error:#}").lines().count() == 1, "{error:#}");
+    }
+
+    #[test]
+    fn sound_takes_its_way_and_a_near_vessel_has_an_elevation_of_its_own() {
+        let known = track([0.0, 6.0], [400.0, -240.0]);
+        let up_m: f64 = 60.0;
+        let (mut errors, mut mean_sd) = (Vec::new(), 0.0);
+        for phase in 0..12 {
+            let steps: Vec<Step> = (0..78)
+                .filter_map(|k| {
+                    let t_s = f64::from(k);
+                    let [x, y, _] = position_at(&as_heard(&known, up_m, 1484.0), t_s, 60.0)?;
+                    let level = x.hypot(y) / x.hypot(y).hypot(up_m);
+                    let sine = level * (x.atan2(y) - 40.0 * RAD_PER_DEG).cos();
+                    let noise = 0.003 * (7.3 * t_s * t_s + f64::from(phase) * t_s).sin();
+                    Some(Step { t_s, sines: vec![sine + noise, -0.9] })
+                })
+                .collect();
+            // Whether the depth is told or not.
+            let told = (phase % 2 == 0).then_some(up_m);
+            let found = heard(&known, told, 1484.0, |t| fit(&steps, t, &SEARCH, "test")).unwrap();
+            errors.push(wrap_pi(found.orientation - 40.0 * RAD_PER_DEG));
+            assert!(errors[phase as usize].abs() < 3.0 * found.sd, "{phase} {errors:?} {found:?}");
+            mean_sd += found.sd / 12.0;
+        }
+        assert!(mean_sd < 0.5 * RAD_PER_DEG, "{mean_sd}");
     }
 }

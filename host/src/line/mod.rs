@@ -90,6 +90,27 @@ pub struct Summary {
     pub lost: u64,
 }
 
+/// Whether the frequencies of `[line]` can be heard at a rate, Hz.
+///
+/// # Errors
+/// One line: which cannot, and which are possible.
+pub fn check_frequencies(analysis: &Analysis, rate_hz: f64) -> Result<()> {
+    let (low, high) = (2.0 / analysis.frame_s, rate_hz / 2.0 - 2.0 / analysis.frame_s);
+    let Some(frequency_hz) = analysis.frequencies_hz.iter().find(|f| !(low..=high).contains(*f)) else {
+        return Ok(());
+    };
+    if !(low < high) {
+        bail!(
+            "`frame_s` is {}: too short to tell frequencies at {rate_hz} Hz; more than {} s is needed",
+            analysis.frame_s,
+            8.0 / rate_hz
+        );
+    }
+    bail!(
+        "`frequencies_hz` has {frequency_hz}; from {low} to {high} Hz are possible with this rate and `frame_s`"
+    )
+}
+
 /// A line's recording, ready to be gone through.
 pub struct Line {
     source: Wide,
@@ -120,17 +141,9 @@ impl Line {
                 "the station file names no frequencies to look at: `frequencies_hz = [702.0]` in [line] is needed"
             );
         }
+        check_frequencies(&analysis, rate_hz)?;
         let sensors = usize::from(sensors);
         let plan = |frequency_hz: &f64| {
-            let above = *frequency_hz + 2.0 / analysis.frame_s > rate_hz / 2.0;
-            let below = *frequency_hz < 2.0 / analysis.frame_s;
-            if above || below {
-                bail!(
-                    "`frequencies_hz` has {frequency_hz}; from {} to {} Hz are possible with this rate and `frame_s`",
-                    2.0 / analysis.frame_s,
-                    rate_hz / 2.0 - 2.0 / analysis.frame_s
-                );
-            }
             let plan = LinePlan::new(
                 sensors,
                 spacing_m,

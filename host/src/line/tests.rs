@@ -194,6 +194,8 @@ fn what_is_missing_or_impossible_is_said_in_one_line() {
     assert!(said(&station("")).contains("frequencies_hz"));
     let high = said(&station("frequencies_hz = [1020.0]\n"));
     assert!(high.contains("1020") && high.contains("possible"), "{high}");
+    let short = said(&station("frequencies_hz = [702.0]\nframe_s = 0.001\n"));
+    assert!(short.contains("frame_s") && short.contains("too short"), "{short}");
     let alias = said(&station("frequencies_hz = [990.1]\n"));
     assert!(alias.contains("half a wavelength"), "{alias}");
     let wrong = |more: &str| {
@@ -206,6 +208,8 @@ fn what_is_missing_or_impossible_is_said_in_one_line() {
         ("method = \"esprit\"\n", "method"),
         ("forgetting = 1.0\n", "forgetting"),
         ("frequencies_hz = [-3.0]\n", "frequencies_hz"),
+        ("frequencies_hz = [444.0, 444.0]\n", "444 and 444"),
+        ("frequencies_hz = [444.0, 666.0, 470.0]\n", "444 and 470"),
     ] {
         let text = wrong(more);
         assert!(text.contains(key) && text.lines().count() == 1, "{text}");

@@ -15,7 +15,6 @@ use seabearing_locate::orient::closed_form::{self, ClosedForm};
 use seabearing_locate::orient::hydrophones::{Differences, Hydrophones, hydrophones};
 use seabearing_locate::orient::line::{LineBearing, LineOrientation, LineSettings, orient};
 use seabearing_locate::orient::offset::{Offset, Residual, offset};
-use seabearing_locate::orient::rotation::{DirectionPair, Rotation, rotation};
 
 /// Rows farther apart than this belong to different passes of an ocean-bottom station, seconds.
 const PASS_GAP_S: f64 = 600.0;
@@ -117,7 +116,7 @@ fn volume([origin, a, b, c]: &[[f64; 3]; 4]) -> f64 {
 }
 
 /// What of the rows of a table lies on the track, and how many do not; where these are some, a line says so.
-fn on_track<T>(
+pub(super) fn on_track<T>(
     name: &str,
     rows: Vec<T>,
     heard: impl Fn(&T) -> Option<[f64; 3]>,
@@ -129,93 +128,6 @@ fn on_track<T>(
         log::warn!("{name}: the track tells nothing of the times of {off_track} of {all} rows");
     }
     (found, off_track)
-}
-
-/// How far the Up axis of a rotation is from the vertical, radians.
-fn lean(of: &Rotation) -> f64 {
-    let [_, _, [_, _, up]] = of.matrix;
-    up.clamp(-1.0, 1.0).acos()
-}
-
-/// The turn of a compact array, and of how many bearings the track tells nothing. `correlated`: how many successive bearings
-/// share one error.
-///
-/// # Errors
-/// A column is missing, or the data do not tell; the array would lie on its side, and stand upright if the signs of what it
-/// measured were mirrored.
-pub fn array(
-    station: &StationConfig,
-    table: &CsvTable,
-    track: &[TrackPoint],
-    gap_s: f64,
-    correlated: f64,
-) -> Result<(Rotation, usize)> {
-    let name = table.name();
-    let rows = good_rows(name, table.numbers(["t_s", "azimuth_deg", "elevation_deg"])?)?;
-    let (rows, off_track) =
-        on_track(name, rows, |[t_s, ..]| heard_at(track, *t_s, gap_s, station.sound_speed_m_s));
-    let directions: Vec<DirectionPair> = rows
-        .into_iter()
-        .filter_map(|([_, azimuth_deg, elevation_deg], p)| {
-            let n = p.iter().map(|x| x * x).sum::<f64>().sqrt();
-            let (sa, ca) = (azimuth_deg * RAD_PER_DEG).sin_cos();
-            let (se, ce) = (elevation_deg * RAD_PER_DEG).sin_cos();
-            (n > 0.0).then(|| DirectionPair { measured: [sa * ce, ca * ce, se], known: p.map(|x| x / n) })
-        })
-        .collect();
-    let found = rotation(&directions, correlated).with_context(|| name.to_owned())?;
-    let leaning = lean(&found);
-    if leaning > MOST_LEANING
-        && let Some((mirror, least)) = upright_mirror(&directions, correlated)
-        && least < leaning
-    {
-        bail!(
-            "{name}: the array would lean by {:.0}°, and by {:.0}° if {}",
-            leaning / RAD_PER_DEG,
-            least / RAD_PER_DEG,
-            mirror.said
-        );
-    }
-    Ok((found, off_track))
-}
-
-/// A way in which directions can be mirrored.
-struct Mirror {
-    /// What East, North and Up of a measured direction are multiplied by.
-    signs: [f64; 3],
-    /// As it ends a line.
-    said: &'static str,
-}
-
-const MIRRORS: [Mirror; 3] = [
-    Mirror {
-        signs: [-1.0; 3],
-        said: "all directions were opposite: are the signs mirrored, or the hydrophones upside down?",
-    },
-    Mirror {
-        signs: [-1.0, 1.0, 1.0],
-        said: "azimuths ran the other way round: are two channels exchanged, or East and North in `hydrophones_m`?",
-    },
-    Mirror {
-        signs: [1.0, 1.0, -1.0],
-        said: "elevations had the other sign: are the hydrophones upside down?",
-    },
-];
-
-/// The mirror by which the array would lean least, and by how much. The directions of one pass lie nearly in a plane, in which a
-/// mirrored array is one that is turned over: vessels are seen from upright ones.
-fn upright_mirror(directions: &[DirectionPair], correlated: f64) -> Option<(&'static Mirror, f64)> {
-    let leaning = |mirror: &'static Mirror| {
-        let mirrored: Vec<_> = directions
-            .iter()
-            .map(|d| DirectionPair {
-                measured: std::array::from_fn(|k| mirror.signs[k] * d.measured[k]),
-                ..*d
-            })
-            .collect();
-        rotation(&mirrored, correlated).ok().map(|r| (mirror, lean(&r)))
-    };
-    MIRRORS.iter().filter_map(leaning).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// Positions of a compact array's hydrophones, in the frame of the station file (before orientation), and of how many sets

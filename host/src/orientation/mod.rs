@@ -2,6 +2,7 @@
 //!
 //! The estimators are the core's (`seabearing_locate::network`, `orient`, `line`); here is what reads their input.
 
+pub mod compact;
 pub mod known_vessel;
 pub mod lasting;
 pub mod measured_delays;

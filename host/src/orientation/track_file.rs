@@ -33,3 +33,19 @@ pub fn heard_at(track: &[TrackPoint], t_s: f64, gap_s: f64, sound_speed_m_s: f64
     let first = position_at(track, t_s, gap_s)?;
     position_at(track, t_s - distance(&first) / sound_speed_m_s, gap_s).or(Some(first))
 }
+
+/// The track as it is heard: each position at the time when its sound arrives. `up_m`: the vessel's height above the station, in place
+/// of the track's own.
+pub fn as_heard(track: &[TrackPoint], up_m: f64, sound_speed_m_s: f64) -> Vec<TrackPoint> {
+    let mut heard: Vec<TrackPoint> = track
+        .iter()
+        .map(|p| {
+            let [x, y, _] = p.position_m;
+            let way_s = (x * x + y * y + up_m * up_m).sqrt() / sound_speed_m_s;
+            TrackPoint { t_s: p.t_s + way_s, position_m: [x, y, up_m] }
+        })
+        .collect();
+    // A position that would be heard before the one before it is one that no vessel was at.
+    heard.dedup_by(|later, earlier| later.t_s <= earlier.t_s);
+    heard
+}

@@ -234,10 +234,17 @@ fn together(found: Vec<Part>, reading: &Reading, complaints: &mut Vec<String>) -
                     n => format!(" (and {n} in files of the same time)"),
                 };
                 let path = p.path().display();
-                format!(
-                    "{path}: {} channels{beside}, a recorder has four: give the files of all",
-                    p.info.channels
-                )
+                match Some(reading.least).filter(|least| *least > CHANNELS) {
+                    Some(least) => format!(
+                        "{path}: {} channels{beside}, and [line] of the station file needs {least}: are `sensors` and `channels` those of this \
+                         file?",
+                        p.info.channels
+                    ),
+                    None => format!(
+                        "{path}: {} channels{beside}, a recorder has four: give the files of all",
+                        p.info.channels
+                    ),
+                }
             }));
             continue;
         };

@@ -353,6 +353,19 @@ fn line_analysis(l: &tables::Line, source: &TomlFile) -> Result<Analysis> {
             here("frequencies_hz")
         );
     }
+    let frame_s = number("frame_s", l.frame_s, usual.frame_s, 1e-4..60.0)?;
+    // A Hann window is four bins wide at its foot: what is nearer together than two is heard by the same bins, and would count twice.
+    let mut sorted = frequencies_hz.clone();
+    sorted.sort_by(f64::total_cmp);
+    let near = sorted.iter().zip(sorted.iter().skip(1)).find(|(a, b)| *b - *a < (2.0 - 1e-9) / frame_s);
+    if let Some((a, b)) = near {
+        bail!(
+            "{}: `frequencies_hz` has {a} and {b}: nearer than {} Hz (two over `frame_s`) they hear the same, and each would count as \
+             independent: leave one out, or lengthen `frame_s`",
+            here("frequencies_hz"),
+            2.0 / frame_s
+        );
+    }
     let channels = l.channels.clone().unwrap_or_default();
     let distinct = channels.iter().enumerate().all(|(i, c)| !channels.iter().take(i).any(|d| d == c));
     if !(channels.is_empty() || channels.len() == usize::from(l.sensors)) || !distinct {
@@ -370,7 +383,7 @@ fn line_analysis(l: &tables::Line, source: &TomlFile) -> Result<Analysis> {
     let most = usize::from(l.sensors).saturating_sub(sources + 1).max(1);
     Ok(Analysis {
         frequencies_hz,
-        frame_s: number("frame_s", l.frame_s, usual.frame_s, 1e-4..60.0)?,
+        frame_s,
         step_s: number("step_s", l.step_s, usual.step_s, 1e-3..3600.0)?,
         forgetting: number("forgetting", l.forgetting, usual.forgetting, 0.0..1.0)?,
         subarrays: l.subarrays.map_or(usual.subarrays.min(most), usize::from),

@@ -382,7 +382,8 @@ pub(super) struct Line {
     pub(super) sensors: u8,
     /// Distance between neighbours, metres.
     pub(super) spacing_m: f64,
-    /// Frequencies at which its recordings are analysed, Hz: at most eight, each below half a wavelength between neighbours.
+    /// Frequencies at which its recordings are analysed, Hz: at most eight, two over `frame_s` apart or more, each below half a wavelength between
+    /// neighbours.
     pub(super) frequencies_hz: Option<Vec<f64>>,
     /// Length of a transform, seconds; 0.0625 by default.
     pub(super) frame_s: Option<f64>,

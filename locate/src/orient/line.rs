@@ -1,7 +1,8 @@
 //! Orientation of a linear array from a vessel of known track.
 //!
 //! With the vessel at azimuth φ, the array's axis at azimuth a and a common elevation ψ, `η = cos ψ`, the processor
-//! gives `ξ = η cos(φ − a)` [L 3, 14-16]. For a given clock shift that is linear in `(η cos a, η sin a)`, so orientation
+//! gives `ξ = η cos(φ − a)` [L 3, 14-16]; where the track tells the vessel's height above the array, the elevation is that of each
+//! bearing, and η stands beside it. For a given clock shift that is linear in `(η cos a, η sin a)`, so orientation
 //! and η follow from a 2×2 system, whichever side the vessel is on and however often it changes sides; only the shift
 //! is searched. The bearing stamped t belongs to the track's t − shift. A robust fit (Huber's, then Tukey's weights on
 //! the median absolute deviation) finds the neighbourhood and what is wrong; `shift` then weighs all shifts about it.
@@ -60,7 +61,7 @@ pub struct LineOrientation {
     pub time_shift_s: f64,
     /// Its standard deviation, seconds.
     pub sd_time_shift_s: f64,
-    /// Cosine of the common elevation.
+    /// Cosine of the common elevation, beside that of the track's heights.
     pub eta: f64,
     /// Its standard deviation.
     pub sd_eta: f64,
@@ -72,6 +73,8 @@ pub struct LineOrientation {
     pub wrong: usize,
     /// Bearings of times of which the track tells nothing.
     pub off_track: usize,
+    /// Logarithm of the greatest likelihood, scatter at its best, for comparing tracks of the same bearings.
+    pub ln_likelihood: f64,
 }
 
 /// Finds the orientation; the track is in the array's frame (array at the origin).
@@ -97,7 +100,7 @@ pub fn orient(
     let (orientation, eta) = (found.orientation.0, found.eta.0);
     let (mut on_track, mut error) = (0usize, 0.0);
     for ((c, s), b) in all.pairs(found.shift_s.0) {
-        error += computed_error(m::atan2(s, c), b.sine / eta, orientation);
+        error += computed_error(m::atan2(s, c), b.sine / (eta * m::sqrt(c * c + s * s)), orientation);
         on_track += 1;
     }
     Ok(LineOrientation {
@@ -111,12 +114,14 @@ pub fn orient(
         n: found.n,
         wrong: on_track.saturating_sub(found.n),
         off_track: bearings.len() - on_track,
+        ln_likelihood: found.ln_likelihood,
     })
 }
 
-/// Cosine and sine of the azimuth of a place; North where it is the origin.
-pub(super) fn unit(east: f64, north: f64) -> (f64, f64) {
-    let range = m::sqrt(east * east + north * north);
+/// North and East of the direction to a place: cosine and sine of its azimuth, times the cosine of its elevation; North where it is
+/// the origin.
+pub(super) fn unit([east, north, up]: [f64; 3]) -> (f64, f64) {
+    let range = m::sqrt(east * east + north * north + up * up);
     if range > 0.0 { (north / range, east / range) } else { (1.0, 0.0) }
 }
 
@@ -170,13 +175,10 @@ struct Data<'a> {
 }
 
 impl<'a> Data<'a> {
-    /// Cosine and sine of the true azimuth, and bearing, of every bearing on the track at a shift.
+    /// True direction ([`unit`]), and bearing, of every bearing on the track at a shift.
     fn pairs(&self, shift_s: f64) -> impl Iterator<Item = ((f64, f64), &'a LineBearing)> + Clone + use<'a> {
         let (track, gap_s) = (self.track, self.settings.gap_s);
-        self.bearings.iter().filter_map(move |b| {
-            let [x, y, _] = position_at(track, b.t_s - shift_s, gap_s)?;
-            Some((unit(x, y), b))
-        })
+        self.bearings.iter().filter_map(move |b| Some((unit(position_at(track, b.t_s - shift_s, gap_s)?), b)))
     }
 
     /// Noise of ξ about the best unweighted fit of any shift: it scales the robust loss for all shifts alike.

@@ -29,6 +29,8 @@ pub struct DirectionPair {
     pub measured: [f64; 3],
     /// From the known track.
     pub known: [f64; 3],
+    /// Standard deviation of one component of its error against those of the others, in any unit; 1 where all are alike.
+    pub sd: f64,
 }
 
 /// The rotation that turns reported directions into true ones.
@@ -59,7 +61,8 @@ pub fn rotation(directions: &[DirectionPair], correlated: f64) -> Result<Rotatio
         return Err(OrientError::TooFew);
     }
     let unit = |v: &[f64; 3]| m::abs(Vector3::from(*v).norm_squared() - 1.0) < 1e-6;
-    if !directions.iter().all(|d| unit(&d.measured) && unit(&d.known)) || !(correlated >= 1.0) {
+    let sane = |d: &DirectionPair| unit(&d.measured) && unit(&d.known) && d.sd > 0.0 && d.sd.is_finite();
+    if !directions.iter().all(sane) || !(correlated >= 1.0) {
         return Err(OrientError::NotFinite);
     }
     let equations = |_, r: &Matrix3<f64>| {
@@ -67,7 +70,7 @@ pub fn rotation(directions: &[DirectionPair], correlated: f64) -> Result<Rotatio
         let (mut h, mut g) = (Matrix3::zeros(), Vector3::zeros());
         for d in directions {
             let (p, u) = (r * Vector3::from(d.measured), Vector3::from(d.known));
-            let w = Huber::EFFICIENT.weight(angle(&p, &u) / scale);
+            let w = Huber::EFFICIENT.weight(angle(&p, &u) / (scale * d.sd)) / (d.sd * d.sd);
             h += (Matrix3::identity() - p * p.transpose()) * w;
             g += p.cross(&u) * w;
         }
@@ -119,16 +122,19 @@ fn errors<'a>(
     directions.iter().map(move |d| angle(&(r * Vector3::from(d.measured)), &Vector3::from(d.known)))
 }
 
-/// Standard deviation of one tangential component of the angular errors, robustly: the median of a Rayleigh variable
-/// is 1.1774 standard deviations.
+/// Standard deviation of one tangential component of the angular errors in units of those stated, robustly: the median of a Rayleigh
+/// variable is 1.1774 standard deviations.
 fn spread(directions: &[DirectionPair], r: &Matrix3<f64>) -> f64 {
-    (quantile(errors(directions, r), 0.5) / 1.1774).clamp(LEAST_SCALE, 1.0)
+    let stated = errors(directions, r).zip(directions).map(|(e, d)| e / d.sd);
+    (quantile(stated, 0.5) / 1.1774).max(LEAST_SCALE)
 }
 
 /// Least squares over all rotations: `U diag(1, 1, ±1) Vᵀ` from the singular values of `Σ u mᵀ`.
 fn best_rotation(directions: &[DirectionPair]) -> Option<Matrix3<f64>> {
-    let sum: Matrix3<f64> =
-        directions.iter().map(|d| Vector3::from(d.known) * Vector3::from(d.measured).transpose()).sum();
+    let sum: Matrix3<f64> = directions
+        .iter()
+        .map(|d| Vector3::from(d.known) * Vector3::from(d.measured).transpose() / (d.sd * d.sd))
+        .sum();
     let parts = sum.try_svd(true, true, f64::EPSILON, 100)?;
     let (u, v_t) = (parts.u?, parts.v_t?);
     let sense = if u.determinant() * v_t.determinant() < 0.0 { -1.0 } else { 1.0 };
@@ -159,7 +165,7 @@ mod tests {
                 let t = f64::from(k);
                 let e = [noise * (3.0 * t).sin(), noise * (5.0 * t + 1.0).sin(), noise * (7.0 * t).cos()];
                 let measured = r.transpose() * turn(&e) * Vector3::from(known);
-                DirectionPair { measured: measured.into(), known }
+                DirectionPair { measured: measured.into(), known, sd: 1.0 }
             })
             .collect()
     }
@@ -206,7 +212,7 @@ mod tests {
     #[test]
     fn one_direction_is_not_enough() {
         let known = [0.6, 0.64, 0.48];
-        let d = [DirectionPair { measured: known, known }; 20];
+        let d = [DirectionPair { measured: known, known, sd: 1.0 }; 20];
         assert_eq!(rotation(&d, 1.0), Err(OrientError::NotObservable));
         assert_eq!(rotation(&d[..2], 1.0), Err(OrientError::TooFew));
     }

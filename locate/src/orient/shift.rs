@@ -49,6 +49,8 @@ pub(super) struct Estimate {
     pub eta: (f64, f64),
     /// Bearings used.
     pub n: usize,
+    /// See [`super::line::LineOrientation`].
+    pub ln_likelihood: f64,
 }
 
 /// What the data say at one shift.
@@ -91,30 +93,29 @@ impl<'a> Data<'a> {
     fn kept(self, rough: Rough) -> impl Iterator<Item = &'a LineBearing> + Clone {
         let (p, q) = rough.components;
         self.bearings.iter().filter(move |b| {
-            let Some([x, y, _]) = position_at(self.track, b.t_s - rough.shift_s, self.settings.gap_s) else {
+            let Some(place) = position_at(self.track, b.t_s - rough.shift_s, self.settings.gap_s) else {
                 return false;
             };
-            let (c, s) = unit(x, y);
+            let (c, s) = unit(place);
             m::abs(b.sine - p * c - q * s) <= WRONG * rough.scale
         })
     }
 
-    /// Cosine and sine of the vessel's azimuth; beyond its ends and gaps the track goes on straight.
+    /// The vessel's direction ([`unit`]); beyond its ends and gaps the track goes on straight.
     fn direction(&self, t_s: f64) -> (f64, f64) {
         let at = |t_s| position_at(self.track, t_s, f64::INFINITY);
         let beyond = |end: Option<&TrackPoint>, before: Option<&TrackPoint>| {
             let (end, before) = end.zip(before)?;
             let share = (t_s - end.t_s) / (end.t_s - before.t_s);
-            let ([x, y, _], [u, v, _]) = (end.position_m, before.position_m);
-            Some([x + share * (x - u), y + share * (y - v), 0.0])
+            let ([x, y, z], [u, v, _]) = (end.position_m, before.position_m);
+            Some([x + share * (x - u), y + share * (y - v), z])
         };
         let (first, second) = (self.track.first(), self.track.get(1));
         let place = at(t_s).or_else(|| match first {
             Some(first) if t_s < first.t_s => beyond(Some(first), second),
             _ => beyond(self.track.last(), self.track.len().checked_sub(2).and_then(|n| self.track.get(n))),
         });
-        let [x, y, _] = place.unwrap_or([0.0, 1.0, 0.0]);
-        unit(x, y)
+        unit(place.unwrap_or([0.0, 1.0, 0.0]))
     }
 
     /// How much successive errors have in common, from what a rough fit leaves: the correlation of neighbours, with what
@@ -216,7 +217,11 @@ impl<'a> Data<'a> {
                 k += 1.0;
             }
         }
-        sums.estimate(least.max(floor) / freedom, n).ok_or(OrientError::NotObservable)
+        let mut found = sums.estimate(least.max(floor) / freedom, n).ok_or(OrientError::NotObservable)?;
+        // Whitened errors have the variance of the bearings': each but the first is narrower by √(1 − ρ²) for what the one before told.
+        found.ln_likelihood = -0.5 * n as f64 * m::ln(least.max(floor) / n as f64)
+            - 0.5 * (n as f64 - 1.0) * m::ln(1.0 - common * common);
+        Ok(found)
     }
 
     /// The shifts about a rough one that are not much worse than the best, and the best one's squares.
@@ -285,7 +290,13 @@ impl Sums {
             (mean, m::sqrt(spread + variance * self.own[i] / self.weight))
         };
         let (orientation, sd) = of(0);
-        Some(Estimate { orientation: (origin + orientation, sd), shift_s: of(1), eta: of(2), n })
+        Some(Estimate {
+            orientation: (origin + orientation, sd),
+            shift_s: of(1),
+            eta: of(2),
+            n,
+            ln_likelihood: 0.0,
+        })
     }
 }
 

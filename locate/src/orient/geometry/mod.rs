@@ -163,11 +163,11 @@ fn start<'a>(
     heard: impl Iterator<Item = &'a TimedDelays> + Clone,
 ) -> Result<[[f64; 3]; 3], OrientError> {
     // As many of them as fit, evenly over the pass.
-    let mut pairs = [DirectionPair { measured: [0.0; 3], known: [0.0; 3] }; 240];
+    let mut pairs = [DirectionPair { measured: [0.0; 3], known: [0.0; 3], sd: 1.0 }; 240];
     let every = (heard.clone().count() / pairs.len() + 1).max(1);
     let mut n = 0;
     for (set, pair) in heard.step_by(every).filter_map(|set| direction(model, set)).zip(&mut pairs) {
-        (*pair, n) = (DirectionPair { measured: set.0, known: set.1 }, n + 1);
+        (*pair, n) = (DirectionPair { measured: set.0, known: set.1, sd: 1.0 }, n + 1);
     }
     rotation(pairs.get(..n).unwrap_or(&[]), 1.0).map(|r| r.matrix)
 }
