@@ -107,7 +107,7 @@ fn run(options: &Options) -> Result<()> {
         let course = VesselCourse::straight(&ship.straight);
         let t = ship.straight.cpa_time_s;
         let truth = course.at(t).unwrap_or_default();
-        // Times of the records are from the earliest bearing on.
+        // Times are from sample 0 of the recording that began first.
         let begins_s = heard.start.map_or(0.0, |s| (s - default_start()).as_seconds_f64());
         let place = found.position_m(t - begins_s);
         let off = [place[0] - truth.0, place[1] - truth.1];

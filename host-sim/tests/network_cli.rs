@@ -278,7 +278,7 @@ fn a_buoy_is_oriented_by_a_ship_of_known_track() {
 fn records_of_recorders_with_clocks_of_their_own_start_are_brought_together() {
     let dir = tempfile::tempdir().unwrap();
     let (stations, bearings) = write(dir.path(), 0.0, |_| 0.0);
-    let text = std::fs::read_to_string(bearings).unwrap();
+    let text = std::fs::read_to_string(&bearings).unwrap();
     let mut files = Vec::new();
     for (id, _) in ARRAYS_M {
         // Each recorder counts from its own start, a minute after the one before.
@@ -306,15 +306,25 @@ fn records_of_recorders_with_clocks_of_their_own_start_are_brought_together() {
     let f: Vec<&str> = files.iter().map(String::as_str).collect();
     let fixes = records(&[&["locate", "--stations", s, "--depth-m", "5", "--json"], &f[..]].concat());
     assert!(fixes.len() > 150);
-    // Time zero is the earliest bearing: 0.3 s.
+    // Time zero is sample 0 of the recording that began first, though no bearing is of that time.
     let fix = fixes.iter().find(|f| number(f, "t_s") > 200.0).unwrap();
     assert_eq!(fix["stations"], serde_json::json!([1, 2, 3]));
-    let p = vessel_m(number(fix, "t_s") + 0.3 - 0.2);
+    let p = vessel_m(number(fix, "t_s") + 60.0 - 0.2);
     assert!((number(fix, "x_m") - p[0]).hypot(number(fix, "y_m") - p[1]) < 10.0, "{fix} {p:?}");
-    assert!(fix["utc"].as_str().unwrap().starts_with("2026-03-01T10:03:2"), "{fix}");
-    let track =
-        records(&[&["locate", "--stations", s, "--depth-m", "5", "--motion", "--json"], &f[..]].concat());
+    assert!(fix["utc"].as_str().unwrap().starts_with("2026-03-01T10:04:2"), "{fix}");
+    let motion = |files: &[&str]| {
+        records(&[&["locate", "--stations", s, "--depth-m", "5", "--motion", "--json"], files].concat())
+    };
+    let track = motion(&f);
     assert!((number(&track[0], "speed_m_s") - 6.0).abs() < 0.1, "{track:?}");
+    // A minute earlier than in the time of the bearings; in the table it is the table's.
+    let of_table = motion(&[bearings.to_str().unwrap()]);
+    for key in ["cpa_time_s", "t_s"] {
+        let off = number(&track[0], key) + 60.0 - number(&of_table[0], key);
+        assert!(off.abs() < 0.01, "{key}: {off}");
+    }
+    assert!(track[0]["utc"].as_str().unwrap().starts_with("2026-03-01T10:00:0"), "{track:?}");
+    assert!(track[0]["utc_cpa"].is_string() && of_table[0].get("utc").is_none(), "{track:?}");
 }
 
 /// A compact array's station file, and a track past it, 300 m off at 163 m of height.

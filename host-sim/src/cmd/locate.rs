@@ -149,13 +149,15 @@ fn motion(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Result
     warn_of(network, &found);
     let (speed, sd_speed) = found.speed_m_s();
     let (heading, sd_heading) = found.heading();
-    let [x0, y0] = found.position_m(rows[0].t_s);
+    let t0_s = rows[0].t_s;
+    let [x0, y0] = found.position_m(t0_s);
+    let clock = RecordFormat { rate_hz: 1.0, start: heard.start, times: Default::default() };
     let rejected = found.rejected.map(|i| network.stations[i].id);
     let record = |i: usize| {
         let [x, y, _] = network.arrays_m[i];
         let Some(cpa) = found.closest([x, y]) else { bail!("{}: the vessel does not move", args.name()) };
         let mut record = json!({
-            "type": "track", "station": network.stations[i].id,
+            "type": "track", "station": network.stations[i].id, "t_s": t0_s,
             "cpa_time_s": cpa.t_s.0, "cpa_range_m": cpa.range_m.0, "heading_deg": heading / RAD_PER_DEG,
             "speed_m_s": speed, "side": if cpa.to_starboard { "starboard" } else { "port" },
             "sd_cpa_time_s": cpa.t_s.1, "sd_cpa_range_m": cpa.range_m.1,
@@ -163,6 +165,11 @@ fn motion(args: &Args, network: &Network, heard: &mut NetworkBearings) -> Result
             "x0_m": x0, "y0_m": y0, "n": rows.len(), "misfit": found.misfit, "freedom": found.freedom,
             "consistent": found.consistent, "growth": found.growth.sqrt(),
         });
+        for (key, t_s) in [("utc", t0_s), ("utc_cpa", cpa.t_s.0)] {
+            if let Some(utc) = clock.utc(t_s) {
+                record[key] = utc.into();
+            }
+        }
         if found.rejected != Some(i) {
             let offset = found.offsets[i];
             for (key, angle) in [("turned_deg", offset.azimuth.0), ("sd_turned_deg", offset.azimuth.1)] {

@@ -5,8 +5,8 @@
 //! surface one is the other. Only the azimuth's spread is joined to `sd` then; a range's own is what it is.
 //!
 //! Each file tells its station in its `hello` record, or every record does. Where all files have a clock (`utc`) the
-//! times are seconds since the earliest bearing; otherwise `t_s` is taken as it is, which is right only for recordings
-//! that began together.
+//! times are seconds since sample 0 of the recording that began first, as in the recorders' own records; otherwise `t_s` is
+//! taken as it is, which is right only for recordings that began together.
 
 use super::network_file::{Network, NetworkBearings};
 use super::over_time::SOURCE_DEPTH_M;
@@ -15,8 +15,8 @@ use anyhow::{Context, Result, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use serde_json::Value;
 use std::path::PathBuf;
-use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
+use time::{Duration, OffsetDateTime};
 
 /// Share of a minute's evidence from which on an azimuth or a range is the minute's own.
 const CHIEF: f64 = 0.5;
@@ -32,6 +32,13 @@ struct UtcRow {
     /// It is an ocean-bottom station's.
     of_the_floor: bool,
     row: BearingRow,
+}
+
+impl UtcRow {
+    /// UTC of sample 0 of its recording, where there is a clock.
+    fn sample_0(&self) -> Option<OffsetDateTime> {
+        self.utc?.checked_sub(Duration::checked_seconds_f64(self.row.t_s)?)
+    }
 }
 
 /// Reads the bearings of all files, in order of time, with what is told of their clocks. `sd` (azimuth, elevation;
@@ -51,7 +58,7 @@ pub fn read(files: &[PathBuf], network: &Network, sd: (f64, f64), relative: bool
             );
         }
     }
-    let start = found.iter().map(|d| d.utc).min().flatten();
+    let start = found.iter().map(UtcRow::sample_0).min().flatten();
     if start.is_none() && files.len() > 1 {
         log::warn!("not all files have a clock (`utc`): their recordings are taken to begin together");
     }
