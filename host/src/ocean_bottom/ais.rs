@@ -99,6 +99,16 @@ pub fn passages(reports: &[AisReport], origin_deg: (f64, f64)) -> Vec<AisPassage
     out
 }
 
+/// Legs left out because they are too long to be straight, of those that would lie partly inside the surveyed area.
+pub fn legs_too_long(reports: &[AisReport], origin_deg: (f64, f64)) -> usize {
+    let long = |pair: &&[(Fix, Option<f64>)]| {
+        let (from, to) = (pair[0].0, pair[1].0);
+        let (dt, way) = (to.0 - from.0, (to.1.0 - from.1.0).hypot(to.1.1 - from.1.1));
+        dt < GAP_S && way >= LONGEST_LEG_M && way <= IMPOSSIBLE_M_S * dt && inside(from, to).is_some()
+    };
+    tracks(reports, origin_deg).iter().map(|(_, fixes)| fixes.windows(2).filter(long).count()).sum()
+}
+
 /// The part of a straight leg inside the surveyed area, a point of time and place at either end.
 fn inside(a: Fix, b: Fix) -> Option<(Fix, Fix)> {
     let (dx, dy) = (b.1.0 - a.1.0, b.1.1 - a.1.1);
@@ -193,15 +203,24 @@ pub fn extras(scenario: &ObsScenario) -> Result<Vec<Extra>> {
         };
         let start = scenario.start.unix_timestamp() as f64;
         let span = start..start + scenario.duration_s;
-        let all = passages(&read(&entry.file)?, (lat, lon));
+        let reports = read(&entry.file)?;
+        let all = passages(&reports, (lat, lon));
         let chosen: Vec<_> = all
             .iter()
             .filter(|p| span.contains(&p.cpa_unix_s) && entry.mmsi.is_none_or(|m| m == p.mmsi))
             .map(|p| p.extra(start, &entry.radiation))
             .collect();
         if chosen.is_empty() {
+            let left_out = match legs_too_long(&reports, (lat, lon)) {
+                0 => String::new(),
+                n => format!(
+                    "; {n} legs from one position to the next are {:.0} km and longer, too long to be taken as straight, and were \
+                     left out: positions that stand closer are needed",
+                    1e-3 * LONGEST_LEG_M
+                ),
+            };
             bail!(
-                "{}: no vessel passes within 25 km while the scenario runs ({} passages in the file)",
+                "{}: no vessel passes within 25 km while the scenario runs ({} passages in the file{left_out})",
                 entry.file.display(),
                 all.len()
             );
@@ -248,6 +267,16 @@ mod tests {
             let reach = [f[0], f[f.len() - 1]].map(|f| f.1.0.hypot(f.1.1));
             assert!(reach.iter().all(|r| (r - RADIUS_M).abs() < 1.0), "{reach:?}");
         }
+    }
+
+    #[test]
+    fn legs_too_long_to_be_straight_are_counted() {
+        let reports = [at(1, 0.0, -160.0, 10.0), at(1, 9.0, 160.0, 10.0), at(1, 10.0, 180.0, 10.0)];
+        assert!(passages(&reports, (0.0, 0.0)).is_empty());
+        assert_eq!(legs_too_long(&reports, (0.0, 0.0)), 1);
+        // One that would not come near, and one of a length that is taken.
+        assert_eq!(legs_too_long(&[at(2, 0.0, -160.0, 120.0), at(2, 9.0, 160.0, 120.0)], (0.0, 0.0)), 0);
+        assert_eq!(legs_too_long(&[at(3, 0.0, -110.0, 10.0), at(3, 8.0, 110.0, 10.0)], (0.0, 0.0)), 0);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::propagation::{Propagation, file};
 use crate::station::Station;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use seabearing_core::obs::decimate::inner_rate_hz;
 use seabearing_core::obs::table::{MAX_BRANCHES, blob_bytes};
 use seabearing_core::obs::table_encode::{BranchColumns, Header, encode};
@@ -26,9 +26,17 @@ pub fn of_station(station: &Station) -> Result<Option<Vec<u8>>> {
 /// number are left out.
 ///
 /// # Errors
-/// The table does not cover `NEEDED_M`, or holds what the core refuses.
+/// The table does not cover `NEEDED_M`, its f0 is beyond half the recorder's rate, or it holds what the core refuses.
 pub fn blob(table: &Propagation, name: &str, rate_hz: f64) -> Result<Vec<u8>> {
     file::covers(table, NEEDED_M, name)?;
+    let nyquist_hz = 0.5 * inner_rate_hz(rate_hz);
+    if table.f0_hz >= nyquist_hz {
+        bail!(
+            "{name}: f0_hz is {}; the station works at {} samples a second, which hold frequencies below {nyquist_hz} Hz",
+            table.f0_hz,
+            2.0 * nyquist_hz
+        );
+    }
     let rows = table.rows();
     let branches = table.strengths.len().min(MAX_BRANCHES);
     let travel: Vec<f32> = (0..rows).map(|j| table.travel_time_s(j).map_or(f32::NAN, |t| t as f32)).collect();
@@ -78,6 +86,9 @@ mod tests {
         let strength = f64::from(pulse.re).hypot(f64::from(pulse.im)) / 32_768.0;
         assert!((strength - table.strengths[1].at(21_000.0)).abs() < 1e-4);
         assert!(core.delay_s(0, 49_000.0).is_none(), "the direct path does not reach so far");
+        let high = Propagation { f0_hz: 30.0, ..table.clone() };
+        let said = blob(&high, "t.toml", 200.0).unwrap_err().to_string();
+        assert!(said.contains("f0_hz") && said.contains("25 Hz"), "{said}");
         let short = trace::trace("t", &profile, &Bottom::default(), 700.0, 50, || ());
         assert!(blob(&short, "t.toml", 50.0).unwrap_err().to_string().contains("t.toml"));
     }

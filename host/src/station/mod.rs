@@ -179,6 +179,12 @@ impl Station {
             "obs" => {
                 let Some(o) = file.obs else { bail!("{name}: kind = \"obs\" needs a table [obs]") };
                 components = o.components.unwrap_or_default();
+                if let Some([a, b]) = components.alike() {
+                    bail!(
+                        "{}: `{a}` and `{b}` name the same channel; each component is a channel of its own",
+                        here("obs.components")
+                    );
+                }
                 propagation = o.propagation.map(|p| folder.join(p));
                 seed_id = o.seed_id;
                 sensitivity = o.sensitivity;

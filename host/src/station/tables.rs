@@ -367,6 +367,20 @@ pub struct Components {
     pub vertical: String,
 }
 
+impl Components {
+    /// Two components that name one channel.
+    pub(super) fn alike(&self) -> Option<[&'static str; 2]> {
+        let all = [
+            ("pressure", &self.pressure),
+            ("north", &self.north),
+            ("east", &self.east),
+            ("vertical", &self.vertical),
+        ];
+        let pairs = (0..all.len()).flat_map(|i| (0..i).map(move |k| (all[k], all[i])));
+        pairs.filter(|(a, b)| a.1 == b.1).map(|(a, b)| [a.0, b.0]).next()
+    }
+}
+
 impl Default for Components {
     fn default() -> Self {
         Self { pressure: "BDH".into(), north: "BH1".into(), east: "BH2".into(), vertical: "BHZ".into() }

@@ -120,3 +120,17 @@ fn wrong_files_name_key_and_line() {
     let e = parse(&GOOD.replace("kind = \"array\"\n", "")).unwrap_err().to_string();
     assert!(e.contains("kind"), "{e}");
 }
+
+#[test]
+fn components_are_channels_of_their_own() {
+    let of = |north: &str, east: &str| {
+        parse(&format!(
+            "[station]\nid = 1\nkind = \"obs\"\n[sampling]\nrate_hz = 50\n[obs]\n\
+             components = {{ pressure = \"BDH\", north = \"{north}\", east = \"{east}\", vertical = \"BHZ\" }}\n"
+        ))
+    };
+    assert!(of("BH1", "BH2").is_ok());
+    let e = of("BH1", "BH1").unwrap_err().to_string();
+    assert!(e.contains("`north` and `east`") && e.contains("line 7"), "{e}");
+    assert!(of("BHZ", "BH2").unwrap_err().to_string().contains("`north` and `vertical`"));
+}
