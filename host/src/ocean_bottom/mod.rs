@@ -5,6 +5,7 @@
 
 pub mod ais;
 pub mod ambient;
+pub mod call_ranges;
 pub mod caller_ways;
 pub mod calls;
 mod columns;
