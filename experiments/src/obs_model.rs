@@ -15,7 +15,7 @@ use crate::ocean_bottom::scenario::{ObsScenario, ObsVessel, Radiation, Side, Str
 use crate::ocean_bottom::simulate::Simulator;
 use crate::ocean_bottom::stages::{SpectralFrame, frames};
 use crate::ocean_bottom::station;
-use crate::ocean_bottom::strengths::{Branch, CELL_M, CELLS, fit, stack};
+use crate::ocean_bottom::strengths::{Branch, CELL_M, CELLS, Envelopes, fit, stack};
 use crate::plot::{ColourMap, HeatMap, Plot, write_panels};
 use crate::propagation::Propagation;
 use crate::propagation::strength::{RR03, SkewNormal};
@@ -52,7 +52,7 @@ fn run(options: &Options) -> Result<()> {
         courses.push(course);
         all.extend(frames);
     }
-    let branches = fit(&all, &courses, &table);
+    let branches = fit(&Envelopes::of(&all), &courses, &table);
     strengths(options, &branches)?;
     envelope(options, &all, &courses, &table)?;
     hypotheses(options, &table)

@@ -108,6 +108,21 @@ impl VesselCourse {
         Ok(Self::Smooth(moments.collect()))
     }
 
+    /// The same way, later by a time and with all places farther by a factor.
+    pub fn moved(&self, later_s: f64, scale: f64) -> Self {
+        let place = |(x, y): EastNorth| (scale * x, scale * y);
+        let steady = |s: &Steady| Steady {
+            at_s: s.at_s + later_s,
+            place_m: place(s.place_m),
+            velocity_m_s: place(s.velocity_m_s),
+        };
+        match self {
+            Self::Straight(s) => Self::Straight(steady(s)),
+            Self::Fixes(fixes) => Self::Fixes(fixes.iter().map(|f| (f.0 + later_s, place(f.1))).collect()),
+            Self::Smooth(moments) => Self::Smooth(moments.iter().map(steady).collect()),
+        }
+    }
+
     /// The vessel's place; `None` where fixes do not tell.
     pub fn at(&self, t_s: f64) -> Option<EastNorth> {
         match self {

@@ -1,10 +1,11 @@
 //! `seabearing propagation fit`: strengths of interferences and the form of their pulse, from vessels of known track.
 
-use crate::course::of_file;
+use crate::course::{VesselCourse, of_file};
 use crate::csv::{CsvText, Fixed};
+use crate::ocean_bottom::echoes_along::Along;
 use crate::ocean_bottom::pulse::{Pieces, PulseFit};
 use crate::ocean_bottom::stages::frames;
-use crate::ocean_bottom::strengths::{Branch, Cell, fit};
+use crate::ocean_bottom::strengths::{Branch, Cell, Envelopes, fit};
 use crate::plot::{Plot, write_panels};
 use crate::propagation::{Propagation, file};
 use crate::station::Station;
@@ -53,7 +54,8 @@ pub fn run(args: Args) -> Result<()> {
     let courses = of_file(&args.tracks)?;
     let mut source = recording::open(&args.input, &station, None)?;
     let frames = frames(source.as_mut(), &station.config)?;
-    let fitted = fit(&frames, &courses, &table);
+    let envelopes = Envelopes::of(&frames);
+    let fitted = fit(&envelopes, &courses, &table);
     if fitted.iter().all(|b| b.law.is_none()) {
         bail!(
             "{} frames and {} tracks gave no strength of any branch: do recording and tracks cover the same time?",
@@ -61,6 +63,7 @@ pub fn run(args: Args) -> Result<()> {
             courses.len()
         );
     }
+    look_along(&args, &envelopes, &courses, &table)?;
     if !args.keep_pulse {
         let pulse = Pieces::collect(&frames, &courses, &table).fit();
         report_pulse(&args, &table, pulse.as_ref());
@@ -80,18 +83,66 @@ pub fn run(args: Args) -> Result<()> {
     draw(&args.out.with_extension("svg"), &fitted, &table)
 }
 
+/// Refuses tracks along which the recording holds no echoes, and says where it holds more.
+fn look_along(
+    args: &Args,
+    envelopes: &Envelopes,
+    courses: &[VesselCourse],
+    table: &Propagation,
+) -> Result<()> {
+    let Some(along) = Along::of(envelopes, courses, table) else { return Ok(()) };
+    let elsewhere = along.elsewhere.map(|e| match (e.later_s, e.scale) {
+        (0.0, scale) => format!("{scale:.2} times as far from the station"),
+        (s, _) => format!("{:.0} s {}", s.abs(), if s < 0.0 { "earlier" } else { "later" }),
+    });
+    let tracks = args.tracks.display();
+    match (along.echoes(), elsewhere) {
+        (true, None) => Ok(()),
+        (true, Some(there)) => {
+            log::warn!(
+                "{tracks}: the recording holds clearly more echoes along the same tracks {there}: are times and places right?"
+            );
+            Ok(())
+        }
+        (false, Some(there)) => bail!(
+            "{tracks}: the recording holds no echoes along these tracks, but along the same tracks {there}: are times and places \
+             right? Nothing was written"
+        ),
+        (false, None) => bail!(
+            "{tracks}: the recording holds no more echoes along these tracks than along the same ones ten minutes and more earlier or \
+             later: are they the vessels', and is the table that of this water? Nothing was written"
+        ),
+    }
+}
+
 fn report_pulse(args: &Args, table: &Propagation, pulse: Option<&PulseFit>) {
+    let f0_sd = pulse.filter(|p| !p.f0_at_limit()).map(|p| p.f0_sd_hz);
+    let width_sd = pulse.filter(|p| !p.width_at_limit()).map(|p| p.width_sd_s);
+    for (name, sd) in [("centre frequency", f0_sd), ("width", width_sd)] {
+        if pulse.is_some() && sd.is_none() {
+            log::warn!(
+                "the pulse's {name} is at the limit of the search: it is not determined, and its deviation is not known"
+            );
+        }
+    }
     if args.json {
         println!(
             "{}",
             serde_json::json!({"type": "pulse", "cepstra": pulse.map(|p| p.pieces),
-                "f0_hz": pulse.map(|p| p.form.f0_hz), "f0_sd_hz": pulse.map(|p| p.f0_sd_hz),
-                "width_s": pulse.map(|p| p.form.width_s), "width_sd_s": pulse.map(|p| p.width_sd_s)})
+                "f0_hz": pulse.map(|p| p.form.f0_hz), "f0_sd_hz": f0_sd,
+                "width_s": pulse.map(|p| p.form.width_s), "width_sd_s": width_sd})
         );
     } else if let Some(p) = pulse {
+        let or_none = |sd: Option<f64>, digits| sd.map_or(String::new(), |sd| format!(" ± {sd:.digits$}"));
         println!(
-            "pulse: f0 {:.2} ± {:.2} Hz (was {:.2}), width {:.4} ± {:.4} s (was {:.4}); {} cepstra",
-            p.form.f0_hz, p.f0_sd_hz, table.f0_hz, p.form.width_s, p.width_sd_s, table.width_s, p.pieces
+            "pulse: f0 {:.2}{} Hz (was {:.2}), width {:.4}{} s (was {:.4}); {} cepstra",
+            p.form.f0_hz,
+            or_none(f0_sd, 2),
+            table.f0_hz,
+            p.form.width_s,
+            or_none(width_sd, 4),
+            table.width_s,
+            p.pieces
         );
     } else {
         println!("pulse: not measured, kept as it was");
@@ -102,6 +153,11 @@ const NAMES: [&str; 6] = ["13", "35", "57", "79", "9-11", "11-13"];
 
 fn report(args: &Args, fitted: &[Branch]) {
     for (name, b) in NAMES.iter().zip(fitted) {
+        for parameter in b.at_limit() {
+            log::warn!(
+                "branch {name}: the {parameter} of its law is at the limit of the search and is not determined"
+            );
+        }
         let residual = b.law.map(|l| {
             let sum: f64 = b.cells.iter().map(|c| (c.envelope - l.at(c.range_m)).powi(2)).sum();
             (sum / b.cells.len().max(1) as f64).sqrt()

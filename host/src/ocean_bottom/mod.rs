@@ -9,6 +9,7 @@ pub mod call_ranges;
 pub mod caller_ways;
 pub mod calls;
 mod columns;
+pub mod echoes_along;
 pub mod event;
 mod evidence;
 pub mod far;

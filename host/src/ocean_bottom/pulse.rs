@@ -19,6 +19,10 @@ const REACH: usize = 8;
 
 /// Widest pulse that the recorder's table holds, s (10 quefrencies are three widths).
 pub const WIDEST_S: f64 = 0.0666;
+/// Narrowest that is looked at, s: below two quefrencies.
+const NARROWEST_S: f64 = 0.015;
+/// Centre frequencies looked at, Hz.
+const CENTRES_HZ: (f64, f64) = (4.0, 24.0);
 
 /// Fewest frames that give a pulse.
 const LEAST: usize = 100;
@@ -158,7 +162,8 @@ impl Pieces {
     fn best(&self, part: usize) -> PulseForm {
         let mut best = (PulseForm { f0_hz: 0.0, width_s: 0.0, written: Written::Own }, f64::NEG_INFINITY);
         let consider = |f0_hz: f64, width_s: f64, best: &mut (PulseForm, f64)| -> bool {
-            let allowed = (4.0..=24.0).contains(&f0_hz) && (0.015..=WIDEST_S).contains(&width_s);
+            let allowed =
+                (CENTRES_HZ.0..=CENTRES_HZ.1).contains(&f0_hz) && (NARROWEST_S..=WIDEST_S).contains(&width_s);
             let form = PulseForm { f0_hz, width_s, written: Written::Own };
             let score = if allowed { self.part(&form, part) } else { f64::NEG_INFINITY };
             let better = score > best.1;
@@ -238,6 +243,18 @@ pub struct PulseFit {
     pub pieces: usize,
 }
 
+impl PulseFit {
+    /// Whether the centre frequency ended at the limit of what is looked at: then its deviation is not known.
+    pub fn f0_at_limit(&self) -> bool {
+        (self.form.f0_hz - CENTRES_HZ.0).min(CENTRES_HZ.1 - self.form.f0_hz) < 0.02
+    }
+
+    /// Whether the width did.
+    pub fn width_at_limit(&self) -> bool {
+        (self.form.width_s - NARROWEST_S).min(WIDEST_S - self.form.width_s) < 2e-4
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -270,6 +287,9 @@ mod tests {
             assert!((found.form.f0_hz - f0_hz).abs() < 0.3, "{found:?}");
             assert!((found.form.width_s / width_s - 1.0).abs() < 0.08, "{found:?}");
         }
+        let wide =
+            pieces(PulseForm { f0_hz: 12.0, width_s: 0.09, written: Written::Own }, 0.7).fit().unwrap();
+        assert!(wide.width_at_limit() && !wide.f0_at_limit(), "{wide:?}");
         assert_eq!(pieces(PulseForm { f0_hz: 15.0, width_s: 0.05, written: Written::Own }, 0.0).fit(), None);
     }
 

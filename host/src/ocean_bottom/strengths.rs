@@ -22,6 +22,11 @@ const LEAST: usize = 8;
 /// Branches nearer to each other than this cannot be told apart, s: three widths of the pulse.
 pub(super) const APART_S: f64 = 0.15;
 
+/// Greatest shape of a law that is looked at.
+const MOST_SHAPE: f64 = 10.0;
+/// Least and greatest scale, m.
+const SCALES_M: (f64, f64) = (1_000.0, 40_000.0);
+
 /// One cell of range of one branch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
@@ -33,6 +38,8 @@ pub struct Cell {
     pub envelope: f64,
     /// Its standard deviation.
     pub sd: f64,
+    /// Noncentrality λ of its χ² law: power of the envelope over that of noise.
+    pub noncentrality: f64,
 }
 
 /// One branch's measured strengths and their law; no law where too few cells have data.
@@ -44,54 +51,76 @@ pub struct Branch {
     pub law: Option<SkewNormal>,
 }
 
-/// Stacks and fits every branch of a table.
-pub fn fit(frames: &[SpectralFrame], courses: &[VesselCourse], table: &Propagation) -> Vec<Branch> {
-    let branches = table.strengths.len();
-    let mut sums = vec![[(0.0f64, 0usize, 0.0f64); CELLS]; branches];
-    let mut envelope = Envelope::new(frames.first().map_or(0, |f| f.filtered.len()));
-    for f in frames {
-        let Some(course) = alone(courses, f.t_s) else { continue };
-        let squares = envelope.of(&f.filtered);
-        for b in 0..branches {
-            let Some((range, tau)) = at_emission(table, course, b, f.t_s) else { continue };
-            let row = (range / table.step_m).round() as usize;
-            let crowded = (0..branches)
-                .filter(|c| *c != b)
-                .filter_map(|c| table.branch(c, row))
-                .any(|(other, _)| (other - tau).abs() < APART_S);
-            let k = (tau * 50.0).round() as usize;
-            let cell = (range / CELL_M) as usize;
-            if crowded || cell >= CELLS || k + 8 > squares.len() || k < 8 {
-                continue;
-            }
-            let sigma = f64::from(noise_sd(k));
-            let slot = &mut sums[b][cell];
-            *slot = (slot.0 + squares[k] / (sigma * sigma), slot.1 + 1, sigma);
-        }
+impl Branch {
+    /// Parameters of its law that ended at the limit of what is looked at.
+    pub fn at_limit(&self) -> Vec<&'static str> {
+        let Some(law) = self.law else { return Vec::new() };
+        let near = |x: f64, limit: f64| (x - limit).abs() < 1e-3 * limit;
+        let all = [
+            ("shape", near(law.shape, MOST_SHAPE)),
+            ("scale", near(law.scale_m, SCALES_M.0) || near(law.scale_m, SCALES_M.1)),
+        ];
+        all.into_iter().filter(|(_, at)| *at).map(|(name, _)| name).collect()
     }
-    sums.iter()
-        .map(|row| {
-            let cells: Vec<Cell> = row
-                .iter()
-                .enumerate()
-                .filter(|(_, s)| s.1 >= LEAST)
-                .map(|(i, &(sum, n, sigma))| {
-                    let lambda = (sum / n as f64 - 2.0).max(0.0);
-                    // The variance of a noncentral χ² of two degrees is 4 + 4 λ; overlapped frames count half.
-                    let sd_lambda = ((4.0 + 4.0 * lambda) / (0.5 * n as f64)).sqrt();
-                    let sd = sigma * 0.5 * sd_lambda / lambda.max(sd_lambda).sqrt();
-                    Cell {
-                        range_m: (i as f64 + 0.5) * CELL_M,
-                        frames: n,
-                        envelope: sigma * lambda.sqrt(),
-                        sd,
-                    }
-                })
-                .collect();
-            let law = law(&cells);
-            Branch { cells, law }
-        })
-        .collect()
+}
+
+/// Squared envelopes of a recording's cepstra with their times, s.
+pub struct Envelopes(Vec<(f64, Vec<f64>)>);
+
+impl Envelopes {
+    /// Of frames.
+    pub fn of<'f>(frames: impl IntoIterator<Item = &'f SpectralFrame>) -> Self {
+        let mut frames = frames.into_iter().peekable();
+        let mut envelope = Envelope::new(frames.peek().map_or(0, |f| f.filtered.len()));
+        Self(frames.map(|f| (f.t_s, envelope.of(&f.filtered))).collect())
+    }
+
+    /// At most so many of them, evenly chosen.
+    pub fn thinned(&self, most: usize) -> Self {
+        let every = self.0.len().div_ceil(most.max(1)).max(1);
+        Self(self.0.iter().step_by(every).cloned().collect())
+    }
+
+    /// Measured strengths of every branch of a table along courses.
+    pub fn cells(&self, courses: &[VesselCourse], table: &Propagation) -> Vec<Vec<Cell>> {
+        let branches = table.strengths.len();
+        let mut sums = vec![[(0.0f64, 0usize, 0.0f64); CELLS]; branches];
+        for (t_s, squares) in &self.0 {
+            let Some(course) = alone(courses, *t_s) else { continue };
+            for (b, sums) in sums.iter_mut().enumerate() {
+                let Some((range, tau)) = at_emission(table, course, b, *t_s) else { continue };
+                let row = (range / table.step_m).round() as usize;
+                let crowded = (0..branches)
+                    .filter(|c| *c != b)
+                    .filter_map(|c| table.branch(c, row))
+                    .any(|(other, _)| (other - tau).abs() < APART_S);
+                let k = (tau * 50.0).round() as usize;
+                let cell = (range / CELL_M) as usize;
+                if crowded || cell >= CELLS || k + 8 > squares.len() || k < 8 {
+                    continue;
+                }
+                let sigma = f64::from(noise_sd(k));
+                let slot = &mut sums[cell];
+                *slot = (slot.0 + squares[k] / (sigma * sigma), slot.1 + 1, sigma);
+            }
+        }
+        let cell = |(i, &(sum, n, sigma)): (usize, &(f64, usize, f64))| {
+            let lambda = (sum / n as f64 - 2.0).max(0.0);
+            // The variance of a noncentral χ² of two degrees is 4 + 4 λ; overlapped frames count half.
+            let sd_lambda = ((4.0 + 4.0 * lambda) / (0.5 * n as f64)).sqrt();
+            let sd = sigma * 0.5 * sd_lambda / lambda.max(sd_lambda).sqrt();
+            let range_m = (i as f64 + 0.5) * CELL_M;
+            Cell { range_m, frames: n, envelope: sigma * lambda.sqrt(), sd, noncentrality: lambda }
+        };
+        let counts = |(_, sum): &(usize, &(f64, usize, f64))| sum.1 >= LEAST;
+        sums.iter().map(|row| row.iter().enumerate().filter(counts).map(cell).collect()).collect()
+    }
+}
+
+/// Stacks and fits every branch of a table.
+pub fn fit(envelopes: &Envelopes, courses: &[VesselCourse], table: &Propagation) -> Vec<Branch> {
+    let measured = envelopes.cells(courses, table);
+    measured.into_iter().map(|cells| Branch { law: law(&cells), cells }).collect()
 }
 
 /// Mean envelope of the cepstrum against range and quefrency: a row for each cell of range (of the first branch that is
@@ -210,8 +239,9 @@ pub fn law(cells: &[Cell]) -> Option<SkewNormal> {
             for sign in [-1.0, 1.0] {
                 let mut q = p;
                 q[i] += sign * step[i];
-                let allowed =
-                    (0.0..=10.0).contains(&q[0]) && q[1] >= 0.0 && (1_000.0..=40_000.0).contains(&q[2]);
+                let allowed = (0.0..=MOST_SHAPE).contains(&q[0])
+                    && q[1] >= 0.0
+                    && (SCALES_M.0..=SCALES_M.1).contains(&q[2]);
                 let s = if allowed { score(q).0 } else { f64::INFINITY };
                 if s < least {
                     (p, least, moved) = (q, s, true);
@@ -235,7 +265,13 @@ mod tests {
         for (n, truth) in RR03.iter().enumerate().take(3) {
             let cells: Vec<Cell> = (0..CELLS)
                 .map(|i| (i as f64 + 0.5) * CELL_M)
-                .map(|r| Cell { range_m: r, frames: 100, envelope: truth.at(r), sd: 0.002 })
+                .map(|r| Cell {
+                    range_m: r,
+                    frames: 100,
+                    envelope: truth.at(r),
+                    sd: 0.002,
+                    noncentrality: 0.0,
+                })
                 .collect();
             let found = law(&cells).unwrap();
             let worst = cells.iter().map(|c| (found.at(c.range_m) - c.envelope).abs()).fold(0.0, f64::max);
@@ -245,7 +281,8 @@ mod tests {
 
     #[test]
     fn nothing_gives_no_law() {
-        let cells = vec![Cell { range_m: 500.0, frames: 10, envelope: 0.0, sd: 0.01 }; 20];
+        let cells =
+            vec![Cell { range_m: 500.0, frames: 10, envelope: 0.0, sd: 0.01, noncentrality: 0.0 }; 20];
         assert_eq!(law(&cells), None);
         assert_eq!(law(&[]), None);
     }
