@@ -13,6 +13,7 @@
 //! - A fourth: short sounds rich in frequency. In frames whose pressure is uneven in time the bin's neighbours tell what
 //!   directions a call gives it; and since a call lies in both frames that overlap it, such frames count half against it.
 //! - The phase between pressure and velocity must be steady over the window as well.
+//! - What fills three eighths of the band must be surer than a line: a sound of minutes that swells or fades does so in some frames only.
 //! - Bins that agree with the strongest mode within their own spread are set aside and the rest searched again: several
 //!   vessels give several modes.
 //!
@@ -114,6 +115,10 @@ impl WrappedCauchy {
         self.weigh_bins(bins, ambient, s, rows);
         for slot in &mut out.modes {
             let Some(mode) = self.next_mode(bins, s, rows) else { break };
+            let wideband = WIDEBAND.1 * usize::from(mode.bins) >= WIDEBAND.0 * bins;
+            if !self.paper && wideband && mode.log_presence < SURE_WIDEBAND {
+                continue;
+            }
             if out.log_presence < mode.log_presence {
                 out.log_presence = mode.log_presence;
             }
@@ -270,6 +275,12 @@ const TAKEN: f32 = 0.35;
 /// From here to [`TAKEN`] a bin's directions are counted for how many the limit cuts off, rad.
 const EDGE: f32 = 0.25;
 
+/// Share of the band's bins from which on a mode is a wideband sound's, and the least log presence of a vessel's then. A vessel that fills so
+/// many bins is sure in the surest of them (15.1 and more in 2 700 such windows of vessels at 3 to 60 km); a T phase or an earthquake that
+/// swells or fades within the window fills them in some of its frames only (mostly below 14.5).
+const WIDEBAND: (usize, usize) = (3, 8);
+const SURE_WIDEBAND: f32 = 14.5;
+
 /// Directions for one that is independent. Of a tone's three bins errors go together to 2/3 and 1/6 by the Hann window, which makes 2.67 of
 /// one, and half-overlapped frames to 1/6, 1.33: 3.55. Those of wideband sound go together to the squares of these: 2.05. A vessel's bins are
 /// mostly tones' where it is weak; chosen so that azimuths of vessels 10 dB below the table's level lie in their 95 %.
@@ -374,6 +385,25 @@ mod tests {
         assert!(steady.len() == 1 && (steady[0] - 105.0).abs() < 3.0, "{steady:?}");
         let tone = modes(&window(60, 3, 40));
         assert!(tone.len() == 1 && (tone[0] - 281.0).abs() < 2.0, "{tone:?}");
+    }
+
+    #[test]
+    fn a_wideband_sound_that_fades_within_the_window_is_no_tone() {
+        // Full of one direction in the first frames, and of none in the others.
+        let fading = |full: usize, bins: usize, tone: usize| {
+            let mut rows = window(bins, tone, 14);
+            let empty = window(0, tone, 14);
+            for (row, other) in rows.iter_mut().zip(empty).skip(full) {
+                *row = other;
+            }
+            modes(&rows)
+        };
+        for full in 6..10 {
+            assert!(fading(full, 140, 0).is_empty(), "{full}");
+        }
+        assert_eq!(fading(18, 140, 0).len(), 1);
+        // A vessel beside it is heard, and so is one whose few bins fade.
+        assert_eq!(fading(8, 140, 3).len(), 1);
     }
 
     #[test]
