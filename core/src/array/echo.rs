@@ -9,11 +9,21 @@
 //! Cost: 2000 instructions a segment.
 
 use super::estimate::{Context, Found};
+use super::search::SearchWork;
 use super::wavefront::{self, Direction, PAIR_COUNT};
 use crate::math::f32 as m;
 
 /// So many resolution cells from the vessel's azimuth, an echo's may lie.
 const SAME_CELLS: f32 = 2.0;
+/// How far below the horizon it comes from: as far as the vessel is above it where the bottom is close below the array, at most so many times as far and
+/// this angle more, radians; in steps.
+const STEEPER: f32 = 2.5;
+const STEEPER_RAD: f32 = 0.05;
+const STEPS: usize = 32;
+/// Pairs beside the loudest that must hear it apart from the vessel, by how many samples, and standard deviations of noise.
+const LEAST_PAIRS: f32 = 2.0;
+const LEAST_SAMPLES: f32 = 1.5;
+const SURE: f32 = 2.5;
 /// Looks over which it is averaged, and how much fainter it is taken to be for each that does not find it.
 const AVERAGED: f32 = 4.0;
 const FADES: f32 = 0.7;
@@ -36,26 +46,51 @@ impl Echo {
     /// Nothing.
     pub(super) const NONE: Self = Self { sine: 0.0, share: 0.0, looks: 0.0 };
 
-    /// Takes what a search found once the first source was taken out. Whether that is its echo.
-    pub(super) fn take(&mut self, context: &Context<'_>, first: &Found, other: Option<&Found>) -> bool {
+    /// Looks for the first source's in the correlations that are left once it is taken out.
+    #[inline(never)]
+    pub(super) fn look(&mut self, context: &Context<'_>, first: &Found, left: &SearchWork) {
         let vessel = &first.refined.direction;
-        let own = |other: &&Found| {
-            let direction = &other.refined.direction;
-            let across = wavefront::dot(direction, &wavefront::tangents(vessel).0);
-            direction[2] < 0.0
-                && vessel[2] > 0.0
-                && m::abs(across) < SAME_CELLS * context.plan.whole.resolution
-                && wavefront::dot(direction, vessel) > 0.0
-        };
-        let Some(other) = other.filter(own) else {
+        let elevation = m::asin(vessel[2].clamp(0.0, 1.0));
+        let steepest = STEEPER * elevation + STEEPER_RAD;
+        let least = SURE * context.deviation(context.bins()) / context.bins();
+        let (mut most, mut sine) = (0.0, 0.0);
+        for step in 0..=STEPS {
+            let below = elevation + (steepest - elevation) * step as f32 / STEPS as f32;
+            let at = Self { sine: -m::sin_cos(below).0, ..*self };
+            let tau = context.delays(&at.direction(vessel), 0.0);
+            let (mut sum, mut highest, mut heard) = (0.0, 0.0f32, -1.0f32);
+            for (p, (tau, own)) in tau.iter().zip(&first.tau).enumerate() {
+                if m::abs(tau - own) * context.plan.rate_hz > LEAST_SAMPLES {
+                    let value = left.pair_value(context.plan, p, *tau);
+                    sum += value;
+                    highest = highest.max(value);
+                    heard += 1.0;
+                }
+            }
+            // What one pair hears alone is none, as of a hydrophone that hears another through its channel.
+            let coherence = (sum - highest) / (heard * context.bins());
+            if heard >= LEAST_PAIRS && coherence * m::sqrt(heard) > least && coherence > most {
+                (most, sine) = (coherence, at.sine);
+            }
+        }
+        if most > 0.0 {
+            self.looks = (self.looks + 1.0).min(AVERAGED);
+            let part = 1.0 / self.looks;
+            self.sine += part * (sine - self.sine);
+            self.share += part * (most / (most + first.mean) - self.share);
+        } else {
             self.share *= FADES;
-            return false;
-        };
-        self.looks = (self.looks + 1.0).min(AVERAGED);
-        let part = 1.0 / self.looks;
-        self.sine += part * (other.refined.direction[2] - self.sine);
-        self.share += part * (other.mean / (other.mean + first.mean) - self.share);
-        true
+        }
+    }
+
+    /// Whether a source found beside the first one is its echo.
+    pub(super) fn is(context: &Context<'_>, first: &Found, other: &Found) -> bool {
+        let (vessel, direction) = (&first.refined.direction, &other.refined.direction);
+        let across = wavefront::dot(direction, &wavefront::tangents(vessel).0);
+        direction[2] < 0.0
+            && vessel[2] > 0.0
+            && m::abs(across) < SAME_CELLS * context.plan.whole.resolution
+            && wavefront::dot(direction, vessel) > 0.0
     }
 
     /// Whether there is one.

@@ -5,6 +5,7 @@
 
 use super::agreement::Doubt;
 use super::chain::Scratch;
+use super::echo::Echo;
 use super::estimate::{Context, Found, MOST_UNEVEN, examine, find};
 use super::followed::{Known, SECOND_APART_CELLS, SECOND_MOVES_RAD, near};
 use super::memory::Memory;
@@ -128,8 +129,9 @@ pub(super) fn search(
     };
     let other = find(context, None, spectra, scratch);
     // What comes from below in the vessel's own direction is no vessel.
-    let echo = memory.echo.take(context, first, other.as_ref());
-    let other = other.filter(|other| !echo && is_new(&other.refined.direction));
+    memory.echo.look(context, first, &scratch.search);
+    let echo = |other: &Found| Echo::is(context, first, other);
+    let other = other.filter(|other| !echo(other) && is_new(&other.refined.direction));
     let Some(other) = other else {
         memory.others.drop_doubtful();
         return;
