@@ -20,7 +20,7 @@ use seabearing_locate::network::known_track::{TrackPoint, position_at};
 use seabearing_locate::orient::rotation::{DirectionPair, Rotation, rotation};
 
 /// Shifts of a grid.
-const SHIFTS: usize = 80;
+const SHIFTS: usize = 40;
 /// Cost beyond which a shift counts for nothing: five standard deviations.
 const FARTHEST: f64 = 12.5;
 /// Where the loss of a direction's error goes on straight, standard deviations of one component.
