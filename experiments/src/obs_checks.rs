@@ -294,6 +294,15 @@ fn run(options: &Options) -> Result<()> {
                 24.0 * defect.within_days as f64,
             );
         }
+        // A mirrored or turned world, which contradicts nothing that one station hears.
+        if defect.wanted.is_none() && defect.known.is_some() {
+            let first = said.faults.first().map_or(f64::INFINITY, hours);
+            figures.at_most(
+                format!("{name}: named by the station alone after, h of the record"),
+                first,
+                24.0,
+            );
+        }
         figures.at_most(
             format!("{name}: other things named"),
             others.len() as f64 + named.len().saturating_sub(1) as f64,
