@@ -87,6 +87,12 @@ const WRONG_RANGE_M: f64 = 1_500.0;
 /// Half width of the stated 95 % of one number, standard deviations.
 const NORMAL_95: f64 = 1.96;
 
+/// Squared distance in a place's own covariance within which the truth lies in 95 % of cases: quantile of chi-square with two degrees of freedom.
+const PLACE_95: f64 = 5.99;
+
+/// A way that departs from a straight line by so much while its vessel is heard bends, m.
+const BENDS_M: f64 = 500.0;
+
 /// What was said against what was so: how many, how many wrong, how many within the stated 95 %.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Stated {
@@ -283,6 +289,9 @@ fn figures(options: &Options, level: &Level, case: &Case, out: Outcome) {
         );
     }
     out.stated.report(options);
+    let [all, bent] = places(case).map(|(n, within)| 100.0 * within as f64 / n as f64);
+    figures.report("running tracks: places in their 95 %", all, Bar::Within(92.0, 97.0));
+    figures.state("running tracks of ways that bend by 500 m and more: places in their 95 %", bent);
     figures.at_most("faults named of a set-up that is as told", case.set_up_faults().len() as f64, 0.0);
     let withdrawn = tracks(case).filter(|t| t.stage == Track::WITHDRAWN).count();
     figures.state("running tracks withdrawn", withdrawn as f64);
@@ -291,6 +300,31 @@ fn figures(options: &Options, level: &Level, case: &Case, out: Outcome) {
 /// Errors in a person's units.
 pub(super) fn cells(e: &TrackMiss) -> [f64; 4] {
     [e.cpa_time_s, e.cpa_range_m, e.heading.to_degrees(), e.speed_m_s]
+}
+
+/// Places of running tracks against the vessel nearest to each in its own covariance: how many, and how many in the stated 95 %. Of all, and of
+/// vessels whose ways bend.
+pub(super) fn places(case: &Case) -> [(usize, usize); 2] {
+    let bent: Vec<bool> =
+        case.vessels.iter().map(|v| v.course.bend_m().is_some_and(|m| m >= BENDS_M)).collect();
+    let mut out = [(0, 0); 2];
+    for t in tracks(case).filter(|t| t.stage == Track::RUNNING) {
+        let t_s = t.index as f64 / case.rate_hz;
+        let [xx, yy, xy] = [t.var_x_m2, t.var_y_m2, t.cov_xy_m2].map(f64::from);
+        let off = |v: &MovingVessel| {
+            let (x, y) = v.course.at(t_s)?;
+            let (dx, dy) = (x - f64::from(t.x_m), y - f64::from(t.y_m));
+            Some((yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy))
+        };
+        let all = case.vessels.iter().zip(&bent).filter_map(|(v, bent)| Some((off(v)?, *bent)));
+        let Some((off, bent)) = all.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+        let (all, ways) = out.split_at_mut(1);
+        for (n, within) in all.iter_mut().chain(ways.iter_mut().filter(|_| bent)) {
+            *n += 1;
+            *within += usize::from(off <= PLACE_95);
+        }
+    }
+    out
 }
 
 /// All tracks.

@@ -40,7 +40,7 @@ pub(super) const EXTRA_SPEED_M_S: f64 = 0.4;
 /// Extent of the uniform alternative: 50 km and 26 m/s.
 const UNIFORM: (f64, f64) = (50_000.0, 26.0);
 
-/// Ranges between which a vessel should show in range, m.
+/// Ranges between which a vessel should show in range over the water of RR03, m.
 const RANGE_SHOWS_M: (f64, f64) = (7_000.0, 40_000.0);
 
 /// A course taken as it is.
@@ -206,8 +206,8 @@ struct Terms {
     rival: bool,
 }
 
-/// Range from which on a vessel's own echoes do not look like those of another pair of paths of one farther away, m: nearer, the
-/// pair 13 is so strong that read as 35 it has the strength of that.
+/// Range from which on a vessel's own echoes do not look like those of another pair of paths of one farther away, m over the water of RR03:
+/// nearer, the pair 13 is so strong that read as 35 it has the strength of that.
 const RIVALS_M: f64 = 17_000.0;
 
 /// A vessel read as another pair of paths seems nearer by about this: 35 as 13, 57 as 35. How far from that it may be, and
@@ -216,12 +216,12 @@ const RIVALS: [f64; 2] = [2.0, 1.5];
 const RIVAL_WITHIN: (f64, f64) = (0.06, 1.0);
 
 /// Whether a vessel at that range would be a mode's, read as another pair of paths.
-fn is_rival(d: &RangeEvidence, s: &Seen) -> bool {
+fn is_rival(d: &RangeEvidence, s: &Seen, depth_ratio: f64) -> bool {
     let like = |factor: f64| {
         math::f64::abs(d.range_m / factor - s.range_m) < RIVAL_WITHIN.0 * s.range_m
             && math::f64::abs(d.speed_m_s / factor - s.speed_m_s) < RIVAL_WITHIN.1
     };
-    d.sure && d.weight > 0.5 && s.range_m > RIVALS_M && RIVALS.into_iter().any(like)
+    d.sure && d.weight > 0.5 && s.range_m > RIVALS_M * depth_ratio && RIVALS.into_iter().any(like)
 }
 
 /// Log terms of one minute. Wanted in several places, and large.
@@ -233,7 +233,10 @@ fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -
         Some((ratio, ..)) => math::f64::ln(1.0 - DETECTION.0 + DETECTION.0 * ratio),
         None => -0.3,
     };
-    let shows = s.range_m > RANGE_SHOWS_M.0 && s.range_m < RANGE_SHOWS_M.1;
+    let depth_ratio = travel.depth_ratio();
+    // In deeper water no vessel is heard farther.
+    let (near_m, far_m) = (RANGE_SHOWS_M.0 * depth_ratio, RANGE_SHOWS_M.1 * depth_ratio.min(1.0));
+    let shows = s.range_m > near_m && s.range_m < far_m;
     let (range, distance) = match best_distance(m, s.range_m, s.speed_m_s, SURE) {
         Some((ratio, d)) if ratio > 1.0 || shows => {
             (math::f64::ln(1.0 - DETECTION.1 + DETECTION.1 * ratio), (ratio > 1.0).then_some(d))
@@ -241,7 +244,7 @@ fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -
         None if shows => (-0.3, None),
         _ => (0.0, None),
     };
-    Terms { azimuth, range, distance, rival: m.distances().any(|d| is_rival(&d, &s)) }
+    Terms { azimuth, range, distance, rival: m.distances().any(|d| is_rival(&d, &s, depth_ratio)) }
 }
 
 /// The greatest that a minute's log terms can be, whatever the course.

@@ -9,6 +9,7 @@
 use super::limits::{FINE, MODEL_RANGES, QUEFRENCIES, RANGE_STEP_M};
 use super::shared::Envelope;
 use super::table::{HALF, KERNEL, PARTS, Pulse, STRENGTH_UNIT, Table, three};
+use super::travel::RR03_S;
 use crate::math;
 
 /// Delays closer than this draw pulses that cannot be told apart, s.
@@ -65,6 +66,12 @@ impl<'t> Interference<'t> {
     pub fn max_range_m(&self) -> f32 {
         let most = RANGE_STEP_M * (MODEL_RANGES - 1) as f32;
         self.table.as_ref().map_or(0.0, |t| t.max_range_m().min(most))
+    }
+
+    /// As [`super::travel::TravelTime::depth_ratio`]; 1 without a table.
+    pub(super) fn depth_ratio(&self) -> f32 {
+        let straight_up_s = self.table.as_ref().and_then(|t| t.travel_times_s().next());
+        straight_up_s.map_or(1.0, |up_s| up_s / RR03_S as f32)
     }
 
     /// Number of branches.

@@ -31,6 +31,12 @@ const OUT_OF_PHASE_M: f64 = 30.0;
 /// 1.94 of its range, with a table 100 m off at 0.43 to 2.0 (measured in a month of real ways), and with this both ends lie in the 95 %.
 const OTHER_PAIR: f64 = 0.68;
 
+/// The same of one that seems near, on few ranges yet: a pair 57 or 79 read as 13 puts a vessel at a third or a quarter of its range.
+const FAR_PAIR: f64 = 1.2;
+
+/// At how many deviations of range more the same error of direction is that much longer.
+const FARTHER: f64 = 1.5;
+
 /// Natural logarithm of an amplitude's ratio of one decibel.
 const LN_DB: f64 = core::f64::consts::LN_10 / 20.0;
 
@@ -173,13 +179,14 @@ impl Lasting {
     /// Adds to the covariance of a course what all its minutes share: `with` is the course that follows where they have one of the errors.
     pub(super) fn widen(
         &self,
-        (course, covariance): &mut (Course, CourseCovariance),
+        known: &mut (Course, CourseCovariance),
         with: impl Fn(Told) -> Option<Course>,
     ) {
-        let [x, y, vx, vy] = course.p;
         if self.orientation > 0.0 {
-            spd::add_outer(covariance, &[y, -x, vy, -vx], self.orientation * self.orientation);
+            turn(known, self.orientation);
         }
+        let (course, covariance) = known;
+        let [x, y, vx, vy] = course.p;
         for other in self.told().filter_map(with) {
             let (ox, oy) = other.at(course.t0_s);
             let [_, _, ovx, ovy] = other.p;
@@ -188,10 +195,41 @@ impl Lasting {
     }
 }
 
-/// Adds to the covariance of a course that all its ranges, and with them its speed, may be another pair of paths'; heading and time of the
-/// closest point stay as they are.
-pub(super) fn widen_for_other_pairs((course, covariance): &mut (Course, CourseCovariance)) {
-    spd::add_outer(covariance, &course.p, OTHER_PAIR * OTHER_PAIR);
+/// Adds to the covariance of a course that all its directions may be turned by a deviation, rad.
+pub(super) fn turn((course, covariance): &mut (Course, CourseCovariance), deviation: f64) {
+    let [x, y, vx, vy] = course.p;
+    spd::add_outer(covariance, &[y, -x, vy, -vx], deviation * deviation);
+}
+
+/// Which other pairs of paths the ranges of a course may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Pairs {
+    /// The next one, either way.
+    Next,
+    /// Any of one farther away.
+    Farther,
+}
+
+impl Pairs {
+    fn deviation(self) -> f64 {
+        match self {
+            Self::Next => OTHER_PAIR,
+            Self::Farther => FAR_PAIR,
+        }
+    }
+
+    /// Adds to the covariance of a course that all its ranges, and with them its speed, may be another pair of paths'; heading and time
+    /// of the closest point stay as they are.
+    pub(super) fn widen(self, (course, covariance): &mut (Course, CourseCovariance)) {
+        spd::add_outer(covariance, &course.p, self.deviation() * self.deviation());
+    }
+
+    /// The same of a course where its vessel is now: farther away the same error of direction is longer.
+    pub(super) fn widen_place(self, now: &mut (Course, CourseCovariance)) {
+        let longer = 1.0 + FARTHER * self.deviation();
+        now.1.as_flattened_mut().iter_mut().for_each(|c| *c *= longer * longer);
+        self.widen(now);
+    }
 }
 
 #[cfg(test)]
@@ -249,7 +287,7 @@ mod tests {
     fn another_pair_of_paths_leaves_heading_and_time_as_they_are() {
         let course = Course { t0_s: 0.0, p: [3_000.0, 4_000.0, 6.0, -1.0] };
         let mut with = (course, [[0.0; 4]; 4]);
-        widen_for_other_pairs(&mut with);
+        Pairs::Next.widen(&mut with);
         let (closest, covariance) = with.0.closest(&with.1).unwrap();
         let sd = |k: usize| covariance[k][k].max(0.0).sqrt();
         assert!((sd(1) / closest.range_m.abs() - OTHER_PAIR).abs() < 1e-6, "{}", sd(1));

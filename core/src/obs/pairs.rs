@@ -13,7 +13,7 @@ use super::presence::Expected;
 use super::shared::Envelope;
 use crate::math;
 
-/// Ranges at which both pairs show, m.
+/// Ranges at which both pairs show, m over the water of RR03.
 const SHOWN_M: core::ops::Range<f32> = 11_000.0..22_000.0;
 
 /// Ranges read: 2.1 km to either side of the expected one.
@@ -58,7 +58,7 @@ impl Profiles {
         expected: &Expected,
         offset_s: f32,
     ) {
-        if !SHOWN_M.contains(&expected.range_m) {
+        if !SHOWN_M.contains(&(expected.range_m / model.depth_ratio())) {
             return;
         }
         let first_m = expected.range_m + expected.speed_m_s * offset_s - HALF as f32 * RANGE_STEP_M;

@@ -11,12 +11,12 @@ use super::course::{Closest, Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
 use super::gone::Gone;
-use super::lasting::{self, Told};
+use super::lasting::{self, Pairs, Told};
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
 use super::search::search;
-use crate::angle::wrap_tau;
+use crate::angle::{wrap_pi, wrap_tau};
 use crate::math;
 use crate::wire::{Message, Track};
 
@@ -28,8 +28,8 @@ const LIVE: usize = VESSELS;
 const ESTABLISHED: u16 = 40;
 const SPAN: f32 = 2.0;
 
-/// A slow vessel that came no nearer than this may be one twice as far that is louder than the table's, m; nearer its own pairs of paths are
-/// much the stronger ones.
+/// A slow vessel that came no nearer than this may be one twice as far that is louder than the table's, m over the water of RR03; nearer its
+/// own pairs of paths are much the stronger ones.
 const MAY_BE_DOUBLE_M: f32 = 17_000.0;
 
 /// Speeds above which a vessel is seldom, and above which none is twice as fast as it seems, m/s (21 and 25 knots).
@@ -55,6 +55,24 @@ const SEARCHED: u32 = 120;
 
 /// Minutes without support after which a track is closed.
 const SILENCE: u32 = 45;
+
+/// A vessel is heard leaving as far as it was heard coming. One that falls silent before or about its closest point is none: the course is
+/// that of another pair of paths, or of the directions of several vessels, which it kept to for a while. How long after its closest
+/// point it must be heard if it is silent for as long, minutes.
+const LEAVING: u32 = 10;
+
+/// Records of a track that are sent while its vessel is heard, before it may have a last one: what is found in what was heard long ago, and
+/// not heard again, is what others left.
+const FEW_SENT: u16 = 3;
+
+/// Depth of the water over that of RR03 below which all pairs of paths are in doubt (1900 m). The table's strengths go with ranges in depths, but
+/// a vessel at so many depths is nearer there and louder than the table has it: over 800 and 1200 m most are tracked at half their range.
+const SHALLOW: f64 = 0.44;
+
+/// Directions of vessels less than this apart lean on each other, rad, and by how much those of one do for an hour: errors of places told of
+/// several vessels are 1.2 degrees across in the root of the mean square there, 0.3 in the median; farther apart, half of that.
+const BESIDE: f64 = 1.0;
+const LEANING: f64 = 0.012;
 
 /// What a course must have explained to be a vessel: log score, minutes with direction, minutes with range, and of those
 /// minutes with both, since directions of one vessel and ranges of another make courses too.
@@ -91,6 +109,15 @@ struct Seen<'a> {
     others: Others,
     /// As in [`Tracker::pairs_in_doubt`].
     in_doubt: bool,
+}
+
+impl Seen<'_> {
+    /// Whether another track is in nearly the direction in which this course begins.
+    fn beside(&self, plan: &Plan<'_>, course: &Course) -> bool {
+        let azimuth = |c: &Course| c.seen(&plan.travel, course.t0_s).azimuth();
+        let here = azimuth(course);
+        self.others.courses.iter().flatten().any(|c| math::f64::abs(wrap_pi(azimuth(c) - here)) < BESIDE)
+    }
 }
 
 /// Courses of other tracks, and of which the echoes are hidden too, as another pair of paths would have them.
@@ -134,17 +161,20 @@ impl Tracker {
             let Some(slot) = self.live.get_mut(k) else { continue };
             let Some(live) = slot else { continue };
             if now > live.to + SILENCE {
-                live.end(plan, &Seen { evidence, others, in_doubt }, sink);
+                let told = live.end(plan, &Seen { evidence, others, in_doubt }, now, sink);
                 let (course, echoes) = (live.course, live.shows_itself());
-                evidence.forget(|m| without(plan, &course, echoes, m));
-                self.gone.push(course);
+                evidence.forget(|m| without(plan, &course, echoes, told, m));
+                // Of what was no vessel's course the directions are some vessel's.
+                if told {
+                    self.gone.push(course);
+                }
                 *slot = None;
             } else {
-                let left = |m| without_all(plan, &others, m);
-                let minutes = evidence.between(live.from, live.to).map(left);
-                live.now = bend::present(&live.course, &plan.travel, STEP_S, minutes).unwrap_or(live.course);
+                let seen = Seen { evidence, others, in_doubt };
+                let present = live.present(plan, &seen, None);
+                live.now = present.map_or(live.course, |(course, _)| course);
                 if now < live.to + EVERY + 2 {
-                    live.run(plan, &Seen { evidence, others, in_doubt }, sink);
+                    live.run(plan, &seen, sink);
                 }
             }
         }
@@ -174,7 +204,7 @@ impl Tracker {
         for k in 0..LIVE {
             let others = self.others(k);
             if let Some(live) = self.live.get(k).and_then(Option::as_ref) {
-                live.end(plan, &Seen { evidence, others, in_doubt }, sink);
+                live.end(plan, &Seen { evidence, others, in_doubt }, now, sink);
             }
         }
         self.live = [None; LIVE];
@@ -269,16 +299,16 @@ fn unexplained<'a>(
 #[inline(never)]
 fn without_all(plan: &Plan<'_>, others: &Others, m: Minute) -> Minute {
     let all = others.courses.iter().zip(others.echoes);
-    all.fold(m, |m, (course, echoes)| course.as_ref().map_or(m, |c| without(plan, c, echoes, m)))
+    all.fold(m, |m, (course, echoes)| course.as_ref().map_or(m, |c| without(plan, c, echoes, true, m)))
 }
 
 /// A minute without what one vessel explains, and with its echoes without those ranges that move along with it as these do where they
 /// are read as another pair of paths: with the directions of another vessel they would make a course of nobody.
-fn without(plan: &Plan<'_>, course: &Course, echoes: bool, m: Minute) -> Minute {
+fn without(plan: &Plan<'_>, course: &Course, echoes: bool, directions: bool, m: Minute) -> Minute {
     let s = course.seen(&plan.travel, STEP_S * f64::from(m.number));
     let (known, towards) = ((s.range_m as f32, s.speed_m_s as f32), s.towards());
     m.without(
-        |d| fit::explains_direction(d, towards),
+        |d| directions && fit::explains_direction(d, towards),
         |d| {
             fit::explains_distance(d, s.range_m, s.speed_m_s)
                 || echoes && plan.interference.follows((d.range_m as f32, d.speed_m_s as f32), known)
@@ -324,11 +354,24 @@ impl Live {
 
     /// Whether the vessel may as well be half or twice as far, at half or twice the speed: a fast one may be half as far where its
     /// ranges do not span so much that other pairs of paths would show others, a slow one twice as far where it did not come near.
-    fn pair_is_in_doubt(&self) -> bool {
+    fn pair_is_in_doubt(&self, depth_ratio: f64) -> bool {
         let (nearest_m, farthest_m) = self.score.span_m;
         let speed_m_s = self.course.speed_m_s();
         speed_m_s > FAST_M_S && farthest_m < SPAN * nearest_m
-            || speed_m_s < 0.5 * FASTEST_M_S && nearest_m > MAY_BE_DOUBLE_M
+            || speed_m_s < 0.5 * FASTEST_M_S && nearest_m > MAY_BE_DOUBLE_M * depth_ratio as f32
+    }
+
+    /// Which other pairs of paths its ranges may be. While a vessel passes, few ranges may be any farther one's, and so may many of a slow one
+    /// whose echoes are not of the table's strengths.
+    fn other_pairs(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Pairs> {
+        let depth_ratio = plan.travel.depth_ratio();
+        if seen.in_doubt || depth_ratio < SHALLOW || self.pair_is_in_doubt(depth_ratio) {
+            Some(Pairs::Next)
+        } else {
+            let slow = self.course.speed_m_s() < 0.5 * FASTEST_M_S;
+            let few = !self.is_established() || slow && !self.score.is_sure();
+            (stage == Track::RUNNING && few).then_some(Pairs::Farther)
+        }
     }
 
     /// Whether its range shows in so many of its minutes that what looks like one of its echoes is one, and whether it has come so much
@@ -405,12 +448,16 @@ impl Live {
         bend::about_closest(&self.course, travel, STEP_S, before, after)
     }
 
-    /// The straight course with one of the errors told by one deviation more.
+    /// Its course where it was last heard, told as [`Self::bent`] is.
     #[inline(never)]
-    fn straight(&self, plan: &Plan<'_>, seen: &Seen<'_>, error: Told) -> Option<Course> {
-        let travel = &plan.travel;
-        let minutes = unexplained(plan, seen.evidence, &seen.others, Some(error), self.from, self.to);
-        fit::refine(&self.course, travel, STEP_S, minutes).map(|(course, _)| course)
+    fn present(
+        &self,
+        plan: &Plan<'_>,
+        seen: &Seen<'_>,
+        error: Option<Told>,
+    ) -> Option<(Course, CourseCovariance)> {
+        let minutes = unexplained(plan, seen.evidence, &seen.others, error, self.from, self.to);
+        bend::present(&self.course, &plan.travel, STEP_S, minutes)
     }
 
     /// Sends the running estimate, where it says anything.
@@ -421,12 +468,17 @@ impl Live {
         }
     }
 
-    /// Sends the solution at the passage's end; where there is none, what was reported is withdrawn.
-    fn end(&self, plan: &Plan<'_>, seen: &Seen<'_>, sink: &mut dyn FnMut(Message)) {
-        match self.told(plan, seen, Track::FINAL) {
+    /// Sends the solution at the passage's end; where there is none, what was reported is withdrawn. Whether there is one.
+    fn end(&self, plan: &Plan<'_>, seen: &Seen<'_>, now: u32, sink: &mut dyn FnMut(Message)) -> bool {
+        let leaving_s = STEP_S * f64::from(self.to.saturating_sub(LEAVING));
+        let silent = now > self.to + LEAVING;
+        let is_one = |track: &Track| !silent || track.cpa_time_s < leaving_s && self.sent >= FEW_SENT;
+        let track = self.told(plan, seen, Track::FINAL).filter(is_one);
+        match track {
             Some(track) => sink(Message::Track(track)),
             None => self.withdraw(plan, sink),
         }
+        track.is_some()
     }
 
     /// Says that what was reported is no vessel's course.
@@ -444,26 +496,31 @@ impl Live {
         if stage == Track::FINAL && seen.in_doubt && self.score.both < ESTABLISHED {
             return None;
         }
-        let mut straight = (self.course, self.covariance);
-        let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
-        plan.lasting.widen(&mut straight, |error| self.straight(plan, seen, error));
-        plan.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
-        let track = self.as_sent(plan, stage, &straight, &bent);
-        let known = track.sd_cpa_range_m < LEAST_KNOWN_M;
-        if !(known && (seen.in_doubt || self.pair_is_in_doubt())) {
-            return known.then_some(track);
+        let straight = (self.course, self.covariance);
+        let mut now = self.present(plan, seen, None).unwrap_or(straight);
+        if seen.beside(plan, &now.0) {
+            lasting::turn(&mut now, LEANING);
         }
-        lasting::widen_for_other_pairs(&mut straight);
-        lasting::widen_for_other_pairs(&mut bent);
-        Some(self.as_sent(plan, stage, &straight, &bent))
+        let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
+        plan.lasting.widen(&mut now, |error| self.present(plan, seen, Some(error)).map(|(course, _)| course));
+        plan.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
+        let track = self.as_sent(plan, stage, &now, &bent);
+        let known = track.sd_cpa_range_m < LEAST_KNOWN_M;
+        let Some(pairs) = self.other_pairs(plan, seen, stage).filter(|_| known) else {
+            return known.then_some(track);
+        };
+        pairs.widen_place(&mut now);
+        pairs.widen(&mut bent);
+        Some(self.as_sent(plan, stage, &now, &bent))
     }
 
-    /// Its record, its place on the straight course and its closest point that of the bent one; of a vessel that does not move the closest point is unknown.
+    /// Its record, its place that of its course now and its closest point that of the course about it; of a vessel that does not move the
+    /// closest point is unknown.
     fn as_sent(
         &self,
         plan: &Plan<'_>,
         stage: u8,
-        straight: &(Course, CourseCovariance),
+        now: &(Course, CourseCovariance),
         bent: &(Course, CourseCovariance),
     ) -> Track {
         const UNKNOWN: f64 = f64::NAN;
@@ -472,8 +529,8 @@ impl Live {
         let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
         let sd = |x: f64| if x >= 0.0 { math::f64::sqrt(x) as f32 } else { f32::INFINITY };
         let t_s = STEP_S * f64::from(self.to);
-        let (x, y) = straight.0.at(t_s);
-        let (xx, yy, xy) = straight.0.place_covariance(&straight.1, t_s);
+        let (x, y) = now.0.at(t_s);
+        let (xx, yy, xy) = now.0.place_covariance(&now.1, t_s);
         let side = if c.range_m > 0.0 { -math::f64::FRAC_PI_2 } else { math::f64::FRAC_PI_2 };
         Track {
             id: self.id,

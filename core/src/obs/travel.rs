@@ -5,6 +5,9 @@
 
 use super::table::{KNOT_M, KNOTS, Table};
 
+/// Travel time straight up at RR03, 4340 m at 1504.5 m/s, s.
+pub(super) const RR03_S: f64 = 2.885;
+
 /// Travel time of the first arrival at every kilometre.
 #[derive(Clone, Debug)]
 pub struct TravelTime {
@@ -23,6 +26,13 @@ impl TravelTime {
         }
     }
 
+    /// Depth of the water over that of RR03, where lengths that go with it were measured: paths that cross the water n times have length
+    /// `√(r² + n² h²)`, so all that their interference does at range r over depth h it does at 2 r over 2 h. 1 where it is not known.
+    pub fn depth_ratio(&self) -> f64 {
+        let [straight_up_s, ..] = self.toa_s;
+        if straight_up_s > 0.0 { f64::from(straight_up_s) / RR03_S } else { 1.0 }
+    }
+
     /// Travel time from a range, s; beyond 100 km straight on.
     pub fn at(&self, range_m: f64) -> f64 {
         let x = (range_m / f64::from(KNOT_M)).max(0.0);
@@ -32,5 +42,17 @@ impl TravelTime {
             (Some(a), Some(b)) => f64::from(*a) + f64::from(b - a) * part,
             _ => 0.0,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_go_with_the_depth() {
+        let over = |straight_up_s: f32| TravelTime { toa_s: [straight_up_s; KNOTS] }.depth_ratio();
+        assert_eq!((over(0.0), over(RR03_S as f32) as f32), (1.0, 1.0));
+        assert!((over(0.5339) - 800.0 / 4340.0).abs() < 0.002);
     }
 }

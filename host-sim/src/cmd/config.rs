@@ -119,6 +119,9 @@ const PASSAGE_ELEVATION_DEG: f64 = 20.0;
 /// Elevations for which accuracy is stated, degrees.
 const ELEVATIONS_DEG: [f64; 3] = [0.0, 20.0, 60.0];
 
+/// Shallowest water over which tracks of an ocean-bottom station are tried, metres.
+const TRIED_FROM_M: f64 = 2000.0;
+
 /// Ranges for which the interference delays of an ocean-bottom station are shown, metres.
 const RANGES_M: [f64; 4] = [10_000.0, 20_000.0, 35_000.0, 50_000.0];
 
@@ -333,6 +336,14 @@ fn obs_details(station: &Station, obs: &ObsConfig) -> Result<Value> {
     };
     if let Some(map) = details.as_object_mut() {
         let table = propagation::file::read(path)?;
+        if table.depth_m < TRIED_FROM_M {
+            log::warn!(
+                "{}: tracks are tried over {TRIED_FROM_M:.0} m of water and more; over {:.0} m vessels may be told at half of their range and speed, \
+                 and tracks state that as their deviation",
+                path.display(),
+                table.depth_m
+            );
+        }
         let delays: Vec<Value> = RANGES_M
             .iter()
             .map(|range_m| {

@@ -251,3 +251,27 @@ fn a_vessel_that_may_be_half_or_twice_as_far_says_so() {
     assert!(sd_m(far, (30_000.0, 45_000.0)) > 14_000.0);
     assert!(sd_m([0.0, 30_000.0, 9.0, 0.0], (30_000.0, 45_000.0)) < 1_000.0);
 }
+
+#[test]
+fn a_track_that_falls_silent_before_its_closest_point_is_no_vessel_s() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    // Its closest point is in minute 103.
+    for (heard, want) in [(80, Track::WITHDRAWN), (100, Track::WITHDRAWN), (130, Track::FINAL)] {
+        let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+        let mut last = None;
+        for n in 1..=heard + SILENCE + EVERY {
+            let minute = with_few_ranges(n, true);
+            evidence.push(if n <= heard { minute } else { minute.without(|_| true, |_| true) });
+            tracker.minute(&plan, &mut evidence, n, &mut |m| {
+                if let Message::Track(t) = m {
+                    last = Some(t.stage);
+                }
+            });
+        }
+        assert_eq!(last, Some(want), "{heard}");
+        assert_eq!(
+            tracker.gone.is_again(&Course { t0_s: 0.0, p: VESSELS[0] }, &plan.travel, [6e3; 2]),
+            want == Track::FINAL
+        );
+    }
+}
