@@ -106,7 +106,7 @@ pub fn legs_too_long(reports: &[AisReport], origin_deg: (f64, f64)) -> usize {
         let (dt, way) = (to.0 - from.0, (to.1.0 - from.1.0).hypot(to.1.1 - from.1.1));
         dt < GAP_S && way >= LONGEST_LEG_M && way <= IMPOSSIBLE_M_S * dt && inside(from, to).is_some()
     };
-    tracks(reports, origin_deg).iter().map(|(_, fixes)| fixes.windows(2).filter(long).count()).sum()
+    tracks(reports, origin_deg).values().map(|fixes| fixes.windows(2).filter(long).count()).sum()
 }
 
 /// The part of a straight leg inside the surveyed area, a point of time and place at either end.

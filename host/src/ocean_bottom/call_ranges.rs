@@ -9,7 +9,7 @@
 //! posterior over range, as far as the table reaches.
 //!
 //! The likeliest place need not be the whale's: it may be beyond the table's end, or the table another water's. So a range also has to explain
-//! what is heard: beyond the noise no more may be left than [`UNLIKE`] of what the note's own arrivals explain.
+//! what is heard: beyond the noise no more may be left than `UNLIKE` of what the note's own arrivals explain.
 
 use super::calls::BAND_HZ;
 use crate::propagation::{Complex, Propagation, RayArrival};

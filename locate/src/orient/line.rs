@@ -175,7 +175,7 @@ struct Data<'a> {
 }
 
 impl<'a> Data<'a> {
-    /// True direction ([`unit`]), and bearing, of every bearing on the track at a shift.
+    /// True direction ([`unit()`]), and bearing, of every bearing on the track at a shift.
     fn pairs(&self, shift_s: f64) -> impl Iterator<Item = ((f64, f64), &'a LineBearing)> + Clone + use<'a> {
         let (track, gap_s) = (self.track, self.settings.gap_s);
         self.bearings.iter().filter_map(move |b| Some((unit(position_at(track, b.t_s - shift_s, gap_s)?), b)))

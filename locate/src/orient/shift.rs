@@ -101,7 +101,7 @@ impl<'a> Data<'a> {
         })
     }
 
-    /// The vessel's direction ([`unit`]); beyond its ends and gaps the track goes on straight.
+    /// The vessel's direction ([`unit()`]); beyond its ends and gaps the track goes on straight.
     fn direction(&self, t_s: f64) -> (f64, f64) {
         let at = |t_s| position_at(self.track, t_s, f64::INFINITY);
         let beyond = |end: Option<&TrackPoint>, before: Option<&TrackPoint>| {
