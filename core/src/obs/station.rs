@@ -319,7 +319,8 @@ impl State {
             && centre(plan, k) + half < index
         {
             if self.silent > LONGEST_SILENCE {
-                self.close(plan, k, sink);
+                // As of when anything was recorded: who was heard then is not known to have fallen silent.
+                self.close(plan, k.saturating_sub(self.silent), sink);
                 self.begin(plan, index);
                 return;
             }
