@@ -370,7 +370,9 @@ impl Ads131m04 {
     }
 
     fn end(&mut self, now: Ticks) {
-        if self.frame_in.len() < self.frame_out.len() || self.dead {
+        // What was clocked out before its supply failed was delivered; the last byte of a frame says nothing.
+        let clocked = self.frame_in.len() + usize::from(self.dead);
+        if self.frame_in.is_empty() || clocked < self.frame_out.len() {
             return;
         }
         let input = std::mem::take(&mut self.frame_in);
@@ -386,6 +388,9 @@ impl Ads131m04 {
         }
         if self.output.is_empty() {
             self.registers[STATUS] &= !0xf;
+        }
+        if self.dead {
+            return;
         }
         let writes = if command & 0xe000 == 0x6000 { usize::from(command & 0x7f) + 1 } else { 0 };
         if self.registers[MODE] & INPUT_CRC != 0 && crc16(&input[..(1 + writes) * WORD]) != word(1 + writes) {
@@ -484,5 +489,47 @@ impl Ads131m04 {
             return Refusal::stop(format!("the converter is clocked at {hz} Hz; 25 MHz is its limit"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What was delivered of a frame whose supply failed after so many of its bytes.
+    fn delivered(clocked: usize) -> Vec<Codes> {
+        let mut given = 0;
+        let source = Box::new(move || {
+            given += 1;
+            Some([given, 20, 30, 40])
+        });
+        let mut converter = Ads131m04::new(source, 4000.0, 0.0);
+        let now = PER_SECOND / 10;
+        converter.advance(now);
+        converter.delivered.clear();
+        converter.codes.clear();
+        converter.output = VecDeque::from([(Some(7), [1, 2, 3, 4])]);
+        converter.select(true, now);
+        let frame = converter.frame_out.len();
+        (0..frame).for_each(|n| {
+            if n == clocked {
+                converter.set_dead(true, now);
+            }
+            converter.exchange(0, now);
+        });
+        converter.set_dead(true, now);
+        converter.select(false, now);
+        converter.codes.clone()
+    }
+
+    #[test]
+    fn what_was_clocked_out_before_the_supply_failed_was_delivered() {
+        const FRAME: usize = 6 * WORD;
+        for clocked in [FRAME - 1, FRAME] {
+            assert_eq!(delivered(clocked), [[1, 2, 3, 4]], "{clocked}");
+        }
+        for clocked in [0, 1, WORD, FRAME - 2] {
+            assert_eq!(delivered(clocked), [[0; 4]; 0], "{clocked}");
+        }
     }
 }
