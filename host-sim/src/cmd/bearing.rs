@@ -53,13 +53,14 @@ pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
     let Solved { sets: results, lateness, contradiction } =
         solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
+    // What is mirrored contradicts nothing else.
+    check_above(&results).with_context(|| args.tdoa.display().to_string())?;
     if let Some(said) = lateness.and_then(|l| l.said()) {
         log::warn!("{}: {said}", args.tdoa.display());
     }
     if let Some(contradiction) = &contradiction {
         log::warn!("{}: {}", args.tdoa.display(), contradiction.said());
     }
-    check_above(&results).with_context(|| args.tdoa.display().to_string())?;
     let mut out = std::io::stdout().lock();
     if !args.json {
         writeln!(
