@@ -132,6 +132,8 @@ pub(super) fn bearing(
     // What another source does to the angles, rad².
     let mut other = (0.0f32, 0.0f32, 0.0f32);
     let mut told_of = None;
+    // What its width and its echo leave to the azimuth's doubt, rad²: no scatter by which a channel's change would be judged.
+    let mut wide = 0.0;
     // By how much an echo turns it.
     let mut aside_rad = 0.0;
     let noise = match others {
@@ -163,10 +165,10 @@ pub(super) fn bearing(
             let (across, up) = (wavefront::pair_delays(&g1), wavefront::pair_delays(&g2));
             if used.all() {
                 let (width, swept) = width;
-                other.0 += width.take(context, found, work, (&across, &up), swept);
+                wide = width.take(context, found, work, (&across, &up), swept);
                 aside_rad = echo.turns(context, found, (&across, &up), inverse);
                 let doubt = ECHO_SD * aside_rad;
-                other.0 += doubt * doubt;
+                wide += doubt * doubt;
             }
             if plan.vessel_over_array_depth > 0.0 && used.all() {
                 let square = aside::mean_square(&found.refined.pull, &across, &up);
@@ -199,6 +201,7 @@ pub(super) fn bearing(
         stated.noise = [noise(across) * first + other.0 + turned * turned, noise(up) * second + other.2];
         stated.lasting = [level * first, level.max(rise) * second];
     }
+    first_angle += wide;
     // What a speed of sound and a distance that are not as assumed do to all arrival times together.
     let slowness = wavefront::arrivals(&plan.geometry, direction, curvature);
     let bends = plan.geometry.position_m.map(|h| {
