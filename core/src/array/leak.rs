@@ -83,8 +83,7 @@ impl Beyond<'_> {
             }
             (sum > 2.0 * least && mirrored < MIRRORED * both).then_some(to)
         };
-        let receiver = received(a, b).or_else(|| received(b, a))?;
-        Some(receiver)
+        received(a, b).or_else(|| received(b, a))
     }
 
     /// A pair's correlation as far on the other side of the vessel's own delay as `delay` (seconds) is on this. The image in the surface, which pairs

@@ -10,8 +10,8 @@
 //!
 //! Cost: some 2000 instructions.
 
-use super::aside::{self, Pairs};
 use super::estimate::{Context, Found, SpectrumWork};
+use super::patterns::{Pairs, along, times};
 use super::refine::{self, LEAST_NOISE};
 use super::wavefront::PAIR_COUNT;
 use crate::math::f32 as m;
@@ -74,10 +74,10 @@ impl Width {
             .for_each(|(bend, tau)| *bend /= -0.5 * curved * refine::share(plan, *tau));
         // The square of `curved` is beyond single precision.
         let noise = 2.0 * noise / (context.snapshots * curved) / curved;
-        let (square_across, square_up) = (aside::times(across, across), aside::times(up, up));
-        let (all, both) = ([1.0; PAIR_COUNT], aside::times(across, up));
-        let level = aside::along(&short, [all, both, square_up, square_across]);
-        let upper = aside::along(&short, [all, both, square_across, square_up]);
+        let (square_across, square_up) = (times(across, across), times(up, up));
+        let (all, both) = ([1.0; PAIR_COUNT], times(across, up));
+        let level = along(&short, [all, both, square_up, square_across]);
+        let upper = along(&short, [all, both, square_across, square_up]);
         if let (Some((level, own)), Some((upper, _))) = (level, upper)
             && curved > 0.0
         {
@@ -147,12 +147,7 @@ mod tests {
             let u = unit_vector(0.1 * n as f32, 0.05 + 0.004 * n as f32);
             let e = tangents(&u);
             let [across, up] = [e.0, e.1].map(|e| pair_delays(&gradient(plan.geometry(), &u, &e, 0.0)));
-            let patterns = [
-                [1.0; PAIR_COUNT],
-                aside::times(&across, &up),
-                aside::times(&up, &up),
-                aside::times(&across, &across),
-            ];
+            let patterns = [[1.0; PAIR_COUNT], times(&across, &up), times(&up, &up), times(&across, &across)];
             let of = [
                 random.next() as f32 * 1e-6,
                 random.next() as f32,
@@ -163,7 +158,7 @@ mod tests {
             for (pattern, of) in patterns.iter().zip(of) {
                 values.iter_mut().zip(pattern).for_each(|(x, p)| *x += of * p);
             }
-            let (found, square) = aside::along(&values, patterns).unwrap();
+            let (found, square) = along(&values, patterns).unwrap();
             assert!((found - of[3]).abs() < 1e-3 && square > 0.0, "{n}: {found} {}", of[3]);
         }
     }

@@ -4,21 +4,21 @@
 //! passes, stage 1 once when it has gone or the record ends, or stage 2 once where a track that was reported is withdrawn:
 //! a truer course explains its evidence. Several vessels are several tracks: what one explains is hidden from the search for
 //! the next, the best explained first. A track is abandoned for a better course whenever one is found, which undoes early
-//! locks on a wrong branch. Cost: below 40 M instructions every five minutes, none between.
+//! locks on a wrong branch. What is told of each: `told`. Cost: below 40 M instructions every five minutes, none between.
 
-use super::bend;
-use super::course::{Closest, Course, CourseCovariance};
+use super::course::{Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
 use super::gone::Gone;
-use super::lasting::{self, Pairs, Told};
+use super::lasting::Told;
 use super::limits::VESSELS;
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
 use super::search::search;
-use crate::angle::{wrap_pi, wrap_tau};
-use crate::math;
-use crate::wire::{Message, Track};
+use crate::wire::Message;
+use told::Seen;
+
+mod told;
 
 /// Places for tracks.
 const LIVE: usize = VESSELS;
@@ -27,14 +27,6 @@ const LIVE: usize = VESSELS;
 /// table's strengths, or if they span so great a ratio of ranges that other pairs of paths would show others.
 const ESTABLISHED: u16 = 40;
 const SPAN: f32 = 2.0;
-
-/// A slow vessel that came no nearer than this may be one twice as far that is louder than the table's, m over the water of RR03; nearer its
-/// own pairs of paths are much the stronger ones.
-const MAY_BE_DOUBLE_M: f32 = 17_000.0;
-
-/// Speeds above which a vessel is seldom, and above which none is twice as fast as it seems, m/s (21 and 25 knots).
-const FAST_M_S: f64 = 11.0;
-const FASTEST_M_S: f64 = 13.0;
 
 /// What the ranges of a vessel's minutes must say for it together, natural logarithm. Directions alone make the greatest part of a
 /// score, and of hundreds of minutes with a direction some have a range of noise that lies on some course of that shape: such courses
@@ -56,24 +48,6 @@ const SEARCHED: u32 = 120;
 /// Minutes without support after which a track is closed.
 const SILENCE: u32 = 45;
 
-/// A vessel is heard leaving as far as it was heard coming. One that falls silent before or about its closest point is none: the course is
-/// that of another pair of paths, or of the directions of several vessels, which it kept to for a while. How long after its closest
-/// point it must be heard if it is silent for as long, minutes.
-const LEAVING: u32 = 10;
-
-/// Records of a track that are sent while its vessel is heard, before it may have a last one: what is found in what was heard long ago, and
-/// not heard again, is what others left.
-const FEW_SENT: u16 = 3;
-
-/// Depth of the water over that of RR03 below which all pairs of paths are in doubt (1900 m). The table's strengths go with ranges in depths, but
-/// a vessel at so many depths is nearer there and louder than the table has it: over 800 and 1200 m most are tracked at half their range.
-const SHALLOW: f64 = 0.44;
-
-/// Directions of vessels less than this apart lean on each other, rad, and by how much those of one do for an hour: errors of places told of
-/// several vessels are 1.2 degrees across in the root of the mean square there, 0.3 in the median; farther apart, half of that.
-const BESIDE: f64 = 1.0;
-const LEANING: f64 = 0.012;
-
 /// What a course must have explained to be a vessel: log score, minutes with direction, minutes with range, and of those
 /// minutes with both, since directions of one vessel and ranges of another make courses too.
 const ACCEPT: (f64, u16, u16, u16) = (60.0, 15, 10, 6);
@@ -83,9 +57,6 @@ const SPEEDS_M_S: core::ops::Range<f64> = 0.3..15.0;
 
 /// Log score by which another course must be better to take a track over.
 const BETTER: f64 = 6.0;
-
-/// Most times the standard deviation of the closest range may exceed the range searched, m, for a track to be sent.
-const LEAST_KNOWN_M: f32 = 5_000.0;
 
 /// One vessel.
 #[derive(Clone, Copy, Debug)]
@@ -101,23 +72,6 @@ struct Live {
     to: u32,
     /// Records sent of it. A number, because an empty place must stay all zeros: the whole station is.
     sent: u16,
-}
-
-/// What a track is told from: the evidence, and the courses of the other tracks.
-struct Seen<'a> {
-    evidence: &'a Evidence,
-    others: Others,
-    /// As in [`Tracker::pairs_in_doubt`].
-    in_doubt: bool,
-}
-
-impl Seen<'_> {
-    /// Whether another track is in nearly the direction in which this course begins.
-    fn beside(&self, plan: &Plan<'_>, course: &Course) -> bool {
-        let azimuth = |c: &Course| c.seen(&plan.travel, course.t0_s).azimuth();
-        let here = azimuth(course);
-        self.others.courses.iter().flatten().any(|c| math::f64::abs(wrap_pi(azimuth(c) - here)) < BESIDE)
-    }
 }
 
 /// Courses of other tracks, and of which the echoes are hidden too, as another pair of paths would have them.
@@ -352,28 +306,6 @@ impl Live {
         s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
     }
 
-    /// Whether the vessel may as well be half or twice as far, at half or twice the speed: a fast one may be half as far where its
-    /// ranges do not span so much that other pairs of paths would show others, a slow one twice as far where it did not come near.
-    fn pair_is_in_doubt(&self, depth_ratio: f64) -> bool {
-        let (nearest_m, farthest_m) = self.score.span_m;
-        let speed_m_s = self.course.speed_m_s();
-        speed_m_s > FAST_M_S && farthest_m < SPAN * nearest_m
-            || speed_m_s < 0.5 * FASTEST_M_S && nearest_m > MAY_BE_DOUBLE_M * depth_ratio as f32
-    }
-
-    /// Which other pairs of paths its ranges may be. While a vessel passes, few ranges may be any farther one's, and so may many of a slow one
-    /// whose echoes are not of the table's strengths.
-    fn other_pairs(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Pairs> {
-        let depth_ratio = plan.travel.depth_ratio();
-        if seen.in_doubt || depth_ratio < SHALLOW || self.pair_is_in_doubt(depth_ratio) {
-            Some(Pairs::Next)
-        } else {
-            let slow = self.course.speed_m_s() < 0.5 * FASTEST_M_S;
-            let few = !self.is_established() || slow && !self.score.is_sure();
-            (stage == Track::RUNNING && few).then_some(Pairs::Farther)
-        }
-    }
-
     /// Whether its range shows in so many of its minutes that what looks like one of its echoes is one, and whether it has come so much
     /// nearer or gone so much farther that it is not on a wrong pair of paths itself. A track of one vessel's directions
     /// and another's ranges as another pair of paths has ranges now and then; and two vessels of which one is a third farther off, 47
@@ -427,132 +359,6 @@ impl Live {
             if other.score.log > self.score.log + BETTER {
                 *self = Self { id: self.id, sent: self.sent, ..other };
             }
-        }
-    }
-
-    /// Its course about the closest point, with one of the errors told by one deviation more where one is given. `None` where that
-    /// cannot be told. Never inlined: it is large and wanted more than once.
-    #[inline(never)]
-    fn bent(
-        &self,
-        plan: &Plan<'_>,
-        seen: &Seen<'_>,
-        error: Option<Told>,
-    ) -> Option<(Course, CourseCovariance)> {
-        let travel = &plan.travel;
-        let left = |m| plan.lasting.shifted(error, without_all(plan, &seen.others, m));
-        let (before, after) = (
-            seen.evidence.between(self.from, self.to).map(left),
-            seen.evidence.between_back(self.from, self.to).map(left),
-        );
-        bend::about_closest(&self.course, travel, STEP_S, before, after)
-    }
-
-    /// Its course where it was last heard, told as [`Self::bent`] is.
-    #[inline(never)]
-    fn present(
-        &self,
-        plan: &Plan<'_>,
-        seen: &Seen<'_>,
-        error: Option<Told>,
-    ) -> Option<(Course, CourseCovariance)> {
-        let minutes = unexplained(plan, seen.evidence, &seen.others, error, self.from, self.to);
-        bend::present(&self.course, &plan.travel, STEP_S, minutes)
-    }
-
-    /// Sends the running estimate, where it says anything.
-    fn run(&mut self, plan: &Plan<'_>, seen: &Seen<'_>, sink: &mut dyn FnMut(Message)) {
-        if let Some(track) = self.told(plan, seen, Track::RUNNING) {
-            self.sent = self.sent.saturating_add(1);
-            sink(Message::Track(track));
-        }
-    }
-
-    /// Sends the solution at the passage's end; where there is none, what was reported is withdrawn. Whether there is one.
-    fn end(&self, plan: &Plan<'_>, seen: &Seen<'_>, now: u32, sink: &mut dyn FnMut(Message)) -> bool {
-        let leaving_s = STEP_S * f64::from(self.to.saturating_sub(LEAVING));
-        let silent = now > self.to + LEAVING;
-        let is_one = |track: &Track| !silent || track.cpa_time_s < leaving_s && self.sent >= FEW_SENT;
-        let track = self.told(plan, seen, Track::FINAL).filter(is_one);
-        match track {
-            Some(track) => sink(Message::Track(track)),
-            None => self.withdraw(plan, sink),
-        }
-        track.is_some()
-    }
-
-    /// Says that what was reported is no vessel's course.
-    fn withdraw(&self, plan: &Plan<'_>, sink: &mut dyn FnMut(Message)) {
-        if self.sent > 0 {
-            let straight = (self.course, self.covariance);
-            let track = self.as_sent(plan, Track::WITHDRAWN, &straight, &straight);
-            sink(Message::Track(Track { range_observable: false, ..track }));
-        }
-    }
-
-    /// The track as known now; `None` where its range is as good as unknown, or where it would be final and may be no vessel's.
-    fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
-        // Where each echo may be read as several pairs of paths, ranges of some minutes lie on many more courses.
-        if stage == Track::FINAL && seen.in_doubt && self.score.both < ESTABLISHED {
-            return None;
-        }
-        let straight = (self.course, self.covariance);
-        let mut now = self.present(plan, seen, None).unwrap_or(straight);
-        if seen.beside(plan, &now.0) {
-            lasting::turn(&mut now, LEANING);
-        }
-        let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
-        plan.lasting.widen(&mut now, |error| self.present(plan, seen, Some(error)).map(|(course, _)| course));
-        plan.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
-        let track = self.as_sent(plan, stage, &now, &bent);
-        let known = track.sd_cpa_range_m < LEAST_KNOWN_M;
-        let Some(pairs) = self.other_pairs(plan, seen, stage).filter(|_| known) else {
-            return known.then_some(track);
-        };
-        pairs.widen_place(&mut now);
-        pairs.widen(&mut bent);
-        Some(self.as_sent(plan, stage, &now, &bent))
-    }
-
-    /// Its record, its place that of its course now and its closest point that of the course about it; of a vessel that does not move the
-    /// closest point is unknown.
-    fn as_sent(
-        &self,
-        plan: &Plan<'_>,
-        stage: u8,
-        now: &(Course, CourseCovariance),
-        bent: &(Course, CourseCovariance),
-    ) -> Track {
-        const UNKNOWN: f64 = f64::NAN;
-        let still = Closest { time_s: UNKNOWN, range_m: UNKNOWN, heading: UNKNOWN, speed_m_s: 0.0 };
-        let (c, s) = bent.0.closest(&bent.1).unwrap_or((still, [[UNKNOWN; 4]; 4]));
-        let [[tt, ..], [_, rr, ..], [_, _, hh, _], [.., vv]] = s;
-        let sd = |x: f64| if x >= 0.0 { math::f64::sqrt(x) as f32 } else { f32::INFINITY };
-        let t_s = STEP_S * f64::from(self.to);
-        let (x, y) = now.0.at(t_s);
-        let (xx, yy, xy) = now.0.place_covariance(&now.1, t_s);
-        let side = if c.range_m > 0.0 { -math::f64::FRAC_PI_2 } else { math::f64::FRAC_PI_2 };
-        Track {
-            id: self.id,
-            stage,
-            index: math::f64::round(t_s * plan.rate_hz) as u64,
-            cpa_time_s: c.time_s,
-            cpa_range_m: math::f64::abs(c.range_m) as f32,
-            cpa_azimuth: wrap_tau(c.heading + side) as f32,
-            heading: c.heading as f32,
-            speed_m_s: c.speed_m_s as f32,
-            starboard: c.range_m > 0.0,
-            sd_cpa_time_s: sd(tt),
-            sd_cpa_range_m: sd(rr),
-            sd_heading: sd(hh),
-            sd_speed_m_s: sd(vv),
-            x_m: x as f32,
-            y_m: y as f32,
-            var_x_m2: xx as f32,
-            var_y_m2: yy as f32,
-            cov_xy_m2: xy as f32,
-            range_observable: true,
-            n: self.score.directions + self.score.distances,
         }
     }
 }

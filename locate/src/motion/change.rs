@@ -304,9 +304,8 @@ fn extended<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::covariance::Model;
     use crate::motion::ml::fit;
-    use crate::motion::model::Medium;
+    use crate::motion::test_pass::{self, normal};
     use std::boxed::Box;
     use std::vec::Vec;
 
@@ -314,29 +313,12 @@ mod tests {
     const HEADING_RAD: f64 = 0.7;
 
     fn config(acceleration_sd_m_s2: f64) -> Config {
-        Config {
-            model: Model::White,
-            tau_s: 0.0,
-            speed_m_s: 7.0,
-            speed_sd_m_s: 0.0,
-            range_m: (5.0, 20_000.0),
-            medium: Medium::of_sound_speed(f64::INFINITY),
-            elevation_bias_sd_rad: 0.0,
-            acceleration_sd_m_s2,
-        }
+        Config { acceleration_sd_m_s2, ..test_pass::config() }
     }
 
     /// 300 s of a vessel that passes 500 m away in their middle, at 7 m/s there.
     fn passing(acceleration_m_s2: f64, turn_rad_s: f64, seed: u64) -> Vec<Sample> {
-        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let mut normal = || {
-            let mut sum = -6.0;
-            for _ in 0..12 {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
-            }
-            sum
-        };
+        let mut normal = normal(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
         let position = |t: f64| {
             // Steps of a tenth of a second from the middle.
             let (n, mut at) =

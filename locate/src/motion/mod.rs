@@ -13,6 +13,8 @@ pub mod lone;
 pub mod ml;
 pub mod robust;
 mod slow;
+#[cfg(test)]
+mod test_pass;
 pub mod whiten;
 
 use seabearing_core::motion::{chain, hypotheses, model, normal, solution, start};

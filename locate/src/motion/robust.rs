@@ -101,37 +101,13 @@ fn residuals(s: &Sample, expected: &Expected, widening: f64) -> [f64; 2] {
 mod tests {
     use super::*;
     use crate::angle::RAD_PER_DEG;
-    use crate::motion::covariance::Model;
-    use seabearing_core::motion::Medium;
+    use crate::motion::test_pass::{config, normal};
     use std::boxed::Box;
     use std::vec::Vec;
 
-    fn config() -> Config {
-        Config {
-            model: Model::White,
-            tau_s: 0.0,
-            speed_m_s: 7.0,
-            speed_sd_m_s: 0.0,
-            range_m: (5.0, 20_000.0),
-            medium: Medium::of_sound_speed(f64::INFINITY),
-            elevation_bias_sd_rad: 0.0,
-            acceleration_sd_m_s2: 0.0,
-        }
-    }
-
     /// A vessel that passes 400 m away at 7 m/s, heading 60°; Gaussian errors of 1°, some bearings wrong altogether.
     fn samples(wrong_every: usize) -> Vec<Sample> {
-        let mut state = 7_u64;
-        let mut normal = || {
-            (0..12)
-                .map(|_| {
-                    state =
-                        state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                    (state >> 11) as f64 / (1_u64 << 53) as f64
-                })
-                .sum::<f64>()
-                - 6.0
-        };
+        let mut normal = normal(7);
         let (s, c) = (60.0 * RAD_PER_DEG).sin_cos();
         (0..200)
             .map(|k| {

@@ -58,39 +58,17 @@ pub(super) fn averaged(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::covariance::Model;
     use crate::motion::ml::fit;
-    use crate::motion::model::Medium;
+    use crate::motion::test_pass::{config, normal};
     use crate::motion::whiten::Workspace;
     use std::boxed::Box;
     use std::vec::Vec;
 
     const SD_RAD: f64 = 0.01;
 
-    fn config() -> Config {
-        Config {
-            model: Model::White,
-            tau_s: 0.0,
-            speed_m_s: 7.0,
-            speed_sd_m_s: 0.0,
-            range_m: (5.0, 20_000.0),
-            medium: Medium::of_sound_speed(f64::INFINITY),
-            elevation_bias_sd_rad: 0.0,
-            acceleration_sd_m_s2: 0.0,
-        }
-    }
-
     /// 200 s of a vessel that passes 500 m away, with a ripple of so many deviations and a minute's period.
     fn passing(ripple_sd: f64, seed: u64) -> Vec<Sample> {
-        let mut state = seed;
-        let mut normal = || {
-            let mut sum = -6.0;
-            for _ in 0..12 {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
-            }
-            sum
-        };
+        let mut normal = normal(seed);
         let line = Line { p: [0.5, 100.0, (7.0f64 / 500.0).ln(), 7f64.ln(), 0.0], sense: 1.0 };
         let of = |k: u32| {
             let t_s = 0.5 * f64::from(k);

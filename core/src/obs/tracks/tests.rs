@@ -7,6 +7,7 @@ use crate::obs::presence_tests::two_pairs;
 use crate::obs::table::Table;
 use crate::obs::tonal::{Directions, Mode};
 use crate::obs::travel::TravelTime;
+use crate::wire::Track;
 use std::boxed::Box;
 use std::vec::Vec;
 
