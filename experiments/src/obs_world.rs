@@ -7,11 +7,12 @@ use crate::ocean_bottom::pictures::TruthCurve;
 use crate::ocean_bottom::scenario::{ObsScenario, default_start};
 use crate::ocean_bottom::simulate::{Extra, MovingVessel, Simulator};
 use crate::ocean_bottom::{run, station};
+use crate::plot::format;
 use crate::propagation::{Propagation, bottom::Bottom, convert, profile, trace};
 use crate::score::{Detections, detections};
 use crate::score::{TrackMiss, owner, then, track};
 use anyhow::Result;
-use seabearing_core::wire::{Fault, FaultCode, Message};
+use seabearing_core::wire::{Encoder, Fault, FaultCode, Message};
 use std::path::PathBuf;
 
 /// Depth of station RR03, m.
@@ -113,6 +114,13 @@ impl Case {
         faults.filter(|f| of_set_up(f.code)).collect()
     }
 
+    /// Bytes of the telemetry, a minute of the record.
+    pub fn bytes_a_minute(&self, duration_s: f64) -> f64 {
+        let mut encoder = Encoder::default();
+        let bytes: usize = self.messages.iter().map(|m| encoder.frame(m).len()).sum();
+        60.0 * bytes as f64 / duration_s
+    }
+
     /// Errors of detections, one entry a vessel.
     pub fn detections(&self) -> Vec<Detections> {
         detections(&self.messages, &self.table, self.paths, self.rate_hz, &self.vessels)
@@ -132,9 +140,13 @@ pub fn truth(case: &Case, duration_s: f64) -> Vec<TruthCurve> {
     case.vessels.iter().map(curve).collect()
 }
 
-/// Names the pictures that were written.
+/// Names the files that were written, pictures as they are wanted.
 pub fn named(options: &Options, written: &[PathBuf]) {
-    for path in written {
+    let files = written.iter().flat_map(|path| {
+        let names = format::names_of(path);
+        if names.is_empty() { vec![path.clone()] } else { names }
+    });
+    for path in files {
         if options.json {
             println!("{}", serde_json::json!({"type": "picture", "path": path}));
         } else {

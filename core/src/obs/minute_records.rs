@@ -28,7 +28,8 @@ pub(super) fn clear_speed_m_s(ranges: &RangePresence) -> Option<f32> {
     modes.find(|m| ranges.log_odds > 0.0 && m.detected && is_clear(m)).map(|m| m.speed_m_s)
 }
 
-/// Sends the records of a minute; while pairs of paths are in doubt no range is told as detected.
+/// Sends the records of a minute, of its range so many modes, and says how many; while pairs of paths are in doubt no range is told as
+/// detected.
 pub(super) fn send(
     plan: &Plan<'_>,
     index: u64,
@@ -36,8 +37,9 @@ pub(super) fn send(
     call: Option<Call>,
     ranges: &RangePresence,
     pairs_in_doubt: bool,
+    modes: usize,
     sink: &mut dyn FnMut(Message),
-) {
+) -> u32 {
     let paper = plan.paper;
     let with_lasting = |azimuth: f32, sd: f32| widened(sd, plan.lasting.of_direction(f64::from(azimuth)));
     let threshold = if paper { 0.0 } else { LOG_THRESHOLD };
@@ -77,10 +79,10 @@ pub(super) fn send(
         }));
     }
     let detected = ranges.log_odds > 0.0 && !pairs_in_doubt;
-    let mut sent = false;
+    let mut ranges_sent = 0;
     let worth = |k: usize, m: &RangeMode| m.detected && (k == 0 || m.weight >= LEAST_WEIGHT);
-    for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(2) {
-        sent = true;
+    for (_, m) in ranges.modes.iter().flatten().enumerate().filter(|(k, m)| worth(*k, m)).take(modes) {
+        ranges_sent += 1;
         let (of_range, of_speed) = plan.lasting.of_range(f64::from(m.range_m), f64::from(m.speed_m_s));
         sink(Message::Range(Range {
             index,
@@ -93,7 +95,7 @@ pub(super) fn send(
             detected: detected && (paper || is_clear(m)),
         }));
     }
-    if !sent {
+    if ranges_sent == 0 {
         sink(Message::Range(Range {
             index,
             range_m: 0.0,
@@ -105,4 +107,6 @@ pub(super) fn send(
             detected: false,
         }));
     }
+    let azimuths = tonal().count() + usize::from(call.is_some());
+    azimuths.max(1) as u32 + ranges_sent.max(1)
 }

@@ -39,6 +39,7 @@ pub mod presence;
 mod presence_tests;
 pub mod radial;
 
+mod allowance;
 mod bend;
 mod checks;
 mod course;

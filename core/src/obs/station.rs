@@ -458,11 +458,13 @@ impl State {
             let (towards, apart) = plan.lasting.as_evidence(directions, ranges);
             let minute = Minute::new(k as u32, &towards, &apart);
             ranges.prefer(&plan.interference, &expected);
-            send(plan, index, &directions, call, &ranges, pairs_in_doubt, sink);
+            let allowance = &mut self.tracker.allowance;
+            let modes = if allowance.has_room_for_more() { 2 } else { 1 };
+            allowance.minute(send(plan, index, &directions, call, &ranges, pairs_in_doubt, modes, sink));
             self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
-            if plan.azigram && !deaf {
+            if plan.azigram && !deaf && self.tracker.allowance.azigram() {
                 let half_s = 0.5 * STEP_S;
                 let of_minute = |kept: &&Kept| kept.used && (-half_s..half_s).contains(&offset_s(kept.label));
                 let (mut minute, mut held) = ([&NO_ROW; MINUTE_FRAMES], 0);

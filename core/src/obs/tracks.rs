@@ -1,11 +1,12 @@
 //! Tracks of the vessels present: found, refined while they pass, closed with the best course over their whole stay.
 //!
 //! Enters: the ring of evidence, once a minute. Leaves: `Track` messages, stage 0 every five minutes while a vessel
-//! passes, stage 1 once when it has gone or the record ends, or stage 2 once where a track that was reported is withdrawn:
+//! passes (of several less often: `allowance`), stage 1 once when it has gone or the record ends, or stage 2 once where a track that was reported is withdrawn:
 //! a truer course explains its evidence. Several vessels are several tracks: what one explains is hidden from the search for
 //! the next, the best explained first. A track is abandoned for a better course whenever one is found, which undoes early
 //! locks on a wrong branch. What is told of each: `told`. Cost: below 40 M instructions every five minutes, none between.
 
+use super::allowance::Allowance;
 use super::course::{Course, CourseCovariance};
 use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
@@ -70,7 +71,7 @@ struct Live {
     /// First and last minute it explains.
     from: u32,
     to: u32,
-    /// Records sent of it. A number, because an empty place must stay all zeros: the whole station is.
+    /// Records told of it, sent or not; the first is. A number, because an empty place must stay all zeros: the whole station is.
     sent: u16,
 }
 
@@ -89,12 +90,20 @@ pub struct Tracker {
     next_id: u16,
     /// Whether echoes may be read as another pair of paths than theirs.
     pub(super) pairs_in_doubt: bool,
+    /// What the line has room for.
+    pub(super) allowance: Allowance,
 }
 
 impl Tracker {
     /// None yet.
     pub const fn new() -> Self {
-        Self { live: [None; LIVE], gone: Gone::new(), next_id: 0, pairs_in_doubt: false }
+        Self {
+            live: [None; LIVE],
+            gone: Gone::new(),
+            next_id: 0,
+            pairs_in_doubt: false,
+            allowance: Allowance::new(),
+        }
     }
 
     /// Looks at the evidence up to minute `now`.
@@ -110,6 +119,7 @@ impl Tracker {
         }
         let in_doubt = self.pairs_in_doubt;
         self.improve(plan, evidence, now, sink);
+        let tracks = self.live.iter().flatten().count();
         for k in 0..LIVE {
             let others = self.others(k);
             let Some(slot) = self.live.get_mut(k) else { continue };
@@ -128,7 +138,10 @@ impl Tracker {
                 let present = live.present(plan, &seen, None);
                 live.now = present.map_or(live.course, |(course, _)| course);
                 if now < live.to + EVERY + 2 {
-                    live.run(plan, &seen, sink);
+                    // Where there is no room for all, they take turns.
+                    let turn = (now / EVERY) as usize % LIVE == k;
+                    let room = self.allowance.has_room_for(if turn { 1 } else { tracks });
+                    live.run(plan, &seen, &mut self.allowance, room, sink);
                 }
             }
         }
@@ -144,7 +157,8 @@ impl Tracker {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
-                    found.run(plan, &Seen { evidence, others, in_doubt }, sink);
+                    let seen = Seen { evidence, others, in_doubt };
+                    found.run(plan, &seen, &mut self.allowance, true, sink);
                     *slot = Some(found);
                 }
             }

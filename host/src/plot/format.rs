@@ -5,7 +5,7 @@
 
 use super::raster::Cells;
 use anyhow::{Result, bail};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::OnceLock;
 
@@ -69,11 +69,11 @@ pub fn write_as(formats: &[Format]) {
     WANTED.get_or_init(|| formats.to_vec());
 }
 
-/// Writes a picture, atomically: as its name says, or where that is `.svg`, as is wanted of all.
+/// Which files a picture is written to: of its own name, or where that is `.svg`, of what is wanted of all.
 ///
 /// # Errors
-/// The file cannot be written.
-pub(super) fn write(path: &Path, drawn: impl Fn(Cells) -> Result<String>) -> Result<()> {
+/// The name ends as no picture's does.
+fn files(path: &Path) -> Result<Vec<(Format, PathBuf)>> {
     let named = path
         .extension()
         .and_then(|e| e.to_str())
@@ -95,11 +95,26 @@ pub(super) fn write(path: &Path, drawn: impl Fn(Cells) -> Result<String>) -> Res
         #[cfg(feature = "pictures")]
         Some(Format::Pdf) => &[Format::Pdf],
     };
-    formats.iter().try_for_each(|format| {
+    let file = |format: &Format| {
         let other = named.is_some_and(|named| named != *format);
-        let path = if other { path.with_extension(format.name()) } else { path.to_owned() };
+        (*format, if other { path.with_extension(format.name()) } else { path.to_owned() })
+    };
+    Ok(formats.iter().map(file).collect())
+}
+
+/// Names of the files that a picture of this name is written to; none where no picture is named so.
+pub fn names_of(path: &Path) -> Vec<PathBuf> {
+    files(path).map_or_else(|_| Vec::new(), |files| files.into_iter().map(|(_, path)| path).collect())
+}
+
+/// Writes a picture, atomically: as its name says, or where that is `.svg`, as is wanted of all.
+///
+/// # Errors
+/// The file cannot be written.
+pub(super) fn write(path: &Path, drawn: impl Fn(Cells) -> Result<String>) -> Result<()> {
+    files(path)?.iter().try_for_each(|(format, path)| {
         let cells = if *format == Format::Svg { Cells::Image } else { Cells::Rectangles };
-        crate::atomic::write(&path, &format.of(&drawn(cells)?)?)
+        crate::atomic::write(path, &format.of(&drawn(cells)?)?)
     })
 }
 

@@ -220,7 +220,11 @@ fn stated(passage: &Passage, times: &Times, station: &str) -> Plot {
         ),
         format!("Closest range {}", pm(range, t.sd_cpa_range_m.into(), 0, "m")),
         format!("Heading {}", pm(wrap_deg(degrees(t.heading)), degrees(t.sd_heading), 1, "°")),
-        format!("Speed {}", pm(t.speed_m_s.into(), t.sd_speed_m_s.into(), 2, "m/s")),
+        // A speed that is declared without a deviation is no estimate.
+        match t.sd_speed_m_s {
+            0.0 => format!("Speed {} m/s, as declared", t.speed_m_s),
+            sd => format!("Speed {}", pm(t.speed_m_s.into(), sd.into(), 2, "m/s")),
+        },
         format!("Station on its {side} side; {} measurements", t.n),
         "± is one standard deviation".to_owned(),
     ];

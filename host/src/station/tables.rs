@@ -215,7 +215,7 @@ pub(super) struct Obs {
     pub(super) propagation: Option<PathBuf>,
     /// `paper`: the paper's own choices, for comparison.
     pub(super) compatibility: Option<String>,
-    /// Whether directions by frequency leave once a minute (`azigram`): 70 bytes, about as many as all else when little goes on.
+    /// Whether directions by frequency leave once a minute (`azigram`): 70 bytes, about as many as all else when little goes on; left out while several vessels take the line's 200 bytes a minute.
     #[serde(default = "default_azigram")]
     pub(super) azigram: bool,
 }

@@ -3,6 +3,7 @@
 //! Enters: the track, the evidence and the courses of the others. Leaves: `Track` messages. The place is that of the way as it bends now, the closest
 //! point that of the way about it; what lasts of the errors ([`lasting`]) is counted in both, and other pairs of paths where its ranges may be those.
 
+use super::super::allowance::Allowance;
 use super::super::bend;
 use super::super::course::{Closest, Course, CourseCovariance};
 use super::super::evidence::Evidence;
@@ -26,7 +27,7 @@ const FASTEST_M_S: f64 = 13.0;
 /// point it must be heard if it is silent for as long, minutes.
 const LEAVING: u32 = 10;
 
-/// Records of a track that are sent while its vessel is heard, before it may have a last one: what is found in what was heard long ago, and
+/// Records that are told of a track while its vessel is heard, before it may have a last one: what is found in what was heard long ago, and
 /// not heard again, is what others left.
 const FEW_SENT: u16 = 3;
 
@@ -112,12 +113,21 @@ impl Live {
         bend::present(&self.course, &plan.travel, STEP_S, minutes)
     }
 
-    /// Sends the running estimate, where it says anything.
-    pub(super) fn run(&mut self, plan: &Plan<'_>, seen: &Seen<'_>, sink: &mut dyn FnMut(Message)) {
-        if let Some(track) = self.told(plan, seen, Track::RUNNING) {
-            self.sent = self.sent.saturating_add(1);
+    /// Sends the running estimate where it says anything: the first in any case, others where there is room.
+    pub(super) fn run(
+        &mut self,
+        plan: &Plan<'_>,
+        seen: &Seen<'_>,
+        allowance: &mut Allowance,
+        room: bool,
+        sink: &mut dyn FnMut(Message),
+    ) {
+        let Some(track) = self.told(plan, seen, Track::RUNNING) else { return };
+        if room || self.sent == 0 {
+            allowance.track();
             sink(Message::Track(track));
         }
+        self.sent = self.sent.saturating_add(1);
     }
 
     /// Sends the solution at the passage's end; where there is none, what was reported is withdrawn. Whether there is one.
