@@ -33,8 +33,8 @@ pub mod f32 {
 pub mod f64 {
     pub use core::f64::consts::{FRAC_PI_2, PI, TAU};
     pub use libm::{
-        acos, asin, atan, atan2, ceil, cos, erf, erfc, exp, fabs as abs, floor, hypot, j0, log as ln,
-        log1p as ln_1p, log10, pow as powf, round, sincos as sin_cos, sqrt, tan, tgamma,
+        acos, asin, atan, atan2, ceil, cos, erf, erfc, exp, fabs as abs, floor, j0, log as ln,
+        log1p as ln_1p, log10, pow as powf, round, sincos as sin_cos, sqrt, tgamma,
     };
 
     /// By the function that gives both: the same bits, and one function less in flash.
@@ -42,6 +42,21 @@ pub mod f64 {
     #[must_use]
     pub fn sin(x: f64) -> f64 {
         sin_cos(x).0
+    }
+
+    /// Within 2 units in the last place where sine and cosine are within one.
+    #[inline]
+    #[must_use]
+    pub fn tan(x: f64) -> f64 {
+        let (s, c) = sin_cos(x);
+        s / c
+    }
+
+    /// Of lengths, of which none is so long or short that its square would be no number (10^154, 10^-154).
+    #[inline]
+    #[must_use]
+    pub fn hypot(x: f64, y: f64) -> f64 {
+        sqrt(x * x + y * y)
     }
 }
 

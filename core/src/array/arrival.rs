@@ -8,6 +8,7 @@
 //! * [`TEMPLATE`] samples about the greatest value of the strongest hydrophone are looked for in the three others, at the
 //!   delays that the array allows, then aligned to a fraction of a sample (least squares of level and delay). Later arrivals, from
 //!   surface and bottom, are mostly outside.
+//! * A ping is as alike some periods off: where several delays are nearly as good no direction is told.
 //! * Agreement: each hydrophone must resemble the template; the three pairs that it takes no part in must be most alike at the
 //!   delays it gives, which closes the triangles; and the four times must be those of one wavefront.
 //! * Variance of a delay: what the residuals of the other hydrophones, at other moments, have in common with the template's
@@ -43,6 +44,9 @@ const SMOOTHEST: f32 = 0.999;
 const ROUGHEST: f32 = -0.75;
 /// Share of the slope's power that must be sound and not noise.
 const CLEAR: f32 = 0.25;
+/// Share of the highest correlation's power that the fourth highest may have: a click of three periods has two so high beside it, a ping
+/// all that there are.
+const RIVALS: f32 = 0.8;
 /// Reach of the interpolation, samples.
 const TAPS: i32 = 4;
 /// Standard deviation of the alignment itself, samples.
@@ -229,7 +233,7 @@ fn reach(plan: &Plan, i: usize, j: usize) -> i32 {
 
 /// The delay, samples, at which a row is most like a template that begins at `start` in its own. Between whole samples the
 /// correlation is taken for a cosine: a click of a quarter of the sampling rate is as alike a period off, where only that is
-/// whole.
+/// whole. `None` where several others are nearly as alike.
 #[inline(never)]
 fn most_alike(of: &[i8; TEMPLATE], row: &[i8; WINDOW], start: usize, from: i32, to: i32) -> Option<f32> {
     let correlation = |lag: i32| {
@@ -237,7 +241,8 @@ fn most_alike(of: &[i8; TEMPLATE], row: &[i8; WINDOW], start: usize, from: i32, 
         let there = row.get(at..)?.first_chunk::<TEMPLATE>()?;
         Some(of.iter().zip(there).map(|(a, b)| i32::from(*a) * i32::from(*b)).sum::<i32>() as f32)
     };
-    let (mut best, mut delay) = (0.0f32, None);
+    // The highest correlations' powers, the highest first.
+    let (mut most, mut delay) = ([0.0f32; 4], None);
     let (mut before, mut here) = (None, correlation(from - 1));
     for lag in from..=to {
         let older = core::mem::replace(&mut before, here);
@@ -253,13 +258,17 @@ fn most_alike(of: &[i8; TEMPLATE], row: &[i8; WINDOW], start: usize, from: i32, 
         }
         let sine = m::sqrt(1.0 - turn * turn);
         let quadrature = 0.5 * (newer - older) / sine;
-        let power = middle * middle + quadrature * quadrature;
-        if power > best {
-            best = power;
+        let mut power = middle * middle + quadrature * quadrature;
+        if power > most[0] {
             delay = Some((lag - 1) as f32 + m::atan2(quadrature, middle) / m::acos(turn));
         }
+        for kept in &mut most {
+            if power > *kept {
+                core::mem::swap(kept, &mut power);
+            }
+        }
     }
-    delay
+    delay.filter(|_| most[3] < RIVALS * most[0])
 }
 
 /// What is looked for.

@@ -25,7 +25,13 @@ const WHOLE_SHARE: f32 = 0.95;
 /// Most uneven in time that a vessel's sound is ([`Spectra::unevenness`]): 3.9 where a propeller's sound goes to nothing in each turn and
 /// nothing else is heard. Whistles, clicks, strokes of a pile driver and what is left of an explosion have more.
 pub(super) const MOST_UNEVEN: f32 = 5.0;
-/// The same of all power in the upper half of the band, where 1 is steady: beyond it that tells when snaps were loud, not the source.
+/// Least number of bins that a direction is told from, `(Σ c)²/Σ c²` of their coherence c. A line has 4 to 8 with what its frame spreads of it, two and three
+/// lines no more, and one in four of their directions is on another lobe; a vessel that noise hides above 2 kHz has 10 at 64 kHz, a white
+/// one at the threshold 40.
+const FEW_BINS: f32 = 9.0;
+/// The same as a share of the bins of a narrow band.
+const FEW_OF_BAND: f32 = 0.5;
+/// Most uneven in time that all power in the upper half of the band is, where 1 is steady: beyond it that tells when snaps were loud, not the source.
 const MOST_UNEVEN_MOMENT: f64 = 2.2;
 /// Least coherence by which the moment of a bearing is doubted: below it the bearing itself is as uncertain.
 const LEAST_COHERENCE: f32 = 0.1;
@@ -110,6 +116,15 @@ impl Context<'_> {
     #[inline(never)]
     fn detected(&self, coherence: &[f32; BINS]) -> f32 {
         coherence.iter().take(self.band.high).skip(self.band.incoherent).sum()
+    }
+
+    /// Whether what is heard with this mean coherence is in so few bins that the direction may be another: lines and narrow bands are
+    /// as alike a period off.
+    pub(super) fn is_narrow(&self, coherence: &[f32; BINS], mean: f32) -> bool {
+        let squares: f32 =
+            coherence.iter().take(self.band.high).skip(self.band.incoherent).map(|c| c * c).sum();
+        let sum = mean * self.bins();
+        sum * sum < FEW_BINS.min(FEW_OF_BAND * self.bins()) * squares
     }
 
     /// Bins of the detection band.
@@ -197,6 +212,9 @@ pub(crate) fn segment(
     let found_sum = first.as_ref().map_or(0.0, |first| first.mean * context.bins() * PAIR_COUNT as f32);
     let turned = Turned { plan, band: &plan.whole, found: found_sum, most: Turned::most(&peaks) };
     let doubtful = sign == Sign::Well && used.all() && turned.doubtful();
+    if !doubtful && first.as_ref().is_some_and(|first| context.is_narrow(&scratch.spectrum.raw, first.mean)) {
+        return;
+    }
     let segment = memory.segments.wrapping_add(1);
     let other =
         first.as_ref().is_some_and(|first| memory.others.strongest(plan, first.refined.direction, segment));

@@ -206,7 +206,7 @@ fn told(
     scratch: &mut Scratch,
 ) -> Option<Bearing> {
     let work = &mut scratch.spectrum;
-    if spectra.unevenness(context.plan, &work.raw) > MOST_UNEVEN {
+    if context.is_narrow(&work.raw, found.mean) || spectra.unevenness(context.plan, &work.raw) > MOST_UNEVEN {
         return None;
     }
     work.restore(refine::shared_signal(context.plan, context.band.used, &found.tau));

@@ -40,6 +40,9 @@ const FULL: f32 = 16_000.0;
 const COARSE_BITS: u32 = 16;
 const FINE_BITS: u32 = 12;
 
+/// Share of the time that sound takes between two hydrophones within which they hear it at once.
+const AT_ONCE: f32 = 0.05;
+
 /// `e^{−2πik/1024}` of every bin: what half a sample turns it.
 const HALF_SAMPLE: [Complex32; FRAME / 2] = transform::turns_of(2 * FRAME);
 
@@ -61,6 +64,8 @@ pub(crate) struct PairPeaks {
     pub(crate) peak: f32,
     /// The lowest.
     pub(crate) trough: f32,
+    /// Whether the two hear it at once.
+    pub(crate) at_once: bool,
 }
 
 /// A point of the search; its score is the sum of kept correlations.
@@ -119,7 +124,7 @@ impl SearchWork {
     pub(crate) fn pairs(&self, plan: &Plan) -> [PairPeaks; PAIR_COUNT] {
         let mut out = [PairPeaks::default(); PAIR_COUNT];
         let half_sample_s = 0.5 / plan.rate_hz;
-        for (out, lags) in out.iter_mut().zip(&self.lags) {
+        for ((out, lags), crossing_s) in out.iter_mut().zip(&self.lags).zip(&plan.crossing_s) {
             let (mut best, mut least, mut at) = (i16::MIN, i16::MAX, 0);
             for (n, r) in lags.iter().enumerate() {
                 if *r > best {
@@ -132,10 +137,12 @@ impl SearchWork {
             let (before, after) = (beside(at.wrapping_sub(1)), beside(at + 1));
             let bend = before - 2.0 * f32::from(best) + after;
             let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+            let delay_s = (at as f32 + shift - (LAGS / 2) as f32) * half_sample_s;
             *out = PairPeaks {
-                delay_s: (at as f32 + shift - (LAGS / 2) as f32) * half_sample_s,
+                delay_s,
                 peak: f32::from(best) * self.unit,
                 trough: f32::from(least) * self.unit,
+                at_once: m::abs(delay_s) < AT_ONCE * crossing_s,
             };
         }
         out

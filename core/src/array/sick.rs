@@ -14,7 +14,8 @@
 //!   reaches one when the other hears the vessel looks the same for a while.
 //!
 //! Two inverted hydrophones correlate with each other and negatively with the rest, who are as many: which of them they are
-//! is not observable, and no direction is told.
+//! is not observable, and no direction is told. Nor is one of what all four hear at once, as they do their amplifiers' hum: no sound
+//! crosses a solid array along none of its sides.
 //!
 //! One segment proves nothing: [`NAMED`] must say so more often than not. A sea in which nothing is heard proves nothing
 //! either way. With one left out the remaining three are looked at; with two, no direction can be told. One of three that is
@@ -31,7 +32,7 @@ use crate::wire::{Fault, FaultCode, Message};
 
 /// Segments that must say that a channel is sick, beyond those that say the opposite: 4 s at the usual step.
 const NAMED: u8 = 8;
-/// Segments in a row in which two hydrophones are against two, after which that is told.
+/// Segments in a row in which two hydrophones are against two, or all hear the same at once, after which that is told.
 const DIVIDED: u8 = 4;
 /// Segments in a row in which nothing is wrong, after which a channel is well again.
 const WELL: u8 = 16;
@@ -67,7 +68,7 @@ pub(crate) enum Sign {
     Well,
     /// Place in [`KINDS`], and hydrophone.
     Sick(usize, usize),
-    /// Two hydrophones hear the opposite of what two others hear.
+    /// Two hydrophones hear the opposite of what two others hear, or all hear the same at once.
     Divided,
 }
 
@@ -77,7 +78,7 @@ pub(crate) struct Sick {
     /// For and against, by kind and hydrophone.
     counts: [[u8; CHANNELS]; KINDS.len()],
     well: u8,
-    /// Segments in a row in which two are against two.
+    /// Segments in a row that say [`Sign::Divided`].
     divided: u8,
     /// Bit h: hydrophone h is left out.
     out: u8,
@@ -195,6 +196,10 @@ pub(crate) fn sign(peaks: &[PairPeaks; PAIR_COUNT], deviation: f32, used: u8) ->
         sum / n.max(1.0)
     };
     let each = || (0..CHANNELS).filter(|h| used >> h & 1 == 1);
+    // By chance never, however weak.
+    if used == ALL && peaks.iter().all(|p| p.at_once) {
+        return Sign::Divided;
+    }
     for h in each() {
         let (own, others) = (mean(h, true), mean(h, false));
         if others > strong && own < DEAF * others {

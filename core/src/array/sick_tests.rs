@@ -176,6 +176,23 @@ fn no_direction_is_told_while_noise_common_to_all_contradicts_it() {
 }
 
 #[test]
+fn hum_that_all_hydrophones_hear_at_once_is_nobody_and_is_named() {
+    let plan = plan(RATE);
+    let mut random = Normal(61);
+    let phases: Vec<f64> = (0..40).map(|_| 3.0 * random.next()).collect();
+    let gains = [0.7, 1.3, 1.0, 0.9];
+    let mut sea = noisy(std::vec![[0.0; CHANNELS]; 10 * RATE as usize], 62);
+    for (i, x) in sea.iter_mut().enumerate() {
+        let angle = core::f64::consts::TAU * 50.0 * i as f64 / RATE;
+        let hum: f64 = (1..).zip(&phases).map(|(k, p)| 0.3 * (f64::from(k) * angle + p).sin()).sum();
+        x.iter_mut().zip(gains).for_each(|(x, gain)| *x += gain * hum);
+    }
+    let heard = hear(&plan, &sea);
+    assert!(heard.bearings.is_empty(), "{:?}", heard.bearings);
+    assert!(heard.faults.iter().any(|f| f.0 == FaultCode::Inconsistent), "{:?}", heard.faults);
+}
+
+#[test]
 fn two_sick_channels_leave_no_direction() {
     let plan = plan(RATE);
     let noise =

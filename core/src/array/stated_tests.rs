@@ -1,6 +1,8 @@
 //! Whether what a bearing states of its error holds.
 
 use super::super::test_sea::{Normal, error_from, hear, noisy, planned, source, standardised};
+use crate::angle::unit_vector;
+use crate::array::wavefront;
 use crate::wire::Bearing;
 use std::vec::Vec;
 
@@ -87,4 +89,34 @@ fn another_source_is_in_the_angle_that_it_turns() {
     let (below, aside) = (stated((1.0, -0.5)), stated((2.2, 0.5)));
     assert!(below < 0.5, "from below: {below}");
     assert!(aside > 0.8, "from aside: {aside}");
+}
+
+#[test]
+fn lines_alone_give_no_direction_and_with_the_vessels_noise_they_take_none_away() {
+    let plan = planned(64_000.0, |array| array.vessel_depth_m = 0.0);
+    for (n, lines_hz) in
+        [&[1130.0][..], &[300.0, 600.0, 900.0], &[120.0, 240.0, 480.0, 1130.0]].iter().enumerate()
+    {
+        let at = (0.4 + 1.9 * n as f64, 0.15);
+        let u = unit_vector(at.0 as f32, at.1 as f32);
+        let delays = wavefront::arrivals(plan.geometry(), &u, 1.0 / 500.0);
+        let told = |noise_rms: f64| {
+            let mut sea = noisy(source(&plan, at, noise_rms, None, 10, 60 + n as u64), 80 + n as u64);
+            for (i, x) in sea.iter_mut().enumerate() {
+                for (x, delay) in x.iter_mut().zip(&delays) {
+                    let t = i as f64 / 64e3 - f64::from(*delay);
+                    *x += lines_hz.iter().map(|f| (core::f64::consts::TAU * f * t).sin()).sum::<f64>();
+                }
+            }
+            // Of two lines in the octave from 500 Hz, which has four bins, what is left of a vessel may still pass for another.
+            let mut bearings = hear(&plan, &sea).bearings;
+            bearings.retain(|b| b.band == 0);
+            let wrong = bearings.iter().filter(|b| standardised(b, at) > 16.0).count();
+            (bearings.len(), wrong)
+        };
+        let (alone, wrong) = told(0.0);
+        assert!(alone <= 1 && wrong <= 1, "{lines_hz:?}: {alone}, wrong {wrong}");
+        let (with_noise, wrong) = told(1.0);
+        assert!(with_noise >= 18 && wrong == 0, "{lines_hz:?}: {with_noise}, wrong {wrong}");
+    }
 }
