@@ -169,7 +169,7 @@ fn summary(table: &Propagation, args: &Args) {
             String::new()
         } else {
             format!(
-                ", and {} by branch for a floor that is not RR03's: a model, not a measurement",
+                ", and {} by branch for a floor that is not RR03's, which is modelled: until they are measured a track may be told at a wrong pair of paths, half as far",
                 by_floor.join(", ")
             )
         };
