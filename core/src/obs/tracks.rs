@@ -12,7 +12,7 @@ use super::evidence::{Evidence, MINUTES, Minute};
 use super::fit::{self, Score};
 use super::gone::Gone;
 use super::lasting::Told;
-use super::limits::VESSELS;
+use super::limits::{MAX_SPEED_M_S, VESSELS};
 use super::plan::{Plan, STEP_S};
 use super::presence::{Expected, ExpectedVessels};
 use super::search::search;
@@ -53,8 +53,10 @@ const SILENCE: u32 = 45;
 /// minutes with both, since directions of one vessel and ranges of another make courses too.
 const ACCEPT: (f64, u16, u16, u16) = (60.0, 15, 10, 6);
 
-/// Speeds of vessels under way, m/s: no merchant vessel is faster.
-const SPEEDS_M_S: core::ops::Range<f64> = 0.3..15.0;
+/// Speeds of vessels under way, m/s. Of 4200 reports of 450 cargo vessels and tankers about RR03 (satellite AIS, status 0) 3.7 % are below
+/// 1 m/s, adrift or waiting, 0.2 % from there to 2 m/s, and none is above 11.4 m/s; courses found there are mostly a vessel's at another
+/// pair of paths, at twice or a part of its speed. No radial speed above the second is looked for either.
+const SPEEDS_M_S: core::ops::Range<f64> = 2.0..MAX_SPEED_M_S as f64;
 
 /// Log score by which another course must be better to take a track over.
 const BETTER: f64 = 6.0;

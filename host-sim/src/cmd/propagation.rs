@@ -161,10 +161,21 @@ fn summary(table: &Propagation, args: &Args) {
         }
     }
     if !args.json {
+        let ratio = table.depth_m / strength::RR03_DEPTH_M;
+        let floor = table.strengths.iter().zip(strength::of_depth(table.depth_m));
+        let by_floor: Vec<String> =
+            floor.map(|(s, usual)| format!("{:.2}", s.scale_m / usual.scale_m)).collect();
+        let floor = if by_floor.iter().all(|x| x == "1.00") {
+            String::new()
+        } else {
+            format!(
+                ", and {} by branch for a floor that is not RR03's, which is modelled: until they are measured a track may be told at a wrong pair of paths, half as far",
+                by_floor.join(", ")
+            )
+        };
         println!(
-            "strengths: those of RR03 (paper O, Table II), ranges times {:.3} for the depth; pulse: RR03's; measure this station's \
-             with `propagation fit`",
-            table.depth_m / strength::RR03_DEPTH_M
+            "strengths: those of RR03 (paper O, Table II), ranges times {ratio:.3} for the depth{floor}; pulse: RR03's; measure this \
+             station's with `propagation fit`"
         );
     }
 }

@@ -1,5 +1,6 @@
 //! Strength of an interference against range: the skew-normal law [O D1] with Table II's parameters.
 
+use super::RayPath;
 use seabearing_core::math::f64::erfc;
 use serde::{Deserialize, Serialize};
 
@@ -43,6 +44,64 @@ pub fn of_depth(depth_m: f64) -> [SkewNormal; 4] {
     })
 }
 
+/// Range at which a vessel's wideband noise is taken to be as loud as the ambient noise at RR03, m: where the simulator states levels too.
+const AS_LOUD_AS_NOISE_M: f64 = 20_000.0;
+
+/// Changes strengths of a floor `depth_m` deep that hold over one floor to those over another: `usual` are the paths over the floor they
+/// hold for, `told` the same rays over that of the station, both in rows of `step_m`.
+///
+/// Two paths of amplitudes a and b make the power go up and down by `2 a b / (N + Σ A²)` of itself, N being the noise, and to
+/// first order in it its logarithm too (`ln(1 + x cos φ) ≈ x cos φ`): that share is what the pulse in the cepstrum grows with.
+/// Over a harder floor total reflection begins at steeper angles, so that every interference is heard nearer, and the paths between
+/// bounce with other losses. The law of each branch keeps its form; its ranges are taken in proportion to the share's mean range, and k,
+/// which is its integral over range, to the share's.
+pub fn over_another_floor(
+    strengths: &mut [SkewNormal],
+    depth_m: f64,
+    step_m: f64,
+    usual: &[RayPath],
+    told: &[RayPath],
+) {
+    let rows = usual.first().map_or(0, |p| p.arrivals.len());
+    let loud = (AS_LOUD_AS_NOISE_M * depth_m / RR03_DEPTH_M / step_m) as usize;
+    let noise = power(usual, loud.min(rows.saturating_sub(1)));
+    for (branch, law) in strengths.iter_mut().enumerate() {
+        let ((area, mean), (of_usual, usual_mean)) =
+            (share(told, branch, noise), share(usual, branch, noise));
+        if of_usual > 0.0 && usual_mean > 0.0 && mean > 0.0 {
+            law.k_m *= area / of_usual;
+            law.location_m *= mean / usual_mean;
+            law.scale_m *= mean / usual_mean;
+        }
+    }
+}
+
+/// Amplitude of a path in a row, where it exists.
+fn amplitude(paths: &[RayPath], path: usize, row: usize) -> Option<f64> {
+    paths.get(path)?.arrivals.get(row).copied()?.map(|a| a.amplitude.norm())
+}
+
+/// Power of all paths in a row.
+fn power(paths: &[RayPath], row: usize) -> f64 {
+    (0..paths.len()).filter_map(|n| amplitude(paths, n, row)).map(|a| a * a).sum()
+}
+
+/// Integral over range, and mean range, of a branch's share `|Aᵢ Aᵢ₊₁| / (N + Σ |A|²)` of the power; in rows.
+fn share(paths: &[RayPath], branch: usize, noise: f64) -> (f64, f64) {
+    let rows = paths.first().map_or(0, |p| p.arrivals.len());
+    let (mut area, mut moment) = (0.0, 0.0);
+    for row in 0..rows {
+        let all = noise + power(paths, row);
+        if let Some((a, b)) = amplitude(paths, branch, row).zip(amplitude(paths, branch + 1, row))
+            && all > 0.0
+        {
+            area += a * b / all;
+            moment += row as f64 * a * b / all;
+        }
+    }
+    (area, if area > 0.0 { moment / area } else { 0.0 })
+}
+
 impl SkewNormal {
     /// The strength at a range.
     pub fn at(&self, range_m: f64) -> f64 {
@@ -79,6 +138,31 @@ mod tests {
             for r in [5_000.0, 12_000.0, 30_000.0] {
                 assert!((a.at(r) - b.at(0.5 * r)).abs() < 1e-12);
             }
+        }
+    }
+
+    #[test]
+    fn over_a_harder_floor_interferences_are_heard_nearer() {
+        use super::super::{bottom::Bottom, profile::SpeedProfile, trace};
+        let profile =
+            SpeedProfile::new(vec![(0.0, 1540.0), (1000.0, 1486.0), (4340.0, 1528.0)], 4340.0).unwrap();
+        let over = |bottom: &Bottom| trace::trace("t", &profile, bottom, 500.0, 150, || ()).strengths;
+        assert_eq!(over(&Bottom::default()), RR03);
+        // A floor that differs by nothing worth mention has all but the same.
+        let all_but = over(&Bottom { compressional_m_s: 2000.5, ..Bottom::default() });
+        for (a, b) in RR03.iter().zip(&all_but) {
+            assert!((a.k_m / b.k_m - 1.0).abs() < 0.01 && (a.location_m / b.location_m - 1.0).abs() < 0.01);
+        }
+        let harder = over(&Bottom { compressional_m_s: 2500.0, shear_m_s: 900.0, ..Bottom::default() });
+        let peak = |law: &SkewNormal| {
+            let at = (0..500).map(|i| 100.0 * f64::from(i));
+            at.fold((0.0, 0.0), |best, r| if law.at(r) > best.1 { (r, law.at(r)) } else { best })
+        };
+        // Measured with `propagation fit` on vessels simulated over that floor: 7.0, 14.5, 22.5 and 29.5 km.
+        for (law, measured_m) in harder.iter().zip([7_000.0, 14_500.0, 22_500.0, 29_500.0]) {
+            let (at_m, height) = peak(law);
+            assert!((at_m / measured_m - 1.0).abs() < 0.25, "{at_m} {measured_m}");
+            assert!((0.01..0.12).contains(&height), "{height}");
         }
     }
 

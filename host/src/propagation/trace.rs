@@ -26,15 +26,26 @@ pub fn trace(
     rows: usize,
     mut done: impl FnMut(),
 ) -> Propagation {
-    let mut paths: Vec<RayPath> = (0..PATHS)
-        .map(|i| RayPath { crossings: 2 * i as u32 + 1, arrivals: Vec::with_capacity(rows) })
-        .collect();
-    for j in 0..rows {
-        for path in &mut paths {
-            let a = arrival(profile, bottom, path.crossings, step_m * j as f64);
-            path.arrivals.push(a);
+    let over = |bottom: &Bottom, done: &mut dyn FnMut()| {
+        let mut paths: Vec<RayPath> = (0..PATHS)
+            .map(|i| RayPath { crossings: 2 * i as u32 + 1, arrivals: Vec::with_capacity(rows) })
+            .collect();
+        for j in 0..rows {
+            for path in &mut paths {
+                let a = arrival(profile, bottom, path.crossings, step_m * j as f64);
+                path.arrivals.push(a);
+            }
+            done();
         }
-        done();
+        paths
+    };
+    let paths = over(bottom, &mut done);
+    let mut strengths = strength::of_depth(profile.depth_m()).to_vec();
+    // Those of RR03 are over its floor.
+    let usual = Bottom::default();
+    if *bottom != usual {
+        let over_usual = over(&usual, &mut || ());
+        strength::over_another_floor(&mut strengths, profile.depth_m(), step_m, &over_usual, &paths);
     }
     Propagation {
         name: name.to_owned(),
@@ -43,7 +54,7 @@ pub fn trace(
         f0_hz: F0_HZ,
         width_s: WIDTH_S,
         paths,
-        strengths: strength::of_depth(profile.depth_m()).to_vec(),
+        strengths,
     }
 }
 
