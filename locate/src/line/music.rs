@@ -12,7 +12,7 @@
 
 use super::complex::{Complex, norm, phase, unit};
 use super::covariance::{smooth, update};
-use super::hermitian::{HermitianMatrix, eigen};
+use super::hermitian::{HermitianMatrix, eigen, noise_power, signal_columns};
 use super::roots::{MAX_COEFFICIENTS, roots};
 use super::turning::{LASTING, excess, moments, relative_variance};
 use super::{MAX_SENSORS, MAX_SOURCES};
@@ -470,36 +470,6 @@ fn null(coefficients: &[Complex; MAX_SENSORS], length: usize, w: f64) -> f64 {
         sum = (sum + *c) * z;
     }
     coefficients.first().map_or(0.0, |c| c.re) + 2.0 * sum.re
-}
-
-/// Which columns of the eigenvectors belong to the largest eigenvalues.
-fn signal_columns(values: &HermitianMatrix, length: usize, sources: usize) -> [bool; MAX_SENSORS] {
-    let mut signal = [false; MAX_SENSORS];
-    for _ in 0..sources {
-        let mut best: Option<(usize, f64)> = None;
-        for (k, row) in values.iter().enumerate().take(length) {
-            let value = row.get(k).map_or(0.0, |x| x.re);
-            let taken = signal.get(k).copied().unwrap_or(true);
-            if !taken && best.is_none_or(|(_, b)| value > b) {
-                best = Some((k, value));
-            }
-        }
-        if let Some(slot) = best.and_then(|(k, _)| signal.get_mut(k)) {
-            *slot = true;
-        }
-    }
-    signal
-}
-
-/// Mean of the other eigenvalues.
-fn noise_power(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
-    let noise = values.iter().zip(signal).enumerate().take(length).filter(|(_, (_, s))| !**s);
-    let (mut sum, mut n) = (0.0, 0usize);
-    for (k, (row, _)) in noise {
-        sum += row.get(k).map_or(0.0, |x| x.re);
-        n += 1;
-    }
-    (sum / n.max(1) as f64).max(0.0)
 }
 
 #[cfg(test)]
