@@ -2,6 +2,7 @@
 //! its own orientation from a pass of a vessel of known track.
 
 use crate::line::Analysis;
+use crate::line::weights::independent_steps;
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::kit::{Normal, median};
 use seabearing_locate::line::{LineError, LinePlan};
@@ -74,11 +75,9 @@ impl Expectations {
         Ok((!plans.is_empty()).then(|| Self { plans, analysis: analysis.clone() }))
     }
 
-    /// Independent snapshots that a bearing rests on in the long run: with weights `(1 − μ) μ^k / n` of the n transforms of each step,
-    /// `n (1 + μ)/(1 − μ)`.
+    /// Independent snapshots that a bearing rests on: transforms of a step times independent steps.
     pub fn snapshots(&self) -> f64 {
-        let mu = self.analysis.forgetting;
-        (self.analysis.step_s / self.analysis.frame_s).max(1.0) * (1.0 + mu) / (1.0 - mu)
+        (self.analysis.step_s / self.analysis.frame_s).max(1.0) * independent_steps(self.analysis.forgetting)
     }
 
     /// Standard deviation of the sine of a single source's bearing, all frequencies hearing it with such a signal-to-noise ratio
@@ -127,7 +126,7 @@ mod tests {
     fn a_bearing_is_as_good_as_its_noise_its_snapshots_and_its_frequencies() {
         let one = line(&[702.0]);
         // 16 transforms a second, 0.4 remembered.
-        assert!((one.snapshots() - 16.0 * 1.4 / 0.6).abs() < 1e-9);
+        assert!((one.snapshots() - 16.0 * 25.0 / 9.0 * 15.0 / 17.0).abs() < 1e-9);
         // The bound of 23 sensors without subarrays, 6/(N S M (M² − 1)) of the phase's variance, is a little less.
         let phase = std::f64::consts::TAU * 0.75 * 702.0 / 1484.0;
         let bound = (6.0 / (one.snapshots() * 10.0 * 23.0 * (23.0f64.powi(2) - 1.0))).sqrt() / phase;

@@ -1,4 +1,5 @@
-//! Spectra of a line's sensors at some frequencies: transforms that follow one another without overlap.
+//! Spectra of a line's sensors at some frequencies: transforms that follow one another without overlap, each with the one by
+//! which the frequency that was heard is measured (`seabearing_locate::line::frequency`).
 
 use seabearing_locate::line::{Complex, MAX_SENSORS, unit};
 use std::f64::consts::TAU;
@@ -6,19 +7,61 @@ use std::f64::consts::TAU;
 /// The transform of one frame at one frequency, a value a sensor.
 pub(super) type Snapshot = [Complex; MAX_SENSORS];
 
+/// Transforms of one frequency.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Band {
+    /// With the window.
+    pub(super) values: Vec<Snapshot>,
+    /// With `i h'/(2π)` for the window h, 1/s.
+    pub(super) slopes: Vec<Snapshot>,
+}
+
+/// The transforms of a step.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Held {
+    /// Sum of the middles of its frames, seconds since the first sample.
+    sum_s: f64,
+    /// By frequency.
+    pub(super) bands: Vec<Band>,
+}
+
+impl Held {
+    /// Frames.
+    pub(super) fn len(&self) -> usize {
+        self.bands.first().map_or(0, |b| b.values.len())
+    }
+
+    /// Mean time of its frames, seconds since the first sample.
+    pub(super) fn mean_s(&self) -> f64 {
+        self.sum_s / self.len().max(1) as f64
+    }
+}
+
+/// Root mean square of the frequency over the response of a Hann window of `frame_s` seconds, Hz: `(∫h'²/∫h²)^½/(2π)`.
+pub(super) fn width_hz(frame_s: f64) -> f64 {
+    1.0 / (3f64.sqrt() * frame_s)
+}
+
+/// Half the width of its main lobe, Hz.
+pub(super) fn half_lobe_hz(frame_s: f64) -> f64 {
+    2.0 / frame_s
+}
+
 /// The frame being filled, and the transforms of the step so far.
 pub(super) struct Frames {
     sensors: usize,
-    /// Of each frequency the window times the rotation, one value an instant.
-    kernels: Vec<Vec<Complex>>,
+    rate_hz: f64,
+    /// Of each frequency the window times the rotation, one value an instant, and its slope likewise.
+    kernels: Vec<Vec<[Complex; 2]>>,
     /// Instants one after another, `sensors` values each.
     samples: Vec<f64>,
     length: usize,
     /// Index of the next instant.
     next: u64,
-    snapshots: Vec<Vec<Snapshot>>,
-    /// The transform of the newest frame.
-    newest: Vec<Snapshot>,
+    held: Held,
+    /// The transforms of the newest frame, and its middle.
+    newest: Vec<[Snapshot; 2]>,
+    middle: u64,
     used: u64,
     lost: u64,
 }
@@ -28,14 +71,19 @@ impl Frames {
     pub(super) fn new(sensors: usize, rate_hz: f64, frame_s: f64, frequencies_hz: &[f64]) -> Self {
         let length = ((frame_s * rate_hz).round() as usize).max(4);
         let window = |k: usize| 0.5 - 0.5 * (TAU * k as f64 / length as f64).cos();
-        let kernel = |f: &f64| -> Vec<Complex> {
-            (0..length).map(|k| unit(-TAU * f * k as f64 / rate_hz).scale(window(k))).collect()
+        // h'/(2π), 1/s.
+        let slope = |k: usize| 0.5 * (TAU * k as f64 / length as f64).sin() * rate_hz / length as f64;
+        let kernel = |f: &f64| -> Vec<[Complex; 2]> {
+            let turn = |k: usize| unit(-TAU * f * k as f64 / rate_hz);
+            (0..length).map(|k| [turn(k).scale(window(k)), turn(k) * Complex::new(0.0, slope(k))]).collect()
         };
         let kernels: Vec<_> = frequencies_hz.iter().map(kernel).collect();
         Self {
             sensors,
-            snapshots: vec![Vec::new(); kernels.len()],
-            newest: vec![[Complex::ZERO; MAX_SENSORS]; kernels.len()],
+            rate_hz,
+            held: Held { sum_s: 0.0, bands: vec![Band::default(); kernels.len()] },
+            newest: vec![[[Complex::ZERO; MAX_SENSORS]; 2]; kernels.len()],
+            middle: 0,
             kernels,
             samples: Vec::with_capacity(length * sensors),
             length,
@@ -82,32 +130,34 @@ impl Frames {
             }
         }
         for (out, kernel) in self.newest.iter_mut().zip(&self.kernels) {
-            *out = [Complex::ZERO; MAX_SENSORS];
-            for (instant, turn) in self.samples.chunks_exact(self.sensors).zip(kernel) {
-                for ((sum, x), mean) in out.iter_mut().zip(instant).zip(&mean) {
-                    *sum += turn.scale(x - mean);
+            *out = [[Complex::ZERO; MAX_SENSORS]; 2];
+            let [values, slopes] = out;
+            for (instant, [value, slope]) in self.samples.chunks_exact(self.sensors).zip(kernel) {
+                for (((v, s), x), mean) in values.iter_mut().zip(slopes.iter_mut()).zip(instant).zip(&mean) {
+                    *v += value.scale(x - mean);
+                    *s += slope.scale(x - mean);
                 }
             }
         }
         self.samples.clear();
         self.used += self.length as u64;
-        Some(self.next - self.length as u64 / 2)
+        self.middle = self.next - self.length as u64 / 2;
+        Some(self.middle)
     }
 
     /// The newest frame belongs to the current step.
     pub(super) fn keep(&mut self) {
-        for (kept, newest) in self.snapshots.iter_mut().zip(&self.newest) {
-            kept.push(*newest);
+        self.held.sum_s += self.middle as f64 / self.rate_hz;
+        for (band, [values, slopes]) in self.held.bands.iter_mut().zip(&self.newest) {
+            band.values.push(*values);
+            band.slopes.push(*slopes);
         }
     }
 
-    /// The transforms of the step, by frequency.
-    pub(super) fn kept(&self) -> &[Vec<Snapshot>] {
-        &self.snapshots
-    }
-
-    pub(super) fn clear(&mut self) {
-        self.snapshots.iter_mut().for_each(Vec::clear);
+    /// The transforms of the step that is complete; the next begins.
+    pub(super) fn hand_over(&mut self) -> Held {
+        let next = Held { sum_s: 0.0, bands: vec![Band::default(); self.kernels.len()] };
+        std::mem::replace(&mut self.held, next)
     }
 
     /// Instants used so far.

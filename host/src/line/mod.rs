@@ -2,26 +2,29 @@
 //!
 //! Enters: a recording of all sensors (WAV or FLAC), and what the table `[line]` of the station file says of how it is to be
 //! analysed. Leaves: a [`LineBearing`] for each source and step. In the order data flows: `wide` (all sensors side by side),
-//! `frames` (spectra at the frequencies), [`seabearing_locate::line`] (covariance, number of sources, MUSIC, and what several
-//! frequencies have in common).
+//! `frames` (spectra at the frequencies), `chain` (the steps about each, weighed as [`weights`] says, and what a
+//! bend does to their mean, `bend`), [`seabearing_locate::line`]
+//! (covariance, number of sources, MUSIC, the frequency heard, and what several frequencies have in common).
 //!
 //! A line cannot tell its two sides apart, nor azimuth from elevation: a bearing is the cosine of the angle to its axis.
 
+mod bend;
+mod chain;
 mod frames;
 pub mod known;
 pub mod picture;
 pub mod records;
+pub mod weights;
 mod wide;
 
 use crate::progress;
 use crate::recording::Asked;
 use crate::station::Station;
 use anyhow::{Result, anyhow, bail};
-use frames::Frames;
+use chain::Chain;
+use frames::{Frames, half_lobe_hz};
 use seabearing_core::config::{Kind, LineConfig};
-use seabearing_locate::line::{
-    JoinedArrival, LineArrival, LinePlan, MAX_FREQUENCIES, MAX_SOURCES, MusicMethod, Scratch, State, join,
-};
+use seabearing_locate::line::{LinePlan, MusicMethod};
 use std::path::PathBuf;
 use time::OffsetDateTime;
 use wide::Wide;
@@ -35,7 +38,7 @@ pub struct Analysis {
     pub frame_s: f64,
     /// Time from one bearing to the next, seconds.
     pub step_s: f64,
-    /// Share of the past in the covariance.
+    /// Share of the steps before and after one in its covariance.
     pub forgetting: f64,
     /// Overlapping subarrays.
     pub subarrays: usize,
@@ -153,7 +156,9 @@ impl Line {
                 analysis.forgetting,
                 analysis.sources,
             );
-            plan.map(LinePlan::counting).map_err(|e| anyhow!("[line] at {frequency_hz} Hz: {e}"))
+            let above = half_lobe_hz(analysis.frame_s) / frequency_hz;
+            plan.map(|plan| plan.counting().hearing_above(above))
+                .map_err(|e| anyhow!("[line] at {frequency_hz} Hz: {e}"))
         };
         let plans = analysis.frequencies_hz.iter().map(plan).collect::<Result<Vec<_>>>()?;
         let channels: Vec<u8> = match analysis.channels.is_empty() {
@@ -170,22 +175,15 @@ impl Line {
         self.source.start()
     }
 
-    /// Goes through the recording. A gap longer than a step begins a new covariance.
+    /// Goes through the recording. A gap longer than a step begins anew.
     ///
     /// # Errors
     /// The recording is lost, or `sink` fails.
     pub fn run(mut self, mut sink: impl FnMut(LineBearing) -> Result<()>) -> Result<Summary> {
         let seconds = |n: u64| (n as f64 / self.rate_hz) as u64;
         let bar = progress::bar(self.source.expected_end().map_or(0, seconds), "processing");
-        let (mut block, mut states) = (Vec::new(), Vec::new());
-        let mut chain = Chain {
-            plans: &self.plans,
-            states: &mut states,
-            scratch: Box::new(Scratch::new()),
-            analysis: &self.analysis,
-            mean_s: None,
-            steps: 0,
-        };
+        let mut block = Vec::new();
+        let mut chain = Chain::new(&self.plans, &self.analysis);
         let step_samples = (self.analysis.step_s * self.rate_hz).max(1.0);
         let step_of = |index: u64| (index as f64 / step_samples) as u64;
         let mut current: Option<u64> = None;
@@ -197,73 +195,22 @@ impl Line {
                 let Some(middle) = frames.take(instant) else { continue };
                 let step = step_of(middle);
                 if let Some(before) = current.filter(|before| *before != step) {
-                    chain.step(before, frames, &mut sink)?;
+                    chain.step(frames.hand_over(), &mut sink)?;
                     if step > before + 1 {
-                        chain.forget();
+                        chain.end(&mut sink)?;
                     }
                 }
                 current = Some(step);
                 frames.keep();
             }
         }
-        if let Some(step) = current {
-            chain.step(step, frames, &mut sink)?;
+        if current.is_some() {
+            chain.step(frames.hand_over(), &mut sink)?;
         }
+        chain.end(&mut sink)?;
         bar.finish_and_clear();
-        let steps = chain.steps;
+        let steps = chain.steps();
         Ok(Summary { steps, used: frames.used(), lost: frames.lost() })
-    }
-}
-
-/// Covariances of all frequencies over time.
-struct Chain<'a> {
-    plans: &'a [LinePlan],
-    states: &'a mut Vec<State>,
-    scratch: Box<Scratch>,
-    analysis: &'a Analysis,
-    /// Mean time of what the covariances hold.
-    mean_s: Option<f64>,
-    steps: u64,
-}
-
-impl Chain<'_> {
-    /// Nothing of the past counts any more.
-    fn forget(&mut self) {
-        self.states.clear();
-        self.mean_s = None;
-    }
-
-    /// The transforms of a step are complete.
-    fn step(
-        &mut self,
-        step: u64,
-        frames: &mut Frames,
-        sink: &mut impl FnMut(LineBearing) -> Result<()>,
-    ) -> Result<()> {
-        self.states.resize_with(self.plans.len(), State::new);
-        let centre_s = (step as f64 + 0.5) * self.analysis.step_s;
-        let share = self.analysis.forgetting;
-        let t_s = self.mean_s.map_or(centre_s, |past| share * past + (1.0 - share) * centre_s);
-        self.mean_s = Some(t_s);
-        self.steps += 1;
-        let mut heard = [([LineArrival::default(); MAX_SOURCES], 0); MAX_FREQUENCIES];
-        let of_each = heard.iter_mut().zip(self.plans).zip(self.states.iter_mut()).zip(frames.kept());
-        for ((((arrivals, count), plan), state), snapshots) in of_each {
-            // A step without usable snapshots has no bearing.
-            let found = plan.step(state, &mut self.scratch, snapshots, self.analysis.method, arrivals);
-            *count = found.unwrap_or(0);
-        }
-        frames.clear();
-        let mut joined = [JoinedArrival::default(); MAX_SOURCES];
-        let beam = self.plans.iter().map(LinePlan::beam).fold(0.0, f64::max);
-        let n = join(heard.get(..self.plans.len()).unwrap_or_default(), beam, &mut joined)
-            .min(self.analysis.sources);
-        for (source, JoinedArrival { arrival, frequencies }) in joined.iter().take(n).enumerate() {
-            let snr_db = 10.0 * (arrival.snr / f64::from((*frequencies).max(1))).max(1e-12).log10();
-            let LineArrival { sine, sd, .. } = *arrival;
-            sink(LineBearing { t_s, source, sine, sd, snr_db, frequencies: *frequencies })?;
-        }
-        Ok(())
     }
 }
 

@@ -51,20 +51,44 @@ impl Noise {
 
 /// So many seconds of tones from `sines`, whose phases wander, in noise; one value a sensor and instant.
 fn recording(seconds: u32, seed: u64, sines: &dyn Fn(f64) -> Vec<f64>, noise: f64) -> Vec<Vec<f64>> {
+    tones(seconds, seed, sines, noise, FREQUENCIES_HZ)
+}
+
+/// The same, of tones at these frequencies.
+fn tones(
+    seconds: u32,
+    seed: u64,
+    sines: &dyn Fn(f64) -> Vec<f64>,
+    noise: f64,
+    tones_hz: [f64; 3],
+) -> Vec<Vec<f64>> {
     let mut rng = Noise(seed);
-    let mut phases = vec![[0.3, 1.1, 2.0]; sines(0.0).len()];
+    let rate_hz = f64::from(RATE_HZ);
+    // A radian in a transform; of each source and tone from half a second before on.
+    let before = RATE_HZ / 2;
+    let n = (seconds + 1) * RATE_HZ;
+    let mut wander = || {
+        let mut phase = 0.0;
+        let mut next = |_| {
+            phase += (16.0 / rate_hz).sqrt() * rng.next();
+            phase
+        };
+        (0..n).map(&mut next).collect::<Vec<f64>>()
+    };
+    let phases: Vec<[Vec<f64>; 3]> = sines(0.0).iter().map(|_| std::array::from_fn(|_| wander())).collect();
     (0..seconds * RATE_HZ)
         .map(|n| {
-            let t_s = f64::from(n) / f64::from(RATE_HZ);
-            let sines = sines(t_s);
+            let t_s = f64::from(n) / rate_hz;
             let mut out: Vec<f64> = (0..SENSORS).map(|_| noise * rng.next()).collect();
-            for (phases, sine) in phases.iter_mut().zip(&sines) {
-                for (phase, f) in phases.iter_mut().zip(FREQUENCIES_HZ) {
-                    // A radian in a transform.
-                    *phase += (16.0 / f64::from(RATE_HZ)).sqrt() * rng.next();
-                    let turn = std::f64::consts::TAU * f;
+            for (phases, sine) in phases.iter().zip(sines(t_s)) {
+                for (phase, f) in phases.iter().zip(tones_hz) {
                     for (m, x) in out.iter_mut().enumerate() {
-                        *x += (turn * (t_s + SPACING_M * m as f64 * sine / 1484.0) + *phase).cos();
+                        // What wanders travels with the sound.
+                        let then_s = t_s + SPACING_M * m as f64 * sine / 1484.0;
+                        let at = then_s * rate_hz + f64::from(before);
+                        let (k, part) = (at as usize, at.fract());
+                        let phase = phase[k] + part * (phase[k + 1] - phase[k]);
+                        *x += (std::f64::consts::TAU * f * then_s + phase).cos();
                     }
                 }
             }
@@ -235,4 +259,46 @@ fn a_gap_begins_anew_and_is_counted() {
     assert!(strongest.iter().any(|b| b.t_s == 6.5), "{strongest:?}");
     assert!(strongest.iter().all(|b| (b.sine - sine(b.t_s)).abs() < 5.0 * b.sd), "{strongest:?}");
     std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// What a vessel that passes near is off by: mean over its sine's rate (seconds), and root mean square over what is stated.
+fn passing(more: &str, tones_hz: [f64; 3]) -> (f64, f64) {
+    // 8 m/s, 100 m away at 30 s.
+    let sine = |t_s: f64| {
+        let (along, across) = (8.0 * (t_s - 30.0), 100.0f64);
+        (0.5 * along + 0.75f64.sqrt() * across) / along.hypot(across)
+    };
+    let folder = folder("passing");
+    let file = folder.join("pass.wav");
+    write(&file, &tones(60, 11, &|t| vec![sine(t)], 0.7, tones_hz), &IN_ORDER);
+    let station = station(&format!("frequencies_hz = [444.0, 666.0, 702.0]\n{more}"));
+    let (bearings, _) = heard(&station, &[file]);
+    std::fs::remove_dir_all(folder).unwrap();
+    let near = |b: &&LineBearing| b.source == 0 && (10.0..50.0).contains(&b.t_s);
+    let (mut time, mut rates, mut squares, mut n) = (0.0, 0.0, 0.0, 0.0);
+    for b in bearings.iter().filter(near) {
+        let (error, rate) = (b.sine - sine(b.t_s), (sine(b.t_s + 0.05) - sine(b.t_s - 0.05)) / 0.1);
+        time += error * rate;
+        rates += rate * rate;
+        squares += (error / b.sd).powi(2);
+        n += 1.0;
+    }
+    assert!(n > 35.0, "{n}");
+    (time / rates, (squares / n).sqrt())
+}
+
+#[test]
+fn a_bearing_is_of_the_moment_it_says_while_its_source_turns() {
+    for more in ["", "forgetting = 0.0\n", "forgetting = 0.6\n", "step_s = 0.5\n"] {
+        let (late_s, standardised) = passing(more, FREQUENCIES_HZ);
+        assert!(late_s.abs() < 0.04 && standardised < 1.5, "{more}: {late_s} s, {standardised}");
+    }
+}
+
+#[test]
+fn tones_beside_the_named_frequencies_are_read_at_their_own() {
+    for beside in [-6.0, 5.0, 9.0] {
+        let (late_s, standardised) = passing("", FREQUENCIES_HZ.map(|f| f + beside));
+        assert!(late_s.abs() < 0.04 && standardised < 1.5, "{beside} Hz: {late_s} s, {standardised}");
+    }
 }

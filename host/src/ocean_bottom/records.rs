@@ -80,8 +80,12 @@ type Mode = (f64, f64, f64);
 /// Takes a record; `None` if it is none.
 fn take(record: &Value, modes: &mut BTreeMap<u64, Vec<Mode>>, records: &mut Detected) -> Option<()> {
     let number = |key: &str| record.get(key).and_then(Value::as_f64);
+    // What is not known is null: a record all the same, that tells nothing here.
+    let null = |key: &str| record.get(key).is_some_and(Value::is_null);
     let detected = record.get("detected").and_then(Value::as_bool) == Some(true);
     match record.get("type")?.as_str()? {
+        "azimuth" if null("azimuth_deg") => {}
+        "range" if null("range_m") => {}
         "azimuth" => {
             let (t_s, azimuth_deg) = (number("t_s")?, number("azimuth_deg")?);
             let tonal = record.get("source").is_none_or(|s| s == "tonal");
@@ -144,5 +148,15 @@ not a record
         assert!(minute.log_ratio[100] > 4.5 && minute.log_ratio[200] > 3.5 && minute.log_ratio[150] < -20.0);
         std::fs::write(&path, "t_s,azimuth_deg\n1,2\n").unwrap();
         assert!(!is_records(&path) && read(&[&path]).is_err());
+    }
+
+    #[test]
+    fn what_is_not_known_is_a_record_all_the_same() {
+        let (mut modes, mut records) = (BTreeMap::new(), Detected::default());
+        let mut taken = |text: &str| take(&serde_json::from_str(text).unwrap(), &mut modes, &mut records);
+        assert!(taken(r#"{"type":"azimuth","t_s":60.0,"azimuth_deg":null,"detected":false}"#).is_some());
+        assert!(taken(r#"{"type":"range","t_s":60.0,"range_m":null,"detected":false}"#).is_some());
+        assert!(taken(r#"{"type":"azimuth","t_s":60.0,"detected":true}"#).is_none());
+        assert!(modes.is_empty() && records == Detected::default());
     }
 }

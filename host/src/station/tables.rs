@@ -403,7 +403,7 @@ pub(super) struct Line {
     pub(super) frame_s: Option<f64>,
     /// Time from one bearing to the next, seconds; 1 by default.
     pub(super) step_s: Option<f64>,
-    /// Share of the past in the covariance, 0 to below 1; 0.4 by default.
+    /// Share of the steps before and after one in its covariance, as much of either, 0 to below 1; 0.4 by default. Bearings leave a few steps late.
     pub(super) forgetting: Option<f64>,
     /// Overlapping subarrays over which the covariance is averaged; 5 by default, fewer with few sensors.
     pub(super) subarrays: Option<u8>,

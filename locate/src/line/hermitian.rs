@@ -42,6 +42,36 @@ pub fn eigen(a: &mut HermitianMatrix, n: usize, vectors: &mut HermitianMatrix) -
     true
 }
 
+/// Which columns of the eigenvectors belong to the largest eigenvalues.
+pub(super) fn signal_columns(values: &HermitianMatrix, length: usize, sources: usize) -> [bool; MAX_SENSORS] {
+    let mut signal = [false; MAX_SENSORS];
+    for _ in 0..sources {
+        let mut best: Option<(usize, f64)> = None;
+        for (k, row) in values.iter().enumerate().take(length) {
+            let value = row.get(k).map_or(0.0, |x| x.re);
+            let taken = signal.get(k).copied().unwrap_or(true);
+            if !taken && best.is_none_or(|(_, b)| value > b) {
+                best = Some((k, value));
+            }
+        }
+        if let Some(slot) = best.and_then(|(k, _)| signal.get_mut(k)) {
+            *slot = true;
+        }
+    }
+    signal
+}
+
+/// Mean of the other eigenvalues.
+pub(super) fn noise_power(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
+    let noise = values.iter().zip(signal).enumerate().take(length).filter(|(_, (_, s))| !**s);
+    let (mut sum, mut n) = (0.0, 0usize);
+    for (k, (row, _)) in noise {
+        sum += row.get(k).map_or(0.0, |x| x.re);
+        n += 1;
+    }
+    (sum / n.max(1) as f64).max(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::complex::norm;

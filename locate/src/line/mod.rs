@@ -5,8 +5,8 @@
 //!
 //! Chain: recursive covariance with a forgetting factor ([`covariance`]); forward-backward averaging and spatial
 //! smoothing over overlapping subarrays; Hermitian eigenvectors ([`hermitian`]); noise subspace, searched on the unit
-//! circle (MUSIC) or by the roots of its polynomial (root-MUSIC, [`roots`]); [`music`] holds plan, state and scratch. What
-//! several frequencies give is joined in [`average`].
+//! circle (MUSIC) or by the roots of its polynomial (root-MUSIC, [`roots`]); [`music`] holds plan, state and scratch. At what
+//! frequency a source was heard within the band, [`frequency`] measures; what several bands give is joined in [`average`].
 //!
 //! A line cannot tell the two sides of itself apart: [`Azimuths::Mirror`] keeps both. Fixed memory: the scratch of 32
 //! sensors takes 53 KiB, meant for a host or external memory.
@@ -14,6 +14,7 @@
 pub mod average;
 pub mod complex;
 pub mod covariance;
+pub mod frequency;
 pub mod hermitian;
 pub mod music;
 pub mod roots;
@@ -21,6 +22,7 @@ mod turning;
 
 pub use average::{JoinedArrival, MAX_FREQUENCIES, join};
 pub use complex::{Complex, unit};
+pub use frequency::Heard;
 pub use music::{LineArrival, LineError, LinePlan, MusicMethod, Scratch, State};
 
 use crate::angle::wrap_tau;

@@ -12,7 +12,7 @@
 
 use super::complex::{Complex, norm, phase, unit};
 use super::covariance::{smooth, update};
-use super::hermitian::{HermitianMatrix, eigen};
+use super::hermitian::{HermitianMatrix, eigen, noise_power, signal_columns};
 use super::roots::{MAX_COEFFICIENTS, roots};
 use super::turning::{LASTING, excess, moments, relative_variance};
 use super::{MAX_SENSORS, MAX_SOURCES};
@@ -51,14 +51,16 @@ pub enum LineError {
 /// Settings of a line in one band, checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LinePlan {
-    sensors: usize,
+    pub(super) sensors: usize,
     subarrays: usize,
     sources: usize,
     /// Whether the number of sources is estimated, `sources` at most.
     counted: bool,
     forgetting: f64,
     /// `ω/ξ`, radians: the phase from one sensor to the next at endfire.
-    phase: f64,
+    pub(super) phase: f64,
+    /// Largest sine looked at: above one where tones above the band's frequency may be heard.
+    widest: f64,
 }
 
 /// Covariance so far.
@@ -94,6 +96,11 @@ impl State {
     /// Nothing seen yet.
     pub const fn new() -> Self {
         Self { covariance: [[Complex::ZERO; MAX_SENSORS]; MAX_SENSORS], snapshots: 0.0, power: (0.0, 0.0) }
+    }
+
+    /// Effective number of independent snapshots.
+    pub const fn snapshots(&self) -> f64 {
+        self.snapshots
     }
 }
 
@@ -133,7 +140,7 @@ impl LinePlan {
         if phase > m::PI {
             return Err(LineError::Aliased);
         }
-        Ok(Self { sensors, subarrays, sources, counted: false, forgetting, phase })
+        Ok(Self { sensors, subarrays, sources, counted: false, forgetting, phase, widest: 1.0 })
     }
 
     /// The same, with as many sources at each step as the covariance shows, at most those it was made for: the shortest
@@ -141,6 +148,13 @@ impl LinePlan {
     #[must_use]
     pub fn counting(self) -> Self {
         Self { counted: true, ..self }
+    }
+
+    /// The same, where tones up to this share above the band's frequency may be heard: from endfire such a tone's sine, read at
+    /// the band's frequency, is above one by as much. No farther than half a wavelength from sensor to sensor.
+    #[must_use]
+    pub fn hearing_above(self, share: f64) -> Self {
+        Self { widest: (1.0 + share.max(0.0)).min(m::PI / self.phase).max(1.0), ..self }
     }
 
     /// A beam: the distance of two sines that the subarrays of all sensors just tell apart, `λ/(md)`.
@@ -156,7 +170,7 @@ impl LinePlan {
         m::sqrt(self.weight_sum(length) / (2.0 * snapshots * snr) * noise) / self.phase
     }
 
-    /// Takes in snapshots and finds the bearings; the first so many of `arrivals` are set, strongest match first.
+    /// Takes in snapshots with the plan's share of the past, and finds the bearings as [`Self::find`].
     ///
     /// # Errors
     /// [`LineError::NoSnapshot`], [`LineError::Singular`].
@@ -168,10 +182,16 @@ impl LinePlan {
         method: MusicMethod,
         arrivals: &mut [LineArrival; MAX_SOURCES],
     ) -> Result<usize, LineError> {
-        let share = if state.snapshots > 0.0 { self.forgetting } else { 0.0 };
+        self.take(state, self.forgetting, snapshots);
+        self.find(state, scratch, snapshots, method, arrivals)
+    }
+
+    /// Takes in snapshots; `share`, 0 to 1, is that of what is known already, where something is.
+    pub fn take(&self, state: &mut State, share: f64, snapshots: &[[Complex; MAX_SENSORS]]) {
+        let share = if state.snapshots > 0.0 { share } else { 0.0 };
         let used = update(&mut state.covariance, self.sensors, share, snapshots) as f64;
         if used > 0.0 {
-            // Weights μ^k(1 − μ)/n of independent snapshots: 1/N = μ²/N_old + (1 − μ)²/n.
+            // Weights s and 1 − s of independent snapshots: 1/N = s²/N_old + (1 − s)²/n.
             let past = if share > 0.0 { share * share / state.snapshots } else { 0.0 };
             state.snapshots = 1.0 / (past + (1.0 - share) * (1.0 - share) / used);
             let power = |x: &[Complex; MAX_SENSORS]| x.iter().take(self.sensors).map(|v| v.norm_sqr()).sum();
@@ -179,6 +199,21 @@ impl LinePlan {
             let (old, old_square) = state.power;
             state.power = (share * old + (1.0 - share) * mean, share * old_square + (1.0 - share) * square);
         }
+    }
+
+    /// Finds the bearings of what was taken in; the first so many of `arrivals` are set, strongest match first. `snapshots`: some
+    /// of those taken in, by which the steadiness of a source is judged.
+    ///
+    /// # Errors
+    /// [`LineError::NoSnapshot`], [`LineError::Singular`].
+    pub fn find(
+        &self,
+        state: &State,
+        scratch: &mut Scratch,
+        snapshots: &[[Complex; MAX_SENSORS]],
+        method: MusicMethod,
+        arrivals: &mut [LineArrival; MAX_SOURCES],
+    ) -> Result<usize, LineError> {
         if !(state.snapshots > 0.0) {
             return Err(LineError::NoSnapshot);
         }
@@ -258,7 +293,7 @@ impl LinePlan {
         arrivals: &mut [LineArrival; MAX_SOURCES],
         sources: usize,
     ) -> usize {
-        let at = |k: usize| self.phase * (2.0 * k as f64 / GRID as f64 - 1.0);
+        let at = |k: usize| self.phase * self.widest * (2.0 * k as f64 / GRID as f64 - 1.0);
         let mut found: [(f64, f64); MAX_SOURCES] = [(f64::INFINITY, 0.0); MAX_SOURCES];
         let (mut before, mut here) = (f64::INFINITY, null(coefficients, length, at(0)));
         for k in 0..=GRID {
@@ -312,7 +347,7 @@ impl LinePlan {
             let size = norm(*z);
             let sine = phase(*z) / self.phase;
             // The pair 1/z* outside is the same direction; a root on the circle is both.
-            if size <= 1.0 + 1e-9 && m::abs(sine) <= 1.0 {
+            if size <= 1.0 + 1e-9 && m::abs(sine) <= self.widest {
                 let mut entry = (m::abs(1.0 - size), sine);
                 for slot in &mut best {
                     if entry.0 < slot.0 {
@@ -435,36 +470,6 @@ fn null(coefficients: &[Complex; MAX_SENSORS], length: usize, w: f64) -> f64 {
         sum = (sum + *c) * z;
     }
     coefficients.first().map_or(0.0, |c| c.re) + 2.0 * sum.re
-}
-
-/// Which columns of the eigenvectors belong to the largest eigenvalues.
-fn signal_columns(values: &HermitianMatrix, length: usize, sources: usize) -> [bool; MAX_SENSORS] {
-    let mut signal = [false; MAX_SENSORS];
-    for _ in 0..sources {
-        let mut best: Option<(usize, f64)> = None;
-        for (k, row) in values.iter().enumerate().take(length) {
-            let value = row.get(k).map_or(0.0, |x| x.re);
-            let taken = signal.get(k).copied().unwrap_or(true);
-            if !taken && best.is_none_or(|(_, b)| value > b) {
-                best = Some((k, value));
-            }
-        }
-        if let Some(slot) = best.and_then(|(k, _)| signal.get_mut(k)) {
-            *slot = true;
-        }
-    }
-    signal
-}
-
-/// Mean of the other eigenvalues.
-fn noise_power(values: &HermitianMatrix, length: usize, signal: &[bool; MAX_SENSORS]) -> f64 {
-    let noise = values.iter().zip(signal).enumerate().take(length).filter(|(_, (_, s))| !**s);
-    let (mut sum, mut n) = (0.0, 0usize);
-    for (k, (row, _)) in noise {
-        sum += row.get(k).map_or(0.0, |x| x.re);
-        n += 1;
-    }
-    (sum / n.max(1) as f64).max(0.0)
 }
 
 #[cfg(test)]
