@@ -52,8 +52,8 @@ pub mod f64 {
         s / c
     }
 
-    /// Of lengths, of which none is so long or short that its square would be no number (10^154, 10^-154).
-    #[inline]
+    /// Of lengths, of which none is so long or short that its square would be no number (10^154, 10^-154). Wanted in many places.
+    #[inline(never)]
     #[must_use]
     pub fn hypot(x: f64, y: f64) -> f64 {
         sqrt(x * x + y * y)
