@@ -129,7 +129,7 @@ mod tests {
         };
         let turning = 0.3 - 0.004 * ((t_s - 10.0).powi(2) + 0.9) + noise(0.0);
         let mut bearings = vec![of(0, turning), of(1, -0.6 + noise(1.0))];
-        if k % 3 == 0 {
+        if k.is_multiple_of(3) {
             bearings.swap(0, 1);
         }
         Told { variance_s2: 0.9, bearings }
