@@ -152,7 +152,8 @@ fn what_a_line_will_tell_is_printed_and_drawn() {
     std::fs::write(path("line.toml"), format!("{text}frequencies_hz = [444.0, 666.0, 702.0]\n")).unwrap();
     let record =
         records(&["config", "check", &path("line.toml"), "--json", "--plots", &path("plots")])[0].clone();
-    assert!((number(&record, "snapshots") - 16.0 * 1.4 / 0.6).abs() < 1e-6);
+    // 16 transforms a second, times the independent steps of weights that fall by a quarter a step on either side.
+    assert!((number(&record, "snapshots") - 16.0 * 25.0 / 9.0 * 15.0 / 17.0).abs() < 1e-6);
     let rows = record["expected_accuracy"].as_array().unwrap();
     // Worse with the noise, and towards the axis; the sine is as good everywhere.
     let row = |snr_db: f64, from_deg: f64| {

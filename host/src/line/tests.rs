@@ -261,14 +261,14 @@ fn a_gap_begins_anew_and_is_counted() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
-/// What a vessel that passes near is off by: mean over its sine's rate (seconds), and root mean square over what is stated.
-fn passing(more: &str, tones_hz: [f64; 3]) -> (f64, f64) {
+/// What a vessel that passes near is off by, its recording in a folder of this name: mean over its sine's rate (seconds), and root mean square over what is stated.
+fn passing(name: &str, more: &str, tones_hz: [f64; 3]) -> (f64, f64) {
     // 8 m/s, 100 m away at 30 s.
     let sine = |t_s: f64| {
         let (along, across) = (8.0 * (t_s - 30.0), 100.0f64);
         (0.5 * along + 0.75f64.sqrt() * across) / along.hypot(across)
     };
-    let folder = folder("passing");
+    let folder = folder(name);
     let file = folder.join("pass.wav");
     write(&file, &tones(60, 11, &|t| vec![sine(t)], 0.7, tones_hz), &IN_ORDER);
     let station = station(&format!("frequencies_hz = [444.0, 666.0, 702.0]\n{more}"));
@@ -290,7 +290,7 @@ fn passing(more: &str, tones_hz: [f64; 3]) -> (f64, f64) {
 #[test]
 fn a_bearing_is_of_the_moment_it_says_while_its_source_turns() {
     for more in ["", "forgetting = 0.0\n", "forgetting = 0.6\n", "step_s = 0.5\n"] {
-        let (late_s, standardised) = passing(more, FREQUENCIES_HZ);
+        let (late_s, standardised) = passing("turning", more, FREQUENCIES_HZ);
         assert!(late_s.abs() < 0.04 && standardised < 1.5, "{more}: {late_s} s, {standardised}");
     }
 }
@@ -298,7 +298,7 @@ fn a_bearing_is_of_the_moment_it_says_while_its_source_turns() {
 #[test]
 fn tones_beside_the_named_frequencies_are_read_at_their_own() {
     for beside in [-6.0, 5.0, 9.0] {
-        let (late_s, standardised) = passing("", FREQUENCIES_HZ.map(|f| f + beside));
+        let (late_s, standardised) = passing("beside", "", FREQUENCIES_HZ.map(|f| f + beside));
         assert!(late_s.abs() < 0.04 && standardised < 1.5, "{beside} Hz: {late_s} s, {standardised}");
     }
 }
