@@ -40,7 +40,8 @@ fn one_vessel(table: &CsvTable) -> Result<()> {
         let place = table.column(first.unwrap_or("x_m"))?;
         let has_place = |row: &usize| table.text(*row, place).is_some_and(|x| !x.trim().is_empty());
         let rows = (0..table.len()).filter(has_place);
-        let mut names: Vec<&str> = rows.filter_map(|row| table.text(row, at)).collect();
+        let name = |row| table.text(row, at).filter(|name| !name.trim().is_empty());
+        let mut names: Vec<&str> = rows.filter_map(name).collect();
         names.sort_unstable();
         names.dedup();
         if let [first, second, ..] = names[..] {
@@ -88,6 +89,8 @@ mod tests {
             one_vessel(&CsvTable::parse(&format!("t_s,source,x_m,y_m\n{rows}"), "truth.csv").unwrap())
         };
         assert!(of("0,1,5,6\n10,1,7,8\n20,3,,\n").is_ok());
+        // One that is not always named.
+        assert!(of("0,1,5,6\n10,,7,8\n").is_ok());
         let refused = of("0,1,5,6\n10,2,7,8\n").unwrap_err().to_string();
         assert!(refused.contains("`source`") && refused.lines().count() == 1, "{refused}");
     }
