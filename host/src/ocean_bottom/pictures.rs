@@ -137,7 +137,7 @@ pub fn draw(
         azimuth.truth(&t.name, &cut_at_wraps(&points));
     }
     for p in &found.passages {
-        azimuth.line(&p.name(), &p.azimuths(times, rate)).coloured(p.colour());
+        azimuth.line(&p.name(), &p.azimuths(times)).coloured(p.colour());
     }
     let words = format!(
         "Colours: natural logarithm of the likelihood of a vessel at each azimuth over that of none, {each}. Points: detections. \
@@ -158,7 +158,7 @@ pub fn draw(
         range.truth(&t.name, &points);
     }
     for p in &found.passages {
-        range.line(&p.name(), &p.ranges_km(times, rate)).coloured(p.colour());
+        range.line(&p.name(), &p.ranges_km(times)).coloured(p.colour());
     }
     range.y_range(0.0, 50.0);
     let words = format!(
@@ -173,7 +173,7 @@ pub fn draw(
     for t in truth {
         map.truth(&t.name, &t.places);
     }
-    ways::courses(&mut map, &found, times, rate);
+    ways::courses(&mut map, &found, times);
     keep("map", &[&said(map, &ways::words(&found))])?;
     let ships = ships::known(&found, messages, config, table.depth_m, &listener.minutes);
     let told = pages::Told {

@@ -74,9 +74,16 @@ fn place(report: &Track, t_s: f64, rate_hz: f64) -> (f64, f64) {
 }
 
 impl Passage {
-    /// The vessel's place by the last solution at a time, East and North, m.
-    pub(crate) fn place(&self, t_s: f64, rate_hz: f64) -> (f64, f64) {
-        place(&self.last, t_s, rate_hz)
+    /// The vessel's place at a time on the straight course through the closest point of its last solution, East and North, m. Of one that does not move,
+    /// which has none, its place.
+    pub(crate) fn place(&self, t_s: f64) -> (f64, f64) {
+        let t = &self.last;
+        let (closest, way) = (f64::from(t.cpa_range_m), f64::from(t.speed_m_s) * (t_s - t.cpa_time_s));
+        if !(closest + way).is_finite() {
+            return (t.x_m.into(), t.y_m.into());
+        }
+        let ((s, c), (east, north)) = (f64::from(t.cpa_azimuth).sin_cos(), f64::from(t.heading).sin_cos());
+        (closest * s + way * east, closest * c + way * north)
     }
 
     /// Whether its places are more than a guess.
@@ -101,21 +108,21 @@ impl Passage {
     }
 
     /// Azimuth of the course against time, degrees.
-    pub(crate) fn azimuths(&self, times: &Times, rate_hz: f64) -> Vec<(f64, f64)> {
-        cut_at_wraps(&self.course(|t_s, (x, y)| (times.at(t_s), wrap_deg(azimuth_deg(x, y))), rate_hz))
+    pub(crate) fn azimuths(&self, times: &Times) -> Vec<(f64, f64)> {
+        cut_at_wraps(&self.course(|t_s, (x, y)| (times.at(t_s), wrap_deg(azimuth_deg(x, y)))))
     }
 
     /// Its range against time, km.
-    pub(crate) fn ranges_km(&self, times: &Times, rate_hz: f64) -> Vec<(f64, f64)> {
-        self.course(|t_s, (x, y)| (times.at(t_s), x.hypot(y) / 1e3), rate_hz)
+    pub(crate) fn ranges_km(&self, times: &Times) -> Vec<(f64, f64)> {
+        self.course(|t_s, (x, y)| (times.at(t_s), x.hypot(y) / 1e3))
     }
 
     /// Of the course's times and places; nothing where the place is not known.
-    fn course(&self, of: impl Fn(f64, (f64, f64)) -> (f64, f64), rate_hz: f64) -> Vec<(f64, f64)> {
+    fn course(&self, of: impl Fn(f64, (f64, f64)) -> (f64, f64)) -> Vec<(f64, f64)> {
         let placed = self.is_placed();
         let (from, to) = self.heard_s;
         let times = (0..=200).map(|k| from + (to - from) * f64::from(k) / 200.0);
-        times.filter(|_| placed).map(|t_s| of(t_s, self.place(t_s, rate_hz))).collect()
+        times.filter(|_| placed).map(|t_s| of(t_s, self.place(t_s))).collect()
     }
 
     /// How far an azimuth is from the track's, degrees.
@@ -125,11 +132,8 @@ impl Passage {
         let beside =
             [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|k| self.reports.get(k));
         let nearest = beside.min_by_key(|r| r.index.abs_diff(index)).unwrap_or(&self.last);
-        [nearest, &self.last]
-            .map(|report| {
-                let (x, y) = place(report, one.t_s, rate_hz);
-                turn_deg(azimuth_deg(x, y), one.azimuth_deg).abs()
-            })
+        [place(nearest, one.t_s, rate_hz), self.place(one.t_s)]
+            .map(|(x, y)| turn_deg(azimuth_deg(x, y), one.azimuth_deg).abs())
             .into_iter()
             .fold(f64::INFINITY, f64::min)
     }
@@ -313,7 +317,7 @@ pub(crate) mod tests {
         }
         assert_eq!(found.passages[0].heard_s, (5.0, 99.0));
         assert!((found.passages[1].heard_s.0 - 30.0).abs() < 1e-9, "{:?}", found.passages[1].heard_s);
-        let (x, y) = found.passages[0].place(50.0, RATE_HZ);
+        let (x, y) = found.passages[0].place(50.0);
         assert!(x.abs() < 1e-3 && (y - 500.0).abs() < 1e-3, "{x} {y}");
     }
 

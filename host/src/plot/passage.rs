@@ -92,7 +92,7 @@ pub fn write_all(
         ));
         let mut map = Plot::map("Course");
         map.size(RIGHT, 440).caption(&map_words(passage));
-        ways::alone(&mut map, passage, &times, rate_hz);
+        ways::alone(&mut map, passage, &times);
         let [mut azimuth, mut other] = if at_bottom {
             detections(k, &found, &heard, &times, messages, rate_hz)
         } else {
@@ -103,9 +103,9 @@ pub fn write_all(
                 figure
             })
         };
-        azimuth.truth("course", &passage.azimuths(&times, rate_hz));
+        azimuth.truth("course", &passage.azimuths(&times));
         if at_bottom {
-            other.truth("course", &passage.ranges_km(&times, rate_hz));
+            other.truth("course", &passage.ranges_km(&times));
         }
         let (from, to) = passage.shown_s();
         for figure in [&mut sound, &mut azimuth, &mut other] {
@@ -166,7 +166,7 @@ fn detections(
             continue;
         }
         let near = own.is_some_and(|passage| {
-            let (x, y) = passage.place(t_s, rate_hz);
+            let (x, y) = passage.place(t_s);
             (x.hypot(y) / 1e3 - km).abs() <= RANGE_GATE_KM.max(3e-3 * f64::from(r.sd_range_m))
         });
         ranges[usize::from(near)].push((times.at(t_s), km));

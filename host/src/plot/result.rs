@@ -62,7 +62,7 @@ impl Pictures {
             let line: Vec<_> = rows.iter().map(|r| (r.x_m, r.y_m)).collect();
             tracks.truth(&legend(truth, i), &line);
         }
-        ways::courses(&mut tracks, &found, times, rate_hz);
+        ways::courses(&mut tracks, &found, times);
         tracks.caption(&format!("{} {source}", ways::words(&found)));
         Self { azimuths, elevations, tracks }
     }

@@ -11,14 +11,14 @@ const HEAD: f64 = 0.05;
 const FEW: usize = 6;
 
 /// Draws the courses of passages whose place is known; what of the others is said below the map.
-pub(crate) fn courses(figure: &mut Plot, found: &Belonging, times: &Times, rate_hz: f64) {
+pub(crate) fn courses(figure: &mut Plot, found: &Belonging, times: &Times) {
     let placed: Vec<&Passage> = found.passages.iter().filter(|p| p.is_placed()).collect();
-    let length = |p: &&Passage| ends(p, rate_hz).map_or(0.0, |(a, b)| (b.0 - a.0).hypot(b.1 - a.1));
+    let length = |p: &&Passage| ends(p).map_or(0.0, |(a, b)| (b.0 - a.0).hypot(b.1 - a.1));
     let head_m = HEAD * placed.iter().map(length).fold(0.0, f64::max);
     let mut notes = Vec::new();
     for passage in &placed {
-        course(figure, passage, rate_hz, head_m);
-        let Some((from, to)) = ends(passage, rate_hz) else { continue };
+        course(figure, passage, head_m);
+        let Some((from, to)) = ends(passage) else { continue };
         let (from_s, to_s) = passage.heard_s;
         if placed.len() <= FEW {
             notes.push((from, times.clock(from_s)));
@@ -31,14 +31,14 @@ pub(crate) fn courses(figure: &mut Plot, found: &Belonging, times: &Times, rate_
 }
 
 /// The two ends of a course, m.
-fn ends(passage: &Passage, rate_hz: f64) -> Option<((f64, f64), (f64, f64))> {
+fn ends(passage: &Passage) -> Option<((f64, f64), (f64, f64))> {
     let (from, to) = passage.heard_s;
-    passage.is_placed().then(|| (passage.place(from, rate_hz), passage.place(to, rate_hz)))
+    passage.is_placed().then(|| (passage.place(from), passage.place(to)))
 }
 
 /// Draws one course with its arrow and ellipse.
-fn course(figure: &mut Plot, passage: &Passage, rate_hz: f64, head_m: f64) {
-    let Some((from, to)) = ends(passage, rate_hz) else { return };
+fn course(figure: &mut Plot, passage: &Passage, head_m: f64) {
+    let Some((from, to)) = ends(passage) else { return };
     let t = &passage.last;
     figure.line(&passage.name(), &[from, to]).coloured(passage.colour());
     let barb = |turn: f64| {
@@ -52,9 +52,9 @@ fn course(figure: &mut Plot, passage: &Passage, rate_hz: f64, head_m: f64) {
 }
 
 /// One course alone, with the times of its beginning, closest point and end.
-pub(super) fn alone(figure: &mut Plot, passage: &Passage, times: &Times, rate_hz: f64) {
-    let Some((from, to)) = ends(passage, rate_hz) else { return };
-    course(figure, passage, rate_hz, HEAD * (to.0 - from.0).hypot(to.1 - from.1));
+pub(super) fn alone(figure: &mut Plot, passage: &Passage, times: &Times) {
+    let Some((from, to)) = ends(passage) else { return };
+    course(figure, passage, HEAD * (to.0 - from.0).hypot(to.1 - from.1));
     let (from_s, to_s) = passage.heard_s;
     let mut marked = vec![from_s, to_s];
     let cpa_s = passage.last.cpa_time_s;
@@ -62,7 +62,7 @@ pub(super) fn alone(figure: &mut Plot, passage: &Passage, times: &Times, rate_hz
     if cpa_s - from_s > 0.1 * (to_s - from_s) && to_s - cpa_s > 0.1 * (to_s - from_s) {
         marked.push(cpa_s);
     }
-    let at = |t_s: f64| passage.place(t_s, rate_hz);
+    let at = |t_s: f64| passage.place(t_s);
     figure.points("", &marked.iter().map(|t_s| at(*t_s)).collect::<Vec<_>>()).coloured(passage.colour());
     figure.notes(marked.into_iter().map(|t_s| (at(t_s), times.clock(t_s))).collect());
 }
@@ -79,7 +79,7 @@ pub(crate) fn words(found: &Belonging) -> String {
     let placed = found.passages.len() - found.passages.iter().filter(|p| !p.is_placed()).count();
     let beside = if placed <= FEW { "its number and UTC" } else { "its number (colours return after seven)" };
     format!(
-        "Straight course of each track by its last solution, while it was heard, with {beside}; the arrow shows the \
+        "Straight course of each track through the closest point of its last solution, while it was heard, with {beside}; the arrow shows the \
          way it goes, the ellipse holds its last place with 95 %. Black triangle: the station, about which circles show \
          the range.{without}"
     )
@@ -101,7 +101,7 @@ mod tests {
         let found = Belonging::of_array(&reports, &[], RATE_HZ);
         let times = Times::new(OffsetDateTime::from_unix_timestamp(1_714_521_600).ok(), 1200.0);
         let mut figure = Plot::map("Tracks");
-        courses(&mut figure, &found, &times, RATE_HZ);
+        courses(&mut figure, &found, &times);
         for passage in &found.passages {
             let own = figure.series.iter().filter(|s| s.colour == passage.colour());
             let shapes: Vec<(usize, bool)> = own
@@ -131,7 +131,7 @@ mod tests {
         report.range_observable = false;
         let found = Belonging::of_array(&[report], &[], RATE_HZ);
         let mut figure = Plot::map("Tracks");
-        courses(&mut figure, &found, &Times::new(None, 300.0), RATE_HZ);
+        courses(&mut figure, &found, &Times::new(None, 300.0));
         assert!(figure.series.iter().all(|s| matches!(&s.shape, Shape::Notes(n) if n.is_empty())));
         assert!(words(&found).contains("Track 4 is not drawn"));
     }

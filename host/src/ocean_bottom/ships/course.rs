@@ -48,24 +48,15 @@ impl<'a> Way<'a> {
         ((from / 60.0).ceil() as u64..=(to / 60.0).floor() as u64).map(|m| 60.0 * m as f64).collect()
     }
 
-    /// Where it was at a time, East and North, m.
-    fn place(&self, t_s: f64) -> (f64, f64) {
-        let t = self.track();
-        let (s, c) = f64::from(t.cpa_azimuth).sin_cos();
-        let (east, north) = f64::from(t.heading).sin_cos();
-        let (closest, way) = (f64::from(t.cpa_range_m), f64::from(t.speed_m_s) * (t_s - t.cpa_time_s));
-        (closest * s + way * east, closest * c + way * north)
-    }
-
     /// Azimuth at a time, degrees.
     pub(super) fn azimuth_deg(&self, t_s: f64) -> f64 {
-        let (x, y) = self.place(t_s);
+        let (x, y) = self.passage.place(t_s);
         azimuth_deg(x, y)
     }
 
     /// Horizontal range at a time, m.
     pub(super) fn range_m(&self, t_s: f64) -> f64 {
-        let (x, y) = self.place(t_s);
+        let (x, y) = self.passage.place(t_s);
         x.hypot(y)
     }
 
