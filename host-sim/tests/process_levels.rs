@@ -59,7 +59,10 @@ fn levels_stand_beside_the_other_records_and_in_days() {
     // Every picture says what is drawn, and of what.
     for name in ["levels", "bearings", "tracks", "correlations"] {
         let svg = std::fs::read_to_string(at.join(format!("plots/{name}.svg"))).unwrap();
-        assert!(svg.contains("Data: station ") && svg.len() < 500_000, "{name}");
+        // Wherever its caption's lines end.
+        let words: Vec<&str> = svg.split_whitespace().collect();
+        assert!(words.windows(2).any(|w| w[1] == "station" && w[0].ends_with("Data:")), "{name}");
+        assert!(svg.len() < 500_000, "{name}");
     }
     let correlations = std::fs::read_to_string(at.join("plots/correlations.svg")).unwrap();
     assert_eq!(correlations.matches(" UTC\n").count(), 6);

@@ -432,8 +432,8 @@ mod tests {
             while store.memory.torn.is_none() {
                 let (class, bytes) = record(said);
                 while !store.append(class, said, &bytes) {
-                    let least = Class::ALL.iter().rev().find(|c| store.ledger().kept(**c) > 0).unwrap();
-                    store.drop_oldest(*least, 1 + said % 2, 1);
+                    let least = store.ledger().least_kept().unwrap();
+                    store.drop_oldest(least, 1 + said % 2, 1);
                 }
                 if said % 3 == 0 {
                     store.drop_oldest(class, said % 4, 0);
@@ -458,9 +458,8 @@ mod tests {
                 }
             }
             // And it goes on.
-            let kept = |c: &&Class| store.ledger().kept(**c) > 0;
-            if let Some(least) = Class::ALL.iter().rev().find(kept) {
-                store.drop_oldest(*least, ledger.kept(*least), 0);
+            if let Some(least) = store.ledger().least_kept() {
+                store.drop_oldest(least, ledger.kept(least), 0);
             }
             assert!(store.append(Class::Alarm, 9, b"more"), "{cut}");
         }

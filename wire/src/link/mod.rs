@@ -322,11 +322,10 @@ impl<S: Store> Link<S> {
             return;
         }
         while !self.store.append(class, self.session.boot, record) {
-            let kept = |c: &&Class| self.store.ledger().kept(**c) > 0;
-            match Class::ALL.iter().rev().find(kept) {
-                Some(least) if *least >= class => {
-                    let lost = u32::from(!self.sending.oldest_acked(*least));
-                    self.store.drop_oldest(*least, 1, lost);
+            match self.store.ledger().least_kept() {
+                Some(least) if least >= class => {
+                    let lost = u32::from(!self.sending.oldest_acked(least));
+                    self.store.drop_oldest(least, 1, lost);
                 }
                 _ => {
                     self.store.pass(class);
