@@ -44,6 +44,11 @@ impl Gone {
         }
     }
 
+    /// Their courses.
+    pub(super) fn courses(&self) -> impl Iterator<Item = &Course> {
+        self.courses.iter().flatten()
+    }
+
     /// Whether a course seen at both times, s, is one of these vessels'.
     pub(super) fn is_again(&self, found: &Course, travel: &TravelTime, times_s: [f64; 2]) -> bool {
         let same = |known: &Course, t_s: f64, farthest_m: f64| {

@@ -32,6 +32,7 @@ pub mod cepstrum;
 pub mod clutter;
 mod interference;
 mod lasting;
+mod leaning;
 mod pairs;
 mod paper;
 pub mod presence;

@@ -127,7 +127,7 @@ impl Tracker {
             let Some(slot) = self.live.get_mut(k) else { continue };
             let Some(live) = slot else { continue };
             if now > live.to + SILENCE {
-                let told = live.end(plan, &Seen { evidence, others, in_doubt }, now, sink);
+                let told = live.end(plan, &Seen { evidence, others, gone: &self.gone, in_doubt }, now, sink);
                 let (course, echoes) = (live.course, live.shows_itself());
                 evidence.forget(|m| without(plan, &course, echoes, told, m));
                 // Of what was no vessel's course the directions are some vessel's.
@@ -136,7 +136,7 @@ impl Tracker {
                 }
                 *slot = None;
             } else {
-                let seen = Seen { evidence, others, in_doubt };
+                let seen = Seen { evidence, others, gone: &self.gone, in_doubt };
                 let present = live.present(plan, &seen, None);
                 live.now = present.map_or(live.course, |(course, _)| course);
                 if now < live.to + EVERY + 2 {
@@ -159,7 +159,7 @@ impl Tracker {
                 found.id = self.next_id;
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
-                    let seen = Seen { evidence, others, in_doubt };
+                    let seen = Seen { evidence, others, gone: &self.gone, in_doubt };
                     found.run(plan, &seen, &mut self.allowance, true, sink);
                     *slot = Some(found);
                 }
@@ -174,7 +174,7 @@ impl Tracker {
         for k in 0..LIVE {
             let others = self.others(k);
             if let Some(live) = self.live.get(k).and_then(Option::as_ref) {
-                live.end(plan, &Seen { evidence, others, in_doubt }, now, sink);
+                live.end(plan, &Seen { evidence, others, gone: &self.gone, in_doubt }, now, sink);
             }
         }
         self.live = [None; LIVE];

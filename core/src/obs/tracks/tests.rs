@@ -242,6 +242,7 @@ fn a_vessel_that_may_be_half_or_twice_as_far_says_so() {
         let seen = super::Seen {
             evidence: &evidence,
             others: Others { courses: [None; LIVE], echoes: [false; LIVE] },
+            gone: &Gone::new(),
             in_doubt: false,
         };
         live.told(&plan, &seen, Track::FINAL).unwrap().sd_cpa_range_m

@@ -7,10 +7,12 @@ use super::super::allowance::Allowance;
 use super::super::bend;
 use super::super::course::{Closest, Course, CourseCovariance};
 use super::super::evidence::Evidence;
+use super::super::gone::Gone;
 use super::super::lasting::{self, Pairs, Told};
+use super::super::leaning::leaning;
 use super::super::plan::{Plan, STEP_S};
 use super::{ESTABLISHED, Live, Others, SPAN, unexplained, without_all};
-use crate::angle::{wrap_pi, wrap_tau};
+use crate::angle::wrap_tau;
 use crate::math;
 use crate::wire::{Message, Track};
 
@@ -35,11 +37,6 @@ const FEW_SENT: u16 = 3;
 /// a vessel at so many depths is nearer there and louder than the table has it: over 800 and 1200 m most are tracked at half their range.
 const SHALLOW: f64 = 0.44;
 
-/// Directions of vessels less than this apart lean on each other, rad, and by how much those of one do for an hour: errors of places told of
-/// several vessels are 1.2 degrees across in the root of the mean square there, 0.3 in the median; farther apart, half of that.
-const BESIDE: f64 = 1.0;
-const LEANING: f64 = 0.012;
-
 /// Most times the standard deviation of the closest range may exceed the range searched, m, for a track to be sent.
 const LEAST_KNOWN_M: f32 = 5_000.0;
 
@@ -47,17 +44,10 @@ const LEAST_KNOWN_M: f32 = 5_000.0;
 pub(super) struct Seen<'a> {
     pub(super) evidence: &'a Evidence,
     pub(super) others: Others,
+    /// Vessels whose tracks are closed, of which directions may be heard on.
+    pub(super) gone: &'a Gone,
     /// As in [`super::Tracker`]'s `pairs_in_doubt`.
     pub(super) in_doubt: bool,
-}
-
-impl Seen<'_> {
-    /// Whether another track is in nearly the direction in which this course begins.
-    fn beside(&self, plan: &Plan<'_>, course: &Course) -> bool {
-        let azimuth = |c: &Course| c.seen(&plan.travel, course.t0_s).azimuth();
-        let here = azimuth(course);
-        self.others.courses.iter().flatten().any(|c| math::f64::abs(wrap_pi(azimuth(c) - here)) < BESIDE)
-    }
 }
 
 impl Live {
@@ -166,9 +156,9 @@ impl Live {
         }
         let straight = (self.course, self.covariance);
         let mut now = self.present(plan, seen, None).unwrap_or(straight);
-        if seen.beside(plan, &now.0) {
-            lasting::turn(&mut now, LEANING);
-        }
+        let beside = seen.others.courses.iter().flatten().chain(seen.gone.courses());
+        let leaning = leaning(&now.0, beside);
+        lasting::turn(&mut now, leaning);
         let mut bent = self.bent(plan, seen, None).unwrap_or(straight);
         plan.lasting.widen(&mut now, |error| self.present(plan, seen, Some(error)).map(|(course, _)| course));
         plan.lasting.widen(&mut bent, |error| self.bent(plan, seen, Some(error)).map(|(course, _)| course));
