@@ -113,9 +113,15 @@ fn killed_at_random_moments_and_gone_on_with_the_bytes_are_the_same() {
     assert!(killed >= 8, "only {killed} of 20 came before the end");
 }
 
+/// Sends the signal of Ctrl-C, or, where this was started to ignore that one and so are its children (as in the background of a shell), the
+/// one that ends.
 fn interrupt(child: &Child) {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored =
+        status.lines().find_map(|l| u64::from_str_radix(l.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    let signal = if ignored.is_some_and(|mask| mask & 2 != 0) { "TERM" } else { "INT" };
     let pid = child.id().to_string();
-    assert!(Command::new("kill").args(["-s", "INT", &pid]).status().unwrap().success());
+    assert!(Command::new("kill").args(["-s", signal, &pid]).status().unwrap().success());
 }
 
 /// Starts what `spawn` makes, interrupts it in the middle of the time that it takes undisturbed, and gives what it said. One that

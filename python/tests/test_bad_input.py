@@ -57,10 +57,15 @@ def test_progress_is_told_and_may_end_it(short_pass: Pass) -> None:
 
 def test_an_interruption_ends_it(short_pass: Pass) -> None:
     samples = np.tile(sb.read(short_pass.recording, station=short_pass.station).codes, (12, 1))
+    # What is started in the background of a shell ignores it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Timer(0.3, signal.raise_signal, [signal.SIGINT]).start()
-    with pytest.raises(KeyboardInterrupt):
-        for _ in range(100):
-            sb.process(samples, rate_hz=64000, station=short_pass.station)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            for _ in range(100):
+                sb.process(samples, rate_hz=64000, station=short_pass.station)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_what_is_left_out_is_logged(short_pass: Pass, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
