@@ -40,8 +40,10 @@ const ELSEWHERE_SAMPLES: f32 = 0.8;
 const JOINED: f32 = 0.3;
 /// A single step of `refine` goes no farther than half a sample: beyond this the peak itself tells a pair's delay, samples.
 const BESIDE_SAMPLES: f32 = 0.45;
-/// Segments over which the strain is averaged, and at least.
+/// Segments over which the strain is averaged, and at least for a fault.
 const AVERAGED: f32 = 12.0;
+/// Segments after which a strain that lasts is in what is stated.
+const EARLY: f32 = 4.0;
 /// A strain farther from the mean than so many times either of them, and this many samples, is another.
 const STRAY: f32 = 3.0;
 const LEAST_CHANGE_SAMPLES: f32 = 0.3;
@@ -171,7 +173,7 @@ impl Agreement {
             (true, false) if self.change.is_told() => (self.change.verdict(), false),
             _ => (Verdict::Tell, false),
         };
-        let doubtful = contradicted || strain.is_some();
+        let doubtful = contradicted || (strain.is_some() && self.averaged >= AVERAGED);
         let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();
         if changed || lasts {
             let value = i64::from(CONTRADICTING);
@@ -231,7 +233,7 @@ impl Agreement {
         let told = plan.position_sd_s * plan.position_sd_s + speed * arrivals;
         let least = LEAST_SAMPLES / plan.rate_hz;
         let unexpected = lasting > least * least + TOLD_SD * TOLD_SD * told;
-        let stays = self.averaged >= AVERAGED && lasting > LASTING * self.square;
+        let stays = self.averaged >= EARLY && lasting > LASTING * self.square;
         (unexpected && stays).then_some(UNSEEN * UNSEEN * lasting)
     }
 }

@@ -61,6 +61,9 @@ const RISING_M_S: f32 = 5.0;
 /// likelihood ratio that ends a suspicion.
 const STRAIN_SAMPLES: f32 = 0.15;
 const DECIDED: f32 = 30.0;
+/// Least delay of a late channel, in units of what the jump was taken for: a course of few segments, of which one may hold a part of the
+/// jump, tells which channel is late, but not by how much.
+const LEAST_LATE: f32 = 0.4;
 /// A vessel that has turned so far is heard apart from its image by other pairs, radians.
 const FRESH_RAD: f32 = 0.2;
 
@@ -316,7 +319,9 @@ impl Change {
         } else {
             let dual = duals.get(usize::from(self.what - LATE)).unwrap_or(&[0.0; 3]);
             let late = self.delay_s / plan.inv_c;
-            length(&[0, 1, 2].map(|k: usize| own[k] + late * dual[k])) - expected
+            let most = length(&[0, 1, 2].map(|k: usize| own[k] + late * dual[k])) - expected;
+            let least = radial + LEAST_LATE * (most - radial);
+            if least * most < 0.0 { 0.0 } else { m::abs(least).min(m::abs(most)) }
         };
         let sd = STRAIN_SAMPLES / plan.rate_hz * length(&duals[0]) / plan.inv_c;
         let from = unit(own);

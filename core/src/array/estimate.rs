@@ -15,6 +15,7 @@ use super::report::{self, Others};
 use super::sick::{self, Sign, Turned};
 use super::spectra::Spectra;
 use super::wavefront::{self, Direction, PAIR_COUNT};
+use crate::block::CHANNELS;
 use crate::math::f32 as m;
 use crate::wire::Message;
 
@@ -236,7 +237,15 @@ pub(crate) fn segment(
             return;
         }
     }
-    let Some(doubt) = doubt else { return };
+    // A vessel that was heard does not dive.
+    let dives = |found: &Found| {
+        let direction = &found.refined.direction;
+        others::is_below(direction) && memory.is_elsewhere(&context, direction)
+    };
+    if first.as_ref().is_some_and(dives) {
+        return;
+    }
+    let Some(mut doubt) = doubt else { return };
     if sign == Sign::Well && !doubtful {
         let sign = match &first {
             Some(first) if used.all() => {
@@ -244,7 +253,7 @@ pub(crate) fn segment(
                 let Found { tau, mean, .. } = first;
                 let others = (&memory.others, segment);
                 let context = &context;
-                leak::Beyond {
+                let beyond = leak::Beyond {
                     search,
                     tau,
                     coherence,
@@ -253,8 +262,17 @@ pub(crate) fn segment(
                     context,
                     others,
                     echo: memory.echo.amplitude(),
+                };
+                let sign = beyond.sign();
+                if sign == Sign::Well {
+                    if beyond.hides_of(memory.sick.suspected()) {
+                        let leaked = leak::LEAKED_SAMPLES / plan.rate_hz;
+                        doubt.unexplained_s2 += CHANNELS as f32 * leaked * leaked;
+                    } else {
+                        memory.sick.deny();
+                    }
                 }
-                .sign()
+                sign
             }
             _ => sign,
         };

@@ -26,6 +26,9 @@ const RECEIVED_SD: f32 = 2.0;
 /// Nearer than this to no delay, in samples, a sound hides what leaks, and an echo or another source passes for it.
 pub(super) const APART_SAMPLES: f32 = 3.0;
 
+/// Standard deviation of the arrival times which a leak moves that the vessel hides, samples.
+pub(super) const LEAKED_SAMPLES: f32 = 0.15;
+
 /// Share of what seems to leak that an image has on the other side of the vessel's own delay.
 const MIRRORED: f32 = 0.4;
 
@@ -50,13 +53,24 @@ impl Beyond<'_> {
         (0..PAIR_COUNT).find_map(|p| self.receiver(p)).map_or(Sign::Well, |h| Sign::Sick(LEAKING, h))
     }
 
+    /// Whether the vessel hides what one of the hydrophones `suspected` (bit h: hydrophone h) hears of another.
+    pub(crate) fn hides_of(&self, suspected: u8) -> bool {
+        let of = |(a, b): &(usize, usize)| (suspected >> a | suspected >> b) & 1 == 1;
+        PAIRS.iter().zip(self.tau).any(|(pair, tau)| of(pair) && self.hides(*tau))
+    }
+
+    /// Whether a vessel of this delay hides what leaks between a pair.
+    fn hides(&self, tau: f32) -> bool {
+        m::abs(tau) * self.context.plan.rate_hz < APART_SAMPLES
+    }
+
     /// The hydrophone of pair `p` that hears the other one, if there is one.
     fn receiver(&self, p: usize) -> Option<usize> {
         let (a, b) = *PAIRS.get(p)?;
         let Band { high, incoherent, .. } = self.context.plan.whole;
         let least = LEAST_LEAK.max(self.echo) * high.saturating_sub(incoherent) as f32;
         let least = least.max(LEAK * self.deviation);
-        let hidden = m::abs(*self.tau.get(p)?) * self.context.plan.rate_hz < APART_SAMPLES;
+        let hidden = self.hides(*self.tau.get(p)?);
         let leak = self.excess(p, 0.0)?;
         let (others, segment) = self.others;
         let another = || others.explain(self.context, segment, (p, 0.0), (APART_SAMPLES, true));

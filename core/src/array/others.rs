@@ -30,6 +30,9 @@ const OCTAVE_APART_CELLS: f32 = 3.0;
 /// Least coherence of a source in an octave, in units of the louder vessel's there: what multipath of that vessel leaves is
 /// fainter, a vessel fainter than this is left to the search for a second source.
 const OCTAVE_LEAST: f32 = 0.5;
+/// Sine of the angle below the horizon beyond which a source is no vessel: errors put one that is far away so low. What multipath leaves
+/// of a loud vessel may come from there, with quality.
+const BELOW: f32 = 0.05;
 /// `band` of the whole band's strongest source.
 const WHOLE: u8 = 0;
 /// `band` of the whole band's other sources.
@@ -38,6 +41,13 @@ const SECOND: u8 = 1;
 const FIRST_OCTAVE: u8 = 2;
 /// Least quality of a second source's bearing.
 const SECOND_LEAST_QUALITY: f32 = 0.5;
+
+/// Whether a direction is below the horizon, where no vessel is.
+#[inline]
+pub(super) fn is_below(direction: &Direction) -> bool {
+    let [.., up] = direction;
+    *up < -BELOW
+}
 
 /// Looks at one octave, the next of the round. A source there is reported where it is another than the whole band's and
 /// the round before found it, too; what a louder vessel gives in this octave comes out of its cross-spectra first.
@@ -81,6 +91,9 @@ pub(super) fn octave(
         };
     }
     let direction = found.refined.direction;
+    if is_below(&direction) {
+        return;
+    }
     let apart = (OCTAVE_APART_CELLS * band.resolution).max(SECOND_APART_CELLS * plan.whole.resolution);
     if first.is_some_and(|f| wavefront::dot(&f.refined.direction, &direction) > m::cos(apart.min(m::PI))) {
         return;
@@ -124,7 +137,8 @@ pub(super) fn search(
         refine::remove(plan, context.band, spectra, &tau, raw);
     }
     let is_new = |direction: &Direction| {
-        wavefront::dot(direction, &first.refined.direction) <= near(plan)
+        !is_below(direction)
+            && wavefront::dot(direction, &first.refined.direction) <= near(plan)
             && !known.iter().any(|k| k.lasts() && k.is_at(plan, direction, segment))
     };
     let other = find(context, None, spectra, scratch);

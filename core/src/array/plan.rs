@@ -18,6 +18,10 @@ use core::num::NonZeroU64;
 /// Three hydrophones take it for a direction.
 const LEAST_SPEED_SD: f64 = 1e-4;
 
+/// Part of the sampling rate up to which converters and resamplers pass sound as it was. What fades beyond it is heard by all hydrophones alike
+/// and would pass for fringes of a surface.
+const PASSED: f64 = 0.4375;
+
 /// Length of one transform, samples. Short frames suffice: a delay of 80 samples still overlaps by 84 %, and the
 /// joint estimator loses nothing against 4096 points (docs/references.md).
 pub const FRAME: usize = 512;
@@ -194,7 +198,8 @@ impl Plan {
 
         let bin_hz = rate / FRAME as f64;
         let low = (md::ceil(array.band_hz.0 / bin_hz) as usize).max(1);
-        let high = (md::floor(array.band_hz.1 / bin_hz) as usize + 1).min(BINS);
+        let highest_hz = array.band_hz.1.min(PASSED * rate);
+        let high = (md::floor(highest_hz / bin_hz) as usize + 1).min(BINS);
         if high < low + 4 {
             return Err(PlanError::Band);
         }

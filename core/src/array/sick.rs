@@ -32,6 +32,8 @@ use crate::wire::{Fault, FaultCode, Message};
 
 /// Segments that must say that a channel is sick, beyond those that say the opposite: 4 s at the usual step.
 const NAMED: u8 = 8;
+/// Segments that must say that a channel leaks for its bearings to be doubted where a vessel hides that.
+const SUSPECTED: u8 = 3;
 /// Segments in a row in which two hydrophones are against two, or all hear the same at once, after which that is told.
 const DIVIDED: u8 = 4;
 /// Segments in a row in which nothing is wrong, after which a channel is well again.
@@ -86,11 +88,21 @@ pub(crate) struct Sick {
     seen_from: Option<Direction>,
     /// Hydrophone that is tried the other way round next.
     tried: u8,
+    /// Bit h: hydrophone h seemed to hear another through its channel, and nothing has denied it since.
+    suspected: u8,
 }
 
 impl Sick {
     pub(crate) const fn new() -> Self {
-        Self { counts: [[0; CHANNELS]; KINDS.len()], well: 0, divided: 0, out: 0, seen_from: None, tried: 0 }
+        Self {
+            counts: [[0; CHANNELS]; KINDS.len()],
+            well: 0,
+            divided: 0,
+            out: 0,
+            seen_from: None,
+            tried: 0,
+            suspected: 0,
+        }
     }
 
     /// Hydrophone to try the other way round.
@@ -105,6 +117,16 @@ impl Sick {
         }
         self.tried = self.tried.wrapping_add(1);
         Sign::Nothing
+    }
+
+    /// Bit h: hydrophone h seemed to hear another through its channel, until [`Self::deny`].
+    pub(super) fn suspected(&self) -> u8 {
+        self.suspected
+    }
+
+    /// No hydrophone hears another where that would show.
+    pub(super) fn deny(&mut self) {
+        self.suspected = 0;
     }
 
     /// Bit h: hydrophone h is left out.
@@ -160,6 +182,9 @@ impl Sick {
         };
         if sign == Sign::Sick(kind, h) {
             *count = (*count + 1).min(NAMED);
+            if kind == LEAKING && *count >= SUSPECTED {
+                self.suspected |= 1 << h;
+            }
         } else if kind != LEAKING || self.out >> h & 1 == 0 {
             *count = count.saturating_sub(1);
         }

@@ -4,7 +4,8 @@
 //! puts vessels than the pair 13, m, over an hour of minutes in which both show. A table for water of another depth errs unlike
 //! for each: 100 m too deep, pair 13 says 1030 m too much at 20 km and pair 35 1510 m. Of each pair the power of the envelope is
 //! read along the ranges about the expected one; how the two are correlated, one shifted against the other, is summed over
-//! minutes. An error of the track shifts both alike. Assumes that no other vessel's echoes move along for an hour.
+//! minutes. An error of the track shifts both alike. Minutes in which two vessels are tracked do not count; assumes that
+//! the echoes of none that is not tracked move along for an hour.
 //! Cost: 20 k instructions a frame of such a minute.
 
 use super::interference::Interference;

@@ -410,7 +410,9 @@ impl State {
         };
         let Scratch { shared, radial, profiles } = scratch;
         profiles.clear();
-        let surest = expected.iter().flatten().find(|e| e.established);
+        // Of two vessels the echoes of one may lie where the other's are looked for.
+        let mut vessels = expected.iter().flatten();
+        let alone = vessels.next().filter(|vessel| vessel.established && vessels.next().is_none());
         let mut ranges = if plan.paper {
             let window = frames().filter(|(t, _)| math::f32::abs(*t) <= HALF_WINDOW_S as f32);
             paper::window(&plan.interference, radial, self.presence.lend(), shared.grid(), window)
@@ -422,7 +424,7 @@ impl State {
             let half_s = 0.5 * STEP_S as f32;
             for (t, cepstrum) in frames().filter(|(t, _)| (-half_s..half_s).contains(t)) {
                 radial.add(&plan.interference, shared.envelope(), cepstrum, t);
-                if let Some(vessel) = surest {
+                if let Some(vessel) = alone {
                     profiles.add(&plan.interference, shared.envelope(), vessel, t);
                 }
             }

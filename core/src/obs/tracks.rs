@@ -201,6 +201,10 @@ impl Tracker {
             if !live.is_a_vessel() {
                 live.withdraw(plan, sink);
                 *slot = None;
+            } else if live.sent > 0 && !live.is_under_way() {
+                live.withdraw(plan, sink);
+                (live.id, live.sent) = (self.next_id, 0);
+                self.next_id = self.next_id.wrapping_add(1);
             }
         }
     }
@@ -303,16 +307,18 @@ fn find(plan: &Plan<'_>, evidence: &Evidence, others: &Others, from: u32, to: u3
 }
 
 impl Live {
-    /// Whether the course explains enough, at a speed that vessels have.
+    /// Whether its speed is one of vessels under way. Others are followed as well, so that what they explain makes no course of a vessel at
+    /// another pair of paths, but not told.
+    fn is_under_way(&self) -> bool {
+        SPEEDS_M_S.contains(&self.course.speed_m_s())
+    }
+
+    /// Whether the course explains enough.
     fn is_a_vessel(&self) -> bool {
         let s = &self.score;
         let explains = s.directions >= ACCEPT.1 && s.distances >= ACCEPT.2 && s.both >= ACCEPT.3;
         let rivalled = s.rivals > s.sure.max(2 * FEW_RIVALS);
-        s.log >= ACCEPT.0
-            && s.range_log >= LEAST_RANGE_LOG
-            && explains
-            && !rivalled
-            && SPEEDS_M_S.contains(&self.course.speed_m_s())
+        s.log >= ACCEPT.0 && s.range_log >= LEAST_RANGE_LOG && explains && !rivalled
     }
 
     /// Whether it is not on a wrong pair of paths any more.

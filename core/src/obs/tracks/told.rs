@@ -148,8 +148,11 @@ impl Live {
         }
     }
 
-    /// The track as known now; `None` where its range is as good as unknown, or where it would be final and may be no vessel's.
+    /// The track as known now; `None` where it is not under way, where its range is as good as unknown, or where it would be final and may be no vessel's.
     pub(super) fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
+        if !self.is_under_way() {
+            return None;
+        }
         // Where each echo may be read as several pairs of paths, ranges of some minutes lie on many more courses.
         if stage == Track::FINAL && seen.in_doubt && self.score.both < ESTABLISHED {
             return None;
