@@ -30,6 +30,16 @@ pub enum OrientError {
     /// The vessel's bearing changes too little (or the directions span too little) to tell the unknowns apart.
     #[error("not observable: the vessel's bearing changes too little to tell the orientation")]
     NotObservable,
+    /// The unknowns are told apart, but stay too uncertain to be an answer.
+    #[error(
+        "the orientation stays uncertain by more than 6°: a pass that turns more, or is heard longer, tells it"
+    )]
+    Uncertain,
+    /// No place was found from which the fit moves no more.
+    #[error(
+        "the fit of positions and orientation does not settle: are the track, its times and the positions as far off as is told?"
+    )]
+    Unsettled,
     /// The measurements agree with no orientation much better than with any other.
     #[error("the bearings agree with no single orientation")]
     Inconsistent,

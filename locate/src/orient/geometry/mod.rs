@@ -37,9 +37,15 @@ use noise::Noise;
 const LEAST_SETS: usize = 20;
 /// Smallest noise of a difference assumed, seconds, so that exact data do not divide by zero.
 const LEAST_SCALE_S: f64 = 1e-10;
-/// Rounds in all, and those in which Huber's weights find the neighbourhood, before Tukey's leave wrong pairs out.
-const ROUNDS: usize = 30;
+/// Rounds at most, those in which Huber's weights find the neighbourhood before Tukey's leave wrong pairs out, and those after which the
+/// noise stays as it was found: what follows is one fixed function's minimum.
+const ROUNDS: usize = 120;
 const ROUGH: usize = 6;
+const LEARNT: usize = 24;
+/// Largest step that is none any more, in standard deviations of what was known before.
+const SETTLED: f64 = 1e-6;
+/// Least share of a step that is gone where steps turn back.
+const LEAST_SHARE: f64 = 1.0 / 16.0;
 /// Largest standard deviation of an orientation that is one, radians (6°).
 const LARGEST_TURN: f64 = 0.1;
 /// Of the angle by which the image in the surface pulls a vessel, what two numbers do not stand for: where it is nearly told apart, a delay is
@@ -145,15 +151,25 @@ pub fn geometry(
         }
         Some(normal)
     };
+    let (mut share, mut last, mut settled) = (1.0f64, [0.0; UNKNOWNS], false);
     let advance = |round, (model, noise): &mut (Model<'_>, Noise), step: &[f64; UNKNOWNS]| {
-        model.step(step);
-        // Huber's weights find the neighbourhood, Tukey's then leave wrong pairs out.
-        *noise = Noise::of(model, sets, round >= ROUGH);
-        round <= ROUGH || step.iter().any(|x| !(m::abs(*x) < 1e-6))
+        // Weights change with the place, and two places may send to each other: a step that turns back is gone in part.
+        let next: f64 = if spd::dot(step, &last) < 0.0 { 0.5 * share } else { 1.5 * share };
+        share = next.clamp(LEAST_SHARE, 1.0);
+        last = *step;
+        model.step(&step.map(|x| share * x));
+        if round < LEARNT {
+            *noise = Noise::of(model, sets, round >= ROUGH);
+        }
+        settled = round > ROUGH && step.iter().all(|x| m::abs(*x) < SETTLED);
+        !settled
     };
     let begin = (start, Noise::of(&start, sets, false));
     let ((model, noise), c) =
         reweighted(begin, ROUNDS, equations, advance).ok_or(OrientError::NotObservable)?;
+    if !settled {
+        return Err(OrientError::Unsettled);
+    }
     found(&model, &noise, sets, &c)
 }
 
@@ -196,7 +212,7 @@ fn found(
     c: &Square<UNKNOWNS>,
 ) -> Result<Mended, OrientError> {
     let scales = model.scales();
-    let mut covariance = noise.covariance(model, sets, c).ok_or(OrientError::NotObservable)?;
+    let mut covariance = noise.covariance(model, sets, c).ok_or(OrientError::Unsettled)?;
     for (i, row) in covariance.iter_mut().enumerate() {
         for (x, s) in row.iter_mut().zip(&scales) {
             *x *= s * scales[i];
@@ -216,7 +232,7 @@ fn found(
     }
     let sd_turn = [0, 1, 2].map(|k: usize| m::sqrt(turn[k][k].max(0.0)));
     if !sd_turn.iter().all(|s| *s <= LARGEST_TURN) {
-        return Err(OrientError::NotObservable);
+        return Err(OrientError::Uncertain);
     }
     let (mut n, mut wrong) = (0, 0);
     for (k, set) in sets.iter().enumerate() {

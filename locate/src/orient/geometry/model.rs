@@ -117,18 +117,31 @@ impl<'a> Model<'a> {
         self.image_m2.iter_mut().zip(by.iter().skip(IMAGE)).for_each(|(x, by)| *x += by);
     }
 
-    /// Where the vessel was heard from when its sound left it, its velocity, and how far it is heard lower for each m² of
-    /// [`Doubts::image_m2`]; `None` where the track does not tell.
-    pub(super) fn source(&self, t_s: f64) -> Option<([f64; 3], [f64; 3], [f64; 2])> {
+    /// Where the track has the vessel, its shift left out; where it begins or ends meanwhile, straight on.
+    fn on_track(&self, t_s: f64) -> Option<[f64; 3]> {
         let at = |t: f64| position_at(self.track, t, self.gap_s);
+        at(t_s).or_else(|| {
+            let (first, last) = (self.track.first()?.t_s, self.track.last()?.t_s);
+            let end_s = t_s.clamp(first, last);
+            let inner_s = (end_s + if t_s < first { VELOCITY_S } else { -VELOCITY_S }).clamp(first, last);
+            // In a gap the end is the time itself, of which the track tells nothing.
+            let (end, inner) = (at(end_s)?, at(inner_s)?);
+            let beyond = (t_s - end_s) / (inner_s - end_s);
+            Some(plus(&end, &minus(&inner, &end).map(|x| beyond * x)))
+        })
+    }
+
+    /// Where the vessel was heard from when its sound left it, its velocity, and how far it is heard lower for each m² of
+    /// [`Doubts::image_m2`]; `None` where the track does not tell. Which times it tells does not change with the clock: a set that
+    /// comes and goes with it would have no slope.
+    pub(super) fn source(&self, t_s: f64) -> Option<([f64; 3], [f64; 3], [f64; 2])> {
+        position_at(self.track, t_s, self.gap_s)?;
+        let at = |t: f64| self.on_track(t);
         let placed = |p: [f64; 3]| plus(&p, &self.shift_m);
         let now_s = t_s - self.late_s;
-        let first = placed(at(now_s)?);
-        let left_s = now_s - norm(&first) / self.sound_speed_m_s;
-        // At the track's very beginning the sound was on its way already.
-        let here = at(left_s).map_or(first, placed);
-        let (before, after) = (at(left_s - VELOCITY_S), at(left_s + VELOCITY_S));
-        let velocity = match (before, after) {
+        let left_s = now_s - norm(&placed(at(now_s)?)) / self.sound_speed_m_s;
+        let here = placed(at(left_s)?);
+        let velocity = match (at(left_s - VELOCITY_S), at(left_s + VELOCITY_S)) {
             (Some(a), Some(b)) => minus(&b, &a).map(|x| x / (2.0 * VELOCITY_S)),
             (None, Some(b)) => minus(&placed(b), &here).map(|x| x / VELOCITY_S),
             (Some(a), None) => minus(&here, &placed(a)).map(|x| x / VELOCITY_S),

@@ -121,3 +121,25 @@ fn alignment_takes_out_place_and_turn_alone() {
         assert!((a - b).abs() < 1e-9);
     }
 }
+
+#[test]
+fn a_clock_is_told_alike_where_the_track_begins_after_the_sound_left() {
+    let doubts = Doubts {
+        position_m: 0.03,
+        sound_speed_m_s: 2.0,
+        track_m: 2.0,
+        height_m: 3.0,
+        clock_s: 1.0,
+        image_m2: 128.0,
+    };
+    let (track, sets) = pass(&displaced(), 0.0, false);
+    let of = |first_s: f64, left_out: usize| {
+        let track: Vec<_> = track.iter().copied().filter(|p| p.t_s >= first_s).collect();
+        geometry(&sets[left_out..], &track, 10.0, &SAID, 1484.0, &doubts).unwrap()
+    };
+    // Of the set at 2.5 s the sound left at 2.15 s.
+    let (whole, cut) = (of(0.0, 1), of(2.25, 1));
+    let apart = whole.late_s.0 - cut.late_s.0;
+    assert!(apart.abs() < 0.02 * whole.late_s.1, "{apart} {whole:?} {cut:?}");
+    assert!((whole.track_m.0[1] - cut.track_m.0[1]).abs() < 0.02 * whole.track_m.1[1], "{whole:?} {cut:?}");
+}
