@@ -4,6 +4,7 @@ use super::mistake;
 use crate::atomic;
 use crate::csv::CsvTable;
 use crate::geodesy::LocalFrame;
+use crate::line::doubts::{at_limit, doubts};
 use crate::line::known;
 use crate::line::records as line_records;
 use crate::ocean_bottom::mirrored::Horizontals;
@@ -355,11 +356,17 @@ fn line(args: &Args, station: &StationConfig, input: &Path, track: &[TrackPoint]
                     fit.n + fit.wrong + fit.off_track
                 );
             }
+            let doubts = doubts(&fit, search.eta);
+            if !doubts.is_empty() {
+                log::warn!("the deviations of the orientation do not hold: {}", doubts.join("; "));
+            }
+            // Where it is held at an end nothing is known of how far off it is.
+            let sd_eta = (!at_limit(&fit, search.eta)).then_some(fit.sd_eta);
             json!({
                 "type": "orientation", "orientation_deg": degrees(fit.orientation), "sd_deg": fit.sd / RAD_PER_DEG,
                 "time_shift_s": fit.time_shift_s, "eta": fit.eta, "mean_error_deg": fit.mean_error / RAD_PER_DEG,
-                "n": fit.n, "sd_time_shift_s": fit.sd_time_shift_s, "sd_eta": fit.sd_eta, "wrong": fit.wrong,
-                "off_track": fit.off_track,
+                "n": fit.n, "sd_time_shift_s": fit.sd_time_shift_s, "sd_eta": sd_eta, "wrong": fit.wrong,
+                "off_track": fit.off_track, "consistent": doubts.is_empty(),
             })
         }
         Method::ClosedForm => {

@@ -10,6 +10,7 @@
 
 mod bend;
 mod chain;
+pub mod doubts;
 mod frames;
 pub mod known;
 pub mod picture;
