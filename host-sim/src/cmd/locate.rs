@@ -216,7 +216,12 @@ fn warn_of(network: &Network, found: &JointTrack) {
             name(first)
         );
     }
-    if !found.consistent {
+    if found.bent {
+        log::warn!(
+            "the bearings are off a straight course for long stretches, at all stations together far beyond what is stated of them: does the \
+             vessel turn or change its speed, or are two heard? The stated errors do not hold; give a part of the record, or --known-track"
+        );
+    } else if !found.consistent {
         log::warn!(
             "the stations contradict each other by more than their bearings scatter and their orientations and clocks are \
              said to err, and which of them is wrong cannot be told: the stated errors have grown"

@@ -14,12 +14,14 @@
 //! - `problem`: the likelihood, its maximum (Levenberg-Marquardt over four unknowns from the linear least-squares solution
 //!   of the bearing lines `(x − x_n) cos α = (y − y_n) sin α`, or of the positions the elevations give), its information;
 //! - `scatter`: each array's own course, and the errors about it;
+//! - `runs`: whether these are errors, or the way is no straight one;
 //! - `blame`: whose orientation or clock is wrong, or which array is to be set aside.
 //!
 //! O(1) memory beside the caller's bearings.
 
 mod blame;
 mod problem;
+mod runs;
 mod scatter;
 
 use super::model::Sighting;
@@ -131,8 +133,11 @@ pub struct JointTrack {
     /// What of one array is wrong by more than was assumed, where that explains a contradiction and nothing else does; its
     /// value is in `offsets`.
     pub wrong: Wrong,
-    /// Whether the arrays agree, those set aside and what is `wrong` apart.
+    /// Whether the arrays agree, those set aside and what is `wrong` apart, and the way is straight.
     pub consistent: bool,
+    /// What the bearings are off goes in runs that no noise makes ([`Scatter::Measured`]): the vessel turns or changes its speed, or there
+    /// are two. The covariance does not hold.
+    pub bent: bool,
     /// What the bearings of each array share, as far as they and what was assumed tell it.
     pub offsets: [Offset; MAX_ARRAYS],
     /// Measured over stated deviation of each array's azimuths and elevations, successive errors counted for what they have
@@ -285,7 +290,8 @@ fn by_measured(told: &Problem<'_>, robust: bool) -> Result<JointTrack, NetworkEr
         offsets,
         rejected: verdict.rejected,
         wrong: verdict.wrong,
-        consistent: verdict.consistent,
+        consistent: verdict.consistent && !courses.bent,
+        bent: courses.bent,
         scatter: courses.scale,
         ..motion
     })
@@ -319,6 +325,7 @@ fn stated(
         rejected: None,
         wrong: Wrong::default(),
         consistent: true,
+        bent: false,
         offsets,
         scatter: [[1.0; 2]; MAX_ARRAYS],
     })

@@ -7,10 +7,11 @@
 //! have observable parameters (three from azimuths, four with elevations) less the motion's four.
 
 use super::problem::Problem;
-use super::{HUBER, SharedError};
+use super::{HUBER, SharedError, runs};
 use crate::kit::{MAD_TO_SD, order_statistic};
 use crate::math::f64 as m;
 use crate::network::MAX_ARRAYS;
+use runs::Runs;
 
 /// Fewest angles of an array from which its scatter is taken.
 const LEAST_ANGLES: f64 = 12.0;
@@ -29,16 +30,21 @@ pub(super) struct Courses {
     /// Misfit of each in measured deviations, and its observable parameters.
     misfit: [f64; MAX_ARRAYS],
     parameters: [u32; MAX_ARRAYS],
+    /// What is left about them goes in runs that no noise makes: the vessel's way is no straight course.
+    pub bent: bool,
 }
 
 impl Courses {
     /// Of all arrays of a problem, near a state.
     pub fn near(problem: &Problem<'_>, state: &[f64; 4]) -> Self {
-        let mut out = Self { scale: problem.scale, misfit: [0.0; MAX_ARRAYS], parameters: [0; MAX_ARRAYS] };
+        let (misfit, parameters) = ([0.0; MAX_ARRAYS], [0; MAX_ARRAYS]);
+        let mut out = Self { scale: problem.scale, misfit, parameters, bent: false };
+        let mut runs = Runs::default();
         for array in problem.arrays() {
             let (alone, course) = own(problem, array, state);
             for angle in [0, 1] {
                 let residuals = alone.rows(array, &course, [0.0; 2]).filter(move |r| r.angle == angle);
+                runs.take(residuals.clone().map(|r| r.residual));
                 if let Some(measured) = scatter(residuals.map(|r| r.residual), FITTED[angle]) {
                     out.scale[array][angle] *= measured;
                 }
@@ -47,6 +53,7 @@ impl Courses {
             out.misfit[array] = alone.misfit(&course);
             out.parameters[array] = 3 + u32::from(alone.used().any(|b| b.sighting.elevation.is_some()));
         }
+        out.bent = runs.no_noise();
         out
     }
 

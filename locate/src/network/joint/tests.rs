@@ -121,6 +121,7 @@ fn closest_approach() {
         growth: 1.0,
         wrong: Wrong::default(),
         consistent: true,
+        bent: false,
         offsets: [Offset::default(); MAX_ARRAYS],
         scatter: [[1.0; 2]; MAX_ARRAYS],
     };
@@ -236,4 +237,28 @@ fn the_bound_is_the_covariance_of_an_exact_fit() {
         assert!((a - b).abs() <= 1e-6 * (a.abs() + b.abs()), "{least:?} {motion:?}");
     }
     assert_eq!(bound(&bearings(&TWO[..1], false), &SETTINGS, 100.0, &[400.0, 0.0, 2.0, 7.0]), None);
+}
+
+#[test]
+fn a_vessel_that_turns_is_not_consistent_and_noise_beyond_what_is_stated_is() {
+    let three = [[0.0, 0.0, -168.0], [800.0, 0.0, -168.0], [400.0, 600.0, -168.0]];
+    let mut all = noisy(&three, true, 0.005, 0.0, 0.0);
+    for b in &mut all {
+        // East, and South from the middle on.
+        let t = b.t_s;
+        let straight = [400.0 + 2.0 * t, -700.0 + 7.0 * t, -5.0];
+        let p = if t < 100.0 {
+            [-300.0 + 6.0 * t, 700.0, -5.0]
+        } else {
+            [300.0, 700.0 - 6.0 * (t - 100.0), -5.0]
+        };
+        let ((a0, e0), (a, e)) = (bearing(&three[b.array], &straight), bearing(&three[b.array], &p));
+        b.sighting.azimuth += a - a0;
+        b.sighting.elevation = b.sighting.elevation.map(|x| x + e - e0);
+    }
+    let turned = fit(&all, &MEASURED).unwrap();
+    assert!(turned.bent && !turned.consistent, "{turned:?}");
+    // Four times what is stated.
+    let plain = fit(&noisy(&three, true, 0.1, 0.0, 0.0), &MEASURED).unwrap();
+    assert!(!plain.bent && plain.consistent, "{plain:?}");
 }
