@@ -18,7 +18,7 @@ use std::path::PathBuf;
     hydrophone J minus that at hydrophone I, in seconds. `accepted` is the outlier test: residual, length of the \
     solved direction, and continuity with the bearings before; one or two wrong pairs are left out (`dropped`). \
     A hydrophone that is late in all sets is named where their directions tell it, and the errors stated hold what it does. \
-    Where most sets contradict the array and nothing tells why, the accepted ones are marked `suspect`. \
+    Where most sets contradict the array and nothing tells why, or hardly any is accepted, the accepted ones are marked `suspect`. \
     A file of which most bearings point below the horizon is refused: signs or pairs are mirrored; single sets that do are not \
     accepted where the station lies 25 m deep or more.")]
 pub struct Args {
@@ -51,15 +51,16 @@ pub fn run(args: Args) -> Result<()> {
         mistake!("--tolerance-us is {t}; a number above zero was expected");
     }
     let station = Station::read(&args.station)?;
-    let Solved { sets: results, lateness, contradiction } =
-        solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
+    let solved = solve(&station.config, &args.tdoa, args.tolerance_us.map(|t| t * 1e-6))?;
+    let suspect = solved.suspect();
+    let Solved { sets: results, lateness, .. } = solved;
     // What is mirrored contradicts nothing else.
     check_above(&results).with_context(|| args.tdoa.display().to_string())?;
     if let Some(said) = lateness.and_then(|l| l.said()) {
         log::warn!("{}: {said}", args.tdoa.display());
     }
-    if let Some(contradiction) = &contradiction {
-        log::warn!("{}: {}", args.tdoa.display(), contradiction.said());
+    if let Some(said) = &suspect {
+        log::warn!("{}: {said}", args.tdoa.display());
     }
     let mut out = std::io::stdout().lock();
     if !args.json {
@@ -78,12 +79,12 @@ pub fn run(args: Args) -> Result<()> {
         }
         if args.json {
             let mut record = record(r);
-            if ok && contradiction.is_some() {
+            if ok && suspect.is_some() {
                 record["suspect"] = true.into();
             }
             writeln!(out, "{record}")?;
         } else {
-            writeln!(out, "{}{}", line(r), if ok && contradiction.is_some() { " suspect" } else { "" })?;
+            writeln!(out, "{}{}", line(r), if ok && suspect.is_some() { " suspect" } else { "" })?;
         }
     }
     if !args.json {

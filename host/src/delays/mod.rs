@@ -1,12 +1,14 @@
 //! Bearings from a file of arrival-time differences, set by set.
 
 mod contradiction;
+mod few;
 pub mod late;
 mod scatter;
 
 use crate::csv::{CsvTable, good_rows};
 use anyhow::{Result, anyhow, bail};
 pub use contradiction::Contradiction;
+pub use few::Few;
 use late::{Lateness, Told};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_locate::delays::continuity::Continuity;
@@ -73,6 +75,15 @@ pub struct Solved {
     pub lateness: Option<Lateness>,
     /// What makes the accepted sets suspect; `None` where they agree with the array, or the stated errors hold what they do not.
     pub contradiction: Option<Contradiction>,
+    /// That hardly any set is accepted.
+    pub few: Option<Few>,
+}
+
+impl Solved {
+    /// What makes the accepted sets suspect, in a line; `None` where nothing does.
+    pub fn suspect(&self) -> Option<String> {
+        self.contradiction.map(|c| c.said()).or_else(|| self.few.map(|f| f.said()))
+    }
 }
 
 /// Bearings of all sets of a file, in order of time; bad rows are named on stderr and left out. `tolerance_s`: greatest root-mean-square
@@ -124,5 +135,9 @@ pub fn solve_rows(
     let counted = lateness.as_ref().is_some_and(|l| l.said().is_some());
     let accepted: Vec<bool> = sets.iter().map(SetResult::accepted).collect();
     let contradiction = if counted { None } else { contradiction::of(&geometry, &told, &delays, &accepted) };
-    Ok(Solved { sets, lateness, contradiction })
+    // A set of fewer than three delays is no direction's, and what is below the horizon is said by itself.
+    let enough = |delays: &[f64; 6]| delays.iter().filter(|d| d.is_finite()).count() >= 3;
+    let told = sets.iter().zip(&delays).filter(|(s, delays)| enough(delays) && !s.below).count();
+    let few = if counted { None } else { few::of(told, accepted.iter().filter(|a| **a).count()) };
+    Ok(Solved { sets, lateness, contradiction, few })
 }
