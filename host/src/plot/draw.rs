@@ -274,6 +274,24 @@ mod tests {
     }
 
     #[test]
+    fn words_beside_a_point_at_the_top_edge_stand_within_the_picture() {
+        let mut figure = Plot::new("t", "x", "y");
+        figure.x_range(0.0, 1.0).y_range(0.0, 1.0).line("", &[(0.0, 0.0), (1.0, 1.0)]);
+        figure.notes(vec![((0.5, 1.0), "200 m".into()), ((0.5, 0.5), "100 m".into())]);
+        let svg = figure.svg().unwrap();
+        let down = |text: &str| -> i32 {
+            let at = svg.find(&format!("\n{text}\n")).unwrap();
+            let tag = &svg[svg[..at].rfind("<text ").unwrap()..at];
+            tag.split(" y=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap()
+        };
+        assert!(
+            down("200 m") > (TITLE + MARGIN) * FINE && down("100 m") > down("200 m"),
+            "{}",
+            down("200 m")
+        );
+    }
+
+    #[test]
     fn a_caption_stands_below_its_figure() {
         let mut figure = Plot::new("t", "x", "y");
         figure.line("l", &[(0.0, 0.0), (1.0, 1.0)]);

@@ -4,7 +4,7 @@ use super::correlation::Correlations;
 use super::directions::{self, Angle, Direction, Z95};
 use super::heard::{Belonging, Heard};
 use super::times::Times;
-use super::{Plot, cut_at_wraps, ways};
+use super::{Plot, TRUTH, cut_at_wraps, ways};
 use crate::angle::turn_deg;
 use crate::world::truth::Truth;
 use anyhow::{Result, anyhow};
@@ -49,6 +49,14 @@ impl Pictures {
             azimuths.truth(&legend(truth, i), &cut_at_wraps(&line));
         }
         let mut elevations = panel(Angle::Elevation);
+        for (i, (_, rows)) in truth.iter().enumerate() {
+            let line: Vec<_> = rows.iter().map(|r| (times.at(r.t_s), r.arrival_elevation_deg)).collect();
+            elevations.truth(&legend(truth, i), &line);
+        }
+        let told = truth.iter().flat_map(|(_, rows)| rows.iter().map(|r| r.arrival_elevation_deg));
+        elevations.y_range = elevations.y_range.map(|ends| {
+            told.filter(|e| e.is_finite()).fold(ends, |(low, high), e| (low.min(e), high.max(e)))
+        });
         // One axis for both.
         let rows = truth.iter().flat_map(|(_, rows)| rows.iter().map(|r| r.t_s));
         let heard_s = bearings.iter().map(|b| b.index as f64 / rate_hz);
@@ -76,6 +84,17 @@ fn legend(truth: &[(String, Vec<Truth>)], i: usize) -> String {
 
 /// What an axis of errors reaches at least, degrees.
 const LEAST_REACH_DEG: f64 = 1e-3;
+
+/// Share of intervals and errors that an axis of errors shows, and how many times as far an error may lie to be shown too.
+const ALL_BUT: f64 = 0.95;
+const FAR: f64 = 2.0;
+
+/// The value that such a share of all stays within; 0 of none.
+fn most(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut all: Vec<f64> = values.collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all.get(((all.len() as f64 * share) as usize).min(all.len().saturating_sub(1))).copied().unwrap_or(0.0)
+}
 
 /// Error of each azimuth against the nearest vessel's truth, with the 95 % band the recorder states.
 pub fn bearing_errors(
@@ -105,20 +124,29 @@ pub fn bearing_errors(
             errors.push((times.at(t), error));
         }
     }
-    for ((name, _), (stated, errors)) in truth.iter().zip(stated.iter().zip(&errors)) {
-        if !errors.is_empty() {
-            figure.band("", &directions::band(stated, false)).points(name, errors).same_colour().sized(1.7);
+    // An interval of a bearing that says nothing would hide the others: one in twenty may be cut. So would bearings of nobody.
+    let usual = most(stated.iter().flatten().map(|d| d.half), ALL_BUT).min(180.0);
+    let off = || errors.iter().flatten().map(|e| e.1.abs());
+    let far = most(off(), 1.0).min(FAR * most(off(), ALL_BUT));
+    let reach = far.max(usual).max(LEAST_REACH_DEG) * 1.2;
+    let mut words = "95 % stated";
+    let mut beyond = Vec::new();
+    for ((name, _), (stated, errors)) in truth.iter().zip(stated.iter().zip(errors)) {
+        let (inside, outside): (Vec<_>, Vec<_>) = errors.into_iter().partition(|e| e.1.abs() <= reach);
+        beyond.extend(outside.into_iter().map(|(at, error)| (at, reach.copysign(error))));
+        if !stated.is_empty() {
+            figure.band(std::mem::take(&mut words), &directions::band(stated, false));
+            figure.points(name, &inside).same_colour().sized(1.7);
         }
     }
-    // An interval of a bearing that says nothing would hide the others: one in twenty may be cut.
-    let mut halves: Vec<f64> = stated.iter().flatten().map(|d| d.half).collect();
-    halves.sort_unstable_by(f64::total_cmp);
-    let usual = halves.get(halves.len() * 19 / 20).copied().unwrap_or(0.0).min(180.0);
-    let reach = errors.iter().flatten().map(|e| e.1.abs()).fold(usual.max(LEAST_REACH_DEG), f64::max) * 1.2;
+    if !beyond.is_empty() {
+        let name = format!("{} beyond ±{reach:.2}°, at the edge", beyond.len());
+        figure.points(&name, &beyond).coloured(TRUTH).sized(2.6);
+    }
     figure.y_range(-reach, reach);
     figure.caption(
         "Azimuth of each bearing less that of the nearest vessel of the truth, degrees, a colour for each vessel. Shaded about zero: the 95 % interval that the recorder \
-         states.",
+         states. What lies beyond the axis is drawn at its edge.",
     );
     figure
 }
@@ -213,6 +241,50 @@ mod tests {
         bearings.sort_by_key(|b| b.index);
         reports.sort_by_key(|t| t.index);
         (bearings, reports)
+    }
+
+    /// Bearings of a passage with the truth of each.
+    fn told() -> (Vec<Bearing>, Vec<(String, Vec<Truth>)>) {
+        let way = (600.0, 300.0);
+        let bearings: Vec<Bearing> =
+            (0..200).map(|k| Bearing { var_azimuth: 1e-5, ..bearing(500.0 + f64::from(k), way) }).collect();
+        let row = |b: &Bearing| Truth {
+            t_s: b.index as f64 / RATE_HZ,
+            x_m: 0.0,
+            y_m: 0.0,
+            arrival_azimuth_deg: f64::from(b.azimuth).to_degrees(),
+            arrival_elevation_deg: 40.0,
+            heading_deg: 0.0,
+            cpa_time_s: 0.0,
+            cpa_range_m: 0.0,
+        };
+        let rows = bearings.iter().map(row).collect();
+        (bearings, vec![("ferry".to_owned(), rows)])
+    }
+
+    #[test]
+    fn bearings_of_nobody_do_not_hide_the_errors_of_the_others() {
+        let (mut bearings, truth) = told();
+        for k in [50, 120] {
+            bearings[k].azimuth += 0.15;
+        }
+        let figure = bearing_errors(&bearings, RATE_HZ, &Times::new(None, 800.0), &truth);
+        let (low, high) = figure.y_range.unwrap();
+        assert!(low == -high && high < 1.0, "{high}");
+        let named = |words: &str| figure.series.iter().filter(|s| s.name.starts_with(words)).count();
+        assert_eq!((named("95 % stated"), named("2 beyond"), named("ferry")), (1, 1, 1));
+        let svg = figure.svg().unwrap();
+        assert!(svg.contains("\n95 % stated\n"), "the band is in the legend");
+    }
+
+    #[test]
+    fn elevations_have_their_truth() {
+        let (bearings, truth) = told();
+        let drawn = Pictures::new(&bearings, &[], RATE_HZ, &Times::new(None, 800.0), &truth, "east");
+        for figure in [&drawn.azimuths, &drawn.elevations] {
+            assert!(figure.series.iter().any(|s| s.name == "truth: ferry"));
+        }
+        assert!(drawn.elevations.y_range.is_some_and(|(low, high)| (low..=high).contains(&40.0)));
     }
 
     #[test]

@@ -7,6 +7,9 @@ use anyhow::Result;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
+/// Share of the vertical axis from which on words stand below what they are of: above it they would be cut.
+const NEAR_THE_TOP: f64 = 0.95;
+
 type Point = (f64, f64);
 pub(super) type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ruler, Ruler>>;
 
@@ -54,8 +57,10 @@ pub(super) fn draw_series(
                 // Beside what it is of, not on it, and within the picture.
                 let right = x.share(at.0).is_some_and(|share| share > 0.8);
                 let (side, beside) = if right { (HPos::Right, -5) } else { (HPos::Left, 5) };
-                let style = font(11).color(&series.colour).pos(Pos::new(side, VPos::Bottom));
-                let text = Text::new(text.clone(), (beside * FINE, -3 * FINE), style);
+                let top = y.share(at.1).is_some_and(|share| share > NEAR_THE_TOP);
+                let (edge, above) = if top { (VPos::Top, 3) } else { (VPos::Bottom, -3) };
+                let style = font(11).color(&series.colour).pos(Pos::new(side, edge));
+                let text = Text::new(text.clone(), (beside * FINE, above * FINE), style);
                 chart.draw_series([EmptyElement::at(*at) + text]).map_err(failed)?;
             }
         }

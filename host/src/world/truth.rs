@@ -70,6 +70,8 @@ pub struct Truth {
     pub y_m: f64,
     /// Azimuth the sound arrives from, degrees.
     pub arrival_azimuth_deg: f64,
+    /// Elevation it arrives from, degrees; NaN where the file does not tell.
+    pub arrival_elevation_deg: f64,
     /// Heading, degrees.
     pub heading_deg: f64,
     /// Time of the closest point, seconds of the recorder's clock.
@@ -96,11 +98,28 @@ impl Truth {
         let columns =
             ["t_s", "x_m", "y_m", "arrival_azimuth_deg", "heading_deg", "cpa_time_s", "cpa_range_m"];
         let rows = table.numbers(columns)?;
+        // Not every file has them.
+        let elevations: Vec<f64> = if table.has("arrival_elevation_deg") {
+            let told = table.numbers(["arrival_elevation_deg"])?.into_iter();
+            told.map(|(_, row)| row.map_or(f64::NAN, |[deg]| deg)).collect()
+        } else {
+            Vec::new()
+        };
         let mut out: Vec<(String, Vec<Self>)> = Vec::new();
         for (i, (_, row)) in rows.into_iter().enumerate() {
             let [t_s, x_m, y_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m] = row?;
             let name = table.text(i, vessel).unwrap_or("");
-            let truth = Self { t_s, x_m, y_m, arrival_azimuth_deg, heading_deg, cpa_time_s, cpa_range_m };
+            let arrival_elevation_deg = elevations.get(i).copied().unwrap_or(f64::NAN);
+            let truth = Self {
+                t_s,
+                x_m,
+                y_m,
+                arrival_azimuth_deg,
+                arrival_elevation_deg,
+                heading_deg,
+                cpa_time_s,
+                cpa_range_m,
+            };
             match out.iter_mut().find(|(n, _)| n == name) {
                 Some((_, rows)) => rows.push(truth),
                 None => out.push((name.to_owned(), vec![truth])),
