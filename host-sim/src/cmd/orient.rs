@@ -358,7 +358,7 @@ fn line(args: &Args, station: &StationConfig, input: &Path, track: &[TrackPoint]
             }
             let doubts = doubts(&fit, search.eta);
             if !doubts.is_empty() {
-                log::warn!("the deviations of the orientation do not hold: {}", doubts.join("; "));
+                log::warn!("the deviations of the orientation do not hold: {}", doubts.join(" "));
             }
             // Where it is held at an end nothing is known of how far off it is.
             let sd_eta = (!at_limit(&fit, search.eta)).then_some(fit.sd_eta);

@@ -5,15 +5,15 @@
 
 use seabearing_locate::orient::line::LineOrientation;
 
-/// Part of the searched η next to an end that is the end.
+/// Part of the searched η next to an end that is the end, though its deviation is less.
 const END: f64 = 0.01;
 /// Share of the bearings that may contradict the others.
 const MOST_WRONG: f64 = 0.1;
 
-/// Whether η is at an end of what was searched; never where it was fixed.
+/// Whether η is at an end of what was searched, or its deviation reaches one; never where it was fixed.
 pub fn at_limit(found: &LineOrientation, (least, greatest): (f64, f64)) -> bool {
-    let near = END * (greatest - least);
-    near > 0.0 && (found.eta <= least + near || found.eta >= greatest - near)
+    let near = (END * (greatest - least)).max(found.sd_eta);
+    greatest > least && (found.eta <= least + near || found.eta >= greatest - near)
 }
 
 /// The clauses.
