@@ -34,7 +34,7 @@ const RECORD_S: f64 = 1_800.0;
 fn heard(scenario: ObsScenario, table: &Propagation) -> Result<Vec<WhaleCall>> {
     let config = station::config(&scenario, false)?;
     let mut simulator = Simulator::new(scenario, table.clone(), Vec::new())?;
-    calls(&mut simulator, &config, table)
+    Ok(calls(&mut simulator, &config, table)?.calls)
 }
 
 fn run(options: &Options) -> Result<()> {

@@ -59,7 +59,7 @@ pub(super) enum Told {
 
 /// Standard deviations of errors that last.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Lasting {
+pub struct Lasting {
     /// Of the orientation, rad.
     orientation: f64,
     /// Of the logarithm of north's gain over east's.
@@ -78,7 +78,7 @@ impl Lasting {
         Self { orientation: 0.0, gain: 0.0, depth_m: 0.0, north: 0.0, water_m: 0.0 };
 
     /// As told, of a station whose table is for `water_m` and whose north component points towards `north_deg`.
-    pub(super) fn new(doubts: Doubts, north_deg: f64, water_m: f64) -> Self {
+    pub fn new(doubts: Doubts, north_deg: f64, water_m: f64) -> Self {
         Self {
             orientation: f64::from(doubts.orientation_deg) * RAD_PER_DEG,
             gain: f64::from(doubts.gain_db) * LN_DB,
@@ -89,7 +89,7 @@ impl Lasting {
     }
 
     /// Variance of a direction, rad².
-    pub(super) fn of_direction(&self, azimuth: f64) -> f64 {
+    pub fn of_direction(&self, azimuth: f64) -> f64 {
         self.orientation * self.orientation + self.of_gain(azimuth)
     }
 
@@ -121,7 +121,7 @@ impl Lasting {
     }
 
     /// Variances of a range and of a radial speed there, m² and m²/s².
-    pub(super) fn of_range(&self, range_m: f64, speed_m_s: f64) -> (f64, f64) {
+    pub fn of_range(&self, range_m: f64, speed_m_s: f64) -> (f64, f64) {
         if self.depth_m <= 0.0 {
             return (0.0, 0.0);
         }

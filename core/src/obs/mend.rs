@@ -57,11 +57,11 @@ const MOST: f32 = 9.0;
 const STILL: f32 = 1.0;
 
 /// Samples of the used components at an instant.
-type Instant = [f32; USED_CHANNELS];
+pub type Instant = [f32; USED_CHANNELS];
 
 /// The instants about the one that is judged, and the levels.
 #[derive(Clone, Debug)]
-pub(super) struct Mender {
+pub struct Mender {
     ring: [Instant; PLACES],
     /// Place of the newest.
     newest_at: u8,
@@ -101,10 +101,10 @@ fn between(a: &Instant, b: &Instant, part: f32) -> Instant {
 
 impl Mender {
     /// Instants by which what leaves is behind what enters.
-    pub(super) const LAG: usize = WINDOW - 1 - BEFORE;
+    pub const LAG: usize = WINDOW - 1 - BEFORE;
 
     /// Nothing heard; all zeros.
-    pub(super) const fn new() -> Self {
+    pub const fn new() -> Self {
         Self {
             ring: [[0.0; USED_CHANNELS]; PLACES],
             newest_at: 0,
@@ -118,7 +118,7 @@ impl Mender {
     }
 
     /// A run begins: what was before is no neighbour; levels stay.
-    pub(super) fn restart(&mut self) {
+    pub fn restart(&mut self) {
         self.held = 0;
         self.mended = 0;
     }
@@ -130,7 +130,7 @@ impl Mender {
 
     /// Takes an instant; gives the one [`Self::LAG`] before, once there is one, and whether it was a spike.
     #[inline]
-    pub(super) fn push(&mut self, x: Instant) -> Option<(Instant, bool)> {
+    pub fn push(&mut self, x: Instant) -> Option<(Instant, bool)> {
         self.newest_at = (self.newest_at + 1) % PLACES as u8;
         self.ring[self.place(WINDOW - 1)] = x;
         self.held = (self.held + 1).min(WINDOW as u8);
@@ -210,10 +210,10 @@ impl Mender {
 }
 
 /// Times that the extreme code of a hop comes up in it where it is a rail.
-const RAIL_HITS: u16 = 5;
+pub const RAIL_HITS: u16 = 5;
 
 /// Least distance between a hop's extremes where one may be a rail, codes: between fewer, noise meets its own extreme again.
-const SPAN_CODES: i32 = 1024;
+pub const SPAN_CODES: i32 = 1024;
 
 /// One extreme of a component in a hop, and the rail it is known to have.
 #[derive(Clone, Copy, Debug)]

@@ -14,7 +14,7 @@ pub mod plan;
 mod travel;
 
 mod hops;
-mod mend;
+pub mod mend;
 mod moments;
 
 mod averages;
@@ -31,7 +31,7 @@ mod tonal;
 pub mod cepstrum;
 pub mod clutter;
 mod interference;
-mod lasting;
+pub mod lasting;
 mod leaning;
 mod pairs;
 mod paper;

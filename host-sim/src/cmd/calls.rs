@@ -1,7 +1,7 @@
 //! `seabearing calls`: directions, ranges and ways of whales that call, from an ocean-bottom station's recording.
 
 use crate::ocean_bottom::caller_ways::{CallerWay, ways};
-use crate::ocean_bottom::calls::{WhaleCall, calls};
+use crate::ocean_bottom::calls::{Heard, WhaleCall, calls};
 use crate::propagation::file;
 use crate::recording;
 use crate::station::Station;
@@ -39,10 +39,22 @@ pub fn run(args: Args) -> Result<()> {
     };
     let table = file::read(path)?;
     let mut source = recording::open(&args.input, &station, None)?;
-    let found = calls(source.as_mut(), &station.config, &table)?;
-    let ways = ways(&found);
-    let records: Vec<Value> = found.iter().map(call).chain(ways.iter().map(caller)).collect();
+    let heard = calls(source.as_mut(), &station.config, &table)?;
+    if let Some(said) = mended(&heard) {
+        log::warn!("{said}");
+    }
+    let ways = ways(&heard.calls);
+    let records: Vec<Value> = heard.calls.iter().map(call).chain(ways.iter().map(caller)).collect();
     super::print_records(&records, args.json)
+}
+
+/// What was put right and what could not be; `None` where all is well.
+fn mended(heard: &Heard) -> Option<String> {
+    let spikes = (heard.spikes > 0).then(|| format!("spikes put right at {} instants", heard.spikes));
+    let clipped = (heard.clipped > 0)
+        .then(|| format!("{} instants clipped: notes cut off tell no azimuth", heard.clipped));
+    let said: Vec<String> = spikes.into_iter().chain(clipped).collect();
+    (!said.is_empty()).then(|| said.join("; "))
 }
 
 fn call(c: &WhaleCall) -> Value {

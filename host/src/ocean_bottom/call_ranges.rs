@@ -8,13 +8,20 @@
 //! variance of X where nothing is; it counts for each independent sample of the band, and with a prior in proportion to area it becomes a
 //! posterior over range, as far as the table reaches.
 //!
+//! Where the station's file has a deviation of the table's depth, whales over floors of other depths are looked for as well, a depth counting
+//! as that deviation has it: a range then has what they differ by in its deviation, and none is told where another depth explains what is
+//! heard about as well at another place.
+//!
 //! The likeliest place need not be the whale's: it may be beyond the table's end, or the table another water's. So a range also has to explain
 //! what is heard: beyond the noise no more may be left than `UNLIKE` of what the note's own arrivals explain.
 
 use super::calls::BAND_HZ;
 use crate::propagation::{Complex, Propagation, RayArrival};
+use rayon::prelude::*;
 use seabearing_core::kit::quantile;
+use seabearing_core::obs::lasting::Lasting;
 use std::f64::consts::{LN_2, PI, TAU};
+use std::ops::Range;
 
 /// Nearest range told, m: nearer, delays hardly change with range, and the next cycle of 20 Hz fits nearly as well.
 pub const NEAREST_M: f64 = 2_700.0;
@@ -44,7 +51,7 @@ const TEMPER: f64 = 0.25;
 const WITHIN: f64 = 2.0;
 /// Share of an arrival's power below which it is none.
 const HARDLY: f64 = 0.01;
-/// What is one place: this share of its range.
+/// What is one place: this share of its range, and two deviations of what the table's depth makes of it.
 const ONE_PLACE: f64 = 0.1;
 /// Least and greatest share of the table's strengths at which echoes count as such.
 const STRENGTHS: (f64, f64) = (0.4, 1.3);
@@ -52,6 +59,15 @@ const STRENGTHS: (f64, f64) = (0.4, 1.3);
 /// come from where the table does not reach, or the table is not the sea's. Alone, whales at 0.6 to 45 km left 0.2 and less, two at once 0.3;
 /// whales beyond the table's end 0.4 and more.
 const UNLIKE: f64 = 0.3;
+/// Step of the floor's depth where that is not sure, m: half of it moves the third arrival against the first two, the range that keeps these
+/// given, by a tenth of a cycle of 20 Hz.
+const DEPTH_STEP_M: f64 = 8.0;
+/// Depths looked at on either side, standard deviations.
+const DEPTH_REACH: f64 = 2.5;
+/// Depths between those that count, for the range within its place.
+const DEPTHS_WITHIN: usize = 32;
+/// Standard deviation of the table's depth above which no range is told, m.
+const MOST_DEPTH_SD_M: f64 = 150.0;
 /// Most calls before, and as many after, whose arrivals are looked at.
 const NEIGHBOURS: usize = 3;
 /// Samples a second that hold the correlation, its carrier known: the band and its edges are 12 Hz wide.
@@ -64,6 +80,8 @@ pub struct CallRange {
     pub range_m: f64,
     /// Its standard deviation, m.
     pub sd_m: f64,
+    /// What of it the table's depth makes, m: calls from one place share it.
+    pub shared_m: f64,
     /// Log-likelihood ratio against noise.
     pub log_ratio: f64,
 }
@@ -72,6 +90,79 @@ pub struct CallRange {
 pub(super) struct Ranger<'t> {
     table: &'t Propagation,
     rate_hz: f64,
+    /// What is not known of the station itself.
+    lasting: Lasting,
+    depth_sd_m: f64,
+}
+
+/// Where a whale may be.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    range_m: f64,
+    /// By how much the floor is deeper than the table's, m.
+    deeper_m: f64,
+    /// Number of the path whose arrival was cut out.
+    cut: usize,
+}
+
+/// Log-likelihood ratios against range over a floor of one depth.
+struct Scan {
+    deeper_m: f64,
+    /// At every place, [`FINE`] a step.
+    fine: Vec<f64>,
+    /// The greatest at a step, the step's number, and the path that was cut out there.
+    top: (f64, usize, usize),
+}
+
+impl Scan {
+    /// Number of the likeliest place.
+    fn best(&self) -> Option<usize> {
+        (0..self.fine.len()).max_by(|a, b| self.fine[*a].total_cmp(&self.fine[*b]))
+    }
+
+    /// Log-likelihood ratio there.
+    fn greatest(&self) -> f64 {
+        self.fine.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+/// Range of place number `i`, m.
+fn place(i: usize) -> f64 {
+    STEP_M / FINE as f64 * i as f64
+}
+
+/// What one depth says of the range: its weight, and mean and mean square of what the range is beyond the likeliest, m and m².
+#[derive(Clone, Copy, Debug)]
+struct Moments {
+    weight: f64,
+    mean: f64,
+    square: f64,
+}
+
+impl Moments {
+    /// Of the places `near` the likeliest, at `middle_m`; a log-likelihood ratio counts by what it is above `top`, times `counts`.
+    fn of(s: &Scan, near: &[usize], middle_m: f64, counts: f64, top: f64, log_prior: f64) -> Self {
+        let (mut weight, mut mean, mut square) = (0.0, 0.0, 0.0);
+        for (i, l) in near.iter().filter_map(|i| Some((*i, s.fine.get(*i)?))) {
+            let p = place(i) * ((l - top) * counts + log_prior).exp();
+            let off = place(i) - middle_m;
+            (weight, mean, square) = (weight + p, mean + p * off, square + p * off * off);
+        }
+        if weight > 0.0 {
+            Self { weight, mean: mean / weight, square: square / weight }
+        } else {
+            Self { weight, mean, square }
+        }
+    }
+
+    /// Mean and variance over all depths, and what of the variance lies between them; `None` without any.
+    fn joined(each: &[Self]) -> Option<(f64, f64, f64)> {
+        let weight: f64 = each.iter().map(|m| m.weight).sum();
+        let over = |f: fn(&Self) -> f64| each.iter().map(|m| m.weight * f(m)).sum::<f64>() / weight;
+        let (mean, square) = (over(|m| m.mean), over(|m| m.square));
+        let between = (over(|m| m.mean * m.mean) - mean * mean).max(0.0);
+        (weight > 0.0).then(|| (mean, (square - mean * mean).max(0.0), between))
+    }
 }
 
 /// A correlation as models are fitted to it.
@@ -99,8 +190,9 @@ struct Fitted {
 }
 
 impl<'t> Ranger<'t> {
-    pub(super) fn new(table: &'t Propagation, rate_hz: f64) -> Self {
-        Self { table, rate_hz }
+    /// For a station of which so much is not known: the table's depth has a standard deviation, m.
+    pub(super) fn new(table: &'t Propagation, rate_hz: f64, lasting: Lasting, depth_sd_m: f64) -> Self {
+        Self { table, rate_hz, lasting, depth_sd_m }
     }
 
     /// Sum over notes of the correlation of a note's strongest arrival with what is about it.
@@ -160,58 +252,127 @@ impl<'t> Ranger<'t> {
         notes: &[usize],
         interval_s: Option<f64>,
     ) -> Option<CallRange> {
-        let c = self.prepared(pressure, notes)?;
-        // Samples of the band are not independent: so many are worth one.
-        let worth = (BAND_HZ.1 - BAND_HZ.0 + 1.0) / self.rate_hz * (self.rate_hz / HELD_HZ).floor().max(1.0);
-        let steps = (self.table.max_range_m().min(FARTHEST_M) / STEP_M) as usize + 1;
-        let mut log_ratio = vec![f64::NEG_INFINITY; steps];
-        let mut best_fit = (f64::NEG_INFINITY, 0, 0);
-        for (i, slot) in log_ratio.iter_mut().enumerate() {
-            // Which arrival was cut out is not known where several are about as strong.
-            for cut in 0..self.table.paths.len() {
-                let Some(fitted) = self.fit(&c, STEP_M * i as f64, cut, interval_s) else { continue };
-                let ratio = worth * fitted.gain / c.variance;
-                *slot = slot.max(ratio);
-                if ratio > best_fit.0 {
-                    best_fit = (ratio, i, cut);
-                }
-            }
+        if self.depth_sd_m > MOST_DEPTH_SD_M {
+            return None;
         }
-        let fitted = self.fit(&c, STEP_M * best_fit.1 as f64, best_fit.2, interval_s)?;
-        let left = unexplained(&c, &fitted.sum);
-        // A loud call tells its place to a metre: between steps the log-likelihood is read by the cubic, or the cycle of which a step comes
-        // nearest the peak would be taken for the likeliest.
-        let fine: Vec<f64> = (0..(steps - 1) * FINE + 1).map(|i| between(&log_ratio, i)).collect();
-        let place = |i: usize| STEP_M / FINE as f64 * i as f64;
-        let best = (0..fine.len()).max_by(|a, b| fine[*a].total_cmp(&fine[*b]))?;
-        let top = fine[best];
+        let c = self.prepared(pressure, notes)?;
+        let steps = (self.table.max_range_m().min(FARTHEST_M) / STEP_M) as usize + 1;
+        // Where the table's depth is not sure, whales over floors of other depths are looked for as well.
+        let scans: Vec<Scan> =
+            self.depths().par_iter().map(|d| self.scan(&c, *d, 0..steps, interval_s)).collect();
+        let prior = |s: &Scan| self.log_prior(s.deeper_m);
+        let first = scans.iter().max_by(|a, b| (a.top.0 + prior(a)).total_cmp(&(b.top.0 + prior(b))))?;
+        // Where the arrivals are not as the table has them, what differs counts as noise: it is alike at every range.
+        let left = unexplained(&c, &self.fitted(&c, first, interval_s)?.sum);
+        let temper = TEMPER.min(c.variance / left);
+        let weight = |s: &Scan| s.greatest() * temper + prior(s);
+        let likeliest = scans.iter().max_by(|a, b| weight(a).total_cmp(&weight(b)))?;
+        let best = likeliest.best()?;
+        let fitted = self.fitted(&c, likeliest, interval_s)?;
+        let (top, top_prior) = (likeliest.greatest(), prior(likeliest));
         if !(top > LEAST_LOG_RATIO) {
             return None;
         }
-        // Where the arrivals are not as the table has them, what differs counts as noise: it is alike at every range.
-        let temper = TEMPER.min(c.variance / left);
+        let by_depth_m = self.lasting.of_range(place(best), 0.0).0.sqrt();
+        let one_place = ONE_PLACE.hypot(2.0 * by_depth_m / place(best).max(STEP_M));
+        let at_place = |i: usize| (place(i) / place(best) - 1.0).abs() < one_place;
         let (mut all, mut share) = (0.0, 0.0);
-        let (mut inside, mut mean, mut square) = (0.0, 0.0, 0.0);
-        for (i, l) in fine.iter().enumerate() {
-            let p = place(i) * ((l - top) * temper).exp();
-            all += p;
-            if (place(i) / place(best) - 1.0).abs() < ONE_PLACE {
-                share += p;
-                let (p, off) = (place(i) * ((l - top) * WITHIN * temper).exp(), place(i) - place(best));
-                (inside, mean, square) = (inside + p, mean + p * off, square + p * off * off);
+        for s in &scans {
+            let differs = prior(s) - top_prior;
+            for (i, l) in s.fine.iter().enumerate() {
+                let p = place(i) * ((l - top) * temper + differs).exp();
+                all += p;
+                share += if at_place(i) { p } else { 0.0 };
             }
         }
-        let at_edge = best + 1 == fine.len();
+        let at_edge = best + 1 == likeliest.fine.len();
         let noise = c.variance * c.used.len() as f64;
         let like = c.power - fitted.gain - noise <= UNLIKE * fitted.own;
-        let heard = worth * fitted.own / c.variance > LEAST_LOG_RATIO;
+        let heard = self.worth() * fitted.own / c.variance > LEAST_LOG_RATIO;
         if share < SURE * all || place(best) < NEAREST_M || at_edge || !like || !heard {
             return None;
         }
-        let (mean, square) = (mean / inside, square / inside);
+        let near: Vec<usize> = (0..likeliest.fine.len()).filter(|i| at_place(*i)).collect();
+        let moments =
+            |s: &Scan| Moments::of(s, &near, place(best), WITHIN * temper, top, prior(s) - top_prior);
+        let mut each: Vec<Moments> = scans.iter().map(moments).collect();
+        if scans.len() > 1 {
+            // The coarse depths tell where to look; the range is that of depths nearer to each other.
+            let greatest = each.iter().map(|m| m.weight).fold(0.0, f64::max);
+            let counts = scans.iter().zip(&each).filter(|(_, m)| m.weight > HARDLY * greatest);
+            let reach = counts.map(|(s, _)| s.deeper_m);
+            let (from, to) = reach.fold((f64::MAX, f64::MIN), |(a, b), d| (a.min(d), b.max(d)));
+            let (from, to) = (from - DEPTH_STEP_M, to + DEPTH_STEP_M);
+            let rows = near.first()? / FINE..(near.last()? / FINE + 2).min(steps);
+            let depth = |k: usize| from + (to - from) * k as f64 / DEPTHS_WITHIN as f64;
+            each = (0..=DEPTHS_WITHIN)
+                .into_par_iter()
+                .map(|k| moments(&self.scan(&c, depth(k), rows.clone(), interval_s)))
+                .collect();
+        }
         let unsaid_m = UNSAID_M * fitted.gain / fitted.own;
-        let variance_m2 = (square - mean * mean).max(0.0) + unsaid_m * unsaid_m;
-        Some(CallRange { range_m: place(best) + mean, sd_m: variance_m2.sqrt(), log_ratio: top })
+        let (mean, variance, shared) = Moments::joined(&each)?;
+        Some(CallRange {
+            range_m: place(best) + mean,
+            sd_m: (variance + unsaid_m * unsaid_m).sqrt(),
+            shared_m: shared.sqrt(),
+            log_ratio: top,
+        })
+    }
+
+    /// How much each used sample is worth: samples of the band are not independent.
+    fn worth(&self) -> f64 {
+        (BAND_HZ.1 - BAND_HZ.0 + 1.0) / self.rate_hz * (self.rate_hz / HELD_HZ).floor().max(1.0)
+    }
+
+    /// By how much the floor may be deeper than the table's, m: all that is looked at.
+    fn depths(&self) -> Vec<f64> {
+        let reach = (DEPTH_REACH * self.depth_sd_m / DEPTH_STEP_M).ceil() as i32;
+        (-reach..=reach).map(|k| DEPTH_STEP_M * f64::from(k)).collect()
+    }
+
+    /// Logarithm of how likely the floor is so much deeper, but for a constant.
+    fn log_prior(&self, deeper_m: f64) -> f64 {
+        if self.depth_sd_m > 0.0 { -0.5 * (deeper_m / self.depth_sd_m).powi(2) } else { 0.0 }
+    }
+
+    /// Log-likelihood ratios over a floor so much deeper, of those steps of range.
+    fn scan(&self, c: &Correlation, deeper_m: f64, rows: Range<usize>, interval_s: Option<f64>) -> Scan {
+        let mut log_ratio = vec![f64::NEG_INFINITY; rows.end];
+        let mut top = (f64::NEG_INFINITY, 0, 0);
+        for (i, slot) in log_ratio.iter_mut().enumerate().skip(rows.start) {
+            // Which arrival was cut out is not known where several are about as strong.
+            for cut in 0..self.table.paths.len() {
+                let at = Place { range_m: STEP_M * i as f64, deeper_m, cut };
+                let Some(fitted) = self.fit(c, at, interval_s) else { continue };
+                let ratio = self.worth() * fitted.gain / c.variance;
+                *slot = slot.max(ratio);
+                if ratio > top.0 {
+                    top = (ratio, i, cut);
+                }
+            }
+        }
+        // A loud call tells its place to a metre: between steps the log-likelihood is read by the cubic, or the cycle of which a step comes
+        // nearest the peak would be taken for the likeliest.
+        let fine = 0..rows.end.saturating_sub(1) * FINE + 1;
+        let fine =
+            fine.map(|i| if i / FINE < rows.start { f64::NEG_INFINITY } else { between(&log_ratio, i) });
+        Scan { deeper_m, fine: fine.collect(), top }
+    }
+
+    /// The best of a scan again.
+    fn fitted(&self, c: &Correlation, scan: &Scan, interval_s: Option<f64>) -> Option<Fitted> {
+        let (_, i, cut) = scan.top;
+        self.fit(c, Place { range_m: STEP_M * i as f64, deeper_m: scan.deeper_m, cut }, interval_s)
+    }
+
+    /// Arrival of a path at a range over a floor so much deeper than the table's: with lengths `Rₙ² = r² + n² h²` a path that crosses the
+    /// water n times takes longer by `n² h T/Rₙ²` for each metre.
+    fn arrival(&self, path: usize, range_m: f64, deeper_m: f64) -> Option<RayArrival> {
+        let RayArrival { toa_s, amplitude } = self.table.arrival(path, range_m)?;
+        let (n, h) = (f64::from(self.table.paths.get(path)?.crossings), self.table.depth_m);
+        let longer_s = deeper_m * n * n * h * toa_s / (range_m * range_m + n * n * h * h);
+        Some(RayArrival { toa_s: toa_s + longer_s, amplitude })
     }
 
     /// Adds the note's own correlation about a lag, times a factor, at the used samples.
@@ -233,17 +394,17 @@ impl<'t> Ranger<'t> {
         }
     }
 
-    /// What the correlation is for a whale at a range whose arrival over path number `cut` was cut out, as near as its free factors bring it;
+    /// What the correlation is for a whale at a place, as near as its free factors bring it;
     /// `None` where that is not among the strongest.
     ///
     /// The share of the note's own arrivals is real: the table tells their phases. When the calls before and after come is known to some
     /// hundredths of a second, and not to a part of a cycle: their arrivals, each call's together, may be turned by anything, or a wrong
     /// interval would choose the cycle and so the range.
-    fn fit(&self, c: &Correlation, range_m: f64, cut: usize, interval_s: Option<f64>) -> Option<Fitted> {
-        let strongest = self.table.arrival(cut, range_m)?;
+    fn fit(&self, c: &Correlation, at: Place, interval_s: Option<f64>) -> Option<Fitted> {
+        let arrival = |path: usize| self.arrival(path, at.range_m, at.deeper_m);
+        let strongest = arrival(at.cut)?;
         let power = strongest.amplitude.norm_sqr();
-        let arrivals: Vec<RayArrival> =
-            (0..self.table.paths.len()).filter_map(|p| self.table.arrival(p, range_m)).collect();
+        let arrivals: Vec<RayArrival> = (0..self.table.paths.len()).filter_map(arrival).collect();
         let most = arrivals.iter().map(|a| a.amplitude.norm_sqr()).fold(0.0, f64::max);
         if arrivals.len() < 2 || power < ALIKE * most {
             return None;
