@@ -19,7 +19,7 @@ use std::sync::Arc;
 /// Half a window, s.
 const HALF_WINDOW_S: f64 = 90.0;
 /// Frequencies of lines, Hz: those of vessels' engines and propellers that a station at 50 Hz hears.
-const BAND_HZ: (f64, f64) = (5.0, 24.5);
+pub(crate) const BAND_HZ: (f64, f64) = (5.0, 24.5);
 /// Power of a line over the median about it, times: noise alone has a peak as high once in a window or two.
 const STANDS_OUT: f64 = 12.0;
 /// Width over which that median is taken, Hz.

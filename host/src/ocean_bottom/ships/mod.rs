@@ -9,7 +9,7 @@ pub mod told;
 mod tones;
 
 pub(crate) use course::Way;
-pub use tones::ShipTone;
+pub use tones::{Comb, ShipTone};
 
 use super::far::tones::Minute;
 use crate::plot::heard::{Belonging, Passage};
@@ -61,8 +61,8 @@ pub struct Ship {
     pub segments: Vec<u16>,
     /// Its tones, as they are radiated, the most steadily heard first.
     pub tones: Vec<ShipTone>,
-    /// The spacing that most of its tones, three at least, are neighbouring multiples of, Hz: a blade or shaft rate.
-    pub comb_hz: Option<f64>,
+    /// The comb that most of its tones, three at least, are neighbouring teeth of: a blade or shaft rate.
+    pub comb: Option<Comb>,
     /// What may be doubted.
     pub doubts: Vec<Doubt>,
 }
@@ -93,7 +93,7 @@ pub(crate) fn known(
             heard_share: (own_minutes[k] as f64 / (minutes.round() + 1.0)).min(1.0),
             ranges: detected(messages).filter(|r| belongs(r, &ways[k], passage, config.rate_hz)).count(),
             segments: segments.iter().filter(|s| shares(s, passage, config.rate_hz)).map(|s| s.id).collect(),
-            comb_hz: tones::comb(&tones),
+            comb: tones::comb(&tones),
             tones,
             doubts: doubts(&ways, k, messages, config.rate_hz),
         }

@@ -109,7 +109,7 @@ pub fn rows(ships: &[Ship], times: &Times) -> Vec<Vec<String>> {
             pm(n.heading_deg.0, n.heading_deg.1, "°"),
             pm(n.speed_m_s.0, n.speed_m_s.1, " m/s"),
             or_dash(tones.join(" ")),
-            ship.comb_hz.map_or("–".to_owned(), |hz| format!("{hz:.2}")),
+            ship.comb.map_or("–".to_owned(), |comb| format!("{:.2}", comb.hz)),
             doubts.join(", "),
         ]
     };
@@ -163,7 +163,7 @@ pub fn record(ship: &Ship, start: Option<OffsetDateTime>) -> Value {
         "side": if t.starboard { "starboard" } else { "port" },
         "tones_hz": ship.tones.iter().map(|tone| or_null(tone.hz)).collect::<Vec<_>>(),
         "tone_shares": ship.tones.iter().map(|tone| or_null(tone.share)).collect::<Vec<_>>(),
-        "comb_hz": ship.comb_hz.map(or_null),
+        "comb_hz": ship.comb.map(|comb| or_null(comb.hz)), "sd_comb_hz": ship.comb.map(|comb| or_null(comb.sd_hz)),
         "azimuths": ship.azimuths, "ranges": ship.ranges, "heard_share": or_null(ship.heard_share), "n": t.n,
         "segments": ship.segments,
         "doubts": ship.doubts.iter().map(|d| d.name()).collect::<Vec<_>>(),
@@ -178,7 +178,7 @@ pub fn record(ship: &Ship, start: Option<OffsetDateTime>) -> Value {
 }
 
 /// Columns of the CSV: keys of the record.
-const COLUMNS: [&str; 24] = [
+const COLUMNS: [&str; 25] = [
     "track",
     "final",
     "utc_from",
@@ -203,6 +203,7 @@ const COLUMNS: [&str; 24] = [
     "heard_share",
     "segments",
     "doubts",
+    "sd_comb_hz",
 ];
 
 /// All ships as CSV, a row each; lists have blanks between their members.
@@ -227,7 +228,7 @@ pub fn csv(ships: &[Ship], start: Option<OffsetDateTime>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::ShipTone;
+    use super::super::{Comb, ShipTone};
     use super::*;
     use crate::csv::CsvTable;
     use crate::plot::heard::tests::track;
@@ -243,7 +244,7 @@ mod tests {
             ranges: 70,
             segments: vec![2, 5],
             tones: vec![ShipTone { hz: 16.2, share: 0.8 }, ShipTone { hz: 10.8, share: 0.7 }],
-            comb_hz: Some(5.4),
+            comb: Some(Comb { hz: 5.4, sd_hz: 0.0012 }),
             doubts: vec![Doubt::Beside(4), Doubt::SetUp],
         }
     }
@@ -278,6 +279,7 @@ mod tests {
             (at(0, "utc_cpa"), at(0, "cpa_range_m"), at(1, "cpa_range_m")),
             ("2013-05-21T01:00:00Z", "12345.0", "")
         );
+        assert_eq!((at(0, "comb_hz"), at(0, "sd_comb_hz")), ("5.4", "0.0012"));
         assert_eq!(
             (at(0, "tones_hz"), at(0, "segments"), at(0, "doubts")),
             ("16.2 10.8", "2 5", "beside-4 set-up-in-doubt")

@@ -7,6 +7,7 @@
 use super::super::far::tones::Minute;
 use super::Way;
 use crate::angle::turn_deg;
+use std::collections::BTreeSet;
 
 /// A line is a track's if its direction is no farther off, degrees.
 const TOWARDS_DEG: f64 = 12.0;
@@ -25,8 +26,12 @@ const MOST: usize = 12;
 /// Teeth of a comb at least, and the highest tooth that a tone may be.
 const TEETH: usize = 3;
 const HIGHEST: u32 = 12;
-/// Share of the teeth between the lowest and the highest that are there at least: of a third or a half of the spacing fewer are.
-const THERE: f64 = 2.0 / 3.0;
+/// Share of the teeth up to the highest that are there at least, of those that can be heard: of a third or a half of the spacing fewer are.
+const THERE: f64 = 0.75;
+/// Where lines are looked for from, Hz.
+const BAND_FROM_HZ: f64 = super::super::far::tones::BAND_HZ.0;
+/// Standard deviation of a tone at least, Hz: its lines are 0.008 Hz wide.
+const TONE_SD_HZ: f64 = 0.002;
 /// How far a tooth may be off its place, Hz.
 const OFF_HZ: f64 = 0.02;
 /// Least spacing, Hz: below it everything is a multiple.
@@ -39,6 +44,15 @@ pub struct ShipTone {
     pub hz: f64,
     /// Share of the minutes in which it was heard, 0 to 1.
     pub share: f64,
+}
+
+/// A comb of tones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Comb {
+    /// Its spacing, Hz: a blade or shaft rate.
+    pub hz: f64,
+    /// Standard deviation of that, Hz.
+    pub sd_hz: f64,
 }
 
 /// The tones of one of the ways, the most steadily heard first.
@@ -94,8 +108,9 @@ fn fullest(heard: &[(f64, usize)]) -> Option<(f64, usize)> {
     (!own.is_empty()).then_some((at as f64 * STEP_HZ, own.len()))
 }
 
-/// The spacing of which most tones, at least three and more than chance gives, are multiples, Hz; of several the greatest.
-pub(super) fn comb(tones: &[ShipTone]) -> Option<f64> {
+/// The spacing of which most tones, at least three and more than chance gives, are neighbouring multiples; of several the greatest. `None`
+/// too where its teeth may as well be those of two combs that have the spacing in common.
+pub(super) fn comb(tones: &[ShipTone]) -> Option<Comb> {
     let spacings = tones.iter().flat_map(|t| (1..=HIGHEST).map(|n| t.hz / f64::from(n)));
     let fitting = spacings.filter(|s| *s >= LEAST_SPACING_HZ).filter_map(|spacing| {
         let tooth = |hz: f64| (hz / spacing).round().max(1.0);
@@ -106,17 +121,47 @@ pub(super) fn comb(tones: &[ShipTone]) -> Option<f64> {
             .collect();
         // Tones that are there by chance are this often near a multiple; one fits because the spacing was made of it.
         let chance = (2.0 * OFF_HZ / spacing).min(1.0) * tones.len() as f64;
-        let distinct: std::collections::BTreeSet<u64> = teeth.iter().map(|t| t.1 as u64).collect();
-        let span = distinct.last().zip(distinct.first()).map_or(0, |(b, a)| b - a + 1);
-        let whole = distinct.len() as f64 >= THERE * span as f64;
-        let enough = whole && distinct.len() >= TEETH && teeth.len() as f64 > 2.0 + 4.0 * chance;
-        // The spacing that all of them together say.
-        let (up, down) = teeth.iter().fold((0.0, 0.0), |(u, d), (hz, n)| (u + n * hz, d + n * n));
-        enough.then_some((teeth.len(), up / down))
+        let distinct: BTreeSet<u32> = teeth.iter().map(|t| t.1 as u32).collect();
+        let enough = distinct.len() >= TEETH && teeth.len() as f64 > 2.0 + 4.0 * chance;
+        (enough && is_whole(&distinct, spacing) && !is_of_two(&distinct))
+            .then(|| (teeth.len(), Comb::through(&teeth)))
     });
-    let all: Vec<(usize, f64)> = fitting.collect();
+    let all: Vec<(usize, Comb)> = fitting.collect();
     let most = all.iter().map(|a| a.0).max()?;
-    all.into_iter().filter(|a| a.0 == most).map(|a| a.1).max_by(f64::total_cmp)
+    all.into_iter().filter(|a| a.0 == most).map(|a| a.1).max_by(|a, b| a.hz.total_cmp(&b.hz))
+}
+
+/// Whether enough of the teeth that can be heard, up to the highest that is there, are.
+fn is_whole(teeth: &BTreeSet<u32>, spacing: f64) -> bool {
+    let first = (BAND_FROM_HZ / spacing).ceil().max(1.0) as u32;
+    let Some(last) = teeth.last() else { return false };
+    let heard = teeth.range(first..).count() as f64;
+    heard >= THERE * f64::from((last + 1).saturating_sub(first))
+}
+
+/// Whether every tooth is one of two combs whose spacings are multiples of this one, so that none speaks for it alone: 2, 3, 4, 6.
+fn is_of_two(teeth: &BTreeSet<u32>) -> bool {
+    let wider =
+        |of: &[u32]| -> Vec<u32> { (2..=HIGHEST).filter(|d| of.iter().all(|n| n % d == 0)).collect() };
+    let all: Vec<u32> = teeth.iter().copied().collect();
+    !wider(&all).is_empty()
+        || (2..=HIGHEST).any(|d| {
+            let rest: Vec<u32> = all.iter().copied().filter(|n| n % d != 0).collect();
+            rest.len() < all.len() && !wider(&rest).is_empty()
+        })
+}
+
+impl Comb {
+    /// The spacing that teeth of these frequencies and numbers together say.
+    fn through(teeth: &[(f64, f64)]) -> Self {
+        let (up, down) = teeth.iter().fold((0.0, 0.0), |(u, d), (hz, n)| (u + n * hz, d + n * n));
+        let hz = up / down;
+        let square: f64 = teeth.iter().map(|(f, n)| (f - n * hz).powi(2)).sum();
+        let free = (teeth.len() as f64 - 1.0).max(1.0);
+        // Of few teeth their scatter is not well known either (Student's law).
+        let scatter = (square / free).sqrt() * (1.0 + 1.25 / free);
+        Self { hz, sd_hz: scatter.max(TONE_SD_HZ) / down.sqrt() }
+    }
 }
 
 #[cfg(test)]
@@ -167,12 +212,39 @@ mod tests {
 
     #[test]
     fn a_comb_is_its_greatest_spacing_and_tones_of_no_comb_have_none() {
-        let spacing = comb(&tones(&[5.4, 10.805, 16.2, 12.6, 17.9])).unwrap();
-        assert!((spacing - 5.4).abs() < 5e-3, "{spacing}");
-        // Without the first tooth; every other is one as well.
-        assert!((comb(&tones(&[10.8, 16.2, 21.6])).unwrap() - 5.4).abs() < 5e-3);
+        let near = |hz: &[f64], spacing: f64| {
+            let found = comb(&tones(hz)).unwrap();
+            assert!(
+                (found.hz - spacing).abs() < 4.0 * found.sd_hz && found.sd_hz < 2e-3,
+                "{hz:?}: {found:?}"
+            );
+        };
+        near(&[5.4, 10.805, 16.2, 12.6, 17.9], 5.4);
+        // Teeth below the band are not missed, and one in four may be.
+        near(&[6.0, 8.0, 10.0, 12.0, 16.0], 2.0);
+        near(&[5.1, 6.8, 8.5, 10.2, 11.9, 13.6, 15.3, 17.0, 18.7, 20.4, 22.1, 23.8], 1.7);
+        // Without the first tooth they may as well be a comb of 10.8 and a tone.
+        assert_eq!(comb(&tones(&[10.8, 16.2, 21.6])), None);
         assert_eq!(comb(&tones(&[12.1, 14.3, 16.9, 18.2, 20.6, 22.7])), None);
         assert_eq!(comb(&tones(&[12.0, 24.0])), None);
         assert_eq!(comb(&[]), None);
+    }
+
+    #[test]
+    fn what_two_combs_have_in_common_is_no_comb() {
+        for (blade, engine) in
+            [(6.8, 11.9), (7.2, 9.0), (5.0, 8.75), (8.0, 14.0), (6.0, 9.0), (7.5, 11.25), (8.0, 12.0)]
+        {
+            let mut hz: Vec<f64> = [blade, engine]
+                .iter()
+                .flat_map(|hz| (1..).map(move |n| hz * f64::from(n)).take_while(|hz| *hz < 24.5))
+                .collect();
+            hz.sort_by(f64::total_cmp);
+            hz.dedup();
+            let found = comb(&tones(&hz)).unwrap();
+            assert!((found.hz - blade).abs() < 1e-3, "{blade} {engine}: {found:?}");
+        }
+        // Of neither are enough teeth there.
+        assert_eq!(comb(&tones(&[7.5, 11.25, 15.0])), None);
     }
 }
