@@ -58,6 +58,7 @@ mod obs_one_ship;
 mod obs_orient;
 mod obs_pictures;
 mod obs_pulse;
+mod obs_speeds;
 mod obs_table1;
 mod obs_two_ships;
 mod obs_week;
@@ -186,6 +187,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_far::FAR,
     obs_bad_samples::BAD_SAMPLES,
     obs_loud::LOUD,
+    obs_speeds::SPEEDS,
     obs_pulse::PULSE,
     obs_whales::WHALES,
     obs_network::NETWORK,

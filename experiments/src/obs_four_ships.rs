@@ -59,7 +59,8 @@ fn run(options: &Options) -> Result<()> {
     let mut csv = CsvText::new(
         "seed,ship,azimuth_n,range_n,wrong_branch,tracked,cpa_time_s,cpa_range_error_m,heading_deg,speed_m_s",
     );
-    let (mut ships, mut tracked, mut finals, mut owned) = (0usize, 0usize, 0usize, 0usize);
+    let (mut ships, mut tracked, mut finals, mut owned, mut faults) =
+        (0usize, 0usize, 0usize, 0usize, 0usize);
     let (mut ranges, mut wrong, mut bytes_a_minute) = (0usize, 0usize, 0.0_f64);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: four(seed), ..quiet(seed, DURATION_S) };
@@ -67,6 +68,7 @@ fn run(options: &Options) -> Result<()> {
         bytes_a_minute = bytes_a_minute.max(case.bytes_a_minute(DURATION_S));
         let stage = |m: &&Message| matches!(m, Message::Track(t) if t.stage == Track::FINAL);
         finals += case.messages.iter().filter(stage).count();
+        faults += case.set_up_faults().len();
         for (i, d) in case.detections().iter().enumerate() {
             let e = case.final_track(i);
             let cells = e.map_or([f64::NAN; 4], |e| cells(&e));
@@ -94,6 +96,7 @@ fn run(options: &Options) -> Result<()> {
     let figures = &options.figures;
     figures.at_most("vessels not tracked (10 s, 150 m, 0.05 m/s)", (ships - tracked) as f64, 0.0);
     figures.at_most("final tracks beyond one a vessel", finals.saturating_sub(owned) as f64, 0.0);
+    figures.at_most("faults named of a set-up that is as told", faults as f64, 0.0);
     figures.at_most("wrong ranges, %", 100.0 * wrong as f64 / ranges.max(1) as f64, 4.0);
     figures.at_most("telemetry, bytes a minute, the most of a scene", bytes_a_minute, 200.0);
     Ok(())

@@ -63,10 +63,11 @@ fn run(options: &Options) -> Result<()> {
         "seed,ship,cpa_range_m,azimuth_n,azimuth_smad_deg,range_n,wrong_branch,tracked,cpa_time_s,cpa_range_error_m,\
          heading_deg,speed_m_s",
     );
-    let (mut ships, mut tracked, mut straight) = (0, 0, 0);
+    let (mut ships, mut tracked, mut straight, mut faults) = (0, 0, 0, 0);
     for seed in (0..options.runs.unwrap_or(RUNS) as u64).map(|i| options.seed + i) {
         let scenario = ObsScenario { vessels: pair(seed).to_vec(), ..quiet(seed, 21_600.0) };
         let case = Case::run(scenario, &table, Vec::new(), false)?;
+        faults += case.set_up_faults().len();
         for (i, d) in case.detections().iter().enumerate() {
             let e = case.final_track(i);
             let cells = e.map_or([f64::NAN; 4], |e| cells(&e));
@@ -94,6 +95,7 @@ fn run(options: &Options) -> Result<()> {
     print(options, "obs-two-ships", csv)?;
     let figures = &options.figures;
     figures.at_most("vessels not tracked (10 s, 150 m, 0.05 m/s)", (ships - tracked) as f64, 0.0);
+    figures.at_most("faults named of a set-up that is as told", faults as f64, 0.0);
     figures.at_most("vessels whose heading is not within 0.5°", (ships - straight) as f64, 0.0);
     Ok(())
 }

@@ -230,3 +230,27 @@ fn told(
     bearing(context, found, work, Doubt::NONE, 0.0, band, others)
         .filter(|b| b.quality >= SECOND_LEAST_QUALITY)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_sea::{hear, noisy, plan, source};
+
+    #[test]
+    fn a_source_below_the_horizon_is_told_neither_beside_a_vessel_nor_instead_of_it() {
+        let plan = plan(16_000.0);
+        // A second source as loud as the vessel, and for two seconds a louder one, from below and from above.
+        for (elevation, heard) in [(-0.5, false), (0.5, true)] {
+            let mut sea = noisy(source(&plan, (2.1, 0.3), 3.0, None, 20, 3), 4);
+            for (seconds, from_s, rms, azimuth, seed) in [(20, 0, 2.0, -1.0, 5), (2, 16, 9.0, 0.4, 6)] {
+                let other = source(&plan, (azimuth, elevation), rms, None, seconds, seed);
+                for (sum, x) in sea.iter_mut().skip(from_s * 16_000).zip(other) {
+                    sum.iter_mut().zip(x).for_each(|(sum, x)| *sum += x);
+                }
+            }
+            let away = |b: &&crate::wire::Bearing| (b.azimuth - 2.1).abs() > 0.5;
+            let heard_away = hear(&plan, &sea).bearings.iter().filter(away).count();
+            assert_eq!(heard_away > 2, heard, "{elevation}: {heard_away}");
+            assert!(heard || heard_away == 0, "{heard_away} from below");
+        }
+    }
+}

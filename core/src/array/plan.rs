@@ -394,3 +394,18 @@ fn shared() -> [f32; SHARES] {
     }
     shared
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_sea::planned;
+
+    #[test]
+    fn the_band_ends_where_converters_let_sound_fade() {
+        for (rate_hz, ends_hz) in [(16_000.0, 7_000.0), (32_000.0, 14_000.0), (64_000.0, 25_000.0)] {
+            let plan = planned(rate_hz, |array| array.band_hz.1 = (rate_hz / 2.0).min(25_000.0));
+            let bin_hz = rate_hz as f32 / super::FRAME as f32;
+            let high_hz = plan.band_hz().1;
+            assert!((high_hz - ends_hz).abs() <= bin_hz, "{rate_hz}: {high_hz}");
+        }
+    }
+}

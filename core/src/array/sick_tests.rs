@@ -254,3 +254,23 @@ fn of_the_two_directions_that_three_hydrophones_give_the_one_heard_before_is_tol
         assert!(across.abs() < 0.01 && up.abs() < 0.01 && b.flags & 8 == 8, "{across} {up}");
     }
 }
+
+#[test]
+fn a_leak_is_suspected_until_it_is_denied() {
+    use super::{LEAKING, SUSPECTED, Sick, Sign};
+    let plan = plan(RATE);
+    let mut sick = Sick::new();
+    let take = |sick: &mut Sick, sign| sick.take(&plan, sign, None, 0, &mut |_| {});
+    for n in 1..=SUSPECTED {
+        assert_eq!(sick.suspected(), 0);
+        take(&mut sick, Sign::Sick(LEAKING, 2));
+        assert_eq!(sick.suspected() == 1 << 2, n == SUSPECTED);
+    }
+    // What hides it denies nothing.
+    for _ in 0..20 {
+        take(&mut sick, Sign::Well);
+    }
+    assert_eq!(sick.suspected(), 1 << 2);
+    sick.deny();
+    assert_eq!(sick.suspected(), 0);
+}

@@ -1,6 +1,6 @@
 //! Samples that no sound makes: spikes, which are put right, and a converter's rail below its full scale, which is told.
 //!
-//! A spike is one to [`LONGEST`] samples, each far off the line between those on either side, which are themselves where their neighbours
+//! A spike is one to `LONGEST` samples, each far off the line between those on either side, which are themselves where their neighbours
 //! expect them once it is gone; sound that fills the band bends its neighbours too. The distances of the three used components are judged
 //! together, each against its own running mean square, so that a spike common to all is found where it is weak in each.
 //! The samples are replaced by that line. Enters: one instant after another of a run; leaves: the instant [`Mender::LAG`] before.

@@ -3,7 +3,7 @@
 //! A note reaches the floor once for each path, and the delays between its arrivals are those of the propagation table, as for a vessel's
 //! interference [O 16]. Each minute's three-minute window of pressure and horizontal velocities is cut to [`BAND_HZ`] and made analytic.
 //!
-//! Spikes are put right as the recorder puts them right ([`super::mended`]).
+//! Spikes are put right as the recorder puts them right (`mended.rs`).
 //!
 //! - *Notes* are peaks of the smoothed power 6 dB above its median, the greatest first, none within [`APART_S`] of another.
 //! - *Azimuth*: the active intensity about each note's peak; the mean of their directions, and its deviation from their scatter. Notes of

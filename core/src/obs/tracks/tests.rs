@@ -247,11 +247,39 @@ fn a_vessel_that_may_be_half_or_twice_as_far_says_so() {
         };
         live.told(&plan, &seen, Track::FINAL).unwrap().sd_cpa_range_m
     };
-    // 20 km away at 14 m/s, seen from 20 to 22 km or from 20 to 45 km; and 30 km away at 4 and 9 m/s.
-    let (near, far) = ([0.0, 20_000.0, 14.0, 0.0], [0.0, 30_000.0, 4.0, 0.0]);
+    // 20 km away at 12 m/s, seen from 20 to 22 km or from 20 to 45 km; and 30 km away at 4 and 9 m/s.
+    let (near, far) = ([0.0, 20_000.0, 12.0, 0.0], [0.0, 30_000.0, 4.0, 0.0]);
     assert!(sd_m(near, (20_000.0, 22_000.0)) > 9_000.0 && sd_m(near, (20_000.0, 45_000.0)) < 1_000.0);
     assert!(sd_m(far, (30_000.0, 45_000.0)) > 14_000.0);
     assert!(sd_m([0.0, 30_000.0, 9.0, 0.0], (30_000.0, 45_000.0)) < 1_000.0);
+}
+
+/// A vessel that hardly moves: for the first 50 minutes its echoes are read at twice the range and speed alone, then mostly as they are.
+fn hardly_moving(n: u32) -> Minute {
+    const SLOW: [f64; 4] = [-8_000.0, 6_000.0, 1.5, 0.0];
+    let s = Course { t0_s: 0.0, p: SLOW }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n));
+    let mut modes = [None; 4];
+    let own = if n <= 50 || n.is_multiple_of(5) { 2.0 } else { 1.0 };
+    modes[0] = mode(own * s.range_m, own * s.speed_m_s);
+    Minute::new(n, &directions([&s, &s]), &RangePresence { modes, ..NO_RANGES })
+}
+
+#[test]
+fn a_vessel_that_hardly_moves_is_not_left_at_another_pair_of_paths() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+    let mut stages = Vec::new();
+    let mut sink = |m: Message| {
+        if let Message::Track(t) = m {
+            stages.push(t.stage);
+        }
+    };
+    for n in 1..=180 {
+        evidence.push(hardly_moving(n));
+        tracker.minute(&plan, &mut evidence, n, &mut sink);
+    }
+    tracker.finish(&plan, &evidence, 180, &mut sink);
+    assert!(stages.contains(&Track::RUNNING) && stages.last() == Some(&Track::WITHDRAWN), "{stages:?}");
 }
 
 #[test]
