@@ -58,6 +58,7 @@ mod obs_one_ship;
 mod obs_orient;
 mod obs_pictures;
 mod obs_pulse;
+mod obs_real;
 mod obs_speeds;
 mod obs_table1;
 mod obs_two_ships;
@@ -188,6 +189,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     obs_bad_samples::BAD_SAMPLES,
     obs_loud::LOUD,
     obs_speeds::SPEEDS,
+    obs_real::REAL,
     obs_pulse::PULSE,
     obs_whales::WHALES,
     obs_network::NETWORK,

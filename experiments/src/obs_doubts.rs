@@ -164,6 +164,11 @@ fn run(options: &Options) -> Result<()> {
                 92.0,
             );
         }
+        if off.name == OFF[0].name {
+            let (azimuth, range) = (azimuth.percent(azimuth.wrong), range.percent(range.wrong));
+            figures.at_most("none: azimuths more than 10° off, %", azimuth, 1.0);
+            figures.at_most("none: ranges more than 1500 m off, %", range, 4.0);
+        }
         figures.at_most(
             format!("{}: final tracks of no vessel within what they state", off.name),
             untrue as f64,

@@ -29,6 +29,7 @@ mod memory;
 mod mseed;
 pub(crate) mod mseed_record;
 mod mseed_scan;
+mod mseed_strays;
 mod pick;
 mod placing;
 mod raw;

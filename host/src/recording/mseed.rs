@@ -9,7 +9,8 @@
 //! named once on stderr.
 
 use super::mseed_record::{self, code_of};
-use super::mseed_scan::{Channel, Form, Piece, scan, scan_sac};
+use super::mseed_scan::{Form, Found, Piece, Stretch, scan, scan_sac};
+use super::mseed_strays::without_strays;
 use super::{BlockSource, Container, Span, complain, invalid, sac};
 use crate::station::Station;
 use anyhow::{Context, Result, anyhow, bail};
@@ -49,6 +50,30 @@ struct Reader {
     invalid_in: usize,
 }
 
+/// What the files hold of a channel.
+#[derive(Clone, Default)]
+struct Channel {
+    pieces: Vec<Piece>,
+    rates_hz: Vec<f64>,
+    stations: Vec<String>,
+}
+
+impl Channel {
+    fn of(stretches: Vec<Stretch>) -> Self {
+        let mut channel = Self::default();
+        for stretch in stretches.into_iter().filter(|s| !s.pieces.is_empty()) {
+            if !channel.stations.contains(&stretch.source) {
+                channel.stations.push(stretch.source);
+            }
+            if !channel.rates_hz.contains(&stretch.rate_hz) {
+                channel.rates_hz.push(stretch.rate_hz);
+            }
+            channel.pieces.extend(stretch.pieces);
+        }
+        channel
+    }
+}
+
 /// The components of a station in miniSEED and SAC files, looked at and not yet read.
 #[derive(Clone)]
 pub(super) struct Components {
@@ -78,10 +103,8 @@ impl Components {
     /// # Errors
     /// No pressure component, components of unlike rate or of one the recorder cannot be given, several stations.
     pub(super) fn find(files: Vec<(PathBuf, Container)>, station: &Station) -> Result<Self> {
-        let mut channels: BTreeMap<String, Channel> = BTreeMap::new();
-        let mut passed: BTreeSet<String> = BTreeSet::new();
+        let mut found = Found::new();
         for (number, (path, container)) in files.iter().enumerate() {
-            let mut found = BTreeMap::new();
             let scanned = match container {
                 Container::Sac => scan_sac(path, number, &mut found),
                 _ => scan(path, number, &mut found),
@@ -89,17 +112,17 @@ impl Components {
             if let Err(e) = scanned {
                 complain(&format!("left out {e:#}"));
             }
-            for ((id, code), found) in found {
-                if !station.seed_id.as_deref().is_none_or(|wanted| is_of(&id, wanted)) {
-                    passed.insert(id);
-                    continue;
-                }
-                let channel = channels.entry(code).or_default();
-                channel.pieces.extend(found.pieces);
-                let new = |id: &String| !channel.stations.contains(id);
-                channel.stations.extend(found.stations.into_iter().filter(new).collect::<Vec<_>>());
-                let new = |rate: &f64| !channel.rates_hz.contains(rate);
-                channel.rates_hz.extend(found.rates_hz.into_iter().filter(new).collect::<Vec<_>>());
+        }
+        let mut channels: BTreeMap<String, Channel> = BTreeMap::new();
+        let mut passed: BTreeSet<String> = BTreeSet::new();
+        for (code, stretches) in found {
+            let is_wanted =
+                |s: &Stretch| station.seed_id.as_deref().is_none_or(|wanted| is_of(&s.source, wanted));
+            let (wanted, others): (Vec<_>, Vec<_>) = stretches.into_iter().partition(is_wanted);
+            passed.extend(others.into_iter().map(|s| s.source));
+            if !wanted.is_empty() {
+                let kept = without_strays(&code, wanted);
+                channels.insert(code, Channel::of(kept));
             }
         }
         if let (Some(wanted), true) = (&station.seed_id, channels.is_empty()) {

@@ -1,6 +1,6 @@
 //! Where the samples of miniSEED and SAC files are, from their headers alone.
 
-use super::mseed::BLOCK;
+use super::mseed::{BLOCK, WORST_CLOCK};
 use super::mseed_record::{self, Header, LONGEST};
 use super::{complain, sac};
 use anyhow::{Context, Result, bail};
@@ -34,25 +34,39 @@ pub(super) struct Piece {
     pub(super) samples: usize,
 }
 
-/// What the files hold of a channel.
-#[derive(Clone, Default)]
-pub(super) struct Channel {
+/// What the files hold of a channel, from one source (`NET.STA.LOC`) at one rate.
+#[derive(Clone)]
+pub(super) struct Stretch {
+    pub(super) source: String,
+    pub(super) rate_hz: f64,
     pub(super) pieces: Vec<Piece>,
-    pub(super) rates_hz: Vec<f64>,
-    pub(super) stations: Vec<String>,
 }
 
-/// Channels by source (`NET.STA.LOC`) and code.
-pub(super) type Found = BTreeMap<(String, String), Channel>;
+/// Stretches by the channel's code.
+pub(super) type Found = BTreeMap<String, Vec<Stretch>>;
+
+/// Whether two rates are one, by two clocks or by one that drifts.
+pub(super) fn same_clock(a: f64, b: f64) -> bool {
+    (a / b - 1.0).abs() <= WORST_CLOCK
+}
+
+/// The pieces of a source at a rate.
+fn pieces_of<'a>(channels: &'a mut Found, code: String, source: &str, rate_hz: f64) -> &'a mut Vec<Piece> {
+    let stretches = channels.entry(code).or_default();
+    let same = |s: &Stretch| s.source == source && same_clock(s.rate_hz, rate_hz);
+    let at = stretches.iter().rposition(same).unwrap_or_else(|| {
+        stretches.push(Stretch { source: source.to_owned(), rate_hz, pieces: Vec::new() });
+        stretches.len() - 1
+    });
+    &mut stretches[at].pieces
+}
 
 /// Finds a SAC file's samples, in pieces that can be read one at a time.
 pub(super) fn scan_sac(path: &Path, number: usize, channels: &mut Found) -> Result<()> {
     let about = sac::header(path)?;
-    let c = channels.entry((about.station.clone(), about.channel)).or_default();
-    c.stations.push(about.station);
-    c.rates_hz.push(about.rate_hz);
+    let pieces = pieces_of(channels, about.channel, &about.station, about.rate_hz);
     for first in (0..about.count).step_by(BLOCK) {
-        c.pieces.push(Piece {
+        pieces.push(Piece {
             file: number,
             form: Form::Sac(about.order),
             offset: sac::HEADER + 4 * first as u64,
@@ -88,15 +102,9 @@ pub(super) fn scan(path: &Path, number: usize, channels: &mut Found) -> Result<(
             Ok(h) => {
                 found += 1;
                 let Header { channel, station, rate_hz, start_ns, count, bytes } = h;
-                let c = channels.entry((station.clone(), channel)).or_default();
+                let pieces = pieces_of(channels, channel, &station, rate_hz);
                 if count > 0 {
-                    if !c.stations.contains(&station) {
-                        c.stations.push(station);
-                    }
-                    if !c.rates_hz.contains(&rate_hz) {
-                        c.rates_hz.push(rate_hz);
-                    }
-                    c.pieces.push(Piece {
+                    pieces.push(Piece {
                         file: number,
                         form: Form::MiniSeed,
                         offset: begins + at as u64,
