@@ -9,7 +9,7 @@
 //!   said of directions then; where it lasts, not until [`AGREEING`] segments have agreed.
 //! * Strained: four arrival times have one degree of freedom beyond level and direction (how fast the sound crosses the array).
 //!   What is left in it is noise and multipath, which change from segment to segment, or an error that stays: the mean over
-//!   [`AVERAGED`] segments is most of their mean square, and more than what was told uncertain explains. An error that shows so
+//!   [`EARLY`] segments, and for the fault over [`AVERAGED`], is most of their mean square, and more than what was told uncertain explains. An error that shows so
 //!   much in this one direction has as much in the two that turn the bearing, and nothing says how much: the bearing is
 //!   stated with [`UNSEEN`] times it. A late channel that the direction hides is not seen until the vessel has moved.
 //!
