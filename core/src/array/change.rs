@@ -408,7 +408,7 @@ impl Change {
 }
 
 /// Standard deviation of what pairs move the direction up or down by as they go from a vessel to its image and back, radians: where the two are
-/// nearer to each other than the array resolves, they join.
+/// nearer to each other than the array resolves, they join (a power that fits passes 200 m to 1 km away, with depths known and not).
 #[inline(never)]
 fn hop(context: &Context<'_>, from: &Direction) -> f32 {
     let plan = context.plan;
@@ -418,7 +418,9 @@ fn hop(context: &Context<'_>, from: &Direction) -> f32 {
         most * ((depth_m + 2.0 * sd_m) / deepest.max(f32::MIN_POSITIVE)).min(1.0)
     });
     let resolved = half / plan.whole.resolution;
-    HOP * half * (resolved * resolved).min(1.0)
+    let square = resolved * resolved;
+    let fourth = square * square;
+    HOP * half * (fourth * fourth).min(1.0)
 }
 
 #[inline(never)]

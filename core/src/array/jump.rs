@@ -11,9 +11,9 @@ use crate::math::f32 as m;
 
 /// Least and most of the squared deviations, of three dimensions, beyond which the vector has jumped: between the two, what so large a part of a
 /// sample is in units of the least a delay errs by, so that one late at the highest rates is seen from most sides. The most also where other
-/// sources are heard, which come and go and pull each pair by itself. Passes of one vessel have up to 8.
-pub(super) const JUMPED: (f32, f32) = (14.0, 36.0);
-pub(super) const JUMPED_SAMPLES: f32 = 0.45;
+/// sources are heard, which come and go and pull each pair by itself. Passes of one vessel have up to 10.
+pub(super) const JUMPED: (f32, f32) = (11.0, 36.0);
+pub(super) const JUMPED_SAMPLES: f32 = 0.41;
 /// Within which it is back, and within which it is where a change puts it.
 const BACK: f32 = 12.0;
 const THERE: f32 = 14.0;
