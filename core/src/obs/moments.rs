@@ -85,27 +85,22 @@ impl Filtered {
         }
     }
 
-    /// Takes instants, memory and sums in registers meanwhile.
-    #[inline]
-    pub(super) fn push(&mut self, filter: &BandPass, frames: &[Frame]) {
-        let (mut memory, mut sums) = (self.memory, self.sums);
-        for frame in frames {
-            let mut y = [0f32; CHANNELS];
-            for ((y, [s1, s2]), code) in y.iter_mut().zip(&mut memory).zip(frame) {
-                let x = filter.b * *code as f32;
-                *y = x + *s1;
-                *s1 = *s2 - filter.a1 * *y;
-                *s2 = -x - filter.a2 * *y;
-            }
-            let [pressure, north, east, _] = y;
-            for ((power, product), y) in sums.power.iter_mut().zip(&mut sums.with_pressure).zip(y) {
-                *power += y * y;
-                *product += y * pressure;
-            }
-            sums.north_east += north * east;
+    /// Takes an instant, which the caller counts.
+    #[inline(always)]
+    pub(super) fn push(&mut self, filter: &BandPass, frame: &Frame) {
+        let mut y = [0f32; CHANNELS];
+        for ((y, [s1, s2]), code) in y.iter_mut().zip(&mut self.memory).zip(frame) {
+            let x = filter.b * *code as f32;
+            *y = x + *s1;
+            *s1 = *s2 - filter.a1 * *y;
+            *s2 = -x - filter.a2 * *y;
         }
-        sums.instants += frames.len() as u32;
-        (self.memory, self.sums) = (memory, sums);
+        let [pressure, north, east, _] = y;
+        for ((power, product), y) in self.sums.power.iter_mut().zip(&mut self.sums.with_pressure).zip(y) {
+            *power += y * y;
+            *product += y * pressure;
+        }
+        self.sums.north_east += north * east;
     }
 }
 
@@ -121,7 +116,7 @@ mod tests {
         for k in 0..(10.0 * rate_hz) as u32 {
             let x = math::f64::sin(math::f64::TAU * f64::from(k) * f64::from(hz / rate_hz));
             let x = (1000.0 * x) as i32;
-            filtered.push(&filter, &[[5_000_000 + x, x, -300, -x]]);
+            filtered.push(&filter, &[5_000_000 + x, x, -300, -x]);
         }
         filtered.sums
     }

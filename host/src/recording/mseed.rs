@@ -17,13 +17,16 @@ use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::block::{Block, CHANNELS, Frame, MISSING};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{BufReader, Read};
 use std::path::PathBuf;
 use std::sync::Arc;
 use time::OffsetDateTime;
 
 /// Frames of one block.
 pub(super) const BLOCK: usize = 4096;
+
+/// Bytes of a file read at once.
+const AT_ONCE: usize = 1 << 14;
 
 /// Worst clock that is one: share by which a stated rate may differ from the station's. (Rates of version 2 are also
 /// rounded to ratios of 16-bit numbers.)
@@ -41,7 +44,7 @@ struct Reader {
     /// Index of the first not used.
     first: i64,
     /// The file last read, by its number, and how far.
-    file: Option<(usize, File, u64)>,
+    file: Option<(usize, BufReader<File>, u64)>,
     /// The bytes of the record last read.
     raw: Vec<u8>,
     /// Samples read, those that were no numbers, and the file of the first of these.
@@ -363,11 +366,11 @@ impl Reader {
     fn load(&mut self, files: &[PathBuf], p: &Piece) -> Result<Vec<i32>> {
         let (mut file, at) = match self.file.take() {
             Some((number, file, at)) if number == p.file => (file, at),
-            _ => (File::open(&files[p.file])?, 0),
+            _ => (BufReader::with_capacity(AT_ONCE, File::open(&files[p.file])?), 0),
         };
         // Most records follow the one before.
         if at != p.offset {
-            file.seek(SeekFrom::Start(p.offset))?;
+            file.seek_relative(p.offset.wrapping_sub(at).cast_signed())?;
         }
         self.raw.resize(p.bytes, 0);
         file.read_exact(&mut self.raw)?;

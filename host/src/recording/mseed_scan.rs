@@ -9,6 +9,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+/// Bytes looked at together that hold most records whole; only for one that does not seem to be one more are read.
+const AHEAD: usize = 1 << 14;
+
 /// Least step from one possible record to the next, when looking for one after damage.
 const RESYNC: usize = 64;
 
@@ -83,24 +86,25 @@ pub(super) fn scan_sac(path: &Path, number: usize, channels: &mut Found) -> Resu
 pub(super) fn scan(path: &Path, number: usize, channels: &mut Found) -> Result<()> {
     let unreadable = || format!("cannot read {}", path.display());
     let mut file = File::open(path).with_context(unreadable)?;
-    // Always a whole record ahead, except at the end of the file.
     let (mut window, mut begins, mut at) = (Vec::new(), 0u64, 0);
+    let (mut ahead, mut ended) = (AHEAD, false);
     let (mut damaged, mut found) = (0, 0usize);
     let mut reason = String::new();
     loop {
-        if window.len() - at < LONGEST {
+        if window.len() - at < ahead && !ended {
             window.drain(..at);
             begins += at as u64;
             at = 0;
-            let room = 2 * LONGEST - window.len();
-            (&mut file).take(room as u64).read_to_end(&mut window).with_context(unreadable)?;
+            let room = (16 * ahead).min(2 * LONGEST) - window.len();
+            let read = (&mut file).take(room as u64).read_to_end(&mut window).with_context(unreadable)?;
+            ended = read < room;
         }
         if at >= window.len() {
             break;
         }
         match mseed_record::header(&window[at..]) {
             Ok(h) => {
-                found += 1;
+                (found, ahead) = (found + 1, AHEAD);
                 let Header { channel, station, rate_hz, start_ns, count, bytes } = h;
                 let pieces = pieces_of(channels, channel, &station, rate_hz);
                 if count > 0 {
@@ -116,6 +120,8 @@ pub(super) fn scan(path: &Path, number: usize, channels: &mut Found) -> Result<(
                 }
                 at = (at + bytes.max(RESYNC)).min(window.len());
             }
+            // It may be a longer one.
+            Err(_) if window.len() - at < LONGEST && !ended => ahead = LONGEST,
             Err(e) => {
                 if reason.is_empty() {
                     reason = format!("at byte {}: {e}", begins + at as u64);
