@@ -347,46 +347,10 @@ impl Checks {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
+    use super::super::misplaced::tests::{order, sound};
     use super::*;
     use std::vec::Vec;
-
-    /// Moments of a minute of sound from an azimuth, of so many times the noise's power in pressure; of the vertical motion's power `goes`
-    /// is in phase with pressure, `all` of the pressure's there at all.
-    pub(in crate::obs) fn sound(azimuth: f32, power: f32, [goes, all]: [f32; 2]) -> Moments {
-        let (s, c) = math::f32::sin_cos(azimuth);
-        let vertical = -goes * all;
-        Moments {
-            power: [power + 1.0, power * c * c + 1.0, power * s * s + 1.0, power * all * all + 1.0],
-            with_pressure: [power + 1.0, power * c, power * s, power * vertical],
-            north_east: power * c * s,
-            with_vertical: [power * vertical * c, power * vertical * s],
-            instants: 3000,
-        }
-    }
-
-    /// The same with channels in another order: which one stands where pressure, north, east and vertical should.
-    pub(in crate::obs) fn order(m: &Moments, places: [usize; 4]) -> Moments {
-        let product = |a: usize, b: usize| {
-            let ([_, pn, pe, pz], [nz, ez]) = (m.with_pressure, m.with_vertical);
-            match (places[a].min(places[b]), places[a].max(places[b])) {
-                (0, 1) => pn,
-                (0, 2) => pe,
-                (0, 3) => pz,
-                (1, 2) => m.north_east,
-                (1, 3) => nz,
-                (2, 3) => ez,
-                (same, _) => m.power[same],
-            }
-        };
-        Moments {
-            power: places.map(|c| m.power[c]),
-            with_pressure: core::array::from_fn(|c| product(0, c)),
-            north_east: product(1, 2),
-            with_vertical: [product(1, 3), product(2, 3)],
-            instants: m.instants,
-        }
-    }
 
     /// Moments of a minute with a vessel: products of north, east, vertical with pressure, all powers 1.
     fn vessel(products: [f32; 3]) -> Moments {
