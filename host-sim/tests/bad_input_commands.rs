@@ -219,6 +219,16 @@ const OPTIONS: [&str; 45] = [
 ];
 
 #[test]
+fn a_station_of_another_kind_is_named_as_that() {
+    let dir = folder();
+    for line in ["calls --station array.toml bearings.csv", "ships --station array.toml bearings.csv"] {
+        let ran = run(dir.path(), line, Stdio::null());
+        refused(line, &ran);
+        assert!(ran.stderr.contains("an ocean-bottom station is needed"), "{line}: {}", ran.stderr);
+    }
+}
+
+#[test]
 fn impossible_options_are_refused_on_one_line_and_nothing_is_written() {
     let dir = folder();
     for line in OPTIONS {

@@ -119,7 +119,7 @@ impl Elf {
         let pairs = code.windows(2).zip((address..).step_by(2)).filter(|(pair, _)| thumb::is_wide(pair[0]));
         pairs
             .filter_map(|(pair, from)| match thumb::step(from, pair[0], pair[1]) {
-                Step::Goes(to) => Some(Call { from, to }),
+                Step::Calls(to) | Step::Goes(to) => Some(Call { from, to }),
                 _ => None,
             })
             .collect()

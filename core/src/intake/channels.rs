@@ -104,7 +104,7 @@ impl Look {
         }
         if self.apart != EVERY_PAIR {
             for (p, (a, b)) in PAIRS.into_iter().enumerate() {
-                let differ = self.apart >> p & 1 == 1 || frames.iter().any(|f| f[a] != f[b]);
+                let differ = self.apart >> p & 1 == 1 || frames.iter().any(|f| f.get(a) != f.get(b));
                 self.apart |= u8::from(differ) << p;
             }
         }

@@ -7,6 +7,7 @@ use crate::recording;
 use crate::station::Station;
 use anyhow::{Result, bail};
 use seabearing_core::angle::wrap_tau;
+use seabearing_core::config::Kind;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -34,6 +35,9 @@ pub struct Args {
 /// One line: what is missing or cannot be read.
 pub fn run(args: Args) -> Result<()> {
     let station = Station::read(&args.station)?;
+    let Kind::Obs(_) = &station.config.kind else {
+        bail!("{}: an ocean-bottom station is needed (kind = \"obs\")", args.station.display());
+    };
     let Some(path) = &station.propagation else {
         bail!("{}: no `propagation` in [obs]: ranges need a table of delays", args.station.display());
     };

@@ -86,6 +86,12 @@ impl Component {
 pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make folder {}", folder.display()))?;
     let scenario = simulator.scenario().clone();
+    for vessel in unheard(simulator) {
+        log::warn!(
+            "{vessel} is never within the {:.0} km that the propagation table reaches: nothing is heard of it",
+            simulator.table().max_range_m() / 1000.0
+        );
+    }
     let (start, rate, name) = (scenario.start, scenario.rate_hz, scenario.name.to_uppercase());
     let mut components = Vec::new();
     for (channel, code) in scenario.codes().into_iter().enumerate() {
@@ -123,6 +129,17 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
         station: station_file,
         table: Some(table_file),
     })
+}
+
+/// Names of vessels that are beyond the table in every minute.
+fn unheard(simulator: &Simulator) -> Vec<String> {
+    let minutes = (simulator.scenario().duration_s / 60.0) as u64;
+    let farthest_m = simulator.table().max_range_m();
+    let within = |v: &MovingVessel| {
+        let mut places = (0..=minutes).filter_map(|m| v.course.at(60.0 * m as f64));
+        places.any(|place| crate::course::polar(place).0 <= farthest_m)
+    };
+    simulator.vessels.iter().filter(|v| !within(v)).map(|v| v.name.clone()).collect()
 }
 
 /// Minute by minute: where each vessel is and where it was when the sound now heard left it; other sounds by span.
@@ -171,4 +188,34 @@ fn tracks(vessels: &[MovingVessel]) -> String {
         }
     }
     out.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ocean_bottom::scenario::ObsScenario;
+    use crate::propagation::bottom::Bottom;
+    use crate::propagation::profile::SpeedProfile;
+    use crate::propagation::trace;
+
+    #[test]
+    fn a_vessel_that_the_table_never_reaches_is_named() {
+        let profile = SpeedProfile::subtropical(4340.0).unwrap();
+        let table = trace::trace("t", &profile, &Bottom::default(), 70.0, 500, || ());
+        let reach_m = table.max_range_m();
+        // The third comes as near as the table reaches in its last minute alone.
+        let vessel = |name: &str, range_m: f64, cpa_time_s: f64| {
+            format!(
+                "[[vessels]]\nname = \"{name}\"\nstraight = {{ cpa_time_s = {cpa_time_s}, cpa_range_m = {range_m}, heading_deg = 0.0, \
+                 speed_m_s = 7.0, side = \"port\" }}\n"
+            )
+        };
+        let text = String::from("kind = \"obs\"\nseed = 1\nduration_s = 3600.0\npropagation = \"t\"\n")
+            + &vessel("near", 9_000.0, 1800.0)
+            + &vessel("beyond", reach_m + 500.0, 1800.0)
+            + &vessel("late", reach_m - 10.0, 3600.0);
+        let scenario: ObsScenario = toml::from_str(&text).unwrap();
+        let simulator = Simulator::new(scenario, table, Vec::new()).unwrap();
+        assert_eq!(unheard(&simulator), ["beyond"]);
+    }
 }
