@@ -49,7 +49,6 @@ pub mod evidence;
 mod fit;
 mod gains;
 mod gone;
-mod misplaced;
 mod residuals;
 mod search;
 mod segment;
