@@ -66,6 +66,8 @@ pub struct Ads131m04 {
     pub acquisition: Ticks,
     frame_in: Vec<u8>,
     frame_out: Vec<u8>,
+    /// The result that the frame being clocked out is of, whatever becomes of those that wait.
+    clocked: Option<(Option<u64>, Codes)>,
     selected: bool,
     ready: bool,
     edges: VecDeque<(bool, Ticks)>,
@@ -73,6 +75,8 @@ pub struct Ads131m04 {
     pub glitches: VecDeque<(Ticks, Ticks)>,
     /// The next of them, when it is due after a conversion.
     pulse: Option<(Ticks, Ticks)>,
+    /// When its filters are to begin afresh.
+    afresh: Option<Ticks>,
     low_since: Option<Ticks>,
     /// Flips one bit of every n-th byte that is read, where n is not 0.
     pub bit_errors_every: u64,
@@ -126,11 +130,13 @@ impl Ads131m04 {
             acquisition: REGISTER_ACQUISITION,
             frame_in: Vec::new(),
             frame_out: Vec::new(),
+            clocked: None,
             selected: false,
             ready: true,
             edges: VecDeque::new(),
             glitches: VecDeque::new(),
             pulse: None,
+            afresh: None,
             low_since: None,
             bit_errors_every: 0,
             bytes: 0,
@@ -207,7 +213,7 @@ impl Ads131m04 {
     /// When it next has a result, or something happens to its line.
     pub fn next_event(&self) -> Ticks {
         let pulses = self.glitches.front().into_iter().chain(&self.pulse).map(|(at, _)| *at);
-        pulses.fold(self.next_conversion, Ticks::min)
+        pulses.chain(self.afresh).fold(self.next_conversion, Ticks::min)
     }
 
     /// Levels of the data-ready line since the last look, in order, and how long each lasted at least; a level that lasts has no end.
@@ -234,14 +240,25 @@ impl Ads131m04 {
         }
     }
 
+    /// So long after a conversion as it was to be after a whole number of periods: when the converter began is the firmware's affair.
+    fn in_phase(&self, at: Ticks) -> Ticks {
+        self.next_conversion + at % (self.period() as Ticks).max(1)
+    }
+
+    /// Its filters begin afresh so long after the next conversion as this is after a whole number of periods.
+    pub fn resynchronise_in_phase(&mut self, at: Ticks) {
+        if self.next_conversion != NEVER {
+            self.afresh = Some(self.in_phase(at));
+        }
+    }
+
     /// A conversion is done, if it is due.
     pub fn advance(&mut self, now: Ticks) {
         while self.glitches.front().is_some_and(|glitch| glitch.0 <= now)
             && let Some((at, lasts)) = self.glitches.pop_front()
         {
-            // So long after a conversion as it was to be after a whole number of periods: when the converter began is the firmware's affair.
             if self.pulse.is_none() && self.next_conversion != NEVER {
-                self.pulse = Some((self.next_conversion + at % (self.period() as Ticks).max(1), lasts));
+                self.pulse = Some((self.in_phase(at), lasts));
             }
         }
         while self.next_conversion <= now {
@@ -273,6 +290,9 @@ impl Ads131m04 {
             self.set_ready_line(false);
         }
         self.pulses(now);
+        if let Some(at) = self.afresh.take_if(|at| *at <= now) {
+            self.resynchronise(at);
+        }
     }
 
     /// The pulse on the line that is due, if any.
@@ -325,14 +345,13 @@ impl Ads131m04 {
             status |= 0xf;
         }
         self.registers[STATUS] = status;
+        self.clocked = self.output.front().copied();
         let first = self.answer.take().unwrap_or(status);
         let mut word = |value: u32| self.frame_out.extend(&value.to_be_bytes()[1..]);
         word(u32::from(first) << 8);
         if self.answers.is_empty() {
             // The older result where two wait; the last one again where none does.
-            if let Some(result) = self.output.front() {
-                self.shown = *result;
-            }
+            self.shown = self.clocked.unwrap_or(self.shown);
             let gains = self.registers[GAIN];
             for (channel, code) in self.shown.1.iter().enumerate() {
                 let gain = gains >> (4 * channel) & 7;
@@ -379,8 +398,12 @@ impl Ads131m04 {
         let word =
             |i: usize| input.get(i * WORD..i * WORD + 2).map_or(0, |b| u16::from_be_bytes([b[0], b[1]]));
         let command = word(0);
-        if let Some((number, codes)) = self.output.pop_front()
-            && let Some(number) = number
+        let clocked = self.clocked.take();
+        // Its filters may have begun afresh meanwhile, or a third result have come.
+        if clocked.is_some() && self.output.front().copied() == clocked {
+            self.output.pop_front();
+        }
+        if let Some((Some(number), codes)) = clocked
             && command == 0
         {
             self.delivered.push(number);

@@ -1,4 +1,4 @@
-//! What the modelled converter delivers when its supply fails.
+//! What the modelled converter delivers when something happens while a frame is clocked out.
 
 use super::*;
 
@@ -37,4 +37,41 @@ fn what_was_clocked_out_before_the_supply_failed_was_delivered() {
     for clocked in [0, 1, WORD, FRAME - 2] {
         assert_eq!(delivered(clocked), [[0; 4]; 0], "{clocked}");
     }
+}
+
+#[test]
+fn a_frame_begun_before_the_filters_begin_afresh_is_delivered_and_what_waited_is_not() {
+    const FRAME: usize = 6 * WORD;
+    let mut converter = Ads131m04::new(Box::new(|| Some([0; 4])), 4000.0, 0.0);
+    let now = PER_SECOND / 10;
+    converter.advance(now);
+    converter.delivered.clear();
+    converter.output = VecDeque::from([(Some(7), [1, 2, 3, 4]), (Some(8), [5, 6, 7, 8])]);
+    converter.select(true, now);
+    for n in 0..FRAME {
+        if n == WORD {
+            converter.resynchronise(now);
+        }
+        converter.exchange(0, now);
+    }
+    converter.select(false, now);
+    assert_eq!(converter.delivered, [7]);
+    assert!(converter.output.is_empty());
+}
+
+#[test]
+fn a_third_result_during_a_frame_leaves_what_is_clocked_out() {
+    const FRAME: usize = 6 * WORD;
+    let mut converter = Ads131m04::new(Box::new(|| Some([0; 4])), 4000.0, 0.0);
+    let now = PER_SECOND / 10;
+    converter.advance(now);
+    converter.delivered.clear();
+    converter.output = VecDeque::from([(Some(7), [0; 4]), (Some(8), [0; 4])]);
+    converter.select(true, now);
+    converter.output = VecDeque::from([(Some(8), [0; 4]), (Some(9), [0; 4])]);
+    (0..FRAME).for_each(|_| {
+        converter.exchange(0, now);
+    });
+    converter.select(false, now);
+    assert_eq!((converter.delivered, converter.output.len()), (vec![7], 2));
 }

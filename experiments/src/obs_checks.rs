@@ -1,7 +1,7 @@
 //! What an ocean-bottom station finds wrong with its own set-up, from a day of traffic or two.
 //!
 //! The days of `obs-week` are heard as they are, and by a station that is not what its station file says: pressure reversed,
-//! the vertical component exchanged with a horizontal one, the horizontal components of unequal gain, one that hears noise alone or
+//! the vertical component exchanged with a horizontal one, pressure with any, the horizontal components of unequal gain, one that hears noise alone or
 //! has no signal, a propagation table for deeper water. One that is noisier than the other and spikes on all components are no defect of
 //! the set-up. `--runs` is the number of days. What a station alone cannot know (a horizontal component reversed, the two
 //! exchanged, an orientation that is off: a mirrored or turned world) is told by a vessel of known track.
@@ -21,7 +21,7 @@ use crate::recording::BlockSource;
 use anyhow::Result;
 use rayon::prelude::*;
 use seabearing_core::block::{Block, Frame};
-use seabearing_core::wire::{Fault, FaultCode, Message};
+use seabearing_core::wire::{Fault, FaultCode, Message, Track};
 
 /// The experiment.
 pub const CHECKS: Experiment = Experiment {
@@ -44,6 +44,8 @@ struct Defect {
     /// What the recorder is to name, and within how many days.
     wanted: Option<FaultCode>,
     within_days: usize,
+    /// The component in whose place pressure stands.
+    pressure_in: Option<i64>,
     /// What vessels of known track are to tell.
     known: Option<&'static str>,
 }
@@ -57,8 +59,12 @@ const SOUND: Defect = Defect {
     turned_deg: 0.0,
     wanted: None,
     within_days: 1,
+    pressure_in: None,
     known: None,
 };
+
+/// Added to a component's number in `Exchanged` where pressure stands in its place (docs/wire.md).
+const PRESSURE: i64 = 4;
 
 /// 3 dB louder.
 fn louder(code: i32) -> i32 {
@@ -86,7 +92,7 @@ fn noise(frame: Frame, times: f64) -> i32 {
     (1000.0 * times * (sum - 6.0)) as i32
 }
 
-const DEFECTS: [Defect; 18] = [
+const DEFECTS: [Defect; 21] = [
     SOUND,
     Defect {
         name: "pressure reversed",
@@ -112,6 +118,27 @@ const DEFECTS: [Defect; 18] = [
         name: "vertical and east exchanged",
         codes: |[p, n, e, z]| [p, n, z, e],
         wanted: Some(FaultCode::Exchanged),
+        ..SOUND
+    },
+    Defect {
+        name: "pressure and north exchanged",
+        codes: |[p, n, e, z]| [n, p, e, z],
+        wanted: Some(FaultCode::Exchanged),
+        pressure_in: Some(1),
+        ..SOUND
+    },
+    Defect {
+        name: "pressure and east exchanged",
+        codes: |[p, n, e, z]| [e, n, p, z],
+        wanted: Some(FaultCode::Exchanged),
+        pressure_in: Some(2),
+        ..SOUND
+    },
+    Defect {
+        name: "pressure and vertical exchanged",
+        codes: |[p, n, e, z]| [z, n, e, p],
+        wanted: Some(FaultCode::Exchanged),
+        pressure_in: Some(3),
         ..SOUND
     },
     Defect {
@@ -235,6 +262,9 @@ pub(super) fn deeper(table: &Propagation, by_m: f64) -> Propagation {
 struct Said {
     faults: Vec<Fault>,
     known: Option<Horizontals>,
+    /// Azimuths, ranges detected and tracks told after components were said to be exchanged: directions are none then, and without pressure
+    /// ranges neither.
+    told_after: [usize; 3],
 }
 
 fn hear(options: &Options, days: usize, table: &Propagation, defect: &Defect) -> Result<Said> {
@@ -248,18 +278,30 @@ fn hear(options: &Options, days: usize, table: &Propagation, defect: &Defect) ->
     let mut simulator = Simulator::new(scenario, table.clone(), extra)?;
     let courses: Vec<VesselCourse> = simulator.vessels.iter().map(|v| v.course.clone()).collect();
     let mut altered = Altered::new(&mut simulator, defect.codes);
-    let (mut faults, mut azimuths) = (Vec::new(), Vec::new());
+    let (mut faults, mut azimuths, mut told_after) = (Vec::<Fault>::new(), Vec::new(), [0; 3]);
     let told_table = deeper(table, defect.too_deep_m);
-    run::run(&config, &told_table, &mut altered, &mut |m| match m {
-        Message::Fault(f) => faults.push(f),
-        Message::Azimuth(a) if a.detected && a.kind == 0 => {
-            azimuths.push((a.index as f64 / rate_hz, f64::from(a.azimuth)));
+    run::run(&config, &told_table, &mut altered, &mut |m| {
+        let exchanged = faults.iter().any(|f| f.code == FaultCode::Exchanged);
+        let told = match m {
+            Message::Azimuth(a) if a.detected => Some(0),
+            Message::Range(r) if r.detected => Some(1),
+            Message::Track(t) if t.stage != Track::WITHDRAWN => Some(2),
+            _ => None,
+        };
+        if let Some(k) = told.filter(|_| exchanged) {
+            told_after[k] += 1;
         }
-        _ => {}
+        match m {
+            Message::Fault(f) => faults.push(f),
+            Message::Azimuth(a) if a.detected && a.kind == 0 => {
+                azimuths.push((a.index as f64 / rate_hz, f64::from(a.azimuth)));
+            }
+            _ => {}
+        }
     })?;
     let travel = |range_m: f64| table.travel_time_s((range_m / table.step_m).round() as usize);
     let pairings = pairings(&azimuths, &courses, &travel, (0.0, 0.0));
-    Ok(Said { faults, known: doubt(&pairings, told.orientation_of_north_deg.to_radians()) })
+    Ok(Said { faults, told_after, known: doubt(&pairings, told.orientation_of_north_deg.to_radians()) })
 }
 
 /// Hours of the record.
@@ -308,6 +350,16 @@ fn run(options: &Options) -> Result<()> {
             others.len() as f64 + named.len().saturating_sub(1) as f64,
             0.0,
         );
+        if let Some(component) = defect.pressure_in {
+            let wrong = named.iter().filter(|f| f.value != PRESSURE + component).count();
+            figures.at_most(format!("{name}: named as another"), wrong as f64, 0.0);
+        }
+        if defect.wanted == Some(FaultCode::Exchanged) {
+            let [azimuths, ranges, tracks] = said.told_after;
+            let ranges = if defect.pressure_in.is_some() { ranges } else { 0 };
+            let told = azimuths + ranges + tracks;
+            figures.at_most(format!("{name}: told when it was named"), told as f64, 0.0);
+        }
         let told = said.known.as_ref().map(Horizontals::code);
         if defect.known.is_some() || defect.wanted.is_none() {
             let wrong = f64::from(u8::from(told != defect.known));

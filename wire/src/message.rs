@@ -348,7 +348,8 @@ pub enum FaultCode {
     /// Vertical motion goes with pressure as it cannot for sound from above: pressure, or the motion, has its sign turned
     /// round, or the station file's `intensity` is wrong. Which component tells it (3, the vertical one).
     Reversed,
-    /// The vertical component behaves as a horizontal one, and a horizontal one as the vertical: which (1 north, 2 east).
+    /// The vertical component behaves as a horizontal one, and a horizontal one as the vertical: which (1 north, 2 east). Or what is called
+    /// pressure behaves as a component of motion, and one of those as pressure: which, and 4 (5 north, 6 east, 7 vertical).
     Exchanged,
     /// The horizontal components are of unequal gain: north over east, tenths of a decibel.
     Unequal,

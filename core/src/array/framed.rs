@@ -113,7 +113,7 @@ impl Image {
                 waves.iter_mut().zip(&mut phasors).zip(&parts).zip(&run.auto)
             {
                 let power = auto.get(k % RUN).map_or(0.0, |auto| auto * part * (k * k) as f32);
-                let whiten = 1.0 / m::sqrt((power / mean).max(LEAST_POWER));
+                let whiten = m::inverse_sqrt((power / mean).max(LEAST_POWER));
                 let (s, c) = phasor.next();
                 *wave = (s * whiten, c * whiten);
             }

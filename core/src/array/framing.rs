@@ -61,17 +61,21 @@ impl Framing {
         look.see(run, now, clip);
         let from = self.filled.min(FRAME);
         let [a, b, c, d] = self.codes.each_mut().map(|channel| &mut channel[from..]);
-        // Two instants at a time, which share what a turn of the loop takes.
-        let (pairs, odd) = now.as_chunks::<2>();
+        // Four instants at a time, which share what a turn of the loop takes.
+        let (fours, rest) = now.as_chunks::<4>();
+        let done = 4 * fours.len();
         let rows = a.as_chunks_mut().0.iter_mut().zip(b.as_chunks_mut().0);
         let rows = rows.zip(c.as_chunks_mut().0).zip(d.as_chunks_mut().0);
-        for ((((a, b), c), d), [first, second]) in rows.zip(pairs) {
+        for ((((a, b), c), d), [first, second, third, fourth]) in rows.zip(fours) {
             let ([a0, b0, c0, d0], [a1, b1, c1, d1]) = (*first, *second);
-            (*a, *b, *c, *d) = ([a0, a1], [b0, b1], [c0, c1], [d0, d1]);
+            let ([a2, b2, c2, d2], [a3, b3, c3, d3]) = (*third, *fourth);
+            (*a, *b, *c, *d) = ([a0, a1, a2, a3], [b0, b1, b2, b3], [c0, c1, c2, c3], [d0, d1, d2, d3]);
         }
-        for (channel, code) in [a, b, c, d].into_iter().zip(odd.iter().flatten()) {
-            if let Some(place) = channel.get_mut(2 * pairs.len()) {
-                *place = *code;
+        for (at, frame) in (done..).zip(rest) {
+            for (channel, code) in [&mut *a, b, c, d].into_iter().zip(frame) {
+                if let Some(place) = channel.get_mut(at) {
+                    *place = *code;
+                }
             }
         }
         self.filled += now.len();

@@ -36,7 +36,7 @@ pub(super) fn part(patterns: &mut [Pairs]) -> f32 {
         let square = product(own, own);
         let enough = square > LEAST_LEFT * whole;
         left += if enough { 1.0 } else { 0.0 };
-        scale(own, if enough { 1.0 / m::sqrt(square) } else { 0.0 });
+        scale(own, if enough { m::inverse_sqrt(square) } else { 0.0 });
     }
     left
 }

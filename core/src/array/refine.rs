@@ -68,7 +68,8 @@ pub(crate) fn leave_out(spectra: &mut Spectra, used: Used) {
 /// Divides the cross-spectra by the geometric mean of their hydrophones' auto-spectra: `ĝ`, of magnitude at most one.
 pub(crate) fn whiten(spectra: &mut Spectra) {
     for BinRun { re, im, auto } in &mut spectra.runs {
-        let [a0, a1, a2, a3] = auto.map(|bins| bins.map(|a| if a > 1e-20 { 1.0 / m::sqrt(a) } else { 0.0 }));
+        let [a0, a1, a2, a3] =
+            auto.map(|bins| bins.map(|a| if a > 1e-20 { m::inverse_sqrt(a) } else { 0.0 }));
         let pairs = [(a0, a1), (a0, a2), (a0, a3), (a1, a2), (a1, a3), (a2, a3)];
         for ((re, im), (a, b)) in re.iter_mut().zip(im).zip(pairs) {
             for i in 0..RUN {

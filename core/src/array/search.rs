@@ -303,7 +303,7 @@ impl Grid {
         let mut inverse_length = [[1.0; FINE_SPAN]; FINE_SPAN];
         for (a, row) in (-FINE..=FINE).zip(&mut inverse_length) {
             for (b, inverse) in (-FINE..=FINE).zip(row) {
-                *inverse = 1.0 / m::sqrt(1.0 + step * step * (a * a + b * b) as f32);
+                *inverse = m::inverse_sqrt(1.0 + step * step * (a * a + b * b) as f32);
             }
         }
         let parts = (1u32 << FINE_BITS) as f32;

@@ -9,6 +9,8 @@ use crate::wire::{FaultCode, Message};
 
 /// Pairs of channels.
 const PAIRS: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
+/// A bit for each of them.
+const EVERY_PAIR: u8 = (1 << PAIRS.len()) - 1;
 
 /// What some instants show.
 #[derive(Clone, Copy, Debug, Default)]
@@ -80,22 +82,30 @@ impl Look {
         self.instants += n;
         self.counted += if run.counted { n } else { 0 };
         self.bridged += if run.mended == super::ALL { n } else { 0 };
-        for c in 0..CHANNELS {
-            self.loudest[c] |= run.loudest[c];
-            if self.moved >> c & 1 == 0 && frames.iter().any(|f| f[c] != self.first[c]) {
-                self.moved |= 1 << c;
-            }
-            if run.mended != super::ALL && run.mended >> c & 1 == 1 {
-                self.missing[c] += n;
-            }
-            // The bound is on magnitudes, of which those of negative codes are one too small.
-            if run.loudest[c] >= clip.saturating_sub(1) {
+        // The bound is on magnitudes, of which those of negative codes are one too small.
+        let bound = clip.saturating_sub(1);
+        for (c, (loudest, of_run)) in self.loudest.iter_mut().zip(&run.loudest).enumerate() {
+            *loudest |= of_run;
+            if *of_run >= bound {
                 self.clipped[c] += frames.iter().filter(|f| f[c] >= clip || f[c] <= -clip).count() as u32;
             }
         }
-        for (p, (a, b)) in PAIRS.into_iter().enumerate() {
-            if self.apart >> p & 1 == 0 && frames.iter().any(|f| f[a] != f[b]) {
-                self.apart |= 1 << p;
+        if run.mended != 0 && run.mended != super::ALL {
+            for (c, missing) in self.missing.iter_mut().enumerate() {
+                *missing += if run.mended >> c & 1 == 1 { n } else { 0 };
+            }
+        }
+        // What all have shown is looked for no more.
+        if self.moved != super::ALL {
+            for c in 0..CHANNELS {
+                let moves = self.moved >> c & 1 == 1 || frames.iter().any(|f| f[c] != self.first[c]);
+                self.moved |= u8::from(moves) << c;
+            }
+        }
+        if self.apart != EVERY_PAIR {
+            for (p, (a, b)) in PAIRS.into_iter().enumerate() {
+                let differ = self.apart >> p & 1 == 1 || frames.iter().any(|f| f.get(a) != f.get(b));
+                self.apart |= u8::from(differ) << p;
             }
         }
     }

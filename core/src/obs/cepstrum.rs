@@ -36,8 +36,8 @@ pub fn without_lines(log_pressure: &mut [f32; HOP + 1], work: &mut [f32; FRAME])
     let done = AROUND + blocks.len() * TOGETHER;
     for (n, block) in blocks.iter_mut().enumerate() {
         let near = old.get(n * TOGETHER..).unwrap_or_default();
-        let most = means(near, &[f32::INFINITY; TOGETHER]).map(|mean| mean + LINE);
-        let most = means(near, &most).map(|mean| mean + LINE);
+        let most = means(near, |_, x| x).map(|mean| mean + LINE);
+        let most = means(near, |n, x| math::lesser(x, most[n])).map(|mean| mean + LINE);
         block.iter_mut().zip(most).for_each(|(l, most)| *l = l.min(most));
     }
     let (from, to) = log_pressure.split_at_mut(done);
@@ -77,13 +77,15 @@ fn means_at_end(old: &[f32], first: usize, most: &[f32; TOGETHER]) -> [f32; TOGE
     sums
 }
 
-/// Means about bins that follow each other, over the bins on either side, no number counted for more than `most`. `near` begins with the
-/// first of the first bin's.
-fn means(near: &[f32], most: &[f32; TOGETHER]) -> [f32; TOGETHER] {
-    let mut sums = [0f32; TOGETHER];
+/// Means about bins that follow each other, over the bins on either side, each number counted for what is made of it for the bin of that
+/// number. `near` begins with the first of the first bin's.
+#[inline(always)]
+fn means(near: &[f32], counted: impl Fn(usize, f32) -> f32) -> [f32; TOGETHER] {
     let near = near.first_chunk::<NEAR>().unwrap_or(&[0.0; NEAR]);
-    for x in near.windows(TOGETHER).filter_map(|x| x.first_chunk::<TOGETHER>()) {
-        sums.iter_mut().zip(x).zip(most).for_each(|((sum, x), most)| *sum += math::lesser(*x, *most));
+    let mut sums = [0f32; TOGETHER];
+    for k in 0..2 * AROUND + 1 {
+        let x: [f32; TOGETHER] = core::array::from_fn(|n| near[k + n]);
+        sums = core::array::from_fn(|n| sums[n] + counted(n, x[n]));
     }
     sums.map(|sum| sum / (2 * AROUND + 1) as f32)
 }

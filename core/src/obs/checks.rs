@@ -12,6 +12,7 @@
 //!   component has both signs only where it was clearly so.
 //! - Gain of the horizontal components: by noise and by vessels (`gains`).
 //! - A horizontal component that hears nothing: while vessels pass the other (`deaf`).
+//! - Pressure exchanged with a component of motion: what is called so has no part in some vessels' sound (`misplaced`).
 //!
 //! Horizontal components exchanged, one of them turned round, or an orientation that is off are beyond any check here: the
 //! station's world is then turned or mirrored, and vessels of a mirrored world are vessels. Vessels of known track tell them.
@@ -19,6 +20,7 @@
 
 use super::deaf::{Deafness, HEARS, Hearing, News};
 use super::gains::Gains;
+use super::misplaced::{Misplaced, Pressure};
 use super::moments::Moments;
 use super::pairs::{Pairs, Profiles};
 use crate::block::CHANNELS;
@@ -28,17 +30,19 @@ use crate::wire::{Fault, FaultCode, Message};
 
 /// Least coherence of a whole minute for a slight vote and for a clear one: twice and four times what chance makes of its 1000 independent
 /// products. In days of four vessels over floors 2700 to 5300 m deep 96 % and more of the vertical's slight votes were right.
-const COHERENT: [f32; 2] = [0.06, 0.12];
+pub(super) const COHERENT: [f32; 2] = [0.06, 0.12];
 
-/// Votes of a component below which nothing is said, and those from which on the older half is forgotten.
+/// Votes of a component below which nothing is said, or nothing beside other signs of something wrong, and those from which on the older
+/// half is forgotten.
 const VOTES: u16 = 90;
+const FEW_VOTES: u16 = 40;
 const MOST_VOTES: u16 = 360;
 
 /// Share of the slight votes that says which sign a component has, and from which on it has one only; of the clear ones that below which it
-/// has both.
-const MOSTLY: f32 = 0.85;
-const ONE_SIDED: f32 = 0.95;
-const BOTH_SIDES: f32 = 0.92;
+/// has both. Percent.
+const MOSTLY: u32 = 85;
+const ONE_SIDED: u32 = 95;
+const BOTH_SIDES: u32 = 92;
 
 /// Difference of two pairs of paths at which the table does not fit, and below which it fits again, m.
 const APART_M: f32 = 250.0;
@@ -49,6 +53,9 @@ const NORTH: usize = 1;
 const EAST: usize = 2;
 const VERTICAL: usize = 3;
 
+/// Added to the component that takes the place of pressure.
+const PRESSURE: u8 = 4;
+
 /// Least part of a minute whose moments are a measure, in this part of it.
 const PART: u64 = 2;
 
@@ -57,6 +64,8 @@ const PART: u64 = 2;
 pub(super) enum Heard {
     /// A vessel.
     Vessel,
+    /// A vessel that is tracked and does not stand out.
+    Expected,
     /// Nothing that stands out.
     Nothing,
     /// Something else: calls.
@@ -82,25 +91,46 @@ pub(super) struct Minute {
 
 /// Minutes in which a component went with pressure, and against it.
 #[derive(Clone, Copy, Debug, Default)]
-struct Votes {
-    with: u16,
-    against: u16,
+pub(super) struct Votes {
+    pub(super) with: u16,
+    pub(super) against: u16,
 }
 
 impl Votes {
-    const NONE: Self = Self { with: 0, against: 0 };
+    pub(super) const NONE: Self = Self { with: 0, against: 0 };
 
     fn all(self) -> u16 {
         self.with + self.against
     }
 
-    /// Share of the votes for the more frequent sign; none of too few.
-    fn lean(self) -> Option<f32> {
-        let most = self.with.max(self.against);
-        (self.all() >= VOTES).then(|| f32::from(most) / f32::from(self.all()))
+    /// Whether so many of them, percent, are for this sign.
+    fn are_for(self, with: bool, percent: u32) -> bool {
+        let these = if with { self.with } else { self.against };
+        100 * u32::from(these) >= percent * u32::from(self.all())
     }
 
-    fn take(&mut self, coherence: f32, least: f32) {
+    /// Whether so many of them, percent, are for one sign; none of too few.
+    // Called from many places.
+    #[inline(never)]
+    fn lean(self, percent: u32) -> Option<bool> {
+        (self.all() >= VOTES).then(|| self.are_for(self.with > self.against, percent))
+    }
+
+    /// Whether nearly all have one sign.
+    pub(super) fn is_one_sided(self) -> bool {
+        self.lean(ONE_SIDED) == Some(true)
+    }
+
+    /// Whether it has not this sign, or both.
+    fn is_not(self, with: bool) -> bool {
+        let least = if self.all() < VOTES { BOTH_SIDES } else { ONE_SIDED };
+        self.all() >= FEW_VOTES && !self.are_for(with, least)
+    }
+
+    /// Takes a minute's coherence, whose sign counts where it is greater than this.
+    // Called from several places.
+    #[inline(never)]
+    pub(super) fn take(&mut self, coherence: f32, least: f32) {
         self.with += u16::from(coherence > least);
         self.against += u16::from(coherence < -least);
         if self.all() >= MOST_VOTES {
@@ -119,12 +149,8 @@ struct Signs {
 impl Signs {
     const NONE: Self = Self { slight: Votes::NONE, clear: Votes::NONE };
 
-    fn is_one_sided(&self) -> bool {
-        self.slight.lean().is_some_and(|share| share >= ONE_SIDED)
-    }
-
     fn is_both_sided(&self) -> bool {
-        self.clear.lean().is_some_and(|share| share < BOTH_SIDES)
+        self.clear.lean(BOTH_SIDES) == Some(false)
     }
 }
 
@@ -136,7 +162,9 @@ pub(super) struct Checks {
     signs: [Signs; 3],
     gains: Gains,
     deafness: Deafness,
-    /// The component that was said to be wrong, the vertical one by its sign, a horizontal one by being the vertical; 0: none.
+    misplaced: Misplaced,
+    /// The component that was said to be wrong, the vertical one by its sign, a horizontal one by being the vertical, one with
+    /// [`PRESSURE`] by being pressure; 0: none.
     said_component: u8,
     pairs: Pairs,
     said_table: bool,
@@ -150,6 +178,7 @@ impl Checks {
             signs: [Signs::NONE; 3],
             gains: Gains::new(),
             deafness: Deafness::new(),
+            misplaced: Misplaced::NONE,
             said_component: 0,
             pairs: Pairs::new(),
             said_table: false,
@@ -177,14 +206,18 @@ impl Checks {
         match minute.heard {
             Heard::Vessel => {
                 self.vote(&coherence, chance);
-                self.tell_sign(minute.towards, minute.index, faults, sink);
                 self.gains.vessel(&m);
             }
             Heard::Nothing => self.gains.noise(&m),
-            Heard::Other => {}
+            Heard::Expected | Heard::Other => {}
         }
+        let is_measure = u64::from(m.instants) * PART >= minute.whole;
+        if is_measure && minute.heard != Heard::Other {
+            self.misplaced.minute(&m);
+        }
+        self.tell_order(minute.towards, minute.index, faults, sink);
         self.tell_gain(minute.index, faults, sink);
-        if u64::from(m.instants) * PART >= minute.whole {
+        if is_measure {
             let Minute { several, speed_m_s, .. } = *minute;
             let vessel = minute.heard == Heard::Vessel;
             let hears = HEARS * chance;
@@ -212,13 +245,14 @@ impl Checks {
         }
     }
 
-    fn tell_sign(&mut self, towards: bool, index: u64, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
+    /// What signs say is wrong; none where they say nothing yet.
+    fn by_signs(&self, towards: bool) -> Option<u8> {
         let [north, east, vertical] = &self.signs;
-        let Some(lean) = vertical.slight.lean() else { return };
+        let leans = vertical.slight.lean(MOSTLY)?;
         let right = (vertical.slight.with > vertical.slight.against) == towards;
         // While every vessel is on one side of a component, that may be the vertical one; and while all are on one side of both,
         // nothing can be said.
-        let found = match (lean >= MOSTLY, north.is_both_sided(), east.is_both_sided()) {
+        let found = match (leans, north.is_both_sided(), east.is_both_sided()) {
             (true, true, true) => {
                 if right {
                     0
@@ -227,11 +261,30 @@ impl Checks {
                 }
             }
             // A vertical one that hears no vessel leans nowhere, but by chance.
-            _ if !vertical.is_both_sided() => return,
-            (false, false, true) if north.is_one_sided() => NORTH,
-            (false, true, false) if east.is_one_sided() => EAST,
-            _ => return,
-        } as u8;
+            _ if !vertical.is_both_sided() => return None,
+            (false, false, true) if north.slight.is_one_sided() => NORTH,
+            (false, true, false) if east.slight.is_one_sided() => EAST,
+            _ => return None,
+        };
+        Some(found as u8)
+    }
+
+    fn tell_order(&mut self, towards: bool, index: u64, faults: &mut Faults, sink: &mut dyn FnMut(Message)) {
+        let [.., vertical] = &self.signs;
+        let found = match self.misplaced.pressure() {
+            Pressure::Right => self.by_signs(towards),
+            // An instrument that shakes leaves the vertical component its sign, which it has beside pressure alone.
+            Pressure::Elsewhere(component, either)
+                if vertical.slight.is_not(towards)
+                    || either
+                        && (usize::from(component) == VERTICAL || vertical.slight.all() < FEW_VOTES) =>
+            {
+                Some(PRESSURE | component)
+            }
+            // Signs of what may be no pressure are those of no component.
+            _ => None,
+        };
+        let Some(found) = found else { return };
         let said = core::mem::replace(&mut self.said_component, found);
         if said == found {
             return;
@@ -245,6 +298,16 @@ impl Checks {
         if found > 0 {
             faults.note(code(found), index, u64::from(found), sink);
         }
+    }
+
+    /// Whether components are said to be exchanged: no direction is one then.
+    pub(super) fn exchanged(&self) -> bool {
+        self.said_component > 0 && usize::from(self.said_component) != VERTICAL
+    }
+
+    /// Whether what is called pressure is said to be none: no range is one then.
+    pub(super) fn no_pressure(&self) -> bool {
+        self.said_component & PRESSURE > 0
     }
 
     /// Takes what a minute says of the propagation table.
@@ -285,6 +348,7 @@ impl Checks {
 
 #[cfg(test)]
 mod tests {
+    use super::super::misplaced::tests::{order, sound};
     use super::*;
     use std::vec::Vec;
 
@@ -339,6 +403,24 @@ mod tests {
         // What cannot be told: a mirrored world.
         assert_eq!(traffic(|[n, e, z]| [e, n, z]), []);
         assert_eq!(traffic(|[n, e, z]| [-n, e, z]), []);
+    }
+
+    /// What is said of vessels all around, with channels in another order.
+    fn in_order(places: [usize; 4]) -> Vec<(FaultCode, i64)> {
+        said(1200, Heard::Vessel, |n| order(&sound(n as f32 / 60.0, 4.0, [0.3, 0.8]), places))
+    }
+
+    #[test]
+    fn pressure_exchanged_with_a_component_is_named_once() {
+        assert_eq!(in_order([0, 1, 2, 3]), []);
+        assert_eq!(in_order([1, 0, 2, 3]), [(FaultCode::Exchanged, 5)]);
+        assert_eq!(in_order([2, 1, 0, 3]), [(FaultCode::Exchanged, 6)]);
+        assert_eq!(in_order([3, 1, 2, 0]), [(FaultCode::Exchanged, 7)]);
+        assert_eq!(in_order([0, 3, 2, 1]), [(FaultCode::Exchanged, 1)]);
+        // Where vertical motion goes with pressure in all that it does, the two cannot be told apart, and nothing wrong is said.
+        let soft =
+            |places| said(1200, Heard::Vessel, |n| order(&sound(n as f32 / 60.0, 4.0, [1.0, 0.8]), places));
+        assert_eq!((soft([0, 1, 2, 3]), soft([3, 1, 2, 0])), (Vec::new(), Vec::new()));
     }
 
     /// The same where so much of the vertical motion goes with pressure, and by chance as much in a minute as of 1000 products.

@@ -188,9 +188,11 @@ impl Hops {
             self.rails.see(frames);
         }
         self.levels.extend(frames.iter().copied());
-        self.filtered.push(&plan.moments, frames);
-        let filled = self.fill;
-        for [p, n, e, _] in frames {
+        let (mut filtered, mut unevenness) = (self.filtered.clone(), self.unevenness.clone());
+        // Each filter waits for its own past: one instant through all of them.
+        for frame in frames {
+            let [p, n, e, _] = frame;
+            filtered.push(&plan.moments, frame);
             let Some((x, spike)) = self.mender.push([p, n, e].map(|code| *code as f32)) else { continue };
             self.spikes += u64::from(spike);
             let Some(x) = plan.decimator.push(&mut self.decimator, x) else { continue };
@@ -199,6 +201,7 @@ impl Hops {
                 self.old.retire(&mut intake.accounting);
                 core::mem::swap(&mut self.old, &mut self.new);
             }
+            unevenness.push(&plan.calls, x[0]);
             for (channel, x) in self.new.samples.iter_mut().zip(x) {
                 if let Some(slot) = channel.get_mut(self.fill) {
                     *slot = x;
@@ -206,8 +209,8 @@ impl Hops {
             }
             self.fill += 1;
         }
-        let [pressure, ..] = &self.new.samples;
-        self.unevenness.extend(&plan.calls, pressure.get(filled..self.fill).unwrap_or_default());
+        filtered.sums.instants += frames.len() as u32;
+        (self.filtered, self.unevenness) = (filtered, unevenness);
         if self.fill < HOP {
             return (frames.len(), false);
         }

@@ -87,27 +87,23 @@ impl Unevenness {
         Self { past: [[0.0; 4]; 2], energy: 0.0, samples: 0, most: 0.0, total: 0.0 }
     }
 
-    /// Takes pressure samples, the filter's memory in registers meanwhile.
-    pub fn extend(&mut self, calls: &Calls, samples: &[f32]) {
+    /// Takes a sample of pressure.
+    #[inline(always)]
+    pub fn push(&mut self, calls: &Calls, mut x: f32) {
         let [a1, a2] = calls.feedback;
-        let (mut past, mut energy) = (self.past, self.energy);
-        for x in samples {
-            let mut x = *x;
-            for [x1, x2, y1, y2] in &mut past {
-                let y = calls.gain * (x - *x2) - a1 * *y1 - a2 * *y2;
-                (*x2, *x1, *y2, *y1) = (*x1, x, *y1, y);
-                x = y;
-            }
-            energy += x * x;
-            self.samples += 1;
-            if self.samples == BURST {
-                self.most = self.most.max(energy);
-                self.total += energy;
-                energy = 0.0;
-                self.samples = 0;
-            }
+        for [x1, x2, y1, y2] in &mut self.past {
+            let y = calls.gain * (x - *x2) - a1 * *y1 - a2 * *y2;
+            (*x2, *x1, *y2, *y1) = (*x1, x, *y1, y);
+            x = y;
         }
-        (self.past, self.energy) = (past, energy);
+        self.energy += x * x;
+        self.samples += 1;
+        if self.samples == BURST {
+            self.most = self.most.max(self.energy);
+            self.total += self.energy;
+            self.energy = 0.0;
+            self.samples = 0;
+        }
     }
 
     /// Greatest burst over the mean of the hop that just ended, in eighths; the next begins.
@@ -244,13 +240,13 @@ mod tests {
         };
         let mut steady = 0;
         for _ in 0..200 {
-            (0..HOP).for_each(|_| u.extend(&calls, &[noise()]));
+            (0..HOP).for_each(|_| u.push(&calls, noise()));
             steady += usize::from(u.end_hop() >= UNEVEN);
         }
         assert!(steady <= 30, "{steady}");
         (0..HOP).for_each(|i| {
             let tone = if (100..150).contains(&i) { 6.0 * math::f32::sin(i as f32 * 2.4) } else { 0.0 };
-            u.extend(&calls, &[noise() + tone]);
+            u.push(&calls, noise() + tone);
         });
         assert!(u.end_hop() >= UNEVEN);
     }

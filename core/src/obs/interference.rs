@@ -180,15 +180,20 @@ impl<'t> Interference<'t> {
         }
         let kernel = kernel(table);
         let (first, count) = self.span;
-        let centres = out.weighted.windows(KERNEL).skip(first.saturating_sub(HALF)).take(count);
-        for (span, z) in centres.zip(out.z.as_chunks_mut::<FINE>().0.iter_mut().skip(first)) {
-            let (mut re, mut im) = ([0f32; FINE], [0f32; FINE]);
-            let span = span.first_chunk::<KERNEL>().unwrap_or(&[[0.0; 2]; KERNEL]);
-            for ([wre, wim], kernel) in span.iter().zip(&kernel) {
-                re = core::array::from_fn(|k| re[k] + wre * kernel[k]);
-                im = core::array::from_fn(|k| im[k] + wim * kernel[k]);
+        let spans = out.weighted.get(first.saturating_sub(HALF)..).unwrap_or_default();
+        let z = out.z.as_chunks_mut::<FINE>().0.get_mut(first..).unwrap_or_default();
+        // Two neighbours at a time, the last two once more where their number is odd.
+        for n in (0..count).step_by(2).map(|n| n.min(count.saturating_sub(2))) {
+            let spans = spans.get(n..).and_then(|spans| spans.first_chunk::<{ KERNEL + 1 }>());
+            let z = z.get_mut(n..).and_then(|z| z.first_chunk_mut::<2>());
+            let (Some(spans), Some(z)) = (spans, z) else { continue };
+            let (mut a, mut b) = ([[0f32; 2]; FINE], [[0f32; 2]; FINE]);
+            for (near, kernel) in spans.windows(2).zip(&kernel) {
+                let [[are, aim], [bre, bim]] = *near.first_chunk().unwrap_or(&[[0.0; 2]; 2]);
+                a = core::array::from_fn(|k| [a[k][0] + are * kernel[k], a[k][1] + aim * kernel[k]]);
+                b = core::array::from_fn(|k| [b[k][0] + bre * kernel[k], b[k][1] + bim * kernel[k]]);
             }
-            z.iter_mut().zip(re.iter().zip(&im)).for_each(|(z, (re, im))| *z = [*re, *im]);
+            *z = [a, b];
         }
     }
 

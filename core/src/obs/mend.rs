@@ -59,14 +59,17 @@ const STILL: f32 = 1.0;
 /// Samples of the used components at an instant.
 pub type Instant = [f32; USED_CHANNELS];
 
+/// The same, or something else of each, and a nought: a desktop processor takes four numbers at once.
+type Four = [f32; USED_CHANNELS + 1];
+
 /// The instants about the one that is judged, and the levels.
 #[derive(Clone, Debug)]
 pub struct Mender {
-    ring: [Instant; PLACES],
+    ring: [Four; PLACES],
     /// Place of the newest.
     newest_at: u8,
     held: u8,
-    mean_square: Instant,
+    mean_square: Four,
     /// The greatest of the latest sums of squared distances, decaying.
     recent: f32,
     /// The sum of the instant before the one judged, of which the next may have been a part.
@@ -78,25 +81,27 @@ pub struct Mender {
 }
 
 /// Squared distance of each component of `b` from the middle between `a` and `c`.
-fn squares(a: &Instant, b: &Instant, c: &Instant) -> Instant {
+fn squares(a: &Four, b: &Four, c: &Four) -> Four {
     core::array::from_fn(|i| {
-        let [a, b, c] = [a, b, c].map(|x| x.get(i).copied().unwrap_or(0.0));
-        let d = b - 0.5 * (a + c);
+        let d = b[i] - 0.5 * (a[i] + c[i]);
         d * d
     })
 }
 
 /// The sum of squared distances of all components, each in its mean square.
-fn total(distances: &Instant, mean_square: &Instant) -> f32 {
-    distances.iter().zip(mean_square).map(|(d, m)| d / math::greater(*m, STILL)).sum()
+fn total(distances: &Four, mean_square: &Four) -> f32 {
+    let weighed: Four = core::array::from_fn(|i| distances[i] / math::greater(mean_square[i], STILL));
+    weighed.iter().sum()
 }
 
 /// What is at that part of the way from one instant to another.
-fn between(a: &Instant, b: &Instant, part: f32) -> Instant {
-    core::array::from_fn(|i| {
-        let [a, b] = [a, b].map(|x| x.get(i).copied().unwrap_or(0.0));
-        a + part * (b - a)
-    })
+fn between(a: &Four, b: &Four, part: f32) -> Four {
+    core::array::from_fn(|i| a[i] + part * (b[i] - a[i]))
+}
+
+/// The components of an instant.
+fn three([a, b, c, _]: Four) -> Instant {
+    [a, b, c]
 }
 
 impl Mender {
@@ -106,10 +111,10 @@ impl Mender {
     /// Nothing heard; all zeros.
     pub const fn new() -> Self {
         Self {
-            ring: [[0.0; USED_CHANNELS]; PLACES],
+            ring: [[0.0; USED_CHANNELS + 1]; PLACES],
             newest_at: 0,
             held: 0,
-            mean_square: [0.0; USED_CHANNELS],
+            mean_square: [0.0; USED_CHANNELS + 1],
             recent: 0.0,
             newest: 0.0,
             mended: 0,
@@ -130,51 +135,56 @@ impl Mender {
 
     /// Takes an instant; gives the one [`Self::LAG`] before, once there is one, and whether it was a spike.
     #[inline]
-    pub fn push(&mut self, x: Instant) -> Option<(Instant, bool)> {
+    pub fn push(&mut self, [a, b, c]: Instant) -> Option<(Instant, bool)> {
         self.newest_at = (self.newest_at + 1) % PLACES as u8;
-        self.ring[self.place(WINDOW - 1)] = x;
+        self.ring[self.place(WINDOW - 1)] = [a, b, c, 0.0];
         self.held = (self.held + 1).min(WINDOW as u8);
         let [before, middle, after] = [1, 2, 3].map(|k| self.ring[self.place(k)]);
         if usize::from(self.held) < WINDOW {
             // The first of a run have no neighbours before them.
-            return (usize::from(self.held) > Self::LAG).then_some((middle, false));
+            return (usize::from(self.held) > Self::LAG).then_some((three(middle), false));
         }
         if self.mended > 0 {
             self.mended -= 1;
-            return Some((middle, true));
+            return Some((three(middle), true));
         }
         let distances = squares(&before, &middle, &after);
         let all = total(&distances, &self.mean_square);
         // Where a spike is longer its first sample is at least half as far from the middle between its neighbours.
         if self.known >= WARM_UP && all > 0.25 * SPIKE && (1..=LONGEST).any(|samples| self.mend(samples)) {
             self.newest = 0.0;
-            return Some((self.ring[self.place(2)], true));
+            return Some((three(self.ring[self.place(2)]), true));
         }
         self.known = (self.known + 1).min(MEMORY);
         let warm = self.known > WARM_UP;
         let known = f32::from(self.known);
-        // A product where it is the same: each mean waits for the one before.
-        let part = |x: f32| if self.known == MEMORY { x * (1.0 / f32::from(MEMORY)) } else { x / known };
+        let mean_square = self.mean_square;
         // A component that stands still has no codes, or none of its own.
-        let moved = |m: f32, d: f32| {
+        let far: Four = core::array::from_fn(|i| {
+            let (m, d) = (mean_square[i], distances[i]);
             let limited = if warm { math::lesser(d, MOST * math::greater(m, STILL)) } else { d };
-            if d > 0.0 { m + part(limited - m) } else { m }
+            if d > 0.0 { limited - m } else { 0.0 }
+        });
+        // A product where it is the same: each mean waits for the one before.
+        let part = if self.known == MEMORY {
+            far.map(|x| x * (1.0 / f32::from(MEMORY)))
+        } else {
+            far.map(|x| x / known)
         };
+        self.mean_square = core::array::from_fn(|i| mean_square[i] + part[i]);
         self.recent = math::greater(RECENT * self.recent, core::mem::replace(&mut self.newest, all));
-        let ([a, b, c], [x, y, z]) = (self.mean_square, distances);
-        self.mean_square = [moved(a, x), moved(b, y), moved(c, z)];
-        Some((middle, false))
+        Some((three(middle), false))
     }
 
     /// Puts that many samples right if they are a spike. Seldom asked, and large.
     #[inline(never)]
     fn mend(&mut self, samples: usize) -> bool {
         let mean_square = self.mean_square;
-        let mut window: [Instant; WINDOW] = core::array::from_fn(|k| self.ring[self.place(k)]);
+        let mut window: [Four; WINDOW] = core::array::from_fn(|k| self.ring[self.place(k)]);
         let [first, before, spike @ ..] = &mut window;
         let Some((spike, [after, last, ..])) = spike.split_at_mut_checked(samples) else { return false };
         // Each sample must be far off, or what is beside a spike would be taken for a part of it.
-        let (mut least, mut own) = (f32::INFINITY, [0f32; USED_CHANNELS]);
+        let (mut least, mut own) = (f32::INFINITY, [0f32; USED_CHANNELS + 1]);
         for (n, x) in spike.iter().enumerate() {
             let expected = between(before, after, (n + 1) as f32 / (samples + 1) as f32);
             let mut all = 0.0;
@@ -197,7 +207,7 @@ impl Mender {
         }
         let most = ORDINARY.min(least / stands_out);
         let (Some(head), Some(tail)) = (spike.first(), spike.last()) else { return false };
-        let ordinary = |distances: Instant| total(&distances, &mean_square) < most;
+        let ordinary = |distances: Four| total(&distances, &mean_square) < most;
         if !(ordinary(squares(first, before, head)) && ordinary(squares(tail, after, last))) {
             return false;
         }

@@ -49,6 +49,7 @@ pub mod evidence;
 mod fit;
 mod gains;
 mod gone;
+mod misplaced;
 mod residuals;
 mod search;
 mod segment;

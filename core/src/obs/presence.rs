@@ -296,7 +296,7 @@ impl Presence {
         let (scale, cells) = (self.prior_scale, self.cells);
         for (density, likely) in self.density.iter_mut().zip(LIKELY) {
             // Three shifted columns at a time: below, here, above.
-            let [below, here, above, fresh] = &mut *work;
+            let [mut below, mut here, mut above, fresh] = work.each_mut();
             *below = [0.0; RANGE_CELLS];
             let anew = |i: usize| born * likely * range_of(i) * scale;
             fresh.iter_mut().enumerate().for_each(|(i, fresh)| *fresh = anew(i));
@@ -313,8 +313,7 @@ impl Presence {
                         *d = pack((1.0 - born) * x + fresh);
                     }
                 }
-                core::mem::swap(below, here);
-                core::mem::swap(here, above);
+                (below, here, above) = (here, above, below);
             }
         }
         self.fade();

@@ -438,17 +438,20 @@ impl State {
         let heard = directions.frames > 0;
         let tones = directions.modes.iter().flatten().filter(|m| !m.impulsive).count();
         let noticed = match tones {
-            0 if call.is_some() || expected.iter().any(Option::is_some) => Heard::Other,
+            0 if call.is_some() => Heard::Other,
+            0 if expected.iter().any(Option::is_some) => Heard::Expected,
             0 => Heard::Nothing,
             _ => Heard::Vessel,
         };
         self.checks.ranges(profiles, index, &mut self.intake.faults, sink);
-        let pairs_in_doubt = !plan.paper && (plan.lasting.parts_pairs() || self.checks.table_is_off());
+        let (exchanged, no_pressure) = (self.checks.exchanged(), self.checks.no_pressure());
+        let pairs_in_doubt =
+            no_pressure || !plan.paper && (plan.lasting.parts_pairs() || self.checks.table_is_off());
         self.tracker.pairs_in_doubt = pairs_in_doubt;
-        // Of a deaf component's noise directions are made all the same.
-        let deaf = self.checks.deaf();
-        let call = if deaf { None } else { call };
-        if deaf {
+        // Of a deaf component's noise, and of components exchanged, directions are made all the same.
+        let mute = exchanged || self.checks.deaf();
+        let call = if mute { None } else { call };
+        if mute {
             directions.withhold();
         }
         self.several = !plan.paper && (tones > 1 || expected.iter().flatten().count() > 1);
@@ -466,7 +469,7 @@ impl State {
             self.evidence.push(minute);
             let index_of = |k: u32| centre(plan, u64::from(k));
             self.segmenter.minute(k as u32, &directions, &ranges, index_of, sink);
-            if plan.azigram && !deaf && self.tracker.allowance.azigram() {
+            if plan.azigram && !mute && self.tracker.allowance.azigram() {
                 let half_s = 0.5 * STEP_S;
                 let of_minute = |kept: &&Kept| kept.used && (-half_s..half_s).contains(&offset_s(kept.label));
                 let (mut minute, mut held) = ([&NO_ROW; MINUTE_FRAMES], 0);
@@ -476,6 +479,9 @@ impl State {
                 let azigram = bands::azigram(plan, index, minute.get(..held).unwrap_or_default());
                 azigram.into_iter().for_each(|azigram| sink(Message::Azigram(azigram)));
             }
+        }
+        if exchanged {
+            self.tracker.withdraw(plan, &mut self.evidence, sink);
         }
         self.tracker.minute(plan, &mut self.evidence, k as u32, sink);
         let (speed_m_s, towards, whole) = (clear_speed_m_s(&ranges), plan.towards, plan.intake.minute());

@@ -167,6 +167,22 @@ impl Tracker {
         }
     }
 
+    /// Withdraws every track and forgets what they were found in: directions were none.
+    pub(super) fn withdraw(
+        &mut self,
+        plan: &Plan<'_>,
+        evidence: &mut Evidence,
+        sink: &mut dyn FnMut(Message),
+    ) {
+        evidence.clear();
+        for slot in &mut self.live {
+            if let Some(live) = slot {
+                live.withdraw(plan, sink);
+            }
+            *slot = None;
+        }
+    }
+
     /// Closes every track.
     pub fn finish(&mut self, plan: &Plan<'_>, evidence: &Evidence, now: u32, sink: &mut dyn FnMut(Message)) {
         self.improve(plan, evidence, now, sink);

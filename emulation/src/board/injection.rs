@@ -19,7 +19,8 @@ pub enum InjectedFault {
     ConverterUpset(f64),
     /// A bit of the converter's gain flips at this second: one channel twice as loud; a bit of chip 0's on the ocean-bottom board.
     ConverterGain(f64),
-    /// The converter's filters begin afresh at this second, as by a pulse on SYNC.
+    /// The converter's filters begin afresh at this second, as by a pulse on SYNC; so long after a conversion as this is after a whole
+    /// number of them.
     ConverterResync(f64),
     /// The converter's clock stops at this second for so many conversions; nothing is reset.
     ConverterStops(f64, f64),
@@ -340,7 +341,7 @@ pub(super) fn inject(machine: &mut Machine<Stm32h743>, due: &Due) -> Result<()> 
         InjectedFault::ConverterReset(_) => converter.reset(now),
         InjectedFault::ConverterUpset(_) => converter.upset(CLOCK, OVERSAMPLING_BIT, now),
         InjectedFault::ConverterGain(_) => converter.upset(GAIN, 0, now),
-        InjectedFault::ConverterResync(_) => converter.resynchronise(now),
+        InjectedFault::ConverterResync(at) => converter.resynchronise_in_phase(ticks(at)),
         InjectedFault::ConverterStops(_, conversions) => converter.stop_clock(conversions),
         InjectedFault::ConverterDead(..) => converter.set_dead(!due.ends, now),
         InjectedFault::ConverterMute(..) => converter.mute = !due.ends,

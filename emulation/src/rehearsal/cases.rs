@@ -176,13 +176,9 @@ fn failures() -> Vec<Case> {
         case("converter resets itself", &[InjectedFault::ConverterReset(AT_S)], AT_S, 1.5, &[restarted]),
         case("converter's rate flips", &[InjectedFault::ConverterUpset(AT_S)], AT_S, 1.5, &[restarted]),
         case("converter's gain flips", &[InjectedFault::ConverterGain(AT_S)], AT_S, 1.5, &[restarted]),
-        case(
-            "converter begins to convert afresh",
-            &[InjectedFault::ConverterResync(AT_S)],
-            AT_S,
-            1.5,
-            &[restarted],
-        ),
+        // While a frame is clocked out, and between two.
+        afresh(1),
+        afresh(3),
         stops(1.0),
         stops(3.0),
         stops(10.0),
@@ -341,6 +337,9 @@ fn failures() -> Vec<Case> {
     ]
 }
 
+/// A quarter of a conversion.
+const QUARTER_S: f64 = 0.25 / 64e3;
+
 /// The converter's clock stops for so many conversions, and nothing is reset.
 fn stops(conversions: f64) -> Case {
     let name = format!("converter's clock stops for {conversions} conversions");
@@ -348,9 +347,15 @@ fn stops(conversions: f64) -> Case {
     case(&name, &[InjectedFault::ConverterStops(AT_S, conversions)], AT_S, 1.5, &wanted)
 }
 
+/// The converter's filters begin afresh, so many quarters of a conversion after one is ready.
+fn afresh(quarter: u8) -> Case {
+    let name = format!("converter begins to convert afresh, phase {quarter}");
+    let resync = InjectedFault::ConverterResync(AT_S + QUARTER_S * f64::from(quarter));
+    case(&name, &[resync], AT_S, 1.5, &[Wanted::Fault(FaultCode::ConverterRestarted, None)])
+}
+
 /// A pulse on data ready that is none of the converter's, so many quarters of a conversion after one is ready.
 fn glitch(quarter: u8, length_us: f64, wanted: &[Wanted]) -> Case {
-    const QUARTER_S: f64 = 0.25 / 64e3;
     let name = format!("a pulse of {length_us} us on data ready, phase {quarter}");
     let pulse = InjectedFault::ConverterGlitch(AT_S + QUARTER_S * f64::from(quarter), length_us * 1e-6);
     case(&name, &[pulse], AT_S, 1.5, wanted)

@@ -32,9 +32,15 @@ impl Warning {
                     .to_owned()
             }
             FaultCode::Exchanged => {
-                let component = if value == 1 { "north" } else { "east" };
+                let other = if value & 4 == 0 { "the vertical component" } else { "pressure" };
+                let component = match value & 3 {
+                    1 => "north",
+                    2 => "east",
+                    _ => "the vertical component",
+                };
                 format!(
-                    "the vertical component and {component} stand for each other: look at the order of the channels"
+                    "{other} and {component} stand for each other: look at the order of the channels; until then no azimuth and no track is told{}",
+                    if value & 4 == 0 { "" } else { ", and no range as detected" }
                 )
             }
             FaultCode::Unequal => format!(
@@ -78,6 +84,14 @@ mod tests {
         assert_eq!((&unequal["type"], &unequal["code"]), (&"warning".into(), &"Unequal".into()), "{unequal}");
         assert_eq!((&unequal["t_s"], &unequal["value"]), (&2.0.into(), &(-31).into()), "{unequal}");
         assert!(unequal["text"].as_str().unwrap().contains("-3.1 dB"), "{unequal}");
+        for (value, words) in [
+            (2, "the vertical component and east"),
+            (5, "pressure and north"),
+            (7, "pressure and the vertical component"),
+        ] {
+            let text = said(FaultCode::Exchanged, value)["text"].as_str().unwrap().to_owned();
+            assert!(text.starts_with(words), "{text}");
+        }
         let good = said(FaultCode::SetUpGood, FaultCode::Reversed as i64);
         assert_eq!(good["text"], "Reversed is so no more");
         assert_eq!(said(FaultCode::Gap, 3)["type"], "fault");

@@ -1,0 +1,233 @@
+//! Whether the channel that is called pressure is it: of a vessel's sound pressure has its part in every direction.
+//!
+//! Enters: the moments of minutes in which something other than calls is heard. Leaves: which component pressure is exchanged with.
+//!
+//! A vessel along one horizontal component is not heard by the other, nor, over a floor that reflects, much by the vertical one in phase
+//! with pressure; of all four pressure alone takes part in each such minute, whatever signs and gains are. So minutes are
+//! counted in which two components go together and another with none of the three others: a channel that is absent where those others
+//! agree is no pressure, and of those beside it the one that never is absent takes its place. What goes together beside it is
+//! vessels' where north and east do with both signs, for an instrument that shakes does so along one axis for long.
+//! Vertical motion goes with pressure with one sign (`checks`), also where the two are exchanged: what a shaking
+//! instrument has of pressure has either.
+//!
+//! Not observable: pressure exchanged with any over a floor that lets sound in, where vertical motion goes with pressure in all that it does;
+//! nor before vessels were heard along both horizontal components. Cost: 100 instructions a minute.
+
+use super::checks::{COHERENT, Votes};
+use super::moments::Moments;
+use crate::block::CHANNELS;
+use crate::math;
+
+/// Least squared coherence of the two that agree best, and the share of it below which a third is with neither.
+const STRONG: f32 = 0.15;
+const ABSENT: f32 = 0.125;
+
+/// Minutes in which each of those was absent that must have been, and those of one channel from which on the older half is forgotten.
+const MINUTES: u16 = 4;
+const MOST: u16 = 1000;
+
+/// Pressure is absent in no more than one of so many of the minutes in which any other is; and minutes without the one called so from
+/// which on that is doubted.
+const SELDOM: u16 = 10;
+const FEW: u16 = 3;
+
+/// A horizontal component in place of pressure has its part in vessels' sound, an instrument that shakes has none in pressure: so many times
+/// the minutes without what is called pressure are without the vertical one.
+const TAKES_PART: u16 = 2;
+
+/// Minutes without the vertical component from which on either horizontal one would have been absent, were neither pressure.
+const LOUD: u16 = 20;
+
+/// Minutes of each sign in which north and east go together.
+const EITHER_SIGN: u16 = 5;
+
+/// State.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Misplaced {
+    /// Minutes in which a channel was absent: what is called pressure, north, east, vertical.
+    absent: [u16; CHANNELS],
+    /// While what is called pressure was: of north with east, and of it with the vertical one.
+    horizontals: Votes,
+    vertical: Votes,
+}
+
+/// Where pressure is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Pressure {
+    /// Where it should be, as far as is known.
+    Right,
+    /// That is not known yet: what has been heard is as of another place too.
+    Open,
+    /// In a component's place, and whether vessels on either side of another say so.
+    Elsewhere(u8, bool),
+}
+
+impl Misplaced {
+    /// Nothing known; all zeros.
+    pub(super) const NONE: Self =
+        Self { absent: [0; CHANNELS], horizontals: Votes::NONE, vertical: Votes::NONE };
+
+    /// Takes a minute.
+    pub(super) fn minute(&mut self, m: &Moments) {
+        let [p, n, e, z] = m.power;
+        let ([_, pn, pe, pz], [nz, ez]) = (m.with_pressure, m.with_vertical);
+        // Squared coherences with the sign of the product.
+        let signed =
+            |product: f32, a: f32, b: f32| product * math::f32::abs(product) / (a * b).max(f32::MIN_POSITIVE);
+        let (ne, pz) = (signed(m.north_east, n, e), signed(pz, p, z));
+        let [pn, pe, nz, ez, ne_size, pz_size] =
+            [signed(pn, p, n), signed(pe, p, e), signed(nz, n, z), signed(ez, e, z), ne, pz]
+                .map(math::f32::abs);
+        // How well each channel goes with any other.
+        let best = [
+            pn.max(pe).max(pz_size),
+            pn.max(ne_size).max(nz),
+            pe.max(ne_size).max(ez),
+            pz_size.max(nz).max(ez),
+        ];
+        let most = best.iter().fold(0f32, |most, x| most.max(*x));
+        if most < STRONG {
+            return;
+        }
+        let is_absent = |x: f32| x < ABSENT * most;
+        for (count, best) in self.absent.iter_mut().zip(best) {
+            *count += u16::from(is_absent(best));
+        }
+        if self.absent.iter().any(|count| *count >= MOST) {
+            self.absent.iter_mut().for_each(|count| *count /= 2);
+        }
+        let [pressure, ..] = best;
+        if is_absent(pressure) {
+            let [slightly, clearly] = COHERENT;
+            self.horizontals.take(ne, clearly * clearly);
+            self.vertical.take(pz, slightly * slightly);
+        }
+    }
+
+    /// Where pressure is by what was heard.
+    pub(super) fn pressure(&self) -> Pressure {
+        let [pressure, north, east, vertical] = self.absent;
+        if pressure < FEW {
+            let one_never = vertical >= LOUD && north.min(east) == 0 && north.max(east) < LOUD;
+            return if one_never { Pressure::Open } else { Pressure::Right };
+        }
+        let components = [(1, north), (2, east), (3, vertical)];
+        let (component, least) = components.iter().fold((0, u16::MAX), |a, b| if b.1 < a.1 { *b } else { a });
+        let often = least * SELDOM;
+        // Where it is the vertical component that is called pressure, that has little of either.
+        let may_be =
+            if component == 3 { self.vertical.is_one_sided() } else { vertical >= TAKES_PART * pressure };
+        if pressure < often || !may_be {
+            return Pressure::Right;
+        }
+        let enough = |count: u16| count >= often.max(MINUTES);
+        let others = components.iter().all(|(c, count)| *c == component || enough(*count));
+        if !enough(pressure) || !others {
+            return Pressure::Open;
+        }
+        let either = self.horizontals.with.min(self.horizontals.against) >= EITHER_SIGN;
+        Pressure::Elsewhere(component, either)
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    /// Moments of a minute of sound from an azimuth, of so many times the noise's power in pressure; of the vertical motion's power `goes`
+    /// is in phase with pressure, `all` of the pressure's there at all.
+    pub(in crate::obs) fn sound(azimuth: f32, power: f32, [goes, all]: [f32; 2]) -> Moments {
+        let (s, c) = math::f32::sin_cos(azimuth);
+        let vertical = -goes * all;
+        Moments {
+            power: [power + 1.0, power * c * c + 1.0, power * s * s + 1.0, power * all * all + 1.0],
+            with_pressure: [power + 1.0, power * c, power * s, power * vertical],
+            north_east: power * c * s,
+            with_vertical: [power * vertical * c, power * vertical * s],
+            instants: 3000,
+        }
+    }
+
+    /// The same with channels in another order: which one stands where pressure, north, east and vertical should.
+    pub(in crate::obs) fn order(m: &Moments, places: [usize; 4]) -> Moments {
+        let product = |a: usize, b: usize| {
+            let ([_, pn, pe, pz], [nz, ez]) = (m.with_pressure, m.with_vertical);
+            match (places[a].min(places[b]), places[a].max(places[b])) {
+                (0, 1) => pn,
+                (0, 2) => pe,
+                (0, 3) => pz,
+                (1, 2) => m.north_east,
+                (1, 3) => nz,
+                (2, 3) => ez,
+                (same, _) => m.power[same],
+            }
+        };
+        Moments {
+            power: places.map(|c| m.power[c]),
+            with_pressure: core::array::from_fn(|c| product(0, c)),
+            north_east: product(1, 2),
+            with_vertical: [product(1, 3), product(2, 3)],
+            instants: m.instants,
+        }
+    }
+
+    /// Where pressure is after minutes of vessels all around (on the northern and eastern sides alone where not `around`), their
+    /// components put in their places by `places` (of pressure, north, east, vertical in the order of the channels).
+    fn found(places: [usize; 4], around: bool) -> Pressure {
+        let mut misplaced = Misplaced::NONE;
+        for n in 0..400 {
+            let angle = n as f32 / if around { 60.0 } else { 260.0 };
+            misplaced.minute(&order(&sound(angle, 4.0, [0.3, 0.8]), places));
+        }
+        misplaced.pressure()
+    }
+
+    #[test]
+    fn pressure_is_found_in_each_place_and_missed_where_it_is() {
+        assert_eq!(found([0, 1, 2, 3], true), Pressure::Right);
+        assert_eq!(found([0, 2, 1, 3], true), Pressure::Right);
+        assert_eq!(found([0, 3, 2, 1], true), Pressure::Right);
+        assert_eq!(found([1, 0, 2, 3], true), Pressure::Elsewhere(1, true));
+        assert_eq!(found([2, 1, 0, 3], true), Pressure::Elsewhere(2, true));
+        assert_eq!(found([3, 1, 2, 0], true), Pressure::Elsewhere(3, true));
+        // All on one side.
+        assert_eq!(found([1, 0, 2, 3], false), Pressure::Elsewhere(1, false));
+    }
+
+    #[test]
+    fn an_instrument_that_shakes_is_no_pressure() {
+        // Along north, along east, and between, with a fifth of it upwards and none in pressure.
+        let shaking = |angle: f32| {
+            let (s, c) = math::f32::sin_cos(angle);
+            let [n, e, z] = [6.0 * c, 6.0 * s, 1.2];
+            Moments {
+                power: [1.0, 1.0 + n * n, 1.0 + e * e, 1.0 + z * z],
+                with_pressure: [1.0, 0.0, 0.0, 0.0],
+                north_east: n * e,
+                with_vertical: [n * z, e * z],
+                instants: 3000,
+            }
+        };
+        for angles in [[0.0, 0.0], [0.0, 1.571], [0.785, 2.356], [0.0, 0.785]] {
+            let mut misplaced = Misplaced::NONE;
+            let told: Vec<bool> = (0..2000usize)
+                .map(|n| {
+                    let [first, second] = angles;
+                    misplaced.minute(&shaking(if n % 400 < 200 { first } else { second }));
+                    matches!(misplaced.pressure(), Pressure::Elsewhere(..))
+                })
+                .collect();
+            assert!(!told.contains(&true), "{angles:?}");
+        }
+    }
+
+    #[test]
+    fn counts_stay_bounded() {
+        let mut misplaced = Misplaced::NONE;
+        for n in 0..200_000u32 {
+            misplaced.minute(&order(&sound(n as f32 / 60.0, 4.0, [0.3, 0.8]), [0, 3, 2, 1]));
+        }
+        assert!(misplaced.absent.iter().all(|count| *count <= MOST), "{misplaced:?}");
+    }
+}
