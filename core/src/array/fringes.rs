@@ -305,8 +305,8 @@ pub(super) fn depth_m(
     let (values, sums) = work.split_first_chunk_mut::<FRAME>()?;
     let used = flattened(plan, spectra, sums);
     values.fill(Complex32::new(0.0, 0.0));
-    for k in plan.whole.low..plan.whole.high {
-        let Some((mean, own)) = mean_power((plan.whole.low, plan.whole.high), sums, k) else { continue };
+    for k in plan.whole.low..plan.passed {
+        let Some((mean, own)) = mean_power((plan.whole.low, plan.passed), sums, k) else { continue };
         if let Some(value) = values.get_mut(transform::reversed(k))
             && mean > 0.0
         {
@@ -352,12 +352,12 @@ fn flattened(plan: &Plan, spectra: &Spectra, sums: &mut [Complex32]) -> f32 {
     });
     // One place more, for the sum of all.
     for ((k, auto), place) in autos.chain([0.0]).enumerate().take(BINS + 1).zip(sums) {
-        let inside = k >= plan.whole.low && k < plan.whole.high;
+        let inside = k >= plan.whole.low && k < plan.passed;
         let own = if inside { auto * (k * k) as f32 } else { 0.0 };
         *place = Complex32::new(sum, own);
         sum += own;
     }
-    plan.whole.high.saturating_sub(plan.whole.low).max(1) as f32
+    plan.passed.saturating_sub(plan.whole.low).max(1) as f32
 }
 
 #[cfg(test)]

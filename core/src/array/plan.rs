@@ -22,6 +22,12 @@ const LEAST_SPEED_SD: f64 = 1e-4;
 /// and would pass for fringes of a surface.
 const PASSED: f64 = 0.4375;
 
+/// Phase, radians, that a hydrophone's told deviation makes at the upper end of the band. Of the three differences of four arrival times two
+/// turn the direction; the third leaves the pairs √⅔ of that deviation apart, a radian here. Above it their sum has its peak by chance.
+const MOST_OUT_OF_PHASE: f64 = 1.2247;
+/// The band does not end below so many times the frequency from which on ambient noise is incoherent.
+const LEAST_KNEES: usize = 4;
+
 /// Length of one transform, samples. Short frames suffice: a delay of 80 samples still overlaps by 84 %, and the
 /// joint estimator loses nothing against 4096 points (docs/references.md).
 pub const FRAME: usize = 512;
@@ -146,6 +152,8 @@ pub struct Plan {
     pub(crate) scale: Scale,
     /// Levels sent unasked.
     pub(crate) slow: slow_levels::Plan,
+    /// One past the last bin whose levels are told; the band in which directions are looked for ends there or before.
+    pub(crate) passed: usize,
     /// First bin of the band whose envelope gives the shaft rate.
     pub(crate) envelope_low: usize,
     /// Shaft rate; `None` where the sampling rate is too low for it.
@@ -206,6 +214,9 @@ impl Plan {
         // Half a wavelength across the longest pair: above it a diffuse field is nearly incoherent. A band that
         // lies mostly below keeps all its bins; the diffuse mean is subtracted in any case.
         let knee = md::ceil(0.5 / f64::from(longest) / bin_hz) as usize;
+        let in_phase_hz = MOST_OUT_OF_PHASE * config.sound_speed_m_s / (md::TAU * array.position_sd_m);
+        let in_phase = md::ceil(in_phase_hz.min(rate) / bin_hz) as usize;
+        let (passed, high) = (high, high.min(in_phase.max(LEAST_KNEES * knee).max(low + LEAST_BINS)));
         let incoherent = if knee.saturating_sub(low) * 4 < high - low { knee.max(low) } else { low };
 
         let bin_rad_s = (md::TAU * bin_hz) as f32;
@@ -266,7 +277,7 @@ impl Plan {
             unit: 2.0 * FRAME as f32 / (window_power * rate as f32 * full_scale * full_scale),
             bin_hz: bin_hz as f32,
             low: 1,
-            high: high as u16,
+            high: passed as u16,
         };
         let plan = Self {
             intake: intake::Plan::new(rate, intake::ALL, BRIDGE),
@@ -301,12 +312,13 @@ impl Plan {
             sound_speed_sd: (array.sound_speed_sd_m_s / config.sound_speed_m_s).max(LEAST_SPEED_SD) as f32,
             scale,
             slow: slow_levels::Plan::new(config, scale),
-            envelope_low: high,
+            passed,
+            envelope_low: passed,
             shaft: None,
             geometry,
         };
         // A band that ends below four times the usual corner gives its upper three quarters.
-        let corner = SHAFT.high_pass_hz.min(0.25 * f64::from(plan.band_hz().1));
+        let corner = SHAFT.high_pass_hz.min(0.25 * (passed - 1) as f64 * bin_hz);
         Ok(plan.clone().with_shaft(&demon::Settings { high_pass_hz: corner, ..SHAFT }).unwrap_or(plan))
     }
 
@@ -317,7 +329,7 @@ impl Plan {
     pub fn with_shaft(mut self, settings: &demon::Settings) -> Result<Self, demon::SettingError> {
         let config = demon::Config::new(settings, f64::from(self.rate_hz), EACH_HOP)?;
         let low = md::ceil(settings.high_pass_hz * FRAME as f64 / f64::from(self.rate_hz)) as usize;
-        if low + LEAST_BINS > self.whole.high {
+        if low + LEAST_BINS > self.passed {
             return Err(demon::SettingError("high_pass_hz"));
         }
         self.envelope_low = low.max(self.whole.low);
@@ -406,6 +418,24 @@ mod tests {
             let bin_hz = rate_hz as f32 / super::FRAME as f32;
             let high_hz = plan.band_hz().1;
             assert!((high_hz - ends_hz).abs() <= bin_hz, "{rate_hz}: {high_hz}");
+        }
+    }
+
+    #[test]
+    fn the_band_ends_where_positions_told_uncertain_put_the_pairs_out_of_phase() {
+        // A radian between pairs: 1500 m/s · 1.2247 / (2π · 3 cm) = 9.75 kHz; what is known to 1 cm stays in phase to 29 kHz.
+        for (sd_m, ends_hz) in [(0.0, 25_000.0), (0.01, 25_000.0), (0.03, 9_750.0)] {
+            let plan = planned(64_000.0, |array| (array.band_hz.1, array.position_sd_m) = (25_000.0, sd_m));
+            let high_hz = plan.band_hz().1;
+            assert!((high_hz - ends_hz).abs() <= 125.0, "{sd_m}: {high_hz}");
+            // Levels, fringes and the shaft rate go on to the end.
+            let whole = planned(64_000.0, |array| array.band_hz.1 = 25_000.0);
+            assert_eq!((plan.passed, plan.scale.high), (whole.whole.high, whole.scale.high));
+        }
+        // Some band is left whatever is told.
+        for (rate_hz, sd_m) in [(64_000.0, 1.0), (8_000.0, 0.3)] {
+            let plan = planned(rate_hz, |array| array.position_sd_m = sd_m);
+            assert!(plan.band_hz().1 > 2.0 * plan.band_hz().0, "{:?}", plan.band_hz());
         }
     }
 }

@@ -366,7 +366,7 @@ fn keep(value: &mut f32, kept: &mut u16, join: bool) {
 
 /// The runs whose power tells when the sound was loud: the upper half of the band, where bearings come from and spectra are flat.
 fn upper(plan: &Plan) -> core::ops::Range<usize> {
-    let high = plan.whole.high.div_ceil(RUN);
+    let high = plan.passed.div_ceil(RUN);
     (high / 2).max(plan.envelope_low / RUN)..high
 }
 
