@@ -88,7 +88,7 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     let scenario = simulator.scenario().clone();
     for vessel in unheard(simulator) {
         log::warn!(
-            "{vessel} is never within the {:.0} km that the propagation table reaches: nothing is heard of it",
+            "{vessel} is never within the {:.0} km that the propagation table reaches while it sounds: nothing is heard of it",
             simulator.table().max_range_m() / 1000.0
         );
     }
@@ -131,15 +131,14 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     })
 }
 
-/// Names of vessels that are beyond the table in every minute.
+/// Names of vessels of which nothing arrives: beyond the table whenever they sound.
 fn unheard(simulator: &Simulator) -> Vec<String> {
-    let minutes = (simulator.scenario().duration_s / 60.0) as u64;
-    let farthest_m = simulator.table().max_range_m();
-    let within = |v: &MovingVessel| {
-        let mut places = (0..=minutes).filter_map(|m| v.course.at(60.0 * m as f64));
-        places.any(|place| crate::course::polar(place).0 <= farthest_m)
-    };
-    simulator.vessels.iter().filter(|v| !within(v)).map(|v| v.name.clone()).collect()
+    const EVERY_S: f64 = 10.0;
+    let (scenario, table) = (simulator.scenario(), simulator.table());
+    let looks = (scenario.duration_s / EVERY_S) as u64;
+    let heard =
+        |v: &MovingVessel| (0..=looks).any(|n| then(table, scenario.paths, v, EVERY_S * n as f64).is_some());
+    simulator.vessels.iter().filter(|v| !heard(v)).map(|v| v.name.clone()).collect()
 }
 
 /// Minute by minute: where each vessel is and where it was when the sound now heard left it; other sounds by span.
@@ -203,19 +202,24 @@ mod tests {
         let profile = SpeedProfile::subtropical(4340.0).unwrap();
         let table = trace::trace("t", &profile, &Bottom::default(), 70.0, 500, || ());
         let reach_m = table.max_range_m();
-        // The third comes as near as the table reaches in its last minute alone.
+        // The third comes as near as the table reaches in its last minutes alone, the fourth when it is silent.
         let vessel = |name: &str, range_m: f64, cpa_time_s: f64| {
             format!(
                 "[[vessels]]\nname = \"{name}\"\nstraight = {{ cpa_time_s = {cpa_time_s}, cpa_range_m = {range_m}, heading_deg = 0.0, \
                  speed_m_s = 7.0, side = \"port\" }}\n"
             )
         };
+        let between = |from_s: f64, to_s: f64| format!("active_s = [{from_s}, {to_s}]\n");
         let text = String::from("kind = \"obs\"\nseed = 1\nduration_s = 3600.0\npropagation = \"t\"\n")
             + &vessel("near", 9_000.0, 1800.0)
             + &vessel("beyond", reach_m + 500.0, 1800.0)
-            + &vessel("late", reach_m - 10.0, 3600.0);
+            + &vessel("late", reach_m - 100.0, 3500.0)
+            + &vessel("gone", reach_m - 100.0, 3500.0)
+            + &between(0.0, 1800.0)
+            + &vessel("brief", 9_000.0, 1800.0)
+            + &between(1805.0, 1825.0);
         let scenario: ObsScenario = toml::from_str(&text).unwrap();
         let simulator = Simulator::new(scenario, table, Vec::new()).unwrap();
-        assert_eq!(unheard(&simulator), ["beyond"]);
+        assert_eq!(unheard(&simulator), ["beyond", "gone"]);
     }
 }
