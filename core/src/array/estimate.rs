@@ -1,6 +1,6 @@
 //! One segment's estimate: from accumulated cross-spectra to a bearing, or to nothing.
 
-use super::agreement::Doubt;
+use super::agreement::{Doubt, half_apart};
 use super::chain::Scratch;
 use super::detect;
 use super::followed::Turn;
@@ -222,7 +222,8 @@ pub(crate) fn segment(
     let doubt = match &first {
         Some(first) if used.all() => {
             let context = Context { depth: memory.depth.known(), ..context };
-            let others = (other, &memory.others, segment);
+            let elsewhere = memory.is_elsewhere(&context, &first.refined.direction);
+            let others = (other, elsewhere, &memory.others, segment);
             memory.agreement.take(&context, first, others, &peaks, &scratch.search, sink)
         }
         _ => Some(Doubt::NONE),
@@ -231,9 +232,11 @@ pub(crate) fn segment(
         let is = turned.is(&mut scratch.search, memory.sick.tried());
         let sign = memory.sick.turned(is);
         memory.sick.take(plan, sign, None, context.index, sink);
-        // Nor is anything told that explains so little and is elsewhere than the source was.
+        // The pairs do not hear what direction is left, nor is one told that is elsewhere than the source was, but with the error that a channel
+        // known to be late makes.
+        let stated = doubt.is_some_and(|doubt| doubt.quality < 1.0);
         let elsewhere = |found: &Found| memory.is_elsewhere(&context, &found.refined.direction);
-        if is || first.as_ref().is_some_and(elsewhere) {
+        if is || !stated || first.as_ref().is_some_and(elsewhere) {
             return;
         }
     }
@@ -417,7 +420,8 @@ fn found(
     let plan = context.plan;
     let best = scratch.search.best(plan, context.band, plan.curvature);
     let before = memory.and_then(|memory| memory.moments_ago(context));
-    let start = context.band.used.upright(&plan.geometry, &best, plan.elevation, before)?;
+    let half = half_apart(plan, &best);
+    let start = context.band.used.upright(&plan.geometry, &best, plan.elevation, before, half)?;
     examine(context, memory, &start, spectra, scratch)
 }
 
