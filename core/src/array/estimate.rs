@@ -232,11 +232,11 @@ pub(crate) fn segment(
         let is = turned.is(&mut scratch.search, memory.sick.tried());
         let sign = memory.sick.turned(is);
         memory.sick.take(plan, sign, None, context.index, sink);
-        // The pairs do not hear what direction is left, nor is one told that is elsewhere than the source was, but with the error that a channel
-        // known to be late makes.
-        let stated = doubt.is_some_and(|doubt| doubt.quality < 1.0);
+        // Pairs that heard one direction do not hear what is left of it, but where a channel that is known to be late makes that, with its
+        // error; nor is one told that is elsewhere than the source was.
+        let changed = memory.was_explained(&context) && doubt.is_none_or(|doubt| doubt.quality == 1.0);
         let elsewhere = |found: &Found| memory.is_elsewhere(&context, &found.refined.direction);
-        if is || !stated || first.as_ref().is_some_and(elsewhere) {
+        if is || changed || first.as_ref().is_some_and(elsewhere) {
             return;
         }
     }
@@ -252,6 +252,7 @@ pub(crate) fn segment(
     if sign == Sign::Well && !doubtful {
         let sign = match &first {
             Some(first) if used.all() => {
+                memory.explained = context.index;
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
                 let Found { tau, mean, .. } = first;
                 let others = (&memory.others, segment);
