@@ -127,13 +127,13 @@ impl Agreement {
         self.change.stated(scatter);
     }
 
-    /// Takes a segment, whether its direction is of an `other` source that is followed, and those that it is not of; how much to doubt it,
-    /// `None` where the pairs let none be told. All four hydrophones are used.
+    /// Takes a segment, whether its direction is of an `other` source that is followed or `away` from where the strongest was moments ago, and
+    /// those that it is not of; how much to doubt it, `None` where the pairs let none be told. All four hydrophones are used.
     pub(super) fn take(
         &mut self,
         context: &Context<'_>,
         found: &Found,
-        (other, others, segment): (bool, &Followed, u32),
+        (other, away, others, segment): (bool, bool, &Followed, u32),
         peaks: &[PairPeaks; PAIR_COUNT],
         search: &SearchWork,
         sink: &mut impl FnMut(Message),
@@ -172,7 +172,11 @@ impl Agreement {
         let strain = if clear && !contradicted { self.strained(context, found, &delays) } else { None };
         let (verdict, changed) = match (clear, closed) {
             (true, true) => self.change.take(context, found, (other, others.any()), &delays, &weight),
-            (true, false) if self.change.is_told() => (self.change.verdict(), false),
+            (true, false) if self.change.is_told() || self.change.is_suspected(plan, context.index) => {
+                (self.change.verdict(), false)
+            }
+            // What is suddenly elsewhere, and the pairs do not agree of it, may be channels that were exchanged near a vessel.
+            (true, false) if away && !other => (Verdict::Withhold, false),
             _ => (Verdict::Tell, false),
         };
         let doubtful = contradicted || (strain.is_some() && self.averaged >= AVERAGED);

@@ -11,7 +11,9 @@
 //! * Where pairs hear a vessel apart from its image in the surface the vector goes up and down between the two from segment to segment:
 //!   there a course is level, but for what a vessel's usual speed makes of it, and tells azimuths as sharply as elsewhere.
 //! * From the second such segment on no direction is told, until [`SURE`] have said the same (a vessel that turns does not)
-//!   or one has not. Then the fault `Inconsistent` says so.
+//!   or one has not, nor where pairs do not agree meanwhile. Then the fault `Inconsistent` says so. What may be either is taken for exchanged.
+//! * Of a vessel heard for less than [`LEAST_KEPT`] segments before is known where it was and how fast vessels turn: that tells exchanged channels, not
+//!   a late one.
 //! * Since then: with a late channel, bearings with an error as large as the delay; of exchanged channels none. What comes
 //!   from other directions is strained by a change and not by a vessel that jumped, or jumps back: [`DECIDED`] ends it. Where a vessel and its image are
 //!   heard apart they strain it as well, alike until it has turned.
@@ -23,8 +25,8 @@
 use super::agreement::{DEEPEST, half_apart};
 use super::estimate::{Context, Found};
 use super::jump::{
-    ELSEWHERE, EXCHANGED, JUMPED, JUMPED_SAMPLES, Jump, LATE, NOTHING, What, difference, duals, length,
-    times, unit, vector,
+    EITHER, ELSEWHERE, EXCHANGED, JUMPED, JUMPED_SAMPLES, Jump, LATE, NOTHING, What, difference, duals,
+    length, times, unit, vector,
 };
 use super::plan::Plan;
 use super::wavefront::{self, Direction, PAIR_COUNT};
@@ -35,6 +37,8 @@ use crate::math::f32 as m;
 /// Segments kept, and least of them, without the newest, that tell where the next is.
 const KEPT: usize = 8;
 const LEAST_KEPT: usize = 3;
+/// Standard deviation of how fast a vessel turns whose past does not tell it, rad/s: 7 m/s 200 m away.
+const TURNING_RAD_S: f32 = 0.035;
 /// Longest time between two segments of one track, seconds.
 const LONGEST_S: f32 = 2.5;
 /// The same after a jump, of which segments may say nothing.
@@ -176,8 +180,8 @@ impl Change {
         let duals = duals(plan);
         let arrived = times(delays, weight);
         let own = vector(plan, &duals, &arrived);
-        let expected = vector(plan, &duals, &times(&found.tau, weight));
-        let expected = length(&expected);
+        let told = vector(plan, &duals, &times(&found.tau, weight));
+        let expected = length(&told);
         self.hear(context, &duals, &own, &arrived, expected);
         let before = self.what;
         let lasted = self.past.first().map_or(f32::MAX, |(_, at)| seconds(plan, *at, context.index));
@@ -188,8 +192,11 @@ impl Change {
         let course =
             if self.seems == NOTHING { self.course(context) } else { Some(self.later(plan, context.index)) };
         let usual = self.usual();
+        // Where a vessel of which little was heard should be is uncertain by how fast it turns: that is as much as a late channel makes of it,
+        // but less than most exchanged ones do.
+        let few = self.kept <= LEAST_KEPT;
         let seems = match course {
-            Some(course) if usual.noise[0] > 0.0 => {
+            Some(course) if usual.noise[0] > 0.0 && !(few && (among_others || self.what != NOTHING)) => {
                 let from = unit(&course.place);
                 let across = wavefront::tangents(&from).0;
                 let [c, s, _] = across;
@@ -197,7 +204,7 @@ impl Change {
                 let floor = if fringed { FRINGED_S } else { FLOOR_SAMPLES / plan.rate_hz };
                 let late = JUMPED_SAMPLES / (plan.rate_hz * floor);
                 let (least, most) = JUMPED;
-                let jumped = if among_others { most } else { (late * late).clamp(least, most) };
+                let jumped = if among_others || few { most } else { (late * late).clamp(least, most) };
                 let floor = floor * length(&duals[0]) / plan.inv_c;
                 let turn =
                     BEND * wavefront::dot(&course.rate, &course.rate) * course.length_s * course.length_s;
@@ -217,11 +224,19 @@ impl Change {
                     from: course.place,
                     to: own,
                     jumped,
+                    few,
+                    either: if self.what < EXCHANGED { EITHER } else { -EITHER },
                     axes: [across, [-s, c, 0.0], [0.0, 0.0, 1.0]],
                     variance: [a, away, up],
                     exchanged,
                 };
-                jump.what((self.seems != NOTHING).then_some(&course.jump))
+                let before = (self.seems != NOTHING).then_some(&course.jump);
+                match jump.what(before) {
+                    (ELSEWHERE, _) if few && before.is_none() => (NOTHING, 0.0),
+                    // The pairs' own delays are back by chance, where what would be told of them is not.
+                    (NOTHING, _) if before.is_some() => Jump { to: told, ..jump }.what(before),
+                    seems => seems,
+                }
             }
             _ => (NOTHING, 0.0),
         };
@@ -242,6 +257,11 @@ impl Change {
     /// Whether a change is sure.
     pub(super) fn is_told(&self) -> bool {
         self.what != NOTHING
+    }
+
+    /// Whether one seems to have come moments before sample `index`, of which nothing has been said since.
+    pub(super) fn is_suspected(&self, plan: &Plan, index: u64) -> bool {
+        self.times > 0 && seconds(plan, self.since, index) < LONGEST_JUMP_S
     }
 
     /// What to do with a direction, by what was seen until now.
@@ -288,7 +308,7 @@ impl Change {
             && (self.what >= EXCHANGED || m::abs(self.delay_s + delay_s) < 0.5 * m::abs(self.delay_s));
         if back {
             self.what = NOTHING;
-        } else if self.what < EXCHANGED || self.seems >= EXCHANGED {
+        } else if self.what < EXCHANGED {
             // Of exchanged channels the vector turns about as no vessel does.
             (self.what, self.delay_s) = (self.seems, delay_s);
         }
@@ -347,36 +367,41 @@ impl Change {
     #[inline(never)]
     fn course(&self, context: &Context<'_>) -> Option<Course> {
         let (plan, index) = (context.plan, context.index);
-        let used = self.past.get(1..self.kept).filter(|past| past.len() >= LEAST_KEPT)?;
+        // The newest may hold a part of a jump.
+        let used = self.past.get(usize::from(self.kept > 1)..self.kept)?;
+        let (newest, _) = used.first()?;
         let n = used.len() as f32;
-        let (mut at, mut square, mut place, mut slope) = (0.0, 0.0, [0.0f32; 3], [0.0f32; 3]);
+        let (mut mean, mut middle) = ([0.0f32; 3], 0.0);
         for (v, when) in used {
-            let t = -seconds(plan, *when, index);
-            at += t;
+            middle -= seconds(plan, *when, index) / n;
+            for k in 0..3 {
+                mean[k] += v[k] / n;
+            }
+        }
+        let (mut square, mut slope) = (0.0, [0.0f32; 3]);
+        for (v, when) in used {
+            let t = -seconds(plan, *when, index) - middle;
             square += t * t;
             for k in 0..3 {
-                place[k] += v[k];
                 slope[k] += t * v[k];
             }
         }
-        let determinant = n * square - at * at;
-        if !(determinant > 0.0) {
-            return None;
-        }
-        let mut course = Course { factor: square / determinant, ..Course::default() };
-        // Where pairs go from vessel to image and back, a few segments tell less of its rise or fall than a vessel's usual speed does.
-        let (newest, _) = used.first()?;
+        // A few segments tell less of its turning than a vessel's usual speed does, and where pairs go from vessel to image and back, less of its rise or fall.
+        let level = square + self.usual().noise[0] / (TURNING_RAD_S * TURNING_RAD_S);
         let from = unit(newest);
         let known =
             hop(context, &from) / (RISING_M_S * from[2] * from[2] / plan.depth_m).max(f32::MIN_POSITIVE);
-        let more = known * known;
-        let level = (square, determinant);
-        let upright = (square + more, determinant + n * more);
-        for (k, (square, determinant)) in [level, level, upright].into_iter().enumerate() {
-            course.place[k] = (square * place[k] - at * slope[k]) / determinant;
-            course.rate[k] = (n * slope[k] - at * place[k]) / determinant;
+        let upright = (square + known * known).max(level);
+        if !(level > 0.0) {
+            return None;
         }
-        course.up = (upright.0 / upright.1, n / upright.1);
+        let factor = |square: f32| 1.0 / n + middle * middle / square;
+        let mut course = Course { factor: factor(level), ..Course::default() };
+        for (k, square) in [level, level, upright].into_iter().enumerate() {
+            course.rate[k] = slope[k] / square;
+            course.place[k] = mean[k] - middle * course.rate[k];
+        }
+        course.up = (factor(upright), 1.0 / upright);
         course.length_s = used.last().map_or(0.0, |(_, when)| seconds(plan, *when, index));
         Some(course)
     }

@@ -37,10 +37,21 @@ fn direction(from: f64, b: &Bearing) -> (f64, f64) {
 
 /// Names of the faults and the bearings after the change, that are wrong and that are right.
 fn after(from: f64, seed: u64, spoil: impl Fn(&mut [[f64; CHANNELS]])) -> (Vec<FaultCode>, usize, usize) {
+    after_of(0, from, seed, spoil)
+}
+
+/// The same of a recording that begins so many samples later.
+fn after_of(
+    begin: usize,
+    from: f64,
+    seed: u64,
+    spoil: impl Fn(&mut [[f64; CHANNELS]]),
+) -> (Vec<FaultCode>, usize, usize) {
     let plan = plan();
     let mut sea = passing(&plan, from, seed);
     spoil(&mut sea[FROM..]);
-    let heard = hear(&plan, &sea);
+    let mut heard = hear(&plan, &sea[begin..]);
+    heard.bearings.iter_mut().for_each(|b| b.index += begin as u64);
     let codes = heard.faults.iter().map(|f| f.0).filter(|f| *f != FaultCode::Impulses).collect();
     let later = heard.bearings.iter().filter(|b| b.band == 0 && b.index as usize > FROM + 8000);
     let (mut wrong, mut right) = (0, 0);
@@ -108,6 +119,34 @@ fn of_exchanged_channels_no_bearing_is_told() {
         assert_eq!((codes, wrong), (std::vec![FaultCode::Inconsistent], 0), "{n}");
         assert!(right <= 1, "{n}: {right}");
     }
+}
+
+#[test]
+fn exchanged_channels_are_noticed_of_a_vessel_that_was_heard_for_a_second() {
+    for n in 0..12u64 {
+        let (i, j) = PAIRS[n as usize % PAIRS.len()];
+        let swap = |sea: &mut [[f64; CHANNELS]]| sea.iter_mut().for_each(|x| x.swap(i, j));
+        let (codes, wrong, right) = after_of(FROM - RATE as usize, 0.3 + 0.5 * n as f64, n, swap);
+        assert_eq!(codes, std::vec![FaultCode::Inconsistent], "{n}");
+        // One may be told of the segment in which they are exchanged.
+        assert!(wrong <= 1 && right == 0, "{n}: {wrong} {right}");
+    }
+}
+
+#[test]
+fn another_vessel_that_follows_one_heard_for_a_second_is_no_change() {
+    let plan = plan();
+    let mut feigned = 0;
+    for n in 0..12u64 {
+        let mut sea = passing(&plan, n as f64, n);
+        let other = passing(&plan, n as f64 + 0.4 + 0.37 * n as f64, n + 50);
+        sea[FROM..].copy_from_slice(&other[FROM..]);
+        let heard = hear(&plan, &sea[FROM - RATE as usize..]);
+        let codes: Vec<_> = heard.faults.iter().map(|f| f.0).filter(|f| *f != FaultCode::Impulses).collect();
+        feigned += usize::from(!codes.is_empty());
+    }
+    // Of six places to which exchanged channels would move it, each some degrees wide, one is another vessel's by chance.
+    assert!(feigned <= 1, "{feigned}");
 }
 
 #[test]

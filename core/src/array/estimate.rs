@@ -1,6 +1,6 @@
 //! One segment's estimate: from accumulated cross-spectra to a bearing, or to nothing.
 
-use super::agreement::Doubt;
+use super::agreement::{Doubt, half_apart};
 use super::chain::Scratch;
 use super::detect;
 use super::followed::Turn;
@@ -222,7 +222,8 @@ pub(crate) fn segment(
     let doubt = match &first {
         Some(first) if used.all() => {
             let context = Context { depth: memory.depth.known(), ..context };
-            let others = (other, &memory.others, segment);
+            let elsewhere = memory.is_elsewhere(&context, &first.refined.direction);
+            let others = (other, elsewhere, &memory.others, segment);
             memory.agreement.take(&context, first, others, &peaks, &scratch.search, sink)
         }
         _ => Some(Doubt::NONE),
@@ -231,9 +232,11 @@ pub(crate) fn segment(
         let is = turned.is(&mut scratch.search, memory.sick.tried());
         let sign = memory.sick.turned(is);
         memory.sick.take(plan, sign, None, context.index, sink);
-        // Nor is anything told that explains so little and is elsewhere than the source was.
+        // Pairs that heard one direction do not hear what is left of it, but where a channel that is known to be late makes that, with its
+        // error; nor is one told that is elsewhere than the source was.
+        let changed = memory.was_explained(&context) && doubt.is_none_or(|doubt| doubt.quality == 1.0);
         let elsewhere = |found: &Found| memory.is_elsewhere(&context, &found.refined.direction);
-        if is || first.as_ref().is_some_and(elsewhere) {
+        if is || changed || first.as_ref().is_some_and(elsewhere) {
             return;
         }
     }
@@ -249,6 +252,7 @@ pub(crate) fn segment(
     if sign == Sign::Well && !doubtful {
         let sign = match &first {
             Some(first) if used.all() => {
+                memory.explained = context.index;
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
                 let Found { tau, mean, .. } = first;
                 let others = (&memory.others, segment);
@@ -417,7 +421,8 @@ fn found(
     let plan = context.plan;
     let best = scratch.search.best(plan, context.band, plan.curvature);
     let before = memory.and_then(|memory| memory.moments_ago(context));
-    let start = context.band.used.upright(&plan.geometry, &best, plan.elevation, before)?;
+    let half = half_apart(plan, &best);
+    let start = context.band.used.upright(&plan.geometry, &best, plan.elevation, before, half)?;
     examine(context, memory, &start, spectra, scratch)
 }
 

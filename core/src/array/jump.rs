@@ -17,6 +17,11 @@ pub(super) const JUMPED_SAMPLES: f32 = 0.41;
 /// Within which it is back, and within which it is where a change puts it.
 const BACK: f32 = 12.0;
 const THERE: f32 = 14.0;
+/// The same where it should be is hardly known: nine in ten are within.
+const THERE_OF_FEW: f32 = 6.0;
+/// By so much less well may exchanged channels explain it and still be taken for what it is, where a late one explains it too: bearings of a late channel are
+/// told, of exchanged ones they are not. By so much better must they where they were exchanged before.
+pub(super) const EITHER: f32 = 4.0;
 /// How often arrival times are fitted to the pairs': each time leaves a quarter of what was missing.
 const ROUNDS: usize = 4;
 /// Delays looked for, samples.
@@ -37,6 +42,10 @@ pub(super) struct Jump<'a> {
     pub(super) to: [f32; 3],
     /// Squared deviations beyond which it has jumped.
     pub(super) jumped: f32,
+    /// Whether `from` is known by how fast vessels turn alone: no late channel would show, and as much is explained by chance as may be.
+    pub(super) few: bool,
+    /// By how much less well exchanged channels may explain it than a late one.
+    pub(super) either: f32,
     /// Axes, and the variance along each.
     pub(super) axes: [[f32; 3]; 3],
     pub(super) variance: [f32; 3],
@@ -78,7 +87,7 @@ impl Jump<'_> {
         let late = self.variance.map(|v| v + found * found);
         let exchanged = self.exchanged.map(|v| v + found * found);
         let (mut best, mut least) = ((ELSEWHERE, 0.0), THERE);
-        for (dual, what) in self.duals.iter().zip(LATE..) {
+        for (dual, what) in self.duals.iter().zip(LATE..).filter(|_| !self.few) {
             let per_s = dual.map(|x| -x / self.plan.inv_c);
             let delay_s =
                 self.inner(&per_s, &by, &late) / self.inner(&per_s, &per_s, &late).max(f32::MIN_POSITIVE);
@@ -98,8 +107,9 @@ impl Jump<'_> {
             }
             let off = difference(&vector(self.plan, &self.duals, &t), &self.from);
             let chi2 = self.inner(&off, &off, &exchanged);
-            if chi2 < least {
-                (best, least) = ((what, 0.0), chi2);
+            let there = if self.few { THERE_OF_FEW } else { THERE };
+            if chi2 < there && chi2 < least + self.either {
+                (best, least) = ((what, 0.0), chi2 - self.either);
             }
         }
         best

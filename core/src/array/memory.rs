@@ -21,6 +21,8 @@ const AVERAGED_SEGMENTS: f32 = 16.0;
 const STEADY: f32 = 0.005;
 /// A change of bearing beyond so many resolution cells is another source, whose spectrum is not the remembered one.
 const OTHER_SOURCE_CELLS: f32 = 10.0;
+/// For so long after pairs heard one direction it is no wrong position that they do not, as that was so before, seconds.
+const EXPLAINED_S: f32 = 60.0;
 /// For so long a source is where it was last, but for some degrees, seconds.
 const MOMENTS_S: f32 = 3.0;
 
@@ -33,6 +35,8 @@ pub(crate) struct Memory {
     pub(super) averaged: f32,
     /// Last bearing: direction and index.
     pub(super) last: Option<(Direction, u64)>,
+    /// Index of the last segment in which a direction explained what the pairs heard; 0: none.
+    pub(super) explained: u64,
     /// Turn rate between the last bearings, radians a second, newest first.
     pub(super) turn_rate: [f32; 2],
     /// The horizontal part of it, clockwise.
@@ -74,6 +78,7 @@ impl Memory {
             coherence: [0.0; BINS],
             averaged: 0.0,
             last: None,
+            explained: 0,
             turn_rate: [0.0; 2],
             swing: [0.0; 2],
             places: Places::new(),
@@ -104,6 +109,7 @@ impl Memory {
     pub(crate) fn forget(&mut self) {
         self.averaged = 0.0;
         self.last = None;
+        self.explained = 0;
         self.turn_rate = [0.0; 2];
         self.swing = [0.0; 2];
         self.others = Followed::NONE;
@@ -126,6 +132,12 @@ impl Memory {
     pub(super) fn moments_ago(&self, context: &Context<'_>) -> Option<&Direction> {
         let (direction, index) = self.last.as_ref()?;
         (context.index.saturating_sub(*index) as f32 <= MOMENTS_S * context.plan.rate_hz).then_some(direction)
+    }
+
+    /// Whether a direction explained what the pairs heard in the last minute.
+    pub(super) fn was_explained(&self, context: &Context<'_>) -> bool {
+        let since = context.index.saturating_sub(self.explained) as f32;
+        self.explained > 0 && since <= EXPLAINED_S * context.plan.rate_hz
     }
 
     /// Whether a direction is another source's than that of moments ago.

@@ -166,7 +166,8 @@ impl Used {
     /// mirror image in their plane: the one that rises from the horizon (by the sine of elevation, within `elevation`) is
     /// taken where the other lies [`BELOW`] it; where both may rise, the one that is much nearer to where the source was `before`, moments
     /// ago; `None` where that tells neither. The image of a vessel that crosses the plane comes back the way it came: without that
-    /// moment its past says nothing.
+    /// moment its past says nothing. Where pairs hear a vessel and its image in the surface apart, each up to `half` (radians) from
+    /// half-way, they give no direction in the plane, and one that crosses it seems to turn back before.
     #[inline(never)]
     pub(crate) fn upright(
         self,
@@ -174,6 +175,7 @@ impl Used {
         u: &Direction,
         elevation: (f32, f32),
         before: Option<&Direction>,
+        half: f32,
     ) -> Option<Direction> {
         if self.all() {
             return Some(*u);
@@ -200,7 +202,8 @@ impl Used {
         }
         let before = before?;
         let from = |d: &Direction| m::acos(dot(before, d).clamp(-1.0, 1.0));
-        let much = |near: f32, far: f32| far > APART_RAD && near < MUCH_NEARER * far;
+        let apart = APART_RAD + 2.0 * m::sqrt(half);
+        let much = |near: f32, far: f32| far > apart && near < MUCH_NEARER * far;
         let (a, b) = (a.then(|| from(u)), b.then(|| from(&mirrored)));
         let (a, b) = (a.unwrap_or(m::PI), b.unwrap_or(m::PI));
         either(much(a, b), much(b, a))
@@ -243,6 +246,36 @@ mod tests {
                 assert!((f64::from(*t) - exact).abs() < 1e-9 + 1e-7 * range / 1484.0, "{range}");
             }
         }
+    }
+
+    #[test]
+    fn three_hydrophones_tell_no_side_of_their_plane_where_an_image_in_the_surface_hides_it() {
+        let g = tetra();
+        // Hydrophones 0, 2 and 3 are in an upright plane; directions aside of it, and moments before a little farther.
+        let used = Used::without(0b0010).unwrap();
+        let tells = |aside: f32, half: f32| {
+            let along = |aside: f32| {
+                let [a, b, c] = [0, 2, 3].map(|h: usize| g.position_m[h]);
+                let (b, c) = ([0, 1, 2].map(|k: usize| b[k] - a[k]), [0, 1, 2].map(|k: usize| c[k] - a[k]));
+                let n = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
+                let n = n.map(|x| x / m::sqrt(dot(&n, &n)));
+                // In the plane, 15° above the horizon or so.
+                let level = [-n[1], n[0], 0.0].map(|x| x / m::hypot(n[0], n[1]));
+                let rising = [0, 1, 2].map(|k: usize| level[k] + if k == 2 { 0.25 } else { 0.0 });
+                let off = dot(&rising, &n);
+                let flat = [0, 1, 2].map(|k: usize| rising[k] - off * n[k]);
+                let flat = flat.map(|x| x / m::sqrt(dot(&flat, &flat)));
+                let (s, c) = m::sin_cos(aside);
+                [0, 1, 2].map(|k: usize| c * flat[k] + s * n[k])
+            };
+            let (u, before) = (along(aside), along(aside + 0.01));
+            let told = used.upright(&g, &u, (-1.0, 1.0), Some(&before), half);
+            assert!(told.is_none_or(|told| dot(&told, &u) > 0.9999), "{aside} {half}");
+            told.is_some()
+        };
+        assert!(!tells(0.04, 0.0) && tells(0.07, 0.0));
+        // 200 m from a vessel, 60 m deep.
+        assert!(!tells(0.07, 0.03) && !tells(0.2, 0.03) && tells(0.3, 0.03));
     }
 
     #[test]
