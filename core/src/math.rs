@@ -143,6 +143,35 @@ pub fn greater(a: core::primitive::f32, b: core::primitive::f32) -> core::primit
     }
 }
 
+/// The whole part of a number from 0 to below 2²². A conversion ends at the limits of what it makes, for which a desktop processor must
+/// look one number after another; where the nearest whole number is greater than the number, the whole part is one less.
+#[inline]
+pub fn whole(x: core::primitive::f32) -> u32 {
+    // Added to this a number leaves the nearest whole one in the lowest bits.
+    const ROUND: core::primitive::f32 = 8_388_608.0;
+    if cfg!(target_arch = "arm") {
+        return x as u32;
+    }
+    let rounded = x + ROUND;
+    rounded.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_sub(u32::from(rounded - ROUND > x))
+}
+
+/// The whole part of a number from 0 on as 16 bits, those beyond either end at that end.
+#[inline]
+pub fn count(x: core::primitive::f32) -> u16 {
+    if cfg!(target_arch = "arm") { x as u16 } else { whole(lesser(greater(x, 0.0), 65_535.0)) as u16 }
+}
+
+/// A number cut to a whole one, at most 32 767 to either side.
+#[inline]
+pub fn code(x: core::primitive::f32) -> i16 {
+    if cfg!(target_arch = "arm") {
+        return x.clamp(-32_767.0, 32_767.0) as i16;
+    }
+    let whole = whole(lesser(f32::abs(x), 32_767.0)).cast_signed();
+    (if x < 0.0 { -whole } else { whole }) as i16
+}
+
 /// eˣ for x from −87 to 0, without a branch and without a call, for loops over many thousands of cells:
 /// 2ᵏ times Taylor's series of the rest to the sixth power, within 3·10⁻⁷ of the value.
 #[inline]
@@ -215,6 +244,20 @@ mod tests {
             let exact = 1.0 / f64::sqrt(core::primitive::f64::from(x));
             let error = core::primitive::f64::from(f32::inverse_sqrt(x)) / exact - 1.0;
             assert!(error.abs() < 3.0 * 6e-8, "{x} {error}");
+        }
+    }
+
+    #[test]
+    fn whole_parts_are_those_of_the_conversions() {
+        for n in 0..4_000_000 {
+            let x = n as core::primitive::f32 * 0.017;
+            assert_eq!(whole(x), x as u32, "{x}");
+            let x = x - 34_000.0;
+            assert_eq!(code(x), x.clamp(-32_767.0, 32_767.0) as i16, "{x}");
+            assert_eq!(count(2.3 * x), (2.3 * x) as u16, "{x}");
+        }
+        for n in 0..=4_194_303u32 {
+            assert_eq!(whole(n as core::primitive::f32), n);
         }
     }
 

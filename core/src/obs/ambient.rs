@@ -51,11 +51,15 @@ impl Ambient {
         for (excess, direction) in self.excess.iter_mut().zip(row.directions()) {
             let Some((azimuth, _)) = direction else { continue };
             let hit = usize::from(azimuth) / WIDTH;
-            for (k, x) in excess.iter_mut().enumerate() {
-                let target = if k == hit { ONE - UNIFORM } else { -UNIFORM };
-                // Rounded to the nearest: an unvisited sector keeps a quarter of its uniform share.
-                let step = (target - i32::from(*x) + (FADE / 2)).div_euclid(FADE);
-                *x = (i32::from(*x) + step) as i16;
+            // Rounded to the nearest: an unvisited sector keeps a quarter of its uniform share.
+            let learnt = |x: i16, target: i32| {
+                let step = (target - i32::from(x) + (FADE / 2)).div_euclid(FADE);
+                (i32::from(x) + step) as i16
+            };
+            let before = excess.get(hit).copied();
+            excess.iter_mut().for_each(|x| *x = learnt(*x, -UNIFORM));
+            if let (Some(x), Some(before)) = (excess.get_mut(hit), before) {
+                *x = learnt(before, ONE - UNIFORM);
             }
         }
     }

@@ -7,8 +7,8 @@
 
 use super::averages::Averages;
 use super::background::{Background, straightened};
-use super::limits::{CIRCLE, FRAME, HOP, USED_CHANNELS};
-use super::row::{PHASES, Row};
+use super::limits::{AZIMUTH_BINS, CIRCLE, FRAME, HOP, USED_CHANNELS};
+use super::row::{self, PHASES, Row};
 use super::shared::Spectra;
 use crate::math;
 use crate::math::constant::cos_of_turn;
@@ -73,6 +73,8 @@ pub enum Sources {
 }
 
 /// Transforms one frame.
+// Its work space is not the minute's below.
+#[inline(never)]
 pub fn analyse(
     band: &Band,
     scratch: &mut Spectra,
@@ -105,33 +107,98 @@ pub fn analyse(
     scratch.intensity.iter_mut().zip(skipped).for_each(|(a, b)| *a = [b.re, b.im]);
     let east = transform(&mut scratch.buffer, e0, e1);
     averages.add(2, east);
-    let components = scratch.pressure.iter().zip(east.iter()).skip(band.first_bin);
-    let bins = components.zip(&mut scratch.intensity).zip(&mut scratch.phase).take(band.bins);
-    for ((([pre, pim], e), north), phase) in bins {
-        let re = |vre: f32, vim: f32| pre * vre + pim * vim;
-        let im = |vre: f32, vim: f32| pre * vim - pim * vre;
-        let [nre, nim] = *north;
-        let (ie, inn) = (re(e.re, e.im), re(nre, nim));
-        let square = ie * ie + inn * inn;
-        let present = square > EMPTY_POWER * EMPTY_POWER * EMPTY_POWER * EMPTY_POWER && square.is_finite();
-        // Reactive over active intensity, both times the length of the active one.
-        let reactive = im(e.re, e.im) * ie + im(nre, nim) * inn;
-        let step = ((2.0 * turns(reactive, square) + 0.5) * PHASES as f32) as i32;
-        *phase = if present { step.clamp(0, PHASES as i32 - 1).cast_unsigned() } else { 0 };
-        *north = if present { [ie, inn] } else { [0.0, 0.0] };
+    let of_band = band.first_bin..band.first_bin + band.bins;
+    let pressure = scratch.pressure.get(of_band.clone()).unwrap_or_default();
+    let east = east.get(of_band).unwrap_or_default();
+    let bins = pressure.len().min(AZIMUTH_BINS);
+    let north = scratch.intensity.get_mut(..bins).unwrap_or_default();
+    let phase = scratch.phase.get_mut(..bins).unwrap_or_default();
+    let ((pressure, last_p), (east, last_e)) = (pressure.as_chunks(), east.as_chunks());
+    let ((north, last_n), (phase, last_phase)) = (north.as_chunks_mut(), phase.as_chunks_mut());
+    for (((p, e), n), phase) in pressure.iter().zip(east).zip(north).zip(phase) {
+        intensities::<TOGETHER>(p, e, n, phase);
+    }
+    let (last_n, last_phase) = (last_n.as_chunks_mut().0, last_phase.as_chunks_mut().0);
+    for (((p, e), n), phase) in
+        last_p.as_chunks().0.iter().zip(last_e.as_chunks().0).zip(last_n).zip(last_phase)
+    {
+        intensities::<1>(p, e, n, phase);
+    }
+    let intensity = scratch.intensity.get(..band.bins).unwrap_or_default();
+    // What is transformed is done with: directions in its place, none where there is none to tell.
+    let (directions, _) = scratch.buffer.as_chunks_mut::<2>();
+    let directions = directions.get_mut(..band.bins).unwrap_or_default();
+    for ((direction, own), around) in directions.iter_mut().zip(intensity).zip(Background::new(intensity)) {
+        let straight = if band.paper { None } else { straightened(own, &around) };
+        let own = if sources == Sources::One { *own } else { [0.0, 0.0] };
+        *direction = straight.unwrap_or(own);
     }
     // One turn more, so that what is cut to a whole code is never negative.
     let turn = 1.0 + band.turn * (1.0 / math::f32::TAU);
-    let intensity = scratch.intensity.get(..band.bins).unwrap_or_default();
-    let all = intensity.iter().zip(Background::new(intensity)).zip(&scratch.phase);
-    row.fill(all.map(|((own, around), phase)| {
-        let straight = if band.paper { None } else { straightened(own, &around) };
-        let counts = straight.is_some() || sources == Sources::One && *own != [0.0, 0.0];
-        let [x, y] = straight.unwrap_or(*own);
-        let code = ((turns(x, y) + turn) * CIRCLE as f32 + 0.5) as u16 % CIRCLE as u16;
-        counts.then_some((code, *phase as u8))
-    }));
+    let (phase, words) = (scratch.phase.get(..band.bins).unwrap_or_default(), row.first_mut(band.bins));
+    let ((directions, last), (phase, last_phase)) = (directions.as_chunks(), phase.as_chunks());
+    let (words, last_words) = words.as_chunks_mut();
+    for ((directions, phase), words) in directions.iter().zip(phase).zip(words) {
+        *words = coded::<TOGETHER>(directions, phase, turn);
+    }
+    for ((directions, phase), words) in
+        last.as_chunks().0.iter().zip(last_phase.as_chunks().0).zip(last_words.as_chunks_mut().0)
+    {
+        *words = coded::<1>(directions, phase, turn);
+    }
 }
+
+/// Words of a row for some directions and phases.
+#[inline(always)]
+fn coded<const N: usize>(directions: &[[f32; 2]; N], phase: &[u32; N], turn: f32) -> [u16; N] {
+    let (x, y): ([f32; N], [f32; N]) =
+        (core::array::from_fn(|k| directions[k][0]), core::array::from_fn(|k| directions[k][1]));
+    let code: [f32; N] = core::array::from_fn(|k| (turns(x[k], y[k]) + turn) * CIRCLE as f32 + 0.5);
+    let code = code.map(math::whole);
+    core::array::from_fn(|k| row::word((x[k] != 0.0) | (y[k] != 0.0), code[k], phase[k]))
+}
+
+/// Bins whose intensities are made together: a desktop processor does four at once.
+const TOGETHER: usize = if cfg!(target_arch = "arm") { 1 } else { 4 };
+
+/// Of some bins the active intensity, east and north, in the place of the velocity north, and the step of the phase between pressure
+/// and velocity.
+#[inline(always)]
+fn intensities<const N: usize>(
+    pressure: &[[f32; 2]; N],
+    east: &[Complex32; N],
+    north: &mut [[f32; 2]; N],
+    phase: &mut [u32; N],
+) {
+    let (pre, pim): ([f32; N], [f32; N]) =
+        (core::array::from_fn(|k| pressure[k][0]), core::array::from_fn(|k| pressure[k][1]));
+    let (ere, eim): ([f32; N], [f32; N]) =
+        (core::array::from_fn(|k| east[k].re), core::array::from_fn(|k| east[k].im));
+    let (nre, nim): ([f32; N], [f32; N]) =
+        (core::array::from_fn(|k| north[k][0]), core::array::from_fn(|k| north[k][1]));
+    let active = |re: &[f32; N], im: &[f32; N]| -> [f32; N] {
+        core::array::from_fn(|k| pre[k] * re[k] + pim[k] * im[k])
+    };
+    let reactive = |re: &[f32; N], im: &[f32; N]| -> [f32; N] {
+        core::array::from_fn(|k| pre[k] * im[k] - pim[k] * re[k])
+    };
+    let (to_east, to_north) = (active(&ere, &eim), active(&nre, &nim));
+    let square: [f32; N] = core::array::from_fn(|k| to_east[k] * to_east[k] + to_north[k] * to_north[k]);
+    // Reactive over active intensity, both times the length of the active one.
+    let (of_east, of_north) = (reactive(&ere, &eim), reactive(&nre, &nim));
+    let across: [f32; N] = core::array::from_fn(|k| of_east[k] * to_east[k] + of_north[k] * to_north[k]);
+    let step: [f32; N] = core::array::from_fn(|k| (2.0 * turns(across[k], square[k]) + 0.5) * PHASES as f32);
+    let step: [u32; N] =
+        step.map(|step| math::whole(math::lesser(math::greater(step, 0.0), (PHASES - 1) as f32)));
+    let present = |k: usize| (square[k] > LEAST_SQUARE) & (square[k] <= f32::MAX);
+    *phase = core::array::from_fn(|k| if present(k) { step[k] } else { 0 });
+    let to_east: [f32; N] = core::array::from_fn(|k| if present(k) { to_east[k] } else { 0.0 });
+    let to_north: [f32; N] = core::array::from_fn(|k| if present(k) { to_north[k] } else { 0.0 });
+    *north = core::array::from_fn(|k| [to_east[k], to_north[k]]);
+}
+
+/// Squared intensity up to which there is none.
+const LEAST_SQUARE: f32 = EMPTY_POWER * EMPTY_POWER * EMPTY_POWER * EMPTY_POWER;
 
 /// Natural logarithm of a positive number that is not subnormal, without a branch: ln m + k ln 2 with m between √½ and √2 and
 /// ln m = 2 artanh((m − 1)/(m + 1)) to the seventh power, within 2·10⁻⁷ of ln m.

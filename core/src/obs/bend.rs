@@ -89,8 +89,14 @@ impl Filter {
         let dt = t_s - self.t_s;
         let [x, y, vx, vy] = self.p;
         self.p = [x + vx * dt, y + vy * dt, vx, vy];
-        let step = [[1.0, 0.0, dt, 0.0], [0.0, 1.0, 0.0, dt], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
-        self.covariance = spd::propagated(&step, &self.covariance);
+        // J C Jᵀ of a step that adds the velocities' way to the places: from the rows, then from the columns.
+        let c = &mut self.covariance;
+        for row in &mut *c {
+            let [x, y, u, w] = *row;
+            *row = [x + u * dt, y + w * dt, u, w];
+        }
+        let [x, y, u, w] = *c;
+        *c = [core::array::from_fn(|k| x[k] + dt * u[k]), core::array::from_fn(|k| y[k] + dt * w[k]), u, w];
         let (gained, sign) = (self.drift * math::f64::abs(dt), dt.signum());
         let [[xx, _, xu, _], [_, yy, _, yw], [ux, _, uu, _], [_, wy, _, ww]] = &mut self.covariance;
         for (place, cross, other, velocity) in [(xx, xu, ux, uu), (yy, yw, wy, ww)] {
@@ -153,6 +159,10 @@ impl Filter {
         }
         let doubts = (told.doubt(&own.place, DOUBT.1), told.doubt(&own.motion, DOUBT.2));
         let Some((chance, d)) = own_distance(m, own.range_m, own.speed_m_s, doubts) else { return };
+        // What is none by itself is none on its course.
+        if chance == 0.0 {
+            return;
+        }
         let chance = with_course(chance, &d, course, travel, arrives_s);
         self.log += log_of(chance, RANGES);
         if chance > LEAST_OWN {

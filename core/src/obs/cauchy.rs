@@ -154,8 +154,8 @@ impl Codes {
         self.phase.get(..self.held).unwrap_or_default()
     }
 
-    /// The middle, in azimuth steps, of the 28 degrees in which most frames point, and how many do.
-    pub fn crowd(&self) -> (usize, usize) {
+    /// The middle, in azimuth steps, of the 28 degrees in which most frames point; none where they are fewer than `least`.
+    pub fn crowd(&self, least: usize) -> Option<usize> {
         const SECTORS: usize = 64;
         const WIDE: usize = 5;
         let mut count = [0u8; SECTORS + WIDE - 1];
@@ -166,15 +166,21 @@ impl Codes {
         }
         let (head, tail) = count.split_at_mut(SECTORS);
         tail.iter_mut().zip(head).for_each(|(t, h)| *t = *h);
-        // Of each step to the next sector one leaves and one comes in.
-        let mut sum = count.iter().take(WIDE).sum::<u8>();
-        let (mut first, mut most) = (0, sum);
-        for (k, (leaves, enters)) in count.iter().zip(count.iter().skip(WIDE)).enumerate() {
-            sum = sum.wrapping_add(*enters).wrapping_sub(*leaves);
-            (first, most) = if sum > most { (k + 1, sum) } else { (first, most) };
+        let mut sums = [0u8; SECTORS];
+        for (sum, near) in sums.iter_mut().zip(count.windows(WIDE)) {
+            *sum = near.iter().fold(0, |sum, n| sum.wrapping_add(*n));
         }
+        // In columns first: a desktop processor compares sixteen at once.
+        const COLUMNS: usize = if cfg!(target_arch = "arm") { 1 } else { 16 };
+        let columns = sums.as_chunks::<COLUMNS>().0.iter();
+        let most = columns.fold([0; COLUMNS], |most, sums| core::array::from_fn(|k| sums[k].max(most[k])));
+        let most = most.iter().fold(0, |most, sum| most.max(*sum));
+        if usize::from(most) < least {
+            return None;
+        }
+        let first = sums.iter().position(|sum| *sum == most).unwrap_or(0);
         let step = AZIMUTHS / SECTORS;
-        ((first * step + WIDE * step / 2) % AZIMUTHS, usize::from(most))
+        Some((first * step + WIDE * step / 2) % AZIMUTHS)
     }
 }
 

@@ -107,9 +107,9 @@ impl Score {
     }
 }
 
-/// Standard deviation of the sum of two independent errors.
+/// Standard deviation of the sum of two independent errors; of one alone itself, which is the root of its square to the last bit.
 fn together(a: f64, b: f64) -> f64 {
-    math::f64::sqrt(a * a + b * b)
+    if b == 0.0 { a } else { math::f64::sqrt(a * a + b * b) }
 }
 
 /// Ratio of a direction's density at the course's to uniform, the residual, and the spread of the direction as detected.

@@ -37,14 +37,41 @@ pub struct Interference<'t> {
     span: (usize, usize),
 }
 
-/// Projection of an envelope on a pulse.
-fn along(envelope: &Envelope, p: Pulse) -> f32 {
-    let (i, part) = (usize::from(p.delay) / PARTS, usize::from(p.delay) % PARTS);
-    let part = part as f32 * (1.0 / PARTS as f32);
-    envelope.z.get(i..).and_then(|z| z.first_chunk::<2>()).map_or(0.0, |[[are, aim], [bre, bim]]| {
-        let re = are + (bre - are) * part;
-        let im = aim + (bim - aim) * part;
-        STRENGTH_UNIT * (f32::from(p.re) * re + f32::from(p.im) * im)
+/// Pulses read together: a desktop processor computes four at once.
+const TOGETHER: usize = if cfg!(target_arch = "arm") { 1 } else { 4 };
+const _: () = assert!(MODEL_RANGES.is_multiple_of(TOGETHER));
+
+/// Adds the projections of an envelope on pulses; nothing of those that are none.
+#[inline(always)]
+fn add_along(envelope: &Envelope, pulses: &[[u8; 6]; TOGETHER], sums: &mut [f32; TOGETHER]) {
+    let pulses = pulses.map(Pulse::read);
+    let near = pulses.map(|p| {
+        let near = envelope.z.get(usize::from(p.delay) / PARTS..).and_then(|z| z.first_chunk::<2>());
+        near.filter(|_| p.delay > 0).copied().unwrap_or_default()
+    });
+    let part = pulses.map(|p| f32::from(p.delay % PARTS as u16) * (1.0 / PARTS as f32));
+    let read = |of: usize| -> [f32; TOGETHER] {
+        core::array::from_fn(|k| near[k][0][of] + (near[k][1][of] - near[k][0][of]) * part[k])
+    };
+    let (re, im) = (read(0), read(1));
+    *sums = core::array::from_fn(|k| {
+        sums[k] + STRENGTH_UNIT * (f32::from(pulses[k].re) * re[k] + f32::from(pulses[k].im) * im[k])
+    });
+}
+
+/// Whether the pulse that a branch draws at the first ranges lies on one pulse of a vessel at the second ones, at all pairs of them.
+// Wanted twice, and large.
+#[inline(never)]
+fn is_drawn(table: &Table<'_>, branch: usize, ranges: &[(f32, f32)]) -> bool {
+    let mut delays = ranges.iter().map(|(range_m, known_m)| (table.delay_s(branch, *range_m), *known_m));
+    // The first pair of ranges tells most that are not the same.
+    let Some((Some(first), known_m)) = delays.next() else { return false };
+    (0..table.branches()).any(|of| {
+        let near = |known_m: f32, delay: f32| {
+            let known = table.delay_s(of, known_m);
+            known.is_some_and(|d| math::f32::abs(d - delay) < SAME_DELAY_S)
+        };
+        near(known_m, first) && delays.clone().all(|(delay, known_m)| delay.is_some_and(|d| near(known_m, d)))
     })
 }
 
@@ -107,8 +134,17 @@ impl<'t> Interference<'t> {
     /// Whether the strongest pulse of a vessel at `range_m` would lie where a vessel known to be at `known_m` draws one:
     /// the same echo read as another pair of paths.
     pub fn mistakes(&self, range_m: f32, known_m: f32) -> bool {
-        let (strongest, _) = self.shared(range_m, known_m);
-        strongest
+        if math::f32::abs(range_m - known_m) < SAME_PLACE_M {
+            return false;
+        }
+        let Some(table) = &self.table else { return false };
+        let j = (range_m / RANGE_STEP_M) as usize;
+        let (mut strongest, mut most) = (0, f32::NEG_INFINITY);
+        for b in 0..table.branches() {
+            let energy = table.pulse(b, j).energy();
+            (strongest, most) = if energy > most { (b, energy) } else { (strongest, most) };
+        }
+        is_drawn(table, strongest, &[(range_m, known_m)])
     }
 
     /// Whether any notable part of what a vessel at `range_m` would draw may be a known vessel's: enough not to report
@@ -148,19 +184,8 @@ impl<'t> Interference<'t> {
         let (mut strongest, mut most, mut all, mut shared) = (false, f32::NEG_INFINITY, 0f32, 0f32);
         for b in 0..table.branches() {
             let p = table.pulse(b, j);
-            let energy = f32::from(p.re) * f32::from(p.re) + f32::from(p.im) * f32::from(p.im);
-            let drawn = table.delay_s(b, *range_m).is_some_and(|first| {
-                (0..table.branches()).any(|of| {
-                    // The first pair of ranges tells most that are not the same.
-                    let near = |known_m: f32, delay: f32| {
-                        let known = table.delay_s(of, known_m);
-                        known.is_some_and(|d| math::f32::abs(d - delay) < SAME_DELAY_S)
-                    };
-                    let mut others = ranges.iter().skip(1);
-                    near(*known_m, first)
-                        && others.all(|(r, known)| table.delay_s(b, *r).is_some_and(|d| near(*known, d)))
-                })
-            });
+            let energy = p.energy();
+            let drawn = is_drawn(table, b, ranges);
             if energy > most {
                 (strongest, most) = (drawn, energy);
             }
@@ -202,8 +227,8 @@ impl<'t> Interference<'t> {
         out.fill(0.0);
         let Some(table) = &self.table else { return };
         for b in 0..table.branches() {
-            let drawn = out.iter_mut().zip(table.pulses(b)).filter(|(_, p)| p.delay > 0);
-            drawn.for_each(|(g, p)| *g += along(envelope, p));
+            let (pulses, sums) = (table.stored(b).as_chunks().0, out.as_chunks_mut().0);
+            sums.iter_mut().zip(pulses).for_each(|(sums, pulses)| add_along(envelope, pulses, sums));
         }
         out.iter_mut().zip(table.half_energy).for_each(|(g, e)| *g -= f32::from_le_bytes(*e));
     }

@@ -277,8 +277,12 @@ impl Rails {
         let Some(first) = frames.first() else { return };
         let (mut most, mut least) = (*first, *first);
         for frame in frames {
-            for ((most, least), code) in most.iter_mut().zip(&mut least).zip(frame) {
-                (*most, *least) = ((*most).max(*code), (*least).min(*code));
+            // Few instants are farther out than all before: the four are looked at together first.
+            let out: [bool; CHANNELS] =
+                core::array::from_fn(|c| (frame[c] > most[c]) | (frame[c] < least[c]));
+            if out.iter().fold(false, |any, out| any | out) {
+                most = core::array::from_fn(|c| most[c].max(frame[c]));
+                least = core::array::from_fn(|c| least[c].min(frame[c]));
             }
         }
         for (c, ([upper, lower], (most, least))) in self.0.iter_mut().zip(most.iter().zip(&least)).enumerate()

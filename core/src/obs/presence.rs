@@ -18,6 +18,7 @@
 //! A mode's place within its cells is that of this minute's frames (`radial`), for cells are 140 m wide.
 //! The posterior is stored as the upper halves of f32 (0.4 %): 57 KiB. Cost: 3 M instructions a minute.
 
+mod cells;
 mod claims;
 mod modes;
 
@@ -26,6 +27,7 @@ use super::limits::{CELL_M, CLASSES, RANGE_CELLS, RANGE_MODES, SPEEDS, VESSELS};
 use super::radial::{GRID_UNIT, RadialScratch, speed_of};
 use super::shared::{Columns, Grid};
 use crate::math;
+use cells::Alike;
 use modes::LEAST_SUPPORT;
 pub use modes::RangeMode;
 
@@ -163,9 +165,6 @@ fn stretches(ends: &Ends) -> impl Iterator<Item = core::ops::Range<usize>> + '_ 
         (end > from).then(|| core::mem::replace(&mut from, end)..end)
     })
 }
-
-/// Cells whose likelihoods are computed at a time.
-const BLOCK: usize = 32;
 
 /// What an owner's cells hold in a minute.
 #[derive(Clone, Copy, Debug, Default)]
@@ -364,36 +363,21 @@ impl Presence {
                 let (Some(owner), Some(shown)) = (self.owner.get(at.start), shown.get(at.start)) else {
                     continue;
                 };
-                let (column, row) = (column.get_mut(at.clone()), row.get(at.clone()));
-                let (Some(column), Some(row), Some(energy)) = (column, row, energy.get(at)) else { continue };
                 let (top, miss, silent) =
                     (*of(&mut top, *owner), *of(&mut miss, *owner), *of(&mut silent, *owner));
                 // The sum of what approaches goes on from column to column as the others do.
                 let (mut own, mut leaning) = (*of(&mut sums, *owner), *of(&mut approaching, *owner));
                 if *shown {
-                    let blocks = column.chunks_mut(BLOCK).zip(row.chunks(BLOCK)).zip(energy.chunks(BLOCK));
-                    for ((column, row), energy) in blocks {
-                        // Apart from the sums, whose terms wait for each other.
-                        let (mut held, mut now) = ([0f32; BLOCK], [0f32; BLOCK]);
-                        held.iter_mut().zip(column.iter()).for_each(|(held, d)| *held = unpack(*d));
-                        for (now, (held, (g, energy))) in
-                            now.iter_mut().zip(held.iter().zip(row.iter().zip(energy)))
-                        {
-                            let x = at_share(f32::from(*g) * GRID_UNIT, *energy, share) - top;
-                            let exp = math::exp_of_negative(math::greater(x, -60.0));
-                            let hit = if x > -60.0 { DETECTION * exp } else { 0.0 };
-                            *now = held * (miss + hit);
-                        }
-                        for (held, now) in held.iter().zip(&now).take(column.len()) {
-                            own.before += held;
-                            own.after += now;
-                            own.total += now;
-                            leaning += now;
-                        }
-                        column.iter_mut().zip(&now).for_each(|(d, now)| *d = pack(*now));
-                    }
+                    cells::take(
+                        column,
+                        row,
+                        &energy,
+                        at,
+                        &Alike { share, top, miss },
+                        (&mut own, &mut leaning),
+                    );
                 } else {
-                    for held in column.iter().map(|d| unpack(*d)) {
+                    for held in column.get(at).unwrap_or_default().iter().map(|d| unpack(*d)) {
                         own.hidden += held;
                         own.total += held * silent;
                         leaning += held * silent;

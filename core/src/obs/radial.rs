@@ -35,7 +35,7 @@ const UNSAID_M: f32 = 10.0;
 /// A log ratio as the grid keeps it, rounded to the nearest step.
 pub(super) fn coded(log_ratio: f32) -> i16 {
     // Counted from the least, so that what is cut to a whole number is never negative.
-    ((log_ratio * (1.0 / GRID_UNIT) + 32_768.5) as u16).wrapping_sub(0x8000).cast_signed()
+    math::count(log_ratio * (1.0 / GRID_UNIT) + 32_768.5).wrapping_sub(0x8000).cast_signed()
 }
 
 /// Work space.
@@ -157,7 +157,7 @@ impl RadialScratch {
 
 /// A frame's log ratio as a row keeps it.
 pub(super) fn row_code(log_ratio: f32) -> i16 {
-    (log_ratio / ROW_UNIT).clamp(-32_767.0, 32_767.0) as i16
+    math::code(log_ratio / ROW_UNIT)
 }
 
 /// Adds to `sum` at each model range what a row says `shift` ranges farther, read by the cubic.

@@ -35,12 +35,17 @@ impl Row {
         self.words.fill(NO_DIRECTION);
     }
 
+    /// Words of the first bins, each made by [`word`].
+    pub(super) fn first_mut(&mut self, bins: usize) -> &mut [u16] {
+        self.words.get_mut(..bins).unwrap_or_default()
+    }
+
     /// Gives the first bins the directions of an iterator: azimuth and phase, in steps, or none.
+    #[cfg(test)]
     pub fn fill(&mut self, directions: impl Iterator<Item = Option<(u16, u8)>>) {
         for (word, direction) in self.words.iter_mut().zip(directions) {
-            *word = direction.map_or(NO_DIRECTION, |(azimuth, phase)| {
-                azimuth % CIRCLE as u16 + u16::from(phase) % PHASES as u16 * CIRCLE as u16
-            });
+            let (azimuth, phase) = direction.unwrap_or_default();
+            *word = self::word(direction.is_some(), azimuth.into(), phase.into());
         }
     }
 
@@ -63,6 +68,13 @@ impl Row {
     pub fn may_hold_a_call(&self) -> bool {
         self.uneven >= UNEVEN
     }
+}
+
+/// The word of an azimuth and a phase in steps, if there is a direction.
+#[inline(always)]
+pub(super) fn word(any: bool, azimuth: u32, phase: u32) -> u16 {
+    let word = azimuth % CIRCLE as u32 + phase % PHASES as u32 * CIRCLE as u32;
+    if any { word as u16 } else { NO_DIRECTION }
 }
 
 fn split(word: u16) -> Option<(u16, u8)> {

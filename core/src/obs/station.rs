@@ -367,10 +367,7 @@ impl State {
         }
         cepstrum::transform(&spectra.log_pressure, &mut spectra.buffer, &mut c);
         self.clutter.filter(&mut c);
-        kept.cepstrum
-            .iter_mut()
-            .zip(&c)
-            .for_each(|(k, c)| *k = (c / CEPSTRUM_UNIT).clamp(-32_767.0, 32_767.0) as i16);
+        kept.cepstrum.iter_mut().zip(&c).for_each(|(k, c)| *k = math::code(c / CEPSTRUM_UNIT));
         self.next_kept = (self.next_kept + 1) % WINDOW_FRAMES;
         self.hops.used(&mut self.intake.accounting);
     }

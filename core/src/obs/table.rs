@@ -126,6 +126,11 @@ impl Pulse {
         [a, b, c, d, e, f]
     }
 
+    /// Its energy but for a factor.
+    pub(super) fn energy(self) -> f32 {
+        f32::from(self.re) * f32::from(self.re) + f32::from(self.im) * f32::from(self.im)
+    }
+
     /// Where it lies, in quefrencies.
     pub fn centre(self) -> f32 {
         f32::from(self.delay) * (1.0 / (FINE * PARTS) as f32)
@@ -226,9 +231,13 @@ impl<'t> Table<'t> {
 
     /// Pulses of a branch at every model range; none of a branch that is not there.
     pub fn pulses(&self, branch: usize) -> impl Iterator<Item = Pulse> + 't {
+        self.stored(branch).iter().map(|p| Pulse::read(*p))
+    }
+
+    /// The same as stored.
+    pub(super) fn stored(&self, branch: usize) -> &'t [[u8; 6]] {
         let from = branch * MODEL_RANGES;
-        let pulses = self.pulses.get(from..from + MODEL_RANGES).unwrap_or_default();
-        pulses.iter().map(|p| Pulse::read(*p))
+        self.pulses.get(from..from + MODEL_RANGES).unwrap_or_default()
     }
 
     /// The pulse that a branch draws at the model range of number `j`; none outside the model.

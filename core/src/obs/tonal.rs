@@ -146,12 +146,12 @@ impl WrappedCauchy {
             s.peak.iter_mut().zip(&mut s.adjust).zip(&mut s.best).zip(&mut s.free).zip(&mut s.reach);
         for (f, ((((peak, adjust), best), free), reach)) in weights.enumerate().take(bins) {
             let codes = Codes::of(rows, f);
-            let (middle, most) = codes.crowd();
             let frames = codes.azimuths().len();
-            // Two fifths of the frames must point one way, or the bin cannot matter.
-            if frames < LEAST_FRAMES || 5 * most < 2 * frames {
+            if frames < LEAST_FRAMES {
                 continue;
             }
+            // Two fifths of the frames must point one way, or the bin cannot matter.
+            let Some(middle) = codes.crowd((2 * frames).div_ceil(5)) else { continue };
             s.profile = [0.0; SPAN];
             self.accumulate(&codes, middle, &mut s.profile);
             let (k, top) = top(&s.profile);

@@ -137,13 +137,13 @@ impl Tracker {
                 *slot = None;
             } else {
                 let seen = Seen { evidence, others, gone: &self.gone, in_doubt };
-                let present = live.present(plan, &seen, None);
-                live.now = present.map_or(live.course, |(course, _)| course);
+                let now_seen = live.now(plan, &seen);
+                (live.now, _) = now_seen;
                 if now < live.to + EVERY + 2 {
                     // Where there is no room for all, they take turns.
                     let turn = (now / EVERY) as usize % LIVE == k;
                     let room = self.allowance.has_room_for(if turn { 1 } else { tracks });
-                    live.run(plan, &seen, &mut self.allowance, room, sink);
+                    live.run(plan, &seen, Some(&now_seen), &mut self.allowance, room, sink);
                 }
             }
         }
@@ -160,7 +160,7 @@ impl Tracker {
                 if let Some(slot) = self.live.iter_mut().find(|s| s.is_none()) {
                     self.next_id = self.next_id.wrapping_add(1);
                     let seen = Seen { evidence, others, gone: &self.gone, in_doubt };
-                    found.run(plan, &seen, &mut self.allowance, true, sink);
+                    found.run(plan, &seen, None, &mut self.allowance, true, sink);
                     *slot = Some(found);
                 }
             }
@@ -209,11 +209,17 @@ impl Tracker {
             }
         }
         let order = self.strongest_first();
+        // Of one alone the others leave all that stronger ones leave: its bounds are known.
+        let bounded = self.live.iter().flatten().count() == 1;
         for (n, k) in order.iter().enumerate() {
             let stronger = self.beside(|other| order.iter().take(n).any(|s| *s == other), f64::NEG_INFINITY);
             let Some(slot) = self.live.get_mut(*k) else { continue };
             let Some(live) = slot else { continue };
-            live.take_over(plan, evidence, &stronger, now);
+            let from = live.from.saturating_sub(30);
+            if !bounded {
+                live.bound(plan, evidence, &stronger, now);
+            }
+            live.take_over(plan, evidence, &stronger, from, now);
             if !live.is_a_vessel() {
                 live.withdraw(plan, sink);
                 *slot = None;
@@ -388,10 +394,8 @@ impl Live {
         self.bound(plan, evidence, others, now);
     }
 
-    /// Takes over a better course if there is one in what `stronger` tracks leave.
-    fn take_over(&mut self, plan: &Plan<'_>, evidence: &Evidence, stronger: &Others, now: u32) {
-        let from = self.from.saturating_sub(30);
-        self.bound(plan, evidence, stronger, now);
+    /// Takes over a better course if there is one in what `stronger` tracks leave from minute `from` on.
+    fn take_over(&mut self, plan: &Plan<'_>, evidence: &Evidence, stronger: &Others, from: u32, now: u32) {
         if let Some(mut other) = find(plan, evidence, stronger, from, now) {
             other.refine(plan, evidence, stronger, now);
             if other.score.log > self.score.log + BETTER {

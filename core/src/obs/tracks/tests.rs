@@ -245,7 +245,7 @@ fn a_vessel_that_may_be_half_or_twice_as_far_says_so() {
             gone: &Gone::new(),
             in_doubt: false,
         };
-        live.told(&plan, &seen, Track::FINAL).unwrap().sd_cpa_range_m
+        live.told(&plan, &seen, None, Track::FINAL).unwrap().sd_cpa_range_m
     };
     // 20 km away at 12 m/s, seen from 20 to 22 km or from 20 to 45 km; and 30 km away at 4 and 9 m/s.
     let (near, far) = ([0.0, 20_000.0, 12.0, 0.0], [0.0, 30_000.0, 4.0, 0.0]);

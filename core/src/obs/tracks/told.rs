@@ -93,7 +93,7 @@ impl Live {
 
     /// Its course where it was last heard, told as [`Self::bent`] is.
     #[inline(never)]
-    pub(super) fn present(
+    fn present(
         &self,
         plan: &Plan<'_>,
         seen: &Seen<'_>,
@@ -103,16 +103,22 @@ impl Live {
         bend::present(&self.course, &plan.travel, STEP_S, minutes)
     }
 
-    /// Sends the running estimate where it says anything: the first in any case, others where there is room.
+    /// The same without an error told; straight on where it does not bend.
+    pub(super) fn now(&self, plan: &Plan<'_>, seen: &Seen<'_>) -> (Course, CourseCovariance) {
+        self.present(plan, seen, None).unwrap_or((self.course, self.covariance))
+    }
+
+    /// Sends the running estimate, of which `now` is [`Self::now`] where that is known, where it says anything: the first in any case, others where there is room.
     pub(super) fn run(
         &mut self,
         plan: &Plan<'_>,
         seen: &Seen<'_>,
+        now: Option<&(Course, CourseCovariance)>,
         allowance: &mut Allowance,
         room: bool,
         sink: &mut dyn FnMut(Message),
     ) {
-        let Some(track) = self.told(plan, seen, Track::RUNNING) else { return };
+        let Some(track) = self.told(plan, seen, now, Track::RUNNING) else { return };
         if room || self.sent == 0 {
             allowance.track();
             sink(Message::Track(track));
@@ -131,7 +137,7 @@ impl Live {
         let leaving_s = STEP_S * f64::from(self.to.saturating_sub(LEAVING));
         let silent = now > self.to + LEAVING;
         let is_one = |track: &Track| !silent || track.cpa_time_s < leaving_s && self.sent >= FEW_SENT;
-        let track = self.told(plan, seen, Track::FINAL).filter(is_one);
+        let track = self.told(plan, seen, None, Track::FINAL).filter(is_one);
         match track {
             Some(track) => sink(Message::Track(track)),
             None => self.withdraw(plan, sink),
@@ -148,8 +154,14 @@ impl Live {
         }
     }
 
-    /// The track as known now; `None` where it is not under way, where its range is as good as unknown, or where it would be final and may be no vessel's.
-    pub(super) fn told(&self, plan: &Plan<'_>, seen: &Seen<'_>, stage: u8) -> Option<Track> {
+    /// The track as known now, which is looked for where it is not known yet; `None` where it is not under way, where its range is as good as unknown, or where it would be final and may be no vessel's.
+    pub(super) fn told(
+        &self,
+        plan: &Plan<'_>,
+        seen: &Seen<'_>,
+        now: Option<&(Course, CourseCovariance)>,
+        stage: u8,
+    ) -> Option<Track> {
         if !self.is_under_way() {
             return None;
         }
@@ -158,7 +170,7 @@ impl Live {
             return None;
         }
         let straight = (self.course, self.covariance);
-        let mut now = self.present(plan, seen, None).unwrap_or(straight);
+        let mut now = now.copied().unwrap_or_else(|| self.now(plan, seen));
         let beside = seen.others.courses.iter().flatten().chain(seen.gone.courses());
         let leaning = leaning(&now.0, beside);
         lasting::turn(&mut now, leaning);
