@@ -156,19 +156,19 @@ pub fn whole(x: core::primitive::f32) -> u32 {
     rounded.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_sub(u32::from(rounded - ROUND > x))
 }
 
-/// The whole part of a number from 0 on as 16 bits, those beyond either end at that end.
+/// The whole part of a number from 0 on as 16 bits, those beyond either end at that end; nought for what is none.
 #[inline]
 pub fn count(x: core::primitive::f32) -> u16 {
     if cfg!(target_arch = "arm") { x as u16 } else { whole(lesser(greater(x, 0.0), 65_535.0)) as u16 }
 }
 
-/// A number cut to a whole one, at most 32 767 to either side.
+/// A number cut to a whole one, at most 32 767 to either side; nought for what is none.
 #[inline]
 pub fn code(x: core::primitive::f32) -> i16 {
     if cfg!(target_arch = "arm") {
         return x.clamp(-32_767.0, 32_767.0) as i16;
     }
-    let whole = whole(lesser(f32::abs(x), 32_767.0)).cast_signed();
+    let whole = whole(lesser(greater(f32::abs(x), 0.0), 32_767.0)).cast_signed();
     (if x < 0.0 { -whole } else { whole }) as i16
 }
 
@@ -258,6 +258,10 @@ mod tests {
         }
         for n in 0..=4_194_303u32 {
             assert_eq!(whole(n as core::primitive::f32), n);
+        }
+        type F = core::primitive::f32;
+        for x in [F::NAN, F::INFINITY, F::NEG_INFINITY, 0.999_999_94, -0.5, 32_767.5, -40_000.0] {
+            assert_eq!((code(x), count(x)), (x.clamp(-32_767.0, 32_767.0) as i16, x as u16), "{x}");
         }
     }
 
