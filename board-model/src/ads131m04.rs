@@ -416,7 +416,8 @@ impl Ads131m04 {
             return;
         }
         let writes = if command & 0xe000 == 0x6000 { usize::from(command & 0x7f) + 1 } else { 0 };
-        if self.registers[MODE] & INPUT_CRC != 0 && crc16(&input[..(1 + writes) * WORD]) != word(1 + writes) {
+        let sent = input.get(..(1 + writes) * WORD);
+        if self.registers[MODE] & INPUT_CRC != 0 && sent.is_none_or(|sent| crc16(sent) != word(1 + writes)) {
             self.registers[STATUS] |= CRC_ERROR;
             return;
         }

@@ -68,6 +68,11 @@ pub(super) struct Doubt {
 
 impl Doubt {
     pub(super) const NONE: Self = Self { quality: 1.0, unexplained_s2: 0.0 };
+
+    /// Of arrival times of which noise leaves so much unexplained, s².
+    fn strained(s2: f32) -> Self {
+        Self { quality: 0.1, unexplained_s2: CHANNELS as f32 * s2 }
+    }
 }
 
 /// What the segments before showed.
@@ -125,6 +130,15 @@ impl Agreement {
     /// Takes what was stated of a bearing that was not doubted.
     pub(super) fn stated(&mut self, scatter: Scatter) {
         self.change.stated(scatter);
+    }
+
+    /// How much to doubt what three hydrophones tell, by what four told before.
+    pub(super) fn of_three(&self, context: &Context<'_>) -> Option<Doubt> {
+        match self.change.verdict_of_three(context.plan, context.index, context.band.used) {
+            Verdict::Withhold => None,
+            Verdict::Doubt(s2) => Some(Doubt::strained(s2)),
+            Verdict::Tell => Some(Doubt::NONE),
+        }
     }
 
     /// Takes a segment, whether its direction is of an `other` source that is followed or `away` from where the strongest was moments ago, and
@@ -201,7 +215,7 @@ impl Agreement {
             Verdict::Tell => None,
         };
         let s2 = strain.into_iter().chain(changed).reduce(f32::max);
-        Some(s2.map_or(Doubt::NONE, |s2| Doubt { quality: 0.1, unexplained_s2: CHANNELS as f32 * s2 }))
+        Some(s2.map_or(Doubt::NONE, Doubt::strained))
     }
 
     /// Takes the arrivals' strain into the means; the variance to assume where it lasts.

@@ -10,7 +10,7 @@
 //!   it should be. What jumps to none of those places is another vessel.
 //! * Where pairs hear a vessel apart from its image in the surface the vector goes up and down between the two from segment to segment:
 //!   there a course is level, but for what a vessel's usual speed makes of it, and tells azimuths as sharply as elsewhere.
-//! * From the second such segment on no direction is told, until [`SURE`] have said the same (a vessel that turns does not)
+//! * From the first such segment on no direction is told, until [`SURE`] have said the same (a vessel that turns does not)
 //!   or one has not, nor where pairs do not agree meanwhile. Then the fault `Inconsistent` says so. What may be either is taken for exchanged.
 //! * Of a vessel heard for less than [`LEAST_KEPT`] segments before is known where it was and how fast vessels turn: that tells exchanged channels, not
 //!   a late one.
@@ -29,7 +29,7 @@ use super::jump::{
     length, times, unit, vector,
 };
 use super::plan::Plan;
-use super::wavefront::{self, Direction, PAIR_COUNT};
+use super::wavefront::{self, Direction, PAIR_COUNT, Used};
 use crate::block::CHANNELS;
 use crate::geometry::PAIRS;
 use crate::math::f32 as m;
@@ -262,6 +262,17 @@ impl Change {
     /// Whether one seems to have come moments before sample `index`, of which nothing has been said since.
     pub(super) fn is_suspected(&self, plan: &Plan, index: u64) -> bool {
         self.times > 0 && seconds(plan, self.since, index) < LONGEST_JUMP_S
+    }
+
+    /// What to do with a direction of three hydrophones, which show no change themselves: what was known of four still is, but for a late
+    /// channel that is the one left out.
+    pub(super) fn verdict_of_three(&self, plan: &Plan, index: u64, used: Used) -> Verdict {
+        let late = usize::from(self.what.wrapping_sub(LATE));
+        match self.verdict() {
+            Verdict::Doubt(_) if late < CHANNELS && !used.hydrophone(late) => Verdict::Tell,
+            Verdict::Withhold if self.what < EXCHANGED && !self.is_suspected(plan, index) => Verdict::Tell,
+            verdict => verdict,
+        }
     }
 
     /// What to do with a direction, by what was seen until now.

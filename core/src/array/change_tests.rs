@@ -121,6 +121,41 @@ fn of_exchanged_channels_no_bearing_is_told() {
     }
 }
 
+/// When another channel falls silent.
+const SILENT: usize = FROM + 5 * RATE as usize;
+
+#[test]
+fn what_four_hydrophones_told_of_exchanged_channels_three_do_not_forget() {
+    for n in 0..6u64 {
+        let (i, j) = PAIRS[n as usize % PAIRS.len()];
+        // One of the two, and one beside.
+        for silent in [i, (0..CHANNELS).find(|h| ![i, j].contains(h)).unwrap()] {
+            let (codes, wrong, right) = after(0.3 + 0.5 * n as f64, n, |sea| {
+                sea.iter_mut().for_each(|x| x.swap(i, j));
+                sea[SILENT - FROM..].iter_mut().for_each(|x| x[silent] = 0.0);
+            });
+            assert_eq!(codes, [FaultCode::Inconsistent, FaultCode::DeadChannel], "{n} {silent}");
+            assert!(wrong == 0 && right <= 1, "{n} {silent}: {wrong} {right}");
+        }
+    }
+}
+
+#[test]
+fn three_hydrophones_without_the_late_one_are_right_and_with_it_say_how_far_they_may_be_off() {
+    for n in 0..6u64 {
+        let late = n as usize % CHANNELS;
+        for silent in [late, (late + 1) % CHANNELS] {
+            let (codes, wrong, _) = after(0.5 * n as f64, n, |sea| {
+                for i in (1..sea.len()).rev() {
+                    sea[i][late] = sea[i - 1][late];
+                }
+                sea[SILENT - FROM..].iter_mut().for_each(|x| x[silent] = 0.0);
+            });
+            assert!(codes.contains(&FaultCode::DeadChannel) && wrong == 0, "{n} {silent}: {codes:?} {wrong}");
+        }
+    }
+}
+
 #[test]
 fn exchanged_channels_are_noticed_of_a_vessel_that_was_heard_for_a_second() {
     for n in 0..12u64 {

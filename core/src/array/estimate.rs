@@ -226,7 +226,8 @@ pub(crate) fn segment(
             let others = (other, elsewhere, &memory.others, segment);
             memory.agreement.take(&context, first, others, &peaks, &scratch.search, sink)
         }
-        _ => Some(Doubt::NONE),
+        Some(_) => memory.agreement.of_three(&context),
+        None => Some(Doubt::NONE),
     };
     if doubtful {
         let is = turned.is(&mut scratch.search, memory.sick.tried());

@@ -146,6 +146,8 @@ pub struct Plan {
     pub(crate) depth_m: f32,
     /// Standard deviation of a hydrophone's position over the speed of sound, seconds.
     pub(crate) position_sd_s: f32,
+    /// Share of what the pairs hear by themselves that the best direction explains where positions are off by twice what is told.
+    pub(crate) in_phase: f32,
     /// Relative standard deviation of the speed of sound.
     pub(crate) sound_speed_sd: f32,
     /// What makes densities of auto-spectra.
@@ -215,8 +217,8 @@ impl Plan {
         // lies mostly below keeps all its bins; the diffuse mean is subtracted in any case.
         let knee = md::ceil(0.5 / f64::from(longest) / bin_hz) as usize;
         let in_phase_hz = MOST_OUT_OF_PHASE * config.sound_speed_m_s / (md::TAU * array.position_sd_m);
-        let in_phase = md::ceil(in_phase_hz.min(rate) / bin_hz) as usize;
-        let (passed, high) = (high, high.min(in_phase.max(LEAST_KNEES * knee).max(low + LEAST_BINS)));
+        let told = md::ceil(in_phase_hz.min(rate) / bin_hz) as usize;
+        let (passed, high) = (high, high.min(told.max(LEAST_KNEES * knee).max(low + LEAST_BINS)));
         let incoherent = if knee.saturating_sub(low) * 4 < high - low { knee.max(low) } else { low };
 
         let bin_rad_s = (md::TAU * bin_hz) as f32;
@@ -308,6 +310,11 @@ impl Plan {
             } else {
                 0.0
             },
+            in_phase: in_phase(
+                array.position_sd_m / config.sound_speed_m_s * f64::from(bin_rad_s),
+                incoherent,
+                high,
+            ),
             position_sd_s: (array.position_sd_m / config.sound_speed_m_s) as f32,
             sound_speed_sd: (array.sound_speed_sd_m_s / config.sound_speed_m_s).max(LEAST_SPEED_SD) as f32,
             scale,
@@ -380,6 +387,13 @@ impl Plan {
         let bin = self.rate_hz / FRAME as f32;
         (self.whole.low as f32 * bin, (self.whole.high - 1) as f32 * bin)
     }
+}
+
+/// Mean over bins of what is left of a sum whose terms are out of phase by two deviations of √⅔ `sd_rad` a bin ([`MOST_OUT_OF_PHASE`]).
+#[inline(never)]
+fn in_phase(sd_rad: f64, low: usize, high: usize) -> f32 {
+    let left = |k: usize| md::exp(-4.0 / 3.0 * sd_rad * sd_rad * (k * k) as f64);
+    ((low..high).map(left).sum::<f64>() / high.saturating_sub(low).max(1) as f64) as f32
 }
 
 /// Transform of the window at bins 1 to 3 over that at bin 0; real, because the periodic window is even about FRAME/2.

@@ -294,7 +294,7 @@ impl Turned<'_> {
 
     /// Whether to try: the direction found explains little.
     pub(crate) fn doubtful(&self) -> bool {
-        self.found < LITTLE * self.most
+        self.found < LITTLE * self.plan.in_phase * self.most
     }
 
     /// Tries hydrophone `h`. The correlations are used up.

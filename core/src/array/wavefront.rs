@@ -135,6 +135,11 @@ impl Used {
         if self.all() { 6.0 } else { 3.0 }
     }
 
+    /// Whether hydrophone `h` is used.
+    pub(crate) fn hydrophone(self, h: usize) -> bool {
+        self.hydrophones >> (h & 7) & 1 == 1
+    }
+
     /// Whether both hydrophones of pair `p` are used.
     #[inline]
     pub(crate) fn pair(self, p: usize) -> bool {

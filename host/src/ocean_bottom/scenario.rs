@@ -446,6 +446,13 @@ impl ObsScenario {
         within("ambient.pressure_counts", self.ambient.pressure_counts, 1e-3, 1e6)?;
         for (i, v) in self.vessels.iter().enumerate() {
             v.straight.check(&format!("vessels.{i}"), 0.1)?;
+            let [from_s, to_s] = v.active_s;
+            if !(from_s < to_s) {
+                let what = format!(
+                    "active_s is [{from_s}, {to_s}]; when it begins to sound and, later, when it ends"
+                );
+                return wrong(&format!("vessels.{i}.active_s"), what);
+            }
         }
         for (list, whales) in [("fin_whale", &self.fin_whale), ("blue_whale", &self.blue_whale)] {
             for (i, w) in whales.iter().enumerate() {

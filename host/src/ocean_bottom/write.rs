@@ -88,7 +88,7 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     let scenario = simulator.scenario().clone();
     for vessel in unheard(simulator) {
         log::warn!(
-            "{vessel} is never within the {:.0} km that the propagation table reaches while it sounds: nothing is heard of it",
+            "{vessel}: nothing is heard of it, as it is never within the {:.0} km that the propagation table reaches while it sounds",
             simulator.table().max_range_m() / 1000.0
         );
     }
@@ -131,14 +131,19 @@ pub fn write(simulator: &mut Simulator, folder: &Path) -> Result<Written> {
     })
 }
 
-/// Names of vessels of which nothing arrives: beyond the table whenever they sound.
+/// Names of vessels that are beyond the table whenever they sound.
 fn unheard(simulator: &Simulator) -> Vec<String> {
-    const EVERY_S: f64 = 10.0;
-    let (scenario, table) = (simulator.scenario(), simulator.table());
-    let looks = (scenario.duration_s / EVERY_S) as u64;
-    let heard =
-        |v: &MovingVessel| (0..=looks).any(|n| then(table, scenario.paths, v, EVERY_S * n as f64).is_some());
-    simulator.vessels.iter().filter(|v| !heard(v)).map(|v| v.name.clone()).collect()
+    const EVERY_S: f64 = 60.0;
+    let farthest_m = simulator.table().max_range_m();
+    let within = |v: &MovingVessel| {
+        // What is heard at the beginning left a little before.
+        let from_s = v.active_s.0.max(-EVERY_S);
+        let length_s = v.active_s.1.min(simulator.scenario().duration_s) - from_s;
+        let looks = (length_s / EVERY_S).ceil().max(1.0);
+        let mut places = (0..=looks as u64).filter_map(|n| v.course.at(from_s + n as f64 / looks * length_s));
+        places.any(|place| crate::course::polar(place).0 <= farthest_m)
+    };
+    simulator.vessels.iter().filter(|v| !within(v)).map(|v| v.name.clone()).collect()
 }
 
 /// Minute by minute: where each vessel is and where it was when the sound now heard left it; other sounds by span.
@@ -217,7 +222,7 @@ mod tests {
             + &vessel("gone", reach_m - 100.0, 3500.0)
             + &between(0.0, 1800.0)
             + &vessel("brief", 9_000.0, 1800.0)
-            + &between(1805.0, 1825.0);
+            + &between(1805.0, 1806.0);
         let scenario: ObsScenario = toml::from_str(&text).unwrap();
         let simulator = Simulator::new(scenario, table, Vec::new()).unwrap();
         assert_eq!(unheard(&simulator), ["beyond", "gone"]);

@@ -153,7 +153,7 @@ pub(super) struct Array {
     pub(super) false_alarms_per_hour: f64,
     /// Depth of the vessels' sources, metres; 0: no image in the surface is expected.
     pub(super) vessel_depth_m: f64,
-    /// Standard deviation of each coordinate of each hydrophone, metres; directions are looked for below 0.195 times the sound's speed over it.
+    /// Standard deviation of each coordinate of each hydrophone, metres. Above 0.195 times the sound's speed over it no direction is looked for (but up to twice the speed over the longest baseline).
     pub(super) position_sd_m: f64,
     /// Standard deviation of the speed of sound, m/s.
     pub(super) sound_speed_sd_m_s: f64,

@@ -284,6 +284,17 @@ pub enum ArrayFault {
     Swap(Swap),
 }
 
+impl ArrayFault {
+    /// When it begins and ends, s.
+    fn lasts_s(&self) -> (f64, f64) {
+        match *self {
+            Self::Dead(a) | Self::Stuck(a) | Self::Nan(a) => (a.from_s, a.to_s),
+            Self::Loud(l) => (l.from_s, l.to_s),
+            Self::Swap(s) => (s.from_s, s.to_s),
+        }
+    }
+}
+
 /// A channel that is too loud.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -399,12 +410,24 @@ impl ArrayScenario {
             let channel = |c: usize| within(&format!("faults.{i}.channel"), c as f64, 0.0, 3.0);
             match *f {
                 ArrayFault::Dead(a) | ArrayFault::Stuck(a) | ArrayFault::Nan(a) => channel(a.channel)?,
-                ArrayFault::Loud(l) => channel(l.channel)?,
+                ArrayFault::Loud(l) => {
+                    channel(l.channel)?;
+                    within(&format!("faults.{i}.gain_db"), l.gain_db, -200.0, 200.0)?;
+                }
                 ArrayFault::Swap(s) => {
+                    let key = format!("faults.{i}.channels");
                     for c in s.channels {
-                        within(&format!("faults.{i}.channels"), c as f64, 0.0, 3.0)?;
+                        within(&key, c as f64, 0.0, 3.0)?;
+                    }
+                    if s.channels[0] == s.channels[1] {
+                        return Err((key, format!("channel {} is exchanged with itself", s.channels[0])));
                     }
                 }
+            }
+            let (from_s, to_s) = f.lasts_s();
+            if !(from_s < to_s) {
+                let what = format!("lasts from {from_s} to {to_s} s; `to_s` must come after `from_s`");
+                return Err((format!("faults.{i}.to_s"), what));
             }
             if matches!(f, ArrayFault::Nan(_)) && self.recorder.encoding != Encoding::Float {
                 return Err((
