@@ -3,7 +3,7 @@
 
 use crate::csv::{CsvTable, good_rows};
 use crate::ocean_bottom::records::is_records;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use seabearing_core::angle::{RAD_PER_DEG, wrap_tau};
 use seabearing_locate::motion::ml::Sample;
 use serde_json::Value;
@@ -58,7 +58,12 @@ pub fn start(path: &Path) -> Option<OffsetDateTime> {
 fn of_records(path: &Path, elevations: bool) -> Result<Vec<(usize, Result<Sample>)>> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let bearing = |(n, line): (usize, &str)| {
-        let record: Value = serde_json::from_str(line).unwrap_or_default();
+        let place = || format!("{}, line {}", path.display(), n + 1);
+        let record = match serde_json::from_str::<Value>(line) {
+            Ok(record) => record,
+            Err(_) if line.trim().is_empty() => return None,
+            Err(_) => return Some((n + 1, Err(anyhow!("{}: no record", place())))),
+        };
         let number = |key: &str| record.get(key).and_then(Value::as_f64);
         let is_one = record.get("type")?.as_str()? == "bearing" && number("band") == Some(0.0);
         let rad = |key: &str| Some(number(key)? * RAD_PER_DEG);
@@ -70,8 +75,7 @@ fn of_records(path: &Path, elevations: bool) -> Result<Vec<(usize, Result<Sample
             }
             Some(sample)
         };
-        let missing =
-            || format!("{}, line {}: a bearing without time, azimuth or error", path.display(), n + 1);
+        let missing = || format!("{}: a bearing without time, azimuth or error", place());
         is_one.then(|| (n + 1, sample().with_context(missing)))
     };
     Ok(text.lines().enumerate().filter_map(bearing).collect())
@@ -172,8 +176,17 @@ mod tests {
                  \"sd_azimuth_deg\":0.5,\"sd_elevation_deg\":1.5,\"band\":{band}}}\n"
             )
         };
-        let text = ["{\"type\":\"hello\"}\n", &bearing(1.0, 0), &bearing(1.0, 1), &bearing(1.5, 0)].concat();
+        let cut = "{\"type\":\"bear";
+        let text =
+            ["{\"type\":\"hello\"}\n", &bearing(1.0, 0), &bearing(1.0, 1), &bearing(1.5, 0), cut].concat();
         std::fs::write(&path, text).unwrap();
+        // What is cut off is named.
+        let bad: Vec<String> = of_records(&path, false)
+            .unwrap()
+            .into_iter()
+            .filter_map(|r| Some(r.1.err()?.to_string()))
+            .collect();
+        assert!(matches!(&bad[..], [one] if one.ends_with("records.jsonl, line 5: no record")), "{bad:?}");
         let samples = read(&path, 1.0, Some(1.0)).unwrap();
         assert_eq!(start(&path), None);
         let mut first = Sample::azimuth(1.0, 30.0 * RAD_PER_DEG, 0.5 * RAD_PER_DEG);
