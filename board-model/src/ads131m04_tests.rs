@@ -2,6 +2,8 @@
 
 use super::*;
 
+const FRAME: usize = 6 * WORD;
+
 /// What was delivered of a frame whose supply failed after so many of its bytes.
 fn delivered(clocked: usize) -> Vec<Codes> {
     let mut given = 0;
@@ -30,7 +32,6 @@ fn delivered(clocked: usize) -> Vec<Codes> {
 
 #[test]
 fn what_was_clocked_out_before_the_supply_failed_was_delivered() {
-    const FRAME: usize = 6 * WORD;
     for clocked in [FRAME - 1, FRAME] {
         assert_eq!(delivered(clocked), [[1, 2, 3, 4]], "{clocked}");
     }
@@ -39,39 +40,37 @@ fn what_was_clocked_out_before_the_supply_failed_was_delivered() {
     }
 }
 
-#[test]
-fn a_frame_begun_before_the_filters_begin_afresh_is_delivered_and_what_waited_is_not() {
-    const FRAME: usize = 6 * WORD;
-    let mut converter = Ads131m04::new(Box::new(|| Some([0; 4])), 4000.0, 0.0);
-    let now = PER_SECOND / 10;
-    converter.advance(now);
-    converter.delivered.clear();
-    converter.output = VecDeque::from([(Some(7), [1, 2, 3, 4]), (Some(8), [5, 6, 7, 8])]);
-    converter.select(true, now);
-    for n in 0..FRAME {
-        if n == WORD {
-            converter.resynchronise(now);
-        }
-        converter.exchange(0, now);
-    }
-    converter.select(false, now);
-    assert_eq!(converter.delivered, [7]);
-    assert!(converter.output.is_empty());
-}
-
-#[test]
-fn a_third_result_during_a_frame_leaves_what_is_clocked_out() {
-    const FRAME: usize = 6 * WORD;
+/// A converter whose supply is well, a frame of result 7 begun, while 8 waits.
+fn clocking() -> (Ads131m04, Ticks) {
     let mut converter = Ads131m04::new(Box::new(|| Some([0; 4])), 4000.0, 0.0);
     let now = PER_SECOND / 10;
     converter.advance(now);
     converter.delivered.clear();
     converter.output = VecDeque::from([(Some(7), [0; 4]), (Some(8), [0; 4])]);
     converter.select(true, now);
-    converter.output = VecDeque::from([(Some(8), [0; 4]), (Some(9), [0; 4])]);
-    (0..FRAME).for_each(|_| {
+    converter.exchange(0, now);
+    (converter, now)
+}
+
+/// Clocks out the rest of the frame; numbers of the results delivered and of those that wait.
+fn rest((mut converter, now): (Ads131m04, Ticks)) -> (Vec<u64>, Vec<u64>) {
+    (1..FRAME).for_each(|_| {
         converter.exchange(0, now);
     });
     converter.select(false, now);
-    assert_eq!((converter.delivered, converter.output.len()), (vec![7], 2));
+    (converter.delivered, converter.output.iter().filter_map(|result| result.0).collect())
+}
+
+#[test]
+fn a_frame_begun_before_the_filters_begin_afresh_is_delivered_and_what_waited_is_not() {
+    let (mut converter, now) = clocking();
+    converter.resynchronise(now);
+    assert_eq!(rest((converter, now)), (vec![7], vec![]));
+}
+
+#[test]
+fn a_third_result_during_a_frame_leaves_what_is_clocked_out() {
+    let (mut converter, now) = clocking();
+    converter.output = VecDeque::from([(Some(8), [0; 4]), (Some(9), [0; 4])]);
+    assert_eq!(rest((converter, now)), (vec![7], vec![8, 9]));
 }
