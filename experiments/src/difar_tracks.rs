@@ -86,6 +86,7 @@ fn pass(errors_deg: &[f64], range_m: f64, rng: &mut rand_chacha::ChaCha8Rng) -> 
     let config = Config {
         model: Model::White,
         tau_s: 0.0,
+        white_share: 0.0,
         speed_m_s: SPEED_M_S,
         speed_sd_m_s: 0.0,
         range_m: (20.0, 5000.0),

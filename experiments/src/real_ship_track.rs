@@ -88,6 +88,7 @@ fn run(options: &Options) -> Result<()> {
         let config = Config {
             model: Model::White,
             tau_s: 0.0,
+            white_share: 0.0,
             speed_m_s: 3.0,
             speed_sd_m_s: f64::INFINITY,
             range_m: (2.0, 3000.0),

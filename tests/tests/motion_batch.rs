@@ -16,6 +16,7 @@ fn config(model: Model, tau_s: f64) -> Config {
     Config {
         model,
         tau_s,
+        white_share: 0.0,
         speed_m_s: 7.0,
         speed_sd_m_s: 0.0,
         range_m: (20.0, 20_000.0),

@@ -71,6 +71,7 @@ fn agrees_with_the_batch_within_a_third_of_the_reported_spread() {
             let batch = ml::Config {
                 model,
                 tau_s,
+                white_share: 0.0,
                 speed_m_s: 7.0,
                 speed_sd_m_s: 0.0,
                 range_m: c.range_m,

@@ -56,6 +56,7 @@ fn main() -> ! {
         let config = Config {
             model: Model::Linear,
             tau_s,
+            white_share: 0.0,
             speed_m_s: SPEED_M_S,
             speed_sd_m_s: 0.0,
             range_m: (20.0, 20_000.0),

@@ -1,7 +1,7 @@
 //! `seabearing track`: motion of a vessel from bearings of one array.
 
 use super::mistake;
-use crate::motion::estimate::{Estimate as Found, batch, one_by_one};
+use crate::motion::estimate::{Estimate as Found, at_height_heard, batch, one_by_one, with_lasting};
 use crate::motion::radians::are_radians;
 use crate::motion::{bearings, errors, picture};
 use crate::record::finite;
@@ -34,9 +34,9 @@ pub struct Args {
     /// Standard deviation of a bearing's error, degrees (a column sigma_deg goes before it).
     #[arg(long, default_value_t = 1.0)]
     sigma_deg: f64,
-    /// Correlation interval of the errors, seconds; 0: uncorrelated.
-    #[arg(long, default_value_t = 0.0)]
-    tau_s: f64,
+    /// Correlation interval of the errors, seconds; 0: uncorrelated [default: 0; of records told from their own bearings].
+    #[arg(long)]
+    tau_s: Option<f64>,
     /// Correlation of the errors (default: white if --tau-s is 0, else linear).
     #[arg(long, value_parser = model())]
     model: Option<Model>,
@@ -110,7 +110,7 @@ impl Args {
             Ok(())
         };
         least("sigma-deg", self.sigma_deg, 0.0, true)?;
-        least("tau-s", self.tau_s, 0.0, false)?;
+        least("tau-s", self.tau_s(), 0.0, false)?;
         least("speed-sd", self.speed_sd.unwrap_or(0.0), 0.0, false)?;
         least("sound-speed", self.sound_speed, 100.0, false)?;
         least("min-range-m", self.min_range_m, 0.1, false)?;
@@ -119,7 +119,7 @@ impl Args {
         least("elevation-bias-deg", self.elevation_bias_deg, 0.0, false)?;
         least("acceleration-sd", self.acceleration_sd, 0.0, false)?;
         least("height-m", self.height_m.unwrap_or(1.0), 0.0, true)?;
-        if self.robust && self.estimator == Estimator::Ml && self.tau_s > 0.0 {
+        if self.robust && self.estimator == Estimator::Ml && self.tau_s() > 0.0 {
             mistake!(
                 "--robust takes errors as independent; with --tau-s give --estimator recursive beside it"
             );
@@ -131,7 +131,7 @@ impl Args {
             mistake!("--speed is {v} m/s, a vessel's speed is between 0.2 and 40");
         }
         for (name, x) in [
-            ("tau-s", self.tau_s),
+            ("tau-s", self.tau_s()),
             ("sigma-deg", self.sigma_deg),
             ("max-range-m", self.max_range_m),
             ("height-m", self.height_m.unwrap_or(1.0)),
@@ -146,6 +146,15 @@ impl Args {
         Ok(())
     }
 
+    fn tau_s(&self) -> f64 {
+        self.tau_s.unwrap_or(0.0)
+    }
+
+    /// Whether nobody says how the errors are correlated, and the file's deviations count what lasts of them.
+    fn tells_lasting(&self) -> bool {
+        self.tau_s.is_none() && self.model.is_none() && !self.robust && bearings::are_recorded(&self.bearings)
+    }
+
     /// Mean and standard deviation of speed: nothing said is the fleet of paper M, a speed alone is known.
     fn speed(&self) -> (f64, f64) {
         match (self.speed, self.speed_sd) {
@@ -156,7 +165,7 @@ impl Args {
 
     fn model(&self) -> Model {
         self.model.unwrap_or(match self.estimator {
-            _ if self.tau_s == 0.0 => Model::White,
+            _ if self.tau_s() == 0.0 => Model::White,
             Estimator::Recursive => Model::Markov,
             Estimator::Ml => Model::Linear,
         })
@@ -169,7 +178,8 @@ impl Args {
             Medium { height_m: self.height_m.unwrap_or(0.0), ..Medium::of_sound_speed(self.sound_speed) };
         Config {
             model: self.model(),
-            tau_s: self.tau_s,
+            tau_s: self.tau_s(),
+            white_share: 0.0,
             speed_m_s,
             speed_sd_m_s,
             range_m: (self.min_range_m, self.max_range_m),
@@ -209,8 +219,10 @@ impl Moved {
 pub fn run(args: Args) -> Result<()> {
     args.check()?;
     let sd_rad = args.sigma_deg * RAD_PER_DEG;
-    let sd_elevation_rad = args.height_m.map(|_| args.sigma_elevation_deg * RAD_PER_DEG);
-    let samples = bearings::read(&args.bearings, sd_rad, sd_elevation_rad)?;
+    let recorded = bearings::are_recorded(&args.bearings);
+    let sd_elevation_rad =
+        (args.height_m.is_some() || recorded).then_some(args.sigma_elevation_deg * RAD_PER_DEG);
+    let mut samples = bearings::read(&args.bearings, sd_rad, sd_elevation_rad)?;
     if let Some(track) = &args.known_track {
         let model = args.model.unwrap_or(Model::Markov);
         let (found, n) = errors::of_known_track(model, &samples, track, args.sound_speed)?;
@@ -225,6 +237,9 @@ pub fn run(args: Args) -> Result<()> {
             args.bearings.display()
         );
     }
+    let assumed =
+        if recorded && args.height_m.is_none() { at_height_heard(&assumed, &mut samples) } else { assumed };
+    let assumed = if args.tells_lasting() { with_lasting(&assumed, &mut samples) } else { assumed };
     let found = match args.estimator {
         Estimator::Ml => batch(&assumed, &samples, args.robust),
         Estimator::Recursive => {
@@ -272,11 +287,16 @@ pub fn run(args: Args) -> Result<()> {
         picture::draw(&samples, &assumed.medium, &found.solution, bearings::start(&args.bearings), path)?;
     }
     if args.json {
-        println!("{}", record(&args, &found));
+        println!("{}", record(&args, &assumed, &found));
     } else {
-        print_for_people(&args, &found);
+        print_for_people(&args, &assumed, &found);
     }
     Ok(())
+}
+
+/// Share of the errors' variance that lasts.
+fn lasting_share(assumed: &Config) -> f64 {
+    if assumed.model == Model::White { 0.0 } else { 1.0 - assumed.white_share }
 }
 
 fn print_error_model(args: &Args, model: Model, e: &ErrorModel, n: usize) {
@@ -304,7 +324,7 @@ fn print_error_model(args: &Args, model: Model, e: &ErrorModel, n: usize) {
 }
 
 /// The record; what the data do not tell is null.
-fn record(args: &Args, found: &Found) -> Value {
+fn record(args: &Args, assumed: &Config, found: &Found) -> Value {
     let s = &found.solution;
     let ranged = |x: f64| if s.range_observable { finite(x) } else { Value::Null };
     let mut out = Map::new();
@@ -345,7 +365,11 @@ fn record(args: &Args, found: &Found) -> Value {
         );
     }
     put("estimator", if args.estimator == Estimator::Ml { "ml" } else { "recursive" }.into());
-    put("model", args.model().name().into());
+    put("model", assumed.model.name().into());
+    if args.tells_lasting() {
+        put("lasting_share", lasting_share(assumed).into());
+        put("lasting_s", if assumed.tau_s > 0.0 { finite(assumed.tau_s) } else { Value::Null });
+    }
     if let Some(i) = found.range_95_m {
         let end = |x: f64, open: bool| if open { Value::Null } else { finite(x) };
         put("range_interval_95_m", json!([end(i.low_m, i.low_open), end(i.high_m, i.high_open)]));
@@ -359,7 +383,7 @@ fn record(args: &Args, found: &Found) -> Value {
     Value::Object(out)
 }
 
-fn print_for_people(args: &Args, found: &Found) {
+fn print_for_people(args: &Args, assumed: &Config, found: &Found) {
     let s = &found.solution;
     let side = if s.starboard { "starboard" } else { "port" };
     let spread = |x: f64, unit: &str| {
@@ -409,6 +433,16 @@ fn print_for_people(args: &Args, found: &Found) {
             moved.heading_deg.abs(),
             moved.cpa_time_s.abs()
         );
+    }
+    if args.tells_lasting() {
+        match lasting_share(assumed) {
+            0.0 => println!("errors               independent, as far as these bearings tell"),
+            share => println!(
+                "errors               {:.0} % of their variance lasts {:.1} s, as these bearings tell (--tau-s)",
+                100.0 * share,
+                assumed.tau_s
+            ),
+        }
     }
     println!("consistency          {:.2} (1: errors and straight track as assumed)", s.consistency);
 }

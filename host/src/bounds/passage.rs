@@ -63,6 +63,7 @@ pub fn config(model: Model, tau_s: f64, speed_m_s: f64) -> Config {
     Config {
         model,
         tau_s,
+        white_share: 0.0,
         speed_m_s,
         speed_sd_m_s: 0.0,
         range_m: (20.0, 20_000.0),

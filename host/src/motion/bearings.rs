@@ -35,6 +35,11 @@ pub fn read(path: &Path, sd_rad: f64, sd_elevation_rad: Option<f64>) -> Result<V
     Ok(samples)
 }
 
+/// Whether a file holds records, whose deviations count what lasts of the errors as well.
+pub fn are_recorded(path: &Path) -> bool {
+    is_records(path)
+}
+
 /// UTC of time 0, where the first bearing tells its own.
 pub fn start(path: &Path) -> Option<OffsetDateTime> {
     let (utc, t_s) = if is_records(path) {

@@ -7,6 +7,7 @@ use seabearing_core::motion::Solution;
 use seabearing_core::passage::{self, Measurement};
 use seabearing_locate::motion::change::Change;
 use seabearing_locate::motion::covariance::Model;
+use seabearing_locate::motion::lasting;
 use seabearing_locate::motion::lone::Lone;
 use seabearing_locate::motion::ml::{self, Config, FitError, Interval, Sample};
 use seabearing_locate::motion::robust::{STUDENT, fit_robust, wrong};
@@ -14,6 +15,9 @@ use seabearing_locate::motion::whiten::WhitenError;
 
 /// What a likelihood ratio of one parameter exceeds in 5 % of cases: χ² of one degree.
 const CHI2_95: f64 = 3.841;
+
+/// Fits in which a height and the travel time from it settle.
+const HEIGHTS: usize = 3;
 
 /// A track and how it was come by.
 #[derive(Clone, Copy, Debug)]
@@ -83,6 +87,46 @@ pub fn batch(config: &Config, samples: &[Sample], robust: bool) -> Result<Estima
     })
 }
 
+/// The assumptions with as much of the errors lasting as the bearings tell: `config` where its errors are correlated already, or where the
+/// bearings do not tell. Elevations, whose errors last as long, get the deviations that count it.
+pub fn with_lasting(config: &Config, samples: &mut [Sample]) -> Config {
+    // What cannot be fitted says so when it is.
+    let told = lasting::estimate(config, samples, &mut BatchRoom::new().work).unwrap_or(*config);
+    lasting::widen_elevations(&told, samples);
+    told
+}
+
+/// The assumptions with the height at which the elevations hear the vessel, for the travel time alone: range and speed scale with each other
+/// as before, and the elevations of `samples` are left out from here on. `config` where no track is found or no elevation is there.
+pub fn at_height_heard(config: &Config, samples: &mut [Sample]) -> Config {
+    let heard: Vec<(f64, f64)> = samples
+        .iter()
+        .filter(|s| s.elevation_rad.1.is_finite())
+        .map(|s| (s.t_s, f64::from(s.elevation_rad.0)))
+        .collect();
+    for s in samples.iter_mut() {
+        s.elevation_rad = (0.0, f32::INFINITY);
+    }
+    let mut room = BatchRoom::new();
+    let mut told = *config;
+    for _ in 0..HEIGHTS {
+        let white = Config { model: Model::White, ..told };
+        let Ok(fit) = ml::fit(&white, samples, &mut room.work, &mut []) else { return *config };
+        let line = fit.solution.line;
+        let mut heights: Vec<f64> = heard
+            .iter()
+            .map(|(t_s, elevation)| {
+                let ([east, north], _) = line.position(*t_s);
+                east.hypot(north) * elevation.tan()
+            })
+            .collect();
+        heights.sort_by(f64::total_cmp);
+        let Some(height_m) = heights.get(heights.len() / 2).filter(|h| **h > 0.0) else { return *config };
+        told.medium.height_m = *height_m;
+    }
+    told
+}
+
 /// One bearing after the other by the recorder's passage fit, whose correlated errors are Gauss-Markov. `sd_rad`: standard
 /// deviation of those errors; bearings beyond `gate_sd` standard deviations are refused. `robust`: with heavy tails.
 ///
@@ -110,13 +154,15 @@ pub fn one_by_one(
         lasting_sd_rad: 0.0,
         height_sd_m: 0.0,
     };
+    let white_share = if assumed.extra_tau_s > 0.0 { config.white_share } else { 0.0 };
     let mut lone = Lone::new(assumed, gate_sd);
     for s in samples {
         let (elevation, sd) = s.elevation_rad;
+        let sd_azimuth_rad = f64::from(s.sd_rad);
         lone.take(&Measurement {
-            extra_scale: f64::from(s.sd_rad) / sd_rad,
+            extra_scale: (1.0 - white_share).sqrt() * sd_azimuth_rad / sd_rad,
             elevation: sd.is_finite().then_some((f64::from(elevation), f64::from(sd * sd))),
-            ..Measurement::azimuth(s.t_s, s.azimuth_rad, 0.0)
+            ..Measurement::azimuth(s.t_s, s.azimuth_rad, white_share * sd_azimuth_rad * sd_azimuth_rad)
         });
     }
     let (solution, refused) = lone.finish();

@@ -61,6 +61,7 @@ mod tests {
         Config {
             model: Model::White,
             tau_s: 0.0,
+            white_share: 0.0,
             speed_m_s: 7.3,
             speed_sd_m_s: 2.3,
             range_m: (5.0, 20_000.0),

@@ -140,7 +140,9 @@ pub(super) fn change<const N: usize>(
     let of_both = spd::solve(&tested, &found.score)?;
     let both = spd::dot(&found.score, &of_both);
     let alone = |k: usize| found.score[k] * found.score[k] / tested[k][k];
-    let each = ((normal.cost() - both) / left).max(1e-12);
+    // Elevations with deviations that count what lasts scatter by less than these say.
+    let least = if config.white_share > 0.0 { 1.0 } else { 1e-12 };
+    let each = ((normal.cost() - both) / left).max(least);
     let slowly = averages(config, samples, line, &found, &of_both, limits);
     let scatter = slowly.map_or(each, |(x, freedom)| {
         if x * freedom > misfit_limit(freedom as u32) * each { x.max(each) } else { each }

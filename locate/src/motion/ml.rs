@@ -9,6 +9,7 @@
 use super::change::{Change, change};
 use super::covariance::Model;
 use super::hypotheses::{add_priors, same};
+use super::lasting;
 use super::model::{LN_SPEED, Limits, Line, Medium, PARAMETERS};
 use super::normal::{COLUMNS, Normal, Point, minimise};
 use super::slow;
@@ -26,6 +27,8 @@ pub struct Config {
     pub model: Model,
     /// Correlation interval, s.
     pub tau_s: f64,
+    /// Share of an azimuth's variance that is its own, 0 to 1; what the others have in common follows `model` (Markov only).
+    pub white_share: f64,
     /// Known speed, mean of the prior, or (with an infinite `speed_sd_m_s`) only a starting value, m/s.
     pub speed_m_s: f64,
     /// 0: known; finite: standard deviation of the prior or measurement; infinite: unknown (needs elevations).
@@ -122,6 +125,7 @@ pub fn fit<const N: usize>(
     let times = samples.iter().map(|s| s.t_s);
     let factorisation =
         Factorisation::new(config.model, config.tau_s, times, work, dense).map_err(FitError::Whiten)?;
+    let factorisation = factorisation.with_white(config.white_share);
     let free = config.free();
     let stride = samples.len().div_ceil(THINNED).max(1);
     let white =
@@ -276,7 +280,8 @@ fn grown(
         Some(Change { seen: Some(_), scatter, .. }) => misfit.min(scatter.max(1.0)),
         _ => misfit,
     };
-    let added = change.map_or([[0.0; PARAMETERS]; PARAMETERS], |c| c.added);
+    let mut added = change.map_or([[0.0; PARAMETERS]; PARAMETERS], |c| c.added);
+    added[0][0] += lasting::throughout(config, samples);
     if misfit > 1.0 || added.iter().flatten().any(|x| *x != 0.0) {
         let mut covariance = of_each.covariance.map(|row| row.map(|x| growth * x));
         for (row, added) in covariance.iter_mut().zip(&added) {
@@ -308,6 +313,7 @@ pub fn with_misfit<const N: usize>(
     let mut tested = || {
         let times = samples.iter().map(|s| s.t_s);
         let factorisation = Factorisation::new(config.model, config.tau_s, times, work, dense).ok()?;
+        let factorisation = factorisation.with_white(config.white_share);
         let line = &solution.line;
         let normal = evaluate(config, &factorisation, samples.iter(), line, work, dense)?;
         change(config, samples, (line, &normal), &free, &limits, freedom, &factorisation, work, dense)
@@ -344,10 +350,12 @@ pub fn range_interval<const N: usize>(
     let limits = check(config, samples).ok()?;
     let free = config.free();
     let least = fit.normal.cost();
+    // Far stiffer than what the bearings know of range, or the profile gives way to them.
+    let of_range = |k: usize| fit.normal.gram()[k][k];
+    let stiff = 1e4 * (of_range(2) + of_range(3)).max(1e4);
     let centre = m::ln(fit.solution.cpa_range_m);
     // The profile at a given ln range: a stiff pseudo-measurement pins it, its own residual is taken off again.
     let mut profile = |from: &Line, ln_range: f64| -> Option<(Line, f64)> {
-        let stiff = 1e8;
         let mut start = *from;
         start.p[2] = start.p[3] - ln_range;
         let point = minimise(&start, &free, &limits, FINE_STEPS, |line| {

@@ -9,6 +9,7 @@ pub mod change;
 pub mod covariance;
 pub mod errors;
 mod factor;
+pub mod lasting;
 pub mod lone;
 pub mod ml;
 pub mod robust;

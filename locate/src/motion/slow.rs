@@ -46,7 +46,7 @@ pub(super) fn averaged(
             variance += weight * weight;
             let others = stretch.iter().skip(k + 1).filter(|_| config.tau_s > 0.0);
             let shared = |b: &Sample| config.model.rho(b.t_s - a.t_s, config.tau_s) / f64::from(b.sd_rad);
-            variance += 2.0 * weight * others.map(shared).sum::<f64>();
+            variance += 2.0 * (1.0 - config.white_share) * weight * others.map(shared).sum::<f64>();
         }
         sum * sum / variance
     });

@@ -9,6 +9,7 @@ pub(super) fn config() -> Config {
     Config {
         model: Model::White,
         tau_s: 0.0,
+        white_share: 0.0,
         speed_m_s: 7.0,
         speed_sd_m_s: 0.0,
         range_m: (5.0, 20_000.0),

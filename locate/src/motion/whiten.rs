@@ -100,6 +100,8 @@ pub struct Factorisation {
     pub nugget: f64,
     /// Least prediction-error variance over the first, before anything was added.
     pub condition: f64,
+    /// Share of each bearing's variance that no other shares (Markov).
+    pub(super) white: f64,
     pub(super) first_s: f64,
     pub(super) step_s: f64,
     pub(super) positions: usize,
@@ -138,6 +140,7 @@ impl Factorisation {
             method: WhitenMethod::Chain,
             nugget: 0.0,
             condition: 1.0,
+            white: 0.0,
             first_s,
             step_s,
             positions: n,
@@ -185,6 +188,11 @@ impl Factorisation {
             }
         }
         Ok(factorisation)
+    }
+
+    /// The same where `share` (0 to 1) of each bearing's variance is its own: of the Markov model only, the others have none.
+    pub fn with_white(self, share: f64) -> Self {
+        Self { white: if self.model == Model::Markov { share } else { 0.0 }, ..self }
     }
 
     /// Place of a time on the grid, if it lies on one.
@@ -246,9 +254,9 @@ impl Factorisation {
         mut fill: impl FnMut(usize, f64) -> [f64; COLUMNS],
     ) -> Option<Normal> {
         if self.method == WhitenMethod::Chain {
-            let on = self.model == Model::Markov;
-            let mut chain = Chain::new(if on { 1.0 } else { 0.0 }, self.tau_s);
-            let colour = Colour::single(1.0, if on { 0.0 } else { 1.0 });
+            let white = if self.model == Model::Markov { self.white } else { 1.0 };
+            let mut chain = Chain::new(1.0 - white, self.tau_s);
+            let colour = Colour::single(1.0, white);
             for (i, t) in times.enumerate() {
                 chain.push(t, &colour, &fill(i, t));
             }

@@ -175,6 +175,7 @@ pub fn fit(directions: &[Direction], distances: &[Distance], place: &Place<'_>) 
     let config = Config {
         model: Model::White,
         tau_s: 0.0,
+        white_share: 0.0,
         speed_m_s: FLEET_M_S.0,
         speed_sd_m_s: if ranged { f64::INFINITY } else { FLEET_M_S.1 },
         range_m: RANGES_M,
