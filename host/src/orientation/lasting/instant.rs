@@ -9,9 +9,10 @@ use seabearing_locate::network::{Fix, MAX_ARRAYS, NetworkError};
 
 /// Unknowns: errors of the arrays' azimuths, then of their clocks, in units of their priors' deviations.
 pub(super) const N: usize = 2 * MAX_ARRAYS;
-/// Positions either side from which a vessel's velocity is taken, and how far in time they may be.
+/// Positions either side from which a vessel's velocity is taken at least, how far in time they may be, and within how many seconds all count.
 const NEIGHBOURS: usize = 4;
 const NEAR_S: f64 = 60.0;
+const ALL_S: f64 = 10.0;
 
 /// Sums over angles, positions eliminated.
 pub(super) struct Sums {
@@ -28,12 +29,6 @@ pub(super) fn distance_m(seen: &Sighting, position_m: &[f64; 3]) -> f64 {
     (off(0) + off(1) + off(2)).sqrt()
 }
 
-/// Where a vessel was so long before.
-fn earlier(position_m: &[f64; 3], v: &[f64; 2], seconds: f64) -> [f64; 3] {
-    let [x, y, z] = *position_m;
-    [x - v[0] * seconds, y - v[1] * seconds, z]
-}
-
 /// Rates of azimuth and elevation of a vessel at a place, radians a second.
 fn rates(seen: &Sighting, position_m: &[f64; 3], v: &[f64; 2]) -> (f64, f64) {
     let (a, b) = gradients(&seen.array_m, position_m);
@@ -41,13 +36,7 @@ fn rates(seen: &Sighting, position_m: &[f64; 3], v: &[f64; 2]) -> (f64, f64) {
 }
 
 /// A set's sums, positions eliminated; `None` where they are none.
-pub(super) fn sums(
-    set: &SightingSet,
-    fix: &Fix,
-    v: &[f64; 2],
-    prior: &[f64; N],
-    state: &[f64; N],
-) -> Option<Sums> {
+pub(super) fn sums(set: &SightingSet, fix: &Fix, v: &[f64; 2], prior: &[f64; N]) -> Option<Sums> {
     let known = fix.covariance_m2[2][2] == 0.0;
     let mut normal = [[0.0; 3]; 3];
     if known {
@@ -67,8 +56,7 @@ pub(super) fn sums(
         let (azimuth, elevation) = bearing(&seen.array_m, &fix.position_m);
         let (ga, gb) = gradients(&seen.array_m, &fix.position_m);
         let (turned, late) = (*station, MAX_ARRAYS + *station);
-        let heard_at = earlier(&fix.position_m, v, prior[late] * state[late]);
-        let (turning, rising) = rates(seen, &heard_at, v);
+        let (turning, rising) = rates(seen, &fix.position_m, v);
         let mut angle = |r: f64, g: [f64; 3], sd: f64, turns: f64, rate: f64| {
             let mut g = g.map(|x| x / sd);
             if known {
@@ -125,7 +113,10 @@ pub(super) fn velocities(sets: &[SightingSet], fixes: &[Result<Fix, NetworkError
         .collect();
     let at = |t_s: f64| {
         let here = known.partition_point(|(t, _)| *t < t_s);
-        let near = &known[here.saturating_sub(NEIGHBOURS)..(here + NEIGHBOURS + 1).min(known.len())];
+        let from = known.partition_point(|(t, _)| *t < t_s - ALL_S).min(here.saturating_sub(NEIGHBOURS));
+        let to =
+            known.partition_point(|(t, _)| *t <= t_s + ALL_S).max((here + NEIGHBOURS + 1).min(known.len()));
+        let near = &known[from..to];
         let near = near.iter().filter(|(t, _)| (t - t_s).abs() <= NEAR_S);
         let along =
             |k: usize| through(near.clone().map(|(t, p)| (t - t_s, p[k]))).map_or(0.0, |line| line.slope);
@@ -135,7 +126,8 @@ pub(super) fn velocities(sets: &[SightingSet], fixes: &[Result<Fix, NetworkError
 }
 
 /// The bearings of a set without the errors that last, and of what was heard at one instant of the vessel: the sound of the
-/// nearer array is younger. `fix`: where the vessel was, `v` how fast, as far as is known.
+/// nearer array is younger. `fix`: where the vessel was, `v` how fast, as far as is known. Heard so long before, the vessel was behind by its
+/// way since: that is what an array hears which lies ahead by as much, and position and covariance follow from where these are.
 pub(super) fn without(
     given: &SightingSet,
     prior: &[f64; N],
@@ -145,17 +137,16 @@ pub(super) fn without(
     sound_m_s: f64,
 ) -> SightingSet {
     let mut out = given.clone();
-    let way_m = |seen: &Sighting| fix.map_or(0.0, |fix| distance_m(seen, &fix.position_m));
+    let Some(fix) = fix else { return out };
+    let way_m = |seen: &Sighting| distance_m(seen, &fix.position_m);
     let mean_m = given.sightings.iter().map(way_m).sum::<f64>() / given.sightings.len() as f64;
     for (seen, station) in out.sightings.iter_mut().zip(&given.stations) {
         let (turned, late) = (*station, MAX_ARRAYS + *station);
-        let Some(fix) = fix else { continue };
         let late_s = prior[late] * state[late] + (way_m(seen) - mean_m) / sound_m_s;
-        let (now, then) = (fix.position_m, earlier(&fix.position_m, v, late_s));
-        let ((azimuth, elevation), (azimuth_then, elevation_then)) =
-            (bearing(&seen.array_m, &now), bearing(&seen.array_m, &then));
-        seen.azimuth += wrap_pi(azimuth - azimuth_then) - prior[turned] * state[turned];
-        seen.elevation = seen.elevation.map(|e| e + elevation - elevation_then);
+        for (at, v) in seen.array_m.iter_mut().zip(v) {
+            *at += v * late_s;
+        }
+        seen.azimuth -= prior[turned] * state[turned];
     }
     out
 }

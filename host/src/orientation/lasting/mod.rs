@@ -233,7 +233,7 @@ impl Fitted {
         let all = self.sets.iter().zip(&self.fixes).zip(&self.velocities);
         all.map(|((set, fix), v)| {
             let fix = fix.as_ref().ok().filter(|fix| fix.freedom > 0 && !fix.height_at_limit)?;
-            sums(set, fix, v, &self.prior, &self.state)
+            sums(set, fix, v, &self.prior)
         })
     }
 
@@ -275,7 +275,7 @@ impl Fitted {
             let own = if fix.consistent { 1.0 } else { fix.misfit / f64::from(fix.freedom.max(1)) };
             let grown = (noise / own).max(1.0);
             fix.covariance_m2.iter_mut().flatten().for_each(|x| *x *= grown);
-            if let Some(sums) = sums(set, &fix, v, &self.prior, &self.state) {
+            if let Some(sums) = sums(set, &fix, v, &self.prior) {
                 let lasting = spd::propagated(&sums.moves, &self.covariance);
                 for (x, add) in fix.covariance_m2.iter_mut().flatten().zip(lasting.as_flattened()) {
                     *x += add;
