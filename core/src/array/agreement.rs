@@ -200,7 +200,7 @@ impl Agreement {
         let enough = CONTRADICTING_PAIRS - usize::from(self.doubted > 0 && !closed);
         let contradicted = contradicting >= enough;
         let strain = if clear && !contradicted { self.strained(context, found, &delays) } else { None };
-        let (verdict, changed) = match (clear, closed) {
+        let (verdict, mut changed) = match (clear, closed) {
             (true, true) => self.change.take(context, found, (other, others.any()), &delays, &weight),
             (true, false) if self.change.is_told() || self.change.is_suspected(plan, context.index) => {
                 (self.change.verdict(), false)
@@ -209,6 +209,11 @@ impl Agreement {
             (true, false) if away && !other => (Verdict::Withhold, false),
             _ => (Verdict::Tell, false),
         };
+        // Another vessel that becomes the strongest may look like an exchange.
+        if changed && self.change.exchanged().is_some() && self.exchange.denies() {
+            self.change.set_exchanged(None);
+            changed = false;
+        }
         if changed || self.exchange.sure().is_some() && self.change.exchanged().is_none() {
             self.exchange.agree(self.change.exchanged());
             self.change.set_exchanged(self.exchange.sure().or(self.change.exchanged()));

@@ -11,6 +11,7 @@
 //!   the fault `Inconsistent`.
 //! * From then on no direction is told. The vessels are followed through the exchange, by each pair's own delays, until they are
 //!   heard as they were for as long, or what else is heard contradicts it ([`super::change`]).
+//! * While several are heard where they were, no exchange is believed that the strongest alone shows.
 //! * What is heard elsewhere than expected, and explained by no exchange, is new the [`STRAY`]th time: in a segment in the midst of which channels
 //!   are exchanged it may be anywhere.
 //!
@@ -78,6 +79,14 @@ impl Exchange {
     /// Whether an exchange seems to have begun or ended.
     pub(super) fn seems(&self) -> bool {
         self.times > 0
+    }
+
+    /// Whether several vessels are heard where they were, so that none is exchanged.
+    pub(super) fn denies(&self) -> bool {
+        self.pair == 0
+            && !self.seems()
+            && self.explains
+            && self.known.iter().filter(|k| k.lasts()).count() > 1
     }
 
     /// Takes that the strongest source shows an exchange, or one that has ended. What the vessels known explain is not ended by that; what they do not show
