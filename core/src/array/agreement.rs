@@ -17,6 +17,7 @@
 
 use super::change::{Change, Scatter, Verdict};
 use super::estimate::{Context, Found};
+use super::exchange::Exchange;
 use super::followed::Followed;
 use super::jump::times;
 use super::plan::Plan;
@@ -89,8 +90,10 @@ pub(super) struct Agreement {
     doubted: u16,
     /// Segments that must agree until directions are told again.
     withheld: u16,
-    /// Whether channels changed.
+    /// Whether channels changed, by the strongest source.
     change: Change,
+    /// Whether two were exchanged, by all that are known.
+    exchange: Exchange,
 }
 
 /// Most depth of vessels, in units of the one assumed.
@@ -124,6 +127,7 @@ impl Agreement {
             doubted: 0,
             withheld: 0,
             change: Change::new(),
+            exchange: Exchange::NEW,
         }
     }
 
@@ -156,6 +160,19 @@ impl Agreement {
         let strong = 8.0 * context.deviation(context.bins());
         let elsewhere = ELSEWHERE_SAMPLES + TOLD_SD * plan.position_sd_s * plan.rate_hz;
         let split = split(context, &found.refined.direction);
+        let clear = peaks.iter().all(|own| own.peak > strong);
+        let told = self.change.is_told();
+        if clear {
+            let before = self.exchange.sure();
+            self.exchange.take(context, (peaks, search), &found.refined.direction, (others, segment));
+            if self.exchange.sure() != before {
+                // What was exchanged unseen by all is exchanged back.
+                if before.is_none() && self.change.exchanged().is_some() {
+                    self.exchange.forget();
+                }
+                self.change.set_exchanged(self.exchange.sure());
+            }
+        }
         let weight = split.map(|apart| 1.0 / (JOINED * JOINED + apart * apart));
         let mut delays = found.refined.pair_delay;
         let mut contradicting = 0;
@@ -182,9 +199,8 @@ impl Agreement {
         // Of three pairs that a late hydrophone is in, one may be at the edge of what contradicts.
         let enough = CONTRADICTING_PAIRS - usize::from(self.doubted > 0 && !closed);
         let contradicted = contradicting >= enough;
-        let clear = peaks.iter().all(|own| own.peak > strong);
         let strain = if clear && !contradicted { self.strained(context, found, &delays) } else { None };
-        let (verdict, changed) = match (clear, closed) {
+        let (verdict, mut changed) = match (clear, closed) {
             (true, true) => self.change.take(context, found, (other, others.any()), &delays, &weight),
             (true, false) if self.change.is_told() || self.change.is_suspected(plan, context.index) => {
                 (self.change.verdict(), false)
@@ -193,9 +209,18 @@ impl Agreement {
             (true, false) if away && !other => (Verdict::Withhold, false),
             _ => (Verdict::Tell, false),
         };
+        // Another vessel that becomes the strongest may look like an exchange.
+        if changed && self.change.exchanged().is_some() && self.exchange.denies() {
+            self.change.set_exchanged(None);
+            changed = false;
+        }
+        if changed || self.exchange.sure().is_some() && self.change.exchanged().is_none() {
+            self.exchange.agree(self.change.exchanged());
+            self.change.set_exchanged(self.exchange.sure().or(self.change.exchanged()));
+        }
         let doubtful = contradicted || (strain.is_some() && self.averaged >= AVERAGED);
         let lasts = doubtful && self.doubted.saturating_add(1) == CONTRADICTING && !self.change.is_told();
-        if changed || lasts {
+        if changed || !told && self.exchange.sure().is_some() || lasts {
             let value = i64::from(CONTRADICTING);
             sink(Message::Fault(Fault { code: FaultCode::Inconsistent, index: context.index, value }));
         }
@@ -209,7 +234,7 @@ impl Agreement {
             self.withheld = self.withheld.saturating_sub(1);
         }
         let changed = match verdict {
-            _ if contradicted || self.withheld > 0 => return None,
+            _ if contradicted || self.withheld > 0 || self.exchange.seems() => return None,
             Verdict::Withhold => return None,
             Verdict::Doubt(s2) => Some(s2),
             Verdict::Tell => None,

@@ -254,6 +254,19 @@ impl Change {
         (self.verdict(), changed)
     }
 
+    /// The pair of channels that is exchanged.
+    pub(super) fn exchanged(&self) -> Option<u8> {
+        self.what.checked_sub(EXCHANGED)
+    }
+
+    /// Takes which pair of channels is exchanged, as all vessels together show.
+    pub(super) fn set_exchanged(&mut self, pair: Option<u8>) {
+        if self.exchanged().is_some() != pair.is_some() {
+            self.what = pair.map_or(NOTHING, |pair| EXCHANGED + pair);
+            (self.seems, self.times, self.strays, self.kept, self.against) = (NOTHING, 0, 0, 0, 0.0);
+        }
+    }
+
     /// Whether a change is sure.
     pub(super) fn is_told(&self) -> bool {
         self.what != NOTHING

@@ -29,11 +29,11 @@ pub(super) const SECOND_MOVES_RAD: f32 = 0.28;
 pub(super) struct Known {
     direction: Direction,
     /// By how much its azimuth grows from segment to segment, radians. Its elevation is as uncertain as it changes.
-    turning: f32,
+    pub(super) turning: f32,
     /// Segment in which it was found last.
-    segment: u32,
+    pub(super) segment: u32,
     /// How often it was found: 0 is no source, 1 one to be found again, 2 one that is followed.
-    found: u8,
+    pub(super) found: u8,
     /// Looks in a row that did not find it.
     pub(super) missed: u8,
     /// It is not much fainter than the strongest.
@@ -52,6 +52,11 @@ impl Known {
         strong: false,
         led: false,
     };
+
+    /// One that was found so often.
+    pub(super) fn at(direction: Direction, turning: f32, segment: u32, found: u8) -> Self {
+        Self { direction, turning, segment, found, ..Self::NONE }
+    }
 
     pub(super) fn lasts(&self) -> bool {
         self.found >= 2

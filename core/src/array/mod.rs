@@ -19,6 +19,7 @@ mod curved;
 mod detect;
 mod echo;
 mod estimate;
+mod exchange;
 mod followed;
 mod framed;
 mod framing;

@@ -1,0 +1,338 @@
+//! Whether two channels were exchanged, by all vessels that are known.
+//!
+//! Enters: each segment's correlations of the pairs, and where vessels are heard. Leaves: whether they are heard where they should be, or where two
+//! exchanged channels put them. An exchange moves every vessel, and where several are heard it may put one near to where another was, or let
+//! another be the strongest: of that one alone ([`super::change`]) it would look like a vessel that takes another's turn. All of them together jump as
+//! nothing else does.
+//!
+//! * Up to [`KNOWN`] vessels are known, the strongest and those that are followed beside it, with how fast each turns. The correlations at the
+//!   delays that they should have are summed, for the channels as they are and for each two of them exchanged, in units of the pairs' own peaks.
+//! * Where an exchange explains [`MORE`] beyond what they do as they are, no direction is told; the [`SURE`]th time in a row it is sure, and said by
+//!   the fault `Inconsistent`.
+//! * From then on no direction is told. The vessels are followed through the exchange, by each pair's own delays, until they are
+//!   heard as they were for as long, or what else is heard contradicts it ([`super::change`]).
+//! * While several are heard where they were, no exchange is believed that the strongest alone shows.
+//! * What is heard elsewhere than expected, and explained by no exchange, is new the [`STRAY`]th time: in a segment in the midst of which channels
+//!   are exchanged it may be anywhere.
+//!
+//! Vessels in the plane that is half-way between two hydrophones are heard where they were when those are exchanged: where all are, it shows when
+//! one leaves it, if it is still remembered as it was then. Cost: about 5000 instructions a segment for each vessel known.
+
+use super::agreement::half_apart;
+use super::estimate::Context;
+use super::followed::{Followed, Known};
+use super::jump::{duals, times, unit, vector};
+use super::plan::Plan;
+use super::report;
+use super::search::{PairPeaks, SearchWork};
+use super::wavefront::{self, Direction, PAIR_COUNT};
+use crate::block::CHANNELS;
+use crate::geometry::PAIRS;
+use crate::math::f32 as m;
+
+/// Vessels known at once.
+const KNOWN: usize = 4;
+/// Least share of the pairs' peaks that an exchange explains, and how much more than is explained without: 17 500 segments in which one to three
+/// vessels are heard by well channels have at most 0.1.
+const FOUND: f32 = 0.3;
+const MORE: f32 = 0.2;
+/// Segments in a row that must say so, and those elsewhere than expected after which what is heard there is new.
+const SURE: u8 = 3;
+const STRAY: u8 = 3;
+/// A vessel so near to where one is expected is that one, in resolution cells, and radians for each step since that was heard.
+const SAME_CELLS: f32 = 0.5;
+const DRIFT_RAD: f32 = 0.01;
+const TURNING_RAD: f32 = 0.03;
+/// Steps after which a vessel that was not heard is forgotten.
+const LASTS: u32 = 20;
+/// Through exchanged channels, how near to its expected delay a pair hears a vessel, samples, how many pairs do so at least, and how much an expected delay
+/// counts where none is heard.
+const ABOUT_SAMPLES: f32 = 0.4;
+const HEARD: f32 = 3.0;
+const EXPECTED: f32 = 0.1;
+/// Delays of one source close their triangles to this, samples.
+const CLOSED_SAMPLES: f32 = 0.8;
+
+/// The vessels that are known, and whether channels are exchanged. All zeros at the beginning.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Exchange {
+    /// The strongest first; segments are steps here.
+    known: [Known; KNOWN],
+    /// Pair of channels that is exchanged, counted from 1; 0: none.
+    pair: u8,
+    /// Segments in a row that say another, and that hear the strongest where none is expected.
+    times: u8,
+    strays: u8,
+    /// Whether the vessels known explain what the pairs hear.
+    explains: bool,
+}
+
+impl Exchange {
+    pub(super) const NEW: Self =
+        Self { known: [Known::NONE; KNOWN], pair: 0, times: 0, strays: 0, explains: false };
+
+    /// The pair of channels that is exchanged, where that is sure.
+    pub(super) fn sure(&self) -> Option<u8> {
+        self.pair.checked_sub(1)
+    }
+
+    /// Whether an exchange seems to have begun or ended.
+    pub(super) fn seems(&self) -> bool {
+        self.times > 0
+    }
+
+    /// Whether several vessels are heard where they were, so that none is exchanged.
+    pub(super) fn denies(&self) -> bool {
+        self.pair == 0
+            && !self.seems()
+            && self.explains
+            && self.known.iter().filter(|k| k.lasts()).count() > 1
+    }
+
+    /// Takes that the strongest source shows an exchange, or one that has ended. What the vessels known explain is not ended by that; what they do not show
+    /// has begun unseen: they are known anew.
+    pub(super) fn agree(&mut self, pair: Option<u8>) {
+        match pair {
+            Some(pair) if self.seems() => (self.pair, self.times) = (pair + 1, 0),
+            None if self.explains => {}
+            _ => self.forget(),
+        }
+    }
+
+    /// Forgets what is known.
+    #[inline(never)]
+    pub(super) fn forget(&mut self) {
+        (self.pair, self.times, self.strays, self.explains) = (0, 0, 0, false);
+        for known in &mut self.known {
+            known.found = 0;
+        }
+    }
+
+    /// Takes a segment: what the pairs hear, where the strongest source seems to be, and those beside it. All pairs hear something.
+    #[inline(never)]
+    pub(super) fn take(
+        &mut self,
+        context: &Context<'_>,
+        (peaks, search): (&[PairPeaks; PAIR_COUNT], &SearchWork),
+        strongest: &Direction,
+        (others, segment): (&Followed, u32),
+    ) {
+        let plan = context.plan;
+        let step = (context.index / plan.step_samples) as u32;
+        let scores = self.scores(plan, (peaks, search), step);
+        let before = scores.get(usize::from(self.pair)).copied().unwrap_or(0.0);
+        // Of exchanged ones it is asked whether they are as they were, not whether others are exchanged as well.
+        let asked = if self.pair > 0 { 1 } else { scores.len() };
+        let (mut best, mut most) = (self.pair, before);
+        for (score, pair) in scores.iter().zip(0u8..).take(asked) {
+            if *score > most {
+                (best, most) = (pair, *score);
+            }
+        }
+        self.explains = before >= FOUND;
+        if most >= FOUND && most >= before + MORE {
+            self.times = self.times.saturating_add(1);
+            if self.times >= SURE {
+                (self.pair, self.times, self.strays) = (best, 0, 0);
+            }
+            return;
+        }
+        self.times = 0;
+        let at = match self.pair {
+            0 => Some(*strongest),
+            // What may be either is no place to follow vessels from.
+            pair if best == pair => self.through(plan, peaks, step),
+            _ => None,
+        };
+        let Some(at) = at else { return };
+        let near = self.near(plan, &at, step);
+        if near.is_none() {
+            self.strays = self.strays.saturating_add(1);
+            if self.strays < STRAY {
+                return;
+            }
+        }
+        self.strays = 0;
+        let place = near.unwrap_or_else(|| self.stalest(step, 0));
+        let [first, rest @ ..] = &mut self.known;
+        if let Some(other) = place.checked_sub(1).and_then(|n| rest.get_mut(n)) {
+            core::mem::swap(first, other);
+        }
+        if near.is_some() {
+            first.take(at, step);
+        } else {
+            *first = Known::at(at, 0.0, step, 1);
+        }
+        if self.pair == 0 {
+            for other in others.known.iter().filter(|k| k.lasts()) {
+                let at = other.expected(segment);
+                let place = self.near(plan, &at, step).unwrap_or_else(|| self.stalest(step, 1));
+                let [_, rest @ ..] = &mut self.known;
+                if let Some(known) = place.checked_sub(1).and_then(|n| rest.get_mut(n)) {
+                    *known = Known::at(at, other.turning, step, 2);
+                }
+            }
+        }
+    }
+
+    /// What the vessels known explain of the pairs' peaks, with the channels as they are and with each pair of them exchanged.
+    #[inline(never)]
+    fn scores(
+        &mut self,
+        plan: &Plan,
+        (peaks, search): (&[PairPeaks; PAIR_COUNT], &SearchWork),
+        step: u32,
+    ) -> [f32; 1 + PAIR_COUNT] {
+        let all: f32 = peaks.iter().map(|p| p.peak).sum();
+        let mut scores = [0.0; 1 + PAIR_COUNT];
+        for known in self.known.iter_mut().filter(|k| k.found > 0) {
+            if step.wrapping_sub(known.segment) > LASTS {
+                known.found = 0;
+            }
+            if !known.lasts() {
+                continue;
+            }
+            let arrivals = wavefront::arrivals(&plan.geometry, &known.expected(step), plan.curvature);
+            for (score, pair) in scores.iter_mut().zip(0u8..) {
+                let delays = wavefront::pair_delays(&exchanged(arrivals, pair));
+                let heard = delays.iter().enumerate().map(|(p, tau)| search.pair_value(plan, p, *tau));
+                *score += heard.sum::<f32>() / all;
+            }
+        }
+        scores
+    }
+
+    /// Follows the vessels known through exchanged channels, by what each pair hears about where it should hear them: no direction has such
+    /// delays. Where another one is that the pairs hear alone, if they hear none of these.
+    #[inline(never)]
+    fn through(&mut self, plan: &Plan, peaks: &[PairPeaks; PAIR_COUNT], step: u32) -> Option<Direction> {
+        let mut heard = false;
+        for known in self.known.iter_mut().filter(|k| k.found > 0) {
+            let arrivals = wavefront::arrivals(&plan.geometry, &known.expected(step), plan.curvature);
+            let mut delays = wavefront::pair_delays(&exchanged(arrivals, self.pair));
+            let mut weight = [EXPECTED; PAIR_COUNT];
+            let drift = DRIFT_RAD * step.wrapping_sub(known.segment) as f32;
+            let each = delays.iter_mut().zip(&mut weight).zip(peaks).zip(&plan.crossing_s);
+            for (((delay, weight), own), crossing_s) in each {
+                if m::abs(own.delay_s - *delay) < ABOUT_SAMPLES / plan.rate_hz + drift * crossing_s {
+                    (*delay, *weight) = (own.delay_s, 1.0);
+                }
+            }
+            if weight.iter().sum::<f32>() >= HEARD {
+                known.take(seen(plan, &delays, &weight, self.pair), step);
+                heard = true;
+            }
+        }
+        let delays = peaks.map(|p| p.delay_s);
+        let alone = !heard && report::closure(&delays) * plan.rate_hz < CLOSED_SAMPLES;
+        alone.then(|| seen(plan, &delays, &[1.0; PAIR_COUNT], self.pair))
+    }
+
+    /// The place of the vessel that is expected in a direction.
+    #[inline(never)]
+    fn near(&self, plan: &Plan, at: &Direction, step: u32) -> Option<usize> {
+        let (mut place, mut nearest) = (None, 1.0);
+        for (n, known) in self.known.iter().enumerate().filter(|(_, k)| k.found > 0) {
+            let drift = if known.lasts() { DRIFT_RAD } else { TURNING_RAD };
+            let within = SAME_CELLS * plan.whole.resolution
+                + 2.0 * half_apart(plan, at)
+                + drift * step.wrapping_sub(known.segment) as f32;
+            let away = m::acos(wavefront::dot(&known.expected(step), at).clamp(-1.0, 1.0)) / within;
+            if away < nearest {
+                (place, nearest) = (Some(n), away);
+            }
+        }
+        place
+    }
+
+    /// Of the places from one on, a free one, or that of the vessel heard longest ago.
+    #[inline(never)]
+    fn stalest(&self, step: u32, from: usize) -> usize {
+        let age = |known: &Known| if known.found > 0 { step.wrapping_sub(known.segment) } else { u32::MAX };
+        let places = self.known.iter().enumerate().skip(from);
+        places.max_by_key(|(_, known)| age(known)).map_or(from, |(place, _)| place)
+    }
+}
+
+/// The direction of delays that the pairs hear with the channels of a pair exchanged, each with its weight.
+#[inline(never)]
+fn seen(plan: &Plan, delays: &[f32; PAIR_COUNT], weight: &[f32; PAIR_COUNT], pair: u8) -> Direction {
+    unit(&vector(plan, &duals(plan), &exchanged(times(delays, weight), pair)))
+}
+
+/// Arrival times with the channels of a pair (counted from 1; 0: none) exchanged.
+#[inline(never)]
+fn exchanged(mut arrivals: [f32; CHANNELS], pair: u8) -> [f32; CHANNELS] {
+    let pair = usize::from(pair).checked_sub(1).and_then(|n| PAIRS.get(n));
+    if let Some((i, j)) = pair
+        && let Ok([a, b]) = arrivals.get_disjoint_mut([*i, *j])
+    {
+        core::mem::swap(a, b);
+    }
+    arrivals
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_sea::{error_from, hear, noisy, plan, source};
+    use super::*;
+    use crate::angle::unit_vector;
+    use crate::wire::FaultCode;
+    use std::vec::Vec;
+
+    const RATE_HZ: f32 = 16_000.0;
+    const FIRST: (f64, f64) = (1.9, 0.27);
+
+    /// Where a vessel is heard when two channels are exchanged, of a regular tetrahedron.
+    fn image(plan: &Plan, (azimuth, elevation): (f64, f64), pair: u8) -> (f64, f64) {
+        let u = unit_vector(azimuth as f32, elevation as f32);
+        let t = wavefront::arrivals(&plan.geometry, &u, 0.0);
+        let (azimuth, elevation) =
+            wavefront::angles(&unit(&vector(plan, &duals(plan), &exchanged(t, pair + 1))));
+        (f64::from(azimuth), f64::from(elevation))
+    }
+
+    /// Two vessels, the second 0.2 rad beside where an exchange of the pair puts the first, for half a minute.
+    fn two(plan: &Plan, pair: u8, seed: u64) -> (Vec<[f64; CHANNELS]>, (f64, f64)) {
+        let (azimuth, _) = image(plan, FIRST, pair);
+        let second = (azimuth + 0.2, 0.2);
+        let mut sea = noisy(source(plan, FIRST, 3.0, None, 30, seed), seed ^ 1);
+        for (sum, x) in sea.iter_mut().zip(source(plan, second, 2.0, None, 30, seed ^ 2)) {
+            sum.iter_mut().zip(x).for_each(|(sum, x)| *sum += x);
+        }
+        (sea, second)
+    }
+
+    #[test]
+    fn an_exchange_that_puts_a_vessel_beside_another_is_said_and_nothing_told_until_it_ends() {
+        let plan = plan(f64::from(RATE_HZ));
+        for (pair, seed) in [(0u8, 21), (3, 22)] {
+            let (mut sea, second) = two(&plan, pair, seed);
+            let (i, j) = PAIRS[usize::from(pair)];
+            let at = |seconds: f32| (seconds * RATE_HZ) as usize;
+            sea[at(14.3)..at(21.3)].iter_mut().for_each(|x| x.swap(i, j));
+            let heard = hear(&plan, &sea);
+            let told: Vec<_> = heard.faults.iter().filter(|f| f.0 == FaultCode::Inconsistent).collect();
+            assert!(matches!(told[..], [(_, _, s)] if (14.0..18.0).contains(s)), "{pair}: {told:?}");
+            let seconds = |b: &crate::wire::Bearing| b.index as f32 / RATE_HZ;
+            let meanwhile = |b: &&crate::wire::Bearing| (15.0..21.0).contains(&seconds(b));
+            assert_eq!(heard.bearings.iter().filter(meanwhile).count(), 0, "{pair}");
+            let back = heard.bearings.iter().filter(|b| seconds(b) > 25.0);
+            let right = back.clone().filter(|b| {
+                let near = |of| error_from(b, of).0.abs() < 0.05;
+                near(FIRST) || near(second)
+            });
+            let (back, right) = (back.count(), right.count());
+            assert!(back >= 8 && right == back, "{pair}: {right} of {back}");
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_exchanged_two_vessels_are_told_all_the_time() {
+        let plan = plan(f64::from(RATE_HZ));
+        let (sea, _) = two(&plan, 0, 23);
+        let heard = hear(&plan, &sea);
+        assert!(heard.faults.iter().all(|f| f.0 == FaultCode::Impulses), "{:?}", heard.faults);
+        assert!(heard.bearings.iter().filter(|b| b.band == 0).count() > 55, "{}", heard.bearings.len());
+    }
+}
