@@ -232,7 +232,10 @@ fn what_stands_still_or_is_too_fast_is_a_vessels_only_where_a_track_expects_it()
         strong: false,
         placed: false,
     });
-    assert_eq!(kept(speeds, &expected), [true; 4]);
+    assert_eq!(kept(speeds, &expected), [true, false, true, true]);
+    // What stands still beside a vessel that moves is not that.
+    expected[1] = expected[1].map(|e| Expected { speed_m_s: 3.0, ..e });
+    assert_eq!(kept(speeds, &expected), [false, false, true, true]);
 }
 
 /// A table of two pairs of paths, the second with the delays that the first has at half the range.

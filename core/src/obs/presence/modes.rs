@@ -62,6 +62,9 @@ const STILL_M_S: f32 = 1.0;
 /// of paths twice as far.
 const FASTEST_M_S: f32 = MAX_SPEED_M_S - 0.5;
 
+/// Radial speed by which such a mode may differ from that of the vessel that a track expects there, m/s: what stands still may lie at its range.
+const AS_FAST_M_S: f32 = 1.2;
+
 /// Share of its posterior with which a vessel shows itself.
 const ITSELF: f32 = 0.5;
 
@@ -164,7 +167,8 @@ impl RangePresence {
     /// Drops the modes that stand still or reach the end of the speeds and that no track expects: no evidence of a vessel.
     pub fn without_odd_speeds(&mut self, expected: &ExpectedVessels) {
         for slot in &mut self.modes {
-            let near = |m: &RangeMode| expected.iter().flatten().any(|e| e.is_near(m));
+            let along = |m: &RangeMode, e: &Expected| math::f32::abs(m.speed_m_s - e.speed_m_s) < AS_FAST_M_S;
+            let near = |m: &RangeMode| expected.iter().flatten().any(|e| e.is_near(m) && along(m, e));
             let plausible = |m: &RangeMode| (STILL_M_S..FASTEST_M_S).contains(&math::f32::abs(m.speed_m_s));
             if slot.is_some_and(|m| !plausible(&m) && !near(&m)) {
                 *slot = None;
