@@ -110,6 +110,11 @@ impl Course {
         }
     }
 
+    /// The course so many times as far and as fast: seen in the same directions.
+    pub fn times(&self, factor: f64) -> Self {
+        Self { t0_s: self.t0_s, p: self.p.map(|p| factor * p) }
+    }
+
     /// Speed, m/s.
     pub fn speed_m_s(&self) -> f64 {
         let [_, _, vx, vy] = self.p;

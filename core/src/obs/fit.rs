@@ -74,10 +74,15 @@ pub struct Score {
     pub sure: u16,
     /// Minutes in which another pair of paths explains the echoes with the table's strengths.
     pub rivals: u16,
+    /// Minutes with a range that no vessel beyond the model is read at: it would be in the model by then.
+    pub near: u16,
     /// Nearest and farthest of the ranges, m; zero where there is none. (An option in here would make a static that holds no
     /// vessel one that is not zeros.)
     pub span_m: (f32, f32),
 }
+
+/// Range below which one twice as far is well inside the model, m: were the vessel there, its echoes would be read there.
+const NEAR_M: f32 = 20_000.0;
 
 /// Share of the ranges that have echoes of nearly the table's strengths from which on those are a vessel's strengths.
 const SURE_SHARE: f32 = 0.33;
@@ -95,6 +100,7 @@ impl Score {
             self.distances += 1;
             self.sure += u16::from(d.sure);
             let range_m = d.range_m as f32;
+            self.near += u16::from(range_m < NEAR_M);
             let (least, most) = if self.distances > 1 { self.span_m } else { (range_m, range_m) };
             self.span_m = (least.min(range_m), most.max(range_m));
         }
@@ -224,6 +230,32 @@ fn is_rival(d: &RangeEvidence, s: &Seen, depth_ratio: f64) -> bool {
     d.sure && d.weight > 0.5 && s.range_m > RIVALS_M * depth_ratio && RIVALS.into_iter().any(like)
 }
 
+/// Range from which on a vessel has no place in the model, m.
+const BEYOND_M: f64 = 47_000.0;
+
+/// How many times nearer another pair of paths reads its echoes (79 as 35, 57 as 35; delays do not go quite as one over range).
+pub const READ: [f64; 2] = [2.01, 1.51];
+
+/// By what share of its range such a reading may be off, and its radial speed, m/s. This lasts: it makes no minute less likely.
+const READ_WITHIN: (f64, f64) = (0.006, 0.3);
+
+/// Ratio of the density of a minute's best range, as one of a vessel beyond the model that is louder than the table's, to uniform; 0 of one within.
+fn reading_ratio(m: &Minute, s: &Seen) -> f64 {
+    if s.range_m < BEYOND_M {
+        return 0.0;
+    }
+    let ratio = |d: &RangeEvidence, times: f64| {
+        let (range_m, speed_m_s) = (s.range_m / times, s.speed_m_s / times);
+        let (sr, sv) = spreads(d);
+        let zr = (d.range_m - range_m) / together(sr, READ_WITHIN.0 * range_m);
+        let zv = (d.speed_m_s - speed_m_s) / together(sv, READ_WITHIN.1);
+        let z = zr * zr + zv * zv;
+        if z > MOST_SQUARE { 0.0 } else { distance_density(d, (sr, sv)) * math::f64::exp(-0.5 * z) }
+    };
+    let all = m.distances().flat_map(|d| READ.map(|times| ratio(&d, times)));
+    all.fold(0.0, f64::max)
+}
+
 /// Log terms of one minute. Wanted in several places, and large.
 #[inline(never)]
 fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -> Terms {
@@ -242,7 +274,11 @@ fn minute_terms(course: &Course, travel: &TravelTime, step_s: f64, m: &Minute) -
             (math::f64::ln(1.0 - DETECTION.1 + DETECTION.1 * ratio), (ratio > 1.0).then_some(d))
         }
         None if shows => (-0.3, None),
-        _ => (0.0, None),
+        _ => {
+            let ratio = reading_ratio(m, &s);
+            let log = if ratio > 1.0 { math::f64::ln(1.0 - DETECTION.1 + DETECTION.1 * ratio) } else { 0.0 };
+            (log, None)
+        }
     };
     Terms { azimuth, range, distance, rival: m.distances().any(|d| is_rival(&d, &s, depth_ratio)) }
 }

@@ -7,7 +7,7 @@ use super::impulsive::Call;
 use super::lasting::widened;
 use super::plan::Plan;
 use super::presence::{RangeMode, RangePresence};
-use super::tonal::{Directions, LOG_THRESHOLD};
+use super::tonal::{Directions, Mode};
 use crate::wire::{Azimuth, Message, Range};
 
 /// Modes lighter than this are not worth their bytes.
@@ -16,6 +16,12 @@ const LEAST_WEIGHT: f32 = 0.1;
 /// Share of its vessel's posterior from which a mode is a measurement: below it another pair of paths is as good as one in ten
 /// likely, and a stated spread of one mode would not hold the truth. Tracks weigh every mode.
 const CLEAR_WEIGHT: f32 = 0.9;
+
+/// Natural logarithm of the presence ratio, and standard deviation, rad (4.5 degrees), from which on a direction is a measurement. One just above the
+/// threshold owes it in part to noise that pointed that way, and one that may be 10 degrees off is none: of such directions of vessels 10 dB
+/// below the table's one in fourteen is. Tracks take them all.
+const CLEAR_LOG: f32 = 10.5;
+const CLEAR_SD: f32 = 0.079;
 
 /// Whether a mode's range is a measurement.
 fn is_clear(m: &RangeMode) -> bool {
@@ -42,7 +48,8 @@ pub(super) fn send(
 ) -> u32 {
     let paper = plan.paper;
     let with_lasting = |azimuth: f32, sd: f32| widened(sd, plan.lasting.of_direction(f64::from(azimuth)));
-    let threshold = if paper { 0.0 } else { LOG_THRESHOLD };
+    let is_told =
+        |m: &Mode| if paper { m.log_presence > 0.0 } else { m.log_presence > CLEAR_LOG && m.sd < CLEAR_SD };
     let tonal = || directions.modes.iter().flatten().filter(|m| !m.impulsive);
     let total = tonal().count() as f32;
     for m in tonal() {
@@ -52,7 +59,7 @@ pub(super) fn send(
             sd: with_lasting(m.azimuth, m.sd),
             log_presence: m.log_presence,
             weight: 1.0 / total,
-            detected: m.log_presence > threshold,
+            detected: is_told(m),
             kind: 0,
         }));
     }
@@ -109,4 +116,60 @@ pub(super) fn send(
     }
     let azimuths = tonal().count() + usize::from(call.is_some());
     azimuths.max(1) as u32 + ranges_sent.max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::boxed::Box;
+    use std::vec::Vec;
+
+    /// Nothing heard.
+    const SILENT: RangePresence =
+        RangePresence { log_odds: -5.0, log_evidence: 0.0, approaching: 0.5, modes: [None; 4] };
+
+    /// What is told as detected of directions and ranges.
+    fn detected(directions: &Directions, ranges: &RangePresence) -> Vec<bool> {
+        let (plan, mut out) = (Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY }), Vec::new());
+        send(&plan, 0, directions, None, ranges, false, 2, &mut |m| match m {
+            Message::Azimuth(a) => out.push(a.detected),
+            Message::Range(r) => out.push(r.detected),
+            _ => {}
+        });
+        out
+    }
+
+    #[test]
+    fn a_direction_is_told_as_detected_where_it_is_clear_and_close() {
+        let told = |log_presence: f32, sd: f32| {
+            let mode = Mode { azimuth: 1.0, sd, log_presence, bins: 5, step: 0, impulsive: false };
+            let modes = [Some(mode), None, None];
+            let log_below = f32::NEG_INFINITY;
+            let directions = Directions { modes, log_presence, log_below, frames: 17 };
+            detected(&directions, &SILENT)[0]
+        };
+        assert!(told(12.0, 0.03) && !told(10.0, 0.03) && !told(12.0, 0.1));
+    }
+
+    #[test]
+    fn a_range_is_told_as_detected_where_its_place_holds_nine_tenths() {
+        let told = |weight: f32, sure: bool| {
+            let mode = RangeMode {
+                range_m: 12_000.0,
+                sd_range_m: 60.0,
+                speed_m_s: 4.0,
+                sd_speed_m_s: 0.4,
+                weight,
+                support: 20.0,
+                detected: true,
+                tracked: false,
+                sure,
+            };
+            let modes = [Some(mode), None, None, None];
+            let nothing =
+                Directions { modes: [None; 3], log_presence: 0.0, log_below: f32::NEG_INFINITY, frames: 17 };
+            detected(&nothing, &RangePresence { log_odds: 5.0, modes, ..SILENT })[1]
+        };
+        assert!(told(0.95, true) && !told(0.85, true) && !told(0.95, false));
+    }
 }

@@ -174,6 +174,7 @@ fn detect(grid: &Grid, max_range_m: f32) -> RangePresence {
         speed_m_s: speed_of(k0),
         sd_speed_m_s: math::f32::sqrt((vv / n - dv * dv).max(0.0) + dv * dv + 1.0 / 12.0),
         weight: (n / plain).min(1.0),
+        support: top,
         detected: top + math::f32::ln(by_range / ranges) > 0.0,
         tracked: false,
         sure: true,

@@ -84,6 +84,8 @@ pub struct Expected {
     pub established: bool,
     /// Whether it has, and its echoes are nearly of the table's strengths.
     pub strong: bool,
+    /// Whether it has, and it is no vessel beyond the model that is louder than the table's.
+    pub placed: bool,
 }
 
 /// What each tracked vessel is expected to show.

@@ -42,7 +42,13 @@ fn run(tracked: bool) -> RangePresence {
         let (strong_m, weak_m) = (12_000.0 + 6.0 * t, 40_000.0 - 5.0 * t);
         let mut known = ExpectedVessels::default();
         if tracked && minute >= 10 {
-            known[0] = Some(Expected { range_m: strong_m, speed_m_s: 6.0, established: true, strong: true });
+            known[0] = Some(Expected {
+                range_m: strong_m,
+                speed_m_s: 6.0,
+                established: true,
+                strong: true,
+                placed: true,
+            });
         }
         presence.predict(&mut work);
         presence.claim(&model, &known);
@@ -219,8 +225,17 @@ fn what_stands_still_or_is_too_fast_is_a_vessels_only_where_a_track_expects_it()
     let speeds = [0.4, -13.0, 5.0, -5.0];
     assert_eq!(kept(speeds, &ExpectedVessels::default()), [false, false, true, true]);
     let mut expected = ExpectedVessels::default();
-    expected[1] = Some(Expected { range_m: 22_500.0, speed_m_s: 0.0, established: false, strong: false });
-    assert_eq!(kept(speeds, &expected), [true; 4]);
+    expected[1] = Some(Expected {
+        range_m: 22_500.0,
+        speed_m_s: 0.0,
+        established: false,
+        strong: false,
+        placed: false,
+    });
+    assert_eq!(kept(speeds, &expected), [true, false, true, true]);
+    // What stands still beside a vessel that moves is not that.
+    expected[1] = expected[1].map(|e| Expected { speed_m_s: 3.0, ..e });
+    assert_eq!(kept(speeds, &expected), [false, false, true, true]);
 }
 
 /// A table of two pairs of paths, the second with the delays that the first has at half the range.
@@ -255,11 +270,62 @@ fn an_echo_moves_along_with_its_vessel() {
         last.modes[0] = Some(RangeMode { range_m: 11_000.0, speed_m_s: 4.0, weight: own_weight, ..first });
         last.modes[1] = Some(RangeMode { range_m: 22_000.0, speed_m_s, weight: 1.0, ..first });
         let mut known = ExpectedVessels::default();
-        known[0] = Some(Expected { range_m: 11_000.0, speed_m_s: 4.0, established: true, strong: true });
+        known[0] = Some(Expected {
+            range_m: 11_000.0,
+            speed_m_s: 4.0,
+            established: true,
+            strong: true,
+            placed: true,
+        });
         last.without_echoes(&model, &known);
         last.modes.iter().flatten().count()
     };
     assert_eq!((modes_left(1.0, 8.0), modes_left(1.0, -4.0)), (1, 2));
     // A vessel that does not show itself may be the one that is read wrongly.
     assert_eq!(modes_left(0.1, 8.0), 2);
+}
+
+#[test]
+fn a_track_whose_echoes_are_those_of_a_truer_mode_does_not_show() {
+    let bytes = two_pairs();
+    let model = Interference::new(&Table::parse(&bytes).unwrap());
+    // A track at half the range of the vessel whose echoes it has; and both half as far, where a vessel's own echoes look so.
+    let ranges_left = |range_m: f32, more: f32| {
+        let mut last = run(false);
+        let first = RangeMode { sure: true, weight: 1.0, support: 40.0, ..last.modes[0].unwrap() };
+        last.modes = [None; 4];
+        last.modes[0] = Some(RangeMode { range_m, speed_m_s: 1.5, ..first });
+        let twice = RangeMode { range_m: 2.0 * range_m, speed_m_s: 3.0, support: 40.0 + more, ..first };
+        last.modes[1] = Some(twice);
+        let mut known = ExpectedVessels::default();
+        known[0] = Some(Expected { range_m, speed_m_s: 1.5, established: true, strong: true, placed: false });
+        last.without_echoes(&model, &known);
+        last.modes.map(|m| m.map_or(0.0, |m| m.range_m))
+    };
+    assert_eq!(ranges_left(24_000.0, 70.0), [0.0, 48_000.0, 0.0, 0.0]);
+    assert_eq!(ranges_left(24_000.0, 4.0), [24_000.0, 0.0, 0.0, 0.0]);
+    assert_eq!(ranges_left(10_500.0, 70.0), [10_500.0, 0.0, 0.0, 0.0]);
+}
+
+#[test]
+fn a_range_that_a_vessel_elsewhere_may_be_read_at_is_sure_where_a_placed_track_expects_it() {
+    let sure = |range_m: f32, speed_m_s: f32, track: Option<bool>| {
+        let mut last = run(false);
+        let first = last.modes[0].unwrap();
+        last.modes = [None; 4];
+        last.modes[0] = Some(RangeMode { range_m, speed_m_s, sure: true, ..first });
+        let mut known = ExpectedVessels::default();
+        known[0] =
+            track.map(|placed| Expected { range_m, speed_m_s, established: true, strong: true, placed });
+        last.prefer(&Interference::EMPTY, &known);
+        last.modes[0].unwrap().sure
+    };
+    // Of a vessel beyond the model's end, unless that would be too fast; of one half as far; of one 80 km away.
+    assert!(!sure(30_000.0, 4.0, None) && !sure(42_000.0, -6.0, None) && sure(30_000.0, 10.0, None));
+    assert!(!sure(20_000.0, 4.0, None) && sure(12_000.0, 4.0, None));
+    assert!(!sure(7_500.0, -1.5, None) && sure(7_500.0, -1.5, Some(false)));
+    for range_m in [7_500.0, 20_000.0, 30_000.0] {
+        assert!(sure(range_m, 4.0, Some(true)), "{range_m}");
+    }
+    assert!(!sure(30_000.0, 4.0, Some(false)));
 }

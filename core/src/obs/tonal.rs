@@ -28,7 +28,7 @@ use super::shared::Tonal;
 use crate::math::{self, log_sum};
 
 /// Natural logarithm of the presence ratio a mode must exceed: 10⁴, so that noise passes at most once in 10⁴ windows.
-pub const LOG_THRESHOLD: f32 = 9.21;
+const LOG_THRESHOLD: f32 = 9.21;
 
 /// Mean over a window of its frames' unevenness, in eighths, from which on every frame of it may hold a call: calls of a whale so far away
 /// that none stands out of its frame, and their echoes, are heard in all of them (17.8 to 19.8; noise and vessels 14 to 19, in the median

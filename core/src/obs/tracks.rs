@@ -40,6 +40,9 @@ const NEAREST_PAIRS: f32 = 1.5;
 /// Minutes in which another pair of paths explains its echoes better, that say nothing yet.
 const FEW_RIVALS: u16 = 5;
 
+/// Minutes with a range so near that a vessel twice as far would be in the model, after which it is not that.
+const FEW_NEAR: u16 = 5;
+
 /// Minutes between looks.
 const EVERY: u32 = 5;
 
@@ -217,7 +220,10 @@ impl Tracker {
             let Some(live) = slot else { continue };
             let from = live.from.saturating_sub(30);
             if !bounded {
+                // The echoes of weaker ones are theirs, and no rivals.
+                let rivals = live.score.rivals;
                 live.bound(plan, evidence, &stronger, now);
+                live.score.rivals = live.score.rivals.min(rivals);
             }
             live.take_over(plan, evidence, &stronger, from, now);
             if !live.is_a_vessel() {
@@ -250,7 +256,14 @@ impl Tracker {
             let strong = established && live.score.is_sure();
             let course = if strong { &live.now } else { &live.course };
             let s = course.seen(&plan.travel, STEP_S * f64::from(minute));
-            Some(Expected { range_m: s.range_m as f32, speed_m_s: s.speed_m_s as f32, established, strong })
+            let placed = established && !live.may_be_beyond();
+            Some(Expected {
+                range_m: s.range_m as f32,
+                speed_m_s: s.speed_m_s as f32,
+                established,
+                strong,
+                placed,
+            })
         })
     }
 
@@ -350,6 +363,12 @@ impl Live {
         s.distances >= ESTABLISHED && (s.is_sure() || far) && s.rivals <= s.sure.max(FEW_RIVALS)
     }
 
+    /// Whether it may be a vessel beyond the model all along, twice as far and twice as fast, and louder than the table's: it has not come so
+    /// near that such a one would be in the model, and none is that fast.
+    fn may_be_beyond(&self) -> bool {
+        self.score.near < FEW_NEAR && 2.0 * self.course.speed_m_s() < SPEEDS_M_S.end
+    }
+
     /// Whether its range shows in so many of its minutes that what looks like one of its echoes is one, and whether it has come so much
     /// nearer or gone so much farther that it is not on a wrong pair of paths itself. A track of one vessel's directions
     /// and another's ranges as another pair of paths has ranges now and then; and two vessels of which one is a third farther off, 47
@@ -396,11 +415,22 @@ impl Live {
 
     /// Takes over a better course if there is one in what `stronger` tracks leave from minute `from` on.
     fn take_over(&mut self, plan: &Plan<'_>, evidence: &Evidence, stronger: &Others, from: u32, now: u32) {
-        if let Some(mut other) = find(plan, evidence, stronger, from, now) {
-            other.refine(plan, evidence, stronger, now);
-            if other.score.log > self.score.log + BETTER {
-                *self = Self { id: self.id, sent: self.sent, ..other };
-            }
+        if let Some(other) = find(plan, evidence, stronger, from, now) {
+            self.rather(other, plan, evidence, stronger, now);
+        }
+        // Its echoes may be another pair of paths' all along: the course so many times as far explains those as well, and what has come into
+        // the model since.
+        for times in fit::READ {
+            let farther = Self { course: self.course.times(times), ..*self };
+            self.rather(farther, plan, evidence, stronger, now);
+        }
+    }
+
+    /// Takes over a course if it is better in what `stronger` tracks leave.
+    fn rather(&mut self, mut other: Self, plan: &Plan<'_>, evidence: &Evidence, stronger: &Others, now: u32) {
+        other.refine(plan, evidence, stronger, now);
+        if other.is_a_vessel() && other.score.log > self.score.log + BETTER {
+            *self = Self { id: self.id, sent: self.sent, ..other };
         }
     }
 }

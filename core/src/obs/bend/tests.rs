@@ -29,6 +29,7 @@ fn minute(
         speed_m_s: ((x * vx + y * vy) / r + 0.5 * normal()) as f32,
         sd_speed_m_s: 0.3,
         weight: 0.9,
+        support: 10.0,
         detected: true,
         tracked: false,
         sure: true,

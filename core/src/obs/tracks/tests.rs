@@ -37,6 +37,7 @@ fn mode(range_m: f64, speed_m_s: f64) -> Option<RangeMode> {
         speed_m_s: speed_m_s as f32,
         sd_speed_m_s: 0.4,
         weight: 0.5,
+        support: 10.0,
         detected: true,
         tracked: false,
         sure: true,
@@ -304,4 +305,49 @@ fn a_track_that_falls_silent_before_its_closest_point_is_no_vessel_s() {
             want == Track::FINAL
         );
     }
+}
+
+/// A vessel louder than the table's that comes from 70 km: beyond 46 km its echoes are read at half its range and speed.
+const LOUD: [f64; 4] = [-70_000.0, 8_000.0, 6.0, 0.0];
+
+fn loud(n: u32) -> (Minute, f64) {
+    let s = Course { t0_s: 0.0, p: LOUD }.seen(&TravelTime::EMPTY, STEP_S * f64::from(n));
+    let nearer = if s.range_m > 46_000.0 { 2.01 } else { 1.0 };
+    let modes = [mode(s.range_m / nearer, s.speed_m_s / nearer), None, None, None];
+    (Minute::new(n, &directions([&s, &s]), &RangePresence { modes, ..NO_RANGES }), s.range_m)
+}
+
+#[test]
+fn a_vessel_read_at_half_its_range_is_where_it_is_once_it_comes_into_the_model() {
+    let plan = Box::new(Plan { rate_hz: 50.0, ..Plan::EMPTY });
+    let (mut tracker, mut evidence) = (Tracker::new(), Box::new(Evidence::new()));
+    let mut expected = |minutes: core::ops::RangeInclusive<u32>| {
+        let last = *minutes.end();
+        for n in minutes {
+            evidence.push(loud(n).0);
+            tracker.minute(&plan, &mut evidence, n, &mut |_| {});
+        }
+        let known: Vec<_> = tracker.expected(&plan, last).into_iter().flatten().collect();
+        assert_eq!(known.len(), 1, "{known:?}");
+        (f64::from(known[0].range_m) / loud(last).1, known[0].established, known[0].placed)
+    };
+    // 48 km away, and 13 minutes after it has come within 46 km.
+    let (part, established, placed) = expected(1..=60);
+    assert!((part - 0.5).abs() < 0.01 && established && !placed, "{part} {established} {placed}");
+    let (part, ..) = expected(61..=80);
+    assert!((part - 1.0).abs() < 0.01, "{part}");
+    // Near enough, it is no vessel twice as far.
+    let (part, _, placed) = expected(81..=160);
+    assert!((part - 1.0).abs() < 0.01 && placed, "{part} {placed}");
+}
+
+#[test]
+fn a_slow_vessel_that_was_never_near_may_be_one_beyond_the_model() {
+    let beyond = |speed_m_s: f64, near: u16| {
+        let mut live = reported_and_wrong([0.0, 30_000.0, speed_m_s, 0.0], 1, 60);
+        live.score.near = near;
+        live.may_be_beyond()
+    };
+    assert!(beyond(4.0, 0) && beyond(6.0, FEW_NEAR - 1));
+    assert!(!beyond(7.0, 0) && !beyond(4.0, FEW_NEAR));
 }
