@@ -36,7 +36,7 @@ fn rates(seen: &Sighting, position_m: &[f64; 3], v: &[f64; 2]) -> (f64, f64) {
 }
 
 /// A set's sums, positions eliminated; `None` where they are none.
-pub(super) fn sums(set: &SightingSet, fix: &Fix, v: &[f64; 2], prior: &[f64; N]) -> Option<Sums> {
+pub(super) fn sums(set: &SightingSet, fix: &Fix, v: &Velocity, prior: &[f64; N]) -> Option<Sums> {
     let known = fix.covariance_m2[2][2] == 0.0;
     let mut normal = [[0.0; 3]; 3];
     if known {
@@ -56,7 +56,7 @@ pub(super) fn sums(set: &SightingSet, fix: &Fix, v: &[f64; 2], prior: &[f64; N])
         let (azimuth, elevation) = bearing(&seen.array_m, &fix.position_m);
         let (ga, gb) = gradients(&seen.array_m, &fix.position_m);
         let (turned, late) = (*station, MAX_ARRAYS + *station);
-        let (turning, rising) = rates(seen, &fix.position_m, v);
+        let (turning, rising) = rates(seen, &fix.position_m, &v.m_s);
         let mut angle = |r: f64, g: [f64; 3], sd: f64, turns: f64, rate: f64| {
             let mut g = g.map(|x| x / sd);
             if known {
@@ -104,35 +104,44 @@ pub(super) fn sums(set: &SightingSet, fix: &Fix, v: &[f64; 2], prior: &[f64; N])
     Some(out)
 }
 
-/// The vessel's velocity at each position, m/s; none where it has no neighbours in time.
-pub(super) fn velocities(sets: &[SightingSet], fixes: &[Result<Fix, NetworkError>]) -> Vec<[f64; 2]> {
-    let known: Vec<(f64, [f64; 3])> = sets
-        .iter()
-        .zip(fixes)
-        .filter_map(|(set, fix)| Some((set.t_s, fix.as_ref().ok()?.position_m)))
-        .collect();
+/// A vessel's velocity, m/s, and its covariance, m²/s².
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Velocity {
+    pub(super) m_s: [f64; 2],
+    covariance: [[f64; 2]; 2],
+}
+
+/// The vessel's velocity at each position; none where it has no neighbours in time.
+pub(super) fn velocities(sets: &[SightingSet], fixes: &[Result<Fix, NetworkError>]) -> Vec<Velocity> {
+    let known: Vec<(f64, &Fix)> =
+        sets.iter().zip(fixes).filter_map(|(set, fix)| Some((set.t_s, fix.as_ref().ok()?))).collect();
     let at = |t_s: f64| {
         let here = known.partition_point(|(t, _)| *t < t_s);
         let from = known.partition_point(|(t, _)| *t < t_s - ALL_S).min(here.saturating_sub(NEIGHBOURS));
         let to =
             known.partition_point(|(t, _)| *t <= t_s + ALL_S).max((here + NEIGHBOURS + 1).min(known.len()));
-        let near = &known[from..to];
-        let near = near.iter().filter(|(t, _)| (t - t_s).abs() <= NEAR_S);
-        let along =
-            |k: usize| through(near.clone().map(|(t, p)| (t - t_s, p[k]))).map_or(0.0, |line| line.slope);
-        if near.clone().count() > NEIGHBOURS { [along(0), along(1)] } else { [0.0; 2] }
+        let near = known[from..to].iter().filter(|(t, _)| (t - t_s).abs() <= NEAR_S);
+        let n = near.clone().count();
+        let along = |k: usize| through(near.clone().map(|(t, fix)| (t - t_s, fix.position_m[k])));
+        let (Some(x), Some(y), true) = (along(0), along(1), n > NEIGHBOURS) else {
+            return Velocity { m_s: [0.0; 2], covariance: [[0.0; 2]; 2] };
+        };
+        let of = |k: usize, l: usize| {
+            x.var_slope * near.clone().map(|(_, fix)| fix.covariance_m2[k][l]).sum::<f64>() / n as f64
+        };
+        Velocity { m_s: [x.slope, y.slope], covariance: [[of(0, 0), of(0, 1)], [of(1, 0), of(1, 1)]] }
     };
     sets.iter().map(|set| at(set.t_s)).collect()
 }
 
 /// The bearings of a set without the errors that last, and of what was heard at one instant of the vessel: the sound of the
-/// nearer array is younger. `fix`: where the vessel was, `v` how fast, as far as is known. Heard so long before, the vessel was behind by its
-/// way since: that is what an array hears which lies ahead by as much, and position and covariance follow from where these are.
+/// nearer array is younger. `fix`: where the vessel was, `v` how fast, as far as is known. What a velocity may be off by is in the deviations,
+/// or its noise passes for an error of the clock.
 pub(super) fn without(
     given: &SightingSet,
     prior: &[f64; N],
     state: &[f64; N],
-    v: &[f64; 2],
+    v: &Velocity,
     fix: Option<&Fix>,
     sound_m_s: f64,
 ) -> SightingSet {
@@ -143,9 +152,16 @@ pub(super) fn without(
     for (seen, station) in out.sightings.iter_mut().zip(&given.stations) {
         let (turned, late) = (*station, MAX_ARRAYS + *station);
         let late_s = prior[late] * state[late] + (way_m(seen) - mean_m) / sound_m_s;
-        for (at, v) in seen.array_m.iter_mut().zip(v) {
-            *at += v * late_s;
-        }
+        let now = fix.position_m;
+        let then = [now[0] - v.m_s[0] * late_s, now[1] - v.m_s[1] * late_s, now[2]];
+        let ((azimuth, elevation), (azimuth_then, elevation_then)) =
+            (bearing(&seen.array_m, &now), bearing(&seen.array_m, &then));
+        seen.azimuth += wrap_pi(azimuth - azimuth_then);
+        seen.elevation = seen.elevation.map(|e| e + elevation - elevation_then);
+        let ([a, b, _], [c, d, _]) = gradients(&seen.array_m, &fix.position_m);
+        let by_velocity = |g: [f64; 2]| late_s * spd::quadratic(&g, &v.covariance, &g).max(0.0).sqrt();
+        seen.sd_azimuth = seen.sd_azimuth.hypot(by_velocity([a, b]));
+        seen.sd_elevation = seen.sd_elevation.hypot(by_velocity([c, d]));
         seen.azimuth -= prior[turned] * state[turned];
     }
     out

@@ -15,7 +15,7 @@ mod instant;
 
 use super::sets::SightingSet;
 use crate::progress;
-use instant::{N, Sums, distance_m, sums, velocities, without};
+use instant::{N, Sums, Velocity, distance_m, sums, velocities, without};
 use seabearing_core::kit::spd::{self, Square};
 use seabearing_locate::network::joint::SharedError;
 use seabearing_locate::network::locate::{LARGEST_RELATIVE_SD, misfit_limit};
@@ -27,8 +27,10 @@ const LEAST_FIXES: usize = 20;
 const MOST_COMMON: f64 = 0.95;
 /// Most linear steps, which bearings need where they turn with the error of a clock, and the least one that is followed by
 /// another, in deviations.
-const STEPS: usize = 8;
+const STEPS: usize = 20;
 const LEAST_STEP: f64 = 0.05;
+/// Longest step, in deviations.
+const LONGEST_STEP: f64 = 0.5;
 /// Residuals' variance over the claimed one up to which lasting errors explain what arrays disagree in, so that no array is to
 /// be set aside instant by instant.
 const EXPLAINED: f64 = 1.5;
@@ -111,7 +113,7 @@ struct Fitted {
     settings: FixSettings,
     sets: Vec<SightingSet>,
     fixes: Vec<Result<Fix, NetworkError>>,
-    velocities: Vec<[f64; 2]>,
+    velocities: Vec<Velocity>,
     prior: [f64; N],
     state: [f64; N],
     covariance: Square<N>,
@@ -209,6 +211,14 @@ impl Fitted {
             self.common = self.shared_by_successive(&change);
             noise = (self.misfit / freedom).max(LEAST_NOISE) * self.common;
         }
+        // Far from where it leads to a step is not linear.
+        let longest =
+            self.state.iter().zip(&before).map(|(now, before)| (now - before).abs()).fold(0.0, f64::max);
+        if longest > LONGEST_STEP {
+            for (now, before) in self.state.iter_mut().zip(&before) {
+                *now = before + (*now - before) * LONGEST_STEP / longest;
+            }
+        }
     }
 
     /// Variance of a mean of residuals over that of as many independent ones, from what successive ones have in common.
@@ -270,7 +280,7 @@ impl Fitted {
 
     /// The positions, what lasts in their covariances. `noise`: what the residuals show more than was claimed.
     fn stated(self, noise: f64, agree: bool) -> Vec<Result<Fix, NetworkError>> {
-        let state = |((set, fix), v): ((&SightingSet, Result<Fix, NetworkError>), &[f64; 2])| {
+        let state = |((set, fix), v): ((&SightingSet, Result<Fix, NetworkError>), &Velocity)| {
             let mut fix = fix?;
             let own = if fix.consistent { 1.0 } else { fix.misfit / f64::from(fix.freedom.max(1)) };
             let grown = (noise / own).max(1.0);
