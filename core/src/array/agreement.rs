@@ -210,7 +210,7 @@ impl Agreement {
             _ => (Verdict::Tell, false),
         };
         // Another vessel that becomes the strongest may look like an exchange.
-        if changed && self.change.exchanged().is_some() && self.exchange.denies() {
+        if changed && self.change.exchanged().is_some_and(|pair| self.exchange.denies(pair)) {
             self.change.set_exchanged(None);
             changed = false;
         }

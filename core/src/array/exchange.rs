@@ -65,11 +65,13 @@ pub(super) struct Exchange {
     strays: u8,
     /// Whether the vessels known explain what the pairs hear.
     explains: bool,
+    /// Pairs of channels, a bit each, that are not exchanged: the vessels known are heard where they were, and not where that would put them.
+    denied: u8,
 }
 
 impl Exchange {
     pub(super) const NEW: Self =
-        Self { known: [Known::NONE; KNOWN], pair: 0, times: 0, strays: 0, explains: false };
+        Self { known: [Known::NONE; KNOWN], pair: 0, times: 0, strays: 0, explains: false, denied: 0 };
 
     /// The pair of channels that is exchanged, where that is sure.
     pub(super) fn sure(&self) -> Option<u8> {
@@ -81,11 +83,12 @@ impl Exchange {
         self.times > 0
     }
 
-    /// Whether several vessels are heard where they were, so that none is exchanged.
-    pub(super) fn denies(&self) -> bool {
+    /// Whether several vessels are heard where they were, and not where the exchange of a pair of channels would put them.
+    pub(super) fn denies(&self, pair: u8) -> bool {
         self.pair == 0
             && !self.seems()
             && self.explains
+            && self.denied & 1 << pair.min(7) != 0
             && self.known.iter().filter(|k| k.lasts()).count() > 1
     }
 
@@ -130,6 +133,12 @@ impl Exchange {
             }
         }
         self.explains = before >= FOUND;
+        self.denied = 0;
+        for (score, pair) in scores.iter().skip(1).zip(0u8..) {
+            if before >= *score + MORE {
+                self.denied |= 1 << pair;
+            }
+        }
         if most >= FOUND && most >= before + MORE {
             self.times = self.times.saturating_add(1);
             if self.times >= SURE {
