@@ -131,6 +131,11 @@ impl Agreement {
         }
     }
 
+    /// Takes that samples are missing.
+    pub(super) fn gap(&mut self) {
+        self.exchange.gap();
+    }
+
     /// Takes what was stated of a bearing that was not doubted.
     pub(super) fn stated(&mut self, scatter: Scatter) {
         self.change.stated(scatter);

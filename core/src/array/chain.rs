@@ -235,6 +235,7 @@ pub(crate) fn event(
     sink: &mut impl FnMut(Message),
 ) {
     state.framing.end(&mut state.intake.accounting);
+    state.memory.agreement.gap();
     if let Event::Restart(_) = event {
         close_step(plan, state, scratch, sink);
         end_transients(plan, state, sink);

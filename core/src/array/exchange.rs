@@ -102,6 +102,14 @@ impl Exchange {
         }
     }
 
+    /// Takes that samples are missing: where vessels are after it nobody knows, and one that was heard at the mirrored place would look like an
+    /// exchange. What is sure stays so.
+    pub(super) fn gap(&mut self) {
+        if self.pair == 0 {
+            self.forget();
+        }
+    }
+
     /// Forgets what is known.
     #[inline(never)]
     pub(super) fn forget(&mut self) {
