@@ -1,11 +1,13 @@
 //! Whether a vessel contradicts the speed that the station file declares.
 //!
 //! In: a passage at its end, the declared speed with its spread, and what else is known of this vessel's speed. Out: the speed
-//! that contradicts it. Bearings alone know no scale [M 5, 6]; elevations of a vessel at a known height do, and so does its shaft rate.
+//! that contradicts it, and a solution that counts how far apart the two are. Bearings alone know no scale [M 5, 6]; elevations of a vessel at a known height do, and so does its shaft rate.
 
 use super::{Config, MeasuredSpeed, Passage};
 use crate::math::f64 as m;
+use crate::motion::Solution;
 use crate::motion::model::{LN_SPEED, Limits};
+use crate::motion::solution::from_covariance;
 use crate::passage::solution;
 
 /// Standard deviations that a contradiction takes: once in 15 000 passages by chance, where what is stated holds.
@@ -46,6 +48,16 @@ impl<const N: usize> Passage<N> {
         let variance = told.covariance[3][3] * told.consistency.max(1.0) + height * height;
         let useful = variance < USEFUL_SD * USEFUL_SD && line.at_limit(&limits) == 0;
         (useful && contradicts(line.speed_m_s(), variance)).then(|| line.speed_m_s())
+    }
+
+    /// A solution of this passage whose speed is contradicted by another, m/s: speed and ranges are uncertain by as much as the
+    /// two are apart.
+    pub fn doubted(&self, config: &Config, solution: &Solution, speed_m_s: f64) -> Option<Solution> {
+        let apart = m::ln(speed_m_s / solution.speed_m_s);
+        let mut covariance = solution.covariance;
+        covariance[3][3] += apart * apart;
+        let limits = config.limits(self.times_s());
+        from_covariance(&solution.line, &covariance, &limits, solution.n, solution.consistency)
     }
 }
 

@@ -6,10 +6,9 @@
 
 use super::manoeuvre::{LEAST_GAIN, Manoeuvre};
 use super::{Config, State, Track, VESSELS};
-use crate::math::f64 as m;
 use crate::motion::Solution;
 use crate::passage::report;
-use crate::wire::{Fault, FaultCode, Message};
+use crate::wire::Message;
 
 /// What a place is used for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,17 +85,14 @@ fn conclude(config: &Config, track: &mut Track, done: u8, sink: &mut dyn FnMut(M
 }
 
 /// Sends a passage's last solution, of its newest bearing; where there is none, what was known before.
-fn tell(config: &Config, track: &Track, solution: Option<Solution>, sink: &mut dyn FnMut(Message)) {
+fn tell(config: &Config, track: &mut Track, solution: Option<Solution>, sink: &mut dyn FnMut(Message)) {
     let motion = track.motion(config);
     let known = track.manoeuvre.reference().or(track.passage.best());
     let before = || known.and_then(|known| track.passage.solution_by(&motion, known));
     if let Some(solution) = solution.or_else(before) {
         let index = config.index(solution.t1_s);
+        let solution = track.judged(config, solution, index, sink);
         sink(Message::Track(report::track(&solution, track.id, 1, index)));
-        if let Some(speed_m_s) = track.passage.contradicting_speed(&config.motion, track.speed) {
-            let (code, value) = (FaultCode::SpeedContradicted, m::round(100.0 * speed_m_s) as i64);
-            sink(Message::Fault(Fault { code, index, value }));
-        }
     }
 }
 
@@ -124,7 +120,8 @@ fn prove(
             }
             track.id = issued.wrapping_add(1).max(1);
             (track.passage, track.manoeuvre) = (newer, Manoeuvre::new());
-            (track.reported, track.place, track.crossing_since_s) = (false, None, None);
+            (track.reported, track.crossing_since_s) = (false, None);
+            (track.relative_sd, track.place) = (None, None);
             track.next_report_s = track.updated_s;
             return track.id;
         }

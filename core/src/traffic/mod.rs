@@ -22,7 +22,7 @@ use crate::config::StationConfig;
 use crate::math::f64 as m;
 use crate::motion::Solution;
 use crate::passage::{self, Known, MeasuredSpeed, Measurement, RECORDED, report};
-use crate::wire::{Bearing, Message};
+use crate::wire::{Bearing, Fault, FaultCode, Message};
 use assign::{Rules, Verdict};
 use candidate::Candidate;
 use duty::Duty;
@@ -125,9 +125,13 @@ struct Track {
     /// Infinite before the first report.
     next_report_s: f64,
     reported: bool,
-    /// Azimuth, distance and its standard deviation, radians and metres, where its track knows the distance well.
+    /// Relative standard deviation of its distance, where its track knows that well.
+    relative_sd: Option<f32>,
+    /// Azimuth, distance and its standard deviation then, radians and metres.
     place: Option<(f32, f32, f32)>,
     speed: Option<MeasuredSpeed>,
+    /// Whether its elevations or its shaft rate have contradicted the speed declared.
+    contradicted: bool,
 }
 
 impl Track {
@@ -142,14 +146,21 @@ impl Track {
             crossing_since_s: None,
             next_report_s: 0.0,
             reported: false,
+            relative_sd: None,
             place: None,
             speed: None,
+            contradicted: false,
         }
     }
 
-    /// What its fit assumes: the configured settings with what was measured of this vessel.
+    /// What its fit assumes: the configured settings with what was measured of this vessel, and without the speed declared where
+    /// it was contradicted.
     fn motion(&self, config: &Config) -> passage::Config {
-        config.motion.with_speed(self.speed)
+        let mut motion = config.motion;
+        if self.contradicted {
+            motion.speed_sd_m_s = f64::INFINITY;
+        }
+        motion.with_speed(self.speed)
     }
 
     /// Whether enough is known of it to be reported.
@@ -162,6 +173,26 @@ impl Track {
             config.report_after / 2
         };
         self.passage.seen() >= least
+    }
+
+    /// A solution of its passage. Where what is known of the vessel's speed contradicts the one declared, that is told, once, and
+    /// its speed and ranges are uncertain by as much as the two are apart: the depth may be wrong by which elevations tell a speed.
+    fn judged(
+        &mut self,
+        config: &Config,
+        solution: Solution,
+        index: u64,
+        sink: &mut dyn FnMut(Message),
+    ) -> Solution {
+        let mut other = config.motion.speed_m_s;
+        if !self.contradicted {
+            let told = self.passage.contradicting_speed(&config.motion, self.speed);
+            let Some(speed_m_s) = told else { return solution };
+            (self.contradicted, other) = (true, speed_m_s);
+            let (code, value) = (FaultCode::SpeedContradicted, m::round(100.0 * speed_m_s) as i64);
+            sink(Message::Fault(Fault { code, index, value }));
+        }
+        self.passage.doubted(&self.motion(config), &solution, other).unwrap_or(solution)
     }
 
     /// Whether it takes bearings.
@@ -403,15 +434,20 @@ fn serve(
         track.next_report_s = t_s + config.report_s;
         if let Some(solution) = track.passage.solution(&motion) {
             track.reported = true;
-            track.place = distance_known(config, &solution).map(|relative| (0.0, 1.0, relative));
+            track.relative_sd = distance_known(config, &solution);
+            let solution = track.judged(config, solution, state.index, sink);
             sink(Message::Track(report::track(&solution, track.id, 0, state.index)));
         }
     }
-    if let Some((_, r, sd)) = track.place {
-        let relative = sd / r;
-        let at = track.passage.best().map(|b| slant_m(config, b, t_s));
-        track.place = at.map(|r| (heard.azimuth as f32, r as f32, r as f32 * relative));
-    }
+    track.place = track.relative_sd.and_then(|relative| {
+        let at = track.passage.best()?;
+        // Half-way between the distances by the speed that it shows and by the one declared, where they contradict each other.
+        let declared = config.motion.speed_m_s;
+        let apart = if track.contradicted { 0.5 * m::ln(declared / at.line.speed_m_s()) } else { 0.0 };
+        let range_m = m::exp(apart) * slant_m(config, at, t_s);
+        let sd_m = range_m * m::hypot(f64::from(relative), apart);
+        Some((heard.azimuth as f32, range_m as f32, sd_m as f32))
+    });
 }
 
 /// Offers a bearing that no track explains to the young ones without one at this instant; true if one has taken it.

@@ -347,6 +347,53 @@ fn distance_is_along_the_way_of_the_sound_and_each_vessels_own() {
 }
 
 #[test]
+fn a_wrong_declared_speed_is_told_while_the_vessel_is_heard_and_its_ranges_are_doubted_by_as_much() {
+    // 160 m below vessels of 7 m/s that pass 400 m aside, and are declared to have 7 m/s, half and twice that.
+    for (declared, wrong) in [(7.0, false), (3.5, true), (14.0, true)] {
+        let mut config = config();
+        config.height_m = 160.0;
+        config.motion = passage::Config {
+            speed_m_s: declared,
+            speed_sd_m_s: 0.0,
+            medium: crate::motion::Medium { height_m: 160.0, ..config.motion.medium },
+            height_sd_m: 2.0,
+            elevation_bias_sd_rad: RAD_PER_DEG,
+            ..config.motion
+        };
+        let (mut state, mut out, mut seed) = (State::new(), Vec::new(), 5);
+        for k in 0..480 {
+            let t = 0.5 * f64::from(k);
+            let range_m = m::hypot(400.0, 7.0 * (t - 120.0));
+            let azimuth = azimuth(t, 120.0, 400.0, 6.0) + 0.002 * gaussian(&mut seed);
+            let elevation = m::atan(160.0 / range_m) + 0.002 * gaussian(&mut seed);
+            let heard = Bearing { elevation: elevation as f32, ..message(t, azimuth, 0.002, 0) };
+            bearing(&config, &mut state, &heard, &mut |m| out.push(m));
+            wait(&config, &mut state, t, t + 0.5, &mut |m| out.push(m));
+            if t >= 120.0 {
+                let (_, slant, sd) = state.places().next().unwrap();
+                let off = f64::from(slant) - m::hypot(range_m, 160.0);
+                assert!(m::abs(off) < 2.0 * f64::from(sd), "{declared} {t} {off} {sd}");
+            }
+        }
+        finish(&config, &mut state, &mut |m| out.push(m));
+        let told: Vec<&Fault> = out
+            .iter()
+            .filter_map(|m| if let Message::Fault(f) = m { Some(f) } else { None })
+            .inspect(|f| assert_eq!(f.code, FaultCode::SpeedContradicted))
+            .collect();
+        assert_eq!(told.len(), usize::from(wrong), "{declared} {told:?}");
+        for fault in told {
+            assert!((fault.value - 700).abs() < 70, "{fault:?}");
+            assert!(config.seconds(fault.index) < 125.0, "{fault:?}");
+        }
+        let last = *tracks(&out, 1).last().unwrap();
+        assert!((last.cpa_range_m - 400.0).abs() < 2.0 * last.sd_cpa_range_m, "{last:?}");
+        assert!((last.speed_m_s - 7.0).abs() <= 2.0 * last.sd_speed_m_s, "{last:?}");
+        assert_eq!(last.sd_speed_m_s > 0.0, wrong, "{last:?}");
+    }
+}
+
+#[test]
 fn memory_stays_within_its_budget() {
     assert!(size_of::<State>() <= 18 * 1024, "{}", size_of::<State>());
 }

@@ -53,7 +53,7 @@ impl Warning {
             ),
             FaultCode::SpeedContradicted => format!(
                 "a vessel's elevations or its shaft rate tell {:.1} m/s, far from the speed that `[tracking]` in the station file declares; \
-                 its track rests on that",
+                 its track goes by what it shows, and is as uncertain as the two are apart (is `depth_m` right?)",
                 value as f64 / 100.0
             ),
             FaultCode::SetUpGood => {
