@@ -184,7 +184,7 @@ pub(crate) fn segment(
     let deviation = context.deviation(context.bins());
     let sign = sick::heard(&memory.sick, spectra.added.dead, &peaks, deviation);
     if let Sign::Sick(..) | Sign::Divided = sign {
-        memory.sick.take(plan, sign, None, context.index, sink);
+        memory.sick.take(plan, sign, None, false, context.index, sink);
         // While it is not yet sure, or another of those that are left is sick as well, nothing can be said of directions.
         match sick::heard(&memory.sick, spectra.added.dead, &peaks, deviation) {
             Sign::Sick(_, h) if memory.sick.out() >> h & 1 == 1 => {}
@@ -232,7 +232,7 @@ pub(crate) fn segment(
     if doubtful {
         let is = turned.is(&mut scratch.search, memory.sick.tried());
         let sign = memory.sick.turned(is);
-        memory.sick.take(plan, sign, None, context.index, sink);
+        memory.sick.take(plan, sign, None, false, context.index, sink);
         // Pairs that heard one direction do not hear what is left of it, but where a channel that is known to be late makes that, with its
         // error; nor is one told that is elsewhere than the source was.
         let changed = memory.was_explained(&context) && doubt.is_none_or(|doubt| doubt.quality == 1.0);
@@ -251,7 +251,7 @@ pub(crate) fn segment(
     }
     let Some(mut doubt) = doubt else { return };
     if sign == Sign::Well && !doubtful {
-        let sign = match &first {
+        let (sign, alone) = match &first {
             Some(first) if used.all() => {
                 memory.explained = context.index;
                 let (search, coherence) = (&scratch.search, &scratch.spectrum.raw);
@@ -268,8 +268,8 @@ pub(crate) fn segment(
                     others,
                     echo: memory.echo.amplitude(),
                 };
-                let sign = beyond.sign();
-                if sign == Sign::Well {
+                let said = beyond.sign();
+                if said.0 == Sign::Well {
                     if beyond.hides_of(memory.sick.suspected()) {
                         let leaked = leak::LEAKED_SAMPLES / plan.rate_hz;
                         doubt.unexplained_s2 += CHANNELS as f32 * leaked * leaked;
@@ -277,12 +277,12 @@ pub(crate) fn segment(
                         memory.sick.deny();
                     }
                 }
-                sign
+                said
             }
-            _ => sign,
+            _ => (sign, false),
         };
         let vessel = first.as_ref().map(|f| &f.refined.direction);
-        memory.sick.take(plan, sign, vessel, context.index, sink);
+        memory.sick.take(plan, sign, vessel, alone, context.index, sink);
     }
     if let Some(first) = &first {
         let uneven = spectra.added.loudness.unevenness(spectra.added.frames) > MOST_UNEVEN_MOMENT;

@@ -2,8 +2,8 @@
 //!
 //! Enters: the pairs' correlations and the vessel found. Leaves: the hydrophone that receives, if one does. Beyond what the vessel gives, the pair of
 //! sender and receiver correlates at no delay at all, and the receiver has the sender's delays with the two others. A vessel's echo off the bottom
-//! ([`super::echo`]) and its image in the surface can do the same for a while ([`super::sick`] waits until the vessel has moved as well): what is no louder
-//! than the echo is none, and an image stands on both sides of the vessel.
+//! ([`super::echo`]) and its image in the surface can do the same for a while: what is no louder than the echo is none, an image stands on both sides of
+//! the vessel, and the pairs without the receiver hear either, of a leak nothing; where they do hear something [`super::sick`] waits until the vessel has moved.
 //! Cost: some 2000 instructions where something stands at no delay.
 
 use super::estimate::Context;
@@ -29,6 +29,13 @@ pub(super) const APART_SAMPLES: f32 = 3.0;
 /// Standard deviation of the arrival times which a leak moves that the vessel hides, samples.
 pub(super) const LEAKED_SAMPLES: f32 = 0.15;
 
+/// Share of what seems to leak below which the pairs that the receiver is not in hear nothing that could explain it, and the steps in which that is
+/// looked for, samples.
+const ALONE: f32 = 0.5;
+const STEP_SAMPLES: f32 = 0.5;
+/// Share of the array's height from which on a pair is upright enough to hear such an echo apart.
+const UPRIGHT: f32 = 0.5;
+
 /// Share of what seems to leak that an image has on the other side of the vessel's own delay.
 const MIRRORED: f32 = 0.4;
 
@@ -48,9 +55,40 @@ pub(crate) struct Beyond<'a> {
 }
 
 impl Beyond<'_> {
-    /// Whether one hydrophone hears another.
-    pub(crate) fn sign(&self) -> Sign {
-        (0..PAIR_COUNT).find_map(|p| self.receiver(p)).map_or(Sign::Well, |h| Sign::Sick(LEAKING, h))
+    /// Whether one hydrophone hears another, and whether nothing that the other pairs hear explains that.
+    pub(crate) fn sign(&self) -> (Sign, bool) {
+        let leak = (0..PAIR_COUNT).find_map(|p| self.receiver(p));
+        leak.map_or((Sign::Well, false), |(h, leak)| (Sign::Sick(LEAKING, h), self.alone(h, leak)))
+    }
+
+    /// Whether the pairs that hydrophone `h` is not in hear nothing beside the vessel that comes near to this correlation; false where they lie level, for
+    /// those hear an echo from below or above together with the vessel. The vessel's own, which is the highest, is taken away only where there is something.
+    #[inline(never)]
+    fn alone(&self, h: usize, leak: f32) -> bool {
+        let position_m = &self.context.plan.geometry.position_m;
+        let rise = |(a, b): &(usize, usize)| match (position_m.get(*a), position_m.get(*b)) {
+            (Some([.., a]), Some([.., b])) => m::abs(a - b),
+            _ => 0.0,
+        };
+        let highest = PAIRS.iter().map(rise).fold(0.0, f32::max);
+        let upright =
+            PAIRS.iter().filter(|pair| pair.0 != h && pair.1 != h && rise(pair) > UPRIGHT * highest).count();
+        if upright < 2 {
+            return false;
+        }
+        let least = ALONE * leak;
+        let rate_hz = self.context.plan.rate_hz;
+        let reach = MAX_DELAY as f32 - 1.0;
+        (0..(2.0 * reach / STEP_SAMPLES) as usize).all(|step| {
+            let delay = (step as f32 * STEP_SAMPLES - reach) / rate_hz;
+            PAIRS.iter().zip(self.tau).enumerate().all(|(q, ((a, b), tau))| {
+                *a == h
+                    || *b == h
+                    || m::abs(delay - tau) * rate_hz < APART_SAMPLES
+                    || self.search.pair_value(self.context.plan, q, delay) < least
+                    || self.excess(q, delay).is_none_or(|excess| excess < least)
+            })
+        })
     }
 
     /// Whether the vessel hides what one of the hydrophones `suspected` (bit h: hydrophone h) hears of another.
@@ -64,8 +102,8 @@ impl Beyond<'_> {
         m::abs(tau) * self.context.plan.rate_hz < APART_SAMPLES
     }
 
-    /// The hydrophone of pair `p` that hears the other one, if there is one.
-    fn receiver(&self, p: usize) -> Option<usize> {
+    /// The hydrophone of pair `p` that hears the other one, if there is one, and how much of it.
+    fn receiver(&self, p: usize) -> Option<(usize, f32)> {
         let (a, b) = *PAIRS.get(p)?;
         let Band { high, incoherent, .. } = self.context.plan.whole;
         let least = LEAST_LEAK.max(self.echo) * high.saturating_sub(incoherent) as f32;
@@ -95,7 +133,7 @@ impl Beyond<'_> {
                 sum += excess;
                 take(q, delay, excess);
             }
-            (sum > 2.0 * least && mirrored < MIRRORED * both).then_some(to)
+            (sum > 2.0 * least && mirrored < MIRRORED * both).then_some((to, leak))
         };
         received(a, b).or_else(|| received(b, a))
     }

@@ -10,8 +10,8 @@
 //!   correlations round by itself, no direction explains what the pairs show until one hydrophone is taken the other way round
 //!   ([`Turned`]): one is tried a segment.
 //! * Leaking: beyond what the vessel found gives, a pair correlates at no delay at all, and the one that receives has the
-//!   sender's delays with the two others, and both stay while the vessel's own delays change: an echo off the bottom that
-//!   reaches one when the other hears the vessel looks the same for a while.
+//!   sender's delays with the two others, while the pairs without it hear the vessel alone, or both stay while the vessel's own
+//!   delays change: an echo off the bottom that reaches one when the other hears the vessel looks the same for a while.
 //!
 //! Two inverted hydrophones correlate with each other and negatively with the rest, who are as many: which of them they are
 //! is not observable, and no direction is told. Nor is one of what all four hear at once, as they do their amplifiers' hum: no sound
@@ -51,6 +51,8 @@ const INVERTED: f32 = 1.5;
 const LITTLE: f32 = 0.78;
 const EXPLAINED: f32 = 0.6;
 const TURNED: f32 = 1.25;
+/// Segments in a row in which nothing but a leak explains what seems to be one, after which it need not stay.
+const ALONE: u8 = 4;
 /// How much the delays of a vessel change, in samples, until no echo of it passes for a leak any more.
 const MOVED_SAMPLES: f32 = 2.0 * leak::APART_SAMPLES;
 
@@ -85,6 +87,8 @@ pub(crate) struct Sick {
     divided: u8,
     /// Bit h: hydrophone h is left out.
     out: u8,
+    /// Segments in a row that saw a leak which nothing else explains.
+    alone: u8,
     /// Where the vessel was when a leak was first seen.
     seen_from: Option<Direction>,
     /// Hydrophone that is tried the other way round next.
@@ -100,6 +104,7 @@ impl Sick {
             well: 0,
             divided: 0,
             out: 0,
+            alone: 0,
             seen_from: None,
             tried: 0,
             suspected: 0,
@@ -135,20 +140,25 @@ impl Sick {
         self.out
     }
 
-    /// Takes what a segment says; `vessel` is where it is, where that is known.
+    /// Takes what a segment says; `vessel` is where it is, where that is known, `alone` whether nothing else that is heard explains a leak.
     #[inline(never)]
     pub(crate) fn take(
         &mut self,
         plan: &Plan,
         sign: Sign,
         vessel: Option<&Direction>,
+        alone: bool,
         index: u64,
         sink: &mut impl FnMut(Message),
     ) {
         if sign == Sign::Nothing {
             return;
         }
-        let moved = self.moved(plan, sign, vessel);
+        if let Sign::Sick(LEAKING, _) = sign {
+            self.alone = if alone { self.alone.saturating_add(1) } else { 0 };
+        }
+        // Both are asked: the second takes note of where the vessel is.
+        let moved = self.moved(plan, sign, vessel) | (self.alone >= ALONE);
         let channel = |h: usize| i64::from(plan.channels.get(h).copied().unwrap_or(0));
         self.well = if sign == Sign::Well { self.well.saturating_add(1) } else { 0 };
         self.divided = if sign == Sign::Divided { self.divided.saturating_add(1) } else { 0 };

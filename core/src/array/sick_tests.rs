@@ -91,20 +91,36 @@ fn crosstalk_is_named_by_the_channel_that_receives_it() {
 }
 
 #[test]
+fn a_leak_is_named_of_a_vessel_that_hardly_moves() {
+    let plan = plan(RATE);
+    // Of the highest hydrophone it is named once the vessel has moved: the three others lie level and do not hear an echo apart.
+    for channel in 0..CHANNELS - 1 {
+        let from = if channel == 1 { 0 } else { 1 };
+        let mut sea = noisy(source(&plan, (AZIMUTH + 0.4, ELEVATION), 3.0, None, 9, 31), 15 + channel as u64);
+        sea[2 * RATE as usize..].iter_mut().for_each(|x| x[channel] += 0.15 * x[from]);
+        let heard = hear(&plan, &sea);
+        let faults: Vec<_> = heard.faults.iter().filter(|f| f.0 != FaultCode::Impulses).collect();
+        let [(FaultCode::Leaking, value, at_s)] = faults[..] else { panic!("{channel}: {:?}", heard.faults) };
+        assert_eq!(*value, channel as i64);
+        assert!(*at_s < 8.5, "{at_s}");
+    }
+}
+
+#[test]
 fn an_echo_off_the_bottom_is_no_leak() {
     let plan = plan(RATE);
-    for n in (0..24u64).step_by(3) {
-        let (azimuth, elevation) = (0.26 * n as f64, 0.15 + 0.01 * n as f64);
+    for (n, amplitude) in (0..90u64).step_by(3).flat_map(|n| [(n, 0.3), (n, 0.6)]) {
+        let (azimuth, elevation) = (0.26 * n as f64, 0.15 + 0.01 * (n % 24) as f64);
         let sound = |down: f64| source(&plan, (azimuth, down * elevation), 3.0, None, 8, 40 + n);
         let (direct, echo) = (sound(1.0), sound(-1.0));
         // A bottom from nothing to some metres below the array.
         let later = n as usize;
         let mut sea = noisy(direct, 70 + n);
         for (x, echo) in sea[later..].iter_mut().zip(&echo) {
-            x.iter_mut().zip(echo).for_each(|(x, e)| *x += 0.5 * e);
+            x.iter_mut().zip(echo).for_each(|(x, e)| *x += amplitude * e);
         }
         let heard = hear(&plan, &sea);
-        assert!(heard.faults.is_empty() && heard.channels == 0, "{n}: {:?}", heard.faults);
+        assert!(heard.faults.is_empty() && heard.channels == 0, "{n} {amplitude}: {:?}", heard.faults);
     }
 }
 
@@ -260,7 +276,7 @@ fn a_leak_is_suspected_until_it_is_denied() {
     use super::{LEAKING, SUSPECTED, Sick, Sign};
     let plan = plan(RATE);
     let mut sick = Sick::new();
-    let take = |sick: &mut Sick, sign| sick.take(&plan, sign, None, 0, &mut |_| {});
+    let take = |sick: &mut Sick, sign| sick.take(&plan, sign, None, false, 0, &mut |_| {});
     for n in 1..=SUSPECTED {
         assert_eq!(sick.suspected(), 0);
         take(&mut sick, Sign::Sick(LEAKING, 2));
