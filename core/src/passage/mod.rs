@@ -238,7 +238,10 @@ impl<const N: usize> Passage<N> {
     pub fn solution(&self, config: &Config) -> Option<Solution> {
         let limits = config.limits(self.times_s());
         let links = self.links(config);
-        let problem = Problem { limits, ..self.problem(config, &links) };
+        let mut problem = self.problem(config, &links);
+        // One nearer than the least range is told as that, with the least range as its spread; time and heading are the line's own.
+        let near = problem.limits.range_m.0.min(limits.range_m.0);
+        problem.limits = Limits { range_m: (near, limits.range_m.1), ..limits };
         let (line, normal) = problem.within_limits(&self.best()?.line)?;
         let known = solution(&line, &normal, &config.free(), &limits, self.seen, problem.measurements())?;
         let mut covariance = known.covariance;

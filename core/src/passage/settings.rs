@@ -43,6 +43,9 @@ const ELEVATION_BIAS_SD_RAD: f64 = 0.017_453;
 /// vessel that turned faster just before its first bearing, or is about to, keeps its bearing for the time between:
 /// one bearing in any direction then passes for a well-known line.
 const FASTEST_RAD_S: f64 = 0.35;
+/// Nearest line over an array below, metres: 10 s from the closest point its bearing differs from one straight over the array
+/// by a quarter of a degree.
+const OVERHEAD_M: f64 = 0.3;
 
 /// What is assumed of a vessel and its bearings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,12 +125,17 @@ impl Config {
 
     /// Where lines are searched: as far as any speed a fit considers brings the ranges allowed, in units of the speed
     /// assumed. Bearings know no scale [M 5, 6], so that no line may run into a limit at one speed and pass it at another.
-    /// Of a `young` passage, few of whose bearings can lie in a fast turn, no line turns faster than [`FASTEST_RAD_S`].
+    /// Of a `young` passage, few of whose bearings can lie in a fast turn, no line turns faster than [`FASTEST_RAD_S`], unless
+    /// elevations tell how near the vessel is: it may pass over the array.
     pub(super) fn search_limits(&self, times_s: (f64, f64), young: bool) -> Limits {
         let (slowest, fastest) = SPEEDS_M_S;
         let (near, far) = self.range_m;
         let (near, far) = (near * self.speed_m_s / fastest, far * self.speed_m_s / slowest);
-        let near = if young { near.max(self.speed_m_s / FASTEST_RAD_S) } else { near };
+        let near = match (self.medium.height_m > 0.0, young) {
+            (true, _) => near.min(OVERHEAD_M),
+            (false, true) => near.max(self.speed_m_s / FASTEST_RAD_S),
+            (false, false) => near,
+        };
         Limits { range_m: (near, far.max(near)), ..self.limits(times_s) }
     }
 

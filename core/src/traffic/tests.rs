@@ -437,3 +437,45 @@ fn echoes_of_another_elevation_are_no_vessel_and_turn_no_track() {
         assert!(range_error.abs() < 1.96 * f64::from(ends[0].sd_cpa_range_m), "{ends:?}");
     }
 }
+
+#[test]
+fn a_vessel_that_passes_over_the_array_is_one_track() {
+    // 164 m above the array: its azimuth turns round within a second, its elevation says where it is all the way.
+    for (seed, range_m) in [(5, 1.0), (6, 2.0), (7, 5.0), (8, 12.0), (9, 25.0)] {
+        let mut config = config();
+        config.height_m = 164.0;
+        config.motion = passage::Config {
+            speed_m_s: 7.3,
+            speed_sd_m_s: 2.3,
+            medium: crate::motion::Medium { height_m: 164.0, ..config.motion.medium },
+            height_sd_m: 2.0,
+            elevation_bias_sd_rad: RAD_PER_DEG,
+            ..config.motion
+        };
+        let (mut state, mut out, mut seed) = (State::new(), Vec::new(), seed);
+        for k in 0..200 {
+            let t = 0.5 * f64::from(k);
+            let aside = m::hypot(range_m, 7.0 * (t - 50.0));
+            let elevation = m::atan(164.0 / aside);
+            // What is known of the azimuth of a sound from above is less.
+            let sd = 0.002 / (aside / m::hypot(aside, 164.0));
+            let seen = elevation + 0.002 * gaussian(&mut seed);
+            let azimuth = azimuth(t, 50.0, range_m, 1.0) + sd * gaussian(&mut seed);
+            let heard = Bearing { elevation: seen as f32, ..message(t, azimuth, sd, 0) };
+            bearing(&config, &mut state, &heard, &mut |m| out.push(m));
+            wait(&config, &mut state, t, t + 0.5, &mut |m| out.push(m));
+        }
+        finish(&config, &mut state, &mut |m| out.push(m));
+        let [last] = tracks(&out, 1)[..] else { panic!("{range_m}: {:?}", tracks(&out, 1)) };
+        let off = wrap_pi(f64::from(last.heading) - (1.0 + 0.5 * m::PI));
+        assert!(m::abs(off) < 3.0 * f64::from(last.sd_heading), "{range_m} {last:?}");
+        assert!(
+            m::abs(last.cpa_time_s - 50.0) < 3.0 * f64::from(last.sd_cpa_time_s) + 0.12,
+            "{range_m} {last:?}"
+        );
+        assert!(
+            (f64::from(last.cpa_range_m) - range_m).abs() < 2.0 * f64::from(last.sd_cpa_range_m),
+            "{range_m} {last:?}"
+        );
+    }
+}
