@@ -293,11 +293,8 @@ fn turn_search(args: &Args) -> compact::Search {
 /// The record of a compact array's turn.
 fn turned_record(station: &StationConfig, turned: &compact::Turned) -> Result<Value> {
     let found = &turned.rotation;
-    if turned.at_the_end {
-        log::warn!(
-            "the likeliest shift of the clocks, {:.1} s, is the largest that was searched: are the track's times others? (--max-shift-s)",
-            turned.shift_s.0
-        );
+    if !turned.doubts.is_empty() {
+        log::warn!("the deviations of the orientation do not hold: {}", turned.doubts.join(" "));
     }
     Ok(json!({
         "type": "orientation",
@@ -307,7 +304,7 @@ fn turned_record(station: &StationConfig, turned: &compact::Turned) -> Result<Va
         "roll_deg": found.roll / RAD_PER_DEG, "sd_roll_deg": found.sd[2] / RAD_PER_DEG,
         "time_shift_s": turned.shift_s.0, "sd_time_shift_s": turned.shift_s.1, "correlated": turned.correlated,
         "mean_error_deg": found.median_error / RAD_PER_DEG, "n": found.n, "off_track": turned.off_track,
-        "matrix": found.matrix,
+        "matrix": found.matrix, "consistent": turned.doubts.is_empty(),
     }))
 }
 

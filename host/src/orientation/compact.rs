@@ -7,6 +7,7 @@
 //!
 //! Refused are bearings that cannot be a vessel's on the surface: mirrored ones.
 
+use super::compact_doubts::{Missed, doubts};
 use super::known_vessel::{MOST_LEANING, on_track};
 use super::track_file::heard_at;
 use crate::bounds::bearing::lasting;
@@ -44,7 +45,7 @@ pub struct Search {
 }
 
 /// How an array is turned.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Turned {
     /// The rotation at the likeliest shift, its deviations those over all shifts.
     pub rotation: Rotation,
@@ -54,8 +55,8 @@ pub struct Turned {
     pub correlated: f64,
     /// Bearings of which the track tells nothing.
     pub off_track: usize,
-    /// The likeliest shift is the largest that was searched.
-    pub at_the_end: bool,
+    /// What it says against itself, a clause each: then the deviations do not hold.
+    pub doubts: Vec<String>,
 }
 
 /// One bearing: time, direction, standard deviation (1 where none is stated).
@@ -63,6 +64,7 @@ struct Row {
     t_s: f64,
     measured: [f64; 3],
     sd: f64,
+    stated: bool,
 }
 
 impl Row {
@@ -70,7 +72,7 @@ impl Row {
         let (sa, ca) = (azimuth_deg * RAD_PER_DEG).sin_cos();
         let (se, ce) = (elevation_deg * RAD_PER_DEG).sin_cos();
         let sd = sd_deg.map_or(1.0, |(a, e)| (0.5 * ((a * ce).powi(2) + e * e)).sqrt() * RAD_PER_DEG);
-        Self { t_s, measured: [sa * ce, ca * ce, se], sd }
+        Self { t_s, measured: [sa * ce, ca * ce, se], sd, stated: sd_deg.is_some() }
     }
 }
 
@@ -230,8 +232,21 @@ fn turned(
         *sd = (*sd * *sd + by_shift + by_places).sqrt();
     }
     refuse_mirrored(station, name, &directions(shift.0), &found, correlated)?;
-    let at_the_end = most_s > 0.0 && shift.0.abs() + 1.5 * step_s > most_s;
-    Ok(Turned { rotation: found, shift_s: (shift.0, shift.1.sqrt()), correlated, off_track, at_the_end })
+    let shift_s = (shift.0, shift.1.sqrt());
+    let missed: Vec<Missed> = rows
+        .iter()
+        .filter_map(|row| {
+            let p = heard_beyond(track, row.t_s - shift.0, c)?;
+            let range_m = p.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let pair = DirectionPair { measured: row.measured, known: p.map(|x| x / range_m), sd: row.sd };
+            let [along, up] = apart(&pair, &found);
+            let sd = row.stated.then_some(row.sd);
+            (range_m > 0.0).then_some(Missed { along, up, sd, range_m })
+        })
+        .collect();
+    let places = by_places[0].max(by_places[1]);
+    let doubts = doubts(&missed, places, shift_s, most_s, step_s);
+    Ok(Turned { rotation: found, shift_s, correlated, off_track, doubts })
 }
 
 /// Largest shift that is searched, seconds.
@@ -264,14 +279,19 @@ fn successive(directions: &[DirectionPair], r: &Rotation) -> f64 {
     let (mut along, mut up) = (Vec::new(), Vec::new());
     let scale = scatter(directions, r);
     for d in directions {
-        let ([px, py, pz], [ux, uy, uz]) = (turn(d, r), d.known);
-        let level = ux.hypot(uy).max(1e-9);
         // Wrong bearings are no part of what lasts.
-        let kept = |x: f64| CORNER.clipped(x / (scale * d.sd));
-        along.push(kept((px * uy - py * ux) / level));
-        up.push(kept(pz.clamp(-1.0, 1.0).asin() - uz.clamp(-1.0, 1.0).asin()));
+        let [a, u] = apart(d, r).map(|x| CORNER.clipped(x / (scale * d.sd)));
+        along.push(a);
+        up.push(u);
     }
     shared(&along, 2.0).max(shared(&up, 2.0)).max(1.0)
+}
+
+/// By how much a turned direction misses the known one along the horizon and upwards, radians.
+fn apart(d: &DirectionPair, r: &Rotation) -> [f64; 2] {
+    let ([px, py, pz], [ux, uy, uz]) = (turn(d, r), d.known);
+    let level = ux.hypot(uy).max(1e-9);
+    [(px * uy - py * ux) / level, pz.clamp(-1.0, 1.0).asin() - uz.clamp(-1.0, 1.0).asin()]
 }
 
 /// What places of the hydrophones and the speed of sound, as told, leave in heading, pitch and roll: the mean over the pass, radians².
@@ -406,7 +426,7 @@ mod tests {
                 let azimuth = (x.atan2(y) / RAD_PER_DEG - 25.0 + lasts[0]) * RAD_PER_DEG;
                 let elevation = (z.atan2(x.hypot(y)) / RAD_PER_DEG + lasts[1]) * RAD_PER_DEG;
                 let u = [azimuth.sin() * elevation.cos(), azimuth.cos() * elevation.cos(), elevation.sin()];
-                Row { t_s, measured: std::array::from_fn(|k| signs[k] * u[k]), sd: 1.0 }
+                Row { t_s, measured: std::array::from_fn(|k| signs[k] * u[k]), sd: 1.0, stated: false }
             })
             .collect()
     }
@@ -416,7 +436,7 @@ mod tests {
             let rows = rows(late_s, share, [1.0; 3], seed);
             let found = turned(&station(), "test", rows, &track(), &SEARCH).unwrap();
             assert!((found.shift_s.0 - late_s).abs() < 4.0 * found.shift_s.1, "{found:?}");
-            assert!(found.rotation.sd[0] < 1.5 * RAD_PER_DEG && !found.at_the_end, "{found:?}");
+            assert!(found.rotation.sd[0] < 1.5 * RAD_PER_DEG && found.doubts.is_empty(), "{found:?}");
             seabearing_core::angle::wrap_pi(found.rotation.heading - 25.0 * RAD_PER_DEG)
                 / found.rotation.sd[0]
         };
@@ -429,6 +449,24 @@ mod tests {
             let found = errors(late_s, share);
             let rms = (found.iter().map(|x| x * x).sum::<f64>() / found.len() as f64).sqrt();
             assert!(rms < 1.4, "{late_s} {share}: {rms} {found:?}");
+        }
+    }
+
+    #[test]
+    fn another_vessel_and_a_clock_farther_off_than_searched_are_doubted() {
+        // One that passes on another course; the bearings state 1°, or nothing.
+        let at = |t_s: f64| TrackPoint { t_s, position_m: [5.0 * (t_s - 60.0), 420.0, DEPTH_M - 5.0] };
+        let other: Vec<_> = (0..201).map(|k| at(f64::from(k))).collect();
+        let told = |late_s, stated| -> Vec<Row> {
+            let sd = if stated { RAD_PER_DEG } else { 1.0 };
+            rows(late_s, 0.0, [1.0; 3], 3).into_iter().map(|r| Row { sd, stated, ..r }).collect()
+        };
+        let well = turned(&station(), "test", told(0.0, true), &track(), &SEARCH).unwrap();
+        assert!(well.doubts.is_empty(), "{well:?}");
+        for (late_s, stated, track) in [(0.0, true, &other), (0.0, false, &other), (30.0, false, &track())] {
+            // Or nothing is told.
+            let found = turned(&station(), "test", told(late_s, stated), track, &SEARCH);
+            assert!(found.as_ref().map_or(true, |f| !f.doubts.is_empty()), "{stated} {late_s}: {found:?}");
         }
     }
 

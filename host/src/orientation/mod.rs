@@ -3,6 +3,7 @@
 //! The estimators are the core's (`seabearing_locate::network`, `orient`, `line`); here is what reads their input.
 
 pub mod compact;
+mod compact_doubts;
 pub mod known_vessel;
 pub mod lasting;
 pub mod measured_delays;
