@@ -20,6 +20,8 @@ use crate::network::known_track::{TrackPoint, position_at};
 pub const LEAST_BEARINGS: usize = 8;
 /// Steps of the shift's grid.
 const GRID: u32 = 240;
+/// Parts of a pass that show what lasts.
+const PARTS: usize = 10;
 /// Rounds of reweighting, half with either weight: they settle to 1e-3 in three.
 const ROUNDS: u32 = 6;
 /// Smallest noise of ξ the robust scale assumes, so that exact data do not divide by zero.
@@ -73,6 +75,14 @@ pub struct LineOrientation {
     pub wrong: usize,
     /// Bearings of times of which the track tells nothing.
     pub off_track: usize,
+    /// What the bearings miss the track by for a tenth of the pass on end: root mean square of the tenths' medians, in sine.
+    pub lasting: f64,
+    /// Standard deviation of one by how those that follow each other differ, in sine.
+    pub successive: f64,
+    /// Median distance of the vessel, metres.
+    pub range_m: f64,
+    /// Least and greatest shift that were searched, seconds.
+    pub searched_s: (f64, f64),
     /// Logarithm of the greatest likelihood, scatter at its best, for comparing tracks of the same bearings.
     pub ln_likelihood: f64,
 }
@@ -98,6 +108,9 @@ pub fn orient(
         return Err(OrientError::NotObservable);
     }
     let (orientation, eta) = (found.orientation.0, found.eta.0);
+    let (lasting, successive) = all.lasting(found.shift_s.0, orientation, eta);
+    let places = bearings.iter().filter_map(|b| position_at(track, b.t_s - found.shift_s.0, settings.gap_s));
+    let range_m = quantile(places.map(|[x, y, z]| m::sqrt(x * x + y * y + z * z)), 0.5);
     let (mut on_track, mut error) = (0usize, 0.0);
     for ((c, s), b) in all.pairs(found.shift_s.0) {
         error += computed_error(m::atan2(s, c), b.sine / (eta * m::sqrt(c * c + s * s)), orientation);
@@ -114,6 +127,10 @@ pub fn orient(
         n: found.n,
         wrong: on_track.saturating_sub(found.n),
         off_track: bearings.len() - on_track,
+        lasting,
+        successive,
+        range_m,
+        searched_s: settings.shift_s,
         ln_likelihood: found.ln_likelihood,
     })
 }
@@ -264,6 +281,23 @@ impl<'a> Data<'a> {
             eta: m::sqrt(p * p + q * q),
             shift_s,
         })
+    }
+
+    /// What bearings miss a fit by: the root mean square of the medians of [`PARTS`] of the pass, and the standard deviation of one by how
+    /// those that follow each other differ, whatever lasts.
+    fn lasting(&self, shift_s: f64, orientation: f64, eta: f64) -> (f64, f64) {
+        let (s, c) = m::sin_cos(orientation);
+        let missed = self.pairs(shift_s).map(move |((cos, sin), b)| b.sine - eta * (c * cos + s * sin));
+        let n = missed.clone().count();
+        let parts = PARTS.min(n);
+        let part = |k: usize| {
+            let (from, to) = (k * n / parts, (k + 1) * n / parts);
+            quantile(missed.clone().skip(from).take(to - from), 0.5)
+        };
+        let squares: f64 = (0..parts).map(|k| part(k) * part(k)).sum();
+        let steps = missed.clone().zip(missed.clone().skip(1)).map(|(a, b)| m::abs(b - a));
+        let successive = MAD_TO_SD * quantile(steps, 0.5) / m::sqrt(2.0);
+        (m::sqrt(squares / parts.max(1) as f64), successive)
     }
 
     /// Robust standard deviation of ξ about a fit.
