@@ -22,6 +22,9 @@ use crate::math::f64 as m;
 /// Points of the search on the unit circle: a subarray of 32 has a main lobe of 2π/16, sixteen points wide.
 const GRID: usize = 512;
 
+/// Share of a steering vector outside the signal subspace from which it is no source's.
+const OUTSIDE: f64 = 0.5;
+
 /// How the noise subspace is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MusicMethod {
@@ -234,7 +237,8 @@ impl LinePlan {
                 }
             };
             let found = arrivals.get_mut(..count).unwrap_or_default();
-            if self.counted && sources > 1 && self.one_in_two(found) {
+            let nobody = method == MusicMethod::Spectrum && count < sources;
+            if self.counted && sources > 1 && (nobody || self.one_in_two(found)) {
                 continue;
             }
             for arrival in found {
@@ -285,7 +289,8 @@ impl LinePlan {
             .unwrap_or(0)
     }
 
-    /// Deepest minima of the null spectrum on the unit circle.
+    /// Deepest minima of the null spectrum on the unit circle. Of several sources that are counted those alone that lie more in the signal
+    /// subspace than outside: two of a source that moves share one minimum, and the next is of nobody.
     fn minima(
         &self,
         coefficients: &[Complex; MAX_SENSORS],
@@ -312,8 +317,9 @@ impl LinePlan {
             (before, here) = (here, after);
         }
         let mut count = 0;
+        let most = if self.counted && sources > 1 { OUTSIDE * length as f64 } else { f64::MAX };
         for (arrival, (depth, w)) in arrivals.iter_mut().zip(&found).take(sources) {
-            if depth.is_finite() {
+            if *depth < most {
                 *arrival = LineArrival { sine: w / self.phase, sd: 0.0, snr: 0.0 };
                 count += 1;
             }

@@ -82,6 +82,28 @@ fn sources_are_counted() {
     }
 }
 
+/// Of a source that moves the eigenvalues show two, which the spectrum does not tell apart.
+#[test]
+fn one_that_moves_is_not_two() {
+    for (n, sine) in [-0.7, -0.2, 0.1, 0.6].into_iter().enumerate() {
+        // Loud, in 40 places, each phase its own.
+        let sines: std::vec::Vec<f64> = (0..40).map(|k| sine + 0.0005 * f64::from(k)).collect();
+        let each: std::vec::Vec<_> = sines.iter().map(|s| snapshots(&[*s], false, 0.1)[n]).collect();
+        for method in [MusicMethod::Spectrum, MusicMethod::Root] {
+            let mut arrivals = [LineArrival::default(); MAX_SOURCES];
+            let (mut state, mut scratch) = (State::new(), Scratch::new());
+            let plan = plan(2).counting();
+            plan.take(&mut state, 0.0, &each);
+            let length = smooth(&state.covariance, plan.sensors, plan.subarrays, &mut scratch.matrix);
+            assert!(eigen(&mut scratch.matrix, length, &mut scratch.vectors));
+            assert_eq!(plan.count(&scratch.matrix, length, state.snapshots), 2);
+            let found = plan.find(&state, &mut scratch, &each, method, &mut arrivals);
+            assert_eq!(found, Ok(1), "{method:?} {sine} {arrivals:?}");
+            assert!((arrivals[0].sine - sine - 0.01).abs() < 0.005, "{method:?} {sine} {arrivals:?}");
+        }
+    }
+}
+
 /// A source whose loudness wanders and which turns meanwhile is found where it was loud; what is stated says so.
 #[test]
 fn what_a_source_turns_while_it_is_averaged_is_in_the_deviation() {
