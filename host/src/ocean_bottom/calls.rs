@@ -6,8 +6,8 @@
 //! Spikes are put right as the recorder puts them right (`mended.rs`).
 //!
 //! - *Notes* are peaks of the smoothed power 6 dB above its median, the greatest first, none within [`APART_S`] of another.
-//! - *Azimuth*: the active intensity about each note's peak; the mean of their directions, and its deviation from their scatter. Notes of
-//!   which a horizontal component is clipped have none.
+//! - *Azimuth*: the active intensity about each note's peak, less what vessels give between notes ([`super::call_azimuths`]). Notes of which
+//!   a horizontal component is clipped have none.
 //! - *Range*: by the delays between a note's arrivals ([`super::call_ranges`]).
 //!
 //! A range is told where its place holds nine tenths of the posterior and explains what is heard; nearer than
@@ -15,12 +15,13 @@
 //! apart from vessels' tracks ([`super::caller_ways`]). Not known: several whales at once whose notes interleave (the louder one counts), and
 //! calls longer than a few seconds, which have no range.
 
+use super::call_azimuths::{Field, LEAST_NOTES};
 use super::call_ranges::{CallRange, OWN_S, Ranger};
 use super::mended::{Mended, clipped};
 use crate::propagation::{Complex, Propagation};
 use crate::recording::BlockSource;
 use anyhow::{Result, bail};
-use seabearing_core::angle::{wrap_pi, wrap_tau};
+use seabearing_core::angle::wrap_tau;
 use seabearing_core::block::{Frame, MISSING};
 use seabearing_core::config::{Kind, StationConfig};
 use seabearing_core::kit::quantile;
@@ -35,8 +36,6 @@ pub const BAND_HZ: (f64, f64) = (15.0, 25.0);
 const HALF_WINDOW_S: f64 = 90.0;
 /// Notes nearer to each other than this are one call's arrivals, s: longer than the longest delay of its strong paths.
 pub const APART_S: f64 = 8.0;
-/// Fewest notes of a window that make a call.
-const LEAST_NOTES: usize = 3;
 /// Peak power of a note over the median, times.
 const STANDS_OUT: f64 = 4.0;
 /// Half the length over which power is smoothed, s.
@@ -201,8 +200,11 @@ impl Listener<'_> {
         }
         let interval_s = self.interval(&notes);
         let horizontals = self.analytic(window, 1).zip(self.analytic(window, 2));
-        let whole: Vec<usize> = notes.iter().copied().filter(|note| self.is_whole(*note, clipped)).collect();
-        let own = horizontals.and_then(|(north, east)| self.azimuth(&pressure, &north, &east, &whole));
+        let own = horizontals.and_then(|(north, east)| {
+            let field = Field { pressure: &pressure, north: &north, east: &east, rate_hz: self.rate_hz };
+            let (azimuth, sd) = field.azimuth(&notes, |at| self.is_whole(at, clipped))?;
+            Some((wrap_tau(azimuth + self.turn), sd))
+        });
         let shared_azimuth = own.map_or(0.0, |(azimuth, _)| self.lasting.of_direction(azimuth).sqrt());
         let azimuth = own.map(|(azimuth, sd)| (azimuth, sd.hypot(shared_azimuth)));
         let range = self.ranger.range(&pressure, &notes, interval_s);
@@ -262,49 +264,6 @@ impl Listener<'_> {
             cut as f64 <= CUT_OFF * span.len() as f64
         })
     }
-
-    /// Azimuth of notes, and its standard deviation, rad; `None` of too few or where they disagree.
-    fn azimuth(
-        &self,
-        pressure: &[Complex<f64>],
-        north: &[Complex<f64>],
-        east: &[Complex<f64>],
-        notes: &[usize],
-    ) -> Option<(f64, f64)> {
-        if notes.len() < LEAST_NOTES {
-            return None;
-        }
-        let half = (OWN_S * self.rate_hz) as usize;
-        let each: Vec<(f64, f64)> = notes
-            .iter()
-            .map(|i| {
-                let span = i.saturating_sub(half)..(i + half + 1).min(pressure.len());
-                let (mut x, mut y) = (0.0, 0.0);
-                for k in span {
-                    x += (pressure[k].conj() * east[k]).re;
-                    y += (pressure[k].conj() * north[k]).re;
-                }
-                (x, y)
-            })
-            .collect();
-        let (x, y) = each.iter().fold((0.0, 0.0), |s, d| (s.0 + d.0, s.1 + d.1));
-        if x == 0.0 && y == 0.0 {
-            return None;
-        }
-        let mean = x.atan2(y);
-        // The mean weighs each note by its intensity; its deviation is that of notes about it.
-        let weights: Vec<f64> = each.iter().map(|d| d.0.hypot(d.1)).collect();
-        let total: f64 = weights.iter().sum();
-        let square: f64 = each
-            .iter()
-            .zip(&weights)
-            .map(|(d, w)| (w / total * wrap_pi(d.0.atan2(d.1) - mean)).powi(2))
-            .sum();
-        let n = each.len() as f64;
-        // Of few notes their scatter is not well known either (Student's law).
-        let sd = (square * n / (n - 1.0)).sqrt().max(1e-3) * (1.0 + 1.25 / (n - 1.0));
-        (sd < 1.0).then(|| (wrap_tau(mean + self.turn), sd))
-    }
 }
 
 #[cfg(test)]
@@ -315,6 +274,7 @@ mod tests {
     use crate::ocean_bottom::simulate::Simulator;
     use crate::ocean_bottom::station;
     use crate::propagation::{bottom::Bottom, profile::SpeedProfile, trace};
+    use seabearing_core::angle::wrap_pi;
     use seabearing_core::config::Doubts;
 
     fn table() -> Propagation {
@@ -401,6 +361,36 @@ mod tests {
     #[test]
     fn a_sea_without_calls_has_none() {
         assert!(heard(&[]).iter().all(|c| c.range.is_none()));
+    }
+
+    #[test]
+    fn a_ship_beside_a_whale_does_not_turn_it() {
+        let table = table();
+        let (mut inside, mut all, mut sum, mut callers) = (0, 0, 0.0, Vec::new());
+        for cpa_m in [12_000.0, 25_000.0] {
+            let said = format!(
+                "duration_s = 900.0\n[[vessels]]\nstraight = {{ cpa_time_s = 450.0, cpa_range_m = {cpa_m:.1}, heading_deg = 60.0, \
+                 speed_m_s = 7.0, side = \"port\" }}"
+            );
+            let found = heard_of(&[(240.0, 12_000.0, 20.0)], &table, &table, &said, Doubts::default()).calls;
+            for (azimuth, sd) in found.iter().filter_map(|c| c.azimuth) {
+                let off = wrap_pi(azimuth - f64::to_radians(240.0));
+                all += 1;
+                sum += off;
+                inside += usize::from(off.abs() < 2.5 * sd);
+                assert!(sd < 0.15, "{off} {sd}");
+            }
+            callers.extend(ways(&found));
+        }
+        // It was 5 to 7 degrees towards the ship, stated to 0.5 degrees.
+        assert!(all >= 20 && inside + 1 >= all, "{inside} of {all}");
+        assert!((sum / all as f64).abs() < f64::to_radians(1.5), "{}", sum / all as f64);
+        let place = (12_000.0 * f64::to_radians(240.0).sin(), 12_000.0 * f64::to_radians(240.0).cos());
+        for way in &callers {
+            let off = (way.place_m.0 - place.0).hypot(way.place_m.1 - place.1);
+            assert!(off < 3.0 * way.sd_place_m, "{off} {way:?}");
+            assert!(way.velocity_m_s.0.hypot(way.velocity_m_s.1) < 3.0 * way.sd_velocity_m_s, "{way:?}");
+        }
     }
 
     const SPIKES: &str = "duration_s = 420.0\n[[faults]]\nkind = \"spikes\"\n";

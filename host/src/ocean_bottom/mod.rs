@@ -5,6 +5,7 @@
 
 pub mod ais;
 pub mod ambient;
+mod call_azimuths;
 pub mod call_ranges;
 pub mod caller_ways;
 pub mod calls;
