@@ -5,7 +5,8 @@
 //! (square root, since Hann's bins go in pairs; R = 0.9; whole band or either half), and a window's is the product over
 //! frames of `1 − Pd + Pd · evidence`: a call need not be in every frame. A vessel's noise near by is also rich in
 //! frequency but steady; only frames whose energy in 0.64 s bursts stands out of its mean may hold a call.
-//! Cost: 80 k instructions for each frame that may.
+//! That tells that there is a call, and who else is none. Its azimuth is that of what such bursts add to the sound between them (`bursts.rs`): a
+//! vessel's noise is in a frame's bins too. Cost: 80 k instructions for each frame that may.
 
 use super::limits::{CIRCLE, HOP};
 use super::row::Row;
@@ -34,7 +35,7 @@ const ONE_CALLER: f32 = 0.6;
 const LOG_THRESHOLD: f32 = 9.21;
 
 /// Samples of a burst.
-const BURST: usize = 32;
+pub(super) const BURST: usize = 32;
 
 /// Half of ln w by difference of codes.
 static HALF_LOG_RATIO: [f32; CIRCLE] = half_log_ratio();
@@ -51,20 +52,54 @@ const fn half_log_ratio() -> [f32; CIRCLE] {
     out
 }
 
-/// The band in which bursts are looked for.
+/// The bands in which bursts are looked for.
 #[derive(Clone, Debug)]
 pub struct Calls {
-    /// Second-order band-pass about the tone band: gain, and the two recursive coefficients.
+    /// About the tone band: whether a frame may hold a call.
+    wide: Resonance,
+    /// About the notes of whales, where vessels give least beside them: what bursts add.
+    pub(super) notes: Resonance,
+}
+
+/// Second-order band-pass: gain, and the two recursive coefficients.
+#[derive(Clone, Debug)]
+pub(super) struct Resonance {
     gain: f32,
     feedback: [f32; 2],
+}
+
+impl Resonance {
+    const EMPTY: Self = Self { gain: 0.0, feedback: [0.0; 2] };
+
+    /// Of a centre and a centre over width, by the bilinear transform (constant 0 dB peak).
+    fn fill(&mut self, rate_hz: f64, centre_hz: f64, quality: f64) {
+        let centre = math::f64::TAU * centre_hz.min(0.4 * rate_hz) / rate_hz;
+        let alpha = math::f64::sin(centre) / (2.0 * quality);
+        let norm = 1.0 / (1.0 + alpha);
+        self.feedback = [-2.0 * math::f64::cos(centre) * norm, (1.0 - alpha) * norm].map(|x| x as f32);
+        self.gain = (alpha * norm) as f32;
+    }
+
+    /// A sample in the band, by what was before it.
+    #[inline(always)]
+    pub(super) fn filter(&self, past: &mut [[f32; 4]; 2], mut x: f32) -> f32 {
+        let [a1, a2] = self.feedback;
+        for [x1, x2, y1, y2] in past {
+            let y = self.gain * (x - *x2) - a1 * *y1 - a2 * *y2;
+            (*x2, *x1, *y2, *y1) = (*x1, x, *y1, y);
+            x = y;
+        }
+        x
+    }
 }
 
 /// One direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Call {
-    /// Azimuth, rad.
+    /// Where most bins of its frames point, rad: between it and a vessel where they have both.
+    pub leaning: f32,
+    /// Azimuth, rad, and its standard deviation; without bursts that tell it, that of its bins, as uncertain as can be.
     pub azimuth: f32,
-    /// Its standard deviation, rad.
     pub sd: f32,
     /// Natural logarithm of the presence ratio.
     pub log_presence: f32,
@@ -89,13 +124,8 @@ impl Unevenness {
 
     /// Takes a sample of pressure.
     #[inline(always)]
-    pub fn push(&mut self, calls: &Calls, mut x: f32) {
-        let [a1, a2] = calls.feedback;
-        for [x1, x2, y1, y2] in &mut self.past {
-            let y = calls.gain * (x - *x2) - a1 * *y1 - a2 * *y2;
-            (*x2, *x1, *y2, *y1) = (*x1, x, *y1, y);
-            x = y;
-        }
+    pub fn push(&mut self, calls: &Calls, x: f32) {
+        let x = calls.wide.filter(&mut self.past, x);
         self.energy += x * x;
         self.samples += 1;
         if self.samples == BURST {
@@ -117,22 +147,18 @@ impl Unevenness {
 }
 
 impl Calls {
-    /// No filter yet; all zeros.
-    pub const EMPTY: Self = Self { gain: 0.0, feedback: [0.0; 2] };
+    /// No filters yet; all zeros.
+    pub const EMPTY: Self = Self { wide: Resonance::EMPTY, notes: Resonance::EMPTY };
 
-    /// The filter for samples at `rate_hz`.
+    /// The filters for samples at `rate_hz`.
     pub fn fill(&mut self, rate_hz: f64) {
-        // Band-pass of centre 16 Hz and width 13 Hz by the bilinear transform (constant 0 dB peak).
-        let centre = math::f64::TAU * 16.2f64.min(0.4 * rate_hz) / rate_hz;
-        let alpha = math::f64::sin(centre) / (2.0 * 1.25);
-        let norm = 1.0 / (1.0 + alpha);
-        self.feedback = [-2.0 * math::f64::cos(centre) * norm, (1.0 - alpha) * norm].map(|x| x as f32);
-        self.gain = (alpha * norm) as f32;
+        self.wide.fill(rate_hz, 16.2, 1.25);
+        self.notes.fill(rate_hz, 20.5, 2.0);
     }
 }
 
-/// Searches the frames of a window.
-pub fn search(bins: usize, rows: &[&Row]) -> Option<Call> {
+/// Searches the frames of a window; `turn`: true azimuth of the north component, as the band's.
+pub fn search(bins: usize, turn: f32, rows: &[&Row]) -> Option<Call> {
     let mut total = [0f32; AZIMUTHS];
     let mut frames = 0;
     for row in rows.iter().filter(|r| r.may_hold_a_call()) {
@@ -162,30 +188,63 @@ pub fn search(bins: usize, rows: &[&Row]) -> Option<Call> {
     if log_presence <= LOG_THRESHOLD {
         return None;
     }
-    // Mean and spread of the posterior about its top: a second caller elsewhere must not draw the mean between both.
+    // Mean of the posterior about its top: a second caller elsewhere must not draw the mean between both.
     let step = math::f32::TAU / AZIMUTHS as f32;
-    let (mut mean, mut square, mut share) = (0f32, 0f32, 0f32);
+    let (mut mean, mut share) = (0f32, 0f32);
     for (i, t) in total.iter().enumerate() {
         let d = crate::angle::wrap_pi_f32((i as f32 - best as f32) * step);
         if math::f32::abs(d) < ONE_CALLER {
             let p = math::f32::exp(t - top);
             share += p;
             mean += p * d;
-            square += p * d * d;
         }
     }
-    let (mean, square) = (mean / share, square / share);
-    let variance = (square - mean * mean).max(0.0) + step * step / 12.0;
-    Some(Call {
-        azimuth: crate::angle::wrap_tau_f32(best as f32 * step + mean),
-        sd: math::f32::sqrt(variance),
-        log_presence,
-    })
+    let leaning = crate::angle::wrap_tau_f32(best as f32 * step + mean / share);
+    let (azimuth, sd) =
+        of_bursts(rows).map_or((leaning, f32::INFINITY), |(azimuth, sd)| (azimuth + turn, sd));
+    Some(Call { leaning, azimuth: crate::angle::wrap_tau_f32(azimuth), sd, log_presence })
+}
+
+/// Azimuth, clockwise from the north component, of what bursts add in the frames that may hold a call, and its standard deviation, rad. The
+/// loudest frame tells whose call counts.
+fn of_bursts(rows: &[&Row]) -> Option<(f32, f32)> {
+    let excesses = || rows.iter().filter(|r| r.may_hold_a_call()).filter_map(|r| r.excess.get());
+    let square = |[x, y]: [f32; 2]| x * x + y * y;
+    let loudest = excesses().map(|(towards, _)| towards).fold([0f32; 2], |loudest, towards| {
+        if square(towards) > square(loudest) { towards } else { loudest }
+    });
+    let along = |[x, y]: [f32; 2], [u, v]: [f32; 2]| x * u + y * v;
+    let least = math::f32::cos(ONE_CALLER);
+    let same = |(towards, _): &([f32; 2], f32)| {
+        along(*towards, loudest)
+            > least * math::f32::sqrt(square(*towards)) * math::f32::sqrt(square(loudest))
+    };
+    let (mut frames, mut sum) = (0f32, [0f32; 2]);
+    for ([x, y], _) in excesses().filter(same) {
+        frames += 1.0;
+        sum = [sum[0] + x, sum[1] + y];
+    }
+    let length = math::f32::sqrt(square(sum));
+    if !(length > 0.0 && length < f32::MAX) {
+        return None;
+    }
+    let (mut scatter, mut own) = (0f32, 0f32);
+    for (towards, sd) in excesses().filter(same) {
+        let across = along(towards, [sum[1], -sum[0]]) / length;
+        scatter += across * across;
+        own += sd * sd * square(towards);
+    }
+    // Frames overlap by half: two are worth one. Of few the scatter is not well known either (Student's law).
+    let worth = math::greater(0.5 * frames - 1.0, 0.5);
+    let few = 1.0 + 0.6 / worth;
+    let variance = math::greater(own, scatter * (1.0 + 1.0 / worth) * few * few) * math::lesser(frames, 2.0);
+    Some((math::f32::atan2(sum[0], sum[1]), math::f32::sqrt(variance) / length))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::obs::bursts::Excess;
     use crate::obs::row::UNEVEN;
 
     #[test]
@@ -212,16 +271,23 @@ mod tests {
                 row
             })
             .collect();
-        assert_eq!(search(266, &rows.iter().collect::<std::vec::Vec<_>>()), None);
+        assert_eq!(search(266, 0.0, &rows.iter().collect::<std::vec::Vec<_>>()), None);
         for k in [3, 9, 15] {
             let old: std::vec::Vec<_> = rows[k].directions().take(140).collect();
             rows[k].fill(old.into_iter().chain((140..266).map(|_| Some((300 + random() / 20, 0)))));
         }
-        let call = search(266, &rows.iter().collect::<std::vec::Vec<_>>()).unwrap();
-        let degrees = call.azimuth.to_degrees();
-        assert!((degrees - 114.5).abs() < 5.0, "{degrees}");
+        let call = search(266, 0.0, &rows.iter().collect::<std::vec::Vec<_>>()).unwrap();
+        let degrees = call.leaning.to_degrees();
+        assert!((degrees - 114.5).abs() < 5.0 && call.sd == f32::INFINITY, "{degrees}");
+        // Its azimuth is that of its bursts, from the north component's on; one weaker call from elsewhere does not draw it.
+        for (k, (east, north)) in [(3, (1.0, 0.05)), (9, (1.0, -0.05)), (15, (-0.5, 0.0))] {
+            rows[k].excess = Excess::new([1e9 * east, 1e9 * north], 0.02);
+        }
+        let call = search(266, 0.5, &rows.iter().collect::<std::vec::Vec<_>>()).unwrap();
+        assert!(math::f32::abs(call.azimuth - 0.5 - math::f32::TAU / 4.0) < 0.01, "{call:?}");
+        assert!((0.05..0.4).contains(&call.sd), "{call:?}");
         rows.iter_mut().for_each(|r| r.uneven = 14);
-        assert_eq!(search(266, &rows.iter().collect::<std::vec::Vec<_>>()), None);
+        assert_eq!(search(266, 0.0, &rows.iter().collect::<std::vec::Vec<_>>()), None);
     }
 
     #[test]

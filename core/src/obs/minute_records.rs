@@ -23,6 +23,9 @@ const CLEAR_WEIGHT: f32 = 0.9;
 const CLEAR_LOG: f32 = 10.5;
 const CLEAR_SD: f32 = 0.079;
 
+/// The same of a call's direction, rad (14 degrees): beside a louder vessel its bursts tell little.
+const CALL_SD: f32 = 0.25;
+
 /// Whether a mode's range is a measurement.
 fn is_clear(m: &RangeMode) -> bool {
     m.weight >= CLEAR_WEIGHT && m.sure
@@ -64,14 +67,14 @@ pub(super) fn send(
         }));
     }
     if let Some(c) = call {
-        let Call { azimuth, sd, log_presence } = c;
+        let Call { azimuth, sd, log_presence, .. } = c;
         sink(Message::Azimuth(Azimuth {
             index,
             azimuth,
             sd: with_lasting(azimuth, sd),
             log_presence,
             weight: 1.0,
-            detected: true,
+            detected: sd < CALL_SD,
             kind: 1,
         }));
     } else if total == 0.0 {

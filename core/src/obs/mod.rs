@@ -24,6 +24,7 @@ mod bands;
 
 mod ambient;
 mod between;
+mod bursts;
 mod cauchy;
 mod impulsive;
 mod tonal;

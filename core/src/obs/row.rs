@@ -3,6 +3,7 @@
 //! A word holds the azimuth in steps of 2π/[`CIRCLE`] in its lower bits and above them the phase between pressure and
 //! velocity in steps of π/[`PHASES`] from −π/2.
 
+use super::bursts::Excess;
 use super::limits::{AZIMUTH_BINS, CIRCLE};
 
 /// Steps of a stored phase over [−π/2, π/2).
@@ -21,14 +22,16 @@ pub struct Row {
     words: [u16; AZIMUTH_BINS],
     /// Greatest burst of pressure over its mean, in eighths (see `impulsive`).
     pub uneven: u8,
+    /// What its bursts add to the steady sound.
+    pub(super) excess: Excess,
 }
 
 impl Row {
     /// A row without directions.
-    pub const EMPTY: Self = Self { words: [NO_DIRECTION; AZIMUTH_BINS], uneven: 0 };
+    pub const EMPTY: Self = Self { words: [NO_DIRECTION; AZIMUTH_BINS], uneven: 0, excess: Excess::NONE };
 
     /// A row that is all zeros, for memory not yet used.
-    pub const ZERO: Self = Self { words: [0; AZIMUTH_BINS], uneven: 0 };
+    pub const ZERO: Self = Self { words: [0; AZIMUTH_BINS], uneven: 0, excess: Excess::NONE };
 
     /// Forgets every direction.
     pub fn clear(&mut self) {

@@ -10,6 +10,7 @@ use super::ambient::Ambient;
 use super::averages::Averages;
 use super::azigram::{self, Sources};
 use super::bands;
+use super::bursts::Excess;
 use super::cepstrum;
 use super::checks::{Checks, Heard, Minute as Checked};
 use super::clutter::Clutter;
@@ -358,6 +359,9 @@ impl State {
             sums.iter_mut().zip(self.averages.newest()).for_each(|(all, newest)| *all += newest);
         }
         kept.row.uneven = old.uneven.max(new.uneven);
+        let bursts = sources != Sources::None && kept.row.may_hold_a_call();
+        kept.row.excess =
+            if bursts { Excess::of(&plan.calls, &old.samples, &new.samples) } else { Excess::NONE };
         kept.label = old.end;
         kept.used = true;
         self.ambient.learn(&kept.row);
@@ -394,10 +398,10 @@ impl State {
             held += 1;
         }
         let rows = rows.get(..held).unwrap_or_default();
-        let call = if plan.paper { None } else { impulsive::search(plan.band.bins, rows) };
+        let call = if plan.paper { None } else { impulsive::search(plan.band.bins, plan.band.turn, rows) };
         let mut directions = plan.tones.search(plan.band.bins, &self.ambient, scratch.shared.tonal(), rows);
         if let Some(call) = &call {
-            directions.attribute(call.azimuth, plan.band.bins);
+            directions.attribute(call.leaning, plan.band.bins);
         }
         let expected =
             if plan.paper { ExpectedVessels::default() } else { self.tracker.expected(plan, k as u32) };
